@@ -1,0 +1,93 @@
+"""The compositor step: a node group that holds the lens image, for downstream nodes to go on from."""
+
+import bpy
+
+NAME = "Lensfield"
+
+
+def lay_into_compositor(scene, image_path):
+    """Show the lens image of this file in the scene's compositor.
+
+    The scene's compositing tree gets one Lensfield node. Where it took its picture from a Render Layers node, the
+    Lensfield node takes over those links; where it is new, the node feeds the output. Run again, it only refreshes
+    the image.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    image_path : Path
+        A plain linear EXR, in the scale of Blender's own renders.
+
+    Returns
+    -------
+    the group node
+    """
+    group = lens_image_group(scene, image_path)
+    tree = compositing_tree(scene)
+    for node in tree.nodes:
+        if node.bl_idname == "CompositorNodeGroup" and node.node_tree == group:
+            return node
+    node = tree.nodes.new("CompositorNodeGroup")
+    node.node_tree = group
+    node.name = node.label = NAME
+    _take_over_links(tree, node)
+    return node
+
+
+def lens_image_group(scene, image_path):
+    """The node group of a scene's lens image, made once and refreshed from the file."""
+    name = NAME if scene == bpy.data.scenes[0] else f"{NAME} {scene.name}"
+    image = _lens_image(name, image_path)
+    group = bpy.data.node_groups.get(name)
+    if group is None or group.bl_idname != "CompositorNodeTree":
+        group = bpy.data.node_groups.new(name, "CompositorNodeTree")
+        group.interface.new_socket(name="Image", in_out="OUTPUT", socket_type="NodeSocketColor")
+        source = group.nodes.new("CompositorNodeImage")
+        output = group.nodes.new("NodeGroupOutput")
+        output.location.x = 300
+        group.links.new(source.outputs["Image"], output.inputs["Image"])
+    source = next(node for node in group.nodes if node.bl_idname == "CompositorNodeImage")
+    source.image = image
+    return group
+
+
+def compositing_tree(scene):
+    """The scene's compositing tree, made where there is none. Blender keeps it elsewhere since 5.0."""
+    if not hasattr(scene, "compositing_node_group"):
+        scene.use_nodes = True
+        return scene.node_tree
+    if scene.compositing_node_group is None:
+        tree = bpy.data.node_groups.new("Compositing", "CompositorNodeTree")
+        tree.interface.new_socket(name="Image", in_out="OUTPUT", socket_type="NodeSocketColor")
+        tree.nodes.new("NodeGroupOutput")
+        scene.compositing_node_group = tree
+    return scene.compositing_node_group
+
+
+def _lens_image(name, path):
+    image = bpy.data.images.get(name)
+    if image is None:
+        image = bpy.data.images.load(str(path))
+        image.name = name
+    image.filepath = str(path)
+    image.reload()
+    image.update_tag()  # or an open viewer stays stale
+    return image
+
+
+def _take_over_links(tree, node):
+    """Feed what the Render Layers node fed; else the tree's output."""
+    layers = [n for n in tree.nodes if n.bl_idname == "CompositorNodeRLayers" and not n.mute]
+    targets = [link.to_socket for n in layers for link in n.outputs["Image"].links]
+    if not targets:
+        targets = [n.inputs[0] for n in tree.nodes
+                   if n.bl_idname in ("NodeGroupOutput", "CompositorNodeComposite") and not n.inputs[0].is_linked]
+    for target in targets:
+        tree.links.new(node.outputs["Image"], target)
+    for n in layers:
+        if not any(output.is_linked for output in n.outputs):
+            n.mute = True  # an idle Render Layers node would have the scene rendered again
+    if layers:
+        node.location = layers[0].location.x, layers[0].location.y - 300
+    elif targets:
+        node.location = targets[0].node.location.x - 300, targets[0].node.location.y

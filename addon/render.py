@@ -1,0 +1,249 @@
+"""The main job, as a generator of steps: scene -> spectral radiance -> lens -> spectral irradiance.
+
+A driver runs the steps: `run` one after the other for scripts, the modal operator between the ticks of a timer.
+"""
+
+import shutil
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+import numpy as np
+import OpenEXR
+
+from ..engine import Lens, Options, Report, SpectralImage, simulate
+from ..engine.colour import auto_exposure, to_rec709, write_png
+from ..engine.errors import InputError
+from ..engine.exr import write_exr, write_rgb_exr
+from ..engine.ideal import irradiance_per_radiance
+from ..engine.spectral_image import RADIANCE
+from .bands import WAVELENGTHS_PER_PASS, passes
+from .camera import check_camera, make_framing, match_camera_to_lens
+from .compositor import lay_into_compositor
+from .errors import SceneError
+from .journal import Journal
+from .substitution import Substitution
+
+RENDER_SHARE = 0.85  # of the progress bar; the rest is the engine's and the files'
+
+
+@dataclass(frozen=True)
+class Job:
+    """One frame to be seen through a lens."""
+
+    lens: Lens
+    wavelengths_nm: np.ndarray
+    output_folder: Path
+    options: Options = Options()
+    frame: int | None = None
+    denoise: bool = False
+    to_compositor: bool = False
+
+
+@dataclass(frozen=True)
+class RenderPass:
+    """Step: render the scene as it stands, to the file that it names."""
+
+    scene: bpy.types.Scene
+    label: str
+    fraction: float
+
+
+@dataclass(frozen=True)
+class Work:
+    """Step: call `call(progress)`, which may run in another thread and must not touch Blender."""
+
+    call: Callable
+    label: str
+    fraction: float
+    share: float = 0.0
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a job left behind: spectral EXRs, the lens image in plain linear RGB, pictures, and the report."""
+
+    radiance: Path
+    irradiance: Path
+    lens_image: Path
+    before: Path
+    after: Path
+    report: Report
+
+
+def render_through_lens(scene, lens, wavelengths_nm, output_folder, *, options=Options(), frame=None, denoise=False,
+                        to_compositor=False, progress=None):
+    """Render a scene multispectrally and put it through a lens: the whole main job in one call.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    lens : Lens, or a name or path that `Lens.load` takes
+    wavelengths_nm : ascending sequence of float
+    output_folder : path
+    options : Options
+    frame : int, optional
+        The scene's current frame by default.
+    denoise : bool
+        Let Cycles denoise its passes; this shifts means by up to 1 %, unequally between wavelengths.
+    to_compositor : bool
+        Lay the lens image into the scene's compositor.
+    progress : callable (fraction, label), optional
+
+    Returns
+    -------
+    Result
+
+    Raises
+    ------
+    LensError, SceneError, InputError
+        The scene is then exactly as it was.
+    """
+    lens = lens if isinstance(lens, Lens) else Lens.load(lens)
+    job = Job(lens, np.asarray(wavelengths_nm, dtype=float), Path(output_folder), options, frame, denoise,
+              to_compositor)
+    return run(render_steps(scene, job), progress)
+
+
+def run(steps, progress=None):
+    """Run the steps one after the other; the result of the last."""
+    tell = progress or (lambda fraction, label: None)
+    try:
+        step = next(steps)
+        while True:
+            tell(step.fraction, step.label)
+            if isinstance(step, RenderPass):
+                bpy.ops.render.render(write_still=True, scene=step.scene.name)
+                answer = None
+            else:
+                answer = step.call(lambda done: tell(step.fraction + step.share * done, step.label))
+            step = steps.send(answer)
+    except StopIteration as end:
+        tell(1.0, "done")
+        return end.value
+    finally:
+        steps.close()
+
+
+def render_steps(scene, job):
+    """Generator of RenderPass and Work steps; each is sent the answer of its call. Returns a Result.
+
+    Closing it at any step leaves the scene as it was and no half-written file.
+    """
+    report = Report()
+    job.output_folder.mkdir(parents=True, exist_ok=True)
+    check_camera(scene)
+    _check_wavelengths(job)
+    with report.stage("multispectral render"):
+        radiance = yield from _capture(scene, job, report)
+    stem = f"{bpy.path.clean_name(scene.name)}_{_frame(scene, job):04d}"
+    result = Result(*(job.output_folder / f"{stem}_{name}" for name in
+                      ("radiance.exr", "irradiance.exr", "lens_image.exr", "before.png", "after.png")), report)
+    yield Work(_timed(report, "write radiance", lambda tell: write_exr(radiance, result.radiance)),
+               "Writing radiance", RENDER_SHARE)
+    irradiance = yield Work(lambda tell: simulate(radiance, job.lens, job.options, progress=tell, report=report),
+                            f"Through {job.lens.name}", RENDER_SHARE + 0.02, 0.96 - RENDER_SHARE)
+    yield Work(_timed(report, "write irradiance", lambda tell: write_exr(irradiance, result.irradiance)),
+               "Writing irradiance", 0.98)
+    yield Work(_timed(report, "write pictures", lambda tell: _write_pictures(radiance, irradiance, result)),
+               "Writing pictures", 0.99)
+    if job.to_compositor:
+        lay_into_compositor(scene, result.lens_image)
+    return result
+
+
+def _capture(scene, job, report):
+    """Steps that render the scene's spectral radiance; returns a SpectralImage with overscan."""
+    framing = make_framing(scene, job.lens, job.wavelengths_nm)
+    bands = passes(job.wavelengths_nm)
+    cube = np.empty((len(bands) * WAVELENGTHS_PER_PASS, *framing.capture_px), dtype=np.float32)
+    with Journal() as journal:
+        folder = Path(tempfile.mkdtemp(prefix="lensfield-"))
+        journal.on_exit(lambda: shutil.rmtree(folder, ignore_errors=True))
+        if job.frame is not None and job.frame != scene.frame_current:
+            current = scene.frame_current, scene.frame_subframe
+            journal.on_exit(lambda: scene.frame_set(current[0], subframe=current[1]))
+            scene.frame_set(job.frame)
+        substitution = Substitution(scene, journal)
+        _guard_render_state(scene, job, framing, folder / "pass.exr", journal)
+        for index, band in enumerate(bands):
+            substitution.set_wavelengths(band)
+            yield RenderPass(scene, f"Wavelengths {_span(band)} nm, pass {index + 1} of {len(bands)}",
+                             RENDER_SHARE * index / len(bands))
+            first = index * WAVELENGTHS_PER_PASS
+            cube[first:first + WAVELENGTHS_PER_PASS] = _read_pass(folder / "pass.exr", framing.capture_px)
+    report.facts |= {"passes": len(bands), "wavelengths_nm": [float(nm) for nm in job.wavelengths_nm]}
+    return SpectralImage(cube[:len(job.wavelengths_nm)], job.wavelengths_nm, pitch_um=framing.pitch_um,
+                         overscan_px=framing.overscan_px, quantity=RADIANCE)
+
+
+def _guard_render_state(scene, job, framing, path, journal):
+    """Set everything that would change or bend the radiance; the journal puts it back."""
+    render, cycles, image = scene.render, scene.cycles, scene.render.image_settings
+    journal.set(render, "engine", "CYCLES")
+    for name, value in (("film_transparent", False), ("use_border", False), ("use_compositing", False),
+                        ("use_sequencer", False), ("use_multiview", False), ("use_motion_blur", False),
+                        ("use_freestyle", False), ("use_overwrite", True), ("use_placeholder", False),
+                        ("use_file_extension", False), ("use_persistent_data", True), ("use_single_layer", True),
+                        ("use_stamp", False), ("filepath", str(path)), ("resolution_percentage", 100),
+                        ("resolution_y", framing.capture_px[0]), ("resolution_x", framing.capture_px[1])):
+        journal.set(render, name, value)
+    for name, value in (("film_exposure", 1.0), ("sample_clamp_direct", 0.0), ("sample_clamp_indirect", 0.0),
+                        ("pixel_filter_type", "BOX"), ("use_animated_seed", False), ("use_denoising", job.denoise)):
+        journal.set(cycles, name, value)
+    if hasattr(image, "media_type"):  # since 5.0
+        journal.set(image, "media_type", "IMAGE")
+    for name, value in (("file_format", "OPEN_EXR"), ("color_mode", "RGB"), ("color_depth", "32"),
+                        ("exr_codec", "ZIP")):
+        journal.set(image, name, value)
+    camera = journal.stand_in(scene.camera.data, bpy.data.cameras)
+    camera.animation_data_clear()
+    camera.dof.use_dof = False  # blur is the lens's
+    match_camera_to_lens(camera, job.lens, framing.capture_px[1], framing.pitch_um)
+
+
+def _read_pass(path, shape_px):
+    """The red, green and blue planes of a pass, which carry three wavelengths."""
+    if not path.is_file():
+        raise SceneError("Cycles", "render pass", "not written", "see Blender's messages above")
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        channels = file.parts[0].channels
+        planes = np.stack([channels[name].pixels for name in "RGB"])
+    path.unlink()
+    if planes.shape[1:] != shape_px:
+        raise SceneError("Cycles", "render pass", f"of {planes.shape[1:]} px", f"expected {shape_px}")
+    return planes
+
+
+def _write_pictures(radiance, irradiance, result):
+    """The lens image; and, exposed alike, the frame as a perfect pinhole and as the lens give it."""
+    after = to_rec709(irradiance)
+    write_rgb_exr(after, result.lens_image)
+    exposure = auto_exposure(after)
+    write_png(to_rec709(radiance.frame()), result.before, exposure)
+    write_png(after, result.after, exposure)
+
+
+def _check_wavelengths(job):
+    for nm in job.wavelengths_nm:
+        job.lens.at_wavelength(nm)
+    if not len(job.wavelengths_nm):
+        raise InputError("options", "wavelengths", "empty", "expected at least one")
+
+
+def _timed(report, stage, call):
+    def timed(tell):
+        with report.stage(stage):
+            return call(tell)
+
+    return timed
+
+
+def _frame(scene, job):
+    return scene.frame_current if job.frame is None else job.frame
+
+
+def _span(band):
+    return f"{band[0]:.0f}" if band[0] == band[-1] else f"{band[0]:.0f} to {band[-1]:.0f}"

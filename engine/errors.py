@@ -1,0 +1,30 @@
+"""Errors that a user can act on: which file or object, which field, which value, what to do."""
+
+
+class InputError(ValueError):
+    """Bad input, told in one line.
+
+    Parameters
+    ----------
+    where : str
+        The file, object or option at fault.
+    field : str
+        The field in it.
+    value : object
+        What was found there.
+    remedy : str
+        What is expected or what to do.
+    """
+
+    def __init__(self, where, field, value, remedy):
+        self.where, self.field, self.value, self.remedy = str(where), field, value, remedy
+        shown = value if isinstance(value, str) else repr(value)
+        super().__init__(f"{self.where}: {field} is {shown}: {remedy}")
+
+
+class LensError(InputError):
+    """Lens data that is missing, damaged or unfit for what was asked of it."""
+
+
+class ImageError(InputError):
+    """A spectral image that is damaged or unfit for what was asked of it."""

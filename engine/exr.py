@@ -1,0 +1,137 @@
+"""Spectral EXR files: the layout of Fichet, Pacanowski and Wilkie, JCGT 2021, version 1.0.
+
+One FLOAT channel per wavelength, `S0.550,000000nm`, beside R, G and B for programs that know no spectra. Overscan is
+what OpenEXR means it to be: a data window larger than the display window.
+"""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+
+from .atomic import atomic_path
+from .colour import to_rec709
+from .errors import ImageError
+from .spectral_image import IRRADIANCE, RADIANCE, UNITS, SpectralImage
+
+CHANNEL = re.compile(r"^(?:S0|T)\.(\d*,?\d*(?:[Ee][+-]?\d+)?)(Y|Z|E|P|T|G|M|k|h|da|d|c|m|u|n|p)?(m|Hz)$")
+PREFIX = dict(Y=1e24, Z=1e21, E=1e18, P=1e15, T=1e12, G=1e9, M=1e6, k=1e3, h=1e2, da=1e1,
+              d=1e-1, c=1e-2, m=1e-3, u=1e-6, n=1e-9, p=1e-12)
+SPEED_OF_LIGHT_M_S = 299792458.0
+LAYOUT_VERSION = "1.0"
+EMISSIVE_UNITS = "W.m^-2.sr^-1"  # the layout's canonical string; its values are densities per nm
+
+
+def channel_name(wavelength_nm):
+    """Channel of an emissive wavelength, with the layout's decimal comma."""
+    return f"S0.{wavelength_nm:.6f}nm".replace(".", ",").replace("S0,", "S0.", 1)
+
+
+def write_exr(image, path):
+    """Write a spectral image, whole or not at all.
+
+    Radiance carries the layout's `emissiveUnits`; irradiance, for which the layout has no unit, does not. Both carry
+    `lensfield:` attributes: quantity, units, pitchUm, centrePx, and for irradiance lens and fNumberEffective.
+    """
+    rows, columns = image.cube.shape[1:]
+    top, left = image.overscan_px
+    frame_rows, frame_columns = image.frame_px
+    header = {
+        "compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage,
+        "displayWindow": _box(0, 0, frame_rows, frame_columns), "dataWindow": _box(-top, -left, rows, columns),
+        "spectralLayoutVersion": LAYOUT_VERSION,
+        "lensfield:quantity": image.quantity, "lensfield:units": UNITS[image.quantity],
+        "lensfield:pitchUm": image.pitch_um,
+        "lensfield:centrePx": np.array(image.centre_px, dtype=np.float64),
+    }
+    if image.quantity == RADIANCE:
+        header["emissiveUnits"] = EMISSIVE_UNITS
+    if image.lens_name:
+        header["lensfield:lens"] = image.lens_name
+    if image.f_number_effective:
+        header["lensfield:fNumberEffective"] = float(image.f_number_effective)
+    planes = {channel_name(nm): np.ascontiguousarray(plane) for nm, plane in zip(image.wavelengths_nm, image.cube)}
+    planes |= {name: np.ascontiguousarray(plane) for name, plane in zip("RGB", np.moveaxis(to_rec709(image), -1, 0))}
+    with atomic_path(path) as temporary, OpenEXR.File(header, planes) as file:
+        file.write(str(temporary))
+
+
+def write_rgb_exr(rec709, path):
+    """Write a linear Rec. 709 picture (row, column, 3) as a plain EXR, for programs that take a spectral file's
+    channels for layers, as Blender does. Whole or not at all."""
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    planes = {name: np.ascontiguousarray(plane) for name, plane in zip("RGB", np.moveaxis(rec709, -1, 0))}
+    with atomic_path(path) as temporary, OpenEXR.File(header, planes) as file:
+        file.write(str(temporary))
+
+
+def _box(top, left, rows, columns):
+    return (np.array([left, top], dtype=np.int32), np.array([left + columns - 1, top + rows - 1], dtype=np.int32))
+
+
+def read_exr(path, pitch_um=None):
+    """Read a spectral EXR.
+
+    Parameters
+    ----------
+    path : path
+    pitch_um : float, optional
+        Pixel pitch at the sensor, for a file that does not tell it.
+
+    Returns
+    -------
+    SpectralImage
+
+    Raises
+    ------
+    ImageError
+        No EXR, no spectral channels, or nothing to tell the pixel pitch by.
+    """
+    if not Path(path).is_file():
+        raise ImageError(path, "file", "not there", "expected a spectral EXR")
+    try:
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            header, channels = file.parts[0].header, file.parts[0].channels
+            planes = sorted((wavelength, channels[name].pixels) for name in channels
+                            if (wavelength := channel_wavelength_nm(name)) is not None)
+    except (RuntimeError, ValueError, TypeError, IndexError) as error:
+        raise ImageError(path, "file", "not readable", f"expected a spectral EXR ({error})") from None
+    if not planes:
+        raise ImageError(path, "channels", ", ".join(sorted(channels)),
+                         "expected spectral channels such as S0.550,000000nm")
+    pitch_um = pitch_um or header.get("lensfield:pitchUm")
+    if not pitch_um:
+        raise ImageError(path, "lensfield:pitchUm", "missing", "give the pixel pitch at the sensor in micrometres")
+    wavelengths, cube = zip(*planes)
+    try:
+        return SpectralImage(np.stack(cube), wavelengths, pitch_um=pitch_um, **_placement(header),
+                             quantity=header.get("lensfield:quantity", RADIANCE),
+                             lens_name=header.get("lensfield:lens", ""),
+                             f_number_effective=header.get("lensfield:fNumberEffective"))
+    except ImageError as error:
+        raise ImageError(path, error.field, error.value, error.remedy) from None
+
+
+def channel_wavelength_nm(name):
+    """Wavelength of a spectral channel (unpolarised emission or transmission), or None for any other channel."""
+    match = CHANNEL.match(name)
+    if not match or not match[1].strip(","):
+        return None
+    value = float(match[1].replace(",", ".")) * PREFIX.get(match[2], 1.0)
+    if value == 0:
+        return None
+    return round((value if match[3] == "m" else SPEED_OF_LIGHT_M_S / value) * 1e9, 9)
+
+
+def _placement(header):
+    """Overscan and optical axis, from the windows and the file's own attribute."""
+    (data_left, data_top), (data_right, data_bottom) = header["dataWindow"]
+    (left, top), (right, bottom) = header["displayWindow"]
+    margins = (top - data_top, data_bottom - bottom, left - data_left, data_right - right)
+    if margins[0] == margins[1] >= 0 and margins[2] == margins[3] >= 0:
+        overscan = (int(margins[0]), int(margins[2]))
+    else:
+        overscan = (0, 0)
+    centre = header.get("lensfield:centrePx")
+    return {"overscan_px": overscan, "centre_px": None if centre is None else tuple(np.ravel(centre))}

@@ -1,0 +1,193 @@
+"""Lens: what a lens-design program knows about a lens, as one frozen value."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from .errors import LensError
+
+UNIT_SUM_TOLERANCE = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Lens:
+    """Lens-design data of a rotationally symmetric lens, for one object distance (section 2.2.1 of the paper).
+
+    Attributes
+    ----------
+    name, source, notes : str
+        What it is; where the figures come from; what is assumed.
+    efl_mm : float
+        Effective focal length.
+    magnification : float
+        Paraxial image height over object height; negative for a real image.
+    f_number_effective : float
+        0.5 / NA on the axis, in image space.
+    object_distance_mm : float
+        From the first surface to the object plane; inf for a lens focused at infinity.
+    entrance_pupil_mm : float
+        From the first surface to the entrance pupil, towards the image.
+    sensor_mm : (float, float)
+        Width and height of the sensor that the lens is made for.
+    reference_wavelength_nm : float
+    wavelengths_nm : array (wavelength,), ascending
+    heights_mm : array (height,), ascending from 0
+        Field heights, as *paraxial* image heights.
+    real_height_mm : array (wavelength, height)
+        Height at which the chief ray really meets the image plane.
+    relative_illumination : array (wavelength, height)
+        Irradiance relative to the axis, from a uniform Lambertian object plane.
+    psf : float32 array (wavelength, height, v, u)
+        Point spread functions of unit sum. The chief ray is at `[n // 2, n // 2]`; +v runs away from the axis
+        (radially outwards), u along the tangent.
+    psf_pitch_um : float
+        Distance between PSF samples, the same along v and u.
+    enclosed_energy : array (wavelength, height)
+        Fraction of the light that the PSF window holds; NaN where not known.
+    transmittance : array (wavelength,)
+        T(wavelength) of Eq. 2.
+    """
+
+    name: str
+    efl_mm: float
+    magnification: float
+    f_number_effective: float
+    object_distance_mm: float
+    entrance_pupil_mm: float
+    sensor_mm: tuple[float, float]
+    reference_wavelength_nm: float
+    wavelengths_nm: np.ndarray
+    heights_mm: np.ndarray
+    real_height_mm: np.ndarray
+    relative_illumination: np.ndarray
+    psf: np.ndarray
+    psf_pitch_um: float
+    enclosed_energy: np.ndarray
+    transmittance: np.ndarray
+    source: str = ""
+    notes: str = ""
+
+    def __post_init__(self):
+        for field in fields(self):
+            if field.type in ("np.ndarray", np.ndarray):
+                kind = np.float32 if field.name == "psf" else np.float64
+                value = np.array(getattr(self, field.name), dtype=kind)
+                value.setflags(write=False)
+                object.__setattr__(self, field.name, value)
+        object.__setattr__(self, "sensor_mm", tuple(float(side) for side in self.sensor_mm))
+        _check(self)
+
+    @classmethod
+    def load(cls, name_or_path):
+        """Load a bundled lens by its name, or lens data from a file.
+
+        Raises
+        ------
+        LensError
+            No such lens, or a file that is damaged or of no known kind.
+        """
+        from .lens_files import load  # lens_files builds Lens values, so it cannot be imported first
+
+        return load(name_or_path)
+
+    @property
+    def capture_focal_length_mm(self):
+        """Image height over tangent of the object-side chief-ray angle: the pinhole camera with this lens's view.
+
+        Seen from the entrance pupil an object of height y stands at the angle atan(y / (object distance +
+        entrance pupil)), and its ideal image is |m| y high. At infinity this is the focal length.
+        """
+        if np.isinf(self.object_distance_mm):
+            return self.efl_mm
+        return abs(self.magnification) * (self.object_distance_mm + self.entrance_pupil_mm)
+
+    def at_wavelength(self, wavelength_nm):
+        """Lens data for one wavelength.
+
+        Heights, relative illumination and transmittance, smooth in wavelength, follow a spline of up to third
+        degree; PSFs are interpolated linearly, so that they stay non-negative and keep their sum.
+
+        Raises
+        ------
+        LensError
+            The wavelength lies outside the lens data.
+        """
+        low, high = self.wavelengths_nm[0], self.wavelengths_nm[-1]
+        if not low - 1e-6 <= wavelength_nm <= high + 1e-6:
+            raise LensError(self.name, "wavelength", f"{wavelength_nm:g} nm",
+                            f"the lens data spans {low:g} to {high:g} nm")
+        wavelength_nm = float(np.clip(wavelength_nm, low, high))
+        if self.wavelengths_nm.size == 1:
+            return MonochromaticLens(wavelength_nm, self.heights_mm, self.real_height_mm[0],
+                                     self.relative_illumination[0], self.psf[0], self.psf_pitch_um,
+                                     float(self.transmittance[0]))
+        degree = min(3, self.wavelengths_nm.size - 1)
+
+        def smooth(table):
+            return make_interp_spline(self.wavelengths_nm, table, k=degree)(wavelength_nm)
+
+        below = int(np.clip(np.searchsorted(self.wavelengths_nm, wavelength_nm) - 1, 0, self.wavelengths_nm.size - 2))
+        step = self.wavelengths_nm[below + 1] - self.wavelengths_nm[below]
+        weight = (wavelength_nm - self.wavelengths_nm[below]) / step
+        psf = (1 - weight) * self.psf[below] + weight * self.psf[below + 1]
+        return MonochromaticLens(wavelength_nm, self.heights_mm, smooth(self.real_height_mm),
+                                 smooth(self.relative_illumination), psf, self.psf_pitch_um,
+                                 float(smooth(self.transmittance)))
+
+
+@dataclass(frozen=True, eq=False)
+class MonochromaticLens:
+    """Lens data at one wavelength: the tables of `Lens` without their wavelength axis."""
+
+    wavelength_nm: float
+    heights_mm: np.ndarray
+    real_height_mm: np.ndarray
+    relative_illumination: np.ndarray
+    psf: np.ndarray
+    psf_pitch_um: float
+    transmittance: float
+
+
+def _check(lens):
+    """Raise a LensError that names the first field that cannot be right."""
+    for field in ("efl_mm", "f_number_effective", "object_distance_mm", "reference_wavelength_nm", "psf_pitch_um"):
+        if not getattr(lens, field) > 0:
+            raise LensError(lens.name, field, getattr(lens, field), "expected a positive number")
+    for field in ("efl_mm", "f_number_effective", "magnification", "entrance_pupil_mm", "reference_wavelength_nm",
+                  "psf_pitch_um"):
+        if not np.isfinite(getattr(lens, field)):
+            raise LensError(lens.name, field, getattr(lens, field), "expected a finite number")
+    if len(lens.sensor_mm) != 2 or not min(lens.sensor_mm) > 0:
+        raise LensError(lens.name, "sensor_mm", lens.sensor_mm, "expected a positive width and height")
+    waves, heights = lens.wavelengths_nm.shape, lens.heights_mm.shape
+    if len(waves) != 1 or waves[0] < 1:
+        raise LensError(lens.name, "wavelengths_nm", f"of shape {waves}", "expected at least one wavelength")
+    if len(heights) != 1 or heights[0] < 2:
+        raise LensError(lens.name, "heights_mm", f"of shape {heights}", "expected at least two field heights")
+    shapes = {"real_height_mm": waves + heights, "relative_illumination": waves + heights,
+              "enclosed_energy": waves + heights, "transmittance": waves}
+    for field, shape in shapes.items():
+        if getattr(lens, field).shape != shape:
+            raise LensError(lens.name, field, f"of shape {getattr(lens, field).shape}", f"expected {shape}")
+    if lens.psf.ndim != 4 or lens.psf.shape[:2] != waves + heights or lens.psf.shape[2] != lens.psf.shape[3]:
+        raise LensError(lens.name, "psf", f"of shape {lens.psf.shape}", f"expected {waves + heights} + (v, u), square")
+    for field in ("wavelengths_nm", "heights_mm", "real_height_mm", "relative_illumination", "transmittance", "psf"):
+        if not np.all(np.isfinite(getattr(lens, field))):
+            raise LensError(lens.name, field, "not finite", "expected numbers throughout")
+    for field in ("wavelengths_nm", "heights_mm"):
+        if np.any(np.diff(getattr(lens, field)) <= 0):
+            raise LensError(lens.name, field, getattr(lens, field).tolist(), "expected ascending values")
+    if lens.heights_mm[0] != 0:
+        raise LensError(lens.name, "heights_mm", f"{lens.heights_mm[0]} first", "expected the axis, 0, first")
+    if np.any(lens.relative_illumination < 0):
+        raise LensError(lens.name, "relative_illumination", "negative", "expected 0 or more")
+    if np.any(lens.transmittance < 0) or np.any(lens.transmittance > 1):
+        raise LensError(lens.name, "transmittance", lens.transmittance.tolist(), "expected 0 to 1")
+    if np.any(lens.psf < 0):
+        raise LensError(lens.name, "psf", f"{lens.psf.min():g} at the least", "expected 0 or more")
+    sums = lens.psf.sum(axis=(2, 3), dtype=np.float64)
+    worst = np.unravel_index(np.argmax(np.abs(sums - 1)), sums.shape)
+    if abs(sums[worst] - 1) > UNIT_SUM_TOLERANCE:
+        raise LensError(lens.name, "psf", f"{sums[worst]:g} in sum at wavelength {worst[0]}, height {worst[1]}",
+                        "expected unit sums")

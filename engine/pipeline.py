@@ -1,0 +1,123 @@
+"""simulate(): spectral radiance through a lens to spectral irradiance, wavelength by wavelength."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from .errors import ImageError
+from .geometry import FieldGeometry, distort
+from .ideal import ideal_irradiance
+from .plan import Options, make_plan
+from .psf import PsfBank
+from .report import Report
+from .sections import filter_sections
+from .spectral_image import IRRADIANCE, RADIANCE, pixel_position_mm
+
+
+def simulate(radiance, lens, options=Options(), *, progress=None, report=None):
+    """Spectral irradiance that the lens lays on the sensor.
+
+    Parameters
+    ----------
+    radiance : SpectralImage
+        Scene radiance, W m^-2 sr^-1 nm^-1, as an ideal lens would image it; with overscan, so that light from
+        beyond the frame comes in where distortion and blur bring it in.
+    lens : Lens
+    options : Options
+    progress : callable (fraction), optional
+        Called after each wavelength.
+    report : Report, optional
+        Gathers stage times, the plan, the fits and the energy.
+
+    Returns
+    -------
+    SpectralImage
+        Irradiance of the sensor's frame, W m^-2 nm^-1, without overscan.
+
+    Raises
+    ------
+    LensError, ImageError
+        A wavelength outside the lens data; a distortion that folds the field; pixels that are not finite.
+    """
+    report = report or Report()
+    _check(radiance)
+    plan = make_plan(options, lens, radiance.pitch_um, radiance.frame_px)
+    # Light from just outside the frame is blurred into it: the frame is filtered with a margin of one PSF radius.
+    margin = tuple(min(overscan, plan.psf_radius_px) for overscan in radiance.overscan_px)
+    target = radiance.cropped(tuple(o - m for o, m in zip(radiance.overscan_px, margin)))
+    frame = target.frame()
+    irradiance = np.empty(frame.cube.shape, dtype=np.float32)
+    tally = _Tally()
+    for index, wavelength_nm in enumerate(radiance.wavelengths_nm):
+        with report.stage("lens data"):
+            optics = lens.at_wavelength(wavelength_nm)
+            field = FieldGeometry(optics, lens.name)
+            bank = PsfBank(optics, radiance.pitch_um)
+        with report.stage("distortion and relative illumination"):
+            distorted, height_mm = distort(radiance.cube[index], radiance.centre_px, target.cube.shape[1:],
+                                           target.centre_px, radiance.pitch_um, field)
+            beyond = height_mm > lens.heights_mm[-1]
+            if plan.out_of_field == "vignette":
+                distorted[beyond] = 0
+            ideal = ideal_irradiance(distorted, field.relative_illumination(height_mm), optics.transmittance,
+                                     lens.f_number_effective)
+        with report.stage("section filtering"):
+            canvas = filter_sections(ideal, plan.section_size, plan.order, plan.space_px, plan.psf_radius_px,
+                                     _node_psfs(bank, field, target, report))
+        top, left = (m + plan.psf_radius_px for m in margin)
+        irradiance[index] = canvas[top:top + frame.cube.shape[1], left:left + frame.cube.shape[2]]
+        tally.add(wavelength_nm, field, ideal, canvas, irradiance[index], beyond)
+        if progress:
+            progress((index + 1) / radiance.wavelengths_nm.size)
+    report.facts |= {"lens": lens.name, "plan": plan.as_dict(), "pitch_um": radiance.pitch_um,
+                     "frame_px": list(radiance.frame_px), "overscan_px": list(radiance.overscan_px),
+                     "wavelengths": tally.wavelengths, "energy": tally.energy(radiance.pitch_um),
+                     "out_of_field_fraction": tally.out_of_field_fraction}
+    return replace(frame, cube=irradiance, quantity=IRRADIANCE, lens_name=lens.name,
+                   f_number_effective=lens.f_number_effective)
+
+
+def _node_psfs(bank, field, image, report):
+    """PSFs for source pixels of `image`, each looked up by the height that its light came from."""
+
+    def psfs(rows, columns):
+        with report.stage("point spread functions"):
+            x_mm, y_mm = pixel_position_mm(rows, columns, image.centre_px, image.pitch_um)
+            height_mm = field.paraxial_height_mm(np.hypot(x_mm, y_mm))
+            return bank.psfs(height_mm, np.arctan2(y_mm, x_mm))
+
+    return psfs
+
+
+def _check(radiance):
+    if radiance.quantity != RADIANCE:
+        raise ImageError("image", "quantity", radiance.quantity, f"a lens takes {RADIANCE}")
+    finite = np.isfinite(radiance.cube)
+    if not finite.all():
+        plane, row, column = np.argwhere(~finite)[0]
+        raise ImageError("image", f"pixel at row {row}, column {column}, {radiance.wavelengths_nm[plane]:g} nm",
+                         str(radiance.cube[plane, row, column]),
+                         f"every pixel must be finite ({np.count_nonzero(~finite)} are not)")
+
+
+class _Tally:
+    """Light and fits, wavelength by wavelength, for the report."""
+
+    def __init__(self):
+        self.wavelengths = []
+        self.out_of_field_fraction = 0.0
+        self._sums = np.zeros(3)
+
+    def add(self, wavelength_nm, field, ideal, canvas, frame, beyond):
+        self._sums += ideal.sum(), canvas.sum(), frame.sum(dtype=np.float64)
+        self.out_of_field_fraction = max(self.out_of_field_fraction, float(beyond.mean()))
+        self.wavelengths.append({
+            "wavelength_nm": float(wavelength_nm),
+            "distortion_fit": {"order": field.distortion.order, "residual_mm": field.distortion.residual},
+            "relative_illumination_fit": {"order": field.illumination.order,
+                                          "residual": field.illumination.residual}})
+
+    def energy(self, pitch_um):
+        """Spectral flux, summed over the wavelengths, before and after the blur and inside the frame."""
+        flux = self._sums * (pitch_um * 1e-6) ** 2
+        return dict(zip(("in_w_per_nm", "out_w_per_nm", "in_frame_w_per_nm"), flux.tolist()))

@@ -1,0 +1,77 @@
+"""Options: what the user asks of the engine; Plan: what it comes to for one image."""
+
+from dataclasses import asdict, dataclass
+
+from scipy import fft
+
+from .errors import InputError
+from .psf import psf_radius_px
+from .sections import ORDERS
+
+OUT_OF_FIELD = ("hold", "vignette")
+
+
+@dataclass(frozen=True)
+class Options:
+    """The knobs of the engine.
+
+    Attributes
+    ----------
+    section_size : int
+        Side of an isoplanatic section in pixels. Smaller is more accurate and slower.
+    order : 1 or 2
+        PSFs inside a section: 1, one PSF for the whole section (the paper); 2, interpolated between its corners:
+        about 1.5 to 3 times the time, and an error that falls with the square of the section size and not with
+        the size.
+    space_px : int or None
+        Side of the computational space, where a certain one is wanted (the paper: 64). The space is made larger
+        where section and PSF need it, so this never costs accuracy.
+    out_of_field : "hold" or "vignette"
+        Pixels beyond the last tabulated field height: "hold" its PSF and relative illumination, the distortion
+        going on in a straight line; "vignette" leaves them black. Either way the report says how many there are.
+    """
+
+    section_size: int = 32
+    order: int = 2
+    space_px: int | None = None
+    out_of_field: str = "hold"
+
+    def __post_init__(self):
+        _whole("section_size", self.section_size)
+        if self.order not in ORDERS:
+            raise InputError("options", "order", self.order, f"expected one of {', '.join(map(str, ORDERS))}")
+        if self.space_px is not None:
+            _whole("space_px", self.space_px)
+        if self.out_of_field not in OUT_OF_FIELD:
+            raise InputError("options", "out_of_field", self.out_of_field, f"expected {' or '.join(OUT_OF_FIELD)}")
+
+
+def _whole(name, value):
+    if isinstance(value, bool) or int(value) != value or value < 1:
+        raise InputError("options", name, value, "expected a whole number of pixels, 1 or more")
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How one image will be filtered: sizes in pixels."""
+
+    section_size: int
+    order: int
+    psf_radius_px: int
+    space_px: int
+    out_of_field: str
+
+    def as_dict(self):
+        return asdict(self)
+
+
+def make_plan(options, lens, pitch_um, frame_px):
+    """The plan for filtering a frame of (rows, columns) px at this pitch.
+
+    A section larger than the frame is cut down to it; the computational space always holds a section and the
+    PSFs that reach out of it, so that nothing wraps around.
+    """
+    radius = psf_radius_px(lens.psf.shape[-1], lens.psf_pitch_um, pitch_um)
+    section = min(options.section_size, max(frame_px) + 2 * radius)
+    space = fft.next_fast_len(max(section + 2 * radius, options.space_px or 0), real=True)
+    return Plan(section, options.order, radius, space, options.out_of_field)
