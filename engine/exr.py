@@ -92,7 +92,8 @@ def read_exr(path, pitch_um=None):
         raise ImageError(path, "file", "not there", "expected a spectral EXR")
     try:
         with OpenEXR.File(str(path), separate_channels=True) as file:
-            header, channels = file.parts[0].header, file.parts[0].channels
+            # The file empties its own dictionaries when it is closed.
+            header, channels = dict(file.parts[0].header), dict(file.parts[0].channels)
             planes = sorted((wavelength, channels[name].pixels) for name in channels
                             if (wavelength := channel_wavelength_nm(name)) is not None)
     except (RuntimeError, ValueError, TypeError, IndexError) as error:

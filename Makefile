@@ -1,0 +1,30 @@
+# make demo        render the sample scene and put it through a real lens
+# make test        all tests; BPY=4.5.15 runs the Blender tests on another Blender
+# make extension   dist/*.zip, to install in Blender
+# Each makes its own environment on the first run and works offline after that.
+
+BPY ?= 5.0.1
+VENV = $(if $(filter 5.0.1,$(BPY)),.venv,.venv-$(BPY))
+READY = $(VENV)/.ready
+LENS ?= edmund-54852
+WAVELENGTHS ?= 400:700:9
+
+.PHONY: demo test test-engine test-blender extension
+
+demo: $(READY)
+	$(VENV)/bin/lensfield render sample_scenes/evening_chess.blend --lens $(LENS) --wavelengths $(WAVELENGTHS) \
+	    --output demo --report demo/report.json
+
+test: $(if $(filter 5.0.1,$(BPY)),test-engine) test-blender
+
+test-engine: $(READY)
+	$(VENV)/bin/python -m pytest -q tests --ignore=tests/blender
+
+test-blender: $(READY)
+	$(VENV)/bin/python -m pytest -q tests/blender
+
+extension: $(READY)
+	$(VENV)/bin/python packaging/build_extension.py dist
+
+$(READY): pyproject.toml packaging/environment.sh
+	packaging/environment.sh $(VENV) $(BPY)

@@ -1,0 +1,218 @@
+"""Operators: render through the lens, match the camera to it."""
+
+import threading
+from pathlib import Path
+
+import bpy
+
+from ..engine import Lens
+from ..engine.errors import InputError
+from .camera import check_camera, frame_px, match_camera_to_lens, pitch_um
+from .render import Job, RenderPass, render_steps, run
+
+TICK_S = 0.1
+NAVIGATION = {"MOUSEMOVE", "INBETWEEN_MOUSEMOVE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "MIDDLEMOUSE", "WINDOW_DEACTIVATE"}
+
+progress = {"fraction": None, "label": ""}
+"""How far the lens render under way is, for the panel; a fraction of None means that none is."""
+
+
+class Cancelled(Exception):
+    """Esc was pressed while the engine was at work."""
+
+
+def job_from_settings(scene):
+    """The Job that a scene's settings ask for; raises InputError."""
+    settings = scene.lensfield
+    if settings.output_folder.startswith("//") and not bpy.data.filepath:
+        raise InputError("scene settings", "output folder", settings.output_folder,
+                         "save the .blend first, or give an absolute folder")
+    return Job(lens=Lens.load(settings.lens_name_or_path()), wavelengths_nm=settings.wavelengths_nm(),
+               output_folder=Path(bpy.path.abspath(settings.output_folder)), options=settings.to_options(),
+               denoise=settings.denoise, to_compositor=settings.to_compositor)
+
+
+class LENSFIELD_OT_render(bpy.types.Operator):
+    """Render the scene at every wavelength and put it through the lens"""
+
+    bl_idname = "lensfield.render"
+    bl_label = "Render through Lens"
+
+    @classmethod
+    def poll(cls, context):
+        return progress["fraction"] is None and not bpy.app.is_job_running("RENDER")
+
+    def execute(self, context):
+        try:
+            self._finish_report(run(render_steps(context.scene, job_from_settings(context.scene))))
+        except (InputError, OSError) as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+    def invoke(self, context, event):
+        try:
+            self._steps = render_steps(context.scene, job_from_settings(context.scene))
+        except (InputError, OSError) as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        self._step = self._worker = None
+        self._escape = threading.Event()
+        self._watch = _RenderWatch()
+        self._timer = context.window_manager.event_timer_add(TICK_S, window=context.window)
+        context.window_manager.progress_begin(0, 1)
+        context.window_manager.modal_handler_add(self)
+        self._tell(context, 0.0, "Starting")
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context, event):
+        if event.type == "ESC":
+            self._escape.set()
+            return {"PASS_THROUGH"}  # a render under way is cancelled by Blender itself
+        if event.type != "TIMER":
+            # Edits and undo would pull the scene from under the render; looking around is welcome.
+            return {"PASS_THROUGH"} if event.type in NAVIGATION else {"RUNNING_MODAL"}
+        try:
+            return self._tick(context)
+        except Cancelled:
+            return self._end(context, "Cancelled")
+        except StopIteration as end:
+            self._finish_report(end.value)
+            return self._end(context, None)
+        except (InputError, OSError) as error:
+            return self._end(context, str(error))
+        except BaseException:
+            self._end(context, "Lensfield stopped on an error: see the console")
+            raise
+
+    def cancel(self, context):
+        """Called by Blender when it closes a file or a window under the operator."""
+        self._escape.set()
+        if self._worker:
+            self._worker.join()
+        self._end(context, "Cancelled")
+
+    def _tick(self, context):
+        """Go on to the next step once the present one is done."""
+        if isinstance(self._step, RenderPass):
+            if self._watch.ended is None or bpy.app.is_job_running("RENDER"):
+                return {"RUNNING_MODAL"}
+            if self._watch.ended == "cancelled":
+                raise Cancelled
+            answer = None
+        elif self._worker is not None:
+            if self._worker.is_alive():
+                self._tell(context, self._step.fraction + self._step.share * self._worker.done, self._step.label)
+                return {"RUNNING_MODAL"}
+            answer = self._worker.result()
+        else:
+            answer = None
+        if self._escape.is_set():
+            raise Cancelled
+        self._start(context, self._steps.send(answer))
+        return {"RUNNING_MODAL"}
+
+    def _start(self, context, step):
+        self._step, self._worker, self._watch.ended = step, None, None
+        self._tell(context, step.fraction, step.label)
+        if isinstance(step, RenderPass):
+            bpy.ops.render.render("INVOKE_DEFAULT", write_still=True, scene=step.scene.name)
+        else:
+            self._worker = _Worker(step.call, self._escape)
+            self._worker.start()
+
+    def _end(self, context, complaint):
+        """Put everything back: the scene first, then the user interface."""
+        self._steps.close()
+        self._watch.remove()
+        context.window_manager.event_timer_remove(self._timer)
+        context.window_manager.progress_end()
+        self._tell(context, None, "")
+        if complaint is None:
+            return {"FINISHED"}
+        self.report({"WARNING"} if complaint == "Cancelled" else {"ERROR"}, complaint)
+        return {"CANCELLED"}
+
+    def _tell(self, context, fraction, label):
+        progress["fraction"], progress["label"] = fraction, label
+        context.workspace.status_text_set(None if fraction is None else f"Lensfield: {label}   (Esc: cancel)")
+        if fraction is not None:
+            context.window_manager.progress_update(fraction)
+        for window in context.window_manager.windows:
+            for area in window.screen.areas:
+                if area.type in {"PROPERTIES", "VIEW_3D", "IMAGE_EDITOR", "NODE_EDITOR"}:
+                    area.tag_redraw()
+
+    def _finish_report(self, result):
+        seconds = sum(result.report.stages.values())
+        beyond = result.report.facts["out_of_field_fraction"]
+        note = f"; {beyond:.1%} of the frame lies beyond the lens data" if beyond else ""
+        self.report({"INFO"}, f"{result.lens_image} in {seconds:.1f} s{note}")
+
+
+class _RenderWatch:
+    """How Blender's render under way ended: None until then, "complete" or "cancelled"."""
+
+    def __init__(self):
+        self.ended = None
+        bpy.app.handlers.render_complete.append(self._on_complete)
+        bpy.app.handlers.render_cancel.append(self._on_cancel)
+
+    def remove(self):
+        bpy.app.handlers.render_complete.remove(self._on_complete)
+        bpy.app.handlers.render_cancel.remove(self._on_cancel)
+
+    def _on_complete(self, *_):  # on Blender's render thread: set a flag, nothing else
+        self.ended = "complete"
+
+    def _on_cancel(self, *_):
+        self.ended = "cancelled"
+
+
+class _Worker(threading.Thread):
+    """Runs one step's call off the main thread; numpy lets the user interface go on meanwhile."""
+
+    def __init__(self, call, escape):
+        super().__init__(daemon=True)
+        self.done = 0.0
+        self._call, self._escape = call, escape
+        self._answer = self._error = None
+
+    def run(self):
+        try:
+            self._answer = self._call(self._progress)
+        except BaseException as error:  # handed over to the main thread by result()
+            self._error = error
+
+    def result(self):
+        if self._error:
+            raise self._error
+        return self._answer
+
+    def _progress(self, done):
+        if self._escape.is_set():
+            raise Cancelled
+        self.done = done
+
+
+class LENSFIELD_OT_match_camera(bpy.types.Operator):
+    """Give the scene's camera the field of view of the lens, to frame the picture by"""
+
+    bl_idname = "lensfield.match_camera"
+    bl_label = "Match Camera to Lens"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def execute(self, context):
+        scene = context.scene
+        try:
+            check_camera(scene)
+            lens = Lens.load(scene.lensfield.lens_name_or_path())
+        except InputError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        frame = frame_px(scene)
+        match_camera_to_lens(scene.camera.data, lens, frame[1], pitch_um(lens, frame))
+        return {"FINISHED"}
+
+
+classes = (LENSFIELD_OT_render, LENSFIELD_OT_match_camera)

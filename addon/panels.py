@@ -1,0 +1,150 @@
+"""Panels: the lens render in the render properties and the sidebar; spectra on materials, lights and worlds."""
+
+from functools import lru_cache
+
+import bpy
+
+from ..engine import Lens
+from ..engine.errors import InputError
+from . import operators
+from .bands import WAVELENGTHS_PER_PASS
+from .camera import frame_px, pitch_um
+from .properties import FROM_FILE
+
+
+def draw_settings(layout, scene):
+    """The settings of a scene, the same in both places."""
+    settings = scene.lensfield
+    layout.use_property_split = True
+    layout.use_property_decorate = False
+    layout.prop(settings, "lens")
+    if settings.lens == FROM_FILE:
+        layout.prop(settings, "lens_file")
+    _draw_lens_facts(layout, scene)
+    layout.separator()
+    layout.prop(settings, "wavelength_mode", expand=True)
+    if settings.wavelength_mode == "LIST":
+        layout.prop(settings, "wavelength_list")
+    else:
+        column = layout.column(align=True)
+        column.prop(settings, "wavelength_first_nm", text="First (nm)")
+        column.prop(settings, "wavelength_last_nm", text="Last (nm)")
+        column.prop(settings, "wavelength_count")
+    _draw_pass_count(layout, settings)
+    layout.separator()
+    layout.prop(settings, "section_size")
+    layout.prop(settings, "order")
+    layout.prop(settings, "out_of_field")
+    layout.separator()
+    layout.prop(settings, "denoise")
+    layout.prop(settings, "output_folder")
+    layout.prop(settings, "to_compositor")
+    _draw_render(layout)
+
+
+def _draw_lens_facts(layout, scene):
+    settings = scene.lensfield
+    path = settings.lens_name_or_path()
+    if not path:
+        return
+    try:
+        lens = _load(path)
+    except InputError as error:
+        layout.label(text=str(error), icon="ERROR")
+        return
+    frame = frame_px(scene)
+    column = layout.column(align=True)
+    column.label(text=f"f = {lens.efl_mm:.2f} mm, f/{lens.f_number_effective:.2f}, "
+                      f"sensor {lens.sensor_mm[0]:g} x {lens.sensor_mm[1]:g} mm")
+    column.label(text=f"{frame[1]} x {frame[0]} px of {pitch_um(lens, frame):.2f} \u00b5m")
+    column.operator("lensfield.match_camera", icon="CAMERA_DATA")
+
+
+@lru_cache(maxsize=4)
+def _load(path):
+    """Panels are drawn many times a second; a lens file is read once."""
+    return Lens.load(path)
+
+
+def _draw_pass_count(layout, settings):
+    try:
+        count = len(settings.wavelengths_nm())
+    except InputError as error:
+        layout.label(text=error.remedy, icon="ERROR")
+        return
+    passes = -(-count // WAVELENGTHS_PER_PASS)
+    layout.label(text=f"{count} wavelength{'s' * (count > 1)}: {passes} Cycles render{'s' * (passes > 1)}")
+
+
+def _draw_render(layout):
+    row = layout.row()
+    row.scale_y = 1.5
+    if operators.progress["fraction"] is None:
+        row.operator("lensfield.render", icon="RENDER_STILL")
+    else:
+        row.progress(factor=operators.progress["fraction"], text=operators.progress["label"])
+
+
+class LENSFIELD_PT_render(bpy.types.Panel):
+    bl_label = "Lensfield"
+    bl_space_type = "PROPERTIES"
+    bl_region_type = "WINDOW"
+    bl_context = "render"
+
+    def draw(self, context):
+        draw_settings(self.layout, context.scene)
+
+
+class LENSFIELD_PT_sidebar(bpy.types.Panel):
+    bl_label = "Lensfield"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "Lensfield"
+
+    def draw(self, context):
+        draw_settings(self.layout, context.scene)
+
+
+class _SpectraPanel:
+    bl_label = "Lensfield Spectra"
+    bl_space_type = "PROPERTIES"
+    bl_region_type = "WINDOW"
+    bl_options = {"DEFAULT_CLOSED"}
+    fields = ("emission",)
+
+    @classmethod
+    def poll(cls, context):
+        return cls.data_block(context) is not None
+
+    def draw(self, context):
+        self.layout.use_property_split = True
+        for field in self.fields:
+            self.layout.prop(self.data_block(context).lensfield, field)
+
+
+class LENSFIELD_PT_material(_SpectraPanel, bpy.types.Panel):
+    bl_context = "material"
+    fields = ("reflectance", "emission")
+
+    @staticmethod
+    def data_block(context):
+        return context.material
+
+
+class LENSFIELD_PT_light(_SpectraPanel, bpy.types.Panel):
+    bl_context = "data"
+
+    @staticmethod
+    def data_block(context):
+        return context.light
+
+
+class LENSFIELD_PT_world(_SpectraPanel, bpy.types.Panel):
+    bl_context = "world"
+
+    @staticmethod
+    def data_block(context):
+        return context.world
+
+
+classes = (LENSFIELD_PT_render, LENSFIELD_PT_sidebar, LENSFIELD_PT_material, LENSFIELD_PT_light, LENSFIELD_PT_world)

@@ -1,0 +1,69 @@
+"""Build the extension zips that users install: the source tree plus the wheels that Blender does not bring.
+
+    python packaging/build_extension.py FOLDER [PLATFORM ...]
+
+makes one zip for each platform. Each holds wheels for both Pythons that Blender 4.5 and later run on, because Blender
+refuses an extension whose wheels do not fit. numpy is never among them: Blender brings its own.
+"""
+
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import bpy
+
+ROOT = Path(__file__).resolve().parent.parent
+REQUIREMENTS = ("scipy", "OpenEXR", "pillow")
+PYTHONS = ("3.11", "3.13")
+PLATFORMS = {
+    "linux-x64": ("manylinux_2_28_x86_64", "manylinux_2_27_x86_64", "manylinux_2_17_x86_64", "manylinux2014_x86_64"),
+    "windows-x64": ("win_amd64",),
+    "macos-arm64": ("macosx_14_0_arm64", "macosx_12_0_arm64", "macosx_11_0_arm64"),
+}
+
+
+def extension_tool():
+    """Blender's own extension builder; it needs no running Blender."""
+    scripts = Path(bpy.utils.resource_path("LOCAL")) / "scripts"
+    return scripts / "addons_core" / "bl_pkg" / "cli" / "blender_ext.py"
+
+
+def download_wheels(folder, platform):
+    """Wheels of every requirement for every Python of one platform."""
+    for python in PYTHONS:
+        tags = [word for tag in PLATFORMS[platform] for word in ("--platform", tag)]
+        subprocess.run([sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--only-binary=:all:",
+                        "--python-version", python, *tags, "--dest", folder, *REQUIREMENTS], check=True)
+
+
+def stage(folder, platform):
+    """A copy of the tree whose manifest names the platform and its wheels."""
+    shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(".*", "__pycache__", "*.egg-info", "dist", "demo"))
+    download_wheels(folder / "wheels", platform)
+    wheels = ",\n".join(f'  "./wheels/{path.name}"' for path in sorted((folder / "wheels").glob("*.whl")))
+    manifest = folder / "blender_manifest.toml"
+    text = re.sub(r"(?m)^\[permissions\]", f'platforms = ["{platform}"]\nwheels = [\n{wheels},\n]\n\n[permissions]',
+                  manifest.read_text())
+    manifest.write_text(text)
+
+
+def build(output, platform):
+    with tempfile.TemporaryDirectory() as temporary:
+        source = Path(temporary) / "lensfield"
+        stage(source, platform)
+        subprocess.run([sys.executable, extension_tool(), "build", "--source-dir", source, "--output-dir", output,
+                        "--split-platforms"], check=True)
+
+
+def main(arguments):
+    output = Path(arguments[0]).resolve()
+    output.mkdir(parents=True, exist_ok=True)
+    for platform in arguments[1:] or PLATFORMS:
+        build(output, platform)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

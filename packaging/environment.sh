@@ -1,0 +1,41 @@
+#!/bin/sh
+# environment.sh VENV BPY: make the virtual environment VENV with Blender's Python wheel BPY and this package in it.
+# System libraries that Blender needs come by apt where we are root; elsewhere one line says which to install.
+set -eu
+venv=$1
+bpy=$2
+libraries="libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libsm6 libgl1"
+
+case $bpy in
+4.5.* | 5.0.*) version=3.11 numpy='numpy>=1.26,<2' ;;
+*) version=3.13 numpy='numpy>=2.2,<3' ;;
+esac
+
+install_packages() { # install_packages WHY PACKAGE...
+    why=$1
+    shift
+    if [ "$(id -u)" != 0 ] || ! command -v apt-get >/dev/null; then
+        echo "lensfield: $why: please install: $*  (on Debian or Ubuntu: sudo apt-get install $*)" >&2
+        exit 1
+    fi
+    apt-get update -qq
+    DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "$@" >/dev/null
+}
+
+for python in "python$version" python3 "$HOME/.pyenv/versions/$version".*/bin/python; do
+    "$python" -c "import sys; sys.exit('%d.%d' % sys.version_info[:2] != '$version')" 2>/dev/null && break
+    python=
+done
+if [ -z "$python" ]; then
+    echo "lensfield: bpy $bpy needs Python $version: please install it (Debian 12 and Ubuntu have python$version)" >&2
+    exit 1
+fi
+"$python" -c 'import ensurepip' 2>/dev/null ||
+    install_packages "Python's venv module is missing" "python$version-venv"
+
+"$python" -m venv "$venv"
+"$venv/bin/python" -m pip install --quiet --disable-pip-version-check "bpy==$bpy" "$numpy" -e '.[test]'
+"$venv/bin/python" -c 'import bpy' 2>/dev/null ||
+    install_packages "Blender needs system libraries" $libraries
+"$venv/bin/python" -c 'import bpy, lensfield.engine'
+touch "$venv/.ready"
