@@ -3,6 +3,7 @@
 import bpy
 
 NAME = "Lensfield"
+MARK = "lensfield_image"  # custom property of our node groups; users may rename them
 
 
 def lay_into_compositor(scene, image_path):
@@ -22,33 +23,16 @@ def lay_into_compositor(scene, image_path):
     -------
     the group node
     """
-    group = lens_image_group(scene, image_path)
     tree = compositing_tree(scene)
-    for node in tree.nodes:
-        if node.bl_idname == "CompositorNodeGroup" and node.node_tree == group:
-            return node
-    node = tree.nodes.new("CompositorNodeGroup")
-    node.node_tree = group
-    node.name = node.label = NAME
-    _take_over_links(tree, node)
+    node = next((n for n in tree.nodes if n.bl_idname == "CompositorNodeGroup" and n.node_tree
+                 and MARK in n.node_tree), None)
+    if node is None:
+        node = tree.nodes.new("CompositorNodeGroup")
+        node.node_tree = _lens_image_group()
+        node.name = node.label = NAME
+        _take_over_links(tree, node)
+    _show(node.node_tree, image_path, f"{NAME} {scene.name}")
     return node
-
-
-def lens_image_group(scene, image_path):
-    """The node group of a scene's lens image, made once and refreshed from the file."""
-    name = NAME if scene == bpy.data.scenes[0] else f"{NAME} {scene.name}"
-    image = _lens_image(name, image_path)
-    group = bpy.data.node_groups.get(name)
-    if group is None or group.bl_idname != "CompositorNodeTree":
-        group = bpy.data.node_groups.new(name, "CompositorNodeTree")
-        group.interface.new_socket(name="Image", in_out="OUTPUT", socket_type="NodeSocketColor")
-        source = group.nodes.new("CompositorNodeImage")
-        output = group.nodes.new("NodeGroupOutput")
-        output.location.x = 300
-        group.links.new(source.outputs["Image"], output.inputs["Image"])
-    source = next(node for node in group.nodes if node.bl_idname == "CompositorNodeImage")
-    source.image = image
-    return group
 
 
 def compositing_tree(scene):
@@ -64,15 +48,27 @@ def compositing_tree(scene):
     return scene.compositing_node_group
 
 
-def _lens_image(name, path):
-    image = bpy.data.images.get(name)
-    if image is None:
-        image = bpy.data.images.load(str(path))
-        image.name = name
-    image.filepath = str(path)
-    image.reload()
-    image.update_tag()  # or an open viewer stays stale
-    return image
+def _lens_image_group():
+    """A new node group with the lens image for its output."""
+    group = bpy.data.node_groups.new(NAME, "CompositorNodeTree")
+    group[MARK] = True
+    group.interface.new_socket(name="Image", in_out="OUTPUT", socket_type="NodeSocketColor")
+    source = group.nodes.new("CompositorNodeImage")
+    output = group.nodes.new("NodeGroupOutput")
+    output.location.x = 300
+    group.links.new(source.outputs["Image"], output.inputs["Image"])
+    return group
+
+
+def _show(group, path, name):
+    """Show the image of this file in a group, in the image data-block that it has, if it has one."""
+    source = next(node for node in group.nodes if node.bl_idname == "CompositorNodeImage")
+    if source.image is None:
+        source.image = bpy.data.images.load(str(path))
+        source.image.name = name
+    source.image.filepath = str(path)
+    source.image.reload()
+    source.image.update_tag()  # or an open viewer stays stale
 
 
 def _take_over_links(tree, node):

@@ -57,6 +57,7 @@ class Substitution:
         """Give every attribute its values at these three wavelengths."""
         for name, values_at in self._values.items():
             self._scene[name] = [float(value) for value in values_at(wavelengths_nm)]
+        self._scene.update_tag()  # or persistent data keeps the values of the first pass
 
     def _substitute_material(self, material):
         stand_in = self._stand_in(material, bpy.data.materials)

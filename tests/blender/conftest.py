@@ -1,0 +1,46 @@
+"""Blender through its Python wheel: one registered add-on, and an empty scene for each test."""
+
+import os
+
+import bpy
+import pytest
+
+from lensfield import addon
+
+
+def pytest_sessionstart():
+    addon.register()
+
+
+def pytest_unconfigure(config):
+    """End with pytest's own verdict: some wheels crash while the interpreter exits."""
+    os._exit(int(config.stash.get(_EXIT_STATUS, 1)))
+
+
+def pytest_sessionfinish(session, exitstatus):
+    session.config.stash[_EXIT_STATUS] = exitstatus
+
+
+_EXIT_STATUS = pytest.StashKey()
+
+
+@pytest.fixture
+def scene():
+    """An empty scene of 48 x 36 px, 16 samples, with a camera at the origin that looks along -z, and a black world."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene = bpy.context.scene
+    scene.render.engine = "CYCLES"
+    scene.cycles.device = "CPU"
+    scene.cycles.samples = 16
+    scene.cycles.use_adaptive_sampling = False
+    scene.cycles.max_bounces = 2
+    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 48, 36, 100
+    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    camera.data.clip_start = 0.001
+    scene.collection.objects.link(camera)
+    scene.camera = camera
+    scene.world = world = bpy.data.worlds.new("World")
+    world.use_nodes = True
+    background = next(node for node in world.node_tree.nodes if node.bl_idname == "ShaderNodeBackground")
+    background.inputs["Color"].default_value = (0, 0, 0, 1)
+    return scene

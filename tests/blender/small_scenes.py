@@ -1,0 +1,64 @@
+"""Small scenes, built by hand, whose radiance is known in closed form."""
+
+import bpy
+import numpy as np
+
+from lensfield import addon
+from lensfield.engine.exr import read_exr
+
+WAVELENGTHS_NM = (450.0, 550.0, 650.0)
+
+
+def background(scene):
+    return next(node for node in scene.world.node_tree.nodes if node.bl_idname == "ShaderNodeBackground")
+
+
+def set_world(scene, colour=(1, 1, 1), strength=1.0):
+    background(scene).inputs["Color"].default_value = (*colour, 1)
+    background(scene).inputs["Strength"].default_value = strength
+
+
+def material(name, node_type, colour=(0.8, 0.8, 0.8)):
+    """A material of one shader node; returns it and the node."""
+    new = bpy.data.materials.new(name)
+    new.use_nodes = True
+    new.node_tree.nodes.clear()
+    shader = new.node_tree.nodes.new(node_type)
+    shader.inputs["Color"].default_value = (*colour, 1)
+    output = new.node_tree.nodes.new("ShaderNodeOutputMaterial")
+    new.node_tree.links.new(shader.outputs[0], output.inputs["Surface"])
+    return new, shader
+
+
+def wall(scene, of_material, distance_m=1.0, side_m=10.0):
+    """A square that faces the camera and fills its view."""
+    half = side_m / 2
+    mesh = bpy.data.meshes.new("Wall")
+    mesh.from_pydata([(-half, -half, 0), (half, -half, 0), (half, half, 0), (-half, half, 0)], [], [(0, 1, 2, 3)])
+    mesh.materials.append(of_material)
+    wall_object = bpy.data.objects.new("Wall", mesh)
+    wall_object.location.z = -distance_m
+    scene.collection.objects.link(wall_object)
+    return wall_object
+
+
+def light(scene, kind, watts, **properties):
+    """A light at the camera."""
+    new = bpy.data.lights.new("Light", kind)
+    new.energy = watts
+    for name, value in properties.items():
+        setattr(new, name, value)
+    light_object = bpy.data.objects.new("Light", new)
+    scene.collection.objects.link(light_object)
+    return light_object
+
+
+def render(scene, folder, wavelengths_nm=WAVELENGTHS_NM, **options):
+    return addon.render_through_lens(scene, "edmund-54852", wavelengths_nm, folder, **options)
+
+
+def radiance_on_axis(scene, folder, wavelengths_nm=WAVELENGTHS_NM):
+    """Spectral radiance in the middle of the frame, one value for each wavelength."""
+    cube = read_exr(render(scene, folder, wavelengths_nm).radiance).cube
+    rows, columns = cube.shape[1:]
+    return cube[:, rows // 2 - 2:rows // 2 + 2, columns // 2 - 2:columns // 2 + 2].mean(axis=(1, 2), dtype=np.float64)

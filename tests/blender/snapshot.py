@@ -1,0 +1,85 @@
+"""Everything that a .blend would save, as plain values to compare."""
+
+import bpy
+
+SKIPPED = {"rna_type", "depsgraph", "bl_rna", "is_evaluated", "is_updated", "is_updated_data", "preview"}
+GEOMETRY = {"vertices", "edges", "loops", "polygons", "loop_triangles", "loop_triangle_polygons", "corner_normals",
+            "vertex_normals", "polygon_normals", "attributes", "uv_layers", "color_attributes", "vertex_colors"}
+
+
+def snapshot():
+    """All data-blocks by collection and name, with their properties, nodes, links and custom properties."""
+    blocks = {}
+    for prop in bpy.data.bl_rna.properties:
+        if prop.type == "COLLECTION" and prop.identifier not in ("window_managers", "screens", "workspaces"):
+            for block in getattr(bpy.data, prop.identifier):
+                if block.name == "Render Result":  # where Blender shows any render; it is not saved
+                    continue
+                blocks[prop.identifier, block.name_full] = _struct(block, {block.as_pointer()})
+    return blocks
+
+
+def differences(before, after):
+    """Names of what is not the same, for a message that can be read."""
+    found = [f"{key} {'gone' if key in before else 'new'}" for key in before.keys() ^ after.keys()]
+    for key in before.keys() & after.keys():
+        found += [f"{key} {path}: {old} -> {new}" for path, old, new in _differ(before[key], after[key], "")]
+    return found
+
+
+def _differ(old, new, path):
+    if isinstance(old, dict) and isinstance(new, dict):
+        for name in old.keys() | new.keys():
+            yield from _differ(old.get(name), new.get(name), f"{path}.{name}")
+    elif old != new:
+        yield path, old, new
+
+
+def _struct(struct, seen):
+    values = {}
+    for prop in struct.bl_rna.properties:
+        if prop.identifier not in SKIPPED | GEOMETRY:
+            values[prop.identifier] = _value(struct, prop, seen)
+    if isinstance(struct, bpy.types.ID):
+        values["custom"] = {key: repr(struct[key]) for key in struct.keys()}
+        values["users"] = struct.users
+    return values
+
+
+def _value(struct, prop, seen):
+    try:
+        value = getattr(struct, prop.identifier)
+    except (AttributeError, RuntimeError):
+        return None
+    if prop.type == "COLLECTION":
+        return _collection(prop, value, seen)
+    if prop.type != "POINTER":
+        return _plain(value)
+    if value is None:
+        return None
+    embedded = isinstance(value, bpy.types.NodeTree) and value.name_full not in bpy.data.node_groups
+    if isinstance(value, bpy.types.ID) and not embedded:
+        return value.name_full
+    if value.as_pointer() in seen:
+        return "seen"
+    return _struct(value, seen | {value.as_pointer()})
+
+
+def _plain(value):
+    """A copy that does not live in Blender's memory, of vectors and matrices too."""
+    if isinstance(value, (str, bytes)) or not hasattr(value, "__len__"):
+        return value
+    return sorted(value) if isinstance(value, set) else tuple(_plain(item) for item in value)
+
+
+def _collection(prop, items, seen):
+    if prop.identifier == "links":
+        return sorted((link.from_node.name, link.from_socket.identifier, link.to_node.name, link.to_socket.identifier)
+                      for link in items)
+    values = {}
+    for index, item in enumerate(items):
+        if item is None or isinstance(item, bpy.types.ID):
+            values[index] = item and item.name_full
+        elif item.as_pointer() not in seen:
+            values[index] = _struct(item, seen | {item.as_pointer()})
+    return values

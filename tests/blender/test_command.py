@@ -1,0 +1,77 @@
+"""The command line, as a user calls it: in a process of its own."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+from small_scenes import set_world
+
+from lensfield import cli
+from lensfield.engine.exr import read_exr
+
+
+@pytest.fixture
+def blend(scene, tmp_path):
+    set_world(scene)
+    path = tmp_path / "scene with space.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    return path
+
+
+def lensfield(*arguments):
+    command = [sys.executable, "-c", "import sys; from lensfield.cli import main; sys.exit(main())", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=300)
+
+
+def test_render_then_filter_agree(blend, tmp_path):
+    out = tmp_path / "out put"
+    done = lensfield("render", blend, "--lens", "edmund-54852", "--wavelengths", "450:650:3", "--section-size", 16,
+                     "--frame", 2, "--output", out, "--report", tmp_path / "report.json")
+    assert done.returncode == 0, done.stderr
+    printed = [Path(line) for line in done.stdout.splitlines() if line.startswith(str(out))]
+    assert len(printed) == 5 and all(path.is_file() for path in printed)
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["plan"]["section_size"] == 16 and report["passes"] == 1
+    assert report["stages_s"]["multispectral render"] > 0
+    assert report["energy"]["out_w_per_nm"] == pytest.approx(report["energy"]["in_w_per_nm"], rel=1e-12)
+
+    radiance = out / "Scene_0002_radiance.exr"
+    done = lensfield("filter", radiance, "--lens", "edmund-54852", "--section-size", 16,
+                     "--output", tmp_path / "again.exr", "--preview", tmp_path / "again.png")
+    assert done.returncode == 0, done.stderr
+    again, first = read_exr(tmp_path / "again.exr"), read_exr(out / "Scene_0002_irradiance.exr")
+    assert np.array_equal(again.cube, first.cube)
+    assert (tmp_path / "again.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("changes, message", [
+    ({"scene": "missing.blend"}, "missing.blend: scene is not there"),
+    ({"scene": "garbage.blend"}, "garbage.blend: scene is not readable"),
+    ({"--lens": "no-such-lens"}, "no-such-lens: lens is not there: give a .npz lens package or one of: edmund-54852"),
+    ({"--wavelengths": "700:400:3"}, "options: wavelengths is 700:400:3: expected first:last:number"),
+    ({"--wavelengths": "300:700:3"}, "edmund-54852: wavelength is 300 nm: the lens data spans 400 to 700 nm"),
+    ({"--section-size": "0"}, "options: section_size is 0: expected a whole number"),
+    ({"--resolution": "big"}, "options: --resolution is big: expected WIDTHxHEIGHT"),
+    ({"--samples": "0"}, "options: --samples is 0: expected 1 or more")])
+def test_bad_input_is_one_line_and_leaves_nothing(blend, tmp_path, capsys, monkeypatch, changes, message):
+    monkeypatch.chdir(tmp_path)
+    Path("garbage.blend").write_bytes(b"not a blend file")
+    arguments = {"--lens": "edmund-54852", "--wavelengths": "550", "--output": "out"} | changes
+    scene = arguments.pop("scene", str(blend))
+    assert cli.main(["render", scene, *(word for pair in arguments.items() for word in pair)]) == 1
+    printed = capsys.readouterr().err
+    assert message in printed and printed.count("\n") == 1
+    assert not Path("out").exists() or not list(Path("out").iterdir())
+
+
+def test_blender_command_is_the_same_command(blend, tmp_path):
+    from lensfield import addon
+
+    assert addon._run_command(["lens", "list"]) == 0
+    assert addon._run_command(["render", str(blend), "--lens", "edmund-54852", "--wavelengths", "550",
+                               "--output", str(tmp_path / "out")]) == 0
+    assert len(list((tmp_path / "out").iterdir())) == 5

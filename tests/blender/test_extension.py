@@ -1,0 +1,64 @@
+"""The tree as a Blender extension: built and checked by Blender's own tool, installed, enabled and used."""
+
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import bpy
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+TOOL = Path(bpy.utils.resource_path("LOCAL")) / "scripts" / "addons_core" / "bl_pkg" / "cli" / "blender_ext.py"
+
+USE_INSTALLED = """
+import sys
+import bpy
+bpy.ops.extensions.package_install_files(filepath=sys.argv[1], repo="user_default", enable_on_install=True)
+module = sys.modules["bl_ext.user_default.lensfield"]
+assert "site-packages" not in module.__file__ and module.__file__.startswith(sys.argv[2]), module.__file__
+scene = bpy.context.scene
+scene.cycles.samples = 1
+scene.render.resolution_x, scene.render.resolution_y = 16, 12
+scene.lensfield.wavelength_mode = "LIST"
+scene.lensfield.wavelength_list = "550"
+scene.lensfield.output_folder = sys.argv[3]
+assert bpy.ops.lensfield.render() == {"FINISHED"}
+bpy.ops.preferences.addon_disable(module="bl_ext.user_default.lensfield")
+assert not hasattr(scene, "lensfield")
+print("installed and used")
+sys.stdout.flush()
+import os
+os._exit(0)  # some wheels crash while the interpreter exits
+"""
+
+
+@pytest.fixture(scope="module")
+def package(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("extension")
+    subprocess.run([sys.executable, TOOL, "build", "--source-dir", ROOT, "--output-dir", folder], check=True,
+                   capture_output=True)
+    return next(folder.glob("lensfield-*.zip"))
+
+
+def test_manifest_is_valid():
+    done = subprocess.run([sys.executable, TOOL, "validate", ROOT], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_package_is_valid_and_holds_what_runs(package):
+    done = subprocess.run([sys.executable, TOOL, "validate", package], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    names = zipfile.ZipFile(package).namelist()
+    assert {"blender_manifest.toml", "__init__.py", "cli.py", "engine/pipeline.py", "addon/render.py",
+            "engine/lenses/edmund-54852.npz", "engine/data/cie1931_2deg.csv", "LICENSE"} <= set(names)
+    assert not [name for name in names if name.startswith((".", "tests", "sample_scenes", "packaging", "docs"))]
+
+
+def test_package_installs_enables_and_renders(package, tmp_path):
+    environment = os.environ | {"BLENDER_USER_RESOURCES": str(tmp_path / "user")}
+    done = subprocess.run([sys.executable, "-c", USE_INSTALLED, package, str(tmp_path / "user"), tmp_path / "out"],
+                          capture_output=True, text=True, timeout=300, env=environment, cwd=tmp_path)
+    assert done.returncode == 0 and "installed and used" in done.stdout, done.stdout + done.stderr
+    assert (tmp_path / "out" / "Scene_0001_lens_image.exr").is_file()

@@ -1,0 +1,96 @@
+"""The user's scene is exactly as it was: after success, after an error, after cancelling at any step."""
+
+import bpy
+import pytest
+from small_scenes import light, material, render, set_world, wall
+from snapshot import differences, snapshot
+
+from lensfield.addon.errors import SceneError
+from lensfield.addon.render import Job, RenderPass, render_steps, run
+from lensfield.engine import Lens
+
+
+@pytest.fixture
+def rich_scene(scene):
+    """A scene with what is easily disturbed: links, groups, animation, a shared material, odd render settings."""
+    set_world(scene, (0.2, 0.3, 0.4))
+    painted, shader = material("Paint", "ShaderNodeBsdfDiffuse", (0.7, 0.2, 0.1))
+    noise = painted.node_tree.nodes.new("ShaderNodeTexNoise")
+    painted.node_tree.links.new(noise.outputs["Color"], shader.inputs["Color"])
+    wall(scene, painted)
+    wall(scene, painted, 2.0).material_slots[0].link = "OBJECT"
+    glow, emission = material("Glow", "ShaderNodeEmission")
+    emission.inputs["Strength"].default_value = 2
+    emission.inputs["Strength"].keyframe_insert("default_value", frame=1)
+    wall(scene, glow, 3.0)
+    glow.use_fake_user = True
+    lamp = light(scene, "AREA", 5.0, color=(1, 0.5, 0.2)).data
+    lamp.keyframe_insert("color", frame=1)
+    scene.camera.data.dof.use_dof = True
+    scene.camera.data.lens = 35
+    scene.render.filepath = "//somewhere"
+    scene.render.film_transparent = True
+    scene.cycles.film_exposure = 2.5
+    scene.cycles.sample_clamp_indirect = 10
+    scene["my property"] = 7
+    scene.frame_set(3)
+    return scene
+
+
+def job(folder, **options):
+    return Job(Lens.load("edmund-54852"), (450.0, 550.0, 600.0, 650.0), folder, frame=1, **options)
+
+
+def test_scene_is_the_same_after_success(rich_scene, tmp_path):
+    before = snapshot()
+    render(rich_scene, tmp_path, frame=1)
+    assert not differences(before, snapshot())
+
+
+def test_snapshot_sees_a_change(rich_scene):
+    before = snapshot()
+    bpy.data.materials["Paint"].node_tree.nodes["Noise Texture"].inputs["Scale"].default_value += 1
+    rich_scene.cycles.film_exposure = 3
+    assert len(differences(before, snapshot())) == 2
+
+
+@pytest.mark.parametrize("steps_before_cancel", [1, 2, 3, 4])
+def test_scene_is_the_same_after_cancelling(rich_scene, tmp_path, steps_before_cancel):
+    before = snapshot()
+    steps = render_steps(rich_scene, job(tmp_path))
+    step, answer = None, None
+    for _ in range(steps_before_cancel):
+        step = steps.send(answer)
+        if isinstance(step, RenderPass):
+            bpy.ops.render.render(write_still=True)
+        else:
+            answer = step.call(lambda done: None)
+    steps.close()
+    assert not differences(before, snapshot())
+    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
+
+
+def test_scene_is_the_same_after_an_error(rich_scene, tmp_path):
+    bpy.data.lights["Light"].lensfield.emission = "no-such-lamp"
+    before = snapshot()
+    with pytest.raises(SceneError, match="no-such-lamp"):
+        run(render_steps(rich_scene, job(tmp_path)))
+    assert not differences(before, snapshot())
+    assert not list(tmp_path.iterdir())
+
+
+def test_only_the_compositor_changes_where_it_is_asked_for(rich_scene, tmp_path):
+    before = snapshot()
+    render(rich_scene, tmp_path, to_compositor=True)
+    changed = differences(before, snapshot())
+    assert changed
+    allowed = ("node_groups", "('images'", "compositing_node_group", ".node_tree", "use_nodes")
+    assert not [line for line in changed if not any(word in line for word in allowed)]
+
+
+def test_random_failure_inside_the_render_still_restores(rich_scene, tmp_path, monkeypatch):
+    before = snapshot()
+    monkeypatch.setattr("lensfield.addon.render._read_pass", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        run(render_steps(rich_scene, job(tmp_path)))
+    assert not differences(before, snapshot())

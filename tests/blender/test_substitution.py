@@ -1,0 +1,162 @@
+"""Colours become spectra: radiance against closed forms, with spectra evaluated by hand from their own files."""
+
+import bpy
+import numpy as np
+import pytest
+from small_scenes import WAVELENGTHS_NM, background, light, material, radiance_on_axis, set_world, wall
+
+from lensfield.addon.bands import passes
+from lensfield.addon.errors import SceneError
+from lensfield.engine.spectra import LIBRARY, emission_basis, reflectance_basis, white_density
+
+NM = np.array(WAVELENGTHS_NM)
+FLAT = "380:1, 780:1"
+FLAT_DENSITY = 1 / 400  # unit integral over 380 to 780 nm
+
+
+def patch(name):
+    nm, value = np.loadtxt(LIBRARY / f"{name}.spd").T
+    return np.interp(NM, nm, value)
+
+
+def test_three_wavelengths_ride_in_each_pass():
+    assert [band.tolist() for band in passes([400, 500, 600, 700])] == [[400, 500, 600], [700, 700, 700]]
+
+
+def test_world_of_flat_spectrum_spreads_its_strength_over_the_band(scene, tmp_path):
+    set_world(scene, strength=2.0)
+    scene.world.lensfield.emission = FLAT
+    np.testing.assert_allclose(radiance_on_axis(scene, tmp_path), 2.0 * FLAT_DENSITY, rtol=1e-4)
+
+
+def test_white_world_is_daylight(scene, tmp_path):
+    set_world(scene)
+    np.testing.assert_allclose(radiance_on_axis(scene, tmp_path), white_density(NM), rtol=1e-4)
+
+
+def test_coloured_world_is_upsampled(scene, tmp_path):
+    set_world(scene, colour=(0.9, 0.5, 0.1))
+    np.testing.assert_allclose(radiance_on_axis(scene, tmp_path), emission_basis(NM) @ (0.9, 0.5, 0.1), rtol=1e-4)
+
+
+def test_assigned_reflectance_under_a_flat_world(scene, tmp_path):
+    set_world(scene)
+    scene.world.lensfield.emission = FLAT
+    painted, _ = material("Paint", "ShaderNodeBsdfDiffuse")
+    painted.lensfield.reflectance = "chart-15-red"
+    wall(scene, painted)
+    expected = patch("chart-15-red") * FLAT_DENSITY  # a white furnace: radiance = reflectance x world
+    np.testing.assert_allclose(radiance_on_axis(scene, tmp_path), expected, rtol=2e-3)
+
+
+def test_constant_colour_is_upsampled_under_a_flat_world(scene, tmp_path):
+    set_world(scene)
+    scene.world.lensfield.emission = FLAT
+    wall(scene, material("Paint", "ShaderNodeBsdfDiffuse", (0.7, 0.3, 0.05))[0])
+    expected = reflectance_basis(NM) @ (0.7, 0.3, 0.05) * FLAT_DENSITY
+    np.testing.assert_allclose(radiance_on_axis(scene, tmp_path), expected, rtol=2e-3)
+
+
+def test_colour_computed_by_nodes_is_upsampled_alike(scene, tmp_path):
+    set_world(scene)
+    scene.world.lensfield.emission = FLAT
+    painted, shader = material("Paint", "ShaderNodeBsdfDiffuse", (0, 0, 0))
+    colour = painted.node_tree.nodes.new("ShaderNodeRGB")
+    colour.outputs[0].default_value = (0.7, 0.3, 0.05, 1)
+    painted.node_tree.links.new(colour.outputs[0], shader.inputs["Color"])
+    wall(scene, painted)
+    expected = reflectance_basis(NM) @ (0.7, 0.3, 0.05) * FLAT_DENSITY
+    np.testing.assert_allclose(radiance_on_axis(scene, tmp_path), expected, rtol=2e-3)
+
+
+def test_colours_inside_node_groups_are_upsampled(scene, tmp_path):
+    set_world(scene)
+    scene.world.lensfield.emission = FLAT
+    group = bpy.data.node_groups.new("Paint", "ShaderNodeTree")
+    group.interface.new_socket(name="Shader", in_out="OUTPUT", socket_type="NodeSocketShader")
+    shader = group.nodes.new("ShaderNodeBsdfDiffuse")
+    shader.inputs["Color"].default_value = (0.7, 0.3, 0.05, 1)
+    group.links.new(shader.outputs[0], group.nodes.new("NodeGroupOutput").inputs[0])
+    painted, _ = material("Paint", "ShaderNodeBsdfDiffuse")
+    node = painted.node_tree.nodes.new("ShaderNodeGroup")
+    node.node_tree = group
+    output = next(n for n in painted.node_tree.nodes if n.bl_idname == "ShaderNodeOutputMaterial")
+    painted.node_tree.links.new(node.outputs[0], output.inputs["Surface"])
+    wall(scene, painted)
+    expected = reflectance_basis(NM) @ (0.7, 0.3, 0.05) * FLAT_DENSITY
+    np.testing.assert_allclose(radiance_on_axis(scene, tmp_path), expected, rtol=2e-3)
+
+
+def test_emission_material_keeps_its_strength_and_takes_the_spectrum(scene, tmp_path):
+    glowing, shader = material("Glow", "ShaderNodeEmission", (1, 0.2, 0))
+    shader.inputs["Strength"].default_value = 3.0
+    glowing.lensfield.emission = FLAT
+    wall(scene, glowing)
+    np.testing.assert_allclose(radiance_on_axis(scene, tmp_path), 3.0 * FLAT_DENSITY, rtol=1e-4)
+
+
+@pytest.mark.parametrize("reflectance", [0.25, 0.5])
+def test_point_lamp_of_flat_spectrum_is_absolute(scene, tmp_path, reflectance):
+    watts, distance_m = 100.0, 2.0
+    light(scene, "POINT", watts, shadow_soft_size=0.0).data.lensfield.emission = FLAT
+    wall(scene, material("Paint", "ShaderNodeBsdfDiffuse", (reflectance,) * 3)[0], distance_m)
+    expected = watts * FLAT_DENSITY / (4 * np.pi * distance_m**2) * reflectance / np.pi
+    np.testing.assert_allclose(radiance_on_axis(scene, tmp_path), expected, rtol=2e-3)
+
+
+def test_lamp_spectrum_replaces_its_colour(scene, tmp_path):
+    lamp = light(scene, "POINT", 100.0, color=(0.1, 0.2, 1.0), shadow_soft_size=0.0).data
+    lamp.lensfield.emission = "illuminant-a"
+    wall(scene, material("Paint", "ShaderNodeBsdfDiffuse", (1, 1, 1))[0])
+    red_to_blue = patch("illuminant-a")[2] / patch("illuminant-a")[0]
+    measured = radiance_on_axis(scene, tmp_path)
+    assert measured[2] / measured[0] == pytest.approx(red_to_blue, rel=1e-3)
+
+
+def test_coloured_lamp_is_upsampled(scene, tmp_path):
+    light(scene, "POINT", 4 * np.pi**2, color=(1.0, 0.5, 0.25), shadow_soft_size=0.0)
+    wall(scene, material("Paint", "ShaderNodeBsdfDiffuse", (1, 1, 1))[0])
+    expected = white_density(NM) * (reflectance_basis(NM) @ (1.0, 0.5, 0.25))
+    np.testing.assert_allclose(radiance_on_axis(scene, tmp_path), expected, rtol=2e-3)
+
+
+def test_lamp_temperature_follows_planck(scene, tmp_path):
+    if "use_temperature" not in bpy.types.Light.bl_rna.properties:
+        pytest.skip("this Blender's lamps have no temperature")
+    light(scene, "POINT", 100.0, use_temperature=True, temperature=2856.0, shadow_soft_size=0.0)
+    wall(scene, material("Paint", "ShaderNodeBsdfDiffuse", (1, 1, 1))[0])
+    measured = radiance_on_axis(scene, tmp_path)
+    assert measured[2] / measured[0] == pytest.approx(patch("illuminant-a")[2] / patch("illuminant-a")[0], rel=0.01)
+
+
+def test_world_colour_computed_by_nodes_is_upsampled_as_light(scene, tmp_path):
+    set_world(scene)
+    tree = scene.world.node_tree
+    colour = tree.nodes.new("ShaderNodeRGB")
+    colour.outputs[0].default_value = (0.2, 0.6, 0.4, 1)
+    tree.links.new(colour.outputs[0], background(scene).inputs["Color"])
+    np.testing.assert_allclose(radiance_on_axis(scene, tmp_path), emission_basis(NM) @ (0.2, 0.6, 0.4), rtol=1e-4)
+
+
+def test_every_pass_has_its_own_wavelengths(scene, tmp_path):
+    """World, material, lamp and upsampled nodes must all follow when only scene properties change between passes."""
+    set_world(scene, (0.3, 0.5, 0.7))
+    light(scene, "POINT", 20.0, color=(1, 0.5, 0.2), shadow_soft_size=0.0)
+    painted, shader = material("Paint", "ShaderNodeBsdfDiffuse", (0, 0, 0))
+    colour = painted.node_tree.nodes.new("ShaderNodeRGB")
+    colour.outputs[0].default_value = (0.7, 0.3, 0.05, 1)
+    painted.node_tree.links.new(colour.outputs[0], shader.inputs["Color"])
+    wall(scene, painted)
+    nm = np.linspace(400, 700, 9)
+    lamp = 20.0 / (4 * np.pi**2) * white_density(nm) * (reflectance_basis(nm) @ (1, 0.5, 0.2))
+    world = emission_basis(nm) @ (0.3, 0.5, 0.7)
+    expected = (lamp + world) * (reflectance_basis(nm) @ (0.7, 0.3, 0.05))
+    np.testing.assert_allclose(radiance_on_axis(scene, tmp_path, nm), expected, rtol=3e-3)
+
+
+def test_bad_spectrum_names_material_and_value(scene, tmp_path):
+    painted, _ = material("Paint", "ShaderNodeBsdfDiffuse")
+    painted.lensfield.reflectance = "no-such-paint"
+    wall(scene, painted)
+    with pytest.raises(SceneError, match="material 'Paint'.*reflectance spectrum is no-such-paint"):
+        radiance_on_axis(scene, tmp_path)
