@@ -35,6 +35,16 @@ def main(arguments=None):
     return 0
 
 
+def console():
+    """Entry point of the console script."""
+    status = main()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    if "bpy" in sys.modules:
+        os._exit(status)  # some of Blender's wheels crash while the interpreter exits, after all is done
+    sys.exit(status)
+
+
 def _parser():
     parser = argparse.ArgumentParser(prog="lensfield", description="Blender scenes through real lenses.")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")

@@ -24,15 +24,23 @@ def lay_into_compositor(scene, image_path):
     the group node
     """
     tree = compositing_tree(scene)
-    node = next((n for n in tree.nodes if n.bl_idname == "CompositorNodeGroup" and n.node_tree
-                 and MARK in n.node_tree), None)
+    node = _lensfield_node(tree)
     if node is None:
         node = tree.nodes.new("CompositorNodeGroup")
         node.node_tree = _lens_image_group()
         node.name = node.label = NAME
         _take_over_links(tree, node)
+    elif node.node_tree.users - node.node_tree.use_fake_user > 1:
+        node.node_tree = _lens_image_group()  # a copied scene must not change the picture of the one it came from
     _show(node.node_tree, image_path, f"{NAME} {scene.name}")
     return node
+
+
+def lens_image(scene):
+    """The image data-block that the scene's Lensfield node shows, or None."""
+    tree = scene.compositing_node_group if hasattr(scene, "compositing_node_group") else scene.node_tree
+    node = tree and _lensfield_node(tree)
+    return _image_node(node.node_tree).image if node else None
 
 
 def compositing_tree(scene):
@@ -46,6 +54,15 @@ def compositing_tree(scene):
         tree.nodes.new("NodeGroupOutput")
         scene.compositing_node_group = tree
     return scene.compositing_node_group
+
+
+def _lensfield_node(tree):
+    return next((node for node in tree.nodes
+                 if node.bl_idname == "CompositorNodeGroup" and node.node_tree and MARK in node.node_tree), None)
+
+
+def _image_node(group):
+    return next(node for node in group.nodes if node.bl_idname == "CompositorNodeImage")
 
 
 def _lens_image_group():
@@ -62,7 +79,7 @@ def _lens_image_group():
 
 def _show(group, path, name):
     """Show the image of this file in a group, in the image data-block that it has, if it has one."""
-    source = next(node for node in group.nodes if node.bl_idname == "CompositorNodeImage")
+    source = _image_node(group)
     if source.image is None:
         source.image = bpy.data.images.load(str(path))
         source.image.name = name

@@ -1,6 +1,7 @@
 """Operators: render through the lens, match the camera to it."""
 
 import threading
+from contextlib import ExitStack
 from pathlib import Path
 
 import bpy
@@ -8,7 +9,9 @@ import bpy
 from ..engine import Lens
 from ..engine.errors import InputError
 from .camera import check_camera, frame_px, match_camera_to_lens, pitch_um
+from .compositor import lens_image
 from .render import Job, RenderPass, render_steps, run
+from .watch import RenderWatch
 
 TICK_S = 0.1
 NAVIGATION = {"MOUSEMOVE", "INBETWEEN_MOUSEMOVE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "MIDDLEMOUSE", "WINDOW_DEACTIVATE"}
@@ -58,10 +61,13 @@ class LENSFIELD_OT_render(bpy.types.Operator):
             return {"CANCELLED"}
         self._step = self._worker = None
         self._escape = threading.Event()
-        self._watch = _RenderWatch()
-        self._timer = context.window_manager.event_timer_add(TICK_S, window=context.window)
-        context.window_manager.progress_begin(0, 1)
-        context.window_manager.modal_handler_add(self)
+        manager = context.window_manager
+        self._at_end = ExitStack()
+        self._watch = self._at_end.enter_context(RenderWatch())
+        self._at_end.callback(manager.event_timer_remove, manager.event_timer_add(TICK_S, window=context.window))
+        manager.progress_begin(0, 1)
+        self._at_end.callback(manager.progress_end)
+        manager.modal_handler_add(self)
         self._tell(context, 0.0, "Starting")
         return {"RUNNING_MODAL"}
 
@@ -78,6 +84,7 @@ class LENSFIELD_OT_render(bpy.types.Operator):
             return self._end(context, "Cancelled")
         except StopIteration as end:
             self._finish_report(end.value)
+            _show_lens_image(context)
             return self._end(context, None)
         except (InputError, OSError) as error:
             return self._end(context, str(error))
@@ -96,6 +103,7 @@ class LENSFIELD_OT_render(bpy.types.Operator):
         """Go on to the next step once the present one is done."""
         if isinstance(self._step, RenderPass):
             if self._watch.ended is None or bpy.app.is_job_running("RENDER"):
+                self._tell(context, self._step.fraction + self._step.share * self._watch.done, self._step.label)
                 return {"RUNNING_MODAL"}
             if self._watch.ended == "cancelled":
                 raise Cancelled
@@ -113,9 +121,10 @@ class LENSFIELD_OT_render(bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def _start(self, context, step):
-        self._step, self._worker, self._watch.ended = step, None, None
+        self._step, self._worker = step, None
         self._tell(context, step.fraction, step.label)
         if isinstance(step, RenderPass):
+            self._watch.start()
             bpy.ops.render.render("INVOKE_DEFAULT", write_still=True, scene=step.scene.name)
         else:
             self._worker = _Worker(step.call, self._escape)
@@ -124,9 +133,7 @@ class LENSFIELD_OT_render(bpy.types.Operator):
     def _end(self, context, complaint):
         """Put everything back: the scene first, then the user interface."""
         self._steps.close()
-        self._watch.remove()
-        context.window_manager.event_timer_remove(self._timer)
-        context.window_manager.progress_end()
+        self._at_end.close()
         self._tell(context, None, "")
         if complaint is None:
             return {"FINISHED"}
@@ -150,23 +157,13 @@ class LENSFIELD_OT_render(bpy.types.Operator):
         self.report({"INFO"}, f"{result.lens_image} in {seconds:.1f} s{note}")
 
 
-class _RenderWatch:
-    """How Blender's render under way ended: None until then, "complete" or "cancelled"."""
-
-    def __init__(self):
-        self.ended = None
-        bpy.app.handlers.render_complete.append(self._on_complete)
-        bpy.app.handlers.render_cancel.append(self._on_cancel)
-
-    def remove(self):
-        bpy.app.handlers.render_complete.remove(self._on_complete)
-        bpy.app.handlers.render_cancel.remove(self._on_cancel)
-
-    def _on_complete(self, *_):  # on Blender's render thread: set a flag, nothing else
-        self.ended = "complete"
-
-    def _on_cancel(self, *_):
-        self.ended = "cancelled"
+def _show_lens_image(context):
+    """Let image editors that followed the render show the lens image, where the scene's compositor holds it."""
+    image = lens_image(context.scene)
+    for window in context.window_manager.windows if image else ():
+        for area in window.screen.areas:
+            if area.type == "IMAGE_EDITOR" and area.spaces[0].image and area.spaces[0].image.type == "RENDER_RESULT":
+                area.spaces[0].image = image
 
 
 class _Worker(threading.Thread):

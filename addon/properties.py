@@ -55,7 +55,8 @@ class LensfieldSettings(bpy.types.PropertyGroup):
                         items=[("1", "1: constant", "One PSF per section, as in the paper"),
                                ("2", "2: bilinear", "PSFs interpolated between the corners of each section")])
     out_of_field: EnumProperty(
-        name="Beyond the Lens Data", default=Options.out_of_field.upper(),
+        name="Out of Field", default=Options.out_of_field.upper(),
+        description="Pixels beyond the last field height of the lens data",
         items=[("HOLD", "Hold", "Hold the last point spread function and relative illumination"),
                ("VIGNETTE", "Black", "Leave it black")])
     denoise: BoolProperty(name="Denoise", default=False,
@@ -63,7 +64,7 @@ class LensfieldSettings(bpy.types.PropertyGroup):
                                       "wavelengths")
     output_folder: StringProperty(name="Output", description="Folder for the spectral EXRs and the pictures",
                                   default="//lensfield/", subtype="DIR_PATH")
-    to_compositor: BoolProperty(name="Into the Compositor", default=True,
+    to_compositor: BoolProperty(name="To Compositor", default=True,
                                 description="Lay the lens image into the scene's compositor when it is done")
 
     def lens_name_or_path(self):

@@ -24,7 +24,8 @@ from .camera import check_camera, make_framing, match_camera_to_lens
 from .compositor import lay_into_compositor
 from .errors import SceneError
 from .journal import Journal
-from .substitution import Substitution
+from .substitution import RENDER_SCALE, Substitution
+from .watch import RenderWatch
 
 RENDER_SHARE = 0.85  # of the progress bar; the rest is the engine's and the files'
 
@@ -44,11 +45,15 @@ class Job:
 
 @dataclass(frozen=True)
 class RenderPass:
-    """Step: render the scene as it stands, to the file that it names."""
+    """Step: render the scene as it stands, to the file that it names.
+
+    `fraction` of the whole job is done before this step, `share` of it is this step's.
+    """
 
     scene: bpy.types.Scene
     label: str
     fraction: float
+    share: float
 
 
 @dataclass(frozen=True)
@@ -110,15 +115,20 @@ def render_through_lens(scene, lens, wavelengths_nm, output_folder, *, options=O
 def run(steps, progress=None):
     """Run the steps one after the other; the result of the last."""
     tell = progress or (lambda fraction, label: None)
+
+    def within_step(done):
+        tell(step.fraction + step.share * done, step.label)
+
     try:
         step = next(steps)
         while True:
             tell(step.fraction, step.label)
             if isinstance(step, RenderPass):
-                bpy.ops.render.render(write_still=True, scene=step.scene.name)
                 answer = None
+                with RenderWatch(within_step):
+                    bpy.ops.render.render(write_still=True, scene=step.scene.name)
             else:
-                answer = step.call(lambda done: tell(step.fraction + step.share * done, step.label))
+                answer = step.call(within_step)
             step = steps.send(answer)
     except StopIteration as end:
         tell(1.0, "done")
@@ -171,7 +181,7 @@ def _capture(scene, job, report):
         for index, band in enumerate(bands):
             substitution.set_wavelengths(band)
             yield RenderPass(scene, f"Wavelengths {_span(band)} nm, pass {index + 1} of {len(bands)}",
-                             RENDER_SHARE * index / len(bands))
+                             RENDER_SHARE * index / len(bands), RENDER_SHARE / len(bands))
             first = index * WAVELENGTHS_PER_PASS
             cube[first:first + WAVELENGTHS_PER_PASS] = _read_pass(folder / "pass.exr", framing.capture_px)
     report.facts |= {"passes": len(bands), "wavelengths_nm": [float(nm) for nm in job.wavelengths_nm]}
@@ -205,7 +215,7 @@ def _guard_render_state(scene, job, framing, path, journal):
 
 
 def _read_pass(path, shape_px):
-    """The red, green and blue planes of a pass, which carry three wavelengths."""
+    """Spectral radiance at the three wavelengths that the red, green and blue of a pass carry."""
     if not path.is_file():
         raise SceneError("Cycles", "render pass", "not written", "see Blender's messages above")
     with OpenEXR.File(str(path), separate_channels=True) as file:
@@ -214,7 +224,7 @@ def _read_pass(path, shape_px):
     path.unlink()
     if planes.shape[1:] != shape_px:
         raise SceneError("Cycles", "render pass", f"of {planes.shape[1:]} px", f"expected {shape_px}")
-    return planes
+    return planes / RENDER_SCALE
 
 
 def _write_pictures(radiance, irradiance, result):

@@ -13,12 +13,15 @@ import bpy
 import numpy as np
 
 from ..engine.errors import InputError
-from ..engine.spectra import blackbody, emission_basis, load_spectrum, reflectance_basis
+from ..engine.spectra import BAND_NM, blackbody, emission_basis, load_spectrum, reflectance_basis
 from .errors import SceneError
 
 PROPERTY_PREFIX = "lensfield_"
 REFLECTANCE, EMISSION = "reflectance", "emission"
-BASIS = {REFLECTANCE: reflectance_basis, EMISSION: emission_basis}
+RENDER_SCALE = BAND_NM[1] - BAND_NM[0]
+"""Cycles renders spectral radiance times this, about as bright as in RGB: its light threshold is an absolute figure,
+and at the radiance of a single nanometre it would throw nearly all light samples away."""
+BASIS = {REFLECTANCE: reflectance_basis, EMISSION: lambda wavelengths_nm: RENDER_SCALE * emission_basis(wavelengths_nm)}
 EMITTING_NODES = {"ShaderNodeEmission", "ShaderNodeBackground"}
 EMITTING_SOCKETS = {"Emission Color", "Emission", "Blackbody Tint"}
 BASE_COLOUR_SOCKETS = {"Base Color", "Color"}
@@ -196,10 +199,10 @@ def _attribute_node(tree, property_name):
 
 
 def _spectrum_values(spectrum, kind, tint):
-    """Values of an assigned spectrum: reflectance as it is, emission as density per nm, tinted."""
+    """Values of an assigned spectrum: reflectance as it is, emission as density, tinted."""
     if kind == REFLECTANCE:
         return spectrum.at
-    return lambda nm: spectrum.density_at(nm) * (reflectance_basis(nm) @ tint)
+    return lambda nm: RENDER_SCALE * spectrum.density_at(nm) * (reflectance_basis(nm) @ tint)
 
 
 def _colour_values(colour, kind, tint=(1, 1, 1)):

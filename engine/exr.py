@@ -42,7 +42,7 @@ def write_exr(image, path):
         "displayWindow": _box(0, 0, frame_rows, frame_columns), "dataWindow": _box(-top, -left, rows, columns),
         "spectralLayoutVersion": LAYOUT_VERSION,
         "lensfield:quantity": image.quantity, "lensfield:units": UNITS[image.quantity],
-        "lensfield:pitchUm": image.pitch_um,
+        "lensfield:pitchUm": np.array([image.pitch_um]),  # an array keeps its doubles, a float would not
         "lensfield:centrePx": np.array(image.centre_px, dtype=np.float64),
     }
     if image.quantity == RADIANCE:
@@ -50,7 +50,7 @@ def write_exr(image, path):
     if image.lens_name:
         header["lensfield:lens"] = image.lens_name
     if image.f_number_effective:
-        header["lensfield:fNumberEffective"] = float(image.f_number_effective)
+        header["lensfield:fNumberEffective"] = np.array([float(image.f_number_effective)])
     planes = {channel_name(nm): np.ascontiguousarray(plane) for nm, plane in zip(image.wavelengths_nm, image.cube)}
     planes |= {name: np.ascontiguousarray(plane) for name, plane in zip("RGB", np.moveaxis(to_rec709(image), -1, 0))}
     with atomic_path(path) as temporary, OpenEXR.File(header, planes) as file:
@@ -94,35 +94,45 @@ def read_exr(path, pitch_um=None):
         with OpenEXR.File(str(path), separate_channels=True) as file:
             # The file empties its own dictionaries when it is closed.
             header, channels = dict(file.parts[0].header), dict(file.parts[0].channels)
-            planes = sorted((wavelength, channels[name].pixels) for name in channels
-                            if (wavelength := channel_wavelength_nm(name)) is not None)
+            planes = sorted(((wavelength, channels[name].pixels) for name in channels
+                             if (wavelength := channel_wavelength_nm(name)) is not None), key=lambda plane: plane[0])
     except (RuntimeError, ValueError, TypeError, IndexError) as error:
         raise ImageError(path, "file", "not readable", f"expected a spectral EXR ({error})") from None
     if not planes:
         raise ImageError(path, "channels", ", ".join(sorted(channels)),
                          "expected spectral channels such as S0.550,000000nm")
-    pitch_um = pitch_um or header.get("lensfield:pitchUm")
-    if not pitch_um:
+    if pitch_um is None:
+        pitch_um = _number(header, "lensfield:pitchUm")
+    if pitch_um is None:
         raise ImageError(path, "lensfield:pitchUm", "missing", "give the pixel pitch at the sensor in micrometres")
     wavelengths, cube = zip(*planes)
     try:
         return SpectralImage(np.stack(cube), wavelengths, pitch_um=pitch_um, **_placement(header),
                              quantity=header.get("lensfield:quantity", RADIANCE),
                              lens_name=header.get("lensfield:lens", ""),
-                             f_number_effective=header.get("lensfield:fNumberEffective"))
+                             f_number_effective=_number(header, "lensfield:fNumberEffective"))
     except ImageError as error:
         raise ImageError(path, error.field, error.value, error.remedy) from None
+    except (TypeError, ValueError) as error:
+        raise ImageError(path, "attributes", "damaged", str(error)) from None
 
 
 def channel_wavelength_nm(name):
     """Wavelength of a spectral channel (unpolarised emission or transmission), or None for any other channel."""
     match = CHANNEL.match(name)
-    if not match or not match[1].strip(","):
+    try:
+        value = float(match[1].replace(",", ".")) * PREFIX.get(match[2], 1.0)
+    except (TypeError, ValueError):  # no match, or no digits in it
         return None
-    value = float(match[1].replace(",", ".")) * PREFIX.get(match[2], 1.0)
     if value == 0:
         return None
     return round((value if match[3] == "m" else SPEED_OF_LIGHT_M_S / value) * 1e9, 9)
+
+
+def _number(header, name):
+    """A number among the attributes, whether written as one or as an array of one; anything else as it is."""
+    value = header.get(name)
+    return value.item() if isinstance(value, np.ndarray) and value.size == 1 else value
 
 
 def _placement(header):

@@ -105,8 +105,8 @@ class Lens:
     def at_wavelength(self, wavelength_nm):
         """Lens data for one wavelength.
 
-        Heights, relative illumination and transmittance, smooth in wavelength, follow a spline of up to third
-        degree; PSFs are interpolated linearly, so that they stay non-negative and keep their sum.
+        Heights and relative illumination, smooth in wavelength, follow a spline of up to third degree; PSFs and
+        transmittance are interpolated linearly, so that they stay within their bounds.
 
         Raises
         ------
@@ -133,7 +133,7 @@ class Lens:
         psf = (1 - weight) * self.psf[below] + weight * self.psf[below + 1]
         return MonochromaticLens(wavelength_nm, self.heights_mm, smooth(self.real_height_mm),
                                  smooth(self.relative_illumination), psf, self.psf_pitch_um,
-                                 float(smooth(self.transmittance)))
+                                 float(np.interp(wavelength_nm, self.wavelengths_nm, self.transmittance)))
 
 
 @dataclass(frozen=True, eq=False)

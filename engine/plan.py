@@ -1,6 +1,7 @@
 """Options: what the user asks of the engine; Plan: what it comes to for one image."""
 
 from dataclasses import asdict, dataclass
+from numbers import Integral
 
 from scipy import fft
 
@@ -20,9 +21,9 @@ class Options:
     section_size : int
         Side of an isoplanatic section in pixels. Smaller is more accurate and slower.
     order : 1 or 2
-        PSFs inside a section: 1, one PSF for the whole section (the paper); 2, interpolated between its corners:
-        about 1.5 to 3 times the time, and an error that falls with the square of the section size and not with
-        the size.
+        PSFs inside a section: 1, one PSF for the whole section (the paper); 2, interpolated between its corners,
+        at up to twice the time. Where the PSF varies smoothly the error of order 1 falls with the section size,
+        that of order 2 with its square.
     space_px : int or None
         Side of the computational space, where a certain one is wanted (the paper: 64). The space is made larger
         where section and PSF need it, so this never costs accuracy.
@@ -37,18 +38,19 @@ class Options:
     out_of_field: str = "hold"
 
     def __post_init__(self):
-        _whole("section_size", self.section_size)
+        self._check_whole("section_size", "expected a whole number of pixels, 1 or more")
+        self._check_whole("order", f"expected one of {', '.join(map(str, ORDERS))}")
         if self.order not in ORDERS:
             raise InputError("options", "order", self.order, f"expected one of {', '.join(map(str, ORDERS))}")
         if self.space_px is not None:
-            _whole("space_px", self.space_px)
+            self._check_whole("space_px", "expected a whole number of pixels, 1 or more")
         if self.out_of_field not in OUT_OF_FIELD:
             raise InputError("options", "out_of_field", self.out_of_field, f"expected {' or '.join(OUT_OF_FIELD)}")
 
-
-def _whole(name, value):
-    if isinstance(value, bool) or int(value) != value or value < 1:
-        raise InputError("options", name, value, "expected a whole number of pixels, 1 or more")
+    def _check_whole(self, field, remedy):
+        value = getattr(self, field)
+        if isinstance(value, bool) or not isinstance(value, Integral) or value < 1:
+            raise InputError("options", field, value, remedy)
 
 
 @dataclass(frozen=True)

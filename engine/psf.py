@@ -67,8 +67,10 @@ class PsfBank:
         cos, sin = np.cos(azimuth_rad)[:, None], np.sin(azimuth_rad)[:, None]
         right = self._v_px * cos + self._u_px * sin  # v runs outwards, along (cos, sin); u along (sin, -cos)
         down = -self._v_px * sin + self._u_px * cos
-        row, row_share = self._split(down)
-        column, column_share = self._split(right)
+        # Squares as wide as the turned samples are: at 0 and 45 degrees they then tile the plane without gaps.
+        width = (np.abs(cos) + np.abs(sin)) * self._sample_size_px
+        row, row_share = self._split(down, width)
+        column, column_share = self._split(right, width)
         size = 2 * self.radius_px + 1
         first = (np.arange(len(energy))[:, None] * size + row) * size + column
         in_row, below_row = energy * row_share, energy * (1 - row_share)
@@ -79,11 +81,11 @@ class PsfBank:
             pixels += np.bincount(index.ravel(), share.ravel(), minlength=pixels.size)
         return pixels.reshape(-1, size, size)
 
-    def _split(self, offset_px):
-        """First pixel that a sample of `_sample_size_px` at this offset covers, and the share that lies in it."""
-        start = offset_px - self._sample_size_px / 2
+    def _split(self, offset_px, width_px):
+        """First pixel that a square of `width_px` at this offset covers, and the share that lies in it."""
+        start = offset_px - width_px / 2
         pixel = np.floor(start + 0.5)
-        share = np.minimum((pixel + 0.5 - start) / self._sample_size_px, 1)
+        share = np.minimum((pixel + 0.5 - start) / width_px, 1)
         return pixel.astype(int) + self.radius_px, share
 
 

@@ -4,12 +4,14 @@ Emission spectra are spectral densities: they are scaled to unit integral over `
 the watts that it gives off in that band.
 """
 
+import os
 import re
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 import numpy as np
+from scipy.integrate import trapezoid
 
 from .errors import InputError
 
@@ -31,13 +33,22 @@ class Spectrum:
         return np.interp(wavelengths_nm, self.wavelengths_nm, self.values)
 
     def density_at(self, wavelengths_nm):
-        """Spectral density per nm at these wavelengths: unit integral over BAND_NM, no light beyond the ends."""
-        grid = np.union1d(np.arange(BAND_NM[0], BAND_NM[1] + 1), np.clip(self.wavelengths_nm, *BAND_NM))
-        power = np.trapezoid if hasattr(np, "trapezoid") else np.trapz  # renamed in numpy 2
-        return self._emitted(wavelengths_nm) / power(self._emitted(grid), grid)
+        """Spectral density per nm at these wavelengths: unit integral over BAND_NM, no light beyond the ends.
 
-    def _emitted(self, wavelengths_nm):
-        return np.interp(wavelengths_nm, self.wavelengths_nm, self.values, left=0.0, right=0.0)
+        Raises
+        ------
+        InputError
+            There is no light within BAND_NM.
+        """
+        first, last = np.clip(self.wavelengths_nm[[0, -1]], *BAND_NM)
+        inside = self.wavelengths_nm[(self.wavelengths_nm > first) & (self.wavelengths_nm < last)]
+        grid = np.concatenate([[first], inside, [last]])
+        total = trapezoid(self.at(grid), grid)
+        if not total > 0:
+            raise InputError("spectrum", "light between {:g} and {:g} nm".format(*BAND_NM), "none",
+                             "a light needs power over more than a single wavelength of that band")
+        emitted = np.interp(wavelengths_nm, self.wavelengths_nm, self.values, left=0.0, right=0.0)
+        return emitted / total
 
 
 def library_names():
@@ -61,10 +72,10 @@ def load_spectrum(text, folder="."):
     text = text.strip()
     if text in library_names():
         return _read_columns(LIBRARY / f"{text}.spd")
-    if re.match(rf"^{_NUMBER}\s*:", text):
+    if re.match(rf"^{_NUMBER}\s*(?:nm)?\s*:", text):
         return _parse_pairs(text)
     path = Path(folder) / Path(text).expanduser()
-    if not path.is_file():
+    if not os.path.isfile(path):  # of a text too long to be a name, Path.is_file raises
         raise InputError(text, "spectrum", "not there",
                          "give a library name, a two-column file (nm, value) or pairs such as 400:0.1, 700:0.2")
     return _read_columns(path)
@@ -124,7 +135,7 @@ def parse_wavelengths(text):
         if ":" in text:
             first, last, number = text.split(":")
             count = int(number)
-            if count < 1 or (count > 1) != (float(last) > float(first)):
+            if not np.isfinite(float(last)) or count < 1 or (count > 1) != (float(last) > float(first)):
                 raise ValueError
             wavelengths = np.linspace(float(first), float(last), count)
         else:

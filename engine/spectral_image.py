@@ -57,15 +57,19 @@ class SpectralImage:
                              f"expected one for each of the {cube.shape[0]} planes")
         if not np.all(np.isfinite(wavelengths)) or np.any(wavelengths <= 0) or np.any(np.diff(wavelengths) <= 0):
             raise ImageError("image", "wavelengths_nm", wavelengths.tolist(), "expected positive and ascending")
-        if not (np.isfinite(self.pitch_um) and self.pitch_um > 0):
-            raise ImageError("image", "pitch_um", self.pitch_um, "expected a positive number of micrometres")
+        for field in ("pitch_um", "f_number_effective"):
+            value = getattr(self, field)
+            if not (_is_positive(value) or (value is None and field == "f_number_effective")):
+                raise ImageError("image", field, value, "expected a positive number")
         if self.quantity not in UNITS:
             raise ImageError("image", "quantity", self.quantity, f"expected one of {', '.join(UNITS)}")
         rows, columns = cube.shape[1:]
         overscan = tuple(int(n) for n in self.overscan_px)
         if min(overscan) < 0 or 2 * overscan[0] >= rows or 2 * overscan[1] >= columns:
             raise ImageError("image", "overscan_px", overscan, f"expected less than half of {rows} x {columns} px")
-        centre = self.centre_px or ((rows - 1) / 2, (columns - 1) / 2)
+        centre = ((rows - 1) / 2, (columns - 1) / 2) if self.centre_px is None else self.centre_px
+        if np.shape(centre) != (2,) or not np.all(np.isfinite(np.asarray(centre, dtype=float))):
+            raise ImageError("image", "centre_px", centre, "expected a row and a column")
         object.__setattr__(self, "cube", cube)
         object.__setattr__(self, "wavelengths_nm", wavelengths)
         object.__setattr__(self, "pitch_um", float(self.pitch_um))
@@ -87,6 +91,10 @@ class SpectralImage:
         cube = self.cube[:, rows:self.cube.shape[1] - rows, columns:self.cube.shape[2] - columns]
         return replace(self, cube=cube, overscan_px=(self.overscan_px[0] - rows, self.overscan_px[1] - columns),
                        centre_px=(self.centre_px[0] - rows, self.centre_px[1] - columns))
+
+def _is_positive(value):
+    return isinstance(value, (int, float, np.number)) and np.isfinite(value) and value > 0
+
 
 def pixel_position_mm(rows, columns, centre_px, pitch_um):
     """Image-plane coordinates, x to the right and y upwards, of positions in index terms."""

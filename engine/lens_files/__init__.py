@@ -1,5 +1,6 @@
 """Readers of lens data: every kind of file becomes one `Lens`."""
 
+import os
 from pathlib import Path
 
 from ..errors import LensError
@@ -20,7 +21,7 @@ def load(name_or_path) -> Lens:
     if text in bundled_names():
         return read_package(BUNDLED / f"{text}.npz")
     path = Path(text)
-    if not path.is_file():
+    if not os.path.isfile(path):  # of a text too long to be a name, Path.is_file raises
         raise LensError(text, "lens", "not there",
                         f"give a .npz lens package or one of: {', '.join(bundled_names())}")
     if path.suffix.lower() != ".npz":

@@ -1,8 +1,6 @@
 """The project's own lens package: one .npz of plain arrays and a JSON header, never a pickle."""
 
 import json
-import zipfile
-import zlib
 from dataclasses import fields
 
 import numpy as np
@@ -36,7 +34,7 @@ def read_package(path):
     try:
         with np.load(path, allow_pickle=False) as archive:
             contents = {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+    except Exception as error:  # damaged bytes lead numpy's and zip's readers to errors of a dozen kinds
         raise LensError(path, "lens package", "not readable", f"expected a .npz lens package ({error})") from None
     header = _header(contents, path)
     missing = [name for name in ARRAYS if name not in contents] + [name for name in SCALARS if name not in header]

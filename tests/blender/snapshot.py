@@ -3,6 +3,7 @@
 import bpy
 
 SKIPPED = {"rna_type", "depsgraph", "bl_rna", "is_evaluated", "is_updated", "is_updated_data", "preview"}
+NOT_SAVED = {"window_managers", "screens", "workspaces", "all_ids"}  # the last lists what the others hold
 GEOMETRY = {"vertices", "edges", "loops", "polygons", "loop_triangles", "loop_triangle_polygons", "corner_normals",
             "vertex_normals", "polygon_normals", "attributes", "uv_layers", "color_attributes", "vertex_colors"}
 
@@ -11,7 +12,7 @@ def snapshot():
     """All data-blocks by collection and name, with their properties, nodes, links and custom properties."""
     blocks = {}
     for prop in bpy.data.bl_rna.properties:
-        if prop.type == "COLLECTION" and prop.identifier not in ("window_managers", "screens", "workspaces"):
+        if prop.type == "COLLECTION" and prop.identifier not in NOT_SAVED:
             for block in getattr(bpy.data, prop.identifier):
                 if block.name == "Render Result":  # where Blender shows any render; it is not saved
                     continue

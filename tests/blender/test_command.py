@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from small_scenes import set_world
 
-from lensfield import cli
+from lensfield import addon, cli
 from lensfield.engine.exr import read_exr
 
 
@@ -23,7 +23,7 @@ def blend(scene, tmp_path):
 
 
 def lensfield(*arguments):
-    command = [sys.executable, "-c", "import sys; from lensfield.cli import main; sys.exit(main())", *map(str, arguments)]
+    command = [sys.executable, "-c", "from lensfield.cli import console; console()", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, timeout=300)
 
 
@@ -69,8 +69,6 @@ def test_bad_input_is_one_line_and_leaves_nothing(blend, tmp_path, capsys, monke
 
 
 def test_blender_command_is_the_same_command(blend, tmp_path):
-    from lensfield import addon
-
     assert addon._run_command(["lens", "list"]) == 0
     assert addon._run_command(["render", str(blend), "--lens", "edmund-54852", "--wavelengths", "550",
                                "--output", str(tmp_path / "out")]) == 0

@@ -1,0 +1,71 @@
+"""Small lenses and images whose behaviour can be worked out by hand."""
+
+from pathlib import Path
+
+import numpy as np
+from lensfield.engine import Lens, Options, SpectralImage, simulate
+
+SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+PIXEL_BY_PIXEL = Options(section_size=1, order=1)
+SENSOR_POINT = ((1.0,),)  # a PSF of one sample: no blur at all
+
+
+def make_lens(psf=SENSOR_POINT, real_height_mm=None, relative_illumination=None, *, psf_pitch_um=2.5,
+              wavelengths_nm=(400.0, 700.0), heights_mm=np.linspace(0, 2, 11), transmittance=1.0, **changes):
+    """A lens that neither blurs, distorts nor shades, but for what is asked.
+
+    `psf` is one for the whole field, (v, u), or a table; `real_height_mm` and `relative_illumination` are functions
+    of (wavelength_nm, paraxial_height_mm).
+    """
+    nm, height = np.meshgrid(wavelengths_nm, heights_mm, indexing="ij")
+    psf = np.asarray(psf, dtype=float)
+    facts = dict(
+        name="hand-made", efl_mm=10.0, magnification=-0.1, f_number_effective=2.0, object_distance_mm=100.0,
+        entrance_pupil_mm=5.0, sensor_mm=(4.8, 3.6), reference_wavelength_nm=550.0, wavelengths_nm=wavelengths_nm,
+        heights_mm=heights_mm, real_height_mm=real_height_mm(nm, height) if real_height_mm else height,
+        relative_illumination=relative_illumination(nm, height) if relative_illumination else np.ones_like(height),
+        psf=np.broadcast_to(psf, nm.shape + psf.shape[-2:]), psf_pitch_um=psf_pitch_um,
+        enclosed_energy=np.ones_like(height), transmittance=np.broadcast_to(transmittance, nm.shape[:1]))
+    return Lens(**facts | changes)
+
+
+def marked_psf(v, u, window=25):
+    """All light in one sample, `v` samples outwards and `u` along the tangent from the chief ray."""
+    psf = np.zeros((window, window))
+    psf[window // 2 + v, window // 2 + u] = 1
+    return psf
+
+
+def gaussian_psf(sigma_v_um, sigma_u_um, pitch_um, window):
+    """A Gaussian about the chief ray."""
+    offset_um = (np.arange(window) - window // 2) * pitch_um
+    psf = np.exp(-offset_um[:, None]**2 / (2 * sigma_v_um**2) - offset_um**2 / (2 * sigma_u_um**2))
+    return psf / psf.sum()
+
+
+def points_image(points, shape=(61, 61), wavelengths_nm=(550.0,), pitch_um=5.0, **facts):
+    """Radiance 1 at these (x, y) in pixels right of and above the axis, at every wavelength; else black."""
+    centre = facts.get("centre_px") or ((shape[0] - 1) / 2, (shape[1] - 1) / 2)
+    cube = np.zeros((len(wavelengths_nm), *shape))
+    for x, y in points:
+        cube[:, int(centre[0] - y), int(centre[1] + x)] = 1
+    return SpectralImage(cube, wavelengths_nm, pitch_um=pitch_um, **facts)
+
+
+def lit_pixels(image, plane=0):
+    """{(x, y): value / brightest} of the pixels that hold light, in pixels right of and above the axis."""
+    values = image.cube[plane] / image.cube[plane].max()
+    rows, columns = np.nonzero(values > 1e-5)
+    return {(float(c - image.centre_px[1]), float(image.centre_px[0] - r)): float(values[r, c])
+            for r, c in zip(rows, columns)}
+
+
+def brightest(image, plane=0):
+    """(x, y) of the brightest pixel, in pixels right of and above the axis."""
+    row, column = np.unravel_index(np.argmax(image.cube[plane]), image.cube[plane].shape)
+    return float(column - image.centre_px[1]), float(image.centre_px[0] - row)
+
+
+def images_of_points(points, lens, **facts):
+    """Where light falls, pixel by pixel, when these points are imaged by the lens."""
+    return lit_pixels(simulate(points_image(points, **facts), lens, PIXEL_BY_PIXEL))

@@ -1,0 +1,219 @@
+"""Spectral EXR files: the layout, the round trip, and files that are not what they should be."""
+
+import re
+
+import numpy as np
+import OpenEXR
+import pytest
+from lensfield.engine import ImageError, SpectralImage
+from lensfield.engine.exr import channel_name, channel_wavelength_nm, read_exr, write_exr
+
+# Fichet, Pacanowski and Wilkie, JCGT 2021
+LAYOUT = re.compile(r"^((S([0-3]))|T)\.(\d*,?\d*([Ee][+-]?\d+)?)(Y|Z|E|P|T|G|M|k|h|da|d|c|m|u|n|p)?(m|Hz)$")
+
+
+def image(**changes):
+    cube = np.random.default_rng(2).random((3, 11, 15), dtype=np.float32) * 1e3
+    return SpectralImage(**dict(cube=cube, wavelengths_nm=[400.0, 555.5, 700.25], pitch_um=6.25) | changes)
+
+
+def foreign(path, channels, **header):
+    """A file by another program; its channels are of 4 x 5 px, each of one value."""
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage} | header
+    planes = {name: value if isinstance(value, np.ndarray) else np.full((4, 5), value, dtype=np.float32)
+              for name, value in channels.items()}
+    with OpenEXR.File(header, planes) as file:
+        file.write(str(path))
+    return path
+
+
+def raw(path):
+    """Header and channel names as the library itself sees them."""
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        return dict(file.parts[0].header), sorted(file.parts[0].channels)
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "image.exr"
+
+
+@pytest.mark.parametrize("nm, name", [(550.0, "S0.550,000000nm"), (587.6, "S0.587,600000nm"),
+                                      (1013.98, "S0.1013,980000nm"), (433.0 + 1 / 3, "S0.433,333333nm")])
+def test_channel_names_follow_the_layout(nm, name):
+    assert channel_name(nm) == name
+    assert LAYOUT.match(name)
+    assert channel_wavelength_nm(name) == pytest.approx(nm, abs=1e-6)
+
+
+@pytest.mark.parametrize("name, nm", [
+    ("S0.550nm", 550.0), ("S0.550,5nm", 550.5), ("S0.0,55um", 550.0), ("S0.5,5E-7m", 550.0), ("T.550,0nm", 550.0),
+    ("S0.,55um", 550.0), ("S0.5,5e2nm", 550.0), ("S0.500THz", 599.584916), ("S0.5,0E14Hz", 599.584916),
+    ("S0.599,584916THz", 500.0), ("S0.0,00055mm", 550.0),
+])
+def test_wavelengths_of_the_layout_are_understood(name, nm):
+    assert LAYOUT.match(name)
+    assert channel_wavelength_nm(name) == pytest.approx(nm, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ["R", "Y", "S1.550nm", "S3.550,0nm", "S0.550.0nm", "S0.550", "S0.nm", "S0.,nm",
+                                  "S0.0nm", "S0.550nmx", "S4.550nm", "s0.550nm", "Depth.Z", "S0.E5nm"])
+def test_other_channels_are_no_wavelengths(name):
+    assert channel_wavelength_nm(name) is None
+
+
+def test_written_file_has_the_layout_and_a_preview(path):
+    write_exr(image(), path)
+    header, channels = raw(path)
+    assert header["spectralLayoutVersion"] == "1.0"
+    assert header["emissiveUnits"] == "W.m^-2.sr^-1"
+    assert {"R", "G", "B"} < set(channels)
+    assert len([name for name in channels if LAYOUT.match(name)]) == 3
+
+
+def test_irradiance_claims_no_radiance_unit(path):
+    write_exr(image(quantity="irradiance"), path)
+    header = raw(path)[0]
+    assert "emissiveUnits" not in header
+    assert header["lensfield:quantity"] == "irradiance" and header["lensfield:units"] == "W.m^-2.nm^-1"
+
+
+@pytest.mark.parametrize("changes", [
+    {}, {"quantity": "irradiance", "lens_name": "a lens", "f_number_effective": 1.8867924528301885},
+    {"overscan_px": (2, 3)}, {"overscan_px": (1, 0), "centre_px": (4.25, 9.5)}, {"centre_px": (-3.0, 40.0)},
+    {"pitch_um": 1 / 3}, {"wavelengths_nm": [400, 410, 420]},
+], ids=str)
+def test_round_trip_is_exact(path, changes):
+    written = image(**changes)
+    write_exr(written, path)
+    read = read_exr(path)
+    np.testing.assert_array_equal(read.cube, written.cube)
+    np.testing.assert_array_equal(read.wavelengths_nm, written.wavelengths_nm)
+    for field in ("pitch_um", "centre_px", "quantity", "overscan_px", "lens_name", "f_number_effective"):
+        assert getattr(read, field) == getattr(written, field), field
+
+
+def test_overscan_is_a_data_window_beyond_the_display_window(path):
+    write_exr(image(overscan_px=(2, 3)), path)  # a cube of 11 rows and 15 columns
+    header = raw(path)[0]
+    assert [corner.tolist() for corner in header["displayWindow"]] == [[0, 0], [8, 6]]
+    assert [corner.tolist() for corner in header["dataWindow"]] == [[-3, -2], [11, 8]]
+
+
+def test_row_0_is_the_top_row_of_the_file(path):
+    cube = np.zeros((1, 4, 5))
+    cube[0, 0, 4] = 1
+    write_exr(SpectralImage(cube, [550.0], pitch_um=1.0), path)
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        assert np.argwhere(file.parts[0].channels["S0.550,000000nm"].pixels).tolist() == [[0, 4]]
+
+
+def test_channels_are_sorted_by_wavelength_whatever_their_unit(path):
+    foreign(path, {"S0.9,0E2nm": 3.0, "S0.0,65um": 2.0, "S0.599,584916THz": 1.0, "R": 9.0})
+    read = read_exr(path, pitch_um=5.0)
+    np.testing.assert_allclose(read.wavelengths_nm, [500, 650, 900], rtol=1e-9)
+    np.testing.assert_array_equal(read.cube[:, 0, 0], [1, 2, 3])
+
+
+def test_a_foreign_file_is_radiance_of_the_pitch_given(path):
+    foreign(path, {"S0.550nm": 1.0})
+    read = read_exr(path, pitch_um=4.5)
+    assert (read.pitch_um, read.quantity, read.centre_px, read.overscan_px) == (4.5, "radiance", (1.5, 2.0), (0, 0))
+
+
+def test_half_floats_are_read(path):
+    foreign(path, {"S0.550nm": np.full((4, 5), 0.5, dtype=np.float16)})
+    read = read_exr(path, pitch_um=1.0)
+    assert read.cube.dtype == np.float32 and read.cube[0, 0, 0] == 0.5
+
+
+def test_polarised_channels_are_left_aside(path):
+    foreign(path, {"S0.550nm": 1.0, "S1.550nm": 0.5, "S2.550nm": 0.25})
+    assert read_exr(path, pitch_um=1.0).cube.shape == (1, 4, 5)
+
+
+def test_the_pitch_is_asked_for_where_the_file_does_not_tell_it(path):
+    foreign(path, {"S0.550nm": 1.0})
+    with pytest.raises(ImageError, match="lensfield:pitchUm is missing"):
+        read_exr(path)
+
+
+def test_an_rgb_file_is_an_error_that_names_its_channels(path):
+    foreign(path, {"R": 1.0, "G": 1.0, "B": 1.0})
+    with pytest.raises(ImageError, match="channels is B, G, R"):
+        read_exr(path, pitch_um=1.0)
+
+
+def one_line_error(path, **arguments):
+    with pytest.raises(ImageError) as error:
+        read_exr(path, **arguments)
+    message = str(error.value)
+    assert path.name in message and "\n" not in message
+    return message
+
+
+@pytest.mark.parametrize("kept", [0.0, 0.01, 0.3, 0.6, 0.9, 0.999])
+def test_a_truncated_file_is_an_error(path, kept, capfd):
+    write_exr(image(cube=np.random.default_rng(0).random((3, 60, 70))), path)
+    contents = path.read_bytes()
+    path.write_bytes(contents[:int(kept * len(contents))])
+    one_line_error(path)
+
+
+@pytest.mark.parametrize("contents", [b"", b"not an image\n", b"\x76\x2f\x31\x01", bytes(range(256)) * 20])
+def test_garbage_is_an_error(path, contents, capfd):
+    path.write_bytes(contents)
+    one_line_error(path)
+
+
+def test_a_file_that_is_not_there_is_an_error(path):
+    assert "not there" in one_line_error(path)
+
+
+def test_a_folder_is_an_error(tmp_path):
+    one_line_error(tmp_path)
+
+
+def test_a_wavelength_that_comes_twice_is_an_error_that_says_so(path):
+    foreign(path, {"S0.550nm": 1.0, "S0.550,0nm": 2.0})
+    assert "550" in one_line_error(path, pitch_um=1.0)
+
+
+@pytest.mark.parametrize("attribute, value", [
+    ("lensfield:pitchUm", "abc"), ("lensfield:pitchUm", -1.0), ("lensfield:pitchUm", float("nan")),
+    ("lensfield:quantity", "luminance"), ("lensfield:centrePx", np.array([1.0, 2.0, 3.0])),
+    ("lensfield:centrePx", np.array([np.nan, 2.0])), ("lensfield:centrePx", "middle"),
+    ("lensfield:fNumberEffective", "wide"), ("lensfield:fNumberEffective", -2.0),
+])
+def test_a_wrong_attribute_is_an_error(path, attribute, value):
+    foreign(path, {"S0.550nm": 1.0}, **{"lensfield:pitchUm": 5.0} | {attribute: value})
+    one_line_error(path)
+
+
+def test_a_write_that_fails_leaves_nothing_behind(tmp_path, monkeypatch):
+    def fail(self, name):
+        with open(name, "wb") as stream:
+            stream.write(b"half a file")
+        raise RuntimeError("disk full")
+
+    monkeypatch.setattr(OpenEXR.File, "write", fail)
+    with pytest.raises(RuntimeError, match="disk full"):
+        write_exr(image(), tmp_path / "image.exr")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_write_that_fails_leaves_the_old_file_alone(path, monkeypatch):
+    write_exr(image(), path)
+    before = path.read_bytes()
+    monkeypatch.setattr(OpenEXR.File, "write", lambda self, name: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        write_exr(image(pitch_um=1.0), path)
+    assert path.read_bytes() == before
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_a_folder_in_the_way_is_not_replaced(path):
+    path.mkdir()
+    with pytest.raises(OSError):
+        write_exr(image(), path)
+    assert list(path.parent.iterdir()) == [path] and path.is_dir()

@@ -1,0 +1,175 @@
+"""Distortion and relative illumination: the fits, their inverse, and where points go."""
+
+import re
+
+import numpy as np
+import pytest
+from lenses import make_lens
+from lensfield.engine import LensError
+from lensfield.engine.geometry import FieldGeometry, distort, fit_polynomial, overscan_px
+
+HEIGHTS_MM = np.linspace(0, 3, 21)
+WILD = np.where(np.arange(21) % 2, 1.0, -1.0)
+
+
+def geometry(real_height_mm=None, relative_illumination=None, heights_mm=np.linspace(0, 2, 21)):
+    lens = make_lens(real_height_mm=real_height_mm and (lambda nm, p: real_height_mm(p)),
+                     relative_illumination=relative_illumination and (lambda nm, p: relative_illumination(p)),
+                     heights_mm=heights_mm)
+    return FieldGeometry(lens.at_wavelength(550), lens.name)
+
+
+def barrel(p):
+    """8 % barrel distortion at 2 mm."""
+    return p - 0.02 * p**3
+
+
+@pytest.mark.parametrize("powers, order", [({1: 2.7, 3: -0.3}, 4), ({1: 3.0, 5: -0.25}, 5),
+                                           ({1: 1.0, 2: 0.5, 6: 0.1}, 6), ({1: 3.0, 3: -0.4, 8: 0.1}, 8)])
+def test_fit_recovers_a_known_polynomial(powers, order):
+    t = HEIGHTS_MM / 3
+    fit = fit_polynomial(HEIGHTS_MM, sum(a * t**k for k, a in powers.items()), 1, 1e-10)
+    expected = [powers.get(k, 0.0) for k in range(1, order + 1)]
+    assert fit.order == order
+    np.testing.assert_allclose(fit.coefficients, expected, atol=1e-10)
+    assert fit.residual < 1e-12
+    assert fit(1.2) == pytest.approx(sum(a * 0.4**k for k, a in powers.items()), abs=1e-12)
+
+
+def test_fit_of_illumination_keeps_its_constant():
+    fit = fit_polynomial(HEIGHTS_MM, 1 - 0.3 * (HEIGHTS_MM / 3)**2, 0, 1e-10)
+    np.testing.assert_allclose(fit.coefficients, [1, 0, -0.3, 0, 0], atol=1e-12)
+
+
+def test_a_straight_line_is_fitted_at_the_least_order():
+    assert fit_polynomial(HEIGHTS_MM, HEIGHTS_MM, 1, 1e-10).order == 4
+
+
+def test_no_table_is_fitted_above_order_8():
+    assert fit_polynomial(HEIGHTS_MM, WILD, 0, 1e-10).order <= 8
+
+
+@pytest.mark.parametrize("count, largest", [(2, 1), (3, 1), (4, 2), (5, 3), (6, 4), (7, 5), (8, 6), (10, 8), (11, 8)])
+def test_few_heights_lower_the_order(count, largest):
+    assert fit_polynomial(np.linspace(0, 3, count), WILD[:count], 0, 1e-10).order <= largest
+
+
+def test_residual_is_the_largest_deviation():
+    fit = fit_polynomial(np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.0, 0.0]), 0, 1e-10)
+    assert fit(0.7) == pytest.approx(1 / 3)  # the best straight line is level
+    assert fit.residual == pytest.approx(2 / 3)
+
+
+def test_height_on_the_axis_is_exactly_zero():
+    assert geometry(barrel).distortion(0.0) == 0.0
+
+
+def test_folding_distortion_is_an_error_that_names_the_height():
+    with pytest.raises(LensError, match="hand-made: real_height_mm") as error:
+        geometry(lambda p: p - 0.5 * p**2)  # its slope, 1 - p, ends at 1 mm
+    named = float(re.search(r"height of ([\d.]+) mm", str(error.value))[1])
+    assert named == pytest.approx(1.0, abs=2e-3)
+    assert "550 nm" in str(error.value)
+
+
+@pytest.mark.parametrize("real_height_mm", [barrel, lambda p: p + 0.02 * p**3, lambda p: 0.9 * p])
+def test_inverse_of_the_distortion_round_trips(real_height_mm):
+    paraxial_mm = np.linspace(0, 2, 777)
+    field = geometry(real_height_mm)
+    np.testing.assert_allclose(field.paraxial_height_mm(real_height_mm(paraxial_mm)), paraxial_mm, atol=1e-7)
+
+
+def test_distortion_goes_on_in_a_straight_line_beyond_the_last_height():
+    slope = 1 - 0.06 * 2**2
+    beyond = geometry(barrel).paraxial_height_mm(barrel(2.0) + np.array([0.1, 0.2]))
+    np.testing.assert_allclose(beyond, [2 + 0.1 / slope, 2 + 0.2 / slope], atol=2e-4)
+
+
+def test_scale_on_the_axis_is_the_limit_of_the_ratio():
+    ratio = geometry(lambda p: 0.8 * p).paraxial_per_real(np.array([0.0, 1e-9, 1.0]), np.array([0.0, 1.25e-9, 1.25]))
+    np.testing.assert_allclose(ratio, 1.25, rtol=1e-9)
+
+
+def test_relative_illumination_is_held_beyond_the_last_height():
+    field = geometry(relative_illumination=lambda p: 1 - 0.1 * p**2)
+    np.testing.assert_allclose(field.relative_illumination(np.array([0, 1, 2, 5])), [1, 0.9, 0.6, 0.6], atol=1e-12)
+
+
+def lit_after(real_height_mm, points, shape=(201, 201)):
+    """{(x, y): value} after distorting points at (x, y) px of 10 um about the middle of the frame."""
+    middle = shape[0] // 2
+    plane = np.zeros(shape)
+    for x, y in points:
+        plane[middle - y, middle + x] = 1
+    result, _ = distort(plane, (middle, middle), shape, (middle, middle), 10.0, geometry(real_height_mm))
+    return {(int(c - middle), int(middle - r)): result[r, c] for r, c in np.argwhere(result > 1e-3)}
+
+
+@pytest.mark.parametrize("point, image", [((100, 0), (80, 0)), ((-100, 0), (-80, 0)), ((0, 100), (0, 80)),
+                                          ((0, -100), (0, -80)), ((60, 80), (48, 64)), ((-60, 80), (-48, 64))])
+def test_barrel_pulls_a_point_toward_the_axis(point, image):
+    lit = lit_after(lambda p: 0.8 * p, [point])
+    assert lit[image] == pytest.approx(1.0, abs=1e-6)
+    assert max(lit, key=lit.get) == image
+
+
+@pytest.mark.parametrize("point, image", [((50, 0), (60, 0)), ((0, 50), (0, 60)), ((-30, -40), (-36, -48))])
+def test_pincushion_pushes_a_point_outwards(point, image):
+    lit = lit_after(lambda p: 1.2 * p, [point])
+    assert max(lit, key=lit.get) == image
+    assert lit[image] == pytest.approx(1.0, abs=1e-6)
+
+
+def test_cubic_barrel_lands_where_it_was_worked_out():
+    # real = p - p^3 / 20: 1 mm, 100 px, goes to 0.95 mm, 95 px. The slope there is 0.85: pixel 96 looks 1.18 px off.
+    lit = lit_after(lambda p: p - 0.05 * p**3, [(100, 0)])
+    assert set(lit) == {(95, 0)}
+    assert lit[95, 0] == pytest.approx(1.0, abs=1e-4)
+
+
+def test_height_returned_is_that_the_light_came_from():
+    _, height_mm = distort(np.ones((21, 21)), (10, 10), (21, 21), (10, 10), 100.0, geometry(lambda p: 0.8 * p))
+    assert height_mm[10, 10] == 0
+    assert height_mm[10, 18] == pytest.approx(1.0)  # 0.8 mm right of the axis
+    assert height_mm[2, 16] == pytest.approx(1.25)  # 0.8 mm up and 0.6 mm right
+
+
+def test_source_and_target_may_have_their_axes_at_different_pixels():
+    plane = np.zeros((9, 11))
+    plane[2, 7] = 1  # 3 right of and 2 above the axis
+    result, _ = distort(plane, (4, 4), (7, 7), (3, 2), 10.0, geometry())
+    assert np.unravel_index(result.argmax(), result.shape) == (1, 5)
+    assert result.max() == pytest.approx(1.0, abs=1e-9)
+
+
+def test_half_a_pixel_of_shift_is_bilinear_and_outside_is_black():
+    plane = np.array([[4.0, 8.0]])
+    result, _ = distort(plane, (0, 0.5), (1, 3), (0, 1.0), 10.0, geometry())
+    np.testing.assert_allclose(result, [[2.0, 6.0, 4.0]], atol=1e-9)
+
+
+def test_distorting_makes_no_negative_light_and_does_not_overshoot():
+    plane = np.random.default_rng(3).random((40, 50))
+    result, _ = distort(plane, (19.5, 24.5), (40, 50), (19.5, 24.5), 40.0, geometry(barrel))
+    assert result.min() >= 0 and result.max() <= plane.max()
+
+
+@pytest.mark.parametrize("scale, rows, columns", [(0.9, 55 / 0.9 - 50, 105 / 0.9 - 100), (1.0, 5, 5), (1.2, 5, 5)])
+def test_overscan_is_what_distortion_and_blur_need_and_hardly_more(scale, rows, columns):
+    lens = make_lens(real_height_mm=lambda nm, p: scale * p)
+    overscan = overscan_px(lens, (100, 200), 10.0, [550.0], 5)
+    assert rows <= overscan[0] <= rows + 2
+    assert columns <= overscan[1] <= columns + 2
+
+
+def test_overscan_serves_the_wavelength_that_needs_most():
+    lens = make_lens(real_height_mm=lambda nm, p: p * np.where(nm < 500, 0.8, 1.0))
+    assert overscan_px(lens, (100, 100), 10.0, [400, 700], 0) == overscan_px(lens, (100, 100), 10.0, [400], 0)
+
+
+def test_overscan_for_barrel_is_set_by_the_corner():
+    # Half a frame is 100 x 100 px of 10 um: its corner is sqrt(2) mm from the axis.
+    lens = make_lens(real_height_mm=lambda nm, p: barrel(p), heights_mm=np.linspace(0, 2.5, 26))
+    corner_paraxial = next(p for p in np.linspace(1.41, 1.6, 100001) if barrel(p) >= np.sqrt(2))
+    needed = 100 * corner_paraxial / np.sqrt(2) - 100
+    assert needed <= overscan_px(lens, (200, 200), 10.0, [550], 0)[0] <= needed + 2

@@ -1,0 +1,192 @@
+"""Lens packages: the round trip, and files that are damaged or hostile."""
+
+import io
+import json
+import pickle
+import zipfile
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from lenses import gaussian_psf, make_lens
+from lensfield.engine import Lens, LensError
+from lensfield.engine.lens_files.package import read_package, write_package
+
+ARRAY_FIELDS = [field.name for field in fields(Lens) if isinstance(getattr(make_lens(), field.name), np.ndarray)]
+HEADER_FIELDS = [field.name for field in fields(Lens) if field.name not in ARRAY_FIELDS]
+
+
+def sample_lens(**changes):
+    return make_lens(gaussian_psf(2, 3, 1.0, 8), lambda nm, p: p * (0.9 + nm / 1e5),
+                     lambda nm, p: 1 - 0.02 * p**2, transmittance=(0.8, 0.95), psf_pitch_um=1 / 3,
+                     source="a patent", notes="glass assumed: ½ of it", **changes)
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "sample.npz"
+
+
+def parts(path):
+    with np.load(path, allow_pickle=False) as archive:
+        return dict(archive)
+
+
+def rewritten(path, header=None, drop=(), **changes):
+    """A sound package with some of its parts replaced."""
+    write_package(sample_lens(), path)
+    contents = parts(path)
+    if header:
+        old = json.loads(str(contents["header"]))
+        contents["header"] = np.array(json.dumps({k: v for k, v in (old | header).items() if v is not Ellipsis}))
+    np.savez(path, **{name: value for name, value in (contents | changes).items() if name not in drop})
+    return path
+
+
+def error_of(path):
+    with pytest.raises(LensError) as error:
+        read_package(path)
+    assert path.name in str(error.value) and "\n" not in str(error.value)
+    return error.value
+
+
+@pytest.mark.parametrize("changes", [{}, {"object_distance_mm": np.inf, "magnification": 0.0},
+                                     {"enclosed_energy": np.full((2, 11), np.nan)}], ids=["near", "infinity", "nan"])
+def test_round_trip_keeps_every_field(path, changes):
+    lens = sample_lens(**changes)
+    write_package(lens, path)
+    read = read_package(path)
+    for field in fields(Lens):
+        np.testing.assert_array_equal(getattr(read, field.name), getattr(lens, field.name), err_msg=field.name)
+        assert type(getattr(read, field.name)) is type(getattr(lens, field.name))
+
+
+def test_load_takes_a_path(path):
+    write_package(sample_lens(), path)
+    assert Lens.load(path).name == Lens.load(str(path)).name == "hand-made"
+
+
+def test_bundled_lens_is_loaded_by_its_name():
+    assert Lens.load("edmund-54852").name == "edmund-54852"
+
+
+def test_an_unknown_name_lists_the_bundled_lenses():
+    with pytest.raises(LensError, match="no-such-lens.*edmund-54852"):
+        Lens.load("no-such-lens")
+
+
+@pytest.mark.parametrize("name", ["x" * 5000, "nul\0byte", ""], ids=["long", "nul", "empty"])
+def test_a_name_that_cannot_be_a_path_is_a_lens_error(name):
+    with pytest.raises(LensError):
+        Lens.load(name)
+
+
+def test_other_kinds_of_file_are_refused(tmp_path):
+    path = tmp_path / "lens.zmx"
+    path.write_text("VERS 1")
+    with pytest.raises(LensError, match=".zmx"):
+        Lens.load(path)
+
+
+class Bomb:
+    """Fails the test when it is unpickled."""
+
+    def __reduce__(self):
+        return pytest.fail, ("a pickle was loaded",)
+
+
+def test_a_pickled_array_is_refused(path):
+    error_of(rewritten(path, psf=np.array([Bomb()], dtype=object)))
+
+
+def test_a_bare_pickle_is_refused(path):
+    path.write_bytes(pickle.dumps(Bomb()))
+    error_of(path)
+
+
+def test_a_bare_array_is_refused(path):
+    stream = io.BytesIO()
+    np.save(stream, np.zeros(3))
+    path.write_bytes(stream.getvalue())
+    error_of(path)
+
+
+def test_some_other_zip_is_refused(path):
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("readme.txt", "hello")
+    error_of(path)
+
+
+@pytest.mark.parametrize("field", ARRAY_FIELDS)
+def test_a_missing_array_is_named(path, field):
+    assert error_of(rewritten(path, drop=[field])).field == field
+
+
+@pytest.mark.parametrize("field", HEADER_FIELDS)
+def test_a_missing_figure_is_named(path, field):
+    assert error_of(rewritten(path, header={field: ...})).field == field
+
+
+@pytest.mark.parametrize("field", ARRAY_FIELDS)
+def test_an_array_of_the_wrong_shape_is_named(path, field):
+    error = error_of(rewritten(path, **{field: np.ones((5, 3, 1))}))
+    assert "shape" in str(error)
+    if field not in ("wavelengths_nm", "heights_mm"):
+        assert error.field == field
+
+
+@pytest.mark.parametrize("field, value", [("efl_mm", -6.0), ("efl_mm", float("nan")), ("psf_pitch_um", 0),
+                                          ("sensor_mm", [1.0]), ("f_number_effective", 0)])
+def test_an_impossible_figure_is_named(path, field, value):
+    assert error_of(rewritten(path, header={field: value})).field == field
+
+
+@pytest.mark.parametrize("header", [{"efl_mm": "six"}, {"efl_mm": None}, {"sensor_mm": 5}, {"sensor_mm": "wide"},
+                                    {"psf_pitch_um": [1]}, {"magnification": {}}], ids=str)
+def test_a_figure_of_the_wrong_kind_is_an_error(path, header):
+    error_of(rewritten(path, header=header))
+
+
+@pytest.mark.parametrize("header", [{"format": "something else"}, {"version": 2}, {"version": ...}], ids=str)
+def test_another_format_is_refused(path, header):
+    error_of(rewritten(path, header=header))
+
+
+@pytest.mark.parametrize("header", ["", "{", "[1, 2]", "null", "{}"])
+def test_a_damaged_header_is_refused(path, header):
+    write_package(sample_lens(), path)
+    np.savez(path, **parts(path) | {"header": np.array(header)})
+    assert error_of(path).field == "header"
+
+
+@pytest.mark.parametrize("kept", [0.0, 0.1, 0.5, 0.9, 0.99])
+def test_a_truncated_package_is_refused(path, kept):
+    write_package(sample_lens(), path)
+    contents = path.read_bytes()
+    path.write_bytes(contents[:int(kept * len(contents))])
+    error_of(path)
+
+
+def test_damage_of_any_byte_is_harmless_or_a_lens_error(path):
+    write_package(sample_lens(), path)
+    sound = path.read_bytes()
+    rng = np.random.default_rng(4)
+    for position in rng.integers(0, len(sound), 300):
+        damaged = bytearray(sound)
+        damaged[position] ^= int(rng.integers(1, 256))
+        path.write_bytes(damaged)
+        try:
+            read_package(path)
+        except LensError:
+            pass
+
+
+def test_a_write_that_fails_leaves_nothing_behind(tmp_path, monkeypatch):
+    def fail(stream, **arrays):
+        stream.write(b"half a file")
+        raise OSError("disk full")
+
+    monkeypatch.setattr(np, "savez_compressed", fail)
+    with pytest.raises(OSError, match="disk full"):
+        write_package(sample_lens(), tmp_path / "lens.npz")
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,201 @@
+"""The PSF bank: pixel integration, orientation, interpolation, normalisation."""
+
+import numpy as np
+import pytest
+from lenses import SHARED_DATA, gaussian_psf, make_lens, marked_psf
+from lensfield.engine import Lens
+from lensfield.engine.psf import PsfBank, psf_radius_px
+from scipy.special import erf
+
+AZIMUTHS = (0.0, 0.3, np.pi / 4, np.pi / 2, 2.0, np.pi, -2.5)
+AXES = {"right": 0.0, "up": np.pi / 2, "left": np.pi, "down": -np.pi / 2}
+
+
+def pixel_psf(psf, psf_pitch_um, pixel_pitch_um, azimuth_rad=0.0, height_mm=1.0):
+    bank = PsfBank(make_lens(psf, psf_pitch_um=psf_pitch_um).at_wavelength(550), pixel_pitch_um)
+    return bank.psfs([height_mm], [azimuth_rad])[0]
+
+
+def offsets_px(pixels):
+    """x and y of every pixel from the middle one, y upwards."""
+    offset = np.arange(len(pixels)) - len(pixels) // 2
+    return offset[None, :], -offset[:, None]
+
+
+def centroid_px(pixels):
+    x, y = offsets_px(pixels)
+    return (pixels * x).sum(), (pixels * y).sum()
+
+
+def middle(pixels, radius):
+    centre = len(pixels) // 2
+    return pixels[centre - radius:centre + radius + 1, centre - radius:centre + radius + 1]
+
+
+@pytest.mark.parametrize("azimuth", AZIMUTHS)
+@pytest.mark.parametrize("window", [1, 8, 9])
+def test_a_point_stays_in_its_pixel(window, azimuth):
+    pixels = pixel_psf(marked_psf(0, 0, window), 1.0, 4.0, azimuth)
+    assert pixels[len(pixels) // 2, len(pixels) // 2] == pytest.approx(1.0, abs=1e-12)
+    assert np.count_nonzero(pixels > 1e-12) == 1
+
+
+def test_a_square_one_pixel_wide_fills_one_pixel():
+    square = np.zeros((9, 9))
+    square[2:7, 2:7] = 1 / 25
+    pixels = pixel_psf(square, 1.0, 5.0)
+    assert pixels[len(pixels) // 2, len(pixels) // 2] == pytest.approx(1.0, abs=1e-7)
+
+
+def test_a_square_two_pixels_wide_covers_three_by_three():
+    profile = np.zeros(15)
+    profile[2:13] = 1
+    profile[[2, 12]] = 0.5  # ten samples wide, centred on one
+    pixels = pixel_psf(np.outer(profile, profile) / 100, 1.0, 5.0)
+    np.testing.assert_allclose(middle(pixels, 1), np.outer([0.25, 0.5, 0.25], [0.25, 0.5, 0.25]), atol=1e-7)
+    assert middle(pixels, 1).sum() == pytest.approx(1.0, abs=1e-7)
+
+
+def test_samples_as_large_as_pixels_are_joined_by_straight_lines():
+    # A single lit sample is then a pyramid two samples wide: 3/4 of its profile lies in the middle pixel.
+    pixels = pixel_psf(marked_psf(0, 0, 5), 5.0, 5.0)
+    np.testing.assert_allclose(middle(pixels, 1), np.outer([0.125, 0.75, 0.125], [0.125, 0.75, 0.125]), atol=1e-7)
+
+
+@pytest.mark.parametrize("azimuth", AZIMUTHS)
+@pytest.mark.parametrize("pixel_pitch_um", [8.0, 4.0, 2.0, 1.0, 0.5, 0.25])
+def test_a_gaussian_is_integrated_over_the_pixels(pixel_pitch_um, azimuth):
+    sigma_um, psf_pitch_um = 2.0, 0.5
+    pixels = pixel_psf(gaussian_psf(sigma_um, sigma_um, psf_pitch_um, 41), psf_pitch_um, pixel_pitch_um, azimuth)
+    edge = (np.arange(len(pixels) + 1) - len(pixels) / 2) * pixel_pitch_um
+    profile = np.diff(erf(edge / (np.sqrt(2) * sigma_um))) / 2
+    # Samples are small squares joined by straight lines, which widens a Gaussian of 4 samples' sigma by 1 % at most.
+    np.testing.assert_allclose(pixels, np.outer(profile, profile), atol=0.025 * pixels.max())
+
+
+@pytest.mark.parametrize("azimuth", AZIMUTHS)
+@pytest.mark.parametrize("pixel_pitch_um", [4.0, 2.0, 1.0])
+def test_evenly_spread_light_stays_even_however_it_is_turned(pixel_pitch_um, azimuth):
+    pixels = pixel_psf(np.full((81, 81), 1 / 81**2), 1.0, pixel_pitch_um, azimuth)
+    inside = middle(pixels, int(20 / pixel_pitch_um))
+    np.testing.assert_allclose(inside, inside.mean(), rtol=0.03)
+
+
+@pytest.mark.parametrize("azimuth", AZIMUTHS)
+@pytest.mark.parametrize("pixel_pitch_um", [2.0, 1.0])
+def test_second_moments_are_those_of_the_turned_psf_and_the_pixel(pixel_pitch_um, azimuth):
+    sigma_v_um, sigma_u_um = 2.5, 1.2
+    pixels = pixel_psf(gaussian_psf(sigma_v_um, sigma_u_um, 0.25, 111), 0.25, pixel_pitch_um, azimuth)
+    x, y = offsets_px(pixels)
+    cos, sin, pixel = np.cos(azimuth), np.sin(azimuth), pixel_pitch_um**2 / 12
+    moments = np.array([(pixels * x * x).sum(), (pixels * y * y).sum(), (pixels * x * y).sum()]) * pixel_pitch_um**2
+    expected = [sigma_v_um**2 * cos**2 + sigma_u_um**2 * sin**2 + pixel,
+                sigma_v_um**2 * sin**2 + sigma_u_um**2 * cos**2 + pixel,
+                (sigma_v_um**2 - sigma_u_um**2) * cos * sin]
+    np.testing.assert_allclose(moments, expected, atol=0.01 * sigma_v_um**2)
+
+
+@pytest.mark.parametrize("direction, x, y", [("right", 1, 0), ("up", 0, 1), ("left", -1, 0), ("down", 0, -1)])
+def test_v_points_away_from_the_axis(direction, x, y):
+    pixels = pixel_psf(marked_psf(8, 0), 2.5, 5.0, AXES[direction])
+    assert centroid_px(pixels) == pytest.approx((4 * x, 4 * y), abs=1e-9)
+    assert pixels.max() == pytest.approx(1.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("direction, x, y", [("right", 0, -1), ("up", 1, 0), ("left", 0, 1), ("down", -1, 0)])
+def test_u_points_along_the_stated_tangent(direction, x, y):
+    pixels = pixel_psf(marked_psf(0, 8), 2.5, 5.0, AXES[direction])
+    assert centroid_px(pixels) == pytest.approx((4 * x, 4 * y), abs=1e-9)
+
+
+def test_a_mark_on_the_3_4_5_diagonal():
+    pixels = pixel_psf(marked_psf(10, 0), 2.5, 5.0, np.arctan2(4, 3))
+    row, column = np.unravel_index(pixels.argmax(), pixels.shape)
+    assert (column - len(pixels) // 2, len(pixels) // 2 - row) == (3, 4)
+    assert pixels.max() == pytest.approx(1.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("azimuth", np.linspace(-3, 3, 13))
+@pytest.mark.parametrize("pixel_pitch_um", [7.0, 2.0, 0.8])
+def test_the_centroid_turns_with_the_azimuth_even_at_the_corner_of_the_window(pixel_pitch_um, azimuth):
+    pixels = pixel_psf(marked_psf(-8, -8, 16), 1.0, pixel_pitch_um, azimuth)
+    cos, sin = np.cos(azimuth), np.sin(azimuth)
+    x_px, y_px = (-8 * cos - 8 * sin) / pixel_pitch_um, (-8 * sin + 8 * cos) / pixel_pitch_um
+    # Half a pixel, for pixels know no better; and where they are small, the corner sample is joined to its inner side.
+    assert np.abs(np.subtract(centroid_px(pixels), (x_px, y_px))).max() <= 0.5 + 0.5 / pixel_pitch_um
+
+
+def test_turning_by_a_quarter_turns_the_pixels():
+    psf = np.random.default_rng(0).random((12, 12))
+    first, second = (pixel_psf(psf / psf.sum(), 1.0, 3.0, azimuth) for azimuth in (0.4, 0.4 + np.pi / 2))
+    np.testing.assert_allclose(np.rot90(first), second, atol=1e-12)
+
+
+@pytest.mark.parametrize("height_mm, weight", [(0.0, 0.0), (0.5, 0.25), (1.0, 0.5), (2.0, 1.0), (3.0, 1.0)])
+def test_psfs_are_linear_in_height_and_held_beyond_the_last(height_mm, weight):
+    table = np.stack([marked_psf(0, 0), marked_psf(8, 0)])[None]
+    lens = make_lens(table, wavelengths_nm=(550,), heights_mm=(0.0, 2.0))
+    pixels = PsfBank(lens.at_wavelength(550), 5.0).psfs([height_mm], [0.0])[0]
+    centre = len(pixels) // 2
+    assert pixels[centre, centre] == pytest.approx(1 - weight, abs=1e-9)
+    assert pixels[centre, centre + 4] == pytest.approx(weight, abs=1e-9)
+
+
+def test_psfs_between_heights_depend_on_the_nearest_two_only():
+    table = np.stack([marked_psf(v, 0) for v in (0, 4, 8)])[None]
+    lens = make_lens(table, wavelengths_nm=(550,), heights_mm=(0.0, 0.5, 2.0))
+    pixels = PsfBank(lens.at_wavelength(550), 5.0).psfs([0.875], [0.0])[0]
+    centre = len(pixels) // 2
+    np.testing.assert_allclose(pixels[centre, centre:centre + 5], [0, 0, 0.75, 0, 0.25], atol=1e-9)
+
+
+def test_every_psf_sums_to_one_and_none_is_negative():
+    rng = np.random.default_rng(1)
+    psf = rng.random((16, 16))
+    lens = make_lens(psf / psf.sum() * 1.0005)  # within the tolerance of a lens: Eq. 9 puts it right
+    pixels = PsfBank(lens.at_wavelength(550), 3.3).psfs(rng.uniform(0, 3, 50), rng.uniform(-np.pi, np.pi, 50))
+    np.testing.assert_allclose(pixels.sum(axis=(1, 2)), 1, atol=1e-13)
+    assert pixels.min() >= 0
+
+
+def test_psfs_do_not_depend_on_how_many_are_asked_for_at_once():
+    lens = make_lens(gaussian_psf(3, 1.5, 1.0, 64), psf_pitch_um=1.0)
+    bank = PsfBank(lens.at_wavelength(550), 2.0)
+    heights, azimuths = np.linspace(0, 2, 600), np.linspace(-3, 3, 600)
+    together = bank.psfs(heights, azimuths)
+    for index in (0, 255, 256, 257, 599):
+        np.testing.assert_array_equal(together[index], bank.psfs(heights[[index]], azimuths[[index]])[0])
+
+
+@pytest.mark.parametrize("window, psf_pitch_um, pixel_pitch_um", [(64, 0.5, 6.25), (9, 1.0, 5.0), (1, 0.1, 5.0)])
+def test_radius_holds_the_diagonal_of_the_window(window, psf_pitch_um, pixel_pitch_um):
+    half_diagonal_px = np.sqrt(2) * (window / 2) * psf_pitch_um / pixel_pitch_um
+    assert half_diagonal_px + 0.5 <= psf_radius_px(window, psf_pitch_um, pixel_pitch_um) <= half_diagonal_px + 3
+
+
+@pytest.fixture(scope="module")
+def traced():
+    path = SHARED_DATA / "lens_packages" / "eo54852.npz"
+    if not path.exists():
+        pytest.skip(f"needs {path}")
+    return np.load(path, allow_pickle=False)
+
+
+def centroid_um(lens, wavelength, height):
+    psf = lens.psf[wavelength, height].astype(float)
+    offset_um = (np.arange(psf.shape[0]) - psf.shape[0] // 2) * lens.psf_pitch_um
+    return (psf.sum(axis=1) * offset_um).sum(), (psf.sum(axis=0) * offset_um).sum()
+
+
+def test_edmund_coma_points_outwards_where_its_traced_source_does(traced):
+    lens = Lens.load("edmund-54852")
+    np.testing.assert_allclose(lens.wavelengths_nm, traced["wl_um"] * 1000)
+    for wavelength, height in np.ndindex(7, 21):
+        across_um, outward_um = traced["centroid_um"][height, wavelength]
+        assert centroid_um(lens, wavelength, height) == pytest.approx((outward_um, across_um), abs=0.02)
+
+
+def test_edmund_is_symmetric_about_the_meridional_plane():
+    lens = Lens.load("edmund-54852")
+    tangential = [centroid_um(lens, w, h)[1] for w in range(7) for h in range(21)]
+    assert np.abs(tangential).max() < 0.15

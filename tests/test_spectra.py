@@ -1,0 +1,196 @@
+"""Spectra: reading them, densities, wavelength lists, and colours made into spectra."""
+
+import numpy as np
+import pytest
+from lensfield.engine.errors import InputError
+from lensfield.engine.spectra import (BAND_NM, Spectrum, blackbody, colour_matching, emission_basis, library_names,
+                                      load_spectrum, parse_wavelengths, reflectance_basis, white_density)
+
+NM = np.arange(380.0, 781.0, 5.0)
+# IEC 61966-2-1: XYZ of the linear primaries, columns R, G, B, for a white of Y = 1
+REC709_TO_XYZ = np.array([[0.4124564, 0.3575761, 0.1804375],
+                          [0.2126729, 0.7151522, 0.0721750],
+                          [0.0193339, 0.1191920, 0.9503041]])
+
+
+@pytest.mark.parametrize("text, expected", [
+    ("400:700:31", np.arange(400, 701, 10)), ("400:700:2", [400, 700]), ("550:550:1", [550]),
+    ("450,550,650", [450, 550, 650]), (" 450, 550, 650 ", [450, 550, 650]),
+    ("486.1 587.6\t656.3", [486.1, 587.6, 656.3]), ("550", [550]), ("4e2:7e2:4", [400, 500, 600, 700]),
+])
+def test_wavelengths_are_read(text, expected):
+    np.testing.assert_allclose(parse_wavelengths(text), expected, rtol=1e-14)
+
+
+@pytest.mark.parametrize("text", [
+    "", "  ", "red", "400:700", "400:700:31:2", "400:700:0", "400:700:-3", "400:700:1", "550:550:2", "700:400:31",
+    "400:700:2.5", "400:700:x", "700,400", "500,500", "-400,500", "0,500", "nan", "400,nan", "inf", "400:inf:3",
+])
+def test_wavelengths_that_cannot_be_are_refused(text):
+    with pytest.raises(InputError, match="400:700:31") as error:
+        parse_wavelengths(text)
+    assert error.value.field == "wavelengths"
+
+
+def write(folder, contents, name="lamp.spd"):
+    (folder / name).write_bytes(contents if isinstance(contents, bytes) else contents.encode())
+    return name
+
+
+def test_a_spectrum_of_the_library_is_found_by_name():
+    assert {"illuminant-d65", "illuminant-a", "mercury"} <= set(library_names())
+    assert load_spectrum("illuminant-d65").at(560) == pytest.approx(100.0)
+
+
+@pytest.mark.parametrize("name", library_names())
+def test_every_spectrum_of_the_library_covers_the_band(name):
+    spectrum = load_spectrum(name)
+    assert spectrum.wavelengths_nm[0] <= BAND_NM[0] and spectrum.wavelengths_nm[-1] >= BAND_NM[1]
+    assert spectrum.values.max() > 0
+
+
+@pytest.mark.parametrize("contents", [
+    "400 0.1\n700 0.3\n", "# a lamp\n400\t0.1\n\n700\t0.3 # red", "400,0.1\r\n700,0.3\r\n", "400; 0.1\n700; 0.3",
+    "\ufeff400 1e-1\n700 3E-1\n", "  400   0.1 17\n 700 .3 18\n",
+])
+def test_a_file_of_two_columns_is_read(tmp_path, contents):
+    spectrum = load_spectrum(write(tmp_path, contents), tmp_path)
+    np.testing.assert_allclose(spectrum.at([300, 400, 550, 700, 800]), [0.1, 0.1, 0.2, 0.3, 0.3])
+
+
+def test_an_absolute_path_needs_no_folder(tmp_path):
+    write(tmp_path, "400 1\n700 1\n")
+    assert load_spectrum(str(tmp_path / "lamp.spd")).at(500) == 1
+
+
+@pytest.mark.parametrize("text", ["400:0.1, 700:0.3", "400:0.1,700:0.3", "400nm:0.1;700nm:0.3;",
+                                  " 400 : .1 ; 700 : 3e-1 "])
+def test_inline_pairs_are_read(text):
+    spectrum = load_spectrum(text)
+    np.testing.assert_allclose(spectrum.wavelengths_nm, [400, 700])
+    np.testing.assert_allclose(spectrum.values, [0.1, 0.3])
+
+
+@pytest.mark.parametrize("text", ["400:0.1, 700", "400:0.1 700:0.3", "700:1, 400:1", "500:1, 500:2", "400:-1, 500:1",
+                                  "-400:1, 500:1", "400:1, x:2", "no-such-lamp", "", "missing/file.spd"])
+def test_bad_text_is_an_input_error(text):
+    with pytest.raises(InputError) as error:
+        load_spectrum(text)
+    assert "\n" not in str(error.value)
+
+
+def test_a_text_too_long_for_a_path_is_an_input_error():
+    with pytest.raises(InputError):
+        load_spectrum("x" * 5000)
+
+
+@pytest.mark.parametrize("contents, word", [
+    ("", "empty"), ("# nothing\n", "empty"), ("400 0.1\nred 0.3\n", "line 2"), ("400\n", "line 1"),
+    ("700 1\n400 1\n", "ascending"), ("400 1\n400 1\n", "ascending"), ("400 -1\n700 1\n", "-1"),
+    ("400 nan\n700 1\n", "nan"), ("400 inf\n700 1\n", "finite"), ("inf 1\n", "ascending"),
+    (b"\x00\xff\xfe\x9c", "line 1"),
+])
+def test_a_bad_file_is_an_input_error_that_says_what_is_wrong(tmp_path, contents, word):
+    with pytest.raises(InputError, match=word):
+        load_spectrum(write(tmp_path, contents), tmp_path)
+
+
+def integral_over_the_band(spectrum):
+    nm = np.arange(BAND_NM[0], BAND_NM[1] + 0.005, 0.01)
+    density = spectrum.density_at(nm)
+    return ((density[1:] + density[:-1]) / 2).sum() * 0.01
+
+
+@pytest.mark.parametrize("name", library_names())
+def test_a_density_integrates_to_one(name):
+    assert integral_over_the_band(load_spectrum(name)) == pytest.approx(1.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("text", ["300:1, 900:1", "380:0, 780:5", "500:0, 550.5:7, 551:0", "200:3, 420:1, 2000:9"])
+def test_a_density_of_pairs_integrates_to_one(text):
+    assert integral_over_the_band(load_spectrum(text)) == pytest.approx(1.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("text", ["500:1, 600:1", "550:1, 551:1", "632:1, 634:1"])
+def test_a_density_that_ends_inside_the_band_integrates_to_one(text):
+    assert integral_over_the_band(load_spectrum(text)) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_a_flat_density_is_one_over_the_band():
+    np.testing.assert_allclose(load_spectrum("300:5, 900:5").density_at([400, 555.5, 780]), 1 / 400, rtol=1e-9)
+
+
+def test_there_is_no_light_beyond_the_ends_of_a_lamp():
+    np.testing.assert_array_equal(load_spectrum("500:1, 600:1").density_at([499, 601]), 0)
+
+
+@pytest.mark.parametrize("text", ["400:0, 700:0", "790:1, 900:1"])
+def test_a_lamp_without_light_in_the_band_is_an_input_error(text):
+    with pytest.raises(InputError):
+        load_spectrum(text).density_at([550])
+
+
+@pytest.mark.parametrize("temperature_k, peak_nm", [(4000, 724.44), (5000, 579.55), (6500, 445.81)])
+def test_a_blackbody_peaks_where_wien_says(temperature_k, peak_nm):
+    spectrum = blackbody(temperature_k)
+    assert spectrum.wavelengths_nm[spectrum.values.argmax()] == pytest.approx(peak_nm, abs=1)
+
+
+def test_a_blackbody_of_2856_k_is_illuminant_a():
+    ratio = blackbody(2856).at(NM) / load_spectrum("illuminant-a").at(NM)
+    np.testing.assert_allclose(ratio / ratio[36], 1, rtol=0.01)  # 560 nm
+
+
+def test_illuminant_a_follows_its_definition():
+    # CIE 15: 100 (560 / nm)^5 (exp(1.435e7 / (2848 * 560)) - 1) / (exp(1.435e7 / (2848 nm)) - 1)
+    expected = 100 * (560 / NM)**5 * np.expm1(1.435e7 / (2848 * 560)) / np.expm1(1.435e7 / (2848 * NM))
+    np.testing.assert_allclose(load_spectrum("illuminant-a").at(NM), expected, rtol=2e-4)
+
+
+@pytest.mark.parametrize("nm, value", [(380, 49.9755), (400, 82.7549), (450, 117.008), (500, 109.354), (550, 104.046),
+                                       (600, 90.0062), (650, 80.0268), (700, 71.6091), (780, 63.3828)])
+def test_d65_is_that_of_the_cie(nm, value):
+    assert load_spectrum("illuminant-d65").at(nm) == pytest.approx(value, rel=1e-3)
+
+
+@pytest.mark.parametrize("nm, x_bar, y_bar, z_bar", [(450, 0.3362, 0.038, 1.77211), (555, 0.5121, 1.0, 0.0057),
+                                                     (600, 1.0622, 0.631, 0.0008), (340, 0, 0, 0), (900, 0, 0, 0)])
+def test_colour_matching_functions_are_those_of_1931(nm, x_bar, y_bar, z_bar):
+    np.testing.assert_allclose(colour_matching(nm), [x_bar, y_bar, z_bar], atol=2e-4)
+
+
+def chromaticity(spectrum):
+    tristimulus = spectrum @ colour_matching(NM)
+    return tristimulus[:2] / tristimulus.sum()
+
+
+@pytest.mark.parametrize("name, x, y", [("illuminant-a", 0.44757, 0.40745), ("illuminant-d65", 0.31272, 0.32903),
+                                        ("illuminant-d50", 0.34567, 0.35850), ("illuminant-d75", 0.29902, 0.31485),
+                                        ("fluorescent-fl2", 0.37208, 0.37529), ("fluorescent-fl11", 0.38052, 0.37713)])
+def test_chromaticity_of_known_lights(name, x, y):
+    assert chromaticity(load_spectrum(name).at(NM)) == pytest.approx((x, y), abs=2e-3)
+
+
+def test_white_reflects_everything():
+    np.testing.assert_allclose(reflectance_basis(np.linspace(380, 780, 401)).sum(axis=1), 1, atol=1e-4)
+
+
+def test_reflectances_of_colours_lie_between_0_and_1():
+    assert reflectance_basis(NM).min() >= -1e-6 and reflectance_basis(NM).max() <= 1 + 1e-6
+
+
+@pytest.mark.parametrize("rgb", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1), (0.2, 0.5, 0.8), (0.9, 0.7, 0.1)])
+def test_a_colour_made_into_a_reflectance_looks_the_same_under_d65(rgb):
+    d65, matching = load_spectrum("illuminant-d65").at(NM), colour_matching(NM)
+    tristimulus = (reflectance_basis(NM) @ rgb * d65) @ matching / (d65 @ matching[:, 1])
+    np.testing.assert_allclose(np.linalg.solve(REC709_TO_XYZ, tristimulus), rgb, atol=1e-2)
+
+
+def test_white_light_is_d65_of_one_watt_in_the_band():
+    np.testing.assert_allclose(emission_basis(NM).sum(axis=1), white_density(NM), rtol=1e-4)
+    assert np.trapz(white_density(NM), NM) == pytest.approx(1.0, abs=1e-4)
+    assert white_density(560)[0] / white_density(450)[0] == pytest.approx(100 / 117.008, rel=1e-4)
+
+
+def test_a_spectrum_is_linear_between_its_values():
+    assert Spectrum(np.array([400.0, 500.0]), np.array([1.0, 3.0])).at(425) == pytest.approx(1.5)

@@ -1,0 +1,68 @@
+"""SpectralImage: axes, the place of the optical axis, overscan, and what it refuses."""
+
+import numpy as np
+import pytest
+from lensfield.engine import ImageError, SpectralImage
+from lensfield.engine.spectral_image import pixel_axes_mm, pixel_position_mm
+
+
+def image(**changes):
+    return SpectralImage(**dict(cube=np.zeros((2, 4, 6)), wavelengths_nm=[500, 600], pitch_um=10.0) | changes)
+
+
+def test_axis_falls_on_the_middle_of_the_frame_by_default():
+    assert image().centre_px == (1.5, 2.5)
+    assert image(cube=np.zeros((2, 5, 7))).centre_px == (2.0, 3.0)
+
+
+def test_x_runs_right_and_y_up_from_row_0_at_the_top():
+    x_mm, y_mm = pixel_axes_mm((3, 5), (1.0, 2.0), 10.0)
+    np.testing.assert_allclose(x_mm, [-0.02, -0.01, 0, 0.01, 0.02], atol=1e-15)
+    np.testing.assert_allclose(y_mm, [0.01, 0, -0.01], atol=1e-15)
+
+
+def test_position_is_about_the_axis_wherever_it_falls():
+    assert pixel_position_mm(0, 0, (10, -20), 5.0) == pytest.approx((0.1, 0.05))
+
+
+def test_one_plane_may_come_without_a_wavelength_axis():
+    assert SpectralImage(np.zeros((4, 6)), 550.0, pitch_um=1.0).cube.shape == (1, 4, 6)
+
+
+def test_cube_is_float32():
+    assert image().cube.dtype == np.float32
+
+
+def test_frame_is_the_cube_without_its_overscan():
+    cube = np.arange(48.0).reshape(1, 6, 8)
+    frame = image(cube=cube, wavelengths_nm=[500], overscan_px=(1, 2)).frame()
+    np.testing.assert_array_equal(frame.cube, cube[:, 1:5, 2:6])
+    assert frame.overscan_px == (0, 0)
+    assert frame.centre_px == (1.5, 1.5)
+
+
+def test_cropping_keeps_every_pixel_where_it_was_on_the_sensor():
+    whole = image(cube=np.zeros((2, 10, 12)), overscan_px=(3, 4), centre_px=(2.0, 7.5))
+    part = whole.cropped((1, 2))
+    assert part.overscan_px == (2, 2)
+    assert part.frame_px == whole.frame_px == (4, 4)
+    assert pixel_position_mm(0, 0, part.centre_px, 10.0) == pixel_position_mm(1, 2, whole.centre_px, 10.0)
+
+
+def test_centre_may_be_an_array():
+    assert image(centre_px=np.array([1.0, 2.0])).centre_px == (1.0, 2.0)
+
+
+@pytest.mark.parametrize("field, value", [
+    ("cube", np.zeros(3)), ("cube", np.zeros((2, 0, 6))), ("cube", np.zeros((1, 2, 4, 6))),
+    ("wavelengths_nm", [500]), ("wavelengths_nm", [600, 500]), ("wavelengths_nm", [500, 500]),
+    ("wavelengths_nm", [0, 500]), ("wavelengths_nm", [500, np.nan]),
+    ("pitch_um", 0.0), ("pitch_um", -5.0), ("pitch_um", np.nan), ("pitch_um", np.inf),
+    ("quantity", "luminance"), ("overscan_px", (-1, 0)), ("overscan_px", (2, 0)), ("overscan_px", (0, 3)),
+    ("centre_px", (np.nan, 1.0)), ("centre_px", (1.0, 2.0, 3.0)), ("centre_px", (np.inf, 1.0)),
+])
+def test_a_wrong_field_is_named(field, value):
+    with pytest.raises(ImageError) as error:
+        image(**{field: value})
+    assert error.value.field == field
+    assert "\n" not in str(error.value)
