@@ -1,5 +1,9 @@
 """Journal: changes to a scene that are taken back, whatever happens."""
 
+import bpy
+
+from .errors import SceneError
+
 
 class Journal:
     """Changes made through it are undone, last first, when the `with` block ends."""
@@ -43,13 +47,38 @@ class Journal:
         Returns
         -------
         the copy
+
+        Raises
+        ------
+        SceneError
+            Something linked from another file uses the original and cannot be pointed at the copy.
         """
         copy = original.copy()
 
         def take_back():
-            copy.user_remap(original)
+            _replace(copy, original)
             collection.remove(copy)
 
         self.on_exit(take_back)
-        original.user_remap(copy)
+        users = _replace(original, copy)
+        if users:
+            raise SceneError(f"{original.rna_type.name.lower()} {original.name!r}", "user",
+                             f"{min(user.name for user in users)!r}, linked from another file",
+                             "make it local (Object > Relations > Make Local > All)")
         return copy
+
+
+def _replace(old, new):
+    """Let everything that uses `old` use `new`; the users for which that could not be done."""
+    old.user_remap(new)
+    for user in _users(old):  # linked data is passed over by user_remap, but may be assigned to
+        for index, material in enumerate(getattr(user, "materials", ())):
+            if material == old:
+                user.materials[index] = new
+        if getattr(user, "data", None) == old:
+            user.data = new
+    return _users(old)
+
+
+def _users(data_block):
+    return bpy.data.user_map(subset={data_block})[data_block]

@@ -100,9 +100,6 @@ class Substitution:
         stand_in.animation_data_clear()  # it holds this frame's values; animation would overwrite what is set here
         if stand_in.node_tree:
             stand_in.node_tree.animation_data_clear()
-        if original.users - original.use_fake_user > 0:
-            raise SceneError(f"{original.rna_type.name.lower()} {original.name!r}", "users",
-                             "linked from another file", "make it local (Object > Relations > Make Local > All)")
         return stand_in
 
     def _assigned(self, data_block, field):

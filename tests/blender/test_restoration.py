@@ -1,13 +1,15 @@
 """The user's scene is exactly as it was: after success, after an error, after cancelling at any step."""
 
 import bpy
+import numpy as np
 import pytest
-from small_scenes import light, material, render, set_world, wall
+from small_scenes import WAVELENGTHS_NM, light, material, radiance_on_axis, render, set_world, wall
 from snapshot import differences, snapshot
 
 from lensfield.addon.errors import SceneError
 from lensfield.addon.render import Job, RenderPass, render_steps, run
 from lensfield.engine import Lens
+from lensfield.engine.spectra import reflectance_basis
 
 
 @pytest.fixture
@@ -77,6 +79,24 @@ def test_scene_is_the_same_after_an_error(rich_scene, tmp_path):
         run(render_steps(rich_scene, job(tmp_path)))
     assert not differences(before, snapshot())
     assert not list(tmp_path.iterdir())
+
+
+def test_linked_objects_are_substituted_and_restored(scene, tmp_path):
+    set_world(scene)
+    scene.world.lensfield.emission = "380:1, 780:1"
+    painted, _ = material("Paint", "ShaderNodeBsdfDiffuse", (0.7, 0.2, 0.1))
+    wall(scene, painted)
+    bpy.data.libraries.write(str(tmp_path / "library.blend"), {bpy.data.objects["Wall"]})
+    bpy.data.objects.remove(bpy.data.objects["Wall"])
+    with bpy.data.libraries.load(str(tmp_path / "library.blend"), link=True) as (available, linked):
+        linked.objects = available.objects
+    scene.collection.objects.link(linked.objects[0])
+    bpy.context.view_layer.update()
+    before = snapshot()
+    measured = radiance_on_axis(scene, tmp_path)
+    np.testing.assert_allclose(measured, reflectance_basis(WAVELENGTHS_NM) @ (0.7, 0.2, 0.1) / 400, rtol=2e-3)
+    # Blender itself marks what was once assigned to as linked directly; nothing else may differ.
+    assert not [line for line in differences(before, snapshot()) if "is_library_indirect" not in line]
 
 
 def test_only_the_compositor_changes_where_it_is_asked_for(rich_scene, tmp_path):
