@@ -1,5 +1,6 @@
 # make demo        render the sample scene and put it through a real lens
 # make test        all tests; BPY=4.5.15 runs the Blender tests on another Blender
+# make bench       the paper's figures again, with times and errors
 # make extension   dist/*.zip, to install in Blender
 # Each makes its own environment on the first run and works offline after that.
 
@@ -9,7 +10,7 @@ READY = $(VENV)/.ready
 LENS ?= edmund-54852
 WAVELENGTHS ?= 400:700:9
 
-.PHONY: demo test test-engine test-blender extension
+.PHONY: demo test test-engine test-blender bench extension
 
 demo: $(READY)
 	$(VENV)/bin/lensfield render sample_scenes/evening_chess.blend --lens $(LENS) --wavelengths $(WAVELENGTHS) \
@@ -22,6 +23,9 @@ test-engine: $(READY)
 
 test-blender: $(READY)
 	$(VENV)/bin/python -m pytest -q tests/blender
+
+bench: $(READY)
+	$(VENV)/bin/python benchmarks/paper_section_4.py build/bench
 
 extension: $(READY)
 	$(VENV)/bin/python packaging/build_extension.py dist

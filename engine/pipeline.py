@@ -9,6 +9,7 @@ from .geometry import FieldGeometry, distort
 from .ideal import ideal_irradiance
 from .plan import Options, make_plan
 from .psf import PsfBank
+from .reference import filter_exactly
 from .report import Report
 from .sections import filter_sections
 from .spectral_image import IRRADIANCE, RADIANCE, pixel_position_mm
@@ -61,9 +62,8 @@ def simulate(radiance, lens, options=Options(), *, progress=None, report=None):
                 distorted[beyond] = 0
             ideal = ideal_irradiance(distorted, field.relative_illumination(height_mm), optics.transmittance,
                                      lens.f_number_effective)
-        with report.stage("section filtering"):
-            canvas = filter_sections(ideal, plan.section_size, plan.order, plan.space_px, plan.psf_radius_px,
-                                     _node_psfs(bank, field, target, report))
+        with report.stage("filtering"):
+            canvas = _filter(ideal, plan, _node_psfs(bank, field, target, report))
         top, left = (m + plan.psf_radius_px for m in margin)
         irradiance[index] = canvas[top:top + frame.cube.shape[1], left:left + frame.cube.shape[2]]
         tally.add(wavelength_nm, field, ideal, canvas, irradiance[index], beyond)
@@ -75,6 +75,12 @@ def simulate(radiance, lens, options=Options(), *, progress=None, report=None):
                      "out_of_field_fraction": tally.out_of_field_fraction}
     return replace(frame, cube=irradiance, quantity=IRRADIANCE, lens_name=lens.name,
                    f_number_effective=lens.f_number_effective)
+
+
+def _filter(ideal, plan, node_psfs):
+    if plan.method == "exact":
+        return filter_exactly(ideal, plan.psf_radius_px, node_psfs)
+    return filter_sections(ideal, plan.section_size, plan.order, plan.space_px, plan.psf_radius_px, node_psfs)
 
 
 def _node_psfs(bank, field, image, report):

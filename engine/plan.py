@@ -10,6 +10,7 @@ from .psf import psf_radius_px
 from .sections import ORDERS
 
 OUT_OF_FIELD = ("hold", "vignette")
+METHODS = ("sections", "exact")
 
 
 @dataclass(frozen=True)
@@ -30,12 +31,15 @@ class Options:
     out_of_field : "hold" or "vignette"
         Pixels beyond the last tabulated field height: "hold" its PSF and relative illumination, the distortion
         going on in a straight line; "vignette" leaves them black. Either way the report says how many there are.
+    method : "sections" or "exact"
+        "exact" gives every pixel its own PSF: what sections are measured against, at some hundred times their time.
     """
 
     section_size: int = 32
     order: int = 2
     space_px: int | None = None
     out_of_field: str = "hold"
+    method: str = "sections"
 
     def __post_init__(self):
         self._check_whole("section_size", "expected a whole number of pixels, 1 or more")
@@ -44,8 +48,9 @@ class Options:
             raise InputError("options", "order", self.order, f"expected one of {', '.join(map(str, ORDERS))}")
         if self.space_px is not None:
             self._check_whole("space_px", "expected a whole number of pixels, 1 or more")
-        if self.out_of_field not in OUT_OF_FIELD:
-            raise InputError("options", "out_of_field", self.out_of_field, f"expected {' or '.join(OUT_OF_FIELD)}")
+        for field, choices in (("out_of_field", OUT_OF_FIELD), ("method", METHODS)):
+            if getattr(self, field) not in choices:
+                raise InputError("options", field, getattr(self, field), f"expected {' or '.join(choices)}")
 
     def _check_whole(self, field, remedy):
         value = getattr(self, field)
@@ -62,6 +67,7 @@ class Plan:
     psf_radius_px: int
     space_px: int
     out_of_field: str
+    method: str
 
     def as_dict(self):
         return asdict(self)
@@ -76,4 +82,4 @@ def make_plan(options, lens, pitch_um, frame_px):
     radius = psf_radius_px(lens.psf.shape[-1], lens.psf_pitch_um, pitch_um)
     section = min(options.section_size, max(frame_px) + 2 * radius)
     space = fft.next_fast_len(max(section + 2 * radius, options.space_px or 0), real=True)
-    return Plan(section, options.order, radius, space, options.out_of_field)
+    return Plan(section, options.order, radius, space, options.out_of_field, options.method)

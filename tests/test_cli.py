@@ -51,7 +51,7 @@ def test_filter_writes_the_frame_a_picture_and_a_report(radiance, tmp_path, caps
     assert (tmp_path / "out" / "picture.png").stat().st_size > 0
     report = json.loads((tmp_path / "report.json").read_text())
     assert report["plan"]["section_size"] == 8 and report["plan"]["order"] == 1
-    assert {"lens data", "point spread functions", "section filtering"} <= report["stages_s"].keys()
+    assert {"lens data", "point spread functions", "filtering"} <= report["stages_s"].keys()
     assert report["energy"]["out_w_per_nm"] == pytest.approx(report["energy"]["in_w_per_nm"], rel=1e-12)
     assert str(tmp_path / "out" / "irradiance.exr") in capsys.readouterr().out
 

@@ -208,7 +208,7 @@ def test_report_can_be_written_and_names_stages_and_fits(tmp_path):
     read = json.loads((tmp_path / "report.json").read_text())
     assert read["wavelengths"][0]["distortion_fit"]["residual_mm"] < 1e-9
     assert set(read["stages_s"]) >= {"distortion and relative illumination", "point spread functions",
-                                     "section filtering"}
+                                     "filtering"}
     assert read["lens"] == "hand-made" and read["frame_px"] == [61, 61]
 
 
@@ -278,3 +278,9 @@ def test_edmund_image_of_a_point_lies_at_its_real_height():
     centroid_px = result.sum(axis=0) @ (np.arange(301) - 150) / result.sum()
     assert real_px < 115  # barrel
     assert centroid_px == pytest.approx(real_px, abs=0.15)
+
+
+def test_exact_method_is_the_reference_that_single_pixel_sections_come_to():
+    image, lens = points_image([(3, 4), (-12, 9)]), make_lens(gaussian_psf(8, 4, 2.5, 17))
+    exact = simulate(image, lens, Options(method="exact")).cube
+    np.testing.assert_allclose(simulate(image, lens, Options(1, 1)).cube, exact, atol=1e-6 * exact.max())

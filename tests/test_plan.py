@@ -62,5 +62,5 @@ def test_a_section_larger_than_the_image_is_cut_down_to_it():
 
 def test_a_plan_tells_itself_in_plain_values():
     plan = make_plan(Options(out_of_field="vignette"), BLURRED, 5.0, (100, 100)).as_dict()
-    assert set(plan) == {"section_size", "order", "psf_radius_px", "space_px", "out_of_field"}
+    assert set(plan) == {"section_size", "order", "psf_radius_px", "space_px", "out_of_field", "method"}
     assert plan["out_of_field"] == "vignette"
