@@ -1,0 +1,49 @@
+"""The sample scene: small, of real spectra, and fit for the lens that it is made for."""
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+from small_scenes import render
+
+from lensfield.engine import Lens
+from lensfield.engine.exr import read_exr
+from lensfield.engine.spectra import library_names
+
+BLEND = Path(__file__).resolve().parents[2] / "sample_scenes" / "evening_chess.blend"
+
+
+@pytest.fixture
+def sample_scene():
+    bpy.ops.wm.open_mainfile(filepath=str(BLEND))
+    return bpy.context.scene
+
+
+def test_file_is_small_and_whole(sample_scene):
+    assert BLEND.stat().st_size < 1_000_000
+    assert not [image for image in bpy.data.images if image.source == "FILE"]
+    assert not bpy.data.libraries
+
+
+def test_chart_and_lamps_have_measured_spectra(sample_scene):
+    chart = {name for name in library_names() if name.startswith("chart-")}
+    assert chart <= {material.lensfield.reflectance for material in bpy.data.materials}
+    lamps = {light.lensfield.emission for light in bpy.data.lights}
+    glowing = {material.lensfield.emission for material in bpy.data.materials} - {""}
+    assert len(lamps) >= 2 and lamps | glowing <= set(library_names())
+
+
+def test_camera_has_the_lens_field_of_view(sample_scene):
+    width_over_distance = 4.8 / Lens.load("edmund-54852").capture_focal_length_mm
+    assert 2 * np.tan(sample_scene.camera.data.angle_x / 2) == pytest.approx(width_over_distance, rel=1e-4)
+
+
+def test_it_renders_with_light_to_the_corners(sample_scene, tmp_path):
+    sample_scene.render.resolution_x, sample_scene.render.resolution_y = 96, 72
+    sample_scene.cycles.samples = 4
+    image = read_exr(render(sample_scene, tmp_path, [450, 550, 650]).irradiance)
+    assert np.isfinite(image.cube).all() and image.cube.min() > -1e-6 * image.cube.max()
+    corners = [image.cube[:, rows, columns].mean() for rows in (slice(8), slice(-8, None))
+               for columns in (slice(8), slice(-8, None))]
+    assert min(corners) > 0
