@@ -64,9 +64,8 @@ def simulate(radiance, lens, options=Options(), *, progress=None, report=None):
                                      lens.f_number_effective)
         with report.stage("filtering"):
             canvas = _filter(ideal, plan, _node_psfs(bank, field, target, report))
-        top, left = (m + plan.psf_radius_px for m in margin)
-        irradiance[index] = canvas[top:top + frame.cube.shape[1], left:left + frame.cube.shape[2]]
-        tally.add(wavelength_nm, field, ideal, canvas, irradiance[index], beyond)
+        irradiance[index] = _inside(canvas, [m + plan.psf_radius_px for m in margin], frame)
+        tally.add(wavelength_nm, field, ideal, canvas, irradiance[index], _inside(beyond, margin, frame))
         if progress:
             progress((index + 1) / radiance.wavelengths_nm.size)
     report.facts |= {"lens": lens.name, "plan": plan.as_dict(), "pitch_um": radiance.pitch_um,
@@ -81,6 +80,13 @@ def _filter(ideal, plan, node_psfs):
     if plan.method == "exact":
         return filter_exactly(ideal, plan.psf_radius_px, node_psfs)
     return filter_sections(ideal, plan.section_size, plan.order, plan.space_px, plan.psf_radius_px, node_psfs)
+
+
+def _inside(plane, margin_px, frame):
+    """The part of a plane that is the frame, which lies `margin_px` (rows, columns) inside it."""
+    top, left = margin_px
+    rows, columns = frame.cube.shape[1:]
+    return plane[top:top + rows, left:left + columns]
 
 
 def _node_psfs(bank, field, image, report):
