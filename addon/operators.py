@@ -103,7 +103,7 @@ class LENSFIELD_OT_render(bpy.types.Operator):
         """Go on to the next step once the present one is done."""
         if isinstance(self._step, RenderPass):
             if self._watch.ended is None or bpy.app.is_job_running("RENDER"):
-                self._tell(context, self._step.fraction + self._step.share * self._watch.done, self._step.label)
+                _redraw_panels(context)
                 return {"RUNNING_MODAL"}
             if self._watch.ended == "cancelled":
                 raise Cancelled
@@ -124,7 +124,7 @@ class LENSFIELD_OT_render(bpy.types.Operator):
         self._step, self._worker = step, None
         self._tell(context, step.fraction, step.label)
         if isinstance(step, RenderPass):
-            self._watch.start()
+            self._watch.ended = None
             bpy.ops.render.render("INVOKE_DEFAULT", write_still=True, scene=step.scene.name)
         else:
             self._worker = _Worker(step.call, self._escape)
@@ -145,16 +145,21 @@ class LENSFIELD_OT_render(bpy.types.Operator):
         context.workspace.status_text_set(None if fraction is None else f"Lensfield: {label}   (Esc: cancel)")
         if fraction is not None:
             context.window_manager.progress_update(fraction)
-        for window in context.window_manager.windows:
-            for area in window.screen.areas:
-                if area.type in {"PROPERTIES", "VIEW_3D", "IMAGE_EDITOR", "NODE_EDITOR"}:
-                    area.tag_redraw()
+        _redraw_panels(context)
 
     def _finish_report(self, result):
         seconds = sum(result.report.stages.values())
         beyond = result.report.facts["out_of_field_fraction"]
         note = f"; {beyond:.1%} of the frame lies beyond the lens data" if beyond else ""
         self.report({"INFO"}, f"{result.lens_image} in {seconds:.1f} s{note}")
+
+
+def _redraw_panels(context):
+    """Panels follow the progress only when they are told to."""
+    for window in context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type in {"PROPERTIES", "VIEW_3D"}:
+                area.tag_redraw()
 
 
 def _show_lens_image(context):

@@ -13,7 +13,10 @@ from .properties import FROM_FILE
 
 
 def draw_settings(layout, scene):
-    """The settings of a scene, the same in both places."""
+    """The settings of a scene, the same in both places; during a render its progress and nothing else."""
+    if operators.progress["fraction"] is not None:
+        layout.progress(factor=operators.progress["fraction"], text=operators.progress["label"])
+        return
     settings = scene.lensfield
     layout.use_property_split = True
     layout.use_property_decorate = False
@@ -39,7 +42,9 @@ def draw_settings(layout, scene):
     layout.prop(settings, "denoise")
     layout.prop(settings, "output_folder")
     layout.prop(settings, "to_compositor")
-    _draw_render(layout)
+    row = layout.row()
+    row.scale_y = 1.5
+    row.operator("lensfield.render", icon="RENDER_STILL")
 
 
 def _draw_lens_facts(layout, scene):
@@ -74,15 +79,6 @@ def _draw_pass_count(layout, settings):
         return
     passes = -(-count // WAVELENGTHS_PER_PASS)
     layout.label(text=f"{count} wavelength{'s' * (count > 1)}: {passes} Cycles render{'s' * (passes > 1)}")
-
-
-def _draw_render(layout):
-    row = layout.row()
-    row.scale_y = 1.5
-    if operators.progress["fraction"] is None:
-        row.operator("lensfield.render", icon="RENDER_STILL")
-    else:
-        row.progress(factor=operators.progress["fraction"], text=operators.progress["label"])
 
 
 class LENSFIELD_PT_render(bpy.types.Panel):

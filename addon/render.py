@@ -25,7 +25,7 @@ from .compositor import lay_into_compositor
 from .errors import SceneError
 from .journal import Journal
 from .substitution import RENDER_SCALE, Substitution
-from .watch import RenderWatch
+from .watch import samples_watched
 
 RENDER_SHARE = 0.85  # of the progress bar; the rest is the engine's and the files'
 
@@ -125,7 +125,7 @@ def run(steps, progress=None):
             tell(step.fraction, step.label)
             if isinstance(step, RenderPass):
                 answer = None
-                with RenderWatch(within_step):
+                with samples_watched(within_step):
                     bpy.ops.render.render(write_still=True, scene=step.scene.name)
             else:
                 answer = step.call(within_step)
@@ -180,7 +180,7 @@ def _capture(scene, job, report):
         _guard_render_state(scene, job, framing, folder / "pass.exr", journal)
         for index, band in enumerate(bands):
             substitution.set_wavelengths(band)
-            yield RenderPass(scene, f"Wavelengths {_span(band)} nm, pass {index + 1} of {len(bands)}",
+            yield RenderPass(scene, f"Pass {index + 1} of {len(bands)}: {_span(band)} nm",
                              RENDER_SHARE * index / len(bands), RENDER_SHARE / len(bands))
             first = index * WAVELENGTHS_PER_PASS
             cube[first:first + WAVELENGTHS_PER_PASS] = _read_pass(folder / "pass.exr", framing.capture_px)

@@ -1,6 +1,7 @@
 """What Blender's render under way has come to, from its handlers."""
 
 import re
+from contextlib import contextmanager
 
 import bpy
 
@@ -8,46 +9,50 @@ SAMPLES = re.compile(r"Sample (\d+)/(\d+)")
 
 
 class RenderWatch:
-    """Follows renders while its `with` block lasts.
+    """How a render ended, while its `with` block lasts.
 
     Attributes
     ----------
     ended : None while a render goes on, then "complete" or "cancelled"
-    done : float
-        Fraction of the samples of the render under way.
     """
 
-    def __init__(self, on_progress=None):
-        self._on_progress = on_progress
-        self._handlers = ((bpy.app.handlers.render_stats, self._on_stats),
-                          (bpy.app.handlers.render_complete, self._on_complete),
-                          (bpy.app.handlers.render_cancel, self._on_cancel))
-        self.start()
-
-    def start(self):
-        """A new render begins."""
-        self.ended, self.done = None, 0.0
+    def __init__(self):
+        self.ended = None
 
     def __enter__(self):
-        for handlers, handler in self._handlers:
-            handlers.append(handler)
+        bpy.app.handlers.render_complete.append(self._on_complete)
+        bpy.app.handlers.render_cancel.append(self._on_cancel)
         return self
 
     def __exit__(self, *exception):
-        for handlers, handler in self._handlers:
-            handlers.remove(handler)
+        bpy.app.handlers.render_complete.remove(self._on_complete)
+        bpy.app.handlers.render_cancel.remove(self._on_cancel)
 
-    # Blender calls these on its render thread: they set flags and leave Blender alone.
-
-    def _on_stats(self, text, *_):
-        match = SAMPLES.search(text)
-        if match:
-            self.done = int(match[1]) / max(int(match[2]), 1)
-            if self._on_progress:
-                self._on_progress(self.done)
+    # In the user interface Blender calls these on its render thread: they set a flag and leave Blender alone.
 
     def _on_complete(self, *_):
         self.ended = "complete"
 
     def _on_cancel(self, *_):
         self.ended = "cancelled"
+
+
+@contextmanager
+def samples_watched(on_progress):
+    """Call on_progress(fraction of the samples) during a render that blocks, in background mode.
+
+    In the user interface a handler of render statistics locks Blender up: its render thread waits for Python while
+    the main thread, in Python, waits for the render.
+    """
+    def on_stats(text, *_):
+        match = SAMPLES.search(text)
+        if match:
+            on_progress(int(match[1]) / max(int(match[2]), 1))
+
+    if bpy.app.background:
+        bpy.app.handlers.render_stats.append(on_stats)
+    try:
+        yield
+    finally:
+        if bpy.app.background:
+            bpy.app.handlers.render_stats.remove(on_stats)
