@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from .errors import ImageError
+from .folding import fold, unfold
 from .geometry import FieldGeometry, distort
 from .ideal import ideal_irradiance
 from .plan import Options, make_plan
@@ -63,7 +64,7 @@ def simulate(radiance, lens, options=Options(), *, progress=None, report=None):
             ideal = ideal_irradiance(distorted, field.relative_illumination(height_mm), optics.transmittance,
                                      lens.f_number_effective)
         with report.stage("filtering"):
-            canvas = _filter(ideal, plan, _node_psfs(bank, field, target, report))
+            canvas = _filter(ideal, target.centre_px, plan, bank, _psf_lookup(bank, field, radiance.pitch_um, report))
         irradiance[index] = _inside(canvas, [m + plan.psf_radius_px for m in margin], frame)
         tally.add(wavelength_nm, field, ideal, canvas, irradiance[index], _inside(beyond, margin, frame))
         if progress:
@@ -76,10 +77,17 @@ def simulate(radiance, lens, options=Options(), *, progress=None, report=None):
                    f_number_effective=lens.f_number_effective)
 
 
-def _filter(ideal, plan, node_psfs):
+def _filter(ideal, centre_px, plan, bank, psfs_at):
+    """Blur a plane; folded onto one quadrant where lens and frame are symmetric about the axis."""
     if plan.method == "exact":
-        return filter_exactly(ideal, plan.psf_radius_px, node_psfs)
-    return filter_sections(ideal, plan.section_size, plan.order, plan.space_px, plan.psf_radius_px, node_psfs)
+        return filter_exactly(ideal, plan.psf_radius_px, psfs_at(centre_px))
+    sizes = plan.section_size, plan.order, plan.space_px, plan.psf_radius_px
+    middle = tuple((n - 1) / 2 for n in ideal.shape)
+    if bank.mirror_symmetric and np.allclose(centre_px, middle, rtol=0, atol=1e-9):
+        quadrants = fold(ideal)
+        axis = tuple(0.0 if n % 2 else -0.5 for n in ideal.shape)
+        return unfold(filter_sections(quadrants, *sizes, psfs_at(axis)), ideal.shape, plan.psf_radius_px)
+    return filter_sections(ideal[None], *sizes, psfs_at(centre_px))[0]
 
 
 def _inside(plane, margin_px, frame):
@@ -89,16 +97,19 @@ def _inside(plane, margin_px, frame):
     return plane[top:top + rows, left:left + columns]
 
 
-def _node_psfs(bank, field, image, report):
-    """PSFs for source pixels of `image`, each looked up by the height that its light came from."""
+def _psf_lookup(bank, field, pitch_um, report):
+    """PSFs for source pixels of a grid with its axis at centre_px, looked up by the height their light came from."""
 
-    def psfs(rows, columns):
-        with report.stage("point spread functions"):
-            x_mm, y_mm = pixel_position_mm(rows, columns, image.centre_px, image.pitch_um)
-            height_mm = field.paraxial_height_mm(np.hypot(x_mm, y_mm))
-            return bank.psfs(height_mm, np.arctan2(y_mm, x_mm))
+    def psfs_at(centre_px):
+        def psfs(rows, columns):
+            with report.stage("point spread functions"):
+                x_mm, y_mm = pixel_position_mm(rows, columns, centre_px, pitch_um)
+                height_mm = field.paraxial_height_mm(np.hypot(x_mm, y_mm))
+                return bank.psfs(height_mm, np.arctan2(y_mm, x_mm))
 
-    return psfs
+        return psfs
+
+    return psfs_at
 
 
 def _check(radiance):

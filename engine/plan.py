@@ -21,10 +21,10 @@ class Options:
     ----------
     section_size : int
         Side of an isoplanatic section in pixels. Smaller is more accurate and slower.
-    order : 1 or 2
-        PSFs inside a section: 1, one PSF for the whole section (the paper); 2, interpolated between its corners,
-        at up to twice the time. Where the PSF varies smoothly the error of order 1 falls with the section size,
-        that of order 2 with its square.
+    order : 1 to 4
+        PSFs inside a section: 1, one PSF for the whole section (the paper); 2, interpolated between its corners;
+        3 and 4, between 9 and 16 nodes in it. Where the PSF varies smoothly the error falls with this power of the
+        section size. Orders 3 and 4 can leave slightly negative pixels beside very bright ones.
     space_px : int or None
         Side of the computational space, where a certain one is wanted (the paper: 64). The space is made larger
         where section and PSF need it, so this never costs accuracy.

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from .folding import mirror_symmetric
+
 BATCH_SAMPLES = 1 << 20  # PSF samples in work at once: about 100 MB of temporaries
 
 
@@ -16,20 +18,22 @@ class PsfBank:
     Notes
     -----
     `radius_px` is how far a PSF can reach from the pixel of its chief ray, whatever its direction.
+    `mirror_symmetric` says whether its PSFs are symmetric about the meridional plane.
     """
 
     def __init__(self, optics, pixel_pitch_um):
-        window = optics.psf.shape[-1]
+        psf, self.mirror_symmetric = mirror_symmetric(optics.psf)
+        window = psf.shape[-1]
         # A sample must not cover more than two pixels in a row: where pixels are small the table is refined.
         steps = int(np.ceil(2 * optics.psf_pitch_um / pixel_pitch_um - 1e-9))
-        refined = _refine(optics.psf, steps)
+        refined = _refine(psf, steps)
         self._sample_size_px = optics.psf_pitch_um / steps / pixel_pitch_um
         offset_px = (np.arange(refined.shape[-1]) - window // 2 * steps) * self._sample_size_px
         self._heights_mm = optics.heights_mm
         self._samples = refined.reshape(refined.shape[0], -1)
         self._v_px = np.repeat(offset_px, offset_px.size)
         self._u_px = np.tile(offset_px, offset_px.size)
-        self.radius_px = psf_radius_px(window, optics.psf_pitch_um, pixel_pitch_um)
+        self.radius_px = psf_radius_px(optics.psf.shape[-1], optics.psf_pitch_um, pixel_pitch_um)
 
     def psfs(self, paraxial_height_mm, azimuth_rad):
         """PSFs integrated over the pixels, for chief rays that meet pixel centres.

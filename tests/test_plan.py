@@ -20,7 +20,7 @@ def test_options_cannot_be_changed():
 @pytest.mark.parametrize("field, value", [
     ("section_size", 0), ("section_size", -3), ("section_size", 2.5), ("section_size", True), ("section_size", "16"),
     ("section_size", None), ("section_size", 16.0), ("order", True), ("section_size", np.nan), ("section_size", [16]),
-    ("order", 0), ("order", 3), ("order", "2"), ("order", None), ("order", [1]),
+    ("order", 0), ("order", 5), ("order", "2"), ("order", None), ("order", [1]),
     ("space_px", 0), ("space_px", 64.5), ("space_px", "64"), ("space_px", np.inf),
     ("out_of_field", "clamp"), ("out_of_field", None),
 ])

@@ -1,0 +1,82 @@
+"""Folding a picture onto one quadrant: where the axis is in its middle, four mirrored quadrants have the same PSFs.
+
+A rotationally symmetric lens has PSFs that are mirror-symmetric about the meridional plane, so that the PSF of a
+mirrored place is the mirrored PSF. Quadrants flipped onto one another then share one set of PSFs and OTFs.
+"""
+
+import numpy as np
+
+SYMMETRY_TOLERANCE = 2e-3
+"""L1 distance of a PSF from its mirror image that is taken for noise; a half-sample error of centring is 100 times it."""
+
+
+def mirror_symmetric(psf):
+    """PSFs made exactly mirror-symmetric in u, where they are so but for the noise of their making.
+
+    Parameters
+    ----------
+    psf : array (height, v, u), the chief ray at n // 2
+
+    Returns
+    -------
+    psf : array (height, v, u), as it was or averaged with its mirror image, then of odd size
+    symmetric : bool
+    """
+    n = psf.shape[-1]
+    odd = np.pad(psf, ((0, 0), (0, 1 - n % 2), (0, 1 - n % 2)))  # -n/2 has its partner then
+    mirrored = odd[..., ::-1]
+    asymmetry = np.abs(odd - mirrored).sum(axis=(-2, -1)).max()
+    if asymmetry > SYMMETRY_TOLERANCE:
+        return psf, False
+    return (odd + mirrored) / 2, True
+
+
+def fold(plane):
+    """The four quadrants of a plane about its middle, each laid with the axis at its upper left corner.
+
+    Where a side is odd its middle line belongs to the right and lower quadrants alone.
+
+    Parameters
+    ----------
+    plane : array (row, column)
+
+    Returns
+    -------
+    array (4, ceil(row / 2), ceil(column / 2)): lower right, upper right, lower left, upper left
+    """
+    rows, columns = plane.shape
+    half_rows, half_columns = -(-rows // 2), -(-columns // 2)
+    lower, right = slice(rows - half_rows, None), slice(columns - half_columns, None)
+    upper, left = slice(half_rows - 1, None, -1), slice(half_columns - 1, None, -1)
+    quadrants = np.stack([plane[lower, right], plane[upper, right], plane[lower, left], plane[upper, left]])
+    if rows % 2:
+        quadrants[1::2, 0] = 0
+    if columns % 2:
+        quadrants[2:, :, 0] = 0
+    return quadrants
+
+
+def unfold(canvases, shape_px, psf_radius_px):
+    """The canvas of the whole plane, from those of its folded quadrants; the inverse of `fold` but for the canvas.
+
+    Parameters
+    ----------
+    canvases : array (4, ceil(row / 2) + 2 psf_radius_px, ceil(column / 2) + 2 psf_radius_px)
+    shape_px : (int, int)
+        Rows and columns of the plane.
+    psf_radius_px : int
+
+    Returns
+    -------
+    array (row + 2 psf_radius_px, column + 2 psf_radius_px)
+    """
+    rows, columns = (n + 2 * psf_radius_px for n in shape_px)
+    part_rows, part_columns = canvases.shape[1:]
+    lower, right = slice(rows - part_rows, None), slice(columns - part_columns, None)
+    upper, left = slice(part_rows), slice(part_columns)
+    canvas = np.zeros((rows, columns), canvases.dtype)
+    canvas[lower, right] += canvases[0]
+    canvas[upper, right] += canvases[1, ::-1]
+    canvas[lower, left] += canvases[2, :, ::-1]
+    canvas[upper, left] += canvases[3, ::-1, ::-1]
+    return canvas
