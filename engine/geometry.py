@@ -6,7 +6,6 @@ import numpy as np
 from scipy import ndimage
 
 from .errors import LensError
-from .spectral_image import pixel_axes_mm
 
 ORDERS = range(4, 9)
 DISTORTION_TOLERANCE = 1e-5  # of the last height: 0.03 um for a 3 mm field
@@ -115,7 +114,7 @@ class FieldGeometry:
         return np.maximum(self.illumination(held), 0)
 
 
-def distort(plane, source_centre_px, target_shape_px, target_centre_px, pitch_um, field):
+def distort(plane, source_centre_px, x_mm, y_mm, pitch_um, field):
     """Lay an ideal image plane where the lens really puts it.
 
     Each target pixel takes its value from the ideal position of the chief ray that meets it, bilinearly: this
@@ -125,20 +124,20 @@ def distort(plane, source_centre_px, target_shape_px, target_centre_px, pitch_um
     Parameters
     ----------
     plane : array (row, column)
-    source_centre_px, target_centre_px : (float, float)
-        Row and column of the optical axis in the source and in the target.
-    target_shape_px : (int, int)
+    source_centre_px : (float, float)
+        Row and column of the optical axis in the source.
+    x_mm, y_mm : arrays (column,) and (row,)
+        Where the target's pixels are, about the axis.
     pitch_um : float
-        Pixel pitch of both.
+        Pixel pitch of the source.
     field : FieldGeometry
 
     Returns
     -------
-    distorted : array (row, column) of the target shape
+    distorted : array (row, column) of the target
     paraxial_height_mm : array (row, column)
         The height that each target pixel's light came from, by which PSF and relative illumination are looked up.
     """
-    x_mm, y_mm = pixel_axes_mm(target_shape_px, target_centre_px, pitch_um)
     real_mm = np.hypot(x_mm[None, :], y_mm[:, None])
     paraxial_mm = field.paraxial_height_mm(real_mm)
     ratio = field.paraxial_per_real(real_mm, paraxial_mm) / (pitch_um * 1e-3)

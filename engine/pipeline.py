@@ -1,5 +1,7 @@
 """simulate(): spectral radiance through a lens to spectral irradiance, wavelength by wavelength."""
 
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +15,9 @@ from .psf import PsfBank
 from .reference import filter_exactly
 from .report import Report
 from .sections import filter_sections
-from .spectral_image import IRRADIANCE, RADIANCE, pixel_position_mm
+from .spectral_image import IRRADIANCE, RADIANCE, pixel_axes_mm, pixel_position_mm
+
+BAND_PIXELS = 1 << 17
 
 
 def simulate(radiance, lens, options=Options(), *, progress=None, report=None):
@@ -56,13 +60,7 @@ def simulate(radiance, lens, options=Options(), *, progress=None, report=None):
             field = FieldGeometry(optics, lens.name)
             bank = PsfBank(optics, radiance.pitch_um)
         with report.stage("distortion and relative illumination"):
-            distorted, height_mm = distort(radiance.cube[index], radiance.centre_px, target.cube.shape[1:],
-                                           target.centre_px, radiance.pitch_um, field)
-            beyond = height_mm > lens.heights_mm[-1]
-            if plan.out_of_field == "vignette":
-                distorted[beyond] = 0
-            ideal = ideal_irradiance(distorted, field.relative_illumination(height_mm), optics.transmittance,
-                                     lens.f_number_effective)
+            ideal, beyond = _ideal_plane(radiance, index, target, optics, field, lens, plan)
         with report.stage("filtering"):
             canvas = _filter(ideal, target.centre_px, plan, bank, _psf_lookup(bank, field, radiance.pitch_um, report))
         irradiance[index] = _inside(canvas, [m + plan.psf_radius_px for m in margin], frame)
@@ -75,6 +73,30 @@ def simulate(radiance, lens, options=Options(), *, progress=None, report=None):
                      "out_of_field_fraction": tally.out_of_field_fraction}
     return replace(frame, cube=irradiance, quantity=IRRADIANCE, lens_name=lens.name,
                    f_number_effective=lens.f_number_effective)
+
+
+def _ideal_plane(radiance, index, target, optics, field, lens, plan):
+    """Ideal irradiance of one wavelength where the lens puts it, and which of its pixels are out of field.
+
+    Bands of rows small enough for the processor's cache are worked on side by side.
+    """
+    x_mm, y_mm = pixel_axes_mm(target.cube.shape[1:], target.centre_px, target.pitch_um)
+    ideal = np.empty(target.cube.shape[1:])
+    beyond = np.empty(ideal.shape, dtype=bool)
+
+    def work(rows):
+        distorted, height_mm = distort(radiance.cube[index], radiance.centre_px, x_mm, y_mm[rows],
+                                       radiance.pitch_um, field)
+        beyond[rows] = height_mm > lens.heights_mm[-1]
+        if plan.out_of_field == "vignette":
+            distorted[beyond[rows]] = 0
+        ideal[rows] = ideal_irradiance(distorted, field.relative_illumination(height_mm), optics.transmittance,
+                                       lens.f_number_effective)
+
+    step = max(1, BAND_PIXELS // x_mm.size)
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        list(pool.map(work, (slice(top, top + step) for top in range(0, y_mm.size, step))))
+    return ideal, beyond
 
 
 def _filter(ideal, centre_px, plan, bank, psfs_at):

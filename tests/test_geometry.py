@@ -7,9 +7,15 @@ import pytest
 from lenses import make_lens
 from lensfield.engine import LensError
 from lensfield.engine.geometry import FieldGeometry, distort, fit_polynomial, overscan_px
+from lensfield.engine.spectral_image import pixel_axes_mm
 
 HEIGHTS_MM = np.linspace(0, 3, 21)
 WILD = np.where(np.arange(21) % 2, 1.0, -1.0)
+
+
+def distorted(plane, source_centre_px, target_shape_px, target_centre_px, pitch_um, field):
+    x_mm, y_mm = pixel_axes_mm(target_shape_px, target_centre_px, pitch_um)
+    return distort(plane, source_centre_px, x_mm, y_mm, pitch_um, field)
 
 
 def geometry(real_height_mm=None, relative_illumination=None, heights_mm=np.linspace(0, 2, 21)):
@@ -101,7 +107,7 @@ def lit_after(real_height_mm, points, shape=(201, 201)):
     plane = np.zeros(shape)
     for x, y in points:
         plane[middle - y, middle + x] = 1
-    result, _ = distort(plane, (middle, middle), shape, (middle, middle), 10.0, geometry(real_height_mm))
+    result, _ = distorted(plane, (middle, middle), shape, (middle, middle), 10.0, geometry(real_height_mm))
     return {(int(c - middle), int(middle - r)): result[r, c] for r, c in np.argwhere(result > 1e-3)}
 
 
@@ -128,7 +134,7 @@ def test_cubic_barrel_lands_where_it_was_worked_out():
 
 
 def test_height_returned_is_that_the_light_came_from():
-    _, height_mm = distort(np.ones((21, 21)), (10, 10), (21, 21), (10, 10), 100.0, geometry(lambda p: 0.8 * p))
+    _, height_mm = distorted(np.ones((21, 21)), (10, 10), (21, 21), (10, 10), 100.0, geometry(lambda p: 0.8 * p))
     assert height_mm[10, 10] == 0
     assert height_mm[10, 18] == pytest.approx(1.0)  # 0.8 mm right of the axis
     assert height_mm[2, 16] == pytest.approx(1.25)  # 0.8 mm up and 0.6 mm right
@@ -137,20 +143,20 @@ def test_height_returned_is_that_the_light_came_from():
 def test_source_and_target_may_have_their_axes_at_different_pixels():
     plane = np.zeros((9, 11))
     plane[2, 7] = 1  # 3 right of and 2 above the axis
-    result, _ = distort(plane, (4, 4), (7, 7), (3, 2), 10.0, geometry())
+    result, _ = distorted(plane, (4, 4), (7, 7), (3, 2), 10.0, geometry())
     assert np.unravel_index(result.argmax(), result.shape) == (1, 5)
     assert result.max() == pytest.approx(1.0, abs=1e-9)
 
 
 def test_half_a_pixel_of_shift_is_bilinear_and_outside_is_black():
     plane = np.array([[4.0, 8.0]])
-    result, _ = distort(plane, (0, 0.5), (1, 3), (0, 1.0), 10.0, geometry())
+    result, _ = distorted(plane, (0, 0.5), (1, 3), (0, 1.0), 10.0, geometry())
     np.testing.assert_allclose(result, [[2.0, 6.0, 4.0]], atol=1e-9)
 
 
 def test_distorting_makes_no_negative_light_and_does_not_overshoot():
     plane = np.random.default_rng(3).random((40, 50))
-    result, _ = distort(plane, (19.5, 24.5), (40, 50), (19.5, 24.5), 40.0, geometry(barrel))
+    result, _ = distorted(plane, (19.5, 24.5), (40, 50), (19.5, 24.5), 40.0, geometry(barrel))
     assert result.min() >= 0 and result.max() <= plane.max()
 
 
