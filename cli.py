@@ -3,11 +3,17 @@
 import argparse
 import json
 import os
+import shutil
+import signal
 import sys
+import threading
 from contextlib import contextmanager
+from importlib.metadata import version
 from pathlib import Path
 
-from .engine import InputError, Lens, Options, Report, simulate
+from .engine import ImageError, InputError, Lens, Options, Report, simulate
+from .engine.atomic import check_target, remove_pending
+from .engine.errors import absence
 from .engine.lens_files import bundled_names
 from .engine.lens_info import lens_info, lens_text
 from .engine.plan import OUT_OF_FIELD
@@ -16,10 +22,13 @@ from .engine.spectra import parse_wavelengths
 
 BAR_CELLS = 24
 FAILURES = (InputError, OSError, MemoryError)
+CANCELLED = 130
+LIMITS = {"frame": (-1048574, 1048574), "samples": (1, 1 << 24)}  # Blender's own
+RESOLUTION_LIMITS = (4, 65536)
 
 
 def main(arguments=None):
-    """Run the command; the exit status: 0, 1 for bad input (told in one line), 2 for a command that is not one."""
+    """Run the command; the exit status: 0, 1 for bad input (told in one line), 2 for a command line that is none."""
     try:
         options = _parser().parse_args(arguments)
     except SystemExit as stop:  # inside Blender the process is not ours to end
@@ -31,24 +40,60 @@ def main(arguments=None):
         return 1
     except KeyboardInterrupt:
         print("lensfield: cancelled", file=sys.stderr)
-        return 130
+        return CANCELLED
     return 0
 
 
 def console():
-    """Entry point of the console script."""
-    status = main()
+    """Entry point of the console script, whose process is its own."""
+    _stop_on_signals()
+    _leave(main())
+
+
+def _stop_on_signals():
+    """Let Ctrl-C and SIGTERM end the process at once and leave nothing behind.
+
+    An exception would not do: Python raises it when the main thread is back from C++, minutes later, and Blender's
+    own callbacks lose it. But a byte is written as soon as a signal comes, and a thread can wait for that.
+    """
+    if os.name == "nt":  # whose pipes cannot do this; there Ctrl-C ends the process as it is
+        return
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    signal.set_wakeup_fd(writer)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: None)
+
+    def wait():
+        os.read(reader, 1)
+        remove_pending()
+        print("\nlensfield: cancelled", file=sys.stderr)
+        _leave(CANCELLED)
+
+    threading.Thread(target=wait, daemon=True).start()
+
+
+def _leave(status):
+    """End the process with this status, whatever the interpreter's own end would come to."""
     sys.stdout.flush()
     sys.stderr.flush()
     if "bpy" in sys.modules:
-        os._exit(status)  # some of Blender's wheels crash while the interpreter exits, after all is done
-    sys.exit(status)
+        shutil.rmtree(sys.modules["bpy"].app.tempdir, ignore_errors=True)
+    os._exit(status)  # some of Blender's wheels crash while the interpreter exits, after all is done
 
 
 def _parser():
     parser = argparse.ArgumentParser(prog="lensfield", description="Blender scenes through real lenses.")
+    parser.add_argument("--version", action="version", version=f"lensfield {version('lensfield')}"
+                        if __package__ == "lensfield" else "lensfield")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    _add_render(commands)
+    _add_filter(commands)
+    _add_lens(commands)
+    return parser
 
+
+def _add_render(commands):
     render = commands.add_parser("render", help="render a .blend multispectrally and put it through a lens")
     render.add_argument("scene", type=Path, metavar="SCENE.blend")
     render.add_argument("--wavelengths", default="400:700:9", metavar="SPEC",
@@ -58,27 +103,35 @@ def _parser():
     render.add_argument("--resolution", metavar="WIDTHxHEIGHT", help="size in pixels (default: the scene's)")
     render.add_argument("--denoise", action="store_true", help="let Cycles denoise its passes")
     render.add_argument("--output", type=Path, required=True, metavar="DIR")
+    _add_engine_options(render)
     render.set_defaults(run=_render)
 
+
+def _add_filter(commands):
     filter_ = commands.add_parser("filter", help="put a spectral radiance EXR through a lens")
     filter_.add_argument("radiance", type=Path, metavar="RADIANCE.exr")
     filter_.add_argument("--pitch-um", type=float, help="pixel pitch at the sensor, for a file that does not tell it")
     filter_.add_argument("--output", type=Path, required=True, metavar="IRRADIANCE.exr")
     filter_.add_argument("--preview", type=Path, metavar="FILE.png", help="also write an sRGB picture")
+    _add_engine_options(filter_)
     filter_.set_defaults(run=_filter)
 
-    for command in (render, filter_):
-        command.add_argument("--lens", required=True, metavar="NAME|FILE",
-                             help=f"a bundled lens ({', '.join(bundled_names())}) or a lens package")
-        command.add_argument("--section-size", type=int, default=Options.section_size, metavar="PX",
-                             help="side of an isoplanatic section (default %(default)s)")
-        command.add_argument("--order", type=int, default=Options.order, choices=ORDERS,
-                             help="1: one PSF per section; 2: bilinear between corners (default %(default)s)")
-        command.add_argument("--out-of-field", choices=OUT_OF_FIELD, default=Options.out_of_field,
-                             help="pixels beyond the lens data (default %(default)s)")
-        command.add_argument("--report", type=Path, metavar="FILE.json",
-                             help="write stages with seconds, the plan, and energy in and out")
 
+def _add_engine_options(command):
+    command.add_argument("--lens", required=True, metavar="NAME|FILE",
+                         help=f"a bundled lens ({', '.join(bundled_names())}) or a lens package")
+    command.add_argument("--section-size", type=int, default=Options.section_size, metavar="PX",
+                         help="side of an isoplanatic section (default %(default)s)")
+    command.add_argument("--order", type=int, default=Options.order, choices=ORDERS,
+                         help="1: one PSF per section, 2: bilinear between corners, 3 and 4: finer "
+                              "(default %(default)s)")
+    command.add_argument("--out-of-field", choices=OUT_OF_FIELD, default=Options.out_of_field,
+                         help="pixels beyond the lens data (default %(default)s)")
+    command.add_argument("--report", type=Path, metavar="FILE.json",
+                         help="write stages with seconds, the plan, and energy in and out")
+
+
+def _add_lens(commands):
     lens = commands.add_parser("lens", help="about lenses").add_subparsers(required=True, metavar="COMMAND")
     info = lens.add_parser("info", help="first-order data, distortion, relative illumination, lateral colour")
     info.add_argument("lens", metavar="NAME|FILE")
@@ -86,7 +139,6 @@ def _parser():
     info.set_defaults(run=_lens_info)
     listing = lens.add_parser("list", help="names of the bundled lenses")
     listing.set_defaults(run=lambda _: print("\n".join(bundled_names())))
-    return parser
 
 
 def _render(options):
@@ -99,29 +151,38 @@ def _render(options):
     lens = Lens.load(options.lens)
     wavelengths_nm = parse_wavelengths(options.wavelengths)
     engine_options = _engine_options(options)
-    if not options.scene.is_file():
-        raise InputError(options.scene, "scene", "not there", "expected a .blend file")
+    _check_targets(options.report)
     if not hasattr(bpy.types.Scene, "lensfield"):  # in the wheel nobody has registered the add-on yet
         addon.register()
+    scene = _open_scene(bpy, options)
+    with _progress_bar() as tell, _quiet(1):
+        result = addon.render_through_lens(
+            scene, lens, wavelengths_nm, options.output.resolve(), options=engine_options, frame=options.frame,
+            denoise=options.denoise, progress=tell)
+    _finish(options, result.report, result.files)
+
+
+def _open_scene(bpy, options):
+    """The scene of the .blend, with what the command line asks of it."""
+    if not options.scene.is_file():
+        raise InputError(options.scene, "scene", absence(options.scene), "expected a .blend file")
+    for name, limits in LIMITS.items():
+        value = getattr(options, name)
+        if value is not None and not limits[0] <= value <= limits[1]:
+            raise InputError("options", f"--{name}", value, "expected {} to {}".format(*limits))
+    size = _resolution(options.resolution) if options.resolution else None
     try:
-        with _quiet_stdout():
+        with _quiet(1):
             bpy.ops.wm.open_mainfile(filepath=str(options.scene.resolve()))
     except RuntimeError as error:
         raise InputError(options.scene, "scene", "not readable", str(error).strip()) from None
     scene = bpy.context.scene
     if options.samples is not None:
-        scene.cycles.samples = _positive("--samples", options.samples)
-    if options.resolution:
-        scene.render.resolution_x, scene.render.resolution_y = _resolution(options.resolution)
+        scene.cycles.samples = options.samples
+    if size:
+        scene.render.resolution_x, scene.render.resolution_y = size
         scene.render.resolution_percentage = 100
-    with _progress_bar() as tell, _quiet_stdout():
-        result = addon.render_through_lens(
-            scene, lens, wavelengths_nm, options.output.resolve(), options=engine_options, frame=options.frame,
-            denoise=options.denoise, progress=tell)
-    _write_report(options, result.report)
-    for path in (result.radiance, result.irradiance, result.lens_image, result.before, result.after):
-        print(path)
-    _print_stages(result.report)
+    return scene
 
 
 def _filter(options):
@@ -131,20 +192,22 @@ def _filter(options):
     report = Report()
     lens = Lens.load(options.lens)
     engine_options = _engine_options(options)
-    with report.stage("read radiance"):
+    _check_targets(options.output, options.preview, options.report)
+    with report.stage("read radiance"), _quiet(1, 2):  # of damage the EXR library tells at length
         radiance = read_exr(options.radiance, options.pitch_um)
-    with _progress_bar() as tell:
-        irradiance = simulate(radiance, lens, engine_options, report=report,
-                              progress=lambda done: tell(done, f"Through {lens.name}"))
+    try:
+        with _progress_bar() as tell:
+            irradiance = simulate(radiance, lens, engine_options, report=report,
+                                  progress=lambda done: tell(done, f"Through {lens.name}"))
+    except ImageError as error:
+        raise ImageError(options.radiance, error.field, error.value, error.remedy) from None
     with report.stage("write irradiance"):
         write_exr(irradiance, options.output)
     if options.preview:
         with report.stage("write preview"):
             picture = to_rec709(irradiance)
             write_png(picture, options.preview, auto_exposure(picture))
-    _write_report(options, report)
-    print(options.output)
-    _print_stages(report)
+    _finish(options, report, [path for path in (options.output, options.preview) if path])
 
 
 def _lens_info(options):
@@ -156,28 +219,35 @@ def _engine_options(options):
     return Options(section_size=options.section_size, order=options.order, out_of_field=options.out_of_field)
 
 
-def _positive(name, value):
-    if value < 1:
-        raise InputError("options", name, value, "expected 1 or more")
-    return value
+def _check_targets(*paths):
+    """Raise an InputError for a file that could not be written, before the work is done."""
+    for path in filter(None, paths):
+        check_target(path)
 
 
 def _resolution(text):
+    least, most = RESOLUTION_LIMITS
     try:
-        width, height = (_positive("--resolution", int(side)) for side in text.lower().split("x"))
+        width, height = (int(side) for side in text.lower().split("x"))
+        if not least <= min(width, height) <= max(width, height) <= most:
+            raise ValueError
     except ValueError:
-        raise InputError("options", "--resolution", text, "expected WIDTHxHEIGHT such as 768x576") from None
+        raise InputError("options", "--resolution", text,
+                         f"expected WIDTHxHEIGHT such as 768x576, each {least} to {most}") from None
     return width, height
 
 
-def _write_report(options, report):
+def _finish(options, report, files):
+    """Write the report, and say where the files are, how long each stage took, and what lies out of field."""
     if options.report:
         report.write(options.report)
-
-
-def _print_stages(report):
+    for path in files:
+        print(path)
     for stage, seconds in report.stages.items():
         print(f"  {stage:<40}{seconds:8.2f} s")
+    beyond = report.facts["out_of_field_fraction"]
+    if beyond:
+        print(f"  {beyond:.1%} of the frame lies beyond the lens data: {options.out_of_field}")
 
 
 @contextmanager
@@ -199,15 +269,17 @@ def _progress_bar():
 
 
 @contextmanager
-def _quiet_stdout():
-    """Keep Blender's own chatter, which comes from its C++ side, off standard output."""
+def _quiet(*descriptors):
+    """Keep the chatter of C++ libraries, Blender's or OpenEXR's, off these descriptors: 1 is output, 2 is errors."""
     sys.stdout.flush()
-    kept = os.dup(1)
+    kept = [(number, os.dup(number)) for number in descriptors]
     with open(os.devnull, "w") as nowhere:
-        os.dup2(nowhere.fileno(), 1)
+        for number in descriptors:
+            os.dup2(nowhere.fileno(), number)
     try:
         yield
     finally:
         sys.stdout.flush()
-        os.dup2(kept, 1)
-        os.close(kept)
+        for number, original in kept:
+            os.dup2(original, number)
+            os.close(original)

@@ -23,22 +23,23 @@ class Framing:
 
 
 def frame_px(scene):
-    """Rows and columns of the scene's render."""
-    scale = scene.render.resolution_percentage / 100
-    return max(1, int(scene.render.resolution_y * scale)), max(1, int(scene.render.resolution_x * scale))
+    """Rows and columns of the scene's render, rounded as Blender does."""
+    render = scene.render
+    return tuple(max(1, side * render.resolution_percentage // 100)
+                 for side in (render.resolution_y, render.resolution_x))
 
 
 def pitch_um(lens, frame):
     """Pixel pitch at which the frame, rows and columns, just fits the lens's sensor."""
-    return 1e3 * min(lens.sensor_mm[0] / frame[1], lens.sensor_mm[1] / frame[0])
+    return min(1e3 * lens.sensor_mm[0] / frame[1], 1e3 * lens.sensor_mm[1] / frame[0])
 
 
 def make_framing(scene, lens, wavelengths_nm):
     """The grid to capture a scene on for a lens."""
     frame = frame_px(scene)
     pitch = pitch_um(lens, frame)
-    radius = psf_radius_px(lens.psf.shape[-1], lens.psf_pitch_um, pitch)
-    return Framing(frame, pitch, overscan_px(lens, frame, pitch, wavelengths_nm, radius))
+    margins = overscan_px(lens, frame, pitch, wavelengths_nm, psf_radius_px(lens, pitch))
+    return Framing(frame, pitch, margins)
 
 
 def check_camera(scene):

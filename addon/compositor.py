@@ -3,7 +3,7 @@
 import bpy
 
 NAME = "Lensfield"
-MARK = "lensfield_image"  # custom property of our node groups; users may rename them
+MARK = "lensfield_scene"  # custom property of our node groups: the scene whose picture they hold
 
 
 def lay_into_compositor(scene, image_path):
@@ -25,15 +25,25 @@ def lay_into_compositor(scene, image_path):
     """
     tree = compositing_tree(scene)
     node = _lensfield_node(tree)
+    if node and node.node_tree[MARK] != scene.name and node.node_tree[MARK] in bpy.data.scenes:
+        tree, node = _parted(scene, tree)  # this scene is a copy, which must not change the picture of the other
     if node is None:
         node = tree.nodes.new("CompositorNodeGroup")
         node.node_tree = _lens_image_group()
         node.name = node.label = NAME
-        _take_over_links(tree, node)
-    elif node.node_tree.users - node.node_tree.use_fake_user > 1:
-        node.node_tree = _lens_image_group()  # a copied scene must not change the picture of the one it came from
+        _take_over_links(scene, tree, node)
+    node.node_tree[MARK] = scene.name
     _show(node.node_tree, image_path, f"{NAME} {scene.name}")
     return node
+
+
+def _parted(scene, tree):
+    """A tree and a Lensfield node of the scene's own, in place of those it shares with the scene it is a copy of."""
+    if tree.users > 1 and hasattr(scene, "compositing_node_group"):
+        tree = scene.compositing_node_group = tree.copy()
+    node = _lensfield_node(tree)
+    node.node_tree = _lens_image_group()
+    return tree, node
 
 
 def lens_image(scene):
@@ -50,10 +60,12 @@ def compositing_tree(scene):
         return scene.node_tree
     if scene.compositing_node_group is None:
         tree = bpy.data.node_groups.new("Compositing", "CompositorNodeTree")
-        tree.interface.new_socket(name="Image", in_out="OUTPUT", socket_type="NodeSocketColor")
         tree.nodes.new("NodeGroupOutput")
         scene.compositing_node_group = tree
-    return scene.compositing_node_group
+    tree = scene.compositing_node_group
+    if not any(item.item_type == "SOCKET" and item.in_out == "OUTPUT" for item in tree.interface.items_tree):
+        tree.interface.new_socket(name="Image", in_out="OUTPUT", socket_type="NodeSocketColor")
+    return tree
 
 
 def _lensfield_node(tree):
@@ -68,7 +80,7 @@ def _image_node(group):
 def _lens_image_group():
     """A new node group with the lens image for its output."""
     group = bpy.data.node_groups.new(NAME, "CompositorNodeTree")
-    group[MARK] = True
+    group[MARK] = ""
     group.interface.new_socket(name="Image", in_out="OUTPUT", socket_type="NodeSocketColor")
     source = group.nodes.new("CompositorNodeImage")
     output = group.nodes.new("NodeGroupOutput")
@@ -88,9 +100,9 @@ def _show(group, path, name):
     source.image.update_tag()  # or an open viewer stays stale
 
 
-def _take_over_links(tree, node):
-    """Feed what the Render Layers node fed; else the tree's output."""
-    layers = [n for n in tree.nodes if n.bl_idname == "CompositorNodeRLayers" and not n.mute]
+def _take_over_links(scene, tree, node):
+    """Feed what the scene's own Render Layers nodes fed; else the tree's output."""
+    layers = [n for n in tree.nodes if n.bl_idname == "CompositorNodeRLayers" and n.scene == scene and not n.mute]
     targets = [link.to_socket for n in layers for link in n.outputs["Image"].links]
     if not targets:
         targets = [n.inputs[0] for n in tree.nodes

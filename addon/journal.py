@@ -1,5 +1,7 @@
 """Journal: changes to a scene that are taken back, whatever happens."""
 
+from contextlib import ExitStack
+
 import bpy
 
 from .errors import SceneError
@@ -9,24 +11,17 @@ class Journal:
     """Changes made through it are undone, last first, when the `with` block ends."""
 
     def __init__(self):
-        self._undo = []
+        self._undo = ExitStack()  # one that fails does not keep the others from being undone
 
     def __enter__(self):
         return self
 
     def __exit__(self, *exception):
-        failures = []
-        while self._undo:
-            try:
-                self._undo.pop()()
-            except Exception as failure:  # one that fails must not keep the others from being undone
-                failures.append(failure)
-        if failures:
-            raise failures[0]
+        self._undo.close()
 
     def on_exit(self, undo):
         """Call `undo` when the block ends."""
-        self._undo.append(undo)
+        self._undo.callback(undo)
 
     def set(self, owner, attribute, value):
         """Set a property of a data-block."""

@@ -27,12 +27,14 @@ class Cancelled(Exception):
 def job_from_settings(scene):
     """The Job that a scene's settings ask for; raises InputError."""
     settings = scene.lensfield
+    if not settings.output_folder.strip():
+        raise InputError("scene settings", "output folder", "empty", "give a folder for the files")
     if settings.output_folder.startswith("//") and not bpy.data.filepath:
         raise InputError("scene settings", "output folder", settings.output_folder,
                          "save the .blend first, or give an absolute folder")
     return Job(lens=Lens.load(settings.lens_name_or_path()), wavelengths_nm=settings.wavelengths_nm(),
                output_folder=Path(bpy.path.abspath(settings.output_folder)), options=settings.to_options(),
-               denoise=settings.denoise, to_compositor=settings.to_compositor)
+               frame=scene.frame_current, denoise=settings.denoise, to_compositor=settings.to_compositor)
 
 
 class LENSFIELD_OT_render(bpy.types.Operator):
@@ -86,7 +88,7 @@ class LENSFIELD_OT_render(bpy.types.Operator):
             self._finish_report(end.value)
             _show_lens_image(context)
             return self._end(context, None)
-        except (InputError, OSError) as error:
+        except (InputError, OSError, RuntimeError) as error:
             return self._end(context, str(error))
         except BaseException:
             self._end(context, "Lensfield stopped on an error: see the console")
@@ -102,6 +104,8 @@ class LENSFIELD_OT_render(bpy.types.Operator):
     def _tick(self, context):
         """Go on to the next step once the present one is done."""
         if isinstance(self._step, RenderPass):
+            if self._watch.ended is None and self._escape.is_set() and not bpy.app.is_job_running("RENDER"):
+                raise Cancelled
             if self._watch.ended is None or bpy.app.is_job_running("RENDER"):
                 _redraw_panels(context)
                 return {"RUNNING_MODAL"}
@@ -125,16 +129,20 @@ class LENSFIELD_OT_render(bpy.types.Operator):
         self._tell(context, step.fraction, step.label)
         if isinstance(step, RenderPass):
             self._watch.ended = None
-            bpy.ops.render.render("INVOKE_DEFAULT", write_still=True, scene=step.scene.name)
+            started = bpy.ops.render.render("INVOKE_DEFAULT", write_still=True, scene=step.scene.name)
+            if "CANCELLED" in started:  # another render is under way, and no handler will tell us
+                raise Cancelled
         else:
             self._worker = _Worker(step.call, self._escape)
             self._worker.start()
 
     def _end(self, context, complaint):
         """Put everything back: the scene first, then the user interface."""
-        self._steps.close()
-        self._at_end.close()
-        self._tell(context, None, "")
+        try:
+            self._steps.close()
+        finally:
+            self._at_end.close()
+            self._tell(context, None, "")
         if complaint is None:
             return {"FINISHED"}
         self.report({"WARNING"} if complaint == "Cancelled" else {"ERROR"}, complaint)
@@ -142,7 +150,8 @@ class LENSFIELD_OT_render(bpy.types.Operator):
 
     def _tell(self, context, fraction, label):
         progress["fraction"], progress["label"] = fraction, label
-        context.workspace.status_text_set(None if fraction is None else f"Lensfield: {label}   (Esc: cancel)")
+        if context.workspace:  # none while Blender closes a file under us
+            context.workspace.status_text_set(None if fraction is None else f"Lensfield: {label}   (Esc: cancel)")
         if fraction is not None:
             context.window_manager.progress_update(fraction)
         _redraw_panels(context)

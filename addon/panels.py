@@ -1,5 +1,6 @@
 """Panels: the lens render in the render properties and the sidebar; spectra on materials, lights and worlds."""
 
+import os
 from functools import lru_cache
 
 import bpy
@@ -7,7 +8,7 @@ import bpy
 from ..engine import Lens
 from ..engine.errors import InputError
 from . import operators
-from .bands import WAVELENGTHS_PER_PASS
+from .bands import pass_count
 from .camera import frame_px, pitch_um
 from .properties import FROM_FILE
 
@@ -53,7 +54,7 @@ def _draw_lens_facts(layout, scene):
     if not path:
         return
     try:
-        lens = _load(path)
+        lens = _load(path, os.path.getmtime(path) if os.path.isfile(path) else 0)
     except InputError as error:
         layout.label(text=str(error), icon="ERROR")
         return
@@ -66,8 +67,8 @@ def _draw_lens_facts(layout, scene):
 
 
 @lru_cache(maxsize=4)
-def _load(path):
-    """Panels are drawn many times a second; a lens file is read once."""
+def _load(path, changed):
+    """Panels are drawn many times a second; a lens file is read once, and again when it has changed."""
     return Lens.load(path)
 
 
@@ -77,7 +78,7 @@ def _draw_pass_count(layout, settings):
     except InputError as error:
         layout.label(text=error.remedy, icon="ERROR")
         return
-    passes = -(-count // WAVELENGTHS_PER_PASS)
+    passes = pass_count(count)
     layout.label(text=f"{count} wavelength{'s' * (count > 1)}: {passes} Cycles render{'s' * (passes > 1)}")
 
 

@@ -75,6 +75,8 @@ class LensfieldSettings(bpy.types.PropertyGroup):
         """The wavelengths as `lensfield render --wavelengths` takes them."""
         if self.wavelength_mode == "LIST":
             return self.wavelength_list
+        if self.wavelength_count == 1:
+            return f"{self.wavelength_first_nm:g}"
         return f"{self.wavelength_first_nm:g}:{self.wavelength_last_nm:g}:{self.wavelength_count}"
 
     def wavelengths_nm(self):

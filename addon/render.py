@@ -3,8 +3,6 @@
 A driver runs the steps: `run` one after the other for scripts, the modal operator between the ticks of a timer.
 """
 
-import shutil
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,9 +13,11 @@ import OpenEXR
 
 from ..engine import Lens, Options, Report, SpectralImage, simulate
 from ..engine.colour import auto_exposure, to_rec709, write_png
+from ..engine.atomic import make_folder, temporary_folder
 from ..engine.errors import InputError
 from ..engine.exr import write_exr, write_rgb_exr
 from ..engine.ideal import irradiance_per_radiance
+from ..engine.spectra import BAND_NM
 from ..engine.spectral_image import RADIANCE
 from .bands import WAVELENGTHS_PER_PASS, passes
 from .camera import check_camera, make_framing, match_camera_to_lens
@@ -37,10 +37,10 @@ class Job:
     lens: Lens
     wavelengths_nm: np.ndarray
     output_folder: Path
-    options: Options = Options()
-    frame: int | None = None
-    denoise: bool = False
-    to_compositor: bool = False
+    options: Options
+    frame: int
+    denoise: bool
+    to_compositor: bool
 
 
 @dataclass(frozen=True)
@@ -77,6 +77,10 @@ class Result:
     after: Path
     report: Report
 
+    @property
+    def files(self):
+        return self.radiance, self.irradiance, self.lens_image, self.before, self.after
+
 
 def render_through_lens(scene, lens, wavelengths_nm, output_folder, *, options=Options(), frame=None, denoise=False,
                         to_compositor=False, progress=None):
@@ -107,6 +111,7 @@ def render_through_lens(scene, lens, wavelengths_nm, output_folder, *, options=O
         The scene is then exactly as it was.
     """
     lens = lens if isinstance(lens, Lens) else Lens.load(lens)
+    frame = scene.frame_current if frame is None else frame
     job = Job(lens, np.asarray(wavelengths_nm, dtype=float), Path(output_folder), options, frame, denoise,
               to_compositor)
     return run(render_steps(scene, job), progress)
@@ -126,7 +131,7 @@ def run(steps, progress=None):
             if isinstance(step, RenderPass):
                 answer = None
                 with samples_watched(within_step):
-                    bpy.ops.render.render(write_still=True, scene=step.scene.name)
+                    _render(step.scene)
             else:
                 answer = step.call(within_step)
             step = steps.send(answer)
@@ -137,18 +142,23 @@ def run(steps, progress=None):
         steps.close()
 
 
+def _render(scene):
+    try:
+        bpy.ops.render.render(write_still=True, scene=scene.name)
+    except RuntimeError as error:
+        raise SceneError(f"scene {scene.name!r}", "render", "refused by Blender", str(error).strip()) from None
+
+
 def render_steps(scene, job):
     """Generator of RenderPass and Work steps; each is sent the answer of its call. Returns a Result.
 
     Closing it at any step leaves the scene as it was and no half-written file.
     """
     report = Report()
-    job.output_folder.mkdir(parents=True, exist_ok=True)
-    check_camera(scene)
-    _check_wavelengths(job)
+    _check_job(scene, job)
     with report.stage("multispectral render"):
         radiance = yield from _capture(scene, job, report)
-    stem = f"{bpy.path.clean_name(scene.name)}_{_frame(scene, job):04d}"
+    stem = f"{bpy.path.clean_name(scene.name)}_{job.frame:04d}"
     result = Result(*(job.output_folder / f"{stem}_{name}" for name in
                       ("radiance.exr", "irradiance.exr", "lens_image.exr", "before.png", "after.png")), report)
     yield Work(_timed(report, "write radiance", lambda tell: write_exr(radiance, result.radiance)),
@@ -166,16 +176,12 @@ def render_steps(scene, job):
 
 def _capture(scene, job, report):
     """Steps that render the scene's spectral radiance; returns a SpectralImage with overscan."""
-    framing = make_framing(scene, job.lens, job.wavelengths_nm)
     bands = passes(job.wavelengths_nm)
+    framing = make_framing(scene, job.lens, job.wavelengths_nm)
     cube = np.empty((len(bands) * WAVELENGTHS_PER_PASS, *framing.capture_px), dtype=np.float32)
-    with Journal() as journal:
-        folder = Path(tempfile.mkdtemp(prefix="lensfield-"))
-        journal.on_exit(lambda: shutil.rmtree(folder, ignore_errors=True))
-        if job.frame is not None and job.frame != scene.frame_current:
-            current = scene.frame_current, scene.frame_subframe
-            journal.on_exit(lambda: scene.frame_set(current[0], subframe=current[1]))
-            scene.frame_set(job.frame)
+    with temporary_folder() as folder, Journal() as journal:
+        _go_to_frame(scene, job.frame, journal)
+        check_camera(scene)
         substitution = Substitution(scene, journal)
         _guard_render_state(scene, job, framing, folder / "pass.exr", journal)
         for index, band in enumerate(bands):
@@ -189,6 +195,18 @@ def _capture(scene, job, report):
                          overscan_px=framing.overscan_px, quantity=RADIANCE)
 
 
+def _go_to_frame(scene, frame, journal):
+    """Evaluate the scene at a frame, as a render would: its animation, and the camera that a marker binds."""
+    camera, current, subframe = scene.camera, scene.frame_current, scene.frame_subframe
+
+    def go_back():
+        scene.frame_set(current, subframe=subframe)
+        scene.camera = camera
+
+    journal.on_exit(go_back)
+    scene.frame_set(frame)
+
+
 def _guard_render_state(scene, job, framing, path, journal):
     """Set everything that would change or bend the radiance; the journal puts it back."""
     render, cycles, image = scene.render, scene.cycles, scene.render.image_settings
@@ -196,22 +214,33 @@ def _guard_render_state(scene, job, framing, path, journal):
     for name, value in (("film_transparent", False), ("use_border", False), ("use_compositing", False),
                         ("use_sequencer", False), ("use_multiview", False), ("use_motion_blur", False),
                         ("use_freestyle", False), ("use_overwrite", True), ("use_placeholder", False),
-                        ("use_file_extension", False), ("use_persistent_data", True), ("use_single_layer", True),
+                        ("use_file_extension", False), ("use_persistent_data", True), ("use_single_layer", False),
                         ("use_stamp", False), ("filepath", str(path)), ("resolution_percentage", 100),
                         ("resolution_y", framing.capture_px[0]), ("resolution_x", framing.capture_px[1])):
         journal.set(render, name, value)
     for name, value in (("film_exposure", 1.0), ("sample_clamp_direct", 0.0), ("sample_clamp_indirect", 0.0),
                         ("pixel_filter_type", "BOX"), ("use_animated_seed", False), ("use_denoising", job.denoise)):
         journal.set(cycles, name, value)
-    if hasattr(image, "media_type"):  # since 5.0
-        journal.set(image, "media_type", "IMAGE")
-    for name, value in (("file_format", "OPEN_EXR"), ("color_mode", "RGB"), ("color_depth", "32"),
-                        ("exr_codec", "ZIP")):
-        journal.set(image, name, value)
+    # Blender changes what does not fit as soon as the format changes, so all are put back together, in this order.
+    formats = {"media_type": "IMAGE", "file_format": "OPEN_EXR", "color_mode": "RGB", "color_depth": "32",
+               "exr_codec": "ZIP"}
+    if not hasattr(image, "media_type"):  # it came with 5.0
+        del formats["media_type"]
+    before = {name: getattr(image, name) for name in formats}
+    colour_space = image.linear_colorspace_settings.name
+    if colour_space:  # a scene new from the factory has none until a format is chosen
+        journal.on_exit(lambda: setattr(image.linear_colorspace_settings, "name", colour_space))
+    journal.on_exit(lambda: _assign(image, before))
+    _assign(image, formats)
     camera = journal.stand_in(scene.camera.data, bpy.data.cameras)
     camera.animation_data_clear()
     camera.dof.use_dof = False  # blur is the lens's
     match_camera_to_lens(camera, job.lens, framing.capture_px[1], framing.pitch_um)
+
+
+def _assign(owner, values):
+    for name, value in values.items():
+        setattr(owner, name, value)
 
 
 def _read_pass(path, shape_px):
@@ -236,11 +265,25 @@ def _write_pictures(radiance, irradiance, result):
     write_png(after, result.after, exposure)
 
 
-def _check_wavelengths(job):
-    for nm in job.wavelengths_nm:
-        job.lens.at_wavelength(nm)
+def _check_job(scene, job):
+    """Raise an InputError for what can be known to fail before anything is changed or rendered."""
+    check_camera(scene)
     if not len(job.wavelengths_nm):
         raise InputError("options", "wavelengths", "empty", "expected at least one")
+    for nm in job.wavelengths_nm:
+        job.lens.at_wavelength(nm)
+        if not BAND_NM[0] <= nm <= BAND_NM[1]:
+            raise InputError("options", "wavelength", f"{nm:g} nm",
+                             "colours and lights of a scene reach from {:g} to {:g} nm".format(*BAND_NM))
+    layers = [layer.name for layer in scene.view_layers if layer.use]
+    if len(layers) != 1:
+        raise SceneError(f"scene {scene.name!r}", "view layers for rendering", ", ".join(layers) or "none",
+                         "leave one on (View Layer properties > Use for Rendering)")
+    working_space = getattr(getattr(bpy.data, "colorspace", None), "working_space", "Linear Rec.709")  # since 5.0
+    if working_space != "Linear Rec.709":
+        raise SceneError(f"scene {scene.name!r}", "working colour space", working_space,
+                         "colours are upsampled from Linear Rec.709: choose that")
+    make_folder(job.output_folder)
 
 
 def _timed(report, stage, call):
@@ -249,10 +292,6 @@ def _timed(report, stage, call):
             return call(tell)
 
     return timed
-
-
-def _frame(scene, job):
-    return scene.frame_current if job.frame is None else job.frame
 
 
 def _span(band):

@@ -5,26 +5,56 @@ nodes that read properties of the scene. Between passes only those properties ch
 geometry and shaders.
 
 A colour that is known (a constant, or an assigned spectrum) becomes one attribute. A colour that is computed by nodes
-goes through a node group that upsamples it: the Mallett-Yuksel basis is linear, so a value at one wavelength is a dot
-product with the colour.
+goes through a node group that upsamples it: the bases are linear, so a value at one wavelength is a dot product with
+the colour.
 """
+
+from dataclasses import dataclass
+from pathlib import Path
 
 import bpy
 import numpy as np
 
 from ..engine.errors import InputError
-from ..engine.spectra import BAND_NM, blackbody, emission_basis, load_spectrum, reflectance_basis
+from ..engine.spectra import (BAND_NM, Spectrum, blackbody, channel_basis, emission_basis, load_spectrum,
+                              reflectance_basis, white_density)
 from .errors import SceneError
 
 PROPERTY_PREFIX = "lensfield_"
-REFLECTANCE, EMISSION = "reflectance", "emission"
 RENDER_SCALE = BAND_NM[1] - BAND_NM[0]
 """Cycles renders spectral radiance times this, about as bright as in RGB: its light threshold is an absolute figure,
 and at the radiance of a single nanometre it would throw nearly all light samples away."""
-BASIS = {REFLECTANCE: reflectance_basis, EMISSION: lambda wavelengths_nm: RENDER_SCALE * emission_basis(wavelengths_nm)}
+
+REFLECTANCE, EMISSION, CHANNELS = "reflectance", "emission", "channels"
+BASIS = {REFLECTANCE: reflectance_basis, CHANNELS: channel_basis,
+         EMISSION: lambda wavelengths_nm: RENDER_SCALE * emission_basis(wavelengths_nm)}
 EMITTING_NODES = {"ShaderNodeEmission", "ShaderNodeBackground"}
-EMITTING_SOCKETS = {"Emission Color", "Emission", "Blackbody Tint"}
+EMITTING_SOCKETS = {"Emission Color", "Emission", "Blackbody Tint", "Emission Coefficients"}
+CHANNEL_SOCKETS = {"Radius", "Subsurface Radius", "IOR", "Extinction", "Absorption Coefficient",
+                   "Absorption Coefficients", "Scatter Coefficients"}
+"""Vectors that hold one value for each of red, green and blue, though they are no colours."""
 BASE_COLOUR_SOCKETS = {"Base Color", "Color"}
+NOT_REFLECTING = {"ShaderNodeBsdfTransparent", "ShaderNodeVolumeAbsorption", "ShaderNodeVolumeScatter",
+                  "ShaderNodeVolumePrincipled"}
+
+
+@dataclass(frozen=True, eq=False)
+class Assigned:
+    """Spectra that the user gave a data-block, and the tint (a function of wavelengths) of all that it emits."""
+
+    reflectance: Spectrum | None = None
+    emission: Spectrum | None = None
+    tint: object = None
+
+    def spectrum_for(self, node, socket, kind):
+        """The spectrum that takes the place of this socket's colour, or None."""
+        if kind == EMISSION:
+            return self.emission
+        takes_it = socket.name in BASE_COLOUR_SOCKETS and node.bl_idname not in NOT_REFLECTING
+        return self.reflectance if takes_it and kind == REFLECTANCE else None
+
+
+NOTHING_ASSIGNED = Assigned()
 
 
 class Substitution:
@@ -45,7 +75,7 @@ class Substitution:
         self._scene = scene
         self._journal = journal
         self._values = {}
-        self._trees = {}
+        self._groups = {}
         self._upsamplers = {kind: self._make_upsampler(kind) for kind in BASIS}
         for material in list(bpy.data.materials):
             if material.users and not material.is_grease_pencil:
@@ -53,8 +83,8 @@ class Substitution:
         for light in list(bpy.data.lights):
             if light.users:
                 self._substitute_light(light)
-        if scene.world:
-            self._substitute_world(scene.world)
+        for world in {scene.world, *(layer.world_override for layer in scene.view_layers)} - {None}:
+            self._substitute_world(world)
 
     def set_wavelengths(self, wavelengths_nm):
         """Give every attribute its values at these three wavelengths."""
@@ -64,36 +94,26 @@ class Substitution:
 
     def _substitute_material(self, material):
         stand_in = self._stand_in(material, bpy.data.materials)
-        if not stand_in.node_tree:
-            stand_in.use_nodes = True  # its plain colour, as Cycles renders it
-            stand_in.node_tree.nodes.clear()
-            diffuse = stand_in.node_tree.nodes.new("ShaderNodeBsdfDiffuse")
-            diffuse.inputs["Color"].default_value = material.diffuse_color
-            output = stand_in.node_tree.nodes.new("ShaderNodeOutputMaterial")
-            stand_in.node_tree.links.new(diffuse.outputs[0], output.inputs["Surface"])
-        spectra = {REFLECTANCE: self._assigned(material, REFLECTANCE), EMISSION: self._assigned(material, EMISSION)}
-        self._substitute_tree(stand_in.node_tree, spectra)
+        if not _uses_nodes(material):
+            _single_shader(stand_in, "ShaderNodeBsdfDiffuse", "ShaderNodeOutputMaterial", material.diffuse_color)
+        self._substitute_tree(stand_in.node_tree, _assigned(material, "reflectance", "emission"))
 
     def _substitute_light(self, light):
         stand_in = self._stand_in(light, bpy.data.lights)
-        if not stand_in.node_tree or not stand_in.use_nodes:
-            stand_in.use_nodes = True
-        spectrum = self._assigned(light, EMISSION)
-        colour = np.array(light.color)
+        if not _uses_nodes(light):
+            _single_shader(stand_in, "ShaderNodeEmission", "ShaderNodeOutputLight", (1, 1, 1, 1))
         stand_in.color = (1, 1, 1)
-        if spectrum is None and light.use_temperature:
-            spectrum = blackbody(light.temperature)
-        elif spectrum is not None:
-            colour = np.ones(3)
         stand_in.use_temperature = False
-        self._substitute_tree(stand_in.node_tree, {EMISSION: spectrum}, tint=colour)
+        spectrum = _assigned(light, "emission").emission
+        tint = None if spectrum else _light_tint(np.array(light.color),
+                                                 light.temperature if light.use_temperature else None)
+        self._substitute_tree(stand_in.node_tree, Assigned(emission=spectrum, tint=tint))
 
     def _substitute_world(self, world):
         stand_in = self._stand_in(world, bpy.data.worlds)
-        if not stand_in.node_tree:
-            stand_in.use_nodes = True
-            stand_in.node_tree.nodes["Background"].inputs["Color"].default_value = (*world.color, 1)
-        self._substitute_tree(stand_in.node_tree, {EMISSION: self._assigned(world, EMISSION)})
+        if not _uses_nodes(world):
+            _single_shader(stand_in, "ShaderNodeBackground", "ShaderNodeOutputWorld", (*world.color, 1))
+        self._substitute_tree(stand_in.node_tree, _assigned(world, "emission"))
 
     def _stand_in(self, original, collection):
         stand_in = self._journal.stand_in(original, collection)
@@ -102,47 +122,38 @@ class Substitution:
             stand_in.node_tree.animation_data_clear()
         return stand_in
 
-    def _assigned(self, data_block, field):
-        text = getattr(data_block.lensfield, field)
-        if not text.strip():
-            return None
-        try:
-            return load_spectrum(text, bpy.path.abspath("//") or ".")
-        except InputError as error:
-            raise SceneError(f"{data_block.rna_type.name.lower()} {data_block.name!r}", f"{field} spectrum",
-                             text, f"{error.field} {error.value}: {error.remedy}") from None
-
-    def _substitute_tree(self, tree, spectra, tint=(1, 1, 1)):
+    def _substitute_tree(self, tree, assigned):
         """Wire the colour inputs of every shader node of a tree, and of the groups in it."""
         for node in list(tree.nodes):
             if node.bl_idname == "ShaderNodeGroup" and node.node_tree:
-                node.node_tree = self._substituted_group(node.node_tree)
+                node.node_tree = self._substituted_group(node.node_tree, assigned)
             elif any(output.type == "SHADER" for output in node.outputs):
                 for socket in node.inputs:
-                    if socket.type == "RGBA":
-                        self._substitute_socket(tree, node, socket, spectra, tint)
+                    kind = _kind(node, socket)
+                    if kind:
+                        self._substitute_socket(tree, node, socket, kind, assigned)
 
-    def _substituted_group(self, group):
-        if group.name not in self._trees:
-            copy = group.copy()
-            self._trees[group.name] = self._trees[copy.name] = copy
+    def _substituted_group(self, group, assigned):
+        key = group.session_uid, assigned
+        if key not in self._groups:
+            copy = self._groups[key] = group.copy()
+            self._groups[copy.session_uid, assigned] = copy
             self._journal.on_exit(lambda: bpy.data.node_groups.remove(copy))
-            self._substitute_tree(copy, {})
-        return self._trees[group.name]
+            copy.animation_data_clear()
+            self._substitute_tree(copy, assigned)
+        return self._groups[key]
 
-    def _substitute_socket(self, tree, node, socket, spectra, tint):
-        emits = node.bl_idname in EMITTING_NODES or socket.name in EMITTING_SOCKETS
-        kind = EMISSION if emits else REFLECTANCE
-        spectrum = spectra.get(kind)
-        if spectrum is not None and (emits or socket.name in BASE_COLOUR_SOCKETS):
-            source = self._attribute(tree, _spectrum_values(spectrum, kind, tint))
-        elif socket.is_linked:
+    def _substitute_socket(self, tree, node, socket, kind, assigned):
+        spectrum = assigned.spectrum_for(node, socket, kind)
+        tint = assigned.tint if kind == EMISSION else None
+        if spectrum is not None:
+            source = self._attribute(tree, _spectrum_values(spectrum, kind))
+        elif socket.is_linked and not socket.links[0].is_muted:
             source = self._upsampled(tree, kind, socket.links[0].from_socket)
-            if not np.allclose(tint, 1):
-                source = self._multiplied(tree, source, self._attribute(tree, _colour_values(tint, REFLECTANCE)))
+            if tint:
+                source = self._multiplied(tree, source, self._attribute(tree, tint))
         else:
-            colour = np.array(socket.default_value[:3])
-            source = self._attribute(tree, _colour_values(colour, kind, tint))
+            source = self._attribute(tree, _colour_values(np.array(socket.default_value[:3]), kind, tint))
         tree.links.new(source, socket)
 
     def _attribute(self, tree, values_at):
@@ -150,7 +161,9 @@ class Substitution:
         return _attribute_node(tree, self._property(values_at)).outputs["Color"]
 
     def _property(self, values_at):
-        name = f"{PROPERTY_PREFIX}{len(self._values)}"
+        index = len(self._values)
+        while (name := f"{PROPERTY_PREFIX}{index}") in self._scene:  # a property of the user's own
+            index += 1
         self._values[name] = values_at
         self._scene[name] = [0.0, 0.0, 0.0]
         self._journal.on_exit(lambda: self._scene.pop(name, None))
@@ -188,6 +201,33 @@ class Substitution:
         return group
 
 
+def _kind(node, socket):
+    """How a shader node's input varies with wavelength, or None where it does not."""
+    if socket.name in EMITTING_SOCKETS or (socket.type == "RGBA" and node.bl_idname in EMITTING_NODES):
+        return EMISSION if socket.type in ("RGBA", "VECTOR") else None
+    if socket.type == "RGBA":
+        return REFLECTANCE
+    return CHANNELS if socket.type == "VECTOR" and socket.name in CHANNEL_SOCKETS else None
+
+
+def _uses_nodes(data_block):
+    """Whether Blender renders a material, light or world by its node tree, or by its plain colour."""
+    if data_block.node_tree is None:
+        return False
+    always = bpy.app.version >= (5, 0, 0) and not isinstance(data_block, bpy.types.Light)
+    return always or data_block.use_nodes
+
+
+def _single_shader(data_block, shader_type, output_type, colour):
+    """Give a data-block the node tree that its plain colour stands for."""
+    data_block.use_nodes = True
+    tree = data_block.node_tree
+    tree.nodes.clear()
+    shader = tree.nodes.new(shader_type)
+    shader.inputs["Color"].default_value = colour
+    tree.links.new(shader.outputs[0], tree.nodes.new(output_type).inputs[0])
+
+
 def _attribute_node(tree, property_name):
     node = tree.nodes.new("ShaderNodeAttribute")
     node.attribute_type = "VIEW_LAYER"
@@ -195,13 +235,50 @@ def _attribute_node(tree, property_name):
     return node
 
 
-def _spectrum_values(spectrum, kind, tint):
-    """Values of an assigned spectrum: reflectance as it is, emission as density, tinted."""
+def _assigned(data_block, *fields):
+    """The spectra in these fields of a data-block; raises SceneError for one that cannot be read."""
+    spectra = {field: _read_spectrum(data_block, field) for field in fields}
+    return Assigned(**spectra) if any(spectra.values()) else NOTHING_ASSIGNED
+
+
+def _read_spectrum(data_block, field):
+    text = getattr(data_block.lensfield, field).strip()
+    if not text:
+        return None
+    try:
+        # Blender writes paths beside the .blend as //name.
+        spectrum = load_spectrum(bpy.path.abspath(text), Path(bpy.data.filepath).parent)
+        if field == EMISSION:
+            spectrum.density_at(BAND_NM)
+        return spectrum
+    except InputError as error:
+        raise SceneError(f"{data_block.rna_type.name.lower()} {data_block.name!r}", f"{field} spectrum",
+                         text, f"{error.field} {error.value}: {error.remedy}") from None
+
+
+def _light_tint(colour, temperature_k):
+    """What a light's colour and temperature make of white light, as a function of wavelengths; None for nothing."""
+    if temperature_k is None:
+        return None if np.allclose(colour, 1) else lambda nm: reflectance_basis(nm) @ colour
+    thermal = blackbody(temperature_k)
+
+    def tint(nm):
+        white = white_density(nm)
+        ratio = np.divide(thermal.density_at(nm), white, out=np.zeros_like(white), where=white > 0)
+        return ratio * (reflectance_basis(nm) @ colour)
+
+    return tint
+
+
+def _spectrum_values(spectrum, kind):
+    """Values of an assigned spectrum: reflectance as it is, emission as density."""
     if kind == REFLECTANCE:
         return spectrum.at
-    return lambda nm: RENDER_SCALE * spectrum.density_at(nm) * (reflectance_basis(nm) @ tint)
+    return lambda nm: RENDER_SCALE * spectrum.density_at(nm)
 
 
-def _colour_values(colour, kind, tint=(1, 1, 1)):
+def _colour_values(colour, kind, tint=None):
     """Values of a constant linear Rec. 709 colour, upsampled, tinted."""
-    return lambda nm: (BASIS[kind](nm) @ colour) * (reflectance_basis(nm) @ tint)
+    if tint is None:
+        return lambda nm: BASIS[kind](nm) @ colour
+    return lambda nm: (BASIS[kind](nm) @ colour) * tint(nm)

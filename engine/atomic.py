@@ -1,24 +1,78 @@
 """Files appear whole or not at all."""
 
 import os
+import shutil
 import tempfile
 from contextlib import contextmanager
 from pathlib import Path
+
+from .errors import InputError
+
+UMASK = os.umask(0)  # it can only be read by setting it, which is not for a thread to do
+os.umask(UMASK)
+_pending = set()
+
+
+def make_folder(path):
+    """Make a folder and those above it; an InputError where that cannot be."""
+    try:
+        Path(path).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(path, "folder", "not to be made", error.strerror or str(error)) from None
+
+
+def check_target(path):
+    """Raise an InputError where no file of this name could be written, before the work that is to fill it."""
+    path = Path(path)
+    if path.is_dir():
+        raise InputError(path, "file", "a folder", "give the name of a file to write")
+    make_folder(path.parent)
+    try:
+        handle, probe = tempfile.mkstemp(prefix=".", dir=path.parent)
+    except OSError as error:
+        raise InputError(path, "file", "not writable", error.strerror or str(error)) from None
+    os.close(handle)
+    os.unlink(probe)
 
 
 @contextmanager
 def atomic_path(path):
     """A temporary path beside `path`, moved onto it when the block ends well and removed when it does not."""
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(prefix=f".{path.stem}-", suffix=path.suffix, dir=path.parent)
+    check_target(path)
+    handle, name = tempfile.mkstemp(prefix=f".{path.stem[:40]}-", suffix=path.suffix, dir=path.parent)
     os.close(handle)
-    try:
-        yield Path(temporary)
-        umask = os.umask(0)
-        os.umask(umask)
-        os.chmod(temporary, 0o666 & ~umask)  # mkstemp makes files that only their owner can read
+    with _pending_path(Path(name)) as temporary:
+        yield temporary
+        os.chmod(temporary, 0o666 & ~UMASK)  # mkstemp makes files that only their owner can read
         os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+
+
+@contextmanager
+def temporary_folder():
+    """A folder that is removed when the block ends."""
+    with _pending_path(Path(tempfile.mkdtemp(prefix="lensfield-"))) as folder:
+        yield folder
+
+
+@contextmanager
+def _pending_path(path):
+    _pending.add(path)
+    try:
+        yield path
+    finally:
+        _remove(path)
+        _pending.discard(path)
+
+
+def remove_pending():
+    """Remove all that is half-written; for a process that is about to be stopped."""
+    for path in list(_pending):
+        _remove(path)
+
+
+def _remove(path):
+    if path.is_dir():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)

@@ -1,5 +1,7 @@
 """Errors that a user can act on: which file or object, which field, which value, what to do."""
 
+import os
+
 
 class InputError(ValueError):
     """Bad input, told in one line.
@@ -18,8 +20,13 @@ class InputError(ValueError):
 
     def __init__(self, where, field, value, remedy):
         self.where, self.field, self.value, self.remedy = str(where), field, value, remedy
-        shown = value if isinstance(value, str) else repr(value)
+        shown = (value or "empty") if isinstance(value, str) else repr(value)
         super().__init__(f"{self.where}: {field} is {shown}: {remedy}")
+
+
+def absence(path):
+    """What is wrong with a path that should be a file and is not, as a value for an error."""
+    return "a folder" if os.path.isdir(path) else "not there"
 
 
 class LensError(InputError):

@@ -12,7 +12,7 @@ import OpenEXR
 
 from .atomic import atomic_path
 from .colour import to_rec709
-from .errors import ImageError
+from .errors import ImageError, absence
 from .spectral_image import IRRADIANCE, RADIANCE, UNITS, SpectralImage
 
 CHANNEL = re.compile(r"^(?:S0|T)\.(\d*,?\d*(?:[Ee][+-]?\d+)?)(Y|Z|E|P|T|G|M|k|h|da|d|c|m|u|n|p)?(m|Hz)$")
@@ -43,7 +43,7 @@ def write_exr(image, path):
         "spectralLayoutVersion": LAYOUT_VERSION,
         "lensfield:quantity": image.quantity, "lensfield:units": UNITS[image.quantity],
         "lensfield:pitchUm": np.array([image.pitch_um]),  # an array keeps its doubles, a float would not
-        "lensfield:centrePx": np.array(image.centre_px, dtype=np.float64),
+        "lensfield:centrePx": np.array([image.centre_px[0] - top, image.centre_px[1] - left]),
     }
     if image.quantity == RADIANCE:
         header["emissiveUnits"] = EMISSIVE_UNITS
@@ -52,6 +52,9 @@ def write_exr(image, path):
     if image.f_number_effective:
         header["lensfield:fNumberEffective"] = np.array([float(image.f_number_effective)])
     planes = {channel_name(nm): np.ascontiguousarray(plane) for nm, plane in zip(image.wavelengths_nm, image.cube)}
+    if len(planes) < len(image.wavelengths_nm):
+        raise ImageError(path, "wavelengths_nm", image.wavelengths_nm.tolist(),
+                         "channel names tell a millionth of a nanometre apart, no less")
     planes |= {name: np.ascontiguousarray(plane) for name, plane in zip("RGB", np.moveaxis(to_rec709(image), -1, 0))}
     with atomic_path(path) as temporary, OpenEXR.File(header, planes) as file:
         file.write(str(temporary))
@@ -89,7 +92,7 @@ def read_exr(path, pitch_um=None):
         No EXR, no spectral channels, or nothing to tell the pixel pitch by.
     """
     if not Path(path).is_file():
-        raise ImageError(path, "file", "not there", "expected a spectral EXR")
+        raise ImageError(path, "file", absence(path), "expected a spectral EXR")
     try:
         with OpenEXR.File(str(path), separate_channels=True) as file:
             # The file empties its own dictionaries when it is closed.
@@ -136,13 +139,17 @@ def _number(header, name):
 
 
 def _placement(header):
-    """Overscan and optical axis, from the windows and the file's own attribute."""
+    """Overscan and optical axis, from the windows and the file's own attribute.
+
+    The attribute is in the pixel coordinates of the windows, so that it stays true when a program trims the data
+    window; without it the axis is in the middle of the display window.
+    """
     (data_left, data_top), (data_right, data_bottom) = header["dataWindow"]
     (left, top), (right, bottom) = header["displayWindow"]
+    row, column = np.ravel(header.get("lensfield:centrePx", ((top + bottom) / 2, (left + right) / 2)))
     margins = (top - data_top, data_bottom - bottom, left - data_left, data_right - right)
     if margins[0] == margins[1] >= 0 and margins[2] == margins[3] >= 0:
         overscan = (int(margins[0]), int(margins[2]))
-    else:
+    else:  # cropped by another program: all that is left is the frame
         overscan = (0, 0)
-    centre = header.get("lensfield:centrePx")
-    return {"overscan_px": overscan, "centre_px": None if centre is None else tuple(np.ravel(centre))}
+    return {"overscan_px": overscan, "centre_px": (float(row) - data_top, float(column) - data_left)}

@@ -40,8 +40,8 @@ class PolynomialFit:
 def fit_polynomial(heights_mm, values, first_power, tolerance):
     """Least-squares polynomial in normalised height, of the least order from 4 to 8 that meets `tolerance`.
 
-    Where none meets it, the order of the least residual. A table of few heights gets a lower order: there are
-    always two more heights than the order, where the table allows it.
+    Where none meets it, the order of the least residual. There are always two more heights than the order; a table
+    too small for order 4 is interpolated by the polynomial that meets all its heights.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def fit_polynomial(heights_mm, values, first_power, tolerance):
     PolynomialFit
     """
     scale_mm = heights_mm[-1]
-    orders = [order for order in ORDERS if order <= heights_mm.size - 2] or [max(1, heights_mm.size - 2)]
+    orders = [order for order in ORDERS if order <= heights_mm.size - 2] or [heights_mm.size - 1]
     best = None
     for order in orders:
         powers = (heights_mm / scale_mm)[:, None] ** np.arange(first_power, order + 1)

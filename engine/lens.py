@@ -158,6 +158,8 @@ def _check(lens):
                   "psf_pitch_um"):
         if not np.isfinite(getattr(lens, field)):
             raise LensError(lens.name, field, getattr(lens, field), "expected a finite number")
+    if lens.magnification == 0 and np.isfinite(lens.object_distance_mm):
+        raise LensError(lens.name, "magnification", lens.magnification, "expected other than 0 at a finite distance")
     if len(lens.sensor_mm) != 2 or not min(lens.sensor_mm) > 0:
         raise LensError(lens.name, "sensor_mm", lens.sensor_mm, "expected a positive width and height")
     waves, heights = lens.wavelengths_nm.shape, lens.heights_mm.shape

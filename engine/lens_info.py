@@ -12,10 +12,11 @@ def lens_info(lens):
     -------
     dict of plain numbers, lists and strings, ready for JSON. `heights` holds, per field height at the reference
     wavelength: height_mm (paraxial), real_height_mm, distortion_percent, relative_illumination, lateral_colour_um
-    (real height at F less that at C; or between the ends of the lens data where it does not reach so far).
+    (real height at F less that at C; or between the ends of the lens data where it does not reach so far). An infinite object distance and an
+    unknown enclosed energy are None.
     """
     low, high = lens.wavelengths_nm[[0, -1]]
-    short, long = max(FRAUNHOFER_F_NM, low), min(FRAUNHOFER_C_NM, high)
+    short, long = np.clip([FRAUNHOFER_F_NM, FRAUNHOFER_C_NM], low, high)
     reference = lens.at_wavelength(np.clip(lens.reference_wavelength_nm, low, high))
     lateral_um = 1e3 * (lens.at_wavelength(short).real_height_mm - lens.at_wavelength(long).real_height_mm)
     off_axis = np.where(lens.heights_mm > 0, lens.heights_mm, 1)
@@ -23,12 +24,12 @@ def lens_info(lens):
     return {
         "name": lens.name, "source": lens.source, "notes": lens.notes,
         "efl_mm": lens.efl_mm, "magnification": lens.magnification, "f_number_effective": lens.f_number_effective,
-        "object_distance_mm": lens.object_distance_mm, "entrance_pupil_mm": lens.entrance_pupil_mm,
+        "object_distance_mm": _finite(lens.object_distance_mm), "entrance_pupil_mm": lens.entrance_pupil_mm,
         "capture_focal_length_mm": lens.capture_focal_length_mm, "sensor_mm": list(lens.sensor_mm),
         "reference_wavelength_nm": lens.reference_wavelength_nm,
         "wavelengths_nm": lens.wavelengths_nm.tolist(), "heights_mm": lens.heights_mm.tolist(),
         "psf_samples": list(lens.psf.shape[2:]), "psf_pitch_um": lens.psf_pitch_um,
-        "least_enclosed_energy": float(lens.enclosed_energy.min()),
+        "least_enclosed_energy": _finite(lens.enclosed_energy.min()),
         "lateral_colour_between_nm": [float(short), float(long)],
         "heights": [
             {"height_mm": float(height), "real_height_mm": float(real), "distortion_percent": float(distortion),
@@ -39,21 +40,28 @@ def lens_info(lens):
     }
 
 
+def _finite(value):
+    """The number, or None for JSON where it is infinite or not known."""
+    return float(value) if np.isfinite(value) else None
+
+
 def lens_text(info):
     """The figures of `lens_info` as a page to read."""
     short, long = info["lateral_colour_between_nm"]
+    distance, enclosed = info["object_distance_mm"], info["least_enclosed_energy"]
     lines = [
         info["name"], info["source"], "",
         f"focal length             {info['efl_mm']:.5f} mm",
         f"magnification            {info['magnification']:.6f}",
         f"effective f-number       {info['f_number_effective']:.3f}",
-        f"object distance          {info['object_distance_mm']:g} mm",
+        f"object distance          {'infinity' if distance is None else f'{distance:g} mm'}",
         f"sensor                   {info['sensor_mm'][0]:g} x {info['sensor_mm'][1]:g} mm",
         f"wavelengths              {info['wavelengths_nm'][0]:g} to {info['wavelengths_nm'][-1]:g} nm"
         f" ({len(info['wavelengths_nm'])}), reference {info['reference_wavelength_nm']:g} nm",
         f"point spread functions   {info['psf_samples'][0]} x {info['psf_samples'][1]} samples of"
-        f" {info['psf_pitch_um']:g} um, holding at least {info['least_enclosed_energy']:.1%} of the light", "",
-        f"field height  real height  distortion  relative      lateral colour",
+        f" {info['psf_pitch_um']:g} um, holding "
+        + ("an unknown part of the light" if enclosed is None else f"at least {enclosed:.1%} of the light"), "",
+        "field height  real height  distortion  relative      lateral colour",
         f"(paraxial)                             illumination  {short:g} - {long:g} nm",
     ]
     lines += [f"{row['height_mm']:9.3f} mm {row['real_height_mm']:9.4f} mm {row['distortion_percent']:9.2f} %"

@@ -142,7 +142,7 @@ def _check(radiance):
         plane, row, column = np.argwhere(~finite)[0]
         raise ImageError("image", f"pixel at row {row}, column {column}, {radiance.wavelengths_nm[plane]:g} nm",
                          str(radiance.cube[plane, row, column]),
-                         f"every pixel must be finite ({np.count_nonzero(~finite)} are not)")
+                         f"every value must be finite; {np.count_nonzero(~finite)} of {finite.size} are not")
 
 
 class _Tally:

@@ -5,12 +5,13 @@ from numbers import Integral
 
 from scipy import fft
 
-from .errors import InputError
+from .errors import ImageError, InputError
 from .psf import psf_radius_px
 from .sections import ORDERS
 
 OUT_OF_FIELD = ("hold", "vignette")
 METHODS = ("sections", "exact")
+LARGEST_PSF_RADIUS_PX = 2048
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,10 @@ def make_plan(options, lens, pitch_um, frame_px):
     A section larger than the frame is cut down to it; the computational space always holds a section and the
     PSFs that reach out of it, so that nothing wraps around.
     """
-    radius = psf_radius_px(lens.psf.shape[-1], lens.psf_pitch_um, pitch_um)
+    radius = psf_radius_px(lens, pitch_um)
+    if radius > LARGEST_PSF_RADIUS_PX:
+        raise ImageError("image", "pitch_um", pitch_um,
+                         f"a point spread function would reach {radius} px; at most {LARGEST_PSF_RADIUS_PX} are done")
     section = min(options.section_size, max(frame_px) + 2 * radius)
     space = fft.next_fast_len(max(section + 2 * radius, options.space_px or 0), real=True)
     return Plan(section, options.order, radius, space, options.out_of_field, options.method)

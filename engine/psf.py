@@ -33,7 +33,7 @@ class PsfBank:
         self._samples = refined.reshape(refined.shape[0], -1)
         self._v_px = np.repeat(offset_px, offset_px.size)
         self._u_px = np.tile(offset_px, offset_px.size)
-        self.radius_px = psf_radius_px(optics.psf.shape[-1], optics.psf_pitch_um, pixel_pitch_um)
+        self.radius_px = psf_radius_px(optics, pixel_pitch_um)
 
     def psfs(self, paraxial_height_mm, azimuth_rad):
         """PSFs integrated over the pixels, for chief rays that meet pixel centres.
@@ -93,12 +93,12 @@ class PsfBank:
         return pixel.astype(int) + self.radius_px, share
 
 
-def psf_radius_px(window, psf_pitch_um, pixel_pitch_um):
-    """Pixels that a PSF window of `window` samples, turned any way, reaches from the pixel of its chief ray.
+def psf_radius_px(lens, pixel_pitch_um):
+    """Pixels that the PSF windows of a lens, turned any way, reach from the pixel of the chief ray.
 
     One pixel more than its half diagonal, since a sample is shared between a pixel and the next.
     """
-    half_diagonal_um = np.hypot(1, 1) * (window // 2 + 0.5) * psf_pitch_um
+    half_diagonal_um = np.hypot(1, 1) * (lens.psf.shape[-1] // 2 + 0.5) * lens.psf_pitch_um
     return int(np.ceil(half_diagonal_um / pixel_pitch_um)) + 1
 
 

@@ -13,11 +13,13 @@ from pathlib import Path
 import numpy as np
 from scipy.integrate import trapezoid
 
-from .errors import InputError
+from .errors import InputError, absence
 
 DATA = Path(__file__).resolve().parent / "data"
 LIBRARY = DATA / "spectra"
 BAND_NM = (380.0, 780.0)
+MOST_WAVELENGTHS = 10000
+CHANNEL_NM = (611.4, 549.1, 464.2)  # dominant wavelengths of the Rec. 709 primaries
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 
 
@@ -76,7 +78,7 @@ def load_spectrum(text, folder="."):
         return _parse_pairs(text)
     path = Path(folder) / Path(text).expanduser()
     if not os.path.isfile(path):  # of a text too long to be a name, Path.is_file raises
-        raise InputError(text, "spectrum", "not there",
+        raise InputError(text, "spectrum", absence(path),
                          "give a library name, a two-column file (nm, value) or pairs such as 400:0.1, 700:0.2")
     return _read_columns(path)
 
@@ -135,7 +137,8 @@ def parse_wavelengths(text):
         if ":" in text:
             first, last, number = text.split(":")
             count = int(number)
-            if not np.isfinite(float(last)) or count < 1 or (count > 1) != (float(last) > float(first)):
+            if not np.isfinite(float(last)) or not 1 <= count <= MOST_WAVELENGTHS \
+                    or (float(last) > float(first)) != (count > 1):
                 raise ValueError
             wavelengths = np.linspace(float(first), float(last), count)
         else:
@@ -145,7 +148,8 @@ def parse_wavelengths(text):
     ascending = wavelengths.size and np.all(np.isfinite(wavelengths)) and wavelengths[0] > 0
     if not ascending or np.any(np.diff(wavelengths) <= 0):
         raise InputError("options", "wavelengths", text,
-                         "expected first:last:number such as 400:700:31, or an ascending list such as 450,550,650")
+                         f"expected first:last:number such as 400:700:31, ascending and of at most {MOST_WAVELENGTHS}, "
+                         "or an ascending list such as 450,550,650")
     return wavelengths
 
 
@@ -175,6 +179,14 @@ def emission_basis(wavelengths_nm):
     in that band.
     """
     return reflectance_basis(wavelengths_nm) * white_density(wavelengths_nm)[:, None]
+
+
+def channel_basis(wavelengths_nm):
+    """Share of red, green and blue in a quantity that is no colour, such as a scattering length given for each.
+
+    Linear between CHANNEL_NM and held beyond; array (wavelength, 3), rows sum to 1.
+    """
+    return np.stack([np.interp(wavelengths_nm, CHANNEL_NM[::-1], unit) for unit in np.eye(3)[:, ::-1]], axis=-1)
 
 
 def white_density(wavelengths_nm):

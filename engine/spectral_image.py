@@ -92,6 +92,7 @@ class SpectralImage:
         return replace(self, cube=cube, overscan_px=(self.overscan_px[0] - rows, self.overscan_px[1] - columns),
                        centre_px=(self.centre_px[0] - rows, self.centre_px[1] - columns))
 
+
 def _is_positive(value):
     return isinstance(value, (int, float, np.number)) and np.isfinite(value) and value > 0
 

@@ -94,3 +94,9 @@ def test_a_png_holds_the_encoded_picture_upright(tmp_path):
         assert image.size == (4, 3)
         assert image.getpixel((1, 0)) == (255, 118, 0)
         assert image.getpixel((0, 0)) == (0, 0, 0)
+
+
+def test_infrared_is_unseen_and_finite():
+    seen = to_rec709(SpectralImage(np.ones((3, 2, 2)), [550, 650, 900], pitch_um=1.0))
+    alone = to_rec709(SpectralImage(np.ones((1, 2, 2)), [900], pitch_um=1.0))
+    assert np.isfinite(seen).all() and not alone.any()

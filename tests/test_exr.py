@@ -5,7 +5,7 @@ import re
 import numpy as np
 import OpenEXR
 import pytest
-from lensfield.engine import ImageError, SpectralImage
+from lensfield.engine import ImageError, InputError, SpectralImage
 from lensfield.engine.exr import channel_name, channel_wavelength_nm, read_exr, write_exr
 
 # Fichet, Pacanowski and Wilkie, JCGT 2021
@@ -214,6 +214,28 @@ def test_a_write_that_fails_leaves_the_old_file_alone(path, monkeypatch):
 
 def test_a_folder_in_the_way_is_not_replaced(path):
     path.mkdir()
-    with pytest.raises(OSError):
+    with pytest.raises(InputError, match="file is a folder"):
         write_exr(image(), path)
     assert list(path.parent.iterdir()) == [path] and path.is_dir()
+
+
+def test_a_trimmed_data_window_keeps_the_axis_where_it_was(path):
+    """Compositors trim black borders: the axis is told in the pixels of the windows, which stay."""
+    whole = SpectralImage(np.ones((1, 20, 30)), [550], pitch_um=5.0, overscan_px=(2, 3))
+    write_exr(whole, path)
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        header = dict(file.header())
+        planes = {name: channel.pixels[4:, 1:].copy() for name, channel in file.channels().items()}
+    header["dataWindow"] = (np.array([-2, 2], dtype=np.int32), np.array([26, 17], dtype=np.int32))
+    with OpenEXR.File(header, planes) as file:
+        file.write(str(path))
+    trimmed = read_exr(path)
+    assert trimmed.cube.shape == (1, 16, 29) and trimmed.overscan_px == (0, 0)
+    assert trimmed.centre_px == (whole.centre_px[0] - 4, whole.centre_px[1] - 1)
+
+
+def test_wavelengths_that_share_a_channel_name_are_refused(path):
+    close = SpectralImage(np.ones((2, 4, 4)), [550, 550.0000001], pitch_um=5.0)
+    with pytest.raises(ImageError, match="millionth"):
+        write_exr(close, path)
+    assert not path.exists()

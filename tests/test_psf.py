@@ -169,8 +169,9 @@ def test_psfs_do_not_depend_on_how_many_are_asked_for_at_once():
 
 @pytest.mark.parametrize("window, psf_pitch_um, pixel_pitch_um", [(64, 0.5, 6.25), (9, 1.0, 5.0), (1, 0.1, 5.0)])
 def test_radius_holds_the_diagonal_of_the_window(window, psf_pitch_um, pixel_pitch_um):
+    lens = make_lens(gaussian_psf(1, 1, psf_pitch_um, window), psf_pitch_um=psf_pitch_um)
     half_diagonal_px = np.sqrt(2) * (window / 2) * psf_pitch_um / pixel_pitch_um
-    assert half_diagonal_px + 0.5 <= psf_radius_px(window, psf_pitch_um, pixel_pitch_um) <= half_diagonal_px + 3
+    assert half_diagonal_px + 0.5 <= psf_radius_px(lens, pixel_pitch_um) <= half_diagonal_px + 3
 
 
 @pytest.fixture(scope="module")

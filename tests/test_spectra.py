@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 from lensfield.engine.errors import InputError
-from lensfield.engine.spectra import (BAND_NM, Spectrum, blackbody, colour_matching, emission_basis, library_names,
-                                      load_spectrum, parse_wavelengths, reflectance_basis, white_density)
+from lensfield.engine.spectra import (BAND_NM, CHANNEL_NM, Spectrum, blackbody, channel_basis, colour_matching,
+                                      emission_basis, library_names, load_spectrum, parse_wavelengths,
+                                      reflectance_basis, white_density)
 
 NM = np.arange(380.0, 781.0, 5.0)
 # IEC 61966-2-1: XYZ of the linear primaries, columns R, G, B, for a white of Y = 1
@@ -194,3 +195,10 @@ def test_white_light_is_d65_of_one_watt_in_the_band():
 
 def test_a_spectrum_is_linear_between_its_values():
     assert Spectrum(np.array([400.0, 500.0]), np.array([1.0, 3.0])).at(425) == pytest.approx(1.5)
+
+
+def test_channel_values_are_met_at_their_wavelengths_and_shared_between():
+    np.testing.assert_allclose(channel_basis(np.array(CHANNEL_NM)), np.eye(3), atol=1e-12)
+    halfway = channel_basis(np.array([(CHANNEL_NM[0] + CHANNEL_NM[1]) / 2]))
+    np.testing.assert_allclose(halfway, [[0.5, 0.5, 0]], atol=1e-12)
+    np.testing.assert_allclose(channel_basis(np.array([380.0, 780.0])), [[0, 0, 1], [1, 0, 0]], atol=1e-12)

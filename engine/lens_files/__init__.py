@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from ..errors import LensError
+from ..errors import LensError, absence
 from ..lens import Lens
 from .package import read_package
 
@@ -22,7 +22,7 @@ def load(name_or_path) -> Lens:
         return read_package(BUNDLED / f"{text}.npz")
     path = Path(text)
     if not os.path.isfile(path):  # of a text too long to be a name, Path.is_file raises
-        raise LensError(text, "lens", "not there",
+        raise LensError(text, "lens", absence(path),
                         f"give a .npz lens package or one of: {', '.join(bundled_names())}")
     if path.suffix.lower() != ".npz":
         raise LensError(path, "kind of file", path.suffix or "without a suffix", "expected a .npz lens package")

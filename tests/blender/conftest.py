@@ -1,6 +1,7 @@
 """Blender through its Python wheel: one registered add-on, and an empty scene for each test."""
 
 import os
+import shutil
 
 import bpy
 import pytest
@@ -8,12 +9,14 @@ import pytest
 from lensfield import addon
 
 
-def pytest_sessionstart():
+@pytest.fixture(scope="session", autouse=True)
+def registered_addon():
     addon.register()
 
 
 def pytest_unconfigure(config):
     """End with pytest's own verdict: some wheels crash while the interpreter exits."""
+    shutil.rmtree(bpy.app.tempdir, ignore_errors=True)
     os._exit(int(config.stash.get(_EXIT_STATUS, 1)))
 
 

@@ -16,7 +16,7 @@ def snapshot():
             for block in getattr(bpy.data, prop.identifier):
                 if block.name == "Render Result":  # where Blender shows any render; it is not saved
                     continue
-                blocks[prop.identifier, block.name_full] = _struct(block, {block.as_pointer()})
+                blocks[prop.identifier, block.name_full] = _struct(block, {_identity(block)})
     return blocks
 
 
@@ -61,9 +61,14 @@ def _value(struct, prop, seen):
     embedded = isinstance(value, bpy.types.NodeTree) and value.name_full not in bpy.data.node_groups
     if isinstance(value, bpy.types.ID) and not embedded:
         return value.name_full
-    if value.as_pointer() in seen:
+    if _identity(value) in seen:
         return "seen"
-    return _struct(value, seen | {value.as_pointer()})
+    return _struct(value, seen | {_identity(value)})
+
+
+def _identity(struct):
+    """A struct's first member has its address, so the type belongs to it."""
+    return struct.bl_rna.identifier, struct.as_pointer()
 
 
 def _plain(value):
@@ -81,6 +86,6 @@ def _collection(prop, items, seen):
     for index, item in enumerate(items):
         if item is None or isinstance(item, bpy.types.ID):
             values[index] = item and item.name_full
-        elif item.as_pointer() not in seen:
-            values[index] = _struct(item, seen | {item.as_pointer()})
+        elif _identity(item) not in seen:
+            values[index] = _struct(item, seen | {_identity(item)})
     return values

@@ -1,8 +1,11 @@
 """The command line, as a user calls it: in a process of its own."""
 
 import json
+import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import bpy
@@ -56,7 +59,10 @@ def test_render_then_filter_agree(blend, tmp_path):
     ({"--wavelengths": "300:700:3"}, "edmund-54852: wavelength is 300 nm: the lens data spans 400 to 700 nm"),
     ({"--section-size": "0"}, "options: section_size is 0: expected a whole number"),
     ({"--resolution": "big"}, "options: --resolution is big: expected WIDTHxHEIGHT"),
-    ({"--samples": "0"}, "options: --samples is 0: expected 1 or more")])
+    ({"--samples": "0"}, "options: --samples is 0: expected 1 to 16777216"),
+    ({"--samples": "99999999999"}, "options: --samples is 99999999999: expected 1 to 16777216"),
+    ({"--frame": "99999999999"}, "options: --frame is 99999999999: expected -1048574 to 1048574"),
+    ({"--resolution": "99999999999x24"}, "options: --resolution is 99999999999x24: expected WIDTHxHEIGHT")])
 def test_bad_input_is_one_line_and_leaves_nothing(blend, tmp_path, capsys, monkeypatch, changes, message):
     monkeypatch.chdir(tmp_path)
     Path("garbage.blend").write_bytes(b"not a blend file")
@@ -66,6 +72,26 @@ def test_bad_input_is_one_line_and_leaves_nothing(blend, tmp_path, capsys, monke
     printed = capsys.readouterr().err
     assert message in printed and printed.count("\n") == 1
     assert not Path("out").exists() or not list(Path("out").iterdir())
+
+
+@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
+def test_a_render_can_be_stopped_and_leaves_nothing(blend, tmp_path, stop):
+    """Amid a Cycles pass that would take minutes."""
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    process = subprocess.Popen(
+        [sys.executable, "-c", "from lensfield.cli import console; console()", "render", str(blend), "--lens",
+         "edmund-54852", "--wavelengths", "550", "--resolution", "2000x2000", "--samples", "100000",
+         "--output", str(tmp_path / "out")], stderr=subprocess.PIPE, text=True,
+        env=os.environ | {"TMPDIR": str(temporary)})
+    deadline = time.monotonic() + 60
+    while not list(temporary.glob("lensfield-*")) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    time.sleep(2)  # by now the pass is under way
+    process.send_signal(stop)
+    assert process.wait(timeout=20) == 130
+    assert process.stderr.read().strip() == "lensfield: cancelled"
+    assert not list(temporary.iterdir()) and not list((tmp_path / "out").iterdir())
 
 
 def test_blender_command_is_the_same_command(blend, tmp_path):

@@ -6,7 +6,8 @@ import OpenEXR
 import pytest
 from small_scenes import render, set_world
 
-from lensfield.addon.compositor import NAME, compositing_tree
+from lensfield.addon.compositor import NAME, compositing_tree, lens_image
+from lensfield.addon.errors import SceneError
 
 
 def render_composite(scene, path):
@@ -79,12 +80,29 @@ def test_scenes_keep_their_own_lens_images(scene, tmp_path):
     render(scene, tmp_path / "one", to_compositor=True)
     other = scene.copy()
     other.name = "Other"
-    if hasattr(other, "compositing_node_group"):
-        other.compositing_node_group = None
+    set_world(other, strength=2.0)
     render(other, tmp_path / "two", to_compositor=True)
-    groups = [node.node_tree.name for s in (scene, other) for node in compositing_tree(s).nodes
-              if node.bl_idname == "CompositorNodeGroup" and node.node_tree.name.startswith(NAME)]
-    assert len(set(groups)) == 2
+    paths = [lens_image(s).filepath for s in (scene, other)]
+    assert [path.split("/")[-2] for path in paths] == ["one", "two"]
+
+
+def test_other_scenes_in_the_composite_are_left_alone(scene, tmp_path):
+    set_world(scene)
+    backdrop = bpy.data.scenes.new("Backdrop")
+    tree = compositing_tree(scene)
+    tree.nodes.clear()
+    exposure = tree.nodes.new("CompositorNodeExposure")
+    layers = tree.nodes.new("CompositorNodeRLayers")
+    layers.scene = backdrop
+    tree.links.new(layers.outputs["Image"], exposure.inputs["Image"])
+    render(scene, tmp_path, to_compositor=True)
+    assert not layers.mute and exposure.inputs["Image"].links[0].from_node == layers
+
+
+def test_several_view_layers_are_refused_by_name(scene, tmp_path):
+    scene.view_layers.new("Foreground")
+    with pytest.raises(SceneError, match="view layers for rendering is ViewLayer, Foreground: leave one on"):
+        render(scene, tmp_path)
 
 
 @pytest.mark.parametrize("folder", ["plain", "with space"])

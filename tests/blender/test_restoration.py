@@ -7,8 +7,9 @@ from small_scenes import WAVELENGTHS_NM, light, material, radiance_on_axis, rend
 from snapshot import differences, snapshot
 
 from lensfield.addon.errors import SceneError
+from lensfield.addon.journal import Journal
 from lensfield.addon.render import Job, RenderPass, render_steps, run
-from lensfield.engine import Lens
+from lensfield.engine import Lens, Options
 from lensfield.engine.spectra import reflectance_basis
 
 
@@ -35,18 +36,64 @@ def rich_scene(scene):
     scene.cycles.film_exposure = 2.5
     scene.cycles.sample_clamp_indirect = 10
     scene["my property"] = 7
+    scene["lensfield_0"] = 42
+    set_format(scene, "PNG", "RGBA", "8")
     scene.frame_set(3)
     return scene
 
 
-def job(folder, **options):
-    return Job(Lens.load("edmund-54852"), (450.0, 550.0, 600.0, 650.0), folder, frame=1, **options)
+def set_format(scene, file_format, color_mode, color_depth):
+    image = scene.render.image_settings
+    if hasattr(image, "media_type"):
+        image.media_type = {"OPEN_EXR_MULTILAYER": "MULTI_LAYER_IMAGE", "FFMPEG": "VIDEO"}.get(file_format, "IMAGE")
+    image.file_format, image.color_mode, image.color_depth = file_format, color_mode, color_depth
+
+
+def job(folder):
+    return Job(Lens.load("edmund-54852"), (450.0, 550.0, 600.0, 650.0), folder, Options(), frame=1, denoise=False,
+               to_compositor=False)
 
 
 def test_scene_is_the_same_after_success(rich_scene, tmp_path):
     before = snapshot()
     render(rich_scene, tmp_path, frame=1)
     assert not differences(before, snapshot())
+
+
+@pytest.mark.parametrize("file_format, color_mode, color_depth", [
+    ("PNG", "RGBA", "16"), ("PNG", "BW", "8"), ("JPEG", "RGB", "8"), ("TIFF", "RGBA", "8"), ("OPEN_EXR", "RGB", "16"),
+    ("OPEN_EXR_MULTILAYER", "RGBA", "32"), ("FFMPEG", "RGB", "8")])
+def test_every_file_format_comes_back(rich_scene, tmp_path, file_format, color_mode, color_depth):
+    set_format(rich_scene, file_format, color_mode, color_depth)
+    before = snapshot()
+    render(rich_scene, tmp_path)
+    assert not differences(before, snapshot())
+
+
+def test_marker_bound_camera_takes_the_picture_and_the_scene_keeps_its_own(rich_scene, tmp_path):
+    own = rich_scene.camera
+    for frame, camera_type in ((1, "PERSP"), (2, "ORTHO")):
+        camera = bpy.data.objects.new(f"Bound {frame}", bpy.data.cameras.new(f"Bound {frame}"))
+        camera.data.type = camera_type
+        rich_scene.collection.objects.link(camera)
+        rich_scene.timeline_markers.new(f"Cut {frame}", frame=frame).camera = camera
+    rich_scene.frame_set(3)
+    rich_scene.camera = own
+    before = snapshot()
+    render(rich_scene, tmp_path, frame=1)
+    assert not differences(before, snapshot())
+    with pytest.raises(SceneError, match="camera 'Bound 2': type is ORTHO"):
+        render(rich_scene, tmp_path, frame=2)
+    assert not differences(before, snapshot())
+
+
+def test_one_undo_that_fails_does_not_keep_the_others_from_being_done():
+    done = []
+    with pytest.raises(ZeroDivisionError), Journal() as journal:
+        journal.on_exit(lambda: done.append("first"))
+        journal.on_exit(lambda: 1 / 0)
+        journal.on_exit(lambda: done.append("last"))
+    assert done == ["last", "first"]
 
 
 def test_snapshot_sees_a_change(rich_scene):
@@ -91,6 +138,7 @@ def test_linked_objects_are_substituted_and_restored(scene, tmp_path):
     with bpy.data.libraries.load(str(tmp_path / "library.blend"), link=True) as (available, linked):
         linked.objects = available.objects
     scene.collection.objects.link(linked.objects[0])
+    set_format(scene, "PNG", "RGBA", "8")
     bpy.context.view_layer.update()
     before = snapshot()
     measured = radiance_on_axis(scene, tmp_path)

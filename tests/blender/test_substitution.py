@@ -138,6 +138,132 @@ def test_world_colour_computed_by_nodes_is_upsampled_as_light(scene, tmp_path):
     np.testing.assert_allclose(radiance_on_axis(scene, tmp_path), emission_basis(NM) @ (0.2, 0.6, 0.4), rtol=1e-4)
 
 
+def test_animated_lamp_is_that_of_the_frame(scene, tmp_path):
+    lamp = light(scene, "POINT", 10.0, shadow_soft_size=0.0).data
+    lamp.lensfield.emission = FLAT
+    lamp.keyframe_insert("energy", frame=1)
+    lamp.energy = 1000.0
+    lamp.keyframe_insert("energy", frame=5)
+    wall(scene, material("Paint", "ShaderNodeBsdfDiffuse", (1, 1, 1))[0])
+    scene.frame_set(1)
+    scene.frame_current = 5  # as scripts do: nothing is evaluated yet
+    expected = 1000 * FLAT_DENSITY / (4 * np.pi**2)
+    np.testing.assert_allclose(radiance_on_axis(scene, tmp_path), expected, rtol=2e-3)
+
+
+def test_assigned_spectrum_reaches_into_groups(scene, tmp_path):
+    set_world(scene)
+    scene.world.lensfield.emission = FLAT
+    for name, reflectance in (("Plain", ""), ("Measured", "380:0.1, 780:0.1")):  # the same group, two materials
+        grouped = in_group(material(name, "ShaderNodeBsdfDiffuse")[0], (0.8, 0.8, 0.8))
+        grouped.lensfield.reflectance = reflectance
+        wall(scene, grouped, 1.0 if reflectance else 2.0)
+    np.testing.assert_allclose(radiance_on_axis(scene, tmp_path), 0.1 * FLAT_DENSITY, rtol=2e-3)
+
+
+def in_group(painted, colour):
+    """The material with its shader inside a node group, which all materials share."""
+    group = bpy.data.node_groups.get("Paint group")
+    if group is None:
+        group = bpy.data.node_groups.new("Paint group", "ShaderNodeTree")
+        group.interface.new_socket(name="Shader", in_out="OUTPUT", socket_type="NodeSocketShader")
+        shader = group.nodes.new("ShaderNodeBsdfDiffuse")
+        shader.inputs["Color"].default_value = (*colour, 1)
+        group.links.new(shader.outputs[0], group.nodes.new("NodeGroupOutput").inputs[0])
+    node = painted.node_tree.nodes.new("ShaderNodeGroup")
+    node.node_tree = group
+    output = next(n for n in painted.node_tree.nodes if n.bl_idname == "ShaderNodeOutputMaterial")
+    painted.node_tree.links.new(node.outputs[0], output.inputs["Surface"])
+    return painted
+
+
+def test_muted_link_is_not_followed(scene, tmp_path):
+    set_world(scene)
+    scene.world.lensfield.emission = FLAT
+    painted, shader = material("Paint", "ShaderNodeBsdfDiffuse", (0.5, 0.5, 0.5))
+    colour = painted.node_tree.nodes.new("ShaderNodeRGB")
+    colour.outputs[0].default_value = (0.1, 0.1, 0.1, 1)
+    painted.node_tree.links.new(colour.outputs[0], shader.inputs["Color"]).is_muted = True
+    wall(scene, painted)
+    np.testing.assert_allclose(radiance_on_axis(scene, tmp_path), 0.5 * FLAT_DENSITY, rtol=2e-3)
+
+
+def test_lamp_whose_nodes_are_switched_off_is_plain(scene, tmp_path):
+    lamp = light(scene, "POINT", 100.0, shadow_soft_size=0.0).data
+    lamp.lensfield.emission = FLAT
+    lamp.use_nodes = True
+    next(n for n in lamp.node_tree.nodes if n.bl_idname == "ShaderNodeEmission").inputs["Strength"].default_value = 7
+    lamp.use_nodes = False
+    if lamp.use_nodes:
+        pytest.skip("this Blender's lamps always use their nodes")
+    wall(scene, material("Paint", "ShaderNodeBsdfDiffuse", (1, 1, 1))[0])
+    np.testing.assert_allclose(radiance_on_axis(scene, tmp_path), 100 * FLAT_DENSITY / (4 * np.pi**2), rtol=2e-3)
+
+
+@pytest.mark.skipif(bpy.app.version >= (5, 0, 0), reason="since 5.0 materials and worlds always use their nodes")
+def test_material_and_world_without_nodes_are_upsampled(scene, tmp_path):
+    painted = material("Paint", "ShaderNodeBsdfDiffuse", (0, 0, 0))[0]
+    painted.use_nodes = False
+    painted.diffuse_color = (0.7, 0.3, 0.05, 1)
+    scene.world.use_nodes = False
+    scene.world.color = (0.2, 0.6, 0.4)
+    wall(scene, painted)
+    expected = (reflectance_basis(NM) @ (0.7, 0.3, 0.05)) * (emission_basis(NM) @ (0.2, 0.6, 0.4))
+    np.testing.assert_allclose(radiance_on_axis(scene, tmp_path), expected, rtol=2e-3)
+
+
+def test_lamp_temperature_keeps_the_lamps_own_nodes(scene, tmp_path):
+    if "use_temperature" not in bpy.types.Light.bl_rna.properties:
+        pytest.skip("this Blender's lamps have no temperature")
+    lamp = light(scene, "POINT", 100.0, use_temperature=True, temperature=2856.0, shadow_soft_size=0.0).data
+    wall(scene, material("Paint", "ShaderNodeBsdfDiffuse", (1, 1, 1))[0])
+    open_lamp = radiance_on_axis(scene, tmp_path)
+    lamp.use_nodes = True
+    gobo = lamp.node_tree.nodes.new("ShaderNodeRGB")
+    gobo.outputs[0].default_value = (0.1, 0.1, 0.1, 1)
+    emission = next(n for n in lamp.node_tree.nodes if n.bl_idname == "ShaderNodeEmission")
+    lamp.node_tree.links.new(gobo.outputs[0], emission.inputs["Color"])
+    np.testing.assert_allclose(radiance_on_axis(scene, tmp_path), 0.1 * open_lamp, rtol=2e-3)
+
+
+def test_world_override_of_the_view_layer_is_substituted(scene, tmp_path):
+    set_world(scene)
+    other = bpy.data.worlds.new("Override")
+    other.use_nodes = True
+    other.lensfield.emission = FLAT
+    scene.view_layers[0].world_override = other
+    measured = radiance_on_axis(scene, tmp_path)
+    np.testing.assert_allclose(measured / measured[0], 1, rtol=1e-4)
+
+
+def test_scattering_lengths_vary_with_wavelength_and_not_with_the_pass(scene, tmp_path):
+    """Each of 4 wavelengths at or beyond a channel's own must look the same whichever of R, G, B carries it."""
+    set_world(scene)
+    scene.world.lensfield.emission = FLAT
+    conductor, shader = metal("Metal")
+    shader.inputs["IOR"].default_value = (0.2, 0.9, 1.3)
+    shader.inputs["Extinction"].default_value = (3.9, 2.4, 1.9)
+    wall(scene, conductor)
+    together = radiance_on_axis(scene, tmp_path, [420.0, 450.0, 549.1, 650.0, 700.0])
+    assert together[0] == pytest.approx(together[1], rel=1e-3) and together[3] == pytest.approx(together[4], rel=1e-3)
+    n, k = np.array([1.3, 0.9, 0.2]), np.array([1.9, 2.4, 3.9])
+    normal_incidence = ((n - 1)**2 + k**2) / ((n + 1)**2 + k**2)
+    np.testing.assert_allclose(together[[1, 2, 3]], normal_incidence * FLAT_DENSITY, rtol=0.02)
+
+
+def metal(name):
+    """A mirror of a physical conductor."""
+    new = bpy.data.materials.new(name)
+    new.use_nodes = True
+    new.node_tree.nodes.clear()
+    shader = new.node_tree.nodes.new("ShaderNodeBsdfMetallic")
+    shader.fresnel_type = "PHYSICAL_CONDUCTOR"
+    shader.inputs["Roughness"].default_value = 0
+    output = new.node_tree.nodes.new("ShaderNodeOutputMaterial")
+    new.node_tree.links.new(shader.outputs[0], output.inputs["Surface"])
+    return new, shader
+
+
 def test_every_pass_has_its_own_wavelengths(scene, tmp_path):
     """World, material, lamp and upsampled nodes must all follow when only scene properties change between passes."""
     set_world(scene, (0.3, 0.5, 0.7))
