@@ -53,7 +53,9 @@ class LensfieldSettings(bpy.types.PropertyGroup):
                                           "interpolate between four (order 2). Smaller is more accurate and slower")
     order: EnumProperty(name="Order", default=str(Options.order),
                         items=[("1", "1: constant", "One PSF per section, as in the paper"),
-                               ("2", "2: bilinear", "PSFs interpolated between the corners of each section")])
+                               ("2", "2: bilinear", "PSFs interpolated between the corners of each section"),
+                               ("3", "3: quadratic", "PSFs interpolated between 9 nodes in each section"),
+                               ("4", "4: cubic", "PSFs interpolated between 16 nodes in each section")])
     out_of_field: EnumProperty(
         name="Out of Field", default=Options.out_of_field.upper(),
         description="Pixels beyond the last field height of the lens data",

@@ -84,12 +84,15 @@ def test_a_render_can_be_stopped_and_leaves_nothing(blend, tmp_path, stop):
          "edmund-54852", "--wavelengths", "550", "--resolution", "2000x2000", "--samples", "100000",
          "--output", str(tmp_path / "out")], stderr=subprocess.PIPE, text=True,
         env=os.environ | {"TMPDIR": str(temporary)})
-    deadline = time.monotonic() + 60
-    while not list(temporary.glob("lensfield-*")) and time.monotonic() < deadline:
-        time.sleep(0.1)
-    time.sleep(2)  # by now the pass is under way
-    process.send_signal(stop)
-    assert process.wait(timeout=20) == 130
+    try:
+        deadline = time.monotonic() + 60
+        while not list(temporary.glob("lensfield-*")) and time.monotonic() < deadline:
+            time.sleep(0.1)
+        time.sleep(2)  # by now the pass is under way
+        process.send_signal(stop)
+        assert process.wait(timeout=20) == 130
+    finally:
+        process.kill()
     assert process.stderr.read().strip() == "lensfield: cancelled"
     assert not list(temporary.iterdir()) and not list((tmp_path / "out").iterdir())
 
