@@ -103,8 +103,8 @@ def main(folder):
     save(timed(spectral, lens, PAPER)[0], folder / "multispectral_lens.png")
 
     energies = point_energies(lens)
-    print(f"energy of {energies.size} single-pixel points after distortion: mean {energies.mean():.3f}, standard deviation "
-          f"{energies.std():.3f}, {energies.min():.2f} to {energies.max():.2f}")
+    print(f"energy of {energies.size} single-pixel points after distortion: mean {energies.mean():.3f}, standard "
+          f"deviation {energies.std():.3f}, {energies.min():.2f} to {energies.max():.2f}")
 
 
 if __name__ == "__main__":

@@ -50,7 +50,7 @@ def _rec709_weights(wavelengths_nm):
     total = rec709[white_density(wavelengths_nm) > 0].sum(axis=0)
     rec709 /= np.where(total == 0, 1, total)  # D65 is (1, 1, 1) to the last digit
     white_at = white_density(wavelengths_nm)[:, None]
-    return np.divide(rec709, white_at, out=np.zeros_like(rec709), where=white_at > 0)  # nothing is seen outside the band
+    return np.divide(rec709, white_at, out=np.zeros_like(rec709), where=white_at > 0)  # outside the band: unseen
 
 
 def auto_exposure(rec709):

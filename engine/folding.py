@@ -7,7 +7,7 @@ mirrored place is the mirrored PSF. Quadrants flipped onto one another then shar
 import numpy as np
 
 SYMMETRY_TOLERANCE = 2e-3
-"""L1 distance of a PSF from its mirror image that is taken for noise; a half-sample error of centring is 100 times it."""
+"""L1 distance of a PSF from its mirror image that is taken for noise; half a sample off centre is 100 times it."""
 
 
 def mirror_symmetric(psf):

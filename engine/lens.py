@@ -151,6 +151,13 @@ class MonochromaticLens:
 
 def _check(lens):
     """Raise a LensError that names the first field that cannot be right."""
+    _check_numbers(lens)
+    _check_shapes(lens)
+    _check_tables(lens)
+    _check_psfs(lens)
+
+
+def _check_numbers(lens):
     for field in ("efl_mm", "f_number_effective", "object_distance_mm", "reference_wavelength_nm", "psf_pitch_um"):
         if not getattr(lens, field) > 0:
             raise LensError(lens.name, field, getattr(lens, field), "expected a positive number")
@@ -162,6 +169,9 @@ def _check(lens):
         raise LensError(lens.name, "magnification", lens.magnification, "expected other than 0 at a finite distance")
     if len(lens.sensor_mm) != 2 or not min(lens.sensor_mm) > 0:
         raise LensError(lens.name, "sensor_mm", lens.sensor_mm, "expected a positive width and height")
+
+
+def _check_shapes(lens):
     waves, heights = lens.wavelengths_nm.shape, lens.heights_mm.shape
     if len(waves) != 1 or waves[0] < 1:
         raise LensError(lens.name, "wavelengths_nm", f"of shape {waves}", "expected at least one wavelength")
@@ -174,6 +184,9 @@ def _check(lens):
             raise LensError(lens.name, field, f"of shape {getattr(lens, field).shape}", f"expected {shape}")
     if lens.psf.ndim != 4 or lens.psf.shape[:2] != waves + heights or lens.psf.shape[2] != lens.psf.shape[3]:
         raise LensError(lens.name, "psf", f"of shape {lens.psf.shape}", f"expected {waves + heights} + (v, u), square")
+
+
+def _check_tables(lens):
     for field in ("wavelengths_nm", "heights_mm", "real_height_mm", "relative_illumination", "transmittance", "psf"):
         if not np.all(np.isfinite(getattr(lens, field))):
             raise LensError(lens.name, field, "not finite", "expected numbers throughout")
@@ -186,6 +199,9 @@ def _check(lens):
         raise LensError(lens.name, "relative_illumination", "negative", "expected 0 or more")
     if np.any(lens.transmittance < 0) or np.any(lens.transmittance > 1):
         raise LensError(lens.name, "transmittance", lens.transmittance.tolist(), "expected 0 to 1")
+
+
+def _check_psfs(lens):
     if np.any(lens.psf < 0):
         raise LensError(lens.name, "psf", f"{lens.psf.min():g} at the least", "expected 0 or more")
     sums = lens.psf.sum(axis=(2, 3), dtype=np.float64)

@@ -12,8 +12,8 @@ def lens_info(lens):
     -------
     dict of plain numbers, lists and strings, ready for JSON. `heights` holds, per field height at the reference
     wavelength: height_mm (paraxial), real_height_mm, distortion_percent, relative_illumination, lateral_colour_um
-    (real height at F less that at C; or between the ends of the lens data where it does not reach so far). An infinite object distance and an
-    unknown enclosed energy are None.
+    (real height at F less that at C; or between the ends of the lens data where it does not reach so far). An
+    infinite object distance and an unknown enclosed energy are None.
     """
     low, high = lens.wavelengths_nm[[0, -1]]
     short, long = np.clip([FRAUNHOFER_F_NM, FRAUNHOFER_C_NM], low, high)

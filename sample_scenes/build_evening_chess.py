@@ -8,7 +8,8 @@ tabletop of true scale, 20 cm wide:
   lit windows of a paper-theatre town behind it, the first stars;
 * a colour chart of 24 patches with measured reflectances, and lamps with measured spectra.
 
-Run it as `.venv/bin/python sample_scenes/build_evening_chess.py`, in the environment that `make` sets up. Lengths in this file are in millimetres; `mesh_of`, `wire` and `place` turn them into Blender's metres.
+Run it as `.venv/bin/python sample_scenes/build_evening_chess.py`, in the environment that `make` sets up. Lengths in
+this file are in millimetres; `mesh_of`, `wire` and `place` turn them into Blender's metres.
 A file built with the oldest Blender that is supported opens in all of them.
 """
 

@@ -20,7 +20,8 @@ def write_package(lens, path):
     """Write `lens` to `path`, whole or not at all."""
     header = {"format": FORMAT, "version": VERSION} | {name: getattr(lens, name) for name in SCALARS}
     with atomic_path(path) as temporary, open(temporary, "wb") as stream:
-        np.savez_compressed(stream, header=np.array(json.dumps(header)), **{name: getattr(lens, name) for name in ARRAYS})
+        arrays = {name: getattr(lens, name) for name in ARRAYS}
+        np.savez_compressed(stream, header=np.array(json.dumps(header)), **arrays)
 
 
 def read_package(path):
