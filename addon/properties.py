@@ -8,6 +8,7 @@ from ..engine.lens_files import bundled_names
 from ..engine.spectra import library_names, parse_wavelengths
 
 FROM_FILE = "FILE"
+BLEND_RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"}  # paths that start with // lie beside the .blend
 
 
 def _spectrum_suggestions(self, context, edit_text):
@@ -36,7 +37,8 @@ class LensfieldSettings(bpy.types.PropertyGroup):
         name="Lens", description="Lens data to render through", default="edmund-54852",
         items=[(name, name, "Lens that comes with Lensfield") for name in bundled_names()]
               + [(FROM_FILE, "From file", "A lens package of your own (.npz)")])
-    lens_file: StringProperty(name="Lens File", description="Lens package (.npz)", subtype="FILE_PATH")
+    lens_file: StringProperty(name="Lens File", description="Lens package (.npz)", subtype="FILE_PATH",
+                              options=BLEND_RELATIVE)
     wavelength_mode: EnumProperty(
         name="Wavelengths", default="RANGE",
         items=[("RANGE", "Range", "Evenly spaced wavelengths"), ("LIST", "List", "Wavelengths one by one")])
@@ -65,7 +67,7 @@ class LensfieldSettings(bpy.types.PropertyGroup):
                           description="Let Cycles denoise its passes. It shifts means by up to 1 %, unequally between "
                                       "wavelengths")
     output_folder: StringProperty(name="Output", description="Folder for the spectral EXRs and the pictures",
-                                  default="//lensfield/", subtype="DIR_PATH")
+                                  default="//lensfield/", subtype="DIR_PATH", options=BLEND_RELATIVE)
     to_compositor: BoolProperty(name="To Compositor", default=True,
                                 description="Lay the lens image into the scene's compositor when it is done")
 
