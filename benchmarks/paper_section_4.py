@@ -41,7 +41,7 @@ def multispectral(rows=253, columns=380):
 
 
 def point_energies(lens, rows=576, columns=768, spacing_px=37, reach_px=14):
-    """Energy of the images of single pixels over what Eq. 2 gives for them: what the bilinear distortion does."""
+    """Energy of the images of single pixels over what Eq. 2 gives for them: what laying it where distortion puts it does."""
     optics = lens.at_wavelength(WAVELENGTH_NM)
     field = FieldGeometry(optics, lens.name)
     centre_px = ((rows - 1) / 2, (columns - 1) / 2)
@@ -104,7 +104,7 @@ def main(folder):
 
     energies = point_energies(lens)
     print(f"energy of {energies.size} single-pixel points after distortion: mean {energies.mean():.3f}, standard "
-          f"deviation {energies.std():.3f}, {energies.min():.2f} to {energies.max():.2f}")
+          f"deviation {energies.std():.4f}, {energies.min():.3f} to {energies.max():.3f}")
 
 
 if __name__ == "__main__":

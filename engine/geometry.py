@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
+from numpy.polynomial.polynomial import polyder, polyval
 
 from .errors import LensError
 
@@ -29,12 +29,16 @@ class PolynomialFit:
     def order(self):
         return self.first_power + self.coefficients.size - 1
 
+    @property
+    def _all_coefficients(self):
+        return np.concatenate([np.zeros(self.first_power), self.coefficients])
+
     def __call__(self, height_mm):
-        t = np.asarray(height_mm) / self.scale_mm
-        value = np.zeros_like(t)
-        for coefficient in self.coefficients[::-1]:
-            value = value * t + coefficient
-        return value * t**self.first_power
+        return polyval(np.asarray(height_mm) / self.scale_mm, self._all_coefficients)
+
+    def derivative(self, height_mm):
+        """The polynomial's derivative by height, per mm."""
+        return polyval(np.asarray(height_mm) / self.scale_mm, polyder(self._all_coefficients)) / self.scale_mm
 
 
 def fit_polynomial(heights_mm, values, first_power, tolerance):
@@ -108,6 +112,12 @@ class FieldGeometry:
         return np.where(on_axis, 1 / self._magnification_on_axis,
                         paraxial_height_mm / np.where(on_axis, 1, real_height_mm))
 
+    def paraxial_slope(self, paraxial_height_mm):
+        """Change of the paraxial height with the real one: how much a lens squeezes the picture, radially."""
+        inside = paraxial_height_mm <= self._paraxial_mm[-1]
+        magnification = self.distortion.derivative(np.where(inside, paraxial_height_mm, 0))
+        return 1 / np.where(inside, magnification, self._magnification_at_edge)
+
     def relative_illumination(self, paraxial_height_mm):
         """Relative illumination at this paraxial height, held beyond the last tabulated one."""
         held = np.minimum(paraxial_height_mm, self._paraxial_mm[-1])
@@ -117,9 +127,10 @@ class FieldGeometry:
 def distort(plane, source_centre_px, x_mm, y_mm, pitch_um, field):
     """Lay an ideal image plane where the lens really puts it.
 
-    Each target pixel takes its value from the ideal position of the chief ray that meets it, bilinearly: this
-    neither overshoots nor makes negative light. What lies outside the source is black. Radiance needs no area
-    factor: the change of area is part of the relative illumination.
+    Each target pixel averages the source over its own footprint there, about the ideal position of the chief ray
+    that meets it. So neither even light nor single points gain or lose energy, nothing overshoots, and no light turns
+    negative. Where the lens stretches the picture this is bilinear interpolation. What lies outside the source is
+    black. Radiance needs no area factor: the change of area is part of the relative illumination.
 
     Parameters
     ----------
@@ -140,10 +151,36 @@ def distort(plane, source_centre_px, x_mm, y_mm, pitch_um, field):
     """
     real_mm = np.hypot(x_mm[None, :], y_mm[:, None])
     paraxial_mm = field.paraxial_height_mm(real_mm)
-    ratio = field.paraxial_per_real(real_mm, paraxial_mm) / (pitch_um * 1e-3)
-    row = source_centre_px[0] - y_mm[:, None] * ratio
-    column = source_centre_px[1] + x_mm[None, :] * ratio
-    return ndimage.map_coordinates(plane, [row, column], order=1, mode="grid-constant"), paraxial_mm
+    tangential = field.paraxial_per_real(real_mm, paraxial_mm)
+    radial = field.paraxial_slope(paraxial_mm)
+    row = source_centre_px[0] - y_mm[:, None] * tangential / (pitch_um * 1e-3)
+    column = source_centre_px[1] + x_mm[None, :] * tangential / (pitch_um * 1e-3)
+    cos_squared = (x_mm[None, :] / np.maximum(real_mm, np.finfo(float).tiny)) ** 2
+    height_px = radial + (tangential - radial) * cos_squared
+    width_px = tangential + (radial - tangential) * cos_squared
+    return _average_over(plane, row, height_px, column, width_px), paraxial_mm
+
+
+def _average_over(plane, row, height_px, column, width_px):
+    """Averages of a plane over rectangles about these positions, in index terms, at least a pixel high and wide."""
+    framed = np.pad(plane, 1)  # black all round, for what lies outside
+    first_row, row_shares = _overlaps(row, np.maximum(height_px, 1))
+    first_column, column_shares = _overlaps(column, np.maximum(width_px, 1))
+    columns = [np.clip(first_column + k + 1, 0, framed.shape[1] - 1) for k in range(len(column_shares))]
+    values = framed.ravel()
+    total = np.zeros(row.shape)
+    for k, row_share in enumerate(row_shares):
+        start = np.clip(first_row + k + 1, 0, framed.shape[0] - 1) * framed.shape[1]
+        total += row_share * sum(share * values[start + across] for share, across in zip(column_shares, columns))
+    return total
+
+
+def _overlaps(position, extent_px):
+    """First pixel that each interval about a position touches, and the shares of the interval in it and the next."""
+    begin = position - extent_px / 2
+    first = np.floor(begin + 0.5).astype(np.intp)
+    up_to = [np.clip((first + k + 0.5 - begin) / extent_px, 0, 1) for k in range(int(np.ceil(extent_px.max())) + 1)]
+    return first, [up_to[0], *(later - earlier for earlier, later in zip(up_to, up_to[1:]))]
 
 
 def overscan_px(lens, frame_px, pitch_um, wavelengths_nm, psf_radius_px):

@@ -124,7 +124,7 @@ def lit_after(real_height_mm, points, shape=(201, 201)):
                                           ((0, -100), (0, -80)), ((60, 80), (48, 64)), ((-60, 80), (-48, 64))])
 def test_barrel_pulls_a_point_toward_the_axis(point, image):
     lit = lit_after(lambda p: 0.8 * p, [point])
-    assert lit[image] == pytest.approx(1.0, abs=1e-6)
+    assert lit[image] == pytest.approx(0.64, abs=1e-6)  # the pixel sees 1.25 x 1.25 px of the source
     assert max(lit, key=lit.get) == image
 
 
@@ -136,10 +136,36 @@ def test_pincushion_pushes_a_point_outwards(point, image):
 
 
 def test_cubic_barrel_lands_where_it_was_worked_out():
-    # real = p - p^3 / 20: 1 mm, 100 px, goes to 0.95 mm, 95 px. The slope there is 0.85: pixel 96 looks 1.18 px off.
+    # real = p - p^3 / 20: 1 mm, 100 px, goes to 0.95 mm, 95 px. The slope there is 0.85: pixel 96 looks 1.18 px
+    # off, at 1.18 px, and across the radius 1 / 0.95 px.
     lit = lit_after(lambda p: p - 0.05 * p**3, [(100, 0)])
     assert set(lit) == {(95, 0)}
-    assert lit[95, 0] == pytest.approx(1.0, abs=1e-4)
+    assert lit[95, 0] == pytest.approx(0.85 * 0.95, abs=1e-3)
+
+
+@pytest.mark.parametrize("scale", [0.6, 0.8, 0.93, 1.0])
+def test_a_point_keeps_its_energy_wherever_it_falls(scale):
+    points = [(x, y) for x in range(-90, 91, 13) for y in range(-90, 91, 17)]
+    lit = lit_after(lambda p: scale * p, points)
+    assert sum(lit.values()) == pytest.approx(len(points) * scale**2, rel=1e-9)
+    for x, y in points:
+        near = [value for (px, py), value in lit.items() if np.hypot(px - scale * x, py - scale * y) < 3]
+        assert sum(near) == pytest.approx(scale**2, rel=1e-9)
+
+
+def test_points_keep_their_energy_under_barrel_distortion_that_grows():
+    points = [(x, y) for x in range(-84, 85, 12) for y in range(-84, 85, 12)]
+    energy = sum(lit_after(lambda p: p - 0.05 * p**3, points).values())
+    radius_mm = np.hypot(*np.array(points).T) * 0.01
+    areas = (1 - 0.05 * radius_mm**2) * (1 - 0.15 * radius_mm**2)
+    assert energy == pytest.approx(areas.sum(), rel=2e-3)
+
+
+@pytest.mark.parametrize("real_height_mm", [lambda p: 0.7 * p, lambda p: 1.3 * p, lambda p: p - 0.05 * p**3])
+def test_even_light_stays_even(real_height_mm):
+    plane = np.full((301, 301), 5.0)
+    result, _ = distorted(plane, (150, 150), (101, 101), (50, 50), 10.0, geometry(real_height_mm))
+    np.testing.assert_allclose(result, 5.0, rtol=1e-12)
 
 
 def test_height_returned_is_that_the_light_came_from():
