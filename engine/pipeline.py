@@ -108,8 +108,12 @@ def _filter(ideal, centre_px, plan, bank, psfs_at):
     if bank.mirror_symmetric and np.allclose(centre_px, middle, rtol=0, atol=1e-9):
         quadrants = fold(ideal)
         axis = tuple(0.0 if n % 2 else -0.5 for n in ideal.shape)
-        return unfold(filter_sections(quadrants, *sizes, psfs_at(axis)), ideal.shape, plan.psf_radius_px)
-    return filter_sections(ideal[None], *sizes, psfs_at(centre_px))[0]
+        canvas = unfold(filter_sections(quadrants, *sizes, psfs_at(axis)), ideal.shape, plan.psf_radius_px)
+    else:
+        canvas = filter_sections(ideal[None], *sizes, psfs_at(centre_px))[0]
+    if plan.order <= 2 and ideal.min() >= 0:
+        np.maximum(canvas, 0, out=canvas)  # no weight is negative: what falls below zero is the FFT's rounding
+    return canvas
 
 
 def _inside(plane, margin_px, frame):
