@@ -27,6 +27,8 @@ class Cancelled(Exception):
 def job_from_settings(scene):
     """The Job that a scene's settings ask for; raises InputError."""
     settings = scene.lensfield
+    if not settings.lens_name_or_path():
+        raise InputError("scene settings", "lens file", "empty", "choose a lens package (.npz)")
     if not settings.output_folder.strip():
         raise InputError("scene settings", "output folder", "empty", "give a folder for the files")
     if settings.output_folder.startswith("//") and not bpy.data.filepath:
