@@ -46,8 +46,20 @@ def main(arguments=None):
 
 def console():
     """Entry point of the console script, whose process is its own."""
+    _open_closed_streams()
     _stop_on_signals()
     _leave(main())
+
+
+def _open_closed_streams():
+    """Daemons start programs with standard streams closed: let what is written there go nowhere."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is None:
+            nowhere = os.open(os.devnull, os.O_RDWR)
+            if nowhere != number:
+                os.dup2(nowhere, number)
+                os.close(nowhere)
+            setattr(sys, name, open(number, "r" if number == 0 else "w"))
 
 
 def _stop_on_signals():
@@ -221,8 +233,11 @@ def _engine_options(options):
 
 def _check_targets(*paths):
     """Raise an InputError for a file that could not be written, before the work is done."""
-    for path in filter(None, paths):
+    named = [path for path in paths if path]
+    for index, path in enumerate(named):
         check_target(path)
+        if path.resolve() in [other.resolve() for other in named[:index]]:
+            raise InputError(path, "file", "named twice", "give every output a name of its own")
 
 
 def _resolution(text):

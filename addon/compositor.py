@@ -3,7 +3,7 @@
 import bpy
 
 NAME = "Lensfield"
-MARK = "lensfield_scene"  # custom property of our node groups: the scene whose picture they hold
+MARK = "lensfield"  # custom property of our node groups; users may rename them
 
 
 def lay_into_compositor(scene, image_path):
@@ -23,38 +23,49 @@ def lay_into_compositor(scene, image_path):
     -------
     the group node
     """
-    tree = compositing_tree(scene)
+    tree = _own_tree(scene)
     node = _lensfield_node(tree)
-    if node and node.node_tree[MARK] != scene.name and node.node_tree[MARK] in bpy.data.scenes:
-        tree, node = _parted(scene, tree)  # this scene is a copy, which must not change the picture of the other
     if node is None:
         node = tree.nodes.new("CompositorNodeGroup")
         node.node_tree = _lens_image_group()
         node.name = node.label = NAME
         _take_over_links(scene, tree, node)
-    node.node_tree[MARK] = scene.name
+    elif any(_lensfield_node(other) and _lensfield_node(other).node_tree == node.node_tree
+             for other in _trees_of_others(scene)):
+        node.node_tree = _lens_image_group()  # this scene is a copy, which must not change the picture of the other
     _show(node.node_tree, image_path, f"{NAME} {scene.name}")
     return node
 
 
-def _parted(scene, tree):
-    """A tree and a Lensfield node of the scene's own, in place of those it shares with the scene it is a copy of."""
-    if tree.users > 1 and hasattr(scene, "compositing_node_group"):
+def _own_tree(scene):
+    """The scene's compositing tree, parted from the scenes that share it: each has its own picture."""
+    tree = compositing_tree(scene)
+    sharing = [other for other in bpy.data.scenes if other != scene and _tree(other) == tree]
+    if sharing:
         tree = scene.compositing_node_group = tree.copy()
-    node = _lensfield_node(tree)
-    node.node_tree = _lens_image_group()
-    return tree, node
+        for node in tree.nodes:
+            if node.bl_idname == "CompositorNodeRLayers" and node.scene in sharing:
+                node.scene = scene
+    return tree
+
+
+def _trees_of_others(scene):
+    return [tree for other in bpy.data.scenes if other != scene and (tree := _tree(other))]
+
+
+def _tree(scene):
+    """The scene's compositing tree or None. Blender keeps it elsewhere since 5.0."""
+    return scene.compositing_node_group if hasattr(scene, "compositing_node_group") else scene.node_tree
 
 
 def lens_image(scene):
     """The image data-block that the scene's Lensfield node shows, or None."""
-    tree = scene.compositing_node_group if hasattr(scene, "compositing_node_group") else scene.node_tree
-    node = tree and _lensfield_node(tree)
+    node = _tree(scene) and _lensfield_node(_tree(scene))
     return _image_node(node.node_tree).image if node else None
 
 
 def compositing_tree(scene):
-    """The scene's compositing tree, made where there is none. Blender keeps it elsewhere since 5.0."""
+    """The scene's compositing tree, made where there is none."""
     if not hasattr(scene, "compositing_node_group"):
         scene.use_nodes = True
         return scene.node_tree
@@ -74,18 +85,22 @@ def _lensfield_node(tree):
 
 
 def _image_node(group):
-    return next(node for node in group.nodes if node.bl_idname == "CompositorNodeImage")
+    """The Image node of a group of ours, made and linked where there is none."""
+    for node in group.nodes:
+        if node.bl_idname == "CompositorNodeImage":
+            return node
+    source = group.nodes.new("CompositorNodeImage")
+    output = next((node for node in group.nodes if node.bl_idname == "NodeGroupOutput"), None)
+    group.links.new(source.outputs["Image"], (output or group.nodes.new("NodeGroupOutput")).inputs["Image"])
+    return source
 
 
 def _lens_image_group():
     """A new node group with the lens image for its output."""
     group = bpy.data.node_groups.new(NAME, "CompositorNodeTree")
-    group[MARK] = ""
+    group[MARK] = True
     group.interface.new_socket(name="Image", in_out="OUTPUT", socket_type="NodeSocketColor")
-    source = group.nodes.new("CompositorNodeImage")
-    output = group.nodes.new("NodeGroupOutput")
-    output.location.x = 300
-    group.links.new(source.outputs["Image"], output.inputs["Image"])
+    group.nodes.new("NodeGroupOutput").location.x = 300
     return group
 
 

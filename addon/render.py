@@ -112,8 +112,8 @@ def render_through_lens(scene, lens, wavelengths_nm, output_folder, *, options=O
     """
     lens = lens if isinstance(lens, Lens) else Lens.load(lens)
     frame = scene.frame_current if frame is None else frame
-    job = Job(lens, np.asarray(wavelengths_nm, dtype=float), Path(output_folder), options, frame, denoise,
-              to_compositor)
+    folder = Path(bpy.path.abspath(str(output_folder))).resolve()  # // is beside the .blend
+    job = Job(lens, np.asarray(wavelengths_nm, dtype=float), folder, options, frame, denoise, to_compositor)
     return run(render_steps(scene, job), progress)
 
 
@@ -197,6 +197,8 @@ def _capture(scene, job, report):
 
 def _go_to_frame(scene, frame, journal):
     """Evaluate the scene at a frame, as a render would: its animation, and the camera that a marker binds."""
+    if bpy.context.window:  # animation reaches the data-blocks that we copy only in the window's scene
+        journal.set(bpy.context.window, "scene", scene)
     camera, current, subframe = scene.camera, scene.frame_current, scene.frame_subframe
 
     def go_back():

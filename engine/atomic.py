@@ -26,6 +26,8 @@ def check_target(path):
     path = Path(path)
     if path.is_dir():
         raise InputError(path, "file", "a folder", "give the name of a file to write")
+    if path.exists() and not path.is_file():
+        raise InputError(path, "file", "a device or pipe", "give the name of a file to write")
     make_folder(path.parent)
     try:
         handle, probe = tempfile.mkstemp(prefix=".", dir=path.parent)
@@ -38,8 +40,8 @@ def check_target(path):
 @contextmanager
 def atomic_path(path):
     """A temporary path beside `path`, moved onto it when the block ends well and removed when it does not."""
-    path = Path(path)
     check_target(path)
+    path = Path(path).resolve()  # through a link, which stays
     handle, name = tempfile.mkstemp(prefix=f".{path.stem[:40]}-", suffix=path.suffix, dir=path.parent)
     os.close(handle)
     with _pending_path(Path(name)) as temporary:

@@ -10,6 +10,7 @@ from .errors import LensError
 ORDERS = range(4, 9)
 DISTORTION_TOLERANCE = 1e-5  # of the last height: 0.03 um for a 3 mm field
 ILLUMINATION_TOLERANCE = 1e-3
+LARGEST_FOOTPRINT_PX = 16  # where a lens squeezes the picture more than this, the footprint's middle stands for it
 INVERSE_SAMPLES = 4097  # linear interpolation between them is good to 1e-8 of the field
 
 
@@ -124,7 +125,7 @@ class FieldGeometry:
         return np.maximum(self.illumination(held), 0)
 
 
-def distort(plane, source_centre_px, x_mm, y_mm, pitch_um, field):
+def distort(framed, source_centre_px, x_mm, y_mm, pitch_um, field):
     """Lay an ideal image plane where the lens really puts it.
 
     Each target pixel averages the source over its own footprint there, about the ideal position of the chief ray
@@ -134,9 +135,10 @@ def distort(plane, source_centre_px, x_mm, y_mm, pitch_um, field):
 
     Parameters
     ----------
-    plane : array (row, column)
+    framed : array (row, column)
+        The source with a rim of one black pixel, which is read for all that lies outside.
     source_centre_px : (float, float)
-        Row and column of the optical axis in the source.
+        Row and column of the optical axis in it.
     x_mm, y_mm : arrays (column,) and (row,)
         Where the target's pixels are, about the axis.
     pitch_um : float
@@ -158,19 +160,18 @@ def distort(plane, source_centre_px, x_mm, y_mm, pitch_um, field):
     cos_squared = (x_mm[None, :] / np.maximum(real_mm, np.finfo(float).tiny)) ** 2
     height_px = radial + (tangential - radial) * cos_squared
     width_px = tangential + (radial - tangential) * cos_squared
-    return _average_over(plane, row, height_px, column, width_px), paraxial_mm
+    return _average_over(framed, row, height_px, column, width_px), paraxial_mm
 
 
-def _average_over(plane, row, height_px, column, width_px):
-    """Averages of a plane over rectangles about these positions, in index terms, at least a pixel high and wide."""
-    framed = np.pad(plane, 1)  # black all round, for what lies outside
-    first_row, row_shares = _overlaps(row, np.maximum(height_px, 1))
-    first_column, column_shares = _overlaps(column, np.maximum(width_px, 1))
-    columns = [np.clip(first_column + k + 1, 0, framed.shape[1] - 1) for k in range(len(column_shares))]
+def _average_over(framed, row, height_px, column, width_px):
+    """Averages over rectangles about these positions, in index terms, of 1 to LARGEST_FOOTPRINT_PX each way."""
+    first_row, row_shares = _overlaps(row, np.clip(height_px, 1, LARGEST_FOOTPRINT_PX))
+    first_column, column_shares = _overlaps(column, np.clip(width_px, 1, LARGEST_FOOTPRINT_PX))
+    columns = [np.clip(first_column + k, 0, framed.shape[1] - 1) for k in range(len(column_shares))]
     values = framed.ravel()
     total = np.zeros(row.shape)
     for k, row_share in enumerate(row_shares):
-        start = np.clip(first_row + k + 1, 0, framed.shape[0] - 1) * framed.shape[1]
+        start = np.clip(first_row + k, 0, framed.shape[0] - 1) * framed.shape[1]
         total += row_share * sum(share * values[start + across] for share, across in zip(column_shares, columns))
     return total
 

@@ -84,9 +84,11 @@ def _ideal_plane(radiance, index, target, optics, field, lens, plan):
     ideal = np.empty(target.cube.shape[1:])
     beyond = np.empty(ideal.shape, dtype=bool)
 
+    framed = np.pad(radiance.cube[index], 1)
+    centre_px = radiance.centre_px[0] + 1, radiance.centre_px[1] + 1
+
     def work(rows):
-        distorted, height_mm = distort(radiance.cube[index], radiance.centre_px, x_mm, y_mm[rows],
-                                       radiance.pitch_um, field)
+        distorted, height_mm = distort(framed, centre_px, x_mm, y_mm[rows], radiance.pitch_um, field)
         beyond[rows] = height_mm > lens.heights_mm[-1]
         if plan.out_of_field == "vignette":
             distorted[beyond[rows]] = 0

@@ -1,6 +1,7 @@
 """The parts of the command that need no Blender."""
 
 import json
+import os
 import subprocess
 import sys
 
@@ -68,6 +69,27 @@ def test_bad_input_is_one_line_and_leaves_nothing(radiance, tmp_path, capsys, ch
     printed = capsys.readouterr().err
     assert message in printed and printed.count("\n") == 1
     assert [path.name for path in tmp_path.iterdir()] == ["radiance.exr"]
+
+
+def test_targets_of_one_name_are_refused(radiance, tmp_path, capsys):
+    assert run("filter", radiance, "--lens", "edmund-54852", "--output", tmp_path / "a.exr",
+               "--preview", tmp_path / "." / "a.exr") == 1
+    assert "a.exr: file is named twice" in capsys.readouterr().err
+    assert not (tmp_path / "a.exr").exists()
+
+
+def test_a_link_is_written_through_and_a_pipe_is_left_alone(radiance, tmp_path, capsys):
+    (tmp_path / "link.exr").symlink_to(tmp_path / "target.exr")
+    assert run("filter", radiance, "--lens", "edmund-54852", "--output", tmp_path / "link.exr") == 0
+    assert (tmp_path / "link.exr").is_symlink() and read_exr(tmp_path / "target.exr").lens_name == "edmund-54852"
+    os.mkfifo(tmp_path / "pipe")
+    assert run("filter", radiance, "--lens", "edmund-54852", "--output", tmp_path / "pipe") == 1
+    assert "a device or pipe" in capsys.readouterr().err
+
+
+def test_closed_standard_streams_do_no_harm(tmp_path):
+    command = f'"{sys.executable}" -c "from lensfield.cli import console; console()" lens list >&- 2>&- <&-'
+    assert subprocess.run(command, shell=True).returncode == 0
 
 
 def test_dark_pixels_that_are_not_numbers_are_named(tmp_path, capsys):

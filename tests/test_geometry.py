@@ -15,7 +15,8 @@ WILD = np.where(np.arange(21) % 2, 1.0, -1.0)
 
 def distorted(plane, source_centre_px, target_shape_px, target_centre_px, pitch_um, field):
     x_mm, y_mm = pixel_axes_mm(target_shape_px, target_centre_px, pitch_um)
-    return distort(plane, source_centre_px, x_mm, y_mm, pitch_um, field)
+    framed, centre_px = np.pad(plane, 1), (source_centre_px[0] + 1, source_centre_px[1] + 1)
+    return distort(framed, centre_px, x_mm, y_mm, pitch_um, field)
 
 
 def geometry(real_height_mm=None, relative_illumination=None, heights_mm=np.linspace(0, 2, 21)):

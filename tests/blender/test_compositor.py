@@ -86,6 +86,39 @@ def test_scenes_keep_their_own_lens_images(scene, tmp_path):
     assert [path.split("/")[-2] for path in paths] == ["one", "two"]
 
 
+def test_a_copy_made_before_the_first_lens_render_has_a_composite_of_its_own(scene, tmp_path):
+    tree = compositing_tree(scene)
+    tree.nodes.clear()
+    layers = tree.nodes.new("CompositorNodeRLayers")
+    modern = hasattr(scene, "compositing_node_group")
+    output = tree.nodes.new("NodeGroupOutput" if modern else "CompositorNodeComposite")
+    tree.links.new(layers.outputs["Image"], output.inputs[0])
+    other = scene.copy()
+    render(other, tmp_path, to_compositor=True)
+    assert lens_image(scene) is None and lens_image(other)
+    node = next(n for n in compositing_tree(other).nodes if n.name == NAME)
+    assert node.outputs["Image"].is_linked
+
+
+def test_a_renamed_scene_keeps_its_picture(scene, tmp_path):
+    render(scene, tmp_path / "one", to_compositor=True)
+    other = scene.copy()
+    scene.name = "Renamed"
+    render(other, tmp_path / "two", to_compositor=True)
+    assert [lens_image(s).filepath.split("/")[-2] for s in (scene, other)] == ["one", "two"]
+
+
+def test_an_emptied_group_is_mended(scene, tmp_path):
+    node = lens_node(scene, tmp_path)
+    node.node_tree.nodes.clear()
+    assert lens_node(scene, tmp_path) == node and lens_image(scene).filepath
+
+
+def lens_node(scene, folder):
+    render(scene, folder, to_compositor=True)
+    return lensfield_nodes(scene)[0]
+
+
 def test_other_scenes_in_the_composite_are_left_alone(scene, tmp_path):
     set_world(scene)
     backdrop = bpy.data.scenes.new("Backdrop")

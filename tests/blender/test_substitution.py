@@ -3,10 +3,11 @@
 import bpy
 import numpy as np
 import pytest
-from small_scenes import WAVELENGTHS_NM, background, light, material, radiance_on_axis, set_world, wall
+from small_scenes import WAVELENGTHS_NM, background, light, material, radiance_on_axis, render, set_world, wall
 
 from lensfield.addon.bands import passes
 from lensfield.addon.errors import SceneError
+from lensfield.engine.exr import read_exr
 from lensfield.engine.spectra import LIBRARY, emission_basis, reflectance_basis, white_density
 
 NM = np.array(WAVELENGTHS_NM)
@@ -149,6 +150,20 @@ def test_animated_lamp_is_that_of_the_frame(scene, tmp_path):
     scene.frame_current = 5  # as scripts do: nothing is evaluated yet
     expected = 1000 * FLAT_DENSITY / (4 * np.pi**2)
     np.testing.assert_allclose(radiance_on_axis(scene, tmp_path), expected, rtol=2e-3)
+
+
+def test_animation_counts_in_a_scene_that_is_not_the_windows(scene, tmp_path):
+    set_world(scene)
+    scene.world.lensfield.emission = FLAT
+    strength = background(scene).inputs["Strength"]
+    for frame, value in ((1, 1.0), (5, 5.0)):
+        strength.default_value = value
+        strength.keyframe_insert("default_value", frame=frame)
+    other = scene.copy()
+    scene.frame_set(1)
+    cube = read_exr(render(other, tmp_path, WAVELENGTHS_NM, frame=5).radiance).cube
+    np.testing.assert_allclose(cube, 5 * FLAT_DENSITY, rtol=1e-4)
+    assert bpy.context.window is None or bpy.context.window.scene == scene
 
 
 def test_assigned_spectrum_reaches_into_groups(scene, tmp_path):
