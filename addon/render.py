@@ -197,8 +197,9 @@ def _capture(scene, job, report):
 
 def _go_to_frame(scene, frame, journal):
     """Evaluate the scene at a frame, as a render would: its animation, and the camera that a marker binds."""
-    if bpy.context.window:  # animation reaches the data-blocks that we copy only in the window's scene
+    if bpy.context.window:  # animation reaches the data-blocks that we copy only in the window's scene,
         journal.set(bpy.context.window, "scene", scene)
+        bpy.context.evaluated_depsgraph_get()  # and in 4.5 only once that has been evaluated
     camera, current, subframe = scene.camera, scene.frame_current, scene.frame_subframe
 
     def go_back():
