@@ -8,9 +8,9 @@ import signal
 import sys
 import threading
 from contextlib import contextmanager
-from importlib.metadata import version
 from pathlib import Path
 
+from . import __version__
 from .engine import ImageError, InputError, Lens, Options, Report, simulate
 from .engine.atomic import check_target, remove_pending
 from .engine.errors import absence
@@ -96,8 +96,7 @@ def _leave(status):
 
 def _parser():
     parser = argparse.ArgumentParser(prog="lensfield", description="Blender scenes through real lenses.")
-    parser.add_argument("--version", action="version", version=f"lensfield {version('lensfield')}"
-                        if __package__ == "lensfield" else "lensfield")
+    parser.add_argument("--version", action="version", version=f"lensfield {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     _add_render(commands)
     _add_filter(commands)

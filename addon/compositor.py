@@ -61,7 +61,8 @@ def _tree(scene):
 def lens_image(scene):
     """The image data-block that the scene's Lensfield node shows, or None."""
     node = _tree(scene) and _lensfield_node(_tree(scene))
-    return _image_node(node.node_tree).image if node else None
+    source = node and _node_of_type(node.node_tree, "CompositorNodeImage")
+    return source.image if source else None
 
 
 def compositing_tree(scene):
@@ -86,13 +87,16 @@ def _lensfield_node(tree):
 
 def _image_node(group):
     """The Image node of a group of ours, made and linked where there is none."""
-    for node in group.nodes:
-        if node.bl_idname == "CompositorNodeImage":
-            return node
-    source = group.nodes.new("CompositorNodeImage")
-    output = next((node for node in group.nodes if node.bl_idname == "NodeGroupOutput"), None)
-    group.links.new(source.outputs["Image"], (output or group.nodes.new("NodeGroupOutput")).inputs["Image"])
+    source = _node_of_type(group, "CompositorNodeImage")
+    if source is None:
+        source = group.nodes.new("CompositorNodeImage")
+        output = _node_of_type(group, "NodeGroupOutput") or group.nodes.new("NodeGroupOutput")
+        group.links.new(source.outputs["Image"], output.inputs["Image"])
     return source
+
+
+def _node_of_type(tree, type_name):
+    return next((node for node in tree.nodes if node.bl_idname == type_name), None)
 
 
 def _lens_image_group():

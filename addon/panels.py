@@ -82,24 +82,23 @@ def _draw_pass_count(layout, settings):
     layout.label(text=f"{count} wavelength{'s' * (count > 1)}: {passes} Cycles render{'s' * (passes > 1)}")
 
 
-class LENSFIELD_PT_render(bpy.types.Panel):
+class _SettingsPanel:
     bl_label = "Lensfield"
+
+    def draw(self, context):
+        draw_settings(self.layout, context.scene)
+
+
+class LENSFIELD_PT_render(_SettingsPanel, bpy.types.Panel):
     bl_space_type = "PROPERTIES"
     bl_region_type = "WINDOW"
     bl_context = "render"
 
-    def draw(self, context):
-        draw_settings(self.layout, context.scene)
 
-
-class LENSFIELD_PT_sidebar(bpy.types.Panel):
-    bl_label = "Lensfield"
+class LENSFIELD_PT_sidebar(_SettingsPanel, bpy.types.Panel):
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
     bl_category = "Lensfield"
-
-    def draw(self, context):
-        draw_settings(self.layout, context.scene)
 
 
 class _SpectraPanel:

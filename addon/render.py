@@ -12,11 +12,10 @@ import numpy as np
 import OpenEXR
 
 from ..engine import Lens, Options, Report, SpectralImage, simulate
+from ..engine.atomic import check_target, temporary_folder
 from ..engine.colour import auto_exposure, to_rec709, write_png
-from ..engine.atomic import make_folder, temporary_folder
 from ..engine.errors import InputError
 from ..engine.exr import write_exr, write_rgb_exr
-from ..engine.ideal import irradiance_per_radiance
 from ..engine.spectra import BAND_NM
 from ..engine.spectral_image import RADIANCE
 from .bands import WAVELENGTHS_PER_PASS, passes
@@ -156,11 +155,11 @@ def render_steps(scene, job):
     """
     report = Report()
     _check_job(scene, job)
-    with report.stage("multispectral render"):
-        radiance = yield from _capture(scene, job, report)
     stem = f"{bpy.path.clean_name(scene.name)}_{job.frame:04d}"
     result = Result(*(job.output_folder / f"{stem}_{name}" for name in
                       ("radiance.exr", "irradiance.exr", "lens_image.exr", "before.png", "after.png")), report)
+    with report.stage("multispectral render"):
+        radiance = yield from _capture(scene, job, result)
     yield Work(_timed(report, "write radiance", lambda tell: write_exr(radiance, result.radiance)),
                "Writing radiance", RENDER_SHARE)
     irradiance = yield Work(lambda tell: simulate(radiance, job.lens, job.options, progress=tell, report=report),
@@ -174,7 +173,7 @@ def render_steps(scene, job):
     return result
 
 
-def _capture(scene, job, report):
+def _capture(scene, job, result):
     """Steps that render the scene's spectral radiance; returns a SpectralImage with overscan."""
     bands = passes(job.wavelengths_nm)
     framing = make_framing(scene, job.lens, job.wavelengths_nm)
@@ -184,13 +183,15 @@ def _capture(scene, job, report):
         check_camera(scene)
         substitution = Substitution(scene, journal)
         _guard_render_state(scene, job, framing, folder / "pass.exr", journal)
+        for path in result.files:
+            check_target(path)
         for index, band in enumerate(bands):
             substitution.set_wavelengths(band)
             yield RenderPass(scene, f"Pass {index + 1} of {len(bands)}: {_span(band)} nm",
                              RENDER_SHARE * index / len(bands), RENDER_SHARE / len(bands))
             first = index * WAVELENGTHS_PER_PASS
             cube[first:first + WAVELENGTHS_PER_PASS] = _read_pass(folder / "pass.exr", framing.capture_px)
-    report.facts |= {"passes": len(bands), "wavelengths_nm": [float(nm) for nm in job.wavelengths_nm]}
+    result.report.facts |= {"passes": len(bands), "wavelengths_nm": [float(nm) for nm in job.wavelengths_nm]}
     return SpectralImage(cube[:len(job.wavelengths_nm)], job.wavelengths_nm, pitch_um=framing.pitch_um,
                          overscan_px=framing.overscan_px, quantity=RADIANCE)
 
@@ -270,7 +271,6 @@ def _write_pictures(radiance, irradiance, result):
 
 def _check_job(scene, job):
     """Raise an InputError for what can be known to fail before anything is changed or rendered."""
-    check_camera(scene)
     if not len(job.wavelengths_nm):
         raise InputError("options", "wavelengths", "empty", "expected at least one")
     for nm in job.wavelengths_nm:
@@ -286,7 +286,6 @@ def _check_job(scene, job):
     if working_space != "Linear Rec.709":
         raise SceneError(f"scene {scene.name!r}", "working colour space", working_space,
                          "colours are upsampled from Linear Rec.709: choose that")
-    make_folder(job.output_folder)
 
 
 def _timed(report, stage, call):

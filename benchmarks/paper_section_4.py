@@ -63,6 +63,14 @@ def point_energies(lens, rows=576, columns=768, spacing_px=37, reach_px=14):
     return np.array(energies)
 
 
+def even_light(lens, rows=576, columns=768, overscan_px=60):
+    """Irradiance on the axis from even light, over that of Eq. 2: what the blur alone does to it."""
+    shape = (1, rows + 2 * overscan_px, columns + 2 * overscan_px)
+    image = SpectralImage(np.ones(shape), [WAVELENGTH_NM], pitch_um=PITCH_UM, overscan_px=(overscan_px,) * 2)
+    middle = simulate(image, lens).cube[0, rows // 2 - 1:rows // 2 + 1, columns // 2 - 1:columns // 2 + 1]
+    return float(middle.mean()) / irradiance_per_radiance(1.0, lens.f_number_effective)
+
+
 def timed(image, lens, options):
     report = Report()
     begin = time.perf_counter()
@@ -102,6 +110,7 @@ def main(folder):
           "operator's time above")
     save(timed(spectral, lens, PAPER)[0], folder / "multispectral_lens.png")
 
+    print(f"even light on the axis, over Eq. 2: {even_light(lens):.4f}")
     energies = point_energies(lens)
     print(f"energy of {energies.size} single-pixel points after distortion: mean {energies.mean():.3f}, standard "
           f"deviation {energies.std():.4f}, {energies.min():.3f} to {energies.max():.3f}")

@@ -47,9 +47,9 @@ def _rec709_weights(wavelengths_nm):
     tristimulus /= tristimulus[:, 1].sum()
     hats = np.stack([np.interp(nm, wavelengths_nm, unit) for unit in np.eye(wavelengths_nm.size)])
     rec709 = hats @ tristimulus @ XYZ_TO_REC709.T
-    total = rec709[white_density(wavelengths_nm) > 0].sum(axis=0)
-    rec709 /= np.where(total == 0, 1, total)  # D65 is (1, 1, 1) to the last digit
     white_at = white_density(wavelengths_nm)[:, None]
+    total = rec709[white_at[:, 0] > 0].sum(axis=0)
+    rec709 /= np.where(total == 0, 1, total)  # D65 is (1, 1, 1) to the last digit
     return np.divide(rec709, white_at, out=np.zeros_like(rec709), where=white_at > 0)  # outside the band: unseen
 
 

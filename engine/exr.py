@@ -13,7 +13,7 @@ import OpenEXR
 from .atomic import atomic_path
 from .colour import to_rec709
 from .errors import ImageError, absence
-from .spectral_image import IRRADIANCE, RADIANCE, UNITS, SpectralImage
+from .spectral_image import RADIANCE, UNITS, SpectralImage
 
 CHANNEL = re.compile(r"^(?:S0|T)\.(\d*,?\d*(?:[Ee][+-]?\d+)?)(Y|Z|E|P|T|G|M|k|h|da|d|c|m|u|n|p)?(m|Hz)$")
 PREFIX = dict(Y=1e24, Z=1e21, E=1e18, P=1e15, T=1e12, G=1e9, M=1e6, k=1e3, h=1e2, da=1e1,

@@ -62,7 +62,7 @@ def simulate(radiance, lens, options=Options(), *, progress=None, report=None):
         with report.stage("distortion and relative illumination"):
             ideal, beyond = _ideal_plane(radiance, index, target, optics, field, lens, plan)
         with report.stage("filtering"):
-            canvas = _filter(ideal, target.centre_px, plan, bank, _psf_lookup(bank, field, radiance.pitch_um, report))
+            canvas = _filter(ideal, target, plan, bank, field, report)
         irradiance[index] = _inside(canvas, [m + plan.psf_radius_px for m in margin], frame)
         tally.add(wavelength_nm, field, ideal, canvas, irradiance[index], _inside(beyond, margin, frame))
         if progress:
@@ -83,7 +83,6 @@ def _ideal_plane(radiance, index, target, optics, field, lens, plan):
     x_mm, y_mm = pixel_axes_mm(target.cube.shape[1:], target.centre_px, target.pitch_um)
     ideal = np.empty(target.cube.shape[1:])
     beyond = np.empty(ideal.shape, dtype=bool)
-
     framed = np.pad(radiance.cube[index], 1)
     centre_px = radiance.centre_px[0] + 1, radiance.centre_px[1] + 1
 
@@ -101,18 +100,22 @@ def _ideal_plane(radiance, index, target, optics, field, lens, plan):
     return ideal, beyond
 
 
-def _filter(ideal, centre_px, plan, bank, psfs_at):
+def _filter(ideal, target, plan, bank, field, report):
     """Blur a plane; folded onto one quadrant where lens and frame are symmetric about the axis."""
+
+    def psfs_about(centre_px):
+        return _psf_lookup(bank, field, target.pitch_um, centre_px, report)
+
     if plan.method == "exact":
-        return filter_exactly(ideal, plan.psf_radius_px, psfs_at(centre_px))
+        return filter_exactly(ideal, plan.psf_radius_px, psfs_about(target.centre_px))
     sizes = plan.section_size, plan.order, plan.space_px, plan.psf_radius_px
     middle = tuple((n - 1) / 2 for n in ideal.shape)
-    if bank.mirror_symmetric and np.allclose(centre_px, middle, rtol=0, atol=1e-9):
+    if bank.mirror_symmetric and np.allclose(target.centre_px, middle, rtol=0, atol=1e-9):
         quadrants = fold(ideal)
         axis = tuple(0.0 if n % 2 else -0.5 for n in ideal.shape)
-        canvas = unfold(filter_sections(quadrants, *sizes, psfs_at(axis)), ideal.shape, plan.psf_radius_px)
+        canvas = unfold(filter_sections(quadrants, *sizes, psfs_about(axis)), ideal.shape, plan.psf_radius_px)
     else:
-        canvas = filter_sections(ideal[None], *sizes, psfs_at(centre_px))[0]
+        canvas = filter_sections(ideal[None], *sizes, psfs_about(target.centre_px))[0]
     if plan.order <= 2 and ideal.min() >= 0:
         np.maximum(canvas, 0, out=canvas)  # no weight is negative: what falls below zero is the FFT's rounding
     return canvas
@@ -125,19 +128,16 @@ def _inside(plane, margin_px, frame):
     return plane[top:top + rows, left:left + columns]
 
 
-def _psf_lookup(bank, field, pitch_um, report):
+def _psf_lookup(bank, field, pitch_um, centre_px, report):
     """PSFs for source pixels of a grid with its axis at centre_px, looked up by the height their light came from."""
 
-    def psfs_at(centre_px):
-        def psfs(rows, columns):
-            with report.stage("point spread functions"):
-                x_mm, y_mm = pixel_position_mm(rows, columns, centre_px, pitch_um)
-                height_mm = field.paraxial_height_mm(np.hypot(x_mm, y_mm))
-                return bank.psfs(height_mm, np.arctan2(y_mm, x_mm))
+    def psfs(rows, columns):
+        with report.stage("point spread functions"):
+            x_mm, y_mm = pixel_position_mm(rows, columns, centre_px, pitch_um)
+            height_mm = field.paraxial_height_mm(np.hypot(x_mm, y_mm))
+            return bank.psfs(height_mm, np.arctan2(y_mm, x_mm))
 
-        return psfs
-
-    return psfs_at
+    return psfs
 
 
 def _check(radiance):

@@ -3,8 +3,10 @@
 import ast
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
+import lensfield
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -50,3 +52,9 @@ def test_the_package_never_imports_itself_by_name(path):
 def test_importing_the_engine_loads_no_blender():
     code = "import sys, lensfield.engine; sys.exit('bpy' in sys.modules or 'lensfield.addon' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0
+
+
+def test_package_and_extension_have_one_version():
+    package = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    extension = tomllib.loads((ROOT / "blender_manifest.toml").read_text())
+    assert lensfield.__version__ == package["version"] == extension["version"]

@@ -1,7 +1,6 @@
 """simulate() from end to end, on lenses whose images can be worked out by hand."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest

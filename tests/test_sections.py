@@ -163,7 +163,7 @@ def test_order_2_leaves_no_seam_where_order_1_does():
 def edmund_psfs(pitch_um, centre_px):
     optics = Lens.load("edmund-54852").at_wavelength(587.6)
     bank = PsfBank(optics, pitch_um)
-    return _psf_lookup(bank, FieldGeometry(optics, "edmund"), pitch_um, Report())(centre_px), bank.radius_px
+    return _psf_lookup(bank, FieldGeometry(optics, "edmund"), pitch_um, centre_px, Report()), bank.radius_px
 
 
 @pytest.fixture(scope="module")

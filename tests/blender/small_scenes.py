@@ -30,6 +30,14 @@ def material(name, node_type, colour=(0.8, 0.8, 0.8)):
     return new, shader
 
 
+def paint_by_nodes(name, colour, own=(0, 0, 0)):
+    """A diffuse material that takes its colour from a node; returns it and the link. `own` is the socket's colour."""
+    painted, shader = material(name, "ShaderNodeBsdfDiffuse", own)
+    source = painted.node_tree.nodes.new("ShaderNodeRGB")
+    source.outputs[0].default_value = (*colour, 1)
+    return painted, painted.node_tree.links.new(source.outputs[0], shader.inputs["Color"])
+
+
 def wall(scene, of_material, distance_m=1.0, side_m=10.0):
     """A square that faces the camera and fills its view."""
     half = side_m / 2

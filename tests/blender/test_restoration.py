@@ -82,6 +82,9 @@ def test_marker_bound_camera_takes_the_picture_and_the_scene_keeps_its_own(rich_
     before = snapshot()
     render(rich_scene, tmp_path, frame=1)
     assert not differences(before, snapshot())
+    rich_scene.camera = None  # a marker binds one: nothing to refuse
+    render(rich_scene, tmp_path, frame=1)
+    rich_scene.camera = own
     with pytest.raises(SceneError, match="camera 'Bound 2': type is ORTHO"):
         render(rich_scene, tmp_path, frame=2)
     assert not differences(before, snapshot())

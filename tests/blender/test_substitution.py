@@ -3,7 +3,8 @@
 import bpy
 import numpy as np
 import pytest
-from small_scenes import WAVELENGTHS_NM, background, light, material, radiance_on_axis, render, set_world, wall
+from small_scenes import (WAVELENGTHS_NM, background, light, material, paint_by_nodes, radiance_on_axis, render,
+                          set_world, wall)
 
 from lensfield.addon.bands import passes
 from lensfield.addon.errors import SceneError
@@ -61,11 +62,7 @@ def test_constant_colour_is_upsampled_under_a_flat_world(scene, tmp_path):
 def test_colour_computed_by_nodes_is_upsampled_alike(scene, tmp_path):
     set_world(scene)
     scene.world.lensfield.emission = FLAT
-    painted, shader = material("Paint", "ShaderNodeBsdfDiffuse", (0, 0, 0))
-    colour = painted.node_tree.nodes.new("ShaderNodeRGB")
-    colour.outputs[0].default_value = (0.7, 0.3, 0.05, 1)
-    painted.node_tree.links.new(colour.outputs[0], shader.inputs["Color"])
-    wall(scene, painted)
+    wall(scene, paint_by_nodes("Paint", (0.7, 0.3, 0.05))[0])
     expected = reflectance_basis(NM) @ (0.7, 0.3, 0.05) * FLAT_DENSITY
     np.testing.assert_allclose(radiance_on_axis(scene, tmp_path), expected, rtol=2e-3)
 
@@ -73,17 +70,7 @@ def test_colour_computed_by_nodes_is_upsampled_alike(scene, tmp_path):
 def test_colours_inside_node_groups_are_upsampled(scene, tmp_path):
     set_world(scene)
     scene.world.lensfield.emission = FLAT
-    group = bpy.data.node_groups.new("Paint", "ShaderNodeTree")
-    group.interface.new_socket(name="Shader", in_out="OUTPUT", socket_type="NodeSocketShader")
-    shader = group.nodes.new("ShaderNodeBsdfDiffuse")
-    shader.inputs["Color"].default_value = (0.7, 0.3, 0.05, 1)
-    group.links.new(shader.outputs[0], group.nodes.new("NodeGroupOutput").inputs[0])
-    painted, _ = material("Paint", "ShaderNodeBsdfDiffuse")
-    node = painted.node_tree.nodes.new("ShaderNodeGroup")
-    node.node_tree = group
-    output = next(n for n in painted.node_tree.nodes if n.bl_idname == "ShaderNodeOutputMaterial")
-    painted.node_tree.links.new(node.outputs[0], output.inputs["Surface"])
-    wall(scene, painted)
+    wall(scene, in_group(material("Paint", "ShaderNodeBsdfDiffuse")[0], (0.7, 0.3, 0.05)))
     expected = reflectance_basis(NM) @ (0.7, 0.3, 0.05) * FLAT_DENSITY
     np.testing.assert_allclose(radiance_on_axis(scene, tmp_path), expected, rtol=2e-3)
 
@@ -195,10 +182,8 @@ def in_group(painted, colour):
 def test_muted_link_is_not_followed(scene, tmp_path):
     set_world(scene)
     scene.world.lensfield.emission = FLAT
-    painted, shader = material("Paint", "ShaderNodeBsdfDiffuse", (0.5, 0.5, 0.5))
-    colour = painted.node_tree.nodes.new("ShaderNodeRGB")
-    colour.outputs[0].default_value = (0.1, 0.1, 0.1, 1)
-    painted.node_tree.links.new(colour.outputs[0], shader.inputs["Color"]).is_muted = True
+    painted, link = paint_by_nodes("Paint", (0.1, 0.1, 0.1), own=(0.5, 0.5, 0.5))
+    link.is_muted = True
     wall(scene, painted)
     np.testing.assert_allclose(radiance_on_axis(scene, tmp_path), 0.5 * FLAT_DENSITY, rtol=2e-3)
 
@@ -283,11 +268,7 @@ def test_every_pass_has_its_own_wavelengths(scene, tmp_path):
     """World, material, lamp and upsampled nodes must all follow when only scene properties change between passes."""
     set_world(scene, (0.3, 0.5, 0.7))
     light(scene, "POINT", 20.0, color=(1, 0.5, 0.2), shadow_soft_size=0.0)
-    painted, shader = material("Paint", "ShaderNodeBsdfDiffuse", (0, 0, 0))
-    colour = painted.node_tree.nodes.new("ShaderNodeRGB")
-    colour.outputs[0].default_value = (0.7, 0.3, 0.05, 1)
-    painted.node_tree.links.new(colour.outputs[0], shader.inputs["Color"])
-    wall(scene, painted)
+    wall(scene, paint_by_nodes("Paint", (0.7, 0.3, 0.05))[0])
     nm = np.linspace(400, 700, 9)
     lamp = 20.0 / (4 * np.pi**2) * white_density(nm) * (reflectance_basis(nm) @ (1, 0.5, 0.2))
     world = emission_basis(nm) @ (0.3, 0.5, 0.7)
