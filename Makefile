@@ -1,6 +1,6 @@
 # make demo        render the sample scene and put it through a real lens
 # make test        all tests; BPY=4.5.15 runs the Blender tests on another Blender
-# make bench       the paper's figures again, with times and errors
+# make bench       the paper's figures again, and what accuracy costs (a quarter of an hour)
 # make extension   dist/*.zip, to install in Blender
 # Each makes its own environment on the first run and works offline after that.
 
@@ -26,6 +26,7 @@ test-blender: $(READY)
 
 bench: $(READY)
 	$(VENV)/bin/python benchmarks/paper_section_4.py build/bench
+	$(VENV)/bin/python benchmarks/engine_figures.py
 
 extension: $(READY)
 	$(VENV)/bin/python packaging/build_extension.py dist

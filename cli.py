@@ -8,15 +8,16 @@ import signal
 import sys
 import threading
 from contextlib import contextmanager
+from dataclasses import fields
 from pathlib import Path
 
 from . import __version__
-from .engine import ImageError, InputError, Lens, Options, Report, simulate
+from .engine import ImageError, InputError, Kept, Lens, Options, Report, simulate
 from .engine.atomic import check_target, remove_pending
 from .engine.errors import absence
 from .engine.lens_files import bundled_names
 from .engine.lens_info import lens_info, lens_text
-from .engine.plan import OUT_OF_FIELD
+from .engine.options import DEFAULT_ACCURACY, FIREFLIES, METHODS, OUT_OF_FIELD, PRECISIONS
 from .engine.sections import ORDERS
 from .engine.spectra import parse_wavelengths
 
@@ -100,6 +101,7 @@ def _parser():
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     _add_render(commands)
     _add_filter(commands)
+    _add_tradeoff(commands)
     _add_lens(commands)
     return parser
 
@@ -128,18 +130,58 @@ def _add_filter(commands):
     filter_.set_defaults(run=_filter)
 
 
+def _add_tradeoff(commands):
+    tradeoff = commands.add_parser("tradeoff", help="measure error against time and memory: a table and a plot")
+    tradeoff.add_argument("--lens", required=True, metavar="NAME|FILE", help="a bundled lens or a lens package")
+    tradeoff.add_argument("--image", type=Path, metavar="RADIANCE.exr",
+                          help="measure on this picture (default: points, a checkerboard and a colour chart)")
+    tradeoff.add_argument("--size", metavar="WIDTHxHEIGHT",
+                          help="pixels (default 384x288, or the whole image): the exact operator takes half a minute "
+                               "for 384x288 and longer in proportion, for each wavelength of an image")
+    tradeoff.add_argument("--pitch-um", type=float, help="pixel pitch at the sensor (default: what the image says, or "
+                                                         "what lays the size on the width of the lens's sensor)")
+    tradeoff.add_argument("--quick", action="store_true", help="fewer settings, each timed once")
+    tradeoff.add_argument("--output", type=Path, required=True, metavar="DIR",
+                          help="where tradeoff.csv and tradeoff.png go")
+    tradeoff.set_defaults(run=_tradeoff)
+
+
 def _add_engine_options(command):
     command.add_argument("--lens", required=True, metavar="NAME|FILE",
                          help=f"a bundled lens ({', '.join(bundled_names())}) or a lens package")
-    command.add_argument("--section-size", type=int, default=Options.section_size, metavar="PX",
-                         help="side of an isoplanatic section (default %(default)s)")
-    command.add_argument("--order", type=int, default=Options.order, choices=ORDERS,
-                         help="1: one PSF per section, 2: bilinear between corners, 3 and 4: finer "
-                              "(default %(default)s)")
-    command.add_argument("--out-of-field", choices=OUT_OF_FIELD, default=Options.out_of_field,
-                         help="pixels beyond the lens data (default %(default)s)")
+    command.add_argument("--out-of-field", choices=OUT_OF_FIELD,
+                         help=f"pixels beyond the lens data (default {Options.out_of_field})")
+    command.add_argument("--fireflies", choices=FIREFLIES,
+                         help="pixels that are no finite number: an error, or the brightest of their neighbours "
+                              f"(default {Options.fireflies})")
     command.add_argument("--report", type=Path, metavar="FILE.json",
                          help="write stages with seconds, the plan, and energy in and out")
+    _add_accuracy(command.add_argument_group("accuracy"))
+    _add_knobs(command.add_argument_group("knobs, for who wants them", "setting one turns the choice by accuracy off"))
+
+
+def _add_accuracy(group):
+    group.add_argument("--accuracy", type=float, metavar="FRACTION",
+                       help="the largest fraction of any point's light that may land in the wrong place; the quickest "
+                            f"way to that is chosen (default {DEFAULT_ACCURACY:g})")
+    group.add_argument("--method", choices=METHODS,
+                       help="filter sections, or give each pixel its own PSF from a table; the paper's way and the "
+                            f"exact one have an accuracy of their own (default {Options.method})")
+    group.add_argument("--non-negative", action="store_true", default=None,
+                       help="leave no pixel negative beside very bright ones, at orders 3 and 4 either")
+
+
+def _add_knobs(group):
+    """Each is None where it is not set: what it is then is the engine's business."""
+    group.add_argument("--section-size", type=int, metavar="PX",
+                       help="side of an isoplanatic section; smaller is more accurate and slower")
+    group.add_argument("--order", type=int, choices=ORDERS,
+                       help="1: one PSF per section, 2: bilinear between corners, 3 and 4: finer")
+    group.add_argument("--azimuths", type=int, metavar="N", help="of pixels: steps of the table from 0 to 45 degrees")
+    group.add_argument("--psf-energy", type=float, metavar="FRACTION", help="what is kept of each PSF, in a circle")
+    group.add_argument("--flat-tolerance", type=float, metavar="FRACTION",
+                       help="relative error up to which sections in even light are not filtered")
+    group.add_argument("--precision", choices=PRECISIONS, help="auto: double where the light's range needs it")
 
 
 def _add_lens(commands):
@@ -170,6 +212,7 @@ def _render(options):
         result = addon.render_through_lens(
             scene, lens, wavelengths_nm, options.output.resolve(), options=engine_options, frame=options.frame,
             denoise=options.denoise, progress=tell)
+    print(f"plan: {plan_text(result.report.facts['plan'])}")  # it could not be made before the capture
     _finish(options, result.report, result.files)
 
 
@@ -200,15 +243,17 @@ def _filter(options):
     from .engine.colour import auto_exposure, to_rec709, write_png
     from .engine.exr import read_exr, write_exr
 
-    report = Report()
+    report, kept = Report(), Kept(limit_mb=0)  # there is no second picture to keep anything for
     lens = Lens.load(options.lens)
     engine_options = _engine_options(options)
     _check_targets(options.output, options.preview, options.report)
     with report.stage("read radiance"), _quiet(1, 2):  # of damage the EXR library tells at length
         radiance = read_exr(options.radiance, options.pitch_um)
     try:
+        with report.stage("plan"):
+            print(f"plan: {plan_text(kept.plan(engine_options, lens, radiance).as_dict())}", flush=True)
         with _progress_bar() as tell:
-            irradiance = simulate(radiance, lens, engine_options, report=report,
+            irradiance = simulate(radiance, lens, engine_options, report=report, kept=kept,
                                   progress=lambda done: tell(done, f"Through {lens.name}"))
     except ImageError as error:
         raise ImageError(options.radiance, error.field, error.value, error.remedy) from None
@@ -221,13 +266,63 @@ def _filter(options):
     _finish(options, report, [path for path in (options.output, options.preview) if path])
 
 
+def _tradeoff(options):
+    from .engine.tradeoff import description, measure, write_table
+    from .engine.tradeoff_plot import require_matplotlib, write_plot
+
+    require_matplotlib()
+    table, plot = (options.output / f"tradeoff.{kind}" for kind in ("csv", "png"))
+    lens = Lens.load(options.lens)
+    pictures, spectral = _tradeoff_pictures(options, lens)
+    _check_targets(table, plot)
+    try:
+        with _progress_bar() as tell:
+            rows = measure(lens, pictures, spectral, quick=options.quick, progress=tell)
+    except ImageError as error:
+        raise ImageError(options.image or error.where, error.field, error.value, error.remedy) from None
+    write_table(rows, table)
+    write_plot(rows, plot, description(lens, pictures))
+    print(table, plot, sep="\n")
+
+
+def _tradeoff_pictures(options, lens):
+    """What to measure on: pictures by name, and one picture by the number of its wavelengths."""
+    from .engine.exr import read_exr
+    from .engine.tradeoff import DEFAULT_SHAPE_PX, cropped_frame, standard_pictures, thinned
+
+    shape_px = _resolution(options.size, "--size")[::-1] if options.size else None
+    if not options.image:
+        return standard_pictures(lens, shape_px or DEFAULT_SHAPE_PX, options.pitch_um)
+    with _quiet(1, 2):
+        radiance = read_exr(options.image, options.pitch_um)
+    if shape_px:
+        radiance = cropped_frame(radiance, lens, shape_px)
+    return {options.image.stem: radiance}, thinned(options.image.stem, radiance)
+
+
 def _lens_info(options):
     info = lens_info(Lens.load(options.lens))
     print(json.dumps(info, indent=2) if options.json else lens_text(info))
 
 
 def _engine_options(options):
-    return Options(section_size=options.section_size, order=options.order, out_of_field=options.out_of_field)
+    """What the command line asks for; what it leaves open is the engine's to choose."""
+    named = {field.name: getattr(options, field.name, None) for field in fields(Options)}
+    return Options(**{name: value for name, value in named.items() if value is not None})
+
+
+def plan_text(plan):
+    """What a plan, as its dict, comes to, in one line: the way; and the result, where that was asked for."""
+    way = {"polar": "{section_size} px sections between {azimuths} azimuths",
+           "pixels": "a PSF for every pixel, from {azimuths} azimuths",
+           "sections": "{section_size} px sections of order {order}",
+           "paper": "{section_size} px sections in a space of {space_px} px, as in the paper",
+           "exact": "every pixel's own PSF"}[plan["method"]].format(**plan)
+    way += ", double precision" if plan["precision"] == "float64" else ", single precision"
+    if plan["error_bound"] is None:
+        return way
+    return (f"{way}: at most {100 * plan['error_bound']:.2g} % of any point's light misplaced; "
+            f"about {max(plan['seconds'], 0.1):.1f} s, {plan['memory_mb']:.0f} MB")
 
 
 def _check_targets(*paths):
@@ -239,14 +334,14 @@ def _check_targets(*paths):
             raise InputError(path, "file", "named twice", "give every output a name of its own")
 
 
-def _resolution(text):
+def _resolution(text, option="--resolution"):
     least, most = RESOLUTION_LIMITS
     try:
         width, height = (int(side) for side in text.lower().split("x"))
         if not least <= min(width, height) <= max(width, height) <= most:
             raise ValueError
     except ValueError:
-        raise InputError("options", "--resolution", text,
+        raise InputError("options", option, text,
                          f"expected WIDTHxHEIGHT such as 768x576, each {least} to {most}") from None
     return width, height
 
@@ -261,7 +356,7 @@ def _finish(options, report, files):
         print(f"  {stage:<40}{seconds:8.2f} s")
     beyond = report.facts["out_of_field_fraction"]
     if beyond:
-        print(f"  {beyond:.1%} of the frame lies beyond the lens data: {options.out_of_field}")
+        print(f"  {beyond:.1%} of the frame lies beyond the lens data: {report.facts['plan']['out_of_field']}")
 
 
 @contextmanager

@@ -3,7 +3,8 @@
 import bpy
 
 from . import operators, panels, properties
-from .render import render_through_lens
+from .lenses import forget_lenses
+from .render import kept, render_through_lens
 
 __all__ = ["register", "render_through_lens", "unregister"]
 
@@ -25,6 +26,8 @@ def unregister():
     bpy.utils.unregister_cli_command(_commands.pop())
     properties.unregister_pointers()
     _unregister_classes()
+    kept.cache_clear()
+    forget_lenses()
 
 
 def _run_command(arguments):

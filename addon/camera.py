@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from ..engine.geometry import overscan_px
+from ..engine.capture import overscan_px
 from ..engine.psf import psf_radius_px
 from .errors import SceneError
 

@@ -6,14 +6,16 @@ from pathlib import Path
 
 import bpy
 
-from ..engine import Lens
 from ..engine.errors import InputError
+from ..engine.options import DEFAULT_ACCURACY
 from .camera import check_camera, frame_px, match_camera_to_lens, pitch_um
 from .compositor import lens_image
+from .lenses import load_lens
 from .render import Job, RenderPass, render_steps, run
 from .watch import RenderWatch
 
 TICK_S = 0.1
+ACCURACIES = {"PREVIEW": 0.1, "STANDARD": DEFAULT_ACCURACY, "REFERENCE": 0.001}
 NAVIGATION = {"MOUSEMOVE", "INBETWEEN_MOUSEMOVE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "MIDDLEMOUSE", "WINDOW_DEACTIVATE"}
 
 progress = {"fraction": None, "label": ""}
@@ -34,7 +36,7 @@ def job_from_settings(scene):
     if settings.output_folder.startswith("//") and not bpy.data.filepath:
         raise InputError("scene settings", "output folder", settings.output_folder,
                          "save the .blend first, or give an absolute folder")
-    return Job(lens=Lens.load(settings.lens_name_or_path()), wavelengths_nm=settings.wavelengths_nm(),
+    return Job(lens=load_lens(settings.lens_name_or_path()), wavelengths_nm=settings.wavelengths_nm(),
                output_folder=Path(bpy.path.abspath(settings.output_folder)), options=settings.to_options(),
                frame=scene.frame_current, denoise=settings.denoise, to_compositor=settings.to_compositor)
 
@@ -219,7 +221,7 @@ class LENSFIELD_OT_match_camera(bpy.types.Operator):
         scene = context.scene
         try:
             check_camera(scene)
-            lens = Lens.load(scene.lensfield.lens_name_or_path())
+            lens = load_lens(scene.lensfield.lens_name_or_path())
         except InputError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -228,4 +230,22 @@ class LENSFIELD_OT_match_camera(bpy.types.Operator):
         return {"FINISHED"}
 
 
-classes = (LENSFIELD_OT_render, LENSFIELD_OT_match_camera)
+class LENSFIELD_OT_set_accuracy(bpy.types.Operator):
+    """Set the accuracy of the lens image"""
+
+    bl_idname = "lensfield.set_accuracy"
+    bl_label = "Set Accuracy"
+    bl_options = {"UNDO", "INTERNAL"}
+
+    preset: bpy.props.EnumProperty(
+        name="Preset", default="STANDARD",
+        items=[("PREVIEW", "Preview", "Up to 10 % of a point's light in the wrong place: for a quick look"),
+               ("STANDARD", "Standard", "Up to 1 %: for pictures"),
+               ("REFERENCE", "Reference", "Up to 0.1 %: for measuring")])
+
+    def execute(self, context):
+        context.scene.lensfield.accuracy = ACCURACIES[self.preset]
+        return {"FINISHED"}
+
+
+classes = (LENSFIELD_OT_render, LENSFIELD_OT_match_camera, LENSFIELD_OT_set_accuracy)

@@ -1,16 +1,13 @@
 """Panels: the lens render in the render properties and the sidebar; spectra on materials, lights and worlds."""
 
-import os
-from functools import lru_cache
-
 import bpy
 
-from ..engine import Lens
 from ..engine.errors import InputError
 from . import operators
 from .bands import pass_count
 from .camera import frame_px, pitch_um
-from .properties import FROM_FILE
+from .lenses import load_lens
+from .properties import FROM_FILE, KNOBS
 
 
 def draw_settings(layout, scene):
@@ -26,19 +23,11 @@ def draw_settings(layout, scene):
         layout.prop(settings, "lens_file")
     _draw_lens_facts(layout, scene)
     layout.separator()
-    layout.prop(settings, "wavelength_mode", expand=True)
-    if settings.wavelength_mode == "LIST":
-        layout.prop(settings, "wavelength_list")
-    else:
-        column = layout.column(align=True)
-        column.prop(settings, "wavelength_first_nm", text="First (nm)")
-        column.prop(settings, "wavelength_last_nm", text="Last (nm)")
-        column.prop(settings, "wavelength_count")
-    _draw_pass_count(layout, settings)
+    _draw_wavelengths(layout, settings)
     layout.separator()
-    layout.prop(settings, "section_size")
-    layout.prop(settings, "order")
+    _draw_quality(layout, settings)
     layout.prop(settings, "out_of_field")
+    layout.prop(settings, "fireflies")
     layout.separator()
     layout.prop(settings, "denoise")
     layout.prop(settings, "output_folder")
@@ -54,7 +43,7 @@ def _draw_lens_facts(layout, scene):
     if not path:
         return
     try:
-        lens = _load(path, os.path.getmtime(path) if os.path.isfile(path) else 0)
+        lens = load_lens(path)
     except InputError as error:
         layout.label(text=str(error), icon="ERROR")
         return
@@ -66,10 +55,16 @@ def _draw_lens_facts(layout, scene):
     column.operator("lensfield.match_camera", icon="CAMERA_DATA")
 
 
-@lru_cache(maxsize=4)
-def _load(path, changed):
-    """Panels are drawn many times a second; a lens file is read once, and again when it has changed."""
-    return Lens.load(path)
+def _draw_wavelengths(layout, settings):
+    layout.prop(settings, "wavelength_mode", expand=True)
+    if settings.wavelength_mode == "LIST":
+        layout.prop(settings, "wavelength_list")
+    else:
+        column = layout.column(align=True)
+        column.prop(settings, "wavelength_first_nm", text="First (nm)")
+        column.prop(settings, "wavelength_last_nm", text="Last (nm)")
+        column.prop(settings, "wavelength_count")
+    _draw_pass_count(layout, settings)
 
 
 def _draw_pass_count(layout, settings):
@@ -80,6 +75,17 @@ def _draw_pass_count(layout, settings):
         return
     passes = pass_count(count)
     layout.label(text=f"{count} wavelength{'s' * (count > 1)}: {passes} Cycles render{'s' * (passes > 1)}")
+
+
+def _draw_quality(layout, settings):
+    layout.prop(settings, "quality", expand=True)
+    if settings.quality == "KNOBS":
+        for name in ("method", *KNOBS[settings.method]):
+            layout.prop(settings, name)
+        return
+    column = layout.column(align=True)
+    column.prop(settings, "accuracy", slider=True)
+    column.row(align=True).operator_enum("lensfield.set_accuracy", "preset")
 
 
 class _SettingsPanel:

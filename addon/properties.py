@@ -5,9 +5,11 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, Po
 
 from ..engine import Options
 from ..engine.lens_files import bundled_names
+from ..engine.options import DEFAULT_ACCURACY
 from ..engine.spectra import library_names, parse_wavelengths
 
 FROM_FILE = "FILE"
+KNOBS = {"SECTIONS": ("section_size", "order"), "PIXELS": ("azimuths",), "EXACT": ()}  # of each method
 BLEND_RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"}  # paths that start with // lie beside the .blend
 
 
@@ -50,19 +52,40 @@ class LensfieldSettings(bpy.types.PropertyGroup):
                                   description="Number of wavelengths; three are rendered in each Cycles pass")
     wavelength_list: StringProperty(name="List", description="Ascending wavelengths in nm, such as 450, 550, 650",
                                     default="450, 550, 650")
-    section_size: IntProperty(name="Section Size", subtype="PIXEL", default=Options.section_size, min=1, soft_max=256,
+    quality: EnumProperty(
+        name="Quality", default="ACCURACY", description="How the lens image's accuracy is asked for",
+        items=[("ACCURACY", "By result", "Say how accurate the picture has to be; the quickest way there is chosen"),
+               ("KNOBS", "By knobs", "Choose how it is done, for who wants to")])
+    accuracy: FloatProperty(
+        name="Misplaced Light", subtype="FACTOR", default=DEFAULT_ACCURACY, min=1e-6, max=1, soft_min=0.001,
+        soft_max=0.1, precision=4,
+        description="The largest part of any point's light that may land in the wrong place: 0.01 leaves at least 99 % "
+                    "of it where the lens puts it. Less is slower")
+    method: EnumProperty(
+        name="Method", default="SECTIONS", description="How the lens's blur is applied",
+        items=[("SECTIONS", "Sections", "Section by section, point spread functions varying inside each"),
+               ("PIXELS", "Pixels", "Every pixel its own point spread function, from a table: for small ones"),
+               ("EXACT", "Exact", "Every pixel its own point spread function, without a table: very slow")])
+    section_size: IntProperty(name="Section Size", subtype="PIXEL", default=32, min=1, soft_max=256,
                               description="Side of the sections that share one point spread function (order 1) or "
-                                          "interpolate between four (order 2). Smaller is more accurate and slower")
-    order: EnumProperty(name="Order", default=str(Options.order),
+                                          "interpolate between several. Smaller is more accurate and slower")
+    order: EnumProperty(name="Order", default="2",
                         items=[("1", "1: constant", "One PSF per section, as in the paper"),
                                ("2", "2: bilinear", "PSFs interpolated between the corners of each section"),
                                ("3", "3: quadratic", "PSFs interpolated between 9 nodes in each section"),
                                ("4", "4: cubic", "PSFs interpolated between 16 nodes in each section")])
+    azimuths: IntProperty(name="Azimuths", default=32, min=1, soft_max=256,
+                          description="Steps of the table from 0 to 45 degrees. More is more accurate and takes more "
+                                      "time and memory")
     out_of_field: EnumProperty(
         name="Out of Field", default=Options.out_of_field.upper(),
         description="Pixels beyond the last field height of the lens data",
         items=[("HOLD", "Hold", "Hold the last point spread function and relative illumination"),
                ("VIGNETTE", "Black", "Leave it black")])
+    fireflies: EnumProperty(
+        name="Fireflies", default=Options.fireflies.upper(), description="Pixels whose light is no finite number",
+        items=[("REFUSE", "Refuse", "Stop with an error that names the first"),
+               ("CLAMP", "Clamp", "Take the brightest of their neighbours")])
     denoise: BoolProperty(name="Denoise", default=False,
                           description="Let Cycles denoise its passes. It shifts means by up to 1 %, unequally between "
                                       "wavelengths")
@@ -89,7 +112,11 @@ class LensfieldSettings(bpy.types.PropertyGroup):
 
     def to_options(self):
         """The engine's Options: the only bridge to it."""
-        return Options(section_size=self.section_size, order=int(self.order), out_of_field=self.out_of_field.lower())
+        if self.quality == "KNOBS":
+            asked = {"method": self.method.lower()} | {name: int(getattr(self, name)) for name in KNOBS[self.method]}
+        else:
+            asked = {"accuracy": float(f"{self.accuracy:.6g}")}  # Blender's floats are single: 0.01 is 0.0099999998
+        return Options(**asked, out_of_field=self.out_of_field.lower(), fireflies=self.fireflies.lower())
 
 
 classes = (LensfieldSpectra, LensfieldSettings)

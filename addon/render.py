@@ -5,13 +5,14 @@ A driver runs the steps: `run` one after the other for scripts, the modal operat
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import bpy
 import numpy as np
 import OpenEXR
 
-from ..engine import Lens, Options, Report, SpectralImage, simulate
+from ..engine import Kept, Lens, Options, Report, SpectralImage, simulate
 from ..engine.atomic import check_target, temporary_folder
 from ..engine.colour import auto_exposure, to_rec709, write_png
 from ..engine.errors import InputError
@@ -23,10 +24,18 @@ from .camera import check_camera, make_framing, match_camera_to_lens
 from .compositor import lay_into_compositor
 from .errors import SceneError
 from .journal import Journal
+from .lenses import load_lens
 from .substitution import RENDER_SCALE, Substitution
 from .watch import samples_watched
 
 RENDER_SHARE = 0.85  # of the progress bar; the rest is the engine's and the files'
+
+
+@cache
+def kept():
+    """What the lens renders of a session share. It outlives them, so that the next frame, or the same one tried with
+    another light, does not wait again for the point spread functions of the same lens on the same grid."""
+    return Kept()
 
 
 @dataclass(frozen=True)
@@ -85,6 +94,9 @@ def render_through_lens(scene, lens, wavelengths_nm, output_folder, *, options=O
                         to_compositor=False, progress=None):
     """Render a scene multispectrally and put it through a lens: the whole main job in one call.
 
+    What depends on the lens and the pixel grid alone is kept for the next call, up to some memory, until the add-on is
+    unregistered: later frames take less time and come out the same.
+
     Parameters
     ----------
     scene : bpy.types.Scene
@@ -109,7 +121,7 @@ def render_through_lens(scene, lens, wavelengths_nm, output_folder, *, options=O
     LensError, SceneError, InputError
         The scene is then exactly as it was.
     """
-    lens = lens if isinstance(lens, Lens) else Lens.load(lens)
+    lens = lens if isinstance(lens, Lens) else load_lens(lens)
     frame = scene.frame_current if frame is None else frame
     folder = Path(bpy.path.abspath(str(output_folder))).resolve()  # // is beside the .blend
     job = Job(lens, np.asarray(wavelengths_nm, dtype=float), folder, options, frame, denoise, to_compositor)
@@ -162,7 +174,8 @@ def render_steps(scene, job):
         radiance = yield from _capture(scene, job, result)
     yield Work(_timed(report, "write radiance", lambda tell: write_exr(radiance, result.radiance)),
                "Writing radiance", RENDER_SHARE)
-    irradiance = yield Work(lambda tell: simulate(radiance, job.lens, job.options, progress=tell, report=report),
+    irradiance = yield Work(lambda tell: simulate(radiance, job.lens, job.options, progress=tell, report=report,
+                                                  kept=kept()),
                             f"Through {job.lens.name}", RENDER_SHARE + 0.02, 0.96 - RENDER_SHARE)
     yield Work(_timed(report, "write irradiance", lambda tell: write_exr(irradiance, result.irradiance)),
                "Writing irradiance", 0.98)

@@ -41,7 +41,7 @@ def multispectral(rows=253, columns=380):
 
 
 def point_energies(lens, rows=576, columns=768, spacing_px=37, reach_px=14):
-    """Energy of the images of single pixels over what Eq. 2 gives for them: what laying it where distortion puts it does."""
+    """Energy of the images of single pixels over what Eq. 2 gives for them: what resampling by distortion does."""
     optics = lens.at_wavelength(WAVELENGTH_NM)
     field = FieldGeometry(optics, lens.name)
     centre_px = ((rows - 1) / 2, (columns - 1) / 2)

@@ -4,10 +4,11 @@ It needs numpy, scipy and OpenEXR, and never Blender.
 """
 
 from .errors import ImageError, InputError, LensError
+from .kept import Kept
 from .lens import Lens
+from .options import Options
 from .pipeline import simulate
-from .plan import Options
 from .report import Report
 from .spectral_image import SpectralImage
 
-__all__ = ["ImageError", "InputError", "Lens", "LensError", "Options", "Report", "SpectralImage", "simulate"]
+__all__ = ["ImageError", "InputError", "Kept", "Lens", "LensError", "Options", "Report", "SpectralImage", "simulate"]

@@ -13,7 +13,7 @@ import OpenEXR
 from .atomic import atomic_path
 from .colour import to_rec709
 from .errors import ImageError, absence
-from .spectral_image import RADIANCE, UNITS, SpectralImage
+from .spectral_image import PLANE, PROJECTIONS, RADIANCE, UNITS, SpectralImage
 
 CHANNEL = re.compile(r"^(?:S0|T)\.(\d*,?\d*(?:[Ee][+-]?\d+)?)(Y|Z|E|P|T|G|M|k|h|da|d|c|m|u|n|p)?(m|Hz)$")
 PREFIX = dict(Y=1e24, Z=1e21, E=1e18, P=1e15, T=1e12, G=1e9, M=1e6, k=1e3, h=1e2, da=1e1,
@@ -32,8 +32,19 @@ def write_exr(image, path):
     """Write a spectral image, whole or not at all.
 
     Radiance carries the layout's `emissiveUnits`; irradiance, for which the layout has no unit, does not. Both carry
-    `lensfield:` attributes: quantity, units, pitchUm, centrePx, and for irradiance lens and fNumberEffective.
+    `lensfield:` attributes: quantity, units, pitchUm and centrePx; fisheye radiance projection too, irradiance lens and
+    fNumberEffective.
     """
+    planes = {channel_name(nm): np.ascontiguousarray(plane) for nm, plane in zip(image.wavelengths_nm, image.cube)}
+    if len(planes) < len(image.wavelengths_nm):
+        raise ImageError(path, "wavelengths_nm", image.wavelengths_nm.tolist(),
+                         "channel names tell a millionth of a nanometre apart, no less")
+    planes |= {name: np.ascontiguousarray(plane) for name, plane in zip("RGB", np.moveaxis(to_rec709(image), -1, 0))}
+    with atomic_path(path) as temporary, OpenEXR.File(_header(image), planes) as file:
+        file.write(str(temporary))
+
+
+def _header(image):
     rows, columns = image.cube.shape[1:]
     top, left = image.overscan_px
     frame_rows, frame_columns = image.frame_px
@@ -47,17 +58,13 @@ def write_exr(image, path):
     }
     if image.quantity == RADIANCE:
         header["emissiveUnits"] = EMISSIVE_UNITS
+        if image.projection != PLANE:
+            header["lensfield:projection"] = image.projection
     if image.lens_name:
         header["lensfield:lens"] = image.lens_name
     if image.f_number_effective:
         header["lensfield:fNumberEffective"] = np.array([float(image.f_number_effective)])
-    planes = {channel_name(nm): np.ascontiguousarray(plane) for nm, plane in zip(image.wavelengths_nm, image.cube)}
-    if len(planes) < len(image.wavelengths_nm):
-        raise ImageError(path, "wavelengths_nm", image.wavelengths_nm.tolist(),
-                         "channel names tell a millionth of a nanometre apart, no less")
-    planes |= {name: np.ascontiguousarray(plane) for name, plane in zip("RGB", np.moveaxis(to_rec709(image), -1, 0))}
-    with atomic_path(path) as temporary, OpenEXR.File(header, planes) as file:
-        file.write(str(temporary))
+    return header
 
 
 def write_rgb_exr(rec709, path):
@@ -111,7 +118,7 @@ def read_exr(path, pitch_um=None):
     wavelengths, cube = zip(*planes)
     try:
         return SpectralImage(np.stack(cube), wavelengths, pitch_um=pitch_um, **_placement(header),
-                             quantity=header.get("lensfield:quantity", RADIANCE),
+                             quantity=header.get("lensfield:quantity", RADIANCE), projection=_projection(header),
                              lens_name=header.get("lensfield:lens", ""),
                              f_number_effective=_number(header, "lensfield:fNumberEffective"))
     except ImageError as error:
@@ -136,6 +143,16 @@ def _number(header, name):
     """A number among the attributes, whether written as one or as an array of one; anything else as it is."""
     value = header.get(name)
     return value.item() if isinstance(value, np.ndarray) and value.size == 1 else value
+
+
+def _projection(header):
+    """What a radiance file was captured with: a plane, where it does not tell."""
+    if header.get("lensfield:quantity", RADIANCE) != RADIANCE:
+        return PLANE
+    value = header.get("lensfield:projection", PLANE)
+    if not isinstance(value, str) or value not in PROJECTIONS:
+        raise ImageError("image", "lensfield:projection", value, f"expected one of {', '.join(PROJECTIONS)}")
+    return value
 
 
 def _placement(header):

@@ -6,8 +6,8 @@ mirrored place is the mirrored PSF. Quadrants flipped onto one another then shar
 
 import numpy as np
 
-SYMMETRY_TOLERANCE = 2e-3
-"""L1 distance of a PSF from its mirror image that is taken for noise; half a sample off centre is 100 times it."""
+SYMMETRY_TOLERANCE = 1e-2
+"""L1 distance of a PSF from its mirror image that is taken for noise; half a sample off centre is some 20 times it."""
 
 
 def mirror_symmetric(psf):
@@ -31,33 +31,37 @@ def mirror_symmetric(psf):
     return (odd + mirrored) / 2, True
 
 
-def fold(plane):
+def quadrants(plane, overlap_px=0):
     """The four quadrants of a plane about its middle, each laid with the axis at its upper left corner.
-
-    Where a side is odd its middle line belongs to the right and lower quadrants alone.
 
     Parameters
     ----------
     plane : array (row, column)
+    overlap_px : int
+        How many rows and columns beyond the axis, at the upper and left edges, come along.
 
     Returns
     -------
-    array (4, ceil(row / 2), ceil(column / 2)): lower right, upper right, lower left, upper left
+    array (4, ceil(row / 2) + overlap_px, ceil(column / 2) + overlap_px)
+        Lower right, upper right, lower left, upper left. The middle line of an odd side is in both its quadrants.
     """
-    rows, columns = plane.shape
-    half_rows, half_columns = -(-rows // 2), -(-columns // 2)
-    lower, right = slice(rows - half_rows, None), slice(columns - half_columns, None)
-    upper, left = slice(half_rows - 1, None, -1), slice(half_columns - 1, None, -1)
-    quadrants = np.stack([plane[lower, right], plane[upper, right], plane[lower, left], plane[upper, left]])
-    if rows % 2:
-        quadrants[1::2, 0] = 0
-    if columns % 2:
-        quadrants[2:, :, 0] = 0
-    return quadrants
+    rows, columns = (slice(n // 2 - overlap_px, None) for n in plane.shape)
+    mirrored = plane[::-1]
+    return np.stack([plane[rows, columns], mirrored[rows, columns],
+                     plane[:, ::-1][rows, columns], mirrored[:, ::-1][rows, columns]])
+
+
+def without_doubles(parts, shape_px):
+    """Quadrants of a plane of this shape, in place, with their middle lines left to the right and lower ones alone."""
+    if shape_px[0] % 2:
+        parts[1::2, 0] = 0
+    if shape_px[1] % 2:
+        parts[2:, :, 0] = 0
+    return parts
 
 
 def unfold(canvases, shape_px, psf_radius_px):
-    """The canvas of the whole plane, from those of its folded quadrants; the inverse of `fold` but for the canvas.
+    """The canvas of the whole plane, from those of its quadrants without doubles; the inverse but for the canvas.
 
     Parameters
     ----------

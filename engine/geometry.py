@@ -11,6 +11,7 @@ ORDERS = range(4, 9)
 DISTORTION_TOLERANCE = 1e-5  # of the last height: 0.03 um for a 3 mm field
 ILLUMINATION_TOLERANCE = 1e-3
 LARGEST_FOOTPRINT_PX = 16  # where a lens squeezes the picture more than this, the footprint's middle stands for it
+RIM_PX = LARGEST_FOOTPRINT_PX + 1
 INVERSE_SAMPLES = 4097  # linear interpolation between them is good to 1e-8 of the field
 
 
@@ -18,13 +19,15 @@ INVERSE_SAMPLES = 4097  # linear interpolation between them is good to 1e-8 of t
 class PolynomialFit:
     """A polynomial in height / scale_mm, without terms below `first_power`.
 
-    `residual` is the largest deviation from the table, in the table's unit.
+    `residual` is the largest deviation from the table, in the table's unit; `highest_order` the highest that the
+    table has heights enough for.
     """
 
     coefficients: np.ndarray
     first_power: int
     scale_mm: float
     residual: float
+    highest_order: int
 
     @property
     def order(self):
@@ -68,7 +71,7 @@ def fit_polynomial(heights_mm, values, first_power, tolerance):
         coefficients = np.linalg.lstsq(powers, values, rcond=None)[0]
         residual = float(np.abs(powers @ coefficients - values).max())
         if best is None or residual < best.residual:
-            best = PolynomialFit(coefficients, first_power, float(scale_mm), residual)
+            best = PolynomialFit(coefficients, first_power, float(scale_mm), residual, orders[-1])
         if best.residual <= tolerance:
             break
     return best
@@ -125,90 +128,96 @@ class FieldGeometry:
         return np.maximum(self.illumination(held), 0)
 
 
-def distort(framed, source_centre_px, x_mm, y_mm, pitch_um, field):
-    """Lay an ideal image plane where the lens really puts it.
+@dataclass(frozen=True, eq=False)
+class Footprints:
+    """The rectangle of a capture that each pixel of a grid averages: neither even light nor points gain or lose energy.
 
-    Each target pixel averages the source over its own footprint there, about the ideal position of the chief ray
-    that meets it. So neither even light nor single points gain or lose energy, nothing overshoots, and no light turns
-    negative. Where the lens stretches the picture this is bilinear interpolation. What lies outside the source is
-    black. Radiance needs no area factor: the change of area is part of the relative illumination.
+    Attributes
+    ----------
+    first : intp array (row, column)
+        The first pixel that each touches, in the flattened capture.
+    row_shares, column_shares : lists of arrays (row, column)
+        Which share of it lies in that pixel's row or column and in the next ones.
+    """
+
+    first: np.ndarray
+    row_shares: list
+    column_shares: list
+
+    def average(self, planes):
+        """Averages of a stack of captures: array (plane, row, column)."""
+        values = planes.reshape(len(planes), -1)
+        total = np.zeros((len(planes), *self.first.shape), planes.dtype)
+        part = np.empty(self.first.shape, planes.dtype)
+        for down, row_share in enumerate(self.row_shares):
+            for across, column_share in enumerate(self.column_shares):
+                pixel, share = self.first + (down * planes.shape[2] + across), row_share * column_share
+                for plane, result in zip(values, total):
+                    np.take(plane, pixel, out=part, mode="clip")  # the mode that needs no copy
+                    part *= share
+                    result += part
+        return total
+
+    @property
+    def nbytes(self):
+        return self.first.nbytes + sum(share.nbytes for share in self.row_shares + self.column_shares)
+
+
+def footprints(capture_px, capture_centre_px, x_mm, y_mm, pitch_um, field, image_radius=None, precision=np.float64):
+    """Where the pixels of a grid, once distorted by the lens, take their light from in an ideal capture.
+
+    Each pixel averages the capture over its own footprint there, about the ideal position of the chief ray that meets
+    it. So nothing overshoots, and no light turns negative. Where the lens stretches the picture this is bilinear
+    interpolation. Radiance needs no area factor: the change of area is part of the relative illumination.
 
     Parameters
     ----------
-    framed : array (row, column)
-        The source with a rim of one black pixel, which is read for all that lies outside.
-    source_centre_px : (float, float)
+    capture_px : (int, int)
+        Rows and columns of the capture, with a black rim of RIM_PX that is read for all that lies outside.
+    capture_centre_px : (float, float)
         Row and column of the optical axis in it.
     x_mm, y_mm : arrays (column,) and (row,)
-        Where the target's pixels are, about the axis.
+        Where the grid's pixels are, about the axis.
     pitch_um : float
-        Pixel pitch of the source.
+        Pixel pitch of both.
     field : FieldGeometry
+    image_radius : callable (paraxial_height_mm) -> (radius_mm, slope), optional
+        Where a capture that is no plane shows a paraxial height, and how fast that changes.
+    precision : dtype
+        Of the shares.
 
     Returns
     -------
-    distorted : array (row, column) of the target
+    Footprints
     paraxial_height_mm : array (row, column)
-        The height that each target pixel's light came from, by which PSF and relative illumination are looked up.
+        The height that each pixel's light comes from, by which PSF and relative illumination are looked up.
     """
     real_mm = np.hypot(x_mm[None, :], y_mm[:, None])
     paraxial_mm = field.paraxial_height_mm(real_mm)
     tangential = field.paraxial_per_real(real_mm, paraxial_mm)
     radial = field.paraxial_slope(paraxial_mm)
-    row = source_centre_px[0] - y_mm[:, None] * tangential / (pitch_um * 1e-3)
-    column = source_centre_px[1] + x_mm[None, :] * tangential / (pitch_um * 1e-3)
+    if image_radius:
+        radius_mm, slope = image_radius(paraxial_mm)
+        tangential = tangential * np.divide(radius_mm, paraxial_mm, out=np.ones_like(real_mm), where=paraxial_mm > 0)
+        radial = radial * slope
+    row = capture_centre_px[0] - y_mm[:, None] * tangential / (pitch_um * 1e-3)
+    column = capture_centre_px[1] + x_mm[None, :] * tangential / (pitch_um * 1e-3)
     cos_squared = (x_mm[None, :] / np.maximum(real_mm, np.finfo(float).tiny)) ** 2
-    height_px = radial + (tangential - radial) * cos_squared
-    width_px = tangential + (radial - tangential) * cos_squared
-    return _average_over(framed, row, height_px, column, width_px), paraxial_mm
+    first_row, row_shares = _overlaps(row, radial + (tangential - radial) * cos_squared, capture_px[0], precision)
+    first_column, column_shares = _overlaps(column, tangential + (radial - tangential) * cos_squared, capture_px[1],
+                                            precision)
+    return Footprints(first_row * capture_px[1] + first_column, row_shares, column_shares), paraxial_mm
 
 
-def _average_over(framed, row, height_px, column, width_px):
-    """Averages over rectangles about these positions, in index terms, of 1 to LARGEST_FOOTPRINT_PX each way."""
-    first_row, row_shares = _overlaps(row, np.clip(height_px, 1, LARGEST_FOOTPRINT_PX))
-    first_column, column_shares = _overlaps(column, np.clip(width_px, 1, LARGEST_FOOTPRINT_PX))
-    columns = [np.clip(first_column + k, 0, framed.shape[1] - 1) for k in range(len(column_shares))]
-    values = framed.ravel()
-    total = np.zeros(row.shape)
-    for k, row_share in enumerate(row_shares):
-        start = np.clip(first_row + k, 0, framed.shape[0] - 1) * framed.shape[1]
-        total += row_share * sum(share * values[start + across] for share, across in zip(column_shares, columns))
-    return total
+def _overlaps(position, extent_px, length_px, precision):
+    """First pixel that each interval about a position touches, and the shares of the interval in it and the next.
 
-
-def _overlaps(position, extent_px):
-    """First pixel that each interval about a position touches, and the shares of the interval in it and the next."""
-    begin = position - extent_px / 2
-    first = np.floor(begin + 0.5).astype(np.intp)
-    up_to = [np.clip((first + k + 0.5 - begin) / extent_px, 0, 1) for k in range(int(np.ceil(extent_px.max())) + 1)]
-    return first, [up_to[0], *(later - earlier for earlier, later in zip(up_to, up_to[1:]))]
-
-
-def overscan_px(lens, frame_px, pitch_um, wavelengths_nm, psf_radius_px):
-    """Rows and columns that a capture needs beyond the frame, for distortion and the reach of the PSFs.
-
-    Parameters
-    ----------
-    lens : Lens
-    frame_px : (int, int)
-        Rows and columns of the sensor's frame, the axis in its middle.
-    pitch_um : float
-    wavelengths_nm : sequence of float
-    psf_radius_px : int
-        Pixels that a PSF reaches from its centre.
-
-    Returns
-    -------
-    (int, int), at least psf_radius_px + 1 each
+    Intervals are 1 to LARGEST_FOOTPRINT_PX wide; those outside 0 to length_px are moved onto the rim there.
     """
-    half = np.array(frame_px) / 2 + psf_radius_px
-    side_mm = [np.linspace(0, extent, 65) * pitch_um * 1e-3 for extent in half]
-    needed = half.copy()
-    for wavelength_nm in wavelengths_nm:
-        field = FieldGeometry(lens.at_wavelength(wavelength_nm), lens.name)
-        for axis in (0, 1):
-            edge_mm, along_mm = side_mm[axis][-1], side_mm[1 - axis]
-            real_mm = np.hypot(edge_mm, along_mm)
-            ratio = field.paraxial_per_real(real_mm, field.paraxial_height_mm(real_mm))
-            needed[axis] = max(needed[axis], half[axis] * ratio.max())
-    return tuple(int(np.ceil(needed[axis] - frame_px[axis] / 2)) + 1 for axis in (0, 1))
+    extent_px = np.clip(extent_px, 1, LARGEST_FOOTPRINT_PX)
+    touched = int(np.ceil(extent_px.max())) + 1
+    begin = position - extent_px / 2
+    first = np.floor(begin + 0.5)
+    up_to = [np.clip((first + k + 0.5 - begin) / extent_px, 0, 1).astype(precision) for k in range(touched)]
+    shares = [up_to[0], *(later - earlier for earlier, later in zip(up_to, up_to[1:]))]
+    return np.clip(first, 0, length_px - touched).astype(np.intp), shares

@@ -1,11 +1,13 @@
 """Lens: what a lens-design program knows about a lens, as one frozen value."""
 
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from .errors import LensError
+from .folding import mirror_symmetric
 
 UNIT_SUM_TOLERANCE = 1e-3
 
@@ -77,6 +79,7 @@ class Lens:
                 object.__setattr__(self, field.name, value)
         object.__setattr__(self, "sensor_mm", tuple(float(side) for side in self.sensor_mm))
         _check(self)
+        object.__setattr__(self, "psf", _normalised(self.psf))
 
     @classmethod
     def load(cls, name_or_path):
@@ -102,6 +105,11 @@ class Lens:
             return self.efl_mm
         return abs(self.magnification) * (self.object_distance_mm + self.entrance_pupil_mm)
 
+    @cached_property
+    def mirror_symmetric(self):
+        """Whether the PSFs are symmetric about the meridional plane, but for noise, as a centred lens's are."""
+        return all(mirror_symmetric(psf)[1] for psf in self.psf)
+
     def at_wavelength(self, wavelength_nm):
         """Lens data for one wavelength.
 
@@ -113,27 +121,33 @@ class Lens:
         LensError
             The wavelength lies outside the lens data.
         """
+        below, weight = self.wavelength_position(wavelength_nm)
+        psf = self.psf[below]
+        if weight:
+            psf = (1 - weight) * psf + weight * self.psf[below + 1]
+        nm = float(np.clip(wavelength_nm, self.wavelengths_nm[0], self.wavelengths_nm[-1]))
+        degree = min(3, self.wavelengths_nm.size - 1)
+
+        def smooth(table):
+            return make_interp_spline(self.wavelengths_nm, table, k=degree)(nm) if degree else table[0]
+
+        return MonochromaticLens(nm, self.heights_mm, smooth(self.real_height_mm), smooth(self.relative_illumination),
+                                 psf, self.psf_pitch_um, float(np.interp(nm, self.wavelengths_nm, self.transmittance)))
+
+    def wavelength_position(self, wavelength_nm):
+        """Between which of the lens data's wavelengths one lies: the index below it and the weight of the next.
+
+        Raises
+        ------
+        LensError
+            The wavelength lies outside the lens data.
+        """
         low, high = self.wavelengths_nm[0], self.wavelengths_nm[-1]
         if not low - 1e-6 <= wavelength_nm <= high + 1e-6:
             raise LensError(self.name, "wavelength", f"{wavelength_nm:g} nm",
                             f"the lens data spans {low:g} to {high:g} nm")
-        wavelength_nm = float(np.clip(wavelength_nm, low, high))
-        if self.wavelengths_nm.size == 1:
-            return MonochromaticLens(wavelength_nm, self.heights_mm, self.real_height_mm[0],
-                                     self.relative_illumination[0], self.psf[0], self.psf_pitch_um,
-                                     float(self.transmittance[0]))
-        degree = min(3, self.wavelengths_nm.size - 1)
-
-        def smooth(table):
-            return make_interp_spline(self.wavelengths_nm, table, k=degree)(wavelength_nm)
-
-        below = int(np.clip(np.searchsorted(self.wavelengths_nm, wavelength_nm) - 1, 0, self.wavelengths_nm.size - 2))
-        step = self.wavelengths_nm[below + 1] - self.wavelengths_nm[below]
-        weight = (wavelength_nm - self.wavelengths_nm[below]) / step
-        psf = (1 - weight) * self.psf[below] + weight * self.psf[below + 1]
-        return MonochromaticLens(wavelength_nm, self.heights_mm, smooth(self.real_height_mm),
-                                 smooth(self.relative_illumination), psf, self.psf_pitch_um,
-                                 float(np.interp(wavelength_nm, self.wavelengths_nm, self.transmittance)))
+        position = float(np.interp(wavelength_nm, self.wavelengths_nm, np.arange(self.wavelengths_nm.size)))
+        return int(position), position % 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,3 +223,13 @@ def _check_psfs(lens):
     if abs(sums[worst] - 1) > UNIT_SUM_TOLERANCE:
         raise LensError(lens.name, "psf", f"{sums[worst]:g} in sum at wavelength {worst[0]}, height {worst[1]}",
                         "expected unit sums")
+
+
+def _normalised(psf):
+    """PSFs of unit sum (Eq. 9); the same array where they are so to the last digit, that saving changes nothing."""
+    sums = psf.sum(axis=(2, 3), keepdims=True, dtype=np.float64)
+    if np.abs(sums - 1).max() < 1e-6:
+        return psf
+    psf = (psf / sums).astype(np.float32)
+    psf.setflags(write=False)
+    return psf

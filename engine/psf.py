@@ -1,10 +1,12 @@
 """The PSF bank: PSFs of a lens on the sensor's pixel grid, at any place in the field."""
 
 import numpy as np
+from scipy import sparse
 
 from .folding import mirror_symmetric
+from .spectral_image import pixel_position_mm
 
-BATCH_SAMPLES = 1 << 20  # PSF samples in work at once: about 100 MB of temporaries
+BATCH_SAMPLES = 1 << 16  # PSF samples in work at once: what the processor's cache holds
 
 
 class PsfBank:
@@ -14,6 +16,8 @@ class PsfBank:
     ----------
     optics : MonochromaticLens
     pixel_pitch_um : float
+    support_um : float
+        PSF samples farther than this from the chief ray are left out, and the rest normalised (Eq. 9).
 
     Notes
     -----
@@ -21,19 +25,23 @@ class PsfBank:
     `mirror_symmetric` says whether its PSFs are symmetric about the meridional plane.
     """
 
-    def __init__(self, optics, pixel_pitch_um):
+    def __init__(self, optics, pixel_pitch_um, support_um=np.inf):
         psf, self.mirror_symmetric = mirror_symmetric(optics.psf)
         window = psf.shape[-1]
-        # A sample must not cover more than two pixels in a row: where pixels are small the table is refined.
-        steps = int(np.ceil(2 * optics.psf_pitch_um / pixel_pitch_um - 1e-9))
-        refined = _refine(psf, steps)
+        steps = _refinement(optics, pixel_pitch_um)
+        refined = _refine(psf, steps).reshape(psf.shape[0], -1)
         self._sample_size_px = optics.psf_pitch_um / steps / pixel_pitch_um
-        offset_px = (np.arange(refined.shape[-1]) - window // 2 * steps) * self._sample_size_px
-        self._heights_mm = optics.heights_mm
-        self._samples = refined.reshape(refined.shape[0], -1)
-        self._v_px = np.repeat(offset_px, offset_px.size)
-        self._u_px = np.tile(offset_px, offset_px.size)
-        self.radius_px = psf_radius_px(optics, pixel_pitch_um)
+        offset_px = (np.arange((window - 1) * steps + 1) - window // 2 * steps) * self._sample_size_px
+        v_px, u_px = np.repeat(offset_px, offset_px.size), np.tile(offset_px, offset_px.size)
+        kept = (np.hypot(v_px, u_px) * pixel_pitch_um <= support_um * (1 + 1e-9)) & refined.any(axis=0)
+        self._v_px, self._u_px, self._samples = v_px[kept], u_px[kept], refined[:, kept]
+        self._samples /= self._samples.sum(axis=1, keepdims=True)
+        self.heights_mm = optics.heights_mm
+        self.radius_px = psf_radius_px(optics, pixel_pitch_um, support_um)
+
+    @property
+    def nbytes(self):
+        return self._samples.nbytes + self._u_px.nbytes + self._v_px.nbytes
 
     def psfs(self, paraxial_height_mm, azimuth_rad):
         """PSFs integrated over the pixels, for chief rays that meet pixel centres.
@@ -60,30 +68,57 @@ class PsfBank:
         result /= result.sum(axis=(1, 2), keepdims=True)
         return result
 
+    def at_table_heights(self, azimuth_rad):
+        """PSFs of all heights of the table at these azimuths: float64 array (azimuth, height, row, column), unit sums.
+
+        The heights share the geometry, which makes this some times faster than `psfs`.
+        """
+        azimuth_rad, size, samples = np.asarray(azimuth_rad), 2 * self.radius_px + 1, self._v_px.size
+        result = np.empty((azimuth_rad.size, self.heights_mm.size, size * size))
+        step = max(1, BATCH_SAMPLES // 4 // samples)  # four pixels for each sample
+        for start in range(0, azimuth_rad.size, step):
+            part = result[start:start + step]
+            pixels, shares = (np.stack(four, axis=2).transpose(1, 0, 2)
+                              for four in self._shares(azimuth_rad[start:start + step]))
+            pixels = pixels + np.arange(len(part))[:, None] * size * size
+            onto_pixels = sparse.csc_matrix((shares.ravel(), pixels.ravel(), np.arange(samples + 1) * 4 * len(part)),
+                                            (len(part) * size * size, samples))
+            part[:] = (onto_pixels @ self._samples.T).reshape(len(part), size * size, -1).swapaxes(1, 2)
+        return result.reshape(*result.shape[:2], size, size)
+
+    def mean_distance_px(self):
+        """How far from the chief ray light lies on the mean, at the height where that is farthest."""
+        return float((self._samples @ np.hypot(self._v_px, self._u_px)).max())
+
     def _at_heights(self, height_mm):
-        position = np.interp(height_mm, self._heights_mm, np.arange(self._heights_mm.size))
-        below = np.minimum(position.astype(int), self._heights_mm.size - 2)
+        position = np.interp(height_mm, self.heights_mm, np.arange(self.heights_mm.size))
+        below = np.minimum(position.astype(int), self.heights_mm.size - 2)
         weight = (position - below)[:, None]
         return (1 - weight) * self._samples[below] + weight * self._samples[below + 1]
 
     def _share_out(self, energy, azimuth_rad):
         """Lay each sample, a small square of light, onto the pixels that it covers."""
+        size = 2 * self.radius_px + 1
+        stack = np.arange(len(energy))[:, None] * size * size
+        pixels = np.zeros(len(energy) * size * size)
+        for index, share in zip(*self._shares(azimuth_rad)):
+            pixels += np.bincount((stack + index).ravel(), (energy * share).ravel(), minlength=pixels.size)
+        return pixels.reshape(-1, size, size)
+
+    def _shares(self, azimuth_rad):
+        """The four pixels that each sample covers, and the shares of it that fall there: 4 arrays (azimuth, sample)."""
         cos, sin = np.cos(azimuth_rad)[:, None], np.sin(azimuth_rad)[:, None]
         right = self._v_px * cos + self._u_px * sin  # v runs outwards, along (cos, sin); u along (sin, -cos)
         down = -self._v_px * sin + self._u_px * cos
         # Squares as wide as the turned samples are: at 0 and 45 degrees they then tile the plane without gaps.
         width = (np.abs(cos) + np.abs(sin)) * self._sample_size_px
-        row, row_share = self._split(down, width)
-        column, column_share = self._split(right, width)
+        row, in_row = self._split(down, width)
+        column, in_column = self._split(right, width)
         size = 2 * self.radius_px + 1
-        first = (np.arange(len(energy))[:, None] * size + row) * size + column
-        in_row, below_row = energy * row_share, energy * (1 - row_share)
-        shares = ((first, in_row * column_share), (first + 1, in_row * (1 - column_share)),
-                  (first + size, below_row * column_share), (first + size + 1, below_row * (1 - column_share)))
-        pixels = np.zeros(len(energy) * size * size)
-        for index, share in shares:
-            pixels += np.bincount(index.ravel(), share.ravel(), minlength=pixels.size)
-        return pixels.reshape(-1, size, size)
+        first = row * size + column
+        return ((first, first + 1, first + size, first + size + 1),
+                (in_row * in_column, in_row * (1 - in_column),
+                 (1 - in_row) * in_column, (1 - in_row) * (1 - in_column)))
 
     def _split(self, offset_px, width_px):
         """First pixel that a square of `width_px` at this offset covers, and the share that lies in it."""
@@ -93,13 +128,67 @@ class PsfBank:
         return pixel.astype(int) + self.radius_px, share
 
 
-def psf_radius_px(lens, pixel_pitch_um):
-    """Pixels that the PSF windows of a lens, turned any way, reach from the pixel of the chief ray.
+class PlacedPsfs:
+    """The PSFs of a lens at the pixels of a grid, looked up by the height that their light came from.
 
-    One pixel more than its half diagonal, since a sample is shared between a pixel and the next.
+    Parameters
+    ----------
+    bank : PsfBank
+    field : FieldGeometry
+    pitch_um : float
+    centre_px : (float, float)
+        Row and column of the optical axis.
     """
-    half_diagonal_um = np.hypot(1, 1) * (lens.psf.shape[-1] // 2 + 0.5) * lens.psf_pitch_um
-    return int(np.ceil(half_diagonal_um / pixel_pitch_um)) + 1
+
+    def __init__(self, bank, field, pitch_um, centre_px):
+        self.bank, self.field = bank, field
+        self._pitch_um, self._centre_px = pitch_um, centre_px
+
+    def place(self, rows, columns):
+        """Where in the field the light of these pixels came from: (paraxial_height_mm, azimuth_rad)."""
+        x_mm, y_mm = pixel_position_mm(rows, columns, self._centre_px, self._pitch_um)
+        return self.field.paraxial_height_mm(np.hypot(x_mm, y_mm)), np.arctan2(y_mm, x_mm)
+
+    def __call__(self, rows, columns):
+        """Their PSFs: float64 array (n, 2 radius_px + 1, 2 radius_px + 1)."""
+        return self.bank.psfs(*self.place(rows, columns))
+
+
+def psf_radius_px(lens, pixel_pitch_um, support_um=np.inf):
+    """Pixels that the PSFs of a lens, turned any way, reach from the pixel of the chief ray.
+
+    A sample, as wide as the turned square that it is, may be shared between a pixel and the next.
+    """
+    half_diagonal_um = np.hypot(1, 1) * (lens.psf.shape[-1] // 2) * lens.psf_pitch_um
+    sample_um = lens.psf_pitch_um / _refinement(lens, pixel_pitch_um)
+    reach_um = min(half_diagonal_um, support_um) + np.hypot(1, 1) / 2 * sample_um
+    return int(np.ceil(reach_um / pixel_pitch_um + 0.5))
+
+
+def psf_support(lens, energy):
+    """The circle about the chief ray that holds this fraction of every PSF of a lens.
+
+    Returns
+    -------
+    support_um : float
+        Its radius.
+    lost : float
+        The largest fraction that lies outside of it.
+    """
+    offset_um = (np.arange(lens.psf.shape[-1]) - lens.psf.shape[-1] // 2) * lens.psf_pitch_um
+    distance_um = np.hypot(offset_um[:, None], offset_um).ravel()
+    rings_um, ring = np.unique(np.round(distance_um / lens.psf_pitch_um, 1), return_inverse=True)
+    in_ring = np.zeros((distance_um.size, rings_um.size), dtype=np.float32)
+    in_ring[np.arange(distance_um.size), ring] = 1
+    inside = np.cumsum((lens.psf.reshape(-1, distance_um.size) @ in_ring).astype(np.float64), axis=1)
+    inside = (inside / inside[:, -1:]).min(axis=0)
+    last = int(np.argmax(inside >= energy - 1e-9))
+    return float((rings_um[last] + 0.05) * lens.psf_pitch_um), float(1 - inside[last])
+
+
+def _refinement(optics, pixel_pitch_um):
+    """Samples made of each one of the table: where pixels are small, for none may cover more than two in a row."""
+    return int(np.ceil(2 * optics.psf_pitch_um / pixel_pitch_um - 1e-9))
 
 
 def _refine(psf, steps):

@@ -1,25 +1,31 @@
-"""The exact operator: every pixel spreads by its own PSF. Slow; for tests and for measuring the sections."""
+"""The exact operator: every pixel spreads by its own PSF. Slow; for tests and for measuring the other ways."""
 
 import numpy as np
 
-BLOCK_PIXELS = 4096
+BLOCK_PIXELS = 1024  # whose PSFs are turned at once
 
 
 def filter_exactly(plane, psf_radius_px, node_psfs):
-    """What `filter_sections` comes to as its sections shrink to single pixels, without its FFTs.
+    """Blur a plane (row, column) pixel by pixel, in double precision; black ones have nothing to spread.
 
-    Parameters and result as in `sections.filter_sections`.
+    Parameters
+    ----------
+    plane : array (row, column)
+        Ideal irradiance, distorted.
+    psf_radius_px : int
+    node_psfs : callable (rows, columns) -> array (n, 2 psf_radius_px + 1, 2 psf_radius_px + 1)
+        Unit-sum PSFs of pixels at these positions.
+
+    Returns
+    -------
+    float64 array (row + 2 psf_radius_px, column + 2 psf_radius_px)
+        The plane with a canvas around it that holds all light that leaves it.
     """
-    rows, columns = plane.shape
     size = 2 * psf_radius_px + 1
-    canvas = np.zeros((rows + size - 1, columns + size - 1))
-    band = max(1, BLOCK_PIXELS // columns)
-    for start in range(0, rows, band):
-        block = np.asarray(plane[start:start + band], dtype=np.float64)
-        row, column = np.mgrid[start:start + block.shape[0], :columns]
-        psfs = node_psfs(row.ravel(), column.ravel()).reshape(*block.shape, size, size)
-        for down in range(size):
-            for across in range(size):
-                canvas[start + down:start + down + block.shape[0], across:across + columns] += \
-                    block * psfs[:, :, down, across]
+    canvas = np.zeros((plane.shape[0] + size - 1, plane.shape[1] + size - 1))
+    rows, columns = np.nonzero(plane)
+    for start in range(0, rows.size, BLOCK_PIXELS):
+        block = rows[start:start + BLOCK_PIXELS], columns[start:start + BLOCK_PIXELS]
+        for row, column, psf in zip(*block, node_psfs(*block)):
+            canvas[row:row + size, column:column + size] += float(plane[row, column]) * psf
     return canvas

@@ -1,22 +1,23 @@
-"""Shift-variant filtering, isoplanatic section by section (Eq. 7-9, section 2.2.3).
+"""Sections filtered by their spectra, with PSFs interpolated inside each of them (Eq. 7-9, section 2.2.3).
 
-The image is tiled into sections. Inside a section of order p the PSF at a source pixel is interpolated from p x p
-nodes of that section by separable Lagrange weights:
+Inside a section of order p the PSF at a source pixel is interpolated from p x p nodes of that section by separable
+Lagrange weights:
 
     spectrum of a section = sum over its nodes of OTF_node * FT{weight_node * section}
 
 Order 1 is the paper's method: one PSF for the section, that of its middle. At order 2 the nodes are the section's
 corners, shared with its neighbours: bilinear interpolation, which leaves no seams and whose weights are never
-negative. Orders 3 and 4 take Chebyshev nodes, of the least error; their weights can be slightly negative.
+negative. Orders 3 and 4 take Chebyshev nodes, of the least error; their weights can be slightly negative. Where that
+must not be, their nodes are spread evenly from edge to edge, with straight lines between them.
 """
 
-import os
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import fft
 
 ORDERS = (1, 2, 3, 4)
+BATCH_VALUES = 1 << 18
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,85 +39,103 @@ class AxisNodes:
     weights: np.ndarray
 
 
-def axis_nodes(length_px, section_size, order):
+def axis_nodes(length_px, section_size, order, non_negative=False):
     """Nodes of the sections that cover an axis; the last section may reach beyond it."""
-    sections = -(-length_px // section_size)
-    unit = {1: np.zeros(1), 2: np.array([-1.0, 1.0])}.get(order, -np.cos(np.pi * (np.arange(order) + 0.5) / order))
-    within = (unit + 1) / 2 * section_size - 0.5
-    every = np.arange(sections)[:, None] * section_size + within
-    if order == 2:  # a section's last node is the next one's first
-        positions = np.append(every[:, 0], every[-1, 1])
-        of_section = np.arange(sections)[:, None] + np.arange(2)
-    else:
-        positions, of_section = every.ravel(), np.arange(sections * order).reshape(sections, order)
-    return AxisNodes(positions, of_section, _lagrange_weights(unit, section_size))
-
-
-def _lagrange_weights(nodes, section_size):
-    """Lagrange polynomials of nodes in [-1, 1], at the pixels of a section: array (node, section_size)."""
+    sections = np.arange(-(-length_px // section_size))[:, None]
     pixel = (np.arange(section_size) + 0.5) / section_size * 2 - 1
-    return np.stack([np.prod([(pixel - other) / (node - other) for other in nodes if other != node], axis=0)
-                     * np.ones(section_size) for node in nodes])
+    on_edges = order == 2 or (non_negative and order > 2)
+    if on_edges:  # a section's last node is the next one's first
+        unit = np.linspace(-1, 1, order)
+        of_section = sections * (order - 1) + np.arange(order)
+    else:
+        unit = np.sin(np.pi * (np.arange(order) - (order - 1) / 2) / order)  # 0 to the last digit in the middle
+        of_section = sections * order + np.arange(order)
+    positions = np.empty(of_section[-1, -1] + 1)
+    positions[of_section] = (sections + (unit + 1) / 2) * section_size - 0.5
+    weights = np.stack([np.interp(pixel, unit, row) for row in np.eye(order)]) if on_edges else _lagrange(unit, pixel)
+    return AxisNodes(positions, of_section, weights)
 
 
-def filter_sections(planes, section_size, order, space_px, psf_radius_px, node_psfs):
-    """Blur planes with PSFs that vary over them: a scatter, every source pixel spreading by its own PSF.
+def _lagrange(nodes, positions):
+    """Lagrange polynomials of nodes at positions: array (node, position)."""
+    return np.stack([np.prod([(positions - other) / (node - other) for other in nodes if other != node], axis=0)
+                     * np.ones(positions.size) for node in nodes])
+
+
+class FourierSections:
+    """Spreads the light of sections by products of spectra.
 
     Parameters
     ----------
-    planes : float array (plane, row, column)
-        Ideal irradiance, distorted; all planes have the same PSFs. Their precision is that of the work.
-    section_size : int
+    shape_px : (int, int)
+        Rows and columns of the planes.
+    section_size, space_px, psf_radius_px : int
+        The computational space is at least section_size + 2 psf_radius_px, so that nothing wraps around.
     order : 1 to 4
-    space_px : int
-        Side of the computational space, at least section_size + 2 psf_radius_px.
-    psf_radius_px : int
+    non_negative : bool
     node_psfs : callable (rows, columns) -> array (n, 2 psf_radius_px + 1, 2 psf_radius_px + 1)
         Unit-sum PSFs for nodes at these positions, in index terms of the planes.
-
-    Returns
-    -------
-    array (plane, row + 2 psf_radius_px, column + 2 psf_radius_px)
-        The planes with a canvas around them that holds all light that leaves them.
+    room : Room
+        For the OTFs of rows that are done, to keep them for the next picture.
     """
-    count, rows, columns = planes.shape
-    across, down = (axis_nodes(length, section_size, order) for length in (columns, rows))
-    padded = np.zeros((count, len(down.of_section) * section_size, len(across.of_section) * section_size), planes.dtype)
-    padded[:, :rows, :columns] = planes
-    canvas = np.zeros((count, padded.shape[1] + space_px, padded.shape[2] + space_px), planes.dtype)
-    otfs = {}
-    for i, node_rows in enumerate(down.of_section):
-        top = i * section_size
-        band = padded[:, top:top + section_size]
-        if not band.any():  # black: nothing to spread
-            continue
-        otfs = {row: otfs[row] if row in otfs else
-                _otfs(node_psfs, down.positions[row], across.positions, space_px, planes.dtype) for row in node_rows}
-        sections = band.reshape(count, section_size, -1, section_size).swapaxes(1, 2)
-        spectrum = _filtered_spectrum(sections, down, across, [otfs[row] for row in node_rows], space_px)
-        filtered = fft.irfft2(spectrum, (space_px, space_px), workers=os.cpu_count())
-        for j in range(len(across.of_section)):
-            left = j * section_size
-            canvas[:, top:top + space_px, left:left + space_px] += filtered[:, j]
-    return canvas[:, :rows + 2 * psf_radius_px, :columns + 2 * psf_radius_px]
 
+    def __init__(self, shape_px, section_size, order, space_px, psf_radius_px, node_psfs, room, *,
+                 non_negative=False):
+        self.section_size, self.space_px, self.radius_px = section_size, space_px, psf_radius_px
+        self._down, self._across = (axis_nodes(length, section_size, order, non_negative) for length in shape_px)
+        self._node_psfs, self._room = node_psfs, room
+        self._otfs, self._kept = {}, set()
 
-def _otfs(node_psfs, row, columns, space_px, precision):
-    """OTFs of one row of nodes: array (node, space_px, space_px // 2 + 1)."""
-    psfs = node_psfs(np.full(columns.size, row), columns).astype(precision, copy=False)
-    return fft.rfft2(psfs, (space_px, space_px), workers=os.cpu_count())
+    def prepare(self, rows, content, pool):
+        """Make the OTFs that the lit sections of these rows need."""
+        wanted = {}
+        for i in rows:
+            for precision, lit in ((np.complex64, content.lit[i] & ~content.double[i]),
+                                   (np.complex128, content.double[i])):
+                if lit.any():
+                    nodes = np.unique(self._across.of_section[lit])
+                    for row in self._down.of_section[i]:
+                        wanted.setdefault((row, precision), []).append(nodes)
+        self._otfs = {key: otfs for key, otfs in self._otfs.items() if key in wanted or key in self._kept}
+        list(pool.map(self._make_otfs, wanted, wanted.values()))
 
+    def _make_otfs(self, key, nodes):
+        row, precision = key
+        columns, side = self._across.positions, self.space_px
+        otfs, made = self._otfs.setdefault(key, (np.empty((columns.size, side, side // 2 + 1), precision),
+                                                 np.zeros(columns.size, dtype=bool)))
+        if key not in self._kept and self._room.take(otfs.nbytes):
+            self._kept.add(key)
+        missing = [node for node in np.unique(np.concatenate(nodes)) if not made[node]]
+        if missing:
+            psfs = self._node_psfs(np.full(len(missing), self._down.positions[row]), columns[missing])
+            real = np.float32 if precision == np.complex64 else np.float64
+            otfs[missing] = fft.rfft2(psfs.astype(real, copy=False), (side, side))
+            made[missing] = True
 
-def _filtered_spectrum(sections, down, across, otf_rows, space_px):
-    """Spectra of a row of sections, (plane, section, row, column), each filtered by its nodes.
+    def spread(self, i, columns, band):
+        """Patches of the light of these sections of row i, in a band (plane, row, column), and where each begins."""
+        size, lit = self.section_size, self.section_size + 2 * self.radius_px  # what is beyond is rounding
+        sections = band.reshape(len(band), size, -1, size).swapaxes(1, 2)
+        step = max(1, BATCH_VALUES // (len(band) * self.space_px**2))
+        for some in (columns[start:start + step] for start in range(0, columns.size, step)):
+            spectrum = self._filtered(i, some, sections[:, some])
+            patches = fft.irfft2(spectrum, (self.space_px, self.space_px), overwrite_x=True)[..., :lit, :lit]
+            yield from zip(some * size, patches.swapaxes(0, 1))
 
-    The weights are separable: weigh and transform along x first, then along y, where half the work is spared.
-    """
-    along_x = fft.rfft(sections[:, :, None] * across.weights.astype(sections.dtype)[:, None, :], space_px,
-                       workers=os.cpu_count())
-    total = 0
-    for weight, otfs in zip(down.weights.astype(sections.dtype), otf_rows):
-        spectrum = fft.fft(along_x * weight[:, None], space_px, axis=-2, workers=os.cpu_count(), overwrite_x=True)
-        spectrum *= otfs[across.of_section]
-        total = total + spectrum.sum(axis=2)
-    return total
+    def _filtered(self, i, columns, sections):
+        """Spectra of sections, (plane, section, row, column), filtered by their nodes and summed.
+
+        The weights are separable: weigh and transform along x first, then along y, where half the work is spared.
+        """
+        side, precision = self.space_px, np.result_type(sections.dtype, np.complex64).type
+        members = self._across.of_section[columns]
+        weights_x, weights_y = (nodes.weights.astype(sections.dtype) for nodes in (self._across, self._down))
+        along_x = fft.rfft(sections[:, :, None] * weights_x[:, None, :], side)
+        total = None
+        for row, weight in zip(self._down.of_section[i], weights_y):
+            spectrum = fft.fft(along_x * weight[:, None], side, axis=-2, overwrite_x=True)
+            spectrum *= self._otfs[row, precision][0][members]
+            spectrum = spectrum.sum(axis=2) if len(weights_x) > 1 else spectrum[:, :, 0]
+            total = spectrum if total is None else np.add(total, spectrum, out=total)
+        return total

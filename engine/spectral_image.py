@@ -8,6 +8,8 @@ from .errors import ImageError
 
 RADIANCE = "radiance"
 IRRADIANCE = "irradiance"
+PLANE, FISHEYE = "plane", "equidistant"
+PROJECTIONS = PLANE, FISHEYE
 UNITS = {RADIANCE: "W.m^-2.sr^-1.nm^-1", IRRADIANCE: "W.m^-2.nm^-1"}
 
 
@@ -30,6 +32,8 @@ class SpectralImage:
     quantity : "radiance" or "irradiance"
     overscan_px : (int, int)
         Rows and columns by which the cube extends beyond the sensor's frame on each side.
+    projection : "plane" or "equidistant"
+        What a radiance image was captured with; see `capture.image_radius`.
     lens_name : str
         The lens that an irradiance image was made with, else "".
     f_number_effective : float or None
@@ -42,6 +46,7 @@ class SpectralImage:
     centre_px: tuple[float, float] | None = None
     quantity: str = RADIANCE
     overscan_px: tuple[int, int] = (0, 0)
+    projection: str = "plane"
     lens_name: str = ""
     f_number_effective: float | None = None
 
@@ -61,6 +66,8 @@ class SpectralImage:
             value = getattr(self, field)
             if not (_is_positive(value) or (value is None and field == "f_number_effective")):
                 raise ImageError("image", field, value, "expected a positive number")
+        if self.projection not in PROJECTIONS:
+            raise ImageError("image", "projection", self.projection, f"expected one of {', '.join(PROJECTIONS)}")
         if self.quantity not in UNITS:
             raise ImageError("image", "quantity", self.quantity, f"expected one of {', '.join(UNITS)}")
         rows, columns = cube.shape[1:]
@@ -80,6 +87,11 @@ class SpectralImage:
     def frame_px(self):
         """Rows and columns of the sensor's frame."""
         return tuple(n - 2 * margin for n, margin in zip(self.cube.shape[1:], self.overscan_px))
+
+    @property
+    def centred(self):
+        """Whether the optical axis meets the middle, so that four mirrored quadrants share all of the optics."""
+        return all(abs(centre - (n - 1) / 2) < 1e-9 for centre, n in zip(self.centre_px, self.cube.shape[1:]))
 
     def frame(self):
         """The image cropped to the sensor's frame."""

@@ -34,7 +34,7 @@ fi
     install_packages "Python's venv module is missing" "python$version-venv"
 
 "$python" -m venv "$venv"
-"$venv/bin/python" -m pip install --quiet --disable-pip-version-check "bpy==$bpy" "$numpy" -e '.[test]'
+"$venv/bin/python" -m pip install --quiet --disable-pip-version-check "bpy==$bpy" "$numpy" -e '.[test,plots]'
 "$venv/bin/python" -c 'import bpy' 2>/dev/null ||
     install_packages "Blender needs system libraries" $libraries
 "$venv/bin/python" -c 'import bpy, lensfield.engine'

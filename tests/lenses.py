@@ -4,9 +4,12 @@ from pathlib import Path
 
 import numpy as np
 from lensfield.engine import Lens, Options, SpectralImage, simulate
+from lensfield.engine.geometry import FieldGeometry
+from lensfield.engine.psf import PsfBank
+from lensfield.engine.spectral_image import pixel_position_mm
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
-PIXEL_BY_PIXEL = Options(section_size=1, order=1)
+PIXEL_BY_PIXEL = Options(section_size=1, order=1, precision="float64")
 SENSOR_POINT = ((1.0,),)  # a PSF of one sample: no blur at all
 
 
@@ -41,6 +44,38 @@ def gaussian_psf(sigma_v_um, sigma_u_um, pitch_um, window):
     offset_um = (np.arange(window) - window // 2) * pitch_um
     psf = np.exp(-offset_um[:, None]**2 / (2 * sigma_v_um**2) - offset_um**2 / (2 * sigma_u_um**2))
     return psf / psf.sum()
+
+
+def comatic_lens(heights=6, **changes):
+    """Width, coma and distortion all grow with the field: quadrants flipped the wrong way, or turned PSFs, show."""
+    table = np.stack([0.5 * gaussian_psf(4, 2 + h, 2.5, 25) + 0.5 * np.roll(gaussian_psf(2, 2, 2.5, 25), h, axis=0)
+                      for h in range(heights)])
+    return make_lens(np.stack([table, table]), lambda nm, p: p * (1 - 0.02 * p), heights_mm=np.linspace(0, 2, heights),
+                     **changes)
+
+
+def lopsided_lens():
+    """Light off the meridional plane, ever more of it with the field: no quadrant may stand for another."""
+    table = np.stack([0.6 * gaussian_psf(3, 2, 2.5, 25) + 0.4 * np.roll(gaussian_psf(2, 2, 2.5, 25), (h, 5 - h), (0, 1))
+                      for h in range(4)])
+    return make_lens(np.stack([table, table]), heights_mm=np.linspace(0, 2, 4))
+
+
+def placed_psfs(lens, wavelength_nm, pitch_um, centre_px):
+    """PSFs of the chief rays that meet positions of a grid: a function of (rows, columns), and how far they reach."""
+    optics = lens.at_wavelength(wavelength_nm)
+    bank, field = PsfBank(optics, pitch_um), FieldGeometry(optics, lens.name)
+
+    def psfs(rows, columns):
+        x_mm, y_mm = pixel_position_mm(rows, columns, centre_px, pitch_um)
+        return bank.psfs(field.paraxial_height_mm(np.hypot(x_mm, y_mm)), np.arctan2(y_mm, x_mm))
+
+    return psfs, bank.radius_px
+
+
+def distance_of_light(result, truth):
+    """Sum of |error| as a fraction of the light: what `Options.accuracy` speaks of."""
+    return np.abs(np.asarray(result, dtype=float) - truth).sum() / np.sum(truth, dtype=float)
 
 
 def points_image(points, shape=(61, 61), wavelengths_nm=(550.0,), pitch_um=5.0, **facts):

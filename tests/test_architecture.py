@@ -12,7 +12,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 ENGINE = sorted((ROOT / "engine").rglob("*.py"))
 PACKAGE = sorted(ROOT.glob("*.py")) + ENGINE + sorted((ROOT / "addon").rglob("*.py"))
-ENGINE_MAY_IMPORT = sys.stdlib_module_names | {"numpy", "scipy", "OpenEXR", "PIL", "optiland"}
+ENGINE_MAY_IMPORT = sys.stdlib_module_names | {"numpy", "scipy", "OpenEXR", "PIL", "matplotlib", "optiland"}
 
 
 def named(path):

@@ -4,12 +4,18 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from lensfield import cli
-from lensfield.engine import SpectralImage
+from lensfield.engine import Options, SpectralImage
 from lensfield.engine.exr import read_exr, write_exr
+from lensfield.engine.plan import Plan
+
+PLAN = Plan(method="sections", section_size=32, order=3, non_negative=False, space_px=64, azimuths=32,
+            psf_radius_px=10, support_um=60.0, trimmed_energy=1e-6, precision="float32", single_range=np.inf,
+            flat_tolerance=0.0, folded=True, out_of_field="hold")
 
 
 @pytest.fixture
@@ -52,7 +58,7 @@ def test_filter_writes_the_frame_a_picture_and_a_report(radiance, tmp_path, caps
     assert (tmp_path / "out" / "picture.png").stat().st_size > 0
     report = json.loads((tmp_path / "report.json").read_text())
     assert report["plan"]["section_size"] == 8 and report["plan"]["order"] == 1
-    assert {"lens data", "point spread functions", "filtering"} <= report["stages_s"].keys()
+    assert {"plan", "lens data", "filtering"} <= report["stages_s"].keys()
     assert report["energy"]["out_w_per_nm"] == pytest.approx(report["energy"]["in_w_per_nm"], rel=1e-12)
     assert str(tmp_path / "out" / "irradiance.exr") in capsys.readouterr().out
 
@@ -61,6 +67,11 @@ def test_filter_writes_the_frame_a_picture_and_a_report(radiance, tmp_path, caps
     ({"radiance": "missing.exr"}, "missing.exr: file is not there"),
     ({"--lens": "no-such-lens"}, "no-such-lens: lens is not there"),
     ({"--section-size": "0"}, "options: section_size is 0"),
+    ({"--accuracy": "-1"}, "options: accuracy is -1.0: expected a number above 0"),
+    ({"--accuracy": "0.01", "--order": "3"}, "options: order is 3: leave it out: an accuracy chooses it"),
+    ({"--accuracy": "0.01", "--method": "exact"}, "options: accuracy is 0.01: leave it out: the method 'exact' goes by its knobs"),
+    ({"--method": "pixels", "--section-size": "16"}, "section_size is 16: leave it out: the method is 'pixels'"),
+    ({"--psf-energy": "2"}, "options: psf_energy is 2.0: expected a number above 0 and up to 1"),
     ({"--pitch-um": "-1"}, "pitch_um is -1.0: expected a positive number")])
 def test_bad_input_is_one_line_and_leaves_nothing(radiance, tmp_path, capsys, changes, message):
     arguments = {"--lens": "edmund-54852", "--output": str(tmp_path / "irradiance.exr")} | changes
@@ -69,6 +80,57 @@ def test_bad_input_is_one_line_and_leaves_nothing(radiance, tmp_path, capsys, ch
     printed = capsys.readouterr().err
     assert message in printed and printed.count("\n") == 1
     assert [path.name for path in tmp_path.iterdir()] == ["radiance.exr"]
+
+
+@pytest.mark.parametrize("arguments, options", [
+    ("", Options()),
+    ("--accuracy 0.05", Options(accuracy=0.05)),
+    ("--accuracy 0.05 --method pixels --non-negative", Options(accuracy=0.05, method="pixels", non_negative=True)),
+    ("--section-size 8 --order 4 --precision float64 --psf-energy 0.99 --flat-tolerance 0.001",
+     Options(section_size=8, order=4, precision="float64", psf_energy=0.99, flat_tolerance=0.001)),
+    ("--method pixels --azimuths 16", Options(method="pixels", azimuths=16)),
+    ("--method paper --out-of-field vignette --fireflies clamp",
+     Options(method="paper", out_of_field="vignette", fireflies="clamp"))])
+def test_the_command_line_says_what_the_options_say(arguments, options):
+    line = f"filter in.exr --lens edmund-54852 --output out.exr {arguments}".split()
+    assert cli._engine_options(cli._parser().parse_args(line)) == options
+
+
+@pytest.mark.parametrize("changes, text", [
+    ({}, "32 px sections of order 3, single precision"),
+    ({"method": "polar"}, "32 px sections between 32 azimuths, single precision"),
+    ({"method": "pixels", "precision": "float64"}, "a PSF for every pixel, from 32 azimuths, double precision"),
+    ({"method": "paper", "section_size": 16, "order": 1, "precision": "float64"},
+     "16 px sections in a space of 64 px, as in the paper, double precision"),
+    ({"method": "exact", "precision": "float64"}, "every pixel's own PSF, double precision"),
+    ({"error_bound": 0.0083, "seconds": 0.42, "memory_mb": 310.2},
+     "32 px sections of order 3, single precision: at most 0.83 % of any point's light misplaced; "
+     "about 0.4 s, 310 MB")], ids=str)
+def test_a_plan_is_told_in_one_line(changes, text):
+    assert cli.plan_text(replace(PLAN, **changes).as_dict()) == text
+
+
+def test_the_plan_is_told_before_the_work(radiance, tmp_path, capsys, monkeypatch):
+    def refuse(*_, **__):
+        raise MemoryError("no room for it")
+
+    monkeypatch.setattr(cli, "simulate", refuse)
+    assert run("filter", radiance, "--lens", "edmund-54852", "--section-size", 8, "--order", 3,
+               "--output", tmp_path / "out.exr") == 1
+    assert capsys.readouterr().out.startswith("plan: 8 px sections of order 3, ")
+
+
+def test_the_plan_that_is_told_is_the_one_that_is_done(radiance, tmp_path, capsys):
+    assert run("filter", radiance, "--lens", "edmund-54852", "--accuracy", "0.05", "--output", tmp_path / "out.exr",
+               "--report", tmp_path / "report.json") == 0
+    plan = json.loads((tmp_path / "report.json").read_text())["plan"]
+    assert capsys.readouterr().out.splitlines()[0] == f"plan: {cli.plan_text(plan)}"
+
+
+def test_light_beyond_the_lens_data_is_told_with_what_became_of_it(tmp_path, capsys):
+    write_exr(SpectralImage(np.ones((1, 36, 48)), [550], pitch_um=200.0), tmp_path / "wide.exr")
+    assert run("filter", tmp_path / "wide.exr", "--lens", "edmund-54852", "--output", tmp_path / "out.exr") == 0
+    assert "of the frame lies beyond the lens data: hold" in capsys.readouterr().out
 
 
 def test_targets_of_one_name_are_refused(radiance, tmp_path, capsys):
@@ -98,6 +160,9 @@ def test_dark_pixels_that_are_not_numbers_are_named(tmp_path, capsys):
     write_exr(SpectralImage(cube, [550], pitch_um=6.0), tmp_path / "nan.exr")
     assert run("filter", tmp_path / "nan.exr", "--lens", "edmund-54852", "--output", tmp_path / "out.exr") == 1
     assert "pixel at row 2, column 5, 550 nm is nan" in capsys.readouterr().err
+    assert run("filter", tmp_path / "nan.exr", "--lens", "edmund-54852", "--output", tmp_path / "out.exr",
+               "--fireflies", "clamp") == 0
+    assert not read_exr(tmp_path / "out.exr").cube.any()
 
 
 def test_usage_error_is_status_2(capsys):

@@ -81,7 +81,7 @@ def test_irradiance_claims_no_radiance_unit(path):
 @pytest.mark.parametrize("changes", [
     {}, {"quantity": "irradiance", "lens_name": "a lens", "f_number_effective": 1.8867924528301885},
     {"overscan_px": (2, 3)}, {"overscan_px": (1, 0), "centre_px": (4.25, 9.5)}, {"centre_px": (-3.0, 40.0)},
-    {"pitch_um": 1 / 3}, {"wavelengths_nm": [400, 410, 420]},
+    {"pitch_um": 1 / 3}, {"wavelengths_nm": [400, 410, 420]}, {"projection": "equidistant"},
 ], ids=str)
 def test_round_trip_is_exact(path, changes):
     written = image(**changes)
@@ -89,8 +89,30 @@ def test_round_trip_is_exact(path, changes):
     read = read_exr(path)
     np.testing.assert_array_equal(read.cube, written.cube)
     np.testing.assert_array_equal(read.wavelengths_nm, written.wavelengths_nm)
-    for field in ("pitch_um", "centre_px", "quantity", "overscan_px", "lens_name", "f_number_effective"):
+    for field in ("pitch_um", "centre_px", "quantity", "overscan_px", "projection", "lens_name", "f_number_effective"):
         assert getattr(read, field) == getattr(written, field), field
+
+
+@pytest.mark.parametrize("changes, told", [
+    ({}, None), ({"projection": "equidistant"}, "equidistant"),
+    ({"projection": "equidistant", "quantity": "irradiance"}, None),
+], ids=str)
+def test_the_projection_is_told_of_radiance_that_is_no_plane(path, changes, told):
+    write_exr(image(**changes), path)
+    assert raw(path)[0].get("lensfield:projection") == told
+
+
+@pytest.mark.parametrize("value", ["stereographic", "Plane", "", 1.0, np.array([1.0, 2.0])], ids=str)
+def test_an_unknown_projection_is_named_with_its_file(path, value):
+    foreign(path, {"S0.550nm": 1.0}, **{"lensfield:pitchUm": 5.0, "lensfield:projection": value})
+    message = one_line_error(path)
+    assert message.startswith(f"{path}: lensfield:projection is ") and "plane, equidistant" in message
+
+
+def test_irradiance_has_no_projection(path):
+    foreign(path, {"S0.550nm": 1.0}, **{"lensfield:pitchUm": 5.0, "lensfield:quantity": "irradiance",
+                                        "lensfield:projection": "equidistant"})
+    assert read_exr(path).projection == "plane"
 
 
 def test_overscan_is_a_data_window_beyond_the_display_window(path):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from lenses import make_lens
 from lensfield.engine import LensError
-from lensfield.engine.geometry import FieldGeometry, distort, fit_polynomial, overscan_px
+from lensfield.engine.geometry import LARGEST_FOOTPRINT_PX, RIM_PX, FieldGeometry, fit_polynomial, footprints
 from lensfield.engine.spectral_image import pixel_axes_mm
 
 HEIGHTS_MM = np.linspace(0, 3, 21)
@@ -14,9 +14,12 @@ WILD = np.where(np.arange(21) % 2, 1.0, -1.0)
 
 
 def distorted(plane, source_centre_px, target_shape_px, target_centre_px, pitch_um, field):
+    """A plane distorted, in double precision, and the heights that its light came from."""
     x_mm, y_mm = pixel_axes_mm(target_shape_px, target_centre_px, pitch_um)
-    framed, centre_px = np.pad(plane, 1), (source_centre_px[0] + 1, source_centre_px[1] + 1)
-    return distort(framed, centre_px, x_mm, y_mm, pitch_um, field)
+    framed = np.pad(np.asarray(plane, dtype=float), RIM_PX)
+    centre_px = tuple(centre + RIM_PX for centre in source_centre_px)
+    areas, height_mm = footprints(framed.shape, centre_px, x_mm, y_mm, pitch_um, field)
+    return areas.average(framed[None])[0], height_mm
 
 
 def geometry(real_height_mm=None, relative_illumination=None, heights_mm=np.linspace(0, 2, 21)):
@@ -196,22 +199,49 @@ def test_distorting_makes_no_negative_light_and_does_not_overshoot():
     assert result.min() >= 0 and result.max() <= plane.max()
 
 
-@pytest.mark.parametrize("scale, rows, columns", [(0.9, 55 / 0.9 - 50, 105 / 0.9 - 100), (1.0, 5, 5), (1.2, 5, 5)])
-def test_overscan_is_what_distortion_and_blur_need_and_hardly_more(scale, rows, columns):
-    lens = make_lens(real_height_mm=lambda nm, p: scale * p)
-    overscan = overscan_px(lens, (100, 200), 10.0, [550.0], 5)
-    assert rows <= overscan[0] <= rows + 2
-    assert columns <= overscan[1] <= columns + 2
+@pytest.mark.parametrize("real_height_mm", [lambda p: 0.7 * p, lambda p: 1.3 * p, barrel])
+def test_shares_of_every_footprint_sum_to_one(real_height_mm):
+    x_mm, y_mm = pixel_axes_mm((50, 70), (20, 30), 20.0)
+    areas, _ = footprints((200, 200), (100, 100), x_mm, y_mm, 20.0, geometry(real_height_mm))
+    np.testing.assert_allclose(sum(areas.row_shares), 1, atol=1e-14)
+    np.testing.assert_allclose(sum(areas.column_shares), 1, atol=1e-14)
 
 
-def test_overscan_serves_the_wavelength_that_needs_most():
-    lens = make_lens(real_height_mm=lambda nm, p: p * np.where(nm < 500, 0.8, 1.0))
-    assert overscan_px(lens, (100, 100), 10.0, [400, 700], 0) == overscan_px(lens, (100, 100), 10.0, [400], 0)
+def test_a_stack_of_captures_is_averaged_plane_by_plane():
+    rng = np.random.default_rng(6)
+    stack = np.pad(rng.random((3, 60, 80)), ((0, 0), (RIM_PX, RIM_PX), (RIM_PX, RIM_PX)))
+    x_mm, y_mm = pixel_axes_mm((40, 50), (20, 25), 40.0)
+    areas, _ = footprints(stack.shape[1:], (40, 50), x_mm, y_mm, 40.0, geometry(barrel))
+    together = areas.average(stack)
+    for plane, result in zip(stack, together):
+        np.testing.assert_array_equal(areas.average(plane[None])[0], result)
 
 
-def test_overscan_for_barrel_is_set_by_the_corner():
-    # Half a frame is 100 x 100 px of 10 um: its corner is sqrt(2) mm from the axis.
-    lens = make_lens(real_height_mm=lambda nm, p: barrel(p), heights_mm=np.linspace(0, 2.5, 26))
-    corner_paraxial = next(p for p in np.linspace(1.41, 1.6, 100001) if barrel(p) >= np.sqrt(2))
-    needed = 100 * corner_paraxial / np.sqrt(2) - 100
-    assert needed <= overscan_px(lens, (200, 200), 10.0, [550], 0)[0] <= needed + 2
+def test_a_footprint_as_large_as_any_averages_its_square():
+    # 16 px of the capture to a pixel: pixel (0, 1) sees rows -8 to 8 and columns 8 to 24 about the axis.
+    plane = np.random.default_rng(7).random((101, 101))
+    result, _ = distorted(plane, (50, 50), (1, 2), (0, 0), 10.0, geometry(lambda p: p / LARGEST_FOOTPRINT_PX))
+    weights = np.concatenate([[0.5], np.ones(LARGEST_FOOTPRINT_PX - 1), [0.5]]) / LARGEST_FOOTPRINT_PX
+    expected = [weights @ plane[42:59, 42 + 16 * column:59 + 16 * column] @ weights for column in (0, 1)]
+    np.testing.assert_allclose(result[0], expected, rtol=1e-9)
+
+
+def test_where_the_picture_is_squeezed_further_the_middle_of_the_footprint_stands_for_it():
+    plane = np.random.default_rng(7).random((101, 101))
+    result, _ = distorted(plane, (50, 50), (1, 1), (0, 0), 10.0, geometry(lambda p: p / 40))
+    weights = np.concatenate([[0.5], np.ones(LARGEST_FOOTPRINT_PX - 1), [0.5]]) / LARGEST_FOOTPRINT_PX
+    assert result[0, 0] == pytest.approx(weights @ plane[42:59, 42:59] @ weights, rel=1e-9)
+
+
+@pytest.mark.parametrize("scale", [0.07, 0.5, 1.0, 1.4])
+def test_far_outside_the_capture_all_is_black(scale):
+    plane = np.ones((5, 7))
+    result, _ = distorted(plane, (2, 3), (81, 81), (40, 40), 10.0, geometry(lambda p: scale * p))
+    row, column = np.indices((81, 81)) - 40
+    # A footprint is a pixel wide at least, or that of 1 / scale.
+    reach = np.maximum(1, 1 / scale) / 2
+    outside = (np.abs(row) / scale > 2.5 + reach) | (np.abs(column) / scale > 3.5 + reach)
+    inside = (np.abs(row) / scale < 2.5 - reach) & (np.abs(column) / scale < 3.5 - reach)
+    assert not result[outside].any()
+    np.testing.assert_allclose(result[inside], 1, rtol=1e-12)
+    assert 0 <= result.min() and result.max() <= 1 + 1e-12

@@ -1,15 +1,21 @@
-"""Options and the plan made from them."""
+"""Options, and the plan that their knobs come to."""
 
-from dataclasses import FrozenInstanceError
+import json
+from dataclasses import FrozenInstanceError, fields
 
 import numpy as np
 import pytest
 from lenses import gaussian_psf, make_lens
-from lensfield.engine import Options
+from lensfield.engine import ImageError, Options, SpectralImage
 from lensfield.engine.errors import InputError
-from lensfield.engine.plan import make_plan
+from lensfield.engine.plan import Plan
+from lensfield.engine.planner import make_plan
 
 BLURRED = make_lens(gaussian_psf(4, 4, 1.0, 64), psf_pitch_um=1.0)
+
+
+def picture(rows, columns, pitch_um, **facts):
+    return SpectralImage(np.ones((1, rows, columns)), [550.0], pitch_um=pitch_um, **facts)
 
 
 def test_options_cannot_be_changed():
@@ -17,50 +23,162 @@ def test_options_cannot_be_changed():
         Options().order = 1
 
 
+def named_error(**options):
+    with pytest.raises(InputError) as error:
+        Options(**options)
+    message = str(error.value)
+    assert message.startswith(f"options: {error.value.field} is ") and "\n" not in message
+    return error.value
+
+
 @pytest.mark.parametrize("field, value", [
     ("section_size", 0), ("section_size", -3), ("section_size", 2.5), ("section_size", True), ("section_size", "16"),
-    ("section_size", None), ("section_size", 16.0), ("order", True), ("section_size", np.nan), ("section_size", [16]),
-    ("order", 0), ("order", 5), ("order", "2"), ("order", None), ("order", [1]),
+    ("section_size", 16.0), ("section_size", np.nan), ("section_size", [16]),
+    ("order", 0), ("order", 5), ("order", "2"), ("order", True), ("order", [1]), ("order", 2.0),
     ("space_px", 0), ("space_px", 64.5), ("space_px", "64"), ("space_px", np.inf),
+    ("azimuths", 0), ("azimuths", 8.5), ("azimuths", True), ("azimuths", "8"),
+    ("accuracy", 0), ("accuracy", -0.01), ("accuracy", 2), ("accuracy", np.nan), ("accuracy", np.inf),
+    ("accuracy", "0.01"), ("accuracy", True), ("accuracy", [0.01]),
+    ("psf_energy", 0), ("psf_energy", 1.01), ("psf_energy", np.nan), ("psf_energy", "all"), ("psf_energy", True),
+    ("flat_tolerance", -0.1), ("flat_tolerance", 1), ("flat_tolerance", np.nan), ("flat_tolerance", "some"),
+    ("method", "fast"), ("method", None), ("method", "Sections"),
+    ("precision", "double"), ("precision", 32),
+    ("non_negative", None), ("non_negative", "yes"), ("non_negative", 2),
     ("out_of_field", "clamp"), ("out_of_field", None),
+    ("fireflies", "keep"), ("fireflies", None),
 ])
 def test_a_wrong_option_is_named(field, value):
-    with pytest.raises(InputError) as error:
-        Options(**{field: value})
-    assert error.value.field == field
-    assert str(error.value).startswith("options: ")
+    assert named_error(**{field: value}).field == field
+
+
+@pytest.mark.parametrize("options", [
+    {"section_size": 1}, {"section_size": np.int64(7)}, {"order": 4}, {"space_px": 1}, {"azimuths": 1},
+    {"accuracy": 1e-6}, {"accuracy": 1}, {"accuracy": np.float32(0.25)}, {"psf_energy": 1}, {"psf_energy": 0.5},
+    {"flat_tolerance": 0}, {"flat_tolerance": 0.999}, {"non_negative": True}, {"out_of_field": "vignette"},
+    {"fireflies": "clamp"}, {"precision": "auto"}, {"precision": "float32"}, {"precision": "float64"},
+    {"method": "sections", "order": 3, "non_negative": True}, {"method": "pixels", "azimuths": 8},
+    {"method": "paper"}, {"method": "exact", "out_of_field": "vignette", "fireflies": "clamp"},
+    {"method": "polar", "accuracy": 0.1}, {"method": "pixels", "accuracy": 0.1}, {"method": "sections"},
+    {"order": 3, "azimuths": 16}, {"method": "polar", "section_size": 48, "azimuths": 16},
+    {"accuracy": 0.1, "non_negative": True, "out_of_field": "vignette", "fireflies": "clamp"},
+    {"section_size": 16, "order": 1, "space_px": 64, "psf_energy": 0.99, "flat_tolerance": 0.01},
+], ids=str)
+def test_what_goes_together_is_taken(options):
+    taken = Options(**options)
+    assert all(getattr(taken, field) == value for field, value in options.items())
+
+
+@pytest.mark.parametrize("options, field, reason", [
+    *(({"accuracy": 0.01, knob: value}, knob, "leave it out: an accuracy chooses it") for knob, value in (
+        ("section_size", 32), ("order", 2), ("space_px", 64), ("azimuths", 32), ("psf_energy", 0.99),
+        ("flat_tolerance", 0.0), ("precision", "auto"))),
+    *(({"accuracy": 0.01, "method": method}, "accuracy", f"the method {method!r} goes by its knobs")
+      for method in ("sections", "paper", "exact")),
+    *(({"method": method, knob: value}, knob, f"leave it out: the method is {method!r}") for method, knob, value in (
+        ("polar", "order", 2), ("pixels", "section_size", 32), ("pixels", "order", 2),
+        ("pixels", "space_px", 64), ("paper", "section_size", 16), ("paper", "precision", "float64"),
+        ("exact", "psf_energy", 1.0), ("exact", "azimuths", 32), ("exact", "flat_tolerance", 0.0))),
+], ids=str)
+def test_contradictions_are_named(options, field, reason):
+    error = named_error(**options)
+    assert error.field == field and error.value == options[field] and reason in str(error)
+
+
+@pytest.mark.parametrize("options, by_result", [
+    ({}, True), ({"accuracy": 0.1}, True), ({"method": "sections"}, False), ({"method": "pixels"}, True),
+    ({"method": "polar"}, True),
+    ({"non_negative": True, "out_of_field": "vignette", "fireflies": "clamp"}, True),
+    ({"section_size": 32}, False), ({"azimuths": 8}, False), ({"precision": "auto"}, False),
+    ({"flat_tolerance": 0.0}, False), ({"method": "paper"}, False), ({"method": "exact"}, False)], ids=str)
+def test_no_knob_is_an_accuracy(options, by_result):
+    assert Options(**options).by_result == by_result
 
 
 @pytest.mark.parametrize("value", [16, np.int64(16)])
 def test_whole_numbers_of_any_kind_are_taken(value):
-    assert make_plan(Options(section_size=value), BLURRED, 5.0, (100, 100)).section_size == 16
+    assert make_plan(Options(section_size=value), BLURRED, picture(100, 100, 5.0)).section_size == 16
 
 
 @pytest.mark.parametrize("section_size", [1, 16, 33, 1000])
 @pytest.mark.parametrize("space_px", [None, 1, 8, 64])
 @pytest.mark.parametrize("pitch_um", [0.5, 5.0, 50.0])
 def test_the_space_always_holds_the_section_and_what_reaches_out_of_it(section_size, space_px, pitch_um):
-    plan = make_plan(Options(section_size=section_size, space_px=space_px), BLURRED, pitch_um, (100, 120))
+    plan = make_plan(Options(section_size=section_size, space_px=space_px), BLURRED, picture(100, 120, pitch_um))
     assert plan.space_px >= plan.section_size + 2 * plan.psf_radius_px
     assert plan.space_px >= (space_px or 0)
 
 
-def test_a_psf_reaches_as_far_as_its_window_turned_by_45_degrees():
-    radius = make_plan(Options(), BLURRED, 4.0, (100, 100)).psf_radius_px
-    assert np.sqrt(2) * 32 / 4 <= radius <= np.sqrt(2) * 32 / 4 + 3
+def test_a_whole_psf_reaches_as_far_as_its_window_turned_by_45_degrees():
+    plan = make_plan(Options(psf_energy=1), BLURRED, picture(100, 100, 4.0))
+    assert np.sqrt(2) * 32 / 4 <= plan.psf_radius_px <= np.sqrt(2) * 32 / 4 + 3
+    assert plan.trimmed_energy == 0
+
+
+@pytest.mark.parametrize("energy", [0.9, 0.99, 0.9999])
+def test_a_trimmed_psf_reaches_as_far_as_its_energy(energy):
+    """A Gaussian keeps 1 - exp(-r^2 / 2 sigma^2) within r."""
+    plan = make_plan(Options(psf_energy=energy), BLURRED, picture(100, 100, 1.0))
+    radius_um = 4 * np.sqrt(-2 * np.log(1 - energy))
+    assert plan.support_um == pytest.approx(radius_um, abs=1.5)
+    assert radius_um - 1.5 <= plan.psf_radius_px <= radius_um + 5
+    assert 0.5 * (1 - energy) < plan.trimmed_energy <= 1 - energy
+
+
+def test_a_psf_that_reaches_too_far_is_an_error_that_says_how_far():
+    with pytest.raises(ImageError, match="pitch_um is 0.01: a point spread function would reach .* px; at most 2048"):
+        make_plan(Options(psf_energy=1), BLURRED, picture(100, 100, 0.01))
+
+
+def test_the_papers_own_way():
+    plan = make_plan(Options(method="paper"), BLURRED, picture(576, 768, 6.25))
+    assert (plan.method, plan.section_size, plan.order, plan.space_px) == ("paper", 16, 1, 64)
+    assert plan.precision == "float64" and plan.trimmed_energy == 0 and not plan.folded
 
 
 def test_the_space_of_the_paper_is_kept_where_it_suffices():
-    plan = make_plan(Options(16, 1, 64), BLURRED, 6.25, (576, 768))
+    plan = make_plan(Options(section_size=16, order=1, space_px=64), BLURRED, picture(576, 768, 6.25))
     assert (plan.section_size, plan.order, plan.space_px) == (16, 1, 64)
 
 
 def test_a_section_larger_than_the_image_is_cut_down_to_it():
-    plan = make_plan(Options(section_size=5000), BLURRED, 5.0, (30, 40))
+    plan = make_plan(Options(section_size=5000), BLURRED, picture(30, 40, 5.0))
     assert 40 <= plan.section_size <= 40 + 2 * plan.psf_radius_px
 
 
+@pytest.mark.parametrize("options, method", [
+    ({"order": 3}, "sections"), ({"precision": "float64"}, "sections"), ({"azimuths": 8}, "pixels"),
+    ({"method": "pixels", "precision": "float64"}, "pixels"), ({"method": "exact"}, "exact")], ids=str)
+def test_the_knobs_say_the_method(options, method):
+    plan = make_plan(Options(**options), BLURRED, picture(100, 100, 5.0))
+    assert plan.method == method
+    assert all(getattr(plan, knob) == value for knob, value in options.items())
+
+
+def test_quadrants_are_folded_where_the_axis_is_in_the_middle():
+    assert make_plan(Options(order=2), BLURRED, picture(100, 120, 5.0)).folded
+    assert not make_plan(Options(order=2), BLURRED, picture(100, 120, 5.0, centre_px=(50, 59.5))).folded
+
+
+@pytest.mark.parametrize("precision, picture_precision, single_range", [
+    ("float32", "float32", np.inf), ("float64", "float64", 0.0), ("auto", "float32", 1e3)])
+def test_precision_is_that_of_the_planes_and_of_the_sections(precision, picture_precision, single_range):
+    plan = make_plan(Options(precision=precision), BLURRED, picture(100, 100, 5.0))
+    assert (plan.precision, plan.single_range) == (picture_precision, single_range)
+
+
+def test_knobs_foretell_no_error():
+    assert make_plan(Options(order=2), BLURRED, picture(100, 100, 5.0)).error_bound is None
+
+
+@pytest.mark.parametrize("options, positive", [
+    ({"order": 1}, True), ({"order": 2}, True), ({"order": 3}, False), ({"order": 4}, False),
+    ({"order": 4, "non_negative": True}, True), ({"azimuths": 8}, True), ({"method": "exact"}, True)], ids=str)
+def test_which_ways_leave_no_negative_light(options, positive):
+    assert make_plan(Options(**options), BLURRED, picture(100, 100, 5.0)).weights_positive == positive
+
+
 def test_a_plan_tells_itself_in_plain_values():
-    plan = make_plan(Options(out_of_field="vignette"), BLURRED, 5.0, (100, 100)).as_dict()
-    assert set(plan) == {"section_size", "order", "psf_radius_px", "space_px", "out_of_field", "method"}
-    assert plan["out_of_field"] == "vignette"
+    plan = make_plan(Options(order=2, out_of_field="vignette"), BLURRED, picture(100, 100, 5.0))
+    told = json.loads(json.dumps(plan.as_dict()))
+    assert told.keys() == {field.name for field in fields(Plan)}
+    assert told["out_of_field"] == "vignette" and Plan(**told) == plan

@@ -37,6 +37,8 @@ def test_render_then_filter_agree(blend, tmp_path):
     assert done.returncode == 0, done.stderr
     printed = [Path(line) for line in done.stdout.splitlines() if line.startswith(str(out))]
     assert len(printed) == 5 and all(path.is_file() for path in printed)
+    plan = done.stdout.splitlines()[0]
+    assert plan.startswith("plan: 16 px sections of order 2, ")
     report = json.loads((tmp_path / "report.json").read_text())
     assert report["plan"]["section_size"] == 16 and report["passes"] == 1
     assert report["stages_s"]["multispectral render"] > 0
@@ -46,6 +48,7 @@ def test_render_then_filter_agree(blend, tmp_path):
     done = lensfield("filter", radiance, "--lens", "edmund-54852", "--section-size", 16,
                      "--output", tmp_path / "again.exr", "--preview", tmp_path / "again.png")
     assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[0] == plan
     again, first = read_exr(tmp_path / "again.exr"), read_exr(out / "Scene_0002_irradiance.exr")
     assert np.array_equal(again.cube, first.cube)
     assert (tmp_path / "again.png").read_bytes().startswith(b"\x89PNG")

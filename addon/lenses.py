@@ -1,0 +1,25 @@
+"""Lenses by name or path, each read once.
+
+Panels ask for theirs many times a second, and what the engine keeps for the next render goes by the lens.
+"""
+
+import os
+from functools import lru_cache
+
+from ..engine import Lens
+
+
+def load_lens(name_or_path):
+    """What `Lens.load` gives, and the same Lens as before unless the file has changed."""
+    path = str(name_or_path)
+    return _load(path, os.stat(path).st_mtime_ns if os.path.isfile(path) else None)
+
+
+def forget_lenses():
+    """Free them."""
+    _load.cache_clear()
+
+
+@lru_cache(maxsize=4)
+def _load(path, changed_ns):
+    return Lens.load(path)

@@ -1,0 +1,100 @@
+"""Sections filtered by their spectra, with PSFs interpolated between the nodes of a polar table.
+
+Across the field PSFs change by turning and by the steps of the table's heights. So nodes that lie on the heights and at
+even azimuths tell far more than as many on a square grid: between heights the interpolation is exact, for the lens
+data are no finer, and between azimuths it is as good as these are close. A pixel has the four nodes around it:
+
+    spectrum of a section = sum over the nodes around it of OTF_node * FT{weight_node * section}
+
+Weights are never negative and sum to 1.
+"""
+
+import numpy as np
+from scipy import fft
+
+BATCH_VALUES = 1 << 18  # what the processor's cache holds
+
+
+class PolarSections:
+    """Spreads the light of sections by products of spectra.
+
+    Parameters
+    ----------
+    section_size, space_px, psf_radius_px : int
+        The computational space is at least section_size + 2 psf_radius_px, so that nothing wraps around.
+    table : PolarTable
+    place : callable (rows, columns) -> (paraxial_height_mm, azimuth_rad)
+        Where in the field the pixels of these index terms lie.
+    room : Room
+        For OTFs, to keep them for the next picture.
+    """
+
+    def __init__(self, section_size, space_px, psf_radius_px, table, place, room):
+        self.section_size, self.space_px, self.radius_px = section_size, space_px, psf_radius_px
+        self._table, self._place, self._room = table, place, room
+        self._otfs, self._kept = {}, set()
+        self._nodes = {}
+
+    def prepare(self, rows, content, pool):
+        """Find the nodes of the lit sections of these rows, and make their OTFs."""
+        sections = [(i, j) for i in rows for j in np.flatnonzero(content.lit[i])]
+        self._nodes |= zip(sections, pool.map(lambda section: self._nodes_around(*section), sections))
+        wanted = {np.complex64: set(), np.complex128: set()}
+        for i, j in sections:
+            wanted[np.complex128 if content.double[i, j] else np.complex64].update(self._nodes[i, j][0])
+        keys = {(node, precision) for precision, nodes in wanted.items() for node in nodes}
+        self._otfs = {key: otf for key, otf in self._otfs.items() if key in keys or key in self._kept}
+        for precision, nodes in wanted.items():
+            self._make_otfs([node for node in sorted(nodes) if (node, precision) not in self._otfs], precision, pool)
+
+    def _make_otfs(self, nodes, precision, pool):
+        step = max(1, BATCH_VALUES // self.space_px**2)
+        batches = [nodes[start:start + step] for start in range(0, len(nodes), step)]
+        real = np.float32 if precision is np.complex64 else np.float64
+
+        def transform(batch):
+            return fft.rfft2(self._table.node_psfs(batch).astype(real, copy=False), (self.space_px, self.space_px))
+
+        for batch, otfs in zip(batches, pool.map(transform, batches)):
+            for node, otf in zip(batch, otfs):
+                self._otfs[node, precision] = otf
+                if self._room.take(otf.nbytes):
+                    self._kept.add((node, precision))
+
+    def _nodes_around(self, i, j):
+        """Nodes around section (i, j), and the weights that they have in its pixels: (node,), (node, row, column)."""
+        if (i, j) in self._nodes:
+            return self._nodes[i, j]
+        size = self.section_size
+        row, column = np.mgrid[i * size:(i + 1) * size, j * size:(j + 1) * size]
+        cells, corner_weights = self._table.corners(*self._place(row.ravel(), column.ravel()))
+        present = np.bincount(cells.ravel()) > 0
+        nodes, index = np.flatnonzero(present), np.cumsum(present) - 1
+        weights = np.zeros((nodes.size, size * size), corner_weights.dtype)
+        weights[index[cells], np.arange(size * size)] = corner_weights
+        return nodes, weights.reshape(-1, size, size)
+
+    def spread(self, i, columns, band):
+        """Patches of the light of these sections of row i, in a band (plane, row, column), and where each begins."""
+        size, side = self.section_size, self.space_px
+        lit = size + 2 * self.radius_px  # what is beyond is rounding
+        for j in columns:
+            spectrum = self._filtered(band[:, None, :, j * size:(j + 1) * size], *self._nodes[i, j])
+            if (i, j) not in self._kept:
+                if self._room.take(self._nodes[i, j][1].nbytes):
+                    self._kept.add((i, j))
+                else:
+                    del self._nodes[i, j]
+            yield j * size, fft.irfft2(spectrum, (side, side), overwrite_x=True)[:, :lit, :lit]
+
+    def _filtered(self, section, nodes, weights):
+        """The spectrum of a section, (plane, 1, row, column), filtered by its nodes and summed."""
+        side, precision = self.space_px, np.result_type(section.dtype, np.complex64).type
+        spectrum = np.zeros((len(section), side, side // 2 + 1), precision)
+        step = max(1, BATCH_VALUES // (len(section) * side**2))
+        for some in (slice(start, start + step) for start in range(0, nodes.size, step)):
+            along_x = fft.rfft(section * weights[some].astype(section.dtype, copy=False), side)
+            part = fft.fft(along_x, side, axis=-2, overwrite_x=True)
+            part *= np.stack([self._otfs[node, precision] for node in nodes[some]])
+            spectrum += part.sum(axis=1)
+        return spectrum

@@ -1,0 +1,335 @@
+"""Error against time and memory, measured: every knob of the engine beside the exact operator and the paper's method.
+
+Times are cold ones: a fresh `simulate` that keeps nothing of earlier pictures, plan, PSFs and OTFs included; the best
+of some runs. Memory is that of a run of its own: the most that Python and numpy held beyond the picture given, the
+irradiance included; what the FFTs hold inside is not seen. The exact operator runs only once, for both. All of this
+depends on the machine, so times are also given over that of the paper's method in the same run.
+"""
+
+import csv
+import time
+import tracemalloc
+from dataclasses import asdict, dataclass, fields, replace
+
+import numpy as np
+
+from .atomic import atomic_path
+from .capture import overscan_px
+from .colour import to_rec709
+from .errors import ImageError
+from .options import Options
+from .pipeline import simulate
+from .psf import psf_radius_px
+from .report import Report
+from .spectra import blackbody, library_names, load_spectrum
+from .spectral_image import SpectralImage
+
+DEFAULT_SHAPE_PX = 288, 384  # the paper's frame at twice its pitch: the exact operator is a matter of half a minute
+POINT_SPACING_PX = 23  # shares no divisor with section sizes, so that points fall anywhere in them
+SQUARE_PX = 24
+BAND_NM = 400.0, 700.0
+WAVELENGTHS = 1, 3, 5, 9, 15, 31
+TUNGSTEN_K = 2856
+EXACT = "the exact operator"
+
+SIZES = {1: (4, 8, 16, 32, 64), 2: (8, 16, 32, 64, 128), 3: (16, 32, 64, 128), 4: (16, 32, 64, 128)}
+AZIMUTHS = 2, 4, 8, 16, 32, 64, 128
+ACCURACIES = 0.1, 0.03, 0.01, 1e-3, 1e-4
+PSF_ENERGIES = 0.9, 0.99, 0.999, 0.9999, 0.999999, 1.0
+BASE = {"section_size": 32, "order": 3}  # where another knob is turned, or none
+ROUNDS = 5
+EXACT_STEPS = 150  # it takes about as long as so many others
+
+
+@dataclass(frozen=True)
+class Row:
+    """One measurement.
+
+    Attributes
+    ----------
+    image, curve : str
+        What picture; which knob was turned: "paper" (sections of one PSF, and the paper's method as written),
+        "order 2" to "order 4" (section size), "pixels" and "polar" (azimuths), "accuracy", "precision", "PSF support",
+        "wavelengths", and "exact".
+    method, section_size, order, azimuths, precision
+        As the plan had them; None what it did without.
+    psf_energy : float
+        The least fraction of a PSF within the support that it was trimmed to.
+    accuracy : float or None
+        What was asked for by result.
+    wavelengths : int
+        Their number.
+    seconds, seconds_over_paper : float
+        Wall time, and the ratio to that of the paper's method on the same picture.
+    peak_mb : float
+    relative_l2, maximum_error, l1 : float
+        Errors relative to the norm, the maximum and the sum of `against`.
+    predicted_bound : float or None
+        The plan's bound on `l1`.
+    against : str
+        What the errors are against.
+    """
+
+    image: str
+    curve: str
+    method: str
+    section_size: int | None
+    order: int | None
+    azimuths: int | None
+    precision: str
+    psf_energy: float
+    accuracy: float | None
+    wavelengths: int
+    seconds: float
+    seconds_over_paper: float
+    peak_mb: float
+    relative_l2: float
+    maximum_error: float
+    l1: float
+    predicted_bound: float | None
+    against: str
+
+
+def point_grid(shape_px, pitch_um, wavelength_nm):
+    """Single lit pixels on a grid: the worst case, where no error is covered by a neighbour's."""
+    points = np.zeros(shape_px)
+    first = [min(POINT_SPACING_PX, n) // 2 for n in shape_px]
+    points[first[0]::POINT_SPACING_PX, first[1]::POINT_SPACING_PX] = 1
+    return SpectralImage(points, [wavelength_nm], pitch_um=pitch_um)
+
+
+def checkerboard(shape_px, pitch_um, wavelength_nm):
+    """The paper's chequered target."""
+    row, column = np.indices(shape_px) // SQUARE_PX
+    return SpectralImage((row + column + 1) % 2, [wavelength_nm], pitch_um=pitch_um)
+
+
+def colour_chart(shape_px, pitch_um, wavelengths_nm):
+    """Squares of the reflectances of a colour chart, in tungsten light."""
+    charts = [load_spectrum(name).at(wavelengths_nm) for name in library_names() if name.startswith("chart-")]
+    row, column = np.indices(shape_px) // SQUARE_PX
+    light = blackbody(TUNGSTEN_K).at(wavelengths_nm)[:, None, None]
+    return SpectralImage(light * np.stack(charts, axis=1)[:, (7 * row + column) % len(charts)], wavelengths_nm,
+                         pitch_um=pitch_um)
+
+
+def standard_pictures(lens, shape_px=DEFAULT_SHAPE_PX, pitch_um=None):
+    """Pictures to measure on where the user has none, over the width of the lens's sensor or at this pitch.
+
+    Returns
+    -------
+    pictures : dict of str: SpectralImage
+        At the lens's reference wavelength.
+    spectral : dict of str: dict of int: SpectralImage
+        A picture with spectra, by the number of its wavelengths; none for a lens of a single one.
+    """
+    pitch_um = pitch_um if pitch_um is not None else lens.sensor_mm[0] * 1e3 / shape_px[1]
+    nm = lens.reference_wavelength_nm
+    pictures = {"points": point_grid(shape_px, pitch_um, nm), "checkerboard": checkerboard(shape_px, pitch_um, nm)}
+    first, last = max(BAND_NM[0], lens.wavelengths_nm[0]), min(BAND_NM[1], lens.wavelengths_nm[-1])
+    if last <= first:
+        return pictures, {}
+    return pictures, {"colour chart": {
+        count: colour_chart(shape_px, pitch_um, np.linspace(first, last, count) if count > 1 else [nm])
+        for count in WAVELENGTHS}}
+
+
+def thinned(name, radiance):
+    """A picture at fewer of its wavelengths and at all of them, as `measure` takes it.
+
+    Empty for a picture of a single wavelength, or of no light that an eye sees.
+    """
+    every, chosen = radiance.wavelengths_nm.size, {}
+    if every == 1 or not to_rec709(radiance).any():
+        return {}
+    for count in [n for n in WAVELENGTHS if n < every] + [every]:
+        index = np.round(np.linspace(0, every - 1, count)).astype(int) if count > 1 else [every // 2]
+        chosen[count] = replace(radiance, cube=radiance.cube[index], wavelengths_nm=radiance.wavelengths_nm[index])
+    return {name: chosen}
+
+
+def cropped_frame(radiance, lens, shape_px):
+    """The middle of a picture's frame, of this many rows and columns or one more; light around it still comes in."""
+    margin = [max(0, (n - wanted) // 2) for n, wanted in zip(radiance.frame_px, shape_px)]
+    outside = [overscan + m for overscan, m in zip(radiance.overscan_px, margin)]
+    frame = tuple(n - 2 * m for n, m in zip(radiance.frame_px, margin))
+    needed = overscan_px(lens, frame, radiance.pitch_um, radiance.wavelengths_nm,
+                         psf_radius_px(lens, radiance.pitch_um), radiance.projection)
+    spare = tuple(max(0, have - want) for have, want in zip(outside, needed))
+    return replace(radiance, overscan_px=tuple(outside)).cropped(spare)
+
+
+def description(lens, pictures):
+    """What is measured, for the title of a plot."""
+    radiance = next(iter(pictures.values()))
+    nm, (rows, columns) = radiance.wavelengths_nm, radiance.frame_px
+    light = f"{nm[0]:g} nm" if nm.size == 1 else f"{nm.size} wavelengths"
+    return f"{lens.name}, {columns} × {rows} px of {radiance.pitch_um:g} µm, {light}"
+
+
+def settings(quick=False):
+    """(curve, Options) of all that is measured on a picture; a part of it where it is to be quick."""
+    def some(values):
+        return values[1::2] if quick else values
+
+    orders = [("paper" if order == 1 else f"order {order}", Options(section_size=size, order=order))
+              for order in SIZES for size in some(SIZES[order])]
+    return [("paper", Options(method="paper")), *orders,
+            *(("pixels", Options(method="pixels", azimuths=n)) for n in some(AZIMUTHS)),
+            *(("polar", Options(method="polar", azimuths=n)) for n in some(AZIMUTHS)),
+            *(("accuracy", Options(accuracy=accuracy)) for accuracy in some(ACCURACIES)),
+            *(("precision", Options(**BASE, precision=name)) for name in ("float32", "auto", "float64")),
+            *(("PSF support", Options(**BASE, psf_energy=energy)) for energy in some(PSF_ENERGIES))]
+
+
+def measure(lens, pictures, spectral, *, quick=False, progress=None):
+    """Measure everything.
+
+    Parameters
+    ----------
+    lens : Lens
+    pictures : dict of str: SpectralImage
+        Radiance; the exact operator is applied to each.
+    spectral : dict of str: dict of int: SpectralImage
+        Pictures at several numbers of wavelengths. The errors are those of what they are in linear Rec. 709, against
+        that of the most wavelengths.
+    quick : bool
+        Fewer settings, each timed once.
+    progress : callable (fraction, label), optional
+
+    Returns
+    -------
+    list of Row
+
+    Raises
+    ------
+    LensError, ImageError
+        As `simulate` does; or a picture is black.
+    """
+    chosen, rounds = settings(quick), 1 if quick else ROUNDS
+    counts = {name: sorted(thinned, reverse=True)[::2 if quick else 1] for name, thinned in spectral.items()}
+    tell = _teller(progress, sum(
+        (EXACT_STEPS + len(chosen) * (1 + rounds)) * radiance.wavelengths_nm.size for radiance in pictures.values())
+        + sum((sum(own) + own[0]) * (1 + rounds) for own in counts.values()))
+    rows = []
+    for name, radiance in pictures.items():
+        rows += _against_exact(name, radiance, lens, chosen, rounds, tell)
+    for name, own in counts.items():
+        rows += _against_most_wavelengths(name, {count: spectral[name][count] for count in own}, lens, rounds, tell)
+    return rows
+
+
+def _teller(progress, steps):
+    """A function (label, its steps) that tells how far the work is, before each part of it."""
+    done = 0
+
+    def tell(label, own=1):
+        nonlocal done
+        if progress:
+            progress(min(1.0, done / steps), label)
+        done += own
+
+    return tell
+
+
+def _against_exact(name, radiance, lens, chosen, rounds, tell):
+    """Rows of a picture, the exact operator's first: it runs once, timed and traced together."""
+    planes = radiance.wavelengths_nm.size
+    tell(f"{name}: {EXACT} takes long", EXACT_STEPS * planes)
+    begin = time.perf_counter()
+    exact, row = _traced_row(radiance, lens, Options(method="exact"))
+    seconds = time.perf_counter() - begin
+    if not exact.cube.any():
+        raise ImageError(name, "radiance", "black", "a picture without light has no relative error")
+    rows = [replace(row, image=name, curve="exact", against=EXACT)]
+    for number, (curve, options) in enumerate(chosen, 1):
+        tell(f"{name}: error and memory, {number} of {len(chosen)}", planes)
+        result, row = _traced_row(radiance, lens, options)
+        rows.append(replace(row, image=name, curve=curve, against=EXACT, **errors(result.cube, exact.cube)))
+    work = [(radiance, lens, options) for _, options in chosen]
+    return _with_times(rows, [seconds, *_best_seconds(name, work, rounds, tell)])
+
+
+def _against_most_wavelengths(name, spectral, lens, rounds, tell):
+    """Rows of one picture at several numbers of wavelengths, descending."""
+    most = max(spectral)
+    against = f"{most} wavelengths in Rec. 709"
+    chosen = [("wavelengths", Options(**BASE), count) for count in spectral]
+    chosen += [("paper", Options(method="paper"), most)]
+    rows, best = [], None
+    for curve, options, count in chosen:
+        tell(f"{name}: error and memory, {count} wavelengths", count)
+        result, row = _traced_row(spectral[count], lens, options)
+        picture = to_rec709(result)
+        best = picture if best is None else best
+        rows.append(replace(row, image=name, curve=curve, against=against, **errors(picture, best)))
+    work = [(spectral[count], lens, options) for _, options, count in chosen]
+    return _with_times(rows, _best_seconds(name, work, rounds, tell))
+
+
+def _traced_row(radiance, lens, options):
+    """Irradiance, and a Row of the plan and the memory that it took."""
+    report = Report()
+    result, peak_mb = _traced(lambda: simulate(radiance, lens, options, report=report))
+    plan = report.facts["plan"]
+    in_sections = plan["method"] in ("polar", "sections", "paper")
+    by_section = plan["precision"] == "float32" and plan["single_range"] is not None
+    return result, Row(
+        image="", curve="", method=plan["method"], section_size=plan["section_size"] if in_sections else None,
+        order=plan["order"] if in_sections and not plan["azimuths"] else None, azimuths=plan["azimuths"] or None,
+        precision="auto" if by_section else plan["precision"], psf_energy=1 - plan["trimmed_energy"],
+        accuracy=options.accuracy, wavelengths=radiance.wavelengths_nm.size, seconds=np.nan, seconds_over_paper=np.nan,
+        peak_mb=peak_mb, relative_l2=0.0, maximum_error=0.0, l1=0.0, predicted_bound=plan["error_bound"], against="")
+
+
+def _best_seconds(name, work, rounds, tell):
+    """The least wall time of each of several works (radiance, lens, options).
+
+    They take turns, so that a moment at which the machine is busy with something else spoils no one of them.
+    """
+    best = np.full(len(work), np.inf)
+    for turn in range(1, rounds + 1):
+        for index, (radiance, lens, options) in enumerate(work):
+            tell(f"{name}: time, round {turn} of {rounds}", radiance.wavelengths_nm.size)
+            begin = time.perf_counter()
+            simulate(radiance, lens, options)
+            best[index] = min(best[index], time.perf_counter() - begin)
+    return best.tolist()
+
+
+def _with_times(rows, seconds):
+    """The rows with their times, and these over that of the paper's method among them."""
+    paper_s = next(own for row, own in zip(rows, seconds) if row.method == "paper")
+    return [replace(row, seconds=own, seconds_over_paper=own / paper_s) for row, own in zip(rows, seconds)]
+
+
+def _traced(work):
+    """What some work comes to, and the most memory that it held, in MB."""
+    traced_before = tracemalloc.is_tracing()
+    if not traced_before:
+        tracemalloc.start()
+    try:
+        tracemalloc.reset_peak()
+        held, _ = tracemalloc.get_traced_memory()
+        result = work()
+        return result, (tracemalloc.get_traced_memory()[1] - held) / 1e6
+    finally:
+        if not traced_before:
+            tracemalloc.stop()
+
+
+def errors(result, exact):
+    """Relative errors of an array: {"relative_l2", "maximum_error", "l1"}, over norm, maximum and sum of `exact`."""
+    difference, exact = np.abs(np.subtract(result, exact, dtype=np.float64)), np.abs(exact, dtype=np.float64)
+    return {"relative_l2": float(np.linalg.norm(difference) / np.linalg.norm(exact)),
+            "maximum_error": float(difference.max() / exact.max()), "l1": float(difference.sum() / exact.sum())}
+
+
+def write_table(rows, path):
+    """Write rows as CSV, whole or not at all; what a row does not have is empty."""
+    with atomic_path(path) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
+        table = csv.DictWriter(file, [field.name for field in fields(Row)], lineterminator="\n")
+        table.writeheader()
+        for row in rows:
+            table.writerow({name: f"{value:.7g}" if isinstance(value, float) else value
+                            for name, value in asdict(row).items()})

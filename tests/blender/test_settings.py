@@ -1,0 +1,147 @@
+"""The settings of a scene: what they ask of the engine, how panels show them, and what renders of a session share."""
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+from small_scenes import WAVELENGTHS_NM, light, material, render, set_world, wall
+
+from lensfield import addon
+from lensfield.addon.lenses import load_lens
+from lensfield.addon.panels import draw_settings
+from lensfield.addon.render import kept
+from lensfield.engine import Lens, Options, simulate
+from lensfield.engine import kept as keeping
+from lensfield.engine.exr import read_exr
+from lensfield.engine.lens_files import BUNDLED
+from lensfield.engine.options import DEFAULT_ACCURACY
+
+BLEND = Path(__file__).resolve().parents[2] / "sample_scenes" / "evening_chess.blend"
+
+
+@pytest.mark.parametrize("settings, options", [
+    ({}, Options(accuracy=DEFAULT_ACCURACY)),
+    ({"accuracy": 0.003}, Options(accuracy=0.003)),
+    ({"accuracy": 1e-6}, Options(accuracy=1e-6)),
+    ({"accuracy": 0.1, "section_size": 8, "order": "1", "method": "EXACT"}, Options(accuracy=0.1)),
+    ({"out_of_field": "VIGNETTE", "fireflies": "CLAMP"},
+     Options(accuracy=DEFAULT_ACCURACY, out_of_field="vignette", fireflies="clamp")),
+    ({"quality": "KNOBS"}, Options(method="sections", section_size=32, order=2)),
+    ({"quality": "KNOBS", "section_size": 8, "order": "4", "accuracy": 0.1, "fireflies": "CLAMP"},
+     Options(method="sections", section_size=8, order=4, fireflies="clamp")),
+    ({"quality": "KNOBS", "method": "PIXELS", "azimuths": 16}, Options(method="pixels", azimuths=16)),
+    ({"quality": "KNOBS", "method": "EXACT"}, Options(method="exact"))], ids=str)
+def test_settings_come_to_options(scene, settings, options):
+    for name, value in settings.items():
+        setattr(scene.lensfield, name, value)
+    assert scene.lensfield.to_options() == options
+
+
+@pytest.mark.parametrize("preset, accuracy", [("PREVIEW", 0.1), ("STANDARD", DEFAULT_ACCURACY), ("REFERENCE", 0.001)])
+def test_presets_set_the_accuracy(scene, preset, accuracy):
+    scene.lensfield.accuracy = 0.5
+    assert bpy.ops.lensfield.set_accuracy(preset=preset) == {"FINISHED"}
+    assert scene.lensfield.to_options().accuracy == accuracy
+
+
+class Layout:
+    """Stands in for Blender's, which draws only in windows: notes which properties and operators are shown."""
+
+    def __init__(self, shown=None):
+        self.shown = [] if shown is None else shown
+
+    def prop(self, owner, name, **_):
+        assert name in owner.bl_rna.properties
+        self.shown.append(name)
+
+    def operator(self, name, **_):
+        self.shown.append(name)
+
+    def operator_enum(self, name, enum):
+        module, function = name.split(".")
+        assert enum in getattr(getattr(bpy.ops, module), function).get_rna_type().properties
+        self.shown.append(name)
+
+    def column(self, **_):
+        return Layout(self.shown)
+
+    row = column
+
+    def label(self, **_):
+        pass
+
+    separator = label
+
+
+@pytest.mark.parametrize("settings, shown", [
+    ({}, {"accuracy", "lensfield.set_accuracy"}),
+    ({"quality": "KNOBS"}, {"method", "section_size", "order"}),
+    ({"quality": "KNOBS", "method": "PIXELS"}, {"method", "azimuths"}),
+    ({"quality": "KNOBS", "method": "EXACT"}, {"method"})], ids=str)
+def test_panels_show_what_counts(scene, settings, shown):
+    for name, value in settings.items():
+        setattr(scene.lensfield, name, value)
+    layout = Layout()
+    draw_settings(layout, scene)
+    either = {"accuracy", "lensfield.set_accuracy", "method", "section_size", "order", "azimuths"}
+    assert either & set(layout.shown) == shown
+    assert {"quality", "out_of_field", "fireflies", "lensfield.render"} <= set(layout.shown)
+
+
+def test_a_file_that_knows_no_accuracy_takes_the_default():
+    bpy.ops.wm.open_mainfile(filepath=str(BLEND))
+    assert bpy.context.scene.lensfield.to_options().accuracy == DEFAULT_ACCURACY
+
+
+def lit_scene(scene):
+    light(scene, "POINT", 20.0, color=(1, 0.5, 0.2), shadow_soft_size=0.0)
+    wall(scene, material("Paint", "ShaderNodeBsdfDiffuse", (0.7, 0.3, 0.05))[0])
+
+
+def test_a_render_by_accuracy_keeps_what_it_promises(scene, tmp_path):
+    lit_scene(scene)
+    result = render(scene, tmp_path, options=Options(accuracy=0.02))
+    assert result.report.facts["plan"]["error_bound"] <= 0.02
+    radiance, image = read_exr(result.radiance), read_exr(result.irradiance)
+    true = simulate(radiance, Lens.load("edmund-54852"), Options(method="exact"))
+    for plane, true_plane in zip(image.cube.astype(float), true.cube):
+        assert np.abs(plane - true_plane).sum() <= 0.02 * true_plane.sum()
+
+
+@pytest.mark.parametrize("options", [
+    Options(), Options(section_size=16, order=3), Options(method="pixels", azimuths=8)], ids=repr)
+def test_later_renders_share_the_lens_and_come_out_the_same(scene, tmp_path, monkeypatch, options):
+    kept.cache_clear()
+    lit_scene(scene)
+    first = render(scene, tmp_path / "first", options=options)
+    made = []
+    monkeypatch.setattr(keeping, "Channel", lambda *arguments, **_: made.append(arguments))
+    again = render(scene, tmp_path / "again", options=options)
+    set_world(scene, strength=0.3)
+    other = render(scene, tmp_path / "other", options=options)
+    assert not made
+    monkeypatch.undo()
+    assert np.array_equal(read_exr(again.irradiance).cube, read_exr(first.irradiance).cube)
+    alone = simulate(read_exr(other.radiance), Lens.load("edmund-54852"), options)
+    assert np.array_equal(read_exr(other.irradiance).cube, alone.cube)
+    assert not np.array_equal(alone.cube, read_exr(first.irradiance).cube)
+
+
+def test_another_lens_file_of_the_same_name_is_read_anew(tmp_path):
+    path = tmp_path / "lens.npz"
+    path.write_bytes((BUNDLED / "edmund-54852.npz").read_bytes())
+    lens = load_lens(path)
+    assert load_lens(path) is lens and load_lens(str(path)) is lens
+    path.touch()
+    assert load_lens(path) is not lens
+
+
+def test_what_is_kept_is_freed_with_the_addon(scene, tmp_path):
+    render(scene, tmp_path, WAVELENGTHS_NM[:1])
+    assert kept.cache_info().currsize == 1
+    addon.unregister()
+    try:
+        assert kept.cache_info().currsize == 0
+    finally:
+        addon.register()

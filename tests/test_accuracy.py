@@ -1,0 +1,165 @@
+"""Accuracy asked for by its result: the bound holds for every lens and scene, and is no looser than it must be."""
+
+import numpy as np
+import pytest
+from lenses import gaussian_psf, make_lens
+from lensfield.engine import InputError, Lens, Options, Report, SpectralImage, simulate
+from lensfield.engine.accuracy import azimuth_error
+from lensfield.engine.geometry import FieldGeometry
+from lensfield.engine.planner import make_plan
+from lensfield.engine.polar import PolarTables
+from lensfield.engine.psf import PsfBank
+
+PITCH_UM = 20.0
+WINDOW = 31
+
+
+def random_lens(seed, heights=7):
+    """PSFs of a few blobs that stretch and wander with the field and the wavelength, symmetric or not; distortion."""
+    rng = np.random.default_rng(seed)
+    offset = np.arange(WINDOW) - WINDOW // 2
+    v, u = np.meshgrid(offset, offset, indexing="ij")
+    table = np.zeros((2, heights, WINDOW, WINDOW))
+    for _ in range(3):
+        share, width, stretch, coma, colour = rng.random(5)
+        sideways = 3 * rng.random() if seed % 2 else 0
+        for wavelength, height in np.ndindex(2, heights):
+            field = height / (heights - 1)
+            sigma_v, sigma_u = 1 + 3 * width + 3 * stretch * field, 1 + 3 * width + wavelength * colour
+            table[wavelength, height] += (0.1 + share) * np.exp(
+                -(v - 6 * coma * field) ** 2 / (2 * sigma_v**2) - (u - sideways * field) ** 2 / (2 * sigma_u**2))
+    table /= table.sum(axis=(2, 3), keepdims=True)
+    strength = rng.uniform(-0.1, 0.05)
+    return make_lens(table, lambda nm, p: p + strength * p**3 / 4, lambda nm, p: 1 - 0.1 * p**2,
+                     heights_mm=np.linspace(0, 2, heights), psf_pitch_um=rng.choice([4.0, 8.0]))
+
+
+def noise(rng):
+    return rng.random((60, 76))
+
+
+def points(rng):
+    return (rng.random((60, 76)) > 0.98) * rng.random((60, 76))
+
+
+def bright_range(rng):
+    return 10.0 ** rng.uniform(-4, 6, (60, 76))
+
+
+def edges_and_sky(rng):
+    plane = np.full((60, 76), 0.2)
+    plane[20:40, 10:50], plane[30:36, 30:34] = 1.0, 1e4
+    return plane
+
+
+SCENES = (noise, points, bright_range, edges_and_sky)
+
+
+def error_over_light(options, lens, image):
+    """Sum of |error| over the light that the picture was made of, and the report."""
+    report = Report()
+    result = simulate(image, lens, options, report=report).cube.astype(float)
+    exact = simulate(image, lens, Options(method="exact", out_of_field=options.out_of_field)).cube
+    light = report.facts["energy"]["in_w_per_nm"] / (image.pitch_um * 1e-6) ** 2
+    return np.abs(result - exact).sum() / light, report.facts["plan"]
+
+
+@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("seed", range(4))
+def test_no_scene_is_wrong_by_more_than_the_bound(seed, scene):
+    rng = np.random.default_rng(100 + seed)
+    centre = None if seed < 2 else (12.3, 70.8)
+    image = SpectralImage(scene(rng)[None], [rng.uniform(400, 700)], pitch_um=PITCH_UM, centre_px=centre)
+    lens = random_lens(seed)
+    for accuracy in (0.1, 1e-2, 1e-3):
+        error, plan = error_over_light(Options(accuracy=accuracy), lens, image)
+        assert error <= plan["error_bound"] <= accuracy
+
+
+def test_the_bound_holds_at_every_wavelength():
+    lens = random_lens(0)
+    nm = np.linspace(400, 700, 6)
+    image = SpectralImage(np.random.default_rng(1).random((6, 60, 76)), nm, pitch_um=PITCH_UM)
+    error, plan = error_over_light(Options(accuracy=0.01), lens, image)
+    assert error <= plan["error_bound"] <= 0.01
+
+
+@pytest.mark.parametrize("method", ["polar", "pixels"])
+def test_a_method_may_be_named_beside_an_accuracy(method):
+    image = SpectralImage(np.random.default_rng(1).random((60, 76)), [550], pitch_um=PITCH_UM)
+    error, plan = error_over_light(Options(accuracy=0.01, method=method), random_lens(0), image)
+    assert plan["method"] == method and error <= plan["error_bound"] <= 0.01
+
+
+def worst_point(plan, lens, radiance, places=3000):
+    """The largest ||PSF used - PSF true||_1 found over the picture: the share of a point's light that is misplaced."""
+    nm, pitch_um = radiance.wavelengths_nm[0], radiance.pitch_um
+    table = PolarTables(lens, [nm], pitch_um, plan.support_um, plan.azimuths, False, np.float64).at_wavelength(nm)
+    bank, field = PsfBank(lens.at_wavelength(nm), pitch_um), FieldGeometry(lens.at_wavelength(nm), lens.name)
+    rng, (rows, columns) = np.random.default_rng(3), radiance.frame_px
+    x_mm, y_mm = (rng.uniform(-n / 2, n / 2, places) * pitch_um * 1e-3 for n in (columns, rows))
+    where = field.paraxial_height_mm(np.hypot(x_mm, y_mm)), np.arctan2(y_mm, x_mm)
+    rim = bank.radius_px - table.radius_px
+    used = np.pad(table.psfs(*where), ((0, 0), (rim, rim), (rim, rim)))
+    return float(np.abs(used - bank.psfs(*where)).sum(axis=(1, 2)).max())
+
+
+@pytest.mark.parametrize("accuracy", [0.1, 0.03, 0.01, 1e-3])
+@pytest.mark.parametrize("lens, pitch_um", [(Lens.load("edmund-54852"), 6.25), (Lens.load("edmund-54852"), 12.5),
+                                            (random_lens(0), PITCH_UM), (random_lens(1), PITCH_UM)],
+                         ids=["edmund", "edmund coarse", "random", "random lopsided"])
+def test_the_bound_is_within_twice_the_worst_point(lens, pitch_um, accuracy):
+    radiance = SpectralImage(np.zeros((1, int(2400 / pitch_um), int(3600 / pitch_um))), [587.6], pitch_um=pitch_um)
+    plan = make_plan(Options(accuracy=accuracy, method="pixels"), lens, radiance)
+    worst = worst_point(plan, lens, radiance)
+    assert worst <= plan.error_bound <= accuracy
+    if plan.azimuths > 2:  # the fewest may be more than are needed
+        assert plan.error_bound <= 2 * worst + accuracy / 12  # besides, the shares for flat light and rounding
+
+
+def test_the_error_between_azimuths_falls_with_their_number():
+    bank = PsfBank(Lens.load("edmund-54852").at_wavelength(587.6), 6.25)
+    errors = [azimuth_error(bank, azimuths, np.inf, azimuths) for azimuths in (4, 8, 16, 32)]
+    assert all(after < before / 2 for before, after in zip(errors, errors[1:]))
+
+
+def test_some_azimuths_tell_of_all():
+    lens = Lens.load("edmund-54852")
+    for nm, pitch_um in ((400, 6.25), (587.6, 2.5), (700, 12.0)):
+        bank = PsfBank(lens.at_wavelength(nm), pitch_um)
+        every = azimuth_error(bank, 48, np.inf, 48) / 1.1
+        assert every <= azimuth_error(bank, 48, np.inf, 12) <= 2 * every
+
+
+def test_one_psf_for_all_is_one_convolution():
+    lens = make_lens(gaussian_psf(30, 30, 10.0, 25), psf_pitch_um=10.0)
+    image = SpectralImage(np.random.default_rng(1).random((60, 76)), [550], pitch_um=PITCH_UM)
+    error, plan = error_over_light(Options(accuracy=0.03), lens, image)
+    assert (plan["method"], plan["order"]) == ("sections", 1) and plan["section_size"] >= 38
+    assert error <= plan["error_bound"] <= 0.03
+
+
+def test_what_cannot_be_had_otherwise_is_exact():
+    image = SpectralImage(np.random.default_rng(1).random((20, 24)), [550], pitch_um=PITCH_UM)
+    error, plan = error_over_light(Options(accuracy=1e-9), random_lens(0), image)
+    assert plan["method"] == "exact" and error < 1e-7
+
+
+def test_saying_nothing_asks_for_one_hundredth():
+    image = SpectralImage(np.ones((20, 24)), [550], pitch_um=PITCH_UM)
+    plan = make_plan(Options(), random_lens(0), image)
+    assert plan == make_plan(Options(accuracy=0.01), random_lens(0), image) or plan.error_bound <= 0.01
+
+
+def test_the_plan_predicts_more_time_for_more_light():
+    lens = random_lens(0)
+    small, large = (make_plan(Options(), lens, SpectralImage(np.ones((1, n, n)), [550], pitch_um=PITCH_UM))
+                    for n in (50, 500))
+    many = make_plan(Options(), lens, SpectralImage(np.ones((9, 500, 500)), np.linspace(400, 700, 9), PITCH_UM))
+    assert small.seconds < large.seconds < many.seconds and small.memory_mb < large.memory_mb
+
+
+@pytest.mark.parametrize("accuracy", [0, -1, 2, np.nan, "fine", True])
+def test_an_accuracy_that_is_none_is_named(accuracy):
+    with pytest.raises(InputError, match="options: accuracy"):
+        Options(accuracy=accuracy)

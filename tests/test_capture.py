@@ -1,0 +1,226 @@
+"""Captures: how much more than the frame they show, and that a fisheye's serves as well as a plane's."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from lenses import gaussian_psf, lit_pixels, make_lens
+from lensfield.engine import Lens, Options, SpectralImage, simulate
+from lensfield.engine.capture import LARGEST_OVERSCAN, choose_capture, image_radius, overscan_px
+from lensfield.engine.psf import psf_radius_px
+from lensfield.engine.spectral_image import FISHEYE, PLANE, pixel_axes_mm
+
+E_AXIS = np.pi / 16
+SECTIONS = Options(16, 2)
+
+
+def lens_of(real_height_mm=None, last_mm=3.0, focal_mm=2.0, **changes):
+    """A lens focused at infinity: heights are focal_mm times the tangent of the angle."""
+    heights = np.linspace(0, last_mm, 31)
+    return make_lens(real_height_mm=real_height_mm and (lambda nm, p: real_height_mm(p)), heights_mm=heights,
+                     efl_mm=focal_mm, object_distance_mm=np.inf, magnification=0.0, **changes)
+
+
+def barrel(p):
+    """8 % barrel distortion at 2 mm."""
+    return p - 0.02 * p**3
+
+
+def fisheye(p):
+    """An equidistant lens of 2 mm: what stands at 56 degrees, 3 mm, lies at 1.97 mm."""
+    return 2 * np.arctan(p / 2)
+
+
+@pytest.mark.parametrize("scale, rows, columns", [(0.9, 55 / 0.9 - 50, 105 / 0.9 - 100), (1.0, 5, 5), (1.2, 5, 5)])
+def test_overscan_is_what_distortion_and_blur_need_and_hardly_more(scale, rows, columns):
+    lens = make_lens(real_height_mm=lambda nm, p: scale * p)
+    overscan = overscan_px(lens, (100, 200), 10.0, [550.0], 5)
+    assert rows <= overscan[0] <= rows + 2
+    assert columns <= overscan[1] <= columns + 2
+
+
+def test_overscan_serves_the_wavelength_that_needs_most():
+    lens = make_lens(real_height_mm=lambda nm, p: p * np.where(nm < 500, 0.8, 1.0))
+    assert overscan_px(lens, (100, 100), 10.0, [400, 700], 0) == overscan_px(lens, (100, 100), 10.0, [400], 0)
+
+
+def test_overscan_for_barrel_is_set_by_the_corner():
+    # Half a frame is 100 x 100 px of 10 um: its corner is sqrt(2) mm from the axis.
+    lens = make_lens(real_height_mm=lambda nm, p: barrel(p), heights_mm=np.linspace(0, 2.5, 26))
+    corner_paraxial = next(p for p in np.linspace(1.41, 1.6, 100001) if barrel(p) >= np.sqrt(2))
+    needed = 100 * corner_paraxial / np.sqrt(2) - 100
+    assert needed <= overscan_px(lens, (200, 200), 10.0, [550], 0)[0] <= needed + 2
+
+
+@pytest.mark.parametrize("scale", [0.3, 0.7, 1.0])
+def test_overscan_of_a_fisheye_capture_is_the_arc_of_the_edges_middle(scale):
+    # At real height r the light comes from r / scale, and lies at 2 mm times the angle: on an edge, farthest at its
+    # middle. Half a frame is 50 x 100 px of 10 um, and the PSFs reach 3 px.
+    overscan = overscan_px(lens_of(lambda p: scale * p, last_mm=6), (100, 200), 10.0, [550.0], 3, FISHEYE)
+    for margin, half in zip(overscan, (50, 100)):
+        needed = max(200 * np.arctan((half + 3) * 0.01 / scale / 2), half + 3) - half
+        assert needed <= margin <= needed + 2
+
+
+@pytest.mark.parametrize("scale, projection", [(1.2, PLANE), (1.0, PLANE), (0.52, PLANE), (0.48, FISHEYE),
+                                               (0.2, FISHEYE)])
+def test_a_fisheye_is_chosen_beyond_twice_the_frame(scale, projection):
+    assert LARGEST_OVERSCAN == 2
+    lens = lens_of(lambda p: scale * p, last_mm=12)
+    chosen, margins = choose_capture(lens, (100, 200), 10.0, [550.0], 4)
+    assert chosen == projection
+    assert margins == overscan_px(lens, (100, 200), 10.0, [550.0], 4, projection)
+
+
+def test_a_fisheye_capture_is_the_smaller_one_where_it_is_chosen():
+    lens = lens_of(fisheye, last_mm=12)
+    # The corner, 2.41 mm from the axis, looks 2 mm tan(2.41 / 2) = 5.2 mm off: 2.16 times as far.
+    chosen, margins = choose_capture(lens, (320, 360), 10.0, [550.0], 4)
+    plane = overscan_px(lens, (320, 360), 10.0, [550.0], 4)
+    assert chosen == FISHEYE and all(own < other for own, other in zip(margins, plane))
+
+
+def test_the_papers_lens_needs_no_fisheye():
+    lens = Lens.load("edmund-54852")
+    assert choose_capture(lens, (576, 768), 6.25, lens.wavelengths_nm, psf_radius_px(lens, 6.25))[0] == PLANE
+
+
+@pytest.mark.parametrize("angle_deg", [0.001, 10, 45, 80])
+def test_a_fisheye_shows_an_angle_at_its_arc(angle_deg):
+    angle = np.radians(angle_deg)
+    radius_mm, slope = image_radius(FISHEYE, lens_of(focal_mm=2.0))(2.0 * np.tan(angle))
+    assert radius_mm == pytest.approx(2.0 * angle, rel=1e-12)
+    assert slope == pytest.approx(np.cos(angle)**2, rel=1e-9)  # d arc / d tangent
+
+
+def test_the_angle_is_that_seen_from_the_entrance_pupil():
+    # Object 95 mm from the first surface, the pupil 5 mm behind it, magnification -1/10: 10 mm of tangent.
+    lens = make_lens(magnification=-0.1, object_distance_mm=95.0, entrance_pupil_mm=5.0)
+    assert image_radius(FISHEYE, lens)(10.0)[0] == pytest.approx(10 * np.pi / 4)
+
+
+def scene(x_mm, y_mm):
+    """Smooth light of many directions, by paraxial image place."""
+    return 2 + np.sin(3 * x_mm + 1) * np.cos(4 * y_mm) + 0.5 * np.sin(5 * (x_mm + y_mm))
+
+
+def capture(lens, projection, shape, overscan, pitch_um, centre_px=None, light=scene):
+    """The scene as a camera of this projection shows it, its pixels sampled at their middles."""
+    whole = tuple(n + 2 * margin for n, margin in zip(shape, overscan))
+    centre = centre_px or tuple((n - 1) / 2 for n in whole)
+    x_mm, y_mm = pixel_axes_mm(whole, centre, pitch_um)
+    x_mm, y_mm = np.broadcast_arrays(x_mm[None, :], y_mm[:, None])
+    if projection == FISHEYE:
+        radius_mm = np.hypot(x_mm, y_mm)
+        focal_mm = lens.capture_focal_length_mm
+        tangent_mm = focal_mm * np.tan(np.minimum(radius_mm / focal_mm, 1.5))
+        stretch = np.divide(tangent_mm, radius_mm, out=np.ones(whole), where=radius_mm > 0)
+        x_mm, y_mm = x_mm * stretch, y_mm * stretch
+    return SpectralImage(light(x_mm, y_mm)[None], [550.0], pitch_um=pitch_um, overscan_px=overscan, centre_px=centre,
+                         projection=projection)
+
+
+def either_camera(lens, shape, pitch_um, options, centre_px=None, overscan=None):
+    """Pictures of the scene by a plane and by a fisheye camera."""
+    for projection in (PLANE, FISHEYE):
+        margins = overscan or overscan_px(lens, shape, pitch_um, [550.0], psf_radius_px(lens, pitch_um), projection)
+        yield simulate(capture(lens, projection, shape, margins, pitch_um, centre_px), lens, options).cube[0]
+
+
+STEEPEST = 12
+"""The scene's slopes along x and y add up to less than 5.5 + 6.5 per mm."""
+RESAMPLING = 0.0858 * 0.02 * STEEPEST * 1.1 * E_AXIS
+"""A box e px wide over pixels of even light shows a slope but for (e - 1)(2 - e) / 2 e px, 0.0858 at most, at the root
+of 2; the pixels are 20 um. A tenth more for curvature."""
+
+
+@pytest.mark.parametrize("shape", [(100, 120), (101, 121)])
+@pytest.mark.parametrize("options", [SECTIONS, Options(azimuths=8)])
+@pytest.mark.parametrize("blur", [None, gaussian_psf(15, 10, 5.0, 13)])
+def test_a_pattern_is_the_same_picture_by_either_camera(shape, options, blur):
+    lens = lens_of(fisheye) if blur is None else lens_of(fisheye, psf=blur, psf_pitch_um=5.0)
+    np.testing.assert_allclose(*either_camera(lens, shape, 20.0, options), atol=RESAMPLING, rtol=0)
+
+
+def test_what_is_between_the_cameras_is_resampling_and_falls_with_the_pitch():
+    coarse, fine = (np.abs(np.subtract(*either_camera(lens_of(fisheye), (n, n), 2000 / n, SECTIONS))).max()
+                    for n in (100, 200))
+    assert coarse / fine > 1.7
+
+
+def test_by_an_equidistant_lens_a_fisheye_capture_of_its_own_scale_comes_through_as_it_is():
+    lens, shape = lens_of(fisheye), (61, 81)
+    image = capture(lens, FISHEYE, shape, (2, 2), 20.0)
+    result = simulate(image, lens, Options(1, 1, precision="float64"))
+    # But for the fit of the distortion, which is good to 1e-5 of 3 mm.
+    np.testing.assert_allclose(result.cube, E_AXIS * image.frame().cube, atol=3e-5 * STEEPEST * E_AXIS, rtol=1e-6)
+
+
+def test_an_axis_off_the_middle_serves_as_well():
+    pictures = either_camera(lens_of(fisheye), (60, 80), 20.0, SECTIONS, (50.0, 95.0), (40, 40))
+    np.testing.assert_allclose(*pictures, atol=RESAMPLING, rtol=0)
+
+
+@pytest.mark.parametrize("x_px, y_px", [(40, 0), (0, 40), (-30, 20), (25, -35), (0, 0)])
+def test_a_point_of_a_fisheye_capture_lands_where_its_direction_does(x_px, y_px):
+    """A pixel at the arc 2 mm * angle stands for the height 2 mm * tan(angle), which this lens lays at 0.9 of it."""
+    lens = lens_of(lambda p: 0.9 * p, last_mm=4)
+    image = SpectralImage(np.zeros((1, 161, 161)), [550.0], pitch_um=20.0, projection=FISHEYE)
+    image.cube[0, 80 - y_px, 80 + x_px] = 1
+    lit = lit_pixels(simulate(image, lens, Options(1, 1, precision="float64")))
+    radius_mm = 0.02 * np.hypot(x_px, y_px)
+    stretch = 0.9 * 2 * np.tan(radius_mm / 2) / radius_mm if radius_mm else 0.9
+    total = sum(lit.values())
+    centroid = [sum(place[axis] * value for place, value in lit.items()) / total for axis in (0, 1)]
+    assert centroid == pytest.approx((stretch * x_px, stretch * y_px), abs=0.3)
+
+
+@pytest.mark.parametrize("projection", [PLANE, FISHEYE])
+def test_even_light_is_even_by_either_camera(projection):
+    lens = lens_of(fisheye)
+    margins = overscan_px(lens, (120, 160), 20.0, [550.0], 1, projection)
+    image = capture(lens, projection, (120, 160), margins, 20.0, light=lambda x_mm, y_mm: np.full(x_mm.shape, 3.0))
+    np.testing.assert_allclose(simulate(image, lens, SECTIONS).cube, 3 * E_AXIS, rtol=2e-6)
+
+
+def test_a_picture_is_a_plane_whatever_its_capture_was():
+    lens = lens_of(fisheye)
+    result = simulate(capture(lens, FISHEYE, (40, 40), (3, 3), 20.0), lens, SECTIONS)
+    assert result.projection == PLANE
+
+
+@pytest.mark.parametrize("projection", [PLANE, FISHEYE])
+@pytest.mark.parametrize("real_height_mm", [lambda p: p, barrel, fisheye, lambda p: 0.5 * p, lambda p: p + 0.03 * p**3,
+                                            lambda p: p * (1 - 0.1 * p**2 + 0.012 * p**4)])
+@pytest.mark.parametrize("shape", [(40, 56), (41, 55)])
+def test_overscan_suffices(shape, real_height_mm, projection):
+    """Whatever lies beyond the overscan that is asked for, not a pixel of the frame changes by it."""
+    lens = lens_of(real_height_mm, psf=gaussian_psf(40, 25, 12.5, 9), psf_pitch_um=12.5)
+    pitch_um = 40.0
+    needed = overscan_px(lens, shape, pitch_um, [550.0], psf_radius_px(lens, pitch_um), projection)
+    large = tuple(margin + 11 for margin in needed)
+    cube = np.random.default_rng(2).random((1, *(n + 2 * margin for n, margin in zip(shape, large))))
+    facts = dict(wavelengths_nm=[550.0], pitch_um=pitch_um, projection=projection)
+    for options in (SECTIONS, Options(method="pixels", azimuths=4)):
+        wide = simulate(SpectralImage(cube, overscan_px=large, **facts), lens, options)
+        enough = simulate(SpectralImage(cube[:, 11:-11, 11:-11], overscan_px=needed, **facts), lens, options)
+        np.testing.assert_allclose(enough.cube, wide.cube, rtol=1e-6)
+
+
+def test_less_overscan_than_asked_for_does_not_suffice():
+    lens = lens_of(barrel)
+    needed = overscan_px(lens, (80, 80), 40.0, [550.0], psf_radius_px(lens, 40.0))
+    cubes = [np.pad(np.ones((1, 80, 80)), ((0, 0), (m, m), (m, m)), constant_values=1.0)
+             for m in (needed[0], needed[0] - 4)]
+    dark = [simulate(SpectralImage(cube, [550.0], pitch_um=40.0, overscan_px=2 * ((cube.shape[1] - 80) // 2,)), lens,
+                     SECTIONS).cube.min() for cube in cubes]
+    assert dark[0] == pytest.approx(E_AXIS, rel=1e-5) and dark[1] < 0.9 * E_AXIS
+
+
+def test_a_lens_focused_near_by_sees_a_fisheye_capture_by_its_own_angles():
+    """The capture's scale on the axis is |m| (object distance + pupil), not the focal length."""
+    near = replace(lens_of(fisheye), object_distance_mm=95.0, entrance_pupil_mm=5.0, magnification=-0.02)
+    far = lens_of(fisheye)
+    image = capture(far, FISHEYE, (41, 51), (2, 2), 20.0)
+    assert near.capture_focal_length_mm == pytest.approx(far.capture_focal_length_mm)
+    np.testing.assert_allclose(simulate(image, near, SECTIONS).cube, simulate(image, far, SECTIONS).cube, rtol=1e-6)

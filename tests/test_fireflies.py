@@ -1,0 +1,98 @@
+"""Pixels that are no finite number: refused by name, or given the light of their neighbours."""
+
+import numpy as np
+import pytest
+from lenses import make_lens
+from lensfield.engine import ImageError, Options, Report, SpectralImage, simulate
+from lensfield.engine.fireflies import clamp_fireflies, refuse_fireflies
+
+E_AXIS = np.pi / 16
+pytestmark = pytest.mark.filterwarnings("error")  # numbers that are none are told by an error, not on the console too
+
+
+def numbered(shape=(6, 8)):
+    return np.arange(float(np.prod(shape)), dtype=np.float32).reshape(shape)
+
+
+def image(*planes):
+    return SpectralImage(np.stack(planes), 500 + 10 * np.arange(len(planes)), pitch_um=20.0)
+
+
+@pytest.mark.parametrize("value, shown", [(np.nan, "nan"), (np.inf, "inf"), (-np.inf, "-inf")])
+def test_the_first_is_named_by_row_column_and_wavelength(value, shown):
+    planes = [numbered(), numbered(), numbered()]
+    planes[1][3, 7] = planes[1][5, 0] = planes[2][0, 0] = value
+    with pytest.raises(ImageError) as error:
+        refuse_fireflies(image(*planes))
+    text = str(error.value)
+    assert f"row 3, column 7, 510 nm is {shown}:" in text
+    assert "2 of 48" in text and "clamp" in text and "\n" not in text
+
+
+def test_infinities_that_cancel_are_found():
+    plane = numbered()
+    plane[1, 1], plane[2, 2] = np.inf, -np.inf
+    with pytest.raises(ImageError, match="row 1, column 1"):
+        refuse_fireflies(image(plane))
+
+
+def test_the_largest_floats_are_no_fireflies_though_their_sum_overflows_their_kind():
+    plane = np.full((6, 8), np.finfo(np.float32).max)
+    refuse_fireflies(image(plane))
+    assert clamp_fireflies(plane)[1] == 0
+
+
+def test_a_clean_plane_comes_back_as_it_is():
+    plane = numbered()
+    mended, count = clamp_fireflies(plane)
+    assert mended is plane and count == 0
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("row, column, brightest", [(2, 3, 28), (0, 0, 9), (5, 7, 46), (0, 7, 15), (3, 0, 33)])
+def test_a_firefly_takes_the_brightest_of_its_neighbours(row, column, brightest, value):
+    plane = numbered()
+    plane[row, column] = value
+    mended, count = clamp_fireflies(plane)
+    assert count == 1 and mended[row, column] == brightest
+    untouched = np.ones(plane.shape, dtype=bool)
+    untouched[row, column] = False
+    np.testing.assert_array_equal(mended[untouched], numbered()[untouched])
+
+
+def test_the_picture_given_is_left_as_it_was():
+    plane = numbered()
+    plane[2, 3] = np.nan
+    clamp_fireflies(plane)
+    assert np.isnan(plane[2, 3])
+
+
+def test_fireflies_side_by_side_do_not_light_one_another():
+    plane = numbered()
+    plane[2:5, 3:6] = np.inf
+    mended, count = clamp_fireflies(plane)
+    # Row r and column c of the plane hold 8 r + c; the pixel in the middle has no finite neighbour.
+    assert mended[2:5, 3:6].tolist() == [[26, 13, 30], [34, 0, 38], [44, 45, 46]]
+    assert count == 9
+
+
+def test_a_plane_of_nothing_but_fireflies_is_black():
+    mended, count = clamp_fireflies(np.full((3, 4), np.nan, dtype=np.float32))
+    assert count == 12 and not mended.any()
+
+
+@pytest.mark.parametrize("options", [Options(32, 2, fireflies="clamp"), Options(azimuths=2, fireflies="clamp"),
+                                     Options(method="exact", fireflies="clamp")])
+def test_a_picture_is_mended_and_the_report_counts(options):
+    planes = [np.ones((6, 8), np.float32), np.full((6, 8), 2, np.float32)]
+    planes[0][2, 3], planes[1][0, 0], planes[1][5, 7] = np.nan, np.inf, -np.inf
+    report = Report()
+    result = simulate(image(*planes), make_lens(), options, report=report)
+    np.testing.assert_allclose(result.cube, E_AXIS * np.array([1, 2])[:, None, None] * np.ones((2, 6, 8)), rtol=1e-6)
+    assert report.facts["fireflies_clamped"] == 3
+
+
+def test_a_clean_picture_counts_none():
+    report = Report()
+    simulate(image(numbered()), make_lens(), Options(32, 2), report=report)
+    assert report.facts["fireflies_clamped"] == 0

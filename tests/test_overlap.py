@@ -1,0 +1,159 @@
+"""Overlap-add with spreaders whose patches can be written down by hand."""
+
+import threading
+
+import numpy as np
+import pytest
+from lensfield.engine.content import Content
+from lensfield.engine.overlap import overlap_add
+
+RADIUS = 2
+
+
+def all_lit(shape, size, double=False):
+    sections = tuple(-(-n // size) for n in shape)
+    lit = np.ones(sections, dtype=bool)
+    return Content(lit, lit & double, ~lit)
+
+
+class Stamps:
+    """Spreads every pixel by the same stamp, in plain loops, and notes what it was asked for."""
+
+    def __init__(self, section_size, stamp, extra_px=0):
+        self.section_size, self.radius_px = section_size, len(stamp) // 2
+        self.space_px = section_size + 2 * self.radius_px + extra_px
+        self._stamp, self._lock = stamp, threading.Lock()
+        self.prepared, self.asked = [], []
+
+    def prepare(self, rows, content, pool):
+        self.prepared.extend(int(i) for i in rows)
+
+    def spread(self, i, columns, band):
+        assert i in self.prepared
+        size, reach = self.section_size, self.section_size + 2 * self.radius_px
+        for j in columns:
+            with self._lock:
+                self.asked.append((int(i), int(j), band.dtype.type))
+            light = band[:, :, j * size:(j + 1) * size]
+            patch = np.zeros((len(band), reach, reach), band.dtype)
+            for row, column in np.ndindex(self._stamp.shape):
+                patch[:, row:row + size, column:column + size] += light * band.dtype.type(self._stamp[row, column])
+            yield j * size, patch
+
+
+def stamp(radius=RADIUS):
+    weights = np.random.default_rng(1).random((2 * radius + 1, 2 * radius + 1))
+    return weights / weights.sum()
+
+
+POINT = np.ones((1, 1))
+
+
+def spread_by_hand(planes, weights):
+    rows, columns = planes.shape[1:]
+    canvas = np.zeros((len(planes), rows + len(weights) - 1, columns + len(weights) - 1))
+    for row, column in np.ndindex(weights.shape):
+        canvas[:, row:row + rows, column:column + columns] += planes * weights[row, column]
+    return canvas
+
+
+def noise(shape):
+    return np.random.default_rng(0).random(shape)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (5, 5), (10, 15), (11, 14), (3, 40), (40, 3)])
+@pytest.mark.parametrize("section_size", [1, 5, 7, 64])
+def test_a_stamp_that_is_a_point_gives_the_planes_back(section_size, shape):
+    planes = noise((2, *shape))
+    result = overlap_add(planes, Stamps(section_size, POINT), all_lit(shape, section_size, True))
+    np.testing.assert_array_equal(result, planes)
+
+
+@pytest.mark.parametrize("radius", [1, 4])
+@pytest.mark.parametrize("shape", [(1, 1), (5, 5), (10, 15), (11, 14), (3, 20)])
+@pytest.mark.parametrize("section_size", [1, 5, 7, 64])
+def test_patches_are_summed_where_they_lie(section_size, shape, radius):
+    planes, weights = noise((3, *shape)), stamp(radius)
+    result = overlap_add(planes, Stamps(section_size, weights), all_lit(shape, section_size, True))
+    np.testing.assert_allclose(result, spread_by_hand(planes, weights), atol=1e-14)
+
+
+def test_patches_may_be_smaller_than_the_space_that_they_are_made_in():
+    planes, weights = noise((1, 12, 17)), stamp()
+    spreader = Stamps(5, weights, extra_px=11)
+    np.testing.assert_allclose(overlap_add(planes, spreader, all_lit((12, 17), 5, True)),
+                               spread_by_hand(planes, weights), atol=1e-14)
+
+
+def test_every_lit_section_is_spread_once_and_no_other():
+    content = all_lit((20, 30), 5, True)
+    content.lit[1, 2] = content.lit[3, :] = content.double[1, 2] = content.double[3, :] = False
+    planes = noise((1, 20, 30))
+    spreader = Stamps(5, POINT)
+    result = overlap_add(planes, spreader, content)
+    lit = {(int(i), int(j)) for i, j in np.argwhere(content.lit)}
+    assert sorted(place[:2] for place in spreader.asked) == sorted(lit)
+    expected = planes.copy()
+    expected[:, 5:10, 10:15], expected[:, 15:] = 0, 0
+    np.testing.assert_array_equal(result, expected)
+
+
+def test_rows_without_light_are_not_even_prepared():
+    content = all_lit((20, 30), 5, True)
+    content.lit[1], content.double[1] = False, False
+    spreader = Stamps(5, POINT)
+    overlap_add(noise((1, 20, 30)), spreader, content)
+    assert spreader.prepared == [0, 2, 3]
+
+
+def test_a_black_picture_is_black_and_nothing_is_done():
+    content, spreader = all_lit((20, 30), 5), Stamps(5, stamp())
+    content.lit[:] = False
+    assert not overlap_add(np.zeros((1, 20, 30)), spreader, content).any()
+    assert not spreader.prepared and not spreader.asked
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_sections_are_given_in_the_precision_that_they_need_and_summed_in_that_of_the_planes(kind):
+    content = all_lit((10, 15), 5)
+    content.double[0, 1] = content.double[1, 2] = True
+    spreader = Stamps(5, stamp())
+    result = overlap_add(noise((1, 10, 15)).astype(kind), spreader, content)
+    asked = {(i, j): precision for i, j, precision in spreader.asked}
+    assert {place for place, precision in asked.items() if precision == np.float64} == {(0, 1), (1, 2)}
+    assert set(asked.values()) == {np.float32, np.float64} and len(asked) == 6
+    assert result.dtype == kind
+
+
+def test_double_sections_are_as_exact_as_the_planes():
+    planes, weights = noise((1, 10, 15)), stamp()
+    truth = spread_by_hand(planes, weights)
+    double, single = (np.abs(overlap_add(planes, Stamps(5, weights), all_lit((10, 15), 5, double)) - truth).max()
+                      for double in (True, False))
+    assert double < 1e-15 < 1e-9 < single < 1e-6
+
+
+def test_the_planes_are_left_as_they_were():
+    planes = noise((2, 12, 13))
+    before = planes.copy()
+    overlap_add(planes, Stamps(5, stamp()), all_lit((12, 13), 5))
+    np.testing.assert_array_equal(planes, before)
+
+
+def test_the_sum_is_the_same_to_the_last_bit_with_any_number_of_threads(monkeypatch):
+    planes = noise((4, 33, 47)).astype(np.float32)
+    results = []
+    for threads in (1, 2, 3, 8):
+        monkeypatch.setattr("os.cpu_count", lambda threads=threads: threads)
+        results.append(overlap_add(planes, Stamps(5, stamp(4)), all_lit((33, 47), 5)))
+    for result in results[1:]:
+        np.testing.assert_array_equal(result, results[0])
+
+
+def test_an_error_in_a_section_is_not_swallowed():
+    class Broken(Stamps):
+        def spread(self, i, columns, band):
+            raise ArithmeticError("section")
+
+    with pytest.raises(ArithmeticError, match="section"):
+        overlap_add(noise((1, 10, 15)), Broken(5, POINT), all_lit((10, 15), 5))

@@ -1,0 +1,180 @@
+"""PSFs from a table over height and azimuth: what it holds, how they turn, and what lies between."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from lenses import comatic_lens, gaussian_psf, lopsided_lens, make_lens
+from lensfield.engine import Lens
+from lensfield.engine.polar import PolarTables
+from lensfield.engine.psf import PsfBank
+
+PITCH_UM = 8.0
+LENSES = {"comatic": comatic_lens(), "lopsided": lopsided_lens(), "edmund": Lens.load("edmund-54852")}
+EVERY_LENS = pytest.mark.parametrize("lens", LENSES.values(), ids=LENSES.keys())
+
+
+def table(lens, azimuths=4, quadrant=False, nm=550.0, support_um=np.inf, precision="float64", wavelengths_nm=None):
+    tables = PolarTables(lens, wavelengths_nm or (nm,), PITCH_UM, support_um, azimuths, quadrant, precision)
+    return tables.at_wavelength(nm)
+
+
+def bank(lens, nm=550.0, support_um=np.inf):
+    return PsfBank(lens.at_wavelength(nm), PITCH_UM, support_um)
+
+
+def own_places(lens, azimuths, quadrant):
+    """All places that a table holds: heights and azimuths, clockwise from the right."""
+    steps = np.arange(2 * azimuths * (1 if quadrant else 4) + (1 if quadrant else 0))
+    height, azimuth = np.meshgrid(lens.heights_mm, -np.pi / 4 / azimuths * steps, indexing="ij")
+    return height.ravel(), azimuth.ravel()
+
+
+@EVERY_LENS
+@pytest.mark.parametrize("azimuths", [1, 3, 8])
+@pytest.mark.parametrize("quadrant", [False, True])
+def test_at_its_own_heights_and_azimuths_a_table_holds_the_psfs_themselves(lens, azimuths, quadrant):
+    places = own_places(lens, azimuths, quadrant)
+    np.testing.assert_allclose(table(lens, azimuths, quadrant).psfs(*places), bank(lens).psfs(*places), atol=1e-13)
+
+
+@EVERY_LENS
+def test_a_table_is_a_quarter_for_one_quadrant(lens):
+    assert table(lens, 4, True).table.shape[:2] == (lens.heights_mm.size, 9)
+    assert table(lens, 4, False).table.shape[:2] == (lens.heights_mm.size, 33)
+
+
+@EVERY_LENS
+def test_a_quadrants_table_says_what_the_full_one_says_there(lens):
+    rng = np.random.default_rng(0)
+    height, azimuth = rng.uniform(0, 2.5, 50), -rng.uniform(0, np.pi / 2, 50)
+    quarter, whole = (table(lens, 3, quadrant).psfs(height, azimuth) for quadrant in (True, False))
+    np.testing.assert_allclose(quarter, whole, atol=1e-13)
+
+
+@EVERY_LENS
+@pytest.mark.parametrize("azimuth", [0.0, 0.1, -0.7, 1.2, 3.0])
+def test_a_quarter_turn_turns_the_pixels_and_a_full_one_changes_nothing(lens, azimuth):
+    whole = table(lens, 4)
+    heights = np.linspace(0, 2.2, 7)
+    first, quarter, full, back = (whole.psfs(heights, np.full(7, azimuth + turn)) for turn in
+                                  (0, np.pi / 2, 2 * np.pi, -2 * np.pi))
+    np.testing.assert_allclose(quarter, np.rot90(first, axes=(1, 2)), atol=1e-13)
+    np.testing.assert_allclose(full, first, atol=1e-13)
+    np.testing.assert_allclose(back, first, atol=1e-13)
+
+
+def test_the_edges_of_a_quadrant_are_in_its_table():
+    """Pixels on the axes, as arctan2 gives them, signed zeros and all."""
+    lens = LENSES["comatic"]
+    x, y = np.array([1.0, 1.0, 0.0, 0.0, 0.0]), np.array([0.0, -0.0, -1.0, 0.0, -0.0])
+    places = np.full(5, 1.3), np.arctan2(y, x)
+    np.testing.assert_allclose(table(lens, 3, True).psfs(*places), bank(lens).psfs(*places), atol=1e-13)
+
+
+@EVERY_LENS
+def test_between_azimuths_it_is_the_mean_of_the_two(lens):
+    polar, step = table(lens, 4), np.pi / 16
+    heights = lens.heights_mm
+    halfway, before, after = (polar.psfs(heights, np.full(heights.size, azimuth)) for azimuth in
+                              (-2.5 * step, -2 * step, -3 * step))
+    np.testing.assert_allclose(halfway, (before + after) / 2, atol=1e-14)
+
+
+@EVERY_LENS
+def test_between_heights_it_is_mixed_as_the_bank_mixes(lens):
+    heights = np.random.default_rng(1).uniform(0, 2 * lens.heights_mm[-1], 30)  # held beyond the last
+    places = heights, np.full(30, -np.pi / 4)
+    np.testing.assert_allclose(table(lens, 1).psfs(*places), bank(lens).psfs(*places), atol=1e-13)
+
+
+@EVERY_LENS
+@pytest.mark.parametrize("quadrant", [False, True])
+def test_every_psf_sums_to_one_and_none_is_negative(lens, quadrant):
+    rng = np.random.default_rng(2)
+    psfs = table(lens, 3, quadrant).psfs(rng.uniform(0, 3, 200), -rng.uniform(0, np.pi / 2, 200))
+    np.testing.assert_allclose(psfs.sum(axis=(1, 2)), 1, atol=1e-13)
+    assert psfs.min() >= 0
+
+
+@EVERY_LENS
+def test_the_error_between_azimuths_falls_as_there_are_more_of_them(lens):
+    rng = np.random.default_rng(3)
+    places = rng.uniform(0, 2, 60), rng.uniform(-np.pi, np.pi, 60)
+    truth = bank(lens).psfs(*places)
+    errors = [np.abs(table(lens, azimuths).psfs(*places) - truth).sum(axis=(1, 2)).max() for azimuths in (2, 8, 32)]
+    assert errors[0] > 2 * errors[1] > 4 * errors[2]
+
+
+def test_taps_are_only_those_that_some_psf_reaches():
+    lens = make_lens(gaussian_psf(3, 3, 1.0, 5), psf_pitch_um=1.0)  # within a pixel of 8 um
+    polar = table(lens, 2)
+    reached = bank(lens).psfs(*own_places(lens, 2, False)).any(axis=0)
+    assert {(int(row), int(column)) for row, column in zip(polar.rows, polar.columns)} == {
+        tuple(place) for place in np.argwhere(reached).tolist()}
+
+
+def test_how_many_are_asked_for_at_once_changes_nothing():
+    polar = table(LENSES["comatic"], 4)
+    rng = np.random.default_rng(4)
+    places = rng.uniform(0, 2, 20_000), rng.uniform(-np.pi, np.pi, 20_000)
+    together = polar.mixed(*places)
+    for start, stop in ((0, 1), (7000, 7100), (19_999, 20_000)):
+        part = polar.mixed(places[0][start:stop], places[1][start:stop])
+        np.testing.assert_array_equal(part, together[:, start:stop])
+
+
+MANY_NM = tuple(np.linspace(400, 700, 9))
+
+
+@pytest.mark.parametrize("nm", MANY_NM)
+def test_mixing_between_wavelengths_is_the_table_of_the_mixed_lens(nm):
+    """Nine wavelengths of a lens of two: tables of the two serve them all."""
+    sharp, soft = (np.tile(gaussian_psf(s, 0.7 * s, 2.5, 25), (11, 1, 1)) for s in (4, 8))
+    lens = make_lens(np.stack([sharp, soft]))
+    weight = (nm - 400) / 300
+    mixed = replace(lens, psf=np.stack([(1 - weight) * sharp + weight * soft] * 2))
+    np.testing.assert_allclose(
+        table(lens, 3, nm=nm, wavelengths_nm=MANY_NM).psfs(*own_places(lens, 3, False)),
+        table(mixed, 3).psfs(*own_places(lens, 3, False)), atol=1e-8)  # the lens's own PSFs are float32
+
+
+@pytest.mark.parametrize("wavelengths_nm, made", [(MANY_NM, 2), ((400.0, 700.0), 2), ((450.0,), 1),
+                                                  ((400.0, 450.0, 500.0), 2)])
+def test_as_few_tables_are_made_as_will_do(wavelengths_nm, made, monkeypatch):
+    banks = []
+    original = PsfBank.__init__
+
+    def counted(self, *args, **how):
+        banks.append(self)
+        original(self, *args, **how)
+
+    monkeypatch.setattr(PsfBank, "__init__", counted)
+    tables = PolarTables(make_lens(), wavelengths_nm, PITCH_UM, np.inf, 2, False, "float64")
+    for nm in wavelengths_nm:
+        tables.at_wavelength(nm)
+    assert len(banks) == made
+
+
+def test_trimmed_psfs_are_those_of_the_trimmed_bank():
+    lens = LENSES["comatic"]
+    places = own_places(lens, 2, False)
+    trimmed = bank(lens, support_um=15.0).psfs(*places)
+    np.testing.assert_allclose(table(lens, 2, support_um=15.0).psfs(*places), trimmed, atol=1e-13)
+
+
+def test_single_precision_is_good_to_its_last_digits():
+    lens = LENSES["comatic"]
+    places = np.linspace(0, 2, 40), np.linspace(-3, 3, 40)
+    single = table(lens, 3, precision="float32").psfs(*places)
+    assert single.dtype == np.float32
+    np.testing.assert_allclose(single, table(lens, 3).psfs(*places), atol=2e-7)
+
+
+def test_tables_do_not_depend_on_the_number_of_threads(monkeypatch):
+    tables = []
+    for threads in (1, 2, 5):
+        monkeypatch.setattr("os.cpu_count", lambda threads=threads: threads)
+        tables.append(table(LENSES["comatic"], 4).table)
+    np.testing.assert_array_equal(tables[0], tables[1])
+    np.testing.assert_array_equal(tables[0], tables[2])
