@@ -43,7 +43,8 @@ def azimuth_error(bank, azimuths, last_height_mm, samples):
 def isoplanatic_error(bank, psf, last_height_mm, samples):
     """Largest error of using one PSF, (row, column), for the whole field. Parameters as in `azimuth_error`."""
     psfs = bank.at_table_heights(-np.linspace(0, np.pi / 2, samples))[:, :_heights_up_to(bank, last_height_mm)]
-    return SOME_SEEN * float(np.abs(psfs - psf).sum(axis=(2, 3)).max())
+    return SOME_SEEN * max(float(np.abs(np.rot90(psfs, turn, axes=(2, 3)) - psf).sum(axis=(2, 3)).max())
+                           for turn in range(4))
 
 
 def _heights_up_to(bank, last_height_mm):

@@ -8,7 +8,7 @@ import numpy as np
 
 from .capture import image_radius
 from .content import judge_content
-from .folding import quadrants, unfold, without_doubles
+from .folding import quadrant_grid, quadrants, unfold, without_doubles
 from .geometry import RIM_PX, FieldGeometry, footprints
 from .ideal import irradiance_per_radiance
 from .overlap import overlap_add
@@ -16,6 +16,7 @@ from .pixelwise import PixelSections
 from .polar_sections import PolarSections
 from .psf import PlacedPsfs, PsfBank
 from .reference import filter_exactly
+from .room import Room
 from .sections import FourierSections
 from .spectral_image import pixel_axes_mm
 
@@ -48,19 +49,18 @@ class Channel:
     plan : Plan
     tables : PolarTables or None
     room : Room
-        For what pictures share, to keep it for the next one.
+        For what pictures share, to keep it for the next one; `kept` says whether the channel found any.
     """
 
     def __init__(self, lens, wavelength_nm, grid, plan, tables, room):
         optics = lens.at_wavelength(wavelength_nm)
         self.wavelength_nm, self.field = wavelength_nm, FieldGeometry(optics, lens.name)
-        self._lens, self._optics, self._grid, self._plan, self._room = lens, optics, grid, plan, room
+        self._lens, self._optics, self._grid, self._plan = lens, optics, grid, plan
         self._bank = PsfBank(optics, grid.pitch_um, plan.support_um)
         self._folded = plan.folded
         shape = grid.picture_px
         if self._folded:
-            self._work_px = tuple(-(-n // 2) for n in shape)
-            self._centre_px = tuple(0.0 if n % 2 else -0.5 for n in shape)
+            self._work_px, self._centre_px = quadrant_grid(shape)
             self._capture_px = tuple(n - n // 2 + 2 * RIM_PX for n in grid.capture_px)
             self._capture_centre_px = tuple(centre + RIM_PX for centre in self._centre_px)
         else:
@@ -70,12 +70,9 @@ class Channel:
         self._psfs = PlacedPsfs(self._bank, self.field, grid.pitch_um, self._centre_px)
         self._bands = {}
         self._table = tables.at_wavelength(wavelength_nm) if tables else None
+        self.kept = room.take(self._bank.nbytes + (self._table.nbytes if self._table else 0))
+        self._room = room if self.kept else Room(0)
         self._spreader = self._make_spreader()
-
-    @property
-    def nbytes(self):
-        """Memory of what is there from the beginning."""
-        return self._bank.nbytes + (self._table.nbytes if self._table else 0)
 
     def ideal_irradiance(self, radiance):
         """Irradiance of a plane of radiance where the lens puts it, before any blur: array (plane, row, column).
@@ -187,12 +184,11 @@ class Channel:
         return mask, values
 
     def _mean_offsets_px(self, rows, columns):
-        """How far down and to the right light moves on the mean, from these rows and columns: array (2, row, column)."""
-        centre_row, centre_column = self._centre_px
-        mirrored_rows = self._folded & (rows < centre_row), self._folded & (columns < centre_column)
-        row, column = (np.where(mirrored, 2 * centre - own, own) for mirrored, centre, own in zip(
-            mirrored_rows, self._centre_px, (rows, columns)))
-        grid = np.meshgrid(row, column, indexing="ij")
-        down, right = self._table.mean_offsets_px(*self._psfs.place(*(axis.ravel() for axis in grid))).reshape(
-            2, rows.size, columns.size)
-        return np.where(mirrored_rows[0], -1, 1)[:, None] * down, np.where(mirrored_rows[1], -1, 1) * right
+        """How far down and to the right light moves on the mean, from these rows and columns: two arrays."""
+        # Of a quadrant what lies across the axis is mirrored, as its offsets are.
+        own = list(zip((rows, columns), self._centre_px))
+        signs = [np.where(self._folded & (at < centre), -1, 1) for at, centre in own]
+        grid = np.meshgrid(*(centre + sign * (at - centre) for sign, (at, centre) in zip(signs, own)), indexing="ij")
+        offsets = self._table.mean_offsets_px(*self._psfs.place(*(axis.ravel() for axis in grid)))
+        down, right = offsets.reshape(2, rows.size, columns.size)
+        return signs[0][:, None] * down, signs[1] * right

@@ -82,9 +82,10 @@ def _beyond_single(brightest, dimmest, single_range):
     """Where single precision does not serve: for the range of the light, or for that of its numbers."""
     if single_range == np.inf:
         return np.zeros(brightest.shape, dtype=bool)
+    if single_range == 0:
+        return np.ones(brightest.shape, dtype=bool)
     faintest, largest = SINGLE_NUMBERS
-    return (brightest > single_range * np.minimum(dimmest, np.finfo(float).max / max(single_range, 1))) \
-        | (brightest < faintest) | (brightest > largest)
+    return (brightest / single_range > dimmest) | (brightest < faintest) | (brightest > largest)
 
 
 def _by_section(extreme, values, section_size):

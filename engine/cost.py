@@ -9,18 +9,18 @@ from scipy import fft
 # Nanoseconds on an x86-64 machine of two cores, fitted by benchmarks/calibrate_cost.py; `machine_factor` brings them to
 # the machine at hand.
 NANOSECONDS = {
-    "picture pixel": 160,  # distortion, relative illumination, folding, cutting out the frame
-    "step": 5e5,  # whatever its size
-    "transformed value": 0.58,  # and doubling of the space
-    "spectrum value": 0.73,  # weighed, filtered and summed
-    "patch pixel": 0.1,  # added to the others
-    "tap": 1.4,  # of a pixel's PSF
-    "mixed tap": 3.0,  # of a PSF that is mixed from a polar table
-    "turned sample": 35,  # of a PSF
-    "table sample": 300,  # of a PSF, at one azimuth, for all heights
-    "table tap": 1.0,  # at one azimuth and height
+    "picture pixel": 70,  # distortion, relative illumination, folding, cutting out the frame
+    "step": 4e5,  # whatever its size
+    "transformed value": 1.0,  # and doubling of the space
+    "spectrum value": 2.3,  # weighed, filtered and summed
+    "patch pixel": 9.6,  # added to the others
+    "tap": 2.0,  # of a pixel's PSF
+    "mixed tap": 0.5,  # of a PSF that is mixed from a polar table
+    "turned sample": 47,  # of a PSF
+    "table sample": 60,  # of a PSF, at one azimuth, for all heights
+    "table tap": 4.5,  # at one azimuth and height
 }
-REFERENCE_S = 2e-3  # of what `machine_factor` does, there
+REFERENCE_S = 2.2e-3  # of what `machine_factor` does, there
 MEGABYTE = 1e6
 
 
@@ -75,7 +75,7 @@ class Cost:
         common = {"picture pixel": self._pixels, "table sample": azimuths * self._samples,
                   "table tap": azimuths * self._heights * self._taps}
         if plan.method == "exact":
-            return common | {"turned sample": 35 * self._pixels * self._samples}  # not on all cores
+            return common | {"turned sample": 47 * self._pixels * self._samples}  # not on all cores
         down, across = self._sections(plan.section_size)
         if plan.method == "pixels":
             return common | {"tap": self._pixels * self._taps, "step": down,

@@ -51,6 +51,11 @@ def quadrants(plane, overlap_px=0):
                      plane[:, ::-1][rows, columns], mirrored[:, ::-1][rows, columns]])
 
 
+def quadrant_grid(shape_px):
+    """Rows and columns of the quadrants of a plane, and row and column of the axis in their index terms."""
+    return tuple(-(-n // 2) for n in shape_px), tuple(0.0 if n % 2 else -0.5 for n in shape_px)
+
+
 def without_doubles(parts, shape_px):
     """Quadrants of a plane of this shape, in place, with their middle lines left to the right and lower ones alone."""
     if shape_px[0] % 2:

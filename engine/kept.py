@@ -3,20 +3,7 @@
 from .channel import Channel
 from .planner import make_plan
 from .polar import PolarTables
-
-
-class Room:
-    """Memory that may be taken for good, a piece at a time."""
-
-    def __init__(self, size_bytes):
-        self._left = size_bytes
-
-    def take(self, size_bytes):
-        """Whether so much is left; then it is taken."""
-        if size_bytes > self._left:
-            return False
-        self._left -= size_bytes
-        return True
+from .room import Room
 
 
 class Kept:
@@ -52,6 +39,6 @@ class Kept:
             channel = self._channels.get(wavelength_nm)
             if channel is None:
                 channel = Channel(lens, wavelength_nm, grid, plan, self._tables, self._room)
-                if self._room.take(channel.nbytes):
+                if channel.kept:
                     self._channels[wavelength_nm] = channel
             yield channel

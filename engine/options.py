@@ -105,7 +105,8 @@ class Options:
                   "paper": KNOBS, "exact": KNOBS, "auto": ()}[self.method]
         if self.accuracy is not None:
             if self.method not in ("auto", "polar", "pixels"):
-                raise InputError("options", "accuracy", self.accuracy, f"leave it out: the method {self.method!r} goes by its knobs")
+                raise InputError("options", "accuracy", self.accuracy,
+                                 f"leave it out: the method {self.method!r} goes by its knobs")
             others = KNOBS
         for field in others:
             if getattr(self, field) is not None:

@@ -5,6 +5,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
+ROWS_PER_CORE = 3  # prepared at once: enough that no core waits long for another, few enough for memory
+
 
 def overlap_add(planes, spreader, content):
     """Spread the light of every lit section and sum what comes out.
@@ -41,10 +43,10 @@ def overlap_add(planes, spreader, content):
         return spread
 
     lit_rows = np.flatnonzero(content.lit.any(axis=1))
-    threads = os.cpu_count()
-    with ThreadPoolExecutor(threads) as pool:
-        for start in range(0, lit_rows.size, threads):
-            chunk = lit_rows[start:start + threads]
+    step = ROWS_PER_CORE * os.cpu_count()
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for start in range(0, lit_rows.size, step):
+            chunk = lit_rows[start:start + step]
             spreader.prepare(chunk, content, pool)
             for i, spread in zip(chunk, pool.map(strip, chunk)):  # in order: the same with any number of threads
                 canvas[:, i * size:i * size + space] += spread

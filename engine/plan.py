@@ -92,7 +92,8 @@ def knob_plan(options, lens, radiance):
     if method == "auto":
         method = "pixels" if options.azimuths and not of_sections else "sections"
     sizes = {"paper": PAPER, "pixels": {"section_size": PIXELS_SECTION}}.get(method, {})
-    section = min(sizes.get("section_size") or options.section_size or SECTION_SIZE, max(radiance.frame_px) + 2 * radius)
+    wanted = sizes.get("section_size") or options.section_size or SECTION_SIZE
+    section = min(wanted, max(radiance.frame_px) + 2 * radius)
     precision = "float64" if whole_psfs else options.precision or "auto"
     single_range = {"auto": SINGLE_RANGE, "float32": np.inf, "float64": 0.0}[precision]
     return Plan(

@@ -7,12 +7,14 @@ import numpy as np
 
 from .accuracy import azimuth_error, isoplanatic_error
 from .cost import Cost
+from .folding import quadrant_grid
 from .geometry import FieldGeometry
 from .options import DEFAULT_ACCURACY
 from .plan import PIXELS_SECTION, Plan, foldable, knob_plan, psf_support_on, space_px
 from .psf import PlacedPsfs, PsfBank
 
 TRIM_SHARE, FLAT_SHARE, ROUNDING_SHARE = 1 / 16, 1 / 16, 1 / 50  # of the accuracy; the rest is the filter's
+TRIMMED_TWICE = 2.4  # what is trimmed and what is normalised in its stead, as samples are refined a fifth more at most
 SINGLE_ACCURACY = 3e-5  # the least that single precision is good for
 SINGLE_NOISE = 1.2e-7  # of the light, per unit of dynamic range
 SECTION_SIZES = (16, 24, 32, 48, 64, 96, 128, 192, 256)
@@ -53,9 +55,9 @@ class Task:
     def __init__(self, lens, radiance, psf_radius_px, support_um, folded):
         margin = [2 * min(overscan, psf_radius_px) for overscan in radiance.overscan_px]
         picture = tuple(n + m for n, m in zip(radiance.frame_px, margin))
-        self.work_px = tuple(-(-n // 2) for n in picture) if folded else picture
-        self._centre_px = tuple(0.0 if n % 2 else -0.5 for n in picture) if folded else tuple(
-            centre - overscan + m / 2 for centre, overscan, m in zip(radiance.centre_px, radiance.overscan_px, margin))
+        centre_px = tuple(centre - overscan + m / 2 for centre, overscan, m in zip(
+            radiance.centre_px, radiance.overscan_px, margin))
+        self.work_px, self._centre_px = quadrant_grid(picture) if folded else (picture, centre_px)
         self._lens, self._radiance, self._support_um = lens, radiance, support_um
         samples = np.pi / 4 * min(lens.psf.shape[-1], 2 * support_um / lens.psf_pitch_um) ** 2
         height_px = lens.heights_mm[-1] / lens.heights_mm.size / (radiance.pitch_um * 1e-3)
@@ -106,7 +108,7 @@ class _Planner:
                             flat_tolerance=accuracy * FLAT_SHARE, folded=foldable(lens, radiance),
                             out_of_field=options.out_of_field)
         self._rounding = accuracy * ROUNDING_SHARE
-        self._sure = 2 * support["trimmed_energy"] + self._common["flat_tolerance"] + self._rounding
+        self._sure = TRIMMED_TWICE * support["trimmed_energy"] + self._common["flat_tolerance"] + self._rounding
         self._share = accuracy - self._sure
         self._task = Task(lens, radiance, support["psf_radius_px"], support["support_um"], self._common["folded"])
 
@@ -123,17 +125,19 @@ class _Planner:
         if self._options.method != "polar":
             plans.append(self._sections_plan("pixels", PIXELS_SECTION, azimuths, error))
         if self._options.method != "pixels":
-            plans += [self._sections_plan("polar", size, azimuths, error) for size in SECTION_SIZES]
+            sizes = {min(size, max(self._task.work_px)) for size in SECTION_SIZES}
+            plans += [self._sections_plan("polar", size, azimuths, error) for size in sorted(sizes)]
         return min(plans, key=lambda plan: plan.seconds)
 
     def _sections_plan(self, method, size, azimuths, error):
-        """A plan by one of the methods, with PSFs that err by this much."""
+        """A plan by one of the methods, with PSFs that err by this much; without a table nothing is taken for flat."""
         space = space_px(size, self._common["psf_radius_px"])
         single_range = self._rounding / (SINGLE_NOISE * (space / size) ** 2) if self._precision == "float32" else 0.0
         return self._task.priced(Plan(
             method=method, section_size=size, order=1, space_px=space, azimuths=azimuths,
             single_range=np.inf if method == "pixels" and single_range else single_range,
-            error_bound=self._sure + error, **self._common))
+            error_bound=self._sure + error,
+            **self._common | ({} if azimuths else {"flat_tolerance": 0.0})))
 
     def _isoplanatic_error(self):
         """The error of one PSF, that of the middle of the planes in work, for the whole field."""

@@ -6,7 +6,7 @@ between two close azimuths nearly so: a table of a few dozen azimuths holds all 
 
 import os
 from concurrent.futures import ThreadPoolExecutor
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -73,9 +73,12 @@ class PolarTable:
 
     def mean_offsets_px(self, paraxial_height_mm, azimuth_rad):
         """How far light lies from the chief ray on the mean, downwards and to the right: array (2, place)."""
-        offsets = self._by_cell @ np.stack([self.rows, self.columns], axis=1) - self.radius_px
         cells, weights = self.corners(paraxial_height_mm, azimuth_rad)
-        return np.einsum("kp,kpd->dp", weights, offsets[cells])
+        return np.einsum("kp,kpd->dp", weights, self._offsets_px[cells])
+
+    @cached_property
+    def _offsets_px(self):
+        return self._by_cell @ np.stack([self.rows, self.columns], axis=1) - self.radius_px
 
     def node_psfs(self, cells):
         """The PSFs of these cells: array (cell, row, column), odd square, the chief ray in the middle."""

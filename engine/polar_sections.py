@@ -90,11 +90,11 @@ class PolarSections:
     def _filtered(self, section, nodes, weights):
         """The spectrum of a section, (plane, 1, row, column), filtered by its nodes and summed."""
         side, precision = self.space_px, np.result_type(section.dtype, np.complex64).type
-        spectrum = np.zeros((len(section), side, side // 2 + 1), precision)
+        spectrum, filtered = (np.zeros((len(section), side, side // 2 + 1), precision) for _ in range(2))
         step = max(1, BATCH_VALUES // (len(section) * side**2))
         for some in (slice(start, start + step) for start in range(0, nodes.size, step)):
             along_x = fft.rfft(section * weights[some].astype(section.dtype, copy=False), side)
             part = fft.fft(along_x, side, axis=-2, overwrite_x=True)
-            part *= np.stack([self._otfs[node, precision] for node in nodes[some]])
-            spectrum += part.sum(axis=1)
+            for k, node in enumerate(nodes[some]):
+                spectrum += np.multiply(part[:, k], self._otfs[node, precision], out=filtered)
         return spectrum

@@ -48,7 +48,7 @@ def gaussian_psf(sigma_v_um, sigma_u_um, pitch_um, window):
 
 def comatic_lens(heights=6, **changes):
     """Width, coma and distortion all grow with the field: quadrants flipped the wrong way, or turned PSFs, show."""
-    table = np.stack([0.5 * gaussian_psf(4, 2 + h, 2.5, 25) + 0.5 * np.roll(gaussian_psf(2, 2, 2.5, 25), h, axis=0)
+    table = np.stack([0.5 * gaussian_psf(4, 2 + h, 2.5, 17) + 0.5 * np.roll(gaussian_psf(2, 2, 2.5, 17), h, axis=0)
                       for h in range(heights)])
     return make_lens(np.stack([table, table]), lambda nm, p: p * (1 - 0.02 * p), heights_mm=np.linspace(0, 2, heights),
                      **changes)
@@ -56,7 +56,7 @@ def comatic_lens(heights=6, **changes):
 
 def lopsided_lens():
     """Light off the meridional plane, ever more of it with the field: no quadrant may stand for another."""
-    table = np.stack([0.6 * gaussian_psf(3, 2, 2.5, 25) + 0.4 * np.roll(gaussian_psf(2, 2, 2.5, 25), (h, 5 - h), (0, 1))
+    table = np.stack([0.6 * gaussian_psf(3, 2, 2.5, 17) + 0.4 * np.roll(gaussian_psf(2, 2, 2.5, 17), (h, 5 - h), (0, 1))
                       for h in range(4)])
     return make_lens(np.stack([table, table]), heights_mm=np.linspace(0, 2, 4))
 

@@ -192,7 +192,7 @@ def test_a_picture_is_a_plane_whatever_its_capture_was():
 @pytest.mark.parametrize("projection", [PLANE, FISHEYE])
 @pytest.mark.parametrize("real_height_mm", [lambda p: p, barrel, fisheye, lambda p: 0.5 * p, lambda p: p + 0.03 * p**3,
                                             lambda p: p * (1 - 0.1 * p**2 + 0.012 * p**4)])
-@pytest.mark.parametrize("shape", [(40, 56), (41, 55)])
+@pytest.mark.parametrize("shape", [(40, 55)])
 def test_overscan_suffices(shape, real_height_mm, projection):
     """Whatever lies beyond the overscan that is asked for, not a pixel of the frame changes by it."""
     lens = lens_of(real_height_mm, psf=gaussian_psf(40, 25, 12.5, 9), psf_pitch_um=12.5)

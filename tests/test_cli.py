@@ -69,7 +69,8 @@ def test_filter_writes_the_frame_a_picture_and_a_report(radiance, tmp_path, caps
     ({"--section-size": "0"}, "options: section_size is 0"),
     ({"--accuracy": "-1"}, "options: accuracy is -1.0: expected a number above 0"),
     ({"--accuracy": "0.01", "--order": "3"}, "options: order is 3: leave it out: an accuracy chooses it"),
-    ({"--accuracy": "0.01", "--method": "exact"}, "options: accuracy is 0.01: leave it out: the method 'exact' goes by its knobs"),
+    ({"--accuracy": "0.01", "--method": "exact"},
+     "options: accuracy is 0.01: leave it out: the method 'exact' goes by its knobs"),
     ({"--method": "pixels", "--section-size": "16"}, "section_size is 16: leave it out: the method is 'pixels'"),
     ({"--psf-energy": "2"}, "options: psf_energy is 2.0: expected a number above 0 and up to 1"),
     ({"--pitch-um": "-1"}, "pitch_um is -1.0: expected a positive number")])

@@ -7,7 +7,7 @@ import pytest
 from lenses import comatic_lens, gaussian_psf, lopsided_lens, make_lens
 from lensfield.engine import Kept, Options, SpectralImage, simulate
 from lensfield.engine.geometry import FieldGeometry
-from lensfield.engine.kept import Room
+from lensfield.engine.room import Room
 from lensfield.engine.psf import PsfBank
 
 METHODS = {"sections": Options(8, 2), "non-negative": Options(9, 4, non_negative=True),

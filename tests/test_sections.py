@@ -5,7 +5,7 @@ import pytest
 from lenses import placed_psfs
 from lensfield.engine import Lens
 from lensfield.engine.content import judge_content
-from lensfield.engine.kept import Room
+from lensfield.engine.room import Room
 from lensfield.engine.overlap import overlap_add
 from lensfield.engine.reference import filter_exactly
 from lensfield.engine.sections import ORDERS, FourierSections, axis_nodes
