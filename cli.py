@@ -315,7 +315,7 @@ def plan_text(plan):
     """What a plan, as its dict, comes to, in one line: the way; and the result, where that was asked for."""
     way = {"polar": "{section_size} px sections between {azimuths} azimuths",
            "pixels": "a PSF for every pixel, from {azimuths} azimuths",
-           "sections": "{section_size} px sections of order {order}",
+           "sections": "{section_size} px sections of order {order}" if plan["order"] else "one PSF for the picture",
            "paper": "{section_size} px sections in a space of {space_px} px, as in the paper",
            "exact": "every pixel's own PSF"}[plan["method"]].format(**plan)
     way += ", double precision" if plan["precision"] == "float64" else ", single precision"

@@ -83,9 +83,10 @@ class Cost:
         if plan.method == "polar":
             weighed, nodes = self._polar_nodes(plan)
             return common | self._transforms(plan, weighed, nodes) | {"step": down * across}
-        nodes = (down + 1) * (across + 1) if plan.order == 2 else down * across * plan.order**2
+        nodes = {0: 1, 2: (down + 1) * (across + 1)}.get(plan.order, down * across * plan.order**2)
         turned = {"mixed tap": nodes * self._taps} if plan.azimuths else {"turned sample": nodes * self._samples}
-        return common | self._transforms(plan, down * across * plan.order**2, nodes) | turned | {"step": down}
+        weighed = down * across * max(plan.order, 1) ** 2
+        return common | self._transforms(plan, weighed, nodes) | turned | {"step": down}
 
     def _transforms(self, plan, weighed, nodes):
         """Work on so many weighed sections of one plane, with the OTFs of so many nodes."""

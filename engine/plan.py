@@ -24,7 +24,7 @@ class Plan:
     ----------
     method : "polar", "pixels", "sections", "paper" or "exact"
     section_size, order, non_negative, space_px
-        As in `Options`; of "pixels", the section is a portion of work.
+        As in `Options`; order 0 is one PSF for the whole picture; of "pixels", the section is a portion of work.
     azimuths : int
         Steps of the polar table of PSFs from 0 to 45 degrees; 0 where PSFs are turned one by one.
     psf_radius_px : int

@@ -114,9 +114,10 @@ class _Planner:
 
     def best(self):
         """The plan; "exact" where nothing less is accurate enough."""
+        sizes = sorted({min(size, max(self._task.work_px)) for size in SECTION_SIZES})
         error = self._isoplanatic_error()
         if error <= self._share and self._options.method == "auto":
-            return self._sections_plan("sections", max(self._task.work_px), 0, error)
+            return self._cheapest(self._sections_plan("sections", size, 0, error) for size in sizes)
         azimuths, error = self._azimuths()
         if not azimuths:
             plan = knob_plan(replace(self._options, accuracy=None, method="exact"), self._lens, self._radiance)
@@ -125,8 +126,11 @@ class _Planner:
         if self._options.method != "polar":
             plans.append(self._sections_plan("pixels", PIXELS_SECTION, azimuths, error))
         if self._options.method != "pixels":
-            sizes = {min(size, max(self._task.work_px)) for size in SECTION_SIZES}
-            plans += [self._sections_plan("polar", size, azimuths, error) for size in sorted(sizes)]
+            plans += [self._sections_plan("polar", size, azimuths, error) for size in sizes]
+        return self._cheapest(plans)
+
+    @staticmethod
+    def _cheapest(plans):
         return min(plans, key=lambda plan: plan.seconds)
 
     def _sections_plan(self, method, size, azimuths, error):
@@ -134,15 +138,15 @@ class _Planner:
         space = space_px(size, self._common["psf_radius_px"])
         single_range = self._rounding / (SINGLE_NOISE * (space / size) ** 2) if self._precision == "float32" else 0.0
         return self._task.priced(Plan(
-            method=method, section_size=size, order=1, space_px=space, azimuths=azimuths,
+            method=method, section_size=size, order=0 if method == "sections" else 1, space_px=space, azimuths=azimuths,
             single_range=np.inf if method == "pixels" and single_range else single_range,
             error_bound=self._sure + error,
             **self._common | ({} if azimuths else {"flat_tolerance": 0.0})))
 
     def _isoplanatic_error(self):
         """The error of one PSF, that of the middle of the planes in work, for the whole field."""
-        middle = np.array([(max(self._task.work_px) - 1) / 2])
-        return max(isoplanatic_error(psfs.bank, psfs(middle, middle)[0], self._task.last_height_mm(psfs), FEW_SAMPLES)
+        middle = [np.array([(n - 1) / 2]) for n in self._task.work_px]
+        return max(isoplanatic_error(psfs.bank, psfs(*middle)[0], self._task.last_height_mm(psfs), FEW_SAMPLES)
                    for psfs in self._task.psfs)
 
     def _azimuths(self):

@@ -40,8 +40,10 @@ class AxisNodes:
 
 
 def axis_nodes(length_px, section_size, order, non_negative=False):
-    """Nodes of the sections that cover an axis; the last section may reach beyond it."""
+    """Nodes of the sections that cover an axis; the last section may reach beyond it. Order 0: one node for all."""
     sections = np.arange(-(-length_px // section_size))[:, None]
+    if order == 0:
+        return AxisNodes(np.array([(length_px - 1) / 2]), np.zeros_like(sections), np.ones((1, section_size)))
     pixel = (np.arange(section_size) + 0.5) / section_size * 2 - 1
     on_edges = order == 2 or (non_negative and order > 2)
     if on_edges:  # a section's last node is the next one's first
@@ -71,7 +73,8 @@ class FourierSections:
         Rows and columns of the planes.
     section_size, space_px, psf_radius_px : int
         The computational space is at least section_size + 2 psf_radius_px, so that nothing wraps around.
-    order : 1 to 4
+    order : 0 to 4
+        0 for a lens whose PSF is the same all over.
     non_negative : bool
     node_psfs : callable (rows, columns) -> array (n, 2 psf_radius_px + 1, 2 psf_radius_px + 1)
         Unit-sum PSFs for nodes at these positions, in index terms of the planes.
