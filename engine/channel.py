@@ -173,12 +173,17 @@ class Channel:
         """
         size = self._plan.section_size
         mask, values = np.zeros(ideal.shape, dtype=bool), np.zeros_like(ideal)
-        for i, j in np.argwhere(flat):
+
+        def write_down(section):
+            i, j = section
             down, right = self._mean_offsets_px(np.arange(-1, size + 1) + i * size, np.arange(-1, size + 1) + j * size)
             density = 1 - (down[2:, 1:-1] - down[:-2, 1:-1]) / 2 - (right[1:-1, 2:] - right[1:-1, :-2]) / 2
             inside = (slice(None), slice(i * size, (i + 1) * size), slice(j * size, (j + 1) * size))
             mask[inside] = True
             values[inside] = ideal[inside] * density[:ideal[inside].shape[1], :ideal[inside].shape[2]]
+
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            list(pool.map(write_down, np.argwhere(flat)))
         if self._folded:
             mask, values = (without_doubles(planes, self._grid.picture_px) for planes in (mask, values))
         return mask, values
