@@ -85,7 +85,9 @@ def _draw_quality(layout, settings):
         return
     column = layout.column(align=True)
     column.prop(settings, "accuracy", slider=True)
-    column.row(align=True).operator_enum("lensfield.set_accuracy", "preset")
+    row = column.row(align=True)
+    for name in operators.ACCURACIES:
+        row.operator("lensfield.set_accuracy", text=name.capitalize()).preset = name
 
 
 class _SettingsPanel:

@@ -1,6 +1,7 @@
 """The settings of a scene: what they ask of the engine, how panels show them, and what renders of a session share."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
@@ -56,12 +57,10 @@ class Layout:
         self.shown.append(name)
 
     def operator(self, name, **_):
-        self.shown.append(name)
-
-    def operator_enum(self, name, enum):
         module, function = name.split(".")
-        assert enum in getattr(getattr(bpy.ops, module), function).get_rna_type().properties
         self.shown.append(name)
+        properties = getattr(getattr(bpy.ops, module), function).get_rna_type().properties
+        return SimpleNamespace(**dict.fromkeys(properties.keys()))
 
     def column(self, **_):
         return Layout(self.shown)
