@@ -165,8 +165,8 @@ def _add_accuracy(group):
                        help="the largest fraction of any point's light that may land in the wrong place; the quickest "
                             f"way to that is chosen (default {DEFAULT_ACCURACY:g})")
     group.add_argument("--method", choices=METHODS,
-                       help="filter sections, or give each pixel its own PSF from a table; the paper's way and the "
-                            f"exact one have an accuracy of their own (default {Options.method})")
+                       help="each pixel's PSF from a table, in polar sections or pixel by pixel; square sections; the "
+                            f"paper's way; or the exact one (default {Options.method})")
     group.add_argument("--non-negative", action="store_true", default=None,
                        help="leave no pixel negative beside very bright ones, at orders 3 and 4 either")
 
@@ -177,7 +177,7 @@ def _add_knobs(group):
                        help="side of an isoplanatic section; smaller is more accurate and slower")
     group.add_argument("--order", type=int, choices=ORDERS,
                        help="1: one PSF per section, 2: bilinear between corners, 3 and 4: finer")
-    group.add_argument("--azimuths", type=int, metavar="N", help="of pixels: steps of the table from 0 to 45 degrees")
+    group.add_argument("--azimuths", type=int, metavar="N", help="steps of the table of PSFs from 0 to 45 degrees")
     group.add_argument("--psf-energy", type=float, metavar="FRACTION", help="what is kept of each PSF, in a circle")
     group.add_argument("--flat-tolerance", type=float, metavar="FRACTION",
                        help="relative error up to which sections in even light are not filtered")

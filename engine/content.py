@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import maximum_filter, minimum_filter
 
-
 SINGLE_NUMBERS = 1e-28, 1e30  # between which sums and products of spectra keep their digits
 
 

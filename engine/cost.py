@@ -75,7 +75,7 @@ class Cost:
         common = {"picture pixel": self._pixels, "table sample": azimuths * self._samples,
                   "table tap": azimuths * self._heights * self._taps}
         if plan.method == "exact":
-            return common | {"turned sample": 47 * self._pixels * self._samples}  # not on all cores
+            return common | {"turned sample": 2 * self._pixels * self._samples}  # not on all cores
         down, across = self._sections(plan.section_size)
         if plan.method == "pixels":
             return common | {"tap": self._pixels * self._taps, "step": down,
@@ -118,5 +118,5 @@ class Cost:
         spectrum = plan.space_px * (plan.space_px // 2 + 1) * 2 * value
         down, across = self._sections(plan.section_size)
         otfs = {"pixels": 12 << 20, "exact": 0, "polar": self._polar_nodes(plan)[1] / 2 * spectrum}.get(
-            plan.method, 2 * plan.order**2 * across * spectrum)
+            plan.method, 2 * max(plan.order, 1) ** 2 * across * spectrum)
         return (6 * self._pixels * value + 3 * table + otfs) / MEGABYTE

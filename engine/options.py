@@ -32,17 +32,18 @@ class Options:
         The largest fraction of any point's light that may land in the wrong place: the sum of |error| over the
         picture is at most this times its light, whatever the scene. The plan then chooses all knobs but `method`, at
         the least predicted time. Errors of the lens data and of resampling the picture by distortion are not in it.
-    method : "auto", "sections", "pixels", "paper" or "exact"
-        "sections" are filtered by their spectra; "pixels" gives every pixel its own PSF from a table of azimuths;
-        "auto" takes the sections where a knob of theirs is set, else what costs least. "paper" is sections of 16 px
+    method : "auto", "polar", "pixels", "sections", "paper" or "exact"
+        "pixels" gives every pixel its own PSF from a table of azimuths; "polar" does so in sections, by their spectra;
+        "sections" interpolates PSFs on a square grid. "auto" takes the square sections where a knob of theirs is set,
+        else what costs least. "paper" is sections of 16 px
         of order 1 in a space of 64 px, whole PSFs, double precision. "exact" turns every pixel's own PSF: what the
         others are measured against, at some hundred times their time.
     space_px : int, optional
         Side of the computational space, where a certain one is wanted. It is made larger where section and PSF need
         it, so this never costs accuracy.
     azimuths : int, optional
-        Steps from 0 to 45 degrees of the table that PSFs are mixed from: of pixels (32), or of the nodes of sections
-        (none: they are turned one by one).
+        Steps from 0 to 45 degrees of the table that PSFs are mixed from: by "pixels" and "polar" (32), or for the nodes
+        of square sections (none: they are turned one by one).
     psf_energy : float, optional
         Fraction of every PSF that is kept, within a circle about the chief ray; the rest is left out, and reported
         (0.999999). Twice the loss is in the wrong place.

@@ -15,7 +15,7 @@ def overlap_add(planes, spreader, content):
     ----------
     planes : array (plane, row, column)
         Ideal irradiance, distorted. Their precision is that of the sum.
-    spreader : FourierSections or PixelSections
+    spreader : PolarSections, PixelSections or FourierSections
         `section_size`, `space_px` and `radius_px`; `prepare(rows, content, pool)` before these rows of sections; and
         `spread(i, columns, band)`, which gives patches of the light of these sections of row i, and at which column
         each begins. Patches begin `radius_px` above and left of their sections and are up to `space_px` high.

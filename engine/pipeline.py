@@ -10,7 +10,7 @@ from .fireflies import clamp_fireflies, refuse_fireflies
 from .kept import Kept
 from .options import Options
 from .report import Report
-from .spectral_image import IRRADIANCE, RADIANCE, pixel_axes_mm
+from .spectral_image import IRRADIANCE, PLANE, RADIANCE, pixel_axes_mm
 
 
 def simulate(radiance, lens, options=Options(), *, progress=None, report=None, kept=None, out=None):
@@ -54,7 +54,9 @@ def simulate(radiance, lens, options=Options(), *, progress=None, report=None, k
     tally = _Tally(radiance)
     channels = kept.channels(lens, radiance.wavelengths_nm, grid, plan)
     for index in range(radiance.wavelengths_nm.size):
-        plane, clamped = clamp_fireflies(radiance.cube[index])
+        plane, clamped = radiance.cube[index], 0
+        if options.fireflies == "clamp":
+            plane, clamped = clamp_fireflies(plane)
         with report.stage("lens data"):
             channel = next(channels)
         with report.stage("distortion and relative illumination"):
@@ -68,7 +70,7 @@ def simulate(radiance, lens, options=Options(), *, progress=None, report=None, k
             progress((index + 1) / radiance.wavelengths_nm.size)
     report.facts |= {"lens": lens.name, "plan": plan.as_dict(), "pitch_um": radiance.pitch_um,
                      "frame_px": list(radiance.frame_px), "overscan_px": list(radiance.overscan_px)} | tally.facts()
-    return replace(radiance.frame(), cube=irradiance, quantity=IRRADIANCE, projection="plane", lens_name=lens.name,
+    return replace(radiance.frame(), cube=irradiance, quantity=IRRADIANCE, projection=PLANE, lens_name=lens.name,
                    f_number_effective=lens.f_number_effective)
 
 

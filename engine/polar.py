@@ -82,16 +82,16 @@ class PolarTable:
 
     def node_psfs(self, cells):
         """The PSFs of these cells: array (cell, row, column), odd square, the chief ray in the middle."""
-        side = 2 * self.radius_px + 1
-        psfs = np.zeros((len(cells), side, side), self.table.dtype)
-        psfs[:, self.rows, self.columns] = self._by_cell[cells]
-        return psfs
+        return self._squares(self._by_cell[cells])
 
     def psfs(self, paraxial_height_mm, azimuth_rad):
         """PSFs at these places: array (place, row, column), odd square, the chief ray in the middle."""
+        return self._squares(self.mixed(paraxial_height_mm, azimuth_rad).T)
+
+    def _squares(self, taps):
         side = 2 * self.radius_px + 1
-        psfs = np.zeros((np.size(paraxial_height_mm), side, side), self.table.dtype)
-        psfs[:, self.rows, self.columns] = self.mixed(paraxial_height_mm, azimuth_rad).T
+        psfs = np.zeros((len(taps), side, side), self.table.dtype)
+        psfs[:, self.rows, self.columns] = taps
         return psfs
 
 
