@@ -6,6 +6,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, Po
 from ..engine import Options
 from ..engine.lens_files import bundled_names
 from ..engine.options import DEFAULT_ACCURACY
+from ..engine.plan import AZIMUTHS, ORDER, SECTION_SIZE
 from ..engine.spectra import library_names, parse_wavelengths
 
 FROM_FILE = "FILE"
@@ -66,15 +67,15 @@ class LensfieldSettings(bpy.types.PropertyGroup):
         items=[("SECTIONS", "Sections", "Section by section, point spread functions varying inside each"),
                ("PIXELS", "Pixels", "Every pixel its own point spread function, from a table: for small ones"),
                ("EXACT", "Exact", "Every pixel its own point spread function, without a table: very slow")])
-    section_size: IntProperty(name="Section Size", subtype="PIXEL", default=32, min=1, soft_max=256,
+    section_size: IntProperty(name="Section Size", subtype="PIXEL", default=SECTION_SIZE, min=1, soft_max=256,
                               description="Side of the sections that share one point spread function (order 1) or "
                                           "interpolate between several. Smaller is more accurate and slower")
-    order: EnumProperty(name="Order", default="2",
+    order: EnumProperty(name="Order", default=str(ORDER),
                         items=[("1", "1: constant", "One PSF per section, as in the paper"),
                                ("2", "2: bilinear", "PSFs interpolated between the corners of each section"),
                                ("3", "3: quadratic", "PSFs interpolated between 9 nodes in each section"),
                                ("4", "4: cubic", "PSFs interpolated between 16 nodes in each section")])
-    azimuths: IntProperty(name="Azimuths", default=32, min=1, soft_max=256,
+    azimuths: IntProperty(name="Azimuths", default=AZIMUTHS, min=1, soft_max=256,
                           description="Steps of the table from 0 to 45 degrees. More is more accurate and takes more "
                                       "time and memory")
     out_of_field: EnumProperty(

@@ -20,6 +20,7 @@ import numpy as np
 import scipy
 from lensfield.engine import Kept, Lens, Options, Report, SpectralImage, polar_sections, sections, simulate
 from lensfield.engine.spectra import blackbody
+from paper_section_4 import checkerboard, relative_l2
 from scipy import fft
 
 LENS = "edmund-54852"
@@ -37,11 +38,6 @@ def points(rows=576, columns=768, spacing_px=37):
     plane = np.zeros((rows, columns))
     plane[spacing_px // 2::spacing_px, spacing_px // 2::spacing_px] = 1
     return SpectralImage(plane, [NM], pitch_um=SENSOR_UM / columns)
-
-
-def checkerboard(rows=576, columns=768, square_px=24):
-    row, column = np.mgrid[:rows, :columns]
-    return SpectralImage((row // square_px + column // square_px) % 2, [NM], pitch_um=SENSOR_UM / columns)
 
 
 def multispectral(rows=253, columns=380, square_px=12):
@@ -67,10 +63,6 @@ def timed(image, options, psf_pitch_um=0.5, best_of=BEST_OF):
         result = simulate(image, lens, options, report=report)
         seconds.append(time.perf_counter() - begin)
     return result, min(seconds), report
-
-
-def relative_l2(result, exact):
-    return float(np.linalg.norm(result.cube.astype(float) - exact.cube) / np.linalg.norm(exact.cube))
 
 
 class Frame:

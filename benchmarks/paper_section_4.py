@@ -29,7 +29,7 @@ SQUARE_PX = 24
 def checkerboard(rows=576, columns=768):
     """The paper's 1/3 inch frame: 4.8 x 3.6 mm."""
     row, column = np.mgrid[:rows, :columns]
-    return SpectralImage((row // SQUARE_PX + column // SQUARE_PX) % 2, [WAVELENGTH_NM], pitch_um=PITCH_UM)
+    return SpectralImage((row // SQUARE_PX + column // SQUARE_PX) % 2, [WAVELENGTH_NM], pitch_um=4800 / columns)
 
 
 def multispectral(rows=253, columns=380):

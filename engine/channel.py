@@ -2,7 +2,6 @@
 
 import os
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,21 +22,6 @@ from .spectral_image import pixel_axes_mm
 BAND_PIXELS = 1 << 16
 
 
-@dataclass(frozen=True)
-class Grid:
-    """The pixels of a capture and those of the picture made of it, which is the sensor's frame with a margin.
-
-    Sizes are (rows, columns); `centre_px` is where the axis meets the picture, in its index terms.
-    """
-
-    capture_px: tuple[int, int]
-    capture_centre_px: tuple[float, float]
-    picture_px: tuple[int, int]
-    centre_px: tuple[float, float]
-    pitch_um: float
-    projection: str
-
-
 class Channel:
     """A lens at one wavelength, on one grid, by one plan.
 
@@ -54,7 +38,7 @@ class Channel:
 
     def __init__(self, lens, wavelength_nm, grid, plan, tables, room):
         optics = lens.at_wavelength(wavelength_nm)
-        self.wavelength_nm, self.field = wavelength_nm, FieldGeometry(optics, lens.name)
+        self.field = FieldGeometry(optics, lens.name)
         self._lens, self._optics, self._grid, self._plan = lens, optics, grid, plan
         self._bank = PsfBank(optics, grid.pitch_um, plan.support_um)
         self._folded = plan.folded

@@ -149,6 +149,12 @@ class Lens:
         position = float(np.interp(wavelength_nm, self.wavelengths_nm, np.arange(self.wavelengths_nm.size)))
         return int(position), position % 1
 
+    def wavelengths_around(self, wavelengths_nm):
+        """The lens data's wavelengths between which, or at which, these lie: array, ascending."""
+        positions = [self.wavelength_position(nm) for nm in wavelengths_nm]
+        around = {below for below, _ in positions} | {below + 1 for below, weight in positions if weight}
+        return self.wavelengths_nm[sorted(around)]
+
 
 @dataclass(frozen=True, eq=False)
 class MonochromaticLens:

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from .channel import Grid
 from .errors import ImageError
 from .fireflies import clamp_fireflies, refuse_fireflies
+from .grid import lay_out
 from .kept import Kept
 from .options import Options
 from .report import Report
@@ -49,7 +49,7 @@ def simulate(radiance, lens, options=Options(), *, progress=None, report=None, k
         refuse_fireflies(radiance)
     with report.stage("plan"):
         plan = kept.plan(options, lens, radiance)
-    grid, frame = _lay_out(radiance, plan.psf_radius_px)
+    grid, frame = lay_out(radiance, plan.psf_radius_px)
     irradiance = np.empty((radiance.wavelengths_nm.size, *radiance.frame_px), np.float32) if out is None else out
     tally = _Tally(radiance)
     channels = kept.channels(lens, radiance.wavelengths_nm, grid, plan)
@@ -72,22 +72,6 @@ def simulate(radiance, lens, options=Options(), *, progress=None, report=None, k
                      "frame_px": list(radiance.frame_px), "overscan_px": list(radiance.overscan_px)} | tally.facts()
     return replace(radiance.frame(), cube=irradiance, quantity=IRRADIANCE, projection=PLANE, lens_name=lens.name,
                    f_number_effective=lens.f_number_effective)
-
-
-def _lay_out(radiance, psf_radius_px):
-    """The pixel grid of the work, and where the frame lies in its canvas.
-
-    Light from just outside the frame is blurred into it: the frame is filtered with a margin of one PSF radius, as
-    far as the capture reaches.
-    """
-    margin = [min(overscan, psf_radius_px) for overscan in radiance.overscan_px]
-    cut = [overscan - m for overscan, m in zip(radiance.overscan_px, margin)]
-    grid = Grid(capture_px=radiance.cube.shape[1:], capture_centre_px=radiance.centre_px,
-                picture_px=tuple(n + 2 * m for n, m in zip(radiance.frame_px, margin)),
-                centre_px=tuple(centre - c for centre, c in zip(radiance.centre_px, cut)),
-                pitch_um=radiance.pitch_um, projection=radiance.projection)
-    frame = tuple(slice(m + psf_radius_px, m + psf_radius_px + n) for m, n in zip(margin, radiance.frame_px))
-    return grid, frame
 
 
 class _Tally:

@@ -9,6 +9,7 @@ from .accuracy import azimuth_error, isoplanatic_error
 from .cost import Cost
 from .folding import quadrant_grid
 from .geometry import FieldGeometry
+from .grid import lay_out
 from .options import DEFAULT_ACCURACY
 from .plan import PIXELS_SECTION, Plan, foldable, knob_plan, psf_support_on, space_px
 from .psf import PlacedPsfs, PsfBank
@@ -18,7 +19,7 @@ TRIMMED_TWICE = 2.4  # what is trimmed and what is normalised in its stead, as s
 SINGLE_ACCURACY = 3e-5  # the least that single precision is good for
 SINGLE_NOISE = 1.2e-7  # of the light, per unit of dynamic range
 SECTION_SIZES = (16, 24, 32, 48, 64, 96, 128, 192, 256)
-AZIMUTHS = tuple(sorted({round(2 ** (k / 2)) for k in range(2, 21)}))
+AZIMUTH_CHOICES = tuple(sorted({round(2 ** (k / 2)) for k in range(2, 21)}))
 GUESS_AZIMUTHS, GUESS_POWER = 8, 1.6  # errors fall about with this power
 SAMPLES, FEW_SAMPLES = 16, 4  # azimuths to look at: over all wavelengths, and at each
 
@@ -53,16 +54,13 @@ class Task:
     """
 
     def __init__(self, lens, radiance, psf_radius_px, support_um, folded):
-        margin = [2 * min(overscan, psf_radius_px) for overscan in radiance.overscan_px]
-        picture = tuple(n + m for n, m in zip(radiance.frame_px, margin))
-        centre_px = tuple(centre - overscan + m / 2 for centre, overscan, m in zip(
-            radiance.centre_px, radiance.overscan_px, margin))
-        self.work_px, self._centre_px = quadrant_grid(picture) if folded else (picture, centre_px)
+        grid, _ = lay_out(radiance, psf_radius_px)
+        self.work_px, self._centre_px = quadrant_grid(grid.picture_px) if folded else (grid.picture_px, grid.centre_px)
         self._lens, self._radiance, self._support_um = lens, radiance, support_um
         samples = np.pi / 4 * min(lens.psf.shape[-1], 2 * support_um / lens.psf_pitch_um) ** 2
         height_px = lens.heights_mm[-1] / lens.heights_mm.size / (radiance.pitch_um * 1e-3)
         tables = len(self._telling_wavelengths()) / radiance.wavelengths_nm.size
-        self.cost = Cost(picture, self.work_px, self._centre_px, lens.heights_mm.size, height_px, samples,
+        self.cost = Cost(grid.picture_px, self.work_px, self._centre_px, lens.heights_mm.size, height_px, samples,
                          psf_radius_px, tables)
 
     @cached_property
@@ -76,11 +74,8 @@ class Task:
         return PlacedPsfs(bank, field, self._radiance.pitch_um, self._centre_px)
 
     def _telling_wavelengths(self):
-        positions = [self._lens.wavelength_position(nm) for nm in self._radiance.wavelengths_nm]
-        around = sorted({below for below, _ in positions} | {below + 1 for below, weight in positions if weight})
-        if len(positions) <= len(around):
-            return self._radiance.wavelengths_nm
-        return self._lens.wavelengths_nm[around]
+        around = self._lens.wavelengths_around(self._radiance.wavelengths_nm)
+        return around if len(around) < self._radiance.wavelengths_nm.size else self._radiance.wavelengths_nm
 
     def last_height_mm(self, psfs):
         """The largest field height in the picture."""
@@ -153,7 +148,7 @@ class _Planner:
         """The least number of azimuths that errs by no more than the filter's share, and its error; 0 where none."""
         guess = self._azimuth_error(GUESS_AZIMUTHS, self._task.psfs[:1])
         wanted = GUESS_AZIMUTHS * (guess / self._share) ** (1 / GUESS_POWER)
-        for azimuths in AZIMUTHS[int(np.searchsorted(AZIMUTHS, wanted * 0.9)):]:
+        for azimuths in AZIMUTH_CHOICES[int(np.searchsorted(AZIMUTH_CHOICES, wanted * 0.9)):]:
             error = self._azimuth_error(azimuths, self._task.psfs)
             if error <= self._share:
                 return azimuths, error

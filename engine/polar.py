@@ -116,9 +116,7 @@ class PolarTables:
         self._lens, self._pitch_um, self._support_um = lens, pixel_pitch_um, support_um
         self._azimuths, self._quadrant, self._precision = azimuths, quadrant, precision
         self._made = lru_cache(maxsize=2)(self._make)  # wavelengths come in order
-        positions = [lens.wavelength_position(nm) for nm in wavelengths_nm]
-        needed = {below for below, _ in positions} | {below + 1 for below, weight in positions if weight}
-        self._mix = len(needed) < len(positions)
+        self._mix = len(lens.wavelengths_around(wavelengths_nm)) < len(wavelengths_nm)
 
     def at_wavelength(self, wavelength_nm):
         """A PolarTable."""
