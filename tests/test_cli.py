@@ -9,6 +9,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from lensfield import cli
+from lensfield.commands import filter
+from lensfield.commands.arguments import engine_options
+from lensfield.commands.outcome import plan_text
 from lensfield.engine import Options, SpectralImage
 from lensfield.engine.exr import read_exr, write_exr
 from lensfield.engine.plan import Plan
@@ -94,7 +97,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(radiance, tmp_path, capsys, ch
      Options(method="paper", out_of_field="vignette", fireflies="clamp"))])
 def test_the_command_line_says_what_the_options_say(arguments, options):
     line = f"filter in.exr --lens edmund-54852 --output out.exr {arguments}".split()
-    assert cli._engine_options(cli._parser().parse_args(line)) == options
+    assert engine_options(cli._parser().parse_args(line)) == options
 
 
 @pytest.mark.parametrize("changes, text", [
@@ -108,14 +111,14 @@ def test_the_command_line_says_what_the_options_say(arguments, options):
      "32 px sections of order 3, single precision: at most 0.83 % of any point's light misplaced; "
      "about 0.4 s, 310 MB")], ids=str)
 def test_a_plan_is_told_in_one_line(changes, text):
-    assert cli.plan_text(replace(PLAN, **changes).as_dict()) == text
+    assert plan_text(replace(PLAN, **changes).as_dict()) == text
 
 
 def test_the_plan_is_told_before_the_work(radiance, tmp_path, capsys, monkeypatch):
     def refuse(*_, **__):
         raise MemoryError("no room for it")
 
-    monkeypatch.setattr(cli, "simulate", refuse)
+    monkeypatch.setattr(filter, "simulate", refuse)
     assert run("filter", radiance, "--lens", "edmund-54852", "--section-size", 8, "--order", 3,
                "--output", tmp_path / "out.exr") == 1
     assert capsys.readouterr().out.startswith("plan: 8 px sections of order 3, ")
@@ -125,7 +128,7 @@ def test_the_plan_that_is_told_is_the_one_that_is_done(radiance, tmp_path, capsy
     assert run("filter", radiance, "--lens", "edmund-54852", "--accuracy", "0.05", "--output", tmp_path / "out.exr",
                "--report", tmp_path / "report.json") == 0
     plan = json.loads((tmp_path / "report.json").read_text())["plan"]
-    assert capsys.readouterr().out.splitlines()[0] == f"plan: {cli.plan_text(plan)}"
+    assert capsys.readouterr().out.splitlines()[0] == f"plan: {plan_text(plan)}"
 
 
 def test_light_beyond_the_lens_data_is_told_with_what_became_of_it(tmp_path, capsys):

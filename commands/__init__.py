@@ -1,0 +1,1 @@
+"""The subcommands of `lensfield`, one module each: parse, call the engine or the add-on, tell the outcome."""

@@ -1,0 +1,79 @@
+"""Arguments that several commands share: what the engine is asked for, sizes, and files to write."""
+
+from dataclasses import fields
+from pathlib import Path
+
+from ..engine import InputError, Options
+from ..engine.atomic import check_target
+from ..engine.lens_files import bundled_names
+from ..engine.options import DEFAULT_ACCURACY, FIREFLIES, METHODS, OUT_OF_FIELD, PRECISIONS
+from ..engine.sections import ORDERS
+
+RESOLUTION_LIMITS = (4, 65536)
+
+
+def add_engine_options(command):
+    """The lens, what is done out of field, the report, and every knob of `Options`."""
+    command.add_argument("--lens", required=True, metavar="NAME|FILE",
+                         help=f"a bundled lens ({', '.join(bundled_names())}) or a lens package")
+    command.add_argument("--out-of-field", choices=OUT_OF_FIELD,
+                         help=f"pixels beyond the lens data (default {Options.out_of_field})")
+    command.add_argument("--fireflies", choices=FIREFLIES,
+                         help="pixels that are no finite number: an error, or the brightest of their neighbours "
+                              f"(default {Options.fireflies})")
+    command.add_argument("--report", type=Path, metavar="FILE.json",
+                         help="write stages with seconds, the plan, and energy in and out")
+    _add_accuracy(command.add_argument_group("accuracy"))
+    _add_knobs(command.add_argument_group("knobs, for who wants them", "setting one turns the choice by accuracy off"))
+
+
+def _add_accuracy(group):
+    group.add_argument("--accuracy", type=float, metavar="FRACTION",
+                       help="the largest fraction of any point's light that may land in the wrong place; the quickest "
+                            f"way to that is chosen (default {DEFAULT_ACCURACY:g})")
+    group.add_argument("--method", choices=METHODS,
+                       help="each pixel's PSF from a table, in polar sections or pixel by pixel; square sections; the "
+                            f"paper's way; or the exact one (default {Options.method})")
+    group.add_argument("--non-negative", action="store_true", default=None,
+                       help="leave no pixel negative beside very bright ones, at orders 3 and 4 either")
+
+
+def _add_knobs(group):
+    """Each is None where it is not set: what it is then is the engine's business."""
+    group.add_argument("--section-size", type=int, metavar="PX",
+                       help="side of an isoplanatic section; smaller is more accurate and slower")
+    group.add_argument("--order", type=int, choices=ORDERS,
+                       help="1: one PSF per section, 2: bilinear between corners, 3 and 4: finer")
+    group.add_argument("--azimuths", type=int, metavar="N", help="steps of the table of PSFs from 0 to 45 degrees")
+    group.add_argument("--psf-energy", type=float, metavar="FRACTION", help="what is kept of each PSF, in a circle")
+    group.add_argument("--flat-tolerance", type=float, metavar="FRACTION",
+                       help="relative error up to which sections in even light are not filtered")
+    group.add_argument("--precision", choices=PRECISIONS, help="auto: double where the light's range needs it")
+
+
+def engine_options(options):
+    """What the command line asks for; what it leaves open is the engine's to choose."""
+    named = {field.name: getattr(options, field.name, None) for field in fields(Options)}
+    return Options(**{name: value for name, value in named.items() if value is not None})
+
+
+def resolution(text, option="--resolution"):
+    """(width, height) from a text such as 768x576."""
+    least, most = RESOLUTION_LIMITS
+    try:
+        width, height = (int(side) for side in text.lower().split("x"))
+        if not least <= min(width, height) <= max(width, height) <= most:
+            raise ValueError
+    except ValueError:
+        raise InputError("options", option, text,
+                         f"expected WIDTHxHEIGHT such as 768x576, each {least} to {most}") from None
+    return width, height
+
+
+def check_targets(*paths):
+    """Raise an InputError for a file that could not be written, before the work is done."""
+    named = [path for path in paths if path]
+    for index, path in enumerate(named):
+        check_target(path)
+        if path.resolve() in [other.resolve() for other in named[:index]]:
+            raise InputError(path, "file", "named twice", "give every output a name of its own")

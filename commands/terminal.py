@@ -1,0 +1,42 @@
+"""What the terminal shows: a progress bar, and quiet where C++ libraries chatter."""
+
+import os
+import sys
+from contextlib import contextmanager
+
+BAR_CELLS = 24
+
+
+@contextmanager
+def progress_bar():
+    """A function (fraction, label) that draws a bar, on a terminal; elsewhere it says nothing."""
+    if not sys.stderr.isatty():
+        yield lambda fraction, label: None
+        return
+
+    def draw(fraction, label):
+        filled = round(BAR_CELLS * fraction)
+        print(f"\r[{'#' * filled}{'.' * (BAR_CELLS - filled)}] {fraction:4.0%}  {label:<48.48}", end="",
+              file=sys.stderr, flush=True)
+
+    try:
+        yield draw
+    finally:
+        print(f"\r{'':{BAR_CELLS + 58}}\r", end="", file=sys.stderr, flush=True)
+
+
+@contextmanager
+def quiet(*descriptors):
+    """Keep the chatter of C++ libraries, Blender's or OpenEXR's, off these descriptors: 1 is output, 2 is errors."""
+    sys.stdout.flush()
+    kept = [(number, os.dup(number)) for number in descriptors]
+    with open(os.devnull, "w") as nowhere:
+        for number in descriptors:
+            os.dup2(nowhere.fileno(), number)
+    try:
+        yield
+    finally:
+        sys.stdout.flush()
+        for number, original in kept:
+            os.dup2(original, number)
+            os.close(original)

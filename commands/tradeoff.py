@@ -1,0 +1,57 @@
+"""`lensfield tradeoff`: error against time and memory, measured on a lens and on pictures."""
+
+from pathlib import Path
+
+from ..engine import ImageError, Lens
+from .arguments import check_targets, resolution
+from .terminal import progress_bar, quiet
+
+
+def add(commands):
+    tradeoff = commands.add_parser("tradeoff", help="measure error against time and memory: a table and a plot")
+    tradeoff.add_argument("--lens", required=True, metavar="NAME|FILE", help="a bundled lens or a lens package")
+    tradeoff.add_argument("--image", type=Path, metavar="RADIANCE.exr",
+                          help="measure on this picture (default: points, a checkerboard and a colour chart)")
+    tradeoff.add_argument("--size", metavar="WIDTHxHEIGHT",
+                          help="pixels (default 384x288, or the whole image): the exact operator takes half a minute "
+                               "for 384x288 and longer in proportion, for each wavelength of an image")
+    tradeoff.add_argument("--pitch-um", type=float, help="pixel pitch at the sensor (default: what the image says, or "
+                                                         "what lays the size on the width of the lens's sensor)")
+    tradeoff.add_argument("--quick", action="store_true", help="fewer settings, each timed once")
+    tradeoff.add_argument("--output", type=Path, required=True, metavar="DIR",
+                          help="where tradeoff.csv and tradeoff.png go")
+    tradeoff.set_defaults(run=_tradeoff)
+
+
+def _tradeoff(options):
+    from ..engine.tradeoff import description, measure, write_table
+    from ..engine.tradeoff_plot import require_matplotlib, write_plot
+
+    require_matplotlib()
+    table, plot = (options.output / f"tradeoff.{kind}" for kind in ("csv", "png"))
+    lens = Lens.load(options.lens)
+    pictures, spectral = _tradeoff_pictures(options, lens)
+    check_targets(table, plot)
+    try:
+        with progress_bar() as tell:
+            rows = measure(lens, pictures, spectral, quick=options.quick, progress=tell)
+    except ImageError as error:
+        raise ImageError(options.image or error.where, error.field, error.value, error.remedy) from None
+    write_table(rows, table)
+    write_plot(rows, plot, description(lens, pictures))
+    print(table, plot, sep="\n")
+
+
+def _tradeoff_pictures(options, lens):
+    """What to measure on: pictures by name, and one picture by the number of its wavelengths."""
+    from ..engine.exr import read_exr
+    from ..engine.tradeoff import DEFAULT_SHAPE_PX, cropped_frame, standard_pictures, thinned
+
+    shape_px = resolution(options.size, "--size")[::-1] if options.size else None
+    if not options.image:
+        return standard_pictures(lens, shape_px or DEFAULT_SHAPE_PX, options.pitch_um)
+    with quiet(1, 2):
+        radiance = read_exr(options.image, options.pitch_um)
+    if shape_px:
+        radiance = cropped_frame(radiance, lens, shape_px)
+    return {options.image.stem: radiance}, thinned(options.image.stem, radiance)
