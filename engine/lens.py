@@ -18,8 +18,10 @@ class Lens:
 
     Attributes
     ----------
-    name, source, notes : str
-        What it is; where the figures come from; what is assumed.
+    name, maker, story : str
+        What it is; who designed or makes it; what it is known for.
+    source, notes : str
+        Where the figures come from; what is assumed.
     efl_mm : float
         Effective focal length.
     magnification : float
@@ -67,6 +69,8 @@ class Lens:
     psf_pitch_um: float
     enclosed_energy: np.ndarray
     transmittance: np.ndarray
+    maker: str = ""
+    story: str = ""
     source: str = ""
     notes: str = ""
 
