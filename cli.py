@@ -17,20 +17,20 @@ CANCELLED = 130
 
 
 def main(arguments=None):
-    """Run the command; the exit status: 0, 1 for bad input (told in one line), 2 for a command line that is none."""
+    """Run the command; the exit status: 0 or the runner's, 1 for bad input (told in one line), 2 for a usage error."""
     try:
         options = _parser().parse_args(arguments)
     except SystemExit as stop:  # inside Blender the process is not ours to end
         return stop.code or 0
     try:
-        options.run(options)
+        status = options.run(options)
     except FAILURES as error:
         print(f"lensfield: {error or type(error).__name__}".replace("\n", " "), file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         print("lensfield: cancelled", file=sys.stderr)
         return CANCELLED
-    return 0
+    return status or 0
 
 
 def console():

@@ -1,0 +1,207 @@
+"""Checks of point spread functions: pitch, centring, symmetry, light lost or wrapped, and gaps between them."""
+
+import numpy as np
+
+from .finding import Finding, graded, greatest, place
+from .folding import SYMMETRY_TOLERANCE
+
+LEAST_NM = 100  # below it the wavelengths are in another unit
+PITCH_FACTOR = 100  # real tables have pitches of some Airy radii at most; a mistaken unit is a factor of 1000
+FARTHEST_CENTROID = 1 / 6  # of the window, a third of the way to its border: real coma reaches half of that
+LOPSIDED = 10 * SYMMETRY_TOLERANCE  # half a sample off centre is twice that
+KEPT_LIGHT = 0.995
+TOO_LITTLE_LIGHT = 0.95
+RING_LIGHT = 0.01  # measured, with random aberrations: 5 to 10 % of the light lies beyond the window then
+BORDER_LIGHT = 0.005  # along one border, or two opposite ones: half of that
+RISE = 1.2  # measured: 0.97 at most, where nine tenths of the light lie within the window
+SEAM_LEAK = 1e-3
+SMALLEST_WINDOW = 8  # what lies at the border of fewer samples says nothing about light beyond
+GAP_NOTE, GAP_WARNING = 0.4, 1.0  # L1 distances: a fifth, and half, of the light lies elsewhere
+
+
+def _pitch(lens):
+    if lens.wavelengths_nm[0] < LEAST_NM:
+        return
+    pitch_um, shortest_nm = lens.psf_pitch_um, lens.wavelengths_nm[0]
+    airy_um = 1.22e-3 * np.mean(lens.wavelengths_nm) * lens.f_number_effective
+    nyquist_um = 0.5e-3 * shortest_nm * lens.f_number_effective  # the optical cutoff is 1 / (wavelength * f-number)
+    if not 1 / PITCH_FACTOR < pitch_um / airy_um < PITCH_FACTOR:
+        yield Finding("error", "psf_pitch_um", f"{pitch_um:g} um, where the Airy disc's radius is {airy_um:.3g} um",
+                      "out of proportion: check the unit")
+    elif pitch_um > nyquist_um:
+        yield Finding("note", "psf_pitch_um", f"{pitch_um:g} um, where {nyquist_um:.3g} um resolves all detail at "
+                      f"{shortest_nm:g} nm", "finer fringes are lost, which matters only for pixels as small as these")
+
+
+def _centring(lens):
+    v, u = _centroids(lens)
+    distance, n = np.hypot(v, u), lens.psf.shape[-1]
+    worst = greatest(distance)
+    remedy = f"expected the chief ray at [{n // 2}, {n // 2}]: recentre the PSF, or widen its window"
+    if distance[worst] > FARTHEST_CENTROID * n:
+        yield Finding("warning", "psf", f"centroid {v[worst]:.1f} samples outwards and {u[worst]:.1f} sideways "
+                      f"{place(lens, *worst)}", remedy)
+    inner = lens.psf[..., 1:-1, 1:-1].max(axis=(2, 3), initial=0)
+    excess = lens.psf.max(axis=(2, 3)) - inner
+    worst = greatest(excess)
+    if excess[worst] > 0 and n >= 3:
+        yield Finding("warning", "psf", f"brightest at its window's border {place(lens, *worst)}", remedy)
+
+
+def _mirror(lens):
+    """Symmetry about the meridional plane, as folding asks for it."""
+    distance = np.stack([_distance(psf, psf[..., ::-1]) for psf in map(_odd, lens.psf)])
+    worst = greatest(distance)
+    severity = graded(distance[worst], SYMMETRY_TOLERANCE, LOPSIDED)
+    if severity:
+        yield Finding(severity, "psf", f"{distance[worst]:.3g} in L1 from its mirror image in u, centroid "
+                      f"{_centroids(lens)[1][worst]:.2f} samples sideways, {place(lens, *worst)}",
+                      f"expected symmetry about [{lens.psf.shape[-1] // 2}], which half a sample off centre spoils; "
+                      "filtering takes longer without")
+
+
+def _axis_symmetry(lens):
+    """On the axis, the symmetries that a circle keeps on a square grid."""
+    unpaired = 1 - lens.psf.shape[-1] % 2
+    axis = lens.psf[:, 0, unpaired:, unpaired:]
+    distance = np.maximum(_distance(axis, axis[:, ::-1]), _distance(axis, axis.swapaxes(1, 2)))
+    wave = distance.argmax()
+    severity = graded(distance[wave], SYMMETRY_TOLERANCE, LOPSIDED)
+    if severity:
+        yield Finding(severity, "psf", f"{distance[wave]:.3g} in L1 from itself mirrored in v or turned by 90 degrees, "
+                      f"centroid {_centroids(lens)[0][wave, 0]:.2f} samples outwards, {place(lens, wave, 0)}",
+                      "a centred lens has round PSFs on its axis: check centring and equal pitch along v and u")
+
+
+def _odd(psf):
+    """With a partner for the row and the column at -n/2 of an even window."""
+    even = 1 - psf.shape[-1] % 2
+    return np.pad(psf, ((0, 0), (0, even), (0, even)))
+
+
+def _distance(psf, other):
+    return np.abs(psf - other).sum(axis=(-2, -1))
+
+
+def _centroids(lens):
+    """Along v and u, in samples from the chief ray: two arrays (wavelength, height)."""
+    offset = np.arange(lens.psf.shape[-1]) - lens.psf.shape[-1] // 2
+    return lens.psf.sum(axis=3) @ offset, lens.psf.sum(axis=2) @ offset
+
+
+def _enclosed_energy(lens):
+    energy, unknown = lens.enclosed_energy, np.isnan(lens.enclosed_energy)
+    if unknown.any():
+        yield Finding("note", "enclosed_energy", f"not known for {unknown.sum()} of {unknown.size} PSFs",
+                      "light lost beyond the window cannot be told: give it where the source has it")
+    impossible = np.argwhere(~unknown & ~((energy > 0) & (energy < 1.01)))
+    if impossible.size:
+        worst = tuple(impossible[0])
+        yield Finding("error", "enclosed_energy", f"{energy[worst]:.4g} {place(lens, *worst)}",
+                      "expected a fraction of the light, above 0 and up to 1")
+        return
+    lost = np.where(unknown, 0, 1 - energy)
+    worst = greatest(lost)
+    severity = graded(lost[worst], 1 - KEPT_LIGHT, 1 - TOO_LITTLE_LIGHT)
+    if severity:
+        yield Finding(severity, "enclosed_energy", f"{energy[worst]:.4g} {place(lens, *worst)}",
+                      "PSFs are normalised, which puts the rest back into the window: widen it")
+
+
+def _border(lens):
+    """Light at the window's border that nothing explains: the PSF wraps round, or goes on beyond.
+
+    Where the enclosed energy says how much is lost, only wrapping is news.
+    """
+    if lens.psf.shape[-1] < SMALLEST_WINDOW:
+        return
+    shape = lens.psf.shape[:2]
+    unexplained = ~(lens.enclosed_energy < KEPT_LIGHT)
+    measures = np.array([[_seamless(psf), _rise(psf), _ring(psf)] for psf in lens.psf.reshape(-1, *lens.psf.shape[2:])])
+    seamless, rise, ring = measures.reshape(*shape, 3).transpose(2, 0, 1)
+    worst = greatest(seamless)
+    if seamless[worst] > BORDER_LIGHT:
+        yield Finding("warning", "psf", f"{seamless[worst]:.1%} of its light at two opposite borders, where it goes on "
+                      f"without a seam, {place(lens, *worst)}",
+                      "it wraps round: sample the pupil more finely, for a period of two windows")
+        return
+    remedy = ("it goes on beyond: widen the window, or say so in enclosed_energy; "
+              "or it wraps round: sample the pupil more finely")
+    rise, ring = rise * unexplained, ring * unexplained
+    worst = greatest(rise)
+    if rise[worst] > RISE:
+        yield Finding("warning", "psf", f"{rise[worst]:.2f} times brighter at a border than next to it "
+                      f"{place(lens, *worst)}", remedy)
+        return
+    worst = greatest(ring)
+    if ring[worst] > RING_LIGHT:
+        yield Finding("warning", "psf", f"{ring[worst]:.1%} of its light in the window's outermost samples "
+                      f"{place(lens, *worst)}", remedy)
+
+
+def _seamless(psf):
+    """Light in two opposite border lines, if the PSF goes on from one to the other as a periodic function does.
+
+    The intensity is band-limited. One that was computed with the window for its period has no power at the grid's
+    highest frequency, but for the lowest frequencies along the borders, where the support of a transfer function that
+    the pitch just resolves touches. A cut leaves a kink where the borders meet, which has power there in proportion
+    to that of the border lines. That ratio, measured with random aberrations at 1 to 3 times the resolving pitch:
+    periodic < 1e-5 (1e-4 on the median where the file has five digits), cut > 8e-3; cut Gaussians > 2e-3.
+    An odd window, which no Fourier transform is padded to, tells nothing: kinks between samples lack that power.
+    """
+    light = 0.0
+    if len(psf) % 2:
+        return light
+    alternating = (-1.0) ** np.arange(len(psf))
+    for lines in (psf.astype(float), psf.T.astype(float)):
+        borders = np.abs(np.fft.fft(lines[[0, -1]])).sum(axis=0)[2:-1]
+        highest = np.abs(np.fft.fft(alternating @ lines))[2:-1]
+        at_border = lines[[0, -1]].sum()
+        if np.linalg.norm(highest) < SEAM_LEAK * np.linalg.norm(borders) and np.linalg.norm(borders) > 1e-3 * at_border:
+            light = max(light, at_border)
+    return light
+
+
+def _rise(psf):
+    """How many times more light lies in a strip along a border than in the next strip inwards, at the worst."""
+    width = max(1, len(psf) // 16)
+    strips = [(line[:width].sum(), line[width:2 * width].sum())
+              for profile in (psf.sum(axis=1), psf.sum(axis=0)) for line in (profile, profile[::-1])]
+    return max(outer / max(inner, 1e-9) if outer > BORDER_LIGHT else 0.0 for outer, inner in strips)
+
+
+def _ring(psf):
+    return psf.sum() - psf[1:-1, 1:-1].sum()
+
+
+def _height_gaps(lens):
+    left_out = np.stack([_left_out(table.astype(float), lens.heights_mm) for table in lens.psf])
+    yield from _gaps(lens, left_out, (0, 1), "heights")
+
+
+def _wavelength_gaps(lens):
+    left_out = np.stack([_left_out(lens.psf[:, height].astype(float), lens.wavelengths_nm)
+                         for height in range(lens.heights_mm.size)], axis=1)
+    yield from _gaps(lens, left_out, (1, 0), "wavelengths")
+
+
+def _left_out(psf, at):
+    """L1 distance of every PSF but the first and last from the one interpolated linearly between its neighbours."""
+    weight = ((at[1:-1] - at[:-2]) / (at[2:] - at[:-2]))[:, None, None]
+    return _distance(psf[1:-1], (1 - weight) * psf[:-2] + weight * psf[2:])
+
+
+def _gaps(lens, left_out, first, axis):
+    """What a table without this height or wavelength would miss; half the steps divide that by 2 to 3 on the median."""
+    if left_out.size == 0:
+        return
+    worst = greatest(left_out)
+    severity = graded(left_out[worst], GAP_NOTE, GAP_WARNING)
+    if severity:
+        yield Finding(severity, "psf", f"{left_out[worst]:.2f} in L1 from what the {axis} about it predict, "
+                      f"{place(lens, *np.add(worst, first))}",
+                      f"PSFs are interpolated between {axis} and miss, as a rule, a third to half of that: give more "
+                      f"{axis} there")
+
+
+PSF_CHECKS = (_pitch, _centring, _mirror, _axis_symmetry, _enclosed_energy, _border, _height_gaps, _wavelength_gaps)
