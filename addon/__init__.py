@@ -4,6 +4,7 @@ import bpy
 
 from . import operators, panels, properties
 from .lenses import forget_lenses
+from .previews import forget_previews
 from .render import kept, render_through_lens
 
 __all__ = ["register", "render_through_lens", "unregister"]
@@ -28,6 +29,7 @@ def unregister():
     _unregister_classes()
     kept.cache_clear()
     forget_lenses()
+    forget_previews()
 
 
 def _run_command(arguments):

@@ -1,4 +1,4 @@
-"""Operators: render through the lens, match the camera to it."""
+"""Operators: render through the lens, match the camera to it, show its sheet."""
 
 import threading
 from contextlib import ExitStack
@@ -11,6 +11,7 @@ from ..engine.options import DEFAULT_ACCURACY
 from .camera import check_camera, frame_px, match_camera_to_lens, pitch_um
 from .compositor import lens_image
 from .lenses import load_lens
+from .previews import SHEET_MARK, load_sheet, sheet_path
 from .render import Job, RenderPass, render_steps, run
 from .watch import RenderWatch
 
@@ -248,4 +249,51 @@ class LENSFIELD_OT_set_accuracy(bpy.types.Operator):
         return {"FINISHED"}
 
 
-classes = (LENSFIELD_OT_render, LENSFIELD_OT_match_camera, LENSFIELD_OT_set_accuracy)
+class LENSFIELD_OT_show_sheet(bpy.types.Operator):
+    """Open the sheet of the lens at full size: point spread functions, distortion, sharpness, light and colour"""
+
+    bl_idname = "lensfield.show_sheet"
+    bl_label = "Show Lens Sheet"
+
+    @classmethod
+    def poll(cls, context):
+        if sheet_path(context.scene.lensfield.lens_name_or_path()).is_file():
+            return True
+        cls.poll_message_set("This lens has no sheet: lensfield lens plot draws it")
+        return False
+
+    def execute(self, context):
+        path = sheet_path(context.scene.lensfield.lens_name_or_path())
+        try:
+            image = load_sheet(path)
+        except (InputError, RuntimeError) as error:
+            self.report({"ERROR"}, str(error).strip())
+            return {"CANCELLED"}
+        if bpy.app.background:
+            self.report({"INFO"}, f"{path} is loaded as the image {image.name!r}")
+        else:
+            _show_at_full_size(context, image)
+        return {"FINISHED"}
+
+
+def _show_at_full_size(context, image):
+    """Show an image in an Image Editor that is empty or shows a sheet, or in a new window."""
+    place = next(((window, area) for window in context.window_manager.windows for area in window.screen.areas
+                  if area.type == "IMAGE_EDITOR" and _is_free(area.spaces.active)), None)
+    if place is None:
+        bpy.ops.wm.window_new()
+        window = context.window_manager.windows[-1]
+        place = window, max(window.screen.areas, key=lambda area: area.width * area.height)
+        place[1].type = "IMAGE_EDITOR"
+    window, area = place
+    area.spaces.active.image = image
+    region = next(region for region in area.regions if region.type == "WINDOW")
+    with context.temp_override(window=window, area=area, region=region):
+        bpy.ops.image.view_all(fit_view=True)
+
+
+def _is_free(image_editor):
+    return image_editor.image is None or SHEET_MARK in image_editor.image
+
+
+classes = (LENSFIELD_OT_render, LENSFIELD_OT_match_camera, LENSFIELD_OT_set_accuracy, LENSFIELD_OT_show_sheet)

@@ -1,5 +1,7 @@
 """Panels: the lens render in the render properties and the sidebar; spectra on materials, lights and worlds."""
 
+import os
+
 import bpy
 
 from ..engine.errors import InputError
@@ -7,7 +9,11 @@ from . import operators
 from .bands import pass_count
 from .camera import frame_px, pitch_um
 from .lenses import load_lens
+from .previews import PREVIEW_PX, sheet_path, sheet_preview
 from .properties import FROM_FILE, KNOBS
+
+WIDGET_PX = 20
+PANEL_MARGINS = 3  # in widgets: what a panel keeps free on its sides
 
 
 def draw_settings(layout, scene):
@@ -53,6 +59,35 @@ def _draw_lens_facts(layout, scene):
                       f"sensor {lens.sensor_mm[0]:g} x {lens.sensor_mm[1]:g} mm")
     column.label(text=f"{frame[1]} x {frame[0]} px of {pitch_um(lens, frame):.2f} \u00b5m")
     column.operator("lensfield.match_camera", icon="CAMERA_DATA")
+    _draw_sheet(layout, path)
+
+
+def _draw_sheet(layout, name_or_path):
+    """The picture of what the lens does, in a part of the panel that can be folded."""
+    path = sheet_path(name_or_path)
+    drawn = path.is_file()
+    header, body = layout.panel("lensfield_sheet")
+    header.label(text="Lens Sheet" if drawn else "Lens Sheet: to draw it, run")
+    if body is None:
+        return
+    if not drawn:
+        body.label(text=f"lensfield lens plot {os.path.basename(name_or_path)}", icon="CONSOLE")
+        return
+    try:
+        preview = sheet_preview(path)
+    except InputError as error:
+        body.label(text=str(error), icon="ERROR")
+        return
+    body.template_icon(icon_value=preview.icon_id, scale=_sheet_scale())
+    body.operator("lensfield.show_sheet", icon="IMAGE_DATA")
+
+
+def _sheet_scale():
+    """What makes a square icon as wide as the panel, in units of Blender's widgets."""
+    region, system = bpy.context.region, bpy.context.preferences.system
+    width_px = region.width if region else PREVIEW_PX
+    widget_px = WIDGET_PX * (system.ui_scale or 1)  # 0 where Blender has no window
+    return max(1, min(width_px, PREVIEW_PX) / widget_px - PANEL_MARGINS)
 
 
 def _draw_wavelengths(layout, settings):

@@ -24,8 +24,9 @@ def add(commands):
 
 
 def _tradeoff(options):
+    from ..engine.drawing import require_matplotlib
     from ..engine.tradeoff import description, measure, write_table
-    from ..engine.tradeoff_plot import require_matplotlib, write_plot
+    from ..engine.tradeoff_plot import write_plot
 
     require_matplotlib()
     table, plot = (options.output / f"tradeoff.{kind}" for kind in ("csv", "png"))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .atomic import atomic_path
-from .errors import InputError
+from .drawing import GRID_COLOUR, INK, require_matplotlib
 from .tradeoff import EXACT
 
 
@@ -27,8 +27,7 @@ STYLES = {"paper": Style("the paper: one PSF a section (px)", "#000000", "s", "-
           "polar": Style("polar sections (azimuths)", "#009E73", "P", labelled_by="azimuths"),
           "accuracy": Style("accuracy asked for", "#D55E00", "^", ":", "accuracy"),
           "PSF support": Style("PSF support (energy kept)", "#999999", "v", ":", "psf_energy")}
-FRONTIER_COLOUR, INK, GRID_COLOUR = "#F0E442", "#333333", "#DDDDDD"
-WAVELENGTH_COLOUR = "#0072B2"
+FRONTIER_COLOUR, WAVELENGTH_COLOUR = "#F0E442", "#0072B2"
 PLACES_PT = [(0, 9), (0, -9), (10, 4), (-10, 4), (10, -5), (-10, -5), (0, 15), (0, -15), (14, 11), (-14, 11), (14, -11),
              (-14, -11)]
 
@@ -41,15 +40,6 @@ def frontier(rows):
             best = row.relative_l2
             left.append(row)
     return left
-
-
-def require_matplotlib():
-    """matplotlib's Figure, which draws without a window; an InputError where there is none."""
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise InputError("matplotlib", "module", "not there", "pip install lensfield[plots]") from None
-    return Figure
 
 
 def write_plot(rows, path, title):

@@ -52,7 +52,8 @@ def test_package_is_valid_and_holds_what_runs(package):
     assert done.returncode == 0, done.stdout + done.stderr
     names = zipfile.ZipFile(package).namelist()
     assert {"blender_manifest.toml", "__init__.py", "cli.py", "commands/render.py", "engine/pipeline.py",
-            "addon/render.py", "engine/lenses/edmund-54852.npz", "engine/data/cie1931_2deg.csv", "LICENSE"} <= set(names)
+            "addon/render.py", "engine/lenses/edmund-54852.npz",
+            "engine/lenses/edmund-54852.png", "engine/data/cie1931_2deg.csv", "LICENSE"} <= set(names)
     assert not [name for name in names if name.startswith((".", "tests", "sample_scenes", "packaging", "docs"))]
 
 

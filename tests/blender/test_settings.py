@@ -1,11 +1,11 @@
 """The settings of a scene: what they ask of the engine, how panels show them, and what renders of a session share."""
 
 from pathlib import Path
-from types import SimpleNamespace
 
 import bpy
 import numpy as np
 import pytest
+from layouts import Layout
 from small_scenes import WAVELENGTHS_NM, light, material, render, set_world, wall
 
 from lensfield import addon
@@ -44,33 +44,6 @@ def test_presets_set_the_accuracy(scene, preset, accuracy):
     scene.lensfield.accuracy = 0.5
     assert bpy.ops.lensfield.set_accuracy(preset=preset) == {"FINISHED"}
     assert scene.lensfield.to_options().accuracy == accuracy
-
-
-class Layout:
-    """Stands in for Blender's, which draws only in windows: notes which properties and operators are shown."""
-
-    def __init__(self, shown=None):
-        self.shown = [] if shown is None else shown
-
-    def prop(self, owner, name, **_):
-        assert name in owner.bl_rna.properties
-        self.shown.append(name)
-
-    def operator(self, name, **_):
-        module, function = name.split(".")
-        self.shown.append(name)
-        properties = getattr(getattr(bpy.ops, module), function).get_rna_type().properties
-        return SimpleNamespace(**dict.fromkeys(properties.keys()))
-
-    def column(self, **_):
-        return Layout(self.shown)
-
-    row = column
-
-    def label(self, **_):
-        pass
-
-    separator = label
 
 
 @pytest.mark.parametrize("settings, shown", [

@@ -1,0 +1,94 @@
+"""The sheets of lenses, which lie beside the lens data: as previews for the panel, and as images.
+
+`lensfield lens plot` draws them, with matplotlib, which Blender does not bring.
+"""
+
+import os
+from functools import cache
+from pathlib import Path
+
+import bpy
+import bpy.utils.previews
+import numpy as np
+
+from ..engine.lens_files import BUNDLED, bundled_names
+from .errors import SceneError
+
+PREVIEW_PX = 640  # the longer side; previews that Blender reads by itself have 256, too few for the text
+SHEET_MARK = "lensfield_sheet"
+
+_changed_ns = {}  # of each sheet among the previews, when it was last changed
+
+
+def sheet_path(name_or_path):
+    """Where the sheet of a lens lies, if there is one: beside its file, or with the bundled lenses."""
+    if name_or_path in bundled_names():
+        return BUNDLED / f"{name_or_path}.png"
+    return Path(os.path.splitext(name_or_path)[0] + ".png")
+
+
+def sheet_preview(path):
+    """A sheet's ImagePreview, the same as before unless the file has changed.
+
+    Raises
+    ------
+    SceneError
+        The file is no picture.
+    """
+    previews, name, changed_ns = _previews(), str(path), os.stat(path).st_mtime_ns
+    if _changed_ns.get(name) != changed_ns:
+        pixels = _read(path)
+        preview = previews.get(name) or previews.new(name)
+        preview.image_size = pixels.shape[1::-1]
+        preview.image_pixels_float.foreach_set(pixels[::-1].ravel())  # from the bottom upwards
+        _changed_ns[name] = changed_ns
+    return previews[name]
+
+
+def load_sheet(path):
+    """A sheet as an image of the .blend, read anew where it is one already.
+
+    Raises
+    ------
+    SceneError
+        The file is no picture.
+    """
+    known = set(bpy.data.images)
+    image = bpy.data.images.load(str(path), check_existing=True)
+    image.reload()
+    if not all(image.size):
+        if image not in known:
+            bpy.data.images.remove(image)
+        raise _unreadable(path)
+    image[SHEET_MARK] = True
+    return image
+
+
+def forget_previews():
+    """Free them."""
+    if _previews.cache_info().currsize:
+        bpy.utils.previews.remove(_previews())
+    _previews.cache_clear()
+    _changed_ns.clear()
+
+
+@cache
+def _previews():
+    return bpy.utils.previews.new()
+
+
+def _read(path):
+    """The picture, made smaller: float32 array (row, column, 4) from 0 to 1."""
+    from PIL import Image  # only pictures need it, and they are few
+
+    try:
+        with Image.open(path) as picture:
+            picture = picture.convert("RGBA")
+    except Exception:  # damaged bytes lead Pillow's readers to errors of a dozen kinds
+        raise _unreadable(path) from None
+    picture.thumbnail((PREVIEW_PX, PREVIEW_PX), Image.Resampling.LANCZOS)
+    return np.asarray(picture, dtype=np.float32) / 255
+
+
+def _unreadable(path):
+    return SceneError(path, "lens sheet", "not readable", "draw it anew: lensfield lens plot")

@@ -1,0 +1,185 @@
+"""What a lens does over the field, as curves: angles, distortion, lateral colour, MTF."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from .errors import LensError
+from .geometry import FieldGeometry
+from .lens import MonochromaticLens
+from .spectra import BAND_NM, colour_matching
+
+WHITE_NM = np.arange(BAND_NM[0], BAND_NM[1] + 1)
+GRID_CELLS = 6  # of the distortion grid, over the short side of the sensor
+MOST_GRID_LINES = 40  # on each side of the axis: a hemispherical fisheye has room for any number
+POINTS_PER_LINE = 401
+FREQUENCY_SERIES = np.outer(10.0 ** np.arange(-3, 5), (1, 2, 5)).ravel()
+PREFERRED_FREQUENCIES = 3
+FINEST_FREQUENCY = 0.1  # of the diffraction cutoff; beyond that few lenses show much
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """The field of a lens at its reference wavelength.
+
+    Attributes
+    ----------
+    optics : MonochromaticLens
+    geometry : FieldGeometry
+    edge_mm : float
+        Paraxial height of what meets the sensor's corner, or the last height where the lens data end before it.
+    reaches_corner : bool
+        Whether the lens data reach the sensor's corner.
+    """
+
+    optics: MonochromaticLens
+    geometry: FieldGeometry
+    edge_mm: float
+    reaches_corner: bool
+
+
+def field_of(lens):
+    """The Field of a lens; a LensError where its distortion folds the picture."""
+    optics = lens.at_wavelength(reference_nm(lens))
+    geometry = FieldGeometry(optics, lens.name)
+    corner_mm = np.hypot(*lens.sensor_mm) / 2
+    reaches_corner = bool(corner_mm <= geometry.last_real_mm)
+    edge_mm = geometry.paraxial_height_mm(corner_mm) if reaches_corner else lens.heights_mm[-1]
+    return Field(optics, geometry, float(edge_mm), reaches_corner)
+
+
+def reference_nm(lens):
+    """The reference wavelength, or the nearest that the lens data hold."""
+    return float(np.clip(lens.reference_wavelength_nm, *lens.wavelengths_nm[[0, -1]]))
+
+
+def field_angle_rad(lens, paraxial_height_mm):
+    """Angle to the axis, on the object side, of the chief ray of a paraxial image height."""
+    return np.arctan(paraxial_height_mm / lens.capture_focal_length_mm)
+
+
+def cosine_fourth(lens, paraxial_height_mm):
+    """Relative illumination of a lens without distortion, vignetting or pupil aberration."""
+    return np.cos(field_angle_rad(lens, paraxial_height_mm)) ** 4
+
+
+def distortion_percent(field, paraxial_height_mm):
+    """How much farther out than its paraxial height a chief ray lands, in per cent of that height."""
+    return float(100 * (field.geometry.distortion(paraxial_height_mm) / paraxial_height_mm - 1))
+
+
+def distortion_grid(lens, field):
+    """Lines of a square grid in the ideal picture, and where the lens draws them, at the reference wavelength.
+
+    The ideal grid has GRID_CELLS cells over the sensor's short side, and goes on beyond the sensor as far as the lens
+    still brings it in.
+
+    Returns
+    -------
+    ideal_mm, real_mm : arrays (line, point, 2)
+        x and y about the axis; NaN in `real_mm` beyond the lens data.
+    """
+    focal_mm, reach_mm = lens.capture_focal_length_mm, field.edge_mm
+    furthest = np.arctan(reach_mm / focal_mm)
+    along_mm = focal_mm * np.tan(np.linspace(-furthest, furthest, POINTS_PER_LINE))  # dense in the middle
+    cells = [max(2, round(GRID_CELLS * side / min(lens.sensor_mm))) for side in lens.sensor_mm]
+    lines = []
+    for side_mm, number, across in zip(lens.sensor_mm, cells, (0, 1)):
+        beyond = min(MOST_GRID_LINES, max(0, int(np.floor((reach_mm / side_mm - 0.5) * number + 1e-9))))
+        for place_mm in (np.arange(-beyond, number + beyond + 1) / number - 0.5) * side_mm:
+            pair = [np.full(along_mm.size, place_mm), along_mm]
+            lines.append(np.stack(pair[::-1] if across else pair, axis=-1))
+    ideal_mm = np.stack(lines)
+    paraxial_mm = np.hypot(ideal_mm[..., 0], ideal_mm[..., 1])
+    known = np.where(paraxial_mm <= lens.heights_mm[-1] * (1 + 1e-9), paraxial_mm, np.nan)
+    return ideal_mm, ideal_mm / field.geometry.paraxial_per_real(field.geometry.distortion(known), known)[..., None]
+
+
+def lateral_colour_um(lens, wavelengths_nm):
+    """How much farther out chief rays land than at the reference wavelength.
+
+    Wavelengths beyond the lens data are taken to be its first or last.
+
+    Returns
+    -------
+    array (wavelength, height), in micrometres
+    """
+    known = np.clip(np.append(wavelengths_nm, reference_nm(lens)), *lens.wavelengths_nm[[0, -1]])
+    degree = min(3, lens.wavelengths_nm.size - 1)
+    table = lens.real_height_mm
+    real_mm = make_interp_spline(lens.wavelengths_nm, table, k=degree)(known) if degree else table[[0] * known.size]
+    return 1e3 * (real_mm[:-1] - real_mm[-1])
+
+
+def table_weights(lens, wavelengths_nm):
+    """Weights of the lens data's wavelengths in PSFs interpolated to others: array (wavelength, wavelength of data)."""
+    return np.stack([np.interp(wavelengths_nm, lens.wavelengths_nm, unit) for unit in np.eye(lens.wavelengths_nm.size)],
+                    axis=-1)
+
+
+def transfer(psf, pitch_um, frequencies_per_mm):
+    """Optical transfer of gratings, by direct sum over the samples of PSFs; its magnitude is the MTF.
+
+    Parameters
+    ----------
+    psf : array (..., v, u)
+        Of unit sum, the chief ray at `[n // 2, n // 2]`.
+    pitch_um : float
+    frequencies_per_mm : sequence of float
+        Cycles per mm in the image.
+
+    Returns
+    -------
+    tangential, sagittal : complex arrays (..., frequency)
+        Of gratings that vary along v, whose lines run along the tangent, and of gratings that vary along u.
+    """
+    offset_mm = (np.arange(psf.shape[-1]) - psf.shape[-1] // 2) * pitch_um * 1e-3
+    waves = np.exp(-2j * np.pi * np.outer(offset_mm, frequencies_per_mm))
+    return psf.sum(axis=-1, dtype=np.float64) @ waves, psf.sum(axis=-2, dtype=np.float64) @ waves
+
+
+def white_mtf(lens, frequencies_per_mm):
+    """MTF over the field in white light of equal energy as the eye weighs it, CIE 1931 Y, lateral colour included.
+
+    PSFs are interpolated between the wavelengths of the lens data as `Lens.at_wavelength` does, and held beyond them.
+    Nothing is corrected for: neither the light that falls outside the PSF window nor pixels.
+
+    Returns
+    -------
+    tangential, sagittal : arrays (height, frequency)
+
+    Raises
+    ------
+    LensError
+        The PSFs are sampled too coarsely for a frequency.
+    """
+    finest = finest_frequency_per_mm(lens)
+    for frequency in frequencies_per_mm:
+        if not 0 < frequency <= finest:
+            raise LensError(lens.name, "frequency", f"{frequency:g} cycles/mm", "expected more than 0 and at most "
+                            f"{finest:g}, for the PSFs are sampled every {lens.psf_pitch_um:g} um")
+    weights = colour_matching(WHITE_NM)[:, 1] / colour_matching(WHITE_NM)[:, 1].sum()
+    by_wavelength = weights[:, None] * table_weights(lens, WHITE_NM)
+    moved_mm = 1e-3 * lateral_colour_um(lens, WHITE_NM)
+    moves = np.exp(-2j * np.pi * moved_mm[..., None] * np.asarray(frequencies_per_mm))
+    tangential, sagittal = transfer(lens.psf, lens.psf_pitch_um, frequencies_per_mm)
+    return (np.abs(np.einsum("nl,nhf,lhf->hf", by_wavelength, moves, tangential, optimize=True)),
+            np.abs(np.einsum("nl,lhf->hf", by_wavelength, sagittal)))
+
+
+def diffraction_cutoff_per_mm(lens):
+    """Frequency that no lens of this aperture transfers, at the reference wavelength."""
+    return 1e6 / (lens.reference_wavelength_nm * lens.f_number_effective)
+
+
+def finest_frequency_per_mm(lens):
+    """The finest grating that the PSF samples can tell: half their number per mm."""
+    return 500 / lens.psf_pitch_um
+
+
+def preferred_frequencies_per_mm(lens):
+    """Three frequencies for this lens, of the series 1, 2, 5, ascending to about a tenth of the diffraction cutoff."""
+    finest = min(FINEST_FREQUENCY * diffraction_cutoff_per_mm(lens), finest_frequency_per_mm(lens) / 2)
+    last = int(np.argmin(np.abs(np.log(FREQUENCY_SERIES / finest))))
+    return FREQUENCY_SERIES[max(0, last + 1 - PREFERRED_FREQUENCIES):last + 1].tolist()

@@ -1,0 +1,160 @@
+"""The PSFs of a lens in one picture: field heights across, wavelengths down, and a row as white light shows them."""
+
+import numpy as np
+
+from .colour import encode_srgb
+from .drawing import INK, SMALL
+from .fringes import wavelength_colours, white_psfs
+from .lens_curves import field_angle_rad
+
+MOST_HEIGHTS, MOST_WAVELENGTHS = 6, 7
+GAP_PX = 3
+WHITE_ROW_GAP = 0.3  # of a row
+DECADES = 3  # of irradiance below the peak that are shown
+FRAMED_LEVEL = 0.01  # of the peak: what lies within the tiles
+FRAMED_SHARE = 90  # per cent of the PSFs of which it does: a few wide ones may fill their tiles and more
+BURNT_OUT = 6.0  # how far above white the peaks of the row in colour are, for fringes are faint
+COLOUR_MAP, COLOUR_STEPS = "inferno", 24
+SCALE_BAR_SHARE = 0.5  # of a tile, at the most
+
+
+def draw_psf_map(figure, corner, largest, lens, field):
+    """Draw the map into a figure.
+
+    Parameters
+    ----------
+    figure : matplotlib Figure
+    corner, largest : (float, float)
+        The upper left corner, from the figure's lower left one, and the largest width and height, in inches.
+    lens : Lens
+    field : Field
+
+    Returns
+    -------
+    shown : matplotlib image
+        The PSFs, for a colour bar.
+    right, bottom : float
+        Where the map ends, in inches.
+    """
+    heights, wavelengths = shown_heights(lens, field), shown_wavelengths(lens)
+    rows, columns = wavelengths.size, heights.size
+    side_px = int(figure.dpi * min(largest[0] / MOST_HEIGHTS, largest[1] / (rows + 1 + WHITE_ROW_GAP)))
+    side = side_px / figure.dpi  # so that samples of the tiles are pixels of the figure
+    left, top = corner
+    single = _add_axes(figure, left, top, columns * side, rows * side)
+    white = _add_axes(figure, left, top - (rows + WHITE_ROW_GAP) * side, columns * side, side)
+    shown = _draw_single(single, lens.psf[np.ix_(wavelengths, heights)], lens.psf_pitch_um, side_px)
+    _draw_white(white, white_psfs(lens, heights), lens.psf_pitch_um, side_px)
+    _label_columns(single, lens, field, heights)
+    _label_rows(single, white, lens.wavelengths_nm[wavelengths])
+    return shown, left + columns * side, top - (rows + 1 + WHITE_ROW_GAP) * side
+
+
+def shown_heights(lens, field):
+    """Indices of up to MOST_HEIGHTS field heights, evenly in the picture from the axis to the edge of the field."""
+    places_mm = np.linspace(0, field.geometry.distortion(field.edge_mm), MOST_HEIGHTS)
+    return np.unique(np.abs(field.optics.real_height_mm[:, None] - places_mm).argmin(axis=0))
+
+
+def shown_wavelengths(lens):
+    """Indices of up to MOST_WAVELENGTHS wavelengths, evenly from the first to the last."""
+    return even_indices(lens.wavelengths_nm.size, MOST_WAVELENGTHS)
+
+
+def even_indices(number, most):
+    """Up to `most` of so many indices, evenly from the first to the last."""
+    return np.rint(np.linspace(0, number - 1, min(number, most))).astype(int)
+
+
+def _add_axes(figure, left, top, width, height):
+    """Axes without ticks or frame, hung from a point given in inches."""
+    size = figure.get_size_inches()
+    axes = figure.add_axes((left / size[0], (top - height) / size[1], width / size[0], height / size[1]))
+    axes.spines[:].set_visible(False)
+    axes.tick_params(length=0, labelsize=SMALL, colors=INK)
+    axes.set_xticks([])
+    axes.set_yticks([])
+    return axes
+
+
+def _draw_single(axes, psfs, pitch_um, side_px):
+    """PSFs (wavelength, height, v, u), each over its own peak, on a logarithmic scale."""
+    from matplotlib import colormaps
+
+    half_um = _half_width_um(psfs / psfs.max(axis=(2, 3), keepdims=True), pitch_um)
+    tiles = np.stack([[tile(psf, pitch_um, half_um, side_px - 2 * GAP_PX) for psf in own] for own in psfs])
+    tiles /= tiles.max(axis=(2, 3), keepdims=True)
+    shown = axes.imshow(_montage(np.log10(np.maximum(tiles, 10.0**-DECADES)), np.nan), aspect="auto", vmin=-DECADES,
+                        vmax=0, cmap=colormaps[COLOUR_MAP].resampled(COLOUR_STEPS), interpolation="nearest",
+                        extent=(0, psfs.shape[1], psfs.shape[0], 0))
+    _draw_scale_bar(axes, half_um, side_px)
+    return shown
+
+
+def _draw_white(axes, psfs, pitch_um, side_px):
+    """PSFs (height, v, u, colour) in white light, as pictures exposed for their fringes."""
+    brightest = psfs.max(axis=-1)
+    half_um = _half_width_um(BURNT_OUT * brightest / brightest.max(axis=(1, 2), keepdims=True), pitch_um)
+    tiles = np.stack([np.stack([tile(psf[..., colour], pitch_um, half_um, side_px - 2 * GAP_PX)
+                                for colour in range(3)], axis=-1) for psf in psfs])
+    tiles *= BURNT_OUT / tiles.max(axis=(1, 2, 3), keepdims=True)
+    axes.imshow(_montage(encode_srgb(tiles)[None], 1.0), aspect="auto", interpolation="nearest",
+                extent=(0, len(psfs), 1, 0))
+    _draw_scale_bar(axes, half_um, side_px)
+
+
+def _half_width_um(psfs, pitch_um):
+    """Half the side of squares about the chief rays that frame FRAMED_SHARE of the PSFs (..., v, u)."""
+    psfs = psfs.reshape(-1, *psfs.shape[-2:])
+    v, u = (np.abs(np.arange(n) - n // 2) for n in psfs.shape[1:])
+    reach = np.where(psfs >= FRAMED_LEVEL, np.maximum(v[:, None], u), 0).max(axis=(1, 2))
+    return float((np.percentile(reach, FRAMED_SHARE) + 1.5) * pitch_um)
+
+
+def tile(psf, pitch_um, half_um, tile_px):
+    """A PSF (v, u) to `half_um` about its chief ray: array (row, column) of tile_px square, outwards to the right."""
+    place_um = ((np.arange(tile_px) + 0.5) / tile_px * 2 - 1) * half_um
+    v, u = (_weights(place_um, (np.arange(n) - n // 2) * pitch_um, pitch_um) for n in psf.shape)
+    return u @ psf.T @ v.T
+
+
+def _weights(place_um, sample_um, pitch_um):
+    """Weights of samples at places: interpolated linearly or, where samples are finer than places, averaged."""
+    reach_um = max(pitch_um, place_um[1] - place_um[0])
+    return np.maximum(0, 1 - np.abs(place_um[:, None] - sample_um) / reach_um) * pitch_um / reach_um
+
+
+def _montage(tiles, gap):
+    """Tiles (row, column, y, x, ...) as one picture, with this value in the gaps between them."""
+    rows, columns = tiles.shape[:2]
+    around = [(0, 0), (0, 0), (GAP_PX, GAP_PX), (GAP_PX, GAP_PX)] + [(0, 0)] * (tiles.ndim - 4)
+    padded = np.pad(tiles, around, constant_values=gap)
+    return padded.swapaxes(1, 2).reshape(rows * padded.shape[2], columns * padded.shape[3], *tiles.shape[4:])
+
+
+def _label_columns(axes, lens, field, heights):
+    """Where on the sensor the chief rays land, and under which angle they come in."""
+    degrees = np.degrees(field_angle_rad(lens, lens.heights_mm[heights]))
+    axes.xaxis.tick_top()
+    axes.set_xticks(np.arange(heights.size) + 0.5,
+                    [f"{mm:.3g} mm\n{angle:.3g}°"
+                     for mm, angle in zip(field.optics.real_height_mm[heights], np.round(degrees))])
+    axes.tick_params(length=0)
+
+
+def _label_rows(single, white, wavelengths_nm):
+    names = [f"{nm:.4g} nm" for nm in wavelengths_nm]
+    single.set_yticks(np.arange(wavelengths_nm.size) + 0.5, names, fontweight="bold")
+    for label, colour in zip(single.get_yticklabels(), wavelength_colours(wavelengths_nm)):
+        label.set_color(colour)
+    white.set_yticks([0.5], ["white\nlight"], fontweight="bold")
+
+
+def _draw_scale_bar(axes, half_um, side_px):
+    """A bar of a round length in the lower left corner of the last row."""
+    tile_um = 2 * half_um * side_px / (side_px - 2 * GAP_PX)
+    decade = 10 ** np.floor(np.log10(SCALE_BAR_SHARE * tile_um))
+    length_um = max(step * decade for step in (1, 2, 5) if step * decade <= SCALE_BAR_SHARE * tile_um)
+    bottom = axes.get_ylim()[0]
+    axes.plot([0.1, 0.1 + length_um / tile_um], [bottom - 0.1] * 2, color="white", linewidth=2, solid_capstyle="butt")
+    axes.text(0.1, bottom - 0.14, f"{length_um:g} µm", color="white", fontsize=SMALL - 1, va="bottom")

@@ -1,0 +1,42 @@
+"""A stand-in for Blender's layouts, which draw only in windows."""
+
+from types import SimpleNamespace
+
+import bpy
+
+
+class Layout:
+    """Notes which properties, operators and pictures are shown, and what labels say."""
+
+    def __init__(self, parent=None, folded=False):
+        self.shown = parent.shown if parent else []
+        self.labels = parent.labels if parent else []
+        self.folded = parent.folded if parent else folded
+
+    def prop(self, owner, name, **_):
+        assert name in owner.bl_rna.properties
+        self.shown.append(name)
+
+    def operator(self, name, **_):
+        module, function = name.split(".")
+        self.shown.append(name)
+        properties = getattr(getattr(bpy.ops, module), function).get_rna_type().properties
+        return SimpleNamespace(**dict.fromkeys(properties.keys()))
+
+    def template_icon(self, icon_value, scale):
+        assert scale > 0
+        self.shown.append("picture")
+
+    def column(self, **_):
+        return Layout(self)
+
+    row = column
+
+    def panel(self, idname, default_closed=False):
+        return Layout(self), None if self.folded else Layout(self)
+
+    def label(self, text="", **_):
+        self.labels.append(text)
+
+    def separator(self, **_):
+        pass

@@ -1,0 +1,164 @@
+"""Sheets of lenses in the panel, and at full size."""
+
+import os
+import shutil
+
+import bpy
+import numpy as np
+import pytest
+from layouts import Layout
+from PIL import Image
+
+from lensfield import addon
+from lensfield.addon import previews
+from lensfield.addon.errors import SceneError
+from lensfield.addon.panels import draw_settings
+from lensfield.engine.lens_files import BUNDLED
+
+RED, BLUE = (255, 0, 0), (0, 0, 255)
+
+
+@pytest.fixture
+def own_lens(scene, tmp_path):
+    """A lens of the user's own, chosen in the scene, that has no sheet yet; its path."""
+    path = tmp_path / "own.npz"
+    shutil.copy(BUNDLED / "edmund-54852.npz", path)
+    scene.lensfield.lens = "FILE"
+    scene.lensfield.lens_file = str(path)
+    yield path
+    previews.forget_previews()
+
+
+def paint(path, *colours, size=(90, 60), changed_ns=0):
+    """A picture of horizontal bands, the first at the top."""
+    picture = Image.new("RGB", size)
+    for index, colour in enumerate(colours):
+        picture.paste(colour, (0, size[1] * index // len(colours), *size))
+    picture.save(path)
+    os.utime(path, ns=(changed_ns, changed_ns))
+    return path
+
+
+def preview_pixels(preview):
+    columns, rows = preview.image_size
+    return np.array(preview.image_pixels_float).reshape(rows, columns, 4)
+
+
+def drawn(scene, **layout):
+    layout = Layout(**layout)
+    draw_settings(layout, scene)
+    return layout
+
+
+def test_sheets_lie_beside_their_lenses(tmp_path):
+    assert previews.sheet_path("edmund-54852") == BUNDLED / "edmund-54852.png"
+    assert previews.sheet_path(str(tmp_path / "a lens.v2.npz")) == tmp_path / "a lens.v2.png"
+    for nonsense in ("", ".", "/"):
+        assert not previews.sheet_path(nonsense).is_file()
+
+
+def test_a_preview_is_the_sheet_made_smaller():
+    preview = previews.sheet_preview(BUNDLED / "edmund-54852.png")
+    pixels = preview_pixels(preview)
+    assert pixels.shape == (previews.PREVIEW_PX, previews.PREVIEW_PX, 4) and preview.is_image_custom
+    assert np.all(pixels[..., 3] == 1) and 0.5 < (pixels[..., :3] == 1).mean() < 0.95
+
+
+def test_a_preview_stands_upright_and_keeps_its_shape(tmp_path):
+    pixels = preview_pixels(previews.sheet_preview(paint(tmp_path / "flag.png", RED, BLUE)))
+    assert pixels.shape == (60, 90, 4)
+    assert pixels[0, 0].tolist() == [0, 0, 1, 1] and pixels[-1, 0].tolist() == [1, 0, 0, 1]  # row 0 is the lowest
+
+
+def test_a_changed_sheet_is_seen(tmp_path):
+    path = paint(tmp_path / "sheet.png", RED)
+    preview = previews.sheet_preview(path)
+    before = preview_pixels(preview)
+    assert previews.sheet_preview(path) == preview
+    paint(path, BLUE, size=(40, 20), changed_ns=10**9)
+    after = preview_pixels(previews.sheet_preview(path))
+    assert before[0, 0].tolist() == [1, 0, 0, 1] and after[0, 0].tolist() == [0, 0, 1, 1]
+    assert after.shape == (20, 40, 4)
+
+
+def test_an_unchanged_sheet_is_read_once(tmp_path, monkeypatch):
+    path = paint(tmp_path / "sheet.png", RED)
+    previews.sheet_preview(path)
+    monkeypatch.setattr(previews, "_read", None)
+    assert tuple(previews.sheet_preview(path).image_size) == (90, 60)
+
+
+@pytest.mark.parametrize("damage", [b"", b"no picture", slice(0, 300)])
+def test_a_damaged_sheet_is_named(tmp_path, damage):
+    path = paint(tmp_path / "sheet.png", *[RED, BLUE] * 20, size=(500, 400))
+    path.write_bytes(path.read_bytes()[damage] if isinstance(damage, slice) else damage)
+    with pytest.raises(SceneError, match="sheet.png: lens sheet is not readable: draw it anew: lensfield lens plot"):
+        previews.sheet_preview(path)
+
+
+def test_the_panel_shows_the_sheet_of_a_bundled_lens(scene):
+    layout = drawn(scene)
+    assert {"picture", "lensfield.show_sheet"} <= set(layout.shown)
+
+
+def test_a_folded_sheet_takes_no_room(scene):
+    layout = drawn(scene, folded=True)
+    assert not {"picture", "lensfield.show_sheet"} & set(layout.shown) and "Lens Sheet" in layout.labels
+
+
+def test_the_panel_says_how_to_draw_a_sheet_that_is_not_there(scene, own_lens):
+    layout = drawn(scene)
+    assert not {"picture", "lensfield.show_sheet"} & set(layout.shown)
+    assert {"Lens Sheet: to draw it, run", "lensfield lens plot own.npz"} <= set(layout.labels)
+    paint(own_lens.with_suffix(".png"), RED)
+    assert {"picture", "lensfield.show_sheet"} <= set(drawn(scene).shown)
+
+
+def test_the_panel_names_a_damaged_sheet(scene, own_lens):
+    own_lens.with_suffix(".png").write_text("no picture")
+    assert any("own.png: lens sheet is not readable" in text for text in drawn(scene).labels)
+
+
+def test_the_operator_loads_the_sheet_at_full_size(scene):
+    assert bpy.ops.lensfield.show_sheet() == {"FINISHED"}
+    image = bpy.data.images["edmund-54852.png"]
+    with Image.open(BUNDLED / "edmund-54852.png") as picture:
+        assert tuple(image.size) == picture.size
+    assert bpy.ops.lensfield.show_sheet() == {"FINISHED"} and len(bpy.data.images) == 1
+
+
+def test_the_operator_reads_a_changed_sheet_anew(scene, own_lens):
+    path = paint(own_lens.with_suffix(".png"), RED)
+    bpy.ops.lensfield.show_sheet()
+    assert bpy.data.images["own.png"].pixels[:3] == (1, 0, 0)
+    paint(path, BLUE, size=(8, 8))
+    bpy.ops.lensfield.show_sheet()
+    assert bpy.data.images["own.png"].pixels[:3] == (0, 0, 1) and tuple(bpy.data.images["own.png"].size) == (8, 8)
+
+
+def test_the_operator_waits_for_a_sheet(scene, own_lens):
+    assert not bpy.ops.lensfield.show_sheet.poll()
+    paint(own_lens.with_suffix(".png"), RED)
+    assert bpy.ops.lensfield.show_sheet.poll()
+    scene.lensfield.lens_file = ""
+    assert not bpy.ops.lensfield.show_sheet.poll()
+
+
+def test_the_operator_leaves_nothing_of_a_damaged_sheet(scene, own_lens):
+    own_lens.with_suffix(".png").write_text("no picture")
+    with pytest.raises(RuntimeError, match="own.png: lens sheet is not readable"):
+        bpy.ops.lensfield.show_sheet()
+    assert not bpy.data.images
+
+
+def test_previews_are_freed_with_the_addon(scene, monkeypatch):
+    drawn(scene)
+    removed = []
+    remove = bpy.utils.previews.remove
+    monkeypatch.setattr(bpy.utils.previews, "remove", lambda kept: (removed.append(len(kept)), remove(kept)))
+    addon.unregister()
+    try:
+        assert len(removed) == 1 and removed[0] > 0 and not previews._changed_ns
+    finally:
+        addon.register()
+    assert "picture" in drawn(scene).shown

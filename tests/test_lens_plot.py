@@ -1,0 +1,148 @@
+"""The lens sheet: what is drawn, and what the command does."""
+
+import sys
+
+import numpy as np
+import pytest
+from lenses import comatic_lens, gaussian_psf, lopsided_lens, make_lens, marked_psf
+from lensfield import cli
+from lensfield.engine import InputError, LensError
+from lensfield.engine.lens_files import BUNDLED, bundled_names
+from lensfield.engine.lens_files.package import write_package
+from lensfield.engine.lens_plot import write_lens_plot
+from lensfield.engine.psf_map import tile
+from PIL import Image
+
+SIDE_PX = 1680
+HEAVIEST_BYTES = 170_000
+
+
+def pixels(path):
+    with Image.open(path) as picture:
+        assert picture.format == "PNG"
+        return np.asarray(picture.convert("RGB"))
+
+
+def part(sheet, left, bottom, width, height):
+    """Pixels of a place given in inches of a sheet of 12 x 12, as `lens_plot` gives them."""
+    rows, columns = (slice(*(int(SIDE_PX / 12 * end) for end in ends))
+                     for ends in ((12 - bottom - height, 12 - bottom), (left, left + width)))
+    return sheet[rows, columns]
+
+
+def run(*arguments):
+    return cli.main(["lens", "plot", *map(str, arguments)])
+
+
+@pytest.fixture(scope="module")
+def sheet(tmp_path_factory):
+    path = tmp_path_factory.mktemp("sheet") / "sheet.png"
+    write_lens_plot(comatic_lens(), path)
+    return pixels(path)
+
+
+@pytest.fixture
+def lens_file(tmp_path):
+    path = tmp_path / "own lens.npz"
+    write_package(make_lens(gaussian_psf(4, 6, 2.5, 17)), path)
+    return path
+
+
+def test_a_sheet_is_white_paper_with_something_in_every_panel(sheet):
+    assert sheet.shape == (SIDE_PX, SIDE_PX, 3)
+    assert np.all(sheet[0] == 255) and np.all(sheet[:, -1] == 255) and 0.5 < np.mean(sheet == 255) < 0.95
+    for place in ((6.85, 7.15, 4.4, 2.9), (6.85, 3.9, 4.4, 2.4), (1.05, 0.95, 4.9, 1.8), (6.85, 0.95, 4.4, 1.8)):
+        assert 0.01 < np.mean(part(sheet, *place).min(axis=-1) < 128) < 0.5
+    assert np.mean(part(sheet, 1.05, 7.0, 4.5, 2.5).max(axis=-1) < 32) > 0.2  # the dark of the tiles
+
+
+def test_the_in_colour_row_shows_lateral_colour(tmp_path):
+    def colourfulness(name, lens):
+        write_lens_plot(lens, tmp_path / name)
+        return np.ptp(part(pixels(tmp_path / name), 1.05, 6.0, 4.5, 1.6).astype(int), axis=-1)
+
+    blurred = gaussian_psf(4, 4, 2.5, 17)
+    white = colourfulness("white.png", make_lens(blurred))
+    fringed = colourfulness("fringed.png", make_lens(blurred, lambda nm, p: p * (1 + 2e-5 * (nm - 550))))
+    assert (fringed > 100).sum() > 10 * (white > 100).sum() + 1000
+
+
+def test_a_tile_has_outwards_to_the_right_and_keeps_shape_and_light():
+    placed = tile(marked_psf(6, 3), 2.5, 40.0, 128)
+    row, column = (np.average(np.arange(128) + 0.5, weights=placed.sum(axis=axis)) for axis in (1, 0))
+    um_per_px = 80 / 128
+    assert (column - 64) * um_per_px == pytest.approx(15.0, abs=0.1)
+    assert (row - 64) * um_per_px == pytest.approx(7.5, abs=0.1)
+    coarse, fine = (tile(gaussian_psf(3, 6, 1.0, 101), 1.0, 40.0, n) for n in (32, 256))
+    assert coarse.sum() * (80 / 32)**2 == pytest.approx(1, abs=1e-3) == fine.sum() * (80 / 256)**2
+    row, column = (np.sqrt(np.average(((np.arange(256) + 0.5) / 3.2 - 40)**2, weights=fine.sum(axis=axis)))
+                   for axis in (1, 0))
+    assert (row, column) == (pytest.approx(6, rel=0.02), pytest.approx(3, rel=0.03))
+
+
+@pytest.mark.parametrize("lens", [
+    make_lens(wavelengths_nm=(900.0,), heights_mm=(0.0, 2.0), name="$x^{ no formula", maker="m" * 300),
+    make_lens(gaussian_psf(3, 3, 2.5, 8), lambda nm, p: 2 * np.arctan(p / 2), object_distance_mm=np.inf,
+              heights_mm=2 * np.tan(np.radians(np.linspace(0, 75, 60))), name="a_name_without_a_space" * 10,
+              story="A fisheye that sees nearly all. " * 20, wavelengths_nm=np.linspace(400, 700, 31)),
+    lopsided_lens()], ids=["one wavelength", "fisheye of 150 degrees", "lopsided"])
+def test_unusual_lenses_have_sheets(lens, tmp_path):
+    write_lens_plot(lens, tmp_path / "sheet.png", [10.0])
+    assert pixels(tmp_path / "sheet.png").std() > 10
+
+
+@pytest.mark.parametrize("frequencies", [[], [1.0] * 6])
+def test_one_to_five_frequencies(frequencies, tmp_path):
+    with pytest.raises(InputError, match="frequencies is . of them: expected 1 to 5"):
+        write_lens_plot(make_lens(), tmp_path / "sheet.png", frequencies)
+
+
+def test_a_lens_that_folds_the_picture_has_no_sheet(tmp_path):
+    with pytest.raises(LensError, match="real_height_mm is falling"):
+        write_lens_plot(make_lens(real_height_mm=lambda nm, p: p * (1 - 0.2 * p**2)), tmp_path / "sheet.png")
+    assert not list(tmp_path.iterdir())
+
+
+def test_every_bundled_lens_has_its_sheet_and_none_is_heavy():
+    sheets = sorted(BUNDLED.glob("*.png"))
+    assert [path.stem for path in sheets] == bundled_names()
+    for path in sheets:
+        assert path.stat().st_size <= HEAVIEST_BYTES
+        assert pixels(path).shape == (SIDE_PX, SIDE_PX, 3)
+
+
+def test_the_command_puts_the_sheet_beside_the_file(lens_file, capsys):
+    assert run(lens_file) == 0
+    path = lens_file.with_suffix(".png")
+    assert capsys.readouterr().out == f"{path}\n" and pixels(path).std() > 10
+    assert {item.name for item in lens_file.parent.iterdir()} == {lens_file.name, path.name}
+
+
+def test_the_command_draws_a_bundled_lens_here(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert run("edmund-54852", "--frequencies", "40, 80") == 0
+    assert capsys.readouterr().out == "edmund-54852.png\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["edmund-54852.png"]
+
+
+@pytest.mark.parametrize("arguments, message", [
+    (("no-such-lens",), "no-such-lens: lens is not there"),
+    (("edmund-54852", "--frequencies", "20;50"), "options: --frequencies is 20;50: expected cycles per mm such as"),
+    (("edmund-54852", "--frequencies", "20,2000"), "edmund-54852: frequency is 2000 cycles/mm: expected more than 0"),
+    (("edmund-54852", "-o", "sheet.jpg"), "sheet.jpg: kind of file is .jpg: expected a .png"),
+    (("edmund-54852", "-o", "a-file/sheet.png"), "a-file: folder is not to be made"),
+    ((".",), ".: lens is a folder")])
+def test_bad_input_is_one_line(arguments, message, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a-file").touch()
+    assert run(*arguments) == 1
+    printed = capsys.readouterr().err
+    assert message in printed and printed.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["a-file"]
+
+
+def test_without_matplotlib_one_line_says_how_to_get_it(lens_file, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    assert run(lens_file) == 1
+    assert capsys.readouterr().err == "lensfield: matplotlib: module is not there: pip install lensfield[plots]\n"
+    assert not lens_file.with_suffix(".png").exists()
