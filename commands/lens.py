@@ -1,10 +1,21 @@
 """`lensfield lens`: what lens data hold, and where they come from."""
 
 import json
+from collections import Counter
+from dataclasses import asdict
+from pathlib import Path
 
-from ..engine import Lens
-from ..engine.lens_files import bundled_names
+from ..engine import InputError, Lens
+from ..engine.atomic import atomic_path
+from ..engine.export_macro import PROGRAMS, ExportOptions, export_macro
+from ..engine.finding import SEVERITIES
+from ..engine.lens_check import check_lens
+from ..engine.lens_files import bundled_names, import_lens
+from ..engine.lens_files.package import write_package
 from ..engine.lens_info import lens_info, lens_text
+from ..engine.spectra import parse_wavelengths
+from . import bake
+from .arguments import check_targets
 
 
 def add(commands):
@@ -15,8 +26,128 @@ def add(commands):
     info.set_defaults(run=_info)
     listing = lens.add_parser("list", help="names of the bundled lenses")
     listing.set_defaults(run=lambda _: print("\n".join(bundled_names())))
+    _add_check(lens)
+    _add_plot(lens)
+    _add_import(lens)
+    bake.add(lens)
+    _add_export_macro(lens)
 
 
 def _info(options):
     info = lens_info(Lens.load(options.lens))
     print(json.dumps(info, indent=2) if options.json else lens_text(info))
+
+
+def _add_check(lens):
+    check = lens.add_parser("check", help="what is suspicious or harmful in lens data; exit status 1 for an error")
+    check.add_argument("lens", metavar="NAME|FILE")
+    check.add_argument("--json", action="store_true", help="as JSON")
+    check.set_defaults(run=_check)
+
+
+def _check(options):
+    """Tell the findings; the exit status that scripts go by: 1 where one is an error."""
+    findings = check_lens(Lens.load(options.lens))
+    counts = Counter(finding.severity for finding in findings)
+    if options.json:
+        print(json.dumps([asdict(finding) for finding in findings], indent=2))
+    else:
+        summary = ", ".join(f"{counts[severity]} {severity}{'s' * (counts[severity] > 1)}"
+                            for severity in SEVERITIES if counts[severity])
+        print(*findings, summary or "no findings", sep="\n")
+    return int(counts["error"] > 0)
+
+
+def _add_plot(lens):
+    plot = lens.add_parser("plot", help="a lens on one sheet: PSFs, distortion, MTF, relative illumination, colour")
+    plot.add_argument("lens", metavar="NAME|FILE")
+    plot.add_argument("-o", "--output", type=Path, metavar="SHEET.png",
+                      help="what to write (default: beside the file, under its name; for a bundled lens NAME.png here)")
+    plot.add_argument("--frequencies", metavar="LIST",
+                      help="of the MTF, in cycles per mm, such as 20,50,100 (default: up to a tenth of what "
+                           "diffraction lets through)")
+    plot.set_defaults(run=_plot)
+
+
+def _plot(options):
+    from ..engine.drawing import require_matplotlib
+    from ..engine.lens_plot import write_lens_plot
+
+    require_matplotlib()
+    frequencies = None if options.frequencies is None else _frequencies(options.frequencies)
+    lens = Lens.load(options.lens)
+    bundled = options.lens in bundled_names()
+    path = options.output or (Path(f"{options.lens}.png") if bundled else Path(options.lens).with_suffix(".png"))
+    if path.suffix.lower() != ".png":
+        raise InputError(path, "kind of file", path.suffix or "without a suffix", "expected a .png")
+    check_targets(path)
+    write_lens_plot(lens, path, frequencies)
+    print(path)
+
+
+def _frequencies(text):
+    """Cycles per mm from a list such as 20,50,100."""
+    try:
+        return [float(word) for word in text.split(",")]
+    except ValueError:
+        raise InputError("options", "--frequencies", text, "expected cycles per mm such as 20,50,100") from None
+
+
+def _add_export_macro(lens):
+    macro = lens.add_parser("export-macro", help="a macro that exports a lens from Zemax, Code V or zospy")
+    macro.add_argument("program", choices=PROGRAMS)
+    macro.add_argument("-o", "--output", type=Path, metavar="FILE", help="what to write (default: standard output)")
+    macro.add_argument("--heights", type=int, default=ExportOptions.heights, metavar="N",
+                       help="field heights from the axis to the last (default %(default)s)")
+    macro.add_argument("--last-height", type=float, metavar="MM",
+                       help="paraxial image height of the last field (default: the lens's outermost field)")
+    macro.add_argument("--wavelengths", default="400:700:31", metavar="NM",
+                       help="first:last:number, or a list (default %(default)s)")
+    macro.add_argument("--psf-samples", type=int, default=ExportOptions.psf_samples, metavar="N",
+                       help="along each side of a PSF, a power of two (default %(default)s)")
+    macro.add_argument("--psf-pitch-um", type=float, default=ExportOptions.psf_pitch_um, metavar="UM",
+                       help="distance between PSF samples (default %(default)s)")
+    macro.add_argument("--pupil-samples", type=int, default=ExportOptions.pupil_samples, metavar="N",
+                       help="across the pupil, a power of two (default %(default)s)")
+    macro.add_argument("--sensor", metavar="WxH", help="sides of the sensor in mm (default: 4:3, to the last height)")
+    macro.set_defaults(run=_export_macro)
+
+
+def _export_macro(options):
+    macro = export_macro(options.program, ExportOptions(
+        options.heights, options.last_height, tuple(parse_wavelengths(options.wavelengths).tolist()),
+        options.psf_samples, options.psf_pitch_um, options.pupil_samples,
+        options.sensor and _sides_mm(options.sensor)))
+    if options.output is None:
+        print(macro, end="")
+        return
+    with atomic_path(options.output) as temporary:
+        temporary.write_text(macro, encoding="ascii", newline="\r\n")  # all three programs run on Windows
+
+
+def _sides_mm(text):
+    """(width, height) from a text such as 4.8x3.6."""
+    try:
+        width, height = (float(side) for side in text.lower().split("x"))
+    except ValueError:
+        raise InputError("options", "--sensor", text, "expected WIDTHxHEIGHT in mm such as 4.8x3.6") from None
+    return width, height
+
+
+def _add_import(lens):
+    command = lens.add_parser("import", help="another program's export to a lens package")
+    command.add_argument("path", type=Path, metavar="PATH",
+                         help="an ISET bundle (its folder or ISETPARMS.TXT), a folder that a macro of lens export-macro "
+                              "has written (or its lens.toml), or an ISETCam .mat")
+    command.add_argument("-o", "--output", type=Path, required=True, metavar="X.npz")
+    command.add_argument("--name", help="of the lens (default: what the files call it)")
+    command.set_defaults(run=_import)
+
+
+def _import(options):
+    if options.output.suffix.lower() != ".npz":
+        raise InputError(options.output, "kind of file", options.output.suffix or "without a suffix", "expected a .npz")
+    check_targets(options.output)
+    lens = import_lens(options.path, options.name)
+    write_package(lens, options.output)
+    print("\n".join(filter(None, (str(options.output), lens.notes))))

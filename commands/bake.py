@@ -1,0 +1,119 @@
+"""`lensfield lens bake`: from what a lens is made of to its lens data."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from ..engine import InputError
+from ..engine.lens_files.package import write_package
+from ..engine.spectra import parse_wavelengths
+from .arguments import check_targets
+from .terminal import progress_bar
+
+FOCUSES = ("as given", "paraxial", "best")
+
+
+def add(commands):
+    bake = commands.add_parser("bake", help="trace a prescription to a lens package (needs lensfield[bake])")
+    bake.add_argument("prescription", type=Path, metavar="FILE",
+                      help="Lensfield .toml, Zemax .zmx, Code V .seq, Optiland .json or pbrt .dat")
+    bake.add_argument("-o", "--output", type=Path, required=True, metavar="X.npz")
+    bake.add_argument("--heights", type=int, default=21, metavar="N", help="field heights (default %(default)s)")
+    bake.add_argument("--wavelengths", default="400:700:31", metavar="SPEC",
+                      help="nm: first:last:number, or a list (default %(default)s)")
+    bake.add_argument("--pitch", type=float, metavar="UM",
+                      help="of the PSF samples (default: the finest that keeps 99.5 %% of the light inside)")
+    bake.add_argument("--samples", type=int, default=65, metavar="N", help="of each PSF, odd (default %(default)s)")
+    bake.add_argument("--object-distance", metavar="MM[,MM...]",
+                      help="from the object to the first surface, or inf; the focus stays. Several make a set: one "
+                           "package each, called after its distance")
+    _add_overrides(bake.add_argument_group("in place of what the file says"))
+    bake.add_argument("--workers", type=int, metavar="N", help="processes (default: one on each core)")
+    bake.set_defaults(run=_bake)
+
+
+def _add_overrides(group):
+    field = group.add_mutually_exclusive_group()
+    field.add_argument("--field-angle", type=float, metavar="DEG", help="half angle where the field ends")
+    field.add_argument("--field-height", type=float, metavar="MM", help="paraxial image height where it ends")
+    group.add_argument("--f-number", type=float, metavar="N", help="close the stop to this f-number")
+    group.add_argument("--focus", choices=FOCUSES, help="where the image plane lies")
+    group.add_argument("--glass", action="append", default=[], metavar="OLD=NEW",
+                       help="another name, or n/V, for a glass of the file; may be repeated")
+    group.add_argument("--sensor", metavar="WIDTHxHEIGHT", help="mm")
+    group.add_argument("--name", help="what the lens is called")
+
+
+def _bake(options):
+    try:
+        from ..engine.bake import bake
+        from ..engine.bake.prescriptions import read_prescription
+    except ImportError as error:
+        raise InputError("bake", "module", str(error.name), "not there: `make bake` sets up what baking needs, or "
+                                                            "pip install 'lensfield[bake]'") from None
+
+    prescription = _with_overrides(read_prescription(options.prescription, _field(options)), options)
+    wavelengths_nm = parse_wavelengths(options.wavelengths)
+    targets = _targets(prescription, options)
+    check_targets(*targets)
+    for path, single in targets.items():
+        with progress_bar() as tell:
+            lens = bake(single, heights=options.heights, wavelengths_nm=wavelengths_nm, pitch_um=options.pitch,
+                        samples=options.samples, workers=options.workers, progress=tell)
+        write_package(lens, path)
+        print(f"{path}\n  {_summary(lens)}")
+
+
+def _field(options):
+    if options.field_angle is not None:
+        return "angle_deg", options.field_angle
+    return None if options.field_height is None else ("image_height_mm", options.field_height)
+
+
+def _with_overrides(prescription, options):
+    """The prescription as the command line changes it."""
+    changes = {"name": options.name, "focus": options.focus,
+               "aperture": options.f_number and ("f_number", options.f_number),
+               "sensor_mm": options.sensor and _sensor(options.sensor)}
+    prescription = replace(prescription, **{field: value for field, value in changes.items() if value is not None})
+    names = {}
+    for pair in options.glass:
+        old, equals, new = pair.partition("=")
+        if not equals or old not in {surface.glass for surface in prescription.surfaces}:
+            glasses = ", ".join(sorted({surface.glass for surface in prescription.surfaces} - {""}))
+            raise InputError("options", "--glass", pair, f"expected OLD=NEW with one of {glasses}")
+        names[old] = new
+    return prescription.with_glasses(names)
+
+
+def _sensor(text):
+    try:
+        width, height = (float(side) for side in text.lower().split("x"))
+    except ValueError:
+        raise InputError("options", "--sensor", text, "expected WIDTHxHEIGHT in mm, such as 36x24") from None
+    return width, height
+
+
+def _targets(prescription, options):
+    """{file: prescription} of every object distance asked for; where there are several the focus stays."""
+    if options.object_distance is None:
+        return {options.output: prescription}
+    from ..engine.bake import focused
+
+    try:
+        distances_mm = [float(text) for text in options.object_distance.split(",")]
+    except ValueError:
+        raise InputError("options", "--object-distance", options.object_distance, "expected mm, or inf") from None
+    prescription = focused(prescription)
+    if len(distances_mm) == 1:
+        return {options.output: replace(prescription, object_distance_mm=distances_mm[0])}
+    return {options.output.with_stem(f"{options.output.stem}_{distance:g}mm"):
+            replace(prescription, object_distance_mm=distance) for distance in distances_mm}
+
+
+def _summary(lens):
+    """What came out, in one line."""
+    wavelength, height = divmod(int(lens.enclosed_energy.argmin()), lens.heights_mm.size)
+    return (f"f = {lens.efl_mm:.5g} mm, f/{lens.f_number_effective:.3g}, {lens.heights_mm.size} heights to "
+            f"{lens.heights_mm[-1]:.4g} mm x {lens.wavelengths_nm.size} wavelengths; PSFs of {lens.psf.shape[-1]} x "
+            f"{lens.psf.shape[-1]} samples of {lens.psf_pitch_um:g} um hold {lens.enclosed_energy.min():.2%} of the "
+            f"light or more (the least at {lens.heights_mm[height]:.4g} mm, {lens.wavelengths_nm[wavelength]:g} nm)")
