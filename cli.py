@@ -1,6 +1,7 @@
 """The `lensfield` command: parses and calls. Each subcommand is a module of `commands`."""
 
 import argparse
+import multiprocessing
 import os
 import shutil
 import signal
@@ -78,6 +79,8 @@ def _leave(status):
     """End the process with this status, whatever the interpreter's own end would come to."""
     sys.stdout.flush()
     sys.stderr.flush()
+    for process in multiprocessing.active_children():  # who would wait for work for ever
+        process.kill()
     if "bpy" in sys.modules:
         shutil.rmtree(sys.modules["bpy"].app.tempdir, ignore_errors=True)
     os._exit(status)  # some of Blender's wheels crash while the interpreter exits, after all is done

@@ -61,14 +61,19 @@ def _wavelength_range(lens):
 
 
 def _wavelength_gaps(lens):
+    """A gap much wider than those on both its sides is taken for a missing wavelength."""
     gaps = np.diff(lens.wavelengths_nm)
     if gaps.size == 0:
         return
-    widest, limit = gaps.argmax(), min(WIDEST_GAP_NM, UNEVEN_GAP * np.median(gaps))
-    if gaps[widest] > limit + 1e-6:
+    around = np.pad(gaps, 1)
+    limits = np.full(gaps.size, WIDEST_GAP_NM, dtype=float)
+    if gaps.size > 1:
+        limits = np.minimum(limits, UNEVEN_GAP * np.maximum(around[:-2], around[2:]))
+    widest = np.argmax(gaps / limits)
+    if gaps[widest] > limits[widest] + 1e-6:
         low, high = lens.wavelengths_nm[[widest, widest + 1]]
         yield Finding("note", "wavelengths_nm", f"none between {low:g} and {high:g} nm",
-                      f"PSFs are interpolated there; give one at least every {limit:g} nm")
+                      f"PSFs are interpolated there; give one at least every {limits[widest]:g} nm")
 
 
 def _f_number(lens):

@@ -1,14 +1,15 @@
 #!/bin/sh
-# environment.sh VENV BPY: make the virtual environment VENV with Blender's Python wheel BPY and this package in it.
-# System libraries that Blender needs come by apt where we are root; elsewhere one line says which to install.
+# environment.sh VENV BPY|bake: make the virtual environment VENV with this package in it, and with Blender's Python wheel
+# BPY, or with what baking lenses needs. (Optiland and the wheel ask for different numpys.)
+# System libraries that these need come by apt where we are root; elsewhere one line says which to install.
 set -eu
 venv=$1
-bpy=$2
 libraries="libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libsm6 libgl1"
 
-case $bpy in
-4.5.* | 5.0.*) version=3.11 numpy='numpy>=1.26,<2' ;;
-*) version=3.13 numpy='numpy>=2.2,<3' ;;
+case $2 in
+bake) version=3.11 module=optiland.optic packages= extras=bake,plots,test ;;
+4.5.* | 5.0.*) version=3.11 module=bpy packages="bpy==$2 numpy>=1.26,<2" extras=plots,test ;;
+*) version=3.13 module=bpy packages="bpy==$2 numpy>=2.2,<3" extras=plots,test ;;
 esac
 
 install_packages() { # install_packages WHY PACKAGE...
@@ -27,15 +28,15 @@ for python in "python$version" python3 "$HOME/.pyenv/versions/$version".*/bin/py
     python=
 done
 if [ -z "$python" ]; then
-    echo "lensfield: bpy $bpy needs Python $version: please install it (Debian 12 and Ubuntu have python$version)" >&2
+    echo "lensfield: $2 needs Python $version: please install it (Debian 12 and Ubuntu have python$version)" >&2
     exit 1
 fi
 "$python" -c 'import ensurepip' 2>/dev/null ||
     install_packages "Python's venv module is missing" "python$version-venv"
 
 "$python" -m venv "$venv"
-"$venv/bin/python" -m pip install --quiet --disable-pip-version-check "bpy==$bpy" "$numpy" -e '.[test,plots]'
-"$venv/bin/python" -c 'import bpy' 2>/dev/null ||
-    install_packages "Blender needs system libraries" $libraries
-"$venv/bin/python" -c 'import bpy, lensfield.engine'
+"$venv/bin/python" -m pip install --quiet --disable-pip-version-check $packages -e ".[$extras]"
+"$venv/bin/python" -c "import $module" 2>/dev/null ||
+    install_packages "$module needs system libraries" $libraries
+"$venv/bin/python" -c "import $module, lensfield.engine"
 touch "$venv/.ready"

@@ -1,0 +1,57 @@
+"""Point spread functions: the plane waves of a pupil summed up on the flat image plane."""
+
+import finufft
+import numpy as np
+
+from .wavefront import sample_pupil
+
+OVERSAMPLING = 1.25  # finer than Nyquist's pitch by this, so that sums over samples are integrals to 1e-3
+ALIAS_WINDOWS = 2.0  # the sum repeats itself at a distance; this many windows must fit in
+TOLERANCE = 1e-7
+COARSE = (24, 32)  # radii and azimuths of the first look at a pupil
+
+
+def point_spread(wavefront, pitch_um, samples):
+    """PSF of a wavefront: Huygens' sum over the sphere about the chief ray's image point, as plane waves.
+
+    Parameters
+    ----------
+    wavefront : PupilWavefront
+    pitch_um : float
+        Distance between samples; each is the mean over a square of this side.
+    samples : int
+        Along v and u; odd, so that the chief ray has a sample and the mirror image is the same array.
+
+    Returns
+    -------
+    psf : array (v, u)
+        Of the sum of the light inside; the chief ray at `samples // 2`, +v away from the axis.
+    illumination : float
+        Area of the passing bundle in direction cosines at the image, whose ratio to the axis is the relative
+        illumination (of a Lambertian object, for radiance is conserved along rays).
+    """
+    coarse = sample_pupil(wavefront, *COARSE)
+    if not coarse.cosine_area.any():
+        return np.zeros((samples, samples)), 0.0
+    wavelength_um, window_um = wavefront.wavelength_nm * 1e-3, samples * pitch_um
+    finest_um = wavelength_um / (4 * coarse.largest_sine * OVERSAMPLING)
+    fine = 2 * int(np.ceil((pitch_um / finest_um - 1) / 2)) + 1 if pitch_um > finest_um else 1
+    growth = [max(step * ALIAS_WINDOWS * window_um / wavelength_um, 1.0) for step in coarse.largest_steps]
+    pupil = sample_pupil(wavefront, *(int(np.ceil(number * grown)) for number, grown in zip(COARSE, growth)))
+    light = _plane_wave_sum(pupil, wavelength_um, pitch_um / fine, samples * fine)
+    binned = light.reshape(samples, fine, samples, fine).sum(axis=(1, 3))
+    return (binned + binned[:, ::-1]) / 2, 2 * pupil.ray_area.sum()
+
+
+def _plane_wave_sum(pupil, wavelength_um, pitch_um, samples):
+    """Share of the light in each sample: |sum of A dL dM exp(-2 pi i (n x / wavelength + path))|^2.
+
+    |A|^2 dL dM is the light of a ray, even over the source's area; the integral of the whole plane is then
+    wavelength^2 times all light (Parseval).
+    """
+    amplitude = np.sqrt(pupil.source_area * pupil.cosine_area)
+    half = (amplitude * np.exp(-2j * np.pi * pupil.path)).ravel()
+    x = 2 * np.pi * pitch_um / wavelength_um * np.concatenate([pupil.cosine_x.ravel(), -pupil.cosine_x.ravel()])
+    y = 2 * np.pi * pitch_um / wavelength_um * np.tile(pupil.cosine_y.ravel(), 2)
+    field = finufft.nufft2d1(y, x, np.tile(half, 2), (samples, samples), isign=-1, eps=TOLERANCE, nthreads=1)
+    return np.abs(field) ** 2 * pitch_um**2 / (wavelength_um**2 * 2 * pupil.source_area.sum())

@@ -1,0 +1,151 @@
+"""Prescription: what a lens is made of, as one frozen value, whatever file it came from."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..errors import LensError
+
+APERTURES = ("stop", "entrance_pupil_diameter_mm", "f_number", "working_f_number", "object_na")
+FIELDS = ("angle_deg", "image_height_mm", "object_height_mm")
+FOCUSES = ("as given", "paraxial", "best")
+
+
+@dataclass(frozen=True)
+class Surface:
+    """One surface of revolution, and what follows it.
+
+    Attributes
+    ----------
+    radius_mm : float
+        Radius of curvature, positive where the centre lies towards the image; inf for a plane.
+    thickness_mm : float
+        Axial distance to the next surface, or to the image plane.
+    glass : str
+        What follows: "" for air, a catalogue glass ("N-BK7", "SCHOTT N-BK7"), or "n/V", its index and Abbe number.
+    semi_aperture_mm : float
+        Light farther from the axis is stopped; inf where nothing is known.
+    conic : float
+    aspheric : tuple of float
+        Coefficients of r^2, r^4, r^6 ... in mm.
+    stop : bool
+        Whether it is the aperture stop.
+    """
+
+    radius_mm: float = np.inf
+    thickness_mm: float = 0.0
+    glass: str = ""
+    semi_aperture_mm: float = np.inf
+    conic: float = 0.0
+    aspheric: tuple[float, ...] = ()
+    stop: bool = False
+
+    def scaled(self, factor):
+        """The surface of a lens `factor` times as large."""
+        powers = 2 * np.arange(1, len(self.aspheric) + 1)
+        return replace(self, radius_mm=self.radius_mm * factor, thickness_mm=self.thickness_mm * factor,
+                       semi_aperture_mm=self.semi_aperture_mm * factor,
+                       aspheric=tuple(float(a * factor ** (1 - n)) for a, n in zip(self.aspheric, powers)))
+
+
+@dataclass(frozen=True)
+class Prescription:
+    """A rotationally symmetric lens of refracting surfaces.
+
+    Attributes
+    ----------
+    name, maker, story, source, notes : str
+        As `Lens` has them.
+    surfaces : tuple of Surface
+        From the first to the last before the image plane.
+    object_distance_mm : float
+        From the object plane to the first surface; inf for a lens focused at infinity.
+    aperture : (str, float)
+        Which figure sets the size of the stop, one of `APERTURES`, and its value: "stop" with the stop's
+        semi-aperture in mm.
+    field : (str, float)
+        Which figure ends the field, one of `FIELDS`, and its value; the image height is a paraxial one.
+    sensor_mm : (float, float) or None
+        Width and height of the sensor it is made for; None for the 4:3 rectangle that fills the field.
+    reference_wavelength_nm : float
+    focus : str
+        Where the image plane lies: "as given" behind the last surface, at the "paraxial" focus, or where the light of
+        the inner field is "best" concentrated.
+    """
+
+    name: str
+    surfaces: tuple[Surface, ...]
+    aperture: tuple[str, float]
+    field: tuple[str, float]
+    object_distance_mm: float = np.inf
+    sensor_mm: tuple[float, float] | None = None
+    reference_wavelength_nm: float = 587.5618
+    focus: str = "as given"
+    maker: str = ""
+    story: str = ""
+    source: str = ""
+    notes: str = ""
+
+    def __post_init__(self):
+        _check(self)
+
+    @property
+    def stop_index(self):
+        """Which of the surfaces is the stop."""
+        return [surface.stop for surface in self.surfaces].index(True)
+
+    def scaled(self, factor):
+        """A lens `factor` times as large, of the same f-number, angles and object distance."""
+        kind, value = self.aperture
+        lengths = ("stop", "entrance_pupil_diameter_mm")
+        field_kind, field = self.field
+        return replace(self, surfaces=tuple(surface.scaled(factor) for surface in self.surfaces),
+                       aperture=(kind, value * factor if kind in lengths else value),
+                       field=(field_kind, field * factor if field_kind == "image_height_mm" else field))
+
+    def with_glasses(self, names):
+        """The same lens with glasses called otherwise: `names` maps those of this prescription to others."""
+        return replace(self, surfaces=tuple(replace(surface, glass=names.get(surface.glass, surface.glass))
+                                            for surface in self.surfaces))
+
+
+def _check(prescription):
+    """Raise a LensError that names the first figure that cannot be right."""
+    def refuse(field, value, remedy):
+        raise LensError(prescription.name or "prescription", field, value, remedy)
+
+    if not prescription.surfaces:
+        refuse("surfaces", "empty", "expected at least one")
+    stops = sum(surface.stop for surface in prescription.surfaces)
+    if stops != 1:
+        refuse("stop", f"at {stops} surfaces", "expected one surface to be the aperture stop")
+    for number, surface in enumerate(prescription.surfaces, 1):
+        _check_surface(surface, f"surface {number}", refuse)
+    for field, kinds in (("aperture", APERTURES), ("field", FIELDS)):
+        kind, value = getattr(prescription, field)
+        if kind not in kinds:
+            refuse(field, kind, f"expected one of {', '.join(kinds)}")
+        if not (np.isfinite(value) and value > 0):
+            refuse(f"{field}, {kind}", value, "expected a positive number")
+    kind, value = prescription.field
+    if kind == "angle_deg" and value >= 90:
+        refuse("field, angle_deg", value, "expected less than 90: no plane image holds more")
+    if (kind == "object_height_mm") and np.isinf(prescription.object_distance_mm):
+        refuse("field", kind, "an object at infinity has no height: give angle_deg or image_height_mm")
+    if not prescription.object_distance_mm > 0:
+        refuse("object_distance_mm", prescription.object_distance_mm, "expected a positive number, or inf")
+    if prescription.focus not in FOCUSES:
+        refuse("focus", prescription.focus, f"expected one of {', '.join(FOCUSES)}")
+    if not 100 < prescription.reference_wavelength_nm < 1e5:
+        refuse("reference_wavelength_nm", prescription.reference_wavelength_nm, "expected nanometres")
+
+
+def _check_surface(surface, name, refuse):
+    if surface.radius_mm == 0 or np.isnan(surface.radius_mm):
+        refuse(f"{name}, radius_mm", surface.radius_mm, "expected a radius, or inf for a plane")
+    if not np.isfinite(surface.thickness_mm):
+        refuse(f"{name}, thickness_mm", surface.thickness_mm, "expected a number")
+    if not surface.semi_aperture_mm > 0:
+        refuse(f"{name}, semi_aperture_mm", surface.semi_aperture_mm, "expected a positive number")
+    if not np.all(np.isfinite((surface.conic, *surface.aspheric))):
+        refuse(f"{name}, aspheric", (surface.conic, *surface.aspheric), "expected numbers")

@@ -1,0 +1,116 @@
+"""The paper's lens, traced, against its maker's figures, a second tracer, and Huygens' sum done by hand."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from lensfield.engine.bake import build_system
+from lensfield.engine.bake.diffraction import point_spread
+from lensfield.engine.bake.prescriptions import read_prescription
+from lensfield.engine.bake.rays import HalfPupil, trace_pupil
+from lensfield.engine.bake.wavefront import sample_pupil, trace_wavefronts
+from lensfield.engine.lens_files import BUNDLED
+
+CHIEF_RAYS = Path(__file__).resolve().parents[1] / "data" / "edmund_chief_rays.csv"
+
+
+@pytest.fixture(scope="module")
+def edmund():
+    return build_system(read_prescription(BUNDLED / "prescriptions" / "edmund-54852.toml"))
+
+
+def test_first_order_figures_are_the_makers(edmund):
+    assert edmund.efl_mm == pytest.approx(5.99997, abs=1e-4)
+    assert edmund.magnification == pytest.approx(-0.023954, abs=1e-6)
+    assert edmund.entrance_pupil_mm == pytest.approx(4.0579476, abs=1e-5)
+
+
+def test_chief_rays_are_those_of_a_second_tracer(edmund):
+    """rayoptics, by benchmarks/second_tracer.py, at wavelengths between those that rays are aimed at."""
+    wavelengths_nm = (400.0, 486.1, 587.5618, 656.3, 700.0)
+    rows = np.loadtxt(CHIEF_RAYS, delimiter=",", comments=("#", "p"))
+    for height_mm, *expected in rows:
+        wavefronts = trace_wavefronts(edmund, height_mm, np.sort([*wavelengths_nm, *np.linspace(410, 690, 7)]))
+        found = {wavefront.wavelength_nm: wavefront.chief_height_mm for wavefront in wavefronts}
+        np.testing.assert_allclose([found[nm] for nm in wavelengths_nm], expected, atol=1e-5)
+
+
+def huygens_by_hand(system, height_mm, nm, offsets_mm):
+    """|sum over the pupil of exp(i k r)|^2 at places (v, u) about the chief ray's image point, in double precision.
+
+    Rays are traced on a dense grid of the stop, and the spheres' true radii are taken: no splines, no plane waves,
+    no transform. Only the sphere that the sum runs over and the light of each ray are the same.
+    """
+    pupil = HalfPupil(81, 161)
+    rays, = trace_pupil(system, height_mm, [nm], pupil)
+    centre = rays.position_mm[:, :1, :1]
+    sphere_mm = np.hypot(system.exit_pupil_distance_mm, centre[1, 0, 0])
+    about = rays.position_mm - centre
+    along = np.sum(about * rays.direction, axis=0)
+    back = along + np.sqrt(along**2 - np.sum(about**2, axis=0) + sphere_mm**2)
+    points, path = about - back * rays.direction, rays.path_mm - back
+
+    def cells(first, second):
+        """Areas of the grid's cells by their corners."""
+        diagonal = [(values[1:, 1:] - values[:-1, :-1], values[1:, :-1] - values[:-1, 1:]) for values in (first, second)]
+        return np.abs(diagonal[0][0] * diagonal[1][1] - diagonal[0][1] * diagonal[1][0]) / 2
+
+    def middles(values):
+        return (values[..., 1:, 1:] + values[..., 1:, :-1] + values[..., :-1, 1:] + values[..., :-1, :-1]) / 4
+
+    weight = np.sqrt(cells(points[0], points[1]) * cells(*rays.source))
+    points, path = middles(points), middles(path)
+    points *= sphere_mm / np.linalg.norm(points, axis=0)  # chords' middles lie a little inside
+    light = np.zeros((offsets_mm.size, offsets_mm.size))
+    for row, v in enumerate(offsets_mm):
+        for column, u in enumerate(offsets_mm):
+            total = 0
+            for side in (1, -1):
+                distance = np.sqrt((side * points[0] - u)**2 + (points[1] - v)**2 + points[2]**2)
+                total += np.sum(weight * np.exp(2j * np.pi / (nm * 1e-6) * (path + distance)))
+            light[row, column] = abs(total) ** 2
+    return light
+
+
+@pytest.mark.parametrize("height_mm", [0.0, 1.5, 2.4])
+def test_psfs_are_huygens_sum(edmund, height_mm):
+    """At 0.25 um, finer than the light's own detail, samples are points; up to 2.4 mm nothing is cut off."""
+    psf, _ = point_spread(trace_wavefronts(edmund, height_mm, [550.0])[0], 0.25, 33)
+    expected = huygens_by_hand(edmund, height_mm, 550.0, 0.25e-3 * (np.arange(33) - 16))
+    assert np.abs(psf / psf.sum() - expected / expected.sum()).sum() < 3e-3
+
+
+def test_more_rays_change_nothing(edmund):
+    for height_mm in (0.0, 3.0):
+        few, many = (point_spread(trace_wavefronts(edmund, height_mm, [450.0], *rays)[0], 1.0, 65)[0]
+                     for rays in ((21, 25), (41, 49)))
+        assert np.abs(few - many).sum() < 1e-4
+
+
+def test_the_window_of_the_sum_does_not_wrap(edmund):
+    """The same place of the image, in a window twice as wide, whose sum repeats twice as far away."""
+    wavefront, = trace_wavefronts(edmund, 2.5, [400.0])
+    narrow, _ = point_spread(wavefront, 1.0, 65)
+    wide, _ = point_spread(wavefront, 1.0, 131)
+    assert np.abs(wide[33:98, 33:98] - narrow).sum() < 1e-4
+    assert wide.sum() > narrow.sum()
+
+
+def test_illumination_is_the_area_of_the_bundle_that_gets_through(edmund):
+    """Counted ray by ray on a dense grid, at 3 mm, where the edge of surface 9 cuts some off."""
+    area = []
+    for height_mm in (0.0, 3.0):
+        rays, = trace_pupil(edmund, height_mm, [550.0], HalfPupil(201, 401))
+        passing = np.all(rays.square_height_mm2 <= edmund.semi_apertures_mm[:, None, None] ** 2, axis=0)
+        x, y = rays.direction[:2]
+        slopes = [np.gradient(values, axis=axis) for values in (x, y) for axis in (0, 1)]
+        cell = np.abs(slopes[0] * slopes[3] - slopes[1] * slopes[2]) * passing
+        area.append(np.trapezoid(np.trapezoid(cell)))
+    ours = [sample_pupil(trace_wavefronts(edmund, height, [550.0])[0], 24, 32).ray_area.sum() for height in (0.0, 3.0)]
+    assert area[1] / area[0] == pytest.approx(1.038, abs=1e-3)
+    assert ours[1] / ours[0] == pytest.approx(area[1] / area[0], abs=1e-3)
+
+
+def test_the_bulk_glass_takes_some_blue(edmund):
+    blue, green = edmund.transmittance([400.0, 550.0])
+    assert 0.9 < blue < green < 1
