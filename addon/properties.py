@@ -4,7 +4,7 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
 from ..engine import Options
-from ..engine.lens_files import bundled_names
+from ..engine.lens_files import bundled_makers
 from ..engine.options import DEFAULT_ACCURACY
 from ..engine.plan import AZIMUTHS, ORDER, SECTION_SIZE
 from ..engine.spectra import library_names, parse_wavelengths
@@ -38,7 +38,7 @@ class LensfieldSettings(bpy.types.PropertyGroup):
 
     lens: EnumProperty(
         name="Lens", description="Lens data to render through", default="edmund-54852",
-        items=[(name, name, "Lens that comes with Lensfield") for name in bundled_names()]
+        items=[(name, name, f"{maker}. {story}") for name, (maker, story) in bundled_makers().items()]
               + [(FROM_FILE, "From file", "A lens package of your own (.npz)")])
     lens_file: StringProperty(name="Lens File", description="Lens package (.npz)", subtype="FILE_PATH",
                               options=BLEND_RELATIVE)

@@ -10,7 +10,7 @@ from ..engine.atomic import atomic_path
 from ..engine.export_macro import PROGRAMS, ExportOptions, export_macro
 from ..engine.finding import SEVERITIES
 from ..engine.lens_check import check_lens
-from ..engine.lens_files import bundled_names, import_lens
+from ..engine.lens_files import bundled_makers, bundled_names, import_lens
 from ..engine.lens_files.package import write_package
 from ..engine.lens_info import lens_info, lens_text
 from ..engine.spectra import parse_wavelengths
@@ -24,13 +24,18 @@ def add(commands):
     info.add_argument("lens", metavar="NAME|FILE")
     info.add_argument("--json", action="store_true", help="as JSON")
     info.set_defaults(run=_info)
-    listing = lens.add_parser("list", help="names of the bundled lenses")
-    listing.set_defaults(run=lambda _: print("\n".join(bundled_names())))
+    listing = lens.add_parser("list", help="names and makers of the bundled lenses")
+    listing.set_defaults(run=_list)
     _add_check(lens)
     _add_plot(lens)
     _add_import(lens)
     bake.add(lens)
     _add_export_macro(lens)
+
+
+def _list(_):
+    for name, (maker, _) in bundled_makers().items():
+        print(f"{name:<24}{maker}")
 
 
 def _info(options):
@@ -137,8 +142,8 @@ def _sides_mm(text):
 def _add_import(lens):
     command = lens.add_parser("import", help="another program's export to a lens package")
     command.add_argument("path", type=Path, metavar="PATH",
-                         help="an ISET bundle (its folder or ISETPARMS.TXT), a folder that a macro of lens export-macro "
-                              "has written (or its lens.toml), or an ISETCam .mat")
+                         help="an ISET bundle (its folder or ISETPARMS.TXT), a folder that a macro of export-macro has "
+                              "written (or its lens.toml), or an ISETCam .mat")
     command.add_argument("-o", "--output", type=Path, required=True, metavar="X.npz")
     command.add_argument("--name", help="of the lens (default: what the files call it)")
     command.set_defaults(run=_import)

@@ -22,7 +22,7 @@ def lens_info(lens):
     off_axis = np.where(lens.heights_mm > 0, lens.heights_mm, 1)
     distortion_percent = 100 * (reference.real_height_mm - lens.heights_mm) / off_axis
     return {
-        "name": lens.name, "source": lens.source, "notes": lens.notes,
+        "name": lens.name, "maker": lens.maker, "story": lens.story, "source": lens.source, "notes": lens.notes,
         "efl_mm": lens.efl_mm, "magnification": lens.magnification, "f_number_effective": lens.f_number_effective,
         "object_distance_mm": _finite(lens.object_distance_mm), "entrance_pupil_mm": lens.entrance_pupil_mm,
         "capture_focal_length_mm": lens.capture_focal_length_mm, "sensor_mm": list(lens.sensor_mm),
@@ -50,7 +50,7 @@ def lens_text(info):
     short, long = info["lateral_colour_between_nm"]
     distance, enclosed = info["object_distance_mm"], info["least_enclosed_energy"]
     lines = [
-        info["name"], info["source"], "",
+        *(info[fact] for fact in ("name", "maker", "story", "source") if info[fact]), "",
         f"focal length             {info['efl_mm']:.5f} mm",
         f"magnification            {info['magnification']:.6f}",
         f"effective f-number       {info['f_number_effective']:.3f}",

@@ -49,7 +49,7 @@ def test_lens_info_as_json_has_the_first_order_data(capsys):
 def test_lens_info_to_read_shows_the_same_figures(capsys):
     assert run("lens", "info", "edmund-54852") == 0
     page = capsys.readouterr().out
-    assert all(text in page for text in ("5.99997 mm", "-0.023954", "-8.40 %", "1.0371", "-13.79 um"))
+    assert all(text in page for text in ("6.00003 mm", "-0.023954", "-8.40 %", "1.0369", "-13.78 um", "Edmund Optics"))
 
 
 def test_filter_writes_the_frame_a_picture_and_a_report(radiance, tmp_path, capsys):

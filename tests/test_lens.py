@@ -110,7 +110,7 @@ def test_edmund_first_order_figures(edmund):
     assert edmund.magnification == pytest.approx(-0.023954, abs=1e-6)
     assert edmund.entrance_pupil_mm == pytest.approx(4.05795, abs=1e-4)
     assert edmund.object_distance_mm == 250.0
-    assert 0.5 / edmund.f_number_effective == pytest.approx(0.265, abs=5e-4)
+    assert 0.5 / edmund.f_number_effective == pytest.approx(0.2657, abs=5e-4)
 
 
 def test_edmund_reaches_3_mm_at_its_half_field(edmund):

@@ -28,6 +28,11 @@ def write_package(lens, path):
         np.savez_compressed(stream, header=np.array(json.dumps(header)), **arrays)
 
 
+def read_header(path):
+    """The figures and texts of a lens package, without its tables: dict of the fields of `Lens`."""
+    return _header(_contents(path, ["header"]), path)
+
+
 def read_package(path):
     """Read a lens package.
 
@@ -36,11 +41,7 @@ def read_package(path):
     LensError
         A file that is no package, of a later version, or with a field that is missing or cannot be right.
     """
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            contents = {name: archive[name] for name in archive.files}
-    except Exception as error:  # damaged bytes lead numpy's and zip's readers to errors of a dozen kinds
-        raise LensError(path, "lens package", "not readable", f"expected a .npz lens package ({error})") from None
+    contents = _contents(path)
     header = _header(contents, path)
     missing = [name for name in (*ARRAYS, "psf_amplitude") if name not in contents] + [name for name in SCALARS if name not in header]
     if missing:
@@ -52,6 +53,15 @@ def read_package(path):
         raise LensError(path, error.field, error.value, error.remedy) from None
     except (TypeError, ValueError) as error:
         raise LensError(path, "lens package", "damaged", str(error)) from None
+
+
+def _contents(path, names=None):
+    """Arrays of a .npz by name: these, or all."""
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            return {name: archive[name] for name in archive.files if names is None or name in names}
+    except Exception as error:  # damaged bytes lead numpy's and zip's readers to errors of a dozen kinds
+        raise LensError(path, "lens package", "not readable", f"expected a .npz lens package ({error})") from None
 
 
 def _amplitudes(psf):

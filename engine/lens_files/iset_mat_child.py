@@ -1,0 +1,59 @@
+"""Turn the ray-trace part of an ISETCam .mat into plain arrays; a program of its own, for a process of its own.
+
+scipy's reader crashes on damaged files, so that it may not run in Blender. Usage: iset_mat_child.py IN.mat OUT.npz
+"""
+
+import sys
+
+import numpy as np
+from scipy.io import loadmat
+
+PARTS = ("psf", "geometry", "relIllum")
+MEMORY_BYTES = 6 * 2**30
+DEPTH = 3
+
+
+def main(source, target):
+    """Write every number and text of the ray-trace structure, named as in MATLAB."""
+    _limit_memory()
+    ray_trace = _find(loadmat(source, squeeze_me=True, struct_as_record=False), DEPTH)
+    if ray_trace is None:
+        sys.exit("no ray-trace structure (psf, geometry, relIllum) in it")
+    np.savez(target, **dict(_leaves(ray_trace, "")))
+
+
+def _limit_memory():
+    """What a damaged file asks for is not to take the machine's memory; only where the system can say so."""
+    try:
+        import resource
+    except ImportError:
+        return
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
+
+
+def _children(value):
+    names = getattr(value, "_fieldnames", None)
+    if names is not None:
+        return {name: getattr(value, name) for name in names}
+    return value if isinstance(value, dict) else {}
+
+
+def _find(value, depth):
+    """The structure that holds the three parts, at most so deep."""
+    children = _children(value)
+    if all(part in children for part in PARTS):
+        return value
+    found = (_find(child, depth - 1) for child in children.values() if depth)
+    return next((structure for structure in found if structure is not None), None)
+
+
+def _leaves(value, prefix):
+    for name, child in _children(value).items():
+        if _children(child):
+            yield from _leaves(child, f"{prefix}{name}.")
+        elif np.asarray(child).dtype.kind in "fiubU":
+            yield f"{prefix}{name}", np.asarray(child)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

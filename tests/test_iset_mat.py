@@ -1,0 +1,165 @@
+"""ISETCam's .mat: its structure, its PSFs' orientation, and damage that must not reach this process."""
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+from lensfield.engine import LensError
+from lensfield.engine.lens_files import iset_mat, iset_mat_child
+from lensfield.engine.lens_files.iset_mat import read_iset_mat
+from scipy.io import loadmat, savemat
+from vendor_files import check_same_lens, damages, exported_lens, upright
+
+
+def ray_trace(lens, program="Zemax", centre=None):
+    """The structure that ISETCam's rtImportData makes."""
+    side = "+y" if program == "Code V" else "-y"
+    axes = {"fieldHeight": lens.heights_mm[:, None], "wavelength": lens.wavelengths_nm[:, None]}
+    psf = np.stack([[upright(lens.psf[w, h], side) for w in range(lens.wavelengths_nm.size)]
+                    for h in range(lens.heights_mm.size)]).transpose(2, 3, 0, 1)  # (row, column, height, wavelength)
+    if centre is not None:
+        psf = np.roll(psf, centre - psf.shape[0] // 2, axis=(0, 1))
+    half_field = np.degrees(np.arctan(lens.heights_mm[-1] / lens.capture_focal_length_mm))
+    return {"program": program, "lensFile": "EO54852.ZMX", "referenceWavelength": lens.reference_wavelength_nm,
+            "objectDistance": lens.object_distance_mm, "mag": lens.magnification, "fNumber": 1.77,
+            "effectiveFocalLength": lens.efl_mm, "effectiveFNumber": lens.f_number_effective, "maxfov": half_field,
+            "geometry": axes | {"function": lens.real_height_mm.T},
+            "relIllum": axes | {"function": lens.relative_illumination.T},
+            "psf": axes | {"function": psf.astype(float), "sampleSpacing": np.full((1, 2), lens.psf_pitch_um / 1e3)}}
+
+
+def saved(path, structure, within=("optics", "rayTrace")):
+    for name in reversed(within):
+        structure = {name: structure, "name": "raytrace", "model": "rayTrace"}
+    savemat(path, structure)
+    return path
+
+
+@pytest.fixture
+def lens():
+    return exported_lens()
+
+
+@pytest.fixture
+def in_this_process(monkeypatch):
+    """Sound files may be read here, which is quicker than in a child."""
+
+    def parts(path):
+        contents = loadmat(path, squeeze_me=True, struct_as_record=False)
+        return dict(iset_mat_child._leaves(iset_mat_child._find(contents, iset_mat_child.DEPTH), ""))
+
+    monkeypatch.setattr(iset_mat, "_parts", parts)
+
+
+@pytest.mark.parametrize("program", ["Zemax", "Code V"])
+def test_psfs_are_turned_outwards(tmp_path, lens, program):
+    """zemaxLoad leaves the listing's rows ascending with y, for points below the axis; CODE V's are of points above."""
+    read = read_iset_mat(saved(tmp_path / "Größe.mat", ray_trace(lens, program)))
+    check_same_lens(read, lens)
+    brightest = np.unravel_index(read.psf[0, 2].argmax(), read.psf.shape[2:])
+    assert np.subtract(brightest, read.psf.shape[-1] // 2).tolist() == [3, 2]
+
+
+def symmetric(lens):
+    """The PSFs with their mirror images, as a centred lens has them, in an even window."""
+    even = np.zeros((*lens.psf.shape[:2], 12, 12))
+    even[..., 2:11, 2:11] = (lens.psf + lens.psf[..., ::-1]) / 2
+    return exported_lens(psf=even)
+
+
+@pytest.mark.parametrize("centre", [6, 5], ids=["Huygens: n/2", "FFT: n/2 - 1"])
+def test_symmetry_tells_where_the_chief_ray_is(tmp_path, lens, centre, in_this_process):
+    even = symmetric(lens)
+    read = read_iset_mat(saved(tmp_path / "optics.mat", ray_trace(even, centre=centre)))
+    check_same_lens(read, even)
+
+
+def test_first_order_data_are_read_and_assumptions_told(tmp_path, lens, in_this_process):
+    read = read_iset_mat(saved(tmp_path / "optics.mat", ray_trace(lens), within=("rt",)))
+    for field in ("efl_mm", "magnification", "f_number_effective", "object_distance_mm", "reference_wavelength_nm"):
+        assert getattr(read, field) == pytest.approx(getattr(lens, field)), field
+    assert read.name == "EO54852" and read.entrance_pupil_mm == pytest.approx(4.0, abs=1e-9)
+    assert "how its PSFs lie" in read.notes
+
+
+def test_a_single_wavelength_is_read_though_matlab_drops_its_axis(tmp_path, in_this_process):
+    lens = exported_lens(waves=1)
+    check_same_lens(read_iset_mat(saved(tmp_path / "optics.mat", ray_trace(lens))), lens)
+
+
+@pytest.mark.parametrize("name", ["effectiveFNumber", "mag", "objectDistance", "referenceWavelength"])
+def test_a_missing_figure_is_named(tmp_path, lens, name, in_this_process):
+    structure = ray_trace(lens)
+    del structure[name]
+    with pytest.raises(LensError, match=f"optics.mat: {name} is missing"):
+        read_iset_mat(saved(tmp_path / "optics.mat", structure))
+
+
+@pytest.mark.parametrize("part, name, value, field", [
+    ("psf", "function", np.ones((4, 5, 3, 2)), "psf.function"), ("psf", "function", "none", "psf.function"),
+    ("psf", "sampleSpacing", [[0.25e-3, 0.5e-3]], "psf.sampleSpacing"), ("psf", "sampleSpacing", 0.0, "PSF spacing"),
+    ("geometry", "fieldHeight", [0.0, 1.0], "geometry.fieldHeight"), ("psf", "fieldHeight", 0.0, "psf.fieldHeight"),
+    ("relIllum", "function", np.ones(5), "relIllum.function"),
+    ("geometry", "function", np.full((3, 2), np.nan), "real_height_mm")],
+    ids=str)
+def test_parts_that_do_not_fit_are_named(tmp_path, lens, part, name, value, field, in_this_process):
+    structure = ray_trace(lens)
+    structure[part] = structure[part] | {name: value}
+    with pytest.raises(LensError) as error:
+        read_iset_mat(saved(tmp_path / "optics.mat", structure))
+    assert error.value.field == field
+
+
+def test_other_structures_are_refused(tmp_path):
+    savemat(tmp_path / "scene.mat", {"scene": {"data": {"photons": np.ones((3, 3))}}, "x": np.arange(3)})
+    with pytest.raises(LensError, match="no ray-trace structure"):
+        read_iset_mat(tmp_path / "scene.mat")
+
+
+@pytest.mark.parametrize("head", [b"MATLAB 7.3 MAT-file, Platform: GLNXA64", b"\x89HDF\r\n\x1a\n",
+                                  b" " * 512 + b"\x89HDF\r\n\x1a\n"], ids=["text", "hdf5", "hdf5 after a block"])
+def test_version_7_3_says_how_to_save(tmp_path, head):
+    (tmp_path / "optics.mat").write_bytes(head + bytes(600))
+    with pytest.raises(LensError, match="of version 7.3: save it from MATLAB with the option -v7"):
+        read_iset_mat(tmp_path / "optics.mat")
+
+
+def test_damaged_files_are_told_in_one_line(tmp_path, lens):
+    sound = saved(tmp_path / "optics.mat", ray_trace(lens)).read_bytes()
+
+    def outcome(numbered):
+        number, damaged = numbered
+        path = tmp_path / f"{number}.mat"
+        path.write_bytes(damaged)
+        try:
+            read_iset_mat(path)
+        except LensError as error:
+            return str(error)
+        return "sound"
+
+    with ThreadPoolExecutor(2) as threads:
+        outcomes = list(threads.map(outcome, enumerate([b"junk" * 99, *damages(sound, 5)])))
+    assert all("\n" not in text for text in outcomes)
+    assert sum("not readable" in text for text in outcomes) >= 2
+
+
+@pytest.mark.parametrize("program, said", [
+    ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", "its reader crashed"),
+    ("import sys; sys.exit('what is\\nwrong')", "wrong"), ("import time; time.sleep(60)", "not read in")],
+    ids=["crash", "message", "hang"])
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no such signals")
+def test_a_child_that_crashes_or_hangs_is_a_lens_error(tmp_path, lens, monkeypatch, program, said):
+    (tmp_path / "child.py").write_text(program)
+    monkeypatch.setattr(iset_mat, "CHILD", tmp_path / "child.py")
+    monkeypatch.setattr(iset_mat, "TIMEOUT_S", 0.5)
+    with pytest.raises(LensError, match=said) as error:
+        read_iset_mat(saved(tmp_path / "optics.mat", ray_trace(lens)))
+    assert "\n" not in str(error.value)
+
+
+def test_scipys_reader_stays_in_the_child():
+    folder = Path(iset_mat.__file__).parent
+    assert {path.name for path in folder.glob("*.py") if "scipy.io" in path.read_text(encoding="utf-8")} == {
+        "iset_mat_child.py"}
