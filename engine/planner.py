@@ -21,7 +21,8 @@ SINGLE_NOISE = 1.2e-7  # of the light, per unit of dynamic range
 SECTION_SIZES = (16, 24, 32, 48, 64, 96, 128, 192, 256)
 AZIMUTH_CHOICES = tuple(sorted({round(2 ** (k / 2)) for k in range(2, 21)}))
 GUESS_AZIMUTHS, GUESS_POWER = 8, 1.6  # errors fall about with this power
-SAMPLES, FEW_SAMPLES = 16, 4  # azimuths to look at: over all wavelengths, and at each
+WORST_MISSED = 1.2  # where a few azimuths take another wavelength for the worst
+FEW_SAMPLES = 4  # azimuths to look at, at each wavelength
 
 
 def make_plan(options, lens, radiance):
@@ -155,5 +156,13 @@ class _Planner:
         return 0, 0.0
 
     def _azimuth_error(self, azimuths, psfs):
-        samples = max(FEW_SAMPLES, SAMPLES // len(psfs))
-        return max(azimuth_error(each.bank, azimuths, self._task.last_height_mm(each), samples) for each in psfs)
+        """Largest error over these wavelengths: a few azimuths tell which is the worst, and there all are looked at.
+
+        Where a bright sample of the PSF crosses the edge of a pixel, single azimuths stand out from the others.
+        """
+        def error(each, samples):
+            return azimuth_error(each.bank, azimuths, self._task.last_height_mm(each), samples)
+
+        some = sorted(((error(each, FEW_SAMPLES), index) for index, each in enumerate(psfs)), reverse=True)
+        every = error(psfs[some[0][1]], azimuths)
+        return max([every * (WORST_MISSED if len(psfs) > 1 else 1)] + [found for found, _ in some[1:]])

@@ -6,7 +6,7 @@ from lenses import gaussian_psf, make_lens
 from lensfield.engine import InputError, Lens, Options, Report, SpectralImage, simulate
 from lensfield.engine.accuracy import azimuth_error
 from lensfield.engine.geometry import FieldGeometry
-from lensfield.engine.planner import make_plan
+from lensfield.engine.planner import _Planner, make_plan
 from lensfield.engine.polar import PolarTables
 from lensfield.engine.psf import PsfBank
 
@@ -98,7 +98,11 @@ def worst_point(plan, lens, radiance, places=3000):
     bank, field = PsfBank(lens.at_wavelength(nm), pitch_um), FieldGeometry(lens.at_wavelength(nm), lens.name)
     rng, (rows, columns) = np.random.default_rng(3), radiance.frame_px
     x_mm, y_mm = (rng.uniform(-n / 2, n / 2, places) * pitch_um * 1e-3 for n in (columns, rows))
-    where = field.paraxial_height_mm(np.hypot(x_mm, y_mm)), np.arctan2(y_mm, x_mm)
+    halfway = (np.arange(plan.azimuths) + 0.5) * np.pi / 4 / plan.azimuths
+    inside = bank.heights_mm[bank.heights_mm < field.paraxial_height_mm(np.hypot(x_mm, y_mm)).max()]
+    heights_mm, azimuths = (part.ravel() for part in np.meshgrid(inside, halfway))
+    where = (np.append(field.paraxial_height_mm(np.hypot(x_mm, y_mm)), heights_mm),
+             np.append(np.arctan2(y_mm, x_mm), azimuths))
     rim = bank.radius_px - table.radius_px
     used = np.pad(table.psfs(*where), ((0, 0), (rim, rim), (rim, rim)))
     return float(np.abs(used - bank.psfs(*where)).sum(axis=(1, 2)).max())
@@ -118,17 +122,23 @@ def test_the_bound_is_within_twice_the_worst_point(lens, pitch_um, accuracy):
 
 
 def test_the_error_between_azimuths_falls_with_their_number():
+    """By the square of the step on the whole; single samples that cross the edges of pixels keep it from doing so."""
     bank = PsfBank(Lens.load("edmund-54852").at_wavelength(587.6), 6.25)
     errors = [azimuth_error(bank, azimuths, np.inf, azimuths) for azimuths in (4, 8, 16, 32)]
-    assert all(after < before / 2 for before, after in zip(errors, errors[1:]))
+    assert all(after < before / 1.4 for before, after in zip(errors, errors[1:]))
+    assert errors[-1] < errors[0] / 8
 
 
-def test_some_azimuths_tell_of_all():
+@pytest.mark.parametrize("azimuths", [6, 16, 45])
+@pytest.mark.parametrize("pitch_um", [2.5, 6.25, 12.0])
+def test_all_azimuths_of_the_worst_wavelength_tell_of_every_wavelength(pitch_um, azimuths):
     lens = Lens.load("edmund-54852")
-    for nm, pitch_um in ((400, 6.25), (587.6, 2.5), (700, 12.0)):
-        bank = PsfBank(lens.at_wavelength(nm), pitch_um)
-        every = azimuth_error(bank, 48, np.inf, 48) / 1.1
-        assert every <= azimuth_error(bank, 48, np.inf, 12) <= 2 * every
+    radiance = SpectralImage(np.zeros((7, 240, 320)), np.linspace(400, 700, 7), pitch_um=pitch_um)
+    found = _Planner(Options(accuracy=0.01), lens, radiance, 0.01)
+    told = found._azimuth_error(azimuths, found._task.psfs)
+    every = max(azimuth_error(each.bank, azimuths, found._task.last_height_mm(each), azimuths) / 1.1
+                for each in found._task.psfs)
+    assert every <= told <= 2.5 * every
 
 
 def test_one_psf_for_all_is_one_convolution():
