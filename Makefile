@@ -2,7 +2,7 @@
 # make test        all tests; BPY=4.5.15 runs the Blender tests on another Blender
 # make bench       the paper's figures again, and what accuracy costs (a quarter of an hour)
 # make extension   dist/*.zip, to install in Blender
-# make bake        what `lensfield lens bake` needs, in .venv-bake (Optiland, 2 GB); make test-bake tests it
+# make bake        what `lensfield lens bake` needs, in .venv-bake (Optiland, 2 GB); make test-bake and bench-bake test and time it
 # make lenses      the bundled lenses again, from their prescriptions (half an hour)
 # Each makes its own environment on the first run and works offline after that.
 
@@ -15,7 +15,7 @@ WAVELENGTHS ?= 400:700:9
 BAKE = .venv-bake
 BAKE_READY = $(BAKE)/.ready
 
-.PHONY: demo test test-engine test-blender bench extension bake test-bake lenses
+.PHONY: demo test test-engine test-blender bench extension bake test-bake bench-bake lenses
 
 demo: $(READY)
 	$(VENV)/bin/lensfield render sample_scenes/evening_chess.blend --lens $(LENS) --wavelengths $(WAVELENGTHS) \
@@ -41,6 +41,9 @@ bake: $(BAKE_READY)
 
 test-bake: $(BAKE_READY)
 	$(BAKE)/bin/python -m pytest -q tests/bake
+
+bench-bake: $(BAKE_READY)
+	$(BAKE)/bin/python -W ignore benchmarks/bake_figures.py
 
 lenses: $(BAKE_READY)
 	$(BAKE)/bin/python packaging/bake_lenses.py

@@ -1,9 +1,11 @@
 """`lensfield lens bake`: from what a lens is made of to its lens data."""
 
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from ..engine import InputError
+from ..engine import InputError, LensError
 from ..engine.lens_files.package import write_package
 from ..engine.spectra import parse_wavelengths
 from .arguments import check_targets
@@ -51,16 +53,38 @@ def _bake(options):
         raise InputError("bake", "module", str(error.name), "not there: `make bake` sets up what baking needs, or "
                                                             "pip install 'lensfield[bake]'") from None
 
-    prescription = _with_overrides(read_prescription(options.prescription, _field(options)), options)
     wavelengths_nm = parse_wavelengths(options.wavelengths)
-    targets = _targets(prescription, options)
+    _check(options)
+    with _errors_of(options.prescription):
+        prescription = _with_overrides(read_prescription(options.prescription, _field(options)), options)
+        targets = _targets(prescription, options)
     check_targets(*targets)
     for path, single in targets.items():
-        with progress_bar() as tell:
+        with _errors_of(options.prescription), progress_bar() as tell:
             lens = bake(single, heights=options.heights, wavelengths_nm=wavelengths_nm, pitch_um=options.pitch,
                         samples=options.samples, workers=options.workers, progress=tell)
         write_package(lens, path)
         print(f"{path}\n  {_summary(lens)}")
+
+
+def _check(options):
+    if options.workers is not None and options.workers < 1:
+        raise InputError("options", "--workers", options.workers, "expected at least 1")
+    if options.output.suffix.lower() != ".npz":
+        raise InputError(options.output, "kind of file", options.output.suffix or "without a suffix", "expected a .npz")
+
+
+@contextmanager
+def _errors_of(path):
+    """Errors about the prescription name its file, not the lens; those about a glass say how to call it otherwise."""
+    try:
+        yield
+    except LensError as error:
+        remedy = f"{error.remedy} (--glass {error.value}=NEW)" if error.field.endswith(", glass") else error.remedy
+        raise LensError(path, error.field, error.value, remedy) from None
+    except BrokenProcessPool:
+        raise InputError(path, "worker", "gone", "a process ended before its work: with fewer --workers they need "
+                                                 "less memory") from None
 
 
 def _field(options):
@@ -72,17 +96,20 @@ def _field(options):
 def _with_overrides(prescription, options):
     """The prescription as the command line changes it."""
     changes = {"name": options.name, "focus": options.focus,
-               "aperture": options.f_number and ("f_number", options.f_number),
-               "sensor_mm": options.sensor and _sensor(options.sensor)}
+               "aperture": None if options.f_number is None else ("f_number", options.f_number),
+               "sensor_mm": None if options.sensor is None else _sensor(options.sensor)}
     prescription = replace(prescription, **{field: value for field, value in changes.items() if value is not None})
-    names = {}
-    for pair in options.glass:
-        old, equals, new = pair.partition("=")
-        if not equals or old not in {surface.glass for surface in prescription.surfaces}:
-            glasses = ", ".join(sorted({surface.glass for surface in prescription.surfaces} - {""}))
-            raise InputError("options", "--glass", pair, f"expected OLD=NEW with one of {glasses}")
-        names[old] = new
-    return prescription.with_glasses(names)
+    glasses = sorted({surface.glass for surface in prescription.surfaces} - {""})
+    return prescription.with_glasses({old: new for pair in options.glass for old, new in _glass_names(pair, glasses)})
+
+
+def _glass_names(pair, glasses):
+    """(old, new) names of the glasses that OLD=NEW is about; OLD may go without the catalogue."""
+    old, _, new = (word.strip() for word in pair.partition("="))
+    named = [glass for glass in glasses if old in (glass, glass.split()[-1])]
+    if not new or not named:
+        raise InputError("options", "--glass", pair, f"expected OLD=NEW with one of {', '.join(glasses)}")
+    return [(glass, new) for glass in named]
 
 
 def _sensor(text):
@@ -106,8 +133,11 @@ def _targets(prescription, options):
     prescription = focused(prescription)
     if len(distances_mm) == 1:
         return {options.output: replace(prescription, object_distance_mm=distances_mm[0])}
-    return {options.output.with_stem(f"{options.output.stem}_{distance:g}mm"):
-            replace(prescription, object_distance_mm=distance) for distance in distances_mm}
+    targets = {options.output.with_stem(f"{options.output.stem}_{distance:g}mm"):
+               replace(prescription, object_distance_mm=distance) for distance in distances_mm}
+    if len(targets) < len(distances_mm):
+        raise InputError("options", "--object-distance", options.object_distance, "expected each of them once")
+    return targets
 
 
 def _summary(lens):

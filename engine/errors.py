@@ -23,6 +23,9 @@ class InputError(ValueError):
         shown = (value or "empty") if isinstance(value, str) else repr(value)
         super().__init__(f"{self.where}: {field} is {shown}: {remedy}")
 
+    def __reduce__(self):  # it comes back from worker processes, and an exception is made again from its text alone
+        return type(self), (self.where, self.field, self.value, self.remedy)
+
 
 def absence(path):
     """What is wrong with a path that should be a file and is not, as a value for an error."""

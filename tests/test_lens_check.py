@@ -297,13 +297,13 @@ def test_errors_come_first():
     assert severities == sorted(severities, key=SEVERITIES.index) and severities[0] == "error"
 
 
-def test_the_bundled_lens_has_no_errors_and_two_warnings_that_are_true():
+def test_the_papers_lens_has_notes_alone_and_they_are_true():
     lens = Lens.load("edmund-54852")
-    severe = [finding for finding in check_lens(lens) if finding.severity != "note"]
-    assert [(finding.severity, finding.field) for finding in severe] == [("warning", "enclosed_energy"),
-                                                                         ("warning", "psf")]
-    assert f"{lens.enclosed_energy.min():.4g} at 400 nm and a height of 2.55 mm" == severe[0].value
-    assert "wavelengths about it predict, at 450 nm" in severe[1].value
+    findings = check_lens(lens)
+    assert {finding.severity for finding in findings} == {"note"}
+    assert {finding.field for finding in findings} == {"sensor_mm", "psf_pitch_um", "psf"}
+    assert any(f"beyond the last real height, {lens.real_height_mm[:, -1].min():.4g} mm" in finding.value
+               for finding in findings)
 
 
 def test_a_traced_fisheye_has_no_errors():
@@ -327,8 +327,8 @@ def check(path, *options):
 def test_the_command_tells_a_line_for_each_finding_and_their_number(capsys):
     assert check("edmund-54852") == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0].startswith("warning: enclosed_energy: 0.854 at 400 nm")
-    assert lines[-1] == f"2 warnings, {len(lines) - 3} notes"
+    assert lines[0].startswith("note: sensor_mm: 1.9% of 4.8 x 3.6 mm lies beyond")
+    assert lines[-1] == f"{len(lines) - 1} notes"
 
 
 def test_the_command_as_json_is_a_list_and_fails_for_an_error(tmp_path, capsys):

@@ -14,16 +14,18 @@ from scipy.interpolate import PchipInterpolator
 
 from ..errors import LensError
 from ..lens import Lens
+from ..lens_files.assembly import four_by_three
 from .diffraction import point_spread
 from .prescription import Prescription, Surface
 from .rays import HalfPupil, trace_pupil
 from .system import build_system
 from .wavefront import trace_wavefronts
-from .window import needed_width_um, pitch_for_um
+from .window import ENERGY, WIDENING, needed_width_um, pitch_for_um
 
 __all__ = ["Prescription", "Surface", "bake", "build_system", "focused"]
 
 CHIEF_RAYS = 49
+SURVEY_FIELDS = (0, 0.3, 0.55, 0.75, 0.85, 0.95, 1)  # of the heights: blur changes fastest where beams are cut off
 SURVEY_SHARE = 0.2  # of the time that a bake takes, roughly, for the progress bar
 
 
@@ -60,14 +62,12 @@ def bake(prescription, *, heights=21, wavelengths_nm=tuple(range(400, 701, 10)),
     system = build_system(prescription)
     heights_mm = _field_heights_mm(system, heights)
     with _pool(replace(system.prescription, focus="as given"), min(workers or os.cpu_count() or 1, heights)) as pool:
-        if pitch_um is None:
-            ends_nm = np.unique(wavelengths_nm[[0, wavelengths_nm.size // 2, -1]])
-            widths_um = _at_heights(pool, _width_um, heights_mm, (ends_nm,),
-                                    lambda done: progress(SURVEY_SHARE * done, "Choosing the window"))
-            pitch_um = pitch_for_um(max(widths_um), samples)
-        columns = _at_heights(pool, _column, heights_mm, (wavelengths_nm, pitch_um, samples),
-                              lambda done: progress(SURVEY_SHARE + (1 - SURVEY_SHARE) * done, "Summing up PSFs"))
-    return _lens(system, heights_mm, wavelengths_nm, pitch_um, columns)
+        chosen = pitch_um or _chosen_pitch_um(pool, heights_mm, wavelengths_nm, samples, progress)
+        columns = _columns(pool, heights_mm, wavelengths_nm, chosen, samples, progress)
+        while pitch_um is None and min(psf.sum(axis=(1, 2)).min() for *_, psf in columns) < ENERGY:
+            chosen = pitch_for_um(chosen * samples * WIDENING, samples)  # the survey has missed the widest
+            columns = _columns(pool, heights_mm, wavelengths_nm, chosen, samples, progress)
+    return _lens(system, heights_mm, wavelengths_nm, chosen, columns)
 
 
 def focused(prescription):
@@ -129,9 +129,25 @@ def _at_heights(pool, function, heights_mm, arguments, tell):
     return [future.result() for future in futures]
 
 
-def _width_um(height_mm, wavelengths_nm):
+def _chosen_pitch_um(pool, heights_mm, wavelengths_nm, samples, progress):
+    """Finest pitch that keeps 99.5 % of the light in the window, by some heights and wavelengths."""
+    some_mm = np.unique(heights_mm[(np.array(SURVEY_FIELDS) * (heights_mm.size - 1)).round().astype(int)])
+    some_nm = np.unique(wavelengths_nm[[0, wavelengths_nm.size // 2, -1]])
+    widths_um = _at_heights(pool, _width_um, some_mm, (some_nm, samples),
+                            lambda done: progress(SURVEY_SHARE * done, "Choosing the window"))
+    return pitch_for_um(max(widths_um), samples)
+
+
+def _columns(pool, heights_mm, wavelengths_nm, pitch_um, samples, progress):
+    """What `_column` gives, at every height."""
+    return _at_heights(pool, _column, heights_mm, (wavelengths_nm, pitch_um, samples),
+                       lambda done: progress(SURVEY_SHARE + (1 - SURVEY_SHARE) * done, "Summing up PSFs"))
+
+
+def _width_um(height_mm, wavelengths_nm, samples):
     """Side of the window that holds 99.5 % of the light at these wavelengths."""
-    return max(needed_width_um(wavefront) for wavefront in trace_wavefronts(_system, height_mm, wavelengths_nm))
+    return max(needed_width_um(wavefront, samples)
+               for wavefront in trace_wavefronts(_system, height_mm, wavelengths_nm))
 
 
 def _column(height_mm, wavelengths_nm, pitch_um, samples):
@@ -159,7 +175,7 @@ def _lens(system, heights_mm, wavelengths_nm, pitch_um, columns):
         notes=prescription.notes, efl_mm=system.efl_mm, magnification=system.magnification,
         f_number_effective=0.5 / np.sqrt(area[reference, 0] / np.pi),
         object_distance_mm=prescription.object_distance_mm, entrance_pupil_mm=system.entrance_pupil_mm,
-        sensor_mm=prescription.sensor_mm or (1.6 * last_mm, 1.2 * last_mm),
+        sensor_mm=prescription.sensor_mm or four_by_three(last_mm),
         reference_wavelength_nm=prescription.reference_wavelength_nm, wavelengths_nm=wavelengths_nm,
         heights_mm=heights_mm, real_height_mm=real_mm, relative_illumination=area / area[:, :1],
         psf=psf / energy[..., None, None], psf_pitch_um=pitch_um, enclosed_energy=np.minimum(energy, 1),

@@ -49,9 +49,8 @@ def _plane_wave_sum(pupil, wavelength_um, pitch_um, samples):
     |A|^2 dL dM is the light of a ray, even over the source's area; the integral of the whole plane is then
     wavelength^2 times all light (Parseval).
     """
-    amplitude = np.sqrt(pupil.source_area * pupil.cosine_area)
-    half = (amplitude * np.exp(-2j * np.pi * pupil.path)).ravel()
-    x = 2 * np.pi * pitch_um / wavelength_um * np.concatenate([pupil.cosine_x.ravel(), -pupil.cosine_x.ravel()])
-    y = 2 * np.pi * pitch_um / wavelength_um * np.tile(pupil.cosine_y.ravel(), 2)
-    field = finufft.nufft2d1(y, x, np.tile(half, 2), (samples, samples), isign=-1, eps=TOLERANCE, nthreads=1)
-    return np.abs(field) ** 2 * pitch_um**2 / (wavelength_um**2 * 2 * pupil.source_area.sum())
+    amplitude = np.sqrt(pupil.source_area * pupil.cosine_area) * np.exp(-2j * np.pi * pupil.path)
+    x, y = (2 * np.pi * pitch_um / wavelength_um * cosine.ravel() for cosine in (pupil.cosine_x, pupil.cosine_y))
+    half = finufft.nufft2d1(y, x, amplitude.ravel(), (samples, samples), isign=-1, eps=TOLERANCE, nthreads=1)
+    field = half + half[:, ::-1]  # of the other half of the pupil, which is the mirror image
+    return (field.real**2 + field.imag**2) * pitch_um**2 / (wavelength_um**2 * 2 * pupil.source_area.sum())

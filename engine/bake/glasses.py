@@ -1,18 +1,23 @@
 """Glasses by catalogue name, or by index and Abbe number. An unknown one is an error, never a placeholder."""
 
 import difflib
+import io
 import re
+from contextlib import redirect_stdout
 from functools import lru_cache
+from importlib import resources
+from pathlib import Path
 
 import numpy as np
-from optiland.materials import AbbeMaterial, IdealMaterial, Material
-from optiland.materials.registry import MaterialRegistry
-from optiland.materials.catalog import MaterialCatalog
+from optiland.materials import AbbeMaterial, IdealMaterial, MaterialFile
 
 from ..errors import LensError
 
+CATALOGUES = Path(str(resources.files("optiland.database"))) / "data-nk" / "glass"
 PREFERRED = ("schott", "ohara", "hoya", "hikari", "cdgm", "sumita")
-MODEL_GLASS = re.compile(r"(\d\.\d+)\s*/\s*(\d+(?:\.\d+)?)")
+MODEL_GLASS = re.compile(r"(\d+(?:\.\d+)?)\s*/\s*(\d+(?:\.\d+)?)")
+CODE = re.compile(r"(\d{3})(\d{3})|(\d{3,6})\.(\d{3,6})")
+LEAST_ABBE = 10.0  # of what the model of dispersion was made from, and some more
 
 
 def find_glass(name, where, field):
@@ -35,42 +40,53 @@ def find_glass(name, where, field):
         return IdealMaterial(1.0)
     model = MODEL_GLASS.fullmatch(name.strip())
     if model:
-        return AbbeMaterial(float(model[1]), float(model[2]), model="buchdahl")
-    if re.fullmatch(r"\d\.\d+", name):
+        index, abbe = float(model[1]), float(model[2])
+        if not (1 < index < 4 and abbe >= LEAST_ABBE):
+            raise LensError(where, field, name, f"expected an index above 1 and an Abbe number from {LEAST_ABBE:g}")
+        return AbbeMaterial(index, abbe, model="buchdahl")
+    if re.fullmatch(r"\d(\.\d+)?", name):
         raise LensError(where, field, name, f"an index without dispersion: give its Abbe number too, as {name}/V")
-    *catalogue, glass = name.split()
-    found = _catalogues_with(glass, tuple(word.lower() for word in catalogue))
-    if not found:
+    *catalogue, glass = name.split() or [name]
+    file = _file_of(glass, tuple(word.lower() for word in catalogue))
+    if file is None:
         raise LensError(where, field, name, f"in no glass catalogue: {_suggestion(glass)}give another name, or its "
                                             "index and Abbe number as n/V")
-    return Material(found[1], catalog=found[0])
+    return MaterialFile(str(file))  # Material would look for it by likeness, and find N-SF11 for SF11
 
 
 def best_name(name, catalogues):
-    """A glass's name with the first of these catalogues that has it; alone where none does."""
-    found = _catalogues_with(name, tuple(maker.lower() for maker in catalogues if maker.lower() in _makers()))
-    return f"{found[0].upper()} {found[1]}" if catalogues and found else name
+    """What we call another program's glass: n/V of a code, or its name with the first of these catalogues that has it.
+
+    Where none of them does it stays as it is. Codes are those of glass makers, such as 517642, and Code V's finer
+    516800.641673.
+    """
+    code = CODE.fullmatch(name)
+    if code:
+        index, abbe = code[1] or code[3], code[2] or code[4]
+        whole = 2 if index < "300" else 1  # no glass has an index below 1.3, and a few have one above 2
+        return f"{float(f'{whole}.{index}'):g}/{100 * float(f'0.{abbe}'):.6g}"
+    known = tuple(maker.lower() for maker in catalogues if maker.lower() in _makers())
+    file = _file_of(name, known) if known else None
+    return _full_name(file) if file else name
 
 
 @lru_cache(maxsize=None)
-def _catalogues_with(glass, catalogue):
-    """(catalogue, name as spelt there) of a glass, of the preferred makers first; None where there is none."""
-    for maker in catalogue or _makers():
-        for name in _names(maker):
-            if _bare(name) == _bare(glass):
-                return maker, name
-    return None
+def _file_of(glass, makers):
+    """The data of a glass, of the preferred makers first; None where there are none."""
+    known = (_files(maker) for maker in makers or _makers() if maker in _makers())
+    return next((files[_bare(glass)] for files in known if _bare(glass) in files), None)
 
 
 @lru_cache(maxsize=None)
 def _makers():
-    others = [maker for maker in MaterialCatalog.available() if maker not in PREFERRED]
+    others = sorted(folder.name for folder in CATALOGUES.iterdir() if folder.name not in PREFERRED)
     return (*PREFERRED, *others)
 
 
 @lru_cache(maxsize=None)
-def _names(maker):
-    return tuple(MaterialRegistry.instance().list_materials(maker))
+def _files(maker):
+    """{name as compared: file of data} of a catalogue."""
+    return {_bare(file.stem): file for file in sorted((CATALOGUES / maker).rglob("*.yml"))}
 
 
 def _bare(name):
@@ -78,16 +94,27 @@ def _bare(name):
     return name.replace("-", "").upper()
 
 
+def _full_name(file):
+    return f"{file.relative_to(CATALOGUES).parts[0].upper()} {file.stem}"
+
+
 def _suggestion(glass):
     """Glasses of a similar name, as a part of a sentence."""
-    names = {_bare(name): f"{maker.upper()} {name}" for maker in reversed(_makers()) for name in _names(maker)}
+    files = {key: file for maker in reversed(_makers()) for key, file in _files(maker).items()}
     wanted = _bare(glass)
-    close = [key for key in names if len(wanted) > 3 and key.endswith(wanted.rstrip("ABC"))]
-    close += difflib.get_close_matches(wanted, names, n=3, cutoff=0.7)
-    shown = list(dict.fromkeys(names[key] for key in close))[:4]
+    stem = _without_suffix(wanted)
+    close = [key for key in files if len(stem) > 2 and _without_suffix(key).endswith(stem)]
+    close += difflib.get_close_matches(wanted, files, n=3, cutoff=0.7)
+    shown = [_full_name(files[key]) for key in dict.fromkeys(close)][:4]
     return f"perhaps {' or '.join(shown)}? Else " if shown else ""
+
+
+def _without_suffix(name):
+    """LAK10 of LAK10C: letters behind the number tell variants apart."""
+    return re.sub(r"(?<=\d)[A-Z]+$", "", name)
 
 
 def extinction_at(material, wavelength_nm):
     """Extinction coefficient of a material; 0 where its catalogue has none."""
-    return float(np.ravel(material.k(wavelength_nm * 1e-3))[0])
+    with redirect_stdout(io.StringIO()):  # where Optiland says so
+        return float(np.ravel(material.k(wavelength_nm * 1e-3))[0])

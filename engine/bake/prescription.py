@@ -121,6 +121,7 @@ def _check(prescription):
         refuse("stop", f"at {stops} surfaces", "expected one surface to be the aperture stop")
     for number, surface in enumerate(prescription.surfaces, 1):
         _check_surface(surface, f"surface {number}", refuse)
+    _check_image_space(prescription, f"surface {len(prescription.surfaces)}", refuse)
     for field, kinds in (("aperture", APERTURES), ("field", FIELDS)):
         kind, value = getattr(prescription, field)
         if kind not in kinds:
@@ -134,10 +135,27 @@ def _check(prescription):
         refuse("field", kind, "an object at infinity has no height: give angle_deg or image_height_mm")
     if not prescription.object_distance_mm > 0:
         refuse("object_distance_mm", prescription.object_distance_mm, "expected a positive number, or inf")
+    if prescription.sensor_mm and not all(0 < side < np.inf for side in prescription.sensor_mm):
+        refuse("sensor_mm", prescription.sensor_mm, "expected a positive width and height")
     if prescription.focus not in FOCUSES:
         refuse("focus", prescription.focus, f"expected one of {', '.join(FOCUSES)}")
     if not 100 < prescription.reference_wavelength_nm < 1e5:
         refuse("reference_wavelength_nm", prescription.reference_wavelength_nm, "expected nanometres")
+
+
+def _check_image_space(prescription, last, refuse):
+    """The image plane lies in air, and not within the lens."""
+    *before, surface = prescription.surfaces
+    if surface.glass:
+        refuse(f"{last}, glass", surface.glass, "expected air before the image plane")
+    behind_mm = surface.thickness_mm
+    for other in reversed(before):
+        if other.glass:
+            break
+        behind_mm += other.thickness_mm
+    if prescription.focus == "as given" and not behind_mm > 0:
+        refuse(f"{last}, thickness_mm", f"{surface.thickness_mm:.6g}",
+               "expected an image plane behind the lens: give its distance, or best or paraxial as the focus")
 
 
 def _check_surface(surface, name, refuse):

@@ -4,16 +4,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from optiland.optic import Optic
-from scipy.special import binom
 
 from ..errors import LensError
+from .asphere import Asphere
 from .glasses import extinction_at, find_glass
 from .rays import HalfPupil, trace_pupil
 
 FOCUS_FIELDS = (0.0, 0.35, 0.5, 0.7)  # of the last field: where "best" focus looks at the light
 FOCUS_WAVELENGTHS_NM = (486.1, 546.1, 656.3)
 AIM_TOLERANCE = 1e-10  # of the place on the stop, mm: the chief ray errs by some times this
-SERIES_TERMS = 16  # of a conic: they fall by a half each in the steepest phone lenses
 FOCUS_PUPIL = HalfPupil(13, 17)
 
 
@@ -107,10 +106,10 @@ def _optic(prescription, materials):
     optic = Optic()
     optic.surfaces.add(index=0, thickness=prescription.object_distance_mm)
     for index, (surface, material) in enumerate(zip(prescription.surfaces, materials), 1):
-        surface = _with_vertex_radius(surface)
-        shape = {"surface_type": "even_asphere", "coefficients": list(surface.aspheric)} if surface.aspheric else {}
         optic.surfaces.add(index=index, radius=surface.radius_mm, conic=surface.conic, material=material,
-                           thickness=surface.thickness_mm, is_stop=surface.stop, **shape)
+                           thickness=surface.thickness_mm, is_stop=surface.stop)
+        if surface.aspheric:
+            optic.surfaces[index].geometry = Asphere(optic.surfaces[index].geometry.cs, surface)
     optic.surfaces.add(index=len(materials) + 1)
     optic.set_aperture("float_by_stop_size", 2.0)
     optic.fields.set_type("angle" if np.isinf(prescription.object_distance_mm) else "object_height")
@@ -118,20 +117,6 @@ def _optic(prescription, materials):
     optic.fields.add(y=1.0)
     optic.wavelengths.add(prescription.reference_wavelength_nm * 1e-3, is_primary=True)
     return optic
-
-
-def _with_vertex_radius(surface):
-    """The same surface without a term in r^2, which paraxial rays would not see: as a parabola and a power series.
-
-    A conic of curvature c is c / 2 r^2 + sum of binomial terms in (1 + k) c^2 r^2.
-    """
-    if not surface.aspheric or surface.aspheric[0] == 0:
-        return surface
-    curvature, bend = 1 / surface.radius_mm, (1 + surface.conic) / surface.radius_mm**2
-    orders = np.arange(1, SERIES_TERMS + 1)
-    series = curvature * np.abs(binom(0.5, orders)) * bend ** (orders - 1)
-    series[:len(surface.aspheric)] += surface.aspheric
-    return replace(surface, radius_mm=0.5 / series[0], conic=-1.0, aspheric=(0.0, *map(float, series[1:])))
 
 
 def _system(optic, prescription, materials, stop_mm):

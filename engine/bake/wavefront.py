@@ -4,7 +4,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.interpolate import RectBivariateSpline
+from scipy.interpolate import BSpline, RectBivariateSpline
+from scipy.ndimage import binary_dilation
 from scipy.special import roots_legendre
 
 from .rays import HalfPupil, trace_pupil
@@ -23,27 +24,30 @@ class Wavefront:
     ----------
     wavelength_nm, chief_height_mm : float
         `chief_height_mm` is where the chief ray meets the image plane.
-    path : spline
+    knots : (array, array)
+        Of all the splines, over radius and azimuth; the others are their coefficients.
+    path : array
         Optical path difference against the sphere about the chief ray's image point, in wavelengths.
-    cosine_x, cosine_y : splines
+    cosine_x, cosine_y : arrays
         Direction cosines from the image point to the wavefront on that sphere.
-    ray_x, ray_y : splines
+    ray_x, ray_y : arrays
         Direction cosines of the rays at the image, which differ from those by the aberrations.
-    source_x, source_y : splines
+    source_x, source_y : arrays
         Coordinates in the object's beam, over whose area the source's light is spread evenly.
-    limits : list of (spline, float)
+    limits : list of (array, float)
         Squared height of the rays at each surface that cuts some off, and its squared semi-aperture.
     """
 
     wavelength_nm: float
     chief_height_mm: float
-    path: RectBivariateSpline
-    cosine_x: RectBivariateSpline
-    cosine_y: RectBivariateSpline
-    ray_x: RectBivariateSpline
-    ray_y: RectBivariateSpline
-    source_x: RectBivariateSpline
-    source_y: RectBivariateSpline
+    knots: tuple
+    path: np.ndarray
+    cosine_x: np.ndarray
+    cosine_y: np.ndarray
+    ray_x: np.ndarray
+    ray_y: np.ndarray
+    source_x: np.ndarray
+    source_y: np.ndarray
     limits: list
 
 
@@ -69,9 +73,10 @@ class PupilSamples:
 
     @property
     def largest_steps(self):
-        """Largest distance in direction cosines of samples that are neighbours in radius, and in azimuth."""
-        x, y = self.cosine_x, self.cosine_y
-        return tuple(np.hypot(np.diff(x, axis=axis), np.diff(y, axis=axis)).max() for axis in (0, 1))
+        """Largest distance in direction cosines of samples that pass and are neighbours in radius, and in azimuth."""
+        passing = self.cosine_area > 0
+        x, y = np.where(passing, self.cosine_x, np.nan), np.where(passing, self.cosine_y, np.nan)
+        return tuple(np.nanmax(np.hypot(np.diff(x, axis=axis), np.diff(y, axis=axis)), initial=0) for axis in (0, 1))
 
     @property
     def largest_sine(self):
@@ -114,26 +119,35 @@ def _wavefront(system, rays, pupil):
     waves = (path_mm[0, 0] - path_mm) / (rays.wavelength_nm * 1e-6)
 
     def spline(values, odd=False):
-        return _spline(pupil, _continued(values, rays.lost), odd)
+        return _spline(pupil, _continued(values, rays.lost), odd)[1]
 
-    limits = [(spline(square), semi_mm**2) for square, semi_mm in zip(rays.square_height_mm2, system.semi_apertures_mm)
-              if np.nanmax(square) > semi_mm**2]
-    if rays.lost.any():
-        limits.append((_spline(pupil, rays.lost.astype(float)), 0.5))
-    return Wavefront(rays.wavelength_nm, rays.chief_height_mm, spline(waves),
+    edges = [(_continued(square, rays.lost), semi_mm**2)
+             for square, semi_mm in zip(rays.square_height_mm2, system.semi_apertures_mm)]
+    limits = [(_spline(pupil, values)[1], limit) for values, limit in _binding([*edges, (rays.lost * 1.0, 0.5)])]
+    knots, path = _spline(pupil, _continued(waves, rays.lost))
+    return Wavefront(rays.wavelength_nm, rays.chief_height_mm, knots, path,
                      spline(cosines[0], odd=True), spline(cosines[1]),
                      spline(rays.direction[0], odd=True), spline(rays.direction[1]),
                      spline(rays.source[0], odd=True), spline(rays.source[1]), limits)
 
 
+def _binding(limits):
+    """Of (values, limit), those that cut off rays which all the others let through, or nearly."""
+    stopped = [values > limit for values, limit in limits]
+    nearly = [binary_dilation(~stops, np.ones((3, 3))) for stops in stopped]
+    return [limits[index] for index, stops in enumerate(stopped)
+            if np.any(stops & np.all([passes for other, passes in enumerate(nearly) if other != index], axis=0))]
+
+
 def _spline(pupil, values, odd=False):
-    """Spline over radius and azimuth of an array (radius, azimuth); `odd` where the mirror image has -values."""
+    """Knots and coefficients of an array (radius, azimuth); `odd` where the mirror image has -values."""
     sign = -1 if odd else 1
     before, after = values[:, MARGIN:0:-1], values[:, -2:-2 - MARGIN:-1]
     beyond = pupil.azimuths[1] * np.arange(1, MARGIN + 1)
     azimuths = np.concatenate([-beyond[::-1], pupil.azimuths, np.pi + beyond])
-    return RectBivariateSpline(pupil.radii, azimuths, np.hstack([sign * before, values, sign * after]),
-                               kx=DEGREE, ky=DEGREE)
+    spline = RectBivariateSpline(pupil.radii, azimuths, np.hstack([sign * before, values, sign * after]),
+                                 kx=DEGREE, ky=DEGREE)
+    return tuple(spline.get_knots()), spline.get_coeffs().reshape(pupil.radii.size, azimuths.size)
 
 
 def _continued(values, lost):
@@ -154,17 +168,34 @@ def sample_pupil(wavefront, radii, azimuths):
     samples that it crosses, so that what it cuts off changes evenly with the field.
     """
     nodes, weights = _gauss_legendre(radii)
-    radius, weight = (nodes + 1) / 2, weights / 2
     azimuth = (np.arange(azimuths) + 0.5) * np.pi / azimuths
-    cell = weight[:, None] * np.pi / azimuths * _coverage(wavefront, radius, azimuth)
+    basis = _Basis(wavefront.knots, (nodes + 1) / 2, azimuth)
+    cell = weights[:, None] / 2 * np.pi / azimuths * _coverage(wavefront, basis)
 
     def area(first, second):
-        return np.abs(first(radius, azimuth, dx=1) * second(radius, azimuth, dy=1)
-                      - first(radius, azimuth, dy=1) * second(radius, azimuth, dx=1)) * cell
+        return np.abs(basis.radial_slope(first) * basis.azimuthal_slope(second)
+                      - basis.azimuthal_slope(first) * basis.radial_slope(second)) * cell
 
-    return PupilSamples(wavefront.path(radius, azimuth), wavefront.cosine_x(radius, azimuth),
-                        wavefront.cosine_y(radius, azimuth), area(wavefront.cosine_x, wavefront.cosine_y),
+    return PupilSamples(basis.values(wavefront.path), basis.values(wavefront.cosine_x),
+                        basis.values(wavefront.cosine_y), area(wavefront.cosine_x, wavefront.cosine_y),
                         area(wavefront.ray_x, wavefront.ray_y), area(wavefront.source_x, wavefront.source_y))
+
+
+class _Basis:
+    """B-splines at the samples: two products of matrices then evaluate any spline on their grid."""
+
+    def __init__(self, knots, radius, azimuth):
+        self._radial, self._azimuthal = ([BSpline(axis, np.eye(axis.size - DEGREE - 1), DEGREE)(places, nu=order)
+                                          for order in (0, 1)] for axis, places in zip(knots, (radius, azimuth)))
+
+    def values(self, coefficients):
+        return self._radial[0] @ coefficients @ self._azimuthal[0].T
+
+    def radial_slope(self, coefficients):
+        return self._radial[1] @ coefficients @ self._azimuthal[0].T
+
+    def azimuthal_slope(self, coefficients):
+        return self._radial[0] @ coefficients @ self._azimuthal[1].T
 
 
 @lru_cache(maxsize=64)
@@ -172,11 +203,11 @@ def _gauss_legendre(number):
     return roots_legendre(number)
 
 
-def _coverage(wavefront, radius, azimuth):
-    """Which part of each sample's cell passes all apertures: array (radius, azimuth)."""
-    covered = np.ones((radius.size, azimuth.size))
+def _coverage(wavefront, basis):
+    """Which part of each sample's cell passes all apertures: array (radius, azimuth), or 1 where all does."""
+    covered = 1.0
     for square, limit in wavefront.limits:
-        clearance = limit - square(radius, azimuth)
+        clearance = limit - basis.values(square)
         change = sum(np.abs(np.gradient(clearance, axis=axis)) for axis in (0, 1))
-        covered *= np.clip(0.5 + clearance / np.maximum(change, 1e-12 * limit), 0, 1)
+        covered = covered * np.clip(0.5 + clearance / np.maximum(change, 1e-12 * limit), 0, 1)
     return covered

@@ -6,8 +6,9 @@ from .diffraction import point_spread
 
 ENERGY = 0.995
 SURVEY_SAMPLES = 101
-MARGIN = 1.03  # for wavelengths between those of the survey
-SEARCH_STEPS = 12  # windows of twice the size each
+MARGIN = 1.05  # for heights and wavelengths between those of the survey
+SEARCH_STEPS = 12
+WIDENING = 1.04
 
 
 def pitch_for_um(width_um, samples):
@@ -17,8 +18,19 @@ def pitch_for_um(width_um, samples):
     return float(np.round(np.ceil(pitch_um / unit) * unit, 9))
 
 
-def needed_width_um(wavefront):
-    """Side of the square about the chief ray that holds 99.5 % of the light of a `Wavefront`."""
+def needed_width_um(wavefront, samples):
+    """Side of a window of so many samples that holds 99.5 % of the light of a `Wavefront`."""
+    width_um = _first_width_um(wavefront)
+    for _ in range(SEARCH_STEPS):
+        psf, _ = point_spread(wavefront, width_um / samples, samples)
+        if psf.sum() >= ENERGY or not psf.any():
+            break
+        width_um *= WIDENING
+    return width_um
+
+
+def _first_width_um(wavefront):
+    """What the rings of a wider, coarser PSF say, whose pupil has finer edges."""
     pitch_um = wavefront.wavelength_nm * 1e-3 / 2
     for _ in range(SEARCH_STEPS):
         psf, _ = point_spread(wavefront, pitch_um, SURVEY_SAMPLES)

@@ -1,7 +1,5 @@
 """A perfect lens, whose PSFs, distortion and illumination are known in closed form."""
 
-from dataclasses import dataclass, field
-
 import numpy as np
 from lensfield.engine.bake.prescription import Prescription, Surface
 from lensfield.engine.bake.system import System

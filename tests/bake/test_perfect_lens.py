@@ -15,7 +15,7 @@ NM = 550.0
 def wavefront_at(system, angle_deg):
     """All paths to the image point are the same: that is what makes a lens perfect."""
     wavefront, = trace_wavefronts(system, EFL_MM * np.tan(np.radians(angle_deg)), [NM])
-    return replace(wavefront, path=lambda radius, azimuth: np.zeros((radius.size, azimuth.size)))
+    return replace(wavefront, path=np.zeros_like(wavefront.path))
 
 
 def airy(system, pitch_um, samples):

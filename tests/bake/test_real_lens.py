@@ -52,8 +52,9 @@ def huygens_by_hand(system, height_mm, nm, offsets_mm):
 
     def cells(first, second):
         """Areas of the grid's cells by their corners."""
-        diagonal = [(values[1:, 1:] - values[:-1, :-1], values[1:, :-1] - values[:-1, 1:]) for values in (first, second)]
-        return np.abs(diagonal[0][0] * diagonal[1][1] - diagonal[0][1] * diagonal[1][0]) / 2
+        (x1, x2), (y1, y2) = [(values[1:, 1:] - values[:-1, :-1], values[1:, :-1] - values[:-1, 1:])
+                              for values in (first, second)]
+        return np.abs(x1 * y2 - x2 * y1) / 2
 
     def middles(values):
         return (values[..., 1:, 1:] + values[..., 1:, :-1] + values[..., :-1, 1:] + values[..., :-1, :-1]) / 4

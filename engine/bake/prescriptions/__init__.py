@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 
 from ...errors import LensError, absence
+from ...lens_files.text import shown
 from .codev import read_codev
 from .optiland_json import read_optiland
 from .pbrt import read_pbrt
@@ -11,6 +12,7 @@ from .toml import read_toml
 from .zemax import read_zemax
 
 READERS = {".toml": read_toml, ".zmx": read_zemax, ".seq": read_codev, ".json": read_optiland, ".dat": read_pbrt}
+DAMAGE = (ValueError, TypeError, KeyError, IndexError, AttributeError, OverflowError, ZeroDivisionError, RecursionError)
 
 
 def read_prescription(path, field=None):
@@ -36,6 +38,8 @@ def read_prescription(path, field=None):
     try:
         return reader(path, field)
     except LensError as error:
-        raise LensError(path, error.field, error.value, error.remedy) from None
-    except (ValueError, TypeError, KeyError, IndexError, AttributeError, OverflowError, ZeroDivisionError) as error:
-        raise LensError(path, "prescription", "damaged", f"{type(error).__name__}: {error}") from None
+        value = shown(error.value) if isinstance(error.value, str) else error.value
+        raise LensError(path, shown(error.field), value, error.remedy) from None
+    except DAMAGE as error:
+        told = " ".join(f"{type(error).__name__}: {error}".split())
+        raise LensError(path, "prescription", "damaged", told) from None

@@ -5,8 +5,12 @@ import json
 import numpy as np
 
 from ...errors import LensError
+from ...lens_files.text import read_text
+from ..glasses import best_name
 from ..prescription import Prescription, Surface
+from .field_points import field_end, vignetting_note
 
+REFRACTIVE = "RefractiveReflectiveModel"
 SHAPES = ("Plane", "StandardGeometry", "EvenAsphere")
 APERTURES = {"EPD": "entrance_pupil_diameter_mm", "imageFNO": "f_number", "objectNA": "object_na"}
 FIELDS = {"AngleField": "angle_deg", "ObjectHeightField": "object_height_mm",
@@ -16,8 +20,11 @@ FAR_MM = 1e9
 
 def read_optiland(path, field=None):
     """Read what `optiland.fileio.save_optiland_file` wrote."""
-    contents = json.loads(path.read_text(encoding="utf-8"))
+    contents = json.loads(read_text(path))
+    if not isinstance(contents, dict) or "surface_group" not in contents:
+        raise LensError(path, "surface_group", "missing", "expected what Optiland's save_optiland_file writes")
     rows = contents["surface_group"]["surfaces"]
+    _check_ends(path, rows)
     places = [row["geometry"]["cs"]["z"] for row in rows]
     surfaces = tuple(_surface(path, number, row, places[number + 1] - places[number])
                      for number, row in enumerate(rows[1:-1], 1))
@@ -29,22 +36,37 @@ def read_optiland(path, field=None):
         aperture = (APERTURES[kind], value)
     else:
         raise LensError(path, "aperture", kind, f"expected float_by_stop_size, {', '.join(APERTURES)}")
+    if contents["fields"].get("telecentric"):
+        raise LensError(path, "fields", "telecentric in object space", "expected rays to be aimed at the stop")
+    factors = [point.get(axis) for point in contents["fields"]["fields"] for axis in ("vx", "vy")]
     wavelengths = contents["wavelengths"]["wavelengths"]
     primary = next((row for row in wavelengths if row["is_primary"]), wavelengths[0])
-    return Prescription(name=contents.get("name") or path.stem, surfaces=surfaces, aperture=aperture,
+    name = " ".join(str(contents.get("name") or path.stem).split())
+    return Prescription(name=name, surfaces=surfaces, aperture=aperture,
                         field=field or _field(path, contents["fields"]),
-                        object_distance_mm=distance_mm if distance_mm < FAR_MM else np.inf,
-                        reference_wavelength_nm=1e3 * primary["value"], source=f"{path.name} (Optiland)")
+                        object_distance_mm=np.inf if distance_mm >= FAR_MM else distance_mm,
+                        reference_wavelength_nm=1e3 * primary["value"], source=f"{path.name} (Optiland)",
+                        notes=vignetting_note(factors, surfaces))
+
+
+def _check_ends(path, rows):
+    """Object and image are planes, and the object is in air."""
+    if len(rows) < 3 or any(np.isfinite(row["geometry"].get("radius", np.inf)) for row in (rows[0], rows[-1])):
+        raise LensError(path, "surface_group", "without a flat object and a flat image", "expected both, and a lens")
+    if _glass(path, 0, rows[0]["material_post"]):
+        raise LensError(path, "object", "in glass", "expected air before the lens")
 
 
 def _surface(path, number, row, thickness_mm):
-    shape, aperture = row["geometry"], row.get("aperture")
+    shape, aperture, interaction = row["geometry"], row.get("aperture"), row.get("interaction_model", {})
+    if interaction.get("type", REFRACTIVE) != REFRACTIVE or interaction.get("is_reflective"):
+        raise LensError(path, f"surface {number}", "no refracting surface", "expected refracting surfaces")
     if shape["type"] not in SHAPES:
         raise LensError(path, f"surface {number}", shape["type"], f"expected one of {', '.join(SHAPES)}")
     if any(shape["cs"][key] for key in ("x", "y", "rx", "ry", "rz")):
         raise LensError(path, f"surface {number}", "tilted or decentred", "expected a centred lens")
-    if aperture and aperture["type"] != "RadialAperture":
-        raise LensError(path, f"surface {number}, aperture", aperture["type"], "expected a RadialAperture")
+    if aperture and (aperture["type"] != "RadialAperture" or aperture.get("r_min")):
+        raise LensError(path, f"surface {number}, aperture", aperture["type"], "expected a circle, a RadialAperture")
     return Surface(shape.get("radius", np.inf), thickness_mm, _glass(path, number, row["material_post"]),
                    aperture["r_max"] if aperture else np.inf, shape.get("conic", 0.0),
                    tuple(shape.get("coefficients", ())), row["is_stop"])
@@ -53,9 +75,9 @@ def _surface(path, number, row, thickness_mm):
 def _glass(path, number, material):
     if material["type"] == "Material":
         maker = material.get("catalog") or material.get("reference") or ""
-        return f"{maker.upper()} {material['name']}".strip()
+        return best_name(material["name"], [maker])
     if material["type"] == "AbbeMaterial":
-        return f"{material['index']:.6g}/{material['abbe']:.6g}"
+        return f"{material['index']:.9g}/{material['abbe']:.9g}"
     if material["type"] == "IdealMaterial" and material["index"] == 1:
         return ""
     raise LensError(path, f"surface {number}, glass", material["type"], "expected a catalogue glass or AbbeMaterial")
@@ -63,8 +85,4 @@ def _glass(path, number, material):
 
 def _field(path, fields):
     kind = FIELDS.get(fields["field_definition"]["field_type"])
-    value = float(max(np.hypot(field["x"], field["y"]) for field in fields["fields"])) if kind else 0
-    if not value:
-        raise LensError(path, "field", fields["field_definition"]["field_type"],
-                        "give --field-angle or --field-height")
-    return kind, value
+    return field_end(path, kind, [(point["x"], point["y"]) for point in fields["fields"]])

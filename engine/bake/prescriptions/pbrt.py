@@ -3,6 +3,7 @@
 import numpy as np
 
 from ...errors import LensError
+from ...lens_files.text import read_text, shown
 from ..prescription import Prescription, Surface
 
 
@@ -11,7 +12,7 @@ def read_pbrt(path, field=None):
     if field is None:
         raise LensError(path, "field", "missing", "a pbrt file does not say where the field ends: give --field-angle")
     rows = [_row(path, number, line.split("#")[0])
-            for number, line in enumerate(path.read_text(encoding="latin-1").splitlines(), 1)]
+            for number, line in enumerate(read_text(path).splitlines(), 1)]
     surfaces = [surface for surface in rows if surface]
     stops = [surface for surface in surfaces if surface.stop]
     if len(stops) != 1:
@@ -27,6 +28,9 @@ def _row(path, number, text):
     try:
         radius, thickness, index, diameter = (float(word) for word in text.split())
     except ValueError:
-        raise LensError(path, f"line {number}", text.strip(), "expected radius, thickness, index, diameter") from None
-    return Surface(radius or np.inf, thickness, f"{index:g}" if index not in (0, 1) else "", diameter / 2,
+        raise LensError(path, f"line {number}", shown(text.strip()), "expected radius, thickness, index, diameter"
+                        ) from None
+    if index not in (0, 1) and not 1 < index < 4:
+        raise LensError(path, f"line {number}, index", index, "expected that of a glass, or 0 or 1 for air")
+    return Surface(radius or np.inf, thickness, f"{index:.9g}" if index > 1 else "", diameter / 2,
                    stop=radius == 0 and index in (0, 1))

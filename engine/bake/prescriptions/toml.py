@@ -1,10 +1,12 @@
 """Lensfield's own prescription: TOML with the fields of `Prescription` and a [[surfaces]] table each."""
 
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 
 from ...errors import LensError
+from ...lens_files.text import read_text
 from ..prescription import APERTURES, FIELDS, Prescription, Surface
 
 FORMAT, VERSION = "lensfield-prescription", 1
@@ -17,13 +19,15 @@ SURFACE_KEYS = (*SURFACE_NUMBERS, "glass", "aspheric", "stop")
 def read_toml(path, field=None):
     """Read a prescription of our own."""
     try:
-        contents = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        contents = tomllib.loads(read_text(path))
+    except tomllib.TOMLDecodeError as error:
         raise LensError(path, "TOML", "not readable", str(error)) from None
     if (contents.get("format"), contents.get("version")) != (FORMAT, VERSION):
         raise LensError(path, "format", f"{contents.get('format')} {contents.get('version')}",
                         f'expected format = "{FORMAT}" and version = {VERSION}')
     scale = _number(path, "scale", contents.get("scale", 1.0))
+    if not 0 < scale < np.inf:
+        raise LensError(path, "scale", scale, "expected a positive number")
     _check_keys(path, contents, ("format", "version", "scale", "aperture", "field", "sensor_mm", "surfaces",
                                  *TEXTS, *NUMBERS), "")
     facts = {key: _text(path, key, contents[key]) for key in TEXTS if key in contents}
@@ -37,7 +41,8 @@ def read_toml(path, field=None):
         aperture=_choice(path, "aperture", contents.get("aperture"), APERTURES),
         field=field or _choice(path, "field", contents.get("field"), FIELDS),
         sensor_mm=_sensor(path, contents.get("sensor_mm")))
-    return prescription if scale == 1 else prescription.scaled(scale)
+    prescription = prescription if scale == 1 else prescription.scaled(scale)
+    return replace(prescription, field=field) if field else prescription  # a field that is asked for is not scaled
 
 
 def _surface(path, name, row):
@@ -52,7 +57,7 @@ def _surface(path, name, row):
 
 def _aspheric(path, name, terms):
     """Coefficients of r^2, r^4 ... from a table of powers."""
-    if not isinstance(terms, dict) or not all(key.isdigit() and int(key) % 2 == 0 and 0 < int(key) <= 40
+    if not isinstance(terms, dict) or not all(key.isdecimal() and int(key) % 2 == 0 and 0 < int(key) <= 40
                                               for key in terms):
         raise LensError(path, name, terms, "expected a table of even powers, such as {4 = 1e-3, 6 = -2e-5}")
     coefficients = {int(key) // 2: _number(path, f"{name}, {key}", value) for key, value in terms.items()}
@@ -83,7 +88,7 @@ def _check_keys(path, table, known, where):
 
 
 def _number(path, name, value):
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or np.isnan(value):
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value:
         raise LensError(path, name, value, "expected a number")
     return float(value)
 

@@ -1,0 +1,114 @@
+"""One singlet as each program would write it: a stop, a lens of N-BK7 with an ellipsoid behind, f/10 at infinity."""
+
+from lensfield.engine.bake.prescription import Surface
+
+TOML = """
+format = "lensfield-prescription"
+version = 1
+name = "singlet"
+aperture = { entrance_pupil_diameter_mm = 5.0 }
+field = { angle_deg = 14.0 }
+
+[[surfaces]]
+thickness_mm = 2.0
+stop = true
+
+[[surfaces]]
+radius_mm = 50.0
+thickness_mm = 4.0
+glass = "SCHOTT N-BK7"
+semi_aperture_mm = 8.0
+
+[[surfaces]]
+radius_mm = -50.0
+thickness_mm = 47.5
+conic = -0.5
+"""
+
+ZEMAX = """VERS 130404 15 24485
+MODE SEQ
+NAME singlet
+NOTE 0 Made by hand
+UNIT MM X W X CM MR CPMM
+ENPD 5.0E+0
+GCAT SCHOTT
+FTYP 0 0 2 3 0 0 0
+XFLN 0 0 0 0
+YFLN 0 1.4E+1 0 0
+VCYN 0 0 0 0
+WAVM 1 4.8613E-1 1
+WAVM 2 5.875618E-1 1
+WAVM 3 6.5627E-1 1
+WAVM 4 5.5E-1 1
+PWAV 2
+SURF 0
+  TYPE STANDARD
+  CURV 0.0 0 0 0 0 ""
+  DISZ INFINITY
+  DIAM 0 0 0 0 1 ""
+SURF 1
+  STOP
+  TYPE STANDARD
+  CURV 0.0 0 0 0 0 ""
+  DISZ 2
+  DIAM 2.5 1 0 0 1 ""
+SURF 2
+  TYPE STANDARD
+  CURV 2.0E-2 0 0 0 0 ""
+  DISZ 4.0
+  GLAS N-BK7 0 0 1.5 40 0 0 0 0 0 0
+  DIAM 8.0 1 0 0 1 ""
+  FLAP 0 8.0 0
+SURF 3
+  TYPE STANDARD
+  CURV -2.0E-2 0 0 0 0 ""
+  CONI -0.5
+  DISZ 4.75E+1
+  DIAM 8.0 1 0 0 1 ""
+SURF 4
+  TYPE STANDARD
+  CURV 0.0 0 0 0 0 ""
+  DISZ 0
+  DIAM 1.2E+1 0 0 0 1 ""
+BLNK
+MNUM 1 1
+"""
+
+CODEV = """RDM;LEN       "VERSION: 10.7; a"
+TITLE 'singlet'
+EPD   5.0
+DIM   M
+WL    656.27 587.5618 486.13   ! red first
+REF   2
+XAN   0.0 0.0
+YAN   0.0 14.0
+SO    0.0 0.1e14
+S     0.0 2.0
+  STO
+S     50.0 4.0 NBK7_SCHOTT
+  CIR 8.0
+  CIR EDG 9.0
+S     -50.0 47.5
+  CON
+  K   -0.5
+SI    0.0 0.0
+GO
+"""
+
+PBRT = """# a singlet
+# radius	sep	n	aperture
+0	2	0	5
+50	4	1.5168	16
+-50	47.5	1	16
+"""
+
+SURFACES = (Surface(thickness_mm=2.0, stop=True), Surface(50.0, 4.0, "SCHOTT N-BK7", 8.0),
+            Surface(-50.0, 47.5, conic=-0.5))
+
+
+def changed(text, *pairs):
+    """A text with pieces of it replaced; each has to be there."""
+    for old, new in pairs:
+        assert old in text, old
+        text = text.replace(old, new)
+    return text
