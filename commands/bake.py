@@ -1,5 +1,6 @@
 """`lensfield lens bake`: from what a lens is made of to its lens data."""
 
+import math
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import replace
@@ -37,7 +38,7 @@ def _add_overrides(group):
     field = group.add_mutually_exclusive_group()
     field.add_argument("--field-angle", type=float, metavar="DEG", help="half angle where the field ends")
     field.add_argument("--field-height", type=float, metavar="MM", help="paraxial image height where it ends")
-    group.add_argument("--f-number", type=float, metavar="N", help="close the stop to this f-number")
+    group.add_argument("--f-number", type=float, metavar="N", help="set the stop to this f-number")
     group.add_argument("--focus", choices=FOCUSES, help="where the image plane lies")
     group.add_argument("--glass", action="append", default=[], metavar="OLD=NEW",
                        help="another name, or n/V, for a glass of the file; may be repeated")
@@ -80,7 +81,7 @@ def _errors_of(path):
     try:
         yield
     except LensError as error:
-        remedy = f"{error.remedy} (--glass {error.value}=NEW)" if error.field.endswith(", glass") else error.remedy
+        remedy = f"{error.remedy} (--glass OLD=NEW)" if error.field.endswith(", glass") else error.remedy
         raise LensError(path, error.field, error.value, remedy) from None
     except BrokenProcessPool:
         raise InputError(path, "worker", "gone", "a process ended before its work: with fewer --workers they need "
@@ -133,8 +134,9 @@ def _targets(prescription, options):
     prescription = focused(prescription)
     if len(distances_mm) == 1:
         return {options.output: replace(prescription, object_distance_mm=distances_mm[0])}
-    targets = {options.output.with_stem(f"{options.output.stem}_{distance:g}mm"):
-               replace(prescription, object_distance_mm=distance) for distance in distances_mm}
+    names = ["inf" if math.isinf(distance) else f"{distance:g}mm" for distance in distances_mm]
+    targets = {options.output.with_stem(f"{options.output.stem}_{name}"):
+               replace(prescription, object_distance_mm=distance) for name, distance in zip(names, distances_mm)}
     if len(targets) < len(distances_mm):
         raise InputError("options", "--object-distance", options.object_distance, "expected each of them once")
     return targets

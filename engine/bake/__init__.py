@@ -57,7 +57,7 @@ def bake(prescription, *, heights=21, wavelengths_nm=tuple(range(400, 701, 10)),
         A prescription that cannot be traced, or a request that makes no sense.
     """
     wavelengths_nm = np.asarray(wavelengths_nm, dtype=float)
-    _check_request(prescription, heights, samples, pitch_um)
+    _check_request(prescription, heights, wavelengths_nm, samples, pitch_um)
     progress(0.0, "Tracing chief rays")
     system = build_system(prescription)
     heights_mm = _field_heights_mm(system, heights)
@@ -71,13 +71,17 @@ def bake(prescription, *, heights=21, wavelengths_nm=tuple(range(400, 701, 10)),
 
 
 def focused(prescription):
-    """The same lens with its image plane where it comes to lie, so that other object distances keep it there."""
-    return replace(build_system(prescription).prescription, focus="as given")
+    """The same lens with image plane, stop and picture as they come to be, for other object distances to keep."""
+    system = build_system(prescription)
+    return replace(system.prescription, focus="as given", aperture=("stop", system.stop_semi_aperture_mm),
+                   field=("image_height_mm", system.last_height_mm))
 
 
-def _check_request(prescription, heights, samples, pitch_um):
+def _check_request(prescription, heights, wavelengths_nm, samples, pitch_um):
     if heights < 2:
         raise LensError(prescription.name, "heights", heights, "expected at least 2")
+    if not wavelengths_nm.size or np.any(np.diff(wavelengths_nm) <= 0):
+        raise LensError(prescription.name, "wavelengths", wavelengths_nm.tolist(), "expected ascending nanometres")
     if samples < 3 or samples % 2 == 0:
         raise LensError(prescription.name, "samples", samples, "expected an odd number: the chief ray has the middle")
     if pitch_um is not None and not (np.isfinite(pitch_um) and pitch_um > 0):

@@ -3,11 +3,13 @@
 import finufft
 import numpy as np
 
+from ..errors import LensError
 from .wavefront import sample_pupil
 
 OVERSAMPLING = 1.25  # finer than Nyquist's pitch by this, so that sums over samples are integrals to 1e-3
 ALIAS_WINDOWS = 2.0  # the sum repeats itself at a distance; this many windows must fit in
 TOLERANCE = 1e-7
+MOST_SAMPLES = 1 << 24  # of the pupil, and of the sum: some GB
 COARSE = (24, 32)  # radii and azimuths of the first look at a pupil
 
 
@@ -37,7 +39,11 @@ def point_spread(wavefront, pitch_um, samples):
     finest_um = wavelength_um / (4 * coarse.largest_sine * OVERSAMPLING)
     fine = 2 * int(np.ceil((pitch_um / finest_um - 1) / 2)) + 1 if pitch_um > finest_um else 1
     growth = [max(step * ALIAS_WINDOWS * window_um / wavelength_um, 1.0) for step in coarse.largest_steps]
-    pupil = sample_pupil(wavefront, *(int(np.ceil(number * grown)) for number, grown in zip(COARSE, growth)))
+    radii, azimuths = (int(np.ceil(number * grown)) for number, grown in zip(COARSE, growth))
+    if max(radii * azimuths, (samples * fine) ** 2) > MOST_SAMPLES:
+        raise LensError("PSF", "window", f"{window_um * 1e-3:.3g} mm", "too wide to sum up: is the lens in focus here? "
+                                                                       "Else give a smaller window")
+    pupil = sample_pupil(wavefront, radii, azimuths)
     light = _plane_wave_sum(pupil, wavelength_um, pitch_um / fine, samples * fine)
     binned = light.reshape(samples, fine, samples, fine).sum(axis=(1, 3))
     return (binned + binned[:, ::-1]) / 2, 2 * pupil.ray_area.sum()

@@ -122,17 +122,7 @@ def _check(prescription):
     for number, surface in enumerate(prescription.surfaces, 1):
         _check_surface(surface, f"surface {number}", refuse)
     _check_image_space(prescription, f"surface {len(prescription.surfaces)}", refuse)
-    for field, kinds in (("aperture", APERTURES), ("field", FIELDS)):
-        kind, value = getattr(prescription, field)
-        if kind not in kinds:
-            refuse(field, kind, f"expected one of {', '.join(kinds)}")
-        if not (np.isfinite(value) and value > 0):
-            refuse(f"{field}, {kind}", value, "expected a positive number")
-    kind, value = prescription.field
-    if kind == "angle_deg" and value >= 90:
-        refuse("field, angle_deg", value, "expected less than 90: no plane image holds more")
-    if (kind == "object_height_mm") and np.isinf(prescription.object_distance_mm):
-        refuse("field", kind, "an object at infinity has no height: give angle_deg or image_height_mm")
+    _check_aperture_and_field(prescription, refuse)
     if not prescription.object_distance_mm > 0:
         refuse("object_distance_mm", prescription.object_distance_mm, "expected a positive number, or inf")
     if prescription.sensor_mm and not all(0 < side < np.inf for side in prescription.sensor_mm):
@@ -141,6 +131,21 @@ def _check(prescription):
         refuse("focus", prescription.focus, f"expected one of {', '.join(FOCUSES)}")
     if not 100 < prescription.reference_wavelength_nm < 1e5:
         refuse("reference_wavelength_nm", prescription.reference_wavelength_nm, "expected nanometres")
+
+
+def _check_aperture_and_field(prescription, refuse):
+    for field, kinds in (("aperture", APERTURES), ("field", FIELDS)):
+        kind, value = getattr(prescription, field)
+        if kind not in kinds:
+            refuse(field, kind, f"expected one of {', '.join(kinds)}")
+        if not (np.isfinite(value) and value > 0):
+            refuse(f"{field}, {kind}", value, "expected a positive number")
+        if kind == "angle_deg" and value >= 90:
+            refuse("field, angle_deg", value, "expected less than 90: no plane image holds more")
+        if kind == "object_na" and value >= 1:
+            refuse("aperture, object_na", value, "expected less than 1: the object is in air")
+        if kind in ("object_na", "object_height_mm") and np.isinf(prescription.object_distance_mm):
+            refuse(field, kind, "an object at infinity has none: give another of " + ", ".join(kinds))
 
 
 def _check_image_space(prescription, last, refuse):

@@ -31,6 +31,7 @@ class System:
     efl_mm, magnification, entrance_pupil_mm, exit_pupil_distance_mm : float
         Paraxial, at the reference wavelength; the magnification is 0 for an object at infinity, the exit pupil's
         distance is from the image plane.
+    stop_semi_aperture_mm : float
     last_height_mm : float
         Paraxial image height where the field ends.
     """
@@ -42,6 +43,7 @@ class System:
     magnification: float
     entrance_pupil_mm: float
     exit_pupil_distance_mm: float
+    stop_semi_aperture_mm: float
     last_height_mm: float
 
     @property
@@ -132,8 +134,9 @@ def _system(optic, prescription, materials, stop_mm):
     optic.fields.add(y=0.0)
     angle = np.degrees(np.arctan(last_mm / efl_mm))
     optic.fields.add(y=angle if magnification == 0 else last_mm / abs(magnification))
-    optic.set_ray_aiming("robust", tol=AIM_TOLERANCE)
-    return System(optic, prescription, materials, efl_mm, magnification, pupil_mm, _number(paraxial.XPL()), last_mm)
+    optic.ray_tracer.set_aiming("robust", tol=AIM_TOLERANCE)
+    return System(optic, prescription, materials, efl_mm, magnification, pupil_mm,
+                  _number(paraxial.XPL()), stop_mm, last_mm)
 
 
 def _last_height_mm(prescription, efl_mm, magnification, pupil_mm):
@@ -183,6 +186,9 @@ def _best_focus_shift_mm(system):
             inside = rays.square_height_mm2 <= system.semi_apertures_mm[:, None, None] ** 2
             passing = inside.all(axis=0) & ~rays.lost
             weight = FOCUS_PUPIL.radii[:, None] * passing  # rings hold light by their radius
+            if not weight.any():
+                raise LensError(system.prescription.name, "field height", f"{field * system.last_height_mm:.4g} mm",
+                                "no light gets through here, by which to focus: end the field earlier")
             place, slope = rays.position_mm[:2], rays.direction[:2] / rays.direction[2]
             place, slope = ([part[0], part[1] - np.average(part[1][passing], weights=weight[passing])]
                             for part in (place, slope))  # about the centroid: in x it is the axis

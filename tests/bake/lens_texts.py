@@ -1,6 +1,11 @@
 """One singlet as each program would write it: a stop, a lens of N-BK7 with an ellipsoid behind, f/10 at infinity."""
 
+import numpy as np
 from lensfield.engine.bake.prescription import Surface
+from optiland.fileio import save_optiland_file
+from optiland.materials import AbbeMaterial, Material
+from optiland.optic import Optic
+from optiland.physical_apertures import RadialAperture
 
 TOML = """
 format = "lensfield-prescription"
@@ -112,3 +117,24 @@ def changed(text, *pairs):
         assert old in text, old
         text = text.replace(old, new)
     return text
+
+
+def saved_by_optiland(path, **third):
+    """A file of Optiland: the singlet, with a third surface of a model glass and an even asphere, or what is asked."""
+    optic = Optic(name="singlet")
+    optic.surfaces.add(index=0, thickness=np.inf)
+    optic.surfaces.add(index=1, thickness=2.0, is_stop=True)
+    optic.surfaces.add(index=2, radius=50.0, thickness=4.0, material=Material("N-BK7", catalog="schott"),
+                       aperture=RadialAperture(r_max=8.0))
+    optic.surfaces.add(**dict(index=3, radius=-50.0, thickness=2.0, conic=-0.5, surface_type="even_asphere",
+                              coefficients=[1e-4, -2e-6], material=AbbeMaterial(1.62, 60.3, model="buchdahl")) | third)
+    optic.surfaces.add(index=4, thickness=45.0)
+    optic.surfaces.add(index=5)
+    optic.set_aperture("EPD", 5.0)
+    optic.fields.set_type("angle")
+    for x, y in ((0, 0), (0, 14), (6, 8)):
+        optic.fields.add(x=x, y=y)
+    optic.wavelengths.add(0.4861)
+    optic.wavelengths.add(0.5461, is_primary=True)
+    save_optiland_file(optic, str(path))
+    return path

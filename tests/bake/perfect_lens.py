@@ -23,5 +23,5 @@ def perfect_system(f_number, last_angle_deg=45.0):
     optic.wavelengths.add(0.55, is_primary=True)
     prescription = Prescription("perfect", (Surface(thickness_mm=EFL_MM, stop=True),), ("f_number", f_number),
                                 ("angle_deg", last_angle_deg))
-    return System(optic, prescription, [IdealMaterial(1.0)], EFL_MM, 0.0, 0.0, -EFL_MM,
+    return System(optic, prescription, [IdealMaterial(1.0)], EFL_MM, 0.0, 0.0, -EFL_MM, stop_mm,
                   EFL_MM * np.tan(np.radians(last_angle_deg)))

@@ -1,10 +1,12 @@
 """The paper's lens, traced, against its maker's figures, a second tracer, and Huygens' sum done by hand."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from lensfield.engine.bake import build_system
+from lensfield.engine import LensError
+from lensfield.engine.bake import build_system, focused
 from lensfield.engine.bake.diffraction import point_spread
 from lensfield.engine.bake.prescriptions import read_prescription
 from lensfield.engine.bake.rays import HalfPupil, trace_pupil
@@ -115,3 +117,17 @@ def test_illumination_is_the_area_of_the_bundle_that_gets_through(edmund):
 def test_the_bulk_glass_takes_some_blue(edmund):
     blue, green = edmund.transmittance([400.0, 550.0])
     assert 0.9 < blue < green < 1
+
+
+def test_a_set_of_distances_keeps_stop_focus_and_picture(edmund):
+    kept = focused(edmund.prescription)
+    near = build_system(replace(kept, object_distance_mm=100.0))
+    assert near.stop_semi_aperture_mm == edmund.stop_semi_aperture_mm
+    assert near.last_height_mm == edmund.last_height_mm
+    assert near.prescription.surfaces == edmund.prescription.surfaces
+
+
+def test_blur_without_bounds_is_refused(edmund):
+    wavefront, = trace_wavefronts(edmund, 1.0, [550.0])
+    with pytest.raises(LensError, match="too wide"):
+        point_spread(wavefront, 100.0, 65)

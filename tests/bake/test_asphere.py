@@ -1,0 +1,80 @@
+"""Aspheres that steep lenses of phones need: their vertex, their shape, and how rays find them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from lensfield.engine.bake import build_system
+from lensfield.engine.bake.asphere import Asphere
+from lensfield.engine.bake.prescription import Prescription, Surface
+from lensfield.engine.bake.prescriptions import read_prescription
+from lensfield.engine.bake.rays import HalfPupil, trace_pupil
+from lensfield.engine.lens_files import BUNDLED
+from optiland.coordinate_system import CoordinateSystem
+from optiland.rays import RealRays
+
+SURFACES = {"conic and powers": Surface(3.0, conic=-0.7, aspheric=(0.0, 2e-3, -1e-4, 3e-6)),
+            "a term in r^2": Surface(-8.0, conic=2.0, aspheric=(0.03, -1e-3)),
+            "no conic": Surface(aspheric=(0.05, 1e-3))}
+surfaces = pytest.mark.parametrize("surface", SURFACES.values(), ids=SURFACES)
+
+
+def sag_mm(surface, radius_mm):
+    """The textbook's formula."""
+    curvature, square = 1 / surface.radius_mm, radius_mm**2
+    conic = curvature * square / (1 + np.sqrt(1 - (1 + surface.conic) * curvature**2 * square))
+    return conic + sum(term * square**power for power, term in enumerate(surface.aspheric, 1))
+
+
+@surfaces
+def test_its_sag_is_conic_and_powers(surface):
+    x, y = np.random.default_rng(1).uniform(-1, 1, (2, 50))
+    shape = Asphere(CoordinateSystem(), surface)
+    np.testing.assert_allclose(shape.sag(x, y), sag_mm(surface, np.hypot(x, y)), rtol=0, atol=1e-14)
+
+
+@surfaces
+def test_its_normal_stands_on_it(surface):
+    shape, step = Asphere(CoordinateSystem(), surface), 1e-6
+    x, y = np.random.default_rng(2).uniform(-1, 1, (2, 50))
+    nx, ny, nz = shape._surface_normal(x, y)
+    along_x = (shape.sag(x + step, y) - shape.sag(x - step, y)) / (2 * step)
+    along_y = (shape.sag(x, y + step) - shape.sag(x, y - step)) / (2 * step)
+    np.testing.assert_allclose([nx + nz * along_x, ny + nz * along_y], 0, atol=1e-8)
+    np.testing.assert_allclose(nx**2 + ny**2 + nz**2, 1, atol=1e-14)
+
+
+@surfaces
+def test_rays_end_on_it(surface):
+    rng = np.random.default_rng(3)
+    x, y, slope_x, slope_y = rng.uniform(-0.6, 0.6, (4, 50))
+    direction = np.stack([slope_x, slope_y, np.ones(50)]) / np.sqrt(1 + slope_x**2 + slope_y**2)
+    rays = RealRays(x, y, np.full(50, -1.0), *direction, np.ones(50), np.full(50, 0.55))
+    distance = Asphere(CoordinateSystem(), surface).distance(rays)
+    end = np.stack([x, y, np.full(50, -1.0)]) + distance * direction
+    np.testing.assert_allclose(end[2], sag_mm(surface, np.hypot(*end[:2])), rtol=0, atol=1e-12)
+
+
+def singlet(surface):
+    return Prescription("singlet", (replace(surface, thickness_mm=1.0, glass="1.5/60", stop=True),
+                                    Surface(thickness_mm=20.0)), ("entrance_pupil_diameter_mm", 1.0),
+                        ("angle_deg", 5.0), focus="paraxial")
+
+
+def test_a_term_in_r2_bends_paraxial_rays():
+    """A parabola is a conic of -1, or a plane with a term in r^2."""
+    as_conic, as_power = (build_system(singlet(surface)) for surface in
+                          (Surface(10.0, conic=-1.0), Surface(aspheric=(0.05,))))
+    assert as_power.efl_mm == pytest.approx(as_conic.efl_mm, rel=1e-12)
+    heights = [trace_pupil(system, 1.0, [550.0], HalfPupil(9, 9))[0].position_mm for system in (as_conic, as_power)]
+    np.testing.assert_allclose(heights[0], heights[1], atol=1e-9)
+
+
+def test_a_phone_lens_loses_no_ray_of_its_field():
+    """In its corner rays pass by the conic of a surface and meet the asphere."""
+    phone = build_system(read_prescription(BUNDLED / "prescriptions" / "apple-phone-4mm.toml"))
+    for field in (0.0, 0.7, 1.0):
+        rays, = trace_pupil(phone, field * phone.last_height_mm, [550.0], HalfPupil(9, 13))
+        inside = np.all(rays.square_height_mm2 <= phone.semi_apertures_mm[:, None, None] ** 2, axis=0)
+        assert not rays.lost[0].any() and np.mean(rays.lost | ~inside) < 0.5
+        assert rays.chief_height_mm == pytest.approx(field * phone.last_height_mm, rel=0.005)

@@ -1,0 +1,320 @@
+"""`lensfield lens bake`, on Thorlabs' achromatic doublet AC254-050-A behind a stop: small requests, quickly done."""
+
+import os
+import pickle
+import signal
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import fields
+from types import SimpleNamespace
+
+import lensfield.engine.bake as baking
+import numpy as np
+import pytest
+from lens_texts import changed
+from lenses import make_lens
+from lensfield import cli
+from lensfield.engine import Lens, LensError
+
+DOUBLET = """
+format = "lensfield-prescription"
+version = 1
+name = "doublet"
+source = "Thorlabs AC254-050-A"
+aperture = { f_number = 8.0 }
+field = { angle_deg = 5.0 }
+focus = "best"
+
+[[surfaces]]
+thickness_mm = 2.0
+stop = true
+
+[[surfaces]]
+radius_mm = 33.3
+thickness_mm = 9.0
+glass = "SCHOTT N-BAF10"
+
+[[surfaces]]
+radius_mm = -22.3
+thickness_mm = 2.5
+glass = "SCHOTT N-SF10"
+
+[[surfaces]]
+radius_mm = -291.1
+thickness_mm = 43.4
+"""
+LAST = "thickness_mm = 43.4\n"
+PROCESSES = baking.ProcessPoolExecutor
+TINY = ("--heights", 2, "--wavelengths", 550, "--samples", 17, "--pitch", 2)
+
+
+class InProcess:
+    """A pool whose one process is this one."""
+
+    def __init__(self, _workers, _context, initializer, initargs):
+        handler = signal.getsignal(signal.SIGINT)
+        initializer(*initargs)
+        signal.signal(signal.SIGINT, handler)
+
+    def submit(self, function, *arguments):
+        future = Future()
+        try:
+            future.set_result(function(*arguments))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+    def shutdown(self, **_):
+        pass
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+
+def run(*arguments):
+    return cli.main(["lens", "bake", *map(str, arguments)])
+
+
+@pytest.fixture(scope="module")
+def in_process():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(baking, "ProcessPoolExecutor", InProcess)
+        yield
+
+
+@pytest.fixture
+def path(tmp_path):
+    (tmp_path / "doublet.toml").write_text(DOUBLET)
+    return tmp_path / "doublet.toml"
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """What the baking is asked for, which is not done."""
+    asked = []
+
+    def bake(prescription, **request):
+        asked.append(SimpleNamespace(prescription=prescription, **request))
+        return make_lens()
+
+    monkeypatch.setattr(baking, "bake", bake)
+    return asked
+
+
+@pytest.fixture(scope="module")
+def baked(tmp_path_factory, in_process):
+    """The lens of one bake with a good many of the options."""
+    folder = tmp_path_factory.mktemp("baked")
+    (folder / "doublet.toml").write_text(DOUBLET)
+    assert run(folder / "doublet.toml", "-o", folder / "new" / "lens.npz", "--heights", 3, "--wavelengths",
+               "450,550,650", "--samples", 33, "--workers", 1, "--f-number", 10, "--field-height", 4, "--sensor",
+               "6.4x4.8", "--name", "one of two lenses", "--glass", "N-SF10=SF10") == 0
+    assert [file.name for file in (folder / "new").iterdir()] == ["lens.npz"]
+    return Lens.load(folder / "new" / "lens.npz")
+
+
+def test_the_package_says_what_was_asked_for(baked):
+    assert (baked.name, baked.source, baked.sensor_mm) == ("one of two lenses", "Thorlabs AC254-050-A", (6.4, 4.8))
+    assert baked.wavelengths_nm.tolist() == [450, 550, 650] and baked.psf.shape == (3, 3, 33, 33)
+    assert baked.heights_mm[0] == 0 and baked.heights_mm[-1] == pytest.approx(4.0)
+
+
+def test_first_order_figures_are_the_makers(baked):
+    assert baked.efl_mm == pytest.approx(50.0, abs=0.15)
+    assert baked.f_number_effective == pytest.approx(10.0, rel=5e-3)
+    assert baked.entrance_pupil_mm == pytest.approx(0.0, abs=1e-9), "the stop is the first surface"
+    assert baked.magnification == 0 and np.isinf(baked.object_distance_mm)
+
+
+def test_heights_are_even_over_the_picture(baked):
+    np.testing.assert_allclose(np.diff(baked.real_height_mm[1], 2), 0, atol=1e-3)
+    np.testing.assert_allclose(baked.real_height_mm, np.broadcast_to(baked.heights_mm, (3, 3)), rtol=5e-3)
+
+
+def test_the_pitch_that_is_chosen_keeps_the_light(baked):
+    assert 0.995 <= baked.enclosed_energy.min() < 0.9975 and baked.enclosed_energy.max() <= 1
+    assert float(f"{baked.psf_pitch_um:.2g}") == baked.psf_pitch_um
+    np.testing.assert_allclose(baked.psf.sum(axis=(2, 3)), 1, atol=1e-5)
+
+
+def test_the_chief_ray_has_the_middle(baked):
+    axis = baked.psf[:, 0].astype(float)
+    for mirrored in (axis[:, ::-1], axis[:, :, ::-1], axis.transpose(0, 2, 1)):
+        np.testing.assert_allclose(axis, mirrored, atol=2e-4 * axis.max())
+    assert all(np.unravel_index(psf.argmax(), psf.shape) == (16, 16) for psf in axis)
+    np.testing.assert_array_equal(baked.psf, baked.psf[..., ::-1])
+
+
+def test_illumination_falls_with_the_fourth_power_of_the_cosine(baked):
+    """But for the doublet's distortion and the cones that its field curvature widens: 2 %."""
+    cosine = np.cos(np.arctan(baked.heights_mm / baked.efl_mm))
+    np.testing.assert_allclose(baked.relative_illumination, np.broadcast_to(cosine**4, (3, 3)), atol=0.02)
+    assert np.all(baked.relative_illumination[:, 0] == 1)
+
+
+def test_the_glass_takes_some_blue(baked):
+    assert 0.9 < baked.transmittance[0] < baked.transmittance[1] < 1
+
+
+def test_a_set_of_object_distances_has_one_focus(in_process, tmp_path, path, capfd):
+    """Focused at 20 m, infinity is blurred to a disc of EFL^2 / (20 m - EFL) / N: 15.7 um across."""
+    path.write_text(changed(DOUBLET, ("version = 1", "version = 1\nobject_distance_mm = 20000.0")))
+    assert run(path, "-o", tmp_path / "lens.npz", "--object-distance", "20000,inf", "--heights", 2, "--field-angle", 1,
+               "--wavelengths", 550, "--samples", 33, "--pitch", 1.5) == 0
+    assert sorted(file.name for file in tmp_path.glob("*.npz")) == ["lens_20000mm.npz", "lens_inf.npz"]
+    near, far = (Lens.load(tmp_path / f"lens_{name}.npz") for name in ("20000mm", "inf"))
+    assert (near.object_distance_mm, far.object_distance_mm) == (20000, np.inf)
+    assert near.magnification == pytest.approx(-near.efl_mm / (20000 - near.efl_mm), rel=2e-3)
+    assert far.magnification == 0 and far.efl_mm == near.efl_mm
+
+    def mean_square_um2(lens):
+        offset_um = (np.arange(33) - 16) * lens.psf_pitch_um
+        return (lens.psf[0, 0] * (offset_um[:, None]**2 + offset_um**2)).sum()
+
+    disc_um = 1e3 * near.efl_mm**2 / (20000 - near.efl_mm) / 8
+    assert mean_square_um2(far) - mean_square_um2(near) == pytest.approx((disc_um / 2)**2 / 2, rel=0.15)
+    out, err = capfd.readouterr()
+    first, told, second, _ = out.splitlines()
+    assert (err, first, second) == ("", str(tmp_path / "lens_20000mm.npz"), str(tmp_path / "lens_inf.npz"))
+    assert "f = 50." in told and "PSFs of 33 x 33 samples of 1.5 um hold" in told
+
+
+def test_two_processes_bake_what_one_does(in_process, tmp_path, path, monkeypatch):
+    assert run(path, "-o", tmp_path / "one.npz", *TINY, "--workers", 1) == 0
+    monkeypatch.setattr(baking, "ProcessPoolExecutor", PROCESSES)
+    assert run(path, "-o", tmp_path / "two.npz", *TINY, "--workers", 2) == 0
+    one, two = (Lens.load(tmp_path / f"{name}.npz") for name in ("one", "two"))
+    for field in fields(Lens):
+        before, after = getattr(one, field.name), getattr(two, field.name)
+        assert before == after if isinstance(before, str) else np.allclose(before, after, rtol=1e-9), field.name
+
+
+def test_an_error_in_another_process_is_one_line_that_names_the_file(path, tmp_path, monkeypatch, capfd):
+    """The chief ray gets through the stop at 20 degrees, and all light ends at the rim of the last surface."""
+    monkeypatch.setattr(baking, "ProcessPoolExecutor", PROCESSES)
+    path.write_text(changed(DOUBLET, ('focus = "best"', ""), (LAST, LAST + "semi_aperture_mm = 1.0\n")))
+    assert run(path, "-o", tmp_path / "lens.npz", *TINY, "--f-number", 16, "--field-angle", 20, "--workers", 1) == 1
+    out, err = capfd.readouterr()
+    assert err.startswith(f"lensfield: {path}: field height is 18.") and "no light gets through the apertures" in err
+    assert out == "" and err.count("\n") == 1 and [file.name for file in tmp_path.iterdir()] == ["doublet.toml"]
+
+
+@pytest.mark.parametrize("error, status, message", [
+    (KeyboardInterrupt, 130, "lensfield: cancelled"),
+    (BrokenProcessPool("died"), 1, "doublet.toml: worker is gone: a process ended before its work: with fewer --work"),
+    (LensError("a lens", "field height", "3 mm", "end it"), 1, "doublet.toml: field height is 3 mm: end it"),
+    (MemoryError("no room"), 1, "lensfield: no room"), (OSError("disk full"), 1, "lensfield: disk full")], ids=str)
+def test_work_that_breaks_off_leaves_nothing(path, tmp_path, monkeypatch, capfd, error, status, message):
+    def bake(*_, **__):
+        raise error
+
+    monkeypatch.setattr(baking, "bake", bake)
+    assert run(path, "-o", tmp_path / "lens.npz") == status
+    out, err = capfd.readouterr()
+    assert message in err and err.count("\n") == 1 and out == ""
+    assert [file.name for file in tmp_path.iterdir()] == ["doublet.toml"]
+
+
+def test_a_lens_error_comes_through_between_processes():
+    error = LensError("lens.toml", "field", 3.5, "end it")
+    copy = pickle.loads(pickle.dumps(error))
+    assert type(copy) is LensError and str(copy) == str(error) == "lens.toml: field is 3.5: end it"
+
+
+@pytest.mark.parametrize("arguments, field, value", [
+    (("--f-number", "11"), "aperture", ("f_number", 11.0)), (("--focus", "paraxial"), "focus", "paraxial"),
+    (("--field-angle", "3"), "field", ("angle_deg", 3.0)), (("--field-height", "3"), "field", ("image_height_mm", 3.0)),
+    (("--sensor", "36X24"), "sensor_mm", (36.0, 24.0)), (("--name", "mine"), "name", "mine"), ((), "focus", "best")])
+def test_what_the_command_line_says_goes_before_the_file(path, tmp_path, asked, arguments, field, value):
+    assert run(path, "-o", tmp_path / "lens.npz", *arguments) == 0
+    assert getattr(asked[0].prescription, field) == value
+
+
+@pytest.mark.parametrize("pairs, glasses", [
+    (["N-SF10=F2"], ["", "SCHOTT N-BAF10", "F2", ""]),
+    (["SCHOTT N-SF10 = 1.7/30"], ["", "SCHOTT N-BAF10", "1.7/30", ""]),
+    (["N-SF10=N-BAF10", "N-BAF10=N-SF10"], ["", "N-SF10", "N-BAF10", ""])])
+def test_glasses_called_otherwise(path, tmp_path, asked, pairs, glasses):
+    assert run(path, "-o", tmp_path / "lens.npz", *(word for pair in pairs for word in ("--glass", pair))) == 0
+    assert [surface.glass for surface in asked[0].prescription.surfaces] == glasses
+
+
+def test_an_object_distance_keeps_the_focus(path, tmp_path, asked):
+    assert run(path, "-o", tmp_path / "lens.npz", "--object-distance", 500) == 0
+    prescription = asked[0].prescription
+    assert (prescription.object_distance_mm, prescription.focus) == (500, "as given")
+    assert prescription.surfaces[-1].thickness_mm == pytest.approx(43.4, abs=0.2)
+    assert Lens.load(tmp_path / "lens.npz").name == "hand-made"
+
+
+def test_the_request_and_its_defaults(path, tmp_path, asked):
+    assert run(path, "-o", tmp_path / "a.npz") == 0
+    assert run(path, "-o", tmp_path / "b.npz", *TINY, "--workers", 1) == 0
+    first, second = asked
+    assert (first.heights, first.samples, first.pitch_um, first.workers) == (21, 65, None, None)
+    assert first.wavelengths_nm.tolist() == np.linspace(400, 700, 31).tolist()
+    assert (second.heights, second.samples, second.pitch_um, second.workers) == (2, 17, 2.0, 1)
+
+
+@pytest.mark.parametrize("arguments, message", [
+    ("--f-number 0", "doublet.toml: aperture, f_number is 0.0: expected a positive number"),
+    ("--f-number nan", "doublet.toml: aperture, f_number is nan: expected a positive number"),
+    ("--field-angle 95", "doublet.toml: field, angle_deg is 95.0: expected less than 90"),
+    ("--field-height -1", "doublet.toml: field, image_height_mm is -1.0: expected a positive number"),
+    ("--sensor 36", "options: --sensor is 36: expected WIDTHxHEIGHT in mm, such as 36x24"),
+    ("--sensor 36x0", "doublet.toml: sensor_mm is (36.0, 0.0): expected a positive width and height"),
+    ("--sensor=", "options: --sensor is empty: expected WIDTHxHEIGHT"),
+    ("--glass F2=SF2", "options: --glass is F2=SF2: expected OLD=NEW with one of SCHOTT N-BAF10, SCHOTT N-SF10"),
+    ("--glass N-SF10=", "options: --glass is N-SF10=: expected OLD=NEW"),
+    ("--glass N-SF10", "options: --glass is N-SF10: expected OLD=NEW"),
+    ("--glass =N-SF10", "options: --glass is =N-SF10: expected OLD=NEW"),
+    ("--glass N-SF10=LAK10C", "doublet.toml: surface 3, glass is LAK10C: in no glass catalogue: perhaps "),
+    ("--glass N-SF10=1.72", "doublet.toml: surface 3, glass is 1.72: an index without dispersion: give its Abbe number "
+                            "too, as 1.72/V (--glass OLD=NEW)"),
+    ("--object-distance far", "options: --object-distance is far: expected mm, or inf"),
+    ("--object-distance 5,,6", "options: --object-distance is 5,,6: expected mm, or inf"),
+    ("--object-distance 500,500", "options: --object-distance is 500,500: expected each of them once"),
+    ("--object-distance 0", "doublet.toml: object_distance_mm is 0.0: expected a positive number, or inf"),
+    ("--object-distance nan", "doublet.toml: object_distance_mm is nan: expected a positive number, or inf"),
+    ("--wavelengths 650,450", "options: wavelengths is 650,450: expected first:last:number"),
+    ("--heights 1", "doublet.toml: heights is 1: expected at least 2"),
+    ("--samples 16", "doublet.toml: samples is 16: expected an odd number"),
+    ("--pitch 0", "doublet.toml: pitch is 0.0: expected a positive number of um"),
+    ("--pitch nan", "doublet.toml: pitch is nan: expected a positive number of um"),
+    ("--workers 0", "options: --workers is 0: expected at least 1"),
+    ("--workers -3", "options: --workers is -3: expected at least 1"),
+    ("-o lens.png", "lens.png: kind of file is .png: expected a .npz"),
+    ("-o lens", "lens: kind of file is without a suffix: expected a .npz")])
+def test_bad_values_are_one_line_and_leave_nothing(path, tmp_path, capfd, arguments, message):
+    assert run(path, "-o", tmp_path / "lens.npz", *arguments.split()) == 1
+    out, err = capfd.readouterr()
+    assert message in err and err.startswith("lensfield: ") and err.count("\n") == 1 and out == ""
+    assert [file.name for file in tmp_path.iterdir()] == ["doublet.toml"]
+
+
+@pytest.mark.parametrize("arguments", ["--focus sharp", "--field-angle 5 --field-height 3", "--heights 2.5",
+                                       "--f-number x"])
+def test_usage_errors_are_status_2(path, tmp_path, arguments, capsys):
+    assert run(path, "-o", tmp_path / "lens.npz", *arguments.split()) == 2
+    assert "usage" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name, message", [("doublet.toml/lens.npz", "folder is not to be made"),
+                                           ("folder.npz", "file is a folder"), ("pipe.npz", "a device or pipe")])
+def test_a_file_that_cannot_be_written_is_refused_before_the_work(path, tmp_path, asked, capfd, name, message):
+    (tmp_path / "folder.npz").mkdir()
+    os.mkfifo(tmp_path / "pipe.npz")
+    assert run(path, "-o", tmp_path / name) == 1
+    assert message in capfd.readouterr().err and not asked
+
+
+@pytest.mark.parametrize("contents", ["format = 1", "\0", DOUBLET[:200]])
+def test_a_file_that_is_none_is_told_by_its_name(path, tmp_path, capfd, contents):
+    path.write_text(contents)
+    assert run(path, "-o", tmp_path / "lens.npz") == 1
+    assert run(tmp_path / "no.zmx", "-o", tmp_path / "lens.npz") == 1
+    first, second = capfd.readouterr().err.splitlines()
+    assert first.startswith(f"lensfield: {path}: ") and "no.zmx: prescription is not there" in second

@@ -1,0 +1,195 @@
+"""Code V .seq as prescriptions: what is read, in which units, and what is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from lens_texts import CODEV, SURFACES, changed
+from lensfield.engine import LensError
+from lensfield.engine.bake import build_system
+from lensfield.engine.bake.prescription import Prescription, Surface
+from lensfield.engine.bake.prescriptions import read_prescription
+
+SINGLET = Prescription("singlet", SURFACES, ("entrance_pupil_diameter_mm", 5.0), ("angle_deg", 14.0),
+                       reference_wavelength_nm=587.5618, source="lens.seq (Code V)")
+NEAR = ("SO    0.0 0.1e14", "SO    0.0 250.0")
+CURVATURES = [("RDM;", "RDM N;"), ("S     50.0", "S     0.02"), ("S     -50.0", "S     -0.02")]
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Read the singlet's file with some of it changed."""
+    def read_changed(*pairs, field=None, encoding="utf-8"):
+        path = tmp_path / "lens.seq"
+        path.write_bytes(changed(CODEV, *pairs).encode(encoding))
+        return read_prescription(path, field)
+
+    return read_changed
+
+
+def same(lens):
+    """The lens with the wavelength rounded as it is written."""
+    return replace(lens, reference_wavelength_nm=round(lens.reference_wavelength_nm, 6))
+
+
+def test_a_singlet(read):
+    assert same(read()) == SINGLET
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "latin-1", "utf-16"])
+def test_encodings(read, encoding):
+    """With a mark before its first command, RDM N was lost: curvatures were taken for radii."""
+    text = [*CURVATURES, ("'singlet'", "'Schärfe'"), ("\n", "\r\n")]
+    lens = read(*text, encoding=encoding)
+    assert lens.name == "Schärfe" and lens.surfaces == SURFACES
+
+
+@pytest.mark.parametrize("word", ["N", "NO", "n"])
+def test_curvatures(read, word):
+    assert read(("RDM;", f"RDM {word};"), *CURVATURES[1:]).surfaces == SURFACES
+
+
+def test_radii_or_curvatures_have_to_be_told(read):
+    with pytest.raises(LensError, match="RDM is missing: expected RDM, for radii, or RDM N, for curvatures"):
+        read(("RDM;", ""))
+
+
+@pytest.mark.parametrize("unit, mm", [("C", 10.0), ("I", 25.4), ("MM", 1.0), ("i", 25.4)])
+def test_units(read, unit, mm):
+    lens = read(("DIM   M", f"DIM   {unit}"), NEAR, ("YAN", "YOB"), ("XAN", "XOB"), ("CON\n", "ASP\n  A 2e-5\n"))
+    front, back = lens.surfaces[1:]
+    assert (front.radius_mm, front.thickness_mm, front.semi_aperture_mm) == pytest.approx((50 * mm, 4 * mm, 8 * mm))
+    assert back.aspheric == pytest.approx((0, 2e-5 / mm**3)) and back.conic == -0.5
+    assert lens.aperture == ("entrance_pupil_diameter_mm", pytest.approx(5 * mm))
+    assert lens.field == ("object_height_mm", pytest.approx(14 * mm))
+    assert lens.object_distance_mm == pytest.approx(250 * mm)
+
+
+@pytest.mark.parametrize("line, aperture", [
+    ("EPD 4", ("entrance_pupil_diameter_mm", 4.0)), ("FNO 4", ("working_f_number", 4.0)),
+    ("NA 0.125", ("working_f_number", 4.0)), ("NAO 0.01", ("object_na", 0.01))])
+def test_apertures(read, line, aperture):
+    """FNO is that at the conjugates that are used; at infinity it is the other."""
+    assert read(("EPD   5.0", line), NEAR).aperture == aperture
+
+
+def test_the_f_number_at_infinity_is_focal_length_over_pupil(read):
+    system = build_system(read(("EPD   5.0", "FNO 4")))
+    assert system.optic.surfaces[1].semi_aperture == pytest.approx(system.efl_mm / 8, rel=1e-9)
+
+
+@pytest.mark.parametrize("pairs, field", [
+    ([], ("angle_deg", 14.0)), ([("YAN", "YIM"), ("XAN", "XIM")], ("image_height_mm", 14.0)),
+    ([("YAN   0.0 14.0", "YIM 0.0 -14.0"), ("XAN   0.0 0.0\n", "")], ("image_height_mm", 14.0)),
+    ([("YAN", "YIM"), ("XAN   0.0 0.0", "XIM -3 48")], ("image_height_mm", 50.0)),
+    ([("YAN   0.0 14.0", "YAN 0.0 14.0 &\n 17.0"), ("XAN   0.0 0.0", "XAN 0 0 0")], ("angle_deg", 17.0))])
+def test_fields(read, pairs, field):
+    assert read(*pairs).field == field
+
+
+@pytest.mark.parametrize("token, glass", [
+    ("NBK7_SCHOTT", "SCHOTT N-BK7"), ("N-BK7_SCHOTT", "SCHOTT N-BK7"), ("'nbk7_schott'", "SCHOTT N-BK7"),
+    ("NBK7", "NBK7"), ("1.5168:64.17", "1.5168/64.17"), ("517642", "1.517/64.2"), ("517.642", "1.517/64.2"),
+    ("516800.641673", "1.5168/64.1673"), ("003283", "2.003/28.3"), ("500.700", "1.5/70"),
+    ("SLAL8_OHARA", "OHARA S-LAL8"), ("LAK10C_RXGLASS", "LAK10C"), ("SF10_HIKARI", "HIKARI SF10"), ("AIR", "")])
+def test_glasses(read, token, glass):
+    assert read(("NBK7_SCHOTT", token)).surfaces[1].glass == glass
+
+
+def test_a_bare_name_is_found_without_its_hyphen(read):
+    named, full = (build_system(read(("NBK7_SCHOTT", token))).efl_mm for token in ("NBK7", "N-BK7_SCHOTT"))
+    assert named == full
+
+
+@pytest.mark.parametrize("prv", ["", "PRV\n PWL 650.0 550.0&\n 450.0\n 'MYGLASS' 1.51 1.52 1.53\nEND\n"])
+def test_a_private_glass_is_not_made_up(read, prv, capsys):
+    lens = read(("SO ", f"{prv}SO "), ("NBK7_SCHOTT", "'MYGLASS'"))
+    with pytest.raises(LensError, match="surface 2, glass is MYGLASS: in no glass catalogue"):
+        build_system(lens)
+    assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("pairs", [
+    [("  STO\n", ""), ("SO ", "STO S1\nSO ")], [("  STO\n", ""), ("GO\n", "STO S1\n")], [("2.0\n  STO", "2.0 ; STO")],
+    [("S     0.0 2.0\n", "S 0.0 &\n 2.0 ! the stop; S 9 9\n")], [("TITLE 'singlet'", 'tit "x; S 1 2"; title singlet')]],
+    ids=["before", "after", "semicolon", "continued", "quoted"])
+def test_other_ways_to_write_the_same(read, pairs):
+    assert same(read(*pairs)) == SINGLET
+
+
+def test_a_title_may_hold_a_semicolon(read):
+    assert same(read(("'singlet'", "'one; STO; two'"))) == replace(SINGLET, name="one, STO, two")
+
+
+def test_the_stop_of_a_number_counts_from_the_first_surface(read):
+    assert [surface.stop for surface in read(("  STO\n", ""), ("SO ", "STO S3\nSO ")).surfaces] == [False, False, True]
+
+
+def test_an_asphere_begins_with_the_fourth_power(read):
+    lens = read(("CON\n  K   -0.5", "ASP\n  K -0.5; IC Yes; CUF 0.0\n  A 0.1e-4; B -2e-7; C&\n 3e-9; D 0.0\n  J 1e-30"))
+    assert lens.surfaces[2] == replace(SURFACES[2], aspheric=(0, 1e-5, -2e-7, 3e-9, 0, 0, 0, 0, 0, 1e-30))
+
+
+def test_a_conic_is_one(read):
+    assert read().surfaces[2].conic == -0.5
+
+
+def test_defocus_moves_the_image_plane(read):
+    assert read(("SI    0.0 0.0", "SI    0.0 -0.4")).surfaces[2].thickness_mm == pytest.approx(47.1)
+
+
+def test_clear_apertures_stop_light_and_edges_do_not(read):
+    assert [surface.semi_aperture_mm for surface in read().surfaces] == [np.inf, 8.0, np.inf]
+    assert read(("CIR 8.0\n", "CIR CLR 7.0\n")).surfaces[1] == replace(SURFACES[1], semi_aperture_mm=7.0)
+
+
+def test_object_distances(read):
+    assert np.isinf(read().object_distance_mm) and read(NEAR).object_distance_mm == 250.0
+
+
+def test_vignetting_factors_are_told_not_to_count(read):
+    assert "its apertures vignette" in read(("SO ", "VUY 0.0 0.2\nSO ")).notes
+    assert "nothing vignettes" in read(("SO ", "VLY 0.0 0.2\nSO "), ("  CIR 8.0\n", "")).notes
+    assert read(("SO ", "VUY 0.0 0.0\nSO ")).notes == ""
+
+
+@pytest.mark.parametrize("old, new, message", [
+    ("  STO\n", "  STO\n  ADE 1.0\n", "surface 1 is tilted or decentred: expected a centred lens"),
+    ("  STO\n", "  STO\n  ZDE 1.0\n", "surface 1 is tilted or decentred: expected a centred lens"),
+    ("NBK7_SCHOTT", "REFL", "surface 2 is a mirror: expected refracting surfaces"),
+    ("  CON\n", "  SPS ODD\n", "surface 3 is SPS ODD: expected a conic or an asphere"),
+    ("  CON\n", "  CYL\n", "surface 3 is CYL: expected a conic or an asphere"),
+    ("  CON\n", "  DIF DOE\n", "surface 3 is DIF DOE: expected a conic or an asphere"),
+    ("CIR 8.0\n", "CIR OBS 8.0\n", "surface 2 is CIR OBS 8.0: expected CIR and the radius of a clear aperture"),
+    ("CIR 8.0\n", "CIR\n", "surface 2 is CIR: expected CIR and the radius of a clear aperture"),
+    ("CIR 8.0\n", "REX 8.0\n", "surface 2 is REX 8.0: expected circular apertures"),
+    ("CIR 8.0\n", "ADY 1.0\n", "surface 2 is ADY 1.0: expected circular apertures"),
+    ("CIR 8.0\n", "THI S1 5\n", "surface 2 is THI S1 5: expected radius, thickness and glass on the line of"),
+    ("S     50.0 4.0", "S     5O.0 4.0", "surface 2 is S 5O.0 4.0 NBK7_SCHOTT: expected a radius"),
+    ("S     50.0 4.0 NBK7", "S     50.0 NBK7", "surface 2 is S 50.0 NBK7_SCHOTT: expected a radius or curvature"),
+    ("DIM   M", "DIM   F", "DIM is F: expected one of M, C, I"),
+    ("EPD   5.0\n", "", "aperture is missing: expected one of EPD, FNO, NAO, NA"),
+    ("EPD   5.0", "EPD   x", "command is EPD x: not readable"),
+    ("EPD   5.0", "EPD", "command is EPD: not readable"),
+    ("EPD   5.0", "NA 0", "aperture, working_f_number is 0.0: expected a positive number"),
+    ("REF   2", "REF   0", "REF is 0: expected the number of one of the file's wavelengths"),
+    ("REF   2", "REF   4", "REF is 4: expected the number of one of the file's wavelengths"),
+    ("WL    656.27 587.5618 486.13", "", "REF is 2: expected the number of one of the file's wavelengths"),
+    ("XAN   0.0 0.0\nYAN   0.0 14.0", "YRI 0.0 14.0", "field is of no kind that we know: give --field-angle"),
+    ("YAN   0.0 14.0", "YAN   0.0 0.0", "field is on the axis alone: give --field-angle"),
+    ("  STO\n", "", "stop is at 0 surfaces"),
+    ("CIR EDG 9.0", "STO", "stop is at 2 surfaces"),
+    ("SI    0.0 0.0\n", "", "surfaces is 4: expected SO, S ... and SI"),
+    ("SI    0.0 0.0", "SI    -20.0 0.0", "SI is no plane in air: expected a flat object and a flat image"),
+    ("SO    0.0 0.1e14", "SO    0.0 nan", "surface 0 is SO 0.0 nan: expected a radius or curvature"),
+    ("S     -50.0 47.5", "S     -50.0 47.5 F2", "surface 3, glass is F2: expected air before the image plane")])
+def test_what_is_no_lens_that_we_can_trace_is_told_by_its_place(read, old, new, message):
+    with pytest.raises(LensError) as error:
+        read((old, new))
+    assert f"lens.seq: {message}" in str(error.value)
+
+
+def test_a_plane_without_figures_is_one(read):
+    """A bare S: a plane of no thickness."""
+    lens = read(("S     -50.0 47.5", "S\nS     -50.0 47.5"))
+    assert lens.surfaces[2] == Surface()

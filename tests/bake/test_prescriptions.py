@@ -1,0 +1,275 @@
+"""Prescriptions: the value itself, Lensfield's TOML, pbrt's and Optiland's files, and real files of other programs."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from lens_texts import PBRT, SURFACES, TOML, changed, saved_by_optiland
+from lenses import SHARED_DATA
+from lensfield.engine import LensError
+from lensfield.engine.bake import build_system
+from lensfield.engine.bake.prescription import Prescription, Surface
+from lensfield.engine.bake.prescriptions import READERS, read_prescription
+from lensfield.engine.bake.rays import HalfPupil, trace_pupil
+from lensfield.engine.lens_files import BUNDLED
+from optiland.physical_apertures import RadialAperture
+
+FILES = SHARED_DATA / "prescriptions"
+SINGLET = Prescription("singlet", SURFACES, ("entrance_pupil_diameter_mm", 5.0), ("angle_deg", 14.0))
+needs_files = pytest.mark.skipif(not FILES.is_dir(), reason="the prescriptions of ../shared/data are not there")
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Read a text as a file of a kind."""
+    def read_text(text, kind=".toml", field=None):
+        path = tmp_path / f"lens{kind}"
+        path.write_text(text, encoding="utf-8")
+        return read_prescription(path, field)
+
+    return read_text
+
+
+def test_every_field_of_a_toml(read):
+    text = changed(TOML, ("version = 1", """version = 1
+maker = "a maker"
+story = "two\\n   lines"
+source = "a patent"
+notes = "assumed"
+focus = "best"
+object_distance_mm = 250
+reference_wavelength_nm = 546.07
+sensor_mm = [36, 24.0]"""), ("conic = -0.5", "conic = -0.5\naspheric = {4 = 1e-5, 8 = -2e-9}"))
+    assert read(text) == Prescription(
+        "singlet", (*SURFACES[:2], replace(SURFACES[2], aspheric=(0.0, 1e-5, 0.0, -2e-9))),
+        ("entrance_pupil_diameter_mm", 5.0), ("angle_deg", 14.0), 250.0, (36.0, 24.0), 546.07, "best",
+        "a maker", "two lines", "a patent", "assumed")
+
+
+def test_what_a_toml_leaves_out(read):
+    assert read(TOML) == SINGLET
+    assert read(changed(TOML, ('name = "singlet"', ""))).name == "lens"
+    assert read("\ufeff" + TOML) == SINGLET, "Windows' editors put a mark before UTF-8"
+
+
+@pytest.mark.parametrize("old, new, message", [
+    ("radius_mm = 50.0", 'radius_mm = "50"', "surface 2, radius_mm is 50: expected a number"),
+    ("radius_mm = 50.0", "radius_mm = true", "surface 2, radius_mm is True: expected a number"),
+    ("radius_mm = 50.0", "radius_mm = nan", "surface 2, radius_mm is nan: expected a number"),
+    ("radius_mm = 50.0", "radius_mm = 0", "surface 2, radius_mm is 0.0: expected a radius, or inf for a plane"),
+    ("radius_mm = 50.0", "radius = 50.0", "surface 2, radius is unknown: expected radius_mm, "),
+    ("thickness_mm = 4.0", "thickness_mm = inf", "surface 2, thickness_mm is inf: expected a number"),
+    ("thickness_mm = 47.5\n", "", "surface 3, thickness_mm is 0: expected an image plane behind the lens"),
+    ("thickness_mm = 47.5\n", "thickness_mm = 47.5\nglass = 'F2'\n", "surface 3, glass is F2: expected air before"),
+    ("semi_aperture_mm = 8.0", "semi_aperture_mm = -8", "surface 2, semi_aperture_mm is -8.0: expected a positive"),
+    ("glass = \"SCHOTT N-BK7\"", "glass = 1.5", "surface 2, glass is 1.5: expected a text"),
+    ("stop = true", "stop = 1", "surface 1, stop is 1: expected true or false"),
+    ("stop = true", "", "stop is at 0 surfaces: expected one"),
+    ("conic = -0.5", "stop = true", "stop is at 2 surfaces: expected one"),
+    ("conic = -0.5", "aspheric = {3 = 1.0}", "surface 3, aspheric is {'3': 1.0}: expected a table of even powers"),
+    ("conic = -0.5", "aspheric = {4 = 'x'}", "surface 3, aspheric, 4 is x: expected a number"),
+    ("conic = -0.5", "aspheric = [0, 1]", "surface 3, aspheric is [0, 1]: expected a table of even powers"),
+    ("conic = -0.5", "aspheric = {4 = inf}", "surface 3, aspheric is "),
+    ("[[surfaces]]", "[surfaces]", "TOML is not readable"),
+    ('name = "singlet"', "scale = 0", "scale is 0.0: expected a positive number"),
+    ('name = "singlet"', "scale = -1", "scale is -1.0: expected a positive number"),
+    ('name = "singlet"', "sensor_mm = [36]", "sensor_mm is [36]: expected [width, height]"),
+    ('name = "singlet"', "sensor_mm = [36, 0]", "sensor_mm is (36.0, 0.0): expected a positive width and height"),
+    ('name = "singlet"', "name = 5", "name is 5: expected a text"),
+    ('name = "singlet"', "colour = 1", "colour is unknown: expected format, version, scale, "),
+    ('name = "singlet"', 'focus = "sharp"', "focus is sharp: expected one of as given, paraxial, best"),
+    ('name = "singlet"', "object_distance_mm = -3", "object_distance_mm is -3.0: expected a positive number, or inf"),
+    ('name = "singlet"', "reference_wavelength_nm = 0.55", "reference_wavelength_nm is 0.55: expected nanometres"),
+    ("{ angle_deg = 14.0 }", "{ angle_deg = 90 }", "field, angle_deg is 90.0: expected less than 90"),
+    ("{ angle_deg = 14.0 }", "{ object_height_mm = 9 }", "field is object_height_mm: an object at infinity"),
+    ("{ entrance_pupil_diameter_mm = 5.0 }", "{ object_na = 0.1 }", "aperture is object_na: an object at infinity"),
+    ("{ entrance_pupil_diameter_mm = 5.0 }", "{ object_na = 1 }", "aperture, object_na is 1.0: expected less than 1"),
+    ("{ angle_deg = 14.0 }", "{ angle_deg = 9, object_height_mm = 9 }", "field is {'angle_deg': 9, "),
+    ("{ angle_deg = 14.0 }", "{ angle_deg = 0 }", "field, angle_deg is 0.0: expected a positive number"),
+    ("field = { angle_deg = 14.0 }", "", "field is missing: expected a table with one of angle_deg, "),
+    ("{ entrance_pupil_diameter_mm = 5.0 }", "5.0", "aperture is 5.0: expected a table with one of stop, "),
+    ("{ entrance_pupil_diameter_mm = 5.0 }", "{ f_number = inf }", "aperture, f_number is inf: expected a positive"),
+    ("version = 1", "version = 2", "format is lensfield-prescription 2: expected format = "),
+    ('format = "lensfield-prescription"', "", "format is None 1: expected format = "),
+    ("version = 1", "version =", "TOML is not readable"),
+    ("version = 1", "version = 1\n\0", "TOML is not readable")])
+def test_a_toml_that_cannot_be_right_is_told_by_its_field(read, old, new, message):
+    with pytest.raises(LensError) as error:
+        read(TOML.replace(old, new, 1))
+    assert f"lens.toml: {message}" in str(error.value) and "\n" not in str(error.value)
+
+
+def test_lines_in_a_value_do_not_break_the_line(read):
+    with pytest.raises(LensError) as error:
+        read(changed(TOML, ("radius_mm = 50.0", 'radius_mm = "a\\nb"'), ))
+    assert "\n" not in str(error.value)
+
+
+def test_scale_is_the_files_and_a_field_that_is_asked_for_is_ours(read):
+    text = changed(TOML, ("version = 1", "version = 1\nscale = 0.5"), ("angle_deg = 14.0", "image_height_mm = 20"),
+                   ("conic = -0.5", "aspheric = {2 = 1e-3, 4 = 1e-5}"))
+    half = read(text)
+    assert half.surfaces == (Surface(thickness_mm=1.0, stop=True), Surface(25.0, 2.0, "SCHOTT N-BK7", 4.0),
+                             Surface(-25.0, 23.75, aspheric=(2e-3, 8e-5)))
+    assert half.aperture == ("entrance_pupil_diameter_mm", 2.5) and half.field == ("image_height_mm", 10.0)
+    assert read(text, field=("image_height_mm", 20.0)).field == ("image_height_mm", 20.0)
+
+
+def figures(prescription, angle_deg=10.0):
+    """Focal length, and the distortion of a chief ray."""
+    system = build_system(prescription)
+    ideal_mm = system.efl_mm * np.tan(np.radians(angle_deg))
+    rays, = trace_pupil(system, ideal_mm, [587.5618], HalfPupil(1, 1))
+    return system.efl_mm, rays.chief_height_mm / ideal_mm
+
+
+def test_a_lens_of_twice_the_size_has_twice_the_focal_length_and_the_same_distortion():
+    bent = replace(SINGLET, surfaces=(*SURFACES[:2], replace(SURFACES[2], aspheric=(0.0, 2e-5, -1e-8))))
+    (efl_mm, distortion), (large_mm, same) = figures(bent), figures(bent.scaled(2.0))
+    assert large_mm == pytest.approx(2 * efl_mm, rel=1e-12)
+    assert same == pytest.approx(distortion, rel=1e-9) and abs(distortion - 1) > 1e-3
+
+
+def test_a_thick_lens_has_the_focal_length_of_the_makers_formula():
+    n, r, d = 1.5168, 50.0, 4.0
+    surfaces = (SURFACES[0], replace(SURFACES[1], glass="1.5168/64.2"), SURFACES[2])
+    power = (n - 1) * (2 / r - (n - 1) * d / (n * r * r))
+    assert build_system(replace(SINGLET, surfaces=surfaces)).efl_mm == pytest.approx(1 / power, rel=1e-6)
+
+
+def test_a_parabola_is_the_same_lens_as_a_conic_or_as_a_term_in_r2():
+    conic = replace(SURFACES[2], conic=-1.0)
+    power = Surface(np.inf, conic.thickness_mm, aspheric=(0.5 / conic.radius_mm,))
+    lenses = [replace(SINGLET, surfaces=(*SURFACES[:2], last)) for last in (conic, power)]
+    systems = [build_system(lens) for lens in lenses]
+    assert systems[1].efl_mm == pytest.approx(systems[0].efl_mm, rel=1e-9)
+    ends = [trace_pupil(system, 8.0, [486.1, 656.3], HalfPupil(5, 7)) for system in systems]
+    for one, other in zip(*ends):
+        np.testing.assert_allclose(other.position_mm, one.position_mm, atol=1e-8)
+
+
+def test_glasses_called_otherwise():
+    named = SINGLET.with_glasses({"SCHOTT N-BK7": "1.62/60.3", "F2": "SF2"})
+    assert [surface.glass for surface in named.surfaces] == ["", "1.62/60.3", ""]
+    assert SINGLET.with_glasses({}) == SINGLET
+
+
+def test_pbrt(read):
+    lens = read(PBRT, ".dat", ("angle_deg", 14.0))
+    assert lens.surfaces == (Surface(np.inf, 2.0, "", 2.5, stop=True), Surface(50.0, 4.0, "1.5168", 8.0),
+                             Surface(-50.0, 47.5, "", 8.0))
+    assert lens.aperture == ("stop", 2.5) and lens.focus == "as given" and lens.name == "lens"
+    assert read(changed(PBRT, ("47.5", "0")), ".dat", ("angle_deg", 14.0)).focus == "best"
+    assert build_system(lens.with_glasses({"1.5168": "1.5168/64.2"})).efl_mm == pytest.approx(49.0, abs=0.1)
+
+
+def test_an_index_without_dispersion_says_what_to_do(read):
+    with pytest.raises(LensError, match="surface 2, glass is 1.5168: an index without dispersion: give its Abbe "
+                                        "number too, as 1.5168/V"):
+        build_system(read(PBRT, ".dat", ("angle_deg", 14.0)))
+
+
+@pytest.mark.parametrize("old, new, message", [
+    ("50 4 1.5168 16", "50 4 1.5168", "line 4 is 50 4 1.5168: expected radius, thickness, index, diameter"),
+    ("50 4 1.5168 16", "50 4 x 16", "line 4 is 50 4 x 16: expected radius, thickness, index, diameter"),
+    ("50 4 1.5168 16", "50 4 0.5 16", "line 4, index is 0.5: expected that of a glass"),
+    ("50 4 1.5168 16", "50 4 nan 16", "line 4, index is nan: expected that of a glass"),
+    ("50 4 1.5168 16", "nan 4 1.5 16", "surface 2, radius_mm is nan"),
+    ("50 4 1.5168 16", "50 4 1.5168 0", "surface 2, semi_aperture_mm is 0.0"),
+    ("0 2 0 5", "10 2 1 5", "stop is 0 rows: expected one row of radius 0"),
+    ("0 2 0 5", "0 2 0 5\n0 2 1 5", "stop is 2 rows: expected one row of radius 0")])
+def test_a_pbrt_file_that_cannot_be_right_is_told_by_its_line(read, old, new, message):
+    text = changed(PBRT.replace("\t", " "), (old, new))
+    with pytest.raises(LensError) as error:
+        read(text, ".dat", ("angle_deg", 14.0))
+    assert message in str(error.value)
+
+
+def test_a_pbrt_file_needs_a_field(read):
+    with pytest.raises(LensError, match="field is missing: .*give --field-angle"):
+        read(PBRT, ".dat")
+
+
+def test_files_that_are_none(tmp_path):
+    for path, message in ((tmp_path / "no.toml", "prescription is not there: expected a file of kind .toml, .zmx"),
+                          (tmp_path, "prescription is a folder")):
+        with pytest.raises(LensError, match=message):
+            read_prescription(path)
+    (tmp_path / "lens.png").write_bytes(b"x")
+    with pytest.raises(LensError, match="kind of file is .png: expected .toml"):
+        read_prescription(tmp_path / "lens.png")
+
+
+@pytest.mark.parametrize("contents", [b"", b"\xff\xfe\0", b"[" * 100000, b"{" * 100000], ids=["empty", "?", "[", "{"])
+@pytest.mark.parametrize("kind", READERS)
+def test_files_of_nothing_are_lens_errors(tmp_path, kind, contents):
+    (tmp_path / f"lens{kind}").write_bytes(contents)
+    with pytest.raises(LensError, match=rf"lens\{kind}: "):
+        read_prescription(tmp_path / f"lens{kind}", ("angle_deg", 10.0))
+
+
+def test_optiland(tmp_path):
+    lens = read_prescription(saved_by_optiland(tmp_path / "lens.json"))
+    assert lens.surfaces == (SURFACES[0], SURFACES[1],
+                             Surface(-50.0, 2.0, "1.62/60.3", conic=-0.5, aspheric=(1e-4, -2e-6)),
+                             Surface(thickness_mm=45.0))
+    assert (lens.name, lens.aperture, lens.field) == ("singlet", SINGLET.aperture, SINGLET.field)
+    assert lens.reference_wavelength_nm == pytest.approx(546.1) and np.isinf(lens.object_distance_mm)
+
+
+@pytest.mark.parametrize("third, message", [
+    (dict(material="mirror"), "surface 3 is no refracting surface"),
+    (dict(surface_type="paraxial", f=50.0), "surface 3 is "),
+    (dict(surface_type="biconic", radius_x=50.0, radius_y=60.0), "surface 3 is BiconicGeometry: expected one of"),
+    (dict(dy=0.5), "surface 3 is tilted or decentred"),
+    (dict(aperture=RadialAperture(r_max=8.0, r_min=1.0)), "surface 3, aperture is RadialAperture: expected a circle")],
+    ids=lambda value: None if isinstance(value, str) else "-".join(value))
+def test_what_is_no_centred_refracting_surface_of_optiland_is_refused(tmp_path, third, message):
+    rest = {"coefficients": None, "conic": 0.0} | ({} if "surface_type" in third else {"surface_type": "standard"})
+    path = saved_by_optiland(tmp_path / "lens.json", **rest | third)
+    with pytest.raises(LensError, match=message):
+        read_prescription(path)
+
+
+@needs_files
+def test_edmunds_file_is_our_prescription_of_it():
+    glasses = {"LAK10C": "CDGM H-LAK10", "LAF1C": "CDGM H-LAF1", "ZF7C": "CDGM ZF7", "ZK9C": "CDGM H-ZK9A",
+               "LAK1C": "CDGM H-LAK1"}
+    theirs = read_prescription(FILES / "EO54852.ZMX").with_glasses(glasses)
+    ours = read_prescription(BUNDLED / "prescriptions" / "edmund-54852.toml")
+    for field in ("object_distance_mm", "aperture", "field", "focus"):
+        assert getattr(theirs, field) == getattr(ours, field)
+    assert theirs.reference_wavelength_nm == pytest.approx(ours.reference_wavelength_nm)
+    for one, other in zip(theirs.surfaces, ours.surfaces, strict=True):
+        assert (one.glass, one.stop, one.conic) == (other.glass, other.stop, other.conic)
+        np.testing.assert_allclose([one.radius_mm, one.thickness_mm, one.semi_aperture_mm],
+                                   [other.radius_mm, other.thickness_mm, other.semi_aperture_mm], rtol=1e-7)
+    assert build_system(theirs).efl_mm == pytest.approx(5.99997, abs=1e-4)
+    assert "vignetting factors" in theirs.notes
+
+
+@needs_files
+@pytest.mark.parametrize("name, efl_mm, tolerance", [
+    ("rayoptics_ag_dblgauss.seq", 100.003757028, 1e-6), ("Cooke_40_degree_field.zmx", 50.0, 1e-3),
+    ("muller_US4525038_f25.25.optiland.json", 25.25, 1e-5), ("eo54852_cdgm.optiland.json", 5.99997, 1e-4)])
+def test_focal_lengths_of_other_programs_files_are_theirs(name, efl_mm, tolerance):
+    assert build_system(read_prescription(FILES / name)).efl_mm == pytest.approx(efl_mm, abs=tolerance)
+
+
+@needs_files
+@pytest.mark.parametrize("name, glass, message", [
+    ("EO54852.ZMX", "LAK10C", r"surface 1, glass is LAK10C: in no glass catalogue: perhaps .*CDGM H-LAK10"),
+    ("Tessar_vignetting.ZMX", "KF9", r"surface 6, glass is KF9: in no glass catalogue: perhaps SCHOTT N-KF9")])
+def test_a_glass_that_no_catalogue_has_is_told_with_its_likes(name, glass, message):
+    lens = read_prescription(FILES / name)
+    assert glass in [surface.glass for surface in lens.surfaces]
+    with pytest.raises(LensError, match=message):
+        build_system(lens)
+
+
+@needs_files
+def test_the_fisheye_of_pbrt_is_that_of_its_source():
+    glasses = dict(zip(("1.62", "1.639", "1.654", "1.517", "1.805", "1.673"), (60.3, 44.9, 33.7, 64.2, 25.4, 32.2)))
+    lens = read_prescription(FILES / "pbrt_fisheye.10mm.dat", ("angle_deg", 70.0))
+    system = build_system(lens.with_glasses({index: f"{index}/{abbe}" for index, abbe in glasses.items()}))
+    assert system.efl_mm == pytest.approx(9.99, abs=0.005)
