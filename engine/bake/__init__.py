@@ -171,6 +171,7 @@ def _column(height_mm, wavelengths_nm, pitch_um, samples):
 def _lens(system, heights_mm, wavelengths_nm, pitch_um, columns):
     prescription = system.prescription
     real_mm, area, psf = (np.stack([column[part] for column in columns], axis=1) for part in range(3))
+    real_mm[:, 0] = 0.0  # where rounding leaves 1e-15
     energy = psf.sum(axis=(2, 3))
     reference = np.argmin(np.abs(wavelengths_nm - prescription.reference_wavelength_nm))
     last_mm = real_mm[reference, -1]

@@ -11,7 +11,7 @@ from lensfield.engine import Lens
 from lensfield.engine.exr import read_exr
 
 LENS = Lens.load("edmund-54852")
-WAVELENGTH_NM = 550.0
+WAVELENGTH_NM = 562.0
 COLUMN = int(np.flatnonzero(np.isclose(LENS.wavelengths_nm, WAVELENGTH_NM))[0])
 
 
@@ -54,7 +54,7 @@ def test_uniform_world_gives_the_irradiance_of_equation_2_over_the_whole_frame(s
     set_world(scene)
     scene.world.lensfield.emission = "380:1, 780:1"
     image = read_exr(render(scene, tmp_path, [WAVELENGTH_NM]).irradiance)
-    on_axis = np.pi * (1 / 400) / (4 * LENS.f_number_effective**2)
+    on_axis = np.pi * LENS.transmittance[COLUMN] * (1 / 400) / (4 * LENS.f_number_effective**2)
     rows, columns = np.mgrid[:image.cube.shape[1], :image.cube.shape[2]]
     real_mm = np.hypot(rows - image.centre_px[0], columns - image.centre_px[1]) * image.pitch_um * 1e-3
     inside = real_mm < LENS.real_height_mm[COLUMN, -1]

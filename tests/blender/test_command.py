@@ -57,7 +57,7 @@ def test_render_then_filter_agree(blend, tmp_path):
 @pytest.mark.parametrize("changes, message", [
     ({"scene": "missing.blend"}, "missing.blend: scene is not there"),
     ({"scene": "garbage.blend"}, "garbage.blend: scene is not readable"),
-    ({"--lens": "no-such-lens"}, "no-such-lens: lens is not there: give a .npz lens package or one of: edmund-54852"),
+    ({"--lens": "no-such-lens"}, "no-such-lens: lens is not there: give a .npz lens package or one of: angenieux-50mm"),
     ({"--wavelengths": "700:400:3"}, "options: wavelengths is 700:400:3: expected first:last:number"),
     ({"--wavelengths": "300:700:3"}, "edmund-54852: wavelength is 300 nm: the lens data spans 400 to 700 nm"),
     ({"--section-size": "0"}, "options: section_size is 0: expected a whole number"),
