@@ -49,16 +49,17 @@ def multispectral(rows=253, columns=380, square_px=12):
     return SpectralImage(blackbody(2856).at(nm)[:, None, None] * pattern, nm, pitch_um=SENSOR_UM / columns)
 
 
-def fresh_lens(psf_pitch_um=0.5):
-    """The lens with nothing remembered of earlier runs, its PSFs enlarged where that is asked for."""
-    return replace(Lens.load(LENS), psf_pitch_um=psf_pitch_um)
+def fresh_lens(psf_px=None):
+    """The lens with nothing remembered of earlier runs; with PSFs enlarged to a window of so many pixels, if any."""
+    lens = Lens.load(LENS)
+    return replace(lens, psf_pitch_um=psf_px * PITCH_UM / lens.psf.shape[-1] if psf_px else lens.psf_pitch_um)
 
 
-def timed(image, options, psf_pitch_um=0.5, best_of=BEST_OF):
+def timed(image, options, psf_px=None, best_of=BEST_OF):
     """The picture, the least seconds of some cold runs, and the report of the last."""
     seconds = []
     for _ in range(best_of):
-        lens, report = fresh_lens(psf_pitch_um), Report()
+        lens, report = fresh_lens(psf_px), Report()
         begin = time.perf_counter()
         result = simulate(image, lens, options, report=report)
         seconds.append(time.perf_counter() - begin)
@@ -73,13 +74,13 @@ class Frame:
     stand for that.
     """
 
-    def __init__(self, name, psf_pitch_um, board_exactly):
-        self._psf_pitch_um = psf_pitch_um
+    def __init__(self, name, psf_px, board_exactly):
+        self._psf_px = psf_px
         print(name)
         self._exact, boards = {}, Options(method="exact") if board_exactly else FINE
         for picture, image, options in (("points", points(), Options(method="exact")),
                                         ("checkerboard", checkerboard(), boards)):
-            self._exact[picture], seconds, _ = timed(image, options, psf_pitch_um, best_of=1)
+            self._exact[picture], seconds, _ = timed(image, options, psf_px, best_of=1)
             print(f"  {picture}, {options.method}{' operator' if options.method == 'exact' else ', 256 azimuths'}: "
                   f"{seconds:.1f} s")
         self._paper_s, errors, _ = self._measure(PAPER)
@@ -92,8 +93,8 @@ class Frame:
 
     def _measure(self, options, best_of=BEST_OF):
         """Seconds, relative L2 errors by picture, and the plan."""
-        board, seconds, report = timed(checkerboard(), options, self._psf_pitch_um, best_of)
-        results = {"points": timed(points(), options, self._psf_pitch_um, best_of=1)[0], "checkerboard": board}
+        board, seconds, report = timed(checkerboard(), options, self._psf_px, best_of)
+        results = {"points": timed(points(), options, self._psf_px, best_of=1)[0], "checkerboard": board}
         errors = {picture: relative_l2(results[picture], exact) for picture, exact in self._exact.items()}
         return seconds, errors, report.facts["plan"]
 
@@ -124,13 +125,13 @@ ASKED = [(f"accuracy {accuracy:g}", Options(accuracy=accuracy)) for accuracy in 
 
 
 def small_frames():
-    frame = Frame("768 x 576, 587.6 nm, PSFs of 5 px", 0.5, board_exactly=True)
+    frame = Frame("768 x 576, 587.6 nm, windows of 18 px", None, board_exactly=True)
     for name, options in (*ASKED,
                           *((f"pixels, {n} azimuths", Options(method="pixels", azimuths=n)) for n in (4, 8, 16)),
                           ("32 px, order 2", Options(32, 2)), ("16 px, order 2", Options(16, 2)),
                           ("64 px, order 3", Options(64, 3))):
         frame.tell(name, options)
-    frame = Frame("768 x 576, 587.6 nm, PSFs of 64 px", 6.25, board_exactly=False)
+    frame = Frame("768 x 576, 587.6 nm, enlarged to windows of 64 px", 64, board_exactly=False)
     for name, options in (*ASKED[:4], *((f"polar, {n} azimuths", Options(method="polar", azimuths=n, section_size=96))
                                         for n in (3, 4, 6, 8)),
                           ("64 px, order 3", Options(64, 3)), ("128 px, order 3", Options(128, 3))):
@@ -244,7 +245,7 @@ def floor():
         watched = _Watched()
         for module in (polar_sections, sections):
             module.fft = watched
-        _, seconds, _ = timed(image, options, psf_pitch_um, best_of=1)
+        _, seconds, _ = timed(image, options, psf_px, best_of=1)
         for module in (polar_sections, sections):
             module.fft = fft
         print(f"  {name}: {seconds / (watched.seconds / os.cpu_count()):.1f}")
