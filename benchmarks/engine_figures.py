@@ -49,17 +49,17 @@ def multispectral(rows=253, columns=380, square_px=12):
     return SpectralImage(blackbody(2856).at(nm)[:, None, None] * pattern, nm, pitch_um=SENSOR_UM / columns)
 
 
-def fresh_lens(psf_px=None):
-    """The lens with nothing remembered of earlier runs; with PSFs enlarged to a window of so many pixels, if any."""
+def fresh_lens(window_um=None):
+    """The lens with nothing remembered of earlier runs, its PSFs scaled to a window of this width where that is asked."""
     lens = Lens.load(LENS)
-    return replace(lens, psf_pitch_um=psf_px * PITCH_UM / lens.psf.shape[-1] if psf_px else lens.psf_pitch_um)
+    return replace(lens, psf_pitch_um=window_um / lens.psf.shape[-1] if window_um else lens.psf_pitch_um)
 
 
-def timed(image, options, psf_px=None, best_of=BEST_OF):
+def timed(image, options, window_um=None, best_of=BEST_OF):
     """The picture, the least seconds of some cold runs, and the report of the last."""
     seconds = []
     for _ in range(best_of):
-        lens, report = fresh_lens(psf_px), Report()
+        lens, report = fresh_lens(window_um), Report()
         begin = time.perf_counter()
         result = simulate(image, lens, options, report=report)
         seconds.append(time.perf_counter() - begin)
@@ -74,13 +74,13 @@ class Frame:
     stand for that.
     """
 
-    def __init__(self, name, psf_px, board_exactly):
-        self._psf_px = psf_px
+    def __init__(self, name, window_um, board_exactly):
+        self._window_um = window_um
         print(name)
         self._exact, boards = {}, Options(method="exact") if board_exactly else FINE
         for picture, image, options in (("points", points(), Options(method="exact")),
                                         ("checkerboard", checkerboard(), boards)):
-            self._exact[picture], seconds, _ = timed(image, options, psf_px, best_of=1)
+            self._exact[picture], seconds, _ = timed(image, options, window_um, best_of=1)
             print(f"  {picture}, {options.method}{' operator' if options.method == 'exact' else ', 256 azimuths'}: "
                   f"{seconds:.1f} s")
         self._paper_s, errors, _ = self._measure(PAPER)
@@ -93,8 +93,8 @@ class Frame:
 
     def _measure(self, options, best_of=BEST_OF):
         """Seconds, relative L2 errors by picture, and the plan."""
-        board, seconds, report = timed(checkerboard(), options, self._psf_px, best_of)
-        results = {"points": timed(points(), options, self._psf_px, best_of=1)[0], "checkerboard": board}
+        board, seconds, report = timed(checkerboard(), options, self._window_um, best_of)
+        results = {"points": timed(points(), options, self._window_um, best_of=1)[0], "checkerboard": board}
         errors = {picture: relative_l2(results[picture], exact) for picture, exact in self._exact.items()}
         return seconds, errors, report.facts["plan"]
 
@@ -131,7 +131,7 @@ def small_frames():
                           ("32 px, order 2", Options(32, 2)), ("16 px, order 2", Options(16, 2)),
                           ("64 px, order 3", Options(64, 3))):
         frame.tell(name, options)
-    frame = Frame("768 x 576, 587.6 nm, enlarged to windows of 64 px", 64, board_exactly=False)
+    frame = Frame("768 x 576, 587.6 nm, enlarged to windows of 64 px", 64 * PITCH_UM, board_exactly=False)
     for name, options in (*ASKED[:4], *((f"polar, {n} azimuths", Options(method="polar", azimuths=n, section_size=96))
                                         for n in (3, 4, 6, 8)),
                           ("64 px, order 3", Options(64, 3)), ("128 px, order 3", Options(128, 3))):
@@ -192,7 +192,7 @@ def flatness():
     print("one wavelength, PSFs of 5 px, accuracy 0.01: microseconds per pixel")
     for rows, columns in ((253, 380), (576, 768), (1080, 1920), (2160, 3840), (4320, 7680)):
         image = SpectralImage(scene(rows, columns), [NM], pitch_um=SENSOR_UM / columns)
-        _, seconds, report = timed(image, Options(accuracy=0.01), 0.5 * image.pitch_um / PITCH_UM)
+        _, seconds, report = timed(image, Options(accuracy=0.01), 18 * image.pitch_um)
         size = rows * columns
         print(f"  {size / 1e6:5.1f} megapixels: {seconds / size * 1e6:.3f}, without the plan "
               f"{(seconds - report.stages['plan']) / size * 1e6:.3f}; {plan_text(report.facts['plan'])}")
@@ -238,14 +238,14 @@ class _Watched:
 def floor():
     """The engine's time over that of its FFTs alone, run on all cores."""
     print("time over that of the plan's FFTs alone")
-    for name, image, psf_pitch_um, options in (
-            ("768 x 576, PSFs of 64 px, accuracy 0.03", checkerboard(), 6.25, Options(accuracy=0.03)),
-            ("768 x 576, PSFs of 64 px, 128 px, order 3", checkerboard(), 6.25, Options(128, 3)),
-            ("3840 x 2160, accuracy 0.03", checkerboard(2160, 3840), 0.5, Options(accuracy=0.03))):
+    for name, image, window_um, options in (
+            ("768 x 576, PSFs of 64 px, accuracy 0.03", checkerboard(), 64 * PITCH_UM, Options(accuracy=0.03)),
+            ("768 x 576, PSFs of 64 px, 128 px, order 3", checkerboard(), 64 * PITCH_UM, Options(128, 3)),
+            ("3840 x 2160, accuracy 0.03", checkerboard(2160, 3840), None, Options(accuracy=0.03))):
         watched = _Watched()
         for module in (polar_sections, sections):
             module.fft = watched
-        _, seconds, _ = timed(image, options, psf_px, best_of=1)
+        _, seconds, _ = timed(image, options, window_um, best_of=1)
         for module in (polar_sections, sections):
             module.fft = fft
         print(f"  {name}: {seconds / (watched.seconds / os.cpu_count()):.1f}")
