@@ -50,7 +50,7 @@ def multispectral(rows=253, columns=380, square_px=12):
 
 
 def fresh_lens(window_um=None):
-    """The lens with nothing remembered of earlier runs, its PSFs scaled to a window of this width where that is asked."""
+    """The lens with nothing remembered of earlier runs; its PSFs scaled to a window of this width, if any."""
     lens = Lens.load(LENS)
     return replace(lens, psf_pitch_um=window_um / lens.psf.shape[-1] if window_um else lens.psf_pitch_um)
 
@@ -189,7 +189,7 @@ def _options(knobs):
 
 def flatness():
     """Cost per pixel from 0.1 to 33 megapixels, with PSFs of the same size in pixels."""
-    print("one wavelength, PSFs of 5 px, accuracy 0.01: microseconds per pixel")
+    print("one wavelength, windows of 18 px, accuracy 0.01: microseconds per pixel")
     for rows, columns in ((253, 380), (576, 768), (1080, 1920), (2160, 3840), (4320, 7680)):
         image = SpectralImage(scene(rows, columns), [NM], pitch_um=SENSOR_UM / columns)
         _, seconds, report = timed(image, Options(accuracy=0.01), 18 * image.pitch_um)
