@@ -43,7 +43,8 @@ def read_package(path):
     """
     contents = _contents(path)
     header = _header(contents, path)
-    missing = [name for name in (*ARRAYS, "psf_amplitude") if name not in contents] + [name for name in SCALARS if name not in header]
+    missing = [name for name in (*ARRAYS, "psf_amplitude") if name not in contents]
+    missing += [name for name in SCALARS if name not in header]
     if missing:
         raise LensError(path, missing[0], "missing", f"a lens package of version {VERSION} has it")
     try:
