@@ -8,6 +8,7 @@ from optiland.rays import RealRays
 from ..errors import LensError
 
 AIMED_WAVELENGTHS = 6  # rays start where a polynomial through these has them: pupils shift little with the wavelength
+ASTRAY = 1e-3  # of the stop: far outside of what gets through, a wide bundle has several ways to a place
 
 
 class HalfPupil:
@@ -45,7 +46,7 @@ class TracedRays:
     square_height_mm2 : array (surface, radius, azimuth)
         Squared distance from the axis, at every surface.
     lost : bool array
-        Rays that missed a surface or were totally reflected.
+        Rays that missed a surface, were totally reflected, or came astray: through the stop elsewhere than aimed.
     """
 
     wavelength_nm: float
@@ -90,6 +91,8 @@ def trace_pupil(system, height_mm, wavelengths_nm, pupil):
     start = flat[:3].copy(), flat[3:].copy()
     system.optic.surfaces.trace(rays)
     traced = _traced(system, start, rays, (wavelengths_nm.size, *pupil.shape))
+    at_stop = np.sqrt(traced["square_height_mm2"][system.prescription.stop_index]) / system.stop_semi_aperture_mm
+    traced["lost"] |= ~(np.abs(at_stop - pupil.radii[:, None]) < ASTRAY)
     for index, nm in enumerate(wavelengths_nm):
         if traced["lost"][index, 0, 0]:
             raise LensError(system.prescription.name, "field height", f"{height_mm:.4g} mm",
