@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from .accuracy import azimuth_error, isoplanatic_error
+from .accuracy import ALL_SEEN, SOME_SEEN, azimuth_error, isoplanatic_error
 from .cost import Cost
 from .folding import quadrant_grid
 from .geometry import FieldGeometry
@@ -22,7 +22,7 @@ SECTION_SIZES = (16, 24, 32, 48, 64, 96, 128, 192, 256)
 AZIMUTH_CHOICES = tuple(sorted({round(2 ** (k / 2)) for k in range(2, 21)}))
 GUESS_AZIMUTHS, GUESS_POWER = 8, 1.6  # errors fall about with this power
 WORST_MISSED = 1.2  # where a few azimuths take another wavelength for the worst
-FEW_SAMPLES = 4  # azimuths to look at, at each wavelength
+FEW_SAMPLES, MOST_SAMPLES = 4, 64  # azimuths to look at, at each wavelength and at the worst
 
 
 def make_plan(options, lens, radiance):
@@ -164,5 +164,8 @@ class _Planner:
             return azimuth_error(each.bank, azimuths, self._task.last_height_mm(each), samples)
 
         some = sorted(((error(each, FEW_SAMPLES), index) for index, each in enumerate(psfs)), reverse=True)
-        every = error(psfs[some[0][1]], azimuths)
+        found, worst = some[0]
+        if found / SOME_SEEN > self._share:
+            return found / SOME_SEEN * ALL_SEEN  # it can only be more, and is too much as it is
+        every = error(psfs[worst], min(azimuths, MOST_SAMPLES))
         return max([every * (WORST_MISSED if len(psfs) > 1 else 1)] + [found for found, _ in some[1:]])
