@@ -77,3 +77,18 @@ def check_targets(*paths):
         check_target(path)
         if path.resolve() in [other.resolve() for other in named[:index]]:
             raise InputError(path, "file", "named twice", "give every output a name of its own")
+
+
+def check_kind(path, suffix):
+    """Raise an InputError for a file to write that is called otherwise than what goes into it."""
+    if path.suffix.lower() != suffix:
+        raise InputError(path, "kind of file", path.suffix or "without a suffix", f"expected a {suffix}")
+
+
+def sides_mm(text):
+    """Width and height of a sensor from a text such as 36x24."""
+    try:
+        width, height = (float(side) for side in text.lower().split("x"))
+    except ValueError:
+        raise InputError("options", "--sensor", text, "expected WIDTHxHEIGHT in mm, such as 36x24") from None
+    return width, height

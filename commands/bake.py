@@ -9,7 +9,7 @@ from pathlib import Path
 from ..engine import InputError, LensError
 from ..engine.lens_files.package import write_package
 from ..engine.spectra import parse_wavelengths
-from .arguments import check_targets
+from .arguments import check_kind, check_targets, sides_mm
 from .terminal import progress_bar
 
 FOCUSES = ("as given", "paraxial", "best")
@@ -71,8 +71,7 @@ def _bake(options):
 def _check(options):
     if options.workers is not None and options.workers < 1:
         raise InputError("options", "--workers", options.workers, "expected at least 1")
-    if options.output.suffix.lower() != ".npz":
-        raise InputError(options.output, "kind of file", options.output.suffix or "without a suffix", "expected a .npz")
+    check_kind(options.output, ".npz")
 
 
 @contextmanager
@@ -98,7 +97,7 @@ def _with_overrides(prescription, options):
     """The prescription as the command line changes it."""
     changes = {"name": options.name, "focus": options.focus,
                "aperture": None if options.f_number is None else ("f_number", options.f_number),
-               "sensor_mm": None if options.sensor is None else _sensor(options.sensor)}
+               "sensor_mm": None if options.sensor is None else sides_mm(options.sensor)}
     prescription = replace(prescription, **{field: value for field, value in changes.items() if value is not None})
     glasses = sorted({surface.glass for surface in prescription.surfaces} - {""})
     return prescription.with_glasses({old: new for pair in options.glass for old, new in _glass_names(pair, glasses)})
@@ -111,14 +110,6 @@ def _glass_names(pair, glasses):
     if not new or not named:
         raise InputError("options", "--glass", pair, f"expected OLD=NEW with one of {', '.join(glasses)}")
     return [(glass, new) for glass in named]
-
-
-def _sensor(text):
-    try:
-        width, height = (float(side) for side in text.lower().split("x"))
-    except ValueError:
-        raise InputError("options", "--sensor", text, "expected WIDTHxHEIGHT in mm, such as 36x24") from None
-    return width, height
 
 
 def _targets(prescription, options):

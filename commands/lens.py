@@ -15,7 +15,7 @@ from ..engine.lens_files.package import write_package
 from ..engine.lens_info import lens_info, lens_text
 from ..engine.spectra import parse_wavelengths
 from . import bake
-from .arguments import check_targets
+from .arguments import check_kind, check_targets, sides_mm
 
 
 def add(commands):
@@ -83,8 +83,7 @@ def _plot(options):
     lens = Lens.load(options.lens)
     bundled = options.lens in bundled_names()
     path = options.output or (Path(f"{options.lens}.png") if bundled else Path(options.lens).with_suffix(".png"))
-    if path.suffix.lower() != ".png":
-        raise InputError(path, "kind of file", path.suffix or "without a suffix", "expected a .png")
+    check_kind(path, ".png")
     check_targets(path)
     write_lens_plot(lens, path, frequencies)
     print(path)
@@ -122,21 +121,12 @@ def _export_macro(options):
     macro = export_macro(options.program, ExportOptions(
         options.heights, options.last_height, tuple(parse_wavelengths(options.wavelengths).tolist()),
         options.psf_samples, options.psf_pitch_um, options.pupil_samples,
-        options.sensor and _sides_mm(options.sensor)))
+        options.sensor and sides_mm(options.sensor)))
     if options.output is None:
         print(macro, end="")
         return
     with atomic_path(options.output) as temporary:
         temporary.write_text(macro, encoding="ascii", newline="\r\n")  # all three programs run on Windows
-
-
-def _sides_mm(text):
-    """(width, height) from a text such as 4.8x3.6."""
-    try:
-        width, height = (float(side) for side in text.lower().split("x"))
-    except ValueError:
-        raise InputError("options", "--sensor", text, "expected WIDTHxHEIGHT in mm such as 4.8x3.6") from None
-    return width, height
 
 
 def _add_import(lens):
@@ -150,8 +140,7 @@ def _add_import(lens):
 
 
 def _import(options):
-    if options.output.suffix.lower() != ".npz":
-        raise InputError(options.output, "kind of file", options.output.suffix or "without a suffix", "expected a .npz")
+    check_kind(options.output, ".npz")
     check_targets(options.output)
     lens = import_lens(options.path, options.name)
     write_package(lens, options.output)

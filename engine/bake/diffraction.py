@@ -18,7 +18,7 @@ def point_spread(wavefront, pitch_um, samples):
 
     Parameters
     ----------
-    wavefront : PupilWavefront
+    wavefront : Wavefront
     pitch_um : float
         Distance between samples; each is the mean over a square of this side.
     samples : int

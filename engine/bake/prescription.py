@@ -9,6 +9,7 @@ from ..errors import LensError
 APERTURES = ("stop", "entrance_pupil_diameter_mm", "f_number", "working_f_number", "object_na")
 FIELDS = ("angle_deg", "image_height_mm", "object_height_mm")
 FOCUSES = ("as given", "paraxial", "best")
+FAR_MM = 1e9  # what other programs write for infinity is farther
 
 
 @dataclass(frozen=True)
@@ -107,6 +108,11 @@ class Prescription:
         """The same lens with glasses called otherwise: `names` maps those of this prescription to others."""
         return replace(self, surfaces=tuple(replace(surface, glass=names.get(surface.glass, surface.glass))
                                             for surface in self.surfaces))
+
+
+def object_distance(distance_mm):
+    """`Prescription.object_distance_mm` of another program's figure."""
+    return np.inf if distance_mm >= FAR_MM else distance_mm
 
 
 def _check(prescription):

@@ -53,14 +53,6 @@ class System:
         sizes[self.prescription.stop_index] = np.inf
         return sizes
 
-    @property
-    def capture_focal_length_mm(self):
-        """Paraxial image height over tangent of the field angle at the entrance pupil (see `Lens`)."""
-        distance_mm = self.prescription.object_distance_mm
-        if np.isinf(distance_mm):
-            return self.efl_mm
-        return abs(self.magnification) * (distance_mm + self.entrance_pupil_mm)
-
     def field_of_height(self, height_mm):
         """Optiland's normalised field that has this paraxial image height, on the side where images have +y."""
         if np.isinf(self.prescription.object_distance_mm):

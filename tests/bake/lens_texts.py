@@ -2,6 +2,7 @@
 
 import numpy as np
 from lensfield.engine.bake.prescription import Surface
+from lensfield.engine.bake.prescriptions import read_prescription
 from optiland.fileio import save_optiland_file
 from optiland.materials import AbbeMaterial, Material
 from optiland.optic import Optic
@@ -117,6 +118,15 @@ def changed(text, *pairs):
         assert old in text, old
         text = text.replace(old, new)
     return text
+
+
+def reader_of(path, text):
+    """A function that reads the prescription of this text with some of it changed, as a file of this path."""
+    def read_changed(*pairs, field=None, encoding="utf-8"):
+        path.write_bytes(changed(text, *pairs).encode(encoding))
+        return read_prescription(path, field)
+
+    return read_changed
 
 
 def saved_by_optiland(path, **third):

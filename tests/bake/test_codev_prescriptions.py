@@ -4,11 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from lens_texts import CODEV, SURFACES, changed
+from lens_texts import CODEV, SURFACES, reader_of
 from lensfield.engine import LensError
 from lensfield.engine.bake import build_system
 from lensfield.engine.bake.prescription import Prescription, Surface
-from lensfield.engine.bake.prescriptions import read_prescription
 
 SINGLET = Prescription("singlet", SURFACES, ("entrance_pupil_diameter_mm", 5.0), ("angle_deg", 14.0),
                        reference_wavelength_nm=587.5618, source="lens.seq (Code V)")
@@ -19,12 +18,7 @@ CURVATURES = [("RDM;", "RDM N;"), ("S     50.0", "S     0.02"), ("S     -50.0", 
 @pytest.fixture
 def read(tmp_path):
     """Read the singlet's file with some of it changed."""
-    def read_changed(*pairs, field=None, encoding="utf-8"):
-        path = tmp_path / "lens.seq"
-        path.write_bytes(changed(CODEV, *pairs).encode(encoding))
-        return read_prescription(path, field)
-
-    return read_changed
+    return reader_of(tmp_path / "lens.seq", CODEV)
 
 
 def same(lens):

@@ -4,11 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from lens_texts import SURFACES, ZEMAX, changed
+from lens_texts import SURFACES, ZEMAX, reader_of
 from lensfield.engine import LensError
 from lensfield.engine.bake import build_system
 from lensfield.engine.bake.prescription import Prescription
-from lensfield.engine.bake.prescriptions import read_prescription
 
 SINGLET = Prescription("singlet", SURFACES, ("entrance_pupil_diameter_mm", 5.0), ("angle_deg", 14.0),
                        reference_wavelength_nm=587.5618, source="lens.ZMX (Zemax)")
@@ -20,12 +19,7 @@ LAST = "DISZ 4.75E+1\n"
 @pytest.fixture
 def read(tmp_path):
     """Read the singlet's file with some of it changed."""
-    def read_changed(*pairs, field=None, encoding="utf-8"):
-        path = tmp_path / "lens.ZMX"
-        path.write_bytes(changed(ZEMAX, *pairs).encode(encoding))
-        return read_prescription(path, field)
-
-    return read_changed
+    return reader_of(tmp_path / "lens.ZMX", ZEMAX)
 
 
 def test_a_singlet(read):

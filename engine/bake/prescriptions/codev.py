@@ -9,7 +9,7 @@ from optiland.fileio.codev.reader.parser import CodeVDataParser
 from ...errors import LensError
 from ...lens_files.text import read_text, shown
 from ..glasses import best_name
-from ..prescription import Prescription, Surface
+from ..prescription import Prescription, Surface, object_distance
 from .field_points import field_end, vignetting_note
 
 UNITS_MM = {"M": 1.0, "C": 10.0, "I": 25.4}
@@ -21,7 +21,6 @@ OTHER_APERTURES = ("REX", "REY", "ELX", "ELY", "ADX", "ADY", "REG", "ELG", "CIG"
 VIGNETTING = ("VUX", "VLX", "VUY", "VLY")
 LATER = ("CUY", "CUX", "RDY", "RDX", "THI", "GLA", "RMD", "SCA")  # what changes surfaces of lines before
 QUOTED = re.compile(r"""('[^'\n]*')|"[^"\n]*"|![^\n]*""")
-FAR_MM = 1e9
 
 
 class _Parser(CodeVDataParser):
@@ -110,7 +109,7 @@ def read_codev(path, field=None):
     return Prescription(
         name=model.name or path.stem, surfaces=tuple(surface.scaled(scale) for surface in surfaces),
         aperture=_aperture(path, model, scale), field=field or _field(path, model, scale),
-        object_distance_mm=np.inf if distance_mm >= FAR_MM else distance_mm,
+        object_distance_mm=object_distance(distance_mm),
         reference_wavelength_nm=_reference_nm(path, model), source=f"{path.name} (Code V)",
         notes=vignetting_note(parser.vignetting_factors, surfaces))
 

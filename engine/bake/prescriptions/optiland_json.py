@@ -7,7 +7,7 @@ import numpy as np
 from ...errors import LensError
 from ...lens_files.text import read_text
 from ..glasses import best_name
-from ..prescription import Prescription, Surface
+from ..prescription import Prescription, Surface, object_distance
 from .field_points import field_end, vignetting_note
 
 REFRACTIVE = "RefractiveReflectiveModel"
@@ -15,7 +15,6 @@ SHAPES = ("Plane", "StandardGeometry", "EvenAsphere")
 APERTURES = {"EPD": "entrance_pupil_diameter_mm", "imageFNO": "f_number", "objectNA": "object_na"}
 FIELDS = {"AngleField": "angle_deg", "ObjectHeightField": "object_height_mm",
           "ParaxialImageHeightField": "image_height_mm"}
-FAR_MM = 1e9
 
 
 def read_optiland(path, field=None):
@@ -44,7 +43,7 @@ def read_optiland(path, field=None):
     name = " ".join(str(contents.get("name") or path.stem).split())
     return Prescription(name=name, surfaces=surfaces, aperture=aperture,
                         field=field or _field(path, contents["fields"]),
-                        object_distance_mm=np.inf if distance_mm >= FAR_MM else distance_mm,
+                        object_distance_mm=object_distance(distance_mm),
                         reference_wavelength_nm=1e3 * primary["value"], source=f"{path.name} (Optiland)",
                         notes=vignetting_note(factors, surfaces))
 

@@ -8,7 +8,7 @@ from optiland.fileio.zemax.reader.parser import ZemaxDataParser
 from ...errors import LensError
 from ...lens_files.text import read_text, shown
 from ..glasses import best_name
-from ..prescription import Prescription, Surface
+from ..prescription import Prescription, Surface, object_distance
 from .field_points import field_end, vignetting_note
 
 UNITS_MM = {"MM": 1.0, "CM": 10.0, "IN": 25.4, "INCH": 25.4, "METER": 1000.0, "M": 1000.0}
@@ -19,7 +19,6 @@ FIELDS = {"angle": "angle_deg", "object_height": "object_height_mm", "paraxial_i
 SHAPES = ("standard", "even_asphere")
 OTHER_APERTURES = ("SQAP", "ELAP", "USAP", "OBSC", "SQOB", "ELOB", "SPID")
 COEFFICIENTS = 8
-FAR_MM = 1e9
 
 
 class _Parser(ZemaxDataParser):
@@ -86,7 +85,7 @@ def read_zemax(path, field=None):
     distance_mm = rows[0]["thickness"] * scale
     return Prescription(
         name=model.name or path.stem, surfaces=surfaces, aperture=_aperture(path, model, scale),
-        field=field or _field(path, model, scale), object_distance_mm=np.inf if distance_mm >= FAR_MM else distance_mm,
+        field=field or _field(path, model, scale), object_distance_mm=object_distance(distance_mm),
         reference_wavelength_nm=_reference_nm(path, model), source=f"{path.name} (Zemax)",
         notes=_notes(model, surfaces, field))
 
