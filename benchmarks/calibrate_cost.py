@@ -19,8 +19,11 @@ BEST_OF = 3
 
 
 def cases():
-    """(lens, picture, options) over PSFs of few and of many pixels, and over all ways of filtering."""
+    """(lens, picture, options) over PSFs of few and of many pixels, all ways of filtering, one and many wavelengths."""
     lens = Lens.load(LENS)
+    many = SpectralImage(np.random.default_rng(1).random((31, 253, 380)), np.linspace(400, 700, 31), SENSOR_UM / 380)
+    for azimuths in (4, 16, 64):
+        yield lens, many, Options(method="pixels", azimuths=azimuths)
     small, large = ((rows, columns) for rows, columns in ((576, 768), (1080, 1920)))
     for psf_pitch_um, shape in ((0.5, small), (0.5, large), (2.0, small), (6.25, small)):
         picture = SpectralImage(np.random.default_rng(1).random(shape), [NM], pitch_um=SENSOR_UM / shape[1])
@@ -32,7 +35,7 @@ def cases():
 
 
 def measured(lens, picture, options):
-    """Counts of the work, and the least seconds of some runs without the plan's."""
+    """Counts of the work, and the least seconds of some runs without the plan's; and the plan."""
     seconds = []
     for _ in range(BEST_OF):
         report, begin = Report(), time.perf_counter()
@@ -40,7 +43,8 @@ def measured(lens, picture, options):
         seconds.append(time.perf_counter() - begin - report.stages["plan"])
     plan = planner.make_plan(options, lens, picture)
     task = planner.Task(lens, picture, plan.psf_radius_px, plan.support_um, plan.folded)
-    return task.cost.counts(plan), min(seconds), plan
+    counts = {name: count * picture.wavelengths_nm.size for name, count in task.cost.counts(plan).items()}
+    return counts, min(seconds), plan
 
 
 def main():

@@ -18,7 +18,7 @@ NANOSECONDS = {
     "mixed tap": 0.5,  # of a PSF that is mixed from a polar table
     "turned sample": 47,  # of a PSF
     "table sample": 60,  # of a PSF, at one azimuth, for all heights
-    "table tap": 4.5,  # at one azimuth and height
+    "table tap": 4.5,  # at one azimuth and height, at every wavelength
 }
 REFERENCE_S = 2.2e-3  # of what `machine_factor` does, there
 MEGABYTE = 1e6
@@ -71,8 +71,8 @@ class Cost:
 
     def counts(self, plan):
         """How much of each kind of work a plan comes to: a dict with keys of NANOSECONDS."""
-        azimuths = plan.azimuths * (1 if self._quadrant else 2) * self._tables
-        common = {"picture pixel": self._pixels, "table sample": azimuths * self._samples,
+        azimuths = plan.azimuths * (1 if self._quadrant else 2)
+        common = {"picture pixel": self._pixels, "table sample": azimuths * self._samples * self._tables,
                   "table tap": azimuths * self._heights * self._taps}
         if plan.method == "exact":
             return common | {"turned sample": 2 * self._pixels * self._samples}  # not on all cores

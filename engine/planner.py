@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from .accuracy import ALL_SEEN, SOME_SEEN, azimuth_error, isoplanatic_error
+from .accuracy import AzimuthErrors, azimuth_error, isoplanatic_error
 from .cost import Cost
 from .folding import quadrant_grid
 from .geometry import FieldGeometry
@@ -14,15 +14,14 @@ from .options import DEFAULT_ACCURACY
 from .plan import PIXELS_SECTION, Plan, foldable, knob_plan, psf_support_on, space_px
 from .psf import PlacedPsfs, PsfBank
 
-TRIM_SHARE, FLAT_SHARE, ROUNDING_SHARE = 1 / 16, 1 / 16, 1 / 50  # of the accuracy; the rest is the filter's
+TRIM_SHARE, FLAT_SHARE, ROUNDING_SHARE = 1 / 8, 1 / 16, 1 / 50  # of the accuracy; the rest is the filter's
 TRIMMED_TWICE = 2.4  # what is trimmed and what is normalised in its stead, as samples are refined a fifth more at most
 SINGLE_ACCURACY = 3e-5  # the least that single precision is good for
 SINGLE_NOISE = 1.2e-7  # of the light, per unit of dynamic range
 SECTION_SIZES = (16, 24, 32, 48, 64, 96, 128, 192, 256)
 AZIMUTH_CHOICES = tuple(sorted({round(2 ** (k / 2)) for k in range(2, 21)}))
 GUESS_AZIMUTHS, GUESS_POWER = 8, 1.6  # errors fall about with this power
-WORST_MISSED = 1.2  # where a few azimuths take another wavelength for the worst
-FEW_SAMPLES, MOST_SAMPLES = 4, 64  # azimuths to look at, at each wavelength and at the worst
+ISOPLANATIC_SAMPLES = 4  # azimuths to look at
 
 
 def make_plan(options, lens, radiance):
@@ -40,6 +39,13 @@ def make_plan(options, lens, radiance):
         return Task(lens, radiance, plan.psf_radius_px, plan.support_um, plan.folded).priced(plan)
     accuracy = DEFAULT_ACCURACY if options.accuracy is None else options.accuracy
     return _Planner(options, lens, radiance, accuracy).best()
+
+
+def _only_at(lens, wavelengths_nm):
+    """The lens with its data at these of its wavelengths alone."""
+    own = np.isin(lens.wavelengths_nm, wavelengths_nm)
+    return lens if own.all() else replace(lens, **{field: getattr(lens, field)[own] for field in (
+        "wavelengths_nm", "real_height_mm", "relative_illumination", "psf", "enclosed_energy", "transmittance")})
 
 
 class Task:
@@ -97,11 +103,12 @@ class _Planner:
     """
 
     def __init__(self, options, lens, radiance, accuracy):
-        support = psf_support_on(lens, radiance.pitch_um, 1 - accuracy * TRIM_SHARE / 2)
+        around = _only_at(lens, lens.wavelengths_around(radiance.wavelengths_nm))
+        support = psf_support_on(around, radiance.pitch_um, 1 - accuracy * TRIM_SHARE / 2)
         self._options, self._lens, self._radiance = options, lens, radiance
         self._precision = "float32" if accuracy >= SINGLE_ACCURACY else "float64"
         self._common = dict(support, non_negative=options.non_negative, precision=self._precision,
-                            flat_tolerance=accuracy * FLAT_SHARE, folded=foldable(lens, radiance),
+                            flat_tolerance=accuracy * FLAT_SHARE, folded=foldable(around, radiance),
                             out_of_field=options.out_of_field)
         self._rounding = accuracy * ROUNDING_SHARE
         self._sure = TRIMMED_TWICE * support["trimmed_energy"] + self._common["flat_tolerance"] + self._rounding
@@ -140,32 +147,26 @@ class _Planner:
             **self._common | ({} if azimuths else {"flat_tolerance": 0.0})))
 
     def _isoplanatic_error(self):
-        """The error of one PSF, that of the middle of the planes in work, for the whole field."""
-        middle = [np.array([(n - 1) / 2]) for n in self._task.work_px]
-        return max(isoplanatic_error(psfs.bank, psfs(*middle)[0], self._task.last_height_mm(psfs), FEW_SAMPLES)
-                   for psfs in self._task.psfs)
+        """The error of one PSF, that of the middle of the planes in work, for the whole field; or what is too much."""
+        middle, worst = [np.array([(n - 1) / 2]) for n in self._task.work_px], 0.0
+        for psfs in self._task.psfs:
+            worst = max(worst, isoplanatic_error(psfs.bank, psfs(*middle)[0], self._task.last_height_mm(psfs),
+                                                 ISOPLANATIC_SAMPLES))
+            if worst > self._share:
+                break
+        return worst
 
     def _azimuths(self):
         """The least number of azimuths that errs by no more than the filter's share, and its error; 0 where none."""
-        guess = self._azimuth_error(GUESS_AZIMUTHS, self._task.psfs[:1])
-        wanted = GUESS_AZIMUTHS * (guess / self._share) ** (1 / GUESS_POWER)
-        for azimuths in AZIMUTH_CHOICES[int(np.searchsorted(AZIMUTH_CHOICES, wanted * 0.9)):]:
-            error = self._azimuth_error(azimuths, self._task.psfs)
+        wavelengths = [AzimuthErrors(psfs.bank, self._task.last_height_mm(psfs)) for psfs in self._task.psfs]
+        guess = azimuth_error(wavelengths[:1], GUESS_AZIMUTHS)
+        wanted = GUESS_AZIMUTHS * (guess / self._share) ** (1 / GUESS_POWER) * 0.9
+        while wanted <= AZIMUTH_CHOICES[-1]:
+            azimuths = AZIMUTH_CHOICES[int(np.searchsorted(AZIMUTH_CHOICES, wanted))]
+            error = azimuth_error(wavelengths[:1], azimuths, self._share)
+            if error <= self._share and wavelengths[1:]:  # which as a rule err less
+                error = max(error, azimuth_error(wavelengths[1:], azimuths, self._share))
             if error <= self._share:
                 return azimuths, error
+            wanted = max(azimuths + 1, azimuths * np.sqrt(error / self._share))  # no power is greater than the second
         return 0, 0.0
-
-    def _azimuth_error(self, azimuths, psfs):
-        """Largest error over these wavelengths: a few azimuths tell which is the worst, and there all are looked at.
-
-        Where a bright sample of the PSF crosses the edge of a pixel, single azimuths stand out from the others.
-        """
-        def error(each, samples):
-            return azimuth_error(each.bank, azimuths, self._task.last_height_mm(each), samples)
-
-        some = sorted(((error(each, FEW_SAMPLES), index) for index, each in enumerate(psfs)), reverse=True)
-        found, worst = some[0]
-        if found / SOME_SEEN > self._share:
-            return found / SOME_SEEN * ALL_SEEN  # it can only be more, and is too much as it is
-        every = error(psfs[worst], min(azimuths, MOST_SAMPLES))
-        return max([every * (WORST_MISSED if len(psfs) > 1 else 1)] + [found for found, _ in some[1:]])

@@ -175,15 +175,15 @@ def psf_support(lens, energy):
     lost : float
         The largest fraction that lies outside of it.
     """
-    offset_um = (np.arange(lens.psf.shape[-1]) - lens.psf.shape[-1] // 2) * lens.psf_pitch_um
-    distance_um = np.hypot(offset_um[:, None], offset_um).ravel()
-    rings_um, ring = np.unique(np.round(distance_um / lens.psf_pitch_um, 1), return_inverse=True)
-    in_ring = np.zeros((distance_um.size, rings_um.size), dtype=np.float32)
-    in_ring[np.arange(distance_um.size), ring] = 1
-    inside = np.cumsum((lens.psf.reshape(-1, distance_um.size) @ in_ring).astype(np.float64), axis=1)
+    offset = np.arange(lens.psf.shape[-1]) - lens.psf.shape[-1] // 2
+    distance = np.round(np.hypot(offset[:, None], offset).ravel(), 1)  # in samples
+    order = np.argsort(distance, kind="stable")
+    rings, first = np.unique(distance[order], return_index=True)
+    ends = np.append(first[1:], order.size) - 1
+    inside = np.cumsum(lens.psf.reshape(-1, order.size)[:, order], axis=1, dtype=np.float64)[:, ends]
     inside = (inside / inside[:, -1:]).min(axis=0)
     last = int(np.argmax(inside >= energy - 1e-9))
-    return float((rings_um[last] + 0.05) * lens.psf_pitch_um), float(1 - inside[last])
+    return float((rings[last] + 0.05) * lens.psf_pitch_um), float(1 - inside[last])
 
 
 def _refinement(optics, pixel_pitch_um):
