@@ -72,11 +72,12 @@ def resolution(text, option="--resolution"):
 
 def check_targets(*paths):
     """Raise an InputError for a file that could not be written, before the work is done."""
-    named = [path for path in paths if path]
-    for index, path in enumerate(named):
+    named = set()
+    for path in filter(None, paths):
         check_target(path)
-        if path.resolve() in [other.resolve() for other in named[:index]]:
+        if path.resolve() in named:
             raise InputError(path, "file", "named twice", "give every output a name of its own")
+        named.add(path.resolve())
 
 
 def check_kind(path, suffix):

@@ -1,45 +1,189 @@
-"""`lensfield filter`: a spectral radiance EXR, put through a lens."""
+"""`lensfield filter`: spectral radiance or any renderer's RGB picture, one or a sequence, put through a lens."""
 
+from math import isfinite
 from pathlib import Path
 
-from ..engine import ImageError, Kept, Lens, Report, simulate
+from ..engine import ImageError, InputError, Kept, Lens, Report, simulate
+from ..engine.capture import overscan_px
+from ..engine.pinhole import field_of_view_deg, fitting_pitch_um, fov_pitch_um
+from ..engine.spectra import parse_wavelengths
 from .arguments import add_engine_options, check_targets, engine_options
 from .outcome import finish, plan_text
+from .sequence import find_shots
 from .terminal import progress_bar, quiet
+
+DEFAULT_WAVELENGTHS = "400:700:9"
+RGB_ONLY = ("wavelengths", "layer", "fov", "focal_mm", "sensor_width_mm")
+VIEWS = {"--pitch-um": ("pitch_um",), "--fov": ("fov",), "--focal-mm": ("focal_mm", "sensor_width_mm")}
+NEGATIVE_TOLD = 1e-3  # of the light
 
 
 def add(commands):
-    filter_ = commands.add_parser("filter", help="put a spectral radiance EXR through a lens")
-    filter_.add_argument("radiance", type=Path, metavar="RADIANCE.exr")
-    filter_.add_argument("--pitch-um", type=float, help="pixel pitch at the sensor, for a file that does not tell it")
+    filter_ = commands.add_parser(
+        "filter", help="put an EXR, spectral radiance or any renderer's RGB, or a sequence of them through a lens")
+    filter_.add_argument("radiance", type=Path, metavar="RADIANCE.exr",
+                         help="for a sequence with the number of the frame as ####, or as %%04d")
+    filter_.add_argument("--frames", metavar="FIRST-LAST", help="of a sequence (default: all that there are)")
     filter_.add_argument("--output", type=Path, required=True, metavar="IRRADIANCE.exr")
-    filter_.add_argument("--preview", type=Path, metavar="FILE.png", help="also write an sRGB picture")
+    filter_.add_argument("--preview", type=Path, metavar="FILE.png",
+                         help="also write an sRGB picture; those of a sequence are exposed as its first")
+    filter_.add_argument("--pitch-um", type=float, help="pixel pitch at the sensor, for a file that does not tell it")
+    rgb = filter_.add_argument_group("RGB pictures", "upsampled as light; without camera figures, taken to show just "
+                                                     "the lens's field, as after matching the camera to the lens")
+    rgb.add_argument("--wavelengths", metavar="SPEC", help="nm: first:last:number, or a list such as 450,550,650 "
+                                                           f"(default {DEFAULT_WAVELENGTHS})")
+    rgb.add_argument("--layer", metavar="NAME", help="the layer that is the picture, such as ViewLayer.Combined")
+    rgb.add_argument("--fov", type=float, metavar="DEGREES", help="horizontal field of view of the rendering camera")
+    rgb.add_argument("--focal-mm", type=float, metavar="F", help="its focal length; with --sensor-width-mm")
+    rgb.add_argument("--sensor-width-mm", type=float, metavar="W")
     add_engine_options(filter_)
     filter_.set_defaults(run=_filter)
 
 
 def _filter(options):
-    from ..engine.colour import auto_exposure, to_rec709, write_png
-    from ..engine.exr import read_exr, write_exr
+    lens, chosen = Lens.load(options.lens), engine_options(options)
+    _check_view(options)
+    shots = find_shots(options.radiance, options.output, options.preview, options.frames)
+    check_targets(*(path for shot in shots for path in shot.targets), options.report)
+    run, reports = _Run(options, lens, chosen, len(shots)), []
+    for shot in shots:
+        reports.append(run.put_through(shot))
+        for path in shot.targets:
+            print(path, flush=True)
+    report = reports[0] if shots[0].frame is None else _together(shots, reports)
+    finish(options, report, [])
+    _tell_losses(reports)
 
-    report, kept = Report(), Kept(limit_mb=0)  # there is no second picture to keep anything for
-    lens = Lens.load(options.lens)
-    chosen = engine_options(options)
-    check_targets(options.output, options.preview, options.report)
-    with report.stage("read radiance"), quiet(1, 2):  # of damage the EXR library tells at length
-        radiance = read_exr(options.radiance, options.pitch_um)
-    try:
-        with report.stage("plan"):
-            print(f"plan: {plan_text(kept.plan(chosen, lens, radiance).as_dict())}", flush=True)
+
+class _Run:
+    """What the pictures of one command share: the lens, what is kept of it between them, and the exposure."""
+
+    def __init__(self, options, lens, chosen, number):
+        self._options, self._lens, self._chosen, self._number = options, lens, chosen, number
+        self._kept = Kept() if number > 1 else Kept(limit_mb=0)
+        self._exposure, self._told, self._done = None, set(), 0
+
+    def put_through(self, shot):
+        """Write what one picture becomes; its report."""
+        from ..engine.exr import write_exr
+
+        report = Report()
+        try:
+            with report.stage("read radiance"), quiet(1, 2):  # of damage the EXR library tells at length
+                radiance, facts = self._read(shot.radiance)
+            with report.stage("plan"):
+                plan = self._kept.plan(self._chosen, self._lens, radiance)
+                facts["overscan_needed_px"] = overscan_px(self._lens, radiance.frame_px, radiance.pitch_um,
+                                                          radiance.wavelengths_nm, plan.psf_radius_px,
+                                                          radiance.projection)
+                self._tell(facts, plan)
+            irradiance = self._through_lens(shot, radiance, report)
+        except ImageError as error:
+            raise ImageError(shot.radiance, error.field, error.value, error.remedy) from None
+        report.facts |= facts
+        with report.stage("write irradiance"):
+            write_exr(irradiance, shot.output)
+        if shot.preview:
+            with report.stage("write preview"):
+                self._write_preview(irradiance, shot.preview)
+        self._done += 1
+        return report
+
+    def _read(self, path):
+        """Radiance, and the facts of a picture that it was made of."""
+        from ..engine.exr import is_spectral, read_exr
+        from ..engine.rgb_picture import read_rgb_exr, upsample
+
+        if is_spectral(path):
+            for name in RGB_ONLY:
+                if (value := getattr(self._options, name)) is not None:
+                    raise ImageError(path, f"--{name.replace('_', '-')}", value,
+                                     "leave it out: it is for RGB files, and this one is spectral")
+            return read_exr(path, self._options.pitch_um), {}
+        picture = read_rgb_exr(path, self._options.layer)
+        pitch = _pitch_um(self._options, self._lens, picture.frame_px)
+        wavelengths_nm = parse_wavelengths(self._options.wavelengths or DEFAULT_WAVELENGTHS)
+        radiance, negative = upsample(picture, wavelengths_nm, pitch)
+        fov = [field_of_view_deg(self._lens.capture_focal_length_mm, n * pitch * 1e-3) for n in picture.frame_px[::-1]]
+        return radiance, {"picture": {"layer": picture.layer or "RGB", "fov_deg": fov,
+                                      "wavelengths_nm": wavelengths_nm.tolist(), "negative_fraction": negative}}
+
+    def _tell(self, facts, plan):
+        """Say what a picture is taken for and what the plan is; of a sequence, only where it is other than before."""
+        lines = []
+        if picture := facts.get("picture"):
+            lines.append("picture: {layer}, upsampled to {number} wavelengths, {fov_deg[0]:.1f} x {fov_deg[1]:.1f} "
+                         "degrees".format(**picture, number=len(picture["wavelengths_nm"])))
+        for line in (*lines, f"plan: {plan_text(plan.as_dict())}"):
+            if line not in self._told:
+                print(line, flush=True)
+            self._told.add(line)
+
+    def _through_lens(self, shot, radiance, report):
+        label = f"Through {self._lens.name}" if shot.frame is None else f"Frame {shot.frame} through {self._lens.name}"
         with progress_bar() as tell:
-            irradiance = simulate(radiance, lens, chosen, report=report, kept=kept,
-                                  progress=lambda done: tell(done, f"Through {lens.name}"))
-    except ImageError as error:
-        raise ImageError(options.radiance, error.field, error.value, error.remedy) from None
-    with report.stage("write irradiance"):
-        write_exr(irradiance, options.output)
-    if options.preview:
-        with report.stage("write preview"):
-            picture = to_rec709(irradiance)
-            write_png(picture, options.preview, auto_exposure(picture))
-    finish(options, report, [path for path in (options.output, options.preview) if path])
+            return simulate(radiance, self._lens, self._chosen, report=report, kept=self._kept,
+                            progress=lambda done: tell((self._done + done) / self._number, label))
+
+    def _write_preview(self, irradiance, path):
+        from ..engine.colour import auto_exposure, to_rec709, write_png
+
+        picture = to_rec709(irradiance)
+        if self._exposure is None:
+            self._exposure = auto_exposure(picture)
+        write_png(picture, path, self._exposure)
+
+
+def _check_view(options):
+    """Raise an InputError for camera figures that cannot be, or that say the same thing twice."""
+    for name, most in (("fov", 180), ("focal_mm", float("inf")), ("sensor_width_mm", float("inf"))):
+        value = getattr(options, name)
+        if value is not None and not (isfinite(value) and 0 < value < most):
+            raise InputError("options", f"--{name.replace('_', '-')}", value,
+                             "expected a positive number" + (" of degrees below 180" if name == "fov" else ""))
+    given = [option for option, names in VIEWS.items()
+             if any(getattr(options, name) is not None for name in names)]
+    if len(given) > 1:
+        raise InputError("options", given[1], "beside " + given[0], "give the one or the other")
+    if (options.focal_mm is None) != (options.sensor_width_mm is None):
+        missing = "--focal-mm" if options.focal_mm is None else "--sensor-width-mm"
+        raise InputError("options", missing, "missing", "focal length and sensor width tell the view together")
+
+
+def _pitch_um(options, lens, frame_px):
+    """The pitch at which an RGB picture lies on the sensor, by the camera that rendered it."""
+    if options.pitch_um is not None:
+        return options.pitch_um
+    fov_deg = options.fov
+    if options.focal_mm is not None:
+        fov_deg = field_of_view_deg(options.focal_mm, options.sensor_width_mm)
+    return fitting_pitch_um(lens, frame_px) if fov_deg is None else fov_pitch_um(lens, frame_px[1], fov_deg)
+
+
+def _together(shots, reports):
+    """One report of a sequence: its frames', and what they come to."""
+    report = Report()
+    for each in reports:
+        for stage, seconds in each.stages.items():
+            report.stages[stage] = report.stages.get(stage, 0.0) + seconds
+    report.facts |= {name: reports[0].facts[name] for name in ("lens", "plan")}
+    report.facts["out_of_field_fraction"] = max(each.facts["out_of_field_fraction"] for each in reports)
+    report.facts["frames"] = [{"frame": shot.frame, "radiance": str(shot.radiance)} | each.as_dict()
+                              for shot, each in zip(shots, reports)]
+    return report
+
+
+def _tell_losses(reports):
+    """Say what light of the scene the pictures did not have: beyond the frame, and of colours that no light has."""
+    for line in dict.fromkeys(line for report in reports for line in _losses(report.facts)):
+        print(line)
+
+
+def _losses(facts):
+    needed, there = facts["overscan_needed_px"], facts["overscan_px"]
+    if any(n > have for n, have in zip(needed, there)):
+        yield ("  the border lacks light from beyond the frame: of overscan on each side the lens needs {1} x {0} px, "
+               "the picture has {3} x {2}".format(*needed, *there))
+    negative = facts.get("picture", {}).get("negative_fraction", 0)
+    if negative > NEGATIVE_TOLD:
+        yield f"  {negative:.1%} of the light would be negative, in colours too pure for these wavelengths: left out"

@@ -98,16 +98,9 @@ def read_exr(path, pitch_um=None):
     ImageError
         No EXR, no spectral channels, or nothing to tell the pixel pitch by.
     """
-    if not Path(path).is_file():
-        raise ImageError(path, "file", absence(path), "expected a spectral EXR")
-    try:
-        with OpenEXR.File(str(path), separate_channels=True) as file:
-            # The file empties its own dictionaries when it is closed.
-            header, channels = dict(file.parts[0].header), dict(file.parts[0].channels)
-            planes = sorted(((wavelength, channels[name].pixels) for name in channels
-                             if (wavelength := channel_wavelength_nm(name)) is not None), key=lambda plane: plane[0])
-    except (RuntimeError, ValueError, TypeError, IndexError) as error:
-        raise ImageError(path, "file", "not readable", f"expected a spectral EXR ({error})") from None
+    header, channels = read_parts(path)[0]
+    planes = sorted(((wavelength, plane) for name, plane in channels.items()
+                     if (wavelength := channel_wavelength_nm(name)) is not None), key=lambda plane: plane[0])
     if not planes:
         raise ImageError(path, "channels", ", ".join(sorted(channels)),
                          "expected spectral channels such as S0.550,000000nm")
@@ -125,6 +118,34 @@ def read_exr(path, pitch_um=None):
         raise ImageError(path, error.field, error.value, error.remedy) from None
     except (TypeError, ValueError) as error:
         raise ImageError(path, "attributes", "damaged", str(error)) from None
+
+
+def read_parts(path, header_only=False):
+    """What an EXR file holds: for each part its header and {channel: array (row, column)}, empty for headers only.
+
+    Raises
+    ------
+    ImageError
+        No EXR, or a damaged one.
+    """
+    if not Path(path).is_file():
+        raise ImageError(path, "file", absence(path), "expected an EXR picture")
+    try:
+        with OpenEXR.File(str(path), separate_channels=True, header_only=header_only) as file:
+            # The file empties its own dictionaries when it is closed.
+            parts = [(dict(part.header), {name: channel.pixels for name, channel in part.channels.items()})
+                     for part in file.parts]
+        if not parts:
+            raise ValueError("it ends too early")
+    except (RuntimeError, ValueError, TypeError, IndexError) as error:
+        raise ImageError(path, "file", "not readable", f"expected an EXR picture ({error})") from None
+    return parts
+
+
+def is_spectral(path):
+    """Whether a file holds spectral channels, by its headers alone; an ImageError where it is no EXR."""
+    return any(channel_wavelength_nm(channel.name) is not None
+               for header, _ in read_parts(path, header_only=True) for channel in header["channels"])
 
 
 def channel_wavelength_nm(name):

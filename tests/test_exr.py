@@ -6,7 +6,7 @@ import numpy as np
 import OpenEXR
 import pytest
 from lensfield.engine import ImageError, InputError, SpectralImage
-from lensfield.engine.exr import channel_name, channel_wavelength_nm, read_exr, write_exr
+from lensfield.engine.exr import channel_name, channel_wavelength_nm, is_spectral, read_exr, read_parts, write_exr
 
 # Fichet, Pacanowski and Wilkie, JCGT 2021
 LAYOUT = re.compile(r"^((S([0-3]))|T)\.(\d*,?\d*([Ee][+-]?\d+)?)(Y|Z|E|P|T|G|M|k|h|da|d|c|m|u|n|p)?(m|Hz)$")
@@ -164,6 +164,29 @@ def test_an_rgb_file_is_an_error_that_names_its_channels(path):
     foreign(path, {"R": 1.0, "G": 1.0, "B": 1.0})
     with pytest.raises(ImageError, match="channels is B, G, R"):
         read_exr(path, pitch_um=1.0)
+
+
+@pytest.mark.parametrize("channels, spectral", [(("R", "G", "B"), False), (("Y",), False), (("S0.550nm",), True),
+                                                (("R", "G", "B", "T.5,5E-7m"), True), (("S1.550nm",), False)], ids=str)
+def test_whether_a_file_is_spectral_is_told_by_its_channels(path, channels, spectral):
+    assert is_spectral(foreign(path, dict.fromkeys(channels, 1.0))) is spectral
+
+
+def test_every_part_of_a_file_is_read(path):
+    parts = [OpenEXR.Part({"type": OpenEXR.scanlineimage}, {f"{name}.Z": np.full((4, 5), depth, dtype="f2")}, name)
+             for name, depth in (("near", 1), ("far", 2))]
+    with OpenEXR.File(parts) as file:
+        file.write(str(path))
+    (near, near_planes), (far, far_planes) = read_parts(path)
+    assert (near["name"], far["name"]) == ("near", "far")
+    assert np.all(near_planes["near.Z"] == 1) and np.all(far_planes["far.Z"] == 2)
+
+
+@pytest.mark.parametrize("contents", [b"", b"not an image\n", b"\x76\x2f\x31\x01", bytes(range(256)) * 20])
+def test_of_garbage_nobody_can_say_whether_it_is_spectral(path, contents, capfd):
+    path.write_bytes(contents)
+    with pytest.raises(ImageError, match="file is not readable"):
+        is_spectral(path)
 
 
 def one_line_error(path, **arguments):

@@ -1,0 +1,99 @@
+"""Which pictures a command line names: one, or the frames of a sequence such as shot_####.exr or shot_%04d.exr."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..engine import InputError
+from ..engine.errors import absence
+
+NUMBER = re.compile(r"#+|%(?:0(\d+))?d")
+FRAMES = re.compile(r"(-?\d+)(?:-(-?\d+))?")
+MOST_NAMED = 5
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A picture to be filtered, and the files to write; `frame` is None for one that is of no sequence."""
+
+    radiance: Path
+    output: Path
+    preview: Path | None = None
+    frame: int | None = None
+
+    @property
+    def targets(self):
+        return [path for path in (self.output, self.preview) if path]
+
+
+def find_shots(radiance, output, preview=None, frames=None):
+    """The pictures that a command line names, in order.
+
+    A file of just the name given is that file; else a run of #, or %04d, stands for the number of the frame.
+
+    Parameters
+    ----------
+    radiance, output, preview : Path
+    frames : str, optional
+        Such as 1-50 or 7; else every frame that there is.
+
+    Raises
+    ------
+    InputError
+        Frames that are not there, a name of a file to write that would be that of every frame, or a file to write
+        that is to be read.
+    """
+    if radiance.is_file() or not NUMBER.search(radiance.name):
+        if frames is not None:
+            raise InputError("options", "--frames", frames, f"{radiance} is no sequence such as shot_####.exr")
+        shots = [Shot(radiance, output, preview)]
+    else:
+        for path in filter(None, (radiance, output, preview)):
+            if len(NUMBER.findall(path.name)) != 1:
+                raise InputError(path, "name", path.name, "expected one run of # or %04d for the number of the frame")
+        numbers = _numbers(radiance) if frames is None else _chosen(radiance, frames)
+        shots = [Shot(*(path and _of_frame(path, number) for path in (radiance, output, preview)), number)
+                 for number in numbers]
+    _refuse_overwriting(shots)
+    return shots
+
+
+def _of_frame(pattern, number):
+    """The file of one frame."""
+    match = NUMBER.search(pattern.name)
+    digits = int(match[1] or 1) if match[0].startswith("%") else len(match[0])
+    return pattern.with_name(f"{pattern.name[:match.start()]}{number:0{digits}d}{pattern.name[match.end():]}")
+
+
+def _numbers(pattern):
+    """The frames that there are, ascending."""
+    match = NUMBER.search(pattern.name)
+    name = re.compile(re.escape(pattern.name[:match.start()]) + r"(-?\d+)" + re.escape(pattern.name[match.end():]))
+    files = pattern.parent.iterdir() if pattern.parent.is_dir() else ()
+    numbers = [int(found[1]) for path in files if (found := name.fullmatch(path.name)) and path.is_file()]
+    numbers = sorted({number for number in numbers if _of_frame(pattern, number).is_file()})  # 007 is none of ##
+    if not numbers:
+        raise InputError(pattern, "file", absence(pattern), "no frame of this sequence was found")
+    return numbers
+
+
+def _chosen(pattern, frames):
+    """The frames asked for, which must all be there."""
+    match = FRAMES.fullmatch(frames.strip())
+    first, last = (int(match[1]), int(match[2] or match[1])) if match else (1, 0)
+    if first > last:
+        raise InputError("options", "--frames", frames, "expected a range such as 1-50, or one frame")
+    numbers = range(first, last + 1)
+    missing = [str(number) for number in numbers if not _of_frame(pattern, number).is_file()]
+    if missing:
+        named = ", ".join(missing[:MOST_NAMED]) + (", ..." if len(missing) > MOST_NAMED else "")
+        raise InputError(pattern, f"{len(missing)} of {len(numbers)} frames", named, "not there")
+    return numbers
+
+
+def _refuse_overwriting(shots):
+    read = {shot.radiance.resolve() for shot in shots}
+    for shot in shots:
+        for path in shot.targets:
+            if path.resolve() in read:
+                raise InputError(path, "file", "named twice", "give every output a name of its own")

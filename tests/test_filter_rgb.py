@@ -1,0 +1,395 @@
+"""Any renderer's picture: RGB files, their layers, colours, windows and cameras; and sequences, of either kind."""
+
+import json
+
+import numpy as np
+import OpenEXR
+import pytest
+from lensfield import cli
+from lensfield.commands.sequence import find_shots
+from lensfield.engine import ImageError, InputError, Lens, Options, SpectralImage, simulate
+from lensfield.engine.colour import auto_exposure, encode_srgb, to_rec709
+from lensfield.engine.exr import is_spectral, read_exr, write_exr
+from lensfield.engine.fireflies import refuse_fireflies
+from lensfield.engine.rgb_picture import RgbPicture, light_basis, read_rgb_exr, upsample
+from lensfield.engine.spectra import emission_basis
+from lenses import make_lens
+from PIL import Image
+
+NINE_NM = np.linspace(400, 700, 9)
+ACESCG = (0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767)  # S-2014-004, with the white of ST 2065-1
+# From ACEScg to linear Rec. 709 by Bradford, as ACES's configurations for OpenColorIO have it, by hand:
+# 1.70505 a - 0.62179 b - 0.08326 c, -0.13026 a + 1.14080 b - 0.01055 c, -0.02400 a - 0.12897 b + 1.15297 c
+ACESCG_COLOUR, IN_REC709 = (0.5, 0.2, 0.1), (0.719841, 0.161975, 0.077503)
+QUICK = ("--lens", "edmund-54852", "--section-size", 8, "--order", 1, "--wavelengths", "450,550,650")
+
+
+def colours(path, rgb, shape=(18, 24), prefix="", kind=np.float32, **header):
+    """A file with a picture of one colour, or with this one."""
+    planes = np.moveaxis(np.broadcast_to(np.asarray(rgb), (*shape, 3)) if np.ndim(rgb) < 3 else rgb, -1, 0)
+    channels = {f"{prefix}{name}": np.ascontiguousarray(plane, dtype=kind) for name, plane in zip("RGB", planes)}
+    return planes_exr(path, channels, **header)
+
+
+def planes_exr(path, channels, **header):
+    with OpenEXR.File({"type": OpenEXR.scanlineimage} | header, channels) as file:
+        file.write(str(path))
+    return path
+
+
+def parts_exr(path, parts):
+    """A multi-part file; of each part its channels and the value of each."""
+    made = [OpenEXR.Part({"type": OpenEXR.scanlineimage},
+                         {f"{name}.{channel}": np.full((6, 8), value, dtype=np.float16)
+                          for channel, value in channels.items()}, name) for name, channels in parts.items()]
+    with OpenEXR.File(made) as file:
+        file.write(str(path))
+    return path
+
+
+def window(left, top, columns, rows):
+    return np.array([left, top], dtype=np.int32), np.array([left + columns - 1, top + rows - 1], dtype=np.int32)
+
+
+def run(*arguments):
+    return cli.main([str(argument) for argument in arguments])
+
+
+def failure(capsys, *arguments):
+    """The one line of a run that fails."""
+    assert run(*arguments) == 1
+    line = capsys.readouterr().err
+    assert line.count("\n") == 1
+    return line
+
+
+def picture(rgb):
+    return RgbPicture(np.asarray(rgb, dtype=np.float32).reshape(1, -1, 3), (0, 0), "")
+
+
+def seen(rgb, wavelengths_nm=NINE_NM):
+    """Colours as a lens that neither blurs nor absorbs gives them back."""
+    radiance, _ = upsample(picture(rgb), wavelengths_nm, pitch_um=5.0)
+    return to_rec709(simulate(radiance, make_lens(), Options(method="exact")))[0]
+
+
+@pytest.mark.parametrize("wavelengths_nm", [[550.0], [450.0, 650.0], NINE_NM], ids=len)
+def test_white_stays_white_at_any_number_of_wavelengths(wavelengths_nm):
+    np.testing.assert_allclose(seen([1, 1, 1], np.array(wavelengths_nm)), [[1, 1, 1]], atol=2e-5)
+
+
+def test_nine_wavelengths_keep_colours():
+    """What is left is that no light is negative; without mending, the error of random colours is 0.036 RMS."""
+    random = np.random.default_rng(5).random((200, 3))
+    assert np.sqrt(np.mean((seen(random) - random) ** 2)) < 0.006
+    np.testing.assert_allclose(seen([[0.8, 0.2, 0.1], [0.1, 0.5, 0.2], [0.2, 0.3, 0.6]]),
+                               [[0.8, 0.2, 0.1], [0.1, 0.5, 0.2], [0.2, 0.3, 0.6]], atol=1e-3)
+    np.testing.assert_allclose(seen(np.eye(3)), np.eye(3), atol=0.09)
+
+
+def test_sixteen_wavelengths_keep_the_primaries():
+    np.testing.assert_allclose(seen(np.eye(3), np.linspace(400, 700, 16)), np.eye(3), atol=1e-3)
+
+
+def test_colours_are_not_mended_where_wavelengths_cannot_tell_them_apart():
+    near = np.array([640.0, 650.0, 660.0])
+    np.testing.assert_array_equal(light_basis(near), emission_basis(near))
+
+
+def test_white_has_the_spectrum_of_blenders_white():
+    np.testing.assert_allclose(light_basis(NINE_NM).sum(axis=1), emission_basis(NINE_NM).sum(axis=1), rtol=2e-5)
+
+
+def test_a_white_picture_is_white_on_the_axis_but_for_the_glass(tmp_path, capsys):
+    """README, What the numbers mean: 0.4 % of green and 2 % of violet, and 0.1 % of blur."""
+    source = colours(tmp_path / "white.exr", (1, 1, 1), (48, 64))
+    assert run("filter", source, "--lens", "edmund-54852", "--output", tmp_path / "out.exr") == 0
+    middle = to_rec709(read_exr(tmp_path / "out.exr"))[20:28, 28:36].mean(axis=(0, 1))
+    np.testing.assert_allclose(middle, [0.996, 0.996, 0.985], atol=0.006)
+    assert "RGB, upsampled to 9 wavelengths" in capsys.readouterr().out
+
+
+def test_blenders_multi_part_file_gives_its_combined_pass(tmp_path):
+    """The parts and names that Blender 5.0 writes."""
+    path = parts_exr(tmp_path / "multi.exr", {
+        "ViewLayer.Combined": {"R": 0.25, "G": 0.5, "B": 0.75, "A": 1}, "ViewLayer.Depth": {"Z": 9},
+        "ViewLayer.Diffuse Color": {"R": 1, "G": 1, "B": 1},
+        "ViewLayer.CryptoObject00": {"r": 3, "g": 3, "b": 3, "a": 3}})
+    read = read_rgb_exr(path)
+    assert read.layer == "ViewLayer.Combined" and read.rec709.dtype == np.float32
+    np.testing.assert_array_equal(read.rec709, np.broadcast_to(np.float32([0.25, 0.5, 0.75]), (6, 8, 3)))
+
+
+@pytest.mark.parametrize("prefix", ["ViewLayer.Combined.", "Combined.", "rgba.", "left.beauty.", "Ci."])
+@pytest.mark.parametrize("kind", [np.float16, np.float32])
+def test_a_layer_of_a_single_part_is_found(tmp_path, prefix, kind):
+    read = read_rgb_exr(colours(tmp_path / "layer.exr", (0.25, 0.5, 0.75), prefix=prefix, kind=kind))
+    assert read.layer == prefix[:-1]
+    np.testing.assert_array_equal(read.rec709[0, 0], [0.25, 0.5, 0.75])
+
+
+def test_the_picture_without_a_name_comes_before_its_passes(tmp_path):
+    plane = np.ones((6, 8), dtype=np.float32)
+    channels = {name: plane * 0.5 for name in "RGB"} | {f"rgba.{name}": plane * 0.25 for name in "RGB"}
+    assert np.all(read_rgb_exr(planes_exr(tmp_path / "both.exr", channels)).rec709 == 0.5)
+
+
+def test_one_of_several_view_layers_has_to_be_named(tmp_path, capsys):
+    path = parts_exr(tmp_path / "two.exr", {"Near.Combined": dict(R=1, G=1, B=1), "Far.Combined": dict(R=2, G=2, B=2)})
+    line = failure(capsys, "filter", path, *QUICK, "--output", tmp_path / "out.exr")
+    assert "two.exr: layers is Near.Combined, Far.Combined: name one of them" in line
+    assert np.all(read_rgb_exr(path, "Far.Combined").rec709 == 2)
+    with pytest.raises(ImageError, match="layers is .*there is none called 'Fur'"):
+        read_rgb_exr(path, "Fur")
+
+
+@pytest.mark.parametrize("name", ["Y", "V"])
+def test_a_grey_picture_is_grey(tmp_path, name):
+    path = planes_exr(tmp_path / "grey.exr", {name: np.full((6, 8), 0.5, dtype=np.float16)})
+    assert np.all(read_rgb_exr(path).rec709 == 0.5)
+
+
+@pytest.mark.parametrize("names", ["Z", "XYZ", "UV", ("Y", "RY", "BY"), ("Normal.X", "Normal.Y", "Normal.Z")], ids=str)
+def test_what_is_no_picture_is_an_error_that_names_the_channels(tmp_path, names):
+    path = planes_exr(tmp_path / "data.exr", {name: np.zeros((6, 8), dtype=np.float32) for name in names})
+    with pytest.raises(ImageError, match=f"data.exr: channels is {', '.join(sorted(names))}: expected R, G and B"):
+        read_rgb_exr(path)
+
+
+@pytest.mark.parametrize("header", [{"chromaticities": ACESCG}, {"colorInteropID": "lin_ap1_scene"},
+                                    {"chromaticities": ACESCG, "colorInteropID": "lin_rec709_scene"}], ids=str)
+def test_acescg_comes_out_as_worked_out_by_hand(tmp_path, header):
+    np.testing.assert_allclose(read_rgb_exr(colours(tmp_path / "a.exr", ACESCG_COLOUR, **header)).rec709[3, 4],
+                               IN_REC709, atol=1e-5)
+    np.testing.assert_allclose(read_rgb_exr(colours(tmp_path / "white.exr", (1, 1, 1), **header)).rec709[3, 4],
+                               (1, 1, 1), atol=2e-6)
+
+
+def test_rec2020_comes_out_by_the_itus_matrix(tmp_path):
+    """ITU-R BT.2407: 1.6605 a - 0.5876 b - 0.0728 c; -0.1246 a + 1.1329 b - 0.0083 c; and
+    -0.0182 a - 0.1006 b + 1.1187 c."""
+    path = colours(tmp_path / "a.exr", (0.5, 0.2, 0.1), colorInteropID="lin_rec2020_scene")
+    np.testing.assert_allclose(read_rgb_exr(path).rec709[0, 0], (0.70545, 0.16345, 0.08265), atol=1e-4)
+
+
+@pytest.mark.parametrize("header", [{}, {"colorInteropID": "lin_rec709_scene"}, {"colorInteropID": "unknown"},
+                                    {"chromaticities": (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)}], ids=str)
+def test_rec709_stays_to_the_last_digit(tmp_path, header):
+    rgb = np.random.default_rng(1).random((6, 8, 3)).astype(np.float32)
+    np.testing.assert_array_equal(read_rgb_exr(colours(tmp_path / "a.exr", rgb, **header)).rec709, rgb)
+
+
+@pytest.mark.parametrize("header, field", [
+    ({"colorInteropID": "srgb_rec709_display"}, "colorInteropID"),
+    ({"chromaticities": (0.3, 0.3) * 4}, "chromaticities"), ({"chromaticities": (0.0,) * 8}, "chromaticities"),
+    ({"chromaticities": (float("nan"),) * 8}, "chromaticities"), ({"pixelAspectRatio": 2.0}, "pixelAspectRatio"),
+    ({"displayWindow": window(9000, 9000, 4, 3)}, "dataWindow")], ids=str)
+def test_a_header_that_cannot_be_used_is_named_with_its_file(tmp_path, capsys, header, field):
+    path = colours(tmp_path / "odd.exr", (1, 1, 1), **header)
+    assert f"odd.exr: {field} is " in failure(capsys, "filter", path, *QUICK, "--output", tmp_path / "out.exr")
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("display, overscan, first", [
+    ((0, 0, 8, 6), (0, 0), (0, 0)), ((2, 1, 4, 4), (1, 2), (0, 0)), ((-3, -2, 14, 10), (0, 0), (2, 3)),
+    ((3, 0, 6, 6), (0, 3), (0, 0)), ((0, -1, 8, 6), (1, 0), (2, 0))], ids=str)
+def test_the_frame_is_the_display_window(tmp_path, display, overscan, first):
+    """Data of 8 x 6 px at (0, 0): overscan on all sides, black where it is missing, the axis in the middle of all."""
+    rgb = np.random.default_rng(1).random((6, 8, 3)).astype(np.float32) + 1
+    path = colours(tmp_path / "a.exr", rgb, dataWindow=window(0, 0, 8, 6), displayWindow=window(*display))
+    read = read_rgb_exr(path)
+    assert read.overscan_px == overscan and read.frame_px == (display[3], display[2])
+    np.testing.assert_array_equal(read.rec709[first[0]:first[0] + 6, first[1]:first[1] + 8], rgb)
+    assert np.count_nonzero(read.rec709) == rgb.size
+
+
+def test_the_lens_says_how_much_overscan_it_needs(tmp_path, capsys):
+    """A lens with barrel distortion; the frame as such, and again with all that is asked for."""
+    def filtered(margin):
+        path = colours(tmp_path / "a.exr", (1, 1, 1), (36 + 2 * margin[1], 48 + 2 * margin[0]),
+                       dataWindow=window(0, 0, 48 + 2 * margin[0], 36 + 2 * margin[1]),
+                       displayWindow=window(*margin, 48, 36))
+        assert run("filter", path, *QUICK, "--output", tmp_path / "out.exr") == 0
+        return to_rec709(read_exr(tmp_path / "out.exr")), capsys.readouterr().out
+
+    bare, told = filtered((0, 0))
+    words = told.split("the lens needs ")[1].split()
+    assert " ".join(words[3:]).startswith("px, the picture has 0 x 0")
+    whole, told = filtered((int(words[0]), int(words[2])))
+    assert "the lens needs" not in told
+    assert whole.shape == bare.shape == (36, 48, 3)
+    assert bare[0, 0, 1] < 0.5 < 0.98 < whole[0, 0, 1]
+
+
+@pytest.mark.parametrize("view, pitch_um", [
+    ((), 4800 / 24), (("--pitch-um", 150), 150.0),
+    (("--focal-mm", 50, "--sensor-width-mm", 36), None), (("--fov", 39.597752), None)], ids=str)
+def test_the_cameras_figures_give_the_pitch(tmp_path, view, pitch_um):
+    """36 mm behind 50 mm is 39.597752 degrees, and 36 / 50 of the lens's focal length on its sensor."""
+    lens = Lens.load("edmund-54852")
+    source = colours(tmp_path / "a.exr", (1, 1, 1))
+    assert run("filter", source, *QUICK, *view, "--output", tmp_path / "out.exr") == 0
+    wanted = pitch_um or 36 / 50 * lens.capture_focal_length_mm / 24 * 1e3
+    assert read_exr(tmp_path / "out.exr").pitch_um == pytest.approx(wanted, rel=1e-7)
+
+
+def test_a_tall_picture_fits_the_sensor_by_its_height(tmp_path):
+    source = colours(tmp_path / "a.exr", (1, 1, 1), (24, 18))
+    assert run("filter", source, *QUICK, "--output", tmp_path / "out.exr") == 0
+    assert read_exr(tmp_path / "out.exr").pitch_um == pytest.approx(3600 / 24)
+
+
+@pytest.mark.parametrize("arguments, message", [
+    (("--fov", 180), "--fov is 180.0"), (("--fov", "nan"), "--fov is nan"),
+    (("--focal-mm", 50), "--sensor-width-mm is missing"), (("--sensor-width-mm", 36), "--focal-mm is missing"),
+    (("--fov", 40, "--pitch-um", 5), "--fov is beside --pitch-um"),
+    (("--focal-mm", -1, "--sensor-width-mm", 36), "--focal-mm is -1.0"),
+    (("--wavelengths", "500,300"), "wavelengths is"), (("--wavelengths", "300,500"), "wavelength is 300 nm"),
+    (("--wavelengths", "390,500"), "the lens data spans 400 to"), (("--pitch-um", 0), "a.exr: pitch_um is 0.0"),
+    (("--layer", "x"), "a.exr: layers is without a name: there is none called 'x'"),
+    (("--frames", "1-2"), "--frames is 1-2: ")], ids=str)
+def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, capsys, arguments, message):
+    source = colours(tmp_path / "a.exr", (1, 1, 1))
+    assert message in failure(capsys, "filter", source, *QUICK, *arguments, "--output", tmp_path / "out.exr")
+    assert list(tmp_path.iterdir()) == [source]
+
+
+@pytest.mark.parametrize("arguments", [("--wavelengths", "400:700:9"), ("--fov", "40"), ("--layer", "RGB"),
+                                       ("--focal-mm", "50", "--sensor-width-mm", "36")], ids=str)
+def test_what_is_for_rgb_is_refused_with_a_spectral_file(tmp_path, capsys, arguments):
+    source = tmp_path / "spectral.exr"
+    write_exr(SpectralImage(np.ones((1, 6, 8)), [550], pitch_um=200.0), source)
+    assert is_spectral(source)
+    line = failure(capsys, "filter", source, "--lens", "edmund-54852", *arguments, "--output", tmp_path / "out.exr")
+    assert f"spectral.exr: {arguments[0]} is " in line and "this one is spectral" in line
+
+
+def test_pixels_that_are_not_finite_go_the_way_of_spectral_ones(tmp_path, capsys):
+    rgb = np.ones((18, 24, 3))
+    rgb[5, 7, 0] = 1e6  # which half precision cannot hold
+    with np.errstate(over="ignore"):
+        source = colours(tmp_path / "a.exr", rgb, kind=np.float16)
+    assert "a.exr: pixel at row 5, column 7" in failure(capsys, "filter", source, *QUICK, "--output",
+                                                        tmp_path / "out.exr")
+    assert run("filter", source, *QUICK, "--fireflies", "clamp", "--output", tmp_path / "out.exr") == 0
+    colours(tmp_path / "b.exr", (1, 1, 1))
+    assert run("filter", tmp_path / "b.exr", *QUICK, "--output", tmp_path / "even.exr") == 0
+    np.testing.assert_allclose(read_exr(tmp_path / "out.exr").cube, read_exr(tmp_path / "even.exr").cube, rtol=1e-5)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_no_value_that_is_not_finite_is_lost(value):
+    radiance, _ = upsample(picture([[value, 0.5, 0.5], [1, 1, 1]]), NINE_NM, 5.0)
+    assert not np.isfinite(radiance.cube[:, 0, 0]).any() and np.isfinite(radiance.cube[:, 0, 1]).all()
+    with pytest.raises(ImageError, match="pixel at row 0, column 0"):
+        refuse_fireflies(radiance)
+
+
+def test_no_light_is_negative_and_what_was_is_told(tmp_path, capsys):
+    """Green of ACEScg lies outside Rec. 709: -0.62 of red."""
+    radiance, negative = upsample(picture([-0.62, 1.14, -0.13]), NINE_NM, 5.0)
+    assert radiance.cube.min() == 0 and negative > 0.1
+    assert upsample(picture([0.2, 0.4, 0.3]), NINE_NM, 5.0)[1] == 0
+    source = colours(tmp_path / "a.exr", (0, 1, 0), chromaticities=ACESCG)
+    assert run("filter", source, *QUICK, "--output", tmp_path / "out.exr") == 0
+    assert "% of the light would be negative" in capsys.readouterr().out
+
+
+# Sequences
+
+def sequence(tmp_path, frames, name="shot_{:04d}.exr", **header):
+    for number in frames:
+        rgb = np.random.default_rng(number).random((18, 24, 3)) * (1 + number)
+        colours(tmp_path / name.format(number), rgb, **header)
+
+
+def test_a_sequence_is_its_frames_bit_for_bit(tmp_path):
+    sequence(tmp_path, (3, 8, 12))
+    colours(tmp_path / "shot_0009.exr", (1, 1, 1), (12, 20))  # one of another size, in between
+    lens = ("--lens", "edmund-54852", "--wavelengths", "450,650")
+    assert run("filter", tmp_path / "shot_####.exr", *lens, "--output", tmp_path / "all" / "out_##.exr",
+               "--preview", tmp_path / "all" / "p_%03d.png", "--report", tmp_path / "report.json") == 0
+    assert sorted(path.name for path in (tmp_path / "all").iterdir()) == [
+        f"{name}" for name in ("out_03.exr", "out_08.exr", "out_09.exr", "out_12.exr",
+                               "p_003.png", "p_008.png", "p_009.png", "p_012.png")]
+    for number in (3, 8, 9, 12):
+        assert run("filter", tmp_path / f"shot_{number:04d}.exr", *lens, "--output", tmp_path / "one.exr") == 0
+        together, alone = read_exr(tmp_path / "all" / f"out_{number:02d}.exr"), read_exr(tmp_path / "one.exr")
+        np.testing.assert_array_equal(together.cube, alone.cube)
+        assert together.pitch_um == alone.pitch_um
+    frames = json.loads((tmp_path / "report.json").read_text())["frames"]
+    assert [frame["frame"] for frame in frames] == [3, 8, 9, 12]
+    assert all({"stages_s", "energy", "plan"} <= frame.keys() for frame in frames)
+    assert frames[2]["frame_px"] == [12, 20]
+
+
+def test_previews_of_a_sequence_are_exposed_as_its_first(tmp_path):
+    for number, level in ((1, 0.2), (2, 0.1)):
+        colours(tmp_path / f"a.{number}.exr", (level,) * 3)
+    assert run("filter", tmp_path / "a.#.exr", *QUICK, "--output", tmp_path / "o.#.exr", "--preview",
+               tmp_path / "p.#.png") == 0
+    first, second = (to_rec709(read_exr(tmp_path / f"o.{number}.exr")) for number in (1, 2))
+    shown = np.asarray(Image.open(tmp_path / "p.2.png"), dtype=int)
+    np.testing.assert_allclose(shown, 255 * encode_srgb(second * auto_exposure(first)), atol=1)
+    assert shown.max() < 190  # half the light of the first, which is just below white
+
+
+def test_spectral_sequences_go_the_same_way(tmp_path):
+    for number in (1, 2):
+        write_exr(SpectralImage(np.full((1, 12, 16), number), [550], pitch_um=200.0), tmp_path / f"r{number}.exr")
+    assert run("filter", tmp_path / "r%d.exr", "--lens", "edmund-54852", "--output", tmp_path / "i#.exr") == 0
+    first, second = (read_exr(tmp_path / f"i{number}.exr").cube for number in (1, 2))
+    np.testing.assert_allclose(second, 2 * first, rtol=1e-5)
+
+
+@pytest.mark.parametrize("pattern", ["shot_####.exr", "shot_%04d.exr"])
+def test_frames_are_found_by_their_numbers(tmp_path, pattern):
+    sequence(tmp_path, (10, 9, 12345))
+    for other in ("shot_7.exr", "shot_00011.exr", "shot_0011.exr.bak", "shot_0011_a.exr", "shot_.exr"):
+        (tmp_path / other).touch()
+    shots = find_shots(tmp_path / pattern, tmp_path / "o_##.exr")
+    assert [(shot.frame, shot.radiance.name, shot.output.name) for shot in shots] == [
+        (9, "shot_0009.exr", "o_09.exr"), (10, "shot_0010.exr", "o_10.exr"), (12345, "shot_12345.exr", "o_12345.exr")]
+    assert [shot.frame for shot in find_shots(tmp_path / pattern, tmp_path / "o_#.exr", frames="9-10")] == [9, 10]
+    assert [shot.frame for shot in find_shots(tmp_path / pattern, tmp_path / "o_#.exr", frames="10")] == [10]
+
+
+def test_a_file_of_just_that_name_is_no_sequence(tmp_path):
+    path = colours(tmp_path / "take#3.exr", (1, 1, 1))
+    shot, = find_shots(path, tmp_path / "out.exr")
+    assert shot.frame is None and shot.radiance == path
+
+
+@pytest.mark.parametrize("source, changes, message", [
+    ("shot_####.exr", {"--output": "out.exr"}, "out.exr: name is out.exr: expected one run of #"),
+    ("shot_####.exr", {"--preview": "p.png"}, "p.png: name is p.png: expected one run of #"),
+    ("shot_####.exr", {"--output": "#_#.exr"}, "name is #_#.exr: expected one run of #"),
+    ("shot_####.exr", {"--output": "shot_####.exr"}, "shot_0001.exr: file is named twice"),
+    ("shot_####.exr", {"--preview": "o_####.exr"}, "o_0001.exr: file is named twice"),
+    ("shot_####.exr", {"--frames": "1-4"}, "shot_####.exr: 2 of 4 frames is 3, 4: not there"),
+    ("shot_####.exr", {"--frames": "1-40"}, "38 of 40 frames is 3, 4, 5, 6, 7, ...: not there"),
+    ("shot_####.exr", {"--frames": "2-1"}, "--frames is 2-1: expected a range"),
+    ("shot_####.exr", {"--frames": "some"}, "--frames is some: expected a range"),
+    ("shut_####.exr", {}, "shut_####.exr: file is not there: no frame"),
+    ("none/shot_####.exr", {}, "shot_####.exr: file is not there: no frame")], ids=str)
+def test_a_sequence_that_cannot_be_done_is_one_line_before_any_work(tmp_path, capsys, source, changes, message):
+    sequence(tmp_path, (1, 2))
+    arguments = {"--output": "o_####.exr"} | changes
+    names = [str(tmp_path / value) if "." in value else value for value in arguments.values()]
+    line = failure(capsys, "filter", tmp_path / source, *QUICK, *(word for pair in zip(arguments, names)
+                                                                  for word in pair))
+    assert message in line
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["shot_0001.exr", "shot_0002.exr"]
+
+
+def test_an_error_names_the_frame_and_earlier_ones_stay(tmp_path, capsys):
+    sequence(tmp_path, (1, 2))
+    (tmp_path / "shot_0002.exr").write_bytes(b"half a file")
+    line = failure(capsys, "filter", tmp_path / "shot_####.exr", *QUICK, "--output", tmp_path / "o_####.exr")
+    assert "shot_0002.exr: file is not readable" in line
+    assert read_exr(tmp_path / "o_0001.exr").cube.any() and not (tmp_path / "o_0002.exr").exists()
+
+
+def test_wavelengths_out_of_range_are_an_input_error():
+    with pytest.raises(InputError, match="colours reach from 380 to 780 nm"):
+        upsample(picture([1, 1, 1]), [800.0], 5.0)
