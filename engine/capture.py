@@ -9,7 +9,7 @@ import numpy as np
 from .geometry import FieldGeometry
 from .spectral_image import FISHEYE, PLANE
 
-LARGEST_OVERSCAN = 2.0  # of the frame's sides, as a plane
+LARGEST_PLANE = 2.0  # times the pixels of the frame; a fisheye shows the same field in fewer
 
 
 def image_radius(projection, lens):
@@ -34,7 +34,7 @@ def image_radius(projection, lens):
 
 
 def choose_capture(lens, frame_px, pitch_um, wavelengths_nm, psf_radius_px):
-    """The projection and overscan that a capture for this lens needs: a plane, or a fisheye beyond LARGEST_OVERSCAN.
+    """The projection and overscan that a capture for this lens needs: a plane, or a fisheye beyond LARGEST_PLANE.
 
     Parameters as for `overscan_px`.
 
@@ -45,7 +45,7 @@ def choose_capture(lens, frame_px, pitch_um, wavelengths_nm, psf_radius_px):
     """
     margins = overscan_px(lens, frame_px, pitch_um, wavelengths_nm, psf_radius_px)
     sides = [(n + 2 * margin) / (n + 2 * psf_radius_px) for n, margin in zip(frame_px, margins)]
-    if max(sides) <= LARGEST_OVERSCAN:
+    if sides[0] * sides[1] <= LARGEST_PLANE:
         return PLANE, margins
     return FISHEYE, overscan_px(lens, frame_px, pitch_um, wavelengths_nm, psf_radius_px, FISHEYE)
 

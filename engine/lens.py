@@ -1,6 +1,6 @@
 """Lens: what a lens-design program knows about a lens, as one frozen value."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -113,6 +113,26 @@ class Lens:
     def mirror_symmetric(self):
         """Whether the PSFs are symmetric about the meridional plane, but for noise, as a centred lens's are."""
         return all(mirror_symmetric(psf)[1] for psf in self.psf)
+
+    def scaled(self, factor):
+        """A lens `factor` times as large, in focus at `factor` times the distance.
+
+        Angles, f-number and magnification stay, and so do relative illumination and transmittance. Distortion and
+        aberrations scale with the lens, and so does its whole PSF; diffraction does not, for wavelengths stay as they
+        are. So what diffraction has spread is `factor` times too wide in the result: too wide in a larger lens, too
+        narrow in a smaller one.
+
+        Raises
+        ------
+        LensError
+            The factor is no positive number.
+        """
+        if not 0 < factor < np.inf:
+            raise LensError(self.name, "scale", factor, "expected a positive number")
+        lengths = ("efl_mm", "object_distance_mm", "entrance_pupil_mm", "heights_mm", "real_height_mm", "psf_pitch_um")
+        return replace(self, name=f"{self.name}, scaled by {factor:.4g}",
+                       sensor_mm=tuple(factor * side for side in self.sensor_mm),
+                       **{field: factor * getattr(self, field) for field in lengths})
 
     def at_wavelength(self, wavelength_nm):
         """Lens data for one wavelength.

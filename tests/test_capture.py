@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from lenses import gaussian_psf, lit_pixels, make_lens
 from lensfield.engine import Lens, Options, SpectralImage, simulate
-from lensfield.engine.capture import LARGEST_OVERSCAN, choose_capture, image_radius, overscan_px
+from lensfield.engine.capture import LARGEST_PLANE, choose_capture, image_radius, overscan_px
 from lensfield.engine.psf import psf_radius_px
 from lensfield.engine.spectral_image import FISHEYE, PLANE, pixel_axes_mm
 
@@ -62,10 +62,10 @@ def test_overscan_of_a_fisheye_capture_is_the_arc_of_the_edges_middle(scale):
         assert needed <= margin <= needed + 2
 
 
-@pytest.mark.parametrize("scale, projection", [(1.2, PLANE), (1.0, PLANE), (0.52, PLANE), (0.48, FISHEYE),
+@pytest.mark.parametrize("scale, projection", [(1.2, PLANE), (1.0, PLANE), (0.75, PLANE), (0.69, FISHEYE),
                                                (0.2, FISHEYE)])
-def test_a_fisheye_is_chosen_beyond_twice_the_frame(scale, projection):
-    assert LARGEST_OVERSCAN == 2
+def test_a_fisheye_is_chosen_beyond_twice_the_pixels_of_the_frame(scale, projection):
+    assert LARGEST_PLANE == 2
     lens = lens_of(lambda p: scale * p, last_mm=12)
     chosen, margins = choose_capture(lens, (100, 200), 10.0, [550.0], 4)
     assert chosen == projection

@@ -4,8 +4,9 @@ from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
-from lenses import make_lens, marked_psf
-from lensfield.engine import Lens, LensError
+from lenses import comatic_lens, make_lens, marked_psf
+from lensfield.engine import Lens, LensError, Options, SpectralImage, simulate
+from lensfield.engine.spectral_image import PROJECTIONS
 
 REFERENCE_NM = 587.6
 
@@ -133,3 +134,43 @@ def test_edmund_relative_illumination(edmund):
 def test_edmund_lateral_colour_from_f_to_c(edmund):
     f_line, c_line = (edmund.at_wavelength(nm).real_height_mm for nm in (486.1, 656.3))
     assert 1000 * np.abs(f_line - c_line).max() == pytest.approx(13.8, abs=0.3)
+
+
+def test_a_scaled_lens_is_the_same_lens_in_larger_units():
+    lens = make_lens(entrance_pupil_mm=5.0, real_height_mm=lambda nm, p: 0.9 * p)
+    large = lens.scaled(3.0)
+    assert (large.efl_mm, large.object_distance_mm, large.entrance_pupil_mm) == (30.0, 300.0, 15.0)
+    assert large.sensor_mm == pytest.approx((14.4, 10.8)) and large.psf_pitch_um == 7.5
+    np.testing.assert_allclose(large.heights_mm, np.linspace(0, 6, 11))
+    np.testing.assert_allclose(large.real_height_mm, 0.9 * np.tile(np.linspace(0, 6, 11), (2, 1)))
+    assert large.f_number_effective == lens.f_number_effective and large.magnification == lens.magnification
+    assert large.capture_focal_length_mm == pytest.approx(3 * lens.capture_focal_length_mm)
+    assert lens.name in large.name and large.name != lens.name
+
+
+def test_a_lens_in_focus_at_infinity_stays_so_when_scaled():
+    assert make_lens(object_distance_mm=np.inf, magnification=0.0).scaled(0.1).object_distance_mm == np.inf
+
+
+@pytest.mark.parametrize("factor", [0.0, -2.0, np.inf, np.nan])
+def test_a_lens_is_scaled_by_a_positive_number(factor):
+    with pytest.raises(LensError, match="hand-made: scale is"):
+        make_lens().scaled(factor)
+
+
+@pytest.mark.parametrize("factor", [0.25, 5.751])
+@pytest.mark.parametrize("method", [Options(16, 2), Options(azimuths=8)])
+@pytest.mark.parametrize("projection", PROJECTIONS)
+def test_a_scaled_lens_gives_the_same_picture_on_a_pitch_scaled_alike(factor, method, projection):
+    lens = comatic_lens(object_distance_mm=np.inf, magnification=0.0, efl_mm=3.0)
+    cube = np.random.default_rng(5).random((1, 60, 70))
+    pictures = [simulate(SpectralImage(cube, [550.0], pitch_um=20.0 * scale, overscan_px=(8, 8), projection=projection),
+                         lens.scaled(scale), method).cube for scale in (1.0, factor)]
+    np.testing.assert_allclose(pictures[1], pictures[0], rtol=1e-5, atol=1e-6 * pictures[0].max())
+    assert np.ptp(pictures[0]) > 0.1 * pictures[0].max()
+
+
+def test_a_scaled_lens_puts_as_much_light_on_every_square_metre():
+    lens = make_lens(f_number_effective=2.0).scaled(7.0)
+    image = SpectralImage(np.ones((1, 40, 40)), [550.0], pitch_um=70.0, overscan_px=(4, 4))
+    np.testing.assert_allclose(simulate(image, lens).cube, np.pi / 16, rtol=1e-6)
