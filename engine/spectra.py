@@ -4,23 +4,22 @@ Emission spectra are spectral densities: they are scaled to unit integral over `
 the watts that it gives off in that band.
 """
 
-import os
 import re
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 import numpy as np
-from scipy.integrate import trapezoid
 
-from .errors import InputError, absence
+from .errors import InputError
+from .spectrum_text import read_columns, read_spectrum_text
 
 DATA = Path(__file__).resolve().parent / "data"
-LIBRARY = DATA / "spectra"
+LIBRARY = {"light": DATA / "spectra" / "lights", "reflectance": DATA / "spectra" / "reflectances"}
 BAND_NM = (380.0, 780.0)
 MOST_WAVELENGTHS = 10000
 CHANNEL_NM = (611.4, 549.1, 464.2)  # dominant wavelengths of the Rec. 709 primaries
-_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+LUMENS_PER_WATT = 683.0  # at 555 nm
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,24 +41,80 @@ class Spectrum:
         InputError
             There is no light within BAND_NM.
         """
-        first, last = np.clip(self.wavelengths_nm[[0, -1]], *BAND_NM)
-        inside = self.wavelengths_nm[(self.wavelengths_nm > first) & (self.wavelengths_nm < last)]
-        grid = np.concatenate([[first], inside, [last]])
-        total = trapezoid(self.at(grid), grid)
-        if not total > 0:
+        emitted = np.interp(wavelengths_nm, self.wavelengths_nm, self.values, left=0.0, right=0.0)
+        return emitted / self._power_in_band()
+
+    def band_means(self, wavelengths_nm):
+        """Mean of the density per nm about each of these wavelengths: spiky lamps keep their power in a few samples.
+
+        Each mean is weighted by a hat: one at its wavelength, falling to nothing at its neighbours, and half a hat at
+        the ends. So the trapezoidal rule over the means is the light between the first and the last wavelength, and
+        light beyond them is left out. A single wavelength has no neighbours: it gives the density there.
+
+        Parameters
+        ----------
+        wavelengths_nm : ascending sequence
+
+        Returns
+        -------
+        float64 array, W nm^-1 of each watt between the ends of BAND_NM
+
+        Raises
+        ------
+        InputError
+            There is no light within BAND_NM.
+        """
+        nm = np.atleast_1d(np.asarray(wavelengths_nm, dtype=np.float64))
+        if nm.size == 1:
+            return self.density_at(nm)
+        steps = np.diff(nm)
+        widths = (np.append(steps, 0) + np.insert(steps, 0, 0)) / 2
+        return self._hat_integrals(nm) / widths / self._power_in_band()
+
+    def luminous_flux_per_watt(self):
+        """Lumens of each watt between the ends of BAND_NM: 683 lm/W times the mean of the CIE 1931 y-bar (V).
+
+        Raises
+        ------
+        InputError
+            There is no light within BAND_NM.
+        """
+        nm, _, y_bar, _ = _table("cie1931_2deg.csv").T
+        inside = (nm >= BAND_NM[0]) & (nm <= BAND_NM[1])
+        return LUMENS_PER_WATT * (y_bar[inside] @ self._hat_integrals(nm[inside])) / self._power_in_band()
+
+    def _power_in_band(self):
+        power = self._hat_integrals(np.array(BAND_NM)).sum()
+        if not power > 0:
             raise InputError("spectrum", "light between {:g} and {:g} nm".format(*BAND_NM), "none",
                              "a light needs power over more than a single wavelength of that band")
-        emitted = np.interp(wavelengths_nm, self.wavelengths_nm, self.values, left=0.0, right=0.0)
-        return emitted / total
+        return power
+
+    def _hat_integrals(self, nm):
+        """Integral of this light times the hat of each of two or more ascending wavelengths; the hats sum to 1.
+
+        Simpson's rule is exact: between two wavelengths of either, the product is a parabola.
+        """
+        first, last = np.clip(self.wavelengths_nm[[0, -1]], nm[0], nm[-1])
+        grid = np.unique(np.concatenate([self.wavelengths_nm, nm]).clip(first, last))
+        middle = (grid[1:] + grid[:-1]) / 2
+        left = np.searchsorted(nm, middle) - 1
+        total = rising = 0.0
+        for where, weight in ((grid[:-1], 1), (middle, 4), (grid[1:], 1)):
+            light = self.at(where) * weight * np.diff(grid) / 6
+            total += light
+            rising += light * (where - nm[left]) / (nm[left + 1] - nm[left])
+        return np.bincount(left, total - rising, nm.size) + np.bincount(left + 1, rising, nm.size)
 
 
-def library_names():
-    """Names of the spectra that come with the project."""
-    return sorted(path.stem for path in LIBRARY.glob("*.spd"))
+def library_names(kind=None):
+    """Names of the spectra that come with the project: of one kind, "light" or "reflectance", or all."""
+    folders = LIBRARY.values() if kind is None else [LIBRARY[kind]]
+    return sorted(path.stem for folder in folders for path in folder.glob("*.spd"))
 
 
 def load_spectrum(text, folder="."):
-    """A spectrum by library name, from a two-column file, or from inline pairs as `400:0.1, 700:0.2`.
+    """A spectrum by library name, from a two-column file, or from pairs: `400:0.1, 700:0.2` or `[400 0.1 700 0.2]`.
 
     Parameters
     ----------
@@ -72,54 +127,10 @@ def load_spectrum(text, folder="."):
     InputError
     """
     text = text.strip()
-    if text in library_names():
-        return _read_columns(LIBRARY / f"{text}.spd")
-    if re.match(rf"^{_NUMBER}\s*(?:nm)?\s*:", text):
-        return _parse_pairs(text)
-    path = Path(folder) / Path(text).expanduser()
-    if not os.path.isfile(path):  # of a text too long to be a name, Path.is_file raises
-        raise InputError(text, "spectrum", absence(path),
-                         "give a library name, a two-column file (nm, value) or pairs such as 400:0.1, 700:0.2")
-    return _read_columns(path)
-
-
-def _parse_pairs(text):
-    pairs = []
-    for item in filter(None, (part.strip() for part in re.split(r"[,;]", text))):
-        match = re.fullmatch(rf"({_NUMBER})\s*(?:nm)?\s*:\s*({_NUMBER})", item)
-        if not match:
-            raise InputError(text, "spectrum", item, "expected wavelength:value, such as 400:0.1")
-        pairs.append((float(match[1]), float(match[2])))
-    return _spectrum(text, pairs)
-
-
-def _read_columns(path):
-    pairs = []
-    try:
-        lines = Path(path).read_text(encoding="utf-8-sig", errors="replace").splitlines()
-    except OSError as error:
-        raise InputError(path, "spectrum", "not readable", str(error)) from None
-    for number, line in enumerate(lines, 1):
-        words = re.split(r"[\s,;]+", line.split("#")[0].strip())
-        if words == [""]:
-            continue
-        try:
-            nm, value = map(float, words[:2])
-        except ValueError:
-            raise InputError(path, f"line {number}", line.strip(), "expected a wavelength in nm and a value") from None
-        pairs.append((nm, value))
-    return _spectrum(path, pairs)
-
-
-def _spectrum(where, pairs):
-    if not pairs:
-        raise InputError(where, "spectrum", "empty", "expected pairs of a wavelength in nm and a value")
-    wavelengths, values = np.array(pairs, dtype=np.float64).T
-    if not np.all(np.isfinite(values)) or np.any(values < 0):
-        raise InputError(where, "spectrum", f"{values.min():g} at the least", "expected finite values of 0 or more")
-    if not np.all(np.isfinite(wavelengths)) or np.any(wavelengths <= 0) or np.any(np.diff(wavelengths) <= 0):
-        raise InputError(where, "wavelengths", "not ascending", "expected positive nm in ascending order")
-    return Spectrum(wavelengths, values)
+    for library in LIBRARY.values():
+        if text in (path.stem for path in library.glob("*.spd")):
+            return Spectrum(*read_columns(library / f"{text}.spd"))
+    return Spectrum(*read_spectrum_text(text, folder))
 
 
 def parse_wavelengths(text):
@@ -162,13 +173,17 @@ def blackbody(temperature_k):
 
 
 def reflectance_basis(wavelengths_nm):
-    """Reflectance of each linear Rec. 709 primary (Mallett and Yuksel 2019).
+    """Reflectance of each linear Rec. 709 primary.
+
+    As in Mallett and Yuksel (2019) the three curves lie between 0 and 1, sum to 1, and give every colour back under
+    D65. Theirs are the smoothest such curves; these are those nearest to 123 measured reflectances, which holds better
+    under lamps other than daylight (packaging/fit_basis.py makes them, benchmarks/upsampling.py judges them).
 
     Returns
     -------
     array (wavelength, 3); rows times a colour in [0, 1] give its reflectance, and white gives 1
     """
-    nm, *basis = _table("mallett_yuksel_2019.csv").T
+    nm, *basis = _table("reflectance_basis.csv").T
     return np.stack([np.interp(wavelengths_nm, nm, curve) for curve in basis], axis=-1)
 
 
@@ -196,7 +211,7 @@ def white_density(wavelengths_nm):
 
 @cache
 def _d65():
-    return _read_columns(LIBRARY / "illuminant-d65.spd")
+    return load_spectrum("illuminant-d65")
 
 
 def colour_matching(wavelengths_nm):

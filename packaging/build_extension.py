@@ -16,7 +16,7 @@ from pathlib import Path
 import bpy
 
 ROOT = Path(__file__).resolve().parent.parent
-REQUIREMENTS = ("scipy", "OpenEXR", "pillow")
+REQUIREMENTS = ("scipy", "OpenEXR", "pillow", "PyYAML")
 PYTHONS = ("3.11", "3.13")
 PLATFORMS = {
     "linux-x64": ("manylinux_2_28_x86_64", "manylinux_2_27_x86_64", "manylinux_2_17_x86_64", "manylinux2014_x86_64"),

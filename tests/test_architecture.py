@@ -13,7 +13,8 @@ ROOT = Path(__file__).resolve().parents[1]
 ENGINE = sorted((ROOT / "engine").rglob("*.py"))
 COMMANDS = sorted((ROOT / "commands").glob("*.py"))
 PACKAGE = sorted(ROOT.glob("*.py")) + ENGINE + COMMANDS + sorted((ROOT / "addon").rglob("*.py"))
-ENGINE_MAY_IMPORT = sys.stdlib_module_names | {"numpy", "scipy", "OpenEXR", "PIL", "matplotlib", "optiland", "finufft"}
+ENGINE_MAY_IMPORT = sys.stdlib_module_names | {"numpy", "scipy", "OpenEXR", "PIL", "yaml", "matplotlib", "optiland",
+                                            "finufft"}
 
 
 def named(path):

@@ -1,11 +1,16 @@
 """Spectra: reading them, densities, wavelength lists, and colours made into spectra."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from lensfield.engine import spectra
 from lensfield.engine.errors import InputError
 from lensfield.engine.spectra import (BAND_NM, CHANNEL_NM, Spectrum, blackbody, channel_basis, colour_matching,
                                       emission_basis, library_names, load_spectrum, parse_wavelengths,
                                       reflectance_basis, white_density)
+
+LIBRARY = Path(spectra.__file__).parent / "data" / "spectra"
 
 NM = np.arange(380.0, 781.0, 5.0)
 # IEC 61966-2-1: XYZ of the linear primaries, columns R, G, B, for a white of Y = 1
@@ -43,11 +48,32 @@ def test_a_spectrum_of_the_library_is_found_by_name():
     assert load_spectrum("illuminant-d65").at(560) == pytest.approx(100.0)
 
 
-@pytest.mark.parametrize("name", library_names())
-def test_every_spectrum_of_the_library_covers_the_band(name):
+def test_the_library_is_of_lights_and_reflectances():
+    lights, reflectances = library_names("light"), library_names("reflectance")
+    assert sorted(lights + reflectances) == library_names() and not set(lights) & set(reflectances)
+    assert {*(f"fluorescent-fl{number}" for number in range(1, 13)), *(f"led-b{number}" for number in range(1, 6)),
+            "illuminant-e", "led-bh1", "led-rgb1", "led-v1", "led-v2", "sodium-lp", "sodium-hp1"} <= set(lights)
+    assert {"chart-15-red", "grass-lawn", "snow-melting", "brick-red"} <= set(reflectances)
+
+
+@pytest.mark.parametrize("name", library_names("light"))
+def test_every_light_of_the_library_covers_the_band(name):
     spectrum = load_spectrum(name)
     assert spectrum.wavelengths_nm[0] <= BAND_NM[0] and spectrum.wavelengths_nm[-1] >= BAND_NM[1]
     assert spectrum.values.max() > 0
+
+
+@pytest.mark.parametrize("name", library_names("reflectance"))
+def test_every_reflectance_of_the_library_covers_what_is_seen_and_reflects_at_most_all(name):
+    spectrum = load_spectrum(name)
+    assert spectrum.wavelengths_nm[0] <= 400 and spectrum.wavelengths_nm[-1] >= 700
+    assert 0 < spectrum.values.min() and spectrum.values.max() <= 1
+
+
+@pytest.mark.parametrize("path", sorted(LIBRARY.glob("*/*.spd")), ids=lambda path: path.stem)
+def test_every_spectrum_of_the_library_names_its_source(path):
+    head = path.read_text().splitlines()[0]
+    assert any(source in head for source in ("CIE 015:2018", "NIST", "ISO 17321", "USGS Spectral Library"))
 
 
 @pytest.mark.parametrize("contents", [
@@ -70,6 +96,21 @@ def test_inline_pairs_are_read(text):
     spectrum = load_spectrum(text)
     np.testing.assert_allclose(spectrum.wavelengths_nm, [400, 700])
     np.testing.assert_allclose(spectrum.values, [0.1, 0.3])
+
+
+@pytest.mark.parametrize("text", ["[400 0.1 700 0.3]", "400 0.1 700 0.3", " [ 400 .1\t700 3e-1 ] "])
+def test_inline_pairs_of_pbrt_are_read(text):
+    spectrum = load_spectrum(text)
+    np.testing.assert_allclose(spectrum.wavelengths_nm, [400, 700])
+    np.testing.assert_allclose(spectrum.values, [0.1, 0.3])
+
+
+@pytest.mark.parametrize("text", ["[400 0.1 700]", "400 0.1 700", "[]", "[", "[400 0.1", "400 0.1]", "[[400 0.1]]",
+                                  "[400 red]", "[700 1 400 1]", "[400 -1]", "[nan 1]", "[400:0.1]"])
+def test_bad_pairs_of_pbrt_are_an_input_error(text):
+    with pytest.raises(InputError) as error:
+        load_spectrum(text)
+    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("text", ["400:0.1, 700", "400:0.1 700:0.3", "700:1, 400:1", "500:1, 500:2", "400:-1, 500:1",
@@ -102,7 +143,7 @@ def integral_over_the_band(spectrum):
     return ((density[1:] + density[:-1]) / 2).sum() * 0.01
 
 
-@pytest.mark.parametrize("name", library_names())
+@pytest.mark.parametrize("name", library_names("light"))
 def test_a_density_integrates_to_one(name):
     assert integral_over_the_band(load_spectrum(name)) == pytest.approx(1.0, abs=1e-3)
 
@@ -165,9 +206,18 @@ def chromaticity(spectrum):
     return tristimulus[:2] / tristimulus.sum()
 
 
-@pytest.mark.parametrize("name, x, y", [("illuminant-a", 0.44757, 0.40745), ("illuminant-d65", 0.31272, 0.32903),
-                                        ("illuminant-d50", 0.34567, 0.35850), ("illuminant-d75", 0.29902, 0.31485),
-                                        ("fluorescent-fl2", 0.37208, 0.37529), ("fluorescent-fl11", 0.38052, 0.37713)])
+# CIE 015:2018: the chromaticities that the CIE gives beside the spectra (and for E, by definition)
+@pytest.mark.parametrize("name, x, y", [
+    ("illuminant-a", 0.44758, 0.40745), ("illuminant-d50", 0.34567, 0.35850), ("illuminant-d55", 0.33243, 0.34744),
+    ("illuminant-d65", 0.31272, 0.32903), ("illuminant-d75", 0.29903, 0.31488), ("illuminant-e", 1 / 3, 1 / 3),
+    ("fluorescent-fl1", 0.3131, 0.3371), ("fluorescent-fl2", 0.3721, 0.3751), ("fluorescent-fl3", 0.4091, 0.3941),
+    ("fluorescent-fl4", 0.4402, 0.4031), ("fluorescent-fl5", 0.3138, 0.3452), ("fluorescent-fl6", 0.3779, 0.3882),
+    ("fluorescent-fl7", 0.3129, 0.3292), ("fluorescent-fl8", 0.3458, 0.3586), ("fluorescent-fl9", 0.3741, 0.3727),
+    ("fluorescent-fl10", 0.3458, 0.3588), ("fluorescent-fl11", 0.3805, 0.3769), ("fluorescent-fl12", 0.4370, 0.4042),
+    ("led-b1", 0.4560, 0.4078), ("led-b2", 0.4357, 0.4012), ("led-b3", 0.3756, 0.3723), ("led-b4", 0.3422, 0.3502),
+    ("led-b5", 0.3118, 0.3236), ("led-bh1", 0.4474, 0.4066), ("led-rgb1", 0.4557, 0.4211), ("led-v1", 0.4548, 0.4044),
+    ("led-v2", 0.3781, 0.3775), ("sodium-hp1", 0.5330, 0.4150), ("sodium-hp2", 0.4778, 0.4158),
+    ("metal-halide-hp3", 0.4302, 0.4075), ("metal-halide-hp4", 0.3812, 0.3797), ("metal-halide-hp5", 0.3776, 0.3713)])
 def test_chromaticity_of_known_lights(name, x, y):
     assert chromaticity(load_spectrum(name).at(NM)) == pytest.approx((x, y), abs=2e-3)
 
@@ -184,7 +234,25 @@ def test_reflectances_of_colours_lie_between_0_and_1():
 def test_a_colour_made_into_a_reflectance_looks_the_same_under_d65(rgb):
     d65, matching = load_spectrum("illuminant-d65").at(NM), colour_matching(NM)
     tristimulus = (reflectance_basis(NM) @ rgb * d65) @ matching / (d65 @ matching[:, 1])
-    np.testing.assert_allclose(np.linalg.solve(REC709_TO_XYZ, tristimulus), rgb, atol=1e-2)
+    white = d65 @ matching / (d65 @ matching[:, 1])
+    xyz = np.array([[0.64, 0.33, 0.03], [0.30, 0.60, 0.10], [0.15, 0.06, 0.79]]).T  # Rec. 709: x, y, z of R, G, B
+    np.testing.assert_allclose(np.linalg.solve(xyz * np.linalg.solve(xyz, white), tristimulus), rgb, atol=5e-6)
+    np.testing.assert_allclose(np.linalg.solve(REC709_TO_XYZ, tristimulus), rgb, atol=1e-3)
+
+
+def test_the_curves_of_the_primaries_have_no_steps():
+    assert np.abs(np.diff(reflectance_basis(NM), axis=0)).max() < 0.2  # in 5 nm
+
+
+@pytest.mark.parametrize("lamp", ["fluorescent-fl2", "fluorescent-fl11", "led-b3", "led-rgb1", "sodium-hp1"])
+def test_measured_natural_reflectances_look_right_under_lamps_when_made_from_their_colours(lamp):
+    # USGS samples that took no part in the fit; XYZ as parts of the Y of white
+    d65, light, matching = load_spectrum("illuminant-d65").at(NM), load_spectrum(lamp).at(NM), colour_matching(NM)
+    for name in ("brick-red", "concrete-grey", "grass-dry", "leaf-maple", "sand-beach", "snow-melting", "wood-pine"):
+        measured = load_spectrum(name).at(NM)
+        rgb = np.linalg.solve(REC709_TO_XYZ, (measured * d65) @ matching / (d65 @ matching[:, 1]))
+        missed = (reflectance_basis(NM) @ rgb - measured) * light @ matching / (light @ matching[:, 1])
+        assert np.abs(missed).max() < 0.012, name
 
 
 def test_white_light_is_d65_of_one_watt_in_the_band():
@@ -202,3 +270,64 @@ def test_channel_values_are_met_at_their_wavelengths_and_shared_between():
     halfway = channel_basis(np.array([(CHANNEL_NM[0] + CHANNEL_NM[1]) / 2]))
     np.testing.assert_allclose(halfway, [[0.5, 0.5, 0]], atol=1e-12)
     np.testing.assert_allclose(channel_basis(np.array([380.0, 780.0])), [[0, 0, 1], [1, 0, 0]], atol=1e-12)
+
+
+def test_illuminant_e_gives_683_lumens_times_the_mean_of_v():
+    # Wyszecki and Stiles: the integral of V is 106.857 nm
+    assert load_spectrum("illuminant-e").luminous_flux_per_watt() == pytest.approx(683 * 106.857 / 400, rel=1e-4)
+
+
+@pytest.mark.parametrize("nm, v", [(555, 1.0), (450, 0.038), (510, 0.503), (600, 0.631), (650, 0.107)])
+def test_a_line_gives_683_lumens_times_v(nm, v):
+    line = load_spectrum(f"{nm - 0.1}:0, {nm}:1, {nm + 0.1}:0")
+    assert line.luminous_flux_per_watt() == pytest.approx(683 * v, rel=2e-3)
+
+
+def test_light_outside_of_the_band_counts_neither_as_watts_nor_as_lumens():
+    inside, wider = load_spectrum("380:1, 780:1"), load_spectrum("200:1, 2000:1")
+    assert wider.luminous_flux_per_watt() == pytest.approx(inside.luminous_flux_per_watt(), rel=1e-12)
+
+
+def test_a_lamp_without_light_in_the_band_has_no_lumens_and_no_means():
+    dark = load_spectrum("790:1, 900:1")
+    with pytest.raises(InputError):
+        dark.luminous_flux_per_watt()
+    with pytest.raises(InputError):
+        dark.band_means([400, 500])
+
+
+def test_band_means_of_a_flat_lamp_by_hand():
+    # 0.01 per nm from 500 to 600 nm; the hat about 550 of base 450 to 650 is 1/2 at 500 and 600: 0.75 of 100 nm under
+    # it, so 0.01 * 75 / 100. That about 450 falls from 1/2 at 500 to 0 at 550: 12.5 nm under it of its 50.
+    means = load_spectrum("500:1, 600:1").band_means([450, 550, 650])
+    np.testing.assert_allclose(means, [0.0025, 0.0075, 0.0025], rtol=1e-12)
+
+
+def test_band_means_of_a_ramp_by_hand():
+    # density (nm - 400) / 20000 from 400 to 600; of a straight line, a whole hat's mean is the value in its middle, a
+    # half hat's the value a third of the way in
+    ramp = load_spectrum("400:0, 600:1")
+    np.testing.assert_allclose(ramp.band_means([440, 500, 560]), np.array([60, 100, 140]) / 20000, rtol=1e-12)
+
+
+def test_a_line_between_two_wavelengths_is_shared_by_them_and_lost_to_none():
+    # 1 W within 0.02 nm of 525 nm: a quarter of the way from 510 to 570, between hats 60 nm wide
+    means = load_spectrum("524.99:0, 525:1, 525.01:0").band_means([450, 510, 570, 630])
+    np.testing.assert_allclose(means, [0, 0.75 / 60, 0.25 / 60, 0], atol=1e-12, rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["fluorescent-fl11", "led-rgb1", "mercury", "sodium-lp", "illuminant-d65"])
+@pytest.mark.parametrize("count", [2, 5, 9, 31])
+def test_band_means_keep_the_light_between_the_first_and_last_wavelength(name, count):
+    lamp, few, fine = load_spectrum(name), np.linspace(400, 700, count), np.linspace(400, 700, 30001)
+    assert np.trapz(lamp.band_means(few), few) == pytest.approx(np.trapz(lamp.density_at(fine), fine), rel=1e-6)
+
+
+def test_the_band_mean_of_a_single_wavelength_is_the_density_there():
+    lamp = load_spectrum("mercury")
+    np.testing.assert_allclose(lamp.band_means([547.3]), lamp.density_at([547.3]), rtol=1e-12)
+
+
+def test_band_means_at_many_wavelengths_are_the_density():
+    lamp, nm = load_spectrum("illuminant-d65"), np.arange(400.0, 700.5, 1.0)
+    np.testing.assert_allclose(lamp.band_means(nm), lamp.density_at(nm), rtol=0.01)

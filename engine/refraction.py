@@ -1,0 +1,248 @@
+"""Refractive indices of glasses, liquids, crystals and metals, from files of the refractiveindex.info database.
+
+The database and its nine dispersion formulas: M. N. Polyanskiy, Refractiveindex.info database of optical constants,
+Scientific Data 11, 94 (2024), doi:10.1038/s41597-023-02898-2. Wavelengths are in micrometres there, in nm here.
+"""
+
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from .dispersion import FORMULAS, dispersion
+from .errors import InputError, absence
+from .spectra import BAND_NM
+
+LIBRARY = Path(__file__).resolve().parent / "data" / "refraction"
+MOST_BYTES = 1 << 20  # the largest file of the database has 0.8 MB
+NM_PER_UM = 1000.0
+MOST_NODES = 1000  # of a YAML file; the tables of the database are one text each
+MOST_SHOWN = 40  # characters of a bad value in an error
+_COLUMNS = {"tabulated n": ("n",), "tabulated k": ("k",), "tabulated nk": ("n", "k")}
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Values at ascending wavelengths, linear between them."""
+
+    wavelengths_nm: np.ndarray
+    values: np.ndarray
+
+    @property
+    def range_nm(self):
+        """First and last wavelength."""
+        return float(self.wavelengths_nm[0]), float(self.wavelengths_nm[-1])
+
+    def at(self, wavelengths_nm):
+        """Values at these wavelengths."""
+        return np.interp(wavelengths_nm, self.wavelengths_nm, self.values)
+
+
+@dataclass(frozen=True, eq=False)
+class Formula:
+    """One of the database's dispersion formulas, by number, with its coefficients (micrometres)."""
+
+    number: int
+    coefficients: tuple[float, ...]
+    range_nm: tuple[float, float]
+
+    def at(self, wavelengths_nm):
+        """Refractive indices at these wavelengths."""
+        return dispersion(self.number, self.coefficients, np.asarray(wavelengths_nm, dtype=np.float64) / NM_PER_UM)
+
+
+@dataclass(frozen=True, eq=False)
+class Refraction:
+    """The complex refractive index n + ik of a material.
+
+    Attributes
+    ----------
+    name : str
+        Of the library, or the file's.
+    source : str
+        The publication, as the file has it, without markup.
+    n : Table or Formula
+    k : Table or None
+        None where the file has no extinction.
+    """
+
+    name: str
+    source: str
+    n: Table | Formula
+    k: Table | None = None
+
+    @property
+    def range_nm(self):
+        """First and last wavelength of n."""
+        return self.n.range_nm
+
+    @property
+    def dispersive(self):
+        """Whether n changes over the visible wavelengths that are known, or over all where none is visible."""
+        visible = np.clip(BAND_NM, *self.range_nm)
+        first, last = visible if visible[0] < visible[1] else self.range_nm
+        return bool(np.ptp(self.n_at(np.linspace(first, last, 101))) > 0)
+
+    def n_at(self, wavelengths_nm):
+        """Refractive indices; raises InputError outside of range_nm."""
+        return self._at(self.n, "n", wavelengths_nm)
+
+    def k_at(self, wavelengths_nm):
+        """Extinction coefficients, zero where the file has none; raises InputError outside of their range."""
+        if self.k is None:
+            return np.zeros_like(self.n_at(wavelengths_nm))
+        return self._at(self.k, "k", wavelengths_nm)
+
+    def reflectance_at(self, wavelengths_nm):
+        """Fresnel's reflectance at normal incidence from vacuum; raises InputError where n or k is not known."""
+        n, k = self.n_at(wavelengths_nm), self.k_at(wavelengths_nm)
+        return ((n - 1)**2 + k**2) / ((n + 1)**2 + k**2)
+
+    def _at(self, quantity, letter, wavelengths_nm):
+        nm = np.asarray(wavelengths_nm, dtype=np.float64)
+        first, last = quantity.range_nm
+        outside = nm[~((nm >= first) & (nm <= last))]
+        if outside.size:
+            raise InputError(self.name, f"wavelength of {letter}", f"{outside[0]:g} nm",
+                             f"it is known from {first:g} to {last:g} nm")
+        values = quantity.at(nm)
+        if not np.all(np.isfinite(values)):
+            raise InputError(self.name, letter, f"no number at {nm[~np.isfinite(values)].flat[0]:g} nm",
+                             "the formula's coefficients do not fit its range")
+        return values
+
+
+def refraction_names():
+    """Names of the materials that come with the project."""
+    return sorted(path.stem for path in LIBRARY.glob("*.yml"))
+
+
+def load_refraction(text, folder="."):
+    """The refractive index of a material by library name, or from a YAML file of refractiveindex.info.
+
+    Parameters
+    ----------
+    text : str
+    folder : path
+        Where a relative path starts from.
+
+    Returns
+    -------
+    Refraction
+        Of several sets of data in one file, the first with n and the first with k count.
+
+    Raises
+    ------
+    InputError
+    """
+    text = text.strip()
+    if text in refraction_names():
+        return _read(LIBRARY / f"{text}.yml")
+    path = Path(folder) / Path(text).expanduser()
+    if not os.path.isfile(path):  # of a text too long to be a name, Path.is_file raises
+        raise InputError(text, "refraction", absence(path),
+                         "give a library name or a YAML file of refractiveindex.info")
+    return _read(path)
+
+
+def _read(path):
+    document = _parse(path)
+    data = document.get("DATA") if isinstance(document, dict) else None
+    if not isinstance(data, list) or not all(isinstance(entry, dict) for entry in data):
+        raise InputError(path, "DATA", "missing or no list", "expected a file of refractiveindex.info")
+    curves = {}
+    for entry in data:
+        if not curves.keys() >= set(_COLUMNS.get(_plain(entry.get("type")), "n")):
+            curves = _curves(path, entry) | curves
+    if "n" not in curves:
+        raise InputError(path, "DATA", "without n", "expected a formula, tabulated n or tabulated nk")
+    return Refraction(Path(path).stem, _plain(document.get("REFERENCES")), **curves)
+
+
+def _parse(path):
+    try:
+        with open(path, "rb") as file:
+            raw = file.read(MOST_BYTES + 1)
+    except OSError as error:
+        raise InputError(path, "refraction", "not readable", str(error)) from None
+    if len(raw) > MOST_BYTES:
+        raise InputError(path, "size", f"over {MOST_BYTES} bytes", "expected one material of refractiveindex.info")
+    try:
+        return yaml.load(raw.decode("utf-8-sig", errors="replace"), Loader=_Loader)
+    except (yaml.YAMLError, RecursionError, ValueError):
+        raise InputError(path, "refraction", "no YAML", "expected a file of refractiveindex.info") from None
+
+
+class _Loader(yaml.BaseLoader):
+    """Of YAML only text, lists and mappings, and not so many that reading a small file takes minutes."""
+
+    nodes = 0
+
+    def compose_node(self, parent, index):
+        self.nodes += 1
+        if self.nodes > MOST_NODES:
+            raise yaml.YAMLError("too many nodes")
+        return super().compose_node(parent, index)
+
+
+def _curves(path, entry):
+    """The n and k that one entry of DATA gives, by their letters."""
+    kind = _plain(entry.get("type"))
+    if kind in _COLUMNS:
+        um, *columns = _rows(path, entry.get("data"), 1 + len(_COLUMNS[kind])).T
+        return {letter: Table(_nm(um), values) for letter, values in zip(_COLUMNS[kind], columns)}
+    match = re.fullmatch(r"formula ([1-9])", kind)
+    if not match:
+        raise InputError(path, "type", kind[:MOST_SHOWN],
+                         "expected formula 1 to 9, tabulated n, tabulated k or tabulated nk")
+    coefficients = _numbers(path, "coefficients", entry.get("coefficients"))
+    span = _numbers(path, "wavelength_range", entry.get("wavelength_range"))
+    if len(span) != 2 or not 0 < span[0] < span[1]:
+        raise InputError(path, "wavelength_range", _plain(entry["wavelength_range"])[:MOST_SHOWN],
+                         "expected two ascending micrometres")
+    return {"n": _formula(path, int(match[1]), coefficients, span)}
+
+
+def _formula(path, number, coefficients, span_um):
+    most = FORMULAS[number].most_coefficients
+    if not 1 <= len(coefficients) <= most:
+        raise InputError(path, "coefficients", f"{len(coefficients)} of them",
+                         f"formula {number} has between 1 and {most}")
+    return Formula(number, tuple(coefficients), tuple(_nm(np.array(span_um)).tolist()))
+
+
+def _nm(um):
+    """Nanometres, rounded so that 0.57 is 570 and not a little less: it may be the end of a range."""
+    return np.round(um * NM_PER_UM, 6)
+
+
+def _rows(path, text, columns):
+    """Rows of so many numbers, ascending in the first, micrometres; of a wavelength given twice, the first row."""
+    lines = text.splitlines() if isinstance(text, str) else []
+    rows = [_numbers(path, "data", line) for line in lines if line.strip()]
+    if not rows or any(len(row) != columns for row in rows):
+        raise InputError(path, "data", "not in rows" if rows else "empty", f"expected rows of {columns} numbers")
+    rows = np.array(rows)
+    um, first_of_each = np.unique(rows[:, 0], return_index=True)
+    if um[0] <= 0:
+        raise InputError(path, "data", f"{um[0]:g} um", "expected wavelengths above 0")
+    return rows[first_of_each]
+
+
+def _numbers(path, field, text):
+    words = text.split() if isinstance(text, str) else []
+    try:
+        numbers = [float(word) for word in words]
+    except ValueError:
+        numbers = []
+    if not numbers or not np.all(np.isfinite(numbers)):
+        raise InputError(path, field, _plain(text)[:MOST_SHOWN], "expected finite numbers")
+    return numbers
+
+
+def _plain(text):
+    """A text in one line, without the markup of HTML; of what is no text, nothing."""
+    return " ".join(re.sub(r"<[^<>]*>", "", text.replace("<br>", " ")).split()) if isinstance(text, str) else ""
