@@ -9,7 +9,7 @@ import sys
 import threading
 
 from . import __version__
-from .commands import filter, lens, render, tradeoff
+from .commands import filter, lens, lint, render, tradeoff
 from .engine import InputError
 from .engine.atomic import remove_pending
 
@@ -90,6 +90,6 @@ def _parser():
     parser = argparse.ArgumentParser(prog="lensfield", description="Blender scenes through real lenses.")
     parser.add_argument("--version", action="version", version=f"lensfield {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for command in (render, filter, tradeoff, lens):
+    for command in (render, filter, tradeoff, lens, lint):
         command.add(commands)
     return parser

@@ -2,14 +2,14 @@
 
 import bpy
 
-from . import operators, panels, properties
+from . import lint_panel, operators, panels, properties
 from .lenses import forget_lenses
 from .previews import forget_previews
 from .render import kept, render_through_lens
 
 __all__ = ["register", "render_through_lens", "unregister"]
 
-_MODULES = (properties, operators, panels)
+_MODULES = (properties, operators, panels, lint_panel)
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(
     [cls for module in _MODULES for cls in module.classes])
 _commands = []

@@ -1,21 +1,34 @@
-"""The camera: the pinhole that sees what the lens sees, with the overscan that the lens needs."""
+"""The camera: what sees the scene as the lens does, with the overscan that the lens needs."""
 
 from dataclasses import dataclass
 
-from ..engine.capture import overscan_px
+import numpy as np
+
+from ..engine.capture import choose_capture
+from ..engine.errors import InputError
+from ..engine.geometry import FieldGeometry
+from ..engine.pinhole import fitting_pitch_um as pitch_um
 from ..engine.psf import psf_radius_px
+from ..engine.spectral_image import PLANE
 from .errors import SceneError
+from .lenses import scaled_lens
 
 CAMERA_SENSOR_MM = 36.0  # Blender's limits on focal lengths are made for this; only the ratio to it counts
+FISHEYE_TYPE = "FISHEYE_LENS_POLYNOMIAL"
+WHOLE_SPHERE = 2 * np.pi  # a field of view that cuts nothing off
+FIT_SAMPLES = 257
+VIEWS = "lens", "camera"
 
 
 @dataclass(frozen=True)
 class Framing:
-    """Pixel grid of a capture: the sensor's frame in rows and columns, its pitch, and the overscan on each side."""
+    """Pixel grid of a capture: the sensor's frame in rows and columns, its pitch, the overscan on each side, and the
+    capture's projection as in `SpectralImage`."""
 
     frame_px: tuple[int, int]
     pitch_um: float
     overscan_px: tuple[int, int]
+    projection: str = PLANE
 
     @property
     def capture_px(self):
@@ -29,17 +42,32 @@ def frame_px(scene):
                  for side in (render.resolution_y, render.resolution_x))
 
 
-def pitch_um(lens, frame):
-    """Pixel pitch at which the frame, rows and columns, just fits the lens's sensor."""
-    return min(1e3 * lens.sensor_mm[0] / frame[1], 1e3 * lens.sensor_mm[1] / frame[0])
-
-
 def make_framing(scene, lens, wavelengths_nm):
-    """The grid to capture a scene on for a lens."""
+    """The grid and projection to capture a scene with for a lens."""
     frame = frame_px(scene)
     pitch = pitch_um(lens, frame)
-    margins = overscan_px(lens, frame, pitch, wavelengths_nm, psf_radius_px(lens, pitch))
-    return Framing(frame, pitch, margins)
+    projection, margins = choose_capture(lens, frame, pitch, wavelengths_nm, psf_radius_px(lens, pitch))
+    return Framing(frame, pitch, margins, projection)
+
+
+def in_view(camera, box, lens, framing):
+    """Whether a box may be in a capture's view: it is not, where all of it lies behind one of the view's sides.
+
+    Parameters
+    ----------
+    camera : bpy.types.Object
+    box : array (8, 3)
+        Its corners in the world.
+    lens : Lens
+    framing : Framing
+    """
+    if framing.projection != PLANE:
+        return True
+    x, y, z = np.linalg.inv(np.array(camera.matrix_world.normalized()))[:3] @ np.c_[box, np.ones(len(box))].T
+    rows_mm, columns_mm = (n * framing.pitch_um * 1e-3 / 2 for n in framing.capture_px)
+    sides = [-z, *(sign * along * lens.capture_focal_length_mm - z * half_mm
+                   for along, half_mm in ((x, columns_mm), (y, rows_mm)) for sign in (-1, 1))]
+    return all(np.any(side > 0) for side in sides)
 
 
 def check_camera(scene):
@@ -48,7 +76,11 @@ def check_camera(scene):
     if camera is None or camera.type != "CAMERA":
         raise SceneError(f"scene {scene.name!r}", "camera", "missing", "add a camera to render from")
     where = f"camera {camera.name!r}"
-    if camera.data.type != "PERSP":
+    if camera.data.type == "PANO":
+        kind = camera.data.panorama_type
+        if kind != FISHEYE_TYPE:  # the one that match_camera_to_lens makes
+            raise SceneError(where, "panorama type", kind, "expected a perspective camera or a fisheye lens polynomial")
+    elif camera.data.type != "PERSP":
         raise SceneError(where, "type", camera.data.type, "expected a perspective camera")
     if camera.data.shift_x or camera.data.shift_y:
         raise SceneError(where, "shift", f"{camera.data.shift_x:g}, {camera.data.shift_y:g}",
@@ -58,10 +90,120 @@ def check_camera(scene):
                          f"{scene.render.pixel_aspect_x:g}:{scene.render.pixel_aspect_y:g}", "expected square pixels")
 
 
-def match_camera_to_lens(camera, lens, columns, pixel_pitch_um):
-    """Give camera data the view of the lens on a sensor of this many columns."""
+def set_up_capture(camera, lens, framing):
+    """Make camera data the camera of a capture: a perspective one, or an equidistant fisheye of the same scale on the
+    axis. The render's resolution is to be `framing.capture_px`."""
+    width_mm = framing.capture_px[1] * framing.pitch_um * 1e-3
+    if framing.projection == PLANE:
+        _make_perspective(camera, lens.capture_focal_length_mm, width_mm)
+    else:
+        _make_fisheye(camera, [1 / lens.capture_focal_length_mm], width_mm)
+
+
+def match_camera_to_lens(camera, lens, columns, pixel_pitch_um, projection=PLANE):
+    """Give camera data the view of the lens on a sensor of this many columns, for the user to frame by.
+
+    A lens that is captured as a plane becomes a perspective camera, true on the axis. A wide one becomes a fisheye
+    camera with the lens's own distortion: a rendered viewport shows the very frame. Solid viewports show every camera
+    in perspective; its focal length is set so that they reach as far to the left and right as the lens does.
+    """
     width_mm = columns * pixel_pitch_um * 1e-3
+    if projection == PLANE:
+        _make_perspective(camera, lens.capture_focal_length_mm, width_mm)
+    else:
+        _make_perspective(camera, width_mm / 2 / np.tan(_field_angle(lens, width_mm / 2)), width_mm)
+        _make_fisheye(camera, _field_polynomial(lens, width_mm), width_mm)
+
+
+def lens_for_view(scene, lens, view):
+    """The lens to see a scene through, as its own view or the camera's is asked for.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    lens : Lens
+    view : "lens" or "camera"
+        The lens on its own sensor; or at the size that gives the scene's camera its own view, on the camera's sensor.
+
+    Returns
+    -------
+    Lens
+    warning : str
+        One line that says what another size means; "" for none.
+
+    Raises
+    ------
+    SceneError
+        There is no camera, or one without a focal length.
+    """
+    if view not in VIEWS:
+        raise InputError("options", "view", view, f"expected {' or '.join(VIEWS)}")
+    if view == "lens":
+        return lens, ""
+    check_camera(scene)
+    camera, frame = scene.camera.data, frame_px(scene)
+    if camera.type != "PERSP":
+        raise SceneError(f"camera {scene.camera.name!r}", "type", camera.type, "expected a perspective camera")
+    pixel_mm = _pixel_mm(camera, frame)
+    factor = camera.lens / lens.capture_focal_length_mm  # camera.lens is in mm, in whatever unit Blender shows it
+    adapted = scaled_lens(lens, factor, (frame[1] * pixel_mm, frame[0] * pixel_mm))
+    return adapted, _warning(lens, adapted, factor)
+
+
+def _pixel_mm(camera, frame):
+    """Size of a pixel on the camera's own sensor, by Blender's rules of how a render fits it."""
+    if camera.sensor_fit == "VERTICAL":
+        return camera.sensor_height / frame[0]
+    if camera.sensor_fit == "HORIZONTAL":
+        return camera.sensor_width / frame[1]
+    return camera.sensor_width / max(frame)
+
+
+def _warning(lens, adapted, factor):
+    covered = min(1.0, 2 * _at_reference(adapted).real_height_mm[-1] / np.hypot(*adapted.sensor_mm))
+    focus = "infinity" if np.isinf(adapted.object_distance_mm) else f"{adapted.object_distance_mm * 1e-3:.3g} m"
+    return (f"{lens.name} made {factor:.3g} times as large: f = {adapted.efl_mm:.3g} mm, focused at {focus}; its field "
+            f"covers {covered:.0%} of the frame's diagonal; all its blur scales alike, though diffraction would not")
+
+
+def _make_perspective(camera, focal_length_mm, width_mm):
+    camera.type = "PERSP"
     camera.sensor_fit = "HORIZONTAL"
     camera.sensor_width = CAMERA_SENSOR_MM
     camera.lens_unit = "MILLIMETERS"
-    camera.lens = lens.capture_focal_length_mm * CAMERA_SENSOR_MM / width_mm
+    camera.lens = focal_length_mm * CAMERA_SENSOR_MM / width_mm
+
+
+def _make_fisheye(camera, angle_per_radius, width_mm):
+    """Make camera data a fisheye whose view at r mm from the middle is at the angle sum of angle_per_radius[n] r^(n+1).
+
+    Cycles takes the polynomial with its sign turned, and r on the camera's sensor in mm.
+    """
+    camera.type = "PANO"
+    camera.sensor_fit = "HORIZONTAL"
+    camera.sensor_width = CAMERA_SENSOR_MM
+    camera.panorama_type = FISHEYE_TYPE
+    camera.fisheye_fov = WHOLE_SPHERE
+    coefficients = np.zeros(5)
+    coefficients[1:1 + len(angle_per_radius)] = angle_per_radius
+    for power, coefficient in enumerate(coefficients):
+        setattr(camera, f"fisheye_polynomial_k{power}", -coefficient * (width_mm / CAMERA_SENSOR_MM) ** power)
+
+
+def _field_angle(lens, real_height_mm):
+    """Angle from the axis, seen from the entrance pupil, of what the lens images at this height from the axis."""
+    paraxial_mm = FieldGeometry(_at_reference(lens), lens.name).paraxial_height_mm(real_height_mm)
+    return np.arctan(paraxial_mm / lens.capture_focal_length_mm)
+
+
+def _at_reference(lens):
+    return lens.at_wavelength(np.clip(lens.reference_wavelength_nm, *lens.wavelengths_nm[[0, -1]]))
+
+
+def _field_polynomial(lens, width_mm):
+    """Field angle by powers 1 to 4 of the real height, fitted over the lens data and over half the sensor's width."""
+    last_mm = max(width_mm / 2, lens.real_height_mm[:, -1].min())
+    radius_mm = np.linspace(0, last_mm, FIT_SAMPLES)
+    powers = (radius_mm[:, None] / last_mm) ** np.arange(1, 5)
+    coefficients = np.linalg.lstsq(powers, _field_angle(lens, radius_mm), rcond=None)[0]
+    return coefficients / last_mm ** np.arange(1, 5)

@@ -1,9 +1,10 @@
-"""Lenses by name or path, each read once.
+"""Lenses by name or path, each read once; and scaled, each made once.
 
 Panels ask for theirs many times a second, and what the engine keeps for the next render goes by the lens.
 """
 
 import os
+from dataclasses import replace
 from functools import lru_cache
 
 from ..engine import Lens
@@ -15,9 +16,16 @@ def load_lens(name_or_path):
     return _load(path, os.stat(path).st_mtime_ns if os.path.isfile(path) else None)
 
 
+@lru_cache(maxsize=4)
+def scaled_lens(lens, factor, sensor_mm):
+    """A lens `factor` times as large, on a sensor of these sides in mm (width, height)."""
+    return replace(lens.scaled(factor), sensor_mm=sensor_mm)
+
+
 def forget_lenses():
     """Free them."""
     _load.cache_clear()
+    scaled_lens.cache_clear()
 
 
 @lru_cache(maxsize=4)

@@ -8,11 +8,12 @@ import bpy
 
 from ..engine.errors import InputError
 from ..engine.options import DEFAULT_ACCURACY
-from .camera import check_camera, frame_px, match_camera_to_lens, pitch_um
+from .camera import check_camera, lens_for_view, make_framing, match_camera_to_lens
+from .capture import RenderPass
 from .compositor import lens_image
 from .lenses import load_lens
 from .previews import SHEET_MARK, load_sheet, sheet_path
-from .render import Job, RenderPass, render_steps, run
+from .render import Job, render_steps, run
 from .watch import RenderWatch
 
 TICK_S = 0.1
@@ -37,8 +38,10 @@ def job_from_settings(scene):
     if settings.output_folder.startswith("//") and not bpy.data.filepath:
         raise InputError("scene settings", "output folder", settings.output_folder,
                          "save the .blend first, or give an absolute folder")
-    return Job(lens=load_lens(settings.lens_name_or_path()), wavelengths_nm=settings.wavelengths_nm(),
+    lens, warning = lens_for_view(scene, load_lens(settings.lens_name_or_path()), settings.view.lower())
+    return Job(lens=lens, lens_warning=warning, wavelengths_nm=settings.wavelengths_nm(),
                output_folder=Path(bpy.path.abspath(settings.output_folder)), options=settings.to_options(),
+               spectral=settings.to_spectral_options(), unfit=settings.unfit.lower(),
                frame=scene.frame_current, denoise=settings.denoise, to_compositor=settings.to_compositor)
 
 
@@ -223,11 +226,11 @@ class LENSFIELD_OT_match_camera(bpy.types.Operator):
         try:
             check_camera(scene)
             lens = load_lens(scene.lensfield.lens_name_or_path())
+            framing = make_framing(scene, lens, [lens.reference_wavelength_nm])
         except InputError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        frame = frame_px(scene)
-        match_camera_to_lens(scene.camera.data, lens, frame[1], pitch_um(lens, frame))
+        match_camera_to_lens(scene.camera.data, lens, framing.frame_px[1], framing.pitch_um, framing.projection)
         return {"FINISHED"}
 
 

@@ -7,7 +7,7 @@ import bpy
 from ..engine.errors import InputError
 from . import operators
 from .bands import pass_count
-from .camera import frame_px, pitch_um
+from .camera import frame_px, lens_for_view, pitch_um
 from .lenses import load_lens
 from .previews import PREVIEW_PX, sheet_path, sheet_preview
 from .properties import FROM_FILE, KNOBS
@@ -34,6 +34,7 @@ def draw_settings(layout, scene):
     _draw_quality(layout, settings)
     layout.prop(settings, "out_of_field")
     layout.prop(settings, "fireflies")
+    layout.prop(settings, "unfit")
     layout.separator()
     layout.prop(settings, "denoise")
     layout.prop(settings, "output_folder")
@@ -53,13 +54,27 @@ def _draw_lens_facts(layout, scene):
     except InputError as error:
         layout.label(text=str(error), icon="ERROR")
         return
+    _draw_view(layout, scene, lens)
+    _draw_sheet(layout, path)
+
+
+def _draw_view(layout, scene, lens):
+    """What the picture will show, and what that takes."""
+    layout.prop(scene.lensfield, "view")
+    try:
+        lens, warning = lens_for_view(scene, lens, scene.lensfield.view.lower())
+    except InputError as error:
+        layout.label(text=str(error), icon="ERROR")
+        return
     frame = frame_px(scene)
     column = layout.column(align=True)
     column.label(text=f"f = {lens.efl_mm:.2f} mm, f/{lens.f_number_effective:.2f}, "
                       f"sensor {lens.sensor_mm[0]:g} x {lens.sensor_mm[1]:g} mm")
     column.label(text=f"{frame[1]} x {frame[0]} px of {pitch_um(lens, frame):.2f} \u00b5m")
-    column.operator("lensfield.match_camera", icon="CAMERA_DATA")
-    _draw_sheet(layout, path)
+    if warning:
+        column.label(text=warning, icon="ERROR")
+    else:
+        column.operator("lensfield.match_camera", icon="CAMERA_DATA")
 
 
 def _draw_sheet(layout, name_or_path):
@@ -99,17 +114,22 @@ def _draw_wavelengths(layout, settings):
         column.prop(settings, "wavelength_first_nm", text="First (nm)")
         column.prop(settings, "wavelength_last_nm", text="Last (nm)")
         column.prop(settings, "wavelength_count")
-    _draw_pass_count(layout, settings)
+    _draw_spectra(layout, settings)
 
 
-def _draw_pass_count(layout, settings):
+def _draw_spectra(layout, settings):
+    layout.prop(settings, "tier")
+    if settings.tier == "RESULT":
+        layout.prop(settings, "colour_error")
     try:
         count = len(settings.wavelengths_nm())
     except InputError as error:
         layout.label(text=error.remedy, icon="ERROR")
         return
-    passes = pass_count(count)
-    layout.label(text=f"{count} wavelength{'s' * (count > 1)}: {passes} Cycles render{'s' * (passes > 1)}")
+    most = pass_count(count)
+    renders = {"PREVIEW": "1 Cycles render", "REFERENCE": f"{most} Cycles render{'s' * (most > 1)}"}.get(
+        settings.tier, f"at most {most} Cycles render{'s' * (most > 1)}")
+    layout.label(text=f"{count} wavelength{'s' * (count > 1)}: {renders}")
 
 
 def _draw_quality(layout, settings):
@@ -149,7 +169,6 @@ class _SpectraPanel:
     bl_space_type = "PROPERTIES"
     bl_region_type = "WINDOW"
     bl_options = {"DEFAULT_CLOSED"}
-    fields = ("emission",)
 
     @classmethod
     def poll(cls, context):
@@ -157,17 +176,21 @@ class _SpectraPanel:
 
     def draw(self, context):
         self.layout.use_property_split = True
-        for field in self.fields:
-            self.layout.prop(self.data_block(context).lensfield, field)
+        spectra = self.data_block(context).lensfield
+        for field in self.fields(spectra):
+            self.layout.prop(spectra, field)
 
 
 class LENSFIELD_PT_material(_SpectraPanel, bpy.types.Panel):
     bl_context = "material"
-    fields = ("reflectance", "emission")
 
     @staticmethod
     def data_block(context):
         return context.material
+
+    @staticmethod
+    def fields(spectra):
+        return "reflectance", "emission", "refraction"
 
 
 class LENSFIELD_PT_light(_SpectraPanel, bpy.types.Panel):
@@ -177,6 +200,10 @@ class LENSFIELD_PT_light(_SpectraPanel, bpy.types.Panel):
     def data_block(context):
         return context.light
 
+    @staticmethod
+    def fields(spectra):
+        return ("emission", "power_unit") + (("lumens",) if spectra.power_unit == "LUMEN" else ())
+
 
 class LENSFIELD_PT_world(_SpectraPanel, bpy.types.Panel):
     bl_context = "world"
@@ -184,6 +211,10 @@ class LENSFIELD_PT_world(_SpectraPanel, bpy.types.Panel):
     @staticmethod
     def data_block(context):
         return context.world
+
+    @staticmethod
+    def fields(spectra):
+        return ("emission",)
 
 
 classes = (LENSFIELD_PT_render, LENSFIELD_PT_sidebar, LENSFIELD_PT_material, LENSFIELD_PT_light, LENSFIELD_PT_world)

@@ -7,30 +7,60 @@ from ..engine import Options
 from ..engine.lens_files import bundled_makers
 from ..engine.options import DEFAULT_ACCURACY
 from ..engine.plan import AZIMUTHS, ORDER, SECTION_SIZE
+from ..engine.refraction import refraction_names
 from ..engine.spectra import library_names, parse_wavelengths
+from ..engine.transport import STANDARD_COLOUR_ERROR, SpectralOptions
 
 FROM_FILE = "FILE"
 KNOBS = {"SECTIONS": ("section_size", "order"), "PIXELS": ("azimuths",), "EXACT": ()}  # of each method
 BLEND_RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"}  # paths that start with // lie beside the .blend
 
 
-def _spectrum_suggestions(self, context, edit_text):
-    return [name for name in library_names() if edit_text.lower() in name]
+def _suggestions(names):
+    """What to offer as one types: the names that hold what is typed so far."""
+    return lambda self, context, typed: [name for name in names() if typed.lower() in name]
 
 
-def _spectrum_property(name, description):
-    return StringProperty(
-        name=name, default="", search=_spectrum_suggestions, search_options={"SUGGESTION"},
-        description=f"{description}: a name from the library, a two-column file (nm, value), or pairs such as "
-                    "400:0.1, 700:0.2. Empty: the colour is upsampled")
+def _spectrum_property(name, description, names, form):
+    return StringProperty(name=name, default="", search=_suggestions(names), search_options={"SUGGESTION"},
+                          description=f"{description}: a name from the library, {form}")
 
 
-class LensfieldSpectra(bpy.types.PropertyGroup):
-    """Spectra of a material, light or world."""
+def _emission():
+    return _spectrum_property(
+        "Emission", "Spectrum in place of the colour of the light; only its shape counts, the strength stays",
+        lambda: library_names("light"), "a two-column file (nm, value), or pairs such as 400:0.1, 700:0.2")
 
-    reflectance: _spectrum_property("Reflectance", "Spectral reflectance in place of the base colour")
-    emission: _spectrum_property("Emission", "Spectral power in place of the colour of the light; only its shape "
-                                             "counts, the strength stays")
+
+class LensfieldWorldSpectra(bpy.types.PropertyGroup):
+    """Spectra of a world."""
+
+    emission: _emission()
+
+
+class LensfieldLightSpectra(bpy.types.PropertyGroup):
+    """Spectrum and power of a light."""
+
+    emission: _emission()
+    power_unit: EnumProperty(
+        name="Power", default="WATT",
+        items=[("WATT", "Watts", "The light's own Power, given off between 380 and 780 nm (of a sun, per m\u00b2)"),
+               ("LUMEN", "Lumens", "Luminous flux, as lamps are sold by (of a sun, lux), in place of its Power")])
+    lumens: FloatProperty(name="Lumens", default=800, min=0, soft_max=1e5,
+                          description="Luminous flux in lumens; of a sun, illuminance in lux")
+
+
+class LensfieldMaterialSpectra(bpy.types.PropertyGroup):
+    """Spectra of a material."""
+
+    reflectance: _spectrum_property(
+        "Reflectance", "Spectral reflectance in place of the base colour. Empty: the colour is upsampled",
+        lambda: library_names("reflectance"), "a two-column file (nm, value), or pairs such as 400:0.1, 700:0.2")
+    emission: _emission()
+    refraction: _spectrum_property(
+        "Refraction", "What the material is made of, by its refractive index. Glass takes it in place of its IOR and "
+        "disperses; metals reflect by it where no reflectance is given", refraction_names,
+        "or a file of refractiveindex.info (.yml)")
 
 
 class LensfieldSettings(bpy.types.PropertyGroup):
@@ -42,6 +72,11 @@ class LensfieldSettings(bpy.types.PropertyGroup):
               + [(FROM_FILE, "From file", "A lens package of your own (.npz)")])
     lens_file: StringProperty(name="Lens File", description="Lens package (.npz)", subtype="FILE_PATH",
                               options=BLEND_RELATIVE)
+    view: EnumProperty(
+        name="View", default="LENS", description="What the lens image shows",
+        items=[("LENS", "The Lens's", "What the lens sees on its own sensor; Match Camera to Lens shows it beforehand"),
+               ("CAMERA", "The Camera's", "What the scene's camera sees, the lens being made as large as that takes: "
+                                          "its focus and blur scale with it")])
     wavelength_mode: EnumProperty(
         name="Wavelengths", default="RANGE",
         items=[("RANGE", "Range", "Evenly spaced wavelengths"), ("LIST", "List", "Wavelengths one by one")])
@@ -49,10 +84,27 @@ class LensfieldSettings(bpy.types.PropertyGroup):
                                        precision=1)
     wavelength_last_nm: FloatProperty(name="Last", description="Longest wavelength in nm", default=700, min=1,
                                       precision=1)
-    wavelength_count: IntProperty(name="Number", default=9, min=1, soft_max=61,
-                                  description="Number of wavelengths; three are rendered in each Cycles pass")
+    wavelength_count: IntProperty(name="Number", default=21, min=1, soft_max=61,
+                                  description="Number of wavelengths of the lens image. How many of them are "
+                                              "rendered is up to the spectra, below")
     wavelength_list: StringProperty(name="List", description="Ascending wavelengths in nm, such as 450, 550, 650",
                                     default="450, 550, 650")
+    tier: EnumProperty(
+        name="Spectra", default="STANDARD", description="How many wavelengths Cycles renders",
+        items=[("PREVIEW", "Preview", "One Cycles pass of three wavelengths tells all others, roughly"),
+               ("STANDARD", "Standard", "As many as keep colours within what can just be seen: often 6 to 12, fewer "
+                                        "where the scene needs no more; all others follow from them"),
+               ("REFERENCE", "Reference", "Each wavelength is rendered"),
+               ("RESULT", "By result", "Say how true colours have to be")])
+    colour_error: FloatProperty(
+        name="Colour Error", default=STANDARD_COLOUR_ERROR, min=0.001, soft_min=0.05, soft_max=5, precision=2,
+        description="CIEDE2000 difference that 95 % of the scene's possible colours are to stay within: 1 is just "
+                    "seen. Less takes more Cycles passes")
+    unfit: EnumProperty(
+        name="Unfit Nodes", default="REFUSE",
+        description="Nodes that Cycles renders in red, green and blue alone; Check Scene lists them",
+        items=[("REFUSE", "Refuse", "Stop with an error that names the first"),
+               ("RENDER", "Render Anyway", "Take what Cycles makes of them, wrong as it is")])
     quality: EnumProperty(
         name="Quality", default="ACCURACY", description="How the lens image's accuracy is asked for",
         items=[("ACCURACY", "By result", "Say how accurate the picture has to be; the quickest way there is chosen"),
@@ -111,6 +163,12 @@ class LensfieldSettings(bpy.types.PropertyGroup):
         """Ascending array of wavelengths; raises InputError."""
         return parse_wavelengths(self.wavelengths_text())
 
+    def to_spectral_options(self):
+        """How true spectra are asked to be."""
+        if self.tier == "RESULT":
+            return SpectralOptions(colour_error=float(f"{self.colour_error:.6g}"))
+        return SpectralOptions(self.tier.lower())
+
     def to_options(self):
         """The engine's Options: the only bridge to it."""
         if self.quality == "KNOBS":
@@ -120,10 +178,10 @@ class LensfieldSettings(bpy.types.PropertyGroup):
         return Options(**asked, out_of_field=self.out_of_field.lower(), fireflies=self.fireflies.lower())
 
 
-classes = (LensfieldSpectra, LensfieldSettings)
+classes = (LensfieldWorldSpectra, LensfieldLightSpectra, LensfieldMaterialSpectra, LensfieldSettings)
 
-_OWNERS = ((bpy.types.Scene, LensfieldSettings), (bpy.types.Material, LensfieldSpectra),
-           (bpy.types.Light, LensfieldSpectra), (bpy.types.World, LensfieldSpectra))
+_OWNERS = ((bpy.types.Scene, LensfieldSettings), (bpy.types.Material, LensfieldMaterialSpectra),
+           (bpy.types.Light, LensfieldLightSpectra), (bpy.types.World, LensfieldWorldSpectra))
 
 
 def register_pointers():

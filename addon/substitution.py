@@ -1,4 +1,4 @@
-"""Substitution: every colour of the scene becomes its values at the three wavelengths of a pass.
+"""Substitution: every colour of the scene becomes its values at the wavelengths of a pass.
 
 Materials, lights, worlds and the node groups in them get stand-ins whose colour inputs are wired, once, to Attribute
 nodes that read properties of the scene. Between passes only those properties change, so that Cycles keeps its
@@ -6,55 +6,56 @@ geometry and shaders.
 
 A colour that is known (a constant, or an assigned spectrum) becomes one attribute. A colour that is computed by nodes
 goes through a node group that upsamples it: the bases are linear, so a value at one wavelength is a dot product with
-the colour.
+the colour. What shines does so in its own colour under the white light of its group; lamps' spectra come in later.
 """
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import bpy
 import numpy as np
 
-from ..engine.errors import InputError
-from ..engine.spectra import (BAND_NM, Spectrum, blackbody, channel_basis, emission_basis, load_spectrum,
-                              reflectance_basis, white_density)
-from .errors import SceneError
+from ..engine.refraction import Refraction
+from ..engine.spectra import BAND_NM, Spectrum, channel_basis, reflectance_basis
+from .emitters import Lamp, blackbody_temperature, uses_nodes
+from .node_paths import constant_of, feeding
+from .render_state import rendered_layer
+from .spectral_sockets import CHANNELS, EMISSION, INDEX, REFLECTANCE, is_shader, kind, takes_reflectance
 
 PROPERTY_PREFIX = "lensfield_"
-RENDER_SCALE = BAND_NM[1] - BAND_NM[0]
-"""Cycles renders spectral radiance times this, about as bright as in RGB: its light threshold is an absolute figure,
-and at the radiance of a single nanometre it would throw nearly all light samples away."""
-
-REFLECTANCE, EMISSION, CHANNELS = "reflectance", "emission", "channels"
-BASIS = {REFLECTANCE: reflectance_basis, CHANNELS: channel_basis,
-         EMISSION: lambda wavelengths_nm: RENDER_SCALE * emission_basis(wavelengths_nm)}
-EMITTING_NODES = {"ShaderNodeEmission", "ShaderNodeBackground"}
-EMITTING_SOCKETS = {"Emission Color", "Emission", "Blackbody Tint", "Emission Coefficients"}
-CHANNEL_SOCKETS = {"Radius", "Subsurface Radius", "IOR", "Extinction", "Absorption Coefficient",
-                   "Absorption Coefficients", "Scatter Coefficients"}
-"""Vectors that hold one value for each of red, green and blue, though they are no colours."""
-BASE_COLOUR_SOCKETS = {"Base Color", "Color"}
-NOT_REFLECTING = {"ShaderNodeBsdfTransparent", "ShaderNodeVolumeAbsorption", "ShaderNodeVolumeScatter",
-                  "ShaderNodeVolumePrincipled"}
+BASIS = {REFLECTANCE: reflectance_basis, EMISSION: reflectance_basis, CHANNELS: channel_basis}
+D_LINE_NM = 587.6  # its refractive index stands for all where glass is not to disperse
+METAL = 0.1  # the absorption index of what is one
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Assigned:
-    """Spectra that the user gave a data-block, and the tint (a function of wavelengths) of all that it emits."""
+    """What the user gave a data-block, and the light in which it shines.
+
+    Attributes
+    ----------
+    reflectance : Spectrum or None
+    refraction : Refraction or None
+    emission : Lamp or None
+        In place of the colours of all that it emits.
+    lamp : Lamp or None
+        What its colours are seen by as it emits; None where each input has its own.
+    tint : (float, float, float)
+        Linear Rec. 709 colour of all that it emits.
+    shared_group : bool
+        Whether it shines in a light group of several spectra.
+    """
 
     reflectance: Spectrum | None = None
-    emission: Spectrum | None = None
-    tint: object = None
+    refraction: Refraction | None = None
+    emission: Lamp | None = None
+    lamp: Lamp | None = None
+    tint: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    shared_group: bool = False
 
-    def spectrum_for(self, node, socket, kind):
-        """The spectrum that takes the place of this socket's colour, or None."""
-        if kind == EMISSION:
-            return self.emission
-        takes_it = socket.name in BASE_COLOUR_SOCKETS and node.bl_idname not in NOT_REFLECTING
-        return self.reflectance if takes_it and kind == REFLECTANCE else None
-
-
-NOTHING_ASSIGNED = Assigned()
+    @property
+    def metal(self):
+        """Whether the refraction is that of a metal."""
+        return self.refraction is not None and is_metal(self.refraction)
 
 
 class Substitution:
@@ -64,6 +65,16 @@ class Substitution:
     ----------
     scene : bpy.types.Scene
     journal : Journal
+    spectra : AssignedSpectra
+    lamps : Lamps
+    groups : LightGroups
+
+    Attributes
+    ----------
+    factors : list of callable (wavelengths_nm) -> values
+        What light is multiplied by on its way: the reflectances and colours that are known.
+    mixed_colours : bool
+        Whether other colours are computed by nodes.
 
     Raises
     ------
@@ -71,12 +82,12 @@ class Substitution:
         A spectrum that cannot be read, or a data-block that cannot be given a stand-in.
     """
 
-    def __init__(self, scene, journal):
-        self._scene = scene
-        self._journal = journal
-        self._values = {}
-        self._groups = {}
-        self._upsamplers = {kind: self._make_upsampler(kind) for kind in BASIS}
+    def __init__(self, scene, journal, spectra, lamps, groups):
+        self._scene, self._journal = scene, journal
+        self._spectra, self._lamps, self._groups = spectra, lamps, groups
+        self._values, self._indices, self._copies = {}, set(), {}
+        self.factors, self.mixed_colours = [], False
+        self._upsamplers = {basis: self._make_upsampler(basis) for basis in set(BASIS.values())}
         for material in list(bpy.data.materials):
             if material.users and not material.is_grease_pencil:
                 self._substitute_material(material)
@@ -86,34 +97,49 @@ class Substitution:
         for world in {scene.world, *(layer.world_override for layer in scene.view_layers)} - {None}:
             self._substitute_world(world)
 
-    def set_wavelengths(self, wavelengths_nm):
-        """Give every attribute its values at these three wavelengths."""
+    def set_wavelengths(self, wavelengths_nm, dispersive=False):
+        """Give every attribute its values at these three wavelengths; glass its index there only where it disperses."""
         for name, values_at in self._values.items():
-            self._scene[name] = [float(value) for value in values_at(wavelengths_nm)]
-        self._scene.update_tag()  # or persistent data keeps the values of the first pass
+            at_nm = np.full(3, D_LINE_NM) if name in self._indices and not dispersive else wavelengths_nm
+            self._scene[name] = [float(value) for value in values_at(at_nm)]
+        # Persistent data would keep the values of the first pass. Tagging the scene would have its meshes synchronised
+        # again; a property of the view layer, though set to what it is, has just the attributes read anew.
+        layer = rendered_layer(self._scene)
+        layer.samples = layer.samples
 
     def _substitute_material(self, material):
+        assigned = self._assigned(material, reflectance=self._spectra.of(material, "reflectance"),
+                                  refraction=self._spectra.of(material, "refraction"),
+                                  emission=self._lamps.assigned(material))
         stand_in = self._stand_in(material, bpy.data.materials)
-        if not _uses_nodes(material):
+        if not uses_nodes(material):
             _single_shader(stand_in, "ShaderNodeBsdfDiffuse", "ShaderNodeOutputMaterial", material.diffuse_color)
-        self._substitute_tree(stand_in.node_tree, _assigned(material, "reflectance", "emission"))
+        self._substitute_tree(stand_in.node_tree, assigned)
 
     def _substitute_light(self, light):
+        emission = self._lamps.assigned(light)
+        lamp = self._lamps.blackbody(light.temperature) if light.use_temperature and not emission else None
+        tint = (1.0, 1.0, 1.0) if emission else tuple(light.color)
+        assigned = self._assigned(light, emission=emission, lamp=lamp, tint=tint)
         stand_in = self._stand_in(light, bpy.data.lights)
-        if not _uses_nodes(light):
+        if not uses_nodes(light):
             _single_shader(stand_in, "ShaderNodeEmission", "ShaderNodeOutputLight", (1, 1, 1, 1))
         stand_in.color = (1, 1, 1)
         stand_in.use_temperature = False
-        spectrum = _assigned(light, "emission").emission
-        tint = None if spectrum else _light_tint(np.array(light.color),
-                                                 light.temperature if light.use_temperature else None)
-        self._substitute_tree(stand_in.node_tree, Assigned(emission=spectrum, tint=tint))
+        if light.lensfield.power_unit == "LUMEN":
+            stand_in.energy = light.lensfield.lumens / luminous_efficacy(emission or lamp or self._lamps.daylight, tint)
+            stand_in.exposure = 0
+        self._substitute_tree(stand_in.node_tree, assigned)
 
     def _substitute_world(self, world):
+        assigned = self._assigned(world, emission=self._lamps.assigned(world))
         stand_in = self._stand_in(world, bpy.data.worlds)
-        if not _uses_nodes(world):
+        if not uses_nodes(world):
             _single_shader(stand_in, "ShaderNodeBackground", "ShaderNodeOutputWorld", (*world.color, 1))
-        self._substitute_tree(stand_in.node_tree, _assigned(world, "emission"))
+        self._substitute_tree(stand_in.node_tree, assigned)
+
+    def _assigned(self, data_block, **fields):
+        return Assigned(**fields, shared_group=self._groups.is_shared(data_block))
 
     def _stand_in(self, original, collection):
         stand_in = self._journal.stand_in(original, collection)
@@ -123,38 +149,96 @@ class Substitution:
         return stand_in
 
     def _substitute_tree(self, tree, assigned):
-        """Wire the colour inputs of every shader node of a tree, and of the groups in it."""
+        """Wire the inputs of every shader node of a tree, and of the groups in it."""
         for node in list(tree.nodes):
             if node.bl_idname == "ShaderNodeGroup" and node.node_tree:
                 node.node_tree = self._substituted_group(node.node_tree, assigned)
-            elif any(output.type == "SHADER" for output in node.outputs):
+            elif is_shader(node):
                 for socket in node.inputs:
-                    kind = _kind(node, socket)
-                    if kind:
-                        self._substitute_socket(tree, node, socket, kind, assigned)
+                    source = self._source(tree, node, socket, assigned)
+                    if source:
+                        tree.links.new(source, socket)
 
     def _substituted_group(self, group, assigned):
         key = group.session_uid, assigned
-        if key not in self._groups:
-            copy = self._groups[key] = group.copy()
-            self._groups[copy.session_uid, assigned] = copy
+        if key not in self._copies:
+            copy = self._copies[key] = group.copy()
+            self._copies[copy.session_uid, assigned] = copy
             self._journal.on_exit(lambda: bpy.data.node_groups.remove(copy))
             copy.animation_data_clear()
             self._substitute_tree(copy, assigned)
-        return self._groups[key]
+        return self._copies[key]
 
-    def _substitute_socket(self, tree, node, socket, kind, assigned):
-        spectrum = assigned.spectrum_for(node, socket, kind)
-        tint = assigned.tint if kind == EMISSION else None
-        if spectrum is not None:
-            source = self._attribute(tree, _spectrum_values(spectrum, kind))
-        elif socket.is_linked and not socket.links[0].is_muted:
-            source = self._upsampled(tree, kind, socket.links[0].from_socket)
-            if tint:
-                source = self._multiplied(tree, source, self._attribute(tree, tint))
-        else:
-            source = self._attribute(tree, _colour_values(np.array(socket.default_value[:3]), kind, tint))
-        tree.links.new(source, socket)
+    def _source(self, tree, node, socket, assigned):
+        """The output that an input is to take its values from, or None where it stays as it is."""
+        how = kind(node, socket)
+        if how == EMISSION:
+            return self._emission(tree, socket, assigned)
+        if how == INDEX:
+            glass = assigned.refraction is not None and not assigned.metal
+            return self._index(tree, assigned.refraction) if glass else None
+        if how == REFLECTANCE and takes_reflectance(node, socket):
+            if assigned.reflectance or assigned.metal:
+                reflectance_at = assigned.reflectance.at if assigned.reflectance else assigned.refraction.reflectance_at
+                return self._factor(tree, reflectance_at)
+        if how == CHANNELS and assigned.metal and socket.name in ("IOR", "Extinction"):
+            self.factors.append(assigned.refraction.reflectance_at)
+            refraction = assigned.refraction
+            return self._attribute(tree, refraction.n_at if socket.name == "IOR" else refraction.k_at)
+        return self._colour(tree, socket, how) if how else None
+
+    def _colour(self, tree, socket, how):
+        """A colour of the user's own: upsampled, by nodes where only nodes know it."""
+        basis, constant = BASIS[how], constant_of(socket)
+        if constant is None:
+            self.mixed_colours = True
+            return self._upsampled(tree, basis, feeding(socket))
+        colour = np.array(constant[:3])
+        if how != CHANNELS:
+            return self._factor(tree, lambda nm: basis(nm) @ colour)
+        self.factors.append(lambda nm: np.exp(-(basis(nm) @ colour) / max(colour.max(), 1e-9)))  # as of an absorber
+        return self._attribute(tree, lambda nm: basis(nm) @ colour)
+
+    def _emission(self, tree, socket, assigned):
+        """What shines: its colour in the light of its lamp, relative to the lamp of the group it is rendered in."""
+        temperature_k = None if assigned.emission or assigned.lamp else blackbody_temperature(socket)
+        lamp = assigned.emission or assigned.lamp or self._lamps.of_socket(socket)
+        group = self._lamps.flat if assigned.shared_group else lamp
+        tint = np.array(assigned.tint)
+
+        def light_at(nm):
+            relative = 1.0 if group is lamp else lamp.density_at(nm) / group.density_at(nm)
+            return relative * (reflectance_basis(nm) @ tint)
+
+        if assigned.emission:
+            return self._glow(tree, light_at)
+        if temperature_k:  # Blender gives it the luminance of white
+            gain = luminous_efficacy(self._lamps.daylight) / luminous_efficacy(lamp)
+            return self._glow(tree, lambda nm: gain * light_at(nm))
+        if feeding(socket) is not None:
+            self.mixed_colours = True
+            colour = self._upsampled(tree, reflectance_basis, feeding(socket))
+            own = group is lamp and np.all(tint == 1)
+            return colour if own else self._multiplied(tree, colour, self._glow(tree, light_at))
+        colour = np.array(socket.default_value[:3])
+        return self._glow(tree, lambda nm: light_at(nm) * (reflectance_basis(nm) @ colour))
+
+    def _index(self, tree, refraction):
+        node = _attribute_node(tree, self._property(refraction.n_at))
+        self._indices.add(node.attribute_name)
+        return node.outputs["Fac"]
+
+    def _factor(self, tree, values_at):
+        """An attribute that multiplies light on its way."""
+        self.factors.append(values_at)
+        return self._attribute(tree, values_at)
+
+    def _glow(self, tree, values_at):
+        """An attribute that light starts with: however strong, its shape alone says how many wavelengths it takes."""
+        peak = values_at(np.arange(BAND_NM[0], BAND_NM[1] + 1)).max()
+        if peak > 0:
+            self.factors.append(lambda nm: values_at(nm) / peak)
+        return self._attribute(tree, values_at)
 
     def _attribute(self, tree, values_at):
         """Output of a node that gives `values_at(wavelengths)` for the wavelengths of the pass."""
@@ -169,9 +253,9 @@ class Substitution:
         self._journal.on_exit(lambda: self._scene.pop(name, None))
         return name
 
-    def _upsampled(self, tree, kind, colour):
+    def _upsampled(self, tree, basis, colour):
         node = tree.nodes.new("ShaderNodeGroup")
-        node.node_tree = self._upsamplers[kind]
+        node.node_tree = self._upsamplers[basis]
         tree.links.new(colour, node.inputs[0])
         return node.outputs[0]
 
@@ -182,16 +266,16 @@ class Substitution:
         tree.links.new(second, node.inputs[1])
         return node.outputs[0]
 
-    def _make_upsampler(self, kind):
+    def _make_upsampler(self, basis):
         """Node group: linear Rec. 709 colour -> its values at the pass's three wavelengths."""
-        group = bpy.data.node_groups.new(f"{PROPERTY_PREFIX}{kind}", "ShaderNodeTree")
+        group = bpy.data.node_groups.new(f"{PROPERTY_PREFIX}{basis.__name__}", "ShaderNodeTree")
         self._journal.on_exit(lambda: bpy.data.node_groups.remove(group))
         group.interface.new_socket(name="Color", in_out="INPUT", socket_type="NodeSocketColor")
         group.interface.new_socket(name="Spectral", in_out="OUTPUT", socket_type="NodeSocketColor")
         colour = group.nodes.new("NodeGroupInput").outputs[0]
         combine = group.nodes.new("ShaderNodeCombineColor")
         for channel in range(3):
-            row = self._property(lambda nm, basis=BASIS[kind], channel=channel: basis(nm)[channel])
+            row = self._property(lambda nm, channel=channel: basis(nm)[channel])
             product = group.nodes.new("ShaderNodeVectorMath")
             product.operation = "DOT_PRODUCT"
             group.links.new(colour, product.inputs[0])
@@ -201,21 +285,18 @@ class Substitution:
         return group
 
 
-def _kind(node, socket):
-    """How a shader node's input varies with wavelength, or None where it does not."""
-    if socket.name in EMITTING_SOCKETS or (socket.type == "RGBA" and node.bl_idname in EMITTING_NODES):
-        return EMISSION if socket.type in ("RGBA", "VECTOR") else None
-    if socket.type == "RGBA":
-        return REFLECTANCE
-    return CHANNELS if socket.type == "VECTOR" and socket.name in CHANNEL_SOCKETS else None
+def is_metal(refraction):
+    """Whether a refraction is that of a metal."""
+    return bool(refraction.k_at(D_LINE_NM) > METAL)
 
 
-def _uses_nodes(data_block):
-    """Whether Blender renders a material, light or world by its node tree, or by its plain colour."""
-    if data_block.node_tree is None:
-        return False
-    always = bpy.app.version >= (5, 0, 0) and not isinstance(data_block, bpy.types.Light)
-    return always or data_block.use_nodes
+def luminous_efficacy(lamp, tint=(1.0, 1.0, 1.0)):
+    """Lumens of a watt of a lamp, behind a filter of this linear Rec. 709 colour; its watts are those before it."""
+    nm = np.arange(BAND_NM[0], BAND_NM[1] + 1)
+    passed = np.maximum(reflectance_basis(nm) @ np.array(tint), 0)
+    own = lamp.density_at(nm)
+    behind = Spectrum(nm, own * passed).luminous_flux_per_watt() * (own @ passed) / own.sum()
+    return behind if passed.min() < 1 else lamp.spectrum.luminous_flux_per_watt()
 
 
 def _single_shader(data_block, shader_type, output_type, colour):
@@ -233,52 +314,3 @@ def _attribute_node(tree, property_name):
     node.attribute_type = "VIEW_LAYER"
     node.attribute_name = property_name
     return node
-
-
-def _assigned(data_block, *fields):
-    """The spectra in these fields of a data-block; raises SceneError for one that cannot be read."""
-    spectra = {field: _read_spectrum(data_block, field) for field in fields}
-    return Assigned(**spectra) if any(spectra.values()) else NOTHING_ASSIGNED
-
-
-def _read_spectrum(data_block, field):
-    text = getattr(data_block.lensfield, field).strip()
-    if not text:
-        return None
-    try:
-        # Blender writes paths beside the .blend as //name.
-        spectrum = load_spectrum(bpy.path.abspath(text), Path(bpy.data.filepath).parent)
-        if field == EMISSION:
-            spectrum.density_at(BAND_NM)
-        return spectrum
-    except InputError as error:
-        raise SceneError(f"{data_block.rna_type.name.lower()} {data_block.name!r}", f"{field} spectrum",
-                         text, f"{error.field} {error.value}: {error.remedy}") from None
-
-
-def _light_tint(colour, temperature_k):
-    """What a light's colour and temperature make of white light, as a function of wavelengths; None for nothing."""
-    if temperature_k is None:
-        return None if np.allclose(colour, 1) else lambda nm: reflectance_basis(nm) @ colour
-    thermal = blackbody(temperature_k)
-
-    def tint(nm):
-        white = white_density(nm)
-        ratio = np.divide(thermal.density_at(nm), white, out=np.zeros_like(white), where=white > 0)
-        return ratio * (reflectance_basis(nm) @ colour)
-
-    return tint
-
-
-def _spectrum_values(spectrum, kind):
-    """Values of an assigned spectrum: reflectance as it is, emission as density."""
-    if kind == REFLECTANCE:
-        return spectrum.at
-    return lambda nm: RENDER_SCALE * spectrum.density_at(nm)
-
-
-def _colour_values(colour, kind, tint=None):
-    """Values of a constant linear Rec. 709 colour, upsampled, tinted."""
-    if tint is None:
-        return lambda nm: BASIS[kind](nm) @ colour
-    return lambda nm: (BASIS[kind](nm) @ colour) * tint(nm)

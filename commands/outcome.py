@@ -15,6 +15,12 @@ def plan_text(plan):
             f"about {max(plan['seconds'], 0.1):.1f} s, {plan['memory_mb']:.0f} MB")
 
 
+def scene_text(facts):
+    """How a scene was rendered, from a report's facts, in one line."""
+    error = facts["estimated_colour_error"]
+    return facts["scene_plan"] + (f"; colours within a CIEDE2000 of about {error:.2g}" if error else "")
+
+
 def finish(options, report, files):
     """Write the report, and say where the files are, how long each stage took, and what lies out of field."""
     if options.report:
@@ -23,6 +29,10 @@ def finish(options, report, files):
         print(path)
     for stage, seconds in report.stages.items():
         print(f"  {stage:<40}{seconds:8.2f} s")
+    if report.facts.get("lens_warning"):
+        print(f"  {report.facts['lens_warning']}")
+    if "depth" in report.facts:
+        print(f"  {report.facts['depth']['text']}")
     beyond = report.facts["out_of_field_fraction"]
     if beyond:
         print(f"  {beyond:.1%} of the frame lies beyond the lens data: {report.facts['plan']['out_of_field']}")

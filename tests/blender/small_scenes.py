@@ -5,6 +5,7 @@ import numpy as np
 
 from lensfield import addon
 from lensfield.engine.exr import read_exr
+from lensfield.engine.transport import SpectralOptions
 
 WAVELENGTHS_NM = (450.0, 550.0, 650.0)
 
@@ -66,7 +67,7 @@ def render(scene, folder, wavelengths_nm=WAVELENGTHS_NM, **options):
 
 
 def radiance_on_axis(scene, folder, wavelengths_nm=WAVELENGTHS_NM):
-    """Spectral radiance in the middle of the frame, one value for each wavelength."""
-    cube = read_exr(render(scene, folder, wavelengths_nm).radiance).cube
+    """Spectral radiance in the middle of the frame, one value for each wavelength, each rendered."""
+    cube = read_exr(render(scene, folder, wavelengths_nm, spectral=SpectralOptions("reference")).radiance).cube
     rows, columns = cube.shape[1:]
     return cube[:, rows // 2 - 2:rows // 2 + 2, columns // 2 - 2:columns // 2 + 2].mean(axis=(1, 2), dtype=np.float64)

@@ -1,14 +1,22 @@
 """The whole chain's geometry: where a point in space lands, worked out from the lens's own tables."""
 
+from dataclasses import replace
+
 import bpy
 import numpy as np
+import OpenEXR
 import pytest
-from small_scenes import material, render, set_world
+from small_scenes import material, render, set_world, wall
 
-from lensfield.addon.camera import make_framing, pitch_um
+from lensfield.addon.camera import (CAMERA_SENSOR_MM, check_camera, lens_for_view, make_framing, match_camera_to_lens,
+                                    pitch_um, set_up_capture)
 from lensfield.addon.errors import SceneError
-from lensfield.engine import Lens
+from lensfield.engine import Lens, SpectralImage, simulate
+from lensfield.engine.capture import overscan_px
+from lensfield.engine.depth_range import planar_depth_mm
 from lensfield.engine.exr import read_exr
+from lensfield.engine.psf import psf_radius_px
+from lensfield.engine.spectral_image import FISHEYE, PLANE
 
 LENS = Lens.load("edmund-54852")
 WAVELENGTH_NM = 562.0
@@ -97,3 +105,177 @@ def test_match_camera_gives_the_lens_field_of_view(scene):
     assert bpy.ops.lensfield.match_camera() == {"FINISHED"}
     # 2.4 mm paraxial is 100.2 mm in the object plane, 254.06 mm from the entrance pupil: 21.5 degrees.
     assert np.degrees(scene.camera.data.angle_x) == pytest.approx(2 * 21.52, abs=0.05)
+
+
+WIDE = Lens.load("muller-fisheye-25mm")
+WIDE_COLUMN = int(np.argmin(np.abs(WIDE.wavelengths_nm - WAVELENGTH_NM)))
+WIDE_ANGLES_DEG = np.degrees(np.arctan(WIDE.heights_mm / WIDE.efl_mm))  # 21, 39, 60 and 63 at 6, 11, 17 and 18
+PLACES = ((0, 0), (6, 0), (11, 90), (11, 217), (17, 33), (17, 146), (18, 323))  # field height, azimuth in degrees
+
+
+def shoot(scene, folder, shape_px, pass_name="Combined"):
+    """Render the scene as it stands on so many rows and columns, a box for each pixel; a pass's first channel."""
+    render, image = scene.render, scene.render.image_settings
+    render.resolution_y, render.resolution_x = shape_px
+    render.filepath = str(folder / "shot.exr")
+    scene.cycles.pixel_filter_type, scene.cycles.use_denoising = "BOX", False
+    scene.view_layers[0].use_pass_z = True
+    if hasattr(image, "media_type"):
+        image.media_type = "MULTI_LAYER_IMAGE"
+    image.file_format, image.color_depth = "OPEN_EXR_MULTILAYER", "32"
+    bpy.ops.render.render(write_still=True)
+    with OpenEXR.File(render.filepath, separate_channels=True) as file:
+        channels = {name: channel.pixels for part in file.parts for name, channel in part.channels.items()}
+    return next(values for name, values in sorted(channels.items(), reverse=True) if f".{pass_name}." in name)
+
+
+def direction(angle_deg, azimuth_deg):
+    angle, azimuth = np.radians((angle_deg, azimuth_deg))
+    return np.array([np.sin(angle) * np.cos(azimuth), np.sin(angle) * np.sin(azimuth), -np.cos(angle)])
+
+
+def beads_around(scene):
+    for height_index, azimuth_deg in PLACES:
+        bead(scene, *(2000 * direction(WIDE_ANGLES_DEG[height_index], azimuth_deg)), radius_mm=20)
+
+
+def assert_lit_places(plane, radius_mm, pitch_um, atol_px):
+    """The light about every bead's place has its centroid there."""
+    rows, columns = np.mgrid[:plane.shape[0], :plane.shape[1]]
+    x_px, y_px = columns - (plane.shape[1] - 1) / 2, (plane.shape[0] - 1) / 2 - rows
+    for height_index, azimuth_deg in PLACES:
+        radius_px = radius_mm[height_index] / (pitch_um * 1e-3)
+        expected = radius_px * np.array([np.cos(np.radians(azimuth_deg)), np.sin(np.radians(azimuth_deg))])
+        light = np.where(np.hypot(x_px - expected[0], y_px - expected[1]) < 12, plane, 0).astype(float)
+        centroid = np.array([(x_px * light).sum(), (y_px * light).sum()]) / light.sum()
+        np.testing.assert_allclose(centroid, expected, atol=atol_px, err_msg=f"at height {height_index}")
+
+
+@pytest.fixture
+def wide(scene):
+    """The framing of a lens of 140 degrees, 320 x 240 px of 150 um, and the camera set up for it."""
+    scene.render.resolution_x, scene.render.resolution_y = 320, 240
+    framing = make_framing(scene, WIDE, [WAVELENGTH_NM])
+    set_up_capture(scene.camera.data, WIDE, framing)
+    return framing
+
+
+def test_a_fisheye_capture_shows_a_direction_at_its_arc(scene, wide, tmp_path):
+    assert wide.projection == FISHEYE and wide.pitch_um == pytest.approx(150)
+    beads_around(scene)
+    plane = shoot(scene, tmp_path, wide.capture_px)
+    assert_lit_places(plane, WIDE.efl_mm * np.radians(WIDE_ANGLES_DEG), wide.pitch_um, atol_px=0.1)
+
+
+def test_what_a_fisheye_capture_shows_the_lens_lays_where_its_data_say(scene, wide, tmp_path):
+    beads_around(scene)
+    radiance = SpectralImage(shoot(scene, tmp_path, wide.capture_px), [WAVELENGTH_NM], pitch_um=wide.pitch_um,
+                             overscan_px=wide.overscan_px, projection=wide.projection)
+    assert_lit_places(simulate(radiance, WIDE).cube[0], WIDE.real_height_mm[WIDE_COLUMN], wide.pitch_um, atol_px=0.3)
+
+
+def test_even_light_is_even_in_a_fisheye_capture_to_its_rim(scene, wide, tmp_path):
+    set_world(scene)
+    plane = shoot(scene, tmp_path, wide.capture_px)
+    corner_mm = np.hypot(*wide.capture_px) / 2 * wide.pitch_um * 1e-3
+    assert np.degrees(corner_mm / WIDE.capture_focal_length_mm) > 70
+    np.testing.assert_allclose(plane, 1.0, rtol=1e-5)
+
+
+def test_a_wide_lens_needs_a_fifth_of_the_pixels_of_a_plane(scene, wide):
+    plane = overscan_px(WIDE, wide.frame_px, wide.pitch_um, [WAVELENGTH_NM], psf_radius_px(WIDE, wide.pitch_um))
+    as_plane = np.prod([n + 2 * margin for n, margin in zip(wide.frame_px, plane)])
+    assert np.prod(wide.capture_px) < 0.22 * as_plane
+
+
+def test_depth_of_a_wall_is_the_same_all_over_by_either_camera(scene, wide, tmp_path):
+    wall(scene, material("White", "ShaderNodeBsdfDiffuse")[0], distance_m=2.0, side_m=20)
+    distance_mm = 1e3 * shoot(scene, tmp_path, wide.capture_px, "Depth")
+    depth_mm = planar_depth_mm(distance_mm, WIDE, wide.pitch_um, wide.projection)
+    seen = np.isfinite(depth_mm)
+    assert seen.mean() > 0.9
+    # A pixel's one sample may lie half a pixel off, where the distance is up to tan(70 deg) / f times that other.
+    np.testing.assert_allclose(depth_mm[seen], 2000, rtol=0.15 * np.sqrt(0.5) * 2.75 / 25.25 * 1.2)
+    as_plane = replace(wide, projection=PLANE)
+    set_up_capture(scene.camera.data, WIDE, as_plane)
+    depth_mm = 1e3 * shoot(scene, tmp_path, (24, 32), "Depth")
+    np.testing.assert_allclose(planar_depth_mm(depth_mm, WIDE, 150.0, PLANE), 2000, rtol=1e-5)
+
+
+def test_a_capture_for_a_plane_after_one_for_a_fisheye_is_perspective_again(scene, wide):
+    framing = make_framing(scene, LENS, [WAVELENGTH_NM])
+    set_up_capture(scene.camera.data, LENS, framing)
+    camera = scene.camera.data
+    assert framing.projection == PLANE and camera.type == "PERSP"
+    width_mm = framing.capture_px[1] * framing.pitch_um * 1e-3
+    assert np.tan(camera.angle_x / 2) == pytest.approx(width_mm / 2 / LENS.capture_focal_length_mm, rel=1e-5)
+
+
+def test_match_camera_to_a_wide_lens_shows_the_very_frame(scene, tmp_path):
+    match_camera_to_lens(scene.camera.data, WIDE, 320, 150.0, FISHEYE)
+    check_camera(scene)
+    beads_around(scene)
+    assert_lit_places(shoot(scene, tmp_path, (240, 320)), WIDE.real_height_mm[WIDE_COLUMN], 150.0, atol_px=0.3)
+
+
+def test_match_camera_to_a_wide_lens_lets_solid_viewports_reach_as_far_to_the_sides(scene):
+    match_camera_to_lens(scene.camera.data, WIDE, 320, 150.0, FISHEYE)
+    side_deg = np.degrees(np.arctan(np.interp(24.0, WIDE.real_height_mm[WIDE_COLUMN], WIDE.heights_mm) / WIDE.efl_mm))
+    assert np.degrees(np.arctan(CAMERA_SENSOR_MM / 2 / scene.camera.data.lens)) == pytest.approx(side_deg, abs=0.1)
+
+
+def test_other_panoramas_are_refused(scene):
+    scene.camera.data.type = "PANO"
+    scene.camera.data.panorama_type = "EQUIRECTANGULAR"
+    with pytest.raises(SceneError, match="camera 'Camera': panorama type is EQUIRECTANGULAR"):
+        check_camera(scene)
+
+
+@pytest.mark.parametrize("frame", [(1080, 1920), (1920, 1080), (600, 600)])
+@pytest.mark.parametrize("fit", ["AUTO", "HORIZONTAL", "VERTICAL"])
+@pytest.mark.parametrize("unit", ["MILLIMETERS", "FOV"])
+def test_an_adapted_lens_has_the_cameras_own_view(scene, frame, fit, unit):
+    camera = scene.camera.data
+    camera.sensor_fit, camera.sensor_width, camera.sensor_height = fit, 23.5, 15.6
+    camera.lens_unit = unit
+    if unit == "FOV":
+        camera.angle = np.radians(40)
+    else:
+        camera.lens = 35.0
+    scene.render.resolution_y, scene.render.resolution_x = frame
+    corners = np.array([corner[:] for corner in camera.view_frame(scene=scene)])  # Blender's own
+    half_tangents = np.abs(corners[:, :2] / corners[:, 2:]).max(axis=0)
+    adapted, _ = lens_for_view(scene, LENS, "camera")
+    sensor_mm = np.array(adapted.sensor_mm)
+    np.testing.assert_allclose(sensor_mm / 2 / adapted.capture_focal_length_mm, half_tangents, rtol=1e-5)
+    assert adapted.capture_focal_length_mm == pytest.approx(camera.lens, rel=1e-9)
+    assert pitch_um(adapted, frame) == pytest.approx(1e3 * adapted.sensor_mm[0] / frame[1])  # square, all of the sensor
+
+
+def test_the_warning_tells_what_an_adapted_lens_is(scene):
+    camera = scene.camera.data
+    camera.lens, camera.sensor_width = 35.0, 36.0
+    scene.render.resolution_y, scene.render.resolution_x = 1080, 1920
+    adapted, warning = lens_for_view(scene, LENS, "camera")
+    assert lens_for_view(scene, LENS, "camera")[0] is adapted  # so that the frames of an animation share their work
+    factor = 35 / (0.0239542 * 254.058)  # |m| times the object's distance from the entrance pupil
+    assert factor == pytest.approx(5.751, abs=1e-3)
+    # 250 mm is 1.44 m. 3 mm less 8.4 % are 15.80 mm of the 20.65 mm that half a diagonal of 36 x 20.25 mm has.
+    assert "5.75 times as large: f = 34.5 mm, focused at 1.44 m" in warning
+    assert "covers 77% of the frame's diagonal" in warning and "\n" not in warning
+
+
+def test_a_lens_focused_at_infinity_is_adapted_by_its_focal_length(scene):
+    scene.camera.data.lens = 12.625
+    adapted, warning = lens_for_view(scene, WIDE, "camera")
+    assert adapted.efl_mm == pytest.approx(12.625) and "focused at infinity" in warning
+
+
+def test_a_lens_is_not_adapted_to_a_fisheye(scene, wide):
+    with pytest.raises(SceneError, match="camera 'Camera': type is PANO: expected a perspective camera"):
+        lens_for_view(scene, LENS, "camera")
+
+
+def test_the_lenss_own_view_needs_nothing(scene):
+    scene.camera = None
+    assert lens_for_view(scene, LENS, "lens") == (LENS, "")

@@ -37,7 +37,8 @@ def test_render_then_filter_agree(blend, tmp_path):
     assert done.returncode == 0, done.stderr
     printed = [Path(line) for line in done.stdout.splitlines() if line.startswith(str(out))]
     assert len(printed) == 5 and all(path.is_file() for path in printed)
-    plan = done.stdout.splitlines()[0]
+    scene, plan = done.stdout.splitlines()[:2]
+    assert scene == "scene: 1 Cycles render at 550 nm: all surfaces are grey"
     assert plan.startswith("plan: 16 px sections of order 2, ")
     report = json.loads((tmp_path / "report.json").read_text())
     assert report["plan"]["section_size"] == 16 and report["passes"] == 1

@@ -8,9 +8,11 @@ from snapshot import differences, snapshot
 
 from lensfield.addon.errors import SceneError
 from lensfield.addon.journal import Journal
-from lensfield.addon.render import Job, RenderPass, render_steps, run
+from lensfield.addon.capture import RenderPass
+from lensfield.addon.render import Job, render_steps, run
 from lensfield.engine import Lens, Options
 from lensfield.engine.spectra import reflectance_basis
+from lensfield.engine.transport import SpectralOptions
 
 
 @pytest.fixture
@@ -50,8 +52,8 @@ def set_format(scene, file_format, color_mode, color_depth):
 
 
 def job(folder):
-    return Job(Lens.load("edmund-54852"), (450.0, 550.0, 600.0, 650.0), folder, Options(), frame=1, denoise=False,
-               to_compositor=False)
+    return Job(Lens.load("edmund-54852"), np.array((450.0, 550.0, 600.0, 650.0)), folder, Options(), SpectralOptions(),
+               unfit="refuse", frame=1, denoise=False, to_compositor=False)
 
 
 def test_scene_is_the_same_after_success(rich_scene, tmp_path):
@@ -161,7 +163,7 @@ def test_only_the_compositor_changes_where_it_is_asked_for(rich_scene, tmp_path)
 
 def test_random_failure_inside_the_render_still_restores(rich_scene, tmp_path, monkeypatch):
     before = snapshot()
-    monkeypatch.setattr("lensfield.addon.render._read_pass", lambda *_: 1 / 0)
+    monkeypatch.setattr("lensfield.addon.capture._read_pass", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         run(render_steps(rich_scene, job(tmp_path)))
     assert not differences(before, snapshot())

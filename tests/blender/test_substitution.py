@@ -17,7 +17,8 @@ FLAT_DENSITY = 1 / 400  # unit integral over 380 to 780 nm
 
 
 def patch(name):
-    nm, value = np.loadtxt(LIBRARY / f"{name}.spd").T
+    path, = LIBRARY["light"].parent.glob(f"*/{name}.spd")
+    nm, value = np.loadtxt(path).T
     return np.interp(NM, nm, value)
 
 
@@ -184,6 +185,18 @@ def test_muted_link_is_not_followed(scene, tmp_path):
     scene.world.lensfield.emission = FLAT
     painted, link = paint_by_nodes("Paint", (0.1, 0.1, 0.1), own=(0.5, 0.5, 0.5))
     link.is_muted = True
+    wall(scene, painted)
+    np.testing.assert_allclose(radiance_on_axis(scene, tmp_path), 0.5 * FLAT_DENSITY, rtol=2e-3)
+
+
+@pytest.mark.parametrize("node_type", ["ShaderNodeRGB", "NodeReroute"])
+def test_a_source_that_gives_nothing_leaves_the_sockets_own_colour(scene, tmp_path, node_type):
+    set_world(scene)
+    scene.world.lensfield.emission = FLAT
+    painted, shader = material("Paint", "ShaderNodeBsdfDiffuse", (0.5, 0.5, 0.5))
+    source = painted.node_tree.nodes.new(node_type)
+    source.mute = node_type == "ShaderNodeRGB"
+    painted.node_tree.links.new(source.outputs[0], shader.inputs["Color"])
     wall(scene, painted)
     np.testing.assert_allclose(radiance_on_axis(scene, tmp_path), 0.5 * FLAT_DENSITY, rtol=2e-3)
 

@@ -1,0 +1,54 @@
+"""What the user assigned to materials, lights and worlds: spectra and refractive indices by name, file or pairs."""
+
+from pathlib import Path
+
+import bpy
+
+from ..engine.errors import InputError
+from ..engine.refraction import load_refraction
+from ..engine.spectra import BAND_NM, load_spectrum
+from .errors import SceneError
+
+LOADERS = {"reflectance": load_spectrum, "emission": load_spectrum, "refraction": load_refraction}
+WORDS = {"reflectance": "reflectance spectrum", "emission": "emission spectrum", "refraction": "refraction"}
+
+
+class AssignedSpectra:
+    """Reads what data-blocks name in their Lensfield Spectra, each text once."""
+
+    def __init__(self):
+        self._read = {}
+
+    def of(self, data_block, field):
+        """The spectrum or refraction that a field of a data-block names, or None.
+
+        Raises
+        ------
+        SceneError
+            It cannot be read; or an emission has no light in BAND_NM.
+        """
+        text = getattr(data_block.lensfield, field).strip()
+        if not text:
+            return None
+        if (field, text) not in self._read:
+            self._read[field, text] = _load(data_block, field, text)
+        return self._read[field, text]
+
+    def check(self, data_blocks):
+        """Raise a SceneError for the first that cannot be read."""
+        for data_block in data_blocks:
+            for field in LOADERS:
+                if hasattr(data_block.lensfield, field):
+                    self.of(data_block, field)
+
+
+def _load(data_block, field, text):
+    try:
+        # Blender writes paths beside the .blend as //name.
+        loaded = LOADERS[field](bpy.path.abspath(text), Path(bpy.data.filepath).parent)
+        if field == "emission":
+            loaded.density_at(BAND_NM)
+        return loaded
+    except InputError as error:
+        raise SceneError(f"{data_block.rna_type.name.lower()} {data_block.name!r}", WORDS[field], text,
+                         f"{error.field} {error.value}: {error.remedy}") from None

@@ -1,0 +1,127 @@
+"""The capture: scene -> spectral radiance, pass by pass, with the overscan that the lens needs."""
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+
+import bpy
+import numpy as np
+import OpenEXR
+
+from ..engine import SpectralImage
+from ..engine.atomic import check_target, temporary_folder
+from ..engine.depth_range import check_depth, planar_depth_mm
+from ..engine.spectral_image import RADIANCE
+from .camera import check_camera, make_framing
+from .errors import SceneError
+from .journal import Journal
+from .render_state import go_to_frame, guard_render_state, rendered_layer
+from .scene_plan import plan_scene
+
+ROWS_AT_ONCE = 16  # which stay in the processor's cache
+BLOCK_PX = 8  # side of the blocks whose means are free enough of noise to judge spectra by
+M_TO_MM = 1e3
+
+
+@dataclass(frozen=True)
+class RenderPass:
+    """Step: render the scene as it stands, to the file that it names.
+
+    `fraction` of the whole job is done before this step, `share` of it is this step's.
+    """
+
+    scene: bpy.types.Scene
+    label: str
+    fraction: float
+    share: float
+
+
+@dataclass(frozen=True)
+class Work:
+    """Step: call `call(progress)`, which may run in another thread and must not touch Blender."""
+
+    call: Callable
+    label: str
+    fraction: float
+    share: float = 0.0
+
+
+def capture(scene, job, result, share):
+    """Steps that render the scene's spectral radiance, up to a `share` of the whole job; returns a SpectralImage."""
+    framing = make_framing(scene, job.lens, job.wavelengths_nm)
+    with temporary_folder() as folder, Journal() as journal:
+        go_to_frame(scene, job.frame, journal)
+        check_camera(scene)
+        plan, substitution, groups = plan_scene(scene, job, framing, journal)
+        names = groups.part(rendered_layer(scene), journal)
+        guard_render_state(scene, job.lens, framing, job.denoise, folder / "pass.exr", journal)
+        for path in result.files:
+            check_target(path)
+        gathered = _Gathered(plan, names, framing)
+        for index, band in enumerate(plan.bands):
+            substitution.set_wavelengths(band, plan.dispersive)
+            step = share / len(plan.bands)
+            yield RenderPass(scene, f"Pass {index + 1} of {len(plan.bands)}: {_span(band)} nm", step * index, step)
+            yield Work(lambda tell: gathered.add(index, folder / "pass.exr"), "Gathering light", step * (index + 1))
+    result.report.facts |= plan.facts() | gathered.facts(job.lens)
+    return SpectralImage(gathered.cube, job.wavelengths_nm, pitch_um=framing.pitch_um, quantity=RADIANCE,
+                         overscan_px=framing.overscan_px, projection=framing.projection)
+
+
+class _Gathered:
+    """The radiance at the wavelengths asked for, summed up pass by pass."""
+
+    def __init__(self, plan, group_names, framing):
+        self._plan, self._framing = plan, framing
+        self._names = ["Combined", *(f"Combined_{name}" for name in group_names)]
+        self.cube = np.zeros((plan.transport.output_nm.size, *framing.capture_px), np.float32)
+        self._blocks, self._depth_m = [], None
+
+    def add(self, index, path):
+        """Add a pass's light of each lamp in red, green and blue; and keep its depth."""
+        planes = _read_pass(path, self._framing.capture_px)
+        light = np.stack([[planes[f"{name}.{channel}"] for channel in "RGB"] for name in self._names])
+        self._depth_m = planes["Depth.Z"]
+        shares = self._plan.shares(index).astype(np.float32)
+        light = light[:, :shares.shape[2]]
+        self._blocks += [_block_means(plane) for plane in light[0]]
+        light[0] -= light[1:].sum(axis=0)  # what is left is in no group of ours
+        for row in range(0, light.shape[2], ROWS_AT_ONCE):
+            rows = slice(row, row + ROWS_AT_ONCE)
+            self.cube[:, rows] += np.tensordot(shares, light[:, :, rows], axes=2)
+
+    def facts(self, lens):
+        """What the passes themselves tell: how well their spectra were foreseen, and the depths of the frame."""
+        framing, (top, left) = self._framing, self._framing.overscan_px
+        depth_mm = planar_depth_mm(self._depth_m * M_TO_MM, lens, framing.pitch_um, framing.projection)
+        rows, columns = framing.frame_px
+        check = check_depth(depth_mm[top:top + rows, left:left + columns], lens, framing.pitch_um)
+        depth = {name: None if value == np.inf else value for name, value in asdict(check).items()}
+        surprise = self._plan.transport.surprise(np.array(self._blocks))
+        return {"spectral_surprise": surprise,
+                "estimated_colour_error": self._plan.transport.colour_error * max(1, surprise),
+                "depth": depth | {"text": check.text}}
+
+
+def _block_means(plane):
+    """Means of square blocks of a plane; what is left over at its ends counts for nothing."""
+    rows, columns = (max(n // BLOCK_PX, 1) for n in plane.shape)
+    height, width = (min(n, BLOCK_PX) for n in plane.shape)
+    blocks = plane[:rows * height, :columns * width].reshape(rows, height, columns, width)
+    return blocks.mean(axis=(1, 3), dtype=np.float64)
+
+
+def _read_pass(path, shape_px):
+    """The planes of a pass by name, without that of the view layer: Combined.R, Combined_GROUP.R, Depth.Z."""
+    if not path.is_file():
+        raise SceneError("Cycles", "render pass", "not written", "see Blender's messages above")
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        planes = {name.partition(".")[2]: channel.pixels for part in file.parts
+                  for name, channel in part.channels.items()}
+    path.unlink()
+    if planes["Combined.R"].shape != shape_px:
+        raise SceneError("Cycles", "render pass", f"of {planes['Combined.R'].shape} px", f"expected {shape_px}")
+    return planes
+
+
+def _span(band):
+    return f"{band[0]:.0f}" if band[0] == band[-1] else f"{band[0]:.0f} to {band[-1]:.0f}"

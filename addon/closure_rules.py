@@ -1,0 +1,112 @@
+"""What Lensfield makes of each shader node that gives a closure: where Cycles does not keep wavelengths apart.
+
+Cycles works on red, green and blue, and nearly always on each alone, so that each may carry a wavelength. What is told
+here of the rest is from Cycles' kernel (Blender 5.0) and from renders of it, with all three wavelengths in one pass
+against each in a pass of its own.
+"""
+
+from .node_rules import APPROXIMATED, NO_EFFECT, REJECTED, SEPARATED, UNKNOWN
+
+THINNEST_FILM_NM = 0.1  # below it Cycles leaves the film out
+
+CLOSURES = {f"ShaderNode{name}" for name in (
+    "AddShader MixShader Background Emission Holdout BsdfAnisotropic BsdfDiffuse BsdfGlass BsdfGlossy BsdfHair "
+    "BsdfHairPrincipled BsdfMetallic BsdfPrincipled BsdfRayPortal BsdfRefraction BsdfSheen BsdfToon BsdfTranslucent "
+    "BsdfTransparent BsdfVelvet SubsurfaceScattering VolumeAbsorption VolumeCoefficients VolumePrincipled "
+    "VolumeScatter").split()}
+NOT_IN_CYCLES = {"ShaderNodeEeveeSpecular"}
+"""Closures that Cycles leaves out, and so renders black."""
+
+THIN_FILM = "Cycles gives a film fixed curves of red, green and blue, whatever the wavelengths: set its thickness to 0"
+TINT = "coloured: all wavelengths of a pass lose below it what it reflects of the brightest; a saturated one takes"
+SPECULAR_TINT = f"{TINT} 4 % at an IOR of 1.5 and 17 % at 2.5 from the others"
+SHEEN_TINT = f"{TINT} 2 to 20 % from the others at a sheen roughness of 0.5, 34 to 50 % at 1, the more the more askew"
+MELANIN = "melanin absorbs by fixed figures of red, green and blue: choose Direct Coloring or Absorption Coefficient"
+FIRE = ("the blackbody of a volume is RGB, whatever the wavelengths: set its intensity to 0, and use Emission Strength "
+        "with an assigned emission")
+VOLUME_COLOUR = ("multiplies by the RGB of an attribute, whatever the wavelengths: empty it, and link an Attribute "
+                 "node to Color")
+INDICES = ("values for red, green and blue, with straight lines between: gold's reflectance is off by -0.05 to +0.08; "
+           "assign a metal's refraction")
+LENGTHS = "values for red, green and blue, with straight lines between and held beyond: nothing more is known"
+
+
+def closure_findings(node, value_of):
+    """What is to be told of a closure node beyond that its colours become spectra.
+
+    Parameters
+    ----------
+    node : bpy.types.ShaderNode
+    value_of : callable (socket) -> number or tuple, or None for what nodes compute
+
+    Returns
+    -------
+    generator of (socket or None, verdict, text); None stands for the whole node
+    """
+    if node.bl_idname in NOT_IN_CYCLES:
+        yield None, REJECTED, NO_EFFECT
+    elif node.bl_idname not in CLOSURES:
+        yield None, REJECTED, UNKNOWN
+    else:
+        yield from _thin_film(node, value_of)
+        yield from _OF_NODE.get(node.bl_idname, _nothing)(node, value_of)
+
+
+def channels_finding(socket, value):
+    """What is to be told of three constants for red, green and blue: (verdict, text), or None for three alike."""
+    if max(value) - min(value) <= 1e-6 * max(map(abs, value)):
+        return None
+    return APPROXIMATED, INDICES if socket.name in ("IOR", "Extinction") else LENGTHS
+
+
+def is_idle(node, socket, value_of):
+    """Whether a spectral input has no part in what its node does."""
+    weight = {"Subsurface Radius": "Subsurface Weight", "Sheen Tint": "Sheen Weight", "Coat Tint": "Coat Weight",
+              "Emission Color": "Emission Strength", "Blackbody Tint": "Blackbody Intensity"}.get(socket.name)
+    if not socket.enabled:
+        return True
+    return weight is not None and weight in node.inputs and value_of(node.inputs[weight]) == 0
+
+
+def _nothing(node, value_of):
+    return ()
+
+
+def _thin_film(node, value_of):
+    socket = node.inputs.get("Thin Film Thickness")
+    if socket is not None and socket.enabled:
+        thickness_nm = value_of(socket)
+        if thickness_nm is None or thickness_nm > THINNEST_FILM_NM:
+            yield socket, REJECTED, THIN_FILM
+
+
+def _principled(node, value_of):
+    def value(name):
+        return value_of(node.inputs[name])
+
+    covered = value("Metallic") == 1 or value("Transmission Weight") == 1
+    reflects = value("Specular IOR Level") != 0 and value("IOR") != 1
+    if reflects and not covered and _coloured(value("Specular Tint")):
+        yield node.inputs["Specular Tint"], SEPARATED, SPECULAR_TINT
+    if value("Sheen Weight") != 0 and _coloured(value("Sheen Tint")):
+        yield node.inputs["Sheen Tint"], SEPARATED, SHEEN_TINT
+
+
+def _coloured(value):
+    return value is None or max(value[:3]) - min(value[:3]) > 1e-5
+
+
+def _hair(node, value_of):
+    if node.parametrization == "MELANIN":
+        yield node.inputs["Melanin"], REJECTED, MELANIN
+
+
+def _volume(node, value_of):
+    if value_of(node.inputs["Blackbody Intensity"]) != 0:
+        yield node.inputs["Blackbody Intensity"], REJECTED, FIRE
+    if node.inputs["Color Attribute"].default_value:
+        yield node.inputs["Color Attribute"], REJECTED, VOLUME_COLOUR
+
+
+_OF_NODE = {"ShaderNodeBsdfPrincipled": _principled, "ShaderNodeBsdfHairPrincipled": _hair,
+            "ShaderNodeVolumePrincipled": _volume}

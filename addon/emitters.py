@@ -1,0 +1,196 @@
+"""Emitters: which lamp spectrum each light, glowing material and world shines with, and the light groups for them.
+
+Cycles renders what the scene makes of white light; the spectra of the lamps are multiplied in afterwards, so that
+lamps, however spiky, cost no passes. That takes a light group for each spectrum. What shines with several at once, such
+as an object of two glowing materials, is rendered with its spectra in it, as the group of the flat lamp.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import bpy
+import numpy as np
+
+from ..engine.spectra import BAND_NM, Spectrum, blackbody, load_spectrum
+from .node_paths import feeding
+from .spectral_sockets import EMISSION, is_shader, kind
+
+GROUP_PREFIX = "lensfield_"
+SPIKE_NM, SPIKE_SHARE = 20, 0.05
+MOST_GROUPS = 16  # each takes a picture more in Cycles' memory
+STRENGTHS = {"Emission Color": "Emission Strength", "Blackbody Tint": "Blackbody Intensity", "Color": "Strength"}
+
+
+@dataclass(frozen=True, eq=False)
+class Lamp:
+    """A spectrum that emitters shine with."""
+
+    name: str
+    spectrum: Spectrum
+
+    def density_at(self, wavelengths_nm):
+        """Spectral density per nm, of unit integral over BAND_NM."""
+        return self.spectrum.density_at(np.asarray(wavelengths_nm, dtype=float))
+
+    def output_at(self, wavelengths_nm):
+        """What a picture at these wavelengths gets of it: of spiky spectra the means over their bands."""
+        if self._spiky:
+            return self.spectrum.band_means(wavelengths_nm)
+        return self.density_at(wavelengths_nm)
+
+    @cached_property
+    def _spiky(self):
+        """Whether a running mean over SPIKE_NM takes more than SPIKE_SHARE of the light elsewhere."""
+        values = self.spectrum.at(np.arange(*BAND_NM))
+        window = np.full(SPIKE_NM + 1, 1 / (SPIKE_NM + 1))
+        smooth = np.convolve(np.pad(values, SPIKE_NM // 2, mode="edge"), window, "valid")
+        return bool(np.abs(values - smooth).sum() > SPIKE_SHARE * values.sum())
+
+
+class Lamps:
+    """The lamps of a scene, each made once, so that emitters of the same spectrum share theirs."""
+
+    def __init__(self, spectra):
+        self._spectra, self._made = spectra, {}
+        self.daylight = Lamp("daylight D65", load_spectrum("illuminant-d65"))
+        self.flat = Lamp("several spectra", Spectrum(np.array(BAND_NM), np.ones(2)))
+
+    def assigned(self, data_block):
+        """The lamp that a data-block is assigned, or None."""
+        spectrum = self._spectra.of(data_block, "emission")
+        return spectrum and self._lamp(spectrum, data_block.lensfield.emission.strip(), spectrum)
+
+    def blackbody(self, temperature_k):
+        """Planck's law."""
+        temperature_k = round(float(temperature_k), 3)
+        return self._lamp(temperature_k, f"blackbody of {temperature_k:g} K", blackbody(temperature_k))
+
+    def _lamp(self, key, name, spectrum):
+        return self._made.setdefault(key, Lamp(name, spectrum))
+
+    def of_data_block(self, data_block):
+        """The lamps that a material, light or world shines with."""
+        assigned = self.assigned(data_block)
+        if isinstance(data_block, bpy.types.Light):
+            if assigned or data_block.use_temperature:
+                return {assigned or self.blackbody(data_block.temperature)}
+            if not uses_nodes(data_block):
+                return {self.daylight}
+        elif not uses_nodes(data_block):
+            return {assigned or self.daylight} if isinstance(data_block, bpy.types.World) else set()
+        sockets = list(emitting_sockets(data_block.node_tree))
+        return {assigned} if assigned and sockets else {self.of_socket(socket) for socket in sockets}
+
+    def of_socket(self, socket):
+        """The lamp of an emission input that is assigned none."""
+        temperature_k = blackbody_temperature(socket)
+        return self.blackbody(temperature_k) if temperature_k else self.daylight
+
+
+class LightGroups:
+    """Which emitters shine with which lamp, and so belong to which light group.
+
+    Parameters
+    ----------
+    shining : dict from object or world to a set of data-blocks
+        What can be put into a light group, and the materials, light or world that it may shine by.
+    lamps : Lamps
+    together : bool
+        Let all be rendered as one group, as denoising demands.
+
+    Attributes
+    ----------
+    lamps : list of Lamp
+        The first is that of all light in no group of ours.
+    """
+
+    def __init__(self, shining, lamps, together=False):
+        self._flat = lamps.flat
+        of_owner = {owner: {block: lamps.of_data_block(block) for block in blocks}
+                    for owner, blocks in shining.items()}
+        self._mixed = _mixed_blocks(of_owner)
+        owners = {}
+        for owner, blocks in of_owner.items():
+            shining = set().union(*blocks.values())
+            if shining:
+                lamp = lamps.flat if self._mixed & set(blocks) else shining.pop()
+                owners.setdefault(lamp, []).append(owner)
+        order = sorted(owners, key=lambda lamp: (lamp is not lamps.flat, -len(owners[lamp]), lamp.name))
+        most = 1 if together else MOST_GROUPS
+        if len(order) > most:
+            self._merge(of_owner, owners, order[most - 1:])
+            order = [lamps.flat, *(lamp for lamp in order[:most - 1] if lamp is not lamps.flat)]
+        self.lamps = order or [lamps.daylight]
+        self._owners = owners
+
+    def _merge(self, of_owner, owners, merged):
+        """Let the owners of these lamps shine as the flat one."""
+        together = [owner for lamp in merged for owner in owners.pop(lamp)]
+        owners.setdefault(self._flat, []).extend(together)
+        self._mixed |= {block for owner in together for block in of_owner[owner]}
+
+    def is_shared(self, data_block):
+        """Whether a data-block shines in the group of the flat lamp, its spectra in its own colours."""
+        return data_block in self._mixed
+
+    def part(self, view_layer, journal):
+        """Put the emitters of each lamp but the first into a light group; the groups' names, in the lamps' order."""
+        names = []
+        for lamp in self.lamps[1:]:
+            name = _free_name(view_layer, len(names) + 1)
+            view_layer.lightgroups.add(name=name)
+            journal.on_exit(lambda name=name: view_layer.lightgroups.remove(view_layer.lightgroups[name]))
+            for owner in self._owners[lamp]:
+                journal.set(owner, "lightgroup", name)
+            names.append(name)
+        return names
+
+
+def _mixed_blocks(of_owner):
+    """Data-blocks that light groups cannot part: of owners with several lamps, and of all who share them."""
+    mixed = set()
+    while True:
+        owners = [blocks for blocks in of_owner.values()
+                  if len(set().union(*blocks.values())) > 1 or any(blocks[block] for block in mixed & set(blocks))]
+        found = {block for blocks in owners for block in blocks}
+        if found == mixed:
+            return mixed
+        mixed = found
+
+
+def emitting_sockets(tree):
+    """The inputs of a tree, and of the groups in it, by which it shines."""
+    for node in tree.nodes:
+        if node.bl_idname == "ShaderNodeGroup" and node.node_tree:
+            yield from emitting_sockets(node.node_tree)
+        elif is_shader(node):
+            yield from (socket for socket in node.inputs if kind(node, socket) == EMISSION and _shines(node, socket))
+
+
+def _shines(node, socket):
+    strength = node.inputs.get(STRENGTHS.get(socket.name, ""))
+    if strength is not None and not strength.is_linked and strength.default_value == 0:
+        return False
+    return socket.is_linked or any(value > 0 for value in socket.default_value[:3])
+
+
+def blackbody_temperature(socket):
+    """The temperature of the Blackbody node that feeds a socket, or None: a constant is Planck's law."""
+    source = feeding(socket)
+    if source is None or source.node.bl_idname != "ShaderNodeBlackbody" or source.node.inputs[0].is_linked:
+        return None
+    return source.node.inputs[0].default_value
+
+
+def uses_nodes(data_block):
+    """Whether Blender renders a material, light or world by its node tree, or by its plain colour."""
+    if data_block.node_tree is None:
+        return False
+    always = bpy.app.version >= (5, 0, 0) and not isinstance(data_block, bpy.types.Light)
+    return always or data_block.use_nodes
+
+
+def _free_name(view_layer, number):
+    while (name := f"{GROUP_PREFIX}{number}") in view_layer.lightgroups:  # a group of the user's own
+        number += 1
+    return name

@@ -1,0 +1,228 @@
+"""The linter: every node that reaches a rendered surface, light or world is judged by what becomes of its colours.
+
+It walks from the output that Cycles takes backward, through groups, reroutes and muted nodes, as Cycles does. The
+verdicts are from `node_rules` and `closure_rules`; which inputs carry colours `spectral_sockets` knows, as it does for
+the substitution itself.
+"""
+
+from collections import Counter
+from dataclasses import dataclass
+
+import bpy
+
+from .assigned import LOADERS, AssignedSpectra
+from .closure_rules import LENGTHS, channels_finding, closure_findings, is_idle
+from .emitters import blackbody_temperature, uses_nodes
+from .errors import SceneError
+from .node_paths import constant_of, source_of
+from .node_rules import APPROXIMATED, FLOW, REJECTED, SUBSTITUTED, UPSAMPLED, VERDICTS, colour_inputs, judge_value
+from .rendered import DRAWN_TYPES, rendered_blocks
+from .spectral_sockets import CHANNELS, EMISSION, INDEX, REFLECTANCE, is_shader, kind, takes_reflectance
+from .substitution import Assigned
+
+SHADER = "shader"
+WORKING_SPACE = "Linear Rec.709"
+
+BROKEN_GROUP = "its node tree is missing or has no output: Cycles renders black"
+COLOUR_AS_SHADER = "a colour where a shader belongs: Cycles lets it glow in RGB: put an Emission node between"
+DRAWN = "Blender draws it over the picture in RGB, whatever the wavelengths: hide it from renders"
+CONSTANTS = "constant colours become spectra"
+COLOURLESS = "has no colour of its own, the same at all wavelengths"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What becomes of one node of a scene.
+
+    Attributes
+    ----------
+    object_names : tuple of str
+        The objects that bring the data-block into the render; none for a world.
+    block_type, block_name : str
+        The data-block: material, light, world ...
+    node : str
+        Its label in the tree, after those of the groups that it is in; empty for the data-block itself.
+    socket : str
+        Empty for the whole node.
+    verdict : str
+        One of VERDICTS.
+    text : str
+        What it means, and what to do.
+    """
+
+    object_names: tuple[str, ...]
+    block_type: str
+    block_name: str
+    node: str
+    socket: str
+    verdict: str
+    text: str
+
+    @property
+    def place(self):
+        """Where it is: the objects, the data-block, the node and its input."""
+        more = len(self.object_names) - 1
+        objects = self.object_names[0] + (f" (and {more} more)" if more else "") if self.object_names else ""
+        path = " > ".join(filter(None, (f"{self.block_type} {self.block_name!r}", self.node, self.socket)))
+        return ": ".join(filter(None, (objects, path)))
+
+    def __str__(self):
+        return ": ".join(filter(None, (self.place, self.verdict, self.text)))
+
+
+def lint(scene):
+    """Judge all that reaches a render of a scene.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+
+    Returns
+    -------
+    tuple of Finding, worst first
+    """
+    spectra = AssignedSpectra()
+    findings = list(_working_space(scene))
+    for block, names in rendered_blocks(scene).items():
+        findings += (Finding(names, block.id_type.lower(), block.name, *rest) for rest in _judged(block, spectra))
+    return tuple(sorted(findings, key=lambda finding: (VERDICTS.index(finding.verdict), str(finding))))
+
+
+def counts_text(findings):
+    """How many findings there are of each verdict, in words."""
+    counts = Counter(finding.verdict for finding in findings)
+    return ", ".join(f"{counts[verdict]} {verdict}" for verdict in VERDICTS if counts[verdict]) or "nothing to judge"
+
+
+def _working_space(scene):
+    space = getattr(getattr(bpy.data, "colorspace", None), "working_space", WORKING_SPACE)  # since 5.0
+    if space != WORKING_SPACE:
+        yield Finding((), "scene", scene.name, "", "working colour space", REJECTED,
+                      f"colours are upsampled from {WORKING_SPACE}, not from {space}: choose that")
+
+
+def _judged(block, spectra):
+    """(node, socket, verdict, text) of everything in a data-block."""
+    if block.id_type in DRAWN_TYPES | {"GREASEPENCIL_V3"}:
+        return [("", "", REJECTED, DRAWN)]
+    given, found = {}, []
+    for field in (field for field in LOADERS if hasattr(block.lensfield, field)):
+        try:
+            given[field] = spectra.of(block, field)
+        except SceneError as error:
+            found.append(("", error.field, REJECTED, f"{error.value}: {error.remedy}"))
+    if isinstance(block, bpy.types.Light):
+        found.append(("", *_light_colour(block, given)))
+    if not uses_nodes(block):
+        return found if isinstance(block, bpy.types.Light) else [*found, ("", "Color", SUBSTITUTED, CONSTANTS)]
+    output = block.node_tree.get_output_node("CYCLES")
+    return [*found, *_Walk(block, given).findings(output)] if output else found
+
+
+def _light_colour(light, given):
+    if given.get("emission"):
+        return "", SUBSTITUTED, "shines with its assigned emission"
+    if light.use_temperature:
+        return "Temperature", SUBSTITUTED, "Planck's law"
+    return "Color", SUBSTITUTED, "becomes a spectrum, of white under D65"
+
+
+class _Walk:
+    """From the output of a data-block's tree to all that its colours come from."""
+
+    def __init__(self, block, given):
+        self._block = block
+        self._emission = given.get("emission")
+        self._assigned = Assigned(reflectance=given.get("reflectance"), refraction=given.get("refraction"))
+        self._found = {}  # in the order found, each once
+        self._seen = set()
+        self._pending = []
+
+    def findings(self, output):
+        """(node, socket, verdict, text) of all that feeds an output node; displacement is no colour."""
+        self._pending = [(output.inputs[name], (), SHADER) for name in ("Surface", "Volume") if name in output.inputs]
+        while self._pending:
+            socket, groups, how = self._pending.pop()
+            source, groups, _ = source_of(socket, groups)
+            key = source and (groups, source.node, source.identifier, how)
+            if source and key not in self._seen:
+                self._seen.add(key)
+                self._visit(source, groups, how)
+        return list(self._found)
+
+    def _visit(self, source, groups, how):
+        node = source.node
+        if node.bl_idname in FLOW:
+            self._go_on((socket for socket in node.inputs if _may_carry(socket, how)), groups, how)
+        elif node.bl_idname == "ShaderNodeGroup":
+            self._tell(node, groups, None, REJECTED, BROKEN_GROUP)
+        elif is_shader(node):
+            self._closure(node, groups)
+        elif how == SHADER:
+            self._tell(node, groups, source, REJECTED, COLOUR_AS_SHADER)
+        else:
+            judged = judge_value(source, how)
+            self._tell(node, groups, source, judged.verdict, judged.text)
+            self._go_on(colour_inputs(node), groups, how)
+
+    def _closure(self, node, groups):
+        def value_of(socket):
+            return constant_of(socket, groups)
+
+        whole = None
+        for socket, verdict, text in closure_findings(node, value_of):
+            self._tell(node, groups, socket, verdict, text)
+            whole = whole or socket is None
+        if whole:
+            return
+        self._go_on((socket for socket in node.inputs if socket.type == "SHADER"), groups, SHADER)
+        coloured = [socket for socket in node.inputs if kind(node, socket) not in (None, INDEX)
+                    and not is_idle(node, socket, value_of)]
+        known = {self._known_input(node, socket, groups, value_of) for socket in coloured} - {None}
+        if known or not coloured:
+            self._tell(node, groups, None, SUBSTITUTED, ", ".join(sorted(known)) or COLOURLESS)
+        else:
+            self._tell(node, groups, None, UPSAMPLED, "its colours are computed by nodes")
+
+    def _known_input(self, node, socket, groups, value_of):
+        """How a closure's input has become spectral, in words; None where nodes compute it, who are judged in turn."""
+        how = kind(node, socket)
+        assigned = self._assigned_to(node, socket, how)
+        if assigned:
+            return f"{socket.name} is the assigned {assigned}"
+        if how == EMISSION and self._is_thermal(socket):
+            return f"{socket.name} is a blackbody by Planck's law"
+        if how == CHANNELS:
+            value = value_of(socket)
+            approximated = (APPROXIMATED, LENGTHS) if value is None else channels_finding(socket, value)
+            if approximated:
+                self._tell(node, groups, socket, *approximated)
+        if source_of(socket, groups)[0] is None:
+            return CONSTANTS
+        self._go_on([socket], groups, how)
+        return None
+
+    def _assigned_to(self, node, socket, how):
+        """Which of the spectra that the user assigned takes the place of an input, or None."""
+        if how == EMISSION:
+            return "emission" if self._emission else None
+        if how == REFLECTANCE and takes_reflectance(node, socket):
+            return "reflectance" if self._assigned.reflectance else "refraction" if self._assigned.metal else None
+        if how == CHANNELS and socket.name in ("IOR", "Extinction"):
+            return "refraction" if self._assigned.metal else None
+        return None
+
+    def _is_thermal(self, socket):
+        return blackbody_temperature(socket) and not getattr(self._block, "use_temperature", False)
+
+    def _go_on(self, sockets, groups, how):
+        self._pending += [(socket, groups, how) for socket in sockets]
+
+    def _tell(self, node, groups, socket, verdict, text):
+        path = " > ".join([*(group.label or group.node_tree.name for group in groups), node.label or node.name])
+        self._found[path, socket.name if socket else "", verdict, text] = None
+
+
+def _may_carry(socket, how):
+    """Whether an input of a node that only carries may carry shaders, or values, as asked for."""
+    return socket.type in ("BUNDLE", "CLOSURE") or (socket.type == "SHADER") == (how == SHADER)

@@ -1,0 +1,66 @@
+"""The way back through a node tree, as Cycles takes it: past reroutes, muted nodes and the walls of groups."""
+
+CONSTANT_NODES = {"ShaderNodeRGB", "ShaderNodeValue"}
+
+
+def feeding(socket):
+    """The output that feeds an input, past reroutes and muted nodes, or None where its own value counts.
+
+    So it does behind a muted link, a reroute that hangs loose, and a muted node with nothing to pass on.
+    """
+    while socket is not None and socket.is_linked and not socket.links[0].is_muted:
+        output = socket.links[0].from_socket
+        if output.node.mute:
+            socket = next((link.from_socket for link in output.node.internal_links if link.to_socket == output), None)
+        elif output.node.bl_idname == "NodeReroute":
+            socket = output.node.inputs[0]
+        else:
+            return output
+    return None
+
+
+def source_of(socket, groups=()):
+    """What feeds an input, through groups.
+
+    Parameters
+    ----------
+    socket : bpy.types.NodeSocket
+    groups : tuple of bpy.types.ShaderNodeGroup
+        The group nodes that its node is in, from the outermost.
+
+    Returns
+    -------
+    the output, or None where a value of the user's own counts; the groups it is in; the input that has that value
+    """
+    while (output := feeding(socket)) is not None:
+        node = output.node
+        if node.bl_idname == "NodeGroupInput" and groups:
+            socket, groups = _same(groups[-1].inputs, output), groups[:-1]
+        elif node.bl_idname == "ShaderNodeGroup" and (inside := _inside(node, output)):
+            socket, groups = inside, (*groups, node)
+        else:
+            return output, groups, socket
+    return None, groups, socket
+
+
+def constant_of(socket, groups=()):
+    """The value of an input that no node computes, a number or the tuple that its type has; or None."""
+    source, _, own = source_of(socket, groups)
+    if source is not None:
+        if source.node.bl_idname not in CONSTANT_NODES:
+            return None
+        own = source
+    value = own.default_value
+    values = tuple(value) if hasattr(value, "__len__") else (value,) * 3
+    return values if socket.type in ("RGBA", "VECTOR") else sum(values[:3]) / len(values[:3])
+
+
+def _inside(group, output):
+    """The input of a group's own output node that comes out of it here, or None."""
+    nodes = group.node_tree.nodes if group.node_tree else ()
+    active = next((node for node in nodes if node.bl_idname == "NodeGroupOutput" and node.is_active_output), None)
+    return active and _same(active.inputs, output)
+
+
+def _same(sockets, socket):
+    return next((other for other in sockets if other.identifier == socket.identifier), None)

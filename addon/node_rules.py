@@ -1,0 +1,102 @@
+"""What Lensfield makes of each shader node that gives a value: the table that the linter judges by.
+
+A colour that nodes compute is computed in RGB, as in any render, and upsampled where a shader takes it. So nodes before
+that never see spectra, and a number, such as a roughness or a mix factor, is the same at all wavelengths. What is
+lost is what the nodes stand for: a sky or a flame is a spectrum of its own.
+"""
+
+from dataclasses import dataclass
+
+from .spectral_sockets import CHANNELS, EMISSION, REFLECTANCE
+
+REJECTED, SEPARATED, APPROXIMATED, UPSAMPLED, SUBSTITUTED = VERDICTS = (
+    "rejected", "separated", "approximated", "upsampled", "substituted")
+"""From the worst; what is separated is right where each wavelength has a render of its own."""
+
+AS = {REFLECTANCE: "a reflectance", EMISSION: "light, of white under D65",
+      CHANNELS: "values for red, green and blue with straight lines between"}
+UNKNOWN = "not known to Lensfield: whether its colours can be made spectra, nobody has looked"
+NO_EFFECT = "Cycles does not know this node and renders as if it were not there"
+
+BLACKBODY_BIAS = ("not a constant straight into what shines, so its RGB is upsampled, which is not Planck's law: off "
+                  "by 24 % rms at 2856 K, 9 % at 4000 K")
+SKY_BIAS = ("its RGB is upsampled as light, not the sky's own spectrum: off from CIE daylight by 10 % rms at 12000 K, "
+            "14 % at 20000 K; assign the world an emission where that matters")
+WAVELENGTH_BIAS = ("its RGB becomes a broad band: at most a quarter of it lies within 10 nm of the wavelength; assign "
+                   "an emission such as 588:0, 589:1, 590:0")
+SCRIPT_BIAS = "its colours are taken for RGB and upsampled, whatever the script means by them"
+NON_COLOUR_BIAS = ("its Non-Color values are taken for linear Rec. 709: right for reflectances stored as numbers; a "
+                   "picture made for screens means 0.21 by its 0.5")
+WIDE_BIAS = "what lies outside Rec. 709 in its colour space comes out negative and is cut at 0"
+WIDE_SPACES = ("ACES", "P3", "2020", "2100", "XYZ")
+
+COLOURS = {f"ShaderNode{name}" for name in (
+    "RGB TexImage TexEnvironment TexBrick TexChecker TexGabor TexGradient TexMagic TexNoise TexVoronoi TexWave "
+    "TexWhiteNoise TexPointDensity MixRGB HueSaturation BrightContrast Gamma Invert RGBCurve ValToRGB RGBToBW "
+    "AmbientOcclusion Attribute VertexColor ObjectInfo VolumeInfo ParticleInfo HairInfo PointInfo NewGeometry TexCoord "
+    "UVMap UVAlongStroke CameraData LightPath LightFalloff TexIES Fresnel LayerWeight Wireframe Bevel Bump Normal "
+    "NormalMap Tangent Value RadialTiling Displacement VectorDisplacement Squeeze Raycast").split()} | {
+    "FunctionNodeInputBool", "FunctionNodeInputInt", "FunctionNodeInputMenu", "FunctionNodeInputVector",
+    "GeometryNodeInputSceneTime"}
+"""Nodes that give colours, or numbers and directions that make greys and false colours; their colour inputs count."""
+ARITHMETIC = {f"ShaderNode{name}" for name in (
+    "Mix Math VectorMath MapRange Clamp CombineColor SeparateColor CombineXYZ SeparateXYZ FloatCurve VectorCurve "
+    "Mapping VectorRotate VectorTransform").split()} | {"NodeImplicitConversion"}
+"""Nodes that pass colours on through numbers and vectors too."""
+FLOW = {"GeometryNodeMenuSwitch", "GeometryNodeRepeatInput", "GeometryNodeRepeatOutput", "NodeClosureInput",
+        "NodeClosureOutput", "NodeEvaluateClosure", "NodeCombineBundle", "NodeSeparateBundle", "NodeJoinBundle"}
+"""Nodes that Blender takes out of the tree before Cycles sees it: what they carry is judged, not they."""
+STRUCTURE = {"NodeFrame", "NodeReroute", "NodeGroupInput", "NodeGroupOutput", "ShaderNodeGroup",
+             "ShaderNodeOutputMaterial", "ShaderNodeOutputLight", "ShaderNodeOutputWorld", "ShaderNodeOutputAOV",
+             "ShaderNodeOutputLineStyle"}
+"""Nodes that are walked through, or that nothing comes after."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One of VERDICTS, and what it means."""
+
+    verdict: str
+    text: str
+
+
+SPECIAL = {"ShaderNodeBlackbody": Verdict(APPROXIMATED, BLACKBODY_BIAS),
+           "ShaderNodeTexSky": Verdict(APPROXIMATED, SKY_BIAS),
+           "ShaderNodeWavelength": Verdict(APPROXIMATED, WAVELENGTH_BIAS),
+           "ShaderNodeScript": Verdict(APPROXIMATED, SCRIPT_BIAS),
+           "ShaderNodeShaderToRGB": Verdict(REJECTED, NO_EFFECT)}
+
+
+def judge_value(output, kind):
+    """The Verdict on a node for what it gives to a socket of a kind.
+
+    Parameters
+    ----------
+    output : bpy.types.NodeSocket
+    kind : str
+        REFLECTANCE, EMISSION or CHANNELS of `spectral_sockets`.
+    """
+    node = output.node
+    if node.bl_idname in SPECIAL:
+        return SPECIAL[node.bl_idname]
+    if node.bl_idname not in COLOURS | ARITHMETIC:
+        return Verdict(REJECTED, UNKNOWN)
+    space = _colour_space(node)
+    if space == "Non-Color" and kind != CHANNELS:
+        return Verdict(APPROXIMATED, NON_COLOUR_BIAS)
+    if any(name in space for name in WIDE_SPACES):
+        return Verdict(APPROXIMATED, WIDE_BIAS)
+    what = "a grey of flat spectrum" if output.type == "VALUE" and kind == REFLECTANCE else "computed in RGB"
+    return Verdict(UPSAMPLED, f"{what}, then upsampled as {AS[kind]}")
+
+
+def colour_inputs(node):
+    """The inputs of a value node whose colours come out of it again."""
+    if node.bl_idname in ARITHMETIC:
+        return [socket for socket in node.inputs if socket.enabled and socket.name not in ("Factor", "Fac")]
+    return [socket for socket in node.inputs if socket.enabled and socket.type == "RGBA"]
+
+
+def _colour_space(node):
+    image = getattr(node, "image", None)
+    return image.colorspace_settings.name if image else ""

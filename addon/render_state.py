@@ -1,0 +1,68 @@
+"""The render state: all that would change or bend the radiance, set for the passes and put back by the journal."""
+
+import bpy
+
+from .camera import set_up_capture
+
+RENDER = {"engine": "CYCLES", "film_transparent": False, "use_border": False, "use_compositing": False,
+          "use_sequencer": False, "use_multiview": False, "use_motion_blur": False, "use_freestyle": False,
+          "use_overwrite": True, "use_placeholder": False, "use_file_extension": False, "use_persistent_data": True,
+          "use_single_layer": False, "use_stamp": False, "resolution_percentage": 100}
+CYCLES = {"film_exposure": 1.0, "sample_clamp_direct": 0.0, "sample_clamp_indirect": 0.0, "pixel_filter_type": "BOX",
+          "use_animated_seed": False}
+IMAGE = {"media_type": "MULTI_LAYER_IMAGE", "file_format": "OPEN_EXR_MULTILAYER", "color_depth": "32",
+         "exr_codec": "ZIP"}
+
+
+def go_to_frame(scene, frame, journal):
+    """Evaluate the scene at a frame, as a render would: its animation, and the camera that a marker binds."""
+    if bpy.context.window:  # animation reaches the data-blocks that we copy only in the window's scene,
+        journal.set(bpy.context.window, "scene", scene)
+        bpy.context.evaluated_depsgraph_get()  # and in 4.5 only once that has been evaluated
+    camera, current, subframe = scene.camera, scene.frame_current, scene.frame_subframe
+
+    def go_back():
+        scene.frame_set(current, subframe=subframe)
+        scene.camera = camera
+
+    journal.on_exit(go_back)
+    scene.frame_set(frame)
+
+
+def rendered_layer(scene):
+    """The view layer that is rendered: the only one that is on for rendering."""
+    return next(layer for layer in scene.view_layers if layer.use)
+
+
+def guard_render_state(scene, lens, framing, denoise, path, journal):
+    """Set what the passes need; each is written to `path`, a multilayer EXR of the light and its depth."""
+    rows, columns = framing.capture_px
+    for name, value in (RENDER | {"filepath": str(path), "resolution_y": rows, "resolution_x": columns}).items():
+        journal.set(scene.render, name, value)
+    for name, value in (CYCLES | {"use_denoising": denoise}).items():
+        journal.set(scene.cycles, name, value)
+    layer = rendered_layer(scene)
+    for name in (p.identifier for p in layer.bl_rna.properties if p.identifier.startswith("use_pass_")):
+        journal.set(layer, name, name in ("use_pass_combined", "use_pass_z"))
+    _guard_format(scene.render.image_settings, journal)
+    camera = journal.stand_in(scene.camera.data, bpy.data.cameras)
+    camera.animation_data_clear()
+    camera.dof.use_dof = False  # blur is the lens's
+    set_up_capture(camera, lens, framing)
+
+
+def _guard_format(image, journal):
+    """Blender changes what does not fit as soon as the format changes: all are put back together, in this order."""
+    formats = {name: value for name, value in IMAGE.items() if hasattr(image, name)}  # media_type came with 5.0
+    before = {name: getattr(image, name) for name in ("media_type", "file_format", "color_mode", "color_depth",
+                                                      "exr_codec") if hasattr(image, name)}
+    colour_space = image.linear_colorspace_settings.name
+    if colour_space:  # a scene new from the factory has none until a format is chosen
+        journal.on_exit(lambda: setattr(image.linear_colorspace_settings, "name", colour_space))
+    journal.on_exit(lambda: _assign(image, before))
+    _assign(image, formats)
+
+
+def _assign(owner, values):
+    for name, value in values.items():
+        setattr(owner, name, value)

@@ -1,0 +1,208 @@
+"""What is rendered: the objects, wherever they are instanced, and the materials, lights and worlds that they bring.
+
+Blender evaluates a scene for the viewport only; it evaluates it for a render when it renders. So objects that Python
+finds there are judged by their render flags, and those hidden in the viewport alone are followed by hand.
+"""
+
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+SHADED_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "POINTCLOUD", "VOLUME"}
+DRAWN_TYPES = {"GREASEPENCIL", "GPENCIL"}  # over the picture, by no renderer; the second until 4.2
+
+
+@dataclass(frozen=True, eq=False)
+class Instance:
+    """One appearance of an object in the render.
+
+    Attributes
+    ----------
+    obj : bpy.types.Object
+        The original, as the user knows it.
+    matrix_world : array (4, 4)
+        What is hidden in the viewport is placed by its parents alone: Blender does not evaluate its constraints.
+    corners : array (8, 3)
+        Of its bounding box, in its own frame.
+    materials : frozenset of bpy.types.Material
+    """
+
+    obj: bpy.types.Object
+    matrix_world: np.ndarray
+    corners: np.ndarray
+    materials: frozenset
+
+    @property
+    def box(self):
+        """Corners of its bounding box in the world, in metres: array (8, 3)."""
+        return self.corners @ self.matrix_world[:3, :3].T + self.matrix_world[:3, 3]
+
+
+def rendered_instances(scene):
+    """Generator of the Instances that reach a render of the scene.
+
+    It holds Blender's evaluated scene: change nothing before it ends.
+    """
+    for appearance, matrix, corners, materials in _rendered(scene):
+        yield Instance(appearance.original, np.array(matrix), corners, materials)
+
+
+def rendered_objects(scene):
+    """The objects that reach a render of the scene, by name."""
+    return sorted({appearance.original for appearance, *_ in _rendered(scene)}, key=lambda obj: obj.name)
+
+
+def rendered_blocks(scene):
+    """The materials, lights, worlds and Grease Pencil drawings that reach a render of the scene.
+
+    Returns
+    -------
+    dict from data-block to the sorted names of the objects that bring it; a world has none
+    """
+    users = {layer.world_override or scene.world: set() for layer in scene.view_layers if layer.use}
+    users.pop(None, None)
+    for appearance, _, _, materials in _rendered(scene):
+        obj = appearance.original
+        own = {obj.data} if obj.type in {"LIGHT", *DRAWN_TYPES} else ()
+        for block in (*materials, *own):
+            users.setdefault(block, set()).add(obj.name)
+    return {block: tuple(sorted(names)) for block, names in users.items()}
+
+
+def materials_of(obj):
+    """Materials of an object, evaluated or not: those that its faces use, and for other shapes all of its slots."""
+    slots = [slot.material and slot.material.original for slot in obj.material_slots]
+    if obj.type == "MESH" and len(slots) > 1 and not obj.particle_systems:  # hair has a slot of its own
+        slots = [slots[index] for index in _slots_used(obj.data, len(slots))]
+    return frozenset(slots) - {None}
+
+
+def _slots_used(mesh, count):
+    indices = mesh.attributes.get("material_index")
+    if indices is None:
+        return [0]
+    of_faces = np.zeros(len(mesh.polygons), dtype=np.int32)
+    mesh.polygons.foreach_get("material_index", of_faces)
+    return np.unique(np.clip(of_faces, 0, count - 1))
+
+
+def _shown_materials(appearance, layer):
+    """The materials that an object is rendered with."""
+    if appearance.type not in SHADED_TYPES:
+        return frozenset()
+    if layer.material_override:
+        return frozenset({layer.material_override})
+    materials = materials_of(appearance)
+    if appearance.is_evaluated and _shown_as_rendered(appearance):
+        return materials
+    return materials | frozenset(_by_nodes(appearance, "MATERIAL"))
+
+
+def _rendered(scene):
+    """(object, matrix, corners, materials) of everything that is rendered."""
+    for layer in (layer for layer in scene.view_layers if layer.use):
+        known = {}  # a forest has few trees
+        for appearance, matrix in _appearances(layer):
+            key = appearance.original, appearance.data
+            if key not in known:
+                known[key] = np.array(appearance.bound_box), _shown_materials(appearance, layer)
+            yield appearance, matrix, *known[key]
+
+
+def _appearances(layer):
+    """(object, matrix) of everything that a layer renders, instances included; evaluated where Blender does so."""
+    shown = {obj for obj in _shown_objects(layer.layer_collection) if not obj.hide_render}
+    layer.update()
+    evaluated, instanced, of_collections = set(), set(), {}
+    for instance in layer.depsgraph.object_instances:
+        if instance.is_instance:
+            source = instance.parent.original
+            instanced.add(instance.object.original)
+            if source.instance_type == "COLLECTION" and source not in of_collections:
+                of_collections[source] = {child for child, _ in _instanced(source, _world_matrix(source), {source})}
+            renders = source in shown and instance.object.original in of_collections.get(source, instanced)
+        else:
+            source = instance.object.original
+            evaluated.add(source)
+            renders = source in shown and (source.show_instancer_for_render or not source.is_instancer)
+        if renders:
+            yield instance.object, instance.matrix_world
+    for obj in shown:
+        if obj not in evaluated:
+            yield obj, _world_matrix(obj)
+        for child, matrix in _instanced(obj, _world_matrix(obj), {obj}):
+            if obj not in evaluated or child not in instanced:
+                yield child, matrix
+
+
+def _shown_objects(layer_collection):
+    """Objects of the collections that a layer renders; hiding goes on to the collections inside, excluding does not."""
+    if layer_collection.collection.hide_render:
+        return
+    if not layer_collection.exclude:
+        yield from layer_collection.collection.objects
+    for child in layer_collection.children:
+        yield from _shown_objects(child)
+
+
+def _shown_as_rendered(obj):
+    """Whether the viewport has all modifiers that a render has."""
+    return all(modifier.show_viewport or not modifier.show_render for modifier in obj.modifiers)
+
+
+def _instanced(obj, matrix, above):
+    """(object, matrix) of what an object may instance; scattered ones stand where it does."""
+    for child, placed in _instanced_once(obj, matrix):
+        if child not in above:
+            yield child, placed
+            yield from _instanced(child, placed, above | {child})
+
+
+def _instanced_once(obj, matrix):
+    if obj.instance_type == "COLLECTION" and obj.instance_collection:
+        to_origin = matrix @ Matrix.Translation(-obj.instance_collection.instance_offset)
+        for child in _collection_objects(obj.instance_collection):
+            yield child, to_origin @ _world_matrix(child)
+    for settings in (system.settings for system in obj.particle_systems):
+        if settings.render_type == "OBJECT" and settings.instance_object:
+            yield settings.instance_object, matrix
+        elif settings.render_type == "COLLECTION" and settings.instance_collection:
+            yield from ((child, matrix) for child in _collection_objects(settings.instance_collection))
+    yield from ((child, matrix) for child in _by_nodes(obj, "OBJECT"))
+    for collection in _by_nodes(obj, "COLLECTION"):
+        yield from ((child, matrix) for child in _collection_objects(collection))
+
+
+def _collection_objects(collection):
+    """Objects that an instance of a collection renders."""
+    if not collection.hide_render:
+        yield from (obj for obj in collection.objects if not obj.hide_render)
+        for child in collection.children:
+            yield from _collection_objects(child)
+
+
+def _by_nodes(obj, socket_type):
+    """Data-blocks of this type of socket that an object's geometry nodes may bring in."""
+    for modifier in obj.modifiers:
+        if modifier.type == "NODES" and modifier.show_render and modifier.node_group:
+            given = (modifier.get(item.identifier) for item in modifier.node_group.interface.items_tree
+                     if item.item_type == "SOCKET" and item.socket_type == f"NodeSocket{socket_type.capitalize()}")
+            yield from filter(None, given)
+            yield from _named_in_tree(modifier.node_group, socket_type)
+
+
+def _named_in_tree(tree, socket_type):
+    for node in tree.nodes:
+        inside = getattr(node, "node_tree", None)
+        if inside:
+            yield from _named_in_tree(inside, socket_type)
+        yield from (socket.default_value for socket in node.inputs
+                    if socket.type == socket_type and socket.default_value)
+
+
+def _world_matrix(obj):
+    """Where an object is, whether Blender has evaluated it or not."""
+    own = obj.matrix_basis
+    return _world_matrix(obj.parent) @ obj.matrix_parent_inverse @ own if obj.parent else own

@@ -1,0 +1,134 @@
+"""The scene's plan: which wavelengths Cycles renders, in how many passes, in which light groups, and why."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..engine.transport import Transport, plan_transport
+from .assigned import AssignedSpectra
+from .bands import WAVELENGTHS_PER_PASS, passes
+from .camera import check_camera, in_view, make_framing
+from .emitters import Lamps, LightGroups
+from .errors import SceneError
+from .journal import Journal
+from .lint import lint
+from .node_rules import REJECTED, SEPARATED
+from .render_state import go_to_frame, rendered_layer
+from .rendered import rendered_blocks, rendered_instances
+from .substitution import Substitution, is_metal
+
+
+@dataclass(frozen=True, eq=False)
+class ScenePlan:
+    """How a scene's radiance will be rendered.
+
+    Attributes
+    ----------
+    transport : Transport
+        The wavelengths that are rendered, and how those asked for follow.
+    lamps : list of Lamp
+        One for each light group; the first is that of the light in none of ours.
+    per_pass : 3 or 1
+        Wavelengths that a pass carries.
+    dispersive : bool
+        Whether glass has another index at each wavelength.
+    apart : str
+        Why a pass carries a single wavelength, if it does.
+    """
+
+    transport: Transport
+    lamps: list
+    per_pass: int
+    dispersive: bool
+    apart: str
+
+    @property
+    def bands(self):
+        """Wavelengths of each pass, nm."""
+        return passes(self.transport.nodes_nm, self.per_pass)
+
+    def shares(self, index):
+        """What each plane of a pass gives to the radiance at each wavelength: array (wavelength, lamp, plane)."""
+        nodes = slice(index * self.per_pass, (index + 1) * self.per_pass)
+        lamps = np.stack([lamp.output_at(self.transport.output_nm) for lamp in self.lamps], axis=-1)
+        return lamps[:, :, None] * self.transport.weights[:, None, nodes]
+
+    @property
+    def text(self):
+        """The passes and why these, in one line."""
+        renders = f"{len(self.bands)} Cycles render{'s' * (len(self.bands) > 1)}"
+        why = "; ".join(filter(None, (self.transport.reason, self.apart)))
+        return f"{renders} at {', '.join(f'{nm:g}' for nm in self.transport.nodes_nm)} nm: {why}"
+
+    def facts(self):
+        """What the report says of it."""
+        transport = self.transport
+        return {"passes": len(self.bands), "rendered_nm": [round(float(nm), 3) for nm in transport.nodes_nm],
+                "wavelengths_nm": [float(nm) for nm in transport.output_nm], "wavelengths_per_pass": self.per_pass,
+                "scene_plan": self.text,
+                "lamps": [lamp.name for lamp in self.lamps],
+                "predicted_colour_error": transport.colour_error, "predicted_sensor_error": transport.sensor_error}
+
+
+def foresee(scene, job):
+    """The ScenePlan that a job would follow; raises what the job would. The scene is left as it is."""
+    with Journal() as journal:
+        go_to_frame(scene, job.frame, journal)
+        check_camera(scene)
+        return plan_scene(scene, job, make_framing(scene, job.lens, job.wavelengths_nm), journal)[0]
+
+
+def plan_scene(scene, job, framing, journal):
+    """Judge a scene, wire it for its passes, and plan them.
+
+    Returns
+    -------
+    ScenePlan, Substitution, LightGroups
+
+    Raises
+    ------
+    SceneError
+        Something in the scene cannot be rendered by wavelengths, and the job does not take that as it comes.
+    """
+    spectra = AssignedSpectra()
+    spectra.check(block for block in rendered_blocks(scene) if hasattr(block, "lensfield"))
+    findings = lint(scene)
+    _refuse(scene, [finding for finding in findings if finding.verdict == REJECTED], job.unfit)
+    shining, glass = _survey(scene, spectra, job, framing)
+    apart = glass or next((str(finding) for finding in findings if finding.verdict == SEPARATED), "")
+    per_pass = 1 if apart else WAVELENGTHS_PER_PASS
+    lamps = Lamps(spectra)
+    groups = LightGroups(shining, lamps, together=job.denoise)
+    substitution = Substitution(scene, journal, spectra, lamps, groups)
+    transport = plan_transport(substitution.factors, [lamp.density_at for lamp in groups.lamps], job.wavelengths_nm,
+                               job.spectral, mixed_colours=substitution.mixed_colours, per_pass=per_pass,
+                               dispersive=bool(glass))
+    return ScenePlan(transport, groups.lamps, per_pass, bool(glass), apart), substitution, groups
+
+
+def _refuse(scene, rejected, unfit):
+    """Raise a SceneError for the first of what cannot be rendered by wavelengths, unless that is to be ignored."""
+    if rejected and unfit == "refuse":
+        others = f" (and {len(rejected) - 1} more)" if len(rejected) > 1 else ""
+        raise SceneError(rejected[0].place, "node", "rejected",
+                         f"{rejected[0].text}{others}; Check Scene and `lensfield lint` list all; or have unfit nodes "
+                         "rendered as Cycles does, wrong as that is")
+
+
+def _survey(scene, spectra, job, framing):
+    """What may shine, objects and the world, each with the data-blocks that it may shine by; and a few words about
+    glass in view whose index varies with wavelength, which previews do without."""
+    world = rendered_layer(scene).world_override or scene.world
+    shining, glass = {world: {world}} if world else {}, ""
+    for instance in rendered_instances(scene):
+        blocks = {instance.obj.data} if instance.obj.type == "LIGHT" else instance.materials
+        shining.setdefault(instance.obj, set()).update(blocks)
+        dispersive = {material for material in instance.materials if _disperses(spectra.of(material, "refraction"))}
+        if dispersive and not glass and job.spectral.tier != "preview":
+            if in_view(scene.camera, instance.box, job.lens, framing):
+                glass = f"{instance.obj.name!r} of {dispersive.pop().name!r} is in view and disperses"
+    return shining, glass
+
+
+def _disperses(refraction):
+    return refraction is not None and refraction.dispersive and not is_metal(refraction)

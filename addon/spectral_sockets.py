@@ -1,0 +1,37 @@
+"""Which inputs of shader nodes vary with wavelength, and how: what substitution wires and the linter judges."""
+
+REFLECTANCE, EMISSION, CHANNELS, INDEX = "reflectance", "emission", "channels", "index"
+
+EMITTING_NODES = {"ShaderNodeEmission", "ShaderNodeBackground"}
+EMITTING_SOCKETS = {"Emission Color", "Emission", "Blackbody Tint", "Emission Coefficients"}
+CHANNEL_SOCKETS = {"Radius", "Subsurface Radius", "IOR", "Extinction", "Absorption Coefficient",
+                   "Absorption Coefficients", "Scatter Coefficients"}
+"""Vectors that hold one value for each of red, green and blue, though they are no colours."""
+BASE_COLOUR_SOCKETS = {"Base Color", "Color"}
+NOT_REFLECTING = {"ShaderNodeBsdfTransparent", "ShaderNodeVolumeAbsorption", "ShaderNodeVolumeScatter",
+                  "ShaderNodeVolumePrincipled"}
+REFRACTING_NODES = {"ShaderNodeBsdfPrincipled", "ShaderNodeBsdfGlass", "ShaderNodeBsdfRefraction"}
+
+
+def is_shader(node):
+    """Whether a node gives a closure rather than a value."""
+    return any(output.type == "SHADER" for output in node.outputs)
+
+
+def kind(node, socket):
+    """How a shader node's input varies with wavelength, or None where it does not.
+
+    INDEX is a refractive index: a single number, which varies with wavelength only where glass is assigned.
+    """
+    if socket.name in EMITTING_SOCKETS or (socket.type == "RGBA" and node.bl_idname in EMITTING_NODES):
+        return EMISSION if socket.type in ("RGBA", "VECTOR") else None
+    if socket.type == "RGBA":
+        return REFLECTANCE
+    if socket.type == "VECTOR" and socket.name in CHANNEL_SOCKETS:
+        return CHANNELS
+    return INDEX if socket.name == "IOR" and node.bl_idname in REFRACTING_NODES else None
+
+
+def takes_reflectance(node, socket):
+    """Whether a material's assigned reflectance takes the place of this socket's colour."""
+    return socket.name in BASE_COLOUR_SOCKETS and node.bl_idname not in NOT_REFLECTING
