@@ -9,18 +9,18 @@ from scipy import fft
 # Nanoseconds on an x86-64 machine of two cores, fitted by benchmarks/calibrate_cost.py; `machine_factor` brings them to
 # the machine at hand.
 NANOSECONDS = {
-    "picture pixel": 70,  # distortion, relative illumination, folding, cutting out the frame
-    "step": 4e5,  # whatever its size
+    "picture pixel": 65,  # distortion, relative illumination, folding, cutting out the frame
+    "step": 3.9e5,  # whatever its size
     "transformed value": 1.0,  # and doubling of the space
-    "spectrum value": 2.3,  # weighed, filtered and summed
-    "patch pixel": 9.6,  # added to the others
-    "tap": 2.0,  # of a pixel's PSF
+    "spectrum value": 1.7,  # weighed, filtered and summed
+    "patch pixel": 6.6,  # added to the others
+    "tap": 2.7,  # of a pixel's PSF
     "mixed tap": 0.5,  # of a PSF that is mixed from a polar table
-    "turned sample": 47,  # of a PSF
-    "table sample": 60,  # of a PSF, at one azimuth, for all heights
-    "table tap": 4.5,  # at one azimuth and height, at every wavelength
+    "turned sample": 65,  # of a PSF
+    "table sample": 90,  # of a PSF, at one azimuth, for all heights
+    "table tap": 4.7,  # at one azimuth and height, at every wavelength
 }
-REFERENCE_S = 2.2e-3  # of what `machine_factor` does, there
+REFERENCE_S = 2.5e-3  # of what `machine_factor` does, there
 MEGABYTE = 1e6
 
 
