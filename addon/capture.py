@@ -11,6 +11,7 @@ from ..engine import SpectralImage
 from ..engine.atomic import check_target, temporary_folder
 from ..engine.depth_range import check_depth, planar_depth_mm
 from ..engine.spectral_image import RADIANCE
+from ..engine.transport import FOREIGN_SURPRISE
 from .camera import check_camera, make_framing
 from .errors import SceneError
 from .journal import Journal
@@ -97,8 +98,9 @@ class _Gathered:
         check = check_depth(depth_mm[top:top + rows, left:left + columns], lens, framing.pitch_um)
         depth = {name: None if value == np.inf else value for name, value in asdict(check).items()}
         surprise = self._plan.transport.surprise(np.array(self._blocks))
-        return {"spectral_surprise": surprise,
-                "estimated_colour_error": self._plan.transport.colour_error * max(1, surprise),
+        foreign = surprise > FOREIGN_SURPRISE
+        return {"spectral_surprise": surprise, "foreign_spectra": foreign,
+                "estimated_colour_error": self._plan.transport.colour_error * (surprise if foreign else 1),
                 "depth": depth | {"text": check.text}}
 
 

@@ -34,12 +34,12 @@ class Lamp:
 
     def output_at(self, wavelengths_nm):
         """What a picture at these wavelengths gets of it: of spiky spectra the means over their bands."""
-        if self._spiky:
+        if self.spiky:
             return self.spectrum.band_means(wavelengths_nm)
         return self.density_at(wavelengths_nm)
 
     @cached_property
-    def _spiky(self):
+    def spiky(self):
         """Whether a running mean over SPIKE_NM takes more than SPIKE_SHARE of the light elsewhere."""
         values = self.spectrum.at(np.arange(*BAND_NM))
         window = np.full(SPIKE_NM + 1, 1 / (SPIKE_NM + 1))
@@ -50,8 +50,8 @@ class Lamp:
 class Lamps:
     """The lamps of a scene, each made once, so that emitters of the same spectrum share theirs."""
 
-    def __init__(self, spectra):
-        self._spectra, self._made = spectra, {}
+    def __init__(self, spectra, output_nm):
+        self._spectra, self._output_nm, self._made = spectra, output_nm, {}
         self.daylight = Lamp("daylight D65", load_spectrum("illuminant-d65"))
         self.flat = Lamp("several spectra", Spectrum(np.array(BAND_NM), np.ones(2)))
 
@@ -67,6 +67,15 @@ class Lamps:
 
     def _lamp(self, key, name, spectrum):
         return self._made.setdefault(key, Lamp(name, spectrum))
+
+    def shared_density_at(self, lamp, wavelengths_nm):
+        """Spectral density of a lamp that shares its group, per nm, at wavelengths that may lie between a picture's.
+
+        A spiky one's goes straight from what one wavelength of the picture gets to what the next one does.
+        """
+        if lamp.spiky:
+            return np.interp(wavelengths_nm, self._output_nm, lamp.output_at(self._output_nm))
+        return lamp.density_at(wavelengths_nm)
 
     def of_data_block(self, data_block):
         """The lamps that a material, light or world shines with."""
@@ -115,7 +124,7 @@ class LightGroups:
             if shining:
                 lamp = lamps.flat if self._mixed & set(blocks) else shining.pop()
                 owners.setdefault(lamp, []).append(owner)
-        order = sorted(owners, key=lambda lamp: (lamp is not lamps.flat, -len(owners[lamp]), lamp.name))
+        order = sorted(owners, key=lambda lamp: (lamp is not lamps.flat, not lamp.spiky, -len(owners[lamp]), lamp.name))
         most = 1 if together else MOST_GROUPS
         if len(order) > most:
             self._merge(of_owner, owners, order[most - 1:])
@@ -135,13 +144,13 @@ class LightGroups:
 
     def part(self, view_layer, journal):
         """Put the emitters of each lamp but the first into a light group; the groups' names, in the lamps' order."""
-        names = []
+        names, world = [], view_layer.world_override or view_layer.id_data.world  # a stand-in by now
         for lamp in self.lamps[1:]:
             name = _free_name(view_layer, len(names) + 1)
             view_layer.lightgroups.add(name=name)
             journal.on_exit(lambda name=name: view_layer.lightgroups.remove(view_layer.lightgroups[name]))
             for owner in self._owners[lamp]:
-                journal.set(owner, "lightgroup", name)
+                journal.set(world if isinstance(owner, bpy.types.World) else owner, "lightgroup", name)
             names.append(name)
         return names
 

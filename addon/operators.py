@@ -168,6 +168,8 @@ class LENSFIELD_OT_render(bpy.types.Operator):
         seconds = sum(result.report.stages.values())
         beyond = result.report.facts["out_of_field_fraction"]
         note = f"; {beyond:.1%} of the frame lies beyond the lens data" if beyond else ""
+        if result.report.facts["foreign_spectra"]:
+            note += "; the scene holds spectra that were not foreseen: try the Reference tier"
         self.report({"INFO"}, f"{result.lens_image} in {seconds:.1f} s{note}")
 
 

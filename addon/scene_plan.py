@@ -67,7 +67,8 @@ class ScenePlan:
                 "wavelengths_nm": [float(nm) for nm in transport.output_nm], "wavelengths_per_pass": self.per_pass,
                 "scene_plan": self.text,
                 "lamps": [lamp.name for lamp in self.lamps],
-                "predicted_colour_error": transport.colour_error, "predicted_sensor_error": transport.sensor_error}
+                "predicted_colour_error": transport.colour_error, "predicted_sensor_error": transport.sensor_error,
+                "predicted_spectral_error": transport.spectral_error}
 
 
 def foresee(scene, job):
@@ -91,16 +92,17 @@ def plan_scene(scene, job, framing, journal):
         Something in the scene cannot be rendered by wavelengths, and the job does not take that as it comes.
     """
     spectra = AssignedSpectra()
-    spectra.check(block for block in rendered_blocks(scene) if hasattr(block, "lensfield"))
+    rendered = rendered_blocks(scene)
+    spectra.check(block for block in rendered if hasattr(block, "lensfield"))
     findings = lint(scene)
     _refuse(scene, [finding for finding in findings if finding.verdict == REJECTED], job.unfit)
     shining, glass = _survey(scene, spectra, job, framing)
     apart = glass or next((str(finding) for finding in findings if finding.verdict == SEPARATED), "")
     per_pass = 1 if apart else WAVELENGTHS_PER_PASS
-    lamps = Lamps(spectra)
+    lamps = Lamps(spectra, job.wavelengths_nm)
     groups = LightGroups(shining, lamps, together=job.denoise)
-    substitution = Substitution(scene, journal, spectra, lamps, groups)
-    transport = plan_transport(substitution.factors, [lamp.density_at for lamp in groups.lamps], job.wavelengths_nm,
+    substitution = Substitution(scene, journal, spectra, lamps, groups, rendered)
+    transport = plan_transport(substitution.factors, [lamp.output_at for lamp in groups.lamps], job.wavelengths_nm,
                                job.spectral, mixed_colours=substitution.mixed_colours, per_pass=per_pass,
                                dispersive=bool(glass))
     return ScenePlan(transport, groups.lamps, per_pass, bool(glass), apart), substitution, groups

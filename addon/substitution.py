@@ -17,6 +17,7 @@ import numpy as np
 from ..engine.refraction import Refraction
 from ..engine.spectra import BAND_NM, Spectrum, channel_basis, reflectance_basis
 from .emitters import Lamp, blackbody_temperature, uses_nodes
+from .errors import SceneError
 from .node_paths import constant_of, feeding
 from .render_state import rendered_layer
 from .spectral_sockets import CHANNELS, EMISSION, INDEX, REFLECTANCE, is_shader, kind, takes_reflectance
@@ -68,6 +69,8 @@ class Substitution:
     spectra : AssignedSpectra
     lamps : Lamps
     groups : LightGroups
+    rendered : collection of materials, lights and worlds
+        Those that reach the render. The others are substituted too, but do not count.
 
     Attributes
     ----------
@@ -82,20 +85,25 @@ class Substitution:
         A spectrum that cannot be read, or a data-block that cannot be given a stand-in.
     """
 
-    def __init__(self, scene, journal, spectra, lamps, groups):
+    def __init__(self, scene, journal, spectra, lamps, groups, rendered):
         self._scene, self._journal = scene, journal
         self._spectra, self._lamps, self._groups = spectra, lamps, groups
         self._values, self._indices, self._copies = {}, set(), {}
         self.factors, self.mixed_colours = [], False
         self._upsamplers = {basis: self._make_upsampler(basis) for basis in set(BASIS.values())}
-        for material in list(bpy.data.materials):
-            if material.users and not material.is_grease_pencil:
-                self._substitute_material(material)
-        for light in list(bpy.data.lights):
-            if light.users:
-                self._substitute_light(light)
-        for world in {scene.world, *(layer.world_override for layer in scene.view_layers)} - {None}:
-            self._substitute_world(world)
+        worlds = {scene.world, *(layer.world_override for layer in scene.view_layers)} - {None}
+        blocks = [(block, self._substitute_material) for block in bpy.data.materials
+                  if block.users and not block.is_grease_pencil]
+        blocks += [(block, self._substitute_light) for block in bpy.data.lights if block.users]
+        blocks += [(block, self._substitute_world) for block in worlds]
+        for block, substitute in blocks:
+            if block in rendered:
+                substitute(block)
+        counted = list(self.factors), self.mixed_colours
+        for block, substitute in blocks:
+            if block not in rendered:
+                substitute(block)
+        self.factors, self.mixed_colours = counted
 
     def set_wavelengths(self, wavelengths_nm, dispersive=False):
         """Give every attribute its values at these three wavelengths; glass its index there only where it disperses."""
@@ -127,6 +135,8 @@ class Substitution:
         stand_in.color = (1, 1, 1)
         stand_in.use_temperature = False
         if light.lensfield.power_unit == "LUMEN":
+            if not any(tint):
+                raise SceneError(f"light {light.name!r}", "color", "black", "no lumens come of it: choose another")
             stand_in.energy = light.lensfield.lumens / luminous_efficacy(emission or lamp or self._lamps.daylight, tint)
             stand_in.exposure = 0
         self._substitute_tree(stand_in.node_tree, assigned)
@@ -207,7 +217,7 @@ class Substitution:
         tint = np.array(assigned.tint)
 
         def light_at(nm):
-            relative = 1.0 if group is lamp else lamp.density_at(nm) / group.density_at(nm)
+            relative = 1.0 if group is lamp else self._lamps.shared_density_at(lamp, nm) / group.density_at(nm)
             return relative * (reflectance_basis(nm) @ tint)
 
         if assigned.emission:
@@ -295,7 +305,8 @@ def luminous_efficacy(lamp, tint=(1.0, 1.0, 1.0)):
     nm = np.arange(BAND_NM[0], BAND_NM[1] + 1)
     passed = np.maximum(reflectance_basis(nm) @ np.array(tint), 0)
     own = lamp.density_at(nm)
-    behind = Spectrum(nm, own * passed).luminous_flux_per_watt() * (own @ passed) / own.sum()
+    step_nm = np.where((nm == nm[0]) | (nm == nm[-1]), 0.5, 1.0)  # the trapezoidal rule
+    behind = Spectrum(nm, own * passed).luminous_flux_per_watt() * (own * passed @ step_nm) / (own @ step_nm)
     return behind if passed.min() < 1 else lamp.spectrum.luminous_flux_per_watt()
 
 

@@ -118,9 +118,10 @@ def tiers():
         truth = blocks if truth is None else truth
         colour, sensor = colour_errors(truth, blocks, wavelengths_nm), sensor_error(truth, blocks, wavelengths_nm)
         facts = report.facts
-        print(f"  {name:<20}{len(passes):3d} passes {sum(passes):7.1f} s; CIEDE2000 median {np.median(colour):.2f}, 95 % "
-              f"{np.percentile(colour, 95):.2f}, predicted {facts['predicted_colour_error']:.2f}; sensor "
-              f"{sensor:.2%}, predicted {facts['predicted_sensor_error']:.2%}; surprise {facts['spectral_surprise']:.2f}")
+        print(f"  {name:<20}{len(passes):3d} passes {sum(passes):7.1f} s; CIEDE2000 median {np.median(colour):.2f}, "
+              f"95 % {np.percentile(colour, 95):.2f}, predicted {facts['predicted_colour_error']:.2f}; sensor "
+              f"{sensor:.2%}, predicted {facts['predicted_sensor_error']:.2%}; worst wavelength "
+              f"{spectral_error(truth, blocks):.1%}, predicted {facts['predicted_spectral_error']:.1%}")
 
 
 def block_means(radiance):
@@ -142,6 +143,11 @@ def sensor_error(truth, blocks, wavelengths_nm):
     """Relative RMS error of the worst of three Gaussian sensor bands."""
     bands = np.exp(-0.5 * ((wavelengths_nm[:, None] - np.array(SENSOR_BANDS_NM)) / SENSOR_WIDTH_NM)**2)
     return (np.sqrt((((blocks - truth) @ bands)**2).mean(axis=0)) / np.sqrt(((truth @ bands)**2).mean(axis=0))).max()
+
+
+def spectral_error(truth, blocks):
+    """Relative RMS error at the worst wavelength."""
+    return np.sqrt(((blocks - truth)**2).mean(axis=0) / (truth**2).mean(axis=0)).max()
 
 
 def full_frame(samples):

@@ -29,6 +29,8 @@ def finish(options, report, files):
         print(path)
     for stage, seconds in report.stages.items():
         print(f"  {stage:<40}{seconds:8.2f} s")
+    if report.facts.get("foreign_spectra"):
+        print("  the scene holds spectra that its plan did not foresee: render it with --tier reference")
     if report.facts.get("lens_warning"):
         print(f"  {report.facts['lens_warning']}")
     if "depth" in report.facts:

@@ -26,7 +26,8 @@ MIXED_COLOURS = 64  # at random, for colours that only nodes know
 SMOOTH_NM, SMOOTH_SHARE = 25.0, 1e-5  # of the covariance: what is expected of a spectrum that nobody told of
 NOISE_SHARE = 1e-7
 GREY_WEIGHT = 100.0  # of the constant among transports: what is grey has to stay grey
-UNSEEN = 0.15  # weight of wavelengths that no eye sees and no lamp gives, beside the others' mean
+FOREIGN_SURPRISE = 8  # from which on there are spectra in a scene that nobody told of; without them it is up to 5
+UNSEEN = 1.0  # weight of wavelengths that no eye sees and no lamp gives, beside the mean of what these do
 
 
 @dataclass(frozen=True)
@@ -78,6 +79,8 @@ class Transport:
     colour_error, sensor_error : float
         Predicted: CIEDE2000, and relative RMS of the worst of three sensor bands; 95 % of transports err by less than
         the first.
+    spectral_error : float
+        Predicted: relative RMS at the worst of the wavelengths asked for.
     others : float64 array (node, node)
         Estimates each node from the others.
     expected_miss : float
@@ -90,6 +93,7 @@ class Transport:
     weights: np.ndarray
     colour_error: float
     sensor_error: float
+    spectral_error: float
     others: np.ndarray
     expected_miss: float
     reason: str
@@ -147,7 +151,7 @@ def plan_transport(factors, lamps, output_nm, options=SpectralOptions(), *, mixe
 def _as_asked(output_nm, reason):
     """Every wavelength rendered: nothing is estimated."""
     unit = np.eye(output_nm.size)
-    return Transport(output_nm, output_nm, unit, 0.0, 0.0, np.zeros_like(unit), 0.0, reason)
+    return Transport(output_nm, output_nm, unit, 0.0, 0.0, 0.0, np.zeros_like(unit), 0.0, reason)
 
 
 class _Statistics:
@@ -159,11 +163,12 @@ class _Statistics:
         self._output_nm = output_nm
         wavelengths_nm = np.concatenate([self._grid_nm, output_nm])
         rng = np.random.default_rng(5)
-        curves = [np.ones(wavelengths_nm.size), *(factor(wavelengths_nm) for factor in factors)]
-        if mixed_colours:
-            curves += list(rng.random((MIXED_COLOURS, 3))**2 @ reflectance_basis(wavelengths_nm).T)
-        curves = np.array(curves)
-        curves = curves[np.unique(np.round(curves, 3), axis=0, return_index=True)[1]]  # each once, whoever has it
+        known = np.array([factor(wavelengths_nm) for factor in factors]).reshape(-1, wavelengths_nm.size)
+        known = known[np.unique(np.round(known, 3), axis=0, return_index=True)[1]]  # each once, whoever has it
+        if mixed_colours and len(known):  # half of all, not to be lost among the others
+            known = np.repeat(known, -(-MIXED_COLOURS // len(known)), axis=0)
+        mixed = rng.random((MIXED_COLOURS * mixed_colours, 3))**2 @ reflectance_basis(wavelengths_nm).T
+        curves = np.concatenate([np.ones((1, wavelengths_nm.size)), known, mixed])
         self.grey = bool(np.all(np.ptp(curves, axis=1) <= GREY * curves.max(axis=1)))
         self.middle = self._grid_nm.size // 2
         self.most_nodes = self._grid_nm.size
@@ -232,11 +237,14 @@ class _Statistics:
         return tuple(np.max(errors, axis=0))
 
     def transport(self, nodes, reason):
-        weights = self.weights(nodes)
-        others = self._others(nodes)
+        """The Transport with these nodes."""
+        weights, others = self.weights(nodes)[self._grid_nm.size:], self._others(nodes)
+        missed = self._tried[:, nodes] @ weights.T - self._tried_output
+        spectral_error = np.sqrt(((missed**2).mean(axis=0) / (self._tried_output**2).mean(axis=0)).max())
         colour_error, sensor_error = (0.0, 0.0) if self.grey else self.errors(nodes)
-        return Transport(self._grid_nm[nodes], self._output_nm, weights[self._grid_nm.size:], float(colour_error),
-                         float(sensor_error), others, _misses(self._tried[:, nodes], others), reason)
+        return Transport(self._grid_nm[nodes], self._output_nm, weights, float(colour_error), float(sensor_error),
+                         0.0 if self.grey else float(spectral_error), others, _misses(self._tried[:, nodes], others),
+                         reason)
 
     def _others(self, nodes):
         """What estimates each node from the others; of a single one nothing does."""

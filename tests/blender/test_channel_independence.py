@@ -1,0 +1,227 @@
+"""One wavelength does not know which others ride in its pass: every kind of shader, in several companies.
+
+Three wavelengths are rendered together; each in another channel, with other wavelengths; and each alone, all three
+channels alike, where there is nothing to mix. The planes must be the same, pixel by pixel. Where a shader chooses
+between lobes, or between channels as volumes and subsurface scattering do, all channels together steer the choice:
+there the noise differs, and only means over the picture must be the same.
+
+What does couple channels is shown below too, by Cycles alone, so that we notice when Blender changes.
+"""
+
+from dataclasses import dataclass, field
+
+import bpy
+import numpy as np
+import OpenEXR
+import pytest
+from lenses import make_lens
+from small_scenes import set_world
+
+from lensfield import addon
+from lensfield.engine.exr import read_exr
+from lensfield.engine.transport import SpectralOptions
+
+TOGETHER_NM = [450, 550, 650]
+SHIFTED_NM = [400, 450, 500, 550, 600, 650]  # 450 rides in green, 550 in red, 650 in blue
+ALONE_NM = [450, 450.001, 450.002, 550, 550.001, 550.002, 650, 650.001, 650.002]  # a thousandth of a nm is nothing
+STRONG_COLOUR = (0.9, 0.35, 0.08)
+ONLY_ITS_BLUE = STRONG_COLOUR[2:] * 3
+OTHER_COLOUR = (0.1, 0.5, 0.8)
+EXACT = 1e-5  # of the mean radiance, at every pixel
+NOISE = 0.005  # of the mean radiance, in the mean of the picture
+COUPLED = 0.01
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A shader with some inputs and properties set."""
+
+    name: str
+    node_type: str
+    inputs: dict = field(default_factory=dict)
+    properties: dict = field(default_factory=dict)
+    output: str = "Surface"
+
+
+def principled(name, **inputs):
+    """A principled shader with a strong base colour; inputs by their names, with _ for a space."""
+    settings = {"Base Color": STRONG_COLOUR} | {key.replace("_", " "): value for key, value in inputs.items()}
+    return Kind(f"principled, {name}", "ShaderNodeBsdfPrincipled", settings)
+
+
+def coloured(name, node_type, output="Surface", properties=None, **inputs):
+    settings = {"Color": STRONG_COLOUR} | {key.replace("_", " "): value for key, value in inputs.items()}
+    return Kind(name, node_type, settings, properties or {}, output)
+
+
+EXACT_KINDS = [
+    coloured("diffuse", "ShaderNodeBsdfDiffuse"),
+    coloured("diffuse, rough", "ShaderNodeBsdfDiffuse", Roughness=0.7),
+    coloured("glossy", "ShaderNodeBsdfAnisotropic", Roughness=0.3),
+    coloured("glossy, anisotropic", "ShaderNodeBsdfAnisotropic", Roughness=0.3, Anisotropy=0.6),
+    Kind("metallic, F82", "ShaderNodeBsdfMetallic", {"Base Color": STRONG_COLOUR, "Edge Tint": OTHER_COLOUR},
+         {"fresnel_type": "F82"}),
+    Kind("metallic, conductor", "ShaderNodeBsdfMetallic", {"IOR": (0.2, 0.9, 1.4), "Extinction": (3.9, 2.5, 1.8)},
+         {"fresnel_type": "PHYSICAL_CONDUCTOR"}),
+    coloured("glass", "ShaderNodeBsdfGlass", Roughness=0.2),
+    coloured("refraction", "ShaderNodeBsdfRefraction", Roughness=0.2),
+    coloured("translucent", "ShaderNodeBsdfTranslucent"),
+    coloured("transparent", "ShaderNodeBsdfTransparent"),
+    coloured("sheen", "ShaderNodeBsdfSheen"),
+    coloured("sheen, Ashikhmin", "ShaderNodeBsdfSheen", properties={"distribution": "ASHIKHMIN"}),
+    coloured("toon", "ShaderNodeBsdfToon", Size=0.6, Smooth=0.3),
+    coloured("toon, glossy", "ShaderNodeBsdfToon", properties={"component": "GLOSSY"}, Size=0.6, Smooth=0.3),
+    coloured("hair, reflection", "ShaderNodeBsdfHair"),
+    coloured("hair, transmission", "ShaderNodeBsdfHair", properties={"component": "Transmission"}),
+    principled("metallic", Metallic=1.0, Roughness=0.3),
+    coloured("volume absorption", "ShaderNodeVolumeAbsorption", output="Volume", Density=2.0),
+]
+NOISY_KINDS = [
+    coloured("emission", "ShaderNodeEmission"),
+    coloured("subsurface scattering", "ShaderNodeSubsurfaceScattering", Scale=0.2, Radius=(1, 0.3, 0.1)),
+    coloured("hair, principled", "ShaderNodeBsdfHairPrincipled", properties={"model": "CHIANG"}),
+    coloured("hair, principled, Huang", "ShaderNodeBsdfHairPrincipled", properties={"model": "HUANG"}),
+    Kind("hair, principled, absorption", "ShaderNodeBsdfHairPrincipled",
+         {"Absorption Coefficient": (0.2, 0.5, 1.5)}, {"model": "CHIANG", "parametrization": "ABSORPTION"}),
+    principled("base"),
+    principled("metallic and diffuse", Metallic=0.5),
+    principled("specular", Specular_IOR_Level=1.0, Roughness=0.2),
+    principled("transmission", Transmission_Weight=1.0, Roughness=0.2),
+    principled("subsurface", Subsurface_Weight=1.0, Subsurface_Scale=0.2, Subsurface_Radius=(1, 0.3, 0.1)),
+    principled("coat", Coat_Weight=1.0, Coat_Roughness=0.1),
+    principled("tinted coat", Coat_Weight=1.0, Coat_Roughness=0.1, Coat_Tint=OTHER_COLOUR),
+    principled("white sheen", Sheen_Weight=1.0),
+    principled("emission", Emission_Color=OTHER_COLOUR, Emission_Strength=0.5),
+    principled("alpha", Alpha=0.5),
+    coloured("volume scatter", "ShaderNodeVolumeScatter", output="Volume", Density=2.0),
+    Kind("volume, principled", "ShaderNodeVolumePrincipled",
+         {"Color": STRONG_COLOUR, "Absorption Color": OTHER_COLOUR, "Density": 2.0, "Emission Color": OTHER_COLOUR,
+          "Emission Strength": 0.1}, output="Volume"),
+    Kind("volume coefficients", "ShaderNodeVolumeCoefficients",
+         {"Absorption Coefficients": (0.2, 0.5, 1.5), "Scatter Coefficients": (1.5, 0.8, 0.3)}, output="Volume"),
+]
+
+
+@pytest.mark.parametrize("kind", EXACT_KINDS, ids=lambda kind: kind.name)
+def test_company_of_a_wavelength_changes_no_pixel(scene, tmp_path, kind):
+    furnish(scene, kind)
+    scene.cycles.samples = 8  # noise is the same noise here
+    alone, *companies = in_companies(scene, tmp_path)
+    for planes in companies:
+        np.testing.assert_allclose(planes, alone, rtol=0, atol=EXACT * alone.mean())
+
+
+@pytest.mark.parametrize("kind", NOISY_KINDS, ids=lambda kind: kind.name)
+def test_company_of_a_wavelength_changes_nothing_but_the_noise(scene, tmp_path, kind):
+    furnish(scene, kind)
+    alone, *companies = in_companies(scene, tmp_path)
+    for planes in companies:
+        np.testing.assert_allclose(planes.mean(axis=(1, 2)), alone.mean(axis=(1, 2)), rtol=NOISE)
+
+
+def test_planes_of_a_coloured_ball_differ_between_wavelengths(scene, tmp_path):
+    """Were all planes alike, the tests above would say nothing."""
+    furnish(scene, EXACT_KINDS[0])
+    blue, green, red = radiance(scene, tmp_path, TOGETHER_NM)[:, 6:12, 9:15].mean(axis=(1, 2))
+    assert green > 1.1 * blue and red > 1.5 * green
+
+
+@pytest.mark.parametrize("tint, lobe", [("Specular Tint", {"Specular IOR Level": 1.0}),
+                                        ("Sheen Tint", {"Sheen Weight": 1.0})])
+def test_coloured_tints_couple_channels(scene, tmp_path, tint, lobe):
+    """What a lobe leaves for those below is by the brightest channel of its tint."""
+    grey = lobe | {"Base Color": (0.5, 0.5, 0.5)}
+    coupled, alone = (blue_of(scene, tmp_path, grey | {tint: colour}) for colour in (STRONG_COLOUR, ONLY_ITS_BLUE))
+    assert abs(coupled / alone - 1) > COUPLED
+
+
+@pytest.mark.parametrize("colour, lobe", [("Base Color", {}), ("Coat Tint", {"Coat Weight": 1.0})])
+def test_other_colours_do_not_couple_channels_by_the_same_measure(scene, tmp_path, colour, lobe):
+    grey = lobe | {"Base Color": (0.5, 0.5, 0.5)}
+    coupled, alone = (blue_of(scene, tmp_path, grey | {colour: value}) for value in (STRONG_COLOUR, ONLY_ITS_BLUE))
+    assert abs(coupled / alone - 1) < NOISE
+
+
+@pytest.mark.parametrize("kind", [
+    Kind("thin film", "ShaderNodeBsdfPrincipled",
+         {"Base Color": (0, 0, 0), "Thin Film Thickness": 400.0, "Thin Film IOR": 1.8}),
+    Kind("melanin", "ShaderNodeBsdfHairPrincipled", {"Melanin": 0.5, "Tint": (1, 1, 1)},
+         {"model": "CHIANG", "parametrization": "MELANIN"}),
+    Kind("blackbody", "ShaderNodeVolumePrincipled",
+         {"Color": (0.5, 0.5, 0.5), "Blackbody Intensity": 1.0, "Temperature": 1500.0}, output="Volume"),
+], ids=lambda kind: kind.name)
+def test_shaders_with_built_in_red_green_and_blue_colour_a_grey_scene(scene, tmp_path, kind):
+    furnish(scene, kind, wall_colour=(0.5, 0.5, 0.5))
+    red, green, blue = rgb(scene, tmp_path).mean(axis=(1, 2))
+    assert max(abs(green / red - 1), abs(blue / red - 1)) > COUPLED
+
+
+def in_companies(scene, folder):
+    """The planes of TOGETHER_NM: each alone, together, and in other channels beside other wavelengths."""
+    return (radiance(scene, folder, ALONE_NM)[::3], radiance(scene, folder, TOGETHER_NM),
+            radiance(scene, folder, SHIFTED_NM)[1::2])
+
+
+def furnish(scene, kind, wall_colour=OTHER_COLOUR):
+    """A ball of the shader before a coloured wall, under a grey sky and a white lamp."""
+    scene.cycles.samples = 64
+    scene.cycles.max_bounces = 8
+    # Cycles ends paths at random by their brightest channel, unless it is told to follow all of them.
+    scene.cycles.min_light_bounces = scene.cycles.min_transparent_bounces = 8
+    scene.cycles.light_sampling_threshold = 0
+    scene.render.resolution_x, scene.render.resolution_y = 24, 18
+    set_world(scene, strength=1.0)
+    scene.world.lensfield.emission = "380:1, 780:1"
+    bpy.ops.mesh.primitive_uv_sphere_add(radius=0.3, location=(0, 0, -1.2))
+    bpy.ops.object.shade_smooth()
+    bpy.context.object.data.materials.append(material_of(kind))
+    wall = Kind("wall", "ShaderNodeBsdfDiffuse", {"Color": wall_colour})
+    bpy.ops.mesh.primitive_plane_add(size=4, location=(0, 0, -2))
+    bpy.context.object.data.materials.append(material_of(wall))
+    bpy.ops.object.light_add(type="AREA", location=(0.6, 0.6, -0.6), rotation=(-0.7, 0.7, 0))
+    bpy.context.object.data.energy = 5
+    bpy.context.object.data.size = 0.3
+
+
+def material_of(kind):
+    material = bpy.data.materials.new(kind.name)
+    material.use_nodes = True
+    tree = material.node_tree
+    tree.nodes.clear()
+    shader = tree.nodes.new(kind.node_type)
+    for name, value in kind.properties.items():
+        setattr(shader, name, value)
+    for name, value in kind.inputs.items():
+        socket = shader.inputs[name]
+        socket.default_value = (*value, 1) if socket.type == "RGBA" else value
+    tree.links.new(shader.outputs[0], tree.nodes.new("ShaderNodeOutputMaterial").inputs[kind.output])
+    return material
+
+
+def radiance(scene, folder, wavelengths_nm):
+    """Spectral radiance by the add-on, (wavelength, row, column); the lens is a plain one, to save time."""
+    every_wavelength = SpectralOptions(tier="reference")
+    result = addon.render_through_lens(scene, make_lens(), wavelengths_nm, folder, spectral=every_wavelength)
+    return read_exr(result.radiance).cube.astype(np.float64)
+
+
+def blue_of(scene, folder, inputs):
+    """Mean of the blue channel of a picture of a principled ball, by Cycles alone."""
+    for left_over in list(scene.collection.objects):
+        if left_over.type != "CAMERA":
+            bpy.data.objects.remove(left_over)
+    furnish(scene, Kind("tinted", "ShaderNodeBsdfPrincipled", inputs))
+    return rgb(scene, folder)[2].mean()
+
+
+def rgb(scene, folder):
+    """What Cycles renders without the add-on: float64 array (channel, row, column)."""
+    scene.cycles.use_denoising = False  # it sees all channels at once,
+    scene.cycles.sample_clamp_indirect = 0  # and clamping their sum: both would couple them
+    path = folder / "plain.exr"
+    image = scene.render.image_settings
+    image.file_format, image.color_depth = "OPEN_EXR", "32"
+    scene.render.filepath = str(path)
+    bpy.ops.render.render(write_still=True, scene=scene.name)
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        return np.stack([file.parts[0].channels[name].pixels for name in "RGB"]).astype(np.float64)

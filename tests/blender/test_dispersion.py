@@ -1,0 +1,332 @@
+"""Glass bends each wavelength by its own index, to where Snell's law says; metals reflect by Fresnel's."""
+
+from functools import cache
+
+import bmesh
+import bpy
+import numpy as np
+import pytest
+from lenses import make_lens
+from scipy.optimize import brentq
+from small_scenes import light, material, set_world, wall
+
+from lensfield import addon
+from lensfield.engine.errors import InputError
+from lensfield.engine.exr import read_exr
+from lensfield.engine.refraction import load_refraction
+from lensfield.engine.spectra import load_spectrum
+from lensfield.engine.transport import SpectralOptions
+
+NM = np.array([420.0, 550.0, 680.0])
+FLAT, FLAT_DENSITY = "380:1, 780:1", 1 / 400
+COLUMNS, ROWS = 96, 12
+PITCH_MM = 4.8 / COLUMNS
+WEDGE = np.tan(np.radians(20))  # slope of the prism's back
+FRONT_M, BACK_M, WALL_M, EDGE_M = -1.0, -1.5, -6.0, 1.5
+PIXEL = 0.1  # of one
+
+
+@cache
+def lens():
+    return make_lens(wavelengths_nm=(380.0, 780.0), sensor_mm=(4.8, 4.8 * ROWS / COLUMNS))
+
+
+@pytest.fixture
+def small(scene):
+    scene.render.resolution_x, scene.render.resolution_y = COLUMNS, ROWS
+    scene.cycles.max_bounces = 8
+    return scene
+
+
+def rendered(scene, folder, nm=NM, tier="standard", **options):
+    result = addon.render_through_lens(scene, lens(), nm, folder, spectral=SpectralOptions(tier), **options)
+    return read_exr(result.radiance).frame().cube.astype(np.float64), result.report.facts
+
+
+def prism(scene, of_material):
+    """Its front faces the camera; its back is the plane z = BACK_M - WEDGE x."""
+    mesh = bpy.data.meshes.new("Prism")
+    corners = [(x, y, z) for z in (0, 1) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    points = [(x, y, FRONT_M if z == 0 else BACK_M - WEDGE * x) for x, y, z in corners]
+    mesh.from_pydata(points, [], [(0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)])
+    shape = bmesh.new()
+    shape.from_mesh(mesh)
+    bmesh.ops.recalc_face_normals(shape, faces=shape.faces)  # Cycles goes by them into the glass and out of it
+    shape.to_mesh(mesh)
+    shape.free()
+    mesh.materials.append(of_material)
+    obj = bpy.data.objects.new("Prism", mesh)
+    scene.collection.objects.link(obj)
+    return obj
+
+
+def bright_half(scene):
+    """A glowing wall far behind the prism, that ends at x = EDGE_M."""
+    glow, _ = material("Glow", "ShaderNodeEmission", (1, 1, 1))
+    glow.lensfield.emission = FLAT
+    half = wall(scene, glow, -WALL_M, side_m=20)
+    half.location.x = EDGE_M - 10
+    return half
+
+
+def glass(name="sf10", node_type="ShaderNodeBsdfRefraction"):
+    new = bpy.data.materials.new("Glass")
+    new.use_nodes = True
+    tree = new.node_tree
+    tree.nodes.clear()
+    shader = tree.nodes.new(node_type)
+    shader.inputs["Roughness"].default_value = 0
+    if node_type == "ShaderNodeBsdfPrincipled":
+        shader.inputs["Transmission Weight"].default_value = 1
+        shader.inputs["Base Color"].default_value = (1, 1, 1, 1)
+    else:
+        shader.inputs["Color"].default_value = (1, 1, 1, 1)
+    tree.links.new(shader.outputs[0], tree.nodes.new("ShaderNodeOutputMaterial").inputs["Surface"])
+    new.lensfield.refraction = name
+    return new
+
+
+def refracted(direction, normal, ratio):
+    """Snell's law for unit vectors; the normal is against the direction, the ratio n1 / n2."""
+    cosine = -direction @ normal
+    return ratio * direction + (ratio * cosine - np.sqrt(1 - ratio**2 * (1 - cosine**2))) * normal
+
+
+def met_on_the_wall(x_mm, index):
+    """Where a ray from the camera, x_mm off the middle of the picture, meets the wall behind the prism."""
+    ray = np.array([x_mm, 0, -lens().capture_focal_length_mm])
+    ray /= np.linalg.norm(ray)
+    place = ray * FRONT_M / ray[2]
+    ray = refracted(ray, np.array([0.0, 0, 1]), 1 / index)
+    back = np.array([WEDGE, 0, 1]) / np.hypot(WEDGE, 1)
+    place = place + ray * ((np.array([0, 0, BACK_M]) - place) @ back) / (ray @ back)
+    ray = refracted(ray, back, index)
+    return (place + ray * (WALL_M - place[2]) / ray[2])[0]
+
+
+def edge_by_snell(index):
+    """Column at which the wall's edge is seen, in pixels from the left border of the picture."""
+    half_mm = COLUMNS * PITCH_MM / 2
+    x_mm = brentq(lambda x: met_on_the_wall(x, index) - EDGE_M, -half_mm, half_mm)
+    return (x_mm + half_mm) / PITCH_MM
+
+
+def edges_seen(picture):
+    """The same in a picture, of each wavelength: the pixel that the edge divides tells where it does."""
+    found = []
+    for line in picture.mean(axis=1):
+        last = np.flatnonzero(line > 0.5 * line.max())[-1]
+        whole = line[:last - 1] if line[last] < 0.9 * line[last - 2] else line[:last + 1]
+        part = line[whole.size:]
+        dark = part[3:6].mean()  # of glass, what it mirrors
+        found.append(whole.size + (part[:3] - dark).sum() / (whole[-1] - dark))
+    return np.array(found)
+
+
+def schott_sf10(nm):
+    """Sellmeier's formula with the coefficients of Schott's catalogue."""
+    um2 = (np.asarray(nm) * 1e-3)**2
+    b, c = (1.62153902, 0.256287842, 1.64447552), (0.0122241457, 0.0595736775, 147.468793)
+    return np.sqrt(1 + sum(strength * um2 / (um2 - pole) for strength, pole in zip(b, c)))
+
+
+@pytest.mark.parametrize("node_type", ["ShaderNodeBsdfRefraction", "ShaderNodeBsdfGlass", "ShaderNodeBsdfPrincipled"])
+def test_each_wavelength_goes_where_snell_sends_it(small, tmp_path, node_type):
+    small.cycles.samples = 64
+    bright_half(small)
+    prism(small, glass(node_type=node_type))
+    picture, facts = rendered(small, tmp_path)
+    assert facts["passes"] == 3 and facts["wavelengths_per_pass"] == 1 and facts["rendered_nm"] == list(NM)
+    assert "'Prism' of 'Glass' is in view and disperses" in facts["scene_plan"]
+    expected = [edge_by_snell(index) for index in schott_sf10(NM)]
+    assert np.ptp(expected) > 3
+    np.testing.assert_allclose(edges_seen(picture), expected, atol=PIXEL)
+
+
+def test_bare_edge_is_where_the_camera_sees_it(small, tmp_path):
+    """The measure itself: without glass all wavelengths show the edge at one place."""
+    small.cycles.samples = 64
+    bright_half(small).location.x = 0.5 - 10
+    expected = COLUMNS / 2 + 0.5 / -WALL_M * lens().capture_focal_length_mm / PITCH_MM
+    np.testing.assert_allclose(edges_seen(rendered(small, tmp_path)[0]), expected, atol=PIXEL)
+
+
+@pytest.mark.parametrize("tier", ["standard", "reference"])
+def test_one_pass_for_each_wavelength(small, tmp_path, tier):
+    bright_half(small)
+    prism(small, glass("n-bk7"))
+    _, facts = rendered(small, tmp_path, np.linspace(400, 700, 7), tier)
+    assert facts["passes"] == 7 and facts["wavelengths_per_pass"] == 1
+
+
+def test_preview_sees_all_wavelengths_by_the_d_line(small, tmp_path):
+    small.cycles.samples = 64
+    bright_half(small)
+    prism(small, glass())
+    picture, facts = rendered(small, tmp_path, tier="preview")
+    assert facts["passes"] == 1
+    np.testing.assert_allclose(edges_seen(picture), edge_by_snell(schott_sf10(587.5618)), atol=PIXEL)
+
+
+def behind_the_camera(obj):
+    obj.location.z = 5
+
+
+def beside_the_view(obj):
+    obj.location.x = 5
+
+
+def hidden(obj):
+    obj.hide_render = True
+
+
+@pytest.mark.parametrize("put", [behind_the_camera, beside_the_view, hidden], ids=lambda put: put.__name__)
+def test_glass_out_of_view_costs_nothing(small, tmp_path, put):
+    bright_half(small)
+    put(prism(small, glass()))
+    _, facts = rendered(small, tmp_path, np.linspace(400, 700, 7))
+    assert facts["passes"] == 1 and facts["wavelengths_per_pass"] == 3
+    assert "disperses" not in facts["scene_plan"]
+
+
+def test_glass_in_an_instance_is_in_view(small, tmp_path):
+    bright_half(small)
+    inside = bpy.data.collections.new("Optics")
+    obj = prism(small, glass())
+    small.collection.objects.unlink(obj)
+    inside.objects.link(obj)
+    obj.location.z = 50  # where the instance is not
+    empty = bpy.data.objects.new("Instancer", None)
+    empty.instance_type, empty.instance_collection, empty.location.z = "COLLECTION", inside, -50
+    small.collection.objects.link(empty)
+    assert rendered(small, tmp_path)[1]["wavelengths_per_pass"] == 1
+
+
+def test_an_index_without_a_name_does_not_disperse(small, tmp_path):
+    small.cycles.samples = 64
+    bright_half(small)
+    plain = glass("")
+    next(node for node in plain.node_tree.nodes if "IOR" in node.inputs).inputs["IOR"].default_value = 1.65
+    prism(small, plain)
+    picture, facts = rendered(small, tmp_path)
+    assert facts["passes"] == 1
+    np.testing.assert_allclose(edges_seen(picture), edge_by_snell(1.65), atol=PIXEL)
+
+
+def test_refraction_takes_the_place_of_an_index_by_nodes(small, tmp_path):
+    small.cycles.samples = 64
+    bright_half(small)
+    crown = glass()
+    value = crown.node_tree.nodes.new("ShaderNodeValue")
+    value.outputs[0].default_value = 1.2
+    shader = next(node for node in crown.node_tree.nodes if "IOR" in node.inputs)
+    crown.node_tree.links.new(value.outputs[0], shader.inputs["IOR"])
+    prism(small, crown)
+    expected = [edge_by_snell(index) for index in schott_sf10(NM)]
+    np.testing.assert_allclose(edges_seen(rendered(small, tmp_path)[0]), expected, atol=PIXEL)
+
+
+def test_wavelength_beyond_what_is_known_of_the_glass_is_named(small, tmp_path):
+    bright_half(small)
+    prism(small, glass("acrylic"))
+    with pytest.raises(InputError, match="acrylic.*390 nm.*400"):
+        rendered(small, tmp_path, [390.0, 500.0])
+
+
+def mirror(node_type, name, **settings):
+    new = bpy.data.materials.new("Metal")
+    new.use_nodes = True
+    tree = new.node_tree
+    tree.nodes.clear()
+    shader = tree.nodes.new(node_type)
+    for key, value in settings.items():
+        setattr(shader, key, value)
+    shader.inputs["Roughness"].default_value = 0
+    if "Metallic" in shader.inputs:
+        shader.inputs["Metallic"].default_value = 1
+    tree.links.new(shader.outputs[0], tree.nodes.new("ShaderNodeOutputMaterial").inputs["Surface"])
+    new.lensfield.refraction = name
+    return new
+
+
+def under_flat_sky(scene, metal, tilt_degrees=0.0):
+    set_world(scene)
+    scene.world.lensfield.emission = FLAT
+    wall(scene, metal, 2.0).rotation_euler.y = np.radians(tilt_degrees)
+
+
+METALS = [("ShaderNodeBsdfMetallic", {"fresnel_type": "PHYSICAL_CONDUCTOR"}),
+          ("ShaderNodeBsdfMetallic", {"fresnel_type": "F82"}), ("ShaderNodeBsdfAnisotropic", {}),
+          ("ShaderNodeBsdfPrincipled", {})]
+
+
+def fresnel(name, nm, angle_degrees=0.0):
+    """Reflectance of unpolarised light off a metal in air, by Fresnel's formulas for a complex index."""
+    refraction = load_refraction(name)
+    index = refraction.n_at(nm) + 1j * refraction.k_at(nm)
+    cosine = np.cos(np.radians(angle_degrees))
+    inside = np.sqrt(1 - (1 - cosine**2) / index**2)
+    across = abs((cosine - index * inside) / (cosine + index * inside))**2
+    along = abs((index * cosine - inside) / (index * cosine + inside))**2
+    return (across + along) / 2
+
+
+@pytest.mark.parametrize("node_type, settings", METALS, ids=lambda value: str(value))
+@pytest.mark.parametrize("name", ["gold", "silver", "iron"])
+def test_metals_reflect_by_their_index(small, tmp_path, node_type, settings, name):
+    under_flat_sky(small, mirror(node_type, name, **settings))
+    picture, facts = rendered(small, tmp_path)
+    measured = picture[:, 4:8, 44:52].mean(axis=(1, 2)) / FLAT_DENSITY
+    np.testing.assert_allclose(measured, fresnel(name, NM), rtol=0.01)
+    assert facts["passes"] == 1  # metals bend nothing
+
+
+def test_gold_is_gold():
+    """Against Babar and Weaver's and everybody's: yellow, as it takes away the blue."""
+    blue, green, red = fresnel("gold", NM)
+    assert 0.35 < blue < 0.45 and 0.7 < green < 0.85 and 0.93 < red < 0.99
+    assert min(fresnel("silver", NM)) > 0.93
+
+
+@pytest.mark.parametrize("tilt_degrees", [45, 70])
+def test_physical_conductor_off_the_normal(small, tmp_path, tilt_degrees):
+    metal = mirror("ShaderNodeBsdfMetallic", "gold", fresnel_type="PHYSICAL_CONDUCTOR")
+    under_flat_sky(small, metal, tilt_degrees)
+    measured = rendered(small, tmp_path)[0][:, 4:8, 46:50].mean(axis=(1, 2)) / FLAT_DENSITY
+    np.testing.assert_allclose(measured, fresnel("gold", NM, tilt_degrees), rtol=0.01)
+
+
+def test_assigned_reflectance_comes_before_the_metals_own(small, tmp_path):
+    metal = mirror("ShaderNodeBsdfPrincipled", "gold")
+    metal.lensfield.reflectance = "400:0.5, 700:0.5"
+    under_flat_sky(small, metal)
+    measured = rendered(small, tmp_path)[0][:, 4:8, 44:52].mean(axis=(1, 2)) / FLAT_DENSITY
+    np.testing.assert_allclose(measured, 0.5, rtol=0.01)
+
+
+def test_glass_keeps_its_own_colour(small, tmp_path):
+    """A refractive index is no reflectance: coloured glass stays as it is."""
+    small.cycles.samples = 64
+    set_world(small)
+    small.world.lensfield.emission = FLAT
+    tinted = glass()
+    tinted.lensfield.reflectance = "400:0.2, 700:0.8"
+    prism(small, tinted)
+    measured = rendered(small, tmp_path)[0][:, 4:8, 44:52].mean(axis=(1, 2)) / FLAT_DENSITY
+    np.testing.assert_allclose(measured, np.interp(NM, [400, 700], [0.2, 0.8])**2, rtol=0.01)  # in and out
+
+
+def test_lamps_and_glass_together_stay_absolute(small, tmp_path):
+    """Where each wavelength has a pass of its own, a spiky lamp still comes in by its means."""
+    light(small, "POINT", 10.0, shadow_soft_size=0.0).data.lensfield.emission = "sodium-lp"
+    wall(small, material("White", "ShaderNodeBsdfDiffuse", (1, 1, 1))[0], 1.0)
+    aside = prism(small, glass())
+    aside.scale, aside.location = (0.01, 0.01, 0.01), (0.05, 0, -0.5)
+    nm = np.array([450.0, 500.0, 589.0, 600.0, 650.0])
+    picture, facts = rendered(small, tmp_path, nm)
+    assert facts["wavelengths_per_pass"] == 1
+    beside_it = picture[:, 4:8, 4:8].mean(axis=(1, 2))
+    sodium = load_spectrum("sodium-lp").band_means(nm)
+    np.testing.assert_allclose(beside_it / beside_it[2], sodium / sodium[2], rtol=1e-3, atol=1e-9)
+    slope = (COLUMNS / 2 - 6) * PITCH_MM / lens().capture_focal_length_mm  # of the ray, off the axis
+    assert beside_it[2] == pytest.approx(10 / (4 * np.pi**2) * sodium[2] / (1 + slope**2)**1.5, rel=2e-3)

@@ -1,0 +1,288 @@
+"""Absolute spectral radiance, W m^-2 sr^-1 nm^-1, of each kind of light, to 0.1 %: by closed forms.
+
+A wall of Lambert's law that gets E watts a square metre of a lamp shows L = reflectance E / pi. What Blender makes of a
+lamp's watts is told at each test; the spectrum spreads them over 380 to 780 nm.
+"""
+
+import operator
+from functools import cache
+
+import bpy
+import numpy as np
+import pytest
+from lenses import make_lens
+from small_scenes import light, material, set_world, wall
+
+from lensfield import addon
+from lensfield.engine.exr import read_exr
+from lensfield.engine.spectra import colour_matching, load_spectrum, reflectance_basis, white_density
+from lensfield.engine.transport import SpectralOptions
+
+NM = np.array([450.0, 550.0, 589.0, 650.0])
+WATTS, DISTANCE_M = 100.0, 2.0
+SPECTRA = ["380:1, 780:1", "illuminant-a", "sodium-lp"]
+FLAT = SPECTRA[0]
+BAND_NM = np.linspace(380, 780, 400001)
+PRECISION = 1e-3
+
+
+@pytest.fixture(autouse=True)
+def few_pixels(scene):
+    scene.render.resolution_x, scene.render.resolution_y = 16, 12
+
+
+@cache
+def narrow_lens():
+    """It sees 3 degrees, so that all pixels see the same."""
+    return make_lens(wavelengths_nm=(380.0, 780.0), sensor_mm=(0.48, 0.36))
+
+
+def radiance(scene, folder, nm=NM):
+    """Spectral radiance in the middle of the picture, one value for each wavelength."""
+    result = addon.render_through_lens(scene, narrow_lens(), nm, folder, spectral=SpectralOptions("reference"))
+    cube = read_exr(result.radiance).frame().cube
+    rows, columns = (n // 4 for n in cube.shape[1:])
+    return cube[:, rows:-rows, columns:-columns].mean(axis=(1, 2), dtype=np.float64)
+
+
+def density(name, nm=NM):
+    """What these wavelengths get of a watt between 380 and 780 nm, per nm, by brute force.
+
+    Each wavelength stands for what lies between it and its neighbours, the nearer the more.
+    """
+    spectrum = load_spectrum(name)
+    power = np.interp(BAND_NM, spectrum.wavelengths_nm, spectrum.values, left=0, right=0)
+    power /= np.trapz(power, BAND_NM)
+    if name != "sodium-lp":
+        return np.interp(nm, BAND_NM, power)
+    hats = [np.interp(BAND_NM, nm, unit, left=0, right=0) for unit in np.eye(len(nm))]
+    return np.array([np.trapz(power * hat, BAND_NM) / np.trapz(hat, BAND_NM) for hat in hats])
+
+
+@pytest.fixture
+def wall_at(scene):
+    """A white wall at DISTANCE_M."""
+    wall(scene, material("Paint", "ShaderNodeBsdfDiffuse", (1, 1, 1))[0], DISTANCE_M)
+    scene.cycles.max_bounces = 0
+
+
+def check(scene, folder, per_watt, spectrum, watts=WATTS):
+    measured = radiance(scene, folder)
+    np.testing.assert_allclose(measured, watts * per_watt * density(spectrum), rtol=PRECISION)
+
+
+def lamp(scene, kind, spectrum, **properties):
+    new = light(scene, kind, properties.pop("watts", WATTS), **properties)
+    new.data.lensfield.emission = spectrum
+    return new
+
+
+@pytest.mark.parametrize("spectrum", SPECTRA)
+def test_point(scene, wall_at, tmp_path, spectrum):
+    """I = P / 4 pi in all directions, over h^2, and off a wall over pi."""
+    lamp(scene, "POINT", spectrum, shadow_soft_size=0.0)
+    check(scene, tmp_path, 1 / (4 * np.pi * DISTANCE_M**2) / np.pi, spectrum)
+
+
+def test_point_of_some_size(scene, wall_at, tmp_path):
+    """A ball of radius r gives E = P / 4 pi h^2 on the axis, as a point does."""
+    lamp(scene, "POINT", FLAT, shadow_soft_size=0.3, use_soft_falloff=False)
+    scene.cycles.samples = 256
+    check(scene, tmp_path, 1 / (4 * np.pi * DISTANCE_M**2) / np.pi, FLAT)
+
+
+@pytest.mark.parametrize("spectrum", SPECTRA)
+@pytest.mark.parametrize("cone_degrees", [40, 150])
+def test_spot(scene, wall_at, tmp_path, spectrum, cone_degrees):
+    """I = P / 4 pi on the axis, whatever the cone."""
+    lamp(scene, "SPOT", spectrum, shadow_soft_size=0.0, spot_size=np.radians(cone_degrees), spot_blend=0.0)
+    check(scene, tmp_path, 1 / (4 * np.pi * DISTANCE_M**2) / np.pi, spectrum)
+
+
+@pytest.mark.parametrize("spectrum", SPECTRA)
+@pytest.mark.parametrize("shape, area", [("SQUARE", 0.25), ("DISK", 0.25 * np.pi / 4), ("RECTANGLE", 0.125),
+                                         ("ELLIPSE", 0.125 * np.pi / 4)])
+def test_area_seen_from_ahead(scene, tmp_path, spectrum, shape, area):
+    """L = P / pi A."""
+    facing = lamp(scene, "AREA", spectrum, shape=shape, size=0.5, size_y=0.25)
+    facing.location.z, facing.rotation_euler.x, facing.visible_camera = -0.3, np.pi, True
+    check(scene, tmp_path, 1 / (np.pi * area), spectrum)
+
+
+def test_area_on_a_wall(scene, wall_at, tmp_path):
+    """On the axis of a disk of radius r, E = pi L r^2 / (r^2 + h^2) with L = P / pi A."""
+    radius = 0.01
+    lamp(scene, "AREA", FLAT, shape="DISK", size=2 * radius)
+    check(scene, tmp_path, 1 / np.pi**2 / (radius**2 + DISTANCE_M**2), FLAT)
+
+
+@pytest.mark.parametrize("spread_degrees", [90, 30])
+def test_area_of_smaller_spread_keeps_its_power(scene, wall_at, tmp_path, spread_degrees):
+    """Towards an angle a it shines as 1 - tan(a) / tan(spread / 2): the rest gains by what is lost."""
+    lamp(scene, "AREA", FLAT, shape="DISK", size=1e-3, spread=np.radians(spread_degrees))
+    slope = 1 / np.tan(np.radians(spread_degrees) / 2)
+    angle = np.linspace(0, np.radians(spread_degrees) / 2, 100001)
+    gain = 0.5 / np.trapz((1 - slope * np.tan(angle)) * np.sin(angle) * np.cos(angle), angle)
+    pixel = 0.48 / 16 / narrow_lens().capture_focal_length_mm
+    y, x = np.meshgrid((np.arange(6) - 2.5) * pixel, (np.arange(8) - 3.5) * pixel, indexing="ij")
+    check(scene, tmp_path, gain * np.mean(1 - slope * np.hypot(x, y)) / (np.pi * DISTANCE_M)**2, FLAT)
+
+
+@pytest.mark.parametrize("spectrum", SPECTRA)
+@pytest.mark.parametrize("tilt_degrees, angle_degrees", [(0, 0.0), (60, 0.0), (0, 0.5)])
+def test_sun(scene, wall_at, tmp_path, spectrum, tilt_degrees, angle_degrees):
+    """E = S cos(tilt)."""
+    sun = lamp(scene, "SUN", spectrum, watts=3.0, angle=np.radians(angle_degrees))
+    sun.rotation_euler.x = np.radians(tilt_degrees)
+    check(scene, tmp_path, np.cos(np.radians(tilt_degrees)) / np.pi, spectrum, watts=3.0)
+
+
+@pytest.mark.parametrize("spectrum", SPECTRA)
+@pytest.mark.parametrize("on_a_wall", [False, True])
+def test_world(scene, tmp_path, spectrum, on_a_wall):
+    """L = s; and so off a white wall under it."""
+    set_world(scene, strength=2.5)
+    scene.world.lensfield.emission = spectrum
+    if on_a_wall:
+        wall(scene, material("Paint", "ShaderNodeBsdfDiffuse", (1, 1, 1))[0])
+    check(scene, tmp_path, 1.0, spectrum, watts=2.5)
+
+
+@pytest.mark.parametrize("node_type, strength", [("ShaderNodeEmission", "Strength"),
+                                                 ("ShaderNodeBsdfPrincipled", "Emission Strength")])
+@pytest.mark.parametrize("spectrum", SPECTRA)
+def test_mesh(scene, tmp_path, spectrum, node_type, strength):
+    """L = s."""
+    glow = bpy.data.materials.new("Glow")
+    glow.use_nodes = True
+    tree = glow.node_tree
+    tree.nodes.clear()
+    shader = tree.nodes.new(node_type)
+    shader.inputs[strength].default_value = 7.0
+    tree.links.new(shader.outputs[0], tree.nodes.new("ShaderNodeOutputMaterial").inputs["Surface"])
+    glow.lensfield.emission = spectrum
+    wall(scene, glow)
+    check(scene, tmp_path, 1.0, spectrum, watts=7.0)
+
+
+def test_mesh_on_a_wall(scene, wall_at, tmp_path):
+    """A disk of radius r behind the camera gives E = pi L r^2 / (r^2 + h^2) on its axis."""
+    glow, shader = material("Glow", "ShaderNodeEmission")
+    shader.inputs["Strength"].default_value = 7.0
+    glow.lensfield.emission = "illuminant-a"
+    radius, behind_m, corners = 0.1, 0.5, 256
+    turn = 2 * np.pi * np.arange(corners) / corners
+    mesh = bpy.data.meshes.new("Disk")
+    mesh.from_pydata([(radius * np.cos(a), radius * np.sin(a), behind_m) for a in turn], [], [range(corners)])
+    mesh.materials.append(glow)
+    scene.collection.objects.link(bpy.data.objects.new("Disk", mesh))
+    scene.cycles.samples = 256
+    share = radius**2 / (radius**2 + (DISTANCE_M + behind_m)**2)
+    check(scene, tmp_path, share, "illuminant-a", watts=7.0)
+
+
+def test_strengths_multiply(scene, wall_at, tmp_path):
+    """Watts, 2^exposure of the lamp and the strength of its nodes."""
+    strong = lamp(scene, "POINT", "illuminant-a", shadow_soft_size=0.0).data
+    strong.use_nodes = True
+    emission = next(node for node in strong.node_tree.nodes if node.bl_idname == "ShaderNodeEmission")
+    emission.inputs["Strength"].default_value = 3.0
+    factor = 3.0
+    if hasattr(strong, "exposure"):
+        strong.exposure, factor = 1.5, factor * 2**1.5
+    check(scene, tmp_path, factor / (4 * np.pi**2 * DISTANCE_M**2), "illuminant-a")
+
+
+@pytest.mark.parametrize("colour", [(1.0, 0.5, 0.25), (0.2, 0.6, 0.4)])
+def test_colour_multiplies_daylight(scene, wall_at, tmp_path, colour):
+    light(scene, "POINT", WATTS, color=colour, shadow_soft_size=0.0)
+    expected = WATTS / (4 * np.pi**2 * DISTANCE_M**2) * white_density(NM) * (reflectance_basis(NM) @ colour)
+    np.testing.assert_allclose(radiance(scene, tmp_path), expected, rtol=PRECISION)
+
+
+def test_temperature_spreads_the_watts_by_planck(scene, wall_at, tmp_path):
+    """Not as Blender has it, where a temperature keeps the luminance: watts are watts between 380 and 780 nm."""
+    if "use_temperature" not in bpy.types.Light.bl_rna.properties:
+        pytest.skip("this Blender's lamps have no temperature")
+    light(scene, "POINT", WATTS, use_temperature=True, temperature=3200.0, shadow_soft_size=0.0)
+    planck = 1 / (BAND_NM**5 * np.expm1(1.438776877e7 / (BAND_NM * 3200)))
+    planck /= np.trapz(planck, BAND_NM)
+    expected = WATTS / (4 * np.pi**2 * DISTANCE_M**2) * np.interp(NM, BAND_NM, planck)
+    np.testing.assert_allclose(radiance(scene, tmp_path), expected, rtol=PRECISION)
+
+
+def luminance(scene, folder, step_nm=5.0):
+    """cd m^-2 of the middle of the picture."""
+    nm = np.arange(380, 780 + step_nm / 2, step_nm)
+    return 683 * np.trapz(radiance(scene, folder, nm) * colour_matching(nm)[:, 1], nm)
+
+
+LUMENS = [dict(spectrum=FLAT), dict(spectrum="illuminant-a"), dict(spectrum="led-b3"), dict(spectrum="sodium-lp"),
+          dict(spectrum=""), dict(spectrum="", color=(1.0, 0.5, 0.1)), dict(spectrum="", color=(0.1, 0.2, 0.9)),
+          dict(spectrum="", use_temperature=True, temperature=2700.0),
+          dict(spectrum="", use_temperature=True, temperature=2700.0, color=(0.1, 0.8, 0.4)),
+          dict(spectrum="illuminant-a", color=(0.1, 0.2, 0.9))]
+
+
+@pytest.mark.parametrize("properties", LUMENS, ids=str)
+def test_lumens_of_a_point(scene, wall_at, tmp_path, properties):
+    """Phi / 4 pi candela give Phi / 4 pi h^2 lux, and off a white wall 1 / pi of that in cd m^-2."""
+    if "use_temperature" in properties and "use_temperature" not in bpy.types.Light.bl_rna.properties:
+        pytest.skip("this Blender's lamps have no temperature")
+    lumens = 800.0
+    data = lamp(scene, "POINT", watts=17.0, shadow_soft_size=0.0, **properties).data
+    data.lensfield.power_unit, data.lensfield.lumens = "LUMEN", lumens
+    if hasattr(data, "exposure"):
+        data.exposure = 2.0  # a matter of watts alone
+    expected = lumens / (4 * np.pi**2 * DISTANCE_M**2)
+    step_nm = 2.5 if data.color[0] < 0.2 else 5.0  # so steep are the spectra of saturated colours
+    assert luminance(scene, tmp_path, step_nm) == pytest.approx(expected, rel=PRECISION)
+
+
+def test_lumens_of_an_area(scene, tmp_path):
+    """M = Phi / A lux leave the lamp: Phi / pi A in cd m^-2."""
+    facing = lamp(scene, "AREA", "led-b3", shape="SQUARE", size=0.5)
+    facing.location.z, facing.rotation_euler.x, facing.visible_camera = -0.3, np.pi, True
+    facing.data.lensfield.power_unit, facing.data.lensfield.lumens = "LUMEN", 800.0
+    assert luminance(scene, tmp_path) == pytest.approx(800.0 / (np.pi * 0.25), rel=PRECISION)
+
+
+def test_lux_of_a_sun(scene, wall_at, tmp_path):
+    sun = lamp(scene, "SUN", "", angle=0.0).data
+    sun.lensfield.power_unit, sun.lensfield.lumens = "LUMEN", 100000.0
+    assert luminance(scene, tmp_path) == pytest.approx(100000.0 / np.pi, rel=PRECISION)
+
+
+@pytest.mark.parametrize("owner, name, value", [
+    ("cycles", "film_exposure", 2.5), ("view_settings", "exposure", 3.0),
+    ("view_settings", "gamma", 2.0), ("view_settings", "view_transform", "Standard"),
+    ("unit_settings", "scale_length", 0.001), ("cycles", "sample_clamp_direct", 0.001),
+    ("cycles", "sample_clamp_indirect", 0.001), ("render", "film_transparent", True),
+    ("render", "filter_size", 5.0), ("cycles", "pixel_filter_type", "BLACKMAN_HARRIS"),
+    ("render", "use_border", True), ("render", "resolution_percentage", 50),
+    ("render", "use_motion_blur", True), ("render", "dither_intensity", 2.0),
+    ("render.image_settings", "color_mode", "BW"), ("cycles", "use_denoising", True),
+    ("cycles", "use_fast_gi", True), ("cycles", "use_light_tree", False),
+    ("render", "use_simplify", True), ("cycles", "use_adaptive_sampling", True)])
+def test_render_settings_do_not_change_the_radiance(scene, wall_at, tmp_path, owner, name, value):
+    scene.cycles.max_bounces = 2
+    lamp(scene, "POINT", FLAT, shadow_soft_size=0.0)
+    set_world(scene, strength=0.5)
+    scene.world.lensfield.emission = FLAT
+    setattr(operator.attrgetter(owner)(scene), name, value)
+    expected = (WATTS / (4 * np.pi**2 * DISTANCE_M**2) + 0.5) / 400
+    np.testing.assert_allclose(radiance(scene, tmp_path), expected, rtol=PRECISION)
+
+
+def test_world_seen_through_a_transparent_film_is_there(scene, tmp_path):
+    set_world(scene)
+    scene.world.lensfield.emission = FLAT
+    scene.render.film_transparent = True
+    np.testing.assert_allclose(radiance(scene, tmp_path), 1 / 400, rtol=PRECISION)
+
+
+def test_black_lamp_of_lumens_is_refused_in_one_line(scene, wall_at, tmp_path):
+    data = lamp(scene, "POINT", "", color=(0, 0, 0)).data
+    data.lensfield.power_unit = "LUMEN"
+    with pytest.raises(ValueError, match="light 'Light': color is black: no lumens"):
+        radiance(scene, tmp_path)

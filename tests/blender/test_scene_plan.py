@@ -1,0 +1,317 @@
+"""The plan of a scene: no more passes than it takes, why, and that what it promises is so in the picture."""
+
+from functools import cache
+
+import bpy
+import numpy as np
+import pytest
+from lenses import make_lens
+from small_scenes import WAVELENGTHS_NM, light, material, paint_by_nodes, set_world, wall
+
+from lensfield import addon
+from lensfield.addon.errors import SceneError
+from lensfield.engine.colour_difference import ciede2000, lab_from_xyz
+from lensfield.engine.errors import InputError
+from lensfield.engine.exr import read_exr
+from lensfield.engine.spectra import colour_matching, emission_basis, load_spectrum, reflectance_basis
+from lensfield.engine.transport import STANDARD_COLOUR_ERROR, SpectralOptions
+
+NM = np.linspace(400, 700, 16)
+FLAT, FLAT_DENSITY = "380:1, 780:1", 1 / 400
+PATCHES = ["chart-13-blue", "chart-14-green", "chart-15-red", "chart-16-yellow", "chart-17-magenta", "chart-18-cyan"]
+BLOCK_PX = 4  # whose means are free of most noise
+SLACK = 1.25  # a picture's colours are not those that were tried
+BY_CHANCE = 0.05  # CIEDE2000, what noise leaves between two renders of the same
+
+
+@cache
+def lens():
+    return make_lens(wavelengths_nm=(380.0, 780.0))
+
+
+def rendered(scene, folder, nm=NM, tier="standard", unfit="refuse", **limits):
+    result = addon.render_through_lens(scene, lens(), nm, folder, spectral=SpectralOptions(tier, **limits), unfit=unfit)
+    return read_exr(result.radiance).frame().cube.astype(np.float64), result.report.facts
+
+
+def middle(picture):
+    rows, columns = (n // 2 for n in picture.shape[1:])
+    return picture[:, rows - 1:rows + 1, columns - 1:columns + 1].mean(axis=(1, 2))
+
+
+def flat_world(scene, strength=1.0):
+    set_world(scene, strength=strength)
+    scene.world.lensfield.emission = FLAT
+
+
+def painted(name, spectrum):
+    new, _ = material(name, "ShaderNodeBsdfDiffuse")
+    new.lensfield.reflectance = spectrum
+    return new
+
+
+def square(scene, of_material, location, rotation=(0, 0, 0), side_m=1.0):
+    new = wall(scene, of_material, 0.0, side_m)
+    new.location, new.rotation_euler = location, rotation
+    return new
+
+
+@pytest.fixture
+def room(scene):
+    """Coloured walls about a back wall of six patches and a textured ball, lit from the ceiling."""
+    turn = np.pi / 2
+    for name, location, rotation, spectrum in (
+            ("Left", (-1, 0, -3), (0, turn, 0), "chart-15-red"), ("Right", (1, 0, -3), (0, -turn, 0), "chart-14-green"),
+            ("Floor", (0, -1, -3), (-turn, 0, 0), "chart-12-orange-yellow"),
+            ("Ceiling", (0, 1, -3), (turn, 0, 0), "chart-19-white")):
+        square(scene, painted(name, spectrum), location, rotation, 2.0)
+    for index, spectrum in enumerate(PATCHES):
+        row, column = divmod(index, 3)
+        square(scene, painted(spectrum, spectrum), ((column - 1) * 2 / 3, 0.5 - row, -4), side_m=1.0)
+    bpy.ops.mesh.primitive_uv_sphere_add(radius=0.3, location=(0.2, -0.5, -3))
+    texture, link = paint_by_nodes("Texture", (0, 0, 0))
+    noise = texture.node_tree.nodes.new("ShaderNodeTexNoise")
+    texture.node_tree.links.new(noise.outputs["Color"], link.to_socket)
+    bpy.context.object.data.materials.append(texture)
+    lamp = light(scene, "AREA", 50.0, size=0.8)
+    lamp.location = (0, 0.95, -3)
+    scene.cycles.samples, scene.cycles.max_bounces = 32, 8
+    scene.render.resolution_x, scene.render.resolution_y = 32, 24
+    scene.cycles.min_light_bounces = 8  # no path ends by chance, so that all wavelengths have the same noise
+    return scene
+
+
+def blocks(picture):
+    planes, rows, columns = picture.shape
+    cut = picture[:, :rows // BLOCK_PX * BLOCK_PX, :columns // BLOCK_PX * BLOCK_PX]
+    return cut.reshape(planes, rows // BLOCK_PX, BLOCK_PX, columns // BLOCK_PX, BLOCK_PX).mean(axis=(2, 4))
+
+
+def colour_errors(picture, truth, lamp):
+    """CIEDE2000 of blocks, beside a white that is as bright as the brightest of them."""
+    matching = colour_matching(NM)
+    true, seen = (np.moveaxis(blocks(cube), 0, -1).reshape(-1, NM.size) @ matching for cube in (truth, picture))
+    white = lamp @ matching
+    white *= true[:, 1].max() / white[1]
+    return ciede2000(lab_from_xyz(true, white), lab_from_xyz(np.maximum(seen, 0), white))
+
+
+@pytest.mark.parametrize("lamp", ["illuminant-d65", "sodium-hp1"])
+def test_standard_keeps_the_error_that_it_predicts(room, tmp_path, lamp):
+    bpy.data.lights["Light"].lensfield.emission = lamp
+    picture, facts = rendered(room, tmp_path)
+    truth, whole = rendered(room, tmp_path, tier="reference")
+    assert facts["passes"] <= 4 and whole["passes"] == 6 and whole["predicted_colour_error"] == 0
+    assert 0 < facts["predicted_colour_error"] <= STANDARD_COLOUR_ERROR
+    errors = colour_errors(picture, truth, load_spectrum(lamp).band_means(NM))
+    assert np.percentile(errors, 95) <= SLACK * facts["predicted_colour_error"] + BY_CHANCE
+    assert facts["spectral_surprise"] < 5
+
+
+def test_two_lamps_keep_the_error_that_is_predicted(room, tmp_path):
+    """Light of each lamp is estimated by itself, and their errors may add up."""
+    bpy.data.lights["Light"].lensfield.emission = "illuminant-a"
+    light(room, "POINT", 10.0, shadow_soft_size=0.1).data.lensfield.emission = "sodium-lp"
+    picture, facts = rendered(room, tmp_path)
+    truth, _ = rendered(room, tmp_path, tier="reference")
+    lamps = load_spectrum("illuminant-a").density_at(NM) + load_spectrum("sodium-lp").band_means(NM)
+    errors = colour_errors(picture, truth, lamps)
+    assert np.percentile(errors, 95) <= SLACK * facts["predicted_colour_error"] + BY_CHANCE
+
+
+def test_preview_is_one_pass_and_says_how_wrong_it_is(room, tmp_path):
+    picture, facts = rendered(room, tmp_path, tier="preview")
+    assert facts["passes"] == 1 and facts["predicted_colour_error"] > 1
+    truth, _ = rendered(room, tmp_path, tier="reference")
+    errors = colour_errors(picture, truth, load_spectrum("illuminant-d65").density_at(NM))
+    assert 0.5 < np.percentile(errors, 95) <= SLACK * facts["predicted_colour_error"] + BY_CHANCE
+
+
+def test_less_error_asked_for_is_less_error(room, tmp_path):
+    truth, _ = rendered(room, tmp_path, tier="reference")
+    lamp = load_spectrum("illuminant-d65").density_at(NM)
+    found = []
+    for limit in (3.0, 0.2):
+        picture, facts = rendered(room, tmp_path, colour_error=limit)
+        assert facts["predicted_colour_error"] <= limit
+        found.append((facts["passes"], np.percentile(colour_errors(picture, truth, lamp), 95)))
+        assert found[-1][1] <= limit + BY_CHANCE
+    assert found[0][0] < found[1][0] and found[0][1] > found[1][1]
+
+
+def test_grey_scene_is_one_pass_that_is_right_at_all_wavelengths(scene, tmp_path):
+    set_world(scene, strength=0.5)
+    scene.world.lensfield.emission = "illuminant-a"
+    wall(scene, material("Grey", "ShaderNodeBsdfDiffuse", (0.4, 0.4, 0.4))[0])
+    light(scene, "POINT", 10.0, shadow_soft_size=0.0).data.lensfield.emission = "sodium-lp"
+    scene.cycles.samples = 256
+    picture, facts = rendered(scene, tmp_path)
+    assert facts["passes"] == 1 and len(facts["rendered_nm"]) == 1 and "grey" in facts["scene_plan"]
+    expected = 0.4 * (0.5 * load_spectrum("illuminant-a").density_at(NM)
+                      + 10 / (4 * np.pi**2) * load_spectrum("sodium-lp").band_means(NM))
+    np.testing.assert_allclose(middle(picture), expected, rtol=3e-3)
+
+
+@pytest.mark.parametrize("tier", ["standard", "reference"])
+def test_few_wavelengths_are_all_rendered(scene, tmp_path, tier):
+    flat_world(scene)
+    wall(scene, painted("Paint", "chart-15-red"))
+    picture, facts = rendered(scene, tmp_path, WAVELENGTHS_NM, tier)
+    assert facts["passes"] == 1 and facts["rendered_nm"] == facts["wavelengths_nm"] == list(WAVELENGTHS_NM)
+    expected = load_spectrum("chart-15-red").at(WAVELENGTHS_NM) * FLAT_DENSITY
+    np.testing.assert_allclose(middle(picture), expected, rtol=2e-3)
+
+
+def test_report_tells_the_plan(room, tmp_path):
+    _, facts = rendered(room, tmp_path)
+    assert facts["wavelengths_nm"] == list(NM) and facts["wavelengths_per_pass"] == 3
+    assert facts["passes"] == -(-len(facts["rendered_nm"]) // 3) > 1
+    assert facts["lamps"] == ["daylight D65"] and 0 < facts["predicted_sensor_error"] < 0.1
+    assert all(f"{nm:g}" in facts["scene_plan"] for nm in facts["rendered_nm"])
+
+
+@pytest.mark.parametrize("colour, strength", [((1.0, 0.5, 0.1), 2.0), ((50.0, 25.0, 5.0), 0.04),
+                                              ((2e-4, 1e-4, 2e-5), 1e4)])
+def test_strength_of_what_glows_is_no_matter_of_wavelengths(scene, tmp_path, colour, strength):
+    glow, shader = material("Glow", "ShaderNodeEmission", colour)
+    shader.inputs["Strength"].default_value = strength
+    wall(scene, glow)
+    picture, facts = rendered(scene, tmp_path)
+    expected = emission_basis(NM) @ (2.0, 1.0, 0.2)
+    matching = colour_matching(NM)
+    white = load_spectrum("illuminant-d65").density_at(NM) @ matching * 2
+    difference = ciede2000(*(lab_from_xyz(spectrum @ matching, white) for spectrum in (middle(picture), expected)))
+    assert difference <= STANDARD_COLOUR_ERROR and 1 < len(facts["rendered_nm"]) <= 6
+
+
+def test_colours_in_the_scene_that_nothing_uses_cost_nothing(scene, tmp_path):
+    """Materials of hidden objects are substituted too, but no light meets them."""
+    flat_world(scene)
+    wall(scene, material("Grey", "ShaderNodeBsdfDiffuse", (0.4, 0.4, 0.4))[0])
+    unused = painted("Unused", "chart-15-red")
+    unused.use_fake_user = True
+    wall(scene, painted("Hidden", "chart-14-green"), 2.0).hide_render = True
+    assert rendered(scene, tmp_path)[1]["passes"] == 1
+
+
+def principled(name, **inputs):
+    new = bpy.data.materials.new(name)
+    new.use_nodes = True
+    tree = new.node_tree
+    tree.nodes.clear()
+    shader = tree.nodes.new("ShaderNodeBsdfPrincipled")
+    for socket, value in inputs.items():
+        shader.inputs[socket.replace("_", " ")].default_value = value
+    tree.links.new(shader.outputs[0], tree.nodes.new("ShaderNodeOutputMaterial").inputs["Surface"])
+    return new
+
+
+def tinted_ball(scene):
+    tinted = principled("Tinted", Base_Color=(0.5, 0.5, 0.5, 1), IOR=2.5, Roughness=0.3,
+                        Specular_Tint=(0.9, 0.3, 0.05, 1))
+    bpy.ops.mesh.primitive_uv_sphere_add(radius=0.4, location=(0, 0, -1.5))
+    bpy.ops.object.shade_smooth()
+    bpy.context.object.data.materials.append(tinted)
+    flat_world(scene)
+    scene.cycles.samples = 32
+
+
+def test_coloured_specular_tint_has_each_wavelength_by_itself(scene, tmp_path):
+    tinted_ball(scene)
+    together, facts = rendered(scene, tmp_path, WAVELENGTHS_NM, "reference")
+    assert facts["passes"] == 3 and facts["wavelengths_per_pass"] == 1
+    assert all(word in facts["scene_plan"] for word in ("Sphere", "'Tinted'", "Specular Tint"))
+    for plane, nm in zip(together, WAVELENGTHS_NM):
+        alone, _ = rendered(scene, tmp_path, [nm])
+        np.testing.assert_allclose(plane, alone[0], rtol=1e-5, atol=1e-8)
+
+
+def test_rendering_tinted_wavelengths_together_would_be_wrong(scene, tmp_path, monkeypatch):
+    """Or the test above says nothing."""
+    tinted_ball(scene)
+    monkeypatch.setattr("lensfield.addon.scene_plan.lint", lambda scene: ())
+    together, facts = rendered(scene, tmp_path, WAVELENGTHS_NM, "reference")
+    assert facts["passes"] == 1
+    blue, _ = rendered(scene, tmp_path, WAVELENGTHS_NM[:1])
+    assert together[0].mean() < 0.98 * blue[0].mean()
+
+
+def test_separated_scenes_take_no_more_wavelengths_than_they_need(scene, tmp_path):
+    tinted_ball(scene)
+    _, facts = rendered(scene, tmp_path)
+    assert facts["wavelengths_per_pass"] == 1 and facts["passes"] == len(facts["rendered_nm"]) <= 9
+
+
+def film(scene):
+    film = principled("Film", Thin_Film_Thickness=400.0)
+    film.node_tree.nodes["Principled BSDF"].label = "Soap"
+    wall(scene, film).name = "Bubble"
+    flat_world(scene)
+
+
+def test_what_cannot_be_rendered_is_named(scene, tmp_path):
+    film(scene)
+    with pytest.raises(SceneError) as error:
+        rendered(scene, tmp_path)
+    message = str(error.value)
+    assert all(word in message for word in ("Bubble", "'Film'", "Soap", "Thin Film Thickness", "rejected"))
+    assert "\n" not in message and not list(tmp_path.iterdir())
+    assert "unfit" in message  # what to do about it
+
+
+def test_what_cannot_be_rendered_is_where_that_is_asked_for(scene, tmp_path):
+    film(scene)
+    picture, facts = rendered(scene, tmp_path, unfit="render")
+    assert picture.mean() > 0.1 * FLAT_DENSITY and facts["passes"] >= 1
+
+
+def test_unfit_nodes_that_no_render_shows_are_no_matter(scene, tmp_path):
+    film(scene)
+    bpy.data.objects["Bubble"].hide_render = True
+    np.testing.assert_allclose(rendered(scene, tmp_path)[0], FLAT_DENSITY, rtol=1e-4)
+
+
+def test_unfit_is_one_of_two(scene, tmp_path):
+    with pytest.raises(InputError, match="unfit is ignore: expected refuse or render"):
+        rendered(scene, tmp_path, unfit="ignore")
+
+
+def test_keyframed_colours_are_those_of_the_frame(scene, tmp_path):
+    flat_world(scene)
+    paint, shader = material("Paint", "ShaderNodeBsdfDiffuse")
+    colour = shader.inputs["Color"]
+    for frame, value in ((1, (0.5, 0.5, 0.5, 1)), (5, (0.7, 0.3, 0.05, 1))):
+        colour.default_value = value
+        colour.keyframe_insert("default_value", frame=frame)
+    wall(scene, paint)
+    seen = {}
+    for frame in (1, 5):
+        scene.frame_set(frame)
+        seen[frame], facts = rendered(scene, tmp_path, WAVELENGTHS_NM)
+        assert len(facts["rendered_nm"]) == (1 if frame == 1 else 3)
+    np.testing.assert_allclose(middle(seen[1]), 0.5 * FLAT_DENSITY, rtol=2e-3)
+    expected = reflectance_basis(WAVELENGTHS_NM) @ (0.7, 0.3, 0.05) * FLAT_DENSITY
+    np.testing.assert_allclose(middle(seen[5]), expected, rtol=2e-3)
+
+
+def test_keyframed_lumens_are_those_of_the_frame(scene, tmp_path):
+    lamp = light(scene, "POINT", 1.0, shadow_soft_size=0.0).data
+    lamp.lensfield.emission, lamp.lensfield.power_unit = FLAT, "LUMEN"
+    for frame, lumens in ((1, 100.0), (5, 400.0)):
+        lamp.lensfield.lumens = lumens
+        lamp.lensfield.keyframe_insert("lumens", frame=frame)
+    wall(scene, material("White", "ShaderNodeBsdfDiffuse", (1, 1, 1))[0])
+    scene.frame_set(1)
+    dim = middle(rendered(scene, tmp_path, WAVELENGTHS_NM)[0])
+    scene.frame_set(5)
+    np.testing.assert_allclose(middle(rendered(scene, tmp_path, WAVELENGTHS_NM)[0]), 4 * dim, rtol=1e-4)
+
+
+def test_driven_strength_is_followed(scene, tmp_path):
+    glow, shader = material("Glow", "ShaderNodeEmission", (1, 1, 1))
+    glow.lensfield.emission = FLAT
+    driver = shader.inputs["Strength"].driver_add("default_value").driver
+    driver.expression = "frame * 2"
+    wall(scene, glow)
+    scene.frame_set(3)
+    np.testing.assert_allclose(middle(rendered(scene, tmp_path, WAVELENGTHS_NM)[0]), 6 * FLAT_DENSITY, rtol=1e-4)
