@@ -1,21 +1,26 @@
 # make demo        render the sample scene and put it through a real lens
 # make test        all tests; BPY=4.5.15 runs the Blender tests on another Blender
-# make bench       the paper's figures again, and what accuracy costs (a quarter of an hour)
+# make bench       the paper's figures again, what accuracy costs, and what a scene costs (half an hour)
+# make validate    Cornell's box against Mitsuba 3, and lenses against rays traced through them (half an hour)
 # make extension   dist/*.zip, to install in Blender
 # make bake        what `lensfield lens bake` needs, in .venv-bake (Optiland, 2 GB); make test-bake and bench-bake test and time it
 # make lenses      the bundled lenses again, from their prescriptions (half an hour)
+# make tables      the spectra and the upsampling basis again, by colour-science; make bench-tables compares bases
 # Each makes its own environment on the first run and works offline after that.
 
 BPY ?= 5.0.1
 VENV = $(if $(filter 5.0.1,$(BPY)),.venv,.venv-$(BPY))
 READY = $(VENV)/.ready
 LENS ?= edmund-54852
-WAVELENGTHS ?= 400:700:9
+WAVELENGTHS ?= 400:700:21
 
 BAKE = .venv-bake
 BAKE_READY = $(BAKE)/.ready
 
-.PHONY: demo test test-engine test-blender bench extension bake test-bake bench-bake lenses
+VALIDATE = .venv-validate
+TABLES = .venv-tables
+
+.PHONY: demo test test-engine test-blender bench validate extension bake test-bake bench-bake lenses tables bench-tables
 
 demo: $(READY)
 	$(VENV)/bin/lensfield render sample_scenes/evening_chess.blend --lens $(LENS) --wavelengths $(WAVELENGTHS) \
@@ -32,6 +37,11 @@ test-blender: $(READY)
 bench: $(READY)
 	$(VENV)/bin/python benchmarks/paper_section_4.py build/bench
 	$(VENV)/bin/python benchmarks/engine_figures.py
+	$(VENV)/bin/python -W ignore benchmarks/scene_figures.py
+
+validate: $(VALIDATE)/.ready
+	$(VALIDATE)/bin/python -W ignore validation/cornell_truth.py build/validation
+	$(VALIDATE)/bin/python -W ignore validation/traced_lens_truth.py
 
 extension: $(READY)
 	$(VENV)/bin/python packaging/build_extension.py dist
@@ -47,6 +57,18 @@ bench-bake: $(BAKE_READY)
 
 lenses: $(BAKE_READY)
 	$(BAKE)/bin/python packaging/bake_lenses.py
+
+tables: $(TABLES)/.ready
+	$(TABLES)/bin/python packaging/make_spectra.py
+
+bench-tables: $(TABLES)/.ready
+	$(TABLES)/bin/python benchmarks/upsampling.py
+
+$(VALIDATE)/.ready: pyproject.toml packaging/environment.sh
+	packaging/environment.sh $(VALIDATE) 5.0.1 validate
+
+$(TABLES)/.ready: pyproject.toml packaging/environment.sh
+	packaging/environment.sh $(TABLES) tables
 
 $(BAKE_READY): pyproject.toml packaging/environment.sh
 	packaging/environment.sh $(BAKE) bake

@@ -1,6 +1,7 @@
 #!/bin/sh
-# environment.sh VENV BPY|bake: make the virtual environment VENV with this package in it, and with Blender's Python wheel
-# BPY, or with what baking lenses needs. (Optiland and the wheel ask for different numpys.)
+# environment.sh VENV BPY|bake|tables [EXTRA]: make the virtual environment VENV with this package in it, and with Blender's
+# Python wheel BPY (and one more of the package's extras), with what baking lenses needs, or with what makes the tables of
+# spectra. (Optiland and colour-science ask for other numpys than the wheel.)
 # System libraries that these need come by apt where we are root; elsewhere one line says which to install.
 set -eu
 venv=$1
@@ -8,8 +9,9 @@ libraries="libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libsm6 libgl1"
 
 case $2 in
 bake) version=3.11 module=optiland.optic packages= extras=bake,plots,test ;;
-4.5.* | 5.0.*) version=3.11 module=bpy packages="bpy==$2 numpy>=1.26,<2" extras=plots,test ;;
-*) version=3.13 module=bpy packages="bpy==$2 numpy>=2.2,<3" extras=plots,test ;;
+tables) version=3.11 module=colour packages= extras=tables ;;
+4.5.* | 5.0.*) version=3.11 module=bpy packages="bpy==$2 numpy>=1.26,<2" extras=plots,test${3:+,$3} ;;
+*) version=3.13 module=bpy packages="bpy==$2 numpy>=2.2,<3" extras=plots,test${3:+,$3} ;;
 esac
 
 install_packages() { # install_packages WHY PACKAGE...

@@ -1,0 +1,236 @@
+"""Lensfield's whole chain against rays through the real lens, at one wavelength.
+
+    python validation/traced_lens_truth.py [LENS ...]
+
+renders beads, even light and a chequered plane at the lens's object distance twice: by `render_through_lens`, and by
+the traced lens. It prints every figure beside what is asked of it; the exit status is 1 where one is missed.
+"""
+
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import scipy.ndimage
+import truth_scenes
+from lens_surfaces import read_surfaces
+from lensfield import addon
+from lensfield.addon.camera import pitch_um
+from lensfield.engine import Lens, Options
+from lensfield.engine.exr import read_exr
+from traced_lens import Window, photograph
+
+DATA = Path(__file__).resolve().parents[1] / "tests" / "data"
+WAVELENGTH_NM = 562.0
+LENSES = "edmund-54852", "kodak-petzval-100mm"
+FRAME_PX = 576, 768
+BEADS = (0, 0), (0.15, 0.3), (0.33, 2.8), (0.5, 4.4), (0.62, 0.65), (0.75, 3.8), (0.8, 5.65)
+"""Where beads are: field heights as fractions of the last, and azimuths in radians."""
+SPOTS = 0.2, 0.4, 0.6, 0.7, 0.8
+OPTIONS = Options(accuracy=1e-3)  # a hundredth of the light at the window's edge would be much of a mean square
+GEOMETRY_RULES = 0.03  # where diffraction adds less than this to the mean square radius of a spot
+
+
+@dataclass(frozen=True)
+class Figure:
+    """What was measured, and how large it may be; None where nothing is asked."""
+
+    what: str
+    value: float
+    asked: float | None
+    unit: str = ""
+
+    @property
+    def missed(self):
+        return self.asked is not None and not self.value <= self.asked
+
+    def __str__(self):
+        value, asked = (f"{part:.3f} px" if self.unit else f"{part:.2%}" for part in (self.value, self.asked or 0))
+        verdict = "" if self.asked is None else f"  asked {asked}  {'MISSED' if self.missed else 'kept'}"
+        return f"  {self.what}: {value}{verdict}"
+
+
+@dataclass(frozen=True)
+class Spot:
+    """One bead's image: its centroid, from the axis, and RMS radius about that."""
+
+    centroid_um: np.ndarray
+    rms_um: float
+
+
+class Bench:
+    """A lens on the bench: its data, its surfaces, and the two ways to take a picture through it."""
+
+    def __init__(self, name):
+        self.lens = Lens.load(name)
+        self.surfaces = read_surfaces(DATA / f"{name}_surfaces.json")
+        self.optics = self.lens.at_wavelength(WAVELENGTH_NM)
+
+    def lensfield(self, scene, shape_px, samples, options=OPTIONS):
+        """Spectral irradiance by Lensfield: array (row, column) of a frame that fits the sensor."""
+        scene.render.resolution_y, scene.render.resolution_x = shape_px
+        scene.cycles.samples = samples
+        with tempfile.TemporaryDirectory() as folder:
+            result = addon.render_through_lens(scene, self.lens, [WAVELENGTH_NM], folder, options=options)
+            return read_exr(result.irradiance).cube[0].astype(float)
+
+    def traced(self, scene, window, samples, seed=0):
+        """Spectral irradiance by the traced lens: array (row, column)."""
+        return photograph(scene, self.surfaces, WAVELENGTH_NM, window, samples=samples, seed=seed)[0]
+
+    def real_mm(self, paraxial_mm):
+        """Where the chief rays of points (…, 2) meet the sensor, by the lens data."""
+        height = np.linalg.norm(paraxial_mm, axis=-1, keepdims=True)
+        real = np.interp(height, self.optics.heights_mm, self.optics.real_height_mm)
+        return np.asarray(paraxial_mm) * np.divide(real, height, out=np.ones_like(real), where=height > 0)
+
+
+def windows_about(places_mm, shape_px, pitch, half_px):
+    """Patches of a frame's pixels about places: list of (Window, the frame's rows, its columns)."""
+    patches = []
+    for x_mm, y_mm in places_mm:
+        row = round((shape_px[0] - 1) / 2 - y_mm * 1e3 / pitch)
+        column = round((shape_px[1] - 1) / 2 + x_mm * 1e3 / pitch)
+        centre_mm = ((column - (shape_px[1] - 1) / 2) * pitch * 1e-3, ((shape_px[0] - 1) / 2 - row) * pitch * 1e-3)
+        window = Window((2 * half_px + 1, 2 * half_px + 1), pitch, centre_mm)
+        patches.append((window, slice(row - half_px, row + half_px + 1), slice(column - half_px, column + half_px + 1)))
+    return patches
+
+
+def spot(picture, window, radius_um):
+    """The Spot in a picture of a window, from what lies within a circle about the window's middle."""
+    x, y = (1e3 * place for place in window.places_mm())
+    within = np.hypot(x - 1e3 * window.centre_mm[0], y - 1e3 * window.centre_mm[1]) <= radius_um
+    light = picture * within
+    place = np.array([np.average(x, weights=light), np.average(y, weights=light)])
+    rms = np.sqrt(np.average((x - place[0])**2 + (y - place[1])**2, weights=light))
+    return Spot(place, rms)
+
+
+def bead_spots(bench, paraxial_mm, *, shape_px, bead_px, half_px, samples):
+    """Spots of beads with their ideal images at (bead, 2) mm: list of (by Lensfield, by the traced lens)."""
+    pitch = pitch_um(bench.lens, shape_px)
+    scene = truth_scenes.empty_scene()
+    truth_scenes.add_beads(scene, bench.lens, paraxial_mm, bead_px * pitch)
+    picture = bench.lensfield(scene, shape_px, samples[0])
+    radius_um = (half_px + 0.5) * pitch
+    return [(spot(picture[rows, columns], window, radius_um),
+             spot(bench.traced(scene, window, samples[1]), window, radius_um))
+            for window, rows, columns in windows_about(bench.real_mm(paraxial_mm), shape_px, pitch, half_px)]
+
+
+def added_variance_um2(lens, pitch, radius_um):
+    """What Lensfield's spots have beyond geometry: (diffraction, sampling), as parts of the mean square radius.
+
+    Of the light in Airy's pattern 2 lambda N / (pi^2 r) lies beyond r, so its mean square radius grows with the window:
+    2 lambda N R / pi^2; at aberrated pupils too, for it comes from their edge. The squares that stand for points, of
+    side a, add a^2 / 6 each: pixels of the capture, their footprints on the sensor's grid, and samples of the PSF.
+    """
+    diffraction = 2 * WAVELENGTH_NM * 1e-3 * lens.f_number_effective * radius_um / np.pi**2
+    return diffraction, (2 * pitch**2 + lens.psf_pitch_um**2) / 6
+
+
+def distortion_figures(bench, beads=BEADS, shape_px=FRAME_PX, samples=(32, 128)):
+    """Centroids of beads all over the frame."""
+    places = bench.lens.heights_mm[-1] * np.array([(height * np.cos(azimuth), height * np.sin(azimuth))
+                                                   for height, azimuth in beads])
+    spots = bead_spots(bench, places, shape_px=shape_px, bead_px=2, half_px=12, samples=samples)
+    away_px = [np.hypot(*(ours.centroid_um - true.centroid_um)) / pitch_um(bench.lens, shape_px)
+               for ours, true in spots]
+    return [Figure(f"distortion: centroids of {len(spots)} beads, farthest apart", max(away_px), 0.3, "px")]
+
+
+def spot_figures(bench, heights=SPOTS, columns=3840, samples=(64, 512)):
+    """Centroid and RMS radius of spots along a strip of the sensor, in the window of the lens's PSFs."""
+    lens, pitch = bench.lens, 1e3 * bench.lens.sensor_mm[0] / columns
+    half_px = int(lens.psf_pitch_um * lens.psf.shape[-1] / 2 / pitch)
+    radius_um = (half_px + 0.5) * pitch
+    places = np.stack([heights, np.zeros(len(heights))], axis=1) * lens.heights_mm[-1]
+    spots = bead_spots(bench, places, shape_px=(2 * half_px + 41, columns), bead_px=2, half_px=half_px,
+                       samples=samples)
+    diffraction, sampling = added_variance_um2(lens, pitch, radius_um)
+    figures = []
+    for height, (ours, true) in zip(heights, spots):
+        where = f"spot at {height:g} of the field"
+        away_um = np.hypot(*(ours.centroid_um - true.centroid_um))
+        geometric_um = np.sqrt(ours.rms_um**2 - diffraction - sampling)
+        figures += [Figure(f"{where}: centroid apart, of the RMS radius", away_um / true.rms_um, 0.05),
+                    Figure(f"{where}: RMS radius {geometric_um:.2f} um without diffraction and sampling, traced "
+                           f"{true.rms_um:.2f} um", abs(geometric_um / true.rms_um - 1), 0.05)]
+        rules = diffraction < GEOMETRY_RULES * true.rms_um**2
+        figures.append(Figure(f"{where}: RMS radius {ours.rms_um:.2f} um as it is within {radius_um:.0f} um, "
+                              f"{diffraction / true.rms_um**2:.1%} by diffraction on the square",
+                              abs(ours.rms_um / true.rms_um - 1), 0.05 if rules else None))
+    return figures
+
+
+def illumination_figures(bench, columns=96, samples=256, rings=10):
+    """Irradiance of even light, in rings about the axis."""
+    scene, window = truth_scenes.empty_scene(), frame_window(bench.lens, columns)
+    truth_scenes.set_even_light(scene, 1.0)
+    ours, true = bench.lensfield(scene, window.shape_px, 4), bench.traced(scene, window, samples)
+    height = np.hypot(*window.places_mm()) / bench.optics.real_height_mm[-1]
+    edges = np.sqrt(np.linspace(0, min(1, height.max()), rings + 1))  # of even area
+    ratio = np.array([ours[ring].sum() / true[ring].sum()
+                      for ring in ((height >= low) & (height < high) for low, high in zip(edges, edges[1:]))])
+    return [Figure(f"even light: irradiance, {rings} rings, farthest from the traced", abs(ratio - 1).max(), 0.01),
+            Figure("even light: relative illumination, the same", abs(ratio / ratio[0] - 1).max(), 0.01)]
+
+
+def chequer_figures(bench, columns=384, samples=(64, 64), square_px=12, block_px=48):
+    """Light and dark squares all over the frame: the difference of the pictures, and shifts between them, by blocks."""
+    scene, window = truth_scenes.empty_scene(), frame_window(bench.lens, columns)
+    truth_scenes.add_chequer(scene, bench.lens, 1.3 * bench.lens.heights_mm[-1], square_px * window.pitch_um * 1e-3)
+    ours = bench.lensfield(scene, window.shape_px, samples[0])
+    first, second = (bench.traced(scene, window, samples[1], seed) for seed in (0, 1))
+    within = np.hypot(*window.places_mm()) < bench.optics.real_height_mm[-1]
+    shifts = [np.hypot(*shift_px(first[block] + second[block], 2 * ours[block]))
+              for block in blocks(window.shape_px, block_px) if within[block].all()]
+
+    def apart(picture):  # the noise of two pictures does not correlate
+        product = ((picture - first) * (picture - second))[within].sum()
+        return np.sqrt(max(product, 0) / (first * second)[within].sum())
+
+    displaced = apart(scipy.ndimage.shift(ours, (0, 0.3), order=3, mode="nearest"))
+    light = ours[within].sum() / first[within].sum()
+    return [Figure(f"chequer: shift, {len(shifts)} blocks of {block_px} px, the largest", max(shifts), 0.3, "px"),
+            Figure("chequer: relative L2 difference; asked: less than if 0.3 px apart", apart(ours), displaced),
+            Figure("chequer: all the light", abs(light - 1), 0.01)]
+
+
+def frame_window(lens, columns):
+    """The whole sensor, at this number of columns."""
+    rows = round(columns * lens.sensor_mm[1] / lens.sensor_mm[0])
+    return Window((rows, columns), pitch_um(lens, (rows, columns)))
+
+
+def blocks(shape_px, side_px):
+    """Slices that tile a picture, but for what is left over at its ends."""
+    return [(slice(row, row + side_px), slice(column, column + side_px))
+            for row in range(0, shape_px[0] - side_px + 1, side_px)
+            for column in range(0, shape_px[1] - side_px + 1, side_px)]
+
+
+def shift_px(picture, template):
+    """How far a picture is shifted from a template, down and to the right, by its slopes; brightness left free."""
+    slopes = [-part.ravel() for part in np.gradient(template)]
+    fitted = np.linalg.lstsq(np.stack([*slopes, template.ravel()], axis=1), picture.ravel(), rcond=None)[0]
+    return fitted[:2] / fitted[2]
+
+
+def main(names):
+    missed = 0
+    addon.register()
+    for name in names or LENSES:
+        bench = Bench(name)
+        print(f"\n{name} at {WAVELENGTH_NM:g} nm: Lensfield against the traced lens")
+        for measure in (distortion_figures, spot_figures, illumination_figures, chequer_figures):
+            for figure in measure(bench):
+                print(figure)
+                missed += figure.missed
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
