@@ -1,7 +1,5 @@
 """What the user assigned to materials, lights and worlds: spectra and refractive indices by name, file or pairs."""
 
-from pathlib import Path
-
 import bpy
 
 from ..engine.errors import InputError
@@ -25,14 +23,15 @@ class AssignedSpectra:
         Raises
         ------
         SceneError
-            It cannot be read; or an emission has no light in BAND_NM.
+            It cannot be read; an emission has no light in BAND_NM, or a refraction's k is not known where it counts.
         """
         text = getattr(data_block.lensfield, field).strip()
         if not text:
             return None
-        if (field, text) not in self._read:
-            self._read[field, text] = _load(data_block, field, text)
-        return self._read[field, text]
+        key = field, text, data_block.library  # relative paths are beside the .blend that a data-block is from
+        if key not in self._read:
+            self._read[key] = _load(data_block, field, text)
+        return self._read[key]
 
     def check(self, data_blocks):
         """Raise a SceneError for the first that cannot be read."""
@@ -45,9 +44,12 @@ class AssignedSpectra:
 def _load(data_block, field, text):
     try:
         # Blender writes paths beside the .blend as //name.
-        loaded = LOADERS[field](bpy.path.abspath(text), Path(bpy.data.filepath).parent)
+        loaded = LOADERS[field](bpy.path.abspath(text, library=data_block.library),
+                                bpy.path.abspath("//", library=data_block.library))
         if field == "emission":
             loaded.density_at(BAND_NM)
+        if field == "refraction":
+            loaded.metal
         return loaded
     except InputError as error:
         raise SceneError(f"{data_block.rna_type.name.lower()} {data_block.name!r}", WORDS[field], text,

@@ -196,8 +196,13 @@ def _field_angle(lens, real_height_mm):
     return np.arctan(paraxial_mm / lens.capture_focal_length_mm)
 
 
+def reference_nm(lens):
+    """The lens's reference wavelength, or the nearest that its data know."""
+    return float(np.clip(lens.reference_wavelength_nm, *lens.wavelengths_nm[[0, -1]]))
+
+
 def _at_reference(lens):
-    return lens.at_wavelength(np.clip(lens.reference_wavelength_nm, *lens.wavelengths_nm[[0, -1]]))
+    return lens.at_wavelength(reference_nm(lens))
 
 
 def _field_polynomial(lens, width_mm):

@@ -57,38 +57,48 @@ def capture(scene, job, result, share):
         guard_render_state(scene, job.lens, framing, job.denoise, folder / "pass.exr", journal)
         for path in result.files:
             check_target(path)
-        gathered = _Gathered(plan, names, framing)
+        layer = rendered_layer(scene).name
+        gathered = _Gathered(plan, [f"{layer}.Combined", *(f"{layer}.Combined_{name}" for name in names)],
+                             f"{layer}.Depth.Z", framing)
         for index, band in enumerate(plan.bands):
             substitution.set_wavelengths(band, plan.dispersive)
             step = share / len(plan.bands)
             yield RenderPass(scene, f"Pass {index + 1} of {len(plan.bands)}: {_span(band)} nm", step * index, step)
             yield Work(lambda tell: gathered.add(index, folder / "pass.exr"), "Gathering light", step * (index + 1))
     result.report.facts |= plan.facts() | gathered.facts(job.lens)
-    return SpectralImage(gathered.cube, job.wavelengths_nm, pitch_um=framing.pitch_um, quantity=RADIANCE,
+    return SpectralImage(gathered.radiance(), job.wavelengths_nm, pitch_um=framing.pitch_um, quantity=RADIANCE,
                          overscan_px=framing.overscan_px, projection=framing.projection)
 
 
 class _Gathered:
     """The radiance at the wavelengths asked for, summed up pass by pass."""
 
-    def __init__(self, plan, group_names, framing):
+    def __init__(self, plan, light_passes, depth_pass, framing):
         self._plan, self._framing = plan, framing
-        self._names = ["Combined", *(f"Combined_{name}" for name in group_names)]
-        self.cube = np.zeros((plan.transport.output_nm.size, *framing.capture_px), np.float32)
+        self._light_passes, self._depth_pass = light_passes, depth_pass
+        self._cube = np.zeros((plan.transport.output_nm.size, *framing.capture_px), np.float32)
         self._blocks, self._depth_m = [], None
 
     def add(self, index, path):
         """Add a pass's light of each lamp in red, green and blue; and keep its depth."""
-        planes = _read_pass(path, self._framing.capture_px)
-        light = np.stack([[planes[f"{name}.{channel}"] for channel in "RGB"] for name in self._names])
-        self._depth_m = planes["Depth.Z"]
+        planes = _read_pass(path)
+        self._depth_m = planes[self._depth_pass]
+        if self._depth_m.shape != self._framing.capture_px:
+            raise SceneError("Cycles", "render pass", f"of {self._depth_m.shape} px",
+                             f"expected {self._framing.capture_px}")
         shares = self._plan.shares(index).astype(np.float32)
-        light = light[:, :shares.shape[2]]
-        self._blocks += [_block_means(plane) for plane in light[0]]
-        light[0] -= light[1:].sum(axis=0)  # what is left is in no group of ours
-        for row in range(0, light.shape[2], ROWS_AT_ONCE):
+        channels = "RGB"[:shares.shape[2]]
+        self._blocks += [_block_means(planes[f"{self._light_passes[0]}.{channel}"]) for channel in channels]
+        for row in range(0, self._cube.shape[1], ROWS_AT_ONCE):
             rows = slice(row, row + ROWS_AT_ONCE)
-            self.cube[:, rows] += np.tensordot(shares, light[:, :, rows], axes=2)
+            light = np.stack([[planes[f"{name}.{channel}"][rows] for channel in channels]
+                              for name in self._light_passes])
+            light[0] -= light[1:].sum(axis=0)  # what is left is in no group of ours
+            self._cube[:, rows] += np.tensordot(shares, light, axes=2)
+
+    def radiance(self):
+        """The sum of all passes: array (wavelength, row, column). No light is negative, though an estimate may be."""
+        return np.maximum(self._cube, 0, out=self._cube)
 
     def facts(self, lens):
         """What the passes themselves tell: how well their spectra were foreseen, and the depths of the frame."""
@@ -112,16 +122,13 @@ def _block_means(plane):
     return blocks.mean(axis=(1, 3), dtype=np.float64)
 
 
-def _read_pass(path, shape_px):
-    """The planes of a pass by name, without that of the view layer: Combined.R, Combined_GROUP.R, Depth.Z."""
+def _read_pass(path):
+    """The planes of a pass by name, that of the view layer first."""
     if not path.is_file():
         raise SceneError("Cycles", "render pass", "not written", "see Blender's messages above")
     with OpenEXR.File(str(path), separate_channels=True) as file:
-        planes = {name.partition(".")[2]: channel.pixels for part in file.parts
-                  for name, channel in part.channels.items()}
+        planes = {name: channel.pixels for part in file.parts for name, channel in part.channels.items()}
     path.unlink()
-    if planes["Combined.R"].shape != shape_px:
-        raise SceneError("Cycles", "render pass", f"of {planes['Combined.R'].shape} px", f"expected {shape_px}")
     return planes
 
 

@@ -120,9 +120,9 @@ class LightGroups:
         self._mixed = _mixed_blocks(of_owner)
         owners = {}
         for owner, blocks in of_owner.items():
-            shining = set().union(*blocks.values())
-            if shining:
-                lamp = lamps.flat if self._mixed & set(blocks) else shining.pop()
+            own = set().union(*blocks.values())
+            if own:
+                lamp = lamps.flat if self._mixed & set(blocks) else own.pop()
                 owners.setdefault(lamp, []).append(owner)
         order = sorted(owners, key=lambda lamp: (lamp is not lamps.flat, not lamp.spiky, -len(owners[lamp]), lamp.name))
         most = 1 if together else MOST_GROUPS
@@ -136,7 +136,7 @@ class LightGroups:
         """Let the owners of these lamps shine as the flat one."""
         together = [owner for lamp in merged for owner in owners.pop(lamp)]
         owners.setdefault(self._flat, []).extend(together)
-        self._mixed |= {block for owner in together for block in of_owner[owner]}
+        self._mixed |= {block for owner in together for block in _glowing(of_owner[owner])}
 
     def is_shared(self, data_block):
         """Whether a data-block shines in the group of the flat lamp, its spectra in its own colours."""
@@ -160,11 +160,16 @@ def _mixed_blocks(of_owner):
     mixed = set()
     while True:
         owners = [blocks for blocks in of_owner.values()
-                  if len(set().union(*blocks.values())) > 1 or any(blocks[block] for block in mixed & set(blocks))]
-        found = {block for blocks in owners for block in blocks}
+                  if len(set().union(*blocks.values())) > 1 or mixed & set(blocks)]
+        found = {block for blocks in owners for block in _glowing(blocks)}
         if found == mixed:
             return mixed
         mixed = found
+
+
+def _glowing(blocks):
+    """Those of an owner's data-blocks that have a lamp; the others it may share with anybody."""
+    return {block for block, lamps in blocks.items() if lamps}
 
 
 def emitting_sockets(tree):

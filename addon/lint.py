@@ -82,7 +82,7 @@ def lint(scene):
     tuple of Finding, worst first
     """
     spectra = AssignedSpectra()
-    findings = list(_working_space(scene))
+    findings = list(_of_scene(scene))
     for block, names in rendered_blocks(scene).items():
         findings += (Finding(names, block.id_type.lower(), block.name, *rest) for rest in _judged(block, spectra))
     return tuple(sorted(findings, key=lambda finding: (VERDICTS.index(finding.verdict), str(finding))))
@@ -94,7 +94,11 @@ def counts_text(findings):
     return ", ".join(f"{counts[verdict]} {verdict}" for verdict in VERDICTS if counts[verdict]) or "nothing to judge"
 
 
-def _working_space(scene):
+def _of_scene(scene):
+    """Findings about the scene itself."""
+    if scene.background_set:
+        yield Finding((), "scene", scene.name, "", "background set", REJECTED,
+                      f"{scene.background_set.name!r} is not looked into: link its collections into this scene instead")
     space = getattr(getattr(bpy.data, "colorspace", None), "working_space", WORKING_SPACE)  # since 5.0
     if space != WORKING_SPACE:
         yield Finding((), "scene", scene.name, "", "working colour space", REJECTED,

@@ -5,7 +5,7 @@ import bpy
 from ..engine.errors import InputError
 from .lint import counts_text, lint
 from .node_rules import APPROXIMATED, REJECTED, SEPARATED
-from .operators import job_from_settings
+from .operators import job_from_settings, progress
 from .scene_plan import foresee
 
 ICONS = {REJECTED: "CANCEL", SEPARATED: "MOD_ARRAY", APPROXIMATED: "ERROR"}
@@ -23,6 +23,10 @@ class LENSFIELD_OT_lint(bpy.types.Operator):
 
     bl_idname = "lensfield.lint"
     bl_label = "Check Scene"
+
+    @classmethod
+    def poll(cls, context):
+        return progress["fraction"] is None and not bpy.app.is_job_running("RENDER")
 
     def execute(self, context):
         scene = context.scene

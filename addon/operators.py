@@ -8,7 +8,7 @@ import bpy
 
 from ..engine.errors import InputError
 from ..engine.options import DEFAULT_ACCURACY
-from .camera import check_camera, lens_for_view, make_framing, match_camera_to_lens
+from .camera import check_camera, lens_for_view, make_framing, match_camera_to_lens, reference_nm
 from .capture import RenderPass
 from .compositor import lens_image
 from .lenses import load_lens
@@ -33,16 +33,21 @@ def job_from_settings(scene):
     settings = scene.lensfield
     if not settings.lens_name_or_path():
         raise InputError("scene settings", "lens file", "empty", "choose a lens package (.npz)")
-    if not settings.output_folder.strip():
-        raise InputError("scene settings", "output folder", "empty", "give a folder for the files")
-    if settings.output_folder.startswith("//") and not bpy.data.filepath:
-        raise InputError("scene settings", "output folder", settings.output_folder,
-                         "save the .blend first, or give an absolute folder")
     lens, warning = lens_for_view(scene, load_lens(settings.lens_name_or_path()), settings.view.lower())
     return Job(lens=lens, lens_warning=warning, wavelengths_nm=settings.wavelengths_nm(),
                output_folder=Path(bpy.path.abspath(settings.output_folder)), options=settings.to_options(),
                spectral=settings.to_spectral_options(), unfit=settings.unfit.lower(),
                frame=scene.frame_current, denoise=settings.denoise, to_compositor=settings.to_compositor)
+
+
+def check_output_folder(scene):
+    """Raise an InputError unless the settings name a folder to write to."""
+    settings = scene.lensfield
+    if not settings.output_folder.strip():
+        raise InputError("scene settings", "output folder", "empty", "give a folder for the files")
+    if settings.output_folder.startswith("//") and not bpy.data.filepath:
+        raise InputError("scene settings", "output folder", settings.output_folder,
+                         "save the .blend first, or give an absolute folder")
 
 
 class LENSFIELD_OT_render(bpy.types.Operator):
@@ -57,6 +62,7 @@ class LENSFIELD_OT_render(bpy.types.Operator):
 
     def execute(self, context):
         try:
+            check_output_folder(context.scene)
             self._finish_report(run(render_steps(context.scene, job_from_settings(context.scene))))
         except (InputError, OSError) as error:
             self.report({"ERROR"}, str(error))
@@ -65,6 +71,7 @@ class LENSFIELD_OT_render(bpy.types.Operator):
 
     def invoke(self, context, event):
         try:
+            check_output_folder(context.scene)
             self._steps = render_steps(context.scene, job_from_settings(context.scene))
         except (InputError, OSError) as error:
             self.report({"ERROR"}, str(error))
@@ -165,12 +172,15 @@ class LENSFIELD_OT_render(bpy.types.Operator):
         _redraw_panels(context)
 
     def _finish_report(self, result):
-        seconds = sum(result.report.stages.values())
-        beyond = result.report.facts["out_of_field_fraction"]
-        note = f"; {beyond:.1%} of the frame lies beyond the lens data" if beyond else ""
-        if result.report.facts["foreign_spectra"]:
-            note += "; the scene holds spectra that were not foreseen: try the Reference tier"
-        self.report({"INFO"}, f"{result.lens_image} in {seconds:.1f} s{note}")
+        facts = result.report.facts
+        told = [f"{result.lens_image} in {sum(result.report.stages.values()):.1f} s", facts["scene_plan"]]
+        if facts["foreign_spectra"]:
+            told.append("the scene holds spectra that were not foreseen: try the Reference tier")
+        if facts["depth"]["outside_fraction"]:
+            told.append(facts["depth"]["text"])
+        if facts["out_of_field_fraction"]:
+            told.append(f"{facts['out_of_field_fraction']:.1%} of the frame lies beyond the lens data")
+        self.report({"INFO"}, "; ".join(told))
 
 
 def _redraw_panels(context):
@@ -228,7 +238,7 @@ class LENSFIELD_OT_match_camera(bpy.types.Operator):
         try:
             check_camera(scene)
             lens = load_lens(scene.lensfield.lens_name_or_path())
-            framing = make_framing(scene, lens, [lens.reference_wavelength_nm])
+            framing = make_framing(scene, lens, [reference_nm(lens)])
         except InputError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}

@@ -127,9 +127,11 @@ def _draw_spectra(layout, settings):
         layout.label(text=error.remedy, icon="ERROR")
         return
     most = pass_count(count)
-    renders = {"PREVIEW": "1 Cycles render", "REFERENCE": f"{most} Cycles render{'s' * (most > 1)}"}.get(
-        settings.tier, f"at most {most} Cycles render{'s' * (most > 1)}")
-    layout.label(text=f"{count} wavelength{'s' * (count > 1)}: {renders}")
+    renders = f"1 to {most}" if settings.tier in ("STANDARD", "RESULT") and most > 1 else most
+    layout.label(text=f"{count} wavelength{'s' * (count > 1)}: {1 if settings.tier == 'PREVIEW' else renders} Cycles "
+                      f"render{'s' * (most > 1 and settings.tier != 'PREVIEW')}")
+    if count > 1 and settings.tier != "PREVIEW":
+        layout.label(text=f"{count} where glass disperses: see Check Scene")
 
 
 def _draw_quality(layout, settings):

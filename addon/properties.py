@@ -1,5 +1,7 @@
 """What the user sets: the scene's lens settings, and spectra on materials, lights and worlds."""
 
+from zlib import crc32
+
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
@@ -63,13 +65,19 @@ class LensfieldMaterialSpectra(bpy.types.PropertyGroup):
         "or a file of refractiveindex.info (.yml)")
 
 
+def _lasting_number(name):
+    """What a .blend keeps of a lens, whatever lenses come beside it: not its place in the list."""
+    return crc32(name.encode()) >> 1  # Blender's numbers have 31 bits
+
+
 class LensfieldSettings(bpy.types.PropertyGroup):
     """Settings of the lens render of a scene."""
 
     lens: EnumProperty(
         name="Lens", description="Lens data to render through", default="edmund-54852",
-        items=[(name, name, f"{maker}. {story}") for name, (maker, story) in bundled_makers().items()]
-              + [(FROM_FILE, "From file", "A lens package of your own (.npz)")])
+        items=[(name, name, f"{maker}. {story}", "NONE", _lasting_number(name))
+               for name, (maker, story) in bundled_makers().items()]
+              + [(FROM_FILE, "From file", "A lens package of your own (.npz)", "NONE", _lasting_number(FROM_FILE))])
     lens_file: StringProperty(name="Lens File", description="Lens package (.npz)", subtype="FILE_PATH",
                               options=BLEND_RELATIVE)
     view: EnumProperty(

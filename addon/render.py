@@ -12,18 +12,18 @@ import numpy as np
 
 from ..engine import Kept, Lens, Options, Report, simulate
 from ..engine.colour import auto_exposure, to_rec709, write_png
-from ..engine.errors import InputError
 from ..engine.exr import write_exr, write_rgb_exr
-from ..engine.spectra import BAND_NM
 from ..engine.transport import SpectralOptions
 from .camera import lens_for_view
 from .capture import RenderPass, Work, capture
 from .compositor import lay_into_compositor
 from .errors import SceneError
+from .journal import Journal
 from .lenses import load_lens
+from .render_state import go_to_frame
+from .scene_plan import check_job
 from .watch import samples_watched
 
-UNFIT = "refuse", "render"
 RENDER_SHARE = 0.85  # of the progress bar; the rest is the engine's and the files'
 
 
@@ -105,8 +105,10 @@ def render_through_lens(scene, lens, wavelengths_nm, output_folder, *, options=O
     LensError, SceneError, InputError
         The scene is then exactly as it was.
     """
-    lens, warning = lens_for_view(scene, lens if isinstance(lens, Lens) else load_lens(lens), view)
     frame = scene.frame_current if frame is None else frame
+    with Journal() as journal:
+        go_to_frame(scene, frame, journal)  # whose camera it is
+        lens, warning = lens_for_view(scene, lens if isinstance(lens, Lens) else load_lens(lens), view)
     folder = Path(bpy.path.abspath(str(output_folder))).resolve()  # // is beside the .blend
     job = Job(lens, np.asarray(wavelengths_nm, dtype=float), folder, options, spectral, unfit, frame, denoise,
               to_compositor, warning)
@@ -152,7 +154,7 @@ def render_steps(scene, job):
     """
     report = Report()
     report.facts["lens_warning"] = job.lens_warning
-    _check_job(scene, job)
+    check_job(scene, job)
     stem = f"{bpy.path.clean_name(scene.name)}_{job.frame:04d}"
     result = Result(*(job.output_folder / f"{stem}_{name}" for name in
                       ("radiance.exr", "irradiance.exr", "lens_image.exr", "before.png", "after.png")), report)
@@ -179,23 +181,6 @@ def _write_pictures(radiance, irradiance, result):
     exposure = auto_exposure(after)
     write_png(to_rec709(radiance.frame()), result.before, exposure)
     write_png(after, result.after, exposure)
-
-
-def _check_job(scene, job):
-    """Raise an InputError for what can be known to fail before anything is changed or rendered."""
-    if job.unfit not in UNFIT:
-        raise InputError("options", "unfit", job.unfit, f"expected {' or '.join(UNFIT)}")
-    if not len(job.wavelengths_nm):
-        raise InputError("options", "wavelengths", "empty", "expected at least one")
-    for nm in job.wavelengths_nm:
-        job.lens.at_wavelength(nm)
-        if not BAND_NM[0] <= nm <= BAND_NM[1]:
-            raise InputError("options", "wavelength", f"{nm:g} nm",
-                             "colours and lights of a scene reach from {:g} to {:g} nm".format(*BAND_NM))
-    layers = [layer.name for layer in scene.view_layers if layer.use]
-    if len(layers) != 1:
-        raise SceneError(f"scene {scene.name!r}", "view layers for rendering", ", ".join(layers) or "none",
-                         "leave one on (View Layer properties > Use for Rendering)")
 
 
 def _timed(report, stage, call):

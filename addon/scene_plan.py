@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..engine.errors import InputError
+from ..engine.spectra import BAND_NM
 from ..engine.transport import Transport, plan_transport
 from .assigned import AssignedSpectra
 from .bands import WAVELENGTHS_PER_PASS, passes
@@ -15,7 +17,10 @@ from .lint import lint
 from .node_rules import REJECTED, SEPARATED
 from .render_state import go_to_frame, rendered_layer
 from .rendered import rendered_blocks, rendered_instances
-from .substitution import Substitution, is_metal
+from .substitution import Substitution
+
+
+UNFIT = "refuse", "render"
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,10 +60,12 @@ class ScenePlan:
 
     @property
     def text(self):
-        """The passes and why these, in one line."""
+        """The passes, why these, and how true colours will be, in one line."""
         renders = f"{len(self.bands)} Cycles render{'s' * (len(self.bands) > 1)}"
         why = "; ".join(filter(None, (self.transport.reason, self.apart)))
-        return f"{renders} at {', '.join(f'{nm:g}' for nm in self.transport.nodes_nm)} nm: {why}"
+        text = f"{renders} at {', '.join(f'{nm:g}' for nm in self.transport.nodes_nm)} nm: {why}"
+        error = self.transport.colour_error
+        return text + (f"; colours within a CIEDE2000 of about {error:.2g}" if error else "")
 
     def facts(self):
         """What the report says of it."""
@@ -71,8 +78,29 @@ class ScenePlan:
                 "predicted_spectral_error": transport.spectral_error}
 
 
+def check_job(scene, job):
+    """Raise an InputError for what can be known to fail before anything is changed or rendered."""
+    if job.unfit not in UNFIT:
+        raise InputError("options", "unfit", job.unfit, f"expected {' or '.join(UNFIT)}")
+    if not len(job.wavelengths_nm):
+        raise InputError("options", "wavelengths", "empty", "expected at least one")
+    for nm in job.wavelengths_nm:
+        job.lens.at_wavelength(nm)
+        if not BAND_NM[0] <= nm <= BAND_NM[1]:
+            raise InputError("options", "wavelength", f"{nm:g} nm",
+                             "colours and lights of a scene reach from {:g} to {:g} nm".format(*BAND_NM))
+    if scene.background_set:
+        raise SceneError(f"scene {scene.name!r}", "background set", scene.background_set.name,
+                         "link its collections into this scene instead")
+    layers = [layer.name for layer in scene.view_layers if layer.use]
+    if len(layers) != 1:
+        raise SceneError(f"scene {scene.name!r}", "view layers for rendering", ", ".join(layers) or "none",
+                         "leave one on (View Layer properties > Use for Rendering)")
+
+
 def foresee(scene, job):
     """The ScenePlan that a job would follow; raises what the job would. The scene is left as it is."""
+    check_job(scene, job)
     with Journal() as journal:
         go_to_frame(scene, job.frame, journal)
         check_camera(scene)
@@ -97,7 +125,8 @@ def plan_scene(scene, job, framing, journal):
     findings = lint(scene)
     _refuse(scene, [finding for finding in findings if finding.verdict == REJECTED], job.unfit)
     shining, glass = _survey(scene, spectra, job, framing)
-    apart = glass or next((str(finding) for finding in findings if finding.verdict == SEPARATED), "")
+    coupled = [str(finding) for finding in findings if finding.verdict == SEPARATED]
+    apart = "" if job.spectral.tier == "preview" else glass or next(iter(coupled), "")
     per_pass = 1 if apart else WAVELENGTHS_PER_PASS
     lamps = Lamps(spectra, job.wavelengths_nm)
     groups = LightGroups(shining, lamps, together=job.denoise)
@@ -121,16 +150,28 @@ def _survey(scene, spectra, job, framing):
     """What may shine, objects and the world, each with the data-blocks that it may shine by; and a few words about
     glass in view whose index varies with wavelength, which previews do without."""
     world = rendered_layer(scene).world_override or scene.world
-    shining, glass = {world: {world}} if world else {}, ""
+    shining, glass, dispersive = {world: {world}} if world else {}, "", {}
     for instance in rendered_instances(scene):
         blocks = {instance.obj.data} if instance.obj.type == "LIGHT" else instance.materials
         shining.setdefault(instance.obj, set()).update(blocks)
-        dispersive = {material for material in instance.materials if _disperses(spectra.of(material, "refraction"))}
-        if dispersive and not glass and job.spectral.tier != "preview":
-            if in_view(scene.camera, instance.box, job.lens, framing):
-                glass = f"{instance.obj.name!r} of {dispersive.pop().name!r} is in view and disperses"
+        if glass or job.spectral.tier == "preview":
+            continue
+        for material in instance.materials:
+            if material not in dispersive:  # there may be many instances of few materials
+                dispersive[material] = _disperses(material, spectra, job.wavelengths_nm)
+            if dispersive[material] and in_view(scene.camera, instance.box, job.lens, framing):
+                glass = f"{instance.obj.name!r} of {material.name!r} is in view and disperses"
     return shining, glass
 
 
-def _disperses(refraction):
-    return refraction is not None and refraction.dispersive and not is_metal(refraction)
+def _disperses(material, spectra, wavelengths_nm):
+    """Whether a material is of glass whose index varies; raises a SceneError where it is not known at a wavelength."""
+    refraction = spectra.of(material, "refraction")
+    if refraction is None or refraction.metal or not refraction.dispersive:
+        return False
+    try:
+        refraction.n_at(wavelengths_nm)
+    except InputError as error:
+        raise SceneError(f"material {material.name!r}", "refraction", material.lensfield.refraction,
+                         f"{error.field} {error.value}: {error.remedy}") from None
+    return True

@@ -9,23 +9,25 @@ goes through a node group that upsamples it: the bases are linear, so a value at
 the colour. What shines does so in its own colour under the white light of its group; lamps' spectra come in later.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import bpy
 import numpy as np
 
-from ..engine.refraction import Refraction
+from ..engine.refraction import D_LINE_NM, Refraction
 from ..engine.spectra import BAND_NM, Spectrum, channel_basis, reflectance_basis
+from .closure_rules import is_idle
 from .emitters import Lamp, blackbody_temperature, uses_nodes
 from .errors import SceneError
+from .lumens import give_lumens, luminous_efficacy
 from .node_paths import constant_of, feeding
 from .render_state import rendered_layer
 from .spectral_sockets import CHANNELS, EMISSION, INDEX, REFLECTANCE, is_shader, kind, takes_reflectance
+from .wiring import attribute_node, multiplied, single_shader, upsampler
 
 PROPERTY_PREFIX = "lensfield_"
 BASIS = {REFLECTANCE: reflectance_basis, EMISSION: reflectance_basis, CHANNELS: channel_basis}
-D_LINE_NM = 587.6  # its refractive index stands for all where glass is not to disperse
-METAL = 0.1  # the absorption index of what is one
 
 
 @dataclass(frozen=True)
@@ -56,7 +58,7 @@ class Assigned:
     @property
     def metal(self):
         """Whether the refraction is that of a metal."""
-        return self.refraction is not None and is_metal(self.refraction)
+        return self.refraction is not None and self.refraction.metal
 
 
 class Substitution:
@@ -102,12 +104,14 @@ class Substitution:
         counted = list(self.factors), self.mixed_colours
         for block, substitute in blocks:
             if block not in rendered:
-                substitute(block)
+                with suppress(SceneError):  # nothing of it is seen
+                    substitute(block)
         self.factors, self.mixed_colours = counted
 
     def set_wavelengths(self, wavelengths_nm, dispersive=False):
         """Give every attribute its values at these three wavelengths; glass its index there only where it disperses."""
         for name, values_at in self._values.items():
+            # without dispersion the index of the D line stands for all
             at_nm = np.full(3, D_LINE_NM) if name in self._indices and not dispersive else wavelengths_nm
             self._scene[name] = [float(value) for value in values_at(at_nm)]
         # Persistent data would keep the values of the first pass. Tagging the scene would have its meshes synchronised
@@ -121,7 +125,7 @@ class Substitution:
                                   emission=self._lamps.assigned(material))
         stand_in = self._stand_in(material, bpy.data.materials)
         if not uses_nodes(material):
-            _single_shader(stand_in, "ShaderNodeBsdfDiffuse", "ShaderNodeOutputMaterial", material.diffuse_color)
+            single_shader(stand_in, "ShaderNodeBsdfDiffuse", "ShaderNodeOutputMaterial", material.diffuse_color)
         self._substitute_tree(stand_in.node_tree, assigned)
 
     def _substitute_light(self, light):
@@ -131,21 +135,20 @@ class Substitution:
         assigned = self._assigned(light, emission=emission, lamp=lamp, tint=tint)
         stand_in = self._stand_in(light, bpy.data.lights)
         if not uses_nodes(light):
-            _single_shader(stand_in, "ShaderNodeEmission", "ShaderNodeOutputLight", (1, 1, 1, 1))
+            single_shader(stand_in, "ShaderNodeEmission", "ShaderNodeOutputLight", (1, 1, 1, 1))
         stand_in.color = (1, 1, 1)
         stand_in.use_temperature = False
         if light.lensfield.power_unit == "LUMEN":
             if not any(tint):
                 raise SceneError(f"light {light.name!r}", "color", "black", "no lumens come of it: choose another")
-            stand_in.energy = light.lensfield.lumens / luminous_efficacy(emission or lamp or self._lamps.daylight, tint)
-            stand_in.exposure = 0
+            give_lumens(stand_in, light.lensfield.lumens, emission or lamp or self._lamps.daylight, tint)
         self._substitute_tree(stand_in.node_tree, assigned)
 
     def _substitute_world(self, world):
         assigned = self._assigned(world, emission=self._lamps.assigned(world))
         stand_in = self._stand_in(world, bpy.data.worlds)
         if not uses_nodes(world):
-            _single_shader(stand_in, "ShaderNodeBackground", "ShaderNodeOutputWorld", (*world.color, 1))
+            single_shader(stand_in, "ShaderNodeBackground", "ShaderNodeOutputWorld", (*world.color, 1))
         self._substitute_tree(stand_in.node_tree, assigned)
 
     def _assigned(self, data_block, **fields):
@@ -181,7 +184,7 @@ class Substitution:
 
     def _source(self, tree, node, socket, assigned):
         """The output that an input is to take its values from, or None where it stays as it is."""
-        how = kind(node, socket)
+        how = None if is_idle(node, socket, constant_of) else kind(node, socket)
         if how == EMISSION:
             return self._emission(tree, socket, assigned)
         if how == INDEX:
@@ -225,16 +228,16 @@ class Substitution:
         if temperature_k:  # Blender gives it the luminance of white
             gain = luminous_efficacy(self._lamps.daylight) / luminous_efficacy(lamp)
             return self._glow(tree, lambda nm: gain * light_at(nm))
-        if feeding(socket) is not None:
+        constant = constant_of(socket)
+        if constant is None:
             self.mixed_colours = True
             colour = self._upsampled(tree, reflectance_basis, feeding(socket))
             own = group is lamp and np.all(tint == 1)
-            return colour if own else self._multiplied(tree, colour, self._glow(tree, light_at))
-        colour = np.array(socket.default_value[:3])
-        return self._glow(tree, lambda nm: light_at(nm) * (reflectance_basis(nm) @ colour))
+            return colour if own else multiplied(tree, colour, self._glow(tree, light_at))
+        return self._glow(tree, lambda nm: light_at(nm) * (reflectance_basis(nm) @ np.array(constant[:3])))
 
     def _index(self, tree, refraction):
-        node = _attribute_node(tree, self._property(refraction.n_at))
+        node = attribute_node(tree, self._property(refraction.n_at))
         self._indices.add(node.attribute_name)
         return node.outputs["Fac"]
 
@@ -252,7 +255,7 @@ class Substitution:
 
     def _attribute(self, tree, values_at):
         """Output of a node that gives `values_at(wavelengths)` for the wavelengths of the pass."""
-        return _attribute_node(tree, self._property(values_at)).outputs["Color"]
+        return attribute_node(tree, self._property(values_at)).outputs["Color"]
 
     def _property(self, values_at):
         index = len(self._values)
@@ -269,59 +272,8 @@ class Substitution:
         tree.links.new(colour, node.inputs[0])
         return node.outputs[0]
 
-    def _multiplied(self, tree, first, second):
-        node = tree.nodes.new("ShaderNodeVectorMath")
-        node.operation = "MULTIPLY"
-        tree.links.new(first, node.inputs[0])
-        tree.links.new(second, node.inputs[1])
-        return node.outputs[0]
-
     def _make_upsampler(self, basis):
-        """Node group: linear Rec. 709 colour -> its values at the pass's three wavelengths."""
-        group = bpy.data.node_groups.new(f"{PROPERTY_PREFIX}{basis.__name__}", "ShaderNodeTree")
+        rows = [self._property(lambda nm, channel=channel: basis(nm)[channel]) for channel in range(3)]
+        group = upsampler(f"{PROPERTY_PREFIX}{basis.__name__}", rows)
         self._journal.on_exit(lambda: bpy.data.node_groups.remove(group))
-        group.interface.new_socket(name="Color", in_out="INPUT", socket_type="NodeSocketColor")
-        group.interface.new_socket(name="Spectral", in_out="OUTPUT", socket_type="NodeSocketColor")
-        colour = group.nodes.new("NodeGroupInput").outputs[0]
-        combine = group.nodes.new("ShaderNodeCombineColor")
-        for channel in range(3):
-            row = self._property(lambda nm, channel=channel: basis(nm)[channel])
-            product = group.nodes.new("ShaderNodeVectorMath")
-            product.operation = "DOT_PRODUCT"
-            group.links.new(colour, product.inputs[0])
-            group.links.new(_attribute_node(group, row).outputs["Vector"], product.inputs[1])
-            group.links.new(product.outputs["Value"], combine.inputs[channel])
-        group.links.new(combine.outputs[0], group.nodes.new("NodeGroupOutput").inputs[0])
         return group
-
-
-def is_metal(refraction):
-    """Whether a refraction is that of a metal."""
-    return bool(refraction.k_at(D_LINE_NM) > METAL)
-
-
-def luminous_efficacy(lamp, tint=(1.0, 1.0, 1.0)):
-    """Lumens of a watt of a lamp, behind a filter of this linear Rec. 709 colour; its watts are those before it."""
-    nm = np.arange(BAND_NM[0], BAND_NM[1] + 1)
-    passed = np.maximum(reflectance_basis(nm) @ np.array(tint), 0)
-    own = lamp.density_at(nm)
-    step_nm = np.where((nm == nm[0]) | (nm == nm[-1]), 0.5, 1.0)  # the trapezoidal rule
-    behind = Spectrum(nm, own * passed).luminous_flux_per_watt() * (own * passed @ step_nm) / (own @ step_nm)
-    return behind if passed.min() < 1 else lamp.spectrum.luminous_flux_per_watt()
-
-
-def _single_shader(data_block, shader_type, output_type, colour):
-    """Give a data-block the node tree that its plain colour stands for."""
-    data_block.use_nodes = True
-    tree = data_block.node_tree
-    tree.nodes.clear()
-    shader = tree.nodes.new(shader_type)
-    shader.inputs["Color"].default_value = colour
-    tree.links.new(shader.outputs[0], tree.nodes.new(output_type).inputs[0])
-
-
-def _attribute_node(tree, property_name):
-    node = tree.nodes.new("ShaderNodeAttribute")
-    node.attribute_type = "VIEW_LAYER"
-    node.attribute_name = property_name
-    return node

@@ -19,11 +19,12 @@ from lensfield import addon
 from lensfield.addon.camera import lens_for_view
 from lensfield.addon.capture import RenderPass
 from lensfield.addon.render import Job, render_steps
+from lensfield.commands.terminal import quiet
 from lensfield.engine import Lens, Options
 from lensfield.engine.colour_difference import ciede2000, lab_from_xyz
 from lensfield.engine.exr import read_exr
 from lensfield.engine.spectra import colour_matching
-from lensfield.engine.transport import SENSOR_BANDS_NM, SENSOR_WIDTH_NM, SpectralOptions
+from lensfield.engine.transport import SpectralOptions, sensor_error
 
 SCENE = Path(__file__).resolve().parents[1] / "sample_scenes" / "evening_chess.blend"
 LENS = "edmund-54852"
@@ -44,7 +45,9 @@ def timed(scene, wavelengths_nm, spectral=SpectralOptions()):
                 step = steps.send(answer)
                 started = time.perf_counter()
                 if isinstance(step, RenderPass):
-                    answer = bpy.ops.render.render(write_still=True, scene=step.scene.name) and None
+                    with quiet(1):  # Blender says where it saves each pass
+                        bpy.ops.render.render(write_still=True, scene=step.scene.name)
+                    answer = None
                     passes.append(time.perf_counter() - started)
                 else:
                     answer = step.call(lambda done: None)
@@ -90,7 +93,8 @@ def band_overhead():
         alone.render.filepath = f"{folder}/alone.png"
         for _ in range(4):
             begin = time.perf_counter()
-            bpy.ops.render.render(write_still=True)
+            with quiet(1):
+                bpy.ops.render.render(write_still=True)
             seconds.append(time.perf_counter() - begin)
     print(f"a million triangles, {len(passes)} passes of 3 wavelengths, 64 x 48 px, 1 sample: the first "
           f"{passes[0]:.2f} s, each other {np.median(passes[1:]):.3f} s (asked: at most 0.05 s); a plain render again, "
@@ -98,7 +102,8 @@ def band_overhead():
 
 
 def sample_scene(width, height, samples):
-    bpy.ops.wm.open_mainfile(filepath=str(SCENE))
+    with quiet(1):
+        bpy.ops.wm.open_mainfile(filepath=str(SCENE))
     scene = bpy.context.scene
     scene.render.resolution_x, scene.render.resolution_y, scene.cycles.samples = width, height, samples
     return scene
@@ -137,12 +142,6 @@ def colour_errors(truth, blocks, wavelengths_nm):
     matching = colour_matching(wavelengths_nm)
     white = np.array([0.9505, 1, 1.089]) * np.percentile(truth @ matching[:, 1], 99)
     return ciede2000(lab_from_xyz(truth @ matching, white), lab_from_xyz(np.maximum(blocks, 0) @ matching, white))
-
-
-def sensor_error(truth, blocks, wavelengths_nm):
-    """Relative RMS error of the worst of three Gaussian sensor bands."""
-    bands = np.exp(-0.5 * ((wavelengths_nm[:, None] - np.array(SENSOR_BANDS_NM)) / SENSOR_WIDTH_NM)**2)
-    return (np.sqrt((((blocks - truth) @ bands)**2).mean(axis=0)) / np.sqrt(((truth @ bands)**2).mean(axis=0))).max()
 
 
 def spectral_error(truth, blocks):

@@ -15,12 +15,6 @@ def plan_text(plan):
             f"about {max(plan['seconds'], 0.1):.1f} s, {plan['memory_mb']:.0f} MB")
 
 
-def scene_text(facts):
-    """How a scene was rendered, from a report's facts, in one line."""
-    error = facts["estimated_colour_error"]
-    return facts["scene_plan"] + (f"; colours within a CIEDE2000 of about {error:.2g}" if error else "")
-
-
 def finish(options, report, files):
     """Write the report, and say where the files are, how long each stage took, and what lies out of field."""
     if options.report:

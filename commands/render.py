@@ -7,7 +7,7 @@ from ..engine.spectra import parse_wavelengths
 from ..engine.transport import STANDARD_COLOUR_ERROR, TIERS, SpectralOptions
 from .arguments import add_engine_options, check_targets, engine_options, resolution
 from .blend import open_scene
-from .outcome import finish, plan_text, scene_text
+from .outcome import finish, plan_text
 from .terminal import progress_bar, quiet
 
 LIMITS = {"frame": (-1048574, 1048574), "samples": (1, 1 << 24)}  # Blender's own
@@ -54,7 +54,7 @@ def _render(options):
         result = addon.render_through_lens(
             scene, lens, wavelengths_nm, options.output.resolve(), options=chosen, spectral=spectral,
             view=options.view, unfit=options.unfit, frame=options.frame, denoise=options.denoise, progress=tell)
-    print(f"scene: {scene_text(result.report.facts)}")
+    print(f"scene: {result.report.facts['scene_plan']}")
     print(f"plan: {plan_text(result.report.facts['plan'])}")  # it could not be made before the capture
     finish(options, result.report, result.files)
 

@@ -19,6 +19,8 @@ from .spectra import BAND_NM
 LIBRARY = Path(__file__).resolve().parent / "data" / "refraction"
 MOST_BYTES = 1 << 20  # the largest file of the database has 0.8 MB
 NM_PER_UM = 1000.0
+D_LINE_NM = 587.6  # sodium's and helium's yellow, for which indices are quoted
+METAL = 0.1  # the extinction coefficient from which on a material is opaque within a wavelength or two
 MOST_NODES = 1000  # of a YAML file; the tables of the database are one text each
 MOST_SHOWN = 40  # characters of a bad value in an error
 _COLUMNS = {"tabulated n": ("n",), "tabulated k": ("k",), "tabulated nk": ("n", "k")}
@@ -85,6 +87,11 @@ class Refraction:
         visible = np.clip(BAND_NM, *self.range_nm)
         first, last = visible if visible[0] < visible[1] else self.range_nm
         return bool(np.ptp(self.n_at(np.linspace(first, last, 101))) > 0)
+
+    @property
+    def metal(self):
+        """Whether it absorbs as metals do; raises InputError where k is not known at the D line."""
+        return bool(self.k_at(D_LINE_NM) > METAL)
 
     def n_at(self, wavelengths_nm):
         """Refractive indices; raises InputError outside of range_nm."""

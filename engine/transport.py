@@ -131,9 +131,9 @@ def plan_transport(factors, lamps, output_nm, options=SpectralOptions(), *, mixe
         Whether light of each wavelength goes a way of its own.
     """
     output_nm = np.asarray(output_nm, dtype=float)
-    statistics = _Statistics(factors, lamps, output_nm, mixed_colours)
     if dispersive:
         return _as_asked(output_nm, "glass in view bends each wavelength by itself")
+    statistics = _Statistics(factors, lamps, output_nm, mixed_colours)
     if statistics.grey:
         return statistics.transport([statistics.middle], "all surfaces are grey")
     if options.tier == "reference":
@@ -144,7 +144,7 @@ def plan_transport(factors, lamps, output_nm, options=SpectralOptions(), *, mixe
             continue
         nodes = statistics.best_nodes(count)
         if options.tier == "preview" or options.met_by(statistics.errors(nodes)):
-            return statistics.transport(nodes, f"the scene's {len(factors)} spectra tell the rest from these")
+            return statistics.transport(nodes, "the other wavelengths follow from these")
     return _as_asked(output_nm, "no fewer wavelengths tell them all")
 
 
@@ -229,10 +229,9 @@ class _Statistics:
         estimated = self._tried[:, nodes] @ self.weights(nodes)[self._grid_nm.size:].T
         steps = np.diff(nm)
         widths = np.append(steps, 0) + np.insert(steps, 0, 0)
-        sensor = np.exp(-0.5 * ((nm - np.array(SENSOR_BANDS_NM)[:, None]) / SENSOR_WIDTH_NM)**2)
         matching = colour_matching(nm)
         errors = [(_colour_error(true * light, estimated * light, light @ matching, matching),
-                   _sensor_error(true * light, estimated * light, sensor))
+                   sensor_error(true * light, estimated * light, nm))
                   for light in (light * widths for light in self._lights)]
         return tuple(np.max(errors, axis=0))
 
@@ -270,7 +269,7 @@ def _transports(curves, count, rng):
 def _misses(transports, others):
     """How far nodes lie from what the others tell: RMS of the worst node relative to that of the transports."""
     power = (transports**2).mean()
-    if not others.any() or not power > 0:
+    if not others.any() or not 0 < power < np.inf:
         return 0.0
     return float(np.sqrt(((transports - transports @ others.T)**2).mean(axis=0).max() / power))
 
@@ -284,7 +283,9 @@ def _colour_error(true, estimated, white, matching):
     return np.percentile(differences, ERROR_PERCENTILE)
 
 
-def _sensor_error(true, estimated, sensor):
-    signal, error = true @ sensor.T, (estimated - true) @ sensor.T
+def sensor_error(true, estimated, wavelengths_nm):
+    """Relative RMS error of the worst of three sensor bands, over spectra (spectrum, wavelength)."""
+    bands = np.exp(-0.5 * ((wavelengths_nm[:, None] - np.array(SENSOR_BANDS_NM)) / SENSOR_WIDTH_NM)**2)
+    signal, error = true @ bands, (estimated - true) @ bands
     mean = np.sqrt((signal**2).mean(axis=0))
     return np.max(np.sqrt((error**2).mean(axis=0)) / np.where(mean > 0, mean, 1))

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.integrate import trapezoid
 
 from lensfield import addon
+from lensfield.commands.terminal import quiet
 from lensfield.engine import Lens
 from lensfield.engine.exr import read_exr
 from lensfield.engine.spectra import BAND_NM
@@ -40,7 +41,8 @@ def render(scene, wavelengths_nm, folder, seed=0):
     """Spectral radiance of the frame: float32 array (wavelength, row, column), W m^-2 sr^-1 nm^-1."""
     scene.cycles.seed = seed
     every_wavelength = SpectralOptions(tier="reference")
-    result = addon.render_through_lens(scene, pinhole(), wavelengths_nm, folder, spectral=every_wavelength)
+    with quiet(1):  # Blender says where it saves each pass
+        result = addon.render_through_lens(scene, pinhole(), wavelengths_nm, folder, spectral=every_wavelength)
     return read_exr(result.radiance).frame().cube
 
 

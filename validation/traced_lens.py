@@ -19,6 +19,7 @@ import bpy
 import _cycles
 import numpy as np
 from lensfield.addon import render_through_lens
+from lensfield.commands.terminal import quiet
 from lensfield.engine.atomic import temporary_folder
 from lensfield.engine.errors import InputError
 from lensfield.engine.exr import read_exr
@@ -218,7 +219,9 @@ def photograph(scene, surfaces, wavelength_nm, window, *, samples, seed=0):
     (render.resolution_y, render.resolution_x), cycles.samples, cycles.seed = window.shape_px, samples, seed
     try:
         with temporary_folder() as folder, _lens_put_in(surfaces, wavelength_nm, window) as seconds:
-            captured = read_exr(render_through_lens(scene, surfaces.name, [wavelength_nm], folder).radiance)
+            with quiet(1):  # Blender says where it saves each pass
+                result = render_through_lens(scene, surfaces.name, [wavelength_nm], folder)
+            captured = read_exr(result.radiance)
     finally:
         render.resolution_y, render.resolution_x, cycles.samples, cycles.seed = before
     return captured.frame().cube[0].astype(float), np.diff(seconds, axis=0)[0]

@@ -6,6 +6,7 @@ renders beads, even light and a chequered plane at the lens's object distance tw
 the traced lens. It prints every figure beside what is asked of it; the exit status is 1 where one is missed.
 """
 
+import os
 import sys
 import tempfile
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ import truth_scenes
 from lens_surfaces import read_surfaces
 from lensfield import addon
 from lensfield.addon.camera import pitch_um
+from lensfield.commands.terminal import quiet
 from lensfield.engine import Lens, Options
 from lensfield.engine.exr import read_exr
 from traced_lens import Window, photograph
@@ -72,7 +74,8 @@ class Bench:
         scene.render.resolution_y, scene.render.resolution_x = shape_px
         scene.cycles.samples = samples
         with tempfile.TemporaryDirectory() as folder:
-            result = addon.render_through_lens(scene, self.lens, [WAVELENGTH_NM], folder, options=options)
+            with quiet(1):  # Blender says where it saves each pass
+                result = addon.render_through_lens(scene, self.lens, [WAVELENGTH_NM], folder, options=options)
             return read_exr(result.irradiance).cube[0].astype(float)
 
     def traced(self, scene, window, samples, seed=0):
@@ -233,4 +236,6 @@ def main(names):
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    status = main(sys.argv[1:])
+    sys.stdout.flush()
+    os._exit(status)  # some of Blender's wheels crash while the interpreter exits

@@ -424,3 +424,29 @@ def test_scene_and_groups_are_whole_afterwards(scene, tmp_path, monkeypatch, fai
     else:
         radiance(scene, tmp_path)
     assert not differences(before, snapshot())
+
+
+def test_a_dull_material_beside_two_glowing_ones_ties_nobody_else_to_them(scene, tmp_path):
+    """A grey material that a lamp's object shares with an object of two spectra does not put that lamp among them."""
+    dull, _ = material("Dull", "ShaderNodeBsdfDiffuse")
+    corners = [(x, y, -4.0) for x in (-3, -1, 1, 3) for y in (-1, 1)]
+    three = bpy.data.meshes.new("Three")
+    three.from_pydata(corners, [], [(0, 2, 3, 1), (2, 4, 5, 3), (4, 6, 7, 5)])
+    pair = bpy.data.meshes.new("Pair")
+    pair.from_pydata([(x, y, -1.0) for x in (-9, 0, 9) for y in (-9, 9)], [], [(0, 2, 3, 1), (2, 4, 5, 3)])
+    for mesh, materials in ((three, (glowing("Left", SMOOTH), glowing("Right", "led-b3"), dull)),
+                            (pair, (glowing("Lines", SPIKY, 2.0), dull))):
+        for index, one in enumerate(materials):
+            mesh.materials.append(one)
+            mesh.polygons[index].material_index = index
+        scene.collection.objects.link(bpy.data.objects.new(mesh.name, mesh))
+    picture, _ = cube(scene, tmp_path)
+    np.testing.assert_allclose(picture[:, :, 1:6].mean(axis=(1, 2)), 2 * density(SPIKY), rtol=EXACT, atol=1e-9)
+
+
+def test_a_view_layer_may_have_any_name(scene, tmp_path):
+    scene.view_layers[0].name = "My.Layer: 1/2"
+    point(scene, FLAT)
+    point(scene, SMOOTH)
+    white_wall(scene)
+    assert radiance(scene, tmp_path).min() > 0

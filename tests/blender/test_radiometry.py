@@ -247,6 +247,30 @@ def test_lumens_of_an_area(scene, tmp_path):
     assert luminance(scene, tmp_path) == pytest.approx(800.0 / (np.pi * 0.25), rel=PRECISION)
 
 
+@pytest.mark.parametrize("normalize", [True, False])
+def test_lumens_of_an_area_whatever_its_normalisation(scene, tmp_path, normalize):
+    facing = lamp(scene, "AREA", "led-b3", shape="SQUARE", size=0.2)
+    if not hasattr(facing.data, "normalize"):
+        pytest.skip("this Blender's lamps are always normalised")
+    facing.location.z, facing.rotation_euler.x, facing.visible_camera = -0.2, np.pi, True
+    facing.data.normalize = normalize
+    facing.data.lensfield.power_unit, facing.data.lensfield.lumens = "LUMEN", 800.0
+    assert luminance(scene, tmp_path) == pytest.approx(800.0 / (np.pi * 0.04), rel=PRECISION)
+
+
+@pytest.mark.parametrize("blend", [0.0, 0.6])
+def test_lumens_of_a_spot_are_those_of_its_cone(scene, wall_at, tmp_path, blend):
+    """Integrated by hand over the cosine, from the rim to the axis, with Cycles' smoothstep at the rim."""
+    lumens, half_angle = 1000.0, 0.45
+    data = lamp(scene, "SPOT", FLAT, spot_size=2 * half_angle, spot_blend=blend, shadow_soft_size=0.0).data
+    data.lensfield.power_unit, data.lensfield.lumens = "LUMEN", lumens
+    cosine = np.linspace(np.cos(half_angle), 1, 20001)
+    u = (cosine - cosine[0]) / (1 - cosine[0]) / max(blend, 1e-9)
+    share = np.where(u < 1, u**2 * (3 - 2 * u), 1)
+    candela = lumens / (2 * np.pi * np.trapz(share, cosine))
+    assert luminance(scene, tmp_path) == pytest.approx(candela / DISTANCE_M**2 / np.pi, rel=PRECISION)
+
+
 def test_lux_of_a_sun(scene, wall_at, tmp_path):
     sun = lamp(scene, "SUN", "", angle=0.0).data
     sun.lensfield.power_unit, sun.lensfield.lumens = "LUMEN", 100000.0

@@ -315,3 +315,77 @@ def test_driven_strength_is_followed(scene, tmp_path):
     wall(scene, glow)
     scene.frame_set(3)
     np.testing.assert_allclose(middle(rendered(scene, tmp_path, WAVELENGTHS_NM)[0]), 6 * FLAT_DENSITY, rtol=1e-4)
+
+
+def test_what_a_default_principled_does_not_use_has_no_colour(scene, tmp_path):
+    """Its subsurface radius is (1, 0.2, 0.1), but its subsurface weight is 0."""
+    flat_world(scene)
+    wall(scene, principled("Grey", Base_Color=(0.5, 0.5, 0.5, 1), Roughness=1.0))
+    _, facts = rendered(scene, tmp_path)
+    assert facts["passes"] == 1 and facts["rendered_nm"] == [550] and "grey" in facts["scene_plan"]
+
+
+def test_no_light_is_negative(room, tmp_path):
+    picture, _ = rendered(room, tmp_path, np.linspace(400, 700, 31), colour_error=3)
+    assert picture.min() >= 0
+
+
+def test_a_background_set_is_refused(scene, tmp_path):
+    scene.background_set = other = bpy.data.scenes.new("Set")
+    with pytest.raises(SceneError, match=f"scene {scene.name!r}: background set is {other.name}: link its collections"):
+        rendered(scene, tmp_path)
+
+
+def test_what_no_render_shows_does_not_stop_one(scene, tmp_path):
+    flat_world(scene)
+    kept = painted("Kept", "no-such-paint")
+    kept.use_fake_user = True
+    wall(scene, painted("Paint", "chart-20-neutral-8"))
+    assert rendered(scene, tmp_path)[0].min() > 0
+
+
+def test_spectra_of_linked_materials_lie_beside_their_own_file(scene, tmp_path):
+    flat_world(scene)
+    (tmp_path / "library").mkdir()
+    (tmp_path / "library" / "half.spd").write_text("380 0.5\n780 0.5\n")
+    wall(scene, painted("Paint", "//half.spd"))
+    bpy.data.libraries.write(str(tmp_path / "library" / "library.blend"), {bpy.data.objects["Wall"]})
+    bpy.data.objects.remove(bpy.data.objects["Wall"])
+    with bpy.data.libraries.load(str(tmp_path / "library" / "library.blend"), link=True) as (available, linked):
+        linked.objects = available.objects
+    scene.collection.objects.link(linked.objects[0])
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "main.blend"))
+    np.testing.assert_allclose(middle(rendered(bpy.context.scene, tmp_path)[0]), 0.5 * FLAT_DENSITY, rtol=2e-3)
+
+
+def test_the_cameras_view_is_that_of_the_frame(scene, tmp_path):
+    flat_world(scene)
+    for frame, focal_mm in ((1, 35.0), (10, 70.0)):
+        scene.camera.data.lens = focal_mm
+        scene.camera.data.keyframe_insert("lens", frame=frame)
+    scene.frame_set(1)
+    result = addon.render_through_lens(scene, lens(), [550], tmp_path, view="camera", frame=10)
+    times = f"made {70 / lens().capture_focal_length_mm:.3g} times as large"
+    assert times in result.report.facts["lens_warning"] and scene.frame_current == 1
+
+
+def test_glass_whose_index_is_not_known_is_named_before_anything_is_rendered(scene, tmp_path):
+    flat_world(scene)
+    (tmp_path / "short.yml").write_text(
+        "DATA:\n  - type: tabulated n\n    data: |\n      0.40 1.55\n      0.50 1.53\n      0.66 1.51\n")
+    glass, _ = material("Glass", "ShaderNodeBsdfGlass")
+    glass.lensfield.refraction = str(tmp_path / "short.yml")
+    wall(scene, glass)
+    with pytest.raises(SceneError, match="material 'Glass': refraction is .*short.yml: wavelength of n 6[68]0 nm"):
+        rendered(scene, tmp_path / "out")
+
+
+def test_foresight_refuses_what_the_render_would(scene):
+    from lensfield.addon.operators import job_from_settings
+    from lensfield.addon.scene_plan import foresee
+
+    job = job_from_settings(scene)
+    assert "1 Cycles render at" in foresee(scene, job).text  # the output folder is no matter of the plan
+    scene.view_layers.new("Second")
+    with pytest.raises(SceneError, match="view layers for rendering"):
+        foresee(scene, job)

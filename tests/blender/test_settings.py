@@ -117,3 +117,10 @@ def test_what_is_kept_is_freed_with_the_addon(scene, tmp_path):
         assert kept.cache_info().currsize == 0
     finally:
         addon.register()
+
+
+def test_a_saved_lens_stays_that_lens_whatever_others_come(scene):
+    """A .blend keeps an enum's number: by its place in the list it would mean another lens as soon as one is added."""
+    numbers = {item.identifier: item.value for item in scene.lensfield.bl_rna.properties["lens"].enum_items}
+    assert numbers["edmund-54852"] == 1901871375 and numbers["FILE"] == 1560636882
+    assert len(set(numbers.values())) == len(numbers)

@@ -1,0 +1,51 @@
+"""Wiring: the few nodes that substitution lays into the trees of stand-ins."""
+
+import bpy
+
+
+def single_shader(data_block, shader_type, output_type, colour):
+    """Give a data-block the node tree that its plain colour stands for."""
+    data_block.use_nodes = True
+    tree = data_block.node_tree
+    tree.nodes.clear()
+    shader = tree.nodes.new(shader_type)
+    shader.inputs["Color"].default_value = colour
+    tree.links.new(shader.outputs[0], tree.nodes.new(output_type).inputs[0])
+
+
+def attribute_node(tree, property_name):
+    """A node that reads a property of the scene."""
+    node = tree.nodes.new("ShaderNodeAttribute")
+    node.attribute_type = "VIEW_LAYER"
+    node.attribute_name = property_name
+    return node
+
+
+def multiplied(tree, first, second):
+    """The output of a node that multiplies two others, each wavelength by itself."""
+    node = tree.nodes.new("ShaderNodeVectorMath")
+    node.operation = "MULTIPLY"
+    tree.links.new(first, node.inputs[0])
+    tree.links.new(second, node.inputs[1])
+    return node.outputs[0]
+
+
+def upsampler(name, row_properties):
+    """A new node group: linear Rec. 709 colour -> its values at the pass's three wavelengths.
+
+    `row_properties` name the scene's properties that hold a basis at these wavelengths, red, green and blue of one in
+    each.
+    """
+    group = bpy.data.node_groups.new(name, "ShaderNodeTree")
+    group.interface.new_socket(name="Color", in_out="INPUT", socket_type="NodeSocketColor")
+    group.interface.new_socket(name="Spectral", in_out="OUTPUT", socket_type="NodeSocketColor")
+    colour = group.nodes.new("NodeGroupInput").outputs[0]
+    combine = group.nodes.new("ShaderNodeCombineColor")
+    for channel, row in enumerate(row_properties):
+        product = group.nodes.new("ShaderNodeVectorMath")
+        product.operation = "DOT_PRODUCT"
+        group.links.new(colour, product.inputs[0])
+        group.links.new(attribute_node(group, row).outputs["Vector"], product.inputs[1])
+        group.links.new(product.outputs["Value"], combine.inputs[channel])
+    group.links.new(combine.outputs[0], group.nodes.new("NodeGroupOutput").inputs[0])
+    return group
