@@ -72,12 +72,8 @@ class LENSFIELD_OT_select_object(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class LENSFIELD_PT_lint(bpy.types.Panel):
+class _LintPanel:
     bl_label = "Scene Check"
-    bl_space_type = "PROPERTIES"
-    bl_region_type = "WINDOW"
-    bl_context = "render"
-    bl_parent_id = "LENSFIELD_PT_render"
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context):
@@ -85,6 +81,20 @@ class LENSFIELD_PT_lint(bpy.types.Panel):
         if checked["scene"] == context.scene.session_uid:
             self.layout.label(text=checked["plan"], icon="RENDER_STILL")
             _draw_findings(self.layout, checked["findings"])
+
+
+class LENSFIELD_PT_lint(_LintPanel, bpy.types.Panel):
+    bl_space_type = "PROPERTIES"
+    bl_region_type = "WINDOW"
+    bl_context = "render"
+    bl_parent_id = "LENSFIELD_PT_render"
+
+
+class LENSFIELD_PT_lint_sidebar(_LintPanel, bpy.types.Panel):
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "Lensfield"
+    bl_parent_id = "LENSFIELD_PT_sidebar"
 
 
 def _draw_findings(layout, findings):
@@ -105,4 +115,4 @@ def _finding(index):
     return findings[index] if 0 <= index < len(findings) else None
 
 
-classes = (LENSFIELD_OT_lint, LENSFIELD_OT_select_object, LENSFIELD_PT_lint)
+classes = (LENSFIELD_OT_lint, LENSFIELD_OT_select_object, LENSFIELD_PT_lint, LENSFIELD_PT_lint_sidebar)

@@ -131,7 +131,7 @@ def _draw_spectra(layout, settings):
     layout.label(text=f"{count} wavelength{'s' * (count > 1)}: {1 if settings.tier == 'PREVIEW' else renders} Cycles "
                       f"render{'s' * (most > 1 and settings.tier != 'PREVIEW')}")
     if count > 1 and settings.tier != "PREVIEW":
-        layout.label(text=f"{count} where glass disperses: see Check Scene")
+        layout.label(text=f"{count} where glass disperses")
 
 
 def _draw_quality(layout, settings):

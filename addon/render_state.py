@@ -45,7 +45,7 @@ def guard_render_state(scene, lens, framing, denoise, path, journal):
     for name in (p.identifier for p in layer.bl_rna.properties if p.identifier.startswith("use_pass_")):
         journal.set(layer, name, name in ("use_pass_combined", "use_pass_z"))
     _guard_format(scene.render.image_settings, journal)
-    camera = journal.stand_in(scene.camera.data, bpy.data.cameras)
+    camera = journal.stand_in(scene.camera.data)
     camera.animation_data_clear()
     camera.dof.use_dof = False  # blur is the lens's
     set_up_capture(camera, lens, framing)

@@ -49,11 +49,6 @@ def rendered_instances(scene):
         yield Instance(appearance.original, np.array(matrix), corners, materials)
 
 
-def rendered_objects(scene):
-    """The objects that reach a render of the scene, by name."""
-    return sorted({appearance.original for appearance, *_ in _rendered(scene)}, key=lambda obj: obj.name)
-
-
 def rendered_blocks(scene):
     """The materials, lights, worlds and Grease Pencil drawings that reach a render of the scene.
 

@@ -123,7 +123,7 @@ class Substitution:
         assigned = self._assigned(material, reflectance=self._spectra.of(material, "reflectance"),
                                   refraction=self._spectra.of(material, "refraction"),
                                   emission=self._lamps.assigned(material))
-        stand_in = self._stand_in(material, bpy.data.materials)
+        stand_in = self._stand_in(material)
         if not uses_nodes(material):
             single_shader(stand_in, "ShaderNodeBsdfDiffuse", "ShaderNodeOutputMaterial", material.diffuse_color)
         self._substitute_tree(stand_in.node_tree, assigned)
@@ -133,7 +133,7 @@ class Substitution:
         lamp = self._lamps.blackbody(light.temperature) if light.use_temperature and not emission else None
         tint = (1.0, 1.0, 1.0) if emission else tuple(light.color)
         assigned = self._assigned(light, emission=emission, lamp=lamp, tint=tint)
-        stand_in = self._stand_in(light, bpy.data.lights)
+        stand_in = self._stand_in(light)
         if not uses_nodes(light):
             single_shader(stand_in, "ShaderNodeEmission", "ShaderNodeOutputLight", (1, 1, 1, 1))
         stand_in.color = (1, 1, 1)
@@ -146,7 +146,7 @@ class Substitution:
 
     def _substitute_world(self, world):
         assigned = self._assigned(world, emission=self._lamps.assigned(world))
-        stand_in = self._stand_in(world, bpy.data.worlds)
+        stand_in = self._stand_in(world)
         if not uses_nodes(world):
             single_shader(stand_in, "ShaderNodeBackground", "ShaderNodeOutputWorld", (*world.color, 1))
         self._substitute_tree(stand_in.node_tree, assigned)
@@ -154,8 +154,8 @@ class Substitution:
     def _assigned(self, data_block, **fields):
         return Assigned(**fields, shared_group=self._groups.is_shared(data_block))
 
-    def _stand_in(self, original, collection):
-        stand_in = self._journal.stand_in(original, collection)
+    def _stand_in(self, original):
+        stand_in = self._journal.stand_in(original)
         stand_in.animation_data_clear()  # it holds this frame's values; animation would overwrite what is set here
         if stand_in.node_tree:
             stand_in.node_tree.animation_data_clear()

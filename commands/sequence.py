@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 from ..engine import InputError
@@ -83,11 +84,14 @@ def _chosen(pattern, frames):
     first, last = (int(match[1]), int(match[2] or match[1])) if match else (1, 0)
     if first > last:
         raise InputError("options", "--frames", frames, "expected a range such as 1-50, or one frame")
-    numbers = range(first, last + 1)
-    missing = [str(number) for number in numbers if not _of_frame(pattern, number).is_file()]
+    asked, count = range(first, last + 1), last - first + 1  # len() has a limit
+    numbers = [number for number in _numbers(pattern) if number in asked]
+    missing = count - len(numbers)
     if missing:
-        named = ", ".join(missing[:MOST_NAMED]) + (", ..." if len(missing) > MOST_NAMED else "")
-        raise InputError(pattern, f"{len(missing)} of {len(numbers)} frames", named, "not there")
+        there = set(numbers)
+        first_ones = islice((str(number) for number in asked if number not in there), MOST_NAMED)
+        named = ", ".join(first_ones) + (", ..." if missing > MOST_NAMED else "")
+        raise InputError(pattern, f"{missing} of {count} frames", named, "not there")
     return numbers
 
 

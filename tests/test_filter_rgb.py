@@ -368,6 +368,8 @@ def test_a_file_of_just_that_name_is_no_sequence(tmp_path):
     ("shot_####.exr", {"--preview": "o_####.exr"}, "o_0001.exr: file is named twice"),
     ("shot_####.exr", {"--frames": "1-4"}, "shot_####.exr: 2 of 4 frames is 3, 4: not there"),
     ("shot_####.exr", {"--frames": "1-40"}, "38 of 40 frames is 3, 4, 5, 6, 7, ...: not there"),
+    ("shot_####.exr", {"--frames": f"0-{10 ** 30}"}, f"{10 ** 30 - 1} of {10 ** 30 + 1} frames is 0, 3, 4, 5, 6, ...:"),
+    ("shut_####.exr", {"--frames": "1-4"}, "shut_####.exr: file is not there: no frame"),
     ("shot_####.exr", {"--frames": "2-1"}, "--frames is 2-1: expected a range"),
     ("shot_####.exr", {"--frames": "some"}, "--frames is some: expected a range"),
     ("shut_####.exr", {}, "shut_####.exr: file is not there: no frame"),

@@ -6,7 +6,7 @@ import pytest
 from cycles_pictures import picture
 from small_scenes import light, material, wall
 
-from lensfield.addon.rendered import materials_of, rendered_blocks, rendered_instances, rendered_objects
+from lensfield.addon.rendered import materials_of, rendered_blocks, rendered_instances
 
 
 @pytest.fixture
@@ -138,7 +138,7 @@ def by_nodes_that_the_viewport_leaves_out(scene, source):
 def test_what_cycles_renders_is_found_and_nothing_else(scene, source, tmp_path, arrange):
     arrange(scene, source)
     shines = picture(scene, tmp_path).max() > 0.5
-    assert (source in rendered_objects(scene)) == shines
+    assert (source in {instance.obj for instance in rendered_instances(scene)}) == shines
     assert (bpy.data.materials["Glow"] in rendered_blocks(scene)) == shines
 
 
@@ -195,4 +195,5 @@ def test_lights_worlds_and_overrides(scene):
 def test_a_scene_that_is_not_the_windows(scene):
     other = bpy.data.scenes.new("Other")
     square = wall(other, material("Paint", "ShaderNodeBsdfDiffuse")[0])
-    assert rendered_objects(other) == [square] and not rendered_objects(scene)[1:]
+    assert {instance.obj for instance in rendered_instances(other)} == {square}
+    assert square not in {instance.obj for instance in rendered_instances(scene)}

@@ -1,5 +1,6 @@
 """The user's scene is exactly as it was: after success, after an error, after cancelling at any step."""
 
+
 import bpy
 import numpy as np
 import pytest
@@ -131,6 +132,83 @@ def test_scene_is_the_same_after_an_error(rich_scene, tmp_path):
         run(render_steps(rich_scene, job(tmp_path)))
     assert not differences(before, snapshot())
     assert not list(tmp_path.iterdir())
+
+
+def assign_everywhere(scene, painted):
+    """Let a material be used in every way that Blender has: by meshes, objects, layers, nodes and their modifiers."""
+    square = wall(scene, painted)
+    square.data.materials.append(painted)
+    square.material_slots[1].link = "OBJECT"
+    square.material_slots[1].material = painted
+    square.material_slots[1].link = "DATA"  # it keeps the object's material, unseen
+    other = wall(scene, material("Other", "ShaderNodeBsdfDiffuse")[0])
+    other.material_slots[0].link = "OBJECT"
+    other.material_slots[0].material = painted
+    scene.view_layers[0].material_override = painted
+    tree = bpy.data.node_groups.new("Nodes", "GeometryNodeTree")
+    tree.nodes.new("GeometryNodeSetMaterial").inputs["Material"].default_value = painted
+    tree.interface.new_socket("Material", socket_type="NodeSocketMaterial")
+    modifier = other.modifiers.new("Nodes", "NODES")
+    modifier.node_group = tree
+    modifier[tree.interface.items_tree[0].identifier] = painted
+    painted.use_fake_user = True
+
+
+def test_a_stand_in_is_used_wherever_the_original_was(scene):
+    painted, _ = material("Paint", "ShaderNodeBsdfDiffuse")
+    assign_everywhere(scene, painted)
+    bpy.context.view_layer.update()
+    before, users = snapshot(), bpy.data.user_map(subset={painted})[painted]
+    with pytest.raises(ZeroDivisionError), Journal() as journal:
+        stand_in = journal.stand_in(painted)
+        assert not bpy.data.user_map(subset={painted})[painted] and not painted.users
+        assert bpy.data.user_map(subset={stand_in})[stand_in] == users and len(users) == 5
+        assert stand_in.users == before["materials", "Paint"]["users"] - 1
+        wall(scene, stand_in, 2.0).name = "New"
+        1 / 0
+    assert bpy.data.objects["New"].material_slots[0].material == painted
+    bpy.data.meshes.remove(bpy.data.objects["New"].data)  # and the object with it
+    assert not differences(before, snapshot())
+
+
+def link_from_file(path, blocks):
+    """Write the objects to a file, remove them and theirs from this one, and link them instead."""
+    bpy.data.libraries.write(str(path), set(blocks))
+    bpy.data.batch_remove([*blocks, *bpy.data.meshes, *bpy.data.materials, *bpy.data.node_groups])
+    with bpy.data.libraries.load(str(path), link=True) as (available, linked):
+        linked.objects = available.objects
+    for obj in linked.objects:
+        bpy.context.scene.collection.objects.link(obj)
+
+
+def set_by_nodes(square, painted):
+    square.modifiers.new("Nodes", "NODES").node_group = tree = bpy.data.node_groups.new("Nodes", "GeometryNodeTree")
+    tree.nodes.new("GeometryNodeSetMaterial").inputs["Material"].default_value = painted
+
+
+def set_for_the_object(square, painted):
+    square.name = "Nodes"
+    square.material_slots[0].link = "OBJECT"
+    square.material_slots[0].material = painted
+
+
+@pytest.mark.parametrize("use", [set_by_nodes, set_for_the_object], ids=lambda use: use.__name__)
+def test_what_cannot_be_pointed_at_a_stand_in_is_named_and_all_is_taken_back(scene, tmp_path, use):
+    painted, _ = material("Paint", "ShaderNodeBsdfDiffuse")
+    square = wall(scene, painted)
+    use(square, painted)
+    link_from_file(tmp_path / "library.blend", [square])
+    here = [material(f"Painted here {index}", "ShaderNodeBsdfDiffuse")[0] for index in range(2)]
+    squares = [wall(scene, one) for one in here]
+    bpy.context.view_layer.update()
+    before = snapshot()
+    message = "material 'Paint': user is 'Nodes', linked from another file: make it local"
+    with pytest.raises(SceneError, match=message), Journal() as journal:
+        stand_ins = [journal.stand_in(one) for one in here]
+        assert [square.data.materials[0] for square in squares] == stand_ins
+        journal.stand_in(bpy.data.materials["Paint"])
+    # Blender itself marks what was once assigned to as linked directly; nothing else may differ.
+    assert not [line for line in differences(before, snapshot()) if "is_library_indirect" not in line]
 
 
 def test_linked_objects_are_substituted_and_restored(scene, tmp_path):
