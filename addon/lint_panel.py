@@ -5,7 +5,7 @@ import bpy
 from ..engine.errors import InputError
 from .lint import counts_text, lint
 from .node_rules import APPROXIMATED, REJECTED, SEPARATED
-from .operators import job_from_settings, progress
+from .operators import job_from_settings, nothing_renders
 from .scene_plan import foresee
 
 ICONS = {REJECTED: "CANCEL", SEPARATED: "MOD_ARRAY", APPROXIMATED: "ERROR"}
@@ -18,15 +18,14 @@ until Blender ends."""
 
 
 class LENSFIELD_OT_lint(bpy.types.Operator):
-    """Judge every node that reaches the render, whose colours become spectra and what stands in their way; and tell how
-    many Cycles renders it will take, and why"""
+    """Judge every node that reaches the render, and tell how many Cycles renders it will take, and why"""
 
     bl_idname = "lensfield.lint"
     bl_label = "Check Scene"
 
     @classmethod
     def poll(cls, context):
-        return progress["fraction"] is None and not bpy.app.is_job_running("RENDER")
+        return nothing_renders()
 
     def execute(self, context):
         scene = context.scene

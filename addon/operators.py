@@ -28,6 +28,11 @@ class Cancelled(Exception):
     """Esc was pressed while the engine was at work."""
 
 
+def nothing_renders():
+    """Whether neither a lens render nor one of Blender's is under way, so that the scene may be worked on."""
+    return progress["fraction"] is None and not bpy.app.is_job_running("RENDER")
+
+
 def job_from_settings(scene):
     """The Job that a scene's settings ask for; raises InputError."""
     settings = scene.lensfield
@@ -58,7 +63,7 @@ class LENSFIELD_OT_render(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        return progress["fraction"] is None and not bpy.app.is_job_running("RENDER")
+        return nothing_renders()
 
     def execute(self, context):
         try:

@@ -53,8 +53,9 @@ def test_package_is_valid_and_holds_what_runs(package):
     names = zipfile.ZipFile(package).namelist()
     assert {"blender_manifest.toml", "__init__.py", "cli.py", "commands/render.py", "engine/pipeline.py",
             "addon/render.py", "engine/lenses/edmund-54852.npz",
-            "engine/lenses/edmund-54852.png", "engine/data/cie1931_2deg.csv", "LICENSE"} <= set(names)
-    assert not [name for name in names if name.startswith((".", "tests", "sample_scenes", "packaging", "docs"))]
+            "engine/lenses/edmund-54852.png", "engine/data/cie1931_2deg.csv", "engine/data/refraction/gold.yml",
+            "engine/data/spectra/lights/led-b3.spd", "LICENSE"} <= set(names)
+    assert not [name for name in names if name.startswith((".", "tests", "sample_scenes", "packaging", "docs", "validation"))]
 
 
 def test_package_installs_enables_and_renders(package, tmp_path):
