@@ -13,6 +13,7 @@ VENV = $(if $(filter 5.0.1,$(BPY)),.venv,.venv-$(BPY))
 READY = $(VENV)/.ready
 LENS ?= edmund-54852
 WAVELENGTHS ?= 400:700:21
+TIER ?= standard
 
 BAKE = .venv-bake
 BAKE_READY = $(BAKE)/.ready
@@ -24,7 +25,7 @@ TABLES = .venv-tables
 
 demo: $(READY)
 	$(VENV)/bin/lensfield render sample_scenes/evening_chess.blend --lens $(LENS) --wavelengths $(WAVELENGTHS) \
-	    --output demo --report demo/report.json
+	    --tier $(TIER) --output demo --report demo/report.json
 
 test: $(if $(filter 5.0.1,$(BPY)),test-engine) test-blender
 
