@@ -40,8 +40,9 @@ COLOURS = {f"ShaderNode{name}" for name in (
     "GeometryNodeInputSceneTime"}
 """Nodes that give colours, or numbers and directions that make greys and false colours; their colour inputs count."""
 ARITHMETIC = {f"ShaderNode{name}" for name in (
-    "Mix Math VectorMath MapRange Clamp CombineColor SeparateColor CombineXYZ SeparateXYZ FloatCurve VectorCurve "
-    "Mapping VectorRotate VectorTransform").split()} | {"NodeImplicitConversion"}
+    "Mix Math VectorMath MapRange Clamp CombineColor SeparateColor CombineRGB SeparateRGB CombineHSV SeparateHSV "
+    "CombineXYZ SeparateXYZ FloatCurve VectorCurve Mapping VectorRotate VectorTransform").split()} | {
+    "NodeImplicitConversion"}
 """Nodes that pass colours on through numbers and vectors too."""
 FLOW = {"GeometryNodeMenuSwitch", "GeometryNodeRepeatInput", "GeometryNodeRepeatOutput", "NodeClosureInput",
         "NodeClosureOutput", "NodeEvaluateClosure", "NodeCombineBundle", "NodeSeparateBundle", "NodeJoinBundle"}

@@ -214,7 +214,7 @@ def test_a_node_of_somebody_elses_is_rejected_as_unknown(scene):
 def test_a_colour_in_place_of_a_shader_is_rejected_for_cycles_shows_its_rgb(scene, tmp_path):
     source = painted(scene, "ShaderNodeRGB")
     source.outputs[0].default_value = (0.7, 0.5, 0.3, 1)
-    assert told(scene) == {("Color", "Color"): REJECTED}
+    assert set(told(scene).values()) == {REJECTED}
     np.testing.assert_allclose(picture(scene, tmp_path).mean(axis=(1, 2)), (0.7, 0.5, 0.3), rtol=1e-5)
 
 
@@ -277,6 +277,8 @@ def muted(tree, node_type):
 @pytest.mark.parametrize("source", [loose_reroute, muted_colour, muted_change, muted_change_of_a_colour],
                          ids=lambda source: source.__name__)
 def test_cycles_takes_the_colour_that_is_found(scene, tmp_path, source):
+    if bpy.app.version < (5, 0, 0) and source in (loose_reroute, muted_change):
+        pytest.skip("before 5.0 Cycles rendered black what hangs loose")
     shader = painted(scene, "ShaderNodeEmission")
     shader.inputs["Color"].default_value = (0.1, 0.2, 0.3, 1)
     shader.id_data.links.new(source(shader.id_data), shader.inputs["Color"])
