@@ -1,6 +1,6 @@
 # make demo        render the sample scene and put it through a real lens
 # make test        all tests; BPY=4.5.15 runs the Blender tests on another Blender
-# make bench       the paper's figures again, what accuracy costs, and what a scene costs (half an hour)
+# make bench       the paper's figures again, what accuracy costs, and what a scene costs (an hour)
 # make validate    Cornell's box against Mitsuba 3, and lenses against rays traced through them (ten minutes)
 # make extension   dist/*.zip, to install in Blender
 # make bake        what `lensfield lens bake` needs, in .venv-bake (Optiland, 2 GB); make test-bake and bench-bake test and time it

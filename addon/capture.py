@@ -5,11 +5,11 @@ from dataclasses import asdict, dataclass
 
 import bpy
 import numpy as np
-import OpenEXR
 
 from ..engine import SpectralImage
 from ..engine.atomic import check_target, temporary_folder
 from ..engine.depth_range import check_depth, planar_depth_mm
+from ..engine.exr import read_parts
 from ..engine.spectral_image import RADIANCE
 from ..engine.transport import FOREIGN_SURPRISE
 from .camera import check_camera, make_framing
@@ -126,8 +126,7 @@ def _read_pass(path):
     """The planes of a pass by name, that of the view layer first."""
     if not path.is_file():
         raise SceneError("Cycles", "render pass", "not written", "see Blender's messages above")
-    with OpenEXR.File(str(path), separate_channels=True) as file:
-        planes = {name: channel.pixels for part in file.parts for name, channel in part.channels.items()}
+    planes = {name: plane for _, channels in read_parts(path) for name, plane in channels.items()}
     path.unlink()
     return planes
 

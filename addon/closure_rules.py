@@ -62,7 +62,8 @@ def channels_finding(socket, value):
 def is_idle(node, socket, value_of):
     """Whether a spectral input has no part in what its node does."""
     weight = {"Subsurface Radius": "Subsurface Weight", "Sheen Tint": "Sheen Weight", "Coat Tint": "Coat Weight",
-              "Emission Color": "Emission Strength", "Blackbody Tint": "Blackbody Intensity"}.get(socket.name)
+              "Emission Color": "Emission Strength", "Blackbody Tint": "Blackbody Intensity",
+              "Color": "Strength"}.get(socket.name)
     if not socket.enabled:
         return True
     return weight is not None and weight in node.inputs and value_of(node.inputs[weight]) == 0

@@ -12,13 +12,13 @@ import bpy
 import numpy as np
 
 from ..engine.spectra import BAND_NM, Spectrum, blackbody, load_spectrum
-from .node_paths import feeding
+from .closure_rules import is_idle
+from .node_paths import constant_of, feeding
 from .spectral_sockets import EMISSION, is_shader, kind
 
 GROUP_PREFIX = "lensfield_"
 SPIKE_NM, SPIKE_SHARE = 20, 0.05
 MOST_GROUPS = 16  # each takes a picture more in Cycles' memory
-STRENGTHS = {"Emission Color": "Emission Strength", "Blackbody Tint": "Blackbody Intensity", "Color": "Strength"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,10 +182,8 @@ def emitting_sockets(tree):
 
 
 def _shines(node, socket):
-    strength = node.inputs.get(STRENGTHS.get(socket.name, ""))
-    if strength is not None and not strength.is_linked and strength.default_value == 0:
-        return False
-    return socket.is_linked or any(value > 0 for value in socket.default_value[:3])
+    colour = constant_of(socket)
+    return not is_idle(node, socket, constant_of) and (colour is None or any(value > 0 for value in colour[:3]))
 
 
 def blackbody_temperature(socket):

@@ -81,9 +81,13 @@ def lint(scene):
     -------
     tuple of Finding, worst first
     """
-    spectra = AssignedSpectra()
+    return judge(scene, rendered_blocks(scene), AssignedSpectra())
+
+
+def judge(scene, rendered, spectra):
+    """What `lint` does, for who knows what is rendered (as by `rendered_blocks`) and has read its spectra."""
     findings = list(_of_scene(scene))
-    for block, names in rendered_blocks(scene).items():
+    for block, names in rendered.items():
         findings += (Finding(names, block.id_type.lower(), block.name, *rest) for rest in _judged(block, spectra))
     return tuple(sorted(findings, key=lambda finding: (VERDICTS.index(finding.verdict), str(finding))))
 

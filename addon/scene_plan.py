@@ -13,12 +13,11 @@ from .camera import check_camera, in_view, make_framing
 from .emitters import Lamps, LightGroups
 from .errors import SceneError
 from .journal import Journal
-from .lint import lint
+from .lint import judge
 from .node_rules import REJECTED, SEPARATED
 from .render_state import go_to_frame, rendered_layer
 from .rendered import rendered_blocks, rendered_instances
 from .substitution import Substitution
-
 
 UNFIT = "refuse", "render"
 
@@ -122,7 +121,7 @@ def plan_scene(scene, job, framing, journal):
     spectra = AssignedSpectra()
     rendered = rendered_blocks(scene)
     spectra.check(block for block in rendered if hasattr(block, "lensfield"))
-    findings = lint(scene)
+    findings = judge(scene, rendered, spectra)
     _refuse(scene, [finding for finding in findings if finding.verdict == REJECTED], job.unfit)
     shining, glass = _survey(scene, spectra, job, framing)
     coupled = [str(finding) for finding in findings if finding.verdict == SEPARATED]

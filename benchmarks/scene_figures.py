@@ -4,7 +4,7 @@
 
 * What a wavelength band costs beside its rendering, in a scene of a million triangles.
 * The sample scene by tiers: passes, seconds, and its colours against those of every wavelength rendered.
-* What Lensfield adds to the Cycles time of a 1080p frame of 12 wavelengths at 64 samples (ten minutes; at an eighth of
+* What Lensfield adds to the Cycles time of a 1080p frame of 12 wavelengths at 64 samples (25 minutes; at an eighth of
   the samples with --quick).
 """
 

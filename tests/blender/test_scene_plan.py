@@ -229,7 +229,7 @@ def test_coloured_specular_tint_has_each_wavelength_by_itself(scene, tmp_path):
 def test_rendering_tinted_wavelengths_together_would_be_wrong(scene, tmp_path, monkeypatch):
     """Or the test above says nothing."""
     tinted_ball(scene)
-    monkeypatch.setattr("lensfield.addon.scene_plan.lint", lambda scene: ())
+    monkeypatch.setattr("lensfield.addon.scene_plan.judge", lambda *_: ())
     together, facts = rendered(scene, tmp_path, WAVELENGTHS_NM, "reference")
     assert facts["passes"] == 1
     blue, _ = rendered(scene, tmp_path, WAVELENGTHS_NM[:1])
