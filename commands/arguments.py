@@ -1,5 +1,6 @@
 """Arguments that several commands share: what the engine is asked for, sizes, and files to write."""
 
+import os
 from dataclasses import fields
 from pathlib import Path
 
@@ -70,20 +71,38 @@ def resolution(text, option="--resolution"):
     return width, height
 
 
-def check_targets(*paths):
-    """Raise an InputError for a file that could not be written, before the work is done."""
-    named = set()
-    for path in filter(None, paths):
+def check_outputs(outputs, inputs=()):
+    """Raise an InputError for a file that could not or should not be written, before the work is done.
+
+    Parameters
+    ----------
+    outputs : iterable of (path or None, suffix)
+        Files to write, and what they have to be called by what goes into them. None of them may be an input or another
+        output, whatever links, relative paths or letter case they are named by.
+    inputs : iterable of (path or str)
+        Files that are read; what is no file, such as the name of a bundled lens, does not count.
+    """
+    taken = {_identity(path): "one of the inputs" for path in inputs if os.path.isfile(path)}
+    for path, suffix in outputs:
+        if path is None:
+            continue
+        if path.suffix.lower() != suffix:
+            raise InputError(path, "kind of file", path.suffix or "without a suffix", f"expected a {suffix}")
         check_target(path)
-        if path.resolve() in named:
-            raise InputError(path, "file", "named twice", "give every output a name of its own")
-        named.add(path.resolve())
+        if (identity := _identity(path)) in taken:
+            raise InputError(path, "file", taken[identity], "give every output a name of its own")
+        taken[identity] = "named twice"
 
 
-def check_kind(path, suffix):
-    """Raise an InputError for a file to write that is called otherwise than what goes into it."""
-    if path.suffix.lower() != suffix:
-        raise InputError(path, "kind of file", path.suffix or "without a suffix", f"expected a {suffix}")
+def _identity(path):
+    """What two names of one file share, before it is there too: file systems may not tell upper from lower case."""
+    path = Path(path).resolve()
+    try:
+        status = path.stat()
+    except OSError:
+        folder = path.parent.stat()
+        return folder.st_dev, folder.st_ino, path.name.casefold()
+    return status.st_dev, status.st_ino
 
 
 def sides_mm(text):

@@ -9,7 +9,7 @@ from pathlib import Path
 from ..engine import InputError, LensError
 from ..engine.lens_files.package import write_package
 from ..engine.spectra import parse_wavelengths
-from .arguments import check_kind, check_targets, sides_mm
+from .arguments import check_outputs, sides_mm
 from .terminal import progress_bar
 
 FOCUSES = ("as given", "paraxial", "best")
@@ -59,7 +59,7 @@ def _bake(options):
     with _errors_of(options.prescription):
         prescription = _with_overrides(read_prescription(options.prescription, _field(options)), options)
         targets = _targets(prescription, options)
-    check_targets(*targets)
+    check_outputs([(path, ".npz") for path in targets], [options.prescription])
     for path, single in targets.items():
         with _errors_of(options.prescription), progress_bar() as tell:
             lens = bake(single, heights=options.heights, wavelengths_nm=wavelengths_nm, pitch_um=options.pitch,
@@ -71,7 +71,6 @@ def _bake(options):
 def _check(options):
     if options.workers is not None and options.workers < 1:
         raise InputError("options", "--workers", options.workers, "expected at least 1")
-    check_kind(options.output, ".npz")
 
 
 @contextmanager

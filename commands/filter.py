@@ -7,7 +7,7 @@ from ..engine import ImageError, InputError, Kept, Lens, Report, simulate
 from ..engine.capture import overscan_px
 from ..engine.pinhole import field_of_view_deg, fitting_pitch_um, fov_pitch_um
 from ..engine.spectra import parse_wavelengths
-from .arguments import add_engine_options, check_targets, engine_options
+from .arguments import add_engine_options, check_outputs, engine_options
 from .outcome import finish, plan_text
 from .sequence import find_shots
 from .terminal import progress_bar, quiet
@@ -44,7 +44,8 @@ def _filter(options):
     lens, chosen = Lens.load(options.lens), engine_options(options)
     _check_view(options)
     shots = find_shots(options.radiance, options.output, options.preview, options.frames)
-    check_targets(*(path for shot in shots for path in shot.targets), options.report)
+    check_outputs([*(target for shot in shots for target in ((shot.output, ".exr"), (shot.preview, ".png"))),
+                   (options.report, ".json")], [options.lens, *(shot.radiance for shot in shots)])
     run, reports = _Run(options, lens, chosen, len(shots)), []
     for shot in shots:
         reports.append(run.put_through(shot))

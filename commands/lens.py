@@ -15,7 +15,9 @@ from ..engine.lens_files.package import write_package
 from ..engine.lens_info import lens_info, lens_text
 from ..engine.spectra import parse_wavelengths
 from . import bake
-from .arguments import check_kind, check_targets, sides_mm
+from .arguments import check_outputs, sides_mm
+
+MACRO_SUFFIXES = {"zemax": ".zpl", "codev": ".seq", "zospy": ".py"}
 
 
 def add(commands):
@@ -83,8 +85,7 @@ def _plot(options):
     lens = Lens.load(options.lens)
     bundled = options.lens in bundled_names()
     path = options.output or (Path(f"{options.lens}.png") if bundled else Path(options.lens).with_suffix(".png"))
-    check_kind(path, ".png")
-    check_targets(path)
+    check_outputs([(path, ".png")], [options.lens])
     write_lens_plot(lens, path, frequencies)
     print(path)
 
@@ -125,6 +126,7 @@ def _export_macro(options):
     if options.output is None:
         print(macro, end="")
         return
+    check_outputs([(options.output, MACRO_SUFFIXES[options.program])])
     with atomic_path(options.output) as temporary:
         temporary.write_text(macro, encoding="ascii", newline="\r\n")  # all three programs run on Windows
 
@@ -140,8 +142,7 @@ def _add_import(lens):
 
 
 def _import(options):
-    check_kind(options.output, ".npz")
-    check_targets(options.output)
+    check_outputs([(options.output, ".npz")], [options.path])
     lens = import_lens(options.path, options.name)
     write_package(lens, options.output)
     print("\n".join(filter(None, (str(options.output), lens.notes))))

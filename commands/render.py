@@ -5,7 +5,7 @@ from pathlib import Path
 from ..engine import InputError, Lens
 from ..engine.spectra import parse_wavelengths
 from ..engine.transport import STANDARD_COLOUR_ERROR, TIERS, SpectralOptions
-from .arguments import add_engine_options, check_targets, engine_options, resolution
+from .arguments import add_engine_options, check_outputs, engine_options, resolution
 from .blend import open_scene
 from .outcome import finish, plan_text
 from .terminal import progress_bar, quiet
@@ -46,7 +46,7 @@ def _render(options):
     wavelengths_nm = parse_wavelengths(options.wavelengths)
     chosen = engine_options(options)
     spectral = SpectralOptions(options.tier, options.colour_error, options.sensor_error)
-    check_targets(options.report)
+    check_outputs([(options.report, ".json")], [options.scene, options.lens])
     scene = _open_scene(options)
     from .. import addon
 

@@ -41,8 +41,7 @@ def find_shots(radiance, output, preview=None, frames=None):
     Raises
     ------
     InputError
-        Frames that are not there, a name of a file to write that would be that of every frame, or a file to write
-        that is to be read.
+        Frames that are not there, or a name of a file to write that would be that of every frame.
     """
     if radiance.is_file() or not NUMBER.search(radiance.name):
         if frames is not None:
@@ -55,7 +54,6 @@ def find_shots(radiance, output, preview=None, frames=None):
         numbers = _numbers(radiance) if frames is None else _chosen(radiance, frames)
         shots = [Shot(*(path and _of_frame(path, number) for path in (radiance, output, preview)), number)
                  for number in numbers]
-    _refuse_overwriting(shots)
     return shots
 
 
@@ -93,11 +91,3 @@ def _chosen(pattern, frames):
         named = ", ".join(first_ones) + (", ..." if missing > MOST_NAMED else "")
         raise InputError(pattern, f"{missing} of {count} frames", named, "not there")
     return numbers
-
-
-def _refuse_overwriting(shots):
-    read = {shot.radiance.resolve() for shot in shots}
-    for shot in shots:
-        for path in shot.targets:
-            if path.resolve() in read:
-                raise InputError(path, "file", "named twice", "give every output a name of its own")

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from ..engine import ImageError, Lens
-from .arguments import check_targets, resolution
+from .arguments import check_outputs, resolution
 from .terminal import progress_bar, quiet
 
 
@@ -32,7 +32,7 @@ def _tradeoff(options):
     table, plot = (options.output / f"tradeoff.{kind}" for kind in ("csv", "png"))
     lens = Lens.load(options.lens)
     pictures, spectral = _tradeoff_pictures(options, lens)
-    check_targets(table, plot)
+    check_outputs([(table, ".csv"), (plot, ".png")], filter(None, (options.lens, options.image)))
     try:
         with progress_bar() as tell:
             rows = measure(lens, pictures, spectral, quick=options.quick, progress=tell)

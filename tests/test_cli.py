@@ -5,15 +5,18 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from lenses import make_lens
 from lensfield import cli
 from lensfield.commands import filter
-from lensfield.commands.arguments import engine_options
+from lensfield.commands.arguments import check_outputs, engine_options
 from lensfield.commands.outcome import plan_text
-from lensfield.engine import Options, SpectralImage
+from lensfield.engine import InputError, Options, SpectralImage
 from lensfield.engine.exr import read_exr, write_exr
+from lensfield.engine.lens_files.package import write_package
 from lensfield.engine.plan import Plan
 
 PLAN = Plan(method="sections", section_size=32, order=3, non_negative=False, space_px=64, azimuths=32,
@@ -137,19 +140,60 @@ def test_light_beyond_the_lens_data_is_told_with_what_became_of_it(tmp_path, cap
     assert "of the frame lies beyond the lens data: hold" in capsys.readouterr().out
 
 
-def test_targets_of_one_name_are_refused(radiance, tmp_path, capsys):
-    assert run("filter", radiance, "--lens", "edmund-54852", "--output", tmp_path / "a.exr",
-               "--preview", tmp_path / "." / "a.exr") == 1
-    assert "a.exr: file is named twice" in capsys.readouterr().err
-    assert not (tmp_path / "a.exr").exists()
+@pytest.fixture
+def inputs(radiance, tmp_path, monkeypatch):
+    """A folder to work in: a radiance, a lens package and a .blend, and other names for them."""
+    monkeypatch.chdir(tmp_path)
+    radiance.rename("x.exr")
+    write_package(make_lens(), Path("my.npz"))
+    Path("t.blend").write_bytes(b"BLENDER")
+    Path("folder").mkdir()
+    Path("link.png").symlink_to("x.exr")
+    os.link("my.npz", "hard.exr")
+    os.link("t.blend", "blend.json")
+    return tmp_path
+
+
+FILTER = "filter", "x.exr", "--lens", "my.npz"
+RENDER = "render", "t.blend", "--lens", "edmund-54852", "--output", "folder"
+
+
+@pytest.mark.parametrize("arguments, message", [
+    ((*FILTER, "--output", "x.exr"), "x.exr: file is one of the inputs"),
+    ((*FILTER, "--output", "folder/../x.exr"), "x.exr: file is one of the inputs"),
+    ((*FILTER, "--output", "my.npz"), "my.npz: kind of file is .npz: expected a .exr"),
+    ((*FILTER, "--output", "hard.exr"), "hard.exr: file is one of the inputs"),
+    ((*FILTER, "--output", "out.exr", "--preview", "link.png"), "link.png: file is one of the inputs"),
+    ((*FILTER, "--output", "out.exr", "--report", "x.exr"), "x.exr: kind of file is .exr: expected a .json"),
+    ((*FILTER, "--output", "out.exr", "--report", "blend.txt"), "kind of file is .txt: expected a .json"),
+    ((*RENDER, "--report", "t.blend"), "t.blend: kind of file is .blend: expected a .json"),
+    ((*RENDER, "--report", "blend.json"), "blend.json: file is one of the inputs"),
+    (("lens", "plot", "my.npz", "-o", "my.npz"), "my.npz: kind of file is .npz: expected a .png"),
+    (("lens", "export-macro", "zemax", "-o", "my.npz"), "my.npz: kind of file is .npz: expected a .zpl"),
+    (("lens", "import", "my.npz", "-o", "my.npz"), "my.npz: file is one of the inputs")],
+    ids=lambda value: " ".join(value) if isinstance(value, tuple) else "")
+def test_no_output_may_be_an_input_or_of_another_kind(inputs, capsys, arguments, message):
+    before = {path: path.read_bytes() for path in inputs.iterdir() if path.is_file()}
+    assert run(*arguments) == 1
+    assert message in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in inputs.iterdir() if path.is_file()} == before
+
+
+@pytest.mark.parametrize("one, other", [("a.exr", "./a.exr"), ("a.exr", "A.EXR"), ("there.exr", "too.exr")])
+def test_no_output_may_be_another_one(tmp_path, monkeypatch, one, other):
+    monkeypatch.chdir(tmp_path)
+    Path("there.exr").write_text("there")
+    os.link("there.exr", "too.exr")
+    with pytest.raises(InputError, match="named twice: give every output a name of its own"):
+        check_outputs([(Path(one), ".exr"), (None, ".png"), (Path(other), ".exr")])
 
 
 def test_a_link_is_written_through_and_a_pipe_is_left_alone(radiance, tmp_path, capsys):
     (tmp_path / "link.exr").symlink_to(tmp_path / "target.exr")
     assert run("filter", radiance, "--lens", "edmund-54852", "--output", tmp_path / "link.exr") == 0
     assert (tmp_path / "link.exr").is_symlink() and read_exr(tmp_path / "target.exr").lens_name == "edmund-54852"
-    os.mkfifo(tmp_path / "pipe")
-    assert run("filter", radiance, "--lens", "edmund-54852", "--output", tmp_path / "pipe") == 1
+    os.mkfifo(tmp_path / "pipe.exr")
+    assert run("filter", radiance, "--lens", "edmund-54852", "--output", tmp_path / "pipe.exr") == 1
     assert "a device or pipe" in capsys.readouterr().err
 
 
