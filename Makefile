@@ -30,10 +30,10 @@ demo: $(READY)
 test: $(if $(filter 5.0.1,$(BPY)),test-engine) test-blender
 
 test-engine: $(READY)
-	$(VENV)/bin/python -m pytest -q tests --ignore=tests/blender --ignore=tests/bake
+	$(VENV)/bin/python -m pytest -q tests --ignore=tests/addon --ignore=tests/engine/bake
 
 test-blender: $(READY)
-	$(VENV)/bin/python -m pytest -q tests/blender
+	$(VENV)/bin/python -m pytest -q tests/addon
 
 bench: $(READY)
 	$(VENV)/bin/python benchmarks/paper_section_4.py build/bench
@@ -51,7 +51,7 @@ bake: $(BAKE_READY)
 	@echo "$(BAKE)/bin/lensfield lens bake PRESCRIPTION -o LENS.npz"
 
 test-bake: $(BAKE_READY)
-	$(BAKE)/bin/python -m pytest -q tests/bake
+	$(BAKE)/bin/python -m pytest -q tests/engine/bake
 
 bench-bake: $(BAKE_READY)
 	$(BAKE)/bin/python -W ignore benchmarks/bake_figures.py

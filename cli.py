@@ -11,7 +11,7 @@ import threading
 from . import __version__
 from .commands import filter, lens, lint, render, tradeoff
 from .engine import InputError
-from .engine.atomic import remove_pending
+from .engine.files import remove_pending
 
 FAILURES = (InputError, OSError, MemoryError)
 CANCELLED = 130

@@ -8,11 +8,12 @@ import platform
 import time
 
 import numpy as np
+
 from lensfield.engine.bake import bake, build_system
 from lensfield.engine.bake.diffraction import point_spread
 from lensfield.engine.bake.prescriptions import read_prescription
 from lensfield.engine.bake.wavefront import sample_pupil, trace_wavefronts
-from lensfield.engine.lens_files import BUNDLED
+from lensfield.engine.lens.readers import BUNDLED
 
 PITCH_UM, SAMPLES = 0.4, 65
 PUPIL = (96, 128)  # the quadrature that the window of the PSF asks for, for the sum done plainly

@@ -12,7 +12,8 @@ import numpy as np
 from scipy.optimize import nnls
 
 from lensfield.engine import Lens, Options, Report, SpectralImage, simulate
-from lensfield.engine import cost, planner
+from lensfield.engine.plan import choose as planner
+from lensfield.engine.plan import cost
 
 LENS, NM, SENSOR_UM = "edmund-54852", 587.6, 4800
 HOLD = 0.3  # how much the present constants count, beside the cases

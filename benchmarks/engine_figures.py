@@ -18,10 +18,13 @@ from dataclasses import replace
 
 import numpy as np
 import scipy
-from lensfield.engine import Kept, Lens, Options, Report, SpectralImage, polar_sections, sections, simulate
-from lensfield.engine.spectra import blackbody
 from paper_section_4 import checkerboard, relative_l2
 from scipy import fft
+
+from lensfield.engine import Kept, Lens, Options, Report, SpectralImage, simulate
+from lensfield.engine.blur import isoplanatic as sections
+from lensfield.engine.blur import polar_sections
+from lensfield.engine.spectral.spectra import blackbody
 
 LENS = "edmund-54852"
 NM = 587.6

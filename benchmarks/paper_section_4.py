@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 
 from lensfield.engine import Lens, Options, Report, SpectralImage, simulate
-from lensfield.engine.colour import auto_exposure, to_rec709, write_png
-from lensfield.engine.geometry import FieldGeometry
-from lensfield.engine.ideal import irradiance_per_radiance
-from lensfield.engine.spectra import blackbody
-from lensfield.engine.spectral_image import pixel_position_mm
+from lensfield.engine.field.distortion import FieldGeometry
+from lensfield.engine.image.irradiance import irradiance_per_radiance
+from lensfield.engine.image.preview import auto_exposure, to_rec709, write_png
+from lensfield.engine.image.spectral_image import pixel_position_mm
+from lensfield.engine.spectral.spectra import blackbody
 
 PAPER = Options(section_size=16, order=1, space_px=64)
 PITCH_UM = 6.25

@@ -15,16 +15,17 @@ from pathlib import Path
 
 import bpy
 import numpy as np
+
 from lensfield import addon
-from lensfield.addon.camera import lens_for_view
-from lensfield.addon.capture import RenderPass
-from lensfield.addon.render import Job, render_steps
+from lensfield.addon.job.radiance import RenderPass
+from lensfield.addon.job.render import Job, render_steps
+from lensfield.addon.scene.camera import lens_for_view
 from lensfield.commands.terminal import quiet
 from lensfield.engine import Lens, Options
-from lensfield.engine.colour_difference import ciede2000, lab_from_xyz
-from lensfield.engine.exr import read_exr
-from lensfield.engine.spectra import colour_matching
-from lensfield.engine.transport import SpectralOptions, sensor_error
+from lensfield.engine.image.spectral_exr import read_exr
+from lensfield.engine.spectral.colour_difference import ciede2000, lab_from_xyz
+from lensfield.engine.spectral.spectra import colour_matching
+from lensfield.engine.spectral.wavelength_choice import SpectralOptions, sensor_error
 
 SCENE = Path(__file__).resolve().parents[1] / "sample_scenes" / "evening_chess.blend"
 LENS = "edmund-54852"

@@ -10,13 +10,14 @@ rayoptics traces them. Refractive indices are those of our glasses, for it is th
 import sys
 
 import numpy as np
-from lensfield.engine.bake import build_system
-from lensfield.engine.bake.prescriptions import read_prescription
 from rayoptics.elem.profiles import Spherical
 from rayoptics.elem.surface import Surface
 from rayoptics.raytr.raytrace import trace_raw
 from rayoptics.seq.gap import Gap
 from scipy.optimize import brentq
+
+from lensfield.engine.bake import build_system
+from lensfield.engine.bake.prescriptions import read_prescription
 
 WAVELENGTHS_NM = (400.0, 486.1, 587.5618, 656.3, 700.0)
 HEIGHTS = 7

@@ -17,9 +17,10 @@ import colour
 import numpy as np
 from colour.recovery import RGB_to_sd_Smits1999, XYZ_to_sd_Jakob2019, XYZ_to_sd_Otsu2018
 from colour.utilities import suppress_warnings
-from lensfield.engine.colour import to_rec709 as picture
-from lensfield.engine.spectra import library_names, load_spectrum, reflectance_basis, white_density
-from lensfield.engine.spectral_image import SpectralImage
+
+from lensfield.engine.image.preview import to_rec709 as picture
+from lensfield.engine.image.spectral_image import SpectralImage
+from lensfield.engine.spectral.spectra import library_names, load_spectrum, reflectance_basis, white_density
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "packaging"))
 from fit_basis import D65, NM, OBSERVER, SHAPE, fit_basis, measured_reflectances, to_rec709  # noqa: E402

@@ -5,10 +5,10 @@ from dataclasses import fields
 from pathlib import Path
 
 from ..engine import InputError, Options
-from ..engine.atomic import check_target
-from ..engine.lens_files import bundled_names
-from ..engine.options import DEFAULT_ACCURACY, FIREFLIES, METHODS, OUT_OF_FIELD, PRECISIONS
-from ..engine.sections import ORDERS
+from ..engine.blur.isoplanatic import ORDERS
+from ..engine.files import check_target
+from ..engine.lens.readers import bundled_names
+from ..engine.plan.options import DEFAULT_ACCURACY, FIREFLIES, METHODS, OUT_OF_FIELD, PRECISIONS
 
 RESOLUTION_LIMITS = (4, 65536)
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..engine import InputError, LensError
-from ..engine.lens_files.package import write_package
-from ..engine.spectra import parse_wavelengths
+from ..engine.lens.readers.package import write_package
+from ..engine.spectral.spectra import parse_wavelengths
 from .arguments import check_outputs, sides_mm
 from .terminal import progress_bar
 

@@ -4,9 +4,9 @@ from math import isfinite
 from pathlib import Path
 
 from ..engine import ImageError, InputError, Kept, Lens, Report, simulate
-from ..engine.capture import overscan_px
-from ..engine.pinhole import field_of_view_deg, fitting_pitch_um, fov_pitch_um
-from ..engine.spectra import parse_wavelengths
+from ..engine.field.overscan import overscan_px
+from ..engine.image.pitch import field_of_view_deg, fitting_pitch_um, fov_pitch_um
+from ..engine.spectral.spectra import parse_wavelengths
 from .arguments import add_engine_options, check_outputs, engine_options
 from .outcome import finish, plan_text
 from .sequence import find_shots
@@ -66,7 +66,7 @@ class _Run:
 
     def put_through(self, shot):
         """Write what one picture becomes; its report."""
-        from ..engine.exr import write_exr
+        from ..engine.image.spectral_exr import write_exr
 
         report = Report()
         try:
@@ -92,8 +92,8 @@ class _Run:
 
     def _read(self, path):
         """Radiance, and the facts of a picture that it was made of."""
-        from ..engine.exr import is_spectral, read_exr
-        from ..engine.rgb_picture import read_rgb_exr, upsample
+        from ..engine.image.rgb_picture import read_rgb_exr, upsample
+        from ..engine.image.spectral_exr import is_spectral, read_exr
 
         if is_spectral(path):
             for name in RGB_ONLY:
@@ -127,7 +127,7 @@ class _Run:
                             progress=lambda done: tell((self._done + done) / self._number, label))
 
     def _write_preview(self, irradiance, path):
-        from ..engine.colour import auto_exposure, to_rec709, write_png
+        from ..engine.image.preview import auto_exposure, to_rec709, write_png
 
         picture = to_rec709(irradiance)
         if self._exposure is None:

@@ -6,14 +6,14 @@ from dataclasses import asdict
 from pathlib import Path
 
 from ..engine import InputError, Lens
-from ..engine.atomic import atomic_path
-from ..engine.export_macro import PROGRAMS, ExportOptions, export_macro
-from ..engine.finding import SEVERITIES
-from ..engine.lens_check import check_lens
-from ..engine.lens_files import bundled_makers, bundled_names, import_lens
-from ..engine.lens_files.package import write_package
-from ..engine.lens_info import lens_info, lens_text
-from ..engine.spectra import parse_wavelengths
+from ..engine.files import atomic_path
+from ..engine.lens.checks import check_lens
+from ..engine.lens.export_macro import PROGRAMS, ExportOptions, export_macro
+from ..engine.lens.finding import SEVERITIES
+from ..engine.lens.info import lens_info, lens_text
+from ..engine.lens.readers import bundled_makers, bundled_names, import_lens
+from ..engine.lens.readers.package import write_package
+from ..engine.spectral.spectra import parse_wavelengths
 from . import bake
 from .arguments import check_outputs, sides_mm
 
@@ -77,8 +77,8 @@ def _add_plot(lens):
 
 
 def _plot(options):
-    from ..engine.drawing import require_matplotlib
-    from ..engine.lens_plot import write_lens_plot
+    from ..engine.sheet.sheet import write_lens_plot
+    from ..engine.sheet.style import require_matplotlib
 
     require_matplotlib()
     frequencies = None if options.frequencies is None else _frequencies(options.frequencies)

@@ -17,8 +17,8 @@ def add(commands):
 def _lint(options):
     """Tell the findings; the exit status that scripts go by: 1 where a node is rejected."""
     scene = open_scene(options.scene)
-    from ..addon.lint import counts_text, lint
-    from ..addon.node_rules import REJECTED
+    from ..addon.shading.lint import counts_text, lint
+    from ..addon.shading.node_rules import REJECTED
 
     findings = lint(scene)
     if options.json:

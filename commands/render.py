@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from ..engine import InputError, Lens
-from ..engine.spectra import parse_wavelengths
-from ..engine.transport import STANDARD_COLOUR_ERROR, TIERS, SpectralOptions
+from ..engine.spectral.spectra import parse_wavelengths
+from ..engine.spectral.wavelength_choice import STANDARD_COLOUR_ERROR, TIERS, SpectralOptions
 from .arguments import add_engine_options, check_outputs, engine_options, resolution
 from .blend import open_scene
 from .outcome import finish, plan_text

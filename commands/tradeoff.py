@@ -24,9 +24,9 @@ def add(commands):
 
 
 def _tradeoff(options):
-    from ..engine.drawing import require_matplotlib
-    from ..engine.tradeoff import description, measure, write_table
-    from ..engine.tradeoff_plot import write_plot
+    from ..engine.sheet.style import require_matplotlib
+    from ..engine.trade.tradeoff import description, measure, write_table
+    from ..engine.trade.tradeoff_plot import write_plot
 
     require_matplotlib()
     table, plot = (options.output / f"tradeoff.{kind}" for kind in ("csv", "png"))
@@ -45,8 +45,8 @@ def _tradeoff(options):
 
 def _tradeoff_pictures(options, lens):
     """What to measure on: pictures by name, and one picture by the number of its wavelengths."""
-    from ..engine.exr import read_exr
-    from ..engine.tradeoff import DEFAULT_SHAPE_PX, cropped_frame, standard_pictures, thinned
+    from ..engine.image.spectral_exr import read_exr
+    from ..engine.trade.tradeoff import DEFAULT_SHAPE_PX, cropped_frame, standard_pictures, thinned
 
     shape_px = resolution(options.size, "--size")[::-1] if options.size else None
     if not options.image:

@@ -4,11 +4,11 @@ It needs numpy, scipy and OpenEXR, and never Blender.
 """
 
 from .errors import ImageError, InputError, LensError
+from .image.spectral_image import SpectralImage
 from .kept import Kept
-from .lens import Lens
-from .options import Options
-from .pipeline import simulate
+from .lens.lens import Lens
+from .plan.options import Options
 from .report import Report
-from .spectral_image import SpectralImage
+from .simulate import simulate
 
 __all__ = ["ImageError", "InputError", "Kept", "Lens", "LensError", "Options", "Report", "SpectralImage", "simulate"]

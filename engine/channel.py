@@ -5,19 +5,19 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from .capture import image_radius
-from .content import judge_content
-from .folding import quadrant_grid, quadrants, unfold, without_doubles
-from .geometry import RIM_PX, FieldGeometry, footprints
-from .ideal import irradiance_per_radiance
-from .overlap import overlap_add
-from .pixelwise import PixelSections
-from .polar_sections import PolarSections
-from .psf import PlacedPsfs, PsfBank
-from .reference import filter_exactly
+from .blur.exact import filter_exactly
+from .blur.isoplanatic import FourierSections
+from .blur.overlap_add import overlap_add
+from .blur.pixels import PixelSections
+from .blur.polar_sections import PolarSections
+from .blur.section_needs import judge_content
+from .field.distortion import RIM_PX, FieldGeometry, footprints
+from .field.mirror_symmetry import quadrant_grid, quadrants, unfold, without_doubles
+from .field.overscan import image_radius
+from .field.psf_bank import PlacedPsfs, PsfBank
+from .image.irradiance import irradiance_per_radiance
+from .image.spectral_image import pixel_axes_mm
 from .room import Room
-from .sections import FourierSections
-from .spectral_image import pixel_axes_mm
 
 BAND_PIXELS = 1 << 16
 

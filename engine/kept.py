@@ -1,8 +1,8 @@
 """What the frames of an animation share, kept between them: the plan, and each wavelength's way through the lens."""
 
 from .channel import Channel
-from .planner import make_plan
-from .polar import PolarTables
+from .field.psf_table import PolarTables
+from .plan.choose import make_plan
 from .room import Room
 
 

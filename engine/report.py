@@ -4,7 +4,7 @@ import json
 import time
 from contextlib import contextmanager
 
-from .atomic import atomic_path
+from .files import atomic_path
 
 
 class Report:

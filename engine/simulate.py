@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 
 from .errors import ImageError
-from .fireflies import clamp_fireflies, refuse_fireflies
-from .grid import lay_out
+from .image.nonfinite import clamp_fireflies, refuse_fireflies
+from .image.pixel_grid import lay_out
+from .image.spectral_image import IRRADIANCE, PLANE, RADIANCE, pixel_axes_mm
 from .kept import Kept
-from .options import Options
+from .plan.options import Options
 from .report import Report
-from .spectral_image import IRRADIANCE, PLANE, RADIANCE, pixel_axes_mm
 
 
 def simulate(radiance, lens, options=Options(), *, progress=None, report=None, kept=None, out=None):

@@ -1,4 +1,4 @@
-"""The tables that colour-science has, again: engine/data/*.csv, and most of engine/data/spectra.
+"""The tables that colour-science has, again: engine/spectral/data/*.csv, and most of the spectra there.
 
     pip install -e .[tables]
     python packaging/make_spectra.py
@@ -12,9 +12,10 @@ from pathlib import Path
 
 import colour
 import numpy as np
+
 from fit_basis import NM, fit_basis, measured_reflectances
 
-DATA = Path(__file__).resolve().parent.parent / "engine" / "data"
+DATA = Path(__file__).resolve().parent.parent / "engine" / "spectral" / "data"
 CIE = "relative power, CIE 015:2018"
 NIST = "relative power, NIST CQS data (Davis and Ohno)"
 

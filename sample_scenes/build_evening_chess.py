@@ -17,11 +17,12 @@ import math
 from pathlib import Path
 
 import bpy
-import lensfield.addon
 import numpy as np
-from lensfield.engine.colour import XYZ_TO_REC709
-from lensfield.engine.lens import Lens
-from lensfield.engine.spectra import BAND_NM, colour_matching, library_names, load_spectrum, white_density
+
+import lensfield.addon
+from lensfield.engine.lens.lens import Lens
+from lensfield.engine.spectral.colour import XYZ_TO_REC709
+from lensfield.engine.spectral.spectra import BAND_NM, colour_matching, library_names, load_spectrum, white_density
 
 BLEND_FILE = Path(__file__).resolve().with_name("evening_chess.blend")
 LENS_NAME = "edmund-54852"

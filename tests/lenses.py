@@ -1,14 +1,13 @@
 """Small lenses and images whose behaviour can be worked out by hand."""
 
-from pathlib import Path
 
 import numpy as np
-from lensfield.engine import Lens, Options, SpectralImage, simulate
-from lensfield.engine.geometry import FieldGeometry
-from lensfield.engine.psf import PsfBank
-from lensfield.engine.spectral_image import pixel_position_mm
 
-SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+from lensfield.engine import Lens, Options, SpectralImage, simulate
+from lensfield.engine.field.distortion import FieldGeometry
+from lensfield.engine.field.psf_bank import PsfBank
+from lensfield.engine.image.spectral_image import pixel_position_mm
+
 PIXEL_BY_PIXEL = Options(section_size=1, order=1, precision="float64")
 SENSOR_POINT = ((1.0,),)  # a PSF of one sample: no blur at all
 

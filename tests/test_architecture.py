@@ -1,58 +1,134 @@
-"""The border between the engine and Blender, read from the source itself."""
+"""The house: which room may use which, and the border between the engine and Blender, read from the source itself."""
 
 import ast
 import subprocess
 import sys
 import tomllib
-from pathlib import Path
 
-import lensfield
 import pytest
 
-ROOT = Path(__file__).resolve().parents[1]
-ENGINE = sorted((ROOT / "engine").rglob("*.py"))
-COMMANDS = sorted((ROOT / "commands").glob("*.py"))
-PACKAGE = sorted(ROOT.glob("*.py")) + ENGINE + COMMANDS + sorted((ROOT / "addon").rglob("*.py"))
-ENGINE_MAY_IMPORT = sys.stdlib_module_names | {"numpy", "scipy", "OpenEXR", "PIL", "yaml", "matplotlib", "optiland",
-                                            "finufft"}
+import lensfield
+from places import ROOT
+
+ENGINE_LIBRARIES = {"numpy", "scipy", "OpenEXR", "PIL", "yaml", "matplotlib", "optiland", "finufft"}
+
+FLOORS = {
+    # engine, from the bottom: every room uses those below alone; errors and files are its foundation
+    "engine.errors": set(),
+    "engine.files": {"engine.errors"},
+    "engine.spectral": {"engine.errors", "engine.files"},
+    "engine.image": {"engine.spectral", "engine.errors", "engine.files"},
+    "engine.field": {"engine.image", "engine.errors"},
+    "engine.blur": {"engine.field", "engine.image", "engine.errors"},
+    "engine.plan": {"engine.blur", "engine.field", "engine.image", "engine.errors"},
+    "engine.report": {"engine.files"},
+    "engine.simulate": {"engine.plan", "engine.blur", "engine.field", "engine.image", "engine.report", "engine.errors"},
+    "engine.trade": {"engine.simulate", "engine.plan", "engine.field", "engine.image", "engine.spectral",
+                     "engine.sheet", "engine.report", "engine.errors", "engine.files"},
+    # beside: lens data, their sheet and how they are made
+    "engine.lens": {"engine.field", "engine.spectral", "engine.errors", "engine.files"},
+    "engine.sheet": {"engine.lens", "engine.spectral", "engine.errors", "engine.files"},
+    "engine.bake": {"engine.lens", "engine.errors"},
+    "engine": {"engine.simulate", "engine.lens", "engine.plan", "engine.image", "engine.report", "engine.errors"},
+    # Blender's side
+    "addon.scene": {"engine"},
+    "addon.shading": {"addon.scene", "engine"},
+    "addon.job": {"addon.shading", "addon.scene", "engine"},
+    "addon.ui": {"addon.job", "addon.shading", "addon.scene", "engine"},
+    "addon": {"addon.ui", "addon.job", "addon.scene", "engine"},
+    # the command, and what Blender and Python call
+    "commands": {"addon", "addon.shading", "engine"},
+    "cli": {"commands", "engine", ""},
+    "": {"cli", "addon"},
+}
+"""Each room, and the rooms that it may import from, inside itself aside. "engine" stands for all of its rooms."""
+
+SIMULATE = {"engine.channel", "engine.kept", "engine.room"}
+"""Modules of the engine's upper floor: they and `simulate` are one room."""
 
 
-def named(path):
-    return str(path.relative_to(ROOT))
+def module_name(path):
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-def imports(path):
-    """(level, dotted name) of every import in a file, in functions too."""
+MODULES = {module_name(path): path for top in ("engine", "addon", "commands")
+           for path in sorted((ROOT / top).rglob("*.py"))} | {
+               "cli": ROOT / "cli.py", "": ROOT / "__init__.py"}
+
+
+def imports(name):
+    """(the module, or the library, of every import in a module, in functions too; and whether it is relative)."""
+    path = MODULES[name]
+    package = name.split(".") if path.name == "__init__.py" else name.split(".")[:-1]
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            yield from ((0, alias.name) for alias in node.names)
+            yield from ((alias.name, False) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            yield node.module, False
         elif isinstance(node, ast.ImportFrom):
-            yield from ((node.level, ".".join(filter(None, (node.module, alias.name)))) for alias in node.names)
+            base = [part for part in package if part][:len(package) + 1 - node.level] + [node.module or ""]
+            base = ".".join(filter(None, base))
+            for alias in node.names:
+                inner = f"{base}.{alias.name}".strip(".")
+                yield (inner if inner in MODULES else base), True
 
 
-def test_the_engine_is_found():
-    assert {"engine/pipeline.py", "engine/lens_files/package.py"} <= {named(path) for path in ENGINE}
+def room(name):
+    """The room that a module is in: the longest name of the table that it starts with."""
+    if name in SIMULATE:
+        return "engine.simulate"
+    parts = name.split(".")
+    return next(found for count in range(len(parts), -1, -1)
+                if (found := ".".join(parts[:count])) in FLOORS)
 
 
-@pytest.mark.parametrize("path", ENGINE, ids=named)
-def test_engine_imports_neither_blender_nor_anything_unexpected(path):
-    absolute = {name.split(".")[0] for level, name in imports(path) if level == 0}
-    assert absolute <= ENGINE_MAY_IMPORT
+def allowed(name, other):
+    own, used = room(name), room(other)
+    return own == used or used in FLOORS[own] or ("engine" in FLOORS[own] and other.startswith("engine"))
 
 
-@pytest.mark.parametrize("path", ENGINE, ids=named)
-def test_engine_relative_imports_stay_inside_the_engine(path):
-    depth = len(path.relative_to(ROOT / "engine").parts)
-    assert all(level <= depth for level, _ in imports(path))
+def test_every_import_goes_down_to_a_floor_that_the_table_names():
+    upwards = [f"{name or 'lensfield'} imports {other or 'lensfield'}" for name in MODULES
+               for other, relative in imports(name) if relative and not allowed(name, other)]
+    assert not upwards
 
 
-@pytest.mark.parametrize("path", PACKAGE, ids=named)
-def test_the_package_never_imports_itself_by_name(path):
-    assert not [name for level, name in imports(path) if level == 0 and name.split(".")[0] in ("lensfield", "bl_ext")]
+def test_the_table_has_no_circles_and_no_rooms_that_are_not_there():
+    order = list(FLOORS)
+    for own, used in FLOORS.items():
+        assert all(other in FLOORS for other in used) and any(room(name) == own for name in MODULES)
+    seen, left = set(), {own: {other for other in used if other != own} for own, used in FLOORS.items()}
+    left["cli"].discard("")  # its version
+    while left:
+        ready = [own for own in order if own in left and left[own] <= seen]
+        assert ready, f"a circle among {sorted(left)}"
+        seen.update(ready)
+        left = {own: used for own, used in left.items() if own not in ready}
 
 
-def test_importing_the_engine_loads_no_blender():
-    code = "import sys, lensfield.engine; sys.exit('bpy' in sys.modules or 'lensfield.addon' in sys.modules)"
+def test_the_engine_knows_no_blender_and_no_library_that_it_does_not_declare():
+    known = sys.stdlib_module_names | ENGINE_LIBRARIES
+    unknown = [f"{name} imports {other}" for name in MODULES if name.startswith("engine")
+               for other, relative in imports(name) if not relative and other.split(".")[0] not in known]
+    assert not unknown
+
+
+def test_the_package_never_imports_itself_by_name():
+    by_name = [f"{name} imports {other}" for name in MODULES for other, relative in imports(name)
+               if not relative and other.split(".")[0] in ("lensfield", "bl_ext")]
+    assert not by_name
+
+
+def test_every_folder_of_code_is_installed():
+    folders = {".".join(["lensfield", *path.parent.relative_to(ROOT).parts]) for path in MODULES.values()}
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"]
+    assert folders == set(declared)
+
+
+@pytest.mark.parametrize("module", ["lensfield.engine", "lensfield.cli"])
+def test_engine_and_command_load_no_blender(module):
+    code = f"import sys, {module}; sys.exit('bpy' in sys.modules or 'lensfield.addon' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0
 
 

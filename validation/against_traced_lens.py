@@ -17,11 +17,12 @@ from pathlib import Path
 
 import bpy
 import numpy as np
+
 import truth_scenes
 from lensfield import addon
-from lensfield.addon.camera import pitch_um
+from lensfield.addon.scene.camera import pitch_um
 from lensfield.engine import Options
-from lensfield.engine.colour import write_png
+from lensfield.engine.image.preview import write_png
 from traced_lens import photograph
 from traced_lens_truth import WAVELENGTH_NM, Bench, frame_window, spot, windows_about
 

@@ -1,16 +1,16 @@
 """The Cornell box by Lensfield: a Blender scene of it, and its spectral radiance through the add-on's public call."""
 
 import bpy
-import cornell_box as box
 import numpy as np
 from scipy.integrate import trapezoid
 
+import cornell_box as box
 from lensfield import addon
 from lensfield.commands.terminal import quiet
 from lensfield.engine import Lens
-from lensfield.engine.exr import read_exr
-from lensfield.engine.spectra import BAND_NM
-from lensfield.engine.transport import SpectralOptions
+from lensfield.engine.image.spectral_exr import read_exr
+from lensfield.engine.spectral.spectra import BAND_NM
+from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 
 MOST_BOUNCES = 1024  # the most that Cycles takes; in effect paths end by Russian roulette alone
 METRE_PER_MM = 1e-3

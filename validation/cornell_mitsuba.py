@@ -7,9 +7,10 @@ makes the figures that tests/blender/test_cornell_box.py holds Lensfield against
 
 import sys
 
-import cornell_box as box
 import mitsuba
 import numpy as np
+
+import cornell_box as box
 
 TEST_WAVELENGTHS_NM = (420.0, 480.0, 520.0, 580.0, 620.0, 680.0)
 TEST_SIDE_PX, TEST_SAMPLES, TEST_BLOCKS = 32, 4096, 4

@@ -15,15 +15,16 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-import cornell_blender
-import cornell_box as box
-import cornell_mitsuba
 import numpy as np
 from PIL import Image
 
+import cornell_blender
+import cornell_box as box
+import cornell_mitsuba
 from lensfield import addon
 from lensfield.engine import SpectralImage
-from lensfield.engine.colour import auto_exposure, encode_srgb, to_rec709
+from lensfield.engine.image.preview import auto_exposure, to_rec709
+from lensfield.engine.spectral.colour import encode_srgb
 
 WAVELENGTHS_NM = np.linspace(400, 700, 31)
 SIDE_PX, BLOCKS = 48, 6  # so that a block is 8 x 8 px

@@ -13,8 +13,9 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
-from lensfield.engine.atomic import atomic_path
+
 from lensfield.engine.errors import LensError
+from lensfield.engine.files import atomic_path
 
 
 @dataclass(frozen=True, eq=False)

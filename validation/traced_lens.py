@@ -15,14 +15,15 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-import bpy
 import _cycles
+import bpy
 import numpy as np
+
 from lensfield.addon import render_through_lens
 from lensfield.commands.terminal import quiet
-from lensfield.engine.atomic import temporary_folder
 from lensfield.engine.errors import InputError
-from lensfield.engine.exr import read_exr
+from lensfield.engine.files import temporary_folder
+from lensfield.engine.image.spectral_exr import read_exr
 
 BINS = 32  # of sensor heights, each with its own rectangle
 SEARCH = 96  # rays along a side, to find what of the exit pupil can be seen

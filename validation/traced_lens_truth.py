@@ -14,13 +14,14 @@ from pathlib import Path
 
 import numpy as np
 import scipy.ndimage
+
 import truth_scenes
 from lens_surfaces import read_surfaces
 from lensfield import addon
-from lensfield.addon.camera import pitch_um
+from lensfield.addon.scene.camera import pitch_um
 from lensfield.commands.terminal import quiet
 from lensfield.engine import Lens, Options
-from lensfield.engine.exr import read_exr
+from lensfield.engine.image.spectral_exr import read_exr
 from traced_lens import Window, photograph
 
 DATA = Path(__file__).resolve().parents[1] / "tests" / "data"

@@ -6,16 +6,16 @@ from dataclasses import asdict, dataclass
 import bpy
 import numpy as np
 
-from ..engine import SpectralImage
-from ..engine.atomic import check_target, temporary_folder
-from ..engine.depth_range import check_depth, planar_depth_mm
-from ..engine.exr import read_parts
-from ..engine.spectral_image import RADIANCE
-from ..engine.transport import FOREIGN_SURPRISE
-from .camera import check_camera, make_framing
-from .errors import SceneError
-from .journal import Journal
-from .render_state import go_to_frame, guard_render_state, rendered_layer
+from ...engine import SpectralImage
+from ...engine.files import check_target, temporary_folder
+from ...engine.image.depth_range import check_depth, planar_depth_mm
+from ...engine.image.spectral_exr import read_parts
+from ...engine.image.spectral_image import RADIANCE
+from ...engine.spectral.wavelength_choice import FOREIGN_SURPRISE
+from ..scene.camera import check_camera, make_framing
+from ..scene.errors import SceneError
+from ..scene.render_state import go_to_frame, guard_render_state, rendered_layer
+from ..scene.undo import Journal
 from .scene_plan import plan_scene
 
 ROWS_AT_ONCE = 16  # which stay in the processor's cache

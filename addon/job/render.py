@@ -10,19 +10,19 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ..engine import Kept, Lens, Options, Report, simulate
-from ..engine.colour import auto_exposure, to_rec709, write_png
-from ..engine.exr import write_exr, write_rgb_exr
-from ..engine.transport import SpectralOptions
-from .camera import lens_for_view
-from .capture import RenderPass, Work, capture
-from .compositor import lay_into_compositor
-from .errors import SceneError
-from .journal import Journal
-from .lenses import load_lens
-from .render_state import go_to_frame
+from ...engine import Kept, Lens, Options, Report, simulate
+from ...engine.image.preview import auto_exposure, to_rec709, write_png
+from ...engine.image.spectral_exr import write_exr, write_rgb_exr
+from ...engine.spectral.wavelength_choice import SpectralOptions
+from ..scene.camera import lens_for_view
+from ..scene.compositor import lay_into_compositor
+from ..scene.errors import SceneError
+from ..scene.lens_cache import load_lens
+from ..scene.render_state import go_to_frame
+from ..scene.undo import Journal
+from ..scene.watch import samples_watched
+from .radiance import RenderPass, Work, capture
 from .scene_plan import check_job
-from .watch import samples_watched
 
 RENDER_SHARE = 0.85  # of the progress bar; the rest is the engine's and the files'
 

@@ -4,20 +4,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..engine.errors import InputError
-from ..engine.spectra import BAND_NM
-from ..engine.transport import Transport, plan_transport
-from .assigned import AssignedSpectra
+from ...engine.errors import InputError
+from ...engine.spectral.spectra import BAND_NM
+from ...engine.spectral.wavelength_choice import Transport, plan_transport
+from ..scene.camera import check_camera, in_view, make_framing
+from ..scene.errors import SceneError
+from ..scene.instances import rendered_blocks, rendered_instances
+from ..scene.render_state import go_to_frame, rendered_layer
+from ..scene.undo import Journal
+from ..shading.assigned import AssignedSpectra
+from ..shading.lamps import Lamps, LightGroups
+from ..shading.lint import judge
+from ..shading.node_rules import REJECTED, SEPARATED
+from ..shading.substitution import Substitution
 from .bands import WAVELENGTHS_PER_PASS, passes
-from .camera import check_camera, in_view, make_framing
-from .emitters import Lamps, LightGroups
-from .errors import SceneError
-from .journal import Journal
-from .lint import judge
-from .node_rules import REJECTED, SEPARATED
-from .render_state import go_to_frame, rendered_layer
-from .rendered import rendered_blocks, rendered_instances
-from .substitution import Substitution
 
 UNFIT = "refuse", "render"
 

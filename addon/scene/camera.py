@@ -4,14 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..engine.capture import choose_capture
-from ..engine.errors import InputError
-from ..engine.geometry import FieldGeometry
-from ..engine.pinhole import fitting_pitch_um as pitch_um
-from ..engine.psf import psf_radius_px
-from ..engine.spectral_image import PLANE
+from ...engine.errors import InputError
+from ...engine.field.distortion import FieldGeometry
+from ...engine.field.overscan import choose_capture
+from ...engine.field.psf_bank import psf_radius_px
+from ...engine.image.pitch import fitting_pitch_um as pitch_um
+from ...engine.image.spectral_image import PLANE
 from .errors import SceneError
-from .lenses import scaled_lens
+from .lens_cache import scaled_lens
 
 CAMERA_SENSOR_MM = 36.0  # Blender's limits on focal lengths are made for this; only the ratio to it counts
 FISHEYE_TYPE = "FISHEYE_LENS_POLYNOMIAL"

@@ -1,6 +1,6 @@
 """Errors about scenes, told like the engine's."""
 
-from ..engine.errors import InputError
+from ...engine.errors import InputError
 
 
 class SceneError(InputError):

@@ -7,7 +7,7 @@ import os
 from dataclasses import replace
 from functools import lru_cache
 
-from ..engine import Lens
+from ...engine import Lens
 
 
 def load_lens(name_or_path):

@@ -2,10 +2,10 @@
 
 import bpy
 
-from ..engine.errors import InputError
-from ..engine.refraction import load_refraction
-from ..engine.spectra import BAND_NM, load_spectrum
-from .errors import SceneError
+from ...engine.errors import InputError
+from ...engine.spectral.refraction import load_refraction
+from ...engine.spectral.spectra import BAND_NM, load_spectrum
+from ..scene.errors import SceneError
 
 LOADERS = {"reflectance": load_spectrum, "emission": load_spectrum, "refraction": load_refraction}
 WORDS = {"reflectance": "reflectance spectrum", "emission": "emission spectrum", "refraction": "refraction"}

@@ -11,7 +11,7 @@ from functools import cached_property
 import bpy
 import numpy as np
 
-from ..engine.spectra import BAND_NM, Spectrum, blackbody, load_spectrum
+from ...engine.spectral.spectra import BAND_NM, Spectrum, blackbody, load_spectrum
 from .closure_rules import is_idle
 from .node_paths import constant_of, feeding
 from .spectral_sockets import EMISSION, is_shader, kind

@@ -10,13 +10,13 @@ from dataclasses import dataclass
 
 import bpy
 
+from ..scene.errors import SceneError
+from ..scene.instances import DRAWN_TYPES, rendered_blocks
 from .assigned import LOADERS, AssignedSpectra
 from .closure_rules import LENGTHS, channels_finding, closure_findings, is_idle
-from .emitters import blackbody_temperature, uses_nodes
-from .errors import SceneError
+from .lamps import blackbody_temperature, uses_nodes
 from .node_paths import constant_of, source_of
 from .node_rules import APPROXIMATED, FLOW, REJECTED, SUBSTITUTED, UPSAMPLED, VERDICTS, colour_inputs, judge_value
-from .rendered import DRAWN_TYPES, rendered_blocks
 from .spectral_sockets import CHANNELS, EMISSION, INDEX, REFLECTANCE, is_shader, kind, takes_reflectance
 from .substitution import Assigned
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from ..engine.spectra import BAND_NM, Spectrum, reflectance_basis
+from ...engine.spectral.spectra import BAND_NM, Spectrum, reflectance_basis
 
 
 def give_lumens(light, lumens, lamp, tint):

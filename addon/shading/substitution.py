@@ -15,14 +15,14 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ..engine.refraction import D_LINE_NM, Refraction
-from ..engine.spectra import BAND_NM, Spectrum, channel_basis, reflectance_basis
+from ...engine.spectral.refraction import D_LINE_NM, Refraction
+from ...engine.spectral.spectra import BAND_NM, Spectrum, channel_basis, reflectance_basis
+from ..scene.errors import SceneError
+from ..scene.render_state import rendered_layer
 from .closure_rules import is_idle
-from .emitters import Lamp, blackbody_temperature, uses_nodes
-from .errors import SceneError
+from .lamps import Lamp, blackbody_temperature, uses_nodes
 from .lumens import give_lumens, luminous_efficacy
 from .node_paths import constant_of, feeding
-from .render_state import rendered_layer
 from .spectral_sockets import CHANNELS, EMISSION, INDEX, REFLECTANCE, is_shader, kind, takes_reflectance
 from .wiring import attribute_node, multiplied, single_shader, upsampler
 

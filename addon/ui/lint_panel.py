@@ -2,11 +2,11 @@
 
 import bpy
 
-from ..engine.errors import InputError
-from .lint import counts_text, lint
-from .node_rules import APPROXIMATED, REJECTED, SEPARATED
+from ...engine.errors import InputError
+from ..job.scene_plan import foresee
+from ..shading.lint import counts_text, lint
+from ..shading.node_rules import APPROXIMATED, REJECTED, SEPARATED
 from .operators import job_from_settings, nothing_renders
-from .scene_plan import foresee
 
 ICONS = {REJECTED: "CANCEL", SEPARATED: "MOD_ARRAY", APPROXIMATED: "ERROR"}
 """Of the verdicts that have a line each in the panel; of the others their number is enough."""

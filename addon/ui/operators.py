@@ -6,15 +6,15 @@ from pathlib import Path
 
 import bpy
 
-from ..engine.errors import InputError
-from ..engine.options import DEFAULT_ACCURACY
-from .camera import check_camera, lens_for_view, make_framing, match_camera_to_lens, reference_nm
-from .capture import RenderPass
-from .compositor import lens_image
-from .lenses import load_lens
+from ...engine.errors import InputError
+from ...engine.plan.options import DEFAULT_ACCURACY
+from ..job.radiance import RenderPass
+from ..job.render import Job, render_steps, run
+from ..scene.camera import check_camera, lens_for_view, make_framing, match_camera_to_lens, reference_nm
+from ..scene.compositor import lens_image
+from ..scene.lens_cache import load_lens
+from ..scene.watch import RenderWatch
 from .previews import SHEET_MARK, load_sheet, sheet_path
-from .render import Job, render_steps, run
-from .watch import RenderWatch
 
 TICK_S = 0.1
 ACCURACIES = {"PREVIEW": 0.1, "STANDARD": DEFAULT_ACCURACY, "REFERENCE": 0.001}

@@ -4,11 +4,11 @@ import os
 
 import bpy
 
-from ..engine.errors import InputError
+from ...engine.errors import InputError
+from ..job.bands import pass_count
+from ..scene.camera import frame_px, lens_for_view, pitch_um
+from ..scene.lens_cache import load_lens
 from . import operators
-from .bands import pass_count
-from .camera import frame_px, lens_for_view, pitch_um
-from .lenses import load_lens
 from .previews import PREVIEW_PX, sheet_path, sheet_preview
 from .properties import FROM_FILE, KNOBS
 

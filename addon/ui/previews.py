@@ -11,8 +11,8 @@ import bpy
 import bpy.utils.previews
 import numpy as np
 
-from ..engine.lens_files import BUNDLED, bundled_names
-from .errors import SceneError
+from ...engine.lens.readers import BUNDLED, bundled_names
+from ..scene.errors import SceneError
 
 PREVIEW_PX = 640  # the longer side; previews that Blender reads by itself have 256, too few for the text
 SHEET_MARK = "lensfield_sheet"

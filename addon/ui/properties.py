@@ -5,13 +5,13 @@ from zlib import crc32
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
-from ..engine import Options
-from ..engine.lens_files import bundled_makers
-from ..engine.options import DEFAULT_ACCURACY
-from ..engine.plan import AZIMUTHS, ORDER, SECTION_SIZE
-from ..engine.refraction import refraction_names
-from ..engine.spectra import library_names, parse_wavelengths
-from ..engine.transport import STANDARD_COLOUR_ERROR, SpectralOptions
+from ...engine import Options
+from ...engine.lens.readers import bundled_makers
+from ...engine.plan.options import DEFAULT_ACCURACY
+from ...engine.plan.plan import AZIMUTHS, ORDER, SECTION_SIZE
+from ...engine.spectral.refraction import refraction_names
+from ...engine.spectral.spectra import library_names, parse_wavelengths
+from ...engine.spectral.wavelength_choice import STANDARD_COLOUR_ERROR, SpectralOptions
 
 FROM_FILE = "FILE"
 KNOBS = {"SECTIONS": ("section_size", "order"), "PIXELS": ("azimuths",), "EXACT": ()}  # of each method

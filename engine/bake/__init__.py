@@ -13,8 +13,8 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from ..errors import LensError
-from ..lens import Lens
-from ..lens_files.assembly import four_by_three
+from ..lens.lens import Lens
+from ..lens.readers.assembly import four_by_three
 from .diffraction import point_spread
 from .prescription import Prescription, Surface
 from .rays import HalfPupil, trace_pupil

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial.polynomial import polyder, polyval
 
-from .errors import LensError
+from ..errors import LensError
 
 ORDERS = range(4, 9)
 DISTORTION_TOLERANCE = 1e-5  # of the last height: 0.03 um for a 3 mm field

@@ -6,8 +6,8 @@ much of that plane that a fisheye camera, whose mapping is known, is the better 
 
 import numpy as np
 
-from .geometry import FieldGeometry
-from .spectral_image import FISHEYE, PLANE
+from ..image.spectral_image import FISHEYE, PLANE
+from .distortion import FieldGeometry
 
 LARGEST_PLANE = 2.0  # times the pixels of the frame; a fisheye shows the same field in fewer
 

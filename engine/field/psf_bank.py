@@ -3,8 +3,8 @@
 import numpy as np
 from scipy import sparse
 
-from .folding import mirror_symmetric
-from .spectral_image import pixel_position_mm
+from ..image.spectral_image import pixel_position_mm
+from .mirror_symmetry import mirror_symmetric
 
 BATCH_SAMPLES = 1 << 16  # PSF samples in work at once: what the processor's cache holds
 

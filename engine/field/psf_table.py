@@ -10,7 +10,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from .psf import PsfBank
+from .psf_bank import PsfBank
 
 PORTION = 16  # azimuths
 BATCH_VALUES = 1 << 18  # what the processor's cache holds

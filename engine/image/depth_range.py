@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .errors import ImageError, InputError
+from ..errors import ImageError, InputError
 from .spectral_image import PLANE, pixel_axes_mm
 
 BACKGROUND_MM = 1e12  # and beyond: renderers write a large number, Cycles 1e10 m, where they see nothing

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .errors import ImageError
+from ..errors import ImageError
 
 
 def refuse_fireflies(radiance):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .errors import ImageError
+from ..errors import ImageError
 
 REC709 = (0.640, 0.330, 0.300, 0.600, 0.150, 0.060, 0.3127, 0.3290)
 # By the IDs of the ASWF Color Interop Forum (2024): CIE xy of red, green, blue and white, as OpenEXR has them

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .colour import to_rec709
-from .errors import ImageError, InputError
-from .exr import read_parts
+from ..errors import ImageError, InputError
+from ..spectral.spectra import BAND_NM, emission_basis
+from .preview import to_rec709
 from .primaries import chromaticities, to_rec709_matrix
-from .spectra import BAND_NM, emission_basis
+from .spectral_exr import read_parts
 from .spectral_image import SpectralImage
 
 MAIN_LAYERS = ("combined", "rgba", "rgb", "beauty")  # what programs call the picture among its passes

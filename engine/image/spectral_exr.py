@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 
-from .atomic import atomic_path
-from .colour import to_rec709
-from .errors import ImageError, absence
+from ..errors import ImageError, absence
+from ..files import atomic_path
+from .preview import to_rec709
 from .spectral_image import PLANE, PROJECTIONS, RADIANCE, UNITS, SpectralImage
 
 CHANNEL = re.compile(r"^(?:S0|T)\.(\d*,?\d*(?:[Ee][+-]?\d+)?)(Y|Z|E|P|T|G|M|k|h|da|d|c|m|u|n|p)?(m|Hz)$")

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .errors import ImageError
+from ..errors import ImageError
 
 RADIANCE = "radiance"
 IRRADIANCE = "irradiance"

@@ -6,10 +6,10 @@ that well-made tables of real lenses, from a 6 mm video lens to a fisheye of 70 
 
 import numpy as np
 
-from .errors import LensError
+from ..errors import LensError
+from ..field.distortion import DISTORTION_TOLERANCE, ILLUMINATION_TOLERANCE, ORDERS, FieldGeometry, fit_polynomial
 from .finding import SEVERITIES, Finding, graded, greatest, place
-from .geometry import DISTORTION_TOLERANCE, ILLUMINATION_TOLERANCE, ORDERS, FieldGeometry, fit_polynomial
-from .psf_check import LEAST_NM, PSF_CHECKS
+from .psf_checks import LEAST_NM, PSF_CHECKS
 
 GREATEST_NM = 2500  # beyond it neither glass nor silicon sees much
 VISIBLE_NM = (405, 695)  # 400 to 700, with a little slack for tables on other grids

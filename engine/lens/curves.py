@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from .errors import LensError
-from .geometry import FieldGeometry
+from ..errors import LensError
+from ..field.distortion import FieldGeometry
+from ..spectral.spectra import BAND_NM, colour_matching
 from .lens import MonochromaticLens
-from .spectra import BAND_NM, colour_matching
 
 WHITE_NM = np.arange(BAND_NM[0], BAND_NM[1] + 1)
 GRID_CELLS = 6  # of the distortion grid, over the short side of the sensor

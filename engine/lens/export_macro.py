@@ -6,8 +6,8 @@ from string import Template
 
 import numpy as np
 
-from .errors import InputError
-from .spectra import parse_wavelengths
+from ..errors import InputError
+from ..spectral.spectra import parse_wavelengths
 
 MACROS = Path(__file__).resolve().parent / "macros"
 PROGRAMS = {"zemax": "zemax.zpl", "codev": "codev.seq", "zospy": "zospy.py.in"}

@@ -6,8 +6,8 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from .errors import LensError
-from .folding import mirror_symmetric
+from ..errors import LensError
+from ..field.mirror_symmetry import mirror_symmetric
 
 UNIT_SUM_TOLERANCE = 1e-3
 
@@ -94,7 +94,7 @@ class Lens:
         LensError
             No such lens, or a file that is damaged or of no known kind.
         """
-        from .lens_files import load  # lens_files builds Lens values, so it cannot be imported first
+        from . import load  # a door: readers build Lens values, so they cannot be imported first
 
         return load(name_or_path)
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from ..field.mirror_symmetry import SYMMETRY_TOLERANCE
 from .finding import Finding, graded, greatest, place
-from .folding import SYMMETRY_TOLERANCE
 
 LEAST_NM = 100  # below it the wavelengths are in another unit
 PITCH_FACTOR = 100  # real tables have pitches of some Airy radii at most; a mistaken unit is a factor of 1000

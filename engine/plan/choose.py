@@ -5,14 +5,14 @@ from functools import cached_property
 
 import numpy as np
 
-from .accuracy import AzimuthErrors, azimuth_error, isoplanatic_error
+from ..field.distortion import FieldGeometry
+from ..field.mirror_symmetry import quadrant_grid
+from ..field.psf_bank import PlacedPsfs, PsfBank
+from ..image.pixel_grid import lay_out
 from .cost import Cost
-from .folding import quadrant_grid
-from .geometry import FieldGeometry
-from .grid import lay_out
+from .error_bound import AzimuthErrors, azimuth_error, isoplanatic_error
 from .options import DEFAULT_ACCURACY
 from .plan import PIXELS_SECTION, Plan, foldable, knob_plan, psf_support_on, space_px
-from .psf import PlacedPsfs, PsfBank
 
 TRIM_SHARE, FLAT_SHARE, ROUNDING_SHARE = 1 / 8, 1 / 16, 1 / 50  # of the accuracy; the rest is the filter's
 TRIMMED_TWICE = 2.4  # what is trimmed and what is normalised in its stead, as samples are refined a fifth more at most

@@ -11,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from .psf import PsfBank
+from ..field.psf_bank import PsfBank
 
 MISSED, ROUGHLY_MISSED = 1.2, 2.2  # the true worst over the worst found is less; where a few azimuths stand for all
 BRIGHTEST = 512  # samples of a PSF

@@ -5,8 +5,8 @@ from numbers import Integral, Real
 
 import numpy as np
 
-from .errors import InputError
-from .sections import ORDERS
+from ..blur.isoplanatic import ORDERS
+from ..errors import InputError
 
 METHODS = ("auto", "polar", "pixels", "sections", "paper", "exact")
 PRECISIONS = ("auto", "float32", "float64")

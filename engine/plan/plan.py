@@ -5,8 +5,8 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 from scipy import fft
 
-from .errors import ImageError
-from .psf import psf_radius_px, psf_support
+from ..errors import ImageError
+from ..field.psf_bank import psf_radius_px, psf_support
 
 LARGEST_PSF_RADIUS_PX = 2048
 SECTION_SIZE, ORDER, AZIMUTHS = 32, 2, 32  # where they are not set

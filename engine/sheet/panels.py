@@ -2,11 +2,18 @@
 
 import numpy as np
 
-from .drawing import GRID_COLOUR, INK, PALE_INK, SMALL, TITLE
-from .fringes import wavelength_colours
-from .lens_curves import (cosine_fourth, diffraction_cutoff_per_mm, distortion_grid, distortion_percent,
-                          field_angle_rad, lateral_colour_um, white_mtf)
+from ..lens.curves import (
+    cosine_fourth,
+    diffraction_cutoff_per_mm,
+    distortion_grid,
+    distortion_percent,
+    field_angle_rad,
+    lateral_colour_um,
+    white_mtf,
+)
 from .psf_map import even_indices, shown_wavelengths
+from .style import GRID_COLOUR, INK, PALE_INK, SMALL, TITLE
+from .white_light import wavelength_colours
 
 REAL_COLOUR, IDEAL_COLOUR, AIRY_COLOUR = "#0072B2", "#B5B5B5", "#E6E6E6"
 FREQUENCY_COLOURS = "#08306B", "#2F7EBC", "#8FC1E3", "#5A5A5A", "#A5A5A5"

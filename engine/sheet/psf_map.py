@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from .colour import encode_srgb
-from .drawing import INK, SMALL
-from .fringes import wavelength_colours, white_psfs
-from .lens_curves import field_angle_rad
+from ..lens.curves import field_angle_rad
+from ..spectral.colour import encode_srgb
+from .style import INK, SMALL
+from .white_light import wavelength_colours, white_psfs
 
 MOST_HEIGHTS, MOST_WAVELENGTHS = 6, 7
 GAP_PX = 3

@@ -4,12 +4,12 @@ import textwrap
 
 import numpy as np
 
-from .atomic import atomic_path
-from .drawing import INK, PALE_INK, SMALL, TEXT, TITLE, require_matplotlib
-from .errors import InputError
-from .lens_curves import field_angle_rad, field_of, preferred_frequencies_per_mm
-from .lens_panels import FREQUENCY_COLOURS, draw_distortion, draw_illumination, draw_lateral_colour, draw_mtf
+from ..errors import InputError
+from ..files import atomic_path
+from ..lens.curves import field_angle_rad, field_of, preferred_frequencies_per_mm
+from .panels import FREQUENCY_COLOURS, draw_distortion, draw_illumination, draw_lateral_colour, draw_mtf
 from .psf_map import BURNT_OUT, DECADES, draw_psf_map
+from .style import INK, PALE_INK, SMALL, TEXT, TITLE, require_matplotlib
 
 SIDE, DPI = 12, 140  # the sheet is square; inches, as all places here
 MARGIN, LEFT, RIGHT = 0.3, 1.05, 6.85  # of the sheet, and of its two columns

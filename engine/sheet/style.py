@@ -1,6 +1,6 @@
 """What the project's drawings share: matplotlib, where there is one, and the ink."""
 
-from .errors import InputError
+from ..errors import InputError
 
 INK, PALE_INK, GRID_COLOUR = "#333333", "#777777", "#DDDDDD"
 TITLE, TEXT, SMALL = 13, 10.5, 9.5  # sizes of type on a lens sheet

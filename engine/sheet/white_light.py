@@ -3,9 +3,9 @@
 import numpy as np
 from scipy.signal import fftconvolve
 
-from .colour import XYZ_TO_REC709, encode_srgb
-from .lens_curves import WHITE_NM, lateral_colour_um, table_weights
-from .spectra import colour_matching
+from ..lens.curves import WHITE_NM, lateral_colour_um, table_weights
+from ..spectral.colour import XYZ_TO_REC709, encode_srgb
+from ..spectral.spectra import colour_matching
 
 DIMMING = 0.4  # power of the eye's sensitivity: the ends of the spectrum become darker, and so differ from one another
 DARKEST, LIGHTEST = 0.1, 0.3  # as linear light and luminance: what is told apart, and read, on white paper

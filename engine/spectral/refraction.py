@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from ..errors import InputError, absence
 from .dispersion import FORMULAS, dispersion
-from .errors import InputError, absence
 from .spectra import BAND_NM
 
 LIBRARY = Path(__file__).resolve().parent / "data" / "refraction"

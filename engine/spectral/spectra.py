@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .errors import InputError
+from ..errors import InputError
 from .spectrum_text import read_columns, read_spectrum_text
 
 DATA = Path(__file__).resolve().parent / "data"

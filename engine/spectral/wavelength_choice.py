@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..errors import InputError
 from .colour_difference import ciede2000, lab_from_xyz
-from .errors import InputError
 from .spectra import colour_matching, reflectance_basis
 
 TIERS = ("preview", "standard", "reference")

@@ -13,16 +13,16 @@ from dataclasses import asdict, dataclass, fields, replace
 
 import numpy as np
 
-from .atomic import atomic_path
-from .capture import overscan_px
-from .colour import to_rec709
-from .errors import ImageError
-from .options import Options
-from .pipeline import simulate
-from .psf import psf_radius_px
-from .report import Report
-from .spectra import blackbody, library_names, load_spectrum
-from .spectral_image import SpectralImage
+from ..errors import ImageError
+from ..field.overscan import overscan_px
+from ..field.psf_bank import psf_radius_px
+from ..files import atomic_path
+from ..image.preview import to_rec709
+from ..image.spectral_image import SpectralImage
+from ..plan.options import Options
+from ..report import Report
+from ..simulate import simulate
+from ..spectral.spectra import blackbody, library_names, load_spectrum
 
 DEFAULT_SHAPE_PX = 288, 384  # the paper's frame at twice its pitch: the exact operator is a matter of half a minute
 POINT_SPACING_PX = 23  # shares no divisor with section sizes, so that points fall anywhere in them

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .atomic import atomic_path
-from .drawing import GRID_COLOUR, INK, require_matplotlib
+from ..files import atomic_path
+from ..sheet.style import GRID_COLOUR, INK, require_matplotlib
 from .tradeoff import EXACT
 
 

@@ -4,8 +4,8 @@ import bpy
 import numpy as np
 
 from lensfield import addon
-from lensfield.engine.exr import read_exr
-from lensfield.engine.transport import SpectralOptions
+from lensfield.engine.image.spectral_exr import read_exr
+from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 
 WAVELENGTHS_NM = (450.0, 550.0, 650.0)
 

@@ -11,10 +11,11 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
-from small_scenes import set_world
 
+import lensfield as extension
 from lensfield import addon, cli
-from lensfield.engine.exr import read_exr
+from lensfield.engine.image.spectral_exr import read_exr
+from small_scenes import set_world
 
 
 @pytest.fixture
@@ -101,8 +102,12 @@ def test_a_render_can_be_stopped_and_leaves_nothing(blend, tmp_path, stop):
     assert not list(temporary.iterdir()) and not list((tmp_path / "out").iterdir())
 
 
-def test_blender_command_is_the_same_command(blend, tmp_path):
-    assert addon._run_command(["lens", "list"]) == 0
-    assert addon._run_command(["render", str(blend), "--lens", "edmund-54852", "--wavelengths", "550",
-                               "--output", str(tmp_path / "out")]) == 0
+def test_blender_command_is_the_same_command(blend, tmp_path, monkeypatch):
+    registered = {}
+    monkeypatch.setattr(bpy.utils, "register_cli_command", registered.__setitem__)
+    monkeypatch.setattr(addon, "register", lambda: None)  # it is already
+    extension.register()
+    assert registered["lensfield"](["lens", "list"]) == 0
+    assert registered["lensfield"](["render", str(blend), "--lens", "edmund-54852", "--wavelengths", "550",
+                                    "--output", str(tmp_path / "out")]) == 0
     assert len(list((tmp_path / "out").iterdir())) == 5

@@ -9,7 +9,8 @@ from pathlib import Path
 import bpy
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
+from places import ROOT
+
 TOOL = Path(bpy.utils.resource_path("LOCAL")) / "scripts" / "addons_core" / "bl_pkg" / "cli" / "blender_ext.py"
 
 USE_INSTALLED = """
@@ -51,10 +52,10 @@ def test_package_is_valid_and_holds_what_runs(package):
     done = subprocess.run([sys.executable, TOOL, "validate", package], capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     names = zipfile.ZipFile(package).namelist()
-    assert {"blender_manifest.toml", "__init__.py", "cli.py", "commands/render.py", "engine/pipeline.py",
-            "addon/render.py", "engine/lenses/edmund-54852.npz",
-            "engine/lenses/edmund-54852.png", "engine/data/cie1931_2deg.csv", "engine/data/refraction/gold.yml",
-            "engine/data/spectra/lights/led-b3.spd", "LICENSE"} <= set(names)
+    assert {"blender_manifest.toml", "__init__.py", "cli.py", "commands/render.py", "engine/simulate.py",
+            "addon/job/render.py", "engine/lens/library/edmund-54852.npz",
+            "engine/lens/library/edmund-54852.png", "engine/spectral/data/cie1931_2deg.csv", "engine/spectral/data/refraction/gold.yml",
+            "engine/spectral/data/spectra/lights/led-b3.spd", "LICENSE"} <= set(names)
     left_out = (".", "tests", "sample_scenes", "packaging", "docs", "validation", "benchmarks")
     assert not [name for name in names if name.startswith(left_out)]
 

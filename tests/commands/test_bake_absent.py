@@ -5,6 +5,7 @@ import sys
 from types import ModuleType
 
 import pytest
+
 from lensfield import cli
 
 BAKE = "lensfield.engine.bake"

@@ -9,15 +9,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from lenses import make_lens
 from lensfield import cli
 from lensfield.commands import filter
 from lensfield.commands.arguments import check_outputs, engine_options
 from lensfield.commands.outcome import plan_text
 from lensfield.engine import InputError, Options, SpectralImage
-from lensfield.engine.exr import read_exr, write_exr
-from lensfield.engine.lens_files.package import write_package
-from lensfield.engine.plan import Plan
+from lensfield.engine.image.spectral_exr import read_exr, write_exr
+from lensfield.engine.lens.readers.package import write_package
+from lensfield.engine.plan.plan import Plan
 
 PLAN = Plan(method="sections", section_size=32, order=3, non_negative=False, space_px=64, azimuths=32,
             psf_radius_px=10, support_um=60.0, trimmed_energy=1e-6, precision="float32", single_range=np.inf,

@@ -5,16 +5,18 @@ import json
 import numpy as np
 import OpenEXR
 import pytest
+from PIL import Image
+
+from lenses import make_lens
 from lensfield import cli
 from lensfield.commands.sequence import find_shots
 from lensfield.engine import ImageError, InputError, Lens, Options, SpectralImage, simulate
-from lensfield.engine.colour import auto_exposure, encode_srgb, to_rec709
-from lensfield.engine.exr import is_spectral, read_exr, write_exr
-from lensfield.engine.fireflies import refuse_fireflies
-from lensfield.engine.rgb_picture import RgbPicture, light_basis, read_rgb_exr, upsample
-from lensfield.engine.spectra import emission_basis
-from lenses import make_lens
-from PIL import Image
+from lensfield.engine.image.nonfinite import refuse_fireflies
+from lensfield.engine.image.preview import auto_exposure, to_rec709
+from lensfield.engine.image.rgb_picture import RgbPicture, light_basis, read_rgb_exr, upsample
+from lensfield.engine.image.spectral_exr import is_spectral, read_exr, write_exr
+from lensfield.engine.spectral.colour import encode_srgb
+from lensfield.engine.spectral.spectra import emission_basis
 
 NINE_NM = np.linspace(400, 700, 9)
 ACESCG = (0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767)  # S-2014-004, with the white of ST 2065-1

@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from lenses import SHARED_DATA, comatic_lens, distance_of_light, gaussian_psf, make_lens, marked_psf
+
+from lenses import comatic_lens, distance_of_light, gaussian_psf, make_lens, marked_psf
 from lensfield.engine import ImageError, Lens, LensError, Options, Report, SpectralImage, simulate
-from lensfield.engine.psf import psf_radius_px
+from lensfield.engine.field.psf_bank import psf_radius_px
+from places import SHARED_DATA
 
 E_AXIS = np.pi / 16
 EDMUND = Lens.load("edmund-54852")

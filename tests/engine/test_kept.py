@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from lenses import comatic_lens, gaussian_psf, lopsided_lens, make_lens
 from lensfield.engine import Kept, Options, SpectralImage, simulate
-from lensfield.engine.geometry import FieldGeometry
+from lensfield.engine.field.distortion import FieldGeometry
+from lensfield.engine.field.psf_bank import PsfBank
 from lensfield.engine.room import Room
-from lensfield.engine.psf import PsfBank
 
 METHODS = {"sections": Options(8, 2), "non-negative": Options(9, 4, non_negative=True),
            "double": Options(8, 2, precision="float64"), "flat": Options(8, 2, flat_tolerance=1e-3),

@@ -3,7 +3,9 @@
 import json
 
 import pytest
-from lensfield.engine import Report, report as report_module
+
+from lensfield.engine import Report
+from lensfield.engine import report as report_module
 
 
 @pytest.fixture

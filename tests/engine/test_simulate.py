@@ -4,11 +4,21 @@ import json
 
 import numpy as np
 import pytest
-from lenses import (PIXEL_BY_PIXEL, SENSOR_POINT, brightest, gaussian_psf, images_of_points, lit_pixels, make_lens,
-                    marked_psf, points_image)
+
+from lenses import (
+    PIXEL_BY_PIXEL,
+    SENSOR_POINT,
+    brightest,
+    gaussian_psf,
+    images_of_points,
+    lit_pixels,
+    make_lens,
+    marked_psf,
+    points_image,
+)
 from lensfield.engine import ImageError, Lens, LensError, Options, Report, SpectralImage, simulate
-from lensfield.engine.capture import overscan_px
-from lensfield.engine.psf import psf_radius_px
+from lensfield.engine.field.overscan import overscan_px
+from lensfield.engine.field.psf_bank import psf_radius_px
 
 E_AXIS = np.pi / 16  # irradiance per radiance of the hand-made lens, N = 2
 SECTIONS = Options(32, 2)

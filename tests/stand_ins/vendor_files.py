@@ -5,8 +5,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from lenses import SHARED_DATA, gaussian_psf, make_lens
+from scipy.io import savemat
+
+from lenses import gaussian_psf, make_lens
 from lensfield.engine import LensError
+from places import SHARED_DATA
 
 VENDOR_EXPORTS = SHARED_DATA / "vendor_exports"
 ENCODINGS = ("utf-8", "utf-8-sig", "latin-1", "utf-16", "utf-16-le", "utf-16-be")
@@ -260,3 +263,27 @@ def _about_centre(psf, reach):
     centre = psf.shape[-1] // 2
     window = psf[..., centre - reach:centre + reach + 1, centre - reach:centre + reach + 1].astype(float)
     return window / window.sum(axis=(2, 3), keepdims=True)
+
+
+def ray_trace(lens, program="Zemax", centre=None):
+    """The structure that ISETCam's rtImportData makes."""
+    side = "+y" if program == "Code V" else "-y"
+    axes = {"fieldHeight": lens.heights_mm[:, None], "wavelength": lens.wavelengths_nm[:, None]}
+    psf = np.stack([[upright(lens.psf[w, h], side) for w in range(lens.wavelengths_nm.size)]
+                    for h in range(lens.heights_mm.size)]).transpose(2, 3, 0, 1)  # (row, column, height, wavelength)
+    if centre is not None:
+        psf = np.roll(psf, centre - psf.shape[0] // 2, axis=(0, 1))
+    half_field = np.degrees(np.arctan(lens.heights_mm[-1] / lens.capture_focal_length_mm))
+    return {"program": program, "lensFile": "EO54852.ZMX", "referenceWavelength": lens.reference_wavelength_nm,
+            "objectDistance": lens.object_distance_mm, "mag": lens.magnification, "fNumber": 1.77,
+            "effectiveFocalLength": lens.efl_mm, "effectiveFNumber": lens.f_number_effective, "maxfov": half_field,
+            "geometry": axes | {"function": lens.real_height_mm.T},
+            "relIllum": axes | {"function": lens.relative_illumination.T},
+            "psf": axes | {"function": psf.astype(float), "sampleSpacing": np.full((1, 2), lens.psf_pitch_um / 1e3)}}
+
+
+def saved(path, structure, within=("optics", "rayTrace")):
+    for name in reversed(within):
+        structure = {name: structure, "name": "raytrace", "model": "rayTrace"}
+    savemat(path, structure)
+    return path

@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 from ...errors import LensError, absence
-from ...lens_files.text import shown
+from ...lens.readers.text import shown
 from .codev import read_codev
 from .optiland_json import read_optiland
 from .pbrt import read_pbrt

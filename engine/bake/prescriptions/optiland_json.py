@@ -5,7 +5,7 @@ import json
 import numpy as np
 
 from ...errors import LensError
-from ...lens_files.text import read_text
+from ...lens.readers.text import read_text
 from ..glasses import best_name
 from ..prescription import Prescription, Surface, object_distance
 from .field_points import field_end, vignetting_note

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ...errors import LensError
-from ...lens_files.text import read_text, shown
+from ...lens.readers.text import read_text, shown
 from ..prescription import Prescription, Surface
 
 

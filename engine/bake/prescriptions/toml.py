@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...errors import LensError
-from ...lens_files.text import read_text
+from ...lens.readers.text import read_text
 from ..prescription import APERTURES, FIELDS, Prescription, Surface
 
 FORMAT, VERSION = "lensfield-prescription", 1

@@ -6,7 +6,7 @@ import numpy as np
 from optiland.fileio.zemax.reader.parser import ZemaxDataParser
 
 from ...errors import LensError
-from ...lens_files.text import read_text, shown
+from ...lens.readers.text import read_text, shown
 from ..glasses import best_name
 from ..prescription import Prescription, Surface, object_distance
 from .field_points import field_end, vignetting_note

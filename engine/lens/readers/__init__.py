@@ -4,14 +4,14 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
-from ..errors import LensError, absence
+from ...errors import LensError, absence
 from ..lens import Lens
 from .export import DESCRIPTION, read_export
 from .iset import find_parameter_file, is_parameter_file, read_iset
 from .iset_mat import read_iset_mat
 from .package import read_header, read_package
 
-BUNDLED = Path(__file__).resolve().parent.parent / "lenses"
+BUNDLED = Path(__file__).resolve().parent.parent / "library"
 IMPORT_FIRST = "`lensfield lens import` makes a lens package of another program's export"
 IMPORTABLE = f"an ISET bundle (ISETPARMS.TXT), an export folder ({DESCRIPTION}) or an ISETCam .mat"
 

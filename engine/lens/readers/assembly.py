@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..errors import LensError
+from ...errors import LensError
 from ..lens import Lens
 from .psf_grid import psf_table
 

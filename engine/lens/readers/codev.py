@@ -5,7 +5,7 @@ columns with x: no public document says so, but NASA's MATLAB toolkit for CODE V
 macros, which export image points at +y from CODE V and at -y from Zemax, then give their reader one orientation.
 """
 
-from ..errors import LensError
+from ...errors import LensError
 from .psf_grid import PsfGrid
 from .text import numbers
 

@@ -27,7 +27,7 @@ from pathlib import Path, PureWindowsPath
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from ..errors import LensError
+from ...errors import LensError
 from . import codev, zemax_text, zospy
 from .assembly import SAME_WAVELENGTH_NM, build_lens, check_count, four_by_three
 from .psf_grid import NEGLIGIBLE_MM

@@ -11,7 +11,7 @@ from pathlib import Path, PureWindowsPath
 
 import numpy as np
 
-from ..errors import LensError
+from ...errors import LensError
 from . import codev, zemax_text
 from .assembly import MOST_PSFS, build_lens, check_count, entrance_pupil, four_by_three
 from .text import number_table, read_text, shown

@@ -11,8 +11,8 @@ from pathlib import Path, PureWindowsPath
 
 import numpy as np
 
-from ..atomic import temporary_folder
-from ..errors import LensError, absence
+from ...errors import LensError, absence
+from ...files import temporary_folder
 from .assembly import build_lens, entrance_pupil, four_by_three
 from .iset import INFINITY_MM
 from .psf_grid import PsfGrid

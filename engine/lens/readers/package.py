@@ -9,8 +9,8 @@ from dataclasses import fields
 
 import numpy as np
 
-from ..atomic import atomic_path
-from ..errors import LensError
+from ...errors import LensError
+from ...files import atomic_path
 from ..lens import Lens
 
 FORMAT = "lensfield-lens"

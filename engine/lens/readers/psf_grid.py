@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import LensError
+from ...errors import LensError
 
 LARGEST_TABLE = 2**28  # samples
 SAME_PITCH = 1e-4

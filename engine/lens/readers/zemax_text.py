@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import LensError
+from ...errors import LensError
 from .psf_grid import PsfGrid
 from .text import numbers, shown
 

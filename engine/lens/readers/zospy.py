@@ -11,7 +11,7 @@ import re
 
 import numpy as np
 
-from ..errors import LensError
+from ...errors import LensError
 from .psf_grid import PsfGrid, psf_table
 from .text import read_text, shown
 from .zemax_text import WHOLE, image_mm

@@ -14,12 +14,12 @@ import bpy
 import numpy as np
 import OpenEXR
 import pytest
-from lenses import make_lens
-from small_scenes import set_world
 
+from lenses import make_lens
 from lensfield import addon
-from lensfield.engine.exr import read_exr
-from lensfield.engine.transport import SpectralOptions
+from lensfield.engine.image.spectral_exr import read_exr
+from lensfield.engine.spectral.wavelength_choice import SpectralOptions
+from small_scenes import set_world
 
 TOGETHER_NM = [450, 550, 650]
 SHIFTED_NM = [400, 450, 500, 550, 600, 650]  # 450 rides in green, 550 in red, 650 in blue

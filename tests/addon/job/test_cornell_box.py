@@ -3,14 +3,15 @@
 The figures in tests/data/cornell_mitsuba.npz are Mitsuba's, by `python validation/cornell_mitsuba.py`.
 """
 
-from pathlib import Path
 
-import cornell_blender
-import cornell_box as box
 import numpy as np
 import pytest
 
-MITSUBA = Path(__file__).resolve().parents[1] / "data" / "cornell_mitsuba.npz"
+import cornell_blender
+import cornell_box as box
+from places import DATA
+
+MITSUBA = DATA / "cornell_mitsuba.npz"
 SIDE_PX = 32
 SAMPLES = 512
 

@@ -6,16 +6,16 @@ import bmesh
 import bpy
 import numpy as np
 import pytest
-from lenses import make_lens
 from scipy.optimize import brentq
-from small_scenes import light, material, set_world, wall
 
+from lenses import make_lens
 from lensfield import addon
 from lensfield.engine.errors import InputError
-from lensfield.engine.exr import read_exr
-from lensfield.engine.refraction import load_refraction
-from lensfield.engine.spectra import load_spectrum
-from lensfield.engine.transport import SpectralOptions
+from lensfield.engine.image.spectral_exr import read_exr
+from lensfield.engine.spectral.refraction import load_refraction
+from lensfield.engine.spectral.spectra import load_spectrum
+from lensfield.engine.spectral.wavelength_choice import SpectralOptions
+from small_scenes import light, material, set_world, wall
 
 NM = np.array([420.0, 550.0, 680.0])
 FLAT, FLAT_DENSITY = "380:1, 780:1", 1 / 400

@@ -6,15 +6,15 @@ from functools import cache
 import bpy
 import numpy as np
 import pytest
+
 from lenses import make_lens
+from lensfield import addon
+from lensfield.addon.shading.lamps import MOST_GROUPS
+from lensfield.engine.image.spectral_exr import read_exr
+from lensfield.engine.spectral.spectra import blackbody, colour_matching, emission_basis, load_spectrum, white_density
+from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 from small_scenes import background, light, material, set_world, wall
 from snapshot import differences, snapshot
-
-from lensfield import addon
-from lensfield.addon.emitters import MOST_GROUPS
-from lensfield.engine.exr import read_exr
-from lensfield.engine.spectra import blackbody, colour_matching, emission_basis, load_spectrum, white_density
-from lensfield.engine.transport import SpectralOptions
 
 NM = np.array([420.0, 450.0, 500.0, 550.0, 589.0, 610.0, 650.0])
 FLAT, FLAT_DENSITY = "380:1, 780:1", 1 / 400
@@ -418,7 +418,7 @@ def test_scene_and_groups_are_whole_afterwards(scene, tmp_path, monkeypatch, fai
     bpy.context.view_layer.update()
     before = snapshot()
     if fails:
-        monkeypatch.setattr("lensfield.addon.capture._read_pass", lambda *_: 1 / 0)
+        monkeypatch.setattr("lensfield.addon.job.radiance._read_pass", lambda *_: 1 / 0)
         with pytest.raises(ZeroDivisionError):
             radiance(scene, tmp_path)
     else:

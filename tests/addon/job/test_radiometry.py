@@ -10,13 +10,13 @@ from functools import cache
 import bpy
 import numpy as np
 import pytest
-from lenses import make_lens
-from small_scenes import light, material, set_world, wall
 
+from lenses import make_lens
 from lensfield import addon
-from lensfield.engine.exr import read_exr
-from lensfield.engine.spectra import colour_matching, load_spectrum, reflectance_basis, white_density
-from lensfield.engine.transport import SpectralOptions
+from lensfield.engine.image.spectral_exr import read_exr
+from lensfield.engine.spectral.spectra import colour_matching, load_spectrum, reflectance_basis, white_density
+from lensfield.engine.spectral.wavelength_choice import SpectralOptions
+from small_scenes import light, material, set_world, wall
 
 NM = np.array([450.0, 550.0, 589.0, 650.0])
 WATTS, DISTANCE_M = 100.0, 2.0

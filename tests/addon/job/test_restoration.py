@@ -4,16 +4,16 @@
 import bpy
 import numpy as np
 import pytest
+
+from lensfield.addon.job.radiance import RenderPass
+from lensfield.addon.job.render import Job, render_steps, run
+from lensfield.addon.scene.errors import SceneError
+from lensfield.addon.scene.undo import Journal
+from lensfield.engine import Lens, Options
+from lensfield.engine.spectral.spectra import reflectance_basis
+from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 from small_scenes import WAVELENGTHS_NM, light, material, radiance_on_axis, render, set_world, wall
 from snapshot import differences, snapshot
-
-from lensfield.addon.errors import SceneError
-from lensfield.addon.journal import Journal
-from lensfield.addon.capture import RenderPass
-from lensfield.addon.render import Job, render_steps, run
-from lensfield.engine import Lens, Options
-from lensfield.engine.spectra import reflectance_basis
-from lensfield.engine.transport import SpectralOptions
 
 
 @pytest.fixture
@@ -241,7 +241,7 @@ def test_only_the_compositor_changes_where_it_is_asked_for(rich_scene, tmp_path)
 
 def test_random_failure_inside_the_render_still_restores(rich_scene, tmp_path, monkeypatch):
     before = snapshot()
-    monkeypatch.setattr("lensfield.addon.capture._read_pass", lambda *_: 1 / 0)
+    monkeypatch.setattr("lensfield.addon.job.radiance._read_pass", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         run(render_steps(rich_scene, job(tmp_path)))
     assert not differences(before, snapshot())

@@ -1,27 +1,25 @@
 """The sample scene: small, of real spectra, and fit for the lens that it is made for."""
 
-from pathlib import Path
 
 import bpy
 import numpy as np
 import pytest
-from small_scenes import render
 
 from lensfield.engine import Lens
-from lensfield.engine.exr import read_exr
-from lensfield.engine.spectra import library_names
-
-BLEND = Path(__file__).resolve().parents[2] / "sample_scenes" / "evening_chess.blend"
+from lensfield.engine.image.spectral_exr import read_exr
+from lensfield.engine.spectral.spectra import library_names
+from places import SAMPLE_SCENE
+from small_scenes import render
 
 
 @pytest.fixture
 def sample_scene():
-    bpy.ops.wm.open_mainfile(filepath=str(BLEND))
+    bpy.ops.wm.open_mainfile(filepath=str(SAMPLE_SCENE))
     return bpy.context.scene
 
 
 def test_file_is_small_and_whole(sample_scene):
-    assert BLEND.stat().st_size < 1_000_000
+    assert SAMPLE_SCENE.stat().st_size < 1_000_000
     assert not [image for image in bpy.data.images if image.source == "FILE"]
     assert not bpy.data.libraries
 

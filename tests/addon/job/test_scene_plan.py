@@ -5,16 +5,16 @@ from functools import cache
 import bpy
 import numpy as np
 import pytest
-from lenses import make_lens
-from small_scenes import WAVELENGTHS_NM, light, material, paint_by_nodes, set_world, wall
 
+from lenses import make_lens
 from lensfield import addon
-from lensfield.addon.errors import SceneError
-from lensfield.engine.colour_difference import ciede2000, lab_from_xyz
+from lensfield.addon.scene.errors import SceneError
 from lensfield.engine.errors import InputError
-from lensfield.engine.exr import read_exr
-from lensfield.engine.spectra import colour_matching, emission_basis, load_spectrum, reflectance_basis
-from lensfield.engine.transport import STANDARD_COLOUR_ERROR, SpectralOptions
+from lensfield.engine.image.spectral_exr import read_exr
+from lensfield.engine.spectral.colour_difference import ciede2000, lab_from_xyz
+from lensfield.engine.spectral.spectra import colour_matching, emission_basis, load_spectrum, reflectance_basis
+from lensfield.engine.spectral.wavelength_choice import STANDARD_COLOUR_ERROR, SpectralOptions
+from small_scenes import WAVELENGTHS_NM, light, material, paint_by_nodes, set_world, wall
 
 NM = np.linspace(400, 700, 16)
 FLAT, FLAT_DENSITY = "380:1, 780:1", 1 / 400
@@ -229,7 +229,7 @@ def test_coloured_specular_tint_has_each_wavelength_by_itself(scene, tmp_path):
 def test_rendering_tinted_wavelengths_together_would_be_wrong(scene, tmp_path, monkeypatch):
     """Or the test above says nothing."""
     tinted_ball(scene)
-    monkeypatch.setattr("lensfield.addon.scene_plan.judge", lambda *_: ())
+    monkeypatch.setattr("lensfield.addon.job.scene_plan.judge", lambda *_: ())
     together, facts = rendered(scene, tmp_path, WAVELENGTHS_NM, "reference")
     assert facts["passes"] == 1
     blue, _ = rendered(scene, tmp_path, WAVELENGTHS_NM[:1])
@@ -381,8 +381,8 @@ def test_glass_whose_index_is_not_known_is_named_before_anything_is_rendered(sce
 
 
 def test_foresight_refuses_what_the_render_would(scene):
-    from lensfield.addon.operators import job_from_settings
-    from lensfield.addon.scene_plan import foresee
+    from lensfield.addon.job.scene_plan import foresee
+    from lensfield.addon.ui.operators import job_from_settings
 
     job = job_from_settings(scene)
     assert "1 Cycles render at" in foresee(scene, job).text  # the output folder is no matter of the plan

@@ -1,24 +1,22 @@
 """The settings of a scene: what they ask of the engine, how panels show them, and what renders of a session share."""
 
-from pathlib import Path
 
 import bpy
 import numpy as np
 import pytest
-from layouts import Layout
-from small_scenes import WAVELENGTHS_NM, light, material, render, set_world, wall
 
+from layouts import Layout
 from lensfield import addon
-from lensfield.addon.lenses import load_lens
-from lensfield.addon.panels import draw_settings
-from lensfield.addon.render import kept
+from lensfield.addon.job.render import kept
+from lensfield.addon.scene.lens_cache import load_lens
+from lensfield.addon.ui.panels import draw_settings
 from lensfield.engine import Lens, Options, simulate
 from lensfield.engine import kept as keeping
-from lensfield.engine.exr import read_exr
-from lensfield.engine.lens_files import BUNDLED
-from lensfield.engine.options import DEFAULT_ACCURACY
-
-BLEND = Path(__file__).resolve().parents[2] / "sample_scenes" / "evening_chess.blend"
+from lensfield.engine.image.spectral_exr import read_exr
+from lensfield.engine.lens.readers import BUNDLED
+from lensfield.engine.plan.options import DEFAULT_ACCURACY
+from places import SAMPLE_SCENE
+from small_scenes import WAVELENGTHS_NM, light, material, render, set_world, wall
 
 
 @pytest.mark.parametrize("settings, options", [
@@ -62,7 +60,7 @@ def test_panels_show_what_counts(scene, settings, shown):
 
 
 def test_a_file_that_knows_no_accuracy_takes_the_default():
-    bpy.ops.wm.open_mainfile(filepath=str(BLEND))
+    bpy.ops.wm.open_mainfile(filepath=str(SAMPLE_SCENE))
     assert bpy.context.scene.lensfield.to_options().accuracy == DEFAULT_ACCURACY
 
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 import traced_lens_truth as truth
 import truth_scenes
 from lens_surfaces import Surfaces
-from traced_lens import Window, photograph
-
 from lensfield.engine.errors import LensError
+from traced_lens import Window, photograph
 
 DENSITY = 1 / 400  # W m^-2 sr^-1 nm^-1 of a strength of 1
 

@@ -6,17 +6,24 @@ import bpy
 import numpy as np
 import OpenEXR
 import pytest
-from small_scenes import material, render, set_world, wall
 
-from lensfield.addon.camera import (CAMERA_SENSOR_MM, check_camera, lens_for_view, make_framing, match_camera_to_lens,
-                                    pitch_um, set_up_capture)
-from lensfield.addon.errors import SceneError
+from lensfield.addon.scene.camera import (
+    CAMERA_SENSOR_MM,
+    check_camera,
+    lens_for_view,
+    make_framing,
+    match_camera_to_lens,
+    pitch_um,
+    set_up_capture,
+)
+from lensfield.addon.scene.errors import SceneError
 from lensfield.engine import Lens, SpectralImage, simulate
-from lensfield.engine.capture import overscan_px
-from lensfield.engine.depth_range import planar_depth_mm
-from lensfield.engine.exr import read_exr
-from lensfield.engine.psf import psf_radius_px
-from lensfield.engine.spectral_image import FISHEYE, PLANE
+from lensfield.engine.field.overscan import overscan_px
+from lensfield.engine.field.psf_bank import psf_radius_px
+from lensfield.engine.image.depth_range import planar_depth_mm
+from lensfield.engine.image.spectral_exr import read_exr
+from lensfield.engine.image.spectral_image import FISHEYE, PLANE
+from small_scenes import material, render, set_world, wall
 
 LENS = Lens.load("edmund-54852")
 WAVELENGTH_NM = 562.0

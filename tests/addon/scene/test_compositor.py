@@ -4,10 +4,10 @@ import bpy
 import numpy as np
 import OpenEXR
 import pytest
-from small_scenes import render, set_world
 
-from lensfield.addon.compositor import NAME, compositing_tree, lens_image
-from lensfield.addon.errors import SceneError
+from lensfield.addon.scene.compositor import NAME, compositing_tree, lens_image
+from lensfield.addon.scene.errors import SceneError
+from small_scenes import render, set_world
 
 
 def render_composite(scene, path):

@@ -3,10 +3,10 @@
 import bpy
 import numpy as np
 import pytest
-from cycles_pictures import picture
-from small_scenes import light, material, wall
 
-from lensfield.addon.rendered import materials_of, rendered_blocks, rendered_instances
+from cycles_pictures import picture
+from lensfield.addon.scene.instances import materials_of, rendered_blocks, rendered_instances
+from small_scenes import light, material, wall
 
 
 @pytest.fixture

@@ -2,23 +2,29 @@
 
 import json
 import re
-from pathlib import Path
 
 import bpy
 import numpy as np
 import pytest
+
 from cycles_pictures import picture
+from lensfield import cli
+from lensfield.addon.shading import closure_rules, node_rules
+from lensfield.addon.shading.lint import Finding, lint
+from lensfield.addon.shading.node_paths import constant_of
+from lensfield.addon.shading.node_rules import APPROXIMATED, REJECTED, SEPARATED, SUBSTITUTED, UPSAMPLED, VERDICTS
+from lensfield.addon.ui import lint_panel
+from lensfield.engine.spectral.spectra import (
+    BAND_NM,
+    blackbody,
+    channel_basis,
+    colour_matching,
+    emission_basis,
+    reflectance_basis,
+)
+from places import SAMPLE_SCENE
 from small_scenes import background, light, material, set_world, wall
 
-from lensfield import cli
-from lensfield.addon import closure_rules, lint_panel, node_rules
-from lensfield.addon.lint import Finding, lint
-from lensfield.addon.node_paths import constant_of
-from lensfield.addon.node_rules import APPROXIMATED, REJECTED, SEPARATED, SUBSTITUTED, UPSAMPLED, VERDICTS
-from lensfield.engine.spectra import (BAND_NM, blackbody, channel_basis, colour_matching, emission_basis,
-                                      reflectance_basis)
-
-SAMPLE = Path(__file__).resolve().parents[2] / "sample_scenes" / "evening_chess.blend"
 XYZ_TO_REC709 = np.linalg.inv([[0.4123908, 0.3575843, 0.1804808], [0.2126390, 0.7151687, 0.0721923],
                                [0.0193308, 0.1191948, 0.9505322]])  # IEC 61966-2-1
 
@@ -403,7 +409,7 @@ def test_command_tells_findings_and_its_status_is_for_scripts(filmed, capsys):
 
 
 def test_sample_scene_has_nothing_rejected_nor_separated(capsys):
-    assert cli.main(["lint", str(SAMPLE)]) == 0
+    assert cli.main(["lint", str(SAMPLE_SCENE)]) == 0
     assert not {REJECTED, SEPARATED} & {word.strip(":") for word in capsys.readouterr().out.split()}
 
 

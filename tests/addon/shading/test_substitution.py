@@ -3,13 +3,22 @@
 import bpy
 import numpy as np
 import pytest
-from small_scenes import (WAVELENGTHS_NM, background, light, material, paint_by_nodes, radiance_on_axis, render,
-                          set_world, wall)
 
-from lensfield.addon.bands import passes
-from lensfield.addon.errors import SceneError
-from lensfield.engine.exr import read_exr
-from lensfield.engine.spectra import LIBRARY, emission_basis, reflectance_basis, white_density
+from lensfield.addon.job.bands import passes
+from lensfield.addon.scene.errors import SceneError
+from lensfield.engine.image.spectral_exr import read_exr
+from lensfield.engine.spectral.spectra import LIBRARY, emission_basis, reflectance_basis, white_density
+from small_scenes import (
+    WAVELENGTHS_NM,
+    background,
+    light,
+    material,
+    paint_by_nodes,
+    radiance_on_axis,
+    render,
+    set_world,
+    wall,
+)
 
 NM = np.array(WAVELENGTHS_NM)
 FLAT = "380:1, 780:1"

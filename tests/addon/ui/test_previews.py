@@ -6,14 +6,14 @@ import shutil
 import bpy
 import numpy as np
 import pytest
-from layouts import Layout
 from PIL import Image
 
+from layouts import Layout
 from lensfield import addon
-from lensfield.addon import previews
-from lensfield.addon.errors import SceneError
-from lensfield.addon.panels import draw_settings
-from lensfield.engine.lens_files import BUNDLED
+from lensfield.addon.scene.errors import SceneError
+from lensfield.addon.ui import previews
+from lensfield.addon.ui.panels import draw_settings
+from lensfield.engine.lens.readers import BUNDLED
 
 RED, BLUE = (255, 0, 0), (0, 0, 255)
 

@@ -1,12 +1,13 @@
 """One singlet as each program would write it: a stop, a lens of N-BK7 with an ellipsoid behind, f/10 at infinity."""
 
 import numpy as np
-from lensfield.engine.bake.prescription import Surface
-from lensfield.engine.bake.prescriptions import read_prescription
 from optiland.fileio import save_optiland_file
 from optiland.materials import AbbeMaterial, Material
 from optiland.optic import Optic
 from optiland.physical_apertures import RadialAperture
+
+from lensfield.engine.bake.prescription import Surface
+from lensfield.engine.bake.prescriptions import read_prescription
 
 TOML = """
 format = "lensfield-prescription"

@@ -1,10 +1,11 @@
 """A perfect lens, whose PSFs, distortion and illumination are known in closed form."""
 
 import numpy as np
-from lensfield.engine.bake.prescription import Prescription, Surface
-from lensfield.engine.bake.system import System
 from optiland.materials import IdealMaterial
 from optiland.optic import Optic
+
+from lensfield.engine.bake.prescription import Prescription, Surface
+from lensfield.engine.bake.system import System
 
 EFL_MM = 50.0
 

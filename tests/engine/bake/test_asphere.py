@@ -4,14 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from optiland.coordinate_system import CoordinateSystem
+from optiland.rays import RealRays
+
 from lensfield.engine.bake import build_system
 from lensfield.engine.bake.asphere import Asphere
 from lensfield.engine.bake.prescription import Prescription, Surface
 from lensfield.engine.bake.prescriptions import read_prescription
 from lensfield.engine.bake.rays import HalfPupil, trace_pupil
-from lensfield.engine.lens_files import BUNDLED
-from optiland.coordinate_system import CoordinateSystem
-from optiland.rays import RealRays
+from lensfield.engine.lens.readers import BUNDLED
 
 SURFACES = {"conic and powers": Surface(3.0, conic=-0.7, aspheric=(0.0, 2e-3, -1e-4, 3e-6)),
             "a term in r^2": Surface(-8.0, conic=2.0, aspheric=(0.03, -1e-3)),

@@ -8,9 +8,10 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import fields
 from types import SimpleNamespace
 
-import lensfield.engine.bake as baking
 import numpy as np
 import pytest
+
+import lensfield.engine.bake as baking
 from lens_texts import changed
 from lenses import make_lens
 from lensfield import cli

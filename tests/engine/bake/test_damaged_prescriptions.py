@@ -5,6 +5,7 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
+
 from lens_texts import CODEV, PBRT, TOML, ZEMAX, saved_by_optiland
 from lensfield.engine import LensError
 from lensfield.engine.bake.prescription import Prescription, Surface

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from lensfield.engine import LensError
 from lensfield.engine.bake.glasses import CATALOGUES, best_name, extinction_at, find_glass
 

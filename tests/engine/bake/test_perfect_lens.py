@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import j1
+
 from lensfield.engine.bake.diffraction import point_spread
 from lensfield.engine.bake.wavefront import sample_pupil, trace_wavefronts
 from perfect_lens import EFL_MM, perfect_system
-from scipy.special import j1
 
 NM = 550.0
 

@@ -4,15 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from optiland.physical_apertures import RadialAperture
+
 from lens_texts import PBRT, SURFACES, TOML, changed, saved_by_optiland
-from lenses import SHARED_DATA
 from lensfield.engine import LensError
 from lensfield.engine.bake import build_system
 from lensfield.engine.bake.prescription import Prescription, Surface
 from lensfield.engine.bake.prescriptions import READERS, read_prescription
 from lensfield.engine.bake.rays import HalfPupil, trace_pupil
-from lensfield.engine.lens_files import BUNDLED
-from optiland.physical_apertures import RadialAperture
+from lensfield.engine.lens.readers import BUNDLED
+from places import SHARED_DATA
 
 FILES = SHARED_DATA / "prescriptions"
 SINGLET = Prescription("singlet", SURFACES, ("entrance_pupil_diameter_mm", 5.0), ("angle_deg", 14.0))

@@ -1,19 +1,20 @@
 """The paper's lens, traced, against its maker's figures, a second tracer, and Huygens' sum done by hand."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+
 from lensfield.engine import LensError
 from lensfield.engine.bake import build_system, focused
 from lensfield.engine.bake.diffraction import point_spread
 from lensfield.engine.bake.prescriptions import read_prescription
 from lensfield.engine.bake.rays import HalfPupil, trace_pupil
 from lensfield.engine.bake.wavefront import sample_pupil, trace_wavefronts
-from lensfield.engine.lens_files import BUNDLED
+from lensfield.engine.lens.readers import BUNDLED
+from places import DATA
 
-CHIEF_RAYS = Path(__file__).resolve().parents[1] / "data" / "edmund_chief_rays.csv"
+CHIEF_RAYS = DATA / "edmund_chief_rays.csv"
 
 
 @pytest.fixture(scope="module")

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from lens_texts import SURFACES, ZEMAX, reader_of
 from lensfield.engine import LensError
 from lensfield.engine.bake import build_system

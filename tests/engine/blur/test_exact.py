@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from lensfield.engine.reference import BLOCK_PIXELS, filter_exactly
+
+from lensfield.engine.blur.exact import BLOCK_PIXELS, filter_exactly
 
 RADIUS = 2
 

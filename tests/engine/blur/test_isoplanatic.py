@@ -2,14 +2,15 @@
 
 import numpy as np
 import pytest
+from scipy.signal import fftconvolve
+
 from lenses import placed_psfs
 from lensfield.engine import Lens
-from lensfield.engine.content import judge_content
+from lensfield.engine.blur.exact import filter_exactly
+from lensfield.engine.blur.isoplanatic import ORDERS, FourierSections, axis_nodes
+from lensfield.engine.blur.overlap_add import overlap_add
+from lensfield.engine.blur.section_needs import judge_content
 from lensfield.engine.room import Room
-from lensfield.engine.overlap import overlap_add
-from lensfield.engine.reference import filter_exactly
-from lensfield.engine.sections import ORDERS, FourierSections, axis_nodes
-from scipy.signal import fftconvolve
 
 RADIUS = 3
 SHAPES = [(1, 1), (1, 9), (7, 1), (20, 33), (31, 17), (32, 32)]

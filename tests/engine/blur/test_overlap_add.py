@@ -4,8 +4,9 @@ import threading
 
 import numpy as np
 import pytest
-from lensfield.engine.content import Content
-from lensfield.engine.overlap import overlap_add
+
+from lensfield.engine.blur.overlap_add import overlap_add
+from lensfield.engine.blur.section_needs import Content
 
 RADIUS = 2
 

@@ -4,8 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from lenses import (comatic_lens, distance_of_light, gaussian_psf, lit_pixels, lopsided_lens, make_lens, marked_psf,
-                    points_image)
+
+from lenses import (
+    comatic_lens,
+    distance_of_light,
+    gaussian_psf,
+    lit_pixels,
+    lopsided_lens,
+    make_lens,
+    marked_psf,
+    points_image,
+)
 from lensfield.engine import Lens, Options, Report, SpectralImage, simulate
 
 LENSES = {"comatic": comatic_lens(), "lopsided": lopsided_lens(), "edmund": Lens.load("edmund-54852")}

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from lenses import comatic_lens, distance_of_light, lopsided_lens
 from lensfield.engine import Lens, Options, Report, SpectralImage, simulate
 

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+
 from lenses import comatic_lens, distance_of_light, gaussian_psf, lopsided_lens, make_lens
 from lensfield.engine import Lens, Options, SpectralImage, simulate
-from lensfield.engine.content import judge_content
-from lensfield.engine.folding import quadrants
-from lensfield.engine.sections import FourierSections
+from lensfield.engine.blur.isoplanatic import FourierSections
+from lensfield.engine.blur.section_needs import judge_content
+from lensfield.engine.field.mirror_symmetry import quadrants
 
 E_AXIS = np.pi / 16
 RANGE = 1024.0

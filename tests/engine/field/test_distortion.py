@@ -4,10 +4,11 @@ import re
 
 import numpy as np
 import pytest
+
 from lenses import make_lens
 from lensfield.engine import LensError
-from lensfield.engine.geometry import LARGEST_FOOTPRINT_PX, RIM_PX, FieldGeometry, fit_polynomial, footprints
-from lensfield.engine.spectral_image import pixel_axes_mm
+from lensfield.engine.field.distortion import LARGEST_FOOTPRINT_PX, RIM_PX, FieldGeometry, fit_polynomial, footprints
+from lensfield.engine.image.spectral_image import pixel_axes_mm
 
 HEIGHTS_MM = np.linspace(0, 3, 21)
 WILD = np.where(np.arange(21) % 2, 1.0, -1.0)

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+
 from lenses import comatic_lens, gaussian_psf, lopsided_lens, make_lens, marked_psf
 from lensfield.engine import Options, Report, SpectralImage, simulate
-from lensfield.engine.folding import mirror_symmetric, quadrants, unfold, without_doubles
+from lensfield.engine.field.mirror_symmetry import mirror_symmetric, quadrants, unfold, without_doubles
 
 SHAPES = [(1, 1), (4, 6), (5, 6), (4, 7), (5, 7), (1, 4)]
 

@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from lenses import gaussian_psf, lit_pixels, make_lens
 from lensfield.engine import Lens, Options, SpectralImage, simulate
-from lensfield.engine.capture import LARGEST_PLANE, choose_capture, image_radius, overscan_px
-from lensfield.engine.psf import psf_radius_px
-from lensfield.engine.spectral_image import FISHEYE, PLANE, pixel_axes_mm
+from lensfield.engine.field.overscan import LARGEST_PLANE, choose_capture, image_radius, overscan_px
+from lensfield.engine.field.psf_bank import psf_radius_px
+from lensfield.engine.image.spectral_image import FISHEYE, PLANE, pixel_axes_mm
 
 E_AXIS = np.pi / 16
 SECTIONS = Options(16, 2)

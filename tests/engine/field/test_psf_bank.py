@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
-from lenses import SHARED_DATA, gaussian_psf, make_lens, marked_psf
-from lensfield.engine import Lens
-from lensfield.engine.psf import PsfBank, psf_radius_px, psf_support
 from scipy.special import erf
+
+from lenses import gaussian_psf, make_lens, marked_psf
+from lensfield.engine import Lens
+from lensfield.engine.field.psf_bank import PsfBank, psf_radius_px, psf_support
+from places import SHARED_DATA
 
 AZIMUTHS = (0.0, 0.3, np.pi / 4, np.pi / 2, 2.0, np.pi, -2.5)
 AXES = {"right": 0.0, "up": np.pi / 2, "left": np.pi, "down": -np.pi / 2}

@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from lenses import comatic_lens, gaussian_psf, lopsided_lens, make_lens
 from lensfield.engine import Lens
-from lensfield.engine.polar import PolarTables
-from lensfield.engine.psf import PsfBank
+from lensfield.engine.field.psf_bank import PsfBank
+from lensfield.engine.field.psf_table import PolarTables
 
 PITCH_UM = 8.0
 LENSES = {"comatic": comatic_lens(), "lopsided": lopsided_lens(), "edmund": Lens.load("edmund-54852")}

@@ -4,11 +4,12 @@ from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
+
 from lenses import make_lens
 from lensfield.engine import Lens
-from lensfield.engine.depth_range import check_depth, entrance_pupil_diameter_mm, planar_depth_mm, sharp_range_mm
 from lensfield.engine.errors import ImageError, InputError
-from lensfield.engine.spectral_image import FISHEYE, PLANE
+from lensfield.engine.image.depth_range import check_depth, entrance_pupil_diameter_mm, planar_depth_mm, sharp_range_mm
+from lensfield.engine.image.spectral_image import FISHEYE, PLANE
 
 FAR_LENS = make_lens(efl_mm=50.0, object_distance_mm=np.inf, magnification=0.0, f_number_effective=5.0)
 """A 10 mm pupil, in focus at infinity."""

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from lensfield.engine.ideal import ideal_irradiance, irradiance_per_radiance
+
+from lensfield.engine.image.irradiance import ideal_irradiance, irradiance_per_radiance
 
 
 @pytest.mark.parametrize("radiance, illumination, transmittance, f_number, expected", [

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+
 from lenses import make_lens
 from lensfield.engine import ImageError, Options, Report, SpectralImage, simulate
-from lensfield.engine.fireflies import clamp_fireflies, refuse_fireflies
+from lensfield.engine.image.nonfinite import clamp_fireflies, refuse_fireflies
 
 E_AXIS = np.pi / 16
 pytestmark = pytest.mark.filterwarnings("error")  # numbers that are none are told by an error, not on the console too

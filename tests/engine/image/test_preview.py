@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+from PIL import Image
+
 from lenses import make_lens
 from lensfield.engine import SpectralImage, simulate
-from lensfield.engine.colour import auto_exposure, encode_srgb, to_rec709, write_png
-from lensfield.engine.spectra import emission_basis, load_spectrum, white_density
-from PIL import Image
+from lensfield.engine.image.preview import auto_exposure, to_rec709, write_png
+from lensfield.engine.spectral.colour import encode_srgb
+from lensfield.engine.spectral.spectra import emission_basis, load_spectrum, white_density
 
 FINE_NM = np.arange(380.0, 781.0, 5.0)
 

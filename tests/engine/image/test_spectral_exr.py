@@ -5,8 +5,16 @@ import re
 import numpy as np
 import OpenEXR
 import pytest
+
 from lensfield.engine import ImageError, InputError, SpectralImage
-from lensfield.engine.exr import channel_name, channel_wavelength_nm, is_spectral, read_exr, read_parts, write_exr
+from lensfield.engine.image.spectral_exr import (
+    channel_name,
+    channel_wavelength_nm,
+    is_spectral,
+    read_exr,
+    read_parts,
+    write_exr,
+)
 
 # Fichet, Pacanowski and Wilkie, JCGT 2021
 LAYOUT = re.compile(r"^((S([0-3]))|T)\.(\d*,?\d*([Ee][+-]?\d+)?)(Y|Z|E|P|T|G|M|k|h|da|d|c|m|u|n|p)?(m|Hz)$")

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+
 from lensfield.engine import ImageError, SpectralImage
-from lensfield.engine.spectral_image import pixel_axes_mm, pixel_position_mm
+from lensfield.engine.image.spectral_image import pixel_axes_mm, pixel_position_mm
 
 
 def image(**changes):

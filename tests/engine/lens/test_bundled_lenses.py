@@ -5,9 +5,10 @@ import tomllib
 
 import numpy as np
 import pytest
+
 from lensfield.engine import Lens, Options, SpectralImage, simulate
-from lensfield.engine.lens_check import check_lens
-from lensfield.engine.lens_files import BUNDLED, bundled_makers, bundled_names
+from lensfield.engine.lens.checks import check_lens
+from lensfield.engine.lens.readers import BUNDLED, bundled_makers, bundled_names
 
 KINDS = {"angenieux-50mm-f1.1", "angenieux-50mm-f4", "apple-phone-4mm", "cooke-triplet-50mm", "edmund-54852",
          "kodak-petzval-100mm", "muller-fisheye-25mm", "nikkor-28mm", "tessar-50mm"}

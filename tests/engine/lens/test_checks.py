@@ -5,12 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from lenses import SHARED_DATA, gaussian_psf, make_lens
+
+from lenses import gaussian_psf, make_lens
 from lensfield import cli
 from lensfield.engine import Lens
-from lensfield.engine.finding import SEVERITIES
-from lensfield.engine.lens_check import check_lens
-from lensfield.engine.lens_files.package import write_package
+from lensfield.engine.lens.checks import check_lens
+from lensfield.engine.lens.finding import SEVERITIES
+from lensfield.engine.lens.readers.package import write_package
+from places import SHARED_DATA
 
 WAVELENGTHS_NM = np.arange(400.0, 701.0, 50)
 HEIGHTS_MM = np.linspace(0, 3.3, 12)

@@ -2,13 +2,23 @@
 
 import numpy as np
 import pytest
+from scipy.special import j1
+
 from lenses import SENSOR_POINT, gaussian_psf, make_lens, marked_psf
 from lensfield.engine import LensError
-from lensfield.engine.lens_curves import (cosine_fourth, diffraction_cutoff_per_mm, distortion_grid,
-                                          distortion_percent, field_angle_rad, field_of, lateral_colour_um,
-                                          preferred_frequencies_per_mm, transfer, white_mtf)
-from lensfield.engine.spectra import colour_matching
-from scipy.special import j1
+from lensfield.engine.lens.curves import (
+    cosine_fourth,
+    diffraction_cutoff_per_mm,
+    distortion_grid,
+    distortion_percent,
+    field_angle_rad,
+    field_of,
+    lateral_colour_um,
+    preferred_frequencies_per_mm,
+    transfer,
+    white_mtf,
+)
+from lensfield.engine.spectral.spectra import colour_matching
 
 
 def airy_psf(wavelength_um, f_number, pitch_um, window):

@@ -7,17 +7,18 @@ import tomllib
 from copy import deepcopy
 from dataclasses import replace
 
-import codev_seq
 import numpy as np
-import opticstudio
 import pytest
+
+import codev_seq
+import opticstudio
 import zpl
 from lens_program import ENTRANCE_PUPIL_MM, MARGINAL_COSINE, OUTERMOST_MM, LensInProgram
-from lenses import SHARED_DATA
 from lensfield.cli import main
 from lensfield.engine import InputError, LensError
-from lensfield.engine.export_macro import MACROS, PROGRAMS, ExportOptions, export_macro
-from lensfield.engine.lens_files import import_lens
+from lensfield.engine.lens.export_macro import MACROS, PROGRAMS, ExportOptions, export_macro
+from lensfield.engine.lens.readers import import_lens
+from places import ROOT, SHARED_DATA
 
 FEW = ExportOptions(heights=3, last_height_mm=2.0, wavelengths_nm=(450.0, 587.6, 650.25), psf_samples=32,
                     psf_pitch_um=0.25, pupil_samples=64, sensor_mm=(3.2, 2.4))
@@ -456,7 +457,7 @@ def test_the_command_tells_bad_values(arguments, told, capsys):
 
 
 def test_templates_are_installed_with_the_package():
-    package = tomllib.loads((MACROS.parents[1] / "pyproject.toml").read_text())["tool"]["setuptools"]["package-data"]
+    package = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["package-data"]
     patterns = package["lensfield.engine"]
-    assert all(any(path in MACROS.parent.glob(pattern) for pattern in patterns) for path in MACROS.iterdir())
+    assert all(any(path in (ROOT / "engine").glob(pattern) for pattern in patterns) for path in MACROS.iterdir())
     assert {path.name for path in MACROS.iterdir()} == set(PROGRAMS.values())

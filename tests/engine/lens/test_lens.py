@@ -4,9 +4,10 @@ from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
+
 from lenses import comatic_lens, make_lens, marked_psf
 from lensfield.engine import Lens, LensError, Options, SpectralImage, simulate
-from lensfield.engine.spectral_image import PROJECTIONS
+from lensfield.engine.image.spectral_image import PROJECTIONS
 
 REFERENCE_NM = 587.6
 

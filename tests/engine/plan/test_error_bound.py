@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+
 from lenses import gaussian_psf, make_lens
 from lensfield.engine import InputError, Lens, Options, Report, SpectralImage, simulate
-from lensfield.engine.accuracy import AzimuthErrors, azimuth_error
-from lensfield.engine.geometry import FieldGeometry
-from lensfield.engine.planner import make_plan
-from lensfield.engine.polar import PolarTables
-from lensfield.engine.psf import PsfBank
+from lensfield.engine.field.distortion import FieldGeometry
+from lensfield.engine.field.psf_bank import PsfBank
+from lensfield.engine.field.psf_table import PolarTables
+from lensfield.engine.plan.choose import make_plan
+from lensfield.engine.plan.error_bound import AzimuthErrors, azimuth_error
 
 PITCH_UM = 20.0
 WINDOW = 31

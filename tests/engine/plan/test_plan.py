@@ -5,11 +5,12 @@ from dataclasses import FrozenInstanceError, fields
 
 import numpy as np
 import pytest
+
 from lenses import gaussian_psf, make_lens
 from lensfield.engine import ImageError, Options, SpectralImage
 from lensfield.engine.errors import InputError
-from lensfield.engine.plan import Plan
-from lensfield.engine.planner import make_plan
+from lensfield.engine.plan.choose import make_plan
+from lensfield.engine.plan.plan import Plan
 
 BLURRED = make_lens(gaussian_psf(4, 4, 1.0, 64), psf_pitch_um=1.0)
 

@@ -4,14 +4,15 @@ import sys
 
 import numpy as np
 import pytest
+from PIL import Image
+
 from lenses import comatic_lens, gaussian_psf, lopsided_lens, make_lens, marked_psf
 from lensfield import cli
 from lensfield.engine import InputError, LensError
-from lensfield.engine.lens_files import BUNDLED, bundled_names
-from lensfield.engine.lens_files.package import write_package
-from lensfield.engine.lens_plot import write_lens_plot
-from lensfield.engine.psf_map import tile
-from PIL import Image
+from lensfield.engine.lens.readers import BUNDLED, bundled_names
+from lensfield.engine.lens.readers.package import write_package
+from lensfield.engine.sheet.psf_map import tile
+from lensfield.engine.sheet.sheet import write_lens_plot
 
 SIDE_PX = 1680
 HEAVIEST_BYTES = 170_000

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+
 from lenses import gaussian_psf, make_lens
-from lensfield.engine.colour import XYZ_TO_REC709
-from lensfield.engine.fringes import wavelength_colours, white_psfs
-from lensfield.engine.spectra import colour_matching
+from lensfield.engine.sheet.white_light import wavelength_colours, white_psfs
+from lensfield.engine.spectral.colour import XYZ_TO_REC709
+from lensfield.engine.spectral.spectra import colour_matching
 
 
 @pytest.mark.parametrize("nm, order", [(450, "bgr"), (480, "bgr"), (540, "gbr"), (590, "rgb"), (650, "rbg")])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lensfield.engine.colour_difference import ciede2000, lab_from_xyz
+from lensfield.engine.spectral.colour_difference import ciede2000, lab_from_xyz
 
 PAIRS = [
     ((50.0, 2.6772, -79.7751), (50.0, 0.0, -82.7485), 2.0425),

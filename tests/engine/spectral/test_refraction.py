@@ -4,9 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from lensfield.engine import refraction
+
 from lensfield.engine.errors import InputError
-from lensfield.engine.refraction import load_refraction, refraction_names
+from lensfield.engine.spectral import refraction
+from lensfield.engine.spectral.refraction import load_refraction, refraction_names
 
 LIBRARY = Path(refraction.__file__).parent / "data" / "refraction"
 NM_D, NM_SODIUM = 587.5618, 589.3

@@ -4,11 +4,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from lensfield.engine import spectra
+
 from lensfield.engine.errors import InputError
-from lensfield.engine.spectra import (BAND_NM, CHANNEL_NM, Spectrum, blackbody, channel_basis, colour_matching,
-                                      emission_basis, library_names, load_spectrum, parse_wavelengths,
-                                      reflectance_basis, white_density)
+from lensfield.engine.spectral import spectra
+from lensfield.engine.spectral.spectra import (
+    BAND_NM,
+    CHANNEL_NM,
+    Spectrum,
+    blackbody,
+    channel_basis,
+    colour_matching,
+    emission_basis,
+    library_names,
+    load_spectrum,
+    parse_wavelengths,
+    reflectance_basis,
+    white_density,
+)
 
 LIBRARY = Path(spectra.__file__).parent / "data" / "spectra"
 

@@ -2,11 +2,18 @@
 
 import numpy as np
 import pytest
-from lensfield.engine.colour_difference import ciede2000, lab_from_xyz
+
 from lensfield.engine.errors import InputError
-from lensfield.engine.spectra import (Spectrum, colour_matching, library_names, load_spectrum, reflectance_basis,
-                                      white_density)
-from lensfield.engine.transport import STANDARD_COLOUR_ERROR, SpectralOptions, plan_transport
+from lensfield.engine.spectral.colour_difference import ciede2000, lab_from_xyz
+from lensfield.engine.spectral.spectra import (
+    Spectrum,
+    colour_matching,
+    library_names,
+    load_spectrum,
+    reflectance_basis,
+    white_density,
+)
+from lensfield.engine.spectral.wavelength_choice import STANDARD_COLOUR_ERROR, SpectralOptions, plan_transport
 
 OUTPUT_NM = np.linspace(400, 700, 31)
 FINE_NM = np.linspace(400, 700, 301)

@@ -5,13 +5,15 @@ import sys
 
 import numpy as np
 import pytest
+from PIL import Image
+
 from lenses import comatic_lens, make_lens
 from lensfield import cli
-from lensfield.engine import Options, SpectralImage, tradeoff, tradeoff_plot
-from lensfield.engine.exr import write_exr
-from lensfield.engine.lens_files.package import write_package
-from lensfield.engine.psf import psf_radius_px
-from PIL import Image
+from lensfield.engine import Options, SpectralImage
+from lensfield.engine.field.psf_bank import psf_radius_px
+from lensfield.engine.image.spectral_exr import write_exr
+from lensfield.engine.lens.readers.package import write_package
+from lensfield.engine.trade import tradeoff, tradeoff_plot
 
 COLUMNS = ("image curve method section_size order azimuths precision psf_energy accuracy wavelengths seconds "
            "seconds_over_paper peak_mb relative_l2 maximum_error l1 predicted_bound against").split()

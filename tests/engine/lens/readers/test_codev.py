@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+
 from lensfield.engine import LensError
-from lensfield.engine.lens_files.codev import psf_grid
-from lensfield.engine.lens_files.psf_grid import psf_table
-from lensfield.engine.lens_files.text import decoded
+from lensfield.engine.lens.readers.codev import psf_grid
+from lensfield.engine.lens.readers.psf_grid import psf_table
+from lensfield.engine.lens.readers.text import decoded
 from vendor_files import ENCODINGS, damages, matrix_text
 
 # A matrix as BUF EXP leaves it, Strehl x 100, with light two rows after and one column after the chief ray. Rows are

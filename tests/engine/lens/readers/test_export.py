@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+
 from lensfield.engine import LensError
-from lensfield.engine.lens_files.export import read_export
+from lensfield.engine.lens.readers.export import read_export
 from vendor_files import (
     check_same_lens,
     check_that_damage_is_harmless,
@@ -216,7 +217,7 @@ def test_damage_is_harmless_or_a_lens_error(tmp_path, lens, file):
 
 def test_the_description_in_the_documentation_is_one(tmp_path, lens):
     """Every field that the module's text names is read, and no other is asked for."""
-    from lensfield.engine.lens_files import export
+    from lensfield.engine.lens.readers import export
 
     for field in (*REQUIRED, "sensor_mm", "psf_pitch_um", "transmittance", "maker", "story", "source", "notes"):
         assert field in export.__doc__, field

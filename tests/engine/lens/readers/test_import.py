@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+
 from lensfield.cli import main
 from lensfield.engine import Lens, LensError
-from lensfield.engine.lens_files import import_lens
-from test_iset_mat import ray_trace, saved
+from lensfield.engine.lens.readers import import_lens
 from vendor_files import (
     check_same_lens,
     code_v_bundle,
@@ -15,6 +15,8 @@ from vendor_files import (
     huygens_listing,
     iset_bundle,
     matrix_text,
+    ray_trace,
+    saved,
     upright,
     zospy_json,
 )

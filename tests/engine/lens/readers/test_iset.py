@@ -4,9 +4,10 @@ import shutil
 
 import numpy as np
 import pytest
+
 from lensfield.engine import Lens, LensError
-from lensfield.engine.lens_files.iset import find_parameter_file, read_iset
-from lensfield.engine.lens_files.text import number_table, read_text
+from lensfield.engine.lens.readers.iset import find_parameter_file, read_iset
+from lensfield.engine.lens.readers.text import number_table, read_text
 from vendor_files import (
     ENCODINGS,
     check_same_lens,

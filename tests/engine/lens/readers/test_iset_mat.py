@@ -6,35 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from lensfield.engine import LensError
-from lensfield.engine.lens_files import iset_mat, iset_mat_child
-from lensfield.engine.lens_files.iset_mat import read_iset_mat
 from scipy.io import loadmat, savemat
-from vendor_files import check_same_lens, damages, exported_lens, upright
 
-
-def ray_trace(lens, program="Zemax", centre=None):
-    """The structure that ISETCam's rtImportData makes."""
-    side = "+y" if program == "Code V" else "-y"
-    axes = {"fieldHeight": lens.heights_mm[:, None], "wavelength": lens.wavelengths_nm[:, None]}
-    psf = np.stack([[upright(lens.psf[w, h], side) for w in range(lens.wavelengths_nm.size)]
-                    for h in range(lens.heights_mm.size)]).transpose(2, 3, 0, 1)  # (row, column, height, wavelength)
-    if centre is not None:
-        psf = np.roll(psf, centre - psf.shape[0] // 2, axis=(0, 1))
-    half_field = np.degrees(np.arctan(lens.heights_mm[-1] / lens.capture_focal_length_mm))
-    return {"program": program, "lensFile": "EO54852.ZMX", "referenceWavelength": lens.reference_wavelength_nm,
-            "objectDistance": lens.object_distance_mm, "mag": lens.magnification, "fNumber": 1.77,
-            "effectiveFocalLength": lens.efl_mm, "effectiveFNumber": lens.f_number_effective, "maxfov": half_field,
-            "geometry": axes | {"function": lens.real_height_mm.T},
-            "relIllum": axes | {"function": lens.relative_illumination.T},
-            "psf": axes | {"function": psf.astype(float), "sampleSpacing": np.full((1, 2), lens.psf_pitch_um / 1e3)}}
-
-
-def saved(path, structure, within=("optics", "rayTrace")):
-    for name in reversed(within):
-        structure = {name: structure, "name": "raytrace", "model": "rayTrace"}
-    savemat(path, structure)
-    return path
+from lensfield.engine import LensError
+from lensfield.engine.lens.readers import iset_mat, iset_mat_child
+from lensfield.engine.lens.readers.iset_mat import read_iset_mat
+from vendor_files import check_same_lens, damages, exported_lens, ray_trace, saved
 
 
 @pytest.fixture

@@ -8,9 +8,10 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
+
 from lenses import gaussian_psf, make_lens
 from lensfield.engine import Lens, LensError
-from lensfield.engine.lens_files.package import read_package, write_package
+from lensfield.engine.lens.readers.package import read_package, write_package
 
 ARRAY_FIELDS = [field.name for field in fields(Lens) if isinstance(getattr(make_lens(), field.name), np.ndarray)]
 HEADER_FIELDS = [field.name for field in fields(Lens) if field.name not in ARRAY_FIELDS]

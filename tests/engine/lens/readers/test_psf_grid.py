@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+
 from lensfield.engine import LensError
-from lensfield.engine.lens_files.psf_grid import PsfGrid, psf_table
+from lensfield.engine.lens.readers.psf_grid import PsfGrid, psf_table
 
 
 def grid_with_mark(x, y, centre=(4, 4), shape=(9, 9), **facts):

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+
 from lensfield.engine import LensError
-from lensfield.engine.lens_files.psf_grid import psf_table
-from lensfield.engine.lens_files.text import decoded, number_table, numbers, read_text
-from lensfield.engine.lens_files.zemax_text import distortion, psf_grid, relative_illumination
+from lensfield.engine.lens.readers.psf_grid import psf_table
+from lensfield.engine.lens.readers.text import decoded, number_table, numbers, read_text
+from lensfield.engine.lens.readers.zemax_text import distortion, psf_grid, relative_illumination
 from vendor_files import ENCODINGS, damages, fft_listing, huygens_listing, vendor_export
 
 MARKED = np.full((8, 8), 0.01)
@@ -199,7 +200,7 @@ def test_a_file_that_is_absent_a_folder_or_too_large_is_named(tmp_path, monkeypa
     for path in (tmp_path, tmp_path / "absent"):
         with pytest.raises(LensError, match=path.name):
             read_text(path)
-    monkeypatch.setattr("lensfield.engine.lens_files.text.LARGEST_FILE", 10)
+    monkeypatch.setattr("lensfield.engine.lens.readers.text.LARGEST_FILE", 10)
     (tmp_path / "large").write_text("x" * 11)
     with pytest.raises(LensError, match="large: file is"):
         read_text(tmp_path / "large")

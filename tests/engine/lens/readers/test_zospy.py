@@ -4,9 +4,10 @@ import json
 
 import numpy as np
 import pytest
+
 from lensfield.engine import LensError
-from lensfield.engine.lens_files.psf_grid import psf_table
-from lensfield.engine.lens_files.zospy import psf_grid_of_file, psf_grid_of_frame, psfs_of_frames
+from lensfield.engine.lens.readers.psf_grid import psf_table
+from lensfield.engine.lens.readers.zospy import psf_grid_of_file, psf_grid_of_frame, psfs_of_frames
 from vendor_files import check_that_damage_is_harmless, frame, vendor_export, zospy_json, zospy_labels
 
 MARKED = np.full((8, 8), 0.01)

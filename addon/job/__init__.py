@@ -1,0 +1,1 @@
+"""The main job, step by step: the scene's plan, its passes, their radiance, the lens image."""

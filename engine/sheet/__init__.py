@@ -1,0 +1,1 @@
+"""A lens on one sheet of paper."""

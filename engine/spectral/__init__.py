@@ -1,0 +1,1 @@
+"""Spectra, colours and refractive indices, and which wavelengths tell all others."""

@@ -1,0 +1,1 @@
+"""Error against time and memory, measured and drawn."""
