@@ -1,4 +1,4 @@
-"""Fit the constants of engine/cost.py to the machine at hand.
+"""Fit the constants of engine/plan/cost.py to the machine at hand.
 
     python benchmarks/calibrate_cost.py
 
@@ -12,8 +12,8 @@ import numpy as np
 from scipy.optimize import nnls
 
 from lensfield.engine import Lens, Options, Report, SpectralImage, simulate
-from lensfield.engine.plan import choose as planner
 from lensfield.engine.plan import cost
+from lensfield.engine.plan.choose import workload
 
 LENS, NM, SENSOR_UM = "edmund-54852", 587.6, 4800
 HOLD = 0.3  # how much the present constants count, beside the cases
@@ -30,9 +30,10 @@ def cases():
     for psf_pitch_um, shape in ((0.5, small), (0.5, large), (2.0, small), (6.25, small)):
         picture = SpectralImage(np.random.default_rng(1).random(shape), [NM], pitch_um=SENSOR_UM / shape[1])
         for options in (*(Options(method="pixels", azimuths=n) for n in (4, 64) if psf_pitch_um < 1 and shape == small),
-                        *(Options(method="polar", azimuths=n, section_size=size)
+                        *(Options(azimuths=n, section_size=size)
                           for n, size in ((4, 32), (4, 96), (16, 24), (16, 48), (32, 64))),
-                        Options(32, 2), Options(64, 3), Options(128, 2, precision="float64")):
+                        *(Options(method="paper", section_size=size, precision="auto") for size in (16, 64)),
+                        Options(method="paper", section_size=64)):
             yield replace(lens, psf_pitch_um=psf_pitch_um), picture, options
 
 
@@ -43,10 +44,9 @@ def measured(lens, picture, options):
         report, begin = Report(), time.perf_counter()
         simulate(picture, lens, options, report=report)
         seconds.append(time.perf_counter() - begin - report.stages["plan"])
-    plan = planner.make_plan(options, lens, picture)
-    task = planner.Task(lens, picture, plan.psf_radius_px, plan.support_um, plan.folded)
-    counts = {name: count * picture.wavelengths_nm.size for name, count in task.cost.counts(plan).items()}
-    return counts, min(seconds), plan
+    plan = report.lens_image.plan
+    own = cost.counts(workload(plan, lens, picture), plan)
+    return {name: count * picture.wavelengths_nm.size for name, count in own.items()}, min(seconds), plan
 
 
 def main():
@@ -63,7 +63,7 @@ def main():
     for name, value in zip(names, fitted):
         print(f'    "{name}": {value:.3g},')
     for (_, took, plan), predicted in zip(rows, counts @ fitted * 1e-9):
-        print(f"{plan.method:9}{plan.section_size:4} px, order {plan.order}, {plan.azimuths:3} azimuths, radius "
+        print(f"{plan.method.name:9}{plan.method.section_size:4} px, {plan.method.azimuths:3} azimuths, radius "
               f"{plan.psf_radius_px:2} px: {took:.3f} s, predicted / measured = {predicted / took:.2f}")
 
 

@@ -22,8 +22,7 @@ from paper_section_4 import checkerboard, relative_l2
 from scipy import fft
 
 from lensfield.engine import Kept, Lens, Options, Report, SpectralImage, simulate
-from lensfield.engine.blur import isoplanatic as sections
-from lensfield.engine.blur import polar_sections
+from lensfield.engine.blur import isoplanatic, polar_sections
 from lensfield.engine.spectral.spectra import blackbody
 
 LENS = "edmund-54852"
@@ -32,7 +31,7 @@ PITCH_UM = 6.25
 SENSOR_UM = 4800
 BEST_OF = 3
 PAPER = Options(method="paper")
-FINE = Options(method="polar", azimuths=256, section_size=48)
+FINE = Options(azimuths=256, section_size=48)
 NEARLY_EXACT = Options(method="pixels", azimuths=512, psf_energy=1.0, precision="float64")
 
 
@@ -90,7 +89,7 @@ class Frame:
         print(f"  {'the paper as written':<24}{self._paper_s:8.3f} s  {errors_text(errors)}")
         self._hard = []
         for size in (16, 8, 4):
-            seconds, errors, _ = self._measure(Options(size, 1, precision="float64"), best_of=1)
+            seconds, errors, _ = self._measure(Options(method="paper", section_size=size), best_of=1)
             self._hard.append((seconds, errors["points"]))
             print(f"  {f'hard sections, {size} px':<24}{seconds:8.3f} s  {errors_text(errors)}")
 
@@ -99,7 +98,7 @@ class Frame:
         board, seconds, report = timed(checkerboard(), options, self._window_um, best_of)
         results = {"points": timed(points(), options, self._window_um, best_of=1)[0], "checkerboard": board}
         errors = {picture: relative_l2(results[picture], exact) for picture, exact in self._exact.items()}
-        return seconds, errors, report.facts["plan"]
+        return seconds, errors, report.lens_image.plan
 
     def _hard_seconds(self, error):
         """Seconds of hard sections with this error: on the line, in log-log, through the two nearest."""
@@ -110,18 +109,11 @@ class Frame:
         seconds, errors, plan = self._measure(options)
         ratio = self._hard_seconds(errors["points"]) / seconds
         print(f"  {name:<24}{seconds:8.3f} s  {errors_text(errors)}; the paper's time / this: "
-              f"{self._paper_s / seconds:.1f}, at equal error {ratio:.0f}; {plan_text(plan)}")
+              f"{self._paper_s / seconds:.1f}, at equal error {ratio:.0f}; {plan.text}")
 
 
 def errors_text(errors):
     return ", ".join(f"{picture} {error:.1e}" for picture, error in errors.items())
-
-
-def plan_text(plan):
-    text = f"{plan['method']}, {plan['section_size']} px, {plan['azimuths']} azimuths"
-    if plan["error_bound"] is None:
-        return text
-    return f"{text}, bound {plan['error_bound']:.1e}, predicted {plan['seconds']:.2f} s"
 
 
 ASKED = [(f"accuracy {accuracy:g}", Options(accuracy=accuracy)) for accuracy in (0.1, 0.03, 0.01, 0.003, 1e-3, 1e-4)]
@@ -130,14 +122,11 @@ ASKED = [(f"accuracy {accuracy:g}", Options(accuracy=accuracy)) for accuracy in 
 def small_frames():
     frame = Frame("768 x 576, 587.6 nm, windows of 18 px", None, board_exactly=True)
     for name, options in (*ASKED,
-                          *((f"pixels, {n} azimuths", Options(method="pixels", azimuths=n)) for n in (4, 8, 16)),
-                          ("32 px, order 2", Options(32, 2)), ("16 px, order 2", Options(16, 2)),
-                          ("64 px, order 3", Options(64, 3))):
+                          *((f"pixels, {n} azimuths", Options(method="pixels", azimuths=n)) for n in (4, 8, 16))):
         frame.tell(name, options)
     frame = Frame("768 x 576, 587.6 nm, enlarged to windows of 64 px", 64 * PITCH_UM, board_exactly=False)
-    for name, options in (*ASKED[:4], *((f"polar, {n} azimuths", Options(method="polar", azimuths=n, section_size=96))
-                                        for n in (3, 4, 6, 8)),
-                          ("64 px, order 3", Options(64, 3)), ("128 px, order 3", Options(128, 3))):
+    for name, options in (*ASKED[:4], *((f"sections, {n} azimuths", Options(azimuths=n, section_size=96))
+                                        for n in (3, 4, 6, 8))):
         frame.tell(name, options)
 
 
@@ -146,11 +135,10 @@ def many_wavelengths():
     exact, _, _ = timed(image, NEARLY_EXACT, best_of=1)
     _, paper_s, _ = timed(image, PAPER)
     print(f"380 x 253, 31 wavelengths: the paper as written {paper_s:.2f} s")
-    for name, options in (*ASKED[:5], ("pixels, 4 azimuths", Options(method="pixels", azimuths=4)),
-                          ("32 px, order 2", Options(32, 2))):
+    for name, options in (*ASKED[:5], ("pixels, 4 azimuths", Options(method="pixels", azimuths=4))):
         result, seconds, report = timed(image, options)
         print(f"  {name:<24}{seconds:8.3f} s  relative L2 {relative_l2(result, exact):.1e}; the paper's time / this: "
-              f"{paper_s / seconds:.1f}; {plan_text(report.facts['plan'])}")
+              f"{paper_s / seconds:.1f}; {report.lens_image.plan.text}")
 
 
 def scene(rows, columns):
@@ -171,14 +159,14 @@ def large_frame(knobs):
     seconds, peak_mb = time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
     stages = ", ".join(f"{stage} {taken:.1f} s" for stage, taken in report.stages.items())
     print(f"{seconds:.1f} s, {seconds / 31:.2f} s a wavelength; peak {peak_mb:.0f} MB, of it "
-          f"{cube.nbytes / 1e6:.0f} MB the picture; {plan_text(report.facts['plan'])}; {stages}")
+          f"{cube.nbytes / 1e6:.0f} MB the picture; {report.lens_image.plan.text}; {stages}")
 
 
 def large_frames():
     print("3840 x 2160, 31 wavelengths, in place")
     image = SpectralImage(scene(2160, 3840), [NM], pitch_um=SENSOR_UM / 3840)
     exact, _, _ = timed(image, FINE, best_of=1)
-    for text in (["accuracy=0.1"], ["accuracy=0.03"], ["accuracy=0.01"], ["section_size=64", "order=2"]):
+    for text in (["accuracy=0.1"], ["accuracy=0.03"], ["accuracy=0.01"], ["section_size=64", "azimuths=4"]):
         knobs = [knob.split("=") for knob in text]
         options = _options(knobs)
         error = relative_l2(timed(image, options, best_of=1)[0], exact)
@@ -198,13 +186,13 @@ def flatness():
         _, seconds, report = timed(image, Options(accuracy=0.01), 18 * image.pitch_um)
         size = rows * columns
         print(f"  {size / 1e6:5.1f} megapixels: {seconds / size * 1e6:.3f}, without the plan "
-              f"{(seconds - report.stages['plan']) / size * 1e6:.3f}; {plan_text(report.facts['plan'])}")
+              f"{(seconds - report.stages['plan']) / size * 1e6:.3f}; {report.lens_image.plan.text}")
 
 
 def animation():
     print("the second frame of an animation over the first")
     for name, image, options in (("768 x 576", checkerboard(), Options(accuracy=0.01)),
-                                 ("768 x 576", checkerboard(), Options(32, 2)),
+                                 ("768 x 576", checkerboard(), Options(section_size=32)),
                                  ("380 x 253, 31 wavelengths", multispectral(), Options(accuracy=0.01)),
                                  ("1920 x 1080", checkerboard(1080, 1920), Options(accuracy=0.03))):
         ratios = []
@@ -215,7 +203,7 @@ def animation():
                 simulate(image, lens, options, kept=kept)
                 seconds.append(time.perf_counter() - begin)
             ratios.append(seconds[1] / seconds[0])
-        print(f"  {name}, {options.accuracy or 'order 2'}: {np.median(ratios):.2f}")
+        print(f"  {name}, {options.accuracy or '32 px sections'}: {np.median(ratios):.2f}")
 
 
 class _Watched:
@@ -243,13 +231,13 @@ def floor():
     print("time over that of the plan's FFTs alone")
     for name, image, window_um, options in (
             ("768 x 576, PSFs of 64 px, accuracy 0.03", checkerboard(), 64 * PITCH_UM, Options(accuracy=0.03)),
-            ("768 x 576, PSFs of 64 px, 128 px, order 3", checkerboard(), 64 * PITCH_UM, Options(128, 3)),
+            ("768 x 576, PSFs of 64 px, the paper", checkerboard(), 64 * PITCH_UM, PAPER),
             ("3840 x 2160, accuracy 0.03", checkerboard(2160, 3840), None, Options(accuracy=0.03))):
         watched = _Watched()
-        for module in (polar_sections, sections):
+        for module in (polar_sections, isoplanatic):
             module.fft = watched
         _, seconds, _ = timed(image, options, window_um, best_of=1)
-        for module in (polar_sections, sections):
+        for module in (polar_sections, isoplanatic):
             module.fft = fft
         print(f"  {name}: {seconds / (watched.seconds / os.cpu_count()):.1f}")
 
@@ -268,16 +256,16 @@ def only_what_is_required():
     bright = SpectralImage(lamp, [NM], pitch_um=SENSOR_UM / columns)
     plain = SpectralImage(scene(rows, columns), [NM], pitch_um=SENSOR_UM / columns)
     same = replace(fresh_lens(), psf=np.broadcast_to(_round_psf(), (7, 21, 64, 64)))
-    square, polar = {"section_size": 64, "order": 2}, {"method": "polar", "azimuths": 16, "section_size": 48}
+    knobs = {"azimuths": 16, "section_size": 48}
     cases = (
-        ("black sections", dark_lit, dark, Options(**polar), Options(**polar), None),
-        ("flat sections", even, even, Options(**polar), Options(**polar, flat_tolerance=2e-3), None),
-        ("PSF support, 0.999 of the light", bright, bright, Options(**square, psf_energy=1.0),
-         Options(**square, psf_energy=0.999), None),
-        ("precision by the range found", bright, bright, Options(**square, precision="float64"), Options(**square),
+        ("black sections", dark_lit, dark, Options(**knobs), Options(**knobs), None),
+        ("flat sections", even, even, Options(**knobs), Options(**knobs, flat_tolerance=2e-3), None),
+        ("PSF support, 0.999 of the light", bright, bright, Options(**knobs, psf_energy=1.0),
+         Options(**knobs, psf_energy=0.999), None),
+        ("precision by the range found", bright, bright, Options(**knobs, precision="float64"), Options(**knobs),
          None),
-        ("symmetry of a centred axis", _off(bright), bright, Options(**square), Options(**square), None),
-        ("one PSF: one convolution", plain, plain, Options(accuracy=0.01, method="polar"), Options(accuracy=0.01),
+        ("symmetry of a centred axis", _off(bright), bright, Options(**knobs), Options(**knobs), None),
+        ("one PSF: one convolution", plain, plain, Options(accuracy=0.01, method="sections"), Options(accuracy=0.01),
          same))
     for name, without, with_, options_without, options_with, lens in cases:
         took, results = [], []
@@ -302,7 +290,8 @@ def _round_psf():
 
 def _off(image):
     """The same picture with its axis moved by a ten-thousandth of a pixel, so that nothing is symmetric any more."""
-    return replace(image, centre_px=(image.centre_px[0] + 1e-4, image.centre_px[1]))
+    row, column = image.centre_px
+    return replace(image, grid=replace(image.grid, centre_px=(row + 1e-4, column)))
 
 
 def main():

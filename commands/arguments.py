@@ -5,10 +5,10 @@ from dataclasses import fields
 from pathlib import Path
 
 from ..engine import InputError, Options
-from ..engine.blur.isoplanatic import ORDERS
+from ..engine.blur import METHODS
 from ..engine.files import check_target
 from ..engine.lens.readers import bundled_names
-from ..engine.plan.options import DEFAULT_ACCURACY, FIREFLIES, METHODS, OUT_OF_FIELD, PRECISIONS
+from ..engine.plan.options import AUTO, DEFAULT_ACCURACY, FIREFLIES, OUT_OF_FIELD, PRECISIONS
 
 RESOLUTION_LIMITS = (4, 65536)
 
@@ -32,19 +32,15 @@ def _add_accuracy(group):
     group.add_argument("--accuracy", type=float, metavar="FRACTION",
                        help="the largest fraction of any point's light that may land in the wrong place; the quickest "
                             f"way to that is chosen (default {DEFAULT_ACCURACY:g})")
-    group.add_argument("--method", choices=METHODS,
-                       help="each pixel's PSF from a table, in polar sections or pixel by pixel; square sections; the "
-                            f"paper's way; or the exact one (default {Options.method})")
-    group.add_argument("--non-negative", action="store_true", default=None,
-                       help="leave no pixel negative beside very bright ones, at orders 3 and 4 either")
+    group.add_argument("--method", choices=(AUTO, *METHODS),
+                       help="PSFs from a table, interpolated in sections or pixel by pixel; one a section, as in the "
+                            f"paper; or every pixel's own, exactly (default {Options.method})")
 
 
 def _add_knobs(group):
     """Each is None where it is not set: what it is then is the engine's business."""
     group.add_argument("--section-size", type=int, metavar="PX",
-                       help="side of an isoplanatic section; smaller is more accurate and slower")
-    group.add_argument("--order", type=int, choices=ORDERS,
-                       help="1: one PSF per section, 2: bilinear between corners, 3 and 4: finer")
+                       help="side of a section; by the paper's method smaller is more accurate and slower")
     group.add_argument("--azimuths", type=int, metavar="N", help="steps of the table of PSFs from 0 to 45 degrees")
     group.add_argument("--psf-energy", type=float, metavar="FRACTION", help="what is kept of each PSF, in a circle")
     group.add_argument("--flat-tolerance", type=float, metavar="FRACTION",

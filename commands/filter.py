@@ -1,21 +1,22 @@
 """`lensfield filter`: spectral radiance or any renderer's RGB picture, one or a sequence, put through a lens."""
 
+from collections import Counter
 from math import isfinite
 from pathlib import Path
 
 from ..engine import ImageError, InputError, Kept, Lens, Report, simulate
 from ..engine.field.overscan import overscan_px
 from ..engine.image.pitch import field_of_view_deg, fitting_pitch_um, fov_pitch_um
+from ..engine.report import FileFacts, Upsampling
 from ..engine.spectral.spectra import parse_wavelengths
 from .arguments import add_engine_options, check_outputs, engine_options
-from .outcome import finish, plan_text
+from .outcome import finish
 from .sequence import find_shots
 from .terminal import progress_bar, quiet
 
 DEFAULT_WAVELENGTHS = "400:700:9"
 RGB_ONLY = ("wavelengths", "layer", "fov", "focal_mm", "sensor_width_mm")
 VIEWS = {"--pitch-um": ("pitch_um",), "--fov": ("fov",), "--focal-mm": ("focal_mm", "sensor_width_mm")}
-NEGATIVE_TOLD = 1e-3  # of the light
 
 
 def add(commands):
@@ -51,9 +52,7 @@ def _filter(options):
         reports.append(run.put_through(shot))
         for path in shot.targets:
             print(path, flush=True)
-    report = reports[0] if shots[0].frame is None else _together(shots, reports)
-    finish(options, report, [])
-    _tell_losses(reports)
+    finish(options, reports[0] if shots[0].frame is None else _together(shots, reports), [])
 
 
 class _Run:
@@ -71,17 +70,15 @@ class _Run:
         report = Report()
         try:
             with report.stage("read radiance"), quiet(1, 2):  # of damage the EXR library tells at length
-                radiance, facts = self._read(shot.radiance)
+                radiance, picture = self._read(shot.radiance)
             with report.stage("plan"):
                 plan = self._kept.plan(self._chosen, self._lens, radiance)
-                facts["overscan_needed_px"] = overscan_px(self._lens, radiance.frame_px, radiance.pitch_um,
-                                                          radiance.wavelengths_nm, plan.psf_radius_px,
-                                                          radiance.projection)
-                self._tell(facts, plan)
+                needed = overscan_px(self._lens, radiance.grid, radiance.wavelengths_nm, plan.psf_radius_px)
+                self._tell(picture, plan)
             irradiance = self._through_lens(shot, radiance, report)
         except ImageError as error:
             raise ImageError(shot.radiance, error.field, error.value, error.remedy) from None
-        report.facts |= facts
+        report.file = FileFacts(str(shot.radiance), needed, picture)
         with report.stage("write irradiance"):
             write_exr(irradiance, shot.output)
         if shot.preview:
@@ -91,7 +88,7 @@ class _Run:
         return report
 
     def _read(self, path):
-        """Radiance, and the facts of a picture that it was made of."""
+        """Radiance; and what the file was taken for, if it was a picture in RGB."""
         from ..engine.image.rgb_picture import read_rgb_exr, upsample
         from ..engine.image.spectral_exr import is_spectral, read_exr
 
@@ -100,22 +97,22 @@ class _Run:
                 if (value := getattr(self._options, name)) is not None:
                     raise ImageError(path, f"--{name.replace('_', '-')}", value,
                                      "leave it out: it is for RGB files, and this one is spectral")
-            return read_exr(path, self._options.pitch_um), {}
+            return read_exr(path, self._options.pitch_um), None
         picture = read_rgb_exr(path, self._options.layer)
         pitch = _pitch_um(self._options, self._lens, picture.frame_px)
         wavelengths_nm = parse_wavelengths(self._options.wavelengths or DEFAULT_WAVELENGTHS)
         radiance, negative = upsample(picture, wavelengths_nm, pitch)
-        fov = [field_of_view_deg(self._lens.capture_focal_length_mm, n * pitch * 1e-3) for n in picture.frame_px[::-1]]
-        return radiance, {"picture": {"layer": picture.layer or "RGB", "fov_deg": fov,
-                                      "wavelengths_nm": wavelengths_nm.tolist(), "negative_fraction": negative}}
+        across, down = (field_of_view_deg(self._lens.capture_focal_length_mm, n * pitch * 1e-3)
+                        for n in picture.frame_px[::-1])
+        return radiance, Upsampling(picture.layer or "RGB", (across, down), wavelengths_nm.tolist(), negative)
 
-    def _tell(self, facts, plan):
+    def _tell(self, picture, plan):
         """Say what a picture is taken for and what the plan is; of a sequence, only where it is other than before."""
-        lines = []
-        if picture := facts.get("picture"):
-            lines.append("picture: {layer}, upsampled to {number} wavelengths, {fov_deg[0]:.1f} x {fov_deg[1]:.1f} "
-                         "degrees".format(**picture, number=len(picture["wavelengths_nm"])))
-        for line in (*lines, f"plan: {plan_text(plan.as_dict())}"):
+        lines = [f"plan: {plan.text}"]
+        if picture:
+            lines.insert(0, f"picture: {picture.layer}, upsampled to {len(picture.wavelengths_nm)} wavelengths, "
+                            "{:.1f} x {:.1f} degrees".format(*picture.fov_deg))
+        for line in lines:
             if line not in self._told:
                 print(line, flush=True)
             self._told.add(line)
@@ -162,29 +159,8 @@ def _pitch_um(options, lens, frame_px):
 
 
 def _together(shots, reports):
-    """One report of a sequence: its frames', and what they come to."""
-    report = Report()
-    for each in reports:
-        for stage, seconds in each.stages.items():
-            report.stages[stage] = report.stages.get(stage, 0.0) + seconds
-    report.facts |= {name: reports[0].facts[name] for name in ("lens", "plan")}
-    report.facts["out_of_field_fraction"] = max(each.facts["out_of_field_fraction"] for each in reports)
-    report.facts["frames"] = [{"frame": shot.frame, "radiance": str(shot.radiance)} | each.as_dict()
-                              for shot, each in zip(shots, reports)]
-    return report
-
-
-def _tell_losses(reports):
-    """Say what light of the scene the pictures did not have: beyond the frame, and of colours that no light has."""
-    for line in dict.fromkeys(line for report in reports for line in _losses(report.facts)):
-        print(line)
-
-
-def _losses(facts):
-    needed, there = facts["overscan_needed_px"], facts["overscan_px"]
-    if any(n > have for n, have in zip(needed, there)):
-        yield ("  the border lacks light from beyond the frame: of overscan on each side the lens needs {1} x {0} px, "
-               "the picture has {3} x {2}".format(*needed, *there))
-    negative = facts.get("picture", {}).get("negative_fraction", 0)
-    if negative > NEGATIVE_TOLD:
-        yield f"  {negative:.1%} of the light would be negative, in colours too pure for these wavelengths: left out"
+    """One report of a sequence: the seconds of all its frames, and a report of each."""
+    stages = Counter()
+    for report in reports:
+        stages.update(report.stages)
+    return Report(dict(stages), frames={shot.frame: report for shot, report in zip(shots, reports, strict=True)})

@@ -7,7 +7,7 @@ from ..engine.spectral.spectra import parse_wavelengths
 from ..engine.spectral.wavelength_choice import STANDARD_COLOUR_ERROR, TIERS, SpectralOptions
 from .arguments import add_engine_options, check_outputs, engine_options, resolution
 from .blend import open_scene
-from .outcome import finish, plan_text
+from .outcome import finish
 from .terminal import progress_bar, quiet
 
 LIMITS = {"frame": (-1048574, 1048574), "samples": (1, 1 << 24)}  # Blender's own
@@ -54,8 +54,8 @@ def _render(options):
         result = addon.render_through_lens(
             scene, lens, wavelengths_nm, options.output.resolve(), options=chosen, spectral=spectral,
             view=options.view, unfit=options.unfit, frame=options.frame, denoise=options.denoise, progress=tell)
-    print(f"scene: {result.report.facts['scene_plan']}")
-    print(f"plan: {plan_text(result.report.facts['plan'])}")  # it could not be made before the capture
+    print(f"scene: {result.report.scene.scene_plan}")
+    print(f"plan: {result.report.lens_image.plan.text}")  # it could not be made before the capture
     finish(options, result.report, result.files)
 
 

@@ -1,9 +1,14 @@
 """What the frames of an animation share, kept between them: the plan, and each wavelength's way through the lens."""
 
+from collections.abc import Iterator
+
 from .channel import Channel
-from .field.psf_table import PolarTables
+from .field.psf_table import PsfTables
+from .image.spectral_image import SpectralImage
+from .memory import MemoryBudget
 from .plan.choose import make_plan
-from .room import Room
+from .plan.options import Options
+from .plan.plan import Plan
 
 
 class Kept:
@@ -15,30 +20,30 @@ class Kept:
         Memory to keep them in; what finds no room is made anew with each frame.
     """
 
-    def __init__(self, limit_mb=1024):
+    def __init__(self, limit_mb: float = 1024) -> None:
         self._limit_bytes = limit_mb * 1e6
         self._plans, self._of = {}, None
 
-    def plan(self, options, lens, radiance):
+    def plan(self, options: Options, lens, radiance: SpectralImage) -> Plan:
         """The plan for a picture; the same for pictures of the same grid and wavelengths."""
-        key = (options, lens, radiance.cube.shape, radiance.overscan_px, radiance.centre_px, radiance.pitch_um,
-               radiance.projection, tuple(radiance.wavelengths_nm))
+        key = options, lens, radiance.grid, tuple(radiance.wavelengths_nm)
         if key not in self._plans:
             self._plans = {key: make_plan(options, lens, radiance)}
         return self._plans[key]
 
-    def channels(self, lens, wavelengths_nm, grid, plan):
+    def channels(self, lens, radiance: SpectralImage, plan: Plan) -> Iterator[Channel]:
         """Each wavelength's way through the lens, one after another."""
-        of = lens, tuple(wavelengths_nm), grid, plan
+        of = lens, tuple(radiance.wavelengths_nm), radiance.grid, plan
         if of != self._of:  # what was kept is of no more use
-            self._of, self._room, self._channels, self._tables = of, Room(self._limit_bytes), {}, None
-            if plan.azimuths:
-                self._tables = PolarTables(lens, wavelengths_nm, grid.pitch_um, plan.support_um, plan.azimuths,
-                                           plan.folded, plan.precision)
-        for wavelength_nm in wavelengths_nm:
+            self._of, self._memory, self._channels, self._tables = of, MemoryBudget(self._limit_bytes), {}, None
+            if plan.method.azimuths:
+                self._tables = PsfTables(lens, radiance.wavelengths_nm, plan.planes(radiance.grid), plan.support_um,
+                                         plan.method.azimuths, plan.precision)
+        for wavelength_nm in radiance.wavelengths_nm:
             channel = self._channels.get(wavelength_nm)
             if channel is None:
-                channel = Channel(lens, wavelength_nm, grid, plan, self._tables, self._room)
+                table = self._tables and self._tables.at_wavelength(wavelength_nm)
+                channel = Channel(lens, wavelength_nm, radiance.grid, plan, table, self._memory)
                 if channel.kept:
                     self._channels[wavelength_nm] = channel
             yield channel

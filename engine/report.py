@@ -2,29 +2,189 @@
 
 import json
 import time
+from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
 
 from .files import atomic_path
+from .image.depth_range import DepthCheck
+from .plan.plan import Plan
+
+NEGATIVE_TOLD = 1e-3  # of the light
 
 
-class Report:
-    """Facts and stage times of a run, gathered as it goes.
+@dataclass(frozen=True)
+class DistortionFit:
+    """The polynomial of a distortion, and by how much it misses the table at the most."""
+
+    order: int
+    residual_mm: float
+    highest_order_tried: int
+
+
+@dataclass(frozen=True)
+class IlluminationFit:
+    """The polynomial of a relative illumination, and by how much it misses the table at the most."""
+
+    order: int
+    residual: float
+    highest_order_tried: int
+
+
+@dataclass(frozen=True)
+class WavelengthFacts:
+    """The fits of one wavelength."""
+
+    wavelength_nm: float
+    distortion_fit: DistortionFit
+    relative_illumination_fit: IlluminationFit
+
+
+@dataclass(frozen=True)
+class Energy:
+    """Spectral flux at the sensor, summed over the wavelengths: before and after the blur, and inside the frame."""
+
+    in_w_per_nm: float
+    out_w_per_nm: float
+    in_frame_w_per_nm: float
+
+
+@dataclass(frozen=True)
+class LensImageFacts:
+    """What `simulate` did.
 
     Attributes
     ----------
-    facts : dict
-        Anything that JSON can hold.
-    stages : dict of str: float
-        Seconds spent in each stage, without the stages inside it.
+    lens : str
+    plan : Plan
+    pitch_um : float
+    frame_px, overscan_px : (int, int)
+        Rows and columns.
+    wavelengths : tuple of WavelengthFacts
+    energy : Energy
+    out_of_field_fraction : float
+        Of the frame, that lies farther from the axis than the lens data.
+    fireflies_clamped : int
     """
 
-    def __init__(self):
-        self.facts = {}
-        self.stages = {}
-        self._started = []
+    lens: str
+    plan: Plan
+    pitch_um: float
+    frame_px: tuple[int, int]
+    overscan_px: tuple[int, int]
+    wavelengths: tuple[WavelengthFacts, ...]
+    energy: Energy
+    out_of_field_fraction: float
+    fireflies_clamped: int
+
+
+@dataclass(frozen=True)
+class SceneFacts:
+    """How a Blender scene was rendered.
+
+    Attributes
+    ----------
+    passes, wavelengths_per_pass : int
+    rendered_nm, wavelengths_nm : list of float
+        The wavelengths that Cycles rendered, and those that were made of them.
+    scene_plan : str
+        The passes, and why these, in one line.
+    lamps : list of str
+    predicted_colour_error, predicted_sensor_error, predicted_spectral_error : float
+        Of making all wavelengths of those rendered: CIEDE2000; relative, of sensor bands and of single wavelengths.
+    spectral_surprise : float
+        How much more the passes differ from one another than the plan foresaw.
+    foreign_spectra : bool
+        Whether that is so much that the scene must hold spectra that the plan did not know of.
+    estimated_colour_error : float
+        The predicted one, after what the passes told.
+    depth : DepthCheck
+    lens_warning : str
+        What it means that the lens was made larger or smaller; "" where it was not.
+    """
+
+    passes: int
+    wavelengths_per_pass: int
+    rendered_nm: list[float]
+    wavelengths_nm: list[float]
+    scene_plan: str
+    lamps: list[str]
+    predicted_colour_error: float
+    predicted_sensor_error: float
+    predicted_spectral_error: float
+    spectral_surprise: float
+    foreign_spectra: bool
+    estimated_colour_error: float
+    depth: DepthCheck
+    lens_warning: str
+
+
+@dataclass(frozen=True)
+class Upsampling:
+    """What a picture in RGB was taken for.
+
+    Attributes
+    ----------
+    layer : str
+    fov_deg : (float, float)
+        Field of view across and down.
+    wavelengths_nm : list of float
+        That it was upsampled to.
+    negative_fraction : float
+        Of its light, of colours that no light has, and so left out.
+    """
+
+    layer: str
+    fov_deg: tuple[float, float]
+    wavelengths_nm: list[float]
+    negative_fraction: float
+
+
+@dataclass(frozen=True)
+class FileFacts:
+    """What `lensfield filter` read.
+
+    Attributes
+    ----------
+    radiance : str
+        The file.
+    overscan_needed_px : (int, int)
+        Rows and columns that the lens brings in from beyond the frame.
+    picture : Upsampling or None
+        None for spectral radiance.
+    """
+
+    radiance: str
+    overscan_needed_px: tuple[int, int]
+    picture: Upsampling | None
+
+
+@dataclass
+class Report:
+    """What a run did, gathered as it goes.
+
+    Attributes
+    ----------
+    stages : dict of str: float
+        Seconds spent in each stage, without the stages inside it.
+    lens_image, scene, file
+        Facts about the lens image, and about the scene or the file that it was made of.
+    frames : dict of int: Report
+        Of a sequence, by the number of the frame; it has no other facts.
+    """
+
+    stages: dict[str, float] = field(default_factory=dict)
+    lens_image: LensImageFacts | None = None
+    scene: SceneFacts | None = None
+    file: FileFacts | None = None
+    frames: dict[int, "Report"] = field(default_factory=dict)
+    _started: list[float] = field(default_factory=list, repr=False)
 
     @contextmanager
-    def stage(self, name):
+    def stage(self, name: str) -> Iterator[None]:
         """Time a stage. Stages may be inside one another and may come again."""
         self._started.append(0.0)
         begin = time.perf_counter()
@@ -37,10 +197,52 @@ class Report:
                 self._started[-1] += elapsed
             self.stages[name] = self.stages.get(name, 0.0) + elapsed - inside
 
-    def as_dict(self):
-        return {"stages_s": dict(self.stages), "total_s": sum(self.stages.values())} | self.facts
+    def remarks(self) -> list[str]:
+        """What whoever made the picture should know, a line each."""
+        return list(dict.fromkeys(line for report in (self, *self.frames.values()) for line in report._own_remarks()))
 
-    def write(self, path):
+    def _own_remarks(self):
+        if self.scene and self.scene.foreign_spectra:
+            yield "the scene holds spectra that its plan did not foresee: take the Reference tier"
+        if self.scene and self.scene.lens_warning:
+            yield self.scene.lens_warning
+        if self.scene and self.scene.depth.outside_fraction:
+            yield self.scene.depth.text
+        image, file = self.lens_image, self.file
+        if image and image.out_of_field_fraction:
+            yield (f"{image.out_of_field_fraction:.1%} of the frame lies beyond the lens data: "
+                   f"{image.plan.out_of_field}")
+        if image and file and any(needed > there for needed, there in
+                                  zip(file.overscan_needed_px, image.overscan_px, strict=True)):
+            yield ("the border lacks light from beyond the frame: of overscan on each side the lens needs {1} x {0} "
+                   "px, the picture has {3} x {2}".format(*file.overscan_needed_px, *image.overscan_px))
+        if file and file.picture and file.picture.negative_fraction > NEGATIVE_TOLD:
+            yield (f"{file.picture.negative_fraction:.1%} of the light would be negative, in colours too pure for "
+                   "these wavelengths: left out")
+
+    def as_dict(self) -> dict:
+        """The report as JSON can hold it."""
+        facts = {"stages_s": dict(self.stages), "total_s": sum(self.stages.values())}
+        for part in (self.lens_image, self.scene, self.file):
+            facts |= asdict(part) if part else {}
+        if self.lens_image:
+            facts["plan"] = self.lens_image.plan.as_dict()
+        if self.scene:
+            facts["depth"]["text"] = self.scene.depth.text
+        if self.frames:
+            facts["frames"] = [{"frame": number} | report.as_dict() for number, report in self.frames.items()]
+        return _without_infinities(facts)
+
+    def write(self, path: Path) -> None:
         """Write the report as JSON, whole or not at all."""
         with atomic_path(path) as temporary:
             temporary.write_text(json.dumps(self.as_dict(), indent=2) + "\n", encoding="utf-8")
+
+
+def _without_infinities(value):
+    """The same with None, which JSON knows, in the place of infinite numbers."""
+    if isinstance(value, dict):
+        return {name: _without_infinities(each) for name, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_infinities(each) for each in value]
+    return None if isinstance(value, float) and np.isinf(value) else value

@@ -1,19 +1,25 @@
 """simulate(): spectral radiance through a lens to spectral irradiance, wavelength by wavelength."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from .errors import ImageError
 from .image.nonfinite import clamp_fireflies, refuse_fireflies
-from .image.pixel_grid import lay_out
-from .image.spectral_image import IRRADIANCE, PLANE, RADIANCE, pixel_axes_mm
+from .image.pixel_grid import PLANE
+from .image.spectral_image import IRRADIANCE, RADIANCE, SpectralImage
 from .kept import Kept
+from .lens import Lens
 from .plan.options import Options
-from .report import Report
+from .report import DistortionFit, Energy, IlluminationFit, LensImageFacts, Report, WavelengthFacts
+
+BY_RESULT = Options()
 
 
-def simulate(radiance, lens, options=Options(), *, progress=None, report=None, kept=None, out=None):
+def simulate(radiance: SpectralImage, lens: Lens, options: Options = BY_RESULT, *,
+             progress: Callable[[float], None] | None = None, report: Report | None = None, kept: Kept | None = None,
+             out: np.ndarray | None = None) -> SpectralImage:
     """Spectral irradiance that the lens lays on the sensor.
 
     Parameters
@@ -49,10 +55,9 @@ def simulate(radiance, lens, options=Options(), *, progress=None, report=None, k
         refuse_fireflies(radiance)
     with report.stage("plan"):
         plan = kept.plan(options, lens, radiance)
-    grid, frame = lay_out(radiance, plan.psf_radius_px)
     irradiance = np.empty((radiance.wavelengths_nm.size, *radiance.frame_px), np.float32) if out is None else out
     tally = _Tally(radiance)
-    channels = kept.channels(lens, radiance.wavelengths_nm, grid, plan)
+    channels = kept.channels(lens, radiance, plan)
     for index in range(radiance.wavelengths_nm.size):
         plane, clamped = radiance.cube[index], 0
         if options.fireflies == "clamp":
@@ -61,38 +66,39 @@ def simulate(radiance, lens, options=Options(), *, progress=None, report=None, k
             channel = next(channels)
         with report.stage("distortion and relative illumination"):
             ideal = channel.ideal_irradiance(plane)
-        light = channel.light(ideal)
+        light = channel.planes.light(ideal)
         with report.stage("filtering"):
-            canvas = channel.blur(ideal)
-        irradiance[index] = canvas[frame]
-        tally.add(channel.field, light, canvas, irradiance[index], clamped)
+            blurred = channel.blur(ideal)
+        irradiance[index] = _frame(blurred, radiance.frame_px)
+        tally.add(channel.field, light, blurred, irradiance[index], clamped)
         if progress:
             progress((index + 1) / radiance.wavelengths_nm.size)
-    report.facts |= {"lens": lens.name, "plan": plan.as_dict(), "pitch_um": radiance.pitch_um,
-                     "frame_px": list(radiance.frame_px), "overscan_px": list(radiance.overscan_px)} | tally.facts()
-    return replace(radiance.frame(), cube=irradiance, quantity=IRRADIANCE, projection=PLANE, lens_name=lens.name,
-                   f_number_effective=lens.f_number_effective)
+    report.lens_image = tally.facts(lens, plan)
+    return replace(radiance.frame(), cube=irradiance, grid=replace(radiance.grid.frame(), projection=PLANE),
+                   quantity=IRRADIANCE, lens_name=lens.name, f_number_effective=lens.f_number_effective)
+
+
+def _frame(blurred, frame_px):
+    """The frame of a picture that has the same margin on opposite sides."""
+    return blurred[tuple(slice((there - n) // 2, (there + n) // 2)
+                         for there, n in zip(blurred.shape, frame_px, strict=True))]
 
 
 class _Tally:
     """Light and fits, wavelength by wavelength, for the report."""
 
     def __init__(self, radiance):
-        frame = radiance.frame()
-        self._x_mm, self._y_mm = pixel_axes_mm(frame.cube.shape[1:], frame.centre_px, frame.pitch_um)
-        self._pixel_m2 = (radiance.pitch_um * 1e-6) ** 2
-        self._wavelengths_nm = radiance.wavelengths_nm
+        self._radiance = radiance
+        self._x_mm, self._y_mm = radiance.grid.frame().axes_mm()
         self._fits, self._clamped, self._out_of_field = [], 0, 0.0
         self._flux = np.zeros(3)
 
-    def add(self, field, light, canvas, frame, clamped):
-        self._flux += light, canvas.sum(dtype=np.float64), frame.sum(dtype=np.float64)
+    def add(self, field, light, blurred, frame, clamped):
+        self._flux += light, blurred.sum(dtype=np.float64), frame.sum(dtype=np.float64)
         self._clamped += clamped
         self._out_of_field = max(self._out_of_field, self._beyond(field.last_real_mm))
-        self._fits.append({name: {"order": fit.order, residual: fit.residual, "highest_order_tried": fit.highest_order}
-                           for name, fit, residual in (
-                               ("distortion_fit", field.distortion, "residual_mm"),
-                               ("relative_illumination_fit", field.illumination, "residual"))})
+        self._fits.append([kind(fit.order, fit.residual, fit.highest_order) for kind, fit in (
+            (DistortionFit, field.distortion), (IlluminationFit, field.illumination))])
 
     def _beyond(self, last_real_mm):
         """The fraction of the frame that lies farther from the axis than the lens data."""
@@ -100,10 +106,10 @@ class _Tally:
         inside = np.searchsorted(self._x_mm, half_mm, side="right") - np.searchsorted(self._x_mm, -half_mm)
         return 1 - float(inside[np.abs(self._y_mm) <= last_real_mm].sum()) / (self._x_mm.size * self._y_mm.size)
 
-    def facts(self):
-        """Spectral flux, summed over the wavelengths, before and after the blur and inside the frame; and the rest."""
-        flux = (self._flux * self._pixel_m2).tolist()
-        fits = [{"wavelength_nm": float(nm)} | fit for nm, fit in zip(self._wavelengths_nm, self._fits)]
-        return {"wavelengths": fits,
-                "energy": dict(zip(("in_w_per_nm", "out_w_per_nm", "in_frame_w_per_nm"), flux)),
-                "out_of_field_fraction": self._out_of_field, "fireflies_clamped": self._clamped}
+    def facts(self, lens, plan):
+        radiance = self._radiance
+        flux = self._flux * (radiance.pitch_um * 1e-6) ** 2
+        fits = tuple(WavelengthFacts(float(nm), *fits)
+                     for nm, fits in zip(radiance.wavelengths_nm, self._fits, strict=True))
+        return LensImageFacts(lens.name, plan, radiance.pitch_um, radiance.frame_px, radiance.overscan_px, fits,
+                              Energy(*flux.tolist()), self._out_of_field, self._clamped)

@@ -1,4 +1,4 @@
-"""Bake the bundled lenses: engine/lens/library/prescriptions/*.toml to engine/lens/library/*.npz, and draw their sheets.
+"""Bake the bundled lenses, in engine/lens/library: prescriptions/*.toml to *.npz, and draw their sheets.
 
     python packaging/bake_lenses.py [NAME ...]
 

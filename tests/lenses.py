@@ -6,9 +6,9 @@ import numpy as np
 from lensfield.engine import Lens, Options, SpectralImage, simulate
 from lensfield.engine.field.distortion import FieldGeometry
 from lensfield.engine.field.psf_bank import PsfBank
-from lensfield.engine.image.spectral_image import pixel_position_mm
+from lensfield.engine.image.pixel_grid import PixelGrid
 
-PIXEL_BY_PIXEL = Options(section_size=1, order=1, precision="float64")
+PIXEL_BY_PIXEL = Options(method="paper", section_size=1)
 SENSOR_POINT = ((1.0,),)  # a PSF of one sample: no blur at all
 
 
@@ -63,10 +63,12 @@ def lopsided_lens():
 def placed_psfs(lens, wavelength_nm, pitch_um, centre_px):
     """PSFs of the chief rays that meet positions of a grid: a function of (rows, columns), and how far they reach."""
     optics = lens.at_wavelength(wavelength_nm)
-    bank, field = PsfBank(optics, pitch_um), FieldGeometry(optics, lens.name)
+    bank, field = PsfBank.of(optics, pitch_um), FieldGeometry(optics, lens.name)
+
+    grid = PixelGrid((1, 1), pitch_um, centre_px)
 
     def psfs(rows, columns):
-        x_mm, y_mm = pixel_position_mm(rows, columns, centre_px, pitch_um)
+        x_mm, y_mm = grid.position_mm(rows, columns)
         return bank.psfs(field.paraxial_height_mm(np.hypot(x_mm, y_mm)), np.arctan2(y_mm, x_mm))
 
     return psfs, bank.radius_px

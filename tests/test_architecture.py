@@ -12,24 +12,28 @@ from places import ROOT
 
 ENGINE_LIBRARIES = {"numpy", "scipy", "OpenEXR", "PIL", "yaml", "matplotlib", "optiland", "finufft"}
 
+FOUNDATION = {"engine.errors", "engine.files", "engine.memory"}
 FLOORS = {
-    # engine, from the bottom: every room uses those below alone; errors and files are its foundation
+    # the engine's foundation, which all of it may use
     "engine.errors": set(),
     "engine.files": {"engine.errors"},
-    "engine.spectral": {"engine.errors", "engine.files"},
-    "engine.image": {"engine.spectral", "engine.errors", "engine.files"},
-    "engine.field": {"engine.image", "engine.errors"},
-    "engine.blur": {"engine.field", "engine.image", "engine.errors"},
-    "engine.plan": {"engine.blur", "engine.field", "engine.image", "engine.errors"},
-    "engine.report": {"engine.files"},
-    "engine.simulate": {"engine.plan", "engine.blur", "engine.field", "engine.image", "engine.report", "engine.errors"},
-    "engine.trade": {"engine.simulate", "engine.plan", "engine.field", "engine.image", "engine.spectral",
-                     "engine.sheet", "engine.report", "engine.errors", "engine.files"},
+    "engine.memory": set(),
+    # the engine, from the bottom: every room uses those below alone
+    "engine.spectral": FOUNDATION,
+    "engine.image": {"engine.spectral"} | FOUNDATION,
+    "engine.field": {"engine.image"} | FOUNDATION,
+    "engine.blur": {"engine.field", "engine.image"} | FOUNDATION,
+    "engine.plan": {"engine.blur", "engine.field", "engine.image"} | FOUNDATION,
+    "engine.report": {"engine.plan", "engine.image"} | FOUNDATION,
+    "engine.simulate": {"engine.report", "engine.plan", "engine.blur", "engine.field", "engine.image",
+                        "engine.lens"} | FOUNDATION,
+    "engine.trade": {"engine.simulate", "engine.report", "engine.plan", "engine.field", "engine.image",
+                     "engine.spectral", "engine.lens", "engine.sheet"} | FOUNDATION,
     # beside: lens data, their sheet and how they are made
-    "engine.lens": {"engine.field", "engine.spectral", "engine.errors", "engine.files"},
-    "engine.sheet": {"engine.lens", "engine.spectral", "engine.errors", "engine.files"},
-    "engine.bake": {"engine.lens", "engine.errors"},
-    "engine": {"engine.simulate", "engine.lens", "engine.plan", "engine.image", "engine.report", "engine.errors"},
+    "engine.lens": {"engine.field", "engine.spectral"} | FOUNDATION,
+    "engine.sheet": {"engine.lens", "engine.spectral"} | FOUNDATION,
+    "engine.bake": {"engine.lens"} | FOUNDATION,
+    "engine": {"engine.simulate", "engine.lens", "engine.plan", "engine.image", "engine.report"} | FOUNDATION,
     # Blender's side
     "addon.scene": {"engine"},
     "addon.shading": {"addon.scene", "engine"},
@@ -43,7 +47,7 @@ FLOORS = {
 }
 """Each room, and the rooms that it may import from, inside itself aside. "engine" stands for all of its rooms."""
 
-SIMULATE = {"engine.channel", "engine.kept", "engine.room"}
+SIMULATE = {"engine.channel", "engine.kept"}
 """Modules of the engine's upper floor: they and `simulate` are one room."""
 
 
@@ -58,10 +62,16 @@ MODULES = {module_name(path): path for top in ("engine", "addon", "commands")
 
 
 def imports(name):
-    """(the module, or the library, of every import in a module, in functions too; and whether it is relative)."""
+    """(the module, or the library, of every import in a module, in functions too; and whether it is relative).
+
+    Names for the type checker alone are not used: a function may say that it takes a Lens, whoever made it.
+    """
     path = MODULES[name]
     package = name.split(".") if path.name == "__init__.py" else name.split(".")[:-1]
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    unused = {inner for node in ast.walk(tree) if isinstance(node, ast.If)
+              and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING" for inner in ast.walk(node)}
+    for node in set(ast.walk(tree)) - unused:
         if isinstance(node, ast.Import):
             yield from ((alias.name, False) for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and not node.level:

@@ -1,7 +1,7 @@
 """The capture: scene -> spectral radiance, pass by pass, with the overscan that the lens needs."""
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import bpy
 import numpy as np
@@ -10,9 +10,9 @@ from ...engine import SpectralImage
 from ...engine.files import check_target, temporary_folder
 from ...engine.image.depth_range import check_depth, planar_depth_mm
 from ...engine.image.spectral_exr import read_parts
-from ...engine.image.spectral_image import RADIANCE
+from ...engine.report import SceneFacts
 from ...engine.spectral.wavelength_choice import FOREIGN_SURPRISE
-from ..scene.camera import check_camera, make_framing
+from ..scene.camera import capture_grid, check_camera
 from ..scene.errors import SceneError
 from ..scene.render_state import go_to_frame, guard_render_state, rendered_layer
 from ..scene.undo import Journal
@@ -48,44 +48,43 @@ class Work:
 
 def capture(scene, job, result, share):
     """Steps that render the scene's spectral radiance, up to a `share` of the whole job; returns a SpectralImage."""
-    framing = make_framing(scene, job.lens, job.wavelengths_nm)
+    grid = capture_grid(scene, job.lens, job.wavelengths_nm)
     with temporary_folder() as folder, Journal() as journal:
         go_to_frame(scene, job.frame, journal)
         check_camera(scene)
-        plan, substitution, groups = plan_scene(scene, job, framing, journal)
+        plan, substitution, groups = plan_scene(scene, job, grid, journal)
         names = groups.part(rendered_layer(scene), journal)
-        guard_render_state(scene, job.lens, framing, job.denoise, folder / "pass.exr", journal)
+        guard_render_state(scene, job.lens, grid, job.denoise, folder / "pass.exr", journal)
         for path in result.files:
             check_target(path)
         layer = rendered_layer(scene).name
         gathered = _Gathered(plan, [f"{layer}.Combined", *(f"{layer}.Combined_{name}" for name in names)],
-                             f"{layer}.Depth.Z", framing)
+                             f"{layer}.Depth.Z", grid)
         for index, band in enumerate(plan.bands):
             substitution.set_wavelengths(band, plan.dispersive)
             step = share / len(plan.bands)
             yield RenderPass(scene, f"Pass {index + 1} of {len(plan.bands)}: {_span(band)} nm", step * index, step)
             yield Work(lambda tell: gathered.add(index, folder / "pass.exr"), "Gathering light", step * (index + 1))
-    result.report.facts |= plan.facts() | gathered.facts(job.lens)
-    return SpectralImage(gathered.radiance(), job.wavelengths_nm, pitch_um=framing.pitch_um, quantity=RADIANCE,
-                         overscan_px=framing.overscan_px, projection=framing.projection)
+    result.report.scene = gathered.facts(job)
+    return SpectralImage(gathered.radiance(), job.wavelengths_nm, grid)
 
 
 class _Gathered:
     """The radiance at the wavelengths asked for, summed up pass by pass."""
 
-    def __init__(self, plan, light_passes, depth_pass, framing):
-        self._plan, self._framing = plan, framing
+    def __init__(self, plan, light_passes, depth_pass, grid):
+        self._plan, self._grid = plan, grid
         self._light_passes, self._depth_pass = light_passes, depth_pass
-        self._cube = np.zeros((plan.transport.output_nm.size, *framing.capture_px), np.float32)
+        self._cube = np.zeros((plan.transport.output_nm.size, *grid.shape_px), np.float32)
         self._blocks, self._depth_m = [], None
 
     def add(self, index, path):
         """Add a pass's light of each lamp in red, green and blue; and keep its depth."""
         planes = _read_pass(path)
         self._depth_m = planes[self._depth_pass]
-        if self._depth_m.shape != self._framing.capture_px:
+        if self._depth_m.shape != self._grid.shape_px:
             raise SceneError("Cycles", "render pass", f"of {self._depth_m.shape} px",
-                             f"expected {self._framing.capture_px}")
+                             f"expected {self._grid.shape_px}")
         shares = self._plan.shares(index).astype(np.float32)
         channels = "RGB"[:shares.shape[2]]
         self._blocks += [_block_means(planes[f"{self._light_passes[0]}.{channel}"]) for channel in channels]
@@ -100,18 +99,23 @@ class _Gathered:
         """The sum of all passes: array (wavelength, row, column). No light is negative, though an estimate may be."""
         return np.maximum(self._cube, 0, out=self._cube)
 
-    def facts(self, lens):
-        """What the passes themselves tell: how well their spectra were foreseen, and the depths of the frame."""
-        framing, (top, left) = self._framing, self._framing.overscan_px
-        depth_mm = planar_depth_mm(self._depth_m * M_TO_MM, lens, framing.pitch_um, framing.projection)
-        rows, columns = framing.frame_px
-        check = check_depth(depth_mm[top:top + rows, left:left + columns], lens, framing.pitch_um)
-        depth = {name: None if value == np.inf else value for name, value in asdict(check).items()}
-        surprise = self._plan.transport.surprise(np.array(self._blocks))
-        foreign = surprise > FOREIGN_SURPRISE
-        return {"spectral_surprise": surprise, "foreign_spectra": foreign,
-                "estimated_colour_error": self._plan.transport.colour_error * (surprise if foreign else 1),
-                "depth": depth | {"text": check.text}}
+    def facts(self, job):
+        """The plan, and what the passes tell of it: how well spectra were foreseen, and the frame's depths."""
+        plan, transport, (top, left) = self._plan, self._plan.transport, self._grid.overscan_px
+        depth_mm = planar_depth_mm(self._depth_m * M_TO_MM, job.lens, self._grid)
+        rows, columns = self._grid.frame_px
+        surprise = transport.surprise(np.array(self._blocks))
+        foreign = bool(surprise > FOREIGN_SURPRISE)
+        return SceneFacts(
+            passes=len(plan.bands), wavelengths_per_pass=plan.per_pass,
+            rendered_nm=[round(float(nm), 3) for nm in transport.nodes_nm],
+            wavelengths_nm=[float(nm) for nm in transport.output_nm], scene_plan=plan.text,
+            lamps=[lamp.name for lamp in plan.lamps], predicted_colour_error=transport.colour_error,
+            predicted_sensor_error=transport.sensor_error, predicted_spectral_error=transport.spectral_error,
+            spectral_surprise=float(surprise), foreign_spectra=foreign,
+            estimated_colour_error=transport.colour_error * (float(surprise) if foreign else 1),
+            depth=check_depth(depth_mm[top:top + rows, left:left + columns], job.lens, self._grid.pitch_um),
+            lens_warning=job.lens_warning)
 
 
 def _block_means(plane):

@@ -153,7 +153,6 @@ def render_steps(scene, job):
     Closing it at any step leaves the scene as it was and no half-written file.
     """
     report = Report()
-    report.facts["lens_warning"] = job.lens_warning
     check_job(scene, job)
     stem = f"{bpy.path.clean_name(scene.name)}_{job.frame:04d}"
     result = Result(*(job.output_folder / f"{stem}_{name}" for name in

@@ -7,7 +7,7 @@ import numpy as np
 from ...engine.errors import InputError
 from ...engine.spectral.spectra import BAND_NM
 from ...engine.spectral.wavelength_choice import Transport, plan_transport
-from ..scene.camera import check_camera, in_view, make_framing
+from ..scene.camera import capture_grid, check_camera, in_view
 from ..scene.errors import SceneError
 from ..scene.instances import rendered_blocks, rendered_instances
 from ..scene.render_state import go_to_frame, rendered_layer
@@ -66,16 +66,6 @@ class ScenePlan:
         error = self.transport.colour_error
         return text + (f"; colours within a CIEDE2000 of about {error:.2g}" if error else "")
 
-    def facts(self):
-        """What the report says of it."""
-        transport = self.transport
-        return {"passes": len(self.bands), "rendered_nm": [round(float(nm), 3) for nm in transport.nodes_nm],
-                "wavelengths_nm": [float(nm) for nm in transport.output_nm], "wavelengths_per_pass": self.per_pass,
-                "scene_plan": self.text,
-                "lamps": [lamp.name for lamp in self.lamps],
-                "predicted_colour_error": transport.colour_error, "predicted_sensor_error": transport.sensor_error,
-                "predicted_spectral_error": transport.spectral_error}
-
 
 def check_job(scene, job):
     """Raise an InputError for what can be known to fail before anything is changed or rendered."""
@@ -103,10 +93,10 @@ def foresee(scene, job):
     with Journal() as journal:
         go_to_frame(scene, job.frame, journal)
         check_camera(scene)
-        return plan_scene(scene, job, make_framing(scene, job.lens, job.wavelengths_nm), journal)[0]
+        return plan_scene(scene, job, capture_grid(scene, job.lens, job.wavelengths_nm), journal)[0]
 
 
-def plan_scene(scene, job, framing, journal):
+def plan_scene(scene, job, grid, journal):
     """Judge a scene, wire it for its passes, and plan them.
 
     Returns
@@ -123,7 +113,7 @@ def plan_scene(scene, job, framing, journal):
     spectra.check(block for block in rendered if hasattr(block, "lensfield"))
     findings = judge(scene, rendered, spectra)
     _refuse(scene, [finding for finding in findings if finding.verdict == REJECTED], job.unfit)
-    shining, glass = _survey(scene, spectra, job, framing)
+    shining, glass = _survey(scene, spectra, job, grid)
     coupled = [str(finding) for finding in findings if finding.verdict == SEPARATED]
     apart = "" if job.spectral.tier == "preview" else glass or next(iter(coupled), "")
     per_pass = 1 if apart else WAVELENGTHS_PER_PASS
@@ -145,7 +135,7 @@ def _refuse(scene, rejected, unfit):
                          "rendered as Cycles does, wrong as that is")
 
 
-def _survey(scene, spectra, job, framing):
+def _survey(scene, spectra, job, grid):
     """What may shine, objects and the world, each with the data-blocks that it may shine by; and a few words about
     glass in view whose index varies with wavelength, which previews do without."""
     world = rendered_layer(scene).world_override or scene.world
@@ -158,7 +148,7 @@ def _survey(scene, spectra, job, framing):
         for material in instance.materials:
             if material not in dispersive:  # there may be many instances of few materials
                 dispersive[material] = _disperses(material, spectra, job.wavelengths_nm)
-            if dispersive[material] and in_view(scene.camera, instance.box, job.lens, framing):
+            if dispersive[material] and in_view(scene.camera, instance.box, job.lens, grid):
                 glass = f"{instance.obj.name!r} of {material.name!r} is in view and disperses"
     return shining, glass
 

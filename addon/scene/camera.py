@@ -1,7 +1,5 @@
 """The camera: what sees the scene as the lens does, with the overscan that the lens needs."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from ...engine.errors import InputError
@@ -9,7 +7,7 @@ from ...engine.field.distortion import FieldGeometry
 from ...engine.field.overscan import choose_capture
 from ...engine.field.psf_bank import psf_radius_px
 from ...engine.image.pitch import fitting_pitch_um as pitch_um
-from ...engine.image.spectral_image import PLANE
+from ...engine.image.pixel_grid import PLANE, PixelGrid
 from .errors import SceneError
 from .lens_cache import scaled_lens
 
@@ -20,21 +18,6 @@ FIT_SAMPLES = 257
 VIEWS = "lens", "camera"
 
 
-@dataclass(frozen=True)
-class Framing:
-    """Pixel grid of a capture: the sensor's frame in rows and columns, its pitch, the overscan on each side, and the
-    capture's projection as in `SpectralImage`."""
-
-    frame_px: tuple[int, int]
-    pitch_um: float
-    overscan_px: tuple[int, int]
-    projection: str = PLANE
-
-    @property
-    def capture_px(self):
-        return tuple(n + 2 * margin for n, margin in zip(self.frame_px, self.overscan_px))
-
-
 def frame_px(scene):
     """Rows and columns of the scene's render, rounded as Blender does."""
     render = scene.render
@@ -42,15 +25,14 @@ def frame_px(scene):
                  for side in (render.resolution_y, render.resolution_x))
 
 
-def make_framing(scene, lens, wavelengths_nm):
-    """The grid and projection to capture a scene with for a lens."""
-    frame = frame_px(scene)
-    pitch = pitch_um(lens, frame)
-    projection, margins = choose_capture(lens, frame, pitch, wavelengths_nm, psf_radius_px(lens, pitch))
-    return Framing(frame, pitch, margins, projection)
+def capture_grid(scene, lens, wavelengths_nm):
+    """The pixels to capture a scene with for a lens: a PixelGrid."""
+    shape = frame_px(scene)
+    frame = PixelGrid(shape, pitch_um(lens, shape))
+    return choose_capture(lens, frame, wavelengths_nm, psf_radius_px(lens, frame.pitch_um))
 
 
-def in_view(camera, box, lens, framing):
+def in_view(camera, box, lens, capture):
     """Whether a box may be in a capture's view: it is not, where all of it lies behind one of the view's sides.
 
     Parameters
@@ -59,12 +41,12 @@ def in_view(camera, box, lens, framing):
     box : array (8, 3)
         Its corners in the world.
     lens : Lens
-    framing : Framing
+    capture : PixelGrid
     """
-    if framing.projection != PLANE:
+    if capture.projection != PLANE:
         return True
     x, y, z = np.linalg.inv(np.array(camera.matrix_world.normalized()))[:3] @ np.c_[box, np.ones(len(box))].T
-    rows_mm, columns_mm = (n * framing.pitch_um * 1e-3 / 2 for n in framing.capture_px)
+    rows_mm, columns_mm = (n * capture.pitch_um * 1e-3 / 2 for n in capture.shape_px)
     sides = [-z, *(sign * along * lens.capture_focal_length_mm - z * half_mm
                    for along, half_mm in ((x, columns_mm), (y, rows_mm)) for sign in (-1, 1))]
     return all(np.any(side > 0) for side in sides)
@@ -90,11 +72,11 @@ def check_camera(scene):
                          f"{scene.render.pixel_aspect_x:g}:{scene.render.pixel_aspect_y:g}", "expected square pixels")
 
 
-def set_up_capture(camera, lens, framing):
+def set_up_capture(camera, lens, capture):
     """Make camera data the camera of a capture: a perspective one, or an equidistant fisheye of the same scale on the
-    axis. The render's resolution is to be `framing.capture_px`."""
-    width_mm = framing.capture_px[1] * framing.pitch_um * 1e-3
-    if framing.projection == PLANE:
+    axis. The render's resolution is to be `capture.shape_px`."""
+    width_mm = capture.shape_px[1] * capture.pitch_um * 1e-3
+    if capture.projection == PLANE:
         _make_perspective(camera, lens.capture_focal_length_mm, width_mm)
     else:
         _make_fisheye(camera, [1 / lens.capture_focal_length_mm], width_mm)

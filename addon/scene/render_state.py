@@ -34,9 +34,9 @@ def rendered_layer(scene):
     return next(layer for layer in scene.view_layers if layer.use)
 
 
-def guard_render_state(scene, lens, framing, denoise, path, journal):
+def guard_render_state(scene, lens, capture, denoise, path, journal):
     """Set what the passes need; each is written to `path`, a multilayer EXR of the light and its depth."""
-    rows, columns = framing.capture_px
+    rows, columns = capture.shape_px
     for name, value in (RENDER | {"filepath": str(path), "resolution_y": rows, "resolution_x": columns}).items():
         journal.set(scene.render, name, value)
     for name, value in (CYCLES | {"use_denoising": denoise}).items():
@@ -48,7 +48,7 @@ def guard_render_state(scene, lens, framing, denoise, path, journal):
     camera = journal.stand_in(scene.camera.data)
     camera.animation_data_clear()
     camera.dof.use_dof = False  # blur is the lens's
-    set_up_capture(camera, lens, framing)
+    set_up_capture(camera, lens, capture)
 
 
 def _guard_format(image, journal):

@@ -10,7 +10,7 @@ from ...engine.errors import InputError
 from ...engine.plan.options import DEFAULT_ACCURACY
 from ..job.radiance import RenderPass
 from ..job.render import Job, render_steps, run
-from ..scene.camera import check_camera, lens_for_view, make_framing, match_camera_to_lens, reference_nm
+from ..scene.camera import capture_grid, check_camera, lens_for_view, match_camera_to_lens, reference_nm
 from ..scene.compositor import lens_image
 from ..scene.lens_cache import load_lens
 from ..scene.watch import RenderWatch
@@ -177,14 +177,8 @@ class LENSFIELD_OT_render(bpy.types.Operator):
         _redraw_panels(context)
 
     def _finish_report(self, result):
-        facts = result.report.facts
-        told = [f"{result.lens_image} in {sum(result.report.stages.values()):.1f} s", facts["scene_plan"]]
-        if facts["foreign_spectra"]:
-            told.append("the scene holds spectra that were not foreseen: try the Reference tier")
-        if facts["depth"]["outside_fraction"]:
-            told.append(facts["depth"]["text"])
-        if facts["out_of_field_fraction"]:
-            told.append(f"{facts['out_of_field_fraction']:.1%} of the frame lies beyond the lens data")
+        seconds = sum(result.report.stages.values())
+        told = [f"{result.lens_image} in {seconds:.1f} s", result.report.scene.scene_plan, *result.report.remarks()]
         self.report({"INFO"}, "; ".join(told))
 
 
@@ -243,11 +237,11 @@ class LENSFIELD_OT_match_camera(bpy.types.Operator):
         try:
             check_camera(scene)
             lens = load_lens(scene.lensfield.lens_name_or_path())
-            framing = make_framing(scene, lens, [reference_nm(lens)])
+            capture = capture_grid(scene, lens, [reference_nm(lens)])
         except InputError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        match_camera_to_lens(scene.camera.data, lens, framing.frame_px[1], framing.pitch_um, framing.projection)
+        match_camera_to_lens(scene.camera.data, lens, capture.frame_px[1], capture.pitch_um, capture.projection)
         return {"FINISHED"}
 
 

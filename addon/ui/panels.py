@@ -10,7 +10,7 @@ from ..scene.camera import frame_px, lens_for_view, pitch_um
 from ..scene.lens_cache import load_lens
 from . import operators
 from .previews import PREVIEW_PX, sheet_path, sheet_preview
-from .properties import FROM_FILE, KNOBS
+from .properties import FROM_FILE
 
 WIDGET_PX = 20
 PANEL_MARGINS = 3  # in widgets: what a panel keeps free on its sides
@@ -137,7 +137,7 @@ def _draw_spectra(layout, settings):
 def _draw_quality(layout, settings):
     layout.prop(settings, "quality", expand=True)
     if settings.quality == "KNOBS":
-        for name in ("method", *KNOBS[settings.method]):
+        for name in ("method", *settings.shown_knobs()):
             layout.prop(settings, name)
         return
     column = layout.column(align=True)

@@ -6,15 +6,16 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
 from ...engine import Options
+from ...engine.blur import METHODS
+from ...engine.blur.method import AZIMUTHS, SECTION_SIZE
 from ...engine.lens.readers import bundled_makers
 from ...engine.plan.options import DEFAULT_ACCURACY
-from ...engine.plan.plan import AZIMUTHS, ORDER, SECTION_SIZE
 from ...engine.spectral.refraction import refraction_names
 from ...engine.spectral.spectra import library_names, parse_wavelengths
 from ...engine.spectral.wavelength_choice import STANDARD_COLOUR_ERROR, SpectralOptions
 
 FROM_FILE = "FILE"
-KNOBS = {"SECTIONS": ("section_size", "order"), "PIXELS": ("azimuths",), "EXACT": ()}  # of each method
+PANEL_KNOBS = "section_size", "azimuths"  # of those that the methods have
 BLEND_RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"}  # paths that start with // lie beside the .blend
 
 
@@ -124,17 +125,13 @@ class LensfieldSettings(bpy.types.PropertyGroup):
                     "of it where the lens puts it. Less is slower")
     method: EnumProperty(
         name="Method", default="SECTIONS", description="How the lens's blur is applied",
-        items=[("SECTIONS", "Sections", "Section by section, point spread functions varying inside each"),
-               ("PIXELS", "Pixels", "Every pixel its own point spread function, from a table: for small ones"),
-               ("EXACT", "Exact", "Every pixel its own point spread function, without a table: very slow")])
+        items=[("SECTIONS", "Sections", "Section by section, point spread functions varying inside each", 0),
+               ("PIXELS", "Pixels", "Every pixel its own point spread function, from a table: for small ones", 1),
+               ("PAPER", "Paper", "One point spread function for each section: the method of the paper", 3),
+               ("EXACT", "Exact", "Every pixel its own point spread function, without a table: very slow", 2)])
     section_size: IntProperty(name="Section Size", subtype="PIXEL", default=SECTION_SIZE, min=1, soft_max=256,
-                              description="Side of the sections that share one point spread function (order 1) or "
-                                          "interpolate between several. Smaller is more accurate and slower")
-    order: EnumProperty(name="Order", default=str(ORDER),
-                        items=[("1", "1: constant", "One PSF per section, as in the paper"),
-                               ("2", "2: bilinear", "PSFs interpolated between the corners of each section"),
-                               ("3", "3: quadratic", "PSFs interpolated between 9 nodes in each section"),
-                               ("4", "4: cubic", "PSFs interpolated between 16 nodes in each section")])
+                              description="Side of the sections. By the paper's method smaller is more accurate and "
+                                          "slower; else it is a matter of speed alone")
     azimuths: IntProperty(name="Azimuths", default=AZIMUTHS, min=1, soft_max=256,
                           description="Steps of the table from 0 to 45 degrees. More is more accurate and takes more "
                                       "time and memory")
@@ -177,10 +174,14 @@ class LensfieldSettings(bpy.types.PropertyGroup):
             return SpectralOptions(colour_error=float(f"{self.colour_error:.6g}"))
         return SpectralOptions(self.tier.lower())
 
+    def shown_knobs(self):
+        """The knobs of the method that the panel has."""
+        return [name for name in PANEL_KNOBS if name in METHODS[self.method.lower()].knobs]
+
     def to_options(self):
         """The engine's Options: the only bridge to it."""
         if self.quality == "KNOBS":
-            asked = {"method": self.method.lower()} | {name: int(getattr(self, name)) for name in KNOBS[self.method]}
+            asked = {"method": self.method.lower()} | {name: getattr(self, name) for name in self.shown_knobs()}
         else:
             asked = {"accuracy": float(f"{self.accuracy:.6g}")}  # Blender's floats are single: 0.01 is 0.0099999998
         return Options(**asked, out_of_field=self.out_of_field.lower(), fireflies=self.fireflies.lower())

@@ -1,1 +1,12 @@
 """The ways to spread the light of every point by its point spread function; a module each."""
+
+from .exact import Exact
+from .isoplanatic import OnePsf, Paper
+from .method import Method
+from .pixels import Pixels
+from .polar_sections import Sections
+
+METHODS: dict[str, type[Method]] = {method.name: method for method in (Sections, Pixels, Paper, Exact)}
+"""What can be asked for, by name."""
+
+__all__ = ["METHODS", "Method", "OnePsf"]

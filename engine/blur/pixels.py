@@ -1,42 +1,79 @@
-"""Every pixel spread by its own PSF, mixed from a polar table: no sections to interpolate in, and no FFT.
+"""Every pixel spread by its own PSF, mixed from a table of azimuths: no sections to interpolate in, and no FFT.
 
 What is left of the error is that of the table's azimuths, a few tenths of a per cent of a point's light or, with more
 of them, as little as is asked for. Light stays positive, and dim pixels keep single precision beside bright ones. The
 work is that of multiplying every pixel with every tap of its PSF: the best way where PSFs are some tens of pixels.
 """
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+
 import numpy as np
+
+from .method import AZIMUTHS, SECTION_SIZE, Method, Workload
 
 RUN_VALUES = 1 << 21  # of the PSFs of a run of sections
 
 
+@dataclass(frozen=True)
+class Pixels(Method):
+    """Every pixel its own PSF, mixed from a table. The sections are only portions of work."""
+
+    name = "pixels"
+    knobs = "azimuths", "psf_energy", "flat_tolerance", "precision"
+    by_accuracy = True
+    transforms = False
+
+    section_size: int
+    azimuths: int = AZIMUTHS
+
+    @classmethod
+    def by_knobs(cls, section_size, azimuths, psf_radius_px, most_px):
+        return cls(min(SECTION_SIZE, most_px), azimuths or AZIMUTHS)
+
+    @classmethod
+    def choices(cls, azimuths, psf_radius_px, most_px):
+        return [cls(min(SECTION_SIZE, most_px), azimuths)]
+
+    @property
+    def text(self):
+        return f"a PSF for every pixel, from {self.azimuths} azimuths"
+
+    def counts(self, work: Workload):
+        return {"tap": work.pixels * work.taps, "step": work.sections(self.section_size)[0],
+                "mixed tap": work.pixels * work.taps / work.planes.count}
+
+    def kept_values(self, work: Workload):
+        return RUN_VALUES * 3 / 2
+
+    def spreader(self, psfs, table, psf_radius_px, memory):
+        return PixelSections(self.section_size, psf_radius_px, table, psfs.place, memory)
+
+
 class PixelSections:
-    """Spreads the light of sections pixel by pixel. The sections are only portions of work.
+    """A Spreader that goes pixel by pixel.
 
     Parameters
     ----------
     section_size, psf_radius_px : int
-    table : PolarTable
+    table : PsfTable
     place : callable (rows, columns) -> (paraxial_height_mm, azimuth_rad)
         Where in the field the pixels of these index terms lie.
-    room : Room
+    memory : MemoryBudget
         For the pixels' PSFs, to keep them for the next picture.
     """
 
-    def __init__(self, section_size, psf_radius_px, table, place, room):
+    def __init__(self, section_size: int, psf_radius_px: int, table, place, memory) -> None:
         self.section_size, self.radius_px = section_size, psf_radius_px
         self.space_px = section_size + 2 * psf_radius_px
-        self._table, self._place, self._room = table, place, room
+        self._table, self._place, self._memory = table, place, memory
         self._psfs = {}
 
-    def prepare(self, rows, content, pool):
+    def prepare(self, rows, needs, pool) -> None:
         """Nothing: a section's PSFs are made where they are used."""
 
-    def spread(self, i, columns, band):
-        """Patches of the light of these sections of row i, given as band (plane, row, column), and where each begins.
-
-        Neighbouring sections make one patch: long rows are quick.
-        """
+    def spread(self, i: int, columns: np.ndarray, band: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
+        """See `Spreader`. Neighbouring sections make one patch: long rows are quick."""
         size, reach = self.section_size, 2 * self.radius_px
         for left, right in self._runs(columns):
             light = band[:, :, left * size:right * size]
@@ -63,6 +100,6 @@ class PixelSections:
         size = self.section_size
         row, column = np.mgrid[i * size:(i + 1) * size, left * size:right * size]
         psfs = self._table.mixed(*self._place(row.ravel(), column.ravel())).reshape(-1, *row.shape)
-        if self._room.take(psfs.nbytes):
+        if self._memory.take(psfs.nbytes):
             self._psfs[key] = psfs
         return psfs

@@ -1,11 +1,13 @@
 """Distortion and relative illumination: polynomial fits over field height, applied pixel by pixel (section 2.2.2)."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial.polynomial import polyder, polyval
 
 from ..errors import LensError
+from ..image.pixel_grid import PixelGrid
 
 ORDERS = range(4, 9)
 DISTORTION_TOLERANCE = 1e-5  # of the last height: 0.03 um for a 3 mm field
@@ -13,6 +15,8 @@ ILLUMINATION_TOLERANCE = 1e-3
 LARGEST_FOOTPRINT_PX = 16  # where a lens squeezes the picture more than this, the footprint's middle stands for it
 RIM_PX = LARGEST_FOOTPRINT_PX + 1
 INVERSE_SAMPLES = 4097  # linear interpolation between them is good to 1e-8 of the field
+
+CaptureRadius = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +167,8 @@ class Footprints:
         return self.first.nbytes + sum(share.nbytes for share in self.row_shares + self.column_shares)
 
 
-def footprints(capture_px, capture_centre_px, x_mm, y_mm, pitch_um, field, image_radius=None, precision=np.float64):
+def footprints(capture: PixelGrid, x_mm: np.ndarray, y_mm: np.ndarray, field: FieldGeometry,
+               capture_radius: CaptureRadius | None = None, precision=np.float64) -> tuple[Footprints, np.ndarray]:
     """Where the pixels of a grid, once distorted by the lens, take their light from in an ideal capture.
 
     Each pixel averages the capture over its own footprint there, about the ideal position of the chief ray that meets
@@ -172,16 +177,12 @@ def footprints(capture_px, capture_centre_px, x_mm, y_mm, pitch_um, field, image
 
     Parameters
     ----------
-    capture_px : (int, int)
-        Rows and columns of the capture, with a black rim of RIM_PX that is read for all that lies outside.
-    capture_centre_px : (float, float)
-        Row and column of the optical axis in it.
+    capture : PixelGrid
+        With a black rim of RIM_PX that is read for all that lies outside.
     x_mm, y_mm : arrays (column,) and (row,)
-        Where the grid's pixels are, about the axis.
-    pitch_um : float
-        Pixel pitch of both.
+        Where the grid's pixels, of the same pitch, are about the axis.
     field : FieldGeometry
-    image_radius : callable (paraxial_height_mm) -> (radius_mm, slope), optional
+    capture_radius : callable (paraxial_height_mm) -> (radius_mm, slope), optional
         Where a capture that is no plane shows a paraxial height, and how fast that changes.
     precision : dtype
         Of the shares.
@@ -196,17 +197,18 @@ def footprints(capture_px, capture_centre_px, x_mm, y_mm, pitch_um, field, image
     paraxial_mm = field.paraxial_height_mm(real_mm)
     tangential = field.paraxial_per_real(real_mm, paraxial_mm)
     radial = field.paraxial_slope(paraxial_mm)
-    if image_radius:
-        radius_mm, slope = image_radius(paraxial_mm)
+    if capture_radius:
+        radius_mm, slope = capture_radius(paraxial_mm)
         tangential = tangential * np.divide(radius_mm, paraxial_mm, out=np.ones_like(real_mm), where=paraxial_mm > 0)
         radial = radial * slope
-    row = capture_centre_px[0] - y_mm[:, None] * tangential / (pitch_um * 1e-3)
-    column = capture_centre_px[1] + x_mm[None, :] * tangential / (pitch_um * 1e-3)
+    row = capture.centre_px[0] - y_mm[:, None] * tangential / (capture.pitch_um * 1e-3)
+    column = capture.centre_px[1] + x_mm[None, :] * tangential / (capture.pitch_um * 1e-3)
     cos_squared = (x_mm[None, :] / np.maximum(real_mm, np.finfo(float).tiny)) ** 2
-    first_row, row_shares = _overlaps(row, radial + (tangential - radial) * cos_squared, capture_px[0], precision)
-    first_column, column_shares = _overlaps(column, tangential + (radial - tangential) * cos_squared, capture_px[1],
+    rows, columns = capture.shape_px
+    first_row, row_shares = _overlaps(row, radial + (tangential - radial) * cos_squared, rows, precision)
+    first_column, column_shares = _overlaps(column, tangential + (radial - tangential) * cos_squared, columns,
                                             precision)
-    return Footprints(first_row * capture_px[1] + first_column, row_shares, column_shares), paraxial_mm
+    return Footprints(first_row * columns + first_column, row_shares, column_shares), paraxial_mm
 
 
 def _overlaps(position, extent_px, length_px, precision):

@@ -4,15 +4,22 @@ A radiance picture is the scene as an ideal lens would lay it on a plane. A lens
 much of that plane that a fisheye camera, whose mapping is known, is the better capture.
 """
 
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from ..image.spectral_image import FISHEYE, PLANE
-from .distortion import FieldGeometry
+from ..image.pixel_grid import FISHEYE, PLANE, PixelGrid
+from .distortion import CaptureRadius, FieldGeometry
+
+if TYPE_CHECKING:
+    from ..lens import Lens
 
 LARGEST_PLANE = 2.0  # times the pixels of the frame; a fisheye shows the same field in fewer
 
 
-def image_radius(projection, lens):
+def capture_radius(projection: str, lens: "Lens") -> CaptureRadius | None:
     """How a projection shows paraxial heights: None for a plane, else a function.
 
     A fisheye capture is equidistant: a ray at the angle t from the axis, as seen from the entrance pupil, lies at
@@ -33,44 +40,50 @@ def image_radius(projection, lens):
     return radius
 
 
-def choose_capture(lens, frame_px, pitch_um, wavelengths_nm, psf_radius_px):
-    """The projection and overscan that a capture for this lens needs: a plane, or a fisheye beyond LARGEST_PLANE.
-
-    Parameters as for `overscan_px`.
-
-    Returns
-    -------
-    projection : "plane" or "equidistant"
-    overscan_px : (int, int)
-    """
-    margins = overscan_px(lens, frame_px, pitch_um, wavelengths_nm, psf_radius_px)
-    sides = [(n + 2 * margin) / (n + 2 * psf_radius_px) for n, margin in zip(frame_px, margins)]
-    if sides[0] * sides[1] <= LARGEST_PLANE:
-        return PLANE, margins
-    return FISHEYE, overscan_px(lens, frame_px, pitch_um, wavelengths_nm, psf_radius_px, FISHEYE)
-
-
-def overscan_px(lens, frame_px, pitch_um, wavelengths_nm, psf_radius_px, projection=PLANE):
-    """Rows and columns that a capture needs beyond the frame, for distortion and the reach of the PSFs.
+def choose_capture(lens: "Lens", frame: PixelGrid, wavelengths_nm: Sequence[float], psf_radius_px: int) -> PixelGrid:
+    """The grid of a capture for this lens: a plane, or a fisheye where that is beyond LARGEST_PLANE.
 
     Parameters
     ----------
     lens : Lens
-    frame_px : (int, int)
-        Rows and columns of the sensor's frame, the axis in its middle.
-    pitch_um : float
+    frame : PixelGrid
+        The sensor's frame, the axis in its middle.
     wavelengths_nm : sequence of float
     psf_radius_px : int
         Pixels that a PSF reaches from its centre.
-    projection : "plane" or "equidistant"
+
+    Returns
+    -------
+    PixelGrid
+        The frame with its overscan.
+    """
+    margins = overscan_px(lens, replace(frame, projection=PLANE), wavelengths_nm, psf_radius_px)
+    sides = [(n + 2 * margin) / (n + 2 * psf_radius_px) for n, margin in zip(frame.frame_px, margins, strict=True)]
+    if sides[0] * sides[1] <= LARGEST_PLANE:
+        return PixelGrid.around_frame(frame.frame_px, frame.pitch_um, margins)
+    fisheye = replace(frame, projection=FISHEYE)
+    return PixelGrid.around_frame(frame.frame_px, frame.pitch_um,
+                                  overscan_px(lens, fisheye, wavelengths_nm, psf_radius_px), FISHEYE)
+
+
+def overscan_px(lens: "Lens", capture: PixelGrid, wavelengths_nm: Sequence[float],
+                psf_radius_px: int) -> tuple[int, int]:
+    """Rows and columns that a capture needs beyond the frame, for distortion and the reach of the PSFs.
+
+    Parameters
+    ----------
+    lens, wavelengths_nm, psf_radius_px
+        As for `choose_capture`.
+    capture : PixelGrid
+        Whose frame, pitch and projection count; its axis is taken to be in the middle.
 
     Returns
     -------
     (int, int), at least psf_radius_px + 1 each
     """
-    radius = image_radius(projection, lens)
-    half = np.array(frame_px) / 2 + psf_radius_px
-    side_mm = [np.linspace(0, extent, 65) * pitch_um * 1e-3 for extent in half]
+    radius = capture_radius(capture.projection, lens)
+    half = np.array(capture.frame_px) / 2 + psf_radius_px
+    side_mm = [np.linspace(0, extent, 65) * capture.pitch_um * 1e-3 for extent in half]
     needed = half.copy()
     for wavelength_nm in wavelengths_nm:
         field = FieldGeometry(lens.at_wavelength(wavelength_nm), lens.name)
@@ -82,4 +95,5 @@ def overscan_px(lens, frame_px, pitch_um, wavelengths_nm, psf_radius_px, project
             if radius:
                 ratio = ratio * radius(paraxial_mm)[0] / np.maximum(paraxial_mm, np.finfo(float).tiny)
             needed[axis] = max(needed[axis], half[axis] * ratio.max())
-    return tuple(int(np.ceil(needed[axis] - frame_px[axis] / 2)) + 1 for axis in (0, 1))
+    rows, columns = (int(np.ceil(needed[axis] - capture.frame_px[axis] / 2)) + 1 for axis in (0, 1))
+    return rows, columns

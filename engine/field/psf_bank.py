@@ -1,47 +1,78 @@
 """The PSF bank: PSFs of a lens on the sensor's pixel grid, at any place in the field."""
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 from scipy import sparse
 
-from ..image.spectral_image import pixel_position_mm
-from .mirror_symmetry import mirror_symmetric
+from .distortion import FieldGeometry
+from .mirror_symmetry import Planes, mirror_symmetric
 
 BATCH_SAMPLES = 1 << 16  # PSF samples in work at once: what the processor's cache holds
 
 
+@dataclass(frozen=True, eq=False)
 class PsfBank:
-    """Pixel PSFs of one lens at one wavelength.
+    """Pixel PSFs of one lens at one wavelength: samples of light, to be turned and shared out among the pixels.
 
-    Parameters
+    Attributes
     ----------
-    optics : MonochromaticLens
-    pixel_pitch_um : float
-    support_um : float
-        PSF samples farther than this from the chief ray are left out, and the rest normalised (Eq. 9).
-
-    Notes
-    -----
-    `radius_px` is how far a PSF can reach from the pixel of its chief ray, whatever its direction.
-    `mirror_symmetric` says whether its PSFs are symmetric about the meridional plane.
+    heights_mm : array (height,)
+    samples : array (height, sample)
+        The light of each, of unit sum.
+    v_px, u_px : arrays (sample,)
+        Where they lie about the chief ray: outwards, and along the tangent.
+    sample_size_px : float
+        Side of the square that each is.
+    radius_px : int
+        How far a PSF can reach from the pixel of its chief ray, whatever its direction.
+    mirror_symmetric : bool
+        Whether the PSFs are symmetric about the meridional plane.
     """
 
-    def __init__(self, optics, pixel_pitch_um, support_um=np.inf):
-        psf, self.mirror_symmetric = mirror_symmetric(optics.psf)
+    heights_mm: np.ndarray
+    samples: np.ndarray
+    v_px: np.ndarray
+    u_px: np.ndarray
+    sample_size_px: float
+    radius_px: int
+    mirror_symmetric: bool
+
+    @classmethod
+    def of(cls, optics, pixel_pitch_um: float, support_um: float = np.inf) -> "PsfBank":
+        """The bank of a MonochromaticLens on pixels of this pitch.
+
+        Samples farther than `support_um` from the chief ray are left out, and the rest normalised (Eq. 9).
+        """
+        psf, symmetric = mirror_symmetric(optics.psf)
         window = psf.shape[-1]
         steps = _refinement(optics, pixel_pitch_um)
         refined = _refine(psf, steps).reshape(psf.shape[0], -1)
-        self._sample_size_px = optics.psf_pitch_um / steps / pixel_pitch_um
-        offset_px = (np.arange((window - 1) * steps + 1) - window // 2 * steps) * self._sample_size_px
+        sample_size_px = optics.psf_pitch_um / steps / pixel_pitch_um
+        offset_px = (np.arange((window - 1) * steps + 1) - window // 2 * steps) * sample_size_px
         v_px, u_px = np.repeat(offset_px, offset_px.size), np.tile(offset_px, offset_px.size)
         kept = (np.hypot(v_px, u_px) * pixel_pitch_um <= support_um * (1 + 1e-9)) & refined.any(axis=0)
-        self._v_px, self._u_px, self._samples = v_px[kept], u_px[kept], refined[:, kept]
-        self._samples /= self._samples.sum(axis=1, keepdims=True)
-        self.heights_mm = optics.heights_mm
-        self.radius_px = psf_radius_px(optics, pixel_pitch_um, support_um)
+        samples = refined[:, kept]
+        samples /= samples.sum(axis=1, keepdims=True)
+        return cls(optics.heights_mm, samples, v_px[kept], u_px[kept], sample_size_px,
+                   psf_radius_px(optics, pixel_pitch_um, support_um), symmetric)
+
+    def brightest(self, count: int) -> "PsfBank":
+        """A bank of one PSF, and not of unit sum, that stands for those of all heights.
+
+        Of each sample it has the brightest of all heights, and of these so many as err most when they cross the edge of
+        a pixel.
+        """
+        samples, distance_px = self.samples.max(axis=0), np.hypot(self.v_px, self.u_px)
+        crosses = distance_px > 0.5 - self.sample_size_px
+        chosen = np.argsort(samples * distance_px * crosses)[-count:]
+        radius_px = int(np.ceil(distance_px[chosen].max() + np.sqrt(0.5) * self.sample_size_px + 0.5))
+        return replace(self, heights_mm=self.heights_mm[-1:], samples=samples[None, chosen], v_px=self.v_px[chosen],
+                       u_px=self.u_px[chosen], radius_px=radius_px)
 
     @property
-    def nbytes(self):
-        return self._samples.nbytes + self._u_px.nbytes + self._v_px.nbytes
+    def nbytes(self) -> int:
+        return self.samples.nbytes + self.u_px.nbytes + self.v_px.nbytes
 
     def psfs(self, paraxial_height_mm, azimuth_rad):
         """PSFs integrated over the pixels, for chief rays that meet pixel centres.
@@ -60,7 +91,7 @@ class PsfBank:
         """
         size = 2 * self.radius_px + 1
         result = np.empty((len(paraxial_height_mm), size, size))
-        batch = max(1, BATCH_SAMPLES // self._v_px.size)
+        batch = max(1, BATCH_SAMPLES // self.v_px.size)
         for start in range(0, len(result), batch):
             part = slice(start, start + batch)
             energy = self._at_heights(np.asarray(paraxial_height_mm)[part])
@@ -73,7 +104,7 @@ class PsfBank:
 
         The heights share the geometry, which makes this some times faster than `psfs`.
         """
-        azimuth_rad, size, samples = np.asarray(azimuth_rad), 2 * self.radius_px + 1, self._v_px.size
+        azimuth_rad, size, samples = np.asarray(azimuth_rad), 2 * self.radius_px + 1, self.v_px.size
         result = np.empty((azimuth_rad.size, self.heights_mm.size, size * size))
         step = max(1, BATCH_SAMPLES // 4 // samples)  # four pixels for each sample
         for start in range(0, azimuth_rad.size, step):
@@ -83,18 +114,18 @@ class PsfBank:
             pixels = pixels + np.arange(len(part))[:, None] * size * size
             onto_pixels = sparse.csc_matrix((shares.ravel(), pixels.ravel(), np.arange(samples + 1) * 4 * len(part)),
                                             (len(part) * size * size, samples))
-            part[:] = (onto_pixels @ self._samples.T).reshape(len(part), size * size, -1).swapaxes(1, 2)
+            part[:] = (onto_pixels @ self.samples.T).reshape(len(part), size * size, -1).swapaxes(1, 2)
         return result.reshape(*result.shape[:2], size, size)
 
     def mean_distance_px(self):
         """How far from the chief ray light lies on the mean, at the height where that is farthest."""
-        return float((self._samples @ np.hypot(self._v_px, self._u_px)).max())
+        return float((self.samples @ np.hypot(self.v_px, self.u_px)).max())
 
     def _at_heights(self, height_mm):
         position = np.interp(height_mm, self.heights_mm, np.arange(self.heights_mm.size))
         below = np.minimum(position.astype(int), self.heights_mm.size - 2)
         weight = (position - below)[:, None]
-        return (1 - weight) * self._samples[below] + weight * self._samples[below + 1]
+        return (1 - weight) * self.samples[below] + weight * self.samples[below + 1]
 
     def _share_out(self, energy, azimuth_rad):
         """Lay each sample, a small square of light, onto the pixels that it covers."""
@@ -108,10 +139,10 @@ class PsfBank:
     def _shares(self, azimuth_rad):
         """The four pixels that each sample covers, and the shares of it that fall there: 4 arrays (azimuth, sample)."""
         cos, sin = np.cos(azimuth_rad)[:, None], np.sin(azimuth_rad)[:, None]
-        right = self._v_px * cos + self._u_px * sin  # v runs outwards, along (cos, sin); u along (sin, -cos)
-        down = -self._v_px * sin + self._u_px * cos
+        right = self.v_px * cos + self.u_px * sin  # v runs outwards, along (cos, sin); u along (sin, -cos)
+        down = -self.v_px * sin + self.u_px * cos
         # Squares as wide as the turned samples are: at 0 and 45 degrees they then tile the plane without gaps.
-        width = (np.abs(cos) + np.abs(sin)) * self._sample_size_px
+        width = (np.abs(cos) + np.abs(sin)) * self.sample_size_px
         row, in_row = self._split(down, width)
         column, in_column = self._split(right, width)
         size = 2 * self.radius_px + 1
@@ -135,23 +166,27 @@ class PlacedPsfs:
     ----------
     bank : PsfBank
     field : FieldGeometry
-    pitch_um : float
-    centre_px : (float, float)
-        Row and column of the optical axis.
+    planes : Planes
+        In which pixels are counted, in index terms of one of them.
     """
 
-    def __init__(self, bank, field, pitch_um, centre_px):
-        self.bank, self.field = bank, field
-        self._pitch_um, self._centre_px = pitch_um, centre_px
+    def __init__(self, bank: PsfBank, field: FieldGeometry, planes: Planes) -> None:
+        self.bank, self.field, self.planes = bank, field, planes
+        self._grid = planes.grid
 
-    def place(self, rows, columns):
+    def place(self, rows: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Where in the field the light of these pixels came from: (paraxial_height_mm, azimuth_rad)."""
-        x_mm, y_mm = pixel_position_mm(rows, columns, self._centre_px, self._pitch_um)
+        x_mm, y_mm = self._grid.position_mm(rows, columns)
         return self.field.paraxial_height_mm(np.hypot(x_mm, y_mm)), np.arctan2(y_mm, x_mm)
 
-    def __call__(self, rows, columns):
+    def psfs(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
         """Their PSFs: float64 array (n, 2 radius_px + 1, 2 radius_px + 1)."""
         return self.bank.psfs(*self.place(rows, columns))
+
+    def last_height_mm(self) -> float:
+        """The largest field height in the planes."""
+        rows, columns = self._grid.shape_px
+        return float(self.place(*np.meshgrid((0, rows - 1), (0, columns - 1)))[0].max())
 
 
 def psf_radius_px(lens, pixel_pitch_um, support_um=np.inf):

@@ -16,21 +16,21 @@ PORTION = 16  # azimuths
 BATCH_VALUES = 1 << 18  # what the processor's cache holds
 
 
-class PolarTable:
+class PsfTable:
     """PSFs at the heights of a lens and at evenly spaced azimuths, for one wavelength.
 
     Attributes
     ----------
     table : array (height, azimuth, tap)
-        Azimuths from 0 clockwise, over a quarter turn or a full one, both ends included.
+        Azimuths from 0 clockwise, over so many quarter turns, 1 or 4, both ends included.
     rows, columns : int arrays (tap,)
         Where the taps lie in the square of 2 radius_px + 1: the pixels that some PSF reaches.
     radius_px : int
     """
 
-    def __init__(self, table, rows, columns, radius_px, quadrant, heights_mm):
+    def __init__(self, table, rows, columns, radius_px, quarter_turns, heights_mm):
         self.table, self.rows, self.columns, self.radius_px = table, rows, columns, radius_px
-        self._turn_rad = np.pi / 2 if quadrant else 2 * np.pi
+        self._turn_rad = np.pi / 2 * quarter_turns
         self.heights_mm = heights_mm
         self._by_cell = table.reshape(-1, table.shape[-1])
 
@@ -95,7 +95,7 @@ class PolarTable:
         return psfs
 
 
-class PolarTables:
+class PsfTables:
     """The polar tables of a lens: made at the wavelengths of its data and mixed between them like the data, where that
     makes fewer of them.
 
@@ -104,27 +104,27 @@ class PolarTables:
     lens : Lens
     wavelengths_nm : array
         Those that will be asked for.
-    pixel_pitch_um, support_um : float
+    planes : Planes
+        In which they are looked up: quadrants need a quarter of the table.
+    support_um : float
     azimuths : int
         Steps from 0 to 45 degrees.
-    quadrant : bool
-        For azimuths of the lower right quadrant alone: a quarter of the table.
     precision : dtype
     """
 
-    def __init__(self, lens, wavelengths_nm, pixel_pitch_um, support_um, azimuths, quadrant, precision):
-        self._lens, self._pitch_um, self._support_um = lens, pixel_pitch_um, support_um
-        self._azimuths, self._quadrant, self._precision = azimuths, quadrant, precision
+    def __init__(self, lens, wavelengths_nm, planes, support_um, azimuths, precision):
+        self._lens, self._pitch_um, self._support_um = lens, planes.picture.pitch_um, support_um
+        self._azimuths, self._quarter_turns, self._precision = azimuths, planes.quarter_turns, precision
         self._made = lru_cache(maxsize=2)(self._make)  # wavelengths come in order
         self._mix = len(lens.wavelengths_around(wavelengths_nm)) < len(wavelengths_nm)
 
     def at_wavelength(self, wavelength_nm):
-        """A PolarTable."""
+        """A PsfTable."""
         psfs = self._mixed(wavelength_nm) if self._mix else self._make(wavelength_nm)
         size = int(np.sqrt(psfs.shape[-1]))
         taps = np.flatnonzero(psfs.any(axis=(0, 1)))
-        return PolarTable(np.ascontiguousarray(psfs[..., taps], dtype=self._precision), *np.divmod(taps, size),
-                          size // 2, self._quadrant, self._lens.heights_mm)
+        return PsfTable(np.ascontiguousarray(psfs[..., taps], dtype=self._precision), *np.divmod(taps, size),
+                          size // 2, self._quarter_turns, self._lens.heights_mm)
 
     def _mixed(self, wavelength_nm):
         below, weight = self._lens.wavelength_position(wavelength_nm)
@@ -135,7 +135,7 @@ class PolarTables:
 
     def _make(self, wavelength_nm):
         """All PSFs at one wavelength: array (height, azimuth, pixel)."""
-        bank = PsfBank(self._lens.at_wavelength(wavelength_nm), self._pitch_um, self._support_um)
+        bank = PsfBank.of(self._lens.at_wavelength(wavelength_nm), self._pitch_um, self._support_um)
         own = self._azimuths + 1 if bank.mirror_symmetric else 2 * self._azimuths
         angles_rad = -np.arange(own) * (np.pi / 4 / self._azimuths)
         with ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -144,7 +144,6 @@ class PolarTables:
                        for part in pool.map(bank.at_table_heights, portions) for psfs in part]
         if bank.mirror_symmetric:  # mirrored in the diagonal
             quarter += [psfs.swapaxes(1, 2) for psfs in quarter[-2:0:-1]]
-        turns = 1 if self._quadrant else 4
-        every = [np.rot90(psfs, -turn, axes=(1, 2)) for turn in range(turns) for psfs in quarter]
-        every.append(np.rot90(quarter[0], -turns, axes=(1, 2)))
+        every = [np.rot90(psfs, -turn, axes=(1, 2)) for turn in range(self._quarter_turns) for psfs in quarter]
+        every.append(np.rot90(quarter[0], -self._quarter_turns, axes=(1, 2)))
         return np.stack(every, axis=1).reshape(self._lens.heights_mm.size, len(every), -1)

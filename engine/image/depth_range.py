@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import ImageError, InputError
-from .spectral_image import PLANE, pixel_axes_mm
+from .pixel_grid import PLANE, PixelGrid
 
 BACKGROUND_MM = 1e12  # and beyond: renderers write a large number, Cycles 1e10 m, where they see nothing
 
@@ -94,7 +94,7 @@ def sharp_range_mm(lens, blur_um):
         focal_mm * pupil_mm / beyond if beyond > 0 else np.inf)
 
 
-def planar_depth_mm(depth_mm, lens, pitch_um, projection, centre_px=None):
+def planar_depth_mm(depth_mm, lens, capture: PixelGrid):
     """Depths along the optical axis, from what Cycles writes into its depth pass.
 
     That is the depth itself for a perspective camera, but the distance from the camera for a panoramic one. At the
@@ -104,21 +104,16 @@ def planar_depth_mm(depth_mm, lens, pitch_um, projection, centre_px=None):
     ----------
     depth_mm : array (row, column)
     lens : Lens
-    pitch_um : float
-    projection : "plane" or "equidistant"
-        Of the capture, as in `SpectralImage`.
-    centre_px : (float, float), optional
-        Row and column of the optical axis; the middle by default.
+    capture : PixelGrid
 
     Returns
     -------
     array (row, column), inf for the background
     """
     depth_mm = np.where(np.asarray(depth_mm) >= BACKGROUND_MM, np.inf, depth_mm)
-    if projection == PLANE:
+    if capture.projection == PLANE:
         return depth_mm
-    centre = centre_px or tuple((n - 1) / 2 for n in depth_mm.shape)
-    x_mm, y_mm = pixel_axes_mm(depth_mm.shape, centre, pitch_um)
+    x_mm, y_mm = capture.axes_mm()
     angle = np.hypot(x_mm[None, :], y_mm[:, None]) / lens.capture_focal_length_mm
     return depth_mm * np.where(angle <= np.pi / 2, np.cos(angle), np.nan)
 

@@ -1,34 +1,110 @@
-"""The pixel grid of the work: the capture, and the picture made of it."""
+"""PixelGrid: the pixels of an image in the sensor's plane, and where they lie about the optical axis."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..errors import ImageError
+
+PLANE, FISHEYE = "plane", "equidistant"
+PROJECTIONS = PLANE, FISHEYE
 
 
 @dataclass(frozen=True)
-class Grid:
-    """The pixels of a capture and those of the picture made of it, which is the sensor's frame with a margin.
+class PixelGrid:
+    """Square pixels in the sensor's plane: how many, how large, and where the optical axis meets them.
 
-    Sizes are (rows, columns); `centre_px` is where the axis meets the picture, in its index terms.
+    Attributes
+    ----------
+    shape_px : (int, int)
+        Rows and columns of all pixels, overscan included.
+    pitch_um : float
+        Distance between pixel centres, the same in x and y.
+    centre_px : (float, float)
+        Row and column, in index terms, where the optical axis meets the grid; the middle by default.
+    overscan_px : (int, int)
+        Rows and columns by which the grid extends beyond the sensor's frame on each side.
+    projection : "plane" or "equidistant"
+        What a capture was made with; see `overscan.capture_radius`.
+
+    Raises
+    ------
+    ImageError
+        A grid that cannot be.
     """
 
-    capture_px: tuple[int, int]
-    capture_centre_px: tuple[float, float]
-    picture_px: tuple[int, int]
-    centre_px: tuple[float, float]
+    shape_px: tuple[int, int]
     pitch_um: float
-    projection: str
+    centre_px: tuple[float, float] | None = None
+    overscan_px: tuple[int, int] = (0, 0)
+    projection: str = PLANE
+
+    def __post_init__(self) -> None:
+        rows, columns = (int(n) for n in self.shape_px)
+        overscan = tuple(int(n) for n in self.overscan_px)
+        centre = ((rows - 1) / 2, (columns - 1) / 2) if self.centre_px is None else self.centre_px
+        if not is_positive(self.pitch_um):
+            raise ImageError("image", "pitch_um", self.pitch_um, "expected a positive number")
+        if self.projection not in PROJECTIONS:
+            raise ImageError("image", "projection", self.projection, f"expected one of {', '.join(PROJECTIONS)}")
+        if min(overscan) < 0 or 2 * overscan[0] >= rows or 2 * overscan[1] >= columns:
+            raise ImageError("image", "overscan_px", overscan, f"expected less than half of {rows} x {columns} px")
+        if np.shape(centre) != (2,) or not np.all(np.isfinite(np.asarray(centre, dtype=float))):
+            raise ImageError("image", "centre_px", centre, "expected a row and a column")
+        object.__setattr__(self, "shape_px", (rows, columns))
+        object.__setattr__(self, "pitch_um", float(self.pitch_um))
+        object.__setattr__(self, "centre_px", tuple(float(c) for c in centre))
+        object.__setattr__(self, "overscan_px", overscan)
+
+    @classmethod
+    def around_frame(cls, frame_px, pitch_um: float, overscan_px=(0, 0), projection: str = PLANE) -> "PixelGrid":
+        """A frame of these (rows, columns), the axis in its middle, with so much overscan on each side."""
+        shape_px = tuple(n + 2 * margin for n, margin in zip(frame_px, overscan_px, strict=True))
+        return cls(shape_px, pitch_um, overscan_px=overscan_px, projection=projection)
+
+    @property
+    def frame_px(self) -> tuple[int, int]:
+        """Rows and columns of the sensor's frame."""
+        (rows, columns), (above, left) = self.shape_px, self.overscan_px
+        return rows - 2 * above, columns - 2 * left
+
+    @property
+    def centred(self) -> bool:
+        """Whether the optical axis meets the middle, so that four mirrored quadrants share all of the optics."""
+        return all(abs(centre - (n - 1) / 2) < 1e-9 for centre, n in zip(self.centre_px, self.shape_px, strict=True))
+
+    def frame(self) -> "PixelGrid":
+        """The sensor's frame alone."""
+        return self.cropped(self.overscan_px)
+
+    def cropped(self, margin_px) -> "PixelGrid":
+        """The grid without `margin_px` (rows, columns) on each side, taken from its overscan."""
+        (rows, columns), (above, left) = self.shape_px, margin_px
+        return replace(self, shape_px=(rows - 2 * above, columns - 2 * left),
+                       centre_px=(self.centre_px[0] - above, self.centre_px[1] - left),
+                       overscan_px=(self.overscan_px[0] - above, self.overscan_px[1] - left))
+
+    def framed(self, rim_px: int) -> "PixelGrid":
+        """The grid with a rim of so many pixels all around."""
+        (rows, columns), (row, column) = self.shape_px, self.centre_px
+        return replace(self, shape_px=(rows + 2 * rim_px, columns + 2 * rim_px),
+                       centre_px=(row + rim_px, column + rim_px),
+                       overscan_px=(self.overscan_px[0] + rim_px, self.overscan_px[1] + rim_px))
+
+    def within_reach(self, reach_px: int) -> "PixelGrid":
+        """The frame with what lies no more than `reach_px` beyond it, as far as the overscan goes."""
+        return self.cropped([max(0, overscan - reach_px) for overscan in self.overscan_px])
+
+    def position_mm(self, rows, columns):
+        """Image-plane coordinates (x to the right, y upwards) of positions in index terms."""
+        pitch_mm = self.pitch_um * 1e-3
+        return (columns - self.centre_px[1]) * pitch_mm, (self.centre_px[0] - rows) * pitch_mm
+
+    def axes_mm(self) -> tuple[np.ndarray, np.ndarray]:
+        """x_mm (column,) and y_mm (row,) of the pixel centres."""
+        return self.position_mm(np.arange(self.shape_px[0]), np.arange(self.shape_px[1]))
 
 
-def lay_out(radiance, psf_radius_px):
-    """The pixel grid of the work, and where the frame lies in its canvas.
-
-    Light from just outside the frame is blurred into it: the frame is filtered with a margin of one PSF radius, as
-    far as the capture reaches.
-    """
-    margin = [min(overscan, psf_radius_px) for overscan in radiance.overscan_px]
-    cut = [overscan - m for overscan, m in zip(radiance.overscan_px, margin)]
-    grid = Grid(capture_px=radiance.cube.shape[1:], capture_centre_px=radiance.centre_px,
-                picture_px=tuple(n + 2 * m for n, m in zip(radiance.frame_px, margin)),
-                centre_px=tuple(centre - c for centre, c in zip(radiance.centre_px, cut)),
-                pitch_um=radiance.pitch_um, projection=radiance.projection)
-    frame = tuple(slice(m + psf_radius_px, m + psf_radius_px + n) for m, n in zip(margin, radiance.frame_px))
-    return grid, frame
+def is_positive(value) -> bool:
+    """Whether this is a finite number above 0."""
+    return isinstance(value, int | float | np.number) and bool(np.isfinite(value)) and value > 0

@@ -12,8 +12,9 @@ import OpenEXR
 
 from ..errors import ImageError, absence
 from ..files import atomic_path
+from .pixel_grid import PLANE, PROJECTIONS
 from .preview import to_rec709
-from .spectral_image import PLANE, PROJECTIONS, RADIANCE, UNITS, SpectralImage
+from .spectral_image import RADIANCE, UNITS, SpectralImage
 
 CHANNEL = re.compile(r"^(?:S0|T)\.(\d*,?\d*(?:[Ee][+-]?\d+)?)(Y|Z|E|P|T|G|M|k|h|da|d|c|m|u|n|p)?(m|Hz)$")
 PREFIX = dict(Y=1e24, Z=1e21, E=1e18, P=1e15, T=1e12, G=1e9, M=1e6, k=1e3, h=1e2, da=1e1,

@@ -2,7 +2,7 @@
 
 The error of a picture is the sum of its points' errors: with e the largest ||PSF used - PSF true||_1 over the field,
 sum |error| <= e * light for every scene. So it is looked for where the PSFs are, not in the picture. And between two
-of the lens data's heights PSFs are mixtures of theirs, in truth as in the polar table, so that they have at most the
+of the lens data's heights PSFs are mixtures of theirs, in truth as in the table, so that they have at most the
 errors of the two: the heights of the data are all there is to look at.
 """
 
@@ -11,8 +11,6 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from ..field.psf_bank import PsfBank
-
 MISSED, ROUGHLY_MISSED = 1.2, 2.2  # the true worst over the worst found is less; where a few azimuths stand for all
 BRIGHTEST = 512  # samples of a PSF
 BRIGHT_STEPS, EVEN_STEPS = 8, 2  # between azimuths: where the brightest err most, and evenly, at each wavelength
@@ -20,7 +18,7 @@ PORTION_VALUES = 1 << 20  # of PSFs in work at once
 
 
 class AzimuthErrors:
-    """Errors of the PSFs of one wavelength that are mixed between the azimuths of a polar table.
+    """Errors of the PSFs of one wavelength that are mixed between the azimuths of a table.
 
     Parameters
     ----------
@@ -30,7 +28,7 @@ class AzimuthErrors:
     """
 
     def __init__(self, bank, last_height_mm):
-        self._bank, self._brightest = bank, _BrightestSamples(bank)
+        self._bank, self._brightest = bank, bank.brightest(BRIGHTEST)
         self._heights = _heights_up_to(bank, last_height_mm)
         self.mirror_symmetric = bank.mirror_symmetric
 
@@ -63,23 +61,8 @@ class AzimuthErrors:
         return errors
 
 
-class _BrightestSamples(PsfBank):
-    """Of each sample of a bank the brightest of all heights, and of these those that err most as they cross an edge.
-
-    That is one PSF in place of all, and not of unit sum.
-    """
-
-    def __init__(self, bank):
-        samples, distance_px = bank._samples.max(axis=0), np.hypot(bank._v_px, bank._u_px)
-        crosses = distance_px > 0.5 - bank._sample_size_px
-        brightest = np.argsort(samples * distance_px * crosses)[-BRIGHTEST:]
-        self._v_px, self._u_px, self._samples = bank._v_px[brightest], bank._u_px[brightest], samples[None, brightest]
-        self._sample_size_px, self.heights_mm = bank._sample_size_px, bank.heights_mm[-1:]
-        self.radius_px = int(np.ceil(distance_px[brightest].max() + np.sqrt(0.5) * self._sample_size_px + 0.5))
-
-
 def azimuth_error(wavelengths, azimuths, enough=np.inf):
-    """Largest error of PSFs mixed between the azimuths of a polar table, or some error of more than `enough`.
+    """Largest error of PSFs mixed between the azimuths of a table, or some error of more than `enough`.
 
     Parameters
     ----------

@@ -3,15 +3,15 @@
 from dataclasses import asdict, dataclass, field
 
 import numpy as np
-from scipy import fft
 
+from ..blur import METHODS, Method
 from ..errors import ImageError
+from ..field.mirror_symmetry import Planes
 from ..field.psf_bank import psf_radius_px, psf_support
+from ..image.pixel_grid import PixelGrid
+from .options import AUTO, BY_KNOBS, Options
 
 LARGEST_PSF_RADIUS_PX = 2048
-SECTION_SIZE, ORDER, AZIMUTHS = 32, 2, 32  # where they are not set
-PIXELS_SECTION = 32
-PAPER = {"section_size": 16, "order": 1, "space_px": 64}
 SINGLE_RANGE = 1e3  # leaves the dimmest pixel right to some 1e-4
 PSF_ENERGY = 1 - 1e-6
 
@@ -22,11 +22,8 @@ class Plan:
 
     Attributes
     ----------
-    method : "polar", "pixels", "sections", "paper" or "exact"
-    section_size, order, non_negative, space_px
-        As in `Options`; order 0 is one PSF for the whole picture; of "pixels", the section is a portion of work.
-    azimuths : int
-        Steps of the polar table of PSFs from 0 to 45 degrees; 0 where PSFs are turned one by one.
+    method : Method
+        The way, with its knobs.
     psf_radius_px : int
     support_um : float
         Radius of the circle that PSFs are trimmed to; inf for none.
@@ -35,7 +32,7 @@ class Plan:
     precision : "float32" or "float64"
         Of the planes and sums.
     single_range, flat_tolerance : float
-        See `content.judge_content`.
+        See `section_needs` and `even_light`.
     folded : bool
         Whether to use the symmetry of a centred axis, which lens and picture then have.
     out_of_field : "hold" or "vignette"
@@ -45,12 +42,7 @@ class Plan:
         Predicted for the picture, the latter beyond radiance and irradiance themselves.
     """
 
-    method: str
-    section_size: int
-    order: int
-    non_negative: bool
-    space_px: int
-    azimuths: int
+    method: Method
     psf_radius_px: int
     support_um: float
     trimmed_energy: float
@@ -63,17 +55,29 @@ class Plan:
     seconds: float = field(default=0.0, compare=False)
     memory_mb: float = field(default=0.0, compare=False)
 
-    def as_dict(self):
+    def planes(self, capture: PixelGrid) -> Planes:
+        """The planes to filter a capture's picture in.
+
+        That is the frame with what lies no more than a PSF beyond it: light from just outside is blurred into it.
+        """
+        return Planes(capture.within_reach(self.psf_radius_px), self.folded)
+
+    def as_dict(self) -> dict:
         """The plan as JSON can hold it: None stands for inf."""
-        return {name: None if value == np.inf else value for name, value in asdict(self).items()}
+        facts = asdict(self) | {"method": self.method.name} | asdict(self.method) | {"azimuths": self.method.azimuths}
+        return {name: None if value == np.inf else value for name, value in facts.items()}
 
     @property
-    def weights_positive(self):
-        """Whether no light can come out negative but for rounding."""
-        return self.method != "sections" or self.order <= 2 or self.non_negative
+    def text(self) -> str:
+        """The plan in one line: the way; and the result, where that was asked for."""
+        way = f"{self.method.text}, {'double' if self.precision == 'float64' else 'single'} precision"
+        if self.error_bound is None:
+            return way
+        return (f"{way}: at most {100 * self.error_bound:.2g} % of any point's light misplaced; "
+                f"about {max(self.seconds, 0.1):.1f} s, {self.memory_mb:.0f} MB")
 
 
-def knob_plan(options, lens, radiance):
+def knob_plan(options: Options, lens, capture: PixelGrid) -> Plan:
     """The plan that the knobs come to, what is not set being the default.
 
     A section larger than the picture is cut down to it; the computational space always holds a section and the
@@ -84,30 +88,21 @@ def knob_plan(options, lens, radiance):
     ImageError
         A pixel pitch so small that the PSFs come out larger than anybody wants.
     """
-    whole_psfs = options.method in ("paper", "exact")
-    support = psf_support_on(lens, radiance.pitch_um, 1.0 if whole_psfs else options.psf_energy or PSF_ENERGY)
+    way = METHODS[BY_KNOBS if options.method == AUTO else options.method]
+    energy = options.psf_energy or (1.0 if way.yardstick else PSF_ENERGY)
+    precision = options.precision or ("float64" if way.yardstick else AUTO)
+    support = psf_support_on(lens, capture.pitch_um, energy)
     radius = support["psf_radius_px"]
-    of_sections = options.section_size or options.order or options.space_px
-    method = options.method
-    if method == "auto":
-        method = "pixels" if options.azimuths and not of_sections else "sections"
-    sizes = {"paper": PAPER, "pixels": {"section_size": PIXELS_SECTION}}.get(method, {})
-    wanted = sizes.get("section_size") or options.section_size or SECTION_SIZE
-    section = min(wanted, max(radiance.frame_px) + 2 * radius)
-    precision = "float64" if whole_psfs else options.precision or "auto"
-    single_range = {"auto": SINGLE_RANGE, "float32": np.inf, "float64": 0.0}[precision]
+    single_range = {AUTO: SINGLE_RANGE, "float32": np.inf, "float64": 0.0}[precision]
     return Plan(
-        method=method, section_size=section, order=sizes.get("order") or options.order or ORDER,
-        non_negative=options.non_negative,
-        space_px=space_px(section, radius, sizes.get("space_px") or options.space_px or 0),
-        azimuths=options.azimuths or (AZIMUTHS if method in ("pixels", "polar") or options.flat_tolerance else 0),
+        method=way.by_knobs(options.section_size, options.azimuths, radius, max(capture.frame_px) + 2 * radius),
         precision="float64" if precision == "float64" else "float32",
-        single_range=np.inf if method == "pixels" and single_range else single_range,
-        flat_tolerance=options.flat_tolerance or 0.0, folded=not whole_psfs and foldable(lens, radiance),
+        single_range=single_range if way.transforms or not single_range else np.inf,
+        flat_tolerance=options.flat_tolerance or 0.0, folded=not way.yardstick and foldable(lens, capture),
         out_of_field=options.out_of_field, **support)
 
 
-def psf_support_on(lens, pitch_um, energy):
+def psf_support_on(lens, pitch_um: float, energy: float) -> dict:
     """The fields of a plan that say how far PSFs reach which hold this energy."""
     support_um, lost = psf_support(lens, energy) if energy < 1 else (np.inf, 0.0)
     radius = psf_radius_px(lens, pitch_um, support_um)
@@ -117,11 +112,6 @@ def psf_support_on(lens, pitch_um, energy):
     return {"psf_radius_px": radius, "support_um": support_um, "trimmed_energy": lost}
 
 
-def space_px(section_size, radius_px, wanted_px=0):
-    """Side of the computational space: one that is quickly transformed."""
-    return fft.next_fast_len(max(section_size + 2 * radius_px, wanted_px), real=True)
-
-
-def foldable(lens, radiance):
+def foldable(lens, capture: PixelGrid) -> bool:
     """Whether four mirrored quadrants share all of the optics."""
-    return radiance.centred and lens.mirror_symmetric
+    return capture.centred and lens.mirror_symmetric

@@ -31,12 +31,13 @@ BAND_NM = 400.0, 700.0
 WAVELENGTHS = 1, 3, 5, 9, 15, 31
 TUNGSTEN_K = 2856
 EXACT = "the exact operator"
+AS_WRITTEN = "the paper as written"
 
-SIZES = {1: (4, 8, 16, 32, 64), 2: (8, 16, 32, 64, 128), 3: (16, 32, 64, 128), 4: (16, 32, 64, 128)}
+PAPER_SECTIONS = 4, 8, 16, 32, 64
 AZIMUTHS = 2, 4, 8, 16, 32, 64, 128
 ACCURACIES = 0.1, 0.03, 0.01, 1e-3, 1e-4
 PSF_ENERGIES = 0.9, 0.99, 0.999, 0.9999, 0.999999, 1.0
-BASE = {"section_size": 32, "order": 3}  # where another knob is turned, or none
+BASE = {"section_size": 32}  # where another knob is turned, or none
 ROUNDS = 5
 EXACT_STEPS = 150  # it takes about as long as so many others
 
@@ -48,10 +49,10 @@ class Row:
     Attributes
     ----------
     image, curve : str
-        What picture; which knob was turned: "paper" (sections of one PSF, and the paper's method as written),
-        "order 2" to "order 4" (section size), "pixels" and "polar" (azimuths), "accuracy", "precision", "PSF support",
-        "wavelengths", and "exact".
-    method, section_size, order, azimuths, precision
+        What picture; which knob was turned: "paper" (its method with sections of other sizes and in single precision),
+        "pixels" and "sections" (azimuths), "accuracy", "precision", "PSF support", "wavelengths"; or
+        none, "the paper as written" and "exact".
+    method, section_size, azimuths, precision
         As the plan had them; None what it did without.
     psf_energy : float
         The least fraction of a PSF within the support that it was trimmed to.
@@ -74,7 +75,6 @@ class Row:
     curve: str
     method: str
     section_size: int | None
-    order: int | None
     azimuths: int | None
     precision: str
     psf_energy: float
@@ -152,11 +152,10 @@ def cropped_frame(radiance, lens, shape_px):
     """The middle of a picture's frame, of this many rows and columns or one more; light around it still comes in."""
     margin = [max(0, (n - wanted) // 2) for n, wanted in zip(radiance.frame_px, shape_px)]
     outside = [overscan + m for overscan, m in zip(radiance.overscan_px, margin)]
-    frame = tuple(n - 2 * m for n, m in zip(radiance.frame_px, margin))
-    needed = overscan_px(lens, frame, radiance.pitch_um, radiance.wavelengths_nm,
-                         psf_radius_px(lens, radiance.pitch_um), radiance.projection)
+    grid = replace(radiance.grid, overscan_px=tuple(outside))
+    needed = overscan_px(lens, grid, radiance.wavelengths_nm, psf_radius_px(lens, radiance.pitch_um))
     spare = tuple(max(0, have - want) for have, want in zip(outside, needed))
-    return replace(radiance, overscan_px=tuple(outside)).cropped(spare)
+    return replace(radiance, grid=grid).cropped(spare)
 
 
 def description(lens, pictures):
@@ -172,11 +171,10 @@ def settings(quick=False):
     def some(values):
         return values[1::2] if quick else values
 
-    orders = [("paper" if order == 1 else f"order {order}", Options(section_size=size, order=order))
-              for order in SIZES for size in some(SIZES[order])]
-    return [("paper", Options(method="paper")), *orders,
+    return [(AS_WRITTEN, Options(method="paper")),
+            *(("paper", Options(method="paper", section_size=size, precision="auto")) for size in some(PAPER_SECTIONS)),
             *(("pixels", Options(method="pixels", azimuths=n)) for n in some(AZIMUTHS)),
-            *(("polar", Options(method="polar", azimuths=n)) for n in some(AZIMUTHS)),
+            *(("sections", Options(method="sections", azimuths=n)) for n in some(AZIMUTHS)),
             *(("accuracy", Options(accuracy=accuracy)) for accuracy in some(ACCURACIES)),
             *(("precision", Options(**BASE, precision=name)) for name in ("float32", "auto", "float64")),
             *(("PSF support", Options(**BASE, psf_energy=energy)) for energy in some(PSF_ENERGIES))]
@@ -255,7 +253,7 @@ def _against_most_wavelengths(name, spectral, lens, rounds, tell):
     most = max(spectral)
     against = f"{most} wavelengths in Rec. 709"
     chosen = [("wavelengths", Options(**BASE), count) for count in spectral]
-    chosen += [("paper", Options(method="paper"), most)]
+    chosen += [(AS_WRITTEN, Options(method="paper"), most)]
     rows, best = [], None
     for curve, options, count in chosen:
         tell(f"{name}: error and memory, {count} wavelengths", count)
@@ -271,15 +269,19 @@ def _traced_row(radiance, lens, options):
     """Irradiance, and a Row of the plan and the memory that it took."""
     report = Report()
     result, peak_mb = _traced(lambda: simulate(radiance, lens, options, report=report))
-    plan = report.facts["plan"]
-    in_sections = plan["method"] in ("polar", "sections", "paper")
-    by_section = plan["precision"] == "float32" and plan["single_range"] is not None
-    return result, Row(
-        image="", curve="", method=plan["method"], section_size=plan["section_size"] if in_sections else None,
-        order=plan["order"] if in_sections and not plan["azimuths"] else None, azimuths=plan["azimuths"] or None,
-        precision="auto" if by_section else plan["precision"], psf_energy=1 - plan["trimmed_energy"],
-        accuracy=options.accuracy, wavelengths=radiance.wavelengths_nm.size, seconds=np.nan, seconds_over_paper=np.nan,
-        peak_mb=peak_mb, relative_l2=0.0, maximum_error=0.0, l1=0.0, predicted_bound=plan["error_bound"], against="")
+    return result, _row_of_plan(report.lens_image.plan, options, radiance.wavelengths_nm.size, peak_mb)
+
+
+def _row_of_plan(plan, options, wavelengths, peak_mb):
+    """A Row without picture, times and errors."""
+    by_section = plan.precision == "float32" and plan.single_range < np.inf
+    return Row(
+        image="", curve="", method=plan.method.name,
+        section_size=plan.method.section_size if plan.method.transforms else None,
+        azimuths=plan.method.azimuths or None, precision="auto" if by_section else plan.precision,
+        psf_energy=1 - plan.trimmed_energy, accuracy=options.accuracy, wavelengths=wavelengths, seconds=np.nan,
+        seconds_over_paper=np.nan, peak_mb=peak_mb, relative_l2=0.0, maximum_error=0.0, l1=0.0,
+        predicted_bound=plan.error_bound, against="")
 
 
 def _best_seconds(name, work, rounds, tell):
@@ -299,7 +301,7 @@ def _best_seconds(name, work, rounds, tell):
 
 def _with_times(rows, seconds):
     """The rows with their times, and these over that of the paper's method among them."""
-    paper_s = next(own for row, own in zip(rows, seconds) if row.method == "paper")
+    paper_s = next(own for row, own in zip(rows, seconds) if row.curve == AS_WRITTEN)
     return [replace(row, seconds=own, seconds_over_paper=own / paper_s) for row, own in zip(rows, seconds)]
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..files import atomic_path
 from ..sheet.style import GRID_COLOUR, INK, require_matplotlib
-from .tradeoff import EXACT
+from .tradeoff import AS_WRITTEN, EXACT
 
 
 @dataclass(frozen=True)
@@ -21,10 +21,8 @@ class Style:
 
 
 STYLES = {"paper": Style("the paper: one PSF a section (px)", "#000000", "s", "--"),
-          "order 2": Style("order 2 (section px)", "#56B4E9"), "order 3": Style("order 3 (section px)", "#0072B2"),
-          "order 4": Style("order 4 (section px)", "#CC79A7"),
           "pixels": Style("pixel by pixel (azimuths)", "#E69F00", "D", labelled_by="azimuths"),
-          "polar": Style("polar sections (azimuths)", "#009E73", "P", labelled_by="azimuths"),
+          "sections": Style("sections (azimuths)", "#009E73", "P", labelled_by="azimuths"),
           "accuracy": Style("accuracy asked for", "#D55E00", "^", ":", "accuracy"),
           "PSF support": Style("PSF support (energy kept)", "#999999", "v", ":", "psf_energy")}
 FRONTIER_COLOUR, WAVELENGTH_COLOUR = "#F0E442", "#0072B2"
@@ -81,15 +79,15 @@ def _draw_errors(panel, rows, name):
                alpha=0.8, solid_capstyle="round", solid_joinstyle="round", zorder=1, label="best of all")
     labels = []
     for curve, style in STYLES.items():
-        own = [row for row in rows if row.curve == curve and row.method != "paper" and row.relative_l2 > 0]
+        own = [row for row in rows if row.curve == curve and row.relative_l2 > 0]
         if not own:
             continue
         panel.plot([row.seconds for row in own], [row.relative_l2 for row in own], style.line, marker=style.marker,
                    color=style.colour, markersize=5, linewidth=1.4, label=style.legend)
         texts = {f"{getattr(row, style.labelled_by):.3g}": row for row in own}
         labels += [(row.seconds, row.relative_l2, text, style.colour) for text, row in texts.items()]
-    paper = next(row for row in rows if row.method == "paper")
-    panel.plot(paper.seconds, paper.relative_l2, "*k", markersize=14, zorder=5, label="the paper as written")
+    paper = next(row for row in rows if row.curve == AS_WRITTEN)
+    panel.plot(paper.seconds, paper.relative_l2, "*k", markersize=14, zorder=5, label=AS_WRITTEN)
     ratio = panel.secondary_xaxis("top", functions=(lambda s: s / paper.seconds, lambda r: r * paper.seconds))
     _dress_axis(ratio.xaxis, "times the paper's method")
     _label_points(panel, labels, around=(paper.seconds, paper.relative_l2))

@@ -40,7 +40,7 @@ def test_render_then_filter_agree(blend, tmp_path):
     assert len(printed) == 5 and all(path.is_file() for path in printed)
     scene, plan = done.stdout.splitlines()[:2]
     assert scene == "scene: 1 Cycles render at 550 nm: all surfaces are grey"
-    assert plan.startswith("plan: 16 px sections of order 2, ")
+    assert plan.startswith("plan: 16 px sections between 32 azimuths, ")
     report = json.loads((tmp_path / "report.json").read_text())
     assert report["plan"]["section_size"] == 16 and report["passes"] == 1
     assert report["stages_s"]["multispectral render"] > 0

@@ -14,15 +14,17 @@ from lenses import make_lens
 from lensfield import cli
 from lensfield.commands import filter
 from lensfield.commands.arguments import check_outputs, engine_options
-from lensfield.commands.outcome import plan_text
 from lensfield.engine import InputError, Options, SpectralImage
+from lensfield.engine.blur.exact import Exact
+from lensfield.engine.blur.isoplanatic import OnePsf, Paper
+from lensfield.engine.blur.pixels import Pixels
+from lensfield.engine.blur.polar_sections import Sections
 from lensfield.engine.image.spectral_exr import read_exr, write_exr
 from lensfield.engine.lens.readers.package import write_package
 from lensfield.engine.plan.plan import Plan
 
-PLAN = Plan(method="sections", section_size=32, order=3, non_negative=False, space_px=64, azimuths=32,
-            psf_radius_px=10, support_um=60.0, trimmed_energy=1e-6, precision="float32", single_range=np.inf,
-            flat_tolerance=0.0, folded=True, out_of_field="hold")
+PLAN = Plan(method=Sections(32, 64, 11), psf_radius_px=10, support_um=60.0, trimmed_energy=1e-6, precision="float32",
+            single_range=np.inf, flat_tolerance=0.0, folded=True, out_of_field="hold")
 
 
 @pytest.fixture
@@ -57,14 +59,14 @@ def test_lens_info_to_read_shows_the_same_figures(capsys):
 
 
 def test_filter_writes_the_frame_a_picture_and_a_report(radiance, tmp_path, capsys):
-    assert run("filter", radiance, "--lens", "edmund-54852", "--section-size", 8, "--order", 1,
+    assert run("filter", radiance, "--lens", "edmund-54852", "--method", "paper", "--section-size", 8,
                "--output", tmp_path / "out" / "irradiance.exr", "--preview", tmp_path / "out" / "picture.png",
                "--report", tmp_path / "report.json") == 0
     image = read_exr(tmp_path / "out" / "irradiance.exr")
     assert image.cube.shape == (2, 12, 16) and image.lens_name == "edmund-54852"
     assert (tmp_path / "out" / "picture.png").stat().st_size > 0
     report = json.loads((tmp_path / "report.json").read_text())
-    assert report["plan"]["section_size"] == 8 and report["plan"]["order"] == 1
+    assert report["plan"]["section_size"] == 8 and report["plan"]["method"] == "paper"
     assert {"plan", "lens data", "filtering"} <= report["stages_s"].keys()
     assert report["energy"]["out_w_per_nm"] == pytest.approx(report["energy"]["in_w_per_nm"], rel=1e-12)
     assert str(tmp_path / "out" / "irradiance.exr") in capsys.readouterr().out
@@ -75,7 +77,7 @@ def test_filter_writes_the_frame_a_picture_and_a_report(radiance, tmp_path, caps
     ({"--lens": "no-such-lens"}, "no-such-lens: lens is not there"),
     ({"--section-size": "0"}, "options: section_size is 0"),
     ({"--accuracy": "-1"}, "options: accuracy is -1.0: expected a number above 0"),
-    ({"--accuracy": "0.01", "--order": "3"}, "options: order is 3: leave it out: an accuracy chooses it"),
+    ({"--accuracy": "0.01", "--azimuths": "3"}, "options: azimuths is 3: leave it out: an accuracy chooses it"),
     ({"--accuracy": "0.01", "--method": "exact"},
      "options: accuracy is 0.01: leave it out: the method 'exact' goes by its knobs"),
     ({"--method": "pixels", "--section-size": "16"}, "section_size is 16: leave it out: the method is 'pixels'"),
@@ -93,9 +95,9 @@ def test_bad_input_is_one_line_and_leaves_nothing(radiance, tmp_path, capsys, ch
 @pytest.mark.parametrize("arguments, options", [
     ("", Options()),
     ("--accuracy 0.05", Options(accuracy=0.05)),
-    ("--accuracy 0.05 --method pixels --non-negative", Options(accuracy=0.05, method="pixels", non_negative=True)),
-    ("--section-size 8 --order 4 --precision float64 --psf-energy 0.99 --flat-tolerance 0.001",
-     Options(section_size=8, order=4, precision="float64", psf_energy=0.99, flat_tolerance=0.001)),
+    ("--accuracy 0.05 --method pixels", Options(accuracy=0.05, method="pixels")),
+    ("--section-size 8 --precision float64 --psf-energy 0.99 --flat-tolerance 0.001",
+     Options(section_size=8, precision="float64", psf_energy=0.99, flat_tolerance=0.001)),
     ("--method pixels --azimuths 16", Options(method="pixels", azimuths=16)),
     ("--method paper --out-of-field vignette --fireflies clamp",
      Options(method="paper", out_of_field="vignette", fireflies="clamp"))])
@@ -105,17 +107,17 @@ def test_the_command_line_says_what_the_options_say(arguments, options):
 
 
 @pytest.mark.parametrize("changes, text", [
-    ({}, "32 px sections of order 3, single precision"),
-    ({"method": "polar"}, "32 px sections between 32 azimuths, single precision"),
-    ({"method": "pixels", "precision": "float64"}, "a PSF for every pixel, from 32 azimuths, double precision"),
-    ({"method": "paper", "section_size": 16, "order": 1, "precision": "float64"},
-     "16 px sections in a space of 64 px, as in the paper, double precision"),
-    ({"method": "exact", "precision": "float64"}, "every pixel's own PSF, double precision"),
+    ({}, "32 px sections between 11 azimuths, single precision"),
+    ({"method": Pixels(32, 8), "precision": "float64"}, "a PSF for every pixel, from 8 azimuths, double precision"),
+    ({"method": Paper(16, 64), "precision": "float64"},
+     "16 px sections of one PSF each, as in the paper, double precision"),
+    ({"method": OnePsf(32, 64)}, "one PSF for the picture, single precision"),
+    ({"method": Exact(), "precision": "float64"}, "every pixel's own PSF, double precision"),
     ({"error_bound": 0.0083, "seconds": 0.42, "memory_mb": 310.2},
-     "32 px sections of order 3, single precision: at most 0.83 % of any point's light misplaced; "
+     "32 px sections between 11 azimuths, single precision: at most 0.83 % of any point's light misplaced; "
      "about 0.4 s, 310 MB")], ids=str)
 def test_a_plan_is_told_in_one_line(changes, text):
-    assert plan_text(replace(PLAN, **changes).as_dict()) == text
+    assert replace(PLAN, **changes).text == text
 
 
 def test_the_plan_is_told_before_the_work(radiance, tmp_path, capsys, monkeypatch):
@@ -123,16 +125,18 @@ def test_the_plan_is_told_before_the_work(radiance, tmp_path, capsys, monkeypatc
         raise MemoryError("no room for it")
 
     monkeypatch.setattr(filter, "simulate", refuse)
-    assert run("filter", radiance, "--lens", "edmund-54852", "--section-size", 8, "--order", 3,
+    assert run("filter", radiance, "--lens", "edmund-54852", "--section-size", 8,
                "--output", tmp_path / "out.exr") == 1
-    assert capsys.readouterr().out.startswith("plan: 8 px sections of order 3, ")
+    assert capsys.readouterr().out.startswith("plan: 8 px sections between 32 azimuths, ")
 
 
 def test_the_plan_that_is_told_is_the_one_that_is_done(radiance, tmp_path, capsys):
     assert run("filter", radiance, "--lens", "edmund-54852", "--accuracy", "0.05", "--output", tmp_path / "out.exr",
                "--report", tmp_path / "report.json") == 0
     plan = json.loads((tmp_path / "report.json").read_text())["plan"]
-    assert capsys.readouterr().out.splitlines()[0] == f"plan: {plan_text(plan)}"
+    told = capsys.readouterr().out.splitlines()[0]
+    assert told.startswith("plan: ") and f"at most {100 * plan['error_bound']:.2g} % of" in told
+    assert plan["azimuths"] == 0 or f" {plan['azimuths']} azimuths" in told
 
 
 def test_light_beyond_the_lens_data_is_told_with_what_became_of_it(tmp_path, capsys):

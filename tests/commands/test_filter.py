@@ -23,7 +23,7 @@ ACESCG = (0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767)  # S-2014-
 # From ACEScg to linear Rec. 709 by Bradford, as ACES's configurations for OpenColorIO have it, by hand:
 # 1.70505 a - 0.62179 b - 0.08326 c, -0.13026 a + 1.14080 b - 0.01055 c, -0.02400 a - 0.12897 b + 1.15297 c
 ACESCG_COLOUR, IN_REC709 = (0.5, 0.2, 0.1), (0.719841, 0.161975, 0.077503)
-QUICK = ("--lens", "edmund-54852", "--section-size", 8, "--order", 1, "--wavelengths", "450,550,650")
+QUICK = ("--lens", "edmund-54852", "--method", "paper", "--section-size", 8, "--wavelengths", "450,550,650")
 
 
 def colours(path, rgb, shape=(18, 24), prefix="", kind=np.float32, **header):

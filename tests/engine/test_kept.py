@@ -9,11 +9,10 @@ from lenses import comatic_lens, gaussian_psf, lopsided_lens, make_lens
 from lensfield.engine import Kept, Options, SpectralImage, simulate
 from lensfield.engine.field.distortion import FieldGeometry
 from lensfield.engine.field.psf_bank import PsfBank
-from lensfield.engine.room import Room
+from lensfield.engine.memory import MemoryBudget
 
-METHODS = {"sections": Options(8, 2), "non-negative": Options(9, 4, non_negative=True),
-           "double": Options(8, 2, precision="float64"), "flat": Options(8, 2, flat_tolerance=1e-3),
-           "pixels": Options(azimuths=6), "polar": Options(8, method="polar", azimuths=6),
+METHODS = {"sections": Options(section_size=8, azimuths=6), "double": Options(section_size=8, precision="float64"),
+           "flat": Options(section_size=8, flat_tolerance=1e-3), "pixels": Options(method="pixels", azimuths=6),
            "paper": Options(method="paper"), "exact": Options(method="exact"), "accuracy": Options(accuracy=0.05)}
 LENS, LOPSIDED = comatic_lens(), lopsided_lens()
 NM = (450.0, 600.0)
@@ -31,7 +30,7 @@ def check(radiance, lens, options, kept):
 
 
 @pytest.mark.parametrize("method, lens", [*((method, LENS) for method in METHODS), ("sections", LOPSIDED),
-                                          ("polar", LOPSIDED), ("pixels", LOPSIDED)])
+                                          ("pixels", LOPSIDED), ("paper", LOPSIDED)])
 def test_every_frame_is_what_it_is_alone(method, lens):
     kept = Kept()
     for seed in (0, 1, 0):
@@ -78,13 +77,14 @@ def test_another_lens_is_not_taken_for_the_first_though_it_has_its_name(method):
 
 def test_another_plan_is_not_taken_for_the_first():
     kept = Kept()
-    for options in (*METHODS.values(), Options(8, 2, out_of_field="vignette"), Options(8, 1), Options(9, 2),
-                    Options(azimuths=7), Options(azimuths=6, precision="float64"), Options(8, 2, psf_energy=0.9)):
+    changes = ({}, {"out_of_field": "vignette"}, {"section_size": 9}, {"azimuths": 7}, {"precision": "float64"},
+               {"psf_energy": 0.9}, {"method": "paper"}, {"method": "paper", "section_size": 9})
+    for options in (*METHODS.values(), *(Options(**{"section_size": 8} | change) for change in changes)):
         check(frame(pitch_um=100.0), LENS, options, kept)
 
 
 def test_fireflies_of_one_frame_do_not_stay_for_the_next():
-    kept, options = Kept(), Options(8, 2, fireflies="clamp")
+    kept, options = Kept(), Options(section_size=8, fireflies="clamp")
     for seed in (0, 1):
         radiance = frame(seed)
         radiance.cube[seed, 4, 5] = np.nan
@@ -111,7 +111,7 @@ def made(monkeypatch):
     return counts
 
 
-@pytest.mark.parametrize("method", ["sections", "non-negative", "double", "pixels", "polar", "paper"])
+@pytest.mark.parametrize("method", ["sections", "double", "pixels", "paper"])
 def test_the_second_frame_makes_no_psf_and_no_fit(method, made):
     kept = Kept()
     simulate(frame(0), LENS, METHODS[method], kept=kept)
@@ -129,21 +129,20 @@ def test_with_no_memory_everything_is_made_again(method, made):
     made.update(psfs=0, fields=0)
     simulate(frame(1), LENS, METHODS[method], kept=kept)
     assert made["fields"] >= len(NM) and first["fields"] >= made["fields"]
-    assert made["psfs"] > 0 or method == "pixels"  # the table is all that the wavelengths share
 
 
 @pytest.fixture
 def taken(monkeypatch):
     """The pieces of memory that are kept for good."""
     pieces = []
-    take = Room.take
+    take = MemoryBudget.take
 
     def counted(self, size_bytes):
         given = take(self, size_bytes)
         pieces.append(size_bytes if given else 0)
         return given
 
-    monkeypatch.setattr(Room, "take", counted)
+    monkeypatch.setattr(MemoryBudget, "take", counted)
     return pieces
 
 
@@ -163,17 +162,17 @@ def test_with_little_memory_part_is_kept_and_part_made_again(made, taken):
 
 @pytest.mark.parametrize("size, taken", [(6, [True, False, True, False]), (10, [True, True, True, False]),
                                          (3, [False, False, True, False]), (0, [False] * 4)])
-def test_room_is_given_until_it_is_gone(size, taken):
-    room = Room(size)
-    assert [room.take(piece) for piece in (5, 4, 1, 3)] == taken
+def test_memory_is_given_until_it_is_gone(size, taken):
+    memory = MemoryBudget(size)
+    assert [memory.take(piece) for piece in (5, 4, 1, 3)] == taken
 
 
-@pytest.mark.parametrize("method", ["sections", "double", "pixels", "polar"])
+@pytest.mark.parametrize("method", ["sections", "double", "pixels", "paper"])
 @pytest.mark.parametrize("limit_mb", [0, 0.05, 1])
 def test_what_is_kept_stays_within_the_memory_allowed_however_many_frames_there_are(method, limit_mb, taken):
     """Light that moves over the picture lights other sections in each frame."""
     kept = Kept(limit_mb=limit_mb)
-    options = Options(azimuths=2) if method == "pixels" else METHODS[method]
+    options = Options(method="pixels", azimuths=2) if method == "pixels" else METHODS[method]
     for start in range(0, 60, 15):
         radiance = frame(shape=(14, 60), wavelengths_nm=(500.0, 600.0))
         radiance.cube[:, :, :start] = 0

@@ -2,10 +2,12 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from lensfield.engine import Report
 from lensfield.engine import report as report_module
+from lensfield.engine.report import FileFacts
 
 
 @pytest.fixture
@@ -48,11 +50,12 @@ def test_a_stage_that_fails_is_still_timed(clock):
 
 def test_a_written_report_reads_back(tmp_path):
     report = Report()
-    report.facts["lens"] = "triplet"
+    report.file = FileFacts("triplet.exr", (3, np.inf), None)
     with report.stage("only"):
         pass
     report.write(tmp_path / "new" / "report.json")
-    assert json.loads((tmp_path / "new" / "report.json").read_text()) == report.as_dict()
+    told = json.loads((tmp_path / "new" / "report.json").read_text())
+    assert told == report.as_dict() and told["radiance"] == "triplet.exr" and told["overscan_needed_px"] == [3, None]
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["report.json"]
 
 
@@ -60,7 +63,7 @@ def test_a_report_that_cannot_be_written_leaves_the_old_one_alone(tmp_path):
     path = tmp_path / "report.json"
     path.write_text("old")
     report = Report()
-    report.facts["not for JSON"] = object()
+    report.file = FileFacts(object(), (0, 0), None)
     with pytest.raises(TypeError):
         report.write(path)
     assert path.read_text() == "old"

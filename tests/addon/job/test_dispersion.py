@@ -40,7 +40,7 @@ def small(scene):
 
 def rendered(scene, folder, nm=NM, tier="standard", **options):
     result = addon.render_through_lens(scene, lens(), nm, folder, spectral=SpectralOptions(tier), **options)
-    return read_exr(result.radiance).frame().cube.astype(np.float64), result.report.facts
+    return read_exr(result.radiance).frame().cube.astype(np.float64), result.report.as_dict()
 
 
 def prism(scene, of_material):

@@ -40,7 +40,7 @@ def narrow_lens():
 def cube(scene, folder, nm=NM, lens=None, **options):
     options = {"spectral": SpectralOptions("reference")} | options
     result = addon.render_through_lens(scene, lens or narrow_lens(), nm, folder, **options)
-    return read_exr(result.radiance).frame().cube.astype(np.float64), result.report.facts
+    return read_exr(result.radiance).frame().cube.astype(np.float64), result.report.as_dict()
 
 
 def radiance(scene, folder, nm=NM, **options):

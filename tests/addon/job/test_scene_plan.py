@@ -31,7 +31,7 @@ def lens():
 
 def rendered(scene, folder, nm=NM, tier="standard", unfit="refuse", **limits):
     result = addon.render_through_lens(scene, lens(), nm, folder, spectral=SpectralOptions(tier, **limits), unfit=unfit)
-    return read_exr(result.radiance).frame().cube.astype(np.float64), result.report.facts
+    return read_exr(result.radiance).frame().cube.astype(np.float64), result.report.as_dict()
 
 
 def middle(picture):
@@ -366,7 +366,7 @@ def test_the_cameras_view_is_that_of_the_frame(scene, tmp_path):
     scene.frame_set(1)
     result = addon.render_through_lens(scene, lens(), [550], tmp_path, view="camera", frame=10)
     times = f"made {70 / lens().capture_focal_length_mm:.3g} times as large"
-    assert times in result.report.facts["lens_warning"] and scene.frame_current == 1
+    assert times in result.report.scene.lens_warning and scene.frame_current == 1
 
 
 def test_glass_whose_index_is_not_known_is_named_before_anything_is_rendered(scene, tmp_path):

@@ -10,8 +10,10 @@ from lensfield import addon
 from lensfield.addon.job.render import kept
 from lensfield.addon.scene.lens_cache import load_lens
 from lensfield.addon.ui.panels import draw_settings
+from lensfield.addon.ui.properties import LensfieldSettings
 from lensfield.engine import Lens, Options, simulate
 from lensfield.engine import kept as keeping
+from lensfield.engine.blur import METHODS
 from lensfield.engine.image.spectral_exr import read_exr
 from lensfield.engine.lens.readers import BUNDLED
 from lensfield.engine.plan.options import DEFAULT_ACCURACY
@@ -23,18 +25,24 @@ from small_scenes import WAVELENGTHS_NM, light, material, render, set_world, wal
     ({}, Options(accuracy=DEFAULT_ACCURACY)),
     ({"accuracy": 0.003}, Options(accuracy=0.003)),
     ({"accuracy": 1e-6}, Options(accuracy=1e-6)),
-    ({"accuracy": 0.1, "section_size": 8, "order": "1", "method": "EXACT"}, Options(accuracy=0.1)),
+    ({"accuracy": 0.1, "section_size": 8, "method": "EXACT"}, Options(accuracy=0.1)),
     ({"out_of_field": "VIGNETTE", "fireflies": "CLAMP"},
      Options(accuracy=DEFAULT_ACCURACY, out_of_field="vignette", fireflies="clamp")),
-    ({"quality": "KNOBS"}, Options(method="sections", section_size=32, order=2)),
-    ({"quality": "KNOBS", "section_size": 8, "order": "4", "accuracy": 0.1, "fireflies": "CLAMP"},
-     Options(method="sections", section_size=8, order=4, fireflies="clamp")),
+    ({"quality": "KNOBS"}, Options(section_size=32, azimuths=32, method="sections")),
+    ({"quality": "KNOBS", "section_size": 8, "azimuths": 6, "accuracy": 0.1, "fireflies": "CLAMP"},
+     Options(method="sections", section_size=8, azimuths=6, fireflies="clamp")),
+    ({"quality": "KNOBS", "method": "PAPER", "section_size": 16}, Options(method="paper", section_size=16)),
     ({"quality": "KNOBS", "method": "PIXELS", "azimuths": 16}, Options(method="pixels", azimuths=16)),
     ({"quality": "KNOBS", "method": "EXACT"}, Options(method="exact"))], ids=str)
 def test_settings_come_to_options(scene, settings, options):
     for name, value in settings.items():
         setattr(scene.lensfield, name, value)
     assert scene.lensfield.to_options() == options
+
+
+def test_the_panel_has_every_method():
+    methods = LensfieldSettings.bl_rna.properties["method"].enum_items
+    assert {method.identifier.lower() for method in methods} == set(METHODS)
 
 
 @pytest.mark.parametrize("preset, accuracy", [("PREVIEW", 0.1), ("STANDARD", DEFAULT_ACCURACY), ("REFERENCE", 0.001)])
@@ -46,7 +54,8 @@ def test_presets_set_the_accuracy(scene, preset, accuracy):
 
 @pytest.mark.parametrize("settings, shown", [
     ({}, {"accuracy", "lensfield.set_accuracy"}),
-    ({"quality": "KNOBS"}, {"method", "section_size", "order"}),
+    ({"quality": "KNOBS"}, {"method", "section_size", "azimuths"}),
+    ({"quality": "KNOBS", "method": "PAPER"}, {"method", "section_size"}),
     ({"quality": "KNOBS", "method": "PIXELS"}, {"method", "azimuths"}),
     ({"quality": "KNOBS", "method": "EXACT"}, {"method"})], ids=str)
 def test_panels_show_what_counts(scene, settings, shown):
@@ -54,7 +63,7 @@ def test_panels_show_what_counts(scene, settings, shown):
         setattr(scene.lensfield, name, value)
     layout = Layout()
     draw_settings(layout, scene)
-    either = {"accuracy", "lensfield.set_accuracy", "method", "section_size", "order", "azimuths"}
+    either = {"accuracy", "lensfield.set_accuracy", "method", "section_size", "azimuths"}
     assert either & set(layout.shown) == shown
     assert {"quality", "out_of_field", "fireflies", "lensfield.render"} <= set(layout.shown)
 
@@ -72,7 +81,7 @@ def lit_scene(scene):
 def test_a_render_by_accuracy_keeps_what_it_promises(scene, tmp_path):
     lit_scene(scene)
     result = render(scene, tmp_path, options=Options(accuracy=0.02))
-    assert result.report.facts["plan"]["error_bound"] <= 0.02
+    assert result.report.lens_image.plan.error_bound <= 0.02
     radiance, image = read_exr(result.radiance), read_exr(result.irradiance)
     true = simulate(radiance, Lens.load("edmund-54852"), Options(method="exact"))
     for plane, true_plane in zip(image.cube.astype(float), true.cube):
@@ -80,7 +89,7 @@ def test_a_render_by_accuracy_keeps_what_it_promises(scene, tmp_path):
 
 
 @pytest.mark.parametrize("options", [
-    Options(), Options(section_size=16, order=3), Options(method="pixels", azimuths=8)], ids=repr)
+    Options(), Options(method="paper", section_size=16), Options(method="pixels", azimuths=8)], ids=repr)
 def test_later_renders_share_the_lens_and_come_out_the_same(scene, tmp_path, monkeypatch, options):
     kept.cache_clear()
     lit_scene(scene)

@@ -9,9 +9,9 @@ import pytest
 
 from lensfield.addon.scene.camera import (
     CAMERA_SENSOR_MM,
+    capture_grid,
     check_camera,
     lens_for_view,
-    make_framing,
     match_camera_to_lens,
     pitch_um,
     set_up_capture,
@@ -21,8 +21,8 @@ from lensfield.engine import Lens, SpectralImage, simulate
 from lensfield.engine.field.overscan import overscan_px
 from lensfield.engine.field.psf_bank import psf_radius_px
 from lensfield.engine.image.depth_range import planar_depth_mm
+from lensfield.engine.image.pixel_grid import FISHEYE, PLANE, PixelGrid
 from lensfield.engine.image.spectral_exr import read_exr
-from lensfield.engine.image.spectral_image import FISHEYE, PLANE
 from small_scenes import material, render, set_world, wall
 
 LENS = Lens.load("edmund-54852")
@@ -86,11 +86,11 @@ def test_frame_just_fits_the_sensor(scene):
 
 def test_overscan_covers_barrel_distortion_at_the_corner(scene):
     scene.render.resolution_x, scene.render.resolution_y = 768, 576
-    framing = make_framing(scene, LENS, [550.0])
+    grid = capture_grid(scene, LENS, [550.0])
     # The corner, 3.0 mm off the axis, lies past the table: its paraxial height is at least 3.0 / (1 - 0.084).
     at_least_px = (1 / (1 - 0.084) - 1) * 384
-    assert at_least_px < framing.overscan_px[1] < 2 * at_least_px
-    assert framing.overscan_px[0] == pytest.approx(framing.overscan_px[1] * 0.75, abs=6)
+    assert at_least_px < grid.overscan_px[1] < 2 * at_least_px
+    assert grid.overscan_px[0] == pytest.approx(grid.overscan_px[1] * 0.75, abs=6)
 
 
 @pytest.mark.parametrize("attribute, value, message", [
@@ -160,45 +160,46 @@ def assert_lit_places(plane, radius_mm, pitch_um, atol_px):
 
 @pytest.fixture
 def wide(scene):
-    """The framing of a lens of 140 degrees, 320 x 240 px of 150 um, and the camera set up for it."""
+    """The capture for a lens of 140 degrees, 320 x 240 px of 150 um, and the camera set up for it."""
     scene.render.resolution_x, scene.render.resolution_y = 320, 240
-    framing = make_framing(scene, WIDE, [WAVELENGTH_NM])
-    set_up_capture(scene.camera.data, WIDE, framing)
-    return framing
+    grid = capture_grid(scene, WIDE, [WAVELENGTH_NM])
+    set_up_capture(scene.camera.data, WIDE, grid)
+    return grid
 
 
 def test_a_fisheye_capture_shows_a_direction_at_its_arc(scene, wide, tmp_path):
     assert wide.projection == FISHEYE and wide.pitch_um == pytest.approx(150)
     beads_around(scene)
-    plane = shoot(scene, tmp_path, wide.capture_px)
+    plane = shoot(scene, tmp_path, wide.shape_px)
     assert_lit_places(plane, WIDE.efl_mm * np.radians(WIDE_ANGLES_DEG), wide.pitch_um, atol_px=0.1)
 
 
 def test_what_a_fisheye_capture_shows_the_lens_lays_where_its_data_say(scene, wide, tmp_path):
     beads_around(scene)
-    radiance = SpectralImage(shoot(scene, tmp_path, wide.capture_px), [WAVELENGTH_NM], pitch_um=wide.pitch_um,
+    radiance = SpectralImage(shoot(scene, tmp_path, wide.shape_px), [WAVELENGTH_NM], pitch_um=wide.pitch_um,
                              overscan_px=wide.overscan_px, projection=wide.projection)
     assert_lit_places(simulate(radiance, WIDE).cube[0], WIDE.real_height_mm[WIDE_COLUMN], wide.pitch_um, atol_px=0.3)
 
 
 def test_even_light_is_even_in_a_fisheye_capture_to_its_rim(scene, wide, tmp_path):
     set_world(scene)
-    plane = shoot(scene, tmp_path, wide.capture_px)
-    corner_mm = np.hypot(*wide.capture_px) / 2 * wide.pitch_um * 1e-3
+    plane = shoot(scene, tmp_path, wide.shape_px)
+    corner_mm = np.hypot(*wide.shape_px) / 2 * wide.pitch_um * 1e-3
     assert np.degrees(corner_mm / WIDE.capture_focal_length_mm) > 70
     np.testing.assert_allclose(plane, 1.0, rtol=1e-5)
 
 
 def test_a_wide_lens_needs_a_fifth_of_the_pixels_of_a_plane(scene, wide):
-    plane = overscan_px(WIDE, wide.frame_px, wide.pitch_um, [WAVELENGTH_NM], psf_radius_px(WIDE, wide.pitch_um))
+    frame, reach_px = PixelGrid(wide.frame_px, wide.pitch_um), psf_radius_px(WIDE, wide.pitch_um)
+    plane = overscan_px(WIDE, frame, [WAVELENGTH_NM], reach_px)
     as_plane = np.prod([n + 2 * margin for n, margin in zip(wide.frame_px, plane)])
-    assert np.prod(wide.capture_px) < 0.22 * as_plane
+    assert np.prod(wide.shape_px) < 0.22 * as_plane
 
 
 def test_depth_of_a_wall_is_the_same_all_over_by_either_camera(scene, wide, tmp_path):
     wall(scene, material("White", "ShaderNodeBsdfDiffuse")[0], distance_m=2.0, side_m=20)
-    distance_mm = 1e3 * shoot(scene, tmp_path, wide.capture_px, "Depth")
-    depth_mm = planar_depth_mm(distance_mm, WIDE, wide.pitch_um, wide.projection)
+    distance_mm = 1e3 * shoot(scene, tmp_path, wide.shape_px, "Depth")
+    depth_mm = planar_depth_mm(distance_mm, WIDE, wide)
     seen = np.isfinite(depth_mm)
     assert seen.mean() > 0.9
     # A pixel's one sample may lie half a pixel off, where the distance is up to tan(70 deg) / f times that other.
@@ -206,15 +207,15 @@ def test_depth_of_a_wall_is_the_same_all_over_by_either_camera(scene, wide, tmp_
     as_plane = replace(wide, projection=PLANE)
     set_up_capture(scene.camera.data, WIDE, as_plane)
     depth_mm = 1e3 * shoot(scene, tmp_path, (24, 32), "Depth")
-    np.testing.assert_allclose(planar_depth_mm(depth_mm, WIDE, 150.0, PLANE), 2000, rtol=1e-5)
+    np.testing.assert_allclose(planar_depth_mm(depth_mm, WIDE, PixelGrid((24, 32), 150.0)), 2000, rtol=1e-5)
 
 
 def test_a_capture_for_a_plane_after_one_for_a_fisheye_is_perspective_again(scene, wide):
-    framing = make_framing(scene, LENS, [WAVELENGTH_NM])
-    set_up_capture(scene.camera.data, LENS, framing)
+    grid = capture_grid(scene, LENS, [WAVELENGTH_NM])
+    set_up_capture(scene.camera.data, LENS, grid)
     camera = scene.camera.data
-    assert framing.projection == PLANE and camera.type == "PERSP"
-    width_mm = framing.capture_px[1] * framing.pitch_um * 1e-3
+    assert grid.projection == PLANE and camera.type == "PERSP"
+    width_mm = grid.shape_px[1] * grid.pitch_um * 1e-3
     assert np.tan(camera.angle_x / 2) == pytest.approx(width_mm / 2 / LENS.capture_focal_length_mm, rel=1e-5)
 
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from lensfield.engine.blur.exact import BLOCK_PIXELS, filter_exactly
+from blurring import blurred
+from lensfield.engine.blur.exact import ExactSections
 
 RADIUS = 2
 
@@ -15,30 +16,30 @@ def own_psf(row, column):
 
 
 def own_psfs(rows, columns):
-    return np.array([own_psf(row, column) for row, column in zip(rows, columns)])
+    return np.array([own_psf(row, column) for row, column in zip(rows, columns, strict=True)])
 
 
+@pytest.mark.parametrize("section_size", [1, 3, 32])
 @pytest.mark.parametrize("shape", [(1, 1), (1, 6), (5, 7)])
-def test_every_pixel_spreads_by_its_own_psf(shape):
+def test_every_pixel_spreads_by_its_own_psf(shape, section_size):
     plane = np.random.default_rng(0).random(shape)
     expected = np.zeros((shape[0] + 4, shape[1] + 4))
     for row, column in np.ndindex(shape):
         expected[row:row + 5, column:column + 5] += plane[row, column] * own_psf(row, column)
-    np.testing.assert_allclose(filter_exactly(plane, RADIUS, own_psfs), expected, atol=1e-14)
+    np.testing.assert_allclose(blurred(plane, ExactSections(section_size, RADIUS, own_psfs)), expected, atol=1e-14)
 
 
-def test_bands_of_rows_join_without_a_seam():
-    plane = np.zeros((5, BLOCK_PIXELS // 2))  # two rows to a band
-    plane[:, 10] = [1, 2, 3, 4, 5]
-    expected = np.zeros((9, 5))
-    for row in range(5):
-        expected[row:row + 5] += plane[row, 10] * own_psf(row, 10)
-    np.testing.assert_allclose(filter_exactly(plane, RADIUS, uniform_in_columns)[:, 10:15], expected, atol=1e-13)
+def test_only_lit_pixels_are_asked_for_their_psfs():
+    asked = []
 
+    def noted(rows, columns):
+        asked.extend(zip(rows.tolist(), columns.tolist(), strict=True))
+        return own_psfs(rows, columns)
 
-def uniform_in_columns(rows, columns):
-    by_row = {row: own_psf(row, 10) for row in np.unique(rows)}
-    return np.array([by_row[row] for row in rows])
+    plane = np.zeros((9, 9))
+    plane[2, 3] = plane[2, 7] = plane[8, 0] = 1
+    blurred(plane, ExactSections(4, RADIUS, noted))
+    assert sorted(asked) == [(2, 3), (2, 7), (8, 0)]
 
 
 def test_result_is_a_scatter_by_the_psf_of_the_source():
@@ -48,4 +49,4 @@ def test_result_is_a_scatter_by_the_psf_of_the_source():
         return psfs
 
     plane = np.array([[0.0, 0, 7, 1, 0]])
-    np.testing.assert_array_equal(filter_exactly(plane, 1, one_right_or_stay)[1], [0, 0, 0, 0, 8, 0, 0])
+    np.testing.assert_array_equal(blurred(plane, ExactSections(32, 1, one_right_or_stay))[1], [0, 0, 0, 0, 8, 0, 0])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lensfield.engine.blur.overlap_add import overlap_add
-from lensfield.engine.blur.section_needs import Content
+from lensfield.engine.blur.section_needs import SectionNeeds
 
 RADIUS = 2
 
@@ -14,7 +14,7 @@ RADIUS = 2
 def all_lit(shape, size, double=False):
     sections = tuple(-(-n // size) for n in shape)
     lit = np.ones(sections, dtype=bool)
-    return Content(lit, lit & double, ~lit)
+    return SectionNeeds(lit, lit & double, ~lit)
 
 
 class Stamps:
@@ -26,7 +26,7 @@ class Stamps:
         self._stamp, self._lock = stamp, threading.Lock()
         self.prepared, self.asked = [], []
 
-    def prepare(self, rows, content, pool):
+    def prepare(self, rows, needs, pool):
         self.prepared.extend(int(i) for i in rows)
 
     def spread(self, i, columns, band):
@@ -87,12 +87,12 @@ def test_patches_may_be_smaller_than_the_space_that_they_are_made_in():
 
 
 def test_every_lit_section_is_spread_once_and_no_other():
-    content = all_lit((20, 30), 5, True)
-    content.lit[1, 2] = content.lit[3, :] = content.double[1, 2] = content.double[3, :] = False
+    needs = all_lit((20, 30), 5, True)
+    needs.lit[1, 2] = needs.lit[3, :] = needs.double[1, 2] = needs.double[3, :] = False
     planes = noise((1, 20, 30))
     spreader = Stamps(5, POINT)
-    result = overlap_add(planes, spreader, content)
-    lit = {(int(i), int(j)) for i, j in np.argwhere(content.lit)}
+    result = overlap_add(planes, spreader, needs)
+    lit = {(int(i), int(j)) for i, j in np.argwhere(needs.lit)}
     assert sorted(place[:2] for place in spreader.asked) == sorted(lit)
     expected = planes.copy()
     expected[:, 5:10, 10:15], expected[:, 15:] = 0, 0
@@ -100,26 +100,26 @@ def test_every_lit_section_is_spread_once_and_no_other():
 
 
 def test_rows_without_light_are_not_even_prepared():
-    content = all_lit((20, 30), 5, True)
-    content.lit[1], content.double[1] = False, False
+    needs = all_lit((20, 30), 5, True)
+    needs.lit[1], needs.double[1] = False, False
     spreader = Stamps(5, POINT)
-    overlap_add(noise((1, 20, 30)), spreader, content)
+    overlap_add(noise((1, 20, 30)), spreader, needs)
     assert spreader.prepared == [0, 2, 3]
 
 
 def test_a_black_picture_is_black_and_nothing_is_done():
-    content, spreader = all_lit((20, 30), 5), Stamps(5, stamp())
-    content.lit[:] = False
-    assert not overlap_add(np.zeros((1, 20, 30)), spreader, content).any()
+    needs, spreader = all_lit((20, 30), 5), Stamps(5, stamp())
+    needs.lit[:] = False
+    assert not overlap_add(np.zeros((1, 20, 30)), spreader, needs).any()
     assert not spreader.prepared and not spreader.asked
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
 def test_sections_are_given_in_the_precision_that_they_need_and_summed_in_that_of_the_planes(kind):
-    content = all_lit((10, 15), 5)
-    content.double[0, 1] = content.double[1, 2] = True
+    needs = all_lit((10, 15), 5)
+    needs.double[0, 1] = needs.double[1, 2] = True
     spreader = Stamps(5, stamp())
-    result = overlap_add(noise((1, 10, 15)).astype(kind), spreader, content)
+    result = overlap_add(noise((1, 10, 15)).astype(kind), spreader, needs)
     asked = {(i, j): precision for i, j, precision in spreader.asked}
     assert {place for place, precision in asked.items() if precision == np.float64} == {(0, 1), (1, 2)}
     assert set(asked.values()) == {np.float32, np.float64} and len(asked) == 6

@@ -95,9 +95,9 @@ def test_a_mark_falls_where_the_convention_says(source, image, centre_px):
 def test_energy_is_kept(lens, shape, precision):
     report = Report()
     simulate(noise(shape, centre_px=(3.0, 5.0)), LENSES[lens], pixels(8, precision), report=report)
-    energy = report.facts["energy"]
+    energy = report.lens_image.energy
     tolerance = 1e-12 if precision == "float64" else 1e-6
-    assert energy["out_w_per_nm"] == pytest.approx(energy["in_w_per_nm"], rel=tolerance, abs=0)
+    assert energy.out_w_per_nm == pytest.approx(energy.in_w_per_nm, rel=tolerance, abs=0)
 
 
 @pytest.mark.parametrize("lens", LENSES)

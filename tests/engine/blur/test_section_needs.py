@@ -3,18 +3,20 @@
 import numpy as np
 import pytest
 
+from blurring import needs_of
 from lenses import comatic_lens, distance_of_light, gaussian_psf, lopsided_lens, make_lens
 from lensfield.engine import Lens, Options, SpectralImage, simulate
-from lensfield.engine.blur.isoplanatic import FourierSections
-from lensfield.engine.blur.section_needs import judge_content
-from lensfield.engine.field.mirror_symmetry import quadrants
+from lensfield.engine.blur.polar_sections import PolarSections
+from lensfield.engine.blur.section_needs import section_needs
+from lensfield.engine.field.mirror_symmetry import Planes
+from lensfield.engine.image.pixel_grid import PixelGrid
 
 E_AXIS = np.pi / 16
 RANGE = 1024.0
 
 
 def judged(plane, section_size=10, reach_px=3, single_range=RANGE, flat_slope=0.0):
-    return judge_content(np.asarray(plane, dtype=float)[None], section_size, reach_px, single_range, flat_slope, False)
+    return needs_of(np.asarray(plane, dtype=float), section_size, reach_px, single_range, flat_slope)
 
 
 def sections(mask):
@@ -22,9 +24,9 @@ def sections(mask):
 
 
 def test_black_sections_need_nothing():
-    content = judged(np.zeros((20, 30)), flat_slope=0.1)
-    assert content.lit.shape == (2, 3)
-    assert not (content.lit.any() or content.double.any() or content.flat.any())
+    needs = judged(np.zeros((20, 30)), flat_slope=0.1)
+    assert needs.lit.shape == (2, 3)
+    assert not (needs.lit.any() or needs.double.any() or needs.flat.any())
 
 
 @pytest.mark.parametrize("row, column, section", [(0, 0, (0, 0)), (9, 10, (0, 1)), (10, 9, (1, 0)), (24, 30, (2, 3))])
@@ -35,8 +37,8 @@ def test_a_single_pixel_lights_its_section_alone(row, column, section):
 
 
 def test_a_picture_smaller_than_a_section_is_one():
-    content = judged([[2.0]], section_size=32, reach_px=100)
-    assert content.lit.tolist() == [[True]] and content.double.tolist() == [[False]]
+    needs = judged([[2.0]], section_size=32, reach_px=100)
+    assert needs.lit.tolist() == [[True]] and needs.double.tolist() == [[False]]
 
 
 @pytest.mark.parametrize("brightest, double", [(RANGE, False), (RANGE + 1, True)])
@@ -55,8 +57,8 @@ def test_black_pixels_are_no_dim_ones():
 def test_a_highlight_needs_double_precision_for_the_dim_section_that_it_reaches():
     plane = np.full((30, 30), 1e-3)
     plane[10:20, 10:20] = 1e6  # even in itself, as are its neighbours
-    content = judged(plane)
-    assert content.lit.all() and sections(content.double) == {(1, 1)}
+    needs = judged(plane)
+    assert needs.lit.all() and sections(needs.double) == {(1, 1)}
 
 
 @pytest.mark.parametrize("reach_px, double", [(0, False), (1, False), (10, False), (11, True), (20, True)])
@@ -83,20 +85,20 @@ def test_a_range_of_0_is_double_precision_and_one_of_infinity_single():
 def test_planes_share_the_judgement():
     planes = np.zeros((4, 10, 30))
     planes[0, 5, 5], planes[3, 5, 15] = 1e6, 1
-    content = judge_content(planes, 10, 3, RANGE, 0, True)
-    assert sections(content.lit) == {(0, 0), (0, 1)} and sections(content.double) == {(0, 0)}
+    needs = section_needs(planes, Planes(PixelGrid((20, 60), 1.0), True), 10, 3, RANGE, 0)
+    assert sections(needs.lit) == {(0, 0), (0, 1)} and sections(needs.double) == {(0, 0)}
 
 
 def test_even_light_is_flat_but_for_the_border_from_which_black_is_in_reach():
-    content = judged(np.ones((60, 60)), flat_slope=1e-9)
-    assert sections(content.flat) == {(i, j) for i in range(1, 5) for j in range(1, 5)}
+    needs = judged(np.ones((60, 60)), flat_slope=1e-9)
+    assert sections(needs.flat) == {(i, j) for i in range(1, 5) for j in range(1, 5)}
 
 
 def test_what_lies_deep_inside_flat_light_is_not_spread():
-    content = judged(np.ones((60, 60)), flat_slope=1e-9)
-    assert sections(~content.lit) == {(i, j) for i in (2, 3) for j in (2, 3)}
+    needs = judged(np.ones((60, 60)), flat_slope=1e-9)
+    assert sections(~needs.lit) == {(i, j) for i in (2, 3) for j in (2, 3)}
     border = {(i, j) for i in range(6) for j in range(6)} - {(i, j) for i in range(1, 5) for j in range(1, 5)}
-    assert sections(content.lit & ~content.flat) == border
+    assert sections(needs.lit & ~needs.flat) == border
 
 
 def test_nothing_is_flat_where_nobody_asked():
@@ -129,16 +131,16 @@ def test_a_step_counts_against_the_dimmest_in_reach():
 @pytest.mark.parametrize("length", [41, 45, 49, 50])
 def test_even_light_that_ends_within_reach_is_not_flat(length):
     """The last section may hold but a strip of the picture: from the one before it, black is in reach all the same."""
-    content = judged(np.ones((50, length)), reach_px=8, flat_slope=1e-3)
+    needs = judged(np.ones((50, length)), reach_px=8, flat_slope=1e-3)
     last_flat = (length - 8) // 10 - 1  # its last pixel is 8 px from the end, or more
-    found = np.flatnonzero(content.flat[2]).tolist()
+    found = np.flatnonzero(needs.flat[2]).tolist()
     assert set(range(1, last_flat)) <= set(found) <= set(range(1, last_flat + 1))
 
 
 @pytest.mark.parametrize("shape", [(80, 80), (81, 80), (80, 81), (81, 81)])
 def test_a_folded_picture_is_flat_across_its_axis(shape):
-    content = judge_content(quadrants(np.ones(shape)), 10, 8, RANGE, 1e-9, True)
-    assert content.flat[:3, :3].all() and not content.lit[:2, :2].any()
+    needs = needs_of(np.ones(shape), 10, 8, RANGE, 1e-9, folded=True)
+    assert needs.flat[:3, :3].all() and not needs.lit[:2, :2].any()
 
 
 @pytest.mark.parametrize("halves", ["left and right", "upper and lower"])
@@ -146,10 +148,10 @@ def test_a_folded_picture_is_flat_across_its_axis(shape):
 def test_a_step_across_the_axis_is_seen(halves, extra):
     plane = np.ones((80 + extra, 80 + extra))
     plane[(slice(None), slice(40 + extra)) if halves == "left and right" else slice(40 + extra)] = 1.1
-    content = judge_content(quadrants(plane), 10, 8, RANGE, 0.01, True)
-    beside = content.flat[:, :2] if halves == "left and right" else content.flat[:2]
+    needs = needs_of(plane, 10, 8, RANGE, 0.01, folded=True)
+    beside = needs.flat[:, :2] if halves == "left and right" else needs.flat[:2]
     assert not beside.any()
-    assert (content.flat[:2, 2] if halves == "left and right" else content.flat[2, :2]).all()
+    assert (needs.flat[:2, 2] if halves == "left and right" else needs.flat[2, :2]).all()
 
 
 def patchy(shape, seed):
@@ -181,10 +183,9 @@ def test_no_pixel_is_promised_more_than_it_gets(shape, section_size, reach_px, f
     slope = 0.01
     for seed in range(2):
         plane = patchy(shape, seed)
-        planes = quadrants(plane) if folded else plane[None]
-        content = judge_content(planes, section_size, reach_px, RANGE, slope, folded)
+        needs = needs_of(plane, section_size, reach_px, RANGE, slope, folded)
         of_row, of_column = section_of(shape, section_size, folded)
-        flat, lit, double = (mask[of_row[:, None], of_column] for mask in (content.flat, content.lit, content.double))
+        flat, lit, double = (mask[of_row[:, None], of_column] for mask in (needs.flat, needs.lit, needs.double))
         for row, column in np.ndindex(shape):
             window = reached(row, column, reach_px, shape)
             seen = plane[window]
@@ -220,7 +221,7 @@ def even_picture(request):
     return image, lens, simulate(image, lens, Options(method="exact")).cube
 
 
-@pytest.mark.parametrize("knobs", [dict(section_size=16, order=2), dict(section_size=16, order=3), dict(azimuths=32)])
+@pytest.mark.parametrize("knobs", [dict(section_size=16), dict(method="pixels", azimuths=32)])
 def test_flat_sections_are_wrong_by_no_more_than_was_allowed(even_picture, knobs):
     image, lens, exact = even_picture
     filtered = simulate(image, lens, Options(**knobs)).cube
@@ -232,10 +233,10 @@ def test_flat_sections_are_wrong_by_no_more_than_was_allowed(even_picture, knobs
 
 def test_where_psfs_lean_even_light_thins_as_the_exact_operator_says(even_picture):
     image, lens, exact = even_picture
-    flat = simulate(image, lens, Options(16, 2, flat_tolerance=1e-3)).cube
+    flat = simulate(image, lens, Options(section_size=16, flat_tolerance=1e-3)).cube
     middle = (0, slice(30, 110), slice(30, 120))
     assert 0.005 < 1 - exact[middle].mean() / E_AXIS < 0.03
-    np.testing.assert_allclose(flat[middle].mean(), exact[middle].mean(), rtol=2e-4)
+    np.testing.assert_allclose(flat[middle].mean(), exact[middle].mean(), rtol=1e-3)  # as was asked
 
 
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-3, 1e-4])
@@ -246,8 +247,8 @@ def test_slowly_changing_light_is_flat_within_the_tolerance_or_filtered(toleranc
     for steepness in (0.03, 0.3, 3.0):
         plane = np.exp(steepness * x)[None, :] * np.ones((200, 1))
         image = SpectralImage(plane[None], 550.0, pitch_um=16.0, centre_px=(300.0, 20.0))
-        filtered = simulate(image, lens, Options(32, 2)).cube
-        flat = simulate(image, lens, Options(32, 2, flat_tolerance=tolerance)).cube
+        filtered = simulate(image, lens, Options(section_size=32)).cube
+        flat = simulate(image, lens, Options(section_size=32, flat_tolerance=tolerance)).cube
         assert distance_of_light(flat, filtered) <= tolerance
 
 
@@ -255,23 +256,23 @@ def test_slowly_changing_light_is_flat_within_the_tolerance_or_filtered(toleranc
 def spread(monkeypatch):
     """The sections that are spread, one after another."""
     places = []
-    original = FourierSections.spread
+    original = PolarSections.spread
 
     def counted(self, i, columns, *rest):
         places.extend((int(i), int(j)) for j in columns)
         return original(self, i, columns, *rest)
 
-    monkeypatch.setattr(FourierSections, "spread", counted)
+    monkeypatch.setattr(PolarSections, "spread", counted)
     return places
 
 
 def test_flat_sections_are_not_filtered(spread):
     lens = leaning_lens()
     image = SpectralImage(np.ones((1, 224, 256)), 550.0, pitch_um=16.0, centre_px=(300.0, 20.0))
-    simulate(image, lens, Options(32, 2))
+    simulate(image, lens, Options(section_size=32))
     assert sorted(spread) == [(i, j) for i in range(7) for j in range(8)]
     spread.clear()
-    simulate(image, lens, Options(32, 2, flat_tolerance=1e-3))
+    simulate(image, lens, Options(section_size=32, flat_tolerance=1e-3))
     # All but the border is flat, and its rim reaches into what is not.
     assert sorted(spread) == [(i, j) for i in range(7) for j in range(8) if not (2 <= i < 5 and 2 <= j < 6)]
 
@@ -279,16 +280,16 @@ def test_flat_sections_are_not_filtered(spread):
 def test_black_sections_are_not_filtered(spread):
     image = SpectralImage(np.zeros((1, 224, 256)), 550.0, pitch_um=16.0, centre_px=(300.0, 20.0))
     image.cube[0, 40, 70] = 1
-    simulate(image, make_lens(gaussian_psf(8, 8, 8.0, 13), psf_pitch_um=8.0), Options(32, 2))
+    simulate(image, make_lens(gaussian_psf(8, 8, 8.0, 13), psf_pitch_um=8.0), Options(section_size=32))
     assert spread == [(1, 2)]
 
 
 def test_the_papers_lens_shows_a_grey_wall_as_the_exact_operator_does():
     """A lens whose PSFs really vary, 1.8 to 2.4 mm from its axis."""
     lens = Lens.load("edmund-54852")
-    image = SpectralImage(np.ones((1, 34, 40)), 587.6, pitch_um=12.5, centre_px=(-100.0, 140.0))
+    image = SpectralImage(np.ones((1, 48, 56)), 587.6, pitch_um=12.5, centre_px=(-100.0, 140.0))
     exact, filtered, flat = (simulate(image, lens, options).cube for options in (
-        Options(method="exact"), Options(8, 2), Options(8, 2, flat_tolerance=1e-3)))
+        Options(method="exact"), Options(section_size=8), Options(section_size=8, flat_tolerance=1e-3)))
     assert (flat != filtered).any()
     assert distance_of_light(flat, exact) <= distance_of_light(filtered, exact) + 1e-3
 
@@ -299,7 +300,7 @@ def test_even_light_is_what_the_exact_operator_makes_of_it_however_psfs_lean(len
     """PSFs that lean by less than the pixel that they lie in take next to nothing out of it."""
     image = SpectralImage(np.ones((1, 56, 64)), 550.0, pitch_um=pitch_um, centre_px=(-20.0, -10.0))
     exact, filtered, flat = (simulate(image, lens, options).cube for options in (
-        Options(method="exact"), Options(8, 2), Options(8, 2, flat_tolerance=1e-3)))
+        Options(method="exact"), Options(section_size=8), Options(section_size=8, flat_tolerance=1e-3)))
     assert (flat != filtered).any()
     assert distance_of_light(flat, exact) <= distance_of_light(filtered, exact) + 1e-3
 

@@ -8,7 +8,7 @@ import pytest
 from lenses import make_lens
 from lensfield.engine import LensError
 from lensfield.engine.field.distortion import LARGEST_FOOTPRINT_PX, RIM_PX, FieldGeometry, fit_polynomial, footprints
-from lensfield.engine.image.spectral_image import pixel_axes_mm
+from lensfield.engine.image.pixel_grid import PixelGrid
 
 HEIGHTS_MM = np.linspace(0, 3, 21)
 WILD = np.where(np.arange(21) % 2, 1.0, -1.0)
@@ -16,10 +16,9 @@ WILD = np.where(np.arange(21) % 2, 1.0, -1.0)
 
 def distorted(plane, source_centre_px, target_shape_px, target_centre_px, pitch_um, field):
     """A plane distorted, in double precision, and the heights that its light came from."""
-    x_mm, y_mm = pixel_axes_mm(target_shape_px, target_centre_px, pitch_um)
-    framed = np.pad(np.asarray(plane, dtype=float), RIM_PX)
-    centre_px = tuple(centre + RIM_PX for centre in source_centre_px)
-    areas, height_mm = footprints(framed.shape, centre_px, x_mm, y_mm, pitch_um, field)
+    framed, capture = np.pad(np.asarray(plane, dtype=float), RIM_PX), PixelGrid(plane.shape, pitch_um, source_centre_px)
+    target = PixelGrid(target_shape_px, pitch_um, target_centre_px)
+    areas, height_mm = footprints(capture.framed(RIM_PX), *target.axes_mm(), field)
     return areas.average(framed[None])[0], height_mm
 
 
@@ -202,8 +201,8 @@ def test_distorting_makes_no_negative_light_and_does_not_overshoot():
 
 @pytest.mark.parametrize("real_height_mm", [lambda p: 0.7 * p, lambda p: 1.3 * p, barrel])
 def test_shares_of_every_footprint_sum_to_one(real_height_mm):
-    x_mm, y_mm = pixel_axes_mm((50, 70), (20, 30), 20.0)
-    areas, _ = footprints((200, 200), (100, 100), x_mm, y_mm, 20.0, geometry(real_height_mm))
+    target = PixelGrid((50, 70), 20.0, (20, 30))
+    areas, _ = footprints(PixelGrid((200, 200), 20.0, (100, 100)), *target.axes_mm(), geometry(real_height_mm))
     np.testing.assert_allclose(sum(areas.row_shares), 1, atol=1e-14)
     np.testing.assert_allclose(sum(areas.column_shares), 1, atol=1e-14)
 
@@ -211,8 +210,8 @@ def test_shares_of_every_footprint_sum_to_one(real_height_mm):
 def test_a_stack_of_captures_is_averaged_plane_by_plane():
     rng = np.random.default_rng(6)
     stack = np.pad(rng.random((3, 60, 80)), ((0, 0), (RIM_PX, RIM_PX), (RIM_PX, RIM_PX)))
-    x_mm, y_mm = pixel_axes_mm((40, 50), (20, 25), 40.0)
-    areas, _ = footprints(stack.shape[1:], (40, 50), x_mm, y_mm, 40.0, geometry(barrel))
+    capture, target = PixelGrid(stack.shape[1:], 40.0, (40, 50)), PixelGrid((40, 50), 40.0, (20, 25))
+    areas, _ = footprints(capture, *target.axes_mm(), geometry(barrel))
     together = areas.average(stack)
     for plane, result in zip(stack, together):
         np.testing.assert_array_equal(areas.average(plane[None])[0], result)

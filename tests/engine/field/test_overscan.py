@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lenses import gaussian_psf, lit_pixels, make_lens
+from lenses import PIXEL_BY_PIXEL, gaussian_psf, lit_pixels, make_lens
 from lensfield.engine import Lens, Options, SpectralImage, simulate
-from lensfield.engine.field.overscan import LARGEST_PLANE, choose_capture, image_radius, overscan_px
+from lensfield.engine.field.overscan import LARGEST_PLANE, capture_radius, choose_capture, overscan_px
 from lensfield.engine.field.psf_bank import psf_radius_px
-from lensfield.engine.image.spectral_image import FISHEYE, PLANE, pixel_axes_mm
+from lensfield.engine.image.pixel_grid import FISHEYE, PLANE, PixelGrid
 
 E_AXIS = np.pi / 16
-SECTIONS = Options(16, 2)
+SECTIONS = Options(section_size=16)
 
 
 def lens_of(real_height_mm=None, last_mm=3.0, focal_mm=2.0, **changes):
@@ -35,14 +35,15 @@ def fisheye(p):
 @pytest.mark.parametrize("scale, rows, columns", [(0.9, 55 / 0.9 - 50, 105 / 0.9 - 100), (1.0, 5, 5), (1.2, 5, 5)])
 def test_overscan_is_what_distortion_and_blur_need_and_hardly_more(scale, rows, columns):
     lens = make_lens(real_height_mm=lambda nm, p: scale * p)
-    overscan = overscan_px(lens, (100, 200), 10.0, [550.0], 5)
+    overscan = overscan_px(lens, PixelGrid((100, 200), 10.0), [550.0], 5)
     assert rows <= overscan[0] <= rows + 2
     assert columns <= overscan[1] <= columns + 2
 
 
 def test_overscan_serves_the_wavelength_that_needs_most():
     lens = make_lens(real_height_mm=lambda nm, p: p * np.where(nm < 500, 0.8, 1.0))
-    assert overscan_px(lens, (100, 100), 10.0, [400, 700], 0) == overscan_px(lens, (100, 100), 10.0, [400], 0)
+    frame = PixelGrid((100, 100), 10.0)
+    assert overscan_px(lens, frame, [400, 700], 0) == overscan_px(lens, frame, [400], 0)
 
 
 def test_overscan_for_barrel_is_set_by_the_corner():
@@ -50,14 +51,15 @@ def test_overscan_for_barrel_is_set_by_the_corner():
     lens = make_lens(real_height_mm=lambda nm, p: barrel(p), heights_mm=np.linspace(0, 2.5, 26))
     corner_paraxial = next(p for p in np.linspace(1.41, 1.6, 100001) if barrel(p) >= np.sqrt(2))
     needed = 100 * corner_paraxial / np.sqrt(2) - 100
-    assert needed <= overscan_px(lens, (200, 200), 10.0, [550], 0)[0] <= needed + 2
+    assert needed <= overscan_px(lens, PixelGrid((200, 200), 10.0), [550], 0)[0] <= needed + 2
 
 
 @pytest.mark.parametrize("scale", [0.3, 0.7, 1.0])
 def test_overscan_of_a_fisheye_capture_is_the_arc_of_the_edges_middle(scale):
     # At real height r the light comes from r / scale, and lies at 2 mm times the angle: on an edge, farthest at its
     # middle. Half a frame is 50 x 100 px of 10 um, and the PSFs reach 3 px.
-    overscan = overscan_px(lens_of(lambda p: scale * p, last_mm=6), (100, 200), 10.0, [550.0], 3, FISHEYE)
+    frame = PixelGrid((100, 200), 10.0, projection=FISHEYE)
+    overscan = overscan_px(lens_of(lambda p: scale * p, last_mm=6), frame, [550.0], 3)
     for margin, half in zip(overscan, (50, 100)):
         needed = max(200 * np.arctan((half + 3) * 0.01 / scale / 2), half + 3) - half
         assert needed <= margin <= needed + 2
@@ -68,28 +70,30 @@ def test_overscan_of_a_fisheye_capture_is_the_arc_of_the_edges_middle(scale):
 def test_a_fisheye_is_chosen_beyond_twice_the_pixels_of_the_frame(scale, projection):
     assert LARGEST_PLANE == 2
     lens = lens_of(lambda p: scale * p, last_mm=12)
-    chosen, margins = choose_capture(lens, (100, 200), 10.0, [550.0], 4)
-    assert chosen == projection
-    assert margins == overscan_px(lens, (100, 200), 10.0, [550.0], 4, projection)
+    chosen = choose_capture(lens, PixelGrid((100, 200), 10.0), [550.0], 4)
+    assert chosen.projection == projection and chosen.frame_px == (100, 200) and chosen.centred
+    assert chosen.overscan_px == overscan_px(lens, chosen, [550.0], 4)
 
 
 def test_a_fisheye_capture_is_the_smaller_one_where_it_is_chosen():
     lens = lens_of(fisheye, last_mm=12)
     # The corner, 2.41 mm from the axis, looks 2 mm tan(2.41 / 2) = 5.2 mm off: 2.16 times as far.
-    chosen, margins = choose_capture(lens, (320, 360), 10.0, [550.0], 4)
-    plane = overscan_px(lens, (320, 360), 10.0, [550.0], 4)
-    assert chosen == FISHEYE and all(own < other for own, other in zip(margins, plane))
+    frame = PixelGrid((320, 360), 10.0)
+    chosen, plane = choose_capture(lens, frame, [550.0], 4), overscan_px(lens, frame, [550.0], 4)
+    assert chosen.projection == FISHEYE
+    assert all(own < other for own, other in zip(chosen.overscan_px, plane, strict=True))
 
 
 def test_the_papers_lens_needs_no_fisheye():
     lens = Lens.load("edmund-54852")
-    assert choose_capture(lens, (576, 768), 6.25, lens.wavelengths_nm, psf_radius_px(lens, 6.25))[0] == PLANE
+    frame = PixelGrid((576, 768), 6.25)
+    assert choose_capture(lens, frame, lens.wavelengths_nm, psf_radius_px(lens, 6.25)).projection == PLANE
 
 
 @pytest.mark.parametrize("angle_deg", [0.001, 10, 45, 80])
 def test_a_fisheye_shows_an_angle_at_its_arc(angle_deg):
     angle = np.radians(angle_deg)
-    radius_mm, slope = image_radius(FISHEYE, lens_of(focal_mm=2.0))(2.0 * np.tan(angle))
+    radius_mm, slope = capture_radius(FISHEYE, lens_of(focal_mm=2.0))(2.0 * np.tan(angle))
     assert radius_mm == pytest.approx(2.0 * angle, rel=1e-12)
     assert slope == pytest.approx(np.cos(angle)**2, rel=1e-9)  # d arc / d tangent
 
@@ -97,7 +101,7 @@ def test_a_fisheye_shows_an_angle_at_its_arc(angle_deg):
 def test_the_angle_is_that_seen_from_the_entrance_pupil():
     # Object 95 mm from the first surface, the pupil 5 mm behind it, magnification -1/10: 10 mm of tangent.
     lens = make_lens(magnification=-0.1, object_distance_mm=95.0, entrance_pupil_mm=5.0)
-    assert image_radius(FISHEYE, lens)(10.0)[0] == pytest.approx(10 * np.pi / 4)
+    assert capture_radius(FISHEYE, lens)(10.0)[0] == pytest.approx(10 * np.pi / 4)
 
 
 def scene(x_mm, y_mm):
@@ -107,24 +111,28 @@ def scene(x_mm, y_mm):
 
 def capture(lens, projection, shape, overscan, pitch_um, centre_px=None, light=scene):
     """The scene as a camera of this projection shows it, its pixels sampled at their middles."""
-    whole = tuple(n + 2 * margin for n, margin in zip(shape, overscan))
-    centre = centre_px or tuple((n - 1) / 2 for n in whole)
-    x_mm, y_mm = pixel_axes_mm(whole, centre, pitch_um)
+    grid = PixelGrid.around_frame(shape, pitch_um, overscan, projection)
+    grid = replace(grid, centre_px=centre_px) if centre_px else grid
+    x_mm, y_mm = grid.axes_mm()
     x_mm, y_mm = np.broadcast_arrays(x_mm[None, :], y_mm[:, None])
     if projection == FISHEYE:
         radius_mm = np.hypot(x_mm, y_mm)
         focal_mm = lens.capture_focal_length_mm
         tangent_mm = focal_mm * np.tan(np.minimum(radius_mm / focal_mm, 1.5))
-        stretch = np.divide(tangent_mm, radius_mm, out=np.ones(whole), where=radius_mm > 0)
+        stretch = np.divide(tangent_mm, radius_mm, out=np.ones(grid.shape_px), where=radius_mm > 0)
         x_mm, y_mm = x_mm * stretch, y_mm * stretch
-    return SpectralImage(light(x_mm, y_mm)[None], [550.0], pitch_um=pitch_um, overscan_px=overscan, centre_px=centre,
-                         projection=projection)
+    return SpectralImage(light(x_mm, y_mm)[None], [550.0], grid)
+
+
+def overscan_needed(lens, shape, pitch_um, projection=PLANE):
+    frame = PixelGrid(shape, pitch_um, projection=projection)
+    return overscan_px(lens, frame, [550.0], psf_radius_px(lens, pitch_um))
 
 
 def either_camera(lens, shape, pitch_um, options, centre_px=None, overscan=None):
     """Pictures of the scene by a plane and by a fisheye camera."""
     for projection in (PLANE, FISHEYE):
-        margins = overscan or overscan_px(lens, shape, pitch_um, [550.0], psf_radius_px(lens, pitch_um), projection)
+        margins = overscan or overscan_needed(lens, shape, pitch_um, projection)
         yield simulate(capture(lens, projection, shape, margins, pitch_um, centre_px), lens, options).cube[0]
 
 
@@ -136,7 +144,7 @@ of 2; the pixels are 20 um. A tenth more for curvature."""
 
 
 @pytest.mark.parametrize("shape", [(100, 120), (101, 121)])
-@pytest.mark.parametrize("options", [SECTIONS, Options(azimuths=8)])
+@pytest.mark.parametrize("options", [SECTIONS, Options(method="pixels", azimuths=8)])
 @pytest.mark.parametrize("blur", [None, gaussian_psf(15, 10, 5.0, 13)])
 def test_a_pattern_is_the_same_picture_by_either_camera(shape, options, blur):
     lens = lens_of(fisheye) if blur is None else lens_of(fisheye, psf=blur, psf_pitch_um=5.0)
@@ -152,7 +160,7 @@ def test_what_is_between_the_cameras_is_resampling_and_falls_with_the_pitch():
 def test_by_an_equidistant_lens_a_fisheye_capture_of_its_own_scale_comes_through_as_it_is():
     lens, shape = lens_of(fisheye), (61, 81)
     image = capture(lens, FISHEYE, shape, (2, 2), 20.0)
-    result = simulate(image, lens, Options(1, 1, precision="float64"))
+    result = simulate(image, lens, PIXEL_BY_PIXEL)
     # But for the fit of the distortion, which is good to 1e-5 of 3 mm.
     np.testing.assert_allclose(result.cube, E_AXIS * image.frame().cube, atol=3e-5 * STEEPEST * E_AXIS, rtol=1e-6)
 
@@ -168,7 +176,7 @@ def test_a_point_of_a_fisheye_capture_lands_where_its_direction_does(x_px, y_px)
     lens = lens_of(lambda p: 0.9 * p, last_mm=4)
     image = SpectralImage(np.zeros((1, 161, 161)), [550.0], pitch_um=20.0, projection=FISHEYE)
     image.cube[0, 80 - y_px, 80 + x_px] = 1
-    lit = lit_pixels(simulate(image, lens, Options(1, 1, precision="float64")))
+    lit = lit_pixels(simulate(image, lens, PIXEL_BY_PIXEL))
     radius_mm = 0.02 * np.hypot(x_px, y_px)
     stretch = 0.9 * 2 * np.tan(radius_mm / 2) / radius_mm if radius_mm else 0.9
     total = sum(lit.values())
@@ -179,7 +187,7 @@ def test_a_point_of_a_fisheye_capture_lands_where_its_direction_does(x_px, y_px)
 @pytest.mark.parametrize("projection", [PLANE, FISHEYE])
 def test_even_light_is_even_by_either_camera(projection):
     lens = lens_of(fisheye)
-    margins = overscan_px(lens, (120, 160), 20.0, [550.0], 1, projection)
+    margins = overscan_needed(lens, (120, 160), 20.0, projection)
     image = capture(lens, projection, (120, 160), margins, 20.0, light=lambda x_mm, y_mm: np.full(x_mm.shape, 3.0))
     np.testing.assert_allclose(simulate(image, lens, SECTIONS).cube, 3 * E_AXIS, rtol=2e-6)
 
@@ -198,7 +206,7 @@ def test_overscan_suffices(shape, real_height_mm, projection):
     """Whatever lies beyond the overscan that is asked for, not a pixel of the frame changes by it."""
     lens = lens_of(real_height_mm, psf=gaussian_psf(40, 25, 12.5, 9), psf_pitch_um=12.5)
     pitch_um = 40.0
-    needed = overscan_px(lens, shape, pitch_um, [550.0], psf_radius_px(lens, pitch_um), projection)
+    needed = overscan_needed(lens, shape, pitch_um, projection)
     large = tuple(margin + 11 for margin in needed)
     cube = np.random.default_rng(2).random((1, *(n + 2 * margin for n, margin in zip(shape, large))))
     facts = dict(wavelengths_nm=[550.0], pitch_um=pitch_um, projection=projection)
@@ -210,7 +218,7 @@ def test_overscan_suffices(shape, real_height_mm, projection):
 
 def test_less_overscan_than_asked_for_does_not_suffice():
     lens = lens_of(barrel)
-    needed = overscan_px(lens, (80, 80), 40.0, [550.0], psf_radius_px(lens, 40.0))
+    needed = overscan_needed(lens, (80, 80), 40.0)
     cubes = [np.pad(np.ones((1, 80, 80)), ((0, 0), (m, m), (m, m)), constant_values=1.0)
              for m in (needed[0], needed[0] - 4)]
     dark = [simulate(SpectralImage(cube, [550.0], pitch_um=40.0, overscan_px=2 * ((cube.shape[1] - 80) // 2,)), lens,

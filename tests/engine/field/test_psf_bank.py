@@ -14,7 +14,7 @@ AXES = {"right": 0.0, "up": np.pi / 2, "left": np.pi, "down": -np.pi / 2}
 
 
 def pixel_psf(psf, psf_pitch_um, pixel_pitch_um, azimuth_rad=0.0, height_mm=1.0):
-    bank = PsfBank(make_lens(psf, psf_pitch_um=psf_pitch_um).at_wavelength(550), pixel_pitch_um)
+    bank = PsfBank.of(make_lens(psf, psf_pitch_um=psf_pitch_um).at_wavelength(550), pixel_pitch_um)
     return bank.psfs([height_mm], [azimuth_rad])[0]
 
 
@@ -137,7 +137,7 @@ def test_turning_by_a_quarter_turns_the_pixels():
 def test_psfs_are_linear_in_height_and_held_beyond_the_last(height_mm, weight):
     table = np.stack([marked_psf(0, 0), marked_psf(8, 0)])[None]
     lens = make_lens(table, wavelengths_nm=(550,), heights_mm=(0.0, 2.0))
-    pixels = PsfBank(lens.at_wavelength(550), 5.0).psfs([height_mm], [0.0])[0]
+    pixels = PsfBank.of(lens.at_wavelength(550), 5.0).psfs([height_mm], [0.0])[0]
     centre = len(pixels) // 2
     assert pixels[centre, centre] == pytest.approx(1 - weight, abs=1e-9)
     assert pixels[centre, centre + 4] == pytest.approx(weight, abs=1e-9)
@@ -146,7 +146,7 @@ def test_psfs_are_linear_in_height_and_held_beyond_the_last(height_mm, weight):
 def test_psfs_between_heights_depend_on_the_nearest_two_only():
     table = np.stack([marked_psf(v, 0) for v in (0, 4, 8)])[None]
     lens = make_lens(table, wavelengths_nm=(550,), heights_mm=(0.0, 0.5, 2.0))
-    pixels = PsfBank(lens.at_wavelength(550), 5.0).psfs([0.875], [0.0])[0]
+    pixels = PsfBank.of(lens.at_wavelength(550), 5.0).psfs([0.875], [0.0])[0]
     centre = len(pixels) // 2
     np.testing.assert_allclose(pixels[centre, centre:centre + 5], [0, 0, 0.75, 0, 0.25], atol=1e-9)
 
@@ -155,14 +155,14 @@ def test_every_psf_sums_to_one_and_none_is_negative():
     rng = np.random.default_rng(1)
     psf = rng.random((16, 16))
     lens = make_lens(psf / psf.sum() * 1.0005)  # within the tolerance of a lens: Eq. 9 puts it right
-    pixels = PsfBank(lens.at_wavelength(550), 3.3).psfs(rng.uniform(0, 3, 50), rng.uniform(-np.pi, np.pi, 50))
+    pixels = PsfBank.of(lens.at_wavelength(550), 3.3).psfs(rng.uniform(0, 3, 50), rng.uniform(-np.pi, np.pi, 50))
     np.testing.assert_allclose(pixels.sum(axis=(1, 2)), 1, atol=1e-13)
     assert pixels.min() >= 0
 
 
 def test_psfs_do_not_depend_on_how_many_are_asked_for_at_once():
     lens = make_lens(gaussian_psf(3, 1.5, 1.0, 64), psf_pitch_um=1.0)
-    bank = PsfBank(lens.at_wavelength(550), 2.0)
+    bank = PsfBank.of(lens.at_wavelength(550), 2.0)
     heights, azimuths = np.linspace(0, 2, 600), np.linspace(-3, 3, 600)
     together = bank.psfs(heights, azimuths)
     for index in (0, 255, 256, 257, 599):
@@ -233,8 +233,8 @@ def test_support_is_the_least_circle_that_holds_the_energy_of_every_psf(energy, 
 def test_a_trimmed_psf_is_what_lies_in_the_circle_normalised():
     lens = rings_lens()
     support_um, _ = psf_support(lens, 0.95)
-    pixels = PsfBank(lens.at_wavelength(550), 4.0, support_um).psfs([2.0], [0.0])[0]
-    whole = PsfBank(lens.at_wavelength(550), 4.0).psfs([2.0], [0.0])[0]
+    pixels = PsfBank.of(lens.at_wavelength(550), 4.0, support_um).psfs([2.0], [0.0])[0]
+    whole = PsfBank.of(lens.at_wavelength(550), 4.0).psfs([2.0], [0.0])[0]
     assert pixels.sum() == pytest.approx(1, abs=1e-13) and len(pixels) < len(whole)
     assert middle(pixels, 0)[0, 0] / middle(whole, 0)[0, 0] == pytest.approx(1 / 0.98)
 
@@ -244,7 +244,7 @@ def test_a_trimmed_psf_is_what_lies_in_the_circle_normalised():
 def test_no_light_is_lost_at_the_rim_of_the_radius(support_um, pixel_pitch_um):
     psf = np.random.default_rng(3).random((17, 17))
     lens = make_lens(psf / psf.sum())
-    bank = PsfBank(lens.at_wavelength(550), pixel_pitch_um, support_um)
+    bank = PsfBank.of(lens.at_wavelength(550), pixel_pitch_um, support_um)
     assert bank.radius_px == psf_radius_px(lens, pixel_pitch_um, support_um)
     psfs = bank.at_table_heights(np.linspace(-np.pi, np.pi, 41))
     # Their sums are those of the shares, not normalised afterwards.
@@ -255,7 +255,7 @@ def test_no_light_is_lost_at_the_rim_of_the_radius(support_um, pixel_pitch_um):
 def test_all_heights_at_many_azimuths_are_those_one_by_one(pixel_pitch_um):
     table = np.stack([gaussian_psf(2 + h, 3, 1.0, 20) for h in range(4)])[None]
     lens = make_lens(table, wavelengths_nm=(550,), heights_mm=(0.0, 0.5, 1.5, 2.0), psf_pitch_um=1.0)
-    bank = PsfBank(lens.at_wavelength(550), pixel_pitch_um)
+    bank = PsfBank.of(lens.at_wavelength(550), pixel_pitch_um)
     azimuths = np.linspace(-4, 4, 57)  # more than are done at once
     one_by_one = np.stack([bank.psfs(lens.heights_mm, np.full(4, azimuth)) for azimuth in azimuths])
     np.testing.assert_allclose(bank.at_table_heights(azimuths), one_by_one, atol=1e-13)
@@ -263,5 +263,5 @@ def test_all_heights_at_many_azimuths_are_those_one_by_one(pixel_pitch_um):
 
 @pytest.mark.parametrize("v, u", [(0, 0), (8, 0), (-3, 0), (6, 8), (0, 5)])
 def test_mean_distance_is_that_of_the_light_from_its_chief_ray(v, u):
-    bank = PsfBank(make_lens(marked_psf(v, u), psf_pitch_um=2.5).at_wavelength(550), 5.0)
+    bank = PsfBank.of(make_lens(marked_psf(v, u), psf_pitch_um=2.5).at_wavelength(550), 5.0)
     np.testing.assert_allclose(bank.mean_distance_px(), np.hypot(v, u) / 2, atol=0.3)  # samples are half a pixel wide

@@ -7,21 +7,27 @@ import pytest
 
 from lenses import comatic_lens, gaussian_psf, lopsided_lens, make_lens
 from lensfield.engine import Lens
+from lensfield.engine.field.mirror_symmetry import Planes
 from lensfield.engine.field.psf_bank import PsfBank
-from lensfield.engine.field.psf_table import PolarTables
+from lensfield.engine.field.psf_table import PsfTables
+from lensfield.engine.image.pixel_grid import PixelGrid
 
 PITCH_UM = 8.0
 LENSES = {"comatic": comatic_lens(), "lopsided": lopsided_lens(), "edmund": Lens.load("edmund-54852")}
 EVERY_LENS = pytest.mark.parametrize("lens", LENSES.values(), ids=LENSES.keys())
 
 
+def planes(quadrant):
+    return Planes(PixelGrid((8, 8), PITCH_UM), quadrant)
+
+
 def table(lens, azimuths=4, quadrant=False, nm=550.0, support_um=np.inf, precision="float64", wavelengths_nm=None):
-    tables = PolarTables(lens, wavelengths_nm or (nm,), PITCH_UM, support_um, azimuths, quadrant, precision)
+    tables = PsfTables(lens, wavelengths_nm or (nm,), planes(quadrant), support_um, azimuths, precision)
     return tables.at_wavelength(nm)
 
 
 def bank(lens, nm=550.0, support_um=np.inf):
-    return PsfBank(lens.at_wavelength(nm), PITCH_UM, support_um)
+    return PsfBank.of(lens.at_wavelength(nm), PITCH_UM, support_um)
 
 
 def own_places(lens, azimuths, quadrant):
@@ -144,14 +150,14 @@ def test_mixing_between_wavelengths_is_the_table_of_the_mixed_lens(nm):
                                                   ((400.0, 450.0, 500.0), 2)])
 def test_as_few_tables_are_made_as_will_do(wavelengths_nm, made, monkeypatch):
     banks = []
-    original = PsfBank.__init__
+    original = PsfBank.of
 
-    def counted(self, *args, **how):
-        banks.append(self)
-        original(self, *args, **how)
+    def counted(*args):
+        banks.append(args)
+        return original(*args)
 
-    monkeypatch.setattr(PsfBank, "__init__", counted)
-    tables = PolarTables(make_lens(), wavelengths_nm, PITCH_UM, np.inf, 2, False, "float64")
+    monkeypatch.setattr(PsfBank, "of", counted)
+    tables = PsfTables(make_lens(), wavelengths_nm, planes(False), np.inf, 2, "float64")
     for nm in wavelengths_nm:
         tables.at_wavelength(nm)
     assert len(banks) == made

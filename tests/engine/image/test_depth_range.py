@@ -9,7 +9,7 @@ from lenses import make_lens
 from lensfield.engine import Lens
 from lensfield.engine.errors import ImageError, InputError
 from lensfield.engine.image.depth_range import check_depth, entrance_pupil_diameter_mm, planar_depth_mm, sharp_range_mm
-from lensfield.engine.image.spectral_image import FISHEYE, PLANE
+from lensfield.engine.image.pixel_grid import FISHEYE, PixelGrid
 
 FAR_LENS = make_lens(efl_mm=50.0, object_distance_mm=np.inf, magnification=0.0, f_number_effective=5.0)
 """A 10 mm pupil, in focus at infinity."""
@@ -127,7 +127,7 @@ def test_pixels_without_a_depth_do_not_count():
 
 def test_a_perspective_cameras_depth_is_depth_already():
     depth_mm = np.array([[1.0, 2.0], [1e13, 3.0]])
-    np.testing.assert_array_equal(planar_depth_mm(depth_mm, FAR_LENS, 20.0, PLANE), [[1, 2], [np.inf, 3]])
+    np.testing.assert_array_equal(planar_depth_mm(depth_mm, FAR_LENS, PixelGrid((2, 2), 20.0)), [[1, 2], [np.inf, 3]])
 
 
 def test_a_panoramic_cameras_distance_is_longer_off_the_axis():
@@ -135,7 +135,7 @@ def test_a_panoramic_cameras_distance_is_longer_off_the_axis():
     pitch_um = 1e3 * 50 * np.pi / 6 / 10
     distance_mm = np.full((1, 81), 100.0)
     distance_mm[0, 60] = 1e13
-    depth_mm = planar_depth_mm(distance_mm, FAR_LENS, pitch_um, FISHEYE)[0]
+    depth_mm = planar_depth_mm(distance_mm, FAR_LENS, PixelGrid((1, 81), pitch_um, projection=FISHEYE))[0]
     assert depth_mm[[40, 50, 30]] == pytest.approx(100 * np.array([1, np.sqrt(0.75), np.sqrt(0.75)]))
     assert depth_mm[20] == pytest.approx(50) and depth_mm[60] == np.inf
     assert np.isnan(depth_mm[[0, 9, 71, 80]]).all() and not np.isnan(depth_mm[11:70]).any()
@@ -143,6 +143,6 @@ def test_a_panoramic_cameras_distance_is_longer_off_the_axis():
 
 def test_the_angle_is_counted_from_the_axis():
     lens = replace(FAR_LENS, efl_mm=1.0)
-    depth_mm = planar_depth_mm(np.ones((5, 5)), lens, 1e3 * np.pi / 3, FISHEYE, centre_px=(4, 1))
+    depth_mm = planar_depth_mm(np.ones((5, 5)), lens, PixelGrid((5, 5), 1e3 * np.pi / 3, (4, 1), projection=FISHEYE))
     assert depth_mm[4, 1] == 1 and depth_mm[3, 1] == pytest.approx(0.5) and depth_mm[4, 0] == pytest.approx(0.5)
     assert np.isnan(depth_mm[2, 2])

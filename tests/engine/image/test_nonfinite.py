@@ -82,7 +82,8 @@ def test_a_plane_of_nothing_but_fireflies_is_black():
     assert count == 12 and not mended.any()
 
 
-@pytest.mark.parametrize("options", [Options(32, 2, fireflies="clamp"), Options(azimuths=2, fireflies="clamp"),
+@pytest.mark.parametrize("options", [Options(section_size=32, fireflies="clamp"),
+                                     Options(method="pixels", azimuths=2, fireflies="clamp"),
                                      Options(method="exact", fireflies="clamp")])
 def test_a_picture_is_mended_and_the_report_counts(options):
     planes = [np.ones((6, 8), np.float32), np.full((6, 8), 2, np.float32)]
@@ -90,10 +91,10 @@ def test_a_picture_is_mended_and_the_report_counts(options):
     report = Report()
     result = simulate(image(*planes), make_lens(), options, report=report)
     np.testing.assert_allclose(result.cube, E_AXIS * np.array([1, 2])[:, None, None] * np.ones((2, 6, 8)), rtol=1e-6)
-    assert report.facts["fireflies_clamped"] == 3
+    assert report.lens_image.fireflies_clamped == 3
 
 
 def test_a_clean_picture_counts_none():
     report = Report()
-    simulate(image(numbered()), make_lens(), Options(32, 2), report=report)
-    assert report.facts["fireflies_clamped"] == 0
+    simulate(image(numbered()), make_lens(), Options(section_size=32), report=report)
+    assert report.lens_image.fireflies_clamped == 0

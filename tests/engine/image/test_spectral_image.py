@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lensfield.engine import ImageError, SpectralImage
-from lensfield.engine.image.spectral_image import pixel_axes_mm, pixel_position_mm
+from lensfield.engine.image.pixel_grid import PixelGrid
 
 
 def image(**changes):
@@ -14,16 +14,6 @@ def image(**changes):
 def test_axis_falls_on_the_middle_of_the_frame_by_default():
     assert image().centre_px == (1.5, 2.5)
     assert image(cube=np.zeros((2, 5, 7))).centre_px == (2.0, 3.0)
-
-
-def test_x_runs_right_and_y_up_from_row_0_at_the_top():
-    x_mm, y_mm = pixel_axes_mm((3, 5), (1.0, 2.0), 10.0)
-    np.testing.assert_allclose(x_mm, [-0.02, -0.01, 0, 0.01, 0.02], atol=1e-15)
-    np.testing.assert_allclose(y_mm, [0.01, 0, -0.01], atol=1e-15)
-
-
-def test_position_is_about_the_axis_wherever_it_falls():
-    assert pixel_position_mm(0, 0, (10, -20), 5.0) == pytest.approx((0.1, 0.05))
 
 
 def test_one_plane_may_come_without_a_wavelength_axis():
@@ -47,7 +37,7 @@ def test_cropping_keeps_every_pixel_where_it_was_on_the_sensor():
     part = whole.cropped((1, 2))
     assert part.overscan_px == (2, 2)
     assert part.frame_px == whole.frame_px == (4, 4)
-    assert pixel_position_mm(0, 0, part.centre_px, 10.0) == pixel_position_mm(1, 2, whole.centre_px, 10.0)
+    assert part.grid.position_mm(0, 0) == whole.grid.position_mm(1, 2)
 
 
 def test_centre_may_be_an_array():
@@ -67,3 +57,10 @@ def test_a_wrong_field_is_named(field, value):
         image(**{field: value})
     assert error.value.field == field
     assert "\n" not in str(error.value)
+
+
+def test_a_grid_may_be_given_whole_and_must_fit():
+    grid = PixelGrid((4, 6), 10.0, overscan_px=(1, 1))
+    assert SpectralImage(np.zeros((1, 4, 6)), [500], grid).grid is grid
+    with pytest.raises(ImageError, match=r"cube is 'of \(3, 6\) px': expected \(4, 6\)|expected \(4, 6\), as its grid"):
+        SpectralImage(np.zeros((1, 3, 6)), [500], grid)

@@ -7,7 +7,7 @@ import pytest
 
 from lenses import comatic_lens, make_lens, marked_psf
 from lensfield.engine import Lens, LensError, Options, SpectralImage, simulate
-from lensfield.engine.image.spectral_image import PROJECTIONS
+from lensfield.engine.image.pixel_grid import PROJECTIONS
 
 REFERENCE_NM = 587.6
 
@@ -160,7 +160,7 @@ def test_a_lens_is_scaled_by_a_positive_number(factor):
 
 
 @pytest.mark.parametrize("factor", [0.25, 5.751])
-@pytest.mark.parametrize("method", [Options(16, 2), Options(azimuths=8)])
+@pytest.mark.parametrize("method", [Options(section_size=16), Options(method="pixels", azimuths=8)])
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_a_scaled_lens_gives_the_same_picture_on_a_pitch_scaled_alike(factor, method, projection):
     lens = comatic_lens(object_distance_mm=np.inf, magnification=0.0, efl_mm=3.0)

@@ -6,8 +6,9 @@ import pytest
 from lenses import gaussian_psf, make_lens
 from lensfield.engine import InputError, Lens, Options, Report, SpectralImage, simulate
 from lensfield.engine.field.distortion import FieldGeometry
+from lensfield.engine.field.mirror_symmetry import Planes
 from lensfield.engine.field.psf_bank import PsfBank
-from lensfield.engine.field.psf_table import PolarTables
+from lensfield.engine.field.psf_table import PsfTables
 from lensfield.engine.plan.choose import make_plan
 from lensfield.engine.plan.error_bound import AzimuthErrors, azimuth_error
 
@@ -61,8 +62,8 @@ def error_over_light(options, lens, image):
     report = Report()
     result = simulate(image, lens, options, report=report).cube.astype(float)
     exact = simulate(image, lens, Options(method="exact", out_of_field=options.out_of_field)).cube
-    light = report.facts["energy"]["in_w_per_nm"] / (image.pitch_um * 1e-6) ** 2
-    return np.abs(result - exact).sum() / light, report.facts["plan"]
+    light = report.lens_image.energy.in_w_per_nm / (image.pitch_um * 1e-6) ** 2
+    return np.abs(result - exact).sum() / light, report.lens_image.plan
 
 
 @pytest.mark.parametrize("scene", SCENES)
@@ -74,7 +75,7 @@ def test_no_scene_is_wrong_by_more_than_the_bound(seed, scene):
     lens = random_lens(seed)
     for accuracy in (0.1, 1e-2, 1e-3):
         error, plan = error_over_light(Options(accuracy=accuracy), lens, image)
-        assert error <= plan["error_bound"] <= accuracy
+        assert error <= plan.error_bound <= accuracy
 
 
 def test_the_bound_holds_at_every_wavelength():
@@ -82,24 +83,25 @@ def test_the_bound_holds_at_every_wavelength():
     nm = np.linspace(400, 700, 6)
     image = SpectralImage(np.random.default_rng(1).random((6, 60, 76)), nm, pitch_um=PITCH_UM)
     error, plan = error_over_light(Options(accuracy=0.01), lens, image)
-    assert error <= plan["error_bound"] <= 0.01
+    assert error <= plan.error_bound <= 0.01
 
 
-@pytest.mark.parametrize("method", ["polar", "pixels"])
+@pytest.mark.parametrize("method", ["sections", "pixels"])
 def test_a_method_may_be_named_beside_an_accuracy(method):
     image = SpectralImage(np.random.default_rng(1).random((60, 76)), [550], pitch_um=PITCH_UM)
     error, plan = error_over_light(Options(accuracy=0.01, method=method), random_lens(0), image)
-    assert plan["method"] == method and error <= plan["error_bound"] <= 0.01
+    assert plan.method.name == method and error <= plan.error_bound <= 0.01
 
 
 def worst_point(plan, lens, radiance, places=3000):
     """The largest ||PSF used - PSF true||_1 found over the picture: the share of a point's light that is misplaced."""
     nm, pitch_um = radiance.wavelengths_nm[0], radiance.pitch_um
-    table = PolarTables(lens, [nm], pitch_um, plan.support_um, plan.azimuths, False, np.float64).at_wavelength(nm)
-    bank, field = PsfBank(lens.at_wavelength(nm), pitch_um), FieldGeometry(lens.at_wavelength(nm), lens.name)
+    whole, steps = Planes(radiance.grid, False), plan.method.azimuths
+    table = PsfTables(lens, [nm], whole, plan.support_um, steps, np.float64).at_wavelength(nm)
+    bank, field = PsfBank.of(lens.at_wavelength(nm), pitch_um), FieldGeometry(lens.at_wavelength(nm), lens.name)
     rng, (rows, columns) = np.random.default_rng(3), radiance.frame_px
     x_mm, y_mm = (rng.uniform(-n / 2, n / 2, places) * pitch_um * 1e-3 for n in (columns, rows))
-    between = (np.arange(3 * plan.azimuths) + 0.5) * np.pi / 12 / plan.azimuths
+    between = (np.arange(3 * steps) + 0.5) * np.pi / 12 / steps
     inside = bank.heights_mm[bank.heights_mm < field.paraxial_height_mm(np.hypot(x_mm, y_mm)).max()]
     heights_mm, azimuths = (part.ravel() for part in np.meshgrid(inside, between))
     where = (np.append(field.paraxial_height_mm(np.hypot(x_mm, y_mm)), heights_mm),
@@ -118,7 +120,7 @@ def test_the_bound_is_within_twice_the_worst_point(lens, pitch_um, accuracy):
     plan = make_plan(Options(accuracy=accuracy, method="pixels"), lens, radiance)
     worst = worst_point(plan, lens, radiance)
     assert worst <= plan.error_bound <= accuracy
-    if plan.azimuths > 2:  # the fewest may be more than are needed
+    if plan.method.azimuths > 2:  # the fewest may be more than are needed
         assert plan.error_bound <= 2 * worst + accuracy / 12  # besides, the shares for flat light and rounding
 
 
@@ -133,7 +135,7 @@ def worst_between(bank, azimuths):
 
 def test_the_error_between_azimuths_falls_with_their_number():
     """By the square of the step on the whole; single samples that cross the edges of pixels keep it from doing so."""
-    bank = PsfBank(Lens.load("edmund-54852").at_wavelength(587.6), 6.25)
+    bank = PsfBank.of(Lens.load("edmund-54852").at_wavelength(587.6), 6.25)
     errors = [worst_between(bank, azimuths) for azimuths in (4, 8, 16, 32)]
     assert all(after < before / 1.4 for before, after in zip(errors, errors[1:]))
     assert errors[-1] < errors[0] / 8
@@ -145,7 +147,7 @@ def test_the_error_between_azimuths_falls_with_their_number():
                                             ("random lopsided", PITCH_UM)])
 def test_a_look_at_some_azimuths_tells_of_all_at_every_wavelength(name, pitch_um, azimuths):
     lens = random_lens(1) if name == "random lopsided" else Lens.load(name)
-    banks = [PsfBank(lens.at_wavelength(nm), pitch_um) for nm in lens.wavelengths_nm[::5]]
+    banks = [PsfBank.of(lens.at_wavelength(nm), pitch_um) for nm in lens.wavelengths_nm[::5]]
     told = azimuth_error([AzimuthErrors(bank, np.inf) for bank in banks], azimuths)
     worst = max(worst_between(bank, azimuths) for bank in banks)
     assert worst <= told <= 1.25 * worst
@@ -153,7 +155,7 @@ def test_a_look_at_some_azimuths_tells_of_all_at_every_wavelength(name, pitch_um
 
 def test_a_single_azimuth_that_stands_out_is_found():
     """Of 512 steps one errs 25 times as much as the median, where a bright sample crosses the edge of a pixel."""
-    bank = PsfBank(Lens.load("edmund-54852").at_wavelength(587.6), 6.25)
+    bank = PsfBank.of(Lens.load("edmund-54852").at_wavelength(587.6), 6.25)
     errors = AzimuthErrors(bank, np.inf)
     every = errors.at(512, np.arange(512))
     assert every.max() > 20 * np.median(every)
@@ -161,7 +163,7 @@ def test_a_single_azimuth_that_stands_out_is_found():
 
 
 def test_an_error_that_is_too_much_is_not_looked_into():
-    errors = AzimuthErrors(PsfBank(Lens.load("edmund-54852").at_wavelength(587.6), 6.25), np.inf)
+    errors = AzimuthErrors(PsfBank.of(Lens.load("edmund-54852").at_wavelength(587.6), 6.25), np.inf)
     whole = azimuth_error([errors], 4)
     assert whole / 2 < azimuth_error([errors], 4, enough=whole / 2) <= whole
 
@@ -170,14 +172,14 @@ def test_one_psf_for_all_is_one_convolution():
     lens = make_lens(gaussian_psf(30, 30, 10.0, 25), psf_pitch_um=10.0)
     image = SpectralImage(np.random.default_rng(1).random((60, 76)), [550], pitch_um=PITCH_UM)
     error, plan = error_over_light(Options(accuracy=0.03), lens, image)
-    assert (plan["method"], plan["order"], plan["azimuths"]) == ("sections", 0, 0)
-    assert error <= plan["error_bound"] <= 0.03
+    assert (plan.method.name, plan.method.azimuths) == ("one PSF", 0)
+    assert error <= plan.error_bound <= 0.03
 
 
 def test_what_cannot_be_had_otherwise_is_exact():
     image = SpectralImage(np.random.default_rng(1).random((20, 24)), [550], pitch_um=PITCH_UM)
     error, plan = error_over_light(Options(accuracy=1e-9), random_lens(0), image)
-    assert plan["method"] == "exact" and error < 1e-7
+    assert plan.method.name == "exact" and error < 1e-7
 
 
 def test_saying_nothing_asks_for_one_hundredth():
@@ -190,7 +192,8 @@ def test_the_plan_predicts_more_time_for_more_light():
     lens = random_lens(0)
     small, large = (make_plan(Options(), lens, SpectralImage(np.ones((1, n, n)), [550], pitch_um=PITCH_UM))
                     for n in (50, 500))
-    many = make_plan(Options(), lens, SpectralImage(np.ones((9, 500, 500)), np.linspace(400, 700, 9), PITCH_UM))
+    nine = SpectralImage(np.ones((9, 500, 500)), np.linspace(400, 700, 9), pitch_um=PITCH_UM)
+    many = make_plan(Options(), lens, nine)
     assert small.seconds < large.seconds < many.seconds and small.memory_mb < large.memory_mb
 
 

@@ -15,10 +15,9 @@ from lensfield.engine.image.spectral_exr import write_exr
 from lensfield.engine.lens.readers.package import write_package
 from lensfield.engine.trade import tradeoff, tradeoff_plot
 
-COLUMNS = ("image curve method section_size order azimuths precision psf_energy accuracy wavelengths seconds "
+COLUMNS = ("image curve method section_size azimuths precision psf_energy accuracy wavelengths seconds "
            "seconds_over_paper peak_mb relative_l2 maximum_error l1 predicted_bound against").split()
-CURVES = {"exact", "paper", "order 2", "order 3", "order 4", "pixels", "polar", "accuracy", "precision",
-          "PSF support"}
+CURVES = {"exact", tradeoff.AS_WRITTEN, "paper", "pixels", "sections", "accuracy", "precision", "PSF support"}
 SHAPE_PX = 36, 48
 LENS = comatic_lens(psf_pitch_um=50.0)  # PSFs of some pixels, where 48 of these lie on its sensor
 
@@ -41,8 +40,8 @@ def lens_file(tmp_path_factory):
 
 @pytest.fixture
 def few_settings(monkeypatch):
-    chosen = [("paper", Options(method="paper")), ("order 2", Options(section_size=16, order=2)),
-              ("pixels", Options(azimuths=8))]
+    chosen = [(tradeoff.AS_WRITTEN, Options(method="paper")), ("sections", Options(section_size=16)),
+              ("pixels", Options(method="pixels", azimuths=8))]
     monkeypatch.setattr(tradeoff, "settings", lambda quick: chosen)
     monkeypatch.setattr(tradeoff, "WAVELENGTHS", (1, 3))
 
@@ -78,16 +77,18 @@ def test_the_exact_operator_has_no_error_and_all_others_have_some(rows):
 
 
 @pytest.mark.parametrize("image", ["points", "checkerboard"])
-@pytest.mark.parametrize("curve", ["paper", "order 2", "order 3", "order 4"])
-def test_errors_fall_with_smaller_sections(rows, image, curve):
-    measured = sorted(of(rows, image=image, curve=curve, method="sections"), key=lambda row: row.section_size)
+@pytest.mark.parametrize("curve, knob", [("paper", "section_size"), ("sections", "azimuths"), ("pixels", "azimuths")])
+def test_errors_fall_with_smaller_sections_and_more_azimuths(rows, image, curve, knob):
+    measured = sorted(of(rows, image=image, curve=curve), key=lambda row: getattr(row, knob))
+    measured = measured[::-1] if knob == "azimuths" else measured
     errors = [row.relative_l2 for row in measured]
     assert len(errors) >= 2 and np.all(np.diff(errors) > 0)
 
 
 def test_the_paper_takes_its_own_time(rows):
-    assert [row.seconds_over_paper for row in of(rows, method="paper")] == [1, 1, 1]
-    assert all((row.section_size, row.order, row.precision) == (16, 1, "float64") for row in of(rows, method="paper"))
+    written = of(rows, curve=tradeoff.AS_WRITTEN)
+    assert [row.seconds_over_paper for row in written] == [1, 1, 1]
+    assert all((row.method, row.section_size, row.precision) == ("paper", 16, "float64") for row in written)
 
 
 def test_errors_stay_within_what_was_asked_for_and_within_the_predicted_bound(rows):
@@ -157,7 +158,7 @@ def test_a_crop_keeps_the_light_that_comes_in_from_around_it():
     radiance = SpectralImage(np.random.default_rng(0).random((1, 120, 140)), [550], pitch_um=100.0)
     cropped = tradeoff.cropped_frame(radiance, LENS, (20, 24))
     assert cropped.frame_px == (20, 24) and min(cropped.overscan_px) > psf_radius_px(LENS, 100.0)
-    assert cropped.cube.shape[1] < 120 and cropped.centred
+    assert cropped.cube.shape[1] < 120 and cropped.grid.centred
 
 
 @pytest.mark.parametrize("changes, message", [

@@ -3,13 +3,13 @@
 import threading
 
 
-class Room:
+class MemoryBudget:
     """Memory that may be taken for good, a piece at a time, by any thread."""
 
-    def __init__(self, size_bytes):
+    def __init__(self, size_bytes: float) -> None:
         self._left, self._lock = size_bytes, threading.Lock()
 
-    def take(self, size_bytes):
+    def take(self, size_bytes: int) -> bool:
         """Whether so much is left; then it is taken."""
         with self._lock:
             if size_bytes > self._left:

@@ -1,0 +1,73 @@
+"""The ideal image: what the lens lays on the sensor before any blur, by distortion and illumination (Eq. 2)."""
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from ..image.irradiance import irradiance_per_radiance
+from ..image.pixel_grid import PixelGrid
+from ..memory import MemoryBudget
+from .distortion import RIM_PX, FieldGeometry, footprints
+from .mirror_symmetry import Planes
+from .overscan import capture_radius
+
+BAND_PIXELS = 1 << 16  # worked on at once
+
+
+class IdealImage:
+    """Makes irradiance of radiance at one wavelength, on one pixel grid.
+
+    Parameters
+    ----------
+    lens : Lens
+    field : FieldGeometry
+    transmittance : float
+        Both at this wavelength.
+    capture : PixelGrid
+        Of the radiance.
+    planes : Planes
+        Of the picture that is made of it; folded if the capture may be, too.
+    vignette : bool
+        Whether pixels beyond the last field height stay black; else its relative illumination is held.
+    precision : "float32" or "float64"
+    memory : MemoryBudget
+        For footprints, to keep them for the next picture.
+    """
+
+    def __init__(self, lens, field: FieldGeometry, transmittance: float, capture: PixelGrid, planes: Planes, *,
+                 vignette: bool, precision: str, memory: MemoryBudget) -> None:
+        self._field = field
+        self._per_radiance = irradiance_per_radiance(transmittance, lens.f_number_effective)
+        self._capture_radius = capture_radius(capture.projection, lens)
+        self._capture, self._planes = Planes(capture, planes.folded), planes
+        self._last_height_mm = lens.heights_mm[-1] if vignette else np.inf
+        self._precision, self._memory = precision, memory
+        self._bands = {}
+
+    def irradiance(self, radiance: np.ndarray) -> np.ndarray:
+        """Irradiance of a plane of radiance where the lens puts it: array (plane, row, column) of `planes`."""
+        capture = self._capture.split(radiance, RIM_PX)
+        x_mm, y_mm = self._planes.grid.axes_mm()
+        ideal = np.empty((len(capture), y_mm.size, x_mm.size), self._precision)
+
+        def work(rows):
+            band, factor = self._band(rows, x_mm, y_mm)
+            ideal[:, rows] = band.average(capture) * factor
+
+        step = max(1, BAND_PIXELS // x_mm.size)
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            list(pool.map(work, (slice(top, min(top + step, y_mm.size)) for top in range(0, y_mm.size, step))))
+        return ideal
+
+    def _band(self, rows, x_mm, y_mm):
+        """Footprints of a band of rows, and irradiance per radiance in it."""
+        if rows.start in self._bands:
+            return self._bands[rows.start]
+        band, height_mm = footprints(self._capture.grid.framed(RIM_PX), x_mm, y_mm[rows], self._field,
+                                     self._capture_radius, self._precision)
+        factor = self._per_radiance * self._field.relative_illumination(height_mm)
+        factor = np.where(height_mm > self._last_height_mm, 0, factor).astype(self._precision)
+        if self._memory.take(band.nbytes + factor.nbytes):
+            self._bands[rows.start] = band, factor
+        return band, factor

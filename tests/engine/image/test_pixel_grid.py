@@ -1,0 +1,53 @@
+"""PixelGrid: where pixels lie about the axis, and what frames, crops and rims of it are."""
+
+import numpy as np
+import pytest
+
+from lensfield.engine import ImageError
+from lensfield.engine.image.pixel_grid import FISHEYE, PixelGrid
+
+
+def test_x_runs_right_and_y_up_from_row_0_at_the_top():
+    x_mm, y_mm = PixelGrid((3, 5), 10.0).axes_mm()
+    np.testing.assert_allclose(x_mm, [-0.02, -0.01, 0, 0.01, 0.02], atol=1e-15)
+    np.testing.assert_allclose(y_mm, [0.01, 0, -0.01], atol=1e-15)
+
+
+def test_position_is_about_the_axis_wherever_it_falls():
+    assert PixelGrid((3, 5), 5.0, (10, -20)).position_mm(0, 0) == pytest.approx((0.1, 0.05))
+
+
+def test_grids_of_the_same_pixels_are_the_same():
+    assert PixelGrid((4, 6), 10, (1.5, 2.5)) == PixelGrid([4, 6], 10.0, overscan_px=np.zeros(2, int))
+    assert hash(PixelGrid((4, 6), 10)) == hash(PixelGrid((4, 6), 10.0)) != hash(PixelGrid((6, 4), 10))
+
+
+def test_a_frame_with_overscan_is_the_frame_again():
+    grid = PixelGrid.around_frame((4, 6), 10.0, (3, 2), FISHEYE)
+    assert grid.shape_px == (10, 10) and grid.frame_px == (4, 6) and grid.centred
+    assert grid.frame() == PixelGrid((4, 6), 10.0, projection=FISHEYE)
+
+
+def test_crops_and_rims_keep_every_pixel_where_it_was():
+    grid = PixelGrid((10, 12), 10.0, (2.0, 7.5), (3, 4))
+    assert grid.cropped((1, 2)).position_mm(0, 0) == grid.position_mm(1, 2)
+    assert grid.framed(5).position_mm(5, 5) == grid.position_mm(0, 0)
+    assert grid.framed(5).cropped((5, 5)) == grid
+    assert grid.cropped((1, 2)).frame_px == grid.framed(5).frame_px == grid.frame_px
+
+
+@pytest.mark.parametrize("reach_px, overscan_px", [(0, (0, 0)), (3, (3, 3)), (100, (3, 4))])
+def test_within_reach_is_what_overscan_there_is(reach_px, overscan_px):
+    assert PixelGrid((10, 12), 10.0, overscan_px=(3, 4)).within_reach(reach_px).overscan_px == overscan_px
+
+
+def test_an_axis_off_the_middle_is_not_centred():
+    assert not PixelGrid((10, 12), 10.0, (4.5, 5.6)).centred
+
+
+@pytest.mark.parametrize("field, value", [("pitch_um", 0), ("pitch_um", None), ("overscan_px", (5, 0)),
+                                          ("centre_px", (np.nan, 0)), ("projection", "orthographic")])
+def test_a_wrong_field_is_named(field, value):
+    with pytest.raises(ImageError) as error:
+        PixelGrid(**dict(shape_px=(10, 12), pitch_um=10.0) | {field: value})
+    assert error.value.field == field
