@@ -77,7 +77,7 @@ class _Run:
                 self._tell(picture, plan)
             irradiance = self._through_lens(shot, radiance, report)
         except ImageError as error:
-            raise ImageError(shot.radiance, error.field, error.value, error.remedy) from None
+            raise error.at(shot.radiance) from None
         report.file = FileFacts(str(shot.radiance), needed, picture)
         with report.stage("write irradiance"):
             write_exr(irradiance, shot.output)

@@ -37,7 +37,7 @@ def _tradeoff(options):
         with progress_bar() as tell:
             rows = measure(lens, pictures, spectral, quick=options.quick, progress=tell)
     except ImageError as error:
-        raise ImageError(options.image or error.where, error.field, error.value, error.remedy) from None
+        raise error.at(options.image or error.where) from None
     write_table(rows, table)
     write_plot(rows, plot, description(lens, pictures))
     print(table, plot, sep="\n")

@@ -1,6 +1,7 @@
 """Errors that a user can act on: which file or object, which field, which value, what to do."""
 
 import os
+from typing import Any, Self
 
 
 class InputError(ValueError):
@@ -8,7 +9,7 @@ class InputError(ValueError):
 
     Parameters
     ----------
-    where : str
+    where : str or path
         The file, object or option at fault.
     field : str
         The field in it.
@@ -18,16 +19,20 @@ class InputError(ValueError):
         What is expected or what to do.
     """
 
-    def __init__(self, where, field, value, remedy):
+    def __init__(self, where: Any, field: str, value: Any, remedy: str):
         self.where, self.field, self.value, self.remedy = str(where), field, value, remedy
         shown = (value or "empty") if isinstance(value, str) else repr(value)
         super().__init__(f"{self.where}: {field} is {shown}: {remedy}")
+
+    def at(self, where: Any) -> Self:
+        """The same error told of another place: of the file, for instance, where a value made from it told of itself."""
+        return type(self)(where, self.field, self.value, self.remedy)
 
     def __reduce__(self):  # it comes back from worker processes, and an exception is made again from its text alone
         return type(self), (self.where, self.field, self.value, self.remedy)
 
 
-def absence(path):
+def absence(path: str | os.PathLike) -> str:
     """What is wrong with a path that should be a file and is not, as a value for an error."""
     return "a folder" if os.path.isdir(path) else "not there"
 

@@ -74,7 +74,7 @@ def read_rgb_exr(path, layer=None):
         rec709, overscan = _lay_out(planes, header)
         matrix = to_rec709_matrix(chromaticities(header))
     except ImageError as error:
-        raise ImageError(path, error.field, error.value, error.remedy) from None
+        raise error.at(path) from None
     if matrix is not None:
         with np.errstate(invalid="ignore", over="ignore"):  # pixels that are not finite are told of where they are used
             rec709 = rec709 @ matrix.T.astype(np.float32)

@@ -116,7 +116,7 @@ def read_exr(path, pitch_um=None):
                              lens_name=header.get("lensfield:lens", ""),
                              f_number_effective=_number(header, "lensfield:fNumberEffective"))
     except ImageError as error:
-        raise ImageError(path, error.field, error.value, error.remedy) from None
+        raise error.at(path) from None
     except (TypeError, ValueError) as error:
         raise ImageError(path, "attributes", "damaged", str(error)) from None
 

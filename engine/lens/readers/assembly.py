@@ -80,4 +80,4 @@ def build_lens(path, read_psf, image_side, **facts):
     try:
         return Lens(psf=psf, psf_pitch_um=pitch_um, enclosed_energy=np.full(real.shape, np.nan), **facts)
     except LensError as error:
-        raise LensError(path, error.field, error.value, error.remedy) from None
+        raise error.at(path) from None

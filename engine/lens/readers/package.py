@@ -51,7 +51,7 @@ def read_package(path):
         return Lens(**{name: header[name] for name in SCALARS}, **{name: contents[name] for name in ARRAYS},
                     psf=_psfs(contents["psf_amplitude"]))
     except LensError as error:
-        raise LensError(path, error.field, error.value, error.remedy) from None
+        raise error.at(path) from None
     except (TypeError, ValueError) as error:
         raise LensError(path, "lens package", "damaged", str(error)) from None
 
