@@ -1,7 +1,6 @@
 """Lens data written the ways lens-design programs and their macros do, for readers to read back."""
 
 import json
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -196,20 +195,18 @@ def zospy_labels(count, pitch_um, centre):
     return ((np.arange(count) - centre + 0.5) * pitch_um).round(10)
 
 
-def zospy_json(values, pitch_um, centre=None, header=(), **settings):
-    """The JSON of a Huygens result, for a PSF that lies upright with its chief ray at [n // 2, n // 2]."""
-    n = len(values)
-    labels = zospy_labels(n, pitch_um, n // 2 if centre is None else centre).tolist()
+def zospy_json(values, pitch_um=1.0, index=None, columns=None, header=(), **settings):
+    """The JSON of a Huygens result, for a PSF that lies upright with its chief ray at [n // 2, n // 2].
+
+    `index` and `columns` are the labels of its rows and columns where they are others.
+    """
+    usual = zospy_labels(len(values), pitch_um, len(values) // 2)
     return json.dumps({
-        "data": {"index": labels, "columns": labels, "data": np.asarray(values, dtype=float).tolist(),
-                 "index_names": ["y"], "column_names": ["x"]},
+        "data": {"index": np.asarray(usual if index is None else index).tolist(),
+                 "columns": np.asarray(usual if columns is None else columns).tolist(),
+                 "data": np.asarray(values).tolist(), "index_names": ["y"], "column_names": ["x"]},
         "settings": {"pupil_sampling": "64x64", "psf_type": "Linear", "rotation": 0, "use_centroid": False} | settings,
         "metadata": {"FeatureDescription": "Listing of Huygens PSF Data\n\n"}, "header": list(header), "messages": []})
-
-
-def frame(values, index, columns):
-    """What of a pandas DataFrame is asked for."""
-    return SimpleNamespace(values=np.asarray(values), index=np.asarray(index), columns=np.asarray(columns))
 
 
 def damages(data, count, seed=3):

@@ -16,18 +16,18 @@ IMPORT_FIRST = "`lensfield lens import` makes a lens package of another program'
 IMPORTABLE = f"an ISET bundle (ISETPARMS.TXT), an export folder ({DESCRIPTION}) or an ISETCam .mat"
 
 
-def bundled_names():
+def bundled_names() -> list[str]:
     """Names of the lenses that come with the project."""
     return sorted(path.stem for path in BUNDLED.glob("*.npz"))
 
 
-def bundled_makers():
+def bundled_makers() -> dict[str, tuple[str, str]]:
     """{name: (maker, story)} of the lenses that come with the project."""
     headers = {name: read_header(BUNDLED / f"{name}.npz") for name in bundled_names()}
     return {name: (header["maker"], header["story"]) for name, header in headers.items()}
 
 
-def load(name_or_path) -> Lens:
+def load(name_or_path: str | Path) -> Lens:
     """The bundled lens of this name, or the lens data in this file."""
     text = str(name_or_path)
     if text in bundled_names():
@@ -42,7 +42,7 @@ def load(name_or_path) -> Lens:
     return read_package(path)
 
 
-def import_lens(path, name=None) -> Lens:
+def import_lens(path: str | Path, name: str | None = None) -> Lens:
     """The lens of another program's export: an ISET bundle, an export folder, or an ISETCam .mat.
 
     Parameters
@@ -58,13 +58,14 @@ def import_lens(path, name=None) -> Lens:
         Another kind of file; or one that is missing, damaged or at odds with the others.
     """
     try:
-        lens = _reader_of(Path(path))
+        lens = _imported(Path(path))
     except OSError as error:
         raise LensError(path, "file", "not readable", error.strerror or str(error)) from None
     return lens if name is None else replace(lens, name=name)
 
 
-def _reader_of(path):
+def _imported(path):
+    """The lens by the reader of its kind."""
     if os.path.isdir(path):
         description, parameters = path / DESCRIPTION, find_parameter_file(path)
         if description.is_file():

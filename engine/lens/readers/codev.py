@@ -5,12 +5,14 @@ columns with x: no public document says so, but NASA's MATLAB toolkit for CODE V
 macros, which export image points at +y from CODE V and at -y from Zemax, then give their reader one orientation.
 """
 
+from pathlib import Path
+
 from ...errors import LensError
 from .psf_grid import PsfGrid
 from .text import numbers
 
 
-def psf_grid(text, path, pitch_um):
+def psf_grid(text: str, path: Path, pitch_um: float) -> PsfGrid:
     """The PSF of a bare square matrix, whose pitch the file does not tell.
 
     Raises

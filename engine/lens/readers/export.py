@@ -21,17 +21,19 @@ they are Zemax listings (field curvature and distortion; relative illumination),
 {wavelength} in the name, one for each.
 """
 
-import tomllib
 from pathlib import Path, PureWindowsPath
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from ...errors import LensError
+from ..lens import Lens
 from . import codev, zemax_text, zospy
 from .assembly import SAME_WAVELENGTH_NM, build_lens, check_count, four_by_three
 from .psf_grid import NEGLIGIBLE_MM
 from .text import number_table, read_text, shown
+from .toml_fields import read_toml
 
 DESCRIPTION = "lens.toml"
 FORMAT = "lensfield-export"
@@ -40,11 +42,10 @@ PROGRAMS = ("zemax", "codev", "zospy")
 FIRST_ORDER = ("efl_mm", "magnification", "f_number_effective", "object_distance_mm", "entrance_pupil_mm",
                "reference_wavelength_nm")
 TEXTS = ("maker", "story", "source", "notes")
-LONGEST_DESCRIPTION = 2**20
 REACHED = 1e-3  # of the last height: how much of it a listing may lack
 
 
-def read_export(path):
+def read_export(path: str | Path) -> Lens:
     """The lens of an export folder, by its description.
 
     Raises
@@ -52,117 +53,78 @@ def read_export(path):
     LensError
         A field that is missing or wrong; a file that is missing, damaged or at odds with the others.
     """
-    path = Path(path)
-    told = _description(path)
-    heights, wavelengths = (np.array(_numbers(told, field, path)) for field in ("heights_mm", "wavelengths_nm"))
+    told = read_toml(Path(path), FORMAT, VERSION)
+    heights, wavelengths = _axes(told)
+    facts: dict[str, Any] = {field: told.number(field) for field in FIRST_ORDER}
+    facts |= {field: told.text(field, "") for field in TEXTS}
+    facts["sensor_mm"] = told.numbers("sensor_mm", 2) if "sensor_mm" in told else four_by_three(heights[-1])
+    if "transmittance" in told:
+        facts["transmittance"] = told.numbers("transmittance", wavelengths.size)
+    facts["real_height_mm"] = _real_heights(told, wavelengths, heights)
+    facts["relative_illumination"] = _relative_illumination(told, wavelengths, heights, facts)
+    side = told.choice("image_side", ("+y", "-y"))
+    return build_lens(path, _psf_reader(told, wavelengths.size, heights.size, side), side, name=told.text("name"),
+                      wavelengths_nm=wavelengths, heights_mm=heights, **facts)
+
+
+def _axes(told):
+    """Heights in mm and wavelengths in nm: float arrays."""
+    heights, wavelengths = (np.array(told.numbers(field)) for field in ("heights_mm", "wavelengths_nm"))
     if heights.size < 2 or heights[0] != 0 or np.any(np.diff(heights) <= 0):
-        raise LensError(path, "heights_mm", shown(str(heights.tolist())), "expected two or more, ascending from 0")
+        raise told.refusal("heights_mm", "expected two or more, ascending from 0")
     if np.any(np.diff(wavelengths) <= 0):
-        raise LensError(path, "wavelengths_nm", shown(str(wavelengths.tolist())), "expected ascending ones")
-    check_count(path, wavelengths, heights)
-    facts = {field: _number(told, field, path) for field in FIRST_ORDER}
-    facts |= {field: _text(told, field, path, "") for field in TEXTS}
-    facts["sensor_mm"] = _numbers(told, "sensor_mm", path, four_by_three(heights[-1]), 2)
-    facts["transmittance"] = _numbers(told, "transmittance", path, [1.0] * wavelengths.size, wavelengths.size)
-    facts["real_height_mm"] = _real_heights(told, wavelengths, heights, path)
-    facts["relative_illumination"] = _relative_illumination(told, wavelengths, heights, facts, path)
-    side = _choice(told, "image_side", ("+y", "-y"), path)
-    return build_lens(path, _psf_reader(told, wavelengths.size, heights.size, side, path), side,
-                      name=_text(told, "name", path), wavelengths_nm=wavelengths, heights_mm=heights, **facts)
+        raise told.refusal("wavelengths_nm", "expected ascending ones")
+    check_count(told.path, wavelengths, heights)
+    return heights, wavelengths
 
 
-def _description(path):
-    text = read_text(path)
-    if len(text) > LONGEST_DESCRIPTION:
-        raise LensError(path, "description", f"{len(text)} characters", f"expected at most {LONGEST_DESCRIPTION}")
-    try:
-        told = tomllib.loads(text.removeprefix("\ufeff").replace("\r\n", "\n"))
-    except (ValueError, RecursionError) as error:
-        raise LensError(path, "description", "not readable", f"expected TOML ({shown(str(error))})") from None
-    _choice(told, "format", (FORMAT,), path)
-    if told.get("version") != VERSION:
-        raise LensError(path, "version", shown(str(told.get("version", "missing"))), f"expected {VERSION}")
-    return told
-
-
-def _choice(told, field, choices, path):
-    value = _text(told, field, path)
-    if value not in choices:
-        raise LensError(path, field, shown(value), f"expected {' or '.join(choices)}")
-    return value
-
-
-def _text(told, field, path, default=None):
-    value = told.get(field, default)
-    if not isinstance(value, str) or (default is None and not value.strip()):
-        raise LensError(path, field, shown(str(told.get(field, "missing"))), "expected a text")
-    return value
-
-
-def _number(told, field, path):
-    value = told.get(field, "missing")
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or abs(value) > 1e300 and value != np.inf:
-        raise LensError(path, field, shown(str(value)), "expected a number")
-    return float(value)
-
-
-def _numbers(told, field, path, default=None, count=None):
-    """List of floats; of so many, where it is told."""
-    values = told.get(field, default)
-    if not isinstance(values, (list, tuple)) or not values or count not in (None, len(values)):
-        raise LensError(path, field, shown(str("missing" if values is None else values)),
-                        f"expected {'a list of' if count is None else count} numbers in brackets")
-    return [_number({field: value}, field, path) for value in values]
-
-
-def _file(told, field, path, **places):
+def _file(told, field, **places):
     """The file that a field names, with its {height} and {wavelength} put in; never one outside of the folder."""
-    name = _text(told, field, path)
+    name, folder = told.text(field), told.path.parent
     parts = PureWindowsPath(name)
     if parts.is_absolute() or parts.drive or parts.root or ".." in parts.parts or not name.isprintable():
-        raise LensError(path, field, shown(name), "expected the name of a file inside the folder")
+        raise told.refusal(field, "expected the name of a file inside the folder")
     for place, number in places.items():
         name = name.replace(f"{{{place}}}", str(number))
-    file = path.parent / name
-    if not file.resolve().is_relative_to(path.parent.resolve()):
-        raise LensError(path, field, shown(name), "expected a file inside the folder, not a link out of it")
+    file = folder / name
+    if not file.resolve().is_relative_to(folder.resolve()):
+        raise told.refusal(field, "expected a file inside the folder, not a link out of it")
     return file
 
 
-def _real_heights(told, wavelengths, heights, path):
+def _real_heights(told, wavelengths, heights):
     """float array (wavelength, height) from a table, or from listings of field curvature and distortion."""
 
-    def from_listing(text, file, index):
-        blocks = zemax_text.distortion(text, file)
-        block = _of_wavelength(blocks, wavelengths[index], file)
-        return _at_heights(block.field, block.values, heights, file)
+    def from_listing(text, file, nm):
+        listing = _of_wavelength(zemax_text.distortion(text, file), nm, file)
+        return _at_heights(listing.field, listing.values, heights, file)
 
-    return np.abs(_per_wavelength(told, "real_height", wavelengths, heights, path, from_listing))
+    return np.abs(_per_wavelength(told, "real_height", wavelengths, heights, from_listing))
 
 
-def _relative_illumination(told, wavelengths, heights, facts, path):
+def _relative_illumination(told, wavelengths, heights, facts):
     """float array (wavelength, height) from a table, or from listings of relative illumination."""
 
-    def from_listing(text, file, index):
-        listing = _of_wavelength([zemax_text.relative_illumination(text, file)], wavelengths[index], file)
+    def from_listing(text, file, nm):
+        listing = _of_wavelength([zemax_text.relative_illumination(text, file)], nm, file)
         values = _at_heights(_paraxial_heights(listing, heights[-1], facts, file), listing.values, heights, file)
         if not values[0] > 0:
             raise LensError(file, "relative illumination", values[0], "expected a positive one on the axis")
         return values / values[0]
 
-    return _per_wavelength(told, "relative_illumination", wavelengths, heights, path, from_listing)
+    return _per_wavelength(told, "relative_illumination", wavelengths, heights, from_listing)
 
 
-def _per_wavelength(told, field, wavelengths, heights, path, from_listing):
+def _per_wavelength(told, field, wavelengths, heights, from_listing):
     """float array (wavelength, height) from a table; or from listings, one of all wavelengths or one of each."""
-    if "{wavelength}" in _text(told, field, path):
-        files = [_file(told, field, path, wavelength=index + 1) for index in range(wavelengths.size)]
-        return np.stack([from_listing(read_text(file), file, index) for index, file in enumerate(files)])
-    file = _file(told, field, path)
+    if "{wavelength}" in told.text(field):
+        files = [_file(told, field, wavelength=number) for number in range(1, wavelengths.size + 1)]
+        return np.stack([from_listing(read_text(file), file, nm) for file, nm in zip(files, wavelengths, strict=True)])
+    file = _file(told, field)
     text = read_text(file)
     if not zemax_text.is_listing(text):
         return number_table(text, file, field, (wavelengths.size, heights.size))
-    return np.stack([from_listing(text, file, index) for index in range(wavelengths.size)])
+    return np.stack([from_listing(text, file, nm) for nm in wavelengths])
 
 
 def _of_wavelength(listings, wavelength_nm, file):
@@ -177,17 +139,16 @@ def _of_wavelength(listings, wavelength_nm, file):
 
 def _paraxial_heights(listing, last_mm, facts, file):
     """Field coordinates as paraxial image heights: they may be angles, object heights or image heights."""
-    near = np.isfinite(facts["object_distance_mm"])
-    seen = abs(facts["magnification"]) * (facts["object_distance_mm"] + facts["entrance_pupil_mm"])
-    scales = [1.0, abs(facts["magnification"])]
-    if listing.unit.startswith("deg"):
-        if listing.field.max() < 90:
-            return (seen if near else facts["efl_mm"]) * np.tan(np.radians(listing.field))
-        scales = []
-    for scale in scales:
-        if abs(scale * listing.field.max() - last_mm) <= 0.005 * last_mm:
-            return scale * listing.field
-    raise LensError(file, "field", f"up to {listing.field.max():g} {shown(listing.unit)}",
+    largest, magnification = listing.field.max(), abs(facts["magnification"])
+    if not listing.unit.startswith("deg"):
+        for scale in (1.0, magnification):
+            if abs(scale * largest - last_mm) <= 0.005 * last_mm:
+                return scale * listing.field
+    elif largest < 90:
+        focal_mm = (facts["efl_mm"] if np.isinf(facts["object_distance_mm"]) else
+                    magnification * (facts["object_distance_mm"] + facts["entrance_pupil_mm"]))
+        return focal_mm * np.tan(np.radians(listing.field))
+    raise LensError(file, "field", f"up to {largest:g} {shown(listing.unit)}",
                     f"expected angles, or object or paraxial image heights, up to the last of {last_mm:g} mm")
 
 
@@ -201,32 +162,38 @@ def _at_heights(listed_mm, values, heights_mm, file):
     return make_interp_spline(listed_mm, values, k=min(3, listed_mm.size - 1))(heights_mm)
 
 
-def _psf_reader(told, wavelengths, heights, side, path):
+def _psf_reader(told, wavelengths, heights, side):
     """A function of (height number, wavelength number) that reads PSFs, all of which are there."""
-    program = _choice(told, "program", PROGRAMS, path)
-    name = _text(told, "psf", path)
-    if "{height}" not in name or "{wavelength}" not in name:
-        raise LensError(path, "psf", shown(name), "expected a file name with {height} and {wavelength} in it")
-    pitch_um = _number(told, "psf_pitch_um", path) if program == "codev" else None
-    numbers = [(h + 1, w + 1) for h in range(heights) for w in range(wavelengths)]
-    files = {(h, w): _file(told, "psf", path, height=h, wavelength=w) for h, w in numbers}
-    missing = [file for file in files.values() if not file.is_file()]
-    if missing:
-        raise LensError(path, "PSF files", f"{len(missing)} of {len(files)} missing",
-                        f"expected {missing[0].name} there")
+    program = told.choice("program", PROGRAMS)
+    pitch_um = told.number("psf_pitch_um") if program == "codev" else None
+    files = _psf_files(told, wavelengths, heights)
 
     def read(h, w):
         grid = _psf_grid(files[h, w], program, pitch_um)
         y = grid.image_mm[1] if grid.image_mm else 0.0
         if abs(y) > NEGLIGIBLE_MM and (y > 0) != (side == "+y"):
-            raise LensError(path, "image_side", side, f"{files[h, w].name} is of an image point at y = {y:g} mm")
+            raise told.refusal("image_side", f"{files[h, w].name} is of an image point at y = {y:g} mm")
         return grid
 
     return read
 
 
+def _psf_files(told, wavelengths, heights):
+    """{(height number, wavelength number): file}, all of which are there."""
+    name = told.text("psf")
+    if "{height}" not in name or "{wavelength}" not in name:
+        raise told.refusal("psf", "expected a file name with {height} and {wavelength} in it")
+    files = {(h, w): _file(told, "psf", height=h, wavelength=w)
+             for h in range(1, heights + 1) for w in range(1, wavelengths + 1)}
+    missing = [file for file in files.values() if not file.is_file()]
+    if missing:
+        raise LensError(told.path, "PSF files", f"{len(missing)} of {len(files)} missing",
+                        f"expected {missing[0].name} there")
+    return files
+
+
 def _psf_grid(file, program, pitch_um):
-    if program == "zospy":
-        return zospy.psf_grid_of_file(file)
     text = read_text(file)
-    return zemax_text.psf_grid(text, file) if program == "zemax" else codev.psf_grid(text, file, pitch_um)
+    if program == "codev":
+        return codev.psf_grid(text, file, pitch_um)
+    return zemax_text.psf_grid(text, file) if program == "zemax" else zospy.psf_grid(text, file)

@@ -12,8 +12,9 @@ from pathlib import Path, PureWindowsPath
 import numpy as np
 
 from ...errors import LensError
+from ..lens import Lens
 from . import codev, zemax_text
-from .assembly import MOST_PSFS, build_lens, check_count, entrance_pupil, four_by_three
+from .assembly import ISET_ASSUMED, MOST_PSFS, build_lens, check_count, entrance_pupil, four_by_three, object_distance
 from .text import number_table, read_text, shown
 
 PARAMETER_FILE = "isetparms.txt"
@@ -21,15 +22,14 @@ TABLE_ENDING = "_di_.dat"
 PSF_NAMES = ("{base}_PSF_{height}_{wavelength}.dat", "{base}_2D_PSF_Fld{height}_Wave{wavelength}.dat")
 ASSIGNMENT = re.compile(r"""^[ \t"]*([A-Za-z]\w*)[ \t]*=[ \t]*('[^'\n]*'|[^;%"'\n]*)""", re.MULTILINE)
 NUMBERS = ("objDist", "mag", "refWave", "fov", "efl", "fnumber_eff")
-INFINITY_MM = 1e8  # Zemax writes 1e10, CODE V 1e13
 
 
-def is_parameter_file(path):
+def is_parameter_file(path: str | Path) -> bool:
     """Whether a file is named as a bundle's parameter file."""
     return Path(path).name.lower().endswith(PARAMETER_FILE)
 
 
-def find_parameter_file(folder):
+def find_parameter_file(folder: str | Path) -> Path | None:
     """The parameter file in a folder; None where there is none.
 
     Raises
@@ -43,7 +43,7 @@ def find_parameter_file(folder):
     return found[0] if found else None
 
 
-def read_iset(path):
+def read_iset(path: str | Path) -> Lens:
     """The lens of an ISET bundle, by its parameter file.
 
     Raises
@@ -59,7 +59,7 @@ def read_iset(path):
     shape = (wavelengths.size, heights.size)
     check_count(path, wavelengths, heights)
     real = np.abs(_table(base, "DI", shape, files, path))
-    object_mm = np.inf if abs(parameters["objDist"]) >= INFINITY_MM else parameters["objDist"]
+    object_mm = object_distance(parameters["objDist"])
     pupil_mm, pupil_note = entrance_pupil(parameters["fov"], heights[-1], parameters["mag"], object_mm,
                                           parameters["efl"])
     return build_lens(
@@ -69,7 +69,7 @@ def read_iset(path):
         object_distance_mm=object_mm, entrance_pupil_mm=pupil_mm, reference_wavelength_nm=parameters["refWave"],
         sensor_mm=four_by_three(heights[-1]), wavelengths_nm=wavelengths, heights_mm=heights, real_height_mm=real,
         relative_illumination=_table(base, "RI", shape, files, path),
-        notes=f"{pupil_note} Sensor taken as 4 : 3 with the last height at its corners. Transmittance taken as 1.")
+        notes=f"{pupil_note} {ISET_ASSUMED}")
 
 
 def _parameters(path):

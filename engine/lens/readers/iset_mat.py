@@ -13,8 +13,8 @@ import numpy as np
 
 from ...errors import LensError, absence
 from ...files import temporary_folder
-from .assembly import build_lens, entrance_pupil, four_by_three
-from .iset import INFINITY_MM
+from ..lens import Lens
+from .assembly import ISET_ASSUMED, build_lens, entrance_pupil, four_by_three, object_distance
 from .psf_grid import PsfGrid
 from .text import shown
 
@@ -25,7 +25,7 @@ NUMBERS = {"efl_mm": "effectiveFocalLength", "magnification": "mag", "f_number_e
 HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
-def read_iset_mat(path):
+def read_iset_mat(path: str | Path) -> Lens:
     """The lens of an ISETCam .mat, read in a process of its own.
 
     Raises
@@ -37,12 +37,7 @@ def read_iset_mat(path):
     heights, wavelengths = (_array(parts, f"psf.{name}", path, 1) for name in ("fieldHeight", "wavelength"))
     if heights.size < 2:
         raise LensError(path, "psf.fieldHeight", f"{heights.size} heights", "expected two or more")
-    facts = {field: _number(parts, name, path) for field, name in NUMBERS.items()}
-    if abs(facts["object_distance_mm"]) >= INFINITY_MM:
-        facts["object_distance_mm"] = np.inf
-    half_field = _number(parts, "maxfov", path) if "maxfov" in parts else 0.0
-    facts["entrance_pupil_mm"], note = entrance_pupil(half_field, heights[-1], facts["magnification"],
-                                                      facts["object_distance_mm"], facts["efl_mm"])
+    first_order, note = _first_order(parts, heights[-1], path)
     name = PureWindowsPath(_text(parts, "lensFile")).stem or Path(path).stem
     tables = {"real_height_mm": np.abs(_table(parts, "geometry", heights, wavelengths, path)),
               "relative_illumination": _table(parts, "relIllum", heights, wavelengths, path)}
@@ -50,9 +45,19 @@ def read_iset_mat(path):
     return build_lens(
         path, _psf_reader(parts, heights.size, wavelengths.size, code_v, path), "+y" if code_v else "-y", name=name,
         source=f"ISETCam file {Path(path).name}", wavelengths_nm=wavelengths, heights_mm=heights,
-        sensor_mm=four_by_three(heights[-1]), **facts, **tables,
-        notes=f"{note} Sensor taken as 4 : 3 with the last height at its corners. Transmittance taken as 1. The file"
-              f" does not tell how its PSFs lie: taken as ISETCam stores those of {'CODE V' if code_v else 'Zemax'}.")
+        sensor_mm=four_by_three(heights[-1]), **first_order, **tables,
+        notes=f"{note} {ISET_ASSUMED} The file does not tell how its PSFs lie: taken as ISETCam stores those of "
+              f"{'CODE V' if code_v else 'Zemax'}.")
+
+
+def _first_order(parts, last_height_mm, path):
+    """First-order fields of Lens, and a note on what is assumed of them."""
+    facts = {field: _number(parts, name, path) for field, name in NUMBERS.items()}
+    facts["object_distance_mm"] = object_distance(facts["object_distance_mm"])
+    half_field_deg = _number(parts, "maxfov", path) if "maxfov" in parts else 0.0
+    facts["entrance_pupil_mm"], note = entrance_pupil(half_field_deg, last_height_mm, facts["magnification"],
+                                                      facts["object_distance_mm"], facts["efl_mm"])
+    return facts, note
 
 
 def _parts(path):
@@ -60,18 +65,23 @@ def _parts(path):
     _check_kind(path)
     with temporary_folder() as folder:
         target = folder / "parts.npz"
-        command = [sys.executable, "-P", str(CHILD), os.path.abspath(path), str(target)]
-        environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "PYTHONIOENCODING": "utf-8"}
-        try:
-            done = subprocess.run(command, env=environment, capture_output=True, timeout=TIMEOUT_S)
-        except subprocess.TimeoutExpired:
-            raise LensError(path, ".mat file", f"not read in {TIMEOUT_S} s", "save it again from MATLAB") from None
-        if done.returncode:
-            lines = done.stderr.decode("utf-8", errors="replace").split("\n")
-            why = next((line for line in reversed(lines) if line.strip()), "its reader crashed")
-            raise LensError(path, ".mat file", "not readable", f"save the optics again from ISETCam ({shown(why)})")
+        _run_child(path, target)
         with np.load(target, allow_pickle=False) as archive:
             return {name: archive[name] for name in archive.files}
+
+
+def _run_child(path, target):
+    """Have the parts of a .mat written to a .npz by a process of its own."""
+    command = [sys.executable, "-P", str(CHILD), os.path.abspath(path), str(target)]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "PYTHONIOENCODING": "utf-8"}
+    try:
+        done = subprocess.run(command, env=environment, capture_output=True, timeout=TIMEOUT_S)
+    except subprocess.TimeoutExpired:
+        raise LensError(path, ".mat file", f"not read in {TIMEOUT_S} s", "save it again from MATLAB") from None
+    if done.returncode:
+        lines = done.stderr.decode("utf-8", errors="replace").split("\n")
+        why = next((line for line in reversed(lines) if line.strip()), "its reader crashed")
+        raise LensError(path, ".mat file", "not readable", f"save the optics again from ISETCam ({shown(why)})")
 
 
 def _check_kind(path):

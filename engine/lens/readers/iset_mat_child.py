@@ -13,7 +13,7 @@ MEMORY_BYTES = 6 * 2**30
 DEPTH = 3
 
 
-def main(source, target):
+def main(source: str, target: str) -> None:
     """Write every number and text of the ray-trace structure, named as in MATLAB."""
     _limit_memory()
     ray_trace = _find(loadmat(source, squeeze_me=True, struct_as_record=False), DEPTH)

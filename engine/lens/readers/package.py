@@ -6,6 +6,8 @@ digits, and no PSF changes by more than some 1e-4 of its light. Of mirror-symmet
 
 import json
 from dataclasses import fields
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +22,7 @@ SCALARS = tuple(field.name for field in fields(Lens) if field.name not in (*ARRA
 AMPLITUDE_STEPS = np.iinfo(np.uint16).max
 
 
-def write_package(lens, path):
+def write_package(lens: Lens, path: str | Path) -> None:
     """Write `lens` to `path`, whole or not at all."""
     header = {"format": FORMAT, "version": VERSION} | {name: getattr(lens, name) for name in SCALARS}
     with atomic_path(path) as temporary, open(temporary, "wb") as stream:
@@ -28,12 +30,12 @@ def write_package(lens, path):
         np.savez_compressed(stream, header=np.array(json.dumps(header)), **arrays)
 
 
-def read_header(path):
+def read_header(path: str | Path) -> dict[str, Any]:
     """The figures and texts of a lens package, without its tables: dict of the fields of `Lens`."""
     return _header(_contents(path, ["header"]), path)
 
 
-def read_package(path):
+def read_package(path: str | Path) -> Lens:
     """Read a lens package.
 
     Raises

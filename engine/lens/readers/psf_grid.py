@@ -1,6 +1,7 @@
 """Point spread functions as programs export them, and the way from there to a lens's table of them."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -18,7 +19,7 @@ class PsfGrid:
 
     Attributes
     ----------
-    where : path
+    where : Path
         Its file, for errors.
     values : array (row, column)
         Irradiance on any scale.
@@ -31,7 +32,7 @@ class PsfGrid:
         Where the chief ray meets the image plane, (x, y), where the file tells.
     """
 
-    where: object
+    where: Path
     values: np.ndarray
     pitch_um: float
     centre: tuple[int, int]
@@ -61,7 +62,7 @@ def _checked_peak(grid):
     return peak
 
 
-def psf_table(grids, image_side):
+def psf_table(grids: list[list[PsfGrid]], image_side: str) -> tuple[np.ndarray, float]:
     """A lens's table of PSFs: turned outwards, on one pitch and one window, each of unit sum.
 
     PSFs whose pitches differ, as those of FFTs do with wavelength, are interpolated as band-limited functions onto the
@@ -130,7 +131,7 @@ def _windowed(grid, pitch_um, reach):
         window = padded[row:row + 2 * reach + 1, column:column + 2 * reach + 1].astype(float)
     else:
         along_v, along_u = (_interpolation(samples, centre, pitch_um / grid.pitch_um, reach)
-                            for samples, centre in zip(grid.values.shape, grid.centre))
+                            for samples, centre in zip(grid.values.shape, grid.centre, strict=True))
         window = np.clip(along_v @ grid.values.astype(float) @ along_u.T, 0, None)
     if not window.sum() > 0:
         raise LensError(grid.where, "PSF", "0 around its centre", "expected light there")

@@ -12,7 +12,7 @@ LARGEST_FILE = 2**26
 MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 
 
-def read_text(path):
+def read_text(path: str | os.PathLike) -> str:
     """The text of a file in UTF-16, UTF-8 or latin-1.
 
     Raises
@@ -31,7 +31,7 @@ def read_text(path):
         raise LensError(path, "file", "not readable", error.strerror or str(error)) from None
 
 
-def decoded(data):
+def decoded(data: bytes) -> str:
     """The text of bytes in UTF-16, UTF-8 or latin-1."""
     for mark, encoding in MARKS.items():
         if data.startswith(mark):
@@ -44,13 +44,13 @@ def decoded(data):
         return data.decode("latin-1")
 
 
-def shown(text):
+def shown(text: str) -> str:
     """A short, printable piece of a text, for an error."""
     short = text if len(text) <= 40 else text[:37] + "..."
     return "".join(letter if letter.isprintable() else "?" for letter in short)
 
 
-def numbers(text, path, field):
+def numbers(text: str, path: str | os.PathLike, field: str) -> np.ndarray:
     """float array of all the numbers in a text, with decimal points or decimal commas.
 
     Commas beside points part numbers; alone they are decimal commas.
@@ -79,7 +79,7 @@ def _is_number(word):
     return True
 
 
-def number_table(text, path, field, shape):
+def number_table(text: str, path: str | os.PathLike, field: str, shape: tuple[int, int]) -> np.ndarray:
     """float array (wavelength, height) from a table that lists, height by height, one number for each wavelength.
 
     Rows and line ends carry no meaning: some macros write a row for each height, others one number on each line.

@@ -7,6 +7,7 @@ listings by row from the top and column, in Huygens listings by column and row *
 
 import re
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -16,17 +17,19 @@ from .text import numbers, shown
 
 NUMBER = r"([-+]?\d{1,30}(?:[.,]\d{1,30})?(?:[Ee][-+]?\d{1,4})?)"
 WHOLE = r"(\d{1,9})"
+CENTRE = re.compile(rf"Center point is:\s*(row\s*)?{WHOLE},\s*(?:column\s*)?{WHOLE}")
+GRID = re.compile(rf"Image grid size:\s*{WHOLE}\s*by\s*{WHOLE}")
 OTHER_THAN_NUMBERS = re.compile(r"[^\s\d.,eE+\-]")
 MM = {"": 1.0, "millimeters": 1.0, "centimeters": 10.0, "inches": 25.4, "meters": 1000.0}
 FIELD_COLUMNS = ("tan shift", "sag shift", "real height", "ref. height", "distortion (", "distortion(")
 
 
-def is_listing(text):
+def is_listing(text: str) -> bool:
     """Whether a text has more than numbers in it."""
     return OTHER_THAN_NUMBERS.search(text) is not None
 
 
-def psf_grid(text, path):
+def psf_grid(text: str, path: Path) -> PsfGrid:
     """The PSF of a Huygens or FFT listing.
 
     Raises
@@ -70,16 +73,24 @@ def _pitch_um(header, columns, path):
 
 def _centre(header, shape):
     """Row from the bottom and column of the chief ray, from 0."""
+    told = CENTRE.search(header)
+    if "fft psf" in header.lower() or (told and told[1]):
+        return fft_centre(header, shape)
     rows, columns = shape
-    fft = "fft psf" in header.lower() or re.search(r"Center point is:\s*row", header)
-    told = re.search(rf"Center point is:\s*(?:row\s*)?{WHOLE},\s*(?:column\s*)?{WHOLE}", header)
-    if fft:
-        full = re.search(rf"Image grid size:\s*{WHOLE}\s*by\s*{WHOLE}", header)
-        full_rows, full_columns = (int(full[1]), int(full[2])) if full else shape  # of which the middle may be shown
-        row, column = (int(told[1]), int(told[2])) if told else (full_rows // 2 + 1, full_columns // 2)
-        return rows - (row - (full_rows - rows) // 2), column - 1 - (full_columns - columns) // 2
-    column, row = (int(told[1]), int(told[2])) if told else (columns // 2 + 1, rows // 2 + 1)
+    column, row = (int(told[2]), int(told[3])) if told else (columns // 2 + 1, rows // 2 + 1)
     return row - 1, column - 1
+
+
+def fft_centre(header: str, shape: tuple[int, int]) -> tuple[int, int]:
+    """Row from the bottom and column of the chief ray, from 0, in an FFT's PSF of which the middle may be shown.
+
+    The header tells both in the whole grid, from 1, the row from the top; where it does not, it is the usual one.
+    """
+    rows, columns = shape
+    told, whole = CENTRE.search(header), GRID.search(header)
+    whole_rows, whole_columns = (int(whole[1]), int(whole[2])) if whole else shape
+    row, column = (int(told[2]), int(told[3])) if told else (whole_rows // 2 + 1, whole_columns // 2)
+    return rows - (row - (whole_rows - rows) // 2), column - 1 - (whole_columns - columns) // 2
 
 
 def _wavelength_nm(header, path):
@@ -91,7 +102,7 @@ def _wavelength_nm(header, path):
     return 1e3 * _number(told[1])
 
 
-def image_mm(header, path):
+def image_mm(header: str, path: Path) -> tuple[float, float] | None:
     """Where the chief ray meets the image plane, (x, y) in mm, by the header of a PSF; None where it does not tell."""
     told = re.search(rf"(?:Center|Reference) coordinates\s*:\s*{NUMBER},\s*{NUMBER}[ \t]*([A-Za-z]*)", header,
                      re.IGNORECASE)
@@ -122,7 +133,7 @@ class FieldListing:
     wavelength_nm: float | None
 
 
-def relative_illumination(text, path):
+def relative_illumination(text: str, path: Path) -> FieldListing:
     """The relative illumination over the field of a Zemax listing of it."""
     unit = re.search(r"Field (?:values|units) are(?: in)?\s*(\w+)", text, re.IGNORECASE)
     wavelength = re.search(rf"Wavelength\s*:\s*{NUMBER}", text)
@@ -133,7 +144,7 @@ def relative_illumination(text, path):
                         1e3 * _number(wavelength[1]) if wavelength else None)
 
 
-def distortion(text, path):
+def distortion(text: str, path: Path) -> list[FieldListing]:
     """Real over paraxial heights, in mm, from a Zemax listing of field curvature and distortion.
 
     Returns
@@ -145,8 +156,10 @@ def distortion(text, path):
     if kind and not re.match(r"F-Tan", kind[1], re.IGNORECASE):
         raise LensError(path, "Distortion Type", shown(kind[1]), "expected F-Tan(Theta), which has paraxial heights")
     parts = re.split(rf"Data for wavelength\s*:?\s*{NUMBER}[^\n]*", text)
-    blocks = list(zip(parts[1::2], parts[2::2])) or [(None, text)]
-    return [_distortion_block(block, 1e3 * _number(nm) if nm else None, path) for nm, block in blocks]
+    if len(parts) == 1:
+        return [_distortion_block(text, None, path)]
+    return [_distortion_block(block, 1e3 * _number(micrometres), path)
+            for micrometres, block in zip(parts[1::2], parts[2::2], strict=True)]
 
 
 def _distortion_block(text, wavelength_nm, path):

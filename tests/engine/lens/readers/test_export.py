@@ -55,7 +55,7 @@ def test_infinity_is_a_number_of_toml(tmp_path, lens):
 
 
 def relative_illumination_listing(nm, field, values, unit):
-    rows = "\n".join(f"{f:12.6f} {v:14.9f} {5:10.4f}" for f, v in zip(field, values))
+    rows = "\n".join(f"{f:12.6f} {v:14.9f} {5:10.4f}" for f, v in zip(field, values, strict=True))
     return (f"Listing of Relative Illumination Data\n\nWavelength: {nm / 1e3:.6f} µm\nField values are in {unit}.\n\n"
             f"     Y Field      Rel. Ill.   Eff. F/#\n{rows}\n")
 
@@ -64,7 +64,7 @@ def distortion_listing(blocks):
     text = "Listing of Field Curvature/Distortion Data\n\nDistortion Type: F-Tan(Theta).\n"
     for nm, reference, real in blocks:
         rows = "\n".join(f"{0:12.6f} {0:12.6f} {0:12.6f} {y:14.9f} {r:14.9f} {0:12.6f} %"
-                         for r, y in zip(reference, real))
+                         for r, y in zip(reference, real, strict=True))
         text += (f"\nData for wavelength : {nm / 1e3:.6f} µm.\n\n Y Angle (deg)  Tan Shift  Sag Shift  Real Height  "
                  f"Ref. Height  Distortion (%)\n{rows}\n")
     return text
@@ -199,7 +199,7 @@ def test_more_psfs_than_anybody_has_are_refused_at_once(tmp_path, lens):
     error = error_of(export_folder(tmp_path, lens, told={"heights_mm": many, "wavelengths_nm": many}))
     assert error.field == "PSFs" and error.value == "1000 x 1000"
     (tmp_path / "lens.toml").write_text("# long\n" * 200_000)
-    assert error_of(tmp_path / "lens.toml").field == "description"
+    assert error_of(tmp_path / "lens.toml").field == "TOML"
 
 
 @pytest.mark.parametrize("text", ["", "unfinished = true", "format = ", "= 5", "[" * 5000, "a = " + "[" * 5000, "\0",
