@@ -9,7 +9,8 @@ import time
 
 import numpy as np
 
-from lensfield.engine.bake import bake, build_system
+from lensfield.engine.bake.bake import bake
+from lensfield.engine.bake.build import build_system
 from lensfield.engine.bake.diffraction import point_spread
 from lensfield.engine.bake.prescriptions import read_prescription
 from lensfield.engine.bake.wavefront import sample_pupil, trace_wavefronts

@@ -16,7 +16,7 @@ from rayoptics.raytr.raytrace import trace_raw
 from rayoptics.seq.gap import Gap
 from scipy.optimize import brentq
 
-from lensfield.engine.bake import build_system
+from lensfield.engine.bake.build import build_system
 from lensfield.engine.bake.prescriptions import read_prescription
 
 WAVELENGTHS_NM = (400.0, 486.1, 587.5618, 656.3, 700.0)

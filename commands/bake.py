@@ -7,12 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..engine import InputError, LensError
+from ..engine.bake.prescription import FOCUSES, PSF_SAMPLES
 from ..engine.lens.readers.package import write_package
+from ..engine.lens.sampling import HEIGHTS, WAVELENGTHS
 from ..engine.spectral.spectra import parse_wavelengths
 from .arguments import check_outputs, sides_mm
 from .terminal import progress_bar
-
-FOCUSES = ("as given", "paraxial", "best")
 
 
 def add(commands):
@@ -20,12 +20,13 @@ def add(commands):
     bake.add_argument("prescription", type=Path, metavar="FILE",
                       help="Lensfield .toml, Zemax .zmx, Code V .seq, Optiland .json or pbrt .dat")
     bake.add_argument("-o", "--output", type=Path, required=True, metavar="X.npz")
-    bake.add_argument("--heights", type=int, default=21, metavar="N", help="field heights (default %(default)s)")
-    bake.add_argument("--wavelengths", default="400:700:31", metavar="SPEC",
+    bake.add_argument("--heights", type=int, default=HEIGHTS, metavar="N", help="field heights (default %(default)s)")
+    bake.add_argument("--wavelengths", default=WAVELENGTHS, metavar="SPEC",
                       help="nm: first:last:number, or a list (default %(default)s)")
     bake.add_argument("--pitch", type=float, metavar="UM",
                       help="of the PSF samples (default: the finest that keeps 99.5 %% of the light inside)")
-    bake.add_argument("--samples", type=int, default=65, metavar="N", help="of each PSF, odd (default %(default)s)")
+    bake.add_argument("--samples", type=int, default=PSF_SAMPLES, metavar="N",
+                      help="of each PSF, odd (default %(default)s)")
     bake.add_argument("--object-distance", metavar="MM[,MM...]",
                       help="from the object to the first surface, or inf; the focus stays. Several make a set: one "
                            "package each, called after its distance")
@@ -48,7 +49,7 @@ def _add_overrides(group):
 
 def _bake(options):
     try:
-        from ..engine.bake import bake
+        from ..engine.bake.bake import bake
         from ..engine.bake.prescriptions import read_prescription
     except ImportError as error:
         raise InputError("bake", "module", str(error.name), "not there: `make bake` sets up what baking needs, or "
@@ -115,7 +116,7 @@ def _targets(prescription, options):
     """{file: prescription} of every object distance asked for; where there are several the focus stays."""
     if options.object_distance is None:
         return {options.output: prescription}
-    from ..engine.bake import focused
+    from ..engine.bake.bake import focused
 
     try:
         distances_mm = [float(text) for text in options.object_distance.split(",")]
@@ -126,7 +127,8 @@ def _targets(prescription, options):
         return {options.output: replace(prescription, object_distance_mm=distances_mm[0])}
     names = ["inf" if math.isinf(distance) else f"{distance:g}mm" for distance in distances_mm]
     targets = {options.output.with_stem(f"{options.output.stem}_{name}"):
-               replace(prescription, object_distance_mm=distance) for name, distance in zip(names, distances_mm)}
+               replace(prescription, object_distance_mm=distance)
+               for name, distance in zip(names, distances_mm, strict=True)}
     if len(targets) < len(distances_mm):
         raise InputError("options", "--object-distance", options.object_distance, "expected each of them once")
     return targets

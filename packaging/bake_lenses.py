@@ -9,7 +9,7 @@ import sys
 from dataclasses import dataclass, replace
 
 from lensfield.commands.terminal import progress_bar
-from lensfield.engine.bake import bake
+from lensfield.engine.bake.bake import bake
 from lensfield.engine.bake.prescriptions import read_prescription
 from lensfield.engine.lens.readers import BUNDLED
 from lensfield.engine.lens.readers.package import write_package

@@ -89,7 +89,7 @@ def _restored(value, kind):
 
 def surfaces_of(prescription, wavelengths_nm):
     """Surfaces of a prescription, focused and with its stop as baking has them. Needs Optiland."""
-    from lensfield.engine.bake import build_system
+    from lensfield.engine.bake.build import build_system
     from lensfield.engine.bake.glasses import extinction_at
 
     system = build_system(prescription)

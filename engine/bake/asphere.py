@@ -1,7 +1,11 @@
 """Even aspheres as Optiland traces them, but for two things: see `Asphere`."""
 
 import numpy as np
+from optiland.coordinate_system import CoordinateSystem
 from optiland.geometries.even_asphere import EvenAsphere
+from optiland.rays import RealRays
+
+from .prescription import Surface
 
 STEPS = 100
 CONVERGED_MM, GOOD_MM = 1e-13, 1e-9
@@ -16,11 +20,12 @@ class Asphere(EvenAsphere):
 
     Parameters
     ----------
-    coordinate_system : optiland.coordinate_system.CoordinateSystem
+    coordinate_system : CoordinateSystem
+        Optiland's, of the vertex.
     surface : Surface
     """
 
-    def __init__(self, coordinate_system, surface):
+    def __init__(self, coordinate_system: CoordinateSystem, surface: Surface):
         self._curvature, self._conic = 1 / surface.radius_mm, surface.conic
         self._terms = np.array(surface.aspheric)
         at_vertex = self._curvature + 2 * self._terms[0]
@@ -34,7 +39,7 @@ class Asphere(EvenAsphere):
         sag = self._curvature * square / (1 + root) + square * (raised @ self._terms)
         return sag, self._curvature / (2 * root) + raised @ (powers * self._terms)
 
-    def sag(self, x=0, y=0):
+    def sag(self, x: np.ndarray | float = 0, y: np.ndarray | float = 0) -> np.ndarray:
         """Sag in mm at a place."""
         return self._sag_and_slope(np.asarray(x**2 + y**2, dtype=float))[0]
 
@@ -43,7 +48,7 @@ class Asphere(EvenAsphere):
         length = np.sqrt(1 + slope**2 * (x**2 + y**2))
         return slope * x / length, slope * y / length, -1 / length
 
-    def distance(self, rays, aperture=None):
+    def distance(self, rays: RealRays, aperture: object = None) -> np.ndarray:
         """How far each ray has to go, by Newton's method; NaN where it never meets the surface."""
         distance = -rays.z / rays.N
         for _ in range(STEPS):

@@ -1,10 +1,8 @@
-"""Baking: from what a lens is made of to its lens data, through Optiland's rays.
-
-It needs the optional extra `lensfield[bake]`; nothing else of the engine does.
-"""
+"""From a prescription to lens data: chief rays, the window of the PSFs, and then every field height and wavelength."""
 
 import os
 import signal
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
 from multiprocessing import get_context
@@ -15,22 +13,22 @@ from scipy.interpolate import PchipInterpolator
 from ..errors import LensError
 from ..lens.lens import Lens
 from ..lens.readers.assembly import four_by_three
+from ..lens.sampling import HEIGHTS, WAVELENGTHS_NM
+from .build import build_system
 from .diffraction import point_spread
-from .prescription import Prescription, Surface
+from .prescription import PSF_SAMPLES, Prescription
 from .rays import HalfPupil, trace_pupil
-from .system import build_system
 from .wavefront import trace_wavefronts
 from .window import ENERGY, WIDENING, needed_width_um, pitch_for_um
-
-__all__ = ["Prescription", "Surface", "bake", "build_system", "focused"]
 
 CHIEF_RAYS = 49
 SURVEY_FIELDS = (0, 0.3, 0.55, 0.75, 0.85, 0.95, 1)  # of the heights: blur changes fastest where beams are cut off
 SURVEY_SHARE = 0.2  # of the time that a bake takes, roughly, for the progress bar
 
 
-def bake(prescription, *, heights=21, wavelengths_nm=tuple(range(400, 701, 10)), pitch_um=None, samples=65,
-         workers=None, progress=lambda fraction, label: None):
+def bake(prescription: Prescription, *, heights: int = HEIGHTS, wavelengths_nm: Sequence[float] = WAVELENGTHS_NM,
+         pitch_um: float | None = None, samples: int = PSF_SAMPLES, workers: int | None = None,
+         progress: Callable[[float, str], object] = lambda fraction, label: None) -> Lens:
     """Lens data of a prescription.
 
     Parameters
@@ -61,19 +59,18 @@ def bake(prescription, *, heights=21, wavelengths_nm=tuple(range(400, 701, 10)),
     progress(0.0, "Tracing chief rays")
     system = build_system(prescription)
     heights_mm = _field_heights_mm(system, heights)
-    with _pool(replace(system.prescription, focus="as given"), min(workers or os.cpu_count() or 1, heights)) as pool:
-        chosen = pitch_um or _chosen_pitch_um(pool, heights_mm, wavelengths_nm, samples, progress)
-        columns = _columns(pool, heights_mm, wavelengths_nm, chosen, samples, progress)
-        while pitch_um is None and min(psf.sum(axis=(1, 2)).min() for *_, psf in columns) < ENERGY:
-            chosen = pitch_for_um(chosen * samples * WIDENING, samples)  # the survey has missed the widest
-            columns = _columns(pool, heights_mm, wavelengths_nm, chosen, samples, progress)
-    return _lens(system, heights_mm, wavelengths_nm, chosen, columns)
+    with _pool(system.prescription, heights, workers) as pool:
+        if pitch_um is None:
+            pitch_um, columns = _columns_that_hold_the_light(pool, heights_mm, wavelengths_nm, samples, progress)
+        else:
+            columns = _columns(pool, heights_mm, wavelengths_nm, pitch_um, samples, progress)
+    return _lens(system, heights_mm, wavelengths_nm, pitch_um, columns)
 
 
-def focused(prescription):
+def focused(prescription: Prescription) -> Prescription:
     """The same lens with image plane, stop and picture as they come to be, for other object distances to keep."""
     system = build_system(prescription)
-    return replace(system.prescription, focus="as given", aperture=("stop", system.stop_semi_aperture_mm),
+    return replace(system.prescription, aperture=("stop", system.stop_semi_aperture_mm),
                    field=("image_height_mm", system.last_height_mm))
 
 
@@ -105,9 +102,11 @@ def _field_heights_mm(system, number):
     return np.concatenate([[0.0], heights_mm[1:-1], [system.last_height_mm]])
 
 
-def _pool(prescription, workers):
-    """Processes that each have the system."""
-    return ProcessPoolExecutor(workers, get_context("spawn"), initializer=_start_worker, initargs=(prescription,))
+def _pool(prescription, heights, workers):
+    """Processes that each have the system: so many, or one on each core, but none without a field height to trace."""
+    wanted = (os.cpu_count() or 1) if workers is None else workers
+    return ProcessPoolExecutor(min(wanted, heights), get_context("spawn"), initializer=_start_worker,
+                               initargs=(prescription,))
 
 
 _system = None
@@ -133,7 +132,17 @@ def _at_heights(pool, function, heights_mm, arguments, tell):
     return [future.result() for future in futures]
 
 
-def _chosen_pitch_um(pool, heights_mm, wavelengths_nm, samples, progress):
+def _columns_that_hold_the_light(pool, heights_mm, wavelengths_nm, samples, progress):
+    """Finest pitch whose windows hold 99.5 % of the light everywhere, and `_columns` with it."""
+    pitch_um = _surveyed_pitch_um(pool, heights_mm, wavelengths_nm, samples, progress)
+    columns = _columns(pool, heights_mm, wavelengths_nm, pitch_um, samples, progress)
+    while min(psf.sum(axis=(1, 2)).min() for *_, psf in columns) < ENERGY:  # the survey has missed the widest
+        pitch_um = pitch_for_um(pitch_um * samples * WIDENING, samples)
+        columns = _columns(pool, heights_mm, wavelengths_nm, pitch_um, samples, progress)
+    return pitch_um, columns
+
+
+def _surveyed_pitch_um(pool, heights_mm, wavelengths_nm, samples, progress):
     """Finest pitch that keeps 99.5 % of the light in the window, by some heights and wavelengths."""
     some_mm = np.unique(heights_mm[(np.array(SURVEY_FIELDS) * (heights_mm.size - 1)).round().astype(int)])
     some_nm = np.unique(wavelengths_nm[[0, wavelengths_nm.size // 2, -1]])
@@ -155,7 +164,7 @@ def _width_um(height_mm, wavelengths_nm, samples):
 
 
 def _column(height_mm, wavelengths_nm, pitch_um, samples):
-    """Chief-ray heights, illumination and PSFs of one field height, over the wavelengths."""
+    """Of one field height, over the wavelengths: chief-ray heights, illumination and PSFs."""
     real_mm, illumination, psfs = [], [], []
     for wavefront in trace_wavefronts(_system, height_mm, wavelengths_nm):
         psf, area = point_spread(wavefront, pitch_um, samples)
@@ -169,6 +178,7 @@ def _column(height_mm, wavelengths_nm, pitch_um, samples):
 
 
 def _lens(system, heights_mm, wavelengths_nm, pitch_um, columns):
+    """The lens of its tables' columns."""
     prescription = system.prescription
     real_mm, area, psf = (np.stack([column[part] for column in columns], axis=1) for part in range(3))
     real_mm[:, 0] = 0.0  # where rounding leaves 1e-15

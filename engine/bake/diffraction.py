@@ -4,7 +4,7 @@ import finufft
 import numpy as np
 
 from ..errors import LensError
-from .wavefront import sample_pupil
+from .wavefront import Wavefront, sample_pupil
 
 OVERSAMPLING = 1.25  # finer than Nyquist's pitch by this, so that sums over samples are integrals to 1e-3
 ALIAS_WINDOWS = 2.0  # the sum repeats itself at a distance; this many windows must fit in
@@ -13,7 +13,7 @@ MOST_SAMPLES = 1 << 24  # of the pupil, and of the sum: some GB
 COARSE = (24, 32)  # radii and azimuths of the first look at a pupil
 
 
-def point_spread(wavefront, pitch_um, samples):
+def point_spread(wavefront: Wavefront, pitch_um: float, samples: int) -> tuple[np.ndarray, float]:
     """PSF of a wavefront: Huygens' sum over the sphere about the chief ray's image point, as plane waves.
 
     Parameters
@@ -31,22 +31,37 @@ def point_spread(wavefront, pitch_um, samples):
     illumination : float
         Area of the passing bundle in direction cosines at the image, whose ratio to the axis is the relative
         illumination (of a Lambertian object, for radiance is conserved along rays).
+
+    Raises
+    ------
+    LensError
+        A window too wide to sum up.
     """
     coarse = sample_pupil(wavefront, *COARSE)
     if not coarse.cosine_area.any():
         return np.zeros((samples, samples)), 0.0
     wavelength_um, window_um = wavefront.wavelength_nm * 1e-3, samples * pitch_um
-    finest_um = wavelength_um / (4 * coarse.largest_sine * OVERSAMPLING)
-    fine = 2 * int(np.ceil((pitch_um / finest_um - 1) / 2)) + 1 if pitch_um > finest_um else 1
-    growth = [max(step * ALIAS_WINDOWS * window_um / wavelength_um, 1.0) for step in coarse.largest_steps]
-    radii, azimuths = (int(np.ceil(number * grown)) for number, grown in zip(COARSE, growth))
-    if max(radii * azimuths, (samples * fine) ** 2) > MOST_SAMPLES:
+    parts = _parts_of_a_sample(coarse, pitch_um, wavelength_um)
+    radii, azimuths = _pupil_grid(coarse, window_um, wavelength_um)
+    if max(radii * azimuths, (samples * parts) ** 2) > MOST_SAMPLES:
         raise LensError("PSF", "window", f"{window_um * 1e-3:.3g} mm", "too wide to sum up: is the lens in focus here? "
                                                                        "Else give a smaller window")
     pupil = sample_pupil(wavefront, radii, azimuths)
-    light = _plane_wave_sum(pupil, wavelength_um, pitch_um / fine, samples * fine)
-    binned = light.reshape(samples, fine, samples, fine).sum(axis=(1, 3))
+    light = _plane_wave_sum(pupil, wavelength_um, pitch_um / parts, samples * parts)
+    binned = light.reshape(samples, parts, samples, parts).sum(axis=(1, 3))
     return (binned + binned[:, ::-1]) / 2, 2 * pupil.ray_area.sum()
+
+
+def _parts_of_a_sample(pupil, pitch_um, wavelength_um):
+    """Into how many parts along each side a sample is divided to see all of the PSF's detail; odd."""
+    finest_um = wavelength_um / (4 * pupil.largest_sine * OVERSAMPLING)
+    return 2 * int(np.ceil((pitch_um / finest_um - 1) / 2)) + 1 if pitch_um > finest_um else 1
+
+
+def _pupil_grid(pupil, window_um, wavelength_um):
+    """Radii and azimuths of a pupil whose sum does not repeat itself within the window."""
+    growth = [max(step * ALIAS_WINDOWS * window_um / wavelength_um, 1.0) for step in pupil.largest_steps]
+    return tuple(int(np.ceil(number * grown)) for number, grown in zip(COARSE, growth, strict=True))
 
 
 def _plane_wave_sum(pupil, wavelength_um, pitch_um, samples):

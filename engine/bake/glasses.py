@@ -3,13 +3,14 @@
 import difflib
 import io
 import re
+from collections.abc import Sequence
 from contextlib import redirect_stdout
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
 
 import numpy as np
-from optiland.materials import AbbeMaterial, IdealMaterial, MaterialFile
+from optiland.materials import AbbeMaterial, BaseMaterial, IdealMaterial, MaterialFile
 
 from ..errors import LensError
 
@@ -20,7 +21,7 @@ CODE = re.compile(r"(\d{3})(\d{3})|(\d{3,6})\.(\d{3,6})")
 LEAST_ABBE = 10.0  # of what the model of dispersion was made from, and some more
 
 
-def find_glass(name, where, field):
+def find_glass(name: str, where: str, field: str) -> BaseMaterial:
     """Optiland's material of a glass name.
 
     Parameters
@@ -54,7 +55,7 @@ def find_glass(name, where, field):
     return MaterialFile(str(file))  # Material would look for it by likeness, and find N-SF11 for SF11
 
 
-def best_name(name, catalogues):
+def best_name(name: str, catalogues: Sequence[str]) -> str:
     """What we call another program's glass: n/V of a code, or its name with the first of these catalogues that has it.
 
     Where none of them does it stays as it is. Codes are those of glass makers, such as 517642, and Code V's finer
@@ -62,7 +63,7 @@ def best_name(name, catalogues):
     """
     code = CODE.fullmatch(name)
     if code:
-        index, abbe = code[1] or code[3], code[2] or code[4]
+        index, abbe = filter(None, code.groups())
         whole = 2 if index < "300" else 1  # no glass has an index below 1.3, and a few have one above 2
         return f"{float(f'{whole}.{index}'):g}/{100 * float(f'0.{abbe}'):.6g}"
     known = tuple(maker.lower() for maker in catalogues if maker.lower() in _makers())
@@ -114,7 +115,7 @@ def _without_suffix(name):
     return re.sub(r"(?<=\d)[A-Z]+$", "", name)
 
 
-def extinction_at(material, wavelength_nm):
+def extinction_at(material: BaseMaterial, wavelength_nm: float) -> float:
     """Extinction coefficient of a material; 0 where its catalogue has none."""
     with redirect_stdout(io.StringIO()):  # where Optiland says so
         return float(np.ravel(material.k(wavelength_nm * 1e-3))[0])

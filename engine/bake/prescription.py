@@ -1,6 +1,8 @@
 """Prescription: what a lens is made of, as one frozen value, whatever file it came from."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -9,7 +11,7 @@ from ..errors import LensError
 APERTURES = ("stop", "entrance_pupil_diameter_mm", "f_number", "working_f_number", "object_na")
 FIELDS = ("angle_deg", "image_height_mm", "object_height_mm")
 FOCUSES = ("as given", "paraxial", "best")
-FAR_MM = 1e9  # what other programs write for infinity is farther
+PSF_SAMPLES = 65  # along each side of a PSF, where nothing else is asked for
 
 
 @dataclass(frozen=True)
@@ -41,12 +43,12 @@ class Surface:
     aspheric: tuple[float, ...] = ()
     stop: bool = False
 
-    def scaled(self, factor):
+    def scaled(self, factor: float) -> Self:
         """The surface of a lens `factor` times as large."""
         powers = 2 * np.arange(1, len(self.aspheric) + 1)
         return replace(self, radius_mm=self.radius_mm * factor, thickness_mm=self.thickness_mm * factor,
                        semi_aperture_mm=self.semi_aperture_mm * factor,
-                       aspheric=tuple(float(a * factor ** (1 - n)) for a, n in zip(self.aspheric, powers)))
+                       aspheric=tuple(float(a * factor ** (1 - n)) for a, n in zip(self.aspheric, powers, strict=True)))
 
 
 @dataclass(frozen=True)
@@ -91,11 +93,11 @@ class Prescription:
         _check(self)
 
     @property
-    def stop_index(self):
+    def stop_index(self) -> int:
         """Which of the surfaces is the stop."""
         return [surface.stop for surface in self.surfaces].index(True)
 
-    def scaled(self, factor):
+    def scaled(self, factor: float) -> Self:
         """A lens `factor` times as large, of the same f-number, angles and object distance."""
         kind, value = self.aperture
         lengths = ("stop", "entrance_pupil_diameter_mm")
@@ -104,15 +106,10 @@ class Prescription:
                        aperture=(kind, value * factor if kind in lengths else value),
                        field=(field_kind, field * factor if field_kind == "image_height_mm" else field))
 
-    def with_glasses(self, names):
+    def with_glasses(self, names: Mapping[str, str]) -> Self:
         """The same lens with glasses called otherwise: `names` maps those of this prescription to others."""
         return replace(self, surfaces=tuple(replace(surface, glass=names.get(surface.glass, surface.glass))
                                             for surface in self.surfaces))
-
-
-def object_distance(distance_mm):
-    """`Prescription.object_distance_mm` of another program's figure."""
-    return np.inf if distance_mm >= FAR_MM else distance_mm
 
 
 def _check(prescription):

@@ -1,11 +1,13 @@
 """Rays over the stop: aimed by Optiland at a few wavelengths, traced at all of them in one call."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from optiland.rays import RealRays
 
 from ..errors import LensError
+from .system import System
 
 AIMED_WAVELENGTHS = 6  # rays start where a polynomial through these has them: pupils shift little with the wavelength
 ASTRAY = 1e-3  # of the stop: far outside of what gets through, a wide bundle has several ways to a place
@@ -17,14 +19,14 @@ class HalfPupil:
     A centred lens with its field on the y axis is symmetric about the meridional plane.
     """
 
-    def __init__(self, radii, azimuths):
+    def __init__(self, radii: int, azimuths: int):
         self.radii = np.linspace(0, 1, radii)
         self.azimuths = np.linspace(0, np.pi, azimuths)
         radius, azimuth = np.meshgrid(self.radii, self.azimuths, indexing="ij")
         self.x, self.y = radius * np.sin(azimuth), radius * np.cos(azimuth)
 
     @property
-    def shape(self):
+    def shape(self) -> tuple[int, int]:
         """Of arrays of rays: (radius, azimuth)."""
         return self.x.shape
 
@@ -58,12 +60,13 @@ class TracedRays:
     lost: np.ndarray
 
     @property
-    def chief_height_mm(self):
+    def chief_height_mm(self) -> float:
         """Where the chief ray meets the image plane, on the side where images have +y."""
         return float(self.position_mm[1, 0, 0])
 
 
-def trace_pupil(system, height_mm, wavelengths_nm, pupil):
+def trace_pupil(system: System, height_mm: float, wavelengths_nm: Sequence[float] | np.ndarray,
+                pupil: HalfPupil) -> list[TracedRays]:
     """Trace the rays of one field height over the stop, at several wavelengths.
 
     Parameters
@@ -71,7 +74,7 @@ def trace_pupil(system, height_mm, wavelengths_nm, pupil):
     system : System
     height_mm : float
         Paraxial image height.
-    wavelengths_nm : array (wavelength,)
+    wavelengths_nm : sequence of float
     pupil : HalfPupil
 
     Returns
@@ -148,7 +151,8 @@ def _traced(system, start, rays, shape):
     else:
         wave, source = np.zeros(position.shape[1]), start_direction[:2]
     inner = slice(1, -1)  # neither the object nor the image plane
+    places = zip(surfaces.x[inner], surfaces.y[inner], strict=True)
     arrays = {"position_mm": position, "direction": direction, "path_mm": rays.opd + wave, "source": source,
-              "square_height_mm2": np.stack([x**2 + y**2 for x, y in zip(surfaces.x[inner], surfaces.y[inner])]),
+              "square_height_mm2": np.stack([x**2 + y**2 for x, y in places]),
               "lost": ~np.isfinite(position).all(axis=0) | (np.asarray(rays.i) <= 0)}
     return {name: np.reshape(values, (*values.shape[:-1], *shape)) for name, values in arrays.items()}

@@ -1,5 +1,6 @@
 """Wavefronts at the exit pupil: known from a few hundred rays, and between them by splines."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -9,6 +10,7 @@ from scipy.ndimage import binary_dilation
 from scipy.special import roots_legendre
 
 from .rays import HalfPupil, trace_pupil
+from .system import System
 
 RADII, AZIMUTHS = 21, 25  # of the rays: twice as many change no PSF by more than 1e-5
 MARGIN = 3  # azimuths beyond the half circle that splines see, mirrored, so that they have no edge there
@@ -40,7 +42,7 @@ class Wavefront:
 
     wavelength_nm: float
     chief_height_mm: float
-    knots: tuple
+    knots: tuple[np.ndarray, np.ndarray]
     path: np.ndarray
     cosine_x: np.ndarray
     cosine_y: np.ndarray
@@ -48,7 +50,7 @@ class Wavefront:
     ray_y: np.ndarray
     source_x: np.ndarray
     source_y: np.ndarray
-    limits: list
+    limits: list[tuple[np.ndarray, float]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,22 +74,23 @@ class PupilSamples:
     source_area: np.ndarray
 
     @property
-    def largest_steps(self):
+    def largest_steps(self) -> tuple[float, float]:
         """Largest distance in direction cosines of samples that pass and are neighbours in radius, and in azimuth."""
         passing = self.cosine_area > 0
         x, y = np.where(passing, self.cosine_x, np.nan), np.where(passing, self.cosine_y, np.nan)
         return tuple(np.nanmax(np.hypot(np.diff(x, axis=axis), np.diff(y, axis=axis)), initial=0) for axis in (0, 1))
 
     @property
-    def largest_sine(self):
+    def largest_sine(self) -> float:
         """Largest distance of a sample that passes from the middle of them, in direction cosines."""
         passing = self.cosine_area > 0
         x, y = self.cosine_x[passing], self.cosine_y[passing]
         return float(np.hypot(x, y - (y.max() + y.min()) / 2).max())
 
 
-def trace_wavefronts(system, height_mm, wavelengths_nm, radii=RADII, azimuths=AZIMUTHS):
-    """Wavefronts of one field height at several wavelengths: list of Wavefront.
+def trace_wavefronts(system: System, height_mm: float, wavelengths_nm: Sequence[float] | np.ndarray,
+                     radii: int = RADII, azimuths: int = AZIMUTHS) -> list[Wavefront]:
+    """Wavefronts of one field height at several wavelengths.
 
     Parameters
     ----------
@@ -122,7 +125,7 @@ def _wavefront(system, rays, pupil):
         return _spline(pupil, _continued(values, rays.lost), odd)[1]
 
     edges = [(_continued(square, rays.lost), semi_mm**2)
-             for square, semi_mm in zip(rays.square_height_mm2, system.semi_apertures_mm)]
+             for square, semi_mm in zip(rays.square_height_mm2, system.semi_apertures_mm, strict=True)]
     limits = [(_spline(pupil, values)[1], limit) for values, limit in _binding([*edges, (rays.lost * 1.0, 0.5)])]
     knots, path = _spline(pupil, _continued(waves, rays.lost))
     return Wavefront(rays.wavelength_nm, rays.chief_height_mm, knots, path,
@@ -161,7 +164,7 @@ def _continued(values, lost):
     return values
 
 
-def sample_pupil(wavefront, radii, azimuths):
+def sample_pupil(wavefront: Wavefront, radii: int, azimuths: int) -> PupilSamples:
     """Quadrature samples of a wavefront: Gauss-Legendre over the radius, even steps over the azimuth.
 
     Both converge exponentially, for the integrand is smooth and periodic; an aperture's edge is blurred over the
@@ -185,8 +188,9 @@ class _Basis:
     """B-splines at the samples: two products of matrices then evaluate any spline on their grid."""
 
     def __init__(self, knots, radius, azimuth):
-        self._radial, self._azimuthal = ([BSpline(axis, np.eye(axis.size - DEGREE - 1), DEGREE)(places, nu=order)
-                                          for order in (0, 1)] for axis, places in zip(knots, (radius, azimuth)))
+        self._radial, self._azimuthal = (
+            [BSpline(axis, np.eye(axis.size - DEGREE - 1), DEGREE)(places, nu=order) for order in (0, 1)]
+            for axis, places in zip(knots, (radius, azimuth), strict=True))
 
     def values(self, coefficients):
         return self._radial[0] @ coefficients @ self._azimuthal[0].T

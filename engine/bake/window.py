@@ -3,6 +3,7 @@
 import numpy as np
 
 from .diffraction import point_spread
+from .wavefront import Wavefront
 
 ENERGY = 0.995
 SURVEY_SAMPLES = 101
@@ -11,15 +12,15 @@ SEARCH_STEPS = 12
 WIDENING = 1.04
 
 
-def pitch_for_um(width_um, samples):
+def pitch_for_um(width_um: float, samples: int) -> float:
     """Pitch at which a window of so many samples is a little wider than this: of two digits."""
     pitch_um = MARGIN * width_um / samples
     unit = 10.0 ** (np.floor(np.log10(pitch_um)) - 1)
     return float(np.round(np.ceil(pitch_um / unit) * unit, 9))
 
 
-def needed_width_um(wavefront, samples):
-    """Side of a window of so many samples that holds 99.5 % of the light of a `Wavefront`."""
+def needed_width_um(wavefront: Wavefront, samples: int) -> float:
+    """Side of a window of so many samples that holds 99.5 % of the light."""
     width_um = _first_width_um(wavefront)
     for _ in range(SEARCH_STEPS):
         psf, _ = point_spread(wavefront, width_um / samples, samples)

@@ -2,7 +2,6 @@
 
 import builtins
 import sys
-from types import ModuleType
 
 import pytest
 
@@ -30,15 +29,13 @@ def without(monkeypatch):
     return take_out
 
 
-@pytest.mark.parametrize("missing", ["optiland", "finufft"])
-def test_one_line_says_what_is_missing_and_how_to_get_it(without, monkeypatch, tmp_path, capsys, missing):
-    monkeypatch.setitem(sys.modules, "finufft", ModuleType("finufft"))
-    without(missing)
+def test_one_line_says_what_is_missing_and_how_to_get_it(without, tmp_path, capsys):
+    without("optiland", "finufft")
     (tmp_path / "lens.toml").write_text("")
     assert cli.main(["lens", "bake", str(tmp_path / "lens.toml"), "-o", str(tmp_path / "lens.npz")]) == 1
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 1)
-    assert err.startswith(f"lensfield: bake: module is {missing}: not there: ")
+    assert err.startswith("lensfield: bake: module is optiland: not there: ")
     assert "`make bake`" in err and "pip install 'lensfield[bake]'" in err
     assert [path.name for path in tmp_path.iterdir()] == ["lens.toml"]
 

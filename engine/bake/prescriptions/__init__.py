@@ -5,17 +5,18 @@ from pathlib import Path
 
 from ...errors import LensError, absence
 from ...lens.readers.text import shown
+from ..prescription import Prescription
 from .codev import read_codev
 from .optiland_json import read_optiland
 from .pbrt import read_pbrt
-from .toml import read_toml
+from .toml import read_lensfield
 from .zemax import read_zemax
 
-READERS = {".toml": read_toml, ".zmx": read_zemax, ".seq": read_codev, ".json": read_optiland, ".dat": read_pbrt}
+READERS = {".toml": read_lensfield, ".zmx": read_zemax, ".seq": read_codev, ".json": read_optiland, ".dat": read_pbrt}
 DAMAGE = (ValueError, TypeError, KeyError, IndexError, AttributeError, OverflowError, ZeroDivisionError, RecursionError)
 
 
-def read_prescription(path, field=None):
+def read_prescription(path: str | Path, field: tuple[str, float] | None = None) -> Prescription:
     """The prescription in a file: Lensfield's .toml, Zemax .zmx, Code V .seq, Optiland .json or pbrt .dat.
 
     Parameters

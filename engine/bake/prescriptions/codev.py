@@ -2,18 +2,20 @@
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from optiland.fileio.codev.reader.parser import CodeVDataParser
 
 from ...errors import LensError
+from ...lens.readers.assembly import object_distance
 from ...lens.readers.text import read_text, shown
 from ..glasses import best_name
-from ..prescription import Prescription, Surface, object_distance
-from .field_points import field_end, vignetting_note
+from ..prescription import Prescription, Surface
+from .field_and_aperture import field_end, known_aperture, vignetting_note
 
 UNITS_MM = {"M": 1.0, "C": 10.0, "I": 25.4}
-APERTURES = {"EPD": "entrance_pupil_diameter_mm", "FNO": "working_f_number", "NAO": "object_na"}
+APERTURES = {"EPD": "entrance_pupil_diameter_mm", "FNO": "working_f_number", "NAO": "object_na", "NA": "image_na"}
 FIELDS = {"angle": "angle_deg", "object_height": "object_height_mm", "paraxial_image_height": "image_height_mm"}
 TILTS = ("xde", "yde", "zde", "ade", "bde", "cde")
 SHAPES = ("SPS", "CYL", "XTO", "YTO", "AAS", "DIF", "GRT", "MFL")
@@ -94,7 +96,7 @@ class _Parser(CodeVDataParser):
         return token.strip("'\"")
 
 
-def read_codev(path, field=None):
+def read_codev(path: Path, field: tuple[str, float] | None = None) -> Prescription:
     """Read a .seq. CIR apertures stop light; vignetting factors are left aside."""
     parser = _Parser(str(path))
     model = parser.parse()
@@ -146,18 +148,16 @@ def _glass_name(token):
 
 
 def _aperture(path, model, scale):
-    for key, value in model.aperture.items():
-        if key in APERTURES:
-            kind = APERTURES[key]
-            return kind, value * scale if kind.endswith("_mm") else value
-        if key == "NA":
-            return "working_f_number", value and 0.5 / value
-    raise LensError(path, "aperture", "missing", f"expected one of {', '.join(APERTURES)}, NA")
+    aperture = known_aperture(model.aperture, APERTURES, scale)
+    if aperture is None:
+        raise LensError(path, "aperture", "missing", f"expected one of {', '.join(APERTURES)}")
+    kind, value = aperture
+    return aperture if kind != "image_na" else ("working_f_number", 0.5 / value if value else 0.0)
 
 
 def _field(path, model, scale):
-    points = list(zip(model.fields.get("x", ()), model.fields.get("y", ())))
-    return field_end(path, FIELDS.get(model.fields.get("type")), points, scale)
+    fields = model.fields
+    return field_end(path, FIELDS.get(fields.get("type")), fields.get("x", ()), fields.get("y", ()), scale)
 
 
 def _reference_nm(path, model):

@@ -1,30 +1,35 @@
-"""Field points of other programs' files: the field ends at the farthest; their vignetting factors are left aside."""
+"""Field and aperture of other programs' files: the field ends at its farthest point; vignetting factors stay aside."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import zip_longest
+from pathlib import Path
 
 import numpy as np
 
 from ...errors import LensError
+from ..prescription import Surface
 
 
-def field_end(path, kind, points, scale=1.0):
-    """`Prescription.field` of a file.
+def field_end(path: Path, kind: str | None, x: Sequence[float], y: Sequence[float],
+              unit_mm: float = 1.0) -> tuple[str, float]:
+    """`Prescription.field` of a file's field points.
 
     Parameters
     ----------
-    path : path
+    path : Path
         For the error.
     kind : str or None
         One of `FIELDS`; None for what none of them means.
-    points : list of (x, y)
-        In degrees, or in the file's unit of length.
-    scale : float
-        That unit in mm.
+    x, y : sequences of float
+        In degrees, or in the file's unit of length; where one is shorter the rest is 0.
+    unit_mm : float
 
     Raises
     ------
     LensError
         The file does not say where the field ends, or not in a way that we know.
     """
-    x, y = np.abs(np.reshape(points, (-1, 2))).T
+    x, y = np.abs(np.reshape(list(zip_longest(x, y, fillvalue=0.0)), (-1, 2))).T
     values = np.hypot(x, y)
     if kind == "angle_deg":  # of the projections on two planes
         slant = np.degrees(np.arctan(np.hypot(np.tan(np.radians(x)), np.tan(np.radians(y)))))
@@ -33,10 +38,23 @@ def field_end(path, kind, points, scale=1.0):
     if kind is None or not value > 0:
         raise LensError(path, "field", "on the axis alone" if kind else "of no kind that we know",
                         "give --field-angle or --field-height")
-    return kind, value if kind == "angle_deg" else value * scale
+    return kind, _in_mm(kind, value, unit_mm)
 
 
-def vignetting_note(factors, surfaces):
+def known_aperture(figures: Mapping[str, float], kinds: Mapping[str, str],
+                   unit_mm: float = 1.0) -> tuple[str, float] | None:
+    """`Prescription.aperture`: the first of a file's figures that `kinds` has another name for; None without one."""
+    for name, value in figures.items():
+        if name in kinds:
+            return kinds[name], _in_mm(kinds[name], value, unit_mm)
+    return None
+
+
+def _in_mm(kind, value, unit_mm):
+    return value * unit_mm if kind.endswith("_mm") else value
+
+
+def vignetting_note(factors: Iterable[float], surfaces: Sequence[Surface]) -> str:
     """What a lens's notes say of vignetting factors, where any of them is not 0: apertures vignette, these do not."""
     if not any(factors):
         return ""

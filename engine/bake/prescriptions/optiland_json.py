@@ -1,14 +1,16 @@
 """Optiland's own JSON."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 
 from ...errors import LensError
+from ...lens.readers.assembly import object_distance
 from ...lens.readers.text import read_text
 from ..glasses import best_name
-from ..prescription import Prescription, Surface, object_distance
-from .field_points import field_end, vignetting_note
+from ..prescription import Prescription, Surface
+from .field_and_aperture import field_end, known_aperture, vignetting_note
 
 REFRACTIVE = "RefractiveReflectiveModel"
 SHAPES = ("Plane", "StandardGeometry", "EvenAsphere")
@@ -17,7 +19,7 @@ FIELDS = {"AngleField": "angle_deg", "ObjectHeightField": "object_height_mm",
           "ParaxialImageHeightField": "image_height_mm"}
 
 
-def read_optiland(path, field=None):
+def read_optiland(path: Path, field: tuple[str, float] | None = None) -> Prescription:
     """Read what `optiland.fileio.save_optiland_file` wrote."""
     contents = json.loads(read_text(path))
     if not isinstance(contents, dict) or "surface_group" not in contents:
@@ -27,25 +29,14 @@ def read_optiland(path, field=None):
     places = [row["geometry"]["cs"]["z"] for row in rows]
     surfaces = tuple(_surface(path, number, row, places[number + 1] - places[number])
                      for number, row in enumerate(rows[1:-1], 1))
-    distance_mm = places[1] - places[0]
-    kind, value = contents["aperture"]["type"], contents["aperture"]["value"]
-    if kind == "float_by_stop_size":
-        aperture = ("stop", value / 2)
-    elif kind in APERTURES:
-        aperture = (APERTURES[kind], value)
-    else:
-        raise LensError(path, "aperture", kind, f"expected float_by_stop_size, {', '.join(APERTURES)}")
     if contents["fields"].get("telecentric"):
         raise LensError(path, "fields", "telecentric in object space", "expected rays to be aimed at the stop")
     factors = [point.get(axis) for point in contents["fields"]["fields"] for axis in ("vx", "vy")]
-    wavelengths = contents["wavelengths"]["wavelengths"]
-    primary = next((row for row in wavelengths if row["is_primary"]), wavelengths[0])
-    name = " ".join(str(contents.get("name") or path.stem).split())
-    return Prescription(name=name, surfaces=surfaces, aperture=aperture,
-                        field=field or _field(path, contents["fields"]),
-                        object_distance_mm=object_distance(distance_mm),
-                        reference_wavelength_nm=1e3 * primary["value"], source=f"{path.name} (Optiland)",
-                        notes=vignetting_note(factors, surfaces))
+    return Prescription(name=" ".join(str(contents.get("name") or path.stem).split()), surfaces=surfaces,
+                        aperture=_aperture(path, contents["aperture"]), field=field or _field(path, contents["fields"]),
+                        object_distance_mm=object_distance(places[1] - places[0]),
+                        reference_wavelength_nm=_reference_nm(contents["wavelengths"]["wavelengths"]),
+                        source=f"{path.name} (Optiland)", notes=vignetting_note(factors, surfaces))
 
 
 def _check_ends(path, rows):
@@ -73,8 +64,8 @@ def _surface(path, number, row, thickness_mm):
 
 def _glass(path, number, material):
     if material["type"] == "Material":
-        maker = material.get("catalog") or material.get("reference") or ""
-        return best_name(material["name"], [maker])
+        makers = [material[key] for key in ("catalog", "reference") if material.get(key)]
+        return best_name(material["name"], makers[:1])
     if material["type"] == "AbbeMaterial":
         return f"{material['index']:.9g}/{material['abbe']:.9g}"
     if material["type"] == "IdealMaterial" and material["index"] == 1:
@@ -83,5 +74,19 @@ def _glass(path, number, material):
 
 
 def _field(path, fields):
-    kind = FIELDS.get(fields["field_definition"]["field_type"])
-    return field_end(path, kind, [(point["x"], point["y"]) for point in fields["fields"]])
+    x, y = ([point[axis] for point in fields["fields"]] for axis in ("x", "y"))
+    return field_end(path, FIELDS.get(fields["field_definition"]["field_type"]), x, y)
+
+
+def _aperture(path, told):
+    if told["type"] == "float_by_stop_size":
+        return "stop", told["value"] / 2
+    aperture = known_aperture({told["type"]: told["value"]}, APERTURES)
+    if aperture is None:
+        raise LensError(path, "aperture", told["type"], f"expected float_by_stop_size, {', '.join(APERTURES)}")
+    return aperture
+
+
+def _reference_nm(wavelengths):
+    """The primary one of these, or the first."""
+    return 1e3 * next((row for row in wavelengths if row["is_primary"]), wavelengths[0])["value"]

@@ -1,5 +1,7 @@
 """pbrt's lens files: radius, thickness, index and diameter of each surface in mm, with 0 for the stop's radius."""
 
+from pathlib import Path
+
 import numpy as np
 
 from ...errors import LensError
@@ -7,7 +9,7 @@ from ...lens.readers.text import read_text, shown
 from ..prescription import Prescription, Surface
 
 
-def read_pbrt(path, field=None):
+def read_pbrt(path: Path, field: tuple[str, float] | None = None) -> Prescription:
     """Read a pbrt .dat. It has no Abbe numbers: each glass is called by its index, for the user to say what it is."""
     if field is None:
         raise LensError(path, "field", "missing", "a pbrt file does not say where the field ends: give --field-angle")

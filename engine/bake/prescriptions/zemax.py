@@ -1,15 +1,17 @@
 """Zemax .zmx, by Optiland's parser; glasses go by their names, for its own lookup makes up what it lacks."""
 
 import re
+from pathlib import Path
 
 import numpy as np
 from optiland.fileio.zemax.reader.parser import ZemaxDataParser
 
 from ...errors import LensError
+from ...lens.readers.assembly import object_distance
 from ...lens.readers.text import read_text, shown
 from ..glasses import best_name
-from ..prescription import Prescription, Surface, object_distance
-from .field_points import field_end, vignetting_note
+from ..prescription import Prescription, Surface
+from .field_and_aperture import field_end, known_aperture, vignetting_note
 
 UNITS_MM = {"MM": 1.0, "CM": 10.0, "IN": 25.4, "INCH": 25.4, "METER": 1000.0, "M": 1000.0}
 APERTURES = {"EPD": "entrance_pupil_diameter_mm", "imageFNO": "f_number", "paraxialImageFNO": "working_f_number",
@@ -74,7 +76,7 @@ class _Parser(ZemaxDataParser):
         self._refuse(", aperture", data[0], "expected a circle, as CLAP or FLAP")
 
 
-def read_zemax(path, field=None):
+def read_zemax(path: Path, field: tuple[str, float] | None = None) -> Prescription:
     """Read a sequential .zmx. Circular apertures stop light; vignetting factors are left aside."""
     parser = _Parser(str(path))
     model = parser.parse()
@@ -127,16 +129,15 @@ def _aperture(path, model, scale):
         if len(sizes) != 1 or sizes[0] is None:
             raise LensError(path, "FLOA", "without the size of a stop", "expected DIAM at the surface with STOP")
         return "stop", sizes[0] * scale  # what is called DIAM is the semi-diameter
-    for key, value in model.aperture.items():
-        if key in APERTURES:
-            kind = APERTURES[key]
-            return kind, value * scale if kind.endswith("_mm") else value
-    raise LensError(path, "aperture", ", ".join(model.aperture) or "missing", "expected ENPD, FNUM, OBNA or FLOA")
+    aperture = known_aperture(model.aperture, APERTURES, scale)
+    if aperture is None:
+        raise LensError(path, "aperture", ", ".join(model.aperture) or "missing", "expected ENPD, FNUM, OBNA or FLOA")
+    return aperture
 
 
 def _field(path, model, scale):
-    points = list(zip(model.fields["x"], model.fields["y"]))
-    return field_end(path, FIELDS.get(model.fields["type"]), points, scale)
+    fields = model.fields
+    return field_end(path, FIELDS.get(fields["type"]), fields["x"], fields["y"], scale)
 
 
 def _reference_nm(path, model):

@@ -44,8 +44,8 @@ class TomlTable:
 
     def choice(self, field: str, choices: Sequence[str]) -> str:
         """One of these texts."""
-        value = self.text(field)
-        if value not in choices:
+        value = self.values.get(field)
+        if not isinstance(value, str) or value not in choices:
             raise self.refusal(field, f"expected {' or '.join(choices)}")
         return value
 

@@ -7,8 +7,8 @@ import pytest
 from optiland.coordinate_system import CoordinateSystem
 from optiland.rays import RealRays
 
-from lensfield.engine.bake import build_system
 from lensfield.engine.bake.asphere import Asphere
+from lensfield.engine.bake.build import build_system
 from lensfield.engine.bake.prescription import Prescription, Surface
 from lensfield.engine.bake.prescriptions import read_prescription
 from lensfield.engine.bake.rays import HalfPupil, trace_pupil

@@ -3,6 +3,7 @@
 import os
 import pickle
 import signal
+import sys
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import fields
@@ -11,7 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import lensfield.engine.bake as baking
+import lensfield.engine.bake.bake as baking
 from lens_texts import changed
 from lenses import make_lens
 from lensfield import cli
@@ -217,6 +218,14 @@ def test_work_that_breaks_off_leaves_nothing(path, tmp_path, monkeypatch, capfd,
     out, err = capfd.readouterr()
     assert message in err and err.count("\n") == 1 and out == ""
     assert [file.name for file in tmp_path.iterdir()] == ["doublet.toml"]
+
+
+def test_without_finufft_one_line_says_so(path, tmp_path, monkeypatch, capfd):
+    for name in [name for name in sys.modules if name.startswith(f"{baking.__package__}.")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "finufft", None)  # which makes its import fail
+    assert run(path, "-o", tmp_path / "lens.npz") == 1
+    assert capfd.readouterr().err.startswith("lensfield: bake: module is finufft: not there: `make bake` sets up")
 
 
 def test_a_lens_error_comes_through_between_processes():

@@ -7,7 +7,7 @@ import pytest
 
 from lens_texts import CODEV, SURFACES, reader_of
 from lensfield.engine import LensError
-from lensfield.engine.bake import build_system
+from lensfield.engine.bake.build import build_system
 from lensfield.engine.bake.prescription import Prescription, Surface
 
 SINGLET = Prescription("singlet", SURFACES, ("entrance_pupil_diameter_mm", 5.0), ("angle_deg", 14.0),
@@ -77,7 +77,8 @@ def test_the_f_number_at_infinity_is_focal_length_over_pupil(read):
     ([], ("angle_deg", 14.0)), ([("YAN", "YIM"), ("XAN", "XIM")], ("image_height_mm", 14.0)),
     ([("YAN   0.0 14.0", "YIM 0.0 -14.0"), ("XAN   0.0 0.0\n", "")], ("image_height_mm", 14.0)),
     ([("YAN", "YIM"), ("XAN   0.0 0.0", "XIM -3 48")], ("image_height_mm", 50.0)),
-    ([("YAN   0.0 14.0", "YAN 0.0 14.0 &\n 17.0"), ("XAN   0.0 0.0", "XAN 0 0 0")], ("angle_deg", 17.0))])
+    ([("YAN   0.0 14.0", "YAN 0.0 14.0 &\n 17.0"), ("XAN   0.0 0.0", "XAN 0 0 0")], ("angle_deg", 17.0)),
+    ([("XAN   0.0 0.0", "XAN 0.0")], ("angle_deg", 14.0))])
 def test_fields(read, pairs, field):
     assert read(*pairs).field == field
 

@@ -8,7 +8,7 @@ from optiland.physical_apertures import RadialAperture
 
 from lens_texts import PBRT, SURFACES, TOML, changed, saved_by_optiland
 from lensfield.engine import LensError
-from lensfield.engine.bake import build_system
+from lensfield.engine.bake.build import build_system
 from lensfield.engine.bake.prescription import Prescription, Surface
 from lensfield.engine.bake.prescriptions import READERS, read_prescription
 from lensfield.engine.bake.rays import HalfPupil, trace_pupil
@@ -72,9 +72,9 @@ def test_what_a_toml_leaves_out(read):
     ("conic = -0.5", "aspheric = [0, 1]", "surface 3, aspheric is [0, 1]: expected a table of even powers"),
     ("conic = -0.5", "aspheric = {4 = inf}", "surface 3, aspheric is "),
     ("[[surfaces]]", "[surfaces]", "TOML is not readable"),
-    ('name = "singlet"', "scale = 0", "scale is 0.0: expected a positive number"),
-    ('name = "singlet"', "scale = -1", "scale is -1.0: expected a positive number"),
-    ('name = "singlet"', "sensor_mm = [36]", "sensor_mm is [36]: expected [width, height]"),
+    ('name = "singlet"', "scale = 0", "scale is 0: expected a positive number"),
+    ('name = "singlet"', "scale = -1", "scale is -1: expected a positive number"),
+    ('name = "singlet"', "sensor_mm = [36]", "sensor_mm is [36]: expected 2 numbers in brackets"),
     ('name = "singlet"', "sensor_mm = [36, 0]", "sensor_mm is (36.0, 0.0): expected a positive width and height"),
     ('name = "singlet"', "name = 5", "name is 5: expected a text"),
     ('name = "singlet"', "colour = 1", "colour is unknown: expected format, version, scale, "),
@@ -90,8 +90,8 @@ def test_what_a_toml_leaves_out(read):
     ("field = { angle_deg = 14.0 }", "", "field is missing: expected a table with one of angle_deg, "),
     ("{ entrance_pupil_diameter_mm = 5.0 }", "5.0", "aperture is 5.0: expected a table with one of stop, "),
     ("{ entrance_pupil_diameter_mm = 5.0 }", "{ f_number = inf }", "aperture, f_number is inf: expected a positive"),
-    ("version = 1", "version = 2", "format is lensfield-prescription 2: expected format = "),
-    ('format = "lensfield-prescription"', "", "format is None 1: expected format = "),
+    ("version = 1", "version = 2", "version is 2: expected 1"),
+    ('format = "lensfield-prescription"', "", "format is missing: expected lensfield-prescription"),
     ("version = 1", "version =", "TOML is not readable"),
     ("version = 1", "version = 1\n\0", "TOML is not readable")])
 def test_a_toml_that_cannot_be_right_is_told_by_its_field(read, old, new, message):
@@ -145,7 +145,7 @@ def test_a_parabola_is_the_same_lens_as_a_conic_or_as_a_term_in_r2():
     systems = [build_system(lens) for lens in lenses]
     assert systems[1].efl_mm == pytest.approx(systems[0].efl_mm, rel=1e-9)
     ends = [trace_pupil(system, 8.0, [486.1, 656.3], HalfPupil(5, 7)) for system in systems]
-    for one, other in zip(*ends):
+    for one, other in zip(*ends, strict=True):
         np.testing.assert_allclose(other.position_mm, one.position_mm, atol=1e-8)
 
 
@@ -270,7 +270,7 @@ def test_a_glass_that_no_catalogue_has_is_told_with_its_likes(name, glass, messa
 
 @needs_files
 def test_the_fisheye_of_pbrt_is_that_of_its_source():
-    glasses = dict(zip(("1.62", "1.639", "1.654", "1.517", "1.805", "1.673"), (60.3, 44.9, 33.7, 64.2, 25.4, 32.2)))
+    glasses = {"1.62": 60.3, "1.639": 44.9, "1.654": 33.7, "1.517": 64.2, "1.805": 25.4, "1.673": 32.2}
     lens = read_prescription(FILES / "pbrt_fisheye.10mm.dat", ("angle_deg", 70.0))
     system = build_system(lens.with_glasses({index: f"{index}/{abbe}" for index, abbe in glasses.items()}))
     assert system.efl_mm == pytest.approx(9.99, abs=0.005)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from lensfield.engine import LensError
-from lensfield.engine.bake import build_system, focused
+from lensfield.engine.bake.bake import focused
+from lensfield.engine.bake.build import build_system
 from lensfield.engine.bake.diffraction import point_spread
 from lensfield.engine.bake.prescriptions import read_prescription
 from lensfield.engine.bake.rays import HalfPupil, trace_pupil
