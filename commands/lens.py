@@ -13,6 +13,7 @@ from ..engine.lens.finding import SEVERITIES
 from ..engine.lens.info import lens_info, lens_text
 from ..engine.lens.readers import bundled_makers, bundled_names, import_lens
 from ..engine.lens.readers.package import write_package
+from ..engine.lens.sampling import WAVELENGTHS
 from ..engine.spectral.spectra import parse_wavelengths
 from . import bake
 from .arguments import check_outputs, sides_mm
@@ -106,7 +107,7 @@ def _add_export_macro(lens):
                        help="field heights from the axis to the last (default %(default)s)")
     macro.add_argument("--last-height", type=float, metavar="MM",
                        help="paraxial image height of the last field (default: the lens's outermost field)")
-    macro.add_argument("--wavelengths", default="400:700:31", metavar="NM",
+    macro.add_argument("--wavelengths", default=WAVELENGTHS, metavar="NM",
                        help="first:last:number, or a list (default %(default)s)")
     macro.add_argument("--psf-samples", type=int, default=ExportOptions.psf_samples, metavar="N",
                        help="along each side of a PSF, a power of two (default %(default)s)")

@@ -7,7 +7,7 @@ from string import Template
 import numpy as np
 
 from ..errors import InputError
-from ..spectral.spectra import parse_wavelengths
+from .sampling import HEIGHTS, WAVELENGTHS_NM
 
 MACROS = Path(__file__).resolve().parent / "macros"
 PROGRAMS = {"zemax": "zemax.zpl", "codev": "codev.seq", "zospy": "zospy.py.in"}
@@ -43,9 +43,9 @@ class ExportOptions:
         A value with which no lens could be exported.
     """
 
-    heights: int = 21
+    heights: int = HEIGHTS
     last_height_mm: float | None = None
-    wavelengths_nm: tuple[float, ...] = tuple(parse_wavelengths("400:700:31").tolist())
+    wavelengths_nm: tuple[float, ...] = WAVELENGTHS_NM
     psf_samples: int = 64
     psf_pitch_um: float = 0.5
     pupil_samples: int = 128
@@ -64,7 +64,7 @@ class ExportOptions:
             _check_range(name, getattr(self, name))
 
 
-def export_macro(program, options):
+def export_macro(program: str, options: ExportOptions) -> str:
     """The text of a macro that exports a lens from a lens-design program.
 
     The macro takes one wavelength at a time and traces fields at paraxial image heights, as the macros of the paper
