@@ -118,20 +118,25 @@ def _targets(prescription, options):
         return {options.output: prescription}
     from ..engine.bake.bake import focused
 
-    try:
-        distances_mm = [float(text) for text in options.object_distance.split(",")]
-    except ValueError:
-        raise InputError("options", "--object-distance", options.object_distance, "expected mm, or inf") from None
+    distances_mm = _distances_mm(options.object_distance)
     prescription = focused(prescription)
     if len(distances_mm) == 1:
         return {options.output: replace(prescription, object_distance_mm=distances_mm[0])}
     names = ["inf" if math.isinf(distance) else f"{distance:g}mm" for distance in distances_mm]
-    targets = {options.output.with_stem(f"{options.output.stem}_{name}"):
-               replace(prescription, object_distance_mm=distance)
-               for name, distance in zip(names, distances_mm, strict=True)}
-    if len(targets) < len(distances_mm):
-        raise InputError("options", "--object-distance", options.object_distance, "expected each of them once")
-    return targets
+    return {options.output.with_stem(f"{options.output.stem}_{name}"):
+            replace(prescription, object_distance_mm=distance)
+            for name, distance in zip(names, distances_mm, strict=True)}
+
+
+def _distances_mm(text):
+    """Object distances from a list such as 500,1000,inf."""
+    try:
+        distances_mm = [float(word) for word in text.split(",")]
+    except ValueError:
+        raise InputError("options", "--object-distance", text, "expected mm, or inf") from None
+    if len({f"{distance:g}" for distance in distances_mm}) < len(distances_mm):  # files are called by these
+        raise InputError("options", "--object-distance", text, "expected each of them once")
+    return distances_mm
 
 
 def _summary(lens):

@@ -111,22 +111,15 @@ def trace_wavefronts(system: System, height_mm: float, wavelengths_nm: Sequence[
 
 
 def _wavefront(system, rays, pupil):
-    radius_mm = min(abs(system.exit_pupil_distance_mm), LONGEST_RADIUS * system.efl_mm)
-    centre = rays.position_mm[:, :1, :1]
-    radius_mm = np.hypot(radius_mm, centre[1, 0, 0])
-    from_centre = rays.position_mm - centre
-    along = np.sum(from_centre * rays.direction, axis=0)
-    back_mm = along + np.sqrt(along**2 - np.sum(from_centre**2, axis=0) + radius_mm**2)
-    cosines = (from_centre - back_mm * rays.direction) / radius_mm
-    path_mm = rays.path_mm - back_mm
-    waves = (path_mm[0, 0] - path_mm) / (rays.wavelength_nm * 1e-6)
+    """The traced rays' wavefront, as splines over the stop."""
+    waves, cosines = _on_reference_sphere(system, rays)
 
     def spline(values, odd=False):
         return _spline(pupil, _continued(values, rays.lost), odd)[1]
 
     edges = [(_continued(square, rays.lost), semi_mm**2)
              for square, semi_mm in zip(rays.square_height_mm2, system.semi_apertures_mm, strict=True)]
-    limits = [(_spline(pupil, values)[1], limit) for values, limit in _binding([*edges, (rays.lost * 1.0, 0.5)])]
+    limits = [(_spline(pupil, values)[1], limit) for values, limit in _vignetting([*edges, (rays.lost * 1.0, 0.5)])]
     knots, path = _spline(pupil, _continued(waves, rays.lost))
     return Wavefront(rays.wavelength_nm, rays.chief_height_mm, knots, path,
                      spline(cosines[0], odd=True), spline(cosines[1]),
@@ -134,7 +127,28 @@ def _wavefront(system, rays, pupil):
                      spline(rays.source[0], odd=True), spline(rays.source[1]), limits)
 
 
-def _binding(limits):
+def _on_reference_sphere(system, rays):
+    """Where rays cross the sphere through the exit pupil about the chief ray's image point.
+
+    Returns
+    -------
+    waves : array (radius, azimuth)
+        Optical path difference against the chief ray, in wavelengths.
+    cosines : array (3, radius, azimuth)
+        Direction cosines from the image point.
+    """
+    radius_mm = min(abs(system.exit_pupil_distance_mm), LONGEST_RADIUS * system.efl_mm)
+    centre = rays.position_mm[:, :1, :1]
+    radius_mm = np.hypot(radius_mm, centre[1, 0, 0])
+    from_centre = rays.position_mm - centre
+    along = np.sum(from_centre * rays.direction, axis=0)
+    back_mm = along + np.sqrt(along**2 - np.sum(from_centre**2, axis=0) + radius_mm**2)
+    path_mm = rays.path_mm - back_mm
+    waves = (path_mm[0, 0] - path_mm) / (rays.wavelength_nm * 1e-6)
+    return waves, (from_centre - back_mm * rays.direction) / radius_mm
+
+
+def _vignetting(limits):
     """Of (values, limit), those that cut off rays which all the others let through, or nearly."""
     stopped = [values > limit for values, limit in limits]
     nearly = [binary_dilation(~stops, np.ones((3, 3))) for stops in stopped]
