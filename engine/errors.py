@@ -25,7 +25,7 @@ class InputError(ValueError):
         super().__init__(f"{self.where}: {field} is {shown}: {remedy}")
 
     def at(self, where: Any) -> Self:
-        """The same error told of another place: of the file, for instance, where a value made from it told of itself."""
+        """The same error told of another place: of a file, where the value that was made from it told of itself."""
         return type(self)(where, self.field, self.value, self.remedy)
 
     def __reduce__(self):  # it comes back from worker processes, and an exception is made again from its text alone
