@@ -1,6 +1,5 @@
 """From a prescription to lens data: chief rays, the window of the PSFs, and then every field height and wavelength."""
 
-import os
 import signal
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -14,6 +13,7 @@ from ..errors import LensError
 from ..lens.lens import Lens
 from ..lens.readers.assembly import four_by_three
 from ..lens.sampling import HEIGHTS, WAVELENGTHS_NM
+from ..threads import thread_count
 from .build import build_system
 from .diffraction import point_spread
 from .prescription import PSF_SAMPLES, Prescription
@@ -104,7 +104,7 @@ def _field_heights_mm(system, number):
 
 def _pool(prescription, heights, workers):
     """Processes that each have the system: so many, or one on each core, but none without a field height to trace."""
-    wanted = (os.cpu_count() or 1) if workers is None else workers
+    wanted = thread_count() if workers is None else workers
     return ProcessPoolExecutor(min(wanted, heights), get_context("spawn"), initializer=_start_worker,
                                initargs=(prescription,))
 

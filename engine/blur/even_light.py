@@ -1,12 +1,11 @@
 """Even light stays even, so that it need not be filtered: where that is so, and what PSFs' lean makes of it."""
 
-import os
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
 from ..field.psf_bank import PlacedPsfs
 from ..field.psf_table import PsfTable
+from ..threads import thread_pool
 
 
 def flat_slope(psfs: PlacedPsfs, tolerance: float) -> float:
@@ -50,7 +49,7 @@ def even_light(light: np.ndarray, flat: np.ndarray, section_size: int, psfs: Pla
         mask[inside] = True
         values[inside] = light[inside] * density[:light[inside].shape[1], :light[inside].shape[2]]
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with thread_pool() as pool:
         list(pool.map(write_down, np.argwhere(flat)))
     return psfs.planes.without_doubles(mask), psfs.planes.without_doubles(values)
 

@@ -1,10 +1,9 @@
 """Overlap-add: the picture cut into sections, the light of each spread into a patch, the patches summed (Eq. 7-9)."""
 
-import os
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
+from ..threads import thread_count, thread_pool
 from .method import Spreader
 from .section_needs import SectionNeeds
 
@@ -43,8 +42,8 @@ def overlap_add(light: np.ndarray, spreader: Spreader, needs: SectionNeeds) -> n
         return spread
 
     lit_rows = np.flatnonzero(needs.lit.any(axis=1))
-    step = ROWS_PER_CORE * os.cpu_count()
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    step = ROWS_PER_CORE * thread_count()
+    with thread_pool() as pool:
         for start in range(0, lit_rows.size, step):
             chunk = lit_rows[start:start + step]
             spreader.prepare(chunk, needs, pool)

@@ -1,13 +1,12 @@
 """What a picture requires, section by section: black ones nothing, flat ones no filter, most single precision."""
 
-import os
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from ..field.mirror_symmetry import Planes
+from ..threads import thread_pool
 
 SINGLE_NUMBERS = 1e-28, 1e30  # between which sums and products of spectra keep their digits
 
@@ -92,7 +91,7 @@ def _extremes(light, planes, section_size, steps):
         if steps:
             found.slope[i] = _by_section(np.maximum, _steepest(rows, planes, first=i == 0), section_size)
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with thread_pool() as pool:
         list(pool.map(measure, range(shape[0])))
     for axis, n in enumerate(light.shape[1:]):
         if n % section_size:  # black begins inside the last section, and so in reach of the one before it

@@ -1,13 +1,12 @@
 """The ideal image: what the lens lays on the sensor before any blur, by distortion and illumination (Eq. 2)."""
 
-import os
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
 from ..image.irradiance import irradiance_per_radiance
 from ..image.pixel_grid import PixelGrid
 from ..memory import MemoryBudget
+from ..threads import thread_pool
 from .distortion import RIM_PX, FieldGeometry, footprints
 from .mirror_symmetry import Planes
 from .overscan import capture_radius
@@ -56,7 +55,7 @@ class IdealImage:
             ideal[:, rows] = band.average(capture) * factor
 
         step = max(1, BAND_PIXELS // x_mm.size)
-        with ThreadPoolExecutor(os.cpu_count()) as pool:
+        with thread_pool() as pool:
             list(pool.map(work, (slice(top, min(top + step, y_mm.size)) for top in range(0, y_mm.size, step))))
         return ideal
 

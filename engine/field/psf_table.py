@@ -4,12 +4,11 @@ Turning is what makes pixel PSFs expensive. Between two tabulated heights a PSF 
 between two close azimuths nearly so: a table of a few dozen azimuths holds all PSFs of a lens to 0.1 % of their light.
 """
 
-import os
-from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property, lru_cache
 
 import numpy as np
 
+from ..threads import thread_pool
 from .psf_bank import PsfBank
 
 PORTION = 16  # azimuths
@@ -138,7 +137,7 @@ class PsfTables:
         bank = PsfBank.of(self._lens.at_wavelength(wavelength_nm), self._pitch_um, self._support_um)
         own = self._azimuths + 1 if bank.mirror_symmetric else 2 * self._azimuths
         angles_rad = -np.arange(own) * (np.pi / 4 / self._azimuths)
-        with ThreadPoolExecutor(os.cpu_count()) as pool:
+        with thread_pool() as pool:
             portions = np.array_split(angles_rad, -(-own // PORTION))
             quarter = [psfs.astype(self._precision)
                        for part in pool.map(bank.at_table_heights, portions) for psfs in part]

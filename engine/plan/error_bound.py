@@ -6,10 +6,10 @@ of the lens data's heights PSFs are mixtures of theirs, in truth as in the table
 errors of the two: the heights of the data are all there is to look at.
 """
 
-import os
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
+
+from ..threads import thread_pool
 
 MISSED, ROUGHLY_MISSED = 1.2, 2.2  # the true worst over the worst found is less; where a few azimuths stand for all
 BRIGHTEST = 512  # samples of a PSF
@@ -72,7 +72,7 @@ def azimuth_error(wavelengths, azimuths, enough=np.inf):
     enough : float
     """
     steps = np.arange(azimuths if all(each.mirror_symmetric for each in wavelengths) else 2 * azimuths)
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with thread_pool() as pool:
         guesses = np.stack(list(pool.map(lambda each: each.guessed(azimuths, steps), wavelengths)))
         first, then = np.zeros((2, *guesses.shape), dtype=bool)
         first.ravel()[np.argsort(guesses, axis=None)[-BRIGHT_STEPS:]] = True

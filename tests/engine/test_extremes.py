@@ -303,6 +303,6 @@ def test_results_do_not_depend_on_the_number_of_threads(monkeypatch, centre_px, 
     image, lens = radiance(plane, pitch_um=30.0, centre_px=centre_px), comatic_lens()
     results = []
     for threads in (1, 2):
-        monkeypatch.setattr("os.cpu_count", lambda threads=threads: threads)
+        monkeypatch.setattr("lensfield.engine.threads.thread_count", lambda threads=threads: threads)
         results.append(simulate(image, lens, options).cube)
     np.testing.assert_array_equal(*results)

@@ -145,7 +145,7 @@ def test_the_sum_is_the_same_to_the_last_bit_with_any_number_of_threads(monkeypa
     planes = noise((4, 33, 47)).astype(np.float32)
     results = []
     for threads in (1, 2, 3, 8):
-        monkeypatch.setattr("os.cpu_count", lambda threads=threads: threads)
+        monkeypatch.setattr("lensfield.engine.threads.thread_count", lambda threads=threads: threads)
         results.append(overlap_add(planes, Stamps(5, stamp(4)), all_lit((33, 47), 5)))
     for result in results[1:]:
         np.testing.assert_array_equal(result, results[0])

@@ -181,7 +181,7 @@ def test_single_precision_is_good_to_its_last_digits():
 def test_tables_do_not_depend_on_the_number_of_threads(monkeypatch):
     tables = []
     for threads in (1, 2, 5):
-        monkeypatch.setattr("os.cpu_count", lambda threads=threads: threads)
+        monkeypatch.setattr("lensfield.engine.threads.thread_count", lambda threads=threads: threads)
         tables.append(table(LENSES["comatic"], 4).table)
     np.testing.assert_array_equal(tables[0], tables[1])
     np.testing.assert_array_equal(tables[0], tables[2])
