@@ -10,6 +10,7 @@ from .field.ideal_image import IdealImage
 from .field.psf_bank import PlacedPsfs, PsfBank
 from .field.psf_table import PsfTable
 from .image.pixel_grid import PixelGrid
+from .lens import Lens
 from .memory import MemoryBudget
 from .plan.plan import Plan
 
@@ -30,7 +31,7 @@ class Channel:
         For what pictures share, to keep it for the next one; `kept` says whether the channel itself found any.
     """
 
-    def __init__(self, lens, wavelength_nm: float, capture: PixelGrid, plan: Plan, table: PsfTable | None,
+    def __init__(self, lens: Lens, wavelength_nm: float, capture: PixelGrid, plan: Plan, table: PsfTable | None,
                  memory: MemoryBudget) -> None:
         optics = lens.at_wavelength(wavelength_nm)
         self.field = FieldGeometry(optics, lens.name)
@@ -56,7 +57,9 @@ class Channel:
         plan, planes, radius = self._plan, self.planes, self._plan.psf_radius_px
         size = plan.method.section_size
         needs = section_needs(ideal, planes, size, radius, plan.single_range, self._flat_slope)
-        even = even_light(ideal, needs.flat, size, self._psfs, self._table) if needs.flat.any() else None
+        even = None
+        if self._table and needs.flat.any():
+            even = even_light(ideal, needs.flat, size, self._psfs, self._table)
         planes.without_doubles(ideal)
         dark = ideal.min()
         blurred = planes.join(overlap_add(ideal, self._spreader, needs), radius)

@@ -3,6 +3,7 @@
 import os
 import shutil
 import tempfile
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -13,7 +14,7 @@ os.umask(UMASK)
 _pending = set()
 
 
-def make_folder(path):
+def make_folder(path: Path) -> None:
     """Make a folder and those above it; an InputError where that cannot be."""
     try:
         Path(path).mkdir(parents=True, exist_ok=True)
@@ -21,7 +22,7 @@ def make_folder(path):
         raise InputError(path, "folder", "not to be made", error.strerror or str(error)) from None
 
 
-def check_target(path):
+def check_target(path: Path) -> None:
     """Raise an InputError where no file of this name could be written, before the work that is to fill it."""
     path = Path(path)
     if path.is_dir():
@@ -38,7 +39,7 @@ def check_target(path):
 
 
 @contextmanager
-def atomic_path(path):
+def atomic_path(path: Path) -> Iterator[Path]:
     """A temporary path beside `path`, moved onto it when the block ends well and removed when it does not."""
     check_target(path)
     path = Path(path).resolve()  # through a link, which stays
@@ -51,7 +52,7 @@ def atomic_path(path):
 
 
 @contextmanager
-def temporary_folder():
+def temporary_folder() -> Iterator[Path]:
     """A folder that is removed when the block ends."""
     with _pending_path(Path(tempfile.mkdtemp(prefix="lensfield-"))) as folder:
         yield folder
@@ -67,7 +68,7 @@ def _pending_path(path):
         _pending.discard(path)
 
 
-def remove_pending():
+def remove_pending() -> None:
     """Remove all that is half-written; for a process that is about to be stopped."""
     for path in list(_pending):
         _remove(path)

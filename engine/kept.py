@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from .channel import Channel
 from .field.psf_table import PsfTables
 from .image.spectral_image import SpectralImage
+from .lens import Lens
 from .memory import MemoryBudget
 from .plan.choose import make_plan
 from .plan.options import Options
@@ -22,16 +23,19 @@ class Kept:
 
     def __init__(self, limit_mb: float = 1024) -> None:
         self._limit_bytes = limit_mb * 1e6
-        self._plans, self._of = {}, None
+        self._plans: dict[tuple, Plan] = {}
+        self._channels: dict[float, Channel] = {}
+        self._tables: PsfTables | None = None
+        self._of: tuple | None = None
 
-    def plan(self, options: Options, lens, radiance: SpectralImage) -> Plan:
+    def plan(self, options: Options, lens: Lens, radiance: SpectralImage) -> Plan:
         """The plan for a picture; the same for pictures of the same grid and wavelengths."""
         key = options, lens, radiance.grid, tuple(radiance.wavelengths_nm)
         if key not in self._plans:
             self._plans = {key: make_plan(options, lens, radiance)}
         return self._plans[key]
 
-    def channels(self, lens, radiance: SpectralImage, plan: Plan) -> Iterator[Channel]:
+    def channels(self, lens: Lens, radiance: SpectralImage, plan: Plan) -> Iterator[Channel]:
         """Each wavelength's way through the lens, one after another."""
         of = lens, tuple(radiance.wavelengths_nm), radiance.grid, plan
         if of != self._of:  # what was kept is of no more use
@@ -42,7 +46,7 @@ class Kept:
         for wavelength_nm in radiance.wavelengths_nm:
             channel = self._channels.get(wavelength_nm)
             if channel is None:
-                table = self._tables and self._tables.at_wavelength(wavelength_nm)
+                table = self._tables.at_wavelength(wavelength_nm) if self._tables else None
                 channel = Channel(lens, wavelength_nm, radiance.grid, plan, table, self._memory)
                 if channel.kept:
                     self._channels[wavelength_nm] = channel

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -222,7 +223,7 @@ class Report:
 
     def as_dict(self) -> dict:
         """The report as JSON can hold it."""
-        facts = {"stages_s": dict(self.stages), "total_s": sum(self.stages.values())}
+        facts: dict[str, Any] = {"stages_s": dict(self.stages), "total_s": sum(self.stages.values())}
         for part in (self.lens_image, self.scene, self.file):
             facts |= asdict(part) if part else {}
         if self.lens_image:

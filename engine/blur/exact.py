@@ -2,11 +2,16 @@
 times their time."""
 
 from collections.abc import Iterator
+from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
 
-from .method import SECTION_SIZE, Method, Workload
+from ..field.psf_bank import PlacedPsfs
+from ..field.psf_table import PsfTable
+from ..memory import MemoryBudget
+from .method import SECTION_SIZE, Method, Psfs, Workload
+from .section_needs import SectionNeeds
 
 
 @dataclass(frozen=True)
@@ -20,20 +25,21 @@ class Exact(Method):
     section_size: int = SECTION_SIZE
 
     @classmethod
-    def by_knobs(cls, section_size, azimuths, psf_radius_px, most_px):
+    def by_knobs(cls, section_size: int | None, azimuths: int | None, psf_radius_px: int, most_px: int) -> Method:
         return cls()
 
     @property
-    def text(self):
+    def text(self) -> str:
         return "every pixel's own PSF"
 
-    def counts(self, work: Workload):
+    def counts(self, work: Workload) -> dict[str, float]:
         return {"turned sample": 2 * work.pixels * work.samples}  # Python's lock leaves little to a second core
 
-    def kept_values(self, work: Workload):
+    def kept_values(self, work: Workload) -> float:
         return 0
 
-    def spreader(self, psfs, table, psf_radius_px, memory):
+    def spreader(self, psfs: PlacedPsfs, table: PsfTable | None, psf_radius_px: int,
+                 memory: MemoryBudget) -> "ExactSections":
         return ExactSections(self.section_size, psf_radius_px, psfs.psfs)
 
 
@@ -47,12 +53,12 @@ class ExactSections:
         Unit-sum PSFs of the pixels of these index terms.
     """
 
-    def __init__(self, section_size: int, psf_radius_px: int, psfs) -> None:
+    def __init__(self, section_size: int, psf_radius_px: int, psfs: Psfs) -> None:
         self.section_size, self.radius_px = section_size, psf_radius_px
         self.space_px = section_size + 2 * psf_radius_px
         self._psfs = psfs
 
-    def prepare(self, rows, needs, pool) -> None:
+    def prepare(self, rows: np.ndarray, needs: SectionNeeds, pool: Executor) -> None:
         """Nothing: PSFs are turned where they are used."""
 
     def spread(self, i: int, columns: np.ndarray, band: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:

@@ -1,12 +1,17 @@
 """Isoplanatic sections, of one PSF each: the paper's method (Eq. 7-9); or one PSF for the whole picture."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import fft
 
-from .method import Method, Workload, section_sizes, space_px, spectrum_values, transform_counts
+from ..field.psf_bank import PlacedPsfs
+from ..field.psf_table import PsfTable
+from ..memory import MemoryBudget
+from .method import Method, Psfs, Workload, section_sizes, space_px, spectrum_values, transform_counts
+from .section_needs import SectionNeeds
 
 PAPER_SECTION, PAPER_SPACE = 16, 64
 BATCH_VALUES = 1 << 18  # what the processor's cache holds
@@ -28,7 +33,7 @@ class Paper(Method):
     space_px: int
 
     @classmethod
-    def by_knobs(cls, section_size, azimuths, psf_radius_px, most_px):
+    def by_knobs(cls, section_size: int | None, azimuths: int | None, psf_radius_px: int, most_px: int) -> Method:
         if section_size is None:
             section = min(PAPER_SECTION, most_px)
             return cls(section, space_px(section, psf_radius_px, PAPER_SPACE))
@@ -36,21 +41,22 @@ class Paper(Method):
         return cls(section, space_px(section, psf_radius_px))
 
     @property
-    def text(self):
+    def text(self) -> str:
         return f"{self.section_size} px sections of one PSF each, as in the paper"
 
-    def counts(self, work: Workload):
+    def counts(self, work: Workload) -> dict[str, float]:
         down, across = work.sections(self.section_size)
         return transform_counts(work, self.section_size, self.space_px, down * across, down * across) | {
             "turned sample": down * across * work.samples, "step": down}
 
-    def kept_values(self, work: Workload):
+    def kept_values(self, work: Workload) -> float:
         return 2 * work.sections(self.section_size)[1] * spectrum_values(self.space_px)
 
-    def spreader(self, psfs, table, psf_radius_px, memory):
-        middles = [(np.arange(-(-n // self.section_size)) + 0.5) * self.section_size - 0.5
-                   for n in psfs.planes.grid.shape_px]
-        return IsoplanaticSections(self.section_size, self.space_px, psf_radius_px, psfs.psfs, middles, memory)
+    def spreader(self, psfs: PlacedPsfs, table: PsfTable | None, psf_radius_px: int,
+                 memory: MemoryBudget) -> "IsoplanaticSections":
+        rows, columns = ((np.arange(-(-n // self.section_size)) + 0.5) * self.section_size - 0.5
+                         for n in psfs.planes.grid.shape_px)
+        return IsoplanaticSections(self.section_size, self.space_px, psf_radius_px, psfs.psfs, (rows, columns), memory)
 
 
 @dataclass(frozen=True)
@@ -63,24 +69,25 @@ class OnePsf(Method):
     space_px: int
 
     @classmethod
-    def choices(cls, azimuths, psf_radius_px, most_px):
+    def choices(cls, azimuths: int, psf_radius_px: int, most_px: int) -> Iterable[Method]:
         return [cls(size, space_px(size, psf_radius_px)) for size in section_sizes(most_px)]
 
     @property
-    def text(self):
+    def text(self) -> str:
         return "one PSF for the picture"
 
-    def counts(self, work: Workload):
+    def counts(self, work: Workload) -> dict[str, float]:
         down, across = work.sections(self.section_size)
         return transform_counts(work, self.section_size, self.space_px, down * across, 1) | {
             "turned sample": work.samples, "step": down}
 
-    def kept_values(self, work: Workload):
+    def kept_values(self, work: Workload) -> float:
         return 2 * spectrum_values(self.space_px)
 
-    def spreader(self, psfs, table, psf_radius_px, memory):
-        middle = [np.array([(n - 1) / 2]) for n in psfs.planes.grid.shape_px]
-        return IsoplanaticSections(self.section_size, self.space_px, psf_radius_px, psfs.psfs, middle, memory)
+    def spreader(self, psfs: PlacedPsfs, table: PsfTable | None, psf_radius_px: int,
+                 memory: MemoryBudget) -> "IsoplanaticSections":
+        row, column = (np.array([(n - 1) / 2]) for n in psfs.planes.grid.shape_px)
+        return IsoplanaticSections(self.section_size, self.space_px, psf_radius_px, psfs.psfs, (row, column), memory)
 
 
 class IsoplanaticSections:
@@ -98,13 +105,14 @@ class IsoplanaticSections:
         For the OTFs of rows that are done, to keep them for the next picture.
     """
 
-    def __init__(self, section_size: int, space_px: int, psf_radius_px: int, psfs, places, memory) -> None:
+    def __init__(self, section_size: int, space_px: int, psf_radius_px: int, psfs: Psfs,
+                 places: tuple[np.ndarray, np.ndarray], memory: MemoryBudget) -> None:
         self.section_size, self.space_px, self.radius_px = section_size, space_px, psf_radius_px
         self._psfs, self._memory = psfs, memory
         self._rows, self._columns = places
         self._otfs, self._kept = {}, set()
 
-    def prepare(self, rows, needs, pool) -> None:
+    def prepare(self, rows: np.ndarray, needs: SectionNeeds, pool: Executor) -> None:
         """Make the OTFs that the lit sections of these rows need."""
         wanted = {}
         for i in rows:

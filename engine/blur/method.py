@@ -1,7 +1,8 @@
 """What every way of filtering has in common: its name, its knobs, its work, and what spreads the light by it."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
@@ -18,6 +19,12 @@ SECTION_SIZE, AZIMUTHS = 32, 32  # where they are not set
 SECTION_SIZES = (16, 24, 32, 48, 64, 96, 128, 192, 256)  # to choose from by accuracy
 
 
+Place = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""Where in the field, (paraxial_height_mm, azimuth_rad), pixels of these rows and columns lie."""
+Psfs = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""PSFs, array (n, row, column) of unit sums, of the pixels of these n rows and columns."""
+
+
 class Spreader(Protocol):
     """Spreads the light of sections, for `overlap_add`."""
 
@@ -27,7 +34,7 @@ class Spreader(Protocol):
     radius_px: int
     """How far patches begin above and left of their sections."""
 
-    def prepare(self, rows: np.ndarray, needs: SectionNeeds, pool) -> None:
+    def prepare(self, rows: np.ndarray, needs: SectionNeeds, pool: Executor) -> None:
         """Make what these rows of sections need."""
 
     def spread(self, i: int, columns: np.ndarray, band: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:

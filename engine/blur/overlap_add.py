@@ -47,6 +47,6 @@ def overlap_add(light: np.ndarray, spreader: Spreader, needs: SectionNeeds) -> n
         for start in range(0, lit_rows.size, step):
             chunk = lit_rows[start:start + step]
             spreader.prepare(chunk, needs, pool)
-            for i, spread in zip(chunk, pool.map(strip, chunk)):  # in order: the same with any number of threads
+            for i, spread in zip(chunk, pool.map(strip, chunk), strict=True):  # in order, whatever the threads
                 canvas[:, i * size:i * size + space] += spread
     return canvas[:, :rows + 2 * radius, :columns + 2 * radius]

@@ -5,12 +5,18 @@ of them, as little as is asked for. Light stays positive, and dim pixels keep si
 work is that of multiplying every pixel with every tap of its PSF: the best way where PSFs are some tens of pixels.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Executor
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
-from .method import AZIMUTHS, SECTION_SIZE, Method, Workload
+from ..field.psf_bank import PlacedPsfs
+from ..field.psf_table import PsfTable
+from ..memory import MemoryBudget
+from .method import AZIMUTHS, SECTION_SIZE, Method, Place, Workload
+from .section_needs import SectionNeeds
 
 RUN_VALUES = 1 << 21  # of the PSFs of a run of sections
 
@@ -28,25 +34,27 @@ class Pixels(Method):
     azimuths: int = AZIMUTHS
 
     @classmethod
-    def by_knobs(cls, section_size, azimuths, psf_radius_px, most_px):
+    def by_knobs(cls, section_size: int | None, azimuths: int | None, psf_radius_px: int, most_px: int) -> Method:
         return cls(min(SECTION_SIZE, most_px), azimuths or AZIMUTHS)
 
     @classmethod
-    def choices(cls, azimuths, psf_radius_px, most_px):
+    def choices(cls, azimuths: int, psf_radius_px: int, most_px: int) -> Iterable[Method]:
         return [cls(min(SECTION_SIZE, most_px), azimuths)]
 
     @property
-    def text(self):
+    def text(self) -> str:
         return f"a PSF for every pixel, from {self.azimuths} azimuths"
 
-    def counts(self, work: Workload):
+    def counts(self, work: Workload) -> dict[str, float]:
         return {"tap": work.pixels * work.taps, "step": work.sections(self.section_size)[0],
                 "mixed tap": work.pixels * work.taps / work.planes.count}
 
-    def kept_values(self, work: Workload):
+    def kept_values(self, work: Workload) -> float:
         return RUN_VALUES * 3 / 2
 
-    def spreader(self, psfs, table, psf_radius_px, memory):
+    def spreader(self, psfs: PlacedPsfs, table: PsfTable | None, psf_radius_px: int,
+                 memory: MemoryBudget) -> "PixelSections":
+        assert table is not None  # as every method with azimuths is given one
         return PixelSections(self.section_size, psf_radius_px, table, psfs.place, memory)
 
 
@@ -63,13 +71,14 @@ class PixelSections:
         For the pixels' PSFs, to keep them for the next picture.
     """
 
-    def __init__(self, section_size: int, psf_radius_px: int, table, place, memory) -> None:
+    def __init__(self, section_size: int, psf_radius_px: int, table: PsfTable, place: Place,
+                 memory: MemoryBudget) -> None:
         self.section_size, self.radius_px = section_size, psf_radius_px
         self.space_px = section_size + 2 * psf_radius_px
         self._table, self._place, self._memory = table, place, memory
         self._psfs = {}
 
-    def prepare(self, rows, needs, pool) -> None:
+    def prepare(self, rows: np.ndarray, needs: SectionNeeds, pool: Executor) -> None:
         """Nothing: a section's PSFs are made where they are used."""
 
     def spread(self, i: int, columns: np.ndarray, band: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
@@ -79,7 +88,8 @@ class PixelSections:
             light = band[:, :, left * size:right * size]
             patch = np.zeros((len(band), size + reach, light.shape[2] + reach), band.dtype)
             part = np.empty_like(light)
-            for row, column, psf in zip(self._table.rows, self._table.columns, self._run_psfs(i, left, right)):
+            psfs = self._run_psfs(i, left, right)
+            for row, column, psf in zip(self._table.rows, self._table.columns, psfs, strict=True):
                 np.multiply(light, psf, out=part)
                 patch[:, row:row + size, column:column + light.shape[2]] += part
             yield left * size, patch
@@ -88,7 +98,7 @@ class PixelSections:
         """Runs of neighbouring sections, none of them too long for the cache: pairs (first, one after the last)."""
         most = max(1, RUN_VALUES // (len(self._table.rows) * self.section_size**2))
         ends = [*(np.flatnonzero(np.diff(columns) > 1) + 1), columns.size]
-        for start, end in zip([0, *ends], ends):
+        for start, end in pairwise([0, *ends]):
             for first in range(start, end, most):
                 yield columns[first], columns[min(first + most, end) - 1] + 1
 

@@ -9,13 +9,28 @@ data are no finer, and between azimuths it is as good as these are close. A pixe
 Weights are never negative and sum to 1.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import fft
 
-from .method import AZIMUTHS, SECTION_SIZE, Method, Workload, section_sizes, space_px, spectrum_values, transform_counts
+from ..field.psf_bank import PlacedPsfs
+from ..field.psf_table import PsfTable
+from ..memory import MemoryBudget
+from .method import (
+    AZIMUTHS,
+    SECTION_SIZE,
+    Method,
+    Place,
+    Workload,
+    section_sizes,
+    space_px,
+    spectrum_values,
+    transform_counts,
+)
+from .section_needs import SectionNeeds
 
 BATCH_VALUES = 1 << 18  # what the processor's cache holds
 NODES_BESIDE, OVER_EDGE = 2, 1.1  # nodes around a section beside those in it; its diagonals reach over its sides
@@ -34,24 +49,24 @@ class Sections(Method):
     azimuths: int = AZIMUTHS
 
     @classmethod
-    def by_knobs(cls, section_size, azimuths, psf_radius_px, most_px):
+    def by_knobs(cls, section_size: int | None, azimuths: int | None, psf_radius_px: int, most_px: int) -> Method:
         section = min(section_size or SECTION_SIZE, most_px)
         return cls(section, space_px(section, psf_radius_px), azimuths or AZIMUTHS)
 
     @classmethod
-    def choices(cls, azimuths, psf_radius_px, most_px):
+    def choices(cls, azimuths: int, psf_radius_px: int, most_px: int) -> Iterable[Method]:
         return [cls(size, space_px(size, psf_radius_px), azimuths) for size in section_sizes(most_px)]
 
     @property
-    def text(self):
+    def text(self) -> str:
         return f"{self.section_size} px sections between {self.azimuths} azimuths"
 
-    def counts(self, work: Workload):
+    def counts(self, work: Workload) -> dict[str, float]:
         down, across = work.sections(self.section_size)
         weighed, nodes = self._nodes(work)
         return transform_counts(work, self.section_size, self.space_px, weighed, nodes) | {"step": down * across}
 
-    def kept_values(self, work: Workload):
+    def kept_values(self, work: Workload) -> float:
         return self._nodes(work)[1] / 2 * spectrum_values(self.space_px)
 
     def _nodes(self, work):
@@ -66,7 +81,9 @@ class Sections(Method):
         nodes = min(work.heights, radius_px.max() / work.height_px + NODES_BESIDE) * azimuths
         return float((along * across).sum()), nodes
 
-    def spreader(self, psfs, table, psf_radius_px, memory):
+    def spreader(self, psfs: PlacedPsfs, table: PsfTable | None, psf_radius_px: int,
+                 memory: MemoryBudget) -> "PolarSections":
+        assert table is not None  # as every method with azimuths is given one
         return PolarSections(self.section_size, self.space_px, psf_radius_px, table, psfs.place, memory)
 
 
@@ -84,16 +101,17 @@ class PolarSections:
         For OTFs, to keep them for the next picture.
     """
 
-    def __init__(self, section_size: int, space_px: int, psf_radius_px: int, table, place, memory) -> None:
+    def __init__(self, section_size: int, space_px: int, psf_radius_px: int, table: PsfTable, place: Place,
+                 memory: MemoryBudget) -> None:
         self.section_size, self.space_px, self.radius_px = section_size, space_px, psf_radius_px
         self._table, self._place, self._memory = table, place, memory
         self._otfs, self._kept = {}, set()
         self._nodes = {}
 
-    def prepare(self, rows, needs, pool) -> None:
+    def prepare(self, rows: np.ndarray, needs: SectionNeeds, pool: Executor) -> None:
         """Find the nodes of the lit sections of these rows, and make their OTFs."""
         sections = [(i, j) for i in rows for j in np.flatnonzero(needs.lit[i])]
-        self._nodes |= zip(sections, pool.map(lambda section: self._nodes_around(*section), sections))
+        self._nodes |= zip(sections, pool.map(lambda section: self._nodes_around(*section), sections), strict=True)
         wanted = {np.complex64: set(), np.complex128: set()}
         for i, j in sections:
             wanted[np.complex128 if needs.double[i, j] else np.complex64].update(self._nodes[i, j][0])
@@ -110,8 +128,8 @@ class PolarSections:
         def transform(batch):
             return fft.rfft2(self._table.node_psfs(batch).astype(real, copy=False), (self.space_px, self.space_px))
 
-        for batch, otfs in zip(batches, pool.map(transform, batches)):
-            for node, otf in zip(batch, otfs):
+        for batch, otfs in zip(batches, pool.map(transform, batches), strict=True):
+            for node, otf in zip(batch, otfs, strict=True):
                 self._otfs[node, precision] = otf
                 if self._memory.take(otf.nbytes):
                     self._kept.add((node, precision))

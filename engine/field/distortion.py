@@ -2,12 +2,17 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.polynomial.polynomial import polyder, polyval
 
 from ..errors import LensError
 from ..image.pixel_grid import PixelGrid
+
+if TYPE_CHECKING:
+    from ..lens.lens import MonochromaticLens
 
 ORDERS = range(4, 9)
 DISTORTION_TOLERANCE = 1e-5  # of the last height: 0.03 um for a 3 mm field
@@ -34,7 +39,7 @@ class PolynomialFit:
     highest_order: int
 
     @property
-    def order(self):
+    def order(self) -> int:
         return self.first_power + self.coefficients.size - 1
 
     @property
@@ -44,12 +49,12 @@ class PolynomialFit:
     def __call__(self, height_mm):
         return polyval(np.asarray(height_mm) / self.scale_mm, self._all_coefficients)
 
-    def derivative(self, height_mm):
+    def derivative(self, height_mm: np.ndarray) -> np.ndarray:
         """The polynomial's derivative by height, per mm."""
         return polyval(np.asarray(height_mm) / self.scale_mm, polyder(self._all_coefficients)) / self.scale_mm
 
 
-def fit_polynomial(heights_mm, values, first_power, tolerance):
+def fit_polynomial(heights_mm: np.ndarray, values: np.ndarray, first_power: int, tolerance: float) -> PolynomialFit:
     """Least-squares polynomial in normalised height, of the least order from 4 to 8 that meets `tolerance`.
 
     Where none meets it, the order of the least residual. There are always two more heights than the order; a table
@@ -69,16 +74,15 @@ def fit_polynomial(heights_mm, values, first_power, tolerance):
     """
     scale_mm = heights_mm[-1]
     orders = [order for order in ORDERS if order <= heights_mm.size - 2] or [heights_mm.size - 1]
-    best = None
+    fits: list[PolynomialFit] = []
     for order in orders:
         powers = (heights_mm / scale_mm)[:, None] ** np.arange(first_power, order + 1)
         coefficients = np.linalg.lstsq(powers, values, rcond=None)[0]
         residual = float(np.abs(powers @ coefficients - values).max())
-        if best is None or residual < best.residual:
-            best = PolynomialFit(coefficients, first_power, float(scale_mm), residual, orders[-1])
-        if best.residual <= tolerance:
+        fits.append(PolynomialFit(coefficients, first_power, float(scale_mm), residual, orders[-1]))
+        if residual <= tolerance:
             break
-    return best
+    return min(fits, key=lambda fit: fit.residual)
 
 
 class FieldGeometry:
@@ -93,7 +97,7 @@ class FieldGeometry:
         Where the distortion folds the field back over itself.
     """
 
-    def __init__(self, optics, lens_name):
+    def __init__(self, optics: "MonochromaticLens", lens_name: str) -> None:
         heights = optics.heights_mm
         self.distortion = fit_polynomial(heights, optics.real_height_mm, 1, DISTORTION_TOLERANCE * heights[-1])
         self.illumination = fit_polynomial(heights, optics.relative_illumination, 0, ILLUMINATION_TOLERANCE)
@@ -108,25 +112,25 @@ class FieldGeometry:
         self._magnification_on_axis = self._real_mm[1] / self._paraxial_mm[1]
         self._magnification_at_edge = (self._real_mm[-1] - self._real_mm[-2]) / self._paraxial_mm[1]
 
-    def paraxial_height_mm(self, real_height_mm):
+    def paraxial_height_mm(self, real_height_mm: np.ndarray) -> np.ndarray:
         """Paraxial height of the chief ray that meets the image plane at this real height."""
         beyond = np.maximum(real_height_mm - self.last_real_mm, 0)
         inside = np.interp(real_height_mm, self._real_mm, self._paraxial_mm)
         return inside + beyond / self._magnification_at_edge
 
-    def paraxial_per_real(self, real_height_mm, paraxial_height_mm):
+    def paraxial_per_real(self, real_height_mm: np.ndarray, paraxial_height_mm: np.ndarray) -> np.ndarray:
         """Ratio of the two heights, with its limit on the axis."""
         on_axis = real_height_mm < self._paraxial_mm[1] * 1e-3
         return np.where(on_axis, 1 / self._magnification_on_axis,
                         paraxial_height_mm / np.where(on_axis, 1, real_height_mm))
 
-    def paraxial_slope(self, paraxial_height_mm):
+    def paraxial_slope(self, paraxial_height_mm: np.ndarray) -> np.ndarray:
         """Change of the paraxial height with the real one: how much a lens squeezes the picture, radially."""
         inside = paraxial_height_mm <= self._paraxial_mm[-1]
         magnification = self.distortion.derivative(np.where(inside, paraxial_height_mm, 0))
         return 1 / np.where(inside, magnification, self._magnification_at_edge)
 
-    def relative_illumination(self, paraxial_height_mm):
+    def relative_illumination(self, paraxial_height_mm: np.ndarray) -> np.ndarray:
         """Relative illumination at this paraxial height, held beyond the last tabulated one."""
         held = np.minimum(paraxial_height_mm, self._paraxial_mm[-1])
         return np.maximum(self.illumination(held), 0)
@@ -148,7 +152,7 @@ class Footprints:
     row_shares: list
     column_shares: list
 
-    def average(self, planes):
+    def average(self, planes: np.ndarray) -> np.ndarray:
         """Averages of a stack of captures: array (plane, row, column)."""
         values = planes.reshape(len(planes), -1)
         total = np.zeros((len(planes), *self.first.shape), planes.dtype)
@@ -156,19 +160,20 @@ class Footprints:
         for down, row_share in enumerate(self.row_shares):
             for across, column_share in enumerate(self.column_shares):
                 pixel, share = self.first + (down * planes.shape[2] + across), row_share * column_share
-                for plane, result in zip(values, total):
+                for plane, result in zip(values, total, strict=True):
                     np.take(plane, pixel, out=part, mode="clip")  # the mode that needs no copy
                     part *= share
                     result += part
         return total
 
     @property
-    def nbytes(self):
+    def nbytes(self) -> int:
         return self.first.nbytes + sum(share.nbytes for share in self.row_shares + self.column_shares)
 
 
 def footprints(capture: PixelGrid, x_mm: np.ndarray, y_mm: np.ndarray, field: FieldGeometry,
-               capture_radius: CaptureRadius | None = None, precision=np.float64) -> tuple[Footprints, np.ndarray]:
+               capture_radius: CaptureRadius | None = None,
+               precision: str = "float64") -> tuple[Footprints, np.ndarray]:
     """Where the pixels of a grid, once distorted by the lens, take their light from in an ideal capture.
 
     Each pixel averages the capture over its own footprint there, about the ideal position of the chief ray that meets
@@ -221,5 +226,5 @@ def _overlaps(position, extent_px, length_px, precision):
     begin = position - extent_px / 2
     first = np.floor(begin + 0.5)
     up_to = [np.clip((first + k + 0.5 - begin) / extent_px, 0, 1).astype(precision) for k in range(touched)]
-    shares = [up_to[0], *(later - earlier for earlier, later in zip(up_to, up_to[1:]))]
+    shares = [up_to[0], *(later - earlier for earlier, later in pairwise(up_to))]
     return np.clip(first, 0, length_px - touched).astype(np.intp), shares

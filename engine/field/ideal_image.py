@@ -1,6 +1,8 @@
 """The ideal image: what the lens lays on the sensor before any blur, by distortion and illumination (Eq. 2)."""
 
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from ..image.irradiance import irradiance_per_radiance
@@ -10,6 +12,9 @@ from ..threads import thread_pool
 from .distortion import RIM_PX, FieldGeometry, footprints
 from .mirror_symmetry import Planes
 from .overscan import capture_radius
+
+if TYPE_CHECKING:
+    from ..lens.lens import Lens
 
 BAND_PIXELS = 1 << 16  # worked on at once
 
@@ -34,7 +39,7 @@ class IdealImage:
         For footprints, to keep them for the next picture.
     """
 
-    def __init__(self, lens, field: FieldGeometry, transmittance: float, capture: PixelGrid, planes: Planes, *,
+    def __init__(self, lens: "Lens", field: FieldGeometry, transmittance: float, capture: PixelGrid, planes: Planes, *,
                  vignette: bool, precision: str, memory: MemoryBudget) -> None:
         self._field = field
         self._per_radiance = irradiance_per_radiance(transmittance, lens.f_number_effective)

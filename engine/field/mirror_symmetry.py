@@ -66,9 +66,9 @@ class Planes:
         """The pixels of a plane."""
         if not self.folded:
             return self.picture
-        shape_px = self.picture.shape_px
-        return PixelGrid(tuple(-(-n // 2) for n in shape_px), self.picture.pitch_um,
-                         tuple(0.0 if n % 2 else -0.5 for n in shape_px))
+        rows, columns = self.picture.shape_px
+        return PixelGrid((-(-rows // 2), -(-columns // 2)), self.picture.pitch_um,
+                         (0.0 if rows % 2 else -0.5, 0.0 if columns % 2 else -0.5))
 
     def split(self, picture: np.ndarray, rim_px: int = 0) -> np.ndarray:
         """The planes of a picture: array (plane, row, column).

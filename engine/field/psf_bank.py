@@ -1,12 +1,16 @@
 """The PSF bank: PSFs of a lens on the sensor's pixel grid, at any place in the field."""
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import sparse
 
 from .distortion import FieldGeometry
 from .mirror_symmetry import Planes, mirror_symmetric
+
+if TYPE_CHECKING:
+    from ..lens.lens import Lens, MonochromaticLens
 
 BATCH_SAMPLES = 1 << 16  # PSF samples in work at once: what the processor's cache holds
 
@@ -39,7 +43,7 @@ class PsfBank:
     mirror_symmetric: bool
 
     @classmethod
-    def of(cls, optics, pixel_pitch_um: float, support_um: float = np.inf) -> "PsfBank":
+    def of(cls, optics: "MonochromaticLens", pixel_pitch_um: float, support_um: float = np.inf) -> "PsfBank":
         """The bank of a MonochromaticLens on pixels of this pitch.
 
         Samples farther than `support_um` from the chief ray are left out, and the rest normalised (Eq. 9).
@@ -74,7 +78,7 @@ class PsfBank:
     def nbytes(self) -> int:
         return self.samples.nbytes + self.u_px.nbytes + self.v_px.nbytes
 
-    def psfs(self, paraxial_height_mm, azimuth_rad):
+    def psfs(self, paraxial_height_mm: np.ndarray, azimuth_rad: np.ndarray) -> np.ndarray:
         """PSFs integrated over the pixels, for chief rays that meet pixel centres.
 
         Interpolated linearly in field height (section 2.2.3: PSFs, never OTFs), held beyond the last height,
@@ -99,7 +103,7 @@ class PsfBank:
         result /= result.sum(axis=(1, 2), keepdims=True)
         return result
 
-    def at_table_heights(self, azimuth_rad):
+    def at_table_heights(self, azimuth_rad: np.ndarray) -> np.ndarray:
         """PSFs of all heights of the table at these azimuths: float64 array (azimuth, height, row, column), unit sums.
 
         The heights share the geometry, which makes this some times faster than `psfs`.
@@ -117,7 +121,7 @@ class PsfBank:
             part[:] = (onto_pixels @ self.samples.T).reshape(len(part), size * size, -1).swapaxes(1, 2)
         return result.reshape(*result.shape[:2], size, size)
 
-    def mean_distance_px(self):
+    def mean_distance_px(self) -> float:
         """How far from the chief ray light lies on the mean, at the height where that is farthest."""
         return float((self.samples @ np.hypot(self.v_px, self.u_px)).max())
 
@@ -132,7 +136,7 @@ class PsfBank:
         size = 2 * self.radius_px + 1
         stack = np.arange(len(energy))[:, None] * size * size
         pixels = np.zeros(len(energy) * size * size)
-        for index, share in zip(*self._shares(azimuth_rad)):
+        for index, share in zip(*self._shares(azimuth_rad), strict=True):
             pixels += np.bincount((stack + index).ravel(), (energy * share).ravel(), minlength=pixels.size)
         return pixels.reshape(-1, size, size)
 
@@ -189,7 +193,7 @@ class PlacedPsfs:
         return float(self.place(*np.meshgrid((0, rows - 1), (0, columns - 1)))[0].max())
 
 
-def psf_radius_px(lens, pixel_pitch_um, support_um=np.inf):
+def psf_radius_px(lens: "Lens | MonochromaticLens", pixel_pitch_um: float, support_um: float = np.inf) -> int:
     """Pixels that the PSFs of a lens, turned any way, reach from the pixel of the chief ray.
 
     A sample, as wide as the turned square that it is, may be shared between a pixel and the next.
@@ -200,7 +204,7 @@ def psf_radius_px(lens, pixel_pitch_um, support_um=np.inf):
     return int(np.ceil(reach_um / pixel_pitch_um + 0.5))
 
 
-def psf_support(lens, energy):
+def psf_support(lens: "Lens", energy: float) -> tuple[float, float]:
     """The circle about the chief ray that holds this fraction of every PSF of a lens.
 
     Returns

@@ -4,12 +4,18 @@ Turning is what makes pixel PSFs expensive. Between two tabulated heights a PSF 
 between two close azimuths nearly so: a table of a few dozen azimuths holds all PSFs of a lens to 0.1 % of their light.
 """
 
+from collections.abc import Sequence
 from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..threads import thread_pool
+from .mirror_symmetry import Planes
 from .psf_bank import PsfBank
+
+if TYPE_CHECKING:
+    from ..lens.lens import Lens
 
 PORTION = 16  # azimuths
 BATCH_VALUES = 1 << 18  # what the processor's cache holds
@@ -27,17 +33,18 @@ class PsfTable:
     radius_px : int
     """
 
-    def __init__(self, table, rows, columns, radius_px, quarter_turns, heights_mm):
+    def __init__(self, table: np.ndarray, rows: np.ndarray, columns: np.ndarray, radius_px: int, quarter_turns: int,
+                 heights_mm: np.ndarray) -> None:
         self.table, self.rows, self.columns, self.radius_px = table, rows, columns, radius_px
         self._turn_rad = np.pi / 2 * quarter_turns
         self.heights_mm = heights_mm
         self._by_cell = table.reshape(-1, table.shape[-1])
 
     @property
-    def nbytes(self):
+    def nbytes(self) -> int:
         return self.table.nbytes
 
-    def corners(self, paraxial_height_mm, azimuth_rad):
+    def corners(self, paraxial_height_mm: np.ndarray, azimuth_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The four cells of the table around places, and their weights: int and float arrays (4, place).
 
         Cells are numbered height by height. Weights are 0 to 1 and sum to 1.
@@ -52,7 +59,7 @@ class PsfTable:
         return (np.stack([first, first + 1, first + azimuths, first + azimuths + 1]),
                 np.stack([(1 - up) * (1 - on), (1 - up) * on, up * (1 - on), up * on]))
 
-    def mixed(self, paraxial_height_mm, azimuth_rad):
+    def mixed(self, paraxial_height_mm: np.ndarray, azimuth_rad: np.ndarray) -> np.ndarray:
         """PSFs at these places: array (tap, place), so that what one tap does to many pixels lies together."""
         cells, weights = self.corners(paraxial_height_mm, azimuth_rad)
         taps, places = self.table.shape[2], cells.shape[1]
@@ -63,14 +70,14 @@ class PsfTable:
             some = slice(start, min(start + step, places))
             into, one = (buffer[:some.stop - start] for buffer in (mixture, part))
             into[:] = 0
-            for cell, weight in zip(cells, weights):
+            for cell, weight in zip(cells, weights, strict=True):
                 np.take(self._by_cell, cell[some], axis=0, out=one, mode="clip")  # the mode that needs no copy
                 one *= weight[some, None]
                 into += one
             psfs[:, some] = into.T
         return psfs
 
-    def mean_offsets_px(self, paraxial_height_mm, azimuth_rad):
+    def mean_offsets_px(self, paraxial_height_mm: np.ndarray, azimuth_rad: np.ndarray) -> np.ndarray:
         """How far light lies from the chief ray on the mean, downwards and to the right: array (2, place)."""
         cells, weights = self.corners(paraxial_height_mm, azimuth_rad)
         return np.einsum("kp,kpd->dp", weights, self._offsets_px[cells])
@@ -79,11 +86,11 @@ class PsfTable:
     def _offsets_px(self):
         return self._by_cell @ np.stack([self.rows, self.columns], axis=1) - self.radius_px
 
-    def node_psfs(self, cells):
+    def node_psfs(self, cells: np.ndarray) -> np.ndarray:
         """The PSFs of these cells: array (cell, row, column), odd square, the chief ray in the middle."""
         return self._squares(self._by_cell[cells])
 
-    def psfs(self, paraxial_height_mm, azimuth_rad):
+    def psfs(self, paraxial_height_mm: np.ndarray, azimuth_rad: np.ndarray) -> np.ndarray:
         """PSFs at these places: array (place, row, column), odd square, the chief ray in the middle."""
         return self._squares(self.mixed(paraxial_height_mm, azimuth_rad).T)
 
@@ -111,19 +118,20 @@ class PsfTables:
     precision : dtype
     """
 
-    def __init__(self, lens, wavelengths_nm, planes, support_um, azimuths, precision):
+    def __init__(self, lens: "Lens", wavelengths_nm: Sequence[float], planes: Planes, support_um: float,
+                 azimuths: int, precision: str) -> None:
         self._lens, self._pitch_um, self._support_um = lens, planes.picture.pitch_um, support_um
         self._azimuths, self._quarter_turns, self._precision = azimuths, planes.quarter_turns, precision
         self._made = lru_cache(maxsize=2)(self._make)  # wavelengths come in order
         self._mix = len(lens.wavelengths_around(wavelengths_nm)) < len(wavelengths_nm)
 
-    def at_wavelength(self, wavelength_nm):
+    def at_wavelength(self, wavelength_nm: float) -> PsfTable:
         """A PsfTable."""
         psfs = self._mixed(wavelength_nm) if self._mix else self._make(wavelength_nm)
         size = int(np.sqrt(psfs.shape[-1]))
         taps = np.flatnonzero(psfs.any(axis=(0, 1)))
-        return PsfTable(np.ascontiguousarray(psfs[..., taps], dtype=self._precision), *np.divmod(taps, size),
-                          size // 2, self._quarter_turns, self._lens.heights_mm)
+        return PsfTable(np.ascontiguousarray(psfs[..., taps], dtype=self._precision), taps // size, taps % size,
+                        size // 2, self._quarter_turns, self._lens.heights_mm)
 
     def _mixed(self, wavelength_nm):
         below, weight = self._lens.wavelength_position(wavelength_nm)

@@ -35,7 +35,7 @@ class PixelGrid:
 
     shape_px: tuple[int, int]
     pitch_um: float
-    centre_px: tuple[float, float] | None = None
+    centre_px: tuple[float, float] = None  # type: ignore[assignment]  # until it is made: the middle
     overscan_px: tuple[int, int] = (0, 0)
     projection: str = PLANE
 

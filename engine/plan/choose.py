@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from .error_bound import AzimuthErrors, azimuth_error, isoplanatic_error
 from .options import AUTO, DEFAULT_ACCURACY, Options
 from .plan import Plan, foldable, knob_plan, psf_support_on
 
+if TYPE_CHECKING:
+    from ..lens.lens import Lens
+
 TRIM_SHARE, FLAT_SHARE, ROUNDING_SHARE = 1 / 8, 1 / 16, 1 / 50  # of the accuracy; the rest is the filter's
 TRIMMED_TWICE = 2.4  # what is trimmed and what is normalised in its stead, as samples are refined a fifth more at most
 SINGLE_ACCURACY = 3e-5  # the least that single precision is good for
@@ -26,7 +30,7 @@ GUESS_AZIMUTHS, GUESS_POWER = 8, 1.6  # errors fall about with this power
 ISOPLANATIC_SAMPLES = 4  # azimuths to look at
 
 
-def make_plan(options: Options, lens, radiance: SpectralImage) -> Plan:
+def make_plan(options: Options, lens: "Lens", radiance: SpectralImage) -> Plan:
     """The plan for filtering a radiance picture: by its knobs, or by the accuracy asked for.
 
     Raises
@@ -42,7 +46,7 @@ def make_plan(options: Options, lens, radiance: SpectralImage) -> Plan:
     return _priced(plan, lens, radiance)
 
 
-def workload(plan: Plan, lens, radiance: SpectralImage) -> Workload:
+def workload(plan: Plan, lens: "Lens", radiance: SpectralImage) -> Workload:
     """What the cost of a plan depends on, beside the plan."""
     heights, height_um = lens.heights_mm.size, 1e3 * lens.heights_mm[-1] / lens.heights_mm.size
     return Workload(

@@ -30,7 +30,7 @@ PICTURES, TABLES = 6, 3  # of their size at once
 
 
 @lru_cache
-def machine_factor():
+def machine_factor() -> float:
     """How much slower this machine is than the one of the constants."""
     rng = np.random.default_rng(0)
     spaces, light = rng.random((24, 96, 96), dtype=np.float32), rng.random(1 << 16, dtype=np.float32)

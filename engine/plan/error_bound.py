@@ -9,6 +9,7 @@ errors of the two: the heights of the data are all there is to look at.
 
 import numpy as np
 
+from ..field.psf_bank import PsfBank
 from ..threads import thread_pool
 
 MISSED, ROUGHLY_MISSED = 1.2, 2.2  # the true worst over the worst found is less; where a few azimuths stand for all
@@ -27,19 +28,19 @@ class AzimuthErrors:
         The heights that count.
     """
 
-    def __init__(self, bank, last_height_mm):
+    def __init__(self, bank: PsfBank, last_height_mm: float) -> None:
         self._bank, self._brightest = bank, bank.brightest(BRIGHTEST)
         self._heights = _heights_up_to(bank, last_height_mm)
         self.mirror_symmetric = bank.mirror_symmetric
 
-    def at(self, azimuths, steps):
+    def at(self, azimuths: int, steps: np.ndarray) -> np.ndarray:
         """Largest error of any height between two azimuths: array (step,), for int array `steps`, ascending.
 
         There are so many `azimuths`, steps from 0 to 45 degrees.
         """
         return self._between(self._bank, azimuths, steps, parts=4)
 
-    def guessed(self, azimuths, steps):
+    def guessed(self, azimuths: int, steps: np.ndarray) -> np.ndarray:
         """What the brightest samples tell of the errors `at` these steps, some twenty times as quickly: array (step,).
 
         Where such a sample crosses the edge of a pixel, single steps stand out from the others.
@@ -61,7 +62,7 @@ class AzimuthErrors:
         return errors
 
 
-def azimuth_error(wavelengths, azimuths, enough=np.inf):
+def azimuth_error(wavelengths: list[AzimuthErrors], azimuths: int, enough: float = np.inf) -> float:
     """Largest error of PSFs mixed between the azimuths of a table, or some error of more than `enough`.
 
     Parameters
@@ -86,7 +87,7 @@ def azimuth_error(wavelengths, azimuths, enough=np.inf):
     return float(worst)
 
 
-def isoplanatic_error(bank, psf, last_height_mm, samples):
+def isoplanatic_error(bank: PsfBank, psf: np.ndarray, last_height_mm: float, samples: int) -> float:
     """Largest error of using one PSF, (row, column), for the whole field, found at so many azimuths."""
     psfs = bank.at_table_heights(-np.linspace(0, np.pi / 2, samples))[:, :_heights_up_to(bank, last_height_mm)]
     return ROUGHLY_MISSED * max(float(np.abs(np.rot90(psfs, turn, axes=(2, 3)) - psf).sum(axis=(2, 3)).max())

@@ -1,6 +1,7 @@
 """Plan: how one picture will be filtered."""
 
 from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,6 +11,9 @@ from ..field.mirror_symmetry import Planes
 from ..field.psf_bank import psf_radius_px, psf_support
 from ..image.pixel_grid import PixelGrid
 from .options import AUTO, BY_KNOBS, Options
+
+if TYPE_CHECKING:
+    from ..lens.lens import Lens
 
 LARGEST_PSF_RADIUS_PX = 2048
 SINGLE_RANGE = 1e3  # leaves the dimmest pixel right to some 1e-4
@@ -77,7 +81,7 @@ class Plan:
                 f"about {max(self.seconds, 0.1):.1f} s, {self.memory_mb:.0f} MB")
 
 
-def knob_plan(options: Options, lens, capture: PixelGrid) -> Plan:
+def knob_plan(options: Options, lens: "Lens", capture: PixelGrid) -> Plan:
     """The plan that the knobs come to, what is not set being the default.
 
     A section larger than the picture is cut down to it; the computational space always holds a section and the
@@ -102,7 +106,7 @@ def knob_plan(options: Options, lens, capture: PixelGrid) -> Plan:
         out_of_field=options.out_of_field, **support)
 
 
-def psf_support_on(lens, pitch_um: float, energy: float) -> dict:
+def psf_support_on(lens: "Lens", pitch_um: float, energy: float) -> dict:
     """The fields of a plan that say how far PSFs reach which hold this energy."""
     support_um, lost = psf_support(lens, energy) if energy < 1 else (np.inf, 0.0)
     radius = psf_radius_px(lens, pitch_um, support_um)
@@ -112,6 +116,6 @@ def psf_support_on(lens, pitch_um: float, energy: float) -> dict:
     return {"psf_radius_px": radius, "support_um": support_um, "trimmed_energy": lost}
 
 
-def foldable(lens, capture: PixelGrid) -> bool:
+def foldable(lens: "Lens", capture: PixelGrid) -> bool:
     """Whether four mirrored quadrants share all of the optics."""
     return capture.centred and lens.mirror_symmetric

@@ -9,7 +9,10 @@ depends on the machine, so times are also given over that of the paper's method 
 import csv
 import time
 import tracemalloc
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +22,7 @@ from ..field.psf_bank import psf_radius_px
 from ..files import atomic_path
 from ..image.preview import to_rec709
 from ..image.spectral_image import SpectralImage
+from ..lens import Lens
 from ..plan.options import Options
 from ..report import Report
 from ..simulate import simulate
@@ -37,9 +41,13 @@ PAPER_SECTIONS = 4, 8, 16, 32, 64
 AZIMUTHS = 2, 4, 8, 16, 32, 64, 128
 ACCURACIES = 0.1, 0.03, 0.01, 1e-3, 1e-4
 PSF_ENERGIES = 0.9, 0.99, 0.999, 0.9999, 0.999999, 1.0
-BASE = {"section_size": 32}  # where another knob is turned, or none
+BASE: dict[str, Any] = {"section_size": 32}  # where another knob is turned, or none
 ROUNDS = 5
 EXACT_STEPS = 150  # it takes about as long as so many others
+
+Pictures = dict[str, SpectralImage]
+ByWavelengths = dict[str, dict[int, SpectralImage]]
+"""Pictures by the number of their wavelengths."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +98,7 @@ class Row:
     against: str
 
 
-def point_grid(shape_px, pitch_um, wavelength_nm):
+def point_grid(shape_px: tuple[int, int], pitch_um: float, wavelength_nm: float) -> SpectralImage:
     """Single lit pixels on a grid: the worst case, where no error is covered by a neighbour's."""
     points = np.zeros(shape_px)
     first = [min(POINT_SPACING_PX, n) // 2 for n in shape_px]
@@ -98,13 +106,13 @@ def point_grid(shape_px, pitch_um, wavelength_nm):
     return SpectralImage(points, [wavelength_nm], pitch_um=pitch_um)
 
 
-def checkerboard(shape_px, pitch_um, wavelength_nm):
+def checkerboard(shape_px: tuple[int, int], pitch_um: float, wavelength_nm: float) -> SpectralImage:
     """The paper's chequered target."""
     row, column = np.indices(shape_px) // SQUARE_PX
     return SpectralImage((row + column + 1) % 2, [wavelength_nm], pitch_um=pitch_um)
 
 
-def colour_chart(shape_px, pitch_um, wavelengths_nm):
+def colour_chart(shape_px: tuple[int, int], pitch_um: float, wavelengths_nm: Sequence[float]) -> SpectralImage:
     """Squares of the reflectances of a colour chart, in tungsten light."""
     charts = [load_spectrum(name).at(wavelengths_nm) for name in library_names() if name.startswith("chart-")]
     row, column = np.indices(shape_px) // SQUARE_PX
@@ -113,7 +121,8 @@ def colour_chart(shape_px, pitch_um, wavelengths_nm):
                          pitch_um=pitch_um)
 
 
-def standard_pictures(lens, shape_px=DEFAULT_SHAPE_PX, pitch_um=None):
+def standard_pictures(lens: Lens, shape_px: tuple[int, int] = DEFAULT_SHAPE_PX,
+                      pitch_um: float | None = None) -> tuple[Pictures, ByWavelengths]:
     """Pictures to measure on where the user has none, over the width of the lens's sensor or at this pitch.
 
     Returns
@@ -134,7 +143,7 @@ def standard_pictures(lens, shape_px=DEFAULT_SHAPE_PX, pitch_um=None):
         for count in WAVELENGTHS}}
 
 
-def thinned(name, radiance):
+def thinned(name: str, radiance: SpectralImage) -> ByWavelengths:
     """A picture at fewer of its wavelengths and at all of them, as `measure` takes it.
 
     Empty for a picture of a single wavelength, or of no light that an eye sees.
@@ -148,17 +157,17 @@ def thinned(name, radiance):
     return {name: chosen}
 
 
-def cropped_frame(radiance, lens, shape_px):
+def cropped_frame(radiance: SpectralImage, lens: Lens, shape_px: tuple[int, int]) -> SpectralImage:
     """The middle of a picture's frame, of this many rows and columns or one more; light around it still comes in."""
-    margin = [max(0, (n - wanted) // 2) for n, wanted in zip(radiance.frame_px, shape_px)]
-    outside = [overscan + m for overscan, m in zip(radiance.overscan_px, margin)]
-    grid = replace(radiance.grid, overscan_px=tuple(outside))
+    margin = [max(0, (n - wanted) // 2) for n, wanted in zip(radiance.frame_px, shape_px, strict=True)]
+    outside = radiance.overscan_px[0] + margin[0], radiance.overscan_px[1] + margin[1]
+    grid = replace(radiance.grid, overscan_px=outside)
     needed = overscan_px(lens, grid, radiance.wavelengths_nm, psf_radius_px(lens, radiance.pitch_um))
-    spare = tuple(max(0, have - want) for have, want in zip(outside, needed))
+    spare = tuple(max(0, have - want) for have, want in zip(outside, needed, strict=True))
     return replace(radiance, grid=grid).cropped(spare)
 
 
-def description(lens, pictures):
+def description(lens: Lens, pictures: dict[str, SpectralImage]) -> str:
     """What is measured, for the title of a plot."""
     radiance = next(iter(pictures.values()))
     nm, (rows, columns) = radiance.wavelengths_nm, radiance.frame_px
@@ -166,7 +175,7 @@ def description(lens, pictures):
     return f"{lens.name}, {columns} × {rows} px of {radiance.pitch_um:g} µm, {light}"
 
 
-def settings(quick=False):
+def settings(quick: bool = False) -> list[tuple[str, Options]]:
     """(curve, Options) of all that is measured on a picture; a part of it where it is to be quick."""
     def some(values):
         return values[1::2] if quick else values
@@ -180,7 +189,8 @@ def settings(quick=False):
             *(("PSF support", Options(**BASE, psf_energy=energy)) for energy in some(PSF_ENERGIES))]
 
 
-def measure(lens, pictures, spectral, *, quick=False, progress=None):
+def measure(lens: Lens, pictures: Pictures, spectral: ByWavelengths, *, quick: bool = False,
+            progress: Callable[[float, str], object] | None = None) -> list[Row]:
     """Measure everything.
 
     Parameters
@@ -301,8 +311,8 @@ def _best_seconds(name, work, rounds, tell):
 
 def _with_times(rows, seconds):
     """The rows with their times, and these over that of the paper's method among them."""
-    paper_s = next(own for row, own in zip(rows, seconds) if row.curve == AS_WRITTEN)
-    return [replace(row, seconds=own, seconds_over_paper=own / paper_s) for row, own in zip(rows, seconds)]
+    paper_s = next(own for row, own in zip(rows, seconds, strict=True) if row.curve == AS_WRITTEN)
+    return [replace(row, seconds=own, seconds_over_paper=own / paper_s) for row, own in zip(rows, seconds, strict=True)]
 
 
 def _traced(work):
@@ -320,14 +330,14 @@ def _traced(work):
             tracemalloc.stop()
 
 
-def errors(result, exact):
+def errors(result: np.ndarray, exact: np.ndarray) -> dict[str, float]:
     """Relative errors of an array: {"relative_l2", "maximum_error", "l1"}, over norm, maximum and sum of `exact`."""
     difference, exact = np.abs(np.subtract(result, exact, dtype=np.float64)), np.abs(exact, dtype=np.float64)
     return {"relative_l2": float(np.linalg.norm(difference) / np.linalg.norm(exact)),
             "maximum_error": float(difference.max() / exact.max()), "l1": float(difference.sum() / exact.sum())}
 
 
-def write_table(rows, path):
+def write_table(rows: list[Row], path: Path) -> None:
     """Write rows as CSV, whole or not at all; what a row does not have is empty."""
     with atomic_path(path) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
         table = csv.DictWriter(file, [field.name for field in fields(Row)], lineterminator="\n")

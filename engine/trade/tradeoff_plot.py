@@ -1,12 +1,13 @@
 """The trade drawn: error against time for every way of filtering, with memory and the number of wavelengths."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from ..files import atomic_path
 from ..sheet.style import GRID_COLOUR, INK, require_matplotlib
-from .tradeoff import AS_WRITTEN, EXACT
+from .tradeoff import AS_WRITTEN, EXACT, Row
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ PLACES_PT = [(0, 9), (0, -9), (10, 4), (-10, 4), (10, -5), (-10, -5), (0, 15), (
              (-14, -11)]
 
 
-def frontier(rows):
+def frontier(rows: list[Row]) -> list[Row]:
     """The rows that no other one beats in both time and error, by ascending time."""
     best, left = np.inf, []
     for row in sorted(rows, key=lambda row: (row.seconds, row.relative_l2)):
@@ -40,7 +41,7 @@ def frontier(rows):
     return left
 
 
-def write_plot(rows, path, title):
+def write_plot(rows: list[Row], path: Path, title: str) -> None:
     """Draw error against time for up to two pictures, with memory and wavelengths; a PNG, whole or not at all.
 
     Raises
