@@ -12,13 +12,14 @@ from places import ROOT
 
 ENGINE_LIBRARIES = {"numpy", "scipy", "OpenEXR", "PIL", "yaml", "matplotlib", "optiland", "finufft"}
 
-FOUNDATION = {"engine.errors", "engine.files", "engine.memory", "engine.threads"}
+FOUNDATION = {"engine.errors", "engine.files", "engine.memory", "engine.threads", "engine.values"}
 FLOORS = {
     # the engine's foundation, which all of it may use
     "engine.errors": set(),
     "engine.files": {"engine.errors"},
     "engine.memory": set(),
     "engine.threads": set(),
+    "engine.values": set(),
     # the engine, from the bottom: every room uses those below alone
     "engine.spectral": FOUNDATION,
     "engine.image": {"engine.spectral"} | FOUNDATION,

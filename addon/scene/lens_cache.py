@@ -1,7 +1,4 @@
-"""Lenses by name or path, each read once; and scaled, each made once.
-
-Panels ask for theirs many times a second, and what the engine keeps for the next render goes by the lens.
-"""
+"""Lenses by name or path, each read once; and scaled, each made once: panels ask for theirs many times a second."""
 
 import os
 from dataclasses import replace
@@ -10,19 +7,19 @@ from functools import lru_cache
 from ...engine import Lens
 
 
-def load_lens(name_or_path):
+def load_lens(name_or_path: str | os.PathLike) -> Lens:
     """What `Lens.load` gives, and the same Lens as before unless the file has changed."""
     path = str(name_or_path)
     return _load(path, os.stat(path).st_mtime_ns if os.path.isfile(path) else None)
 
 
 @lru_cache(maxsize=4)
-def scaled_lens(lens, factor, sensor_mm):
+def scaled_lens(lens: Lens, factor: float, sensor_mm: tuple[float, float]) -> Lens:
     """A lens `factor` times as large, on a sensor of these sides in mm (width, height)."""
     return replace(lens.scaled(factor), sensor_mm=sensor_mm)
 
 
-def forget_lenses():
+def forget_lenses() -> None:
     """Free them."""
     _load.cache_clear()
     scaled_lens.cache_clear()

@@ -7,6 +7,7 @@ that faces the camera is at one depth.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..errors import ImageError, InputError
 from .pixel_grid import PLANE, PixelGrid
@@ -38,14 +39,14 @@ class DepthCheck:
     outside_fraction: float
 
     @property
-    def text(self):
+    def text(self) -> str:
         """One line for a report."""
         return (f"{self.outside_fraction:.1%} of the frame is out of the lens data's depth, {_metres(self.near_mm)} to "
                 f"{_metres(self.far_mm)}, where defocus blurs by at most {self.blur_um:.3g} um; the scene is at "
                 f"{_metres(self.nearest_mm)} to {_metres(self.farthest_mm)}")
 
 
-def entrance_pupil_diameter_mm(lens):
+def entrance_pupil_diameter_mm(lens) -> float:
     """Diameter of the entrance pupil, from the lens's f-number and magnification.
 
     By the sine condition the marginal ray leaves an object on the axis at the angle u with sin u = |m| sin u', where
@@ -60,7 +61,7 @@ def entrance_pupil_diameter_mm(lens):
     return 2 * (lens.object_distance_mm + lens.entrance_pupil_mm) * object_sine / np.sqrt(1 - object_sine**2)
 
 
-def sharp_range_mm(lens, blur_um):
+def sharp_range_mm(lens, blur_um: float) -> tuple[float, float]:
     """Nearest and farthest depths at which defocus blurs by at most `blur_um`.
 
     A point at the depth s sends a cone through the entrance pupil, of diameter D, that is D |s - S| / s wide in the
@@ -94,7 +95,7 @@ def sharp_range_mm(lens, blur_um):
         focal_mm * pupil_mm / beyond if beyond > 0 else np.inf)
 
 
-def planar_depth_mm(depth_mm, lens, capture: PixelGrid):
+def planar_depth_mm(depth_mm: ArrayLike, lens, capture: PixelGrid) -> np.ndarray:
     """Depths along the optical axis, from what Cycles writes into its depth pass.
 
     That is the depth itself for a perspective camera, but the distance from the camera for a panoramic one. At the
@@ -118,7 +119,7 @@ def planar_depth_mm(depth_mm, lens, capture: PixelGrid):
     return depth_mm * np.where(angle <= np.pi / 2, np.cos(angle), np.nan)
 
 
-def check_depth(depth_mm, lens, pitch_um, blur_um=None):
+def check_depth(depth_mm: ArrayLike, lens, pitch_um: float, blur_um: float | None = None) -> DepthCheck:
     """How much of a picture lies where the lens's PSFs, which are those of one object plane, do not hold.
 
     Parameters

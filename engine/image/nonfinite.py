@@ -3,11 +3,12 @@
 import numpy as np
 
 from ..errors import ImageError
+from .spectral_image import SpectralImage
 
 
-def refuse_fireflies(radiance):
-    """Raise an ImageError that names the first pixel of a SpectralImage that is NaN or infinite."""
-    for plane, wavelength_nm in zip(radiance.cube, radiance.wavelengths_nm):
+def refuse_fireflies(radiance: SpectralImage) -> None:
+    """Raise an ImageError that names the first pixel that is NaN or infinite."""
+    for plane, wavelength_nm in zip(radiance.cube, radiance.wavelengths_nm, strict=True):
         if _all_finite(plane):
             continue
         found = np.argwhere(~np.isfinite(plane))
@@ -22,7 +23,7 @@ def _all_finite(plane):
         return np.isfinite(plane.sum(dtype=np.float64))
 
 
-def clamp_fireflies(plane):
+def clamp_fireflies(plane: np.ndarray) -> tuple[np.ndarray, int]:
     """A plane whose pixels that are not finite take the brightest finite value beside them, and their number."""
     if _all_finite(plane):
         return plane, 0

@@ -1,17 +1,19 @@
 """From spectral images to pictures: linear Rec. 709 in the scale of Blender's renders, and sRGB PNG."""
 
+import os
+
 import numpy as np
 
 from ..files import atomic_path
-from ..spectral.colour import encode_srgb, rec709_weights
+from ..spectral.colour import REC709_LUMINANCE, encode_srgb, rec709_weights
 from .irradiance import irradiance_per_radiance
-from .spectral_image import IRRADIANCE
+from .spectral_image import IRRADIANCE, SpectralImage
 
 EXPOSED_PERCENTILE = 99.0  # of the picture's luminance; a few bright points may burn out
 EXPOSED_LEVEL = 0.9
 
 
-def to_rec709(image):
+def to_rec709(image: SpectralImage) -> np.ndarray:
     """Linear Rec. 709 in the scale of Blender's own renders.
 
     A light of Blender colour (1, 1, 1) and strength 1 (D65 of 1 W m^-2 sr^-1 within `spectra.BAND_NM`) gives
@@ -32,14 +34,14 @@ def to_rec709(image):
     return np.einsum("lyx,lc->yxc", image.cube, weights.astype(np.float32))
 
 
-def auto_exposure(rec709):
+def auto_exposure(rec709: np.ndarray) -> float:
     """Factor that brings the bright parts of a linear picture just below white."""
-    luminance = rec709 @ np.array([0.2126, 0.7152, 0.0722], dtype=rec709.dtype)
+    luminance = rec709 @ REC709_LUMINANCE.astype(rec709.dtype)
     bright = np.percentile(luminance, EXPOSED_PERCENTILE) or luminance.max()
     return EXPOSED_LEVEL / bright if bright > 0 else 1.0
 
 
-def write_png(rec709, path, exposure):
+def write_png(rec709: np.ndarray, path: str | os.PathLike, exposure: float) -> None:
     """Write a linear Rec. 709 picture as an sRGB PNG of 8 bits, whole or not at all."""
     from PIL import Image  # only pictures need it, and they are few
 

@@ -1,5 +1,7 @@
 """Colour spaces of linear RGB pictures, by what their files tell: the way to linear Rec. 709."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..errors import ImageError
@@ -18,7 +20,7 @@ BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.03
 SAME = 1e-4  # of a chromaticity: what files round to
 
 
-def chromaticities(header):
+def chromaticities(header: dict) -> Sequence[float]:
     """CIE xy of red, green, blue and white of a file's pixels: eight numbers.
 
     What the `chromaticities` attribute says; else `colorInteropID`, which is all that Blender writes; else Rec. 709, as
@@ -39,7 +41,7 @@ def chromaticities(header):
     return SCENE_SPACES[space]
 
 
-def to_rec709_matrix(xy):
+def to_rec709_matrix(xy: Sequence[float]) -> np.ndarray | None:
     """Matrix that takes linear RGB of these primaries and white to linear Rec. 709.
 
     Whites are adapted by Bradford's transform, so that (1, 1, 1) stays white.

@@ -1,12 +1,15 @@
 """Plain RGB pictures by any renderer: linear light in three channels, upsampled to spectral radiance."""
 
+import os
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..errors import ImageError, InputError
-from ..spectral.spectra import BAND_NM, emission_basis
-from .preview import to_rec709
+from ..spectral.colour import light_basis
+from ..spectral.spectra import BAND_NM
+from ..values import Value
 from .primaries import chromaticities, to_rec709_matrix
 from .spectral_exr import read_parts
 from .spectral_image import SpectralImage
@@ -14,11 +17,10 @@ from .spectral_image import SpectralImage
 MAIN_LAYERS = ("combined", "rgba", "rgb", "beauty")  # what programs call the picture among its passes
 GREYS = ("Y", "V")  # luminance in OpenEXR, and what Blender writes for black and white
 LARGEST_FRAME_PX = 65536
-LARGEST_CONDITION = 20  # of mending colours: 12 for three wavelengths over the visible, 1.3 for nine
 
 
-@dataclass(frozen=True, eq=False)
-class RgbPicture:
+@dataclass(frozen=True, eq=False, repr=False)
+class RgbPicture(Value):
     """A linear picture, as a pinhole camera sees the scene.
 
     Attributes
@@ -36,11 +38,12 @@ class RgbPicture:
     layer: str
 
     @property
-    def frame_px(self):
-        return tuple(n - 2 * margin for n, margin in zip(self.rec709.shape, self.overscan_px))
+    def frame_px(self) -> tuple[int, int]:
+        """Rows and columns of the frame."""
+        return self.rec709.shape[0] - 2 * self.overscan_px[0], self.rec709.shape[1] - 2 * self.overscan_px[1]
 
 
-def read_rgb_exr(path, layer=None):
+def read_rgb_exr(path: str | os.PathLike, layer: str | None = None) -> RgbPicture:
     """Read a plain EXR: R, G and B, or Y alone, of half or single precision, in one part or several.
 
     The frame is the display window: pixels of it that a trimmed data window lacks are black, those beyond it overscan.
@@ -118,7 +121,7 @@ def _lay_out(planes, header):
     (left, top), (right, bottom) = np.array(header["displayWindow"], dtype=int)
     frame = int(bottom - top + 1), int(right - left + 1)
     overscan = (int(max(0, top - data_top, data_bottom - bottom)), int(max(0, left - data_left, data_right - right)))
-    if max(frame) > LARGEST_FRAME_PX or any(margin > n for margin, n in zip(overscan, frame)):
+    if max(frame) > LARGEST_FRAME_PX or any(margin > n for margin, n in zip(overscan, frame, strict=True)):
         raise ImageError("image", "dataWindow", f"{overscan} px beyond a display window of {frame}",
                          f"expected no more overscan than there is frame, of up to {LARGEST_FRAME_PX} px")
     aspect = header.get("pixelAspectRatio", 1.0)
@@ -133,7 +136,7 @@ def _lay_out(planes, header):
     return laid, overscan
 
 
-def upsample(picture, wavelengths_nm, pitch_um):
+def upsample(picture: RgbPicture, wavelengths_nm: ArrayLike, pitch_um: float) -> tuple[SpectralImage, float]:
     """Spectral radiance of a picture, every colour taken for a light (`light_basis`).
 
     No light is negative: where a colour outside Rec. 709 comes out so at a wavelength, it is black there.
@@ -143,7 +146,7 @@ def upsample(picture, wavelengths_nm, pitch_um):
     picture : RgbPicture
     wavelengths_nm : ascending sequence of float
     pitch_um : float
-        Pixel pitch at the sensor; see `pinhole`.
+        Pixel pitch at the sensor; see `pitch`.
 
     Returns
     -------
@@ -164,7 +167,7 @@ def upsample(picture, wavelengths_nm, pitch_um):
     cube = np.empty((len(wavelengths_nm), *picture.rec709.shape[:2]), dtype=np.float32)
     lost = kept = 0.0
     with np.errstate(invalid="ignore", over="ignore"):
-        for plane, shares in zip(cube, light_basis(wavelengths_nm).astype(np.float32)):
+        for plane, shares in zip(cube, light_basis(wavelengths_nm).astype(np.float32), strict=True):
             np.matmul(picture.rec709, shares, out=plane)
             negative = (plane < 0) & (plane > -np.inf)
             lost -= plane[negative].sum(dtype=np.float64)
@@ -172,19 +175,3 @@ def upsample(picture, wavelengths_nm, pitch_um):
             kept += plane.sum(dtype=np.float64, where=np.isfinite(plane))
     image = SpectralImage(cube, wavelengths_nm, pitch_um=pitch_um, overscan_px=picture.overscan_px)
     return image, lost / kept if kept else 0.0
-
-
-def light_basis(wavelengths_nm):
-    """Spectral density per nm of each linear Rec. 709 primary: `spectra.emission_basis`, mended for few wavelengths.
-
-    A few samples of smooth spectra do not sum to the colours that these were made for: at nine wavelengths red is 13 %
-    too dark. So the primaries are mixed such that `colour.to_rec709` gives each of them back. White is D65 either way.
-    Left as it is where the wavelengths are too few or too near one another to tell three colours apart.
-
-    Returns
-    -------
-    array (wavelength, 3)
-    """
-    basis = emission_basis(wavelengths_nm)
-    seen = to_rec709(SpectralImage(basis[:, None, :], wavelengths_nm, pitch_um=1.0))[0].T.astype(np.float64)
-    return basis @ np.linalg.inv(seen) if np.linalg.cond(seen) < LARGEST_CONDITION else basis

@@ -4,6 +4,7 @@ One FLOAT channel per wavelength, `S0.550,000000nm`, beside R, G and B for progr
 what OpenEXR means it to be: a data window larger than the display window.
 """
 
+import os
 import re
 from pathlib import Path
 
@@ -24,23 +25,24 @@ LAYOUT_VERSION = "1.0"
 EMISSIVE_UNITS = "W.m^-2.sr^-1"  # the layout's canonical string; its values are densities per nm
 
 
-def channel_name(wavelength_nm):
+def channel_name(wavelength_nm: float) -> str:
     """Channel of an emissive wavelength, with the layout's decimal comma."""
     return f"S0.{wavelength_nm:.6f}nm".replace(".", ",").replace("S0,", "S0.", 1)
 
 
-def write_exr(image, path):
+def write_exr(image: SpectralImage, path: str | os.PathLike) -> None:
     """Write a spectral image, whole or not at all.
 
     Radiance carries the layout's `emissiveUnits`; irradiance, for which the layout has no unit, does not. Both carry
     `lensfield:` attributes: quantity, units, pitchUm and centrePx; fisheye radiance projection too, irradiance lens and
     fNumberEffective.
     """
-    planes = {channel_name(nm): np.ascontiguousarray(plane) for nm, plane in zip(image.wavelengths_nm, image.cube)}
+    planes = {channel_name(nm): np.ascontiguousarray(plane)
+              for nm, plane in zip(image.wavelengths_nm, image.cube, strict=True)}
     if len(planes) < len(image.wavelengths_nm):
         raise ImageError(path, "wavelengths_nm", image.wavelengths_nm.tolist(),
                          "channel names tell a millionth of a nanometre apart, no less")
-    planes |= {name: np.ascontiguousarray(plane) for name, plane in zip("RGB", np.moveaxis(to_rec709(image), -1, 0))}
+    planes |= _rgb_planes(to_rec709(image))
     with atomic_path(path) as temporary, OpenEXR.File(_header(image), planes) as file:
         file.write(str(temporary))
 
@@ -68,20 +70,23 @@ def _header(image):
     return header
 
 
-def write_rgb_exr(rec709, path):
+def write_rgb_exr(rec709: np.ndarray, path: str | os.PathLike) -> None:
     """Write a linear Rec. 709 picture (row, column, 3) as a plain EXR, for programs that take a spectral file's
     channels for layers, as Blender does. Whole or not at all."""
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    planes = {name: np.ascontiguousarray(plane) for name, plane in zip("RGB", np.moveaxis(rec709, -1, 0))}
-    with atomic_path(path) as temporary, OpenEXR.File(header, planes) as file:
+    with atomic_path(path) as temporary, OpenEXR.File(header, _rgb_planes(rec709)) as file:
         file.write(str(temporary))
+
+
+def _rgb_planes(rec709):
+    return {name: np.ascontiguousarray(plane) for name, plane in zip("RGB", np.moveaxis(rec709, -1, 0), strict=True)}
 
 
 def _box(top, left, rows, columns):
     return (np.array([left, top], dtype=np.int32), np.array([left + columns - 1, top + rows - 1], dtype=np.int32))
 
 
-def read_exr(path, pitch_um=None):
+def read_exr(path: str | os.PathLike, pitch_um: float | None = None) -> SpectralImage:
     """Read a spectral EXR.
 
     Parameters
@@ -109,7 +114,7 @@ def read_exr(path, pitch_um=None):
         pitch_um = _number(header, "lensfield:pitchUm")
     if pitch_um is None:
         raise ImageError(path, "lensfield:pitchUm", "missing", "give the pixel pitch at the sensor in micrometres")
-    wavelengths, cube = zip(*planes)
+    wavelengths, cube = zip(*planes, strict=True)
     try:
         return SpectralImage(np.stack(cube), wavelengths, pitch_um=pitch_um, **_placement(header),
                              quantity=header.get("lensfield:quantity", RADIANCE), projection=_projection(header),
@@ -121,7 +126,7 @@ def read_exr(path, pitch_um=None):
         raise ImageError(path, "attributes", "damaged", str(error)) from None
 
 
-def read_parts(path, header_only=False):
+def read_parts(path: str | os.PathLike, header_only: bool = False) -> list[tuple[dict, dict]]:
     """What an EXR file holds: for each part its header and {channel: array (row, column)}, empty for headers only.
 
     Raises
@@ -143,22 +148,22 @@ def read_parts(path, header_only=False):
     return parts
 
 
-def is_spectral(path):
+def is_spectral(path: str | os.PathLike) -> bool:
     """Whether a file holds spectral channels, by its headers alone; an ImageError where it is no EXR."""
     return any(channel_wavelength_nm(channel.name) is not None
                for header, _ in read_parts(path, header_only=True) for channel in header["channels"])
 
 
-def channel_wavelength_nm(name):
+def channel_wavelength_nm(name: str) -> float | None:
     """Wavelength of a spectral channel (unpolarised emission or transmission), or None for any other channel."""
     match = CHANNEL.match(name)
+    if match is None:
+        return None
     try:
         value = float(match[1].replace(",", ".")) * PREFIX.get(match[2], 1.0)
-    except (TypeError, ValueError):  # no match, or no digits in it
+    except ValueError:  # nothing before the unit, or an exponent alone
         return None
-    if value == 0:
-        return None
-    return round((value if match[3] == "m" else SPEED_OF_LIGHT_M_S / value) * 1e9, 9)
+    return round((value if match[3] == "m" else SPEED_OF_LIGHT_M_S / value) * 1e9, 9) if value else None
 
 
 def _number(header, name):

@@ -1,14 +1,15 @@
 """What a lens does over the field, as curves: angles, distortion, lateral colour, MTF."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
+from numpy.typing import ArrayLike
 
 from ..errors import LensError
 from ..field.distortion import FieldGeometry
-from ..spectral.spectra import BAND_NM, colour_matching
-from .lens import MonochromaticLens
+from ..spectral.spectra import BAND_NM, colour_matching, linear_weights
+from .lens import Lens, MonochromaticLens
 
 WHITE_NM = np.arange(BAND_NM[0], BAND_NM[1] + 1)
 GRID_CELLS = 6  # of the distortion grid, over the short side of the sensor
@@ -39,7 +40,7 @@ class Field:
     reaches_corner: bool
 
 
-def field_of(lens):
+def field_of(lens: Lens) -> Field:
     """The Field of a lens; a LensError where its distortion folds the picture."""
     optics = lens.at_wavelength(reference_nm(lens))
     geometry = FieldGeometry(optics, lens.name)
@@ -49,27 +50,27 @@ def field_of(lens):
     return Field(optics, geometry, float(edge_mm), reaches_corner)
 
 
-def reference_nm(lens):
+def reference_nm(lens: Lens) -> float:
     """The reference wavelength, or the nearest that the lens data hold."""
-    return float(np.clip(lens.reference_wavelength_nm, *lens.wavelengths_nm[[0, -1]]))
+    return float(lens.nearest_nm(lens.reference_wavelength_nm))
 
 
-def field_angle_rad(lens, paraxial_height_mm):
+def field_angle_rad(lens: Lens, paraxial_height_mm: ArrayLike) -> np.ndarray:
     """Angle to the axis, on the object side, of the chief ray of a paraxial image height."""
-    return np.arctan(paraxial_height_mm / lens.capture_focal_length_mm)
+    return np.arctan(np.asarray(paraxial_height_mm) / lens.capture_focal_length_mm)
 
 
-def cosine_fourth(lens, paraxial_height_mm):
+def cosine_fourth(lens: Lens, paraxial_height_mm: ArrayLike) -> np.ndarray:
     """Relative illumination of a lens without distortion, vignetting or pupil aberration."""
     return np.cos(field_angle_rad(lens, paraxial_height_mm)) ** 4
 
 
-def distortion_percent(field, paraxial_height_mm):
+def distortion_percent(field: Field, paraxial_height_mm: float) -> float:
     """How much farther out than its paraxial height a chief ray lands, in per cent of that height."""
     return float(100 * (field.geometry.distortion(paraxial_height_mm) / paraxial_height_mm - 1))
 
 
-def distortion_grid(lens, field):
+def distortion_grid(lens: Lens, field: Field) -> tuple[np.ndarray, np.ndarray]:
     """Lines of a square grid in the ideal picture, and where the lens draws them, at the reference wavelength.
 
     The ideal grid has GRID_CELLS cells over the sensor's short side, and goes on beyond the sensor as far as the lens
@@ -80,13 +81,13 @@ def distortion_grid(lens, field):
     ideal_mm, real_mm : arrays (line, point, 2)
         x and y about the axis; NaN in `real_mm` beyond the lens data.
     """
-    focal_mm, reach_mm = lens.capture_focal_length_mm, field.edge_mm
-    furthest = np.arctan(reach_mm / focal_mm)
-    along_mm = focal_mm * np.tan(np.linspace(-furthest, furthest, POINTS_PER_LINE))  # dense in the middle
+    furthest = field_angle_rad(lens, field.edge_mm)
+    angles = np.linspace(-furthest, furthest, POINTS_PER_LINE)
+    along_mm = lens.capture_focal_length_mm * np.tan(angles)  # dense in the middle
     cells = [max(2, round(GRID_CELLS * side / min(lens.sensor_mm))) for side in lens.sensor_mm]
     lines = []
-    for side_mm, number, across in zip(lens.sensor_mm, cells, (0, 1)):
-        beyond = min(MOST_GRID_LINES, max(0, int(np.floor((reach_mm / side_mm - 0.5) * number + 1e-9))))
+    for side_mm, number, across in zip(lens.sensor_mm, cells, (0, 1), strict=True):
+        beyond = min(MOST_GRID_LINES, max(0, int(np.floor((field.edge_mm / side_mm - 0.5) * number + 1e-9))))
         for place_mm in (np.arange(-beyond, number + beyond + 1) / number - 0.5) * side_mm:
             pair = [np.full(along_mm.size, place_mm), along_mm]
             lines.append(np.stack(pair[::-1] if across else pair, axis=-1))
@@ -96,7 +97,7 @@ def distortion_grid(lens, field):
     return ideal_mm, ideal_mm / field.geometry.paraxial_per_real(field.geometry.distortion(known), known)[..., None]
 
 
-def lateral_colour_um(lens, wavelengths_nm):
+def lateral_colour_um(lens: Lens, wavelengths_nm: ArrayLike) -> np.ndarray:
     """How much farther out chief rays land than at the reference wavelength.
 
     Wavelengths beyond the lens data are taken to be its first or last.
@@ -105,20 +106,11 @@ def lateral_colour_um(lens, wavelengths_nm):
     -------
     array (wavelength, height), in micrometres
     """
-    known = np.clip(np.append(wavelengths_nm, reference_nm(lens)), *lens.wavelengths_nm[[0, -1]])
-    degree = min(3, lens.wavelengths_nm.size - 1)
-    table = lens.real_height_mm
-    real_mm = make_interp_spline(lens.wavelengths_nm, table, k=degree)(known) if degree else table[[0] * known.size]
-    return 1e3 * (real_mm[:-1] - real_mm[-1])
+    return 1e3 * (lens.real_height_at(lens.nearest_nm(wavelengths_nm)) - lens.real_height_at(reference_nm(lens)))
 
 
-def table_weights(lens, wavelengths_nm):
-    """Weights of the lens data's wavelengths in PSFs interpolated to others: array (wavelength, wavelength of data)."""
-    return np.stack([np.interp(wavelengths_nm, lens.wavelengths_nm, unit) for unit in np.eye(lens.wavelengths_nm.size)],
-                    axis=-1)
-
-
-def transfer(psf, pitch_um, frequencies_per_mm):
+def transfer(psf: np.ndarray, pitch_um: float,
+             frequencies_per_mm: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
     """Optical transfer of gratings, by direct sum over the samples of PSFs; its magnitude is the MTF.
 
     Parameters
@@ -139,7 +131,7 @@ def transfer(psf, pitch_um, frequencies_per_mm):
     return psf.sum(axis=-1, dtype=np.float64) @ waves, psf.sum(axis=-2, dtype=np.float64) @ waves
 
 
-def white_mtf(lens, frequencies_per_mm):
+def white_mtf(lens: Lens, frequencies_per_mm: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
     """MTF over the field in white light of equal energy as the eye weighs it, CIE 1931 Y, lateral colour included.
 
     PSFs are interpolated between the wavelengths of the lens data as `Lens.at_wavelength` does, and held beyond them.
@@ -160,7 +152,7 @@ def white_mtf(lens, frequencies_per_mm):
             raise LensError(lens.name, "frequency", f"{frequency:g} cycles/mm", "expected more than 0 and at most "
                             f"{finest:g}, for the PSFs are sampled every {lens.psf_pitch_um:g} um")
     weights = colour_matching(WHITE_NM)[:, 1] / colour_matching(WHITE_NM)[:, 1].sum()
-    by_wavelength = weights[:, None] * table_weights(lens, WHITE_NM)
+    by_wavelength = weights[:, None] * linear_weights(lens.wavelengths_nm, WHITE_NM)
     moved_mm = 1e-3 * lateral_colour_um(lens, WHITE_NM)
     moves = np.exp(-2j * np.pi * moved_mm[..., None] * np.asarray(frequencies_per_mm))
     tangential, sagittal = transfer(lens.psf, lens.psf_pitch_um, frequencies_per_mm)
@@ -168,17 +160,17 @@ def white_mtf(lens, frequencies_per_mm):
             np.abs(np.einsum("nl,lhf->hf", by_wavelength, sagittal)))
 
 
-def diffraction_cutoff_per_mm(lens):
+def diffraction_cutoff_per_mm(lens: Lens) -> float:
     """Frequency that no lens of this aperture transfers, at the reference wavelength."""
     return 1e6 / (lens.reference_wavelength_nm * lens.f_number_effective)
 
 
-def finest_frequency_per_mm(lens):
+def finest_frequency_per_mm(lens: Lens) -> float:
     """The finest grating that the PSF samples can tell: half their number per mm."""
     return 500 / lens.psf_pitch_um
 
 
-def preferred_frequencies_per_mm(lens):
+def preferred_frequencies_per_mm(lens: Lens) -> list[float]:
     """Three frequencies for this lens, of the series 1, 2, 5, ascending to about a tenth of the diffraction cutoff."""
     finest = min(FINEST_FREQUENCY * diffraction_cutoff_per_mm(lens), finest_frequency_per_mm(lens) / 2)
     last = int(np.argmin(np.abs(np.log(FREQUENCY_SERIES / finest))))

@@ -2,10 +2,13 @@
 
 import numpy as np
 
+from .curves import lateral_colour_um, reference_nm
+from .lens import Lens
+
 FRAUNHOFER_F_NM, FRAUNHOFER_C_NM = 486.1, 656.3
 
 
-def lens_info(lens):
+def lens_info(lens: Lens) -> dict:
     """First-order data, and distortion, relative illumination and lateral colour over the field.
 
     Returns
@@ -15,10 +18,9 @@ def lens_info(lens):
     (real height at F less that at C; or between the ends of the lens data where it does not reach so far). An
     infinite object distance and an unknown enclosed energy are None.
     """
-    low, high = lens.wavelengths_nm[[0, -1]]
-    short, long = np.clip([FRAUNHOFER_F_NM, FRAUNHOFER_C_NM], low, high)
-    reference = lens.at_wavelength(np.clip(lens.reference_wavelength_nm, low, high))
-    lateral_um = 1e3 * (lens.at_wavelength(short).real_height_mm - lens.at_wavelength(long).real_height_mm)
+    short, long = lens.nearest_nm([FRAUNHOFER_F_NM, FRAUNHOFER_C_NM])
+    short_um, long_um = lateral_colour_um(lens, [short, long])
+    reference = lens.at_wavelength(reference_nm(lens))
     off_axis = np.where(lens.heights_mm > 0, lens.heights_mm, 1)
     distortion_percent = 100 * (reference.real_height_mm - lens.heights_mm) / off_axis
     return {
@@ -36,7 +38,7 @@ def lens_info(lens):
              "relative_illumination": float(illumination), "lateral_colour_um": float(lateral)}
             for height, real, distortion, illumination, lateral in zip(
                 lens.heights_mm, reference.real_height_mm, distortion_percent, reference.relative_illumination,
-                lateral_um)],
+                short_um - long_um, strict=True)],
     }
 
 
@@ -45,7 +47,7 @@ def _finite(value):
     return float(value) if np.isfinite(value) else None
 
 
-def lens_text(info):
+def lens_text(info: dict) -> str:
     """The figures of `lens_info` as a page to read."""
     short, long = info["lateral_colour_between_nm"]
     distance, enclosed = info["object_distance_mm"], info["least_enclosed_energy"]

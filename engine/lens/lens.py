@@ -1,20 +1,26 @@
 """Lens: what a lens-design program knows about a lens, as one frozen value."""
 
-from dataclasses import dataclass, fields, replace
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 
 from ..errors import LensError
 from ..field.mirror_symmetry import mirror_symmetric
+from ..values import Value
 
 UNIT_SUM_TOLERANCE = 1e-3
 
 
-@dataclass(frozen=True, eq=False)
-class Lens:
+@dataclass(frozen=True, eq=False, repr=False)
+class Lens(Value):
     """Lens-design data of a rotationally symmetric lens, for one object distance (section 2.2.1 of the paper).
+
+    Its arrays are copies, and cannot be written to.
 
     Attributes
     ----------
@@ -69,24 +75,23 @@ class Lens:
     psf_pitch_um: float
     enclosed_energy: np.ndarray
     transmittance: np.ndarray
-    maker: str = ""
-    story: str = ""
-    source: str = ""
-    notes: str = ""
+    maker: str = field(default="", repr=False)
+    story: str = field(default="", repr=False)
+    source: str = field(default="", repr=False)
+    notes: str = field(default="", repr=False)
 
-    def __post_init__(self):
-        for field in fields(self):
-            if field.type in ("np.ndarray", np.ndarray):
-                kind = np.float32 if field.name == "psf" else np.float64
-                value = np.array(getattr(self, field.name), dtype=kind)
-                value.setflags(write=False)
-                object.__setattr__(self, field.name, value)
+    def __post_init__(self) -> None:
+        for one in fields(self):
+            if one.type is np.ndarray:
+                table = np.array(getattr(self, one.name), dtype=np.float32 if one.name == "psf" else np.float64)
+                object.__setattr__(self, one.name, table)
         object.__setattr__(self, "sensor_mm", tuple(float(side) for side in self.sensor_mm))
         _check(self)
         object.__setattr__(self, "psf", _normalised(self.psf))
+        super().__post_init__()
 
     @classmethod
-    def load(cls, name_or_path):
+    def load(cls, name_or_path: str | os.PathLike) -> "Lens":
         """Load a bundled lens by its name, or lens data from a file.
 
         Raises
@@ -99,7 +104,7 @@ class Lens:
         return load(name_or_path)
 
     @property
-    def capture_focal_length_mm(self):
+    def capture_focal_length_mm(self) -> float:
         """Image height over tangent of the object-side chief-ray angle: the pinhole camera with this lens's view.
 
         Seen from the entrance pupil an object of height y stands at the angle atan(y / (object distance +
@@ -110,11 +115,11 @@ class Lens:
         return abs(self.magnification) * (self.object_distance_mm + self.entrance_pupil_mm)
 
     @cached_property
-    def mirror_symmetric(self):
+    def mirror_symmetric(self) -> bool:
         """Whether the PSFs are symmetric about the meridional plane, but for noise, as a centred lens's are."""
         return all(mirror_symmetric(psf)[1] for psf in self.psf)
 
-    def scaled(self, factor):
+    def scaled(self, factor: float) -> "Lens":
         """A lens `factor` times as large, in focus at `factor` times the distance.
 
         Angles, f-number and magnification stay, and so do relative illumination and transmittance. Distortion and
@@ -129,12 +134,13 @@ class Lens:
         """
         if not 0 < factor < np.inf:
             raise LensError(self.name, "scale", factor, "expected a positive number")
+        width_mm, height_mm = self.sensor_mm
         lengths = ("efl_mm", "object_distance_mm", "entrance_pupil_mm", "heights_mm", "real_height_mm", "psf_pitch_um")
         return replace(self, name=f"{self.name}, scaled by {factor:.4g}",
-                       sensor_mm=tuple(factor * side for side in self.sensor_mm),
-                       **{field: factor * getattr(self, field) for field in lengths})
+                       sensor_mm=(factor * width_mm, factor * height_mm),
+                       **{length: factor * getattr(self, length) for length in lengths})
 
-    def at_wavelength(self, wavelength_nm):
+    def at_wavelength(self, wavelength_nm: float) -> "MonochromaticLens":
         """Lens data for one wavelength.
 
         Heights and relative illumination, smooth in wavelength, follow a spline of up to third degree; PSFs and
@@ -149,16 +155,20 @@ class Lens:
         psf = self.psf[below]
         if weight:
             psf = (1 - weight) * psf + weight * self.psf[below + 1]
-        nm = float(np.clip(wavelength_nm, self.wavelengths_nm[0], self.wavelengths_nm[-1]))
-        degree = min(3, self.wavelengths_nm.size - 1)
+        nm = float(self.nearest_nm(wavelength_nm))
+        return MonochromaticLens(nm, self.heights_mm, self.real_height_at(nm),
+                                 _spline(self.wavelengths_nm, self.relative_illumination, nm), psf, self.psf_pitch_um,
+                                 float(np.interp(nm, self.wavelengths_nm, self.transmittance)))
 
-        def smooth(table):
-            return make_interp_spline(self.wavelengths_nm, table, k=degree)(nm) if degree else table[0]
+    def nearest_nm(self, wavelengths_nm: ArrayLike) -> np.ndarray:
+        """The wavelengths nearest to these for which there are lens data."""
+        return np.clip(wavelengths_nm, self.wavelengths_nm[0], self.wavelengths_nm[-1])
 
-        return MonochromaticLens(nm, self.heights_mm, smooth(self.real_height_mm), smooth(self.relative_illumination),
-                                 psf, self.psf_pitch_um, float(np.interp(nm, self.wavelengths_nm, self.transmittance)))
+    def real_height_at(self, wavelengths_nm: ArrayLike) -> np.ndarray:
+        """Real heights at wavelengths within the lens data: array (..., height)."""
+        return _spline(self.wavelengths_nm, self.real_height_mm, wavelengths_nm)
 
-    def wavelength_position(self, wavelength_nm):
+    def wavelength_position(self, wavelength_nm: float) -> tuple[int, float]:
         """Between which of the lens data's wavelengths one lies: the index below it and the weight of the next.
 
         Raises
@@ -173,15 +183,15 @@ class Lens:
         position = float(np.interp(wavelength_nm, self.wavelengths_nm, np.arange(self.wavelengths_nm.size)))
         return int(position), position % 1
 
-    def wavelengths_around(self, wavelengths_nm):
+    def wavelengths_around(self, wavelengths_nm: Iterable[float]) -> np.ndarray:
         """The lens data's wavelengths between which, or at which, these lie: array, ascending."""
         positions = [self.wavelength_position(nm) for nm in wavelengths_nm]
         around = {below for below, _ in positions} | {below + 1 for below, weight in positions if weight}
         return self.wavelengths_nm[sorted(around)]
 
 
-@dataclass(frozen=True, eq=False)
-class MonochromaticLens:
+@dataclass(frozen=True, eq=False, repr=False)
+class MonochromaticLens(Value):
     """Lens data at one wavelength: the tables of `Lens` without their wavelength axis."""
 
     wavelength_nm: float
@@ -193,6 +203,11 @@ class MonochromaticLens:
     transmittance: float
 
 
+def _spline(wavelengths_nm, table, at_nm):
+    """A table (wavelength, height) at other wavelengths, by a spline of up to third degree: array (..., height)."""
+    return make_interp_spline(wavelengths_nm, table, k=min(3, wavelengths_nm.size - 1))(at_nm)
+
+
 def _check(lens):
     """Raise a LensError that names the first field that cannot be right."""
     _check_numbers(lens)
@@ -202,13 +217,13 @@ def _check(lens):
 
 
 def _check_numbers(lens):
-    for field in ("efl_mm", "f_number_effective", "object_distance_mm", "reference_wavelength_nm", "psf_pitch_um"):
-        if not getattr(lens, field) > 0:
-            raise LensError(lens.name, field, getattr(lens, field), "expected a positive number")
-    for field in ("efl_mm", "f_number_effective", "magnification", "entrance_pupil_mm", "reference_wavelength_nm",
-                  "psf_pitch_um"):
-        if not np.isfinite(getattr(lens, field)):
-            raise LensError(lens.name, field, getattr(lens, field), "expected a finite number")
+    for name in ("efl_mm", "f_number_effective", "object_distance_mm", "reference_wavelength_nm", "psf_pitch_um"):
+        if not getattr(lens, name) > 0:
+            raise LensError(lens.name, name, getattr(lens, name), "expected a positive number")
+    for name in ("efl_mm", "f_number_effective", "magnification", "entrance_pupil_mm", "reference_wavelength_nm",
+                 "psf_pitch_um"):
+        if not np.isfinite(getattr(lens, name)):
+            raise LensError(lens.name, name, getattr(lens, name), "expected a finite number")
     if lens.magnification == 0 and np.isfinite(lens.object_distance_mm):
         raise LensError(lens.name, "magnification", lens.magnification, "expected other than 0 at a finite distance")
     if len(lens.sensor_mm) != 2 or not min(lens.sensor_mm) > 0:
@@ -223,20 +238,20 @@ def _check_shapes(lens):
         raise LensError(lens.name, "heights_mm", f"of shape {heights}", "expected at least two field heights")
     shapes = {"real_height_mm": waves + heights, "relative_illumination": waves + heights,
               "enclosed_energy": waves + heights, "transmittance": waves}
-    for field, shape in shapes.items():
-        if getattr(lens, field).shape != shape:
-            raise LensError(lens.name, field, f"of shape {getattr(lens, field).shape}", f"expected {shape}")
+    for name, shape in shapes.items():
+        if getattr(lens, name).shape != shape:
+            raise LensError(lens.name, name, f"of shape {getattr(lens, name).shape}", f"expected {shape}")
     if lens.psf.ndim != 4 or lens.psf.shape[:2] != waves + heights or lens.psf.shape[2] != lens.psf.shape[3]:
         raise LensError(lens.name, "psf", f"of shape {lens.psf.shape}", f"expected {waves + heights} + (v, u), square")
 
 
 def _check_tables(lens):
-    for field in ("wavelengths_nm", "heights_mm", "real_height_mm", "relative_illumination", "transmittance", "psf"):
-        if not np.all(np.isfinite(getattr(lens, field))):
-            raise LensError(lens.name, field, "not finite", "expected numbers throughout")
-    for field in ("wavelengths_nm", "heights_mm"):
-        if np.any(np.diff(getattr(lens, field)) <= 0):
-            raise LensError(lens.name, field, getattr(lens, field).tolist(), "expected ascending values")
+    for name in ("wavelengths_nm", "heights_mm", "real_height_mm", "relative_illumination", "transmittance", "psf"):
+        if not np.all(np.isfinite(getattr(lens, name))):
+            raise LensError(lens.name, name, "not finite", "expected numbers throughout")
+    for name in ("wavelengths_nm", "heights_mm"):
+        if np.any(np.diff(getattr(lens, name)) <= 0):
+            raise LensError(lens.name, name, getattr(lens, name).tolist(), "expected ascending values")
     if lens.heights_mm[0] != 0:
         raise LensError(lens.name, "heights_mm", f"{lens.heights_mm[0]} first", "expected the axis, 0, first")
     if np.any(lens.relative_illumination < 0):
@@ -260,6 +275,4 @@ def _normalised(psf):
     sums = psf.sum(axis=(2, 3), keepdims=True, dtype=np.float64)
     if np.abs(sums - 1).max() < 1e-6:
         return psf
-    psf = (psf / sums).astype(np.float32)
-    psf.setflags(write=False)
-    return psf
+    return (psf / sums).astype(np.float32)

@@ -1,8 +1,12 @@
 """The panels of a lens sheet: distortion, MTF, relative illumination and lateral colour over the field."""
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from ..lens.curves import (
+    Field,
     cosine_fourth,
     diffraction_cutoff_per_mm,
     distortion_grid,
@@ -11,9 +15,13 @@ from ..lens.curves import (
     lateral_colour_um,
     white_mtf,
 )
+from ..lens.lens import Lens
 from .psf_map import even_indices, shown_wavelengths
 from .style import GRID_COLOUR, INK, PALE_INK, SMALL, TITLE
 from .white_light import wavelength_colours
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 REAL_COLOUR, IDEAL_COLOUR, AIRY_COLOUR = "#0072B2", "#B5B5B5", "#E6E6E6"
 FREQUENCY_COLOURS = "#08306B", "#2F7EBC", "#8FC1E3", "#5A5A5A", "#A5A5A5"
@@ -23,14 +31,15 @@ MOST_TICKS, MOST_ILLUMINATIONS = 6, 3
 LABEL_SPACING, HEADROOM = 0.09, 1.03  # in heights of a panel
 
 
-def draw_distortion(panel, lens, field):
+def draw_distortion(panel: "Axes", lens: Lens, field: Field) -> None:
     """The ideal grid in grey and, in colour, where the chief rays of its points land."""
     from matplotlib.collections import LineCollection
     from matplotlib.patches import Circle, Rectangle
 
     half_mm, edge_mm = np.array(lens.sensor_mm) / 2, field.geometry.distortion(field.edge_mm)
     sensor = panel.add_patch(Rectangle(-half_mm, *lens.sensor_mm, facecolor="none", edgecolor=INK, zorder=3))
-    for lines, colour, width in zip(distortion_grid(lens, field), (IDEAL_COLOUR, REAL_COLOUR), (0.9, 1.5)):
+    for lines, colour, width in zip(distortion_grid(lens, field), (IDEAL_COLOUR, REAL_COLOUR), (0.9, 1.5),
+                                    strict=True):
         panel.add_collection(LineCollection(lines, colors=colour, linewidths=width)).set_clip_path(sensor)
     key = "grey: ideal picture   blue: through the lens"
     if not field.reaches_corner:
@@ -51,10 +60,10 @@ def _distortion_title(lens, field):
     return f"Distortion {percent} {place}, ±{np.degrees(field_angle_rad(lens, field.edge_mm)):.3g}°"
 
 
-def draw_mtf(panel, lens, field, frequencies_per_mm):
+def draw_mtf(panel: "Axes", lens: Lens, field: Field, frequencies_per_mm: Sequence[float]) -> None:
     """Sagittal and tangential MTF in white light over image height."""
     tangential, sagittal = white_mtf(lens, frequencies_per_mm)
-    for colour, along, across in zip(FREQUENCY_COLOURS, tangential.T, sagittal.T):
+    for colour, along, across in zip(FREQUENCY_COLOURS, tangential.T, sagittal.T, strict=False):  # of five
         panel.plot(field.optics.real_height_mm, across, color=colour, linewidth=2)
         panel.plot(field.optics.real_height_mm, along, "--", color=colour, linewidth=2)
     panel.set_ylim(0, HEADROOM)
@@ -63,11 +72,11 @@ def draw_mtf(panel, lens, field, frequencies_per_mm):
     _label_ends(panel, sagittal[-1], [f"{frequency:g}/mm" for frequency in frequencies_per_mm], FREQUENCY_COLOURS)
 
 
-def draw_illumination(panel, lens, field):
+def draw_illumination(panel: "Axes", lens: Lens, field: Field) -> None:
     """Relative illumination at a few wavelengths over image height, and the cosine fourth law."""
     chosen = even_indices(lens.wavelengths_nm.size, MOST_ILLUMINATIONS)
     nm = lens.wavelengths_nm[chosen]
-    for one, colour, curve in zip(nm, wavelength_colours(nm), lens.relative_illumination[chosen]):
+    for one, colour, curve in zip(nm, wavelength_colours(nm), lens.relative_illumination[chosen], strict=True):
         panel.plot(field.optics.real_height_mm, curve, color=colour, linewidth=1.8, label=f"{one:.4g} nm")
     panel.plot(field.optics.real_height_mm, cosine_fourth(lens, lens.heights_mm), ":", color="black", linewidth=1.8,
                label="cos⁴ of the field angle")
@@ -79,13 +88,13 @@ def draw_illumination(panel, lens, field):
                    ha="right", va="top", rotation=90, transform=panel.get_xaxis_transform())
 
 
-def draw_lateral_colour(panel, lens, field):
+def draw_lateral_colour(panel: "Axes", lens: Lens, field: Field) -> None:
     """How far the chief rays of each wavelength land from those of the reference, beside the Airy disk."""
     nm = lens.wavelengths_nm[shown_wavelengths(lens)]
     curves, colours = lateral_colour_um(lens, nm), wavelength_colours(nm)
     airy_um = AIRY_FACTOR * 1e3 / diffraction_cutoff_per_mm(lens)
     panel.axhspan(-airy_um, airy_um, color=AIRY_COLOUR, linewidth=0, zorder=0, label="Airy disk")
-    for colour, curve in zip(colours, curves):
+    for colour, curve in zip(colours, curves, strict=True):
         panel.plot(field.optics.real_height_mm, curve, color=colour, linewidth=1.8)
     _dress(panel, lens, field, f"Lateral colour in µm, against {lens.reference_wavelength_nm:g} nm")
     panel.legend(loc="lower left", fontsize=SMALL, frameon=False)
@@ -101,7 +110,7 @@ def _dress(panel, lens, field, title):
     ticks_mm = MaxNLocator(MOST_TICKS).tick_values(0, heights_mm[-1])
     ticks_mm = ticks_mm[ticks_mm <= heights_mm[-1] * (1 + 1e-9)]
     degrees = np.degrees(field_angle_rad(lens, field.geometry.paraxial_height_mm(ticks_mm)))
-    panel.set_xticks(ticks_mm, [f"{mm:g}\n{angle:.0f}°" for mm, angle in zip(ticks_mm, degrees)])
+    panel.set_xticks(ticks_mm, [f"{mm:g}\n{angle:.0f}°" for mm, angle in zip(ticks_mm, degrees, strict=True)])
     panel.set_xlabel("image height in mm, field angle", fontsize=SMALL, color=INK, labelpad=1)
     panel.grid(color=GRID_COLOUR, linewidth=0.6)
     panel.set_axisbelow(True)
@@ -128,6 +137,6 @@ def _label_ends(panel, values, texts, colours):
         places[:-1] -= tight
         places[1:] += tight
         places = np.clip(places, 0, 1)
-    for place, index in zip(places, order):
+    for place, index in zip(places, order, strict=True):
         panel.text(1.015, place, texts[index], color=colours[index], fontsize=SMALL, fontweight="bold", va="center",
                    transform=panel.transAxes)

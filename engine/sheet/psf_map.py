@@ -1,11 +1,18 @@
 """The PSFs of a lens in one picture: field heights across, wavelengths down, and a row as white light shows them."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from ..lens.curves import field_angle_rad
+from ..lens.curves import Field, field_angle_rad
+from ..lens.lens import Lens
 from ..spectral.colour import encode_srgb
 from .style import INK, SMALL
 from .white_light import wavelength_colours, white_psfs
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
 
 MOST_HEIGHTS, MOST_WAVELENGTHS = 6, 7
 GAP_PX = 3
@@ -13,12 +20,13 @@ WHITE_ROW_GAP = 0.3  # of a row
 DECADES = 3  # of irradiance below the peak that are shown
 FRAMED_LEVEL = 0.01  # of the peak: what lies within the tiles
 FRAMED_SHARE = 90  # per cent of the PSFs of which it does: a few wide ones may fill their tiles and more
-BURNT_OUT = 6.0  # how far above white the peaks of the row in colour are, for fringes are faint
+BURNT_OUT = 6.0  # how far above white the peaks of the row in colour are, for lateral colour is faint
 COLOUR_MAP, COLOUR_STEPS = "inferno", 24
 SCALE_BAR_SHARE = 0.5  # of a tile, at the most
 
 
-def draw_psf_map(figure, corner, largest, lens, field):
+def draw_psf_map(figure: "Figure", corner: tuple[float, float], largest: tuple[float, float], lens: Lens,
+                 field: Field) -> "tuple[AxesImage, float, float]":
     """Draw the map into a figure.
 
     Parameters
@@ -50,18 +58,18 @@ def draw_psf_map(figure, corner, largest, lens, field):
     return shown, left + columns * side, top - (rows + 1 + WHITE_ROW_GAP) * side
 
 
-def shown_heights(lens, field):
+def shown_heights(lens: Lens, field: Field) -> np.ndarray:
     """Indices of up to MOST_HEIGHTS field heights, evenly in the picture from the axis to the edge of the field."""
     places_mm = np.linspace(0, field.geometry.distortion(field.edge_mm), MOST_HEIGHTS)
     return np.unique(np.abs(field.optics.real_height_mm[:, None] - places_mm).argmin(axis=0))
 
 
-def shown_wavelengths(lens):
+def shown_wavelengths(lens: Lens) -> np.ndarray:
     """Indices of up to MOST_WAVELENGTHS wavelengths, evenly from the first to the last."""
     return even_indices(lens.wavelengths_nm.size, MOST_WAVELENGTHS)
 
 
-def even_indices(number, most):
+def even_indices(number: int, most: int) -> np.ndarray:
     """Up to `most` of so many indices, evenly from the first to the last."""
     return np.rint(np.linspace(0, number - 1, min(number, most))).astype(int)
 
@@ -92,7 +100,7 @@ def _draw_single(axes, psfs, pitch_um, side_px):
 
 
 def _draw_white(axes, psfs, pitch_um, side_px):
-    """PSFs (height, v, u, colour) in white light, as pictures exposed for their fringes."""
+    """PSFs (height, v, u, colour) in white light, as pictures exposed for their lateral colour."""
     brightest = psfs.max(axis=-1)
     half_um = _half_width_um(BURNT_OUT * brightest / brightest.max(axis=(1, 2), keepdims=True), pitch_um)
     tiles = np.stack([np.stack([tile(psf[..., colour], pitch_um, half_um, side_px - 2 * GAP_PX)
@@ -111,7 +119,7 @@ def _half_width_um(psfs, pitch_um):
     return float((np.percentile(reach, FRAMED_SHARE) + 1.5) * pitch_um)
 
 
-def tile(psf, pitch_um, half_um, tile_px):
+def tile(psf: np.ndarray, pitch_um: float, half_um: float, tile_px: int) -> np.ndarray:
     """A PSF (v, u) to `half_um` about its chief ray: array (row, column) of tile_px square, outwards to the right."""
     place_um = ((np.arange(tile_px) + 0.5) / tile_px * 2 - 1) * half_um
     v, u = (_weights(place_um, (np.arange(n) - n // 2) * pitch_um, pitch_um) for n in psf.shape)
@@ -138,14 +146,14 @@ def _label_columns(axes, lens, field, heights):
     axes.xaxis.tick_top()
     axes.set_xticks(np.arange(heights.size) + 0.5,
                     [f"{mm:.3g} mm\n{angle:.3g}°"
-                     for mm, angle in zip(field.optics.real_height_mm[heights], np.round(degrees))])
+                     for mm, angle in zip(field.optics.real_height_mm[heights], np.round(degrees), strict=True)])
     axes.tick_params(length=0)
 
 
 def _label_rows(single, white, wavelengths_nm):
     names = [f"{nm:.4g} nm" for nm in wavelengths_nm]
     single.set_yticks(np.arange(wavelengths_nm.size) + 0.5, names, fontweight="bold")
-    for label, colour in zip(single.get_yticklabels(), wavelength_colours(wavelengths_nm)):
+    for label, colour in zip(single.get_yticklabels(), wavelength_colours(wavelengths_nm), strict=True):
         label.set_color(colour)
     white.set_yticks([0.5], ["white\nlight"], fontweight="bold")
 

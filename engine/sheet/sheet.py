@@ -1,12 +1,15 @@
 """The lens sheet: one picture of what a lens does."""
 
+import os
 import textwrap
+from collections.abc import Sequence
 
 import numpy as np
 
 from ..errors import InputError
 from ..files import atomic_path
 from ..lens.curves import field_angle_rad, field_of, preferred_frequencies_per_mm
+from ..lens.lens import Lens
 from .panels import FREQUENCY_COLOURS, draw_distortion, draw_illumination, draw_lateral_colour, draw_mtf
 from .psf_map import BURNT_OUT, DECADES, draw_psf_map
 from .style import INK, PALE_INK, SMALL, TEXT, TITLE, require_matplotlib
@@ -20,7 +23,7 @@ PALETTE_COLOURS, PAPER = 256, 248
 LONGEST_NAME, LONGEST_LINE = 50, 140
 
 
-def write_lens_plot(lens, path, frequencies_per_mm=None):
+def write_lens_plot(lens: Lens, path: str | os.PathLike, frequencies_per_mm: Sequence[float] | None = None) -> None:
     """Draw the sheet of a lens: PSFs, distortion, MTF, relative illumination, lateral colour; PNG, whole or not at all.
 
     Parameters

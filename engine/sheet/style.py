@@ -1,12 +1,17 @@
-"""What the project's drawings share: matplotlib, where there is one, and the ink."""
+"""What the project's plots share: matplotlib, where there is one, colours and sizes of type."""
+
+from typing import TYPE_CHECKING
 
 from ..errors import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 INK, PALE_INK, GRID_COLOUR = "#333333", "#777777", "#DDDDDD"
 TITLE, TEXT, SMALL = 13, 10.5, 9.5  # sizes of type on a lens sheet
 
 
-def require_matplotlib():
+def require_matplotlib() -> "type[Figure]":
     """matplotlib's Figure, which draws without a window; an InputError where there is none."""
     try:
         from matplotlib.figure import Figure

@@ -1,9 +1,10 @@
 """How different two colours look: CIE 1976 L*a*b* and the CIEDE2000 difference."""
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 
-def lab_from_xyz(xyz, white):
+def lab_from_xyz(xyz: ArrayLike, white: ArrayLike) -> np.ndarray:
     """L*, a*, b* of tristimulus values (..., 3) beside a white (3,) (CIE 015:2018, 8.2.1)."""
     ratio = np.asarray(xyz) / white
     cube_root = np.where(ratio > (6 / 29)**3, np.cbrt(ratio), ratio * (29 / 6)**2 / 3 + 4 / 29)
@@ -11,7 +12,7 @@ def lab_from_xyz(xyz, white):
     return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
 
 
-def ciede2000(first, second):
+def ciede2000(first: ArrayLike, second: ArrayLike) -> np.ndarray:
     """Colour difference between L*a*b* values (..., 3): about 1 is just seen (CIE 142-2001; Sharma et al. 2005)."""
     (l1, a1, b1), (l2, a2, b2) = (np.moveaxis(np.asarray(lab, dtype=float), -1, 0) for lab in (first, second))
     chroma_7 = ((np.hypot(a1, b1) + np.hypot(a2, b2)) / 2)**7

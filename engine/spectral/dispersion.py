@@ -4,8 +4,8 @@ Source: "Dispersion formulas", part of the database (CC0), and M. N. Polyanskiy,
 Coefficients that are not given are zero.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Callable
 
 import numpy as np
 
@@ -65,7 +65,7 @@ FORMULAS = {1: _Formula(_sellmeier, 17), 2: _Formula(_sellmeier_2, 17), 3: _Form
             7: _Formula(_herzberger, 6), 8: _Formula(_retro, 4), 9: _Formula(_exotic, 6)}
 
 
-def dispersion(number, coefficients, wavelengths_um):
+def dispersion(number: int, coefficients: Sequence[float], wavelengths_um: np.ndarray) -> np.ndarray:
     """Refractive indices by one of the formulas; not a number where it has none.
 
     Parameters

@@ -11,8 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import yaml
+from numpy.typing import ArrayLike
 
 from ..errors import InputError, absence
+from ..values import Value
 from .dispersion import FORMULAS, dispersion
 from .spectra import BAND_NM
 
@@ -26,24 +28,24 @@ MOST_SHOWN = 40  # characters of a bad value in an error
 _COLUMNS = {"tabulated n": ("n",), "tabulated k": ("k",), "tabulated nk": ("n", "k")}
 
 
-@dataclass(frozen=True, eq=False)
-class Table:
+@dataclass(frozen=True, eq=False, repr=False)
+class Table(Value):
     """Values at ascending wavelengths, linear between them."""
 
     wavelengths_nm: np.ndarray
     values: np.ndarray
 
     @property
-    def range_nm(self):
+    def range_nm(self) -> tuple[float, float]:
         """First and last wavelength."""
         return float(self.wavelengths_nm[0]), float(self.wavelengths_nm[-1])
 
-    def at(self, wavelengths_nm):
+    def at(self, wavelengths_nm: ArrayLike) -> np.ndarray:
         """Values at these wavelengths."""
         return np.interp(wavelengths_nm, self.wavelengths_nm, self.values)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Formula:
     """One of the database's dispersion formulas, by number, with its coefficients (micrometres)."""
 
@@ -51,13 +53,13 @@ class Formula:
     coefficients: tuple[float, ...]
     range_nm: tuple[float, float]
 
-    def at(self, wavelengths_nm):
+    def at(self, wavelengths_nm: ArrayLike) -> np.ndarray:
         """Refractive indices at these wavelengths."""
         return dispersion(self.number, self.coefficients, np.asarray(wavelengths_nm, dtype=np.float64) / NM_PER_UM)
 
 
-@dataclass(frozen=True, eq=False)
-class Refraction:
+@dataclass(frozen=True, eq=False, repr=False)
+class Refraction(Value):
     """The complex refractive index n + ik of a material.
 
     Attributes
@@ -77,33 +79,33 @@ class Refraction:
     k: Table | None = None
 
     @property
-    def range_nm(self):
+    def range_nm(self) -> tuple[float, float]:
         """First and last wavelength of n."""
         return self.n.range_nm
 
     @property
-    def dispersive(self):
+    def dispersive(self) -> bool:
         """Whether n changes over the visible wavelengths that are known, or over all where none is visible."""
         visible = np.clip(BAND_NM, *self.range_nm)
         first, last = visible if visible[0] < visible[1] else self.range_nm
         return bool(np.ptp(self.n_at(np.linspace(first, last, 101))) > 0)
 
     @property
-    def metal(self):
+    def metal(self) -> bool:
         """Whether it absorbs as metals do; raises InputError where k is not known at the D line."""
         return bool(self.k_at(D_LINE_NM) > METAL)
 
-    def n_at(self, wavelengths_nm):
+    def n_at(self, wavelengths_nm: ArrayLike) -> np.ndarray:
         """Refractive indices; raises InputError outside of range_nm."""
         return self._at(self.n, "n", wavelengths_nm)
 
-    def k_at(self, wavelengths_nm):
+    def k_at(self, wavelengths_nm: ArrayLike) -> np.ndarray:
         """Extinction coefficients, zero where the file has none; raises InputError outside of their range."""
         if self.k is None:
             return np.zeros_like(self.n_at(wavelengths_nm))
         return self._at(self.k, "k", wavelengths_nm)
 
-    def reflectance_at(self, wavelengths_nm):
+    def reflectance_at(self, wavelengths_nm: ArrayLike) -> np.ndarray:
         """Fresnel's reflectance at normal incidence from vacuum; raises InputError where n or k is not known."""
         n, k = self.n_at(wavelengths_nm), self.k_at(wavelengths_nm)
         return ((n - 1)**2 + k**2) / ((n + 1)**2 + k**2)
@@ -122,12 +124,12 @@ class Refraction:
         return values
 
 
-def refraction_names():
+def refraction_names() -> list[str]:
     """Names of the materials that come with the project."""
     return sorted(path.stem for path in LIBRARY.glob("*.yml"))
 
 
-def load_refraction(text, folder="."):
+def load_refraction(text: str, folder: str | os.PathLike = ".") -> Refraction:
     """The refractive index of a material by library name, or from a YAML file of refractiveindex.info.
 
     Parameters
@@ -200,7 +202,7 @@ def _curves(path, entry):
     kind = _plain(entry.get("type"))
     if kind in _COLUMNS:
         um, *columns = _rows(path, entry.get("data"), 1 + len(_COLUMNS[kind])).T
-        return {letter: Table(_nm(um), values) for letter, values in zip(_COLUMNS[kind], columns)}
+        return {letter: Table(_nm(um), values) for letter, values in zip(_COLUMNS[kind], columns, strict=True)}
     match = re.fullmatch(r"formula ([1-9])", kind)
     if not match:
         raise InputError(path, "type", kind[:MOST_SHOWN],

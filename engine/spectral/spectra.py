@@ -4,14 +4,17 @@ Emission spectra are spectral densities: they are scaled to unit integral over `
 the watts that it gives off in that band.
 """
 
+import os
 import re
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..errors import InputError
+from ..values import Value
 from .spectrum_text import read_columns, read_spectrum_text
 
 DATA = Path(__file__).resolve().parent / "data"
@@ -22,18 +25,18 @@ CHANNEL_NM = (611.4, 549.1, 464.2)  # dominant wavelengths of the Rec. 709 prima
 LUMENS_PER_WATT = 683.0  # at 555 nm
 
 
-@dataclass(frozen=True, eq=False)
-class Spectrum:
+@dataclass(frozen=True, eq=False, repr=False)
+class Spectrum(Value):
     """Values at ascending wavelengths; linear between them, held beyond the ends (a reflectance)."""
 
     wavelengths_nm: np.ndarray
     values: np.ndarray
 
-    def at(self, wavelengths_nm):
+    def at(self, wavelengths_nm: ArrayLike) -> np.ndarray:
         """Values at these wavelengths."""
         return np.interp(wavelengths_nm, self.wavelengths_nm, self.values)
 
-    def density_at(self, wavelengths_nm):
+    def density_at(self, wavelengths_nm: ArrayLike) -> np.ndarray:
         """Spectral density per nm at these wavelengths: unit integral over BAND_NM, no light beyond the ends.
 
         Raises
@@ -44,7 +47,7 @@ class Spectrum:
         emitted = np.interp(wavelengths_nm, self.wavelengths_nm, self.values, left=0.0, right=0.0)
         return emitted / self._power_in_band()
 
-    def band_means(self, wavelengths_nm):
+    def band_means(self, wavelengths_nm: ArrayLike) -> np.ndarray:
         """Mean of the density per nm about each of these wavelengths: spiky lamps keep their power in a few samples.
 
         Each mean is weighted by a hat: one at its wavelength, falling to nothing at its neighbours, and half a hat at
@@ -67,11 +70,9 @@ class Spectrum:
         nm = np.atleast_1d(np.asarray(wavelengths_nm, dtype=np.float64))
         if nm.size == 1:
             return self.density_at(nm)
-        steps = np.diff(nm)
-        widths = (np.append(steps, 0) + np.insert(steps, 0, 0)) / 2
-        return self._hat_integrals(nm) / widths / self._power_in_band()
+        return self._hat_integrals(nm) / trapezoid_weights(nm) / self._power_in_band()
 
-    def luminous_flux_per_watt(self):
+    def luminous_flux_per_watt(self) -> float:
         """Lumens of each watt between the ends of BAND_NM: 683 lm/W times the mean of the CIE 1931 y-bar (V).
 
         Raises
@@ -107,13 +108,13 @@ class Spectrum:
         return np.bincount(left, total - rising, nm.size) + np.bincount(left + 1, rising, nm.size)
 
 
-def library_names(kind=None):
+def library_names(kind: str | None = None) -> list[str]:
     """Names of the spectra that come with the project: of one kind, "light" or "reflectance", or all."""
     folders = LIBRARY.values() if kind is None else [LIBRARY[kind]]
     return sorted(path.stem for folder in folders for path in folder.glob("*.spd"))
 
 
-def load_spectrum(text, folder="."):
+def load_spectrum(text: str, folder: str | os.PathLike = ".") -> Spectrum:
     """A spectrum by library name, from a two-column file, or from pairs: `400:0.1, 700:0.2` or `[400 0.1 700 0.2]`.
 
     Parameters
@@ -133,7 +134,7 @@ def load_spectrum(text, folder="."):
     return Spectrum(*read_spectrum_text(text, folder))
 
 
-def parse_wavelengths(text):
+def parse_wavelengths(text: str) -> np.ndarray:
     """Wavelengths in nm from `first:last:number` or from a list `450, 550, 650`.
 
     Returns
@@ -164,7 +165,7 @@ def parse_wavelengths(text):
     return wavelengths
 
 
-def blackbody(temperature_k):
+def blackbody(temperature_k: float) -> Spectrum:
     """Planck's law over BAND_NM, in arbitrary units."""
     wavelengths_nm = np.arange(BAND_NM[0], BAND_NM[1] + 1)
     second_radiation_constant_nm_k = 1.438776877e7
@@ -172,7 +173,7 @@ def blackbody(temperature_k):
     return Spectrum(wavelengths_nm, power / power.max())
 
 
-def reflectance_basis(wavelengths_nm):
+def reflectance_basis(wavelengths_nm: ArrayLike) -> np.ndarray:
     """Reflectance of each linear Rec. 709 primary.
 
     As in Mallett and Yuksel (2019) the three curves lie between 0 and 1, sum to 1, and give every colour back under
@@ -187,7 +188,7 @@ def reflectance_basis(wavelengths_nm):
     return np.stack([np.interp(wavelengths_nm, nm, curve) for curve in basis], axis=-1)
 
 
-def emission_basis(wavelengths_nm):
+def emission_basis(wavelengths_nm: ArrayLike) -> np.ndarray:
     """Spectral density per nm of each linear Rec. 709 primary, as a light: its reflectance under D65.
 
     White gives D65 with unit integral over BAND_NM: a surface of Blender emission strength s radiates s W m^-2 sr^-1
@@ -196,15 +197,26 @@ def emission_basis(wavelengths_nm):
     return reflectance_basis(wavelengths_nm) * white_density(wavelengths_nm)[:, None]
 
 
-def channel_basis(wavelengths_nm):
+def channel_basis(wavelengths_nm: ArrayLike) -> np.ndarray:
     """Share of red, green and blue in a quantity that is no colour, such as a scattering length given for each.
 
     Linear between CHANNEL_NM and held beyond; array (wavelength, 3), rows sum to 1.
     """
-    return np.stack([np.interp(wavelengths_nm, CHANNEL_NM[::-1], unit) for unit in np.eye(3)[:, ::-1]], axis=-1)
+    return linear_weights(CHANNEL_NM[::-1], wavelengths_nm)[:, ::-1]
 
 
-def white_density(wavelengths_nm):
+def linear_weights(nodes_nm: ArrayLike, wavelengths_nm: ArrayLike) -> np.ndarray:
+    """Weights of values at nodes in those interpolated linearly between them, held beyond: array (wavelength, node)."""
+    return np.stack([np.interp(wavelengths_nm, nodes_nm, unit) for unit in np.eye(np.size(nodes_nm))], axis=-1)
+
+
+def trapezoid_weights(wavelengths_nm: np.ndarray) -> np.ndarray:
+    """Weights of values at wavelengths in their integral by the trapezoidal rule: array (wavelength,), in nm."""
+    steps = np.diff(wavelengths_nm)
+    return (np.append(steps, 0) + np.insert(steps, 0, 0)) / 2
+
+
+def white_density(wavelengths_nm: ArrayLike) -> np.ndarray:
     """D65 scaled to unit integral over BAND_NM, per nm."""
     return _d65().density_at(np.atleast_1d(wavelengths_nm))
 
@@ -214,7 +226,7 @@ def _d65():
     return load_spectrum("illuminant-d65")
 
 
-def colour_matching(wavelengths_nm):
+def colour_matching(wavelengths_nm: ArrayLike) -> np.ndarray:
     """CIE 1931 2-degree colour-matching functions: array (wavelength, 3), zero outside 360 to 830 nm."""
     nm, *curves = _table("cie1931_2deg.csv").T
     return np.stack([np.interp(wavelengths_nm, nm, curve, left=0.0, right=0.0) for curve in curves], axis=-1)

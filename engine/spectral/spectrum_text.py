@@ -11,7 +11,7 @@ from ..errors import InputError, absence
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 
 
-def read_spectrum_text(text, folder):
+def read_spectrum_text(text: str, folder: str | os.PathLike) -> tuple[np.ndarray, np.ndarray]:
     """Wavelengths in nm and values, written as pairs or in a file of two columns.
 
     Parameters
@@ -40,7 +40,7 @@ def read_spectrum_text(text, folder):
     return read_columns(path)
 
 
-def read_columns(path):
+def read_columns(path: str | os.PathLike) -> tuple[np.ndarray, np.ndarray]:
     """Wavelengths in nm and values from a file of two columns, split by blanks, commas or semicolons; # comments."""
     pairs = []
     try:
@@ -77,7 +77,7 @@ def _bracket_pairs(text):
         raise InputError(text, "spectrum", stray[0] if stray else f"{len(words)} numbers",
                          "expected pairs of a wavelength in nm and a value, such as [400 0.1 700 0.2]")
     numbers = list(map(float, words))
-    return list(zip(numbers[::2], numbers[1::2]))
+    return list(zip(numbers[::2], numbers[1::2], strict=True))
 
 
 def _checked(where, pairs):

@@ -6,13 +6,16 @@ these are few and smooth. So the linear estimate of least error, from what such 
 gives T at all wavelengths from its values at some, and tells how far it errs.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..errors import InputError
+from ..values import Value
 from .colour_difference import ciede2000, lab_from_xyz
-from .spectra import colour_matching, reflectance_basis
+from .spectra import colour_matching, reflectance_basis, trapezoid_weights
 
 TIERS = ("preview", "standard", "reference")
 PREVIEW_WAVELENGTHS = 3
@@ -27,6 +30,7 @@ SMOOTH_NM, SMOOTH_SHARE = 25.0, 1e-5  # of the covariance: what is expected of a
 NOISE_SHARE = 1e-7
 GREY_WEIGHT = 100.0  # of the constant among transports: what is grey has to stay grey
 FOREIGN_SURPRISE = 8  # from which on there are spectra in a scene that nobody told of; without them it is up to 5
+Curve = Callable[[np.ndarray], np.ndarray]  # values at wavelengths in nm
 UNSEEN = 1.0  # weight of wavelengths that no eye sees and no lamp gives, beside the mean of what these do
 
 
@@ -59,15 +63,15 @@ class SpectralOptions:
             if value is not None and self.tier != "standard":
                 raise InputError("options", field, value, f"leave it out: the tier is {self.tier!r}")
 
-    def met_by(self, errors):
+    def met_by(self, errors: tuple[float, float]) -> bool:
         """Whether a colour error and a sensor error are small enough."""
         colour, sensor = errors
         limit = self.colour_error or (np.inf if self.sensor_error else STANDARD_COLOUR_ERROR)
         return colour <= limit and sensor <= (self.sensor_error or np.inf)
 
 
-@dataclass(frozen=True, eq=False)
-class Transport:
+@dataclass(frozen=True, eq=False, repr=False)
+class Transport(Value):
     """The wavelengths to render at, and how those asked for follow from them.
 
     Attributes
@@ -98,7 +102,7 @@ class Transport:
     expected_miss: float
     reason: str
 
-    def surprise(self, planes):
+    def surprise(self, planes: np.ndarray) -> float:
         """How much worse the nodes tell one another than expected: a few at most in a scene that was understood.
 
         Parameters
@@ -111,8 +115,9 @@ class Transport:
         return _misses(planes.reshape(len(planes), -1).T, self.others) / self.expected_miss
 
 
-def plan_transport(factors, lamps, output_nm, options=SpectralOptions(), *, mixed_colours=False, per_pass=3,
-                   dispersive=False):
+def plan_transport(factors: Sequence[Curve], lamps: Sequence[Curve], output_nm: ArrayLike,
+                   options: SpectralOptions = SpectralOptions(), *, mixed_colours: bool = False, per_pass: int = 3,
+                   dispersive: bool = False) -> Transport:
     """The fewest passes that give the light at the wavelengths asked for as truly as asked.
 
     Parameters
@@ -227,12 +232,10 @@ class _Statistics:
         """
         true, nm = self._tried_output, self._output_nm
         estimated = self._tried[:, nodes] @ self.weights(nodes)[self._grid_nm.size:].T
-        steps = np.diff(nm)
-        widths = np.append(steps, 0) + np.insert(steps, 0, 0)
-        matching = colour_matching(nm)
+        matching, widths_nm = colour_matching(nm), trapezoid_weights(nm)
         errors = [(_colour_error(true * light, estimated * light, light @ matching, matching),
                    sensor_error(true * light, estimated * light, nm))
-                  for light in (light * widths for light in self._lights)]
+                  for light in (light * widths_nm for light in self._lights)]
         return tuple(np.max(errors, axis=0))
 
     def transport(self, nodes, reason):
@@ -283,7 +286,7 @@ def _colour_error(true, estimated, white, matching):
     return np.percentile(differences, ERROR_PERCENTILE)
 
 
-def sensor_error(true, estimated, wavelengths_nm):
+def sensor_error(true: np.ndarray, estimated: np.ndarray, wavelengths_nm: np.ndarray) -> float:
     """Relative RMS error of the worst of three sensor bands, over spectra (spectrum, wavelength)."""
     bands = np.exp(-0.5 * ((wavelengths_nm[:, None] - np.array(SENSOR_BANDS_NM)) / SENSOR_WIDTH_NM)**2)
     signal, error = true @ bands, (estimated - true) @ bands
