@@ -8,7 +8,8 @@ import numpy as np
 
 from ..errors import LensError
 from ..field.distortion import DISTORTION_TOLERANCE, ILLUMINATION_TOLERANCE, ORDERS, FieldGeometry, fit_polynomial
-from .finding import SEVERITIES, Finding, graded, greatest, place
+from .finding import SEVERITIES, LensFinding, graded, greatest, place
+from .lens import Lens
 from .psf_checks import LEAST_NM, PSF_CHECKS
 
 GREATEST_NM = 2500  # beyond it neither glass nor silicon sees much
@@ -23,7 +24,7 @@ UNIT_FACTOR = 5  # the least mistake of units is a factor of 10
 FEWEST_HEIGHTS = ORDERS[0] + 2  # with fewer, the engine's polynomials go through every height and smooth nothing
 
 
-def check_lens(lens):
+def check_lens(lens: Lens) -> list[LensFinding]:
     """What is suspicious or harmful in lens data, though allowed.
 
     Parameters
@@ -32,7 +33,7 @@ def check_lens(lens):
 
     Returns
     -------
-    list of Finding, errors first
+    list of LensFinding, errors first
     """
     findings = [finding for check in CHECKS for finding in check(lens)]
     return sorted(findings, key=lambda finding: SEVERITIES.index(finding.severity))
@@ -43,9 +44,9 @@ def _wavelength_units(lens):
                           ("reference_wavelength_nm", np.array([lens.reference_wavelength_nm] * 2))):
         shown = " to ".join(f"{nm:g}" for nm in np.unique(values)) + " nm"
         if values[0] < LEAST_NM:
-            yield Finding("error", field, shown, "expected nanometres; this looks like micrometres")
+            yield LensFinding("error", field, shown, "expected nanometres; this looks like micrometres")
         elif values[1] > GREATEST_NM:
-            yield Finding("warning", field, shown, f"expected nanometres, up to {GREATEST_NM}: check the unit")
+            yield LensFinding("warning", field, shown, f"expected nanometres, up to {GREATEST_NM}: check the unit")
 
 
 def _wavelength_range(lens):
@@ -53,11 +54,12 @@ def _wavelength_range(lens):
     if min(low, lens.reference_wavelength_nm) < LEAST_NM or high > GREATEST_NM:
         return  # told as a wrong unit
     if low > VISIBLE_NM[0] or high < VISIBLE_NM[1]:
-        yield Finding("note", "wavelengths_nm", f"{low:g} to {high:g} nm",
-                      "scenes can be filtered at these wavelengths only; 400 to 700 nm make a picture in true colour")
+        yield LensFinding("note", "wavelengths_nm", f"{low:g} to {high:g} nm",
+                          "scenes can be filtered at these wavelengths only; 400 to 700 nm make a picture in true "
+                          "colour")
     if not low <= lens.reference_wavelength_nm <= high:
-        yield Finding("note", "reference_wavelength_nm", f"{lens.reference_wavelength_nm:g} nm",
-                      f"it lies outside the lens data, {low:g} to {high:g} nm")
+        yield LensFinding("note", "reference_wavelength_nm", f"{lens.reference_wavelength_nm:g} nm",
+                          f"it lies outside the lens data, {low:g} to {high:g} nm")
 
 
 def _wavelength_gaps(lens):
@@ -72,26 +74,27 @@ def _wavelength_gaps(lens):
     widest = np.argmax(gaps / limits)
     if gaps[widest] > limits[widest] + 1e-6:
         low, high = lens.wavelengths_nm[[widest, widest + 1]]
-        yield Finding("note", "wavelengths_nm", f"none between {low:g} and {high:g} nm",
-                      f"PSFs are interpolated there; give one at least every {limits[widest]:g} nm")
+        yield LensFinding("note", "wavelengths_nm", f"none between {low:g} and {high:g} nm",
+                          f"PSFs are interpolated there; give one at least every {limits[widest]:g} nm")
 
 
 def _f_number(lens):
     number = lens.f_number_effective
     if number < F_NUMBERS[0]:
-        yield Finding("error", "f_number_effective", f"{number:g}", "no lens in air is below 0.5: expected 0.5 / NA")
+        yield LensFinding("error", "f_number_effective", f"{number:g}",
+                          "no lens in air is below 0.5: expected 0.5 / NA")
     elif number > F_NUMBERS[1]:
-        yield Finding("warning", "f_number_effective", f"{number:g}", f"expected {F_NUMBERS[0]} to {F_NUMBERS[1]}")
+        yield LensFinding("warning", "f_number_effective", f"{number:g}", f"expected {F_NUMBERS[0]} to {F_NUMBERS[1]}")
 
 
 def _magnification_sign(lens):
     if np.isinf(lens.object_distance_mm):
         if abs(lens.magnification) > 1e-3:
-            yield Finding("warning", "magnification", f"{lens.magnification:g} with the object at infinity",
-                          "expected 0, or the object distance of this magnification")
+            yield LensFinding("warning", "magnification", f"{lens.magnification:g} with the object at infinity",
+                              "expected 0, or the object distance of this magnification")
     elif lens.magnification > 0:
-        yield Finding("warning", "magnification", f"{lens.magnification:g}",
-                      "a real image is inverted: expected a negative number")
+        yield LensFinding("warning", "magnification", f"{lens.magnification:g}",
+                          "a real image is inverted: expected a negative number")
 
 
 def _conjugates(lens):
@@ -102,17 +105,18 @@ def _conjugates(lens):
     reach_mm = max(3 * (lens.efl_mm + abs(lens.entrance_pupil_mm)), 0.1 * from_principal_mm)
     if abs(from_principal_mm - lens.object_distance_mm) > reach_mm:
         in_unit = 1 / UNIT_FACTOR < from_principal_mm / lens.object_distance_mm < UNIT_FACTOR
-        yield Finding("warning" if in_unit else "error", "object_distance_mm",
-                      f"{lens.object_distance_mm:g} mm at a magnification of {lens.magnification:g}",
-                      f"a focal length of {lens.efl_mm:g} mm gives that magnification at {from_principal_mm:.4g} mm "
-                      "from the front principal plane: check these three and their units")
+        yield LensFinding("warning" if in_unit else "error", "object_distance_mm",
+                          f"{lens.object_distance_mm:g} mm at a magnification of {lens.magnification:g}",
+                          f"a focal length of {lens.efl_mm:g} mm gives that magnification at {from_principal_mm:.4g} "
+                          "mm from the front principal plane: check these three and their units")
         return
     # For a thin lens it is efl (1 + |m|); a pupil far away, as that of a telecentric lens, makes it large.
     relative = lens.capture_focal_length_mm / (lens.efl_mm * (1 + abs(lens.magnification)))
     if not 1 / UNIT_FACTOR < relative < UNIT_FACTOR:
-        yield Finding("error" if relative <= 0 else "warning", "entrance_pupil_mm", f"{lens.entrance_pupil_mm:g} mm",
-                      f"the scene is captured with a focal length of {lens.capture_focal_length_mm:.4g} mm then: "
-                      "expected the pupil's distance behind the first surface, in mm")
+        yield LensFinding("error" if relative <= 0 else "warning", "entrance_pupil_mm",
+                          f"{lens.entrance_pupil_mm:g} mm",
+                          f"the scene is captured with a focal length of {lens.capture_focal_length_mm:.4g} mm then: "
+                          "expected the pupil's distance behind the first surface, in mm")
 
 
 def _field_angle(lens):
@@ -120,29 +124,27 @@ def _field_angle(lens):
     angle, real = np.degrees(np.arctan(np.array([lens.heights_mm[-1], np.abs(lens.real_height_mm[:, -1]).max()])
                                        / image_distance_mm))
     if not FIELD_ANGLES_DEG[0] <= angle <= FIELD_ANGLES_DEG[1]:
-        yield Finding("error", "heights_mm", f"{lens.heights_mm[-1]:g} mm at the last",
-                      f"out of proportion to a focal length of {lens.efl_mm:g} mm, check the units: they make a half "
-                      f"field of {angle:.4g} degrees ({real:.4g} by the real height)")
+        yield LensFinding("error", "heights_mm", f"{lens.heights_mm[-1]:g} mm at the last",
+                          f"out of proportion to a focal length of {lens.efl_mm:g} mm, check the units: they make a "
+                          f"half field of {angle:.4g} degrees ({real:.4g} by the real height)")
 
 
 def _sensor(lens):
     covered_mm = np.abs(lens.real_height_mm[:, -1]).min()
     x_mm, y_mm = (side / 2 * (np.arange(400) + 0.5) / 400 for side in lens.sensor_mm)
     beyond = np.mean(np.hypot(x_mm, y_mm[:, None]) > covered_mm)
-    severity = graded(beyond, 1e-3, 0.1)
-    if severity:
-        width, height = lens.sensor_mm
-        yield Finding(severity, "sensor_mm", f"{beyond:.1%} of {width:g} x {height:g} mm lies beyond the last real "
-                      f"height, {covered_mm:.4g} mm", "pixels there hold the last PSF or stay black: give heights up "
-                      f"to a real one of {np.hypot(width, height) / 2:.4g} mm, or check the units")
+    width, height = lens.sensor_mm
+    yield from graded(beyond, 1e-3, 0.1, "sensor_mm", f"{beyond:.1%} of {width:g} x {height:g} mm lies beyond the last "
+                      f"real height, {covered_mm:.4g} mm", "pixels there hold the last PSF or stay black: give heights "
+                      f"up to a real one of {np.hypot(width, height) / 2:.4g} mm, or check the units")
 
 
 def _axis_height(lens):
     offset_mm = np.abs(lens.real_height_mm[:, 0])
     wave = offset_mm.argmax()
     if offset_mm[wave] > AXIS_TOLERANCE * lens.heights_mm[-1]:
-        yield Finding("warning", "real_height_mm", f"{lens.real_height_mm[wave, 0]:g} mm {place(lens, wave, 0)}",
-                      "expected 0: a centred lens images the axis on the axis, and the fit goes through 0")
+        yield LensFinding("warning", "real_height_mm", f"{lens.real_height_mm[wave, 0]:g} mm {place(lens, wave, 0)}",
+                          "expected 0: a centred lens images the axis on the axis, and the fit goes through 0")
 
 
 def _axis_scale(lens):
@@ -158,31 +160,31 @@ def _height_units(lens):
     wave = np.abs(scale - 1).argmax()
     value = f"{scale[wave]:.4g} times the paraxial height near the axis, {place(lens, wave, 1)}"
     if scale[wave] < 0:
-        yield Finding("error", "real_height_mm", value, "wrong sign: both heights are counted away from the axis")
+        yield LensFinding("error", "real_height_mm", value, "wrong sign: both heights are counted away from the axis")
     elif not 1 / UNIT_FACTOR < scale[wave] < UNIT_FACTOR:
-        yield Finding("error", "real_height_mm", value, "expected about 1: check that both heights are in mm")
+        yield LensFinding("error", "real_height_mm", value, "expected about 1: check that both heights are in mm")
     elif abs(scale[wave] - 1) > AXIS_SCALE_TOLERANCE and lens.heights_mm.size > 2:
-        yield Finding("warning", "real_height_mm", value, "expected about 1: check that both are of the same focal "
-                      "length and object distance, or give more heights near the axis")
+        yield LensFinding("warning", "real_height_mm", value, "expected about 1: check that both are of the same focal "
+                          "length and object distance, or give more heights near the axis")
 
 
 def _folding(lens):
     if np.any(_axis_scale(lens) < 0):
         return  # told as a wrong sign
-    for wave, (nm, real_mm) in enumerate(zip(lens.wavelengths_nm, lens.real_height_mm)):
+    for wave, (nm, real_mm) in enumerate(zip(lens.wavelengths_nm, lens.real_height_mm, strict=True)):
         falling = np.flatnonzero(np.diff(real_mm) <= 0)
         if falling.size:
             height = falling[0]
-            yield Finding("error", "real_height_mm", f"{real_mm[height]:.4g} mm {place(lens, wave, height)}, and "
-                          f"{real_mm[height + 1]:.4g} mm at the next",
-                          "distortion must not fold the field back: end the table before that height")
+            yield LensFinding("error", "real_height_mm", f"{real_mm[height]:.4g} mm {place(lens, wave, height)}, and "
+                              f"{real_mm[height + 1]:.4g} mm at the next",
+                              "distortion must not fold the field back: end the table before that height")
             return
         try:
             FieldGeometry(lens.at_wavelength(nm), lens.name)
         except LensError as error:
-            yield Finding("error", error.field, f"{error.value} in the polynomial fitted at {nm:g} nm",
-                          "the table rises, but what is fitted to it folds back: give more heights, or end the table "
-                          "before that height")
+            yield LensFinding("error", error.field, f"{error.value} in the polynomial fitted at {nm:g} nm",
+                              "the table rises, but what is fitted to it folds back: give more heights, or end the "
+                              "table before that height")
             return
 
 
@@ -196,10 +198,9 @@ def _fit_residuals(lens):
         fitted = np.array([fit_polynomial(lens.heights_mm, row, power, tolerance)(lens.heights_mm) for row in table])
         off = np.abs(fitted - table)
         worst = greatest(off)
-        severity = graded(off[worst], note_above, warning_above)
-        if severity:
-            shown = f"{1e3 * off[worst]:.3g} um" if field == "real_height_mm" else f"{off[worst]:.3g}"
-            yield Finding(severity, field, f"{shown} off the polynomial fitted to it, {place(lens, *worst)}",
+        shown = f"{1e3 * off[worst]:.3g} um" if field == "real_height_mm" else f"{off[worst]:.3g}"
+        yield from graded(off[worst], note_above, warning_above, field,
+                          f"{shown} off the polynomial fitted to it, {place(lens, *worst)}",
                           f"no order up to {ORDERS[-1]} fits the table: look for a value out of line, or give more "
                           "heights")
 
@@ -209,28 +210,28 @@ def _illumination(lens):
     wave = np.abs(table[:, 0] - 1).argmax()
     axis = table[wave, 0]
     if abs(axis - 1) > 0.01:
-        yield Finding("warning" if 0.5 < axis < 2 else "error", field, f"{axis:.4g} {place(lens, wave, 0)}",
-                      "expected 1 on the axis: a fraction of the irradiance there, not percent")
+        yield LensFinding("warning" if 0.5 < axis < 2 else "error", field, f"{axis:.4g} {place(lens, wave, 0)}",
+                          "expected 1 on the axis: a fraction of the irradiance there, not percent")
         return
     worst = greatest(table)
     if table[worst] > 1.5:  # pupil aberrations brighten real corners by some 10 %
-        yield Finding("warning", field, f"{table[worst]:.4g} {place(lens, *worst)}",
-                      "brighter than the axis by half: check that it is irradiance at the image")
+        yield LensFinding("warning", field, f"{table[worst]:.4g} {place(lens, *worst)}",
+                          "brighter than the axis by half: check that it is irradiance at the image")
     dark = np.argwhere(table == 0)
     if dark.size:
         wave, height = min(dark, key=lambda at: at[1])
-        yield Finding("note", field, f"0 {place(lens, wave, height)}", "no light comes from there: it stays black")
+        yield LensFinding("note", field, f"0 {place(lens, wave, height)}", "no light comes from there: it stays black")
 
 
 def _few_heights(lens):
     if lens.heights_mm.size < FEWEST_HEIGHTS:
-        yield Finding("warning", "heights_mm", f"{lens.heights_mm.size} heights",
-                      f"PSFs, distortion and relative illumination need {FEWEST_HEIGHTS} or more, better 20")
+        yield LensFinding("warning", "heights_mm", f"{lens.heights_mm.size} heights",
+                          f"PSFs, distortion and relative illumination need {FEWEST_HEIGHTS} or more, better 20")
 
 
 def _transmittance(lens):
     if np.all(lens.transmittance == 1):
-        yield Finding("note", "transmittance", "1 throughout", "losses in glass and at coatings are not counted")
+        yield LensFinding("note", "transmittance", "1 throughout", "losses in glass and at coatings are not counted")
 
 
 CHECKS = (_wavelength_units, _wavelength_range, _wavelength_gaps, _f_number, _magnification_sign, _conjugates,

@@ -1,14 +1,17 @@
-"""Finding: something in lens data that is allowed, yet suspicious or harmful."""
+"""LensFinding: something in lens data that is allowed, yet suspicious or harmful."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+
+from .lens import Lens
 
 SEVERITIES = ("error", "warning", "note")
 
 
 @dataclass(frozen=True)
-class Finding:
+class LensFinding:
     """One thing to tell the maker of lens data.
 
     Attributes
@@ -33,16 +36,18 @@ class Finding:
         return f"{self.severity}: {self.field}: {self.value}: {self.remedy}"
 
 
-def graded(measure, note_above, warning_above):
-    """Severity of a measure that is the worse the larger it is, or None."""
-    return "warning" if measure > warning_above else "note" if measure > note_above else None
+def graded(measure: float, note_above: float, warning_above: float, field: str, value: str,
+           remedy: str) -> Iterator[LensFinding]:
+    """The finding, if there is one, of a measure that is the worse the larger it is."""
+    if measure > note_above:
+        yield LensFinding("warning" if measure > warning_above else "note", field, value, remedy)
 
 
-def place(lens, wave, height):
+def place(lens: Lens, wave: int, height: int) -> str:
     """Wavelength and paraxial height at these indices, in words."""
     return f"at {lens.wavelengths_nm[wave]:g} nm and a height of {lens.heights_mm[height]:g} mm"
 
 
-def greatest(table):
+def greatest(table: np.ndarray) -> tuple[int, ...]:
     """Indices of the greatest value."""
-    return np.unravel_index(np.argmax(table), table.shape)
+    return tuple(map(int, np.unravel_index(np.argmax(table), table.shape)))

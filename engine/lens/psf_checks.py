@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..field.mirror_symmetry import SYMMETRY_TOLERANCE
-from .finding import Finding, graded, greatest, place
+from .finding import LensFinding, graded, greatest, place
 
 LEAST_NM = 100  # below it the wavelengths are in another unit
 PITCH_FACTOR = 100  # real tables have pitches of some Airy radii at most; a mistaken unit is a factor of 1000
@@ -26,11 +26,12 @@ def _pitch(lens):
     airy_um = 1.22e-3 * np.mean(lens.wavelengths_nm) * lens.f_number_effective
     nyquist_um = 0.5e-3 * shortest_nm * lens.f_number_effective  # the optical cutoff is 1 / (wavelength * f-number)
     if not 1 / PITCH_FACTOR < pitch_um / airy_um < PITCH_FACTOR:
-        yield Finding("error", "psf_pitch_um", f"{pitch_um:g} um, where the Airy disc's radius is {airy_um:.3g} um",
-                      "out of proportion: check the unit")
+        yield LensFinding("error", "psf_pitch_um", f"{pitch_um:g} um, where the Airy disc's radius is {airy_um:.3g} um",
+                          "out of proportion: check the unit")
     elif pitch_um > nyquist_um:
-        yield Finding("note", "psf_pitch_um", f"{pitch_um:g} um, where {nyquist_um:.3g} um resolves all detail at "
-                      f"{shortest_nm:g} nm", "finer fringes are lost, which matters only for pixels as small as these")
+        yield LensFinding("note", "psf_pitch_um", f"{pitch_um:g} um, where {nyquist_um:.3g} um resolves all detail "
+                          f"at {shortest_nm:g} nm",
+                          "finer detail is lost, which matters only for pixels as small as these")
 
 
 def _centring(lens):
@@ -39,22 +40,21 @@ def _centring(lens):
     worst = greatest(distance)
     remedy = f"expected the chief ray at [{n // 2}, {n // 2}]: recentre the PSF, or widen its window"
     if distance[worst] > FARTHEST_CENTROID * n:
-        yield Finding("warning", "psf", f"centroid {v[worst]:.1f} samples outwards and {u[worst]:.1f} sideways "
-                      f"{place(lens, *worst)}", remedy)
+        yield LensFinding("warning", "psf", f"centroid {v[worst]:.1f} samples outwards and {u[worst]:.1f} sideways "
+                          f"{place(lens, *worst)}", remedy)
     inner = lens.psf[..., 1:-1, 1:-1].max(axis=(2, 3), initial=0)
     excess = lens.psf.max(axis=(2, 3)) - inner
     worst = greatest(excess)
     if excess[worst] > 0 and n >= 3:
-        yield Finding("warning", "psf", f"brightest at its window's border {place(lens, *worst)}", remedy)
+        yield LensFinding("warning", "psf", f"brightest at its window's border {place(lens, *worst)}", remedy)
 
 
 def _mirror(lens):
     """Symmetry about the meridional plane, as folding asks for it."""
     distance = np.stack([_distance(psf, psf[..., ::-1]) for psf in map(_odd, lens.psf)])
     worst = greatest(distance)
-    severity = graded(distance[worst], SYMMETRY_TOLERANCE, LOPSIDED)
-    if severity:
-        yield Finding(severity, "psf", f"{distance[worst]:.3g} in L1 from its mirror image in u, centroid "
+    yield from graded(distance[worst], SYMMETRY_TOLERANCE, LOPSIDED, "psf",
+                      f"{distance[worst]:.3g} in L1 from its mirror image in u, centroid "
                       f"{_centroids(lens)[1][worst]:.2f} samples sideways, {place(lens, *worst)}",
                       f"expected symmetry about [{lens.psf.shape[-1] // 2}], which half a sample off centre spoils; "
                       "filtering takes longer without")
@@ -66,10 +66,9 @@ def _axis_symmetry(lens):
     axis = lens.psf[:, 0, unpaired:, unpaired:]
     distance = np.maximum(_distance(axis, axis[:, ::-1]), _distance(axis, axis.swapaxes(1, 2)))
     wave = distance.argmax()
-    severity = graded(distance[wave], SYMMETRY_TOLERANCE, LOPSIDED)
-    if severity:
-        yield Finding(severity, "psf", f"{distance[wave]:.3g} in L1 from itself mirrored in v or turned by 90 degrees, "
-                      f"centroid {_centroids(lens)[0][wave, 0]:.2f} samples outwards, {place(lens, wave, 0)}",
+    yield from graded(distance[wave], SYMMETRY_TOLERANCE, LOPSIDED, "psf",
+                      f"{distance[wave]:.3g} in L1 from itself mirrored in v or turned by 90 degrees, centroid "
+                      f"{_centroids(lens)[0][wave, 0]:.2f} samples outwards, {place(lens, wave, 0)}",
                       "a centred lens has round PSFs on its axis: check centring and equal pitch along v and u")
 
 
@@ -92,19 +91,18 @@ def _centroids(lens):
 def _enclosed_energy(lens):
     energy, unknown = lens.enclosed_energy, np.isnan(lens.enclosed_energy)
     if unknown.any():
-        yield Finding("note", "enclosed_energy", f"not known for {unknown.sum()} of {unknown.size} PSFs",
-                      "light lost beyond the window cannot be told: give it where the source has it")
+        yield LensFinding("note", "enclosed_energy", f"not known for {unknown.sum()} of {unknown.size} PSFs",
+                          "light lost beyond the window cannot be told: give it where the source has it")
     impossible = np.argwhere(~unknown & ~((energy > 0) & (energy < 1.01)))
     if impossible.size:
         worst = tuple(impossible[0])
-        yield Finding("error", "enclosed_energy", f"{energy[worst]:.4g} {place(lens, *worst)}",
-                      "expected a fraction of the light, above 0 and up to 1")
+        yield LensFinding("error", "enclosed_energy", f"{energy[worst]:.4g} {place(lens, *worst)}",
+                          "expected a fraction of the light, above 0 and up to 1")
         return
     lost = np.where(unknown, 0, 1 - energy)
     worst = greatest(lost)
-    severity = graded(lost[worst], 1 - KEPT_LIGHT, 1 - TOO_LITTLE_LIGHT)
-    if severity:
-        yield Finding(severity, "enclosed_energy", f"{energy[worst]:.4g} {place(lens, *worst)}",
+    yield from graded(lost[worst], 1 - KEPT_LIGHT, 1 - TOO_LITTLE_LIGHT, "enclosed_energy",
+                      f"{energy[worst]:.4g} {place(lens, *worst)}",
                       "PSFs are normalised, which puts the rest back into the window: widen it")
 
 
@@ -121,22 +119,22 @@ def _border(lens):
     seamless, rise, ring = measures.reshape(*shape, 3).transpose(2, 0, 1)
     worst = greatest(seamless)
     if seamless[worst] > BORDER_LIGHT:
-        yield Finding("warning", "psf", f"{seamless[worst]:.1%} of its light at two opposite borders, where it goes on "
-                      f"without a seam, {place(lens, *worst)}",
-                      "it wraps round: sample the pupil more finely, for a period of two windows")
+        yield LensFinding("warning", "psf", f"{seamless[worst]:.1%} of its light at two opposite borders, where it "
+                          f"goes on without a seam, {place(lens, *worst)}",
+                          "it wraps round: sample the pupil more finely, for a period of two windows")
         return
     remedy = ("it goes on beyond: widen the window, or say so in enclosed_energy; "
               "or it wraps round: sample the pupil more finely")
     rise, ring = rise * unexplained, ring * unexplained
     worst = greatest(rise)
     if rise[worst] > RISE:
-        yield Finding("warning", "psf", f"{rise[worst]:.2f} times brighter at a border than next to it "
-                      f"{place(lens, *worst)}", remedy)
+        yield LensFinding("warning", "psf", f"{rise[worst]:.2f} times brighter at a border than next to it "
+                          f"{place(lens, *worst)}", remedy)
         return
     worst = greatest(ring)
     if ring[worst] > RING_LIGHT:
-        yield Finding("warning", "psf", f"{ring[worst]:.1%} of its light in the window's outermost samples "
-                      f"{place(lens, *worst)}", remedy)
+        yield LensFinding("warning", "psf", f"{ring[worst]:.1%} of its light in the window's outermost samples "
+                          f"{place(lens, *worst)}", remedy)
 
 
 def _seamless(psf):
@@ -196,9 +194,8 @@ def _gaps(lens, left_out, first, axis):
     if left_out.size == 0:
         return
     worst = greatest(left_out)
-    severity = graded(left_out[worst], GAP_NOTE, GAP_WARNING)
-    if severity:
-        yield Finding(severity, "psf", f"{left_out[worst]:.2f} in L1 from what the {axis} about it predict, "
+    yield from graded(left_out[worst], GAP_NOTE, GAP_WARNING, "psf",
+                      f"{left_out[worst]:.2f} in L1 from what the {axis} about it predict, "
                       f"{place(lens, *np.add(worst, first))}",
                       f"PSFs are interpolated between {axis} and miss, as a rule, a third to half of that: give more "
                       f"{axis} there")
