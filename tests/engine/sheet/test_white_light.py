@@ -11,7 +11,7 @@ from lensfield.engine.spectral.spectra import colour_matching
 
 @pytest.mark.parametrize("nm, order", [(450, "bgr"), (480, "bgr"), (540, "gbr"), (590, "rgb"), (650, "rbg")])
 def test_wavelengths_have_their_colours(nm, order):
-    colour = dict(zip("rgb", wavelength_colours([nm])[0]))
+    colour = dict(zip("rgb", wavelength_colours([nm])[0], strict=True))
     assert max(colour, key=colour.get) == order[0]
 
 
