@@ -34,8 +34,9 @@ def write_exr(image: SpectralImage, path: str | os.PathLike) -> None:
     """Write a spectral image, whole or not at all.
 
     Radiance carries the layout's `emissiveUnits`; irradiance, for which the layout has no unit, does not. Both carry
-    `lensfield:` attributes: quantity, units, pitchUm and centrePx; fisheye radiance projection too, irradiance lens and
-    fNumberEffective.
+    `lensfield:` attributes: quantity, units, pitchUm, and centrePx, the row and the column, in this order and in the
+    pixel coordinates of the windows, where the optical axis meets the picture; fisheye radiance projection too,
+    irradiance lens and fNumberEffective.
     """
     planes = {channel_name(nm): np.ascontiguousarray(plane)
               for nm, plane in zip(image.wavelengths_nm, image.cube, strict=True)}

@@ -130,6 +130,20 @@ def test_overscan_is_a_data_window_beyond_the_display_window(path):
     assert [corner.tolist() for corner in header["dataWindow"]] == [[-3, -2], [11, 8]]
 
 
+def test_the_axis_is_told_as_row_and_column_of_the_windows(path):
+    """Of 11 rows and 15 columns it lies in row 4.25, 2 of which are above the frame, and column 9.5, 3 of them left."""
+    write_exr(image(overscan_px=(2, 3), centre_px=(4.25, 9.5)), path)
+    assert raw(path)[0]["lensfield:centrePx"].tolist() == [2.25, 6.5]
+
+
+def test_a_hand_written_axis_is_read_as_row_and_column_of_the_windows(path):
+    windows = {"displayWindow": (np.array([0, 0], np.int32), np.array([2, 1], np.int32)),
+               "dataWindow": (np.array([-1, -1], np.int32), np.array([3, 2], np.int32))}
+    foreign(path, {"S0.550nm": 1.0}, **windows, **{"lensfield:pitchUm": 5.0, "lensfield:centrePx": [0.25, 1.5]})
+    read = read_exr(path)
+    assert (read.cube.shape, read.overscan_px, read.centre_px) == ((1, 4, 5), (1, 1), (1.25, 2.5))
+
+
 def test_row_0_is_the_top_row_of_the_file(path):
     cube = np.zeros((1, 4, 5))
     cube[0, 0, 4] = 1
