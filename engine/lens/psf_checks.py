@@ -113,10 +113,8 @@ def _border(lens):
     """
     if lens.psf.shape[-1] < SMALLEST_WINDOW:
         return
-    shape = lens.psf.shape[:2]
     unexplained = ~(lens.enclosed_energy < KEPT_LIGHT)
-    measures = np.array([[_seamless(psf), _rise(psf), _ring(psf)] for psf in lens.psf.reshape(-1, *lens.psf.shape[2:])])
-    seamless, rise, ring = measures.reshape(*shape, 3).transpose(2, 0, 1)
+    seamless, rise, ring = (np.stack([measure(psf) for psf in lens.psf]) for measure in (_seamless, _rise, _ring))
     worst = greatest(seamless)
     if seamless[worst] > BORDER_LIGHT:
         yield LensFinding("warning", "psf", f"{seamless[worst]:.1%} of its light at two opposite borders, where it "
@@ -140,36 +138,39 @@ def _border(lens):
 def _seamless(psf):
     """Light in two opposite border lines, if the PSF goes on from one to the other as a periodic function does.
 
-    The intensity is band-limited. One that was computed with the window for its period has no power at the grid's
+    Of PSFs (height, v, u), each by itself; so are the next ones. The intensity is band-limited. One that was computed with the window for its period has no power at the grid's
     highest frequency, but for the lowest frequencies along the borders, where the support of a transfer function that
     the pitch just resolves touches. A cut leaves a kink where the borders meet, which has power there in proportion
     to that of the border lines. That ratio, measured with random aberrations at 1 to 3 times the resolving pitch:
     periodic < 1e-5 (1e-4 on the median where the file has five digits), cut > 8e-3; cut Gaussians > 2e-3.
     An odd window, which no Fourier transform is padded to, tells nothing: kinks between samples lack that power.
     """
-    light = 0.0
-    if len(psf) % 2:
+    light = np.zeros(len(psf))
+    if psf.shape[-1] % 2:
         return light
-    alternating = (-1.0) ** np.arange(len(psf))
-    for lines in (psf.astype(float), psf.T.astype(float)):
-        borders = np.abs(np.fft.fft(lines[[0, -1]])).sum(axis=0)[2:-1]
-        highest = np.abs(np.fft.fft(alternating @ lines))[2:-1]
-        at_border = lines[[0, -1]].sum()
-        if np.linalg.norm(highest) < SEAM_LEAK * np.linalg.norm(borders) and np.linalg.norm(borders) > 1e-3 * at_border:
-            light = max(light, at_border)
+    alternating = (-1.0) ** np.arange(psf.shape[-1])
+    for lines in (psf.astype(float), psf.swapaxes(1, 2).astype(float)):
+        borders = np.abs(np.fft.fft(lines[:, [0, -1]])).sum(axis=1)[:, 2:-1]
+        highest = np.abs(np.fft.fft(alternating @ lines))[:, 2:-1]
+        at_border = lines[:, [0, -1]].sum(axis=(1, 2))
+        leak, power = np.linalg.norm(highest, axis=1), np.linalg.norm(borders, axis=1)
+        light = np.maximum(light, np.where((leak < SEAM_LEAK * power) & (power > 1e-3 * at_border), at_border, 0))
     return light
 
 
 def _rise(psf):
     """How many times more light lies in a strip along a border than in the next strip inwards, at the worst."""
-    width = max(1, len(psf) // 16)
-    strips = [(line[:width].sum(), line[width:2 * width].sum())
-              for profile in (psf.sum(axis=1), psf.sum(axis=0)) for line in (profile, profile[::-1])]
-    return max(outer / max(inner, 1e-9) if outer > BORDER_LIGHT else 0.0 for outer, inner in strips)
+    width = max(1, psf.shape[-1] // 16)
+    rise = np.zeros(len(psf))
+    for profile in (psf.sum(axis=2), psf.sum(axis=1)):
+        for line in (profile, profile[:, ::-1]):
+            outer, inner = line[:, :width].sum(axis=1), line[:, width:2 * width].sum(axis=1)
+            rise = np.maximum(rise, np.where(outer > BORDER_LIGHT, outer / np.maximum(inner, 1e-9), 0))
+    return rise
 
 
 def _ring(psf):
-    return psf.sum() - psf[1:-1, 1:-1].sum()
+    return psf.sum(axis=(1, 2)) - psf[:, 1:-1, 1:-1].sum(axis=(1, 2))
 
 
 def _height_gaps(lens):

@@ -12,7 +12,12 @@ from lensfield.engine.lens.readers import BUNDLED, bundled_makers, bundled_names
 
 KINDS = {"angenieux-50mm-f1.1", "angenieux-50mm-f4", "apple-phone-4mm", "cooke-triplet-50mm", "edmund-54852",
          "kodak-petzval-100mm", "muller-fisheye-25mm", "nikkor-28mm", "tessar-50mm"}
-lenses = pytest.mark.parametrize("name", bundled_names())
+
+
+@pytest.fixture(scope="module", params=bundled_names())
+def lens(request):
+    """Each lens of the library, loaded once for all tests of it."""
+    return Lens.load(request.param)
 
 
 def test_the_library_has_every_kind_and_is_small():
@@ -21,46 +26,35 @@ def test_the_library_has_every_kind_and_is_small():
     assert max(sizes) <= 2e6 and sum(sizes) <= 16e6
 
 
-@lenses
-def test_each_is_told_about(name):
-    lens = Lens.load(name)
-    assert lens.name == name
-    assert (lens.maker, lens.story) == bundled_makers()[name]
+def test_each_is_told_about(lens):
+    assert (lens.maker, lens.story) == bundled_makers()[lens.name]
     assert min(len(lens.maker), len(lens.story), len(lens.source), len(lens.notes)) > 10
 
 
-@lenses
-def test_each_has_its_prescription(name):
+def test_each_has_its_prescription(lens):
     """Of the same name, but for those that one prescription gives at several stops."""
-    paths = [BUNDLED / "prescriptions" / f"{stem}.toml" for stem in (name, re.sub(r"-f[\d.]+$", "", name))]
+    paths = [BUNDLED / "prescriptions" / f"{stem}.toml" for stem in (lens.name, re.sub(r"-f[\d.]+$", "", lens.name))]
     path = next(path for path in paths if path.is_file())
     prescription = tomllib.loads(path.read_text(encoding="utf-8"))
-    lens = Lens.load(name)
     assert " ".join(prescription["story"].split()) == lens.story
     assert " ".join(prescription["notes"].split()) == lens.notes
     assert tuple(prescription["sensor_mm"]) == lens.sensor_mm
 
 
-@lenses
-def test_each_holds_the_light_and_is_without_errors(name):
-    lens = Lens.load(name)
-    least = 0.97 if name == "apple-phone-4mm" else 0.995  # whose pitch is that of its sensor's pixels
+def test_each_holds_the_light_and_is_without_errors(lens):
+    least = 0.97 if lens.name == "apple-phone-4mm" else 0.995  # whose pitch is that of its sensor's pixels
     assert lens.enclosed_energy.min() >= least
     assert lens.mirror_symmetric
     assert [str(finding) for finding in check_lens(lens) if finding.severity == "error"] == []
 
 
-@lenses
-def test_each_covers_its_sensor_but_for_the_outermost_corners(name):
-    lens = Lens.load(name)
+def test_each_covers_its_sensor_but_for_the_outermost_corners(lens):
     x_mm, y_mm = np.meshgrid(*((np.arange(400) + 0.5) / 400 * side / 2 for side in lens.sensor_mm))
     last_mm = lens.at_wavelength(550).real_height_mm[-1]
     assert np.mean(np.hypot(x_mm, y_mm) <= last_mm) > 0.97
 
 
-@lenses
-def test_each_makes_a_picture(name):
-    lens = Lens.load(name)
+def test_each_makes_a_picture(lens):
     radiance = SpectralImage(np.ones((2, 60, 80)), [450, 620], pitch_um=lens.sensor_mm[0] * 1e3 / 80)
     irradiance = simulate(radiance, lens, Options(accuracy=0.03)).cube
     assert np.all(np.isfinite(irradiance)) and np.all(irradiance[:, 15:45, 20:60] > 0)

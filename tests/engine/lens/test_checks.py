@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from lenses import gaussian_psf, make_lens
 from lensfield import cli
 from lensfield.engine import Lens
-from lensfield.engine.lens.checks import check_lens
+from lensfield.engine.lens import checks
 from lensfield.engine.lens.finding import SEVERITIES
 from lensfield.engine.lens.readers.package import write_package
 from places import SHARED_DATA
@@ -19,6 +20,9 @@ HEIGHTS_MM = np.linspace(0, 3.3, 12)
 WINDOW = 48
 WAVE, HEIGHT = 2, 5  # where single PSFs are broken
 PLACE = "at 500 nm and a height of 1.5 mm"
+
+
+check_lens = lru_cache(maxsize=2)(checks.check_lens)  # of a lens that a test looks at more than once
 
 
 def sound_lens():
