@@ -165,6 +165,11 @@ def diffraction_cutoff_per_mm(lens: Lens) -> float:
     return 1e6 / (lens.reference_wavelength_nm * lens.f_number_effective)
 
 
+def airy_radius_um(lens: Lens, wavelength_nm: float) -> float:
+    """Radius of the first dark ring of the diffraction pattern: 1.22 times wavelength and f-number."""
+    return 1.22e-3 * wavelength_nm * lens.f_number_effective
+
+
 def finest_frequency_per_mm(lens: Lens) -> float:
     """The finest grating that the PSF samples can tell: half their number per mm."""
     return 500 / lens.psf_pitch_um

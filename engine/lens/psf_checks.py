@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..field.mirror_symmetry import SYMMETRY_TOLERANCE
+from .curves import airy_radius_um
 from .finding import LensFinding, graded, greatest, place
 
 LEAST_NM = 100  # below it the wavelengths are in another unit
@@ -23,7 +24,7 @@ def _pitch(lens):
     if lens.wavelengths_nm[0] < LEAST_NM:
         return
     pitch_um, shortest_nm = lens.psf_pitch_um, lens.wavelengths_nm[0]
-    airy_um = 1.22e-3 * np.mean(lens.wavelengths_nm) * lens.f_number_effective
+    airy_um = airy_radius_um(lens, lens.wavelengths_nm.mean())
     nyquist_um = 0.5e-3 * shortest_nm * lens.f_number_effective  # the optical cutoff is 1 / (wavelength * f-number)
     if not 1 / PITCH_FACTOR < pitch_um / airy_um < PITCH_FACTOR:
         yield LensFinding("error", "psf_pitch_um", f"{pitch_um:g} um, where the Airy disc's radius is {airy_um:.3g} um",
@@ -138,7 +139,9 @@ def _border(lens):
 def _seamless(psf):
     """Light in two opposite border lines, if the PSF goes on from one to the other as a periodic function does.
 
-    Of PSFs (height, v, u), each by itself; so are the next ones. The intensity is band-limited. One that was computed with the window for its period has no power at the grid's
+    Of PSFs (height, v, u), each by itself; so are the measures after this one.
+
+    The intensity is band-limited. One that was computed with the window for its period has no power at the grid's
     highest frequency, but for the lowest frequencies along the borders, where the support of a transfer function that
     the pitch just resolves touches. A cut leaves a kink where the borders meet, which has power there in proportion
     to that of the border lines. That ratio, measured with random aberrations at 1 to 3 times the resolving pitch:

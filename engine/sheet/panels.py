@@ -7,8 +7,8 @@ import numpy as np
 
 from ..lens.curves import (
     Field,
+    airy_radius_um,
     cosine_fourth,
-    diffraction_cutoff_per_mm,
     distortion_grid,
     distortion_percent,
     field_angle_rad,
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 REAL_COLOUR, IDEAL_COLOUR, AIRY_COLOUR = "#0072B2", "#B5B5B5", "#E6E6E6"
 FREQUENCY_COLOURS = "#08306B", "#2F7EBC", "#8FC1E3", "#5A5A5A", "#A5A5A5"
 DASHES = (0, (2, 2))
-AIRY_FACTOR = 1.22  # radius of the Airy disk over wavelength times f-number
 MOST_TICKS, MOST_ILLUMINATIONS = 6, 3
 LABEL_SPACING, HEADROOM = 0.09, 1.03  # in heights of a panel
 
@@ -92,7 +91,7 @@ def draw_lateral_colour(panel: "Axes", lens: Lens, field: Field) -> None:
     """How far the chief rays of each wavelength land from those of the reference, beside the Airy disk."""
     nm = lens.wavelengths_nm[shown_wavelengths(lens)]
     curves, colours = lateral_colour_um(lens, nm), wavelength_colours(nm)
-    airy_um = AIRY_FACTOR * 1e3 / diffraction_cutoff_per_mm(lens)
+    airy_um = airy_radius_um(lens, lens.reference_wavelength_nm)
     panel.axhspan(-airy_um, airy_um, color=AIRY_COLOUR, linewidth=0, zorder=0, label="Airy disk")
     for colour, curve in zip(colours, curves, strict=True):
         panel.plot(field.optics.real_height_mm, curve, color=colour, linewidth=1.8)

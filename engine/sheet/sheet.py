@@ -10,6 +10,7 @@ from ..errors import InputError
 from ..files import atomic_path
 from ..lens.curves import field_angle_rad, field_of, preferred_frequencies_per_mm
 from ..lens.lens import Lens
+from ..lens.psf_checks import KEPT_LIGHT
 from .panels import FREQUENCY_COLOURS, draw_distortion, draw_illumination, draw_lateral_colour, draw_mtf
 from .psf_map import BURNT_OUT, DECADES, draw_psf_map
 from .style import INK, PALE_INK, SMALL, TEXT, TITLE, require_matplotlib
@@ -91,7 +92,7 @@ def _draw_header(figure, lens):
     _write(figure, MARGIN, top - 0.53, "      ".join(_facts(lens)), TITLE)
     _write(figure, MARGIN, top - 0.86, _wrapped(lens.story), TEXT, PALE_INK)
     held = lens.enclosed_energy.min()
-    windows = f"PSF windows hold {100 * held:.3g} % of the light or more" if held < 0.995 else ""
+    windows = f"PSF windows hold {100 * held:.3g} % of the light or more" if held < KEPT_LIGHT else ""
     foot = ". ".join(filter(None, (lens.source.rstrip(". "), windows)))
     _write(figure, MARGIN, 0.35, _wrapped(foot), SMALL - 1, PALE_INK)
 

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from scipy.special import j1
+from scipy.special import j1, jn_zeros
 
 from lenses import SENSOR_POINT, gaussian_psf, make_lens, marked_psf
 from lensfield.engine import LensError
 from lensfield.engine.lens.curves import (
+    airy_radius_um,
     cosine_fourth,
     diffraction_cutoff_per_mm,
     distortion_grid,
@@ -108,6 +109,11 @@ def test_frequencies_follow_the_lens(changes, expected):
 
 def test_diffraction_cutoff():
     assert diffraction_cutoff_per_mm(make_lens(f_number_effective=4.0)) == pytest.approx(1 / (550e-6 * 4))
+
+
+def test_airy_radius_is_the_first_zero_of_the_bessel_function():
+    first_zero = jn_zeros(1, 1)[0] / np.pi  # 1.2197
+    assert airy_radius_um(make_lens(f_number_effective=4.0), 500.0) == pytest.approx(first_zero * 0.5 * 4, rel=1e-3)
 
 
 @pytest.mark.parametrize("changes, height_mm", [
