@@ -139,7 +139,7 @@ def _border(lens):
 def _seamless(psf):
     """Light in two opposite border lines, if the PSF goes on from one to the other as a periodic function does.
 
-    Of PSFs (height, v, u), each by itself; so are the measures after this one.
+    It is measured for each of PSFs (height, v, u), as the next two are.
 
     The intensity is band-limited. One that was computed with the window for its period has no power at the grid's
     highest frequency, but for the lowest frequencies along the borders, where the support of a transfer function that
