@@ -9,14 +9,14 @@ from ..engine.field.overscan import overscan_px
 from ..engine.image.pitch import field_of_view_deg, fitting_pitch_um, fov_pitch_um
 from ..engine.report import FileFacts, Upsampling
 from ..engine.spectral.spectra import parse_wavelengths
+from ..engine.spectral.wavelength_choice import RGB_WAVELENGTHS
 from .arguments import add_engine_options, check_outputs, engine_options
 from .outcome import finish
 from .sequence import find_shots
 from .terminal import progress_bar, quiet
 
-DEFAULT_WAVELENGTHS = "400:700:9"
 RGB_ONLY = ("wavelengths", "layer", "fov", "focal_mm", "sensor_width_mm")
-VIEWS = {"--pitch-um": ("pitch_um",), "--fov": ("fov",), "--focal-mm": ("focal_mm", "sensor_width_mm")}
+CAMERA_FIGURES = {"--pitch-um": ("pitch_um",), "--fov": ("fov",), "--focal-mm": ("focal_mm", "sensor_width_mm")}
 
 
 def add(commands):
@@ -32,7 +32,7 @@ def add(commands):
     rgb = filter_.add_argument_group("RGB pictures", "upsampled as light; without camera figures, taken to show just "
                                                      "the lens's field, as after matching the camera to the lens")
     rgb.add_argument("--wavelengths", metavar="SPEC", help="nm: first:last:number, or a list such as 450,550,650 "
-                                                           f"(default {DEFAULT_WAVELENGTHS})")
+                                                           f"(default {RGB_WAVELENGTHS})")
     rgb.add_argument("--layer", metavar="NAME", help="the layer that is the picture, such as ViewLayer.Combined")
     rgb.add_argument("--fov", type=float, metavar="DEGREES", help="horizontal field of view of the rendering camera")
     rgb.add_argument("--focal-mm", type=float, metavar="F", help="its focal length; with --sensor-width-mm")
@@ -100,7 +100,7 @@ class _Run:
             return read_exr(path, self._options.pitch_um), None
         picture = read_rgb_exr(path, self._options.layer)
         pitch = _pitch_um(self._options, self._lens, picture.frame_px)
-        wavelengths_nm = parse_wavelengths(self._options.wavelengths or DEFAULT_WAVELENGTHS)
+        wavelengths_nm = parse_wavelengths(self._options.wavelengths or RGB_WAVELENGTHS)
         radiance, negative = upsample(picture, wavelengths_nm, pitch)
         across, down = (field_of_view_deg(self._lens.capture_focal_length_mm, n * pitch * 1e-3)
                         for n in picture.frame_px[::-1])
@@ -139,7 +139,7 @@ def _check_view(options):
         if value is not None and not (isfinite(value) and 0 < value < most):
             raise InputError("options", f"--{name.replace('_', '-')}", value,
                              "expected a positive number" + (" of degrees below 180" if name == "fov" else ""))
-    given = [option for option, names in VIEWS.items()
+    given = [option for option, names in CAMERA_FIGURES.items()
              if any(getattr(options, name) is not None for name in names)]
     if len(given) > 1:
         raise InputError("options", given[1], "beside " + given[0], "give the one or the other")

@@ -3,8 +3,9 @@
 from pathlib import Path
 
 from ..engine import InputError, Lens
+from ..engine.field.overscan import VIEWS
 from ..engine.spectral.spectra import parse_wavelengths
-from ..engine.spectral.wavelength_choice import STANDARD_COLOUR_ERROR, TIERS, SpectralOptions
+from ..engine.spectral.wavelength_choice import IMAGE_WAVELENGTHS, STANDARD_COLOUR_ERROR, TIERS, UNFIT, SpectralOptions
 from .arguments import add_engine_options, check_outputs, engine_options, resolution
 from .blend import open_scene
 from .outcome import finish
@@ -16,7 +17,7 @@ LIMITS = {"frame": (-1048574, 1048574), "samples": (1, 1 << 24)}  # Blender's ow
 def add(commands):
     render = commands.add_parser("render", help="render a .blend multispectrally and put it through a lens")
     render.add_argument("scene", type=Path, metavar="SCENE.blend")
-    render.add_argument("--wavelengths", default="400:700:21", metavar="SPEC",
+    render.add_argument("--wavelengths", default=IMAGE_WAVELENGTHS, metavar="SPEC",
                         help="nm: first:last:number, or a list such as 450,550,650 (default %(default)s)")
     render.add_argument("--tier", choices=TIERS, default=SpectralOptions.tier,
                         help="how many of the wavelengths Cycles renders: three, as many as keep colours true, or all; "
@@ -26,10 +27,10 @@ def add(commands):
                              f"(default {STANDARD_COLOUR_ERROR:g})")
     render.add_argument("--sensor-error", type=float, metavar="FRACTION",
                         help="relative RMS error that three broad sensor bands are to stay within")
-    render.add_argument("--view", choices=("lens", "camera"), default="lens",
+    render.add_argument("--view", choices=VIEWS, default=VIEWS[0],
                         help="what is seen: what the lens sees on its own sensor; or what the scene's camera sees, the "
                              "lens being made as large as that takes, blur and all (default %(default)s)")
-    render.add_argument("--unfit", choices=("refuse", "render"), default="refuse",
+    render.add_argument("--unfit", choices=UNFIT, default=UNFIT[0],
                         help="nodes that cannot be rendered by wavelengths (lensfield lint lists them): an error, or "
                              "what Cycles makes of them (default %(default)s)")
     render.add_argument("--frame", type=int, help="frame to render (default: the scene's current one)")

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...engine.errors import InputError
 from ...engine.spectral.spectra import BAND_NM
-from ...engine.spectral.wavelength_choice import Transport, plan_transport
+from ...engine.spectral.wavelength_choice import UNFIT, Transport, plan_transport
 from ..scene.camera import capture_grid, check_camera, in_view
 from ..scene.errors import SceneError
 from ..scene.instances import rendered_blocks, rendered_instances
@@ -18,8 +18,6 @@ from ..shading.lint import judge
 from ..shading.node_rules import REJECTED, SEPARATED
 from ..shading.substitution import Substitution
 from .bands import WAVELENGTHS_PER_PASS, passes
-
-UNFIT = "refuse", "render"
 
 
 @dataclass(frozen=True, eq=False)

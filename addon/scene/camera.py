@@ -4,10 +4,11 @@ import numpy as np
 
 from ...engine.errors import InputError
 from ...engine.field.distortion import FieldGeometry
-from ...engine.field.overscan import choose_capture
+from ...engine.field.overscan import VIEWS, choose_capture
 from ...engine.field.psf_bank import psf_radius_px
 from ...engine.image.pitch import fitting_pitch_um as pitch_um
 from ...engine.image.pixel_grid import PLANE, PixelGrid
+from ...engine.lens.curves import field_angle_rad, reference_nm
 from .errors import SceneError
 from .lens_cache import scaled_lens
 
@@ -15,7 +16,6 @@ CAMERA_SENSOR_MM = 36.0  # Blender's limits on focal lengths are made for this; 
 FISHEYE_TYPE = "FISHEYE_LENS_POLYNOMIAL"
 WHOLE_SPHERE = 2 * np.pi  # a field of view that cuts nothing off
 FIT_SAMPLES = 257
-VIEWS = "lens", "camera"
 
 
 def frame_px(scene):
@@ -142,7 +142,7 @@ def _pixel_mm(camera, frame):
 
 
 def _warning(lens, adapted, factor):
-    covered = min(1.0, 2 * _at_reference(adapted).real_height_mm[-1] / np.hypot(*adapted.sensor_mm))
+    covered = min(1.0, 2 * adapted.real_height_at(reference_nm(adapted))[-1] / np.hypot(*adapted.sensor_mm))
     focus = "infinity" if np.isinf(adapted.object_distance_mm) else f"{adapted.object_distance_mm * 1e-3:.3g} m"
     return (f"{lens.name} made {factor:.3g} times as large: f = {adapted.efl_mm:.3g} mm, focused at {focus}; its field "
             f"covers {covered:.0%} of the frame's diagonal; all its blur scales alike, though diffraction would not")
@@ -174,17 +174,8 @@ def _make_fisheye(camera, angle_per_radius, width_mm):
 
 def _field_angle(lens, real_height_mm):
     """Angle from the axis, seen from the entrance pupil, of what the lens images at this height from the axis."""
-    paraxial_mm = FieldGeometry(_at_reference(lens), lens.name).paraxial_height_mm(real_height_mm)
-    return np.arctan(paraxial_mm / lens.capture_focal_length_mm)
-
-
-def reference_nm(lens):
-    """The lens's reference wavelength, or the nearest that its data know."""
-    return float(np.clip(lens.reference_wavelength_nm, *lens.wavelengths_nm[[0, -1]]))
-
-
-def _at_reference(lens):
-    return lens.at_wavelength(reference_nm(lens))
+    field = FieldGeometry(lens.at_wavelength(reference_nm(lens)), lens.name)
+    return field_angle_rad(lens, field.paraxial_height_mm(real_height_mm))
 
 
 def _field_polynomial(lens, width_mm):

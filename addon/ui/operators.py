@@ -7,10 +7,11 @@ from pathlib import Path
 import bpy
 
 from ...engine.errors import InputError
+from ...engine.lens.curves import reference_nm
 from ...engine.plan.options import DEFAULT_ACCURACY
 from ..job.radiance import RenderPass
 from ..job.render import Job, render_steps, run
-from ..scene.camera import capture_grid, check_camera, lens_for_view, match_camera_to_lens, reference_nm
+from ..scene.camera import capture_grid, check_camera, lens_for_view, match_camera_to_lens
 from ..scene.compositor import lens_image
 from ..scene.lens_cache import load_lens
 from ..scene.watch import RenderWatch

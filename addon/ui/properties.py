@@ -12,9 +12,10 @@ from ...engine.lens.readers import bundled_makers
 from ...engine.plan.options import DEFAULT_ACCURACY
 from ...engine.spectral.refraction import refraction_names
 from ...engine.spectral.spectra import library_names, parse_wavelengths
-from ...engine.spectral.wavelength_choice import STANDARD_COLOUR_ERROR, SpectralOptions
+from ...engine.spectral.wavelength_choice import IMAGE_WAVELENGTHS, STANDARD_COLOUR_ERROR, SpectralOptions
 
 FROM_FILE = "FILE"
+FIRST_NM, LAST_NM, NUMBER = (int(word) for word in IMAGE_WAVELENGTHS.split(":"))
 PANEL_KNOBS = "section_size", "azimuths"  # of those that the methods have
 BLEND_RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"}  # paths that start with // lie beside the .blend
 
@@ -89,11 +90,11 @@ class LensfieldSettings(bpy.types.PropertyGroup):
     wavelength_mode: EnumProperty(
         name="Wavelengths", default="RANGE",
         items=[("RANGE", "Range", "Evenly spaced wavelengths"), ("LIST", "List", "Wavelengths one by one")])
-    wavelength_first_nm: FloatProperty(name="First", description="Shortest wavelength in nm", default=400, min=1,
+    wavelength_first_nm: FloatProperty(name="First", description="Shortest wavelength in nm", default=FIRST_NM, min=1,
                                        precision=1)
-    wavelength_last_nm: FloatProperty(name="Last", description="Longest wavelength in nm", default=700, min=1,
+    wavelength_last_nm: FloatProperty(name="Last", description="Longest wavelength in nm", default=LAST_NM, min=1,
                                       precision=1)
-    wavelength_count: IntProperty(name="Number", default=21, min=1, soft_max=61,
+    wavelength_count: IntProperty(name="Number", default=NUMBER, min=1, soft_max=61,
                                   description="Number of wavelengths of the lens image. How many of them are "
                                               "rendered is up to the spectra, below")
     wavelength_list: StringProperty(name="List", description="Ascending wavelengths in nm, such as 450, 550, 650",

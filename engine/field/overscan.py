@@ -16,6 +16,7 @@ from .distortion import CaptureRadius, FieldGeometry
 if TYPE_CHECKING:
     from ..lens import Lens
 
+VIEWS = "lens", "camera"  # what a capture shows: the lens's own view, or that of the scene's camera
 LARGEST_PLANE = 2.0  # times the pixels of the frame; a fisheye shows the same field in fewer
 
 

@@ -18,6 +18,9 @@ from .colour_difference import ciede2000, lab_from_xyz
 from .spectra import colour_matching, reflectance_basis, trapezoid_weights
 
 TIERS = ("preview", "standard", "reference")
+UNFIT = ("refuse", "render")  # what to do about what cannot be rendered by wavelengths
+IMAGE_WAVELENGTHS = "400:700:21"  # of a scene's lens image, where none are asked for
+RGB_WAVELENGTHS = "400:700:9"  # that a picture in RGB is upsampled to: it holds no finer spectra
 PREVIEW_WAVELENGTHS = 3
 STANDARD_COLOUR_ERROR = 1.0  # CIEDE2000: what is just seen
 ERROR_PERCENTILE = 95

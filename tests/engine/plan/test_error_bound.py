@@ -57,11 +57,11 @@ def edges_and_sky(rng):
 SCENES = (noise, points, bright_range, edges_and_sky)
 
 
-def error_over_light(options, lens, image):
-    """Sum of |error| over the light that the picture was made of, and the report."""
+def error_over_light(options, lens, image, exact=None):
+    """Sum of |error| over the light that the picture was made of, and the plan."""
     report = Report()
     result = simulate(image, lens, options, report=report).cube.astype(float)
-    exact = simulate(image, lens, Options(method="exact", out_of_field=options.out_of_field)).cube
+    exact = simulate(image, lens, Options(method="exact")).cube if exact is None else exact
     light = report.lens_image.energy.in_w_per_nm / (image.pitch_um * 1e-6) ** 2
     return np.abs(result - exact).sum() / light, report.lens_image.plan
 
@@ -73,8 +73,9 @@ def test_no_scene_is_wrong_by_more_than_the_bound(seed, scene):
     centre = None if seed < 2 else (12.3, 70.8)
     image = SpectralImage(scene(rng)[None], [rng.uniform(400, 700)], pitch_um=PITCH_UM, centre_px=centre)
     lens = random_lens(seed)
+    exact = simulate(image, lens, Options(method="exact")).cube
     for accuracy in (0.1, 1e-2, 1e-3):
-        error, plan = error_over_light(Options(accuracy=accuracy), lens, image)
+        error, plan = error_over_light(Options(accuracy=accuracy), lens, image, exact)
         assert error <= plan.error_bound <= accuracy
 
 
@@ -141,7 +142,7 @@ def test_the_error_between_azimuths_falls_with_their_number():
     assert errors[-1] < errors[0] / 8
 
 
-@pytest.mark.parametrize("azimuths", [3, 16, 45])
+@pytest.mark.parametrize("azimuths", [3, 45])
 @pytest.mark.parametrize("name, pitch_um", [("edmund-54852", 3.0), ("edmund-54852", 6.25), ("edmund-54852", 12.0),
                                             ("cooke-triplet-50mm", 94.7), ("tessar-50mm", 46.9),
                                             ("random lopsided", PITCH_UM)])
