@@ -75,7 +75,7 @@ class _Gathered:
     def __init__(self, plan, light_passes, depth_pass, grid):
         self._plan, self._grid = plan, grid
         self._light_passes, self._depth_pass = light_passes, depth_pass
-        self._cube = np.zeros((plan.transport.output_nm.size, *grid.shape_px), np.float32)
+        self._cube = np.zeros((plan.choice.output_nm.size, *grid.shape_px), np.float32)
         self._blocks, self._depth_m = [], None
 
     def add(self, index, path):
@@ -101,19 +101,19 @@ class _Gathered:
 
     def facts(self, job):
         """The plan, and what the passes tell of it: how well spectra were foreseen, and the frame's depths."""
-        plan, transport, (top, left) = self._plan, self._plan.transport, self._grid.overscan_px
+        plan, choice, (top, left) = self._plan, self._plan.choice, self._grid.overscan_px
         depth_mm = planar_depth_mm(self._depth_m * M_TO_MM, job.lens, self._grid)
         rows, columns = self._grid.frame_px
-        surprise = transport.surprise(np.array(self._blocks))
+        surprise = choice.surprise(np.array(self._blocks))
         foreign = bool(surprise > FOREIGN_SURPRISE)
         return SceneFacts(
             passes=len(plan.bands), wavelengths_per_pass=plan.per_pass,
-            rendered_nm=[round(float(nm), 3) for nm in transport.nodes_nm],
-            wavelengths_nm=[float(nm) for nm in transport.output_nm], scene_plan=plan.text,
-            lamps=[lamp.name for lamp in plan.lamps], predicted_colour_error=transport.colour_error,
-            predicted_sensor_error=transport.sensor_error, predicted_spectral_error=transport.spectral_error,
+            rendered_nm=[round(float(nm), 3) for nm in choice.nodes_nm],
+            wavelengths_nm=[float(nm) for nm in choice.output_nm], scene_plan=plan.text,
+            lamps=[lamp.name for lamp in plan.lamps], predicted_colour_error=choice.colour_error,
+            predicted_sensor_error=choice.sensor_error, predicted_spectral_error=choice.spectral_error,
             spectral_surprise=float(surprise), foreign_spectra=foreign,
-            estimated_colour_error=transport.colour_error * (float(surprise) if foreign else 1),
+            estimated_colour_error=choice.colour_error * (float(surprise) if foreign else 1),
             depth=check_depth(depth_mm[top:top + rows, left:left + columns], job.lens, self._grid.pitch_um),
             lens_warning=job.lens_warning)
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...engine.errors import InputError
 from ...engine.spectral.spectra import BAND_NM
-from ...engine.spectral.wavelength_choice import UNFIT, Transport, plan_transport
+from ...engine.spectral.wavelength_choice import UNFIT, WavelengthChoice, choose_wavelengths
 from ..scene.camera import capture_grid, check_camera, in_view
 from ..scene.errors import SceneError
 from ..scene.instances import rendered_blocks, rendered_instances
@@ -26,7 +26,7 @@ class ScenePlan:
 
     Attributes
     ----------
-    transport : Transport
+    choice : WavelengthChoice
         The wavelengths that are rendered, and how those asked for follow.
     lamps : list of Lamp
         One for each light group; the first is that of the light in none of ours.
@@ -38,7 +38,7 @@ class ScenePlan:
         Why a pass carries a single wavelength, if it does.
     """
 
-    transport: Transport
+    choice: WavelengthChoice
     lamps: list
     per_pass: int
     dispersive: bool
@@ -47,21 +47,21 @@ class ScenePlan:
     @property
     def bands(self):
         """Wavelengths of each pass, nm."""
-        return passes(self.transport.nodes_nm, self.per_pass)
+        return passes(self.choice.nodes_nm, self.per_pass)
 
     def shares(self, index):
         """What each plane of a pass gives to the radiance at each wavelength: array (wavelength, lamp, plane)."""
         nodes = slice(index * self.per_pass, (index + 1) * self.per_pass)
-        lamps = np.stack([lamp.output_at(self.transport.output_nm) for lamp in self.lamps], axis=-1)
-        return lamps[:, :, None] * self.transport.weights[:, None, nodes]
+        lamps = np.stack([lamp.output_at(self.choice.output_nm) for lamp in self.lamps], axis=-1)
+        return lamps[:, :, None] * self.choice.weights[:, None, nodes]
 
     @property
     def text(self):
         """The passes, why these, and how true colours will be, in one line."""
         renders = f"{len(self.bands)} Cycles render{'s' * (len(self.bands) > 1)}"
-        why = "; ".join(filter(None, (self.transport.reason, self.apart)))
-        text = f"{renders} at {', '.join(f'{nm:g}' for nm in self.transport.nodes_nm)} nm: {why}"
-        error = self.transport.colour_error
+        why = "; ".join(filter(None, (self.choice.reason, self.apart)))
+        text = f"{renders} at {', '.join(f'{nm:g}' for nm in self.choice.nodes_nm)} nm: {why}"
+        error = self.choice.colour_error
         return text + (f"; colours within a CIEDE2000 of about {error:.2g}" if error else "")
 
 
@@ -118,10 +118,10 @@ def plan_scene(scene, job, grid, journal):
     lamps = Lamps(spectra, job.wavelengths_nm)
     groups = LightGroups(shining, lamps, together=job.denoise)
     substitution = Substitution(scene, journal, spectra, lamps, groups, rendered)
-    transport = plan_transport(substitution.factors, [lamp.output_at for lamp in groups.lamps], job.wavelengths_nm,
+    choice = choose_wavelengths(substitution.factors, [lamp.output_at for lamp in groups.lamps], job.wavelengths_nm,
                                job.spectral, mixed_colours=substitution.mixed_colours, per_pass=per_pass,
                                dispersive=bool(glass))
-    return ScenePlan(transport, groups.lamps, per_pass, bool(glass), apart), substitution, groups
+    return ScenePlan(choice, groups.lamps, per_pass, bool(glass), apart), substitution, groups
 
 
 def _refuse(scene, rejected, unfit):

@@ -1,4 +1,4 @@
-"""Transport: at how few wavelengths a scene has to be rendered, and how the light at all others follows.
+"""At how few wavelengths a scene has to be rendered, and how the light at all others follows.
 
 Light is L(λ) = Σ_g S_g(λ) T_g(λ): the spectra S of the lamps, which may be spiky, times what surfaces and volumes
 make of white light on its way, the transport T. It is made of products of the scene's own reflectances and colours, and
@@ -74,7 +74,7 @@ class SpectralOptions:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Transport(Value):
+class WavelengthChoice(Value):
     """The wavelengths to render at, and how those asked for follow from them.
 
     Attributes
@@ -118,9 +118,9 @@ class Transport(Value):
         return _misses(planes.reshape(len(planes), -1).T, self.others) / self.expected_miss
 
 
-def plan_transport(factors: Sequence[Curve], lamps: Sequence[Curve], output_nm: ArrayLike,
+def choose_wavelengths(factors: Sequence[Curve], lamps: Sequence[Curve], output_nm: ArrayLike,
                    options: SpectralOptions = SpectralOptions(), *, mixed_colours: bool = False, per_pass: int = 3,
-                   dispersive: bool = False) -> Transport:
+                   dispersive: bool = False) -> WavelengthChoice:
     """The fewest passes that give the light at the wavelengths asked for as truly as asked.
 
     Parameters
@@ -143,7 +143,7 @@ def plan_transport(factors: Sequence[Curve], lamps: Sequence[Curve], output_nm: 
         return _as_asked(output_nm, "glass in view bends each wavelength by itself")
     statistics = _Statistics(factors, lamps, output_nm, mixed_colours)
     if statistics.grey:
-        return statistics.transport([statistics.middle], "all surfaces are grey")
+        return statistics.choice([statistics.middle], "all surfaces are grey")
     if options.tier == "reference":
         return _as_asked(output_nm, "each wavelength is rendered")
     most = min(output_nm.size, statistics.most_nodes + per_pass)
@@ -152,14 +152,14 @@ def plan_transport(factors: Sequence[Curve], lamps: Sequence[Curve], output_nm: 
             continue
         nodes = statistics.best_nodes(count)
         if options.tier == "preview" or options.met_by(statistics.errors(nodes)):
-            return statistics.transport(nodes, "the other wavelengths follow from these")
+            return statistics.choice(nodes, "the other wavelengths follow from these")
     return _as_asked(output_nm, "no fewer wavelengths tell them all")
 
 
 def _as_asked(output_nm, reason):
     """Every wavelength rendered: nothing is estimated."""
     unit = np.eye(output_nm.size)
-    return Transport(output_nm, output_nm, unit, 0.0, 0.0, 0.0, np.zeros_like(unit), 0.0, reason)
+    return WavelengthChoice(output_nm, output_nm, unit, 0.0, 0.0, 0.0, np.zeros_like(unit), 0.0, reason)
 
 
 class _Statistics:
@@ -241,15 +241,15 @@ class _Statistics:
                   for light in (light * widths_nm for light in self._lights)]
         return tuple(np.max(errors, axis=0))
 
-    def transport(self, nodes, reason):
-        """The Transport with these nodes."""
+    def choice(self, nodes, reason):
+        """The WavelengthChoice with these nodes."""
         weights, others = self.weights(nodes)[self._grid_nm.size:], self._others(nodes)
         missed = self._tried[:, nodes] @ weights.T - self._tried_output
         spectral_error = np.sqrt(((missed**2).mean(axis=0) / (self._tried_output**2).mean(axis=0)).max())
         colour_error, sensor_error = (0.0, 0.0) if self.grey else self.errors(nodes)
-        return Transport(self._grid_nm[nodes], self._output_nm, weights, float(colour_error), float(sensor_error),
-                         0.0 if self.grey else float(spectral_error), others, _misses(self._tried[:, nodes], others),
-                         reason)
+        return WavelengthChoice(
+            self._grid_nm[nodes], self._output_nm, weights, float(colour_error), float(sensor_error),
+            0.0 if self.grey else float(spectral_error), others, _misses(self._tried[:, nodes], others), reason)
 
     def _others(self, nodes):
         """What estimates each node from the others; of a single one nothing does."""

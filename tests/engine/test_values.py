@@ -14,7 +14,7 @@ from lensfield.engine.image.rgb_picture import RgbPicture
 from lensfield.engine.lens.finding import LensFinding
 from lensfield.engine.spectral.refraction import Formula, Refraction, Table
 from lensfield.engine.spectral.spectra import Spectrum, load_spectrum
-from lensfield.engine.spectral.wavelength_choice import SpectralOptions, plan_transport
+from lensfield.engine.spectral.wavelength_choice import SpectralOptions, choose_wavelengths
 
 NM = np.linspace(400, 700, 31)
 LONGEST_REPR = 500
@@ -33,7 +33,7 @@ MAKERS = {
     "Formula": lambda: Formula(3, (2.25, 0.01, 2.0), (300.0, 900.0)),
     "Refraction": lambda: Refraction("metal", "a book", MAKERS["Formula"](), MAKERS["Table"]()),
     "SpectralOptions": lambda: SpectralOptions(colour_error=0.5),
-    "Transport": lambda: plan_transport([MAKERS["Spectrum"]().at], [load_spectrum("led-b3").band_means], NM),
+    "WavelengthChoice": lambda: choose_wavelengths([MAKERS["Spectrum"]().at], [load_spectrum("led-b3").band_means], NM),
     "RgbPicture": lambda: RgbPicture(np.full((60, 80, 3), 0.5, np.float32), (2, 3), "ViewLayer.Combined"),
     "DepthCheck": lambda: check_depth(np.full((4, 5), 1000.0), lens(), 5.0),
 }
@@ -90,7 +90,7 @@ def test_a_value_cannot_be_changed(make):
         setattr(value, fields(value)[0].name, None)
 
 
-@pytest.mark.parametrize("kind", ["MonochromaticLens", "Spectrum", "Table", "Formula", "Refraction", "Transport",
+@pytest.mark.parametrize("kind", ["MonochromaticLens", "Spectrum", "Table", "Formula", "Refraction", "WavelengthChoice",
                                   "RgbPicture"])
 def test_any_change_makes_another_value(kind):
     value = MAKERS[kind]()

@@ -15,7 +15,7 @@ from lensfield.engine.spectral.spectra import (
     reflectance_basis,
     white_density,
 )
-from lensfield.engine.spectral.wavelength_choice import STANDARD_COLOUR_ERROR, SpectralOptions, plan_transport
+from lensfield.engine.spectral.wavelength_choice import STANDARD_COLOUR_ERROR, SpectralOptions, choose_wavelengths
 
 OUTPUT_NM = np.linspace(400, 700, 31)
 FINE_NM = np.linspace(400, 700, 301)
@@ -71,20 +71,20 @@ def estimate_error(plan, light, lamp):
 
 
 def test_grey_scene_takes_one_wavelength_and_stays_grey():
-    plan = plan_transport([grey(0.2), grey(0.8)], [white_density], OUTPUT_NM)
+    plan = choose_wavelengths([grey(0.2), grey(0.8)], [white_density], OUTPUT_NM)
     assert plan.nodes_nm.size == 1 and "grey" in plan.reason
     np.testing.assert_allclose(plan.weights, 1, rtol=0, atol=1e-12)
     assert plan.colour_error == plan.sensor_error == plan.surprise(np.ones((1, 5))) == 0
 
 
 def test_a_scene_of_no_surfaces_is_grey():
-    assert plan_transport([], [white_density], OUTPUT_NM).nodes_nm.size == 1
+    assert choose_wavelengths([], [white_density], OUTPUT_NM).nodes_nm.size == 1
 
 
 @pytest.mark.parametrize("strength", [1.0, 0.02])
 def test_hardly_coloured_is_not_grey(strength):
     tinted = Spectrum(np.array([400.0, 700.0]), np.array([0.5, 0.505]) * strength).at
-    plan = plan_transport([tinted], [white_density], OUTPUT_NM)
+    plan = choose_wavelengths([tinted], [white_density], OUTPUT_NM)
     assert plan.nodes_nm.size == 3 and "grey" not in plan.reason
     assert estimate_error(plan, rooms((tinted,)), white_density) <= plan.colour_error < 0.5
 
@@ -92,7 +92,7 @@ def test_hardly_coloured_is_not_grey(strength):
 @pytest.mark.parametrize("factors, options", [
     (FEW, SpectralOptions()), (CHART, SpectralOptions("preview")), (CHART, SpectralOptions(colour_error=0.05))])
 def test_weights_keep_grey_grey(factors, options):
-    plan = plan_transport(factors, [white_density], OUTPUT_NM, options)
+    plan = choose_wavelengths(factors, [white_density], OUTPUT_NM, options)
     assert 1 < plan.nodes_nm.size < OUTPUT_NM.size
     np.testing.assert_allclose(plan.weights.sum(axis=1), 1, rtol=0, atol=1e-12)
 
@@ -100,30 +100,30 @@ def test_weights_keep_grey_grey(factors, options):
 @pytest.mark.parametrize("options, dispersive", [(SpectralOptions("reference"), False), (SpectralOptions(), True),
                                                  (SpectralOptions("preview"), True)])
 def test_every_wavelength_rendered_is_given_back_as_it_is(options, dispersive):
-    plan = plan_transport(CHART, [white_density], OUTPUT_NM, options, dispersive=dispersive)
+    plan = choose_wavelengths(CHART, [white_density], OUTPUT_NM, options, dispersive=dispersive)
     np.testing.assert_array_equal(plan.nodes_nm, OUTPUT_NM)
     np.testing.assert_array_equal(plan.weights, np.eye(31))
     assert plan.colour_error == plan.sensor_error == 0
 
 
 def test_glass_in_view_counts_in_a_grey_scene_too():
-    assert plan_transport([grey(0.5)], [white_density], OUTPUT_NM, dispersive=True).nodes_nm.size == 31
+    assert choose_wavelengths([grey(0.5)], [white_density], OUTPUT_NM, dispersive=True).nodes_nm.size == 31
 
 
 def test_grey_counts_in_the_reference_too():
-    assert plan_transport([grey(0.5)], [white_density], OUTPUT_NM, SpectralOptions("reference")).nodes_nm.size == 1
+    assert choose_wavelengths([grey(0.5)], [white_density], OUTPUT_NM, SpectralOptions("reference")).nodes_nm.size == 1
 
 
 @pytest.mark.parametrize("per_pass", [3, 1])
 def test_preview_takes_three_wavelengths(per_pass):
-    plan = plan_transport(CHART, [white_density], OUTPUT_NM, SpectralOptions("preview"), per_pass=per_pass)
+    plan = choose_wavelengths(CHART, [white_density], OUTPUT_NM, SpectralOptions("preview"), per_pass=per_pass)
     assert plan.nodes_nm.size == 3
     assert plan.nodes_nm[0] < 490 < plan.nodes_nm[1] < 580 < plan.nodes_nm[2]  # one of each third of the visible
 
 
 @pytest.mark.parametrize("output_nm", [[550.0], [450.0, 650.0], [450.0, 550.0, 650.0]])
 def test_what_fits_into_one_pass_is_rendered_as_it_is(output_nm):
-    plan = plan_transport(CHART, [white_density], output_nm, SpectralOptions("preview"))
+    plan = choose_wavelengths(CHART, [white_density], output_nm, SpectralOptions("preview"))
     np.testing.assert_array_equal(plan.nodes_nm, output_nm)
 
 
@@ -131,9 +131,9 @@ def test_what_fits_into_one_pass_is_rendered_as_it_is(output_nm):
                                        [400, 410, 420, 430, 700]])
 def test_uneven_wavelengths_are_foreseen(output_nm):
     light = rooms(CHART)
-    plan = plan_transport(CHART, [white_density], output_nm, SpectralOptions(colour_error=1e-6))
+    plan = choose_wavelengths(CHART, [white_density], output_nm, SpectralOptions(colour_error=1e-6))
     np.testing.assert_allclose(at(light, plan.nodes_nm) @ plan.weights.T, at(light, plan.output_nm), atol=1e-9)
-    assert plan_transport(CHART, [white_density], output_nm, SpectralOptions("preview")).nodes_nm.size <= 3
+    assert choose_wavelengths(CHART, [white_density], output_nm, SpectralOptions("preview")).nodes_nm.size <= 3
 
 
 @pytest.mark.parametrize("factors", [CHART[14:15], CHART[2:3], FEW, CHART[12:18], CHART],
@@ -142,7 +142,7 @@ def test_uneven_wavelengths_are_foreseen(output_nm):
                                   load_spectrum("led-rgb1").band_means], ids=["D65", "flat", "A", "LED"])
 def test_rooms_stay_within_what_was_predicted(factors, lamp):
     """Light that goes round in rooms of these colours, worked out wavelength by wavelength."""
-    plan = plan_transport(factors, [lamp], OUTPUT_NM)
+    plan = choose_wavelengths(factors, [lamp], OUTPUT_NM)
     assert plan.colour_error <= STANDARD_COLOUR_ERROR and plan.nodes_nm.size <= 12
     assert estimate_error(plan, rooms(factors), lamp) <= SLACK * plan.colour_error
 
@@ -150,7 +150,7 @@ def test_rooms_stay_within_what_was_predicted(factors, lamp):
 @pytest.mark.parametrize("limit", [0.1, 0.5, 2.0])
 def test_prediction_is_no_empty_promise(limit):
     """Not so pessimistic that it says nothing: what is measured is at least a quarter of it."""
-    plan = plan_transport(CHART, [white_density], OUTPUT_NM, SpectralOptions(colour_error=limit))
+    plan = choose_wavelengths(CHART, [white_density], OUTPUT_NM, SpectralOptions(colour_error=limit))
     assert limit / 10 < plan.colour_error <= limit
     assert plan.colour_error / 4 < estimate_error(plan, rooms(CHART), white_density) <= plan.colour_error
 
@@ -159,15 +159,16 @@ def test_colours_of_textures_are_foreseen():
     """Nodes compute colours that nobody knows before: what Rec. 709 colours become goes round in rooms."""
     painted = np.random.default_rng(8).random((40, 3))
     light = rooms(tuple(lambda nm, colour=colour: reflectance_basis(nm) @ colour for colour in painted))
-    plan = plan_transport([], [white_density], OUTPUT_NM, mixed_colours=True)
+    plan = choose_wavelengths([], [white_density], OUTPUT_NM, mixed_colours=True)
     assert estimate_error(plan, light, white_density) <= plan.colour_error <= STANDARD_COLOUR_ERROR
-    blind = plan_transport([grey(0.5)], [white_density], OUTPUT_NM)
+    blind = choose_wavelengths([grey(0.5)], [white_density], OUTPUT_NM)
     assert estimate_error(blind, light, white_density) > 10
 
 
 def test_asking_for_less_error_takes_more_wavelengths_and_gives_it():
     limits = [4.0, 1.0, 0.25, 0.06, 0.015]
-    plans = [plan_transport(CHART, [white_density], OUTPUT_NM, SpectralOptions(colour_error=limit)) for limit in limits]
+    asked = [SpectralOptions(colour_error=limit) for limit in limits]
+    plans = [choose_wavelengths(CHART, [white_density], OUTPUT_NM, options) for options in asked]
     counts = [plan.nodes_nm.size for plan in plans]
     assert counts == sorted(counts) and counts[-1] > counts[0]
     light = rooms(CHART)
@@ -176,7 +177,7 @@ def test_asking_for_less_error_takes_more_wavelengths_and_gives_it():
 
 
 def test_sensor_error_asked_for_is_kept():
-    plan = plan_transport(CHART, [white_density], OUTPUT_NM, SpectralOptions(sensor_error=0.002))
+    plan = choose_wavelengths(CHART, [white_density], OUTPUT_NM, SpectralOptions(sensor_error=0.002))
     light, nm = rooms(CHART), OUTPUT_NM
     for centre_nm in (450, 540, 610):
         band = np.exp(-0.5 * ((nm - centre_nm) / 30)**2) * white_density(nm)
@@ -214,13 +215,13 @@ def test_errors_go_with_the_standard_tier_alone(tier, field):
 def test_the_light_of_a_single_line_is_foreseen_where_it_is():
     """Sodium's pair lies between the wavelengths of any grid: the estimate has to be true there and nowhere else."""
     lamp = line(589.3)
-    plan = plan_transport(CHART, [lamp.band_means], OUTPUT_NM)
+    plan = choose_wavelengths(CHART, [lamp.band_means], OUTPUT_NM)
     assert plan.nodes_nm.size == 3 and np.abs(plan.nodes_nm - 589.3).min() < 5
     assert estimate_error(plan, rooms(CHART), lamp.band_means) <= plan.colour_error + 0.01
 
 
 def test_understood_scenes_hardly_surprise_and_foreign_ones_do():
-    plan = plan_transport(CHART, [white_density], OUTPUT_NM)
+    plan = choose_wavelengths(CHART, [white_density], OUTPUT_NM)
     assert plan.surprise(at(rooms(CHART), plan.nodes_nm).T) < 2
     comb = np.exp(-0.5 * ((FINE_NM - np.arange(410, 700, 13)[:, None]) / 8)**2)  # dyes of narrow bands
     assert plan.surprise(at(comb, plan.nodes_nm).T) > 10
@@ -229,7 +230,7 @@ def test_understood_scenes_hardly_surprise_and_foreign_ones_do():
 
 
 def test_surprise_does_not_depend_on_brightness_or_shape():
-    plan = plan_transport(CHART, [white_density], OUTPUT_NM)
+    plan = choose_wavelengths(CHART, [white_density], OUTPUT_NM)
     planes = at(rooms(CHART), plan.nodes_nm).T[:, :24]
     once = plan.surprise(planes)
     assert plan.surprise(1e3 * planes.reshape(-1, 4, 6)) == pytest.approx(once, rel=1e-9)
@@ -237,11 +238,11 @@ def test_surprise_does_not_depend_on_brightness_or_shape():
 
 
 def test_the_plan_is_the_same_each_time():
-    plans = [plan_transport(CHART, [white_density], OUTPUT_NM, mixed_colours=True) for _ in range(2)]
+    plans = [choose_wavelengths(CHART, [white_density], OUTPUT_NM, mixed_colours=True) for _ in range(2)]
     assert plans[0] == plans[1]
 
 
 def test_a_demand_that_cannot_be_met_ends_in_every_wavelength():
     output_nm = np.linspace(400, 700, 25)
-    plan = plan_transport(CHART, [white_density], output_nm, SpectralOptions(colour_error=1e-9))
+    plan = choose_wavelengths(CHART, [white_density], output_nm, SpectralOptions(colour_error=1e-9))
     np.testing.assert_array_equal(plan.nodes_nm, output_nm)
