@@ -9,12 +9,14 @@ from pathlib import Path
 
 from .errors import InputError
 
+AnyPath = str | os.PathLike[str]
+
 UMASK = os.umask(0)  # it can only be read by setting it, which is not for a thread to do
 os.umask(UMASK)
-_pending = set()
+_pending: set[Path] = set()
 
 
-def make_folder(path: Path) -> None:
+def make_folder(path: AnyPath) -> None:
     """Make a folder and those above it; an InputError where that cannot be."""
     try:
         Path(path).mkdir(parents=True, exist_ok=True)
@@ -22,7 +24,7 @@ def make_folder(path: Path) -> None:
         raise InputError(path, "folder", "not to be made", error.strerror or str(error)) from None
 
 
-def check_target(path: Path) -> None:
+def check_target(path: AnyPath) -> None:
     """Raise an InputError where no file of this name could be written, before the work that is to fill it."""
     path = Path(path)
     if path.is_dir():
@@ -39,7 +41,7 @@ def check_target(path: Path) -> None:
 
 
 @contextmanager
-def atomic_path(path: Path) -> Iterator[Path]:
+def atomic_path(path: AnyPath) -> Iterator[Path]:
     """A temporary path beside `path`, moved onto it when the block ends well and removed when it does not."""
     check_target(path)
     path = Path(path).resolve()  # through a link, which stays

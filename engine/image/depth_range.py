@@ -5,12 +5,16 @@ that faces the camera is at one depth.
 """
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import ImageError, InputError
 from .pixel_grid import PLANE, PixelGrid
+
+if TYPE_CHECKING:
+    from ..lens.lens import Lens
 
 BACKGROUND_MM = 1e12  # and beyond: renderers write a large number, Cycles 1e10 m, where they see nothing
 
@@ -46,7 +50,7 @@ class DepthCheck:
                 f"{_metres(self.nearest_mm)} to {_metres(self.farthest_mm)}")
 
 
-def entrance_pupil_diameter_mm(lens) -> float:
+def entrance_pupil_diameter_mm(lens: "Lens") -> float:
     """Diameter of the entrance pupil, from the lens's f-number and magnification.
 
     By the sine condition the marginal ray leaves an object on the axis at the angle u with sin u = |m| sin u', where
@@ -61,7 +65,7 @@ def entrance_pupil_diameter_mm(lens) -> float:
     return 2 * (lens.object_distance_mm + lens.entrance_pupil_mm) * object_sine / np.sqrt(1 - object_sine**2)
 
 
-def sharp_range_mm(lens, blur_um: float) -> tuple[float, float]:
+def sharp_range_mm(lens: "Lens", blur_um: float) -> tuple[float, float]:
     """Nearest and farthest depths at which defocus blurs by at most `blur_um`.
 
     A point at the depth s sends a cone through the entrance pupil, of diameter D, that is D |s - S| / s wide in the
@@ -95,7 +99,7 @@ def sharp_range_mm(lens, blur_um: float) -> tuple[float, float]:
         focal_mm * pupil_mm / beyond if beyond > 0 else np.inf)
 
 
-def planar_depth_mm(depth_mm: ArrayLike, lens, capture: PixelGrid) -> np.ndarray:
+def planar_depth_mm(depth_mm: ArrayLike, lens: "Lens", capture: PixelGrid) -> np.ndarray:
     """Depths along the optical axis, from what Cycles writes into its depth pass.
 
     That is the depth itself for a perspective camera, but the distance from the camera for a panoramic one. At the
@@ -119,7 +123,7 @@ def planar_depth_mm(depth_mm: ArrayLike, lens, capture: PixelGrid) -> np.ndarray
     return depth_mm * np.where(angle <= np.pi / 2, np.cos(angle), np.nan)
 
 
-def check_depth(depth_mm: ArrayLike, lens, pitch_um: float, blur_um: float | None = None) -> DepthCheck:
+def check_depth(depth_mm: ArrayLike, lens: "Lens", pitch_um: float, blur_um: float | None = None) -> DepthCheck:
     """How much of a picture lies where the lens's PSFs, which are those of one object plane, do not hold.
 
     Parameters

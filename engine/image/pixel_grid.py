@@ -1,5 +1,6 @@
 """PixelGrid: the pixels of an image in the sensor's plane, and where they lie about the optical axis."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -57,10 +58,11 @@ class PixelGrid:
         object.__setattr__(self, "overscan_px", overscan)
 
     @classmethod
-    def around_frame(cls, frame_px, pitch_um: float, overscan_px=(0, 0), projection: str = PLANE) -> "PixelGrid":
+    def around_frame(cls, frame_px: Sequence[int], pitch_um: float, overscan_px: Sequence[int] = (0, 0),
+                     projection: str = PLANE) -> "PixelGrid":
         """A frame of these (rows, columns), the axis in its middle, with so much overscan on each side."""
-        shape_px = tuple(n + 2 * margin for n, margin in zip(frame_px, overscan_px, strict=True))
-        return cls(shape_px, pitch_um, overscan_px=overscan_px, projection=projection)
+        (rows, columns), (above, left) = frame_px, overscan_px
+        return cls((rows + 2 * above, columns + 2 * left), pitch_um, overscan_px=(above, left), projection=projection)
 
     @property
     def frame_px(self) -> tuple[int, int]:
@@ -77,7 +79,7 @@ class PixelGrid:
         """The sensor's frame alone."""
         return self.cropped(self.overscan_px)
 
-    def cropped(self, margin_px) -> "PixelGrid":
+    def cropped(self, margin_px: Sequence[int]) -> "PixelGrid":
         """The grid without `margin_px` (rows, columns) on each side, taken from its overscan."""
         (rows, columns), (above, left) = self.shape_px, margin_px
         return replace(self, shape_px=(rows - 2 * above, columns - 2 * left),
@@ -95,7 +97,7 @@ class PixelGrid:
         """The frame with what lies no more than `reach_px` beyond it, as far as the overscan goes."""
         return self.cropped([max(0, overscan - reach_px) for overscan in self.overscan_px])
 
-    def position_mm(self, rows, columns):
+    def position_mm(self, rows: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Image-plane coordinates (x to the right, y upwards) of positions in index terms."""
         pitch_mm = self.pitch_um * 1e-3
         return (columns - self.centre_px[1]) * pitch_mm, (self.centre_px[0] - rows) * pitch_mm
@@ -105,6 +107,6 @@ class PixelGrid:
         return self.position_mm(np.arange(self.shape_px[0]), np.arange(self.shape_px[1]))
 
 
-def is_positive(value) -> bool:
+def is_positive(value: object) -> bool:
     """Whether this is a finite number above 0."""
     return isinstance(value, int | float | np.number) and bool(np.isfinite(value)) and value > 0

@@ -1,8 +1,10 @@
 """SpectralImage: radiance or irradiance, one plane per wavelength."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..errors import ImageError
 from .pixel_grid import PLANE, PixelGrid, is_positive
@@ -55,9 +57,10 @@ class SpectralImage:
     lens_name: str
     f_number_effective: float | None
 
-    def __init__(self, cube, wavelengths_nm, grid: PixelGrid | None = None, *, quantity: str = RADIANCE,
-                 lens_name: str = "", f_number_effective: float | None = None, pitch_um: float | None = None,
-                 centre_px=None, overscan_px=(0, 0), projection: str = PLANE) -> None:
+    def __init__(self, cube: ArrayLike, wavelengths_nm: ArrayLike, grid: PixelGrid | None = None, *,
+                 quantity: str = RADIANCE, lens_name: str = "", f_number_effective: float | None = None,
+                 pitch_um: float | None = None, centre_px: Sequence[float] | None = None,
+                 overscan_px: Sequence[int] = (0, 0), projection: str = PLANE) -> None:
         cube = np.asarray(cube, dtype=np.float32)
         wavelengths = np.atleast_1d(np.asarray(wavelengths_nm, dtype=np.float64))
         if cube.ndim == 2:
@@ -74,7 +77,7 @@ class SpectralImage:
         if quantity not in UNITS:
             raise ImageError("image", "quantity", quantity, f"expected one of {', '.join(UNITS)}")
         if grid is None:
-            grid = PixelGrid(cube.shape[1:], pitch_um, centre_px, overscan_px, projection)
+            grid = PixelGrid(cube.shape[1:], pitch_um, centre_px, overscan_px, projection)  # type: ignore[arg-type]
         if grid.shape_px != cube.shape[1:]:
             raise ImageError("image", "cube", f"of {cube.shape[1:]} px", f"expected {grid.shape_px}, as its grid has")
         for name, value in (("cube", cube), ("wavelengths_nm", wavelengths), ("grid", grid), ("quantity", quantity),
@@ -106,7 +109,7 @@ class SpectralImage:
         """The image cropped to the sensor's frame."""
         return self.cropped(self.overscan_px)
 
-    def cropped(self, margin_px) -> "SpectralImage":
+    def cropped(self, margin_px: Sequence[int]) -> "SpectralImage":
         """The image without `margin_px` (rows, columns) on each side, taken from its overscan."""
         rows, columns = margin_px
         cube = self.cube[:, rows:self.cube.shape[1] - rows, columns:self.cube.shape[2] - columns]

@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import replace
+from os import PathLike
 from pathlib import Path
 
 from ...errors import LensError, absence
@@ -27,7 +28,7 @@ def bundled_makers() -> dict[str, tuple[str, str]]:
     return {name: (header["maker"], header["story"]) for name, header in headers.items()}
 
 
-def load(name_or_path: str | Path) -> Lens:
+def load(name_or_path: str | PathLike[str]) -> Lens:
     """The bundled lens of this name, or the lens data in this file."""
     text = str(name_or_path)
     if text in bundled_names():
