@@ -121,6 +121,14 @@ def test_the_second_frame_makes_no_psf_and_no_fit(method, made):
     assert made == {"psfs": 0, "fields": 0}
 
 
+def test_a_lens_that_is_loaded_anew_is_the_lens_that_was_kept(made):
+    kept = Kept()
+    simulate(frame(0), LENS, METHODS["sections"], kept=kept)
+    made.update(psfs=0, fields=0)
+    simulate(frame(1), replace(LENS), METHODS["sections"], kept=kept)
+    assert made == {"psfs": 0, "fields": 0}
+
+
 @pytest.mark.parametrize("method", ["sections", "pixels"])
 def test_with_no_memory_everything_is_made_again(method, made):
     kept = Kept(limit_mb=0)
