@@ -102,7 +102,7 @@ class PsfTable:
 
 
 class PsfTables:
-    """The polar tables of a lens: made at the wavelengths of its data and mixed between them like the data, where that
+    """The PSF tables of a lens: made at the wavelengths of its data and mixed between them like the data, where that
     makes fewer of them.
 
     Parameters

@@ -51,7 +51,7 @@ def _centring(lens):
 
 
 def _mirror(lens):
-    """Symmetry about the meridional plane, as folding asks for it."""
+    """Symmetry about the meridional plane, as sharing optics between quadrants asks for it."""
     distance = np.stack([_distance(psf, psf[..., ::-1]) for psf in map(_odd, lens.psf)])
     worst = greatest(distance)
     yield from graded(distance[worst], SYMMETRY_TOLERANCE, LOPSIDED, "psf",
