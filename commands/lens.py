@@ -6,8 +6,13 @@ from dataclasses import asdict
 from pathlib import Path
 
 from ..engine import InputError, Lens
+from ..engine.field.stmap import distort_map, undistort_map
 from ..engine.files import atomic_path
+from ..engine.image.pitch import fitting_pitch_um
+from ..engine.image.pixel_grid import PixelGrid
+from ..engine.image.spectral_exr import write_rgb_exr
 from ..engine.lens.checks import check_lens
+from ..engine.lens.curves import reference_nm
 from ..engine.lens.export_macro import PROGRAMS, ExportOptions, export_macro
 from ..engine.lens.finding import SEVERITIES
 from ..engine.lens.info import lens_info, lens_text
@@ -16,7 +21,7 @@ from ..engine.lens.readers.package import write_package
 from ..engine.lens.sampling import WAVELENGTHS
 from ..engine.spectral.spectra import parse_wavelengths
 from . import bake
-from .arguments import check_outputs, sides_mm
+from .arguments import check_outputs, resolution, sides_mm
 
 MACRO_SUFFIXES = {"zemax": ".zpl", "codev": ".seq", "zospy": ".py"}
 
@@ -31,6 +36,7 @@ def add(commands):
     listing.set_defaults(run=_list)
     _add_check(lens)
     _add_plot(lens)
+    _add_stmap(lens)
     _add_import(lens)
     bake.add(lens)
     _add_export_macro(lens)
@@ -97,6 +103,29 @@ def _frequencies(text):
         return [float(word) for word in text.split(",")]
     except ValueError:
         raise InputError("options", "--frequencies", text, "expected cycles per mm such as 20,50,100") from None
+
+
+def _add_stmap(lens):
+    stmap = lens.add_parser("stmap", help="its distortion as a pair of STMaps, for compositors")
+    stmap.add_argument("lens", metavar="NAME|FILE")
+    stmap.add_argument("--resolution", required=True, metavar="WIDTHxHEIGHT", help="of the picture, laid on the sensor")
+    stmap.add_argument("--wavelength", type=float, metavar="NM", help="(default: the lens's reference wavelength)")
+    stmap.add_argument("--output", type=Path, required=True, metavar="DIR",
+                       help="where LENS_distort.exr and LENS_undistort.exr go")
+    stmap.set_defaults(run=_stmap)
+
+
+def _stmap(options):
+    width, height = resolution(options.resolution)
+    lens = Lens.load(options.lens)
+    nm = reference_nm(lens) if options.wavelength is None else options.wavelength
+    frame = PixelGrid((height, width), fitting_pitch_um(lens, (height, width)))
+    maps = {options.output / f"{Path(options.lens).stem}_{name}.exr": make(lens, frame, nm)
+            for name, make in (("distort", distort_map), ("undistort", undistort_map))}
+    check_outputs([(path, ".exr") for path in maps], [options.lens])
+    for path, places in maps.items():
+        write_rgb_exr(places, path)
+        print(path)
 
 
 def _add_export_macro(lens):

@@ -118,6 +118,12 @@ class FieldGeometry:
         inside = np.interp(real_height_mm, self._real_mm, self._paraxial_mm)
         return inside + beyond / self._magnification_at_edge
 
+    def real_height_mm(self, paraxial_height_mm: np.ndarray) -> np.ndarray:
+        """Real height at which the chief ray of this paraxial height meets the image plane; the inverse."""
+        beyond = np.maximum(paraxial_height_mm - self._paraxial_mm[-1], 0)
+        inside = np.interp(paraxial_height_mm, self._paraxial_mm, self._real_mm)
+        return inside + beyond * self._magnification_at_edge
+
     def paraxial_per_real(self, real_height_mm: np.ndarray, paraxial_height_mm: np.ndarray) -> np.ndarray:
         """Ratio of the two heights, with its limit on the axis."""
         on_axis = real_height_mm < self._paraxial_mm[1] * 1e-3

@@ -1,0 +1,86 @@
+"""STMaps: that warping by them is what the lens does, there and back, and what their numbers mean."""
+
+import numpy as np
+import pytest
+from scipy.ndimage import map_coordinates
+
+from lenses import make_lens
+from lensfield.cli import main
+from lensfield.engine import Lens, LensError, SpectralImage, simulate
+from lensfield.engine.field.stmap import distort_map, undistort_map
+from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.image.spectral_exr import read_parts
+from lensfield.engine.lens.readers import bundled_names
+
+
+def places_px(stmap):
+    """Row and column in the source, as OpenCV's remap counts them."""
+    rows, columns = stmap.shape[:2]
+    return (1 - stmap[..., 1].astype(float)) * rows - 0.5, stmap[..., 0].astype(float) * columns - 0.5
+
+
+def warped(picture, stmap):
+    return map_coordinates(picture, places_px(stmap), order=1, mode="nearest")
+
+
+def frame_of(lens, rows=180, columns=240):
+    return PixelGrid((rows, columns), 1e3 * lens.sensor_mm[0] / columns)
+
+
+def test_no_distortion_is_each_pixel_itself():
+    stmap = distort_map(make_lens(), PixelGrid((3, 4), 10.0), 550.0)
+    np.testing.assert_allclose(stmap[0, 0], [0.5 / 4, 1 - 0.5 / 3, 1], atol=1e-6)
+    np.testing.assert_allclose(stmap[2, 3], [3.5 / 4, 0.5 / 3, 1], atol=1e-6)
+    np.testing.assert_array_equal(undistort_map(make_lens(), PixelGrid((3, 4), 10.0), 550.0), stmap)
+
+
+def test_barrel_takes_its_corners_from_beyond_the_frame():
+    lens = make_lens(real_height_mm=lambda nm, p: 0.8 * p)
+    upper_left = distort_map(lens, PixelGrid((100, 100), 10.0), 550.0)[0, 0]
+    # 49.5 px left of the axis and above it lies what a pinhole has at 49.5 / 0.8.
+    np.testing.assert_allclose(upper_left, [0.5 - 0.495 / 0.8, 0.5 + 0.495 / 0.8, 0], atol=1e-6)
+
+
+@pytest.mark.parametrize("name", bundled_names())
+def test_there_and_back_is_the_same_place_to_a_twentieth_of_a_pixel(name):
+    lens = Lens.load(name)
+    frame = frame_of(lens)
+    nm = float(lens.nearest_nm(lens.reference_wavelength_nm))
+    there, back = (make(lens, frame, nm) for make in (distort_map, undistort_map))
+    for first, second in ((there, back), (back, there)):
+        row, column = places_px(first)
+        inside = first[..., 2] > 0
+        again = [map_coordinates(axis, (row, column), order=3, mode="nearest") for axis in places_px(second)]
+        reach = inside & (row > 1) & (row < 178) & (column > 1) & (column < 238)  # where the spline has neighbours
+        for found, index in zip(again, np.indices(row.shape), strict=True):
+            assert np.abs(found - index)[reach].max() < 0.05
+        assert reach.sum() > 0.3 * reach.size
+
+
+def test_a_warped_picture_is_the_one_that_simulate_gives():
+    lens = make_lens(real_height_mm=lambda nm, p: p - 0.02 * p**3)
+    row, column = np.indices((120, 160))
+    picture = 1 + 0.5 * np.sin(row / 9) * np.cos(column / 11)
+    frame = PixelGrid((120, 160), 15.0)
+    expected = simulate(SpectralImage(picture, [550.0], frame), lens).cube[0] / (np.pi / 16)
+    stmap = distort_map(lens, frame, 550.0)
+    from_row, from_column = places_px(stmap)
+    inside = (from_row > 1) & (from_row < 118) & (from_column > 1) & (from_column < 158)  # beyond it is black
+    assert inside.mean() > 0.8
+    np.testing.assert_allclose(warped(picture, stmap)[inside], expected[inside], atol=0.003)  # of boxes and bilinear
+
+
+def test_the_command_writes_both(tmp_path, capsys):
+    assert main(["lens", "stmap", "edmund-54852", "--resolution", "64x48", "--output", str(tmp_path / "maps")]) == 0
+    for name in ("distort", "undistort"):
+        path = tmp_path / "maps" / f"edmund-54852_{name}.exr"
+        assert str(path) in capsys.readouterr().out or name == "undistort"
+        channels = dict(read_parts(path)[0][1])
+        assert set(channels) == {"R", "G", "B"} and channels["R"].shape == (48, 64)
+        assert channels["R"][:, 0].max() < channels["R"][:, -1].min()
+        assert channels["G"][0].min() > channels["G"][-1].max()
+
+
+def test_a_wavelength_that_the_lens_does_not_know_is_named():
+    with pytest.raises(LensError, match="wavelength is 900 nm"):
+        distort_map(make_lens(), PixelGrid((3, 4), 10.0), 900.0)
