@@ -1,7 +1,7 @@
 """STMaps: where each pixel of a picture takes its light from in another, for compositors that warp by such a picture.
 
-A map has, at each pixel, the place in its source: s from 0 at the left edge of the frame to 1 at the right, t from 0
-at the *lower* edge to 1 at the upper. So the middle of the upper left pixel of W x H is s = 0.5 / W, t = 1 - 0.5 / H. Places
+A map has, at each pixel, the place in its source: s from 0 at the left edge of the frame to 1 at the right, t from 0 at
+the *lower* edge to 1 at the upper. The middle of the upper left pixel of W x H is s = 0.5 / W, t = 1 - 0.5 / H. Places
 outside the frame are below 0 or above 1, where a source with overscan has light.
 """
 
