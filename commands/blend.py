@@ -22,7 +22,8 @@ def open_scene(path):
         There is no bpy, or no such .blend.
     """
     try:
-        import bpy
+        with quiet(1):  # where $OCIO is set, Blender says so
+            import bpy
     except ImportError as error:
         raise InputError("bpy", "module", "not there", f"install Blender's Python wheel ({error})") from None
     from .. import addon

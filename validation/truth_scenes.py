@@ -21,6 +21,7 @@ def empty_scene():
     camera.data.clip_start, camera.data.clip_end = 1e-3, 1e-2 * FAR_MM
     scene.collection.objects.link(camera)
     scene.camera, scene.world = camera, bpy.data.worlds.new("World")
+    scene.world.use_nodes = True  # as all worlds do since 5.0
     set_even_light(scene, 0.0)
     return scene
 

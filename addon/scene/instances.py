@@ -108,8 +108,8 @@ def _rendered(scene):
 
 def _appearances(layer):
     """(object, matrix) of everything that a layer renders, instances included; evaluated where Blender does so."""
+    layer.update()  # until then a new layer has no collections (since 5.2)
     shown = {obj for obj in _shown_objects(layer.layer_collection) if not obj.hide_render}
-    layer.update()
     evaluated, instanced, of_collections = set(), set(), {}
     for instance in layer.depsgraph.object_instances:
         if instance.is_instance:
@@ -182,10 +182,17 @@ def _by_nodes(obj, socket_type):
     """Data-blocks of this type of socket that an object's geometry nodes may bring in."""
     for modifier in obj.modifiers:
         if modifier.type == "NODES" and modifier.show_render and modifier.node_group:
-            given = (modifier.get(item.identifier) for item in modifier.node_group.interface.items_tree
+            given = (_given(modifier, item.identifier) for item in modifier.node_group.interface.items_tree
                      if item.item_type == "SOCKET" and item.socket_type == f"NodeSocket{socket_type.capitalize()}")
             yield from filter(None, given)
             yield from _named_in_tree(modifier.node_group, socket_type)
+
+
+def _given(modifier, identifier):
+    """What a modifier gives to an input of its nodes. Blender keeps it elsewhere since 5.2."""
+    if not hasattr(modifier, "properties"):
+        return modifier.get(identifier)
+    return getattr(getattr(modifier.properties.inputs, identifier, None), "value", None)
 
 
 def _named_in_tree(tree, socket_type):

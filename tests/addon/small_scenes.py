@@ -62,6 +62,14 @@ def light(scene, kind, watts, **properties):
     return light_object
 
 
+def give(modifier, identifier, value):
+    """Give an input of a modifier's geometry nodes a value."""
+    if hasattr(modifier, "properties"):  # since 5.2
+        getattr(modifier.properties.inputs, identifier).value = value
+    else:
+        modifier[identifier] = value
+
+
 def render(scene, folder, wavelengths_nm=WAVELENGTHS_NM, **options):
     return addon.render_through_lens(scene, "edmund-54852", wavelengths_nm, folder, **options)
 

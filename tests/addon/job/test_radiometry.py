@@ -10,6 +10,7 @@ from functools import cache
 import bpy
 import numpy as np
 import pytest
+from scipy.integrate import trapezoid
 
 from lenses import make_lens
 from lensfield import addon
@@ -52,11 +53,11 @@ def density(name, nm=NM):
     """
     spectrum = load_spectrum(name)
     power = np.interp(BAND_NM, spectrum.wavelengths_nm, spectrum.values, left=0, right=0)
-    power /= np.trapz(power, BAND_NM)
+    power /= trapezoid(power, BAND_NM)
     if name != "sodium-lp":
         return np.interp(nm, BAND_NM, power)
     hats = [np.interp(BAND_NM, nm, unit, left=0, right=0) for unit in np.eye(len(nm))]
-    return np.array([np.trapz(power * hat, BAND_NM) / np.trapz(hat, BAND_NM) for hat in hats])
+    return np.array([trapezoid(power * hat, BAND_NM) / trapezoid(hat, BAND_NM) for hat in hats])
 
 
 @pytest.fixture
@@ -122,7 +123,7 @@ def test_area_of_smaller_spread_keeps_its_power(scene, wall_at, tmp_path, spread
     lamp(scene, "AREA", FLAT, shape="DISK", size=1e-3, spread=np.radians(spread_degrees))
     slope = 1 / np.tan(np.radians(spread_degrees) / 2)
     angle = np.linspace(0, np.radians(spread_degrees) / 2, 100001)
-    gain = 0.5 / np.trapz((1 - slope * np.tan(angle)) * np.sin(angle) * np.cos(angle), angle)
+    gain = 0.5 / trapezoid((1 - slope * np.tan(angle)) * np.sin(angle) * np.cos(angle), angle)
     pixel = 0.48 / 16 / narrow_lens().capture_focal_length_mm
     y, x = np.meshgrid((np.arange(6) - 2.5) * pixel, (np.arange(8) - 3.5) * pixel, indexing="ij")
     check(scene, tmp_path, gain * np.mean(1 - slope * np.hypot(x, y)) / (np.pi * DISTANCE_M)**2, FLAT)
@@ -206,7 +207,7 @@ def test_temperature_spreads_the_watts_by_planck(scene, wall_at, tmp_path):
         pytest.skip("this Blender's lamps have no temperature")
     light(scene, "POINT", WATTS, use_temperature=True, temperature=3200.0, shadow_soft_size=0.0)
     planck = 1 / (BAND_NM**5 * np.expm1(1.438776877e7 / (BAND_NM * 3200)))
-    planck /= np.trapz(planck, BAND_NM)
+    planck /= trapezoid(planck, BAND_NM)
     expected = WATTS / (4 * np.pi**2 * DISTANCE_M**2) * np.interp(NM, BAND_NM, planck)
     np.testing.assert_allclose(radiance(scene, tmp_path), expected, rtol=PRECISION)
 
@@ -214,7 +215,7 @@ def test_temperature_spreads_the_watts_by_planck(scene, wall_at, tmp_path):
 def luminance(scene, folder, step_nm=5.0):
     """cd m^-2 of the middle of the picture."""
     nm = np.arange(380, 780 + step_nm / 2, step_nm)
-    return 683 * np.trapz(radiance(scene, folder, nm) * colour_matching(nm)[:, 1], nm)
+    return 683 * trapezoid(radiance(scene, folder, nm) * colour_matching(nm)[:, 1], nm)
 
 
 LUMENS = [dict(spectrum=FLAT), dict(spectrum="illuminant-a"), dict(spectrum="led-b3"), dict(spectrum="sodium-lp"),
@@ -267,7 +268,7 @@ def test_lumens_of_a_spot_are_those_of_its_cone(scene, wall_at, tmp_path, blend)
     cosine = np.linspace(np.cos(half_angle), 1, 20001)
     u = (cosine - cosine[0]) / (1 - cosine[0]) / max(blend, 1e-9)
     share = np.where(u < 1, u**2 * (3 - 2 * u), 1)
-    candela = lumens / (2 * np.pi * np.trapz(share, cosine))
+    candela = lumens / (2 * np.pi * trapezoid(share, cosine))
     assert luminance(scene, tmp_path) == pytest.approx(candela / DISTANCE_M**2 / np.pi, rel=PRECISION)
 
 

@@ -12,7 +12,7 @@ from lensfield.addon.scene.undo import Journal
 from lensfield.engine import Lens, Options
 from lensfield.engine.spectral.spectra import reflectance_basis
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
-from small_scenes import WAVELENGTHS_NM, light, material, radiance_on_axis, render, set_world, wall
+from small_scenes import WAVELENGTHS_NM, give, light, material, radiance_on_axis, render, set_world, wall
 from snapshot import differences, snapshot
 
 
@@ -150,7 +150,7 @@ def assign_everywhere(scene, painted):
     tree.interface.new_socket("Material", socket_type="NodeSocketMaterial")
     modifier = other.modifiers.new("Nodes", "NODES")
     modifier.node_group = tree
-    modifier[tree.interface.items_tree[0].identifier] = painted
+    give(modifier, tree.interface.items_tree[0].identifier, painted)
     painted.use_fake_user = True
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from cycles_pictures import picture
 from lensfield.addon.scene.instances import materials_of, rendered_blocks, rendered_instances
-from small_scenes import light, material, wall
+from small_scenes import give, light, material, wall
 
 
 @pytest.fixture
@@ -114,6 +114,21 @@ def by_nodes(scene, source):
     return host
 
 
+def given_to_nodes_by_the_modifier(scene, source):
+    host = by_nodes(scene, source)
+    tree = host.modifiers[0].node_group
+    info = next(node for node in tree.nodes if node.bl_idname == "GeometryNodeObjectInfo")
+    info.inputs["Object"].default_value = None
+    socket = tree.interface.new_socket("Object", in_out="INPUT", socket_type="NodeSocketObject")
+    tree.links.new(tree.nodes.new("NodeGroupInput").outputs["Object"], info.inputs["Object"])
+    give(host.modifiers[0], socket.identifier, source)
+    return host
+
+
+def given_by_a_modifier_that_the_viewport_leaves_out(scene, source):
+    given_to_nodes_by_the_modifier(scene, source).modifiers[0].show_viewport = False
+
+
 def by_nodes_though_hidden_in_renders(scene, source):
     by_nodes(scene, source)
     in_scene(scene, source)
@@ -133,6 +148,7 @@ def by_nodes_that_the_viewport_leaves_out(scene, source):
     in_a_collection_hidden_in_renders, in_an_excluded_collection, included_within_an_excluded_collection, instanced,
     instanced_by_what_the_viewport_hides, instanced_though_hidden_in_the_viewport, instanced_but_hidden_in_renders,
     instanced_from_a_collection_hidden_in_renders, by_particles_though_hidden_in_renders, by_nodes,
+    given_to_nodes_by_the_modifier, given_by_a_modifier_that_the_viewport_leaves_out,
     by_nodes_though_hidden_in_renders, by_nodes_of_what_the_viewport_hides, by_nodes_that_the_viewport_leaves_out],
     ids=lambda arrange: arrange.__name__)
 def test_what_cycles_renders_is_found_and_nothing_else(scene, source, tmp_path, arrange):
