@@ -1,5 +1,5 @@
 # make demo        render the sample scene and put it through a real lens
-# make test        all tests; BPY=4.5.15 runs the Blender tests on another Blender
+# make test        all tests; BPY=4.5.15 runs the Blender tests on another Blender, SEED=1 renders with other noise
 # make bench       the paper's figures again, what accuracy costs, and what a scene costs (an hour)
 # make validate    Cornell's box against Mitsuba 3, and lenses against rays traced through them (ten minutes)
 # make extension   dist/*.zip, to install in Blender
@@ -9,6 +9,7 @@
 # Each makes its own environment on the first run and works offline after that.
 
 BPY ?= 5.0.1
+export SEED ?= 0
 VENV = $(if $(filter 5.0.1,$(BPY)),.venv,.venv-$(BPY))
 READY = $(VENV)/.ready
 LENS ?= edmund-54852

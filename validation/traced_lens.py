@@ -207,7 +207,9 @@ def photograph(scene, surfaces, wavelength_nm, window, *, samples, seed=0):
         Of a lens in Lensfield's library.
     wavelength_nm : float
     window : Window
-    samples, seed : int
+    samples : int
+    seed : int
+        Beyond the scene's own.
 
     Returns
     -------
@@ -217,7 +219,8 @@ def photograph(scene, surfaces, wavelength_nm, window, *, samples, seed=0):
     """
     render, cycles = scene.render, scene.cycles
     before = render.resolution_y, render.resolution_x, cycles.samples, cycles.seed
-    (render.resolution_y, render.resolution_x), cycles.samples, cycles.seed = window.shape_px, samples, seed
+    (render.resolution_y, render.resolution_x), cycles.samples = window.shape_px, samples
+    cycles.seed += seed
     try:
         with temporary_folder() as folder, _lens_put_in(surfaces, wavelength_nm, window) as seconds:
             with quiet(1):  # Blender says where it saves each pass

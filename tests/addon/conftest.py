@@ -5,13 +5,38 @@ import shutil
 
 import bpy
 import pytest
+from bpy.app.handlers import persistent
 
 from lensfield import addon
+
+FIRST_SEED = 1000 * int(os.environ.get("SEED", 0))  # `make test SEED=n`; tests take some seeds beyond the scene's own
+seeds_rendered = []
 
 
 @pytest.fixture(scope="session", autouse=True)
 def registered_addon():
     addon.register()
+    bpy.app.handlers.load_post.append(shift_seeds)
+    bpy.app.handlers.render_init.append(note_seed)
+
+
+@persistent
+def shift_seeds(*_):
+    """Give the scenes of a file, or those from the factory, other seeds."""
+    for scene in bpy.data.scenes:
+        scene.cycles.seed += FIRST_SEED
+
+
+@persistent
+def note_seed(scene, *_):
+    seeds_rendered.append(scene.cycles.seed)
+
+
+@pytest.fixture(autouse=True)
+def all_seeds_are_shifted():
+    yield
+    assert all(seed >= FIRST_SEED for seed in seeds_rendered)
+    seeds_rendered.clear()
 
 
 def pytest_unconfigure(config):
@@ -36,6 +61,7 @@ def scene():
     scene.cycles.device = "CPU"
     scene.cycles.samples = 16
     scene.cycles.use_adaptive_sampling = False
+    scene.cycles.sampling_pattern = "TABULATED_SOBOL"  # the noise of each pixel is its own, as noise.py has it
     scene.cycles.max_bounces = 2
     scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 48, 36, 100
     camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))

@@ -1,0 +1,45 @@
+"""Monte Carlo noise, measured in the very pictures that have it: tests allow for that and for no more.
+
+Cycles draws the random numbers of each pixel on their own, where it is not told to spread its noise over neighbours:
+pixels that should be alike are as many measurements of the same, and their spread tells how far their mean may be off.
+`test_noise.py` holds it to that, against pictures of other seeds.
+"""
+
+import numpy as np
+from scipy.stats import norm, t
+
+SIGMAS = 5
+ROUNDING = 1e-5  # where there is no noise: the 2^-24 of each of 160 operations in single precision, were all to add up
+
+
+def five_sigma(pictures):
+    """How far the means of pictures (…, row, column) may be off, as rarely as 5 standard deviations are exceeded.
+
+    The standard deviation is itself measured, so that by Student it takes a few more than 5 of few pixels.
+    """
+    pixels = np.prod(pictures.shape[-2:])
+    sigmas = t.isf(norm.sf(SIGMAS), pixels - 1)
+    return sigmas * pictures.std(axis=(-2, -1), ddof=1) / np.sqrt(pixels)
+
+
+def assert_means(pictures, expected, rtol=ROUNDING, noise=None):
+    """Hold the means of pictures to those expected: within rtol of them, and 5 sigma of noise.
+
+    Parameters
+    ----------
+    pictures : array (…, row, column)
+    expected : array (…), or pictures of the same noise, or of less
+    rtol : float
+        How far off the expected values themselves may be, as a part of them.
+    noise : float, optional
+        The most that 5 sigma of noise may be, as a part of what is expected: more would hide what is looked for. By
+        default as much as `rtol`, so that thrice this is never missed.
+    """
+    pictures, expected = np.asarray(pictures, np.float64), np.asarray(expected, np.float64)
+    apart = pictures - (expected if expected.ndim == pictures.ndim else expected[..., None, None])
+    scale = np.abs(pictures - apart).mean(axis=(-2, -1))
+    off, allowance = np.abs(apart.mean(axis=(-2, -1))), five_sigma(apart)
+    most = rtol if noise is None else noise
+    assert np.all(allowance <= most * scale), f"5 sigma of noise: {allowance / scale}, which may be {most:g} at most"
+    assert np.all(off <= rtol * scale + allowance), \
+        f"off by {off / scale}, which may be {rtol:g} and 5 sigma of noise, {allowance / scale}"

@@ -1,0 +1,45 @@
+"""The measure of noise itself, against what other seeds make of the same picture."""
+
+import numpy as np
+import pytest
+from scipy.stats import chi2, norm
+
+from cycles_pictures import picture
+from noise import SIGMAS, assert_means, five_sigma
+from small_scenes import material, set_world, wall
+
+SEEDS = 64
+
+
+@pytest.fixture
+def half_a_sky(scene):
+    """A white wall before a sky of which a black screen behind the camera leaves half: paths meet either by chance."""
+    set_world(scene)
+    wall(scene, material("White", "ShaderNodeBsdfDiffuse", (1, 1, 1))[0])
+    wall(scene, material("Black", "ShaderNodeBsdfDiffuse", (0, 0, 0))[0], -1.0, 100.0).location.x = 50
+    scene.camera.data.angle = 0.05  # so that all pixels see the same
+    return scene
+
+
+def test_pixels_tell_how_means_differ_between_seeds(half_a_sky, tmp_path):
+    first = half_a_sky.cycles.seed
+    means, by_pixels = [], []
+    for half_a_sky.cycles.seed in range(first, first + SEEDS):
+        red = picture(half_a_sky, tmp_path, samples=8)[0].astype(float)
+        means.append(red.mean())
+        by_pixels.append(red.var(ddof=1) / red.size)
+    ratio = np.var(means, ddof=1) / np.mean(by_pixels)
+    least, most = chi2.ppf([norm.sf(SIGMAS), norm.cdf(SIGMAS)], SEEDS - 1) / (SEEDS - 1)
+    assert least < ratio < most
+
+
+def test_what_is_off_by_more_than_the_noise_is_seen(half_a_sky, tmp_path):
+    red = picture(half_a_sky, tmp_path, samples=256)[0].astype(float)
+    noise = five_sigma(red)
+    assert 0 < noise < 0.1 * red.mean()
+    assert_means(red, red.mean() + 0.9 * noise, 0.0, noise=0.1)
+    assert_means(red, 1.01 * red.mean(), 0.02, noise=0.1)
+    with pytest.raises(AssertionError, match="off by"):
+        assert_means(red, red.mean() + 1.1 * noise, 0.0, noise=0.1)
+    with pytest.raises(AssertionError, match="5 sigma of noise: .* at most"):
+        assert_means(red, red.mean(), 1e-6)
