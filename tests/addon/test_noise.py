@@ -41,5 +41,5 @@ def test_what_is_off_by_more_than_the_noise_is_seen(half_a_sky, tmp_path):
     assert_means(red, 1.01 * red.mean(), 0.02, noise=0.1)
     with pytest.raises(AssertionError, match="off by"):
         assert_means(red, red.mean() + 1.1 * noise, 0.0, noise=0.1)
-    with pytest.raises(AssertionError, match="5 sigma of noise: .* at most"):
+    with pytest.raises(AssertionError, match="5 sigma of noise"):
         assert_means(red, red.mean(), 1e-6)
