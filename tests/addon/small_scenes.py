@@ -51,6 +51,13 @@ def wall(scene, of_material, distance_m=1.0, side_m=10.0):
     return wall_object
 
 
+def view_factor(side_m, distance_m):
+    """Of a square that faces a wall: the share of the wall's hemisphere that it takes, by the cosines to the normal."""
+    ratio = side_m / 2 / distance_m
+    sine = ratio / np.hypot(1, ratio)
+    return 4 / np.pi * sine * np.arctan(sine)
+
+
 def light(scene, kind, watts, **properties):
     """A light at the camera."""
     new = bpy.data.lights.new("Light", kind)

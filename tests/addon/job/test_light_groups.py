@@ -15,7 +15,7 @@ from lensfield.engine.image.spectral_exr import read_exr
 from lensfield.engine.spectral.spectra import blackbody, colour_matching, emission_basis, load_spectrum, white_density
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 from noise import assert_means
-from small_scenes import background, light, material, set_world, wall
+from small_scenes import background, light, material, set_world, view_factor, wall
 from snapshot import differences, snapshot
 
 NM = np.array([420.0, 450.0, 550.0, 589.0, 610.0, 650.0])
@@ -88,17 +88,16 @@ def red(nm=NM):
 
 @pytest.mark.parametrize("first, second", [(SPIKY, "led-b3"), ("illuminant-a", "mercury"), (SPIKY, "")])
 def test_two_lamps_are_the_sum_of_each_alone(scene, tmp_path, first, second):
-    scene.cycles.samples = BY_CHANCE
     red_wall(scene)
     lamps = [point(scene, first, 10.0), point(scene, second, 3.0)]
     lamps[1].location = (0.3, 0.2, 0)
-    together = radiance(scene, tmp_path)
     alone = []
     for lamp in lamps:
         lamp.hide_render = True
         alone.append(radiance(scene, tmp_path))
         lamp.hide_render = False
-    assert_means(together, sum(alone), PRECISION)
+    scene.cycles.samples = BY_CHANCE
+    assert_means(radiance(scene, tmp_path), sum(alone), PRECISION)
     first, second = (picture.mean(axis=(1, 2)) for picture in alone)
     assert np.ptp(first / first.max() - second / second.max()) > 0.3
 
@@ -403,9 +402,8 @@ def test_linked_lamps_shine_in_their_groups(scene, tmp_path):
     measured = radiance(scene, tmp_path)
     # Blender itself marks what was once assigned to as linked directly; nothing else may differ.
     assert not [line for line in differences(before, snapshot()) if "is_library_indirect" not in line]
-    ratio = 5 / 4  # of half the glowing square's side to its distance from the wall
-    share = 4 / np.pi * ratio / np.hypot(1, ratio) * np.arctan(ratio / np.hypot(1, ratio))  # of what the wall faces
-    expected = STEP * (10 * density(SPIKY) + 5 * FLAT_DENSITY) + 0.7 * share * density(SMOOTH)
+    expected = (STEP * (10 * density(SPIKY) + 5 * FLAT_DENSITY)
+                + 0.7 * view_factor(10, 4) * density(SMOOTH))
     assert_means(measured, expected, PRECISION)
 
 
