@@ -22,6 +22,12 @@ def five_sigma(pictures):
     return sigmas * pictures.std(axis=(-2, -1), ddof=1) / np.sqrt(pixels)
 
 
+def surely_apart(first, second):
+    """How far apart the means of two pictures are, beyond 5 sigma of the noise that they do not share."""
+    apart = np.subtract(first, second, dtype=np.float64)
+    return np.abs(apart.mean(axis=(-2, -1))) - five_sigma(apart)
+
+
 def assert_means(pictures, expected, rtol=ROUNDING, noise=None):
     """Hold the means of pictures to those expected: within rtol of them, and 5 sigma of noise.
 
