@@ -119,7 +119,7 @@ def test_company_of_a_wavelength_changes_nothing_but_the_noise(scene, tmp_path, 
     furnish(scene, kind)
     alone, *companies = in_companies(scene, tmp_path)
     for planes in companies:
-        assert_means(planes, alone, 0.0, noise=COUPLED)
+        assert_means(planes, alone, noise=COUPLED)
 
 
 def test_planes_of_a_coloured_ball_differ_between_wavelengths(scene, tmp_path):
@@ -142,7 +142,7 @@ def test_coloured_tints_couple_channels(scene, tmp_path, tint, lobe):
 def test_other_colours_do_not_couple_channels_by_the_same_measure(scene, tmp_path, colour, lobe):
     grey = lobe | {"Base Color": (0.5, 0.5, 0.5)}
     coupled, alone = (blue_of(scene, tmp_path, grey | {colour: value}) for value in (STRONG_COLOUR, ONLY_ITS_BLUE))
-    assert_means(coupled, alone, 0.0, noise=COUPLED)
+    assert_means(coupled, alone, noise=COUPLED)
 
 
 @pytest.mark.parametrize("kind", [
