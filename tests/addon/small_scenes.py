@@ -82,7 +82,7 @@ def render(scene, folder, wavelengths_nm=WAVELENGTHS_NM, **options):
 
 
 def radiance_on_axis(scene, folder, wavelengths_nm=WAVELENGTHS_NM):
-    """Spectral radiance in the middle of the frame, one value for each wavelength, each rendered."""
+    """Spectral radiance of the four pixels in the middle, one value for each wavelength, each rendered."""
     cube = read_exr(render(scene, folder, wavelengths_nm, spectral=SpectralOptions("reference")).radiance).cube
     rows, columns = cube.shape[1:]
-    return cube[:, rows // 2 - 2:rows // 2 + 2, columns // 2 - 2:columns // 2 + 2].mean(axis=(1, 2), dtype=np.float64)
+    return cube[:, rows // 2 - 1:rows // 2 + 1, columns // 2 - 1:columns // 2 + 1].mean(axis=(1, 2), dtype=np.float64)

@@ -15,6 +15,7 @@ from lensfield.engine.image.spectral_exr import read_exr
 from lensfield.engine.spectral.refraction import load_refraction
 from lensfield.engine.spectral.spectra import load_spectrum
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
+from noise import ROUNDING
 from small_scenes import light, material, set_world, wall
 
 NM = np.array([420.0, 550.0, 680.0])
@@ -23,7 +24,8 @@ COLUMNS, ROWS = 96, 12
 PITCH_MM = 4.8 / COLUMNS
 WEDGE = np.tan(np.radians(20))  # slope of the prism's back
 FRONT_M, BACK_M, WALL_M, EDGE_M = -1.0, -1.5, -6.0, 1.5
-PIXEL = 0.1  # of one
+SAMPLES = 128
+PIXEL = 0.1  # of one: 12 rows of these samples fall on either side of an edge, by 0.013 px of standard deviation or less
 
 
 @cache
@@ -132,7 +134,7 @@ def schott_sf10(nm):
 
 @pytest.mark.parametrize("node_type", ["ShaderNodeBsdfRefraction", "ShaderNodeBsdfGlass", "ShaderNodeBsdfPrincipled"])
 def test_each_wavelength_goes_where_snell_sends_it(small, tmp_path, node_type):
-    small.cycles.samples = 64
+    small.cycles.samples = SAMPLES
     bright_half(small)
     prism(small, glass(node_type=node_type))
     picture, facts = rendered(small, tmp_path)
@@ -145,7 +147,7 @@ def test_each_wavelength_goes_where_snell_sends_it(small, tmp_path, node_type):
 
 def test_bare_edge_is_where_the_camera_sees_it(small, tmp_path):
     """The measure itself: without glass all wavelengths show the edge at one place."""
-    small.cycles.samples = 64
+    small.cycles.samples = SAMPLES
     bright_half(small).location.x = 0.5 - 10
     expected = COLUMNS / 2 + 0.5 / -WALL_M * lens().capture_focal_length_mm / PITCH_MM
     np.testing.assert_allclose(edges_seen(rendered(small, tmp_path)[0]), expected, atol=PIXEL)
@@ -160,7 +162,7 @@ def test_one_pass_for_each_wavelength(small, tmp_path, tier):
 
 
 def test_preview_sees_all_wavelengths_by_the_d_line(small, tmp_path):
-    small.cycles.samples = 64
+    small.cycles.samples = SAMPLES
     bright_half(small)
     prism(small, glass())
     picture, facts = rendered(small, tmp_path, tier="preview")
@@ -203,7 +205,7 @@ def test_glass_in_an_instance_is_in_view(small, tmp_path):
 
 
 def test_an_index_without_a_name_does_not_disperse(small, tmp_path):
-    small.cycles.samples = 64
+    small.cycles.samples = SAMPLES
     bright_half(small)
     plain = glass("")
     next(node for node in plain.node_tree.nodes if "IOR" in node.inputs).inputs["IOR"].default_value = 1.65
@@ -214,7 +216,7 @@ def test_an_index_without_a_name_does_not_disperse(small, tmp_path):
 
 
 def test_refraction_takes_the_place_of_an_index_by_nodes(small, tmp_path):
-    small.cycles.samples = 64
+    small.cycles.samples = SAMPLES
     bright_half(small)
     crown = glass()
     value = crown.node_tree.nodes.new("ShaderNodeValue")
@@ -277,7 +279,7 @@ def test_metals_reflect_by_their_index(small, tmp_path, node_type, settings, nam
     under_flat_sky(small, mirror(node_type, name, **settings))
     picture, facts = rendered(small, tmp_path)
     measured = picture[:, 4:8, 44:52].mean(axis=(1, 2)) / FLAT_DENSITY
-    np.testing.assert_allclose(measured, fresnel(name, NM), rtol=0.01)
+    np.testing.assert_allclose(measured, fresnel(name, NM), rtol=ROUNDING)
     assert facts["passes"] == 1  # metals bend nothing
 
 
@@ -293,7 +295,7 @@ def test_physical_conductor_off_the_normal(small, tmp_path, tilt_degrees):
     metal = mirror("ShaderNodeBsdfMetallic", "gold", fresnel_type="PHYSICAL_CONDUCTOR")
     under_flat_sky(small, metal, tilt_degrees)
     measured = rendered(small, tmp_path)[0][:, 4:8, 46:50].mean(axis=(1, 2)) / FLAT_DENSITY
-    np.testing.assert_allclose(measured, fresnel("gold", NM, tilt_degrees), rtol=0.01)
+    np.testing.assert_allclose(measured, fresnel("gold", NM, tilt_degrees), rtol=1e-3)  # the angle varies
 
 
 def test_assigned_reflectance_comes_before_the_metals_own(small, tmp_path):
@@ -301,12 +303,12 @@ def test_assigned_reflectance_comes_before_the_metals_own(small, tmp_path):
     metal.lensfield.reflectance = "400:0.5, 700:0.5"
     under_flat_sky(small, metal)
     measured = rendered(small, tmp_path)[0][:, 4:8, 44:52].mean(axis=(1, 2)) / FLAT_DENSITY
-    np.testing.assert_allclose(measured, 0.5, rtol=0.01)
+    np.testing.assert_allclose(measured, 0.5, rtol=ROUNDING)
 
 
 def test_glass_keeps_its_own_colour(small, tmp_path):
     """A refractive index is no reflectance: coloured glass stays as it is."""
-    small.cycles.samples = 64
+    small.cycles.samples = SAMPLES
     set_world(small)
     small.world.lensfield.emission = FLAT
     tinted = glass()
@@ -327,6 +329,6 @@ def test_lamps_and_glass_together_stay_absolute(small, tmp_path):
     assert facts["wavelengths_per_pass"] == 1
     beside_it = picture[:, 4:8, 4:8].mean(axis=(1, 2))
     sodium = load_spectrum("sodium-lp").band_means(nm)
-    np.testing.assert_allclose(beside_it / beside_it[2], sodium / sodium[2], rtol=1e-3, atol=1e-9)
+    np.testing.assert_allclose(beside_it / beside_it[2], sodium / sodium[2], rtol=ROUNDING, atol=1e-9)
     slope = (COLUMNS / 2 - 6) * PITCH_MM / lens().capture_focal_length_mm  # of the ray, off the axis
-    assert beside_it[2] == pytest.approx(10 / (4 * np.pi**2) * sodium[2] / (1 + slope**2)**1.5, rel=2e-3)
+    assert beside_it[2] == pytest.approx(10 / (4 * np.pi**2) * sodium[2] / (1 + slope**2)**1.5, rel=1e-3)

@@ -12,6 +12,7 @@ from lensfield.addon.scene.undo import Journal
 from lensfield.engine import Lens, Options
 from lensfield.engine.spectral.spectra import reflectance_basis
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
+from noise import ROUNDING
 from small_scenes import WAVELENGTHS_NM, give, light, material, radiance_on_axis, render, set_world, wall
 from snapshot import differences, snapshot
 
@@ -225,7 +226,7 @@ def test_linked_objects_are_substituted_and_restored(scene, tmp_path):
     bpy.context.view_layer.update()
     before = snapshot()
     measured = radiance_on_axis(scene, tmp_path)
-    np.testing.assert_allclose(measured, reflectance_basis(WAVELENGTHS_NM) @ (0.7, 0.2, 0.1) / 400, rtol=2e-3)
+    np.testing.assert_allclose(measured, reflectance_basis(WAVELENGTHS_NM) @ (0.7, 0.2, 0.1) / 400, rtol=ROUNDING)
     # Blender itself marks what was once assigned to as linked directly; nothing else may differ.
     assert not [line for line in differences(before, snapshot()) if "is_library_indirect" not in line]
 

@@ -14,14 +14,14 @@ from lensfield.engine.image.spectral_exr import read_exr
 from lensfield.engine.spectral.colour_difference import ciede2000, lab_from_xyz
 from lensfield.engine.spectral.spectra import colour_matching, emission_basis, load_spectrum, reflectance_basis
 from lensfield.engine.spectral.wavelength_choice import STANDARD_COLOUR_ERROR, SpectralOptions
+from noise import ROUNDING, surely_apart
 from small_scenes import WAVELENGTHS_NM, light, material, paint_by_nodes, set_world, wall
 
 NM = np.linspace(400, 700, 16)
 FLAT, FLAT_DENSITY = "380:1, 780:1", 1 / 400
 PATCHES = ["chart-13-blue", "chart-14-green", "chart-15-red", "chart-16-yellow", "chart-17-magenta", "chart-18-cyan"]
 BLOCK_PX = 4  # whose means are free of most noise
-SLACK = 1.25  # a picture's colours are not those that were tried
-BY_CHANCE = 0.05  # CIEDE2000, what noise leaves between two renders of the same
+SLACK = 1.25  # a picture's colours are not those that were tried; noise moves its 95th percentile by some 2 %
 
 
 @cache
@@ -75,9 +75,10 @@ def room(scene):
     bpy.context.object.data.materials.append(texture)
     lamp = light(scene, "AREA", 50.0, size=0.8)
     lamp.location = (0, 0.95, -3)
-    scene.cycles.samples, scene.cycles.max_bounces = 32, 8
+    scene.cycles.samples, scene.cycles.max_bounces = 64, 8
     scene.render.resolution_x, scene.render.resolution_y = 32, 24
-    scene.cycles.min_light_bounces = 8  # no path ends by chance, so that all wavelengths have the same noise
+    # No path ends by chance, so that noise is the same at all wavelengths: it deals other colours, but no false ones.
+    scene.cycles.min_light_bounces = 8
     return scene
 
 
@@ -104,7 +105,7 @@ def test_standard_keeps_the_error_that_it_predicts(room, tmp_path, lamp):
     assert facts["passes"] <= 4 and whole["passes"] == 6 and whole["predicted_colour_error"] == 0
     assert 0 < facts["predicted_colour_error"] <= STANDARD_COLOUR_ERROR
     errors = colour_errors(picture, truth, load_spectrum(lamp).band_means(NM))
-    assert np.percentile(errors, 95) <= SLACK * facts["predicted_colour_error"] + BY_CHANCE
+    assert np.percentile(errors, 95) <= SLACK * facts["predicted_colour_error"]
     assert facts["spectral_surprise"] < 5
 
 
@@ -116,7 +117,7 @@ def test_two_lamps_keep_the_error_that_is_predicted(room, tmp_path):
     truth, _ = rendered(room, tmp_path, tier="reference")
     lamps = load_spectrum("illuminant-a").density_at(NM) + load_spectrum("sodium-lp").band_means(NM)
     errors = colour_errors(picture, truth, lamps)
-    assert np.percentile(errors, 95) <= SLACK * facts["predicted_colour_error"] + BY_CHANCE
+    assert np.percentile(errors, 95) <= SLACK * facts["predicted_colour_error"]
 
 
 def test_preview_is_one_pass_and_says_how_wrong_it_is(room, tmp_path):
@@ -124,7 +125,7 @@ def test_preview_is_one_pass_and_says_how_wrong_it_is(room, tmp_path):
     assert facts["passes"] == 1 and facts["predicted_colour_error"] > 1
     truth, _ = rendered(room, tmp_path, tier="reference")
     errors = colour_errors(picture, truth, load_spectrum("illuminant-d65").density_at(NM))
-    assert 0.5 < np.percentile(errors, 95) <= SLACK * facts["predicted_colour_error"] + BY_CHANCE
+    assert 0.5 < np.percentile(errors, 95) <= SLACK * facts["predicted_colour_error"]
 
 
 def test_less_error_asked_for_is_less_error(room, tmp_path):
@@ -135,7 +136,7 @@ def test_less_error_asked_for_is_less_error(room, tmp_path):
         picture, facts = rendered(room, tmp_path, colour_error=limit)
         assert facts["predicted_colour_error"] <= limit
         found.append((facts["passes"], np.percentile(colour_errors(picture, truth, lamp), 95)))
-        assert found[-1][1] <= limit + BY_CHANCE
+        assert found[-1][1] <= limit
     assert found[0][0] < found[1][0] and found[0][1] > found[1][1]
 
 
@@ -144,12 +145,11 @@ def test_grey_scene_is_one_pass_that_is_right_at_all_wavelengths(scene, tmp_path
     scene.world.lensfield.emission = "illuminant-a"
     wall(scene, material("Grey", "ShaderNodeBsdfDiffuse", (0.4, 0.4, 0.4))[0])
     light(scene, "POINT", 10.0, shadow_soft_size=0.0).data.lensfield.emission = "sodium-lp"
-    scene.cycles.samples = 256
     picture, facts = rendered(scene, tmp_path)
     assert facts["passes"] == 1 and len(facts["rendered_nm"]) == 1 and "grey" in facts["scene_plan"]
     expected = 0.4 * (0.5 * load_spectrum("illuminant-a").density_at(NM)
                       + 10 / (4 * np.pi**2) * load_spectrum("sodium-lp").band_means(NM))
-    np.testing.assert_allclose(middle(picture), expected, rtol=3e-3)
+    np.testing.assert_allclose(middle(picture), expected, rtol=1e-3)  # 1e-4 is lost by the cosines beside the axis
 
 
 @pytest.mark.parametrize("tier", ["standard", "reference"])
@@ -159,7 +159,7 @@ def test_few_wavelengths_are_all_rendered(scene, tmp_path, tier):
     picture, facts = rendered(scene, tmp_path, WAVELENGTHS_NM, tier)
     assert facts["passes"] == 1 and facts["rendered_nm"] == facts["wavelengths_nm"] == list(WAVELENGTHS_NM)
     expected = load_spectrum("chart-15-red").at(WAVELENGTHS_NM) * FLAT_DENSITY
-    np.testing.assert_allclose(middle(picture), expected, rtol=2e-3)
+    np.testing.assert_allclose(middle(picture), expected, rtol=ROUNDING)
 
 
 def test_report_tells_the_plan(room, tmp_path):
@@ -233,7 +233,7 @@ def test_rendering_tinted_wavelengths_together_would_be_wrong(scene, tmp_path, m
     together, facts = rendered(scene, tmp_path, WAVELENGTHS_NM, "reference")
     assert facts["passes"] == 1
     blue, _ = rendered(scene, tmp_path, WAVELENGTHS_NM[:1])
-    assert together[0].mean() < 0.98 * blue[0].mean()
+    assert together[0].mean() < blue[0].mean() and surely_apart(together[0], blue[0]) > 0.01 * blue[0].mean()
 
 
 def test_separated_scenes_take_no_more_wavelengths_than_they_need(scene, tmp_path):
@@ -268,7 +268,7 @@ def test_what_cannot_be_rendered_is_where_that_is_asked_for(scene, tmp_path):
 def test_unfit_nodes_that_no_render_shows_are_no_matter(scene, tmp_path):
     film(scene)
     bpy.data.objects["Bubble"].hide_render = True
-    np.testing.assert_allclose(rendered(scene, tmp_path)[0], FLAT_DENSITY, rtol=1e-4)
+    np.testing.assert_allclose(rendered(scene, tmp_path)[0], FLAT_DENSITY, rtol=ROUNDING)
 
 
 def test_unfit_is_one_of_two(scene, tmp_path):
@@ -289,9 +289,9 @@ def test_keyframed_colours_are_those_of_the_frame(scene, tmp_path):
         scene.frame_set(frame)
         seen[frame], facts = rendered(scene, tmp_path, WAVELENGTHS_NM)
         assert len(facts["rendered_nm"]) == (1 if frame == 1 else 3)
-    np.testing.assert_allclose(middle(seen[1]), 0.5 * FLAT_DENSITY, rtol=2e-3)
+    np.testing.assert_allclose(middle(seen[1]), 0.5 * FLAT_DENSITY, rtol=ROUNDING)
     expected = reflectance_basis(WAVELENGTHS_NM) @ (0.7, 0.3, 0.05) * FLAT_DENSITY
-    np.testing.assert_allclose(middle(seen[5]), expected, rtol=2e-3)
+    np.testing.assert_allclose(middle(seen[5]), expected, rtol=ROUNDING)
 
 
 def test_keyframed_lumens_are_those_of_the_frame(scene, tmp_path):
@@ -304,7 +304,7 @@ def test_keyframed_lumens_are_those_of_the_frame(scene, tmp_path):
     scene.frame_set(1)
     dim = middle(rendered(scene, tmp_path, WAVELENGTHS_NM)[0])
     scene.frame_set(5)
-    np.testing.assert_allclose(middle(rendered(scene, tmp_path, WAVELENGTHS_NM)[0]), 4 * dim, rtol=1e-4)
+    np.testing.assert_allclose(middle(rendered(scene, tmp_path, WAVELENGTHS_NM)[0]), 4 * dim, rtol=ROUNDING)
 
 
 def test_driven_strength_is_followed(scene, tmp_path):
@@ -314,7 +314,7 @@ def test_driven_strength_is_followed(scene, tmp_path):
     driver.expression = "frame * 2"
     wall(scene, glow)
     scene.frame_set(3)
-    np.testing.assert_allclose(middle(rendered(scene, tmp_path, WAVELENGTHS_NM)[0]), 6 * FLAT_DENSITY, rtol=1e-4)
+    np.testing.assert_allclose(middle(rendered(scene, tmp_path, WAVELENGTHS_NM)[0]), 6 * FLAT_DENSITY, rtol=ROUNDING)
 
 
 def test_what_a_default_principled_does_not_use_has_no_colour(scene, tmp_path):
@@ -355,7 +355,7 @@ def test_spectra_of_linked_materials_lie_beside_their_own_file(scene, tmp_path):
         linked.objects = available.objects
     scene.collection.objects.link(linked.objects[0])
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "main.blend"))
-    np.testing.assert_allclose(middle(rendered(bpy.context.scene, tmp_path)[0]), 0.5 * FLAT_DENSITY, rtol=2e-3)
+    np.testing.assert_allclose(middle(rendered(bpy.context.scene, tmp_path)[0]), 0.5 * FLAT_DENSITY, rtol=ROUNDING)
 
 
 def test_the_cameras_view_is_that_of_the_frame(scene, tmp_path):
