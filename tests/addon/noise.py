@@ -28,7 +28,7 @@ def surely_apart(first, second):
     return np.abs(apart.mean(axis=(-2, -1))) - five_sigma(apart)
 
 
-def assert_means(pictures, expected, rtol=ROUNDING, noise=None):
+def assert_means(pictures, expected, rtol=ROUNDING, noise=None, other_seed=None):
     """Hold the means of pictures to those expected: within rtol of them, and 5 sigma of noise.
 
     Parameters
@@ -40,11 +40,15 @@ def assert_means(pictures, expected, rtol=ROUNDING, noise=None):
     noise : float, optional
         The most that 5 sigma of noise may be, as a part of what is expected: more would hide what is looked for. By
         default as much as `rtol`, so that thrice this is never missed.
+    other_seed : array (…, row, column), optional
+        The same of another seed, where pixels differ by more than noise; what both have in the mean is judged.
     """
     pictures, expected = np.asarray(pictures, np.float64), np.asarray(expected, np.float64)
     apart = pictures - (expected if expected.ndim == pictures.ndim else expected[..., None, None])
     scale = np.abs(pictures - apart).mean(axis=(-2, -1))
-    off, allowance = np.abs(apart.mean(axis=(-2, -1))), five_sigma(apart)
-    most = rtol if noise is None else noise
-    assert np.all(allowance <= most * scale), f"5 sigma of noise: {allowance}: expected {most:g} of {scale} at most"
-    assert np.all(off <= rtol * scale + allowance), f"off by {off}: expected {rtol:g} of {scale} and {allowance} at most"
+    half = 0 if other_seed is None else (pictures - other_seed) / 2
+    off = np.abs((apart - half).mean(axis=(-2, -1)))
+    allowance = five_sigma(apart if other_seed is None else half)
+    most = (rtol if noise is None else noise) * scale
+    assert np.all(allowance <= most), f"5 sigma of noise: {allowance}: expected {most} at most"
+    assert np.all(off <= rtol * scale + allowance), f"off by {off}: expected {rtol * scale} and {allowance} at most"

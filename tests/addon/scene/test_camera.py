@@ -32,8 +32,8 @@ COLUMN = int(np.flatnonzero(np.isclose(LENS.wavelengths_nm, WAVELENGTH_NM))[0])
 
 SAMPLES = 80
 CENTROID_PX = 0.1
-"""5 standard deviations of the centroid of a disk of radius r px, 1 / sqrt(6 pi r SAMPLES), for the 1.7 px of the least:
-of its rim's pixels each sample falls inside or not, here as if by chance."""
+"""5 sigma of the centroid of a disk of radius r px, 5 / sqrt(6 pi r SAMPLES), for the 1.7 px of the least, were it by
+chance which samples of its rim's pixels fall inside."""
 
 
 def bead(scene, x_mm, y_mm, z_mm, radius_mm):
