@@ -60,9 +60,9 @@ def main():
     fitted = now * nnls(held, np.append(np.ones(seconds.size), np.full(now.size, HOLD)))[0]
     cost.machine_factor.cache_clear()
     print(f"REFERENCE_S = {cost.machine_factor() * cost.REFERENCE_S:.2g}")
-    for name, value in zip(names, fitted):
+    for name, value in zip(names, fitted, strict=True):
         print(f'    "{name}": {value:.3g},')
-    for (_, took, plan), predicted in zip(rows, counts @ fitted * 1e-9):
+    for (_, took, plan), predicted in zip(rows, counts @ fitted * 1e-9, strict=True):
         print(f"{plan.method.name:9}{plan.method.section_size:4} px, {plan.method.azimuths:3} azimuths, radius "
               f"{plan.psf_radius_px:2} px: {took:.3f} s, predicted / measured = {predicted / took:.2f}")
 

@@ -30,10 +30,11 @@ from lensfield.engine.spectral.wavelength_choice import SpectralOptions, sensor_
 SCENE = Path(__file__).resolve().parents[1] / "sample_scenes" / "evening_chess.blend"
 LENS = "edmund-54852"
 GRID_SIDE = 708  # squares: a million triangles
+STANDARD = SpectralOptions()
 BLOCK_PX = 4  # means over which noise leaves colours alone
 
 
-def timed(scene, wavelengths_nm, spectral=SpectralOptions()):
+def timed(scene, wavelengths_nm, spectral=STANDARD):
     """Seconds of each Cycles pass, seconds of all else, the report, and the radiance."""
     lens, _ = lens_for_view(scene, Lens.load(LENS), "lens")
     with tempfile.TemporaryDirectory() as folder:

@@ -30,7 +30,8 @@ def ray_path(system, wavelength_nm):
     gaps = [prescription.object_distance_mm, *(surface.thickness_mm for surface in prescription.surfaces), 0.0]
     indices = [1.0, *(float(np.ravel(material.n(wavelength_nm * 1e-3))[0]) for material in system.materials), 1.0]
     return [[Surface(profile=Spherical(c=0.0 if np.isinf(radius) else 1 / radius)), Gap(t=gap),
-             (np.eye(3), np.array([0.0, 0.0, gap])), index, 1.0] for radius, gap, index in zip(radii, gaps, indices)]
+             (np.eye(3), np.array([0.0, 0.0, gap])), index, 1.0]
+            for radius, gap, index in zip(radii, gaps, indices, strict=True)]
 
 
 def chief_height_mm(system, height_mm, wavelength_nm):

@@ -64,13 +64,13 @@ CHART = ("dark-skin", "light-skin", "blue-sky", "foliage", "blue-flower", "bluis
 
 
 def write_spectrum(kind, name, head, spectrum):
-    rows = "".join(f"{wavelength:g} {value:g}\n" for wavelength, value in zip(NM, spectrum[NM]))
+    rows = "".join(f"{wavelength:g} {value:g}\n" for wavelength, value in zip(NM, spectrum[NM], strict=True))
     (DATA / "spectra" / kind / f"{name}.spd").write_text(f"# {head}\n# wavelength_nm value\n{rows}")
 
 
 def write_table(name, head, columns, nm, values, digits):
     rows = "".join(f"{wavelength:g},{','.join(f'{value:.{digits}g}' for value in row)}\n"
-                   for wavelength, row in zip(nm, values))
+                   for wavelength, row in zip(nm, values, strict=True))
     (DATA / name).write_text(f"# {head}\nwavelength_nm,{columns}\n{rows}")
 
 

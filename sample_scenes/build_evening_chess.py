@@ -14,6 +14,7 @@ A file built with the oldest Blender that is supported opens in all of them.
 """
 
 import math
+from itertools import pairwise
 from pathlib import Path
 
 import bpy
@@ -133,7 +134,7 @@ def dusk_sky():
     for slot, (rgb, low, high, from_m, to_m) in enumerate(layers):
         fade, emission = tree.nodes.new("ShaderNodeMapRange"), tree.nodes.new("ShaderNodeEmission")
         fade.interpolation_type = "SMOOTHSTEP"
-        for socket, value in zip(fade.inputs[1:5], (from_m, to_m, low, high)):
+        for socket, value in zip(fade.inputs[1:5], (from_m, to_m, low, high), strict=True):
             socket.default_value = value
         emission.inputs["Color"].default_value = (*rgb, 1)
         tree.links.new(height.outputs["Z"], fade.inputs[0])
@@ -163,7 +164,7 @@ def lathe(profile_mm, segments=32):
     angles = np.arange(segments) * 2 * math.pi / segments
     rings = [np.stack([r * np.cos(angles), r * np.sin(angles), np.full(segments, z)], -1) for r, z in profile_mm]
     faces = [(a * segments + i, a * segments + j, (a + 1) * segments + j, (a + 1) * segments + i)
-             for a in range(len(profile_mm) - 1) for i, j in zip(range(segments), np.roll(range(segments), -1))]
+             for a in range(len(profile_mm) - 1) for i, j in enumerate(np.roll(range(segments), -1))]
     return np.concatenate(rings), faces
 
 
@@ -183,7 +184,7 @@ def plate(outline_mm, thickness_mm, bevel_mm):
     insets = bevel_mm * (1 - np.sin(turns))
     depths = thickness_mm / 2 - bevel_mm * (1 - np.cos(turns))
     rings = [np.insert(outline_mm + inset * inwards, 1, y, axis=1)
-             for inset, y in zip([*insets, *insets[::-1]], [*-depths, *depths[::-1]])]
+             for inset, y in zip([*insets, *insets[::-1]], [*-depths, *depths[::-1]], strict=True)]
     n, last = len(outline_mm), len(rings) - 1
     sides = [(a * n + i, a * n + (i + 1) % n, (a + 1) * n + (i + 1) % n, (a + 1) * n + i)
              for a in range(last) for i in range(n)]
@@ -200,9 +201,9 @@ def bead(radius_mm, centre_mm):
 
 def joined(shapes):
     shapes = list(shapes)
-    starts = np.cumsum([0] + [len(vertices) for vertices, _ in shapes])
+    starts = np.cumsum([0] + [len(vertices) for vertices, _ in shapes[:-1]])
     faces = [tuple(int(start + index) for index in face)
-             for start, (_, part) in zip(starts, shapes) for face in part]
+             for start, (_, part) in zip(starts, shapes, strict=True) for face in part]
     return np.concatenate([vertices for vertices, _ in shapes]), faces
 
 
@@ -216,7 +217,7 @@ def rounded(points, steps=4):
     p = np.array([points[0], *points, points[-1]], dtype=float)
     t = np.linspace(0, 1, steps, endpoint=False)[:, None]
     pieces = [b + 0.5 * t * (c - a + t * (2 * a - 5 * b + 4 * c - d + t * (3 * (b - c) + d - a)))
-              for a, b, c, d in zip(p, p[1:], p[2:], p[3:])]
+              for a, b, c, d in zip(p[:-3], p[1:-2], p[2:-1], p[3:], strict=True)]
     curve = np.concatenate([*pieces, p[-1:]])
     return curve[np.append(True, np.abs(np.diff(curve, axis=0)).max(axis=1) > 1e-6)]
 
@@ -417,7 +418,7 @@ def make_street(name, y_mm, eaves_mm, wall, lights, share):
             windows[int(random.random() < 0.25)].append(quad)
         x_mm += width_mm + random.choice((0, 0, 0.6))
     place(f"{name} street", mesh_of(f"{name} street", joined(houses), wall, smooth=False))
-    for quads, light in zip(windows, lights):
+    for quads, light in zip(windows, lights, strict=True):
         label = f"{name} windows {light.name}"
         only_for_the_camera(place(label, mesh_of(label, joined(quads), light, smooth=False)))
 
@@ -466,7 +467,7 @@ def fairy_strings():
     """Over the window in three swags, and down each side over the board to the lower corners."""
     y = WINDOW_Y_MM - 5
     hooks = [(-135, y, 112), (-54, y, 100), (54, y, 103), (135, y, 113)]
-    strings = [swag(start, end, sag) for start, end, sag in zip(hooks, hooks[1:], (17, 22, 16))]
+    strings = [swag(start, end, sag) for (start, end), sag in zip(pairwise(hooks), (17, 22, 16), strict=True)]
     for side in (-1, 1):
         lying = [(114, 45, 150), (110, 44, 60), (107, 42, 14), (101, 33, 1), (95, 22, 0.8), (97, 2, 0.8),
                  (83, -18, 0.8), (84, -40, 0.8), (70, -58, 0.8), (69, -74, 0.8), (54, -88, 0.8), (48, -100, 0.8)]
@@ -484,7 +485,7 @@ def make_fairy_lights():
         wire(f"Cord {number}", string_mm, 0.16, cord)
         for place_in_string, centre in enumerate(along(string_mm, 6.5)):
             centres[order[place_in_string % len(order)]].append(centre)
-    for (spectrum, radiance), centres_mm in zip(filament_radiance.items(), centres):
+    for (spectrum, radiance), centres_mm in zip(filament_radiance.items(), centres, strict=True):
         make_beads(f"Bulbs {spectrum}", centres_mm, 0.75, glow(f"Bulb {spectrum}", 0.6, spectrum), ball)
         filaments_mm = np.array(centres_mm) - (0, 0.8, 0)
         make_beads(f"Filaments {spectrum}", filaments_mm, 0.2, glow(f"Filament {spectrum}", radiance, spectrum))

@@ -93,7 +93,7 @@ def compare(bench, scene):
 
 
 def print_comparison(ours, traced):
-    for name, costs in zip(SAMPLES, (ours, traced)):
+    for name, costs in zip(SAMPLES, (ours, traced), strict=True):
         for number, samples in enumerate(costs.samples):
             noise = ", ".join(f"{part:.2%}" for part in costs.noise[number].ravel())
             print(f"{name}, {samples} samples: {costs.processor_s[number]:.2f} processor s, "

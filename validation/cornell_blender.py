@@ -94,4 +94,4 @@ def _material(name):
 
 
 def _pairs(wavelengths_nm, values):
-    return ", ".join(f"{nm:g}:{value:g}" for nm, value in zip(wavelengths_nm, values))
+    return ", ".join(f"{nm:g}:{value:g}" for nm, value in zip(wavelengths_nm, values, strict=True))

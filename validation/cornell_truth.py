@@ -73,7 +73,7 @@ def compare(ours, truth):
     print("  nm   radiance, W m^-2 sr^-1 nm^-1   Lensfield / Mitsuba - 1, %")
     print("       Lensfield   Mitsuba            frame   lower half   worst 8x8 block")
     for row in zip(WAVELENGTHS_NM, means(ours, 0), means(truth, 0), 100 * frame, 100 * lower_half,
-                   100 * np.abs(blocks).max(axis=(1, 2))):
+                   100 * np.abs(blocks).max(axis=(1, 2)), strict=True):
         print("{:5.0f}   {:.6f}   {:.6f}         {:+7.3f}   {:+7.3f}       {:6.2f}".format(*row))
     noise = [rms(measured.block_noise) for measured in (ours, truth)]
     print(f"8x8 blocks: differences {100 * rms(blocks):.2f} % RMS; noise {100 * noise[0]:.2f} % (Lensfield) and "

@@ -98,7 +98,7 @@ def surfaces_of(prescription, wavelengths_nm):
     semi_mm[system.prescription.stop_index] = system.stop_semi_aperture_mm
     terms = max(len(part.aspheric) for part in parts)
     extinction = np.array([[extinction_at(material, nm) if part.glass else 0.0
-                            for material, part in zip(system.materials, parts)] for nm in wavelengths_nm])
+                            for material, part in zip(system.materials, parts, strict=True)] for nm in wavelengths_nm])
     return Surfaces(
         prescription.name, system.entrance_pupil_mm, np.array(wavelengths_nm, dtype=float),
         np.array([part.radius_mm for part in parts]),

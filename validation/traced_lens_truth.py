@@ -10,6 +10,7 @@ import os
 import sys
 import tempfile
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -155,7 +156,7 @@ def spot_figures(bench, heights=SPOTS, columns=3840, samples=(64, 512)):
                        samples=samples)
     diffraction, sampling = added_variance_um2(lens, pitch, radius_um)
     figures = []
-    for height, (ours, true) in zip(heights, spots):
+    for height, (ours, true) in zip(heights, spots, strict=True):
         where = f"spot at {height:g} of the field"
         away_um = np.hypot(*(ours.centroid_um - true.centroid_um))
         geometric_um = np.sqrt(ours.rms_um**2 - diffraction - sampling)
@@ -177,7 +178,7 @@ def illumination_figures(bench, columns=96, samples=256, rings=10):
     height = np.hypot(*window.places_mm()) / bench.optics.real_height_mm[-1]
     edges = np.sqrt(np.linspace(0, min(1, height.max()), rings + 1))  # of even area
     ratio = np.array([ours[ring].sum() / true[ring].sum()
-                      for ring in ((height >= low) & (height < high) for low, high in zip(edges, edges[1:]))])
+                      for ring in ((height >= low) & (height < high) for low, high in pairwise(edges))])
     return [Figure(f"even light: irradiance, {rings} rings, farthest from the traced", abs(ratio - 1).max(), 0.01),
             Figure("even light: relative illumination, the same", abs(ratio / ratio[0] - 1).max(), 0.01)]
 
