@@ -1,11 +1,15 @@
 # make demo        render the sample scene and put it through a real lens
 # make test        all tests; BPY=4.5.15 runs the Blender tests on another Blender, SEED=1 renders with other noise
+#                  COVERAGE=yes, as in CI, also tells how many of the engine's and the commands' lines the engine's part
+#                  runs, for a third more processor time; `.venv/bin/coverage report` then lists them
 # make bench       the paper's figures again, what accuracy costs, and what a scene costs (an hour)
 # make validate    Cornell's box against Mitsuba 3, and lenses against rays traced through them (ten minutes)
 # make extension   dist/*.zip, to install in Blender
 # make bake        what `lensfield lens bake` needs, in .venv-bake (Optiland, 2 GB); make test-bake and bench-bake test and time it
 # make lenses      the bundled lenses again, from their prescriptions (half an hour)
 # make tables      the spectra and the upsampling basis again, by colour-science; make bench-tables compares bases
+# make lint        style, and the types of the engine's public functions (seconds)
+# make lock        packaging/lock-5.0.1.txt again: the exact versions that make demo and make test install on Linux x86-64
 # Each makes its own environment on the first run and works offline after that.
 
 BPY ?= 5.0.1
@@ -15,14 +19,18 @@ READY = $(VENV)/.ready
 LENS ?= edmund-54852
 WAVELENGTHS ?= 400:700:21
 TIER ?= standard
+COVERAGE ?= $(CI)
 
 BAKE = .venv-bake
 BAKE_READY = $(BAKE)/.ready
 
 VALIDATE = .venv-validate
 TABLES = .venv-tables
+LINT = .venv-lint
+LOCK = packaging/lock-5.0.1.txt
 
-.PHONY: demo test test-engine test-blender bench validate extension bake test-bake bench-bake lenses tables bench-tables
+.PHONY: demo test test-engine test-blender bench validate extension bake test-bake bench-bake lenses tables bench-tables \
+        lint lock
 
 demo: $(READY)
 	$(VENV)/bin/lensfield render sample_scenes/evening_chess.blend --lens $(LENS) --wavelengths $(WAVELENGTHS) \
@@ -31,7 +39,8 @@ demo: $(READY)
 test: $(if $(filter 5.0.1,$(BPY)),test-engine) test-blender
 
 test-engine: $(READY)
-	$(VENV)/bin/python -m pytest -q tests --ignore=tests/addon --ignore=tests/engine/bake
+	$(VENV)/bin/python -m $(if $(COVERAGE),coverage run -m )pytest -q tests --ignore=tests/addon --ignore=tests/engine/bake
+	$(if $(COVERAGE),@echo "lines of engine and commands run: $$($(VENV)/bin/python -m coverage report --format=total) %")
 
 test-blender: $(READY)
 	$(VENV)/bin/python -m pytest -q tests/addon
@@ -66,8 +75,21 @@ tables: $(TABLES)/.ready
 bench-tables: $(TABLES)/.ready
 	$(TABLES)/bin/python benchmarks/upsampling.py
 
-$(VALIDATE)/.ready: pyproject.toml packaging/environment.sh
+lint: $(LINT)/.ready
+	$(LINT)/bin/ruff check .
+	$(LINT)/bin/mypy
+
+lock:
+	rm -rf build/lock $(LOCK)
+	packaging/environment.sh build/lock 5.0.1
+	build/lock/bin/python packaging/write_lock.py build/lock/installed.json $(LOCK)
+	rm -rf build/lock
+
+$(VALIDATE)/.ready: pyproject.toml packaging/environment.sh $(LOCK)
 	packaging/environment.sh $(VALIDATE) 5.0.1 validate
+
+$(LINT)/.ready: pyproject.toml packaging/environment.sh
+	packaging/environment.sh $(LINT) lint
 
 $(TABLES)/.ready: pyproject.toml packaging/environment.sh
 	packaging/environment.sh $(TABLES) tables
@@ -75,5 +97,5 @@ $(TABLES)/.ready: pyproject.toml packaging/environment.sh
 $(BAKE_READY): pyproject.toml packaging/environment.sh
 	packaging/environment.sh $(BAKE) bake
 
-$(READY): pyproject.toml packaging/environment.sh
+$(READY): pyproject.toml packaging/environment.sh $(wildcard packaging/lock-$(BPY).txt)
 	packaging/environment.sh $(VENV) $(BPY)

@@ -1,7 +1,8 @@
 #!/bin/sh
-# environment.sh VENV BPY|bake|tables [EXTRA]: make the virtual environment VENV with this package in it, and with Blender's
-# Python wheel BPY (and one more of the package's extras), with what baking lenses needs, or with what makes the tables of
-# spectra. (Optiland and colour-science ask for other numpys than the wheel.)
+# environment.sh VENV BPY|bake|tables|lint [EXTRA]: make the virtual environment VENV with this package in it, and with
+# Blender's Python wheel BPY (and one more of the package's extras), with what baking lenses needs, with what makes the
+# tables of spectra, or with what checks the code. (Optiland and colour-science ask for other numpys than the wheel.)
+# What packaging/lock-BPY.txt names is installed in exactly the versions and files that it names; all else is free.
 # System libraries that these need come by apt where we are root; elsewhere one line says which to install.
 set -eu
 venv=$1
@@ -10,6 +11,7 @@ libraries="libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libsm6 libgl1"
 case $2 in
 bake) version=3.11 module=optiland.optic packages= extras=bake,plots,test ;;
 tables) version=3.11 module=colour packages= extras=tables ;;
+lint) version=3.11 module=mypy packages= extras=lint ;;
 4.5.* | 5.0.*) version=3.11 module=bpy packages="bpy==$2 numpy>=1.26,<2" extras=plots,test${3:+,$3} ;;
 *) version=3.13 module=bpy packages="bpy==$2 numpy>=2.2,<3" extras=plots,test${3:+,$3} ;;
 esac
@@ -37,7 +39,12 @@ fi
     install_packages "Python's venv module is missing" "python$version-venv"
 
 "$python" -m venv "$venv"
-"$venv/bin/python" -m pip install --quiet --disable-pip-version-check $packages -e ".[$extras]"
+lock="packaging/lock-$2.txt"
+if [ -f "$lock" ] && [ "$(uname -sm)" = "Linux x86_64" ]; then
+    "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --require-hashes --no-deps -r "$lock"
+fi
+"$venv/bin/python" -m pip install --quiet --disable-pip-version-check --report "$venv/installed.json" $packages \
+    -e ".[$extras]"
 "$venv/bin/python" -c "import $module" 2>/dev/null ||
     install_packages "$module needs system libraries" $libraries
 "$venv/bin/python" -c "import $module, lensfield.engine"
