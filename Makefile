@@ -1,7 +1,5 @@
 # make demo        render the sample scene and put it through a real lens
 # make test        all tests; BPY=4.5.15 runs the Blender tests on another Blender, SEED=1 renders with other noise
-#                  COVERAGE=yes, as in CI, also tells how many of the engine's and the commands' lines the engine's part
-#                  runs, for a third more processor time; `.venv/bin/coverage report` then lists them
 # make bench       the paper's figures again, what accuracy costs, and what a scene costs (an hour)
 # make validate    Cornell's box against Mitsuba 3, and lenses against rays traced through them (ten minutes)
 # make extension   dist/*.zip, to install in Blender
@@ -9,6 +7,8 @@
 # make lenses      the bundled lenses again, from their prescriptions (half an hour)
 # make tables      the spectra and the upsampling basis again, by colour-science; make bench-tables compares bases
 # make lint        style, and the types of the engine's public functions (seconds)
+# make test-engine COVERAGE=yes also tells what part of the engine's and the commands' lines the tests run, as in CI, for a
+#                  third more processor time; `.venv/bin/coverage report` then lists the rest by file
 # make lock        packaging/lock-5.0.1.txt again: the exact versions that make demo and make test install on Linux x86-64
 # Each makes its own environment on the first run and works offline after that.
 
