@@ -58,6 +58,7 @@ def digest_of(value: Any) -> bytes:
     TypeError
         It holds something else.
     """
+    held: Any
     if isinstance(value, np.ndarray):
         kind, held = f"array {value.dtype.str} {value.shape}", np.ascontiguousarray(value)
     elif isinstance(value, tuple):

@@ -10,10 +10,11 @@ from lensfield.engine.image.pixel_grid import PixelGrid
 
 PIXEL_BY_PIXEL = Options(method="paper", section_size=1)
 SENSOR_POINT = ((1.0,),)  # a PSF of one sample: no blur at all
+HEIGHTS_MM = np.linspace(0, 2, 11)
 
 
 def make_lens(psf=SENSOR_POINT, real_height_mm=None, relative_illumination=None, *, psf_pitch_um=2.5,
-              wavelengths_nm=(400.0, 700.0), heights_mm=np.linspace(0, 2, 11), transmittance=1.0, **changes):
+              wavelengths_nm=(400.0, 700.0), heights_mm=HEIGHTS_MM, transmittance=1.0, **changes):
     """A lens that neither blurs, distorts nor shades, but for what is asked.
 
     `psf` is one for the whole field, (v, u), or a table; `real_height_mm` and `relative_illumination` are functions
@@ -93,7 +94,7 @@ def lit_pixels(image, plane=0):
     values = image.cube[plane] / image.cube[plane].max()
     rows, columns = np.nonzero(values > 1e-5)
     return {(float(c - image.centre_px[1]), float(image.centre_px[0] - r)): float(values[r, c])
-            for r, c in zip(rows, columns)}
+            for r, c in zip(rows, columns, strict=True)}
 
 
 def brightest(image, plane=0):

@@ -26,8 +26,9 @@ SURVEY_FIELDS = (0, 0.3, 0.55, 0.75, 0.85, 0.95, 1)  # of the heights: blur chan
 SURVEY_SHARE = 0.2  # of the time that a bake takes, roughly, for the progress bar
 
 
-def bake(prescription: Prescription, *, heights: int = HEIGHTS, wavelengths_nm: Sequence[float] = WAVELENGTHS_NM,
-         pitch_um: float | None = None, samples: int = PSF_SAMPLES, workers: int | None = None,
+def bake(prescription: Prescription, *, heights: int = HEIGHTS,
+         wavelengths_nm: Sequence[float] | np.ndarray = WAVELENGTHS_NM, pitch_um: float | None = None,
+         samples: int = PSF_SAMPLES, workers: int | None = None,
          progress: Callable[[float, str], object] = lambda fraction, label: None) -> Lens:
     """Lens data of a prescription.
 

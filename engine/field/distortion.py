@@ -46,7 +46,7 @@ class PolynomialFit:
     def _all_coefficients(self):
         return np.concatenate([np.zeros(self.first_power), self.coefficients])
 
-    def __call__(self, height_mm):
+    def __call__(self, height_mm: float | np.ndarray) -> np.ndarray:
         return polyval(np.asarray(height_mm) / self.scale_mm, self._all_coefficients)
 
     def derivative(self, height_mm: np.ndarray) -> np.ndarray:

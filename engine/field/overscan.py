@@ -41,7 +41,8 @@ def capture_radius(projection: str, lens: "Lens") -> CaptureRadius | None:
     return radius
 
 
-def choose_capture(lens: "Lens", frame: PixelGrid, wavelengths_nm: Sequence[float], psf_radius_px: int) -> PixelGrid:
+def choose_capture(lens: "Lens", frame: PixelGrid, wavelengths_nm: Sequence[float] | np.ndarray,
+                   psf_radius_px: int) -> PixelGrid:
     """The grid of a capture for this lens: a plane, or a fisheye where that is beyond LARGEST_PLANE.
 
     Parameters
@@ -67,7 +68,7 @@ def choose_capture(lens: "Lens", frame: PixelGrid, wavelengths_nm: Sequence[floa
                                   overscan_px(lens, fisheye, wavelengths_nm, psf_radius_px), FISHEYE)
 
 
-def overscan_px(lens: "Lens", capture: PixelGrid, wavelengths_nm: Sequence[float],
+def overscan_px(lens: "Lens", capture: PixelGrid, wavelengths_nm: Sequence[float] | np.ndarray,
                 psf_radius_px: int) -> tuple[int, int]:
     """Rows and columns that a capture needs beyond the frame, for distortion and the reach of the PSFs.
 

@@ -118,8 +118,8 @@ class PsfTables:
     precision : dtype
     """
 
-    def __init__(self, lens: "Lens", wavelengths_nm: Sequence[float], planes: Planes, support_um: float,
-                 azimuths: int, precision: str) -> None:
+    def __init__(self, lens: "Lens", wavelengths_nm: Sequence[float] | np.ndarray, planes: Planes,
+                 support_um: float, azimuths: int, precision: str) -> None:
         self._lens, self._pitch_um, self._support_um = lens, planes.picture.pitch_um, support_um
         self._azimuths, self._quarter_turns, self._precision = azimuths, planes.quarter_turns, precision
         self._made = lru_cache(maxsize=2)(self._make)  # wavelengths come in order

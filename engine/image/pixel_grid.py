@@ -109,4 +109,4 @@ class PixelGrid:
 
 def is_positive(value: object) -> bool:
     """Whether this is a finite number above 0."""
-    return isinstance(value, int | float | np.number) and bool(np.isfinite(value)) and value > 0
+    return isinstance(value, int | float | np.number) and bool(np.isfinite(value) and value > 0)

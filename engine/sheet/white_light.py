@@ -29,7 +29,7 @@ def wavelength_colours(wavelengths_nm: ArrayLike) -> np.ndarray:
     return np.where(brightest > 0, encode_srgb(full * ink), UNSEEN)
 
 
-def white_psfs(lens: Lens, heights: Sequence[int]) -> np.ndarray:
+def white_psfs(lens: Lens, heights: Sequence[int] | np.ndarray) -> np.ndarray:
     """PSFs in white light of equal energy, each wavelength at its own chief ray, so that lateral colour shows.
 
     Parameters

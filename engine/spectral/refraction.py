@@ -11,12 +11,11 @@ from pathlib import Path
 
 import numpy as np
 import yaml
-from numpy.typing import ArrayLike
 
 from ..errors import InputError, absence
 from ..values import Value
 from .dispersion import FORMULAS, dispersion
-from .spectra import BAND_NM
+from .spectra import BAND_NM, Wavelengths
 
 LIBRARY = Path(__file__).resolve().parent / "data" / "refraction"
 MOST_BYTES = 1 << 20  # the largest file of the database has 0.8 MB
@@ -40,7 +39,7 @@ class Table(Value):
         """First and last wavelength."""
         return float(self.wavelengths_nm[0]), float(self.wavelengths_nm[-1])
 
-    def at(self, wavelengths_nm: ArrayLike) -> np.ndarray:
+    def at(self, wavelengths_nm: Wavelengths) -> np.ndarray:
         """Values at these wavelengths."""
         return np.interp(wavelengths_nm, self.wavelengths_nm, self.values)
 
@@ -53,7 +52,7 @@ class Formula:
     coefficients: tuple[float, ...]
     range_nm: tuple[float, float]
 
-    def at(self, wavelengths_nm: ArrayLike) -> np.ndarray:
+    def at(self, wavelengths_nm: Wavelengths) -> np.ndarray:
         """Refractive indices at these wavelengths."""
         return dispersion(self.number, self.coefficients, np.asarray(wavelengths_nm, dtype=np.float64) / NM_PER_UM)
 
@@ -95,17 +94,17 @@ class Refraction(Value):
         """Whether it absorbs as metals do; raises InputError where k is not known at the D line."""
         return bool(self.k_at(D_LINE_NM) > METAL)
 
-    def n_at(self, wavelengths_nm: ArrayLike) -> np.ndarray:
+    def n_at(self, wavelengths_nm: Wavelengths) -> np.ndarray:
         """Refractive indices; raises InputError outside of range_nm."""
         return self._at(self.n, "n", wavelengths_nm)
 
-    def k_at(self, wavelengths_nm: ArrayLike) -> np.ndarray:
+    def k_at(self, wavelengths_nm: Wavelengths) -> np.ndarray:
         """Extinction coefficients, zero where the file has none; raises InputError outside of their range."""
         if self.k is None:
             return np.zeros_like(self.n_at(wavelengths_nm))
         return self._at(self.k, "k", wavelengths_nm)
 
-    def reflectance_at(self, wavelengths_nm: ArrayLike) -> np.ndarray:
+    def reflectance_at(self, wavelengths_nm: Wavelengths) -> np.ndarray:
         """Fresnel's reflectance at normal incidence from vacuum; raises InputError where n or k is not known."""
         n, k = self.n_at(wavelengths_nm), self.k_at(wavelengths_nm)
         return ((n - 1)**2 + k**2) / ((n + 1)**2 + k**2)

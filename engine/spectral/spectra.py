@@ -6,16 +6,18 @@ the watts that it gives off in that band.
 
 import os
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from ..values import Value
 from .spectrum_text import read_columns, read_spectrum_text
+
+Wavelengths = float | Sequence[float] | np.ndarray  # one, or several
 
 DATA = Path(__file__).resolve().parent / "data"
 LIBRARY = {"light": DATA / "spectra" / "lights", "reflectance": DATA / "spectra" / "reflectances"}
@@ -32,11 +34,11 @@ class Spectrum(Value):
     wavelengths_nm: np.ndarray
     values: np.ndarray
 
-    def at(self, wavelengths_nm: ArrayLike) -> np.ndarray:
+    def at(self, wavelengths_nm: Wavelengths) -> np.ndarray:
         """Values at these wavelengths."""
         return np.interp(wavelengths_nm, self.wavelengths_nm, self.values)
 
-    def density_at(self, wavelengths_nm: ArrayLike) -> np.ndarray:
+    def density_at(self, wavelengths_nm: Wavelengths) -> np.ndarray:
         """Spectral density per nm at these wavelengths: unit integral over BAND_NM, no light beyond the ends.
 
         Raises
@@ -47,7 +49,7 @@ class Spectrum(Value):
         emitted = np.interp(wavelengths_nm, self.wavelengths_nm, self.values, left=0.0, right=0.0)
         return emitted / self._power_in_band()
 
-    def band_means(self, wavelengths_nm: ArrayLike) -> np.ndarray:
+    def band_means(self, wavelengths_nm: Wavelengths) -> np.ndarray:
         """Mean of the density per nm about each of these wavelengths: spiky lamps keep their power in a few samples.
 
         Each mean is weighted by a hat: one at its wavelength, falling to nothing at its neighbours, and half a hat at
@@ -173,7 +175,7 @@ def blackbody(temperature_k: float) -> Spectrum:
     return Spectrum(wavelengths_nm, power / power.max())
 
 
-def reflectance_basis(wavelengths_nm: ArrayLike) -> np.ndarray:
+def reflectance_basis(wavelengths_nm: Wavelengths) -> np.ndarray:
     """Reflectance of each linear Rec. 709 primary.
 
     As in Mallett and Yuksel (2019) the three curves lie between 0 and 1, sum to 1, and give every colour back under
@@ -188,7 +190,7 @@ def reflectance_basis(wavelengths_nm: ArrayLike) -> np.ndarray:
     return np.stack([np.interp(wavelengths_nm, nm, curve) for curve in basis], axis=-1)
 
 
-def emission_basis(wavelengths_nm: ArrayLike) -> np.ndarray:
+def emission_basis(wavelengths_nm: Wavelengths) -> np.ndarray:
     """Spectral density per nm of each linear Rec. 709 primary, as a light: its reflectance under D65.
 
     White gives D65 with unit integral over BAND_NM: a surface of Blender emission strength s radiates s W m^-2 sr^-1
@@ -197,7 +199,7 @@ def emission_basis(wavelengths_nm: ArrayLike) -> np.ndarray:
     return reflectance_basis(wavelengths_nm) * white_density(wavelengths_nm)[:, None]
 
 
-def channel_basis(wavelengths_nm: ArrayLike) -> np.ndarray:
+def channel_basis(wavelengths_nm: Wavelengths) -> np.ndarray:
     """Share of red, green and blue in a quantity that is no colour, such as a scattering length given for each.
 
     Linear between CHANNEL_NM and held beyond; array (wavelength, 3), rows sum to 1.
@@ -205,7 +207,7 @@ def channel_basis(wavelengths_nm: ArrayLike) -> np.ndarray:
     return linear_weights(CHANNEL_NM[::-1], wavelengths_nm)[:, ::-1]
 
 
-def linear_weights(nodes_nm: ArrayLike, wavelengths_nm: ArrayLike) -> np.ndarray:
+def linear_weights(nodes_nm: Wavelengths, wavelengths_nm: Wavelengths) -> np.ndarray:
     """Weights of values at nodes in those interpolated linearly between them, held beyond: array (wavelength, node)."""
     return np.stack([np.interp(wavelengths_nm, nodes_nm, unit) for unit in np.eye(np.size(nodes_nm))], axis=-1)
 
@@ -216,7 +218,7 @@ def trapezoid_weights(wavelengths_nm: np.ndarray) -> np.ndarray:
     return (np.append(steps, 0) + np.insert(steps, 0, 0)) / 2
 
 
-def white_density(wavelengths_nm: ArrayLike) -> np.ndarray:
+def white_density(wavelengths_nm: Wavelengths) -> np.ndarray:
     """D65 scaled to unit integral over BAND_NM, per nm."""
     return _d65().density_at(np.atleast_1d(wavelengths_nm))
 
@@ -226,7 +228,7 @@ def _d65():
     return load_spectrum("illuminant-d65")
 
 
-def colour_matching(wavelengths_nm: ArrayLike) -> np.ndarray:
+def colour_matching(wavelengths_nm: Wavelengths) -> np.ndarray:
     """CIE 1931 2-degree colour-matching functions: array (wavelength, 3), zero outside 360 to 830 nm."""
     nm, *curves = _table("cie1931_2deg.csv").T
     return np.stack([np.interp(wavelengths_nm, nm, curve, left=0.0, right=0.0) for curve in curves], axis=-1)

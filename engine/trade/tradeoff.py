@@ -112,7 +112,8 @@ def checkerboard(shape_px: tuple[int, int], pitch_um: float, wavelength_nm: floa
     return SpectralImage((row + column + 1) % 2, [wavelength_nm], pitch_um=pitch_um)
 
 
-def colour_chart(shape_px: tuple[int, int], pitch_um: float, wavelengths_nm: Sequence[float]) -> SpectralImage:
+def colour_chart(shape_px: tuple[int, int], pitch_um: float,
+                 wavelengths_nm: Sequence[float] | np.ndarray) -> SpectralImage:
     """Squares of the reflectances of a colour chart, in tungsten light."""
     charts = [load_spectrum(name).at(wavelengths_nm) for name in library_names() if name.startswith("chart-")]
     row, column = np.indices(shape_px) // SQUARE_PX

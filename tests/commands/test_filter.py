@@ -29,7 +29,8 @@ QUICK = ("--lens", "edmund-54852", "--method", "paper", "--section-size", 8, "--
 def colours(path, rgb, shape=(18, 24), prefix="", kind=np.float32, **header):
     """A file with a picture of one colour, or with this one."""
     planes = np.moveaxis(np.broadcast_to(np.asarray(rgb), (*shape, 3)) if np.ndim(rgb) < 3 else rgb, -1, 0)
-    channels = {f"{prefix}{name}": np.ascontiguousarray(plane, dtype=kind) for name, plane in zip("RGB", planes)}
+    channels = {f"{prefix}{name}": np.ascontiguousarray(plane, dtype=kind)
+                for name, plane in zip("RGB", planes, strict=True)}
     return planes_exr(path, channels, **header)
 
 
@@ -380,7 +381,7 @@ def test_a_sequence_that_cannot_be_done_is_one_line_before_any_work(tmp_path, ca
     sequence(tmp_path, (1, 2))
     arguments = {"--output": "o_####.exr"} | changes
     names = [str(tmp_path / value) if "." in value else value for value in arguments.values()]
-    line = failure(capsys, "filter", tmp_path / source, *QUICK, *(word for pair in zip(arguments, names)
+    line = failure(capsys, "filter", tmp_path / source, *QUICK, *(word for pair in zip(arguments, names, strict=True)
                                                                   for word in pair))
     assert message in line
     assert sorted(path.name for path in tmp_path.iterdir()) == ["shot_0001.exr", "shot_0002.exr"]

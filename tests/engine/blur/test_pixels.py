@@ -58,7 +58,7 @@ def test_the_error_falls_as_azimuths_grow():
 @pytest.mark.parametrize("shape", [(1, 21), (20, 1), (15, 15), (14, 14)])
 def test_pixels_on_the_azimuths_of_the_table_are_exact_however_few_there_are(lens, shape):
     image, straight = noise(shape), undistorted(LENSES[lens])  # distortion would smear light off the diagonals
-    row, column = (np.abs(2 * index - n + 1) for index, n in zip(np.indices(shape), shape))
+    row, column = (np.abs(2 * index - n + 1) for index, n in zip(np.indices(shape), shape, strict=True))
     image.cube[0, (row != column) & (row != 0) & (column != 0)] = 0  # but the axes and the diagonals
     exact = simulate(image, straight, EXACT).cube
     np.testing.assert_allclose(simulate(image, straight, pixels(1)).cube, exact, atol=2e-7 * exact.max())

@@ -11,6 +11,7 @@ from lensfield.engine.field.distortion import LARGEST_FOOTPRINT_PX, RIM_PX, Fiel
 from lensfield.engine.image.pixel_grid import PixelGrid
 
 HEIGHTS_MM = np.linspace(0, 3, 21)
+EVERY_TENTH_MM = np.linspace(0, 2, 21)
 WILD = np.where(np.arange(21) % 2, 1.0, -1.0)
 
 
@@ -22,7 +23,7 @@ def distorted(plane, source_centre_px, target_shape_px, target_centre_px, pitch_
     return areas.average(framed[None])[0], height_mm
 
 
-def geometry(real_height_mm=None, relative_illumination=None, heights_mm=np.linspace(0, 2, 21)):
+def geometry(real_height_mm=None, relative_illumination=None, heights_mm=EVERY_TENTH_MM):
     lens = make_lens(real_height_mm=real_height_mm and (lambda nm, p: real_height_mm(p)),
                      relative_illumination=relative_illumination and (lambda nm, p: relative_illumination(p)),
                      heights_mm=heights_mm)
@@ -213,7 +214,7 @@ def test_a_stack_of_captures_is_averaged_plane_by_plane():
     capture, target = PixelGrid(stack.shape[1:], 40.0, (40, 50)), PixelGrid((40, 50), 40.0, (20, 25))
     areas, _ = footprints(capture, *target.axes_mm(), geometry(barrel))
     together = areas.average(stack)
-    for plane, result in zip(stack, together):
+    for plane, result in zip(stack, together, strict=True):
         np.testing.assert_array_equal(areas.average(plane[None])[0], result)
 
 

@@ -60,7 +60,7 @@ def test_overscan_of_a_fisheye_capture_is_the_arc_of_the_edges_middle(scale):
     # middle. Half a frame is 50 x 100 px of 10 um, and the PSFs reach 3 px.
     frame = PixelGrid((100, 200), 10.0, projection=FISHEYE)
     overscan = overscan_px(lens_of(lambda p: scale * p, last_mm=6), frame, [550.0], 3)
-    for margin, half in zip(overscan, (50, 100)):
+    for margin, half in zip(overscan, (50, 100), strict=True):
         needed = max(200 * np.arctan((half + 3) * 0.01 / scale / 2), half + 3) - half
         assert needed <= margin <= needed + 2
 
@@ -208,7 +208,7 @@ def test_overscan_suffices(shape, real_height_mm, projection):
     pitch_um = 40.0
     needed = overscan_needed(lens, shape, pitch_um, projection)
     large = tuple(margin + 11 for margin in needed)
-    cube = np.random.default_rng(2).random((1, *(n + 2 * margin for n, margin in zip(shape, large))))
+    cube = np.random.default_rng(2).random((1, *(n + 2 * margin for n, margin in zip(shape, large, strict=True))))
     facts = dict(wavelengths_nm=[550.0], pitch_um=pitch_um, projection=projection)
     for options in (SECTIONS, Options(method="pixels", azimuths=4)):
         wide = simulate(SpectralImage(cube, overscan_px=large, **facts), lens, options)

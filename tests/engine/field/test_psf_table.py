@@ -117,7 +117,7 @@ def test_taps_are_only_those_that_some_psf_reaches():
     lens = make_lens(gaussian_psf(3, 3, 1.0, 5), psf_pitch_um=1.0)  # within a pixel of 8 um
     polar = table(lens, 2)
     reached = bank(lens).psfs(*own_places(lens, 2, False)).any(axis=0)
-    assert {(int(row), int(column)) for row, column in zip(polar.rows, polar.columns)} == {
+    assert {(int(row), int(column)) for row, column in zip(polar.rows, polar.columns, strict=True)} == {
         tuple(place) for place in np.argwhere(reached).tolist()}
 
 

@@ -1,5 +1,7 @@
 """Accuracy asked for by its result: the bound holds for every lens and scene, and is no looser than it must be."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -138,7 +140,7 @@ def test_the_error_between_azimuths_falls_with_their_number():
     """By the square of the step on the whole; single samples that cross the edges of pixels keep it from doing so."""
     bank = PsfBank.of(Lens.load("edmund-54852").at_wavelength(587.6), 6.25)
     errors = [worst_between(bank, azimuths) for azimuths in (4, 8, 16, 32)]
-    assert all(after < before / 1.4 for before, after in zip(errors, errors[1:]))
+    assert all(after < before / 1.4 for before, after in pairwise(errors))
     assert errors[-1] < errors[0] / 8
 
 
