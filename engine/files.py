@@ -26,11 +26,14 @@ def make_folder(path: AnyPath) -> None:
 
 def check_target(path: AnyPath) -> None:
     """Raise an InputError where no file of this name could be written, before the work that is to fill it."""
-    path = Path(path)
+    try:
+        path, named = Path(path).resolve(), path  # through a link, to where it will be written
+    except (OSError, RuntimeError) as error:  # links in a circle
+        raise InputError(path, "file", "not to be found", str(error)) from None
     if path.is_dir():
-        raise InputError(path, "file", "a folder", "give the name of a file to write")
+        raise InputError(named, "file", "a folder", "give the name of a file to write")
     if path.exists() and not path.is_file():
-        raise InputError(path, "file", "a device or pipe", "give the name of a file to write")
+        raise InputError(named, "file", "a device or pipe", "give the name of a file to write")
     make_folder(path.parent)
     try:
         handle, probe = tempfile.mkstemp(prefix=".", dir=path.parent)

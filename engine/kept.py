@@ -18,14 +18,18 @@ class Kept:
     Parameters
     ----------
     limit_mb : float
-        Memory to keep them in; what finds no room is made anew with each frame.
+        Memory to keep them in; what does not fit is made anew with each frame.
+
+    Notes
+    -----
+    It serves one picture after another: of threads, give each one its own.
     """
 
     def __init__(self, limit_mb: float = 1024) -> None:
         self._limit_bytes = limit_mb * 1e6
         self._plans: dict[tuple, Plan] = {}
         self._channels: dict[float, Channel] = {}
-        self._tables: PsfTables | None = None
+        self._memory = MemoryBudget(0)
         self._of: tuple | None = None
 
     def plan(self, options: Options, lens: Lens, radiance: SpectralImage) -> Plan:
@@ -39,14 +43,13 @@ class Kept:
         """Each wavelength's way through the lens, one after another."""
         of = lens, tuple(radiance.wavelengths_nm), radiance.grid, plan
         if of != self._of:  # what was kept is of no more use
-            self._of, self._memory, self._channels, self._tables = of, MemoryBudget(self._limit_bytes), {}, None
-            if plan.method.azimuths:
-                self._tables = PsfTables(lens, radiance.wavelengths_nm, plan.planes(radiance.grid), plan.support_um,
-                                         plan.method.azimuths, plan.precision)
+            self._of, self._memory, self._channels = of, MemoryBudget(self._limit_bytes), {}
+        tables = PsfTables(lens, radiance.wavelengths_nm, plan.planes(radiance.grid), plan.support_um,
+                           plan.method.azimuths, plan.precision) if plan.method.azimuths else None
         for wavelength_nm in radiance.wavelengths_nm:
             channel = self._channels.get(wavelength_nm)
             if channel is None:
-                table = self._tables.at_wavelength(wavelength_nm) if self._tables else None
+                table = tables.at_wavelength(wavelength_nm) if tables else None
                 channel = Channel(lens, wavelength_nm, radiance.grid, plan, table, self._memory)
                 if channel.kept:
                     self._channels[wavelength_nm] = channel

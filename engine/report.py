@@ -8,11 +8,10 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from .files import atomic_path
 from .image.depth_range import DepthCheck
 from .plan.plan import Plan
+from .values import plain
 
 NEGATIVE_TOLD = 1e-3  # of the light
 
@@ -231,19 +230,13 @@ class Report:
         if self.scene:
             facts["depth"]["text"] = self.scene.depth.text
         if self.frames:
+            images = [report.lens_image for report in self.frames.values() if report.lens_image]
+            facts |= {"lens": images[0].lens, "plan": images[0].plan.as_dict(),
+                      "out_of_field_fraction": max(image.out_of_field_fraction for image in images)}
             facts["frames"] = [{"frame": number} | report.as_dict() for number, report in self.frames.items()]
-        return _without_infinities(facts)
+        return plain(facts)
 
     def write(self, path: Path) -> None:
         """Write the report as JSON, whole or not at all."""
         with atomic_path(path) as temporary:
             temporary.write_text(json.dumps(self.as_dict(), indent=2) + "\n", encoding="utf-8")
-
-
-def _without_infinities(value):
-    """The same with None, which JSON knows, in the place of infinite numbers."""
-    if isinstance(value, dict):
-        return {name: _without_infinities(each) for name, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_without_infinities(each) for each in value]
-    return None if isinstance(value, float) and np.isinf(value) else value

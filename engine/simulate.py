@@ -55,7 +55,10 @@ def simulate(radiance: SpectralImage, lens: Lens, options: Options = BY_RESULT, 
         refuse_fireflies(radiance)
     with report.stage("plan"):
         plan = kept.plan(options, lens, radiance)
-    irradiance = np.empty((radiance.wavelengths_nm.size, *radiance.frame_px), np.float32) if out is None else out
+    shape = (radiance.wavelengths_nm.size, *radiance.frame_px)
+    irradiance = np.empty(shape, np.float32) if out is None else out
+    if irradiance.shape != shape or irradiance.dtype != np.float32:
+        raise ImageError("out", "array", f"{irradiance.dtype} of {irradiance.shape}", f"expected float32 of {shape}")
     tally = _Tally(radiance)
     channels = kept.channels(lens, radiance, plan)
     for index in range(radiance.wavelengths_nm.size):

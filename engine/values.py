@@ -67,7 +67,7 @@ def digest_of(value: Any) -> bytes:
         kind = type(value).__qualname__
         held = b"".join(digest_of(getattr(value, field.name)) for field in fields(value))
     elif isinstance(value, Real):
-        kind, held = "number", float(value).hex().encode()
+        kind, held = "number", (float(value) + 0.0).hex().encode()
     elif isinstance(value, str) or value is None:
         kind, held = "text", repr(value).encode()
     else:
@@ -75,6 +75,17 @@ def digest_of(value: Any) -> bytes:
     digest = hashlib.sha256(f"{kind}\n".encode())
     digest.update(held)
     return digest.digest()
+
+
+def plain(value: Any) -> Any:
+    """What JSON can hold of a value: lists for tuples, and None for numbers that are not finite."""
+    if isinstance(value, dict):
+        return {name: plain(each) for name, each in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [plain(each) for each in value]
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
 def _shown(held: object) -> str:

@@ -21,8 +21,8 @@ BATCH_VALUES = 1 << 18  # what the processor's cache holds
 class Paper(Method):
     """One PSF for each section, that of its middle: the method of the paper.
 
-    As the paper has it: sections of 16 px in a space of 64 px, whole PSFs, double precision. Of other sections the
-    space is the least that serves.
+    As the paper has it, with nothing else asked for: sections of 16 px in a space of 64 px, whole PSFs, double
+    precision. Of other sections the space is the least that serves.
     """
 
     name = "paper"
@@ -34,15 +34,14 @@ class Paper(Method):
 
     @classmethod
     def by_knobs(cls, section_size: int | None, azimuths: int | None, psf_radius_px: int, most_px: int) -> Method:
-        if section_size is None:
-            section = min(PAPER_SECTION, most_px)
-            return cls(section, space_px(section, psf_radius_px, PAPER_SPACE))
-        section = min(section_size, most_px)
-        return cls(section, space_px(section, psf_radius_px))
+        wanted = section_size or PAPER_SECTION
+        section = min(wanted, most_px)
+        return cls(section, space_px(section, psf_radius_px, PAPER_SPACE if wanted == PAPER_SECTION else 0))
 
     @property
     def text(self) -> str:
-        return f"{self.section_size} px sections of one PSF each, as in the paper"
+        text = f"{self.section_size} px sections of one PSF each"
+        return f"{text}, as in the paper" if self.section_size == PAPER_SECTION else text
 
     def counts(self, work: Workload) -> dict[str, float]:
         down, across = work.sections(self.section_size)

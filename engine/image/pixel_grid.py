@@ -41,8 +41,10 @@ class PixelGrid:
     projection: str = PLANE
 
     def __post_init__(self) -> None:
-        rows, columns = (int(n) for n in self.shape_px)
-        overscan = tuple(int(n) for n in self.overscan_px)
+        for name in ("shape_px", "overscan_px"):
+            if np.shape(getattr(self, name)) != (2,) or not all(_is_whole(n) for n in getattr(self, name)):
+                raise ImageError("image", name, getattr(self, name), "expected whole numbers of rows and columns")
+        (rows, columns), overscan = (tuple(int(n) for n in pair) for pair in (self.shape_px, self.overscan_px))
         centre = ((rows - 1) / 2, (columns - 1) / 2) if self.centre_px is None else self.centre_px
         if not is_positive(self.pitch_um):
             raise ImageError("image", "pitch_um", self.pitch_um, "expected a positive number")
@@ -50,7 +52,7 @@ class PixelGrid:
             raise ImageError("image", "projection", self.projection, f"expected one of {', '.join(PROJECTIONS)}")
         if min(overscan) < 0 or 2 * overscan[0] >= rows or 2 * overscan[1] >= columns:
             raise ImageError("image", "overscan_px", overscan, f"expected less than half of {rows} x {columns} px")
-        if np.shape(centre) != (2,) or not np.all(np.isfinite(np.asarray(centre, dtype=float))):
+        if np.shape(centre) != (2,) or not all(_is_number(c) and np.isfinite(c) for c in centre):
             raise ImageError("image", "centre_px", centre, "expected a row and a column")
         object.__setattr__(self, "shape_px", (rows, columns))
         object.__setattr__(self, "pitch_um", float(self.pitch_um))
@@ -109,4 +111,12 @@ class PixelGrid:
 
 def is_positive(value: object) -> bool:
     """Whether this is a finite number above 0."""
-    return isinstance(value, int | float | np.number) and bool(np.isfinite(value) and value > 0)
+    return _is_number(value) and bool(np.isfinite(value)) and value > 0
+
+
+def _is_number(value):
+    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+
+
+def _is_whole(value):
+    return _is_number(value) and value == int(value)

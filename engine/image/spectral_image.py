@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import ImageError
-from .pixel_grid import PLANE, PixelGrid, is_positive
+from .pixel_grid import PixelGrid, is_positive
 
 RADIANCE = "radiance"
 IRRADIANCE = "irradiance"
@@ -25,7 +26,8 @@ class SpectralImage:
     cube : array (wavelength, row, column), or (row, column) for a single wavelength
     wavelengths_nm : sequence of float, ascending
     grid : PixelGrid, optional
-        Instead of which its parts may be given: pitch_um, centre_px, overscan_px and projection.
+        Instead of which, or to change them in it, its parts may be given by name: pitch_um, centre_px, overscan_px and
+        projection.
     quantity, lens_name, f_number_effective
         See below.
 
@@ -60,7 +62,7 @@ class SpectralImage:
     def __init__(self, cube: ArrayLike, wavelengths_nm: ArrayLike, grid: PixelGrid | None = None, *,
                  quantity: str = RADIANCE, lens_name: str = "", f_number_effective: float | None = None,
                  pitch_um: float | None = None, centre_px: Sequence[float] | None = None,
-                 overscan_px: Sequence[int] = (0, 0), projection: str = PLANE) -> None:
+                 overscan_px: Sequence[int] | None = None, projection: str | None = None) -> None:
         cube = np.asarray(cube, dtype=np.float32)
         wavelengths = np.atleast_1d(np.asarray(wavelengths_nm, dtype=np.float64))
         if cube.ndim == 2:
@@ -76,8 +78,14 @@ class SpectralImage:
             raise ImageError("image", "f_number_effective", f_number_effective, "expected a positive number")
         if quantity not in UNITS:
             raise ImageError("image", "quantity", quantity, f"expected one of {', '.join(UNITS)}")
+        parts = {"pitch_um": pitch_um, "centre_px": centre_px, "overscan_px": overscan_px, "projection": projection}
+        given: dict[str, Any] = {name: part for name, part in parts.items() if part is not None}
         if grid is None:
-            grid = PixelGrid(cube.shape[1:], pitch_um, centre_px, overscan_px, projection)  # type: ignore[arg-type]
+            grid = PixelGrid(cube.shape[1:], **{"pitch_um": None} | given)
+        elif not isinstance(grid, PixelGrid):
+            raise ImageError("image", "grid", grid, "expected a PixelGrid; a pitch is given by name, pitch_um=")
+        else:
+            grid = replace(grid, **given)
         if grid.shape_px != cube.shape[1:]:
             raise ImageError("image", "cube", f"of {cube.shape[1:]} px", f"expected {grid.shape_px}, as its grid has")
         for name, value in (("cube", cube), ("wavelengths_nm", wavelengths), ("grid", grid), ("quantity", quantity),

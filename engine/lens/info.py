@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..values import plain
 from .curves import lateral_colour_um, reference_nm
 from .lens import Lens
 
@@ -26,12 +27,12 @@ def lens_info(lens: Lens) -> dict:
     return {
         "name": lens.name, "maker": lens.maker, "story": lens.story, "source": lens.source, "notes": lens.notes,
         "efl_mm": lens.efl_mm, "magnification": lens.magnification, "f_number_effective": lens.f_number_effective,
-        "object_distance_mm": _finite(lens.object_distance_mm), "entrance_pupil_mm": lens.entrance_pupil_mm,
+        "object_distance_mm": plain(lens.object_distance_mm), "entrance_pupil_mm": lens.entrance_pupil_mm,
         "capture_focal_length_mm": lens.capture_focal_length_mm, "sensor_mm": list(lens.sensor_mm),
         "reference_wavelength_nm": lens.reference_wavelength_nm,
         "wavelengths_nm": lens.wavelengths_nm.tolist(), "heights_mm": lens.heights_mm.tolist(),
         "psf_samples": list(lens.psf.shape[2:]), "psf_pitch_um": lens.psf_pitch_um,
-        "least_enclosed_energy": _finite(lens.enclosed_energy.min()),
+        "least_enclosed_energy": plain(lens.enclosed_energy.min()),
         "lateral_colour_between_nm": [float(short), float(long)],
         "heights": [
             {"height_mm": float(height), "real_height_mm": float(real), "distortion_percent": float(distortion),
@@ -40,11 +41,6 @@ def lens_info(lens: Lens) -> dict:
                 lens.heights_mm, reference.real_height_mm, distortion_percent, reference.relative_illumination,
                 short_um - long_um, strict=True)],
     }
-
-
-def _finite(value):
-    """The number, or None for JSON where it is infinite or not known."""
-    return float(value) if np.isfinite(value) else None
 
 
 def lens_text(info: dict) -> str:

@@ -12,7 +12,7 @@ from .plan import Plan
 # Nanoseconds on an x86-64 machine of two cores, fitted by benchmarks/calibrate_cost.py; `machine_factor` brings them to
 # the machine at hand.
 NANOSECONDS = {
-    "picture pixel": 65,  # distortion, relative illumination, folding, cutting out the frame
+    "picture pixel": 65,  # distortion, relative illumination, joining the planes, cutting out the frame
     "step": 3.9e5,  # whatever its size
     "transformed value": 1.0,  # and doubling of the space
     "spectrum value": 1.7,  # weighed, filtered and summed

@@ -10,6 +10,7 @@ from ..errors import ImageError
 from ..field.mirror_symmetry import Planes
 from ..field.psf_bank import psf_radius_px, psf_support
 from ..image.pixel_grid import PixelGrid
+from ..values import plain
 from .options import AUTO, BY_KNOBS, Options
 
 if TYPE_CHECKING:
@@ -69,7 +70,7 @@ class Plan:
     def as_dict(self) -> dict:
         """The plan as JSON can hold it: None stands for inf."""
         facts = asdict(self) | {"method": self.method.name} | asdict(self.method) | {"azimuths": self.method.azimuths}
-        return {name: None if value == np.inf else value for name, value in facts.items()}
+        return plain(facts)
 
     @property
     def text(self) -> str:

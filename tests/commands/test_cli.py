@@ -202,6 +202,15 @@ def test_a_link_is_written_through_and_a_pipe_is_left_alone(radiance, tmp_path, 
     assert "a device or pipe" in capsys.readouterr().err
 
 
+def test_links_to_nowhere_are_one_line(radiance, tmp_path, capsys):
+    (tmp_path / "loop.exr").symlink_to(tmp_path / "loop.exr")
+    assert run("filter", radiance, "--lens", "edmund-54852", "--output", tmp_path / "loop.exr") == 1
+    assert "loop.exr: file is not to be found" in capsys.readouterr().err
+    (tmp_path / "deep.exr").symlink_to(tmp_path / "new" / "folder.exr")
+    assert run("filter", radiance, "--lens", "edmund-54852", "--output", tmp_path / "deep.exr") == 0
+    assert (tmp_path / "new" / "folder.exr").is_file()
+
+
 def test_closed_standard_streams_do_no_harm(tmp_path):
     command = f'"{sys.executable}" -c "from lensfield.cli import console; console()" lens list >&- 2>&- <&-'
     assert subprocess.run(command, shell=True).returncode == 0

@@ -1,12 +1,14 @@
 """What is kept between frames saves time, and never changes a picture."""
 
+import gc
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from lenses import comatic_lens, gaussian_psf, lopsided_lens, make_lens
-from lensfield.engine import Kept, Options, SpectralImage, simulate
+from lensfield.engine import Kept, Lens, Options, SpectralImage, simulate
 from lensfield.engine.field.distortion import FieldGeometry
 from lensfield.engine.field.psf_bank import PsfBank
 from lensfield.engine.memory import MemoryBudget
@@ -188,3 +190,33 @@ def test_what_is_kept_stays_within_the_memory_allowed_however_many_frames_there_
         simulate(radiance, LENS, options, kept=kept)
     assert sum(taken) <= limit_mb * 1e6
     assert limit_mb == 0 or sum(taken) > 0
+
+
+def test_next_to_nothing_is_held_where_nothing_may_be_kept():
+    """Tables of PSFs included, which no channel counts."""
+    lens = Lens.load("edmund-54852")
+    radiance = frame(shape=(60, 80), wavelengths_nm=(450.0, 500.0, 550.0, 600.0), pitch_um=6.25)
+    kept = Kept(limit_mb=0)
+    simulate(radiance, lens, Options(method="pixels", azimuths=32), kept=kept)  # modules and caches
+    tracemalloc.start()
+    try:
+        simulate(radiance, lens, Options(method="pixels", azimuths=33), kept=kept)
+        gc.collect()
+        held, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert held < 1e6 < peak
+
+
+def test_what_channels_hold_is_counted(taken):
+    """Footprints, PSFs and tables; what else there is has the size of a few curves."""
+    kept, radiance = Kept(), frame(shape=(240, 320), wavelengths_nm=(450.0,), pitch_um=10.0)
+    tracemalloc.start()
+    try:
+        before, _ = tracemalloc.get_traced_memory()
+        simulate(radiance, LENS, METHODS["pixels"], kept=kept)
+        gc.collect()
+        held = tracemalloc.get_traced_memory()[0] - before
+    finally:
+        tracemalloc.stop()
+    assert 0.8 * held < sum(taken) < 1.2 * held

@@ -7,7 +7,10 @@ import pytest
 
 from lensfield.engine import Report
 from lensfield.engine import report as report_module
-from lensfield.engine.report import FileFacts
+from lensfield.engine.blur.polar_sections import Sections
+from lensfield.engine.image.depth_range import DepthCheck
+from lensfield.engine.plan.plan import Plan
+from lensfield.engine.report import Energy, FileFacts, LensImageFacts, SceneFacts, Upsampling
 
 
 @pytest.fixture
@@ -68,3 +71,49 @@ def test_a_report_that_cannot_be_written_leaves_the_old_one_alone(tmp_path):
         report.write(path)
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def image_facts(**changes):
+    plan = Plan(Sections(32, 64, 8), 3, np.inf, 0.0, "float32", np.inf, 0.0, False, "hold")
+    facts = dict(lens="triplet", plan=plan, pitch_um=5.0, frame_px=(4, 6), overscan_px=(3, 8), wavelengths=(),
+                 energy=Energy(1.0, 1.0, 1.0), out_of_field_fraction=0.0, fireflies_clamped=0)
+    return LensImageFacts(**facts | changes)
+
+
+def file_facts(needed=(0, 0), negative=0.0):
+    return FileFacts("a.exr", needed, Upsampling("RGB", (40.0, 30.0), [450.0, 550.0], negative))
+
+
+def scene_facts(outside=0.0, **changes):
+    depth = DepthCheck(5.0, 1000.0, np.inf, 500.0, 2000.0, outside)
+    facts = dict(passes=1, wavelengths_per_pass=3, rendered_nm=[], wavelengths_nm=[], scene_plan="", lamps=[],
+                 predicted_colour_error=0.0, predicted_sensor_error=0.0, predicted_spectral_error=0.0,
+                 spectral_surprise=1.0, foreign_spectra=False, estimated_colour_error=0.0, depth=depth, lens_warning="")
+    return SceneFacts(**facts | changes)
+
+
+@pytest.mark.parametrize("facts, remark", [
+    (dict(scene=scene_facts()), None),
+    (dict(scene=scene_facts(foreign_spectra=True)), "spectra that its plan did not foresee"),
+    (dict(scene=scene_facts(lens_warning="twice as large")), "twice as large"),
+    (dict(scene=scene_facts(outside=0.25)), "25.0% of the frame is out of the lens data's depth, 1 m to infinity"),
+    (dict(lens_image=image_facts()), None),
+    (dict(lens_image=image_facts(out_of_field_fraction=0.125)), "12.5% of the frame lies beyond the lens data: hold"),
+    (dict(lens_image=image_facts(), file=file_facts((3, 8))), None),
+    (dict(lens_image=image_facts(), file=file_facts((4, 8))), "needs 8 x 4 px, the picture has 8 x 3"),
+    (dict(lens_image=image_facts(), file=file_facts((3, 9))), "needs 9 x 3 px, the picture has 8 x 3"),
+    (dict(file=file_facts(negative=0.0009)), None),
+    (dict(file=file_facts(negative=0.0011)), "0.1% of the light would be negative")], ids=str)
+def test_a_remark_is_made_of_each_loss_and_of_nothing_else(facts, remark):
+    remarks = Report(**facts).remarks()
+    assert len(remarks) == (remark is not None) and all(remark in line for line in remarks)
+
+
+def test_a_sequence_makes_the_remarks_of_its_frames_once():
+    frames = {number: Report(lens_image=image_facts(out_of_field_fraction=fraction))
+              for number, fraction in ((1, 0.1), (2, 0.1), (3, 0.2))}
+    report = Report(frames=frames)
+    assert [line[:5] for line in report.remarks()] == ["10.0%", "20.0%"]
+    told = report.as_dict()
+    assert (told["lens"], told["out_of_field_fraction"], len(told["frames"])) == ("triplet", 0.2, 3)
+    assert told["plan"]["method"] == "sections" and told["frames"][2]["frame"] == 3

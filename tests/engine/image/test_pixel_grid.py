@@ -46,7 +46,10 @@ def test_an_axis_off_the_middle_is_not_centred():
 
 
 @pytest.mark.parametrize("field, value", [("pitch_um", 0), ("pitch_um", None), ("overscan_px", (5, 0)),
-                                          ("centre_px", (np.nan, 0)), ("projection", "orthographic")])
+                                          ("centre_px", (np.nan, 0)), ("projection", "orthographic"),
+                                          ("shape_px", (1, 2, 3)),
+                                          ("overscan_px", (1,)), ("centre_px", ("a", "b")), ("shape_px", (20.7, 30)),
+                                          ("pitch_um", True)])
 def test_a_wrong_field_is_named(field, value):
     with pytest.raises(ImageError) as error:
         PixelGrid(**dict(shape_px=(10, 12), pitch_um=10.0) | {field: value})

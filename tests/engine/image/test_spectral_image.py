@@ -1,5 +1,7 @@
 """SpectralImage: axes, the place of the optical axis, overscan, and what it refuses."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -61,6 +63,11 @@ def test_a_wrong_field_is_named(field, value):
 
 def test_a_grid_may_be_given_whole_and_must_fit():
     grid = PixelGrid((4, 6), 10.0, overscan_px=(1, 1))
-    assert SpectralImage(np.zeros((1, 4, 6)), [500], grid).grid is grid
+    whole = SpectralImage(np.zeros((1, 4, 6)), [500], grid)
+    assert whole.grid == grid
+    changed = replace(whole, pitch_um=4.0, overscan_px=(0, 0))
+    assert changed.grid == replace(grid, pitch_um=4.0, overscan_px=(0, 0))
+    with pytest.raises(ImageError, match="grid is 5.0: expected a PixelGrid"):
+        SpectralImage(np.zeros((1, 4, 6)), [500], 5.0)
     with pytest.raises(ImageError, match=r"cube is 'of \(3, 6\) px': expected \(4, 6\)|expected \(4, 6\), as its grid"):
         SpectralImage(np.zeros((1, 3, 6)), [500], grid)

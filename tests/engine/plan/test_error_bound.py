@@ -179,6 +179,18 @@ def test_one_psf_for_all_is_one_convolution():
     assert error <= plan.error_bound <= 0.03
 
 
+@pytest.mark.parametrize("accuracy", [0.3, 0.2, 0.1, 0.05])
+def test_one_psf_for_all_is_chosen_only_where_it_serves(accuracy):
+    """A lens whose blur grows with the field: points all over the picture, in which one PSF is wrong in the corners."""
+    heights = np.linspace(0, 2, 7)
+    table = np.stack([gaussian_psf(8 + h, 8, 4.0, 31) for h in heights])
+    lens = make_lens(np.stack([table, table]), heights_mm=heights, psf_pitch_um=4.0)
+    plane = np.zeros((60, 76))
+    plane[2::7, 2::7] = 1
+    error, plan = error_over_light(Options(accuracy=accuracy), lens, SpectralImage(plane, [550], pitch_um=PITCH_UM))
+    assert error <= plan.error_bound <= accuracy
+
+
 def test_what_cannot_be_had_otherwise_is_exact():
     image = SpectralImage(np.random.default_rng(1).random((20, 24)), [550], pitch_um=PITCH_UM)
     error, plan = error_over_light(Options(accuracy=1e-9), random_lens(0), image)
