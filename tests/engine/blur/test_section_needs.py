@@ -246,7 +246,8 @@ def test_even_light_is_written_down_alike_whether_the_picture_is_folded_or_not(s
     centre = (shape[0] - 1) / 2, (shape[1] - 1) / 2 + 1e-7  # too little to change a picture, too much to fold it
     folded, whole = (simulate(SpectralImage(np.ones((1, *shape)), 550.0, pitch_um=16.0, centre_px=where), lens, options)
                      for where in (None, centre))
-    np.testing.assert_allclose(folded.cube, whole.cube, rtol=1e-5)
+    beside = (0, *(slice(n // 2 - 12, n // 2 + 13) for n in shape))
+    np.testing.assert_allclose(folded.cube[beside], whole.cube[beside], rtol=1e-5)
 
 
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-3, 1e-4])
