@@ -37,7 +37,7 @@ from test_architecture import FLOORS, FOUNDATION, MODULES  # noqa: E402
 
 LENS = "edmund-54852"
 RENDERED_NM = (405, 435, 450, 480, 510, 540, 565, 580, 595, 610, 630, 680)  # of the sample scene, by Check Scene
-WIDTH, HEIGHT, DPI = 1240, 1642, 100
+WIDTH, HEIGHT, DPI = 1240, 1666, 100
 SHARPNESS, COLOURS = 1.6, 256  # of the file: pixels for each of these, and colours of its palette
 MARGIN, CARD_W, CARD_H, PICTURE_H = 30, 212, 248, 140
 INK, PALE, LINE, PAPER = "#2b2b33", "#6b6b76", "#c9c9d2", "#ffffff"
@@ -305,7 +305,7 @@ def draw_room(sheet, room, x, y, width, colour):
 
 FLOOR = levels()
 FIRST_FLOOR = 2  # of the engine's rooms above its foundation
-ROW, ROOM_H = 92, 84
+ROW, ROOM_H, SLAB_H = 92, 84, 96
 TOWER, WING, HOUSE = (42, 374), (424, 402), (866, 332)  # left end and width
 
 
@@ -354,17 +354,17 @@ def draw_floors(sheet, top):
     ground = top + 8 * ROW
     wide = WING[0] + WING[1] - TOWER[0]
     for x, width, fill in ((TOWER[0], wide, "#eef3f8"), (*HOUSE, "#faf3ec")):
-        sheet.box(x - 12, top - 20, width + 24, ground - top + 104, fill, fill=fill)
+        sheet.box(x - 12, top - 20, width + 24, ground - top + SLAB_H + 32, fill, fill=fill)
     places = {room: place(room) for room in FLOORS if room not in FOUNDATION}
     assert len({(x, row) for x, _, row, _ in places.values()}) == len(places), "two rooms in one place"
     for room, (x, width, row, colour) in places.items():
         draw_room(sheet, room, x, ground - (row + 1) * ROW, width, colour)
-    sheet.box(TOWER[0], ground, wide, 72, GROUND, fill="#f4f4f6")
+    sheet.box(TOWER[0], ground, wide, SLAB_H, GROUND, fill="#f4f4f6")
     for number, room in enumerate(sorted(FOUNDATION)):
-        x = TOWER[0] + 14 + number * wide / 3
-        sheet.text(x, ground + 8, room, 9.5, GROUND, weight="bold", family="monospace")
-        sheet.text(x, ground + 25, wrapped(purpose(room), wide / 3 - 30, 8), 8)
-    sheet.box(HOUSE[0], ground, HOUSE[1], 72, ENGINE, fill="#e3edf6")
+        x, width = TOWER[0] + 14 + number * wide / len(FOUNDATION), wide / len(FOUNDATION)
+        sheet.text(x, ground + 8, room, 9, GROUND, weight="bold", family="monospace")
+        sheet.text(x, ground + 25, wrapped(purpose(room), width - 20, 8), 8)
+    sheet.box(HOUSE[0], ground, HOUSE[1], SLAB_H, ENGINE, fill="#e3edf6")
     sheet.text(HOUSE[0] + 14, ground + 8, "engine", 9.5, ENGINE, weight="bold", family="monospace")
     sheet.text(HOUSE[0] + 14, ground + 25, "Any of its rooms. None of them knows Blender.", 8)
     sheet.text(WING[0] + 14, ground - 2.4 * ROW, "Of the engine, all rooms may use the foundation below.\n"

@@ -2,7 +2,7 @@
 
     python validation/cornell_mitsuba.py tests/data/cornell_mitsuba.npz
 
-makes the figures that tests/blender/test_cornell_box.py holds Lensfield against (half a minute on two cores).
+makes the figures that tests/addon/job/test_cornell_box.py holds Lensfield against (half a minute on two cores).
 """
 
 import sys

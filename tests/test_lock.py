@@ -1,0 +1,21 @@
+"""The lock has all that the project asks for, in versions that it takes. If not: make lock"""
+
+import re
+import tomllib
+
+from packaging.requirements import Requirement  # which pytest brings
+
+from places import ROOT
+
+LINE = re.compile(r"([\w.-]+)==(\S+) --hash=sha256:[0-9a-f]{64}")
+EXTRAS = "plots", "test"  # those of packaging/environment.sh
+
+
+def test_lock_fits_the_project():
+    lines = [line for line in (ROOT / "packaging/lock-5.0.1.txt").read_text().splitlines() if not line.startswith("#")]
+    locked = {name.lower(): version for name, version in (LINE.fullmatch(line).groups() for line in lines)}
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    extras = project["optional-dependencies"]
+    for text in ("bpy==5.0.1", *project["dependencies"], *(line for extra in EXTRAS for line in extras[extra])):
+        wanted = Requirement(text)
+        assert wanted.specifier.contains(locked[wanted.name.lower()]), text

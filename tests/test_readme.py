@@ -1,0 +1,97 @@
+"""What the documents name is there: links, paths, make targets, command lines, and names from the code."""
+
+import importlib.util
+import re
+import shlex
+from functools import cache
+
+import pytest
+from PIL import Image
+
+from lensfield import cli
+from places import ROOT
+
+PAGES = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md",
+         *sorted(f"docs/{path.name}" for path in ROOT.glob("docs/*.md"))]
+OF_TODAY = [page for page in PAGES if page != "CHANGELOG.md"]  # which tells of what has gone, too
+FOLDERS = "addon", "benchmarks", "commands", "docs", "engine", "packaging", "sample_scenes", "tests", "validation"
+LINK = re.compile(r"\]\(([^)\s]+)\)|src=\"([^\"]+)\"")
+PATH = re.compile(rf"(?<![\w/.-])(?:{'|'.join(FOLDERS)})/[\w./*-]*[\w*/]")
+PLACEHOLDER = re.compile(r"NAME|PROGRAM")
+CODE_LINE, SPAN = re.compile(r"(?m)^ {4}(\S.*)$"), re.compile(r"`([^`\n]+)`")
+NOT_OURS = {"git", "make"}
+
+
+def text(page):
+    return (ROOT / page).read_text(encoding="utf-8")
+
+
+def anchors(page):
+    """Those that GitHub makes of a page's headings."""
+    return {re.sub(r"[^\w -]", "", line.lstrip("# ").lower()).replace(" ", "-")
+            for line in text(page).splitlines() if line.startswith("#")}
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_links_lead_somewhere(page):
+    for link in filter(None, (target for pair in LINK.findall(text(page)) for target in pair)):
+        if not link.startswith("http"):
+            path, _, anchor = link.partition("#")
+            target = ROOT / page if not path else (ROOT / page).parent / path
+            assert target.exists(), link
+            assert not anchor or anchor in anchors(target), link
+
+
+@pytest.mark.parametrize("page", OF_TODAY)
+def test_paths_are_there(page):
+    assert not [path for path in PATH.findall(text(page))
+                if not PLACEHOLDER.search(path) and not list(ROOT.glob(path.rstrip("/")))]
+
+
+@cache
+def words_of_the_code():
+    files = [*(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")),
+             ROOT / "Makefile", ROOT / "pyproject.toml"]
+    return {word for path in files for word in re.findall(r"\w+", path.read_text(encoding="utf-8"))}
+
+
+@pytest.mark.parametrize("page", ["CONTRIBUTING.md", "docs/architecture.md"])
+def test_names_are_those_of_the_code(page):
+    """A name in backticks, alone or with what it is called with: a function, a field, a module."""
+    names = {span.partition("(")[0] for span in SPAN.findall(text(page))}
+    names = {name for name in names if name.replace(".", "").isidentifier() and not PLACEHOLDER.search(name)}
+    assert len(names) > 30
+    assert not {name for name in names - NOT_OURS if not words_of_the_code() >= set(name.split("."))}
+
+
+@pytest.mark.parametrize("page", OF_TODAY)
+def test_targets_of_make_are_there(page):
+    targets = set(re.search(r"\.PHONY:((?:\\\n|.)*)", text("Makefile"))[1].replace("\\", "").split())
+    code = [*CODE_LINE.findall(text(page)), *SPAN.findall(text(page))]
+    assert {word for line in code for word in re.findall(r"\bmake ([a-z][a-z-]*)", line.partition(" # ")[0])} <= targets
+
+
+def test_command_lines_are_understood():
+    lines = [re.sub(r"\s+#\s.*|\s…", "", line) for page in PAGES for line in CODE_LINE.findall(text(page))]
+    lines = [line for line in lines if re.match(r"(\S+/bin/)?lensfield ", line)]
+    assert len(lines) > 12
+    for line in lines:
+        cli._parser().parse_args(shlex.split(line)[1:])
+
+
+@pytest.mark.parametrize("page", OF_TODAY)
+def test_named_commands_are_there(page, capsys):
+    for span in SPAN.findall(text(page)):
+        if named := re.match(r"lensfield ([a-z -]*[a-z])\b", span):
+            with pytest.raises(SystemExit) as stop:
+                cli._parser().parse_args([*named[1].split(), "--help"])
+            assert stop.value.code == 0, span
+
+
+def test_the_picture_of_the_architecture_is_of_today():
+    """If not: python docs/architecture.py docs/architecture.png"""
+    spec = importlib.util.spec_from_file_location("architecture_drawn", ROOT / "docs" / "architecture.py")
+    drawing = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(drawing)
+    with Image.open(ROOT / "docs" / "architecture.png") as picture:
+        assert picture.text["floors"] == drawing.floors_digest()
