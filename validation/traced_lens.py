@@ -91,7 +91,7 @@ def passing(lens, position_mm, direction):
     p, d, alive = position_mm.astype(float), direction.astype(float), np.ones(position_mm.shape[1], bool)
     with np.errstate(invalid="ignore"):
         for apart, c, k, terms, semi, eta in zip(lens.apart_mm, lens.curvature, lens.conic, lens.aspheric,
-                                                 lens.semi_aperture_mm, lens.eta):
+                                                 lens.semi_aperture_mm, lens.eta, strict=True):
             p[2] -= apart
             p -= p[2] / d[2] * d
             p, normal = _meet(p, d, c, k, terms)
@@ -167,7 +167,8 @@ def shader_text(surfaces, wavelength_nm, window, margins_px=(0, 0)):
     """The OSL camera of a lens for one wavelength and a patch of its sensor, with dark rows and columns around it."""
     lens = Backwards(surfaces, wavelength_nm)
     height_mm, width_mm = window.size_mm
-    outer_mm = [(n + 2 * margin) * window.pitch_um * 1e-3 for n, margin in zip(window.shape_px, margins_px)]
+    outer_mm = [(n + 2 * margin) * window.pitch_um * 1e-3
+                for n, margin in zip(window.shape_px, margins_px, strict=True)]
     farthest_mm = np.hypot(abs(window.centre_mm[0]) + width_mm / 2, abs(window.centre_mm[1]) + height_mm / 2)
     low, high, half = exit_pupil_boxes(lens, np.linspace(0, farthest_mm, BINS + 1))
     numbers = {
@@ -238,7 +239,7 @@ def _lens_put_in(surfaces, wavelength_nm, window):
 
     def begin(scene, _):
         outer_px = scene.render.resolution_y, scene.render.resolution_x
-        margins_px = [(outer - inner) // 2 for outer, inner in zip(outer_px, window.shape_px)]
+        margins_px = [(outer - inner) // 2 for outer, inner in zip(outer_px, window.shape_px, strict=True)]
         set_traced_lens(scene.camera.data, shader_text(surfaces, wavelength_nm, window, margins_px))
         end()
 

@@ -3,7 +3,7 @@
 import bpy
 
 from ...engine.errors import InputError
-from ...engine.spectral.refraction import load_refraction
+from ...engine.spectral.refraction import D_LINE_NM, load_refraction
 from ...engine.spectral.spectra import BAND_NM, load_spectrum
 from ..scene.errors import SceneError
 
@@ -49,7 +49,7 @@ def _load(data_block, field, text):
         if field == "emission":
             loaded.density_at(BAND_NM)
         if field == "refraction":
-            loaded.metal
+            loaded.k_at(D_LINE_NM)
         return loaded
     except InputError as error:
         raise SceneError(f"{data_block.rna_type.name.lower()} {data_block.name!r}", WORDS[field], text,

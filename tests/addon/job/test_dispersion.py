@@ -129,7 +129,7 @@ def schott_sf10(nm):
     """Sellmeier's formula with the coefficients of Schott's catalogue."""
     um2 = (np.asarray(nm) * 1e-3)**2
     b, c = (1.62153902, 0.256287842, 1.64447552), (0.0122241457, 0.0595736775, 147.468793)
-    return np.sqrt(1 + sum(strength * um2 / (um2 - pole) for strength, pole in zip(b, c)))
+    return np.sqrt(1 + sum(strength * um2 / (um2 - pole) for strength, pole in zip(b, c, strict=True)))
 
 
 @pytest.mark.parametrize("node_type", ["ShaderNodeBsdfRefraction", "ShaderNodeBsdfGlass", "ShaderNodeBsdfPrincipled"])

@@ -139,7 +139,7 @@ def test_power_of_spiky_lamps_that_share_a_group_is_in_the_picture(scene, tmp_pa
     nm = np.linspace(380, 780, 31)
     glow = two_coloured_wall(scene, SPIKY, "mercury")
     left, right = halves(scene, tmp_path, nm)
-    for half, strength in zip((left, right), glow):
+    for half, strength in zip((left, right), glow, strict=True):
         assert_means(trapezoid(half, nm, axis=0), strength)
 
 
@@ -271,7 +271,7 @@ def test_more_lamps_than_groups(scene, tmp_path, more):
     red_wall(scene)
     kelvin = 2000 + 250 * np.arange(MOST_GROUPS + more)
     for temperature in kelvin:
-        point(scene, ", ".join(f"{nm}:{value}" for nm, value in zip(BAND, planck(temperature))), 1.0)
+        point(scene, planck_pairs(temperature), 1.0)
     picture, facts = cube(scene, tmp_path)
     assert len(facts["lamps"]) == MOST_GROUPS
     expected = red() * STEP * sum(blackbody(temperature).density_at(NM) for temperature in kelvin)
@@ -281,8 +281,9 @@ def test_more_lamps_than_groups(scene, tmp_path, more):
 BAND = np.arange(380, 781, 10)
 
 
-def planck(temperature_k):
-    return blackbody(temperature_k).at(BAND)
+def planck_pairs(temperature_k):
+    """Planck's law as an emission to assign."""
+    return ", ".join(f"{nm}:{value}" for nm, value in zip(BAND, blackbody(temperature_k).at(BAND), strict=True))
 
 
 def test_spiky_lamps_are_the_last_to_share_a_group(scene, tmp_path):
@@ -290,7 +291,7 @@ def test_spiky_lamps_are_the_last_to_share_a_group(scene, tmp_path):
     scene.cycles.samples = BY_CHANCE
     white_wall(scene)
     for temperature in 2000 + 250 * np.arange(MOST_GROUPS + 2):
-        point(scene, ", ".join(f"{nm}:{value}" for nm, value in zip(BAND, planck(temperature))), 1.0)
+        point(scene, planck_pairs(temperature), 1.0)
         light(scene, "POINT", 0.0, shadow_soft_size=0.0).data.lensfield.emission = FLAT
     point(scene, SPIKY, 10.0)
     nm = np.linspace(380, 780, 11)

@@ -200,7 +200,7 @@ def test_even_light_is_even_in_a_fisheye_capture_to_its_rim(scene, wide, tmp_pat
 def test_a_wide_lens_needs_a_fifth_of_the_pixels_of_a_plane(scene, wide):
     frame, reach_px = PixelGrid(wide.frame_px, wide.pitch_um), psf_radius_px(WIDE, wide.pitch_um)
     plane = overscan_px(WIDE, frame, [WAVELENGTH_NM], reach_px)
-    as_plane = np.prod([n + 2 * margin for n, margin in zip(wide.frame_px, plane)])
+    as_plane = np.prod([n + 2 * margin for n, margin in zip(wide.frame_px, plane, strict=True)])
     assert np.prod(wide.shape_px) < 0.22 * as_plane
 
 
