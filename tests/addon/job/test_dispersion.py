@@ -295,7 +295,8 @@ def test_physical_conductor_off_the_normal(small, tmp_path, tilt_degrees):
     metal = mirror("ShaderNodeBsdfMetallic", "gold", fresnel_type="PHYSICAL_CONDUCTOR")
     under_flat_sky(small, metal, tilt_degrees)
     measured = rendered(small, tmp_path)[0][:, 4:8, 46:50].mean(axis=(1, 2)) / FLAT_DENSITY
-    np.testing.assert_allclose(measured, fresnel("gold", NM, tilt_degrees), rtol=1e-3)  # the angle varies
+    precision = 1e-3 if bpy.app.version >= (5, 0, 0) else 0.01  # before, Cycles approximated Fresnel's formulas
+    np.testing.assert_allclose(measured, fresnel("gold", NM, tilt_degrees), rtol=precision)
 
 
 def test_assigned_reflectance_comes_before_the_metals_own(small, tmp_path):
