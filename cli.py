@@ -10,10 +10,9 @@ import threading
 
 from . import __version__
 from .commands import filter, lens, lint, render, tradeoff
-from .engine import InputError
+from .commands.outcome import FAILURES
 from .engine.files import remove_pending
 
-FAILURES = (InputError, OSError, MemoryError)
 CANCELLED = 130
 
 
@@ -23,6 +22,8 @@ def main(arguments=None):
         options = _parser().parse_args(arguments)
     except SystemExit as stop:  # inside Blender the process is not ours to end
         return stop.code or 0
+    if getattr(options, "end_with_stdin", False):
+        _end_with_stdin()
     try:
         status = options.run(options)
     except FAILURES as error:
@@ -68,11 +69,25 @@ def _stop_on_signals():
 
     def wait():
         os.read(reader, 1)
-        remove_pending()
-        print("\nlensfield: cancelled", file=sys.stderr)
-        _leave(CANCELLED)
+        _cancel()
 
     threading.Thread(target=wait, daemon=True).start()
+
+
+def _end_with_stdin():
+    """End the process at once, and leave nothing behind, when whoever started it closes its standard input or ends."""
+    def wait():
+        while os.read(0, 1):
+            pass
+        _cancel()
+
+    threading.Thread(target=wait, daemon=True).start()
+
+
+def _cancel():
+    remove_pending()
+    print("\nlensfield: cancelled", file=sys.stderr)
+    _leave(CANCELLED)
 
 
 def _leave(status):

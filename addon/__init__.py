@@ -2,12 +2,13 @@
 
 import bpy
 
+from .job.job import look_beside
 from .job.render import kept, render_through_lens
 from .scene.lens_cache import forget_lenses
 from .ui import lint_panel, operators, panels, properties
 from .ui.previews import forget_previews
 
-__all__ = ["register", "render_through_lens", "unregister"]
+__all__ = ["look_beside", "register", "render_through_lens", "unregister"]
 
 _MODULES = (properties, operators, panels, lint_panel)
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(

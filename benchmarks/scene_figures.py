@@ -17,8 +17,9 @@ import bpy
 import numpy as np
 
 from lensfield import addon
+from lensfield.addon.job.job import Job
 from lensfield.addon.job.radiance import RenderPass
-from lensfield.addon.job.render import Job, render_steps
+from lensfield.addon.job.render import render_steps
 from lensfield.addon.scene.camera import lens_for_view
 from lensfield.commands.terminal import quiet
 from lensfield.engine import Lens, Options

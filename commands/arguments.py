@@ -13,9 +13,9 @@ from ..engine.plan.options import AUTO, DEFAULT_ACCURACY, FIREFLIES, OUT_OF_FIEL
 RESOLUTION_LIMITS = (4, 65536)
 
 
-def add_engine_options(command):
+def add_engine_options(command, lens_required=True):
     """The lens, what is done out of field, the report, and every knob of `Options`."""
-    command.add_argument("--lens", required=True, metavar="NAME|FILE",
+    command.add_argument("--lens", required=lens_required, metavar="NAME|FILE",
                          help=f"a bundled lens ({', '.join(bundled_names())}) or a lens package")
     command.add_argument("--out-of-field", choices=OUT_OF_FIELD,
                          help=f"pixels beyond the lens data (default {Options.out_of_field})")
@@ -48,10 +48,15 @@ def _add_knobs(group):
     group.add_argument("--precision", choices=PRECISIONS, help="auto: double where the light's range needs it")
 
 
+def given_options(options):
+    """What the command line says of the engine's Options, by name."""
+    named = {field.name: getattr(options, field.name, None) for field in fields(Options)}
+    return {name: value for name, value in named.items() if value is not None}
+
+
 def engine_options(options):
     """What the command line asks for; what it leaves open is the engine's to choose."""
-    named = {field.name: getattr(options, field.name, None) for field in fields(Options)}
-    return Options(**{name: value for name, value in named.items() if value is not None})
+    return Options(**given_options(options))
 
 
 def resolution(text, option="--resolution"):

@@ -1,4 +1,9 @@
-"""What a command tells when it is done: its files, its seconds, and what to know of the picture."""
+"""What a command tells when it is done: its files, its seconds, and what to know of the picture; or why it is not."""
+
+from ..engine import InputError
+
+FAILURES = InputError, OSError, MemoryError
+"""Told in one line; any other exception is a fault of the program."""
 
 
 def finish(options, report, files):

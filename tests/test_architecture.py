@@ -36,14 +36,16 @@ FLOORS = {
     "engine.sheet": {"engine.lens", "engine.spectral"} | FOUNDATION,
     "engine.bake": {"engine.lens"} | FOUNDATION,
     "engine": {"engine.simulate", "engine.lens", "engine.plan", "engine.image", "engine.report"} | FOUNDATION,
+    # what a command tells the window that started it
+    "commands.messages": set(),
     # Blender's side
     "addon.scene": {"engine"},
     "addon.shading": {"addon.scene", "engine"},
-    "addon.job": {"addon.shading", "addon.scene", "engine"},
+    "addon.job": {"addon.shading", "addon.scene", "commands.messages", "engine"},
     "addon.ui": {"addon.job", "addon.shading", "addon.scene", "engine"},
     "addon": {"addon.ui", "addon.job", "addon.scene", "engine"},
     # the command, and what Blender and Python call
-    "commands": {"addon", "addon.shading", "engine"},
+    "commands": {"commands.messages", "addon", "addon.shading", "engine"},
     "cli": {"commands", "engine", ""},
     "": {"cli", "addon"},
 }

@@ -9,6 +9,7 @@ import numpy as np
 from ...engine import SpectralImage
 from ...engine.files import check_target, temporary_folder
 from ...engine.image.depth_range import check_depth, planar_depth_mm
+from ...engine.image.preview import auto_exposure, to_rec709, write_png
 from ...engine.image.spectral_exr import read_parts
 from ...engine.report import SceneFacts
 from ...engine.spectral.wavelength_choice import FOREIGN_SURPRISE
@@ -65,6 +66,8 @@ def capture(scene, job, result, share):
             step = share / len(plan.bands)
             yield RenderPass(scene, f"Pass {index + 1} of {len(plan.bands)}: {_span(band)} nm", step * index, step)
             yield Work(lambda tell: gathered.add(index, folder / "pass.exr"), "Gathering light", step * (index + 1))
+            if job.picture:
+                yield Work(lambda tell: gathered.show(job.picture), "Showing it so far", step * (index + 1))
     result.report.scene = gathered.facts(job)
     return SpectralImage(gathered.radiance(), job.wavelengths_nm, grid)
 
@@ -94,6 +97,11 @@ class _Gathered:
                               for name in self._light_passes])
             light[0] -= light[1:].sum(axis=0)  # what is left is in no group of ours
             self._cube[:, rows] += np.tensordot(shares, light, axes=2)
+
+    def show(self, path):
+        """Write a PNG of the frame so far, as a perfect pinhole sees it."""
+        picture = to_rec709(SpectralImage(self._cube, self._plan.choice.output_nm, self._grid).frame())
+        write_png(picture, path, auto_exposure(picture))
 
     def radiance(self):
         """The sum of all passes: array (wavelength, row, column). No light is negative, though an estimate may be."""

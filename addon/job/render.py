@@ -1,6 +1,6 @@
 """The main job, as a generator of steps: scene -> spectral radiance -> lens -> spectral irradiance.
 
-A driver runs the steps: `run` one after the other for scripts, the modal operator between the ticks of a timer.
+A driver runs the steps, one after the other.
 """
 
 from dataclasses import dataclass
@@ -8,19 +8,16 @@ from functools import cache
 from pathlib import Path
 
 import bpy
-import numpy as np
 
-from ...engine import Kept, Lens, Options, Report, simulate
+from ...engine import Kept, Report, simulate
 from ...engine.image.preview import auto_exposure, to_rec709, write_png
 from ...engine.image.spectral_exr import write_exr, write_rgb_exr
-from ...engine.spectral.wavelength_choice import SpectralOptions
-from ..scene.camera import lens_for_view
 from ..scene.compositor import lay_into_compositor
 from ..scene.errors import SceneError
-from ..scene.lens_cache import load_lens
 from ..scene.render_state import go_to_frame
 from ..scene.undo import Journal
 from ..scene.watch import samples_watched
+from .job import check_output_folder, job_from_settings
 from .radiance import RenderPass, Work, capture
 from .scene_plan import check_job
 
@@ -32,22 +29,6 @@ def kept():
     """What the lens renders of a session share. It outlives them, so that the next frame, or the same one tried with
     another light, does not wait again for the point spread functions of the same lens on the same grid."""
     return Kept()
-
-
-@dataclass(frozen=True)
-class Job:
-    """One frame to be seen through a lens."""
-
-    lens: Lens
-    wavelengths_nm: np.ndarray
-    output_folder: Path
-    options: Options
-    spectral: SpectralOptions
-    unfit: str
-    frame: int
-    denoise: bool
-    to_compositor: bool
-    lens_warning: str = ""
 
 
 @dataclass(frozen=True)
@@ -65,13 +46,21 @@ class Result:
     def files(self):
         return self.radiance, self.irradiance, self.lens_image, self.before, self.after
 
+    @property
+    def told(self):
+        """What to tell of it: list of lines."""
+        seconds = sum(self.report.stages.values())
+        return [f"{self.lens_image} in {seconds:.1f} s", self.report.scene.scene_plan, *self.report.remarks()]
 
-def render_through_lens(scene, lens, wavelengths_nm, output_folder, *, options=Options(), spectral=SpectralOptions(),
-                        view="lens", unfit="refuse", frame=None, denoise=False, to_compositor=False, progress=None):
+
+def render_through_lens(scene, lens=None, wavelengths_nm=None, output_folder=None, *, options=None, spectral=None,
+                        view=None, unfit=None, frame=None, denoise=None, to_compositor=False, picture=None,
+                        progress=None):
     """Render a scene multispectrally and put it through a lens: the whole main job in one call.
 
-    What depends on the lens and the pixel grid alone is kept for the next call, up to some memory, until the add-on is
-    unregistered: later frames take less time and come out the same.
+    What is left out is as the scene's own Lensfield settings say. What depends on the lens and the pixel grid alone is
+    kept for the next call, up to some memory, until the add-on is unregistered: later frames take less time and come
+    out the same.
 
     Parameters
     ----------
@@ -94,6 +83,8 @@ def render_through_lens(scene, lens, wavelengths_nm, output_folder, *, options=O
         Let Cycles denoise its passes; this shifts means by up to 1 %, unequally between wavelengths.
     to_compositor : bool
         Lay the lens image into the scene's compositor.
+    picture : Path, optional
+        A PNG that is to show, after each pass, the light so far, as a perfect pinhole sees it.
     progress : callable (fraction, label), optional
 
     Returns
@@ -105,13 +96,13 @@ def render_through_lens(scene, lens, wavelengths_nm, output_folder, *, options=O
     LensError, SceneError, InputError
         The scene is then exactly as it was.
     """
-    frame = scene.frame_current if frame is None else frame
+    if output_folder is None:
+        check_output_folder(scene)
     with Journal() as journal:
-        go_to_frame(scene, frame, journal)  # whose camera it is
-        lens, warning = lens_for_view(scene, lens if isinstance(lens, Lens) else load_lens(lens), view)
-    folder = Path(bpy.path.abspath(str(output_folder))).resolve()  # // is beside the .blend
-    job = Job(lens, np.asarray(wavelengths_nm, dtype=float), folder, options, spectral, unfit, frame, denoise,
-              to_compositor, warning)
+        go_to_frame(scene, scene.frame_current if frame is None else frame, journal)  # whose camera it is
+        job = job_from_settings(scene, lens=lens, wavelengths_nm=wavelengths_nm, output_folder=output_folder,
+                                options=options, spectral=spectral, view=view, unfit=unfit, denoise=denoise,
+                                to_compositor=to_compositor, picture=picture)
     return run(render_steps(scene, job), progress)
 
 

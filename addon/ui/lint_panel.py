@@ -3,10 +3,11 @@
 import bpy
 
 from ...engine.errors import InputError
+from ..job.job import job_from_settings
 from ..job.scene_plan import foresee
 from ..shading.lint import counts_text, lint
 from ..shading.node_rules import APPROXIMATED, REJECTED, SEPARATED
-from .operators import job_from_settings, nothing_renders
+from .operators import nothing_renders
 
 ICONS = {REJECTED: "CANCEL", SEPARATED: "MOD_ARRAY", APPROXIMATED: "ERROR"}
 """Of the verdicts that have a line each in the panel; of the others their number is enough."""

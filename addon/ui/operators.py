@@ -2,16 +2,16 @@
 
 import threading
 from contextlib import ExitStack
-from pathlib import Path
 
 import bpy
 
 from ...engine.errors import InputError
 from ...engine.lens.curves import reference_nm
 from ...engine.plan.options import DEFAULT_ACCURACY
+from ..job.job import check_output_folder, job_from_settings
 from ..job.radiance import RenderPass
-from ..job.render import Job, render_steps, run
-from ..scene.camera import capture_grid, check_camera, lens_for_view, match_camera_to_lens
+from ..job.render import render_steps, render_through_lens
+from ..scene.camera import capture_grid, check_camera, match_camera_to_lens
 from ..scene.compositor import lens_image
 from ..scene.lens_cache import load_lens
 from ..scene.watch import RenderWatch
@@ -34,28 +34,6 @@ def nothing_renders():
     return progress["fraction"] is None and not bpy.app.is_job_running("RENDER")
 
 
-def job_from_settings(scene):
-    """The Job that a scene's settings ask for; raises InputError."""
-    settings = scene.lensfield
-    if not settings.lens_name_or_path():
-        raise InputError("scene settings", "lens file", "empty", "choose a lens package (.npz)")
-    lens, warning = lens_for_view(scene, load_lens(settings.lens_name_or_path()), settings.view.lower())
-    return Job(lens=lens, lens_warning=warning, wavelengths_nm=settings.wavelengths_nm(),
-               output_folder=Path(bpy.path.abspath(settings.output_folder)), options=settings.to_options(),
-               spectral=settings.to_spectral_options(), unfit=settings.unfit.lower(),
-               frame=scene.frame_current, denoise=settings.denoise, to_compositor=settings.to_compositor)
-
-
-def check_output_folder(scene):
-    """Raise an InputError unless the settings name a folder to write to."""
-    settings = scene.lensfield
-    if not settings.output_folder.strip():
-        raise InputError("scene settings", "output folder", "empty", "give a folder for the files")
-    if settings.output_folder.startswith("//") and not bpy.data.filepath:
-        raise InputError("scene settings", "output folder", settings.output_folder,
-                         "save the .blend first, or give an absolute folder")
-
-
 class LENSFIELD_OT_render(bpy.types.Operator):
     """Render the scene at every wavelength and put it through the lens"""
 
@@ -68,11 +46,11 @@ class LENSFIELD_OT_render(bpy.types.Operator):
 
     def execute(self, context):
         try:
-            check_output_folder(context.scene)
-            self._finish_report(run(render_steps(context.scene, job_from_settings(context.scene))))
+            result = render_through_lens(context.scene, to_compositor=context.scene.lensfield.to_compositor)
         except (InputError, OSError) as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
+        self.report({"INFO"}, "; ".join(result.told))
         return {"FINISHED"}
 
     def invoke(self, context, event):
@@ -106,7 +84,7 @@ class LENSFIELD_OT_render(bpy.types.Operator):
         except Cancelled:
             return self._end(context, "Cancelled")
         except StopIteration as end:
-            self._finish_report(end.value)
+            self.report({"INFO"}, "; ".join(end.value.told))
             _show_lens_image(context)
             return self._end(context, None)
         except (InputError, OSError, RuntimeError) as error:
@@ -176,11 +154,6 @@ class LENSFIELD_OT_render(bpy.types.Operator):
         if fraction is not None:
             context.window_manager.progress_update(fraction)
         _redraw_panels(context)
-
-    def _finish_report(self, result):
-        seconds = sum(result.report.stages.values())
-        told = [f"{result.lens_image} in {seconds:.1f} s", result.report.scene.scene_plan, *result.report.remarks()]
-        self.report({"INFO"}, "; ".join(told))
 
 
 def _redraw_panels(context):

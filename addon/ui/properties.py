@@ -9,7 +9,7 @@ from ...engine import Options
 from ...engine.blur import METHODS
 from ...engine.blur.method import AZIMUTHS, SECTION_SIZE
 from ...engine.lens.readers import bundled_makers
-from ...engine.plan.options import DEFAULT_ACCURACY
+from ...engine.plan.options import DEFAULT_ACCURACY, KNOBS
 from ...engine.spectral.refraction import refraction_names
 from ...engine.spectral.spectra import library_names, parse_wavelengths
 from ...engine.spectral.wavelength_choice import IMAGE_WAVELENGTHS, STANDARD_COLOUR_ERROR, SpectralOptions
@@ -169,8 +169,10 @@ class LensfieldSettings(bpy.types.PropertyGroup):
         """Ascending array of wavelengths; raises InputError."""
         return parse_wavelengths(self.wavelengths_text())
 
-    def to_spectral_options(self):
-        """How true spectra are asked to be."""
+    def to_spectral_options(self, **given):
+        """How true spectra are asked to be; by what is given alone, if anything is."""
+        if given:
+            return SpectralOptions(**given)
         if self.tier == "RESULT":
             return SpectralOptions(colour_error=float(f"{self.colour_error:.6g}"))
         return SpectralOptions(self.tier.lower())
@@ -179,13 +181,19 @@ class LensfieldSettings(bpy.types.PropertyGroup):
         """The knobs of the method that the panel has."""
         return [name for name in PANEL_KNOBS if name in METHODS[self.method.lower()].knobs]
 
-    def to_options(self):
-        """The engine's Options: the only bridge to it."""
+    def to_options(self, **given):
+        """The engine's Options, with what is given in place of what is set: the only bridge to it.
+
+        Accuracy, method and knobs go together: where one of them is given, none is taken from the settings.
+        """
+        asked = {} if given.keys() & {"accuracy", "method", *KNOBS} else self._quality()
+        return Options(**asked | {"out_of_field": self.out_of_field.lower(), "fireflies": self.fireflies.lower()}
+                       | given)
+
+    def _quality(self):
         if self.quality == "KNOBS":
-            asked = {"method": self.method.lower()} | {name: getattr(self, name) for name in self.shown_knobs()}
-        else:
-            asked = {"accuracy": float(f"{self.accuracy:.6g}")}  # Blender's floats are single: 0.01 is 0.0099999998
-        return Options(**asked, out_of_field=self.out_of_field.lower(), fireflies=self.fireflies.lower())
+            return {"method": self.method.lower()} | {name: getattr(self, name) for name in self.shown_knobs()}
+        return {"accuracy": float(f"{self.accuracy:.6g}")}  # Blender's floats are single: 0.01 is 0.0099999998
 
 
 classes = (LensfieldWorldSpectra, LensfieldLightSpectra, LensfieldMaterialSpectra, LensfieldSettings)

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -15,7 +16,8 @@ import pytest
 import lensfield as extension
 from lensfield import addon, cli
 from lensfield.engine.image.spectral_exr import read_exr
-from small_scenes import set_world
+from lensfield.engine.lens.readers import BUNDLED
+from small_scenes import light, material, set_world, wall
 
 
 @pytest.fixture
@@ -54,6 +56,51 @@ def test_render_then_filter_agree(blend, tmp_path):
     again, first = read_exr(tmp_path / "again.exr"), read_exr(out / "Scene_0002_irradiance.exr")
     assert np.array_equal(again.cube, first.cube)
     assert (tmp_path / "again.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_what_the_command_line_leaves_out_is_as_the_scene_says(scene, tmp_path):
+    light(scene, "POINT", 20.0, color=(1, 0.5, 0.2))
+    wall(scene, material("Paint", "ShaderNodeBsdfDiffuse", (0.7, 0.3, 0.05))[0])
+    for name, value in {"lens": "nikkor-28mm", "wavelength_mode": "LIST", "wavelength_list": "480, 530, 640",
+                        "tier": "REFERENCE", "quality": "KNOBS", "method": "PAPER", "section_size": 8,
+                        "view": "CAMERA", "output_folder": "//pictures"}.items():
+        setattr(scene.lensfield, name, value)
+    blend = tmp_path / "scene.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend))
+    assert bpy.ops.lensfield.render() == {"FINISHED"}
+    own = read_exr(tmp_path / "pictures" / "Scene_0001_irradiance.exr")
+    done = lensfield("render", blend, "--output", tmp_path / "same")
+    assert done.returncode == 0, done.stderr
+    same = read_exr(tmp_path / "same" / "Scene_0001_irradiance.exr")
+    assert np.array_equal(same.cube, own.cube) and same.grid == own.grid
+    done = lensfield("render", blend, "--wavelengths", "480,640", "--accuracy", "0.1", "--report",
+                     tmp_path / "report.json")
+    assert done.returncode == 0, done.stderr
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["rendered_nm"] == [480, 640] and report["plan"]["method"] != "paper"
+    assert not np.array_equal(read_exr(tmp_path / "pictures" / "Scene_0001_irradiance.exr").cube, own.cube)
+
+
+def test_a_copy_elsewhere_finds_what_lies_beside_the_original(scene, tmp_path):
+    """A spectrum, a lens of one's own, and the folder for the pictures."""
+    set_world(scene)
+    scene.world.lensfield.emission = "green.txt"
+    (tmp_path / "green.txt").write_text("400 0\n500 0\n540 1\n560 1\n600 0\n700 0\n")
+    shutil.copy(BUNDLED / "edmund-54852.npz", tmp_path / "own.npz")
+    lamp = light(scene, "POINT", 1.0).data
+    lamp.lensfield.emission = "led-b3"
+    scene.lensfield.lens, scene.lensfield.lens_file = "FILE", "//own.npz"
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    bpy.ops.wm.save_as_mainfile(filepath=str(elsewhere / "copy.blend"))
+    arguments = "render", elsewhere / "copy.blend", "--wavelengths", "450,550"
+    done = lensfield(*arguments)
+    assert done.returncode == 1 and "own.npz: lens is not there" in done.stderr
+    done = lensfield(*arguments, "--beside", tmp_path)
+    assert done.returncode == 0, done.stderr
+    cube = read_exr(tmp_path / "lensfield" / "Scene_0001_irradiance.exr").cube
+    assert cube[1].min() > 100 * cube[0].max()
+    assert [path.name for path in elsewhere.iterdir()] == ["copy.blend"]
 
 
 @pytest.mark.parametrize("changes, message", [

@@ -5,8 +5,9 @@ import bpy
 import numpy as np
 import pytest
 
+from lensfield.addon.job.job import Job
 from lensfield.addon.job.radiance import RenderPass
-from lensfield.addon.job.render import Job, render_steps, run
+from lensfield.addon.job.render import render_steps, run
 from lensfield.addon.scene.errors import SceneError
 from lensfield.addon.scene.undo import Journal
 from lensfield.engine import Lens, Options

@@ -381,8 +381,8 @@ def test_glass_whose_index_is_not_known_is_named_before_anything_is_rendered(sce
 
 
 def test_foresight_refuses_what_the_render_would(scene):
+    from lensfield.addon.job.job import job_from_settings
     from lensfield.addon.job.scene_plan import foresee
-    from lensfield.addon.ui.operators import job_from_settings
 
     job = job_from_settings(scene)
     assert "1 Cycles render at" in foresee(scene, job).text  # the output folder is no matter of the plan

@@ -17,6 +17,7 @@ from lensfield.engine.blur import METHODS
 from lensfield.engine.image.spectral_exr import read_exr
 from lensfield.engine.lens.readers import BUNDLED
 from lensfield.engine.plan.options import DEFAULT_ACCURACY
+from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 from places import SAMPLE_SCENE
 from small_scenes import WAVELENGTHS_NM, light, material, render, set_world, wall
 
@@ -38,6 +39,24 @@ def test_settings_come_to_options(scene, settings, options):
     for name, value in settings.items():
         setattr(scene.lensfield, name, value)
     assert scene.lensfield.to_options() == options
+
+
+@pytest.mark.parametrize("settings, given, options", [
+    ({"accuracy": 0.1, "fireflies": "CLAMP"}, {"out_of_field": "vignette"},
+     Options(accuracy=0.1, fireflies="clamp", out_of_field="vignette")),
+    ({"fireflies": "CLAMP"}, {"fireflies": "refuse", "section_size": 8}, Options(section_size=8)),
+    ({"quality": "KNOBS", "method": "PAPER"}, {"accuracy": 0.1}, Options(accuracy=0.1)),
+    ({"accuracy": 0.1}, {"method": "exact"}, Options(method="exact"))], ids=str)
+def test_what_is_given_takes_the_place_of_settings(scene, settings, given, options):
+    for name, value in settings.items():
+        setattr(scene.lensfield, name, value)
+    assert scene.lensfield.to_options(**given) == options
+
+
+def test_spectra_that_are_given_take_the_place_of_settings(scene):
+    scene.lensfield.tier = "REFERENCE"
+    assert scene.lensfield.to_spectral_options() == SpectralOptions("reference")
+    assert scene.lensfield.to_spectral_options(sensor_error=0.01) == SpectralOptions(sensor_error=0.01)
 
 
 def test_the_panel_has_every_method():

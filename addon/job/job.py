@@ -1,0 +1,92 @@
+"""The job: what is asked for, by a scene's own settings and by whoever calls."""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ...engine import Lens, Options
+from ...engine.errors import InputError
+from ...engine.spectral.wavelength_choice import SpectralOptions
+from ..scene.camera import lens_for_view
+from ..scene.lens_cache import load_lens
+from ..shading.assigned import LOADERS
+
+
+@dataclass(frozen=True)
+class Job:
+    """One frame to be seen through a lens.
+
+    Attributes
+    ----------
+    picture : Path, optional
+        A PNG that is to show, after each pass, the light so far, as a perfect pinhole sees it.
+    """
+
+    lens: Lens
+    wavelengths_nm: np.ndarray
+    output_folder: Path
+    options: Options
+    spectral: SpectralOptions
+    unfit: str
+    frame: int
+    denoise: bool
+    to_compositor: bool
+    lens_warning: str = ""
+    picture: Path | None = None
+
+
+def job_from_settings(scene, *, lens=None, wavelengths_nm=None, output_folder=None, options=None, spectral=None,
+                      view=None, unfit=None, denoise=None, to_compositor=None, picture=None):
+    """The Job for the scene's current frame that its settings ask for, but for what is given.
+
+    Raises
+    ------
+    InputError
+        What is asked for cannot be.
+    """
+    settings = scene.lensfield
+    lens = settings.lens_name_or_path() if lens is None else lens
+    if not lens:
+        raise InputError("scene settings", "lens file", "empty", "choose a lens package (.npz)")
+    lens, warning = lens_for_view(scene, lens if isinstance(lens, Lens) else load_lens(lens),
+                                  settings.view.lower() if view is None else view)
+    folder = settings.output_folder if output_folder is None else str(output_folder)
+    return Job(
+        lens, settings.wavelengths_nm() if wavelengths_nm is None else np.asarray(wavelengths_nm, dtype=float),
+        Path(bpy.path.abspath(folder)).resolve(),  # // is beside the .blend
+        settings.to_options() if options is None else options,
+        settings.to_spectral_options() if spectral is None else spectral,
+        settings.unfit.lower() if unfit is None else unfit, scene.frame_current,
+        settings.denoise if denoise is None else denoise,
+        settings.to_compositor if to_compositor is None else to_compositor, warning, picture)
+
+
+def check_output_folder(scene):
+    """Raise an InputError unless the settings name a folder to write to."""
+    folder = scene.lensfield.output_folder
+    if not folder.strip():
+        raise InputError("scene settings", "output folder", "empty", "give a folder for the files")
+    if folder.startswith("//") and not bpy.data.filepath:
+        raise InputError("scene settings", "output folder", folder, "save the .blend first, or give an absolute folder")
+
+
+def look_beside(folder):
+    """Let paths in Lensfield's settings start from another folder than the .blend's, which is a copy of one there.
+
+    Blender sees to its own paths alone as it saves a copy.
+
+    Parameters
+    ----------
+    folder : path
+    """
+    for scene in bpy.data.scenes:
+        for field in ("lens_file", "output_folder"):
+            setattr(scene.lensfield, field, bpy.path.abspath(getattr(scene.lensfield, field), start=str(folder)))
+    for block in (*bpy.data.materials, *bpy.data.lights, *bpy.data.worlds):
+        for field in LOADERS:
+            path = os.path.join(folder, bpy.path.abspath(getattr(block.lensfield, field, ""), start=str(folder)))
+            if block.library is None and os.path.isfile(path):  # not the name of a library's spectrum, nor pairs
+                setattr(block.lensfield, field, path)

@@ -1,0 +1,58 @@
+"""What a command tells the program that started it: lines on standard output, of a mark and a JSON object each.
+
+    lensfield> {"fraction": 0.42, "label": "Pass 2 of 3: 500 to 560 nm"}    how far it is
+    lensfield> {"lens_image": "/renders/Scene_0001_lens_image.exr", "told": ["...", "..."]}    it is done
+    lensfield> {"error": "camera 'Camera': type is ORTHO: expected a perspective camera"}    it is not, and why
+
+Blender and its libraries write on standard output too; lines without the mark are theirs. A process that ends with
+neither of the last two has died.
+"""
+
+import json
+import os
+import sys
+import time
+from contextlib import contextmanager
+
+MARK = "lensfield> "
+PACE_S = 0.1  # between two lines of one label
+
+
+@contextmanager
+def message_lines():
+    """A function that writes a message of the facts that it is given, at once.
+
+    Meanwhile standard output is its alone: what others write there goes to standard error.
+    """
+    sys.stdout.flush()
+    descriptor = os.dup(1)
+    os.dup2(2, 1)
+    try:
+        with open(descriptor, "w", encoding="ascii", closefd=False) as lines:
+            yield lambda **facts: print(MARK + json.dumps(facts), file=lines, flush=True)
+    finally:
+        sys.stdout.flush()
+        os.dup2(descriptor, 1)
+        os.close(descriptor)
+
+
+def paced(write):
+    """A progress function (fraction, label) that writes not each of a thousand samples, but each new label."""
+    last = {"label": None, "s": 0.0}
+
+    def tell(fraction, label):
+        if label != last["label"] or time.monotonic() - last["s"] >= PACE_S:
+            last.update(label=label, s=time.monotonic())
+            write(fraction=fraction, label=label)
+
+    return tell
+
+
+def read_message(line):
+    """The facts of a line; None where it is not one of ours."""
+    _, mark, message = line.partition(MARK)  # after what a library has written without ending its line
+    try:
+        facts = json.loads(message) if mark else None
+    except ValueError:
+        return None
+    return facts if isinstance(facts, dict) else None
