@@ -5,7 +5,8 @@ import bpy
 from .job.job import look_beside
 from .job.render import kept, render_through_lens
 from .scene.lens_cache import forget_lenses
-from .ui import lint_panel, operators, panels, properties
+from .ui import lint_panel, operators, panels, properties, window_render
+from .ui.keys import register_keys, unregister_keys
 from .ui.previews import forget_previews
 
 __all__ = ["look_beside", "register", "render_through_lens", "unregister"]
@@ -19,10 +20,13 @@ def register():
     """Register classes and properties."""
     _register_classes()
     properties.register_pointers()
+    register_keys()
 
 
 def unregister():
-    """Undo `register`."""
+    """Undo `register`. Blender calls it when it ends, too."""
+    window_render.end()
+    unregister_keys()
     properties.unregister_pointers()
     _unregister_classes()
     kept.cache_clear()

@@ -41,8 +41,9 @@ def paced(write):
     last = {"label": None, "s": 0.0}
 
     def tell(fraction, label):
-        if label != last["label"] or time.monotonic() - last["s"] >= PACE_S:
-            last.update(label=label, s=time.monotonic())
+        now = time.monotonic()
+        if label != last["label"] or now - last["s"] >= PACE_S:
+            last.update(label=label, s=now)
             write(fraction=fraction, label=label)
 
     return tell

@@ -1,4 +1,4 @@
-"""What Blender's render under way has come to, from its handlers."""
+"""How far Blender's render under way is, from its handlers."""
 
 import re
 from contextlib import contextmanager
@@ -6,35 +6,6 @@ from contextlib import contextmanager
 import bpy
 
 SAMPLES = re.compile(r"Sample (\d+)/(\d+)")
-
-
-class RenderWatch:
-    """How a render ended, while its `with` block lasts.
-
-    Attributes
-    ----------
-    ended : None while a render goes on, then "complete" or "cancelled"
-    """
-
-    def __init__(self):
-        self.ended = None
-
-    def __enter__(self):
-        bpy.app.handlers.render_complete.append(self._on_complete)
-        bpy.app.handlers.render_cancel.append(self._on_cancel)
-        return self
-
-    def __exit__(self, *exception):
-        bpy.app.handlers.render_complete.remove(self._on_complete)
-        bpy.app.handlers.render_cancel.remove(self._on_cancel)
-
-    # In the user interface Blender calls these on its render thread: they set a flag and leave Blender alone.
-
-    def _on_complete(self, *_):
-        self.ended = "complete"
-
-    def _on_cancel(self, *_):
-        self.ended = "cancelled"
 
 
 @contextmanager

@@ -1,6 +1,7 @@
 """Panels: the lens render in the render properties and the sidebar; spectra on materials, lights and worlds."""
 
 import os
+from textwrap import wrap
 
 import bpy
 
@@ -9,21 +10,24 @@ from ..job.bands import pass_count
 from ..scene.camera import frame_px, lens_for_view, pitch_um
 from ..scene.lens_cache import load_lens
 from . import operators
-from .previews import PREVIEW_PX, sheet_path, sheet_preview
+from .previews import PREVIEW_PX, growing_preview, sheet_path, sheet_preview
 from .properties import FROM_FILE
+from .window_render import state
 
 WIDGET_PX = 20
+LETTERS_PER_WIDGET = 2.6
 PANEL_MARGINS = 3  # in widgets: what a panel keeps free on its sides
 
 
 def draw_settings(layout, scene):
-    """The settings of a scene, the same in both places; during a render its progress and nothing else."""
-    if operators.progress["fraction"] is not None:
-        layout.progress(factor=operators.progress["fraction"], text=operators.progress["label"])
-        return
-    settings = scene.lensfield
+    """The settings of a scene, the same in both places; above them the render under way, or what became of it."""
     layout.use_property_split = True
     layout.use_property_decorate = False
+    if state["render"]:
+        _draw_under_way(layout.box(), state["render"])
+    elif state["notice"]:
+        _draw_notice(layout.box().column(align=True))
+    settings = scene.lensfield
     layout.prop(settings, "lens")
     if settings.lens == FROM_FILE:
         layout.prop(settings, "lens_file")
@@ -42,6 +46,29 @@ def draw_settings(layout, scene):
     row = layout.row()
     row.scale_y = 1.5
     row.operator("lensfield.render", icon="RENDER_STILL")
+
+
+def _draw_under_way(layout, render):
+    row = layout.row(align=True)
+    row.progress(factor=render.fraction, text=f"{render.fraction:.0%}")
+    row.operator("lensfield.cancel", text="", icon="CANCEL")
+    _draw_wrapped(layout.column(align=True), render.label)
+    if render.picture.is_file():
+        layout.template_icon(icon_value=growing_preview(render.picture).icon_id, scale=_picture_scale())
+
+
+def _draw_notice(layout):
+    first, *others = state["notice"]
+    _draw_wrapped(layout, first, state["icon"])
+    for line in others:
+        _draw_wrapped(layout, line, "BLANK1")
+
+
+def _draw_wrapped(layout, text, icon="NONE"):
+    """A text in as many lines as the panel's width takes."""
+    widgets = _region_widgets() - PANEL_MARGINS - 2 * (icon != "NONE")
+    for index, line in enumerate(wrap(text, max(8, int(widgets * LETTERS_PER_WIDGET)))):
+        layout.label(text=line, icon="BLANK1" if index and icon != "NONE" else icon)
 
 
 def _draw_lens_facts(layout, scene):
@@ -93,16 +120,20 @@ def _draw_sheet(layout, name_or_path):
     except InputError as error:
         body.label(text=str(error), icon="ERROR")
         return
-    body.template_icon(icon_value=preview.icon_id, scale=_sheet_scale())
+    body.template_icon(icon_value=preview.icon_id, scale=_picture_scale())
     body.operator("lensfield.show_sheet", icon="IMAGE_DATA")
 
 
-def _sheet_scale():
+def _picture_scale():
     """What makes a square icon as wide as the panel, in units of Blender's widgets."""
+    return max(1, _region_widgets() - PANEL_MARGINS)
+
+
+def _region_widgets():
+    """How many of Blender's square widgets a region is wide; a picture's width where there is no region."""
     region, system = bpy.context.region, bpy.context.preferences.system
-    width_px = region.width if region else PREVIEW_PX
-    widget_px = WIDGET_PX * (system.ui_scale or 1)  # 0 where Blender has no window
-    return max(1, min(width_px, PREVIEW_PX) / widget_px - PANEL_MARGINS)
+    width_px = min(region.width, PREVIEW_PX) if region else PREVIEW_PX
+    return width_px / (WIDGET_PX * (system.ui_scale or 1))  # 0 where Blender has no window
 
 
 def _draw_wavelengths(layout, settings):

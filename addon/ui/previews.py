@@ -17,7 +17,7 @@ from ..scene.errors import SceneError
 PREVIEW_PX = 640  # the longer side; previews that Blender reads by itself have 256, too few for the text
 SHEET_MARK = "lensfield_sheet"
 
-_changed_ns = {}  # of each sheet among the previews, when it was last changed
+_changed = {}  # of each preview, its file and when that was last changed
 
 
 def sheet_path(name_or_path):
@@ -35,13 +35,22 @@ def sheet_preview(path):
     SceneError
         The file is no picture.
     """
-    previews, name, changed_ns = _previews(), str(path), os.stat(path).st_mtime_ns
-    if _changed_ns.get(name) != changed_ns:
+    return _preview(str(path), path)
+
+
+def growing_preview(path):
+    """The ImagePreview of a picture of which there is one at a time; as `sheet_preview`."""
+    return _preview("growing", path)
+
+
+def _preview(name, path):
+    previews, changed = _previews(), (str(path), os.stat(path).st_mtime_ns)
+    if _changed.get(name) != changed:
         pixels = _read(path)
         preview = previews.get(name) or previews.new(name)
         preview.image_size = pixels.shape[1::-1]
         preview.image_pixels_float.foreach_set(pixels[::-1].ravel())  # from the bottom upwards
-        _changed_ns[name] = changed_ns
+        _changed[name] = changed
     return previews[name]
 
 
@@ -69,7 +78,7 @@ def forget_previews():
     if _previews.cache_info().currsize:
         bpy.utils.previews.remove(_previews())
     _previews.cache_clear()
-    _changed_ns.clear()
+    _changed.clear()
 
 
 @cache

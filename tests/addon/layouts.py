@@ -30,7 +30,11 @@ class Layout:
     def column(self, **_):
         return Layout(self)
 
-    row = column
+    row = box = column
+
+    def progress(self, factor, text):
+        assert 0 <= factor <= 1
+        self.labels.append(text)
 
     def panel(self, idname, default_closed=False):
         return Layout(self), None if self.folded else Layout(self)

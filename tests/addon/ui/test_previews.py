@@ -158,7 +158,7 @@ def test_previews_are_freed_with_the_addon(scene, monkeypatch):
     monkeypatch.setattr(bpy.utils.previews, "remove", lambda kept: (removed.append(len(kept)), remove(kept)))
     addon.unregister()
     try:
-        assert len(removed) == 1 and removed[0] > 0 and not previews._changed_ns
+        assert len(removed) == 1 and removed[0] > 0 and not previews._changed
     finally:
         addon.register()
     assert "picture" in drawn(scene).shown

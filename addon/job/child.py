@@ -1,0 +1,125 @@
+"""A render in a process of its own: `lensfield render` on a copy of the file, so that nothing here is touched by it.
+
+The child is Blender itself in the background (in Blender's Python wheel: Python). It tells how far it is on its
+standard output (`commands/messages.py`) and ends when its standard input closes, which it does however this process
+ends.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import bpy
+
+from ...commands.messages import read_message
+from ..scene.errors import SceneError
+
+GRACE_S = 0.7  # for a child to remove what is half-written
+EXTENSION = __package__.rsplit(".", 2)[0]
+
+
+def save_copy(folder):
+    """Save the file as it is, unsaved edits included, into a folder; the path of the copy.
+
+    Everything stays as it was: the file's own path, what is unsaved, and the steps that can be undone.
+    """
+    path = Path(folder) / (Path(bpy.data.filepath).name or "unsaved.blend")
+    try:
+        bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True, relative_remap=True, compress=False)
+    except RuntimeError as error:
+        raise SceneError(path, "copy of the file", "not to be saved", str(error).strip()) from None
+    return path
+
+
+def unsaved_images():
+    """Names of images whose pixels are in no file, and so are not in a copy either."""
+    return [image.name for image in bpy.data.images
+            if image.is_dirty and image.users and image.type not in ("RENDER_RESULT", "COMPOSITING")]
+
+
+def render_command(copy, picture):
+    """The command line that renders a copy by its scene's own settings, and shows the light so far in a picture."""
+    arguments = ["render", str(copy), "--progress", "lines", "--end-with-stdin", "--picture", str(picture)]
+    if bpy.data.filepath:
+        arguments += ["--beside", os.path.dirname(bpy.data.filepath)]
+    if not bpy.app.binary_path:  # the wheel
+        return [sys.executable, "-c", f"from {EXTENSION}.cli import console; console()", *arguments]
+    scripts = "--disable-autoexec" if bpy.app.autoexec_fail else "--enable-autoexec"  # those that run here
+    return [bpy.app.binary_path, "--background", "--addons", EXTENSION, scripts, "--command", "lensfield", *arguments]
+
+
+class Child:
+    """A command at work.
+
+    Parameters
+    ----------
+    command : list of str
+    folder : path
+        For all that it needs for a time; its log comes to lie there too.
+
+    Attributes
+    ----------
+    told : dict
+        The latest that it has told: fraction and label; at the end lens_image and told, or error.
+    told_s : float
+        When, by time.monotonic().
+    log : Path
+    """
+
+    def __init__(self, command, folder):
+        self.told, self.told_s, self.log = {}, time.monotonic(), Path(folder) / "render.log"
+        self._log = open(self.log, "a", buffering=1, encoding="utf-8")
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._log, encoding="utf-8",
+            errors="replace", env=os.environ | dict.fromkeys(("TMPDIR", "TMP", "TEMP"), str(folder)),
+            start_new_session=True, creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0))
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self):
+        for line in self._process.stdout:
+            facts = read_message(line)
+            if facts is None:
+                self._log.write(line)
+            else:
+                self.told, self.told_s = self.told | facts, time.monotonic()
+
+    @property
+    def ended(self):
+        """Whether it has ended by itself."""
+        return self._process.poll() is not None
+
+    def end(self):
+        """End it within GRACE_S, if it has not ended; nothing of it runs on, and all is heard that it told."""
+        self._process.stdin.close()
+        try:
+            self._process.wait(GRACE_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._kill_workers()
+        self._reader.join()
+        self._process.stdout.close()
+        self._log.close()
+
+    def _kill_workers(self):
+        """A process that died leaves workers that wait for work for ever, its standard output open."""
+        if hasattr(os, "killpg"):
+            with suppress(ProcessLookupError):
+                os.killpg(self._process.pid, signal.SIGKILL)
+
+    def death(self):
+        """Why it ended, where it told neither a picture nor an error: a line; and its log, which is kept, a path."""
+        lines = [line.strip() for line in self.log.read_text(encoding="utf-8", errors="replace").split("\n")]
+        last = next((line for line in reversed(lines) if line), "it said nothing")
+        code = self._process.returncode
+        with tempfile.NamedTemporaryFile(prefix="lensfield-", suffix=".log", delete=False) as kept:
+            for path in (self.log, *self.log.parent.glob("*.crash.txt")):  # Blender writes the latter
+                kept.write(path.read_bytes())
+        return f"{f'signal {-code}' if code < 0 else f'exit status {code}'}: {last}", kept.name

@@ -1,0 +1,182 @@
+"""The render that a window has started: a child at work, followed by one of Blender's timers.
+
+Nothing of the file is kept between two ticks but the name of the scene and its session_uid: meanwhile it may be edited,
+undone, saved, or closed for another one.
+"""
+
+import tempfile
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import bpy
+
+from ..job.child import Child, render_command, save_copy, unsaved_images
+from ..job.job import check_output_folder, job_from_settings
+from ..job.scene_plan import check_job
+from ..scene.compositor import lay_into_compositor, lens_image
+
+TICK_S = 0.1
+PICTURE = "so_far.png"
+ENOUGH = 0.05  # of the job, to tell what time is left
+
+
+@dataclass(frozen=True, eq=False)
+class WindowRender:
+    """A render under way."""
+
+    child: Child
+    folder: tempfile.TemporaryDirectory
+    scene_name: str
+    scene_uid: int  # which no other scene has until Blender ends
+    to_compositor: bool
+    remarks: list
+    started_s: float = field(default_factory=time.monotonic)
+
+    @property
+    def picture(self):
+        """A PNG of the light so far, once there is any."""
+        return Path(self.folder.name) / PICTURE
+
+    @property
+    def fraction(self):
+        return self.child.told.get("fraction", 0.0)
+
+    @property
+    def label(self):
+        """The scene, the stage, and the time: so far, and what is left as far as can be told."""
+        now_s = time.monotonic()
+        label = (f"{self.scene_name}: {self.child.told.get('label', 'Starting Blender in the background')}, "
+                 f"{_duration(now_s - self.started_s)}")
+        if self.fraction < ENOUGH:
+            return label
+        left_s = (self.child.told_s - self.started_s) * (1 / self.fraction - 1) - (now_s - self.child.told_s)
+        return f"{label}, about {_duration(max(left_s, 0))} left"
+
+
+state = {"render": None, "icon": "INFO", "notice": ()}
+"""The WindowRender under way, or None; and what became of the last one: lines, and the icon that they go under."""
+
+
+def start(scene):
+    """Start rendering a scene by its settings, in a process of its own.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+        The window's.
+
+    Returns
+    -------
+    list of str
+        What the picture will be without.
+
+    Raises
+    ------
+    InputError
+        What the settings ask for cannot be.
+    """
+    check_output_folder(scene)
+    check_job(scene, job_from_settings(scene))
+    remarks = [f"image {name!r} has unsaved pixels, which are not in the picture: save or pack it"
+               for name in unsaved_images()]
+    beside = Path(bpy.app.tempdir).parent  # Blender empties its own as it loads the factory settings
+    folder = tempfile.TemporaryDirectory(prefix="lensfield-", dir=beside, ignore_cleanup_errors=True)
+    try:
+        copy = save_copy(folder.name)
+        child = Child(render_command(copy, Path(folder.name) / PICTURE), folder.name)
+    except BaseException:
+        folder.cleanup()
+        raise
+    state["render"] = WindowRender(child, folder, scene.name, scene.session_uid, scene.lensfield.to_compositor, remarks)
+    state["notice"] = ()
+    bpy.app.timers.register(tick, first_interval=TICK_S, persistent=True)  # it outlives the file
+    return remarks
+
+
+def tick():
+    """Look how far it is, and lay its picture into the compositor when it is done; seconds to the next look."""
+    render = state["render"]
+    if render and render.child.ended and not bpy.app.is_job_running("RENDER"):  # Blender's own uses the compositor
+        _finish(render)
+    _redraw_panels()
+    return TICK_S if state["render"] else None
+
+
+def cancel():
+    """End the render under way, and leave nothing of it."""
+    end()
+    _notify("CANCEL", ["Cancelled"])
+    _redraw_panels()
+
+
+def end():
+    """End what is under way, if anything is: Blender, or the add-on, is about to end."""
+    if state["render"]:
+        _close(state["render"])
+    if bpy.app.timers.is_registered(tick):
+        bpy.app.timers.unregister(tick)
+
+
+def _close(render):
+    state["render"] = None
+    render.child.end()
+    render.folder.cleanup()
+
+
+def _finish(render):
+    """Tell what became of a render that has ended by itself."""
+    state["render"] = None
+    render.child.end()
+    told = render.child.told
+    if "lens_image" in told:
+        _notify("INFO", told["told"] + render.remarks)
+    elif "error" in told:
+        _notify("ERROR", [told["error"]])
+    else:
+        _notify("ERROR", ["the process of the render died, of {}; its log is {}".format(*render.child.death())])
+    render.folder.cleanup()
+    if "lens_image" in told and render.to_compositor:
+        _lay(render, Path(told["lens_image"]))
+
+
+def _notify(icon, lines):
+    state["icon"], state["notice"] = icon, tuple(lines)
+    print("Lensfield:", *lines, sep="\n  ")
+
+
+def _lay(render, image_path):
+    """Lay the lens image into the compositor of the scene that it is of, if that is still there."""
+    scene = next((scene for scene in bpy.data.scenes if scene.session_uid == render.scene_uid), None)
+    if scene is None:
+        gone = f"scene {render.scene_name!r} is no longer open: its compositor is as it was"
+        _notify("INFO", (*state["notice"], gone))
+        return
+    lay_into_compositor(scene, image_path)
+    _show(lens_image(scene))
+
+
+def _show(image):
+    """Let image editors that followed Blender's own render show the lens image."""
+    for area in _areas("IMAGE_EDITOR"):
+        shown = area.spaces.active.image
+        if shown and shown.type == "RENDER_RESULT":
+            area.spaces.active.image = image
+
+
+def _redraw_panels():
+    """Panels follow the progress only when they are told to."""
+    for area in _areas("PROPERTIES", "VIEW_3D"):
+        for region in area.regions:
+            if area.type == "PROPERTIES" or region.type == "UI":
+                region.tag_redraw()
+
+
+def _areas(*types):
+    return [area for window in bpy.context.window_manager.windows for area in window.screen.areas if area.type in types]
+
+
+def _duration(seconds):
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

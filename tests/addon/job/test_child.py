@@ -1,0 +1,159 @@
+"""A render in a process of its own, on a copy of the file."""
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+from PIL import Image
+
+from lensfield.addon.job import child
+from small_scenes import light, material, wall
+from snapshot import differences, snapshot
+
+
+def paint(path, colour=(200, 30, 30)):
+    Image.new("RGB", (4, 4), colour).save(path)
+    return path
+
+
+def test_the_copy_has_what_is_unsaved_and_all_else_stays(scene, tmp_path):
+    own = tmp_path / "own"
+    own.mkdir()
+    image = bpy.data.images.load(str(paint(own / "texture.png")))
+    image.use_fake_user = True
+    bpy.ops.wm.save_as_mainfile(filepath=str(own / "scene.blend"))
+    image.filepath = "//texture.png"
+    saved = (own / "scene.blend").read_bytes()
+    wall(scene, material("Paint", "ShaderNodeBsdfDiffuse")[0]).name = "Edited"
+    bpy.context.view_layer.update()  # as saving does
+    before, dirty = snapshot(), bpy.data.is_dirty
+    folder = tmp_path / "elsewhere"
+    folder.mkdir()
+    copy = child.save_copy(folder)
+    assert not differences(before, snapshot()) and bpy.data.is_dirty == dirty
+    assert bpy.data.filepath == str(own / "scene.blend") and (own / "scene.blend").read_bytes() == saved
+    assert copy == folder / "scene.blend"
+    bpy.ops.wm.open_mainfile(filepath=str(copy))
+    assert "Edited" in bpy.data.objects
+    path = bpy.data.images["texture.png"].filepath
+    assert path.startswith("//..") and bpy.path.abspath(path) == str(folder / ".." / "own" / "texture.png")
+
+
+def test_a_file_never_saved_has_a_copy_too(scene, tmp_path):
+    assert child.save_copy(tmp_path).is_file()
+    assert not bpy.data.filepath and "--beside" not in child.render_command("copy.blend", "picture.png")
+
+
+def test_images_with_unsaved_pixels_are_named(scene, tmp_path):
+    for name in ("Clean", "Painted"):
+        bpy.data.images.new(name, 4, 4).use_fake_user = True
+    bpy.data.images["Painted"].pixels[0] = 0.5
+    saved = bpy.data.images.load(str(paint(tmp_path / "saved.png")))
+    saved.use_fake_user = True
+    assert child.unsaved_images() == ["Painted"]
+
+
+def test_blender_itself_is_started_with_this_add_on(scene, monkeypatch):
+    class App:
+        binary_path, autoexec_fail = "/opt/blender", False
+
+    monkeypatch.setattr(child.bpy, "app", App)
+    command = child.render_command("copy.blend", "picture.png")
+    assert command[:command.index("render")] == ["/opt/blender", "--background", "--addons", "lensfield",
+                                                 "--enable-autoexec", "--command", "lensfield"]
+    App.autoexec_fail = True
+    assert "--disable-autoexec" in child.render_command("copy.blend", "picture.png")
+
+
+@pytest.fixture
+def coloured_scene(scene, tmp_path):
+    """A few seconds' work in two passes, for a folder of its own."""
+    light(scene, "POINT", 20.0, color=(1, 0.5, 0.2))
+    wall(scene, material("Paint", "ShaderNodeBsdfDiffuse", (0.7, 0.3, 0.05))[0])
+    scene.cycles.samples = 64
+    scene.render.resolution_x, scene.render.resolution_y = 200, 150
+    scene.lensfield.tier, scene.lensfield.wavelength_count = "REFERENCE", 6
+    scene.lensfield.output_folder = str(tmp_path / "out")
+    return scene
+
+
+def started(tmp_path):
+    return child.Child(child.render_command(child.save_copy(tmp_path), tmp_path / "picture.png"), tmp_path)
+
+
+def wait(until, seconds=60):
+    deadline = time.monotonic() + seconds
+    while not until():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def test_a_child_tells_how_far_it_is_and_shows_a_growing_picture(coloured_scene, tmp_path):
+    render, seen, pictures = started(tmp_path), [], set()
+
+    def look():
+        seen.append((render.told.get("fraction", 0.0), render.told.get("label")))
+        if (tmp_path / "picture.png").is_file():
+            pictures.add((tmp_path / "picture.png").read_bytes())
+        return render.ended
+
+    wait(look)
+    render.end()
+    assert [fraction for fraction, _ in seen] == sorted(fraction for fraction, _ in seen)
+    labels = list(dict.fromkeys(label for _, label in seen if label))
+    assert [label.split(":")[0] for label in labels if label.startswith("Pass")] == ["Pass 1 of 2", "Pass 2 of 2"]
+    assert render.told["lens_image"] == str(tmp_path / "out" / "Scene_0001_lens_image.exr")
+    assert len(pictures) == 2
+    with Image.open(tmp_path / "picture.png") as picture:
+        assert picture.size == (200, 150) and np.ptp(np.array(picture)) > 50
+
+
+def test_bad_input_is_told_in_one_line(coloured_scene, tmp_path):
+    coloured_scene.camera.data.type = "ORTHO"
+    render = started(tmp_path)
+    wait(lambda: render.ended)
+    render.end()
+    assert render.told["error"] == "camera 'Camera': type is ORTHO: expected a perspective camera"
+
+
+LEAVE_IT = """
+import os, sys
+import bpy
+from lensfield.addon.job.child import Child
+child = Child([sys.executable, *sys.argv[2:]], sys.argv[1])
+while "fraction" not in child.told: pass
+print(child._process.pid, flush=True)
+os.kill(os.getpid(), 9)
+"""
+
+
+def test_a_child_ends_when_its_parent_is_no_more(coloured_scene, tmp_path):
+    coloured_scene.cycles.samples = 1 << 20
+    command = child.render_command(child.save_copy(tmp_path), tmp_path / "picture.png")[1:]
+    parent = subprocess.run([sys.executable, "-c", LEAVE_IT, tmp_path, *command], capture_output=True, text=True)
+    pid = int(parent.stdout.splitlines()[-1])
+    wait(lambda: not runs(pid), 5)
+    assert not [path for path in (tmp_path / "out").glob("*")]
+
+
+def runs(pid):
+    """Whether a process is there and no zombie, which nobody here would bury."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")")[1].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def test_nothing_of_a_dead_child_runs_on(tmp_path):
+    """A worker of it that would wait for ever, with the child's output open."""
+    code = "import subprocess, os; subprocess.Popen(['sleep', '1000']); os._exit(3)"
+    render = child.Child([sys.executable, "-c", code], tmp_path)
+    wait(lambda: render.ended)
+    render.end()
+    why, log = render.death()
+    assert why == "exit status 3: it said nothing"
+    Path(log).unlink()

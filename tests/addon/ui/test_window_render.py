@@ -1,0 +1,211 @@
+"""A render that a window starts: it goes on in a process of its own, and a timer follows it, here by hand."""
+
+import os
+import signal
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import bpy
+import numpy as np
+import pytest
+
+from layouts import Layout
+from lensfield import addon
+from lensfield.addon.scene.compositor import lens_image
+from lensfield.addon.ui import window_render
+from lensfield.addon.ui.panels import draw_settings
+from lensfield.engine.errors import InputError
+from lensfield.engine.image.spectral_exr import read_exr
+from small_scenes import light, material, wall
+from snapshot import differences, snapshot
+
+
+@pytest.fixture
+def ready_scene(scene, tmp_path):
+    """Saved, and then edited."""
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    light(scene, "POINT", 20.0, color=(1, 0.5, 0.2))
+    wall(scene, material("Paint", "ShaderNodeBsdfDiffuse", (0.7, 0.3, 0.05))[0])
+    scene.lensfield.wavelength_mode, scene.lensfield.wavelength_list = "LIST", "480, 530, 640"
+    bpy.context.view_layer.update()
+    yield scene
+    window_render.end()
+
+
+@pytest.fixture
+def endless_scene(ready_scene):
+    ready_scene.cycles.samples = 1 << 20
+    ready_scene.render.resolution_x = ready_scene.render.resolution_y = 1000
+    return ready_scene
+
+
+def start():
+    """What the operator does in a window; in background mode Blender would execute it in its own process."""
+    window_render.start(bpy.context.scene)
+    return window_render.state["render"]
+
+
+def follow(until=lambda render: False, seconds=120):
+    """Tick as Blender's timer does, until the render has ended or is as far as wanted."""
+    deadline = time.monotonic() + seconds
+    while window_render.tick() is not None and not until(window_render.state["render"]):
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def in_a_pass(render):
+    """Amid its samples, of which it tells, too."""
+    return render.child.told.get("label", "").startswith("Pass 1") and render.fraction > 0
+
+
+def shown(scene):
+    layout = Layout()
+    draw_settings(layout, scene)
+    return layout
+
+
+def notice():
+    return "\n".join(window_render.state["notice"])
+
+
+def test_the_window_gets_what_a_script_gets_and_the_scene_only_its_compositor(ready_scene, tmp_path):
+    before = snapshot()
+    render = start()
+    assert not differences(before, snapshot())
+    follow()
+    changed = differences(before, snapshot())
+    allowed = ("node_groups", "('images'", "compositing_node_group", ".node_tree", "use_nodes")
+    assert changed and not [line for line in changed if not any(word in line for word in allowed)]
+    image = tmp_path / "lensfield" / "Scene_0001_lens_image.exr"
+    assert lens_image(ready_scene).filepath == str(image)
+    assert str(image) in notice() and "Cycles render" in notice()
+    assert not Path(render.folder.name).exists()
+    child_s = read_exr(tmp_path / "lensfield" / "Scene_0001_irradiance.exr").cube
+    ready_scene.lensfield.output_folder = "//script"
+    assert bpy.ops.lensfield.render() == {"FINISHED"}
+    assert np.array_equal(child_s, read_exr(tmp_path / "script" / "Scene_0001_irradiance.exr").cube)
+
+
+def test_the_panel_shows_the_render_and_what_became_of_it(endless_scene):
+    assert "lensfield.cancel" not in shown(endless_scene).shown
+    start()
+    follow(in_a_pass)
+    panel = shown(endless_scene)
+    assert "lensfield.cancel" in panel.shown and "lens" in panel.shown
+    assert "Scene: Pass 1 of 1" in " ".join(panel.labels)
+    assert bpy.ops.lensfield.cancel() == {"FINISHED"}
+    assert "Cancelled" in shown(endless_scene).labels
+
+
+def test_cancelling_takes_less_than_a_second_and_leaves_nothing(endless_scene, tmp_path):
+    render = start()
+    follow(in_a_pass)
+    begin = time.monotonic()
+    assert bpy.ops.lensfield.cancel() == {"FINISHED"}
+    assert time.monotonic() - begin < 1
+    assert render.child.ended and window_render.tick() is None
+    assert not Path(render.folder.name).exists()
+    assert not list((tmp_path / "lensfield").iterdir())
+
+
+def test_cancelling_at_once_is_as_quick(endless_scene):
+    """Before the child can hear of it."""
+    render = start()
+    begin = time.monotonic()
+    assert bpy.ops.lensfield.cancel() == {"FINISHED"}
+    assert time.monotonic() - begin < 1 and render.child.ended
+
+
+def test_there_is_one_render_at_a_time(endless_scene):
+    start()
+    with pytest.raises(RuntimeError, match="A lens render is under way: wait for it, or cancel it"):
+        bpy.ops.lensfield.render()
+    window_render.end()
+    assert bpy.ops.lensfield.render.poll() and not bpy.ops.lensfield.cancel.poll()
+
+
+def test_a_child_that_dies_leaves_a_line_and_its_log(endless_scene):
+    render = start()
+    follow(in_a_pass)
+    os.kill(render.child._process.pid, signal.SIGABRT)
+    follow()
+    assert notice().startswith("the process of the render died, of signal 6: ")
+    log = Path(notice().rsplit("its log is ")[1])
+    assert log.read_text() and not Path(render.folder.name).exists()
+    log.unlink()
+    assert bpy.ops.lensfield.render.poll()
+
+
+def test_bad_input_is_told_before_the_child_or_by_it(ready_scene):
+    ready_scene.lensfield.wavelength_list = "300"
+    with pytest.raises(InputError, match="wavelength is 300 nm"):
+        start()
+    assert window_render.state["render"] is None
+    ready_scene.lensfield.wavelength_list = "550"
+    ready_scene.camera.data.type = "ORTHO"
+    start()
+    follow()
+    assert notice() == "camera 'Camera': type is ORTHO: expected a perspective camera"
+    assert window_render.state["icon"] == "ERROR"
+
+
+def test_another_file_may_be_opened_meanwhile(ready_scene, tmp_path):
+    start()
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    assert bpy.context.scene.name == "Scene"  # another one of the same name
+    before = snapshot()
+    follow()
+    assert not differences(before, snapshot())
+    assert "scene 'Scene' is no longer open" in notice()
+    assert (tmp_path / "lensfield" / "Scene_0001_lens_image.exr").is_file()
+
+
+def test_the_scene_may_be_renamed_edited_and_saved_elsewhere(ready_scene, tmp_path):
+    start()
+    ready_scene.name = "Renamed"
+    bpy.data.objects.remove(bpy.data.objects["Wall"])
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "elsewhere.blend"))
+    follow()
+    assert lens_image(ready_scene).filepath == str(tmp_path / "lensfield" / "Scene_0001_lens_image.exr")
+
+
+def test_the_compositor_is_left_alone_where_that_is_asked(ready_scene):
+    ready_scene.lensfield.to_compositor = False
+    before = snapshot()
+    start()
+    follow()
+    assert not differences(before, snapshot()) and notice()
+
+
+def test_unsaved_pixels_are_told(ready_scene):
+    image = bpy.data.images.new("Painted", 4, 4)
+    image.use_fake_user = True
+    image.pixels[0] = 0.5
+    assert window_render.start(ready_scene) == list(window_render.state["render"].remarks)
+    follow()
+    assert "image 'Painted' has unsaved pixels" in notice()
+
+
+def test_the_add_on_takes_its_render_along(endless_scene):
+    render = start()
+    addon.unregister()
+    try:
+        assert render.child.ended and not Path(render.folder.name).exists()
+        assert not bpy.app.timers.is_registered(window_render.tick)
+    finally:
+        addon.register()
+
+
+def test_the_label_tells_the_time_left(monkeypatch):
+    child = SimpleNamespace(told={"fraction": 0.25, "label": "Pass 1 of 3"}, told_s=30.0)
+    render = window_render.WindowRender(child, None, "Scene", 1, True, [], started_s=10.0)
+    monkeypatch.setattr(window_render.time, "monotonic", lambda: 40.0)
+    assert render.label == "Scene: Pass 1 of 3, 30 s, about 50 s left"
+    child.told = {}
+    assert render.label == "Scene: Starting Blender in the background, 30 s"
+
+
+def test_durations_are_short():
+    texts = [window_render._duration(seconds) for seconds in (0.4, 89, 100, 4000, 8000)]
+    assert texts == ["0 s", "89 s", "2 min", "67 min", "2.2 h"]

@@ -1,0 +1,43 @@
+"""What a command tells the program that started it."""
+
+import subprocess
+import sys
+
+import pytest
+
+from lensfield.commands import messages
+
+SPEAKER = """
+import os
+from lensfield.commands.messages import message_lines
+os.write(1, b"Blender says hello")
+with message_lines() as write:
+    os.write(1, b"chatter amid")
+    print("a library prints")
+    write(fraction=0.5, label="Pass 1 of 2: 450 nm \\u00b5")
+print("afterwards")
+"""
+
+
+def test_messages_are_whole_whatever_else_is_written():
+    done = subprocess.run([sys.executable, "-c", SPEAKER], capture_output=True, text=True, check=True)
+    lines = done.stdout.splitlines()
+    assert [messages.read_message(line) for line in lines] == [
+        {"fraction": 0.5, "label": "Pass 1 of 2: 450 nm \u00b5"}, None]
+    assert lines[0].startswith("Blender says hello") and lines[1] == "afterwards"
+    assert "chatter amid" in done.stderr and "a library prints" in done.stderr
+
+
+@pytest.mark.parametrize("line", ["", "Fra:1 Mem:12M", "lensfield> ", "lensfield> {broken", "lensfield> [1]", "{}"])
+def test_what_is_no_message_is_passed_over(line):
+    assert messages.read_message(line) is None
+
+
+def test_samples_are_told_at_a_pace_and_labels_at_once(monkeypatch):
+    now = iter([10.0, 10.01, 10.05, 10.12, 10.13])
+    monkeypatch.setattr(messages.time, "monotonic", lambda: next(now))
+    told = []
+    tell = messages.paced(lambda **facts: told.append((facts["fraction"], facts["label"])))
+    for fraction, label in ((0.0, "a"), (0.1, "a"), (0.2, "a"), (0.3, "a"), (0.4, "b")):
+        tell(fraction, label)
+    assert told == [(0.0, "a"), (0.3, "a"), (0.4, "b")]
