@@ -115,7 +115,7 @@ class Child:
                 os.killpg(self._process.pid, signal.SIGKILL)
 
     def death(self):
-        """Why it ended, where it told neither a picture nor an error: a line; and its log, which is kept, a path."""
+        """Why it ended, where it told neither a picture nor an error; and a copy of its log, to be kept: two texts."""
         lines = [line.strip() for line in self.log.read_text(encoding="utf-8", errors="replace").split("\n")]
         last = next((line for line in reversed(lines) if line), "it said nothing")
         code = self._process.returncode

@@ -67,7 +67,7 @@ def capture(scene, job, result, share):
             yield RenderPass(scene, f"Pass {index + 1} of {len(plan.bands)}: {_span(band)} nm", step * index, step)
             yield Work(lambda tell: gathered.add(index, folder / "pass.exr"), "Gathering light", step * (index + 1))
             if job.picture:
-                yield Work(lambda tell: gathered.show(job.picture), "Showing it so far", step * (index + 1))
+                yield Work(lambda tell: gathered.show(index, job.picture), "Showing it so far", step * (index + 1))
     result.report.scene = gathered.facts(job)
     return SpectralImage(gathered.radiance(), job.wavelengths_nm, grid)
 
@@ -98,9 +98,11 @@ class _Gathered:
             light[0] -= light[1:].sum(axis=0)  # what is left is in no group of ours
             self._cube[:, rows] += np.tensordot(shares, light, axes=2)
 
-    def show(self, path):
-        """Write a PNG of the frame so far, as a perfect pinhole sees it."""
-        picture = to_rec709(SpectralImage(self._cube, self._plan.choice.output_nm, self._grid).frame())
+    def show(self, index, path):
+        """Write a PNG of the frame after a pass, as a perfect pinhole sees it: grey until all colours are there."""
+        radiance = SpectralImage(self._cube, self._plan.choice.output_nm, self._grid).frame()
+        whole = index + 1 == len(self._plan.bands)
+        picture = to_rec709(radiance) if whole else np.stack([radiance.cube.mean(axis=0)] * 3, axis=-1)
         write_png(picture, path, auto_exposure(picture))
 
     def radiance(self):

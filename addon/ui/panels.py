@@ -15,7 +15,7 @@ from .properties import FROM_FILE
 from .window_render import state
 
 WIDGET_PX = 20
-LETTERS_PER_WIDGET = 2.6
+LETTERS_PER_WIDGET = 3.2
 PANEL_MARGINS = 3  # in widgets: what a panel keeps free on its sides
 
 
@@ -51,6 +51,7 @@ def draw_settings(layout, scene):
 def _draw_under_way(layout, render):
     row = layout.row(align=True)
     row.progress(factor=render.fraction, text=f"{render.fraction:.0%}")
+    row.operator_context = "INVOKE_DEFAULT"  # here, not in the 3D view
     row.operator("lensfield.cancel", text="", icon="CANCEL")
     _draw_wrapped(layout.column(align=True), render.label)
     if render.picture.is_file():

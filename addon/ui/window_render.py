@@ -112,32 +112,28 @@ def cancel():
 
 def end():
     """End what is under way, if anything is: Blender, or the add-on, is about to end."""
-    if state["render"]:
-        _close(state["render"])
+    render, state["render"] = state["render"], None
+    if render:
+        render.child.end()
+        render.folder.cleanup()
     if bpy.app.timers.is_registered(tick):
         bpy.app.timers.unregister(tick)
 
 
-def _close(render):
-    state["render"] = None
-    render.child.end()
-    render.folder.cleanup()
-
-
 def _finish(render):
-    """Tell what became of a render that has ended by itself."""
+    """Take in what a render that has ended by itself leaves, and tell what became of it."""
     state["render"] = None
     render.child.end()
     told = render.child.told
-    if "lens_image" in told:
-        _notify("INFO", told["told"] + render.remarks)
-    elif "error" in told:
-        _notify("ERROR", [told["error"]])
-    else:
-        _notify("ERROR", ["the process of the render died, of {}; its log is {}".format(*render.child.death())])
-    render.folder.cleanup()
-    if "lens_image" in told and render.to_compositor:
-        _lay(render, Path(told["lens_image"]))
+    with render.folder:
+        if "lens_image" in told:
+            _notify("INFO", told["told"] + render.remarks)
+            if render.to_compositor:
+                _lay(render, Path(told["lens_image"]))
+        elif "error" in told:
+            _notify("ERROR", [told["error"]])
+        else:
+            _notify("ERROR", ["the process of the render died, of {}; its log is {}".format(*render.child.death())])
 
 
 def _notify(icon, lines):
@@ -149,11 +145,19 @@ def _lay(render, image_path):
     """Lay the lens image into the compositor of the scene that it is of, if that is still there."""
     scene = next((scene for scene in bpy.data.scenes if scene.session_uid == render.scene_uid), None)
     if scene is None:
-        gone = f"scene {render.scene_name!r} is no longer open: its compositor is as it was"
-        _notify("INFO", (*state["notice"], gone))
+        state["notice"] += (f"scene {render.scene_name!r} is no longer open: its compositor is as it was",)
         return
     lay_into_compositor(scene, image_path)
+    _remember_for_undo()
     _show(lens_image(scene))
+
+
+def _remember_for_undo():
+    """Let the next undo take back this alone; amid a transform or a stroke, it is for Blender to say what is a step."""
+    windows = bpy.context.window_manager.windows
+    if not bpy.app.background and not any(len(window.modal_operators) for window in windows):
+        with bpy.context.temp_override(window=windows[0]):
+            bpy.ops.ed.undo_push(message="Lens Image to Compositor")
 
 
 def _show(image):
