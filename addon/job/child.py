@@ -21,6 +21,7 @@ from ...commands.messages import read_message
 from ..scene.errors import SceneError
 
 GRACE_S = 0.7  # for a child to remove what is half-written
+CRASH = "Writing: "  # Blender's last words, before the name of a file that comes to be in the log
 EXTENSION = __package__.rsplit(".", 2)[0]
 
 
@@ -117,9 +118,9 @@ class Child:
     def death(self):
         """Why it ended, where it told neither a picture nor an error; and a copy of its log, to be kept: two texts."""
         lines = [line.strip() for line in self.log.read_text(encoding="utf-8", errors="replace").split("\n")]
-        last = next((line for line in reversed(lines) if line), "it said nothing")
+        last = next((line for line in reversed(lines) if line and not line.startswith(CRASH)), "it said nothing")
         code = self._process.returncode
         with tempfile.NamedTemporaryFile(prefix="lensfield-", suffix=".log", delete=False) as kept:
-            for path in (self.log, *self.log.parent.glob("*.crash.txt")):  # Blender writes the latter
+            for path in (self.log, *self.log.parent.glob("*.crash.txt")):
                 kept.write(path.read_bytes())
         return f"{f'signal {-code}' if code < 0 else f'exit status {code}'}: {last}", kept.name
