@@ -1,8 +1,10 @@
-"""Bands: which wavelengths ride in which Cycles pass. Red, green and blue carry one wavelength each."""
+"""Bands: which wavelengths ride in which Cycles pass. Red, green and blue carry one each, red the longest: so even in
+a single pass, colours that no spectrum stands for come out much like themselves."""
 
 import numpy as np
 
-WAVELENGTHS_PER_PASS = 3
+CHANNELS = "BGR"  # in the order of their wavelengths
+WAVELENGTHS_PER_PASS = len(CHANNELS)
 
 
 def pass_count(wavelengths, per_pass=WAVELENGTHS_PER_PASS):
@@ -16,7 +18,8 @@ def passes(wavelengths_nm, per_pass=WAVELENGTHS_PER_PASS):
     Returns
     -------
     list of arrays (3,), nm
+        For red, green and blue.
     """
     wavelengths_nm = np.asarray(wavelengths_nm, dtype=float)
     bands = np.split(wavelengths_nm, range(per_pass, wavelengths_nm.size, per_pass))
-    return [np.pad(band, (0, WAVELENGTHS_PER_PASS - band.size), mode="edge") for band in bands]
+    return [np.pad(band, (0, WAVELENGTHS_PER_PASS - band.size), mode="edge")[::-1] for band in bands]

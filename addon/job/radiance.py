@@ -17,6 +17,7 @@ from ..scene.camera import capture_grid, check_camera
 from ..scene.errors import SceneError
 from ..scene.render_state import go_to_frame, guard_render_state, rendered_layer
 from ..scene.undo import Journal
+from .bands import CHANNELS
 from .scene_plan import plan_scene
 
 ROWS_AT_ONCE = 16  # which stay in the processor's cache
@@ -88,9 +89,11 @@ class _Gathered:
         if self._depth_m.shape != self._grid.shape_px:
             raise SceneError("Cycles", "render pass", f"of {self._depth_m.shape} px",
                              f"expected {self._grid.shape_px}")
-        shares = self._plan.shares(index).astype(np.float32)
-        channels = "RGB"[:shares.shape[2]]
-        self._blocks += [_block_means(planes[f"{self._light_passes[0]}.{channel}"]) for channel in channels]
+        mix = self._plan.mix(index)
+        shares = (self._plan.shares(index) @ mix).astype(np.float32)
+        channels = CHANNELS[:mix.shape[1]]
+        means = [_block_means(planes[f"{self._light_passes[0]}.{channel}"]) for channel in channels]
+        self._blocks += list(np.tensordot(mix, means, axes=1))
         for row in range(0, self._cube.shape[1], ROWS_AT_ONCE):
             rows = slice(row, row + ROWS_AT_ONCE)
             light = np.stack([[planes[f"{name}.{channel}"][rows] for channel in channels]
@@ -146,4 +149,4 @@ def _read_pass(path):
 
 
 def _span(band):
-    return f"{band[0]:.0f}" if band[0] == band[-1] else f"{band[0]:.0f} to {band[-1]:.0f}"
+    return f"{band[0]:.0f}" if band[0] == band[-1] else f"{band[-1]:.0f} to {band[0]:.0f}"

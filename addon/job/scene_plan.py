@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...engine.errors import InputError
-from ...engine.spectral.spectra import BAND_NM
+from ...engine.spectral.spectra import BAND_NM, reflectance_basis
 from ...engine.spectral.wavelength_choice import UNFIT, WavelengthChoice, choose_wavelengths
 from ..scene.camera import capture_grid, check_camera, in_view
 from ..scene.errors import SceneError
@@ -36,6 +36,8 @@ class ScenePlan:
         Whether glass has another index at each wavelength.
     apart : str
         Why a pass carries a single wavelength, if it does.
+    unfit : bool
+        Whether there is something in the scene that Cycles renders in red, green and blue, whatever the wavelengths.
     """
 
     choice: WavelengthChoice
@@ -43,17 +45,31 @@ class ScenePlan:
     per_pass: int
     dispersive: bool
     apart: str
+    unfit: bool
 
     @property
     def bands(self):
-        """Wavelengths of each pass, nm."""
+        """Wavelengths of each pass, nm, for red, green and blue."""
         return passes(self.choice.nodes_nm, self.per_pass)
 
     def shares(self, index):
-        """What each plane of a pass gives to the radiance at each wavelength: array (wavelength, lamp, plane)."""
-        nodes = slice(index * self.per_pass, (index + 1) * self.per_pass)
+        """What the wavelengths of a pass give to the radiance at each asked for: array (wavelength, lamp, of pass)."""
         lamps = np.stack([lamp.output_at(self.choice.output_nm) for lamp in self.lamps], axis=-1)
-        return lamps[:, :, None] * self.choice.weights[:, None, nodes]
+        return lamps[:, :, None] * self.choice.weights[:, None, self._nodes(index)]
+
+    def mix(self, index):
+        """What the wavelengths of a pass take of its planes: array (of pass, channel), channels as in CHANNELS.
+
+        Each wavelength has a channel of its own. But where one rides in all three and they differ, by what Cycles
+        colours in RGB, they are mixed as a colour is upsampled; what is substituted is alike in all three and stays.
+        """
+        nodes_nm = self.choice.nodes_nm[self._nodes(index)]
+        if self.unfit and self.per_pass == 1:
+            return reflectance_basis(nodes_nm)[:, ::-1]
+        return np.eye(nodes_nm.size)
+
+    def _nodes(self, index):
+        return slice(index * self.per_pass, (index + 1) * self.per_pass)
 
     @property
     def text(self):
@@ -110,18 +126,19 @@ def plan_scene(scene, job, grid, journal):
     rendered = rendered_blocks(scene)
     spectra.check(block for block in rendered if hasattr(block, "lensfield"))
     findings = judge(scene, rendered, spectra)
-    _refuse(scene, [finding for finding in findings if finding.verdict == REJECTED], job.unfit)
+    rejected = [finding for finding in findings if finding.verdict == REJECTED]
+    _refuse(scene, rejected, job.unfit)
     shining, glass = _survey(scene, spectra, job, grid)
-    coupled = [str(finding) for finding in findings if finding.verdict == SEPARATED]
+    coupled = [str(finding) for finding in findings if finding.verdict in (REJECTED, SEPARATED)]
     apart = "" if job.spectral.tier == "preview" else glass or next(iter(coupled), "")
     per_pass = 1 if apart else WAVELENGTHS_PER_PASS
     lamps = Lamps(spectra, job.wavelengths_nm)
     groups = LightGroups(shining, lamps, together=job.denoise)
     substitution = Substitution(scene, journal, spectra, lamps, groups, rendered)
     choice = choose_wavelengths(substitution.factors, [lamp.output_at for lamp in groups.lamps], job.wavelengths_nm,
-                               job.spectral, mixed_colours=substitution.mixed_colours, per_pass=per_pass,
-                               dispersive=bool(glass))
-    return ScenePlan(choice, groups.lamps, per_pass, bool(glass), apart), substitution, groups
+                               job.spectral, mixed_colours=substitution.mixed_colours or bool(rejected),
+                               per_pass=per_pass, dispersive=bool(glass))
+    return ScenePlan(choice, groups.lamps, per_pass, bool(glass), apart, bool(rejected)), substitution, groups
 
 
 def _refuse(scene, rejected, unfit):

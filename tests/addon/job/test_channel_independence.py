@@ -23,7 +23,7 @@ from noise import assert_means, surely_apart
 from small_scenes import set_world
 
 TOGETHER_NM = [450, 550, 650]
-SHIFTED_NM = [400, 450, 500, 550, 600, 650]  # 450 rides in green, 550 in red, 650 in blue
+SHIFTED_NM = [400, 450, 500, 550, 600, 650]  # 450 rides in green, 550 in blue, 650 in red
 ALONE_NM = [450, 450.001, 450.002, 550, 550.001, 550.002, 650, 650.001, 650.002]  # a thousandth of a nm is nothing
 STRONG_COLOUR = (0.9, 0.35, 0.08)
 ONLY_ITS_BLUE = STRONG_COLOUR[2:] * 3

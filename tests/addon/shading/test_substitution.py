@@ -34,7 +34,8 @@ def patch(name):
 
 
 def test_three_wavelengths_ride_in_each_pass():
-    assert [band.tolist() for band in passes([400, 500, 600, 700])] == [[400, 500, 600], [700, 700, 700]]
+    assert [band.tolist() for band in passes([400, 500, 600, 700])] == [[600, 500, 400], [700, 700, 700]]
+    assert [band.tolist() for band in passes([400, 500])] == [[500, 500, 400]]
 
 
 def test_world_of_flat_spectrum_spreads_its_strength_over_the_band(scene, tmp_path):

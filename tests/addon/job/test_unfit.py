@@ -1,0 +1,101 @@
+"""What Cycles renders in red, green and blue, whatever the wavelengths, comes out in its own colours in every tier."""
+
+import bpy
+import numpy as np
+import OpenEXR
+import pytest
+
+from lenses import make_lens
+from lensfield import addon
+from lensfield.addon.scene.camera import capture_grid, match_camera_to_lens
+from lensfield.engine.image.preview import to_rec709
+from lensfield.engine.image.spectral_exr import read_exr
+from lensfield.engine.spectral.colour import XYZ_TO_REC709
+from lensfield.engine.spectral.colour_difference import ciede2000, lab_from_xyz
+from lensfield.engine.spectral.wavelength_choice import SpectralOptions
+from small_scenes import material, set_world, wall
+
+LENS = make_lens(wavelengths_nm=(380.0, 780.0))
+NM = np.linspace(400, 700, 21)
+WHITE = np.linalg.inv(XYZ_TO_REC709) @ np.ones(3)
+TIERS = {"preview": 4.0, "standard": 1.0, "reference": 1.0}
+"""CIEDE2000: the primaries come out within 0.8 upsampled, and within 3.7 by three wavelengths as they are."""
+ROUNDING = 1e-5
+
+
+@pytest.fixture
+def bubble(scene):
+    """A wall with a thin film over it, under a white sky."""
+    set_world(scene)
+    film = bpy.data.materials.new("Film")
+    film.use_nodes = True
+    shader = film.node_tree.nodes["Principled BSDF"]
+    for name, value in {"Base Color": (0, 0, 0, 1), "Roughness": 0.0, "IOR": 3.0, "Thin Film IOR": 1.8}.items():
+        shader.inputs[name].default_value = value
+    wall(scene, film)
+    scene.render.resolution_x, scene.render.resolution_y = 16, 12
+    capture = capture_grid(scene, LENS, NM)  # a film's colours are those of the angles that it is seen at
+    match_camera_to_lens(scene.camera.data, LENS, capture.frame_px[1], capture.pitch_um)
+    return scene, shader.inputs
+
+
+def own_colour(scene, folder):
+    """Mean of what Cycles renders by itself."""
+    image, path = scene.render.image_settings, folder / "plain.exr"
+    image.file_format, image.color_depth = "OPEN_EXR", "32"
+    scene.render.filepath = str(path)
+    bpy.ops.render.render(write_still=True, scene=scene.name)
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        return np.array([file.parts[0].channels[name].pixels.mean(dtype=float) for name in "RGB"])
+
+
+def lensfield_colour(scene, folder, tier):
+    result = addon.render_through_lens(scene, LENS, NM, folder, unfit="render", spectral=SpectralOptions(tier))
+    picture = to_rec709(read_exr(result.radiance).frame())
+    return picture.mean(axis=(0, 1), dtype=float), result.report.as_dict()
+
+
+def difference(colour, other):
+    """CIEDE2000 beside a white that is twice as bright as the brightest channel of the other."""
+    scale = 0.5 / max(other)
+    xyz = (np.maximum(np.linalg.inv(XYZ_TO_REC709) @ (value * scale), 0)[None] for value in (colour, other))
+    return float(ciede2000(*(lab_from_xyz(value, WHITE) for value in xyz))[0])
+
+
+@pytest.mark.parametrize("tier", TIERS)
+@pytest.mark.parametrize("thickness_nm", [100.0, 200.0, 330.0, 450.0])
+def test_thin_film_has_the_colours_of_cycles(bubble, tmp_path, tier, thickness_nm):
+    scene, inputs = bubble
+    inputs["Thin Film Thickness"].default_value = thickness_nm
+    colour, facts = lensfield_colour(scene, tmp_path, tier)
+    own = own_colour(scene, tmp_path)
+    assert np.ptp(own) > 0.7 * max(own)  # blue, orange, yellow, green; or it would say nothing
+    assert difference(colour, own) < TIERS[tier]
+    assert facts["wavelengths_per_pass"] == (3 if tier == "preview" else 1)
+
+
+@pytest.mark.parametrize("tier", TIERS)
+def test_grey_stays_grey_beside_what_is_unfit(bubble, tmp_path, tier):
+    scene, inputs = bubble
+    inputs["Thin Film Thickness"].default_value = 400.0
+    wall(scene, material("Grey", "ShaderNodeBsdfDiffuse", (0.4, 0.4, 0.4))[0], 0.5)
+    colour, _ = lensfield_colour(scene, tmp_path, tier)
+    np.testing.assert_allclose(colour, colour.mean(), rtol=ROUNDING)
+    np.testing.assert_allclose(colour, 0.4, rtol=2e-3)
+
+
+def test_all_else_keeps_its_spectrum_beside_what_is_unfit(bubble, tmp_path):
+    """Of what is substituted all three channels have the same: mixing them takes and gives nothing."""
+    scene, inputs = bubble
+    painted, _ = material("Paint", "ShaderNodeBsdfDiffuse")
+    painted.lensfield.reflectance = "chart-15-red"
+    wall(scene, painted, 0.5)
+    alone = cube(scene, tmp_path)
+    inputs["Thin Film Thickness"].default_value = 400.0
+    np.testing.assert_allclose(cube(scene, tmp_path), alone, rtol=ROUNDING)
+
+
+def cube(scene, folder):
+    result = addon.render_through_lens(scene, LENS, NM[::4], folder, unfit="render",
+                                       spectral=SpectralOptions("reference"))
+    return read_exr(result.radiance).cube
