@@ -13,7 +13,7 @@ import numpy as np
 
 from ...engine.spectral.spectra import BAND_NM, Spectrum, blackbody, load_spectrum
 from .closure_rules import is_idle
-from .node_paths import constant_of, feeding
+from .node_paths import constant_of, feeding, glowing_colour
 from .spectral_sockets import EMISSION, is_shader, kind
 
 GROUP_PREFIX = "lensfield_"
@@ -179,6 +179,7 @@ def emitting_sockets(tree):
             yield from emitting_sockets(node.node_tree)
         elif is_shader(node):
             yield from (socket for socket in node.inputs if kind(node, socket) == EMISSION and _shines(node, socket))
+        yield from filter(glowing_colour, node.inputs)
 
 
 def _shines(node, socket):

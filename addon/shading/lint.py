@@ -24,7 +24,7 @@ SHADER = "shader"
 WORKING_SPACE = "Linear Rec.709"
 
 BROKEN_GROUP = "its node tree is missing or has no output: Cycles renders black"
-COLOUR_AS_SHADER = "a colour where a shader belongs: Cycles lets it glow in RGB: put an Emission node between"
+COLOUR_AS_SHADER = "a colour where a shader belongs: it glows, as in Cycles, upsampled as light, of white under D65"
 DRAWN = "Blender draws it over the picture in RGB, whatever the wavelengths: hide it from renders"
 CONSTANTS = "constant colours become spectra"
 COLOURLESS = "has no colour of its own, the same at all wavelengths"
@@ -167,7 +167,9 @@ class _Walk:
         elif is_shader(node):
             self._closure(node, groups)
         elif how == SHADER:
-            self._tell(node, groups, source, REJECTED, COLOUR_AS_SHADER)
+            self._tell(node, groups, source, APPROXIMATED, COLOUR_AS_SHADER)
+            if not self._emission:
+                self._visit(source, groups, EMISSION)
         else:
             judged = judge_value(source, how)
             self._tell(node, groups, source, judged.verdict, judged.text)

@@ -1,6 +1,7 @@
 """The way back through a node tree, as Cycles takes it: past reroutes, muted nodes and the walls of groups."""
 
 CONSTANT_NODES = {"ShaderNodeRGB", "ShaderNodeValue"}
+GLOWING_TYPES = {"RGBA", "VECTOR", "VALUE", "INT", "BOOLEAN"}
 
 
 def feeding(socket):
@@ -17,6 +18,12 @@ def feeding(socket):
         else:
             return output
     return None
+
+
+def glowing_colour(socket):
+    """The colour or number that is linked into a shader's input, which Cycles lets glow by itself, or None."""
+    output = feeding(socket) if socket.type == "SHADER" else None
+    return output if output is not None and output.type in GLOWING_TYPES else None
 
 
 def source_of(socket, groups=()):

@@ -22,9 +22,9 @@ from ..scene.render_state import rendered_layer
 from .closure_rules import is_idle
 from .lamps import Lamp, blackbody_temperature, uses_nodes
 from .lumens import give_lumens, luminous_efficacy
-from .node_paths import constant_of, feeding
+from .node_paths import constant_of, feeding, glowing_colour
 from .spectral_sockets import CHANNELS, EMISSION, INDEX, REFLECTANCE, is_shader, kind, takes_reflectance
-from .wiring import attribute_node, multiplied, single_shader, upsampler
+from .wiring import attribute_node, emission_between, multiplied, single_shader, upsampler
 
 PROPERTY_PREFIX = "lensfield_"
 BASIS = {REFLECTANCE: reflectance_basis, EMISSION: reflectance_basis, CHANNELS: channel_basis}
@@ -163,6 +163,9 @@ class Substitution:
 
     def _substitute_tree(self, tree, assigned):
         """Wire the inputs of every shader node of a tree, and of the groups in it."""
+        for socket in [socket for node in tree.nodes for socket in node.inputs]:
+            if colour := glowing_colour(socket):
+                emission_between(tree, colour, socket)
         for node in list(tree.nodes):
             if node.bl_idname == "ShaderNodeGroup" and node.node_tree:
                 node.node_tree = self._substituted_group(node.node_tree, assigned)

@@ -13,6 +13,13 @@ def single_shader(data_block, shader_type, output_type, colour):
     tree.links.new(shader.outputs[0], tree.nodes.new(output_type).inputs[0])
 
 
+def emission_between(tree, colour, socket):
+    """Put the Emission node between a colour and a shader's input that Cycles would put there."""
+    emission = tree.nodes.new("ShaderNodeEmission")
+    tree.links.new(colour, emission.inputs["Color"])
+    tree.links.new(emission.outputs[0], socket)
+
+
 def attribute_node(tree, property_name):
     """A node that reads a property of the scene."""
     node = tree.nodes.new("ShaderNodeAttribute")

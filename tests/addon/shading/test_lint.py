@@ -218,13 +218,6 @@ def test_a_node_of_somebody_elses_is_rejected_as_unknown(scene):
         bpy.utils.unregister_class(Other)
 
 
-def test_a_colour_in_place_of_a_shader_is_rejected_for_cycles_shows_its_rgb(scene, tmp_path):
-    source = painted(scene, "ShaderNodeRGB")
-    source.outputs[0].default_value = (0.7, 0.5, 0.3, 1)
-    assert set(told(scene).values()) == {REJECTED}
-    np.testing.assert_allclose(picture(scene, tmp_path).mean(axis=(1, 2)), (0.7, 0.5, 0.3), rtol=1e-5)
-
-
 def test_groups_are_walked_and_named(scene):
     mixer = painted(scene, "ShaderNodeMixShader")
     inner = bpy.data.node_groups.new("Coat", "ShaderNodeTree")
