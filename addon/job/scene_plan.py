@@ -5,13 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...engine.errors import InputError
-from ...engine.spectral.spectra import BAND_NM, reflectance_basis
+from ...engine.spectral.spectra import BAND_NM
 from ...engine.spectral.wavelength_choice import UNFIT, WavelengthChoice, choose_wavelengths
 from ..scene.camera import capture_grid, check_camera, in_view
 from ..scene.errors import SceneError
 from ..scene.instances import rendered_blocks, rendered_instances
 from ..scene.render_state import go_to_frame, rendered_layer
 from ..scene.undo import Journal
+from ..scene.working_space import colour_basis
 from ..shading.assigned import AssignedSpectra
 from ..shading.lamps import Lamps, LightGroups
 from ..shading.lint import judge
@@ -65,7 +66,7 @@ class ScenePlan:
         """
         nodes_nm = self.choice.nodes_nm[self._nodes(index)]
         if self.unfit and self.per_pass == 1:
-            return reflectance_basis(nodes_nm)[:, ::-1]
+            return colour_basis(nodes_nm)[:, ::-1]
         return np.eye(nodes_nm.size)
 
     def _nodes(self, index):

@@ -2,6 +2,8 @@
 
 import bpy
 
+from .working_space import REC709
+
 NAME = "Lensfield"
 MARK = "lensfield"  # custom property of our node groups; users may rename them
 
@@ -114,6 +116,9 @@ def _show(group, path, name):
     if source.image is None:
         source.image = bpy.data.images.load(str(path))
         source.image.name = name
+        space = source.image.colorspace_settings
+        if REC709 in space.bl_rna.properties["name"].enum_items:  # a user's own configuration may know other names
+            space.name = REC709
     source.image.filepath = str(path)
     source.image.reload()
     source.image.update_tag()  # or an open viewer stays stale

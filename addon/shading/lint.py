@@ -12,6 +12,7 @@ import bpy
 
 from ..scene.errors import SceneError
 from ..scene.instances import DRAWN_TYPES, rendered_blocks
+from ..scene.working_space import REC709, working_space
 from .assigned import LOADERS, AssignedSpectra
 from .closure_rules import LENGTHS, channels_finding, closure_findings, is_idle
 from .lamps import blackbody_temperature, uses_nodes
@@ -21,7 +22,6 @@ from .spectral_sockets import CHANNELS, EMISSION, INDEX, REFLECTANCE, is_shader,
 from .substitution import Assigned
 
 SHADER = "shader"
-WORKING_SPACE = "Linear Rec.709"
 
 BROKEN_GROUP = "its node tree is missing or has no output: Cycles renders black"
 COLOUR_AS_SHADER = "a colour where a shader belongs: it glows, as in Cycles, upsampled as light, of white under D65"
@@ -103,10 +103,9 @@ def _of_scene(scene):
     if scene.background_set:
         yield Finding((), "scene", scene.name, "", "background set", REJECTED,
                       f"{scene.background_set.name!r} is not looked into: link its collections into this scene instead")
-    space = getattr(getattr(bpy.data, "colorspace", None), "working_space", WORKING_SPACE)  # since 5.0
-    if space != WORKING_SPACE:
-        yield Finding((), "scene", scene.name, "", "working colour space", REJECTED,
-                      f"colours are upsampled from {WORKING_SPACE}, not from {space}: choose that")
+    if working_space() != REC709:
+        yield Finding((), "scene", scene.name, "", "working colour space", APPROXIMATED,
+                      f"{working_space()}: colours of it that lie outside Rec. 709 come out less saturated")
 
 
 def _judged(block, spectra):

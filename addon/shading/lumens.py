@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 
-from ...engine.spectral.spectra import BAND_NM, Spectrum, reflectance_basis
+from ...engine.spectral.spectra import BAND_NM, Spectrum
+from ..scene.working_space import colour_basis
 
 
 def give_lumens(light, lumens, lamp, tint):
@@ -23,9 +24,9 @@ def give_lumens(light, lumens, lamp, tint):
 
 
 def luminous_efficacy(lamp, tint=(1.0, 1.0, 1.0)):
-    """Lumens of a watt of a lamp, behind a filter of this linear Rec. 709 colour; its watts are those before it."""
+    """Lumens of a watt of a lamp, behind a filter of this colour (of the working space); its watts are before it."""
     nm = np.arange(BAND_NM[0], BAND_NM[1] + 1)
-    passed = np.maximum(reflectance_basis(nm) @ np.array(tint), 0)
+    passed = np.maximum(colour_basis(nm) @ np.array(tint), 0)
     own = lamp.density_at(nm)
     step_nm = np.where((nm == nm[0]) | (nm == nm[-1]), 0.5, 1.0)  # the trapezoidal rule
     behind = Spectrum(nm, own * passed).luminous_flux_per_watt() * (own * passed @ step_nm) / (own @ step_nm)

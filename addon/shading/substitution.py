@@ -7,6 +7,7 @@ geometry and shaders.
 A colour that is known (a constant, or an assigned spectrum) becomes one attribute. A colour that is computed by nodes
 goes through a node group that upsamples it: the bases are linear, so a value at one wavelength is a dot product with
 the colour. What shines does so in its own colour under the white light of its group; lamps' spectra come in later.
+Where a basis takes a colour outside Rec. 709 below 0, it is cut there: nothing reflects or emits less than nothing.
 """
 
 from contextlib import suppress
@@ -16,9 +17,10 @@ import bpy
 import numpy as np
 
 from ...engine.spectral.refraction import D_LINE_NM, Refraction
-from ...engine.spectral.spectra import BAND_NM, Spectrum, channel_basis, reflectance_basis
+from ...engine.spectral.spectra import BAND_NM, Spectrum, channel_basis
 from ..scene.errors import SceneError
 from ..scene.render_state import rendered_layer
+from ..scene.working_space import colour_basis
 from .closure_rules import is_idle
 from .lamps import Lamp, blackbody_temperature, uses_nodes
 from .lumens import give_lumens, luminous_efficacy
@@ -27,7 +29,7 @@ from .spectral_sockets import CHANNELS, EMISSION, INDEX, REFLECTANCE, is_shader,
 from .wiring import attribute_node, emission_between, multiplied, single_shader, upsampler
 
 PROPERTY_PREFIX = "lensfield_"
-BASIS = {REFLECTANCE: reflectance_basis, EMISSION: reflectance_basis, CHANNELS: channel_basis}
+BASIS = {REFLECTANCE: colour_basis, EMISSION: colour_basis, CHANNELS: channel_basis}
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,7 @@ class Assigned:
     lamp : Lamp or None
         What its colours are seen by as it emits; None where each input has its own.
     tint : (float, float, float)
-        Linear Rec. 709 colour of all that it emits.
+        Colour of all that it emits, in the working space.
     shared_group : bool
         Whether it shines in a light group of several spectra.
     """
@@ -211,7 +213,7 @@ class Substitution:
             return self._upsampled(tree, basis, feeding(socket))
         colour = np.array(constant[:3])
         if how != CHANNELS:
-            return self._factor(tree, lambda nm: basis(nm) @ colour)
+            return self._factor(tree, lambda nm: np.maximum(basis(nm) @ colour, 0))
         self.factors.append(lambda nm: np.exp(-(basis(nm) @ colour) / max(colour.max(), 1e-9)))  # as of an absorber
         return self._attribute(tree, lambda nm: basis(nm) @ colour)
 
@@ -224,7 +226,7 @@ class Substitution:
 
         def light_at(nm):
             relative = 1.0 if group is lamp else self._lamps.shared_density_at(lamp, nm) / group.density_at(nm)
-            return relative * (reflectance_basis(nm) @ tint)
+            return relative * np.maximum(colour_basis(nm) @ tint, 0)
 
         if assigned.emission:
             return self._glow(tree, light_at)
@@ -234,10 +236,11 @@ class Substitution:
         constant = constant_of(socket)
         if constant is None:
             self.mixed_colours = True
-            colour = self._upsampled(tree, reflectance_basis, feeding(socket))
+            colour = self._upsampled(tree, colour_basis, feeding(socket))
             own = group is lamp and np.all(tint == 1)
             return colour if own else multiplied(tree, colour, self._glow(tree, light_at))
-        return self._glow(tree, lambda nm: light_at(nm) * (reflectance_basis(nm) @ np.array(constant[:3])))
+        colour = np.array(constant[:3])
+        return self._glow(tree, lambda nm: light_at(nm) * np.maximum(colour_basis(nm) @ colour, 0))
 
     def _index(self, tree, refraction):
         node = attribute_node(tree, self._property(refraction.n_at))

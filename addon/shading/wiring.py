@@ -38,7 +38,7 @@ def multiplied(tree, first, second):
 
 
 def upsampler(name, row_properties):
-    """A new node group: linear Rec. 709 colour -> its values at the pass's three wavelengths.
+    """A new node group: colour -> its values at the pass's three wavelengths, cut at 0.
 
     `row_properties` name the scene's properties that hold a basis at these wavelengths, red, green and blue of one in
     each.
@@ -54,5 +54,8 @@ def upsampler(name, row_properties):
         group.links.new(colour, product.inputs[0])
         group.links.new(attribute_node(group, row).outputs["Vector"], product.inputs[1])
         group.links.new(product.outputs["Value"], combine.inputs[channel])
-    group.links.new(combine.outputs[0], group.nodes.new("NodeGroupOutput").inputs[0])
+    cut = group.nodes.new("ShaderNodeVectorMath")
+    cut.operation = "MAXIMUM"
+    group.links.new(combine.outputs[0], cut.inputs[0])
+    group.links.new(cut.outputs[0], group.nodes.new("NodeGroupOutput").inputs[0])
     return group

@@ -7,6 +7,7 @@ import pytest
 
 from lensfield.addon.scene.compositor import NAME, compositing_tree, lens_image
 from lensfield.addon.scene.errors import SceneError
+from lensfield.addon.scene.working_space import rec709_from_working
 from small_scenes import render, set_world
 
 
@@ -39,6 +40,20 @@ def test_composite_is_the_lens_image(scene, tmp_path):
     composite = render_composite(scene, tmp_path / "composite.exr")
     np.testing.assert_allclose(composite, read_rgb(result.lens_image), rtol=1e-5)
     assert composite.mean() > 0.1
+
+
+@pytest.mark.skipif(bpy.app.version < (5, 0, 0), reason="this Blender has one working space")
+@pytest.mark.parametrize("space", ["Linear Rec.2020", "ACEScg"])
+def test_composite_is_the_lens_image_in_other_working_spaces(scene, tmp_path, space):
+    set_world(scene, (0.6, 0.4, 0.2))
+    bpy.ops.wm.set_working_color_space(working_space=space)
+    try:
+        result = render(scene, tmp_path, to_compositor=True)
+        composite = render_composite(scene, tmp_path / "composite.exr")  # which is in the working space
+        expected = np.tensordot(np.linalg.inv(rec709_from_working()), read_rgb(result.lens_image), axes=1)
+    finally:
+        bpy.ops.wm.set_working_color_space(working_space="Linear Rec.709")
+    np.testing.assert_allclose(composite, expected, rtol=1e-4)
 
 
 def test_lens_image_is_as_bright_as_the_world(scene, tmp_path):

@@ -351,17 +351,6 @@ def test_grease_pencil_is_rejected(scene):
     assert finding.verdict == REJECTED and finding.object_names == ("Strokes",) and "Grease" not in finding.node
 
 
-def test_another_working_space_is_rejected(scene):
-    if not hasattr(getattr(bpy.data, "colorspace", None), "working_space"):
-        pytest.skip("this Blender has one working space")
-    before = bpy.data.colorspace.working_space
-    bpy.ops.wm.set_working_color_space(working_space="Linear Rec.2020")
-    try:
-        assert lint(scene)[0].verdict == REJECTED and "Linear Rec.2020" in lint(scene)[0].text
-    finally:
-        bpy.ops.wm.set_working_color_space(working_space=before)
-
-
 def test_findings_come_worst_first_and_once(scene):
     for name in ("First", "Second"):
         shader = painted(scene, "ShaderNodeBsdfPrincipled", name)
