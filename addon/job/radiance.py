@@ -55,6 +55,7 @@ def capture(scene, job, result, share):
         go_to_frame(scene, job.frame, journal)
         check_camera(scene)
         plan, substitution, groups = plan_scene(scene, job, grid, journal)
+        plan.check()
         names = groups.part(rendered_layer(scene), journal)
         guard_render_state(scene, job.lens, grid, job.denoise, folder / "pass.exr", journal)
         for path in result.files:

@@ -39,6 +39,8 @@ class ScenePlan:
         Why a pass carries a single wavelength, if it does.
     unfit : bool
         Whether there is something in the scene that Cycles renders in red, green and blue, whatever the wavelengths.
+    refusals : tuple of SceneError
+        Why the scene cannot be rendered as it stands, after all; the plan is that of what is known of it.
     """
 
     choice: WavelengthChoice
@@ -47,6 +49,7 @@ class ScenePlan:
     dispersive: bool
     apart: str
     unfit: bool
+    refusals: tuple = ()
 
     @property
     def bands(self):
@@ -74,12 +77,18 @@ class ScenePlan:
 
     @property
     def text(self):
-        """The passes, why these, and how true colours will be, in one line."""
+        """The passes, why these, how true colours will be, and what stands in the way, in one line."""
         renders = f"{len(self.bands)} Cycles render{'s' * (len(self.bands) > 1)}"
         why = "; ".join(filter(None, (self.choice.reason, self.apart)))
         text = f"{renders} at {', '.join(f'{nm:g}' for nm in self.choice.nodes_nm)} nm: {why}"
         error = self.choice.colour_error
-        return text + (f"; colours within a CIEDE2000 of about {error:.2g}" if error else "")
+        text += f"; colours within a CIEDE2000 of about {error:.2g}" if error else ""
+        return "; refused for now: ".join([text, *map(str, self.refusals)])
+
+    def check(self):
+        """Raise the first of the refusals."""
+        if self.refusals:
+            raise self.refusals[0]
 
 
 def check_job(scene, job):
@@ -103,7 +112,13 @@ def check_job(scene, job):
 
 
 def foresee(scene, job):
-    """The ScenePlan that a job would follow; raises what the job would. The scene is left as it is."""
+    """The ScenePlan that a job would follow, or could but for its refusals. The scene is left as it is.
+
+    Raises
+    ------
+    LensError, SceneError, InputError
+        Nothing can be foreseen: what the job would raise for the camera, the view layers or the wavelengths.
+    """
     check_job(scene, job)
     with Journal() as journal:
         go_to_frame(scene, job.frame, journal)
@@ -114,6 +129,9 @@ def foresee(scene, job):
 def plan_scene(scene, job, grid, journal):
     """Judge a scene, wire it for its passes, and plan them.
 
+    What cannot be rendered by wavelengths, where the job does not take that as it comes, and spectra that cannot be
+    read are among the plan's refusals; the latter are left out of it.
+
     Returns
     -------
     ScenePlan, Substitution, LightGroups
@@ -121,14 +139,13 @@ def plan_scene(scene, job, grid, journal):
     Raises
     ------
     SceneError
-        Something in the scene cannot be rendered by wavelengths, and the job does not take that as it comes.
+        Something in the scene cannot be planned for.
     """
     spectra = AssignedSpectra()
     rendered = rendered_blocks(scene)
-    spectra.check(block for block in rendered if hasattr(block, "lensfield"))
     findings = judge(scene, rendered, spectra)
+    findings = [finding for finding in findings if not finding.of_spectrum]
     rejected = [finding for finding in findings if finding.verdict == REJECTED]
-    _refuse(scene, rejected, job.unfit)
     shining, glass = _survey(scene, spectra, job, grid)
     coupled = [str(finding) for finding in findings if finding.verdict in (REJECTED, SEPARATED)]
     apart = "" if job.spectral.tier == "preview" else glass or next(iter(coupled), "")
@@ -139,16 +156,18 @@ def plan_scene(scene, job, grid, journal):
     choice = choose_wavelengths(substitution.factors, [lamp.output_at for lamp in groups.lamps], job.wavelengths_nm,
                                job.spectral, mixed_colours=substitution.mixed_colours or bool(rejected),
                                per_pass=per_pass, dispersive=bool(glass))
-    return ScenePlan(choice, groups.lamps, per_pass, bool(glass), apart, bool(rejected)), substitution, groups
+    refusals = *spectra.errors(rendered), *_refusals(rejected if job.unfit == "refuse" else ())
+    plan = ScenePlan(choice, groups.lamps, per_pass, bool(glass), apart, bool(rejected), refusals)
+    return plan, substitution, groups
 
 
-def _refuse(scene, rejected, unfit):
-    """Raise a SceneError for the first of what cannot be rendered by wavelengths, unless that is to be ignored."""
-    if rejected and unfit == "refuse":
+def _refusals(rejected):
+    """The SceneError for what cannot be rendered by wavelengths, if there is any."""
+    if rejected:
         others = f" (and {len(rejected) - 1} more)" if len(rejected) > 1 else ""
-        raise SceneError(rejected[0].place, "node", "rejected",
+        yield SceneError(rejected[0].place, "node", "rejected",
                          f"{rejected[0].text}{others}; Check Scene and `lensfield lint` list all; or have unfit nodes "
-                         "rendered as Cycles does, wrong as that is")
+                         "rendered as Cycles does, in RGB")
 
 
 def _survey(scene, spectra, job, grid):

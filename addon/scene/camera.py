@@ -16,6 +16,8 @@ CAMERA_SENSOR_MM = 36.0  # Blender's limits on focal lengths are made for this; 
 FISHEYE_TYPE = "FISHEYE_LENS_POLYNOMIAL"
 WHOLE_SPHERE = 2 * np.pi  # a field of view that cuts nothing off
 FIT_SAMPLES = 257
+TO_PERSPECTIVE = ("a lens sees in perspective: choose Perspective for the Type in the camera's properties, then Match "
+                  "Camera to Lens to frame by")
 
 
 def frame_px(scene):
@@ -61,9 +63,9 @@ def check_camera(scene):
     if camera.data.type == "PANO":
         kind = camera.data.panorama_type
         if kind != FISHEYE_TYPE:  # the one that match_camera_to_lens makes
-            raise SceneError(where, "panorama type", kind, "expected a perspective camera or a fisheye lens polynomial")
+            raise SceneError(where, "panorama type", kind, TO_PERSPECTIVE)
     elif camera.data.type != "PERSP":
-        raise SceneError(where, "type", camera.data.type, "expected a perspective camera")
+        raise SceneError(where, "type", camera.data.type, TO_PERSPECTIVE)
     if camera.data.shift_x or camera.data.shift_y:
         raise SceneError(where, "shift", f"{camera.data.shift_x:g}, {camera.data.shift_y:g}",
                          "the lens stands centred: set the shift to 0")
@@ -125,7 +127,7 @@ def lens_for_view(scene, lens, view):
     check_camera(scene)
     camera, frame = scene.camera.data, frame_px(scene)
     if camera.type != "PERSP":
-        raise SceneError(f"camera {scene.camera.name!r}", "type", camera.type, "expected a perspective camera")
+        raise SceneError(f"camera {scene.camera.name!r}", "type", camera.type, TO_PERSPECTIVE)
     pixel_mm = _pixel_mm(camera, frame)
     factor = camera.lens / lens.capture_focal_length_mm  # camera.lens is in mm, in whatever unit Blender shows it
     adapted = scaled_lens(lens, factor, (frame[1] * pixel_mm, frame[0] * pixel_mm))

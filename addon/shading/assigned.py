@@ -18,30 +18,41 @@ class AssignedSpectra:
         self._read = {}
 
     def of(self, data_block, field):
-        """The spectrum or refraction that a field of a data-block names, or None.
+        """The spectrum or refraction that a field of a data-block names; None without one, or where it has an error."""
+        return self._outcome(data_block, field)[0]
 
-        Raises
-        ------
-        SceneError
-            It cannot be read; an emission has no light in BAND_NM, or a refraction's k is not known where it counts.
+    def error_of(self, data_block, field):
+        """The SceneError of a field whose text cannot be read, or None.
+
+        Nor can an emission be that has no light in BAND_NM, or a refraction whose k is not known where it counts.
         """
+        error = self._outcome(data_block, field)[1]
+        return error and SceneError(f"{data_block.rna_type.name.lower()} {data_block.name!r}", WORDS[field],
+                                    getattr(data_block.lensfield, field).strip(),
+                                    f"{error.field} {error.value}: {error.remedy}")
+
+    def errors(self, data_blocks):
+        """All errors of these data-blocks."""
+        found = [self.error_of(block, field) for block in data_blocks for field in fields_of(block)]
+        return [error for error in found if error]
+
+    def _outcome(self, data_block, field):
         text = getattr(data_block.lensfield, field).strip()
         if not text:
-            return None
+            return None, None
         key = field, text, data_block.library  # relative paths are beside the .blend that a data-block is from
         if key not in self._read:
             self._read[key] = _load(data_block, field, text)
         return self._read[key]
 
-    def check(self, data_blocks):
-        """Raise a SceneError for the first that cannot be read."""
-        for data_block in data_blocks:
-            for field in LOADERS:
-                if hasattr(data_block.lensfield, field):
-                    self.of(data_block, field)
+
+def fields_of(data_block):
+    """The fields of a data-block that may name something."""
+    return [field for field in LOADERS if hasattr(getattr(data_block, "lensfield", None), field)]
 
 
 def _load(data_block, field, text):
+    """What a text names, and None; or None, and the InputError that tells why not."""
     try:
         # Blender writes paths beside the .blend as //name.
         loaded = LOADERS[field](bpy.path.abspath(text, library=data_block.library),
@@ -50,7 +61,6 @@ def _load(data_block, field, text):
             loaded.density_at(BAND_NM)
         if field == "refraction":
             loaded.k_at(D_LINE_NM)
-        return loaded
     except InputError as error:
-        raise SceneError(f"{data_block.rna_type.name.lower()} {data_block.name!r}", WORDS[field], text,
-                         f"{error.field} {error.value}: {error.remedy}") from None
+        return None, error
+    return loaded, None

@@ -10,10 +10,9 @@ from dataclasses import dataclass
 
 import bpy
 
-from ..scene.errors import SceneError
 from ..scene.instances import DRAWN_TYPES, rendered_blocks
 from ..scene.working_space import REC709, working_space
-from .assigned import LOADERS, AssignedSpectra
+from .assigned import WORDS, AssignedSpectra, fields_of
 from .closure_rules import LENGTHS, channels_finding, closure_findings, is_idle
 from .lamps import blackbody_temperature, uses_nodes
 from .node_paths import constant_of, source_of
@@ -66,6 +65,11 @@ class Finding:
         path = " > ".join(filter(None, (f"{self.block_type} {self.block_name!r}", self.node, self.socket)))
         return ": ".join(filter(None, (objects, path)))
 
+    @property
+    def of_spectrum(self):
+        """Whether it is about a spectrum that cannot be read, and so about no node."""
+        return self.verdict == REJECTED and self.socket in WORDS.values()
+
     def __str__(self):
         return ": ".join(filter(None, (self.place, self.verdict, self.text)))
 
@@ -112,12 +116,8 @@ def _judged(block, spectra):
     """(node, socket, verdict, text) of everything in a data-block."""
     if block.id_type in DRAWN_TYPES | {"GREASEPENCIL_V3"}:
         return [("", "", REJECTED, DRAWN)]
-    given, found = {}, []
-    for field in (field for field in LOADERS if hasattr(block.lensfield, field)):
-        try:
-            given[field] = spectra.of(block, field)
-        except SceneError as error:
-            found.append(("", error.field, REJECTED, f"{error.value}: {error.remedy}"))
+    given = {field: spectra.of(block, field) for field in fields_of(block)}
+    found = [("", error.field, REJECTED, f"{error.value}: {error.remedy}") for error in spectra.errors([block])]
     if isinstance(block, bpy.types.Light):
         found.append(("", *_light_colour(block, given)))
     if not uses_nodes(block):

@@ -86,7 +86,7 @@ class Substitution:
     Raises
     ------
     SceneError
-        A spectrum that cannot be read, or a data-block that cannot be given a stand-in.
+        A data-block that cannot be given a stand-in.
     """
 
     def __init__(self, scene, journal, spectra, lamps, groups, rendered):

@@ -1,5 +1,6 @@
 """The plan of a scene: no more passes than it takes, why, and that what it promises is so in the picture."""
 
+from dataclasses import replace
 from functools import cache
 
 import bpy
@@ -389,3 +390,37 @@ def test_foresight_refuses_what_the_render_would(scene):
     scene.view_layers.new("Second")
     with pytest.raises(SceneError, match="view layers for rendering"):
         foresee(scene, job)
+
+
+def foreseen(scene, **changes):
+    from lensfield.addon.job.scene_plan import foresee
+    from lensfield.addon.ui.operators import job_from_settings
+
+    return foresee(scene, replace(job_from_settings(scene), **changes))
+
+
+def test_a_misspelt_spectrum_hides_no_plan_but_refuses_the_render(room, tmp_path):
+    known = foreseen(room)
+    for name in ("chart-15-red", "chart-14-green"):
+        bpy.data.materials[name].lensfield.reflectance = "no-such-paint"
+    plan = foreseen(room)
+    assert {error.where for error in plan.refusals} == {"material 'chart-15-red'", "material 'chart-14-green'"}
+    assert "Cycles renders at" in plan.text and plan.text.count("reflectance spectrum is no-such-paint") == 2
+    assert plan.per_pass == 3 and not plan.apart and not known.refusals
+    with pytest.raises(SceneError, match="reflectance spectrum is no-such-paint"):
+        rendered(room, tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_default_is_planned_in_the_place_of_a_misspelt_spectrum(scene):
+    light(scene, "POINT", 10.0).data.lensfield.emission = "no-such-lamp"
+    plan = foreseen(scene)
+    assert [lamp.name for lamp in plan.lamps] == ["daylight D65"] and "no-such-lamp" in plan.text
+
+
+def test_unfit_nodes_hide_no_plan_but_refuse_the_render(scene):
+    film(scene)
+    plan = foreseen(scene)
+    refusal, = plan.refusals
+    assert "Thin Film Thickness" in str(refusal) and plan.text.endswith(str(refusal)) and "Cycles render" in plan.text
+    assert not foreseen(scene, unfit="render").refusals
