@@ -67,9 +67,11 @@ def capture(scene, job, result, share):
             substitution.set_wavelengths(band, plan.dispersive)
             step = share / len(plan.bands)
             yield RenderPass(scene, f"Pass {index + 1} of {len(plan.bands)}: {_span(band)} nm", step * index, step)
-            yield Work(lambda tell: gathered.add(index, folder / "pass.exr"), "Gathering light", step * (index + 1))
+            yield Work(lambda tell, index=index: gathered.add(index, folder / "pass.exr"), "Gathering light",
+                       step * (index + 1))
             if job.picture:
-                yield Work(lambda tell: gathered.show(index, job.picture), "Showing it so far", step * (index + 1))
+                yield Work(lambda tell, index=index: gathered.show(index, job.picture), "Showing it so far",
+                           step * (index + 1))
     result.report.scene = gathered.facts(job)
     return SpectralImage(gathered.radiance(), job.wavelengths_nm, grid)
 

@@ -222,7 +222,7 @@ def test_coloured_specular_tint_has_each_wavelength_by_itself(scene, tmp_path):
     together, facts = rendered(scene, tmp_path, WAVELENGTHS_NM, "reference")
     assert facts["passes"] == 3 and facts["wavelengths_per_pass"] == 1
     assert all(word in facts["scene_plan"] for word in ("Sphere", "'Tinted'", "Specular Tint"))
-    for plane, nm in zip(together, WAVELENGTHS_NM):
+    for plane, nm in zip(together, WAVELENGTHS_NM, strict=True):
         alone, _ = rendered(scene, tmp_path, [nm])
         np.testing.assert_allclose(plane, alone[0], rtol=1e-5, atol=1e-8)
 

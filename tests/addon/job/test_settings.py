@@ -103,7 +103,7 @@ def test_a_render_by_accuracy_keeps_what_it_promises(scene, tmp_path):
     assert result.report.lens_image.plan.error_bound <= 0.02
     radiance, image = read_exr(result.radiance), read_exr(result.irradiance)
     true = simulate(radiance, Lens.load("edmund-54852"), Options(method="exact"))
-    for plane, true_plane in zip(image.cube.astype(float), true.cube):
+    for plane, true_plane in zip(image.cube.astype(float), true.cube, strict=True):
         assert np.abs(plane - true_plane).sum() <= 0.02 * true_plane.sum()
 
 
