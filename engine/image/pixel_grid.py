@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any, TypeGuard
 
 import numpy as np
 
@@ -111,10 +112,10 @@ class PixelGrid:
 
 def is_positive(value: object) -> bool:
     """Whether this is a finite number above 0."""
-    return _is_number(value) and bool(np.isfinite(value)) and value > 0
+    return _is_number(value) and bool(0 < value < np.inf)
 
 
-def _is_number(value):
+def _is_number(value: Any) -> TypeGuard[float]:
     return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
 
 
