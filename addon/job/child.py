@@ -28,14 +28,31 @@ EXTENSION = __package__.rsplit(".", 2)[0]
 def save_copy(folder):
     """Save the file as it is, unsaved edits included, into a folder; the path of the copy.
 
-    Everything stays as it was: the file's own path, what is unsaved, and the steps that can be undone.
+    Everything stays as it was: the file's own path, what is unsaved, and the steps that can be undone. Simulations that
+    are cached on disk are found beside the copy too, by a link.
+
+    Raises
+    ------
+    SceneError
+        The copy cannot be saved, or the caches not be linked.
     """
     path = Path(folder) / (Path(bpy.data.filepath).name or "unsaved.blend")
     try:
         bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True, relative_remap=True, compress=False)
     except RuntimeError as error:
         raise SceneError(path, "copy of the file", "not to be saved", str(error).strip()) from None
+    caches = Path(bpy.data.filepath).parent / f"blendcache_{path.stem}"  # as Blender calls it
+    if bpy.data.filepath and caches.is_dir():
+        _link(path.with_name(caches.name), caches)
     return path
+
+
+def _link(path, folder):
+    try:
+        path.symlink_to(folder, target_is_directory=True)
+    except OSError as error:  # some systems do not let everyone
+        raise SceneError(folder, "simulation caches", "not to be linked",
+                         f"bake them into the file instead ({error.strerror})") from None
 
 
 def unsaved_images():

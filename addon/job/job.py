@@ -74,9 +74,9 @@ def check_output_folder(scene):
 
 
 def look_beside(folder):
-    """Let paths in Lensfield's settings start from another folder than the .blend's, which is a copy of one there.
+    """Let paths start from another folder than the .blend's, which is a copy of one there.
 
-    Blender sees to its own paths alone as it saves a copy.
+    These are in Lensfield's settings, and of geometry nodes' bakes: Blender sees to all others as it saves a copy.
 
     Parameters
     ----------
@@ -90,3 +90,6 @@ def look_beside(folder):
             path = os.path.join(folder, bpy.path.abspath(getattr(block.lensfield, field, ""), start=str(folder)))
             if block.library is None and os.path.isfile(path):  # not the name of a library's spectrum, nor pairs
                 setattr(block.lensfield, field, path)
+    for modifier in (modifier for obj in bpy.data.objects for modifier in obj.modifiers if modifier.type == "NODES"):
+        for owner, field in ((modifier, "bake_directory"), *((bake, "directory") for bake in modifier.bakes)):
+            setattr(owner, field, bpy.path.abspath(getattr(owner, field), start=str(folder)))

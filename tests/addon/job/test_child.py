@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 from PIL import Image
 
 from lensfield.addon.job import child
+from lensfield.addon.job.job import look_beside
 from small_scenes import light, material, wall
 from snapshot import differences, snapshot
 
@@ -41,6 +43,22 @@ def test_the_copy_has_what_is_unsaved_and_all_else_stays(scene, tmp_path):
     assert "Edited" in bpy.data.objects
     path = bpy.data.images["texture.png"].filepath
     assert path.startswith("//..") and bpy.path.abspath(path) == str(folder / ".." / "own" / "texture.png")
+
+
+def test_simulations_cached_on_disk_are_found_beside_the_copy(scene, tmp_path):
+    caches = tmp_path / "own" / "blendcache_scene"
+    caches.mkdir(parents=True)
+    (caches / "0001.bphys").write_text("cloth")
+    modifier = wall(scene, material("Paint", "ShaderNodeBsdfDiffuse")[0]).modifiers.new("Nodes", "NODES")
+    modifier.bake_directory = "//bakes"
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "own" / "scene.blend"))
+    with tempfile.TemporaryDirectory(dir=tmp_path) as elsewhere:
+        copy = child.save_copy(elsewhere)
+        assert (copy.parent / "blendcache_scene" / "0001.bphys").read_text() == "cloth"
+        bpy.ops.wm.open_mainfile(filepath=str(copy))
+        look_beside(tmp_path / "own")
+        assert bpy.data.objects["Wall"].modifiers["Nodes"].bake_directory == str(tmp_path / "own" / "bakes")
+    assert (caches / "0001.bphys").read_text() == "cloth"
 
 
 def test_a_file_never_saved_has_a_copy_too(scene, tmp_path):
