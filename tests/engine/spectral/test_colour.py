@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from lensfield.engine.spectral.colour import encode_srgb, rec709_weights
-from lensfield.engine.spectral.spectra import emission_basis, load_spectrum, white_density
+from lensfield.engine.spectral.spectra import emission_basis, load_spectrum, reflectance_basis, white_density
+from lensfield.engine.spectral.wavelength_choice import SpectralOptions, choose_wavelengths
 
 FINE_NM = np.arange(380.0, 781.0, 5.0)
 
@@ -30,6 +31,23 @@ def test_a_single_wavelength_makes_a_grey_picture(nm):
 @pytest.mark.parametrize("rgb", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (0.2, 0.5, 0.8), (5.0, 1.0, 0.3)])
 def test_a_light_of_a_colour_has_that_colour(rgb):
     np.testing.assert_allclose(colour_of(emission_basis(FINE_NM) @ rgb, FINE_NM), rgb, atol=1e-2 * max(rgb))
+
+
+@pytest.mark.parametrize("count, within", [(21, 0.011), (31, 0.005), (61, 0.0025)])
+def test_more_wavelengths_tell_the_primaries_better(count, within):
+    """As the README has it: they are on the edge of the gamut, and come out a little beyond it."""
+    nm = np.linspace(400, 700, count)
+    seen = colour_of(emission_basis(nm).T, nm)
+    np.testing.assert_allclose(seen, np.eye(3), atol=within)
+    assert np.abs(seen - np.eye(3)).max() > within / 2 and -0.0025 < seen.min() < 0
+
+
+def test_preview_tells_the_primaries_within_two_per_cent():
+    nm = np.linspace(400, 700, 21)
+    primaries = [lambda nm, channel=channel: reflectance_basis(nm)[:, channel] for channel in range(3)]
+    choice = choose_wavelengths(primaries, [white_density], nm, SpectralOptions("preview"))
+    seen = colour_of((choice.weights @ reflectance_basis(choice.nodes_nm)).T * white_density(nm), nm)
+    np.testing.assert_allclose(seen, np.eye(3), atol=0.02)
 
 
 @pytest.mark.parametrize("nm, order", [(620, "RGB"), (465, "BGR")])
