@@ -101,7 +101,8 @@ class LensfieldSettings(bpy.types.PropertyGroup):
                                     default="450, 550, 650")
     tier: EnumProperty(
         name="Spectra", default="STANDARD", description="How many wavelengths Cycles renders",
-        items=[("PREVIEW", "Preview", "One Cycles pass of three wavelengths tells all others, roughly"),
+        items=[("PREVIEW", "Preview", "One Cycles pass of three wavelengths tells all others, roughly: pure reds, "
+                                      "greens and blues to 2 %"),
                ("STANDARD", "Standard", "As many as keep colours within what can just be seen: often 6 to 12, fewer "
                                         "where the scene needs no more; all others follow from them"),
                ("REFERENCE", "Reference", "Each wavelength is rendered"),
@@ -114,7 +115,8 @@ class LensfieldSettings(bpy.types.PropertyGroup):
         name="Unfit Nodes", default="REFUSE",
         description="Nodes that Cycles renders in red, green and blue alone; Check Scene lists them",
         items=[("REFUSE", "Refuse", "Stop with an error that names the first"),
-               ("RENDER", "Render Anyway", "Take what Cycles makes of them, wrong as it is")])
+               ("RENDER", "Render Anyway", "Take the colours that Cycles gives them, made spectra as other colours "
+                                           "are. Beyond Preview each wavelength then takes a render")])
     quality: EnumProperty(
         name="Quality", default="ACCURACY", description="How the lens image's accuracy is asked for",
         items=[("ACCURACY", "By result", "Say how accurate the picture has to be; the quickest way there is chosen"),

@@ -393,8 +393,8 @@ def test_foresight_refuses_what_the_render_would(scene):
 
 
 def foreseen(scene, **changes):
+    from lensfield.addon.job.job import job_from_settings
     from lensfield.addon.job.scene_plan import foresee
-    from lensfield.addon.ui.operators import job_from_settings
 
     return foresee(scene, replace(job_from_settings(scene), **changes))
 
