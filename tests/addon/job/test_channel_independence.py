@@ -122,6 +122,15 @@ def test_company_of_a_wavelength_changes_nothing_but_the_noise(scene, tmp_path, 
         assert_means(planes, alone, noise=COUPLED)
 
 
+def test_filter_glossy_takes_no_part(scene, tmp_path):
+    """It blurs what paths see after a bounce by how probable that was, for all channels of a pass together."""
+    furnish(scene, principled("glass", samples=4, Transmission_Weight=1.0, Roughness=0.2))
+    scene.cycles.blur_glossy = 0.0
+    sharp = radiance(scene, tmp_path, TOGETHER_NM)
+    scene.cycles.blur_glossy = 1.0
+    np.testing.assert_array_equal(radiance(scene, tmp_path, TOGETHER_NM), sharp)
+
+
 def test_planes_of_a_coloured_ball_differ_between_wavelengths(scene, tmp_path):
     """Were all planes alike, the tests above would say nothing."""
     furnish(scene, EXACT_KINDS[0])
