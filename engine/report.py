@@ -172,6 +172,8 @@ class Report:
         Seconds spent in each stage, without the stages inside it.
     lens_image, scene, file
         Facts about the lens image, and about the scene or the file that it was made of.
+    files : dict of str: str
+        Where what it made is, by what it is.
     frames : dict of int: Report
         Of a sequence, by the number of the frame; it has no other facts.
     """
@@ -180,6 +182,7 @@ class Report:
     lens_image: LensImageFacts | None = None
     scene: SceneFacts | None = None
     file: FileFacts | None = None
+    files: dict[str, str] = field(default_factory=dict)
     frames: dict[int, "Report"] = field(default_factory=dict)
     _started: list[float] = field(default_factory=list, repr=False)
 
@@ -229,6 +232,8 @@ class Report:
             facts["plan"] = self.lens_image.plan.as_dict()
         if self.scene:
             facts["depth"]["text"] = self.scene.depth.text
+        if self.files:
+            facts["files"] = dict(self.files)
         if self.frames:
             images = [report.lens_image for report in self.frames.values() if report.lens_image]
             facts |= {"lens": images[0].lens, "plan": images[0].plan.as_dict(),

@@ -23,6 +23,26 @@ from .scene_plan import plan_scene
 ROWS_AT_ONCE = 16  # which stay in the processor's cache
 BLOCK_PX = 8  # side of the blocks whose means are free enough of noise to judge spectra by
 M_TO_MM = 1e3
+BACKGROUND_M = 1e10
+
+
+@dataclass(frozen=True, eq=False)
+class Captured:
+    """What the passes tell of a scene.
+
+    Attributes
+    ----------
+    radiance : SpectralImage
+        Premultiplied by alpha.
+    depth_m : float32 array (row, column)
+        As Blender's depth passes have it: along the optical axis, BACKGROUND_M where nothing is.
+    alpha : float32 array (row, column) or None
+        None where the film is not transparent.
+    """
+
+    radiance: SpectralImage
+    depth_m: np.ndarray
+    alpha: np.ndarray | None
 
 
 @dataclass(frozen=True)
@@ -49,7 +69,7 @@ class Work:
 
 
 def capture(scene, job, result, share):
-    """Steps that render the scene's spectral radiance, up to a `share` of the whole job; returns a SpectralImage."""
+    """Steps that render the scene's spectral radiance, up to a `share` of the whole job; returns what is Captured."""
     grid = capture_grid(scene, job.lens, job.wavelengths_nm)
     with temporary_folder() as folder, Journal() as journal:
         go_to_frame(scene, job.frame, journal)
@@ -72,8 +92,11 @@ def capture(scene, job, result, share):
             if job.picture:
                 yield Work(lambda tell, index=index: gathered.show(index, job.picture), "Showing it so far",
                            step * (index + 1))
-    result.report.scene = gathered.facts(job)
-    return SpectralImage(gathered.radiance(), job.wavelengths_nm, grid)
+    depth_mm = planar_depth_mm(gathered.depth_m * M_TO_MM, job.lens, grid)
+    result.report.scene = gathered.facts(job, depth_mm)
+    return Captured(SpectralImage(gathered.radiance(), job.wavelengths_nm, grid),
+                    np.where(np.isfinite(depth_mm), depth_mm / M_TO_MM, BACKGROUND_M).astype(np.float32),
+                    gathered.alpha if scene.render.film_transparent else None)
 
 
 class _Gathered:
@@ -83,14 +106,14 @@ class _Gathered:
         self._plan, self._grid = plan, grid
         self._light_passes, self._depth_pass = light_passes, depth_pass
         self._cube = np.zeros((plan.choice.output_nm.size, *grid.shape_px), np.float32)
-        self._blocks, self._depth_m = [], None
+        self._blocks, self.depth_m, self.alpha = [], None, None
 
     def add(self, index, path):
-        """Add a pass's light of each lamp in red, green and blue; and keep its depth."""
+        """Add a pass's light of each lamp in red, green and blue; and keep its depth and alpha."""
         planes = _read_pass(path)
-        self._depth_m = planes[self._depth_pass]
-        if self._depth_m.shape != self._grid.shape_px:
-            raise SceneError("Cycles", "render pass", f"of {self._depth_m.shape} px",
+        self.depth_m, self.alpha = planes[self._depth_pass], planes[f"{self._light_passes[0]}.A"]
+        if self.depth_m.shape != self._grid.shape_px:
+            raise SceneError("Cycles", "render pass", f"of {self.depth_m.shape} px",
                              f"expected {self._grid.shape_px}")
         mix = self._plan.mix(index)
         shares = (self._plan.shares(index) @ mix).astype(np.float32)
@@ -115,10 +138,9 @@ class _Gathered:
         """The sum of all passes: array (wavelength, row, column). No light is negative, though an estimate may be."""
         return np.maximum(self._cube, 0, out=self._cube)
 
-    def facts(self, job):
+    def facts(self, job, depth_mm):
         """The plan, and what the passes tell of it: how well spectra were foreseen, and the frame's depths."""
         plan, choice, (top, left) = self._plan, self._plan.choice, self._grid.overscan_px
-        depth_mm = planar_depth_mm(self._depth_m * M_TO_MM, job.lens, self._grid)
         rows, columns = self._grid.frame_px
         surprise = choice.surprise(np.array(self._blocks))
         foreign = bool(surprise > FOREIGN_SURPRISE)

@@ -10,14 +10,14 @@ from pathlib import Path
 import bpy
 
 from ...engine import Kept, Report, simulate
-from ...engine.image.preview import auto_exposure, to_rec709, write_png
-from ...engine.image.spectral_exr import write_exr, write_rgb_exr
+from ...engine.image.spectral_exr import write_exr
 from ..scene.compositor import lay_into_compositor
 from ..scene.errors import SceneError
 from ..scene.render_state import go_to_frame
 from ..scene.undo import Journal
 from ..scene.watch import samples_watched
 from .job import check_output_folder, job_from_settings
+from .pictures import write_pictures, write_radiance
 from .radiance import RenderPass, Work, capture
 from .scene_plan import check_job
 
@@ -31,20 +31,52 @@ def kept():
     return Kept()
 
 
+FRAME_FILES = {"radiance": "radiance.exr", "irradiance": "irradiance.exr", "lens_image": "lens_image.exr",
+               "depth": "depth.exr", "before": "before.png", "after": "after.png"}
+LENS_FILES = {name: f"{name}.exr" for name in ("relative_illumination", "stmap_distort", "stmap_undistort")}
+
+
 @dataclass(frozen=True)
 class Result:
-    """What a job left behind: spectral EXRs, the lens image in plain linear RGB, pictures, and the report."""
+    """What a job left behind.
+
+    Attributes
+    ----------
+    radiance, irradiance : Path
+        Spectral EXRs. The radiance has the capture's depth beside it and, of a transparent film, its alpha.
+    lens_image : Path
+        A plain EXR: linear R, G and B, premultiplied by its alpha.
+    depth : Path
+        In metres of the scene, where the lens puts it: nearest samples, 1e10 where nothing is.
+    before, after : Path
+        PNGs: the scene as a perfect pinhole and as the lens give it.
+    relative_illumination, stmap_distort, stmap_undistort : Path
+        Of the lens, one for all frames; docs/stmap.md has the convention.
+    report : Report
+    """
 
     radiance: Path
     irradiance: Path
     lens_image: Path
+    depth: Path
     before: Path
     after: Path
+    relative_illumination: Path
+    stmap_distort: Path
+    stmap_undistort: Path
     report: Report
+
+    @classmethod
+    def of(cls, scene, folder, frame):
+        """The Result of a frame of a scene in this folder; its report names the files."""
+        stem = bpy.path.clean_name(scene.name)
+        files = {name: folder / f"{stem}_{frame:04d}_{end}" for name, end in FRAME_FILES.items()} | {
+            name: folder / f"{stem}_{end}" for name, end in LENS_FILES.items()}
+        return cls(**files, report=Report(files={name: str(path) for name, path in files.items()}))
 
     @property
     def files(self):
-        return self.radiance, self.irradiance, self.lens_image, self.before, self.after
+        return tuple(getattr(self, name) for name in (*FRAME_FILES, *LENS_FILES))
 
     @property
     def told(self):
@@ -143,34 +175,23 @@ def render_steps(scene, job):
 
     Closing it at any step leaves the scene as it was and no half-written file.
     """
-    report = Report()
     check_job(scene, job)
-    stem = f"{bpy.path.clean_name(scene.name)}_{job.frame:04d}"
-    result = Result(*(job.output_folder / f"{stem}_{name}" for name in
-                      ("radiance.exr", "irradiance.exr", "lens_image.exr", "before.png", "after.png")), report)
+    result = Result.of(scene, job.output_folder, job.frame)
+    report = result.report
     with report.stage("multispectral render"):
-        radiance = yield from capture(scene, job, result, RENDER_SHARE)
-    yield Work(_timed(report, "write radiance", lambda tell: write_exr(radiance, result.radiance)),
+        captured = yield from capture(scene, job, result, RENDER_SHARE)
+    yield Work(_timed(report, "write radiance", lambda tell: write_radiance(captured, result.radiance)),
                "Writing radiance", RENDER_SHARE)
-    irradiance = yield Work(lambda tell: simulate(radiance, job.lens, job.options, progress=tell, report=report,
-                                                  kept=kept()),
+    irradiance = yield Work(lambda tell: simulate(captured.radiance, job.lens, job.options, progress=tell,
+                                                  report=report, kept=kept()),
                             f"Through {job.lens.name}", RENDER_SHARE + 0.02, 0.96 - RENDER_SHARE)
     yield Work(_timed(report, "write irradiance", lambda tell: write_exr(irradiance, result.irradiance)),
                "Writing irradiance", 0.98)
-    yield Work(_timed(report, "write pictures", lambda tell: _write_pictures(radiance, irradiance, result)),
+    yield Work(_timed(report, "write pictures", lambda tell: write_pictures(captured, irradiance, job, result)),
                "Writing pictures", 0.99)
     if job.to_compositor:
         lay_into_compositor(scene, result.lens_image)
     return result
-
-
-def _write_pictures(radiance, irradiance, result):
-    """The lens image; and, exposed alike, the frame as a perfect pinhole and as the lens give it."""
-    after = to_rec709(irradiance)
-    write_rgb_exr(after, result.lens_image)
-    exposure = auto_exposure(after)
-    write_png(to_rec709(radiance.frame()), result.before, exposure)
-    write_png(after, result.after, exposure)
 
 
 def _timed(report, stage, call):

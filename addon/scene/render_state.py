@@ -4,7 +4,7 @@ import bpy
 
 from .camera import set_up_capture
 
-RENDER = {"engine": "CYCLES", "film_transparent": False, "use_border": False, "use_compositing": False,
+RENDER = {"engine": "CYCLES", "use_border": False, "use_compositing": False,
           "use_sequencer": False, "use_multiview": False, "use_motion_blur": False, "use_freestyle": False,
           "use_overwrite": True, "use_placeholder": False, "use_file_extension": False, "use_persistent_data": True,
           "use_single_layer": False, "use_stamp": False, "resolution_percentage": 100}

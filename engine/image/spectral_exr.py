@@ -30,8 +30,8 @@ def channel_name(wavelength_nm: float) -> str:
     return f"S0.{wavelength_nm:.6f}nm".replace(".", ",").replace("S0,", "S0.", 1)
 
 
-def write_exr(image: SpectralImage, path: str | os.PathLike) -> None:
-    """Write a spectral image, whole or not at all.
+def write_exr(image: SpectralImage, path: str | os.PathLike, beside: dict[str, np.ndarray] | None = None) -> None:
+    """Write a spectral image, whole or not at all; and beside it planes such as A, alpha, and Z, depth, by channel.
 
     Radiance carries the layout's `emissiveUnits`; irradiance, for which the layout has no unit, does not. Both carry
     `lensfield:` attributes: quantity, units, pitchUm, and centrePx, the row and the column, in this order and in the
@@ -43,7 +43,7 @@ def write_exr(image: SpectralImage, path: str | os.PathLike) -> None:
     if len(planes) < len(image.wavelengths_nm):
         raise ImageError(path, "wavelengths_nm", image.wavelengths_nm.tolist(),
                          "channel names tell a millionth of a nanometre apart, no less")
-    planes |= _rgb_planes(to_rec709(image))
+    planes |= _rgb_planes(to_rec709(image)) | (beside or {})
     with atomic_path(path) as temporary, OpenEXR.File(_header(image), planes) as file:
         file.write(str(temporary))
 
@@ -71,11 +71,21 @@ def _header(image):
     return header
 
 
-def write_rgb_exr(rec709: np.ndarray, path: str | os.PathLike) -> None:
+def write_rgb_exr(rec709: np.ndarray, path: str | os.PathLike, alpha: np.ndarray | None = None) -> None:
     """Write a linear Rec. 709 picture (row, column, 3) as a plain EXR, for programs that take a spectral file's
-    channels for layers, as Blender does. Whole or not at all."""
+    channels for layers, as Blender does; with the alpha that it is premultiplied by. Whole or not at all."""
+    _write_plain(_rgb_planes(rec709) | ({} if alpha is None else {"A": alpha}), path)
+
+
+def write_plane_exr(plane: np.ndarray, path: str | os.PathLike) -> None:
+    """Write numbers (row, column) as a plain EXR of the one channel Y. Whole or not at all."""
+    _write_plain({"Y": plane}, path)
+
+
+def _write_plain(planes, path):
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    with atomic_path(path) as temporary, OpenEXR.File(header, _rgb_planes(rec709)) as file:
+    planes = {name: np.ascontiguousarray(plane, np.float32) for name, plane in planes.items()}
+    with atomic_path(path) as temporary, OpenEXR.File(header, planes) as file:
         file.write(str(temporary))
 
 

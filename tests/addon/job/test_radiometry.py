@@ -274,8 +274,8 @@ def test_lux_of_a_sun(scene, wall_at, tmp_path):
     ("cycles", "film_exposure", 2.5), ("view_settings", "exposure", 3.0),
     ("view_settings", "gamma", 2.0), ("view_settings", "view_transform", "Standard"),
     ("unit_settings", "scale_length", 0.001), ("cycles", "sample_clamp_direct", 0.001),
-    ("cycles", "sample_clamp_indirect", 0.001), ("render", "film_transparent", True),
-    ("render", "filter_size", 5.0), ("cycles", "pixel_filter_type", "BLACKMAN_HARRIS"),
+    ("cycles", "sample_clamp_indirect", 0.001), ("render", "filter_size", 5.0),
+    ("cycles", "pixel_filter_type", "BLACKMAN_HARRIS"),
     ("render", "use_border", True), ("render", "resolution_percentage", 50),
     ("render", "use_motion_blur", True), ("render", "dither_intensity", 2.0),
     ("render.image_settings", "color_mode", "BW"), ("cycles", "use_denoising", True),
@@ -289,13 +289,6 @@ def test_render_settings_do_not_change_the_radiance(scene, wall_at, tmp_path, ow
     setattr(operator.attrgetter(owner)(scene), name, value)
     expected = (WATTS / (4 * np.pi**2 * DISTANCE_M**2) + 0.5) / 400
     assert_means(radiance(scene, tmp_path), expected, PRECISION)
-
-
-def test_world_seen_through_a_transparent_film_is_there(scene, tmp_path):
-    set_world(scene)
-    scene.world.lensfield.emission = FLAT
-    scene.render.film_transparent = True
-    assert_means(radiance(scene, tmp_path), 1 / 400, PRECISION)
 
 
 def test_black_lamp_of_lumens_is_refused_in_one_line(scene, wall_at, tmp_path):

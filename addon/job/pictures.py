@@ -1,0 +1,73 @@
+"""The pictures of a job: the lens image with its alpha, what compositors want beside it, and how it was before."""
+
+import numpy as np
+
+from ...engine import Kept, SpectralImage, simulate
+from ...engine.field.frame_planes import nearest_samples, relative_illumination
+from ...engine.field.stmap import distort_map, undistort_map
+from ...engine.image.preview import auto_exposure, to_rec709, write_png
+from ...engine.image.spectral_exr import write_exr, write_plane_exr, write_rgb_exr
+from ...engine.lens.curves import reference_nm
+from ...engine.spectral.colour import REC709_LUMINANCE, rec709_weights
+
+ALPHA_WAVELENGTHS = 3  # of the job's: edges of things are as coloured as their blur, but alpha is one number
+
+
+def write_radiance(captured, path):
+    """The radiance, with depth and alpha of the capture beside it: what another lens can be applied to."""
+    alpha = {} if captured.alpha is None else {"A": captured.alpha}
+    write_exr(captured.radiance, path, {"Z": captured.depth_m} | alpha)
+
+
+def write_pictures(captured, irradiance, job, result):
+    """The lens image and what lies beside it; and, exposed alike, the frame as a perfect pinhole and as the lens give
+    it.
+
+    Parameters
+    ----------
+    captured : Captured
+    irradiance : SpectralImage
+    job : Job
+    result : Result
+        Whose files these are.
+    """
+    after, frame, nm = to_rec709(irradiance), irradiance.grid, reference_nm(job.lens)
+    alpha = np.ones(frame.shape_px) if captured.alpha is None else alpha_through_lens(
+        captured.alpha, captured.radiance, job.lens, job.options)
+    write_rgb_exr(after, result.lens_image, alpha)
+    write_plane_exr(nearest_samples(captured.depth_m, job.lens, captured.radiance.grid, nm), result.depth)
+    write_plane_exr(relative_illumination(job.lens, frame, nm), result.relative_illumination)
+    write_rgb_exr(distort_map(job.lens, frame, nm), result.stmap_distort)
+    write_rgb_exr(undistort_map(job.lens, frame, nm), result.stmap_undistort)
+    exposure = auto_exposure(after)
+    write_png(to_rec709(captured.radiance.frame()), result.before, exposure)
+    write_png(after, result.after, exposure)
+
+
+def alpha_through_lens(alpha, radiance, lens, options):
+    """How much of the light that each pixel of the lens image could take comes from what alpha covers.
+
+    Alpha goes through the lens as if it shone, so that its edges blur as those of the picture that it is premultiplied
+    with; full coverage is 1, however dark the lens's corners are. Of a few wavelengths the mean by luminance is taken.
+
+    Parameters
+    ----------
+    alpha : array (row, column)
+    radiance : SpectralImage
+        With the wavelengths and the grid of the capture.
+    lens : Lens
+    options : Options
+
+    Returns
+    -------
+    array (row, column) of the frame
+    """
+    count = radiance.wavelengths_nm.size
+    nm = radiance.wavelengths_nm[np.unique(np.linspace(0, count - 1, ALPHA_WAVELENGTHS + 2)[1:-1].round().astype(int))]
+    kept, planes = Kept(), []
+    for plane in (alpha, np.ones_like(alpha)):
+        cube = np.broadcast_to(plane, (nm.size, *plane.shape))
+        planes.append(simulate(SpectralImage(cube, nm, radiance.grid), lens, options, kept=kept).cube)
+    weights = np.maximum(rec709_weights(nm) @ REC709_LUMINANCE, np.finfo(float).tiny)
+    covered, whole = (np.tensordot(weights / weights.sum(), plane, axes=1) for plane in planes)
+    return np.clip(np.divide(covered, whole, out=np.ones_like(whole), where=whole > 0), 0, 1)

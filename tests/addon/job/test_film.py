@@ -1,0 +1,98 @@
+"""A transparent film: its alpha goes through the lens as its light does; depth goes with it, unmixed."""
+
+import json
+
+import bpy
+import numpy as np
+import pytest
+
+from lensfield.engine.image.spectral_exr import read_exr, read_parts
+from lensfield.engine.spectral.colour import REC709_LUMINANCE
+from small_scenes import material, render, set_world, wall
+
+GREY = 0.5
+
+
+@pytest.fixture
+def glowing(scene):
+    """A scene with a small glowing square in front of a grey world, off the axis."""
+    set_world(scene, strength=GREY)
+    lit, shader = material("Glow", "ShaderNodeEmission")
+    shader.inputs["Strength"].default_value = 2.0
+    square = wall(scene, lit, side_m=0.3)
+    square.location.x, square.location.y = 0.1, 0.05
+    return scene
+
+
+def planes(path):
+    return read_parts(path)[0][1]
+
+
+def luminance(path):
+    return sum(weight * planes(path)[name] for weight, name in zip(REC709_LUMINANCE, "RGB", strict=True))
+
+
+def film_over_grey(scene, folder, wavelengths_nm):
+    """Luminances: of the film over the world's grey, as dark in the corners as the lens has it; and of the render."""
+    opaque = render(scene, folder / "opaque", wavelengths_nm)
+    scene.render.film_transparent = True
+    film = render(scene, folder / "film", wavelengths_nm)
+    alpha, shade = planes(film.lens_image)["A"], planes(film.relative_illumination)["Y"]
+    backdrop = luminance(opaque.lens_image)[4, 4] / shade[4, 4]  # Blender's grey, by these wavelengths
+    return luminance(film.lens_image) + (1 - alpha) * backdrop * shade, luminance(opaque.lens_image), alpha
+
+
+def test_the_film_over_grey_is_the_render_before_grey(glowing, tmp_path):
+    """At one wavelength exactly, edges included, but for the blur's part in the relative illumination."""
+    composite, expected, alpha = film_over_grey(glowing, tmp_path, [550.0])
+    assert alpha.min() == 0 and alpha.max() > 0.99 and np.any((alpha > 0.2) & (alpha < 0.8))
+    np.testing.assert_allclose(composite, expected, rtol=0.01)
+
+
+def test_the_film_over_grey_is_the_render_before_grey_in_colour(glowing, tmp_path):
+    """One alpha stands for all colours: at an edge it errs by the lens's colour fringes."""
+    composite, expected, _ = film_over_grey(glowing, tmp_path, np.linspace(420, 680, 9))
+    assert np.abs(composite - expected).max() < 0.1 * GREY
+    assert np.abs((composite - expected).mean()) < 0.003 * GREY
+
+
+def test_full_coverage_is_one_up_to_the_corners(scene, tmp_path):
+    wall(scene, material("Glow", "ShaderNodeEmission")[0])
+    scene.render.film_transparent = True
+    np.testing.assert_allclose(planes(render(scene, tmp_path).lens_image)["A"], 1, atol=1e-4)
+
+
+def test_an_opaque_film_has_an_opaque_lens_image(glowing, tmp_path):
+    result = render(glowing, tmp_path)
+    assert np.all(planes(result.lens_image)["A"] == 1)
+    assert "A" not in planes(result.radiance)
+
+
+def test_the_world_behind_a_transparent_film_is_not_in_the_picture(scene, tmp_path):
+    set_world(scene)
+    scene.render.film_transparent = True
+    result = render(scene, tmp_path)
+    assert not read_exr(result.radiance).cube.any() and not planes(result.lens_image)["A"].any()
+
+
+def test_radiance_keeps_alpha_and_depth(glowing, tmp_path):
+    glowing.render.film_transparent = True
+    channels = planes(render(glowing, tmp_path).radiance)
+    assert set(np.unique(channels["Z"].round(3))) == {1.0, np.float32(1e10)}
+    assert np.all(channels["A"][channels["Z"] > 1e9] < 1) and channels["A"].max() == 1
+
+
+def test_depth_is_planar_and_unmixed(glowing, tmp_path):
+    depth = planes(render(glowing, tmp_path).depth)["Y"]
+    near = depth < 1e9
+    assert near.any() and np.all(depth[~near] == np.float32(1e10))
+    np.testing.assert_allclose(depth[near], 1.0, rtol=1e-5)
+
+
+def test_the_report_names_the_files(glowing, tmp_path):
+    result = render(glowing, tmp_path)
+    result.report.write(tmp_path / "report.json")
+    named = json.loads((tmp_path / "report.json").read_text())["files"]
+    assert set(named.values()) == {str(path) for path in result.files} and all(path.is_file() for path in result.files)
+    assert named["stmap_distort"] == str(tmp_path / "Scene_stmap_distort.exr")
+    assert bpy.path.basename(named["depth"]) == "Scene_0001_depth.exr"
