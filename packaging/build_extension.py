@@ -2,8 +2,9 @@
 
     python packaging/build_extension.py FOLDER [PLATFORM ...]
 
-makes one zip for each platform. Each holds wheels for both Pythons that Blender 4.5 and later run on, because Blender
-refuses an extension whose wheels do not fit. numpy is never among them: Blender brings its own.
+makes one zip for each platform. Each holds wheels for every Python that Blender 4.5 and later run on, those of Linux
+distributions too, because Blender refuses an extension whose wheels do not fit. numpy is never among them: Blender
+brings its own.
 """
 
 import re
@@ -17,7 +18,7 @@ import bpy
 
 ROOT = Path(__file__).resolve().parent.parent
 REQUIREMENTS = ("scipy", "OpenEXR", "pillow", "PyYAML")
-PYTHONS = ("3.11", "3.13")
+PYTHONS = ("3.11", "3.13", "3.14")
 PLATFORMS = {
     "linux-x64": ("manylinux_2_28_x86_64", "manylinux_2_27_x86_64", "manylinux_2_17_x86_64", "manylinux2014_x86_64"),
     "windows-x64": ("win_amd64",),

@@ -600,11 +600,23 @@ def build_scene():
     make_camera()
 
 
+def arrange_windows():
+    """Every view looks through the camera; in the first one the sidebar is open, beside the render properties."""
+    for screen in bpy.data.screens:
+        for area in screen.areas:
+            if area.type == "VIEW_3D":
+                area.spaces.active.region_3d.view_perspective = "CAMERA"
+                area.spaces.active.show_region_ui = screen.name == "Layout"
+            elif area.type == "PROPERTIES":
+                area.spaces.active.context = "RENDER"
+
+
 def main():
     bpy.ops.wm.read_factory_settings(use_empty=True)
     lensfield.addon.register()
     set_render()
     build_scene()
+    arrange_windows()
     bpy.context.preferences.filepaths.save_version = 0
     bpy.ops.wm.save_as_mainfile(filepath=str(BLEND_FILE), compress=True)
     lensfield.addon.unregister()  # the 4.5 wheel crashes at exit with classes left over

@@ -24,6 +24,14 @@ def test_file_is_small_and_whole(sample_scene):
     assert not bpy.data.libraries
 
 
+def test_file_opens_in_the_camera_s_view(sample_scene):
+    views = {screen.name: [area.spaces.active for area in screen.areas if area.type == "VIEW_3D"]
+             for screen in bpy.data.screens}
+    assert {view.region_3d.view_perspective for there in views.values() for view in there} == {"CAMERA"}
+    assert bpy.context.window_manager.windows[0].screen.name == "Layout"
+    assert [view.show_region_ui for view in views["Layout"]] == [True]
+
+
 def test_chart_and_lamps_have_measured_spectra(sample_scene):
     chart = {name for name in library_names() if name.startswith("chart-")}
     assert chart <= {material.lensfield.reflectance for material in bpy.data.materials}
