@@ -1,13 +1,12 @@
 """`lensfield filter`: spectral radiance or any renderer's RGB picture, one or a sequence, put through a lens."""
 
-from collections import Counter
 from math import isfinite
 from pathlib import Path
 
 from ..engine import ImageError, InputError, Kept, Lens, Report, simulate
 from ..engine.field.overscan import overscan_px
 from ..engine.image.pitch import field_of_view_deg, fitting_pitch_um, fov_pitch_um
-from ..engine.report import FileFacts, Upsampling
+from ..engine.report import FileFacts, Upsampling, together
 from ..engine.spectral.spectra import parse_wavelengths
 from ..engine.spectral.wavelength_choice import RGB_WAVELENGTHS
 from .arguments import add_engine_options, check_outputs, engine_options
@@ -24,7 +23,8 @@ def add(commands):
         "filter", help="put an EXR, spectral radiance or any renderer's RGB, or a sequence of them through a lens")
     filter_.add_argument("radiance", type=Path, metavar="RADIANCE.exr",
                          help="for a sequence with the number of the frame as ####, or as %%04d")
-    filter_.add_argument("--frames", metavar="FIRST-LAST", help="of a sequence (default: all that there are)")
+    filter_.add_argument("--frames", metavar="SPEC",
+                         help="of a sequence: 7, 1-50, 1-50:2 or 1,5,10-20 (default: all that there are)")
     filter_.add_argument("--output", type=Path, required=True, metavar="IRRADIANCE.exr")
     filter_.add_argument("--preview", type=Path, metavar="FILE.png",
                          help="also write an sRGB picture; those of a sequence are exposed as its first")
@@ -47,12 +47,12 @@ def _filter(options):
     shots = find_shots(options.radiance, options.output, options.preview, options.frames)
     check_outputs([*(target for shot in shots for target in ((shot.output, ".exr"), (shot.preview, ".png"))),
                    (options.report, ".json")], [options.lens, *(shot.radiance for shot in shots)])
-    run, reports = _Run(options, lens, chosen, len(shots)), []
+    run, reports = _Run(options, lens, chosen, len(shots)), {}
     for shot in shots:
-        reports.append(run.put_through(shot))
+        reports[shot.frame] = run.put_through(shot)
         for path in shot.targets:
             print(path, flush=True)
-    finish(options, reports[0] if shots[0].frame is None else _together(shots, reports), [])
+    finish(options, reports[None] if None in reports else together(reports), [])
 
 
 class _Run:
@@ -156,11 +156,3 @@ def _pitch_um(options, lens, frame_px):
     if options.focal_mm is not None:
         fov_deg = field_of_view_deg(options.focal_mm, options.sensor_width_mm)
     return fitting_pitch_um(lens, frame_px) if fov_deg is None else fov_pitch_um(lens, frame_px[1], fov_deg)
-
-
-def _together(shots, reports):
-    """One report of a sequence: the seconds of all its frames, and a report of each."""
-    stages = Counter()
-    for report in reports:
-        stages.update(report.stages)
-    return Report(dict(stages), frames={shot.frame: report for shot, report in zip(shots, reports, strict=True)})

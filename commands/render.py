@@ -11,9 +11,11 @@ from .arguments import add_engine_options, check_outputs, given_options, resolut
 from .blend import open_scene
 from .messages import message_lines, paced
 from .outcome import FAILURES, finish
+from .sequence import parse_frames
 from .terminal import progress_bar, quiet
 
-LIMITS = {"frame": (-1048574, 1048574), "samples": (1, 1 << 24)}  # Blender's own
+FRAME_LIMITS, SAMPLE_LIMITS = (-1048574, 1048574), (1, 1 << 24)  # Blender's own
+OWN_FRAMES = "scene"
 SPECTRAL = "tier", "colour_error", "sensor_error"
 
 
@@ -40,7 +42,11 @@ def add(commands):
     render.add_argument("--unfit", choices=UNFIT,
                         help="nodes that cannot be rendered by wavelengths (lensfield lint lists them): an error, or "
                              "what Cycles makes of them")
-    render.add_argument("--frame", type=int, help="frame to render (default: the scene's current one)")
+    render.add_argument("--frames", metavar="SPEC",
+                        help="frames to render: 7, 1-250, 1-250:2, 1,5,10-20, or scene for its own range (default: the "
+                             "current one). Those that are there already, whole and by the same settings, are not "
+                             "rendered again; --report tells of each")
+    render.add_argument("--overwrite", action="store_true", help="render all of them anew")
     render.add_argument("--samples", type=int, help="Cycles samples per pixel (default: the scene's)")
     render.add_argument("--resolution", metavar="WIDTHxHEIGHT", help="size in pixels (default: the scene's)")
     render.add_argument("--denoise", action="store_true", default=None, help="let Cycles denoise its passes")
@@ -64,50 +70,98 @@ def _add_followed(group):
 
 
 def _render(options):
-    with _progress(options) as (tell, end):
-        result = _result(options, tell)
-        end(result)
-    print(f"scene: {result.report.scene.scene_plan}")
-    print(f"plan: {result.report.lens_image.plan.text}")  # it could not be made before the capture
-    finish(options, result.report, result.files)
+    check_outputs([(options.report, ".json"), (options.picture, ".png")],
+                  [path for path in (options.scene, options.lens) if path])
+    with _messages(options) as write:
+        scene, asked = _asked(options)
+        report, told = (_render_one if options.frames is None else _render_frames)(options, scene, asked, write)
+        finish(options, report, [])
+        write(told=told)
+
+
+def _render_one(options, scene, asked, write):
+    """Render the current frame; its report, and what to tell of it."""
+    from .. import addon
+
+    with _progress(options, write) as tell:
+        result = addon.render_through_lens(scene, progress=tell, **asked)
+    _tell_frame(scene.frame_current, result, set(), write)
+    return result.report, result.told
+
+
+def _render_frames(options, scene, asked, write):
+    """Render the frames that are not there yet, one after the other; the report of all, and what to tell of them."""
+    from .. import addon
+
+    frames = None if options.frames == OWN_FRAMES else parse_frames(options.frames)
+    with _progress(options, write) as tell:
+        tell(0.0, "Looking for frames that are there already")
+        animation = addon.Animation(scene, frames, overwrite=options.overwrite, **asked)
+    for frame, (result, _) in animation.earlier.items():
+        write(frame=frame, lens_image=str(result.lens_image))
+    known = set()
+    for frame in animation.pending:
+        with _progress(options, write) as tell:
+            result = animation.render(frame, tell)
+        _tell_frame(frame, result, known, write)
+    print(*animation.summary, sep="\n")
+    return animation.report, animation.told
+
+
+def _tell_frame(frame, result, known, write):
+    """Tell of a frame that is done: its plans, where they are other than those known, and its files."""
+    for line in (f"scene: {result.report.scene.scene_plan}", f"plan: {result.report.lens_image.plan.text}"):
+        if line not in known:
+            print(line)
+        known.add(line)
+    print(*result.files, sep="\n", flush=True)
+    write(frame=frame, lens_image=str(result.lens_image))
 
 
 @contextmanager
-def _progress(options):
-    """How to tell the progress (fraction, label), and the Result at the end."""
+def _messages(options):
+    """A function that writes messages of facts, for programs that want them; an error is one, too."""
     if options.progress == "bar":
-        with progress_bar() as tell, quiet(1):
-            yield tell, lambda result: None
+        yield lambda **facts: None
         return
     with message_lines() as write:
         try:
-            yield paced(write), lambda result: write(lens_image=str(result.lens_image), told=result.told)
+            yield write
         except FAILURES as error:
             write(error=str(error))
             raise
 
 
-def _result(options, tell):
-    check_outputs([(options.report, ".json"), (options.picture, ".png")],
-                  [path for path in (options.scene, options.lens) if path])
-    wavelengths_nm = parse_wavelengths(options.wavelengths) if options.wavelengths else None
-    scene = _open_scene(options)
-    from .. import addon
+@contextmanager
+def _progress(options, write):
+    """How to tell the progress (fraction, label)."""
+    if options.progress == "lines":
+        yield paced(write)
+    else:
+        with progress_bar() as tell, quiet(1):
+            yield tell
 
+
+def _asked(options):
+    """The scene of the .blend, and what the command line asks of a render of it."""
+    wavelengths_nm = parse_wavelengths(options.wavelengths) if options.wavelengths else None
     spectral = {name: value for name in SPECTRAL if (value := getattr(options, name)) is not None}
-    return addon.render_through_lens(
-        scene, options.lens, wavelengths_nm, options.output and options.output.resolve(),
-        options=scene.lensfield.to_options(**given_options(options)),
-        spectral=scene.lensfield.to_spectral_options(**spectral), view=options.view, unfit=options.unfit,
-        frame=options.frame, denoise=options.denoise, picture=options.picture, progress=tell)
+    scene, engine = _open_scene(options), given_options(options)
+    return scene, {
+        "lens": options.lens, "wavelengths_nm": wavelengths_nm,
+        "output_folder": options.output and options.output.resolve(), "view": options.view, "unfit": options.unfit,
+        "options": scene.lensfield.to_options(**engine) if engine else None,
+        "spectral": scene.lensfield.to_spectral_options(**spectral) if spectral else None,
+        "denoise": options.denoise, "picture": options.picture}
 
 
 def _open_scene(options):
     """The scene of the .blend, with what the command line asks of it."""
-    for name, limits in LIMITS.items():
-        value = getattr(options, name)
-        if value is not None and not limits[0] <= value <= limits[1]:
-            raise InputError("options", f"--{name}", value, "expected {} to {}".format(*limits))
+    if options.samples is not None:
+        _check_limits("--samples", options.samples, SAMPLE_LIMITS)
+    if options.frames not in (None, OWN_FRAMES):
+        for frame in parse_frames(options.frames):
+            _check_limits("--frames", frame, FRAME_LIMITS)
     size = resolution(options.resolution) if options.resolution else None
     scene = open_scene(options.scene)
     if options.beside:
@@ -120,3 +174,8 @@ def _open_scene(options):
         scene.render.resolution_x, scene.render.resolution_y = size
         scene.render.resolution_percentage = 100
     return scene
+
+
+def _check_limits(option, value, limits):
+    if not limits[0] <= value <= limits[1]:
+        raise InputError("options", option, value, "expected {} to {}".format(*limits))

@@ -2,14 +2,14 @@
 
 import re
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 
 from ..engine import InputError
 from ..engine.errors import absence
 
 NUMBER = re.compile(r"#+|%(?:0(\d+))?d")
-FRAMES = re.compile(r"(-?\d+)(?:-(-?\d+))?")
+FRAMES = re.compile(r"(-?\d{1,15})(?:-(-?\d{1,15})(?::(\d{1,15}))?)?")
+MOST_FRAMES = 1 << 21  # Blender has no more
 MOST_NAMED = 5
 
 
@@ -27,6 +27,29 @@ class Shot:
         return [path for path in (self.output, self.preview) if path]
 
 
+def parse_frames(text):
+    """Frames from a text: one, a range such as 1-50, every second one of it as 1-50:2, or several such as 1,5,10-20.
+
+    Returns
+    -------
+    list of int
+        Ascending, each once.
+
+    Raises
+    ------
+    InputError
+        The text is none of these, or names too many.
+    """
+    parts = [FRAMES.fullmatch(part.strip()) for part in text.split(",")]
+    bounds = [(int(part[1]), int(part[2] or part[1]), int(part[3] or 1)) for part in parts if part]
+    if not all(parts) or any(first > last or not step for first, last, step in bounds):
+        raise InputError("options", "--frames", text,
+                         "expected a range such as 1-50 or 1-50:2, one frame, or several of these such as 1,5,10-20")
+    if sum((last - first) // step + 1 for first, last, step in bounds) > MOST_FRAMES:
+        raise InputError("options", "--frames", text, f"expected no more than {MOST_FRAMES} frames")
+    return sorted({frame for first, last, step in bounds for frame in range(first, last + 1, step)})
+
+
 def find_shots(radiance, output, preview=None, frames=None):
     """The pictures that a command line names, in order.
 
@@ -36,7 +59,7 @@ def find_shots(radiance, output, preview=None, frames=None):
     ----------
     radiance, output, preview : Path
     frames : str, optional
-        Such as 1-50 or 7; else every frame that there is.
+        As `parse_frames` takes them; else every frame that there is.
 
     Raises
     ------
@@ -78,16 +101,9 @@ def _numbers(pattern):
 
 def _chosen(pattern, frames):
     """The frames asked for, which must all be there."""
-    match = FRAMES.fullmatch(frames.strip())
-    first, last = (int(match[1]), int(match[2] or match[1])) if match else (1, 0)
-    if first > last:
-        raise InputError("options", "--frames", frames, "expected a range such as 1-50, or one frame")
-    asked, count = range(first, last + 1), last - first + 1  # len() has a limit
-    numbers = [number for number in _numbers(pattern) if number in asked]
-    missing = count - len(numbers)
+    asked, there = parse_frames(frames), set(_numbers(pattern))
+    missing = [str(number) for number in asked if number not in there]
     if missing:
-        there = set(numbers)
-        first_ones = islice((str(number) for number in asked if number not in there), MOST_NAMED)
-        named = ", ".join(first_ones) + (", ..." if missing > MOST_NAMED else "")
-        raise InputError(pattern, f"{missing} of {count} frames", named, "not there")
-    return numbers
+        named = ", ".join(missing[:MOST_NAMED]) + (", ..." if len(missing) > MOST_NAMED else "")
+        raise InputError(pattern, f"{len(missing)} of {len(asked)} frames", named, "not there")
+    return asked

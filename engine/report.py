@@ -2,6 +2,7 @@
 
 import json
 import time
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
@@ -162,6 +163,14 @@ class FileFacts:
     picture: Upsampling | None
 
 
+def together(reports: dict[int, "Report"], earlier: dict[int, dict] | None = None) -> "Report":
+    """One report of a sequence: the seconds of its frames, and a report of each; and those of an earlier run."""
+    stages: Counter[str] = Counter()
+    for report in reports.values():
+        stages.update(report.stages)
+    return Report(dict(stages), frames=dict(reports), earlier=earlier or {})
+
+
 @dataclass
 class Report:
     """What a run did, gathered as it goes.
@@ -176,6 +185,8 @@ class Report:
         Where what it made is, by what it is.
     frames : dict of int: Report
         Of a sequence, by the number of the frame; it has no other facts.
+    earlier : dict of int: dict
+        Of a sequence, the reports of frames that an earlier run has made, as JSON holds them.
     """
 
     stages: dict[str, float] = field(default_factory=dict)
@@ -184,6 +195,7 @@ class Report:
     file: FileFacts | None = None
     files: dict[str, str] = field(default_factory=dict)
     frames: dict[int, "Report"] = field(default_factory=dict)
+    earlier: dict[int, dict] = field(default_factory=dict)
     _started: list[float] = field(default_factory=list, repr=False)
 
     @contextmanager
@@ -234,11 +246,12 @@ class Report:
             facts["depth"]["text"] = self.scene.depth.text
         if self.files:
             facts["files"] = dict(self.files)
-        if self.frames:
-            images = [report.lens_image for report in self.frames.values() if report.lens_image]
-            facts |= {"lens": images[0].lens, "plan": images[0].plan.as_dict(),
-                      "out_of_field_fraction": max(image.out_of_field_fraction for image in images)}
-            facts["frames"] = [{"frame": number} | report.as_dict() for number, report in self.frames.items()]
+        frames = {number: {"frame": number} | report.as_dict() for number, report in self.frames.items()}
+        frames |= {number: {"frame": number, "earlier": True} | report for number, report in self.earlier.items()}
+        if frames:
+            each = [frames[number] for number in sorted(frames)]
+            facts |= {name: each[0][name] for name in ("lens", "plan")}
+            facts |= {"out_of_field_fraction": max(frame["out_of_field_fraction"] for frame in each), "frames": each}
         return plain(facts)
 
     def write(self, path: Path) -> None:

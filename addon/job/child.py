@@ -19,6 +19,7 @@ import bpy
 
 from ...commands.messages import read_message
 from ..scene.errors import SceneError
+from .record import blend_saved_s
 
 GRACE_S = 0.7  # for a child to remove what is half-written
 CRASH = "Writing: "  # Blender's last words, before the name of a file that comes to be in the log
@@ -26,7 +27,7 @@ EXTENSION = __package__.rsplit(".", 2)[0]
 
 
 def save_copy(folder):
-    """Save the file as it is, unsaved edits included, into a folder; the path of the copy.
+    """Save the file as it is, unsaved edits included, into a folder; the path of the copy, which is as old as the file.
 
     Everything stays as it was: the file's own path, what is unsaved, and the steps that can be undone. Simulations that
     are cached on disk are found beside the copy too, by a link.
@@ -41,6 +42,8 @@ def save_copy(folder):
         bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True, relative_remap=True, compress=False)
     except RuntimeError as error:
         raise SceneError(path, "copy of the file", "not to be saved", str(error).strip()) from None
+    if saved_s := blend_saved_s():
+        os.utime(path, (saved_s, saved_s))
     caches = Path(bpy.data.filepath).parent / f"blendcache_{path.stem}"  # as Blender calls it
     if bpy.data.filepath and caches.is_dir():
         _link(path.with_name(caches.name), caches)

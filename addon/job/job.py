@@ -13,6 +13,7 @@ from ...engine.spectral.wavelength_choice import SpectralOptions
 from ..scene.camera import lens_for_view
 from ..scene.lens_cache import load_lens
 from ..shading.assigned import LOADERS
+from .record import blend_saved_s, picture_settings
 
 
 @dataclass(frozen=True)
@@ -23,6 +24,10 @@ class Job:
     ----------
     picture : Path, optional
         A PNG that is to show, after each pass, the light so far, as a perfect pinhole sees it.
+    settings : dict
+        What of the scene's render settings counts for the picture.
+    blend_saved_s : float, optional
+        When the .blend was saved, in seconds since 1970.
     """
 
     lens: Lens
@@ -36,6 +41,8 @@ class Job:
     to_compositor: bool
     lens_warning: str = ""
     picture: Path | None = None
+    settings: dict | None = None
+    blend_saved_s: float | None = None
 
 
 def job_from_settings(scene, *, lens=None, wavelengths_nm=None, output_folder=None, options=None, spectral=None,
@@ -53,15 +60,21 @@ def job_from_settings(scene, *, lens=None, wavelengths_nm=None, output_folder=No
         raise InputError("scene settings", "lens file", "empty", "choose a lens package (.npz)")
     lens, warning = lens_for_view(scene, lens if isinstance(lens, Lens) else load_lens(lens),
                                   settings.view.lower() if view is None else view)
-    folder = settings.output_folder if output_folder is None else str(output_folder)
     return Job(
         lens, settings.wavelengths_nm() if wavelengths_nm is None else np.asarray(wavelengths_nm, dtype=float),
-        Path(bpy.path.abspath(folder)).resolve(),  # // is beside the .blend
+        folder_for(scene, output_folder),
         settings.to_options() if options is None else options,
         settings.to_spectral_options() if spectral is None else spectral,
         settings.unfit.lower() if unfit is None else unfit, scene.frame_current,
         settings.denoise if denoise is None else denoise,
-        settings.to_compositor if to_compositor is None else to_compositor, warning, picture)
+        settings.to_compositor if to_compositor is None else to_compositor, warning, picture,
+        picture_settings(scene), blend_saved_s())
+
+
+def folder_for(scene, output_folder=None):
+    """The folder to write to: the one given, or that of the settings; // is beside the .blend."""
+    folder = scene.lensfield.output_folder if output_folder is None else str(output_folder)
+    return Path(bpy.path.abspath(folder)).resolve()
 
 
 def check_output_folder(scene):

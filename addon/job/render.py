@@ -19,6 +19,7 @@ from ..scene.watch import samples_watched
 from .job import check_output_folder, job_from_settings
 from .pictures import write_pictures, write_radiance
 from .radiance import RenderPass, Work, capture
+from .record import write_record
 from .scene_plan import check_job
 
 RENDER_SHARE = 0.85  # of the progress bar; the rest is the engine's and the files'
@@ -32,7 +33,7 @@ def kept():
 
 
 FRAME_FILES = {"radiance": "radiance.exr", "irradiance": "irradiance.exr", "lens_image": "lens_image.exr",
-               "depth": "depth.exr", "before": "before.png", "after": "after.png"}
+               "depth": "depth.exr", "before": "before.png", "after": "after.png", "record": "report.json"}
 LENS_FILES = {name: f"{name}.exr" for name in ("relative_illumination", "stmap_distort", "stmap_undistort")}
 
 
@@ -50,6 +51,8 @@ class Result:
         In metres of the scene, where the lens puts it: nearest samples, 1e10 where nothing is.
     before, after : Path
         PNGs: the scene as a perfect pinhole and as the lens give it.
+    record : Path
+        The report as JSON, and how the frame was made: `record.py` goes by it.
     relative_illumination, stmap_distort, stmap_undistort : Path
         Of the lens, one for all frames; docs/stmap.md has the convention.
     report : Report
@@ -61,6 +64,7 @@ class Result:
     depth: Path
     before: Path
     after: Path
+    record: Path
     relative_illumination: Path
     stmap_distort: Path
     stmap_undistort: Path
@@ -73,6 +77,11 @@ class Result:
         files = {name: folder / f"{stem}_{frame:04d}_{end}" for name, end in FRAME_FILES.items()} | {
             name: folder / f"{stem}_{end}" for name, end in LENS_FILES.items()}
         return cls(**files, report=Report(files={name: str(path) for name, path in files.items()}))
+
+    @property
+    def pictures(self):
+        """The files of the frame, but for its record."""
+        return tuple(getattr(self, name) for name in FRAME_FILES if name != "record")
 
     @property
     def files(self):
@@ -128,14 +137,19 @@ def render_through_lens(scene, lens=None, wavelengths_nm=None, output_folder=Non
     LensError, SceneError, InputError
         The scene is then exactly as it was.
     """
+    job = job_of_frame(scene, scene.frame_current if frame is None else frame, lens=lens,
+                       wavelengths_nm=wavelengths_nm, output_folder=output_folder, options=options, spectral=spectral,
+                       view=view, unfit=unfit, denoise=denoise, to_compositor=to_compositor, picture=picture)
+    return run(render_steps(scene, job), progress)
+
+
+def job_of_frame(scene, frame, *, output_folder=None, **asked):
+    """The Job for a frame, by the camera and the settings that the scene has there, but for what is given."""
     if output_folder is None:
         check_output_folder(scene)
     with Journal() as journal:
-        go_to_frame(scene, scene.frame_current if frame is None else frame, journal)  # whose camera it is
-        job = job_from_settings(scene, lens=lens, wavelengths_nm=wavelengths_nm, output_folder=output_folder,
-                                options=options, spectral=spectral, view=view, unfit=unfit, denoise=denoise,
-                                to_compositor=to_compositor, picture=picture)
-    return run(render_steps(scene, job), progress)
+        go_to_frame(scene, frame, journal)
+        return job_from_settings(scene, output_folder=output_folder, **asked)
 
 
 def run(steps, progress=None):
@@ -180,6 +194,7 @@ def render_steps(scene, job):
     report = result.report
     with report.stage("multispectral render"):
         captured = yield from capture(scene, job, result, RENDER_SHARE)
+    result.record.unlink(missing_ok=True)  # from here on it would tell of other files
     yield Work(_timed(report, "write radiance", lambda tell: write_radiance(captured, result.radiance)),
                "Writing radiance", RENDER_SHARE)
     irradiance = yield Work(lambda tell: simulate(captured.radiance, job.lens, job.options, progress=tell,
@@ -189,6 +204,7 @@ def render_steps(scene, job):
                "Writing irradiance", 0.98)
     yield Work(_timed(report, "write pictures", lambda tell: write_pictures(captured, irradiance, job, result)),
                "Writing pictures", 0.99)
+    write_record(job, result)
     if job.to_compositor:
         lay_into_compositor(scene, result.lens_image)
     return result

@@ -126,7 +126,7 @@ def _finish(render):
     render.child.end()
     told = render.child.told
     with render.folder:
-        if "lens_image" in told:
+        if "told" in told:
             _notify("INFO", told["told"] + render.remarks)
             if render.to_compositor:
                 _lay(render, Path(told["lens_image"]))

@@ -36,17 +36,18 @@ def lensfield(*arguments):
 def test_render_then_filter_agree(blend, tmp_path):
     out = tmp_path / "out put"
     done = lensfield("render", blend, "--lens", "edmund-54852", "--wavelengths", "450:650:3", "--section-size", 16,
-                     "--frame", 2, "--output", out, "--report", tmp_path / "report.json")
+                     "--frames", 2, "--output", out, "--report", tmp_path / "report.json")
     assert done.returncode == 0, done.stderr
     printed = [Path(line) for line in done.stdout.splitlines() if line.startswith(str(out))]
-    assert len(printed) == 5 and all(path.is_file() for path in printed)
+    assert len(printed) == 10 and all(path.is_file() for path in printed)
     scene, plan = done.stdout.splitlines()[:2]
     assert scene == "scene: 1 Cycles render at 550 nm: all surfaces are grey"
     assert plan.startswith("plan: 16 px sections between 32 azimuths, ")
     report = json.loads((tmp_path / "report.json").read_text())
-    assert report["plan"]["section_size"] == 16 and report["passes"] == 1
     assert report["stages_s"]["multispectral render"] > 0
-    assert report["energy"]["out_w_per_nm"] == pytest.approx(report["energy"]["in_w_per_nm"], rel=1e-12)
+    frame, = report["frames"]
+    assert frame["frame"] == 2 and frame["plan"]["section_size"] == 16 and frame["passes"] == 1
+    assert frame["energy"]["out_w_per_nm"] == pytest.approx(frame["energy"]["in_w_per_nm"], rel=1e-12)
 
     radiance = out / "Scene_0002_radiance.exr"
     done = lensfield("filter", radiance, "--lens", "edmund-54852", "--section-size", 16,
@@ -113,7 +114,8 @@ def test_a_copy_elsewhere_finds_what_lies_beside_the_original(scene, tmp_path):
     ({"--resolution": "big"}, "options: --resolution is big: expected WIDTHxHEIGHT"),
     ({"--samples": "0"}, "options: --samples is 0: expected 1 to 16777216"),
     ({"--samples": "99999999999"}, "options: --samples is 99999999999: expected 1 to 16777216"),
-    ({"--frame": "99999999999"}, "options: --frame is 99999999999: expected -1048574 to 1048574"),
+    ({"--frames": "99999999999"}, "options: --frames is 99999999999: expected -1048574 to 1048574"),
+    ({"--frames": "5-1"}, "options: --frames is 5-1: expected a range such as 1-50"),
     ({"--resolution": "99999999999x24"}, "options: --resolution is 99999999999x24: expected WIDTHxHEIGHT")])
 def test_bad_input_is_one_line_and_leaves_nothing(blend, tmp_path, capsys, monkeypatch, changes, message):
     monkeypatch.chdir(tmp_path)
@@ -157,4 +159,4 @@ def test_blender_command_is_the_same_command(blend, tmp_path, monkeypatch):
     assert registered["lensfield"](["lens", "list"]) == 0
     assert registered["lensfield"](["render", str(blend), "--lens", "edmund-54852", "--wavelengths", "550",
                                     "--output", str(tmp_path / "out")]) == 0
-    assert len(list((tmp_path / "out").iterdir())) == 5
+    assert len(list((tmp_path / "out").iterdir())) == 10

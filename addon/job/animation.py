@@ -1,0 +1,132 @@
+"""Several frames of a scene: those that are there already stay, the others are rendered one after the other."""
+
+from contextlib import contextmanager
+
+from ...engine.errors import InputError
+from ...engine.report import together
+from ..scene.errors import SceneError
+from .job import folder_for
+from .record import read_record
+from .render import Result, job_of_frame, render_through_lens
+
+
+class Animation:
+    """Frames of a scene, to be rendered one by one where they are not there yet.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    frames : iterable of int, optional
+        Ascending; those of the scene's own range and step by default.
+    overwrite : bool
+        Render frames anew that are there already.
+    asked : by name
+        What `render_through_lens` takes, but for the frame and the progress.
+
+    Attributes
+    ----------
+    pending : list of int
+        Frames to be rendered.
+    earlier : dict of int: (Result, dict)
+        Files and record of those that are there, whole, and made by the same settings.
+    results : dict of int: Result
+        What has been rendered.
+
+    Raises
+    ------
+    InputError
+        What is asked for cannot be; of a frame, its number is told.
+    """
+
+    def __init__(self, scene, frames=None, *, overwrite=False, **asked):
+        self._scene, self._asked = scene, asked
+        self.pending, self.earlier, self.results, self._older = [], {}, {}, 0
+        for frame in own_frames(scene) if frames is None else frames:
+            if overwrite or not self._find(frame):
+                self.pending.append(frame)
+
+    def _find(self, frame):
+        """Whether a frame is there, as it would be rendered now."""
+        result = Result.of(self._scene, folder_for(self._scene, self._asked.get("output_folder")), frame)
+        if not result.record.is_file():  # without going to the frame, which may take long
+            return False
+        with _named(frame):
+            job = job_of_frame(self._scene, frame, **self._asked)
+        record = read_record(job, result)
+        if record is None:
+            return False
+        self.earlier[frame] = result, record
+        self._older += (record.get("blend_saved_s") or 0) < (job.blend_saved_s or 0)
+        return True
+
+    def render(self, frame, progress=None):
+        """Render a frame that is pending; its Result. Progress is that of all of them."""
+        done, count = len(self.results), len(self.pending)
+
+        def tell(fraction, label):
+            if progress:
+                progress((done + fraction) / count, f"Frame {frame}, {done + 1} of {count}: {label}")
+
+        with _named(frame):
+            self.results[frame] = render_through_lens(self._scene, frame=frame, progress=tell, **self._asked)
+        return self.results[frame]
+
+    @property
+    def report(self):
+        """The report of all frames, by frame."""
+        return together({frame: result.report for frame, result in self.results.items()},
+                        {frame: record for frame, (_, record) in self.earlier.items()})
+
+    @property
+    def summary(self):
+        """How many frames there are of what kind: list of lines."""
+        seconds, frames = sum(self.report.stages.values()), len(self.results)
+        lines = [f"{frames} frame{'s' * (frames != 1)} in {seconds:.1f} s" if frames else "nothing to render"]
+        if self.earlier:
+            lines[0] += f"; {len(self.earlier)} there already"
+        if self._older:
+            lines.append(f"{self._older} of the frames there already are from before the file's last save: "
+                         "Overwrite (--overwrite) renders them anew")
+        return lines
+
+    @property
+    def told(self):
+        """What to tell of it: list of lines."""
+        plans = dict.fromkeys(result.report.scene.scene_plan for result in self.results.values())
+        return [*self.summary, *plans, *self.report.remarks()]
+
+
+def render_animation(scene, frames=None, *, overwrite=False, progress=None, **asked):
+    """Render frames of a scene multispectrally and put them through a lens, one after the other.
+
+    Frames that are there already, whole and by the same settings, stay as they are. What the frames share is kept from
+    each to the next. An error leaves the frames before it.
+
+    Parameters
+    ----------
+    As of `Animation`; progress : callable (fraction, label), optional
+
+    Returns
+    -------
+    Animation
+    """
+    animation = Animation(scene, frames, overwrite=overwrite, **asked)
+    for frame in animation.pending:
+        animation.render(frame, progress)
+    return animation
+
+
+def own_frames(scene):
+    """The frames of a scene's own range, by its step."""
+    return range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
+
+
+@contextmanager
+def _named(frame):
+    """Let errors tell the frame."""
+    try:
+        yield
+    except InputError as error:
+        raise error.at(f"frame {frame}: {error.where}") from None
+    except (OSError, MemoryError) as error:
+        raise SceneError(f"frame {frame}", "render", "stopped", str(error) or "no memory left") from None

@@ -1,0 +1,258 @@
+"""Several frames: those that are there stay, what is damaged or out of date is made again, errors name the frame."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+
+from lensfield import addon
+from lensfield.addon.job import animation as animation_module
+from lensfield.addon.job import pictures
+from lensfield.addon.job import render as render_module
+from lensfield.engine.errors import InputError
+from lensfield.engine.image.spectral_exr import read_exr
+from small_scenes import background, light, material, set_world, wall
+from snapshot import differences, snapshot
+
+NAMES = tuple(render_module.FRAME_FILES.values())
+
+
+@pytest.fixture
+def moving_scene(scene, tmp_path):
+    """A world whose light is as strong as the number of the frame, saved."""
+    set_world(scene)
+    for frame in (1, 9):
+        background(scene).inputs["Strength"].default_value = frame
+        background(scene).inputs["Strength"].keyframe_insert("default_value", frame=frame)
+    for curve in curves(scene.world.node_tree):
+        curve.keyframe_points[0].interpolation = "LINEAR"
+    scene.lensfield.wavelength_mode, scene.lensfield.wavelength_list = "LIST", "550"
+    scene.render.image_settings.file_format = "OPEN_EXR"  # a scene from the factory has no colour space until then
+    scene.frame_start, scene.frame_end, scene.frame_step = 2, 6, 2
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    return scene
+
+
+def curves(block):
+    action = block.animation_data.action
+    return action.fcurves if hasattr(action, "fcurves") else action.layers[0].strips[0].channelbags[0].fcurves
+
+
+def level(folder, frame):
+    cube = read_exr(folder / f"Scene_{frame:04d}_radiance.exr").cube
+    return cube[cube > 0].mean()
+
+
+def made(animation):
+    return list(animation.results)
+
+
+def files(folder):
+    """Names of those of frames."""
+    return {path.name for path in folder.iterdir()} - {f"Scene_{end}" for end in render_module.LENS_FILES.values()}
+
+
+def test_the_scenes_own_frames_are_rendered_as_one_by_one(moving_scene, tmp_path):
+    before, told = snapshot(), []
+    animation = addon.render_animation(moving_scene, progress=lambda *facts: told.append(facts))
+    assert not differences(before, snapshot())
+    assert made(animation) == [2, 4, 6] and not animation.earlier
+    folder = tmp_path / "lensfield"
+    assert files(folder) == {f"Scene_{frame:04d}_{name}" for frame in (2, 4, 6) for name in NAMES}
+    levels = [level(folder, frame) for frame in (2, 4, 6)]
+    np.testing.assert_allclose(np.array(levels) / levels[0], (1, 2, 3), rtol=1e-5)
+    single = addon.render_through_lens(moving_scene, output_folder=tmp_path / "one", frame=4)
+    assert np.array_equal(read_exr(single.irradiance).cube, read_exr(folder / single.irradiance.name).cube)
+    fractions = [fraction for fraction, _ in told]
+    assert fractions == sorted(fractions) and fractions[-1] == 1
+    assert {label.split(":")[0] for _, label in told} == {f"Frame {2 * n}, {n} of 3" for n in (1, 2, 3)}
+
+
+def test_frames_that_are_there_are_not_rendered_again(moving_scene, tmp_path):
+    folder = tmp_path / "lensfield"
+    addon.render_animation(moving_scene, [2, 4])
+    stamps = {path: path.stat().st_mtime_ns for path in folder.glob("Scene_000[24]*")}
+    animation = addon.render_animation(moving_scene, range(2, 7, 2))
+    assert made(animation) == [6] and list(animation.earlier) == [2, 4]
+    assert {path: path.stat().st_mtime_ns for path in stamps} == stamps
+    assert animation.summary[0].endswith("; 2 there already") and len(animation.summary) == 1
+    report = animation.report.as_dict()
+    assert [(frame["frame"], frame.get("earlier", False)) for frame in report["frames"]] == [
+        (2, True), (4, True), (6, False)]
+    assert all({"stages_s", "energy", "plan", "passes"} <= frame.keys() for frame in report["frames"])
+    assert report["total_s"] == pytest.approx(report["frames"][2]["total_s"]) and report["lens"] == "edmund-54852"
+    assert made(addon.render_animation(moving_scene, [2, 4], overwrite=True)) == [2, 4]
+    assert not made(nothing := addon.render_animation(moving_scene))
+    assert nothing.summary == ["nothing to render; 3 there already"]
+
+
+def shorten(path):
+    os.truncate(path, path.stat().st_size - 2)
+
+
+@pytest.mark.parametrize("damage", [
+    *(lambda folder, name=name: (folder / f"Scene_0002_{name}").unlink() for name in NAMES),
+    *(lambda folder, name=name: shorten(folder / f"Scene_0002_{name}") for name in NAMES),
+    *(lambda folder, text=text: (folder / "Scene_0002_report.json").write_text(text)
+      for text in ("[]", "{}", "null", '{"job": 1, "sizes": {}}', "\x00")),
+    lambda folder: (folder / "Scene_0002_report.json").write_bytes(b"\xff\xfe")])
+def test_what_is_damaged_is_made_again(moving_scene, tmp_path, damage):
+    addon.render_animation(moving_scene, [2, 4])
+    damage(tmp_path / "lensfield")
+    assert addon.Animation(moving_scene, [2, 4]).pending == [2]
+
+
+def darken(scene):
+    scene.cycles.max_bounces += 1
+
+
+@pytest.mark.parametrize("change", [
+    lambda scene: setattr(scene.cycles, "samples", 17), darken,
+    lambda scene: setattr(scene.render, "resolution_x", 50),
+    lambda scene: setattr(scene.lensfield, "wavelength_list", "550, 600"),
+    lambda scene: setattr(scene.lensfield, "lens", "nikkor-28mm"),
+    lambda scene: setattr(scene.lensfield, "view", "CAMERA"),
+    lambda scene: setattr(scene.lensfield, "tier", "REFERENCE"),
+    lambda scene: setattr(scene.lensfield, "accuracy", 0.02),
+    lambda scene: setattr(scene.lensfield, "denoise", True)])
+def test_other_settings_make_other_frames(moving_scene, change):
+    addon.render_animation(moving_scene, [2])
+    change(moving_scene)
+    assert addon.Animation(moving_scene, [2]).pending == [2]
+
+
+def test_what_changes_no_picture_makes_no_other_frames(moving_scene):
+    addon.render_animation(moving_scene, [2])
+    moving_scene.cycles.preview_samples, moving_scene.render.filepath = 3, "//elsewhere"
+    moving_scene.cycles.device, moving_scene.frame_end = "GPU", 100
+    moving_scene.lensfield.to_compositor = not moving_scene.lensfield.to_compositor
+    assert not addon.Animation(moving_scene, [2]).pending
+
+
+def test_frames_older_than_the_file_are_told(moving_scene):
+    addon.render_animation(moving_scene, [2, 4])
+    bpy.ops.wm.save_mainfile()
+    animation = addon.render_animation(moving_scene)
+    assert made(animation) == [6]
+    assert animation.summary[1:] == ["2 of the frames there already are from before the file's last save: Overwrite "
+                                     "(--overwrite) renders them anew"]
+
+
+def test_a_single_render_leaves_frames_that_an_animation_knows(moving_scene):
+    addon.render_through_lens(moving_scene, frame=4)
+    assert addon.Animation(moving_scene, [2, 4]).pending == [2]
+    addon.render_through_lens(moving_scene, frame=4, wavelengths_nm=[450.0])
+    assert addon.Animation(moving_scene, [2, 4]).pending == [2, 4]
+
+
+def test_cameras_of_markers_and_keyframed_settings_are_those_of_each_frame(moving_scene, tmp_path):
+    other = bpy.data.objects.new("Other", bpy.data.cameras.new("Other"))
+    moving_scene.collection.objects.link(other)
+    for name, frame, camera in (("A", 1, moving_scene.camera), ("B", 4, other)):
+        moving_scene.timeline_markers.new(name, frame=frame).camera = camera
+    other.data.lens = 2 * moving_scene.camera.data.lens
+    moving_scene.lensfield.view = "CAMERA"
+    for frame, accuracy in ((2, 0.02), (4, 0.05)):
+        moving_scene.lensfield.accuracy = accuracy
+        moving_scene.keyframe_insert("lensfield.accuracy", frame=frame)
+    results = addon.render_animation(moving_scene, [2, 4]).results.values()
+    first, second = (result.report.scene.lens_warning for result in results)
+    factor = [float(text.split(" made ")[1].split(" times")[0]) for text in (first, second)]
+    assert factor[1] == pytest.approx(2 * factor[0], rel=1e-2)
+    records = [json.loads(result.record.read_text()) for result in results]
+    assert [record["job"]["options"]["accuracy"] for record in records] == [0.02, 0.05]
+    assert not addon.Animation(moving_scene, [2, 4]).pending
+
+
+def test_an_error_names_its_frame_and_leaves_those_before(moving_scene, tmp_path):
+    camera = moving_scene.camera.data
+    for frame, shift in ((5, 0.5), (4, 0.0)):
+        camera.shift_x = shift
+        camera.keyframe_insert("shift_x", frame=frame)
+    before = snapshot()
+    with pytest.raises(InputError, match="^frame 6: camera 'Camera': shift is 0.5, 0: "):
+        addon.render_animation(moving_scene)
+    assert not differences(before, snapshot())
+    assert files(tmp_path / "lensfield") == {f"Scene_{frame:04d}_{name}" for frame in (2, 4) for name in NAMES}
+    assert addon.Animation(moving_scene).pending == [6]
+
+
+def test_a_full_disk_is_told_with_its_frame_and_leaves_nothing_half_written(moving_scene, tmp_path, monkeypatch):
+    written = []
+
+    def write_or_fail(*arguments):
+        written.append(arguments)
+        if len(written) == 4:  # the second picture of the second frame
+            raise OSError(28, "No space left on device")
+        return write(*arguments)
+
+    write = pictures.write_png
+    monkeypatch.setattr(pictures, "write_png", write_or_fail)
+    with pytest.raises(InputError, match=r"^frame 4: render is stopped: \[Errno 28\] No space left on device"):
+        addon.render_animation(moving_scene)
+    assert "Scene_0004_report.json" not in files(tmp_path / "lensfield")
+    assert addon.Animation(moving_scene).pending == [4, 6]
+    assert not [name for name in files(tmp_path / "lensfield") if name.startswith(".")]
+
+
+def test_a_frame_that_is_being_made_again_is_no_longer_there(moving_scene, monkeypatch):
+    """Whoever stops it amid its files finds no record of the old ones."""
+    addon.render_animation(moving_scene, [2])
+
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(pictures, "write_png", stop)
+    with pytest.raises(KeyboardInterrupt):
+        addon.render_animation(moving_scene, [2], overwrite=True)
+    assert addon.Animation(moving_scene, [2]).pending == [2]
+
+
+def test_frames_that_are_missing_are_not_evaluated_to_be_found(moving_scene, monkeypatch):
+    monkeypatch.setattr(animation_module, "job_of_frame", None)
+    assert addon.Animation(moving_scene, range(100)).pending == list(range(100))
+
+
+COMMAND = [sys.executable, "-c", "from lensfield.cli import console; console()", "render"]
+
+
+def lensfield(*arguments):
+    return subprocess.run([*COMMAND, *map(str, arguments)], capture_output=True, text=True, timeout=300)
+
+
+def test_the_command_resumes_after_it_was_stopped(moving_scene, tmp_path):
+    light(moving_scene, "POINT", 20.0)
+    wall(moving_scene, material("Paint", "ShaderNodeBsdfDiffuse")[0])
+    moving_scene.cycles.samples, moving_scene.render.resolution_x, moving_scene.render.resolution_y = 32, 120, 90
+    bpy.ops.wm.save_mainfile()
+    folder, blend = tmp_path / "lensfield", bpy.data.filepath
+    process = subprocess.Popen([*COMMAND, blend, "--frames", "2-200"], stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 120
+    while not (folder / "Scene_0003_report.json").is_file():
+        assert time.monotonic() < deadline and process.poll() is None
+        time.sleep(0.02)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(timeout=20) == 130
+    process.stderr.close()
+    there = {name[:10] for name in files(folder) if name.endswith("report.json")}
+    assert {"Scene_0002", "Scene_0003"} <= there and not [name for name in files(folder) if name.startswith(".")]
+    stamps = {path: path.stat().st_mtime_ns for path in folder.glob("Scene_000[23]_*")}
+    last = len(there) + 2  # that is not there yet
+    done = lensfield(blend, "--frames", f"2-{last}", "--report", tmp_path / "report.json")
+    assert done.returncode == 0, done.stderr
+    assert {path: path.stat().st_mtime_ns for path in stamps} == stamps
+    assert "1 frame in " in done.stdout and f"; {len(there)} there already" in done.stdout
+    assert [Path(line).name for line in done.stdout.splitlines() if line.startswith(str(folder))] == [
+        f"Scene_{last:04d}_{name}" for name in NAMES] + [f"Scene_{end}" for end in render_module.LENS_FILES.values()]
+    frames = json.loads((tmp_path / "report.json").read_text())["frames"]
+    assert [frame["frame"] for frame in frames] == list(range(2, last + 1))
+    done = lensfield(blend, "--frames", "scene")
+    assert f"{sum(frame > last for frame in (2, 4, 6))} frame" in done.stdout or "nothing to render" in done.stdout
+    assert done.returncode == 0 and (folder / "Scene_0006_report.json").is_file()
