@@ -146,7 +146,7 @@ class Upsampling:
 
 @dataclass(frozen=True)
 class FileFacts:
-    """What `lensfield filter` read.
+    """What `lensfield filter` or `lensfield apply` read.
 
     Attributes
     ----------
@@ -156,11 +156,17 @@ class FileFacts:
         Rows and columns that the lens brings in from beyond the frame.
     picture : Upsampling or None
         None for spectral radiance.
+    lens_warning : str
+        What the picture's field of view means for the lens; "" where it is the lens's own.
+    depth : DepthCheck or None
+        None where the file does not tell its depth.
     """
 
     radiance: str
     overscan_needed_px: tuple[int, int]
     picture: Upsampling | None
+    lens_warning: str = ""
+    depth: DepthCheck | None = None
 
 
 def together(reports: dict[int, "Report"], earlier: dict[int, dict] | None = None) -> "Report":
@@ -219,10 +225,11 @@ class Report:
     def _own_remarks(self):
         if self.scene and self.scene.foreign_spectra:
             yield "the scene holds spectra that its plan did not foresee: take the Reference tier"
-        if self.scene and self.scene.lens_warning:
-            yield self.scene.lens_warning
-        if self.scene and self.scene.depth.outside_fraction:
-            yield self.scene.depth.text
+        made_of = self.scene or self.file
+        if made_of and made_of.lens_warning:
+            yield made_of.lens_warning
+        if made_of and made_of.depth and made_of.depth.outside_fraction:
+            yield made_of.depth.text
         image, file = self.lens_image, self.file
         if image and image.out_of_field_fraction:
             yield (f"{image.out_of_field_fraction:.1%} of the frame lies beyond the lens data: "
@@ -242,8 +249,8 @@ class Report:
             facts |= asdict(part) if part else {}
         if self.lens_image:
             facts["plan"] = self.lens_image.plan.as_dict()
-        if self.scene:
-            facts["depth"]["text"] = self.scene.depth.text
+        if depth := getattr(self.scene or self.file, "depth", None):
+            facts["depth"]["text"] = depth.text
         if self.files:
             facts["files"] = dict(self.files)
         frames = {number: {"frame": number} | report.as_dict() for number, report in self.frames.items()}

@@ -78,7 +78,7 @@ def simulate(radiance: SpectralImage, lens: Lens, options: Options = BY_RESULT, 
             progress((index + 1) / radiance.wavelengths_nm.size)
     report.lens_image = tally.facts(lens, plan)
     return replace(radiance.frame(), cube=irradiance, grid=replace(radiance.grid.frame(), projection=PLANE),
-                   quantity=IRRADIANCE, lens_name=lens.name, f_number_effective=lens.f_number_effective)
+                   quantity=IRRADIANCE, lens_name=lens.name, f_number_effective=lens.f_number_effective, focal_mm=None)
 
 
 def _frame(blurred, frame_px):

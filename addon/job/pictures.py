@@ -19,7 +19,7 @@ def write_radiance(captured, path):
     write_exr(captured.radiance, path, {"Z": captured.depth_m} | alpha)
 
 
-def write_pictures(captured, irradiance, job, result):
+def write_pictures(captured, irradiance, lens, options, result):
     """The lens image and what lies beside it; and, exposed alike, the frame as a perfect pinhole and as the lens give
     it.
 
@@ -27,18 +27,19 @@ def write_pictures(captured, irradiance, job, result):
     ----------
     captured : Captured
     irradiance : SpectralImage
-    job : Job
+    lens : Lens
+    options : Options
     result : Result
         Whose files these are.
     """
-    after, frame, nm = to_rec709(irradiance), irradiance.grid, reference_nm(job.lens)
+    after, frame, nm = to_rec709(irradiance), irradiance.grid, reference_nm(lens)
     alpha = np.ones(frame.shape_px) if captured.alpha is None else alpha_through_lens(
-        captured.alpha, captured.radiance, job.lens, job.options)
+        captured.alpha, captured.radiance, lens, options)
     write_rgb_exr(after, result.lens_image, alpha)
-    write_plane_exr(nearest_samples(captured.depth_m, job.lens, captured.radiance.grid, nm), result.depth)
-    write_plane_exr(relative_illumination(job.lens, frame, nm), result.relative_illumination)
-    write_rgb_exr(distort_map(job.lens, frame, nm), result.stmap_distort)
-    write_rgb_exr(undistort_map(job.lens, frame, nm), result.stmap_undistort)
+    write_plane_exr(nearest_samples(captured.depth_m, lens, captured.radiance.grid, nm), result.depth)
+    write_plane_exr(relative_illumination(lens, frame, nm), result.relative_illumination)
+    write_rgb_exr(distort_map(lens, frame, nm), result.stmap_distort)
+    write_rgb_exr(undistort_map(lens, frame, nm), result.stmap_undistort)
     exposure = auto_exposure(after)
     write_png(to_rec709(captured.radiance.frame()), result.before, exposure)
     write_png(after, result.after, exposure)

@@ -94,7 +94,8 @@ def capture(scene, job, result, share):
                            step * (index + 1))
     depth_mm = planar_depth_mm(gathered.depth_m * M_TO_MM, job.lens, grid)
     result.report.scene = gathered.facts(job, depth_mm)
-    return Captured(SpectralImage(gathered.radiance(), job.wavelengths_nm, grid),
+    return Captured(SpectralImage(gathered.radiance(), job.wavelengths_nm, grid,
+                                  focal_mm=job.lens.capture_focal_length_mm),
                     np.where(np.isfinite(depth_mm), depth_mm / M_TO_MM, BACKGROUND_M).astype(np.float32),
                     gathered.alpha if scene.render.film_transparent else None)
 

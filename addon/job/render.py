@@ -73,7 +73,11 @@ class Result:
     @classmethod
     def of(cls, scene, folder, frame):
         """The Result of a frame of a scene in this folder; its report names the files."""
-        stem = bpy.path.clean_name(scene.name)
+        return cls.called(bpy.path.clean_name(scene.name), folder, frame)
+
+    @classmethod
+    def called(cls, stem, folder, frame):
+        """The same for a scene whose files are called so."""
         files = {name: folder / f"{stem}_{frame:04d}_{end}" for name, end in FRAME_FILES.items()} | {
             name: folder / f"{stem}_{end}" for name, end in LENS_FILES.items()}
         return cls(**files, report=Report(files={name: str(path) for name, path in files.items()}))
@@ -91,7 +95,9 @@ class Result:
     def told(self):
         """What to tell of it: list of lines."""
         seconds = sum(self.report.stages.values())
-        return [f"{self.lens_image} in {seconds:.1f} s", self.report.scene.scene_plan, *self.report.remarks()]
+        scene, file = self.report.scene, self.report.file
+        made_of = scene.scene_plan if scene else f"of the light in {file.radiance}"
+        return [f"{self.lens_image} in {seconds:.1f} s", made_of, *self.report.remarks()]
 
 
 def render_through_lens(scene, lens=None, wavelengths_nm=None, output_folder=None, *, options=None, spectral=None,
@@ -197,17 +203,25 @@ def render_steps(scene, job):
     result.record.unlink(missing_ok=True)  # from here on it would tell of other files
     yield Work(_timed(report, "write radiance", lambda tell: write_radiance(captured, result.radiance)),
                "Writing radiance", RENDER_SHARE)
-    irradiance = yield Work(lambda tell: simulate(captured.radiance, job.lens, job.options, progress=tell,
-                                                  report=report, kept=kept()),
-                            f"Through {job.lens.name}", RENDER_SHARE + 0.02, 0.96 - RENDER_SHARE)
-    yield Work(_timed(report, "write irradiance", lambda tell: write_exr(irradiance, result.irradiance)),
-               "Writing irradiance", 0.98)
-    yield Work(_timed(report, "write pictures", lambda tell: write_pictures(captured, irradiance, job, result)),
-               "Writing pictures", 0.99)
+    yield from lens_steps(captured, job.lens, job.options, result, RENDER_SHARE + 0.02)
     write_record(job, result)
     if job.to_compositor:
         lay_into_compositor(scene, result.lens_image)
     return result
+
+
+def lens_steps(captured, lens, options, result, done):
+    """Steps that put what is Captured through a lens and write what follows from it, when so much of the job is done.
+    """
+    report = result.report
+    irradiance = yield Work(lambda tell: simulate(captured.radiance, lens, options, progress=tell, report=report,
+                                                  kept=kept()),
+                            f"Through {lens.name}", done, 0.98 - done)
+    yield Work(_timed(report, "write irradiance", lambda tell: write_exr(irradiance, result.irradiance)),
+               "Writing irradiance", 0.98)
+    yield Work(_timed(report, "write pictures",
+                      lambda tell: write_pictures(captured, irradiance, lens, options, result)),
+               "Writing pictures", 0.99)
 
 
 def _timed(report, stage, call):

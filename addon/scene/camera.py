@@ -131,7 +131,7 @@ def lens_for_view(scene, lens, view):
     pixel_mm = _pixel_mm(camera, frame)
     factor = camera.lens / lens.capture_focal_length_mm  # camera.lens is in mm, in whatever unit Blender shows it
     adapted = scaled_lens(lens, factor, (frame[1] * pixel_mm, frame[0] * pixel_mm))
-    return adapted, _warning(lens, adapted, factor)
+    return adapted, size_warning(lens, adapted, factor)
 
 
 def _pixel_mm(camera, frame):
@@ -143,11 +143,17 @@ def _pixel_mm(camera, frame):
     return camera.sensor_width / max(frame)
 
 
-def _warning(lens, adapted, factor):
-    covered = min(1.0, 2 * adapted.real_height_at(reference_nm(adapted))[-1] / np.hypot(*adapted.sensor_mm))
+def size_warning(lens, adapted, factor):
+    """One line that says what it means that a lens is made larger or smaller, for the sensor that it then has."""
+    covered = covered_diagonal(adapted, adapted.sensor_mm)
     focus = "infinity" if np.isinf(adapted.object_distance_mm) else f"{adapted.object_distance_mm * 1e-3:.3g} m"
     return (f"{lens.name} made {factor:.3g} times as large: f = {adapted.efl_mm:.3g} mm, focused at {focus}; its field "
             f"covers {covered:.0%} of the frame's diagonal; all its blur scales alike, though diffraction would not")
+
+
+def covered_diagonal(lens, sensor_mm):
+    """How much of a sensor's diagonal the lens data cover, 1 at the most."""
+    return min(1.0, 2 * lens.real_height_at(reference_nm(lens))[-1] / np.hypot(*sensor_mm))
 
 
 def _make_perspective(camera, focal_length_mm, width_mm):

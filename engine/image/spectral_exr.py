@@ -35,8 +35,8 @@ def write_exr(image: SpectralImage, path: str | os.PathLike, beside: dict[str, n
 
     Radiance carries the layout's `emissiveUnits`; irradiance, for which the layout has no unit, does not. Both carry
     `lensfield:` attributes: quantity, units, pitchUm, and centrePx, the row and the column, in this order and in the
-    pixel coordinates of the windows, where the optical axis meets the picture; fisheye radiance projection too,
-    irradiance lens and fNumberEffective.
+    pixel coordinates of the windows, where the optical axis meets the picture; captured radiance focalMm, fisheye
+    radiance projection too, irradiance lens and fNumberEffective.
     """
     planes = {channel_name(nm): np.ascontiguousarray(plane)
               for nm, plane in zip(image.wavelengths_nm, image.cube, strict=True)}
@@ -64,6 +64,8 @@ def _header(image):
         header["emissiveUnits"] = EMISSIVE_UNITS
         if image.projection != PLANE:
             header["lensfield:projection"] = image.projection
+    if image.focal_mm:
+        header["lensfield:focalMm"] = np.array([float(image.focal_mm)])
     if image.lens_name:
         header["lensfield:lens"] = image.lens_name
     if image.f_number_effective:
@@ -115,6 +117,12 @@ def read_exr(path: str | os.PathLike, pitch_um: float | None = None) -> Spectral
     ImageError
         No EXR, no spectral channels, or nothing to tell the pixel pitch by.
     """
+    return read_with_planes(path, pitch_um)[0]
+
+
+def read_with_planes(path: str | os.PathLike,
+                     pitch_um: float | None = None) -> tuple[SpectralImage, dict[str, np.ndarray]]:
+    """What `read_exr` gives, and all the planes of the file by channel: those beside the spectral ones, too."""
     header, channels = read_parts(path)[0]
     planes = sorted(((wavelength, plane) for name, plane in channels.items()
                      if (wavelength := channel_wavelength_nm(name)) is not None), key=lambda plane: plane[0])
@@ -127,14 +135,16 @@ def read_exr(path: str | os.PathLike, pitch_um: float | None = None) -> Spectral
         raise ImageError(path, "lensfield:pitchUm", "missing", "give the pixel pitch at the sensor in micrometres")
     wavelengths, cube = zip(*planes, strict=True)
     try:
-        return SpectralImage(np.stack(cube), wavelengths, pitch_um=pitch_um, **_placement(header),
-                             quantity=header.get("lensfield:quantity", RADIANCE), projection=_projection(header),
-                             lens_name=header.get("lensfield:lens", ""),
-                             f_number_effective=_number(header, "lensfield:fNumberEffective"))
+        image = SpectralImage(np.stack(cube), wavelengths, pitch_um=pitch_um, **_placement(header),
+                              quantity=header.get("lensfield:quantity", RADIANCE), projection=_projection(header),
+                              lens_name=header.get("lensfield:lens", ""),
+                              f_number_effective=_number(header, "lensfield:fNumberEffective"),
+                              focal_mm=_number(header, "lensfield:focalMm"))
     except ImageError as error:
         raise error.at(path) from None
     except (TypeError, ValueError) as error:
         raise ImageError(path, "attributes", "damaged", str(error)) from None
+    return image, channels
 
 
 def read_parts(path: str | os.PathLike, header_only: bool = False) -> list[tuple[dict, dict]]:

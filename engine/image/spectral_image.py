@@ -28,7 +28,7 @@ class SpectralImage:
     grid : PixelGrid, optional
         Instead of which, or to change them in it, its parts may be given by name: pitch_um, centre_px, overscan_px and
         projection.
-    quantity, lens_name, f_number_effective
+    quantity, lens_name, f_number_effective, focal_mm
         See below.
 
     Attributes
@@ -45,6 +45,8 @@ class SpectralImage:
         The lens that an irradiance image was made with, else "".
     f_number_effective : float or None
         That lens's effective f-number, which relates irradiance to radiance (Eq. 2).
+    focal_mm : float or None
+        Of the pinhole that captured a radiance image: with the pitch it tells the field of view.
 
     Raises
     ------
@@ -58,11 +60,13 @@ class SpectralImage:
     quantity: str
     lens_name: str
     f_number_effective: float | None
+    focal_mm: float | None
 
     def __init__(self, cube: ArrayLike, wavelengths_nm: ArrayLike, grid: PixelGrid | None = None, *,
                  quantity: str = RADIANCE, lens_name: str = "", f_number_effective: float | None = None,
-                 pitch_um: float | None = None, centre_px: Sequence[float] | None = None,
-                 overscan_px: Sequence[int] | None = None, projection: str | None = None) -> None:
+                 focal_mm: float | None = None, pitch_um: float | None = None,
+                 centre_px: Sequence[float] | None = None, overscan_px: Sequence[int] | None = None,
+                 projection: str | None = None) -> None:
         cube = np.asarray(cube, dtype=np.float32)
         wavelengths = np.atleast_1d(np.asarray(wavelengths_nm, dtype=np.float64))
         if cube.ndim == 2:
@@ -74,8 +78,9 @@ class SpectralImage:
                              f"expected one for each of the {cube.shape[0]} planes")
         if not np.all(np.isfinite(wavelengths)) or np.any(wavelengths <= 0) or np.any(np.diff(wavelengths) <= 0):
             raise ImageError("image", "wavelengths_nm", wavelengths.tolist(), "expected positive and ascending")
-        if f_number_effective is not None and not is_positive(f_number_effective):
-            raise ImageError("image", "f_number_effective", f_number_effective, "expected a positive number")
+        for name, number in (("f_number_effective", f_number_effective), ("focal_mm", focal_mm)):
+            if number is not None and not is_positive(number):
+                raise ImageError("image", name, number, "expected a positive number")
         if quantity not in UNITS:
             raise ImageError("image", "quantity", quantity, f"expected one of {', '.join(UNITS)}")
         parts = {"pitch_um": pitch_um, "centre_px": centre_px, "overscan_px": overscan_px, "projection": projection}
@@ -89,7 +94,8 @@ class SpectralImage:
         if grid.shape_px != cube.shape[1:]:
             raise ImageError("image", "cube", f"of {cube.shape[1:]} px", f"expected {grid.shape_px}, as its grid has")
         for name, value in (("cube", cube), ("wavelengths_nm", wavelengths), ("grid", grid), ("quantity", quantity),
-                            ("lens_name", lens_name), ("f_number_effective", f_number_effective)):
+                            ("lens_name", lens_name), ("f_number_effective", f_number_effective),
+                            ("focal_mm", focal_mm)):
             object.__setattr__(self, name, value)
 
     @property

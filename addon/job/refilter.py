@@ -1,0 +1,124 @@
+"""Another lens on a picture: the radiance that a render has kept, put through a lens again, without Cycles.
+
+The kept picture has its field of view. Another lens takes that on a sensor of another size than its own; or, for the
+camera's view, is made as large as the sensor that there is takes.
+"""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+from ...engine import ImageError, InputError, Lens, Options
+from ...engine.field.overscan import VIEWS, overscan_px
+from ...engine.image.depth_range import check_depth
+from ...engine.image.pitch import fitting_pitch_um
+from ...engine.image.spectral_exr import read_with_planes
+from ...engine.report import FileFacts
+from ..scene.camera import covered_diagonal, size_warning
+from ..scene.lens_cache import load_lens, scaled_lens
+from .radiance import M_TO_MM, Captured, Work
+from .render import Result, lens_steps, run
+
+NAME = re.compile(r"(.+)_(\d{4,})_radiance\.exr")
+BY_RESULT = Options()
+SAME = 0.005  # of its own sensor's size, within which a lens is taken to have its own view
+
+
+def apply_lens(radiance, lens, output_folder=None, *, options=BY_RESULT, view="lens", progress=None):
+    """Put the radiance that a render has kept through another lens, or the same one otherwise; all files are made anew.
+
+    Parameters
+    ----------
+    radiance : path
+        Such as Scene_0001_radiance.exr, as `render_through_lens` left it.
+    lens : Lens, or a name or path that `Lens.load` takes
+    output_folder : path, optional
+        Where the files are to lie; by default beside the radiance, in place of those that were there.
+    options : Options
+    view : "lens" or "camera"
+        Whether the lens stays as large as it is, the kept field of view on its sensor; or is made as large as that
+        takes on the sensor that the picture was rendered for. The picture is the same.
+    progress : callable (fraction, label), optional
+
+    Returns
+    -------
+    Result
+
+    Raises
+    ------
+    LensError, ImageError, InputError
+        Among others where the lens needs more than was captured: it takes a new render then.
+    """
+    return run(_steps(Path(radiance), lens, output_folder, options, view), progress)
+
+
+def _steps(path, lens, output_folder, options, view):
+    if view not in VIEWS:
+        raise InputError("options", "view", view, f"expected {' or '.join(VIEWS)}")
+    name = NAME.fullmatch(path.name)
+    if not name:
+        raise InputError(path, "file", "not named as by a render", "expected one such as Scene_0001_radiance.exr")
+    lens = lens if isinstance(lens, Lens) else load_lens(lens)
+    result = Result.called(name[1], path.parent if output_folder is None else Path(output_folder), int(name[2]))
+    result = replace(result, radiance=path)
+    result.report.files["radiance"] = str(path)
+    with result.report.stage("read radiance"):
+        captured = yield Work(lambda tell: _read(path), "Reading radiance", 0.0)
+    lens, captured, warning = _fitted(lens, captured, view, path)
+    _check_overscan(lens, captured.radiance, path)
+    result.record.unlink(missing_ok=True)  # from here on it would tell of other files
+    yield from lens_steps(captured, lens, options, result, 0.1)
+    result.report.file = _facts(lens, captured, warning, result)
+    result.report.write(result.record)
+    return result
+
+
+def _read(path):
+    radiance, planes = read_with_planes(path)
+    if radiance.focal_mm is None or "Z" not in planes:
+        raise ImageError(path, "lensfield:focalMm", "missing", "it is of an older Lensfield: render again")
+    return Captured(radiance, planes["Z"], planes.get("A"))
+
+
+def _fitted(lens, captured, view, path):
+    """The lens, and the radiance as it lies on its sensor: as the pinhole that captured it sees, pixel by pixel."""
+    radiance = captured.radiance
+    factor = radiance.focal_mm / lens.capture_focal_length_mm
+    if view == "camera":
+        rows_mm, columns_mm = (n * radiance.pitch_um * 1e-3 for n in radiance.frame_px)
+        adapted = scaled_lens(lens, factor, (columns_mm, rows_mm))
+        return adapted, captured, size_warning(lens, adapted, factor)
+    pitch_um = radiance.pitch_um / factor
+    radiance = replace(radiance, grid=replace(radiance.grid, pitch_um=pitch_um), focal_mm=lens.capture_focal_length_mm)
+    return lens, replace(captured, radiance=radiance), _sensor_warning(lens, radiance)
+
+
+def _sensor_warning(lens, radiance):
+    """One line that says what the kept field of view means for a lens; "" where it is the lens's own."""
+    if abs(radiance.pitch_um / fitting_pitch_um(lens, radiance.frame_px) - 1) < SAME:
+        return ""
+    height_mm, width_mm = (n * radiance.pitch_um * 1e-3 for n in radiance.frame_px)
+    covered = covered_diagonal(lens, (width_mm, height_mm))
+    own_width_mm, own_height_mm = lens.sensor_mm
+    return (f"the kept picture's view, through {lens.name}, is that of a sensor of {width_mm:.3g} x {height_mm:.3g} "
+            f"mm, in place of its own of {own_width_mm:.3g} x {own_height_mm:.3g} mm; its field covers {covered:.0%} "
+            "of the frame's diagonal; render again for the lens's own view")
+
+
+def _check_overscan(lens, radiance, path):
+    """Raise an ImageError where part of a lens's frame would stay black, for want of what it draws in from beyond."""
+    grid, nm = radiance.grid, radiance.wavelengths_nm
+    needed = overscan_px(lens, grid, nm, 0)
+    if any(least > there for least, there in zip(needed, grid.overscan_px, strict=True)):
+        raise ImageError(path, "overscan", "{1} x {0} px".format(*grid.overscan_px),
+                         "{name} draws in {1} x {0} px from beyond the frame: render again through it".format(
+                             *needed, name=lens.name))
+
+
+def _facts(lens, captured, warning, result):
+    """What the report tells of the file."""
+    radiance, (top, left) = captured.radiance, captured.radiance.overscan_px
+    rows, columns = radiance.frame_px
+    depth_mm = captured.depth_m[top:top + rows, left:left + columns] * M_TO_MM
+    needed = overscan_px(lens, radiance.grid, radiance.wavelengths_nm, result.report.lens_image.plan.psf_radius_px)
+    return FileFacts(str(result.radiance), needed, None, warning, check_depth(depth_mm, lens, radiance.pitch_um))

@@ -1,0 +1,131 @@
+"""Another lens on a kept picture: it is what a fresh render through that lens would be."""
+
+import json
+from dataclasses import replace
+
+import bpy
+import numpy as np
+import pytest
+
+from lensfield import addon
+from lensfield.engine import ImageError, InputError, Lens
+from lensfield.engine.image.pixel_grid import FISHEYE
+from lensfield.engine.image.spectral_exr import read_exr, read_parts, read_with_planes, write_exr
+from noise import assert_means
+from small_scenes import WAVELENGTHS_NM, material, wall
+
+
+@pytest.fixture
+def window(scene):
+    """A glowing square off the axis before a dim wall, without noise but for that of the pixels' edges."""
+    scene.cycles.samples = 256
+    for name, strength, distance_m, side_m, x_m in (("Dim", 0.2, 3, 20, 0), ("Bright", 2, 2, 0.9, 0.35)):
+        glow, shader = material(name, "ShaderNodeEmission", (0.8, 0.5, 0.2))
+        shader.inputs["Strength"].default_value = strength
+        wall(scene, glow, distance_m, side_m).location.x = x_m
+    return scene
+
+
+def rendered(scene, folder, lens, **asked):
+    return addon.render_through_lens(scene, lens, WAVELENGTHS_NM, folder, **asked)
+
+
+def blocks(path):
+    """An irradiance's means over blocks of 12 x 12 px, so large that the pixels' noise is small."""
+    image = read_exr(path)
+    rows, columns = (n // 12 for n in image.frame_px)
+    return image, image.cube.reshape(len(image.cube), rows, 12, columns, 12).transpose(0, 1, 3, 2, 4)
+
+
+@pytest.mark.parametrize("first, second", [("tessar-50mm", "cooke-triplet-50mm"), ("edmund-54852", "nikkor-28mm")])
+def test_in_the_cameras_view_it_is_a_fresh_render_through_that_lens(window, tmp_path, first, second):
+    """However large either is by itself."""
+    window.camera.data.lens = 30
+    kept = rendered(window, tmp_path, first, view="camera")
+    applied = addon.apply_lens(kept.radiance, second, tmp_path / "applied", view="camera")
+    fresh = rendered(window, tmp_path / "fresh", second, view="camera")
+    (image, pixels), (other, expected) = blocks(applied.irradiance), blocks(fresh.irradiance)
+    assert image.lens_name == other.lens_name and np.isclose(image.pitch_um, other.pitch_um)
+    assert_means(pixels, expected, rtol=0.002, noise=0.03)
+
+
+def test_what_a_fisheye_captured_serves_other_lenses_too(window, tmp_path):
+    """But for what resampling does to edges."""
+    window.camera.data.lens = 18
+    kept = rendered(window, tmp_path, "muller-fisheye-25mm", view="camera")
+    assert read_exr(kept.radiance).projection == FISHEYE
+    applied = addon.apply_lens(kept.radiance, "tessar-50mm", tmp_path / "applied", view="camera")
+    fresh = rendered(window, tmp_path / "fresh", "tessar-50mm", view="camera")
+    (_, pixels), (_, expected) = (blocks(result.irradiance) for result in (applied, fresh))
+    light = expected.mean(axis=(-2, -1))
+    assert np.abs(pixels.mean(axis=(-2, -1)) - light).max() < 0.01 * light.max()
+
+
+def test_lenses_of_one_view_need_no_scaling(window, tmp_path):
+    """The same lens stopped down: what its own render gives, and nothing to be told."""
+    kept = rendered(window, tmp_path, "angenieux-50mm-f1.1")
+    applied = addon.apply_lens(kept.radiance, "angenieux-50mm-f4", tmp_path / "applied")
+    fresh = rendered(window, tmp_path / "fresh", "angenieux-50mm-f4")
+    assert applied.report.file.lens_warning == ""
+    (_, pixels), (_, expected) = blocks(applied.irradiance), blocks(fresh.irradiance)
+    assert_means(pixels, expected, rtol=0.002, noise=0.03)
+
+
+def test_the_lens_of_the_render_gives_the_same_files_again(window, tmp_path):
+    window.render.film_transparent = True
+    bpy.data.objects["Wall"].hide_render = True
+    kept = rendered(window, tmp_path, "tessar-50mm")
+    applied = addon.apply_lens(kept.radiance, "tessar-50mm", tmp_path / "applied")
+    for first, second in zip(kept.files, applied.files, strict=True):
+        if first.suffix == ".exr":
+            (_, planes), (_, others) = read_parts(first)[0], read_parts(second)[0]
+            assert planes.keys() == others.keys()
+            assert all(np.array_equal(planes[name], others[name]) for name in planes)
+    assert kept.after.read_bytes() == applied.after.read_bytes()
+
+
+def test_a_kept_field_of_view_is_told_for_what_it_is(window, tmp_path):
+    kept = rendered(window, tmp_path, "tessar-50mm")
+    result = addon.apply_lens(kept.radiance, "nikkor-28mm")
+    (warning,) = (line for line in result.told if "sensor" in line)
+    assert "nikkor-28mm, is that of a sensor of 18.3 x 13.7 mm, in place of its own of 36 x 24 mm" in warning
+    tessar, nikkor = Lens.load("tessar-50mm"), Lens.load("nikkor-28mm")
+    image = read_exr(result.irradiance)
+    assert np.isclose(image.pitch_um / nikkor.capture_focal_length_mm,
+                      read_exr(kept.radiance).pitch_um / tessar.capture_focal_length_mm)
+    assert json.loads(result.record.read_text())["radiance"] == str(kept.radiance) in result.told[1]
+    scaled = addon.apply_lens(kept.radiance, "nikkor-28mm", tmp_path / "scaled", view="camera")
+    assert np.allclose(read_exr(scaled.irradiance).cube, image.cube, rtol=1e-4)
+    assert "nikkor-28mm made 1.75 times as large" in "".join(scaled.told)
+
+
+def test_what_needs_more_than_was_captured_is_refused_and_nothing_is_touched(window, tmp_path):
+    window.render.resolution_x, window.render.resolution_y, window.cycles.samples = 192, 144, 1
+    kept = rendered(window, tmp_path, "tessar-50mm")
+    before = [path.read_bytes() for path in kept.files]
+    with pytest.raises(ImageError, match=r"_radiance.exr: overscan is \d+ x \d+ px: edmund-54852 draws in \d+ x \d+ px "
+                                         "from beyond the frame: render again through it"):
+        addon.apply_lens(kept.radiance, "edmund-54852")
+    assert [path.read_bytes() for path in kept.files] == before
+
+
+def test_an_animation_takes_the_frame_for_another_one_afterwards(window, tmp_path):
+    window.lensfield.output_folder, window.lensfield.lens = str(tmp_path), "tessar-50mm"
+    asked = {"wavelengths_nm": WAVELENGTHS_NM}
+    (result,) = addon.render_animation(window, [1], **asked).results.values()
+    assert not addon.Animation(window, [1], **asked).pending
+    addon.apply_lens(result.radiance, "cooke-triplet-50mm")
+    assert addon.Animation(window, [1], **asked).pending == [1]
+
+
+def test_bad_input_names_the_remedy(window, tmp_path):
+    kept = rendered(window, tmp_path, "tessar-50mm")
+    image, planes = read_with_planes(kept.radiance)
+    old = tmp_path / "Old_0001_radiance.exr"
+    write_exr(replace(image, focal_mm=None), old, {"Z": planes["Z"]})
+    for path, words in ((old, "older Lensfield: render again"), (tmp_path / "Gone_0001_radiance.exr", "is not there"),
+                        (kept.irradiance, "such as Scene_0001_radiance.exr")):
+        with pytest.raises(InputError, match=words):
+            addon.apply_lens(path, "tessar-50mm")
+    with pytest.raises(InputError, match="expected lens or camera"):
+        addon.apply_lens(kept.radiance, "tessar-50mm", view="mine")
