@@ -64,9 +64,16 @@ def unsaved_images():
             if image.is_dirty and image.users and image.type not in ("RENDER_RESULT", "COMPOSITING")]
 
 
-def render_command(copy, picture):
-    """The command line that renders a copy by its scene's own settings, and shows the light so far in a picture."""
-    arguments = ["render", str(copy), "--progress", "lines", "--end-with-stdin", "--picture", str(picture)]
+def render_command(copy, picture, *more):
+    """The command line that renders a copy by its scene's own settings, and shows the light so far in a picture.
+
+    Parameters
+    ----------
+    copy, picture : path
+    more : str
+        Arguments of `lensfield render`.
+    """
+    arguments = ["render", str(copy), "--progress", "lines", "--end-with-stdin", "--picture", str(picture), *more]
     if bpy.data.filepath:
         arguments += ["--beside", os.path.dirname(bpy.data.filepath)]
     if not bpy.app.binary_path:  # the wheel
@@ -87,14 +94,17 @@ class Child:
     Attributes
     ----------
     told : dict
-        The latest that it has told: fraction and label; at the end lens_image and told, or error.
+        The latest that it has told: fraction and label, frame and lens_image; at the end told, or error.
+    lens_images : list of str
+        Of the frames that are there, as it told of them.
     told_s : float
         When, by time.monotonic().
     log : Path
     """
 
     def __init__(self, command, folder):
-        self.told, self.told_s, self.log = {}, time.monotonic(), Path(folder) / "render.log"
+        self.told, self.lens_images, self.told_s = {}, [], time.monotonic()
+        self.log = Path(folder) / "render.log"
         self._log = open(self.log, "a", buffering=1, encoding="utf-8")
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._log, encoding="utf-8",
@@ -110,6 +120,7 @@ class Child:
                 self._log.write(line)
             else:
                 self.told, self.told_s = self.told | facts, time.monotonic()
+                self.lens_images += [facts["lens_image"]] if "lens_image" in facts else []
 
     @property
     def ended(self):

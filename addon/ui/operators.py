@@ -18,12 +18,8 @@ def nothing_renders():
     return not bpy.app.is_job_running("RENDER")
 
 
-class LENSFIELD_OT_render(bpy.types.Operator):
-    """Render the scene as it is now at every wavelength, and put it through the lens. In a window this goes on in the
-    background, and you can go on working"""
-
-    bl_idname = "lensfield.render"
-    bl_label = "Render through Lens"
+class LensRender:
+    """What renders through the lens: a script waits for it; a window starts it in the background, one at a time."""
 
     @classmethod
     def poll(cls, context):
@@ -34,22 +30,38 @@ class LENSFIELD_OT_render(bpy.types.Operator):
 
     def execute(self, context):
         try:
-            result = render_through_lens(context.scene, to_compositor=context.scene.lensfield.to_compositor)
+            rendered = self.render(context.scene)
         except (InputError, OSError) as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        self.report({"INFO"}, "; ".join(result.told))
+        self.report({"INFO"}, "; ".join(rendered.told))
         return {"FINISHED"}
 
     def invoke(self, context, event):
         try:
-            remarks = window_render.start(context.scene)
+            remarks = window_render.start(context.scene, *self.frames())
         except (InputError, OSError) as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         for remark in remarks:
             self.report({"WARNING"}, remark)
         return {"FINISHED"}
+
+
+class LENSFIELD_OT_render(LensRender, bpy.types.Operator):
+    """Render the scene as it is now at every wavelength, and put it through the lens. In a window this goes on in the
+    background, and you can go on working"""
+
+    bl_idname = "lensfield.render"
+    bl_label = "Render through Lens"
+
+    def render(self, scene):
+        """Render the current frame; what there is to tell of it."""
+        return render_through_lens(scene, to_compositor=scene.lensfield.to_compositor)
+
+    def frames(self):
+        """Arguments of the command that say which frames are asked for."""
+        return ()
 
 
 class LENSFIELD_OT_cancel(bpy.types.Operator):

@@ -10,6 +10,7 @@ from ..job.bands import pass_count
 from ..scene.camera import frame_px, lens_for_view, pitch_um
 from ..scene.lens_cache import load_lens
 from . import operators
+from .animation import draw_animation
 from .previews import PREVIEW_PX, growing_preview, sheet_path, sheet_preview
 from .properties import FROM_FILE
 from .window_render import state
@@ -46,6 +47,7 @@ def draw_settings(layout, scene):
     row = layout.row()
     row.scale_y = 1.5
     row.operator("lensfield.render", icon="RENDER_STILL")
+    draw_animation(layout, scene)
 
 
 def _draw_under_way(layout, render):

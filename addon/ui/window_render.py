@@ -31,6 +31,8 @@ class WindowRender:
     scene_uid: int  # which no other scene has until Blender ends
     to_compositor: bool
     remarks: list
+    animation: bool = False
+    laid: list = field(default_factory=list)  # into the compositor: lens images
     started_s: float = field(default_factory=time.monotonic)
 
     @property
@@ -58,13 +60,15 @@ state = {"render": None, "icon": "INFO", "notice": ()}
 """The WindowRender under way, or None; and what became of the last one: lines, and the icon that they go under."""
 
 
-def start(scene):
+def start(scene, *frames):
     """Start rendering a scene by its settings, in a process of its own.
 
     Parameters
     ----------
     scene : bpy.types.Scene
         The window's.
+    frames : str
+        Arguments of `lensfield render` that ask for others than the current frame.
 
     Returns
     -------
@@ -84,29 +88,34 @@ def start(scene):
     folder = tempfile.TemporaryDirectory(prefix="lensfield-", dir=beside, ignore_cleanup_errors=True)
     try:
         copy = save_copy(folder.name)
-        child = Child(render_command(copy, Path(folder.name) / PICTURE), folder.name)
+        child = Child(render_command(copy, Path(folder.name) / PICTURE, *frames), folder.name)
     except BaseException:
         folder.cleanup()
         raise
-    state["render"] = WindowRender(child, folder, scene.name, scene.session_uid, scene.lensfield.to_compositor, remarks)
+    state["render"] = WindowRender(child, folder, scene.name, scene.session_uid, scene.lensfield.to_compositor, remarks,
+                                   bool(frames))
     state["notice"] = ()
     bpy.app.timers.register(tick, first_interval=TICK_S, persistent=True)  # it outlives the file
     return remarks
 
 
 def tick():
-    """Look how far it is, and lay its picture into the compositor when it is done; seconds to the next look."""
+    """Look how far it is, and lay its newest frame into the compositor; seconds to the next look."""
     render = state["render"]
-    if render and render.child.ended and not bpy.app.is_job_running("RENDER"):  # Blender's own uses the compositor
-        _finish(render)
+    if render and not bpy.app.is_job_running("RENDER"):  # Blender's own uses the compositor
+        if render.child.ended:
+            _finish(render)
+        else:
+            _lay(render)
     _redraw_panels()
     return TICK_S if state["render"] else None
 
 
 def cancel():
-    """End the render under way, and leave nothing of it."""
+    """End the render under way, and leave nothing of it but the frames that are done."""
+    render = state["render"]
     end()
-    _notify("CANCEL", ["Cancelled"])
+    _notify("CANCEL", ["Cancelled", *_left(render)])
     _redraw_panels()
 
 
@@ -128,12 +137,26 @@ def _finish(render):
     with render.folder:
         if "told" in told:
             _notify("INFO", told["told"] + render.remarks)
-            if render.to_compositor:
-                _lay(render, Path(told["lens_image"]))
         elif "error" in told:
-            _notify("ERROR", [told["error"]])
+            _notify("ERROR", [told["error"], *_left(render)])
         else:
-            _notify("ERROR", ["the process of the render died, of {}; its log is {}".format(*render.child.death())])
+            died = "the process of the render died, of {}; its log is {}".format(*render.child.death())
+            _notify("ERROR", [died, *_left(render)])
+    if render.to_compositor and render.child.lens_images and _scene(render) is None:
+        state["notice"] += (f"scene {render.scene_name!r} is no longer open: its compositor is as it was",)
+    _lay(render)
+
+
+def _left(render):
+    """What is left of an animation that did not come to its end: list of lines."""
+    count = len(render.child.lens_images) if render.animation else 0
+    frames = "1 frame is" if count == 1 else f"{count} frames are"
+    return [f"{frames} there; the next animation goes on from there"] if count else []
+
+
+def _scene(render):
+    """The scene that a render is of, if it is still there."""
+    return next((scene for scene in bpy.data.scenes if scene.session_uid == render.scene_uid), None)
 
 
 def _notify(icon, lines):
@@ -141,14 +164,15 @@ def _notify(icon, lines):
     print("Lensfield:", *lines, sep="\n  ")
 
 
-def _lay(render, image_path):
-    """Lay the lens image into the compositor of the scene that it is of, if that is still there."""
-    scene = next((scene for scene in bpy.data.scenes if scene.session_uid == render.scene_uid), None)
-    if scene is None:
-        state["notice"] += (f"scene {render.scene_name!r} is no longer open: its compositor is as it was",)
+def _lay(render):
+    """Lay the newest lens image into the compositor of the scene that it is of, if there is one, and the scene too."""
+    newest, scene = render.child.lens_images[-1:], _scene(render)
+    if not render.to_compositor or newest == render.laid[-1:] or scene is None:
         return
-    lay_into_compositor(scene, image_path)
-    _remember_for_undo()
+    render.laid.extend(newest)  # before it can fail: it is not for the next tick to try again
+    lay_into_compositor(scene, Path(newest[0]))
+    if len(render.laid) == 1:  # of many frames only the first is a step of its own, or none would be left for others
+        _remember_for_undo()
     _show(lens_image(scene))
 
 

@@ -23,6 +23,10 @@ class Layout:
         properties = getattr(getattr(bpy.ops, module), function).get_rna_type().properties
         return SimpleNamespace(**dict.fromkeys(properties.keys()))
 
+    def menu(self, name, **_):
+        assert hasattr(bpy.types, name)
+        self.shown.append(name)
+
     def template_icon(self, icon_value, scale):
         assert scale > 0
         self.shown.append("picture")

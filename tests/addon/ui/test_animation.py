@@ -1,0 +1,137 @@
+"""The animation that a window starts, followed by hand; and its place in the panel."""
+
+import time
+from pathlib import Path
+
+import bpy
+import pytest
+
+from layouts import Layout
+from lensfield.addon.scene.compositor import lens_image
+from lensfield.addon.ui import window_render
+from lensfield.addon.ui.animation import draw_animation
+from small_scenes import background, set_world
+from snapshot import differences, snapshot
+
+
+@pytest.fixture
+def moving_scene(scene, tmp_path):
+    """Saved with a world whose light grows, of which the current state is not."""
+    set_world(scene)
+    for frame in (1, 3):
+        background(scene).inputs["Strength"].default_value = frame
+        background(scene).inputs["Strength"].keyframe_insert("default_value", frame=frame)
+    scene.lensfield.wavelength_mode, scene.lensfield.wavelength_list = "LIST", "550"
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    scene.frame_start, scene.frame_end = 1, 3
+    bpy.context.view_layer.update()
+    yield scene
+    window_render.end()
+
+
+def start(*arguments):
+    """What the operator does in a window."""
+    window_render.start(bpy.context.scene, "--frames", "scene", *arguments)
+    return window_render.state["render"]
+
+
+def follow(until=lambda render: False, seconds=120):
+    """Tick as Blender's timer does, until the render has ended or is as far as wanted."""
+    deadline = time.monotonic() + seconds
+    while window_render.tick() is not None and not until(window_render.state["render"]):
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def notice():
+    return "\n".join(window_render.state["notice"])
+
+
+def frame_file(tmp_path, frame, end="lens_image.exr"):
+    return tmp_path / "lensfield" / f"Scene_{frame:04d}_{end}"
+
+
+def heavy(scene, samples):
+    scene.cycles.samples = samples
+    scene.render.resolution_x = scene.render.resolution_y = 300
+
+
+def test_the_window_renders_the_scenes_range_and_the_compositor_follows(moving_scene, tmp_path):
+    heavy(moving_scene, 4)
+    labels, laid = set(), []
+    render = start()
+
+    def look(render):
+        if render:
+            labels.add(render.label.split(": ")[1])
+            laid[:] = render.laid
+        return False
+
+    before = snapshot()
+    follow(look)
+    assert all(frame_file(tmp_path, frame, "report.json").is_file() for frame in (1, 2, 3))
+    assert {"Frame 1, 1 of 3", "Frame 3, 3 of 3"} <= labels
+    assert notice().startswith("3 frames in ") and not render.remarks
+    assert len(laid) >= 2 and Path(laid[-1]) in (frame_file(tmp_path, 2), frame_file(tmp_path, 3))
+    assert Path(lens_image(moving_scene).filepath) == frame_file(tmp_path, 3)
+    allowed = ("node_groups", "('images'", "compositing_node_group", ".node_tree", "use_nodes")
+    assert not [line for line in differences(before, snapshot()) if not any(word in line for word in allowed)]
+
+
+def test_a_cancelled_animation_keeps_its_frames_and_goes_on_from_them(moving_scene, tmp_path):
+    heavy(moving_scene, 64)
+    start()
+    follow(lambda render: render and len(render.child.lens_images) == 2)
+    begin = time.monotonic()
+    assert bpy.ops.lensfield.cancel() == {"FINISHED"}
+    assert time.monotonic() - begin < 1
+    assert notice() == "Cancelled\n2 frames are there; the next animation goes on from there"
+    assert not frame_file(tmp_path, 3).exists() and not list(tmp_path.glob("lensfield/.*"))
+    stamps = [frame_file(tmp_path, frame, "report.json").stat().st_mtime_ns for frame in (1, 2)]
+    assert lens_image(moving_scene)
+    start()
+    follow()
+    assert notice().startswith("1 frame in ") and "; 2 there already" in notice()
+    assert [frame_file(tmp_path, frame, "report.json").stat().st_mtime_ns for frame in (1, 2)] == stamps
+    start("--overwrite")
+    follow()
+    assert notice().startswith("3 frames in ")
+
+
+def test_frames_from_before_the_last_save_are_told(moving_scene):
+    moving_scene.frame_end = 1
+    start()
+    follow()
+    start()
+    follow()
+    assert notice() == "nothing to render; 1 there already"
+    bpy.ops.wm.save_mainfile()
+    start()
+    follow()
+    assert "1 of the frames there already are from before the file's last save: Overwrite" in notice()
+
+
+def test_an_error_names_the_frame_and_says_what_is_left(moving_scene):
+    for frame, kind in ((1, 0.0), (2, 0.5)):
+        moving_scene.camera.data.shift_x = kind
+        moving_scene.camera.data.keyframe_insert("shift_x", frame=frame)
+    start()
+    follow()
+    assert window_render.state["notice"][0].startswith("frame 2: camera 'Camera': shift is 0.5, 0: ")
+    assert window_render.state["notice"][1] == "1 frame is there; the next animation goes on from there"
+    assert window_render.state["icon"] == "ERROR"
+
+
+def test_a_script_renders_the_range_too(moving_scene, tmp_path):
+    assert bpy.ops.lensfield.render_animation() == {"FINISHED"}
+    assert Path(lens_image(moving_scene).filepath) == frame_file(tmp_path, 3)
+    moving_scene.camera.data.shift_x = 1
+    with pytest.raises(RuntimeError, match="frame 1: camera 'Camera': shift is 1, 0"):
+        bpy.ops.lensfield.render_animation(overwrite=True)
+
+
+def test_the_panel_has_a_button_for_it(moving_scene):
+    moving_scene.frame_step = 2
+    layout = Layout()
+    draw_animation(layout, moving_scene)
+    assert {"lensfield.render_animation", "LENSFIELD_MT_animation"} <= set(layout.shown)
