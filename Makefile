@@ -3,6 +3,8 @@
 # make bench       the paper's figures again, what accuracy costs, and what a scene costs (an hour)
 # make validate    Cornell's box against Mitsuba 3, and lenses against rays traced through them (ten minutes)
 # make extension   dist/*.zip, to install in Blender
+# make ui-test     drives a window of BLENDER=/path/to/blender as a user would (ten minutes; on a display, or with Xvfb, and
+#                  ImageMagick's import); STEPS="install escape" takes some steps alone; screenshots in build/ui-test
 # make bake        what `lensfield lens bake` needs, in .venv-bake (Optiland, 2 GB); make test-bake and bench-bake test and time it
 # make lenses      the bundled lenses again, from their prescriptions (half an hour)
 # make tables      the spectra and the upsampling basis again, by colour-science; make bench-tables compares bases
@@ -21,6 +23,9 @@ WAVELENGTHS ?= 400:700:21
 TIER ?= standard
 COVERAGE ?= $(CI)
 
+BLENDER ?= blender
+STEPS ?=
+
 BAKE = .venv-bake
 BAKE_READY = $(BAKE)/.ready
 
@@ -29,7 +34,7 @@ TABLES = .venv-tables
 LINT = .venv-lint
 LOCK = packaging/lock-5.0.1.txt
 
-.PHONY: demo test test-engine test-blender bench validate extension bake test-bake bench-bake lenses tables bench-tables \
+.PHONY: demo test test-engine test-blender ui-test bench validate extension bake test-bake bench-bake lenses tables bench-tables \
         lint lock
 
 demo: $(READY)
@@ -56,6 +61,10 @@ validate: $(VALIDATE)/.ready
 
 extension: $(READY)
 	$(VENV)/bin/python packaging/build_extension.py dist
+
+ui-test: $(READY)
+	$(VENV)/bin/python packaging/build_extension.py dist linux-x64
+	$(VENV)/bin/python tests/window/run.py $(BLENDER) dist/*-linux_x64.zip build/ui-test $(STEPS)
 
 bake: $(BAKE_READY)
 	@echo "$(BAKE)/bin/lensfield lens bake PRESCRIPTION -o LENS.npz"

@@ -42,7 +42,8 @@ def download_wheels(folder, platform):
 
 def stage(folder, platform):
     """A copy of the tree whose manifest names the platform and its wheels."""
-    shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(".*", "__pycache__", "*.egg-info", "dist", "demo"))
+    shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(".*", "__pycache__", "*.egg-info", "build", "dist",
+                                                                  "demo"))
     download_wheels(folder / "wheels", platform)
     wheels = ",\n".join(f'  "./wheels/{path.name}"' for path in sorted((folder / "wheels").glob("*.whl")))
     manifest = folder / "blender_manifest.toml"

@@ -76,6 +76,11 @@ class LENSFIELD_OT_cancel(bpy.types.Operator):
         in_view = context.area and context.area.type == "VIEW_3D" and context.region.type != "UI"
         return window_render.state["render"] is not None and not in_view  # where Esc is too easily pressed
 
+    def invoke(self, context, event):
+        if event.type == "ESC" and not nothing_renders():
+            return {"PASS_THROUGH"}  # it is meant for Blender's own render
+        return self.execute(context)
+
     def execute(self, context):
         window_render.cancel()
         self.report({"INFO"}, "The lens render is cancelled")

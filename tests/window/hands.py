@@ -1,0 +1,217 @@
+"""A user's hands and eyes: mouse and keys in a window of Blender, and what is to be seen there.
+
+What takes time is a generator of the seconds to wait: `yield from` it.
+"""
+
+import json
+import shutil
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+STEP, PACKAGE, FOLDER = sys.argv[sys.argv.index("--") + 1:]
+FOLDER = Path(FOLDER)
+"""Of this step."""
+MODULE = "bl_ext.user_default.lensfield"
+SAMPLE = Path(__file__).resolve().parents[2] / "sample_scenes" / "evening_chess.blend"
+DRAW_S = 0.4  # for Blender to draw what has changed
+
+
+def tell(wrong="", status=0, gone=()):
+    """Tell the driver what is wrong, what exit status Blender ends with, and which processes and paths go with it."""
+    (FOLDER / "told.json").write_text(json.dumps({"wrong": wrong, "status": status, "gone": gone}), encoding="utf-8")
+
+
+def main_window():
+    return bpy.context.window_manager.windows[0]
+
+
+def newest_window():
+    return bpy.context.window_manager.windows[-1]
+
+
+def area(kind, window=None):
+    """The largest area of a kind in a window, the main one unless told."""
+    return max((area for area in (window or main_window()).screen.areas if area.type == kind),
+               key=lambda area: area.width * area.height)
+
+
+def region(area, kind="WINDOW"):
+    return next(region for region in area.regions if region.type == kind)
+
+
+@contextmanager
+def over(area_type="VIEW_3D", window=None):
+    """Operators are called from here, as from a button there."""
+    there = area(area_type, window)
+    with bpy.context.temp_override(window=window or main_window(), area=there, region=region(there)):
+        yield
+
+
+def point(place, across=0.5, up=0.5, window=None):
+    """Move the mouse over an area or region."""
+    x, y = int(place.x + across * place.width), int(place.y + up * place.height)
+    (window or main_window()).event_simulate(type="MOUSEMOVE", value="NOTHING", x=x, y=y)
+    yield DRAW_S
+    return x, y
+
+
+def press(key, place, window=None, across=0.5, up=0.5, **modifiers):
+    """Press a key with the mouse over an area or region."""
+    x, y = yield from point(place, across, up, window)
+    for value in ("PRESS", "RELEASE"):
+        (window or main_window()).event_simulate(type=key, value=value, x=x, y=y, **modifiers)
+    yield DRAW_S
+
+
+def shoot(name):
+    """A screenshot."""
+    subprocess.run(["import", "-window", "root", FOLDER.parent / f"{STEP}-{name}.png"], check=True)
+
+
+def until(condition, seconds=120):
+    """Wait for a condition."""
+    deadline = time.monotonic() + seconds
+    while not condition():
+        if time.monotonic() > deadline:
+            raise TimeoutError(f"waited {seconds} s in vain: {notice() or progress()}")
+        yield 0.05
+
+
+def open_sample(samples=4, percentage=25, **settings):
+    """Open a copy of the sample scene, made small; settings are Lensfield's."""
+    path = FOLDER / SAMPLE.name
+    shutil.copy(SAMPLE, path)
+    bpy.ops.wm.open_mainfile(filepath=str(path))
+    yield 1
+    scene = bpy.context.scene
+    scene.cycles.samples, scene.render.resolution_percentage = samples, percentage
+    for name, value in ({"tier": "PREVIEW"} | settings).items():
+        setattr(scene.lensfield, name, value)
+    bpy.ops.ed.undo_push(message="Make Small")
+    bpy.ops.wm.save_mainfile()
+    yield from show_tab()
+    yield DRAW_S
+
+
+def show_tab():
+    """Open the Lensfield tab of the sidebar."""
+    there = area("VIEW_3D")
+    there.spaces.active.show_region_ui = True
+    yield DRAW_S
+    region(there, "UI").active_panel_category = "Lensfield"
+
+
+def window_render():
+    return sys.modules[f"{MODULE}.addon.ui.window_render"]
+
+
+def rendering():
+    """The lens render under way, or None."""
+    return window_render().state["render"]
+
+
+def progress():
+    return rendering().label if rendering() else ""
+
+
+def notice():
+    return "\n".join(window_render().state["notice"])
+
+
+def in_a_pass():
+    assert rendering(), notice()
+    return "Pass" in progress() and rendering().fraction > 0
+
+
+def child():
+    """The number of the render's process."""
+    return rendering().child._process.pid
+
+
+def alive(number):
+    """Whether a process is at work."""
+    try:
+        return Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def start():
+    """Press Render through Lens."""
+    with over():
+        assert bpy.ops.lensfield.render("INVOKE_DEFAULT") == {"FINISHED"}
+    yield DRAW_S
+
+
+def start_endless():
+    """Start a render that takes longer than a step does, and wait until it is at it."""
+    yield from open_sample(samples=1 << 16, percentage=100)
+    yield from start()
+    yield from until(in_a_pass)
+
+
+def render():
+    """Render through the lens; the lens image, float array (row, column, 4)."""
+    yield from start()
+    yield from until(lambda: not rendering())
+    assert window_render().state["icon"] == "INFO", notice()
+    files = sorted((Path(bpy.path.abspath(bpy.context.scene.lensfield.output_folder))).glob("*_lens_image.exr"))
+    assert files, notice()
+    return pixels(files[-1])
+
+
+def render_window():
+    """Press F12; the window that Blender opens, its render at work."""
+    yield from press("F12", region(area("VIEW_3D")), across=0.3)
+    yield from until(lambda: bpy.app.is_job_running("RENDER") and newest_window() != main_window(), 20)
+    yield 1
+    return newest_window()
+
+
+def render_in_blender():
+    """Press F12; what Blender shows, float array (row, column, 4), in its scene's linear colours."""
+    scene = bpy.context.scene
+    yield from press("F12", area("VIEW_3D"))
+    yield from until(lambda: bpy.app.is_job_running("RENDER") or len(bpy.context.window_manager.windows) > 1, 10)
+    yield from until(lambda: not bpy.app.is_job_running("RENDER"))
+    yield DRAW_S
+    path = FOLDER / "f12.exr"
+    settings = scene.render.image_settings
+    before = settings.file_format
+    settings.file_format = "OPEN_EXR"
+    bpy.data.images["Render Result"].save_render(str(path), scene=scene)
+    settings.file_format = before
+    shoot("f12")
+    close_other_windows()
+    yield DRAW_S
+    return pixels(path)
+
+
+def close_other_windows():
+    """Close all windows but the main one."""
+    for window in list(bpy.context.window_manager.windows)[1:]:
+        with bpy.context.temp_override(window=window):
+            bpy.ops.wm.window_close()
+
+
+def pixels(path):
+    """The pixels of a picture's file."""
+    image = bpy.data.images.load(str(path))
+    image.colorspace_settings.name = "Non-Color"
+    values = np.empty(image.size[0] * image.size[1] * 4, np.float32)
+    image.pixels.foreach_get(values)
+    values = values.reshape(image.size[1], image.size[0], 4)
+    bpy.data.images.remove(image)
+    assert np.isfinite(values).all()
+    return values
+
+
+def alike(one, other):
+    """Whether two pictures are the same, but for what half-precision files lose."""
+    return one.shape == other.shape and np.allclose(one[..., :3], other[..., :3], rtol=2e-3, atol=1e-4)

@@ -1,0 +1,39 @@
+"""Takes one step of `steps.py` in the Blender that runs this: `blender … --python inside.py -- STEP ZIP FOLDER`."""
+
+import sys
+import traceback
+from pathlib import Path
+
+import bpy
+
+sys.path.insert(0, str(Path(__file__).parent))
+import hands  # noqa: E402
+import steps  # noqa: E402
+
+FIRST_S = 1.5  # for Blender to draw its window
+
+
+def take(step):
+    """Go on with a step, and quit Blender at its end; it returns what has to be gone afterwards."""
+    wrong, gone = "", ()
+    try:
+        return next(step)
+    except StopIteration as end:
+        gone = end.value or ()
+    except Exception as error:
+        traceback.print_exc()
+        line = traceback.extract_tb(error.__traceback__)[-1]
+        wrong = f"{Path(line.filename).name}:{line.lineno}: {line.line if isinstance(error, AssertionError) else error}"
+    hands.shoot("failed" if wrong else "end")
+    hands.tell(wrong, gone=gone)
+    bpy.ops.wm.quit_blender()
+    return None
+
+
+def main():
+    step = getattr(steps, hands.STEP)()
+    bpy.context.preferences.view.show_splash = False
+    bpy.app.timers.register(lambda: take(step), first_interval=FIRST_S, persistent=True)
+
+
+main()

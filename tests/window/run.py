@@ -1,0 +1,118 @@
+"""A real window of a real Blender, driven as a user would: `make ui-test BLENDER=/path/to/blender`.
+
+    python tests/window/run.py BLENDER ZIP FOLDER [STEP ...]
+
+installs the extension's zip into a user folder of its own and takes the steps of `steps.py` (all, unless some are
+named), each in a Blender of its own. It needs an X display, or Xvfb to make one; and ImageMagick's `import`, for the
+screenshots that come to lie in the folder beside each step's files and its log. The exit status is 0 where all steps
+have passed.
+"""
+
+import ast
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+HERE = Path(__file__).parent
+STEPS = [node.name for node in ast.parse((HERE / "steps.py").read_text(encoding="utf-8")).body
+         if isinstance(node, ast.FunctionDef)]
+STEP_S = 300
+SIZE = "1600x900"
+GONE_S = 3  # for a render to be gone after its Blender
+
+
+@contextmanager
+def display():
+    """The environment of a Blender that has a display."""
+    if os.environ.get("DISPLAY"):
+        yield os.environ
+        return
+    reader, writer = os.pipe()
+    server = subprocess.Popen(["Xvfb", "-displayfd", str(writer), "-screen", "0", f"{SIZE}x24", "-nolisten", "tcp"],
+                              pass_fds=[writer], stderr=subprocess.DEVNULL)
+    os.close(writer)
+    with os.fdopen(reader) as numbers:
+        number = numbers.readline().strip()
+    try:
+        yield os.environ | {"DISPLAY": f":{number}", "LIBGL_ALWAYS_SOFTWARE": "1"}
+    finally:
+        server.terminate()
+
+
+def take(step, blender, package, folder, environment):
+    """Take a step: what went wrong, or nothing."""
+    place = folder / step
+    shutil.rmtree(place, ignore_errors=True)
+    place.mkdir(parents=True)
+    width, height = SIZE.split("x")
+    command = [blender, "--enable-event-simulate", "--window-geometry", "0", "0", width, height, "--python",
+               HERE / "inside.py", "--", step, package, place]
+    with open(place / "log.txt", "w", encoding="utf-8") as log:
+        process = subprocess.Popen(command, stdout=log, stderr=log, env=environment, start_new_session=True)
+    try:
+        status = process.wait(STEP_S)
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        return f"not done within {STEP_S} s"
+    try:
+        told = json.loads((place / "told.json").read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return f"Blender ended by itself, with exit status {status}"
+    if told["wrong"]:
+        return told["wrong"]
+    if status != told["status"]:
+        return f"Blender's exit status is {status}, not {told['status']}"
+    return left_over(told["gone"])
+
+
+def left_over(things):
+    """Which processes and files that a step wants gone are still there after a while; nothing, if none."""
+    deadline = time.monotonic() + GONE_S
+    while left := [thing for thing in things if there_is(thing)]:
+        if time.monotonic() > deadline:
+            return f"still there: {', '.join(map(str, left))}"
+        time.sleep(0.05)
+    return ""
+
+
+def there_is(thing):
+    """Whether there is this file, or a process of this number that is at work."""
+    if isinstance(thing, str):
+        return os.path.exists(thing)
+    try:
+        return Path(f"/proc/{thing}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def main(blender, package, folder, *steps):
+    folder = Path(folder).resolve()
+    missing = [tool for tool in ("import", *(() if os.environ.get("DISPLAY") else ("Xvfb",)))
+               if not shutil.which(tool)]
+    if missing:
+        sys.exit(f"make ui-test: please install {' and '.join(missing)} (Debian: apt-get install imagemagick xvfb)")
+    user = folder / "user"
+    if not steps or steps[0] == STEPS[0]:
+        shutil.rmtree(user, ignore_errors=True)
+    (user / "config").mkdir(parents=True, exist_ok=True)  # Blender passes over a user folder that is not there
+    failed = 0
+    with display() as environment:
+        for step in steps or STEPS:
+            start_s = time.monotonic()
+            wrong = take(step, blender, Path(package).resolve(), folder,
+                         {**environment, "BLENDER_USER_RESOURCES": str(user)})
+            failed += bool(wrong)
+            took_s = time.monotonic() - start_s
+            print(f"{'FAILED' if wrong else 'passed':8}{step:20}{took_s:6.1f} s  {wrong}", flush=True)
+    print(f"{failed} of {len(steps or STEPS)} steps failed; screenshots are in {folder}")
+    return bool(failed)
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))

@@ -1,0 +1,148 @@
+"""What a user does, step by step. Each step has a Blender of its own; the first installs the extension for all."""
+
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+import bpy
+from hands import (
+    FOLDER,
+    MODULE,
+    PACKAGE,
+    alike,
+    alive,
+    area,
+    child,
+    close_other_windows,
+    in_a_pass,
+    newest_window,
+    notice,
+    open_sample,
+    over,
+    press,
+    region,
+    render,
+    render_in_blender,
+    render_window,
+    rendering,
+    shoot,
+    show_tab,
+    start,
+    start_endless,
+    tell,
+    until,
+)
+
+
+def install():
+    """From the disk, by Blender's own operator, and kept in the preferences."""
+    assert bpy.ops.extensions.package_install_files(
+        filepath=PACKAGE, repo="user_default", enable_on_install=True) == {"FINISHED"}
+    assert Path(sys.modules[MODULE].__file__).is_relative_to(os.environ["BLENDER_USER_RESOURCES"])
+    bpy.ops.wm.save_userpref()
+    yield from show_tab()
+    yield 1
+    assert region(area("VIEW_3D"), "UI").active_panel_category == "Lensfield"
+
+
+def sample_scene():
+    """Opens in the camera's view, renders, and comes into the compositor and into F12."""
+    yield from open_sample()
+    assert area("VIEW_3D").spaces.active.region_3d.view_perspective == "CAMERA"
+    shoot("opened")
+    lens_image = yield from render()
+    assert lens_image.mean() > 1e-3
+    yield 0.5
+    shoot("rendered")
+    assert alike((yield from render_in_blender()), lens_image)
+
+
+def escape():
+    """Stops the render within a second over the sidebar and the properties, and does nothing in the 3D view."""
+    yield from start_endless()
+    view = area("VIEW_3D")
+    yield from press("ESC", region(view), across=0.3)
+    yield 0.5
+    assert rendering()
+    for place in (region(view, "UI"), area("PROPERTIES")):
+        if not rendering():
+            yield from start()
+            yield from until(in_a_pass)
+        shoot("under-way")
+        number, folder = child(), rendering().folder.name
+        yield from press("ESC", place, up=0.9)
+        start_s = time.monotonic()
+        yield from until(lambda number=number: not alive(number), 0.6)  # press has waited, too
+        print(f"gone {time.monotonic() - start_s:.2f} s after Esc")
+        assert not rendering() and notice() == "Cancelled"
+        assert not os.path.exists(folder) and not list(Path(FOLDER, "lensfield").glob("*"))
+
+
+def edit_undo_save():
+    """During a render, in the main window: all is as if there were none."""
+    yield from start_endless()
+    view, scene = area("VIEW_3D"), bpy.context.scene
+    settings = scene.render.engine, scene.render.resolution_percentage, scene.camera.name, scene.render.filepath
+    with over():
+        bpy.ops.mesh.primitive_cube_add(size=0.05)
+    bpy.context.object.name = "Edited"
+    bpy.ops.ed.undo_push(message="Add Cube")
+    yield from press("Z", region(view), across=0.3, ctrl=True)
+    assert "Edited" not in bpy.data.objects and rendering()
+    yield from press("Z", region(view), across=0.3, ctrl=True, shift=True)
+    assert "Edited" in bpy.data.objects and rendering()
+    yield from press("S", region(view), across=0.3, ctrl=True)
+    yield from until(lambda: not bpy.data.is_dirty, 10)
+    assert rendering()
+    shoot("saved")
+    bpy.ops.wm.revert_mainfile()
+    yield 1
+    scene = bpy.context.scene
+    assert settings == (scene.render.engine, scene.render.resolution_percentage, scene.camera.name,
+                        scene.render.filepath)
+    assert "Edited" in bpy.data.objects and rendering()
+
+
+def other_windows():
+    """Undo and save in a second window and in Blender's own render window, while both render."""
+    yield from start_endless()
+    bpy.context.scene.name = "Renamed"
+    bpy.ops.ed.undo_push(message="Rename")
+    with over():
+        bpy.ops.wm.window_new()
+    yield 1
+    window = newest_window()
+    there = max(window.screen.areas, key=lambda area: area.width * area.height)
+    yield from press("Z", there, window, ctrl=True)
+    assert bpy.context.scene.name == "Scene" and rendering()
+    yield from press("S", there, window, ctrl=True)
+    yield from until(lambda: not bpy.data.is_dirty, 10)
+    assert rendering()
+    shoot("second")
+    close_other_windows()
+    window = yield from render_window()
+    there = area("IMAGE_EDITOR", window)
+    yield from press("S", there, window, ctrl=True)
+    yield from press("Z", there, window, ctrl=True)  # which ends Blender's own render
+    assert rendering() and bpy.context.scene.render.engine == "CYCLES"
+    shoot("render-window")
+    close_other_windows()
+    window = yield from render_window()
+    yield from press("ESC", area("IMAGE_EDITOR", window), window)
+    yield 1
+    assert rendering()  # Esc is for Blender's own, though Blender does not hear a simulated one
+
+
+def quit():
+    """Blender ends amid a render, and takes it along."""
+    yield from start_endless()
+    return [child(), rendering().folder.name]
+
+
+def killed():
+    """Blender is killed amid a render, which ends by itself."""
+    yield from start_endless()
+    tell(status=-signal.SIGKILL, gone=[child()])
+    os.kill(os.getpid(), signal.SIGKILL)
