@@ -4,6 +4,7 @@ import bpy
 
 from .job.animation import Animation, render_animation
 from .job.job import look_beside
+from .job.preflight import preflight
 from .job.refilter import apply_lens
 from .job.render import kept, render_through_lens
 from .scene.lens_cache import forget_lenses
@@ -11,7 +12,7 @@ from .ui import animation, lint_panel, operators, panels, properties, window_ren
 from .ui.keys import register_keys, unregister_keys
 from .ui.previews import forget_previews
 
-__all__ = ["Animation", "apply_lens", "look_beside", "register", "render_animation", "render_through_lens",
+__all__ = ["Animation", "apply_lens", "look_beside", "preflight", "register", "render_animation", "render_through_lens",
            "unregister"]
 
 _MODULES = (properties, operators, animation, panels, lint_panel)

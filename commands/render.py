@@ -1,5 +1,6 @@
 """`lensfield render`: a .blend, rendered multispectrally and put through a lens."""
 
+from argparse import BooleanOptionalAction
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -25,6 +26,18 @@ def add(commands):
         description="Render a .blend multispectrally and put it through a lens. What is not said here is as the "
                     "scene's own Lensfield settings have it; so are all that stand together (tier and errors; "
                     "accuracy, method and knobs) where none of them is said.")
+    add_scene_options(render)
+    render.add_argument("--frames", metavar="SPEC",
+                        help="frames to render: 7, 1-250, 1-250:2, 1,5,10-20, or scene for its own range (default: the "
+                             "current one). Those that are there already, whole and by the same settings, are not "
+                             "rendered again; --report tells of each")
+    render.add_argument("--overwrite", action="store_true", help="render all of them anew")
+    _add_followed(render.add_argument_group("for programs that start this one and follow it"))
+    render.set_defaults(run=_render)
+
+
+def add_scene_options(render):
+    """The .blend, and what is asked of it."""
     render.add_argument("scene", type=Path, metavar="SCENE.blend")
     render.add_argument("--wavelengths", metavar="SPEC",
                         help="nm: first:last:number, or a list such as 450,550,650")
@@ -42,18 +55,13 @@ def add(commands):
     render.add_argument("--unfit", choices=UNFIT,
                         help="nodes that cannot be rendered by wavelengths (lensfield lint lists them): an error, or "
                              "what Cycles makes of them")
-    render.add_argument("--frames", metavar="SPEC",
-                        help="frames to render: 7, 1-250, 1-250:2, 1,5,10-20, or scene for its own range (default: the "
-                             "current one). Those that are there already, whole and by the same settings, are not "
-                             "rendered again; --report tells of each")
-    render.add_argument("--overwrite", action="store_true", help="render all of them anew")
+    render.add_argument("--view-layer", metavar="NAME",
+                        help="the view layer to render (default: the scene's; else the one that is on for rendering)")
     render.add_argument("--samples", type=int, help="Cycles samples per pixel (default: the scene's)")
     render.add_argument("--resolution", metavar="WIDTHxHEIGHT", help="size in pixels (default: the scene's)")
-    render.add_argument("--denoise", action="store_true", default=None, help="let Cycles denoise its passes")
+    render.add_argument("--denoise", action=BooleanOptionalAction, help="let Cycles denoise its passes, or not")
     render.add_argument("--output", type=Path, metavar="DIR")
     add_engine_options(render, lens_required=False)
-    _add_followed(render.add_argument_group("for programs that start this one and follow it"))
-    render.set_defaults(run=_render)
 
 
 def _add_followed(group):
@@ -73,7 +81,15 @@ def _render(options):
     check_outputs([(options.report, ".json"), (options.picture, ".png")],
                   [path for path in (options.scene, options.lens) if path])
     with _messages(options) as write:
-        scene, asked = _asked(options)
+        if options.frames not in (None, OWN_FRAMES):
+            for frame in parse_frames(options.frames):
+                check_limits("--frames", frame, FRAME_LIMITS)
+        scene, asked = scene_and_arguments(options)
+        asked["picture"] = options.picture
+        if options.beside:
+            from ..addon import look_beside
+
+            look_beside(options.beside.resolve())
         report, told = (_render_one if options.frames is None else _render_frames)(options, scene, asked, write)
         finish(options, report, [])
         write(told=told)
@@ -142,8 +158,8 @@ def _progress(options, write):
             yield tell
 
 
-def _asked(options):
-    """The scene of the .blend, and what the command line asks of a render of it."""
+def scene_and_arguments(options):
+    """The scene of the .blend, and what the command line asks of a render of it: arguments by name."""
     wavelengths_nm = parse_wavelengths(options.wavelengths) if options.wavelengths else None
     spectral = {name: value for name in SPECTRAL if (value := getattr(options, name)) is not None}
     scene, engine = _open_scene(options), given_options(options)
@@ -152,22 +168,15 @@ def _asked(options):
         "output_folder": options.output and options.output.resolve(), "view": options.view, "unfit": options.unfit,
         "options": scene.lensfield.to_options(**engine) if engine else None,
         "spectral": scene.lensfield.to_spectral_options(**spectral) if spectral else None,
-        "denoise": options.denoise, "picture": options.picture}
+        "view_layer": options.view_layer, "denoise": options.denoise}
 
 
 def _open_scene(options):
-    """The scene of the .blend, with what the command line asks of it."""
+    """The scene of the .blend, with its resolution and samples as asked for."""
     if options.samples is not None:
-        _check_limits("--samples", options.samples, SAMPLE_LIMITS)
-    if options.frames not in (None, OWN_FRAMES):
-        for frame in parse_frames(options.frames):
-            _check_limits("--frames", frame, FRAME_LIMITS)
+        check_limits("--samples", options.samples, SAMPLE_LIMITS)
     size = resolution(options.resolution) if options.resolution else None
     scene = open_scene(options.scene)
-    if options.beside:
-        from ..addon import look_beside
-
-        look_beside(options.beside.resolve())
     if options.samples is not None:
         scene.cycles.samples = options.samples
     if size:
@@ -176,6 +185,7 @@ def _open_scene(options):
     return scene
 
 
-def _check_limits(option, value, limits):
+def check_limits(option, value, limits):
+    """Raise an InputError for a number that Blender would not take."""
     if not limits[0] <= value <= limits[1]:
         raise InputError("options", option, value, "expected {} to {}".format(*limits))

@@ -105,6 +105,8 @@ class SceneFacts:
     depth : DepthCheck
     lens_warning : str
         What it means that the lens was made larger or smaller; "" where it was not.
+    scene_remarks : tuple of str
+        What of the scene's settings took no part, or another, a line each.
     """
 
     passes: int
@@ -121,6 +123,7 @@ class SceneFacts:
     estimated_colour_error: float
     depth: DepthCheck
     lens_warning: str
+    scene_remarks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -228,6 +231,7 @@ class Report:
         made_of = self.scene or self.file
         if made_of and made_of.lens_warning:
             yield made_of.lens_warning
+        yield from self.scene.scene_remarks if self.scene else ()
         if made_of and made_of.depth and made_of.depth.outside_fraction:
             yield made_of.depth.text
         image, file = self.lens_image, self.file

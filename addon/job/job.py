@@ -22,6 +22,10 @@ class Job:
 
     Attributes
     ----------
+    view_layer : str
+        The one to render; "" for the only one that is on for rendering.
+    denoise, clamp : bool
+        Whether Cycles denoises its passes, and whether the scene's clamps hold.
     picture : Path, optional
         A PNG that is to show, after each pass, the light so far, as a perfect pinhole sees it.
     settings : dict
@@ -37,7 +41,9 @@ class Job:
     spectral: SpectralOptions
     unfit: str
     frame: int
+    view_layer: str
     denoise: bool
+    clamp: bool
     to_compositor: bool
     lens_warning: str = ""
     picture: Path | None = None
@@ -46,7 +52,7 @@ class Job:
 
 
 def job_from_settings(scene, *, lens=None, wavelengths_nm=None, output_folder=None, options=None, spectral=None,
-                      view=None, unfit=None, denoise=None, to_compositor=None, picture=None):
+                      view=None, unfit=None, view_layer=None, denoise=None, to_compositor=None, picture=None):
     """The Job for the scene's current frame that its settings ask for, but for what is given.
 
     Raises
@@ -60,13 +66,14 @@ def job_from_settings(scene, *, lens=None, wavelengths_nm=None, output_folder=No
         raise InputError("scene settings", "lens file", "empty", "choose a lens package (.npz)")
     lens, warning = lens_for_view(scene, lens if isinstance(lens, Lens) else load_lens(lens),
                                   settings.view.lower() if view is None else view)
+    spectral = settings.to_spectral_options() if spectral is None else spectral
     return Job(
         lens, settings.wavelengths_nm() if wavelengths_nm is None else np.asarray(wavelengths_nm, dtype=float),
         folder_for(scene, output_folder),
-        settings.to_options() if options is None else options,
-        settings.to_spectral_options() if spectral is None else spectral,
+        settings.to_options() if options is None else options, spectral,
         settings.unfit.lower() if unfit is None else unfit, scene.frame_current,
-        settings.denoise if denoise is None else denoise,
+        settings.view_layer if view_layer is None else view_layer,
+        settings.denoises(spectral) if denoise is None else denoise, spectral.tier != "reference",
         settings.to_compositor if to_compositor is None else to_compositor, warning, picture,
         picture_settings(scene), blend_saved_s())
 

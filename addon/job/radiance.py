@@ -15,9 +15,10 @@ from ...engine.report import SceneFacts
 from ...engine.spectral.wavelength_choice import FOREIGN_SURPRISE
 from ..scene.camera import capture_grid, check_camera
 from ..scene.errors import SceneError
-from ..scene.render_state import go_to_frame, guard_render_state, rendered_layer
+from ..scene.render_state import go_to_frame, guard_render_state, rendered_layer, turn_on_layer
 from ..scene.undo import Journal
 from .bands import CHANNELS
+from .remarks import scene_remarks
 from .scene_plan import plan_scene
 
 ROWS_AT_ONCE = 16  # which stay in the processor's cache
@@ -73,11 +74,13 @@ def capture(scene, job, result, share):
     grid = capture_grid(scene, job.lens, job.wavelengths_nm)
     with temporary_folder() as folder, Journal() as journal:
         go_to_frame(scene, job.frame, journal)
+        turn_on_layer(scene, job.view_layer, journal)
         check_camera(scene)
+        remarks, exposure = scene_remarks(scene, job), scene.cycles.film_exposure
         plan, substitution, groups = plan_scene(scene, job, grid, journal)
         plan.check()
         names = groups.part(rendered_layer(scene), journal)
-        guard_render_state(scene, job.lens, grid, job.denoise, folder / "pass.exr", journal)
+        guard_render_state(scene, job, grid, folder / "pass.exr", journal)
         for path in result.files:
             check_target(path)
         layer = rendered_layer(scene).name
@@ -93,9 +96,9 @@ def capture(scene, job, result, share):
                 yield Work(lambda tell, index=index: gathered.show(index, job.picture), "Showing it so far",
                            step * (index + 1))
     depth_mm = planar_depth_mm(gathered.depth_m * M_TO_MM, job.lens, grid)
-    result.report.scene = gathered.facts(job, depth_mm)
+    result.report.scene = gathered.facts(job, depth_mm, remarks)
     return Captured(SpectralImage(gathered.radiance(), job.wavelengths_nm, grid,
-                                  focal_mm=job.lens.capture_focal_length_mm),
+                                  focal_mm=job.lens.capture_focal_length_mm, exposure=exposure),
                     np.where(np.isfinite(depth_mm), depth_mm / M_TO_MM, BACKGROUND_M).astype(np.float32),
                     gathered.alpha if scene.render.film_transparent else None)
 
@@ -139,7 +142,7 @@ class _Gathered:
         """The sum of all passes: array (wavelength, row, column). No light is negative, though an estimate may be."""
         return np.maximum(self._cube, 0, out=self._cube)
 
-    def facts(self, job, depth_mm):
+    def facts(self, job, depth_mm, remarks):
         """The plan, and what the passes tell of it: how well spectra were foreseen, and the frame's depths."""
         plan, choice, (top, left) = self._plan, self._plan.choice, self._grid.overscan_px
         rows, columns = self._grid.frame_px
@@ -154,7 +157,7 @@ class _Gathered:
             spectral_surprise=float(surprise), foreign_spectra=foreign,
             estimated_colour_error=choice.colour_error * (float(surprise) if foreign else 1),
             depth=check_depth(depth_mm[top:top + rows, left:left + columns], job.lens, self._grid.pitch_um),
-            lens_warning=job.lens_warning)
+            lens_warning=job.lens_warning, scene_remarks=tuple(map(str, remarks)))
 
 
 def _block_means(plane):

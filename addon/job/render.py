@@ -101,8 +101,8 @@ class Result:
 
 
 def render_through_lens(scene, lens=None, wavelengths_nm=None, output_folder=None, *, options=None, spectral=None,
-                        view=None, unfit=None, frame=None, denoise=None, to_compositor=False, picture=None,
-                        progress=None):
+                        view=None, unfit=None, frame=None, view_layer=None, denoise=None, to_compositor=False,
+                        picture=None, progress=None):
     """Render a scene multispectrally and put it through a lens: the whole main job in one call.
 
     What is left out is as the scene's own Lensfield settings say. What depends on the lens and the pixel grid alone is
@@ -126,6 +126,8 @@ def render_through_lens(scene, lens=None, wavelengths_nm=None, output_folder=Non
         What to do about nodes that cannot be rendered by wavelengths: raise an error, or take them as Cycles does.
     frame : int, optional
         The scene's current frame by default.
+    view_layer : str, optional
+        The one to render, where it is not the only one that is on for rendering.
     denoise : bool
         Let Cycles denoise its passes; this shifts means by up to 1 %, unequally between wavelengths.
     to_compositor : bool
@@ -145,7 +147,8 @@ def render_through_lens(scene, lens=None, wavelengths_nm=None, output_folder=Non
     """
     job = job_of_frame(scene, scene.frame_current if frame is None else frame, lens=lens,
                        wavelengths_nm=wavelengths_nm, output_folder=output_folder, options=options, spectral=spectral,
-                       view=view, unfit=unfit, denoise=denoise, to_compositor=to_compositor, picture=picture)
+                       view=view, unfit=unfit, view_layer=view_layer, denoise=denoise, to_compositor=to_compositor,
+                       picture=picture)
     return run(render_steps(scene, job), progress)
 
 

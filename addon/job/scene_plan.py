@@ -10,7 +10,7 @@ from ...engine.spectral.wavelength_choice import UNFIT, WavelengthChoice, choose
 from ..scene.camera import capture_grid, check_camera, in_view
 from ..scene.errors import SceneError
 from ..scene.instances import rendered_blocks, rendered_instances
-from ..scene.render_state import go_to_frame, rendered_layer
+from ..scene.render_state import go_to_frame, rendered_layer, turn_on_layer
 from ..scene.undo import Journal
 from ..scene.working_space import colour_basis
 from ..shading.assigned import AssignedSpectra
@@ -39,6 +39,8 @@ class ScenePlan:
         Why a pass carries a single wavelength, if it does.
     unfit : bool
         Whether there is something in the scene that Cycles renders in red, green and blue, whatever the wavelengths.
+    findings : tuple of Finding
+        What becomes of its nodes.
     refusals : tuple of SceneError
         Why the scene cannot be rendered as it stands, after all; the plan is that of what is known of it.
     """
@@ -49,7 +51,8 @@ class ScenePlan:
     dispersive: bool
     apart: str
     unfit: bool
-    refusals: tuple = ()
+    findings: tuple
+    refusals: tuple
 
     @property
     def bands(self):
@@ -77,13 +80,12 @@ class ScenePlan:
 
     @property
     def text(self):
-        """The passes, why these, how true colours will be, and what stands in the way, in one line."""
+        """The passes, why these, and how true colours will be, in one line."""
         renders = f"{len(self.bands)} Cycles render{'s' * (len(self.bands) > 1)}"
         why = "; ".join(filter(None, (self.choice.reason, self.apart)))
         text = f"{renders} at {', '.join(f'{nm:g}' for nm in self.choice.nodes_nm)} nm: {why}"
         error = self.choice.colour_error
-        text += f"; colours within a CIEDE2000 of about {error:.2g}" if error else ""
-        return "; refused for now: ".join([text, *map(str, self.refusals)])
+        return text + (f"; colours within a CIEDE2000 of about {error:.2g}" if error else "")
 
     def check(self):
         """Raise the first of the refusals."""
@@ -105,10 +107,17 @@ def check_job(scene, job):
     if scene.background_set:
         raise SceneError(f"scene {scene.name!r}", "background set", scene.background_set.name,
                          "link its collections into this scene instead")
-    layers = [layer.name for layer in scene.view_layers if layer.use]
-    if len(layers) != 1:
-        raise SceneError(f"scene {scene.name!r}", "view layers for rendering", ", ".join(layers) or "none",
-                         "leave one on (View Layer properties > Use for Rendering)")
+    _check_view_layers(scene, job.view_layer)
+
+
+def _check_view_layers(scene, chosen):
+    names = [layer.name for layer in scene.view_layers]
+    if chosen and chosen not in names:
+        raise SceneError(f"scene {scene.name!r}", "view layer", chosen, f"expected {' or '.join(names)}")
+    on = [layer.name for layer in scene.view_layers if layer.use]
+    if not chosen and len(on) != 1:
+        raise SceneError(f"scene {scene.name!r}", "view layers for rendering", ", ".join(on) or "none",
+                         "choose one of them: View Layer in Lensfield's settings, or --view-layer")
 
 
 def foresee(scene, job):
@@ -122,6 +131,7 @@ def foresee(scene, job):
     check_job(scene, job)
     with Journal() as journal:
         go_to_frame(scene, job.frame, journal)
+        turn_on_layer(scene, job.view_layer, journal)
         check_camera(scene)
         return plan_scene(scene, job, capture_grid(scene, job.lens, job.wavelengths_nm), journal)[0]
 
@@ -129,25 +139,20 @@ def foresee(scene, job):
 def plan_scene(scene, job, grid, journal):
     """Judge a scene, wire it for its passes, and plan them.
 
-    What cannot be rendered by wavelengths, where the job does not take that as it comes, and spectra that cannot be
-    read are among the plan's refusals; the latter are left out of it.
+    What cannot be rendered by wavelengths, where the job does not take that as it comes, spectra that cannot be read
+    and what cannot be wired are among the plan's refusals; all but the first are left out of it.
 
     Returns
     -------
     ScenePlan, Substitution, LightGroups
-
-    Raises
-    ------
-    SceneError
-        Something in the scene cannot be planned for.
     """
-    spectra = AssignedSpectra()
+    spectra = AssignedSpectra(job.wavelengths_nm, dispersion=job.spectral.tier != "preview")
     rendered = rendered_blocks(scene)
     findings = judge(scene, rendered, spectra)
-    findings = [finding for finding in findings if not finding.of_spectrum]
-    rejected = [finding for finding in findings if finding.verdict == REJECTED]
+    of_nodes = [finding for finding in findings if not finding.of_spectrum]
+    rejected = [finding for finding in of_nodes if finding.verdict == REJECTED]
     shining, glass = _survey(scene, spectra, job, grid)
-    coupled = [str(finding) for finding in findings if finding.verdict in (REJECTED, SEPARATED)]
+    coupled = [str(finding) for finding in of_nodes if finding.verdict in (REJECTED, SEPARATED)]
     apart = "" if job.spectral.tier == "preview" else glass or next(iter(coupled), "")
     per_pass = 1 if apart else WAVELENGTHS_PER_PASS
     lamps = Lamps(spectra, job.wavelengths_nm)
@@ -156,8 +161,9 @@ def plan_scene(scene, job, grid, journal):
     choice = choose_wavelengths(substitution.factors, [lamp.output_at for lamp in groups.lamps], job.wavelengths_nm,
                                job.spectral, mixed_colours=substitution.mixed_colours or bool(rejected),
                                per_pass=per_pass, dispersive=bool(glass))
-    refusals = *spectra.errors(rendered), *_refusals(rejected if job.unfit == "refuse" else ())
-    plan = ScenePlan(choice, groups.lamps, per_pass, bool(glass), apart, bool(rejected), refusals)
+    refusals = (*spectra.errors(rendered), *substitution.refusals,
+                *_refusals(rejected if job.unfit == "refuse" else ()))
+    plan = ScenePlan(choice, groups.lamps, per_pass, bool(glass), apart, bool(rejected), findings, refusals)
     return plan, substitution, groups
 
 
@@ -182,20 +188,8 @@ def _survey(scene, spectra, job, grid):
             continue
         for material in instance.materials:
             if material not in dispersive:  # there may be many instances of few materials
-                dispersive[material] = _disperses(material, spectra, job.wavelengths_nm)
+                refraction = spectra.of(material, "refraction")
+                dispersive[material] = refraction and not refraction.metal and refraction.dispersive
             if dispersive[material] and in_view(scene.camera, instance.box, job.lens, grid):
                 glass = f"{instance.obj.name!r} of {material.name!r} is in view and disperses"
     return shining, glass
-
-
-def _disperses(material, spectra, wavelengths_nm):
-    """Whether a material is of glass whose index varies; raises a SceneError where it is not known at a wavelength."""
-    refraction = spectra.of(material, "refraction")
-    if refraction is None or refraction.metal or not refraction.dispersive:
-        return False
-    try:
-        refraction.n_at(wavelengths_nm)
-    except InputError as error:
-        raise SceneError(f"material {material.name!r}", "refraction", material.lensfield.refraction,
-                         f"{error.field} {error.value}: {error.remedy}") from None
-    return True

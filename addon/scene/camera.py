@@ -134,6 +134,12 @@ def lens_for_view(scene, lens, view):
     return adapted, size_warning(lens, adapted, factor)
 
 
+def matching_focal_length_mm(scene, lens):
+    """The focal length with which the scene's perspective camera would show what the lens does, on the axis."""
+    frame = frame_px(scene)
+    return lens.capture_focal_length_mm / (pitch_um(lens, frame) * 1e-3) * _pixel_mm(scene.camera.data, frame)
+
+
 def _pixel_mm(camera, frame):
     """Size of a pixel on the camera's own sensor, by Blender's rules of how a render fits it."""
     if camera.sensor_fit == "VERTICAL":

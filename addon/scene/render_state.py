@@ -5,12 +5,13 @@ import bpy
 from .camera import set_up_capture
 
 RENDER = {"engine": "CYCLES", "use_border": False, "use_compositing": False,
-          "use_sequencer": False, "use_multiview": False, "use_motion_blur": False, "use_freestyle": False,
+          "use_sequencer": False, "use_multiview": False, "use_freestyle": False,
           "use_overwrite": True, "use_placeholder": False, "use_file_extension": False, "use_persistent_data": True,
           "use_single_layer": False, "use_stamp": False, "resolution_percentage": 100}
-CYCLES = {"film_exposure": 1.0, "sample_clamp_direct": 0.0, "sample_clamp_indirect": 0.0, "pixel_filter_type": "BOX",
+CYCLES = {"film_exposure": 1.0, "pixel_filter_type": "BOX",
           "blur_glossy": 0.0,  # it blurs by the probability of a path, in which all wavelengths of a pass have a say
           "use_animated_seed": False}
+NO_CLAMPS = {"sample_clamp_direct": 0.0, "sample_clamp_indirect": 0.0}
 IMAGE = {"media_type": "MULTI_LAYER_IMAGE", "file_format": "OPEN_EXR_MULTILAYER", "color_depth": "32",
          "exr_codec": "ZIP"}
 
@@ -30,17 +31,26 @@ def go_to_frame(scene, frame, journal):
     scene.frame_set(frame)
 
 
+def turn_on_layer(scene, name, journal):
+    """Have this view layer alone rendered; without a name, those that are."""
+    for layer in scene.view_layers if name else ():
+        journal.set(layer, "use", layer.name == name)
+
+
 def rendered_layer(scene):
     """The view layer that is rendered: the only one that is on for rendering."""
     return next(layer for layer in scene.view_layers if layer.use)
 
 
-def guard_render_state(scene, lens, capture, denoise, path, journal):
-    """Set what the passes need; each is written to `path`, a multilayer EXR of the light and its depth."""
+def guard_render_state(scene, job, capture, path, journal):
+    """Set what the passes need; each is written to `path`, a multilayer EXR of the light and its depth.
+
+    Light of colour 1 and strength 1 is 1 in them, as in Blender's own renders: the scene's clamps hold as they are.
+    """
     rows, columns = capture.shape_px
     for name, value in (RENDER | {"filepath": str(path), "resolution_y": rows, "resolution_x": columns}).items():
         journal.set(scene.render, name, value)
-    for name, value in (CYCLES | {"use_denoising": denoise}).items():
+    for name, value in (CYCLES | {"use_denoising": job.denoise} | ({} if job.clamp else NO_CLAMPS)).items():
         journal.set(scene.cycles, name, value)
     layer = rendered_layer(scene)
     for name in (p.identifier for p in layer.bl_rna.properties if p.identifier.startswith("use_pass_")):
@@ -49,7 +59,7 @@ def guard_render_state(scene, lens, capture, denoise, path, journal):
     camera = journal.stand_in(scene.camera.data)
     camera.animation_data_clear()
     camera.dof.use_dof = False  # blur is the lens's
-    set_up_capture(camera, lens, capture)
+    set_up_capture(camera, job.lens, capture)
 
 
 def _guard_format(image, journal):

@@ -82,18 +82,15 @@ class Substitution:
         What light is multiplied by on its way: the reflectances and colours that are known.
     mixed_colours : bool
         Whether other colours are computed by nodes.
-
-    Raises
-    ------
-    SceneError
-        A data-block that cannot be given a stand-in.
+    refusals : list of SceneError
+        Of those rendered, why they cannot be substituted.
     """
 
     def __init__(self, scene, journal, spectra, lamps, groups, rendered):
         self._scene, self._journal = scene, journal
         self._spectra, self._lamps, self._groups = spectra, lamps, groups
         self._values, self._indices, self._copies = {}, set(), {}
-        self.factors, self.mixed_colours = [], False
+        self.factors, self.mixed_colours, self.refusals = [], False, []
         self._upsamplers = {basis: self._make_upsampler(basis) for basis in set(BASIS.values())}
         worlds = {scene.world, *(layer.world_override for layer in scene.view_layers)} - {None}
         blocks = [(block, self._substitute_material) for block in bpy.data.materials
@@ -102,7 +99,10 @@ class Substitution:
         blocks += [(block, self._substitute_world) for block in worlds]
         for block, substitute in blocks:
             if block in rendered:
-                substitute(block)
+                try:
+                    substitute(block)
+                except SceneError as error:
+                    self.refusals.append(error)
         counted = list(self.factors), self.mixed_colours
         for block, substitute in blocks:
             if block not in rendered:

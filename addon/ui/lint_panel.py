@@ -2,24 +2,22 @@
 
 import bpy
 
-from ...engine.errors import InputError
-from ..job.job import job_from_settings
-from ..job.scene_plan import foresee
-from ..shading.lint import counts_text, lint
+from ..job.preflight import Preflight, preflight
+from ..shading.lint import counts_text
 from ..shading.node_rules import APPROXIMATED, REJECTED, SEPARATED
 from .operators import nothing_renders
+from .panels import draw_wrapped
 
 ICONS = {REJECTED: "CANCEL", SEPARATED: "MOD_ARRAY", APPROXIMATED: "ERROR"}
 """Of the verdicts that have a line each in the panel; of the others their number is enough."""
 MOST_LINES = 40  # a panel has no room for more
 
-checked = {"scene": None, "findings": (), "plan": ""}
-"""What the last check found, how the scene would be rendered, and the session_uid of the scene, which no other has
-until Blender ends."""
+checked = {"scene": None, "found": Preflight()}
+"""What the last check found, and the session_uid of the scene, which no other has until Blender ends."""
 
 
 class LENSFIELD_OT_lint(bpy.types.Operator):
-    """Judge every node that reaches the render, and tell how many Cycles renders it will take, and why"""
+    """Tell whether the scene can be rendered, in how many Cycles renders, and what becomes of its settings and nodes"""
 
     bl_idname = "lensfield.lint"
     bl_label = "Check Scene"
@@ -29,13 +27,10 @@ class LENSFIELD_OT_lint(bpy.types.Operator):
         return nothing_renders()
 
     def execute(self, context):
-        scene = context.scene
-        checked["scene"], checked["findings"] = scene.session_uid, lint(scene)
-        try:
-            checked["plan"] = foresee(scene, job_from_settings(scene)).text
-        except InputError as error:
-            checked["plan"] = str(error)
-        self.report({"INFO"}, f"{counts_text(checked['findings'])}. {checked['plan']}")
+        found = preflight(context.scene)
+        checked["scene"], checked["found"] = context.scene.session_uid, found
+        first = found.refusals[0] if found.refusals else found.plan.text
+        self.report({"INFO"}, f"{counts_text(found.findings)}. {first}")
         return {"FINISHED"}
 
 
@@ -79,8 +74,7 @@ class _LintPanel:
     def draw(self, context):
         self.layout.operator("lensfield.lint", icon="VIEWZOOM")
         if checked["scene"] == context.scene.session_uid:
-            self.layout.label(text=checked["plan"], icon="RENDER_STILL")
-            _draw_findings(self.layout, checked["findings"])
+            draw_preflight(self.layout, checked["found"])
 
 
 class LENSFIELD_PT_lint(_LintPanel, bpy.types.Panel):
@@ -97,6 +91,18 @@ class LENSFIELD_PT_lint_sidebar(_LintPanel, bpy.types.Panel):
     bl_parent_id = "LENSFIELD_PT_sidebar"
 
 
+def draw_preflight(layout, found):
+    """What was found: the plan, what would refuse it, settings that hold otherwise, and the nodes to know of."""
+    column = layout.column(align=True)
+    if found.plan:
+        draw_wrapped(column, found.plan.text, "RENDER_STILL")
+    for refusal in found.refusals:
+        draw_wrapped(column, str(refusal), "CANCEL")
+    for remark in found.remarks:
+        draw_wrapped(column, str(remark), "INFO")
+    _draw_findings(layout, found.findings)
+
+
 def _draw_findings(layout, findings):
     told = [(index, finding) for index, finding in enumerate(findings) if finding.verdict in ICONS]
     column = layout.column(align=True)
@@ -111,7 +117,7 @@ def _draw_findings(layout, findings):
 
 
 def _finding(index):
-    findings = checked["findings"]
+    findings = checked["found"].findings
     return findings[index] if 0 <= index < len(findings) else None
 
 

@@ -41,6 +41,7 @@ def draw_settings(layout, scene):
     layout.prop(settings, "fireflies")
     layout.prop(settings, "unfit")
     layout.separator()
+    layout.prop_search(settings, "view_layer", scene, "view_layers")
     layout.prop(settings, "denoise")
     layout.prop(settings, "output_folder")
     layout.prop(settings, "to_compositor")
@@ -55,19 +56,19 @@ def _draw_under_way(layout, render):
     row.progress(factor=render.fraction, text=f"{render.fraction:.0%}")
     row.operator_context = "INVOKE_DEFAULT"  # here, not in the 3D view
     row.operator("lensfield.cancel", text="", icon="CANCEL")
-    _draw_wrapped(layout.column(align=True), render.label)
+    draw_wrapped(layout.column(align=True), render.label)
     if render.picture.is_file():
         layout.template_icon(icon_value=growing_preview(render.picture).icon_id, scale=_picture_scale())
 
 
 def _draw_notice(layout):
     first, *others = state["notice"]
-    _draw_wrapped(layout, first, state["icon"])
+    draw_wrapped(layout, first, state["icon"])
     for line in others:
-        _draw_wrapped(layout, line, "BLANK1")
+        draw_wrapped(layout, line, "BLANK1")
 
 
-def _draw_wrapped(layout, text, icon="NONE"):
+def draw_wrapped(layout, text, icon="NONE"):
     """A text in as many lines as the panel's width takes."""
     widgets = _region_widgets() - PANEL_MARGINS - 2 * (icon != "NONE")
     for index, line in enumerate(wrap(text, max(8, int(widgets * LETTERS_PER_WIDGET)))):

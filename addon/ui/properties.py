@@ -147,13 +147,18 @@ class LensfieldSettings(bpy.types.PropertyGroup):
         name="Fireflies", default=Options.fireflies.upper(), description="Pixels whose light is no finite number",
         items=[("REFUSE", "Refuse", "Stop with an error that names the first"),
                ("CLAMP", "Clamp", "Take the brightest of their neighbours")])
-    denoise: BoolProperty(name="Denoise", default=False,
-                          description="Let Cycles denoise its passes. It shifts means by up to 1 %, unequally between "
-                                      "wavelengths")
+    denoise: EnumProperty(
+        name="Denoise", default="SCENE",
+        description="Let Cycles denoise its passes. It shifts means by up to 1 %, unequally between wavelengths",
+        items=[("SCENE", "As the Scene", "As Cycles' own Denoise is set; but never where Spectra is Reference", 2),
+               ("ON", "On", "Whatever the scene says", 1),
+               ("OFF", "Off", "Whatever the scene says", 0)])
     output_folder: StringProperty(name="Output", description="Folder for the spectral EXRs and the pictures",
                                   default="//lensfield/", subtype="DIR_PATH", options=BLEND_RELATIVE)
     to_compositor: BoolProperty(name="To Compositor", default=True,
                                 description="Lay the lens image into the scene's compositor when it is done")
+    view_layer: StringProperty(name="View Layer", default="",
+                               description="The view layer to render. Empty: the one that is on for rendering")
 
     def lens_name_or_path(self):
         """What `Lens.load` takes."""
@@ -178,6 +183,12 @@ class LensfieldSettings(bpy.types.PropertyGroup):
         if self.tier == "RESULT":
             return SpectralOptions(colour_error=float(f"{self.colour_error:.6g}"))
         return SpectralOptions(self.tier.lower())
+
+    def denoises(self, spectral):
+        """Whether Cycles is to denoise its passes, at these SpectralOptions."""
+        if self.denoise == "SCENE":
+            return self.id_data.cycles.use_denoising and spectral.tier != "reference"
+        return self.denoise == "ON"
 
     def shown_knobs(self):
         """The knobs of the method that the panel has."""

@@ -17,8 +17,8 @@ def to_rec709(image: SpectralImage) -> np.ndarray:
     """Linear Rec. 709 in the scale of Blender's own renders.
 
     A light of Blender colour (1, 1, 1) and strength 1 (D65 of 1 W m^-2 sr^-1 within `spectra.BAND_NM`) gives
-    (1, 1, 1). Irradiance is divided by pi / (4 N_eff^2), so that a lens image is as bright on the axis as the render
-    that it came from.
+    (1, 1, 1), times the image's exposure. Irradiance is divided by pi / (4 N_eff^2), so that a lens image is as bright
+    on the axis as the render that it came from.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def to_rec709(image: SpectralImage) -> np.ndarray:
         Colours outside the gamut have negative parts, and so may those on its edge: of a pure blue red has -0.2 % at
         21 wavelengths. They are left: `write_png` cuts them for display.
     """
-    weights = rec709_weights(image.wavelengths_nm)
+    weights = rec709_weights(image.wavelengths_nm) * image.exposure
     if image.quantity == IRRADIANCE and image.f_number_effective:
         weights = weights / irradiance_per_radiance(1.0, image.f_number_effective)
     return np.einsum("lyx,lc->yxc", image.cube, weights.astype(np.float32))

@@ -36,7 +36,8 @@ def write_exr(image: SpectralImage, path: str | os.PathLike, beside: dict[str, n
     Radiance carries the layout's `emissiveUnits`; irradiance, for which the layout has no unit, does not. Both carry
     `lensfield:` attributes: quantity, units, pitchUm, and centrePx, the row and the column, in this order and in the
     pixel coordinates of the windows, where the optical axis meets the picture; captured radiance focalMm, fisheye
-    radiance projection too, irradiance lens and fNumberEffective.
+    radiance projection too, irradiance lens and fNumberEffective. Where R, G and B are exposed, exposure tells by what
+    factor; the spectral channels never are.
     """
     planes = {channel_name(nm): np.ascontiguousarray(plane)
               for nm, plane in zip(image.wavelengths_nm, image.cube, strict=True)}
@@ -66,6 +67,8 @@ def _header(image):
             header["lensfield:projection"] = image.projection
     if image.focal_mm:
         header["lensfield:focalMm"] = np.array([float(image.focal_mm)])
+    if image.exposure != 1:
+        header["lensfield:exposure"] = np.array([image.exposure])
     if image.lens_name:
         header["lensfield:lens"] = image.lens_name
     if image.f_number_effective:
@@ -139,7 +142,8 @@ def read_with_planes(path: str | os.PathLike,
                               quantity=header.get("lensfield:quantity", RADIANCE), projection=_projection(header),
                               lens_name=header.get("lensfield:lens", ""),
                               f_number_effective=_number(header, "lensfield:fNumberEffective"),
-                              focal_mm=_number(header, "lensfield:focalMm"))
+                              focal_mm=_number(header, "lensfield:focalMm"),
+                              exposure=_number(header, "lensfield:exposure", 1.0))
     except ImageError as error:
         raise error.at(path) from None
     except (TypeError, ValueError) as error:
@@ -187,9 +191,9 @@ def channel_wavelength_nm(name: str) -> float | None:
     return round((value if match[3] == "m" else SPEED_OF_LIGHT_M_S / value) * 1e9, 9) if value else None
 
 
-def _number(header, name):
+def _number(header, name, absent=None):
     """A number among the attributes, whether written as one or as an array of one; anything else as it is."""
-    value = header.get(name)
+    value = header.get(name, absent)
     return value.item() if isinstance(value, np.ndarray) and value.size == 1 else value
 
 

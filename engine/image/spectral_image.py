@@ -28,7 +28,7 @@ class SpectralImage:
     grid : PixelGrid, optional
         Instead of which, or to change them in it, its parts may be given by name: pitch_um, centre_px, overscan_px and
         projection.
-    quantity, lens_name, f_number_effective, focal_mm
+    quantity, lens_name, f_number_effective, focal_mm, exposure
         See below.
 
     Attributes
@@ -47,6 +47,8 @@ class SpectralImage:
         That lens's effective f-number, which relates irradiance to radiance (Eq. 2).
     focal_mm : float or None
         Of the pinhole that captured a radiance image: with the pitch it tells the field of view.
+    exposure : float
+        What pictures of it are multiplied by, to be as bright as the renderer's own: its film exposure.
 
     Raises
     ------
@@ -61,10 +63,11 @@ class SpectralImage:
     lens_name: str
     f_number_effective: float | None
     focal_mm: float | None
+    exposure: float
 
     def __init__(self, cube: ArrayLike, wavelengths_nm: ArrayLike, grid: PixelGrid | None = None, *,
                  quantity: str = RADIANCE, lens_name: str = "", f_number_effective: float | None = None,
-                 focal_mm: float | None = None, pitch_um: float | None = None,
+                 focal_mm: float | None = None, exposure: float = 1.0, pitch_um: float | None = None,
                  centre_px: Sequence[float] | None = None, overscan_px: Sequence[int] | None = None,
                  projection: str | None = None) -> None:
         cube = np.asarray(cube, dtype=np.float32)
@@ -81,6 +84,8 @@ class SpectralImage:
         for name, number in (("f_number_effective", f_number_effective), ("focal_mm", focal_mm)):
             if number is not None and not is_positive(number):
                 raise ImageError("image", name, number, "expected a positive number")
+        if exposure != 0 and not is_positive(exposure):
+            raise ImageError("image", "exposure", exposure, "expected a number of at least 0")
         if quantity not in UNITS:
             raise ImageError("image", "quantity", quantity, f"expected one of {', '.join(UNITS)}")
         parts = {"pitch_um": pitch_um, "centre_px": centre_px, "overscan_px": overscan_px, "projection": projection}
@@ -95,7 +100,7 @@ class SpectralImage:
             raise ImageError("image", "cube", f"of {cube.shape[1:]} px", f"expected {grid.shape_px}, as its grid has")
         for name, value in (("cube", cube), ("wavelengths_nm", wavelengths), ("grid", grid), ("quantity", quantity),
                             ("lens_name", lens_name), ("f_number_effective", f_number_effective),
-                            ("focal_mm", focal_mm)):
+                            ("focal_mm", focal_mm), ("exposure", float(exposure))):
             object.__setattr__(self, name, value)
 
     @property

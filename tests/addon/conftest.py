@@ -60,7 +60,8 @@ def scene():
     scene.render.engine = "CYCLES"
     scene.cycles.device = "CPU"
     scene.cycles.samples = 16
-    scene.cycles.use_adaptive_sampling = False
+    scene.cycles.use_adaptive_sampling = scene.cycles.use_denoising = False
+    scene.cycles.sample_clamp_indirect = 0
     scene.cycles.sampling_pattern = "TABULATED_SOBOL"  # the noise of each pixel is its own, as noise.py has it
     scene.cycles.max_bounces = 2
     scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 48, 36, 100

@@ -31,6 +31,9 @@ class Layout:
         assert scale > 0
         self.shown.append("picture")
 
+    def prop_search(self, owner, name, *_, **__):
+        self.prop(owner, name)
+
     def column(self, **_):
         return Layout(self)
 

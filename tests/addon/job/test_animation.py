@@ -121,7 +121,7 @@ def darken(scene):
     lambda scene: setattr(scene.lensfield, "view", "CAMERA"),
     lambda scene: setattr(scene.lensfield, "tier", "REFERENCE"),
     lambda scene: setattr(scene.lensfield, "accuracy", 0.02),
-    lambda scene: setattr(scene.lensfield, "denoise", True)])
+    lambda scene: setattr(scene.lensfield, "denoise", "ON")])
 def test_other_settings_make_other_frames(moving_scene, change):
     addon.render_animation(moving_scene, [2])
     change(moving_scene)

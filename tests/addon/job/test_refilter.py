@@ -72,7 +72,7 @@ def test_lenses_of_one_view_need_no_scaling(window, tmp_path):
 
 
 def test_the_lens_of_the_render_gives_the_same_files_again(window, tmp_path):
-    window.render.film_transparent = True
+    window.render.film_transparent, window.cycles.film_exposure = True, 2.5
     bpy.data.objects["Wall"].hide_render = True
     kept = rendered(window, tmp_path, "tessar-50mm")
     applied = addon.apply_lens(kept.radiance, "tessar-50mm", tmp_path / "applied")

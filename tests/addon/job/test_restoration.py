@@ -56,7 +56,8 @@ def set_format(scene, file_format, color_mode, color_depth):
 
 def job(folder):
     return Job(Lens.load("edmund-54852"), np.array((450.0, 550.0, 600.0, 650.0)), folder, Options(), SpectralOptions(),
-               unfit="refuse", frame=1, denoise=False, to_compositor=False)
+               unfit="refuse", frame=1, view_layer="", denoise=False,
+               clamp=True, to_compositor=False)
 
 
 def test_scene_is_the_same_after_success(rich_scene, tmp_path):

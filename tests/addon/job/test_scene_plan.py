@@ -405,7 +405,7 @@ def test_a_misspelt_spectrum_hides_no_plan_but_refuses_the_render(room, tmp_path
         bpy.data.materials[name].lensfield.reflectance = "no-such-paint"
     plan = foreseen(room)
     assert {error.where for error in plan.refusals} == {"material 'chart-15-red'", "material 'chart-14-green'"}
-    assert "Cycles renders at" in plan.text and plan.text.count("reflectance spectrum is no-such-paint") == 2
+    assert "Cycles renders at" in plan.text
     assert plan.per_pass == 3 and not plan.apart and not known.refusals
     with pytest.raises(SceneError, match="reflectance spectrum is no-such-paint"):
         rendered(room, tmp_path)
@@ -415,12 +415,12 @@ def test_a_misspelt_spectrum_hides_no_plan_but_refuses_the_render(room, tmp_path
 def test_the_default_is_planned_in_the_place_of_a_misspelt_spectrum(scene):
     light(scene, "POINT", 10.0).data.lensfield.emission = "no-such-lamp"
     plan = foreseen(scene)
-    assert [lamp.name for lamp in plan.lamps] == ["daylight D65"] and "no-such-lamp" in plan.text
+    assert [lamp.name for lamp in plan.lamps] == ["daylight D65"] and "no-such-lamp" in str(plan.refusals[0])
 
 
 def test_unfit_nodes_hide_no_plan_but_refuse_the_render(scene):
     film(scene)
     plan = foreseen(scene)
     refusal, = plan.refusals
-    assert "Thin Film Thickness" in str(refusal) and plan.text.endswith(str(refusal)) and "Cycles render" in plan.text
+    assert "Thin Film Thickness" in str(refusal) and "Cycles render" in plan.text
     assert not foreseen(scene, unfit="render").refusals

@@ -379,13 +379,16 @@ def filmed(scene, tmp_path):
 def test_command_tells_findings_and_its_status_is_for_scripts(filmed, capsys):
     good, bad = map(str, filmed)
     assert cli.main(["lint", good]) == 0
-    assert capsys.readouterr().out.splitlines()[-1] == "2 substituted"
+    assert "2 substituted" in capsys.readouterr().out.splitlines()
     assert cli.main(["lint", bad]) == 1
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("Wall: material 'Paint' > Principled BSDF > Thin Film Thickness: rejected: ")
-    assert lines[-1] == "1 rejected, 2 substituted" and len(lines) == 4
+    assert lines[3] == "1 rejected, 2 substituted"
+    assert lines[-1].startswith("refused: Wall: material 'Paint' > ")
     assert cli.main(["lint", bad, "--json"]) == 1
-    first = json.loads(capsys.readouterr().out)[0]
+    found = json.loads(capsys.readouterr().out)
+    first = found["nodes"][0]
+    assert found["refusals"][0]["where"] == "Wall: material 'Paint' > Principled BSDF > Thin Film Thickness"
     assert first["verdict"] == REJECTED and first["object_names"] == ["Wall"]
     assert cli.main(["lint", "missing.blend"]) == 1
     assert "missing.blend: scene is not there" in capsys.readouterr().err
@@ -400,14 +403,15 @@ def test_panel_shows_what_check_scene_found_and_selects(scene):
     wall(scene, material("Plain", "ShaderNodeBsdfDiffuse")[0])
     painted(scene, "ShaderNodeBsdfPrincipled").inputs["Thin Film Thickness"].default_value = 400
     assert bpy.ops.lensfield.lint() == {"FINISHED"}
-    assert [finding.verdict for finding in lint_panel.checked["findings"]].count(REJECTED) == 1
+    assert [finding.verdict for finding in lint_panel.checked["found"].findings].count(REJECTED) == 1
     assert lint_panel.checked["scene"] == scene.session_uid
     assert bpy.ops.lensfield.select_object(finding=0) == {"FINISHED"}
     assert [obj.name for obj in scene.objects if obj.select_get()] == ["Wall.001"]
     layout = Layout()
-    lint_panel._draw_findings(layout, lint_panel.checked["findings"])
-    assert [icon for _, icon in layout.labels] == ["CANCEL", "INFO"]
-    assert layout.labels[0][0] == str(lint_panel.checked["findings"][0])
+    lint_panel.draw_preflight(layout, lint_panel.checked["found"])
+    assert [icon for _, icon in layout.labels if icon != "BLANK1"] == [
+        "RENDER_STILL", "CANCEL", "CANCEL", "INFO", "CANCEL", "INFO"]
+    assert layout.labels[-2][0] == str(lint_panel.checked["found"].findings[0])
     icons = bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items.keys()
     assert {*lint_panel.ICONS.values(), "RESTRICT_SELECT_OFF", "VIEWZOOM", "INFO"} <= set(icons)
 

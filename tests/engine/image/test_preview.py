@@ -1,12 +1,16 @@
 """From spectral images to pictures."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from PIL import Image
 
 from lenses import make_lens
 from lensfield.engine import SpectralImage, simulate
+from lensfield.engine.errors import ImageError
 from lensfield.engine.image.preview import auto_exposure, to_rec709, write_png
+from lensfield.engine.image.spectral_exr import read_exr, write_exr
 from lensfield.engine.spectral.colour import rec709_weights
 from lensfield.engine.spectral.spectra import white_density
 
@@ -53,3 +57,16 @@ def test_a_png_holds_the_encoded_picture_upright(tmp_path):
         assert image.size == (4, 3)
         assert image.getpixel((1, 0)) == (255, 118, 0)
         assert image.getpixel((0, 0)) == (0, 0, 0)
+
+
+def test_exposure_is_of_pictures_and_outlives_the_file(tmp_path):
+    image = SpectralImage(np.ones((3, 4, 6)), (450, 550, 650), pitch_um=5.0)
+    exposed = replace(image, exposure=2.5)
+    assert np.allclose(to_rec709(exposed), 2.5 * to_rec709(image))
+    write_exr(exposed, tmp_path / "exposed.exr")
+    read = read_exr(tmp_path / "exposed.exr")
+    assert read.exposure == 2.5 and np.array_equal(read.cube, image.cube)
+    write_exr(image, tmp_path / "plain.exr")
+    assert read_exr(tmp_path / "plain.exr").exposure == 1
+    with pytest.raises(ImageError, match="exposure is -1"):
+        replace(image, exposure=-1)

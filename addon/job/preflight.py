@@ -1,0 +1,89 @@
+"""Before a render: whether it would be refused, what of the scene would come out otherwise, and its plan."""
+
+import os
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from ...engine.errors import InputError
+from ...engine.files import check_target
+from ..scene.camera import capture_grid, check_camera
+from ..scene.render_state import go_to_frame, turn_on_layer
+from ..scene.undo import Journal
+from ..shading.lint import lint
+from .job import check_output_folder, job_from_settings
+from .remarks import scene_remarks
+from .render import Result
+from .scene_plan import ScenePlan, check_job, plan_scene
+
+
+@dataclass(frozen=True, eq=False)
+class Preflight:
+    """What can be known of a render before it.
+
+    Attributes
+    ----------
+    plan : ScenePlan or None
+        None where there can be none.
+    refusals : tuple of InputError
+        Why the render would be refused; empty where it would not.
+    remarks : tuple of Remark
+    findings : tuple of Finding
+        What becomes of the nodes, worst first.
+    """
+
+    plan: ScenePlan | None = None
+    refusals: tuple = ()
+    remarks: tuple = ()
+    findings: tuple = ()
+
+
+def preflight(scene, output_folder=None, *, frame=None, **asked):
+    """Look at a scene as `render_through_lens` would with these arguments; it is left as it is.
+
+    Returns
+    -------
+    Preflight
+    """
+    refusals, job, plan, remarks = [], None, None, ()
+    with Journal() as journal:
+        go_to_frame(scene, scene.frame_current if frame is None else frame, journal)
+        with _noted(refusals):
+            if output_folder is None:
+                check_output_folder(scene)
+        with _noted(refusals):
+            job = job_from_settings(scene, output_folder=output_folder, **asked)
+            remarks = tuple(scene_remarks(scene, job))
+        if job:
+            with _noted(refusals):
+                _check_files(scene, job)
+            with _noted(refusals):
+                check_job(scene, job)
+                plan = _plan(scene, job, journal)
+        findings = plan.findings if plan else lint(scene)
+    return Preflight(plan, (*refusals, *(plan.refusals if plan else ())), remarks, findings)
+
+
+@contextmanager
+def _noted(refusals):
+    try:
+        yield
+    except InputError as error:
+        refusals.append(error)
+
+
+def _plan(scene, job, journal):
+    turn_on_layer(scene, job.view_layer, journal)
+    check_camera(scene)
+    grid = capture_grid(scene, job.lens, job.wavelengths_nm)
+    journal.stand_in(scene.camera.data)
+    return plan_scene(scene, job, grid, journal)[0]
+
+
+def _check_files(scene, job):
+    """What `check_target` does, without making the folder."""
+    there = next(folder for folder in (job.output_folder, *job.output_folder.parents) if folder.exists())
+    if not there.is_dir() or not os.access(there, os.W_OK):
+        raise InputError(job.output_folder, "folder", "not to be made", f"{there} is no folder that can be written to")
+    if there == job.output_folder:
+        for path in Result.of(scene, job.output_folder, job.frame).files:
+            check_target(path)

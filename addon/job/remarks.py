@@ -1,0 +1,105 @@
+"""What of a scene's settings takes no part in a lens render, or another one: said before it, and in its report.
+
+What is honoured as Blender would is not among it.
+"""
+
+from dataclasses import dataclass
+
+from ..scene.camera import matching_focal_length_mm
+
+MANY_SAMPLES, ENOUGH_SAMPLES = 1024, 256
+ENGINES = {"BLENDER_EEVEE": "EEVEE", "BLENDER_EEVEE_NEXT": "EEVEE", "BLENDER_WORKBENCH": "Workbench"}
+BLENDERS_FILTER = "BLACKMAN_HARRIS", 1.5, 1.0  # a new scene's pixel filter, its width, and Filter Glossy
+SAME_VIEW = 0.02
+
+
+@dataclass(frozen=True)
+class Remark:
+    """One setting that does not hold as it would in Blender's own render.
+
+    Attributes
+    ----------
+    what, value : str
+        The setting, as Blender's panels call it.
+    becomes : str
+        What becomes of it.
+    remedy : str
+        What to do about that; "" for nothing.
+    """
+
+    what: str
+    value: str
+    becomes: str
+    remedy: str = ""
+
+    def __str__(self):
+        return "; ".join(filter(None, (f"{self.what} {self.value}".strip() + f": {self.becomes}", self.remedy)))
+
+
+def scene_remarks(scene, job):
+    """Remarks on the scene at its frame, its only view layer for rendering being the job's: list of Remark."""
+    return [*_of_engine(scene, job), *_of_reference(scene, job), *_of_camera(scene, job), *_of_pixels(scene),
+            *_left_out(scene)]
+
+
+def _of_engine(scene, job):
+    engine, cycles = scene.render.engine, scene.cycles
+    if engine != "CYCLES":
+        yield Remark("Render Engine", ENGINES.get(engine, engine), "Cycles renders instead",
+                     "look at the scene in Cycles first")
+    samples = next((layer.samples for layer in scene.view_layers if layer.use and layer.samples), cycles.samples)
+    if samples >= MANY_SAMPLES:
+        until = f", until the noise is below {cycles.adaptive_threshold:.2g}" if cycles.use_adaptive_sampling else ""
+        yield Remark("Samples", str(samples), f"up to so many in each render{until}",
+                     f"{ENOUGH_SAMPLES}{'' if job.denoise else ' with Denoise on'} do for most pictures, up to "
+                     f"{samples // ENOUGH_SAMPLES} times as fast")
+    if cycles.time_limit:
+        yield Remark("Time Limit", f"{cycles.time_limit:g} s", "holds for each render")
+
+
+def _of_reference(scene, job):
+    """What is physical but in the Reference tier, where it takes no part."""
+    cycles = scene.cycles
+    if job.spectral.tier != "reference":
+        return
+    for name, value in (("Clamp Direct", cycles.sample_clamp_direct), ("Clamp Indirect", cycles.sample_clamp_indirect)):
+        if value:
+            yield Remark(name, f"{value:g}", "left out in Reference")
+    if cycles.use_denoising and not job.denoise:
+        yield Remark("Denoise", "", "left out in Reference", "Lensfield's own Denoise turns it on")
+
+
+def _of_camera(scene, job):
+    camera = scene.camera.data if scene.camera and scene.camera.type == "CAMERA" else None
+    if camera is None:
+        return
+    if camera.dof.use_dof:
+        yield Remark("Depth of Field", "", "left out; the lens blurs as it does at the distance it is focused at")
+    if camera.type != "PERSP":  # refused, or made by Match Camera to Lens
+        return
+    matching_mm = matching_focal_length_mm(scene, job.lens)
+    if abs(matching_mm / camera.lens - 1) > SAME_VIEW:
+        yield Remark("Focal Length", f"{camera.lens:.3g} mm", f"the lens shows what {matching_mm:.3g} mm would",
+                     "Match Camera to Lens, or set View to The Camera's")
+
+
+def _of_pixels(scene):
+    cycles = scene.cycles
+    kind, width_px, glossy = BLENDERS_FILTER
+    if cycles.pixel_filter_type not in (kind, "BOX") or cycles.filter_width not in (width_px, 1.0):
+        yield Remark("Pixel Filter", f"{cycles.filter_width:.3g} px",
+                     "left out; a pixel averages the light on its own square")
+    if cycles.blur_glossy > glossy:
+        yield Remark("Filter Glossy", f"{cycles.blur_glossy:.3g}", "left out")
+
+
+def _left_out(scene):
+    render, sequences = scene.render, scene.sequence_editor
+    if render.use_border and render.use_crop_to_border:
+        yield Remark("Crop to Render Region", "", "left out; the picture keeps its size, black outside the region")
+    if render.use_multiview:
+        yield Remark("Stereoscopy", "", "left out; one picture, from the camera itself")
+    if render.use_freestyle:
+        yield Remark("Freestyle", "", "left out; no lines")
+    if render.use_sequencer and sequences and len(sequences.strips):
+        yield Remark("Sequencer", "", "left out; the scene itself is rendered")

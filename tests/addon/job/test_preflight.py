@@ -1,0 +1,254 @@
+"""Before a render: it is foreseen whether it would be refused, and what of the scene would come out otherwise."""
+
+import json
+
+import bpy
+import pytest
+
+from lensfield import addon, cli
+from lensfield.addon import preflight
+from lensfield.engine.errors import InputError
+from lensfield.engine.spectral.wavelength_choice import SpectralOptions
+from small_scenes import light, material, set_world, wall
+from snapshot import differences, snapshot
+
+
+def short_index(tmp_path, letters):
+    """A refractive index that is known from 400 to 600 nm alone, of a glass or a metal."""
+    path = tmp_path / "short.yml"
+    rows = "\n".join(f"      {um} {1.5 - um / 10}{' 3.0' * (letters == 'nk')}" for um in (0.4, 0.5, 0.6))
+    path.write_text(f"DATA:\n  - type: tabulated {letters}\n    data: |\n{rows}\n")
+    return str(path)
+
+
+def painted(scene, node_type="ShaderNodeBsdfDiffuse"):
+    paint, _ = material("Paint", node_type)
+    wall(scene, paint)
+    return paint
+
+
+def refraction(letters, at_m=1.0):
+    def change(scene, tmp_path):
+        paint = painted(scene, "ShaderNodeBsdfGlass" if letters == "n" else "ShaderNodeBsdfGlossy")
+        paint.lensfield.refraction = short_index(tmp_path, letters)
+        scene.objects["Wall"].location.z = -at_m
+    return change
+
+
+def black_lumens(scene, tmp_path):
+    data = light(scene, "POINT", 1.0, color=(0, 0, 0)).data
+    data.lensfield.power_unit = "LUMEN"
+
+
+def thin_film(scene, tmp_path):
+    paint = bpy.data.materials.new("Film")
+    paint.use_nodes = True
+    shader = next(node for node in paint.node_tree.nodes if node.bl_idname == "ShaderNodeBsdfPrincipled")
+    shader.inputs["Thin Film Thickness"].default_value = 400
+    wall(scene, paint)
+
+
+def film_as_it_comes(scene, tmp_path):
+    thin_film(scene, tmp_path)
+    scene.lensfield.unfit = "RENDER"
+
+
+def grease_pencil(scene, tmp_path):
+    data = getattr(bpy.data, "grease_pencils_v3", bpy.data.grease_pencils)
+    scene.collection.objects.link(bpy.data.objects.new("Strokes", data.new("Strokes")))
+
+
+def misspelt_world(scene, tmp_path):
+    scene.world.lensfield.emission = "no-such-lamp"
+
+
+def misspelt_but_unseen(scene, tmp_path):
+    painted(scene).lensfield.reflectance = "no-such-paint"
+    scene.objects["Wall"].hide_render = True
+
+
+def second_layer(scene, tmp_path):
+    scene.view_layers.new("Second")
+
+
+def second_layer_chosen(scene, tmp_path):
+    scene.view_layers.new("Second")
+    scene.lensfield.view_layer = "Second"
+
+
+def no_layer(scene, tmp_path):
+    scene.view_layers[0].use = False
+
+
+def background_set(scene, tmp_path):
+    scene.background_set = bpy.data.scenes.new("Behind")
+
+
+def marked_camera(scene, tmp_path):
+    """Whose type is right, but at another frame."""
+    other = bpy.data.objects.new("Other", bpy.data.cameras.new("Other"))
+    other.data.type = "ORTHO"
+    scene.collection.objects.link(other)
+    scene.timeline_markers.new("Cut", frame=5).camera = other
+    scene.frame_current = 5
+
+
+def a_file_in_the_way(scene, tmp_path):
+    (tmp_path / "taken").write_text("")
+    scene.lensfield.output_folder = str(tmp_path / "taken" / "inside")
+
+
+def a_folder_for_a_file(scene, tmp_path):
+    (tmp_path / "out" / "Scene_0001_lens_image.exr").mkdir(parents=True)
+
+
+def linked_camera(scene, tmp_path):
+    """Camera data that an object from another file uses too, which cannot be given another."""
+    data = scene.camera.data
+    bpy.data.libraries.write(str(tmp_path / "library.blend"), {scene.camera}, fake_user=True)
+    with bpy.data.libraries.load(str(tmp_path / "library.blend"), link=True) as (_, into):
+        into.objects = ["Camera"]
+    linked, = into.objects
+    scene.collection.objects.link(linked)
+    scene.camera = linked
+    assert linked.data != data
+
+
+def setting(owner, **values):
+    def change(scene, tmp_path):
+        target = owner(scene)
+        for name, value in values.items():
+            setattr(target, name, value)
+    return change
+
+
+def camera(**values):
+    return setting(lambda scene: scene.camera.data, **values)
+
+
+def lensfield(**values):
+    return setting(lambda scene: scene.lensfield, **values)
+
+
+SCENES = {
+    "plain": lambda scene, tmp_path: None, "no camera": lambda scene, tmp_path: setattr(scene, "camera", None),
+    "orthographic": camera(type="ORTHO"), "panorama": camera(type="PANO"), "shifted": camera(shift_x=0.1),
+    "pixels": setting(lambda scene: scene.render, pixel_aspect_x=2.0), "marked": marked_camera,
+    "linked camera": linked_camera,
+    "no lens": lensfield(lens="FILE", lens_file=""), "lost lens": lensfield(lens="FILE", lens_file="/nowhere.npz"),
+    "wavelengths": lensfield(wavelength_mode="LIST", wavelength_list="blue"),
+    "beyond the lens": lensfield(wavelength_last_nm=900.0), "no folder": lensfield(output_folder=""),
+    "unsaved": lensfield(output_folder="//here"), "file in the way": a_file_in_the_way,
+    "folder for a file": a_folder_for_a_file,
+    "second layer": second_layer, "chosen layer": second_layer_chosen, "no layer": no_layer,
+    "lost layer": lensfield(view_layer="Gone"), "set": background_set,
+    "film": thin_film, "film as it comes": film_as_it_comes, "strokes": grease_pencil, "lumens": black_lumens,
+    "misspelt": misspelt_world, "misspelt unseen": misspelt_but_unseen, "glass": refraction("n"),
+    "glass unseen": refraction("n", -1.0), "metal": refraction("nk"),
+    "the camera's view": lensfield(view="CAMERA")}
+
+
+@pytest.mark.parametrize("tier", ["preview", "standard", "reference"])
+@pytest.mark.parametrize("name", SCENES)
+def test_refused_where_the_render_is_and_nowhere_else(scene, tmp_path, name, tier):
+    scene.render.resolution_x, scene.render.resolution_y, scene.cycles.samples = 8, 6, 1
+    set_world(scene)
+    scene.lensfield.output_folder = str(tmp_path / "out")
+    scene.lensfield.wavelength_count = 3
+    SCENES[name](scene, tmp_path)
+    bpy.context.view_layer.update()
+    before, files = snapshot(), sorted(tmp_path.rglob("*"))
+    found = preflight(scene, spectral=SpectralOptions(tier))
+    changed = [line for line in differences(before, snapshot()) if "is_library_indirect" not in line]  # Blender's own
+    assert not changed and sorted(tmp_path.rglob("*")) == files
+    try:
+        addon.render_through_lens(scene, spectral=SpectralOptions(tier))
+        refused = None
+    except InputError as error:
+        refused = str(error)
+    assert bool(found.refusals) == bool(refused), (refused, found.refusals)
+    if refused:
+        assert refused.split(":")[0] in {str(refusal).split(":")[0] for refusal in found.refusals}
+
+
+def test_every_refusal_is_told_at_once(scene, tmp_path):
+    black_lumens(scene, tmp_path)
+    misspelt_world(scene, tmp_path)
+    thin_film(scene, tmp_path)
+    scene.lensfield.output_folder = ""
+    found = preflight(scene)
+    assert [refusal.field for refusal in found.refusals] == ["output folder", "emission spectrum", "color", "node"]
+    assert found.plan and found.findings
+
+
+def set_on(path, **values):
+    def change(scene):
+        owner = scene
+        for name in path.split("."):
+            owner = getattr(owner, name)
+        for name, value in values.items():
+            setattr(owner, name, value)
+    return change
+
+
+def with_a_strip(scene):
+    scene.sequence_editor_create()
+    scene.sequence_editor.strips.new_effect("Colour", "COLOR", channel=1, frame_start=1, **(
+        {"length": 10} if bpy.app.version >= (5, 0, 0) else {"frame_end": 10}))
+
+
+REMARKS = [
+    (set_on("render", engine="BLENDER_WORKBENCH"), "standard", "Render Engine Workbench: Cycles renders instead"),
+    (set_on("cycles", samples=4096), "standard", "Samples 4096: up to so many in each render; 256 with Denoise on"),
+    (set_on("cycles", time_limit=60), "standard", "Time Limit 60 s: holds for each render"),
+    (set_on("cycles", sample_clamp_indirect=10), "reference", "Clamp Indirect 10: left out in Reference"),
+    (set_on("cycles", use_denoising=True), "reference", "Denoise: left out in Reference"),
+    (set_on("camera.data.dof", use_dof=True), "standard", "Depth of Field: left out; the lens blurs"),
+    (set_on("camera.data", lens=100.0), "standard", "Focal Length 100 mm: the lens shows what 45.6 mm would"),
+    (set_on("cycles", pixel_filter_type="GAUSSIAN"), "standard", "Pixel Filter 1.5 px: left out"),
+    (set_on("cycles", blur_glossy=5.0), "standard", "Filter Glossy 5: left out"),
+    (set_on("render", use_multiview=True), "standard", "Stereoscopy: left out"),
+    (set_on("render", use_freestyle=True), "standard", "Freestyle: left out"),
+    (with_a_strip, "standard", "Sequencer: left out"),
+    (set_on("cycles", sample_clamp_indirect=10), "standard", None),
+    (set_on("cycles", use_denoising=True), "preview", None),
+    (set_on("cycles", film_exposure=2.0), "reference", None),
+    (set_on("render", use_motion_blur=True), "reference", None),
+    (set_on("render", use_simplify=True), "reference", None)]
+
+
+@pytest.mark.parametrize("change, tier, expected", REMARKS, ids=lambda value: value if isinstance(value, str) else "")
+def test_what_does_not_hold_is_told_before_and_after_and_nothing_else(scene, tmp_path, change, tier, expected):
+    assert bpy.ops.lensfield.match_camera() == {"FINISHED"}
+    set_world(scene)
+    change(scene)
+    found = [str(remark) for remark in preflight(scene, tmp_path, spectral=SpectralOptions(tier)).remarks]
+    assert len(found) == (expected is not None) and all(remark.startswith(expected) for remark in found)
+    if scene.cycles.samples < 1024:
+        result = addon.render_through_lens(scene, output_folder=tmp_path, spectral=SpectralOptions(tier))
+        assert [remark for remark in result.report.remarks() if remark in found] == found
+
+
+def test_an_untouched_scene_gets_few_lines(tmp_path):
+    bpy.ops.wm.read_factory_settings()
+    found = preflight(bpy.context.scene, tmp_path)
+    assert not found.refusals
+    assert [remark.what for remark in found.remarks] == ["Render Engine", "Samples", "Focal Length"]
+    assert all(len(str(remark)) < 130 for remark in found.remarks)
+
+
+def test_the_command_is_given_what_the_render_is(scene, tmp_path, capsys):
+    set_world(scene)
+    second_layer(scene, tmp_path)
+    scene.lensfield.output_folder = ""
+    blend = str(tmp_path / "scene.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=blend)
+    assert cli.main(["lint", blend]) == 1
+    assert capsys.readouterr().out.count("refused: ") == 2
+    assert cli.main(["lint", blend, "--view-layer", "Second", "--output", str(tmp_path / "out")]) == 0
+    assert not (tmp_path / "out").exists()
+    assert cli.main(["lint", blend, "--view-layer", "Second", "--json"]) == 1
+    found = json.loads(capsys.readouterr().out.split("nm: all surfaces are grey\n", 1)[1])
+    assert found["plan"].startswith("1 Cycles render at")
+    assert [refusal["field"] for refusal in found["refusals"]] == ["output folder"]
+    assert [remark["what"] for remark in found["remarks"]] == ["Focal Length"]
