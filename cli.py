@@ -9,7 +9,7 @@ import sys
 import threading
 
 from . import __version__
-from .commands import filter, lens, lint, render, tradeoff
+from .commands import apply, filter, lens, lint, render, serve, tradeoff
 from .commands.outcome import FAILURES
 from .engine.files import remove_pending
 
@@ -23,7 +23,7 @@ def main(arguments=None):
     except SystemExit as stop:  # inside Blender the process is not ours to end
         return stop.code or 0
     if getattr(options, "end_with_stdin", False):
-        _end_with_stdin()
+        _end_with_stdin(getattr(options, "hear", None))
     try:
         status = options.run(options)
     except FAILURES as error:
@@ -74,11 +74,14 @@ def _stop_on_signals():
     threading.Thread(target=wait, daemon=True).start()
 
 
-def _end_with_stdin():
-    """End the process at once, and leave nothing behind, when whoever started it closes its standard input or ends."""
+def _end_with_stdin(hear):
+    """End the process at once, and leave nothing behind, when whoever started it closes its standard input or ends;
+    until then let each line be heard, if somebody listens."""
     def wait():
-        while os.read(0, 1):
-            pass
+        with open(0, encoding="utf-8", closefd=False) as lines:
+            for line in lines:
+                if hear:
+                    hear(line)
         _cancel()
 
     threading.Thread(target=wait, daemon=True).start()
@@ -105,6 +108,7 @@ def _parser():
     parser = argparse.ArgumentParser(prog="lensfield", description="Blender scenes through real lenses.")
     parser.add_argument("--version", action="version", version=f"lensfield {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for command in (render, filter, tradeoff, lens, lint):
+    for command in (render, apply, filter, tradeoff, lens, lint):
         command.add(commands)
+    serve.add(commands, main)
     return parser

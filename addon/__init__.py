@@ -8,14 +8,14 @@ from .job.preflight import preflight
 from .job.refilter import apply_lens
 from .job.render import kept, render_through_lens
 from .scene.lens_cache import forget_lenses
-from .ui import animation, lint_panel, operators, panels, properties, window_render
+from .ui import animation, another_lens, lint_panel, operators, panels, properties, window_render
 from .ui.keys import register_keys, unregister_keys
 from .ui.previews import forget_previews
 
 __all__ = ["Animation", "apply_lens", "look_beside", "preflight", "register", "render_animation", "render_through_lens",
            "unregister"]
 
-_MODULES = (properties, operators, animation, panels, lint_panel)
+_MODULES = (properties, operators, animation, another_lens, panels, lint_panel)
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(
     [cls for module in _MODULES for cls in module.classes])
 

@@ -1,7 +1,6 @@
 """`lensfield render`: a .blend, rendered multispectrally and put through a lens."""
 
 from argparse import BooleanOptionalAction
-from contextlib import contextmanager
 from pathlib import Path
 
 from ..engine import InputError
@@ -10,10 +9,9 @@ from ..engine.spectral.spectra import parse_wavelengths
 from ..engine.spectral.wavelength_choice import STANDARD_COLOUR_ERROR, TIERS, UNFIT
 from .arguments import add_engine_options, check_outputs, given_options, resolution
 from .blend import open_scene
-from .messages import message_lines, paced
-from .outcome import FAILURES, finish
+from .followed import add_followed, messages, progress
+from .outcome import finish
 from .sequence import parse_frames
-from .terminal import progress_bar, quiet
 
 FRAME_LIMITS, SAMPLE_LIMITS = (-1048574, 1048574), (1, 1 << 24)  # Blender's own
 OWN_FRAMES = "scene"
@@ -32,6 +30,9 @@ def add(commands):
                              "current one). Those that are there already, whole and by the same settings, are not "
                              "rendered again; --report tells of each")
     render.add_argument("--overwrite", action="store_true", help="render all of them anew")
+    render.add_argument("--room", type=float, metavar="FRACTION",
+                        help="capture at least this part of the picture's longer side beyond each of its edges, for "
+                             "lenses with more distortion to draw on (lensfield apply)")
     _add_followed(render.add_argument_group("for programs that start this one and follow it"))
     render.set_defaults(run=_render)
 
@@ -65,13 +66,9 @@ def add_scene_options(render):
 
 
 def _add_followed(group):
-    group.add_argument("--progress", choices=("bar", "lines"), default="bar",
-                       help="a bar, on a terminal; or lines on standard output (commands/messages.py says which)")
+    add_followed(group)
     group.add_argument("--picture", type=Path, metavar="FILE.png",
                        help="after each pass, write the light so far, as a perfect pinhole sees it")
-    group.add_argument("--end-with-stdin", action="store_true",
-                       help="end as soon as standard input closes, as it does when its writer ends, and leave nothing "
-                            "half-written")
     group.add_argument("--beside", type=Path, metavar="DIR",
                        help="where paths in the scene's Lensfield settings start from, if SCENE is a copy of a .blend "
                             "that lies there")
@@ -80,12 +77,12 @@ def _add_followed(group):
 def _render(options):
     check_outputs([(options.report, ".json"), (options.picture, ".png")],
                   [path for path in (options.scene, options.lens) if path])
-    with _messages(options) as write:
+    with messages(options) as write:
         if options.frames not in (None, OWN_FRAMES):
             for frame in parse_frames(options.frames):
                 check_limits("--frames", frame, FRAME_LIMITS)
         scene, asked = scene_and_arguments(options)
-        asked["picture"] = options.picture
+        asked |= {"picture": options.picture, "room": options.room}
         if options.beside:
             from ..addon import look_beside
 
@@ -99,7 +96,7 @@ def _render_one(options, scene, asked, write):
     """Render the current frame; its report, and what to tell of it."""
     from .. import addon
 
-    with _progress(options, write) as tell:
+    with progress(options, write) as tell:
         result = addon.render_through_lens(scene, progress=tell, **asked)
     _tell_frame(scene.frame_current, result, set(), write)
     return result.report, result.told
@@ -110,14 +107,14 @@ def _render_frames(options, scene, asked, write):
     from .. import addon
 
     frames = None if options.frames == OWN_FRAMES else parse_frames(options.frames)
-    with _progress(options, write) as tell:
+    with progress(options, write) as tell:
         tell(0.0, "Looking for frames that are there already")
         animation = addon.Animation(scene, frames, overwrite=options.overwrite, **asked)
     for frame, (result, _) in animation.earlier.items():
         write(frame=frame, lens_image=str(result.lens_image))
     known = set()
     for frame in animation.pending:
-        with _progress(options, write) as tell:
+        with progress(options, write) as tell:
             result = animation.render(frame, tell)
         _tell_frame(frame, result, known, write)
     print(*animation.summary, sep="\n")
@@ -132,30 +129,6 @@ def _tell_frame(frame, result, known, write):
         known.add(line)
     print(*result.files, sep="\n", flush=True)
     write(frame=frame, lens_image=str(result.lens_image))
-
-
-@contextmanager
-def _messages(options):
-    """A function that writes messages of facts, for programs that want them; an error is one, too."""
-    if options.progress == "bar":
-        yield lambda **facts: None
-        return
-    with message_lines() as write:
-        try:
-            yield write
-        except FAILURES as error:
-            write(error=str(error))
-            raise
-
-
-@contextmanager
-def _progress(options, write):
-    """How to tell the progress (fraction, label)."""
-    if options.progress == "lines":
-        yield paced(write)
-    else:
-        with progress_bar() as tell, quiet(1):
-            yield tell
 
 
 def scene_and_arguments(options):

@@ -13,6 +13,7 @@ import tempfile
 import threading
 import time
 from contextlib import suppress
+from dataclasses import asdict
 from pathlib import Path
 
 import bpy
@@ -76,6 +77,19 @@ def render_command(copy, picture, *more):
     arguments = ["render", str(copy), "--progress", "lines", "--end-with-stdin", "--picture", str(picture), *more]
     if bpy.data.filepath:
         arguments += ["--beside", os.path.dirname(bpy.data.filepath)]
+    return lensfield_command(arguments)
+
+
+def apply_command(radiance, settings):
+    """The command line that puts kept radiance through the lens of a scene's Lensfield settings."""
+    options = (word for name, value in asdict(settings.to_options()).items() if value is not None
+               for word in ("--" + name.replace("_", "-"), str(value)))
+    return lensfield_command(["apply", str(radiance), "--lens", settings.lens_name_or_path(), "--view",
+                              settings.view.lower(), "--progress", "lines", "--end-with-stdin", *options])
+
+
+def lensfield_command(arguments):
+    """The command line of `lensfield` with these arguments, in another Blender like this one."""
     if not bpy.app.binary_path:  # the wheel
         return [sys.executable, "-c", f"from {EXTENSION}.cli import console; console()", *arguments]
     scripts = "--disable-autoexec" if bpy.app.autoexec_fail else "--enable-autoexec"  # those that run here

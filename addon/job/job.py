@@ -28,6 +28,8 @@ class Job:
         Whether Cycles denoises its passes, and whether the scene's clamps hold.
     picture : Path, optional
         A PNG that is to show, after each pass, the light so far, as a perfect pinhole sees it.
+    room : float
+        How much of the picture's longer side is captured beyond each of its edges, at the least, for other lenses.
     settings : dict
         What of the scene's render settings counts for the picture.
     blend_saved_s : float, optional
@@ -47,12 +49,14 @@ class Job:
     to_compositor: bool
     lens_warning: str = ""
     picture: Path | None = None
+    room: float = 0.0
     settings: dict | None = None
     blend_saved_s: float | None = None
 
 
 def job_from_settings(scene, *, lens=None, wavelengths_nm=None, output_folder=None, options=None, spectral=None,
-                      view=None, unfit=None, view_layer=None, denoise=None, to_compositor=None, picture=None):
+                      view=None, unfit=None, view_layer=None, denoise=None, to_compositor=None, picture=None,
+                      room=None):
     """The Job for the scene's current frame that its settings ask for, but for what is given.
 
     Raises
@@ -74,7 +78,7 @@ def job_from_settings(scene, *, lens=None, wavelengths_nm=None, output_folder=No
         settings.unfit.lower() if unfit is None else unfit, scene.frame_current,
         settings.view_layer if view_layer is None else view_layer,
         settings.denoises(spectral) if denoise is None else denoise, spectral.tier != "reference",
-        settings.to_compositor if to_compositor is None else to_compositor, warning, picture,
+        settings.to_compositor if to_compositor is None else to_compositor, warning, picture, room or 0.0,
         picture_settings(scene), blend_saved_s())
 
 

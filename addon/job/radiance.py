@@ -71,7 +71,7 @@ class Work:
 
 def capture(scene, job, result, share):
     """Steps that render the scene's spectral radiance, up to a `share` of the whole job; returns what is Captured."""
-    grid = capture_grid(scene, job.lens, job.wavelengths_nm)
+    grid = capture_grid(scene, job.lens, job.wavelengths_nm, job.room)
     with temporary_folder() as folder, Journal() as journal:
         go_to_frame(scene, job.frame, journal)
         turn_on_layer(scene, job.view_layer, journal)

@@ -9,13 +9,15 @@ from dataclasses import replace
 from pathlib import Path
 
 from ...engine import ImageError, InputError, Lens, Options
+from ...engine.errors import absence
 from ...engine.field.overscan import VIEWS, overscan_px
 from ...engine.image.depth_range import check_depth
 from ...engine.image.pitch import fitting_pitch_um
-from ...engine.image.spectral_exr import read_with_planes
+from ...engine.image.spectral_exr import read_parts, read_with_planes
 from ...engine.report import FileFacts
-from ..scene.camera import covered_diagonal, size_warning
+from ..scene.camera import covered_diagonal, frame_px, size_warning
 from ..scene.lens_cache import load_lens, scaled_lens
+from .job import check_output_folder, folder_for
 from .radiance import M_TO_MM, Captured, Work
 from .render import Result, lens_steps, run
 
@@ -50,6 +52,26 @@ def apply_lens(radiance, lens, output_folder=None, *, options=BY_RESULT, view="l
         Among others where the lens needs more than was captured: it takes a new render then.
     """
     return run(_steps(Path(radiance), lens, output_folder, options, view), progress)
+
+
+def kept_radiance(scene):
+    """The file of the light that a scene's render has kept, for its current frame and by its settings.
+
+    Raises
+    ------
+    InputError
+        There is none, or the scene's pictures are of another size by now.
+    """
+    check_output_folder(scene)
+    path = Result.of(scene, folder_for(scene), scene.frame_current).radiance
+    if not path.is_file():
+        raise InputError(path, "light of a render", absence(path), "render through the lens first")
+    (left, top), (right, bottom) = read_parts(path, header_only=True)[0][0]["displayWindow"]
+    size, rows_columns = (bottom - top + 1, right - left + 1), frame_px(scene)
+    if size != rows_columns:
+        raise InputError(path, "size", "{1} x {0} px".format(*size),
+                         "the scene's is {1} x {0} px now: render again".format(*rows_columns))
+    return path
 
 
 def _steps(path, lens, output_folder, options, view):

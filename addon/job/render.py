@@ -102,7 +102,7 @@ class Result:
 
 def render_through_lens(scene, lens=None, wavelengths_nm=None, output_folder=None, *, options=None, spectral=None,
                         view=None, unfit=None, frame=None, view_layer=None, denoise=None, to_compositor=False,
-                        picture=None, progress=None):
+                        picture=None, room=None, progress=None):
     """Render a scene multispectrally and put it through a lens: the whole main job in one call.
 
     What is left out is as the scene's own Lensfield settings say. What depends on the lens and the pixel grid alone is
@@ -134,6 +134,9 @@ def render_through_lens(scene, lens=None, wavelengths_nm=None, output_folder=Non
         Lay the lens image into the scene's compositor.
     picture : Path, optional
         A PNG that is to show, after each pass, the light so far, as a perfect pinhole sees it.
+    room : float, optional
+        Capture at least this part of the picture's longer side beyond each of its edges, so that `apply_lens` can take
+        lenses with more distortion.
     progress : callable (fraction, label), optional
 
     Returns
@@ -148,7 +151,7 @@ def render_through_lens(scene, lens=None, wavelengths_nm=None, output_folder=Non
     job = job_of_frame(scene, scene.frame_current if frame is None else frame, lens=lens,
                        wavelengths_nm=wavelengths_nm, output_folder=output_folder, options=options, spectral=spectral,
                        view=view, unfit=unfit, view_layer=view_layer, denoise=denoise, to_compositor=to_compositor,
-                       picture=picture)
+                       picture=picture, room=room)
     return run(render_steps(scene, job), progress)
 
 

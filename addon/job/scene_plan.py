@@ -133,7 +133,7 @@ def foresee(scene, job):
         go_to_frame(scene, job.frame, journal)
         turn_on_layer(scene, job.view_layer, journal)
         check_camera(scene)
-        return plan_scene(scene, job, capture_grid(scene, job.lens, job.wavelengths_nm), journal)[0]
+        return plan_scene(scene, job, capture_grid(scene, job.lens, job.wavelengths_nm, job.room), journal)[0]
 
 
 def plan_scene(scene, job, grid, journal):

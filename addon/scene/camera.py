@@ -16,6 +16,7 @@ CAMERA_SENSOR_MM = 36.0  # Blender's limits on focal lengths are made for this; 
 FISHEYE_TYPE = "FISHEYE_LENS_POLYNOMIAL"
 WHOLE_SPHERE = 2 * np.pi  # a field of view that cuts nothing off
 FIT_SAMPLES = 257
+MOST_ROOM = 1.0
 TO_PERSPECTIVE = ("a lens sees in perspective: choose Perspective for the Type in the camera's properties, then Match "
                   "Camera to Lens to frame by")
 
@@ -27,11 +28,30 @@ def frame_px(scene):
                  for side in (render.resolution_y, render.resolution_x))
 
 
-def capture_grid(scene, lens, wavelengths_nm):
-    """The pixels to capture a scene with for a lens: a PixelGrid."""
+def capture_grid(scene, lens, wavelengths_nm, room=0.0):
+    """The pixels to capture a scene with for a lens: a PixelGrid.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    lens : Lens
+    wavelengths_nm : sequence of float
+    room : float
+        How much of the frame's longer side to capture beyond each edge at the least.
+
+    Raises
+    ------
+    InputError
+        Room that cannot be.
+    """
+    if not 0 <= room <= MOST_ROOM:
+        raise InputError("options", "room", room, f"expected 0 to {MOST_ROOM:g}")
     shape = frame_px(scene)
     frame = PixelGrid(shape, pitch_um(lens, shape))
-    return choose_capture(lens, frame, wavelengths_nm, psf_radius_px(lens, frame.pitch_um))
+    capture = choose_capture(lens, frame, wavelengths_nm, psf_radius_px(lens, frame.pitch_um))
+    least_px = round(room * max(shape))
+    margins = [max(least_px, margin) for margin in capture.overscan_px]
+    return PixelGrid.around_frame(shape, frame.pitch_um, margins, capture.projection)
 
 
 def in_view(camera, box, lens, capture):

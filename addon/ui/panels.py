@@ -11,6 +11,7 @@ from ..scene.camera import frame_px, lens_for_view, pitch_um
 from ..scene.lens_cache import load_lens
 from . import operators
 from .animation import draw_animation
+from .another_lens import draw_another_lens
 from .previews import PREVIEW_PX, growing_preview, sheet_path, sheet_preview
 from .properties import FROM_FILE
 from .window_render import state
@@ -49,6 +50,7 @@ def draw_settings(layout, scene):
     row.scale_y = 1.5
     row.operator("lensfield.render", icon="RENDER_STILL")
     draw_animation(layout, scene)
+    draw_another_lens(layout)
 
 
 def _draw_under_way(layout, render):

@@ -11,8 +11,9 @@ from pathlib import Path
 
 import bpy
 
-from ..job.child import Child, render_command, save_copy, unsaved_images
+from ..job.child import Child, apply_command, render_command, save_copy, unsaved_images
 from ..job.job import check_output_folder, job_from_settings
+from ..job.refilter import kept_radiance
 from ..job.scene_plan import check_job
 from ..scene.compositor import lay_into_compositor, lens_image
 
@@ -84,19 +85,36 @@ def start(scene, *frames):
     check_job(scene, job_from_settings(scene))
     remarks = [f"image {name!r} has unsaved pixels, which are not in the picture: save or pack it"
                for name in unsaved_images()]
+    _follow(scene, lambda folder: render_command(save_copy(folder), Path(folder) / PICTURE, *frames), remarks,
+            bool(frames))
+    return remarks
+
+
+def start_again(scene):
+    """Start putting the light of a scene's last render through the lens of its settings, in a process of its own.
+
+    Raises
+    ------
+    InputError
+        There is no such light, or none that fits the scene.
+    """
+    radiance = kept_radiance(scene)
+    _follow(scene, lambda folder: apply_command(radiance, scene.lensfield), [])
+
+
+def _follow(scene, command_in, remarks, animation=False):
+    """Start a command, which may need a folder for a time, and follow it."""
     beside = Path(bpy.app.tempdir).parent  # Blender empties its own as it loads the factory settings
     folder = tempfile.TemporaryDirectory(prefix="lensfield-", dir=beside, ignore_cleanup_errors=True)
     try:
-        copy = save_copy(folder.name)
-        child = Child(render_command(copy, Path(folder.name) / PICTURE, *frames), folder.name)
+        child = Child(command_in(folder.name), folder.name)
     except BaseException:
         folder.cleanup()
         raise
     state["render"] = WindowRender(child, folder, scene.name, scene.session_uid, scene.lensfield.to_compositor, remarks,
-                                   bool(frames))
+                                   animation)
     state["notice"] = ()
     bpy.app.timers.register(tick, first_interval=TICK_S, persistent=True)  # it outlives the file
-    return remarks
 
 
 def tick():

@@ -15,6 +15,7 @@ import pytest
 
 import lensfield as extension
 from lensfield import addon, cli
+from lensfield.commands.messages import read_message
 from lensfield.engine.image.spectral_exr import read_exr
 from lensfield.engine.lens.readers import BUNDLED
 from small_scenes import light, material, set_world, wall
@@ -160,3 +161,27 @@ def test_blender_command_is_the_same_command(blend, tmp_path, monkeypatch):
     assert registered["lensfield"](["render", str(blend), "--lens", "edmund-54852", "--wavelengths", "550",
                                     "--output", str(tmp_path / "out")]) == 0
     assert len(list((tmp_path / "out").iterdir())) == 10
+
+
+def test_a_kept_picture_takes_another_lens(blend, tmp_path):
+    done = lensfield("render", blend, "--lens", "tessar-50mm", "--wavelengths", 550, "--output", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    radiance = tmp_path / "out" / "Scene_0001_radiance.exr"
+    done = lensfield("apply", radiance, "--lens", "nikkor-28mm", "--report", tmp_path / "report.json")
+    assert done.returncode == 0 and "is that of a sensor of 18.3 x 13.7 mm" in done.stdout, done.stderr
+    assert json.loads((tmp_path / "report.json").read_text())["radiance"] == str(radiance)
+    assert read_exr(tmp_path / "out" / "Scene_0001_irradiance.exr").lens_name == "nikkor-28mm"
+
+
+def test_one_process_serves_command_after_command(tmp_path):
+    lines = [json.dumps(["lens", "info", "tessar-50mm"]), json.dumps(["apply", "gone.exr", "--lens", "tessar-50mm"])]
+    command = [sys.executable, "-c", "from lensfield.cli import console; console()", "serve"]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                          text=True) as process:
+        for line, status in zip(lines, (0, 1), strict=True):
+            print(line, file=process.stdin, flush=True)
+            told = iter(process.stdout.readline, "")
+            assert next(facts for facts in map(read_message, told) if facts) == {"status": status}
+        process.stdin.close()
+        assert process.wait(10) == cli.CANCELLED
+        assert "not named as by a render" in process.stderr.read()

@@ -118,6 +118,15 @@ def test_an_animation_takes_the_frame_for_another_one_afterwards(window, tmp_pat
     assert addon.Animation(window, [1], **asked).pending == [1]
 
 
+def test_room_is_made_for_lenses_that_draw_on_more(window, tmp_path):
+    window.render.resolution_x, window.render.resolution_y, window.cycles.samples = 192, 144, 1
+    kept = rendered(window, tmp_path, "tessar-50mm", room=0.1)
+    assert read_exr(kept.radiance).overscan_px == (19, 19)
+    assert addon.apply_lens(kept.radiance, "edmund-54852").report.file
+    with pytest.raises(InputError, match="room is -1: expected 0 to 1"):
+        rendered(window, tmp_path, "tessar-50mm", room=-1)
+
+
 def test_bad_input_names_the_remedy(window, tmp_path):
     kept = rendered(window, tmp_path, "tessar-50mm")
     image, planes = read_with_planes(kept.radiance)

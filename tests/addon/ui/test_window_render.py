@@ -87,6 +87,29 @@ def test_the_window_gets_what_a_script_gets_and_the_scene_only_its_compositor(re
     assert np.array_equal(child_s, read_exr(tmp_path / "script" / "Scene_0001_irradiance.exr").cube)
 
 
+def test_another_lens_is_applied_in_the_background_too(ready_scene, tmp_path):
+    ready_scene.lensfield.lens = "tessar-50mm"
+    with pytest.raises(RuntimeError, match="Scene_0001_radiance.exr: light of a render is not there: render through"):
+        bpy.ops.lensfield.apply_lens()
+    assert bpy.ops.lensfield.render() == {"FINISHED"}
+    radiance = tmp_path / "lensfield" / "Scene_0001_radiance.exr"
+    kept = radiance.stat().st_mtime_ns
+    ready_scene.lensfield.lens, ready_scene.lensfield.view = "cooke-triplet-50mm", "CAMERA"
+    before = snapshot()
+    window_render.start_again(ready_scene)
+    assert not differences(before, snapshot())
+    follow()
+    assert "of the light in" in notice() and "cooke-triplet-50mm made" in notice()
+    assert radiance.stat().st_mtime_ns == kept
+    pixels = read_exr(radiance.with_name("Scene_0001_irradiance.exr"))
+    assert pixels.lens_name.startswith("cooke-triplet-50mm")
+    assert bpy.ops.lensfield.apply_lens() == {"FINISHED"}
+    assert np.array_equal(pixels.cube, read_exr(radiance.with_name("Scene_0001_irradiance.exr")).cube)
+    ready_scene.render.resolution_x = 60
+    with pytest.raises(InputError, match="size is 48 x 36 px: the scene's is 60 x 36 px now: render again"):
+        window_render.start_again(ready_scene)
+
+
 def test_the_panel_shows_the_render_and_what_became_of_it(endless_scene):
     assert "lensfield.cancel" not in shown(endless_scene).shown
     start()

@@ -1,0 +1,47 @@
+"""`lensfield apply`: another lens on a picture that is rendered already."""
+
+from pathlib import Path
+
+from ..engine import InputError
+from ..engine.field.overscan import VIEWS
+from .arguments import add_engine_options, check_outputs, engine_options
+from .followed import add_followed, messages, progress
+from .outcome import finish
+from .terminal import quiet
+
+
+def add(commands):
+    apply = commands.add_parser(
+        "apply", help="put the light that a render has kept through another lens",
+        description="Put the light that lensfield render has kept through another lens, or by other options, without "
+                    "rendering again. The picture keeps its field of view, and you are told what that is through the "
+                    "lens. All files that follow from the light are made anew.")
+    apply.add_argument("radiance", type=Path, metavar="SCENE_0001_radiance.exr")
+    apply.add_argument("--view", choices=VIEWS, default=VIEWS[0],
+                       help="how the lens takes the kept field of view: as large as it is, on another sensor; or made "
+                            "as large as that takes on the sensor that was rendered for. The picture is the same")
+    apply.add_argument("--output", type=Path, metavar="DIR", help="(default: beside the radiance)")
+    add_engine_options(apply)
+    add_followed(apply.add_argument_group("for programs that start this one and follow it"))
+    apply.set_defaults(run=_apply)
+
+
+def _apply(options):
+    check_outputs([(options.report, ".json")], [options.radiance, options.lens])
+    with messages(options) as write:
+        chosen = engine_options(options)
+        with progress(options, write) as tell:
+            result = _addon().apply_lens(options.radiance, options.lens, options.output, options=chosen,
+                                         view=options.view, progress=tell)
+        print(f"plan: {result.report.lens_image.plan.text}")
+        finish(options, result.report, result.files)
+        write(lens_image=str(result.lens_image), told=result.told)
+
+
+def _addon():
+    try:
+        with quiet(1):  # where $OCIO is set, Blender says so
+            from .. import addon
+    except ImportError as error:
+        raise InputError("bpy", "module", "not there", f"install Blender's Python wheel ({error})") from None
+    return addon
