@@ -122,12 +122,12 @@ def _render_frames(options, scene, asked, write):
 
 
 def _tell_frame(frame, result, known, write):
-    """Tell of a frame that is done: its plans, where they are other than those known, and its files."""
-    for line in (f"scene: {result.report.scene.scene_plan}", f"plan: {result.report.lens_image.plan.text}"):
+    """Tell of a frame that is done: its plans and its files, but for the lines that are known."""
+    for line in (f"scene: {result.report.scene.scene_plan}", f"plan: {result.report.lens_image.plan.text}",
+                 *map(str, result.files)):
         if line not in known:
-            print(line)
+            print(line, flush=True)
         known.add(line)
-    print(*result.files, sep="\n", flush=True)
     write(frame=frame, lens_image=str(result.lens_image))
 
 

@@ -1,6 +1,7 @@
 """Report: what a run did, how long each stage took, and what became of the light."""
 
 import json
+import re
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -15,6 +16,7 @@ from .plan.plan import Plan
 from .values import plain
 
 NEGATIVE_TOLD = 1e-3  # of the light
+FIGURE = re.compile(r"\d[\d.]*")
 
 
 @dataclass(frozen=True)
@@ -222,8 +224,13 @@ class Report:
             self.stages[name] = self.stages.get(name, 0.0) + elapsed - inside
 
     def remarks(self) -> list[str]:
-        """What whoever made the picture should know, a line each."""
-        return list(dict.fromkeys(line for report in (self, *self.frames.values()) for line in report._own_remarks()))
+        """What whoever made the picture should know, a line each; of many frames that differ by their figures one."""
+        alike: dict[str, list[str]] = {}
+        for number, report in self.frames.items():
+            for line in report._own_remarks():
+                alike.setdefault(FIGURE.sub("", line), []).append(f"frame {number}: {line}")
+        return [*self._own_remarks(), *(f"{lines[0]} ({len(lines) - 1} more much alike)" if lines[1:] else lines[0]
+                                        for lines in alike.values())]
 
     def _own_remarks(self):
         if self.scene and self.scene.foreign_spectra:

@@ -114,7 +114,8 @@ class _Gathered:
 
     def add(self, index, path):
         """Add a pass's light of each lamp in red, green and blue; and keep its depth and alpha."""
-        planes = _read_pass(path)
+        light = (f"{name}.{channel}" for name in self._light_passes for channel in CHANNELS)
+        planes = _read_pass(path, {self._depth_pass, f"{self._light_passes[0]}.A", *light})
         self.depth_m, self.alpha = planes[self._depth_pass], planes[f"{self._light_passes[0]}.A"]
         if self.depth_m.shape != self._grid.shape_px:
             raise SceneError("Cycles", "render pass", f"of {self.depth_m.shape} px",
@@ -168,12 +169,14 @@ def _block_means(plane):
     return blocks.mean(axis=(1, 3), dtype=np.float64)
 
 
-def _read_pass(path):
+def _read_pass(path, needed):
     """The planes of a pass by name, that of the view layer first."""
     if not path.is_file():
         raise SceneError("Cycles", "render pass", "not written", "see Blender's messages above")
     planes = {name: plane for _, channels in read_parts(path) for name, plane in channels.items()}
     path.unlink()
+    if not needed <= planes.keys():
+        raise SceneError("Cycles", "render pass", "not whole", f"is there room left where {path.parent} is?")
     return planes
 
 

@@ -220,6 +220,7 @@ def lens_steps(captured, lens, options, result, done):
     """Steps that put what is Captured through a lens and write what follows from it, when so much of the job is done.
     """
     report = result.report
+    result.record.unlink(missing_ok=True)  # from here on it would tell of other files
     irradiance = yield Work(lambda tell: simulate(captured.radiance, lens, options, progress=tell, report=report,
                                                   kept=kept()),
                             f"Through {lens.name}", done, 0.98 - done)

@@ -45,8 +45,7 @@ def write_exr(image: SpectralImage, path: str | os.PathLike, beside: dict[str, n
         raise ImageError(path, "wavelengths_nm", image.wavelengths_nm.tolist(),
                          "channel names tell a millionth of a nanometre apart, no less")
     planes |= _rgb_planes(to_rec709(image)) | (beside or {})
-    with atomic_path(path) as temporary, OpenEXR.File(_header(image), planes) as file:
-        file.write(str(temporary))
+    _write(_header(image), planes, path)
 
 
 def _header(image):
@@ -90,8 +89,15 @@ def write_plane_exr(plane: np.ndarray, path: str | os.PathLike) -> None:
 def _write_plain(planes, path):
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     planes = {name: np.ascontiguousarray(plane, np.float32) for name, plane in planes.items()}
+    _write(header, planes, path)
+
+
+def _write(header, planes, path):
     with atomic_path(path) as temporary, OpenEXR.File(header, planes) as file:
-        file.write(str(temporary))
+        try:
+            file.write(str(temporary))
+        except RuntimeError as error:  # a full disk, say; the text names the temporary file, and then tells why
+            raise ImageError(path, "file", "not written whole", str(error).rpartition('". ')[2]) from None
 
 
 def _rgb_planes(rec709):

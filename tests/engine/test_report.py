@@ -113,7 +113,7 @@ def test_a_sequence_makes_the_remarks_of_its_frames_once():
     frames = {number: Report(lens_image=image_facts(out_of_field_fraction=fraction))
               for number, fraction in ((1, 0.1), (2, 0.1), (3, 0.2))}
     report = Report(frames=frames)
-    assert [line[:5] for line in report.remarks()] == ["10.0%", "20.0%"]
+    assert report.remarks() == ["frame 1: 10.0% of the frame lies beyond the lens data: hold (2 more much alike)"]
     told = report.as_dict()
     assert (told["lens"], told["out_of_field_fraction"], len(told["frames"])) == ("triplet", 0.2, 3)
     assert told["plan"]["method"] == "sections" and told["frames"][2]["frame"] == 3

@@ -264,8 +264,21 @@ def test_a_write_that_fails_leaves_nothing_behind(tmp_path, monkeypatch):
         raise RuntimeError("disk full")
 
     monkeypatch.setattr(OpenEXR.File, "write", fail)
-    with pytest.raises(RuntimeError, match="disk full"):
+    with pytest.raises(ImageError, match="image.exr: file is not written whole: disk full"):
         write_exr(image(), tmp_path / "image.exr")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_full_disk_is_told_by_the_file(tmp_path):
+    """Here a limit on the size of files."""
+    resource = pytest.importorskip("resource")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
+    try:
+        with pytest.raises(ImageError, match=r"image.exr: file is not written whole: File too large\.$"):
+            write_exr(image(), tmp_path / "image.exr")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert list(tmp_path.iterdir()) == []
 
 
