@@ -3,17 +3,19 @@
 import bpy
 
 from .job.animation import Animation, render_animation
+from .job.child import sweep
 from .job.job import look_beside
 from .job.preflight import preflight
 from .job.refilter import apply_lens
 from .job.render import kept, render_through_lens
+from .job.session import take_session
 from .scene.lens_cache import forget_lenses
 from .ui import animation, another_lens, lint_panel, operators, panels, properties, window_render
 from .ui.keys import register_keys, unregister_keys
 from .ui.previews import forget_previews
 
 __all__ = ["Animation", "apply_lens", "look_beside", "preflight", "register", "render_animation", "render_through_lens",
-           "unregister"]
+           "take_session", "unregister"]
 
 _MODULES = (properties, operators, animation, another_lens, panels, lint_panel)
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(
@@ -21,10 +23,11 @@ _register_classes, _unregister_classes = bpy.utils.register_classes_factory(
 
 
 def register():
-    """Register classes and properties."""
+    """Register classes and properties, and clear away what was left where Blender was killed."""
     _register_classes()
     properties.register_pointers()
     register_keys()
+    sweep()
 
 
 def unregister():

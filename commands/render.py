@@ -72,6 +72,8 @@ def _add_followed(group):
     group.add_argument("--beside", type=Path, metavar="DIR",
                        help="where paths in the scene's Lensfield settings start from, if SCENE is a copy of a .blend "
                             "that lies there")
+    group.add_argument("--session", type=Path, metavar="FILE.npz",
+                       help="what the window has that a copy of its file has not (addon/job/session.py)")
 
 
 def _render(options):
@@ -87,6 +89,10 @@ def _render(options):
             from ..addon import look_beside
 
             look_beside(options.beside.resolve())
+        if options.session:
+            from ..addon import take_session
+
+            take_session(options.session)
         report, told = (_render_one if options.frames is None else _render_frames)(options, scene, asked, write)
         finish(options, report, [])
         write(told=told)

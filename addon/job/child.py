@@ -6,6 +6,7 @@ ends.
 """
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -21,14 +22,46 @@ import bpy
 from ...commands.messages import read_message
 from ..scene.errors import SceneError
 from .record import blend_saved_s
+from .session import write_session
 
 GRACE_S = 0.7  # for a child to remove what is half-written
 CRASH = "Writing: "  # Blender's last words, before the name of a file that comes to be in the log
 EXTENSION = __package__.rsplit(".", 2)[0]
+SESSION = "session.npz"  # beside the copy
+
+
+def work_folder():
+    """A temporary folder for a copy and its child, marked as this process's."""
+    return tempfile.TemporaryDirectory(prefix=f"lensfield-{os.getpid()}-", dir=_beside_blenders_own(),
+                                       ignore_cleanup_errors=True)
+
+
+def sweep():
+    """Remove the work folders of processes that were killed. (Windows does not tell which are at work.)"""
+    for folder in _beside_blenders_own().glob("lensfield-*-*") if os.name == "posix" else ():
+        owner = folder.name.split("-")[1]
+        if owner.isdecimal() and folder.is_dir() and not _is_at_work(int(owner)):
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def _beside_blenders_own():
+    return Path(bpy.app.tempdir).parent  # Blender empties its own as it loads the factory settings
+
+
+def _is_at_work(process):
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:  # another user's
+        return True
+    return True
 
 
 def save_copy(folder):
     """Save the file as it is, unsaved edits included, into a folder; the path of the copy, which is as old as the file.
+
+    What a .blend does not hold of this session lies beside it (`session.py`).
 
     Everything stays as it was: the file's own path, what is unsaved, and the steps that can be undone. Simulations that
     are cached on disk are found beside the copy too, by a link.
@@ -45,6 +78,7 @@ def save_copy(folder):
         raise SceneError(path, "copy of the file", "not to be saved", str(error).strip()) from None
     if saved_s := blend_saved_s():
         os.utime(path, (saved_s, saved_s))
+    write_session(path.with_name(SESSION))
     caches = Path(bpy.data.filepath).parent / f"blendcache_{path.stem}"  # as Blender calls it
     if bpy.data.filepath and caches.is_dir():
         _link(path.with_name(caches.name), caches)
@@ -59,12 +93,6 @@ def _link(path, folder):
                          f"bake them into the file instead ({error.strerror})") from None
 
 
-def unsaved_images():
-    """Names of images whose pixels are in no file, and so are not in a copy either."""
-    return [image.name for image in bpy.data.images
-            if image.is_dirty and image.users and image.type not in ("RENDER_RESULT", "COMPOSITING")]
-
-
 def render_command(copy, picture, *more):
     """The command line that renders a copy by its scene's own settings, and shows the light so far in a picture.
 
@@ -74,7 +102,8 @@ def render_command(copy, picture, *more):
     more : str
         Arguments of `lensfield render`.
     """
-    arguments = ["render", str(copy), "--progress", "lines", "--end-with-stdin", "--picture", str(picture), *more]
+    arguments = ["render", str(copy), "--session", str(Path(copy).with_name(SESSION)), "--progress", "lines",
+                 "--end-with-stdin", "--picture", str(picture), *more]
     if bpy.data.filepath:
         arguments += ["--beside", os.path.dirname(bpy.data.filepath)]
     return lensfield_command(arguments)

@@ -11,10 +11,11 @@ from pathlib import Path
 
 import bpy
 
-from ..job.child import Child, apply_command, render_command, save_copy, unsaved_images
+from ..job.child import Child, apply_command, render_command, save_copy, work_folder
 from ..job.job import check_output_folder, job_from_settings
 from ..job.refilter import kept_radiance
 from ..job.scene_plan import check_job
+from ..job.session import lost_images
 from ..scene.compositor import lay_into_compositor, lens_image
 
 TICK_S = 0.1
@@ -84,7 +85,7 @@ def start(scene, *frames):
     check_output_folder(scene)
     check_job(scene, job_from_settings(scene))
     remarks = [f"image {name!r} has unsaved pixels, which are not in the picture: save or pack it"
-               for name in unsaved_images()]
+               for name in lost_images()]
     _follow(scene, lambda folder: render_command(save_copy(folder), Path(folder) / PICTURE, *frames), remarks,
             bool(frames))
     return remarks
@@ -104,8 +105,7 @@ def start_again(scene):
 
 def _follow(scene, command_in, remarks, animation=False):
     """Start a command, which may need a folder for a time, and follow it."""
-    beside = Path(bpy.app.tempdir).parent  # Blender empties its own as it loads the factory settings
-    folder = tempfile.TemporaryDirectory(prefix="lensfield-", dir=beside, ignore_cleanup_errors=True)
+    folder = work_folder()
     try:
         child = Child(command_in(folder.name), folder.name)
     except BaseException:

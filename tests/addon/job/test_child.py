@@ -66,15 +66,6 @@ def test_a_file_never_saved_has_a_copy_too(scene, tmp_path):
     assert not bpy.data.filepath and "--beside" not in child.render_command("copy.blend", "picture.png")
 
 
-def test_images_with_unsaved_pixels_are_named(scene, tmp_path):
-    for name in ("Clean", "Painted"):
-        bpy.data.images.new(name, 4, 4).use_fake_user = True
-    bpy.data.images["Painted"].pixels[0] = 0.5
-    saved = bpy.data.images.load(str(paint(tmp_path / "saved.png")))
-    saved.use_fake_user = True
-    assert child.unsaved_images() == ["Painted"]
-
-
 def test_blender_itself_is_started_with_this_add_on(scene, monkeypatch):
     class App:
         binary_path, autoexec_fail = "/opt/blender", False
@@ -97,6 +88,21 @@ def coloured_scene(scene, tmp_path):
     scene.lensfield.tier, scene.lensfield.wavelength_count = "REFERENCE", 6
     scene.lensfield.output_folder = str(tmp_path / "out")
     return scene
+
+
+def test_what_a_killed_process_left_is_swept_away(tmp_path, monkeypatch):
+    monkeypatch.setattr(child, "_beside_blenders_own", lambda: tmp_path)
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    with child.work_folder() as own:
+        left = tmp_path / f"lensfield-{dead.pid}-abc"
+        for name in ("lensfield-renders-2", f"other-{dead.pid}-abc", left.name):
+            (tmp_path / name).mkdir()
+        (left / "copy.blend").write_bytes(b"BLENDER")
+        (tmp_path / f"lensfield-{dead.pid}-kept.log").write_text("its last words")
+        expected = {path.name for path in tmp_path.iterdir()} - {left.name}
+        child.sweep()
+        assert {path.name for path in tmp_path.iterdir()} == expected and Path(own).is_dir()
 
 
 def started(tmp_path):

@@ -201,8 +201,8 @@ def test_the_compositor_is_left_alone_where_that_is_asked(ready_scene):
     assert not differences(before, snapshot()) and notice()
 
 
-def test_unsaved_pixels_are_told(ready_scene):
-    image = bpy.data.images.new("Painted", 4, 4)
+def test_unsaved_pixels_of_tiles_are_told(ready_scene):
+    image = bpy.data.images.new("Painted", 4, 4, tiled=True)
     image.use_fake_user = True
     image.pixels[0] = 0.5
     assert window_render.start(ready_scene) == list(window_render.state["render"].remarks)
