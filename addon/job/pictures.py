@@ -1,5 +1,7 @@
 """The pictures of a job: the lens image with its alpha, what compositors want beside it, and how it was before."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from ...engine import Kept, SpectralImage, simulate
@@ -10,13 +12,14 @@ from ...engine.image.spectral_exr import write_exr, write_plane_exr, write_rgb_e
 from ...engine.lens.curves import reference_nm
 from ...engine.spectral.colour import REC709_LUMINANCE, rec709_weights
 
+REGION = "region"  # the channel of Blender's render region
 ALPHA_WAVELENGTHS = 3  # of the job's: edges of things are as coloured as their blur, but alpha is one number
 
 
 def write_radiance(captured, path):
-    """The radiance, with depth and alpha of the capture beside it: what another lens can be applied to."""
-    alpha = {} if captured.alpha is None else {"A": captured.alpha}
-    write_exr(captured.radiance, path, {"Z": captured.depth_m} | alpha)
+    """The radiance, with depth, alpha and region of the capture beside it: what another lens can be applied to."""
+    beside = {"Z": captured.depth_m, "A": captured.alpha, REGION: captured.region}
+    write_exr(captured.radiance, path, {name: plane for name, plane in beside.items() if plane is not None})
 
 
 def write_pictures(captured, irradiance, lens, options, result):
@@ -35,13 +38,14 @@ def write_pictures(captured, irradiance, lens, options, result):
     after, frame, nm = to_rec709(irradiance), irradiance.grid, reference_nm(lens)
     alpha = np.ones(frame.shape_px) if captured.alpha is None else alpha_through_lens(
         captured.alpha, captured.radiance, lens, options)
-    write_rgb_exr(after, result.lens_image, alpha)
+    write_rgb_exr(after, result.lens_image, captured.cut(alpha))
     write_plane_exr(nearest_samples(captured.depth_m, lens, captured.radiance.grid, nm), result.depth)
     write_plane_exr(relative_illumination(lens, frame, nm), result.relative_illumination)
     write_rgb_exr(distort_map(lens, frame, nm), result.stmap_distort)
     write_rgb_exr(undistort_map(lens, frame, nm), result.stmap_undistort)
     exposure = auto_exposure(after)
-    write_png(to_rec709(captured.radiance.frame()), result.before, exposure)
+    before = captured.radiance.frame()
+    write_png(to_rec709(replace(before, cube=captured.cut(before.cube))), result.before, exposure)
     write_png(after, result.after, exposure)
 
 

@@ -13,7 +13,7 @@ from ...engine.image.preview import auto_exposure, to_rec709, write_png
 from ...engine.image.spectral_exr import read_parts
 from ...engine.report import SceneFacts
 from ...engine.spectral.wavelength_choice import FOREIGN_SURPRISE
-from ..scene.camera import capture_grid, check_camera
+from ..scene.camera import capture_grid, captured_region, check_camera, render_region
 from ..scene.errors import SceneError
 from ..scene.render_state import go_to_frame, guard_render_state, rendered_layer, turn_on_layer
 from ..scene.undo import Journal
@@ -39,11 +39,22 @@ class Captured:
         As Blender's depth passes have it: along the optical axis, BACKGROUND_M where nothing is.
     alpha : float32 array (row, column) or None
         None where the film is not transparent.
+    region : float32 array (row, column) or None
+        1 in Blender's render region, which alone is to be a picture, and 0 outside, though light was captured around
+        it; None without one.
     """
 
     radiance: SpectralImage
     depth_m: np.ndarray
     alpha: np.ndarray | None
+    region: np.ndarray | None
+
+    def cut(self, planes):
+        """Planes (..., row, column) of the frame, black outside the render region."""
+        if self.region is None:
+            return planes
+        (top, left), (rows, columns) = self.radiance.overscan_px, self.radiance.frame_px
+        return planes * self.region[top:top + rows, left:left + columns]
 
 
 @dataclass(frozen=True)
@@ -80,7 +91,9 @@ def capture(scene, job, result, share):
         plan, substitution, groups = plan_scene(scene, job, grid, journal)
         plan.check()
         names = groups.part(rendered_layer(scene), journal)
-        guard_render_state(scene, job, grid, folder / "pass.exr", journal)
+        region = render_region(scene)
+        rendered = region and captured_region(region, job.lens, job.wavelengths_nm, grid)
+        guard_render_state(scene, job, grid, rendered, folder / "pass.exr", journal)
         for path in result.files:
             check_target(path)
         layer = rendered_layer(scene).name
@@ -96,11 +109,12 @@ def capture(scene, job, result, share):
                 yield Work(lambda tell, index=index: gathered.show(index, job.picture), "Showing it so far",
                            step * (index + 1))
     depth_mm = planar_depth_mm(gathered.depth_m * M_TO_MM, job.lens, grid)
-    result.report.scene = gathered.facts(job, depth_mm, remarks)
+    result.report.scene = gathered.facts(job, depth_mm, region, remarks)
     return Captured(SpectralImage(gathered.radiance(), job.wavelengths_nm, grid,
                                   focal_mm=job.lens.capture_focal_length_mm, exposure=exposure),
                     np.where(np.isfinite(depth_mm), depth_mm / M_TO_MM, BACKGROUND_M).astype(np.float32),
-                    gathered.alpha if scene.render.film_transparent else None)
+                    gathered.alpha if scene.render.film_transparent else None,
+                    region and _mask(region, grid))
 
 
 class _Gathered:
@@ -143,7 +157,7 @@ class _Gathered:
         """The sum of all passes: array (wavelength, row, column). No light is negative, though an estimate may be."""
         return np.maximum(self._cube, 0, out=self._cube)
 
-    def facts(self, job, depth_mm, remarks):
+    def facts(self, job, depth_mm, region, remarks):
         """The plan, and what the passes tell of it: how well spectra were foreseen, and the frame's depths."""
         plan, choice, (top, left) = self._plan, self._plan.choice, self._grid.overscan_px
         rows, columns = self._grid.frame_px
@@ -157,8 +171,17 @@ class _Gathered:
             predicted_sensor_error=choice.sensor_error, predicted_spectral_error=choice.spectral_error,
             spectral_surprise=float(surprise), foreign_spectra=foreign,
             estimated_colour_error=choice.colour_error * (float(surprise) if foreign else 1),
-            depth=check_depth(depth_mm[top:top + rows, left:left + columns], job.lens, self._grid.pitch_um),
+            depth=check_depth(depth_mm[top:top + rows, left:left + columns][region or ...], job.lens,
+                              self._grid.pitch_um),
             lens_warning=job.lens_warning, scene_remarks=tuple(map(str, remarks)))
+
+
+def _mask(region, grid):
+    """1 in a region of the frame, slices of its rows and columns, and 0 in all else of a capture: float32 array."""
+    (rows, columns), (top, left) = region, grid.overscan_px
+    mask = np.zeros(grid.shape_px, np.float32)
+    mask[rows.start + top:rows.stop + top, columns.start + left:columns.stop + left] = 1
+    return mask
 
 
 def _block_means(plane):

@@ -18,6 +18,7 @@ from ...engine.report import FileFacts
 from ..scene.camera import covered_diagonal, frame_px, size_warning
 from ..scene.lens_cache import load_lens, scaled_lens
 from .job import check_output_folder, folder_for
+from .pictures import REGION
 from .radiance import M_TO_MM, Captured, Work
 from .render import Result, lens_steps, run
 
@@ -99,7 +100,7 @@ def _read(path):
     radiance, planes = read_with_planes(path)
     if radiance.focal_mm is None or "Z" not in planes:
         raise ImageError(path, "lensfield:focalMm", "missing", "it is of an older Lensfield: render again")
-    return Captured(radiance, planes["Z"], planes.get("A"))
+    return Captured(radiance, planes["Z"], planes.get("A"), planes.get(REGION))
 
 
 def _fitted(lens, captured, view, path):

@@ -3,7 +3,7 @@
 A driver runs the steps, one after the other.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -224,6 +224,7 @@ def lens_steps(captured, lens, options, result, done):
     irradiance = yield Work(lambda tell: simulate(captured.radiance, lens, options, progress=tell, report=report,
                                                   kept=kept()),
                             f"Through {lens.name}", done, 0.98 - done)
+    irradiance = replace(irradiance, cube=captured.cut(irradiance.cube))
     yield Work(_timed(report, "write irradiance", lambda tell: write_exr(irradiance, result.irradiance)),
                "Writing irradiance", 0.98)
     yield Work(_timed(report, "write pictures",

@@ -7,7 +7,7 @@ import numpy as np
 from ...engine.errors import InputError
 from ...engine.spectral.spectra import BAND_NM
 from ...engine.spectral.wavelength_choice import UNFIT, WavelengthChoice, choose_wavelengths
-from ..scene.camera import capture_grid, check_camera, in_view
+from ..scene.camera import capture_grid, check_camera, in_view, render_region
 from ..scene.errors import SceneError
 from ..scene.instances import rendered_blocks, rendered_instances
 from ..scene.render_state import go_to_frame, rendered_layer, turn_on_layer
@@ -108,6 +108,7 @@ def check_job(scene, job):
         raise SceneError(f"scene {scene.name!r}", "background set", scene.background_set.name,
                          "link its collections into this scene instead")
     _check_view_layers(scene, job.view_layer)
+    render_region(scene)
 
 
 def _check_view_layers(scene, chosen):

@@ -4,7 +4,7 @@ import numpy as np
 
 from ...engine.errors import InputError
 from ...engine.field.distortion import FieldGeometry
-from ...engine.field.overscan import VIEWS, choose_capture
+from ...engine.field.overscan import VIEWS, choose_capture, reach_px
 from ...engine.field.psf_bank import psf_radius_px
 from ...engine.image.pitch import fitting_pitch_um as pitch_um
 from ...engine.image.pixel_grid import PLANE, PixelGrid
@@ -26,6 +26,31 @@ def frame_px(scene):
     render = scene.render
     return tuple(max(1, side * render.resolution_percentage // 100)
                  for side in (render.resolution_y, render.resolution_x))
+
+
+def render_region(scene):
+    """The part of the frame that Blender's render region takes: slices of its rows and columns; None without one.
+
+    Raises
+    ------
+    SceneError
+        It is empty.
+    """
+    render, (rows, columns) = scene.render, frame_px(scene)
+    if not render.use_border:
+        return None
+    top, bottom = (rows - int(side * rows) for side in (render.border_max_y, render.border_min_y))
+    left, right = (int(side * columns) for side in (render.border_min_x, render.border_max_x))
+    if top >= bottom or left >= right:
+        raise SceneError(f"scene {scene.name!r}", "render region", "", "draw one in the camera's view, or clear it")
+    return slice(top, bottom), slice(left, right)
+
+
+def captured_region(region, lens, wavelengths_nm, capture):
+    """The part of a capture that light for a region of the frame may come from: slices of its rows and columns."""
+    reach = reach_px(lens, capture, wavelengths_nm, psf_radius_px(lens, capture.pitch_um))
+    return tuple(slice(max(part.start + overscan - reach, 0), min(part.stop + overscan + reach, n))
+                 for part, overscan, n in zip(region, capture.overscan_px, capture.shape_px, strict=True))
 
 
 def capture_grid(scene, lens, wavelengths_nm, room=0.0):

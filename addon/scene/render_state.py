@@ -4,7 +4,7 @@ import bpy
 
 from .camera import set_up_capture
 
-RENDER = {"engine": "CYCLES", "use_border": False, "use_compositing": False,
+RENDER = {"engine": "CYCLES", "use_border": False, "use_crop_to_border": False, "use_compositing": False,
           "use_sequencer": False, "use_multiview": False, "use_freestyle": False,
           "use_overwrite": True, "use_placeholder": False, "use_file_extension": False, "use_persistent_data": True,
           "use_single_layer": False, "use_stamp": False, "resolution_percentage": 100}
@@ -12,6 +12,7 @@ CYCLES = {"film_exposure": 1.0, "pixel_filter_type": "BOX",
           "blur_glossy": 0.0,  # it blurs by the probability of a path, in which all wavelengths of a pass have a say
           "use_animated_seed": False}
 NO_CLAMPS = {"sample_clamp_direct": 0.0, "sample_clamp_indirect": 0.0}
+HALF = 0.5  # a pixel, so that no rounding costs one
 IMAGE = {"media_type": "MULTI_LAYER_IMAGE", "file_format": "OPEN_EXR_MULTILAYER", "color_depth": "32",
          "exr_codec": "ZIP"}
 
@@ -42,16 +43,19 @@ def rendered_layer(scene):
     return next(layer for layer in scene.view_layers if layer.use)
 
 
-def guard_render_state(scene, job, capture, path, journal):
+def guard_render_state(scene, job, capture, region, path, journal):
     """Set what the passes need; each is written to `path`, a multilayer EXR of the light and its depth.
 
     Light of colour 1 and strength 1 is 1 in them, as in Blender's own renders: the scene's clamps hold as they are.
+    Of a capture the region alone is rendered, slices of its rows and columns; all of it, where that is None.
     """
     rows, columns = capture.shape_px
     for name, value in (RENDER | {"filepath": str(path), "resolution_y": rows, "resolution_x": columns}).items():
         journal.set(scene.render, name, value)
     for name, value in (CYCLES | {"use_denoising": job.denoise} | ({} if job.clamp else NO_CLAMPS)).items():
         journal.set(scene.cycles, name, value)
+    if region:
+        _guard_region(scene.render, region, capture.shape_px, journal)
     layer = rendered_layer(scene)
     for name in (p.identifier for p in layer.bl_rna.properties if p.identifier.startswith("use_pass_")):
         journal.set(layer, name, name in ("use_pass_combined", "use_pass_z"))
@@ -60,6 +64,16 @@ def guard_render_state(scene, job, capture, path, journal):
     camera.animation_data_clear()
     camera.dof.use_dof = False  # blur is the lens's
     set_up_capture(camera, job.lens, capture)
+
+
+def _guard_region(render, region, shape_px, journal):
+    """Blender counts rows from below, and cuts fractions of pixels off."""
+    (top, bottom), (left, right) = ((part.start, part.stop) for part in region)
+    rows, columns = shape_px
+    journal.set(render, "use_border", True)
+    for name, pixel, count in (("min_x", left, columns), ("max_x", right, columns), ("min_y", rows - bottom, rows),
+                               ("max_y", rows - top, rows)):
+        journal.set(render, f"border_{name}", min((pixel + HALF) / count, 1.0))
 
 
 def _guard_format(image, journal):

@@ -68,6 +68,25 @@ def choose_capture(lens: "Lens", frame: PixelGrid, wavelengths_nm: Sequence[floa
                                   overscan_px(lens, fisheye, wavelengths_nm, psf_radius_px), FISHEYE)
 
 
+def reach_px(lens: "Lens", capture: PixelGrid, wavelengths_nm: Sequence[float] | np.ndarray, psf_radius_px: int) -> int:
+    """Pixels that the frame's light may have come, from where a capture shows it to where it lands on the sensor.
+
+    Parameters
+    ----------
+    lens, capture, wavelengths_nm, psf_radius_px
+        As for `overscan_px`.
+    """
+    radius = capture_radius(capture.projection, lens)
+    real_mm = np.linspace(0, np.hypot(*capture.frame_px) / 2 * capture.pitch_um * 1e-3, 257)
+    moved_mm = 0.0
+    for wavelength_nm in wavelengths_nm:
+        shown_mm = FieldGeometry(lens.at_wavelength(wavelength_nm), lens.name).paraxial_height_mm(real_mm)
+        if radius:
+            shown_mm = radius(shown_mm)[0]
+        moved_mm = max(moved_mm, float(np.abs(shown_mm - real_mm).max()))
+    return int(np.ceil(moved_mm / (capture.pitch_um * 1e-3))) + psf_radius_px + 1
+
+
 def overscan_px(lens: "Lens", capture: PixelGrid, wavelengths_nm: Sequence[float] | np.ndarray,
                 psf_radius_px: int) -> tuple[int, int]:
     """Rows and columns that a capture needs beyond the frame, for distortion and the reach of the PSFs.

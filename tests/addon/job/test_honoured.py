@@ -4,8 +4,10 @@ import bpy
 import numpy as np
 import pytest
 
+from lensfield import addon
 from lensfield.addon.job.job import job_from_settings
 from lensfield.addon.scene.errors import SceneError
+from lensfield.engine import Options
 from lensfield.engine.image.spectral_exr import read_exr, read_parts
 from lensfield.engine.spectral.spectra import white_density
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
@@ -117,6 +119,41 @@ def test_what_moves_is_blurred_along_its_way(scene, tmp_path, tier):
     for blurred, sharp in zip(moving, still, strict=True):
         lit = (sharp[across // 4] > 0).sum()
         assert (blurred[across // 4] > 0).sum() > 1.5 * lit and blurred.max() <= 1.01 * sharp.max()
+
+
+def set_region(scene, left, right, bottom, top):
+    render = scene.render
+    render.use_border = True
+    render.border_min_x, render.border_max_x, render.border_min_y, render.border_max_y = left, right, bottom, top
+
+
+REGION = slice(9, 27), slice(24, 48)  # of 36 rows and 48 columns: the right half of the middle
+
+
+@pytest.mark.parametrize("lens", ["edmund-54852", "muller-fisheye-25mm", "nikkor-28mm"])
+def test_the_render_region_is_as_in_the_whole_picture_and_the_rest_black(scene, tmp_path, lens):
+    """Even at its rim, to where distortion and blur bring light from outside; and no more is captured than that."""
+    glowing_wall(scene, 1.0, TINT).location.z = -0.5
+    asked = dict(lens=lens, wavelengths_nm=WAVELENGTHS_NM, options=Options(accuracy=0.001))
+    whole = addon.render_through_lens(scene, output_folder=tmp_path / "whole", **asked)
+    set_region(scene, 0.5, 1.0, 0.25, 0.75)
+    part = addon.render_through_lens(scene, output_folder=tmp_path / "part", **asked)
+    again = addon.apply_lens(part.radiance, lens, tmp_path / "again", options=asked["options"])
+    expected = lens_image(whole)
+    for result in (part, again):
+        picture = lens_image(result)
+        np.testing.assert_allclose(picture[:, *REGION], expected[:, *REGION], rtol=2e-3)
+        alpha = read_parts(result.lens_image)[0][1]["A"]
+        assert np.all(alpha[REGION] == 1) and alpha.sum() == alpha[REGION].size
+        picture[:, *REGION] = 0
+        assert not picture.any()
+    assert read_exr(part.radiance).cube.any(axis=0).mean() < 0.9 * read_exr(whole.radiance).cube.any(axis=0).mean()
+
+
+def test_an_empty_render_region_is_refused(scene, tmp_path):
+    set_region(scene, 0.5, 0.5, 0.0, 1.0)
+    with pytest.raises(SceneError, match="render region is empty: draw one"):
+        radiance(scene, tmp_path)
 
 
 @pytest.fixture

@@ -276,7 +276,7 @@ def test_lux_of_a_sun(scene, wall_at, tmp_path):
     ("unit_settings", "scale_length", 0.001), ("cycles", "sample_clamp_direct", 0.001),
     ("cycles", "sample_clamp_indirect", 0.001), ("render", "filter_size", 5.0),
     ("cycles", "pixel_filter_type", "BLACKMAN_HARRIS"),
-    ("render", "use_border", True), ("render", "resolution_percentage", 50),
+    ("render", "resolution_percentage", 50),
     ("render", "use_motion_blur", True), ("render", "dither_intensity", 2.0),
     ("render.image_settings", "color_mode", "BW"), ("cycles", "use_denoising", True),
     ("cycles", "use_fast_gi", True), ("cycles", "use_light_tree", False),

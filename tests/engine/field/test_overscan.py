@@ -7,7 +7,7 @@ import pytest
 
 from lenses import PIXEL_BY_PIXEL, gaussian_psf, lit_pixels, make_lens
 from lensfield.engine import Lens, Options, SpectralImage, simulate
-from lensfield.engine.field.overscan import LARGEST_PLANE, capture_radius, choose_capture, overscan_px
+from lensfield.engine.field.overscan import LARGEST_PLANE, capture_radius, choose_capture, overscan_px, reach_px
 from lensfield.engine.field.psf_bank import psf_radius_px
 from lensfield.engine.image.pixel_grid import FISHEYE, PLANE, PixelGrid
 
@@ -233,3 +233,15 @@ def test_a_lens_focused_near_by_sees_a_fisheye_capture_by_its_own_angles():
     image = capture(far, FISHEYE, (41, 51), (2, 2), 20.0)
     assert near.capture_focal_length_mm == pytest.approx(far.capture_focal_length_mm)
     np.testing.assert_allclose(simulate(image, near, SECTIONS).cube, simulate(image, far, SECTIONS).cube, rtol=1e-6)
+
+
+@pytest.mark.parametrize("projection", [PLANE, FISHEYE])
+@pytest.mark.parametrize("bend", [-0.02, 0.0, 0.02])
+def test_reach_is_how_far_a_point_lies_from_where_it_lands(bend, projection):
+    """It lands at p + bend p^3, in mm; a plane shows it at p, and a fisheye at f atan(p / f)."""
+    lens = lens_of(lambda p: p + bend * p**3)
+    grid = PixelGrid.around_frame((40, 60), 50.0, (10, 10), projection)
+    p = np.linspace(0, 3, 100001)
+    lands, shown = p + bend * p**3, p if projection == PLANE else 2 * np.arctan(p / 2)
+    moved_px = np.abs(shown - lands)[lands <= np.hypot(20, 30) * 0.05].max() / 0.05
+    assert moved_px + 7 < reach_px(lens, grid, [550.0], 7) <= moved_px + 9
