@@ -11,7 +11,7 @@ from ..scene.render_state import go_to_frame, turn_on_layer
 from ..scene.undo import Journal
 from ..shading.lint import lint
 from .job import check_output_folder, job_from_settings
-from .remarks import scene_remarks
+from .remarks import depth_remarks, scene_remarks
 from .render import Result
 from .scene_plan import ScenePlan, check_job, plan_scene
 
@@ -58,7 +58,12 @@ def preflight(scene, output_folder=None, *, frame=None, **asked):
                 _check_files(scene, job)
             with _noted(refusals):
                 check_job(scene, job)
-                plan = _plan(scene, job, journal)
+                turn_on_layer(scene, job.view_layer, journal)
+                check_camera(scene)
+                grid = capture_grid(scene, job.lens, job.wavelengths_nm)
+                remarks += tuple(depth_remarks(scene, job, grid))
+                journal.stand_in(scene.camera.data)
+                plan = plan_scene(scene, job, grid, journal)[0]
         findings = plan.findings if plan else lint(scene)
     return Preflight(plan, (*refusals, *(plan.refusals if plan else ())), remarks, findings)
 
@@ -69,14 +74,6 @@ def _noted(refusals):
         yield
     except InputError as error:
         refusals.append(error)
-
-
-def _plan(scene, job, journal):
-    turn_on_layer(scene, job.view_layer, journal)
-    check_camera(scene)
-    grid = capture_grid(scene, job.lens, job.wavelengths_nm)
-    journal.stand_in(scene.camera.data)
-    return plan_scene(scene, job, grid, journal)[0]
 
 
 def _check_files(scene, job):

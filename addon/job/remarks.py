@@ -5,12 +5,17 @@ What is honoured as Blender would is not among it.
 
 from dataclasses import dataclass
 
+import numpy as np
+
+from ...engine.image.depth_range import check_depth
 from ..scene.camera import matching_focal_length_mm
+from ..scene.depth import seen_depth_mm
 
 MANY_SAMPLES, ENOUGH_SAMPLES = 1024, 256
 ENGINES = {"BLENDER_EEVEE": "EEVEE", "BLENDER_EEVEE_NEXT": "EEVEE", "BLENDER_WORKBENCH": "Workbench"}
 BLENDERS_FILTER = "BLACKMAN_HARRIS", 1.5, 1.0  # a new scene's pixel filter, its width, and Filter Glossy
 SAME_VIEW = 0.02
+DEPTH_TOLD = 0.01  # of the picture
 
 
 @dataclass(frozen=True)
@@ -40,6 +45,16 @@ def scene_remarks(scene, job):
     """Remarks on the scene at its frame, its only view layer for rendering being the job's: list of Remark."""
     return [*_of_engine(scene, job), *_of_reference(scene, job), *_of_camera(scene, job), *_of_pixels(scene),
             *_left_out(scene)]
+
+
+def depth_remarks(scene, job, capture):
+    """Remarks on how far away what the picture shows is, estimated before it is rendered: list of Remark."""
+    check = check_depth(seen_depth_mm(scene, job.lens, capture), job.lens, capture.pitch_um)
+    if check.outside_fraction < DEPTH_TOLD:
+        return []
+    near, far = (f"{mm * 1e-3:.3g} m" if np.isfinite(mm) else "infinity" for mm in (check.near_mm, check.far_mm))
+    return [Remark("Depth", "", f"about {check.outside_fraction:.0%} of the picture is not at {near} to {far}; it comes "
+                   "out as sharp as if it were")]
 
 
 def _of_engine(scene, job):

@@ -205,7 +205,7 @@ REMARKS = [
     (set_on("cycles", sample_clamp_indirect=10), "reference", "Clamp Indirect 10: left out in Reference"),
     (set_on("cycles", use_denoising=True), "reference", "Denoise: left out in Reference"),
     (set_on("camera.data.dof", use_dof=True), "standard", "Depth of Field: left out; the lens blurs"),
-    (set_on("camera.data", lens=100.0), "standard", "Focal Length 100 mm: the lens shows what 45.6 mm would"),
+    (set_on("camera.data", lens=100.0), "standard", "Focal Length 100 mm: the lens shows what 56.2 mm would"),
     (set_on("cycles", pixel_filter_type="GAUSSIAN"), "standard", "Pixel Filter 1.5 px: left out"),
     (set_on("cycles", blur_glossy=5.0), "standard", "Filter Glossy 5: left out"),
     (set_on("render", use_multiview=True), "standard", "Stereoscopy: left out"),
@@ -222,6 +222,7 @@ REMARKS = [
 
 @pytest.mark.parametrize("change, tier, expected", REMARKS, ids=lambda value: value if isinstance(value, str) else "")
 def test_what_does_not_hold_is_told_before_and_after_and_nothing_else(scene, tmp_path, change, tier, expected):
+    scene.lensfield.lens = "tessar-50mm"  # it is sharp to infinity
     assert bpy.ops.lensfield.match_camera() == {"FINISHED"}
     set_world(scene)
     change(scene)
@@ -236,7 +237,8 @@ def test_an_untouched_scene_gets_few_lines(tmp_path):
     bpy.ops.wm.read_factory_settings()
     found = preflight(bpy.context.scene, tmp_path)
     assert not found.refusals
-    assert [remark.what for remark in found.remarks] == ["Render Engine", "Samples", "Focal Length"]
+    assert [remark.what for remark in found.remarks][:3] == ["Render Engine", "Samples", "Focal Length"]
+    assert len(found.remarks) <= 4
     assert all(len(str(remark)) < 130 for remark in found.remarks)
 
 
@@ -255,3 +257,17 @@ def test_the_command_is_given_what_the_render_is(scene, tmp_path, capsys):
     assert found["plan"].startswith("1 Cycles render at")
     assert [refusal["field"] for refusal in found["refusals"]] == ["output folder"]
     assert [remark["what"] for remark in found["remarks"]] == ["Focal Length"]
+
+
+@pytest.mark.parametrize("lens", ["edmund-54852", "muller-fisheye-25mm"])
+def test_the_share_out_of_depth_is_foreseen(scene, tmp_path, lens):
+    """Of a near square before a far wall; and of another one that no render shows."""
+    near = wall(scene, material("Near", "ShaderNodeEmission")[0], 0.1, 0.05)
+    near.location.x = 0.02
+    wall(scene, material("Hidden", "ShaderNodeEmission")[0], 0.05).hide_render = True
+    wall(scene, material("Far", "ShaderNodeEmission")[0], 5.0, 100.0)
+    scene.lensfield.lens = lens
+    told = [str(remark) for remark in preflight(scene, tmp_path).remarks if remark.what == "Depth"]
+    exact = addon.render_through_lens(scene, output_folder=tmp_path).report.scene.depth.outside_fraction
+    share = float(told[0].split("about ")[1].split("%")[0]) / 100 if told else 0.0
+    assert 0.01 < exact and share == pytest.approx(exact, abs=0.06)  # a row of rays

@@ -149,7 +149,7 @@ def test_other_scenes_in_the_composite_are_left_alone(scene, tmp_path):
 
 def test_several_view_layers_are_refused_by_name(scene, tmp_path):
     scene.view_layers.new("Foreground")
-    with pytest.raises(SceneError, match="view layers for rendering is ViewLayer, Foreground: leave one on"):
+    with pytest.raises(SceneError, match="view layers for rendering is ViewLayer, Foreground: choose one"):
         render(scene, tmp_path)
 
 
