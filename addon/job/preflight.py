@@ -60,7 +60,7 @@ def preflight(scene, output_folder=None, *, frame=None, **asked):
                 check_job(scene, job)
                 turn_on_layer(scene, job.view_layer, journal)
                 check_camera(scene)
-                grid = capture_grid(scene, job.lens, job.wavelengths_nm)
+                grid = capture_grid(scene, job.lens, job.wavelengths_nm, job.room)
                 remarks += tuple(depth_remarks(scene, job, grid))
                 journal.stand_in(scene.camera.data)
                 plan = plan_scene(scene, job, grid, journal)[0]

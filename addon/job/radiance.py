@@ -40,8 +40,8 @@ class Captured:
     alpha : float32 array (row, column) or None
         None where the film is not transparent.
     region : float32 array (row, column) or None
-        1 in Blender's render region, which alone is to be a picture, and 0 outside, though light was captured around
-        it; None without one.
+        1 in Blender's render region, which alone is to be a picture; 0.5 around it, where there is light, too, that the
+        lens may bring in; 0 elsewhere. None without one.
     """
 
     radiance: SpectralImage
@@ -54,7 +54,7 @@ class Captured:
         if self.region is None:
             return planes
         (top, left), (rows, columns) = self.radiance.overscan_px, self.radiance.frame_px
-        return planes * self.region[top:top + rows, left:left + columns]
+        return planes * (self.region[top:top + rows, left:left + columns] == 1)
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def capture(scene, job, result, share):
         plan.check()
         names = groups.part(rendered_layer(scene), journal)
         region = render_region(scene)
-        rendered = region and captured_region(region, job.lens, job.wavelengths_nm, grid)
+        rendered = region and captured_region(region, job.lens, job.wavelengths_nm, grid, job.room)
         guard_render_state(scene, job, grid, rendered, folder / "pass.exr", journal)
         for path in result.files:
             check_target(path)
@@ -114,7 +114,7 @@ def capture(scene, job, result, share):
                                   focal_mm=job.lens.capture_focal_length_mm, exposure=exposure),
                     np.where(np.isfinite(depth_mm), depth_mm / M_TO_MM, BACKGROUND_M).astype(np.float32),
                     gathered.alpha if scene.render.film_transparent else None,
-                    region and _mask(region, grid))
+                    region and _mask(region, rendered, grid))
 
 
 class _Gathered:
@@ -176,10 +176,11 @@ class _Gathered:
             lens_warning=job.lens_warning, scene_remarks=tuple(map(str, remarks)))
 
 
-def _mask(region, grid):
-    """1 in a region of the frame, slices of its rows and columns, and 0 in all else of a capture: float32 array."""
+def _mask(region, rendered, grid):
+    """What `Captured.region` is, of slices of the frame and slices of the capture."""
     (rows, columns), (top, left) = region, grid.overscan_px
     mask = np.zeros(grid.shape_px, np.float32)
+    mask[rendered] = 0.5
     mask[rows.start + top:rows.stop + top, columns.start + left:columns.stop + left] = 1
     return mask
 

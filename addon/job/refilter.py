@@ -8,6 +8,8 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from ...engine import ImageError, InputError, Lens, Options
 from ...engine.errors import absence
 from ...engine.field.overscan import VIEWS, overscan_px
@@ -15,7 +17,7 @@ from ...engine.image.depth_range import check_depth
 from ...engine.image.pitch import fitting_pitch_um
 from ...engine.image.spectral_exr import read_parts, read_with_planes
 from ...engine.report import FileFacts
-from ..scene.camera import covered_diagonal, frame_px, size_warning
+from ..scene.camera import captured_region, covered_diagonal, frame_px, size_warning
 from ..scene.lens_cache import load_lens, scaled_lens
 from .job import check_output_folder, folder_for
 from .pictures import REGION
@@ -88,6 +90,7 @@ def _steps(path, lens, output_folder, options, view):
     with result.report.stage("read radiance"):
         captured = yield Work(lambda tell: _read(path), "Reading radiance", 0.0)
     lens, captured, warning = _fitted(lens, captured, view, path)
+    _check_region(lens, captured, path)
     _check_overscan(lens, captured.radiance, path)
     result.record.unlink(missing_ok=True)  # from here on it would tell of other files
     yield from lens_steps(captured, lens, options, result, 0.1)
@@ -136,6 +139,19 @@ def _check_overscan(lens, radiance, path):
         raise ImageError(path, "overscan", "{1} x {0} px".format(*grid.overscan_px),
                          "{name} draws in {1} x {0} px from beyond the frame: render again through it".format(
                              *needed, name=lens.name))
+
+
+def _check_region(lens, captured, path):
+    """Raise an ImageError where light is missing around the render region that a lens brings in."""
+    if captured.region is None:
+        return
+    grid = captured.radiance.grid
+    places = [np.flatnonzero((captured.region == 1).any(axis=axis)) for axis in (1, 0)]
+    region = [slice(place[0] - overscan, place[-1] + 1 - overscan)
+              for place, overscan in zip(places, grid.overscan_px, strict=True)]
+    if not captured.region[captured_region(region, lens, captured.radiance.wavelengths_nm, grid)].all():
+        raise ImageError(path, "render region", "{1} x {0} px".format(*(place.size for place in places)),
+                         f"{lens.name} draws in more from around it than there is: render again through it")
 
 
 def _facts(lens, captured, warning, result):

@@ -53,8 +53,8 @@ def depth_remarks(scene, job, capture):
     if check.outside_fraction < DEPTH_TOLD:
         return []
     near, far = (f"{mm * 1e-3:.3g} m" if np.isfinite(mm) else "infinity" for mm in (check.near_mm, check.far_mm))
-    return [Remark("Depth", "", f"about {check.outside_fraction:.0%} of the picture is not at {near} to {far}; it comes "
-                   "out as sharp as if it were")]
+    return [Remark("Depth", "", f"about {check.outside_fraction:.0%} of the picture is not at {near} to {far}; it "
+                   "comes out as sharp as if it were")]
 
 
 def _of_engine(scene, job):

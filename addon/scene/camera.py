@@ -46,9 +46,19 @@ def render_region(scene):
     return slice(top, bottom), slice(left, right)
 
 
-def captured_region(region, lens, wavelengths_nm, capture):
-    """The part of a capture that light for a region of the frame may come from: slices of its rows and columns."""
-    reach = reach_px(lens, capture, wavelengths_nm, psf_radius_px(lens, capture.pitch_um))
+def captured_region(region, lens, wavelengths_nm, capture, room=0.0):
+    """The part of a capture that light for a region of the frame may come from: slices of its rows and columns.
+
+    Parameters
+    ----------
+    region : (slice, slice)
+        Rows and columns of the frame.
+    lens, wavelengths_nm, room
+        As for `capture_grid`.
+    capture : PixelGrid
+    """
+    reach = max(reach_px(lens, capture, wavelengths_nm, psf_radius_px(lens, capture.pitch_um)),
+                round(room * max(capture.frame_px)))
     return tuple(slice(max(part.start + overscan - reach, 0), min(part.stop + overscan + reach, n))
                  for part, overscan, n in zip(region, capture.overscan_px, capture.shape_px, strict=True))
 

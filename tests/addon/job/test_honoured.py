@@ -7,7 +7,7 @@ import pytest
 from lensfield import addon
 from lensfield.addon.job.job import job_from_settings
 from lensfield.addon.scene.errors import SceneError
-from lensfield.engine import Options
+from lensfield.engine import ImageError, Options
 from lensfield.engine.image.spectral_exr import read_exr, read_parts
 from lensfield.engine.spectral.spectra import white_density
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
@@ -148,6 +148,16 @@ def test_the_render_region_is_as_in_the_whole_picture_and_the_rest_black(scene, 
         picture[:, *REGION] = 0
         assert not picture.any()
     assert read_exr(part.radiance).cube.any(axis=0).mean() < 0.9 * read_exr(whole.radiance).cube.any(axis=0).mean()
+
+
+def test_a_lens_that_reaches_beyond_what_was_captured_of_a_region_is_refused(scene, tmp_path):
+    glowing_wall(scene)
+    set_region(scene, 0.4, 0.6, 0.4, 0.6)
+    part = addon.render_through_lens(scene, "tessar-50mm", WAVELENGTHS_NM, tmp_path, room=0.4)
+    addon.apply_lens(part.radiance, "muller-fisheye-25mm", tmp_path / "roomy", view="camera")
+    part = addon.render_through_lens(scene, "tessar-50mm", WAVELENGTHS_NM, tmp_path)
+    with pytest.raises(ImageError, match="render region is .* draws in more from around it"):
+        addon.apply_lens(part.radiance, "muller-fisheye-25mm", tmp_path / "again", view="camera")
 
 
 def test_an_empty_render_region_is_refused(scene, tmp_path):
