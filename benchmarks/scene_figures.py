@@ -6,8 +6,11 @@
 * The sample scene by tiers: passes, seconds, and its colours against those of every wavelength rendered.
 * What Lensfield adds to the Cycles time of a 1080p frame of 12 wavelengths at 64 samples (25 minutes; at an eighth of
   the samples with --quick).
+* What a frame of an animation costs with others in one process, and in a process of its own.
 """
 
+import resource
+import subprocess
 import sys
 import tempfile
 import time
@@ -17,12 +20,10 @@ import bpy
 import numpy as np
 
 from lensfield import addon
-from lensfield.addon.job.job import Job
 from lensfield.addon.job.radiance import RenderPass
-from lensfield.addon.job.render import render_steps
-from lensfield.addon.scene.camera import lens_for_view
+from lensfield.addon.job.render import job_of_frame, render_steps
 from lensfield.commands.terminal import quiet
-from lensfield.engine import Lens, Options
+from lensfield.engine import Options
 from lensfield.engine.image.spectral_exr import read_exr
 from lensfield.engine.spectral.colour_difference import ciede2000, lab_from_xyz
 from lensfield.engine.spectral.spectra import colour_matching
@@ -37,10 +38,10 @@ BLOCK_PX = 4  # means over which noise leaves colours alone
 
 def timed(scene, wavelengths_nm, spectral=STANDARD):
     """Seconds of each Cycles pass, seconds of all else, the report, and the radiance."""
-    lens, _ = lens_for_view(scene, Lens.load(LENS), "lens")
     with tempfile.TemporaryDirectory() as folder:
-        job = Job(lens, np.array(wavelengths_nm, dtype=float), Path(folder), Options(), spectral, "refuse",
-                  scene.frame_current, False, False)
+        job = job_of_frame(scene, scene.frame_current, lens=LENS, wavelengths_nm=wavelengths_nm, output_folder=folder,
+                           options=Options(), spectral=spectral, view="lens", unfit="refuse", denoise=False,
+                           to_compositor=False)
         steps, passes, answer = render_steps(scene, job), [], None
         begin = time.perf_counter()
         try:
@@ -160,11 +161,32 @@ def full_frame(samples):
                       if stage != "multispectral render"))
 
 
+def animation(frames=6):
+    """Processor seconds of a frame, by `lensfield render --frames` for all at once and for each alone."""
+    size, samples = "384x288", 16
+    alone, together = (processor_seconds(size, samples, specs) / frames
+                       for specs in (map(str, range(1, frames + 1)), [f"1-{frames}"]))
+    print(f"the sample scene, {size} px, {samples} samples, {frames} frames: {together:.1f} processor seconds for each "
+          f"of them in one process, {alone:.1f} in one of its own")
+
+
+def processor_seconds(size, samples, specs):
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    with tempfile.TemporaryDirectory() as folder:
+        for spec in specs:
+            subprocess.run([sys.executable, "-c", "from lensfield.cli import console; console()", "render", str(SCENE),
+                            "--frames", spec, "--resolution", size, "--samples", str(samples), "--output", folder],
+                           check=True, stdout=subprocess.DEVNULL)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
 def main(arguments):
     addon.register()
     band_overhead()
     tiers()
     full_frame(8 if "--quick" in arguments else 64)
+    animation()
 
 
 if __name__ == "__main__":

@@ -9,8 +9,7 @@ RENDER = {"engine": "CYCLES", "use_border": False, "use_crop_to_border": False, 
           "use_overwrite": True, "use_placeholder": False, "use_file_extension": False, "use_persistent_data": True,
           "use_single_layer": False, "use_stamp": False, "resolution_percentage": 100}
 CYCLES = {"film_exposure": 1.0, "pixel_filter_type": "BOX",
-          "blur_glossy": 0.0,  # it blurs by the probability of a path, in which all wavelengths of a pass have a say
-          "use_animated_seed": False}
+          "blur_glossy": 0.0}  # it blurs by the probability of a path, in which all wavelengths of a pass have a say
 NO_CLAMPS = {"sample_clamp_direct": 0.0, "sample_clamp_indirect": 0.0}
 HALF = 0.5  # a pixel, so that no rounding costs one
 IMAGE = {"media_type": "MULTI_LAYER_IMAGE", "file_format": "OPEN_EXR_MULTILAYER", "color_depth": "32",

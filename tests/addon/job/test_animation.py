@@ -171,6 +171,17 @@ def test_cameras_of_markers_and_keyframed_settings_are_those_of_each_frame(movin
     assert not addon.Animation(moving_scene, [2, 4]).pending
 
 
+@pytest.mark.parametrize("animated", [False, True])
+def test_noise_is_the_same_in_each_frame_unless_the_scene_animates_its_seed(scene, tmp_path, animated):
+    light(scene, "AREA", 20.0).location.x = 2.0
+    wall(scene, material("Paint", "ShaderNodeBsdfDiffuse")[0])
+    scene.cycles.use_animated_seed, scene.lensfield.wavelength_count = animated, 2
+    scene.lensfield.tier = "REFERENCE"
+    results = addon.render_animation(scene, [1, 2], output_folder=tmp_path).results.values()
+    first, second = (read_exr(result.radiance).cube for result in results)
+    assert np.array_equal(first, second) != animated
+
+
 def test_an_error_names_its_frame_and_leaves_those_before(moving_scene, tmp_path):
     camera = moving_scene.camera.data
     for frame, shift in ((5, 0.5), (4, 0.0)):
