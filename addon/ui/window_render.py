@@ -11,6 +11,7 @@ from pathlib import Path
 
 import bpy
 
+from ...engine.errors import InputError
 from ..job.child import Child, apply_command, render_command, save_copy, work_folder
 from ..job.job import check_output_folder, job_from_settings
 from ..job.refilter import kept_radiance
@@ -152,6 +153,9 @@ def _finish(render):
     state["render"] = None
     render.child.end()
     told = render.child.told
+    _lay(render)
+    if render.to_compositor and render.child.lens_images and _scene(render) is None:
+        render.remarks.append(f"scene {render.scene_name!r} is no longer open: its compositor is as it was")
     with render.folder:
         if "told" in told:
             _notify("INFO", told["told"] + render.remarks)
@@ -160,9 +164,6 @@ def _finish(render):
         else:
             died = "the process of the render died, of {}; its log is {}".format(*render.child.death())
             _notify("ERROR", [died, *_left(render)])
-    if render.to_compositor and render.child.lens_images and _scene(render) is None:
-        state["notice"] += (f"scene {render.scene_name!r} is no longer open: its compositor is as it was",)
-    _lay(render)
 
 
 def _left(render):
@@ -188,7 +189,13 @@ def _lay(render):
     if not render.to_compositor or newest == render.laid[-1:] or scene is None:
         return
     render.laid.extend(newest)  # before it can fail: it is not for the next tick to try again
-    lay_into_compositor(scene, Path(newest[0]))
+    try:
+        lay_into_compositor(scene, Path(newest[0]))
+    except (InputError, RuntimeError) as error:  # Blender's own, where the tree is linked, say
+        remark = f"not laid into the compositor: {str(error).strip()}"
+        if remark not in render.remarks:
+            render.remarks.append(remark)
+        return
     if len(render.laid) == 1:  # of many frames only the first is a step of its own, or none would be left for others
         _remember_for_undo()
     _show(lens_image(scene))

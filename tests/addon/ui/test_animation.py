@@ -8,6 +8,7 @@ import pytest
 
 from layouts import Layout
 from lensfield.addon.scene.compositor import lens_image
+from lensfield.addon.scene.errors import SceneError
 from lensfield.addon.ui import window_render
 from lensfield.addon.ui.animation import draw_animation
 from small_scenes import background, set_world
@@ -96,6 +97,17 @@ def test_a_cancelled_animation_keeps_its_frames_and_goes_on_from_them(moving_sce
     start("--overwrite")
     follow()
     assert notice().startswith("3 frames in ")
+
+
+def test_a_compositor_that_refuses_frames_does_not_stop_them(moving_scene, monkeypatch):
+    def refuse(scene, path, *_, **__):
+        raise SceneError("tree", "owner", "library.blend", "make it local")
+
+    monkeypatch.setattr(window_render, "lay_into_compositor", refuse)
+    start()
+    follow()
+    assert notice().startswith("3 frames in ")
+    assert notice().count("not laid into the compositor: tree: owner is library.blend: make it local") == 1
 
 
 def test_frames_from_before_the_last_save_are_told(moving_scene):
