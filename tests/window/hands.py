@@ -142,10 +142,10 @@ def alive(number):
         return False
 
 
-def start():
-    """Press Render through Lens."""
+def start(operator="render"):
+    """Press one of Lensfield's buttons: Render through Lens, unless told."""
     with over():
-        assert bpy.ops.lensfield.render("INVOKE_DEFAULT") == {"FINISHED"}
+        assert getattr(bpy.ops.lensfield, operator)("INVOKE_DEFAULT") == {"FINISHED"}
     yield DRAW_S
 
 
@@ -156,14 +156,19 @@ def start_endless():
     yield from until(in_a_pass)
 
 
-def render():
-    """Render through the lens; the lens image, float array (row, column, 4)."""
-    yield from start()
+def render(operator="render"):
+    """Press one of Lensfield's buttons and wait; the lens image of the current frame, float array (row, column, 4)."""
+    yield from start(operator)
     yield from until(lambda: not rendering())
     assert window_render().state["icon"] == "INFO", notice()
-    files = sorted((Path(bpy.path.abspath(bpy.context.scene.lensfield.output_folder))).glob("*_lens_image.exr"))
-    assert files, notice()
-    return pixels(files[-1])
+    yield DRAW_S
+    return pixels(lens_image_path())
+
+
+def lens_image_path():
+    scene = bpy.context.scene
+    folder = Path(bpy.path.abspath(scene.lensfield.output_folder))
+    return folder / f"{scene.name}_{scene.frame_current:04d}_lens_image.exr"
 
 
 def render_window():

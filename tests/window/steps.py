@@ -17,10 +17,12 @@ from hands import (
     child,
     close_other_windows,
     in_a_pass,
+    lens_image_path,
     newest_window,
     notice,
     open_sample,
     over,
+    pixels,
     press,
     region,
     render,
@@ -57,6 +59,47 @@ def sample_scene():
     yield 0.5
     shoot("rendered")
     assert alike((yield from render_in_blender()), lens_image)
+
+
+def another_lens():
+    """On the light that is kept, without a render; one undo takes it back."""
+    yield from open_sample()
+    first = yield from render()
+    bpy.context.scene.lensfield.lens = "kodak-petzval-100mm"
+    bpy.context.scene.lensfield.view = "CAMERA"
+    bpy.ops.ed.undo_push(message="Choose Lens")
+    start_s = time.monotonic()
+    second = yield from render("apply_lens")
+    print(f"applied within {time.monotonic() - start_s:.1f} s")
+    shoot("applied")
+    assert second.shape == first.shape and not alike(first, second)
+    assert alike((yield from render_in_blender()), second)
+
+
+def animation():
+    """Of three frames, each its own picture; stopped amid, it goes on from there."""
+    yield from open_sample(samples=32, percentage=50)
+    scene = bpy.context.scene
+    scene.frame_start, scene.frame_end = 1, 3
+    for frame, z in ((1, 0.0), (3, 0.03)):
+        bpy.data.objects["Vase"].location.z = z
+        bpy.data.objects["Vase"].keyframe_insert("location", index=2, frame=frame)
+    bpy.ops.ed.undo_push(message="Animate")
+    bpy.ops.wm.save_mainfile()
+    yield from start("render_animation")
+    yield from until(lens_image_path().is_file)
+    made_s = lens_image_path().stat().st_mtime
+    shoot("amid")
+    yield from press("ESC", area("PROPERTIES"))
+    assert not rendering()
+    yield from render("render_animation")
+    shoot("rendered")
+    assert lens_image_path().stat().st_mtime == made_s
+    pictures = []
+    for frame in (1, 2, 3):
+        scene.frame_set(frame)
+        pictures.append(pixels(lens_image_path()))
+    assert not alike(pictures[0], pictures[1]) and not alike(pictures[1], pictures[2])
 
 
 def escape():
@@ -144,5 +187,12 @@ def quit():
 def killed():
     """Blender is killed amid a render, which ends by itself."""
     yield from start_endless()
+    (FOLDER.parent / "left").write_text(rendering().folder.name)
     tell(status=-signal.SIGKILL, gone=[child()])
     os.kill(os.getpid(), signal.SIGKILL)
+
+
+def after_a_kill():
+    """The next Blender clears away what was left."""
+    assert not os.path.exists((FOLDER.parent / "left").read_text())
+    yield 0
