@@ -9,6 +9,7 @@ import numpy as np
 
 from ...engine.image.depth_range import check_depth
 from ..scene.camera import matching_focal_length_mm
+from ..scene.compositor import unreplaced_passes
 from ..scene.depth import seen_depth_mm
 
 MANY_SAMPLES, ENOUGH_SAMPLES = 1024, 256
@@ -118,3 +119,6 @@ def _left_out(scene):
         yield Remark("Freestyle", "", "left out; no lines")
     if render.use_sequencer and sequences and len(sequences.strips):
         yield Remark("Sequencer", "", "left out; the scene itself is rendered")
+    if passes := unreplaced_passes(scene):
+        yield Remark("Compositor", ", ".join(passes), "as the camera sees it; the lens has Image, Alpha and Depth",
+                     "warp others by the Lensfield node's STMap Distort")

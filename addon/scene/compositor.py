@@ -1,70 +1,199 @@
-"""The compositor step: a node group that holds the lens image, for downstream nodes to go on from."""
+"""The compositor step: a node group that shows the lens image, where there is one that is true, else the plain render.
+
+The group takes the picture of Render Layers and hands on the lens image of the frame, by switches that are keyframed:
+so it does the same without the add-on, in another Blender, on a farm, or appended to another file.
+"""
+
+import json
+import os
+import re
+import uuid
+from pathlib import Path
 
 import bpy
 
+from .errors import SceneError
+from .fingerprint import action_curves, comparable, forget_all, scene_fingerprint
 from .working_space import REC709
 
 NAME = "Lensfield"
 MARK = "lensfield"  # custom property of our node groups; users may rename them
+STATE = "lensfield_frames"  # custom property of them: JSON, see `_State`
+BACKGROUND_M = 1e10
+LABEL_LENGTH = 63  # that Blender takes
+LENS_IMAGE = re.compile(r"(.*?)(-?\d+)_lens_image\.exr")
+SWITCHED = {"Image": "lens_image", "Depth": "depth"}  # what is as in the plain render where there is no lens image
+STILLS = {"Relative Illumination": "relative_illumination", "STMap Distort": "stmap_distort",
+          "STMap Undistort": "stmap_undistort"}
+OUTPUTS = {"Image": "Color", "Alpha": "Float", "Depth": "Float", "Relative Illumination": "Float",
+           "STMap Distort": "Color", "STMap Undistort": "Color"}
+TAKEN_OVER = "Image", "Alpha", "Depth"
+SHOWS = "FRESH", "ALWAYS", "NEVER"
 
 
-def lay_into_compositor(scene, image_path):
-    """Show the lens image of this file in the scene's compositor.
+def lay_into_compositor(scene, *image_paths, fingerprint=None):
+    """Show the lens images of these files, of a frame each, and what lies beside them, in the scene's compositor.
 
-    The scene's compositing tree gets one Lensfield node. Where it took its picture from a Render Layers node, the
-    Lensfield node takes over those links; where it is new, the node feeds the output. Run again, it only refreshes
-    the image.
+    The scene's compositing tree gets one Lensfield node. Where a Render Layers node gave its picture, alpha or depth,
+    the Lensfield node does so now, and takes that picture in; where the tree is new, the node feeds the output. Run
+    again, it only refreshes the images, or adds those of other frames.
 
     Parameters
     ----------
     scene : bpy.types.Scene
-    image_path : Path
-        A plain linear EXR, in the scale of Blender's own renders.
+    image_paths : Path
+        NAME_FRAME_lens_image.exr in one folder, as a job names them: plain linear EXRs, in the scale of Blender's own
+        renders.
+    fingerprint : str, optional
+        Of the scene as it was when the render began; by default as it is.
 
     Returns
     -------
     the group node
     """
-    tree = _own_tree(scene)
+    new_frames = [_stem_and_frame(path)[1] for path in image_paths]
+    tree, made_tree = _own_tree(scene)
     node = _lensfield_node(tree)
     if node is None:
         node = tree.nodes.new("CompositorNodeGroup")
-        node.node_tree = _lens_image_group()
-        node.name = node.label = NAME
-        _take_over_links(scene, tree, node)
+        node.node_tree = _new_group()
+        node.name = NAME
+        made_layers = _take_over_links(scene, tree, node)
+        _put(node.node_tree, made_tree=made_tree, made_layers=made_layers)
     elif any(_lensfield_node(other) and _lensfield_node(other).node_tree == node.node_tree
              for other in _trees_of_others(scene)):
-        node.node_tree = _lens_image_group()  # this scene is a copy, which must not change the picture of the other
-    _show(node.node_tree, image_path, f"{NAME} {scene.name}")
+        state = _state(node.node_tree)
+        node.node_tree = _new_group()  # this scene is a copy, which must not change the picture of the other
+        _put(node.node_tree, made_tree=state["made_tree"], made_layers=state["made_layers"])
+    if not _is_whole(node.node_tree):
+        _build(node.node_tree)
+        _feed(scene, tree, node)
+    group, state = node.node_tree, _state(node.node_tree)
+    path = _for_blend(scene, image_paths[0])
+    if not state["scene"] or scene.lensfield.compositor_key != state["scene"]:
+        state["scene"] = scene.lensfield.compositor_key = uuid.uuid4().hex
+    frames = state["frames"] if _image_path(group, new_frames[0]) == path else {}
+    of = fingerprint or fingerprint_anew(scene)
+    _put(group, frames=frames | {str(frame): of for frame in new_frames}, scene=state["scene"])
+    _load(group, path, scene.name)
+    refresh(scene)
     return node
 
 
-def _own_tree(scene):
-    """The scene's compositing tree, parted from the scenes that share it: each has its own picture."""
-    tree = compositing_tree(scene)
-    sharing = [other for other in bpy.data.scenes if other != scene and _tree(other) == tree]
-    if sharing:
-        tree = scene.compositing_node_group = tree.copy()
-        for node in tree.nodes:
-            if node.bl_idname == "CompositorNodeRLayers" and node.scene in sharing:
-                node.scene = scene
-    return tree
+def remove_from_compositor(scene):
+    """Put the scene's compositing tree back as it was, wherever its nodes are now; whether there was a node of ours."""
+    tree = _tree(scene)
+    node = tree and _lensfield_node(tree)
+    if not node:
+        return False
+    group, state = node.node_tree, _state(node.node_tree)
+    fed_by = next((link.from_socket for link in tree.links if link.to_node == node and link.to_socket.name == "Image"),
+                  None)
+    for link in [link for link in tree.links if link.from_node == node]:
+        name, target = link.from_socket.name, link.to_socket
+        source = fed_by if name == "Image" else fed_by and fed_by.node.outputs.get(name)
+        if source and name in TAKEN_OVER:
+            tree.links.new(source, target)
+    tree.nodes.remove(node)
+    layers = tree.nodes.get(state["made_layers"])
+    if layers:
+        tree.nodes.remove(layers)
+    if state["made_tree"] and all(node.bl_idname == "NodeGroupOutput" for node in tree.nodes):
+        bpy.data.node_groups.remove(tree)
+    elif state["made_tree"] and not hasattr(scene, "compositing_node_group"):
+        scene.use_nodes = False
+    if not group.users:
+        _remove_group(group)
+    return True
 
 
-def _trees_of_others(scene):
-    return [tree for other in bpy.data.scenes if other != scene and (tree := _tree(other))]
+def refresh(scene):
+    """Switch to the lens image at the frames that have a true one, and tell on the node what it shows."""
+    node = _node(scene)
+    if node is None or not _is_whole(node.node_tree) or _owner(node.node_tree) != scene:
+        return
+    if node.id_data.library or node.node_tree.library:  # not to be changed here
+        return
+    shown = sorted(int(frame) for frame in _state(node.node_tree)["frames"] if _verdict(node, frame)[0])
+    _switch(node.node_tree, shown)
+    label = f"{NAME}: {compositor_state(scene)[0]}"[:LABEL_LENGTH]
+    if node.label != label:
+        node.label = label
 
 
-def _tree(scene):
-    """The scene's compositing tree or None. Blender keeps it elsewhere since 5.0."""
-    return scene.compositing_node_group if hasattr(scene, "compositing_node_group") else scene.node_tree
+def compositor_state(scene):
+    """What the scene's Lensfield node shows at this frame, and why: a short text and an icon; ("", "NONE") for none."""
+    node = _node(scene)
+    if node is None:
+        return "", "NONE"
+    shown, why, icon = _verdict(node, str(scene.frame_current))
+    return f"{'lens image' if shown else 'plain render'}{why and ', '}{why}", icon
+
+
+def has_lens_images(scene):
+    """Whether there is anything to keep up to date."""
+    return _node(scene) is not None
+
+
+def fingerprint_now(scene):
+    """The fingerprint that was last taken of a scene, or a new one."""
+    if scene.session_uid not in _taken:
+        _taken[scene.session_uid] = scene_fingerprint(scene)
+    return _taken[scene.session_uid]
+
+
+_taken = {}
+"""By session_uid: the scenes' fingerprints."""
+
+
+def fingerprint_anew(scene):
+    """The fingerprint of a scene, all of which is looked at: scripts change it before Blender tells anyone."""
+    forget_all()
+    forget_fingerprints()
+    return fingerprint_now(scene)
+
+
+def laid_fingerprint(scene):
+    """The fingerprint that the scene had when its lens image of this frame was rendered; None where there is none."""
+    node = _node(scene)
+    return _state(node.node_tree)["frames"].get(str(scene.frame_current)) if node else None
+
+
+def forget_fingerprints():
+    """Take them anew."""
+    _taken.clear()
+
+
+def _verdict(node, frame):
+    """(whether the lens image of a frame is shown, why in words, icon)."""
+    scene, state = _owner(node.node_tree), _state(node.node_tree)
+    shows = scene.lensfield.compositor_shows
+    if shows == "NEVER":
+        return False, "as the settings say", "INFO"
+    if frame not in state["frames"]:
+        return False, f"frame {frame} has no lens image", "INFO"
+    if int(frame) < 0:
+        return False, "image sequences have no frames below 0", "ERROR"
+    path = bpy.path.abspath(_image_path(node.node_tree, int(frame)))
+    if not os.path.isfile(path):
+        return False, f"{os.path.basename(path)} is not there", "ERROR"
+    rendered = state["frames"][frame]
+    ours = state["scene"] == scene.lensfield.compositor_key  # else the node is from another file, and nothing is known
+    if ours and comparable(rendered) and rendered != fingerprint_now(scene):
+        return shows == "ALWAYS", "the scene has changed since", "ERROR"
+    return True, "", "CHECKMARK"
 
 
 def lens_image(scene):
     """The image data-block that the scene's Lensfield node shows, or None."""
-    node = _tree(scene) and _lensfield_node(_tree(scene))
-    source = node and _node_of_type(node.node_tree, "CompositorNodeImage")
+    node = _node(scene)
+    source = node and node.node_tree.nodes.get("Image")
     return source.image if source else None
+
+
+def follow_frames(scene, image_user):
+    """Let what shows the scene's lens image (a node, an image editor) go from frame to frame."""
+    _follow(image_user, _state(_node(scene).node_tree)["frames"])
 
 
 def compositing_tree(scene):
@@ -82,61 +211,243 @@ def compositing_tree(scene):
     return tree
 
 
+def unreplaced_passes(scene):
+    """Names of what the scene's compositing tree takes from its Render Layers and no lens image has: as the camera sees
+    it, and not the lens."""
+    tree = _tree(scene) if getattr(scene, "use_nodes", True) else None
+    return sorted({link.from_socket.name for link in (tree.links if tree else ())
+                   if link.from_node.bl_idname == "CompositorNodeRLayers" and link.from_node.scene == scene
+                   and link.from_socket.name not in TAKEN_OVER})
+
+
+def _stem_and_frame(path):
+    match = LENS_IMAGE.fullmatch(Path(path).name)
+    if match is None:
+        raise SceneError(path, "lens image", "without a frame", "expected a name such as Scene_0001_lens_image.exr")
+    return match[1], int(match[2])
+
+
+def _for_blend(scene, path):
+    """A path as the .blend is to keep it: from itself on, where the output folder is given so."""
+    relative = scene.lensfield.output_folder.startswith("//") and bpy.data.filepath
+    return bpy.path.relpath(str(path)) if relative else str(path)
+
+
+def _image_path(group, frame):
+    """Path of the lens image of a frame, as Blender keeps it; "" where there is none of any frame."""
+    image = group.nodes["Image"].image
+    match = image and LENS_IMAGE.fullmatch(os.path.basename(image.filepath))
+    return image.filepath[:-len(match[0])] + f"{match[1]}{frame:04d}_lens_image.exr" if match else ""
+
+
+def _state(group):
+    """What a group of ours holds: the fingerprint that the scene had when each frame was rendered, the scene's key, and
+    what was made for it: the tree, and the Render Layers node of this name."""
+    empty = {"frames": {}, "scene": "", "made_tree": False, "made_layers": ""}
+    return empty | json.loads(group.get(STATE, "{}"))
+
+
+def _put(group, **facts):
+    group[STATE] = json.dumps(_state(group) | facts)
+
+
+def _own_tree(scene):
+    """The scene's compositing tree, parted from the scenes that share it, as each has its own picture; and whether
+    there was none, or none in use."""
+    made = not _tree(scene) or not getattr(scene, "use_nodes", True)
+    tree = compositing_tree(scene)
+    sharing = [other for other in bpy.data.scenes if other != scene and _tree(other) == tree]
+    if sharing:
+        tree = scene.compositing_node_group = tree.copy()
+        for node in tree.nodes:
+            if node.bl_idname == "CompositorNodeRLayers" and node.scene in sharing:
+                node.scene = scene
+    return tree, made
+
+
+def _trees_of_others(scene):
+    return [tree for other in bpy.data.scenes if other != scene and (tree := _tree(other))]
+
+
+def _tree(scene):
+    """The scene's compositing tree or None. Blender keeps it elsewhere since 5.0."""
+    return scene.compositing_node_group if hasattr(scene, "compositing_node_group") else scene.node_tree
+
+
+def _node(scene):
+    tree = _tree(scene)
+    return _lensfield_node(tree) if tree else None
+
+
 def _lensfield_node(tree):
     return next((node for node in tree.nodes
                  if node.bl_idname == "CompositorNodeGroup" and node.node_tree and MARK in node.node_tree), None)
 
 
-def _image_node(group):
-    """The Image node of a group of ours, made and linked where there is none."""
-    source = _node_of_type(group, "CompositorNodeImage")
-    if source is None:
-        source = group.nodes.new("CompositorNodeImage")
-        output = _node_of_type(group, "NodeGroupOutput") or group.nodes.new("NodeGroupOutput")
-        group.links.new(source.outputs["Image"], output.inputs["Image"])
-    return source
+def _owner(group):
+    """The scene whose lens images a group shows; a copy of it may show them too."""
+    return next(scene for scene in bpy.data.scenes if (node := _node(scene)) and node.node_tree == group)
 
 
-def _node_of_type(tree, type_name):
-    return next((node for node in tree.nodes if node.bl_idname == type_name), None)
+def _own_layers(scene, tree):
+    return [n for n in tree.nodes if n.bl_idname == "CompositorNodeRLayers" and n.scene == scene and not n.mute]
 
 
-def _lens_image_group():
-    """A new node group with the lens image for its output."""
+def _new_group():
     group = bpy.data.node_groups.new(NAME, "CompositorNodeTree")
     group[MARK] = True
-    group.interface.new_socket(name="Image", in_out="OUTPUT", socket_type="NodeSocketColor")
-    group.nodes.new("NodeGroupOutput").location.x = 300
+    _build(group)
     return group
 
 
-def _show(group, path, name):
-    """Show the image of this file in a group, in the image data-block that it has, if it has one."""
-    source = _image_node(group)
-    if source.image is None:
-        source.image = bpy.data.images.load(str(path))
-        source.image.name = name
-        space = source.image.colorspace_settings
-        if REC709 in space.bl_rna.properties["name"].enum_items:  # a user's own configuration may know other names
-            space.name = REC709
-    source.image.filepath = str(path)
-    source.image.reload()
-    source.image.update_tag()  # or an open viewer stays stale
+def _is_whole(group):
+    return all(name in group.nodes for name in (*SWITCHED, *STILLS, *(f"{name} Switch" for name in SWITCHED)))
+
+
+def _build(group):
+    """Make the sockets and nodes of a group."""
+    group.nodes.clear()
+    group.interface.clear()
+    for name in SWITCHED:
+        socket = group.interface.new_socket(name=name, in_out="INPUT", socket_type=f"NodeSocket{OUTPUTS[name]}")
+        if name == "Depth":
+            socket.default_value = BACKGROUND_M
+    for name, kind in OUTPUTS.items():
+        group.interface.new_socket(name=name, in_out="OUTPUT", socket_type=f"NodeSocket{kind}")
+    plain, out = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
+    plain.location.x, out.location.x = -300, 600
+    for row, name in enumerate((*SWITCHED, *STILLS)):
+        source = group.nodes.new("CompositorNodeImage")
+        source.name = source.label = name
+        source.location.y = -350 * row
+        picture = source.outputs["Image"]
+        if name in SWITCHED:
+            picture = _add_switch(group, name, plain.outputs[name], picture)
+        _link(group, picture, out.inputs[name])
+        if name == "Image":
+            _link(group, picture, out.inputs["Alpha"], "Alpha")
+
+
+def _add_switch(group, name, off, on):
+    switch = group.nodes.new("CompositorNodeSwitch")
+    switch.name = switch.label = f"{name} Switch"
+    switch.location = on.node.location.x + 200, on.node.location.y
+    group.links.new(off, switch.inputs["Off"])
+    group.links.new(on, switch.inputs["On"])
+    return switch.outputs[0]
+
+
+def _link(group, picture, target, channel="Red"):
+    """Link a picture to an output, or a channel of it to an output of numbers."""
+    if target.type == "VALUE":
+        parts = group.nodes.new("CompositorNodeSeparateColor")
+        parts.location = 400, target.node.inputs.find(target.name) * -100
+        group.links.new(picture, parts.inputs[0])
+        picture = parts.outputs[channel]
+    group.links.new(picture, target)
+
+
+def _switch(group, frames):
+    """Keyframe the switches to be on at these frames alone."""
+    keys = {frame + 1: False for frame in frames} | {frame: True for frame in frames}
+    keys[min(keys, default=0) - 1] = False
+    if keys == _keys(group):
+        return
+    first, *others = sorted(keys)
+    for curve in _curves(group):
+        curve.keyframe_points.clear()
+    for name in SWITCHED:
+        socket = group.nodes[f"{name} Switch"].inputs["Switch"]
+        socket.default_value = keys[first]
+        socket.keyframe_insert("default_value", frame=first)
+    for curve in _curves(group):
+        for frame in others:
+            curve.keyframe_points.insert(frame, keys[frame], options={"FAST"})
+        for key in curve.keyframe_points:
+            key.interpolation = "CONSTANT"
+        curve.update()
+
+
+def _curves(group):
+    action = group.animation_data and group.animation_data.action
+    return action_curves(action) if action else []
+
+
+def _keys(group):
+    keys = [{int(key.co[0]): bool(key.co[1]) for key in curve.keyframe_points} for curve in _curves(group)]
+    return keys[0] if len(keys) == len(SWITCHED) and all(each == keys[0] for each in keys) else None
+
+
+def _load(group, path, scene_name):
+    """Show a lens image and the files beside it, in the image data-blocks that a group has, where it has them."""
+    folder, name = os.path.split(path)
+    stem, frame = _stem_and_frame(name)
+    for name, ending in (SWITCHED | STILLS).items():
+        beside = f"{stem}{frame:04d}_{ending}.exr" if name in SWITCHED else f"{stem}{ending}.exr"
+        beside = os.path.join(folder, beside)
+        if os.path.isfile(bpy.path.abspath(beside)):
+            _show(group.nodes[name], beside, f"{NAME} {scene_name}{'' if name == 'Image' else f' {name}'}", name)
+        if name in SWITCHED:
+            _follow(group.nodes[name], _state(group)["frames"])
+
+
+def _show(node, path, image_name, name):
+    if node.image is None:
+        node.image = bpy.data.images.load(bpy.path.abspath(path))
+        node.image.name = image_name
+        space = node.image.colorspace_settings
+        wanted = REC709 if name == "Image" else "Non-Color"
+        if wanted in space.bl_rna.properties["name"].enum_items:  # a user's own configuration may know other names
+            space.name = wanted
+    node.image.source = "SEQUENCE" if name in SWITCHED else "FILE"
+    node.image.filepath = path
+    node.image.reload()
+    node.image.update_tag()  # or an open viewer stays stale
+
+
+def _follow(image_user, frames):
+    """The file of each frame is that with its number."""
+    first, last = (choose(map(int, frames)) for choose in (min, max))
+    image_user.frame_start, image_user.frame_offset = first, first - 1
+    image_user.frame_duration = last - first + 1
+    if hasattr(image_user, "use_auto_refresh"):
+        image_user.use_auto_refresh = True
+
+
+def _remove_group(group):
+    images = [node.image for node in group.nodes if node.bl_idname == "CompositorNodeImage" and node.image]
+    action = group.animation_data and group.animation_data.action
+    bpy.data.node_groups.remove(group)
+    unused = [block for block in (action, *images) if block and not block.users]
+    bpy.data.batch_remove(unused)
 
 
 def _take_over_links(scene, tree, node):
-    """Feed what the scene's own Render Layers nodes fed; else the tree's output."""
-    layers = [n for n in tree.nodes if n.bl_idname == "CompositorNodeRLayers" and n.scene == scene and not n.mute]
-    targets = [link.to_socket for n in layers for link in n.outputs["Image"].links]
-    if not targets:
-        targets = [n.inputs[0] for n in tree.nodes
-                   if n.bl_idname in ("NodeGroupOutput", "CompositorNodeComposite") and not n.inputs[0].is_linked]
-    for target in targets:
-        tree.links.new(node.outputs["Image"], target)
-    for n in layers:
-        if not any(output.is_linked for output in n.outputs):
-            n.mute = True  # an idle Render Layers node would have the scene rendered again
+    """Feed what the scene's own Render Layers nodes fed, else the tree's output; the name of such a node, if it had to
+    be made."""
+    layers = _own_layers(scene, tree)
+    for name in TAKEN_OVER:
+        for target in [link.to_socket for n in layers if name in n.outputs for link in n.outputs[name].links]:
+            tree.links.new(node.outputs[name], target)
+    output = next((n for n in tree.nodes if n.bl_idname in ("NodeGroupOutput", "CompositorNodeComposite")
+                   and not n.inputs[0].is_linked), None)
+    if output and not any(out.is_linked for out in node.outputs):
+        tree.links.new(node.outputs["Image"], output.inputs[0])
+        node.location = output.location.x - 300, output.location.y
+    made = _feed(scene, tree, node)
     if layers:
-        node.location = layers[0].location.x, layers[0].location.y - 300
-    elif targets:
-        node.location = targets[0].node.location.x - 300, targets[0].node.location.y
+        node.location = layers[0].location.x + 300, layers[0].location.y - 100
+    return made
+
+
+def _feed(scene, tree, node):
+    """Let the node take in the plain render; the name of the Render Layers node, if it had to be made."""
+    layers, made = next(iter(_own_layers(scene, tree)), None), ""
+    if layers is None:
+        layers = tree.nodes.new("CompositorNodeRLayers")
+        layers.scene, made = scene, layers.name
+        layers.location = node.location.x - 300, node.location.y
+    for name in SWITCHED:
+        if name in layers.outputs and layers.outputs[name].enabled:
+            tree.links.new(layers.outputs[name], node.inputs[name])
+    return made

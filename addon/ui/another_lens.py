@@ -4,7 +4,7 @@ import bpy
 
 from ...engine.errors import InputError
 from ..job.refilter import apply_lens, kept_radiance
-from ..scene.compositor import lay_into_compositor
+from ..scene.compositor import laid_fingerprint, lay_into_compositor
 from . import window_render
 
 
@@ -36,7 +36,7 @@ class LENSFIELD_OT_apply_lens(bpy.types.Operator):
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         if settings.to_compositor:
-            lay_into_compositor(scene, result.lens_image)
+            lay_into_compositor(scene, result.lens_image, fingerprint=laid_fingerprint(scene))
         self.report({"INFO"}, "; ".join(result.told))
         return {"FINISHED"}
 

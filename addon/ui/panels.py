@@ -12,6 +12,7 @@ from ..scene.lens_cache import load_lens
 from . import operators
 from .animation import draw_animation
 from .another_lens import draw_another_lens
+from .compositor_panel import draw_compositor
 from .previews import PREVIEW_PX, growing_preview, sheet_path, sheet_preview
 from .properties import FROM_FILE
 from .window_render import state
@@ -45,7 +46,7 @@ def draw_settings(layout, scene):
     layout.prop_search(settings, "view_layer", scene, "view_layers")
     layout.prop(settings, "denoise")
     layout.prop(settings, "output_folder")
-    layout.prop(settings, "to_compositor")
+    draw_compositor(layout, scene)
     row = layout.row()
     row.scale_y = 1.5
     row.operator("lensfield.render", icon="RENDER_STILL")

@@ -13,6 +13,7 @@ from ...engine.plan.options import DEFAULT_ACCURACY, KNOBS
 from ...engine.spectral.refraction import refraction_names
 from ...engine.spectral.spectra import library_names, parse_wavelengths
 from ...engine.spectral.wavelength_choice import IMAGE_WAVELENGTHS, STANDARD_COLOUR_ERROR, SpectralOptions
+from ..scene.compositor import refresh
 
 FROM_FILE = "FILE"
 FIRST_NM, LAST_NM, NUMBER = (int(word) for word in IMAGE_WAVELENGTHS.split(":"))
@@ -159,6 +160,14 @@ class LensfieldSettings(bpy.types.PropertyGroup):
                                 description="Lay the lens image into the scene's compositor when it is done")
     view_layer: StringProperty(name="View Layer", default="",
                                description="The view layer to render. Empty: the one that is on for rendering")
+    compositor_shows: EnumProperty(
+        name="Compositor Shows", default="FRESH", update=lambda settings, context: refresh(settings.id_data),
+        description="What the Lensfield node of the compositor hands on",
+        items=[("FRESH", "Lens Image if Up to Date", "The lens image at frames that have one, unless the scene has "
+                                                     "changed since; else the plain render"),
+               ("ALWAYS", "Lens Image if Any", "The lens image at frames that have one, even if the scene has changed"),
+               ("NEVER", "Plain Render", "What the node is given")])
+    compositor_key: StringProperty(options={"HIDDEN"})  # tells the scene's own lens images from those of another file
 
     def lens_name_or_path(self):
         """What `Lens.load` takes."""

@@ -17,7 +17,7 @@ from ..job.job import check_output_folder, job_from_settings
 from ..job.refilter import kept_radiance
 from ..job.scene_plan import check_job
 from ..job.session import lost_images
-from ..scene.compositor import lay_into_compositor, lens_image
+from ..scene.compositor import fingerprint_anew, follow_frames, laid_fingerprint, lay_into_compositor, lens_image
 
 TICK_S = 0.1
 PICTURE = "so_far.png"
@@ -35,6 +35,7 @@ class WindowRender:
     to_compositor: bool
     remarks: list
     animation: bool = False
+    fingerprint: str | None = None  # of the scene as it is rendered
     laid: list = field(default_factory=list)  # into the compositor: lens images
     started_s: float = field(default_factory=time.monotonic)
 
@@ -88,7 +89,7 @@ def start(scene, *frames):
     remarks = [f"image {name!r} has unsaved pixels, which are not in the picture: save or pack it"
                for name in lost_images()]
     _follow(scene, lambda folder: render_command(save_copy(folder), Path(folder) / PICTURE, *frames), remarks,
-            bool(frames))
+            fingerprint_anew(scene), bool(frames))
     return remarks
 
 
@@ -101,10 +102,10 @@ def start_again(scene):
         There is no such light, or none that fits the scene.
     """
     radiance = kept_radiance(scene)
-    _follow(scene, lambda folder: apply_command(radiance, scene.lensfield), [])
+    _follow(scene, lambda folder: apply_command(radiance, scene.lensfield), [], laid_fingerprint(scene))
 
 
-def _follow(scene, command_in, remarks, animation=False):
+def _follow(scene, command_in, remarks, fingerprint, animation=False):
     """Start a command, which may need a folder for a time, and follow it."""
     folder = work_folder()
     try:
@@ -113,7 +114,7 @@ def _follow(scene, command_in, remarks, animation=False):
         folder.cleanup()
         raise
     state["render"] = WindowRender(child, folder, scene.name, scene.session_uid, scene.lensfield.to_compositor, remarks,
-                                   animation)
+                                   animation, fingerprint)
     state["notice"] = ()
     bpy.app.timers.register(tick, first_interval=TICK_S, persistent=True)  # it outlives the file
 
@@ -184,21 +185,22 @@ def _notify(icon, lines):
 
 
 def _lay(render):
-    """Lay the newest lens image into the compositor of the scene that it is of, if there is one, and the scene too."""
-    newest, scene = render.child.lens_images[-1:], _scene(render)
-    if not render.to_compositor or newest == render.laid[-1:] or scene is None:
+    """Lay new lens images into the compositor of the scene that they are of, if there are any, and the scene too."""
+    new, scene = render.child.lens_images[len(render.laid):], _scene(render)
+    if not render.to_compositor or not new or scene is None:
         return
-    render.laid.extend(newest)  # before it can fail: it is not for the next tick to try again
+    first = not render.laid
+    render.laid.extend(new)  # before it can fail: it is not for the next tick to try again
     try:
-        lay_into_compositor(scene, Path(newest[0]))
+        lay_into_compositor(scene, *map(Path, new), fingerprint=render.fingerprint)
     except (InputError, RuntimeError) as error:  # Blender's own, where the tree is linked, say
         remark = f"not laid into the compositor: {str(error).strip()}"
         if remark not in render.remarks:
             render.remarks.append(remark)
         return
-    if len(render.laid) == 1:  # of many frames only the first is a step of its own, or none would be left for others
+    if first:  # of many frames only the first is a step of its own, or none would be left for others
         _remember_for_undo()
-    _show(lens_image(scene))
+    _show(scene)
 
 
 def _remember_for_undo():
@@ -209,12 +211,13 @@ def _remember_for_undo():
             bpy.ops.ed.undo_push(message="Lens Image to Compositor")
 
 
-def _show(image):
-    """Let image editors that followed Blender's own render show the lens image."""
-    for area in _areas("IMAGE_EDITOR"):
-        shown = area.spaces.active.image
-        if shown and shown.type == "RENDER_RESULT":
-            area.spaces.active.image = image
+def _show(scene):
+    """Let image editors that followed Blender's own render show the lens image, frame by frame."""
+    for editor in (area.spaces.active for area in _areas("IMAGE_EDITOR")):
+        if editor.image and editor.image.type == "RENDER_RESULT":
+            editor.image = lens_image(scene)
+        if editor.image == lens_image(scene):
+            follow_frames(scene, editor.image_user)
 
 
 def _redraw_panels():

@@ -7,6 +7,10 @@ NOT_SAVED = {"window_managers", "screens", "workspaces", "all_ids"}  # the last 
 GEOMETRY = {"vertices", "edges", "loops", "polygons", "loop_triangles", "loop_triangle_polygons", "corner_normals",
             "vertex_normals", "polygon_normals", "attributes", "uv_layers", "color_attributes", "vertex_colors"}
 
+COMPOSITOR = ("node_groups", "('images'", "('actions'", "compositing_node_group", ".node_tree", "use_nodes",
+              "compositor_key", "('scenes', 'Scene') .users")
+"""What the compositor step may make or change; its Render Layers node is a user of the scene."""
+
 
 def snapshot():
     """All data-blocks by collection and name, with their properties, nodes, links and custom properties."""

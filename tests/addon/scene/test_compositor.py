@@ -5,10 +5,21 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from lensfield.addon.scene.compositor import NAME, compositing_tree, lens_image
+from lensfield.addon.scene.compositor import (
+    NAME,
+    compositing_tree,
+    compositor_state,
+    fingerprint_anew,
+    fingerprint_now,
+    lay_into_compositor,
+    lens_image,
+    remove_from_compositor,
+    unreplaced_passes,
+)
 from lensfield.addon.scene.errors import SceneError
 from lensfield.addon.scene.working_space import rec709_from_working
-from small_scenes import render, set_world
+from lensfield.engine.image.spectral_exr import write_plane_exr, write_rgb_exr
+from small_scenes import background, material, render, set_world, wall
 
 
 def render_composite(scene, path):
@@ -32,6 +43,238 @@ def read_rgb(path):
 
 def lensfield_nodes(scene):
     return [node for node in compositing_tree(scene).nodes if node.name == NAME]
+
+
+def lay(scene, folder, frames=(1,), colour=(5.0, 3.0, 2.0), shape=(36, 48)):
+    """Lay lens images of one colour each, times the frame, into the compositor; their paths."""
+    paths = []
+    for frame in frames:
+        paths.append(folder / f"{bpy.path.clean_name(scene.name)}_{frame:04d}_lens_image.exr")
+        write_rgb_exr(np.full((*shape, 3), np.array(colour) * frame), paths[-1], np.full(shape, 0.5))
+        write_plane_exr(np.full(shape, 7.0 * frame), folder / paths[-1].name.replace("lens_image", "depth"))
+    for name in ("relative_illumination", "stmap_distort", "stmap_undistort"):
+        write_plane_exr(np.full(shape, 0.25), folder / f"{bpy.path.clean_name(scene.name)}_{name}.exr")
+    lay_into_compositor(scene, *paths)
+    return paths
+
+
+def shows_lens_image(scene, folder, frame=1):
+    """Whether a render of a frame is the lens image of `lay`; if not, it is the black world."""
+    scene.frame_set(frame)
+    red = float(render_composite(scene, folder / "composite.exr")[0].mean())
+    assert red in (0, 5.0 * frame), red
+    return red > 0
+
+
+def tree_facts(tree):
+    """What a tree holds, to compare it with what it held before."""
+    return (sorted((node.bl_idname, node.name, node.mute) for node in tree.nodes),
+            sorted((link.from_node.name, link.from_socket.name, link.to_node.name, link.to_socket.identifier)
+                   for link in tree.links)) if tree else None
+
+
+def own_tree(scene):
+    return scene.compositing_node_group if hasattr(scene, "compositing_node_group") else scene.node_tree
+
+
+def test_frames_without_a_lens_image_are_rendered_plain(scene, tmp_path):
+    lay(scene, tmp_path, frames=(2, 3, 5))
+    shown = [frame for frame in range(1, 7) if shows_lens_image(scene, tmp_path, frame)]
+    assert shown == [2, 3, 5]
+    assert compositor_state(scene) == ("plain render, frame 6 has no lens image", "INFO")
+    scene.frame_set(5)
+    assert lensfield_nodes(scene)[0].label == "Lensfield: lens image"
+
+
+def test_frames_one_by_one_are_the_same_as_at_once(scene, tmp_path):
+    for frame in (4, 2):
+        lay(scene, tmp_path, frames=(frame,))
+    assert [shows_lens_image(scene, tmp_path, frame) for frame in (1, 2, 3, 4)] == [False, True, False, True]
+
+
+def test_a_change_of_the_scene_brings_the_plain_render_back_and_its_undoing_the_lens_image(scene, tmp_path):
+    lay(scene, tmp_path)
+    assert shows_lens_image(scene, tmp_path)
+    scene.camera.location.x = 1
+    assert not shows_lens_image(scene, tmp_path)
+    assert lensfield_nodes(scene)[0].label == "Lensfield: plain render, the scene has changed since"
+    scene.camera.location.x = 0
+    assert shows_lens_image(scene, tmp_path)
+
+
+@pytest.mark.parametrize("change", [
+    lambda scene: setattr(scene.cycles, "samples", 5), lambda scene: set_world(scene, strength=0.0),
+    lambda scene: setattr(scene.camera.data, "clip_end", 10),
+    lambda scene: setattr(scene.render, "film_transparent", True),
+    lambda scene: scene.collection.objects.link(bpy.data.objects.new("Empty", None)),
+    lambda scene: setattr(scene.objects["Wall"].data.vertices[0].co, "x", -4),
+    lambda scene: setattr(scene.objects["Wall"], "hide_render", True),
+    lambda scene: setattr(scene.objects["Wall"].active_material.lensfield, "reflectance", "brick-red"),
+    lambda scene: scene.objects["Wall"].modifiers.new("Bevel", "BEVEL"),
+    lambda scene: scene.objects["Wall"].active_material.node_tree.links.clear(),
+    lambda scene: scene.objects["Wall"].keyframe_insert("location", frame=4)])
+def test_what_the_render_depends_on_makes_a_lens_image_old(scene, tmp_path, change):
+    wall(scene, material("Paint", "ShaderNodeBsdfDiffuse")[0])
+    lay(scene, tmp_path)
+    assert shows_lens_image(scene, tmp_path)
+    change(scene)
+    scene.objects["Wall"].data.update_tag()
+    assert not shows_lens_image(scene, tmp_path)
+
+
+@pytest.mark.parametrize("change", [
+    lambda scene: scene.camera.select_set(True), lambda scene: setattr(scene.lensfield, "lens", "nikkor-28mm"),
+    lambda scene: setattr(scene.view_settings, "exposure", 2),
+    lambda scene: setattr(scene.camera, "hide_viewport", True),
+    lambda scene: compositing_tree(scene).nodes.new("CompositorNodeExposure"),
+    lambda scene: setattr(background(scene), "location", (100, 100)), lambda scene: scene.update_tag(),
+    lambda scene: bpy.data.objects.new("Loose", None), lambda scene: scene.frame_set(9)])
+def test_what_it_does_not_depend_on_does_not(scene, tmp_path, change):
+    scene.camera.keyframe_insert("location", frame=1)
+    scene.camera.location.x = 3
+    scene.camera.keyframe_insert("location", frame=9)
+    lay(scene, tmp_path)
+    change(scene)
+    bpy.context.view_layer.update()
+    assert shows_lens_image(scene, tmp_path)
+
+
+def test_an_older_lens_image_is_shown_where_that_is_asked_for(scene, tmp_path):
+    lay(scene, tmp_path)
+    set_world(scene, strength=0.0)
+    bpy.context.view_layer.update()
+    scene.lensfield.compositor_shows = "ALWAYS"
+    assert shows_lens_image(scene, tmp_path) and compositor_state(scene) == (
+        "lens image, the scene has changed since", "ERROR")
+    scene.lensfield.compositor_shows = "NEVER"
+    assert not shows_lens_image(scene, tmp_path)
+
+
+def test_a_frame_rendered_anew_is_true_and_the_older_ones_are_not(scene, tmp_path):
+    lay(scene, tmp_path, frames=(1, 2))
+    scene.cycles.samples = 7
+    lay(scene, tmp_path, frames=(2,))
+    assert [shows_lens_image(scene, tmp_path, frame) for frame in (1, 2)] == [False, True]
+
+
+def test_a_render_that_began_before_a_change_is_old_when_it_comes(scene, tmp_path):
+    path, = lay(scene, tmp_path)
+    before = fingerprint_now(scene)
+    assert before == fingerprint_anew(scene)
+    scene.camera.location.x = 1
+    lay_into_compositor(scene, path, fingerprint=before)
+    assert not shows_lens_image(scene, tmp_path)
+
+
+def test_a_missing_file_gives_the_plain_render_and_is_told(scene, tmp_path):
+    path, = lay(scene, tmp_path)
+    path.unlink()
+    assert not shows_lens_image(scene, tmp_path)
+    assert compositor_state(scene) == ("plain render, Scene_0001_lens_image.exr is not there", "ERROR")
+    assert lensfield_nodes(scene)[0].label == "Lensfield: plain render, Scene_0001_lens_image.exr is not there"
+
+
+def test_outputs_beside_the_picture(scene, tmp_path):
+    lay(scene, tmp_path)
+    node, tree = lensfield_nodes(scene)[0], compositing_tree(scene)
+    output = next(n for n in tree.nodes if n.bl_idname in ("NodeGroupOutput", "CompositorNodeComposite")).inputs[0]
+    seen = {}
+    for name in ("Alpha", "Depth", "Relative Illumination", "STMap Distort"):
+        tree.links.new(node.outputs[name], output)
+        seen[name] = [float(render_composite(scene, tmp_path / "composite.exr")[0].mean())
+                      for frame in (1, 2) if not scene.frame_set(frame)]
+    plain = {"Alpha": 1.0, "Depth": pytest.approx(1e10)}  # of the black world, opaque
+    assert seen == {"Alpha": [0.5, plain["Alpha"]], "Depth": [7.0, plain["Depth"]],
+                    "Relative Illumination": [0.25, 0.25], "STMap Distort": [0.25, 0.25]}
+
+
+def test_removing_puts_a_new_tree_back(scene, tmp_path):
+    used = getattr(scene, "use_nodes", None)
+    lay(scene, tmp_path)
+    assert bpy.ops.lensfield.remove_from_compositor() == {"FINISHED"}
+    assert getattr(scene, "use_nodes", None) == used
+    assert not hasattr(scene, "compositing_node_group") or own_tree(scene) is None
+    assert not [block for kind in (bpy.data.images, bpy.data.actions, bpy.data.node_groups) for block in kind
+                if block.name.startswith(NAME)]
+    assert not remove_from_compositor(scene) and compositor_state(scene) == ("", "NONE")
+
+
+def test_removing_puts_the_artists_tree_back(scene, tmp_path):
+    scene.view_layers[0].use_pass_z = scene.view_layers[0].use_pass_mist = True
+    tree = compositing_tree(scene)
+    tree.nodes.clear()
+    layers, over = tree.nodes.new("CompositorNodeRLayers"), tree.nodes.new("CompositorNodeAlphaOver")
+    blur, exposure = tree.nodes.new("CompositorNodeBlur"), tree.nodes.new("CompositorNodeExposure")
+    modern = hasattr(scene, "compositing_node_group")
+    output = tree.nodes.new("NodeGroupOutput" if modern else "CompositorNodeComposite")
+    for name, target in (("Image", exposure.inputs[0]), ("Alpha", over.inputs[0]), ("Depth", blur.inputs[0]),
+                         ("Mist", blur.inputs[1])):
+        tree.links.new(layers.outputs[name], target)
+    tree.links.new(exposure.outputs[0], output.inputs[0])
+    before = tree_facts(tree)
+    lay(scene, tmp_path)
+    fed = {link.to_socket for link in tree.links if link.from_node == layers}
+    assert exposure.inputs[0] not in fed and over.inputs[0] not in fed and blur.inputs[1] in fed
+    lensfield_nodes(scene)[0].location = 900, 900
+    assert remove_from_compositor(scene)
+    assert tree_facts(tree) == before
+
+
+def test_what_was_added_behind_the_node_stays_when_it_is_removed(scene, tmp_path):
+    lay(scene, tmp_path)
+    tree, node = compositing_tree(scene), lensfield_nodes(scene)[0]
+    exposure, target = tree.nodes.new("CompositorNodeExposure"), node.outputs["Image"].links[0].to_socket
+    tree.links.new(node.outputs["Image"], exposure.inputs[0])
+    tree.links.new(exposure.outputs[0], target)
+    remove_from_compositor(scene)
+    assert own_tree(scene) == tree and [node.bl_idname for node in tree.nodes].count("CompositorNodeExposure") == 1
+    assert exposure.outputs[0].links[0].to_socket == target
+
+
+def test_it_survives_save_another_folder_and_reload(scene, tmp_path):
+    home = tmp_path / "home"
+    (home / "lensfield").mkdir(parents=True)
+    bpy.ops.wm.save_as_mainfile(filepath=str(home / "scene.blend"))
+    scene.lensfield.output_folder = "//lensfield/"
+    lay(scene, home / "lensfield")
+    assert lens_image(scene).filepath == bpy.path.native_pathsep("//lensfield/Scene_0001_lens_image.exr")
+    bpy.ops.wm.save_mainfile()
+    home.rename(tmp_path / "moved")
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "moved" / "scene.blend"))
+    scene = bpy.context.scene
+    assert shows_lens_image(scene, tmp_path) and not shows_lens_image(scene, tmp_path, 2)
+    bpy.context.scene.camera.location.x = 1
+    assert not shows_lens_image(scene, tmp_path)
+
+
+def test_the_group_works_in_another_file(scene, tmp_path):
+    lay(scene, tmp_path)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    with bpy.data.libraries.load(str(tmp_path / "scene.blend")) as (there, here):
+        here.node_groups = [name for name in there.node_groups if name.startswith(NAME)]
+    scene = bpy.context.scene
+    scene.cycles.seed = 1000  # as of a scene of these tests
+    scene.render.engine, scene.cycles.samples = "CYCLES", 1
+    scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    scene.collection.objects.link(scene.camera)
+    tree = compositing_tree(scene)
+    node = tree.nodes.new("CompositorNodeGroup")
+    node.node_tree = here.node_groups[0]
+    output = next(n for n in tree.nodes if n.bl_idname in ("NodeGroupOutput", "CompositorNodeComposite"))
+    tree.links.new(node.outputs["Image"], output.inputs[0])
+    scene.render.resolution_x, scene.render.resolution_y = 48, 36
+    assert shows_lens_image(scene, tmp_path) and not shows_lens_image(scene, tmp_path, 2)
+
+
+def test_passes_that_no_lens_image_has_are_named(scene):
+    scene.view_layers[0].use_pass_mist = True
+    tree = compositing_tree(scene)
+    layers, exposure = tree.nodes.new("CompositorNodeRLayers"), tree.nodes.new("CompositorNodeExposure")
+    tree.links.new(layers.outputs["Image"], exposure.inputs["Image"])
+    assert unreplaced_passes(scene) == []
+    tree.links.new(layers.outputs["Mist"], exposure.inputs["Image"])
+    assert unreplaced_passes(scene) == ["Mist"]
 
 
 def test_composite_is_the_lens_image(scene, tmp_path):
@@ -77,7 +320,8 @@ def test_downstream_nodes_go_on_from_the_lens_image(scene, tmp_path):
     result = render(scene, tmp_path, to_compositor=True)
     composite = render_composite(scene, tmp_path / "composite.exr")
     np.testing.assert_allclose(composite, 2 * read_rgb(result.lens_image), rtol=1e-4)
-    assert layers.mute and exposure.inputs["Image"].links[0].from_node.name == NAME
+    assert exposure.inputs["Image"].links[0].from_node.name == NAME
+    assert lensfield_nodes(scene)[0].inputs["Image"].links[0].from_node == layers
 
 
 def test_second_render_refreshes_the_same_node(scene, tmp_path):
@@ -163,8 +407,8 @@ def test_operator_renders_with_the_settings(scene, tmp_path, folder):
     assert bpy.ops.lensfield.render() == {"FINISHED"}
     assert sorted(path.name for path in (tmp_path / folder).iterdir()) == [
         "Scene_0001_after.png", "Scene_0001_before.png", "Scene_0001_depth.exr", "Scene_0001_irradiance.exr",
-        "Scene_0001_lens_image.exr", "Scene_0001_radiance.exr", "Scene_relative_illumination.exr",
-        "Scene_stmap_distort.exr", "Scene_stmap_undistort.exr"]
+        "Scene_0001_lens_image.exr", "Scene_0001_radiance.exr", "Scene_0001_report.json",
+        "Scene_relative_illumination.exr", "Scene_stmap_distort.exr", "Scene_stmap_undistort.exr"]
     assert lensfield_nodes(scene)
 
 

@@ -18,7 +18,7 @@ from lensfield.addon.ui.panels import draw_settings
 from lensfield.engine.errors import InputError
 from lensfield.engine.image.spectral_exr import read_exr
 from small_scenes import light, material, wall
-from snapshot import differences, snapshot
+from snapshot import COMPOSITOR, differences, snapshot
 
 
 @pytest.fixture
@@ -75,10 +75,9 @@ def test_the_window_gets_what_a_script_gets_and_the_scene_only_its_compositor(re
     assert not differences(before, snapshot())
     follow()
     changed = differences(before, snapshot())
-    allowed = ("node_groups", "('images'", "compositing_node_group", ".node_tree", "use_nodes")
-    assert changed and not [line for line in changed if not any(word in line for word in allowed)]
+    assert changed and not [line for line in changed if not any(word in line for word in COMPOSITOR)]
     image = tmp_path / "lensfield" / "Scene_0001_lens_image.exr"
-    assert lens_image(ready_scene).filepath == str(image)
+    assert bpy.path.abspath(lens_image(ready_scene).filepath) == str(image)
     assert str(image) in notice() and "Cycles render" in notice()
     assert not Path(render.folder.name).exists()
     child_s = read_exr(tmp_path / "lensfield" / "Scene_0001_irradiance.exr").cube
@@ -97,7 +96,7 @@ def test_another_lens_is_applied_in_the_background_too(ready_scene, tmp_path):
     ready_scene.lensfield.lens, ready_scene.lensfield.view = "cooke-triplet-50mm", "CAMERA"
     before = snapshot()
     window_render.start_again(ready_scene)
-    assert not differences(before, snapshot())
+    assert not [line for line in differences(before, snapshot()) if "('images'" not in line]  # read as they are asked
     follow()
     assert "of the light in" in notice() and "cooke-triplet-50mm made" in notice()
     assert radiance.stat().st_mtime_ns == kept
@@ -190,7 +189,8 @@ def test_the_scene_may_be_renamed_edited_and_saved_elsewhere(ready_scene, tmp_pa
     bpy.data.objects.remove(bpy.data.objects["Wall"])
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "elsewhere.blend"))
     follow()
-    assert lens_image(ready_scene).filepath == str(tmp_path / "lensfield" / "Scene_0001_lens_image.exr")
+    path = bpy.path.abspath(lens_image(ready_scene).filepath)
+    assert path == str(tmp_path / "lensfield" / "Scene_0001_lens_image.exr")
 
 
 def test_the_compositor_is_left_alone_where_that_is_asked(ready_scene):

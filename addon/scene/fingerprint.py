@@ -1,0 +1,248 @@
+"""The fingerprint of a scene: tells whether anything that its render depends on is other than it was.
+
+It is made of what is set, not of what Blender evaluates; what is animated counts by its curves and drivers, so that
+all frames of a scene have one fingerprint. Selection, the layout of editors and nodes, compositing, the lens and the
+output are not in it. Nor are the weights of vertex groups and the pixels of images.
+"""
+
+from hashlib import blake2b
+
+import bpy
+import numpy as np
+
+LEFT_OUT = {"rna_type", "name_full", "is_active", "is_runtime_data", "location_absolute", "dimensions", "users",
+            "use_fake_user", "use_extra_user", "tag", "preview", "asset_data", "library", "library_weak_reference",
+            "override_library", "original", "matrix_world", "matrix_local", "matrix_basis",
+            "matrix_parent_inverse_world", "matrix", "hide_viewport", "hide_select", "hide", "pixels", "is_dirty",
+            "users_collection", "grease_pencil", "texture_mesh", "cached_location", "frame_current", "session_uid", "bl_icon"}
+LEFT_OUT_STARTS = "show_", "select", "active", "display_", "bl_", "preview_", "debug_", "bone_color", "lock_"
+LEFT_OUT_OF = {  # by type: what is the editor's, or is told elsewhere
+    "Node": {"location", "width", "height", "label", "color", "use_custom_color", "parent", "warning_propagation"},
+    "NodeSocket": {"enabled", "links", "hide_value", "link_limit", "description", "pin_gizmo"},  # it is as the node is
+    "MeshPolygon": {"vertices"},
+    "Mesh": {"vertices", "loop_triangles", "uv_layers", "color_attributes", "skin_vertices", "vertex_normals",
+             "polygon_normals", "corner_normals", "loop_triangle_polygons", "uv_layer_clone", "uv_layer_stencil",
+             "vertex_colors", "sculpt_vertex_colors"}}
+OURS = "cycles", "lensfield"  # of what add-ons define; others' may not be there on another machine
+RENDER = ("resolution_x", "resolution_y", "resolution_percentage", "pixel_aspect_x", "pixel_aspect_y",
+          "film_transparent", "use_border", "border_min_x", "border_max_x", "border_min_y", "border_max_y",
+          "use_motion_blur", "motion_blur_shutter", "motion_blur_position", "use_simplify",
+          "simplify_subdivision_render", "simplify_child_particles_render")
+NUMBERS = {"FLOAT": np.float32, "INT": np.int32, "BOOLEAN": bool}
+
+_fields, _known = {}, {}  # by type, and by session_uid
+
+
+def scene_fingerprint(scene):
+    """Text that is another one as soon as anything is other that the scene's render depends on.
+
+    It starts with Blender's version, and those of two versions cannot be compared. What was looked at before, and has
+    not been `forgotten` since, is not looked at again.
+    """
+    digests = [f"{block.id_type} {block.name_full} {block_digest(block)}" for block in _blocks_of(scene)]
+    text = "\n".join([*sorted(digests), settings_digest(scene)])
+    return "{}.{} ".format(*bpy.app.version) + blake2b(text.encode(), digest_size=12).hexdigest()
+
+
+def comparable(fingerprint):
+    """Whether a fingerprint is of this version of Blender."""
+    return fingerprint.startswith("{}.{} ".format(*bpy.app.version))
+
+
+def settings_digest(scene):
+    """Of the scene's own settings: text."""
+    walk = _Walk()
+    for name in RENDER:
+        walk.add(name, getattr(scene.render, name))
+    walk.add("camera", scene.camera)
+    walk.add("world", scene.world)
+    walk.struct(scene.cycles, "cycles", scene)
+    for layer in scene.view_layers:
+        walk.add(layer.name, (layer.use, layer.samples))
+        walk.add("material", layer.material_override)
+        walk.add("layers", [(each.name, each.exclude, each.holdout, each.indirect_only)
+                            for each in _layer_collections(layer.layer_collection)])
+    return walk.digest()
+
+
+def _layer_collections(layer_collection):
+    yield layer_collection
+    for child in layer_collection.children:
+        yield from _layer_collections(child)
+
+
+def block_digest(block):
+    """Of a data-block: text; looked up, where it is known."""
+    if block.session_uid not in _known:
+        _known[block.session_uid] = _digest(block)
+    return _known[block.session_uid]
+
+
+def changed(block):
+    """Whether a data-block that is known is other than it was; it is looked at again."""
+    before = _known.pop(block.session_uid, None)
+    return before is not None and block_digest(block) != before
+
+
+def forget(block):
+    """Look at a data-block again, when a fingerprint is next taken."""
+    _known.pop(block.session_uid, None)
+
+
+def forget_all():
+    """Look at everything again."""
+    _known.clear()
+
+
+def _blocks_of(scene):
+    """Data-blocks that a scene's objects, collections and world use, directly or not."""
+    uses = {}
+    for block, users in bpy.data.user_map().items():
+        for user in users:
+            uses.setdefault(user, []).append(block)
+    waiting = [*scene.objects, *scene.collection.children_recursive,
+               *filter(None, (scene.world, *(layer.material_override for layer in scene.view_layers)))]
+    found = set(waiting)
+    while waiting:
+        for block in uses.get(waiting.pop(), ()):
+            if block not in found and block.id_type not in ("SCENE", "TEXT", "LIBRARY"):
+                found.add(block)
+                waiting.append(block)
+    return found
+
+
+def _digest(block):
+    if getattr(block, "is_editmode", False):
+        return f"in edit mode {id(object())}"  # its data are elsewhere until that ends
+    walk = _Walk(_animated(block))
+    walk.struct(block, "", block)
+    return walk.digest()
+
+
+def _animated(block):
+    """(path, index) of what keyframes and drivers set: it is not the user's, and other at each frame."""
+    animation = getattr(block, "animation_data", None)
+    if animation is None:
+        return frozenset()
+    actions = {animation.action, *(strip.action for track in animation.nla_tracks for strip in track.strips)} - {None}
+    curves = [*animation.drivers, *(curve for action in actions for curve in action_curves(action))]
+    return frozenset((curve.data_path, curve.array_index) for curve in curves)
+
+
+def action_curves(action):
+    """The F-curves of an action, in any version."""
+    if hasattr(action, "fcurves"):
+        return list(action.fcurves)
+    return [curve for layer in action.layers for strip in layer.strips for bag in strip.channelbags
+            for curve in bag.fcurves]
+
+
+class _Walk:
+    """A digest of all that is in a struct, and in those that it owns."""
+
+    def __init__(self, animated=frozenset()):
+        self._hash, self._animated, self._seen = blake2b(digest_size=12), animated, set()
+
+    def digest(self):
+        return self._hash.hexdigest()
+
+    def add(self, name, value):
+        if isinstance(value, bpy.types.ID):
+            value = value.name_full
+        self._hash.update(f"{name}={value!r};".encode())
+
+    def struct(self, struct, path, block):
+        """Add a struct at a path in a data-block."""
+        key = struct.as_pointer(), struct.rna_type.identifier
+        if key in self._seen:
+            return
+        self._seen.add(key)
+        self._hash.update(struct.rna_type.identifier.encode())
+        for name, kind in _fields_of(struct):
+            inner = f"{path}.{name}" if path else name
+            value = getattr(struct, name, None)
+            if kind == "POINTER":
+                self._pointer(name, value, inner, block)
+            elif kind == "COLLECTION":
+                self._collection(name, value, inner, block)
+            elif kind == "ARRAY":
+                self.add(name, [n for i, n in enumerate(_flat(value)) if (inner, i) not in self._animated])
+            elif (inner, 0) not in self._animated:
+                self.add(name, value)
+        if isinstance(struct, bpy.types.ID | bpy.types.NodesModifier):
+            self._custom_properties(struct, path)
+
+    def _pointer(self, name, value, path, block):
+        if value is None or (isinstance(value, bpy.types.ID) and not value.is_embedded_data):
+            self.add(name, value)
+        elif isinstance(value, bpy.types.ID):
+            self.add(name, _digest(value))
+        elif value.id_data == block:
+            self.struct(value, path, block)
+            self.add(name, getattr(value, "identifier", getattr(value, "name", "")))
+        else:
+            self.add(name, getattr(value, "name", ""))
+
+    def _collection(self, name, items, path, block):
+        self.add(name, len(items))
+        if not len(items):
+            return
+        if items[0] is not None and _is_numbers(items[0]):
+            self._numbers(items)
+            return
+        for index, item in enumerate(items):
+            by_name = getattr(item, "name", "") and not isinstance(item, bpy.types.NodeSocket)
+            key = f'"{bpy.utils.escape_identifier(item.name)}"' if by_name else index
+            self._pointer(name, item, f"{path}[{key}]", block)
+
+    def _numbers(self, items):
+        """Many structs of numbers alone, such as edges and keys."""
+        for name, kind in _fields_of(items[0]):
+            prop = items[0].bl_rna.properties[name]
+            if prop.type not in NUMBERS or prop.is_readonly:
+                if kind == "SCALAR" and not prop.is_readonly:
+                    self.add(name, [getattr(item, name) for item in items])
+                continue
+            values = np.empty(len(items) * max(1, prop.array_length), NUMBERS[prop.type])
+            try:
+                items.foreach_get(name, values)
+            except (RuntimeError, TypeError):  # arrays of no fixed length, told by others' fields
+                continue
+            self._hash.update(values.tobytes())
+
+    def _custom_properties(self, struct, path):
+        for key in sorted(struct.keys()):
+            if key not in OURS and (f'{path}["{key}"]', 0) not in self._animated:
+                value = struct[key]
+                self.add(key, value.to_list() if hasattr(value, "to_list") else
+                         value.to_dict() if hasattr(value, "to_dict") else value)
+
+
+def _flat(value):
+    return np.array(value).ravel().tolist() if len(value) and hasattr(value[0], "__len__") else list(value)
+
+
+def _is_numbers(item):
+    return not isinstance(item, bpy.types.ID) and all(kind not in ("POINTER", "COLLECTION") for _, kind in
+                                                      _fields_of(item)) and "name" not in item.bl_rna.properties
+
+
+def _fields_of(struct):
+    """(name, kind) of what counts in a type."""
+    kind = struct.bl_rna.identifier
+    if kind not in _fields:
+        _fields[kind] = list(_counting(struct))
+    return _fields[kind]
+
+
+def _counting(struct):
+    left_out = LEFT_OUT.union(*(names for base, names in LEFT_OUT_OF.items()
+                                if isinstance(struct, getattr(bpy.types, base))))
+    group = isinstance(struct, bpy.types.PropertyGroup)
+    for prop in struct.bl_rna.properties:
+        name, container = prop.identifier, prop.type in ("POINTER", "COLLECTION")
+        if name in left_out or name.startswith(LEFT_OUT_STARTS) or (prop.is_readonly and not container):
+            continue
+        if prop.is_runtime and not group and name not in OURS:
+            continue
+        yield name, prop.type if container else "ARRAY" if getattr(prop, "is_array", False) else "SCALAR"
