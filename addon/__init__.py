@@ -11,14 +11,24 @@ from .job.render import kept, render_through_lens
 from .job.session import take_session
 from .scene.compositor_watch import start_watching, stop_watching
 from .scene.lens_cache import forget_lenses
-from .ui import animation, another_lens, compositor_panel, lint_panel, operators, panels, properties, window_render
+from .ui import (
+    animation,
+    another_lens,
+    compositor_panel,
+    lint_panel,
+    operators,
+    panels,
+    preview,
+    properties,
+    window_render,
+)
 from .ui.keys import register_keys, unregister_keys
 from .ui.previews import forget_previews
 
 __all__ = ["Animation", "apply_lens", "look_beside", "preflight", "register", "render_animation", "render_through_lens",
            "take_session", "unregister"]
 
-_MODULES = (properties, operators, animation, another_lens, compositor_panel, panels, lint_panel)
+_MODULES = (properties, operators, animation, another_lens, preview, compositor_panel, panels, lint_panel)
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(
     [cls for module in _MODULES for cls in module.classes])
 
@@ -35,6 +45,7 @@ def register():
 def unregister():
     """Undo `register`. Blender calls it when it ends, too."""
     window_render.end()
+    preview.end()
     stop_watching()
     unregister_keys()
     properties.unregister_pointers()

@@ -5,6 +5,7 @@ standard output (`commands/messages.py`) and ends when its standard input closes
 ends.
 """
 
+import json
 import os
 import shutil
 import signal
@@ -18,6 +19,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 import bpy
+import numpy as np
 
 from ...commands.messages import read_message
 from ..scene.errors import SceneError
@@ -26,6 +28,8 @@ from .session import write_session
 
 GRACE_S = 0.7  # for a child to remove what is half-written
 CRASH = "Writing: "  # Blender's last words, before the name of a file that comes to be in the log
+PREVIEW_ACCURACY, PREVIEW_WAVELENGTHS = 0.1, 7
+PREVIEW_ROOM = 0.12  # enough for each of the bundled lenses, after any other
 EXTENSION = __package__.rsplit(".", 2)[0]
 SESSION = "session.npz"  # beside the copy
 
@@ -117,6 +121,32 @@ def apply_command(radiance, settings):
                               settings.view.lower(), "--progress", "lines", "--end-with-stdin", *options])
 
 
+def preview_arguments(scene, key, *, radiance=None, copy=None, size=None, samples=None):
+    """The arguments of `lensfield` for a preview: of a copy of the file, small, or of the light that one has kept.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    key : (str, str, str)
+        Lens, view, and what is done out of field.
+    radiance : path, optional
+        The kept light.
+    copy, size, samples : path, (width, height) and int, where there is none
+    """
+    lens, view, out_of_field = key
+    asked = ["--lens", lens, "--view", view, "--out-of-field", out_of_field, "--accuracy", str(PREVIEW_ACCURACY),
+             "--progress", "lines"]
+    if radiance:
+        return ["apply", str(radiance), *asked]
+    nm = scene.lensfield.wavelengths_nm()
+    few = ",".join(f"{one:g}" for one in np.linspace(nm[0], nm[-1], min(len(nm), PREVIEW_WAVELENGTHS)))
+    beside = ["--beside", os.path.dirname(bpy.data.filepath)] if bpy.data.filepath else []
+    session = ["--session", str(Path(copy).with_name(SESSION))]
+    return ["render", str(copy), *session, *asked, "--resolution", "{}x{}".format(*size), "--samples", str(samples),
+            "--wavelengths", few, "--tier", "preview", "--denoise", "--unfit", "render", "--room", str(PREVIEW_ROOM),
+            "--output", str(Path(copy).parent), *beside]
+
+
 def lensfield_command(arguments):
     """The command line of `lensfield` with these arguments, in another Blender like this one."""
     if not bpy.app.binary_path:  # the wheel
@@ -165,6 +195,12 @@ class Child:
                 self.told, self.told_s = self.told | facts, time.monotonic()
                 self.lens_images += [facts["lens_image"]] if "lens_image" in facts else []
 
+    def ask(self, arguments):
+        """Have `lensfield serve` run a command; it tells a status when it is done."""
+        self.told = {}
+        with suppress(OSError):  # it has ended: that is for its follower to see
+            print(json.dumps(arguments), file=self._process.stdin, flush=True)
+
     @property
     def ended(self):
         """Whether it has ended by itself."""
@@ -172,7 +208,8 @@ class Child:
 
     def end(self):
         """End it within GRACE_S, if it has not ended; nothing of it runs on, and all is heard that it told."""
-        self._process.stdin.close()
+        with suppress(OSError):  # of what it can no longer be asked
+            self._process.stdin.close()
         try:
             self._process.wait(GRACE_S)
         except subprocess.TimeoutExpired:

@@ -10,7 +10,7 @@ from ...engine.image.pitch import fitting_pitch_um as pitch_um
 from ...engine.image.pixel_grid import PLANE, PixelGrid
 from ...engine.lens.curves import field_angle_rad, reference_nm
 from .errors import SceneError
-from .lens_cache import scaled_lens
+from .lens_cache import load_lens, scaled_lens
 
 CAMERA_SENSOR_MM = 36.0  # Blender's limits on focal lengths are made for this; only the ratio to it counts
 FISHEYE_TYPE = "FISHEYE_LENS_POLYNOMIAL"
@@ -87,6 +87,21 @@ def capture_grid(scene, lens, wavelengths_nm, room=0.0):
     least_px = round(room * max(shape))
     margins = [max(least_px, margin) for margin in capture.overscan_px]
     return PixelGrid.around_frame(shape, frame.pitch_um, margins, capture.projection)
+
+
+def view_tangents(scene, lens, view):
+    """Tangents of half the angles across and down that a lens, by name or path, shows of a scene.
+
+    Raises
+    ------
+    LensError, SceneError
+        No such lens, or no camera that it can stand in for.
+    """
+    check_camera(scene)
+    lens = lens_for_view(scene, load_lens(lens), view)[0]
+    rows, columns = frame_px(scene)
+    half_mm = pitch_um(lens, (rows, columns)) * 1e-3 / 2
+    return columns * half_mm / lens.capture_focal_length_mm, rows * half_mm / lens.capture_focal_length_mm
 
 
 def in_view(camera, box, lens, capture):

@@ -392,17 +392,22 @@ def _load(group, path, scene_name):
 
 
 def _show(node, path, image_name, name):
-    if node.image is None:
-        node.image = bpy.data.images.load(bpy.path.abspath(path))
-        node.image.name = image_name
-        space = node.image.colorspace_settings
-        wanted = REC709 if name == "Image" else "Non-Color"
-        if wanted in space.bl_rna.properties["name"].enum_items:  # a user's own configuration may know other names
-            space.name = wanted
-    node.image.source = "SEQUENCE" if name in SWITCHED else "FILE"
-    node.image.filepath = path
-    node.image.reload()
-    node.image.update_tag()  # or an open viewer stays stale
+    node.image = show_file(node.image, path, image_name, REC709 if name == "Image" else "Non-Color",
+                           "SEQUENCE" if name in SWITCHED else "FILE")
+
+
+def show_file(image, path, name, colours=REC709, source="FILE"):
+    """Let an image data-block show a file; a new one of this name, where it is None. Returns it."""
+    if image is None:
+        image = bpy.data.images.load(bpy.path.abspath(path))
+        image.name = name
+        space = image.colorspace_settings
+        if colours in space.bl_rna.properties["name"].enum_items:  # a user's own configuration may know other names
+            space.name = colours
+    image.source, image.filepath = source, path
+    image.reload()
+    image.update_tag()  # or an open viewer stays stale
+    return image
 
 
 def _follow(image_user, frames):

@@ -6,7 +6,7 @@ from ..job.preflight import Preflight, preflight
 from ..shading.lint import counts_text
 from ..shading.node_rules import APPROXIMATED, REJECTED, SEPARATED
 from .operators import nothing_renders
-from .panels import draw_wrapped
+from .wrapped import draw_wrapped
 
 ICONS = {REJECTED: "CANCEL", SEPARATED: "MOD_ARRAY", APPROXIMATED: "ERROR"}
 """Of the verdicts that have a line each in the panel; of the others their number is enough."""

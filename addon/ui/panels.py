@@ -1,7 +1,6 @@
 """Panels: the lens render in the render properties and the sidebar; spectra on materials, lights and worlds."""
 
 import os
-from textwrap import wrap
 
 import bpy
 
@@ -13,13 +12,11 @@ from . import operators
 from .animation import draw_animation
 from .another_lens import draw_another_lens
 from .compositor_panel import draw_compositor
-from .previews import PREVIEW_PX, growing_preview, sheet_path, sheet_preview
+from .preview import draw_preview
+from .previews import growing_preview, sheet_path, sheet_preview
 from .properties import FROM_FILE
 from .window_render import state
-
-WIDGET_PX = 20
-LETTERS_PER_WIDGET = 3.2
-PANEL_MARGINS = 3  # in widgets: what a panel keeps free on its sides
+from .wrapped import PANEL_MARGINS, draw_wrapped, region_widgets
 
 
 def draw_settings(layout, scene):
@@ -52,6 +49,7 @@ def draw_settings(layout, scene):
     row.operator("lensfield.render", icon="RENDER_STILL")
     draw_animation(layout, scene)
     draw_another_lens(layout)
+    draw_preview(layout)
 
 
 def _draw_under_way(layout, render):
@@ -69,13 +67,6 @@ def _draw_notice(layout):
     draw_wrapped(layout, first, state["icon"])
     for line in others:
         draw_wrapped(layout, line, "BLANK1")
-
-
-def draw_wrapped(layout, text, icon="NONE"):
-    """A text in as many lines as the panel's width takes."""
-    widgets = _region_widgets() - PANEL_MARGINS - 2 * (icon != "NONE")
-    for index, line in enumerate(wrap(text, max(8, int(widgets * LETTERS_PER_WIDGET)))):
-        layout.label(text=line, icon="BLANK1" if index and icon != "NONE" else icon)
 
 
 def _draw_lens_facts(layout, scene):
@@ -133,14 +124,7 @@ def _draw_sheet(layout, name_or_path):
 
 def _picture_scale():
     """What makes a square icon as wide as the panel, in units of Blender's widgets."""
-    return max(1, _region_widgets() - PANEL_MARGINS)
-
-
-def _region_widgets():
-    """How many of Blender's square widgets a region is wide; a picture's width where there is no region."""
-    region, system = bpy.context.region, bpy.context.preferences.system
-    width_px = min(region.width, PREVIEW_PX) if region else PREVIEW_PX
-    return width_px / (WIDGET_PX * (system.ui_scale or 1))  # 0 where Blender has no window
+    return max(1, region_widgets() - PANEL_MARGINS)
 
 
 def _draw_wavelengths(layout, settings):

@@ -213,7 +213,7 @@ def _remember_for_undo():
 
 def _show(scene):
     """Let image editors that followed Blender's own render show the lens image, frame by frame."""
-    for editor in (area.spaces.active for area in _areas("IMAGE_EDITOR")):
+    for editor in (area.spaces.active for area in areas("IMAGE_EDITOR")):
         if editor.image and editor.image.type == "RENDER_RESULT":
             editor.image = lens_image(scene)
         if editor.image == lens_image(scene):
@@ -222,13 +222,14 @@ def _show(scene):
 
 def _redraw_panels():
     """Panels follow the progress only when they are told to."""
-    for area in _areas("PROPERTIES", "VIEW_3D"):
+    for area in areas("PROPERTIES", "VIEW_3D"):
         for region in area.regions:
             if area.type == "PROPERTIES" or region.type == "UI":
                 region.tag_redraw()
 
 
-def _areas(*types):
+def areas(*types):
+    """The areas of these types, in all windows."""
     return [area for window in bpy.context.window_manager.windows for area in window.screen.areas if area.type in types]
 
 

@@ -1,0 +1,326 @@
+"""The preview: the camera's view through the lens, small and soon, and anew whenever the scene has changed.
+
+While it is on, a child stays loaded (`lensfield serve`) and renders copies of the file, one at a time; another lens is
+applied to the light that the last one has kept. Handlers only note when something has changed; a timer asks the child,
+once all is still. Nothing of the file is kept but names and session_uids.
+"""
+
+import os
+import tempfile
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import bpy
+import numpy as np
+from bpy.app.handlers import persistent
+
+from ...engine.errors import InputError
+from ..job.child import Child, lensfield_command, preview_arguments, save_copy, work_folder
+from ..scene.camera import frame_px, view_tangents
+from ..scene.compositor import show_file
+from . import preview_overlay, window_render
+from .wrapped import draw_wrapped
+
+NAME = "Lensfield Preview"  # of its image
+TICK_S = 0.1
+STILL_S = 0.5  # without a change, before the scene is rendered again
+LONG_SIDE_PX = 320
+SAMPLES = 4
+SAME_VIEW = 0.005
+LONGEST_COPY_S = 1.0  # that is not asked for: the window stands still meanwhile
+QUIET = {"WINDOWMANAGER", "SCREEN", "WORKSPACE", "BRUSH", "IMAGE"}  # what they change is nothing that is rendered
+
+
+@dataclass
+class Preview:
+    """A preview that is on."""
+
+    child: Child
+    folder: tempfile.TemporaryDirectory
+    scene_uid: int
+    changed_s: float | None = 0.0  # when the scene was changed last, by time.monotonic(); None where it was not since
+    other_s: float | None = None  # when it became another file or frame last, whatever the lens; None where not since
+    by_hand: bool = False  # it is asked for now
+    asked: tuple = ()  # what the child works at: a name, and the lens's key
+    asked_s: float = 0.0
+    copies_s: tuple = ()  # what the last two copies took
+    tangents: tuple = ()  # half the view across and down that is captured
+    lens: tuple = ()  # the key of the lens that it is seen through, or was tried
+    radiance: Path | None = None
+    told: list = field(default_factory=list)
+    error: str = ""
+
+    @property
+    def picture(self):
+        """A PNG of the preview as Blender shows it, once there is one."""
+        return Path(self.folder.name) / "shown.png"
+
+    @property
+    def slow(self):
+        """Whether the file takes so long to copy that it has to be asked for."""
+        return bool(self.copies_s) and min(self.copies_s) > LONGEST_COPY_S
+
+    @property
+    def fresh(self):
+        return self.changed_s is None
+
+
+state = {"preview": None, "why_off": ""}
+"""The Preview, where it is on; and why it went off by itself."""
+
+
+def start(scene):
+    """Switch the preview of a scene on.
+
+    Raises
+    ------
+    SceneError
+        The scene has no camera that a lens can stand in for.
+    """
+    end()
+    view_tangents(scene, *lens_key(scene)[:2])
+    folder = work_folder()
+    child = Child(lensfield_command(["serve"]), folder.name)
+    state.update(preview=Preview(child, folder, scene.session_uid), why_off="")
+    for name, handler in _HANDLERS.items():
+        getattr(bpy.app.handlers, name).append(handler)
+    preview_overlay.start(state["preview"])
+    bpy.app.timers.register(tick, first_interval=0.0, persistent=True)
+
+
+def end():
+    """Switch it off, if it is on, and leave nothing of it but what is shown: Blender or the file may be about to end.
+    """
+    preview, state["preview"] = state["preview"], None
+    if preview is None:
+        return
+    preview_overlay.end()
+    for name, handler in _HANDLERS.items():
+        getattr(bpy.app.handlers, name).remove(handler)
+    if bpy.app.timers.is_registered(tick):
+        bpy.app.timers.unregister(tick)
+    preview.child.end()
+    preview.folder.cleanup()
+
+
+def switch_off(why=""):
+    """Switch it off and remove its image; tell why, where it was not asked for."""
+    end()
+    state["why_off"] = why
+    if image := bpy.data.images.get(NAME):
+        bpy.data.images.remove(image)
+    _redraw()
+
+
+def tick():
+    """Take in what the child has done, and ask it for what is to be done next; seconds to the next look."""
+    preview = state["preview"]
+    scene = next((each for each in bpy.data.scenes if each.session_uid == preview.scene_uid), None)
+    if scene is None:
+        switch_off("its scene is gone")
+        return None
+    if preview.child.ended:
+        preview.child.end()
+        switch_off("its process died, of {}; its log is {}".format(*preview.child.death()))
+        return None
+    if preview.asked and "status" in preview.child.told:
+        _take_in(preview, scene)
+        _redraw()
+    if not preview.asked and _may_work(scene):
+        _ask_next(preview, scene)
+    return TICK_S
+
+
+def lens_key(scene):
+    """What changes the lens and nothing of the scene: its name or path, the view, what is done out of field."""
+    settings = scene.lensfield
+    return settings.lens_name_or_path(), settings.view.lower(), settings.out_of_field.lower()
+
+
+def _may_work(scene):
+    """Whether the scene is the window's, nothing renders, and no tool is at work: then Blender itself saves nothing."""
+    windows = bpy.context.window_manager.windows
+    return (window_render.state["render"] is None and not bpy.app.is_job_running("RENDER")
+            and not any(len(window.modal_operators) for window in windows)
+            and (not windows or windows[0].scene == scene))
+
+
+def _ask_next(preview, scene):
+    key = lens_key(scene)
+    if key != preview.lens and preview.radiance:
+        preview.changed_s = preview.other_s  # what the very choice of the lens has changed is none of the scene
+        _ask(preview, "lens", key, preview_arguments(scene, key, radiance=preview.radiance))
+    elif preview.by_hand or (preview.changed_s is not None and not preview.slow
+                             and time.monotonic() - preview.changed_s > STILL_S):
+        _ask_render(preview, scene, key)
+
+
+def _ask_render(preview, scene, key):
+    preview.changed_s, preview.other_s, preview.by_hand = None, None, False
+    begin_s = time.monotonic()
+    try:
+        copy = save_copy(preview.folder.name)
+        preview.copies_s = (*preview.copies_s[-1:], time.monotonic() - begin_s)
+        preview.tangents = view_tangents(scene, *key[:2])
+    except InputError as error:
+        preview.error = str(error)
+        _redraw()
+        return
+    _ask(preview, "render", key, preview_arguments(scene, key, copy=copy, size=size_px(scene), samples=SAMPLES))
+    preview.asked_s = begin_s
+
+
+def _ask(preview, what, key, arguments):
+    preview.asked, preview.lens, preview.asked_s = (what, key), key, time.monotonic()
+    preview.child.ask(arguments)
+
+
+def size_px(scene):
+    """Width and height of the preview: those of the scene's render, LONG_SIDE_PX at the most."""
+    rows, columns = frame_px(scene)
+    scale = min(1.0, LONG_SIDE_PX / max(rows, columns))
+    return max(4, round(columns * scale)), max(4, round(rows * scale))
+
+
+def _take_in(preview, scene):
+    (what, key), told = preview.asked, preview.child.told
+    preview.asked, preview.error = (), ""
+    if told["status"] == 0:
+        image_path = Path(told["lens_image"])
+        preview.radiance = image_path.with_name(image_path.name.replace("_lens_image", "_radiance"))
+        _show(preview, scene, image_path)
+        preview.told = _facts(scene, time.monotonic() - preview.asked_s, key[0])
+    if what == "lens" and (told["status"] or not _in_view(preview, scene)):
+        preview.changed_s = 0.0  # what is in its own view, or drawn in from beyond, has to be captured
+    elif told["status"]:
+        preview.error = told.get("error", "see the console")
+
+
+def _in_view(preview, scene):
+    """Whether what is captured has the view of the lens that is chosen now."""
+    try:
+        return np.allclose(view_tangents(scene, *lens_key(scene)[:2]), preview.tangents, rtol=SAME_VIEW)
+    except InputError:
+        return False  # the render will tell
+
+
+def _facts(scene, seconds, lens):
+    """What the preview is: list of lines."""
+    return ["{} x {} px, {} samples, {:.1f} s".format(*size_px(scene), SAMPLES, seconds),
+            os.path.basename(lens).removesuffix(".npz")]
+
+
+def _show(preview, scene, path):
+    """Show a lens image, in image editors that follow Blender's own render and in the camera's view."""
+    image = show_file(bpy.data.images.get(NAME), str(path), NAME)
+    image.save_render(str(preview.picture), scene=scene)
+    preview_overlay.forget_picture()
+    for area in window_render.areas("IMAGE_EDITOR"):
+        if area.spaces.active.image is None or area.spaces.active.image.type == "RENDER_RESULT":
+            area.spaces.active.image = image
+
+
+def _redraw():
+    for area in window_render.areas("PROPERTIES", "VIEW_3D", "IMAGE_EDITOR"):
+        area.tag_redraw()
+
+
+@persistent
+def on_update(scene, depsgraph):
+    """Note when something has changed that is rendered."""
+    if any(update.id.id_type not in QUIET and _counts(update) for update in depsgraph.updates):
+        _note()
+
+
+def _counts(update):
+    """Whether an update is more than a selection."""
+    named = update.id.id_type in ("SCENE", "OBJECT", "COLLECTION")
+    return not named or update.is_updated_geometry or update.is_updated_transform or update.is_updated_shading
+
+
+@persistent
+def on_frame(scene, *_):
+    """Another frame, or what an undo has left."""
+    _note()
+    if state["preview"]:
+        state["preview"].other_s = time.monotonic()
+
+
+@persistent
+def on_load(*_):
+    """Another file."""
+    end()
+
+
+def _note():
+    preview = state["preview"]
+    if preview:
+        preview.changed_s = time.monotonic()
+
+
+_HANDLERS = {"depsgraph_update_post": on_update, "frame_change_post": on_frame, "undo_post": on_frame,
+             "redo_post": on_frame, "load_pre": on_load}
+
+
+def draw_preview(layout):
+    """Draw the preview's button and, while it is on, what is shown and why."""
+    preview = state["preview"]
+    row = layout.row(align=True)
+    row.operator("lensfield.preview", icon="HIDE_OFF" if preview else "HIDE_ON", depress=preview is not None)
+    if preview is None:
+        if state["why_off"]:
+            draw_wrapped(layout, f"The preview went off: {state['why_off']}", "ERROR")
+        return
+    if preview.slow:
+        row.operator("lensfield.refresh_preview", text="", icon="FILE_REFRESH")
+    for line in _status(preview):
+        draw_wrapped(layout, line)
+
+
+def _status(preview):
+    """Lines of what is shown, and what is under way."""
+    yield from preview.told
+    if preview.error:
+        yield preview.error
+    if preview.asked:
+        yield "Rendering" if preview.asked[0] == "render" else "Changing the lens"
+    elif preview.slow and not preview.fresh:
+        yield f"Out of date. Copying this file takes {preview.copies_s[-1]:.1f} s: refresh it by hand"
+
+
+class LENSFIELD_OT_preview(bpy.types.Operator):
+    """Show the camera's view through the lens: small, in the camera's view of the 3D viewport and in image editors, and
+    anew by itself as the scene or the lens changes. It is rendered in the background, on a copy"""
+
+    bl_idname = "lensfield.preview"
+    bl_label = "Preview"
+
+    def execute(self, context):
+        if state["preview"]:
+            switch_off()
+            return {"FINISHED"}
+        try:
+            start(context.scene)
+        except (InputError, OSError) as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+class LENSFIELD_OT_refresh_preview(bpy.types.Operator):
+    """Copy the file and render the preview anew"""
+
+    bl_idname = "lensfield.refresh_preview"
+    bl_label = "Refresh Preview"
+
+    @classmethod
+    def poll(cls, context):
+        return state["preview"] is not None
+
+    def execute(self, context):
+        state["preview"].by_hand = True
+        return {"FINISHED"}
+
+
+classes = (LENSFIELD_OT_preview, LENSFIELD_OT_refresh_preview)

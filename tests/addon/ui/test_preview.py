@@ -1,0 +1,211 @@
+"""The preview: on, shown, anew after a change, through another lens, and gone; followed by hand, as by its timer."""
+
+import os
+import signal
+import time
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+
+from layouts import Layout
+from lensfield import addon
+from lensfield.addon.ui import preview, window_render
+from lensfield.addon.ui.preview_overlay import frame_corners
+from small_scenes import light, material, wall
+from snapshot import differences, snapshot
+
+
+@pytest.fixture
+def ready_scene(scene):
+    light(scene, "POINT", 20.0)
+    wall(scene, material("Paint", "ShaderNodeBsdfDiffuse", (0.7, 0.3, 0.05))[0])
+    scene.lensfield.lens = "tessar-50mm"
+    scene.render.resolution_x, scene.render.resolution_y = 800, 600
+    bpy.context.view_layer.update()
+    yield scene
+    preview.end()
+
+
+def on():
+    return preview.state["preview"]
+
+
+def follow(seconds=60):
+    """Tick until all is done and shown."""
+    deadline = time.monotonic() + seconds
+    while preview.tick() is not None and (on().asked or not on().fresh):
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def shown():
+    layout = Layout()
+    preview.draw_preview(layout)
+    return " ".join(layout.labels)
+
+
+def red(scene):
+    """The mean of red of what is shown."""
+    pixels = np.empty(4 * np.prod(bpy.data.images[preview.NAME].size), np.float32)
+    bpy.data.images[preview.NAME].pixels.foreach_get(pixels)
+    return pixels[::4].mean()
+
+
+def test_it_shows_the_scene_and_touches_nothing_of_it(ready_scene):
+    before = snapshot()
+    assert bpy.ops.lensfield.preview() == {"FINISHED"}
+    follow()
+    assert not [line for line in differences(before, snapshot()) if preview.NAME not in line]
+    assert tuple(bpy.data.images[preview.NAME].size) == (320, 240) and red(ready_scene) > 0
+    assert on().picture.is_file() and not on().error
+    assert "320 x 240 px, 4 samples" in shown() and "tessar-50mm" in shown()
+    child, folder = on().child, Path(on().folder.name)
+    assert bpy.ops.lensfield.preview() == {"FINISHED"}
+    assert child.ended and not folder.exists() and not bpy.app.timers.is_registered(preview.tick)
+    assert not any(handler in getattr(bpy.app.handlers, name) for name, handler in preview._HANDLERS.items())
+    assert not differences(before, snapshot())
+
+
+def test_a_change_is_seen_by_itself_and_a_selection_is_none(ready_scene):
+    preview.start(ready_scene)
+    follow()
+    first, radiance = red(ready_scene), on().radiance.stat().st_mtime_ns
+    bpy.data.objects["Wall"].select_set(True)
+    bpy.context.view_layer.update()
+    assert on().fresh
+    bpy.data.lights["Light"].energy *= 2
+    bpy.context.view_layer.update()
+    assert not on().fresh
+    follow()
+    assert on().radiance.stat().st_mtime_ns > radiance
+    assert red(ready_scene) == pytest.approx(2 * first, rel=0.01)
+
+
+def test_changes_do_not_pile_up(ready_scene):
+    preview.start(ready_scene)
+    preview.tick()
+    for _ in range(20):
+        bpy.data.lights["Light"].energy *= 1.01
+        bpy.context.view_layer.update()
+        preview.tick()
+    asked = on().asked_s
+    assert on().asked[0] == "render" and not on().fresh
+    follow()
+    assert on().asked_s > asked and on().fresh
+
+
+def test_another_lens_is_seen_at_once_and_then_by_its_own_view(ready_scene):
+    preview.start(ready_scene)
+    follow()
+    narrow, shown_first = on().tangents, red(ready_scene)
+    ready_scene.lensfield.lens = "nikkor-28mm"
+    bpy.context.view_layer.update()
+    preview.tick()
+    assert on().asked[0] == "lens"
+    while on().asked[0] == "lens":
+        preview.tick()
+    assert red(ready_scene) != shown_first and "nikkor-28mm" in shown() and on().asked[0] == "render"
+    follow()
+    assert on().tangents[0] > 1.5 * narrow[0]
+
+
+def test_in_the_cameras_view_another_lens_takes_no_render(ready_scene):
+    ready_scene.lensfield.view = "CAMERA"
+    preview.start(ready_scene)
+    follow()
+    kept = on().radiance.stat().st_mtime_ns
+    for lens in ("edmund-54852", "cooke-triplet-50mm"):  # the first draws on much more than the one of the render
+        ready_scene.lensfield.lens = lens
+        bpy.context.view_layer.update()
+        follow()
+        assert on().radiance.stat().st_mtime_ns == kept and not on().error and lens in shown()
+
+
+def test_an_undo_may_change_lens_and_scene_at_once(ready_scene):
+    preview.start(ready_scene)
+    follow()
+    first = red(ready_scene)
+    ready_scene.lensfield.lens = "cooke-triplet-50mm"
+    bpy.data.lights["Light"].energy *= 3
+    bpy.context.view_layer.update()
+    preview.on_frame(ready_scene)
+    follow()
+    assert red(ready_scene) > 2 * first and "cooke-triplet-50mm" in shown()
+
+
+def test_what_cannot_be_rendered_is_told_and_tried_again_when_it_has_changed(ready_scene):
+    preview.start(ready_scene)
+    ready_scene.camera.data.shift_x = 0.1
+    follow()
+    assert "shift is 0.1, 0" in shown()
+    ready_scene.camera.data.shift_x = 0
+    ready_scene.render.resolution_x = 801
+    ready_scene.update_tag()
+    bpy.context.view_layer.update()
+    on().changed_s = 0.0
+    follow()
+    assert not on().error and on().picture.is_file()
+    preview.end()
+    ready_scene.camera.data.type = "ORTHO"
+    with pytest.raises(RuntimeError, match="type is ORTHO"):
+        bpy.ops.lensfield.preview()
+    assert on() is None
+
+
+def test_a_file_that_takes_long_to_copy_is_refreshed_by_hand(ready_scene, monkeypatch):
+    monkeypatch.setattr(preview, "LONGEST_COPY_S", 0.0)
+    preview.start(ready_scene)
+    follow()
+    radiance = on().radiance.stat().st_mtime_ns
+    preview.on_frame(ready_scene)
+    on().changed_s = 0.0
+    preview.tick()
+    assert not on().asked and "refresh it by hand" in shown()
+    assert bpy.ops.lensfield.refresh_preview() == {"FINISHED"}
+    follow()
+    assert on().radiance.stat().st_mtime_ns > radiance
+
+
+def test_it_waits_while_a_lens_render_is_under_way(ready_scene, monkeypatch):
+    preview.start(ready_scene)
+    monkeypatch.setitem(window_render.state, "render", object())
+    preview.tick()
+    assert not on().asked
+    monkeypatch.setitem(window_render.state, "render", None)
+    preview.tick()
+    assert on().asked
+
+
+def test_it_goes_off_with_its_file_its_scene_its_child_and_the_add_on(ready_scene):
+    preview.start(ready_scene)
+    child = on().child
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    assert on() is None and child.ended
+    bpy.context.scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    preview.start(bpy.context.scene)
+    os.kill(on().child._process.pid, signal.SIGKILL)
+    follow()
+    assert on() is None and "its process died, of signal 9" in shown()
+    Path(preview.state["why_off"].rsplit("its log is ")[1]).unlink()
+    other = bpy.data.scenes.new("Other")
+    other.camera = bpy.context.scene.camera
+    preview.start(other)
+    bpy.data.scenes.remove(other)
+    follow()
+    assert on() is None and "its scene is gone" in shown()
+    preview.start(bpy.context.scene)
+    child = on().child
+    addon.unregister()
+    try:
+        assert child.ended
+    finally:
+        addon.register()
+
+
+def test_the_overlay_lies_where_the_lens_sees(ready_scene):
+    ready_scene.camera.location = 1, 2, 3
+    bpy.context.view_layer.update()
+    corners = frame_corners(ready_scene.camera, (0.4, 0.3))
+    assert np.allclose(corners, [(0.6, 1.7, 2), (1.4, 2.3, 2)])
