@@ -225,12 +225,17 @@ class Report:
 
     def remarks(self) -> list[str]:
         """What whoever made the picture should know, a line each; of many frames that differ by their figures one."""
-        alike: dict[str, list[str]] = {}
+        alike: dict[str, list[tuple[int, str]]] = {}
         for number, report in self.frames.items():
             for line in report._own_remarks():
-                alike.setdefault(FIGURE.sub("", line), []).append(f"frame {number}: {line}")
-        return [*self._own_remarks(), *(f"{lines[0]} ({len(lines) - 1} more much alike)" if lines[1:] else lines[0]
-                                        for lines in alike.values())]
+                alike.setdefault(FIGURE.sub("", line), []).append((number, line))
+        return [*self._own_remarks(), *(self._remark_of_frames(lines) for lines in alike.values())]
+
+    def _remark_of_frames(self, lines):
+        (number, first), *others = lines
+        if len(lines) == len(self.frames) and all(line == first for _, line in others):
+            return first
+        return f"frame {number}: {first}{f' ({len(others)} more much alike)' if others else ''}"
 
     def _own_remarks(self):
         if self.scene and self.scene.foreign_spectra:

@@ -114,6 +114,9 @@ def test_a_sequence_makes_the_remarks_of_its_frames_once():
               for number, fraction in ((1, 0.1), (2, 0.1), (3, 0.2))}
     report = Report(frames=frames)
     assert report.remarks() == ["frame 1: 10.0% of the frame lies beyond the lens data: hold (2 more much alike)"]
+    assert Report(frames={n: frames[1] for n in (1, 2)}).remarks() == frames[1].remarks()
+    assert Report(frames=frames | {1: Report()}).remarks()[0].startswith("frame 2: 10.0% ")
+    assert Report(frames={1: frames[1], 2: Report()}).remarks()[0].endswith("hold")
     told = report.as_dict()
     assert (told["lens"], told["out_of_field_fraction"], len(told["frames"])) == ("triplet", 0.2, 3)
     assert told["plan"]["method"] == "sections" and told["frames"][2]["frame"] == 3
