@@ -1,7 +1,7 @@
 """What a command tells the program that started it: lines on standard output, of a mark and a JSON object each.
 
     lensfield> {"fraction": 0.42, "label": "Pass 2 of 3: 500 to 560 nm"}    how far it is
-    lensfield> {"frame": 1, "lens_image": "/renders/Scene_0001_lens_image.exr"}    a frame is there
+    lensfield> {"lens_image": "/renders/Scene_0001_lens_image.exr"}    a frame is there
     lensfield> {"told": ["...", "..."]}    it is done
     lensfield> {"error": "camera 'Camera': type is ORTHO: expected a perspective camera"}    it is not, and why
 

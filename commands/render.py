@@ -72,6 +72,8 @@ def _add_followed(group):
     group.add_argument("--beside", type=Path, metavar="DIR",
                        help="where paths in the scene's Lensfield settings start from, if SCENE is a copy of a .blend "
                             "that lies there")
+    group.add_argument("--scene-state", metavar="TEXT",
+                       help="what the records of frames are to tell of the scene's state, in place of its fingerprint")
     group.add_argument("--session", type=Path, metavar="FILE.npz",
                        help="what the window has that a copy of its file has not (addon/job/session.py)")
 
@@ -84,7 +86,7 @@ def _render(options):
             for frame in parse_frames(options.frames):
                 check_limits("--frames", frame, FRAME_LIMITS)
         scene, asked = scene_and_arguments(options)
-        asked |= {"picture": options.picture, "room": options.room}
+        asked |= {"picture": options.picture, "room": options.room, "state": options.scene_state}
         if options.beside:
             from ..addon import look_beside
 
@@ -116,8 +118,8 @@ def _render_frames(options, scene, asked, write):
     with progress(options, write) as tell:
         tell(0.0, "Looking for frames that are there already")
         animation = addon.Animation(scene, frames, overwrite=options.overwrite, **asked)
-    for frame, (result, _) in animation.earlier.items():
-        write(frame=frame, lens_image=str(result.lens_image))
+    for path in animation.current:
+        write(lens_image=str(path))
     known = set()
     for frame in animation.pending:
         with progress(options, write) as tell:
@@ -134,7 +136,7 @@ def _tell_frame(frame, result, known, write):
         if line not in known:
             print(line, flush=True)
         known.add(line)
-    write(frame=frame, lens_image=str(result.lens_image))
+    write(lens_image=str(result.lens_image))
 
 
 def scene_and_arguments(options):

@@ -4,7 +4,9 @@ from contextlib import contextmanager
 
 from ...engine.errors import InputError
 from ...engine.report import together
+from ..scene.compositor import fingerprint_anew, lay_into_compositor
 from ..scene.errors import SceneError
+from ..scene.fingerprint import comparable
 from .job import folder_for
 from .record import read_record
 from .render import Result, job_of_frame, render_through_lens
@@ -29,6 +31,8 @@ class Animation:
         Frames to be rendered.
     earlier : dict of int: (Result, dict)
         Files and record of those that are there, whole, and made by the same settings.
+    outdated : list of int
+        Those of them that are of the scene as it was before it was changed.
     results : dict of int: Result
         What has been rendered.
 
@@ -38,9 +42,9 @@ class Animation:
         What is asked for cannot be; of a frame, its number is told.
     """
 
-    def __init__(self, scene, frames=None, *, overwrite=False, **asked):
-        self._scene, self._asked = scene, asked
-        self.pending, self.earlier, self.results, self._older = [], {}, {}, 0
+    def __init__(self, scene, frames=None, *, overwrite=False, state=None, **asked):
+        self._scene, self._asked = scene, asked | {"state": state or fingerprint_anew(scene)}
+        self.pending, self.earlier, self.outdated, self.results = [], {}, [], {}
         for frame in own_frames(scene) if frames is None else frames:
             if overwrite or not self._find(frame):
                 self.pending.append(frame)
@@ -56,7 +60,8 @@ class Animation:
         if record is None:
             return False
         self.earlier[frame] = result, record
-        self._older += (record.get("blend_saved_s") or 0) < (job.blend_saved_s or 0)
+        if comparable(record["state"]) and record["state"] != job.state:
+            self.outdated.append(frame)
         return True
 
     def render(self, frame, progress=None):
@@ -72,6 +77,16 @@ class Animation:
         return self.results[frame]
 
     @property
+    def state(self):
+        """The fingerprint of the scene."""
+        return self._asked["state"]
+
+    @property
+    def current(self):
+        """Lens images of the frames that are there already and of the scene as it is: list of Path."""
+        return [result.lens_image for frame, (result, _) in self.earlier.items() if frame not in self.outdated]
+
+    @property
     def report(self):
         """The report of all frames, by frame."""
         return together({frame: result.report for frame, result in self.results.items()},
@@ -84,9 +99,9 @@ class Animation:
         lines = [f"{frames} frame{'s' * (frames != 1)} in {seconds:.1f} s" if frames else "nothing to render"]
         if self.earlier:
             lines[0] += f"; {len(self.earlier)} there already"
-        if self._older:
-            lines.append(f"{self._older} of the frames there already are from before the file's last save: "
-                         "Overwrite (--overwrite) renders them anew")
+        if self.outdated:
+            lines.append(f"{len(self.outdated)} of the frames there already, from {self.outdated[0]} on, are of the "
+                         "scene before it was changed: Overwrite (--overwrite) renders them anew")
         return lines
 
     @property
@@ -111,6 +126,8 @@ def render_animation(scene, frames=None, *, overwrite=False, progress=None, **as
     Animation
     """
     animation = Animation(scene, frames, overwrite=overwrite, **asked)
+    if asked.get("to_compositor") and animation.current:
+        lay_into_compositor(scene, *animation.current, fingerprint=animation.state)
     for frame in animation.pending:
         animation.render(frame, progress)
     return animation

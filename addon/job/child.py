@@ -23,7 +23,6 @@ import numpy as np
 
 from ...commands.messages import read_message
 from ..scene.errors import SceneError
-from .record import blend_saved_s
 from .session import write_session
 
 GRACE_S = 0.7  # for a child to remove what is half-written
@@ -63,7 +62,7 @@ def _is_at_work(process):
 
 
 def save_copy(folder):
-    """Save the file as it is, unsaved edits included, into a folder; the path of the copy, which is as old as the file.
+    """Save the file as it is, unsaved edits included, into a folder; the path of the copy.
 
     What a .blend does not hold of this session lies beside it (`session.py`).
 
@@ -80,8 +79,6 @@ def save_copy(folder):
         bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True, relative_remap=True, compress=False)
     except RuntimeError as error:
         raise SceneError(path, "copy of the file", "not to be saved", str(error).strip()) from None
-    if saved_s := blend_saved_s():
-        os.utime(path, (saved_s, saved_s))
     write_session(path.with_name(SESSION))
     caches = Path(bpy.data.filepath).parent / f"blendcache_{path.stem}"  # as Blender calls it
     if bpy.data.filepath and caches.is_dir():
@@ -167,7 +164,7 @@ class Child:
     Attributes
     ----------
     told : dict
-        The latest that it has told: fraction and label, frame and lens_image; at the end told, or error.
+        The latest that it has told: fraction and label, lens_image; at the end told, or error.
     lens_images : list of str
         Of the frames that are there, as it told of them.
     told_s : float

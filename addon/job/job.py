@@ -13,7 +13,7 @@ from ...engine.spectral.wavelength_choice import SpectralOptions
 from ..scene.camera import lens_for_view
 from ..scene.lens_cache import load_lens
 from ..shading.assigned import LOADERS
-from .record import blend_saved_s, picture_settings
+from .record import picture_settings
 
 
 @dataclass(frozen=True)
@@ -32,8 +32,8 @@ class Job:
         How much of the picture's longer side is captured beyond each of its edges, at the least, for other lenses.
     settings : dict
         What of the scene's render settings counts for the picture.
-    blend_saved_s : float, optional
-        When the .blend was saved, in seconds since 1970.
+    state : str
+        The scene's fingerprint; "" where nobody asked for it.
     """
 
     lens: Lens
@@ -51,12 +51,12 @@ class Job:
     picture: Path | None = None
     room: float = 0.0
     settings: dict | None = None
-    blend_saved_s: float | None = None
+    state: str = ""
 
 
 def job_from_settings(scene, *, lens=None, wavelengths_nm=None, output_folder=None, options=None, spectral=None,
                       view=None, unfit=None, view_layer=None, denoise=None, to_compositor=None, picture=None,
-                      room=None):
+                      room=None, state=""):
     """The Job for the scene's current frame that its settings ask for, but for what is given.
 
     Raises
@@ -79,7 +79,7 @@ def job_from_settings(scene, *, lens=None, wavelengths_nm=None, output_folder=No
         settings.view_layer if view_layer is None else view_layer,
         settings.denoises(spectral) if denoise is None else denoise, spectral.tier != "reference",
         settings.to_compositor if to_compositor is None else to_compositor, warning, picture, room or 0.0,
-        picture_settings(scene), blend_saved_s())
+        picture_settings(scene), state)
 
 
 def folder_for(scene, output_folder=None):

@@ -3,9 +3,6 @@ large each file is, so that an animation goes on where it was left, and makes ag
 
 import json
 from dataclasses import asdict
-from pathlib import Path
-
-import bpy
 
 from ...engine.files import atomic_path
 from ...engine.values import plain
@@ -16,7 +13,7 @@ OF_NO_ACCOUNT = ("name", "device", "preview", "use_preview", "debug", "denoising
 OF_ACCOUNT = ("resolution_", "pixel_aspect_", "film_transparent", "use_border", "border_", "use_motion_blur",
               "motion_blur_", "use_simplify", "simplify_")
 """How those of the scene's other render settings begin that do."""
-NOT_ASKED = "output_folder", "frame", "to_compositor", "lens_warning", "picture", "blend_saved_s"
+NOT_ASKED = "output_folder", "frame", "to_compositor", "lens_warning", "picture", "state"
 """What a job says that is not of the picture itself."""
 
 
@@ -26,16 +23,9 @@ def picture_settings(scene):
     return plain(cycles | {name: value for name, value in _values(scene.render) if name.startswith(OF_ACCOUNT)})
 
 
-def blend_saved_s():
-    """When the .blend was last saved, in seconds since 1970; None for one that never was."""
-    path = Path(bpy.data.filepath or "")
-    return path.stat().st_mtime if path.is_file() else None
-
-
 def write_record(job, result):
     """Write what a frame's pictures were made by, and its report."""
-    facts = result.report.as_dict() | {"job": _asked(job), "blend_saved_s": job.blend_saved_s,
-                                       "sizes": _sizes(result.pictures)}
+    facts = result.report.as_dict() | {"job": _asked(job), "state": job.state, "sizes": _sizes(result.pictures)}
     with atomic_path(result.record) as temporary:
         temporary.write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")
 
@@ -46,7 +36,8 @@ def read_record(job, result):
         facts = json.loads(result.record.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-    same = isinstance(facts, dict) and facts.get("job") == _asked(job) and facts.get("sizes") == _sizes(result.pictures)
+    same = (isinstance(facts, dict) and facts.get("job") == _asked(job) and isinstance(facts.get("state"), str)
+            and facts.get("sizes") == _sizes(result.pictures))
     return facts if same else None
 
 

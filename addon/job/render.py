@@ -11,7 +11,7 @@ import bpy
 
 from ...engine import Kept, Report, simulate
 from ...engine.image.spectral_exr import write_exr
-from ..scene.compositor import lay_into_compositor
+from ..scene.compositor import fingerprint_anew, lay_into_compositor
 from ..scene.errors import SceneError
 from ..scene.render_state import go_to_frame
 from ..scene.undo import Journal
@@ -102,7 +102,7 @@ class Result:
 
 def render_through_lens(scene, lens=None, wavelengths_nm=None, output_folder=None, *, options=None, spectral=None,
                         view=None, unfit=None, frame=None, view_layer=None, denoise=None, to_compositor=False,
-                        picture=None, room=None, progress=None):
+                        picture=None, room=None, state=None, progress=None):
     """Render a scene multispectrally and put it through a lens: the whole main job in one call.
 
     What is left out is as the scene's own Lensfield settings say. What depends on the lens and the pixel grid alone is
@@ -137,6 +137,8 @@ def render_through_lens(scene, lens=None, wavelengths_nm=None, output_folder=Non
     room : float, optional
         Capture at least this part of the picture's longer side beyond each of its edges, so that `apply_lens` can take
         lenses with more distortion.
+    state : str, optional
+        What the frame's record tells of the scene's state: its fingerprint, unless it is known to have another one.
     progress : callable (fraction, label), optional
 
     Returns
@@ -151,7 +153,7 @@ def render_through_lens(scene, lens=None, wavelengths_nm=None, output_folder=Non
     job = job_of_frame(scene, scene.frame_current if frame is None else frame, lens=lens,
                        wavelengths_nm=wavelengths_nm, output_folder=output_folder, options=options, spectral=spectral,
                        view=view, unfit=unfit, view_layer=view_layer, denoise=denoise, to_compositor=to_compositor,
-                       picture=picture, room=room)
+                       picture=picture, room=room, state=state or fingerprint_anew(scene))
     return run(render_steps(scene, job), progress)
 
 
@@ -212,7 +214,7 @@ def render_steps(scene, job):
     yield from lens_steps(captured, job.lens, job.options, result, RENDER_SHARE + 0.02)
     write_record(job, result)
     if job.to_compositor:
-        lay_into_compositor(scene, result.lens_image)
+        lay_into_compositor(scene, result.lens_image, fingerprint=job.state)
     return result
 
 

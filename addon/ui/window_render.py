@@ -88,8 +88,9 @@ def start(scene, *frames):
     check_job(scene, job_from_settings(scene))
     remarks = [f"image {name!r} has unsaved pixels, which are not in the picture: save or pack it"
                for name in lost_images()]
-    _follow(scene, lambda folder: render_command(save_copy(folder), Path(folder) / PICTURE, *frames), remarks,
-            fingerprint_anew(scene), bool(frames))
+    state_now = fingerprint_anew(scene)
+    _follow(scene, lambda folder: render_command(save_copy(folder), Path(folder) / PICTURE, "--scene-state", state_now,
+                                                 *frames), remarks, state_now, bool(frames))
     return remarks
 
 

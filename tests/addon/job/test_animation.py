@@ -136,13 +136,25 @@ def test_what_changes_no_picture_makes_no_other_frames(moving_scene):
     assert not addon.Animation(moving_scene, [2]).pending
 
 
-def test_frames_older_than_the_file_are_told(moving_scene):
+def outdated_told(animation):
+    return [line for line in animation.summary if "of the scene before it was changed" in line]
+
+
+def test_frames_of_the_scene_before_it_was_changed_are_told(moving_scene):
     addon.render_animation(moving_scene, [2, 4])
+    moving_scene.frame_set(5)
     bpy.ops.wm.save_mainfile()
-    animation = addon.render_animation(moving_scene)
-    assert made(animation) == [6]
-    assert animation.summary[1:] == ["2 of the frames there already are from before the file's last save: Overwrite "
-                                     "(--overwrite) renders them anew"]
+    assert not outdated_told(addon.Animation(moving_scene))
+    bpy.ops.wm.revert_mainfile()
+    scene = bpy.context.scene
+    assert not outdated_told(addon.Animation(scene))
+    set_world(scene, (1, 0.5, 0.5))
+    animation = addon.render_animation(scene)
+    assert made(animation) == [6] and animation.outdated == [2, 4] and not animation.current
+    assert outdated_told(animation) == ["2 of the frames there already, from 2 on, are of the scene before it was "
+                                        "changed: Overwrite (--overwrite) renders them anew"]
+    addon.render_animation(scene, overwrite=True)
+    assert not outdated_told(addon.Animation(scene)) and len(addon.Animation(scene).current) == 3
 
 
 def test_a_single_render_leaves_frames_that_an_animation_knows(moving_scene):

@@ -7,7 +7,7 @@ import bpy
 import pytest
 
 from layouts import Layout
-from lensfield.addon.scene.compositor import lens_image
+from lensfield.addon.scene.compositor import lens_image, remove_from_compositor
 from lensfield.addon.scene.errors import SceneError
 from lensfield.addon.ui import window_render
 from lensfield.addon.ui.animation import draw_animation
@@ -109,17 +109,21 @@ def test_a_compositor_that_refuses_frames_does_not_stop_them(moving_scene, monke
     assert notice().count("not laid into the compositor: tree: owner is library.blend: make it local") == 1
 
 
-def test_frames_from_before_the_last_save_are_told(moving_scene):
-    moving_scene.frame_end = 1
+def test_frames_of_the_scene_before_an_edit_are_told_and_not_laid(moving_scene, tmp_path):
+    """Of an edit that is not saved; a save alone changes nothing."""
+    moving_scene.frame_end = 2
     start()
     follow()
-    start()
-    follow()
-    assert notice() == "nothing to render; 1 there already"
     bpy.ops.wm.save_mainfile()
-    start()
+    render = start()
     follow()
-    assert "1 of the frames there already are from before the file's last save: Overwrite" in notice()
+    assert notice() == "nothing to render; 2 there already" and len(render.laid) == 2
+    set_world(moving_scene, (1, 0.5, 0.5))
+    frame_file(tmp_path, 2).unlink()
+    render = start()
+    follow()
+    assert notice().startswith("1 frame in ") and [Path(path) for path in render.laid] == [frame_file(tmp_path, 2)]
+    assert "1 of the frames there already, from 1 on, are of the scene before it was changed: Overwrite" in notice()
 
 
 def test_an_error_names_the_frame_and_says_what_is_left(moving_scene):
@@ -136,6 +140,9 @@ def test_an_error_names_the_frame_and_says_what_is_left(moving_scene):
 def test_a_script_renders_the_range_too(moving_scene, tmp_path):
     assert bpy.ops.lensfield.render_animation() == {"FINISHED"}
     assert Path(bpy.path.abspath(lens_image(moving_scene).filepath)) == frame_file(tmp_path, 3)
+    remove_from_compositor(moving_scene)
+    assert bpy.ops.lensfield.render_animation() == {"FINISHED"}  # of frames that are there
+    assert Path(bpy.path.abspath(lens_image(moving_scene).filepath)) in [frame_file(tmp_path, n) for n in (1, 2, 3)]
     moving_scene.camera.data.shift_x = 1
     with pytest.raises(RuntimeError, match="frame 1: camera 'Camera': shift is 1, 0"):
         bpy.ops.lensfield.render_animation(overwrite=True)
