@@ -1,5 +1,6 @@
 # make demo        render the sample scene and put it through a real lens
-# make test        all tests; BPY=4.5.15 runs the Blender tests on another Blender, SEED=1 renders with other noise
+# make test        all tests; BPY=4.5.15 runs the Blender tests on another Blender, SEED=1 renders with other noise;
+#                  TESTS=tests/addon/scene runs some of the Blender tests alone
 # make bench       the paper's figures again, what accuracy costs, and what a scene costs (an hour)
 # make validate    Cornell's box against Mitsuba 3, and lenses against rays traced through them (ten minutes)
 # make extension   dist/*.zip, to install in Blender
@@ -23,6 +24,7 @@ WAVELENGTHS ?= 400:700:21
 TIER ?= standard
 COVERAGE ?= $(CI)
 
+TESTS ?= tests/addon
 BLENDER ?= blender
 STEPS ?=
 
@@ -48,7 +50,7 @@ test-engine: $(READY)
 	$(if $(COVERAGE),@echo "lines of engine and commands run: $$($(VENV)/bin/python -m coverage report --format=total) %")
 
 test-blender: $(READY)
-	$(VENV)/bin/python -m pytest -q tests/addon
+	$(VENV)/bin/python -m pytest -q $(TESTS)
 
 bench: $(READY)
 	$(VENV)/bin/python benchmarks/paper_section_4.py build/bench
