@@ -1,6 +1,7 @@
 """What a user does, step by step. Each step has a Blender of its own; the first installs the extension for all."""
 
 import os
+import shutil
 import signal
 import sys
 import time
@@ -19,6 +20,7 @@ from hands import (
     in_a_pass,
     lens_image_path,
     newest_window,
+    node_label,
     notice,
     open_sample,
     over,
@@ -176,6 +178,52 @@ def other_windows():
     yield from press("ESC", area("IMAGE_EDITOR", window), window)
     yield 1
     assert rendering()  # Esc is for Blender's own, though Blender does not hear a simulated one
+
+
+def compositor():
+    """The lens image where it is true, else the plain render; and taken out, all is as it was."""
+    yield from open_sample()
+    plain = yield from render_in_blender()
+    lens_image = yield from render()
+    scene = bpy.context.scene
+    assert alike((yield from render_in_blender()), lens_image)
+    scene.frame_set(2)
+    assert alike((yield from render_in_blender()), plain) and "frame 2 has no lens image" in node_label()
+    scene.frame_set(1)
+    assert alike((yield from render_in_blender()), lens_image)
+    bpy.data.objects["Vase"].location.x += 0.01
+    bpy.ops.ed.undo_push(message="Move")
+    yield 1
+    shoot("changed")
+    changed = yield from render_in_blender()
+    assert not alike(changed, lens_image) and not alike(changed, plain) and "has changed since" in node_label()
+    yield from press("Z", region(area("VIEW_3D")), across=0.3, ctrl=True)
+    yield 1
+    assert alike((yield from render_in_blender()), lens_image)
+    with over():
+        assert bpy.ops.lensfield.remove_from_compositor() == {"FINISHED"}
+    assert alike((yield from render_in_blender()), plain) and node_label() is None
+
+
+def moved_folder():
+    """Saved, moved and opened from elsewhere, the lens image is still there; without its file it is told."""
+    yield from open_sample()
+    plain = yield from render_in_blender()
+    lens_image = yield from render()
+    bpy.ops.wm.save_mainfile()
+    moved = FOLDER / "moved"
+    moved.mkdir()
+    for name in ("evening_chess.blend", "lensfield"):
+        FOLDER.joinpath(name).rename(moved / name)
+    bpy.ops.wm.open_mainfile(filepath=str(moved / "evening_chess.blend"))
+    yield 1
+    assert alike((yield from render_in_blender()), lens_image)
+    shutil.rmtree(moved / "lensfield")
+    bpy.ops.wm.revert_mainfile()
+    yield 1
+    yield from show_tab()
+    shoot("deleted")
+    assert alike((yield from render_in_blender()), plain) and "is not there" in node_label()
 
 
 def quit():
