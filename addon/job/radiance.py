@@ -15,7 +15,7 @@ from ...engine.report import SceneFacts
 from ...engine.spectral.wavelength_choice import FOREIGN_SURPRISE
 from ..scene.camera import capture_grid, captured_region, check_camera, render_region
 from ..scene.errors import SceneError
-from ..scene.render_state import go_to_frame, guard_render_state, rendered_layer, turn_on_layer
+from ..scene.render_state import clamps_of, go_to_frame, guard_render_state, rendered_layer, turn_on_layer
 from ..scene.undo import Journal
 from .bands import CHANNELS
 from .remarks import scene_remarks
@@ -96,11 +96,13 @@ def capture(scene, job, result, share):
         guard_render_state(scene, job, grid, rendered, folder / "pass.exr", journal)
         for path in result.files:
             check_target(path)
-        layer = rendered_layer(scene).name
+        layer, clamps = rendered_layer(scene).name, clamps_of(scene)
         gathered = _Gathered(plan, [f"{layer}.Combined", *(f"{layer}.Combined_{name}" for name in names)],
                              f"{layer}.Depth.Z", grid)
         for index, band in enumerate(plan.bands):
             substitution.set_wavelengths(band, plan.dispersive)
+            for name, clamp in clamps.items():
+                journal.set(scene.cycles, name, clamp * substitution.brightest(band) if job.clamp else 0.0)
             step = share / len(plan.bands)
             yield RenderPass(scene, f"Pass {index + 1} of {len(plan.bands)}: {_span(band)} nm", step * index, step)
             yield Work(lambda tell, index=index: gathered.add(index, folder / "pass.exr"), "Gathering light",
@@ -124,7 +126,7 @@ class _Gathered:
         self._plan, self._grid = plan, grid
         self._light_passes, self._depth_pass = light_passes, depth_pass
         self._cube = np.zeros((plan.choice.output_nm.size, *grid.shape_px), np.float32)
-        self._blocks, self.depth_m, self.alpha = [], None, None
+        self._blocks, self.depth_m, self.alpha = {}, None, None
 
     def add(self, index, path):
         """Add a pass's light of each lamp in red, green and blue; and keep its depth and alpha."""
@@ -138,7 +140,8 @@ class _Gathered:
         shares = (self._plan.shares(index) @ mix).astype(np.float32)
         channels = CHANNELS[:mix.shape[1]]
         means = [_block_means(planes[f"{self._light_passes[0]}.{channel}"]) for channel in channels]
-        self._blocks += list(np.tensordot(mix, means, axes=1))
+        nodes = range(self._plan.choice.nodes_nm.size)[self._plan.nodes(index)]
+        self._blocks |= zip(nodes, np.tensordot(mix, means, axes=1), strict=True)
         for row in range(0, self._cube.shape[1], ROWS_AT_ONCE):
             rows = slice(row, row + ROWS_AT_ONCE)
             light = np.stack([[planes[f"{name}.{channel}"][rows] for channel in channels]
@@ -161,7 +164,7 @@ class _Gathered:
         """The plan, and what the passes tell of it: how well spectra were foreseen, and the frame's depths."""
         plan, choice, (top, left) = self._plan, self._plan.choice, self._grid.overscan_px
         rows, columns = self._grid.frame_px
-        surprise = choice.surprise(np.array(self._blocks))
+        surprise = choice.surprise(np.array([self._blocks[node] for node in sorted(self._blocks)]))
         foreign = bool(surprise > FOREIGN_SURPRISE)
         return SceneFacts(
             passes=len(plan.bands), wavelengths_per_pass=plan.per_pass,

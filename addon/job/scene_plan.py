@@ -62,7 +62,7 @@ class ScenePlan:
     def shares(self, index):
         """What the wavelengths of a pass give to the radiance at each asked for: array (wavelength, lamp, of pass)."""
         lamps = np.stack([lamp.output_at(self.choice.output_nm) for lamp in self.lamps], axis=-1)
-        return lamps[:, :, None] * self.choice.weights[:, None, self._nodes(index)]
+        return lamps[:, :, None] * self.choice.weights[:, None, self.nodes(index)]
 
     def mix(self, index):
         """What the wavelengths of a pass take of its planes: array (of pass, channel), channels as in CHANNELS.
@@ -70,13 +70,14 @@ class ScenePlan:
         Each wavelength has a channel of its own. But where one rides in all three and they differ, by what Cycles
         colours in RGB, they are mixed as a colour is upsampled; what is substituted is alike in all three and stays.
         """
-        nodes_nm = self.choice.nodes_nm[self._nodes(index)]
+        nodes_nm = self.choice.nodes_nm[self.nodes(index)]
         if self.unfit and self.per_pass == 1:
             return colour_basis(nodes_nm)[:, ::-1]
         return np.eye(nodes_nm.size)
 
-    def _nodes(self, index):
-        return slice(index * self.per_pass, (index + 1) * self.per_pass)
+    def nodes(self, index):
+        """Which of the wavelengths that are rendered ride in a pass: a slice."""
+        return slice(index, None, len(self.bands))
 
     @property
     def text(self):

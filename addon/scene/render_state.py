@@ -10,7 +10,7 @@ RENDER = {"engine": "CYCLES", "use_border": False, "use_crop_to_border": False, 
           "use_single_layer": False, "use_stamp": False, "resolution_percentage": 100}
 CYCLES = {"film_exposure": 1.0, "pixel_filter_type": "BOX",
           "blur_glossy": 0.0}  # it blurs by the probability of a path, in which all wavelengths of a pass have a say
-NO_CLAMPS = {"sample_clamp_direct": 0.0, "sample_clamp_indirect": 0.0}
+CLAMPS = "sample_clamp_direct", "sample_clamp_indirect"
 HALF = 0.5  # a pixel, so that no rounding costs one
 IMAGE = {"media_type": "MULTI_LAYER_IMAGE", "file_format": "OPEN_EXR_MULTILAYER", "color_depth": "32",
          "exr_codec": "ZIP"}
@@ -45,13 +45,12 @@ def rendered_layer(scene):
 def guard_render_state(scene, job, capture, region, path, journal):
     """Set what the passes need; each is written to `path`, a multilayer EXR of the light and its depth.
 
-    Light of colour 1 and strength 1 is 1 in them, as in Blender's own renders: the scene's clamps hold as they are.
     Of a capture the region alone is rendered, slices of its rows and columns; all of it, where that is None.
     """
     rows, columns = capture.shape_px
     for name, value in (RENDER | {"filepath": str(path), "resolution_y": rows, "resolution_x": columns}).items():
         journal.set(scene.render, name, value)
-    for name, value in (CYCLES | {"use_denoising": job.denoise} | ({} if job.clamp else NO_CLAMPS)).items():
+    for name, value in (CYCLES | {"use_denoising": job.denoise}).items():
         journal.set(scene.cycles, name, value)
     if region:
         _guard_region(scene.render, region, capture.shape_px, journal)
@@ -63,6 +62,14 @@ def guard_render_state(scene, job, capture, region, path, journal):
     camera.animation_data_clear()
     camera.dof.use_dof = False  # blur is the lens's
     set_up_capture(camera, job.lens, capture)
+
+
+def clamps_of(scene):
+    """The scene's clamps by name, of the mean of red, green and blue in each sample; 0 for none.
+
+    They hold as they are for passes, too: light of colour 1 and strength 1 is 1 there, as in Blender's own renders.
+    """
+    return {name: getattr(scene.cycles, name) for name in CLAMPS}
 
 
 def _guard_region(render, region, shape_px, journal):

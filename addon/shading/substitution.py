@@ -89,7 +89,7 @@ class Substitution:
     def __init__(self, scene, journal, spectra, lamps, groups, rendered):
         self._scene, self._journal = scene, journal
         self._spectra, self._lamps, self._groups = spectra, lamps, groups
-        self._values, self._indices, self._copies = {}, set(), {}
+        self._values, self._indices, self._copies, self._sharing = {}, set(), {}, set()
         self.factors, self.mixed_colours, self.refusals = [], False, []
         self._upsamplers = {basis: self._make_upsampler(basis) for basis in set(BASIS.values())}
         worlds = {scene.world, *(layer.world_override for layer in scene.view_layers)} - {None}
@@ -120,6 +120,13 @@ class Substitution:
         # again; a property of the view layer, though set to what it is, has just the attributes read anew.
         layer = rendered_layer(self._scene)
         layer.samples = layer.samples
+
+    def brightest(self, wavelengths_nm):
+        """How bright lamps that share the flat one's group get in a pass, of strength 1: the brightest's mean over its
+        wavelengths, and 1 at the least, which is what all others have."""
+        flat = self._lamps.flat.density_at(wavelengths_nm)
+        levels = (self._lamps.shared_density_at(lamp, wavelengths_nm) / flat for lamp in self._sharing)
+        return max([1.0, *(float(level.mean()) for level in levels)])
 
     def _substitute_material(self, material):
         assigned = self._assigned(material, reflectance=self._spectra.of(material, "reflectance"),
@@ -222,6 +229,8 @@ class Substitution:
         temperature_k = None if assigned.emission or assigned.lamp else blackbody_temperature(socket)
         lamp = assigned.emission or assigned.lamp or self._lamps.of_socket(socket)
         group = self._lamps.flat if assigned.shared_group else lamp
+        if group is not lamp:
+            self._sharing.add(lamp)
         tint = np.array(assigned.tint)
 
         def light_at(nm):

@@ -12,7 +12,7 @@ from lensfield.engine.image.spectral_exr import read_exr, read_parts
 from lensfield.engine.spectral.spectra import white_density
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 from noise import assert_means
-from small_scenes import WAVELENGTHS_NM, light, material, render, wall
+from small_scenes import WAVELENGTHS_NM, light, material, render, set_world, wall
 
 TINT = 0.9, 0.5, 0.3
 EDGES = 2e-3  # of the light is lost between the triangles of panes
@@ -51,14 +51,31 @@ def test_a_grey_sample_is_clamped_as_in_cycles(scene, tmp_path, name, panes, tie
     assert_means(radiance(scene, tmp_path / "clamped", tier), 2.0 * white, EDGES)
 
 
-def test_the_clamp_is_of_the_mean_of_a_pass(scene, tmp_path):
-    """As Cycles takes the mean of red, green and blue: so a lamp of the scene's own colour is cut much as there."""
-    scene.cycles.max_bounces = 0
-    glowing_wall(scene, 8.0, TINT)
-    free, own = radiance(scene, tmp_path / "free"), 8.0 * np.mean(TINT)
-    scene.cycles.sample_clamp_direct = own / 4
-    clamped = radiance(scene, tmp_path / "clamped")
-    assert np.all(np.abs(clamped / free - 0.25) < 0.05)
+@pytest.mark.parametrize("tint", [(1.0, 0.5, 0.1), (0.1, 0.4, 1.0), (0.2, 0.9, 0.3)])
+@pytest.mark.parametrize("tier", ["preview", "standard"])
+def test_a_clamped_light_keeps_its_colour(scene, tmp_path, tint, tier):
+    """Cycles cuts all of a sample by its mean of red, green and blue; so is each pass cut, of its three wavelengths."""
+    set_world(scene, tint, 20.0)
+    scene.cycles.sample_clamp_direct = 5.0
+    result = render(scene, tmp_path, np.linspace(400, 700, 21), spectral=SpectralOptions(tier))
+    seen = lens_image(result)[:, 18, 24]
+    np.testing.assert_allclose(seen / seen.sum(), np.array(tint) / np.sum(tint), atol=0.03)
+    assert seen.mean() == pytest.approx(5.0, rel=0.25)  # the means of three wavelengths and of three colours differ
+
+
+@pytest.mark.parametrize("strength, free", [(6.0, True), (60.0, False)])
+def test_a_line_that_shares_a_group_is_clamped_by_its_whole_light(scene, tmp_path, strength, free):
+    """As denoising has it share: at its wavelength it is many times as bright as white of the same strength."""
+    set_world(scene, strength=1e-3)
+    glowing_wall(scene, strength)
+    bpy.data.materials["Glow"].lensfield.emission = "sodium-lp"
+    nm = np.linspace(400, 700, 21)
+    whole = render(scene, tmp_path / "whole", nm, denoise=True)
+    assert whole.report.scene.lamps == ["several spectra"]
+    scene.cycles.sample_clamp_direct = 10.0
+    clamped = render(scene, tmp_path / "clamped", nm, denoise=True)
+    share = read_exr(clamped.radiance).cube.sum() / read_exr(whole.radiance).cube.sum()
+    assert share == pytest.approx(1.0 if free else 10 / strength, rel=0.01 if free else 0.5)
 
 
 def test_reference_goes_without_clamps_and_says_so(scene, tmp_path):

@@ -34,7 +34,8 @@ def patch(name):
 
 
 def test_three_wavelengths_ride_in_each_pass():
-    assert [band.tolist() for band in passes([400, 500, 600, 700])] == [[600, 500, 400], [700, 700, 700]]
+    assert [band.tolist() for band in passes([400, 500, 600, 700])] == [[600, 600, 400], [700, 700, 500]]
+    assert [band.tolist() for band in passes(range(400, 900, 100))] == [[800, 600, 400], [700, 700, 500]]
     assert [band.tolist() for band in passes([400, 500])] == [[500, 500, 400]]
 
 
