@@ -7,11 +7,10 @@ import numpy as np
 from ...engine.errors import InputError
 from ...engine.spectral.spectra import BAND_NM
 from ...engine.spectral.wavelength_choice import UNFIT, WavelengthChoice, choose_wavelengths
-from ..scene.camera import capture_grid, check_camera, in_view, render_region
+from ..scene.camera import in_view, render_region
 from ..scene.errors import SceneError
 from ..scene.instances import rendered_blocks, rendered_instances
-from ..scene.render_state import go_to_frame, rendered_layer, turn_on_layer
-from ..scene.undo import Journal
+from ..scene.render_state import rendered_layer
 from ..scene.working_space import colour_basis
 from ..shading.assigned import AssignedSpectra
 from ..shading.lamps import Lamps, LightGroups
@@ -120,22 +119,6 @@ def _check_view_layers(scene, chosen):
     if not chosen and len(on) != 1:
         raise SceneError(f"scene {scene.name!r}", "view layers for rendering", ", ".join(on) or "none",
                          "choose one of them: View Layer in Lensfield's settings, or --view-layer")
-
-
-def foresee(scene, job):
-    """The ScenePlan that a job would follow, or could but for its refusals. The scene is left as it is.
-
-    Raises
-    ------
-    LensError, SceneError, InputError
-        Nothing can be foreseen: what the job would raise for the camera, the view layers or the wavelengths.
-    """
-    check_job(scene, job)
-    with Journal() as journal:
-        go_to_frame(scene, job.frame, journal)
-        turn_on_layer(scene, job.view_layer, journal)
-        check_camera(scene)
-        return plan_scene(scene, job, capture_grid(scene, job.lens, job.wavelengths_nm, job.room), journal)[0]
 
 
 def plan_scene(scene, job, grid, journal):

@@ -1,6 +1,5 @@
 """The plan of a scene: no more passes than it takes, why, and that what it promises is so in the picture."""
 
-from dataclasses import replace
 from functools import cache
 
 import bpy
@@ -381,22 +380,8 @@ def test_glass_whose_index_is_not_known_is_named_before_anything_is_rendered(sce
         rendered(scene, tmp_path / "out")
 
 
-def test_foresight_refuses_what_the_render_would(scene):
-    from lensfield.addon.job.job import job_from_settings
-    from lensfield.addon.job.scene_plan import foresee
-
-    job = job_from_settings(scene)
-    assert "1 Cycles render at" in foresee(scene, job).text  # the output folder is no matter of the plan
-    scene.view_layers.new("Second")
-    with pytest.raises(SceneError, match="view layers for rendering"):
-        foresee(scene, job)
-
-
-def foreseen(scene, **changes):
-    from lensfield.addon.job.job import job_from_settings
-    from lensfield.addon.job.scene_plan import foresee
-
-    return foresee(scene, replace(job_from_settings(scene), **changes))
+def foreseen(scene, **asked):
+    return addon.preflight(scene, "out", **asked).plan
 
 
 def test_a_misspelt_spectrum_hides_no_plan_but_refuses_the_render(room, tmp_path):
