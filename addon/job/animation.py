@@ -44,6 +44,7 @@ class Animation:
 
     def __init__(self, scene, frames=None, *, overwrite=False, state=None, **asked):
         self._scene, self._asked = scene, asked | {"state": state or fingerprint_anew(scene)}
+        self._folder = folder_for(scene, asked.get("output_folder"))
         self.pending, self.earlier, self.outdated, self.results = [], {}, [], {}
         for frame in own_frames(scene) if frames is None else frames:
             if overwrite or not self._find(frame):
@@ -51,7 +52,7 @@ class Animation:
 
     def _find(self, frame):
         """Whether a frame is there, as it would be rendered now."""
-        result = Result.of(self._scene, folder_for(self._scene, self._asked.get("output_folder")), frame)
+        result = Result.of(self._scene, self._folder, frame)
         if not result.record.is_file():  # without going to the frame, which may take long
             return False
         with _named(frame):
@@ -96,9 +97,9 @@ class Animation:
     def summary(self):
         """How many frames there are of what kind: list of lines."""
         seconds, frames = sum(self.report.stages.values()), len(self.results)
-        lines = [f"{frames} frame{'s' * (frames != 1)} in {seconds:.1f} s" if frames else "nothing to render"]
-        if self.earlier:
-            lines[0] += f"; {len(self.earlier)} there already"
+        rendered = f"{frames} frame{'s' * (frames != 1)} in {seconds:.1f} s" if frames else "nothing to render"
+        earlier = f"; {len(self.earlier)} there already" if self.earlier else ""
+        lines = [f"{rendered}{earlier}, in {self._folder}"]
         if self.outdated:
             lines.append(f"{len(self.outdated)} of the frames there already, from {self.outdated[0]} on, are of the "
                          "scene before it was changed: Overwrite (--overwrite) renders them anew")

@@ -51,10 +51,11 @@ def comparable(fingerprint):
 
 def settings_digest(scene):
     """Of the scene's own settings: text."""
-    walk = _Walk()
+    walk = _Walk(_animated(scene))
     for name in RENDER:
         walk.add(name, getattr(scene.render, name))
-    walk.add("camera", scene.camera)
+    walk.add("camera", [(marker.frame, marker.camera) for marker in scene.timeline_markers if marker.camera]
+             or scene.camera)
     walk.add("world", scene.world)
     walk.struct(scene.cycles, "cycles", scene)
     for layer in scene.view_layers:

@@ -82,7 +82,7 @@ def test_frames_that_are_there_are_not_rendered_again(moving_scene, tmp_path):
     animation = addon.render_animation(moving_scene, range(2, 7, 2))
     assert made(animation) == [6] and list(animation.earlier) == [2, 4]
     assert {path: path.stat().st_mtime_ns for path in stamps} == stamps
-    assert animation.summary[0].endswith("; 2 there already") and len(animation.summary) == 1
+    assert animation.summary[0].endswith(f"; 2 there already, in {folder}") and len(animation.summary) == 1
     report = animation.report.as_dict()
     assert [(frame["frame"], frame.get("earlier", False)) for frame in report["frames"]] == [
         (2, True), (4, True), (6, False)]
@@ -90,7 +90,7 @@ def test_frames_that_are_there_are_not_rendered_again(moving_scene, tmp_path):
     assert report["total_s"] == pytest.approx(report["frames"][2]["total_s"]) and report["lens"] == "edmund-54852"
     assert made(addon.render_animation(moving_scene, [2, 4], overwrite=True)) == [2, 4]
     assert not made(nothing := addon.render_animation(moving_scene))
-    assert nothing.summary == ["nothing to render; 3 there already"]
+    assert nothing.summary == [f"nothing to render; 3 there already, in {folder}"]
 
 
 def shorten(path):
@@ -173,14 +173,23 @@ def test_cameras_of_markers_and_keyframed_settings_are_those_of_each_frame(movin
     moving_scene.lensfield.view = "CAMERA"
     for frame, accuracy in ((2, 0.02), (4, 0.05)):
         moving_scene.lensfield.accuracy = accuracy
-        moving_scene.keyframe_insert("lensfield.accuracy", frame=frame)
+        moving_scene.cycles.samples = 4 * frame
+        for path in ("lensfield.accuracy", "cycles.samples"):
+            moving_scene.keyframe_insert(path, frame=frame)
     results = addon.render_animation(moving_scene, [2, 4]).results.values()
     first, second = (result.report.scene.lens_warning for result in results)
     factor = [float(text.split(" made ")[1].split(" times")[0]) for text in (first, second)]
     assert factor[1] == pytest.approx(2 * factor[0], rel=1e-2)
     records = [json.loads(result.record.read_text()) for result in results]
     assert [record["job"]["options"]["accuracy"] for record in records] == [0.02, 0.05]
-    assert not addon.Animation(moving_scene, [2, 4]).pending
+    assert [record["job"]["settings"]["samples"] for record in records] == [8, 16]
+    for frame in (2, 4):  # whichever the scene is at
+        moving_scene.frame_set(frame)
+        animation = addon.Animation(moving_scene, [2, 4])
+        assert not animation.pending and not animation.outdated
+    moving_scene.timeline_markers["B"].camera = moving_scene.timeline_markers["A"].camera
+    moving_scene.camera = moving_scene.timeline_markers["A"].camera
+    assert addon.Animation(moving_scene, [2]).outdated == [2]
 
 
 @pytest.mark.parametrize("animated", [False, True])

@@ -117,7 +117,7 @@ def test_frames_of_the_scene_before_an_edit_are_told_and_not_laid(moving_scene, 
     bpy.ops.wm.save_mainfile()
     render = start()
     follow()
-    assert notice() == "nothing to render; 2 there already" and len(render.laid) == 2
+    assert notice() == f"nothing to render; 2 there already, in {tmp_path / 'lensfield'}" and len(render.laid) == 2
     set_world(moving_scene, (1, 0.5, 0.5))
     frame_file(tmp_path, 2).unlink()
     render = start()
