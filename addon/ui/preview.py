@@ -59,7 +59,7 @@ class Preview:
     @property
     def slow(self):
         """Whether the file takes so long to copy that it has to be asked for."""
-        return bool(self.copies_s) and min(self.copies_s) > LONGEST_COPY_S
+        return len(self.copies_s) == 2 and min(self.copies_s) > LONGEST_COPY_S  # once may be chance
 
     @property
     def fresh(self):
