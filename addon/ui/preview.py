@@ -109,6 +109,9 @@ def switch_off(why=""):
     end()
     state["why_off"] = why
     if image := bpy.data.images.get(NAME):
+        for editor in _image_editors():
+            if editor.image == image:
+                editor.image = bpy.data.images.get("Render Result")
         bpy.data.images.remove(image)
     _redraw()
 
@@ -188,8 +191,8 @@ def _take_in(preview, scene):
     preview.asked, preview.error = (), ""
     if told["status"] == 0:
         image_path = Path(told["lens_image"])
-        preview.radiance = image_path.with_name(image_path.name.replace("_lens_image", "_radiance"))
         _show(preview, scene, image_path)
+        preview.radiance = image_path.with_name(image_path.name.replace("_lens_image", "_radiance"))
         preview.told = _facts(scene, time.monotonic() - preview.asked_s, key[0])
     if what == "lens" and (told["status"] or not _in_view(preview, scene)):
         preview.changed_s = 0.0  # what is in its own view, or drawn in from beyond, has to be captured
@@ -212,13 +215,17 @@ def _facts(scene, seconds, lens):
 
 
 def _show(preview, scene, path):
-    """Show a lens image, in image editors that follow Blender's own render and in the camera's view."""
+    """Show a lens image in the camera's view, and the first one in image editors that follow Blender's own render."""
     image = show_file(bpy.data.images.get(NAME), str(path), NAME)
     image.save_render(str(preview.picture), scene=scene)
     preview_overlay.forget_picture()
-    for area in window_render.areas("IMAGE_EDITOR"):
-        if area.spaces.active.image is None or area.spaces.active.image.type == "RENDER_RESULT":
-            area.spaces.active.image = image
+    for editor in () if preview.radiance else _image_editors():
+        if editor.image is None or editor.image.type == "RENDER_RESULT":
+            editor.image = image
+
+
+def _image_editors():
+    return [area.spaces.active for area in window_render.areas("IMAGE_EDITOR")]
 
 
 def _redraw():

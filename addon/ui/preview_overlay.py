@@ -1,5 +1,5 @@
 """The preview in the camera's view of the 3D viewport: drawn over it, where the lens's frame is; the scene is not
-touched. It steps back while what it shows is out of date, so that work is seen."""
+touched. It steps back while what it shows is out of date, so that work is seen, and with all other overlays."""
 
 import bpy
 import numpy as np
@@ -31,7 +31,8 @@ def forget_picture():
 def _draw():
     preview, space, view = _overlay["preview"], bpy.context.space_data, bpy.context.region_data
     if (view.view_perspective != "CAMERA" or bpy.context.scene.session_uid != preview.scene_uid
-            or space.camera != bpy.context.scene.camera or not preview.fresh or not preview.picture.is_file()):
+            or space.camera != bpy.context.scene.camera or not space.overlay.show_overlays or not preview.fresh
+            or not preview.picture.is_file()):
         return
     corners = [location_3d_to_region_2d(bpy.context.region, view, corner)
                for corner in frame_corners(space.camera, preview.tangents)]
