@@ -14,7 +14,7 @@ LEFT_OUT = {"rna_type", "name_full", "is_active", "is_runtime_data", "location_a
             "use_fake_user", "use_extra_user", "tag", "preview", "asset_data", "library", "library_weak_reference",
             "override_library", "original", "matrix_world", "matrix_local", "matrix_basis",
             "matrix_parent_inverse_world", "matrix", "hide_viewport", "hide_select", "hide", "pixels", "is_dirty",
-            "users_collection", "grease_pencil", "texture_mesh", "cached_location", "frame_current", "session_uid", "bl_icon"}
+            "users_collection", "grease_pencil", "texture_mesh", "cached_location", "frame_current", "session_uid"}
 LEFT_OUT_STARTS = "show_", "select", "active", "display_", "bl_", "preview_", "debug_", "bone_color", "lock_"
 LEFT_OUT_OF = {  # by type: what is the editor's, or is told elsewhere
     "Node": {"location", "width", "height", "label", "color", "use_custom_color", "parent", "warning_propagation"},
