@@ -135,6 +135,13 @@ def has_lens_images(scene):
     return _node(scene) is not None
 
 
+def is_true(scene):
+    """Whether the scene, when it was last looked at, was as at one of its lens images; None if that is not known."""
+    if scene.session_uid not in _taken:
+        return None
+    return _taken[scene.session_uid] in _state(_node(scene).node_tree)["frames"].values()
+
+
 def fingerprint_now(scene):
     """The fingerprint that was last taken of a scene, or a new one."""
     if scene.session_uid not in _taken:
@@ -320,12 +327,26 @@ def _build(group):
         source = group.nodes.new("CompositorNodeImage")
         source.name = source.label = name
         source.location.y = -350 * row
-        picture = source.outputs["Image"]
+        picture = _add_scale(group, source)
         if name in SWITCHED:
             picture = _add_switch(group, name, plain.outputs[name], picture)
         _link(group, picture, out.inputs[name])
         if name == "Image":
             _link(group, picture, out.inputs["Alpha"], "Alpha")
+
+
+def _add_scale(group, source):
+    """Let a file fill the frame, whatever that is: in a viewport's compositor it has other pixels than a render."""
+    scale = group.nodes.new("CompositorNodeScale")
+    scale.location = source.location.x + 200, source.location.y
+    group.links.new(source.outputs["Image"], scale.inputs["Image"])
+    smooth = source.name != "Depth"  # no depth lies between two
+    if "Type" in scale.inputs:
+        scale.inputs["Type"].default_value = "Render Size"
+        scale.inputs["Interpolation"].default_value = "Bilinear" if smooth else "Nearest"
+    else:
+        scale.space, scale.interpolation = "RENDER_SIZE", "BILINEAR" if smooth else "NEAREST"
+    return scale.outputs["Image"]
 
 
 def _add_switch(group, name, off, on):

@@ -4,15 +4,19 @@ All is done on the main thread, while nothing renders. In a window, changes are 
 does not tell of (settings, files) within CHECK_S; in the background, when a render begins.
 """
 
+import time
+
 import bpy
 from bpy.app.handlers import persistent
 
-from .compositor import forget_fingerprints, has_lens_images, refresh
+from .compositor import forget_fingerprints, has_lens_images, is_true, refresh
 from .fingerprint import changed, forget, forget_all, settings_digest
 
 CHECK_S = 1.0
+QUIET_S = 0.5  # after a change, such as a stroke of many: what is old by then can wait
 
 _settings = {}  # by session_uid: the scenes' settings as last seen; none, where more may have changed
+_last = {"update_s": 0.0}
 
 
 def look_again():
@@ -24,16 +28,22 @@ def look_again():
 
 @persistent
 def on_update(scene, depsgraph):
-    """Something has changed: look at it again."""
-    if any([changed(block) for block in _updated(depsgraph)]) and not _renders():
+    """Something has changed. Where lens images are true, or may be so again by an undo, it is looked at at once."""
+    blocks, known = _updated(depsgraph), [is_true(scene) for scene in _watched()]
+    _last["update_s"] = time.monotonic()
+    if any(known) and not _renders():
+        if any([changed(block) for block in blocks]):
+            look_again()
+        return
+    _forget(blocks)
+    if None in known and not _renders():
         look_again()
 
 
 @persistent
 def on_undo(*_):
-    """What was looked at is other data now; Blender tells which of it differs by an update."""
+    """What was looked at is other data now; Blender tells by an update which of it differs."""
     forget_fingerprints()
-    _settings.clear()  # the next check looks
 
 
 @persistent
@@ -54,9 +64,7 @@ def on_render(scene, *_):
 @persistent
 def on_frame(scene, depsgraph):
     """The label tells of the frame. What is animated is another; what else has changed is looked for by and by."""
-    for block in _updated(depsgraph):
-        forget(block)
-    _settings.clear()
+    _forget(_updated(depsgraph))
     if not _renders() and has_lens_images(scene):
         refresh(scene)
 
@@ -64,9 +72,10 @@ def on_frame(scene, depsgraph):
 def check():
     """Look at what Blender does not tell of; seconds to the next look."""
     if not _renders() and not _plays():
+        quiet = time.monotonic() - _last["update_s"] > QUIET_S
         for scene in _watched():
             settings = settings_digest(scene)
-            if settings != _settings.get(scene.session_uid):
+            if quiet and settings != _settings.get(scene.session_uid):
                 _settings[scene.session_uid] = settings
                 forget_fingerprints()
             refresh(scene)
@@ -75,6 +84,14 @@ def check():
 
 def _watched():
     return [scene for scene in bpy.data.scenes if has_lens_images(scene)]
+
+
+def _forget(blocks):
+    """Look at them again at the next check."""
+    for block in blocks:
+        forget(block)
+    if blocks:
+        _settings.clear()
 
 
 def _updated(depsgraph):

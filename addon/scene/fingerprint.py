@@ -19,10 +19,12 @@ LEFT_OUT_STARTS = "show_", "select", "active", "display_", "bl_", "preview_", "d
 LEFT_OUT_OF = {  # by type: what is the editor's, or is told elsewhere
     "Node": {"location", "width", "height", "label", "color", "use_custom_color", "parent", "warning_propagation"},
     "NodeSocket": {"enabled", "links", "hide_value", "link_limit", "description", "pin_gizmo"},  # it is as the node is
-    "MeshPolygon": {"vertices"},
-    "Mesh": {"vertices", "loop_triangles", "uv_layers", "color_attributes", "skin_vertices", "vertex_normals",
-             "polygon_normals", "corner_normals", "loop_triangle_polygons", "uv_layer_clone", "uv_layer_stencil",
-             "vertex_colors", "sculpt_vertex_colors"}}
+    "Object": {"display", "lineart", "animation_visualization", "motion_path", "empty_display_type",
+               "empty_display_size", "empty_image_depth", "empty_image_side"},
+    "Mesh": {"vertices", "edges", "loops", "polygons", "loop_triangles", "uv_layers", "color_attributes",  # attributes
+             "skin_vertices", "vertex_normals", "polygon_normals", "corner_normals", "loop_triangle_polygons",
+             "uv_layer_clone", "uv_layer_stencil", "vertex_colors", "sculpt_vertex_colors"}}
+EDITORS_ATTRIBUTES = ".select", ".uv_select", ".hide"
 OURS = "cycles", "lensfield"  # of what add-ons define; others' may not be there on another machine
 RENDER = ("resolution_x", "resolution_y", "resolution_percentage", "pixel_aspect_x", "pixel_aspect_y",
           "film_transparent", "use_border", "border_min_x", "border_max_x", "border_min_y", "border_max_y",
@@ -142,15 +144,15 @@ class _Walk:
     """A digest of all that is in a struct, and in those that it owns."""
 
     def __init__(self, animated=frozenset()):
-        self._hash, self._animated, self._seen = blake2b(digest_size=12), animated, set()
+        self._parts, self._animated, self._seen = [], animated, set()
 
     def digest(self):
-        return self._hash.hexdigest()
+        return blake2b(";".join(self._parts).encode(errors="surrogateescape"), digest_size=12).hexdigest()
 
     def add(self, name, value):
         if isinstance(value, bpy.types.ID):
             value = value.name_full
-        self._hash.update(f"{name}={value!r};".encode())
+        self._parts.append(f"{name}={value!r}")
 
     def struct(self, struct, path, block):
         """Add a struct at a path in a data-block."""
@@ -158,12 +160,14 @@ class _Walk:
         if key in self._seen:
             return
         self._seen.add(key)
-        self._hash.update(struct.rna_type.identifier.encode())
+        self._parts.append(key[1])
         for name, kind in _fields_of(struct):
             inner = f"{path}.{name}" if path else name
-            value = getattr(struct, name, None)
+            value = _value(struct, name)
             if kind == "POINTER":
                 self._pointer(name, value, inner, block)
+            elif value is None:
+                self.add(name, None)
             elif kind == "COLLECTION":
                 self._collection(name, value, inner, block)
             elif kind == "ARRAY":
@@ -176,6 +180,8 @@ class _Walk:
     def _pointer(self, name, value, path, block):
         if value is None or (isinstance(value, bpy.types.ID) and not value.is_embedded_data):
             self.add(name, value)
+        elif getattr(value, "type", "") == "NONE":  # a force field that is off
+            self.add(name, "NONE")
         elif isinstance(value, bpy.types.ID):
             self.add(name, _digest(value))
         elif value.id_data == block:
@@ -185,6 +191,8 @@ class _Walk:
             self.add(name, getattr(value, "name", ""))
 
     def _collection(self, name, items, path, block):
+        if name == "attributes":
+            items = [item for item in items if not item.name.startswith(EDITORS_ATTRIBUTES)]
         self.add(name, len(items))
         if not len(items):
             return
@@ -209,7 +217,7 @@ class _Walk:
                 items.foreach_get(name, values)
             except (RuntimeError, TypeError):  # arrays of no fixed length, told by others' fields
                 continue
-            self._hash.update(values.tobytes())
+            self.add(name, blake2b(values.tobytes()).hexdigest())
 
     def _custom_properties(self, struct, path):
         for key in sorted(struct.keys()):
@@ -217,6 +225,13 @@ class _Walk:
                 value = struct[key]
                 self.add(key, value.to_list() if hasattr(value, "to_list") else
                          value.to_dict() if hasattr(value, "to_dict") else value)
+
+
+def _value(struct, name):
+    try:
+        return getattr(struct, name)
+    except (AttributeError, ValueError, RuntimeError):  # such as text of no encoding, in old files
+        return None
 
 
 def _flat(value):

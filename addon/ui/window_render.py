@@ -17,7 +17,14 @@ from ..job.job import check_output_folder, job_from_settings
 from ..job.refilter import kept_radiance
 from ..job.scene_plan import check_job
 from ..job.session import lost_images
-from ..scene.compositor import fingerprint_anew, follow_frames, laid_fingerprint, lay_into_compositor, lens_image
+from ..scene.compositor import (
+    fingerprint_now,
+    follow_frames,
+    forget_fingerprints,
+    laid_fingerprint,
+    lay_into_compositor,
+    lens_image,
+)
 
 TICK_S = 0.1
 PICTURE = "so_far.png"
@@ -86,9 +93,10 @@ def start(scene, *frames):
     """
     check_output_folder(scene)
     check_job(scene, job_from_settings(scene))
+    forget_fingerprints()
     remarks = [f"image {name!r} has unsaved pixels, which are not in the picture: save or pack it"
                for name in lost_images()]
-    state_now = fingerprint_anew(scene)
+    state_now = fingerprint_now(scene)
     _follow(scene, lambda folder: render_command(save_copy(folder), Path(folder) / PICTURE, "--scene-state", state_now,
                                                  *frames), remarks, state_now, bool(frames))
     return remarks

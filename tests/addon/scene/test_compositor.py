@@ -1,5 +1,9 @@
 """The compositor step, on trees of 4.x and of 5.x."""
 
+import os
+import subprocess
+import sys
+
 import bpy
 import numpy as np
 import OpenEXR
@@ -128,11 +132,13 @@ def test_what_the_render_depends_on_makes_a_lens_image_old(scene, tmp_path, chan
     lambda scene: setattr(scene.camera, "hide_viewport", True),
     lambda scene: compositing_tree(scene).nodes.new("CompositorNodeExposure"),
     lambda scene: setattr(background(scene), "location", (100, 100)), lambda scene: scene.update_tag(),
+    lambda scene: scene.objects["Wall"].data.attributes.new(".select_vert", "BOOLEAN", "POINT"),
     lambda scene: bpy.data.objects.new("Loose", None), lambda scene: scene.frame_set(9)])
 def test_what_it_does_not_depend_on_does_not(scene, tmp_path, change):
     scene.camera.keyframe_insert("location", frame=1)
     scene.camera.location.x = 3
     scene.camera.keyframe_insert("location", frame=9)
+    wall(scene, material("Paint", "ShaderNodeBsdfDiffuse")[0])
     lay(scene, tmp_path)
     change(scene)
     bpy.context.view_layer.update()
@@ -245,6 +251,27 @@ def test_it_survives_save_another_folder_and_reload(scene, tmp_path):
     assert shows_lens_image(scene, tmp_path) and not shows_lens_image(scene, tmp_path, 2)
     bpy.context.scene.camera.location.x = 1
     assert not shows_lens_image(scene, tmp_path)
+
+
+def test_a_blender_without_the_add_on_shows_the_same(scene, tmp_path):
+    lay(scene, tmp_path, frames=(2,))
+    render_composite(scene, tmp_path / "composite.exr")  # sets the format
+    scene.render.filepath = str(tmp_path / "frame_")
+    scene.frame_end = 3
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    code = (f"import os, bpy; bpy.ops.wm.open_mainfile(filepath={str(tmp_path / 'scene.blend')!r}); "
+            "bpy.ops.render.render(animation=True); os._exit(0)")
+    subprocess.run([sys.executable, "-c", code], check=True, env={**os.environ, "PYTHONPATH": ""}, timeout=60)
+    assert [read_rgb(tmp_path / f"frame_{frame:04d}.exr")[0].mean() for frame in (1, 2, 3)] == [0, 10, 0]
+
+
+def test_a_picture_of_another_size_fills_the_frame(scene, tmp_path):
+    path, = lay(scene, tmp_path)
+    rows = np.broadcast_to(np.linspace(0, 1, 72)[:, None, None], (72, 96, 3))
+    write_rgb_exr(rows, path)
+    lay_into_compositor(scene, path)
+    composite = render_composite(scene, tmp_path / "composite.exr")[0]
+    np.testing.assert_allclose(composite, np.broadcast_to(np.linspace(0, 1, 36)[:, None], (36, 48)), atol=0.02)
 
 
 def test_the_group_works_in_another_file(scene, tmp_path):
