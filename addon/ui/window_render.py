@@ -93,6 +93,7 @@ def start(scene, *frames):
     """
     check_output_folder(scene)
     check_job(scene, job_from_settings(scene))
+    bpy.context.view_layer.update()  # what has just been changed is known to be
     forget_fingerprints()
     remarks = [f"image {name!r} has unsaved pixels, which are not in the picture: save or pack it"
                for name in lost_images()]

@@ -171,12 +171,6 @@ def lens_image_path():
     return folder / f"{scene.name}_{scene.frame_current:04d}_lens_image.exr"
 
 
-def compositor_label():
-    """What the compositor's Lensfield node says of itself; "" where there is none."""
-    tree = bpy.context.scene.compositing_node_group
-    return next((node.label for node in (tree.nodes if tree else ()) if node.label.startswith("Lensfield")), "")
-
-
 def render_window():
     """Press F12; the window that Blender opens, its render at work."""
     yield from press("F12", region(area("VIEW_3D")), across=0.3)
