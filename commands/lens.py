@@ -16,7 +16,7 @@ from ..engine.lens.curves import reference_nm
 from ..engine.lens.export_macro import PROGRAMS, ExportOptions, export_macro
 from ..engine.lens.finding import SEVERITIES
 from ..engine.lens.info import lens_info, lens_text
-from ..engine.lens.readers import bundled_makers, bundled_names, import_lens
+from ..engine.lens.readers import bundled_lenses, bundled_names, import_lens
 from ..engine.lens.readers.package import write_package
 from ..engine.lens.sampling import WAVELENGTHS
 from ..engine.spectral.spectra import parse_wavelengths
@@ -43,8 +43,8 @@ def add(commands):
 
 
 def _list(_):
-    for name, (maker, _) in bundled_makers().items():
-        print(f"{name:<24}{maker}")
+    for name, lens in bundled_lenses().items():
+        print(f"{name:<24}{lens.title:<44}{lens.maker}")
 
 
 def _info(options):

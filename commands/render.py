@@ -147,7 +147,7 @@ def scene_and_arguments(options):
     return scene, {
         "lens": options.lens, "wavelengths_nm": wavelengths_nm,
         "output_folder": options.output and options.output.resolve(), "view": options.view, "unfit": options.unfit,
-        "options": scene.lensfield.to_options(**engine) if engine else None,
+        "options": scene.lensfield.to_options(options.tier, **engine) if engine or options.tier else None,
         "spectral": scene.lensfield.to_spectral_options(**spectral) if spectral else None,
         "view_layer": options.view_layer, "denoise": options.denoise}
 

@@ -38,6 +38,14 @@ def sheet_preview(path):
     return _preview(str(path), path)
 
 
+def lens_picture(name):
+    """The icon of what a bundled lens makes of the sample scene; 0 where Blender has no window to show it in."""
+    path = BUNDLED / f"{name}.jpg"
+    if bpy.app.background or not path.is_file():
+        return 0
+    return (_previews().get(name) or _previews().load(name, str(path), "IMAGE")).icon_id
+
+
 def growing_preview(path):
     """The ImagePreview of a picture of which there is one at a time; as `sheet_preview`."""
     return _preview("growing", path)

@@ -1,5 +1,6 @@
 """What the user sets: the scene's lens settings, and spectra on materials, lights and worlds."""
 
+from functools import cache
 from zlib import crc32
 
 import bpy
@@ -8,14 +9,16 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, Po
 from ...engine import Options
 from ...engine.blur import METHODS
 from ...engine.blur.method import AZIMUTHS, SECTION_SIZE
-from ...engine.lens.readers import bundled_makers
-from ...engine.plan.options import DEFAULT_ACCURACY, KNOBS
+from ...engine.lens.readers import bundled_lenses
+from ...engine.plan.options import DEFAULT_ACCURACY, KNOBS, TIER_ACCURACY
 from ...engine.spectral.refraction import refraction_names
 from ...engine.spectral.spectra import library_names, parse_wavelengths
 from ...engine.spectral.wavelength_choice import IMAGE_WAVELENGTHS, STANDARD_COLOUR_ERROR, SpectralOptions
 from ..scene.compositor import refresh
+from .previews import lens_picture
 
 FROM_FILE = "FILE"
+DEFAULT_LENS = "tessar-50mm"  # a normal lens for a camera's usual frame, focused far away
 FIRST_NM, LAST_NM, NUMBER = (int(word) for word in IMAGE_WAVELENGTHS.split(":"))
 PANEL_KNOBS = "section_size", "azimuths"  # of those that the methods have
 BLEND_RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"}  # paths that start with // lie beside the .blend
@@ -73,14 +76,20 @@ def _lasting_number(name):
     return crc32(name.encode()) >> 1  # Blender's numbers have 31 bits
 
 
+@cache
+def lens_items(*_):
+    """The lenses to choose from, as Blender's enumerations have them: (identifier, name, description, icon, number)."""
+    return [(name, lens.title, f"{lens.maker}. {lens.story}", lens_picture(name), _lasting_number(name))
+            for name, lens in bundled_lenses().items()
+            ] + [(FROM_FILE, "From File", "A lens package of your own (.npz)", "FILE_FOLDER", _lasting_number(FROM_FILE))]
+
+
 class LensfieldSettings(bpy.types.PropertyGroup):
     """Settings of the lens render of a scene."""
 
     lens: EnumProperty(
-        name="Lens", description="Lens data to render through", default="edmund-54852",
-        items=[(name, name, f"{maker}. {story}", "NONE", _lasting_number(name))
-               for name, (maker, story) in bundled_makers().items()]
-              + [(FROM_FILE, "From file", "A lens package of your own (.npz)", "NONE", _lasting_number(FROM_FILE))])
+        name="Lens", description="Lens data to render through", default=_lasting_number(DEFAULT_LENS),
+        items=lens_items)
     lens_file: StringProperty(name="Lens File", description="Lens package (.npz)", subtype="FILE_PATH",
                               options=BLEND_RELATIVE)
     view: EnumProperty(
@@ -101,13 +110,16 @@ class LensfieldSettings(bpy.types.PropertyGroup):
     wavelength_list: StringProperty(name="List", description="Ascending wavelengths in nm, such as 450, 550, 650",
                                     default="450, 550, 650")
     tier: EnumProperty(
-        name="Spectra", default="STANDARD", description="How many wavelengths Cycles renders",
-        items=[("PREVIEW", "Preview", "One Cycles pass of three wavelengths tells all others, roughly: pure reds, "
-                                      "greens and blues to 2 %"),
-               ("STANDARD", "Standard", "As many as keep colours within what can just be seen: often 6 to 12, fewer "
-                                        "where the scene needs no more; all others follow from them"),
-               ("REFERENCE", "Reference", "Each wavelength is rendered"),
-               ("RESULT", "By result", "Say how true colours have to be")])
+        name="Quality", default="STANDARD", description="How true colours and blur are to be, and so what they take",
+        items=[("PREVIEW", "Preview", "For a look: a single Cycles render of three wavelengths tells all others, "
+                                      "roughly: pure reds, greens and blues to 2 %. Up to 10 % of a point's light may "
+                                      "land in the wrong place"),
+               ("STANDARD", "Standard", "For pictures: Cycles renders as many wavelengths as keep colours within what "
+                                        "can just be seen, often 6 to 12; all others follow from them. Up to 1 % of a "
+                                        "point's light may land in the wrong place"),
+               ("REFERENCE", "Reference", "For measuring: each wavelength is rendered, without clamps or denoising. Up "
+                                          "to 0.1 % of a point's light may land in the wrong place"),
+               ("RESULT", "Custom", "Say how true colours and blur have to be, or choose the size of sections")])
     colour_error: FloatProperty(
         name="Colour Error", default=STANDARD_COLOUR_ERROR, min=0.001, soft_min=0.05, soft_max=5, precision=2,
         description="CIEDE2000 difference that 95 % of the scene's possible colours are to stay within: 1 is just "
@@ -119,9 +131,9 @@ class LensfieldSettings(bpy.types.PropertyGroup):
                ("RENDER", "Render Anyway", "Take the colours that Cycles gives them, made spectra as other colours "
                                            "are. Beyond Preview each wavelength then takes a render")])
     quality: EnumProperty(
-        name="Quality", default="ACCURACY", description="How the lens image's accuracy is asked for",
-        items=[("ACCURACY", "By result", "Say how accurate the picture has to be; the quickest way there is chosen"),
-               ("KNOBS", "By knobs", "Choose how it is done, for who wants to")])
+        name="Blur", default="ACCURACY", description="How true the lens's blur is to be",
+        items=[("ACCURACY", "By Result", "Say how accurate the picture has to be; the quickest way there is chosen"),
+               ("KNOBS", "By Section Size", "Choose how it is done: the method, and the size of its sections")])
     accuracy: FloatProperty(
         name="Misplaced Light", subtype="FACTOR", default=DEFAULT_ACCURACY, min=1e-6, max=1, soft_min=0.001,
         soft_max=0.1, precision=4,
@@ -151,7 +163,7 @@ class LensfieldSettings(bpy.types.PropertyGroup):
     denoise: EnumProperty(
         name="Denoise", default="SCENE",
         description="Let Cycles denoise its passes. It shifts means by up to 1 %, unequally between wavelengths",
-        items=[("SCENE", "As the Scene", "As Cycles' own Denoise is set; but never where Spectra is Reference", 2),
+        items=[("SCENE", "As the Scene", "As Cycles' own Denoise is set; but never in Reference", 2),
                ("ON", "On", "Whatever the scene says", 1),
                ("OFF", "Off", "Whatever the scene says", 0)])
     output_folder: StringProperty(name="Output", description="Folder for the spectral EXRs and the pictures",
@@ -203,16 +215,19 @@ class LensfieldSettings(bpy.types.PropertyGroup):
         """The knobs of the method that the panel has."""
         return [name for name in PANEL_KNOBS if name in METHODS[self.method.lower()].knobs]
 
-    def to_options(self, **given):
+    def to_options(self, tier=None, **given):
         """The engine's Options, with what is given in place of what is set: the only bridge to it.
 
-        Accuracy, method and knobs go together: where one of them is given, none is taken from the settings.
+        Accuracy, method and knobs go together: where one of them is given, none is taken from the settings, nor from
+        the tier.
         """
-        asked = {} if given.keys() & {"accuracy", "method", *KNOBS} else self._quality()
+        asked = {} if given.keys() & {"accuracy", "method", *KNOBS} else self._blur(tier or self.tier.lower())
         return Options(**asked | {"out_of_field": self.out_of_field.lower(), "fireflies": self.fireflies.lower()}
                        | given)
 
-    def _quality(self):
+    def _blur(self, tier):
+        if tier in TIER_ACCURACY:
+            return {"accuracy": TIER_ACCURACY[tier]}
         if self.quality == "KNOBS":
             return {"method": self.method.lower()} | {name: getattr(self, name) for name in self.shown_knobs()}
         return {"accuracy": float(f"{self.accuracy:.6g}")}  # Blender's floats are single: 0.01 is 0.0099999998

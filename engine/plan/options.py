@@ -13,6 +13,7 @@ PRECISIONS = (AUTO, "float32", "float64")
 OUT_OF_FIELD = ("hold", "vignette")
 FIREFLIES = ("refuse", "clamp")
 DEFAULT_ACCURACY = 0.01
+TIER_ACCURACY = {"preview": 0.1, "standard": DEFAULT_ACCURACY, "reference": 0.001}
 KNOBS = ("section_size", "azimuths", "psf_energy", "flat_tolerance", "precision")
 BY_KNOBS = "sections"  # where a knob is set and no method
 

@@ -1,9 +1,11 @@
 """Readers of lens data: every kind of file becomes one `Lens`."""
 
 import os
+import tomllib
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
+from typing import NamedTuple
 
 from ...errors import LensError, absence
 from ..lens import Lens
@@ -22,10 +24,19 @@ def bundled_names() -> list[str]:
     return sorted(path.stem for path in BUNDLED.glob("*.npz"))
 
 
-def bundled_makers() -> dict[str, tuple[str, str]]:
-    """{name: (maker, story)} of the lenses that come with the project."""
+class BundledLens(NamedTuple):
+    """What is told of a bundled lens where people choose one: texts, `title` being what it is called there."""
+
+    title: str
+    maker: str
+    story: str
+
+
+def bundled_lenses() -> dict[str, BundledLens]:
+    """The lenses that come with the project, by name."""
+    titles = tomllib.loads((BUNDLED / "titles.toml").read_text(encoding="utf-8"))
     headers = {name: read_header(BUNDLED / f"{name}.npz") for name in bundled_names()}
-    return {name: (header["maker"], header["story"]) for name, header in headers.items()}
+    return {name: BundledLens(titles[name], header["maker"], header["story"]) for name, header in headers.items()}
 
 
 def load(name_or_path: str | PathLike[str]) -> Lens:
