@@ -18,8 +18,10 @@ from .ui import (
     lint_panel,
     operators,
     panels,
+    plan_line,
     preview,
     properties,
+    spectra_panels,
     window_render,
 )
 from .ui.keys import register_keys, unregister_keys
@@ -28,7 +30,8 @@ from .ui.previews import forget_previews
 __all__ = ["Animation", "apply_lens", "look_beside", "preflight", "register", "render_animation", "render_through_lens",
            "take_session", "unregister"]
 
-_MODULES = (properties, operators, animation, another_lens, preview, compositor_panel, panels, lint_panel)
+_MODULES = (properties, operators, animation, another_lens, preview, compositor_panel, panels, lint_panel,
+            spectra_panels)
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(
     [cls for module in _MODULES for cls in module.classes])
 
@@ -47,9 +50,11 @@ def unregister():
     window_render.end()
     preview.end()
     stop_watching()
+    plan_line.forget_plan()
     unregister_keys()
     properties.unregister_pointers()
     _unregister_classes()
     kept.cache_clear()
     forget_lenses()
     forget_previews()
+    properties.lens_items.cache_clear()

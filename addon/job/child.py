@@ -23,6 +23,7 @@ import numpy as np
 
 from ...commands.messages import read_message
 from ..scene.errors import SceneError
+from .job import UNSAVED_FOLDER
 from .session import write_session
 
 GRACE_S = 0.7  # for a child to remove what is half-written
@@ -105,8 +106,7 @@ def render_command(copy, picture, *more):
     """
     arguments = ["render", str(copy), "--session", str(Path(copy).with_name(SESSION)), "--progress", "lines",
                  "--end-with-stdin", "--picture", str(picture), *more]
-    if bpy.data.filepath:
-        arguments += ["--beside", os.path.dirname(bpy.data.filepath)]
+    arguments += ["--beside", os.path.dirname(bpy.data.filepath) or str(UNSAVED_FOLDER)]
     return lensfield_command(arguments)
 
 

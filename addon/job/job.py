@@ -1,6 +1,7 @@
 """The job: what is asked for, by a scene's own settings and by whoever calls."""
 
 import os
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +15,9 @@ from ..scene.camera import lens_for_view
 from ..scene.lens_cache import load_lens
 from ..shading.assigned import LOADERS
 from .record import picture_settings
+
+UNSAVED_FOLDER = Path(tempfile.gettempdir()) / f"lensfield_unsaved_{os.getpid()}"
+"""In the place of a .blend's folder as long as there is none; it outlives Blender, as pictures should."""
 
 
 @dataclass(frozen=True)
@@ -83,9 +87,17 @@ def job_from_settings(scene, *, lens=None, wavelengths_nm=None, output_folder=No
 
 
 def folder_for(scene, output_folder=None):
-    """The folder to write to: the one given, or that of the settings; // is beside the .blend."""
+    """The folder to write to: the one given, or that of the settings; // is beside the .blend, or among the system's
+    temporary files as long as it is not saved."""
     folder = scene.lensfield.output_folder if output_folder is None else str(output_folder)
+    if is_temporary(folder):
+        return UNSAVED_FOLDER / folder.removeprefix("//")
     return Path(bpy.path.abspath(folder)).resolve()
+
+
+def is_temporary(folder):
+    """Whether a folder of the settings is beside a .blend that is nowhere yet."""
+    return folder.startswith("//") and not bpy.data.filepath
 
 
 def check_output_folder(scene):
@@ -93,8 +105,6 @@ def check_output_folder(scene):
     folder = scene.lensfield.output_folder
     if not folder.strip():
         raise InputError("scene settings", "output folder", "empty", "give a folder for the files")
-    if folder.startswith("//") and not bpy.data.filepath:
-        raise InputError("scene settings", "output folder", folder, "save the .blend first, or give an absolute folder")
 
 
 def look_beside(folder):

@@ -1,6 +1,7 @@
 """The camera: what sees the scene as the lens does, with the overscan that the lens needs."""
 
 import numpy as np
+from mathutils import Euler, Vector
 
 from ...engine.errors import InputError
 from ...engine.field.distortion import FieldGeometry
@@ -10,8 +11,11 @@ from ...engine.image.pitch import fitting_pitch_um as pitch_um
 from ...engine.image.pixel_grid import PLANE, PixelGrid
 from ...engine.lens.curves import field_angle_rad, reference_nm
 from .errors import SceneError
+from .instances import rendered_instances
 from .lens_cache import load_lens, scaled_lens
 
+FARTHEST_M, NEAREST_M = 1e4, 0.01  # of what a new camera is aimed at
+NEW_FILES_ROTATION = Euler((1.1093, 0.0, 0.8149))
 CAMERA_SENSOR_MM = 36.0  # Blender's limits on focal lengths are made for this; only the ratio to it counts
 FISHEYE_TYPE = "FISHEYE_LENS_POLYNOMIAL"
 WHOLE_SPHERE = 2 * np.pi  # a field of view that cuts nothing off
@@ -142,6 +146,27 @@ def check_camera(scene):
     if scene.render.pixel_aspect_x != scene.render.pixel_aspect_y:
         raise SceneError(f"scene {scene.name!r}", "pixel aspect",
                          f"{scene.render.pixel_aspect_x:g}:{scene.render.pixel_aspect_y:g}", "expected square pixels")
+
+
+def aim_camera(scene, rotation=None):
+    """Place the scene's camera so that all that is rendered is within its view, or as much of it as is finite.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    rotation : mathutils.Quaternion, optional
+        Which way it looks; as the camera of a new file by default.
+    """
+    boxes = [instance.box for instance in rendered_instances(scene) if instance.obj.type != "LIGHT"]
+    corners = np.concatenate(boxes or [np.zeros((1, 3))])
+    corners = corners[np.all(np.abs(corners) < FARTHEST_M, axis=1)]
+    low, high = (corners.min(axis=0), corners.max(axis=0)) if len(corners) else (np.zeros(3), np.zeros(3))
+    radius_m = max(np.linalg.norm(high - low) / 2, NEAREST_M)
+    camera, frame = scene.camera, frame_px(scene)
+    half_angle = np.arctan(_pixel_mm(camera.data, frame) * min(frame) / 2 / camera.data.lens)
+    camera.rotation_euler = rotation.to_euler() if rotation else NEW_FILES_ROTATION
+    away = camera.rotation_euler.to_matrix() @ Vector((0, 0, 1))
+    camera.location = Vector((low + high) / 2) + away * float(radius_m / np.sin(half_angle))
 
 
 def set_up_capture(camera, lens, capture):

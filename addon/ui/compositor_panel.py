@@ -3,6 +3,7 @@
 import bpy
 
 from ..scene.compositor import compositor_state, remove_from_compositor
+from .wrapped import draw_wrapped
 
 
 class LENSFIELD_OT_remove_from_compositor(bpy.types.Operator):
@@ -21,15 +22,19 @@ class LENSFIELD_OT_remove_from_compositor(bpy.types.Operator):
         return {"FINISHED"}
 
 
-def draw_compositor(layout, scene):
-    """Whether the lens image goes into the compositor; and what is there, if anything is."""
-    layout.prop(scene.lensfield, "to_compositor")
+def draw_shown(layout, scene):
+    """Draw what the node shows, and why, where there is one."""
     text, icon = compositor_state(scene)
     if text:
-        column = layout.column()
-        column.prop(scene.lensfield, "compositor_shows")
-        column.label(text=f"Shown: {text}", icon=icon)
-        column.operator("lensfield.remove_from_compositor", icon="X")
+        draw_wrapped(layout.column(align=True), f"Compositor: {text}", icon)
+
+
+def draw_compositor(layout, scene):
+    """Draw whether the lens image goes into the compositor; and what the node is to show, where there is one."""
+    layout.prop(scene.lensfield, "to_compositor")
+    if compositor_state(scene)[0]:
+        layout.prop(scene.lensfield, "compositor_shows")
+        layout.operator("lensfield.remove_from_compositor", icon="X")
 
 
 classes = (LENSFIELD_OT_remove_from_compositor,)

@@ -12,8 +12,8 @@ ICONS = {REJECTED: "CANCEL", SEPARATED: "MOD_ARRAY", APPROXIMATED: "ERROR"}
 """Of the verdicts that have a line each in the panel; of the others their number is enough."""
 MOST_LINES = 40  # a panel has no room for more
 
-checked = {"scene": None, "found": Preflight()}
-"""What the last check found, and the session_uid of the scene, which no other has until Blender ends."""
+checked = {"scene": None, "asked": (), "found": Preflight()}
+"""What the last check found, the session_uid of the scene, which no other has until Blender ends, and what it asked."""
 
 
 class LENSFIELD_OT_lint(bpy.types.Operator):
@@ -28,7 +28,7 @@ class LENSFIELD_OT_lint(bpy.types.Operator):
 
     def execute(self, context):
         found = preflight(context.scene)
-        checked["scene"], checked["found"] = context.scene.session_uid, found
+        checked.update(scene=context.scene.session_uid, asked=asked(context.scene), found=found)
         first = found.refusals[0] if found.refusals else found.plan.text
         self.report({"INFO"}, f"{counts_text(found.findings)}. {first}")
         return {"FINISHED"}
@@ -67,28 +67,21 @@ class LENSFIELD_OT_select_object(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class _LintPanel:
-    bl_label = "Scene Check"
-    bl_options = {"DEFAULT_CLOSED"}
-
-    def draw(self, context):
-        self.layout.operator("lensfield.lint", icon="VIEWZOOM")
-        if checked["scene"] == context.scene.session_uid:
-            draw_preflight(self.layout, checked["found"])
-
-
-class LENSFIELD_PT_lint(_LintPanel, bpy.types.Panel):
-    bl_space_type = "PROPERTIES"
-    bl_region_type = "WINDOW"
-    bl_context = "render"
-    bl_parent_id = "LENSFIELD_PT_render"
+def draw_check(layout, scene):
+    """Draw the button of the check, and what the last one of this scene has found."""
+    layout.operator("lensfield.lint", icon="VIEWZOOM")
+    if checked["scene"] != scene.session_uid:
+        return
+    if checked["asked"] != asked(scene):
+        draw_wrapped(layout.column(align=True), "The settings are other ones since", "INFO")
+    draw_preflight(layout, checked["found"])
 
 
-class LENSFIELD_PT_lint_sidebar(_LintPanel, bpy.types.Panel):
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "Lensfield"
-    bl_parent_id = "LENSFIELD_PT_sidebar"
+def asked(scene):
+    """What the settings ask of a render's plan, to know a check of it by."""
+    settings = scene.lensfield
+    return (settings.lens_name_or_path(), settings.view, settings.wavelengths_text(), settings.tier,
+            settings.colour_error, settings.unfit, settings.denoise, settings.view_layer, scene.frame_current)
 
 
 def draw_preflight(layout, found):
@@ -108,7 +101,7 @@ def _draw_findings(layout, findings):
     column = layout.column(align=True)
     for index, finding in told[:MOST_LINES]:
         row = column.row()
-        row.label(text=str(finding), icon=ICONS[finding.verdict])
+        draw_wrapped(row.column(align=True), str(finding), ICONS[finding.verdict], beside=bool(finding.object_names))
         if finding.object_names:
             row.operator("lensfield.select_object", text="", icon="RESTRICT_SELECT_OFF").finding = index
     if len(told) > MOST_LINES:
@@ -121,4 +114,4 @@ def _finding(index):
     return findings[index] if 0 <= index < len(findings) else None
 
 
-classes = (LENSFIELD_OT_lint, LENSFIELD_OT_select_object, LENSFIELD_PT_lint, LENSFIELD_PT_lint_sidebar)
+classes = (LENSFIELD_OT_lint, LENSFIELD_OT_select_object)

@@ -4,14 +4,14 @@ import bpy
 
 from ...engine.errors import InputError
 from ...engine.lens.curves import reference_nm
-from ...engine.plan.options import DEFAULT_ACCURACY
+from ..job.remarks import ENOUGH_SAMPLES
 from ..job.render import render_through_lens
-from ..scene.camera import capture_grid, check_camera, match_camera_to_lens
+from ..scene.camera import aim_camera, capture_grid, check_camera, match_camera_to_lens
 from ..scene.lens_cache import load_lens
 from . import window_render
 from .previews import SHEET_MARK, load_sheet, sheet_path
+from .properties import lens_items
 
-ACCURACIES = {"PREVIEW": 0.1, "STANDARD": DEFAULT_ACCURACY, "REFERENCE": 0.001}
 
 def nothing_renders():
     """Whether no render of Blender's own is under way, so that the scene may be worked on."""
@@ -95,34 +95,74 @@ class LENSFIELD_OT_match_camera(bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     def execute(self, context):
-        scene = context.scene
         try:
-            check_camera(scene)
-            lens = load_lens(scene.lensfield.lens_name_or_path())
-            capture = capture_grid(scene, lens, [reference_nm(lens)])
+            _match(context.scene)
         except InputError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        match_camera_to_lens(scene.camera.data, lens, capture.frame_px[1], capture.pitch_um, capture.projection)
         return {"FINISHED"}
 
 
-class LENSFIELD_OT_set_accuracy(bpy.types.Operator):
-    """Set the accuracy of the lens image"""
+def _match(scene):
+    check_camera(scene)
+    lens = load_lens(scene.lensfield.lens_name_or_path())
+    capture = capture_grid(scene, lens, [reference_nm(lens)])
+    match_camera_to_lens(scene.camera.data, lens, capture.frame_px[1], capture.pitch_um, capture.projection)
 
-    bl_idname = "lensfield.set_accuracy"
-    bl_label = "Set Accuracy"
-    bl_options = {"UNDO", "INTERNAL"}
 
-    preset: bpy.props.EnumProperty(
-        name="Preset", default="STANDARD",
-        items=[("PREVIEW", "Preview", "Up to 10 % of a point's light in the wrong place: for a quick look"),
-               ("STANDARD", "Standard", "Up to 1 %: for pictures"),
-               ("REFERENCE", "Reference", "Up to 0.1 %: for measuring")])
+class LENSFIELD_OT_add_camera(bpy.types.Operator):
+    """Add a camera with the view of the lens, where it sees all there is: from where you look at it, if this is a 3D
+    view"""
+
+    bl_idname = "lensfield.add_camera"
+    bl_label = "Add Camera"
+    bl_options = {"REGISTER", "UNDO"}
 
     def execute(self, context):
-        context.scene.lensfield.accuracy = ACCURACIES[self.preset]
+        scene = context.scene
+        data = bpy.data.cameras.new("Camera")
+        camera = scene.camera = bpy.data.objects.new("Camera", data)
+        scene.collection.objects.link(camera)
+        view = context.region_data if context.area and context.area.type == "VIEW_3D" else None
+        aim_camera(scene, view.view_rotation if view else None)
+        try:
+            _match(scene)
+        except InputError as error:
+            self.report({"WARNING"}, str(error))  # there is a camera, though
+        else:
+            aim_camera(scene, view.view_rotation if view else None)
         return {"FINISHED"}
+
+
+class LENSFIELD_OT_sensible_samples(bpy.types.Operator):
+    """Set the scene's samples to a number that does for most pictures, with Cycles' Denoise on"""
+
+    bl_idname = "lensfield.sensible_samples"
+    bl_label = f"Use {ENOUGH_SAMPLES}, Denoised"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def execute(self, context):
+        context.scene.cycles.samples, context.scene.cycles.use_denoising = ENOUGH_SAMPLES, True
+        return {"FINISHED"}
+
+
+class LENSFIELD_OT_search_lens(bpy.types.Operator):
+    """Find a lens by some letters of its name"""
+
+    bl_idname = "lensfield.search_lens"
+    bl_label = "Search Lens"
+    bl_options = {"REGISTER", "UNDO"}
+    bl_property = "lens"
+
+    lens: bpy.props.EnumProperty(name="Lens", items=lens_items)
+
+    def execute(self, context):
+        context.scene.lensfield.lens = self.lens
+        return {"FINISHED"}
+
+    def invoke(self, context, event):
+        context.window_manager.invoke_search_popup(self)
+        return {"RUNNING_MODAL"}
 
 
 class LENSFIELD_OT_show_sheet(bpy.types.Operator):
@@ -172,5 +212,5 @@ def _is_free(image_editor):
     return image_editor.image is None or SHEET_MARK in image_editor.image
 
 
-classes = (LENSFIELD_OT_render, LENSFIELD_OT_cancel, LENSFIELD_OT_match_camera, LENSFIELD_OT_set_accuracy,
-           LENSFIELD_OT_show_sheet)
+classes = (LENSFIELD_OT_render, LENSFIELD_OT_cancel, LENSFIELD_OT_match_camera, LENSFIELD_OT_add_camera,
+           LENSFIELD_OT_sensible_samples, LENSFIELD_OT_search_lens, LENSFIELD_OT_show_sheet)

@@ -1,59 +1,134 @@
-"""Panels: the lens render in the render properties and the sidebar; spectra on materials, lights and worlds."""
+"""The Lensfield panel: in the render properties, the camera's properties and the sidebar of the 3D view.
+
+From the top: the lens, what it sees, what a render will take, the buttons; then what became of the last one; and all
+the rest in parts that are folded at first.
+"""
 
 import os
 
 import bpy
 
 from ...engine.errors import InputError
-from ..job.bands import pass_count
-from ..scene.camera import frame_px, lens_for_view, pitch_um
+from ..job.job import folder_for, is_temporary
+from ..job.remarks import MANY_SAMPLES, SAME_VIEW
+from ..scene.camera import frame_px, lens_for_view, matching_focal_length_mm, pitch_um
 from ..scene.lens_cache import load_lens
-from . import operators
 from .animation import draw_animation
 from .another_lens import draw_another_lens
-from .compositor_panel import draw_compositor
+from .compositor_panel import draw_compositor, draw_shown
+from .lint_panel import draw_check
+from .plan_line import plan_text
 from .preview import draw_preview
 from .previews import growing_preview, sheet_path, sheet_preview
 from .properties import FROM_FILE
 from .window_render import state
 from .wrapped import PANEL_MARGINS, draw_wrapped, region_widgets
 
+LENS_PICTURE = 6  # widgets
+
 
 def draw_settings(layout, scene):
-    """The settings of a scene, the same in both places; above them the render under way, or what became of it."""
+    """The whole panel for a scene, the same wherever it stands."""
     layout.use_property_split = True
     layout.use_property_decorate = False
-    if state["render"]:
-        _draw_under_way(layout.box(), state["render"])
-    elif state["notice"]:
-        _draw_notice(layout.box().column(align=True))
+    _draw_lens(layout, scene)
+    _draw_camera(layout, scene)
+    _draw_plan(layout, scene)
+    _draw_render(layout, scene)
+    for name, title, draw in _PARTS:
+        header, body = layout.panel(f"lensfield_{name}", default_closed=True)
+        header.label(text=title)
+        if body:
+            draw(body, scene)
+
+
+def _draw_lens(layout, scene):
+    """The lens: its picture, its name, its file, and what it is."""
     settings = scene.lensfield
-    layout.prop(settings, "lens")
+    layout.template_icon_view(settings, "lens", show_labels=True, scale=LENS_PICTURE, scale_popup=LENS_PICTURE)
+    row = layout.row(align=True)
+    row.prop(settings, "lens", text="")
+    row.operator("lensfield.search_lens", text="", icon="VIEWZOOM")
     if settings.lens == FROM_FILE:
         layout.prop(settings, "lens_file")
-    _draw_lens_facts(layout, scene)
-    layout.separator()
-    _draw_wavelengths(layout, settings)
-    layout.separator()
-    _draw_quality(layout, settings)
-    layout.prop(settings, "out_of_field")
-    layout.prop(settings, "fireflies")
-    layout.prop(settings, "unfit")
-    layout.separator()
-    layout.prop_search(settings, "view_layer", scene, "view_layers")
-    layout.prop(settings, "denoise")
-    layout.prop(settings, "output_folder")
-    draw_compositor(layout, scene)
-    row = layout.row()
+
+
+def _lens(scene):
+    """The lens as it is loaded; None where no file is named yet."""
+    path = scene.lensfield.lens_name_or_path()
+    return load_lens(path) if path else None
+
+
+def _draw_camera(layout, scene):
+    """What the picture will show."""
+    if scene.camera is None:
+        draw_wrapped(layout.column(align=True), "The scene has no camera", "ERROR")
+        layout.operator("lensfield.add_camera", icon="CAMERA_DATA")
+        return
+    layout.prop(scene.lensfield, "view")
+    try:
+        lens = _lens(scene)
+        if lens is None:
+            return
+        lens, warning = lens_for_view(scene, lens, scene.lensfield.view.lower())
+    except InputError as error:
+        draw_wrapped(layout.column(align=True), str(error), "ERROR")
+        return
+    focus = "far away" if lens.object_distance_mm == float("inf") else f"at {lens.object_distance_mm * 1e-3:.3g} m"
+    column = layout.column(align=True)
+    draw_wrapped(column, f"{lens.efl_mm:.3g} mm f/{lens.f_number_effective:.2g} focused {focus}, on "
+                         f"{lens.sensor_mm[0]:.3g} x {lens.sensor_mm[1]:.3g} mm")
+    if warning:
+        draw_wrapped(column, warning, "INFO")
+    elif not _sees_alike(scene, lens):
+        draw_wrapped(column, "Your camera frames another view", "INFO")
+        column.operator("lensfield.match_camera", icon="CAMERA_DATA")
+
+
+def _sees_alike(scene, lens):
+    """Whether the scene's camera frames what the lens will show; of a fisheye that cannot be told."""
+    camera = scene.camera.data
+    if scene.camera.type != "CAMERA" or camera.type != "PERSP":
+        return False
+    return abs(matching_focal_length_mm(scene, lens) / camera.lens - 1) <= SAME_VIEW
+
+
+def _draw_plan(layout, scene):
+    """What a render will take, and what would make it quicker."""
+    column = layout.column(align=True)
+    try:
+        if scene.camera and scene.lensfield.lens_name_or_path():
+            draw_wrapped(column, plan_text(scene), "TIME")
+    except InputError as error:
+        draw_wrapped(column, str(error), "ERROR")
+        return
+    if scene.cycles.samples >= MANY_SAMPLES:
+        draw_wrapped(column, f"{scene.cycles.samples} samples in each render may take hours", "ERROR")
+        column.operator("lensfield.sensible_samples", icon="LIGHT_DATA")
+
+
+def _draw_render(layout, scene):
+    """The buttons; in the place of the first, the render under way; and what became of the last one."""
+    row = layout.row(align=True)
     row.scale_y = 1.5
-    row.operator("lensfield.render", icon="RENDER_STILL")
+    if state["render"]:
+        _draw_under_way(layout, row, state["render"])
+    else:
+        row.operator("lensfield.render", icon="RENDER_STILL")
+    draw_preview(layout)
     draw_animation(layout, scene)
     draw_another_lens(layout)
-    draw_preview(layout)
+    draw_shown(layout, scene)
+    if state["notice"] and not state["render"]:
+        header, body = layout.panel("lensfield_notice")
+        header.label(text="Last Render", icon=state["icon"])
+        if body:
+            column = body.column(align=True)
+            for line in state["notice"]:
+                draw_wrapped(column, line, "DOT")
 
 
-def _draw_under_way(layout, render):
-    row = layout.row(align=True)
+def _draw_under_way(layout, row, render):
     row.progress(factor=render.fraction, text=f"{render.fraction:.0%}")
     row.operator_context = "INVOKE_DEFAULT"  # here, not in the 3D view
     row.operator("lensfield.cancel", text="", icon="CANCEL")
@@ -62,64 +137,20 @@ def _draw_under_way(layout, render):
         layout.template_icon(icon_value=growing_preview(render.picture).icon_id, scale=_picture_scale())
 
 
-def _draw_notice(layout):
-    first, *others = state["notice"]
-    draw_wrapped(layout, first, state["icon"])
-    for line in others:
-        draw_wrapped(layout, line, "BLANK1")
-
-
-def _draw_lens_facts(layout, scene):
-    settings = scene.lensfield
-    path = settings.lens_name_or_path()
-    if not path:
-        return
-    try:
-        lens = load_lens(path)
-    except InputError as error:
-        layout.label(text=str(error), icon="ERROR")
-        return
-    _draw_view(layout, scene, lens)
-    _draw_sheet(layout, path)
-
-
-def _draw_view(layout, scene, lens):
-    """What the picture will show, and what that takes."""
-    layout.prop(scene.lensfield, "view")
-    try:
-        lens, warning = lens_for_view(scene, lens, scene.lensfield.view.lower())
-    except InputError as error:
-        layout.label(text=str(error), icon="ERROR")
-        return
-    frame = frame_px(scene)
-    column = layout.column(align=True)
-    column.label(text=f"f = {lens.efl_mm:.2f} mm, f/{lens.f_number_effective:.2f}, "
-                      f"sensor {lens.sensor_mm[0]:g} x {lens.sensor_mm[1]:g} mm")
-    column.label(text=f"{frame[1]} x {frame[0]} px of {pitch_um(lens, frame):.2f} \u00b5m")
-    if warning:
-        column.label(text=warning, icon="ERROR")
-    else:
-        column.operator("lensfield.match_camera", icon="CAMERA_DATA")
-
-
-def _draw_sheet(layout, name_or_path):
-    """The picture of what the lens does, in a part of the panel that can be folded."""
+def _draw_sheet(layout, scene):
+    """The picture of what the lens does."""
+    name_or_path = scene.lensfield.lens_name_or_path()
     path = sheet_path(name_or_path)
-    drawn = path.is_file()
-    header, body = layout.panel("lensfield_sheet")
-    header.label(text="Lens Sheet" if drawn else "Lens Sheet: to draw it, run")
-    if body is None:
-        return
-    if not drawn:
-        body.label(text=f"lensfield lens plot {os.path.basename(name_or_path)}", icon="CONSOLE")
+    if not path.is_file():
+        draw_wrapped(layout, f"To draw it, run: lensfield lens plot {os.path.basename(name_or_path)}", "CONSOLE")
         return
     try:
         preview = sheet_preview(path)
     except InputError as error:
-        body.label(text=str(error), icon="ERROR")
+        draw_wrapped(layout, str(error), "ERROR")
         return
-    body.template_icon(icon_value=preview.icon_id, scale=_picture_scale())
-    body.operator("lensfield.show_sheet", icon="IMAGE_DATA")
+    layout.template_icon(icon_value=preview.icon_id, scale=_picture_scale())
+    layout.operator("lensfield.show_sheet", icon="IMAGE_DATA")
 
 
 def _picture_scale():
@@ -127,7 +158,8 @@ def _picture_scale():
     return max(1, region_widgets() - PANEL_MARGINS)
 
 
-def _draw_wavelengths(layout, settings):
+def _draw_wavelengths(layout, scene):
+    settings = scene.lensfield
     layout.prop(settings, "wavelength_mode", expand=True)
     if settings.wavelength_mode == "LIST":
         layout.prop(settings, "wavelength_list")
@@ -136,37 +168,43 @@ def _draw_wavelengths(layout, settings):
         column.prop(settings, "wavelength_first_nm", text="First (nm)")
         column.prop(settings, "wavelength_last_nm", text="Last (nm)")
         column.prop(settings, "wavelength_count")
-    _draw_spectra(layout, settings)
+    layout.prop(settings, "unfit")
 
 
-def _draw_spectra(layout, settings):
+def _draw_quality(layout, scene):
+    settings = scene.lensfield
     layout.prop(settings, "tier")
     if settings.tier == "RESULT":
         layout.prop(settings, "colour_error")
+        layout.prop(settings, "quality", expand=True)
+        if settings.quality == "KNOBS":
+            for name in ("method", *settings.shown_knobs()):
+                layout.prop(settings, name)
+        else:
+            layout.prop(settings, "accuracy", slider=True)
+    layout.prop(settings, "denoise")
+    layout.prop(settings, "out_of_field")
+    layout.prop(settings, "fireflies")
+
+
+def _draw_output(layout, scene):
+    settings = scene.lensfield
+    layout.prop(settings, "output_folder")
+    if is_temporary(settings.output_folder):
+        draw_wrapped(layout.column(align=True), f"Not saved yet: pictures go to {folder_for(scene)}", "INFO")
     try:
-        count = len(settings.wavelengths_nm())
-    except InputError as error:
-        layout.label(text=error.remedy, icon="ERROR")
-        return
-    most = pass_count(count)
-    renders = f"1 to {most}" if settings.tier in ("STANDARD", "RESULT") and most > 1 else most
-    layout.label(text=f"{count} wavelength{'s' * (count > 1)}: {1 if settings.tier == 'PREVIEW' else renders} Cycles "
-                      f"render{'s' * (most > 1 and settings.tier != 'PREVIEW')}")
-    if count > 1 and settings.tier != "PREVIEW":
-        layout.label(text=f"{count} where glass disperses")
+        frame, lens = frame_px(scene), _lens(scene)
+        if lens:
+            layout.label(text=f"{frame[1]} x {frame[0]} px of {pitch_um(lens, frame):.2f} \u00b5m")
+    except InputError:
+        pass  # told above
+    layout.prop_search(settings, "view_layer", scene, "view_layers")
+    draw_compositor(layout, scene)
 
 
-def _draw_quality(layout, settings):
-    layout.prop(settings, "quality", expand=True)
-    if settings.quality == "KNOBS":
-        for name in ("method", *settings.shown_knobs()):
-            layout.prop(settings, name)
-        return
-    column = layout.column(align=True)
-    column.prop(settings, "accuracy", slider=True)
-    row = column.row(align=True)
-    for name in operators.ACCURACIES:
-        row.operator("lensfield.set_accuracy", text=name.capitalize()).preset = name
+_PARTS = (("sheet", "Lens Sheet", _draw_sheet), ("wavelengths", "Wavelengths and Spectra", _draw_wavelengths),
+          ("quality", "Quality", _draw_quality), ("check", "Scene Check", draw_check),
+          ("output", "Output", _draw_output))
 
 
 class _SettingsPanel:
@@ -182,63 +220,21 @@ class LENSFIELD_PT_render(_SettingsPanel, bpy.types.Panel):
     bl_context = "render"
 
 
+class LENSFIELD_PT_camera(_SettingsPanel, bpy.types.Panel):
+    bl_space_type = "PROPERTIES"
+    bl_region_type = "WINDOW"
+    bl_context = "data"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context):
+        return context.camera is not None
+
+
 class LENSFIELD_PT_sidebar(_SettingsPanel, bpy.types.Panel):
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
     bl_category = "Lensfield"
 
 
-class _SpectraPanel:
-    bl_label = "Lensfield Spectra"
-    bl_space_type = "PROPERTIES"
-    bl_region_type = "WINDOW"
-    bl_options = {"DEFAULT_CLOSED"}
-
-    @classmethod
-    def poll(cls, context):
-        return cls.data_block(context) is not None
-
-    def draw(self, context):
-        self.layout.use_property_split = True
-        spectra = self.data_block(context).lensfield
-        for field in self.fields(spectra):
-            self.layout.prop(spectra, field)
-
-
-class LENSFIELD_PT_material(_SpectraPanel, bpy.types.Panel):
-    bl_context = "material"
-
-    @staticmethod
-    def data_block(context):
-        return context.material
-
-    @staticmethod
-    def fields(spectra):
-        return "reflectance", "emission", "refraction"
-
-
-class LENSFIELD_PT_light(_SpectraPanel, bpy.types.Panel):
-    bl_context = "data"
-
-    @staticmethod
-    def data_block(context):
-        return context.light
-
-    @staticmethod
-    def fields(spectra):
-        return ("emission", "power_unit") + (("lumens",) if spectra.power_unit == "LUMEN" else ())
-
-
-class LENSFIELD_PT_world(_SpectraPanel, bpy.types.Panel):
-    bl_context = "world"
-
-    @staticmethod
-    def data_block(context):
-        return context.world
-
-    @staticmethod
-    def fields(spectra):
-        return ("emission",)
-
-
-classes = (LENSFIELD_PT_render, LENSFIELD_PT_sidebar, LENSFIELD_PT_material, LENSFIELD_PT_light, LENSFIELD_PT_world)
+classes = (LENSFIELD_PT_render, LENSFIELD_PT_camera, LENSFIELD_PT_sidebar)

@@ -79,9 +79,10 @@ def _lasting_number(name):
 @cache
 def lens_items(*_):
     """The lenses to choose from, as Blender's enumerations have them: (identifier, name, description, icon, number)."""
-    return [(name, lens.title, f"{lens.maker}. {lens.story}", lens_picture(name), _lasting_number(name))
-            for name, lens in bundled_lenses().items()
-            ] + [(FROM_FILE, "From File", "A lens package of your own (.npz)", "FILE_FOLDER", _lasting_number(FROM_FILE))]
+    bundled = [(name, lens.title, f"{lens.maker}. {lens.story}", lens_picture(name), _lasting_number(name))
+               for name, lens in bundled_lenses().items()]
+    own = FROM_FILE, "From File", "A lens package of your own (.npz)", "FILE_FOLDER", _lasting_number(FROM_FILE)
+    return [*bundled, own]
 
 
 class LensfieldSettings(bpy.types.PropertyGroup):

@@ -11,9 +11,9 @@ LETTERS_PER_WIDGET = 3.2
 PANEL_MARGINS = 3  # in widgets: what a panel keeps free on its sides
 
 
-def draw_wrapped(layout, text, icon="NONE"):
-    """A text in as many lines as the panel's width takes."""
-    widgets = region_widgets() - PANEL_MARGINS - 2 * (icon != "NONE")
+def draw_wrapped(layout, text, icon="NONE", beside=0):
+    """A text in as many lines as the panel's width takes, but for some widgets of it that stand beside."""
+    widgets = region_widgets() - PANEL_MARGINS - 2 * (icon != "NONE") - 2 * beside
     for index, line in enumerate(wrap(text, max(8, int(widgets * LETTERS_PER_WIDGET)))):
         layout.label(text=line, icon="BLANK1" if index and icon != "NONE" else icon)
 
