@@ -8,6 +8,7 @@
 #                  ImageMagick's import); STEPS="install escape" takes some steps alone; screenshots in build/ui-test
 # make bake        what `lensfield lens bake` needs, in .venv-bake (Optiland, 2 GB); make test-bake and bench-bake test and time it
 # make lenses      the bundled lenses again, from their prescriptions (half an hour)
+# make lens-pictures  the pictures by which the panel offers them (ten minutes)
 # make tables      the spectra and the upsampling basis again, by colour-science; make bench-tables compares bases
 # make lint        style, and the types of the engine's public functions (seconds)
 # make test-engine COVERAGE=yes also tells what part of the engine's and the commands' lines the tests run, as in CI, for a
@@ -36,7 +37,7 @@ TABLES = .venv-tables
 LINT = .venv-lint
 LOCK = packaging/lock-5.0.1.txt
 
-.PHONY: demo test test-engine test-blender ui-test bench validate extension bake test-bake bench-bake lenses tables bench-tables \
+.PHONY: demo test test-engine test-blender ui-test bench validate extension bake test-bake bench-bake lenses lens-pictures tables bench-tables \
         lint lock
 
 demo: $(READY)
@@ -79,6 +80,9 @@ bench-bake: $(BAKE_READY)
 
 lenses: $(BAKE_READY)
 	$(BAKE)/bin/python packaging/bake_lenses.py
+
+lens-pictures: $(READY)
+	$(VENV)/bin/python packaging/lens_pictures.py
 
 tables: $(TABLES)/.ready
 	$(TABLES)/bin/python packaging/make_spectra.py

@@ -57,4 +57,4 @@ def unregister():
     kept.cache_clear()
     forget_lenses()
     forget_previews()
-    properties.lens_items.cache_clear()
+    properties.offered_lenses.cache_clear()

@@ -76,9 +76,14 @@ def _lasting_number(name):
     return crc32(name.encode()) >> 1  # Blender's numbers have 31 bits
 
 
+def lens_items(self, context):
+    """The lenses to choose from, as Blender's enumerations ask for them: it takes a plain function only."""
+    return offered_lenses()
+
+
 @cache
-def lens_items(*_):
-    """The lenses to choose from, as Blender's enumerations have them: (identifier, name, description, icon, number)."""
+def offered_lenses():
+    """The lenses to choose from: list of (identifier, name, description, icon, number)."""
     bundled = [(name, lens.title, f"{lens.maker}. {lens.story}", lens_picture(name), _lasting_number(name))
                for name, lens in bundled_lenses().items()]
     own = FROM_FILE, "From File", "A lens package of your own (.npz)", "FILE_FOLDER", _lasting_number(FROM_FILE)

@@ -31,6 +31,9 @@ class Layout:
         assert scale > 0
         self.shown.append("picture")
 
+    def template_icon_view(self, owner, name, **_):
+        self.prop(owner, name)
+
     def prop_search(self, owner, name, *_, **__):
         self.prop(owner, name)
 

@@ -64,7 +64,7 @@ def test_what_the_command_line_leaves_out_is_as_the_scene_says(scene, tmp_path):
     light(scene, "POINT", 20.0, color=(1, 0.5, 0.2))
     wall(scene, material("Paint", "ShaderNodeBsdfDiffuse", (0.7, 0.3, 0.05))[0])
     for name, value in {"lens": "nikkor-28mm", "wavelength_mode": "LIST", "wavelength_list": "480, 530, 640",
-                        "tier": "REFERENCE", "quality": "KNOBS", "method": "PAPER", "section_size": 8,
+                        "tier": "RESULT", "quality": "KNOBS", "method": "PAPER", "section_size": 8,
                         "view": "CAMERA", "output_folder": "//pictures"}.items():
         setattr(scene.lensfield, name, value)
     blend = tmp_path / "scene.blend"

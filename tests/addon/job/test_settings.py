@@ -10,7 +10,7 @@ from lensfield import addon
 from lensfield.addon.job.render import kept
 from lensfield.addon.scene.lens_cache import load_lens
 from lensfield.addon.ui.panels import draw_settings
-from lensfield.addon.ui.properties import LensfieldSettings
+from lensfield.addon.ui.properties import LensfieldSettings, offered_lenses
 from lensfield.engine import Lens, Options, simulate
 from lensfield.engine import kept as keeping
 from lensfield.engine.blur import METHODS
@@ -21,20 +21,24 @@ from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 from places import SAMPLE_SCENE
 from small_scenes import WAVELENGTHS_NM, light, material, render, set_world, wall
 
+CUSTOM = {"tier": "RESULT"}
+
 
 @pytest.mark.parametrize("settings, options", [
     ({}, Options(accuracy=DEFAULT_ACCURACY)),
-    ({"accuracy": 0.003}, Options(accuracy=0.003)),
-    ({"accuracy": 1e-6}, Options(accuracy=1e-6)),
-    ({"accuracy": 0.1, "section_size": 8, "method": "EXACT"}, Options(accuracy=0.1)),
+    ({"tier": "PREVIEW"}, Options(accuracy=0.1)),
+    ({"tier": "REFERENCE", "accuracy": 0.2, "quality": "KNOBS"}, Options(accuracy=0.001)),
+    (CUSTOM | {"accuracy": 0.003}, Options(accuracy=0.003)),
+    (CUSTOM | {"accuracy": 1e-6}, Options(accuracy=1e-6)),
+    (CUSTOM | {"accuracy": 0.1, "section_size": 8, "method": "EXACT"}, Options(accuracy=0.1)),
     ({"out_of_field": "VIGNETTE", "fireflies": "CLAMP"},
      Options(accuracy=DEFAULT_ACCURACY, out_of_field="vignette", fireflies="clamp")),
-    ({"quality": "KNOBS"}, Options(section_size=32, azimuths=32, method="sections")),
-    ({"quality": "KNOBS", "section_size": 8, "azimuths": 6, "accuracy": 0.1, "fireflies": "CLAMP"},
+    (CUSTOM | {"quality": "KNOBS"}, Options(section_size=32, azimuths=32, method="sections")),
+    (CUSTOM | {"quality": "KNOBS", "section_size": 8, "azimuths": 6, "accuracy": 0.1, "fireflies": "CLAMP"},
      Options(method="sections", section_size=8, azimuths=6, fireflies="clamp")),
-    ({"quality": "KNOBS", "method": "PAPER", "section_size": 16}, Options(method="paper", section_size=16)),
-    ({"quality": "KNOBS", "method": "PIXELS", "azimuths": 16}, Options(method="pixels", azimuths=16)),
-    ({"quality": "KNOBS", "method": "EXACT"}, Options(method="exact"))], ids=str)
+    (CUSTOM | {"quality": "KNOBS", "method": "PAPER", "section_size": 16}, Options(method="paper", section_size=16)),
+    (CUSTOM | {"quality": "KNOBS", "method": "PIXELS", "azimuths": 16}, Options(method="pixels", azimuths=16)),
+    (CUSTOM | {"quality": "KNOBS", "method": "EXACT"}, Options(method="exact"))], ids=str)
 def test_settings_come_to_options(scene, settings, options):
     for name, value in settings.items():
         setattr(scene.lensfield, name, value)
@@ -42,10 +46,12 @@ def test_settings_come_to_options(scene, settings, options):
 
 
 @pytest.mark.parametrize("settings, given, options", [
-    ({"accuracy": 0.1, "fireflies": "CLAMP"}, {"out_of_field": "vignette"},
+    (CUSTOM | {"accuracy": 0.1, "fireflies": "CLAMP"}, {"out_of_field": "vignette"},
      Options(accuracy=0.1, fireflies="clamp", out_of_field="vignette")),
     ({"fireflies": "CLAMP"}, {"fireflies": "refuse", "section_size": 8}, Options(section_size=8)),
-    ({"quality": "KNOBS", "method": "PAPER"}, {"accuracy": 0.1}, Options(accuracy=0.1)),
+    (CUSTOM | {"quality": "KNOBS", "method": "PAPER"}, {"accuracy": 0.1}, Options(accuracy=0.1)),
+    ({"accuracy": 0.1}, {"tier": "reference"}, Options(accuracy=0.001)),
+    ({}, {"tier": "reference", "method": "paper"}, Options(method="paper")),
     ({"accuracy": 0.1}, {"method": "exact"}, Options(method="exact"))], ids=str)
 def test_what_is_given_takes_the_place_of_settings(scene, settings, given, options):
     for name, value in settings.items():
@@ -64,27 +70,21 @@ def test_the_panel_has_every_method():
     assert {method.identifier.lower() for method in methods} == set(METHODS)
 
 
-@pytest.mark.parametrize("preset, accuracy", [("PREVIEW", 0.1), ("STANDARD", DEFAULT_ACCURACY), ("REFERENCE", 0.001)])
-def test_presets_set_the_accuracy(scene, preset, accuracy):
-    scene.lensfield.accuracy = 0.5
-    assert bpy.ops.lensfield.set_accuracy(preset=preset) == {"FINISHED"}
-    assert scene.lensfield.to_options().accuracy == accuracy
-
-
 @pytest.mark.parametrize("settings, shown", [
-    ({}, {"accuracy", "lensfield.set_accuracy"}),
-    ({"quality": "KNOBS"}, {"method", "section_size", "azimuths"}),
-    ({"quality": "KNOBS", "method": "PAPER"}, {"method", "section_size"}),
-    ({"quality": "KNOBS", "method": "PIXELS"}, {"method", "azimuths"}),
-    ({"quality": "KNOBS", "method": "EXACT"}, {"method"})], ids=str)
+    ({}, set()),
+    (CUSTOM, {"accuracy"}),
+    (CUSTOM | {"quality": "KNOBS"}, {"method", "section_size", "azimuths"}),
+    (CUSTOM | {"quality": "KNOBS", "method": "PAPER"}, {"method", "section_size"}),
+    (CUSTOM | {"quality": "KNOBS", "method": "PIXELS"}, {"method", "azimuths"}),
+    (CUSTOM | {"quality": "KNOBS", "method": "EXACT"}, {"method"})], ids=str)
 def test_panels_show_what_counts(scene, settings, shown):
     for name, value in settings.items():
         setattr(scene.lensfield, name, value)
     layout = Layout()
     draw_settings(layout, scene)
-    either = {"accuracy", "lensfield.set_accuracy", "method", "section_size", "azimuths"}
+    either = {"accuracy", "method", "section_size", "azimuths"}
     assert either & set(layout.shown) == shown
-    assert {"quality", "out_of_field", "fireflies", "lensfield.render"} <= set(layout.shown)
+    assert {"lens", "tier", "out_of_field", "fireflies", "lensfield.render"} <= set(layout.shown)
 
 
 def test_a_file_that_knows_no_accuracy_takes_the_default():
@@ -147,6 +147,6 @@ def test_what_is_kept_is_freed_with_the_addon(scene, tmp_path):
 
 def test_a_saved_lens_stays_that_lens_whatever_others_come(scene):
     """A .blend keeps an enum's number: by its place in the list it would mean another lens as soon as one is added."""
-    numbers = {item.identifier: item.value for item in scene.lensfield.bl_rna.properties["lens"].enum_items}
+    numbers = {name: number for name, *_, number in offered_lenses()}
     assert numbers["edmund-54852"] == 1901871375 and numbers["FILE"] == 1560636882
     assert len(set(numbers.values())) == len(numbers)

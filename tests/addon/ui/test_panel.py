@@ -1,0 +1,148 @@
+"""From an untouched scene to the picture: what the panel offers, foretells and mends."""
+
+import bpy
+import numpy as np
+import pytest
+from bpy_extras.object_utils import world_to_camera_view
+
+from layouts import Layout
+from lensfield.addon.job.job import UNSAVED_FOLDER, folder_for
+from lensfield.addon.job.remarks import ENOUGH_SAMPLES
+from lensfield.addon.ui import lint_panel, plan_line
+from lensfield.addon.ui.panels import draw_settings
+from lensfield.addon.ui.properties import DEFAULT_LENS, offered_lenses
+from lensfield.engine import Lens, Options, SpectralImage
+from lensfield.engine.lens.readers import bundled_names
+from lensfield.engine.plan.choose import make_plan
+from small_scenes import light, material, wall
+
+
+@pytest.fixture
+def plain(scene):
+    """A scene that renders."""
+    light(scene, "POINT", 20.0)
+    wall(scene, material("Paint", "ShaderNodeBsdfDiffuse", (0.7, 0.3, 0.05))[0])
+    return scene
+
+
+def drawn(scene):
+    layout = Layout()
+    draw_settings(layout, scene)
+    return layout
+
+
+def told(scene):
+    return " ".join(drawn(scene).labels)
+
+
+def test_the_default_lens_sees_a_new_files_view_from_afar(scene):
+    lens = Lens.load(scene.lensfield.lens)
+    assert scene.lensfield.lens == DEFAULT_LENS
+    new = bpy.data.cameras.new("New")
+    assert lens.object_distance_mm == np.inf and lens.sensor_mm[0] == new.sensor_width
+    assert lens.efl_mm == pytest.approx(new.lens, rel=0.01)
+
+
+def test_lenses_go_by_their_titles():
+    assert {name for name, *_ in offered_lenses()} == {*bundled_names(), "FILE"}
+    assert "Zeiss Tessar 50 mm f/5.5 (1902)" in {title for _, title, *_ in offered_lenses()}
+
+
+def test_each_bundled_lens_has_its_picture():
+    from PIL import Image
+
+    from lensfield.engine.lens.readers import BUNDLED
+    for name in bundled_names():
+        with Image.open(BUNDLED / f"{name}.jpg") as picture:
+            assert picture.size == (256, 192)
+
+
+@pytest.mark.parametrize("lens", [DEFAULT_LENS, "edmund-54852", "kodak-petzval-100mm"])
+def test_a_scene_without_a_camera_gets_one_that_sees_all(scene, lens):
+    scene.lensfield.lens = lens
+    for place in ((0, 0, 0), (5, 1, 0), (-2, 8, 3)):
+        bpy.ops.mesh.primitive_cube_add(location=place)
+    bpy.data.objects.remove(scene.camera)
+    assert "lensfield.add_camera" in drawn(scene).shown
+    assert bpy.ops.lensfield.add_camera() == {"FINISHED"}
+    bpy.context.view_layer.update()
+    assert "lensfield.add_camera" not in drawn(scene).shown and "another view" not in told(scene)
+    for obj in (obj for obj in scene.objects if obj.type == "MESH"):
+        for vertex in obj.data.vertices:
+            x, y, z = world_to_camera_view(scene, scene.camera, obj.matrix_world @ vertex.co)
+            assert 0 < x < 1 and 0 < y < 1 and z > 0
+
+
+def test_an_empty_scene_gets_a_camera_too(scene):
+    bpy.data.objects.remove(scene.camera)
+    assert bpy.ops.lensfield.add_camera() == {"FINISHED"}
+    assert np.all(np.isfinite(scene.camera.location)) and scene.camera.location.length > 0
+
+
+def test_a_camera_that_frames_another_view_is_told_of(scene):
+    scene.camera.data.type, scene.camera.data.lens = "PERSP", 90
+    assert "another view" in told(scene)
+    assert bpy.ops.lensfield.match_camera() == {"FINISHED"}
+    assert "another view" not in told(scene)
+
+
+def test_many_samples_are_told_of_and_mended(plain):
+    plain.cycles.samples, plain.cycles.use_denoising = 4096, False
+    assert "4096 samples" in told(plain) and "lensfield.sensible_samples" in drawn(plain).shown
+    assert bpy.ops.lensfield.sensible_samples() == {"FINISHED"}
+    assert plain.cycles.samples == ENOUGH_SAMPLES and plain.cycles.use_denoising
+    assert "lensfield.sensible_samples" not in drawn(plain).shown
+
+
+def settled(scene):
+    """The plan's line once the thread has worked it out."""
+    plan_line.plan_text(scene)
+    plan_line._planned["plan"].result(timeout=60)
+    return plan_line.plan_text(scene)
+
+
+def test_the_plan_line_follows_the_settings(plain):
+    plain.lensfield.wavelength_mode, plain.lensfield.wavelength_list = "LIST", "450, 500, 550, 600, 650"
+    assert "1 to 2 Cycles renders of" in settled(plain) and "5 wavelengths" in settled(plain)
+    plain.lensfield.tier = "PREVIEW"
+    assert settled(plain).startswith("1 Cycles render of")
+    plain.lensfield.tier = "REFERENCE"
+    assert settled(plain).startswith("2 or more Cycles renders")
+
+
+def test_the_plan_line_knows_what_a_check_has_found_until_the_settings_change(plain):
+    plain.lensfield.tier = "REFERENCE"
+    assert bpy.ops.lensfield.lint() == {"FINISHED"}
+    count = len(lint_panel.checked["found"].plan.bands)
+    assert plan_line.plan_text(plain).startswith(f"{count} Cycles render")
+    assert "other ones since" not in told(plain)
+    plain.lensfield.wavelength_count = 7
+    assert plan_line.plan_text(plain).startswith("3 or more") and "other ones since" in told(plain)
+
+
+def test_the_plan_lines_seconds_and_memory_are_the_engines(plain):
+    text = settled(plain)
+    settings = plain.lensfield
+    lens = Lens.load(settings.lens)
+    grid = plan_line.capture_grid(plain, lens, settings.wavelengths_nm())
+    cube = np.zeros((len(settings.wavelengths_nm()), *grid.shape_px), np.float32)
+    plan = make_plan(Options(accuracy=0.01), lens, SpectralImage(cube, settings.wavelengths_nm(), grid))
+    assert f"{max(plan.seconds, 0.1):.1f} s for the lens, {(2e-6 * cube.nbytes + plan.memory_mb) / 1e3:.1f} GB" in text
+
+
+def test_what_cannot_be_planned_is_told_in_its_place(plain):
+    plain.lensfield.wavelength_mode, plain.lensfield.wavelength_list = "LIST", "red"
+    assert "red" in told(plain)
+
+
+def test_a_file_that_is_not_saved_renders_to_a_temporary_folder(plain):
+    assert not bpy.data.filepath and str(UNSAVED_FOLDER) in told(plain).replace(" ", "")
+    plain.lensfield.tier, plain.cycles.samples = "PREVIEW", 1
+    assert bpy.ops.lensfield.render() == {"FINISHED"}
+    assert folder_for(plain) == UNSAVED_FOLDER / "lensfield"
+    assert (folder_for(plain) / "Scene_0001_lens_image.exr").is_file()
+
+
+def test_once_saved_pictures_go_beside_the_file(plain, tmp_path):
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "saved.blend"))
+    assert folder_for(plain) == tmp_path / "lensfield" and str(UNSAVED_FOLDER) not in told(plain)
