@@ -107,6 +107,28 @@ def show_tab():
     region(there, "UI").active_panel_category = "Lensfield"
 
 
+def choose_petzval():
+    bpy.context.scene.lensfield.lens = "kodak-petzval-100mm"
+    bpy.context.scene.lensfield.view = "CAMERA"
+
+
+def raise_vase():
+    bpy.data.objects["Vase"].location.z += 0.02
+
+
+def preview_under_way():
+    """The preview that is on, or None."""
+    return sys.modules[f"{MODULE}.addon.ui.preview"].state["preview"]
+
+
+def preview_is_fresh():
+    """Whether the preview shows the scene as it is, through the lens that is chosen."""
+    preview = preview_under_way()
+    assert preview and not preview.error, preview and preview.error
+    key = sys.modules[f"{MODULE}.addon.ui.preview"].lens_key(bpy.context.scene)
+    return preview.picture.is_file() and preview.fresh and not preview.asked and preview.lens == key
+
+
 def window_render():
     return sys.modules[f"{MODULE}.addon.ui.window_render"]
 

@@ -16,6 +16,7 @@ from hands import (
     alive,
     area,
     child,
+    choose_petzval,
     close_other_windows,
     in_a_pass,
     lens_image_path,
@@ -26,6 +27,9 @@ from hands import (
     over,
     pixels,
     press,
+    preview_is_fresh,
+    preview_under_way,
+    raise_vase,
     region,
     render,
     render_in_blender,
@@ -67,8 +71,7 @@ def another_lens():
     """On the light that is kept, without a render; one undo takes it back."""
     yield from open_sample()
     first = yield from render()
-    bpy.context.scene.lensfield.lens = "kodak-petzval-100mm"
-    bpy.context.scene.lensfield.view = "CAMERA"
+    choose_petzval()
     bpy.ops.ed.undo_push(message="Choose Lens")
     start_s = time.monotonic()
     second = yield from render("apply_lens")
@@ -76,6 +79,31 @@ def another_lens():
     shoot("applied")
     assert second.shape == first.shape and not alike(first, second)
     assert alike((yield from render_in_blender()), second)
+
+
+def preview():
+    """Shows the camera's view soon, follows lens and scene, and leaves nothing."""
+    yield from open_sample(samples=64, percentage=100)
+    yield from start("preview")
+    pictures = []
+    for name, change in (("first", lambda: None), ("lens", choose_petzval), ("scene", raise_vase)):
+        change()
+        start_s = time.monotonic()
+        yield 0.2  # for Blender to hear of the change
+        if preview_under_way().slow:  # copying takes so long here that it waits to be asked
+            yield from start("refresh_preview")
+        yield from until(preview_is_fresh)
+        print(f"{name}: {time.monotonic() - start_s:.1f} s")
+        yield 0.5
+        shoot(name)
+        image = bpy.data.images["Lensfield Preview"]
+        pictures.append(pixels(bpy.path.abspath(image.filepath)))
+        assert pictures[-1].mean() > 1e-3
+    assert not alike(pictures[0], pictures[1]) and not alike(pictures[1], pictures[2])
+    number, folder = preview_under_way().child._process.pid, preview_under_way().folder.name
+    yield from start("preview")
+    assert "Lensfield Preview" not in bpy.data.images
+    return [number, folder]
 
 
 def animation():
