@@ -129,7 +129,7 @@ def render_through_lens(scene, lens=None, wavelengths_nm=None, output_folder=Non
     view_layer : str, optional
         The one to render, where it is not the only one that is on for rendering.
     denoise : bool
-        Let Cycles denoise its passes; this shifts means by up to 1 %, unequally between wavelengths.
+        Let Cycles denoise its passes; this shifts means by up to 1 %, of dim wavelengths by more.
     to_compositor : bool
         Lay the lens image into the scene's compositor.
     picture : Path, optional

@@ -168,7 +168,7 @@ class LensfieldSettings(bpy.types.PropertyGroup):
                ("CLAMP", "Clamp", "Take the brightest of their neighbours")])
     denoise: EnumProperty(
         name="Denoise", default="SCENE",
-        description="Let Cycles denoise its passes. It shifts means by up to 1 %, unequally between wavelengths",
+        description="Let Cycles denoise its passes. It shifts means by up to 1 %, of dim wavelengths by more",
         items=[("SCENE", "As the Scene", "As Cycles' own Denoise is set; but never in Reference", 2),
                ("ON", "On", "Whatever the scene says", 1),
                ("OFF", "Off", "Whatever the scene says", 0)])

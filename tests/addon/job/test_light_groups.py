@@ -299,7 +299,7 @@ def test_spiky_lamps_are_the_last_to_share_a_group(scene, tmp_path):
 
 
 def test_all_lamps_in_one_group_for_denoising(scene, tmp_path):
-    """OIDN sees the whole picture alone, and may shift it by 1 %."""
+    """OIDN sees the whole picture alone, and may shift it by 1 %; a dim wavelength by 0.1 % of the brightest."""
     scene.cycles.samples = BY_CHANCE
     red_wall(scene)
     point(scene, "led-b3", 10.0)
@@ -307,7 +307,7 @@ def test_all_lamps_in_one_group_for_denoising(scene, tmp_path):
     picture, facts = cube(scene, tmp_path, denoise=True)
     assert len(facts["lamps"]) == 1
     expected = STEP * red() * (10 * load_spectrum("led-b3").density_at(NM) + 3 * density(SMOOTH))
-    np.testing.assert_allclose(picture.mean(axis=(1, 2)), expected, rtol=0.01)
+    np.testing.assert_allclose(picture.mean(axis=(1, 2)), expected, rtol=0.01, atol=1e-3 * expected.max())
 
 
 def test_light_groups_of_the_users_own_take_no_part_and_come_back(scene, tmp_path):
