@@ -241,7 +241,9 @@ def on_update(scene, depsgraph):
 
 
 def _counts(update):
-    """Whether an update is more than a selection."""
+    """Whether an update is more than a selection, and not of the compositor, which takes no part."""
+    if update.id.id_type == "NODETREE":
+        return update.id.type != "COMPOSITING"
     named = update.id.id_type in ("SCENE", "OBJECT", "COLLECTION")
     return not named or update.is_updated_geometry or update.is_updated_transform or update.is_updated_shading
 
