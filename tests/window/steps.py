@@ -55,6 +55,21 @@ def install():
     assert region(area("VIEW_3D"), "UI").active_panel_category == "Lensfield"
 
 
+def default_scene():
+    """Never saved, and with a click: the picture is in the compositor, and its folder is told."""
+    yield from show_tab()
+    bpy.context.scene.cycles.samples, bpy.context.scene.render.resolution_percentage = 4, 25
+    bpy.ops.ed.undo_push(message="Make Small")
+    yield 1
+    shoot("untouched")
+    yield from start()
+    shoot("under-way")
+    yield from until(lambda: not rendering())
+    yield 0.5
+    assert node_label() == "Lensfield: lens image", notice()
+    assert not bpy.data.filepath
+
+
 def sample_scene():
     """Opens in the camera's view, renders, and comes into the compositor and into F12."""
     yield from open_sample()
