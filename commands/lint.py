@@ -4,6 +4,7 @@ import json
 from dataclasses import asdict
 
 from .render import FRAME_LIMITS, add_scene_options, check_limits, scene_and_arguments
+from .terminal import quiet
 
 
 def add(commands):
@@ -25,7 +26,8 @@ def _lint(options):
     from ..addon import preflight
     from ..addon.shading.lint import counts_text
 
-    found = preflight(scene, frame=options.frame, **asked)
+    with quiet(1):  # Cycles says there which devices it misses, and a program reads JSON here
+        found = preflight(scene, frame=options.frame, **asked)
     if options.json:
         print(json.dumps({
             "plan": found.plan.text if found.plan else None,

@@ -21,6 +21,7 @@ MARK = "lensfield"  # custom property of our node groups; users may rename them
 STATE = "lensfield_frames"  # custom property of them: JSON, see `_State`
 BACKGROUND_M = 1e10
 LABEL_LENGTH = 63  # that Blender takes
+WIDTH = 240  # of the node, as that of Render Layers: for its label to be read
 LENS_IMAGE = re.compile(r"(.*?)(-?\d+)_lens_image\.exr")
 SWITCHED = {"Image": "lens_image", "Depth": "depth"}  # what is as in the plain render where there is no lens image
 STILLS = {"Relative Illumination": "relative_illumination", "STMap Distort": "stmap_distort",
@@ -57,7 +58,7 @@ def lay_into_compositor(scene, *image_paths, fingerprint=None):
     if node is None:
         node = tree.nodes.new("CompositorNodeGroup")
         node.node_tree = _new_group()
-        node.name = NAME
+        node.name, node.width = NAME, WIDTH
         made_layers = _take_over_links(scene, tree, node)
         _put(node.node_tree, made_tree=made_tree, made_layers=made_layers)
     elif any(_lensfield_node(other) and _lensfield_node(other).node_tree == node.node_tree
@@ -318,7 +319,7 @@ def _build(group):
     for name in SWITCHED:
         socket = group.interface.new_socket(name=name, in_out="INPUT", socket_type=f"NodeSocket{OUTPUTS[name]}")
         if name == "Depth":
-            socket.default_value = BACKGROUND_M
+            socket.default_value, socket.hide_value = BACKGROUND_M, True
     for name, kind in OUTPUTS.items():
         group.interface.new_socket(name=name, in_out="OUTPUT", socket_type=f"NodeSocket{kind}")
     plain, out = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
