@@ -12,7 +12,7 @@ from lensfield import cli
 from places import ROOT
 
 PAGES = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md",
-         *sorted(f"docs/{path.name}" for path in ROOT.glob("docs/*.md"))]
+         *sorted(path.relative_to(ROOT).as_posix() for path in ROOT.glob("docs/**/*.md"))]
 OF_TODAY = [page for page in PAGES if page != "CHANGELOG.md"]  # which tells of what has gone, too
 FOLDERS = "addon", "benchmarks", "commands", "docs", "engine", "packaging", "sample_scenes", "tests", "validation"
 LINK = re.compile(r"\]\(([^)\s]+)\)|src=\"([^\"]+)\"")

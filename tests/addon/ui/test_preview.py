@@ -11,6 +11,7 @@ import pytest
 
 from layouts import Layout
 from lensfield import addon
+from lensfield.addon.scene.compositor import compositing_tree
 from lensfield.addon.ui import preview, window_render
 from lensfield.addon.ui.preview_overlay import frame_corners
 from small_scenes import light, material, wall
@@ -73,6 +74,9 @@ def test_a_change_is_seen_by_itself_and_a_selection_is_none(ready_scene):
     follow()
     first, radiance = red(ready_scene), on().radiance.stat().st_mtime_ns
     bpy.data.objects["Wall"].select_set(True)
+    bpy.context.view_layer.update()
+    assert on().fresh
+    compositing_tree(ready_scene).nodes.new("CompositorNodeBlur")
     bpy.context.view_layer.update()
     assert on().fresh
     bpy.data.lights["Light"].energy *= 2
