@@ -24,7 +24,7 @@ from .properties import FROM_FILE
 from .window_render import state
 from .wrapped import PANEL_MARGINS, draw_wrapped, region_widgets
 
-LENS_PICTURE = 6  # widgets
+LENS_PICTURE, OFFERED_PICTURE = 6, 8  # widgets
 
 
 def draw_settings(layout, scene):
@@ -45,7 +45,7 @@ def draw_settings(layout, scene):
 def _draw_lens(layout, scene):
     """The lens: its picture, its name, its file, and what it is."""
     settings = scene.lensfield
-    layout.template_icon_view(settings, "lens", show_labels=True, scale=LENS_PICTURE, scale_popup=LENS_PICTURE)
+    layout.template_icon_view(settings, "lens", show_labels=True, scale=LENS_PICTURE, scale_popup=OFFERED_PICTURE)
     row = layout.row(align=True)
     row.prop(settings, "lens", text="")
     row.operator("lensfield.search_lens", text="", icon="VIEWZOOM")

@@ -48,6 +48,15 @@ def test_lenses_go_by_their_titles():
     assert "Zeiss Tessar 50 mm f/5.5 (1902)" in {title for _, title, *_ in offered_lenses()}
 
 
+def test_each_bundled_lens_has_its_picture():
+    from PIL import Image
+
+    from lensfield.engine.lens.readers import BUNDLED
+    for name in bundled_names():
+        with Image.open(BUNDLED / f"{name}.jpg") as picture:
+            assert picture.size == (256, 192)
+
+
 @pytest.mark.parametrize("lens", [DEFAULT_LENS, "edmund-54852", "kodak-petzval-100mm"])
 def test_a_scene_without_a_camera_gets_one_that_sees_all(scene, lens):
     scene.lensfield.lens = lens
