@@ -7,6 +7,7 @@ from ...engine.lens.curves import reference_nm
 from ..job.remarks import ENOUGH_SAMPLES
 from ..job.render import render_through_lens
 from ..scene.camera import aim_camera, capture_grid, check_camera, match_camera_to_lens
+from ..scene.compositor import show_file
 from ..scene.lens_cache import load_lens
 from . import window_render
 from .previews import SHEET_MARK, load_sheet, sheet_path
@@ -165,6 +166,27 @@ class LENSFIELD_OT_search_lens(bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
 
+class LENSFIELD_OT_show_picture(bpy.types.Operator):
+    """Show the lens image of the last render in an image editor: one that is empty, or a new window"""
+
+    bl_idname = "lensfield.show_picture"
+    bl_label = "Show Picture"
+
+    @classmethod
+    def poll(cls, context):
+        path = window_render.state["lens_image"]
+        return path is not None and path.is_file()
+
+    def execute(self, context):
+        path = window_render.state["lens_image"]
+        image = show_file(bpy.data.images.get(path.name), str(path), path.name)
+        if bpy.app.background:
+            self.report({"INFO"}, f"{path} is loaded as the image {image.name!r}")
+        else:
+            _show_at_full_size(context, image)
+        return {"FINISHED"}
+
+
 class LENSFIELD_OT_show_sheet(bpy.types.Operator):
     """Open the sheet of the lens at full size: point spread functions, distortion, sharpness, light and colour"""
 
@@ -193,7 +215,7 @@ class LENSFIELD_OT_show_sheet(bpy.types.Operator):
 
 
 def _show_at_full_size(context, image):
-    """Show an image in an Image Editor that is empty or shows a sheet, or in a new window."""
+    """Show an image in an Image Editor that is empty, or shows a render or a sheet; or in a new window."""
     place = next(((window, area) for window in context.window_manager.windows for area in window.screen.areas
                   if area.type == "IMAGE_EDITOR" and _is_free(area.spaces.active)), None)
     if place is None:
@@ -209,8 +231,10 @@ def _show_at_full_size(context, image):
 
 
 def _is_free(image_editor):
-    return image_editor.image is None or SHEET_MARK in image_editor.image
+    image = image_editor.image
+    return image is None or SHEET_MARK in image or image.type == "RENDER_RESULT"
 
 
 classes = (LENSFIELD_OT_render, LENSFIELD_OT_cancel, LENSFIELD_OT_match_camera, LENSFIELD_OT_add_camera,
-           LENSFIELD_OT_sensible_samples, LENSFIELD_OT_search_lens, LENSFIELD_OT_show_sheet)
+           LENSFIELD_OT_sensible_samples, LENSFIELD_OT_search_lens, LENSFIELD_OT_show_picture,
+           LENSFIELD_OT_show_sheet)

@@ -19,7 +19,7 @@ from .compositor_panel import draw_compositor, draw_shown
 from .lint_panel import draw_check
 from .plan_line import plan_text
 from .preview import draw_preview
-from .previews import growing_preview, sheet_path, sheet_preview
+from .previews import growing_preview, rendered_picture, sheet_path, sheet_preview
 from .properties import FROM_FILE
 from .window_render import state
 from .wrapped import PANEL_MARGINS, draw_wrapped, region_widgets
@@ -123,9 +123,18 @@ def _draw_render(layout, scene):
         header, body = layout.panel("lensfield_notice")
         header.label(text="Last Render", icon=state["icon"])
         if body:
-            column = body.column(align=True)
-            for line in state["notice"]:
-                draw_wrapped(column, line, "DOT")
+            _draw_last(body)
+
+
+def _draw_last(layout):
+    """The picture of the last render, and what is told of it; of its files the names alone."""
+    image = state["lens_image"]
+    if image and (picture := rendered_picture(image)).is_file():
+        layout.template_icon(icon_value=growing_preview(picture).icon_id, scale=_picture_scale())
+        layout.operator("lensfield.show_picture", icon="IMAGE_DATA")
+    column = layout.column(align=True)
+    for line in state["notice"]:
+        draw_wrapped(column, line.replace(f"{image.parent}{os.sep}", "") if image else line, "DOT")
 
 
 def _draw_under_way(layout, row, render):

@@ -38,8 +38,9 @@ def plan_text(scene):
     plan = _plan(settings.to_options(), lens, grid, wavelengths_nm)
     if plan is None:
         return text
-    cube_mb = 4e-6 * rows * columns * len(wavelengths_nm)
-    return f"{text}; then {max(plan.seconds, 0.1):.1f} s for the lens, {(2 * cube_mb + plan.memory_mb) / 1e3:.1f} GB"
+    memory_mb = plan.memory_mb + 2 * 4e-6 * rows * columns * len(wavelengths_nm)  # radiance and irradiance
+    memory = f"{memory_mb / 1e3:.1f} GB" if memory_mb >= 1e3 else f"{memory_mb:.0f} MB"
+    return f"{text}; then {max(plan.seconds, 0.1):.1f} s for the lens, {memory}"
 
 
 def _renders(scene, wavelengths):

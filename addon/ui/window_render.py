@@ -67,8 +67,8 @@ class WindowRender:
         return f"{label}, about {_duration(max(left_s, 0))} left"
 
 
-state = {"render": None, "icon": "INFO", "notice": ()}
-"""The WindowRender under way, or None; and what became of the last one: lines, and the icon that they go under."""
+state = {"render": None, "icon": "INFO", "notice": (), "lens_image": None}
+"""The WindowRender under way, or None; and what became of the last one: lines, the icon they go under, its file."""
 
 
 def start(scene, *frames):
@@ -165,6 +165,7 @@ def _finish(render):
     render.child.end()
     told = render.child.told
     _lay(render)
+    state["lens_image"] = next(map(Path, reversed(render.child.lens_images)), None)
     if render.to_compositor and render.child.lens_images and _scene(render) is None:
         render.remarks.append(f"scene {render.scene_name!r} is no longer open: its compositor is as it was")
     with render.folder:

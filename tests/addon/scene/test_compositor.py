@@ -441,7 +441,7 @@ def test_operator_renders_with_the_settings(scene, tmp_path, folder):
 
 @pytest.mark.parametrize("settings, message", [
     ({"wavelength_mode": "LIST", "wavelength_list": "700, 500"}, "options: wavelengths is 700, 500: expected"),
-    ({"wavelength_last_nm": 900.0}, "edmund-54852: wavelength is .* nm: the lens data spans 400 to 700 nm"),
+    ({"wavelength_last_nm": 900.0}, "tessar-50mm: wavelength is .* nm: the lens data spans 400 to 700 nm"),
     ({"lens": "FILE", "lens_file": "/no/such/lens.npz"}, "/no/such/lens.npz: lens is not there"),
     ({"lens": "FILE", "lens_file": ""}, "scene settings: lens file is empty"),
     ({"output_folder": " "}, "scene settings: output folder is empty"),

@@ -8,7 +8,7 @@ from bpy_extras.object_utils import world_to_camera_view
 from layouts import Layout
 from lensfield.addon.job.job import UNSAVED_FOLDER, folder_for
 from lensfield.addon.job.remarks import ENOUGH_SAMPLES
-from lensfield.addon.ui import lint_panel, plan_line
+from lensfield.addon.ui import lint_panel, plan_line, window_render
 from lensfield.addon.ui.panels import draw_settings
 from lensfield.addon.ui.properties import DEFAULT_LENS, offered_lenses
 from lensfield.engine import Lens, Options, SpectralImage
@@ -127,7 +127,7 @@ def test_the_plan_lines_seconds_and_memory_are_the_engines(plain):
     grid = plan_line.capture_grid(plain, lens, settings.wavelengths_nm())
     cube = np.zeros((len(settings.wavelengths_nm()), *grid.shape_px), np.float32)
     plan = make_plan(Options(accuracy=0.01), lens, SpectralImage(cube, settings.wavelengths_nm(), grid))
-    assert f"{max(plan.seconds, 0.1):.1f} s for the lens, {(2e-6 * cube.nbytes + plan.memory_mb) / 1e3:.1f} GB" in text
+    assert f"then {max(plan.seconds, 0.1):.1f} s for the lens, {plan.memory_mb + 2e-6 * cube.nbytes:.0f} MB" in text
 
 
 def test_what_cannot_be_planned_is_told_in_its_place(plain):
@@ -141,6 +141,21 @@ def test_a_file_that_is_not_saved_renders_to_a_temporary_folder(plain):
     assert bpy.ops.lensfield.render() == {"FINISHED"}
     assert folder_for(plain) == UNSAVED_FOLDER / "lensfield"
     assert (folder_for(plain) / "Scene_0001_lens_image.exr").is_file()
+
+
+def test_the_picture_of_the_last_render_is_shown_and_told_of_by_name(plain, monkeypatch, tmp_path):
+    plain.lensfield.tier, plain.cycles.samples, plain.lensfield.output_folder = "PREVIEW", 1, str(tmp_path)
+    assert bpy.ops.lensfield.render() == {"FINISHED"}
+    path = tmp_path / "Scene_0001_lens_image.exr"
+    assert not bpy.ops.lensfield.show_picture.poll()
+    monkeypatch.setitem(window_render.state, "lens_image", path)
+    monkeypatch.setitem(window_render.state, "notice", (f"{path} in 2.0 s",))
+    assert "lensfield.show_picture" in drawn(plain).shown and str(tmp_path) not in told(plain).replace(" ", "")
+    for _ in range(2):
+        assert bpy.ops.lensfield.show_picture() == {"FINISHED"}
+    assert [image.filepath for image in bpy.data.images if image.name == path.name] == [str(path)]
+    path.unlink()
+    assert not bpy.ops.lensfield.show_picture.poll()
 
 
 def test_once_saved_pictures_go_beside_the_file(plain, tmp_path):
