@@ -43,6 +43,7 @@ def register():
     register_keys()
     sweep()
     start_watching()
+    bpy.app.handlers.load_post.append(window_render.forget_last)
 
 
 def unregister():
@@ -50,6 +51,7 @@ def unregister():
     window_render.end()
     preview.end()
     stop_watching()
+    bpy.app.handlers.load_post.remove(window_render.forget_last)
     plan_line.forget_plan()
     unregister_keys()
     properties.unregister_pointers()

@@ -19,7 +19,7 @@ from .compositor_panel import draw_compositor, draw_shown
 from .lint_panel import draw_check
 from .plan_line import plan_text
 from .preview import draw_preview
-from .previews import growing_preview, rendered_picture, sheet_path, sheet_preview
+from .previews import growing_preview, lens_picture, rendered_picture, sheet_path, sheet_preview
 from .properties import FROM_FILE
 from .window_render import state
 from .wrapped import PANEL_MARGINS, draw_wrapped, region_widgets
@@ -45,7 +45,8 @@ def draw_settings(layout, scene):
 def _draw_lens(layout, scene):
     """The lens: its picture, its name, its file, and what it is."""
     settings = scene.lensfield
-    layout.template_icon_view(settings, "lens", show_labels=True, scale=LENS_PICTURE, scale_popup=OFFERED_PICTURE)
+    if lens_picture(settings.lens):
+        layout.template_icon_view(settings, "lens", show_labels=True, scale=LENS_PICTURE, scale_popup=OFFERED_PICTURE)
     row = layout.row(align=True)
     row.prop(settings, "lens", text="")
     row.operator("lensfield.search_lens", text="", icon="VIEWZOOM")
@@ -67,19 +68,19 @@ def _draw_camera(layout, scene):
         return
     layout.prop(scene.lensfield, "view")
     try:
-        lens = _lens(scene)
-        if lens is None:
+        own = _lens(scene)
+        if own is None:
             return
-        lens, warning = lens_for_view(scene, lens, scene.lensfield.view.lower())
+        lens, warning = lens_for_view(scene, own, scene.lensfield.view.lower())
     except InputError as error:
         draw_wrapped(layout.column(align=True), str(error), "ERROR")
         return
     focus = "far away" if lens.object_distance_mm == float("inf") else f"at {lens.object_distance_mm * 1e-3:.3g} m"
     column = layout.column(align=True)
-    draw_wrapped(column, f"{lens.efl_mm:.3g} mm f/{lens.f_number_effective:.2g} focused {focus}, on "
+    draw_wrapped(column, f"{lens.efl_mm:.3g} mm f/{lens.f_number_effective:.3g} focused {focus}, on "
                          f"{lens.sensor_mm[0]:.3g} x {lens.sensor_mm[1]:.3g} mm")
     if warning:
-        draw_wrapped(column, warning, "INFO")
+        draw_wrapped(column, f"Made {lens.efl_mm / own.efl_mm:.3g} times as large as it is, blur and all", "INFO")
     elif not _sees_alike(scene, lens):
         draw_wrapped(column, "Your camera frames another view", "INFO")
         column.operator("lensfield.match_camera", icon="CAMERA_DATA")

@@ -5,7 +5,6 @@ applied to the light that the last one has kept. Handlers only note when somethi
 once all is still. Nothing of the file is kept but names and session_uids.
 """
 
-import os
 import tempfile
 import time
 from dataclasses import dataclass, field
@@ -20,6 +19,7 @@ from ..job.child import Child, lensfield_command, preview_arguments, save_copy, 
 from ..scene.camera import frame_px, view_tangents
 from ..scene.compositor import show_file
 from . import preview_overlay, window_render
+from .properties import lens_title
 from .wrapped import draw_wrapped
 
 NAME = "Lensfield Preview"  # of its image
@@ -211,7 +211,7 @@ def _in_view(preview, scene):
 def _facts(scene, seconds, lens):
     """What the preview is: list of lines."""
     return ["{} x {} px, {} samples, {:.1f} s".format(*size_px(scene), SAMPLES, seconds),
-            os.path.basename(lens).removesuffix(".npz")]
+            lens_title(lens)]
 
 
 def _show(preview, scene, path):

@@ -1,5 +1,6 @@
 """What the user sets: the scene's lens settings, and spectra on materials, lights and worlds."""
 
+import os
 from functools import cache
 from zlib import crc32
 
@@ -88,6 +89,11 @@ def offered_lenses():
                for name, lens in bundled_lenses().items()]
     own = FROM_FILE, "From File", "A lens package of your own (.npz)", "FILE_FOLDER", _lasting_number(FROM_FILE)
     return [*bundled, own]
+
+
+def lens_title(name_or_path):
+    """What a lens is called in panels: its title, or the name of its file."""
+    return {name: title for name, title, *_ in offered_lenses()}.get(name_or_path, os.path.basename(name_or_path))
 
 
 class LensfieldSettings(bpy.types.PropertyGroup):

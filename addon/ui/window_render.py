@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import bpy
+from bpy.app.handlers import persistent
 
 from ...engine.errors import InputError
 from ..job.child import Child, apply_command, render_command, save_copy, work_folder
@@ -157,6 +158,12 @@ def end():
         render.folder.cleanup()
     if bpy.app.timers.is_registered(tick):
         bpy.app.timers.unregister(tick)
+
+
+@persistent
+def forget_last(*_):
+    """Another file is open: what was told of the last render is none of its business."""
+    state.update(notice=(), lens_image=None)
 
 
 def _finish(render):

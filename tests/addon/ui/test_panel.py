@@ -14,6 +14,7 @@ from lensfield.addon.ui.properties import DEFAULT_LENS, offered_lenses
 from lensfield.engine import Lens, Options, SpectralImage
 from lensfield.engine.lens.readers import bundled_names
 from lensfield.engine.plan.choose import make_plan
+from places import SAMPLE_SCENE
 from small_scenes import light, material, wall
 
 
@@ -156,6 +157,18 @@ def test_the_picture_of_the_last_render_is_shown_and_told_of_by_name(plain, monk
     assert [image.filepath for image in bpy.data.images if image.name == path.name] == [str(path)]
     path.unlink()
     assert not bpy.ops.lensfield.show_picture.poll()
+
+
+def test_another_file_has_nothing_of_the_last_ones_render(plain, monkeypatch):
+    monkeypatch.setitem(window_render.state, "notice", ("Scene_0001_lens_image.exr in 2.0 s",))
+    assert "in 2.0 s" in told(plain)
+    bpy.ops.wm.open_mainfile(filepath=str(SAMPLE_SCENE))
+    assert "in 2.0 s" not in told(bpy.context.scene)
+
+
+def test_a_lens_of_another_size_is_told_of_in_few_words(plain):
+    plain.camera.data.type, plain.camera.data.lens, plain.lensfield.view = "PERSP", 25, "CAMERA"
+    assert "Made 0.5 times as large as it is" in told(plain)
 
 
 def test_once_saved_pictures_go_beside_the_file(plain, tmp_path):
