@@ -14,6 +14,7 @@ from lensfield import addon
 from lensfield.addon.scene.compositor import compositing_tree
 from lensfield.addon.ui import preview, window_render
 from lensfield.addon.ui.preview_overlay import frame_corners
+from lensfield.addon.ui.properties import lens_title
 from small_scenes import light, material, wall
 from snapshot import differences, snapshot
 
@@ -61,7 +62,7 @@ def test_it_shows_the_scene_and_touches_nothing_of_it(ready_scene):
     assert not [line for line in differences(before, snapshot()) if preview.NAME not in line]
     assert tuple(bpy.data.images[preview.NAME].size) == (320, 240) and red(ready_scene) > 0
     assert on().picture.is_file() and not on().error
-    assert "320 x 240 px, 4 samples" in shown() and "tessar-50mm" in shown()
+    assert "320 x 240 px, 4 samples" in shown() and "Zeiss Tessar" in shown()
     child, folder = on().child, Path(on().folder.name)
     assert bpy.ops.lensfield.preview() == {"FINISHED"}
     assert child.ended and not folder.exists() and not bpy.app.timers.is_registered(preview.tick)
@@ -110,7 +111,7 @@ def test_another_lens_is_seen_at_once_and_then_by_its_own_view(ready_scene):
     assert on().asked[0] == "lens"
     while on().asked[0] == "lens":
         preview.tick()
-    assert red(ready_scene) != shown_first and "nikkor-28mm" in shown() and on().asked[0] == "render"
+    assert red(ready_scene) != shown_first and "Nikkor 28 mm" in shown() and on().asked[0] == "render"
     follow()
     assert on().tangents[0] > 1.5 * narrow[0]
 
@@ -124,7 +125,7 @@ def test_in_the_cameras_view_another_lens_takes_no_render(ready_scene):
         ready_scene.lensfield.lens = lens
         bpy.context.view_layer.update()
         follow()
-        assert on().radiance.stat().st_mtime_ns == kept and not on().error and lens in shown()
+        assert on().radiance.stat().st_mtime_ns == kept and not on().error and lens_title(lens) in shown()
 
 
 def test_an_undo_may_change_lens_and_scene_at_once(ready_scene):
@@ -136,7 +137,7 @@ def test_an_undo_may_change_lens_and_scene_at_once(ready_scene):
     bpy.context.view_layer.update()
     preview.on_frame(ready_scene)
     follow()
-    assert red(ready_scene) > 2 * first and "cooke-triplet-50mm" in shown()
+    assert red(ready_scene) > 2 * first and "Cooke Triplet" in shown()
 
 
 def test_what_cannot_be_rendered_is_told_and_tried_again_when_it_has_changed(ready_scene):
