@@ -1,6 +1,7 @@
 """The linter: each verdict on a scene made by hand, and the biases that it names, measured."""
 
 import json
+import os
 import re
 
 import bpy
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 from cycles_pictures import picture
-from lensfield import cli
+from lensfield import addon, cli
 from lensfield.addon.shading import closure_rules, node_rules
 from lensfield.addon.shading.lint import Finding, lint
 from lensfield.addon.shading.node_paths import constant_of
@@ -392,6 +393,18 @@ def test_command_tells_findings_and_its_status_is_for_scripts(filmed, capsys):
     assert first["verdict"] == REJECTED and first["object_names"] == ["Wall"]
     assert cli.main(["lint", "missing.blend"]) == 1
     assert "missing.blend: scene is not there" in capsys.readouterr().err
+
+
+def test_json_comes_without_what_blender_writes_beside_it(filmed, monkeypatch, capfd):
+    real = addon.preflight
+
+    def chattering(*args, **asked):
+        os.write(1, b"cycles | WARNING no such device\n")
+        return real(*args, **asked)
+
+    monkeypatch.setattr(addon, "preflight", chattering)
+    assert cli.main(["lint", str(filmed[0]), "--json"]) == 0
+    assert json.loads(capfd.readouterr().out)["nodes"]
 
 
 def test_sample_scene_has_nothing_rejected_nor_separated(capsys):
