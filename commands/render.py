@@ -44,8 +44,8 @@ def add_scene_options(render):
                         help="nm: first:last:number, or a list such as 450,550,650")
     render.add_argument("--tier", choices=TIERS,
                         help="how true colours and blur are to be: Cycles renders three wavelengths, as many as keep "
-                             "colours true, or all, and the others follow from these; of a point's light up to 10, 1 or "
-                             "0.1 %% may land in the wrong place")
+                             "colours true, or all, and the others follow from these; up to 10, 1 or 0.1 %% of a "
+                             "point's light may land in the wrong place")
     render.add_argument("--colour-error", type=float, metavar="DELTA_E",
                         help="CIEDE2000 that 95 %% of the scene's possible colours are to stay within "
                              f"(standard: {STANDARD_COLOUR_ERROR:g})")
