@@ -3,6 +3,7 @@
 import bpy
 
 from ..job.animation import own_frames, render_animation
+from . import window_render
 from .operators import LensRender
 
 
@@ -24,9 +25,9 @@ class LENSFIELD_OT_render_animation(LensRender, bpy.types.Operator):
         """Render the scene's range; what there is to tell of it."""
         return render_animation(scene, overwrite=self.overwrite, to_compositor=scene.lensfield.to_compositor)
 
-    def frames(self):
-        """Arguments of the command that say which frames are asked for."""
-        return "--frames", "scene", *["--overwrite"] * self.overwrite
+    def start(self, scene):
+        """Start rendering the scene's range; what the pictures will be without."""
+        return window_render.start(scene, "--frames", "scene", *["--overwrite"] * self.overwrite)
 
 
 class LENSFIELD_MT_animation(bpy.types.Menu):

@@ -20,7 +20,8 @@ def nothing_renders():
 
 
 class LensRender:
-    """What renders through the lens: a script waits for it; a window starts it in the background, one at a time."""
+    """What takes its time: a script waits for it (`render`); a window starts it in the background (`start`), one at a
+    time."""
 
     @classmethod
     def poll(cls, context):
@@ -40,7 +41,7 @@ class LensRender:
 
     def invoke(self, context, event):
         try:
-            remarks = window_render.start(context.scene, *self.frames())
+            remarks = self.start(context.scene)
         except (InputError, OSError) as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -60,9 +61,9 @@ class LENSFIELD_OT_render(LensRender, bpy.types.Operator):
         """Render the current frame; what there is to tell of it."""
         return render_through_lens(scene, to_compositor=scene.lensfield.to_compositor)
 
-    def frames(self):
-        """Arguments of the command that say which frames are asked for."""
-        return ()
+    def start(self, scene):
+        """Start rendering the current frame; what the picture will be without."""
+        return window_render.start(scene)
 
 
 class LENSFIELD_OT_cancel(bpy.types.Operator):

@@ -9,51 +9,37 @@ class _SpectraPanel:
     bl_region_type = "WINDOW"
     bl_options = {"DEFAULT_CLOSED"}
 
+    block = ""  # of the context, whose spectra these are
+    fields = ()
+
     @classmethod
     def poll(cls, context):
-        return cls.data_block(context) is not None
+        return getattr(context, cls.block) is not None
 
     def draw(self, context):
         self.layout.use_property_split = True
-        spectra = self.data_block(context).lensfield
-        for field in self.fields(spectra):
-            self.layout.prop(spectra, field)
+        for field in self.fields:
+            self.layout.prop(getattr(context, self.block).lensfield, field)
 
 
 class LENSFIELD_PT_material(_SpectraPanel, bpy.types.Panel):
     bl_context = "material"
-
-    @staticmethod
-    def data_block(context):
-        return context.material
-
-    @staticmethod
-    def fields(spectra):
-        return "reflectance", "emission", "refraction"
+    block, fields = "material", ("reflectance", "emission", "refraction")
 
 
 class LENSFIELD_PT_light(_SpectraPanel, bpy.types.Panel):
     bl_context = "data"
+    block, fields = "light", ("emission", "power_unit")
 
-    @staticmethod
-    def data_block(context):
-        return context.light
-
-    @staticmethod
-    def fields(spectra):
-        return ("emission", "power_unit") + (("lumens",) if spectra.power_unit == "LUMEN" else ())
+    def draw(self, context):
+        super().draw(context)
+        if context.light.lensfield.power_unit == "LUMEN":
+            self.layout.prop(context.light.lensfield, "lumens")
 
 
 class LENSFIELD_PT_world(_SpectraPanel, bpy.types.Panel):
     bl_context = "world"
-
-    @staticmethod
-    def data_block(context):
-        return context.world
-
-    @staticmethod
-    def fields(spectra):
-        return ("emission",)
+    block, fields = "world", ("emission",)
 
 
 classes = (LENSFIELD_PT_material, LENSFIELD_PT_light, LENSFIELD_PT_world)
