@@ -110,6 +110,7 @@ def sample_scene(width, height, samples):
         bpy.ops.wm.open_mainfile(filepath=str(SCENE))
     scene = bpy.context.scene
     scene.render.resolution_x, scene.render.resolution_y, scene.cycles.samples = width, height, samples
+    scene.cycles.sample_clamp_direct = scene.cycles.sample_clamp_indirect = 0  # which Reference goes without
     return scene
 
 

@@ -11,6 +11,7 @@ from .wrapped import draw_wrapped
 ICONS = {REJECTED: "CANCEL", SEPARATED: "MOD_ARRAY", APPROXIMATED: "ERROR"}
 """Of the verdicts that have a line each in the panel; of the others their number is enough."""
 MOST_LINES = 40  # a panel has no room for more
+UNFIT = "Refused for the nodes rejected below, unless Unfit Nodes are rendered anyway, in Wavelengths and Spectra"
 
 checked = {"scene": None, "asked": (), "found": Preflight()}
 """What the last check found, the session_uid of the scene, which no other has until Blender ends, and what it asked."""
@@ -89,8 +90,9 @@ def draw_preflight(layout, found):
     column = layout.column(align=True)
     if found.plan:
         draw_wrapped(column, found.plan.text, "RENDER_STILL")
+    listed = {finding.place for finding in found.findings}
     for refusal in found.refusals:
-        draw_wrapped(column, str(refusal), "CANCEL")
+        draw_wrapped(column, UNFIT if refusal.where in listed else str(refusal), "CANCEL")
     for remark in found.remarks:
         draw_wrapped(column, str(remark), "INFO")
     _draw_findings(layout, found.findings)

@@ -424,7 +424,9 @@ def test_panel_shows_what_check_scene_found_and_selects(scene):
     lint_panel.draw_preflight(layout, lint_panel.checked["found"])
     assert [icon for _, icon in layout.labels if icon != "BLANK1"] == [
         "RENDER_STILL", "CANCEL", "INFO", "CANCEL", "INFO"]
-    assert str(lint_panel.checked["found"].findings[0]) in " ".join(text for text, _ in layout.labels)
+    said, finding = " ".join(text for text, _ in layout.labels), lint_panel.checked["found"].findings[0]
+    assert str(finding) in said and lint_panel.UNFIT in said
+    assert said.count(finding.text) == 2  # as why there is a render for each wavelength, and in its own line
     icons = bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items.keys()
     assert {*lint_panel.ICONS.values(), "RESTRICT_SELECT_OFF", "VIEWZOOM", "INFO"} <= set(icons)
 
