@@ -15,7 +15,8 @@ LEFT_OUT = {"rna_type", "name_full", "is_active", "is_runtime_data", "location_a
             "override_library", "original", "matrix_world", "matrix_local", "matrix_basis",
             "matrix_parent_inverse_world", "matrix", "hide_viewport", "hide_select", "hide", "pixels", "is_dirty",
             "users_collection", "grease_pencil", "texture_mesh", "cached_location", "frame_current", "session_uid"}
-LEFT_OUT_STARTS = "show_", "select", "active", "display_", "bl_", "preview_", "debug_", "bone_color", "lock_"
+LEFT_OUT_STARTS = ("show_", "select", "active", "display_", "bl_", "preview_", "debug_", "bone_color", "lock_",
+                   "open_")
 LEFT_OUT_OF = {  # by type: what is the editor's, or is told elsewhere
     "Node": {"location", "width", "height", "label", "color", "use_custom_color", "parent", "warning_propagation"},
     "NodeSocket": {"enabled", "links", "hide_value", "link_limit", "description", "pin_gizmo"},  # it is as the node is
@@ -30,6 +31,7 @@ RENDER = ("resolution_x", "resolution_y", "resolution_percentage", "pixel_aspect
           "film_transparent", "use_border", "border_min_x", "border_max_x", "border_min_y", "border_max_y",
           "use_motion_blur", "motion_blur_shutter", "motion_blur_position", "use_simplify",
           "simplify_subdivision_render", "simplify_child_particles_render")
+INPUT_FIELDS = "value", "type", "attribute_name"  # of what a modifier gives to its nodes, since Blender 5.2
 NUMBERS = {"FLOAT": np.float32, "INT": np.int32, "BOOLEAN": bool}
 
 _fields, _known = {}, {}  # by type, and by session_uid
@@ -174,7 +176,9 @@ class _Walk:
                 self.add(name, [n for i, n in enumerate(_flat(value)) if (inner, i) not in self._animated])
             elif (inner, 0) not in self._animated:
                 self.add(name, value)
-        if isinstance(struct, bpy.types.ID | bpy.types.NodesModifier):
+        if isinstance(struct, bpy.types.NodesModifier) and hasattr(struct, "properties"):  # since Blender 5.2
+            self._inputs(struct.properties.inputs, f"{path}.properties.inputs")
+        elif isinstance(struct, bpy.types.ID | bpy.types.NodesModifier):
             self._custom_properties(struct, path)
 
     def _pointer(self, name, value, path, block):
@@ -218,6 +222,17 @@ class _Walk:
             except (RuntimeError, TypeError):  # arrays of no fixed length, told by others' fields
                 continue
             self.add(name, blake2b(values.tobytes()).hexdigest())
+
+    def _inputs(self, inputs, path):
+        """What a modifier gives to its nodes."""
+        for name in inputs.bl_rna.properties.keys():
+            given = getattr(inputs, name)
+            for field in (field for field in INPUT_FIELDS if hasattr(given, field)):
+                value, inner = getattr(given, field), f"{path}.{name}.{field}"
+                parts = list(value) if hasattr(value, "__len__") and not isinstance(value, str) else [value]
+                for index, part in enumerate(parts):
+                    if (inner, index) not in self._animated:
+                        self.add(f"{name}.{field}", part)
 
     def _custom_properties(self, struct, path):
         for key in sorted(struct.keys()):

@@ -1,0 +1,59 @@
+"""What geometry nodes are given counts, wherever Blender keeps it."""
+
+import bpy
+import pytest
+
+from lensfield.addon.scene.compositor import fingerprint_anew
+from small_scenes import material, wall
+
+
+@pytest.fixture
+def modifier(scene):
+    """A modifier whose nodes take a size and a material."""
+    tree = bpy.data.node_groups.new("Set", "GeometryNodeTree")
+    for in_out in ("INPUT", "OUTPUT"):
+        tree.interface.new_socket(name="Geometry", in_out=in_out, socket_type="NodeSocketGeometry")
+    for kind in ("Float", "Material"):
+        tree.interface.new_socket(name=kind, in_out="INPUT", socket_type=f"NodeSocket{kind}")
+    modifier = wall(scene, material("Paint", "ShaderNodeBsdfDiffuse")[0]).modifiers.new("Set", "NODES")
+    modifier.node_group = tree
+    return modifier
+
+
+def give(modifier, name, value):
+    """Give a value to an input; where that is kept: owner and path."""
+    key = next(item.identifier for item in modifier.node_group.interface.items_tree
+               if item.name == name and item.in_out == "INPUT")
+    if hasattr(modifier, "properties"):  # since Blender 5.2
+        socket = getattr(modifier.properties.inputs, key)
+        socket.value = value
+        return socket, "value"
+    modifier[key] = value
+    return modifier, f'["{key}"]'
+
+
+@pytest.mark.parametrize("name", ["Float", "Material"])
+def test_what_a_modifier_gives_to_its_nodes_counts(scene, modifier, name):
+    values = (1.0, 2.0) if name == "Float" else (bpy.data.materials["Paint"], bpy.data.materials.new("Other"))
+    prints = []
+    for value in (*values, values[0]):
+        give(modifier, name, value)
+        prints.append(fingerprint_anew(scene))
+    assert prints[0] == prints[2] != prints[1]
+
+
+def test_what_is_keyframed_counts_by_its_keys(scene, modifier):
+    for frame, value in ((1, 1.0), (5, 3.0)):
+        owner, path = give(modifier, "Float", value)
+        owner.keyframe_insert(path, frame=frame)
+    prints = []
+    for frame in (1, 3, 5):
+        scene.frame_set(frame)
+        prints.append(fingerprint_anew(scene))
+    assert len(set(prints)) == 1
+
+
+def test_what_is_open_in_a_modifiers_panel_does_not_count(scene, modifier):
+    before = fingerprint_anew(scene)
+    modifier.open_warnings_panel = not modifier.open_warnings_panel
+    assert fingerprint_anew(scene) == before
