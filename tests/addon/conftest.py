@@ -22,9 +22,10 @@ def registered_addon():
 
 @persistent
 def shift_seeds(*_):
-    """Give the scenes of a file, or those from the factory, other seeds."""
+    """Give the scenes of a file, or those from the factory, other seeds, unless a test has saved them with such."""
     for scene in bpy.data.scenes:
-        scene.cycles.seed += FIRST_SEED
+        if scene.cycles.seed < FIRST_SEED:
+            scene.cycles.seed += FIRST_SEED
 
 
 @persistent
