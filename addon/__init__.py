@@ -52,7 +52,7 @@ def unregister():
     preview.end()
     stop_watching()
     bpy.app.handlers.load_post.remove(window_render.forget_last)
-    plan_line.forget_plan()
+    plan_line.forget_plans()
     unregister_keys()
     properties.unregister_pointers()
     _unregister_classes()

@@ -2,12 +2,11 @@
 
 from pathlib import Path
 
-from ..engine import InputError
 from ..engine.field.overscan import VIEWS
 from .arguments import add_engine_options, check_outputs, engine_options
+from .blend import import_addon
 from .followed import add_followed, messages, progress
 from .outcome import finish
-from .terminal import quiet
 
 
 def add(commands):
@@ -31,17 +30,8 @@ def _apply(options):
     with messages(options) as write:
         chosen = engine_options(options)
         with progress(options, write) as tell:
-            result = _addon().apply_lens(options.radiance, options.lens, options.output, options=chosen,
+            result = import_addon().apply_lens(options.radiance, options.lens, options.output, options=chosen,
                                          view=options.view, progress=tell)
         print(f"plan: {result.report.lens_image.plan.text}")
         finish(options, result.report, result.files)
         write(lens_image=str(result.lens_image), told=result.told)
-
-
-def _addon():
-    try:
-        with quiet(1):  # where $OCIO is set, Blender says so
-            from .. import addon
-    except ImportError as error:
-        raise InputError("bpy", "module", "not there", f"install Blender's Python wheel ({error})") from None
-    return addon

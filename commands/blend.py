@@ -5,6 +5,16 @@ from ..engine.errors import absence
 from .terminal import quiet
 
 
+def import_addon():
+    """The add-on; an InputError where there is no bpy."""
+    try:
+        with quiet(1):  # where $OCIO is set, Blender says so
+            from .. import addon
+    except ImportError as error:
+        raise InputError("bpy", "module", "not there", f"install Blender's Python wheel ({error})") from None
+    return addon
+
+
 def open_scene(path):
     """The scene of a .blend, opened with the add-on registered.
 
@@ -21,12 +31,8 @@ def open_scene(path):
     InputError
         There is no bpy, or no such .blend.
     """
-    try:
-        with quiet(1):  # where $OCIO is set, Blender says so
-            import bpy
-    except ImportError as error:
-        raise InputError("bpy", "module", "not there", f"install Blender's Python wheel ({error})") from None
-    from .. import addon
+    addon = import_addon()
+    import bpy
 
     if not path.is_file():
         raise InputError(path, "scene", absence(path), "expected a .blend file")

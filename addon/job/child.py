@@ -22,13 +22,14 @@ import bpy
 import numpy as np
 
 from ...commands.messages import read_message
+from ...engine.plan.options import TIER_ACCURACY
 from ..scene.errors import SceneError
 from .job import UNSAVED_FOLDER
 from .session import write_session
 
 GRACE_S = 0.7  # for a child to remove what is half-written
 CRASH = "Writing: "  # Blender's last words, before the name of a file that comes to be in the log
-PREVIEW_ACCURACY, PREVIEW_WAVELENGTHS = 0.1, 7
+PREVIEW_WAVELENGTHS = 7
 PREVIEW_ROOM = 0.12  # enough for each of the bundled lenses, after any other
 EXTENSION = __package__.rsplit(".", 2)[0]
 SESSION = "session.npz"  # beside the copy
@@ -104,10 +105,13 @@ def render_command(copy, picture, *more):
     more : str
         Arguments of `lensfield render`.
     """
-    arguments = ["render", str(copy), "--session", str(Path(copy).with_name(SESSION)), "--progress", "lines",
-                 "--end-with-stdin", "--picture", str(picture), *more]
-    arguments += ["--beside", os.path.dirname(bpy.data.filepath) or str(UNSAVED_FOLDER)]
-    return lensfield_command(arguments)
+    return lensfield_command([*_render_copy(copy), "--end-with-stdin", "--picture", str(picture), *more])
+
+
+def _render_copy(copy):
+    """The arguments of `lensfield` that render a copy as if it were the file, and tell how far that is."""
+    return ["render", str(copy), "--session", str(Path(copy).with_name(SESSION)), "--beside",
+            os.path.dirname(bpy.data.filepath) or str(UNSAVED_FOLDER), "--progress", "lines"]
 
 
 def apply_command(radiance, settings):
@@ -131,17 +135,15 @@ def preview_arguments(scene, key, *, radiance=None, copy=None, size=None, sample
     copy, size, samples : path, (width, height) and int, where there is none
     """
     lens, view, out_of_field = key
-    asked = ["--lens", lens, "--view", view, "--out-of-field", out_of_field, "--accuracy", str(PREVIEW_ACCURACY),
-             "--progress", "lines"]
+    asked = ["--lens", lens, "--view", view, "--out-of-field", out_of_field, "--accuracy",
+             str(TIER_ACCURACY["preview"])]
     if radiance:
-        return ["apply", str(radiance), *asked]
+        return ["apply", str(radiance), "--progress", "lines", *asked]
     nm = scene.lensfield.wavelengths_nm()
     few = ",".join(f"{one:g}" for one in np.linspace(nm[0], nm[-1], min(len(nm), PREVIEW_WAVELENGTHS)))
-    beside = ["--beside", os.path.dirname(bpy.data.filepath)] if bpy.data.filepath else []
-    session = ["--session", str(Path(copy).with_name(SESSION))]
-    return ["render", str(copy), *session, *asked, "--resolution", "{}x{}".format(*size), "--samples", str(samples),
+    return [*_render_copy(copy), *asked, "--resolution", "{}x{}".format(*size), "--samples", str(samples),
             "--wavelengths", few, "--tier", "preview", "--denoise", "--unfit", "render", "--room", str(PREVIEW_ROOM),
-            "--output", str(Path(copy).parent), *beside]
+            "--output", str(Path(copy).parent)]
 
 
 def lensfield_command(arguments):

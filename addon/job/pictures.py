@@ -13,6 +13,7 @@ from ...engine.lens.curves import reference_nm
 from ...engine.spectral.colour import REC709_LUMINANCE, rec709_weights
 
 REGION = "region"  # the channel of Blender's render region
+_written = {}  # by path: of which lens and frame it is, and its stamp
 ALPHA_WAVELENGTHS = 3  # of the job's: edges of things are as coloured as their blur, but alpha is one number
 
 
@@ -40,13 +41,26 @@ def write_pictures(captured, irradiance, lens, options, result):
         captured.alpha, captured.radiance, lens, options)
     write_rgb_exr(after, result.lens_image, captured.cut(alpha))
     write_plane_exr(nearest_samples(captured.depth_m, lens, captured.radiance.grid, nm), result.depth)
-    write_plane_exr(relative_illumination(lens, frame, nm), result.relative_illumination)
-    write_rgb_exr(distort_map(lens, frame, nm), result.stmap_distort)
-    write_rgb_exr(undistort_map(lens, frame, nm), result.stmap_undistort)
+    _write_once(result.relative_illumination, relative_illumination, write_plane_exr, lens, frame, nm)
+    _write_once(result.stmap_distort, distort_map, write_rgb_exr, lens, frame, nm)
+    _write_once(result.stmap_undistort, undistort_map, write_rgb_exr, lens, frame, nm)
     exposure = auto_exposure(after)
     before = captured.radiance.frame()
     write_png(to_rec709(replace(before, cube=captured.cut(before.cube))), result.before, exposure)
     write_png(after, result.after, exposure)
+
+
+def _write_once(path, make, write, lens, frame, nm):
+    """Write what is of the lens alone, unless this process has written just that there and nobody has changed it."""
+    of = lens.digest, frame, nm
+    if _written.get(path) != (of, _stamp(path)):
+        write(make(lens, frame, nm), path)
+        _written[path] = of, _stamp(path)
+
+
+def _stamp(path):
+    status = path.stat() if path.is_file() else None
+    return status and (status.st_mtime_ns, status.st_size)
 
 
 def alpha_through_lens(alpha, radiance, lens, options):

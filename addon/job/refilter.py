@@ -4,7 +4,6 @@ The kept picture has its field of view. Another lens takes that on a sensor of a
 camera's view, is made as large as the sensor that there is takes.
 """
 
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,7 +23,6 @@ from .pictures import REGION
 from .radiance import M_TO_MM, Captured, Work
 from .render import Result, lens_steps, run
 
-NAME = re.compile(r"(.+)_(\d{4,})_radiance\.exr")
 BY_RESULT = Options()
 SAME = 0.005  # of its own sensor's size, within which a lens is taken to have its own view
 
@@ -80,12 +78,8 @@ def kept_radiance(scene):
 def _steps(path, lens, output_folder, options, view):
     if view not in VIEWS:
         raise InputError("options", "view", view, f"expected {' or '.join(VIEWS)}")
-    name = NAME.fullmatch(path.name)
-    if not name:
-        raise InputError(path, "file", "not named as by a render", "expected one such as Scene_0001_radiance.exr")
+    result = replace(Result.beside(path, "radiance", output_folder), radiance=path)
     lens = lens if isinstance(lens, Lens) else load_lens(lens)
-    result = Result.called(name[1], path.parent if output_folder is None else Path(output_folder), int(name[2]))
-    result = replace(result, radiance=path)
     result.report.files["radiance"] = str(path)
     with result.report.stage("read radiance"):
         captured = yield Work(lambda tell: _read(path), "Reading radiance", 0.0)

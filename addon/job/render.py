@@ -3,6 +3,7 @@
 A driver runs the steps, one after the other.
 """
 
+import re
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -10,6 +11,7 @@ from pathlib import Path
 import bpy
 
 from ...engine import Kept, Report, simulate
+from ...engine.errors import InputError
 from ...engine.image.spectral_exr import write_exr
 from ..scene.compositor import fingerprint_anew, lay_into_compositor
 from ..scene.errors import SceneError
@@ -81,6 +83,23 @@ class Result:
         files = {name: folder / f"{stem}_{frame:04d}_{end}" for name, end in FRAME_FILES.items()} | {
             name: folder / f"{stem}_{end}" for name, end in LENS_FILES.items()}
         return cls(**files, report=Report(files={name: str(path) for name, path in files.items()}))
+
+    @classmethod
+    def beside(cls, path, name, folder=None):
+        """The Result of the frame that a file is the `name` of, such as its radiance; as if it lay in another folder,
+        if that is given.
+
+        Raises
+        ------
+        InputError
+            The file is not called so.
+        """
+        parts = re.fullmatch(rf"(.+)_(-?\d+)_{re.escape(FRAME_FILES[name])}", path.name)
+        result = parts and cls.called(parts[1], path.parent if folder is None else Path(folder), int(parts[2]))
+        if not result or getattr(result, name).name != path.name:
+            raise InputError(path, "file", "not named as by a render",
+                             f"expected one such as Scene_0001_{FRAME_FILES[name]}")
+        return result
 
     @property
     def pictures(self):

@@ -68,12 +68,18 @@ def captured_region(region, lens, wavelengths_nm, capture, room=0.0):
 
 
 def capture_grid(scene, lens, wavelengths_nm, room=0.0):
+    """The pixels to capture a scene with for a lens: `frame_capture` for its render's size."""
+    return frame_capture(lens, frame_px(scene), wavelengths_nm, room)
+
+
+def frame_capture(lens, shape_px, wavelengths_nm, room=0.0):
     """The pixels to capture a scene with for a lens: a PixelGrid.
 
     Parameters
     ----------
-    scene : bpy.types.Scene
     lens : Lens
+    shape_px : (int, int)
+        Rows and columns of the frame.
     wavelengths_nm : sequence of float
     room : float
         How much of the frame's longer side to capture beyond each edge at the least.
@@ -85,12 +91,11 @@ def capture_grid(scene, lens, wavelengths_nm, room=0.0):
     """
     if not 0 <= room <= MOST_ROOM:
         raise InputError("options", "room", room, f"expected 0 to {MOST_ROOM:g}")
-    shape = frame_px(scene)
-    frame = PixelGrid(shape, pitch_um(lens, shape))
+    frame = PixelGrid(shape_px, pitch_um(lens, shape_px))
     capture = choose_capture(lens, frame, wavelengths_nm, psf_radius_px(lens, frame.pitch_um))
-    least_px = round(room * max(shape))
+    least_px = round(room * max(shape_px))
     margins = [max(least_px, margin) for margin in capture.overscan_px]
-    return PixelGrid.around_frame(shape, frame.pitch_um, margins, capture.projection)
+    return PixelGrid.around_frame(shape_px, frame.pitch_um, margins, capture.projection)
 
 
 def view_tangents(scene, lens, view):

@@ -180,12 +180,7 @@ class LENSFIELD_OT_show_picture(bpy.types.Operator):
 
     def execute(self, context):
         path = window_render.state["lens_image"]
-        image = show_file(bpy.data.images.get(path.name), str(path), path.name)
-        if bpy.app.background:
-            self.report({"INFO"}, f"{path} is loaded as the image {image.name!r}")
-        else:
-            _show_at_full_size(context, image)
-        return {"FINISHED"}
+        return _present(self, context, path, show_file(bpy.data.images.get(path.name), str(path), path.name))
 
 
 class LENSFIELD_OT_show_sheet(bpy.types.Operator):
@@ -208,11 +203,16 @@ class LENSFIELD_OT_show_sheet(bpy.types.Operator):
         except (InputError, RuntimeError) as error:
             self.report({"ERROR"}, str(error).strip())
             return {"CANCELLED"}
-        if bpy.app.background:
-            self.report({"INFO"}, f"{path} is loaded as the image {image.name!r}")
-        else:
-            _show_at_full_size(context, image)
-        return {"FINISHED"}
+        return _present(self, context, path, image)
+
+
+def _present(operator, context, path, image):
+    """Show an image of this file; without a window, tell what it is called."""
+    if bpy.app.background:
+        operator.report({"INFO"}, f"{path} is loaded as the image {image.name!r}")
+    else:
+        _show_at_full_size(context, image)
+    return {"FINISHED"}
 
 
 def _show_at_full_size(context, image):

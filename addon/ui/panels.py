@@ -11,6 +11,7 @@ import bpy
 from ...engine.errors import InputError
 from ..job.job import folder_for, is_temporary
 from ..job.remarks import MANY_SAMPLES, SAME_VIEW
+from ..job.render import Result
 from ..scene.camera import frame_px, lens_for_view, matching_focal_length_mm, pitch_um
 from ..scene.lens_cache import load_lens
 from .animation import draw_animation
@@ -19,7 +20,7 @@ from .compositor_panel import draw_compositor, draw_shown
 from .lint_panel import draw_check
 from .plan_line import plan_text
 from .preview import draw_preview
-from .previews import growing_preview, lens_picture, rendered_picture, sheet_path, sheet_preview
+from .previews import growing_preview, lens_picture, sheet_path, sheet_preview
 from .properties import FROM_FILE
 from .window_render import state
 from .wrapped import PANEL_MARGINS, draw_wrapped, region_widgets
@@ -130,7 +131,7 @@ def _draw_render(layout, scene):
 def _draw_last(layout):
     """The picture of the last render, and what is told of it; of its files the names alone."""
     image = state["lens_image"]
-    if image and (picture := rendered_picture(image)).is_file():
+    if image and (picture := Result.beside(image, "lens_image").after).is_file():
         layout.template_icon(icon_value=growing_preview(picture).icon_id, scale=_picture_scale())
         layout.operator("lensfield.show_picture", icon="IMAGE_DATA")
     column = layout.column(align=True)

@@ -8,15 +8,17 @@ import numpy as np
 from ...engine.image.spectral_image import SpectralImage
 from ...engine.plan.choose import make_plan
 from ..job.bands import pass_count
-from ..scene.camera import capture_grid, lens_for_view
+from ..scene.camera import frame_capture, frame_px, lens_for_view
 from ..scene.lens_cache import load_lens
 from . import lint_panel
 from .window_render import areas
 
 TICK_S = 0.1
 
+MOST_PLANS = 4  # two windows draw theirs in turn
+
 _worker = ThreadPoolExecutor(1, "Lensfield plan")
-_planned = {"asked": None, "plan": None}  # the newest that was asked for alone: what it was, and a Future
+_plans = {}  # of what was asked for last, the newest at the end
 
 
 def plan_text(scene):
@@ -30,14 +32,13 @@ def plan_text(scene):
     settings = scene.lensfield
     wavelengths_nm = settings.wavelengths_nm()
     lens = lens_for_view(scene, load_lens(settings.lens_name_or_path()), settings.view.lower())[0]
-    grid = capture_grid(scene, lens, wavelengths_nm)
-    rows, columns = grid.shape_px
+    (rows, columns), future = _planned(settings.to_options(), lens, frame_px(scene), tuple(wavelengths_nm))
     samples = scene.cycles.samples
     text = (f"{_renders(scene, len(wavelengths_nm))} of {columns} x {rows} px, {samples} sample{'s' * (samples > 1)}; "
             f"{len(wavelengths_nm)} wavelengths")
-    plan = _plan(settings.to_options(), lens, grid, wavelengths_nm)
-    if plan is None:
+    if not future.done() or future.exception():  # it is being made, or there can be none
         return text
+    plan = future.result()
     memory_mb = plan.memory_mb + 2 * 4e-6 * rows * columns * len(wavelengths_nm)  # radiance and irradiance
     memory = f"{memory_mb / 1e3:.1f} GB" if memory_mb >= 1e3 else f"{memory_mb:.0f} MB"
     return f"{text}; then {max(plan.seconds, 0.1):.1f} s for the lens, {memory}"
@@ -55,33 +56,30 @@ def _renders(scene, wavelengths):
     return f"{most} or more Cycles renders" if tier == "REFERENCE" else f"1 to {most} Cycles renders"
 
 
-def _plan(options, lens, grid, wavelengths_nm):
-    """The engine's plan, or None as long as it is being made, or where there can be none."""
-    asked = options, lens, grid, tuple(wavelengths_nm)
-    if _planned["asked"] != asked:
-        if _planned["plan"]:
-            _planned["plan"].cancel()
+def _planned(options, lens, frame_shape_px, wavelengths_nm):
+    """Rows and columns of the capture, and a Future of the engine's plan; worked out once, as panels are drawn many
+    times a second."""
+    asked = options, lens, frame_shape_px, wavelengths_nm
+    if asked not in _plans:
+        grid = frame_capture(lens, frame_shape_px, wavelengths_nm)
         dark = np.broadcast_to(np.float32(0), (len(wavelengths_nm), *grid.shape_px))
-        _planned.update(asked=asked, plan=_worker.submit(make_plan, options, lens,
-                                                             SpectralImage(dark, wavelengths_nm, grid)))
-        if not bpy.app.background and not bpy.app.timers.is_registered(_redraw_when_done):
-            bpy.app.timers.register(_redraw_when_done, first_interval=TICK_S)
-    made = _planned["plan"]
-    return made.result() if made.done() and not made.cancelled() and not made.exception() else None
+        if len(_plans) == MOST_PLANS:
+            _plans.pop(next(iter(_plans)))[1].cancel()  # a slider that is dragged asks for many
+        plan = _worker.submit(make_plan, options, lens, SpectralImage(dark, wavelengths_nm, grid))
+        _plans[asked] = grid.shape_px, plan
+        if not bpy.app.background:
+            bpy.app.timers.register(lambda: _redraw_when_done(plan), first_interval=TICK_S)
+    return _plans[asked]
 
 
-def _redraw_when_done():
-    if _planned["plan"] and not _planned["plan"].done():
+def _redraw_when_done(plan):
+    if not plan.done():
         return TICK_S
     for area in areas("PROPERTIES", "VIEW_3D"):
         area.tag_redraw()
     return None
 
 
-def forget_plan():
-    """Let go of what is being worked out: the add-on is about to end."""
-    if _planned["plan"]:
-        _planned["plan"].cancel()
-    _planned.update(asked=None, plan=None)
-    if bpy.app.timers.is_registered(_redraw_when_done):
-        bpy.app.timers.unregister(_redraw_when_done)
+def forget_plans():
+    """Free them."""
+    _plans.clear()

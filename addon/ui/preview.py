@@ -16,6 +16,7 @@ from bpy.app.handlers import persistent
 
 from ...engine.errors import InputError
 from ..job.child import Child, lensfield_command, preview_arguments, save_copy, work_folder
+from ..job.render import Result
 from ..scene.camera import frame_px, view_tangents
 from ..scene.compositor import show_file
 from . import preview_overlay, window_render
@@ -192,7 +193,7 @@ def _take_in(preview, scene):
     if told["status"] == 0:
         image_path = Path(told["lens_image"])
         _show(preview, scene, image_path)
-        preview.radiance = image_path.with_name(image_path.name.replace("_lens_image", "_radiance"))
+        preview.radiance = Result.beside(image_path, "lens_image").radiance
         preview.told = _facts(scene, time.monotonic() - preview.asked_s, key[0])
     if what == "lens" and (told["status"] or not _in_view(preview, scene)):
         preview.changed_s = 0.0  # what is in its own view, or drawn in from beyond, has to be captured

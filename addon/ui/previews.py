@@ -46,11 +46,6 @@ def lens_picture(name):
     return (_previews().get(name) or _previews().load(name, str(path), "IMAGE")).icon_id
 
 
-def rendered_picture(lens_image):
-    """The PNG beside a lens image."""
-    return lens_image.with_name(lens_image.name.replace("_lens_image.exr", "_after.png"))
-
-
 def growing_preview(path):
     """The ImagePreview of a picture of which there is one at a time; as `sheet_preview`."""
     return _preview("growing", path)

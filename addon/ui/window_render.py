@@ -126,7 +126,7 @@ def _follow(scene, command_in, remarks, fingerprint, animation=False):
         raise
     state["render"] = WindowRender(child, folder, scene.name, scene.session_uid, scene.lensfield.to_compositor, remarks,
                                    animation, fingerprint)
-    state["notice"] = ()
+    forget_last()
     bpy.app.timers.register(tick, first_interval=TICK_S, persistent=True)  # it outlives the file
 
 
@@ -162,7 +162,7 @@ def end():
 
 @persistent
 def forget_last(*_):
-    """Another file is open: what was told of the last render is none of its business."""
+    """What was told of the last render is no business of another file, nor of the next render."""
     state.update(notice=(), lens_image=None)
 
 

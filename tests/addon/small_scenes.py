@@ -19,6 +19,14 @@ def set_world(scene, colour=(1, 1, 1), strength=1.0):
     background(scene).inputs["Strength"].default_value = strength
 
 
+def keyframe_world(scene, *frames):
+    """A white world, at each of these frames as strong as its number."""
+    set_world(scene)
+    for frame in frames:
+        background(scene).inputs["Strength"].default_value = frame
+        background(scene).inputs["Strength"].keyframe_insert("default_value", frame=frame)
+
+
 def material(name, node_type, colour=(0.8, 0.8, 0.8)):
     """A material of one shader node; returns it and the node."""
     new = bpy.data.materials.new(name)
@@ -70,11 +78,13 @@ def light(scene, kind, watts, **properties):
 
 
 def give(modifier, identifier, value):
-    """Give an input of a modifier's geometry nodes a value."""
+    """Give an input of a modifier's geometry nodes a value; the owner and the path that it has there."""
     if hasattr(modifier, "properties"):  # since 5.2
-        getattr(modifier.properties.inputs, identifier).value = value
-    else:
-        modifier[identifier] = value
+        given = getattr(modifier.properties.inputs, identifier)
+        given.value = value
+        return given, "value"
+    modifier[identifier] = value
+    return modifier, f'["{identifier}"]'
 
 
 def render(scene, folder, wavelengths_nm=WAVELENGTHS_NM, **options):

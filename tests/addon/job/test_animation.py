@@ -16,9 +16,10 @@ from lensfield import addon
 from lensfield.addon.job import animation as animation_module
 from lensfield.addon.job import pictures
 from lensfield.addon.job import render as render_module
+from lensfield.addon.job.render import LENS_FILES
 from lensfield.engine.errors import InputError
 from lensfield.engine.image.spectral_exr import read_exr
-from small_scenes import background, light, material, set_world, wall
+from small_scenes import keyframe_world, light, material, set_world, wall
 from snapshot import differences, snapshot
 
 NAMES = tuple(render_module.FRAME_FILES.values())
@@ -27,10 +28,7 @@ NAMES = tuple(render_module.FRAME_FILES.values())
 @pytest.fixture
 def moving_scene(scene, tmp_path):
     """A world whose light is as strong as the number of the frame, saved."""
-    set_world(scene)
-    for frame in (1, 9):
-        background(scene).inputs["Strength"].default_value = frame
-        background(scene).inputs["Strength"].keyframe_insert("default_value", frame=frame)
+    keyframe_world(scene, 1, 9)
     for curve in curves(scene.world.node_tree):
         curve.keyframe_points[0].interpolation = "LINEAR"
     scene.lensfield.wavelength_mode, scene.lensfield.wavelength_list = "LIST", "550"
@@ -107,6 +105,24 @@ def test_what_is_damaged_is_made_again(moving_scene, tmp_path, damage):
     addon.render_animation(moving_scene, [2, 4])
     damage(tmp_path / "lensfield")
     assert addon.Animation(moving_scene, [2, 4]).pending == [2]
+
+
+def test_what_is_of_the_lens_alone_is_written_once_for_all_frames(moving_scene, tmp_path):
+    paths = [tmp_path / "lensfield" / f"Scene_{name}.exr" for name in LENS_FILES]
+
+    def written(frame):
+        addon.render_animation(moving_scene, [frame])
+        return [path.stat().st_mtime_ns for path in paths]
+
+    first = written(2)
+    assert written(4) == first
+    paths[0].unlink()
+    paths[1].write_bytes(b"others'")
+    again = written(6)
+    assert again[0] > first[0] and again[1] > first[1] and again[2] == first[2]
+    assert all(path.stat().st_size > 1000 for path in paths)
+    moving_scene.lensfield.lens = "nikkor-28mm"
+    assert all(now > before for now, before in zip(written(2), again, strict=True))
 
 
 def darken(scene):

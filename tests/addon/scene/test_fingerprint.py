@@ -4,7 +4,7 @@ import bpy
 import pytest
 
 from lensfield.addon.scene.compositor import fingerprint_anew
-from small_scenes import material, wall
+from small_scenes import give, material, wall
 
 
 @pytest.fixture
@@ -20,16 +20,9 @@ def modifier(scene):
     return modifier
 
 
-def give(modifier, name, value):
-    """Give a value to an input; where that is kept: owner and path."""
-    key = next(item.identifier for item in modifier.node_group.interface.items_tree
-               if item.name == name and item.in_out == "INPUT")
-    if hasattr(modifier, "properties"):  # since Blender 5.2
-        socket = getattr(modifier.properties.inputs, key)
-        socket.value = value
-        return socket, "value"
-    modifier[key] = value
-    return modifier, f'["{key}"]'
+def give_to(modifier, name, value):
+    return give(modifier, next(item.identifier for item in modifier.node_group.interface.items_tree
+                               if item.name == name and item.in_out == "INPUT"), value)
 
 
 @pytest.mark.parametrize("name", ["Float", "Material"])
@@ -37,14 +30,14 @@ def test_what_a_modifier_gives_to_its_nodes_counts(scene, modifier, name):
     values = (1.0, 2.0) if name == "Float" else (bpy.data.materials["Paint"], bpy.data.materials.new("Other"))
     prints = []
     for value in (*values, values[0]):
-        give(modifier, name, value)
+        give_to(modifier, name, value)
         prints.append(fingerprint_anew(scene))
     assert prints[0] == prints[2] != prints[1]
 
 
 def test_what_is_keyframed_counts_by_its_keys(scene, modifier):
     for frame, value in ((1, 1.0), (5, 3.0)):
-        owner, path = give(modifier, "Float", value)
+        owner, path = give_to(modifier, "Float", value)
         owner.keyframe_insert(path, frame=frame)
     prints = []
     for frame in (1, 3, 5):

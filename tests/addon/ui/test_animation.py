@@ -11,17 +11,15 @@ from lensfield.addon.scene.compositor import lens_image, remove_from_compositor
 from lensfield.addon.scene.errors import SceneError
 from lensfield.addon.ui import window_render
 from lensfield.addon.ui.animation import draw_animation
-from small_scenes import background, set_world
+from small_scenes import keyframe_world, set_world
 from snapshot import COMPOSITOR, differences, snapshot
+from window_follow import follow
 
 
 @pytest.fixture
 def moving_scene(scene, tmp_path):
     """Saved with a world whose light grows, of which the current state is not."""
-    set_world(scene)
-    for frame in (1, 3):
-        background(scene).inputs["Strength"].default_value = frame
-        background(scene).inputs["Strength"].keyframe_insert("default_value", frame=frame)
+    keyframe_world(scene, 1, 3)
     scene.lensfield.wavelength_mode, scene.lensfield.wavelength_list = "LIST", "550"
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
     scene.frame_start, scene.frame_end = 1, 3
@@ -34,14 +32,6 @@ def start(*arguments):
     """What the operator does in a window."""
     window_render.start(bpy.context.scene, "--frames", "scene", *arguments)
     return window_render.state["render"]
-
-
-def follow(until=lambda render: False, seconds=120):
-    """Tick as Blender's timer does, until the render has ended or is as far as wanted."""
-    deadline = time.monotonic() + seconds
-    while window_render.tick() is not None and not until(window_render.state["render"]):
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
 
 
 def notice():

@@ -8,6 +8,7 @@ from bpy_extras.object_utils import world_to_camera_view
 from layouts import Layout
 from lensfield.addon.job.job import UNSAVED_FOLDER, folder_for
 from lensfield.addon.job.remarks import ENOUGH_SAMPLES
+from lensfield.addon.scene.camera import capture_grid
 from lensfield.addon.ui import lint_panel, plan_line, window_render
 from lensfield.addon.ui.panels import draw_settings
 from lensfield.addon.ui.properties import DEFAULT_LENS, offered_lenses
@@ -98,7 +99,7 @@ def test_many_samples_are_told_of_and_mended(plain):
 def settled(scene):
     """The plan's line once the thread has worked it out."""
     plan_line.plan_text(scene)
-    plan_line._planned["plan"].result(timeout=60)
+    plan_line._worker.submit(int).result(timeout=60)  # after what is being made
     return plan_line.plan_text(scene)
 
 
@@ -125,7 +126,7 @@ def test_the_plan_lines_seconds_and_memory_are_the_engines(plain):
     text = settled(plain)
     settings = plain.lensfield
     lens = Lens.load(settings.lens)
-    grid = plan_line.capture_grid(plain, lens, settings.wavelengths_nm())
+    grid = capture_grid(plain, lens, settings.wavelengths_nm())
     cube = np.zeros((len(settings.wavelengths_nm()), *grid.shape_px), np.float32)
     plan = make_plan(Options(accuracy=0.01), lens, SpectralImage(cube, settings.wavelengths_nm(), grid))
     assert f"then {max(plan.seconds, 0.1):.1f} s for the lens, {plan.memory_mb + 2e-6 * cube.nbytes:.0f} MB" in text

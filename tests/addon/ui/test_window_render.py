@@ -19,6 +19,7 @@ from lensfield.engine.errors import InputError
 from lensfield.engine.image.spectral_exr import read_exr
 from small_scenes import light, material, wall
 from snapshot import COMPOSITOR, differences, snapshot
+from window_follow import follow
 
 
 @pytest.fixture
@@ -44,14 +45,6 @@ def start():
     """What the operator does in a window; in background mode Blender would execute it in its own process."""
     window_render.start(bpy.context.scene)
     return window_render.state["render"]
-
-
-def follow(until=lambda render: False, seconds=120):
-    """Tick as Blender's timer does, until the render has ended or is as far as wanted."""
-    deadline = time.monotonic() + seconds
-    while window_render.tick() is not None and not until(window_render.state["render"]):
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
 
 
 def in_a_pass(render):
