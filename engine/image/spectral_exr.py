@@ -6,6 +6,8 @@ what OpenEXR means it to be: a data window larger than the display window.
 
 import os
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,7 @@ import OpenEXR
 
 from ..errors import ImageError, absence
 from ..files import atomic_path
+from ..threads import thread_count
 from .pixel_grid import PLANE, PROJECTIONS
 from .preview import to_rec709
 from .spectral_image import RADIANCE, UNITS, SpectralImage
@@ -93,11 +96,21 @@ def _write_plain(planes, path):
 
 
 def _write(header, planes, path):
-    with atomic_path(path) as temporary, OpenEXR.File(header, planes) as file:
+    with atomic_path(path) as temporary, exr_threads(), OpenEXR.File(header, planes) as file:
         try:
             file.write(str(temporary))
         except RuntimeError as error:  # a full disk, say; the text names the temporary file, and then tells why
             raise ImageError(path, "file", "not written whole", str(error).rpartition('". ')[2]) from None
+
+
+@contextmanager
+def exr_threads() -> Iterator[None]:
+    """OpenEXR's own threads, for as long as it works: a process forked later would wait for them for ever."""
+    OpenEXR.set_global_thread_count(thread_count())
+    try:
+        yield
+    finally:
+        OpenEXR.set_global_thread_count(0)
 
 
 def _rgb_planes(rec709):
@@ -168,7 +181,7 @@ def read_parts(path: str | os.PathLike, header_only: bool = False) -> list[tuple
     if not Path(path).is_file():
         raise ImageError(path, "file", absence(path), "expected an EXR picture")
     try:
-        with OpenEXR.File(str(path), separate_channels=True, header_only=header_only) as file:
+        with exr_threads(), OpenEXR.File(str(path), separate_channels=True, header_only=header_only) as file:
             # The file empties its own dictionaries when it is closed.
             parts = [(dict(part.header), {name: channel.pixels for name, channel in part.channels.items()})
                      for part in file.parts]

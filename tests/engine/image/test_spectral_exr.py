@@ -1,12 +1,16 @@
 """Spectral EXR files: the layout, the round trip, and files that are not what they should be."""
 
+import multiprocessing
+import os
 import re
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import OpenEXR
 import pytest
 
 from lensfield.engine import ImageError, InputError, SpectralImage
+from lensfield.engine.image import spectral_exr
 from lensfield.engine.image.spectral_exr import (
     channel_name,
     channel_wavelength_nm,
@@ -319,3 +323,56 @@ def test_wavelengths_that_share_a_channel_name_are_refused(path):
     with pytest.raises(ImageError, match="millionth"):
         write_exr(close, path)
     assert not path.exists()
+
+
+def big():
+    """Of so many rows that each thread has its own to do."""
+    return image(cube=np.random.default_rng(5).random((3, 200, 70), dtype=np.float32))
+
+
+def test_a_file_is_written_and_read_by_all_threads_and_none_is_left(path, monkeypatch):
+    monkeypatch.setattr(spectral_exr, "thread_count", lambda: 3)
+    seen = []
+
+    class File(OpenEXR.File):
+        def __init__(self, *arguments, **named):
+            seen.append(OpenEXR.global_thread_count())
+            super().__init__(*arguments, **named)
+
+    monkeypatch.setattr(OpenEXR, "File", File)
+    write_exr(big(), path)
+    np.testing.assert_array_equal(read_exr(path).cube, big().cube)
+    assert seen == [3, 3] and OpenEXR.global_thread_count() == 0
+
+
+def test_a_write_that_fails_leaves_no_thread(path, monkeypatch):
+    monkeypatch.setattr(OpenEXR.File, "write", lambda self, name: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        write_exr(image(), path)
+    assert OpenEXR.global_thread_count() == 0
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
+def test_a_forked_process_writes_too(path, monkeypatch):
+    """Threads of the parent are not in it: it would wait for them for ever."""
+    monkeypatch.setattr(spectral_exr, "thread_count", lambda: 3)
+    write_exr(big(), path)
+    path.unlink()
+    writer = multiprocessing.get_context("fork").Process(target=write_exr, args=(big(), path))
+    writer.start()
+    writer.join(60)
+    writer.kill()
+    assert writer.exitcode == 0
+    np.testing.assert_array_equal(read_exr(path).cube, big().cube)
+
+
+def test_threads_write_side_by_side(tmp_path, monkeypatch):
+    monkeypatch.setattr(spectral_exr, "thread_count", lambda: 3)
+
+    def there_and_back(number):
+        picture = image(cube=np.full((3, 200, 70), number))
+        write_exr(picture, tmp_path / f"{number}.exr")
+        return np.array_equal(read_exr(tmp_path / f"{number}.exr").cube, picture.cube)
+
+    with ThreadPoolExecutor(4) as pool:
+        assert all(pool.map(there_and_back, range(40)))

@@ -1,0 +1,72 @@
+"""What a frame's files take by compression: seconds, of the processor and on the clock, to write and to read them; MB.
+
+    lensfield render sample_scenes/evening_chess.blend --wavelengths 400:700:12 --resolution 1920x1080 --samples 16 \\
+        --no-denoise --output build/noisy                  # a noisy frame; without the last two options a cleaner one
+    python benchmarks/file_figures.py build/noisy [...]
+"""
+
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+from PIL import Image
+
+from lensfield.engine.image.spectral_exr import exr_threads, read_parts
+
+COMPRESSIONS = {"none": OpenEXR.NO_COMPRESSION, "RLE": OpenEXR.RLE_COMPRESSION, "ZIPS": OpenEXR.ZIPS_COMPRESSION,
+                "ZIP": OpenEXR.ZIP_COMPRESSION, "PIZ": OpenEXR.PIZ_COMPRESSION}  # without loss, and open in Blender 5.0
+PNG_LEVELS = 0, 1, 3, 6, 9
+TIMES = 3
+
+
+def best(work):
+    """The least seconds of the processor and on the clock of several times."""
+    seconds = []
+    for _ in range(TIMES):
+        begin = time.process_time(), time.perf_counter()
+        work()
+        seconds.append((time.process_time() - begin[0], time.perf_counter() - begin[1]))
+    return np.min(seconds, axis=0)
+
+
+def tell(what, written, path, read):
+    print(f"  {what:<13}{written[0]:8.2f}{written[1]:8.2f}{read[0]:8.2f}{read[1]:8.2f}{path.stat().st_size / 1e6:9.2f}",
+          flush=True)
+
+
+def measure_exr(original, copy):
+    """Each compression of the planes of an EXR."""
+    planes = read_parts(original)[0][1]
+    for name, compression in COMPRESSIONS.items():
+        header = {"type": OpenEXR.scanlineimage, "compression": compression}
+
+        def write(header=header):
+            with exr_threads(), OpenEXR.File(header, dict(planes)) as file:
+                file.write(str(copy))
+
+        tell(name, best(write), copy, best(lambda: read_parts(copy)))
+
+
+def measure_png(original, copy):
+    """Each level of a PNG."""
+    picture = Image.open(original)
+    picture.load()
+    for level in PNG_LEVELS:
+        tell(f"PNG, level {level}", best(lambda level=level: picture.save(copy, compress_level=level)), copy,
+             best(lambda: Image.open(copy).load()))
+
+
+def main(folders):
+    with tempfile.TemporaryDirectory() as temporary:
+        for path in sorted(path for folder in folders for path in Path(folder).iterdir()):
+            if path.suffix in (".exr", ".png"):
+                print(f"{path}\n  {'':<13}{'written':>16}{'read':>16}\n  {'':<13}" + f"{'cpu s':>8}{'s':>8}" * 2
+                      + f"{'MB':>9}")
+                (measure_exr if path.suffix == ".exr" else measure_png)(path, Path(temporary) / path.name)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:] or sys.exit(__doc__))
