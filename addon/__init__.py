@@ -2,6 +2,7 @@
 
 import bpy
 
+from ..engine.cache import keep_in
 from .job.animation import Animation, render_animation
 from .job.child import sweep
 from .job.job import look_beside
@@ -38,12 +39,20 @@ _register_classes, _unregister_classes = bpy.utils.register_classes_factory(
 
 def register():
     """Register classes and properties, and clear away what was left where Blender was killed."""
+    _remember_in_own_folder()
     _register_classes()
     properties.register_pointers()
     register_keys()
     sweep()
     start_watching()
     bpy.app.handlers.load_post.append(window_render.forget_last)
+
+
+def _remember_in_own_folder():
+    """Have what the engine remembers in the folder that Blender keeps for an extension, if this is one."""
+    package = __package__.rpartition(".")[0]
+    if package.startswith("bl_ext."):
+        keep_in(bpy.utils.extension_path_user(package, path="cache"))
 
 
 def unregister():

@@ -10,6 +10,7 @@ from .memory import MemoryBudget
 from .plan.choose import make_plan
 from .plan.options import Options
 from .plan.plan import Plan
+from .plan.remembered import remembered_plan
 
 
 class Kept:
@@ -19,14 +20,16 @@ class Kept:
     ----------
     limit_mb : float
         Memory to keep them in; what does not fit is made anew with each frame.
+    remember : bool
+        Whether the plan may be one that was made before, for anybody; for measuring it may not.
 
     Notes
     -----
     It serves one picture after another: of threads, give each one its own.
     """
 
-    def __init__(self, limit_mb: float = 1024) -> None:
-        self._limit_bytes = limit_mb * 1e6
+    def __init__(self, limit_mb: float = 1024, *, remember: bool = True) -> None:
+        self._limit_bytes, self._make_plan = limit_mb * 1e6, remembered_plan if remember else make_plan
         self._plans: dict[tuple, Plan] = {}
         self._channels: dict[float, Channel] = {}
         self._memory = MemoryBudget(0)
@@ -36,7 +39,7 @@ class Kept:
         """The plan for a picture; the same for pictures of the same grid and wavelengths."""
         key = options, lens, radiance.grid, tuple(radiance.wavelengths_nm)
         if key not in self._plans:
-            self._plans = {key: make_plan(options, lens, radiance)}
+            self._plans = {key: self._make_plan(options, lens, radiance)}
         return self._plans[key]
 
     def channels(self, lens: Lens, radiance: SpectralImage, plan: Plan) -> Iterator[Channel]:

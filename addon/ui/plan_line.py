@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 
 from ...engine.image.spectral_image import SpectralImage
-from ...engine.plan.choose import make_plan
+from ...engine.plan.remembered import remembered_plan
 from ..job.bands import pass_count
 from ..scene.camera import frame_capture, frame_px, lens_for_view
 from ..scene.lens_cache import load_lens
@@ -65,7 +65,7 @@ def _planned(options, lens, frame_shape_px, wavelengths_nm):
         dark = np.broadcast_to(np.float32(0), (len(wavelengths_nm), *grid.shape_px))
         if len(_plans) == MOST_PLANS:
             _plans.pop(next(iter(_plans)))[1].cancel()  # a slider that is dragged asks for many
-        plan = _worker.submit(make_plan, options, lens, SpectralImage(dark, wavelengths_nm, grid))
+        plan = _worker.submit(remembered_plan, options, lens, SpectralImage(dark, wavelengths_nm, grid))
         _plans[asked] = grid.shape_px, plan
         if not bpy.app.background:
             bpy.app.timers.register(lambda: _redraw_when_done(plan), first_interval=TICK_S)

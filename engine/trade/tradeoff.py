@@ -22,6 +22,7 @@ from ..field.psf_bank import psf_radius_px
 from ..files import atomic_path
 from ..image.preview import to_rec709
 from ..image.spectral_image import SpectralImage
+from ..kept import Kept
 from ..lens import Lens
 from ..plan.options import Options
 from ..report import Report
@@ -279,7 +280,7 @@ def _against_most_wavelengths(name, spectral, lens, rounds, tell):
 def _traced_row(radiance, lens, options):
     """Irradiance, and a Row of the plan and the memory that it took."""
     report = Report()
-    result, peak_mb = _traced(lambda: simulate(radiance, lens, options, report=report))
+    result, peak_mb = _traced(lambda: simulate(radiance, lens, options, report=report, kept=_nothing()))
     return result, _row_of_plan(report.lens_image.plan, options, radiance.wavelengths_nm.size, peak_mb)
 
 
@@ -305,9 +306,14 @@ def _best_seconds(name, work, rounds, tell):
         for index, (radiance, lens, options) in enumerate(work):
             tell(f"{name}: time, round {turn} of {rounds}", radiance.wavelengths_nm.size)
             begin = time.perf_counter()
-            simulate(radiance, lens, options)
+            simulate(radiance, lens, options, kept=_nothing())
             best[index] = min(best[index], time.perf_counter() - begin)
     return best.tolist()
+
+
+def _nothing():
+    """What a cold run keeps, and remembers of earlier ones."""
+    return Kept(limit_mb=0, remember=False)
 
 
 def _with_times(rows, seconds):

@@ -62,8 +62,10 @@ def test_package_is_valid_and_holds_what_runs(package):
 
 
 def test_package_installs_enables_and_renders(package, tmp_path):
-    environment = os.environ | {"BLENDER_USER_RESOURCES": str(tmp_path / "user")}
+    environment = os.environ | {"BLENDER_USER_RESOURCES": str(tmp_path / "user"), "LENSFIELD_CACHE": ""}
     done = subprocess.run([sys.executable, "-c", USE_INSTALLED, package, str(tmp_path / "user"), tmp_path / "out"],
                           capture_output=True, text=True, timeout=300, env=environment, cwd=tmp_path)
     assert done.returncode == 0 and "installed and used" in done.stdout, done.stdout + done.stderr
     assert (tmp_path / "out" / "Scene_0001_lens_image.exr").is_file()
+    plans = tmp_path / "user" / "extensions" / ".user" / "user_default" / "lensfield" / "cache" / "plans"
+    assert list(plans.iterdir())

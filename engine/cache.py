@@ -1,0 +1,81 @@
+"""What is remembered from one process to the next: files in the user's cache folder, by what they were made from.
+
+Nothing depends on them. What is missing, damaged or of another version is made anew, what cannot be written is not, and
+neither is an error. Files appear whole, so that processes may share the folder, and the oldest go first.
+"""
+
+import hashlib
+import os
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+from .errors import InputError
+from .files import AnyPath, atomic_path
+
+VARIABLE, OFF = "LENSFIELD_CACHE", "off"
+_given: dict[str, Path] = {}
+
+
+def keep_in(folder: AnyPath) -> None:
+    """Have the files here, in place of the user's cache folder. The environment's LENSFIELD_CACHE still goes first."""
+    _given["folder"] = Path(folder)
+
+
+def cache_folder() -> Path | None:
+    """The folder that holds a folder for each kind; None where nothing is to be remembered, or nowhere."""
+    asked = os.environ.get(VARIABLE)
+    if asked:
+        return None if asked.lower() == OFF else Path(asked)
+    return _given.get("folder") or _users_own()
+
+
+def is_off() -> bool:
+    """Whether nothing is to be remembered at all, in the process neither."""
+    return os.environ.get(VARIABLE, "").lower() == OFF
+
+
+def recall(kind: str, key: bytes) -> bytes | None:
+    """What was remembered of this kind by this key, whole; None where that is not there."""
+    folder = cache_folder()
+    if folder is None:
+        return None
+    path = folder / kind / key.hex()
+    try:
+        seal, _, content = path.read_bytes().partition(b"\n")
+    except OSError:
+        return None
+    with suppress(OSError):  # somebody else's
+        os.utime(path)  # it is of use
+    return content if seal == _seal(content) else None
+
+
+def remember(kind: str, key: bytes, content: bytes, most: int) -> None:
+    """Remember some content, and of this kind no more than so many.
+
+    The key is to tell apart all that the content was made from, the version of the code included.
+    """
+    folder = cache_folder()
+    if folder is None:
+        return
+    with suppress(OSError, InputError):
+        with atomic_path(folder / kind / key.hex()) as temporary:
+            temporary.write_bytes(_seal(content) + b"\n" + content)
+        for path in sorted((folder / kind).iterdir(), key=lambda path: path.stat().st_mtime_ns)[:-most]:
+            path.unlink(missing_ok=True)
+
+
+def _seal(content):
+    return hashlib.sha256(content).hexdigest().encode()
+
+
+def _users_own():
+    """A folder in the one that the system has for this; None where there is no home."""
+    if sys.platform == "win32":
+        base = os.environ.get("LOCALAPPDATA", "")
+    elif sys.platform == "darwin":
+        base = os.path.expanduser("~/Library/Caches")
+    else:
+        base = os.environ.get("XDG_CACHE_HOME", "")
+        base = base if os.path.isabs(base) else os.path.expanduser("~/.cache")
+    return Path(base, "lensfield") if os.path.isabs(base) else None

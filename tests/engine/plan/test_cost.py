@@ -1,0 +1,83 @@
+"""Seconds are told by the machine at hand, as it is; plans are chosen by work, which is the same on all of them."""
+
+import itertools
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from lenses import comatic_lens
+from lensfield.engine import Options, SpectralImage
+from lensfield.engine.plan import cost
+from lensfield.engine.plan.choose import make_plan
+
+LENS = comatic_lens()
+
+
+@pytest.fixture
+def machine(monkeypatch):
+    """A machine whose clock goes by what `pace` says: seconds for each look at it; and one that stands for waiting."""
+    state = SimpleNamespace(pace=1e-4, now=0.0)
+    ticks = itertools.count()
+
+    def perf_counter():
+        next(ticks)
+        state.now += state.pace
+        return state.now
+
+    monkeypatch.setattr(cost, "_looks", ())
+    monkeypatch.setattr(cost, "time", SimpleNamespace(perf_counter=perf_counter, monotonic=lambda: state.now))
+    return state
+
+
+def test_a_burst_of_load_does_not_stay(machine):
+    machine.pace = 1.0  # while the first look is taken
+    busy = cost.machine_factor()
+    machine.pace = 1e-4
+    machine.now += 2 * cost.LOOK_AGAIN_S
+    quiet = cost.machine_factor()
+    assert quiet == pytest.approx(busy * 1e-4)
+    machine.pace = 1.0
+    machine.now += 2 * cost.LOOK_AGAIN_S
+    assert cost.machine_factor() == quiet
+
+
+def test_a_machine_that_has_become_slower_for_good_is_known_to_be(machine):
+    quick = cost.machine_factor()
+    machine.pace = 3e-4
+    for _ in range(cost.LOOKS):
+        machine.now += 2 * cost.LOOK_AGAIN_S
+        slow = cost.machine_factor()
+    assert slow == pytest.approx(3 * quick)
+
+
+def test_one_short_run_without_interruption_is_enough(machine, monkeypatch):
+    pace = iter([1.0, 1e-4] * cost.RUNS)
+    monkeypatch.setattr(cost.time, "perf_counter", lambda: machine.__setattr__("now", machine.now + next(pace))
+                        or machine.now)
+    assert cost._look() == pytest.approx(1e-4 / cost.REFERENCE_S)
+
+
+def test_plans_told_in_quick_succession_take_one_look(machine, monkeypatch):
+    looks = []
+    monkeypatch.setattr(cost, "_look", lambda: looks.append(1) or 1.0)
+    for _ in range(5):
+        cost.machine_factor()
+    assert len(looks) == 1
+
+
+@pytest.mark.parametrize("accuracy", [0.1, 0.01, 1e-3])
+@pytest.mark.parametrize("shape", [(40, 50), (400, 500)])
+def test_every_machine_chooses_the_same_plan(accuracy, shape, monkeypatch):
+    radiance, plans = SpectralImage(np.ones((1, *shape)), [550.0], pitch_um=10.0), []
+    for factor in (1e-9, 1.0, 1e9):
+        monkeypatch.setattr(cost, "machine_factor", lambda factor=factor: factor)
+        plans.append(make_plan(Options(accuracy=accuracy), LENS, radiance))
+    assert plans[0] == plans[1] == plans[2] and plans[2].seconds > 1e4 * plans[0].seconds
+
+
+def test_the_seconds_of_a_plan_are_those_of_making_it_too(monkeypatch):
+    radiance = SpectralImage(np.ones((1, 40, 50)), [550.0], pitch_um=10.0)
+    clock = itertools.count(0.0, 7.0)
+    monkeypatch.setattr("lensfield.engine.plan.choose.time", SimpleNamespace(perf_counter=lambda: next(clock)))
+    assert 7 <= make_plan(Options(), LENS, radiance).seconds < 14

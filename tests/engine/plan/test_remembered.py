@@ -1,0 +1,164 @@
+"""Plans that are remembered are those that would be made; whatever they follow from tells them apart."""
+
+import json
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lenses import comatic_lens, gaussian_psf, make_lens
+from lensfield.engine import Kept, Options, SpectralImage, simulate
+from lensfield.engine.plan import choose, remembered
+from lensfield.engine.plan.choose import make_plan
+from lensfield.engine.plan.remembered import remembered_plan
+
+LENS = comatic_lens()
+ASKED = {"accuracy": Options(), "fine": Options(accuracy=1e-3), "double": Options(accuracy=2e-5),
+         "exact": Options(accuracy=1e-9), "sections": Options(accuracy=0.05, method="sections"),
+         "knobs": Options(section_size=8, psf_energy=1), "paper": Options(method="paper")}
+
+
+def picture(shape=(40, 50), wavelengths_nm=(450.0, 600.0), **facts):
+    return SpectralImage(np.ones((len(wavelengths_nm), *shape), np.float32), wavelengths_nm,
+                         **{"pitch_um": 20.0} | facts)
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("LENSFIELD_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(remembered, "_plans", {})
+    return tmp_path / "cache"
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """The plans that are made and not recalled."""
+    plans = []
+
+    def counted(*asked):
+        plans.append(make_plan(*asked))
+        return plans[-1]
+
+    monkeypatch.setattr(remembered, "make_plan", counted)
+    return plans
+
+
+def forget_process():
+    remembered._plans.clear()
+
+
+@pytest.mark.parametrize("asked", ASKED)
+@pytest.mark.parametrize("lens", [LENS, make_lens(gaussian_psf(4, 4, 1.0, 16), psf_pitch_um=10.0)])
+def test_a_remembered_plan_is_the_plan_that_was_made(asked, lens, folder, made):
+    first = remembered_plan(ASKED[asked], lens, picture())
+    again = remembered_plan(ASKED[asked], replace(lens), picture())
+    forget_process()
+    from_disk = remembered_plan(ASKED[asked], lens, picture())
+    assert len(made) == 1 and first == again == from_disk == make_plan(ASKED[asked], lens, picture())
+    assert from_disk.error_bound == first.error_bound and from_disk.memory_mb == first.memory_mb
+    assert type(from_disk.method) is type(first.method) and from_disk.text and from_disk.seconds > 0
+
+
+def test_whatever_a_plan_follows_from_tells_it_from_others(folder, made):
+    others = [(Options(), LENS, radiance) for radiance in (
+        picture(), picture(shape=(41, 50)), picture(shape=(40, 51)), picture(pitch_um=19.0),
+        picture(centre_px=(19.0, 24.5)), picture(overscan_px=(2, 0)), picture(overscan_px=(0, 2)),
+        picture(wavelengths_nm=(450.0, 601.0)), picture(wavelengths_nm=(450.0,)), picture(projection="equidistant"))]
+    others += [(Options(accuracy=0.02), LENS, picture()), (Options(out_of_field="vignette"), LENS, picture()),
+               (Options(), replace(LENS, f_number_effective=4.0), picture()),
+               (Options(), make_lens(gaussian_psf(6, 6, 2.5, 25), heights_mm=LENS.heights_mm), picture())]
+    assert len({lens.name for _, lens, _ in others}) == 1
+    for asked in others:
+        remembered_plan(*asked)
+    forget_process()
+    for asked in others:
+        assert remembered_plan(*asked) == make_plan(*asked)
+    assert len(made) == len(others) == len(list((folder / "plans").iterdir()))
+
+
+def test_plans_of_another_version_of_the_code_are_made_anew(folder, made, monkeypatch):
+    remembered_plan(Options(), LENS, picture())
+    forget_process()
+    monkeypatch.setattr(remembered, "_code_version", lambda: "another")
+    remembered_plan(Options(), LENS, picture())
+    assert len(made) == 2
+
+
+def test_the_code_tells_its_version(tmp_path, monkeypatch):
+    rooms = [tmp_path / room for room in remembered.ROOMS]
+    for room in rooms:
+        room.mkdir()
+    module = rooms[-1] / "choose.py"
+    monkeypatch.setattr(remembered, "__file__", str(rooms[-1] / "remembered.py"))
+    versions = set()
+    for text in ("a", "b", "a"):
+        module.write_text(text)
+        versions.add(remembered._code_version.__wrapped__())
+    assert len(versions) == 2
+
+
+def test_a_damaged_file_is_made_anew(folder, made):
+    first = remembered_plan(Options(), LENS, picture())
+    path, = (folder / "plans").iterdir()
+    path.write_bytes(path.read_bytes().replace(b"azimuths", b"azimutts"))
+    forget_process()
+    assert remembered_plan(Options(), LENS, picture()) == first and len(made) == 2
+    forget_process()
+    remembered_plan(Options(), LENS, picture())
+    assert len(made) == 2
+
+
+def test_the_file_is_text_that_people_can_read(folder):
+    plan = remembered_plan(Options(), LENS, picture())
+    path, = (folder / "plans").iterdir()
+    facts = json.loads(path.read_text().split("\n", 1)[1])
+    assert facts["method"] == plan.method.name and facts["psf_radius_px"] == plan.psf_radius_px
+
+
+def test_without_a_folder_the_process_remembers(folder, made):
+    folder.write_text("in the way")
+    for _ in range(2):
+        remembered_plan(Options(), LENS, picture())
+    assert len(made) == 1
+
+
+def test_the_process_remembers_so_many(folder, made, monkeypatch):
+    monkeypatch.setattr(remembered, "MOST_IN_PROCESS", 2)
+    folder.write_text("in the way")
+    for rows in (30, 31, 32, 32, 31, 30):
+        remembered_plan(Options(section_size=8), LENS, picture(shape=(rows, 40)))
+    assert len(made) == 4 and len(remembered._plans) == 2
+
+
+def test_off_is_off_in_the_process_too(made, monkeypatch):
+    monkeypatch.setenv("LENSFIELD_CACHE", "off")
+    for _ in range(2):
+        remembered_plan(Options(), LENS, picture())
+    assert len(made) == 2
+
+
+def test_simulate_remembers_and_a_cold_run_does_not(folder, made, monkeypatch):
+    calls = []
+    monkeypatch.setattr(choose._Planner, "best", lambda self, best=choose._Planner.best: calls.append(1) or best(self))
+    pictures = [simulate(picture(), LENS, kept=kept).cube
+                for kept in (None, None, Kept(), Kept(limit_mb=0, remember=False))]
+    assert len(made) == 1 and len(calls) == 2
+    for each in pictures[1:]:
+        np.testing.assert_array_equal(each, pictures[0])
+
+
+def test_seconds_are_those_of_now(folder, monkeypatch):
+    monkeypatch.setattr(choose.cost, "machine_factor", lambda: 1e3)
+    slow = remembered_plan(Options(), LENS, picture())
+    for forget in (lambda: None, forget_process):
+        forget()
+        monkeypatch.setattr(choose.cost, "machine_factor", lambda: 1.0)
+        assert remembered_plan(Options(), LENS, picture()).seconds < slow.seconds / 100
+
+
+def test_threads_share_it(folder):
+    shapes = [(rows, 40) for rows in range(30, 38)] * 4
+    with ThreadPoolExecutor(8) as pool:
+        plans = list(pool.map(lambda shape: remembered_plan(Options(accuracy=0.1), LENS, picture(shape)), shapes))
+    assert plans == [make_plan(Options(accuracy=0.1), LENS, picture(shape)) for shape in shapes[:8]] * 4

@@ -1,0 +1,147 @@
+"""What is remembered on disk comes back whole or not at all, and never makes an error."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from lensfield.engine import cache
+
+KEY, OTHER = bytes(range(32)), bytes(range(1, 33))
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("LENSFIELD_CACHE", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+def only_file(folder):
+    path, = (folder / "kind").iterdir()
+    return path
+
+
+def test_it_comes_back_by_its_kind_and_key_alone(folder):
+    for content in (b"", b"a\nb\n", bytes(range(256))):
+        cache.remember("kind", KEY, content, 8)
+        assert cache.recall("kind", KEY) == content
+    assert cache.recall("kind", OTHER) is None and cache.recall("other", KEY) is None
+
+
+@pytest.mark.parametrize("damage", [lambda whole: b"", lambda whole: whole[:-1], lambda whole: whole + b" ",
+                                    lambda whole: whole[:70] + b"X" + whole[71:], lambda whole: b"an older kind\n{}",
+                                    lambda whole: bytes(1000)])
+def test_what_is_damaged_is_as_if_it_were_not_there(folder, damage):
+    cache.remember("kind", KEY, b"0123456789", 8)
+    only_file(folder).write_bytes(damage(only_file(folder).read_bytes()))
+    assert cache.recall("kind", KEY) is None
+    cache.remember("kind", KEY, b"0123456789", 8)
+    assert cache.recall("kind", KEY) == b"0123456789"
+
+
+def test_the_oldest_go_and_what_is_of_use_is_not_old(folder):
+    keys = [bytes([number] * 32) for number in range(6)]
+    for age, key in enumerate(keys[:4]):
+        cache.remember("kind", key, b"some", 4)
+        os.utime(folder / "kind" / key.hex(), (1e9 + age, 1e9 + age))
+    assert cache.recall("kind", keys[0])
+    for key in keys[4:]:
+        cache.remember("kind", key, b"some", 4)
+    assert [cache.recall("kind", key) is not None for key in keys] == [True, False, False, True, True, True]
+
+
+@pytest.mark.parametrize("word", ["off", "OFF"])
+def test_it_can_be_turned_off(word, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("LENSFIELD_CACHE", word)
+    cache.remember("kind", KEY, b"some", 8)
+    assert cache.recall("kind", KEY) is None and not list(tmp_path.iterdir())
+
+
+def a_file(path):
+    path.write_text("no folder")
+
+
+def a_circle(path):
+    path.symlink_to(path)
+
+
+def a_folder_in_the_way(path):
+    (path / "kind" / KEY.hex()).mkdir(parents=True)
+
+
+@pytest.mark.parametrize("there", [a_file, a_circle, a_folder_in_the_way])
+def test_where_nothing_can_be_written_nothing_is_remembered_and_all_goes_on(folder, there):
+    try:
+        there(folder)
+    except (OSError, NotImplementedError):
+        pytest.skip("a system without links")
+    cache.remember("kind", KEY, b"some", 8)
+    assert cache.recall("kind", KEY) is None
+
+
+def test_a_folder_that_is_read_only_still_tells(folder):
+    cache.remember("kind", KEY, b"some", 8)
+    (folder / "kind").chmod(0o555)
+    try:
+        cache.remember("kind", OTHER, b"some", 8)  # which root may
+        assert cache.recall("kind", KEY) == b"some"
+    finally:
+        (folder / "kind").chmod(0o755)
+
+
+def test_a_full_disk_leaves_nothing_half_written(folder, monkeypatch):
+    def full(path, content):
+        with open(path, "wb") as file:
+            file.write(content[:3])
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    cache.remember("kind", KEY, b"some", 8)
+    assert cache.recall("kind", KEY) is None and not list((folder / "kind").iterdir())
+
+
+WRITE_AND_READ = """
+from lensfield.engine import cache
+for turn in range(100):
+    key = content = bytes([turn % 5] * 32)
+    cache.remember("kind", key, 100 * content, 3)
+    assert cache.recall("kind", key) in (None, 100 * content)  # another process may think it the oldest
+"""
+
+
+def test_processes_share_it(folder):
+    processes = [subprocess.Popen([sys.executable, "-c", WRITE_AND_READ]) for _ in range(3)]
+    assert [process.wait(60) for process in processes] == [0, 0, 0]
+
+
+def test_the_program_may_name_a_folder_and_the_environment_goes_first(tmp_path, monkeypatch):
+    monkeypatch.setattr(cache, "_given", {})
+    monkeypatch.delenv("LENSFIELD_CACHE")
+    cache.keep_in(tmp_path / "own")
+    assert cache.cache_folder() == tmp_path / "own"
+    monkeypatch.setenv("LENSFIELD_CACHE", str(tmp_path / "asked"))
+    assert cache.cache_folder() == tmp_path / "asked"
+
+
+@pytest.mark.parametrize("system, environment, folder", [
+    ("linux", {"HOME": "/home/me"}, "/home/me/.cache/lensfield"),
+    ("linux", {"HOME": "/home/me", "XDG_CACHE_HOME": "/scratch/me"}, "/scratch/me/lensfield"),
+    ("linux", {"HOME": "/home/me", "XDG_CACHE_HOME": "not/absolute"}, "/home/me/.cache/lensfield"),
+    ("linux", {"HOME": "nowhere"}, None),
+    ("darwin", {"HOME": "/Users/me"}, "/Users/me/Library/Caches/lensfield"),
+    ("win32", {"LOCALAPPDATA": os.path.abspath("/local")}, os.path.abspath("/local/lensfield")),
+    ("win32", {}, None),
+])
+def test_the_users_own_folder_is_where_the_system_has_such(system, environment, folder, monkeypatch):
+    if os.name == "nt" and system != "win32":
+        pytest.skip("another system's paths")
+    for name in ("LENSFIELD_CACHE", "XDG_CACHE_HOME", "LOCALAPPDATA"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr(cache, "_given", {})
+    monkeypatch.setattr(sys, "platform", system)
+    assert cache.cache_folder() == (folder and Path(folder))
