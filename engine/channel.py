@@ -8,7 +8,7 @@ from .blur.section_needs import section_needs
 from .field.distortion import FieldGeometry
 from .field.ideal_image import IdealImage
 from .field.psf_bank import PlacedPsfs, PsfBank
-from .field.psf_table import PsfTable
+from .field.psf_table import PsfCells
 from .image.pixel_grid import PixelGrid
 from .lens import Lens
 from .memory import MemoryBudget
@@ -25,13 +25,13 @@ class Channel:
     capture : PixelGrid
         Of the radiance.
     plan : Plan
-    table : PsfTable or None
+    table : PsfCells or None
         Of the PSFs at this wavelength, where the plan needs one.
     memory : MemoryBudget
         For what pictures share, to keep it for the next one; `kept` says whether the channel itself found any.
     """
 
-    def __init__(self, lens: Lens, wavelength_nm: float, capture: PixelGrid, plan: Plan, table: PsfTable | None,
+    def __init__(self, lens: Lens, wavelength_nm: float, capture: PixelGrid, plan: Plan, table: PsfCells | None,
                  memory: MemoryBudget) -> None:
         optics = lens.at_wavelength(wavelength_nm)
         self.field = FieldGeometry(optics, lens.name)

@@ -52,7 +52,7 @@ class Kept:
         for wavelength_nm in radiance.wavelengths_nm:
             channel = self._channels.get(wavelength_nm)
             if channel is None:
-                table = tables.at_wavelength(wavelength_nm) if tables else None
+                table = plan.method.table(tables.at_wavelength(wavelength_nm)) if tables else None
                 channel = Channel(lens, wavelength_nm, radiance.grid, plan, table, self._memory)
                 if channel.kept:
                     self._channels[wavelength_nm] = channel

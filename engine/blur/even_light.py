@@ -4,7 +4,7 @@
 import numpy as np
 
 from ..field.psf_bank import PlacedPsfs
-from ..field.psf_table import PsfTable
+from ..field.psf_table import PsfCells
 from ..threads import thread_pool
 
 
@@ -22,7 +22,7 @@ def flat_slope(psfs: PlacedPsfs, tolerance: float) -> float:
 
 
 def even_light(light: np.ndarray, flat: np.ndarray, section_size: int, psfs: PlacedPsfs,
-               table: PsfTable) -> tuple[np.ndarray, np.ndarray]:
+               table: PsfCells) -> tuple[np.ndarray, np.ndarray]:
     """Which pixels lie in flat sections, and what they come to: arrays (plane, row, column).
 
     Even light stays even but where PSFs lean more, or less, from place to place: where the light of a pixel moves by m
@@ -35,7 +35,7 @@ def even_light(light: np.ndarray, flat: np.ndarray, section_size: int, psfs: Pla
         See `SectionNeeds`.
     section_size : int
     psfs : PlacedPsfs
-    table : PsfTable
+    table : PsfCells
     """
     mask, values = np.zeros(light.shape, dtype=bool), np.zeros_like(light)
 

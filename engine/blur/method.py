@@ -4,14 +4,14 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from scipy import fft
 
 from ..field.mirror_symmetry import Planes
 from ..field.psf_bank import PlacedPsfs
-from ..field.psf_table import PsfTable
+from ..field.psf_table import PsfCells, PsfTable, TurnedPsfs
 from ..memory import MemoryBudget
 from .section_needs import SectionNeeds
 
@@ -140,10 +140,14 @@ class Method(ABC):
     def kept_values(self, work: Workload) -> float:
         """How many real numbers it holds beside the picture and the table of PSFs."""
 
+    def table(self, turned: TurnedPsfs) -> PsfCells:
+        """The table that its PSFs are mixed from."""
+        return PsfTable(turned)
+
     @abstractmethod
-    def spreader(self, psfs: PlacedPsfs, table: PsfTable | None, psf_radius_px: int,
+    def spreader(self, psfs: PlacedPsfs, table: Any, psf_radius_px: int,
                  memory: MemoryBudget) -> Spreader:
-        """What spreads light by it, keeping what the next picture shares."""
+        """What spreads light by it, with its table, None where it needs none; it keeps what the next picture shares."""
 
 
 def section_sizes(most_px: int) -> list[int]:

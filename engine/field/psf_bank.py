@@ -231,11 +231,14 @@ def _refinement(optics, pixel_pitch_um):
 
 
 def _refine(psf, steps):
-    """PSFs with `steps` samples for each one of the table, by linear interpolation."""
-    position = np.arange((psf.shape[-1] - 1) * steps + 1) / steps
-    below = np.minimum(position.astype(int), max(psf.shape[-1] - 2, 0))
-    above = np.minimum(below + 1, psf.shape[-1] - 1)
-    weight = position - below
-    psf = (1 - weight) * psf[..., below] + weight * psf[..., above]
-    weight = weight[:, None]
-    return (1 - weight) * psf[..., below, :] + weight * psf[..., above, :]
+    """PSFs with `steps` samples for each one of the table, by linear interpolation along both axes."""
+    psf = psf.astype(np.float64)
+    for axis in (-1, -2) if steps > 1 else ():
+        psf = np.moveaxis(psf, axis, -1)
+        refined = np.empty((*psf.shape[:-1], (psf.shape[-1] - 1) * steps + 1))
+        refined[..., ::steps] = psf
+        rise = np.diff(psf) / steps
+        for step in range(1, steps):
+            refined[..., step::steps] = psf[..., :-1] + step * rise
+        psf = np.moveaxis(refined, -1, axis)
+    return psf

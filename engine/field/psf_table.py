@@ -5,6 +5,7 @@ between two close azimuths nearly so: a table of a few dozen azimuths holds all 
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
@@ -21,48 +22,144 @@ PORTION = 16  # azimuths
 BATCH_VALUES = 1 << 18  # what the processor's cache holds
 
 
-class PsfTable:
+@dataclass(frozen=True, eq=False)
+class TurnedPsfs:
+    """PSFs at the heights of a lens, turned to the azimuths of a table: as many as need be, for the others lie
+    mirrored in them, or turned by quarters.
+
+    Attributes
+    ----------
+    psfs : array (azimuth, height, pixel)
+        Those that were turned, in squares of 2 radius_px + 1; behind the pixels of each there is a black one.
+    mirrored : bool
+        Whether they go up to 45 degrees, both ends included, and are mirrored there; or up to 90 without the end.
+    quarter_turns : int
+        Over how many of them, 1 or 4, a table goes.
+    heights_mm : array (height,)
+    """
+
+    psfs: np.ndarray
+    mirrored: bool
+    quarter_turns: int
+    heights_mm: np.ndarray
+
+    @property
+    def side(self) -> int:
+        """Of the squares, in pixels."""
+        return int(np.sqrt(self.psfs.shape[-1] - 1))
+
+    @property
+    def azimuths(self) -> int:
+        """Of a table: clockwise from 0, both ends included."""
+        return sum(len(self.psfs[own]) for own, _ in self._parts)
+
+    @cached_property
+    def _parts(self):
+        """A table's azimuths in order: pairs of which were turned, and where their pixels are then found."""
+        square = np.arange(self.side**2).reshape(self.side, self.side)
+        quarter = [(slice(None), square)]
+        if self.mirrored:  # in the diagonal
+            quarter.append((slice(-2, 0, -1), square.T))
+        parts = [(own, np.rot90(pixels, -turn)) for turn in range(self.quarter_turns) for own, pixels in quarter]
+        parts.append((slice(1), np.rot90(square, -self.quarter_turns)))
+        return [(own, np.append(pixels, square.size)) for own, pixels in parts]
+
+    def unmirrored(self) -> "TurnedPsfs":
+        """The same with all azimuths of a quarter turn."""
+        if not self.mirrored:
+            return self
+        own, found_at = self._parts[1]
+        return replace(self, psfs=np.concatenate([self.psfs, self.psfs[own][..., found_at]]), mirrored=False)
+
+    def taps(self, heights: slice, pixels: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """These pixels of a table's PSFs of some heights: array (azimuth, height, tap)."""
+        if out is None:
+            out = np.empty((self.azimuths, self.heights_mm[heights].size, pixels.size), self.psfs.dtype)
+        into = iter(out)
+        for own, found_at in self._parts:
+            found = found_at[pixels]
+            for psfs in self.psfs[own]:
+                np.take(psfs[heights], found, axis=1, out=next(into), mode="clip")  # the mode that needs no copy
+        return out
+
+    def reached(self) -> np.ndarray:
+        """Whether any of a table's PSFs of a height reaches a pixel: bool array (height, pixel)."""
+        own = self.psfs.any(axis=0)
+        return np.logical_or.reduce([own[:, found_at[:-1]] for _, found_at in self._parts])
+
+    def offsets_px(self) -> np.ndarray:
+        """How far the light of a table's PSFs lies from the chief ray on the mean, downwards and to the right: array
+        (azimuth, height, 2)."""
+        places = np.indices((self.side, self.side)).reshape(2, -1).T - self.side // 2
+        places = [places[np.argsort(found_at[:-1])] for _, found_at in self._parts]
+        every = self.psfs[..., :-1] @ np.concatenate(places, axis=1).astype(self.psfs.dtype)
+        return np.concatenate([every[own, :, 2 * k:2 * k + 2] for k, (own, _) in enumerate(self._parts)])
+
+
+class PsfCells:
+    """The cells between the heights and azimuths of a table.
+
+    Attributes
+    ----------
+    heights_mm : array (height,)
+    azimuths : int
+        From 0 clockwise, both ends included.
+    azimuths_per_rad : float
+    radius_px : int
+        Of the PSFs.
+    """
+
+    def __init__(self, turned: TurnedPsfs) -> None:
+        self.heights_mm, self.azimuths, self.radius_px = turned.heights_mm, turned.azimuths, turned.side // 2
+        self.azimuths_per_rad = (self.azimuths - 1) / (np.pi / 2 * turned.quarter_turns)
+        self._offsets_px = turned.offsets_px().reshape(-1, 2)
+
+    def corners(self, paraxial_height_mm: np.ndarray, azimuth_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The four nodes of the table around places, and their weights: int and float arrays (4, place).
+
+        Nodes are numbered azimuth by azimuth. Weights are 0 to 1 and sum to 1.
+        """
+        heights, precision = self.heights_mm.size, self._offsets_px.dtype
+        height = np.interp(paraxial_height_mm, self.heights_mm, np.arange(heights))
+        azimuth = (-azimuth_rad % (2 * np.pi)) * self.azimuths_per_rad
+        below = np.minimum(height.astype(np.intp), heights - 2)
+        before = np.minimum(azimuth.astype(np.intp), self.azimuths - 2)
+        up, on = (height - below).astype(precision), (azimuth - before).astype(precision)
+        first = before * heights + below
+        return (np.stack([first, first + 1, first + heights, first + heights + 1]),
+                np.stack([(1 - up) * (1 - on), up * (1 - on), (1 - up) * on, up * on]))
+
+    def mean_offsets_px(self, paraxial_height_mm: np.ndarray, azimuth_rad: np.ndarray) -> np.ndarray:
+        """How far light lies from the chief ray on the mean, downwards and to the right: array (2, place)."""
+        nodes, weights = self.corners(paraxial_height_mm, azimuth_rad)
+        return np.einsum("kp,kpd->dp", weights, self._offsets_px[nodes])
+
+
+class PsfTable(PsfCells):
     """PSFs at the heights of a lens and at evenly spaced azimuths, for one wavelength.
 
     Attributes
     ----------
-    table : array (height, azimuth, tap)
-        Azimuths from 0 clockwise, over so many quarter turns, 1 or 4, both ends included.
+    table : array (azimuth, height, tap)
     rows, columns : int arrays (tap,)
         Where the taps lie in the square of 2 radius_px + 1: the pixels that some PSF reaches.
-    radius_px : int
     """
 
-    def __init__(self, table: np.ndarray, rows: np.ndarray, columns: np.ndarray, radius_px: int, quarter_turns: int,
-                 heights_mm: np.ndarray) -> None:
-        self.table, self.rows, self.columns, self.radius_px = table, rows, columns, radius_px
-        self._turn_rad = np.pi / 2 * quarter_turns
-        self.heights_mm = heights_mm
-        self._by_cell = table.reshape(-1, table.shape[-1])
+    def __init__(self, turned: TurnedPsfs) -> None:
+        super().__init__(turned)
+        taps = np.flatnonzero(turned.reached().any(axis=0))
+        self.rows, self.columns = np.divmod(taps, turned.side)
+        self.table = turned.taps(slice(None), taps)
+        self._by_node = self.table.reshape(-1, taps.size)
 
     @property
     def nbytes(self) -> int:
         return self.table.nbytes
 
-    def corners(self, paraxial_height_mm: np.ndarray, azimuth_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The four cells of the table around places, and their weights: int and float arrays (4, place).
-
-        Cells are numbered height by height. Weights are 0 to 1 and sum to 1.
-        """
-        heights, azimuths = self.table.shape[:2]
-        height = np.interp(paraxial_height_mm, self.heights_mm, np.arange(heights))
-        azimuth = (-azimuth_rad % (2 * np.pi)) * ((azimuths - 1) / self._turn_rad)
-        below = np.minimum(height.astype(np.intp), heights - 2)
-        before = np.minimum(azimuth.astype(np.intp), azimuths - 2)
-        up, on = (height - below).astype(self.table.dtype), (azimuth - before).astype(self.table.dtype)
-        first = below * azimuths + before
-        return (np.stack([first, first + 1, first + azimuths, first + azimuths + 1]),
-                np.stack([(1 - up) * (1 - on), (1 - up) * on, up * (1 - on), up * on]))
-
     def mixed(self, paraxial_height_mm: np.ndarray, azimuth_rad: np.ndarray) -> np.ndarray:
         """PSFs at these places: array (tap, place), so that what one tap does to many pixels lies together."""
-        cells, weights = self.corners(paraxial_height_mm, azimuth_rad)
-        taps, places = self.table.shape[2], cells.shape[1]
+        nodes, weights = self.corners(paraxial_height_mm, azimuth_rad)
+        taps, places = self.rows.size, nodes.shape[1]
         psfs = np.empty((taps, places), self.table.dtype)
         step = max(1, BATCH_VALUES // taps)
         mixture, part = (np.empty((min(step, places), taps), self.table.dtype) for _ in range(2))
@@ -70,25 +167,16 @@ class PsfTable:
             some = slice(start, min(start + step, places))
             into, one = (buffer[:some.stop - start] for buffer in (mixture, part))
             into[:] = 0
-            for cell, weight in zip(cells, weights, strict=True):
-                np.take(self._by_cell, cell[some], axis=0, out=one, mode="clip")  # the mode that needs no copy
+            for node, weight in zip(nodes, weights, strict=True):
+                np.take(self._by_node, node[some], axis=0, out=one, mode="clip")  # the mode that needs no copy
                 one *= weight[some, None]
                 into += one
             psfs[:, some] = into.T
         return psfs
 
-    def mean_offsets_px(self, paraxial_height_mm: np.ndarray, azimuth_rad: np.ndarray) -> np.ndarray:
-        """How far light lies from the chief ray on the mean, downwards and to the right: array (2, place)."""
-        cells, weights = self.corners(paraxial_height_mm, azimuth_rad)
-        return np.einsum("kp,kpd->dp", weights, self._offsets_px[cells])
-
-    @cached_property
-    def _offsets_px(self):
-        return self._by_cell @ np.stack([self.rows, self.columns], axis=1) - self.radius_px
-
-    def node_psfs(self, cells: np.ndarray) -> np.ndarray:
-        """The PSFs of these cells: array (cell, row, column), odd square, the chief ray in the middle."""
-        return self._squares(self._by_cell[cells])
+    def node_psfs(self, nodes: np.ndarray) -> np.ndarray:
+        """The PSFs of these nodes: array (node, row, column), odd square, the chief ray in the middle."""
+        return self._squares(self._by_node[nodes])
 
     def psfs(self, paraxial_height_mm: np.ndarray, azimuth_rad: np.ndarray) -> np.ndarray:
         """PSFs at these places: array (place, row, column), odd square, the chief ray in the middle."""
@@ -102,8 +190,8 @@ class PsfTable:
 
 
 class PsfTables:
-    """The PSF tables of a lens: made at the wavelengths of its data and mixed between them like the data, where that
-    makes fewer of them.
+    """The PSFs of a lens for tables: turned at the wavelengths of its data and mixed between them like the data, where
+    that makes fewer of them.
 
     Parameters
     ----------
@@ -125,32 +213,29 @@ class PsfTables:
         self._made = lru_cache(maxsize=2)(self._make)  # wavelengths come in order
         self._mix = len(lens.wavelengths_around(wavelengths_nm)) < len(wavelengths_nm)
 
-    def at_wavelength(self, wavelength_nm: float) -> PsfTable:
-        """A PsfTable."""
-        psfs = self._mixed(wavelength_nm) if self._mix else self._make(wavelength_nm)
-        size = int(np.sqrt(psfs.shape[-1]))
-        taps = np.flatnonzero(psfs.any(axis=(0, 1)))
-        return PsfTable(np.ascontiguousarray(psfs[..., taps], dtype=self._precision), taps // size, taps % size,
-                        size // 2, self._quarter_turns, self._lens.heights_mm)
-
-    def _mixed(self, wavelength_nm):
+    def at_wavelength(self, wavelength_nm: float) -> TurnedPsfs:
+        """The PSFs that a table at this wavelength is made of."""
+        if not self._mix:
+            return self._make(wavelength_nm)
         below, weight = self._lens.wavelength_position(wavelength_nm)
-        psfs = self._made(self._lens.wavelengths_nm[below])
-        if weight:
-            psfs = (1 - weight) * psfs + weight * self._made(self._lens.wavelengths_nm[below + 1])
-        return psfs
+        turned = self._made(self._lens.wavelengths_nm[below])
+        if not weight:
+            return turned
+        above = self._made(self._lens.wavelengths_nm[below + 1])
+        if turned.mirrored != above.mirrored:
+            turned, above = turned.unmirrored(), above.unmirrored()
+        return replace(turned, psfs=(1 - weight) * turned.psfs + weight * above.psfs)
 
     def _make(self, wavelength_nm):
-        """All PSFs at one wavelength: array (height, azimuth, pixel)."""
+        """TurnedPsfs at one wavelength."""
         bank = PsfBank.of(self._lens.at_wavelength(wavelength_nm), self._pitch_um, self._support_um)
         own = self._azimuths + 1 if bank.mirror_symmetric else 2 * self._azimuths
-        angles_rad = -np.arange(own) * (np.pi / 4 / self._azimuths)
+        psfs = np.zeros((own, bank.heights_mm.size, (2 * bank.radius_px + 1) ** 2 + 1), self._precision)
+
+        def turn(part):
+            turned = bank.at_table_heights(-np.arange(own)[part] * (np.pi / 4 / self._azimuths))
+            psfs[part, :, :-1] = turned.reshape(*turned.shape[:2], -1)
+
         with thread_pool() as pool:
-            portions = np.array_split(angles_rad, -(-own // PORTION))
-            quarter = [psfs.astype(self._precision)
-                       for part in pool.map(bank.at_table_heights, portions) for psfs in part]
-        if bank.mirror_symmetric:  # mirrored in the diagonal
-            quarter += [psfs.swapaxes(1, 2) for psfs in quarter[-2:0:-1]]
-        every = [np.rot90(psfs, -turn, axes=(1, 2)) for turn in range(self._quarter_turns) for psfs in quarter]
-        every.append(np.rot90(quarter[0], -self._quarter_turns, axes=(1, 2)))
-        return np.stack(every, axis=1).reshape(self._lens.heights_mm.size, len(every), -1)
+            list(pool.map(turn, (slice(first, first + PORTION) for first in range(0, own, PORTION))))
+        return TurnedPsfs(psfs, bank.mirror_symmetric, self._quarter_turns, bank.heights_mm)

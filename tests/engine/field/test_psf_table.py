@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lenses import comatic_lens, gaussian_psf, lopsided_lens, make_lens
+from lenses import comatic_lens, gaussian_psf, lopsided_lens, make_lens, marked_psf
 from lensfield.engine import Lens
 from lensfield.engine.field.mirror_symmetry import Planes
 from lensfield.engine.field.psf_bank import PsfBank
-from lensfield.engine.field.psf_table import PsfTables
+from lensfield.engine.field.psf_table import PsfTable, PsfTables
 from lensfield.engine.image.pixel_grid import PixelGrid
 
 PITCH_UM = 8.0
@@ -23,7 +23,7 @@ def planes(quadrant):
 
 def table(lens, azimuths=4, quadrant=False, nm=550.0, support_um=np.inf, precision="float64", wavelengths_nm=None):
     tables = PsfTables(lens, wavelengths_nm or (nm,), planes(quadrant), support_um, azimuths, precision)
-    return tables.at_wavelength(nm)
+    return PsfTable(tables.at_wavelength(nm))
 
 
 def bank(lens, nm=550.0, support_um=np.inf):
@@ -47,8 +47,8 @@ def test_at_its_own_heights_and_azimuths_a_table_holds_the_psfs_themselves(lens,
 
 @EVERY_LENS
 def test_a_table_is_a_quarter_for_one_quadrant(lens):
-    assert table(lens, 4, True).table.shape[:2] == (lens.heights_mm.size, 9)
-    assert table(lens, 4, False).table.shape[:2] == (lens.heights_mm.size, 33)
+    assert table(lens, 4, True).table.shape[:2] == (9, lens.heights_mm.size)
+    assert table(lens, 4, False).table.shape[:2] == (33, lens.heights_mm.size)
 
 
 @EVERY_LENS
@@ -161,6 +161,16 @@ def test_as_few_tables_are_made_as_will_do(wavelengths_nm, made, monkeypatch):
     for nm in wavelengths_nm:
         tables.at_wavelength(nm)
     assert len(banks) == made
+
+
+def test_wavelengths_of_which_one_alone_is_symmetric_mix_as_well():
+    """So that 45 degrees were turned at the one, and 90 at the other."""
+    even, lean = (np.tile(psf, (11, 1, 1)) for psf in (gaussian_psf(4, 3, 2.5, 25), marked_psf(3, 5)))
+    lens = make_lens(np.stack([even, lean]))
+    places = own_places(lens, 3, False)
+    parts = [table(replace(lens, psf=np.stack([psf, psf])), 3, nm=400.0).psfs(*places) for psf in (even, lean)]
+    mixed = table(lens, 3, nm=475.0, wavelengths_nm=MANY_NM).psfs(*places)
+    np.testing.assert_allclose(mixed, 0.75 * parts[0] + 0.25 * parts[1], atol=1e-8)
 
 
 def test_trimmed_psfs_are_those_of_the_trimmed_bank():

@@ -10,7 +10,7 @@ from lensfield.engine import InputError, Lens, Options, Report, SpectralImage, s
 from lensfield.engine.field.distortion import FieldGeometry
 from lensfield.engine.field.mirror_symmetry import Planes
 from lensfield.engine.field.psf_bank import PsfBank
-from lensfield.engine.field.psf_table import PsfTables
+from lensfield.engine.field.psf_table import PsfTable, PsfTables
 from lensfield.engine.plan.choose import make_plan
 from lensfield.engine.plan.error_bound import AzimuthErrors, azimuth_error
 
@@ -100,7 +100,7 @@ def worst_point(plan, lens, radiance, places=3000):
     """The largest ||PSF used - PSF true||_1 found over the picture: the share of a point's light that is misplaced."""
     nm, pitch_um = radiance.wavelengths_nm[0], radiance.pitch_um
     whole, steps = Planes(radiance.grid, False), plan.method.azimuths
-    table = PsfTables(lens, [nm], whole, plan.support_um, steps, np.float64).at_wavelength(nm)
+    table = PsfTable(PsfTables(lens, [nm], whole, plan.support_um, steps, np.float64).at_wavelength(nm))
     bank, field = PsfBank.of(lens.at_wavelength(nm), pitch_um), FieldGeometry(lens.at_wavelength(nm), lens.name)
     rng, (rows, columns) = np.random.default_rng(3), radiance.frame_px
     x_mm, y_mm = (rng.uniform(-n / 2, n / 2, places) * pitch_um * 1e-3 for n in (columns, rows))
