@@ -84,15 +84,15 @@ class TurnedPsfs:
 
     def reached(self) -> np.ndarray:
         """Whether any of a table's PSFs of a height reaches a pixel: bool array (height, pixel)."""
-        own = self.psfs.any(axis=0)
-        return np.logical_or.reduce([own[:, found_at[:-1]] for _, found_at in self._parts])
+        own = np.any(self.psfs, axis=0)
+        return np.any([own[:, found_at[:-1]] for _, found_at in self._parts], axis=0)
 
     def offsets_px(self) -> np.ndarray:
         """How far the light of a table's PSFs lies from the chief ray on the mean, downwards and to the right: array
         (azimuth, height, 2)."""
-        places = np.indices((self.side, self.side)).reshape(2, -1).T - self.side // 2
-        places = [places[np.argsort(found_at[:-1])] for _, found_at in self._parts]
-        every = self.psfs[..., :-1] @ np.concatenate(places, axis=1).astype(self.psfs.dtype)
+        own_px = np.indices((self.side, self.side)).reshape(2, -1).T - self.side // 2
+        places_px = np.concatenate([own_px[np.argsort(found_at[:-1])] for _, found_at in self._parts], axis=1)
+        every = self.psfs[..., :-1] @ places_px.astype(self.psfs.dtype)
         return np.concatenate([every[own, :, 2 * k:2 * k + 2] for k, (own, _) in enumerate(self._parts)])
 
 
@@ -113,6 +113,11 @@ class PsfCells:
         self.heights_mm, self.azimuths, self.radius_px = turned.heights_mm, turned.azimuths, turned.side // 2
         self.azimuths_per_rad = (self.azimuths - 1) / (np.pi / 2 * turned.quarter_turns)
         self._offsets_px = turned.offsets_px().reshape(-1, 2)
+
+    @property
+    def nbytes(self) -> int:
+        """Of the PSFs."""
+        raise NotImplementedError
 
     def corners(self, paraxial_height_mm: np.ndarray, azimuth_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The four nodes of the table around places, and their weights: int and float arrays (4, place).
@@ -154,6 +159,7 @@ class PsfTable(PsfCells):
 
     @property
     def nbytes(self) -> int:
+        """See `PsfCells`."""
         return self.table.nbytes
 
     def mixed(self, paraxial_height_mm: np.ndarray, azimuth_rad: np.ndarray) -> np.ndarray:
