@@ -37,7 +37,7 @@ class Channel:
         self.field = FieldGeometry(optics, lens.name)
         self.planes = plan.planes(capture)
         self._plan, self._table = plan, table
-        bank = PsfBank.of(optics, capture.pitch_um, plan.support_um)
+        bank = PsfBank.of(optics, capture.pitch_um).trimmed(plan.psf_energy, plan.psf_radius_px)
         self._psfs = PlacedPsfs(bank, self.field, self.planes)
         self.kept = memory.take(bank.nbytes + (table.nbytes if table else 0))
         memory = memory if self.kept else MemoryBudget(0)

@@ -52,6 +52,8 @@ class Workload:
     ----------
     planes : Planes
     psf_radius_px : int
+    taps : float
+        Pixels that a PSF covers, on the mean.
     heights : int
         Field heights of the lens data.
     height_px : float
@@ -64,6 +66,7 @@ class Workload:
 
     planes: Planes
     psf_radius_px: int
+    taps: float
     heights: int
     height_px: float
     samples: float
@@ -73,11 +76,6 @@ class Workload:
     def pixels(self) -> int:
         rows, columns = self.planes.picture.shape_px
         return rows * columns
-
-    @property
-    def taps(self) -> float:
-        """Pixels that a PSF covers."""
-        return np.pi * (self.psf_radius_px + 0.5) ** 2
 
     def sections(self, section_size: int) -> tuple[int, int]:
         """Rows and columns of the sections of a plane."""

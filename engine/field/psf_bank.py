@@ -1,6 +1,7 @@
 """The PSF bank: PSFs of a lens on the sensor's pixel grid, at any place in the field."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from ..lens.lens import Lens, MonochromaticLens
 
 BATCH_SAMPLES = 1 << 16  # PSF samples in work at once: what the processor's cache holds
+RINGS = 4  # circles to trim to, from one sample to the next
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +26,8 @@ class PsfBank:
     heights_mm : array (height,)
     samples : array (height, sample)
         The light of each, of unit sum.
+    lost : array (height,)
+        The fraction of each PSF that was left out.
     v_px, u_px : arrays (sample,)
         Where they lie about the chief ray: outwards, and along the tangent.
     sample_size_px : float
@@ -36,6 +40,7 @@ class PsfBank:
 
     heights_mm: np.ndarray
     samples: np.ndarray
+    lost: np.ndarray
     v_px: np.ndarray
     u_px: np.ndarray
     sample_size_px: float
@@ -43,11 +48,8 @@ class PsfBank:
     mirror_symmetric: bool
 
     @classmethod
-    def of(cls, optics: "MonochromaticLens", pixel_pitch_um: float, support_um: float = np.inf) -> "PsfBank":
-        """The bank of a MonochromaticLens on pixels of this pitch.
-
-        Samples farther than `support_um` from the chief ray are left out, and the rest normalised (Eq. 9).
-        """
+    def of(cls, optics: "MonochromaticLens", pixel_pitch_um: float) -> "PsfBank":
+        """The bank of a MonochromaticLens on pixels of this pitch, with all of its PSFs."""
         psf, symmetric = mirror_symmetric(optics.psf)
         window = psf.shape[-1]
         steps = _refinement(optics, pixel_pitch_um)
@@ -55,11 +57,58 @@ class PsfBank:
         sample_size_px = optics.psf_pitch_um / steps / pixel_pitch_um
         offset_px = (np.arange((window - 1) * steps + 1) - window // 2 * steps) * sample_size_px
         v_px, u_px = np.repeat(offset_px, offset_px.size), np.tile(offset_px, offset_px.size)
-        kept = (np.hypot(v_px, u_px) * pixel_pitch_um <= support_um * (1 + 1e-9)) & refined.any(axis=0)
+        kept = refined.any(axis=0)
         samples = refined[:, kept]
         samples /= samples.sum(axis=1, keepdims=True)
-        return cls(optics.heights_mm, samples, v_px[kept], u_px[kept], sample_size_px,
-                   psf_radius_px(optics, pixel_pitch_um, support_um), symmetric)
+        return cls(optics.heights_mm, samples, np.zeros(len(samples)), v_px[kept], u_px[kept], sample_size_px,
+                   psf_radius_px(optics, pixel_pitch_um), symmetric)
+
+    def trimmed(self, energy: float, radius_px: int | None = None) -> "PsfBank":
+        """A bank whose PSFs are trimmed, each to the least circle about the chief ray that holds this energy, and
+        normalised (Eq. 9).
+
+        Parameters
+        ----------
+        energy : float
+            The fraction of every PSF that is kept.
+        radius_px : int, optional
+            Of the bank, which no circle goes beyond; else what the circles need.
+        """
+        if energy >= 1:
+            return self
+        half_px = np.sqrt(0.5) * self.sample_size_px
+        support_px = self.support_px(energy)
+        if radius_px is None:
+            radius_px = self.radius_within_px(support_px)
+        support_px = np.minimum(support_px, radius_px - 0.5 - half_px)
+        within = self._distance_px <= support_px[:, None] * (1 + 1e-9)
+        kept = within.any(axis=0)
+        samples = np.where(within[:, kept], self.samples[:, kept], 0)
+        light = samples.sum(axis=1)
+        return replace(self, samples=samples / light[:, None], lost=1 - light * (1 - self.lost), v_px=self.v_px[kept],
+                       u_px=self.u_px[kept], radius_px=radius_px)
+
+    def support_px(self, energy: float) -> np.ndarray:
+        """Radii of the least circles about the chief ray that hold this fraction of each PSF: array (height,)."""
+        rings, inside = self._enclosed
+        return rings[np.argmax(inside >= energy - 1e-9, axis=1)]
+
+    def radius_within_px(self, support_px: np.ndarray) -> int:
+        """How far PSFs that lie in circles of these radii can reach from the pixel of their chief ray."""
+        return min(self.radius_px, int(np.ceil(support_px.max() + np.sqrt(0.5) * self.sample_size_px + 0.5)))
+
+    @cached_property
+    def _distance_px(self):
+        return np.hypot(self.v_px, self.u_px)
+
+    @cached_property
+    def _enclosed(self):
+        """Radii of circles, array (ring,), and the energy of each PSF inside: array (height, ring)."""
+        ring = np.ceil(self._distance_px / self.sample_size_px * RINGS - 1e-6).astype(np.intp)
+        count = ring.max() + 1
+        energy = np.stack([np.bincount(ring, samples, count) for samples in self.samples])
+        inside = np.cumsum(energy, axis=1)
+        return np.arange(count) * self.sample_size_px / RINGS, inside / inside[:, -1:]
 
     def brightest(self, count: int) -> "PsfBank":
         """A bank of one PSF, and not of unit sum, that stands for those of all heights.
@@ -67,12 +116,12 @@ class PsfBank:
         Of each sample it has the brightest of all heights, and of these so many as err most when they cross the edge of
         a pixel.
         """
-        samples, distance_px = self.samples.max(axis=0), np.hypot(self.v_px, self.u_px)
+        samples, distance_px = self.samples.max(axis=0), self._distance_px
         crosses = distance_px > 0.5 - self.sample_size_px
         chosen = np.argsort(samples * distance_px * crosses)[-count:]
         radius_px = int(np.ceil(distance_px[chosen].max() + np.sqrt(0.5) * self.sample_size_px + 0.5))
-        return replace(self, heights_mm=self.heights_mm[-1:], samples=samples[None, chosen], v_px=self.v_px[chosen],
-                       u_px=self.u_px[chosen], radius_px=radius_px)
+        return replace(self, heights_mm=self.heights_mm[-1:], samples=samples[None, chosen], lost=np.zeros(1),
+                       v_px=self.v_px[chosen], u_px=self.u_px[chosen], radius_px=radius_px)
 
     @property
     def nbytes(self) -> int:
@@ -123,7 +172,7 @@ class PsfBank:
 
     def mean_distance_px(self) -> float:
         """How far from the chief ray light lies on the mean, at the height where that is farthest."""
-        return float((self.samples @ np.hypot(self.v_px, self.u_px)).max())
+        return float((self.samples @ self._distance_px).max())
 
     def _at_heights(self, height_mm):
         position = np.interp(height_mm, self.heights_mm, np.arange(self.heights_mm.size))
@@ -193,36 +242,15 @@ class PlacedPsfs:
         return float(self.place(*np.meshgrid((0, rows - 1), (0, columns - 1)))[0].max())
 
 
-def psf_radius_px(lens: "Lens | MonochromaticLens", pixel_pitch_um: float, support_um: float = np.inf) -> int:
-    """Pixels that the PSFs of a lens, turned any way, reach from the pixel of the chief ray.
+def psf_radius_px(lens: "Lens | MonochromaticLens", pixel_pitch_um: float) -> int:
+    """Pixels that the whole PSFs of a lens, turned any way, reach from the pixel of the chief ray.
 
     A sample, as wide as the turned square that it is, may be shared between a pixel and the next.
     """
     half_diagonal_um = np.hypot(1, 1) * (lens.psf.shape[-1] // 2) * lens.psf_pitch_um
     sample_um = lens.psf_pitch_um / _refinement(lens, pixel_pitch_um)
-    reach_um = min(half_diagonal_um, support_um) + np.hypot(1, 1) / 2 * sample_um
+    reach_um = half_diagonal_um + np.hypot(1, 1) / 2 * sample_um
     return int(np.ceil(reach_um / pixel_pitch_um + 0.5))
-
-
-def psf_support(lens: "Lens", energy: float) -> tuple[float, float]:
-    """The circle about the chief ray that holds this fraction of every PSF of a lens.
-
-    Returns
-    -------
-    support_um : float
-        Its radius.
-    lost : float
-        The largest fraction that lies outside of it.
-    """
-    offset = np.arange(lens.psf.shape[-1]) - lens.psf.shape[-1] // 2
-    distance = np.round(np.hypot(offset[:, None], offset).ravel(), 1)  # in samples
-    order = np.argsort(distance, kind="stable")
-    rings, first = np.unique(distance[order], return_index=True)
-    ends = np.append(first[1:], order.size) - 1
-    inside = np.cumsum(lens.psf.reshape(-1, order.size)[:, order], axis=1, dtype=np.float64)[:, ends]
-    inside = (inside / inside[:, -1:]).min(axis=0)
-    last = int(np.argmax(inside >= energy - 1e-9))
-    return float((rings[last] + 0.05) * lens.psf_pitch_um), float(1 - inside[last])
 
 
 def _refinement(optics, pixel_pitch_um):

@@ -206,15 +206,18 @@ class PsfTables:
         Those that will be asked for.
     planes : Planes
         In which they are looked up: quadrants need a quarter of the table.
-    support_um : float
+    psf_energy : float
+    radius_px : int
+        Of the trimmed PSFs; see `PsfBank.trimmed`.
     azimuths : int
         Steps from 0 to 45 degrees.
     precision : dtype
     """
 
     def __init__(self, lens: "Lens", wavelengths_nm: Sequence[float] | np.ndarray, planes: Planes,
-                 support_um: float, azimuths: int, precision: str) -> None:
-        self._lens, self._pitch_um, self._support_um = lens, planes.picture.pitch_um, support_um
+                 psf_energy: float, radius_px: int, azimuths: int, precision: str) -> None:
+        self._lens, self._pitch_um = lens, planes.picture.pitch_um
+        self._psf_energy, self._radius_px = psf_energy, radius_px
         self._azimuths, self._quarter_turns, self._precision = azimuths, planes.quarter_turns, precision
         self._made = lru_cache(maxsize=2)(self._make)  # wavelengths come in order
         self._mix = len(lens.wavelengths_around(wavelengths_nm)) < len(wavelengths_nm)
@@ -234,7 +237,8 @@ class PsfTables:
 
     def _make(self, wavelength_nm):
         """TurnedPsfs at one wavelength."""
-        bank = PsfBank.of(self._lens.at_wavelength(wavelength_nm), self._pitch_um, self._support_um)
+        bank = PsfBank.of(self._lens.at_wavelength(wavelength_nm), self._pitch_um).trimmed(
+            self._psf_energy, self._radius_px)
         own = self._azimuths + 1 if bank.mirror_symmetric else 2 * self._azimuths
         psfs = np.zeros((own, bank.heights_mm.size, (2 * bank.radius_px + 1) ** 2 + 1), self._precision)
 

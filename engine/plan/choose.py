@@ -3,27 +3,28 @@
 import time
 from collections.abc import Iterable
 from dataclasses import replace
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..blur import METHODS, Method, OnePsf
 from ..blur.method import Workload
-from ..field.distortion import FieldGeometry
 from ..field.mirror_symmetry import Planes
-from ..field.psf_bank import PlacedPsfs, PsfBank
 from ..image.spectral_image import SpectralImage
 from . import cost
 from .error_bound import AzimuthErrors, azimuth_error, isoplanatic_error
-from .options import AUTO, DEFAULT_ACCURACY, Options
-from .plan import Plan, foldable, knob_plan, psf_support_on
+from .options import AUTO, BY_KNOBS, DEFAULT_ACCURACY, Options
+from .picture_psfs import PicturePsfs, telling_wavelengths
+from .plan import Plan
 
 if TYPE_CHECKING:
     from ..lens.lens import Lens
 
-TRIM_SHARE, FLAT_SHARE, ROUNDING_SHARE = 1 / 8, 1 / 16, 1 / 50  # of the accuracy; the rest is the filter's
-TRIMMED_TWICE = 2.4  # what is trimmed and what is normalised in its stead, as samples are refined a fifth more at most
+SINGLE_RANGE = 1e3  # leaves the dimmest pixel right to some 1e-4
+PSF_ENERGY = 1 - 1e-6
+FLAT_SHARE, ROUNDING_SHARE = 1 / 16, 1 / 50  # of the accuracy
+TRIM_SHARES = 1 / 8, 1 / 4, 3 / 8, 1 / 2, 5 / 8, 3 / 4  # of what is left: what trimming PSFs may misplace; the rest is
+# the azimuths'
 SINGLE_ACCURACY = 3e-5  # the least that single precision is good for
 SINGLE_NOISE = 1.2e-7  # of the light, per unit of dynamic range
 AZIMUTH_CHOICES = tuple(sorted({round(2 ** (k / 2)) for k in range(2, 21)}))
@@ -44,18 +45,45 @@ def make_plan(options: Options, lens: "Lens", radiance: SpectralImage) -> Plan:
         A wavelength outside the lens data; a distortion that folds the field.
     """
     begin = time.perf_counter()
-    plan = _Planner(options, lens, radiance).best() if options.by_result else knob_plan(options, lens, radiance.grid)
+    plan = _Planner(options, lens, radiance).best() if options.by_result else _knob_plan(options, lens, radiance)
     plan = priced(plan, lens, radiance)
     return replace(plan, seconds=plan.seconds + time.perf_counter() - begin)
+
+
+def _knob_plan(options, lens, radiance):
+    """The plan that the knobs come to, what is not set being the default.
+
+    A section larger than the picture is cut down to it; the computational space always holds a section and the
+    PSFs that reach out of it, so that nothing wraps around.
+    """
+    way = METHODS[BY_KNOBS if options.method == AUTO else options.method]
+    energy = options.psf_energy or (1.0 if way.yardstick else PSF_ENERGY)
+    precision = options.precision or ("float64" if way.yardstick else AUTO)
+    radius_px, taps = PicturePsfs(lens, radiance).reach(energy)
+    single_range = {AUTO: SINGLE_RANGE, "float32": np.inf, "float64": 0.0}[precision]
+    most_px = max(radiance.frame_px) + 2 * radius_px
+    return Plan(
+        method=way.by_knobs(options.section_size, options.azimuths, radius_px, most_px),
+        psf_radius_px=radius_px, psf_energy=energy, taps=taps,
+        precision="float64" if precision == "float64" else "float32",
+        single_range=single_range if way.transforms or not single_range else np.inf,
+        flat_tolerance=options.flat_tolerance or 0.0, folded=not way.yardstick and _foldable(lens, radiance.grid),
+        out_of_field=options.out_of_field)
+
+
+def _foldable(lens, capture):
+    """Whether four mirrored quadrants share all of the optics."""
+    return capture.centred and lens.mirror_symmetric
 
 
 def workload(plan: Plan, lens: "Lens", radiance: SpectralImage) -> Workload:
     """What the cost of a plan depends on, beside the plan."""
     heights, height_um = lens.heights_mm.size, 1e3 * lens.heights_mm[-1] / lens.heights_mm.size
+    window_um = min(lens.psf.shape[-1] * lens.psf_pitch_um, 2 * plan.psf_radius_px * radiance.pitch_um)
     return Workload(
-        plan.planes(radiance.grid), plan.psf_radius_px, heights, height_um / radiance.pitch_um,
-        samples=np.pi / 4 * min(lens.psf.shape[-1], 2 * plan.support_um / lens.psf_pitch_um) ** 2,
-        tables=len(_telling_wavelengths(lens, radiance)) / radiance.wavelengths_nm.size)
+        plan.planes(radiance.grid), plan.psf_radius_px, plan.taps, heights, height_um / radiance.pitch_um,
+        samples=np.pi / 4 * (window_um / lens.psf_pitch_um) ** 2,
+        tables=len(telling_wavelengths(lens, radiance)) / radiance.wavelengths_nm.size)
 
 
 def priced(plan: Plan, lens: "Lens", radiance: SpectralImage) -> Plan:
@@ -65,94 +93,119 @@ def priced(plan: Plan, lens: "Lens", radiance: SpectralImage) -> Plan:
                    memory_mb=cost.memory_mb(work, plan))
 
 
-def _telling_wavelengths(lens, radiance):
-    """The wavelengths that tell the errors of all: those of the picture, or those of the lens data around them,
-    whichever are fewer. For between these the PSFs are mixtures, and so are their errors."""
-    around = lens.wavelengths_around(radiance.wavelengths_nm)
-    return around if len(around) < radiance.wavelengths_nm.size else radiance.wavelengths_nm
-
-
 class _Planner:
     """Looks for the plan of least predicted work whose error stays within an accuracy.
 
     A point's light goes wrong by no more than the sum of: twice the energy trimmed, for the rest is normalised; what
-    mixing PSFs from those of a few azimuths comes to; what flat sections may; and rounding. That is the bound.
+    mixing PSFs from those of a few azimuths comes to; what flat sections may; and rounding. That is the bound. Trimming
+    more leaves fewer pixels to spread light to, but asks for more azimuths: what costs least is chosen.
     """
 
     def __init__(self, options, lens, radiance):
-        accuracy = DEFAULT_ACCURACY if options.accuracy is None else options.accuracy
-        around = _only_at(lens, lens.wavelengths_around(radiance.wavelengths_nm))
-        self._support = psf_support_on(around, radiance.pitch_um, 1 - accuracy * TRIM_SHARE / 2)
+        self._accuracy = DEFAULT_ACCURACY if options.accuracy is None else options.accuracy
+        self._precision = "float32" if self._accuracy >= SINGLE_ACCURACY else "float64"
+        self._flat, self._rounding = self._accuracy * FLAT_SHARE, self._accuracy * ROUNDING_SHARE
+        self._enough = self._accuracy - self._flat - self._rounding
         self._options, self._lens, self._radiance = options, lens, radiance
-        self._precision = "float32" if accuracy >= SINGLE_ACCURACY else "float64"
-        self._flat, self._rounding = accuracy * FLAT_SHARE, accuracy * ROUNDING_SHARE
-        self._sure = TRIMMED_TWICE * self._support["trimmed_energy"] + self._flat + self._rounding
-        self._share = accuracy - self._sure
-        self._planes = Planes(radiance.grid.within_reach(self._support["psf_radius_px"]),
-                              foldable(around, radiance.grid))
+        around = _only_at(lens, lens.wavelengths_around(radiance.wavelengths_nm))
+        self._folded = _foldable(around, radiance.grid)
+        self._psfs = PicturePsfs(lens, radiance)
 
     def best(self) -> Plan:
         """The plan; the exact operator where nothing less is accurate enough."""
-        radius, asked = self._support["psf_radius_px"], self._options.method
-        most_px = max(self._planes.grid.shape_px)
+        asked = self._options.method
         if asked == AUTO:
-            error = self._isoplanatic_error()
-            if error <= self._share:
-                return self._cheapest(OnePsf.choices(0, radius, most_px), error)
-        azimuths, error = self._azimuths()
-        if not azimuths:
-            plan = knob_plan(replace(self._options, accuracy=None, method="exact"), self._lens, self._radiance.grid)
-            return replace(plan, error_bound=0.0)
+            error = self._isoplanatic_error(TRIM_SHARES[0])
+            if error <= self._enough:
+                return self._cheapest([OnePsf], TRIM_SHARES[0], 0, error)
         ways = [way for way in METHODS.values() if way.by_accuracy and asked in (AUTO, way.name)]
-        return self._cheapest((method for way in ways for method in way.choices(azimuths, radius, most_px)), error)
+        for share in self._shares(ways):
+            azimuths, error = self._azimuths(share)
+            if azimuths:
+                return self._cheapest(ways, share, azimuths, error)
+        plan = _knob_plan(replace(self._options, accuracy=None, method="exact"), self._lens, self._radiance)
+        return replace(plan, error_bound=0.0)
 
-    def _cheapest(self, methods: Iterable[Method], error: float) -> Plan:
-        plans = [self._plan(method, error) for method in methods]
-        return min(plans, key=lambda plan: cost.nanoseconds(workload(plan, self._lens, self._radiance), plan))
+    def _energy(self, share):
+        """What PSFs keep that are trimmed by this share of the error."""
+        return 1 - share * self._enough / 2
 
-    def _plan(self, method, error):
+    def _planes(self, share):
+        radius_px, _ = self._psfs.reach(self._energy(share))
+        return Planes(self._radiance.grid.within_reach(radius_px), self._folded)
+
+    def _trimmed(self, share):
+        return self._psfs.trimmed(self._energy(share), self._planes(share))
+
+    def _shares(self, ways):
+        """The shares of the error that trimming may have; those first that are cheapest by a guess at the azimuths."""
+        share = TRIM_SHARES[len(TRIM_SHARES) // 2]
+        mixing = azimuth_error([_errors(self._trimmed(share)[0])], GUESS_AZIMUTHS) - share * self._enough
+
+        def nanoseconds(share):
+            azimuths = GUESS_AZIMUTHS * (max(mixing, 0) / self._left(share)) ** (1 / GUESS_POWER)
+            return self._nanoseconds(self._cheapest(ways, share, max(2, round(azimuths)), 0.0))
+
+        return sorted(TRIM_SHARES, key=nanoseconds)
+
+    def _left(self, share):
+        """The error that trimming leaves to mixing."""
+        return (1 - share) * self._enough
+
+    def _cheapest(self, ways: Iterable[type[Method]], share: float, azimuths: int, error: float) -> Plan:
+        """The plan of least predicted work by one of these ways."""
+        radius_px, taps = self._psfs.reach(self._energy(share))
+        most_px = max(self._planes(share).grid.shape_px)
+        plans = [self._plan(method, share, radius_px, taps, error)
+                 for way in ways for method in way.choices(azimuths, radius_px, most_px)]
+        return min(plans, key=self._nanoseconds)
+
+    def _nanoseconds(self, plan):
+        return cost.nanoseconds(workload(plan, self._lens, self._radiance), plan)
+
+    def _plan(self, method, share, radius_px, taps, error):
         """A plan by one of the methods, with PSFs that err by this much; without a table nothing is taken for flat."""
         single_range = np.inf
         if self._precision == "float64":
             single_range = 0.0
         elif method.transforms:
             single_range = self._rounding / (SINGLE_NOISE * (method.space_px / method.section_size) ** 2)
-        return Plan(method=method, precision=self._precision, single_range=single_range,
-                    flat_tolerance=self._flat if method.azimuths else 0.0, folded=self._planes.folded,
-                    out_of_field=self._options.out_of_field, error_bound=self._sure + error, **self._support)
+        return Plan(method=method, psf_radius_px=radius_px, psf_energy=self._energy(share), taps=taps,
+                    precision=self._precision, single_range=single_range,
+                    flat_tolerance=self._flat if method.azimuths else 0.0, folded=self._folded,
+                    out_of_field=self._options.out_of_field, error_bound=self._flat + self._rounding + error)
 
-    @cached_property
-    def _psfs(self):
-        """PSFs on the picture's planes, at the wavelengths that tell all errors: a list of PlacedPsfs."""
-        optics = [self._lens.at_wavelength(nm) for nm in _telling_wavelengths(self._lens, self._radiance)]
-        return [PlacedPsfs(PsfBank.of(each, self._radiance.pitch_um, self._support["support_um"]),
-                           FieldGeometry(each, self._lens.name), self._planes) for each in optics]
-
-    def _isoplanatic_error(self):
+    def _isoplanatic_error(self, share):
         """The error of one PSF, that of the middle of the planes in work, for the whole field; or what is too much."""
         worst = 0.0
-        for psfs in self._psfs:
+        for psfs in self._trimmed(share):
             middle = [np.array([(n - 1) / 2]) for n in psfs.planes.grid.shape_px]
             worst = max(worst, isoplanatic_error(psfs.bank, psfs.psfs(*middle)[0], psfs.last_height_mm(),
                                                  ISOPLANATIC_SAMPLES))
-            if worst > self._share:
+            if worst > self._enough:
                 break
         return worst
 
-    def _azimuths(self):
-        """The least number of azimuths that errs by no more than the filter's share, and its error; 0 where none."""
-        wavelengths = [AzimuthErrors(psfs.bank, psfs.last_height_mm()) for psfs in self._psfs]
-        guess = azimuth_error(wavelengths[:1], GUESS_AZIMUTHS)
-        wanted = GUESS_AZIMUTHS * (guess / self._share) ** (1 / GUESS_POWER) * 0.9
+    def _azimuths(self, share):
+        """The least number of azimuths that errs by no more than is left, and the error with that of trimming; 0 where
+        there is none."""
+        wavelengths = [_errors(psfs) for psfs in self._trimmed(share)]
+        guess = azimuth_error(wavelengths[:1], GUESS_AZIMUTHS) - share * self._enough
+        wanted = GUESS_AZIMUTHS * (max(guess, 0) / self._left(share)) ** (1 / GUESS_POWER) * 0.9
         while wanted <= AZIMUTH_CHOICES[-1]:
             azimuths = AZIMUTH_CHOICES[int(np.searchsorted(AZIMUTH_CHOICES, wanted))]
-            error = azimuth_error(wavelengths[:1], azimuths, self._share)
-            if error <= self._share and wavelengths[1:]:  # which as a rule err less
-                error = max(error, azimuth_error(wavelengths[1:], azimuths, self._share))
-            if error <= self._share:
+            error = azimuth_error(wavelengths[:1], azimuths, self._enough)
+            if error <= self._enough and wavelengths[1:]:  # which as a rule err less
+                error = max(error, azimuth_error(wavelengths[1:], azimuths, self._enough))
+            if error <= self._enough:
                 return azimuths, error
-            wanted = max(azimuths + 1, azimuths * np.sqrt(error / self._share))  # no power is greater than the second
+            mixing = (error - share * self._enough) / self._left(share)
+            wanted = max(azimuths + 1, azimuths * np.sqrt(mixing))  # no power is greater than the second
         return 0, 0.0
+
+
+def _errors(psfs):
+    return AzimuthErrors(psfs.bank, psfs.last_height_mm())
 
 
 def _only_at(lens, wavelengths_nm):

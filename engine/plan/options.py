@@ -41,8 +41,8 @@ class Options:
         Steps from 0 to 45 degrees of the table that PSFs are mixed from, by "sections" and "pixels" (32). More is more
         accurate, and takes more time and memory.
     psf_energy : float, optional
-        Fraction of every PSF that is kept, within a circle about the chief ray; the rest is left out, and reported
-        (0.999999). Twice the loss is in the wrong place.
+        Fraction of every PSF that is kept: each one's own circle about the chief ray holds so much, and the rest is
+        left out (0.999999). Twice the loss is in the wrong place.
     flat_tolerance : float, optional
         Relative error up to which sections with even light all around are not filtered (0: all are).
     precision : "auto", "float32" or "float64", optional

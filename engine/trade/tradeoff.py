@@ -64,7 +64,7 @@ class Row:
     method, section_size, azimuths, precision
         As the plan had them; None what it did without.
     psf_energy : float
-        The least fraction of a PSF within the support that it was trimmed to.
+        The fraction of each PSF that was kept.
     accuracy : float or None
         What was asked for by result.
     wavelengths : int
@@ -291,7 +291,7 @@ def _row_of_plan(plan, options, wavelengths, peak_mb):
         image="", curve="", method=plan.method.name,
         section_size=plan.method.section_size if plan.method.transforms else None,
         azimuths=plan.method.azimuths or None, precision="auto" if by_section else plan.precision,
-        psf_energy=1 - plan.trimmed_energy, accuracy=options.accuracy, wavelengths=wavelengths, seconds=np.nan,
+        psf_energy=plan.psf_energy, accuracy=options.accuracy, wavelengths=wavelengths, seconds=np.nan,
         seconds_over_paper=np.nan, peak_mb=peak_mb, relative_l2=0.0, maximum_error=0.0, l1=0.0,
         predicted_bound=plan.error_bound, against="")
 

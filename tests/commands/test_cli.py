@@ -23,7 +23,7 @@ from lensfield.engine.image.spectral_exr import read_exr, write_exr
 from lensfield.engine.lens.readers.package import write_package
 from lensfield.engine.plan.plan import Plan
 
-PLAN = Plan(method=Sections(32, 64, 11), psf_radius_px=10, support_um=60.0, trimmed_energy=1e-6, precision="float32",
+PLAN = Plan(method=Sections(32, 64, 11), psf_radius_px=10, psf_energy=1 - 1e-6, taps=200.0, precision="float32",
             single_range=np.inf, flat_tolerance=0.0, folded=True, out_of_field="hold")
 
 

@@ -6,7 +6,7 @@ from scipy.special import erf
 
 from lenses import gaussian_psf, make_lens, marked_psf
 from lensfield.engine import Lens
-from lensfield.engine.field.psf_bank import PsfBank, psf_radius_px, psf_support
+from lensfield.engine.field.psf_bank import PsfBank, psf_radius_px
 from places import SHARED_DATA
 
 AZIMUTHS = (0.0, 0.3, np.pi / 4, np.pi / 2, 2.0, np.pi, -2.5)
@@ -224,28 +224,44 @@ def rings_lens(pitch_um=2.0):
 
 @pytest.mark.parametrize("energy, samples, lost", [(0.5, 0, 0.1), (0.9, 0, 0.1), (0.91, 3, 0.02), (0.98, 3, 0.02),
                                                    (0.981, np.sqrt(32), 0.0), (1.0, np.sqrt(32), 0.0)])
-def test_support_is_the_least_circle_that_holds_the_energy_of_every_psf(energy, samples, lost):
-    support_um, outside = psf_support(rings_lens(), energy)
-    assert 2.0 * samples <= support_um <= 2.0 * (samples + 0.3)
-    assert outside == pytest.approx(lost, abs=1e-6)
+def test_each_psf_is_trimmed_to_the_least_circle_that_holds_the_energy(energy, samples, lost):
+    """Of the point on the axis nothing is lost, and a circle of no size holds it."""
+    bank = PsfBank.of(rings_lens().at_wavelength(550), 4.0)  # samples of half a pixel
+    np.testing.assert_allclose(bank.support_px(energy), [0, samples / 2], atol=0.5 / 4)
+    trimmed = bank.trimmed(energy)
+    np.testing.assert_allclose(trimmed.lost, [0, lost], atol=1e-6)
+    np.testing.assert_allclose(trimmed.samples.sum(axis=1), 1, atol=1e-13)
+    reach_px = np.where(trimmed.samples > 0, np.hypot(trimmed.v_px, trimmed.u_px), 0).max(axis=1)
+    np.testing.assert_allclose(reach_px, [0, samples / 2], atol=1e-9)
 
 
 def test_a_trimmed_psf_is_what_lies_in_the_circle_normalised():
-    lens = rings_lens()
-    support_um, _ = psf_support(lens, 0.95)
-    pixels = PsfBank.of(lens.at_wavelength(550), 4.0, support_um).psfs([2.0], [0.0])[0]
-    whole = PsfBank.of(lens.at_wavelength(550), 4.0).psfs([2.0], [0.0])[0]
-    assert pixels.sum() == pytest.approx(1, abs=1e-13) and len(pixels) < len(whole)
-    assert middle(pixels, 0)[0, 0] / middle(whole, 0)[0, 0] == pytest.approx(1 / 0.98)
+    whole = PsfBank.of(rings_lens().at_wavelength(550), 4.0)
+    trimmed = whole.trimmed(0.95)
+    first, then = (bank.psfs([2.0], [0.0])[0] for bank in (whole, trimmed))
+    assert then.sum() == pytest.approx(1, abs=1e-13) and len(then) < len(first)
+    assert middle(then, 0)[0, 0] / middle(first, 0)[0, 0] == pytest.approx(1 / 0.98)
 
 
-@pytest.mark.parametrize("support_um", [np.inf, 20.0, 7.0, 0.5])
+@pytest.mark.parametrize("radius_px", [1, 2, 3, 5, 30])
+def test_a_trimmed_psf_stays_within_the_radius_that_is_given(radius_px):
+    psf = np.random.default_rng(3).random((17, 17))
+    bank = PsfBank.of(make_lens(psf / psf.sum()).at_wavelength(550), 4.0)
+    trimmed = bank.trimmed(0.99, radius_px)
+    psfs = trimmed.at_table_heights(np.linspace(-np.pi, np.pi, 41))
+    assert psfs.shape[-1] == 2 * radius_px + 1
+    np.testing.assert_allclose(psfs.sum(axis=(2, 3)), 1, atol=1e-13)
+    if radius_px >= bank.trimmed(0.99).radius_px:
+        np.testing.assert_array_equal(trimmed.samples, bank.trimmed(0.99).samples)
+
+
+@pytest.mark.parametrize("energy", [1.0, 0.99, 0.9, 0.1])
 @pytest.mark.parametrize("pixel_pitch_um", [1.0, 3.3, 50.0])
-def test_no_light_is_lost_at_the_rim_of_the_radius(support_um, pixel_pitch_um):
+def test_no_light_is_lost_at_the_rim_of_the_radius(energy, pixel_pitch_um):
     psf = np.random.default_rng(3).random((17, 17))
     lens = make_lens(psf / psf.sum())
-    bank = PsfBank.of(lens.at_wavelength(550), pixel_pitch_um, support_um)
-    assert bank.radius_px == psf_radius_px(lens, pixel_pitch_um, support_um)
+    bank = PsfBank.of(lens.at_wavelength(550), pixel_pitch_um).trimmed(energy)
+    assert bank.radius_px <= psf_radius_px(lens, pixel_pitch_um)
     psfs = bank.at_table_heights(np.linspace(-np.pi, np.pi, 41))
     # Their sums are those of the shares, not normalised afterwards.
     np.testing.assert_allclose(psfs.sum(axis=(2, 3)), 1, atol=1e-13)

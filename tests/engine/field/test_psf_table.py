@@ -21,13 +21,14 @@ def planes(quadrant):
     return Planes(PixelGrid((8, 8), PITCH_UM), quadrant)
 
 
-def table(lens, azimuths=4, quadrant=False, nm=550.0, support_um=np.inf, precision="float64", wavelengths_nm=None):
-    tables = PsfTables(lens, wavelengths_nm or (nm,), planes(quadrant), support_um, azimuths, precision)
+def table(lens, azimuths=4, quadrant=False, nm=550.0, energy=1.0, precision="float64", wavelengths_nm=None):
+    radius_px = max(bank(lens, each, energy).radius_px for each in lens.wavelengths_nm)
+    tables = PsfTables(lens, wavelengths_nm or (nm,), planes(quadrant), energy, radius_px, azimuths, precision)
     return PsfTable(tables.at_wavelength(nm))
 
 
-def bank(lens, nm=550.0, support_um=np.inf):
-    return PsfBank.of(lens.at_wavelength(nm), PITCH_UM, support_um)
+def bank(lens, nm=550.0, energy=1.0):
+    return PsfBank.of(lens.at_wavelength(nm), PITCH_UM).trimmed(energy)
 
 
 def own_places(lens, azimuths, quadrant):
@@ -157,7 +158,7 @@ def test_as_few_tables_are_made_as_will_do(wavelengths_nm, made, monkeypatch):
         return original(*args)
 
     monkeypatch.setattr(PsfBank, "of", counted)
-    tables = PsfTables(make_lens(), wavelengths_nm, planes(False), np.inf, 2, "float64")
+    tables = PsfTables(make_lens(), wavelengths_nm, planes(False), 1.0, 8, 2, "float64")
     for nm in wavelengths_nm:
         tables.at_wavelength(nm)
     assert len(banks) == made
@@ -176,8 +177,9 @@ def test_wavelengths_of_which_one_alone_is_symmetric_mix_as_well():
 def test_trimmed_psfs_are_those_of_the_trimmed_bank():
     lens = LENSES["comatic"]
     places = own_places(lens, 2, False)
-    trimmed = bank(lens, support_um=15.0).psfs(*places)
-    np.testing.assert_allclose(table(lens, 2, support_um=15.0).psfs(*places), trimmed, atol=1e-13)
+    trimmed = bank(lens, energy=0.95)
+    assert trimmed.radius_px < bank(lens).radius_px
+    np.testing.assert_allclose(table(lens, 2, energy=0.95).psfs(*places), trimmed.psfs(*places), atol=1e-13)
 
 
 def test_single_precision_is_good_to_its_last_digits():

@@ -106,7 +106,7 @@ def test_the_space_always_holds_the_section_and_what_reaches_out_of_it(section_s
 def test_a_whole_psf_reaches_as_far_as_its_window_turned_by_45_degrees():
     plan = make_plan(Options(psf_energy=1), BLURRED, picture(100, 100, 4.0))
     assert np.sqrt(2) * 32 / 4 <= plan.psf_radius_px <= np.sqrt(2) * 32 / 4 + 3
-    assert plan.trimmed_energy == 0
+    assert plan.psf_energy == 1
 
 
 @pytest.mark.parametrize("energy", [0.9, 0.99, 0.9999])
@@ -114,9 +114,8 @@ def test_a_trimmed_psf_reaches_as_far_as_its_energy(energy):
     """A Gaussian keeps 1 - exp(-r^2 / 2 sigma^2) within r."""
     plan = make_plan(Options(psf_energy=energy), BLURRED, picture(100, 100, 1.0))
     radius_um = 4 * np.sqrt(-2 * np.log(1 - energy))
-    assert plan.support_um == pytest.approx(radius_um, abs=1.5)
     assert radius_um - 1.5 <= plan.psf_radius_px <= radius_um + 5
-    assert 0.5 * (1 - energy) < plan.trimmed_energy <= 1 - energy
+    assert plan.psf_energy == energy and np.sqrt(plan.taps / np.pi) == pytest.approx(radius_um + 1, abs=1)
 
 
 def test_a_psf_that_reaches_too_far_is_an_error_that_says_how_far():
@@ -127,7 +126,7 @@ def test_a_psf_that_reaches_too_far_is_an_error_that_says_how_far():
 def test_the_papers_own_way():
     plan = make_plan(Options(method="paper"), BLURRED, picture(576, 768, 6.25))
     assert plan.method == Paper(section_size=16, space_px=64)
-    assert plan.precision == "float64" and plan.trimmed_energy == 0 and not plan.folded
+    assert plan.precision == "float64" and plan.psf_energy == 1 and not plan.folded
 
 
 def test_the_papers_way_with_other_sections_takes_the_least_space():
