@@ -120,6 +120,7 @@ class _Run:
     def _through_lens(self, shot, radiance, report):
         label = f"Through {self._lens.name}" if shot.frame is None else f"Frame {shot.frame} through {self._lens.name}"
         with progress_bar() as tell:
+            tell(self._done / self._number, label)
             return simulate(radiance, self._lens, self._chosen, report=report, kept=self._kept,
                             progress=lambda done: tell((self._done + done) / self._number, label))
 

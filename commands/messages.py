@@ -17,6 +17,7 @@ from contextlib import contextmanager
 
 MARK = "lensfield> "
 PACE_S = 0.1  # between two lines of one label
+ENOUGH = 0.03  # of the work, to tell by its time what is left: of 31 wavelengths the first
 
 
 @contextmanager
@@ -48,6 +49,19 @@ def paced(write):
             write(fraction=fraction, label=label)
 
     return tell
+
+
+def time_left(fraction, spent_s, since_s=0.0):
+    """How long the rest will take, by how long this fraction took and how long ago that was; "" where it is too little
+    to tell."""
+    return f"{duration(max(spent_s * (1 / fraction - 1) - since_s, 0))} left" if fraction >= ENOUGH else ""
+
+
+def duration(seconds):
+    """So many seconds in a few letters."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
 def read_message(line):

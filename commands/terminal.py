@@ -2,21 +2,28 @@
 
 import os
 import sys
+import time
 from contextlib import contextmanager
+
+from .messages import time_left
 
 BAR_CELLS = 24
 
 
 @contextmanager
 def progress_bar():
-    """A function (fraction, label) that draws a bar, on a terminal; elsewhere it says nothing."""
+    """A function (fraction, label) that draws a bar and tells what time is left, on a terminal; elsewhere, nothing."""
     if not sys.stderr.isatty():
         yield lambda fraction, label: None
         return
 
+    first = []
+
     def draw(fraction, label):
-        filled = round(BAR_CELLS * fraction)
-        print(f"\r[{'#' * filled}{'.' * (BAR_CELLS - filled)}] {fraction:4.0%}  {label:<48.48}", end="",
+        first[:] = first or (fraction, time.monotonic())
+        done = (fraction - first[0]) / (1 - first[0]) if first[0] < 1 else 1.0
+        left, filled = time_left(done, time.monotonic() - first[1]), round(BAR_CELLS * fraction)
+        print(f"\r[{'#' * filled}{'.' * (BAR_CELLS - filled)}] {fraction:4.0%}  {left:<11} {label:<36.36}", end="",
               file=sys.stderr, flush=True)
 
     try:

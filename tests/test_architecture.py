@@ -43,7 +43,7 @@ FLOORS = {
     "addon.scene": {"engine"},
     "addon.shading": {"addon.scene", "engine"},
     "addon.job": {"addon.shading", "addon.scene", "commands.messages", "engine"},
-    "addon.ui": {"addon.job", "addon.shading", "addon.scene", "engine"},
+    "addon.ui": {"addon.job", "addon.shading", "addon.scene", "commands.messages", "engine"},
     "addon": {"addon.ui", "addon.job", "addon.scene", "engine"},
     # the command, and what Blender and Python call
     "commands": {"commands.messages", "addon", "addon.shading", "engine"},

@@ -12,6 +12,7 @@ from pathlib import Path
 import bpy
 from bpy.app.handlers import persistent
 
+from ...commands.messages import duration, time_left
 from ...engine.errors import InputError
 from ..job.child import Child, apply_command, render_command, save_copy, work_folder
 from ..job.job import check_output_folder, job_from_settings
@@ -29,7 +30,6 @@ from ..scene.compositor import (
 
 TICK_S = 0.1
 PICTURE = "so_far.png"
-ENOUGH = 0.05  # of the job, to tell what time is left
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,11 +61,9 @@ class WindowRender:
         """The scene, the stage, and the time: so far, and what is left as far as can be told."""
         now_s = time.monotonic()
         label = (f"{self.scene_name}: {self.child.told.get('label', 'Starting Blender in the background')}, "
-                 f"{_duration(now_s - self.started_s)}")
-        if self.fraction < ENOUGH:
-            return label
-        left_s = (self.child.told_s - self.started_s) * (1 / self.fraction - 1) - (now_s - self.child.told_s)
-        return f"{label}, about {_duration(max(left_s, 0))} left"
+                 f"{duration(now_s - self.started_s)}")
+        left = time_left(self.fraction, self.child.told_s - self.started_s, now_s - self.child.told_s)
+        return f"{label}, about {left}" if left else label
 
 
 state = {"render": None, "icon": "INFO", "notice": (), "lens_image": None}
@@ -249,9 +247,3 @@ def _redraw_panels():
 def areas(*types):
     """The areas of these types, in all windows."""
     return [area for window in bpy.context.window_manager.windows for area in window.screen.areas if area.type in types]
-
-
-def _duration(seconds):
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

@@ -41,3 +41,15 @@ def test_samples_are_told_at_a_pace_and_labels_at_once(monkeypatch):
     for fraction, label in ((0.0, "a"), (0.1, "a"), (0.2, "a"), (0.3, "a"), (0.4, "b")):
         tell(fraction, label)
     assert told == [(0.0, "a"), (0.3, "a"), (0.4, "b")]
+
+
+def test_durations_are_short():
+    texts = [messages.duration(seconds) for seconds in (0.4, 89, 100, 4000, 8000)]
+    assert texts == ["0 s", "89 s", "2 min", "67 min", "2.2 h"]
+
+
+def test_what_is_left_goes_by_what_was_measured():
+    assert messages.time_left(0.25, 20.0) == "60 s left" and messages.time_left(0.25, 20.0, 10.0) == "50 s left"
+    assert messages.time_left(1 / 31, 2.0) == "60 s left"  # by the first of 31 wavelengths
+    assert messages.time_left(0.0, 20.0) == messages.time_left(0.02, 20.0) == ""
+    assert messages.time_left(1, 9) == "0 s left"

@@ -220,8 +220,3 @@ def test_the_label_tells_the_time_left(monkeypatch):
     assert render.label == "Scene: Pass 1 of 3, 30 s, about 50 s left"
     child.told = {}
     assert render.label == "Scene: Starting Blender in the background, 30 s"
-
-
-def test_durations_are_short():
-    texts = [window_render._duration(seconds) for seconds in (0.4, 89, 100, 4000, 8000)]
-    assert texts == ["0 s", "89 s", "2 min", "67 min", "2.2 h"]

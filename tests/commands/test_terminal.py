@@ -1,0 +1,33 @@
+"""The bar on a terminal tells how far it is, and by that what time is left."""
+
+import io
+import sys
+from types import SimpleNamespace
+
+import pytest
+
+from lensfield.commands import terminal
+
+
+class Screen(io.StringIO):
+    def isatty(self):
+        return True
+
+
+@pytest.mark.parametrize("begin, wavelengths", [(0.0, 31), (0.5, 4)])  # alone, and as the second of two pictures
+def test_the_first_wavelength_tells_the_time_left(begin, wavelengths, monkeypatch):
+    screen, now = Screen(), iter((100.0, 100.0, 102.0))
+    monkeypatch.setattr(sys, "stderr", screen)
+    monkeypatch.setattr(terminal, "time", SimpleNamespace(monotonic=lambda: next(now)))
+    with terminal.progress_bar() as tell:
+        tell(begin, "Through a lens")
+        tell(begin + (1 - begin) / wavelengths, "Through a lens")
+    first, second, wiped = screen.getvalue().split("\r")[1:-1]
+    assert "left" not in first and f"{2 * (wavelengths - 1)} s left" in second
+    assert "Through a lens" in second and len(first) == len(second) == len(wiped) - 1
+
+
+def test_elsewhere_nothing_is_drawn(capsys):
+    with terminal.progress_bar() as tell:
+        tell(0.5, "Through a lens")
+    assert capsys.readouterr().err == ""
