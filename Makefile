@@ -1,7 +1,8 @@
 # make demo        render the sample scene and put it through a real lens
 # make test        all tests; BPY=4.5.15 runs the Blender tests on another Blender, SEED=1 renders with other noise;
 #                  TESTS=tests/addon/scene runs some of the Blender tests alone
-# make bench       the paper's figures again, what accuracy costs, and what a scene costs (an hour)
+# make bench       what the engine takes, beside itself of before and the paper's method (ten minutes): build/bench
+# make bench-all   also the paper's pictures, what accuracy costs at length, and what a scene costs (an hour)
 # make validate    Cornell's box against Mitsuba 3, and lenses against rays traced through them (ten minutes)
 # make extension   dist/*.zip, to install in Blender
 # make ui-test     drives a window of BLENDER=/path/to/blender as a user would (ten minutes; on a display, or with Xvfb, and
@@ -37,7 +38,7 @@ TABLES = .venv-tables
 LINT = .venv-lint
 LOCK = packaging/lock-5.0.1.txt
 
-.PHONY: demo test test-engine test-blender ui-test bench validate extension bake test-bake bench-bake lenses lens-pictures tables bench-tables \
+.PHONY: demo test test-engine test-blender ui-test bench bench-all validate extension bake test-bake bench-bake lenses lens-pictures tables bench-tables \
         lint lock
 
 demo: $(READY)
@@ -54,8 +55,11 @@ test-blender: $(READY)
 	$(VENV)/bin/python -m pytest -q $(TESTS)
 
 bench: $(READY)
+	$(VENV)/bin/python benchmarks/bench.py build/bench
+
+bench-all: bench
 	$(VENV)/bin/python benchmarks/paper_section_4.py build/bench
-	$(VENV)/bin/python benchmarks/engine_figures.py
+	$(VENV)/bin/python benchmarks/accuracy_figures.py
 	$(VENV)/bin/python -W ignore benchmarks/scene_figures.py
 
 validate: $(VALIDATE)/.ready

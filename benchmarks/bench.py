@@ -1,0 +1,178 @@
+"""What the engine takes, side by side: this tree, the engine before it had loops in C, and the paper's method.
+
+    python benchmarks/bench.py FOLDER
+
+prints a line for each case of cases.py as it comes, and how near the worst points come to the bound; all of it is in
+FOLDER/figures.txt then, ten minutes later. LENSFIELD_KERNELS=numpy (or base, avx2, …) says what is to run the loops.
+"""
+
+import io
+import json
+import os
+import subprocess
+import sys
+import tarfile
+from pathlib import Path
+
+import numpy as np
+from cases import BOARDS, OTHERS, PAPER, PAPER_LENS, checkerboard, points
+from point_images import point_images
+from scipy.signal import fftconvolve
+from timing import machine, processor_s, quickest
+from worst_points import table_lines
+
+from lensfield.engine import Lens, Options, simulate
+from lensfield.engine.lens.readers import bundled_names
+from lensfield.engine.plan.choose import make_plan
+from lensfield.engine.trade.tradeoff import errors
+
+HERE = Path(__file__).resolve().parent
+BEFORE = "ac0321c"  # the last engine with numpy's loops alone
+WIDTHS = {"case": 39, "asked": 7, "now": 9, "before": 9, "paper": 8, "before/now": 11, "waited": 8, "told": 7,
+          "again": 7, "bound": 9, "L2": 9, "MB": 7, "over floor": 12, "  plan": 0}
+LEFT = "case", "  plan"
+MOST = {"told": 1.3, "again": 0.4, "MB": 1500, "over floor": 2.0}
+LEGEND = f"""\
+asked, now, before, paper  seconds of the processor, of all threads, cold: a lens fresh from its data, its plan and PSFs
+                           included; no files. before: {BEFORE}; ~: some wavelengths stand for all
+waited, told               seconds on the clock; what the plan told over these, or these over that: {MOST["told"]} asked
+again                      the second frame over the first, with what that has kept: {MOST["again"]} asked
+bound, L2                  of any point's light misplaced, promised; of a grid of points, against the exact operator
+MB                         of the process at most, the picture included: {MOST["MB"]} asked of the largest
+over floor                 now, over the plan's multiply-adds at the rate of numpy's product of matrices: one for each
+                           pixel and tap of its PSF, and those that mix it; {MOST["over floor"]:g} asked
+!                          missed"""
+
+
+class Table:
+    """Lines, printed as they come."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def tell(self, text: str = "") -> None:
+        self.lines.append(text.rstrip())
+        print(self.lines[-1], flush=True)
+
+    def row(self, cells: dict[str, str]) -> None:
+        self.tell("".join(f"{cells.get(name, ''):<{width}}" if name in LEFT else f"{cells.get(name, ''):>{width}}"
+                          for name, width in WIDTHS.items()))
+
+
+def engine_before(folder):
+    """Where the earlier engine can be imported from; None where the history does not hold it."""
+    archive = subprocess.run(["git", "-C", HERE.parent, "archive", BEFORE, "__init__.py", "engine"],
+                             capture_output=True)
+    if archive.returncode:
+        return None
+    with tarfile.open(fileobj=io.BytesIO(archive.stdout)) as files:
+        files.extractall(folder / "before" / "lensfield", filter="data")
+    return folder / "before"
+
+
+def measured(case, options, python_path=None, **how):
+    """What measure_case.py prints, of the engine that is found at `python_path`; else of this tree's."""
+    task = {"name": case.name, "options": options, "best_of": case.best_of} | how
+    environment = os.environ | ({"PYTHONPATH": str(python_path)} if python_path else {})
+    answer = subprocess.run([sys.executable, HERE / "measure_case.py", json.dumps(task)], env=environment, check=True,
+                            stdout=subprocess.PIPE)
+    facts = json.loads(answer.stdout)
+    expected = python_path / "lensfield" if python_path else HERE.parent
+    if not Path(facts["engine"]).parent.samefile(expected):
+        sys.exit(f"the engine of {facts['engine']} was measured, and not that of {expected}")
+    return facts
+
+
+def slow_s(case, options, python_path=None):
+    """Processor seconds of a way of which some of the wavelengths may have to stand for all."""
+    if not case.part:
+        return measured(case, options, python_path)["processor_s"]
+    facts = measured(case, options, python_path, wavelengths=case.part, best_of=1)
+    return facts["processor_s"] * case.wavelengths / case.part
+
+
+def cells_of(case, before, rate):
+    """The cells of a case's row."""
+    about, asked_s = "~" if case.part else "", case.asked_s
+    now = measured(case, {"accuracy": case.accuracy}, frames=1 if case.in_place else 2, taps=True)
+    told = now["predicted_s"] / now["waited_s"]
+    cells = {"case": case.name, "waited": f"{now['waited_s']:.2f}", "told": judged("told", max(told, 1 / told), ".2f"),
+             "bound": f"{now['bound']:.1e}", "MB": f"{now['peak_mb']:.0f} ", "  plan": f"  {now['way']}",
+             "paper": f"{about}{slow_s(case, {'method': 'paper'}):.2f}"}
+    if before:
+        then_s = slow_s(case, {"accuracy": case.accuracy}, before)
+        asked_s = asked_s or then_s / 2
+        cells |= {"before": f"{about}{then_s:.2f}", "before/now": f"{then_s / now['processor_s']:.1f}"}
+    if asked_s:
+        cells["asked"] = f"{asked_s:.2f}"
+    cells["now"] = marked(f"{now['processor_s']:.3f}", asked_s and now["processor_s"] > asked_s)
+    if case.in_place:
+        cells["MB"] = judged("MB", now["peak_mb"], ".0f")
+    else:
+        cells["again"] = judged("again", now["later_s"] / now["processor_s"], ".2f")
+    if "multiply_adds" in now:
+        cells["over floor"] = judged("over floor", now["processor_s"] * rate / now["multiply_adds"], ".1f")
+    return cells
+
+
+def judged(column, value, form):
+    return marked(f"{value:{form}}", value > MOST[column])
+
+
+def marked(text, missed):
+    return f"{text}{'!' if missed else ' '}"
+
+
+def multiply_adds_per_s(side=96, repeats=200):
+    """Of one core: numpy's product of matrices that stay in its cache, and are too small to be shared by threads."""
+    a, b = np.random.default_rng(0).random((2, side, side), dtype=np.float32)
+    return repeats * side**3 / processor_s(lambda: [a @ b for _ in range(repeats)])
+
+
+def relative_l2(cube, exact):
+    return f"{errors(cube, exact)['relative_l2']:.1e}"
+
+
+def boards(table, before, rate):
+    """The paper's frame, at one wavelength: by accuracy, by the paper's method, and by one PSF, that of the axis."""
+    lens, dots = Lens.load(PAPER_LENS), points()
+    exact = simulate(dots, lens, Options(method="exact")).cube
+    for case in BOARDS:
+        result = simulate(dots, lens, Options(accuracy=case.accuracy)).cube
+        table.row(cells_of(case, before, rate) | {"L2": relative_l2(result, exact)})
+    paper_s = quickest(checkerboard(), lens, PAPER).processor_s
+    table.row({"case": "768x576, the paper's method", "now": f"{paper_s:.3f} ",
+               "L2": relative_l2(simulate(dots, lens, PAPER).cube, exact)})
+    seconds, result = one_psf(dots, lens)
+    table.row({"case": "768x576, one PSF by scipy", "now": f"{seconds:.3f} ", "L2": relative_l2(result[None], exact)})
+
+
+def one_psf(radiance, lens):
+    """The wrong picture, of the PSF on the axis alone: processor seconds of its convolution, and the picture."""
+    plan = make_plan(Options(accuracy=0.001), lens, radiance)
+    (images,), middle = point_images(lens, radiance, plan), np.array(radiance.grid.shape_px)[None] // 2
+    planes, psf = images.channel.planes, images.by_plan(middle)[0].astype(np.float32)
+    ideal = planes.join(planes.without_doubles(images.channel.ideal_irradiance(radiance.cube[0])))
+    return processor_s(lambda: fftconvolve(ideal, psf, "same")), fftconvolve(ideal, psf, "same")
+
+
+def main(folder):
+    folder.mkdir(parents=True, exist_ok=True)
+    table, before, rate = Table(), engine_before(folder), multiply_adds_per_s()
+    table.tell(machine())
+    table.tell(f"{rate / 1e9:.0f} billion multiply-adds a second and core" +
+               ("" if before else f"; no engine of before: the history does not hold {BEFORE}"))
+    table.tell(LEGEND)
+    table.tell()
+    table.row({name: name for name in WIDTHS})
+    boards(table, before, rate)
+    for case in OTHERS:
+        table.row(cells_of(case, before, rate))
+    table.tell()
+    for line in table_lines(bundled_names()):
+        table.tell(line)
+    (folder / "figures.txt").write_text("\n".join(table.lines) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
