@@ -8,7 +8,7 @@ from ..engine import InputError, Options
 from ..engine.blur import METHODS
 from ..engine.files import check_target
 from ..engine.lens.readers import bundled_names
-from ..engine.plan.options import AUTO, DEFAULT_ACCURACY, FIREFLIES, OUT_OF_FIELD, PRECISIONS
+from ..engine.plan.options import AUTO, DEFAULT_ACCURACY, FIREFLIES, MOST_SUPERSAMPLING, OUT_OF_FIELD, PRECISIONS
 
 RESOLUTION_LIMITS = (4, 65536)
 
@@ -35,6 +35,10 @@ def _add_accuracy(group):
     group.add_argument("--method", choices=(AUTO, *METHODS),
                        help="PSFs from a table, interpolated in sections or pixel by pixel; one a section, as in the "
                             f"paper; or every pixel's own, exactly (default {Options.method})")
+    group.add_argument("--supersampling", type=int, metavar="N",
+                       help="filter the picture in N x N pixels for each one, where PSFs are finer than it; takes as "
+                            f"long as a picture so much larger (1 to {MOST_SUPERSAMPLING}; "
+                            f"default {Options.supersampling})")
 
 
 def _add_knobs(group):

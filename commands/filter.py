@@ -73,7 +73,7 @@ class _Run:
                 radiance, picture = self._read(shot.radiance)
             with report.stage("plan"):
                 plan = self._kept.plan(self._chosen, self._lens, radiance)
-                needed = overscan_px(self._lens, radiance.grid, radiance.wavelengths_nm, plan.psf_radius_px)
+                needed = overscan_px(self._lens, radiance.grid, radiance.wavelengths_nm, plan.reach_px)
                 self._tell(picture, plan)
             irradiance = self._through_lens(shot, radiance, report)
         except ImageError as error:

@@ -47,13 +47,14 @@ class Kept:
         of = lens, tuple(radiance.wavelengths_nm), radiance.grid, plan
         if of != self._of:  # what was kept is of no more use
             self._of, self._memory, self._channels = of, MemoryBudget(self._limit_bytes), {}
-        tables = PsfTables(lens, radiance.wavelengths_nm, plan.planes(radiance.grid), plan.psf_energy,
+        grid = radiance.grid.finer(plan.supersampling)
+        tables = PsfTables(lens, radiance.wavelengths_nm, plan.planes(grid), plan.psf_energy,
                            plan.psf_radius_px, plan.method.azimuths, plan.precision) if plan.method.azimuths else None
         for wavelength_nm in radiance.wavelengths_nm:
             channel = self._channels.get(wavelength_nm)
             if channel is None:
                 table = plan.method.table(tables.at_wavelength(wavelength_nm)) if tables else None
-                channel = Channel(lens, wavelength_nm, radiance.grid, plan, table, self._memory)
+                channel = Channel(lens, wavelength_nm, grid, plan, table, self._memory)
                 if channel.kept:
                     self._channels[wavelength_nm] = channel
             yield channel

@@ -9,6 +9,7 @@ from .errors import ImageError
 from .image.nonfinite import clamp_fireflies, refuse_fireflies
 from .image.pixel_grid import PLANE
 from .image.spectral_image import IRRADIANCE, RADIANCE, SpectralImage
+from .image.supersampling import merge_pixels, split_pixels
 from .kept import Kept
 from .lens import Lens
 from .plan.options import Options
@@ -59,7 +60,7 @@ def simulate(radiance: SpectralImage, lens: Lens, options: Options = BY_RESULT, 
     irradiance = np.empty(shape, np.float32) if out is None else out
     if irradiance.shape != shape or irradiance.dtype != np.float32:
         raise ImageError("out", "array", f"{irradiance.dtype} of {irradiance.shape}", f"expected float32 of {shape}")
-    tally = _Tally(radiance)
+    fine, tally = plan.supersampling, _Tally(radiance, plan.supersampling)
     channels = kept.channels(lens, radiance, plan)
     for index in range(radiance.wavelengths_nm.size):
         plane, clamped = radiance.cube[index], 0
@@ -68,11 +69,11 @@ def simulate(radiance: SpectralImage, lens: Lens, options: Options = BY_RESULT, 
         with report.stage("lens data"):
             channel = next(channels)
         with report.stage("distortion and relative illumination"):
-            ideal = channel.ideal_irradiance(plane)
+            ideal = channel.ideal_irradiance(split_pixels(plane, fine))
         light = channel.planes.light(ideal)
         with report.stage("filtering"):
             blurred = channel.blur(ideal)
-        irradiance[index] = _frame(blurred, radiance.frame_px)
+        irradiance[index] = merge_pixels(_frame(blurred, radiance.grid.finer(fine).frame_px), fine)
         tally.add(channel.field, light, blurred, irradiance[index], clamped)
         if progress:
             progress((index + 1) / radiance.wavelengths_nm.size)
@@ -90,14 +91,15 @@ def _frame(blurred, frame_px):
 class _Tally:
     """Light and fits, wavelength by wavelength, for the report."""
 
-    def __init__(self, radiance):
-        self._radiance = radiance
+    def __init__(self, radiance, supersampling):
+        self._radiance, self._parts = radiance, supersampling**2  # of a pixel
         self._x_mm, self._y_mm = radiance.grid.frame().axes_mm()
         self._fits, self._clamped, self._out_of_field = [], 0, 0.0
         self._flux = np.zeros(3)
 
     def add(self, field, light, blurred, frame, clamped):
-        self._flux += light, blurred.sum(dtype=np.float64), frame.sum(dtype=np.float64)
+        self._flux += (light / self._parts, blurred.sum(dtype=np.float64) / self._parts,
+                       frame.sum(dtype=np.float64))
         self._clamped += clamped
         self._out_of_field = max(self._out_of_field, self._beyond(field.last_real_mm))
         self._fits.append([kind(fit.order, fit.residual, fit.highest_order) for kind, fit in (

@@ -153,5 +153,5 @@ def _facts(lens, captured, warning, result):
     radiance, (top, left) = captured.radiance, captured.radiance.overscan_px
     rows, columns = radiance.frame_px
     depth_mm = captured.depth_m[top:top + rows, left:left + columns] * M_TO_MM
-    needed = overscan_px(lens, radiance.grid, radiance.wavelengths_nm, result.report.lens_image.plan.psf_radius_px)
+    needed = overscan_px(lens, radiance.grid, radiance.wavelengths_nm, result.report.lens_image.plan.reach_px)
     return FileFacts(str(result.radiance), needed, None, warning, check_depth(depth_mm, lens, radiance.pitch_um))

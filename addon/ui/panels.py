@@ -193,6 +193,7 @@ def _draw_quality(layout, scene):
                 layout.prop(settings, name)
         else:
             layout.prop(settings, "accuracy", slider=True)
+        layout.prop(settings, "supersampling")
     layout.prop(settings, "denoise")
     layout.prop(settings, "out_of_field")
     layout.prop(settings, "fireflies")

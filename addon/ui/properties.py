@@ -11,7 +11,7 @@ from ...engine import Options
 from ...engine.blur import METHODS
 from ...engine.blur.method import AZIMUTHS, SECTION_SIZE
 from ...engine.lens.readers import bundled_lenses
-from ...engine.plan.options import DEFAULT_ACCURACY, KNOBS, TIER_ACCURACY
+from ...engine.plan.options import DEFAULT_ACCURACY, KNOBS, MOST_SUPERSAMPLING, TIER_ACCURACY
 from ...engine.spectral.refraction import refraction_names
 from ...engine.spectral.spectra import library_names, parse_wavelengths
 from ...engine.spectral.wavelength_choice import IMAGE_WAVELENGTHS, STANDARD_COLOUR_ERROR, SpectralOptions
@@ -163,6 +163,10 @@ class LensfieldSettings(bpy.types.PropertyGroup):
     azimuths: IntProperty(name="Azimuths", default=AZIMUTHS, min=1, soft_max=256,
                           description="Steps of the table from 0 to 45 degrees. More is more accurate and takes more "
                                       "time and memory")
+    supersampling: IntProperty(
+        name="Supersampling", default=Options.supersampling, min=1, max=MOST_SUPERSAMPLING,
+        description="Filter the picture in so many pixels across and down for each one, where the lens's blur is finer "
+                    "than a pixel. It takes as long, and as much memory, as a picture so much larger")
     out_of_field: EnumProperty(
         name="Out of Field", default=Options.out_of_field.upper(),
         description="Pixels beyond the last field height of the lens data",
@@ -241,8 +245,10 @@ class LensfieldSettings(bpy.types.PropertyGroup):
         if tier in TIER_ACCURACY:
             return {"accuracy": TIER_ACCURACY[tier]}
         if self.quality == "KNOBS":
-            return {"method": self.method.lower()} | {name: getattr(self, name) for name in self.shown_knobs()}
-        return {"accuracy": float(f"{self.accuracy:.6g}")}  # Blender's floats are single: 0.01 is 0.0099999998
+            blur = {"method": self.method.lower()} | {name: getattr(self, name) for name in self.shown_knobs()}
+        else:
+            blur = {"accuracy": float(f"{self.accuracy:.6g}")}  # Blender's floats are single: 0.01 is 0.0099999998
+        return blur | {"supersampling": self.supersampling}
 
 
 classes = (LensfieldWorldSpectra, LensfieldLightSpectra, LensfieldMaterialSpectra, LensfieldSettings)

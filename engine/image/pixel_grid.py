@@ -96,6 +96,14 @@ class PixelGrid:
                        centre_px=(row + rim_px, column + rim_px),
                        overscan_px=(self.overscan_px[0] + rim_px, self.overscan_px[1] + rim_px))
 
+    def finer(self, times: int) -> "PixelGrid":
+        """The same area in pixels of which so many, across and down, make up one."""
+        (rows, columns), (row, column), (above, left) = self.shape_px, self.centre_px, self.overscan_px
+        before = (times - 1) / 2  # the middle of the first pixel
+        return replace(self, shape_px=(times * rows, times * columns), pitch_um=self.pitch_um / times,
+                       centre_px=(times * row + before, times * column + before),
+                       overscan_px=(times * above, times * left))
+
     def within_reach(self, reach_px: int) -> "PixelGrid":
         """The frame with what lies no more than `reach_px` beyond it, as far as the overscan goes."""
         return self.cropped([max(0, overscan - reach_px) for overscan in self.overscan_px])

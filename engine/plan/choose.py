@@ -9,6 +9,7 @@ import numpy as np
 
 from ..blur import METHODS, Method, OnePsf
 from ..blur.method import Workload
+from ..errors import ImageError, InputError
 from ..field.mirror_symmetry import Planes
 from ..image.spectral_image import SpectralImage
 from . import cost
@@ -41,13 +42,26 @@ def make_plan(options: Options, lens: "Lens", radiance: SpectralImage) -> Plan:
     ------
     ImageError
         A pixel pitch so small that the PSFs come out larger than anybody wants.
+    InputError
+        The same, by supersampling.
     LensError
         A wavelength outside the lens data; a distortion that folds the field.
     """
-    begin = time.perf_counter()
-    plan = _Planner(options, lens, radiance).best() if options.by_result else _knob_plan(options, lens, radiance)
-    plan = priced(plan, lens, radiance)
+    begin, times = time.perf_counter(), options.supersampling
+    finer = _in_finer_pixels(radiance, times)
+    try:
+        plan = _Planner(options, lens, finer).best() if options.by_result else _knob_plan(options, lens, finer)
+    except ImageError as error:
+        raise InputError("options", "supersampling", times, error.remedy) if times > 1 else error from None
+    plan = priced(replace(plan, supersampling=times), lens, radiance)
     return replace(plan, seconds=plan.seconds + time.perf_counter() - begin)
+
+
+def _in_finer_pixels(radiance, times):
+    """What a plan depends on of a picture: all but its light."""
+    grid = radiance.grid.finer(times)
+    dark = np.broadcast_to(np.float32(0), (radiance.wavelengths_nm.size, *grid.shape_px))
+    return SpectralImage(dark, radiance.wavelengths_nm, grid)
 
 
 def _knob_plan(options, lens, radiance):
@@ -79,9 +93,10 @@ def _foldable(lens, capture):
 def workload(plan: Plan, lens: "Lens", radiance: SpectralImage) -> Workload:
     """What the cost of a plan depends on, beside the plan."""
     heights, height_um = lens.heights_mm.size, 1e3 * lens.heights_mm[-1] / lens.heights_mm.size
-    window_um = min(lens.psf.shape[-1] * lens.psf_pitch_um, 2 * plan.psf_radius_px * radiance.pitch_um)
+    grid = radiance.grid.finer(plan.supersampling)
+    window_um = min(lens.psf.shape[-1] * lens.psf_pitch_um, 2 * plan.psf_radius_px * grid.pitch_um)
     return Workload(
-        plan.planes(radiance.grid), plan.psf_radius_px, plan.taps, heights, height_um / radiance.pitch_um,
+        plan.planes(grid), plan.psf_radius_px, plan.taps, heights, height_um / grid.pitch_um,
         samples=np.pi / 4 * (window_um / lens.psf_pitch_um) ** 2,
         tables=len(telling_wavelengths(lens, radiance)) / radiance.wavelengths_nm.size)
 
@@ -89,8 +104,9 @@ def workload(plan: Plan, lens: "Lens", radiance: SpectralImage) -> Workload:
 def priced(plan: Plan, lens: "Lens", radiance: SpectralImage) -> Plan:
     """A plan with the seconds and the memory that it will take on a picture, on this machine."""
     work = workload(plan, lens, radiance)
+    split = radiance.cube[0].nbytes * plan.supersampling**2 if plan.supersampling > 1 else 0
     return replace(plan, seconds=cost.seconds(work, plan) * radiance.wavelengths_nm.size,
-                   memory_mb=cost.memory_mb(work, plan))
+                   memory_mb=cost.memory_mb(work, plan) + split / cost.MEGABYTE)
 
 
 class _Planner:

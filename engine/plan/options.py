@@ -15,6 +15,7 @@ FIREFLIES = ("refuse", "clamp")
 DEFAULT_ACCURACY = 0.01
 TIER_ACCURACY = {"preview": 0.1, "standard": DEFAULT_ACCURACY, "reference": 0.001}
 KNOBS = ("section_size", "azimuths", "psf_energy", "flat_tolerance", "precision")
+MOST_SUPERSAMPLING = 16  # the error that it mends is a 256th by then
 BY_KNOBS = "sections"  # where a knob is set and no method
 
 
@@ -50,6 +51,10 @@ class Options:
     out_of_field : "hold" or "vignette"
         Pixels beyond the last tabulated field height: "hold" its PSF and relative illumination, the distortion
         going on in a straight line; "vignette" leaves them black. Either way the report says how many there are.
+    supersampling : int
+        Into how many pixels each one is divided across and down, for PSFs finer than it (1): up to 16. Its radiance
+        is an even square then, and not a point in its middle; what comes out is averaged back. Seconds and memory are
+        those of a picture so much larger. Sections are counted in the finer pixels.
     fireflies : "refuse" or "clamp"
         Pixels that are no finite number: an error that names the first, or the brightest of their neighbours.
 
@@ -68,10 +73,13 @@ class Options:
     precision: str | None = None
     out_of_field: str = "hold"
     fireflies: str = "refuse"
+    supersampling: int = 1
 
     def __post_init__(self) -> None:
         for field in ("section_size", "azimuths"):
-            self._check_whole(field)
+            if getattr(self, field) is not None:
+                self._check_whole(field, np.inf, "1 or more")
+        self._check_whole("supersampling", MOST_SUPERSAMPLING, f"from 1 to {MOST_SUPERSAMPLING}")
         self._check_number("accuracy", "expected a number above 0 and below 2, such as 0.01", 0, 2)
         self._check_number("psf_energy", "expected a number above 0 and up to 1, such as 0.999", 0, 1 + 1e-12)
         self._check_number("flat_tolerance", "expected a number of 0 or more and below 1", -1e-300, 1)
@@ -82,10 +90,10 @@ class Options:
                 raise InputError("options", field, value, f"expected {' or '.join(choices)}")
         self._check_contradictions()
 
-    def _check_whole(self, field):
+    def _check_whole(self, field, most, which):
         value = getattr(self, field)
-        if value is not None and (isinstance(value, bool) or not isinstance(value, Integral) or value < 1):
-            raise InputError("options", field, value, "expected a whole number, 1 or more")
+        if isinstance(value, bool) or not isinstance(value, Integral) or not 1 <= value <= most:
+            raise InputError("options", field, value, f"expected a whole number, {which}")
 
     def _check_number(self, field, remedy, above, below):
         value = getattr(self, field)

@@ -17,7 +17,8 @@ class Plan:
     method : Method
         The way, with its knobs.
     psf_radius_px : int
-        The farthest that a PSF reaches.
+        The farthest that a PSF reaches, in pixels as they are filtered: `supersampling` of them make up one of the
+        picture's, across and down.
     psf_energy : float
         The fraction of each PSF, at every height and wavelength, that is kept: what the least circle about the chief
         ray has that holds so much.
@@ -30,6 +31,7 @@ class Plan:
     folded : bool
         Whether to use the symmetry of a centred axis, which lens and picture then have.
     out_of_field : "hold" or "vignette"
+    supersampling : int
     error_bound : float or None
         No more than this fraction of any point's light lands in the wrong place; None where nobody asked.
     seconds, memory_mb : float
@@ -45,12 +47,18 @@ class Plan:
     flat_tolerance: float
     folded: bool
     out_of_field: str
+    supersampling: int = 1
     error_bound: float | None = field(default=None, compare=False)
     seconds: float = field(default=0.0, compare=False)
     memory_mb: float = field(default=0.0, compare=False)
 
+    @property
+    def reach_px(self) -> int:
+        """How far PSFs reach, in the picture's own pixels."""
+        return -(-self.psf_radius_px // self.supersampling)
+
     def planes(self, capture: PixelGrid) -> Planes:
-        """The planes to filter a capture's picture in.
+        """The planes to filter a capture's picture in, in pixels as they are filtered.
 
         That is the frame with what lies no more than a PSF beyond it: light from just outside is blurred into it.
         """
@@ -65,6 +73,8 @@ class Plan:
     def text(self) -> str:
         """The plan in one line: the way; and the result, where that was asked for."""
         way = f"{self.method.text}, {'double' if self.precision == 'float64' else 'single'} precision"
+        if self.supersampling > 1:
+            way += f", each pixel {self.supersampling} x {self.supersampling}"
         if self.error_bound is None:
             return way
         return (f"{way}: at most {100 * self.error_bound:.2g} % of any point's light misplaced; "

@@ -409,3 +409,22 @@ def test_an_error_names_the_frame_and_earlier_ones_stay(tmp_path, capsys):
 def test_wavelengths_out_of_range_are_an_input_error():
     with pytest.raises(InputError, match="colours reach from 380 to 780 nm"):
         upsample(picture([1, 1, 1]), [800.0], 5.0)
+
+
+def test_supersampling_is_passed_on_and_told(tmp_path, capsys):
+    """Overscan that the lens needs is counted in the picture's own pixels."""
+    lens, (source, out) = Lens.load("edmund-54852"), (tmp_path / name for name in ("light.exr", "out.exr"))
+    image = SpectralImage(np.random.default_rng(0).random((2, 40, 50)), [500, 600], pitch_um=50.0, overscan_px=(5, 5))
+    write_exr(image, source)
+    needed = []
+    for times in (1, 3):
+        assert run("filter", source, "--lens", "edmund-54852", "--supersampling", times, "--output", out,
+                   "--report", tmp_path / "report.json") == 0
+        facts = json.loads((tmp_path / "report.json").read_text())
+        assert facts["plan"]["supersampling"] == times
+        assert ("each pixel 3 x 3" in capsys.readouterr().out) == (times == 3)
+        needed.append(max(facts["overscan_needed_px"]))
+        np.testing.assert_array_equal(read_exr(out).cube, simulate(image, lens, Options(supersampling=times)).cube)
+    assert abs(needed[1] - needed[0]) <= 1
+    assert "supersampling is 17" in failure(capsys, "filter", source, "--lens", "edmund-54852", "--supersampling", 17,
+                                            "--output", out)

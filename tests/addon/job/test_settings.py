@@ -38,7 +38,10 @@ CUSTOM = {"tier": "RESULT"}
      Options(method="sections", section_size=8, azimuths=6, fireflies="clamp")),
     (CUSTOM | {"quality": "KNOBS", "method": "PAPER", "section_size": 16}, Options(method="paper", section_size=16)),
     (CUSTOM | {"quality": "KNOBS", "method": "PIXELS", "azimuths": 16}, Options(method="pixels", azimuths=16)),
-    (CUSTOM | {"quality": "KNOBS", "method": "EXACT"}, Options(method="exact"))], ids=str)
+    (CUSTOM | {"quality": "KNOBS", "method": "EXACT"}, Options(method="exact")),
+    (CUSTOM | {"supersampling": 4}, Options(accuracy=DEFAULT_ACCURACY, supersampling=4)),
+    (CUSTOM | {"quality": "KNOBS", "method": "EXACT", "supersampling": 2}, Options(method="exact", supersampling=2)),
+    ({"supersampling": 4}, Options(accuracy=DEFAULT_ACCURACY))], ids=str)
 def test_settings_come_to_options(scene, settings, options):
     for name, value in settings.items():
         setattr(scene.lensfield, name, value)
@@ -52,7 +55,8 @@ def test_settings_come_to_options(scene, settings, options):
     (CUSTOM | {"quality": "KNOBS", "method": "PAPER"}, {"accuracy": 0.1}, Options(accuracy=0.1)),
     ({"accuracy": 0.1}, {"tier": "reference"}, Options(accuracy=0.001)),
     ({}, {"tier": "reference", "method": "paper"}, Options(method="paper")),
-    ({"accuracy": 0.1}, {"method": "exact"}, Options(method="exact"))], ids=str)
+    ({"accuracy": 0.1}, {"method": "exact"}, Options(method="exact")),
+    (CUSTOM | {"accuracy": 0.1}, {"supersampling": 2}, Options(accuracy=0.1, supersampling=2))], ids=str)
 def test_what_is_given_takes_the_place_of_settings(scene, settings, given, options):
     for name, value in settings.items():
         setattr(scene.lensfield, name, value)
@@ -84,6 +88,7 @@ def test_panels_show_what_counts(scene, settings, shown):
     draw_settings(layout, scene)
     either = {"accuracy", "method", "section_size", "azimuths"}
     assert either & set(layout.shown) == shown
+    assert ("supersampling" in layout.shown) == (settings.get("tier") == "RESULT")
     assert {"lens", "tier", "out_of_field", "fireflies", "lensfield.render"} <= set(layout.shown)
 
 
