@@ -58,10 +58,12 @@ class Workload:
         Field heights of the lens data.
     height_px : float
         From one of them to the next.
-    samples : float
-        Of a PSF.
+    samples, window_samples : float
+        Of a trimmed PSF and of a whole one, as fine as the pixels ask for.
     tables : float
         PSF tables that each wavelength comes to: they are shared where the lens data have fewer wavelengths.
+    mirror_symmetric : bool
+        Whether the PSFs are.
     """
 
     planes: Planes
@@ -70,12 +72,19 @@ class Workload:
     heights: int
     height_px: float
     samples: float
+    window_samples: float
     tables: float
+    mirror_symmetric: bool
 
     @property
     def pixels(self) -> int:
         rows, columns = self.planes.picture.shape_px
         return rows * columns
+
+    @property
+    def covered(self) -> float:
+        """Pixels that some PSF covers."""
+        return np.pi * (self.psf_radius_px + 0.5) ** 2
 
     def sections(self, section_size: int) -> tuple[int, int]:
         """Rows and columns of the sections of a plane."""

@@ -52,7 +52,7 @@ class PsfBank:
         """The bank of a MonochromaticLens on pixels of this pitch, with all of its PSFs."""
         psf, symmetric = mirror_symmetric(optics.psf)
         window = psf.shape[-1]
-        steps = _refinement(optics, pixel_pitch_um)
+        steps = refinement(optics, pixel_pitch_um)
         refined = _refine(psf, steps).reshape(psf.shape[0], -1)
         sample_size_px = optics.psf_pitch_um / steps / pixel_pitch_um
         offset_px = (np.arange((window - 1) * steps + 1) - window // 2 * steps) * sample_size_px
@@ -248,12 +248,12 @@ def psf_radius_px(lens: "Lens | MonochromaticLens", pixel_pitch_um: float) -> in
     A sample, as wide as the turned square that it is, may be shared between a pixel and the next.
     """
     half_diagonal_um = np.hypot(1, 1) * (lens.psf.shape[-1] // 2) * lens.psf_pitch_um
-    sample_um = lens.psf_pitch_um / _refinement(lens, pixel_pitch_um)
+    sample_um = lens.psf_pitch_um / refinement(lens, pixel_pitch_um)
     reach_um = half_diagonal_um + np.hypot(1, 1) / 2 * sample_um
     return int(np.ceil(reach_um / pixel_pitch_um + 0.5))
 
 
-def _refinement(optics, pixel_pitch_um):
+def refinement(optics: "Lens | MonochromaticLens", pixel_pitch_um: float) -> int:
     """Samples made of each one of the table: where pixels are small, for none may cover more than two in a row."""
     return int(np.ceil(2 * optics.psf_pitch_um / pixel_pitch_um - 1e-9))
 

@@ -11,6 +11,7 @@ from ..blur import METHODS, Method, OnePsf
 from ..blur.method import Workload
 from ..errors import ImageError, InputError
 from ..field.mirror_symmetry import Planes
+from ..field.psf_bank import refinement
 from ..image.spectral_image import SpectralImage
 from . import cost
 from .error_bound import AzimuthErrors, azimuth_error, isoplanatic_error
@@ -94,11 +95,14 @@ def workload(plan: Plan, lens: "Lens", radiance: SpectralImage) -> Workload:
     """What the cost of a plan depends on, beside the plan."""
     heights, height_um = lens.heights_mm.size, 1e3 * lens.heights_mm[-1] / lens.heights_mm.size
     grid = radiance.grid.finer(plan.supersampling)
-    window_um = min(lens.psf.shape[-1] * lens.psf_pitch_um, 2 * plan.psf_radius_px * grid.pitch_um)
+    fine_um = lens.psf_pitch_um / refinement(lens, grid.pitch_um)
+    window_um = lens.psf.shape[-1] * lens.psf_pitch_um
+    reach_um = min(window_um, 2 * plan.psf_radius_px * grid.pitch_um)
     return Workload(
         plan.planes(grid), plan.psf_radius_px, plan.taps, heights, height_um / grid.pitch_um,
-        samples=np.pi / 4 * (window_um / lens.psf_pitch_um) ** 2,
-        tables=len(telling_wavelengths(lens, radiance)) / radiance.wavelengths_nm.size)
+        samples=np.pi / 4 * (reach_um / fine_um) ** 2, window_samples=(window_um / fine_um) ** 2,
+        tables=len(telling_wavelengths(lens, radiance)) / radiance.wavelengths_nm.size,
+        mirror_symmetric=lens.mirror_symmetric)
 
 
 def priced(plan: Plan, lens: "Lens", radiance: SpectralImage) -> Plan:

@@ -6,23 +6,29 @@ import numpy as np
 from scipy import fft
 
 from ..blur.method import Workload
+from ..threads import thread_count
 from .plan import Plan
 
-# Nanoseconds on an x86-64 machine of two cores, fitted by benchmarks/calibrate_cost.py; `machine_factor` brings them to
-# the machine at hand.
+# Processor nanoseconds that each thing takes, what one thread does alone and what all threads share, fitted by
+# benchmarks/calibrate_cost.py on an AMD EPYC of two cores; `machine_factor` brings them to the machine at hand.
 NANOSECONDS = {
-    "picture pixel": 65,  # distortion, relative illumination, joining the planes, cutting out the frame
-    "step": 3.9e5,  # whatever its size
-    "transformed value": 1.0,  # and doubling of the space
-    "spectrum value": 1.7,  # weighed, filtered and summed
-    "patch pixel": 6.6,  # added to the others
-    "tap": 2.7,  # of a pixel's PSF
-    "mixed tap": 0.5,  # of a PSF that is mixed from a table
-    "turned sample": 65,  # of a PSF
-    "table sample": 90,  # of a PSF, at one azimuth, for all heights
-    "table tap": 4.7,  # at one azimuth and height, at every wavelength
+    "wavelength": (3.6e6, 3.9e6),  # whatever its size
+    "picture pixel": (15, 59),  # distortion, relative illumination, joining the planes, cutting out the frame
+    "window sample": (20, 0),  # of a whole PSF: interpolated, trimmed, normalised
+    "table sample": (5.2, 72),  # of a PSF, at one azimuth, for all heights
+    "table pixel": (0.71, 0),  # of the square of a PSF, at one azimuth and height, mixed between wavelengths
+    "table tap": (0, 1.7),  # of a PSF, at one azimuth and height
+    "step": (2.3e4, 1.4e5),  # of a section, or a row of them
+    "transformed value": (0.03, 0.1),  # and doubling of the space
+    "spectrum value": (0, 8.7),  # weighed, filtered and summed
+    "patch pixel": (0, 0),  # added to the others
+    "tap": (0, 0.47),  # of a pixel's PSF
+    "row of taps": (0, 0),
+    "covered tap": (0.01, 0.93),  # of the pixels that any PSF covers
+    "mixed tap": (0.06, 0.7),  # of a PSF that is mixed from a table
+    "turned sample": (0.97, 43),  # of a PSF that is turned for one place
 }
-REFERENCE_S, RUNS = 2.8e-4, 6  # of what `machine_factor` runs, there
+REFERENCE_S, RUNS = 2.4e-4, 6  # of what `machine_factor` runs, there
 MEGABYTE = 1e6
 OF_SPECTRA, DOUBLE_SLOWNESS = {"transformed value", "spectrum value"}, 1.9  # of double precision
 PICTURES, TABLES = 6, 3  # of their size at once
@@ -60,23 +66,29 @@ def _look():
 
 def counts(work: Workload, plan: Plan) -> dict[str, float]:
     """How much of each kind of work a plan comes to at one wavelength: a dict with keys of NANOSECONDS."""
-    azimuths = plan.method.azimuths * (1 if plan.folded else 2)
-    common = {"picture pixel": work.pixels, "table sample": azimuths * work.samples * work.tables,
-              "table tap": azimuths * work.heights * work.taps}
+    azimuths = plan.method.azimuths
+    turned = work.tables * azimuths * (1 if work.mirror_symmetric else 2)
+    cells = 2 * work.planes.quarter_turns * azimuths * work.heights
+    common = {"wavelength": 1, "picture pixel": work.pixels,
+              "window sample": work.heights * work.window_samples * (1 + (work.tables if azimuths else 0)),
+              "table sample": turned * work.samples, "table tap": cells * work.taps,
+              "table pixel": turned * work.heights * (2 * work.psf_radius_px) ** 2}
     own = plan.method.counts(work)
     slowness = DOUBLE_SLOWNESS if plan.single_range == 0 else 1.0
     return common | {name: count * (slowness if name in OF_SPECTRA else 1.0) for name, count in own.items()}
 
 
 def nanoseconds(work: Workload, plan: Plan) -> float:
-    """Work that a plan comes to at one wavelength, on the machine of the constants: what plans are chosen by, so that
-    every machine chooses the same."""
-    return sum(NANOSECONDS[name] * count for name, count in counts(work, plan).items())
+    """Of a processor, at one wavelength, on the machine of the constants: what plans are chosen by, so that every
+    machine chooses the same."""
+    return sum(sum(NANOSECONDS[name]) * count for name, count in counts(work, plan).items())
 
 
 def seconds(work: Workload, plan: Plan) -> float:
-    """Seconds that a plan will take at one wavelength, on this machine."""
-    return machine_factor() * nanoseconds(work, plan) * 1e-9
+    """What one waits for a wavelength on this machine, with all its cores."""
+    threads = thread_count()
+    return machine_factor() * 1e-9 * sum((alone + shared / threads) * count for (alone, shared), count in (
+        (NANOSECONDS[name], count) for name, count in counts(work, plan).items()))
 
 
 def memory_mb(work: Workload, plan: Plan) -> float:
