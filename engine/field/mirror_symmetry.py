@@ -5,6 +5,7 @@ mirrored place is the mirrored PSF. Quadrants flipped onto one another then shar
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -61,7 +62,7 @@ class Planes:
         """Over how many quarter turns, clockwise from the right, the azimuths in a plane go."""
         return 1 if self.folded else 4
 
-    @property
+    @cached_property
     def grid(self) -> PixelGrid:
         """The pixels of a plane."""
         if not self.folded:

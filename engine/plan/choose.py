@@ -3,6 +3,7 @@
 import time
 from collections.abc import Iterable
 from dataclasses import replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,8 +26,8 @@ if TYPE_CHECKING:
 SINGLE_RANGE = 1e3  # leaves the dimmest pixel right to some 1e-4
 PSF_ENERGY = 1 - 1e-6
 FLAT_SHARE, ROUNDING_SHARE = 1 / 16, 1 / 50  # of the accuracy
-TRIM_SHARES = 1 / 8, 1 / 4, 3 / 8, 1 / 2, 5 / 8, 3 / 4  # of what is left: what trimming PSFs may misplace; the rest is
-# the azimuths'
+TRIM_SHARES = 5 / 8, 3 / 4, 7 / 8  # of what is left: what trimming PSFs may misplace; the rest is the azimuths'
+ONE_PSF_TRIM_SHARE = 1 / 8  # of one PSF for the picture, whose transform costs little more if it is wide
 SINGLE_ACCURACY = 3e-5  # the least that single precision is good for
 SINGLE_NOISE = 1.2e-7  # of the light, per unit of dynamic range
 AZIMUTH_CHOICES = tuple(sorted({round(2 ** (k / 2)) for k in range(2, 21)}))
@@ -135,9 +136,9 @@ class _Planner:
         """The plan; the exact operator where nothing less is accurate enough."""
         asked = self._options.method
         if asked == AUTO:
-            error = self._isoplanatic_error(TRIM_SHARES[0])
+            error = self._isoplanatic_error(ONE_PSF_TRIM_SHARE)
             if error <= self._enough:
-                return self._cheapest([OnePsf], TRIM_SHARES[0], 0, error)
+                return self._cheapest([OnePsf], ONE_PSF_TRIM_SHARE, 0, error)
         ways = [way for way in METHODS.values() if way.by_accuracy and asked in (AUTO, way.name)]
         for share in self._shares(ways):
             azimuths, error = self._azimuths(share)
@@ -159,32 +160,44 @@ class _Planner:
 
     def _shares(self, ways):
         """The shares of the error that trimming may have; those first that are cheapest by a guess at the azimuths."""
-        share = TRIM_SHARES[len(TRIM_SHARES) // 2]
-        mixing = azimuth_error([_errors(self._trimmed(share)[0])], GUESS_AZIMUTHS) - share * self._enough
-
         def nanoseconds(share):
-            azimuths = GUESS_AZIMUTHS * (max(mixing, 0) / self._left(share)) ** (1 / GUESS_POWER)
-            return self._nanoseconds(self._cheapest(ways, share, max(2, round(azimuths)), 0.0))
+            return self._least_work(ways, share, max(2, round(self._guess(share))))[0]
 
         return sorted(TRIM_SHARES, key=nanoseconds)
+
+    def _guess(self, share):
+        """How many azimuths will do, about, beside trimming by this share."""
+        return GUESS_AZIMUTHS * (self._mixing / self._left(share)) ** (1 / GUESS_POWER)
+
+    @cached_property
+    def _mixing(self):
+        """The error of mixing PSFs between a few azimuths, at one wavelength."""
+        share = TRIM_SHARES[len(TRIM_SHARES) // 2]
+        error = azimuth_error([_errors(self._trimmed(share)[0])], GUESS_AZIMUTHS)
+        return max(error - share * self._enough, 0)
 
     def _left(self, share):
         """The error that trimming leaves to mixing."""
         return (1 - share) * self._enough
 
     def _cheapest(self, ways: Iterable[type[Method]], share: float, azimuths: int, error: float) -> Plan:
-        """The plan of least predicted work by one of these ways."""
+        """The plan of least predicted work by one of these ways, with PSFs that err by this much."""
+        _, plan = self._least_work(ways, share, azimuths)
+        return replace(plan, error_bound=self._flat + self._rounding + error)
+
+    def _least_work(self, ways, share, azimuths):
+        """The least predicted work by one of these ways, in nanoseconds, and the plan."""
         radius_px, taps = self._psfs.reach(self._energy(share))
         most_px = max(self._planes(share).grid.shape_px)
-        plans = [self._plan(method, share, radius_px, taps, error)
+        plans = [self._plan(method, share, radius_px, taps)
                  for way in ways for method in way.choices(azimuths, radius_px, most_px)]
-        return min(plans, key=self._nanoseconds)
+        work = workload(plans[0], self._lens, self._radiance)  # the same for all
+        nanoseconds = [cost.nanoseconds(work, plan) for plan in plans]
+        least = int(np.argmin(nanoseconds))
+        return nanoseconds[least], plans[least]
 
-    def _nanoseconds(self, plan):
-        return cost.nanoseconds(workload(plan, self._lens, self._radiance), plan)
-
-    def _plan(self, method, share, radius_px, taps, error):
-        """A plan by one of the methods, with PSFs that err by this much; without a table nothing is taken for flat."""
+    def _plan(self, method, share, radius_px, taps):
+        """A plan by one of the methods; without a table nothing is taken for flat."""
         single_range = np.inf
         if self._precision == "float64":
             single_range = 0.0
@@ -193,7 +206,7 @@ class _Planner:
         return Plan(method=method, psf_radius_px=radius_px, psf_energy=self._energy(share), taps=taps,
                     precision=self._precision, single_range=single_range,
                     flat_tolerance=self._flat if method.azimuths else 0.0, folded=self._folded,
-                    out_of_field=self._options.out_of_field, error_bound=self._flat + self._rounding + error)
+                    out_of_field=self._options.out_of_field)
 
     def _isoplanatic_error(self, share):
         """The error of one PSF, that of the middle of the planes in work, for the whole field; or what is too much."""
@@ -210,8 +223,7 @@ class _Planner:
         """The least number of azimuths that errs by no more than is left, and the error with that of trimming; 0 where
         there is none."""
         wavelengths = [_errors(psfs) for psfs in self._trimmed(share)]
-        guess = azimuth_error(wavelengths[:1], GUESS_AZIMUTHS) - share * self._enough
-        wanted = GUESS_AZIMUTHS * (max(guess, 0) / self._left(share)) ** (1 / GUESS_POWER) * 0.9
+        wanted = 0.9 * self._guess(share)
         while wanted <= AZIMUTH_CHOICES[-1]:
             azimuths = AZIMUTH_CHOICES[int(np.searchsorted(AZIMUTH_CHOICES, wanted))]
             error = azimuth_error(wavelengths[:1], azimuths, self._enough)

@@ -11,6 +11,7 @@ from lensfield.engine.field.distortion import FieldGeometry
 from lensfield.engine.field.mirror_symmetry import Planes
 from lensfield.engine.field.psf_bank import PsfBank
 from lensfield.engine.field.psf_table import PsfTable, PsfTables
+from lensfield.engine.lens.readers import bundled_names
 from lensfield.engine.plan.choose import make_plan
 from lensfield.engine.plan.error_bound import AzimuthErrors, azimuth_error
 
@@ -126,6 +127,25 @@ def test_the_bound_is_within_twice_the_worst_point(lens, pitch_um, accuracy):
     assert worst <= plan.error_bound <= accuracy
     if plan.method.azimuths > 2:  # the fewest may be more than are needed
         assert plan.error_bound <= 2 * worst + accuracy / 12  # besides, the shares for flat light and rounding
+
+
+@pytest.mark.parametrize("name", bundled_names())
+def test_the_bound_is_within_twice_the_worst_point_of_every_bundled_lens(name):
+    lens = Lens.load(name)
+    radiance = SpectralImage(np.zeros((1, 480, 640)), [550.0], pitch_um=1e3 * lens.heights_mm[-1] / 400)
+    plan = make_plan(Options(accuracy=0.03, method="pixels"), lens, radiance)
+    worst = worst_point(plan, lens, radiance, places=200)
+    assert worst <= plan.error_bound <= 0.03 and plan.error_bound <= 2 * worst
+
+
+def test_each_height_and_wavelength_is_trimmed_by_itself():
+    """A lens that is sharp but for the corners in violet: elsewhere hardly a pixel is left."""
+    table = np.stack([[gaussian_psf(40 if (w, h) == (0, 6) else 5, 5, 10.0, 31) for h in range(7)] for w in range(2)])
+    lens = make_lens(table, heights_mm=np.linspace(0, 1, 7), psf_pitch_um=10.0)
+    picture = np.zeros((1, 60, 76))
+    violet, red = (make_plan(Options(accuracy=0.01), lens, SpectralImage(picture, [nm], pitch_um=PITCH_UM))
+                   for nm in lens.wavelengths_nm)
+    assert violet.psf_radius_px > red.psf_radius_px and red.taps < violet.taps < 20 < np.pi * violet.psf_radius_px**2
 
 
 def worst_between(bank, azimuths):
