@@ -2,8 +2,8 @@
 
     python benchmarks/bench.py FOLDER
 
-prints a line for each case of cases.py as it comes, and how near the worst points come to the bound; all of it is in
-FOLDER/figures.txt then, ten minutes later. LENSFIELD_KERNELS=numpy (or base, avx2, …) says what is to run the loops.
+prints a line for each case of cases.py as it comes, and how near the worst points come to the bound, in ten minutes; it
+leaves all of that in FOLDER/figures.txt. LENSFIELD_KERNELS=numpy (or base, avx2, …) says what is to run the loops.
 """
 
 import io
@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tarfile
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 from cases import BOARDS, OTHERS, PAPER, PAPER_LENS, checkerboard, points
@@ -30,6 +31,7 @@ HERE = Path(__file__).resolve().parent
 BEFORE = "ac0321c"  # the last engine with numpy's loops alone
 WIDTHS = {"case": 39, "asked": 7, "now": 9, "before": 9, "paper": 8, "before/now": 11, "waited": 8, "told": 7,
           "again": 7, "bound": 9, "L2": 9, "MB": 7, "over floor": 12, "  plan": 0}
+AS_FILE = "1920x1080 x 12, 0.01, nikkor-28mm"
 LEFT = "case", "  plan"
 MOST = {"told": 1.3, "again": 0.4, "MB": 1500, "over floor": 2.0}
 LEGEND = f"""\
@@ -45,14 +47,14 @@ over floor                 now, over the plan's multiply-adds at the rate of num
 
 
 class Table:
-    """Lines, printed as they come."""
+    """Lines, printed and filed as they come."""
 
-    def __init__(self) -> None:
-        self.lines: list[str] = []
+    def __init__(self, file: TextIO) -> None:
+        self._file = file
 
     def tell(self, text: str = "") -> None:
-        self.lines.append(text.rstrip())
-        print(self.lines[-1], flush=True)
+        for file in (sys.stdout, self._file):
+            print(text.rstrip(), file=file, flush=True)
 
     def row(self, cells: dict[str, str]) -> None:
         self.tell("".join(f"{cells.get(name, ''):<{width}}" if name in LEFT else f"{cells.get(name, ''):>{width}}"
@@ -73,10 +75,15 @@ def engine_before(folder):
 def measured(case, options, python_path=None, **how):
     """What measure_case.py prints, of the engine that is found at `python_path`; else of this tree's."""
     task = {"name": case.name, "options": options, "best_of": case.best_of} | how
+    return answer("measure_case.py", task, python_path)
+
+
+def answer(script, task, python_path=None):
+    """What a script prints of a task, in a process of its own."""
     environment = os.environ | ({"PYTHONPATH": str(python_path)} if python_path else {})
-    answer = subprocess.run([sys.executable, HERE / "measure_case.py", json.dumps(task)], env=environment, check=True,
-                            stdout=subprocess.PIPE)
-    facts = json.loads(answer.stdout)
+    printed = subprocess.run([sys.executable, HERE / script, json.dumps(task)], env=environment, check=True,
+                             stdout=subprocess.PIPE).stdout
+    facts = json.loads(printed)
     expected = python_path / "lensfield" if python_path else HERE.parent
     if not Path(facts["engine"]).parent.samefile(expected):
         sys.exit(f"the engine of {facts['engine']} was measured, and not that of {expected}")
@@ -129,6 +136,16 @@ def multiply_adds_per_s(side=96, repeats=200):
     return repeats * side**3 / processor_s(lambda: [a @ b for _ in range(repeats)])
 
 
+def file_lines(before):
+    """What a case's radiance takes as a file."""
+    yield f"the radiance of {AS_FILE} as EXR: seconds of the processor and on the clock"
+    for name, python_path in {"now": None, "before": before}.items():
+        if python_path or name == "now":
+            facts = answer("measure_files.py", {"name": AS_FILE}, python_path)
+            yield "{:<8} written {:.2f} {:.2f}, read {:.2f} {:.2f}; {:.0f} MB".format(
+                name, *facts["written"], *facts["read"], facts["size_mb"])
+
+
 def relative_l2(cube, exact):
     return f"{errors(cube, exact)['relative_l2']:.1e}"
 
@@ -158,7 +175,11 @@ def one_psf(radiance, lens):
 
 def main(folder):
     folder.mkdir(parents=True, exist_ok=True)
-    table, before, rate = Table(), engine_before(folder), multiply_adds_per_s()
+    with open(folder / "figures.txt", "w", encoding="utf-8") as file:
+        tell_all(Table(file), engine_before(folder.resolve()), multiply_adds_per_s())
+
+
+def tell_all(table, before, rate):
     table.tell(machine())
     table.tell(f"{rate / 1e9:.0f} billion multiply-adds a second and core" +
                ("" if before else f"; no engine of before: the history does not hold {BEFORE}"))
@@ -168,10 +189,10 @@ def main(folder):
     boards(table, before, rate)
     for case in OTHERS:
         table.row(cells_of(case, before, rate))
-    table.tell()
-    for line in table_lines(bundled_names()):
-        table.tell(line)
-    (folder / "figures.txt").write_text("\n".join(table.lines) + "\n", encoding="utf-8")
+    for lines in (file_lines(before), table_lines(bundled_names())):
+        table.tell()
+        for line in lines:
+            table.tell(line)
 
 
 if __name__ == "__main__":

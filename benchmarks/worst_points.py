@@ -23,7 +23,7 @@ from lensfield.engine.threads import thread_count
 SHAPE_PX, WAVELENGTHS_NM = (576, 768), (420.0, NM, 680.0)
 ACCURACIES = 0.1, 0.01, 0.001
 MOST = 2.0  # of the bound over the worst
-LOOKED_AT, CLIMBERS, CLIMBS, STEP_PX = 1200, 10, 3, 2
+LOOKED_AT, CLIMBERS, CLIMBS, STEP_PX = 600, 10, 3, 2
 
 
 def worst_error(images: PointImages, rng: np.random.Generator) -> float:
