@@ -37,7 +37,7 @@ from test_architecture import FLOORS, FOUNDATION, MODULES  # noqa: E402
 
 LENS = "edmund-54852"
 RENDERED_NM = (405, 435, 450, 480, 510, 540, 565, 580, 595, 610, 630, 680)  # of the sample scene, by Check Scene
-WIDTH, HEIGHT, DPI = 1240, 1666, 100
+WIDTH, HEIGHT, DPI = 1240, 1694, 100
 SHARPNESS, COLOURS = 1.6, 256  # of the file: pixels for each of these, and colours of its palette
 MARGIN, CARD_W, CARD_H, PICTURE_H = 30, 212, 248, 140
 INK, PALE, LINE, PAPER = "#2b2b33", "#6b6b76", "#c9c9d2", "#ffffff"
@@ -304,8 +304,8 @@ def draw_room(sheet, room, x, y, width, colour):
 
 
 FLOOR = levels()
-FIRST_FLOOR = 2  # of the engine's rooms above its foundation
-ROW, ROOM_H, SLAB_H = 92, 84, 96
+FIRST_FLOOR = FLOOR["engine.spectral"]  # of the engine's rooms above its foundation
+ROW, ROOM_H, SLAB_H = 92, 84, 124
 TOWER, WING, HOUSE = (42, 374), (424, 402), (866, 332)  # left end and width
 
 
@@ -362,7 +362,7 @@ def draw_floors(sheet, top):
     sheet.box(TOWER[0], ground, wide, SLAB_H, GROUND, fill="#f4f4f6")
     for number, room in enumerate(sorted(FOUNDATION)):
         x, width = TOWER[0] + 14 + number * wide / len(FOUNDATION), wide / len(FOUNDATION)
-        sheet.text(x, ground + 8, room, 9, GROUND, weight="bold", family="monospace")
+        sheet.text(x, ground + 8, room.removeprefix("engine."), 9, GROUND, weight="bold", family="monospace")
         sheet.text(x, ground + 25, wrapped(purpose(room), width - 20, 8), 8)
     sheet.box(HOUSE[0], ground, HOUSE[1], SLAB_H, ENGINE, fill="#e3edf6")
     sheet.text(HOUSE[0] + 14, ground + 8, "engine", 9.5, ENGINE, weight="bold", family="monospace")

@@ -1,4 +1,4 @@
-"""What is remembered from one process to the next: files in the user's cache folder, by what they were made from.
+"""What is remembered from one process to the next. Files in the user's cache folder, by what they were made from.
 
 Nothing depends on them. What is missing, damaged or of another version is made anew, what cannot be written is not, and
 neither is an error. Files appear whole, so that processes may share the folder, and the oldest go first.

@@ -12,12 +12,14 @@ from places import ROOT
 
 ENGINE_LIBRARIES = {"numpy", "scipy", "OpenEXR", "PIL", "yaml", "matplotlib", "optiland", "finufft"}
 
-FOUNDATION = {"engine.cache", "engine.errors", "engine.files", "engine.memory", "engine.threads", "engine.values"}
+FOUNDATION = {"engine.cache", "engine.errors", "engine.files", "engine.kernels", "engine.memory", "engine.threads",
+              "engine.values"}
 FLOORS = {
     # the engine's foundation, which all of it may use
     "engine.cache": {"engine.errors", "engine.files"},
     "engine.errors": set(),
     "engine.files": {"engine.errors"},
+    "engine.kernels": {"engine.errors"},
     "engine.memory": set(),
     "engine.threads": set(),
     "engine.values": set(),

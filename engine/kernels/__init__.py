@@ -1,0 +1,12 @@
+"""The inner loops, in C. Where there is no library of them for a machine, numpy does their work.
+
+Whoever calls `turn`, `footprints` or `spread` has asked `running` before: where that is "numpy" there is no library.
+"""
+
+from .footprints import LARGEST_FOOTPRINT_PX, RadialGeometry, footprints
+from .library import NUMPY, available, running, using
+from .spreading import PackedTable, TablePlaces, spread
+from .turning import TurnableSamples, turn
+
+__all__ = ["LARGEST_FOOTPRINT_PX", "NUMPY", "PackedTable", "RadialGeometry", "TablePlaces", "TurnableSamples",
+           "available", "footprints", "running", "spread", "turn", "using"]

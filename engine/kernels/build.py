@@ -1,0 +1,160 @@
+"""Compile the loops into a library that needs nothing else: for this machine, or for others.
+
+    python engine/kernels/build.py                      # for this machine, where Lensfield looks for it
+    python engine/kernels/build.py FOLDER PLATFORM ...  # for these platforms, by cross compilers: see COMPILERS
+
+It needs no more than Python and a C compiler (gcc or clang; CC names another), for `pip install` runs it before there
+is anything else. The same compiler makes the same bytes of the same sources, wherever these lie.
+"""
+
+import hashlib
+import os
+import platform
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+LIBRARY_FOLDER = HERE / "lib"
+
+LOOPS = ("spreading", "footprints", "turning")
+VARIANTS: dict[str, dict[str, tuple[int, list[str]]]] = {
+    "x64": {"base": (4, []), "avx2": (8, ["-mavx2", "-mfma"]),
+            "avx512": (16, ["-mavx512f", "-mavx512vl", "-mavx512dq", "-mfma"])},
+    "arm64": {"neon": (4, [])},
+}
+"""Of each machine, from the simplest to the quickest: the floats that it takes at once, and its compiler's flags."""
+
+FLAGS = ["-std=gnu11", "-O3", "-fPIC", "-ffreestanding", "-fvisibility=hidden", "-fno-stack-protector",
+         "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off", "-Wall", "-Wextra", "-Wno-psabi"]
+SUFFIX = {"linux": ".so", "windows": ".dll", "macos": ".dylib"}
+COMPILERS = {
+    "linux-x64": "x86_64-linux-gnu-gcc",
+    "linux-arm64": "aarch64-linux-gnu-gcc",
+    "windows-x64": "x86_64-w64-mingw32-gcc",
+    "macos-arm64": "clang",
+    "macos-x64": "clang",
+}
+
+
+class CompilerMissing(Exception):
+    """There is no compiler for a platform."""
+
+
+def this_platform() -> str:
+    """The system and the machine that this Python runs on, as "linux-x64"."""
+    system = {"linux": "linux", "darwin": "macos", "win32": "windows"}.get(sys.platform, sys.platform)
+    machine = {"x86_64": "x64", "amd64": "x64", "arm64": "arm64", "aarch64": "arm64"}
+    return f"{system}-{machine.get(platform.machine().lower(), platform.machine())}"
+
+
+def library_name(target: str) -> str:
+    """What the library of a platform is called."""
+    return f"kernels-{target}{SUFFIX.get(target.split('-')[0], '.so')}"
+
+
+def sources_digest() -> str:
+    """Tells a library from one of other sources; "" where they are not at hand."""
+    sources = sorted([*HERE.glob("*.[ch]")])
+    texts = "".join(f"{path.name}\n{path.read_text(encoding='utf-8')}" for path in sources)
+    return hashlib.sha256(texts.encode()).hexdigest()[:16] if sources else ""
+
+
+def build(folder: Path, target: str | None = None) -> Path:
+    """The library of a platform in a folder: its path.
+
+    Raises
+    ------
+    CompilerMissing
+    subprocess.CalledProcessError
+        The compiler failed, and has told why.
+    """
+    target = target or this_platform()
+    system, machine = target.split("-")
+    if system not in SUFFIX or machine not in VARIANTS:
+        raise CompilerMissing(f"there are no C loops for {target}")
+    compiler = _compiler(target)
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=folder) as temporary:
+        objects = [_compiled(compiler, loop, Path(temporary) / f"{loop}-{variant}.o",
+                             [f"-DVARIANT={variant}", f"-DLANES={lanes}", *flags])
+                   for variant, (lanes, flags) in VARIANTS[machine].items() for loop in LOOPS]
+        objects.append(_compiled(compiler, "kernels", Path(temporary) / "kernels.o",
+                                 [f'-DLF_SOURCES="{sources_digest()}"']))
+        made = Path(temporary) / library_name(target)
+        subprocess.run([*compiler, *_linking(target, Path(temporary)), "-o", made.name, *objects], check=True,
+                       cwd=temporary)
+        os.replace(made, folder / made.name)  # at once: others may be loading it
+    return folder / library_name(target)
+
+
+def _compiled(compiler, source, target, flags):
+    """The name of an object file. No path is in it: sources are named from their own folder."""
+    subprocess.run([*compiler, *FLAGS, *flags, "-c", f"{source}.c", "-o", str(target)], check=True, cwd=HERE)
+    return target.name
+
+
+def _compiler(target):
+    """The compiler of a platform, as the beginning of a command."""
+    own = target == this_platform()
+    names = [os.environ["CC"]] if own and "CC" in os.environ else [*(("cc", "gcc", "clang") * own), COMPILERS[target]]
+    for name in names:
+        command = shlex.split(name)
+        if shutil.which(command[0]):
+            break
+    else:
+        raise CompilerMissing(f"{' or '.join(names)} is not installed")
+    if target.startswith("windows"):  # whose stack is aligned to less than AVX's moves want
+        return [*command, "-Wa,-muse-unaligned-vector-move"]
+    if target.startswith("macos") and not own:
+        return [*command, f"--target={'arm64' if target.endswith('arm64') else 'x86_64'}-apple-macos11.0"]
+    return command
+
+
+def _linking(target, folder):
+    """What makes a library of the objects: without a C library, so that it fits every system's."""
+    system, machine = target.split("-")
+    if system == "linux":
+        return ["-shared", "-nostdlib", "-Wl,--no-undefined", "-Wl,--build-id=none", "-s"]
+    if system == "windows":
+        return ["-shared", "-nostdlib", "-Wl,-e,0", "-Wl,--no-insert-timestamp", "-s"]
+    if target == this_platform():
+        return ["-dynamiclib", f"-Wl,-install_name,@rpath/{library_name(target)}"]
+    # Every Mac library has to name the system's, though this one calls nothing in it.
+    (folder / "libSystem.tbd").write_text(SYSTEM_STUB)
+    return ["-dynamiclib", "-nostdlib", "-fuse-ld=lld", "libSystem.tbd",
+            f"-Wl,-install_name,@rpath/{library_name(target)}"]
+
+
+SYSTEM_STUB = """--- !tapi-tbd
+tbd-version:     4
+targets:         [ x86_64-macos, arm64-macos ]
+install-name:    '/usr/lib/libSystem.B.dylib'
+current-version: 1
+exports:
+  - targets:     [ x86_64-macos, arm64-macos ]
+    symbols:     [ dyld_stub_binder ]
+...
+"""
+
+
+def main(arguments: list[str]) -> int:
+    """What the command line asks for; 1 and a line of text where a compiler is missing or fails."""
+    folder = Path(arguments[0]).resolve() if arguments else LIBRARY_FOLDER
+    try:
+        for target in arguments[1:] or [this_platform()]:
+            print(build(folder, target))
+    except CompilerMissing as missing:
+        print(f"lensfield: no C loops, numpy does their work: {missing}", file=sys.stderr)
+        return 1
+    except subprocess.CalledProcessError as failed:
+        print(f"lensfield: no C loops, numpy does their work: {failed.cmd[0]} could not compile them", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,136 @@
+/* Which variants there are and which of them this machine can run; and the loops, once their sizes are checked. */
+#include "kernels.h"
+
+typedef struct {
+    const char *name;
+    lf_spread_loop *spread;
+    lf_footprints_loop *footprints;
+    lf_turn_loop *turn;
+} variant;
+
+#define DECLARED(v) \
+    lf_spread_loop lf_spread_##v; \
+    lf_footprints_loop lf_footprints_##v; \
+    lf_turn_loop lf_turn_##v;
+#define LISTED(v) {#v, lf_spread_##v, lf_footprints_##v, lf_turn_##v}
+
+#if defined(__x86_64__)
+DECLARED(base) DECLARED(avx2) DECLARED(avx512)
+static const variant variants[] = {LISTED(base), LISTED(avx2), LISTED(avx512)};
+#else
+DECLARED(neon)
+static const variant variants[] = {LISTED(neon)};
+#endif
+#define VARIANTS ((int)(sizeof variants / sizeof *variants))
+
+static int within(int64_t n, int64_t low, int64_t high) { return n >= low && n <= high; }
+
+int lf_abi(void) { return LF_ABI; }
+const char *lf_sources(void) { return LF_SOURCES; }
+const char *lf_variant(int n) { return within(n, 0, VARIANTS - 1) ? variants[n].name : 0; }
+
+#if defined(__x86_64__)
+typedef struct { unsigned a, b, c, d; } registers;
+
+/* The instruction itself, for a compiler's own test needs its run-time library. */
+static registers cpuid(unsigned leaf)
+{
+    registers r;
+    __asm__ volatile("cpuid" : "=a"(r.a), "=b"(r.b), "=c"(r.c), "=d"(r.d) : "a"(leaf), "c"(0));
+    return r;
+}
+
+#define BIT(n) (1u << (n))
+static int has(unsigned value, unsigned bits) { return (value & bits) == bits; }
+
+int lf_runs_here(int n)
+{
+    if (n == 0) return 1;
+    if (!within(n, 1, VARIANTS - 1) || cpuid(0).a < 7) return 0;
+    if (!has(cpuid(1).c, BIT(27) | BIT(28) | BIT(12))) return 0; /* OSXSAVE, AVX, FMA */
+    unsigned kept, high; /* the registers that the system keeps for each thread: it may be older than the processor */
+    __asm__ volatile("xgetbv" : "=a"(kept), "=d"(high) : "c"(0));
+    const unsigned features = cpuid(7).b;
+    if (n == 1) return has(kept, 0x06) && has(features, BIT(5));           /* AVX2 */
+    return has(kept, 0xe6) && has(features, BIT(5) | BIT(16) | BIT(17) | BIT(31)); /* AVX-512 F, DQ, VL */
+}
+#else
+int lf_runs_here(int n) { return n == 0; } /* every 64-bit ARM has NEON */
+#endif
+
+#define MOST ((int64_t)1 << 40) /* elements: far more than there are, and sums and bytes of them still fit an int64 */
+#define MOST_PX ((int64_t)1 << 24)
+
+/* Whether a picture's sizes can be, and its rows and planes do not overlap. */
+static int fits(const lf_picture *p)
+{
+    return within(p->planes, 1, MOST_PX) && within(p->rows, 0, MOST_PX) && within(p->columns, 1, MOST_PX)
+           && (p->rows <= 1 || within(p->row_step, p->columns, MOST_PX * 2))
+           && (p->rows == 0 || p->planes == 1 || within(p->plane_step, p->columns + (p->rows - 1) * p->row_step, MOST));
+}
+
+static int has_rows(const lf_picture *p, int64_t first_row, int64_t end_row)
+{
+    return within(first_row, 0, end_row) && end_row <= p->rows;
+}
+
+/* Whether all that the loop reads of a table, and where it writes, is where it should be. */
+static int table_fits(const lf_table *t, int64_t azimuths)
+{
+    if (!within(t->size, 0, MOST) || !within(t->side, 1, 1 << 16)) return 0;
+    for (int64_t b = 0; b < t->intervals; b++) {
+        int64_t length = 0, piece = t->first_piece[b];
+        if (!within(piece, 0, t->pieces)) return 0;
+        for (int64_t eights = 1; eights <= LF_LONGEST; eights++) {
+            const int64_t count = t->counts[b * (LF_LONGEST + 1) + eights], taps = eights * 8;
+            if (!within(count, 0, t->pieces - piece)) return 0;
+            for (int64_t end = piece + count; piece < end; piece++) /* its last taps reach out of the square */
+                if (!within(t->row[piece], 0, t->side - 1) || !within(t->column[piece], 0, t->side + 10 - taps)) return 0;
+            length += count * taps;
+        }
+        if (length != t->length[b] || !within(t->begin[b], LF_SLACK, t->size - LF_SLACK - 2 * azimuths * length)) return 0;
+    }
+    return 1;
+}
+
+int64_t lf_spread_work(int64_t pieces, int64_t columns)
+{
+    if (!within(pieces, 0, MOST) || !within(columns, 1, MOST_PX)) return 0;
+    return 8 * pieces + 16 * (columns + 4) + 64 + 16 * (LF_PORTION * 8 + LF_SLACK); /* as laid_out in spreading.c has it */
+}
+
+int lf_spread(int variant, const lf_places *places, const lf_table *t, const lf_picture *light,
+              const lf_sections *sections, int64_t first_row, int64_t end_row, const lf_picture *out, void *work)
+{
+    if (!within(variant, 0, VARIANTS - 1) || !fits(light) || !fits(out) || !has_rows(light, first_row, end_row)
+        || (light->planes != 1 && light->planes != 4) || out->planes != light->planes)
+        return LF_BAD_SIZE;
+    if (!within(places->samples, 1, MOST_PX) || !within(places->heights, 2, 1 << 15)
+        || !within(places->azimuths, 2, 1 << 15) || t->intervals != places->heights - 1 || !within(t->pieces, 0, MOST)
+        || !table_fits(t, places->azimuths))
+        return LF_BAD_SIZE;
+    if (out->rows < end_row - first_row + t->side - 1 || out->columns < light->columns + t->side - 1 + LF_SLACK)
+        return LF_BAD_SIZE;
+    if (!within(sections->size_px, 1, MOST_PX) || !within(sections->rows, 1, MOST_PX) ||
+        !within(sections->columns, 1, MOST_PX) || sections->rows * sections->size_px < light->rows ||
+        sections->columns * sections->size_px < light->columns)
+        return LF_BAD_SIZE;
+    return variants[variant].spread(places, t, light, sections, first_row, end_row, out, work);
+}
+
+int lf_footprints(int variant, const lf_geometry *lens, const lf_picture *capture, double centre_row,
+                  double centre_column, int64_t first_row, int64_t end_row, const lf_picture *out)
+{
+    if (!within(variant, 0, VARIANTS - 1) || !fits(capture) || capture->rows < 1 || !fits(out)
+        || !has_rows(out, first_row, end_row) || capture->planes != out->planes || !within(lens->samples, 1, MOST_PX))
+        return LF_BAD_SIZE;
+    return variants[variant].footprints(lens, capture, centre_row, centre_column, first_row, end_row, out);
+}
+
+int lf_turn(int variant, const lf_samples *samples, double cosine, double sine, int64_t side, double *out)
+{
+    if (!within(variant, 0, VARIANTS - 1) || !within(samples->count, 0, MOST) || !within(samples->heights, 8, 1 << 16)
+        || samples->heights % 8 || !within(side, 1, 1 << 14) || side % 2 == 0 || !(samples->size_px > 0))
+        return LF_BAD_SIZE;
+    return variants[variant].turn(samples, cosine, sine, side, out);
+}

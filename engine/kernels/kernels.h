@@ -1,0 +1,102 @@
+/* Lensfield's inner loops in C, called from Python by ctypes.
+
+   Sizes and strides are int64 and count elements, not bytes. Nothing here allocates, keeps or calls anything: so any
+   number of threads may call it at once, and the library needs no libc, no libm and no Python. Every loop gives 0, or
+   says which of its arguments cannot be.
+
+   Each loop is compiled once for each instruction set, a *variant*, from the same lines of C and without fused
+   multiply-adds: all variants, compilers and machines give the same bits.
+
+   How a loop is added: NAME.c here, with a function OF_VARIANT(lf_NAME) of a type that is declared below; that type's
+   line in `variant`, the checks of its sizes and its call in kernels.c; NAME in LOOPS of build.py; its Python face in
+   NAME.py; its plain form in double in tests/engine/kernels/driver.c. LF_ABI goes up whenever a declaration changes. */
+#ifndef LENSFIELD_KERNELS_H
+#define LENSFIELD_KERNELS_H
+#include <stdint.h>
+
+#define LF_ABI 1
+
+enum { LF_OUTSIDE = 1, LF_BAD_SIZE = 2 };
+
+#if defined(_WIN32)
+#define LF_API __declspec(dllexport)
+#else
+#define LF_API __attribute__((visibility("default")))
+#endif
+
+typedef struct { /* a stack of planes; the pixels of a row lie side by side */
+    float *values;
+    int64_t planes, rows, columns;
+    int64_t plane_step, row_step;
+} lf_picture;
+
+/* spreading */
+
+#define LF_LONGEST 8 /* the largest piece of a row of taps, in eights */
+#define LF_PORTION 64 /* eights of taps that go together: 16 KB of four PSFs and their mixtures, which any cache holds */
+#define LF_SLACK 16  /* zeros before and behind the taps of a table; room behind each row that is spread onto */
+
+typedef struct { /* where among the heights and azimuths of a table the pixels of a picture lie */
+    double centre_row, centre_column; /* of the axis */
+    double samples_per_px;
+    const float *height; /* (samples + 1): place among the heights, over the distance from the axis */
+    int64_t samples, heights, azimuths;
+    double azimuths_per_rad; /* clockwise from the right */
+} lf_places;
+
+typedef struct {         /* PSFs, in pieces: see spreading.c */
+    const float *taps;   /* from begin[interval]: (azimuth, 2 heights, length[interval]) */
+    int64_t size, side;  /* of all taps; of the square of pixels that PSFs lie in */
+    int64_t intervals;   /* between two heights */
+    const int64_t *begin, *length, *first_piece; /* (interval) */
+    const int64_t *counts;       /* (interval, LF_LONGEST + 1): how many pieces have 0, 1 .. eights of taps */
+    const int64_t *row, *column; /* (piece): its first tap in the square */
+    int64_t pieces;
+} lf_table;
+
+typedef struct { /* which square sections of a picture to spread */
+    const uint8_t *lit; /* (section row, section column) */
+    int64_t rows, columns, size_px;
+} lf_sections;
+
+typedef int lf_spread_loop(const lf_places *, const lf_table *, const lf_picture *light, const lf_sections *,
+                           int64_t first_row, int64_t end_row, const lf_picture *out, void *work);
+
+/* footprints */
+
+#define LF_LARGEST_FOOTPRINT 16 /* pixels; where the lens squeezes the picture more, the middle stands for it */
+
+typedef struct { /* the lens's geometry over the distance from the axis */
+    double centre_row, centre_column, samples_per_px;
+    const double *curves; /* (samples + 1, 3): ideal per real distance, the slope of that, and a factor on light */
+    int64_t samples;
+} lf_geometry;
+
+typedef int lf_footprints_loop(const lf_geometry *, const lf_picture *capture, double centre_row, double centre_column,
+                               int64_t first_row, int64_t end_row, const lf_picture *out);
+
+/* turning */
+
+typedef struct { /* the light of PSFs in small squares */
+    const double *v_px, *u_px; /* (sample): where they lie, outwards and along the tangent */
+    const double *energy;      /* (sample, height) */
+    int64_t count, heights;    /* heights: a multiple of 8 */
+    double size_px;
+} lf_samples;
+
+typedef int lf_turn_loop(const lf_samples *, double cosine, double sine, int64_t side, double *out);
+
+/* what the library gives */
+
+LF_API int lf_abi(void);
+LF_API const char *lf_sources(void);    /* the digest of the sources that it was made from */
+LF_API const char *lf_variant(int n);   /* a variant's name, the simplest being 0; NULL after the last */
+LF_API int lf_runs_here(int variant);   /* whether this processor, and its system, can run it: ask before using it */
+
+LF_API int64_t lf_spread_work(int64_t pieces, int64_t columns); /* bytes that lf_spread works in; 0 for bad sizes */
+LF_API int lf_spread(int variant, const lf_places *, const lf_table *, const lf_picture *light, const lf_sections *,
+                     int64_t first_row, int64_t end_row, const lf_picture *out, void *work);
+LF_API int lf_footprints(int variant, const lf_geometry *, const lf_picture *capture, double centre_row,
+                         double centre_column, int64_t first_row, int64_t end_row, const lf_picture *out);
+LF_API int lf_turn(int variant, const lf_samples *, double cosine, double sine, int64_t side, double *out);
+#endif

@@ -1,0 +1,236 @@
+/* Spreading: the light of every pixel, laid out by a PSF of its own.
+
+   A pixel's PSF is mixed from four of the table: of the heights below and above its own, and of the azimuths before and
+   behind. Adding it to the picture costs a read and a write of every pixel that it reaches: so FOUR neighbouring pixels
+   of a row go together. Their PSFs are mixed side by side, each a tap farther to the right than the one before, and are
+   summed, weighed with the pixels' light, on the way into the picture. The planes of a folded picture share the PSFs.
+
+   The taps lie in *pieces*: a row of a PSF's taps, or a part of it, as long as the next multiple of eight that has three
+   zeros at its end. Those are what a shift by up to three taps moves in at the front of the next piece, so that nobody
+   asks where a row begins. Pieces are sorted by size, each size has its own inner loop of a length that the compiler
+   knows, and only what lies within the PSFs between two heights is touched. */
+#include "variant.h"
+
+#define FOUR 4
+#define RUN 8 /* fours of pixels that go through each portion of the table, one after the other, while it is cached */
+#define ATAN_TERMS 10
+
+typedef struct { /* four pixels of a row */
+    const float *psfs[FOUR];  /* the first of the table's four for each, shifted to where it goes */
+    float weight[FOUR][4];    /* of these */
+    float light[4][FOUR];     /* (plane, pixel) */
+    float *out;               /* where the square of PSFs begins */
+} four_pixels;
+
+typedef struct { /* where the pixels of a row lie: (column) */
+    int32_t *interval, *azimuth; /* in the table: the height below, and the azimuth before */
+    float *up, *on;              /* 0 to 1, from these to the next */
+} row_places;
+
+/* arctan(t) for t from 0 to 1, right to single precision. */
+INLINE float arctan(float t)
+{
+    static const float term[ATAN_TERMS] = {0.999999998f, -0.333332823f, 0.199982306f, -0.142615737f, 0.10940199f,
+        -0.0837206395f, 0.0574635578f, -0.0307175089f, 0.0106807194f, -0.00174370114f};
+    float square = t * t, sum = term[ATAN_TERMS - 1];
+    for (int k = ATAN_TERMS - 2; k >= 0; k--) sum = sum * square + term[k];
+    return t * sum;
+}
+
+/* Where the pixels of a row lie. Simple enough for the compiler to do many at once. */
+static void find_places(const lf_places *p, int64_t columns, float down, const row_places *row)
+{
+    const float middle = (float)p->centre_column, per_rad = (float)p->azimuths_per_rad, pi = 3.14159265f;
+    const float last_azimuth = (float)(p->azimuths - 1), last_sample = (float)p->samples;
+    const float samples_per_px = (float)p->samples_per_px, far_down = down < 0 ? -down : down;
+    for (int64_t x = 0; x < columns; x++) {
+        const float right = (float)x - middle, far_right = right < 0 ? -right : right;
+        const float larger = far_right > far_down ? far_right : far_down;
+        const float smaller = far_right > far_down ? far_down : far_right;
+        float angle = arctan(smaller / (larger > 1e-20f ? larger : 1e-20f));
+        angle = far_down > far_right ? pi / 2 - angle : angle;
+        angle = right < 0 ? pi - angle : angle;
+        angle = down < 0 ? 2 * pi - angle : angle;
+        float azimuth = angle * per_rad;
+        azimuth = azimuth < last_azimuth ? azimuth : last_azimuth; /* NaN too */
+        azimuth = azimuth > 0 ? azimuth : 0;
+        int32_t before = (int32_t)azimuth;
+        before -= before == (int32_t)last_azimuth;
+        row->azimuth[x] = before;
+        row->on[x] = azimuth - (float)before;
+        row->up[x] = __builtin_sqrtf(right * right + down * down) * samples_per_px;
+    }
+    for (int64_t x = 0; x < columns; x++) {
+        const float at = row->up[x] < last_sample ? row->up[x] : last_sample; /* NaN too */
+        int32_t sample = (int32_t)at;
+        sample -= sample == (int32_t)last_sample;
+        const float low = p->height[sample], high = p->height[sample + 1];
+        float height = low + (at - (float)sample) * (high - low);
+        height = height > 0 ? height : 0;
+        height = height < (float)(p->heights - 1) ? height : (float)(p->heights - 1);
+        int32_t below = (int32_t)height;
+        below -= below == (int32_t)(p->heights - 1);
+        row->interval[x] = below;
+        row->up[x] = height - (float)below;
+    }
+}
+
+/* A vector of the weighed sum of four PSFs of the table that lie `step` apart. */
+INLINE floats mixed(const float *psf, int64_t step, const float *weight)
+{
+    return weight[0] * *(const floats *)psf + weight[1] * *(const floats *)(psf + step)
+           + weight[2] * *(const floats *)(psf + 2 * step) + weight[3] * *(const floats *)(psf + 3 * step);
+}
+
+/* Adds, to a vector of a row of `planes` planes, what four PSFs lay there. */
+#define ADD_FOUR(vector, planes) \
+    const vector a = *(const vector *)(psfs + i), b = *(const vector *)(psfs + step + i); \
+    const vector c = *(const vector *)(psfs + 2 * step + i), d = *(const vector *)(psfs + 3 * step + i); \
+    for (int q = 0; q < planes; q++) { \
+        vector *to = (vector *)(out + q * plane_step + i); \
+        *to = *to + light[q][0] * a + light[q][1] * b + light[q][2] * c + light[q][3] * d; \
+    }
+
+/* Adds a row of so many eights of taps, of four PSFs that lie `step` apart, to some planes. */
+INLINE void add_four(int eights, const float *psfs, int64_t step, int planes, float (*light)[FOUR], float *out,
+                     int64_t plane_step)
+{
+    int i = 0;
+    for (; i + LANES <= 8 * eights; i += LANES) { ADD_FOUR(floats, planes) }
+    if (LANES > 8 && i < 8 * eights) { ADD_FOUR(eight_floats, planes) }
+}
+
+/* Adds a row of so many eights of taps to the picture. */
+INLINE void add_one(int eights, const float *taps, float *out)
+{
+    int i = 0;
+    for (; i + LANES <= 8 * eights; i += LANES) *(floats *)(out + i) += *(const floats *)(taps + i);
+    if (LANES > 8 && i < 8 * eights) *(eight_floats *)(out + i) += *(const eight_floats *)(taps + i);
+}
+
+/* Adds pieces of one size to the picture. As many planes at once as there are registers for their light. */
+INLINE void add_pieces(int eights, const float *psfs, int64_t step, int64_t pieces, const int64_t *offset, int planes,
+                       four_pixels *four, int64_t plane_step)
+{
+    const int at_once = LANES == 16 ? 4 : 2;
+    if (planes == 1)
+        for (int64_t r = 0; r < pieces; r++) add_one(eights, psfs + r * 8 * eights, four->out + offset[r]);
+    else
+        for (int q = 0; q < 4; q += at_once)
+            for (int64_t r = 0; r < pieces; r++)
+                add_four(eights, psfs + r * 8 * eights, step, at_once, four->light + q,
+                         four->out + q * plane_step + offset[r], plane_step);
+}
+
+/* Spreads some fours of pixels whose heights lie in the same interval. */
+static void spread_run(const lf_table *t, int64_t interval, four_pixels *run, int count, float *mixtures,
+                       const int64_t *offset, int planes, int64_t plane_step)
+{
+    const int64_t step = LF_PORTION * 8 + LF_SLACK, length = t->length[interval];
+    int64_t done = 0, piece = t->first_piece[interval];
+    for (int eights = 1; eights <= LF_LONGEST; eights++) {
+        int64_t left = t->counts[interval * (LF_LONGEST + 1) + eights];
+        while (left) {
+            const int64_t pieces = left * eights > LF_PORTION ? LF_PORTION / eights : left, taps = pieces * eights * 8;
+            for (four_pixels *four = run; four < run + count; four++) {
+                for (int k = 0; k < FOUR; k++) {
+                    float *mixture = mixtures + (planes == 1 ? 0 : k * step); /* on one plane they are one sum at once */
+                    for (int64_t i = 0; i < taps; i += LANES) {
+                        floats sum = mixed(four->psfs[k] + done + i, length, four->weight[k]);
+                        if (planes == 1 && k) sum += *(const floats *)(mixture + i);
+                        *(floats *)(mixture + i) = sum;
+                    }
+                }
+                switch (eights) {
+#define CASE(n) case n: add_pieces(n, mixtures, step, pieces, offset + piece, planes, four, plane_step); break;
+                    CASE(1) CASE(2) CASE(3) CASE(4) CASE(5) CASE(6) CASE(7) CASE(8)
+#undef CASE
+                }
+            }
+            left -= pieces, done += taps, piece += pieces;
+        }
+    }
+}
+
+/* Where `work` holds what: see lf_spread_work. */
+typedef struct {
+    int64_t *offset; /* (piece): from the corner of the square of PSFs to it, in the picture */
+    row_places row;
+    float *mixtures; /* of a portion of the table, for each of four pixels */
+} workplace;
+
+INLINE workplace laid_out(void *work, int64_t pieces, int64_t columns)
+{
+    const int64_t room = columns + FOUR;
+    workplace w = {.offset = work};
+    w.row.interval = (int32_t *)(w.offset + pieces);
+    w.row.azimuth = w.row.interval + room;
+    w.row.up = (float *)(w.row.azimuth + room);
+    w.row.on = w.row.up + room;
+    w.mixtures = (float *)(((uintptr_t)(w.row.on + room) + 63) & ~(uintptr_t)63);
+    return w;
+}
+
+lf_spread_loop OF_VARIANT(lf_spread);
+/* Adds the light of rows first_row up to end_row to `out`, whose first row is that of first_row's topmost tap. */
+int OF_VARIANT(lf_spread)(const lf_places *places, const lf_table *t, const lf_picture *light,
+                          const lf_sections *sections, int64_t first_row, int64_t end_row, const lf_picture *out,
+                          void *work)
+{
+    const int64_t columns = light->columns;
+    const int planes = (int)light->planes;
+    const workplace w = laid_out(work, t->pieces, columns);
+    for (int64_t n = 0; n < t->pieces; n++) w.offset[n] = t->row[n] * out->row_step + t->column[n];
+    for (int64_t y = first_row; y < end_row; y++) {
+        const uint8_t *lit = sections->lit + y / sections->size_px * sections->columns;
+        four_pixels run[RUN];
+        int64_t run_interval = 0;
+        int waiting = 0, found = 0;
+        for (int64_t x = 0; x < columns; x += FOUR) {
+            float of[4][FOUR];
+            int any = 0;
+            for (int k = 0; k < FOUR; k++) {
+                const int is = x + k < columns && lit[(x + k) / sections->size_px];
+                for (int q = 0; q < planes; q++) {
+                    of[q][k] = is ? light->values[q * light->plane_step + y * light->row_step + x + k] : 0;
+                    any |= of[q][k] != 0; /* NaN too */
+                }
+            }
+            if (!any) continue;
+            if (!found) {
+                find_places(places, columns, (float)((double)y - places->centre_row), &w.row);
+                for (int64_t n = columns; n < columns + FOUR; n++) { /* a four may reach out of the row */
+                    w.row.interval[n] = w.row.interval[columns - 1];
+                    w.row.azimuth[n] = w.row.azimuth[columns - 1];
+                    w.row.up[n] = w.row.on[n] = 0;
+                }
+                found = 1;
+            }
+            for (int done = 0, next; done < FOUR; done = next) { /* once, but where heights pass a height of the table */
+                const int64_t interval = w.row.interval[x + done], length = t->length[interval];
+                for (next = done + 1; next < FOUR && w.row.interval[x + next] == interval;) next++;
+                if (waiting == RUN || (waiting && interval != run_interval)) {
+                    spread_run(t, run_interval, run, waiting, w.mixtures, w.offset, planes, out->plane_step);
+                    waiting = 0;
+                }
+                run_interval = interval;
+                four_pixels *four = run + waiting++;
+                four->out = out->values + (y - first_row) * out->row_step + x;
+                for (int k = 0; k < FOUR; k++) {
+                    const int is = k >= done && k < next;
+                    const int64_t at = x + (is ? k : done); /* the others of the four take the first one's, times zero */
+                    const float up = w.row.up[at], on = w.row.on[at];
+                    const float own = planes > 1 ? 1 : is ? of[0][k] : 0;
+                    four->psfs[k] = t->taps + t->begin[interval] + w.row.azimuth[at] * 2 * length - k;
+                    four->weight[k][0] = (1 - up) * (1 - on) * own;
+                    four->weight[k][1] = up * (1 - on) * own;
+                    four->weight[k][2] = (1 - up) * on * own;
+                    four->weight[k][3] = up * on * own;
+                    for (int q = 0; q < planes; q++) four->light[q][k] = is ? of[q][k] : 0;
+                }
+            }
+        }
+        if (waiting) spread_run(t, run_interval, run, waiting, w.mixtures, w.offset, planes, out->plane_step);
+    }
+    return 0;
+}
