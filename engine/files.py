@@ -4,16 +4,19 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from .errors import InputError
 
 AnyPath = str | os.PathLike[str]
 
+HALF = ".lensfield-half-written-"
+LONGEST_WRITE_S = 24 * 3600.0
 UMASK = os.umask(0)  # it can only be read by setting it, which is not for a thread to do
 os.umask(UMASK)
 _pending: set[Path] = set()
+_swept: set[Path] = set()
 
 
 def make_folder(path: AnyPath) -> None:
@@ -36,7 +39,7 @@ def check_target(path: AnyPath) -> None:
         raise InputError(named, "file", "a device or pipe", "give the name of a file to write")
     make_folder(path.parent)
     try:
-        handle, probe = tempfile.mkstemp(prefix=".", dir=path.parent)
+        handle, probe = tempfile.mkstemp(prefix=HALF, dir=path.parent)
     except OSError as error:
         raise InputError(path, "file", "not writable", error.strerror or str(error)) from None
     os.close(handle)
@@ -48,12 +51,28 @@ def atomic_path(path: AnyPath) -> Iterator[Path]:
     """A temporary path beside `path`, moved onto it when the block ends well and removed when it does not."""
     check_target(path)
     path = Path(path).resolve()  # through a link, which stays
-    handle, name = tempfile.mkstemp(prefix=f".{path.stem[:40]}-", suffix=path.suffix, dir=path.parent)
+    handle, name = tempfile.mkstemp(prefix=f"{HALF}{path.stem[:40]}-", suffix=path.suffix, dir=path.parent)
+    now_s = os.fstat(handle).st_mtime
     os.close(handle)
+    if path.parent not in _swept:
+        _swept.add(path.parent)
+        _remove_leftovers(path.parent, now_s)
     with _pending_path(Path(name)) as temporary:
         yield temporary
         os.chmod(temporary, 0o666 & ~UMASK)  # mkstemp makes files that only their owner can read
         os.replace(temporary, path)
+
+
+def _remove_leftovers(folder, now_s):
+    """Remove what processes that were killed have left half-written in a folder.
+
+    By age alone, on the clock that stamps the folder's files: others may be writing there, from other machines too.
+    """
+    with suppress(OSError):
+        for path in folder.glob(f"{HALF}*"):
+            with suppress(OSError):  # another has been quicker, or it is not ours to remove
+                if now_s - path.stat().st_mtime > LONGEST_WRITE_S:
+                    path.unlink()
 
 
 @contextmanager

@@ -18,6 +18,7 @@ from lensfield.engine.image.spectral_exr import (
     read_exr,
     read_parts,
     write_exr,
+    write_rgb_exr,
 )
 
 # Fichet, Pacanowski and Wilkie, JCGT 2021
@@ -262,9 +263,8 @@ def test_a_wrong_attribute_is_an_error(path, attribute, value):
 
 
 def test_a_write_that_fails_leaves_nothing_behind(tmp_path, monkeypatch):
-    def fail(self, name):
-        with open(name, "wb") as stream:
-            stream.write(b"half a file")
+    def fail(self, stream):
+        stream.write(b"half a file")
         raise RuntimeError("disk full")
 
     monkeypatch.setattr(OpenEXR.File, "write", fail)
@@ -273,14 +273,21 @@ def test_a_write_that_fails_leaves_nothing_behind(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_full_disk_is_told_by_the_file(tmp_path):
+@pytest.mark.parametrize("lacking", [1, 500, 4000, 100_000, 200_000], ids=str)
+@pytest.mark.parametrize("write", [lambda path: write_exr(big(), path),
+                                   lambda path: write_rgb_exr(np.moveaxis(big().cube, 0, -1), path)],
+                         ids=["spectral", "rgb"])
+def test_a_full_disk_is_told_by_the_file_at_the_last_byte_too(tmp_path, write, lacking):
     """Here a limit on the size of files."""
     resource = pytest.importorskip("resource")
+    write(tmp_path / "image.exr")
+    size = (tmp_path / "image.exr").stat().st_size
+    (tmp_path / "image.exr").unlink()
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (max(size - lacking, 1), limits[1]))
     try:
-        with pytest.raises(ImageError, match=r"image.exr: file is not written whole: File too large\.$"):
-            write_exr(image(), tmp_path / "image.exr")
+        with pytest.raises(ImageError, match=r"image.exr: file is not written whole: File too large$"):
+            write(tmp_path / "image.exr")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert list(tmp_path.iterdir()) == []
@@ -289,7 +296,7 @@ def test_a_full_disk_is_told_by_the_file(tmp_path):
 def test_a_write_that_fails_leaves_the_old_file_alone(path, monkeypatch):
     write_exr(image(), path)
     before = path.read_bytes()
-    monkeypatch.setattr(OpenEXR.File, "write", lambda self, name: 1 / 0)
+    monkeypatch.setattr(OpenEXR.File, "write", lambda self, stream: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         write_exr(image(pitch_um=1.0), path)
     assert path.read_bytes() == before
@@ -346,7 +353,7 @@ def test_a_file_is_written_and_read_by_all_threads_and_none_is_left(path, monkey
 
 
 def test_a_write_that_fails_leaves_no_thread(path, monkeypatch):
-    monkeypatch.setattr(OpenEXR.File, "write", lambda self, name: 1 / 0)
+    monkeypatch.setattr(OpenEXR.File, "write", lambda self, stream: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         write_exr(image(), path)
     assert OpenEXR.global_thread_count() == 0
@@ -364,6 +371,16 @@ def test_a_forked_process_writes_too(path, monkeypatch):
     writer.kill()
     assert writer.exitcode == 0
     np.testing.assert_array_equal(read_exr(path).cube, big().cube)
+
+
+def test_black_takes_no_room(path):
+    size = {}
+    for name, rows in (("whole", 200), ("half", 100)):
+        cube = big().cube
+        cube[:, rows:] = 0
+        write_exr(image(cube=cube), path)
+        size[name] = path.stat().st_size
+    assert size["half"] < 0.55 * size["whole"]
 
 
 def test_threads_write_side_by_side(tmp_path, monkeypatch):
