@@ -3,7 +3,7 @@
     python benchmarks/measure_case.py '{"name": "768x576, 0.01", "options": {"accuracy": 0.01}, "best_of": 3}'
 
 prints what that took as a line of JSON. `wavelengths` takes a part of them; of two `frames` the second finds what the
-first has kept; `taps` counts, afterwards, those of the PSFs that the plan works with.
+first has kept; `floor` adds what the plan's multiply-adds would take alone.
 """
 
 import json
@@ -14,13 +14,13 @@ from pathlib import Path
 
 import numpy as np
 from cases import CASES, PAPER_LENS
-from timing import quickest
+from timing import multiply_adds_per_s, quickest
 
 from lensfield import engine
 from lensfield.engine import Lens, Options, SpectralImage
 
 
-def main(name, options, best_of, wavelengths=None, frames=1, taps=False):
+def main(name, options, best_of, wavelengths=None, frames=1, floor=False):
     case, options = CASES[name], Options(**options)
     lens = Lens.load(case.lens)
     radiance = case.radiance(lens)
@@ -34,9 +34,9 @@ def main(name, options, best_of, wavelengths=None, frames=1, taps=False):
              "predicted_s": plan.seconds, "bound": plan.error_bound, "way": plan.method.text,
              "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3,
              "engine": str(Path(engine.__file__).parent)}
-    if taps and not plan.method.transforms:
+    if floor and not plan.method.transforms:
         from point_images import multiply_adds
-        facts["multiply_adds"] = multiply_adds(lens, radiance, plan)
+        facts["floor_s"] = multiply_adds(lens, radiance, plan) / multiply_adds_per_s()
     print(json.dumps(facts))
 
 

@@ -63,6 +63,13 @@ def processor_s(function, best_of: int = 20) -> float:
     return min(seconds)
 
 
+def multiply_adds_per_s() -> float:
+    """How many this core does whose values come from the cache, one for each: numpy's product of matrix and vector."""
+    matrix = np.random.default_rng(0).random((128, 512), dtype=np.float32)
+    vector, repeats = matrix[0].copy(), 1000
+    return repeats * matrix.size / processor_s(lambda: [matrix @ vector for _ in range(repeats)])
+
+
 def machine() -> str:
     """What the figures were taken on, and how busy it is."""
     return (f"{_processor()}, {thread_count()} cores, load {os.getloadavg()[0]:.1f}; loops by {loops()}; "
