@@ -8,8 +8,9 @@ import pytest
 
 from lenses import comatic_lens
 from lensfield.engine import Options, SpectralImage
+from lensfield.engine.blur import METHODS
 from lensfield.engine.plan import cost
-from lensfield.engine.plan.choose import make_plan
+from lensfield.engine.plan.choose import make_plan, workload
 
 LENS = comatic_lens()
 
@@ -81,3 +82,24 @@ def test_the_seconds_of_a_plan_are_those_of_making_it_too(monkeypatch):
     clock = itertools.count(0.0, 7.0)
     monkeypatch.setattr("lensfield.engine.plan.choose.time", SimpleNamespace(perf_counter=lambda: next(clock)))
     assert 7 <= make_plan(Options(), LENS, radiance).seconds < 14
+
+
+def test_more_cores_wait_less_but_for_what_one_thread_does_alone(monkeypatch):
+    monkeypatch.setattr(cost, "machine_factor", lambda: 1.0)
+    radiance = SpectralImage(np.ones((2, 400, 500)), [450.0, 550.0], pitch_um=10.0)
+    plan = make_plan(Options(accuracy=0.01), LENS, radiance)
+    waited = []
+    for cores in (1, 2, 4, 10**9):
+        monkeypatch.setattr(cost, "thread_count", lambda cores=cores: cores)
+        waited.append(cost.seconds(workload(plan, LENS, radiance), plan))
+    one, two, four, many = waited
+    assert one == pytest.approx(1e-9 * cost.nanoseconds(workload(plan, LENS, radiance), plan))
+    assert one - two == pytest.approx(2 * (two - four)) and 0 < many < four < two < one
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_kind_of_work_has_a_price(method):
+    radiance = SpectralImage(np.ones((1, 40, 50)), [550.0], pitch_um=10.0)
+    plan = make_plan(Options(method=method), LENS, radiance)
+    counts = cost.counts(workload(plan, LENS, radiance), plan)
+    assert counts.keys() <= cost.NANOSECONDS.keys() and all(np.isfinite(n) and n >= 0 for n in counts.values())
