@@ -2,10 +2,10 @@
 
     python benchmarks/calibrate_cost.py
 
-prints what NANOSECONDS and REFERENCE_S would be here, for the loops that run, and of cases that were not fitted what
-is predicted over what is measured, with the constants as they stand and with those. LENSFIELD_KERNELS=numpy fits those
-of numpy. Only the processor's time is looked at, so the machine may be busy: what the main thread takes is what one
-thread does alone, and the rest is shared.
+prints what NANOSECONDS and REFERENCE_S would be here, for the loops that run (LENSFIELD_KERNELS=numpy: numpy), and
+of cases that were not fitted what is predicted over what is measured, with the constants as they stand and with those.
+Only the processor's time is looked at, so the machine may be busy: what the main thread takes is what one thread does
+alone, and the rest is shared.
 """
 
 import time
@@ -17,7 +17,7 @@ from cases import HD, NM, PAPER_LENS, QUARTER_HD, night_street
 from scipy.optimize import nnls
 from timing import machine
 
-from lensfield.engine import Lens, Options, Report, simulate
+from lensfield.engine import Lens, Options, Report, kernels, simulate
 from lensfield.engine.plan import cost
 from lensfield.engine.plan.choose import workload
 
@@ -26,8 +26,8 @@ SMALL, BEST_OF = (253, 380), 3
 OF_STAGES = {
     "lens data": ("wavelength", "window sample", "table sample", "table pixel", "table tap"),
     "distortion and relative illumination": ("wavelength", "picture pixel"),
-    "filtering": ("wavelength", "picture pixel", "step", "transformed value", "spectrum value", "patch pixel", "tap",
-                  "row of taps", "covered tap", "mixed tap", "turned sample")}
+    "filtering": ("wavelength", "picture pixel", "step", "transformed value", "spectrum value", "tap",
+                  "covered tap", "mixed tap", "turned sample")}
 """The kinds of work of the stages, each of which is fitted by itself; what is in none counts as filtering."""
 
 
@@ -53,9 +53,10 @@ def _clocks():
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """A case, its work in all wavelengths by name, and what it took: by stage, (alone, shared)."""
+    """A case, whether compiled loops take it, its work in all wavelengths by name, and (alone, shared) by stage."""
 
     text: str
+    single: bool
     counts: dict
     stages: dict
 
@@ -65,7 +66,8 @@ class Measured:
 
     def predicted(self, nanoseconds):
         """Seconds of a processor, planning included, which is known by the time that they are told."""
-        return self.stages["plan"].sum() + 1e-9 * sum(sum(nanoseconds[name]) * n for name, n in self.counts.items())
+        return self.stages["plan"].sum() + 1e-9 * sum(
+            sum(each) * self.counts.get(name, 0) for name, each in nanoseconds.items())
 
 
 def fitted_cases():
@@ -77,7 +79,8 @@ def fitted_cases():
     for name in (PAPER_LENS, "apple-phone-4mm"):
         for size, azimuths in ((24, 16), (32, 4), (48, 32), (96, 8)):
             yield name, QUARTER_HD, 1, Options(section_size=size, azimuths=azimuths, psf_energy=0.99)
-    yield PAPER_LENS, HD, 1, Options(method="pixels", accuracy=0.03)
+    for name, accuracy in ((PAPER_LENS, 0.03), ("nikkor-28mm", 0.01), ("angenieux-50mm-f1.1", 0.01)):
+        yield name, HD, 1, Options(method="pixels", accuracy=accuracy)
     yield PAPER_LENS, HD, 1, Options(section_size=64, azimuths=8, psf_energy=0.99)
     for size in (16, 64):
         yield PAPER_LENS, SMALL, 1, Options(method="paper", section_size=size)
@@ -110,18 +113,19 @@ def measured(name, shape, number, options):
     own = cost.counts(workload(plan, lens, picture), plan)
     text = (f"{name:20}{shape[1]:5} x {shape[0]:4} x {number:2}, {options.accuracy or '     '}: {plan.method.name:8} "
             f"{plan.method.section_size:3} px, {plan.method.azimuths:3} azimuths, radius {plan.psf_radius_px:3} px")
-    return Measured(text, {name: count * number for name, count in own.items()}, best)
+    return Measured(text, plan.precision == "float32", {name: count * number for name, count in own.items()}, best)
 
 
-def fitted(cases):
-    """NANOSECONDS of cases that were measured."""
-    found = {name: np.zeros(2) for name in cost.NANOSECONDS}
+def fitted(cases, present):
+    """Constants of cases that were measured, in place of the present ones."""
+    found = {name: np.zeros(2) for name in present}
     weights = 1 / np.array([case.whole - case.stages["plan"].sum() for case in cases])
     for stage, kinds in OF_STAGES.items():
+        kinds = [name for name in kinds if name in present]
         counts = np.array([[case.counts.get(name, 0) for name in kinds] for case in cases])
         took = np.array([case.stages[stage] + (case.stages["else"] if stage == "filtering" else 0) for case in cases])
         for thread, own in enumerate(took.T):
-            now = np.array([cost.NANOSECONDS[name][thread] for name in kinds]) * (1e-9 if stage == "filtering" else 0)
+            now = np.array([present[name][thread] for name in kinds]) * (1e-9 if stage == "filtering" else 0)
             for name, value in zip(kinds, _held(counts * weights[:, None], own * weights, now), strict=True):
                 found[name][thread] += 1e9 * value
     return {name: tuple(float(f"{value:.2g}") for value in values) for name, values in found.items()}
@@ -136,16 +140,19 @@ def _held(shares, took, now):
 
 def main():
     print(machine())
-    first, others = [measured(*case) for case in fitted_cases()], [measured(*case) for case in other_cases()]
-    here = fitted(first)
+    loops = kernels.NUMPY if kernels.running() == kernels.NUMPY else cost.COMPILED
+    first, others = ([case for case in (measured(*each) for each in cases) if case.single or loops == kernels.NUMPY]
+                     for cases in (fitted_cases(), other_cases()))
+    present = cost.NANOSECONDS[loops]
+    here = fitted(first, present)
     print(f"REFERENCE_S = {cost._look() * cost.REFERENCE_S:.2g}")
-    for name, values in here.items():
-        print(f'    "{name}": ({values[0]:.3g}, {values[1]:.3g}),')
+    for name, (alone, shared) in here.items():
+        print(f'        "{name}": ({alone:g}, {shared:g}),')
     for kind, cases in (("fitted", first), ("not fitted", others)):
         print(f"{kind}: processor seconds; predicted over measured, by the constants as they stand and by these")
         for case in cases:
-            now, then = (case.predicted(each) / case.whole for each in (cost.NANOSECONDS, here))
-            print(f"  {case.text}: {case.whole:6.2f}  {now:5.2f} {then:5.2f}", flush=True)
+            now, then = (case.predicted(each) / case.whole for each in (present, here))
+            print(f"  {case.text}: {case.whole:6.2f}  {now:5.2f} {then:5.2f}")
 
 
 if __name__ == "__main__":

@@ -141,7 +141,7 @@ class Method(ABC):
 
     @abstractmethod
     def counts(self, work: Workload) -> dict[str, float]:
-        """How much of each kind of work it is: a dict with keys of `cost.NANOSECONDS`."""
+        """How much of each kind of work it is: a dict with names of `cost.NANOSECONDS`."""
 
     @abstractmethod
     def kept_values(self, work: Workload) -> float:
@@ -177,5 +177,4 @@ def transform_counts(work: Workload, section_size: int, side_px: int, weighed: f
     down, across = work.sections(section_size)
     space, patches, weighed = side_px**2, work.planes.count * down * across, weighed * work.planes.count
     values = weighed * (section_size * side_px + space) / 2 + (patches + nodes) * space
-    return {"transformed value": values * np.log2(side_px), "spectrum value": weighed * space / 2,
-            "patch pixel": patches * space}
+    return {"transformed value": values * np.log2(side_px), "spectrum value": weighed * space / 2}

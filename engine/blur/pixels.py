@@ -46,8 +46,8 @@ class Pixels(Method):
         return f"a PSF for every pixel, from {self.azimuths} azimuths"
 
     def counts(self, work: Workload) -> dict[str, float]:
-        return {"tap": work.pixels * work.taps, "row of taps": work.pixels * np.sqrt(work.taps),
-                "covered tap": work.pixels * work.covered, "mixed tap": work.pixels / work.planes.count * work.covered}
+        return {"tap": work.pixels * work.taps, "covered tap": work.pixels * work.covered,
+                "mixed tap": work.pixels / work.planes.count * work.covered}
 
     def kept_values(self, work: Workload) -> float:
         return RUN_VALUES * 3 / 2

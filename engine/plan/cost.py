@@ -5,35 +5,47 @@ import time
 import numpy as np
 from scipy import fft
 
+from .. import kernels
 from ..blur.method import Workload
 from ..threads import thread_count
 from .plan import Plan
 
+COMPILED = "compiled"
 # Processor nanoseconds that each thing takes, what one thread does alone and what all threads share, fitted by
 # benchmarks/calibrate_cost.py on an AMD EPYC of two cores; `machine_factor` brings them to the machine at hand.
 NANOSECONDS = {
-    "wavelength": (3.6e6, 3.9e6),  # whatever its size
-    "picture pixel": (15, 59),  # distortion, relative illumination, joining the planes, cutting out the frame
-    "window sample": (20, 0),  # of a whole PSF: interpolated, trimmed, normalised
-    "table sample": (5.2, 72),  # of a PSF, at one azimuth, for all heights
-    "table pixel": (0.71, 0),  # of the square of a PSF, at one azimuth and height, mixed between wavelengths
-    "table tap": (0, 1.7),  # of a PSF, at one azimuth and height
-    "step": (2.3e4, 1.4e5),  # of a section, or a row of them
-    "transformed value": (0.03, 0.1),  # and doubling of the space
-    "spectrum value": (0, 8.7),  # weighed, filtered and summed
-    "patch pixel": (0, 0),  # added to the others
-    "tap": (0, 0.47),  # of a pixel's PSF
-    "row of taps": (0, 0),
-    "covered tap": (0.01, 0.93),  # of the pixels that any PSF covers
-    "mixed tap": (0.06, 0.7),  # of a PSF that is mixed from a table
-    "turned sample": (0.97, 43),  # of a PSF that is turned for one place
+    kernels.NUMPY: {
+        "wavelength": (3.6e6, 3.9e6),  # whatever its size
+        "picture pixel": (15, 60),  # distortion, relative illumination, joining the planes, cutting out the frame
+        "window sample": (20, 0),  # of a whole PSF: interpolated, trimmed, normalised
+        "table sample": (5.2, 72),  # of a PSF, at one azimuth, for all heights
+        "table pixel": (0.71, 0),  # of the square of a PSF, at one azimuth and height, mixed between wavelengths
+        "table tap": (0, 1.7),  # of a PSF, at one azimuth and height
+        "step": (2.3e4, 1.3e5),  # of a section, or a row of them
+        "transformed value": (0.03, 0.08),  # and doubling of the space
+        "spectrum value": (0, 8.9),  # weighed, filtered and summed
+        "covered tap": (0.01, 0.93),  # of a pixel's PSF, of those that the PSF of any height covers
+        "mixed tap": (0.07, 0.69),  # of a PSF that is mixed from a table
+        "turned sample": (0.97, 43),  # of a PSF that is turned for one place
+    },
+    COMPILED: {
+        "wavelength": (4.1e6, 6e6),
+        "picture pixel": (16, 27),
+        "window sample": (13, 0),
+        "table sample": (0, 12),
+        "table pixel": (4.6, 0),
+        "table tap": (4.7, 5.5),
+        "step": (3e4, 8.8e4),
+        "transformed value": (0.02, 0.5),
+        "spectrum value": (0, 3.5),
+        "tap": (0, 0.1),  # of a pixel's PSF, mixed and all
+        "turned sample": (0.93, 41),
+    },
 }
 REFERENCE_S, RUNS = 2.4e-4, 6  # of what `machine_factor` runs, there
 MEGABYTE = 1e6
 OF_SPECTRA, DOUBLE_SLOWNESS = {"transformed value", "spectrum value"}, 1.9  # of double precision
 PICTURES, TABLES = 6, 3  # of their size at once
-
-
 LOOKS, LOOK_AGAIN_S = 8, 1.0
 _looks: tuple[tuple[float, float], ...] = ()  # when, and what was found
 
@@ -65,7 +77,7 @@ def _look():
 
 
 def counts(work: Workload, plan: Plan) -> dict[str, float]:
-    """How much of each kind of work a plan comes to at one wavelength: a dict with keys of NANOSECONDS."""
+    """How much of each kind of work a plan comes to at one wavelength: a dict with names of NANOSECONDS."""
     azimuths = plan.method.azimuths
     turned = work.tables * azimuths * (1 if work.mirror_symmetric else 2)
     cells = 2 * work.planes.quarter_turns * azimuths * work.heights
@@ -79,16 +91,22 @@ def counts(work: Workload, plan: Plan) -> dict[str, float]:
 
 
 def nanoseconds(work: Workload, plan: Plan) -> float:
-    """Of a processor, at one wavelength, on the machine of the constants: what plans are chosen by, so that every
-    machine chooses the same."""
-    return sum(sum(NANOSECONDS[name]) * count for name, count in counts(work, plan).items())
+    """Of a processor, at one wavelength, on the machine of the constants, where the loops are compiled: what plans are
+    chosen by, so that every machine chooses the same."""
+    return sum(_alone_and_shared(work, plan, COMPILED))
 
 
 def seconds(work: Workload, plan: Plan) -> float:
-    """What one waits for a wavelength on this machine, with all its cores."""
-    threads = thread_count()
-    return machine_factor() * 1e-9 * sum((alone + shared / threads) * count for (alone, shared), count in (
-        (NANOSECONDS[name], count) for name, count in counts(work, plan).items()))
+    """What one waits for a wavelength on this machine, by what does its loops, on all its cores."""
+    alone, shared = _alone_and_shared(work, plan, kernels.NUMPY if kernels.running() == kernels.NUMPY else COMPILED)
+    return machine_factor() * 1e-9 * (alone + shared / thread_count())
+
+
+def _alone_and_shared(work, plan, loops):
+    """Nanoseconds of what one thread does, and of what all share. Compiled loops take single precision alone."""
+    own = NANOSECONDS[loops if plan.precision == "float32" else kernels.NUMPY]
+    done = counts(work, plan)
+    return [sum(of_one[thread] * done.get(name, 0) for name, of_one in own.items()) for thread in range(2)]
 
 
 def memory_mb(work: Workload, plan: Plan) -> float:
