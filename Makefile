@@ -1,6 +1,8 @@
 # make demo        render the sample scene and put it through a real lens
 # make test        all tests; BPY=4.5.15 runs the Blender tests on another Blender, SEED=1 renders with other noise;
 #                  TESTS=tests/addon/scene runs some of the Blender tests alone
+# make kernels     the engine's loops in C again, where their sources are newer (what tests or measures the engine does so, too);
+#                  LENSFIELD_KERNELS=numpy, base, avx2 or avx512 chooses what does the loops
 # make bench       what the engine takes, beside itself of before and the paper's method (ten minutes): build/bench
 # make bench-all   also the paper's pictures, what accuracy costs at length, and what a scene costs (an hour)
 # make validate    Cornell's box against Mitsuba 3, and lenses against rays traced through them (ten minutes)
@@ -38,23 +40,27 @@ TABLES = .venv-tables
 LINT = .venv-lint
 LOCK = packaging/lock-5.0.1.txt
 
-.PHONY: demo test test-engine test-blender ui-test bench bench-all validate extension bake test-bake bench-bake lenses lens-pictures tables bench-tables \
+.PHONY: demo kernels test test-engine test-blender ui-test bench bench-all validate extension bake test-bake bench-bake lenses lens-pictures tables bench-tables \
         lint lock
 
-demo: $(READY)
+demo: $(READY) kernels
+	@$(VENV)/bin/lensfield --version
 	$(VENV)/bin/lensfield render sample_scenes/evening_chess.blend --lens $(LENS) --wavelengths $(WAVELENGTHS) \
 	    --tier $(TIER) --output demo --report demo/report.json
 
 test: $(if $(filter 5.0.1,$(BPY)),test-engine) test-blender
 
-test-engine: $(READY)
+kernels: $(READY)
+	@$(VENV)/bin/python engine/kernels/build.py || true  # which has told that numpy does their work
+
+test-engine: $(READY) kernels
 	$(VENV)/bin/python -m $(if $(COVERAGE),coverage run -m )pytest -q tests --ignore=tests/addon --ignore=tests/engine/bake
 	$(if $(COVERAGE),@echo "lines of engine and commands run: $$($(VENV)/bin/python -m coverage report --format=total) %")
 
-test-blender: $(READY)
+test-blender: $(READY) kernels
 	$(VENV)/bin/python -m pytest -q $(TESTS)
 
-bench: $(READY)
+bench: $(READY) kernels
 	$(VENV)/bin/python benchmarks/bench.py build/bench
 
 bench-all: bench

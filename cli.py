@@ -11,7 +11,9 @@ import threading
 from . import __version__
 from .commands import apply, filter, lens, lint, render, serve, tradeoff
 from .commands.outcome import FAILURES
+from .engine.errors import InputError
 from .engine.files import remove_pending
+from .engine.kernels import running
 
 CANCELLED = 130
 
@@ -104,9 +106,18 @@ def _leave(status):
     os._exit(status)  # some of Blender's wheels crash while the interpreter exits, after all is done
 
 
+class _Version(argparse.Action):
+    def __call__(self, parser, *_):
+        try:
+            print(f"lensfield {__version__} (inner loops: {running()})")
+        except InputError as error:
+            parser.error(str(error))
+        parser.exit()
+
+
 def _parser():
     parser = argparse.ArgumentParser(prog="lensfield", description="Blender scenes through real lenses.")
-    parser.add_argument("--version", action="version", version=f"lensfield {__version__}")
+    parser.add_argument("--version", action=_Version, nargs=0, help="the version, and what does the engine's loops")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     for command in (render, apply, filter, tradeoff, lens, lint):
         command.add(commands)

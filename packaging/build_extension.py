@@ -1,10 +1,10 @@
-"""Build the extension zips that users install: the source tree plus the wheels that Blender does not bring.
+"""Build the extension zips that users install: the source tree, its loops compiled, and the wheels that Blender lacks.
 
     python packaging/build_extension.py FOLDER [PLATFORM ...]
 
-makes one zip for each platform. Each holds wheels for every Python that Blender 4.5 and later run on, those of Linux
-distributions too, because Blender refuses an extension whose wheels do not fit. numpy is never among them: Blender
-brings its own.
+makes one zip for each platform, by the cross compilers that CONTRIBUTING.md names. Each holds wheels for every Python
+that Blender 4.5 and later run on, those of Linux distributions too, because Blender refuses an extension whose wheels
+do not fit. numpy is never among them: Blender brings its own.
 """
 
 import re
@@ -16,7 +16,10 @@ from pathlib import Path
 
 import bpy
 
+from lensfield.engine.kernels import build as kernels
+
 ROOT = Path(__file__).resolve().parent.parent
+KERNELS = "engine/kernels/lib"
 REQUIREMENTS = ("scipy", "OpenEXR", "pillow", "PyYAML")
 PYTHONS = ("3.11", "3.13", "3.14")
 PLATFORMS = {
@@ -41,9 +44,10 @@ def download_wheels(folder, platform):
 
 
 def stage(folder, platform):
-    """A copy of the tree whose manifest names the platform and its wheels."""
+    """A copy of the tree with the loops of the platform alone, whose manifest names it and its wheels."""
     shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(".*", "__pycache__", "*.egg-info", "build", "dist",
-                                                                  "demo"))
+                                                                  "demo", Path(KERNELS).name))
+    kernels.build(folder / KERNELS, platform)
     download_wheels(folder / "wheels", platform)
     wheels = ",\n".join(f'  "./wheels/{path.name}"' for path in sorted((folder / "wheels").glob("*.whl")))
     manifest = folder / "blender_manifest.toml"
@@ -63,8 +67,11 @@ def build(output, platform):
 def main(arguments):
     output = Path(arguments[0]).resolve()
     output.mkdir(parents=True, exist_ok=True)
-    for platform in arguments[1:] or PLATFORMS:
-        build(output, platform)
+    try:
+        for platform in arguments[1:] or PLATFORMS:
+            build(output, platform)
+    except kernels.CompilerMissing as missing:
+        sys.exit(f"lensfield: no zip without its loops in C: {missing}")
 
 
 if __name__ == "__main__":

@@ -38,6 +38,11 @@ fi
 "$python" -c 'import ensurepip' 2>/dev/null ||
     install_packages "Python's venv module is missing" "python$version-venv"
 
+# The package's loops in C want a compiler; where there is none, and we may not install one, numpy does their work.
+if [ -z "${CC:-}" ] && [ "$(id -u)" = 0 ] && ! command -v cc >/dev/null && command -v apt-get >/dev/null; then
+    (install_packages "a C compiler is missing" gcc) || true
+fi
+
 "$python" -m venv "$venv"
 lock="packaging/lock-$2.txt"
 if [ -f "$lock" ] && [ "$(uname -sm)" = "Linux x86_64" ]; then

@@ -1,6 +1,6 @@
 """Compile the loops into a library that needs nothing else: for this machine, or for others.
 
-    python engine/kernels/build.py                      # for this machine, where Lensfield looks for it
+    python engine/kernels/build.py                      # for this machine, where Lensfield looks for it, if it is older
     python engine/kernels/build.py FOLDER PLATFORM ...  # for these platforms, by cross compilers: see COMPILERS
 
 It needs no more than Python and a C compiler (gcc or clang; CC names another), for `pip install` runs it before there
@@ -22,8 +22,7 @@ LIBRARY_FOLDER = HERE / "lib"
 
 LOOPS = ("spreading", "footprints", "turning")
 VARIANTS: dict[str, dict[str, tuple[int, list[str]]]] = {
-    "x64": {"base": (4, []), "avx2": (8, ["-mavx2", "-mfma"]),
-            "avx512": (16, ["-mavx512f", "-mavx512vl", "-mavx512dq", "-mfma"])},
+    "x64": {"base": (4, []), "avx2": (8, ["-mavx2"]), "avx512": (16, ["-mavx512f", "-mavx512vl", "-mavx512dq"])},
     "arm64": {"neon": (4, [])},
 }
 """Of each machine, from the simplest to the quickest: the floats that it takes at once, and its compiler's flags."""
@@ -38,6 +37,7 @@ COMPILERS = {
     "macos-arm64": "clang",
     "macos-x64": "clang",
 }
+"""Those that make another machine's library. Macs' also want LLVM's linker, lld."""
 
 
 class CompilerMissing(Exception):
@@ -58,9 +58,14 @@ def library_name(target: str) -> str:
 
 def sources_digest() -> str:
     """Tells a library from one of other sources; "" where they are not at hand."""
-    sources = sorted([*HERE.glob("*.[ch]")])
-    texts = "".join(f"{path.name}\n{path.read_text(encoding='utf-8')}" for path in sources)
+    sources = sorted(HERE.glob("*.[ch]"))
+    texts = "".join(path.read_text(encoding="utf-8") for path in [*sources, Path(__file__)])
     return hashlib.sha256(texts.encode()).hexdigest()[:16] if sources else ""
+
+
+def up_to_date(library: Path) -> bool:
+    """Whether a library is there, and made from the sources as they are."""
+    return library.is_file() and sources_digest().encode() in library.read_bytes()
 
 
 def build(folder: Path, target: str | None = None) -> Path:
@@ -141,17 +146,23 @@ exports:
 """
 
 
+def without(problem: Exception) -> str:
+    """What it means that `build` failed."""
+    if isinstance(problem, subprocess.CalledProcessError):
+        problem = CompilerMissing(f"{problem.cmd[0]} cannot compile them")
+    return f"no loops in C, numpy does their work: {problem}"
+
+
 def main(arguments: list[str]) -> int:
     """What the command line asks for; 1 and a line of text where a compiler is missing or fails."""
     folder = Path(arguments[0]).resolve() if arguments else LIBRARY_FOLDER
+    if not arguments and up_to_date(folder / library_name(this_platform())):
+        return 0
     try:
         for target in arguments[1:] or [this_platform()]:
             print(build(folder, target))
-    except CompilerMissing as missing:
-        print(f"lensfield: no C loops, numpy does their work: {missing}", file=sys.stderr)
-        return 1
-    except subprocess.CalledProcessError as failed:
-        print(f"lensfield: no C loops, numpy does their work: {failed.cmd[0]} could not compile them", file=sys.stderr)
+    except (CompilerMissing, subprocess.CalledProcessError) as problem:
+        print(f"lensfield: {without(problem)}", file=sys.stderr)
         return 1
     return 0
 

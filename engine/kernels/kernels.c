@@ -47,7 +47,7 @@ int lf_runs_here(int n)
 {
     if (n == 0) return 1;
     if (!within(n, 1, VARIANTS - 1) || cpuid(0).a < 7) return 0;
-    if (!has(cpuid(1).c, BIT(27) | BIT(28) | BIT(12))) return 0; /* OSXSAVE, AVX, FMA */
+    if (!has(cpuid(1).c, BIT(27) | BIT(28))) return 0; /* OSXSAVE, AVX */
     unsigned kept, high; /* the registers that the system keeps for each thread: it may be older than the processor */
     __asm__ volatile("xgetbv" : "=a"(kept), "=d"(high) : "c"(0));
     const unsigned features = cpuid(7).b;

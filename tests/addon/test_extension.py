@@ -1,6 +1,8 @@
 """The tree as a Blender extension: built and checked by Blender's own tool, installed, enabled and used."""
 
+import importlib.util
 import os
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -9,6 +11,7 @@ from pathlib import Path
 import bpy
 import pytest
 
+from lensfield.engine.kernels import build as kernels
 from places import ROOT
 
 TOOL = Path(bpy.utils.resource_path("LOCAL")) / "scripts" / "addons_core" / "bl_pkg" / "cli" / "blender_ext.py"
@@ -69,3 +72,29 @@ def test_package_installs_enables_and_renders(package, tmp_path):
     assert (tmp_path / "out" / "Scene_0001_lens_image.exr").is_file()
     plans = tmp_path / "user" / "extensions" / ".user" / "user_default" / "lensfield" / "cache" / "plans"
     assert list(plans.iterdir())
+
+
+@pytest.fixture
+def build_extension(monkeypatch):
+    """packaging/build_extension.py, which brings no wheels: they would be downloaded."""
+    spec = importlib.util.spec_from_file_location("build_extension", ROOT / "packaging" / "build_extension.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    monkeypatch.setattr(module, "download_wheels", lambda folder, platform: None)
+    return module
+
+
+@pytest.mark.parametrize("platform", ["linux-x64", "windows-x64", "macos-arm64"])
+def test_a_zip_gets_the_loops_of_its_own_platform_alone(platform, build_extension, tmp_path):
+    try:
+        build_extension.stage(tmp_path / "lensfield", platform)
+    except kernels.CompilerMissing as missing:
+        pytest.skip(str(missing))
+    assert [path.name for path in tmp_path.rglob("kernels-*")] == [kernels.library_name(platform)]
+
+
+def test_no_zip_is_made_without_its_loops(build_extension, monkeypatch, tmp_path):
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    with pytest.raises(SystemExit, match="no zip without its loops in C: x86_64-w64-mingw32-gcc is not installed"):
+        build_extension.main([str(tmp_path), "windows-x64"])
+    assert not list(tmp_path.glob("*.zip"))

@@ -1,0 +1,166 @@
+"""The library of loops: how it is made, found, refused and chosen."""
+
+import multiprocessing
+import os
+import re
+import shutil
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from lensfield import cli
+from lensfield.engine.errors import InputError
+from lensfield.engine.kernels import TurnableSamples, available, build, library, running, turn, using
+from lensfield.engine.kernels.footprints import LARGEST_FOOTPRINT_PX
+from lensfield.engine.kernels.spreading import LONGEST, SLACK
+from places import ROOT
+
+HERE = build.this_platform()
+needs_library = pytest.mark.skipif(len(available()) < 2, reason="no library of the loops: no compiler")
+
+
+@pytest.fixture(autouse=True)
+def nothing_asked(monkeypatch):
+    monkeypatch.delenv(library.VARIABLE, raising=False)
+
+
+@pytest.fixture
+def found_anew(monkeypatch):
+    """As if nobody had looked for the library before, and after the test again."""
+    library.loaded.cache_clear()
+    yield
+    monkeypatch.undo()
+    library.loaded.cache_clear()
+
+
+def compiled(folder, target=HERE):
+    """The library of a platform; skips the test where there is no compiler for it."""
+    try:
+        return build.build(folder, target)
+    except build.CompilerMissing as missing:
+        pytest.skip(str(missing))
+
+
+def test_the_quickest_runs_where_nothing_is_asked():
+    assert available()[0] == "numpy" and running() == available()[-1]
+
+
+@pytest.mark.parametrize("name", available())
+def test_another_one_is_asked_for_by_a_variable(name, monkeypatch):
+    monkeypatch.setenv("LENSFIELD_KERNELS", name)
+    assert running() == name
+
+
+@pytest.mark.parametrize("name", ["mmx", "AVX2", "numpy "])
+def test_what_cannot_be_is_one_line_at_first_use(name):
+    code = ("import lensfield.engine.kernels as kernels, lensfield.engine.errors as errors\n"
+            "try: kernels.running()\nexcept errors.InputError as error: print(error)")
+    done = subprocess.run([sys.executable, "-c", code], env=os.environ | {"LENSFIELD_KERNELS": name},
+                          capture_output=True, text=True, check=True)
+    assert done.stdout == f"environment: LENSFIELD_KERNELS is {name}: this machine has {', '.join(available())}\n"
+
+
+@pytest.mark.parametrize("name, status, told", [("numpy", 0, "(inner loops: numpy)"),
+                                                ("mmx", 2, "LENSFIELD_KERNELS is mmx")])
+def test_the_command_says_what_runs(name, status, told, monkeypatch, capsys):
+    monkeypatch.setenv("LENSFIELD_KERNELS", name)
+    assert cli.main(["--version"]) == status
+    assert told in "".join(capsys.readouterr())
+
+
+def test_another_one_is_used_as_long_as_asked():
+    before = running()
+    with using("numpy"):
+        assert running() == "numpy"
+    assert running() == before
+    with pytest.raises(InputError, match="this machine has numpy"), using("mmx"):
+        pass
+
+
+def test_without_a_library_numpy_runs(found_anew, monkeypatch, tmp_path, recwarn):
+    monkeypatch.setattr(library, "LIBRARY_FOLDER", tmp_path)
+    assert available() == ("numpy",) and running() == "numpy" and not recwarn
+
+
+@needs_library
+@pytest.mark.parametrize("what, value", [("sources_digest", lambda: "of other sources"), ("ABI", 0)])
+def test_a_library_of_other_sources_is_not_used(what, value, found_anew, monkeypatch):
+    monkeypatch.setattr(library, what, value)
+    with pytest.warns(RuntimeWarning, match="made from other sources: numpy does its work"):
+        assert available() == ("numpy",)
+
+
+@needs_library
+def test_where_there_are_no_sources_the_library_is_of_this_package(found_anew, monkeypatch):
+    monkeypatch.setattr(library, "sources_digest", lambda: "")
+    assert len(available()) > 1
+
+
+def test_what_is_no_library_is_told(found_anew, monkeypatch, tmp_path):
+    (tmp_path / build.library_name(HERE)).write_bytes(b"no library")
+    monkeypatch.setattr(library, "LIBRARY_FOLDER", tmp_path)
+    with pytest.warns(RuntimeWarning, match="cannot be loaded"):
+        assert available() == ("numpy",)
+
+
+@pytest.mark.parametrize("target", build.COMPILERS)
+def test_the_same_sources_make_the_same_bytes_wherever_they_lie(target, tmp_path):
+    elsewhere = tmp_path / "else where"
+    elsewhere.mkdir()
+    for path in (*build.HERE.glob("*.[ch]"), build.HERE / "build.py"):
+        shutil.copy(path, elsewhere)
+    made = compiled(tmp_path / "here", target).read_bytes()
+    environment = {name: value for name, value in os.environ.items() if name != "CC"} | {"TMPDIR": str(tmp_path)}
+    subprocess.run([sys.executable, elsewhere / "build.py", tmp_path / "there", target], check=True, env=environment)
+    assert (tmp_path / "there" / build.library_name(target)).read_bytes() == made
+    assert not [place for place in (tmp_path, ROOT, os.path.expanduser("~")) if str(place).encode() in made]
+    assert b"GLIBC" not in made and build.sources_digest().encode() in made
+
+
+def test_a_build_is_up_to_date_until_its_sources_change(tmp_path, monkeypatch):
+    made = compiled(tmp_path)
+    assert build.up_to_date(made) and not build.up_to_date(tmp_path / "nothing")
+    monkeypatch.setattr(build, "sources_digest", lambda: "0" * 16)
+    assert not build.up_to_date(made)
+
+
+@pytest.mark.parametrize("compiler, problem", [("/no/where/cc -O2", "/no/where/cc -O2 is not installed"),
+                                               ("false", "false cannot compile them")])
+def test_a_missing_compiler_is_one_line(compiler, problem, monkeypatch, tmp_path, capfd):
+    monkeypatch.setenv("CC", compiler)
+    assert build.main([str(tmp_path)]) == 1
+    assert capfd.readouterr().err == f"lensfield: no loops in C, numpy does their work: {problem}\n"
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_platform_that_nobody_knows_has_no_loops(tmp_path):
+    with pytest.raises(build.CompilerMissing, match="plan9-mips"):
+        build.build(tmp_path, "plan9-mips")
+
+
+def test_python_and_c_have_the_same_numbers():
+    header = (build.HERE / "kernels.h").read_text()
+    numbers = {name: int(value) for name, value in re.findall(r"#define (LF_\w+) (\d+)", header)}
+    assert {"LF_ABI": library.ABI, "LF_LONGEST": LONGEST, "LF_SLACK": SLACK,
+            "LF_LARGEST_FOOTPRINT": LARGEST_FOOTPRINT_PX}.items() <= numbers.items()
+
+
+def turned(_=None):
+    random = np.random.default_rng(1)
+    samples = TurnableSamples.of(random.random((9, 500)), *random.uniform(-5, 5, (2, 500)), 0.3)
+    return turn(samples, 0.4, 21)
+
+
+@needs_library
+def test_threads_and_forked_processes_may_call_at_once():
+    expected = turned()
+    with ThreadPoolExecutor(8) as pool:
+        for result in pool.map(turned, range(64)):
+            np.testing.assert_array_equal(result, expected)
+    if "fork" in multiprocessing.get_all_start_methods():
+        with multiprocessing.get_context("fork").Pool(2) as pool:
+            for result in pool.map(turned, range(4)):
+                np.testing.assert_array_equal(result, expected)
