@@ -39,7 +39,7 @@ class Channel:
         self._plan, self._table = plan, table
         bank = PsfBank.of(optics, capture.pitch_um).trimmed(plan.psf_energy, plan.psf_radius_px)
         self._psfs = PlacedPsfs(bank, self.field, self.planes)
-        self.kept = memory.take(bank.nbytes + (table.nbytes if table else 0))
+        self.kept = memory.take(bank.nbytes + self.field.nbytes + (table.nbytes if table else 0))
         memory = memory if self.kept else MemoryBudget(0)
         self._ideal = IdealImage(lens, self.field, optics.transmittance, capture, self.planes, memory=memory,
                                  vignette=plan.out_of_field == "vignette", precision=plan.precision)

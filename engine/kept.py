@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from . import kernels
 from .channel import Channel
 from .field.psf_table import PsfTables
 from .image.spectral_image import SpectralImage
@@ -44,7 +45,7 @@ class Kept:
 
     def channels(self, lens: Lens, radiance: SpectralImage, plan: Plan) -> Iterator[Channel]:
         """Each wavelength's way through the lens, one after another."""
-        of = lens, tuple(radiance.wavelengths_nm), radiance.grid, plan
+        of = lens, tuple(radiance.wavelengths_nm), radiance.grid, plan, kernels.running()
         if of != self._of:  # what was kept is of no more use
             self._of, self._memory, self._channels = of, MemoryBudget(self._limit_bytes), {}
         grid = radiance.grid.finer(plan.supersampling)

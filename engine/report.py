@@ -71,6 +71,8 @@ class LensImageFacts:
     out_of_field_fraction : float
         Of the frame, that lies farther from the axis than the lens data.
     fireflies_clamped : int
+    loops : str
+        What did them: "numpy", or compiled ones for so new a processor.
     """
 
     lens: str
@@ -82,6 +84,7 @@ class LensImageFacts:
     energy: Energy
     out_of_field_fraction: float
     fireflies_clamped: int
+    loops: str
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from . import kernels
 from .errors import ImageError
 from .image.nonfinite import clamp_fireflies, refuse_fireflies
 from .image.pixel_grid import PLANE
@@ -117,4 +118,4 @@ class _Tally:
         fits = tuple(WavelengthFacts(float(nm), *fits)
                      for nm, fits in zip(radiance.wavelengths_nm, self._fits, strict=True))
         return LensImageFacts(lens.name, plan, radiance.pitch_um, radiance.frame_px, radiance.overscan_px, fits,
-                              Energy(*flux.tolist()), self._out_of_field, self._clamped)
+                              Energy(*flux.tolist()), self._out_of_field, self._clamped, kernels.running())

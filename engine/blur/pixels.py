@@ -12,10 +12,12 @@ from itertools import pairwise
 
 import numpy as np
 
+from .. import kernels
 from ..field.psf_bank import PlacedPsfs
-from ..field.psf_table import PsfTable
+from ..field.psf_table import PsfCells, PsfTable, TurnedPsfs
 from ..memory import MemoryBudget
 from .method import AZIMUTHS, SECTION_SIZE, Method, Place, Workload
+from .packed_pixels import PackedPixels, PackedPsfs
 from .section_needs import SectionNeeds
 
 RUN_VALUES = 1 << 21  # of the PSFs of a run of sections
@@ -52,9 +54,16 @@ class Pixels(Method):
     def kept_values(self, work: Workload) -> float:
         return RUN_VALUES * 3 / 2
 
-    def spreader(self, psfs: PlacedPsfs, table: PsfTable | None, psf_radius_px: int,
-                 memory: MemoryBudget) -> "PixelSections":
-        assert table is not None  # as every method with azimuths is given one
+    def table(self, turned: TurnedPsfs) -> PsfCells:
+        """Packed for the compiled loops, where there are any: they take single precision."""
+        if turned.psfs.dtype == np.float32 and kernels.running() != kernels.NUMPY:
+            return PackedPsfs(turned)
+        return PsfTable(turned)
+
+    def spreader(self, psfs: PlacedPsfs, table: PsfTable | PackedPsfs, psf_radius_px: int,
+                 memory: MemoryBudget) -> "PixelSections | PackedPixels":
+        if isinstance(table, PackedPsfs):
+            return PackedPixels(self.section_size, table, psfs)
         return PixelSections(self.section_size, psf_radius_px, table, psfs.place, memory)
 
 

@@ -1,15 +1,15 @@
 """The ideal image: what the lens lays on the sensor before any blur, by distortion and illumination (Eq. 2)."""
 
-
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .. import kernels
 from ..image.irradiance import irradiance_per_radiance
 from ..image.pixel_grid import PixelGrid
 from ..memory import MemoryBudget
 from ..threads import thread_pool
-from .distortion import RIM_PX, FieldGeometry, footprints
+from .distortion import RIM_PX, FieldGeometry, footprints, squeeze
 from .mirror_symmetry import Planes
 from .overscan import capture_radius
 
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from ..lens.lens import Lens
 
 BAND_PIXELS = 1 << 16  # worked on at once
+CURVE_SAMPLES = 1 << 13  # linear interpolation between them is good to 3e-9 of the field
+ROUNDING = 1e-9  # of heights
 
 
 class IdealImage:
@@ -36,7 +38,7 @@ class IdealImage:
         Whether pixels beyond the last field height stay black; else its relative illumination is held.
     precision : "float32" or "float64"
     memory : MemoryBudget
-        For footprints, to keep them for the next picture.
+        For footprints and curves, to keep them for the next picture.
     """
 
     def __init__(self, lens: "Lens", field: FieldGeometry, transmittance: float, capture: PixelGrid, planes: Planes, *,
@@ -45,12 +47,14 @@ class IdealImage:
         self._per_radiance = irradiance_per_radiance(transmittance, lens.f_number_effective)
         self._capture_radius = capture_radius(capture.projection, lens)
         self._capture, self._planes = Planes(capture, planes.folded), planes
-        self._last_height_mm = lens.heights_mm[-1] if vignette else np.inf
+        self._last_height_mm = lens.heights_mm[-1] * (1 + ROUNDING) if vignette else np.inf
         self._precision, self._memory = precision, memory
-        self._bands = {}
+        self._bands, self._curves = {}, None
 
     def irradiance(self, radiance: np.ndarray) -> np.ndarray:
         """Irradiance of a plane of radiance where the lens puts it: array (plane, row, column) of `planes`."""
+        if self._compiled:
+            return self._by_kernels(radiance.astype(np.float32, copy=False))
         capture = self._capture.split(radiance, RIM_PX)
         x_mm, y_mm = self._planes.grid.axes_mm()
         ideal = np.empty((len(capture), y_mm.size, x_mm.size), self._precision)
@@ -63,6 +67,40 @@ class IdealImage:
         with thread_pool() as pool:
             list(pool.map(work, (slice(top, min(top + step, y_mm.size)) for top in range(0, y_mm.size, step))))
         return ideal
+
+    @property
+    def _compiled(self):
+        return self._precision == "float32" and kernels.running() != kernels.NUMPY
+
+    def _by_kernels(self, radiance):
+        """As `irradiance`, with all geometry looked up over the distance from the axis."""
+        ideal = np.empty((self._planes.count, *self._planes.grid.shape_px), np.float32)
+        geometry, views, centre_px = self._geometry(), self._planes.views(radiance), self._capture.picture.centre_px
+
+        def work(rows):
+            kernels.footprints(geometry, views, centre_px, rows, ideal)
+
+        step = max(1, BAND_PIXELS // ideal.shape[2])
+        with thread_pool() as pool:
+            list(pool.map(work, (slice(top, top + step) for top in range(0, ideal.shape[1], step))))
+        return ideal
+
+    def _geometry(self):
+        """The geometry as curves, of which one sample lies where the lens data end and curves may bend."""
+        if self._curves:
+            return self._curves
+        pitch_mm, far_px = self._capture.picture.pitch_um * 1e-3, self._planes.grid.farthest_px
+        inside_px = min(self._field.last_real_mm / pitch_mm, far_px)
+        per_px = np.ceil(CURVE_SAMPLES * inside_px / far_px) / inside_px
+        real_mm = np.arange(np.ceil(far_px * per_px) + 1) * (pitch_mm / per_px)
+        height_mm, tangential, radial = squeeze(real_mm, self._field, self._capture_radius)
+        curves = kernels.RadialGeometry.of(
+            self._planes.grid.centre_px, per_px, tangential, radial,
+            self._per_radiance * self._field.relative_illumination(height_mm),
+            self._field.real_height_mm(self._last_height_mm) / pitch_mm)
+        if self._memory.take(curves.nbytes):
+            self._curves = curves
+        return curves
 
     def _band(self, rows, x_mm, y_mm):
         """Footprints of a band of rows, and irradiance per radiance in it."""

@@ -71,6 +71,11 @@ class Planes:
         return PixelGrid((-(-rows // 2), -(-columns // 2)), self.picture.pitch_um,
                          (0.0 if rows % 2 else -0.5, 0.0 if columns % 2 else -0.5))
 
+    def views(self, picture: np.ndarray) -> list[np.ndarray]:
+        """The whole picture as each plane sees it, its rows running away from the axis, and so its columns."""
+        turned = [picture, picture[::-1], picture[:, ::-1], picture[::-1, ::-1]]
+        return turned[:self.count]
+
     def split(self, picture: np.ndarray, rim_px: int = 0) -> np.ndarray:
         """The planes of a picture: array (plane, row, column).
 
@@ -80,9 +85,7 @@ class Planes:
         if not self.folded:
             return framed[None]
         rows, columns = (slice(n // 2 - rim_px, None) for n in framed.shape)
-        mirrored = framed[::-1]
-        return np.stack([framed[rows, columns], mirrored[rows, columns],
-                         framed[:, ::-1][rows, columns], mirrored[:, ::-1][rows, columns]])
+        return np.stack([view[rows, columns] for view in self.views(framed)])
 
     def without_doubles(self, planes: np.ndarray) -> np.ndarray:
         """The planes, in place, with their middle lines left to the right and lower ones alone."""

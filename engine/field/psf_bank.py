@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import sparse
 
+from .. import kernels
 from .distortion import FieldGeometry
 from .mirror_symmetry import Planes, mirror_symmetric
 
@@ -158,6 +159,8 @@ class PsfBank:
         The heights share the geometry, which makes this some times faster than `psfs`.
         """
         azimuth_rad, size, samples = np.asarray(azimuth_rad), 2 * self.radius_px + 1, self.v_px.size
+        if kernels.running() != kernels.NUMPY:
+            return np.moveaxis(kernels.turn(self._turnable, azimuth_rad, size), 3, 1)
         result = np.empty((azimuth_rad.size, self.heights_mm.size, size * size))
         step = max(1, BATCH_SAMPLES // 4 // samples)  # four pixels for each sample
         for start in range(0, azimuth_rad.size, step):
@@ -169,6 +172,10 @@ class PsfBank:
                                             (len(part) * size * size, samples))
             part[:] = (onto_pixels @ self.samples.T).reshape(len(part), size * size, -1).swapaxes(1, 2)
         return result.reshape(*result.shape[:2], size, size)
+
+    @cached_property
+    def _turnable(self):
+        return kernels.TurnableSamples.of(self.samples, self.v_px, self.u_px, self.sample_size_px)
 
     def mean_distance_px(self) -> float:
         """How far from the chief ray light lies on the mean, at the height where that is farthest."""

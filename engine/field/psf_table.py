@@ -29,7 +29,7 @@ class TurnedPsfs:
 
     Attributes
     ----------
-    psfs : array (azimuth, height, pixel)
+    psfs : array (height, azimuth, pixel)
         Those that were turned, in squares of 2 radius_px + 1; behind the pixels of each there is a black one.
     mirrored : bool
         Whether they go up to 45 degrees, both ends included, and are mirrored there; or up to 90 without the end.
@@ -51,7 +51,7 @@ class TurnedPsfs:
     @property
     def azimuths(self) -> int:
         """Of a table: clockwise from 0, both ends included."""
-        return sum(len(self.psfs[own]) for own, _ in self._parts)
+        return sum(self.psfs[0, own, 0].size for own, _ in self._parts)
 
     @cached_property
     def _parts(self):
@@ -69,31 +69,33 @@ class TurnedPsfs:
         if not self.mirrored:
             return self
         own, found_at = self._parts[1]
-        return replace(self, psfs=np.concatenate([self.psfs, self.psfs[own][..., found_at]]), mirrored=False)
+        return replace(self, psfs=np.concatenate([self.psfs, self.psfs[:, own][..., found_at]], axis=1), mirrored=False)
 
     def taps(self, heights: slice, pixels: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
-        """These pixels of a table's PSFs of some heights: array (azimuth, height, tap)."""
+        """These pixels of a table's PSFs of some heights: array (height, azimuth, tap)."""
+        psfs = self.psfs[heights]
         if out is None:
-            out = np.empty((self.azimuths, self.heights_mm[heights].size, pixels.size), self.psfs.dtype)
-        into = iter(out)
+            out = np.empty((len(psfs), self.azimuths, pixels.size), psfs.dtype)
+        start = 0
         for own, found_at in self._parts:
-            found = found_at[pixels]
-            for psfs in self.psfs[own]:
-                np.take(psfs[heights], found, axis=1, out=next(into), mode="clip")  # the mode that needs no copy
+            stop, found = start + psfs[0, own, 0].size, found_at[pixels]
+            for of_height, into in zip(psfs[:, own], out[:, start:stop], strict=True):
+                np.take(of_height, found, axis=1, out=into, mode="clip")  # the mode that needs no copy
+            start = stop
         return out
 
     def reached(self) -> np.ndarray:
         """Whether any of a table's PSFs of a height reaches a pixel: bool array (height, pixel)."""
-        own = np.any(self.psfs, axis=0)
+        own = np.any(self.psfs, axis=1)
         return np.any([own[:, found_at[:-1]] for _, found_at in self._parts], axis=0)
 
     def offsets_px(self) -> np.ndarray:
         """How far the light of a table's PSFs lies from the chief ray on the mean, downwards and to the right: array
-        (azimuth, height, 2)."""
+        (height, azimuth, 2)."""
         own_px = np.indices((self.side, self.side)).reshape(2, -1).T - self.side // 2
         places_px = np.concatenate([own_px[np.argsort(found_at[:-1])] for _, found_at in self._parts], axis=1)
         every = self.psfs[..., :-1] @ places_px.astype(self.psfs.dtype)
-        return np.concatenate([every[own, :, 2 * k:2 * k + 2] for k, (own, _) in enumerate(self._parts)])
+        return np.concatenate([every[:, own, 2 * k:2 * k + 2] for k, (own, _) in enumerate(self._parts)], axis=1)
 
 
 class PsfCells:
@@ -104,14 +106,15 @@ class PsfCells:
     heights_mm : array (height,)
     azimuths : int
         From 0 clockwise, both ends included.
-    azimuths_per_rad : float
+    quarter_turns : int
+        Over which they go.
     radius_px : int
         Of the PSFs.
     """
 
     def __init__(self, turned: TurnedPsfs) -> None:
         self.heights_mm, self.azimuths, self.radius_px = turned.heights_mm, turned.azimuths, turned.side // 2
-        self.azimuths_per_rad = (self.azimuths - 1) / (np.pi / 2 * turned.quarter_turns)
+        self.quarter_turns = turned.quarter_turns
         self._offsets_px = turned.offsets_px().reshape(-1, 2)
 
     @property
@@ -122,17 +125,17 @@ class PsfCells:
     def corners(self, paraxial_height_mm: np.ndarray, azimuth_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The four nodes of the table around places, and their weights: int and float arrays (4, place).
 
-        Nodes are numbered azimuth by azimuth. Weights are 0 to 1 and sum to 1.
+        Nodes are numbered height by height. Weights are 0 to 1 and sum to 1.
         """
         heights, precision = self.heights_mm.size, self._offsets_px.dtype
         height = np.interp(paraxial_height_mm, self.heights_mm, np.arange(heights))
-        azimuth = (-azimuth_rad % (2 * np.pi)) * self.azimuths_per_rad
+        azimuth = (-azimuth_rad % (2 * np.pi)) * ((self.azimuths - 1) / (np.pi / 2 * self.quarter_turns))
         below = np.minimum(height.astype(np.intp), heights - 2)
         before = np.minimum(azimuth.astype(np.intp), self.azimuths - 2)
         up, on = (height - below).astype(precision), (azimuth - before).astype(precision)
-        first = before * heights + below
-        return (np.stack([first, first + 1, first + heights, first + heights + 1]),
-                np.stack([(1 - up) * (1 - on), up * (1 - on), (1 - up) * on, up * on]))
+        first = below * self.azimuths + before
+        return (np.stack([first, first + 1, first + self.azimuths, first + self.azimuths + 1]),
+                np.stack([(1 - up) * (1 - on), (1 - up) * on, up * (1 - on), up * on]))
 
     def mean_offsets_px(self, paraxial_height_mm: np.ndarray, azimuth_rad: np.ndarray) -> np.ndarray:
         """How far light lies from the chief ray on the mean, downwards and to the right: array (2, place)."""
@@ -145,7 +148,7 @@ class PsfTable(PsfCells):
 
     Attributes
     ----------
-    table : array (azimuth, height, tap)
+    table : array (height, azimuth, tap)
     rows, columns : int arrays (tap,)
         Where the taps lie in the square of 2 radius_px + 1: the pixels that some PSF reaches.
     """
@@ -240,11 +243,11 @@ class PsfTables:
         bank = PsfBank.of(self._lens.at_wavelength(wavelength_nm), self._pitch_um).trimmed(
             self._psf_energy, self._radius_px)
         own = self._azimuths + 1 if bank.mirror_symmetric else 2 * self._azimuths
-        psfs = np.zeros((own, bank.heights_mm.size, (2 * bank.radius_px + 1) ** 2 + 1), self._precision)
+        psfs = np.zeros((bank.heights_mm.size, own, (2 * bank.radius_px + 1) ** 2 + 1), self._precision)
 
         def turn(part):
             turned = bank.at_table_heights(-np.arange(own)[part] * (np.pi / 4 / self._azimuths))
-            psfs[part, :, :-1] = turned.reshape(*turned.shape[:2], -1)
+            psfs[:, part, :-1] = turned.swapaxes(0, 1).reshape(psfs.shape[0], -1, psfs.shape[2] - 1)
 
         with thread_pool() as pool:
             list(pool.map(turn, (slice(first, first + PORTION) for first in range(0, own, PORTION))))

@@ -78,6 +78,13 @@ class PixelGrid:
         """Whether the optical axis meets the middle, so that four mirrored quadrants share all of the optics."""
         return all(abs(centre - (n - 1) / 2) < 1e-9 for centre, n in zip(self.centre_px, self.shape_px, strict=True))
 
+    @property
+    def farthest_px(self) -> float:
+        """From the axis to the farthest corner of a pixel."""
+        down, right = (max(centre + 0.5, n - 0.5 - centre)
+                       for n, centre in zip(self.shape_px, self.centre_px, strict=True))
+        return float(np.hypot(down, right))
+
     def frame(self) -> "PixelGrid":
         """The sensor's frame alone."""
         return self.cropped(self.overscan_px)

@@ -96,7 +96,7 @@ static int table_fits(const lf_table *t, int64_t azimuths)
 int64_t lf_spread_work(int64_t pieces, int64_t columns)
 {
     if (!within(pieces, 0, MOST) || !within(columns, 1, MOST_PX)) return 0;
-    return 8 * pieces + 16 * (columns + 4) + 64 + 16 * (LF_PORTION * 8 + LF_SLACK); /* as laid_out in spreading.c has it */
+    return 8 * pieces + 24 * (columns + 4) + 64 + 16 * (LF_PORTION * 8 + LF_SLACK); /* as laid_out in spreading.c has it */
 }
 
 int lf_spread(int variant, const lf_places *places, const lf_table *t, const lf_picture *light,
@@ -106,9 +106,11 @@ int lf_spread(int variant, const lf_places *places, const lf_table *t, const lf_
         || (light->planes != 1 && light->planes != 4) || out->planes != light->planes)
         return LF_BAD_SIZE;
     if (!within(places->samples, 1, MOST_PX) || !within(places->heights, 2, 1 << 15)
-        || !within(places->azimuths, 2, 1 << 15) || t->intervals != places->heights - 1 || !within(t->pieces, 0, MOST)
-        || !table_fits(t, places->azimuths))
+        || !within(places->azimuths, 2, 1 << 15) || !within(places->quarter_steps, 1, 1 << 15)
+        || t->intervals != places->heights - 1 || !within(t->pieces, 0, MOST) || !table_fits(t, places->azimuths))
         return LF_BAD_SIZE;
+    for (int64_t n = 0; n <= places->samples; n++)
+        if (!within(places->interval[n], 0, places->heights - 2)) return LF_BAD_SIZE;
     if (out->rows < end_row - first_row + t->side - 1 || out->columns < light->columns + t->side - 1 + LF_SLACK)
         return LF_BAD_SIZE;
     if (!within(sections->size_px, 1, MOST_PX) || !within(sections->rows, 1, MOST_PX) ||
@@ -118,13 +120,14 @@ int lf_spread(int variant, const lf_places *places, const lf_table *t, const lf_
     return variants[variant].spread(places, t, light, sections, first_row, end_row, out, work);
 }
 
-int lf_footprints(int variant, const lf_geometry *lens, const lf_picture *capture, double centre_row,
-                  double centre_column, int64_t first_row, int64_t end_row, const lf_picture *out)
+int lf_footprints(int variant, const lf_geometry *lens, const lf_capture *capture, int64_t first_row, int64_t end_row,
+                  const lf_picture *out)
 {
-    if (!within(variant, 0, VARIANTS - 1) || !fits(capture) || capture->rows < 1 || !fits(out)
-        || !has_rows(out, first_row, end_row) || capture->planes != out->planes || !within(lens->samples, 1, MOST_PX))
+    if (!within(variant, 0, VARIANTS - 1) || !within(capture->planes, 1, 4) || !within(capture->rows, 1, MOST_PX)
+        || !within(capture->columns, 1, MOST_PX) || !fits(out) || !has_rows(out, first_row, end_row)
+        || capture->planes != out->planes || !within(lens->samples, 1, MOST_PX))
         return LF_BAD_SIZE;
-    return variants[variant].footprints(lens, capture, centre_row, centre_column, first_row, end_row, out);
+    return variants[variant].footprints(lens, capture, first_row, end_row, out);
 }
 
 int lf_turn(int variant, const lf_samples *samples, double cosine, double sine, int64_t side, double *out)

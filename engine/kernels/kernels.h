@@ -14,7 +14,7 @@
 #define LENSFIELD_KERNELS_H
 #include <stdint.h>
 
-#define LF_ABI 1
+#define LF_ABI 2
 
 enum { LF_OUTSIDE = 1, LF_BAD_SIZE = 2 };
 
@@ -39,13 +39,15 @@ typedef struct { /* a stack of planes; the pixels of a row lie side by side */
 typedef struct { /* where among the heights and azimuths of a table the pixels of a picture lie */
     double centre_row, centre_column; /* of the axis */
     double samples_per_px;
-    const float *height; /* (samples + 1): place among the heights, over the distance from the axis */
-    int64_t samples, heights, azimuths;
-    double azimuths_per_rad; /* clockwise from the right */
+    const double *paraxial;  /* (samples + 1): paraxial height, over the distance from the axis */
+    const int32_t *interval; /* (samples + 1): the last of the heights that is no larger; no two are passed in a step */
+    const double *height;    /* (heights): those of the table */
+    int64_t samples, heights;
+    int64_t azimuths, quarter_steps; /* clockwise from the right, both ends included; steps in a quarter turn */
 } lf_places;
 
 typedef struct {         /* PSFs, in pieces: see spreading.c */
-    const float *taps;   /* from begin[interval]: (azimuth, 2 heights, length[interval]) */
+    const float *taps;   /* from begin[interval]: (2 heights, azimuth, length[interval]) */
     int64_t size, side;  /* of all taps; of the square of pixels that PSFs lie in */
     int64_t intervals;   /* between two heights */
     const int64_t *begin, *length, *first_piece; /* (interval) */
@@ -70,10 +72,18 @@ typedef struct { /* the lens's geometry over the distance from the axis */
     double centre_row, centre_column, samples_per_px;
     const double *curves; /* (samples + 1, 3): ideal per real distance, the slope of that, and a factor on light */
     int64_t samples;
+    double last_px;       /* the distance beyond which all is black */
 } lf_geometry;
 
-typedef int lf_footprints_loop(const lf_geometry *, const lf_picture *capture, double centre_row, double centre_column,
-                               int64_t first_row, int64_t end_row, const lf_picture *out);
+typedef struct { /* a capture, as the planes of a folded picture see it: some of its rows and columns run backwards */
+    const float *first[4];        /* (plane): where the first row and column begin */
+    int64_t row_step[4], step[4]; /* (plane): to the next row, to the next column */
+    int64_t planes, rows, columns;
+    double centre_row, centre_column; /* of the axis, in all planes */
+} lf_capture;
+
+typedef int lf_footprints_loop(const lf_geometry *, const lf_capture *, int64_t first_row, int64_t end_row,
+                               const lf_picture *out);
 
 /* turning */
 
@@ -96,7 +106,7 @@ LF_API int lf_runs_here(int variant);   /* whether this processor, and its syste
 LF_API int64_t lf_spread_work(int64_t pieces, int64_t columns); /* bytes that lf_spread works in; 0 for bad sizes */
 LF_API int lf_spread(int variant, const lf_places *, const lf_table *, const lf_picture *light, const lf_sections *,
                      int64_t first_row, int64_t end_row, const lf_picture *out, void *work);
-LF_API int lf_footprints(int variant, const lf_geometry *, const lf_picture *capture, double centre_row,
-                         double centre_column, int64_t first_row, int64_t end_row, const lf_picture *out);
+LF_API int lf_footprints(int variant, const lf_geometry *, const lf_capture *, int64_t first_row, int64_t end_row,
+                         const lf_picture *out);
 LF_API int lf_turn(int variant, const lf_samples *, double cosine, double sine, int64_t side, double *out);
 #endif

@@ -14,7 +14,7 @@ import numpy as np
 from ..errors import InputError
 from .build import LIBRARY_FOLDER, library_name, sources_digest, this_platform
 
-ABI = 1  # that of kernels.h
+ABI = 2  # that of kernels.h
 NUMPY = "numpy"
 VARIABLE = "LENSFIELD_KERNELS"
 PROBLEMS = {1: "a sample lies outside of the square", 2: "sizes that cannot be"}
@@ -27,14 +27,17 @@ def _structure(name, **fields):
 # The structures of kernels.h, field by field.
 PICTURE = _structure("Picture", values=c_void_p, planes=c_int64, rows=c_int64, columns=c_int64, plane_step=c_int64,
                      row_step=c_int64)
-PLACES = _structure("Places", centre_row=c_double, centre_column=c_double, samples_per_px=c_double, height=c_void_p,
-                    samples=c_int64, heights=c_int64, azimuths=c_int64, azimuths_per_rad=c_double)
+PLACES = _structure("Places", centre_row=c_double, centre_column=c_double, samples_per_px=c_double, paraxial=c_void_p,
+                    interval=c_void_p, height=c_void_p, samples=c_int64, heights=c_int64, azimuths=c_int64,
+                    quarter_steps=c_int64)
 TABLE = _structure("Table", taps=c_void_p, size=c_int64, side=c_int64, intervals=c_int64, begin=c_void_p,
                    length=c_void_p, first_piece=c_void_p, counts=c_void_p, row=c_void_p, column=c_void_p,
                    pieces=c_int64)
 SECTIONS = _structure("Sections", lit=c_void_p, rows=c_int64, columns=c_int64, size_px=c_int64)
 GEOMETRY = _structure("Geometry", centre_row=c_double, centre_column=c_double, samples_per_px=c_double,
-                      curves=c_void_p, samples=c_int64)
+                      curves=c_void_p, samples=c_int64, last_px=c_double)
+CAPTURE = _structure("Capture", first=c_void_p * 4, row_step=c_int64 * 4, step=c_int64 * 4, planes=c_int64,
+                     rows=c_int64, columns=c_int64, centre_row=c_double, centre_column=c_double)
 SAMPLES = _structure("Samples", v_px=c_void_p, u_px=c_void_p, energy=c_void_p, count=c_int64, heights=c_int64,
                      size_px=c_double)
 
@@ -46,8 +49,7 @@ _SIGNATURES = {
     "lf_spread_work": (c_int64, [c_int64, c_int64]),
     "lf_spread": (c_int, [c_int, *map(POINTER, (PLACES, TABLE, PICTURE, SECTIONS)), c_int64, c_int64, POINTER(PICTURE),
                           c_void_p]),
-    "lf_footprints": (c_int, [c_int, POINTER(GEOMETRY), POINTER(PICTURE), c_double, c_double, c_int64, c_int64,
-                              POINTER(PICTURE)]),
+    "lf_footprints": (c_int, [c_int, POINTER(GEOMETRY), POINTER(CAPTURE), c_int64, c_int64, POINTER(PICTURE)]),
     "lf_turn": (c_int, [c_int, POINTER(SAMPLES), c_double, c_double, c_int64, c_void_p]),
 }
 

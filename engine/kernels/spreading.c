@@ -13,7 +13,7 @@
 
 #define FOUR 4
 #define RUN 8 /* fours of pixels that go through each portion of the table, one after the other, while it is cached */
-#define ATAN_TERMS 10
+#define ATAN_TERMS 14
 
 typedef struct { /* four pixels of a row */
     const float *psfs[FOUR];  /* the first of the table's four for each, shifted to where it goes */
@@ -23,63 +23,67 @@ typedef struct { /* four pixels of a row */
 } four_pixels;
 
 typedef struct { /* where the pixels of a row lie: (column) */
+    double *sample;              /* of the curve of heights */
     int32_t *interval, *azimuth; /* in the table: the height below, and the azimuth before */
     float *up, *on;              /* 0 to 1, from these to the next */
 } row_places;
 
-/* arctan(t) for t from 0 to 1, right to single precision. */
-INLINE float arctan(float t)
+/* arctan(t) for t from 0 to 1, right to 1e-11. */
+INLINE double arctan(double t)
 {
-    static const float term[ATAN_TERMS] = {0.999999998f, -0.333332823f, 0.199982306f, -0.142615737f, 0.10940199f,
-        -0.0837206395f, 0.0574635578f, -0.0307175089f, 0.0106807194f, -0.00174370114f};
-    float square = t * t, sum = term[ATAN_TERMS - 1];
+    static const double term[ATAN_TERMS] = {0.9999999999982004, -0.3333333326254709, 0.1999999534286548,
+        -0.1428559243462209, 0.1110942872658185, -0.09076800877134047, 0.0761425741442088, -0.06366109812151624,
+        0.05045587086468524, -0.03526805537018975, 0.0199376976275484, -0.008242022886406635, 0.002162828043635403,
+        -0.0002666058550987925};
+    double square = t * t, sum = term[ATAN_TERMS - 1];
     for (int k = ATAN_TERMS - 2; k >= 0; k--) sum = sum * square + term[k];
     return t * sum;
 }
 
-/* Where the pixels of a row lie. Simple enough for the compiler to do many at once. */
-static void find_places(const lf_places *p, int64_t columns, float down, const row_places *row)
+/* Where the pixels of a row lie: in double precision, for beside a bright pixel the least weight of a PSF that is none
+   of its own shows. Simple enough for the compiler to do many at once. */
+static void find_places(const lf_places *p, int64_t columns, double down, const row_places *row)
 {
-    const float middle = (float)p->centre_column, per_rad = (float)p->azimuths_per_rad, pi = 3.14159265f;
-    const float last_azimuth = (float)(p->azimuths - 1), last_sample = (float)p->samples;
-    const float samples_per_px = (float)p->samples_per_px, far_down = down < 0 ? -down : down;
+    const double quarter = (double)p->quarter_steps, per_rad = quarter * 0.63661977236758134;
+    const double last_azimuth = (double)(p->azimuths - 1), last_sample = (double)p->samples;
+    const double far_down = down < 0 ? -down : down;
     for (int64_t x = 0; x < columns; x++) {
-        const float right = (float)x - middle, far_right = right < 0 ? -right : right;
-        const float larger = far_right > far_down ? far_right : far_down;
-        const float smaller = far_right > far_down ? far_down : far_right;
-        float angle = arctan(smaller / (larger > 1e-20f ? larger : 1e-20f));
-        angle = far_down > far_right ? pi / 2 - angle : angle;
-        angle = right < 0 ? pi - angle : angle;
-        angle = down < 0 ? 2 * pi - angle : angle;
-        float azimuth = angle * per_rad;
+        const double right = (double)x - p->centre_column, far_right = right < 0 ? -right : right;
+        const double larger = far_right > far_down ? far_right : far_down;
+        const double smaller = far_right > far_down ? far_down : far_right;
+        double azimuth = arctan(smaller / (larger > 1e-20 ? larger : 1e-20)) * per_rad;
+        azimuth = far_down > far_right ? quarter - azimuth : azimuth;
+        azimuth = right < 0 ? 2 * quarter - azimuth : azimuth;
+        azimuth = down < 0 ? 4 * quarter - azimuth : azimuth;
         azimuth = azimuth < last_azimuth ? azimuth : last_azimuth; /* NaN too */
         azimuth = azimuth > 0 ? azimuth : 0;
         int32_t before = (int32_t)azimuth;
         before -= before == (int32_t)last_azimuth;
         row->azimuth[x] = before;
-        row->on[x] = azimuth - (float)before;
-        row->up[x] = __builtin_sqrtf(right * right + down * down) * samples_per_px;
+        row->on[x] = (float)(azimuth - (double)before);
+        row->sample[x] = __builtin_sqrt(right * right + down * down) * p->samples_per_px;
     }
+    const int32_t last_interval = (int32_t)p->heights - 2;
     for (int64_t x = 0; x < columns; x++) {
-        const float at = row->up[x] < last_sample ? row->up[x] : last_sample; /* NaN too */
+        const double at = row->sample[x] < last_sample ? row->sample[x] : last_sample; /* NaN too */
         int32_t sample = (int32_t)at;
         sample -= sample == (int32_t)last_sample;
-        const float low = p->height[sample], high = p->height[sample + 1];
-        float height = low + (at - (float)sample) * (high - low);
-        height = height > 0 ? height : 0;
-        height = height < (float)(p->heights - 1) ? height : (float)(p->heights - 1);
-        int32_t below = (int32_t)height;
-        below -= below == (int32_t)(p->heights - 1);
+        const double low = p->paraxial[sample], high = p->paraxial[sample + 1];
+        const double height = low + (at - (double)sample) * (high - low);
+        int32_t below = p->interval[sample];
+        below += below < last_interval && height >= p->height[below + 1];
+        const double up = (height - p->height[below]) / (p->height[below + 1] - p->height[below]);
         row->interval[x] = below;
-        row->up[x] = height - (float)below;
+        row->up[x] = up > 0 ? up < 1 ? (float)up : 1 : 0; /* NaN too */
     }
 }
 
-/* A vector of the weighed sum of four PSFs of the table that lie `step` apart. */
-INLINE floats mixed(const float *psf, int64_t step, const float *weight)
+/* A vector of the weighed sum of four PSFs of the table: of two azimuths, and of those at the next height. */
+INLINE floats mixed(const float *psf, int64_t azimuth_step, int64_t height_step, const float *weight)
 {
-    return weight[0] * *(const floats *)psf + weight[1] * *(const floats *)(psf + step)
-           + weight[2] * *(const floats *)(psf + 2 * step) + weight[3] * *(const floats *)(psf + 3 * step);
+    const float *higher = psf + height_step;
+    return weight[0] * *(const floats *)psf + weight[1] * *(const floats *)(psf + azimuth_step)
+           + weight[2] * *(const floats *)higher + weight[3] * *(const floats *)(higher + azimuth_step);
 }
 
 /* Adds, to a vector of a row of `planes` planes, what four PSFs lay there. */
@@ -123,8 +127,8 @@ INLINE void add_pieces(int eights, const float *psfs, int64_t step, int64_t piec
 }
 
 /* Spreads some fours of pixels whose heights lie in the same interval. */
-static void spread_run(const lf_table *t, int64_t interval, four_pixels *run, int count, float *mixtures,
-                       const int64_t *offset, int planes, int64_t plane_step)
+static void spread_run(const lf_table *t, int64_t azimuths, int64_t interval, four_pixels *run, int count,
+                       float *mixtures, const int64_t *offset, int planes, int64_t plane_step)
 {
     const int64_t step = LF_PORTION * 8 + LF_SLACK, length = t->length[interval];
     int64_t done = 0, piece = t->first_piece[interval];
@@ -136,7 +140,7 @@ static void spread_run(const lf_table *t, int64_t interval, four_pixels *run, in
                 for (int k = 0; k < FOUR; k++) {
                     float *mixture = mixtures + (planes == 1 ? 0 : k * step); /* on one plane they are one sum at once */
                     for (int64_t i = 0; i < taps; i += LANES) {
-                        floats sum = mixed(four->psfs[k] + done + i, length, four->weight[k]);
+                        floats sum = mixed(four->psfs[k] + done + i, length, azimuths * length, four->weight[k]);
                         if (planes == 1 && k) sum += *(const floats *)(mixture + i);
                         *(floats *)(mixture + i) = sum;
                     }
@@ -163,7 +167,8 @@ INLINE workplace laid_out(void *work, int64_t pieces, int64_t columns)
 {
     const int64_t room = columns + FOUR;
     workplace w = {.offset = work};
-    w.row.interval = (int32_t *)(w.offset + pieces);
+    w.row.sample = (double *)(w.offset + pieces);
+    w.row.interval = (int32_t *)(w.row.sample + room);
     w.row.azimuth = w.row.interval + room;
     w.row.up = (float *)(w.row.azimuth + room);
     w.row.on = w.row.up + room;
@@ -198,7 +203,7 @@ int OF_VARIANT(lf_spread)(const lf_places *places, const lf_table *t, const lf_p
             }
             if (!any) continue;
             if (!found) {
-                find_places(places, columns, (float)((double)y - places->centre_row), &w.row);
+                find_places(places, columns, (double)y - places->centre_row, &w.row);
                 for (int64_t n = columns; n < columns + FOUR; n++) { /* a four may reach out of the row */
                     w.row.interval[n] = w.row.interval[columns - 1];
                     w.row.azimuth[n] = w.row.azimuth[columns - 1];
@@ -210,7 +215,7 @@ int OF_VARIANT(lf_spread)(const lf_places *places, const lf_table *t, const lf_p
                 const int64_t interval = w.row.interval[x + done], length = t->length[interval];
                 for (next = done + 1; next < FOUR && w.row.interval[x + next] == interval;) next++;
                 if (waiting == RUN || (waiting && interval != run_interval)) {
-                    spread_run(t, run_interval, run, waiting, w.mixtures, w.offset, planes, out->plane_step);
+                    spread_run(t, places->azimuths, run_interval, run, waiting, w.mixtures, w.offset, planes, out->plane_step);
                     waiting = 0;
                 }
                 run_interval = interval;
@@ -221,16 +226,16 @@ int OF_VARIANT(lf_spread)(const lf_places *places, const lf_table *t, const lf_p
                     const int64_t at = x + (is ? k : done); /* the others of the four take the first one's, times zero */
                     const float up = w.row.up[at], on = w.row.on[at];
                     const float own = planes > 1 ? 1 : is ? of[0][k] : 0;
-                    four->psfs[k] = t->taps + t->begin[interval] + w.row.azimuth[at] * 2 * length - k;
+                    four->psfs[k] = t->taps + t->begin[interval] + w.row.azimuth[at] * length - k;
                     four->weight[k][0] = (1 - up) * (1 - on) * own;
-                    four->weight[k][1] = up * (1 - on) * own;
-                    four->weight[k][2] = (1 - up) * on * own;
+                    four->weight[k][1] = (1 - up) * on * own;
+                    four->weight[k][2] = up * (1 - on) * own;
                     four->weight[k][3] = up * on * own;
                     for (int q = 0; q < planes; q++) four->light[q][k] = is ? of[q][k] : 0;
                 }
             }
         }
-        if (waiting) spread_run(t, run_interval, run, waiting, w.mixtures, w.offset, planes, out->plane_step);
+        if (waiting) spread_run(t, places->azimuths, run_interval, run, waiting, w.mixtures, w.offset, planes, out->plane_step);
     }
     return 0;
 }

@@ -1,7 +1,9 @@
 """Every pixel's light spread by a PSF of its own, mixed from a table of heights and azimuths."""
 
+from collections.abc import Callable
 from ctypes import Structure, byref
 from dataclasses import dataclass
+from math import isqrt
 
 import numpy as np
 
@@ -10,17 +12,19 @@ from .library import PLACES, SECTIONS, TABLE, address, check, chosen, picture
 LONGEST, SLACK = 8, 16  # those of kernels.h
 MOST_TAPS = 8 * LONGEST - 3  # of a piece: the last three are zero
 
+Fill = Callable[[slice, np.ndarray, np.ndarray], object]
+
 
 @dataclass(frozen=True, eq=False)
 class TablePlaces:
     """Where among the heights and azimuths of a table of PSFs the pixels of a picture lie."""
 
-    _height: np.ndarray
+    _arrays: tuple[np.ndarray, ...]
     _structure: Structure
 
     @classmethod
-    def of(cls, centre_px: tuple[float, float], samples_per_px: float, height: np.ndarray,
-           table_shape: tuple[int, int], turn_rad: float) -> "TablePlaces":
+    def of(cls, centre_px: tuple[float, float], samples_per_px: float, paraxial: np.ndarray, heights: np.ndarray,
+           quarter_steps: int, quarter_turns: int) -> "TablePlaces":
         """Of a curve over the distance from the axis, evenly spaced from there on; the last sample is held.
 
         Parameters
@@ -28,16 +32,25 @@ class TablePlaces:
         centre_px : (row, column)
             Of the axis.
         samples_per_px : float
-        height : array (sample,)
-            Place among the heights of the table, in index terms.
-        table_shape : (heights, azimuths)
-        turn_rad : float
-            Over which the azimuths go, both ends included, clockwise from the right.
+        paraxial : array (sample,)
+            Paraxial height, never falling, and rising by less than a step of the table's heights from sample to sample.
+        heights : array (height,)
+            Those of the table, in the same unit.
+        quarter_steps, quarter_turns : int
+            From azimuth to azimuth of the table in a quarter turn, and how many of these, clockwise from the right.
         """
-        heights, azimuths = table_shape
-        height = np.ascontiguousarray(height, dtype=np.float32)
-        return cls(height, PLACES(*centre_px, samples_per_px, address(height, np.float32), height.size - 1, heights,
-                                  azimuths, (azimuths - 1) / turn_rad))
+        paraxial, heights = (np.ascontiguousarray(each, dtype=np.float64) for each in (paraxial, heights))
+        interval = np.clip(np.searchsorted(heights, paraxial, side="right") - 1, 0, heights.size - 2).astype(np.int32)
+        structure = PLACES(*centre_px, samples_per_px, address(paraxial, np.float64), address(interval, np.int32),
+                           address(heights, np.float64), paraxial.size - 1, heights.size,
+                           quarter_steps * quarter_turns + 1, quarter_steps)
+        return cls((paraxial, interval, heights), structure)
+
+    def lower(self, rows: int) -> "TablePlaces":
+        """Those of a picture that begins so many rows below this one."""
+        structure = PLACES.from_buffer_copy(self._structure)
+        structure.centre_row -= rows
+        return TablePlaces(self._arrays, structure)
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,52 +71,56 @@ class PackedTable:
     _structure: Structure
 
     @classmethod
-    def of(cls, psfs: np.ndarray, rows: np.ndarray, columns: np.ndarray, side_px: int) -> "PackedTable":
-        """Of PSFs (height, azimuth, tap), float32, whose taps lie at these rows and columns of the square."""
-        heights, azimuths, taps = psfs.shape
-        used = (psfs != 0).any(axis=1)
-        tap_at = np.full((side_px, side_px), taps)
-        tap_at[rows, columns] = np.arange(taps)
-        sources, counts, first_piece, corners = [], [], [], []
-        for taken in used[:-1] | used[1:]:
-            pieces = _pieces(np.flatnonzero(taken), rows, columns, side_px)
-            first_piece.append(len(corners))
-            counts.append(np.bincount([eights for eights, *_ in pieces], minlength=LONGEST + 1))
-            source = np.full((8 * sum(eights for eights, *_ in pieces),), taps)
-            at = 0
-            for eights, row, column, count in pieces:
-                source[at:at + count] = tap_at[row, column:column + count]
-                at += 8 * eights
-                corners.append((row, column))
-            sources.append(source)
-        length = np.array([source.size for source in sources])
-        begin = SLACK + np.concatenate([[0], np.cumsum(2 * azimuths * length)])
-        packed = np.zeros(begin[-1] + SLACK, np.float32)
-        with_zero = np.concatenate([psfs, np.zeros((heights, azimuths, 1), np.float32)], axis=2)
-        for b, source in enumerate(sources):
-            part = packed[begin[b]:begin[b + 1]].reshape(azimuths, 2, -1)
-            np.take(with_zero[b:b + 2].swapaxes(0, 1), source, axis=2, out=part, mode="clip")
-        corner = np.array(corners, np.int64).reshape(-1, 2)
-        arrays = (packed, *(np.ascontiguousarray(each, dtype=np.int64) for each in (
-            begin, length, first_piece, counts, corner[:, 0], corner[:, 1])))
-        whole, *numbers = arrays
-        return cls(side_px, length, arrays, TABLE(
-            address(whole, np.float32), whole.size, side_px, heights - 1,
-            *(address(each, np.int64) for each in numbers), len(corner)))
+    def of(cls, reached: np.ndarray, azimuths: int, fill: Fill) -> "PackedTable":
+        """Of the PSFs that a function tells.
+
+        Parameters
+        ----------
+        reached : bool array (height, pixel)
+            The pixels of a square, row by row, that PSFs of a height reach.
+        azimuths : int
+        fill : callable (heights: slice, pixels, out)
+            Writes these pixels of the PSFs of some heights to out, float32 array (height, azimuth, tap). The pixel
+            behind the last of the square is black.
+        """
+        heights, pixels = reached.shape
+        side = isqrt(pixels)
+        interval, eights, row, column, count = _pieces((reached[:-1] | reached[1:]).reshape(-1, side, side))
+        start = np.cumsum(8 * eights) - 8 * eights
+        piece = np.repeat(np.arange(eights.size), 8 * eights)
+        along = np.arange(piece.size) - start[piece]
+        source = np.where(along < count[piece], row[piece] * side + column[piece] + along, pixels)
+        length = np.bincount(interval, 8 * eights, heights - 1).astype(np.int64)
+        begin = SLACK + np.cumsum(2 * azimuths * np.append(0, length))
+        taps = np.zeros(begin[-1] + SLACK, np.float32)
+        for low, of_interval in enumerate(np.split(source, np.cumsum(length)[:-1])):
+            fill(slice(low, low + 2), of_interval, taps[begin[low]:begin[low + 1]].reshape(2, azimuths, -1))
+        counts = np.bincount(interval * (LONGEST + 1) + eights, minlength=(heights - 1) * (LONGEST + 1))
+        first_piece = np.searchsorted(interval, np.arange(heights - 1))
+        numbers = [np.ascontiguousarray(each, dtype=np.int64)
+                   for each in (begin, length, first_piece, counts, row, column)]
+        return cls(side, length, (taps, *numbers), TABLE(
+            address(taps, np.float32), taps.size, side, heights - 1, *(address(each, np.int64) for each in numbers),
+            row.size))
 
     @property
     def nbytes(self) -> int:
         return sum(array.nbytes for array in self._arrays)
 
 
-def _pieces(taps, rows, columns, side_px):
-    """Rows of these taps cut into pieces, the shortest first: lists of (eights, row, first column, taps)."""
-    first = np.full(side_px, side_px)
-    end = np.zeros(side_px, int)
-    np.minimum.at(first, rows[taps], columns[taps])
-    np.maximum.at(end, rows[taps], columns[taps] + 1)
-    return sorted((-(-(min(MOST_TAPS, end[row] - column) + 3) // 8), row, column, min(MOST_TAPS, end[row] - column))
-                  for row in range(side_px) for column in range(first[row], end[row], MOST_TAPS))
+def _pieces(between):
+    """Rows of the pixels that PSFs reach between two heights, (interval, row, column), cut into pieces, the shortest of
+    an interval first: arrays of their intervals, eights of taps, rows, first columns and taps."""
+    interval, row = np.nonzero(between.any(axis=2))
+    across = between[interval, row]
+    first, end = across.argmax(axis=1), across.shape[1] - across[:, ::-1].argmax(axis=1)
+    cuts = -(-(end - first) // MOST_TAPS)
+    line = np.repeat(np.arange(row.size), cuts)
+    column = first[line] + MOST_TAPS * (np.arange(line.size) - (np.cumsum(cuts) - cuts)[line])
+    count = np.minimum(MOST_TAPS, end[line] - column)
+    eights = -(-(count + 3) // 8)
+    order = np.lexsort((column, row[line], eights, interval[line]))
+    return tuple(each[order] for each in (interval[line], eights, row[line], column, count))
 
 
 def spread(table: PackedTable, places: TablePlaces, light: np.ndarray, lit: np.ndarray, section_px: int,

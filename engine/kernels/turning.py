@@ -35,8 +35,9 @@ class TurnableSamples:
             arrays, shapes, strict=True)), count, energy.shape[1], sample_size_px))
 
 
-def turn(samples: TurnableSamples, azimuth_rad: float, side_px: int) -> np.ndarray:
-    """The PSFs at one azimuth: float64 array (row, column, height), the chief ray in the middle of an odd square.
+def turn(samples: TurnableSamples, azimuth_rad: np.ndarray, side_px: int) -> np.ndarray:
+    """The PSFs at some azimuths: float64 array (azimuth, row, column, height), the chief ray in the middle of an odd
+    square.
 
     Azimuths count from the right upwards. The array is a view of one that has room for more heights.
 
@@ -46,7 +47,7 @@ def turn(samples: TurnableSamples, azimuth_rad: float, side_px: int) -> np.ndarr
         Where light falls outside of the square.
     """
     loops, variant = chosen()
-    turned = np.zeros((side_px, side_px, samples._arrays[2].shape[1]))
-    check(loops.lf_turn(variant, byref(samples._structure), np.cos(azimuth_rad), np.sin(azimuth_rad), side_px,
-                        turned.ctypes.data))
-    return turned[:, :, :samples.heights]
+    turned = np.zeros((len(azimuth_rad), side_px, side_px, samples._arrays[2].shape[1]))
+    for one, cosine, sine in zip(turned, np.cos(azimuth_rad), np.sin(azimuth_rad), strict=True):
+        check(loops.lf_turn(variant, byref(samples._structure), cosine, sine, side_px, one.ctypes.data))
+    return turned[..., :samples.heights]

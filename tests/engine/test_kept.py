@@ -178,7 +178,7 @@ def test_memory_is_given_until_it_is_gone(size, taken):
 
 
 @pytest.mark.parametrize("method", ["sections", "double", "pixels", "paper"])
-@pytest.mark.parametrize("limit_mb", [0, 0.05, 1])
+@pytest.mark.parametrize("limit_mb", [0, 0.2, 1])
 def test_what_is_kept_stays_within_the_memory_allowed_however_many_frames_there_are(method, limit_mb, taken):
     """Light that moves over the picture lights other sections in each frame."""
     kept = Kept(limit_mb=limit_mb)

@@ -76,7 +76,7 @@ def test_a_report_that_cannot_be_written_leaves_the_old_one_alone(tmp_path):
 def image_facts(**changes):
     plan = Plan(Sections(32, 64, 8), 3, np.inf, 0.0, "float32", np.inf, 0.0, False, "hold")
     facts = dict(lens="triplet", plan=plan, pitch_um=5.0, frame_px=(4, 6), overscan_px=(3, 8), wavelengths=(),
-                 energy=Energy(1.0, 1.0, 1.0), out_of_field_fraction=0.0, fireflies_clamped=0)
+                 energy=Energy(1.0, 1.0, 1.0), out_of_field_fraction=0.0, fireflies_clamped=0, loops="numpy")
     return LensImageFacts(**facts | changes)
 
 

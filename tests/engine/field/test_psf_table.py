@@ -48,8 +48,8 @@ def test_at_its_own_heights_and_azimuths_a_table_holds_the_psfs_themselves(lens,
 
 @EVERY_LENS
 def test_a_table_is_a_quarter_for_one_quadrant(lens):
-    assert table(lens, 4, True).table.shape[:2] == (9, lens.heights_mm.size)
-    assert table(lens, 4, False).table.shape[:2] == (33, lens.heights_mm.size)
+    assert table(lens, 4, True).table.shape[:2] == (lens.heights_mm.size, 9)
+    assert table(lens, 4, False).table.shape[:2] == (lens.heights_mm.size, 33)
 
 
 @EVERY_LENS

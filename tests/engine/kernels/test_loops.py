@@ -14,6 +14,7 @@ from lensfield.engine.field.psf_table import PsfTable, TurnedPsfs
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.kernels import (
     LARGEST_FOOTPRINT_PX,
+    NUMPY,
     PackedTable,
     RadialGeometry,
     TablePlaces,
@@ -46,15 +47,17 @@ def in_every_variant(loop):
 def test_turn_lays_samples_onto_the_pixels_as_the_bank_does(lens, azimuth_rad):
     bank = PsfBank.of(lens.at_wavelength(550.0), PITCH_UM)
     samples = TurnableSamples.of(bank.samples, bank.v_px, bank.u_px, bank.sample_size_px)
-    turned = in_every_variant(lambda: turn(samples, azimuth_rad, 2 * bank.radius_px + 1))
-    np.testing.assert_allclose(np.moveaxis(turned, 2, 0), bank.at_table_heights([azimuth_rad])[0], atol=1e-13)
+    turned = in_every_variant(lambda: turn(samples, [azimuth_rad, 1.0], 2 * bank.radius_px + 1))
+    with using(NUMPY):
+        expected = bank.at_table_heights([azimuth_rad, 1.0])
+    np.testing.assert_allclose(np.moveaxis(turned, 3, 1), expected, atol=1e-13)
 
 
 @pytest.mark.parametrize("v_px", [2.0, -3.0, 1e300, np.nan, -np.inf])
 def test_turn_refuses_light_outside_of_the_square(v_px):
     samples = TurnableSamples.of(np.ones((1, 1)), np.array([v_px]), np.zeros(1), 0.5)
     with pytest.raises(ValueError, match="outside"):
-        turn(samples, 0.0, 3)
+        turn(samples, [0.0], 3)
 
 
 FIELD = SimpleNamespace(paraxial_height_mm=lambda real_mm: real_mm,
@@ -67,20 +70,21 @@ FIELD = SimpleNamespace(paraxial_height_mm=lambda real_mm: real_mm,
 @pytest.mark.parametrize("planes", [1, 4])
 @pytest.mark.parametrize("centre_px", [(-0.5, -0.5), (7.25, 30.0), (500.0, -900.0)])
 def test_footprints_average_as_numpy_does(shape, planes, centre_px):
-    captures = np.random.default_rng(1).random((planes, 50, 60), np.float32)
-    grid = PixelGrid((50, 60), PITCH_UM, (centre_px[0] + 3, centre_px[1] + 2)).framed(RIM_PX)
-    captures = np.pad(captures, ((0, 0), (RIM_PX, RIM_PX), (RIM_PX, RIM_PX)))
+    capture = np.random.default_rng(1).random((50, 60), np.float32)
+    captures = [capture, capture[::-1], capture[:, ::-1], capture[::-1, ::-1]][:planes]
+    grid = PixelGrid((50, 60), PITCH_UM, (centre_px[0] + 3, centre_px[1] + 2))
     y_mm, x_mm = ((np.arange(n) - centre) * PITCH_UM * 1e-3 for n, centre in zip(shape, centre_px, strict=True))
-    expected, height_mm = numpy_footprints(grid, x_mm, -y_mm, FIELD)
-    factor = 1 / (1 + height_mm)  # no straight line, and yet right at the samples
+    expected, height_mm = numpy_footprints(grid.framed(RIM_PX), x_mm, -y_mm, FIELD)
+    last_px = 25.3
+    factor = np.where(height_mm > last_px * PITCH_UM * 1e-3, 0, 1 / (1 + height_mm))
     far_px = np.hypot(*(abs(centre) + n for n, centre in zip(shape, centre_px, strict=True)))
     samples = 1 << 16
     curve_mm = np.arange(samples + 1) * far_px / samples * PITCH_UM * 1e-3
     geometry = RadialGeometry.of(centre_px, samples / far_px, 1 + 0.15 * curve_mm, 1 + 0.3 * curve_mm,
-                                 1 / (1 + curve_mm))
+                                 1 / (1 + curve_mm), last_px)  # no straight line, and yet right at the samples
 
     def loop():
-        out = np.zeros((planes, *shape), np.float32)
+        out = np.full((planes, *shape), np.nan, np.float32)
         half = shape[0] // 2
         footprints(geometry, captures, grid.centre_px, slice(half), out)
         footprints(geometry, captures, grid.centre_px, slice(half, None), out)
@@ -88,38 +92,44 @@ def test_footprints_average_as_numpy_does(shape, planes, centre_px):
 
     # Shares, products and sums are rounded to single precision: of up to 18 rows and columns, each an ulp at most
     # on the mean.
-    result, expected = in_every_variant(loop), expected.average(captures.astype(np.float64)) * factor
-    np.testing.assert_allclose(result, expected, rtol=40 * EPSILON, atol=40 * EPSILON)
+    framed = np.pad(np.stack(captures), ((0, 0), (RIM_PX, RIM_PX), (RIM_PX, RIM_PX))).astype(np.float64)
+    np.testing.assert_allclose(in_every_variant(loop), expected.average(framed) * factor, rtol=40 * EPSILON,
+                               atol=40 * EPSILON)
 
 
 def test_footprints_read_nothing_from_outside_whatever_the_curves_are():
     wild = np.array([np.nan, np.inf, -np.inf, -1e300, 1e300, 0, -0.5, 40, 1e-320, 1])
     random = np.random.default_rng(2)
     for _ in range(50):
-        geometry = RadialGeometry.of((3.0, 4.0), 0.7, *random.choice(wild, (3, 30)))
+        geometry = RadialGeometry.of((3.0, 4.0), 0.7, *random.choice(wild, (3, 30)), random.choice(wild))
         out = np.empty((1, 9, 9), np.float32)
-        footprints(geometry, np.ones((1, 5, 7), np.float32), (2.0, 3.0), slice(None), out)  # a crash, if it did
+        footprints(geometry, [np.ones((5, 7), np.float32)], (2.0, 3.0), slice(None), out)  # a crash, if it did
 
 
 def test_the_largest_footprint_is_one_number():
     assert LARGEST_FOOTPRINT_PX == LARGEST_FOOTPRINT_OF_NUMPY
 
 
-def random_table(heights, azimuths, side, random, quarter_turns=4):
-    """A PsfTable of so many azimuths in each quarter turn; its PSFs reach less far at some heights."""
-    psfs = np.zeros((azimuths, heights, side, side), np.float32)
-    for height in range(heights):
+def random_psfs(heights, azimuths, side, random, quarter_turns=4):
+    """PSFs of so many azimuths in each quarter turn, which reach less far at some heights."""
+    psfs = np.zeros((heights, azimuths, side, side), np.float32)
+    for height, of_height in enumerate(psfs):
         reach = random.integers(0, side // 2 + 1) if height else side // 2
         inside = np.hypot(*(np.indices((side, side)) - side // 2)) <= reach
-        psfs[:, height, inside] = random.random((azimuths, inside.sum()))
-    black = np.zeros((azimuths, heights, 1), np.float32)
-    return PsfTable(TurnedPsfs(np.concatenate([psfs.reshape(azimuths, heights, -1), black], axis=2), False,
-                               quarter_turns, np.arange(heights, dtype=float)))
+        of_height[:, inside] = random.random((azimuths, inside.sum()))
+    black = np.zeros((heights, azimuths, 1), np.float32)
+    return TurnedPsfs(np.concatenate([psfs.reshape(heights, azimuths, -1), black], axis=2), False, quarter_turns,
+                      np.arange(heights, dtype=float))
 
 
-def packed_table(table):
-    return PackedTable.of(np.ascontiguousarray(table.table.swapaxes(0, 1)), table.rows, table.columns,
-                          2 * table.radius_px + 1)
+def packed_table(turned):
+    return PackedTable.of(turned.reached(), turned.azimuths, turned.taps)
+
+
+def table_places(turned, centre_px, samples_per_px, heights):
+    """Of a curve of heights over the distance from the axis."""
+    return TablePlaces.of(centre_px, samples_per_px, heights, turned.heights_mm,
+                          (turned.azimuths - 1) // turned.quarter_turns, turned.quarter_turns)
 
 
 def spread_by_numpy(table, light, height_of_px, centre_px):
@@ -141,13 +151,12 @@ def spread_by_numpy(table, light, height_of_px, centre_px):
 def test_spread_mixes_and_lays_out_psfs_as_numpy_does(planes, shape, centre_px, side):
     random = np.random.default_rng(side)
     quarter_turns = 1 if max(centre_px) <= 0 else 4
-    table = random_table(4, 5, side, random, quarter_turns)
+    turned = random_psfs(4, 5, side, random, quarter_turns)
     light = random.random((planes, *shape), np.float32)
     light[:, random.random(shape) < 0.3] = 0
     far_px = np.hypot(*shape) + 3
-    places = TablePlaces.of(centre_px, 30 / far_px, np.linspace(0, 3.2, 31), (4, table.azimuths),
-                            quarter_turns * np.pi / 2)  # beyond the last height, too
-    packed = packed_table(table)
+    places = table_places(turned, centre_px, 30 / far_px, np.linspace(0, 3.2, 31))  # beyond the last height, too
+    packed = packed_table(turned)
     lit = np.ones((3, 4), bool)
 
     def loop():
@@ -158,7 +167,7 @@ def test_spread_mixes_and_lays_out_psfs_as_numpy_does(planes, shape, centre_px, 
             out[:, rows.start or 0:][:, :part.shape[1]] += part
         return out
 
-    expected = spread_by_numpy(table, light, lambda px: px * 3.2 / far_px, centre_px)
+    expected = spread_by_numpy(PsfTable(turned), light, lambda px: px * 3.2 / far_px, centre_px)
     # Every pixel adds a rounding to each sum; where a place falls between the table's is right to single precision,
     # which the PSFs' steps, up to 1 in a table of noise, amplify.
     pixels = min(light[0].size, side**2)
@@ -168,11 +177,10 @@ def test_spread_mixes_and_lays_out_psfs_as_numpy_does(planes, shape, centre_px, 
 
 def test_spread_leaves_out_sections_that_are_not_lit():
     random = np.random.default_rng(5)
-    table = random_table(3, 4, 5, random)
+    turned = random_psfs(3, 4, 5, random)
     light = random.random((1, 10, 11), np.float32)
     lit = np.array([[True, False, True], [False, True, False], [False, False, True]])
-    places = TablePlaces.of((4.0, 5.0), 1.0, np.linspace(0, 2, 12), (3, 17), 2 * np.pi)
-    packed = packed_table(table)
+    places, packed = table_places(turned, (4.0, 5.0), 1.0, np.linspace(0, 2, 12)), packed_table(turned)
     masked = light * np.kron(lit, np.ones((4, 4)))[:10, :11].astype(np.float32)
     everywhere = np.ones_like(lit)
     np.testing.assert_array_equal(in_every_variant(lambda: spread(packed, places, light, lit, 4, slice(None))),
@@ -182,9 +190,8 @@ def test_spread_leaves_out_sections_that_are_not_lit():
 @pytest.mark.parametrize("scale", [1e-37, 1.0, 1e30])
 def test_dim_light_and_bright_light_are_spread_alike(scale):
     random = np.random.default_rng(6)
-    table = random_table(2, 2, 9, random)
-    places = TablePlaces.of((4.0, 5.0), 1.0, np.linspace(0, 1, 12), (2, 9), 2 * np.pi)
-    packed = packed_table(table)
+    turned = random_psfs(2, 2, 9, random)
+    places, packed = table_places(turned, (4.0, 5.0), 1.0, np.linspace(0, 1, 12)), packed_table(turned)
     light = 1 + random.random((4, 6, 7), np.float32)
     loop = in_every_variant(lambda: spread(packed, places, light * np.float32(scale), np.ones((1, 1), bool), 8,
                                            slice(None)))
@@ -192,19 +199,47 @@ def test_dim_light_and_bright_light_are_spread_alike(scale):
     np.testing.assert_allclose(loop / scale, expected, rtol=1e-5, atol=1e-5)
 
 
+@pytest.mark.parametrize("rows", [0, 3, 200])
+def test_places_of_a_picture_that_begins_lower_are_those_of_the_whole_one(rows):
+    random = np.random.default_rng(7)
+    turned = random_psfs(3, 4, 5, random)
+    places, packed = table_places(turned, (4.0, 5.0), 1.0, np.linspace(0, 2, 12)), packed_table(turned)
+    whole = np.zeros((1, rows + 4, 11), np.float32)
+    whole[:, rows:] = random.random((1, 4, 11))
+    lit = np.ones((rows + 4, 1), bool)
+    np.testing.assert_array_equal(
+        in_every_variant(lambda: spread(packed, places.lower(rows), whole[:, rows:], lit, 11, slice(None))),
+        in_every_variant(lambda: spread(packed, places, whole, lit, 11, slice(rows, None))))
+
+
+def test_heights_that_are_spaced_unevenly_are_met_exactly():
+    """Where a step of the curve passes a height of the table, both sides are right; and beyond the last it is held."""
+    heights = np.array([0.0, 1.0, 1.5, 5.0])
+    square = np.zeros((4, 2, 2), np.float32)
+    square[:, :, 0] = heights[:, None] ** 2  # a PSF of one pixel
+    turned = TurnedPsfs(square, False, 1, heights)
+    packed, places = packed_table(turned), table_places(turned, (0.0, 0.0), 0.7, np.arange(8) * 0.9)
+    light, lit = np.ones((1, 1, 60), np.float32), np.ones((1, 1), bool)
+    spreads = in_every_variant(lambda: spread(packed, places, light, lit, 60, slice(None)))
+    at = np.minimum(np.arange(60) * 0.7, 7) * 0.9
+    np.testing.assert_allclose(spreads[0, 0], np.interp(at, heights, heights**2), rtol=0, atol=100 * EPSILON)
+
+
 def test_a_table_without_light_spreads_none():
-    packed = PackedTable.of(np.zeros((2, 5, 1), np.float32), np.array([1]), np.array([1]), 3)
-    places = TablePlaces.of((0.0, 0.0), 1.0, np.zeros(2), (2, 5), 2 * np.pi)
-    assert not spread(packed, places, np.ones((1, 2, 2), np.float32), np.ones((1, 1), bool), 2, slice(None)).any()
+    turned = TurnedPsfs(np.zeros((2, 2, 10), np.float32), False, 4, np.arange(2.0))
+    places = table_places(turned, (0.0, 0.0), 1.0, np.zeros(2))
+    assert not spread(packed_table(turned), places, np.ones((1, 2, 2), np.float32), np.ones((1, 1), bool), 2,
+                      slice(None)).any()
 
 
 def test_arrays_of_another_kind_are_refused():
     geometry = RadialGeometry.of((0.0, 0.0), 1.0, *np.ones((3, 5)))
-    capture, out = np.ones((1, 4, 4), np.float32), np.ones((1, 4, 4), np.float32)
-    for wrong in (capture.astype(float), capture[0], capture[:, :, ::-1], capture.swapaxes(1, 2), capture[:, :, ::2]):
+    capture, out = np.ones((4, 4), np.float32), np.ones((1, 4, 4), np.float32)
+    for wrong in (capture.astype(float), out):
+        with pytest.raises(ValueError, match="want up to four float32"):
+            footprints(geometry, [wrong], (0.0, 0.0), slice(None), out)
+    for wrong in (out.astype(float), out[0], out[:, :, ::-1], out.swapaxes(1, 2), out[:, :, ::2]):
         with pytest.raises(ValueError, match="want float32"):
-            footprints(geometry, wrong, (0.0, 0.0), slice(None), out)
-        with pytest.raises(ValueError, match="want float32"):
-            footprints(geometry, capture, (0.0, 0.0), slice(None), wrong)
+            footprints(geometry, [capture], (0.0, 0.0), slice(None), wrong)
     with pytest.raises(ValueError, match="sizes"):
-        footprints(geometry, np.broadcast_to(capture, (2, 4, 4)), (0.0, 0.0), slice(None), out)
+        footprints(geometry, [capture, capture], (0.0, 0.0), slice(None), out)
