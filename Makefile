@@ -66,6 +66,7 @@ bench: $(READY) kernels
 bench-all: bench
 	$(VENV)/bin/python benchmarks/paper_section_4.py build/bench
 	$(VENV)/bin/python benchmarks/accuracy_figures.py
+	$(VENV)/bin/python benchmarks/supersampling.py
 	$(VENV)/bin/python -W ignore benchmarks/scene_figures.py
 
 validate: $(VALIDATE)/.ready

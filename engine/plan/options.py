@@ -28,7 +28,8 @@ class Options:
     accuracy : float, optional
         The largest fraction of any point's light that may land in the wrong place: the sum of |error| over the
         picture is at most this times its light, whatever the scene. The plan then chooses all knobs but `method`, at
-        the least predicted time. Errors of the lens data and of resampling the picture by distortion are not in it.
+        the least predicted time. Errors of the lens data, of resampling the picture by distortion, and of pixels that
+        shine from their middles (see `supersampling`) are not in it.
     method : "auto", "sections", "pixels", "paper" or "exact"
         "sections" interpolates PSFs inside sections of the picture, between the heights of the lens data and some
         azimuths; "pixels" gives every pixel its own PSF from the same table; "auto" takes what costs least. "paper" is
