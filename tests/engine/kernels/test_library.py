@@ -151,7 +151,7 @@ def test_python_and_c_have_the_same_numbers():
 def turned(_=None):
     random = np.random.default_rng(1)
     samples = TurnableSamples.of(random.random((9, 500)), *random.uniform(-5, 5, (2, 500)), 0.3)
-    return turn(samples, 0.4, 21)
+    return turn(samples, [0.4], 21)
 
 
 @needs_library
