@@ -2,7 +2,7 @@
 
     python benchmarks/calibrate_cost.py
 
-prints what NANOSECONDS and REFERENCE_S would be here, for the loops that run (LENSFIELD_KERNELS=numpy: numpy), and
+prints what NANOSECONDS and REFERENCE_S would be here, for the loops that run, or that LENSFIELD_KERNELS names, and
 of cases that were not fitted what is predicted over what is measured, with the constants as they stand and with those.
 Only the processor's time is looked at, so the machine may be busy: what the main thread takes is what one thread does
 alone, and the rest is shared.

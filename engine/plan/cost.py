@@ -42,6 +42,7 @@ NANOSECONDS = {
         "turned sample": (0.93, 41),
     },
 }
+LOOPS, SLOWNESS = ("tap", "table sample"), {"avx2": 1.5, "base": 2.4, "neon": 2.4}  # beside AVX-512's
 REFERENCE_S, RUNS = 2.4e-4, 6  # of what `machine_factor` runs, there
 MEGABYTE = 1e6
 OF_SPECTRA, DOUBLE_SLOWNESS = {"transformed value", "spectrum value"}, 1.9  # of double precision
@@ -98,15 +99,18 @@ def nanoseconds(work: Workload, plan: Plan) -> float:
 
 def seconds(work: Workload, plan: Plan) -> float:
     """What one waits for a wavelength on this machine, by what does its loops, on all its cores."""
-    alone, shared = _alone_and_shared(work, plan, kernels.NUMPY if kernels.running() == kernels.NUMPY else COMPILED)
+    running = kernels.running()
+    alone, shared = _alone_and_shared(work, plan, kernels.NUMPY if running == kernels.NUMPY else COMPILED,
+                                      SLOWNESS.get(running, 1.0))
     return machine_factor() * 1e-9 * (alone + shared / thread_count())
 
 
-def _alone_and_shared(work, plan, loops):
+def _alone_and_shared(work, plan, loops, slowness=1.0):
     """Nanoseconds of what one thread does, and of what all share. Compiled loops take single precision alone."""
     own = NANOSECONDS[loops if plan.precision == "float32" else kernels.NUMPY]
     done = counts(work, plan)
-    return [sum(of_one[thread] * done.get(name, 0) for name, of_one in own.items()) for thread in range(2)]
+    return [sum(of_one[thread] * done.get(name, 0) * (slowness if name in LOOPS else 1.0)
+                for name, of_one in own.items()) for thread in range(2)]
 
 
 def memory_mb(work: Workload, plan: Plan) -> float:

@@ -128,7 +128,8 @@ def test_the_plan_lines_seconds_and_memory_are_the_engines(plain):
     lens = Lens.load(settings.lens)
     grid = capture_grid(plain, lens, settings.wavelengths_nm())
     cube = np.zeros((len(settings.wavelengths_nm()), *grid.shape_px), np.float32)
-    plan = make_plan(Options(accuracy=0.01), lens, SpectralImage(cube, settings.wavelengths_nm(), grid))
+    plan = list(plan_line._plans.values())[-1][1].result()
+    assert plan == make_plan(Options(accuracy=0.01), lens, SpectralImage(cube, settings.wavelengths_nm(), grid))
     assert f"then {max(plan.seconds, 0.1):.1f} s for the lens, {plan.memory_mb + 2e-6 * cube.nbytes:.0f} MB" in text
 
 

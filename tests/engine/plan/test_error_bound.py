@@ -12,7 +12,7 @@ from lensfield.engine.field.mirror_symmetry import Planes
 from lensfield.engine.field.psf_bank import PsfBank
 from lensfield.engine.field.psf_table import PsfTable, PsfTables
 from lensfield.engine.lens.readers import bundled_names
-from lensfield.engine.plan.choose import make_plan
+from lensfield.engine.plan.choose import make_plan, priced
 from lensfield.engine.plan.error_bound import AzimuthErrors, azimuth_error
 
 PITCH_UM = 20.0
@@ -225,11 +225,12 @@ def test_saying_nothing_asks_for_one_hundredth():
 
 
 def test_the_plan_predicts_more_time_for_more_light():
-    lens = random_lens(0)
-    small, large = (make_plan(Options(), lens, SpectralImage(np.ones((1, n, n)), [550], pitch_um=PITCH_UM))
-                    for n in (50, 500))
-    nine = SpectralImage(np.ones((9, 500, 500)), np.linspace(400, 700, 9), pitch_um=PITCH_UM)
-    many = make_plan(Options(), lens, nine)
+    lens, plans = random_lens(0), []
+    for cube, nm in ((np.ones((1, 50, 50)), [550]), (np.ones((1, 500, 500)), [550]),
+                     (np.ones((9, 500, 500)), np.linspace(400, 700, 9))):
+        image = SpectralImage(cube, nm, pitch_um=PITCH_UM)
+        plans.append(priced(make_plan(Options(), lens, image), lens, image))  # without the seconds of making it
+    small, large, many = plans
     assert small.seconds < large.seconds < many.seconds and small.memory_mb < large.memory_mb
 
 
