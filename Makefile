@@ -3,6 +3,8 @@
 #                  TESTS=tests/addon/scene runs some of the Blender tests alone
 # make kernels     the engine's loops in C again, where their sources are newer (what tests or measures the engine does so, too);
 #                  LENSFIELD_KERNELS=numpy, base, avx2 or avx512 chooses what does the loops
+# make test-kernels  these loops against plain ones on random shapes: under sanitizers, on other processors and on Windows, as far
+#                  as CONTRIBUTING.md's compilers, QEMU and Wine are installed (two minutes)
 # make bench       what the engine takes, beside itself of before and the paper's method (ten minutes): build/bench
 # make bench-all   also the paper's pictures, what accuracy costs at length, and what a scene costs (an hour)
 # make validate    Cornell's box against Mitsuba 3, and lenses against rays traced through them (ten minutes)
@@ -40,7 +42,7 @@ TABLES = .venv-tables
 LINT = .venv-lint
 LOCK = packaging/lock-5.0.1.txt
 
-.PHONY: demo kernels test test-engine test-blender ui-test bench bench-all validate extension bake test-bake bench-bake lenses lens-pictures tables bench-tables \
+.PHONY: demo kernels test test-kernels test-engine test-blender ui-test bench bench-all validate extension bake test-bake bench-bake lenses lens-pictures tables bench-tables \
         lint lock
 
 demo: $(READY) kernels
@@ -52,6 +54,9 @@ test: $(if $(filter 5.0.1,$(BPY)),test-engine) test-blender
 
 kernels: $(READY)
 	@$(VENV)/bin/python engine/kernels/build.py || true  # which has told that numpy does their work
+
+test-kernels: $(READY)
+	$(VENV)/bin/python tests/engine/kernels/drive.py
 
 test-engine: $(READY) kernels
 	$(VENV)/bin/python -m $(if $(COVERAGE),coverage run -m )pytest -q tests --ignore=tests/addon --ignore=tests/engine/bake

@@ -15,6 +15,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
@@ -81,47 +82,54 @@ def build(folder: Path, target: str | None = None) -> Path:
     system, machine = target.split("-")
     if system not in SUFFIX or machine not in VARIANTS:
         raise CompilerMissing(f"there are no C loops for {target}")
-    compiler = _compiler(target)
+    command = compiler(target)
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder) as temporary:
-        objects = [_compiled(compiler, loop, Path(temporary) / f"{loop}-{variant}.o",
-                             [f"-DVARIANT={variant}", f"-DLANES={lanes}", *flags])
-                   for variant, (lanes, flags) in VARIANTS[machine].items() for loop in LOOPS]
-        objects.append(_compiled(compiler, "kernels", Path(temporary) / "kernels.o",
-                                 [f'-DLF_SOURCES="{sources_digest()}"']))
         made = Path(temporary) / library_name(target)
-        subprocess.run([*compiler, *_linking(target, Path(temporary)), "-o", made.name, *objects], check=True,
-                       cwd=temporary)
+        subprocess.run([*command, *_linking(target, Path(temporary)), "-o", made.name,
+                        *objects(target, Path(temporary))], check=True, cwd=temporary)
         os.replace(made, folder / made.name)  # at once: others may be loading it
     return folder / library_name(target)
 
 
-def _compiled(compiler, source, target, flags):
-    """The name of an object file. No path is in it: sources are named from their own folder."""
-    subprocess.run([*compiler, *FLAGS, *flags, "-c", f"{source}.c", "-o", str(target)], check=True, cwd=HERE)
-    return target.name
+def objects(target: str, folder: Path, flags: Sequence[str] = ()) -> list[str]:
+    """What `build` links: the names of object files in a folder, compiled with these flags, too."""
+    made, machine = [], target.split("-")[1]
+
+    def compiled(source, *own):
+        made.append(f"{len(made)}.o")  # no path gets in: sources are named from their own folder
+        subprocess.run([*compiler(target), *FLAGS, *flags, *own, "-c", source, "-o", str(folder / made[-1])],
+                       check=True, cwd=HERE)
+
+    for variant, (lanes, own) in VARIANTS[machine].items():
+        for loop in LOOPS:
+            compiled(f"{loop}.c", f"-DVARIANT={variant}", f"-DLANES={lanes}", *own)
+    compiled("kernels.c", f'-DLF_SOURCES="{sources_digest()}"')
+    return made
 
 
-def _compiler(target):
-    """The compiler of a platform, as the beginning of a command."""
+def compiler(target: str) -> list[str]:
+    """The beginning of the commands that compile for a platform.
+
+    Raises
+    ------
+    CompilerMissing
+    """
     own = target == this_platform()
     names = [os.environ["CC"]] if own and "CC" in os.environ else [*(("cc", "gcc", "clang") * own), COMPILERS[target]]
-    for name in names:
-        command = shlex.split(name)
-        if shutil.which(command[0]):
-            break
-    else:
+    found = [command for command in map(shlex.split, names) if shutil.which(command[0])]
+    if not found:
         raise CompilerMissing(f"{' or '.join(names)} is not installed")
     if target.startswith("windows"):  # whose stack is aligned to less than AVX's moves want
-        return [*command, "-Wa,-muse-unaligned-vector-move"]
+        return [*found[0], "-Wa,-muse-unaligned-vector-move"]
     if target.startswith("macos") and not own:
-        return [*command, f"--target={'arm64' if target.endswith('arm64') else 'x86_64'}-apple-macos11.0"]
-    return command
+        return [*found[0], f"--target={'arm64' if target.endswith('arm64') else 'x86_64'}-apple-macos11.0"]
+    return found[0]
 
 
 def _linking(target, folder):
     """What makes a library of the objects: without a C library, so that it fits every system's."""
-    system, machine = target.split("-")
+    system = target.split("-")[0]
     if system == "linux":
         return ["-shared", "-nostdlib", "-Wl,--no-undefined", "-Wl,--build-id=none", "-s"]
     if system == "windows":

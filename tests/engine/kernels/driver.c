@@ -1,0 +1,337 @@
+/* Holds every variant of the loops against plain ones in double precision, on random shapes: driver ROUNDS SEED
+
+   One line for each variant that this processor can run: how far each loop was off, as a part of what rounding to its
+   precision can come to, and a hash of all bits that came out, which is to be the same for all. Of what goes in nothing
+   is rounded otherwise by other compilers or libraries: so it is to be the same on all machines, too. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include "kernels.h"
+
+#define MOST_VARIANTS 4
+#define SINGLE (1.0 / (1 << 24)) /* what a rounding to single precision is off by, at most, as a part of the value */
+#define DOUBLE (SINGLE * SINGLE / 32)
+
+static uint64_t state;
+static uint64_t hash[MOST_VARIANTS];
+static double worst[MOST_VARIANTS][3]; /* of spreading, footprints, turning */
+
+static uint32_t random_bits(void)
+{
+    state = state * 6364136223846793005u + 1442695040888963407u;
+    return (uint32_t)(state >> 33);
+}
+static int64_t below(int64_t n) { return random_bits() % (uint32_t)n; }
+static double unit(void) { return random_bits() / 2147483648.0; }
+
+static void *room(int64_t count, size_t size)
+{
+    void *p = calloc((size_t)count + 1, size);
+    if (!p) abort();
+    return p;
+}
+#define ROOM(type, count) ((type *)room(count, sizeof(type)))
+
+static int runs(int variant) { return lf_variant(variant) && lf_runs_here(variant); }
+
+static void expect(int right, const char *what)
+{
+    if (right) return;
+    printf("%s\n", what);
+    exit(1);
+}
+
+static void take_bits(int variant, const void *values, int64_t bytes)
+{
+    for (const unsigned char *c = values; bytes--; c++) hash[variant] = (hash[variant] ^ *c) * 1099511628211u;
+}
+
+static void take_deviation(int variant, int loop, double deviation, double bound)
+{
+    if (!(deviation / bound <= worst[variant][loop])) worst[variant][loop] = deviation / bound; /* NaN too */
+}
+
+/* Spreading: PSFs of noise in a circle of its own for each height, packed into pieces as the loop wants them. */
+
+typedef struct {
+    int64_t side, heights, azimuths;
+    double *psf; /* (height, azimuth, row, column) */
+    lf_table packed;
+} psf_table;
+
+static const double *psf_at(const psf_table *t, int64_t height, int64_t azimuth)
+{
+    return t->psf + (height * t->azimuths + azimuth) * t->side * t->side;
+}
+
+static psf_table random_table(void)
+{
+    const int64_t radius = below(6) ? below(12) : below(70), side = 2 * radius + 1, most = 8 * LF_LONGEST - 3;
+    psf_table t = {side, 2 + below(4), 2 + below(7), 0, {0}};
+    int64_t reach[8];
+    t.psf = ROOM(double, t.heights * t.azimuths * side * side);
+    for (int64_t h = 0; h < t.heights; h++) {
+        reach[h] = below(radius + 1);
+        for (int64_t i = 0; i < t.azimuths * side * side; i++) {
+            const int64_t down = i / side % side - radius, right = i % side - radius;
+            if (down * down + right * right <= reach[h] * reach[h])
+                t.psf[h * t.azimuths * side * side + i] = (float)unit();
+        }
+    }
+    const int64_t intervals = t.heights - 1, pieces = intervals * side * (side / most + 1);
+    int64_t *begin = ROOM(int64_t, intervals), *length = ROOM(int64_t, intervals), *first = ROOM(int64_t, intervals);
+    int64_t *counts = ROOM(int64_t, intervals * (LF_LONGEST + 1)), *row = ROOM(int64_t, pieces);
+    int64_t *column = ROOM(int64_t, pieces), *taps_of = ROOM(int64_t, pieces);
+    int64_t size = LF_SLACK, count = 0;
+    for (int64_t b = 0; b < intervals; b++) {
+        const int64_t wide = reach[b] > reach[b + 1] ? reach[b] : reach[b + 1];
+        begin[b] = size;
+        first[b] = count;
+        for (int64_t eights = 1; eights <= LF_LONGEST; eights++)
+            for (int64_t y = -wide; y <= wide; y++) {
+                int64_t half = 0;
+                while ((half + 1) * (half + 1) + y * y <= wide * wide) half++;
+                for (int64_t x = radius - half; x <= radius + half; x += most) {
+                    const int64_t taps = radius + half + 1 - x < most ? radius + half + 1 - x : most;
+                    if ((taps + 3 + 7) / 8 != eights) continue;
+                    row[count] = y + radius, column[count] = x, taps_of[count++] = taps;
+                    counts[b * (LF_LONGEST + 1) + eights]++;
+                    length[b] += 8 * eights;
+                }
+            }
+        size += 2 * t.azimuths * length[b];
+    }
+    size += LF_SLACK;
+    float *taps = ROOM(float, size);
+    for (int64_t b = 0; b < intervals; b++)
+        for (int64_t k = 0; k < 2 * t.azimuths; k++) {
+            float *to = taps + begin[b] + k * length[b];
+            const double *psf = psf_at(&t, b + k / t.azimuths, k % t.azimuths);
+            for (int64_t n = first[b]; n < (b + 1 < intervals ? first[b + 1] : count); n++) {
+                for (int64_t i = 0; i < taps_of[n]; i++) to[i] = (float)psf[row[n] * side + column[n] + i];
+                to += (taps_of[n] + 3 + 7) / 8 * 8;
+            }
+        }
+    free(taps_of);
+    t.packed = (lf_table){taps, size, side, intervals, begin, length, first, counts, row, column, count};
+    return t;
+}
+
+static void free_table(psf_table *t)
+{
+    const lf_table *p = &t->packed;
+    const void *all[] = {t->psf, p->taps, p->begin, p->length, p->first_piece, p->counts, p->row, p->column};
+    for (size_t n = 0; n < sizeof all / sizeof *all; n++) free((void *)all[n]);
+}
+
+/* Heights that grow evenly but for a jitter, and the curve of them over the distance from the axis. */
+static lf_places random_places(const psf_table *t, int64_t rows, int64_t columns)
+{
+    const int64_t quarter = t->azimuths < 4 || below(2) ? t->azimuths - 1 : (t->azimuths - 1) / 4 + 1;
+    const int64_t samples = 4 * t->heights + below(50);
+    double *height = ROOM(double, t->heights), *paraxial = ROOM(double, samples + 1);
+    int32_t *interval = ROOM(int32_t, samples + 1);
+    for (int64_t h = 0; h < t->heights; h++) height[h] = (double)h + (h ? unit() / 2 : 0);
+    for (int64_t n = 0; n <= samples; n++) {
+        paraxial[n] = 1.2 * height[t->heights - 1] * (double)n / (double)samples;
+        while (interval[n] < t->heights - 2 && height[interval[n] + 1] <= paraxial[n]) interval[n]++;
+    }
+    const int folded = quarter == t->azimuths - 1; /* azimuths of a quarter turn alone */
+    return (lf_places){folded ? -0.5 * (double)below(2) : unit() * (double)rows,
+                       folded ? -0.5 * (double)below(2) : unit() * (double)columns,
+                       (double)samples / (1 + unit() * (double)(rows + columns)), paraxial, interval, height, samples,
+                       t->heights, t->azimuths, quarter};
+}
+
+/* The PSF of a pixel, from its definition: array (row, column) of the square. */
+static void mix(const psf_table *t, const lf_places *p, int64_t y, int64_t x, double *psf)
+{
+    const double down = (double)y - p->centre_row, right = (double)x - p->centre_column, pi = 3.141592653589793;
+    double azimuth = atan2(down, right), at = sqrt(right * right + down * down) * p->samples_per_px;
+    azimuth = (azimuth < 0 ? azimuth + 2 * pi : azimuth) * (double)p->quarter_steps / (pi / 2);
+    azimuth = fmin(azimuth, (double)(p->azimuths - 1));
+    at = fmin(at, (double)p->samples);
+    const int64_t before = azimuth < (double)(p->azimuths - 1) ? (int64_t)azimuth : p->azimuths - 2;
+    const int64_t sample = at < (double)p->samples ? (int64_t)at : p->samples - 1;
+    const double mm = p->paraxial[sample] + (at - (double)sample) * (p->paraxial[sample + 1] - p->paraxial[sample]);
+    int64_t low = 0;
+    while (low < p->heights - 2 && mm >= p->height[low + 1]) low++;
+    const double up = fmin((mm - p->height[low]) / (p->height[low + 1] - p->height[low]), 1);
+    const double on = azimuth - (double)before;
+    for (int64_t i = 0; i < t->side * t->side; i++)
+        psf[i] = (1 - up) * ((1 - on) * psf_at(t, low, before)[i] + on * psf_at(t, low, before + 1)[i])
+                 + up * ((1 - on) * psf_at(t, low + 1, before)[i] + on * psf_at(t, low + 1, before + 1)[i]);
+}
+
+static void try_spreading(void)
+{
+    const int64_t planes = below(2) ? 1 : 4, rows = 1 + below(9), columns = 1 + below(40), size = 1 + below(9);
+    const int64_t down = (rows + size - 1) / size, across = (columns + size - 1) / size;
+    psf_table t = random_table();
+    const lf_places places = random_places(&t, rows, columns);
+    float *values = ROOM(float, planes * rows * columns);
+    uint8_t *lit = ROOM(uint8_t, down * across);
+    for (int64_t i = 0; i < planes * rows * columns; i++) values[i] = below(3) ? (float)unit() : 0;
+    for (int64_t i = 0; i < down * across; i++) lit[i] = below(5) > 0;
+    const lf_picture light = {values, planes, rows, columns, rows * columns, columns};
+    const lf_sections sections = {lit, down, across, size};
+    const int64_t out_rows = rows + t.side - 1, out_columns = columns + t.side - 1, step = out_columns + LF_SLACK;
+    const int64_t count = planes * out_rows * step;
+    double *truth = ROOM(double, count), *terms = ROOM(double, count), *psf = ROOM(double, t.side * t.side);
+    for (int64_t y = 0; y < rows; y++)
+        for (int64_t x = 0; x < columns; x++) {
+            if (!lit[y / size * across + x / size]) continue;
+            mix(&t, &places, y, x, psf);
+            for (int64_t q = 0; q < planes; q++)
+                for (int64_t i = 0; i < t.side * t.side; i++) {
+                    const int64_t to = (q * out_rows + y + i / t.side) * step + x + i % t.side;
+                    truth[to] += psf[i] * values[(q * rows + y) * columns + x];
+                    terms[to]++;
+                }
+        }
+    const int64_t bytes = lf_spread_work(t.packed.pieces, columns);
+    expect(bytes > 0, "spreading refused its size");
+    void *work = room(bytes, 1);
+    for (int v = 0; runs(v); v++) {
+        float *result = ROOM(float, count);
+        const lf_picture out = {result, planes, out_rows, step, out_rows * step, step};
+        lf_picture narrow = out;
+        narrow.columns--;
+        expect(lf_spread(v, &places, &t.packed, &light, &sections, 0, rows, &narrow, work) == LF_BAD_SIZE &&
+               lf_spread(v, &places, &t.packed, &light, &sections, 0, rows + 1, &out, work) == LF_BAD_SIZE,
+               "spreading took a size that cannot be");
+        expect(!lf_spread(v, &places, &t.packed, &light, &sections, 0, rows, &out, work), "spreading refused its sizes");
+        take_bits(v, result, count * 4);
+        /* Each pixel adds a product of values up to 1 whose weights are rounded, and the sum is rounded each time. */
+        for (int64_t i = 0; i < count; i++)
+            take_deviation(v, 0, fabs(result[i] - truth[i]),
+                           SINGLE * (truth[i] * (terms[i] + 10) + 8 * terms[i]) + 1e-30);
+        free(result);
+    }
+    free_table(&t);
+    void *all[] = {(void *)places.paraxial, (void *)places.interval, (void *)places.height, values, lit, truth, terms, psf, work};
+    for (size_t n = 0; n < sizeof all / sizeof *all; n++) free(all[n]);
+}
+
+/* Footprints: of captures that planes see from all sides; of lenses with curves of any kind, then only that nothing
+   is read from outside, which the sanitizers see. */
+
+static double overlap(double middle, double width, int64_t pixel)
+{
+    const double from = fmax((double)pixel - 0.5, middle - width / 2), to = fmin((double)pixel + 0.5, middle + width / 2);
+    return to > from ? (to - from) / width : 0;
+}
+
+static double footprint(const lf_geometry *lens, const lf_capture *c, int64_t plane, int64_t y, int64_t x)
+{
+    const double down = (double)y - lens->centre_row, right = (double)x - lens->centre_column;
+    const double distance = sqrt(right * right + down * down), at = fmin(distance * lens->samples_per_px, (double)lens->samples);
+    const int64_t sample = at < (double)lens->samples ? (int64_t)at : lens->samples - 1;
+    double curve[3];
+    for (int k = 0; k < 3; k++) {
+        const double low = lens->curves[3 * sample + k], high = lens->curves[3 * sample + 3 + k];
+        curve[k] = low + (at - (double)sample) * (high - low);
+    }
+    if (distance > lens->last_px) return 0;
+    const double cos_squared = distance > 0 ? right * right / (distance * distance) : 0;
+    const double high = fmax(curve[1] + (curve[0] - curve[1]) * cos_squared, 1);
+    const double wide = fmax(curve[0] + (curve[1] - curve[0]) * cos_squared, 1);
+    double sum = 0;
+    for (int64_t j = 0; j < c->rows; j++) {
+        const double in_row = overlap(c->centre_row + down * curve[0], high, j);
+        for (int64_t i = 0; in_row > 0 && i < c->columns; i++)
+            sum += in_row * overlap(c->centre_column + right * curve[0], wide, i)
+                   * c->first[plane][j * c->row_step[plane] + i * c->step[plane]];
+    }
+    return sum * curve[2];
+}
+
+static void try_footprints(void)
+{
+    static const double wild[] = {NAN, INFINITY, -INFINITY, -1e300, 1e300, 0, -0.5, 40, 1e-320};
+    const int64_t planes = 1 + below(4), rows = 1 + below(30), columns = 1 + below(50), samples = 1 + below(40);
+    const int64_t down = 1 + below(50), across = 1 + below(60);
+    const int tame = below(4) > 0;
+    double *curves = ROOM(double, 3 * (samples + 1));
+    for (int64_t i = 0; i < 3 * (samples + 1); i++)
+        curves[i] = !tame && below(2) ? wild[below(9)] : i % 3 == 2 ? unit() : 0.5 + 1.5 * unit();
+    float *values = ROOM(float, down * across);
+    for (int64_t i = 0; i < down * across; i++) values[i] = (float)unit();
+    const lf_geometry lens = {unit() * (double)rows, unit() * (double)columns, (double)samples / (1 + 60 * unit()), curves,
+                              samples, below(3) ? 1e9 : 40 * unit()};
+    lf_capture c = {.planes = planes, .rows = down, .columns = across, .centre_row = unit() * (double)down,
+                    .centre_column = unit() * (double)across};
+    for (int64_t q = 0; q < planes; q++) { /* the right way round, upside down, mirrored, both */
+        c.row_step[q] = q % 2 ? -across : across;
+        c.step[q] = q / 2 ? -1 : 1;
+        c.first[q] = values + (q % 2 ? (down - 1) * across : 0) + (q / 2 ? across - 1 : 0);
+    }
+    for (int v = 0; runs(v); v++) {
+        float *result = ROOM(float, planes * rows * columns);
+        const lf_picture out = {result, planes, rows, columns, rows * columns, columns};
+        expect(lf_footprints(v, &lens, &c, 0, rows + 1, &out) == LF_BAD_SIZE, "footprints took a size that cannot be");
+        expect(!lf_footprints(v, &lens, &c, 0, rows, &out), "footprints refused their sizes");
+        if (tame) take_bits(v, result, planes * rows * columns * 4);
+        for (int64_t i = 0; tame && i < planes * rows * columns; i++) /* 18 sums of 18 rounded shares of values up to 1 */
+            take_deviation(v, 1, fabs(result[i] - footprint(&lens, &c, i / (rows * columns), i / columns % rows, i % columns)),
+                           2 * (18 + 4) * SINGLE);
+        free(result);
+    }
+    free(curves), free(values);
+}
+
+/* Turning, by angles whose sine and cosine are fractions, for those are the same everywhere. */
+
+static void try_turning(void)
+{
+    const int64_t count = 1 + below(300), heights = 8 * (1 + below(3)), radius = 3 + below(10), side = 2 * radius + 1;
+    const int64_t size = side * side * heights;
+    double *v_px = ROOM(double, count), *u_px = ROOM(double, count), *energy = ROOM(double, count * heights);
+    double *truth = ROOM(double, size);
+    const lf_samples samples = {v_px, u_px, energy, count, heights, 0.1 + 0.4 * unit()};
+    const double reach = (double)radius - 1.5;
+    for (int64_t n = 0; n < count; n++)
+        do v_px[n] = reach * (2 * unit() - 1), u_px[n] = reach * (2 * unit() - 1);
+        while (v_px[n] * v_px[n] + u_px[n] * u_px[n] > reach * reach);
+    for (int64_t i = 0; i < count * heights; i++) energy[i] = unit();
+    const double half = below(9) ? 4 * unit() - 2 : 0, cosine = (1 - half * half) / (1 + half * half);
+    const double sine = 2 * half / (1 + half * half), width = (fabs(cosine) + fabs(sine)) * samples.size_px;
+    for (int64_t n = 0; n < count; n++) {
+        const double down = -v_px[n] * sine + u_px[n] * cosine, right = v_px[n] * cosine + u_px[n] * sine;
+        for (int64_t i = 0; i < side * side; i++) {
+            const double share = overlap(down, width, i / side - radius) * overlap(right, width, i % side - radius);
+            for (int64_t h = 0; share > 0 && h < heights; h++) truth[i * heights + h] += share * energy[n * heights + h];
+        }
+    }
+    for (int v = 0; runs(v); v++) {
+        double *result = ROOM(double, size);
+        expect(!lf_turn(v, &samples, cosine, sine, side, result), "turning refused its sizes");
+        take_bits(v, result, size * 8);
+        /* A share is a difference of numbers up to the radius over a width of no less than a tenth; values are up to 1. */
+        for (int64_t i = 0; i < size; i++)
+            take_deviation(v, 2, fabs(result[i] - truth[i]), (double)count * 100 * (double)radius * DOUBLE);
+        free(result);
+    }
+    v_px[below(count)] = below(2) ? 1e9 : NAN;
+    for (int v = 0; runs(v); v++)
+        expect(lf_turn(v, &samples, cosine, sine, side, truth) == LF_OUTSIDE, "turning took a sample outside");
+    free(v_px), free(u_px), free(energy), free(truth);
+}
+
+int main(int argc, char **argv)
+{
+    const int rounds = argc > 1 ? atoi(argv[1]) : 100;
+    state = argc > 2 ? strtoull(argv[2], 0, 10) : 0;
+    expect(lf_abi() == LF_ABI, "the library is of another ABI");
+    expect(lf_spread_work(-1, 1) == 0 && lf_spread_work(1, (int64_t)1 << 60) == 0, "sizes that cannot be have room");
+    for (int i = 0; i < rounds; i++) try_spreading(), try_footprints(), try_turning();
+    int off = 0;
+    for (int v = 0; runs(v); v++) {
+        printf("%-7s off by %.2f, %.2f and %.2f of rounding  bits %016llx\n", lf_variant(v), worst[v][0], worst[v][1],
+               worst[v][2], (unsigned long long)hash[v]);
+        for (int loop = 0; loop < 3; loop++) off |= !(worst[v][loop] <= 1);
+        off |= hash[v] != hash[0];
+    }
+    return off;
+}
