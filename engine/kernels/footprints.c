@@ -2,37 +2,81 @@
    it there, times a factor.
 
    The lens's geometry comes as curves over the distance from the axis, so that no array is made of what differs from
-   pixel to pixel. */
+   pixel to pixel. Some pixels of a row go together, and every step is a loop over them, of a kind that compilers do
+   many at once. Footprints that are neighbours touch about as many rows and columns as one another: all are given as
+   many as the largest, with shares of zero where they touch none. */
 #include "variant.h"
 
+#define TOGETHER 64 /* pixels */
 #define MOST_TOUCHED (LF_LARGEST_FOOTPRINT + 2)
 
-typedef struct { /* which pixels of a row, or column, an interval touches, and the share of it that lies in each */
-    int64_t first;
+typedef struct { /* where the footprints of some pixels lie in one direction, and how wide they are there */
+    double middle[TOGETHER], width[TOGETHER];
+} extents;
+
+typedef struct { /* the rows, or columns, of the capture that these touch, and the share of each that lies there */
     int count;
-    float share[MOST_TOUCHED];
+    int32_t pixel[MOST_TOUCHED][TOGETHER];
+    float share[MOST_TOUCHED][TOGETHER];
 } touched;
 
-/* Of an interval, made at least a pixel wide, on a row of `length` pixels. What lies outside touches none. */
-INLINE void touch(double middle, double width, int64_t length, touched *t)
+/* The footprints of n pixels of a row, from column x on; and the factors on their light. */
+static void find_footprints(const lf_geometry *lens, const lf_capture *capture, int64_t x, int n, double down,
+                            extents *restrict rows, extents *restrict columns, float *restrict factor)
+{
+    const double last = (double)lens->samples, centre_column = lens->centre_column, last_px = lens->last_px;
+    const double per_px = lens->samples_per_px, *restrict curves = lens->curves;
+    const double row = capture->centre_row, column = capture->centre_column;
+    for (int i = 0; i < n; i++) {
+        const double right = (double)(x + i) - centre_column, distance = __builtin_sqrt(right * right + down * down);
+        double at = distance * per_px;
+        at = at < last ? at : last; /* NaN too */
+        int32_t sample = (int32_t)at;
+        sample -= sample == (int32_t)last;
+        const int32_t low = 3 * sample, high = low + 3;
+        const double on = at - (double)sample;
+        const double tangential = curves[low] + on * (curves[high] - curves[low]);
+        const double radial = curves[low + 1] + on * (curves[high + 1] - curves[low + 1]);
+        const double light = curves[low + 2] + on * (curves[high + 2] - curves[low + 2]);
+        const double squares = right * right + down * down;
+        const double cos_squared = right * right / (squares > 0 ? squares : 1);
+        factor[i] = distance <= last_px ? (float)light : 0;
+        rows->middle[i] = row + down * tangential;
+        rows->width[i] = radial + (tangential - radial) * cos_squared;
+        columns->middle[i] = column + right * tangential;
+        columns->width[i] = tangential + (radial - tangential) * cos_squared;
+    }
+}
+
+/* What n footprints, made at least a pixel wide, touch of `length` rows or columns. Nothing lies outside of these. */
+static void find_touched(const extents *restrict e, int n, int64_t length, touched *restrict t)
 {
     const double lowest = -2.0 - LF_LARGEST_FOOTPRINT, highest = (double)length + 1;
-    if (!(width > 1)) width = 1;
-    if (!(width <= LF_LARGEST_FOOTPRINT)) width = LF_LARGEST_FOOTPRINT;
-    double begin = middle - width / 2;
-    if (!(begin > lowest)) begin = lowest; /* NaN too: an index stays within an int64 */
-    if (begin > highest) begin = highest;
-    const double end = begin + width, per_px = 1 / width;
-    int64_t pixel = (int64_t)(begin + 0.5 - lowest) + (int64_t)lowest; /* rounded down */
-    double before = 0;
-    t->first = pixel > 0 ? pixel : 0;
-    t->count = 0;
-    for (; (double)pixel - 0.5 < end && pixel < length && t->count < MOST_TOUCHED; pixel++) {
-        double up_to = ((double)pixel + 0.5 - begin) * per_px;
-        if (!(up_to < 1)) up_to = 1;
-        if (pixel >= 0) t->share[t->count++] = (float)(up_to - before);
-        before = up_to;
+    double begin[TOGETHER], per_px[TOGETHER];
+    int32_t first[TOGETHER], widest = 0;
+    for (int i = 0; i < n; i++) {
+        double width = e->width[i] > 1 ? e->width[i] : 1; /* NaN too */
+        width = width < LF_LARGEST_FOOTPRINT ? width : LF_LARGEST_FOOTPRINT;
+        double from = e->middle[i] - width / 2;
+        from = from > lowest ? from : lowest; /* NaN too */
+        from = from < highest ? from : highest;
+        begin[i] = from;
+        per_px[i] = 1 / width;
+        first[i] = (int32_t)(from + 0.5 - lowest) + (int32_t)lowest; /* rounded down */
+        const int32_t whole = (int32_t)(width - 1e-9);
+        widest = whole > widest ? whole : widest;
     }
+    t->count = 2 + widest;
+    for (int k = 0; k < 2 + widest; k++)
+        for (int i = 0; i < n; i++) {
+            const int32_t pixel = first[i] + k, inside = (pixel >= 0) & (pixel < (int32_t)length);
+            double before = ((double)pixel - 0.5 - begin[i]) * per_px[i];
+            double up_to = ((double)pixel + 0.5 - begin[i]) * per_px[i];
+            before = before < 0 ? 0 : before < 1 ? before : 1;
+            up_to = up_to < 1 ? up_to : 1;
+            t->share[k][i] = inside ? (float)(up_to - before) : 0;
+            t->pixel[k][i] = inside ? pixel : 0;
+        }
 }
 
 lf_footprints_loop OF_VARIANT(lf_footprints);
@@ -40,36 +84,30 @@ lf_footprints_loop OF_VARIANT(lf_footprints);
 int OF_VARIANT(lf_footprints)(const lf_geometry *lens, const lf_capture *capture, int64_t first_row, int64_t end_row,
                               const lf_picture *out)
 {
-    const double most = (double)lens->samples;
-    for (int64_t y = first_row; y < end_row; y++) {
-        const double down = (double)y - lens->centre_row;
-        for (int64_t x = 0; x < out->columns; x++) {
-            const double right = (double)x - lens->centre_column, distance = __builtin_sqrt(right * right + down * down);
-            double at = distance * lens->samples_per_px;
-            if (!(at < most)) at = most; /* NaN too */
-            int64_t sample = (int64_t)at;
-            sample -= sample == lens->samples;
-            const double *low = lens->curves + 3 * sample, *high = low + 3, on = at - (double)sample;
-            const double tangential = low[0] + on * (high[0] - low[0]), radial = low[1] + on * (high[1] - low[1]);
-            const float factor = distance <= lens->last_px ? (float)(low[2] + on * (high[2] - low[2])) : 0;
-            const double cos_squared = distance > 0 ? right * right / (distance * distance) : 0;
-            touched rows, columns;
-            touch(capture->centre_row + down * tangential, radial + (tangential - radial) * cos_squared, capture->rows,
-                  &rows);
-            touch(capture->centre_column + right * tangential, tangential + (radial - tangential) * cos_squared,
-                  capture->columns, &columns);
+    extents down, across;
+    touched rows, columns;
+    float factor[TOGETHER], in_row[TOGETHER], sum[TOGETHER];
+    for (int64_t y = first_row; y < end_row; y++)
+        for (int64_t x = 0; x < out->columns; x += TOGETHER) {
+            const int n = out->columns - x < TOGETHER ? (int)(out->columns - x) : TOGETHER;
+            find_footprints(lens, capture, x, n, (double)y - lens->centre_row, &down, &across, factor);
+            find_touched(&down, n, capture->rows, &rows);
+            find_touched(&across, n, capture->columns, &columns);
             for (int64_t plane = 0; plane < out->planes; plane++) {
                 const int64_t row_step = capture->row_step[plane], step = capture->step[plane];
-                const float *from = capture->first[plane] + rows.first * row_step + columns.first * step;
-                float sum = 0;
-                for (int j = 0; j < rows.count; j++, from += row_step) {
-                    float in_row = 0;
-                    for (int i = 0; i < columns.count; i++) in_row += columns.share[i] * from[i * step];
-                    sum += rows.share[j] * in_row;
+                const float *from = capture->first[plane];
+                float *to = out->values + plane * out->plane_step + y * out->row_step + x;
+                for (int i = 0; i < n; i++) sum[i] = 0;
+                for (int j = 0; j < rows.count; j++) {
+                    for (int i = 0; i < n; i++) in_row[i] = 0;
+                    for (int k = 0; k < columns.count; k++)
+                        for (int i = 0; i < n; i++)
+                            in_row[i] += columns.share[k][i]
+                                         * from[rows.pixel[j][i] * row_step + columns.pixel[k][i] * step];
+                    for (int i = 0; i < n; i++) sum[i] += rows.share[j][i] * in_row[i];
                 }
-                out->values[plane * out->plane_step + y * out->row_step + x] = sum * factor;
+                for (int i = 0; i < n; i++) to[i] = sum[i] * factor[i];
             }
         }
-    }
     return 0;
 }
