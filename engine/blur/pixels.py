@@ -48,8 +48,10 @@ class Pixels(Method):
         return f"a PSF for every pixel, from {self.azimuths} azimuths"
 
     def counts(self, work: Workload) -> dict[str, float]:
+        apart = work.pixels / work.planes.count
+        runs = apart / max(self.section_size**2, RUN_VALUES / work.covered)
         return {"tap": work.pixels * work.taps, "covered tap": work.pixels * work.covered,
-                "mixed tap": work.pixels / work.planes.count * work.covered}
+                "mixed tap": apart * work.covered, "tap of a run": runs * work.covered}
 
     def kept_values(self, work: Workload) -> float:
         return RUN_VALUES * 3 / 2

@@ -15,18 +15,20 @@ COMPILED = "compiled"
 # benchmarks/calibrate_cost.py on an AMD EPYC of two cores; `machine_factor` brings them to the machine at hand.
 NANOSECONDS = {
     kernels.NUMPY: {
-        "wavelength": (3.6e6, 3.9e6),  # whatever its size
-        "picture pixel": (15, 60),  # distortion, relative illumination, joining the planes, cutting out the frame
-        "window sample": (20, 0),  # of a whole PSF: interpolated, trimmed, normalised
-        "table sample": (5.2, 72),  # of a PSF, at one azimuth, for all heights
-        "table pixel": (0.71, 0),  # of the square of a PSF, at one azimuth and height, mixed between wavelengths
-        "table tap": (0, 1.7),  # of a PSF, at one azimuth and height
-        "step": (2.3e4, 1.3e5),  # of a section, or a row of them
-        "transformed value": (0.03, 0.08),  # and doubling of the space
-        "spectrum value": (0, 8.9),  # weighed, filtered and summed
-        "covered tap": (0.01, 0.93),  # of a pixel's PSF, of those that the PSF of any height covers
-        "mixed tap": (0.07, 0.69),  # of a PSF that is mixed from a table
-        "turned sample": (0.97, 43),  # of a PSF that is turned for one place
+        "wavelength": (3.8e6, 6.9e6),  # whatever its size
+        "picture pixel": (13, 46),  # distortion, relative illumination, joining the planes, cutting out the frame
+        "window sample": (13, 0),  # of a whole PSF: interpolated, trimmed, normalised
+        "table sample": (2.9, 63),  # of a PSF, at one azimuth, for all heights
+        "table pixel": (0, 0),  # of the square of a PSF, at one azimuth and height, mixed between wavelengths
+        "table tap": (1.6, 1.7),  # of a PSF, at one azimuth and height
+        "step": (3e4, 1.9e5),  # of a section, or a row of them
+        "transformed value": (0.027, 0.71),  # and doubling of the space
+        "spectrum value": (0, 0),  # weighed, filtered and summed
+        "tap": (0, 0.16),  # of a pixel's PSF
+        "covered tap": (0, 0.83),  # of those that the PSF of any height covers
+        "mixed tap": (0.025, 0.3),  # of a PSF that is mixed from a table
+        "tap of a run": (0, 7.5e3),  # of pixels that are done together
+        "turned sample": (1.3, 44),  # of a PSF that is turned for one place
     },
     COMPILED: {
         "wavelength": (4.1e6, 6e6),
