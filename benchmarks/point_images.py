@@ -46,7 +46,7 @@ class PointImages:
     @cached_property
     def _true_psfs(self):
         optics = self.lens.at_wavelength(self.wavelength_nm)
-        return PlacedPsfs(PsfBank.of(optics, self.grid.pitch_um), FieldGeometry(optics, self.lens.name),
+        return PlacedPsfs(lambda: PsfBank.of(optics, self.grid.pitch_um), FieldGeometry(optics, self.lens.name),
                           Planes(self.grid, False))
 
 

@@ -37,14 +37,14 @@ class Channel:
         self.field = FieldGeometry(optics, lens.name)
         self.planes = plan.planes(capture)
         self._plan, self._table = plan, table
-        bank = PsfBank.of(optics, capture.pitch_um).trimmed(plan.psf_energy, plan.psf_radius_px)
-        self._psfs = PlacedPsfs(bank, self.field, self.planes)
-        self.kept = memory.take(bank.nbytes + self.field.nbytes + (table.nbytes if table else 0))
+        self._psfs = PlacedPsfs(lambda: PsfBank.of(optics, capture.pitch_um).trimmed(
+            plan.psf_energy, plan.psf_radius_px), self.field, self.planes)
+        self.kept = memory.take(self.field.nbytes + (table.nbytes if table else self._psfs.bank.nbytes))
         memory = memory if self.kept else MemoryBudget(0)
         self._ideal = IdealImage(lens, self.field, optics.transmittance, capture, self.planes, memory=memory,
                                  vignette=plan.out_of_field == "vignette", precision=plan.precision)
         self._spreader = plan.method.spreader(self._psfs, table, plan.psf_radius_px, memory)
-        self._flat_slope = flat_slope(self._psfs, plan.flat_tolerance)
+        self._flat_slope = flat_slope(table, self._psfs, plan.flat_tolerance) if table else 0.0
 
     def ideal_irradiance(self, radiance: np.ndarray) -> np.ndarray:
         """Irradiance of a plane of radiance where the lens puts it, before any blur: array (plane, row, column) of

@@ -8,14 +8,14 @@ from ..field.psf_table import PsfCells
 from ..threads import thread_pool
 
 
-def flat_slope(psfs: PlacedPsfs, tolerance: float) -> float:
+def flat_slope(table: PsfCells, psfs: PlacedPsfs, tolerance: float) -> float:
     """Relative change of light from pixel to pixel that blur may ignore for this relative error; 0 where none.
 
     A pixel's light comes from pixels whose distance, the steps along x and y, is on the mean `steps_px`; it then
     differs from that of even light by no more than the slope times this. And even light stays even, as `even_light`
     has it, but for what the PSFs' spread changes over the field.
     """
-    distance_px = psfs.bank.mean_distance_px()
+    distance_px = table.mean_distance_px
     field_px = psfs.field.last_real_mm / (psfs.planes.picture.pitch_um * 1e-3)
     steps_px = np.sqrt(2) * distance_px + 1
     return max(tolerance - 2 * (distance_px / field_px) ** 2, 0) / 2 / steps_px

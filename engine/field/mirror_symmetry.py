@@ -27,13 +27,20 @@ def mirror_symmetric(psf: np.ndarray) -> tuple[np.ndarray, bool]:
     psf : array (height, v, u), as it was or averaged with its mirror image, then of odd size
     symmetric : bool
     """
-    n = psf.shape[-1]
-    odd = np.pad(psf, ((0, 0), (0, 1 - n % 2), (0, 1 - n % 2)))  # -n/2 has its partner then
-    mirrored = odd[..., ::-1]
-    asymmetry = np.abs(odd - mirrored).sum(axis=(-2, -1)).max()
-    if asymmetry > SYMMETRY_TOLERANCE:
+    if not is_mirror_symmetric(psf):
         return psf, False
-    return (odd + mirrored) / 2, True
+    even = 1 - psf.shape[-1] % 2
+    odd = np.pad(psf, ((0, 0), (0, even), (0, even))) if even else psf  # -n/2 has its partner then
+    return (odd + odd[..., ::-1]) / 2, True
+
+
+def is_mirror_symmetric(psf: np.ndarray) -> bool:
+    """Whether PSFs (height, v, u), the chief ray at n // 2, are mirror-symmetric in u, but for noise."""
+    even = 1 - psf.shape[-1] % 2
+    right = psf[..., psf.shape[-1] // 2 + 1:]
+    left = psf[..., even:even + right.shape[-1]][..., ::-1]
+    alone = psf[..., :even].sum(axis=(-2, -1))  # -n/2 of an even size, which is to be dark
+    return bool((2 * np.abs(right - left).sum(axis=(-2, -1)) + 2 * alone).max() <= SYMMETRY_TOLERANCE)
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """The PSF bank: PSFs of a lens on the sensor's pixel grid, at any place in the field."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -59,7 +60,7 @@ class PsfBank:
         offset_px = (np.arange((window - 1) * steps + 1) - window // 2 * steps) * sample_size_px
         v_px, u_px = np.repeat(offset_px, offset_px.size), np.tile(offset_px, offset_px.size)
         kept = refined.any(axis=0)
-        samples = refined[:, kept]
+        samples = np.compress(kept, refined, axis=1)
         samples /= samples.sum(axis=1, keepdims=True)
         return cls(optics.heights_mm, samples, np.zeros(len(samples)), v_px[kept], u_px[kept], sample_size_px,
                    psf_radius_px(optics, pixel_pitch_um), symmetric)
@@ -84,7 +85,8 @@ class PsfBank:
         support_px = np.minimum(support_px, radius_px - 0.5 - half_px)
         within = self._distance_px <= support_px[:, None] * (1 + 1e-9)
         kept = within.any(axis=0)
-        samples = np.where(within[:, kept], self.samples[:, kept], 0)
+        samples = np.compress(kept, self.samples, axis=1)
+        samples *= np.compress(kept, within, axis=1)
         light = samples.sum(axis=1)
         return replace(self, samples=samples / light[:, None], lost=1 - light * (1 - self.lost), v_px=self.v_px[kept],
                        u_px=self.u_px[kept], radius_px=radius_px)
@@ -105,11 +107,11 @@ class PsfBank:
     @cached_property
     def _enclosed(self):
         """Radii of circles, array (ring,), and the energy of each PSF inside: array (height, ring)."""
-        ring = np.ceil(self._distance_px / self.sample_size_px * RINGS - 1e-6).astype(np.intp)
-        count = ring.max() + 1
-        energy = np.stack([np.bincount(ring, samples, count) for samples in self.samples])
-        inside = np.cumsum(energy, axis=1)
-        return np.arange(count) * self.sample_size_px / RINGS, inside / inside[:, -1:]
+        ring = np.ceil(self._distance_px / self.sample_size_px * RINGS - 1e-6).astype(np.int32)
+        outwards = np.argsort(ring, kind="stable")
+        rings, first = np.unique(ring[outwards], return_index=True)
+        inside = np.cumsum(np.add.reduceat(np.take(self.samples, outwards, axis=1), first, axis=1), axis=1)
+        return rings * (self.sample_size_px / RINGS), inside / inside[:, -1:]
 
     def brightest(self, count: int) -> "PsfBank":
         """A bank of one PSF, and not of unit sum, that stands for those of all heights.
@@ -177,10 +179,6 @@ class PsfBank:
     def _turnable(self):
         return kernels.TurnableSamples.of(self.samples, self.v_px, self.u_px, self.sample_size_px)
 
-    def mean_distance_px(self) -> float:
-        """How far from the chief ray light lies on the mean, at the height where that is farthest."""
-        return float((self.samples @ self._distance_px).max())
-
     def _at_heights(self, height_mm):
         position = np.interp(height_mm, self.heights_mm, np.arange(self.heights_mm.size))
         below = np.minimum(position.astype(int), self.heights_mm.size - 2)
@@ -224,15 +222,21 @@ class PlacedPsfs:
 
     Parameters
     ----------
-    bank : PsfBank
+    make_bank : callable () -> PsfBank
+        Called once a PSF is asked for: where there is a table of them, none ever is.
     field : FieldGeometry
     planes : Planes
         In which pixels are counted, in index terms of one of them.
     """
 
-    def __init__(self, bank: PsfBank, field: FieldGeometry, planes: Planes) -> None:
-        self.bank, self.field, self.planes = bank, field, planes
-        self._grid = planes.grid
+    def __init__(self, make_bank: Callable[[], PsfBank], field: FieldGeometry, planes: Planes) -> None:
+        self.field, self.planes = field, planes
+        self._make_bank, self._grid = make_bank, planes.grid
+
+    @cached_property
+    def bank(self) -> PsfBank:
+        """All of them."""
+        return self._make_bank()
 
     def place(self, rows: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Where in the field the light of these pixels came from: (paraxial_height_mm, azimuth_rad)."""

@@ -89,6 +89,11 @@ class TurnedPsfs:
         own = np.any(self.psfs, axis=1)
         return np.any([own[:, found_at[:-1]] for _, found_at in self._parts], axis=0)
 
+    def mean_distance_px(self) -> float:
+        """How far from the chief ray light lies on the mean, at the height where that is farthest."""
+        down, right = np.indices((self.side, self.side)).reshape(2, -1) - self.side // 2
+        return float((self.psfs[:, 0, :-1] @ np.hypot(down, right).astype(self.psfs.dtype)).max())
+
     def offsets_px(self) -> np.ndarray:
         """How far the light of a table's PSFs lies from the chief ray on the mean, downwards and to the right: array
         (height, azimuth, 2)."""
@@ -110,11 +115,13 @@ class PsfCells:
         Over which they go.
     radius_px : int
         Of the PSFs.
+    mean_distance_px : float
+        See `TurnedPsfs`.
     """
 
     def __init__(self, turned: TurnedPsfs) -> None:
         self.heights_mm, self.azimuths, self.radius_px = turned.heights_mm, turned.azimuths, turned.side // 2
-        self.quarter_turns = turned.quarter_turns
+        self.quarter_turns, self.mean_distance_px = turned.quarter_turns, turned.mean_distance_px()
         self._offsets_px = turned.offsets_px().reshape(-1, 2)
 
     @property

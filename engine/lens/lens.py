@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 
 from ..errors import LensError
-from ..field.mirror_symmetry import mirror_symmetric
+from ..field.mirror_symmetry import is_mirror_symmetric
 from ..values import Value
 
 UNIT_SUM_TOLERANCE = 1e-3
@@ -117,7 +117,7 @@ class Lens(Value):
     @cached_property
     def mirror_symmetric(self) -> bool:
         """Whether the PSFs are symmetric about the meridional plane, but for noise, as a centred lens's are."""
-        return all(mirror_symmetric(psf)[1] for psf in self.psf)
+        return all(map(is_mirror_symmetric, self.psf))
 
     def scaled(self, factor: float) -> "Lens":
         """A lens `factor` times as large, in focus at `factor` times the distance.
@@ -157,7 +157,7 @@ class Lens(Value):
             psf = (1 - weight) * psf + weight * self.psf[below + 1]
         nm = float(self.nearest_nm(wavelength_nm))
         return MonochromaticLens(nm, self.heights_mm, self.real_height_at(nm),
-                                 _spline(self.wavelengths_nm, self.relative_illumination, nm), psf, self.psf_pitch_um,
+                                 self._illumination_spline(nm), psf, self.psf_pitch_um,
                                  float(np.interp(nm, self.wavelengths_nm, self.transmittance)))
 
     def nearest_nm(self, wavelengths_nm: ArrayLike) -> np.ndarray:
@@ -166,7 +166,15 @@ class Lens(Value):
 
     def real_height_at(self, wavelengths_nm: ArrayLike) -> np.ndarray:
         """Real heights at wavelengths within the lens data: array (..., height)."""
-        return _spline(self.wavelengths_nm, self.real_height_mm, wavelengths_nm)
+        return self._height_spline(wavelengths_nm)
+
+    @cached_property
+    def _height_spline(self):
+        return _spline(self.wavelengths_nm, self.real_height_mm)
+
+    @cached_property
+    def _illumination_spline(self):
+        return _spline(self.wavelengths_nm, self.relative_illumination)
 
     def wavelength_position(self, wavelength_nm: float) -> tuple[int, float]:
         """Between which of the lens data's wavelengths one lies: the index below it and the weight of the next.
@@ -203,9 +211,10 @@ class MonochromaticLens(Value):
     transmittance: float
 
 
-def _spline(wavelengths_nm, table, at_nm):
-    """A table (wavelength, height) at other wavelengths, by a spline of up to third degree: array (..., height)."""
-    return make_interp_spline(wavelengths_nm, table, k=min(3, wavelengths_nm.size - 1))(at_nm)
+def _spline(wavelengths_nm, table):
+    """A table (wavelength, height) at other wavelengths, by a spline of up to third degree: a function of these that
+    gives array (..., height)."""
+    return make_interp_spline(wavelengths_nm, table, k=min(3, wavelengths_nm.size - 1))
 
 
 def _check(lens):

@@ -83,13 +83,9 @@ def _knob_plan(options, lens, radiance):
         psf_radius_px=radius_px, psf_energy=energy, taps=taps,
         precision="float64" if precision == "float64" else "float32",
         single_range=single_range if way.transforms or not single_range else np.inf,
-        flat_tolerance=options.flat_tolerance or 0.0, folded=not way.yardstick and _foldable(lens, radiance.grid),
+        flat_tolerance=options.flat_tolerance or 0.0,
+        folded=not way.yardstick and radiance.grid.centred and lens.mirror_symmetric,
         out_of_field=options.out_of_field)
-
-
-def _foldable(lens, capture):
-    """Whether four mirrored quadrants share all of the optics."""
-    return capture.centred and lens.mirror_symmetric
 
 
 def workload(plan: Plan, lens: "Lens", radiance: SpectralImage) -> Workload:
@@ -128,9 +124,8 @@ class _Planner:
         self._flat, self._rounding = self._accuracy * FLAT_SHARE, self._accuracy * ROUNDING_SHARE
         self._enough = self._accuracy - self._flat - self._rounding
         self._options, self._lens, self._radiance = options, lens, radiance
-        around = _only_at(lens, lens.wavelengths_around(radiance.wavelengths_nm))
-        self._folded = _foldable(around, radiance.grid)
         self._psfs = PicturePsfs(lens, radiance)
+        self._folded = radiance.grid.centred and self._psfs.mirror_symmetric
 
     def best(self) -> Plan:
         """The plan; the exact operator where nothing less is accurate enough."""
@@ -173,7 +168,7 @@ class _Planner:
     def _mixing(self):
         """The error of mixing PSFs between a few azimuths, at one wavelength."""
         share = TRIM_SHARES[len(TRIM_SHARES) // 2]
-        error = azimuth_error([_errors(self._trimmed(share)[0])], GUESS_AZIMUTHS)
+        error = azimuth_error([_errors(next(self._trimmed(share)))], GUESS_AZIMUTHS)
         return max(error - share * self._enough, 0)
 
     def _left(self, share):
@@ -238,10 +233,3 @@ class _Planner:
 
 def _errors(psfs):
     return AzimuthErrors(psfs.bank, psfs.last_height_mm())
-
-
-def _only_at(lens, wavelengths_nm):
-    """The lens with its data at these of its wavelengths alone."""
-    own = np.isin(lens.wavelengths_nm, wavelengths_nm)
-    return lens if own.all() else replace(lens, **{field: getattr(lens, field)[own] for field in (
-        "wavelengths_nm", "real_height_mm", "relative_illumination", "psf", "enclosed_energy", "transmittance")})

@@ -1,5 +1,6 @@
 """The PSFs of a lens on a picture's pixels: how far they reach and how many pixels they cover, trimmed to an energy."""
 
+from collections.abc import Iterator
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -42,7 +43,7 @@ class PicturePsfs:
                              f"{self.whole_radius_px} px; at most {LARGEST_PSF_RADIUS_PX} are done")
         self._optics = [lens.at_wavelength(nm) for nm in telling_wavelengths(lens, radiance)]
         self._fields = [FieldGeometry(each, lens.name) for each in self._optics]
-        self._grid = radiance.grid
+        self._grid, self._reaches = radiance.grid, {}
 
     @cached_property
     def _banks(self):
@@ -50,21 +51,32 @@ class PicturePsfs:
         with thread_pool() as pool:
             return list(pool.map(lambda each: PsfBank.of(each, self._grid.pitch_um), self._optics))
 
+    @cached_property
+    def mirror_symmetric(self) -> bool:
+        """Whether all of them are symmetric about the meridional plane."""
+        return all(bank.mirror_symmetric for bank in self._banks)
+
     def reach(self, energy: float) -> tuple[int, float]:
         """How many pixels PSFs reach that are trimmed to this energy, and how many they cover on the mean."""
         if energy >= 1:
             return self.whole_radius_px, _covered(self.whole_radius_px - 1)
+        if energy not in self._reaches:
+            self._reaches[energy] = self._reach(energy)
+        return self._reaches[energy]
+
+    def _reach(self, energy):
         supports = [bank.support_px(energy) for bank in self._banks]
         radius_px = max(bank.radius_within_px(support) for bank, support in zip(self._banks, supports, strict=True))
         taps = np.mean([_covered(support + bank.sample_size_px / 2)
                         for bank, support in zip(self._banks, supports, strict=True)], axis=0)
         return radius_px, float(self._height_shares @ np.maximum(taps[:-1], taps[1:]))
 
-    def trimmed(self, energy: float, planes: Planes) -> list[PlacedPsfs]:
-        """The PSFs trimmed to this energy, in the planes that they are to blur."""
+    def trimmed(self, energy: float, planes: Planes) -> Iterator[PlacedPsfs]:
+        """The PSFs trimmed to this energy, in the planes that they are to blur, wavelength by wavelength."""
         radius_px, _ = self.reach(energy)
-        return [PlacedPsfs(bank.trimmed(energy, radius_px), field, planes)
-                for bank, field in zip(self._banks, self._fields, strict=True)]
+        for bank, field in zip(self._banks, self._fields, strict=True):
+            trimmed = bank.trimmed(energy, radius_px)
+            yield PlacedPsfs(lambda trimmed=trimmed: trimmed, field, planes)
 
     @cached_property
     def _height_shares(self):

@@ -275,9 +275,3 @@ def test_all_heights_at_many_azimuths_are_those_one_by_one(pixel_pitch_um):
     azimuths = np.linspace(-4, 4, 57)  # more than are done at once
     one_by_one = np.stack([bank.psfs(lens.heights_mm, np.full(4, azimuth)) for azimuth in azimuths])
     np.testing.assert_allclose(bank.at_table_heights(azimuths), one_by_one, atol=1e-13)
-
-
-@pytest.mark.parametrize("v, u", [(0, 0), (8, 0), (-3, 0), (6, 8), (0, 5)])
-def test_mean_distance_is_that_of_the_light_from_its_chief_ray(v, u):
-    bank = PsfBank.of(make_lens(marked_psf(v, u), psf_pitch_um=2.5).at_wavelength(550), 5.0)
-    np.testing.assert_allclose(bank.mean_distance_px(), np.hypot(v, u) / 2, atol=0.3)  # samples are half a pixel wide

@@ -197,3 +197,9 @@ def test_tables_do_not_depend_on_the_number_of_threads(monkeypatch):
         tables.append(table(LENSES["comatic"], 4).table)
     np.testing.assert_array_equal(tables[0], tables[1])
     np.testing.assert_array_equal(tables[0], tables[2])
+
+
+@pytest.mark.parametrize("v, u", [(0, 0), (8, 0), (-3, 0), (6, 8), (0, 15)])
+def test_mean_distance_is_that_of_the_light_from_its_chief_ray(v, u):
+    lens = make_lens(marked_psf(v, u, 33), psf_pitch_um=PITCH_UM / 2)
+    assert table(lens).mean_distance_px == pytest.approx(np.hypot(v, u) / 2, abs=0.5)  # it is a pixel's
