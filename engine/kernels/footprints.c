@@ -7,7 +7,7 @@
    many as the largest, with shares of zero where they touch none. */
 #include "variant.h"
 
-#define TOGETHER 64 /* pixels */
+#define TOGETHER 16 /* pixels: what is noted of them takes less than 4 KB of the stack, as Windows wants it */
 #define MOST_TOUCHED (LF_LARGEST_FOOTPRINT + 2)
 
 typedef struct { /* where the footprints of some pixels lie in one direction, and how wide they are there */
@@ -15,8 +15,7 @@ typedef struct { /* where the footprints of some pixels lie in one direction, an
 } extents;
 
 typedef struct { /* the rows, or columns, of the capture that these touch, and the share of each that lies there */
-    int count;
-    int32_t pixel[MOST_TOUCHED][TOGETHER];
+    int32_t count, last, first[TOGETHER]; /* some may lie outside, with shares of zero: of 0 to last is read */
     float share[MOST_TOUCHED][TOGETHER];
 } touched;
 
@@ -53,7 +52,7 @@ static void find_touched(const extents *restrict e, int n, int64_t length, touch
 {
     const double lowest = -2.0 - LF_LARGEST_FOOTPRINT, highest = (double)length + 1;
     double begin[TOGETHER], per_px[TOGETHER];
-    int32_t first[TOGETHER], widest = 0;
+    int32_t widest = 0;
     for (int i = 0; i < n; i++) {
         double width = e->width[i] > 1 ? e->width[i] : 1; /* NaN too */
         width = width < LF_LARGEST_FOOTPRINT ? width : LF_LARGEST_FOOTPRINT;
@@ -62,21 +61,27 @@ static void find_touched(const extents *restrict e, int n, int64_t length, touch
         from = from < highest ? from : highest;
         begin[i] = from;
         per_px[i] = 1 / width;
-        first[i] = (int32_t)(from + 0.5 - lowest) + (int32_t)lowest; /* rounded down */
+        t->first[i] = (int32_t)(from + 0.5 - lowest) + (int32_t)lowest; /* rounded down */
         const int32_t whole = (int32_t)(width - 1e-9);
         widest = whole > widest ? whole : widest;
     }
     t->count = 2 + widest;
+    t->last = (int32_t)length - 1;
     for (int k = 0; k < 2 + widest; k++)
         for (int i = 0; i < n; i++) {
-            const int32_t pixel = first[i] + k, inside = (pixel >= 0) & (pixel < (int32_t)length);
+            const int32_t pixel = t->first[i] + k, inside = (pixel >= 0) & (pixel < (int32_t)length);
             double before = ((double)pixel - 0.5 - begin[i]) * per_px[i];
             double up_to = ((double)pixel + 0.5 - begin[i]) * per_px[i];
             before = before < 0 ? 0 : before < 1 ? before : 1;
             up_to = up_to < 1 ? up_to : 1;
             t->share[k][i] = inside ? (float)(up_to - before) : 0;
-            t->pixel[k][i] = inside ? pixel : 0;
         }
+}
+
+INLINE int64_t touched_pixel(const touched *t, int k, int i)
+{
+    const int32_t pixel = t->first[i] + k;
+    return pixel < 0 ? 0 : pixel < t->last ? pixel : t->last;
 }
 
 lf_footprints_loop OF_VARIANT(lf_footprints);
@@ -101,9 +106,10 @@ int OF_VARIANT(lf_footprints)(const lf_geometry *lens, const lf_capture *capture
                 for (int j = 0; j < rows.count; j++) {
                     for (int i = 0; i < n; i++) in_row[i] = 0;
                     for (int k = 0; k < columns.count; k++)
-                        for (int i = 0; i < n; i++)
-                            in_row[i] += columns.share[k][i]
-                                         * from[rows.pixel[j][i] * row_step + columns.pixel[k][i] * step];
+                        for (int i = 0; i < n; i++) {
+                            const int64_t row = touched_pixel(&rows, j, i), column = touched_pixel(&columns, k, i);
+                            in_row[i] += columns.share[k][i] * from[row * row_step + column * step];
+                        }
                     for (int i = 0; i < n; i++) sum[i] += rows.share[j][i] * in_row[i];
                 }
                 for (int i = 0; i < n; i++) to[i] = sum[i] * factor[i];
