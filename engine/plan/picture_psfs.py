@@ -1,7 +1,7 @@
 """The PSFs of a lens on a picture's pixels: how far they reach and how many pixels they cover, trimmed to an energy."""
 
 from collections.abc import Iterator
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -75,8 +75,7 @@ class PicturePsfs:
         """The PSFs trimmed to this energy, in the planes that they are to blur, wavelength by wavelength."""
         radius_px, _ = self.reach(energy)
         for bank, field in zip(self._banks, self._fields, strict=True):
-            trimmed = bank.trimmed(energy, radius_px)
-            yield PlacedPsfs(lambda trimmed=trimmed: trimmed, field, planes)
+            yield PlacedPsfs(partial(bank.trimmed, energy, radius_px), field, planes)
 
     @cached_property
     def _height_shares(self):
