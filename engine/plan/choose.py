@@ -27,6 +27,7 @@ SINGLE_RANGE = 1e3  # leaves the dimmest pixel right to some 1e-4
 PSF_ENERGY = 1 - 1e-6
 FLAT_SHARE, ROUNDING_SHARE = 1 / 16, 1 / 50  # of the accuracy
 TRIM_SHARES = 5 / 8, 3 / 4, 7 / 8  # of what is left: what trimming PSFs may misplace; the rest is the azimuths'
+LESSER_TRIM_SHARES = 3 / 8, 1 / 8  # where no azimuths are enough beside these
 ONE_PSF_TRIM_SHARE = 1 / 8  # of one PSF for the picture, whose transform costs little more if it is wide
 SINGLE_ACCURACY = 3e-5  # the least that single precision is good for
 SINGLE_NOISE = 1.2e-7  # of the light, per unit of dynamic range
@@ -135,10 +136,12 @@ class _Planner:
             if error <= self._enough:
                 return self._cheapest([OnePsf], ONE_PSF_TRIM_SHARE, 0, error)
         ways = [way for way in METHODS.values() if way.by_accuracy and asked in (AUTO, way.name)]
+        too_much = 1.0
         for share in self._shares(ways):
-            azimuths, error = self._azimuths(share)
+            azimuths, error = self._azimuths(share) if share < too_much else (0, 0.0)
             if azimuths:
                 return self._cheapest(ways, share, azimuths, error)
+            too_much = min(share, too_much)
         plan = _knob_plan(replace(self._options, accuracy=None, method="exact"), self._lens, self._radiance)
         return replace(plan, error_bound=0.0)
 
@@ -158,7 +161,7 @@ class _Planner:
         def nanoseconds(share):
             return self._least_work(ways, share, max(2, round(self._guess(share))))[0]
 
-        return sorted(TRIM_SHARES, key=nanoseconds)
+        return *sorted(TRIM_SHARES, key=nanoseconds), *LESSER_TRIM_SHARES
 
     def _guess(self, share):
         """How many azimuths will do, about, beside trimming by this share."""

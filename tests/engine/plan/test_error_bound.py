@@ -12,6 +12,7 @@ from lensfield.engine.field.mirror_symmetry import Planes
 from lensfield.engine.field.psf_bank import PsfBank
 from lensfield.engine.field.psf_table import PsfTable, PsfTables
 from lensfield.engine.lens.readers import bundled_names
+from lensfield.engine.plan import choose
 from lensfield.engine.plan.choose import make_plan, priced
 from lensfield.engine.plan.error_bound import AzimuthErrors, azimuth_error
 
@@ -216,6 +217,15 @@ def test_what_cannot_be_had_otherwise_is_exact():
     image = SpectralImage(np.random.default_rng(1).random((20, 24)), [550], pitch_um=PITCH_UM)
     error, plan = error_over_light(Options(accuracy=1e-9), random_lens(0), image)
     assert plan.method.name == "exact" and error < 1e-7
+
+
+def test_trimming_leaves_more_to_the_azimuths_before_the_exact_operator_is_taken(monkeypatch):
+    image = SpectralImage(np.random.default_rng(1).random((60, 76)), [550], pitch_um=PITCH_UM)
+    wanted = make_plan(Options(accuracy=1e-3), random_lens(0), image)
+    monkeypatch.setattr(choose, "AZIMUTH_CHOICES", tuple(range(2, wanted.method.azimuths * 3 // 4)))
+    error, plan = error_over_light(Options(accuracy=1e-3), random_lens(0), image)
+    assert 0 < plan.method.azimuths < wanted.method.azimuths and plan.psf_energy > wanted.psf_energy
+    assert error <= plan.error_bound <= 1e-3
 
 
 def test_saying_nothing_asks_for_one_hundredth():
