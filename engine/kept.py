@@ -52,10 +52,13 @@ class Kept:
         tables = PsfTables(lens, radiance.wavelengths_nm, plan.planes(grid), plan.psf_energy,
                            plan.psf_radius_px, plan.method.azimuths, plan.precision) if plan.method.azimuths else None
         for wavelength_nm in radiance.wavelengths_nm:
-            channel = self._channels.get(wavelength_nm)
-            if channel is None:
-                table = plan.method.table(tables.at_wavelength(wavelength_nm)) if tables else None
-                channel = Channel(lens, wavelength_nm, grid, plan, table, self._memory)
-                if channel.kept:
-                    self._channels[wavelength_nm] = channel
-            yield channel
+            yield self._channel(lens, float(wavelength_nm), grid, plan, tables)
+
+    def _channel(self, lens, wavelength_nm, grid, plan, tables):
+        channel = self._channels.get(wavelength_nm)
+        if channel is None:
+            table = plan.method.table(tables.at_wavelength(wavelength_nm)) if tables else None
+            channel = Channel(lens, wavelength_nm, grid, plan, table, self._memory)
+            if channel.kept:
+                self._channels[wavelength_nm] = channel
+        return channel

@@ -76,6 +76,7 @@ def simulate(radiance: SpectralImage, lens: Lens, options: Options = BY_RESULT, 
             blurred = channel.blur(ideal)
         irradiance[index] = merge_pixels(_frame(blurred, radiance.grid.finer(fine).frame_px), fine)
         tally.add(channel.field, light, blurred, irradiance[index], clamped)
+        del channel, ideal, blurred  # before the next wavelength's come
         if progress:
             progress((index + 1) / radiance.wavelengths_nm.size)
     report.lens_image = tally.facts(lens, plan)
