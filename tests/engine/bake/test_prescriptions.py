@@ -186,6 +186,38 @@ def test_a_pbrt_file_that_cannot_be_right_is_told_by_its_line(read, old, new, me
     assert message in str(error.value)
 
 
+AXPOS = """# radius\taxpos\tN\taperture
+50\t0\t1.5168\t16
+-50\t4\t1\t16
+0\t2\t0\t5
+"""
+
+
+def test_a_pbrt_file_whose_distances_stand_before_their_surfaces(read):
+    """The singlet backwards; read the other way round its lens would have no thickness, and the stop would be lost."""
+    expected = (Surface(50.0, 4.0, "1.5168", 8.0), Surface(-50.0, 2.0, "", 8.0),
+                Surface(np.inf, 0.0, "", 2.5, stop=True))
+    for text in (AXPOS, changed(AXPOS, ("axpos", "sep"))):
+        lens = read(text, ".dat", ("angle_deg", 14.0))
+        assert (lens.surfaces, lens.focus) == (expected, "best")
+        assert "from the surface before" in lens.notes
+
+
+@pytest.mark.parametrize("header", ["sep", "axpos"])
+def test_the_header_alone_does_not_move_a_pbrt_files_distances(read, header):
+    """Files of the newer kind have the old header, too; and a stop may stand right before a lens."""
+    lens = read(changed(PBRT, ("sep", header)), ".dat", ("angle_deg", 14.0))
+    assert lens.surfaces[1].thickness_mm == 4.0 and lens.notes == ""
+    touching = read(changed(PBRT, ("0\t2\t0", "0\t0\t0"), ("47.5", "0"),
+                            ("sep", header)), ".dat", ("angle_deg", 14.0))
+    assert [surface.thickness_mm for surface in touching.surfaces] == [0.0, 4.0, 0.0]
+
+
+def test_the_focal_length_that_iset_puts_before_the_surfaces_is_none_of_them(read):
+    text = changed(PBRT, ("0\t2\t0\t5", "49.1\n0\t2\t0\t5"))
+    assert read(text, ".dat", ("angle_deg", 14.0)).surfaces == read(PBRT, ".dat", ("angle_deg", 14.0)).surfaces
+
+
 def test_a_pbrt_file_needs_a_field(read):
     with pytest.raises(LensError, match="field is missing: .*give --field-angle"):
         read(PBRT, ".dat")
