@@ -26,7 +26,7 @@ def build_system(prescription: Prescription) -> System:
     LensError
         A glass that no catalogue has, or a system without power or without a pupil.
     """
-    materials = [find_glass(surface.glass, prescription.name, f"surface {number}, glass")
+    materials = [find_glass(surface.glass, prescription.name, f"surface {number}, glass", surface.glass_figures)
                  for number, surface in enumerate(prescription.surfaces, 1)]
     optic = _optic(prescription, materials)
     system = _system(optic, prescription, materials, _stop_semi_aperture_mm(optic, prescription))
@@ -52,7 +52,7 @@ def _optic(prescription, materials):
     for index, (surface, material) in enumerate(zip(prescription.surfaces, materials, strict=True), 1):
         optic.surfaces.add(index=index, radius=surface.radius_mm, conic=surface.conic, material=material,
                            thickness=surface.thickness_mm, is_stop=surface.stop)
-        if surface.aspheric:
+        if surface.aspheric or surface.odd_aspheric:
             optic.surfaces[index].geometry = Asphere(optic.surfaces[index].geometry.cs, surface)
     optic.surfaces.add(index=len(materials) + 1)
     optic.set_aperture("float_by_stop_size", 2.0)

@@ -21,7 +21,7 @@ CODE = re.compile(r"(\d{3})(\d{3})|(\d{3,6})\.(\d{3,6})")
 LEAST_ABBE = 10.0  # of what the model of dispersion was made from, and some more
 
 
-def find_glass(name: str, where: str, field: str) -> BaseMaterial:
+def find_glass(name: str, where: str, field: str, told: str = "") -> BaseMaterial:
     """Optiland's material of a glass name.
 
     Parameters
@@ -31,11 +31,13 @@ def find_glass(name: str, where: str, field: str) -> BaseMaterial:
         number, whose dispersion then follows Buchdahl's model.
     where, field : str
         For the error: the lens and its surface.
+    told : str
+        What the lens's file tells of the glass, as "n/V", where it does: for the error, too.
 
     Raises
     ------
     LensError
-        No catalogue has it; close names are suggested.
+        No catalogue has it; close names are suggested, and what the file tells.
     """
     if not name:
         return IdealMaterial(1.0)
@@ -50,8 +52,9 @@ def find_glass(name: str, where: str, field: str) -> BaseMaterial:
     *catalogue, glass = name.split() or [name]
     file = _file_of(glass, tuple(word.lower() for word in catalogue))
     if file is None:
+        figures = f"n/V, such as the file's own {told}" if told else "n/V"
         raise LensError(where, field, name, f"in no glass catalogue: {_suggestion(glass)}give another name, or its "
-                                            "index and Abbe number as n/V")
+                                            f"index and Abbe number as {figures}")
     return MaterialFile(str(file))  # Material would look for it by likeness, and find N-SF11 for SF11
 
 

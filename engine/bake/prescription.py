@@ -33,6 +33,10 @@ class Surface:
         Coefficients of r^2, r^4, r^6 ... in mm.
     stop : bool
         Whether it is the aperture stop.
+    odd_aspheric : tuple of float
+        Coefficients of r, r^3, r^5 ... in mm.
+    glass_figures : str
+        "n/V" that a file tells beside the glass's name, for one that no catalogue has; "" where it tells none.
     """
 
     radius_mm: float = np.inf
@@ -42,13 +46,15 @@ class Surface:
     conic: float = 0.0
     aspheric: tuple[float, ...] = ()
     stop: bool = False
+    odd_aspheric: tuple[float, ...] = ()
+    glass_figures: str = ""
 
     def scaled(self, factor: float) -> Self:
         """The surface of a lens `factor` times as large."""
-        powers = 2 * np.arange(1, len(self.aspheric) + 1)
         return replace(self, radius_mm=self.radius_mm * factor, thickness_mm=self.thickness_mm * factor,
                        semi_aperture_mm=self.semi_aperture_mm * factor,
-                       aspheric=tuple(float(a * factor ** (1 - n)) for a, n in zip(self.aspheric, powers, strict=True)))
+                       aspheric=tuple(a * factor ** (1 - 2 * n) for n, a in enumerate(self.aspheric, 1)),
+                       odd_aspheric=tuple(a * factor ** (-2 * n) for n, a in enumerate(self.odd_aspheric)))
 
 
 @dataclass(frozen=True)
@@ -173,5 +179,6 @@ def _check_surface(surface, name, refuse):
         refuse(f"{name}, thickness_mm", surface.thickness_mm, "expected a number")
     if not surface.semi_aperture_mm > 0:
         refuse(f"{name}, semi_aperture_mm", surface.semi_aperture_mm, "expected a positive number")
-    if not np.all(np.isfinite((surface.conic, *surface.aspheric))):
-        refuse(f"{name}, aspheric", (surface.conic, *surface.aspheric), "expected numbers")
+    shape = (surface.conic, *surface.aspheric, *surface.odd_aspheric)
+    if not np.all(np.isfinite(shape)):
+        refuse(f"{name}, aspheric", shape, "expected numbers")

@@ -64,18 +64,24 @@ def _surfaces(table):
 def _surface(table):
     _check_known(table, FIELDS_OF_SURFACE)
     numbers = {name: table.number(name) for name in SURFACE_NUMBERS if name in table}
-    return Surface(**numbers, glass=_line(table, "glass"), stop=table.flag("stop"), aspheric=_aspheric(table))
+    even, odd = _aspheric(table)
+    return Surface(**numbers, glass=_line(table, "glass"), stop=table.flag("stop"), aspheric=even, odd_aspheric=odd)
 
 
 def _aspheric(table):
-    """Coefficients of r^2, r^4 ... from a table of powers."""
+    """Coefficients of r^2, r^4 ... and of r, r^3 ... from a table of powers."""
     terms = table.values.get("aspheric", {})
-    if not isinstance(terms, dict) or not all(key.isdecimal() and int(key) in range(2, HIGHEST_POWER + 1, 2)
+    if not isinstance(terms, dict) or not all(key.isdecimal() and int(key) in range(1, HIGHEST_POWER + 1)
                                               for key in terms):
-        raise table.refusal("aspheric", "expected a table of even powers, such as {4 = 1e-3, 6 = -2e-5}")
+        raise table.refusal("aspheric", "expected a table of powers, such as {4 = 1e-3, 6 = -2e-5}")
     powers = TomlTable(table.path, terms, f"{table.place}aspheric, ")
-    coefficients = {int(key) // 2: powers.number(key) for key in terms}
-    return tuple(coefficients.get(index, 0.0) for index in range(1, max(coefficients, default=0) + 1))
+    coefficients = {int(key): powers.number(key) for key in terms}
+
+    def series(first):
+        last = max((power for power in coefficients if power % 2 == first % 2), default=0)
+        return tuple(coefficients.get(power, 0.0) for power in range(first, last + 1, 2))
+
+    return series(2), series(1)
 
 
 def _figure(table, name, kinds):

@@ -1,95 +1,74 @@
-"""Zemax .zmx, by Optiland's parser; glasses go by their names, for its own lookup makes up what it lacks."""
+"""Zemax .zmx, sequential: operands that tell of the system, and after each SURF those of a surface."""
 
 import re
+from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
-from optiland.fileio.zemax.reader.parser import ZemaxDataParser
 
 from ...errors import LensError
 from ...lens.readers.assembly import object_distance
-from ...lens.readers.text import read_text, shown
+from ...lens.readers.text import read_text
 from ..glasses import best_name
 from ..prescription import Prescription, Surface
-from .field_and_aperture import field_end, known_aperture, vignetting_note
+from .field_and_aperture import field_end, vignetting_note
+from .lines import numbered
 
 UNITS_MM = {"MM": 1.0, "CM": 10.0, "IN": 25.4, "INCH": 25.4, "METER": 1000.0, "M": 1000.0}
-APERTURES = {"EPD": "entrance_pupil_diameter_mm", "imageFNO": "f_number", "paraxialImageFNO": "working_f_number",
-             "objectNA": "object_na"}
-FIELDS = {"angle": "angle_deg", "object_height": "object_height_mm", "paraxial_image_height": "image_height_mm",
-          "real_image_height": "image_height_mm"}
-SHAPES = ("standard", "even_asphere")
+APERTURES = {("ENPD", 0): "entrance_pupil_diameter_mm", ("FNUM", 0): "f_number", ("FNUM", 1): "working_f_number",
+             ("OBNA", 0): "object_na"}
+FIELDS = {0: "angle_deg", 1: "object_height_mm", 2: "image_height_mm", 3: "image_height_mm"}
+REAL_IMAGE_HEIGHT = 3
+SHAPES = ("STANDARD", "EVENASPH", "ODDASPHE")
 OTHER_APERTURES = ("SQAP", "ELAP", "USAP", "OBSC", "SQOB", "ELOB", "SPID")
+SURFACE_OPERANDS = ("TYPE", "CURV", "CONI", "PARM", "DISZ", "GLAS", "STOP", "DIAM", "CLAP", "FLAP", "OBDC",
+                    *OTHER_APERTURES)
 COEFFICIENTS = 8
-
-
-class _Parser(ZemaxDataParser):
-    """Optiland's parser, with units, and with glasses by name."""
-
-    def __init__(self, filename):
-        super().__init__(filename)
-        self.unit_mm = 1.0
-        self._operand_table |= {"UNIT": self._read_unit, "GLAS": self._read_glass, "WAVL": self._read_wavelengths,
-                                "WAVN": self._read_wavelengths}
-        self._operand_table |= dict.fromkeys(OTHER_APERTURES, self._refuse_aperture)
-
-    def parse(self):
-        """The model of the whole file; Optiland's own way would take what it can read and begin again after that."""
-        for number, line in enumerate(read_text(self.filename).splitlines(), 1):
-            words = line.split()
-            if words and words[0] in self._operand_table:
-                self._read_line(number, words)
-        self._finalize_surface()
-        return self.data_model
-
-    def _read_line(self, number, words):
-        if words[0] != "NAME":
-            words = [re.sub(r"(?<=\d),(?=\d)", ".", word) for word in words]
-        try:
-            self._operand_table[words[0]](words)
-        except LensError:
-            raise
-        except (ValueError, IndexError, OverflowError) as error:
-            raise LensError(self.filename, f"line {number}", shown(" ".join(words)), f"not readable: {error}") from None
-
-    def _refuse(self, what, value, remedy):
-        raise LensError(self.filename, f"surface {self._current_surf}{what}", value, remedy)
-
-    def _read_unit(self, data):
-        if data[1].upper() not in UNITS_MM:
-            raise LensError(self.filename, "UNIT", data[1], f"expected one of {', '.join(UNITS_MM)}")
-        self.unit_mm = UNITS_MM[data[1].upper()]
-
-    def _read_wavelengths(self, data):
-        for slot, micrometres in enumerate(data[1:], 1):
-            self._read_wavelength(["WAVM", str(slot), micrometres])
-
-    def _read_glass(self, data):
-        name = data[1]
-        if name.upper() == "MIRROR":
-            self._refuse("", "a mirror", "expected refracting surfaces")
-        if name.startswith("___") and data[2] == "1":  # a model glass: its index and Abbe number follow
-            name = f"{float(data[4]):.9g}/{float(data[5]):.9g}"
-        self._current_surf_data["material"] = name
-
-    def _refuse_aperture(self, data):
-        self._refuse(", aperture", data[0], "expected a circle, as CLAP or FLAP")
+PLACEHOLDER = (1.5, 40.0)  # what Zemax writes beside the name of a glass, whatever its index and Abbe number
 
 
 def read_zemax(path: Path, field: tuple[str, float] | None = None) -> Prescription:
     """Read a sequential .zmx. Circular apertures stop light; vignetting factors are left aside."""
-    parser = _Parser(str(path))
-    model = parser.parse()
-    scale, catalogues = parser.unit_mm, model.glass_catalogs or []
-    rows = [model.surfaces[index] for index in sorted(model.surfaces)]
+    system, rows = _operands(path)
+    if "MODE" in system and system["MODE"][-1].words[1:2] != ("SEQ",):
+        raise system["MODE"][-1].refusal("expected a sequential lens, MODE SEQ")
+    unit_mm = _unit_mm(system)
+    makers = system["GCAT"][-1].words[1:] if "GCAT" in system else ()
     _check_ends(path, rows)
-    surfaces = tuple(_surface(path, number, row, scale, catalogues) for number, row in enumerate(rows[1:-1], 1))
-    distance_mm = rows[0]["thickness"] * scale
+    surfaces = tuple(_surface(path, number, row, makers).scaled(unit_mm) for number, row in enumerate(rows[1:-1], 1))
+    name = " ".join(system["NAME"][-1].words[1:]) if "NAME" in system else ""
     return Prescription(
-        name=model.name or path.stem, surfaces=surfaces, aperture=_aperture(path, model, scale),
-        field=field or _field(path, model, scale), object_distance_mm=object_distance(distance_mm),
-        reference_wavelength_nm=_reference_nm(path, model), source=f"{path.name} (Zemax)",
-        notes=_notes(model, surfaces, field))
+        name=name or path.stem, surfaces=surfaces, aperture=_aperture(path, system, rows, unit_mm),
+        field=field or _field(path, system, unit_mm),
+        object_distance_mm=object_distance(rows[0]["DISZ"][-1].figure(1) * unit_mm),
+        reference_wavelength_nm=_reference_nm(path, system), source=f"{path.name} (Zemax)",
+        notes=_notes(system, surfaces, field))
+
+
+def _operands(path):
+    """{operand: its lines} of the system, and of each surface."""
+    system, rows = defaultdict(list), []
+    for line in numbered(path, read_text(path).splitlines()):
+        operand = line.words[0]
+        if operand != "NAME":  # some systems write decimal commas
+            line = line._replace(words=tuple(re.sub(r"(?<=\d),(?=\d)", ".", word) for word in line.words))
+        if operand == "SURF":
+            rows.append(defaultdict(list))
+        elif rows and operand in SURFACE_OPERANDS:
+            rows[-1][operand].append(line)
+        elif operand not in SURFACE_OPERANDS:
+            system[operand].append(line)
+    return system, rows
+
+
+def _unit_mm(system):
+    if "UNIT" not in system:
+        return 1.0
+    line = system["UNIT"][-1]
+    unit = line.words[1].upper() if len(line.words) > 1 else ""
+    if unit not in UNITS_MM:
+        raise LensError(line.path, "UNIT", unit, f"expected one of {', '.join(UNITS_MM)}")
+    return UNITS_MM[unit]
 
 
 def _check_ends(path, rows):
@@ -97,59 +76,117 @@ def _check_ends(path, rows):
     if len(rows) < 3:
         raise LensError(path, "surfaces", f"{len(rows)}", "expected an object, a lens and an image")
     for number, row in enumerate(rows):
-        if not {"radius", "thickness"} <= row.keys():
+        if not {"CURV", "DISZ"} <= row.keys():
             raise LensError(path, f"surface {number}", "without CURV or DISZ", "the file may be cut off")
     for name, row in (("object", rows[0]), ("image", rows[-1])):
-        if np.isfinite(row["radius"]) or row["type"] != "standard":
+        if row["CURV"][-1].figure(1) != 0 or _shape(row) != "STANDARD":
             raise LensError(path, name, "no plane", "expected a flat object and a flat image")
-        if row["material"] != "air":
-            raise LensError(path, name, f"in {row['material']}", "expected air before and behind the lens")
-    if rows[-1]["thickness"] != 0:
+        if "GLAS" in row:
+            raise LensError(path, name, f"in {' '.join(row['GLAS'][-1].words[1:2])}",
+                            "expected air before and behind the lens")
+    if rows[-1]["DISZ"][-1].figure(1) != 0:
         raise LensError(path, "image", "not there", "expected a last surface of thickness 0: the file may be cut off")
 
 
-def _surface(path, number, row, scale, catalogues):
-    if row["type"] not in SHAPES:
-        raise LensError(path, f"surface {number}", row["type"], f"expected one of {', '.join(SHAPES)}")
-    aperture, glass = row.get("aperture"), row["material"]
-    if getattr(aperture, "offset_x", 0) or getattr(aperture, "offset_y", 0) or getattr(aperture, "r_min", 0):
+def _shape(row):
+    return " ".join(row["TYPE"][-1].words[1:2]) if "TYPE" in row else "STANDARD"
+
+
+def _surface(path, number, row, makers):
+    shape = _shape(row)
+    if shape not in SHAPES:
+        raise LensError(path, f"surface {number}", shape, f"expected one of {', '.join(SHAPES)}")
+    curvature = row["CURV"][-1].figure(1)
+    terms = {line.figure(1): line.figure(2) for line in row["PARM"]}
+    terms = [terms.get(index, 0.0) for index in range(1, COEFFICIENTS + 1)] if shape != "STANDARD" else []
+    odd, even = (terms[::2], terms[1::2]) if shape == "ODDASPHE" else ([], terms)
+    glass, figures = _glass(path, number, row, makers)
+    return Surface(1 / curvature if curvature else np.inf, row["DISZ"][-1].figure(1), glass,
+                   _semi_aperture(path, number, row), row["CONI"][-1].figure(1) if "CONI" in row else 0.0,
+                   tuple(even) if any(even) else (), "STOP" in row, tuple(odd) if any(odd) else (), figures)
+
+
+def _glass(path, number, row, makers):
+    """Name of a surface's glass, and what its line tells of index and Abbe number."""
+    if "GLAS" not in row:
+        return "", ""
+    line = row["GLAS"][-1]
+    name = " ".join(line.words[1:2])
+    if name.upper() == "MIRROR":
+        raise LensError(path, f"surface {number}", "a mirror", "expected refracting surfaces")
+    told = (line.figure(4), line.figure(5)) if len(line.words) > 5 else PLACEHOLDER
+    figures = f"{told[0]:.9g}/{told[1]:.9g}" if told != PLACEHOLDER and told[0] > 1 else ""
+    if name.startswith("___") and line.words[2:3] == ("1",):  # a model glass, which is these figures
+        return f"{told[0]:.9g}/{told[1]:.9g}", ""
+    return best_name(name, makers), figures
+
+
+def _semi_aperture(path, number, row):
+    for operand in OTHER_APERTURES:
+        if operand in row:
+            raise LensError(path, f"surface {number}, aperture", operand, "expected a circle, as CLAP or FLAP")
+    circles = [*row["CLAP"], *row["FLAP"]]
+    if not circles:
+        return np.inf
+    least, most = circles[-1].figure(1), circles[-1].figure(2)
+    if least or any(line.figure(1) or line.figure(2, 0.0) for line in row["OBDC"]):
         raise LensError(path, f"surface {number}, aperture", "decentred or annular", "expected a centred circle")
-    terms = [row.get(f"param_{index}", 0.0) for index in range(COEFFICIENTS)] if row["type"] == "even_asphere" else []
-    surface = Surface(row["radius"], row["thickness"], "" if glass == "air" else best_name(glass, catalogues),
-                      aperture.r_max if aperture else np.inf, row["conic"], tuple(terms) if any(terms) else (),
-                      row["is_stop"])
-    return surface.scaled(scale)
+    return most
 
 
-def _aperture(path, model, scale):
-    if model.fields.get("object_space_telecentric"):
-        raise LensError(path, "FTYP", "telecentric in object space", "expected rays to be aimed at the stop")
-    if model.aperture.get("floating_stop"):
-        sizes = [row.get("diameter") for row in model.surfaces.values() if row["is_stop"]]
-        if len(sizes) != 1 or sizes[0] is None:
+def _aperture(path, system, rows, unit_mm):
+    if "FLOA" in system:
+        sizes = [row["DIAM"] for row in rows if "STOP" in row]
+        if len(sizes) != 1 or not sizes[0]:
             raise LensError(path, "FLOA", "without the size of a stop", "expected DIAM at the surface with STOP")
-        return "stop", sizes[0] * scale  # what is called DIAM is the semi-diameter
-    aperture = known_aperture(model.aperture, APERTURES, scale)
-    if aperture is None:
-        raise LensError(path, "aperture", ", ".join(model.aperture) or "missing", "expected ENPD, FNUM, OBNA or FLOA")
-    return aperture
+        return "stop", sizes[0][-1].figure(1) * unit_mm  # what is called DIAM is the semi-diameter
+    told = next((system[operand][-1] for operand in system if operand in ("ENPD", "FNUM", "OBNA")), None)
+    if told is None:
+        raise LensError(path, "aperture", "missing", "expected ENPD, FNUM, OBNA or FLOA")
+    operand = told.words[0]
+    kind = APERTURES.get((operand, 0 if operand == "ENPD" else told.figure(2, 0.0)))
+    if kind is None:
+        raise told.refusal("expected ENPD, FNUM, OBNA with 0 or FLOA")
+    return kind, told.figure(1) * (unit_mm if kind.endswith("_mm") else 1.0)
 
 
-def _field(path, model, scale):
-    fields = model.fields
-    return field_end(path, FIELDS.get(fields["type"]), fields["x"], fields["y"], scale)
+def _kind_of_field(system):
+    return system["FTYP"][-1].figure(1, 0.0) if "FTYP" in system else 0.0
 
 
-def _reference_nm(path, model):
-    primary = model.wavelengths.get("primary_index", 0)
-    if primary is None or primary >= len(model.wavelengths["data"]):
-        raise LensError(path, "PWAV", "missing", "expected the number of one of the file's wavelengths, WAVM")
-    return 1e3 * model.wavelengths["data"][primary]
+def _columns(system, *operands):
+    """Numbers of the last line with one of these operands: one for each field, of so many as FTYP tells."""
+    lines = [line for operand in operands for line in system.get(operand, ())]
+    count = system["FTYP"][-1].figure(3, np.inf) if "FTYP" in system else np.inf
+    return [value for at, value in enumerate(lines[-1].figures() if lines else ()) if at < count]
 
 
-def _notes(model, surfaces, field):
-    """What the file says and we do otherwise."""
-    factors = [value for key in model.fields if key.startswith("vignette") for value in model.fields[key]]
-    real = field is None and model.fields["type"] == "real_image_height"
-    return " ".join(filter(None, (vignetting_note(factors, surfaces),
-                                  real and "The file's real image height is taken as a paraxial one.")))
+def _field(path, system, unit_mm):
+    if "FTYP" in system and system["FTYP"][-1].figure(2, 0.0):
+        raise LensError(path, "FTYP", "telecentric in object space", "expected rays to be aimed at the stop")
+    x, y = _columns(system, "XFLD", "XFLN"), _columns(system, "YFLD", "YFLN")
+    return field_end(path, FIELDS.get(_kind_of_field(system)), x, y, unit_mm)
+
+
+def _reference_nm(path, system):
+    """The primary one of the wavelengths, which are told by number, or in old files in a row."""
+    slots = {line.figure(1): line.figure(2) for line in system.get("WAVM", ())}
+    for operand in ("WAVL", "WAVN"):
+        if operand in system:
+            slots |= dict(enumerate(system[operand][-1].figures(), 1))
+    primary = system["PWAV"][-1].figure(1) if "PWAV" in system else 1
+    if primary not in slots:
+        raise LensError(path, "PWAV", f"{primary:g}", "expected the number of one of the file's wavelengths, WAVM")
+    return 1e3 * slots[primary]
+
+
+def _notes(system, surfaces, field):
+    """What the file says and we do otherwise, or of which it says more than one thing."""
+    factors = [value for operand in ("VDXN", "VDYN", "VCXN", "VCYN", "VANN") for value in _columns(system, operand)]
+    real = field is None and _kind_of_field(system) == REAL_IMAGE_HEIGHT
+    configurations = system["MNUM"][-1].figure(1, 1.0) if "MNUM" in system else 1.0
+    current = system["MNUM"][-1].figure(2, 1.0) if configurations > 1 else 1.0
+    return " ".join(filter(None, (
+        vignetting_note(factors, surfaces), real and "The file's real image height is taken as a paraxial one.",
+        configurations > 1 and f"Of the file's {configurations:g} configurations number {current:g} is taken, in which "
+                               "it was saved.")))

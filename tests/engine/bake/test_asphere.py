@@ -16,7 +16,8 @@ from lensfield.engine.lens.readers import BUNDLED
 
 SURFACES = {"conic and powers": Surface(3.0, conic=-0.7, aspheric=(0.0, 2e-3, -1e-4, 3e-6)),
             "a term in r^2": Surface(-8.0, conic=2.0, aspheric=(0.03, -1e-3)),
-            "no conic": Surface(aspheric=(0.05, 1e-3))}
+            "no conic": Surface(aspheric=(0.05, 1e-3)),
+            "odd powers": Surface(6.0, conic=-1.0, aspheric=(0.0, 1e-3), odd_aspheric=(0.0, 2e-3, -4e-4))}
 surfaces = pytest.mark.parametrize("surface", SURFACES.values(), ids=SURFACES)
 
 
@@ -24,7 +25,8 @@ def sag_mm(surface, radius_mm):
     """The textbook's formula."""
     curvature, square = 1 / surface.radius_mm, radius_mm**2
     conic = curvature * square / (1 + np.sqrt(1 - (1 + surface.conic) * curvature**2 * square))
-    return conic + sum(term * square**power for power, term in enumerate(surface.aspheric, 1))
+    return (conic + sum(term * square**power for power, term in enumerate(surface.aspheric, 1))
+            + sum(term * radius_mm**(2 * power + 1) for power, term in enumerate(surface.odd_aspheric)))
 
 
 @surfaces

@@ -47,6 +47,13 @@ sensor_mm = [36, 24.0]"""), ("conic = -0.5", "conic = -0.5\naspheric = {4 = 1e-5
         "a maker", "two lines", "a patent", "assumed")
 
 
+def test_odd_powers_of_a_toml(read):
+    lens = read(changed(TOML, ("conic = -0.5", "aspheric = {3 = 2e-4, 6 = 1e-8, 5 = -1e-6}")))
+    assert lens.surfaces[2] == Surface(-50.0, 47.5, aspheric=(0.0, 0.0, 1e-8), odd_aspheric=(0.0, 2e-4, -1e-6))
+    half = lens.surfaces[2].scaled(0.5)
+    assert half.odd_aspheric == (0.0, 8e-4, -1.6e-5)
+
+
 def test_what_a_toml_leaves_out(read):
     assert read(TOML) == SINGLET
     assert read(changed(TOML, ('name = "singlet"', ""))).name == "lens"
@@ -67,9 +74,9 @@ def test_what_a_toml_leaves_out(read):
     ("stop = true", "stop = 1", "surface 1, stop is 1: expected true or false"),
     ("stop = true", "", "stop is at 0 surfaces: expected one"),
     ("conic = -0.5", "stop = true", "stop is at 2 surfaces: expected one"),
-    ("conic = -0.5", "aspheric = {3 = 1.0}", "surface 3, aspheric is {'3': 1.0}: expected a table of even powers"),
+    ("conic = -0.5", "aspheric = {0 = 1.0}", "surface 3, aspheric is {'0': 1.0}: expected a table of powers"),
     ("conic = -0.5", "aspheric = {4 = 'x'}", "surface 3, aspheric, 4 is x: expected a number"),
-    ("conic = -0.5", "aspheric = [0, 1]", "surface 3, aspheric is [0, 1]: expected a table of even powers"),
+    ("conic = -0.5", "aspheric = [0, 1]", "surface 3, aspheric is [0, 1]: expected a table of powers"),
     ("conic = -0.5", "aspheric = {4 = inf}", "surface 3, aspheric is "),
     ("[[surfaces]]", "[surfaces]", "TOML is not readable"),
     ('name = "singlet"', "scale = 0", "scale is 0: expected a positive number"),

@@ -64,7 +64,8 @@ def test_units(read, unit, mm):
 
 @pytest.mark.parametrize("line, aperture", [
     ("ENPD 4.0", ("entrance_pupil_diameter_mm", 4.0)), ("FNUM 1.8 0", ("f_number", 1.8)),
-    ("FNUM 1.8 1", ("working_f_number", 1.8)), ("OBNA 0.1 0", ("object_na", 0.1)), ("FLOA", ("stop", 2.5))])
+    ("FNUM 1.8 1", ("working_f_number", 1.8)), ("OBNA 0.1 0", ("object_na", 0.1)), ("FLOA", ("stop", 2.5)),
+    ("FNUM 1.2", ("f_number", 1.2)), ("OBNA 0.1", ("object_na", 0.1))])
 def test_apertures(read, line, aperture):
     assert read(("ENPD 5.0E+0", line), NEAR).aperture == aperture
 
@@ -124,6 +125,19 @@ def test_the_index_beside_a_name_is_no_glass(read, line):
         build_system(read((GLASS, line)))
 
 
+def test_what_a_file_tells_of_a_glass_that_no_catalogue_has_is_offered(read):
+    lens = read((GLASS, "GLAS RXGLASS 0 0 1.6511 55.89 0 0"))
+    assert lens.surfaces[1].glass_figures == "1.6511/55.89"
+    with pytest.raises(LensError, match="or its index and Abbe number as n/V, such as the file's own 1.6511/55.89"):
+        build_system(lens)
+
+
+def test_a_file_of_several_configurations_says_which_is_taken(read):
+    text = ("MNUM 1 1\n", "MNUM 3 2\nTHIC 2 1 1 4.0 0\nTHIC 2 2 1 5.0 0\nTHIC 2 3 1 6.0 0\n")
+    assert read(text).notes == "Of the file's 3 configurations number 2 is taken, in which it was saved."
+    assert read().notes == ""
+
+
 @pytest.mark.parametrize("makers, glass", [("HIKARI SCHOTT", "HIKARI SF10"), ("SCHOTT HIKARI", "SCHOTT SF10"),
                                            ("RXGLASS SCHOTT", "SCHOTT SF10"), ("OHARA", "SF10"), ("RXGLASS", "SF10")])
 def test_the_files_catalogues_come_first(read, makers, glass):
@@ -139,6 +153,13 @@ def test_an_even_asphere_has_all_its_terms(read):
     assert plain.surfaces == SURFACES
 
 
+def test_an_odd_asphere_has_all_its_terms(read):
+    terms = tuple(float(f"{number}e-{2 * number}") for number in range(1, 9))
+    lines = "".join(f"  PARM {number} {term:.15E}\n" for number, term in enumerate(terms, 1))
+    lens = read(("TYPE STANDARD\n  CURV -2.0E-2", f"TYPE ODDASPHE\n{lines}  CURV -2.0E-2"))
+    assert lens.surfaces[2] == replace(SURFACES[2], aspheric=terms[1::2], odd_aspheric=terms[::2])
+
+
 def test_circular_apertures_stop_light_and_semi_diameters_do_not(read):
     assert [surface.semi_aperture_mm for surface in read().surfaces] == [np.inf, 8.0, np.inf]
     assert read(("FLAP 0 8.0 0", "CLAP 0 7.0 0")).surfaces[1].semi_aperture_mm == 7.0
@@ -147,26 +168,26 @@ def test_circular_apertures_stop_light_and_semi_diameters_do_not(read):
 
 @pytest.mark.parametrize("old, new, message", [
     (GLASS, "GLAS MIRROR 0 0 1.5 40", "surface 2 is a mirror: expected refracting surfaces"),
-    (LAST, "DISZ 47.5\nSURF 4\n  TYPE COORDBRK\n  CURV 0\n  DISZ 0\n", "surface 4 is coordinate_break: expected one"),
-    ("TYPE STANDARD\n  CURV 2.0E-2", "TYPE TOROIDAL\n  CURV 2.0E-2", "surface 2 is toroidal: expected one of"),
-    ("TYPE STANDARD\n  CURV 2.0E-2", "TYPE GRID_SAG\n  CURV 2.0E-2", "surface 2 is grid_sag: expected one of"),
+    (LAST, "DISZ 47.5\nSURF 4\n  TYPE COORDBRK\n  CURV 0\n  DISZ 0\n", "surface 4 is COORDBRK: expected one"),
+    ("TYPE STANDARD\n  CURV 2.0E-2", "TYPE TOROIDAL\n  CURV 2.0E-2", "surface 2 is TOROIDAL: expected one of"),
+    ("TYPE STANDARD\n  CURV 2.0E-2", "TYPE GRID_SAG\n  CURV 2.0E-2", "surface 2 is GRID_SAG: expected one of"),
     ("FLAP 0 8.0 0", "CLAP 0 8.0 0\n  OBDC 0 1.0", "surface 2, aperture is decentred or annular"),
     ("FLAP 0 8.0 0", "CLAP 1 8.0 0", "surface 2, aperture is decentred or annular"),
     ("FLAP 0 8.0 0", "SQAP 4 3 0", "surface 2, aperture is SQAP: expected a circle"),
     ("FLAP 0 8.0 0", "OBSC 0 3 0", "surface 2, aperture is OBSC: expected a circle"),
-    ("FLAP 0 8.0 0", "FLAP 0 x 0", "line 34 is FLAP 0 x 0: not readable"),
+    ("FLAP 0 8.0 0", "FLAP 0 x 0", "line 34 is FLAP 0 x 0: expected a number as word 3"),
     ("  STOP\n", "", "stop is at 0 surfaces"),
     ("SURF 3\n", "SURF 3\n  STOP\n", "stop is at 2 surfaces"),
-    (GLASS, f"{GLASS}\nMODE NSC", "line 33 is MODE NSC: not readable: Only sequential mode"),
+    (GLASS, f"{GLASS}\nMODE NSC", "line 33 is MODE NSC: expected a sequential lens, MODE SEQ"),
     ("UNIT MM", "UNIT FT", "UNIT is FT: expected one of MM, CM, IN"),
     ("ENPD 5.0E+0\n", "", "aperture is missing: expected ENPD, FNUM, OBNA or FLOA"),
-    ("ENPD 5.0E+0", "OBNA 5 1", "aperture is object_cone_angle: expected ENPD"),
+    ("ENPD 5.0E+0", "OBNA 5 1", "line 6 is OBNA 5 1: expected ENPD, FNUM, OBNA with 0"),
     ("ENPD 5.0E+0", "ENPD 0", "aperture, entrance_pupil_diameter_mm is 0.0: expected a positive number"),
     ("FTYP 0 0", "FTYP 4 0", "field is of no kind that we know: give --field-angle or --field-height"),
     ("YFLN 0 1.4E+1", "YFLN 0 0", "field is on the axis alone: give --field-angle"),
     ("FTYP 0 0", "FTYP 0 1", "FTYP is telecentric in object space"),
     ("FTYP 0 0", "FTYP 1 0", "field is object_height_mm: an object at infinity has none"),
-    ("PWAV 2", "PWAV 7", "PWAV is missing: expected the number of one of the file's wavelengths"),
+    ("PWAV 2", "PWAV 7", "PWAV is 7: expected the number of one of the file's wavelengths"),
     ("DISZ INFINITY", "DISZ -5", "object_distance_mm is -5.0: expected a positive number"),
     ("DISZ INFINITY", "DISZ nan", "object_distance_mm is nan: expected a positive number"),
     ("DISZ INFINITY", "DISZ 9\n  GLAS SEAWATER 0 0", "object is in SEAWATER: expected air"),
