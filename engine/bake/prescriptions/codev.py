@@ -1,144 +1,155 @@
-"""Code V .seq, by Optiland's parser; glasses go by their names, for its own lookup makes up what it lacks."""
+"""Code V .seq: commands that tell of the system, and after SO, S and SI those of a surface."""
 
 import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from optiland.fileio.codev.reader.parser import CodeVDataParser
 
 from ...errors import LensError
 from ...lens.readers.assembly import object_distance
-from ...lens.readers.text import read_text, shown
+from ...lens.readers.text import read_text
 from ..glasses import best_name
 from ..prescription import Prescription, Surface
-from .field_and_aperture import field_end, known_aperture, vignetting_note
+from .field_and_aperture import field_end, vignetting_note
+from .lines import Line
 
 UNITS_MM = {"M": 1.0, "C": 10.0, "I": 25.4}
-APERTURES = {"EPD": "entrance_pupil_diameter_mm", "FNO": "working_f_number", "NAO": "object_na", "NA": "image_na"}
-FIELDS = {"angle": "angle_deg", "object_height": "object_height_mm", "paraxial_image_height": "image_height_mm"}
-TILTS = ("xde", "yde", "zde", "ade", "bde", "cde")
-SHAPES = ("SPS", "CYL", "XTO", "YTO", "AAS", "DIF", "GRT", "MFL")
-OTHER_APERTURES = ("REX", "REY", "ELX", "ELY", "ADX", "ADY", "REG", "ELG", "CIG")
+APERTURES = {"EPD": "entrance_pupil_diameter_mm", "FNO": "working_f_number", "NAO": "object_na",
+             "NA": "working_f_number"}
+FIELDS = {"AN": "angle_deg", "OB": "object_height_mm", "IM": "image_height_mm"}
+REAL_IMAGE_HEIGHT = "RI"
+SURFACES = ("SO", "S", "SI")
+POWERS = {letter: 4 + 2 * number for number, letter in enumerate("ABCDEFGHJ")}  # of r; there is no I
+TILTS = ("XDE", "YDE", "ZDE", "ADE", "BDE", "CDE")
 VIGNETTING = ("VUX", "VLX", "VUY", "VLY")
-LATER = ("CUY", "CUX", "RDY", "RDX", "THI", "GLA", "RMD", "SCA")  # what changes surfaces of lines before
+REFUSED = (dict.fromkeys(("SPS", "CYL", "XTO", "YTO", "AAS", "DIF", "GRT", "MFL"),
+                         "expected a conic or an asphere (ASP)")
+           | dict.fromkeys(("REX", "REY", "ELX", "ELY", "ADX", "ADY", "REG", "ELG", "CIG"),
+                           "expected circular apertures (CIR)")
+           | dict.fromkeys(("CUY", "CUX", "RDY", "RDX", "THI", "GLA", "RMD", "SCA"),  # of lines before
+                           "expected radius, thickness and glass on the line of their surface"))
+OF_SURFACE = ("STO", "K", *POWERS, *TILTS, "CIR", *REFUSED)
 QUOTED = re.compile(r"""('[^'\n]*')|"[^"\n]*"|![^\n]*""")
-
-
-class _Parser(CodeVDataParser):
-    """Optiland's parser, with glasses by name, and with errors for what it would pass over."""
-
-    def __init__(self, filename):
-        super().__init__(filename)
-        self.data_model.radius_mode = None  # until the file says which it has
-        self.vignetting_factors = []
-        self._global_table |= dict.fromkeys(VIGNETTING, self._read_vignetting)
-        refused = (dict.fromkeys(SHAPES, "expected a conic or an asphere (ASP)")
-                   | dict.fromkeys(OTHER_APERTURES, "expected circular apertures (CIR)")
-                   | dict.fromkeys(LATER, "expected radius, thickness and glass on the line of their surface"))
-        for command, remedy in refused.items():
-            self._surf_modifier_table[command] = lambda words, remedy=remedy: self._refuse(words, remedy)
-
-    def _refuse(self, words, remedy):
-        raise LensError(self.filename, f"surface {self._current_surf}", shown(" ".join(words)), remedy)
-
-    def _load_and_preprocess(self):
-        """Commands as lists of words: without comments, lines with & joined, parted at ; that stand in no title."""
-        text = "\n".join(read_text(self.filename).splitlines())
-        text = QUOTED.sub(lambda match: (match[1] or "").replace(";", ","), text)
-        lines = re.sub(r"&[ \t]*\n", " ", text).split("\n")
-        return [words for line in lines for words in map(str.split, line.split(";")) if words]
-
-    def _dispatch(self, words):
-        command = words[0].upper()
-        try:
-            if command in ("SO", "S", "SI") and not self._in_prv_block:
-                self._check_surface(words)
-            if self._current_surf < 0 and command == "STO":  # Optiland would begin a surface
-                self._read_sto(words)
-            else:
-                super()._dispatch(words)
-        except LensError:
-            raise
-        except (ValueError, IndexError, OverflowError) as error:
-            raise LensError(self.filename, "command", shown(" ".join(words)), f"not readable: {error}") from None
-
-    def _check_surface(self, words):
-        if not all(map(_is_number, words[1:3])):
-            raise LensError(self.filename, f"surface {self._current_surf + 1}", shown(" ".join(words)),
-                            "expected a radius or curvature, a thickness, and a glass")
-        if self.data_model.radius_mode is None and len(words) > 1 and float(words[1]):
-            raise LensError(self.filename, "RDM", "missing", "expected RDM, for radii, or RDM N, for curvatures, first")
-
-    def _read_dim(self, words):
-        unit = words[1][:1].upper()
-        if unit not in UNITS_MM:
-            raise LensError(self.filename, "DIM", words[1], f"expected one of {', '.join(UNITS_MM)}")
-        self.data_model.units = unit
-
-    def _read_rdm(self, words):
-        self.data_model.radius_mode = not (len(words) > 1 and words[1].upper().startswith("N"))
-
-    def _read_prv(self, words):
-        self._in_prv_block = True  # its glasses are in no catalogue, and an error says so
-
-    def _read_cir(self, words):
-        kind = words[1].upper() if len(words) == 3 else "CLR"
-        if len(words) not in (2, 3) or kind not in ("CLR", "EDG") or not _is_number(words[-1]):
-            self._refuse(words, "expected CIR and the radius of a clear aperture")
-        if kind == "CLR":  # EDG is where the glass ends, and stops no light
-            super()._read_cir(words)
-
-    def _read_vignetting(self, words):
-        self.vignetting_factors += map(float, words[1:])
-
-    def _parse_glass(self, token):
-        return token.strip("'\"")
 
 
 def read_codev(path: Path, field: tuple[str, float] | None = None) -> Prescription:
     """Read a .seq. CIR apertures stop light; vignetting factors are left aside."""
-    parser = _Parser(str(path))
-    model = parser.parse()
-    scale = UNITS_MM.get(model.units, 1.0)
-    rows = [model.surfaces[index] for index in sorted(model.surfaces)]
+    system, rows = _commands(path)
     _check_ends(path, rows)
-    stop = model.sto_surface_index
-    surfaces = [_surface(path, number, row, stop) for number, row in enumerate(rows[1:-1], 1)]
-    defocus = rows[-1]["thickness"]  # of SI: the image plane lies that much behind the paraxial one
+    unit_mm, curvatures = _unit_mm(system), _tells_curvatures(path, system, rows)
+    stop = _stop_number(system)
+    surfaces = [_surface(path, number, row, curvatures, stop) for number, row in enumerate(rows[1:-1], 1)]
+    defocus = rows[-1]["SI"].figure(2, 0.0)  # the image plane lies that much behind the paraxial one
     surfaces[-1] = replace(surfaces[-1], thickness_mm=surfaces[-1].thickness_mm + defocus)
-    distance_mm = rows[0]["thickness"] * scale
+    factors = [value for command in VIGNETTING if command in system for value in system[command].figures()]
     return Prescription(
-        name=model.name or path.stem, surfaces=tuple(surface.scaled(scale) for surface in surfaces),
-        aperture=_aperture(path, model, scale), field=field or _field(path, model, scale),
-        object_distance_mm=object_distance(distance_mm),
-        reference_wavelength_nm=_reference_nm(path, model), source=f"{path.name} (Code V)",
-        notes=vignetting_note(parser.vignetting_factors, surfaces))
+        name=_title(system) or path.stem, surfaces=tuple(surface.scaled(unit_mm) for surface in surfaces),
+        aperture=_aperture(path, system, unit_mm), field=field or _field(path, system, unit_mm),
+        object_distance_mm=object_distance(rows[0]["SO"].figure(2, 0.0) * unit_mm),
+        reference_wavelength_nm=_reference_nm(path, system), source=f"{path.name} (Code V)",
+        notes=" ".join(filter(None, (vignetting_note(factors, surfaces), _zoom_note(system)))))
+
+
+def _commands(path):
+    """{command: its last line} of the system, and of each surface, where STO, CIR and what is refused may come."""
+    system, rows, private = {}, [], False
+    for words in _words(path):
+        command = words[0].upper()
+        if private or command == "PRV":  # glasses of its own are in no catalogue, and an error says so
+            private = command != "END"
+            continue
+        if command in SURFACES:
+            line = Line(path, f"surface {len(rows)}", tuple(words))
+            if not all(map(_is_number, words[1:3])):
+                raise line.refusal("expected a radius or curvature, a thickness, and a glass")
+            rows.append({command: line})
+        elif rows and command in OF_SURFACE and not (command == "STO" and len(words) > 1):
+            line = Line(path, f"surface {len(rows) - 1}", tuple(words))
+            if command in REFUSED:
+                raise line.refusal(REFUSED[command])
+            if command != "CIR" or _is_clear(line):  # an edge stops no light
+                rows[-1][command] = line
+        elif command not in REFUSED and not (command == "ZOO" and len(words) > 2):  # what changes as the lens zooms
+            system[command] = Line(path, "command", tuple(words))
+    return system, rows
+
+
+def _words(path):
+    """Commands as lists of words: without comments, lines with & joined, parted at ; that stand in no title."""
+    text = "\n".join(read_text(path).splitlines())
+    text = QUOTED.sub(lambda match: (match[1] or "").replace(";", ","), text)
+    lines = re.sub(r"&[ \t]*\n", " ", text).split("\n")
+    return [words for line in lines for words in map(str.split, line.split(";")) if words]
+
+
+def _is_number(word):
+    try:
+        return bool(np.isfinite(float(word)))
+    except ValueError:
+        return False
+
+
+def _is_clear(line):
+    """Whether a CIR is a clear aperture: alone, or as CLR; EDG is where the glass ends."""
+    kind = line.words[1].upper() if len(line.words) == 3 else "CLR"
+    if len(line.words) not in (2, 3) or kind not in ("CLR", "EDG") or not _is_number(line.words[-1]):
+        raise line.refusal("expected CIR and the radius of a clear aperture")
+    return kind == "CLR"
 
 
 def _check_ends(path, rows):
     """Object and image are there, and are planes in air."""
-    if [row["type"] for row in rows] != ["object", *["standard"] * (len(rows) - 2), "image"] or len(rows) < 3:
+    kinds = [next(iter(row)) for row in rows]
+    if kinds != ["SO", *["S"] * (len(rows) - 2), "SI"] or len(rows) < 3:
         raise LensError(path, "surfaces", f"{len(rows)}", "expected SO, S ... and SI")
     for name, row in (("SO", rows[0]), ("SI", rows[-1])):
-        if np.isfinite(row["radius"]) or _glass_name(row["material"] or ""):
+        if row[name].figure(1, 0.0) or _glass(row[name]):
             raise LensError(path, name, "no plane in air", "expected a flat object and a flat image")
 
 
-def _surface(path, number, row, stop):
-    if any(row[tilt] for tilt in TILTS):
+def _unit_mm(system):
+    if "DIM" not in system:
+        return 1.0
+    unit = " ".join(system["DIM"].words[1:2])
+    if unit[:1].upper() not in UNITS_MM:
+        raise LensError(system["DIM"].path, "DIM", unit, f"expected one of {', '.join(UNITS_MM)}")
+    return UNITS_MM[unit[:1].upper()]
+
+
+def _tells_curvatures(path, system, rows):
+    """Whether surfaces have curvatures, by RDM; where it is missing no surface may have any."""
+    if "RDM" in system:
+        return " ".join(system["RDM"].words[1:2]).upper().startswith("N")
+    if any(line.figure(1, 0.0) for row in rows for line in list(row.values())[:1]):
+        raise LensError(path, "RDM", "missing", "expected RDM, for radii, or RDM N, for curvatures, first")
+    return False
+
+
+def _stop_number(system):
+    """The surface that STO names with its number; None where it stands at its surface."""
+    told = re.fullmatch(r"[Ss](\d+)", " ".join(system["STO"].words[1:])) if "STO" in system else None
+    return int(told[1]) if told else None
+
+
+def _surface(path, number, row, curvatures, stop):
+    line = row["S"]
+    if any(row[tilt].figure(1) for tilt in TILTS if tilt in row):
         raise LensError(path, f"surface {number}", "tilted or decentred", "expected a centred lens")
-    glass = row["material"] or ""
+    glass = _glass(line)
     if glass.upper() == "REFL":
         raise LensError(path, f"surface {number}", "a mirror", "expected refracting surfaces")
-    terms = (0.0, *row["coefficients"]) if any(row["coefficients"]) else ()  # Code V's A is that of r^4
-    return Surface(row["radius"], row["thickness"], _glass_name(glass),
-                   row["aperture"].r_max if row["aperture"] else np.inf, row["conic"], terms,
-                   row["is_stop"] or stop == number)
+    told = line.figure(1, 0.0)
+    terms = {power: row[letter].figure(1) for letter, power in POWERS.items() if letter in row}
+    last = max((power for power, term in terms.items() if term), default=0)
+    return Surface((1 / told if curvatures else told) if told else np.inf, line.figure(2, 0.0), glass,
+                   row["CIR"].figure(-1) if "CIR" in row else np.inf, row["K"].figure(1) if "K" in row else 0.0,
+                   tuple(terms.get(power, 0.0) for power in range(2, last + 1, 2)), "STO" in row or stop == number)
 
 
-def _glass_name(token):
+def _glass(line):
     """Our name of a glass that Code V calls NBK7_SCHOTT, 1.5168:64.17, 517642 or 517.642."""
+    token = "".join(line.words[3:4]).strip("'\"")
     if token.upper() in ("", "AIR"):
         return ""
     if ":" in token:
@@ -147,28 +158,38 @@ def _glass_name(token):
     return best_name(name, [catalogue] if catalogue else [])
 
 
-def _aperture(path, model, scale):
-    aperture = known_aperture(model.aperture, APERTURES, scale)
-    if aperture is None:
+def _title(system):
+    words = next((system[command].words[1:] for command in ("TITLE", "TIT") if command in system), ())
+    return " ".join(words).strip("'\"")
+
+
+def _aperture(path, system, unit_mm):
+    told = next((system[command] for command in system if command in APERTURES), None)
+    if told is None:
         raise LensError(path, "aperture", "missing", f"expected one of {', '.join(APERTURES)}")
-    kind, value = aperture
-    return aperture if kind != "image_na" else ("working_f_number", 0.5 / value if value else 0.0)
+    kind, value = APERTURES[told.words[0].upper()], told.figure(1)
+    if told.words[0].upper() == "NA":
+        return kind, 0.5 / value if value else 0.0
+    return kind, value * unit_mm if kind.endswith("_mm") else value
 
 
-def _field(path, model, scale):
-    fields = model.fields
-    return field_end(path, FIELDS.get(fields.get("type")), fields.get("x", ()), fields.get("y", ()), scale)
+def _field(path, system, unit_mm):
+    """By the kind that is told first, as XAN and YAN."""
+    told = next((command[1:] for command in system
+                 if command[0] in "XY" and command[1:] in (*FIELDS, REAL_IMAGE_HEIGHT)), None)
+    x, y = (system[axis + told].figures() if told and axis + told in system else () for axis in "XY")
+    return field_end(path, FIELDS.get(told), x, y, unit_mm)
 
 
-def _reference_nm(path, model):
-    wavelengths, reference = model.wavelengths["data"], model.wavelengths.get("primary_index", 0)
-    if not 0 <= reference < len(wavelengths):
-        raise LensError(path, "REF", reference + 1, "expected the number of one of the file's wavelengths, WL")
-    return 1e3 * wavelengths[reference]
+def _reference_nm(path, system):
+    wavelengths = system["WL"].figures() if "WL" in system else []
+    reference = system["REF"].figure(1) if "REF" in system else 1
+    if reference not in range(1, len(wavelengths) + 1):
+        raise LensError(path, "REF", f"{reference:g}", "expected the number of one of the file's wavelengths, WL")
+    return wavelengths[int(reference) - 1]
 
 
-def _is_number(word):
-    try:
-        return bool(np.isfinite(float(word)))
-    except ValueError:
-        return False
+def _zoom_note(system):
+    if "ZOO" not in system or system["ZOO"].figure(1) <= 1:
+        return ""
+    return f"Of the file's {system['ZOO'].figure(1):g} zoom positions the first is taken."

@@ -149,6 +149,12 @@ def test_vignetting_factors_are_told_not_to_count(read):
     assert read(("SO ", "VUY 0.0 0.0\nSO ")).notes == ""
 
 
+def test_of_several_zoom_positions_the_first_is_taken(read):
+    lens = read(("GO\n", "ZOO 3\nZOO THI S3 47.5 40.0 30.0\nGO\n"))
+    assert lens.surfaces == SURFACES
+    assert lens.notes == "Of the file's 3 zoom positions the first is taken."
+
+
 @pytest.mark.parametrize("old, new, message", [
     ("  STO\n", "  STO\n  ADE 1.0\n", "surface 1 is tilted or decentred: expected a centred lens"),
     ("  STO\n", "  STO\n  ZDE 1.0\n", "surface 1 is tilted or decentred: expected a centred lens"),
@@ -165,8 +171,8 @@ def test_vignetting_factors_are_told_not_to_count(read):
     ("S     50.0 4.0 NBK7", "S     50.0 NBK7", "surface 2 is S 50.0 NBK7_SCHOTT: expected a radius or curvature"),
     ("DIM   M", "DIM   F", "DIM is F: expected one of M, C, I"),
     ("EPD   5.0\n", "", "aperture is missing: expected one of EPD, FNO, NAO, NA"),
-    ("EPD   5.0", "EPD   x", "command is EPD x: not readable"),
-    ("EPD   5.0", "EPD", "command is EPD: not readable"),
+    ("EPD   5.0", "EPD   x", "command is EPD x: expected a number as word 2"),
+    ("EPD   5.0", "EPD", "command is EPD: expected a number as word 2"),
     ("EPD   5.0", "NA 0", "aperture, working_f_number is 0.0: expected a positive number"),
     ("REF   2", "REF   0", "REF is 0: expected the number of one of the file's wavelengths"),
     ("REF   2", "REF   4", "REF is 4: expected the number of one of the file's wavelengths"),
