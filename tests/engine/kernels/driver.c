@@ -313,7 +313,9 @@ static void try_turning(void)
             take_deviation(v, 2, fabs(result[i] - truth[i]), (double)count * 100 * (double)radius * DOUBLE);
         free(result);
     }
-    v_px[below(count)] = below(2) ? 1e9 : NAN;
+    const double beyond[] = {NAN, 1e9, (double)radius + 0.2, -(double)radius - 0.8}; /* but for the first two: by little */
+    const int64_t one = below(count), by = below(4);
+    v_px[one] = beyond[by] * cosine, u_px[one] = beyond[by] * sine;
     for (int v = 0; runs(v); v++)
         expect(lf_turn(v, &samples, cosine, sine, side, truth) == LF_OUTSIDE, "turning took a sample outside");
     free(v_px), free(u_px), free(energy), free(truth);
