@@ -72,7 +72,7 @@ class PsfBank:
         Parameters
         ----------
         energy : float
-            The fraction of every PSF that is kept.
+            The fraction of every whole PSF that is kept.
         radius_px : int, optional
             Of the bank, which no circle goes beyond; else what the circles need.
         """
@@ -92,9 +92,10 @@ class PsfBank:
                        u_px=self.u_px[kept], radius_px=radius_px)
 
     def support_px(self, energy: float) -> np.ndarray:
-        """Radii of the least circles about the chief ray that hold this fraction of each PSF: array (height,)."""
+        """Radii of the least circles about the chief ray that hold this fraction of each whole PSF, or all that is here
+        of it: array (height,)."""
         rings, inside = self._enclosed
-        return rings[np.argmax(inside >= energy - 1e-9, axis=1)]
+        return rings[np.argmax(inside >= np.minimum(energy, inside[:, -1:]) - 1e-9, axis=1)]
 
     def radius_within_px(self, support_px: np.ndarray) -> int:
         """How far PSFs that lie in circles of these radii can reach from the pixel of their chief ray."""
@@ -106,12 +107,12 @@ class PsfBank:
 
     @cached_property
     def _enclosed(self):
-        """Radii of circles, array (ring,), and the energy of each PSF inside: array (height, ring)."""
+        """Radii of circles, array (ring,), and the fraction of each whole PSF inside: array (height, ring)."""
         ring = np.ceil(self._distance_px / self.sample_size_px * RINGS - 1e-6).astype(np.int32)
         outwards = np.argsort(ring, kind="stable")
         rings, first = np.unique(ring[outwards], return_index=True)
         inside = np.cumsum(np.add.reduceat(np.take(self.samples, outwards, axis=1), first, axis=1), axis=1)
-        return rings * (self.sample_size_px / RINGS), inside / inside[:, -1:]
+        return rings * (self.sample_size_px / RINGS), inside / inside[:, -1:] * (1 - self.lost[:, None])
 
     def brightest(self, count: int) -> "PsfBank":
         """A bank of one PSF, and not of unit sum, that stands for those of all heights.

@@ -76,7 +76,7 @@ def _knob_plan(options, lens, radiance):
     way = METHODS[BY_KNOBS if options.method == AUTO else options.method]
     energy = options.psf_energy or (1.0 if way.yardstick else PSF_ENERGY)
     precision = options.precision or ("float64" if way.yardstick else AUTO)
-    radius_px, taps = PicturePsfs(lens, radiance).reach(energy)
+    radius_px, taps = PicturePsfs(lens, radiance, energy).reach(energy)
     single_range = {AUTO: SINGLE_RANGE, "float32": np.inf, "float64": 0.0}[precision]
     most_px = max(radiance.frame_px) + 2 * radius_px
     return Plan(
@@ -125,7 +125,7 @@ class _Planner:
         self._flat, self._rounding = self._accuracy * FLAT_SHARE, self._accuracy * ROUNDING_SHARE
         self._enough = self._accuracy - self._flat - self._rounding
         self._options, self._lens, self._radiance = options, lens, radiance
-        self._psfs = PicturePsfs(lens, radiance)
+        self._psfs = PicturePsfs(lens, radiance, self._energy(min(*LESSER_TRIM_SHARES, ONE_PSF_TRIM_SHARE)))
         self._folded = radiance.grid.centred and self._psfs.mirror_symmetric
 
     def best(self) -> Plan:

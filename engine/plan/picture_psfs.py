@@ -27,6 +27,8 @@ class PicturePsfs:
     ----------
     lens : Lens
     radiance : SpectralImage
+    most_energy : float
+        The largest fraction of a PSF that will be asked for.
 
     Raises
     ------
@@ -36,20 +38,21 @@ class PicturePsfs:
         A wavelength outside the lens data; a distortion that folds the field.
     """
 
-    def __init__(self, lens: "Lens", radiance: SpectralImage) -> None:
+    def __init__(self, lens: "Lens", radiance: SpectralImage, most_energy: float) -> None:
         self.whole_radius_px = psf_radius_px(lens, radiance.pitch_um)
         if self.whole_radius_px > LARGEST_PSF_RADIUS_PX:
             raise ImageError("image", "pitch_um", radiance.pitch_um, f"a point spread function would reach "
                              f"{self.whole_radius_px} px; at most {LARGEST_PSF_RADIUS_PX} are done")
         self._optics = [lens.at_wavelength(nm) for nm in telling_wavelengths(lens, radiance)]
         self._fields = [FieldGeometry(each, lens.name) for each in self._optics]
-        self._grid, self._reaches = radiance.grid, {}
+        self._grid, self._most_energy, self._reaches = radiance.grid, most_energy, {}
 
     @cached_property
     def _banks(self):
-        """The whole PSFs: a PsfBank for each wavelength."""
+        """A PsfBank for each wavelength, of no more than will be asked for: whole PSFs take a lot of memory."""
         with thread_pool() as pool:
-            return list(pool.map(lambda each: PsfBank.of(each, self._grid.pitch_um), self._optics))
+            return list(pool.map(lambda each: PsfBank.of(each, self._grid.pitch_um).trimmed(self._most_energy),
+                                 self._optics))
 
     @cached_property
     def mirror_symmetric(self) -> bool:

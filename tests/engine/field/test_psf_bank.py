@@ -235,6 +235,15 @@ def test_each_psf_is_trimmed_to_the_least_circle_that_holds_the_energy(energy, s
     np.testing.assert_allclose(reach_px, [0, samples / 2], atol=1e-9)
 
 
+def test_what_is_trimmed_already_is_trimmed_further_as_the_whole_is():
+    psf = np.random.default_rng(3).random((17, 17))
+    whole = PsfBank.of(make_lens(psf / psf.sum()).at_wavelength(550), 4.0)
+    at_once, in_two = whole.trimmed(0.7), whole.trimmed(0.9).trimmed(0.7)
+    np.testing.assert_allclose(in_two.samples, at_once.samples, rtol=1e-12)
+    np.testing.assert_allclose(in_two.lost, at_once.lost, atol=1e-12)
+    np.testing.assert_array_equal(whole.trimmed(0.7).support_px(0.99), at_once.support_px(0.7))
+
+
 def test_a_trimmed_psf_is_what_lies_in_the_circle_normalised():
     whole = PsfBank.of(rings_lens().at_wavelength(550), 4.0)
     trimmed = whole.trimmed(0.95)
