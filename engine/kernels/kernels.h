@@ -7,6 +7,8 @@
    Each loop is compiled once for each instruction set, a *variant*, from the same lines of C and without fused
    multiply-adds: all variants, compilers and machines give the same bits.
 
+   A function keeps less than 4 KB on the stack: Windows gives more only to those who ask its run-time library.
+
    How a loop is added: NAME.c here, with a function OF_VARIANT(lf_NAME) of a type that is declared below; that type's
    line in `variant`, the checks of its sizes and its call in kernels.c; NAME in LOOPS of build.py; its Python face in
    NAME.py; its plain form in double in tests/engine/kernels/driver.c. LF_ABI goes up whenever a declaration changes. */
