@@ -15,6 +15,8 @@ from .system import System
 FOCUS_FIELDS = (0.0, 0.35, 0.5, 0.7)  # of the last field: where "best" focus looks at the light
 FOCUS_WAVELENGTHS_NM = (486.1, 546.1, 656.3)
 FOCUS_PUPIL = HalfPupil(13, 17)
+LEAST_PASSING = 0.9  # of the aperture's diameter: patents round their apertures
+HOPELESS = 0.25  # of the last height: discs of which a picture holds a few
 AIM_TOLERANCE = 1e-10  # of the place on the stop, mm: the chief ray errs by some times this
 
 
@@ -30,10 +32,50 @@ def build_system(prescription: Prescription) -> System:
                  for number, surface in enumerate(prescription.surfaces, 1)]
     optic = _optic(prescription, materials)
     system = _system(optic, prescription, materials, _stop_semi_aperture_mm(optic, prescription))
+    _check_aperture(system)
+    _check_object(system)
     if prescription.focus == "as given":
+        _check_focus(system)
         return system
     system = _refocused(system, _paraxial_focus_mm(optic) - prescription.surfaces[-1].thickness_mm)
     return system if prescription.focus == "paraxial" else _refocused(system, _best_focus_shift_mm(system))
+
+
+def _check_aperture(system):
+    """The surfaces let the light through that the aperture asks for: by the paraxial marginal ray, with some slack."""
+    kind, value = system.prescription.aperture
+    heights_mm = np.abs(_marginal_ray(system)[0][1:-1])
+    passing = np.min(system.semi_apertures_mm / np.maximum(heights_mm, 1e-12))
+    if passing < LEAST_PASSING:
+        most = value / passing if kind.endswith("f_number") else value * passing
+        raise LensError(system.prescription.name, f"aperture, {kind}", value,
+                        f"the surfaces' own apertures let {most:.3g} through at most")
+
+
+def _check_object(system):
+    """A lens has a real image of its object."""
+    if system.magnification > 0 or not np.isfinite(system.magnification):
+        raise LensError(system.prescription.name, "object_distance_mm", system.prescription.object_distance_mm,
+                        "no image of it lies behind the lens: expected more than "
+                        f"{-_number(system.optic.paraxial.F1()):.4g} mm, its front focal point")
+
+
+def _check_focus(system):
+    """The image plane lies where the paraxial image is not all blur."""
+    slope = abs(_marginal_ray(system)[1][-1])
+    shift_mm = _paraxial_focus_mm(system.optic) - system.prescription.surfaces[-1].thickness_mm
+    blur_mm = 2 * abs(shift_mm) * slope
+    if blur_mm > HOPELESS * system.last_height_mm:
+        where = "object_distance_mm" if system.magnification else "focus"
+        value = system.prescription.object_distance_mm if system.magnification else system.prescription.focus
+        raise LensError(system.prescription.name, where, value,
+                        f"the image lies {abs(shift_mm):.3g} mm {'behind' if shift_mm > 0 else 'before'} the image "
+                        f"plane, and a point becomes a disc of {blur_mm:.3g} mm: focus on it, or go farther away")
+
+
+def _marginal_ray(system):
+    """Heights in mm and slopes of the paraxial marginal ray, from the object to the image plane."""
+    return tuple(np.ravel(part) for part in system.optic.paraxial.marginal_ray())
 
 
 def _refocused(system, shift_mm):

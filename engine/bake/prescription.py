@@ -11,6 +11,7 @@ from ..errors import LensError
 APERTURES = ("stop", "entrance_pupil_diameter_mm", "f_number", "working_f_number", "object_na")
 FIELDS = ("angle_deg", "image_height_mm", "object_height_mm")
 FOCUSES = ("as given", "paraxial", "best")
+LEAST_F_NUMBER = 0.5  # light comes from no more than a half space
 PSF_SAMPLES = 65  # along each side of a PSF, where nothing else is asked for
 
 
@@ -151,6 +152,8 @@ def _check_aperture_and_field(prescription, refuse):
             refuse(f"{field}, {kind}", value, "expected a positive number")
         if kind == "angle_deg" and value >= 90:
             refuse("field, angle_deg", value, "expected less than 90: no plane image holds more")
+        if kind.endswith("f_number") and value < LEAST_F_NUMBER:
+            refuse(f"aperture, {kind}", value, f"no lens in air is below {LEAST_F_NUMBER}")
         if kind == "object_na" and value >= 1:
             refuse("aperture, object_na", value, "expected less than 1: the object is in air")
         if kind in ("object_na", "object_height_mm") and np.isinf(prescription.object_distance_mm):

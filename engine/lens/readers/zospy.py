@@ -29,7 +29,7 @@ def psf_grid(text: str, path: Path) -> PsfGrid:
     """
     try:
         result = json.loads(text)
-        table = result["data"]
+        table = result["data"].get("psf", result["data"])  # a frame, with a Strehl ratio beside it or without
         values, y_um, x_um = (np.array(table[name], dtype=float) for name in ("data", "index", "columns"))
         settings, lines = result.get("settings"), result.get("header")
     except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError):

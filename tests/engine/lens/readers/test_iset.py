@@ -74,6 +74,7 @@ def test_first_order_data_are_read(tmp_path, lens):
     for field in ("efl_mm", "magnification", "f_number_effective", "object_distance_mm", "reference_wavelength_nm"):
         assert getattr(read, field) == pytest.approx(getattr(lens, field)), field
     assert read.entrance_pupil_mm == pytest.approx(4.0, abs=1e-3) and "field angle" in read.notes
+    assert "ISET's is the paraxial working one" in read.notes
     assert np.isnan(read.enclosed_energy).all() and (read.transmittance == 1).all()
 
 

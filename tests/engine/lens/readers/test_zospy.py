@@ -29,6 +29,13 @@ def test_labels_are_half_a_sample_off():
     assert grid.centre == (4, 4) and mark(grid) == (2, 1) and grid.pitch_um == pytest.approx(0.5)
 
 
+def test_a_result_with_its_strehl_ratio():
+    """HuygensPSFAndStrehlRatio, whose frame is a part of its data."""
+    plain = json.loads(zospy_json(MARKED, 0.5))
+    grid = psf_grid(json.dumps(plain | {"data": {"psf": plain["data"], "strehl_ratio": 0.998}}), "psf.json")
+    assert grid.centre == (4, 4) and mark(grid) == (2, 1) and grid.pitch_um == pytest.approx(0.5)
+
+
 @pytest.mark.parametrize("side, v, u", [("+y", 2, 1), ("-y", -2, -1)])
 def test_rows_ascend_with_y(side, v, u):
     psf, _ = psf_table([[read()]], side)

@@ -1,0 +1,60 @@
+"""What no lens can do is refused by its true reason, before a ray is traced."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lens_texts import SURFACES
+from lensfield.engine import LensError
+from lensfield.engine.bake.build import build_system
+from lensfield.engine.bake.prescription import Prescription
+from lensfield.engine.bake.prescriptions import read_prescription
+from lensfield.engine.lens.readers import BUNDLED
+
+SINGLET = Prescription("singlet", SURFACES, ("entrance_pupil_diameter_mm", 5.0), ("angle_deg", 14.0))
+FOCUSED = replace(SINGLET, focus="best")
+
+
+def refusal(lens):
+    with pytest.raises(LensError) as error:
+        build_system(lens)
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+def test_an_f_number_below_that_of_a_half_space():
+    with pytest.raises(LensError, match="singlet: aperture, f_number is 0.3: no lens in air is below 0.5"):
+        replace(SINGLET, aperture=("f_number", 0.3))
+
+
+@pytest.mark.parametrize("kind, least, tried", [("f_number", 3.07, 2.0), ("entrance_pupil_diameter_mm", 16.0, 25.0)])
+def test_an_aperture_that_the_surfaces_do_not_let_through(kind, least, tried):
+    """The singlet of 49 mm has a front 16 mm wide, right behind the stop."""
+    told = refusal(replace(FOCUSED, aperture=(kind, tried)))
+    assert f"aperture, {kind} is {tried}: the surfaces' own apertures let {least:.3g} through at most" in told
+    build_system(replace(FOCUSED, aperture=(kind, least)))
+
+
+def test_an_object_within_the_focal_length():
+    """Its front focal point lies 49.0 mm before the front principal plane, and that some way behind the stop."""
+    told = refusal(replace(FOCUSED, object_distance_mm=20.0))
+    assert "singlet: object_distance_mm is 20.0: no image of it lies behind the lens: expected more than 45." in told
+    build_system(replace(FOCUSED, object_distance_mm=60.0, field=("image_height_mm", 5.0)))
+
+
+def test_an_object_far_out_of_focus():
+    told = refusal(replace(SINGLET, object_distance_mm=60.0, field=("image_height_mm", 5.0)))
+    assert "singlet: object_distance_mm is 60.0: the image lies " in told and " mm behind the image plane" in told
+    build_system(replace(SINGLET, object_distance_mm=2000.0))
+
+
+def test_an_image_plane_far_out_of_focus():
+    surfaces = (*SURFACES[:2], replace(SURFACES[2], thickness_mm=400.0))
+    told = refusal(replace(SINGLET, surfaces=surfaces))
+    assert "singlet: focus is as given: the image lies 352 mm before the image plane" in told
+
+
+@pytest.mark.parametrize("path", sorted((BUNDLED / "prescriptions").glob("*.toml")), ids=lambda path: path.stem)
+def test_the_bundled_lenses_are_possible(path):
+    assert np.isfinite(build_system(read_prescription(path)).efl_mm)
