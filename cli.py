@@ -16,10 +16,33 @@ from .engine.files import remove_pending
 from .engine.kernels import running
 
 CANCELLED = 130
+UNHEARD = 141  # what a shell gives a program that SIGPIPE ends
 
 
 def main(arguments=None):
-    """Run the command; the exit status: 0 or the runner's, 1 for bad input (told in one line), 2 for a usage error."""
+    """Run the command; the exit status: 0 or the runner's, 1 for bad input (told in one line), 2 for a usage error.
+
+    When whoever reads the output has had enough, as `head` has, the command ends without a word.
+    """
+    try:
+        status = _run(arguments)
+        print(end="", flush=True)
+        return status
+    except BrokenPipeError:
+        _send_broken_streams_nowhere()
+        return UNHEARD
+
+
+def _send_broken_streams_nowhere():
+    """Let what is still to be written, and flushed at the end, go where nothing breaks."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            print(end="", file=stream, flush=True)
+        except BrokenPipeError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+def _run(arguments):
     try:
         options = _parser().parse_args(arguments)
     except SystemExit as stop:  # inside Blender the process is not ours to end
@@ -28,6 +51,8 @@ def main(arguments=None):
         _end_with_stdin(getattr(options, "hear", None))
     try:
         status = options.run(options)
+    except BrokenPipeError:
+        raise
     except FAILURES as error:
         print(f"lensfield: {error or type(error).__name__}".replace("\n", " "), file=sys.stderr)
         return 1

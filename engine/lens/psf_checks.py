@@ -17,6 +17,7 @@ BORDER_LIGHT = 0.005  # along one border, or two opposite ones: half of that
 RISE = 1.2  # measured: 0.97 at most, where nine tenths of the light lie within the window
 SEAM_LEAK = 1e-3
 SMALLEST_WINDOW = 8  # what lies at the border of fewer samples says nothing about light beyond
+SOFT, OUT_OF_FOCUS = 1 / 300, 1 / 150  # of the sensor's diagonal; the softest bundled lens, f/1.1, has 1 / 740
 GAP_NOTE, GAP_WARNING = 0.4, 1.0  # L1 distances: a fifth, and half, of the light lies elsewhere
 
 
@@ -48,6 +49,21 @@ def _centring(lens):
     worst = greatest(excess)
     if excess[worst] > 0 and n >= 3:
         yield LensFinding("warning", "psf", f"brightest at its window's border {place(lens, *worst)}", remedy)
+
+
+def _focus(lens):
+    """On the axis, where every lens is sharp: how wide the disc is that holds half the light."""
+    wave = int(np.abs(lens.wavelengths_nm - lens.reference_wavelength_nm).argmin())
+    psf = lens.psf[wave, 0].astype(float)
+    offset = np.arange(psf.shape[-1]) - psf.shape[-1] // 2
+    distance = np.hypot(offset[:, None], offset).ravel()
+    outwards = np.argsort(distance)
+    inside = np.cumsum(psf.ravel()[outwards])
+    disc_um = 2 * lens.psf_pitch_um * distance[outwards[np.searchsorted(inside, inside[-1] / 2)]]
+    share = disc_um / (1e3 * np.hypot(*lens.sensor_mm))
+    yield from graded(share, SOFT, OUT_OF_FOCUS, "psf", f"half the light in a disc of {disc_um:.3g} um, {share:.2%} of "
+                      f"the sensor's diagonal, {place(lens, wave, 0)}",
+                      "out of focus, or no sharp lens: check the image plane, the object distance and psf_pitch_um")
 
 
 def _mirror(lens):
@@ -205,4 +221,4 @@ def _gaps(lens, left_out, first, axis):
                       f"{axis} there")
 
 
-PSF_CHECKS = (_pitch, _centring, _mirror, _axis_symmetry, _enclosed_energy, _border, _height_gaps, _wavelength_gaps)
+PSF_CHECKS = (_pitch, _focus, _centring, _mirror, _axis_symmetry, _enclosed_energy, _border, _height_gaps, _wavelength_gaps)

@@ -216,6 +216,17 @@ def test_closed_standard_streams_do_no_harm(tmp_path):
     assert subprocess.run(command, shell=True).returncode == 0
 
 
+@pytest.mark.parametrize("arguments", ["lens info edmund-54852", "lens list", "lens check edmund-54852", "--help",
+                                       "lens export-macro zemax", "--version"])
+def test_who_reads_the_first_lines_and_goes_is_told_no_error(arguments):
+    """As with `lensfield lens info edmund-54852 | head`."""
+    command = [sys.executable, "-c", "from lensfield.cli import console; console()", *arguments.split()]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        process.stdout.close()
+        assert process.stderr.read() == b""
+    assert process.returncode in (0, cli.UNHEARD)  # argparse itself passes over what it cannot write
+
+
 def test_dark_pixels_that_are_not_numbers_are_named(tmp_path, capsys):
     cube = np.zeros((1, 4, 6))
     cube[0, 2, 5] = np.nan

@@ -15,9 +15,9 @@ SAME_HEIGHT = 0.01  # of the largest height
 MOST_PSFS = 100_000
 FAR_MM = 1e8  # infinity, as other programs write it, is farther: Zemax's is 1e10, CODE V's 1e13
 PUPIL_UNKNOWN = "Entrance pupil not told: taken at the first surface."
-ISET_ASSUMED = ("Sensor taken as 4 : 3 with the last height at its corners. Transmittance taken as 1. F-number taken as "
-                "told: ISET's is the paraxial working one, and light goes by the real one, 0.5 / NA (the paper's lens, "
-                "Edmund 54-852, comes out 12 % too bright).")
+ISET_ASSUMED = ("Sensor taken as 4 : 3 with the last height at its corners. Transmittance taken as 1. F-number taken "
+                "as told: ISET's is the paraxial working one, and light goes by the real one, 0.5 / NA (the paper's "
+                "lens, Edmund 54-852, comes out 12 % too bright).")
 
 
 def check_count(path: Path, wavelengths: Sequence[float] | np.ndarray, heights: Sequence[float] | np.ndarray) -> None:

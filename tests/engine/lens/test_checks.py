@@ -119,6 +119,17 @@ def test_a_figure_out_of_proportion_is_named(changes, severity, field, text):
     assert {other.field for other in check_lens(lens) if other.severity == "error"} <= {field}
 
 
+@pytest.mark.parametrize("sigma_um, severity", [(20.0, "warning"), (8.0, "note"), (3.0, None)])
+def test_a_lens_out_of_focus_on_its_axis_is_named(sigma_um, severity):
+    """Half of a Gaussian's light lies in a disc of 2.355 sigma: 1 / 106, 1 / 265 and 1 / 708 of the diagonal of 5 mm."""
+    lens = with_psf(gaussian_psf(sigma_um, sigma_um, 2.0, 96), psf_pitch_um=2.0, sensor_mm=(4.0, 3.0))
+    found = [finding for finding in check_lens(lens) if "half the light in a disc of" in finding.value]
+    assert [finding.severity for finding in found] == [severity] * bool(severity)
+    if severity:
+        told_um = float(found[0].value.split()[7])
+        assert told_um == pytest.approx(2.355 * sigma_um, abs=4.0)  # two samples across
+
+
 @pytest.mark.parametrize("field, change, wave, height, severity, text", [
     ("real_height_mm", lambda _: 0.01, WAVE, 0, "warning", "0.01 mm at 500 nm and a height of 0 mm"),
     ("real_height_mm", lambda mm: -mm, slice(None), slice(None), "error", "times the paraxial height near the axis"),
