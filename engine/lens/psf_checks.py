@@ -221,4 +221,5 @@ def _gaps(lens, left_out, first, axis):
                       f"{axis} there")
 
 
-PSF_CHECKS = (_pitch, _focus, _centring, _mirror, _axis_symmetry, _enclosed_energy, _border, _height_gaps, _wavelength_gaps)
+PSF_CHECKS = (_pitch, _focus, _centring, _mirror, _axis_symmetry, _enclosed_energy, _border, _height_gaps,
+              _wavelength_gaps)

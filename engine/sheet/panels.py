@@ -17,7 +17,7 @@ from ..lens.curves import (
 )
 from ..lens.lens import Lens
 from .psf_map import even_indices, shown_wavelengths
-from .style import GRID_COLOUR, INK, PALE_INK, SMALL, TITLE
+from .style import GRID_COLOUR, INK, PALE_INK, SMALL, TITLE, degree_labels
 from .white_light import wavelength_colours
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def draw_lateral_colour(panel: "Axes", lens: Lens, field: Field) -> None:
     panel.axhspan(-airy_um, airy_um, color=AIRY_COLOUR, linewidth=0, zorder=0, label="Airy disk")
     for colour, curve in zip(colours, curves, strict=True):
         panel.plot(field.optics.real_height_mm, curve, color=colour, linewidth=1.8)
-    _dress(panel, lens, field, f"Lateral colour in µm, against {lens.reference_wavelength_nm:g} nm")
+    _dress(panel, lens, field, f"Lateral colour in µm, against {lens.reference_wavelength_nm:.4g} nm")
     panel.legend(loc="lower left", fontsize=SMALL, frameon=False)
     _label_ends(panel, curves[:, -1], [f"{one:.4g} nm" for one in nm], colours)
 
@@ -109,7 +109,7 @@ def _dress(panel, lens, field, title):
     ticks_mm = MaxNLocator(MOST_TICKS).tick_values(0, heights_mm[-1])
     ticks_mm = ticks_mm[ticks_mm <= heights_mm[-1] * (1 + 1e-9)]
     degrees = np.degrees(field_angle_rad(lens, field.geometry.paraxial_height_mm(ticks_mm)))
-    panel.set_xticks(ticks_mm, [f"{mm:g}\n{angle:.0f}°" for mm, angle in zip(ticks_mm, degrees, strict=True)])
+    panel.set_xticks(ticks_mm, [f"{mm:g}\n{angle}" for mm, angle in zip(ticks_mm, degree_labels(degrees), strict=True)])
     panel.set_xlabel("image height in mm, field angle", fontsize=SMALL, color=INK, labelpad=1)
     panel.grid(color=GRID_COLOUR, linewidth=0.6)
     panel.set_axisbelow(True)

@@ -7,7 +7,7 @@ import numpy as np
 from ..lens.curves import Field, field_angle_rad
 from ..lens.lens import Lens
 from ..spectral.colour import encode_srgb
-from .style import INK, SMALL
+from .style import INK, SMALL, degree_labels
 from .white_light import wavelength_colours, white_psfs
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ SCALE_BAR_SHARE = 0.5  # of a tile, at the most
 
 
 def draw_psf_map(figure: "Figure", corner: tuple[float, float], largest: tuple[float, float], lens: Lens,
-                 field: Field) -> "tuple[AxesImage, float, float]":
+                 field: Field) -> "tuple[AxesImage, float, float, float]":
     """Draw the map into a figure.
 
     Parameters
@@ -43,6 +43,8 @@ def draw_psf_map(figure: "Figure", corner: tuple[float, float], largest: tuple[f
         The PSFs, for a colour bar.
     right, bottom : float
         Where the map ends, in inches.
+    unseen : float
+        The greatest share of a PSF's light that is not shown: too dim for the colours, or beyond its tile.
     """
     heights, wavelengths = shown_heights(lens, field), shown_wavelengths(lens)
     rows, columns = wavelengths.size, heights.size
@@ -51,11 +53,13 @@ def draw_psf_map(figure: "Figure", corner: tuple[float, float], largest: tuple[f
     left, top = corner
     single = _add_axes(figure, left, top, columns * side, rows * side)
     white = _add_axes(figure, left, top - (rows + WHITE_ROW_GAP) * side, columns * side, side)
-    shown = _draw_single(single, lens.psf[np.ix_(wavelengths, heights)], lens.psf_pitch_um, side_px)
+    psfs = lens.psf[np.ix_(wavelengths, heights)]
+    shown = _draw_single(single, psfs, lens.psf_pitch_um, side_px)
     _draw_white(white, white_psfs(lens, heights), lens.psf_pitch_um, side_px)
     _label_columns(single, lens, field, heights)
     _label_rows(single, white, lens.wavelengths_nm[wavelengths])
-    return shown, left + columns * side, top - (rows + 1 + WHITE_ROW_GAP) * side
+    return (shown, left + columns * side, top - (rows + 1 + WHITE_ROW_GAP) * side,
+            unseen_share(psfs, lens.psf_pitch_um))
 
 
 def shown_heights(lens: Lens, field: Field) -> np.ndarray:
@@ -119,6 +123,14 @@ def _half_width_um(psfs, pitch_um):
     return float((np.percentile(reach, FRAMED_SHARE) + 1.5) * pitch_um)
 
 
+def unseen_share(psfs: np.ndarray, pitch_um: float) -> float:
+    """The greatest share of the light of PSFs (wavelength, height, v, u) that their tiles do not show."""
+    peaked = psfs / psfs.max(axis=(2, 3), keepdims=True)
+    v, u = (np.abs(np.arange(n) - n // 2) * pitch_um <= _half_width_um(peaked, pitch_um) for n in psfs.shape[2:])
+    seen = (peaked >= 10.0**-DECADES) & v[:, None] & u
+    return float(1 - ((psfs * seen).sum(axis=(2, 3)) / psfs.sum(axis=(2, 3))).min())
+
+
 def tile(psf: np.ndarray, pitch_um: float, half_um: float, tile_px: int) -> np.ndarray:
     """A PSF (v, u) to `half_um` about its chief ray: array (row, column) of tile_px square, outwards to the right."""
     place_um = ((np.arange(tile_px) + 0.5) / tile_px * 2 - 1) * half_um
@@ -145,8 +157,8 @@ def _label_columns(axes, lens, field, heights):
     degrees = np.degrees(field_angle_rad(lens, lens.heights_mm[heights]))
     axes.xaxis.tick_top()
     axes.set_xticks(np.arange(heights.size) + 0.5,
-                    [f"{mm:.3g} mm\n{angle:.3g}°"
-                     for mm, angle in zip(field.optics.real_height_mm[heights], np.round(degrees), strict=True)])
+                    [f"{mm:.3g} mm\n{angle}" for mm, angle in
+                     zip(field.optics.real_height_mm[heights], degree_labels(degrees), strict=True)])
     axes.tick_params(length=0)
 
 

@@ -22,6 +22,8 @@ MAP_TOP, MAP_HEIGHT = 9.55, 6.15
 HEAD = 24
 PALETTE_COLOURS, PAPER = 256, 248
 LONGEST_NAME, LONGEST_LINE = 50, 140
+HINTING = 0.97  # letters of smaller type are wider by up to a pixel each
+WORTH_TELLING = 0.005  # of the light
 
 
 def write_lens_plot(lens: Lens, path: str | os.PathLike, frequencies_per_mm: Sequence[float] | None = None) -> None:
@@ -42,6 +44,7 @@ def write_lens_plot(lens: Lens, path: str | os.PathLike, frequencies_per_mm: Seq
         Not one to five frequencies, or matplotlib is not installed.
     """
     figure = require_matplotlib()(figsize=(SIDE, SIDE), dpi=DPI, facecolor="white")
+    _give_canvas(figure)
     frequencies_per_mm = preferred_frequencies_per_mm(lens) if frequencies_per_mm is None else frequencies_per_mm
     if not 1 <= len(frequencies_per_mm) <= len(FREQUENCY_COLOURS):
         raise InputError("lens sheet", "frequencies", f"{len(frequencies_per_mm)} of them",
@@ -56,14 +59,19 @@ def write_lens_plot(lens: Lens, path: str | os.PathLike, frequencies_per_mm: Seq
     _save(figure, path)
 
 
+def _give_canvas(figure):
+    """Let the figure know its pixels, by which texts are measured and drawn."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    FigureCanvasAgg(figure)
+
+
 def _save(figure, path):
     """Write a PNG with a palette, a fifth of the size of one without: a sheet for every lens is much to carry along."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image
 
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    pixels = np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[..., :3])
+    figure.canvas.draw()
+    pixels = np.ascontiguousarray(np.asarray(figure.canvas.buffer_rgba())[..., :3])
     few = Image.fromarray(np.ascontiguousarray(pixels[::3, ::3]))  # enough to choose colours by, in a ninth of the time
     chosen = few.quantize(PALETTE_COLOURS, method=Image.Quantize.MAXCOVERAGE, kmeans=1)
     palette = np.reshape(chosen.getpalette(), (-1, 3))
@@ -78,9 +86,13 @@ def _panel(figure, left, bottom, width, height):
 
 
 def _write(figure, left, top, text, size, colour=INK, **style):
-    """Text hung from a point; names and sources may hold any characters, dollar signs too."""
-    figure.text(left / SIDE, top / SIDE, text, fontsize=size, color=colour, va="top", parse_math=False,
-                **style)
+    """Text hung from a point, small enough for the sheet; names and sources may hold any characters, dollars too."""
+    written = figure.text(left / SIDE, top / SIDE, text, fontsize=size, color=colour, va="top", parse_math=False,
+                          **style)
+    width = written.get_window_extent(figure.canvas.get_renderer()).width / DPI
+    room = left - MARGIN if style.get("ha") == "right" else SIDE - MARGIN - left
+    if width > room:
+        written.set_fontsize(size * HINTING * room / width)
 
 
 def _draw_header(figure, lens):
@@ -109,7 +121,7 @@ def _facts(lens):
     light = f"{first:.4g} to {last:.4g} nm, reference " if first < last else ""
     return [f"f = {lens.efl_mm:#.4g}".rstrip(".") + " mm", f"f/{lens.f_number_effective:.3g}",
             f"field ±{degrees:.3g}°", f"sensor {lens.sensor_mm[0]:g} × {lens.sensor_mm[1]:g} mm",
-            f"object at {distance}", f"{light}{lens.reference_wavelength_nm:g} nm"]
+            f"object at {distance}", f"{light}{lens.reference_wavelength_nm:.4g} nm"]
 
 
 def _short(text, most):
@@ -120,12 +132,15 @@ def _short(text, most):
 def _draw_psfs(figure, lens, field):
     """The map of PSFs, and what its colours mean."""
     _write(figure, LEFT, MAP_TOP + 0.76, "Point spread functions", TITLE)
-    shown, right, bottom = draw_psf_map(figure, (LEFT, MAP_TOP), (LEFT_WIDTH, MAP_HEIGHT), lens, field)
+    shown, right, bottom, unseen = draw_psf_map(figure, (LEFT, MAP_TOP), (LEFT_WIDTH, MAP_HEIGHT), lens, field)
     _write(figure, right, MAP_TOP + 0.72, "outwards →", TEXT, ha="right")
     bar = _panel(figure, right + 0.08, MAP_TOP - 1.6, 0.1, 1.55)
     figure.colorbar(shown, cax=bar, ticks=range(-DECADES, 1))
     bar.set_yticklabels([f"{10.0**decade:g}" for decade in range(-DECADES, 1)])
     bar.tick_params(labelsize=SMALL - 1, colors=INK, length=2, pad=2)
     bar.set_title("of peak", fontsize=SMALL - 1, color=INK, loc="left", pad=6)
-    _write(figure, LEFT, bottom - 0.04, f"White light has equal energy; peaks are exposed {BURNT_OUT:g} times over.",
-           SMALL - 1, PALE_INK)
+    note = f"White light has equal energy; peaks are exposed {BURNT_OUT:g} times over."
+    if unseen >= WORTH_TELLING:
+        note += (f"\nUp to {100 * unseen:.2g} % of a point's light is not shown: dimmer than 1/{10**DECADES} of its "
+                 "peak, or beyond its tile.")
+    _write(figure, LEFT, bottom - 0.04, note, SMALL - 1, PALE_INK)

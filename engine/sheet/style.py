@@ -2,6 +2,8 @@
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ..errors import InputError
 
 if TYPE_CHECKING:
@@ -18,3 +20,10 @@ def require_matplotlib() -> "type[Figure]":
     except ImportError:
         raise InputError("matplotlib", "module", "not there", "pip install lensfield[plots]") from None
     return Figure
+
+
+def degree_labels(degrees: np.ndarray) -> list[str]:
+    """Angles as labels, with as many decimals as keep neighbours apart."""
+    step = np.abs(np.diff(degrees)).min(initial=np.inf)
+    decimals = int(np.clip(np.ceil(-np.log10(max(step, 1e-9) / 2)), 0, 3))
+    return [f"{angle:.{decimals}f}°" for angle in degrees]

@@ -13,8 +13,9 @@ from lensfield.engine import InputError, Lens, LensError
 from lensfield.engine.lens.readers import BUNDLED, bundled_names
 from lensfield.engine.lens.readers.package import write_package
 from lensfield.engine.sheet import sheet as sheet_module
-from lensfield.engine.sheet.psf_map import tile
+from lensfield.engine.sheet.psf_map import tile, unseen_share
 from lensfield.engine.sheet.sheet import write_lens_plot
+from lensfield.engine.sheet.style import degree_labels
 
 SIDE_PX = 1680
 HEAVIEST_BYTES = 170_000
@@ -90,6 +91,32 @@ def test_a_tile_has_outwards_to_the_right_and_keeps_shape_and_light():
 def test_unusual_lenses_have_sheets(lens, tmp_path):
     write_lens_plot(lens, tmp_path / "sheet.png", [10.0])
     assert pixels(tmp_path / "sheet.png").std() > 10
+
+
+def test_a_header_of_many_digits_is_not_cut(tmp_path):
+    lens = make_lens(name="W" * 50, story="WIDE WORDS " * 40, sensor_mm=(4.7654, 3.5741), object_distance_mm=123456.7,
+                     reference_wavelength_nm=546.0739, maker="M" * 60)
+    write_lens_plot(lens, tmp_path / "sheet.png", [10.0])
+    assert part(pixels(tmp_path / "sheet.png"), 12 - 0.28, 10.8, 0.28, 1.2).min() == 255
+
+
+@pytest.mark.parametrize("degrees, labels", [
+    ([0, 0.6, 1.2, 1.8], ["0.0°", "0.6°", "1.2°", "1.8°"]), ([0, 13.7, 28.1], ["0°", "14°", "28°"]),
+    ([0, 0.04, 0.09], ["0.00°", "0.04°", "0.09°"]), ([7.3], ["7°"])])
+def test_angles_have_the_decimals_that_tell_them_apart(degrees, labels):
+    assert degree_labels(np.array(degrees, dtype=float)) == labels
+
+
+def test_light_that_the_tiles_do_not_show_is_told():
+    """A hundredth of the light in a faint haze, a fiftieth in one sample beyond the tile that frames most PSFs."""
+    psfs = np.zeros((1, 20, 41, 41))
+    psfs[..., 20, 20] = 1.0
+    assert unseen_share(psfs, 1.0) == 0.0
+    psfs[0, 0] = 0.01 / (41 * 41 - 1)
+    psfs[0, 0, 20, 20] = 0.99
+    assert unseen_share(psfs, 1.0) == pytest.approx(0.01)
+    psfs[0, 1, 20, 20], psfs[0, 1, 20, 39] = 0.98, 0.02
+    assert unseen_share(psfs, 1.0) == pytest.approx(0.02)
 
 
 @pytest.mark.parametrize("frequencies", [[], [1.0] * 6])
