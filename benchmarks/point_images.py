@@ -11,6 +11,8 @@ from lensfield.engine.field.distortion import FieldGeometry
 from lensfield.engine.field.mirror_symmetry import Planes
 from lensfield.engine.field.psf_bank import PlacedPsfs, PsfBank
 from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.plan.choose import workload
+from lensfield.engine.plan.cost import counts
 from lensfield.engine.plan.plan import Plan
 
 
@@ -60,10 +62,12 @@ def point_images(lens: Lens, radiance: SpectralImage, plan: Plan) -> list[PointI
 def multiply_adds(lens: Lens, radiance: SpectralImage, plan: Plan) -> float:
     """Those without which a plan that spreads pixel by pixel is not done.
 
-    One for each pixel and tap of its PSF that is not zero; and four for each tap to mix that PSF from its neighbours in
-    a table, which mirrored quadrants share.
+    One for each pixel and tap of its PSF that is not zero, and four to mix that tap from its neighbours in a table,
+    which mirrored quadrants share; four for each pixel to resample it; and to turn the table's PSFs four for each of
+    their samples, heights and azimuths.
     """
-    rng, pixels = np.random.default_rng(0), np.prod(radiance.grid.shape_px)
-    taps = sum(np.count_nonzero(each.by_plan(places)) / len(places)
-               for each in point_images(lens, radiance, plan) for places in [each.some_places(rng)])
-    return float(pixels * taps * (1 + 4 / plan.planes(radiance.grid).count))
+    rng, pixels, work = np.random.default_rng(0), np.prod(radiance.grid.shape_px), workload(plan, lens, radiance)
+    taps = [np.count_nonzero(each.by_plan(places)) / len(places)
+            for each in point_images(lens, radiance, plan) for places in [each.some_places(rng)]]
+    turned = 4 * work.heights * counts(work, plan)["table sample"]
+    return float(pixels * np.sum(np.multiply(taps, 1 + 4 / work.planes.count) + 4) + len(taps) * turned)
