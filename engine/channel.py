@@ -1,10 +1,13 @@
 """One wavelength's way through the lens: all that depends on the lens and the pixel grid, and not on the picture."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from .blur.even_light import even_light, flat_slope
+from .blur.halos import highlights
 from .blur.overlap_add import overlap_add
-from .blur.section_needs import section_needs
+from .blur.section_needs import SectionNeeds, section_needs
 from .field.distortion import FieldGeometry
 from .field.ideal_image import IdealImage
 from .field.psf_bank import PlacedPsfs, PsfBank
@@ -29,21 +32,23 @@ class Channel:
         Of the PSFs at this wavelength, where the plan needs one.
     memory : MemoryBudget
         For what pictures share, to keep it for the next one; `kept` says whether the channel itself found any.
+    make_halos : callable () -> PsfCells, where the plan has halos
+        The table of them; called once a picture has highlights.
     """
 
     def __init__(self, lens: Lens, wavelength_nm: float, capture: PixelGrid, plan: Plan, table: PsfCells | None,
-                 memory: MemoryBudget) -> None:
+                 memory: MemoryBudget, make_halos: Callable[[], PsfCells] | None = None) -> None:
         optics = lens.at_wavelength(wavelength_nm)
         self.field = FieldGeometry(optics, lens.name)
         self.planes = plan.planes(capture)
         self._plan, self._table = plan, table
-        self._psfs = PlacedPsfs(lambda: PsfBank.of(optics, capture.pitch_um).trimmed(
-            plan.psf_energy, plan.psf_radius_px), self.field, self.planes)
+        self._psfs = PlacedPsfs(lambda: plan.trimmed(PsfBank.of(optics, capture.pitch_um)), self.field, self.planes)
         self.kept = memory.take(self.field.nbytes + (table.nbytes if table else self._psfs.bank.nbytes))
         memory = memory if self.kept else MemoryBudget(0)
         self._ideal = IdealImage(lens, self.field, optics.transmittance, capture, self.planes, memory=memory,
                                  vignette=plan.out_of_field == "vignette", precision=plan.precision)
         self._spreader = plan.method.spreader(self._psfs, table, plan.psf_radius_px, memory)
+        self._make_halos, self._halos, self._memory = make_halos, None, memory
         self._flat_slope = flat_slope(table, self._psfs, plan.flat_tolerance) if table else 0.0
 
     def ideal_irradiance(self, radiance: np.ndarray) -> np.ndarray:
@@ -52,8 +57,8 @@ class Channel:
         return self._ideal.irradiance(radiance)
 
     def blur(self, ideal: np.ndarray) -> np.ndarray:
-        """The ideal irradiance blurred: array (row, column) of the picture and a margin of one PSF radius around it,
-        which holds all light. `ideal` is used up."""
+        """The ideal irradiance blurred: array (row, column) of the picture and a margin around it that holds all light.
+        `ideal` is used up."""
         plan, planes, radius = self._plan, self.planes, self._plan.psf_radius_px
         size = plan.method.section_size
         needs = section_needs(ideal, planes, size, radius, plan.single_range, self._flat_slope)
@@ -67,6 +72,26 @@ class Channel:
             mask, values = (planes.join(part) for part in even)
             rows, columns = (slice(radius, radius + n) for n in mask.shape)
             np.copyto(blurred[rows, columns], values, where=mask)
+        found = highlights(ideal, size, plan.halo_density) if plan.halo_density else None
+        if found:
+            blurred = self._with_halos(blurred, *found)
         if dark >= 0:
             np.maximum(blurred, 0, out=blurred)  # no weight is negative: what falls below zero is the FFT's rounding
         return blurred
+
+    def _with_halos(self, blurred, bright, sections):
+        """A blurred picture with the halos of the bright light in these sections."""
+        spreader = self._halos
+        if spreader is None:
+            assert self._make_halos is not None  # as where the plan has halos
+            table = self._make_halos()
+            spreader = self._plan.halo_method.spreader(self._psfs, table, self._plan.halo_radius_px, self._memory)
+            if self._memory.take(table.nbytes):
+                self._halos = spreader
+        none = np.zeros_like(sections)
+        picture = self.planes.join(overlap_add(bright, spreader, SectionNeeds(sections, none, none)),
+                                   spreader.radius_px)
+        beyond = spreader.radius_px - self._plan.psf_radius_px
+        rows, columns = (slice(beyond, beyond + n) for n in blurred.shape)
+        picture[rows, columns] += blurred
+        return picture

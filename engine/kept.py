@@ -49,16 +49,18 @@ class Kept:
         if of != self._of:  # what was kept is of no more use
             self._of, self._memory, self._channels = of, MemoryBudget(self._limit_bytes), {}
         grid = radiance.grid.finer(plan.supersampling)
-        tables = PsfTables(lens, radiance.wavelengths_nm, plan.planes(grid), plan.psf_energy,
-                           plan.psf_radius_px, plan.method.azimuths, plan.precision) if plan.method.azimuths else None
+        tables, halos = (PsfTables(lens, radiance.wavelengths_nm, plan.planes(grid), part, method.azimuths,
+                                   plan.precision) if method.azimuths else None
+                         for part, method in ((plan.trimmed, plan.method), (plan.halo, plan.halo_method)))
         for wavelength_nm in radiance.wavelengths_nm:
-            yield self._channel(lens, float(wavelength_nm), grid, plan, tables)
+            yield self._channel(lens, float(wavelength_nm), grid, plan, tables, halos)
 
-    def _channel(self, lens, wavelength_nm, grid, plan, tables):
+    def _channel(self, lens, wavelength_nm, grid, plan, tables, halos):
         channel = self._channels.get(wavelength_nm)
         if channel is None:
             table = plan.method.table(tables.at_wavelength(wavelength_nm)) if tables else None
-            channel = Channel(lens, wavelength_nm, grid, plan, table, self._memory)
+            channel = Channel(lens, wavelength_nm, grid, plan, table, self._memory,
+                              lambda: plan.halo_method.table(halos.at_wavelength(wavelength_nm)))
             if channel.kept:
                 self._channels[wavelength_nm] = channel
         return channel

@@ -91,6 +91,14 @@ class PsfBank:
         return replace(self, samples=samples / light[:, None], lost=1 - light * (1 - self.lost), v_px=self.v_px[kept],
                        u_px=self.u_px[kept], radius_px=radius_px)
 
+    def halo(self, energy: float, wider_energy: float, radius_px: int) -> "PsfBank":
+        """What PSFs trimmed to this energy lack of those trimmed to a wider one: light around them, and as much less
+        within them. Their sums are zero."""
+        wide = self.trimmed(wider_energy, radius_px)
+        within = wide._distance_px <= wide.support_px(energy)[:, None] * (1 + 1e-9)
+        core = np.where(within, wide.samples, 0)
+        return replace(wide, samples=wide.samples - core / core.sum(axis=1, keepdims=True))
+
     def support_px(self, energy: float) -> np.ndarray:
         """Radii of the least circles about the chief ray that hold this fraction of each whole PSF, or all that is here
         of it: array (height,)."""

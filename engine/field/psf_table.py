@@ -4,7 +4,7 @@ Turning is what makes pixel PSFs expensive. Between two tabulated heights a PSF 
 between two close azimuths nearly so: a table of a few dozen azimuths holds all PSFs of a lens to 0.1 % of their light.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
@@ -216,18 +216,16 @@ class PsfTables:
         Those that will be asked for.
     planes : Planes
         In which they are looked up: quadrants need a quarter of the table.
-    psf_energy : float
-    radius_px : int
-        Of the trimmed PSFs; see `PsfBank.trimmed`.
+    part : callable (PsfBank) -> PsfBank
+        What of the whole PSFs to turn.
     azimuths : int
         Steps from 0 to 45 degrees.
     precision : dtype
     """
 
     def __init__(self, lens: "Lens", wavelengths_nm: Sequence[float] | np.ndarray, planes: Planes,
-                 psf_energy: float, radius_px: int, azimuths: int, precision: str) -> None:
-        self._lens, self._pitch_um = lens, planes.picture.pitch_um
-        self._psf_energy, self._radius_px = psf_energy, radius_px
+                 part: Callable[[PsfBank], PsfBank], azimuths: int, precision: str) -> None:
+        self._lens, self._pitch_um, self._part = lens, planes.picture.pitch_um, part
         self._azimuths, self._quarter_turns, self._precision = azimuths, planes.quarter_turns, precision
         self._made = lru_cache(maxsize=2)(self._make)  # wavelengths come in order
         self._mix = len(lens.wavelengths_around(wavelengths_nm)) < len(wavelengths_nm)
@@ -251,8 +249,7 @@ class PsfTables:
 
     def _make(self, wavelength_nm):
         """TurnedPsfs at one wavelength."""
-        bank = PsfBank.of(self._lens.at_wavelength(wavelength_nm), self._pitch_um).trimmed(
-            self._psf_energy, self._radius_px)
+        bank = self._part(PsfBank.of(self._lens.at_wavelength(wavelength_nm), self._pitch_um))
         own = self._azimuths + 1 if bank.mirror_symmetric else 2 * self._azimuths
         psfs = np.zeros((bank.heights_mm.size, own, (2 * bank.radius_px + 1) ** 2 + 1), self._precision)
 

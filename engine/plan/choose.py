@@ -28,6 +28,7 @@ PSF_ENERGY = 1 - 1e-6
 FLAT_SHARE, ROUNDING_SHARE = 1 / 16, 1 / 50  # of the accuracy
 TRIM_SHARES = 5 / 8, 3 / 4, 7 / 8  # of what is left: what trimming PSFs may misplace; the rest is the azimuths'
 LESSER_TRIM_SHARES = 3 / 8, 1 / 8  # where no azimuths are enough beside these
+HALO_SHARE = 1 / 16  # what trimming may misplace of light so bright that it would show
 ONE_PSF_TRIM_SHARE = 1 / 8  # of one PSF for the picture, whose transform costs little more if it is wide
 SINGLE_ACCURACY = 3e-5  # the least that single precision is good for
 SINGLE_NOISE = 1.2e-7  # of the light, per unit of dynamic range
@@ -125,7 +126,7 @@ class _Planner:
         self._flat, self._rounding = self._accuracy * FLAT_SHARE, self._accuracy * ROUNDING_SHARE
         self._enough = self._accuracy - self._flat - self._rounding
         self._options, self._lens, self._radiance = options, lens, radiance
-        self._psfs = PicturePsfs(lens, radiance, self._energy(min(*LESSER_TRIM_SHARES, ONE_PSF_TRIM_SHARE)))
+        self._psfs = PicturePsfs(lens, radiance, self._energy(HALO_SHARE))
         self._folded = radiance.grid.centred and self._psfs.mirror_symmetric
 
     def best(self) -> Plan:
@@ -150,7 +151,7 @@ class _Planner:
         return 1 - share * self._enough / 2
 
     def _planes(self, share):
-        radius_px, _ = self._psfs.reach(self._energy(share))
+        radius_px, _ = self._psfs.reach(self._energy(min(share, HALO_SHARE)))
         return Planes(self._radiance.grid.within_reach(radius_px), self._folded)
 
     def _trimmed(self, share):
@@ -201,7 +202,9 @@ class _Planner:
             single_range = 0.0
         elif method.transforms:
             single_range = self._rounding / (SINGLE_NOISE * (method.space_px / method.section_size) ** 2)
+        halo_energy = self._energy(HALO_SHARE) if method.azimuths and share > HALO_SHARE else None
         return Plan(method=method, psf_radius_px=radius_px, psf_energy=self._energy(share), taps=taps,
+                    halo_energy=halo_energy, halo_radius_px=self._psfs.reach(halo_energy)[0] if halo_energy else 0,
                     precision=self._precision, single_range=single_range,
                     flat_tolerance=self._flat if method.azimuths else 0.0, folded=self._folded,
                     out_of_field=self._options.out_of_field)

@@ -2,10 +2,16 @@
 
 from dataclasses import asdict, dataclass, field
 
+import numpy as np
+
 from ..blur import Method
+from ..blur.pixels import Pixels
 from ..field.mirror_symmetry import Planes
+from ..field.psf_bank import PsfBank
 from ..image.pixel_grid import PixelGrid
 from ..values import plain
+
+HALO_AZIMUTHS = 8
 
 
 @dataclass(frozen=True)
@@ -32,6 +38,11 @@ class Plan:
         Whether to use the symmetry of a centred axis, which lens and picture then have.
     out_of_field : "hold" or "vignette"
     supersampling : int
+    halo_energy : float or None
+        The fraction that is kept where light is so bright that the halo of what is trimmed would show; None where that
+        is no more.
+    halo_radius_px : int
+        How far those halos reach.
     error_bound : float or None
         No more than this fraction of any point's light lands in the wrong place; None where nobody asked.
     seconds, memory_mb : float
@@ -48,6 +59,8 @@ class Plan:
     folded: bool
     out_of_field: str
     supersampling: int = 1
+    halo_energy: float | None = None
+    halo_radius_px: int = 0
     error_bound: float | None = field(default=None, compare=False)
     seconds: float = field(default=0.0, compare=False)
     memory_mb: float = field(default=0.0, compare=False)
@@ -60,9 +73,32 @@ class Plan:
     def planes(self, capture: PixelGrid) -> Planes:
         """The planes to filter a capture's picture in, in pixels as they are filtered.
 
-        That is the frame with what lies no more than a PSF beyond it: light from just outside is blurred into it.
+        That is the frame with what lies no more than a PSF beyond it, or a halo: light from just outside is blurred
+        into it.
         """
-        return Planes(capture.within_reach(self.psf_radius_px), self.folded)
+        return Planes(capture.within_reach(max(self.psf_radius_px, self.halo_radius_px)), self.folded)
+
+    def trimmed(self, bank: PsfBank) -> PsfBank:
+        """The PSFs that pixels are spread by, of whole ones."""
+        return bank.trimmed(self.psf_energy, self.psf_radius_px)
+
+    def halo(self, bank: PsfBank) -> PsfBank:
+        """What bright pixels are spread by beside, of whole PSFs; there must be halos."""
+        assert self.halo_energy is not None
+        return bank.halo(self.psf_energy, self.halo_energy, self.halo_radius_px)
+
+    @property
+    def halo_method(self) -> Pixels:
+        """The way to spread halos: smooth, and a hundredth of the light, they ask for few azimuths."""
+        return Pixels(self.method.section_size, max(HALO_AZIMUTHS, self.method.azimuths // 4))
+
+    @property
+    def halo_density(self) -> float:
+        """The fraction of a pixel's light that falls on each pixel of its halo; 0 where there are none."""
+        if self.halo_energy is None or self.halo_radius_px <= self.psf_radius_px:
+            return 0.0
+        pixels = np.pi * (self.halo_radius_px**2 - self.psf_radius_px**2)
+        return (self.halo_energy - self.psf_energy) / pixels
 
     def as_dict(self) -> dict:
         """The plan as JSON can hold it: None stands for inf."""

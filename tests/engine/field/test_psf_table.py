@@ -23,7 +23,8 @@ def planes(quadrant):
 
 def table(lens, azimuths=4, quadrant=False, nm=550.0, energy=1.0, precision="float64", wavelengths_nm=None):
     radius_px = max(bank(lens, each, energy).radius_px for each in lens.wavelengths_nm)
-    tables = PsfTables(lens, wavelengths_nm or (nm,), planes(quadrant), energy, radius_px, azimuths, precision)
+    tables = PsfTables(lens, wavelengths_nm or (nm,), planes(quadrant), lambda bank: bank.trimmed(energy, radius_px),
+                       azimuths, precision)
     return PsfTable(tables.at_wavelength(nm))
 
 
@@ -158,7 +159,7 @@ def test_as_few_tables_are_made_as_will_do(wavelengths_nm, made, monkeypatch):
         return original(*args)
 
     monkeypatch.setattr(PsfBank, "of", counted)
-    tables = PsfTables(make_lens(), wavelengths_nm, planes(False), 1.0, 8, 2, "float64")
+    tables = PsfTables(make_lens(), wavelengths_nm, planes(False), lambda bank: bank, 2, "float64")
     for nm in wavelengths_nm:
         tables.at_wavelength(nm)
     assert len(banks) == made

@@ -102,7 +102,7 @@ def worst_point(plan, lens, radiance, places=3000):
     """The largest ||PSF used - PSF true||_1 found over the picture: the share of a point's light that is misplaced."""
     nm, pitch_um = radiance.wavelengths_nm[0], radiance.pitch_um
     whole, steps = Planes(radiance.grid, False), plan.method.azimuths
-    tables = PsfTables(lens, [nm], whole, plan.psf_energy, plan.psf_radius_px, steps, np.float64)
+    tables = PsfTables(lens, [nm], whole, plan.trimmed, steps, np.float64)
     table = PsfTable(tables.at_wavelength(nm))
     bank, field = PsfBank.of(lens.at_wavelength(nm), pitch_um), FieldGeometry(lens.at_wavelength(nm), lens.name)
     rng, (rows, columns) = np.random.default_rng(3), radiance.frame_px
