@@ -18,7 +18,11 @@ from .terminal import progress_bar
 def add(commands):
     bake = commands.add_parser("bake", help="trace a prescription to a lens package (needs lensfield[bake])")
     bake.add_argument("prescription", type=Path, metavar="FILE",
-                      help="Lensfield .toml, Zemax .zmx, Code V .seq, Optiland .json or pbrt .dat")
+                      help="Lensfield .toml, Zemax .zmx, Code V .seq, pbrt .dat, Optical Bench .txt, .lens, or .json "
+                           "of Optiland, DeepLens or lentil")
+    bake.add_argument("--which", metavar="NUMBER",
+                      help="of a file that holds several: the position of zoom and focus (Optical Bench; default: the "
+                           "first for infinity), or the lens (lentil)")
     bake.add_argument("-o", "--output", type=Path, required=True, metavar="X.npz")
     bake.add_argument("--heights", type=int, default=HEIGHTS, metavar="N", help="field heights (default %(default)s)")
     bake.add_argument("--wavelengths", default=WAVELENGTHS, metavar="SPEC",
@@ -58,7 +62,7 @@ def _bake(options):
     wavelengths_nm = parse_wavelengths(options.wavelengths)
     _check(options)
     with _errors_of(options.prescription):
-        prescription = _with_overrides(read_prescription(options.prescription, _field(options)), options)
+        prescription = _with_overrides(read_prescription(options.prescription, _field(options), options.which), options)
         targets = _targets(prescription, options)
     check_outputs([(path, ".npz") for path in targets], [options.prescription])
     for path, single in targets.items():

@@ -15,7 +15,7 @@ from .system import System
 FOCUS_FIELDS = (0.0, 0.35, 0.5, 0.7)  # of the last field: where "best" focus looks at the light
 FOCUS_WAVELENGTHS_NM = (486.1, 546.1, 656.3)
 FOCUS_PUPIL = HalfPupil(13, 17)
-LEAST_PASSING = 0.9  # of the aperture's diameter: patents round their apertures
+LEAST_PASSING = 0.5  # of the aperture's diameter: patents' own apertures let up to a fifth less through
 HOPELESS = 0.25  # of the last height: discs of which a picture holds a few
 AIM_TOLERANCE = 1e-10  # of the place on the stop, mm: the chief ray errs by some times this
 

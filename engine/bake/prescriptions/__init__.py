@@ -7,23 +7,34 @@ from ...errors import LensError, absence
 from ...lens.readers.text import shown
 from ..prescription import Prescription
 from .codev import read_codev
-from .optiland_json import read_optiland
+from .dot_lens import read_dot_lens
+from .json_files import read_json
+from .optbench import read_optbench
 from .pbrt import read_pbrt
 from .toml import read_lensfield
 from .zemax import read_zemax
 
-READERS = {".toml": read_lensfield, ".zmx": read_zemax, ".seq": read_codev, ".json": read_optiland, ".dat": read_pbrt}
+OF_ONE_LENS = {".toml": read_lensfield, ".zmx": read_zemax, ".seq": read_codev, ".dat": read_pbrt,
+               ".lens": read_dot_lens}
+OF_SEVERAL = {".json": read_json, ".txt": read_optbench}  # several lenses, or one at several positions
+READERS = OF_ONE_LENS | OF_SEVERAL
 DAMAGE = (ValueError, TypeError, KeyError, IndexError, AttributeError, OverflowError, ZeroDivisionError, RecursionError)
 
 
-def read_prescription(path: str | Path, field: tuple[str, float] | None = None) -> Prescription:
-    """The prescription in a file: Lensfield's .toml, Zemax .zmx, Code V .seq, Optiland .json or pbrt .dat.
+def read_prescription(path: str | Path, field: tuple[str, float] | None = None,
+                      which: str | None = None) -> Prescription:
+    """The prescription in a file.
+
+    Lensfield's .toml, Zemax .zmx, Code V .seq, pbrt .dat, Optical Bench .txt, .lens, and .json of Optiland, DeepLens
+    and lentil.
 
     Parameters
     ----------
     path : path
     field : (str, float) or None
         Where the field ends, as `Prescription.field`, in place of what the file says or for a file that says nothing.
+    which : str or None
+        Of a file that holds several: the position's number (Optical Bench), or the lens's (lentil).
 
     Raises
     ------
@@ -33,11 +44,13 @@ def read_prescription(path: str | Path, field: tuple[str, float] | None = None) 
     path = Path(path)
     if not os.path.isfile(path):
         raise LensError(path, "prescription", absence(path), f"expected a file of kind {', '.join(READERS)}")
-    reader = READERS.get(path.suffix.lower())
-    if reader is None:
+    kind = path.suffix.lower()
+    if kind not in READERS:
         raise LensError(path, "kind of file", path.suffix or "without a suffix", f"expected {', '.join(READERS)}")
+    if which is not None and kind in OF_ONE_LENS:
+        raise LensError(path, "--which", shown(which), "a file of this kind holds one lens: leave it out")
     try:
-        return reader(path, field)
+        return OF_ONE_LENS[kind](path, field) if kind in OF_ONE_LENS else OF_SEVERAL[kind](path, field, which)
     except LensError as error:
         value = shown(error.value) if isinstance(error.value, str) else error.value
         raise LensError(path, shown(error.field), value, error.remedy) from None

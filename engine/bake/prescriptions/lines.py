@@ -36,7 +36,7 @@ class Line(NamedTuple):
 
     def refusal(self, remedy: str) -> LensError:
         """The error that shows the line."""
-        return LensError(self.path, self.place, shown(" ".join(self.words)), remedy)
+        return LensError(self.path, self.place, shown(" ".join(filter(None, self.words))), remedy)
 
 
 def numbered(path: Path, lines: Iterable[str], separator: str | None = None) -> Iterator[Line]:

@@ -1,29 +1,24 @@
 """Optiland's own JSON."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 
 from ...errors import LensError
 from ...lens.readers.assembly import object_distance
-from ...lens.readers.text import read_text
 from ..glasses import best_name
 from ..prescription import Prescription, Surface
 from .field_and_aperture import field_end, known_aperture, vignetting_note
 
 REFRACTIVE = "RefractiveReflectiveModel"
-SHAPES = ("Plane", "StandardGeometry", "EvenAsphere")
+SHAPES = ("Plane", "StandardGeometry", "EvenAsphere", "OddAsphere")
 APERTURES = {"EPD": "entrance_pupil_diameter_mm", "imageFNO": "f_number", "objectNA": "object_na"}
 FIELDS = {"AngleField": "angle_deg", "ObjectHeightField": "object_height_mm",
           "ParaxialImageHeightField": "image_height_mm"}
 
 
-def read_optiland(path: Path, field: tuple[str, float] | None = None) -> Prescription:
-    """Read what `optiland.fileio.save_optiland_file` wrote."""
-    contents = json.loads(read_text(path))
-    if not isinstance(contents, dict) or "surface_group" not in contents:
-        raise LensError(path, "surface_group", "missing", "expected what Optiland's save_optiland_file writes")
+def read_optiland(path: Path, contents: dict, field: tuple[str, float] | None) -> Prescription:
+    """The lens that `optiland.fileio.save_optiland_file` wrote."""
     rows = contents["surface_group"]["surfaces"]
     _check_ends(path, rows)
     places = [row["geometry"]["cs"]["z"] for row in rows]
@@ -57,9 +52,10 @@ def _surface(path, number, row, thickness_mm):
         raise LensError(path, f"surface {number}", "tilted or decentred", "expected a centred lens")
     if aperture and (aperture["type"] != "RadialAperture" or aperture.get("r_min")):
         raise LensError(path, f"surface {number}, aperture", aperture["type"], "expected a circle, a RadialAperture")
+    terms = tuple(shape.get("coefficients", ()))
+    even, odd = (terms[1::2], terms[::2]) if shape["type"] == "OddAsphere" else (terms, ())
     return Surface(shape.get("radius", np.inf), thickness_mm, _glass(path, number, row["material_post"]),
-                   aperture["r_max"] if aperture else np.inf, shape.get("conic", 0.0),
-                   tuple(shape.get("coefficients", ())), row["is_stop"])
+                   aperture["r_max"] if aperture else np.inf, shape.get("conic", 0.0), even, row["is_stop"], odd)
 
 
 def _glass(path, number, material):
@@ -68,8 +64,8 @@ def _glass(path, number, material):
         return best_name(material["name"], makers[:1])
     if material["type"] == "AbbeMaterial":
         return f"{material['index']:.9g}/{material['abbe']:.9g}"
-    if material["type"] == "IdealMaterial" and material["index"] == 1:
-        return ""
+    if material["type"] == "IdealMaterial":
+        return "" if material["index"] == 1 else f"{material['index']:.9g}"
     raise LensError(path, f"surface {number}, glass", material["type"], "expected a catalogue glass or AbbeMaterial")
 
 

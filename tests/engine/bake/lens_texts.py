@@ -1,11 +1,5 @@
 """One singlet as each program would write it: a stop, a lens of N-BK7 with an ellipsoid behind, f/10 at infinity."""
 
-import numpy as np
-from optiland.fileio import save_optiland_file
-from optiland.materials import AbbeMaterial, Material
-from optiland.optic import Optic
-from optiland.physical_apertures import RadialAperture
-
 from lensfield.engine.bake.prescription import Surface
 from lensfield.engine.bake.prescriptions import read_prescription
 
@@ -109,6 +103,89 @@ PBRT = """# a singlet
 -50	47.5	1	16
 """
 
+OPTBENCH = """[descriptive data]
+title	US 1,234,567 Example 1
+[constants]
+Scaled	50
+[variable distances]
+Focal Length	49.0	48.5
+Angle of View	28.0	27.0
+F-Number	10	10.5
+Image Height	24.4	24.4
+d0	Infinity	500
+d3	47.5	52.8
+Bf	0	0
+[lens data]
+1	AS	2.0		5
+2	50.0	4.0	1.5168	16	64.2	BSC7
+3	-50.0	d3		16
+[aspherical data]
+3	-50.0	-0.5	1e-6	-2e-9
+[figure]
+source	nowhere.png
+[notes]
+Bill: measured.
+"""
+
+DOT_LENS = """# Singlet 50mm f/10
+#
+# Patent: US001234567
+# 3 surfaces, 1 glass elements, f/10.0
+
+name: Singlet 50mm f/10
+focal_length: 49.00
+
+surfaces:
+# radius       thickness    ior      abbe     semi_ap   coating
+  stop           2.0000       1.00000  0.00     5.000    0
+  50.0000        4.0000       1.51680  64.20    16.000    1
+  -50.0000       47.5000      1.00000  0.00     16.000    0
+"""
+
+DEEPLENS = {
+    "info": "a singlet", "foclen": 49.0, "fnum": 9.8, "r_sensor": 12.2, "d_sensor": 53.5, "sensor_size": [20.0, 14.0],
+    "surfaces": [
+        {"type": "Stop", "r": 2.5, "c": 0.0, "d": 0.0, "mat1": "air", "mat2": "occluder"},
+        {"type": "Spheric", "r": 8.0, "(c)": 0.02, "roc": 50.0, "d": 2.0, "mat2": "n-bk7", "d_next": 4.0},
+        {"type": "Aspheric", "r": 8.0, "c": -0.02, "d": 6.0, "k": -0.5, "ai": [0.0, 1e-6, -2e-9], "mat2": "air"}]}
+
+LENTIL = {
+    "0001": {"company": "Nobody", "product-name": "singlet", "patent-number": "US1234567", "year": 1920,
+             "focal-length-mm-patent": 50, "optical-elements-patent": [
+                 {"radius": 99999.0, "thickness": 2.0, "ior": None, "abbe": None, "material": "iris",
+                  "housing-radius": 2.5, "lens-geometry": "spherical", "aspherical-equation": None},
+                 {"radius": 50.0, "thickness": 4.0, "ior": 1.5168, "abbe": 64.2, "material": "BK7",
+                  "housing-radius": 8, "lens-geometry": "spherical", "aspherical-equation": None},
+                 {"radius": -50.0, "thickness": [47.5, 50.0, 55.0], "ior": None, "abbe": None, "material": "air",
+                  "housing-radius": 8, "lens-geometry": "aspherical", "aspherical-equation": [1e-6, -2e-9, 0.0, 0.0]}]}}
+
+
+def optiland_row(z, kind="Plane", material=None, **changes):
+    """A surface as Optiland writes it, of air behind unless told."""
+    geometry = {"type": kind, "cs": dict.fromkeys(("x", "y", "rx", "ry", "rz"), 0.0) | {"z": z}}
+    geometry |= {name: changes.pop(name) for name in ("radius", "conic", "coefficients", "dy") if name in changes}
+    geometry["cs"]["y"] = geometry.pop("dy", 0.0)
+    return {"geometry": geometry, "material_post": material or {"type": "IdealMaterial", "index": 1.0},
+            "is_stop": False, "aperture": None,
+            "interaction_model": {"type": "RefractiveReflectiveModel", "is_reflective": False}} | changes
+
+
+def optiland(**third):
+    """What Optiland's save_optiland_file writes of a singlet, with a third surface of a model glass, or another."""
+    glass = {"type": "Material", "name": "N-BK7", "catalog": "schott", "reference": None}
+    model = {"type": "AbbeMaterial", "index": 1.62, "abbe": 60.3}
+    asphere = dict(kind="EvenAsphere", radius=-50.0, conic=-0.5, coefficients=[1e-4, -2e-6], material=model)
+    rows = [optiland_row(float("-inf")), optiland_row(0.0, is_stop=True),
+            optiland_row(2.0, "StandardGeometry", glass, radius=50.0, conic=0.0,
+                         aperture={"type": "RadialAperture", "r_max": 8.0, "r_min": 0.0}),
+            optiland_row(6.0, **asphere | third), optiland_row(8.0), optiland_row(53.0)]
+    fields = [{"x": x, "y": y, "vx": 0.0, "vy": 0.0} for x, y in ((0, 0), (0, 14), (6, 8))]
+    wavelengths = [{"value": value, "is_primary": value == 0.5461} for value in (0.4861, 0.5461)]
+    return {"name": "singlet", "aperture": {"type": "EPD", "value": 5.0}, "surface_group": {"surfaces": rows},
+            "fields": {"fields": fields, "telecentric": False, "field_definition": {"field_type": "AngleField"}},
+            "wavelengths": {"wavelengths": wavelengths}}
+
+
 SURFACES = (Surface(thickness_mm=2.0, stop=True), Surface(50.0, 4.0, "SCHOTT N-BK7", 8.0),
             Surface(-50.0, 47.5, conic=-0.5))
 
@@ -128,24 +205,3 @@ def reader_of(path, text):
         return read_prescription(path, field)
 
     return read_changed
-
-
-def saved_by_optiland(path, **third):
-    """A file of Optiland: the singlet, with a third surface of a model glass and an even asphere, or what is asked."""
-    optic = Optic(name="singlet")
-    optic.surfaces.add(index=0, thickness=np.inf)
-    optic.surfaces.add(index=1, thickness=2.0, is_stop=True)
-    optic.surfaces.add(index=2, radius=50.0, thickness=4.0, material=Material("N-BK7", catalog="schott"),
-                       aperture=RadialAperture(r_max=8.0))
-    optic.surfaces.add(**dict(index=3, radius=-50.0, thickness=2.0, conic=-0.5, surface_type="even_asphere",
-                              coefficients=[1e-4, -2e-6], material=AbbeMaterial(1.62, 60.3, model="buchdahl")) | third)
-    optic.surfaces.add(index=4, thickness=45.0)
-    optic.surfaces.add(index=5)
-    optic.set_aperture("EPD", 5.0)
-    optic.fields.set_type("angle")
-    for x, y in ((0, 0), (0, 14), (6, 8)):
-        optic.fields.add(x=x, y=y)
-    optic.wavelengths.add(0.4861)
-    optic.wavelengths.add(0.5461, is_primary=True)
-    save_optiland_file(optic, str(path))
-    return path

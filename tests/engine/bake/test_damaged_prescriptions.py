@@ -1,12 +1,13 @@
 """Prescriptions damaged at random: each is a lens or an error of one line, and no reader says a word."""
 
+import json
 import warnings
 from dataclasses import astuple
 
 import numpy as np
 import pytest
 
-from lens_texts import CODEV, PBRT, TOML, ZEMAX, saved_by_optiland
+from lens_texts import CODEV, DEEPLENS, DOT_LENS, LENTIL, OPTBENCH, PBRT, TOML, ZEMAX, optiland
 from lensfield.engine import LensError
 from lensfield.engine.bake.prescription import Prescription
 from lensfield.engine.bake.prescriptions import READERS, read_prescription
@@ -38,20 +39,23 @@ def assert_sound(lens):
     assert lens.object_distance_mm > 0 and 0 < lens.aperture[1] < np.inf and isinstance(lens.name, str)
 
 
-@pytest.fixture(scope="module")
-def sound_files(tmp_path_factory):
-    texts = {".toml": TOML, ".zmx": ZEMAX, ".seq": CODEV, ".dat": PBRT}
-    json = saved_by_optiland(tmp_path_factory.mktemp("sound") / "lens.json").read_bytes()
-    return {kind: text.encode() for kind, text in texts.items()} | {".json": json}
+FILES = {".toml": TOML, ".zmx": ZEMAX, ".seq": CODEV, ".dat": PBRT, ".txt": OPTBENCH, ".lens": DOT_LENS,
+         "_optiland.json": json.dumps(optiland(), indent=1), "_deeplens.json": json.dumps(DEEPLENS, indent=1),
+         "_lentil.json": json.dumps(LENTIL, indent=1)}
+kinds = pytest.mark.parametrize("kind", FILES)
 
 
-@pytest.mark.parametrize("kind", READERS)
-def test_damage_makes_an_error_of_one_line_or_another_lens(sound_files, tmp_path, kind, capfd):
+def test_there_is_a_sound_file_of_every_kind():
+    assert {f".{kind.rsplit('.', 1)[1]}" for kind in FILES} == set(READERS)
+
+
+@kinds
+def test_damage_makes_an_error_of_one_line_or_another_lens(tmp_path, kind, capfd):
     random = np.random.default_rng(20050501)
     path = tmp_path / f"lens{kind}"
     lenses = 0
     for _ in range(ROUNDS):
-        path.write_bytes(damaged(sound_files[kind], random))
+        path.write_bytes(damaged(FILES[kind].encode(), random))
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             try:
@@ -63,7 +67,7 @@ def test_damage_makes_an_error_of_one_line_or_another_lens(sound_files, tmp_path
     assert lenses < ROUNDS, "the damage did nothing"
 
 
-@pytest.mark.parametrize("kind", READERS)
-def test_the_sound_files_are_lenses(sound_files, tmp_path, kind):
-    (tmp_path / f"lens{kind}").write_bytes(sound_files[kind])
+@kinds
+def test_the_sound_files_are_lenses(tmp_path, kind):
+    (tmp_path / f"lens{kind}").write_text(FILES[kind], encoding="utf-8")
     assert_sound(read_prescription(tmp_path / f"lens{kind}", FIELD))

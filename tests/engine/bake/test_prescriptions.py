@@ -4,9 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from optiland.physical_apertures import RadialAperture
 
-from lens_texts import PBRT, SURFACES, TOML, changed, saved_by_optiland
+from lens_texts import PBRT, SURFACES, TOML, changed
 from lensfield.engine import LensError
 from lensfield.engine.bake.build import build_system
 from lensfield.engine.bake.prescription import Prescription, Surface
@@ -246,29 +245,6 @@ def test_files_of_nothing_are_lens_errors(tmp_path, kind, contents):
     (tmp_path / f"lens{kind}").write_bytes(contents)
     with pytest.raises(LensError, match=rf"lens\{kind}: "):
         read_prescription(tmp_path / f"lens{kind}", ("angle_deg", 10.0))
-
-
-def test_optiland(tmp_path):
-    lens = read_prescription(saved_by_optiland(tmp_path / "lens.json"))
-    assert lens.surfaces == (SURFACES[0], SURFACES[1],
-                             Surface(-50.0, 2.0, "1.62/60.3", conic=-0.5, aspheric=(1e-4, -2e-6)),
-                             Surface(thickness_mm=45.0))
-    assert (lens.name, lens.aperture, lens.field) == ("singlet", SINGLET.aperture, SINGLET.field)
-    assert lens.reference_wavelength_nm == pytest.approx(546.1) and np.isinf(lens.object_distance_mm)
-
-
-@pytest.mark.parametrize("third, message", [
-    (dict(material="mirror"), "surface 3 is no refracting surface"),
-    (dict(surface_type="paraxial", f=50.0), "surface 3 is "),
-    (dict(surface_type="biconic", radius_x=50.0, radius_y=60.0), "surface 3 is BiconicGeometry: expected one of"),
-    (dict(dy=0.5), "surface 3 is tilted or decentred"),
-    (dict(aperture=RadialAperture(r_max=8.0, r_min=1.0)), "surface 3, aperture is RadialAperture: expected a circle")],
-    ids=lambda value: None if isinstance(value, str) else "-".join(value))
-def test_what_is_no_centred_refracting_surface_of_optiland_is_refused(tmp_path, third, message):
-    rest = {"coefficients": None, "conic": 0.0} | ({} if "surface_type" in third else {"surface_type": "standard"})
-    path = saved_by_optiland(tmp_path / "lens.json", **rest | third)
-    with pytest.raises(LensError, match=message):
-        read_prescription(path)
 
 
 @needs_files

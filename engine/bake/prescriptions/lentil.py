@@ -1,0 +1,60 @@
+"""lentil's database of lenses: one JSON of many, each by its number, as typed from its patent."""
+
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import LensError
+from ...lens.readers.text import shown
+from ..prescription import Prescription, Surface
+
+ELEMENTS, ADJUSTED = "optical-elements-patent", "optical-elements-adjusted"
+PLANE_MM = 99_000  # planes are written as radii of 99999 or 100000
+STOP = "iris"
+FIRST_POWER = 4  # of r, in the aspheric terms: 4, 6, 8 and 10
+
+
+def read_lentil(path: Path, contents: dict, field: tuple[str, float] | None, which: str | None) -> Prescription:
+    """The lens with this number; where elements were adjusted after the patent's, these."""
+    entries = {key: entry for key, entry in contents.items() if isinstance(entry, dict) and ELEMENTS in entry}
+    if which is None and len(entries) == 1:
+        which, = entries
+    if which is None or which not in entries:
+        known = ", ".join(f"{key} {entry.get('company')} {entry.get('product-name')}" for key, entry in entries.items())
+        raise LensError(path, "--which", "missing" if which is None else shown(which), f"expected one of {known}")
+    entry = entries[which]
+    rows = entry.get(ADJUSTED) or entry[ELEMENTS]
+    if field is None:
+        raise LensError(path, "field", "missing",
+                        "lentil does not say where the field ends: give --field-angle or --field-height")
+    surfaces = []
+    for number, row in enumerate(rows, 1):
+        surfaces.append(_surface(path, number, row, surfaces[-1].glass if surfaces else ""))
+    stops = [surface for surface in surfaces if surface.stop]
+    if len(stops) != 1:
+        raise LensError(path, f"{which}, stop", f"{len(stops)} elements", f"expected one of material {STOP}")
+    zooms = any(isinstance(row["thickness"], list) for row in rows)
+    told = (entry.get("company"), entry.get("product-name"), entry.get("patent-number"), entry.get("year"))
+    return Prescription(name=f"{entry.get('company')} {entry.get('product-name')}", surfaces=tuple(surfaces),
+                        aperture=("stop", stops[0].semi_aperture_mm), field=field, focus="best",
+                        source=" ".join(["lentil", which, *(str(word) for word in told if word)]),
+                        notes="Of its zoom positions the shortest is taken." if zooms else "")
+
+
+def _surface(path, number, row, glass_before):
+    shape, thickness = row["lens-geometry"], row["thickness"]
+    if shape not in ("spherical", "aspherical"):
+        raise LensError(path, f"surface {number}", shown(str(shape)), "expected spherical or aspherical")
+    terms = row.get("aspherical-equation") or []
+    radius_mm = float(row["radius"])
+    stop = row["material"] == STOP
+    return Surface(np.inf if abs(radius_mm) > PLANE_MM else radius_mm,
+                   float(thickness[0] if isinstance(thickness, list) else thickness),
+                   glass_before if stop else _glass(row), float(row["housing-radius"]), 0.0,
+                   (0.0,) * (FIRST_POWER // 2 - 1) + tuple(map(float, terms)) if terms else (), stop)
+
+
+def _glass(row):
+    if row["material"] == "air" or not row["ior"] or row["ior"] == 1:
+        return ""
+    return f"{row['ior']:.9g}/{row['abbe']:.6g}" if row["abbe"] else f"{row['ior']:.9g}"

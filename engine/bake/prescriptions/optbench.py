@@ -1,0 +1,138 @@
+"""PhotonsToPhotos' Optical Bench text: sections of lines parted by tabs; positions of zoom and focus are columns.
+
+Rows of `[lens data]` have surface, radius (or AS for the stop, FS for another diaphragm, CG for a cover glass's plane),
+thickness, index, diameter, Abbe number and glass; a thickness may be the name of a variable distance. Rows of
+`[aspherical data]` have surface, radius, conic constant and the coefficients of r^4, r^6 ...; or of r^2 on, with the
+constant AsphericalA2.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import LensError
+from ...lens.readers.text import read_text, shown
+from ..prescription import Prescription, Surface
+from .lines import numbered
+
+PLANES = ("AS", "FS", "CG", "Infinity", "-Infinity", "")
+COLUMNS = 6  # and the name of the glass, which tells less than its figures
+LARGEST_ANGLE_DEG = 85.0  # half of what is asked of fisheyes: a plane image holds no 90 degrees
+FULL_FRAME_MM = (36.0, 24.0)
+SAME_DIAGONAL_MM = 0.3
+
+
+def read_optbench(path: Path, field: tuple[str, float] | None = None, which: str | None = None) -> Prescription:
+    """Read a text of the Optical Bench, at its position of this number; without one at the first for infinity.
+
+    The image plane lies at the best focus: thicknesses of patents are rounded.
+    """
+    sections = _sections(path)
+    for name in ("variable distances", "lens data"):
+        if not sections.get(name):
+            raise LensError(path, f"[{name}]", "missing", "expected a text of PhotonsToPhotos' Optical Bench")
+    told = {line.words[0]: line for name in ("constants", "variable distances") for line in sections.get(name, ())}
+    count = len(told["d0"].words) - 1 if "d0" in told else 1
+    column = _column(path, told, count, which)
+    aspheres = {line.words[0]: line for line in sections.get("aspherical data", ())}
+    first_power = 2 if "AsphericalA2" in told else 4
+    surfaces = tuple(_surface(line, told, column, aspheres.get(line.words[0]), first_power)
+                     for line in sections["lens data"])
+    _check_stop(path, surfaces)
+    titles = {line.words[0]: " ".join(line.words[1:]) for line in sections.get("descriptive data", ())}
+    title = titles.get("title") or path.stem
+    half_deg = (_variable(told, "Angle of View", column) or 0.0) / 2
+    diagonal_mm = _variable(told, "Image Height", column)
+    full_frame = diagonal_mm and abs(diagonal_mm - np.hypot(*FULL_FRAME_MM)) < SAME_DIAGONAL_MM
+    return Prescription(
+        name=path.stem, surfaces=surfaces, aperture=_aperture(path, told, column, surfaces),
+        field=field or _field(path, half_deg, diagonal_mm), object_distance_mm=_variable(told, "d0", column) or np.inf,
+        sensor_mm=FULL_FRAME_MM if full_frame else None, focus="best", source=f"{title} ({path.name}, Optical Bench)",
+        notes=_notes(told, count, column, field, half_deg))
+
+
+def _sections(path):
+    """{name: lines} of what stands in brackets; a name may share its line with another."""
+    sections, current = {}, None
+    for line in numbered(path, read_text(path).splitlines(), "\t"):
+        words = tuple(word.strip() for word in line.words)
+        if words[0].startswith("["):
+            current = sections.setdefault(words[0].rsplit("[", 1)[1].rstrip("] ").lower(), [])
+        elif current is not None and not words[0].startswith("#"):
+            current.append(line._replace(words=words))
+    return sections
+
+
+def _column(path, told, count, which):
+    """Which of the positions is taken, from 1."""
+    if which is None:
+        return next((at for at in range(1, count + 1) if _variable(told, "d0", at) in (None, np.inf)), 1)
+    if not which.isdecimal() or not 1 <= int(which) <= count:
+        raise LensError(path, "--which", shown(which), f"expected the number of a position, 1 to {count}")
+    return int(which)
+
+
+def _variable(told, name, column):
+    """A figure of this position, or the one that holds for all; None where there is none."""
+    words = told[name].words[1:] if name in told else ()
+    word = words[column - 1] if column <= len(words) and words[column - 1] else words[0] if words else ""
+    try:
+        return float(word)
+    except ValueError:
+        return None
+
+
+def _surface(line, told, column, asphere, first_power):
+    name, radius, thickness, index, diameter, abbe = [*line.words, *[""] * COLUMNS][:COLUMNS]
+    if radius in ("AS", "FS") and index and not abbe:  # some put the diameter where a glass has its index
+        index, diameter = "", diameter or index
+    line = line._replace(words=(name, radius, thickness, index, diameter, abbe))
+    distance_mm = _variable(told, thickness, column) if thickness in told else line.figure(2) if thickness else 0.0
+    if distance_mm is None:
+        raise LensError(line.path, f"{line.place}, {thickness}", shown(" ".join(told[thickness].words[1:])),
+                        "expected the distance at this position")
+    conic, terms = 0.0, []
+    if asphere is not None:
+        conic = asphere.figure(2) if asphere.words[2:3] != ("",) else 0.0
+        terms = [asphere.figure(at) if asphere.words[at] else 0.0 for at in range(3, len(asphere.words))]
+    radius_mm = np.inf if radius in PLANES else line.figure(1)
+    aspheric = (0.0,) * (first_power // 2 - 1) + tuple(terms) if any(terms) else ()
+    return Surface(radius_mm, distance_mm, _glass(line, index, abbe), line.figure(4) / 2 if diameter else np.inf, conic,
+                   aspheric, radius == "AS")
+
+
+def _glass(line, index, abbe):
+    """n/V, as the patent tells it."""
+    if not index or line.figure(3) == 1:
+        return ""
+    return f"{line.figure(3):.9g}/{line.figure(5):.9g}" if abbe else f"{line.figure(3):.9g}"
+
+
+def _check_stop(path, surfaces):
+    stops = sum(surface.stop for surface in surfaces)
+    if stops != 1:
+        raise LensError(path, "AS", f"in {stops} rows", "expected one row to be the aperture stop")
+
+
+def _aperture(path, told, column, surfaces):
+    f_number = _variable(told, "F-Number", column)
+    if f_number is not None:
+        return "f_number", f_number
+    stop, = (surface for surface in surfaces if surface.stop)
+    if not np.isfinite(stop.semi_aperture_mm):
+        raise LensError(path, "F-Number", "missing", "expected one, or a diameter in the row AS")
+    return "stop", stop.semi_aperture_mm
+
+
+def _field(path, half_deg, diagonal_mm):
+    if half_deg > 0:
+        return "angle_deg", min(half_deg, LARGEST_ANGLE_DEG)
+    if diagonal_mm:
+        return "image_height_mm", diagonal_mm / 2
+    raise LensError(path, "field", "missing", "give --field-angle or --field-height")
+
+
+def _notes(told, count, column, field, half_deg):
+    position = f"Of the file's {count} positions of zoom and focus number {column} is taken." if count > 1 else ""
+    cut = field is None and half_deg > LARGEST_ANGLE_DEG
+    return " ".join(filter(None, (position, cut and f"The field ends at {LARGEST_ANGLE_DEG:g} degrees.")))

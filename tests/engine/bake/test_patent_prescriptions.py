@@ -1,0 +1,129 @@
+"""Patents as others typed them: the Optical Bench's text and .lens."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lens_texts import DOT_LENS, OPTBENCH, SURFACES, reader_of
+from lensfield.engine import LensError
+from lensfield.engine.bake.build import build_system
+from lensfield.engine.bake.prescription import Surface
+from lensfield.engine.bake.prescriptions import read_prescription
+from places import SHARED_DATA
+
+FRONT = Surface(50.0, 4.0, "1.5168/64.2", 8.0)
+STOP = replace(SURFACES[0], semi_aperture_mm=2.5)
+FIELD = ("image_height_mm", 12.0)
+PATENTS = SHARED_DATA / "patent_lenses"
+
+
+@pytest.fixture
+def optbench(tmp_path):
+    return reader_of(tmp_path / "lens.txt", OPTBENCH)
+
+
+@pytest.fixture
+def dot_lens(tmp_path):
+    return reader_of(tmp_path / "lens.lens", DOT_LENS)
+
+
+def test_a_text_of_the_optical_bench(optbench):
+    lens = optbench()
+    assert lens.surfaces == (STOP, FRONT, Surface(-50.0, 47.5, "", 8.0, -0.5, (0.0, 1e-6, -2e-9)))
+    assert (lens.aperture, lens.field, lens.focus) == (("f_number", 10.0), ("angle_deg", 14.0), "best")
+    assert np.isinf(lens.object_distance_mm) and lens.sensor_mm is None and "US 1,234,567" in lens.source
+    assert lens.notes == "Of the file's 2 positions of zoom and focus number 1 is taken."
+    assert build_system(lens).efl_mm == pytest.approx(49.0, abs=0.1)
+
+
+def test_another_position_is_asked_for_by_its_number(tmp_path):
+    path = tmp_path / "lens.txt"
+    path.write_text(OPTBENCH)
+    near = read_prescription(path, which="2")
+    assert (near.object_distance_mm, near.surfaces[2].thickness_mm) == (500.0, 52.8)
+    assert near.aperture == ("f_number", 10.5) and "number 2 is taken" in near.notes
+    for wrong in ("3", "0", "x", "-1"):
+        with pytest.raises(LensError, match=f"--which is {wrong}: expected the number of a position, 1 to 2"):
+            read_prescription(path, which=wrong)
+
+
+def test_the_first_position_for_infinity_is_taken(optbench):
+    assert optbench(("d0\tInfinity\t500", "d0\t500\tInfinity")).surfaces[2].thickness_mm == 52.8
+    assert optbench(("d0\tInfinity\t500", "d0\t900\t500")).object_distance_mm == 900.0
+
+
+def test_a_full_frame_is_one(optbench):
+    assert optbench(("Image Height\t24.4\t24.4", "Image Height\t43.2\t43.2")).sensor_mm == (36.0, 24.0)
+
+
+def test_aspheres_that_begin_with_the_second_power_say_so(optbench):
+    lens = optbench(("Scaled\t50", "AsphericalA2\t1"))
+    assert lens.surfaces[2].aspheric == (1e-6, -2e-9)
+
+
+def test_the_other_rows_and_what_may_be_missing(optbench):
+    rows = "2\t50.0\t4.0\t1.5168\t16\n2a\tFS\t0\t\t7\n2b\tCG\t1\t1.5\t9\t60"
+    lens = optbench(("2\t50.0\t4.0\t1.5168\t16\t64.2\tBSC7", rows), ("1\tAS\t2.0\t\t5", "1\tAS\t2.0\t5"))
+    assert lens.surfaces[:4] == (STOP, replace(FRONT, glass="1.5168"), Surface(semi_aperture_mm=3.5),
+                                 Surface(thickness_mm=1.0, glass="1.5/60", semi_aperture_mm=4.5))
+    assert optbench(("F-Number\t10\t10.5\n", "")).aperture == ("stop", 2.5)
+    assert optbench(("Angle of View\t28.0\t27.0\n", "")).field == ("image_height_mm", 12.2)
+
+
+def test_a_fisheye_ends_before_a_right_angle(optbench):
+    lens = optbench(("Angle of View\t28.0", "Angle of View\t180"))
+    assert lens.field == ("angle_deg", 85.0) and "The field ends at 85 degrees." in lens.notes
+
+
+@pytest.mark.parametrize("old, new, message", [
+    ("[lens data]", "[lenses]", r"\[lens data\] is missing: expected a text of PhotonsToPhotos' Optical Bench"),
+    ("[variable distances]", "[distances]", r"\[variable distances\] is missing"),
+    ("1\tAS", "1\tInfinity", "AS is in 0 rows: expected one row to be the aperture stop"),
+    ("2\t50.0", "2\tfifty", "line 15 is 2 fifty 4.0 1.5168 16 64.2 BSC7: expected a number as word 2"),
+    ("\td3\t\t16", "\td4\t\t16", "line 16 is 3 -50.0 d4 16: expected a number as word 3"),
+    ("d3\t47.5\t52.8", "d3\tundefined", "line 16, d3 is undefined: expected the distance at this position"),
+    ("1.5168\t16\t64.2", "1.5168\t16\tx", "line 15 is .*: expected a number as word 6")])
+def test_a_text_that_cannot_be_right_is_told_by_its_line(optbench, old, new, message):
+    with pytest.raises(LensError, match=f"lens.txt: {message}"):
+        optbench((old, new))
+
+
+def test_a_dot_lens(dot_lens):
+    lens = dot_lens(field=FIELD)
+    assert lens.surfaces == (STOP, FRONT, Surface(-50.0, 47.5, "", 8.0))
+    assert (lens.name, lens.aperture, lens.field) == ("Singlet 50mm f/10", ("f_number", 10.0), FIELD)
+    assert lens.focus == "best" and "diameters" in lens.notes
+    assert build_system(lens).efl_mm == pytest.approx(49.0, abs=0.1)
+
+
+@pytest.mark.parametrize("name, aperture", [
+    ("Lens 50mm F2.8 AI", ("f_number", 2.8)), ("Lens 50mm f1.4", ("f_number", 1.4)), ("Lens 50mm", ("stop", 2.5))])
+def test_the_f_number_of_a_dot_lens_is_in_its_name(dot_lens, name, aperture):
+    assert dot_lens(("name: Singlet 50mm f/10", f"name: {name}"), field=FIELD).aperture == aperture
+
+
+@pytest.mark.parametrize("old, new, message", [
+    ("  stop  ", "  0     ", "stop is 0 rows: expected one row that begins with stop"),
+    ("64.20    16.000    1", "64.20", "line 12 is 50.0000 4.0000 1.51680 64.20: expected radius or stop"),
+    ("1.51680", "glass", "line 12 is 50.0000 4.0000 glass .*: expected a number as word 3")])
+def test_a_dot_lens_that_cannot_be_right_is_told_by_its_line(dot_lens, old, new, message):
+    with pytest.raises(LensError, match=f"lens.lens: {message}"):
+        dot_lens((old, new), field=FIELD)
+
+
+def test_a_dot_lens_needs_a_field_and_holds_one_lens(dot_lens, tmp_path):
+    with pytest.raises(LensError, match="field is missing: a .lens does not say .*--field-angle or --field-height"):
+        dot_lens()
+    with pytest.raises(LensError, match="--which is 2: a file of this kind holds one lens: leave it out"):
+        read_prescription(tmp_path / "lens.lens", FIELD, "2")
+
+
+@pytest.mark.skipif(not PATENTS.is_dir(), reason="the patents of ../shared/data are not there")
+@pytest.mark.parametrize("name, efl_mm", [
+    ("optbench/ARRI-signature-prime-58mm__US20200341250_Example01.txt", 57.99),
+    ("optbench/canon-ef50mm-f1.0L__US004717245_Example02.txt", 51.99),
+    ("lens/AI_Nikkor_35mm_F1.4S.lens", 35.0)])
+def test_real_files_have_the_focal_lengths_that_they_tell(name, efl_mm):
+    lens = read_prescription(PATENTS / name, None if name.endswith("txt") else ("image_height_mm", 21.6))
+    assert build_system(replace(lens, focus="paraxial")).efl_mm == pytest.approx(efl_mm, rel=5e-3)
