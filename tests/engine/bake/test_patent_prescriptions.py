@@ -80,7 +80,7 @@ def test_a_fisheye_ends_before_a_right_angle(optbench):
     ("[lens data]", "[lenses]", r"\[lens data\] is missing: expected a text of PhotonsToPhotos' Optical Bench"),
     ("[variable distances]", "[distances]", r"\[variable distances\] is missing"),
     ("1\tAS", "1\tInfinity", "AS is in 0 rows: expected one row to be the aperture stop"),
-    ("2\t50.0", "2\tfifty", "line 15 is 2 fifty 4.0 1.5168 16 64.2 BSC7: expected a number as word 2"),
+    ("2\t50.0", "2\tfifty", "line 15 is 2 fifty 4.0 1.5168 16 64.2: expected a number as word 2"),
     ("\td3\t\t16", "\td4\t\t16", "line 16 is 3 -50.0 d4 16: expected a number as word 3"),
     ("d3\t47.5\t52.8", "d3\tundefined", "line 16, d3 is undefined: expected the distance at this position"),
     ("1.5168\t16\t64.2", "1.5168\t16\tx", "line 15 is .*: expected a number as word 6")])
