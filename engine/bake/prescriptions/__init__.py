@@ -18,7 +18,7 @@ OF_ONE_LENS = {".toml": read_lensfield, ".zmx": read_zemax, ".seq": read_codev, 
                ".lens": read_dot_lens}
 OF_SEVERAL = {".json": read_json, ".txt": read_optbench}  # several lenses, or one at several positions
 READERS = OF_ONE_LENS | OF_SEVERAL
-DAMAGE = (ValueError, TypeError, KeyError, IndexError, AttributeError, OverflowError, ZeroDivisionError, RecursionError)
+DAMAGE = (ValueError, TypeError, IndexError, AttributeError, OverflowError, ZeroDivisionError, RecursionError)
 
 
 def read_prescription(path: str | Path, field: tuple[str, float] | None = None,
@@ -54,6 +54,9 @@ def read_prescription(path: str | Path, field: tuple[str, float] | None = None,
     except LensError as error:
         value = shown(error.value) if isinstance(error.value, str) else error.value
         raise LensError(path, shown(error.field), value, error.remedy) from None
+    except KeyError as error:
+        raise LensError(path, shown(str(error.args[0])), "missing", "the file may be damaged, or of another version"
+                        ) from None
     except DAMAGE as error:
         told = " ".join(f"{type(error).__name__}: {error}".split())
         raise LensError(path, "prescription", "damaged", told) from None

@@ -61,7 +61,7 @@ def _commands(path):
             continue
         if command in SURFACES:
             line = Line(path, f"surface {len(rows)}", tuple(words))
-            if not all(map(_is_number, words[1:3])):
+            if not all(_is_number(word) or (command == "SO" and word.lower() == "inf") for word in words[1:3]):
                 raise line.refusal("expected a radius or curvature, a thickness, and a glass")
             rows.append({command: line})
         elif rows and command in OF_SURFACE and not (command == "STO" and len(words) > 1):

@@ -52,6 +52,7 @@ def _surface(path, number, row, thickness_mm):
     curved = kind in ("Spheric", "Aspheric")
     curvature = _told(row, "c") if curved else 0.0
     radius_mm = float(row["roc"]) if curved and "roc" in row else 1 / curvature if curvature else np.inf
+    radius_mm = radius_mm or np.inf  # a plane has 0
     aspheric = [float(term) for term in row.get("ai") or ()] if kind == "Aspheric" else []
     return Surface(radius_mm, thickness_mm, _glass(str(row.get("mat2", "air"))), float(row["r"]),
                    float(row.get("k", 0.0)) if kind == "Aspheric" else 0.0, tuple(aspheric), kind in STOPS)

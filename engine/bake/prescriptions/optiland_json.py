@@ -1,6 +1,6 @@
 """Optiland's own JSON."""
 
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 
 import numpy as np
 
@@ -14,7 +14,8 @@ REFRACTIVE = "RefractiveReflectiveModel"
 SHAPES = ("Plane", "StandardGeometry", "EvenAsphere", "OddAsphere")
 APERTURES = {"EPD": "entrance_pupil_diameter_mm", "imageFNO": "f_number", "objectNA": "object_na"}
 FIELDS = {"AngleField": "angle_deg", "ObjectHeightField": "object_height_mm",
-          "ParaxialImageHeightField": "image_height_mm"}
+          "ParaxialImageHeightField": "image_height_mm",
+          "angle": "angle_deg", "object_height": "object_height_mm"}  # as older releases call them
 
 
 def read_optiland(path: Path, contents: dict, field: tuple[str, float] | None) -> Prescription:
@@ -44,7 +45,8 @@ def _check_ends(path, rows):
 
 def _surface(path, number, row, thickness_mm):
     shape, aperture, interaction = row["geometry"], row.get("aperture"), row.get("interaction_model", {})
-    if interaction.get("type", REFRACTIVE) != REFRACTIVE or interaction.get("is_reflective"):
+    mirror = interaction.get("is_reflective") or row.get("is_reflective")  # of older releases
+    if interaction.get("type", REFRACTIVE) != REFRACTIVE or mirror:
         raise LensError(path, f"surface {number}", "no refracting surface", "expected refracting surfaces")
     if shape["type"] not in SHAPES:
         raise LensError(path, f"surface {number}", shape["type"], f"expected one of {', '.join(SHAPES)}")
@@ -60,8 +62,8 @@ def _surface(path, number, row, thickness_mm):
 
 def _glass(path, number, material):
     if material["type"] == "Material":
-        makers = [material[key] for key in ("catalog", "reference") if material.get(key)]
-        return best_name(material["name"], makers[:1])
+        told = material.get("catalog") or material.get("reference")
+        return best_name(material["name"], [told or PureWindowsPath(material.get("filename") or "").parent.name])
     if material["type"] == "AbbeMaterial":
         return f"{material['index']:.9g}/{material['abbe']:.9g}"
     if material["type"] == "IdealMaterial":
@@ -71,7 +73,8 @@ def _glass(path, number, material):
 
 def _field(path, fields):
     x, y = ([point[axis] for point in fields["fields"]] for axis in ("x", "y"))
-    return field_end(path, FIELDS.get(fields["field_definition"]["field_type"]), x, y)
+    kind = fields.get("field_definition", fields).get("field_type")
+    return field_end(path, FIELDS.get(kind), x, y)
 
 
 def _aperture(path, told):

@@ -141,6 +141,7 @@ def test_clear_apertures_stop_light_and_edges_do_not(read):
 
 def test_object_distances(read):
     assert np.isinf(read().object_distance_mm) and read(NEAR).object_distance_mm == 250.0
+    assert np.isinf(read(("SO    0.0 0.1e14", "SO 0 inf")).object_distance_mm)
 
 
 def test_vignetting_factors_are_told_not_to_count(read):

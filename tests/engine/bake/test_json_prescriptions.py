@@ -71,6 +71,30 @@ def test_an_odd_asphere_of_optiland(read):
     assert (lens.surfaces[2].aspheric, lens.surfaces[2].odd_aspheric) == ((1e-4, 3e-6), (0.0, 2e-5, 4e-7))
 
 
+def test_what_older_releases_of_optiland_wrote(read):
+    """Fields and mirrors were told elsewhere, and a glass by its file alone."""
+    contents = optiland()
+    contents["fields"]["field_type"] = "angle"
+    del contents["fields"]["field_definition"]
+    rows = contents["surface_group"]["surfaces"]
+    rows[2]["material_post"] = {"type": "Material", "name": "SK16", "filename": "C:\\a\\glass\\hikari\\SK16.yml"}
+    for row in rows:
+        del row["interaction_model"]
+        row["is_reflective"] = False
+    lens = read(contents)
+    assert lens.field == ("angle_deg", 14.0) and lens.surfaces[1].glass == "HIKARI SK16"
+    rows[3]["is_reflective"] = True
+    with pytest.raises(LensError, match="surface 3 is no refracting surface"):
+        read(contents)
+
+
+def test_a_name_that_is_missing_is_told(read):
+    contents = optiland()
+    del contents["wavelengths"]
+    with pytest.raises(LensError, match="wavelengths is missing: the file may be damaged, or of another version"):
+        read(contents)
+
+
 def test_an_index_without_dispersion_is_the_name_of_its_glass(read):
     assert read(optiland(material={"type": "IdealMaterial", "index": 1.5})).surfaces[2].glass == "1.5"
 
@@ -105,6 +129,10 @@ def test_deeplens(read):
     assert build_system(lens).efl_mm == pytest.approx(49.0, abs=0.1)
 
 
+def test_a_radius_of_0_is_a_plane_to_deeplens(read):
+    assert np.isinf(read(deeplens(1, roc=0.0)).surfaces[1].radius_mm)
+
+
 @pytest.mark.parametrize("material, glass", [("1.62041/60.3", "1.62041/60.3"), ("pmma", "1.4918/57.44"), ("air", ""),
                                              ("H-K51", "H-K51"), (None, "")])
 def test_glasses_of_deeplens(read, material, glass):
@@ -115,6 +143,7 @@ def test_glasses_of_deeplens(read, material, glass):
     (deeplens(1, type="Fresnel"), "surface 2 is Fresnel: expected one of Spheric, Aspheric, Plane, Aperture, Stop"),
     (deeplens(0, type="Plane"), "stop is missing: expected a surface of type Aperture or Stop"),
     ({name: value for name, value in DEEPLENS.items() if name != "d_sensor"}, "surface 3, d_next is missing"),
+    (deeplens(1, roc=None), "prescription is damaged"),
     (deeplens(1, r=-1), "surface 2, semi_aperture_mm is -1.0"),
     ({"lenses": []}, "surface_group is missing: expected what Optiland's"), ([], "surface_group is missing")],
     ids=lambda value: None)
