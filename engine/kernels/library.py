@@ -2,6 +2,7 @@
 
 import ctypes
 import os
+import struct
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -67,6 +68,7 @@ def loaded() -> Library | None:
     """The library of this machine, or None where there is none that fits."""
     path = LIBRARY_FOLDER / library_name(this_platform())
     try:
+        _refuse_part(path)
         loops = ctypes.CDLL(str(path))
         for name, (result, arguments) in _SIGNATURES.items():
             function = getattr(loops, name)
@@ -74,11 +76,10 @@ def loaded() -> Library | None:
         fits = loops.lf_abi() == ABI and sources_digest() in ("", loops.lf_sources().decode())
     except (OSError, AttributeError) as problem:
         if path.exists():
-            warnings.warn(f"{path} cannot be loaded ({problem}): numpy does its work", RuntimeWarning, stacklevel=2)
+            _tell(path, f"cannot be loaded ({problem}): numpy does its work")
         return None
     if not fits:
-        warnings.warn(f"{path} was made from other sources: numpy does its work until engine/kernels/build.py is run",
-                      RuntimeWarning, stacklevel=2)
+        _tell(path, "was made from other sources: numpy does its work until engine/kernels/build.py is run")
         return None
     variants = {}
     while name := loops.lf_variant(number := len(variants)):
@@ -86,6 +87,23 @@ def loaded() -> Library | None:
             break
         variants[name.decode()] = number
     return Library(loops, variants)
+
+
+def _refuse_part(path):
+    """Raise OSError for a library that a full disk or a broken download cut short: on Linux, loading it is a bus error.
+
+    What an ELF file ends with is the table of its sections; where that is, how large and how many, its header tells.
+    """
+    content = path.read_bytes()
+    if content[:4] == b"\x7fELF":
+        table, size, count = struct.unpack_from("<40xQ10xHH", content.ljust(64, b"\0"))
+        if len(content) < table + size * count:
+            raise OSError("a part of it is missing")
+
+
+def _tell(path, text):
+    """One line: there is no line of code to show beside it."""
+    warnings.warn_explicit(text, RuntimeWarning, str(path), 0)
 
 
 def available() -> tuple[str, ...]:

@@ -106,6 +106,18 @@ def test_what_is_no_library_is_told(found_anew, monkeypatch, tmp_path):
         assert available() == ("numpy",)
 
 
+@pytest.mark.parametrize("part", [0.1, 0.5, 0.97, 0.9999])
+def test_a_part_of_a_library_is_told_in_one_line(part, tmp_path):
+    """In a process of its own: on Linux, loading half a library ends it."""
+    made = compiled(tmp_path)
+    made.write_bytes(made.read_bytes()[:int(part * made.stat().st_size)])
+    code = ("import sys, pathlib, lensfield.engine.kernels as kernels, lensfield.engine.kernels.library as library\n"
+            "library.LIBRARY_FOLDER = pathlib.Path(sys.argv[1])\nprint(kernels.available())")
+    done = subprocess.run([sys.executable, "-c", code, tmp_path], capture_output=True, text=True, check=True)
+    assert done.stdout == "('numpy',)\n"
+    assert done.stderr.startswith(f"{made}:0: RuntimeWarning: cannot be loaded (") and done.stderr.count("\n") == 1
+
+
 @pytest.mark.parametrize("target", build.COMPILERS)
 def test_the_same_sources_make_the_same_bytes_wherever_they_lie(target, tmp_path):
     elsewhere = tmp_path / "else where"
