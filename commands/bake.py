@@ -1,22 +1,25 @@
 """`lensfield lens bake`: from what a lens is made of to its lens data."""
 
 import math
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 from ..engine import InputError, LensError
+from ..engine.bake.bake import bake as bake_lens
+from ..engine.bake.bake import focused
 from ..engine.bake.prescription import FOCUSES, PSF_SAMPLES
+from ..engine.bake.prescriptions import read_prescription
+from ..engine.bake.quality import QUALITIES
 from ..engine.lens.readers.package import write_package
-from ..engine.lens.sampling import HEIGHTS, WAVELENGTHS
+from ..engine.lens.sampling import WAVELENGTHS
 from ..engine.spectral.spectra import parse_wavelengths
 from .arguments import check_outputs, sides_mm
 from .terminal import progress_bar
 
 
 def add(commands):
-    bake = commands.add_parser("bake", help="trace a prescription to a lens package (needs lensfield[bake])")
+    bake = commands.add_parser("bake", help="trace a prescription to a lens package")
     bake.add_argument("prescription", type=Path, metavar="FILE",
                       help="Lensfield .toml, Zemax .zmx, Code V .seq, pbrt .dat, Optical Bench .txt, .lens, or .json "
                            "of Optiland, DeepLens or lentil")
@@ -24,7 +27,11 @@ def add(commands):
                       help="of a file that holds several: the position of zoom and focus (Optical Bench; default: the "
                            "first for infinity), or the lens (lentil)")
     bake.add_argument("-o", "--output", type=Path, required=True, metavar="X.npz")
-    bake.add_argument("--heights", type=int, default=HEIGHTS, metavar="N", help="field heights (default %(default)s)")
+    bake.add_argument("--quality", choices=QUALITIES, default="standard",
+                      help="how finely heights, rays and sums lie (default %(default)s)")
+    bake.add_argument("--heights", type=int, metavar="N",
+                      help="field heights, closest where blur changes fastest (default: " + ", ".join(
+                          f"{quality.heights} of {name}" for name, quality in QUALITIES.items()) + ")")
     bake.add_argument("--wavelengths", default=WAVELENGTHS, metavar="SPEC",
                       help="nm: first:last:number, or a list (default %(default)s)")
     bake.add_argument("--pitch", type=float, metavar="UM",
@@ -35,7 +42,7 @@ def add(commands):
                       help="from the object to the first surface, or inf; the focus stays. Several make a set: one "
                            "package each, called after its distance")
     _add_overrides(bake.add_argument_group("in place of what the file says"))
-    bake.add_argument("--workers", type=int, metavar="N", help="processes (default: one on each core)")
+    bake.add_argument("--workers", type=int, metavar="N", help="threads (default: one on each core)")
     bake.set_defaults(run=_bake)
 
 
@@ -52,13 +59,6 @@ def _add_overrides(group):
 
 
 def _bake(options):
-    try:
-        from ..engine.bake.bake import bake
-        from ..engine.bake.prescriptions import read_prescription
-    except ImportError as error:
-        raise InputError("bake", "module", str(error.name), "not there: `make bake` sets up what baking needs, or "
-                                                            "pip install 'lensfield[bake]'") from None
-
     wavelengths_nm = parse_wavelengths(options.wavelengths)
     _check(options)
     with _errors_of(options.prescription):
@@ -67,8 +67,8 @@ def _bake(options):
     check_outputs([(path, ".npz") for path in targets], [options.prescription])
     for path, single in targets.items():
         with _errors_of(options.prescription), progress_bar() as tell:
-            lens = bake(single, heights=options.heights, wavelengths_nm=wavelengths_nm, pitch_um=options.pitch,
-                        samples=options.samples, workers=options.workers, progress=tell)
+            lens = bake_lens(single, quality=options.quality, heights=options.heights, wavelengths_nm=wavelengths_nm,
+                             pitch_um=options.pitch, samples=options.samples, workers=options.workers, progress=tell)
         write_package(lens, path)
         print(f"{path}\n  {_summary(lens)}")
 
@@ -86,9 +86,6 @@ def _errors_of(path):
     except LensError as error:
         remedy = f"{error.remedy} (--glass OLD=NEW)" if error.field.endswith(", glass") else error.remedy
         raise LensError(path, error.field, error.value, remedy) from None
-    except BrokenProcessPool:
-        raise InputError(path, "worker", "gone", "a process ended before its work: with fewer --workers they need "
-                                                 "less memory") from None
 
 
 def _field(options):
@@ -120,8 +117,6 @@ def _targets(prescription, options):
     """{file: prescription} of every object distance asked for; where there are several the focus stays."""
     if options.object_distance is None:
         return {options.output: prescription}
-    from ..engine.bake.bake import focused
-
     distances_mm = _distances_mm(options.object_distance)
     prescription = focused(prescription)
     if len(distances_mm) == 1:

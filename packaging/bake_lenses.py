@@ -2,7 +2,7 @@
 
     python packaging/bake_lenses.py [NAME ...]
 
-bakes those named, or all. `make lenses` does that in the environment of `make bake`.
+bakes those named, or all, as `make lenses` does.
 """
 
 import sys

@@ -1,6 +1,6 @@
 #!/bin/sh
 # environment.sh VENV BPY|bake|tables|lint [EXTRA]: make the virtual environment VENV with this package in it, and with
-# Blender's Python wheel BPY (and one more of the package's extras), with what baking lenses needs, with what makes the
+# Blender's Python wheel BPY (and one more of the package's extras), with what judges baked lenses, with what makes the
 # tables of spectra, or with what checks the code. (Optiland and colour-science ask for other numpys than the wheel.)
 # What packaging/lock-BPY.txt names is installed in exactly the versions and files that it names; all else is free.
 # System libraries that these need come by apt where we are root; elsewhere one line says which to install.
@@ -9,7 +9,7 @@ venv=$1
 libraries="libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libsm6 libgl1"
 
 case $2 in
-bake) version=3.11 module=optiland.optic packages= extras=bake,plots,test ;;
+bake) version=3.11 module=optiland.optic packages= extras=witness,plots,test ;;
 tables) version=3.11 module=colour packages= extras=tables ;;
 lint) version=3.11 module=mypy packages= extras=lint ;;
 4.5.* | 5.0.*) version=3.11 module=bpy packages="bpy==$2 numpy>=1.26,<2" extras=plots,test${3:+,$3} ;;

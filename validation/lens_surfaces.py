@@ -1,10 +1,9 @@
 """A lens as rays meet it at stated wavelengths: surfaces, indices and absorption, and how they are kept as JSON.
 
-    .venv-bake/bin/python validation/lens_surfaces.py engine/lens/library/prescriptions/edmund-54852.toml \
+    .venv/bin/python validation/lens_surfaces.py engine/lens/library/prescriptions/edmund-54852.toml \
         -o tests/data/edmund-54852_surfaces.json --wavelengths 453,562,655
 
-focuses the lens as baking does, looks its glasses up (both with Optiland), and writes the file; what reads it needs
-neither.
+focuses the lens as baking does, looks its glasses up, and writes the file.
 """
 
 import argparse
@@ -88,25 +87,22 @@ def _restored(value, kind):
 
 
 def surfaces_of(prescription, wavelengths_nm):
-    """Surfaces of a prescription, focused and with its stop as baking has them. Needs Optiland."""
-    from lensfield.engine.bake.build import build_system
-    from lensfield.engine.bake.glasses import extinction_at
+    """Surfaces of a prescription, focused and with its stop as baking has them."""
+    from lensfield.engine.bake.focus import build_system
 
     system = build_system(prescription)
     parts = system.prescription.surfaces
     semi_mm = np.array([part.semi_aperture_mm for part in parts])
     semi_mm[system.prescription.stop_index] = system.stop_semi_aperture_mm
     terms = max(len(part.aspheric) for part in parts)
-    extinction = np.array([[extinction_at(material, nm) if part.glass else 0.0
-                            for material, part in zip(system.materials, parts, strict=True)] for nm in wavelengths_nm])
+    nm = np.array(wavelengths_nm, dtype=float)
+    extinction = np.array([glass.extinction_at(nm) for glass in system.glasses]).T
     return Surfaces(
-        prescription.name, system.entrance_pupil_mm, np.array(wavelengths_nm, dtype=float),
+        prescription.name, system.entrance_pupil_mm, nm,
         np.array([part.radius_mm for part in parts]),
         np.array([part.thickness_mm for part in parts]), np.array([part.conic for part in parts]), semi_mm,
         np.array([[*part.aspheric, *(0.0,) * (terms - len(part.aspheric))] for part in parts]).reshape(len(parts), -1),
-        np.array([[float(np.ravel(material.n(nm * 1e-3))[0]) for material in system.materials]
-                  for nm in wavelengths_nm]),
-        4 * np.pi * extinction / (np.array(wavelengths_nm, dtype=float)[:, None] * 1e-6))
+        system.indices_at(nm)[1:].T, 4 * np.pi * extinction / (nm[:, None] * 1e-6))
 
 
 def main(arguments=None):

@@ -1,16 +1,14 @@
-"""Rays over the stop: aimed by Optiland at a few wavelengths, traced at all of them in one call."""
+"""Rays of object points over the stop: where they land, which way they go, how long they are, what they pass."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from optiland.rays import RealRays
 
 from ..errors import LensError
+from .aiming import aim
 from .system import System
-
-AIMED_WAVELENGTHS = 6  # rays start where a polynomial through these has them: pupils shift little with the wavelength
-ASTRAY = 1e-3  # of the stop: far outside of what gets through, a wide bundle has several ways to a place
+from .trace import start_on_stop, trace_to_image, trace_to_object
 
 
 class HalfPupil:
@@ -33,25 +31,29 @@ class HalfPupil:
 
 @dataclass(frozen=True, eq=False)
 class TracedRays:
-    """Rays of one field height and wavelength, arrays (radius, azimuth); the first radius is the chief ray.
+    """Rays of field heights at wavelengths: arrays (..., wavelength, height, radius, azimuth).
+
+    Those of radius 0 are chief rays.
 
     Attributes
     ----------
-    wavelength_nm : float
-    position_mm, direction : arrays (3, radius, azimuth)
-        At the image plane.
+    wavelengths_nm : array (wavelength,)
+    position_mm : array (2, ...)
+        x and y at the image plane, which images have on the side of +y.
+    direction : array (3, ...)
+        Direction cosines at the image plane.
     path_mm : array
         Optical path from the object point, or from a plane wave front.
-    source : array (2, radius, azimuth)
+    source : array (2, ...)
         Coordinates in the object's beam over whose area the source's light is spread evenly: where a beam from
         infinity crosses its own section in mm, or direction cosines from a Lambertian point of the object plane.
-    square_height_mm2 : array (surface, radius, azimuth)
+    square_height_mm2 : array (surface, ...)
         Squared distance from the axis, at every surface.
     lost : bool array
-        Rays that missed a surface, were totally reflected, or came astray: through the stop elsewhere than aimed.
+        Rays that missed a surface or were totally reflected.
     """
 
-    wavelength_nm: float
+    wavelengths_nm: np.ndarray
     position_mm: np.ndarray
     direction: np.ndarray
     path_mm: np.ndarray
@@ -60,99 +62,59 @@ class TracedRays:
     lost: np.ndarray
 
     @property
-    def chief_height_mm(self) -> float:
-        """Where the chief ray meets the image plane, on the side where images have +y."""
-        return float(self.position_mm[1, 0, 0])
+    def chief_height_mm(self) -> np.ndarray:
+        """Where chief rays meet the image plane: array (wavelength, height)."""
+        return self.position_mm[1, :, :, 0, 0]
 
 
-def trace_pupil(system: System, height_mm: float, wavelengths_nm: Sequence[float] | np.ndarray,
-                pupil: HalfPupil) -> list[TracedRays]:
-    """Trace the rays of one field height over the stop, at several wavelengths.
+def trace_pupil(system: System, heights_mm: Sequence[float] | np.ndarray, wavelengths_nm: Sequence[float] | np.ndarray,
+                pupil: HalfPupil) -> TracedRays:
+    """Trace the rays of field heights over the stop, at several wavelengths.
 
     Parameters
     ----------
     system : System
-    height_mm : float
-        Paraxial image height.
+    heights_mm : sequence of float
+        Paraxial image heights.
     wavelengths_nm : sequence of float
     pupil : HalfPupil
-
-    Returns
-    -------
-    list of TracedRays
 
     Raises
     ------
     LensError
-        The chief ray does not get through.
+        A chief ray does not get through.
     """
     wavelengths_nm = np.asarray(wavelengths_nm, dtype=float)
-    launch = _launch(system, height_mm, wavelengths_nm, pupil)
-    flat = launch.transpose(1, 0, 2, 3).reshape(6, -1)
-    rays = RealRays(*flat, np.ones(flat.shape[1]),
-                    np.repeat(wavelengths_nm * 1e-3, pupil.x.size))
-    start = flat[:3].copy(), flat[3:].copy()
-    system.optic.surfaces.trace(rays)
-    traced = _traced(system, start, rays, (wavelengths_nm.size, *pupil.shape))
-    at_stop = np.sqrt(traced["square_height_mm2"][system.prescription.stop_index]) / system.stop_semi_aperture_mm
-    traced["lost"] |= ~(np.abs(at_stop - pupil.radii[:, None]) < ASTRAY)
-    for index, nm in enumerate(wavelengths_nm):
-        if traced["lost"][index, 0, 0]:
-            raise LensError(system.prescription.name, "field height", f"{height_mm:.4g} mm",
-                            f"no ray gets through the middle of the stop at {nm:g} nm: end the field earlier")
-    return [TracedRays(float(nm), **{name: values[..., index, :, :] for name, values in traced.items()})
-            for index, nm in enumerate(wavelengths_nm)]
+    indices, fields = system.indices_at(wavelengths_nm), system.fields_of(heights_mm)
+    x_mm, y_mm = (system.stop_semi_aperture_mm * place.ravel() for place in (pupil.x, pupil.y))
+    slope_x, slope_y, aimed = aim(system, indices, fields, x_mm, y_mm)
+    indices = indices[:, :, None, None]
+    with np.errstate(invalid="ignore"):
+        on_stop = start_on_stop(system.prescription, x_mm, y_mm, slope_x, slope_y)
+        entry, before, front_mm, front_squares = trace_to_object(system.prescription, indices, *on_stop)
+        position, direction, rear_mm, rear_squares = trace_to_image(system.prescription, indices, *on_stop)
+        to_entry_mm, source = _object_space(system, fields[:, None], entry, before)
+    path_mm = to_entry_mm + front_mm + rear_mm
+    arrays = {"position_mm": position[:2], "direction": direction, "path_mm": path_mm, "source": source,
+              "square_height_mm2": np.stack([*front_squares, *rear_squares]), "lost": ~(aimed & np.isfinite(path_mm))}
+    rays = TracedRays(wavelengths_nm, **{name: values.reshape(*values.shape[:-1], *pupil.shape)
+                                         for name, values in arrays.items()})
+    _check_chief_rays(system, heights_mm, rays)
+    return rays
 
 
-def _launch(system, height_mm, wavelengths_nm, pupil):
-    """Where rays start and which way they go: array (wavelength, 6, radius, azimuth)."""
-    if wavelengths_nm.size <= AIMED_WAVELENGTHS:
-        return np.stack([_aimed(system, height_mm, nm, pupil) for nm in wavelengths_nm])
-    first, last = wavelengths_nm[0], wavelengths_nm[-1]
-    spread = (1 - np.cos(np.pi * np.arange(AIMED_WAVELENGTHS) / (AIMED_WAVELENGTHS - 1))) / 2
-    nodes = first + (last - first) * spread
-    aimed = np.stack([_aimed(system, height_mm, nm, pupil) for nm in nodes])
-    launch = np.tensordot(_lagrange_weights(nodes, wavelengths_nm), aimed, axes=(1, 0))
-    launch[:, 3:] /= np.linalg.norm(launch[:, 3:], axis=1, keepdims=True)
-    return launch
+def _object_space(system, fields, entry, before):
+    """Optical path from the object point, or from the plane wave through the origin, to the first surface; source."""
+    if system.object_at_infinity:
+        across = entry[1] * np.cos(fields) - entry[2] * np.sin(fields)
+        return np.sum(entry * before, axis=0), np.stack([entry[0], across])
+    return (system.prescription.object_distance_mm + entry[2]) / before[2], before[:2]
 
 
-def _lagrange_weights(nodes, values):
-    """Weights of a function's values at the nodes in the polynomial through them: array (value, node)."""
-    weights = np.ones((values.size, nodes.size))
-    for node in range(nodes.size):
-        others = np.delete(nodes, node)
-        weights[:, node] = np.prod((values[:, None] - others) / (nodes[node] - others), axis=1)
-    return weights
-
-
-def _aimed(system, height_mm, nm, pupil):
-    """Rays through the points of the stop, as array (6, radius, azimuth)."""
-    field = np.full(pupil.x.size, system.field_of_height(height_mm))
-    try:
-        rays = system.optic.ray_tracer.ray_generator.generate_rays(
-            np.zeros_like(field), field, pupil.x.ravel(), pupil.y.ravel(), nm * 1e-3)
-    except ValueError as error:
-        raise LensError(system.prescription.name, "field height", f"{height_mm:.4g} mm",
-                        f"no rays find the stop ({error}): end the field earlier") from None
-    return np.reshape([rays.x, rays.y, rays.z, rays.L, rays.M, rays.N], (6, *pupil.shape))
-
-
-def _traced(system, start, rays, shape):
-    """The arrays of `TracedRays`, (…, wavelength, radius, azimuth)."""
-    surfaces = system.optic.surfaces
-    position, direction = np.stack([rays.x, rays.y, rays.z]), np.stack([rays.L, rays.M, rays.N])
-    start_position, start_direction = start
-    if np.isinf(system.prescription.object_distance_mm):
-        wave = np.sum(start_position * start_direction, axis=0)
-        along = np.hypot(start_direction[1], start_direction[2])
-        source = np.stack([start_position[0], (start_position[1] * start_direction[2]
-                                               - start_position[2] * start_direction[1]) / along])
-    else:
-        wave, source = np.zeros(position.shape[1]), start_direction[:2]
-    inner = slice(1, -1)  # neither the object nor the image plane
-    places = zip(surfaces.x[inner], surfaces.y[inner], strict=True)
-    arrays = {"position_mm": position, "direction": direction, "path_mm": rays.opd + wave, "source": source,
-              "square_height_mm2": np.stack([x**2 + y**2 for x, y in places]),
-              "lost": ~np.isfinite(position).all(axis=0) | (np.asarray(rays.i) <= 0)}
-    return {name: np.reshape(values, (*values.shape[:-1], *shape)) for name, values in arrays.items()}
+def _check_chief_rays(system, heights_mm, rays):
+    lost = np.argwhere(rays.lost[:, :, 0, 0])
+    if lost.size:
+        wavelength, height = lost[0]
+        raise LensError(system.prescription.name, "field height", f"{heights_mm[height]:.4g} mm",
+                        f"no ray gets through the middle of the stop at {rays.wavelengths_nm[wavelength]:g} nm: end "
+                        "the field earlier")

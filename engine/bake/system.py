@@ -1,44 +1,38 @@
-"""A lens as rays go through it: Optiland's system, first-order figures, fields, bulk transmittance."""
+"""A prescription built as a system that rays go through: glasses, stop, first-order figures, fields."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from optiland.optic import Optic
 
-from .glasses import extinction_at
+from ..errors import LensError
+from .glasses import Glass, find_glass
+from .paraxial import FirstOrder, first_order
 from .prescription import Prescription
 
 
 @dataclass(frozen=True, eq=False)
-class System:
-    """A lens ready to be traced.
+class System(FirstOrder):
+    """A lens ready to be traced: its first-order figures, and what rays go through.
 
     Attributes
     ----------
-    optic : optiland.optic.Optic
-        Without apertures but for the stop: what they cut off is decided by `semi_apertures_mm`, smoothly.
     prescription : Prescription
-        As built: its last thickness is the distance to the image plane, its focus as given.
-    materials : list
-        Optiland's, one for each surface.
-    efl_mm, magnification, entrance_pupil_mm, exit_pupil_distance_mm : float
-        Paraxial, at the reference wavelength; the magnification is 0 for an object at infinity, the exit pupil's
-        distance is from the image plane.
-    stop_semi_aperture_mm : float
+        As it stands: its aperture is the stop's size, its last thickness the distance to the image plane.
+    glasses : tuple of Glass
+        Behind each surface.
     last_height_mm : float
         Paraxial image height where the field ends.
     """
 
-    optic: Optic
     prescription: Prescription
-    materials: list
-    efl_mm: float
-    magnification: float
-    entrance_pupil_mm: float
-    exit_pupil_distance_mm: float
-    stop_semi_aperture_mm: float
+    glasses: tuple[Glass, ...]
     last_height_mm: float
+
+    @property
+    def object_at_infinity(self) -> bool:
+        """Whether fields are angles, and not heights."""
+        return bool(np.isinf(self.prescription.object_distance_mm))
 
     @property
     def semi_apertures_mm(self) -> np.ndarray:
@@ -47,19 +41,78 @@ class System:
         sizes[self.prescription.stop_index] = np.inf
         return sizes
 
-    def field_of_height(self, height_mm: float) -> float:
-        """Optiland's normalised field that has this paraxial image height, on the side where images have +y."""
-        if np.isinf(self.prescription.object_distance_mm):
-            last = np.arctan(self.last_height_mm / self.efl_mm)
-            return float(np.arctan(height_mm / self.efl_mm) / last)
-        return float(np.sign(self.magnification) * height_mm / self.last_height_mm)
+    @property
+    def exit_pupil_distance_mm(self) -> float:
+        """From the image plane, towards the light's way on."""
+        return self.exit_pupil_mm - self.prescription.surfaces[-1].thickness_mm
+
+    def fields_of(self, heights_mm: Sequence[float] | np.ndarray) -> np.ndarray:
+        """What has these paraxial image heights: angles in radians, or object heights in mm."""
+        heights_mm = np.asarray(heights_mm, dtype=float)
+        if self.object_at_infinity:
+            return np.arctan(heights_mm / self.efl_mm)
+        return heights_mm / self.magnification
+
+    def heights_of(self, fields: np.ndarray) -> np.ndarray:
+        """Paraxial image heights in mm of angles in radians, or of object heights in mm."""
+        if self.object_at_infinity:
+            return self.efl_mm * np.tan(fields)
+        return self.magnification * fields
+
+    def indices_at(self, wavelengths_nm: Sequence[float] | np.ndarray) -> np.ndarray:
+        """Refractive indices before each surface and behind the last: array (surface + 1, wavelength).
+
+        Raises
+        ------
+        LensError
+            A glass whose catalogue does not know one of the wavelengths.
+        """
+        return _indices(self.prescription, self.glasses, wavelengths_nm)
 
     def transmittance(self, wavelengths_nm: Sequence[float] | np.ndarray) -> np.ndarray:
         """T of the bulk glass along the axis: array (wavelength,). Model glasses and coatings take nothing."""
-        parts = list(zip(self.materials, self.prescription.surfaces, strict=True))
+        nm = np.asarray(wavelengths_nm, dtype=float)
+        depth = sum(4 * np.pi * glass.extinction_at(nm) * abs(surface.thickness_mm) / (nm * 1e-6)
+                    for glass, surface in zip(self.glasses, self.prescription.surfaces, strict=True))
+        return np.exp(-depth)
 
-        def absorption(nm):
-            return sum(4 * np.pi * extinction_at(material, nm) * abs(surface.thickness_mm) / (nm * 1e-6)
-                       for material, surface in parts if surface.glass)
 
-        return np.exp([-absorption(nm) for nm in wavelengths_nm])
+def system_of(prescription: Prescription) -> System:
+    """The system of a prescription as it stands, its image plane where the last thickness has it.
+
+    Raises
+    ------
+    LensError
+        A glass that no catalogue has, or a lens without power.
+    """
+    glasses = tuple(find_glass(surface.glass, prescription.name, f"surface {number}, glass", surface.glass_figures)
+                    for number, surface in enumerate(prescription.surfaces, 1))
+    indices = _indices(prescription, glasses, [prescription.reference_wavelength_nm])
+    figures = first_order(prescription, indices[:, 0])
+    prescription = replace(prescription, aperture=("stop", figures.stop_semi_aperture_mm))
+    return System(**vars(figures), prescription=prescription, glasses=glasses,
+                  last_height_mm=_last_height_mm(prescription, figures))
+
+
+def _indices(prescription, glasses, wavelengths_nm):
+    nm = np.asarray(wavelengths_nm, dtype=float)
+    indices = np.stack([np.ones_like(nm), *(glass.index_at(nm) for glass in glasses)])
+    unknown = np.argwhere(np.isnan(indices))
+    if unknown.size:
+        surface, wavelength = unknown[0]
+        raise LensError(prescription.name, f"surface {surface}, glass", glasses[surface - 1].name,
+                        f"not known at {nm[wavelength]:g} nm: give other wavelengths, or another glass")
+    return indices
+
+
+def _last_height_mm(prescription, figures):
+    """Paraxial image height of the field's end."""
+    kind, value = prescription.field
+    if kind == "image_height_mm":
+        return value
+    if kind == "object_height_mm":
+        return abs(figures.magnification) * value
+    tangent = np.tan(np.radians(value))
+    if np.isinf(prescription.object_distance_mm):
+        return figures.efl_mm * tangent
+    return abs(figures.magnification) * tangent * (prescription.object_distance_mm + figures.entrance_pupil_mm)

@@ -1,170 +1,165 @@
-"""Wavefronts at the exit pupil: known from a few hundred rays, and between them by splines."""
+"""Wavefronts at the exit pupil: traced at some wavelengths, and at those between them by their wave numbers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
-from scipy.interpolate import BSpline, RectBivariateSpline
-from scipy.ndimage import binary_dilation
-from scipy.special import roots_legendre
 
+from .pupil import PupilQuadrature, PupilSplines
 from .rays import HalfPupil, trace_pupil
 from .system import System
 
-RADII, AZIMUTHS = 21, 25  # of the rays: twice as many change no PSF by more than 1e-5
-MARGIN = 3  # azimuths beyond the half circle that splines see, mirrored, so that they have no edge there
-DEGREE = 5
-LONGEST_RADIUS = 1e3  # of the reference sphere in focal lengths, for telecentric lenses
+LONGEST_RADIUS = 1e3  # of the reference sphere in focal lengths, for telecentric lenses, and where rays cross before it
+LEAST_AREA = 1e-6  # of that in the middle, beside a caustic
+
+
+@dataclass(frozen=True, eq=False)
+class Wavefronts:
+    """What reaches image points from points of the object: arrays (..., wavelength, height, radius, azimuth).
+
+    Attributes
+    ----------
+    pupil : HalfPupil
+    wavelengths_nm : array (wavelength,)
+    chief_height_mm : array (wavelength, height)
+        Where chief rays meet the image plane.
+    path_mm : array
+        Optical path difference against the sphere about the chief ray's image point.
+    cosine : array (2, ...)
+        Direction cosines (x, y) from the image point to the wavefront on that sphere.
+    ray : array (2, ...)
+        Direction cosines of the rays at the image, which differ from those by the aberrations.
+    density : array
+        Logarithm of the light per area of `cosine`: of the area of the object's beam that this is the image of.
+    limits : array (limit, ...)
+        Squared heights at the surfaces that cut some rays off, over their squared semi-apertures.
+    spot_mm : array (2, ...)
+        Where rays land, from the chief ray.
+    """
+
+    pupil: HalfPupil
+    wavelengths_nm: np.ndarray
+    chief_height_mm: np.ndarray
+    path_mm: np.ndarray
+    cosine: np.ndarray
+    ray: np.ndarray
+    density: np.ndarray
+    limits: np.ndarray
+    spot_mm: np.ndarray
+
+    def at(self, wavelengths_nm: Sequence[float] | np.ndarray) -> "Wavefronts":
+        """At other wavelengths, by the polynomial over the wave number through all of these."""
+        wavelengths_nm = np.asarray(wavelengths_nm, dtype=float)
+        weights = polynomial_weights(1e3 / self.wavelengths_nm, 1e3 / wavelengths_nm)
+
+        def between(values, axis=0):
+            return np.moveaxis(np.tensordot(weights, values, (1, axis)), 0, axis)
+
+        return Wavefronts(self.pupil, wavelengths_nm, between(self.chief_height_mm), between(self.path_mm),
+                          between(self.cosine, 1), between(self.ray, 1), between(self.density),
+                          between(self.limits, 1), between(self.spot_mm, 1))
+
+    def one(self, wavelength: int, height: int) -> "Wavefront":
+        """That of one wavelength and height."""
+        place = (..., wavelength, height, slice(None), slice(None))
+        return Wavefront(self.pupil, float(self.wavelengths_nm[wavelength]), self.path_mm[place], self.cosine[place],
+                         self.density[place], self.limits[place])
+
+    def illumination(self, radii: int, azimuths: int) -> np.ndarray:
+        """Area of each bundle that passes in direction cosines at the image: array (wavelength, height).
+
+        Its ratio to the axis is the relative illumination of a Lambertian object, for radiance is conserved along rays.
+        """
+        quadrature = PupilQuadrature(self.pupil, radii, azimuths)
+        area = np.empty(self.chief_height_mm.shape)
+        for wavelength, height in np.ndindex(area.shape):
+            cells = np.abs(quadrature.splines.jacobian(*self.ray[:, wavelength, height])) * quadrature.cells
+            area[wavelength, height] = 2 * np.sum(cells * quadrature.coverage(self.limits[:, wavelength, height]))
+        return area
 
 
 @dataclass(frozen=True, eq=False)
 class Wavefront:
-    """What reaches one image point from a point of the object, as splines over the radius and azimuth of the stop.
+    """The wavefront of one wavelength and height, as `Wavefronts` has them: arrays (..., radius, azimuth)."""
 
-    Attributes
-    ----------
-    wavelength_nm, chief_height_mm : float
-        `chief_height_mm` is where the chief ray meets the image plane.
-    knots : (array, array)
-        Of all the splines, over radius and azimuth; the others are their coefficients.
-    path : array
-        Optical path difference against the sphere about the chief ray's image point, in wavelengths.
-    cosine_x, cosine_y : arrays
-        Direction cosines from the image point to the wavefront on that sphere.
-    ray_x, ray_y : arrays
-        Direction cosines of the rays at the image, which differ from those by the aberrations.
-    source_x, source_y : arrays
-        Coordinates in the object's beam, over whose area the source's light is spread evenly.
-    limits : list of (array, float)
-        Squared height of the rays at each surface that cuts some off, and its squared semi-aperture.
-    """
-
+    pupil: HalfPupil
     wavelength_nm: float
-    chief_height_mm: float
-    knots: tuple[np.ndarray, np.ndarray]
-    path: np.ndarray
-    cosine_x: np.ndarray
-    cosine_y: np.ndarray
-    ray_x: np.ndarray
-    ray_y: np.ndarray
-    source_x: np.ndarray
-    source_y: np.ndarray
-    limits: list[tuple[np.ndarray, float]]
-
-
-@dataclass(frozen=True, eq=False)
-class PupilSamples:
-    """Quadrature over one half of the pupil, x > 0, as arrays (radius, azimuth); the other half is its mirror image.
-
-    Attributes
-    ----------
-    path : in wavelengths
-    cosine_x, cosine_y
-    cosine_area, ray_area, source_area
-        What each sample stands for, in direction cosines of both kinds and in the object's beam, as far as no aperture
-        cuts it off.
-    """
-
-    path: np.ndarray
-    cosine_x: np.ndarray
-    cosine_y: np.ndarray
-    cosine_area: np.ndarray
-    ray_area: np.ndarray
-    source_area: np.ndarray
+    path_mm: np.ndarray
+    cosine: np.ndarray
+    density: np.ndarray
+    limits: np.ndarray
 
     @property
-    def largest_steps(self) -> tuple[float, float]:
-        """Largest distance in direction cosines of samples that pass and are neighbours in radius, and in azimuth."""
-        passing = self.cosine_area > 0
-        x, y = np.where(passing, self.cosine_x, np.nan), np.where(passing, self.cosine_y, np.nan)
-        return tuple(np.nanmax(np.hypot(np.diff(x, axis=axis), np.diff(y, axis=axis)), initial=0) for axis in (0, 1))
-
-    @property
-    def largest_sine(self) -> float:
-        """Largest distance of a sample that passes from the middle of them, in direction cosines."""
-        passing = self.cosine_area > 0
-        x, y = self.cosine_x[passing], self.cosine_y[passing]
-        return float(np.hypot(x, y - (y.max() + y.min()) / 2).max())
+    def passing(self) -> np.ndarray:
+        """Which rays pass all apertures: bool array."""
+        return np.all(self.limits <= 1, axis=0)
 
 
-def trace_wavefronts(system: System, height_mm: float, wavelengths_nm: Sequence[float] | np.ndarray,
-                     radii: int = RADII, azimuths: int = AZIMUTHS) -> list[Wavefront]:
-    """Wavefronts of one field height at several wavelengths.
-
-    Parameters
-    ----------
-    system : System
-    height_mm : float
-        Paraxial image height.
-    wavelengths_nm : sequence of float
-    radii, azimuths : int
-        Rays over one half of the stop.
+def trace_wavefronts(system: System, heights_mm: Sequence[float] | np.ndarray,
+                     wavelengths_nm: Sequence[float] | np.ndarray, pupil: HalfPupil) -> Wavefronts:
+    """Wavefronts of field heights (paraxial image heights) at wavelengths.
 
     Raises
     ------
     LensError
-        The chief ray does not get through.
+        A chief ray does not get through.
     """
-    pupil = HalfPupil(radii, azimuths)
-    return [_wavefront(system, rays, pupil) for rays in trace_pupil(system, height_mm, wavelengths_nm, pupil)]
+    rays = trace_pupil(system, heights_mm, wavelengths_nm, pupil)
+    limits = _limits(system, rays)
+    pupil_mm = abs(system.exit_pupil_distance_mm)
+    longest_mm = LONGEST_RADIUS * system.efl_mm
+    path_mm, cosine = _on_reference_sphere(rays, min(pupil_mm, longest_mm))
+    folded = np.any((_jacobian(pupil, cosine) <= 0) & np.all(limits <= 1, axis=0), axis=(0, 2, 3))[:, None, None]
+    if folded.any():
+        far = _on_reference_sphere(rays, longest_mm)
+        path_mm, cosine = np.where(folded, far[0], path_mm), np.where(folded, far[1], cosine)
+    return Wavefronts(pupil, rays.wavelengths_nm, rays.chief_height_mm, path_mm, cosine,
+                      _continued(rays.direction[:2], rays.lost), _density(pupil, rays, cosine), limits,
+                      _continued(rays.position_mm - rays.position_mm[..., :1, :1], rays.lost))
 
 
-def _wavefront(system, rays, pupil):
-    """The traced rays' wavefront, as splines over the stop."""
-    waves, cosines = _on_reference_sphere(system, rays)
-
-    def spline(values, odd=False):
-        return _spline(pupil, _continued(values, rays.lost), odd)[1]
-
-    edges = [(_continued(square, rays.lost), semi_mm**2)
-             for square, semi_mm in zip(rays.square_height_mm2, system.semi_apertures_mm, strict=True)]
-    limits = [(_spline(pupil, values)[1], limit) for values, limit in _vignetting([*edges, (rays.lost * 1.0, 0.5)])]
-    knots, path = _spline(pupil, _continued(waves, rays.lost))
-    return Wavefront(rays.wavelength_nm, rays.chief_height_mm, knots, path,
-                     spline(cosines[0], odd=True), spline(cosines[1]),
-                     spline(rays.direction[0], odd=True), spline(rays.direction[1]),
-                     spline(rays.source[0], odd=True), spline(rays.source[1]), limits)
-
-
-def _on_reference_sphere(system, rays):
-    """Where rays cross the sphere through the exit pupil about the chief ray's image point.
+def _on_reference_sphere(rays, distance_mm):
+    """Where rays cross the sphere about the chief ray's image point whose middle is so far before the image plane.
 
     Returns
     -------
-    waves : array (radius, azimuth)
-        Optical path difference against the chief ray, in wavelengths.
-    cosines : array (3, radius, azimuth)
+    path_mm : array (...)
+        Optical path difference against the chief ray.
+    cosine : array (2, ...)
         Direction cosines from the image point.
     """
-    radius_mm = min(abs(system.exit_pupil_distance_mm), LONGEST_RADIUS * system.efl_mm)
-    centre = rays.position_mm[:, :1, :1]
-    radius_mm = np.hypot(radius_mm, centre[1, 0, 0])
-    from_centre = rays.position_mm - centre
-    along = np.sum(from_centre * rays.direction, axis=0)
-    back_mm = along + np.sqrt(along**2 - np.sum(from_centre**2, axis=0) + radius_mm**2)
+    chief = rays.position_mm[..., :1, :1]
+    radius_mm = np.hypot(distance_mm, chief[1])
+    about = rays.position_mm - chief
+    along = np.sum(about * rays.direction[:2], axis=0)
+    back_mm = along + np.sqrt(along**2 - np.sum(about**2, axis=0) + radius_mm**2)
     path_mm = rays.path_mm - back_mm
-    waves = (path_mm[0, 0] - path_mm) / (rays.wavelength_nm * 1e-6)
-    return waves, (from_centre - back_mm * rays.direction) / radius_mm
+    return (_continued(path_mm[..., :1, :1] - path_mm, rays.lost),
+            _continued((about - back_mm * rays.direction[:2]) / radius_mm, rays.lost))
 
 
-def _vignetting(limits):
-    """Of (values, limit), those that cut off rays which all the others let through, or nearly."""
-    stopped = [values > limit for values, limit in limits]
-    nearly = [binary_dilation(~stops, np.ones((3, 3))) for stops in stopped]
-    return [limits[index] for index, stops in enumerate(stopped)
-            if np.any(stops & np.all([passes for other, passes in enumerate(nearly) if other != index], axis=0))]
+def _jacobian(pupil, coordinates):
+    """Area over (x, y) that radius times azimuth becomes, over the radius; negative where rays have crossed."""
+    splines = PupilSplines(pupil, pupil.radii[1:], pupil.azimuths)
+    jacobian = splines.jacobian(*coordinates) / pupil.radii[1:, None]
+    middle = np.broadcast_to(jacobian[..., :1, :].mean(axis=-1, keepdims=True), jacobian[..., :1, :].shape)
+    jacobian = np.concatenate([middle, jacobian], axis=-2)
+    return jacobian * np.sign(middle[..., :1])
 
 
-def _spline(pupil, values, odd=False):
-    """Knots and coefficients of an array (radius, azimuth); `odd` where the mirror image has -values."""
-    sign = -1 if odd else 1
-    before, after = values[:, MARGIN:0:-1], values[:, -2:-2 - MARGIN:-1]
-    beyond = pupil.azimuths[1] * np.arange(1, MARGIN + 1)
-    azimuths = np.concatenate([-beyond[::-1], pupil.azimuths, np.pi + beyond])
-    spline = RectBivariateSpline(pupil.radii, azimuths, np.hstack([sign * before, values, sign * after]),
-                                 kx=DEGREE, ky=DEGREE)
-    return tuple(spline.get_knots()), spline.get_coeffs().reshape(pupil.radii.size, azimuths.size)
+def _density(pupil, rays, cosine):
+    """Logarithm of how many times larger areas are over the source's coordinates than over the cosines."""
+    source, image = (np.abs(_jacobian(pupil, each)) for each in (_continued(rays.source, rays.lost), cosine))
+    source, image = (np.maximum(areas, LEAST_AREA * areas[..., :1, :1]) for areas in (source, image))
+    return np.log(source / image)
+
+
+def _limits(system, rays):
+    """Of surfaces where apertures stop some of the rays, and of rays that are lost on their way."""
+    heights = [_continued(square, rays.lost) / semi_mm**2
+               for square, semi_mm in zip(rays.square_height_mm2, system.semi_apertures_mm, strict=True)
+               if np.any(square[~rays.lost] > semi_mm**2)]
+    return np.array([*heights, *([2.0 * rays.lost] if rays.lost.any() else [])]).reshape(-1, *rays.lost.shape)
 
 
 def _continued(values, lost):
@@ -172,60 +167,16 @@ def _continued(values, lost):
     if not lost.any():
         return values
     values = values.copy()
-    for row in range(1, len(values)):
-        bad = lost[row]
-        values[row, bad] = (2 * values[row - 1] - values[max(row - 2, 0)])[bad]
+    for row in range(1, lost.shape[-2]):
+        beyond = 2 * values[..., row - 1, :] - values[..., max(row - 2, 0), :]
+        values[..., row, :] = np.where(lost[..., row, :], beyond, values[..., row, :])
     return values
 
 
-def sample_pupil(wavefront: Wavefront, radii: int, azimuths: int) -> PupilSamples:
-    """Quadrature samples of a wavefront: Gauss-Legendre over the radius, even steps over the azimuth.
-
-    Both converge exponentially, for the integrand is smooth and periodic; an aperture's edge is blurred over the
-    samples that it crosses, so that what it cuts off changes evenly with the field.
-    """
-    nodes, weights = _gauss_legendre(radii)
-    azimuth = (np.arange(azimuths) + 0.5) * np.pi / azimuths
-    basis = _Basis(wavefront.knots, (nodes + 1) / 2, azimuth)
-    cell = weights[:, None] / 2 * np.pi / azimuths * _coverage(wavefront, basis)
-
-    def area(first, second):
-        return np.abs(basis.radial_slope(first) * basis.azimuthal_slope(second)
-                      - basis.azimuthal_slope(first) * basis.radial_slope(second)) * cell
-
-    return PupilSamples(basis.values(wavefront.path), basis.values(wavefront.cosine_x),
-                        basis.values(wavefront.cosine_y), area(wavefront.cosine_x, wavefront.cosine_y),
-                        area(wavefront.ray_x, wavefront.ray_y), area(wavefront.source_x, wavefront.source_y))
-
-
-class _Basis:
-    """B-splines at the samples: two products of matrices then evaluate any spline on their grid."""
-
-    def __init__(self, knots, radius, azimuth):
-        self._radial, self._azimuthal = (
-            [BSpline(axis, np.eye(axis.size - DEGREE - 1), DEGREE)(places, nu=order) for order in (0, 1)]
-            for axis, places in zip(knots, (radius, azimuth), strict=True))
-
-    def values(self, coefficients):
-        return self._radial[0] @ coefficients @ self._azimuthal[0].T
-
-    def radial_slope(self, coefficients):
-        return self._radial[1] @ coefficients @ self._azimuthal[0].T
-
-    def azimuthal_slope(self, coefficients):
-        return self._radial[0] @ coefficients @ self._azimuthal[1].T
-
-
-@lru_cache(maxsize=64)
-def _gauss_legendre(number):
-    return roots_legendre(number)
-
-
-def _coverage(wavefront, basis):
-    """Which part of each sample's cell passes all apertures: array (radius, azimuth), or 1 where all does."""
-    covered = 1.0
-    for square, limit in wavefront.limits:
-        clearance = limit - basis.values(square)
-        change = sum(np.abs(np.gradient(clearance, axis=axis)) for axis in (0, 1))
-        covered = covered * np.clip(0.5 + clearance / np.maximum(change, 1e-12 * limit), 0, 1)
-    return covered
+def polynomial_weights(nodes: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Weights of a function's values at the nodes in the polynomial through them, by Lagrange: array (place, node)."""
+    weights = np.ones((places.size, nodes.size))
+    for node in range(nodes.size):
+        others = np.delete(nodes, node)
+        weights[:, node] = np.prod((places[:, None] - others) / (nodes[node] - others), axis=1)
+    return weights

@@ -1,14 +1,20 @@
 """The window of the PSFs: how wide it has to be to hold the light, and so how fine its samples can lie."""
 
+from dataclasses import replace
+
 import numpy as np
 
-from .diffraction import point_spread
-from .wavefront import Wavefront
+from .diffraction import Sums, point_spread
+from .wavefront import Wavefronts
 
 ENERGY = 0.995
-SURVEY_SAMPLES = 101
+PLACES = 6  # wavelengths and heights of the widest estimates, where PSFs then tell the width
+SAMPLES = 101  # of these PSFs
+GENEROUS = 1.5  # of the estimate
+REPEAT = 4.0  # of their sums: so far from its next copy a PSF has the light that it should have
+SQUARE = 0.9  # of the light beyond a circle's edge, that beyond a square's of the same width
 MARGIN = 1.05  # for heights and wavelengths between those of the survey
-SEARCH_STEPS = 12
+ATTEMPTS = 12
 WIDENING = 1.04
 
 
@@ -19,25 +25,45 @@ def pitch_for_um(width_um: float, samples: int) -> float:
     return float(np.round(np.ceil(pitch_um / unit) * unit, 9))
 
 
-def needed_width_um(wavefront: Wavefront, samples: int) -> float:
-    """Side of a window of so many samples that holds 99.5 % of the light."""
-    width_um = _first_width_um(wavefront)
-    for _ in range(SEARCH_STEPS):
-        psf, _ = point_spread(wavefront, width_um / samples, samples)
-        if psf.sum() >= ENERGY or not psf.any():
-            break
-        width_um *= WIDENING
-    return width_um
+def needed_width_um(wavefronts: Wavefronts, sums: Sums) -> float:
+    """Side of the window that holds 99.5 % of the light of all of these."""
+    sums = replace(sums, repeat=REPEAT)
+    estimates_um = _estimated_widths_um(wavefronts)
+    widest = np.argsort(estimates_um, axis=None)[::-1][:PLACES]
+    places = zip(*np.unravel_index(widest, estimates_um.shape), strict=True)
+    return max(_width_um(wavefronts.one(*place), GENEROUS * estimates_um[place], sums) for place in places)
 
 
-def _first_width_um(wavefront):
-    """What the rings of a wider, coarser PSF say, whose pupil has finer edges."""
-    pitch_um = wavefront.wavelength_nm * 1e-3 / 2
-    for _ in range(SEARCH_STEPS):
-        psf, _ = point_spread(wavefront, pitch_um, SURVEY_SAMPLES)
-        if psf.sum() > ENERGY or not psf.any():
+def _estimated_widths_um(wavefronts):
+    """By rays, and by how much diffraction at the edges of the pupil spreads: array (wavelength, height).
+
+    What lies beyond a distance falls with its reciprocal, as outside of Airy's pattern.
+    """
+    widths_um = np.zeros(wavefronts.chief_height_mm.shape)
+    for place in np.ndindex(widths_um.shape):
+        one = wavefronts.one(*place)
+        if not one.passing.any():
+            continue
+        off_um = 1e3 * np.abs(wavefronts.spot_mm[(..., *place, slice(None), slice(None))]).max(axis=0)[one.passing]
+        light = np.broadcast_to(one.pupil.radii[:, None], one.passing.shape)[one.passing]  # rings hold it by radius
+        order = np.argsort(off_um)
+        beyond = 1 - np.cumsum(light[order]) / light.sum()
+        x, y = one.cosine[:, one.passing]
+        edges = 1 / max(np.abs(x).max(), 1e-6) + 2 / max(np.ptp(y), 1e-6)
+        half_um = np.geomspace(0.1, 1e4, 400)
+        diffracted = SQUARE * one.wavelength_nm * 1e-3 * edges / (2 * np.pi**2 * half_um)
+        outside = np.interp(half_um, off_um[order], beyond) + diffracted
+        widths_um[place] = 2 * half_um[np.argmax(outside < 1 - ENERGY)]
+    return widths_um
+
+
+def _width_um(wavefront, width_um, sums):
+    """What the rings of a PSF in a window at least as wide as this say."""
+    for _ in range(ATTEMPTS):
+        psf = point_spread(wavefront, width_um / SAMPLES, SAMPLES, sums)
+        if psf.sum() > ENERGY:
             break
-        pitch_um *= 2
-    offset = np.abs(np.arange(SURVEY_SAMPLES) - SURVEY_SAMPLES // 2)
+        width_um *= 2
+    offset = np.abs(np.arange(SAMPLES) - SAMPLES // 2)
     inside = np.cumsum(np.bincount(np.maximum(offset[:, None], offset).ravel(), psf.ravel()))
-    return (2 * np.interp(ENERGY, inside, np.arange(inside.size)) + 1) * pitch_um
+    return (2 * np.interp(ENERGY, inside, np.arange(inside.size)) + 1) * width_um / SAMPLES

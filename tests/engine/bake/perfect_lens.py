@@ -1,28 +1,27 @@
 """A perfect lens, whose PSFs, distortion and illumination are known in closed form."""
 
 import numpy as np
-from optiland.materials import IdealMaterial
-from optiland.optic import Optic
 
-from lensfield.engine.bake.prescription import Prescription, Surface
-from lensfield.engine.bake.system import System
+from lensfield.engine.bake.rays import HalfPupil
+from lensfield.engine.bake.wavefront import Wavefronts
 
 EFL_MM = 50.0
+PUPIL = HalfPupil(21, 27)
 
 
-def perfect_system(f_number, last_angle_deg=45.0):
-    """Optiland's paraxial surface, stop and lens in one, focused at infinity."""
-    stop_mm = EFL_MM / f_number / 2
-    optic = Optic()
-    optic.surfaces.add(index=0, thickness=np.inf)
-    optic.surfaces.add(index=1, surface_type="paraxial", f=EFL_MM, thickness=EFL_MM, is_stop=True)
-    optic.surfaces.add(index=2)
-    optic.set_aperture("EPD", 2 * stop_mm)
-    optic.fields.set_type("angle")
-    optic.fields.add(y=0.0)
-    optic.fields.add(y=last_angle_deg)
-    optic.wavelengths.add(0.55, is_primary=True)
-    prescription = Prescription("perfect", (Surface(thickness_mm=EFL_MM, stop=True),), ("f_number", f_number),
-                                ("angle_deg", last_angle_deg))
-    return System(optic, prescription, [IdealMaterial(1.0)], EFL_MM, 0.0, 0.0, -EFL_MM, stop_mm,
-                  EFL_MM * np.tan(np.radians(last_angle_deg)))
+def perfect_wavefronts(f_number, angles_deg, wavelength_nm=550.0, defocus_mm=0.0):
+    """Of a thin lens that is its own stop, focused at infinity: all paths from it to the image point are the same.
+
+    `defocus_mm` puts the image plane so far behind the focus, on the axis.
+    """
+    angle = np.radians(angles_deg)[:, None, None]
+    height_mm = EFL_MM * np.tan(angle)
+    x, y = (EFL_MM / f_number / 2 * place + 0 * angle for place in (PUPIL.x, PUPIL.y))
+    distance_mm = np.sqrt(x**2 + (y - height_mm)**2 + EFL_MM**2)
+    cosine = np.stack([x, y - height_mm]) / distance_mm
+    density = np.log(np.cos(angle) * distance_mm**4 / EFL_MM**2)  # of the beam's section over the cosines
+    path_mm = -defocus_mm * (EFL_MM / distance_mm - 1)
+    limits = np.empty((0, *x.shape))
+    return Wavefronts(PUPIL, np.array([wavelength_nm]), height_mm[:, 0, 0][None], path_mm[None], cosine[:, None],
+                      -cosine[:, None], density[None], limits[:, None],
+                      np.zeros((2, 1, *x.shape)))

@@ -7,7 +7,7 @@ import pytest
 
 from lens_texts import CODEV, SURFACES, reader_of
 from lensfield.engine import LensError
-from lensfield.engine.bake.build import build_system
+from lensfield.engine.bake.focus import build_system
 from lensfield.engine.bake.prescription import Prescription, Surface
 
 SINGLET = Prescription("singlet", SURFACES, ("entrance_pupil_diameter_mm", 5.0), ("angle_deg", 14.0),
@@ -70,7 +70,7 @@ def test_apertures(read, line, aperture):
 
 def test_the_f_number_at_infinity_is_focal_length_over_pupil(read):
     system = build_system(read(("EPD   5.0", "FNO 4")))
-    assert system.optic.surfaces[1].semi_aperture == pytest.approx(system.efl_mm / 8, rel=1e-9)
+    assert system.stop_semi_aperture_mm == pytest.approx(system.efl_mm / 8, rel=1e-9)
 
 
 @pytest.mark.parametrize("pairs, field", [

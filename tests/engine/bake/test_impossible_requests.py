@@ -7,7 +7,7 @@ import pytest
 
 from lens_texts import SURFACES
 from lensfield.engine import LensError
-from lensfield.engine.bake.build import build_system
+from lensfield.engine.bake.focus import build_system
 from lensfield.engine.bake.prescription import Prescription
 from lensfield.engine.bake.prescriptions import read_prescription
 from lensfield.engine.lens.readers import BUNDLED

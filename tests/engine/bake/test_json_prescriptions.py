@@ -9,7 +9,7 @@ import pytest
 
 from lens_texts import DEEPLENS, LENTIL, SURFACES, optiland
 from lensfield.engine import LensError
-from lensfield.engine.bake.build import build_system
+from lensfield.engine.bake.focus import build_system
 from lensfield.engine.bake.prescription import Surface
 from lensfield.engine.bake.prescriptions import read_prescription
 

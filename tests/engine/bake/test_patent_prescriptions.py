@@ -7,7 +7,7 @@ import pytest
 
 from lens_texts import DOT_LENS, OPTBENCH, SURFACES, reader_of
 from lensfield.engine import LensError
-from lensfield.engine.bake.build import build_system
+from lensfield.engine.bake.focus import build_system
 from lensfield.engine.bake.prescription import Surface
 from lensfield.engine.bake.prescriptions import read_prescription
 from places import SHARED_DATA

@@ -7,7 +7,7 @@ import pytest
 
 from lens_texts import PBRT, SURFACES, TOML, changed
 from lensfield.engine import LensError
-from lensfield.engine.bake.build import build_system
+from lensfield.engine.bake.focus import build_system
 from lensfield.engine.bake.prescription import Prescription, Surface
 from lensfield.engine.bake.prescriptions import READERS, read_prescription
 from lensfield.engine.bake.rays import HalfPupil, trace_pupil
@@ -126,8 +126,8 @@ def figures(prescription, angle_deg=10.0):
     """Focal length, and the distortion of a chief ray."""
     system = build_system(prescription)
     ideal_mm = system.efl_mm * np.tan(np.radians(angle_deg))
-    rays, = trace_pupil(system, ideal_mm, [587.5618], HalfPupil(1, 1))
-    return system.efl_mm, rays.chief_height_mm / ideal_mm
+    rays = trace_pupil(system, [ideal_mm], [587.5618], HalfPupil(1, 1))
+    return system.efl_mm, rays.chief_height_mm[0, 0] / ideal_mm
 
 
 def test_a_lens_of_twice_the_size_has_twice_the_focal_length_and_the_same_distortion():
@@ -150,9 +150,8 @@ def test_a_parabola_is_the_same_lens_as_a_conic_or_as_a_term_in_r2():
     lenses = [replace(SINGLET, surfaces=(*SURFACES[:2], last)) for last in (conic, power)]
     systems = [build_system(lens) for lens in lenses]
     assert systems[1].efl_mm == pytest.approx(systems[0].efl_mm, rel=1e-9)
-    ends = [trace_pupil(system, 8.0, [486.1, 656.3], HalfPupil(5, 7)) for system in systems]
-    for one, other in zip(*ends, strict=True):
-        np.testing.assert_allclose(other.position_mm, one.position_mm, atol=1e-8)
+    one, other = (trace_pupil(system, [8.0], [486.1, 656.3], HalfPupil(5, 7)) for system in systems)
+    np.testing.assert_allclose(other.position_mm, one.position_mm, atol=1e-8)
 
 
 def test_glasses_called_otherwise():

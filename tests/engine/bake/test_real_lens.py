@@ -7,11 +7,12 @@ import pytest
 
 from lensfield.engine import LensError
 from lensfield.engine.bake.bake import focused
-from lensfield.engine.bake.build import build_system
 from lensfield.engine.bake.diffraction import point_spread
+from lensfield.engine.bake.focus import build_system
 from lensfield.engine.bake.prescriptions import read_prescription
+from lensfield.engine.bake.quality import QUALITIES
 from lensfield.engine.bake.rays import HalfPupil, trace_pupil
-from lensfield.engine.bake.wavefront import sample_pupil, trace_wavefronts
+from lensfield.engine.bake.wavefront import trace_wavefronts
 from lensfield.engine.lens.readers import BUNDLED
 from places import DATA
 
@@ -30,13 +31,11 @@ def test_first_order_figures_are_the_makers(edmund):
 
 
 def test_chief_rays_are_those_of_a_second_tracer(edmund):
-    """rayoptics, by benchmarks/second_tracer.py, at wavelengths between those that rays are aimed at."""
-    wavelengths_nm = (400.0, 486.1, 587.5618, 656.3, 700.0)
+    """rayoptics, by benchmarks/second_tracer.py, at wavelengths between those that are traced."""
     rows = np.loadtxt(CHIEF_RAYS, delimiter=",", comments=("#", "p"))
-    for height_mm, *expected in rows:
-        wavefronts = trace_wavefronts(edmund, height_mm, np.sort([*wavelengths_nm, *np.linspace(410, 690, 7)]))
-        found = {wavefront.wavelength_nm: wavefront.chief_height_mm for wavefront in wavefronts}
-        np.testing.assert_allclose([found[nm] for nm in wavelengths_nm], expected, atol=1e-5)
+    traced = trace_wavefronts(edmund, rows[:, 0], 1e3 / np.linspace(1 / 0.39, 1 / 0.71, 7), HalfPupil(2, 5))
+    found = traced.at([400.0, 486.1, 587.5618, 656.3, 700.0]).chief_height_mm
+    np.testing.assert_allclose(found.T, rows[:, 1:], atol=1e-5)
 
 
 def huygens_by_hand(system, height_mm, nm, offsets_mm):
@@ -46,13 +45,15 @@ def huygens_by_hand(system, height_mm, nm, offsets_mm):
     no transform. Only the sphere that the sum runs over and the light of each ray are the same.
     """
     pupil = HalfPupil(81, 161)
-    rays, = trace_pupil(system, height_mm, [nm], pupil)
-    centre = rays.position_mm[:, :1, :1]
+    rays = trace_pupil(system, [height_mm], [nm], pupil)
+    position, direction, ray_path, source = (values[..., 0, 0, :, :] for values in (
+        rays.position_mm, rays.direction, rays.path_mm, rays.source))
+    centre = position[:, :1, :1]
     sphere_mm = np.hypot(system.exit_pupil_distance_mm, centre[1, 0, 0])
-    about = rays.position_mm - centre
-    along = np.sum(about * rays.direction, axis=0)
+    about = np.concatenate([position - centre, np.zeros((1, *pupil.shape))])
+    along = np.sum(about * direction, axis=0)
     back = along + np.sqrt(along**2 - np.sum(about**2, axis=0) + sphere_mm**2)
-    points, path = about - back * rays.direction, rays.path_mm - back
+    points, path = about - back * direction, ray_path - back
 
     def cells(first, second):
         """Areas of the grid's cells by their corners."""
@@ -63,7 +64,7 @@ def huygens_by_hand(system, height_mm, nm, offsets_mm):
     def middles(values):
         return (values[..., 1:, 1:] + values[..., 1:, :-1] + values[..., :-1, 1:] + values[..., :-1, :-1]) / 4
 
-    weight = np.sqrt(cells(points[0], points[1]) * cells(*rays.source))
+    weight = np.sqrt(cells(points[0], points[1]) * cells(*source))
     points, path = middles(points), middles(path)
     points *= sphere_mm / np.linalg.norm(points, axis=0)  # chords' middles lie a little inside
     light = np.zeros((offsets_mm.size, offsets_mm.size))
@@ -77,43 +78,59 @@ def huygens_by_hand(system, height_mm, nm, offsets_mm):
     return light
 
 
+def psf_of(system, height_mm, nm, pitch_um, samples, quality="reference", pupil=None):
+    quality = QUALITIES[quality]
+    wavefronts = trace_wavefronts(system, [height_mm], [nm], pupil or quality.pupil)
+    return point_spread(wavefronts.one(0, 0), pitch_um, samples, quality.sums)
+
+
 @pytest.mark.parametrize("height_mm", [0.0, 1.5, 2.4])
 def test_psfs_are_huygens_sum(edmund, height_mm):
-    """At 0.25 um, finer than the light's own detail, samples are points; up to 2.4 mm nothing is cut off."""
-    psf, _ = point_spread(trace_wavefronts(edmund, height_mm, [550.0])[0], 0.25, 33)
-    expected = huygens_by_hand(edmund, height_mm, 550.0, 0.25e-3 * (np.arange(33) - 16))
+    """At 0.25 um, finer than the light's own detail; up to 2.4 mm nothing is cut off.
+
+    A square's mean is the light in its middle and a 24th of the second differences.
+    """
+    psf = psf_of(edmund, height_mm, 550.0, 0.25, 33)
+    points = huygens_by_hand(edmund, height_mm, 550.0, 0.25e-3 * (np.arange(35) - 17))
+    bends = [np.diff(points, 2, axis=axis) for axis in (0, 1)]
+    expected = points[1:-1, 1:-1] + (bends[0][:, 1:-1] + bends[1][1:-1]) / 24
     assert np.abs(psf / psf.sum() - expected / expected.sum()).sum() < 3e-3
+
+
+@pytest.mark.parametrize("height_mm", [0.0, 2.4, 3.0])
+@pytest.mark.parametrize("quality, promised", [("preview", 0.03), ("standard", 0.01)])
+def test_a_quality_keeps_to_the_reference(edmund, quality, promised, height_mm):
+    for nm in (420.0, 650.0):
+        ours, reference = (psf_of(edmund, height_mm, nm, 1.4, 81, each) for each in (quality, "reference"))
+        assert np.abs(ours - reference).sum() < promised
 
 
 def test_more_rays_change_nothing(edmund):
     for height_mm in (0.0, 3.0):
-        few, many = (point_spread(trace_wavefronts(edmund, height_mm, [450.0], *rays)[0], 1.0, 65)[0]
-                     for rays in ((21, 25), (41, 49)))
-        assert np.abs(few - many).sum() < 1e-4
+        few, many = (psf_of(edmund, height_mm, 450.0, 1.0, 65, pupil=HalfPupil(*rays)) for rays in ((31, 45), (61, 89)))
+        assert np.abs(few - many).sum() < 2e-3
 
 
 def test_the_window_of_the_sum_does_not_wrap(edmund):
     """The same place of the image, in a window twice as wide, whose sum repeats twice as far away."""
-    wavefront, = trace_wavefronts(edmund, 2.5, [400.0])
-    narrow, _ = point_spread(wavefront, 1.0, 65)
-    wide, _ = point_spread(wavefront, 1.0, 131)
-    assert np.abs(wide[33:98, 33:98] - narrow).sum() < 1e-4
+    narrow, wide = (psf_of(edmund, 2.5, 400.0, 1.4, samples) for samples in (65, 131))
+    assert np.abs(wide[33:98, 33:98] - narrow).sum() < 2e-3
     assert wide.sum() > narrow.sum()
 
 
 def test_illumination_is_the_area_of_the_bundle_that_gets_through(edmund):
     """Counted ray by ray on a dense grid, at 3 mm, where the edge of surface 9 cuts some off."""
-    area = []
-    for height_mm in (0.0, 3.0):
-        rays, = trace_pupil(edmund, height_mm, [550.0], HalfPupil(201, 401))
-        passing = np.all(rays.square_height_mm2 <= edmund.semi_apertures_mm[:, None, None] ** 2, axis=0)
-        x, y = rays.direction[:2]
-        slopes = [np.gradient(values, axis=axis) for values in (x, y) for axis in (0, 1)]
-        cell = np.abs(slopes[0] * slopes[3] - slopes[1] * slopes[2]) * passing
-        area.append(np.trapezoid(np.trapezoid(cell)))
-    ours = [sample_pupil(trace_wavefronts(edmund, height, [550.0])[0], 24, 32).ray_area.sum() for height in (0.0, 3.0)]
+    heights_mm = np.array([0.0, 3.0])
+    rays = trace_pupil(edmund, heights_mm, [550.0], HalfPupil(201, 401))
+    passing = np.all(rays.square_height_mm2 <= edmund.semi_apertures_mm[:, None, None, None, None]**2, axis=0)
+    slopes = [np.gradient(values, axis=axis) for values in rays.direction[:2] for axis in (2, 3)]
+    cells = np.abs(slopes[0] * slopes[3] - slopes[1] * slopes[2]) * passing
+    cells = (cells[..., 1:, 1:] + cells[..., 1:, :-1] + cells[..., :-1, 1:] + cells[..., :-1, :-1]) / 4
+    area = cells.sum(axis=(2, 3))[0]
     assert area[1] / area[0] == pytest.approx(1.038, abs=1e-3)
-    assert ours[1] / ours[0] == pytest.approx(area[1] / area[0], abs=1e-3)
+    for quality in QUALITIES.values():
+        ours = trace_wavefronts(edmund, heights_mm, [550.0], quality.pupil).illumination(*quality.edges)[0]
+        assert ours[1] / ours[0] == pytest.approx(area[1] / area[0], abs=1e-3)
 
 
 def test_the_bulk_glass_takes_some_blue(edmund):
@@ -130,6 +147,5 @@ def test_a_set_of_distances_keeps_stop_focus_and_picture(edmund):
 
 
 def test_blur_without_bounds_is_refused(edmund):
-    wavefront, = trace_wavefronts(edmund, 1.0, [550.0])
     with pytest.raises(LensError, match="too wide"):
-        point_spread(wavefront, 100.0, 65)
+        psf_of(edmund, 1.0, 550.0, 400.0, 65)

@@ -7,7 +7,7 @@ import pytest
 
 from lens_texts import SURFACES, ZEMAX, reader_of
 from lensfield.engine import LensError
-from lensfield.engine.bake.build import build_system
+from lensfield.engine.bake.focus import build_system
 from lensfield.engine.bake.prescription import Prescription
 
 SINGLET = Prescription("singlet", SURFACES, ("entrance_pupil_diameter_mm", 5.0), ("angle_deg", 14.0),

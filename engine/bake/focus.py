@@ -1,0 +1,94 @@
+"""Where the image plane lies: as given, at the paraxial focus, or where the inner field's light is concentrated."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..errors import LensError
+from .prescription import Prescription
+from .rays import HalfPupil, trace_pupil
+from .system import System, system_of
+
+FIELDS = (0.0, 0.35, 0.5, 0.7)  # of the last field: where "best" focus looks at the light
+WAVELENGTHS_NM = (486.1, 546.1, 656.3)
+PUPIL = HalfPupil(13, 17)
+LEAST_PASSING = 0.5  # of the aperture's diameter: patents round their apertures
+HOPELESS = 0.25  # of the last height: discs of which a picture holds a few
+
+
+def build_system(prescription: Prescription) -> System:
+    """Trace-ready system of a prescription, focused as it asks.
+
+    Raises
+    ------
+    LensError
+        A glass that no catalogue has, a system without power, or what no lens can do: told before a ray is traced.
+    """
+    system = system_of(prescription)
+    _check_aperture(system, *prescription.aperture)
+    _check_object(system)
+    if prescription.focus == "as given":
+        _check_focus(system)
+        return system
+    system = _focused_at(system, system.image_distance_mm)
+    if prescription.focus == "paraxial":
+        return system
+    return _focused_at(system, system.prescription.surfaces[-1].thickness_mm + _best_focus_shift_mm(system))
+
+
+def _check_aperture(system, kind, value):
+    """The surfaces let the light through that the aperture asks for: by the paraxial marginal ray, with some slack."""
+    passing = np.min(system.semi_apertures_mm / np.maximum(np.abs(system.marginal_heights_mm), 1e-12))
+    if passing < LEAST_PASSING:
+        most = value / passing if kind.endswith("f_number") else value * passing
+        raise LensError(system.prescription.name, f"aperture, {kind}", value,
+                        f"the surfaces' own apertures let {most:.3g} through at most")
+
+
+def _check_object(system):
+    """A lens has a real image of its object."""
+    if system.magnification > 0 or not np.isfinite(system.magnification):
+        raise LensError(system.prescription.name, "object_distance_mm", system.prescription.object_distance_mm,
+                        "no image of it lies behind the lens: expected more than "
+                        f"{system.front_focus_mm:.4g} mm, its front focal point")
+
+
+def _check_focus(system):
+    """The image plane lies where the paraxial image is not all blur."""
+    shift_mm = system.image_distance_mm - system.prescription.surfaces[-1].thickness_mm
+    blur_mm = 2 * abs(shift_mm * system.marginal_slope)
+    if blur_mm > HOPELESS * system.last_height_mm:
+        where = "focus" if system.object_at_infinity else "object_distance_mm"
+        raise LensError(system.prescription.name, where, getattr(system.prescription, where),
+                        f"the image lies {abs(shift_mm):.3g} mm {'behind' if shift_mm > 0 else 'before'} the image "
+                        f"plane, and a point becomes a disc of {blur_mm:.3g} mm: focus on it, or go farther away")
+
+
+def _focused_at(system, distance_mm):
+    """The system with its image plane so far behind the last surface, and with the field that it had."""
+    *before, last = system.prescription.surfaces
+    prescription = replace(system.prescription, surfaces=(*before, replace(last, thickness_mm=distance_mm)),
+                           focus="as given")
+    return system_of(prescription)
+
+
+def _best_focus_shift_mm(system):
+    """How far the image plane has to go for the least mean square spot over the inner field.
+
+    A ray that is moved on by dz goes aside by dz times its slope, so the mean square is a parabola in dz.
+    """
+    heights_mm = np.array(FIELDS) * system.last_height_mm
+    rays = trace_pupil(system, heights_mm, WAVELENGTHS_NM, PUPIL)
+    inside = rays.square_height_mm2 <= system.semi_apertures_mm[:, None, None, None, None] ** 2
+    light = PUPIL.radii[:, None] * (inside.all(axis=0) & ~rays.lost)  # rings hold light by their radius
+    dark = np.argwhere(light.sum(axis=(2, 3)) == 0)
+    if dark.size:
+        raise LensError(system.prescription.name, "field height", f"{heights_mm[dark[0, 1]]:.4g} mm",
+                        "no light gets through here, by which to focus: end the field earlier")
+    light = light / light.sum(axis=(2, 3), keepdims=True)
+    passing = light > 0
+    place, slope = (np.where(passing, values, 0.0) for values in
+                    (rays.position_mm, rays.direction[:2] / rays.direction[2]))
+    for values in (place, slope):  # in x the centroid is the axis
+        values[1] -= np.sum(light * values[1], axis=(2, 3), keepdims=True)
+    return -np.sum(light * place * slope) / np.sum(light * slope**2)

@@ -1,0 +1,84 @@
+"""Functions over one half of the stop, known at rays: between these by splines, as products of matrices."""
+
+from functools import lru_cache
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+from scipy.special import roots_legendre
+
+from .rays import HalfPupil
+
+DEGREE = 5
+MARGIN = 3  # azimuths beyond the half circle that splines see, mirrored, so that they have no edge there
+
+
+class PupilSplines:
+    """Splines through arrays (..., radius, azimuth) of a half pupil, at the places (radius, azimuth) of another grid.
+
+    Parameters
+    ----------
+    pupil : HalfPupil
+    radii, azimuths : arrays
+        Where values and slopes are asked for.
+    """
+
+    def __init__(self, pupil: HalfPupil, radii: np.ndarray, azimuths: np.ndarray):
+        radial = make_interp_spline(pupil.radii, np.eye(pupil.radii.size), k=min(DEGREE, pupil.radii.size - 1))
+        step, count = pupil.azimuths[1], pupil.azimuths.size
+        mirrored = np.concatenate([-step * np.arange(MARGIN, 0, -1), pupil.azimuths,
+                                   np.pi + step * np.arange(1, MARGIN + 1)])
+        around = make_interp_spline(mirrored, np.eye(mirrored.size), k=DEGREE)
+        self._radial = [radial(radii, nu=order) for order in (0, 1)]
+        self._azimuthal = {odd: [(around(azimuths, nu=order) @ _mirroring(count, -1 if odd else 1)).T
+                                 for order in (0, 1)] for odd in (False, True)}
+
+    def values(self, table: np.ndarray, odd: bool = False) -> np.ndarray:
+        """Values; `odd` where the other half of the pupil has -values."""
+        return self._radial[0] @ table @ self._azimuthal[odd][0]
+
+    def jacobian(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+        """Area over (first, second), odd and even, that a unit of radius times azimuth becomes; with its sign."""
+        (radial, radial_slope), odd, even = self._radial, self._azimuthal[True], self._azimuthal[False]
+        return ((radial_slope @ first @ odd[0]) * (radial @ second @ even[1])
+                - (radial @ first @ odd[1]) * (radial_slope @ second @ even[0]))
+
+
+def _mirroring(count, sign):
+    """Matrix that continues values over azimuths beyond both ends, by the mirror image."""
+    inner = np.eye(count)
+    return np.vstack([sign * inner[MARGIN:0:-1], inner, sign * inner[-2:-2 - MARGIN:-1]])
+
+
+class PupilQuadrature:
+    """Samples of one half of the pupil: Gauss-Legendre over the radius, even steps over the azimuth.
+
+    Both converge exponentially for what is smooth; the edge of an aperture is blurred over the samples that it crosses,
+    so that what it cuts off changes evenly with the field.
+    """
+
+    def __init__(self, pupil: HalfPupil, radii: int, azimuths: int):
+        nodes, weights = _gauss_legendre(radii)
+        self.splines = PupilSplines(pupil, (nodes + 1) / 2, (np.arange(azimuths) + 0.5) * np.pi / azimuths)
+        self.cells = weights[:, None] / 2 * np.pi / azimuths
+
+    def coverage(self, limits: np.ndarray) -> np.ndarray | float:
+        """Which part of each sample passes all limits, arrays (limit, radius, azimuth) of what passes up to 1."""
+        return covered(self.splines.values(limits[np.any(limits > 1, axis=(1, 2))]))
+
+
+def covered(limits: np.ndarray) -> np.ndarray | float:
+    """Share of each cell of a grid in which all limits are below 1: of arrays (limit, row, column), smooth at edges."""
+    share = 1.0
+    for limit in limits:
+        change = np.empty_like(limit)
+        change[1:-1] = np.abs(limit[2:] - limit[:-2])
+        change[0], change[-1] = change[1], change[-2]
+        change[:, 1:-1] += np.abs(limit[:, 2:] - limit[:, :-2])
+        part = 0.5 + 2 * (1 - limit) / np.maximum(change, 1e-12)
+        share = share * np.clip(part, 0, 1, out=part)
+    return share
+
+
+@lru_cache(maxsize=16)
+def _gauss_legendre(number):
+    return roots_legendre(number)

@@ -1,0 +1,70 @@
+"""Rays through the surfaces one after another, from the stop on: backwards to the object, forwards to the image plane.
+
+Indices are arrays (surface + 1, ...) that go with the rays' own shape. Square heights are lists, one array a surface.
+"""
+
+import numpy as np
+
+from .prescription import Prescription
+from .surfaces import refracted, sag_and_slope, unit_normal, way_to
+
+
+def start_on_stop(prescription: Prescription, x_mm: np.ndarray, y_mm: np.ndarray, slope_x: np.ndarray,
+                  slope_y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rays that cross the stop at places, with slopes dx/dz and dy/dz before it: position, direction (3, ...)."""
+    x_mm, y_mm, slope_x, slope_y = np.broadcast_arrays(x_mm, y_mm, slope_x, slope_y)
+    sag_mm, _ = sag_and_slope(prescription.surfaces[prescription.stop_index], x_mm**2 + y_mm**2)
+    direction = np.stack([slope_x, slope_y, np.ones_like(slope_x)])
+    return np.stack([x_mm, y_mm, sag_mm]), direction / np.sqrt(1 + slope_x**2 + slope_y**2)
+
+
+def trace_to_object(prescription: Prescription, indices: np.ndarray, position: np.ndarray, direction: np.ndarray
+                    ) -> tuple[np.ndarray, np.ndarray, np.ndarray | float, list[np.ndarray]]:
+    """Rays on the stop, followed back to the first surface.
+
+    Returns
+    -------
+    position, direction : arrays (3, ...)
+        On the first surface (on the stop, where that is the first) and before it, as the light goes.
+    path_mm : array
+        Optical path from there to the stop.
+    square_mm2 : list of arrays
+        Squared heights at the surfaces before the stop.
+    """
+    path_mm, square_mm2, backwards = 0.0, [], -direction
+    for number in range(prescription.stop_index - 1, -1, -1):
+        surface = prescription.surfaces[number]
+        position, backwards, way = _through(surface, _moved(position, surface.thickness_mm), backwards,
+                                            indices[number + 1], indices[number])
+        path_mm = path_mm + way
+        square_mm2.insert(0, position[0]**2 + position[1]**2)
+    return position, -backwards, path_mm, square_mm2
+
+
+def trace_to_image(prescription: Prescription, indices: np.ndarray, position: np.ndarray, direction: np.ndarray
+                   ) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[np.ndarray]]:
+    """Rays on the stop, before it refracts, followed to the image plane: as `trace_to_object`, of what lies behind."""
+    stop = prescription.stop_index
+    direction = refracted(direction, unit_normal(prescription.surfaces[stop], position),
+                          indices[stop] / indices[stop + 1])
+    path_mm, square_mm2 = 0.0, [position[0]**2 + position[1]**2]
+    for number in range(stop + 1, len(prescription.surfaces)):
+        gap_mm = prescription.surfaces[number - 1].thickness_mm
+        position, direction, way = _through(prescription.surfaces[number], _moved(position, -gap_mm), direction,
+                                            indices[number], indices[number + 1])
+        path_mm = path_mm + way
+        square_mm2.append(position[0]**2 + position[1]**2)
+    to_image_mm = (prescription.surfaces[-1].thickness_mm - position[2]) / direction[2]
+    return position + to_image_mm * direction, direction, path_mm + indices[-1] * to_image_mm, square_mm2
+
+
+def _through(surface, position, direction, before, behind):
+    """To a surface and through it: position, direction, and optical path."""
+    way_mm = way_to(surface, position, direction)
+    position = position + way_mm * direction
+    return position, refracted(direction, unit_normal(surface, position), before / behind), before * way_mm
+
+
+def _moved(position, along_mm):
+    """Places about a vertex that lies so much before the one they were about."""
+    return position + np.reshape([0.0, 0.0, along_mm], (3, *(1,) * (position.ndim - 1)))

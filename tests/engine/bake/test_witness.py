@@ -1,0 +1,77 @@
+"""Rays, first-order figures and glasses of all bundled prescriptions, by Optiland, where `make test-bake` has it."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("optiland", reason="the witness of baking is Optiland: make test-bake")
+
+from optiland.materials import AbbeMaterial, MaterialFile  # noqa: E402
+
+from lensfield.engine.bake.focus import build_system  # noqa: E402
+from lensfield.engine.bake.glasses import find_glass  # noqa: E402
+from lensfield.engine.bake.prescriptions import read_prescription  # noqa: E402
+from lensfield.engine.bake.rays import HalfPupil, trace_pupil  # noqa: E402
+from lensfield.engine.lens.readers import BUNDLED  # noqa: E402
+from optiland_witness import optic_of, witness_rays  # noqa: E402
+
+PUPIL = HalfPupil(5, 7)
+WAVELENGTHS_NM = (400.0, 550.0, 700.0)
+PRESCRIPTIONS = sorted((BUNDLED / "prescriptions").glob("*.toml"))
+lenses = pytest.mark.parametrize("path", PRESCRIPTIONS, ids=lambda path: path.stem)
+
+
+def number(value):
+    return float(np.ravel(value)[0])
+
+
+@lenses
+def test_first_order_figures(path):
+    system = build_system(read_prescription(path))
+    paraxial = optic_of(system, system.prescription.reference_wavelength_nm).paraxial
+    assert number(paraxial.f2()) == pytest.approx(system.efl_mm, rel=1e-12)
+    assert number(paraxial.EPL()) == pytest.approx(system.entrance_pupil_mm, rel=1e-9, abs=1e-9)
+    assert number(paraxial.XPL()) == pytest.approx(system.exit_pupil_distance_mm, rel=1e-9)
+    if not system.object_at_infinity:
+        assert number(paraxial.magnification()) == pytest.approx(system.magnification, rel=1e-12)
+
+
+@lenses
+def test_rays(path):
+    """Rays that get through: as exactly as Optiland aims, 1e-10 mm on the stop; the path follows to its square."""
+    system = build_system(read_prescription(path))
+    heights_mm = np.array([0.0, 0.5, 0.95]) * system.last_height_mm
+    ours = trace_pupil(system, heights_mm, WAVELENGTHS_NM, PUPIL)
+    for wavelength, nm in enumerate(WAVELENGTHS_NM):
+        optic = optic_of(system, nm)
+        for height, height_mm in enumerate(heights_mm):
+            position, direction, path_mm, square = witness_rays(optic, system, height_mm, nm, PUPIL)
+            passing = np.all(square <= system.semi_apertures_mm[:, None, None]**2, axis=0)
+            place = (..., wavelength, height, slice(None), slice(None))
+            assert passing[0].all() and not ours.lost[place][passing].any()
+            np.testing.assert_allclose(ours.position_mm[place][:, passing], position[:, passing], rtol=0, atol=1e-8)
+            np.testing.assert_allclose(ours.direction[place][:, passing], direction[:, passing], rtol=0, atol=1e-9)
+            theirs = path_mm - path_mm[0, 0]
+            opd_mm = ours.path_mm[place] - ours.path_mm[place][0, 0]
+            np.testing.assert_allclose(opd_mm[passing], theirs[passing], rtol=0, atol=1e-6 * nm * 1e-6)
+            np.testing.assert_allclose(ours.square_height_mm2[place][:, passing], square[:, passing], atol=1e-7)
+
+
+@pytest.mark.parametrize("name", ["SCHOTT N-BK7", "SCHOTT F2", "OHARA S-LAL8", "CDGM H-LAK1", "HIKARI SF10",
+                                  "HOYA LAC8", "SUMITA K-BOC20", "LZOS BK10"])
+def test_catalogue_glasses(name):
+    from importlib import resources
+
+    maker, glass = name.split()
+    folder = resources.files("optiland.database") / "data-nk" / "glass" / maker.lower()
+    file, = folder.rglob(f"{glass}.yml")
+    theirs, ours = MaterialFile(str(file)), find_glass(name, "lens", "glass")
+    for nm in (450.0, 550.0, 650.0):
+        assert float(ours.index_at(nm)) == pytest.approx(number(theirs.n(nm * 1e-3)), abs=1e-14)
+        assert float(ours.extinction_at(nm)) == pytest.approx(number(theirs.k(nm * 1e-3)), rel=0.006)
+
+
+@pytest.mark.parametrize("index, abbe", [(1.5168, 64.17), (1.62, 36.4), (1.85, 23.8)])
+def test_glasses_of_index_and_abbe_number(index, abbe):
+    theirs, ours = AbbeMaterial(index, abbe, model="buchdahl"), find_glass(f"{index}/{abbe}", "lens", "glass")
+    for nm in (400.0, 550.0, 700.0):
+        assert float(ours.index_at(nm)) == pytest.approx(number(theirs.n(nm * 1e-3)), abs=1e-14)
