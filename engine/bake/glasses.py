@@ -182,8 +182,9 @@ def _bare(name):
 
 def _suggestion(glass):
     """Glasses of a similar name, as a part of a sentence."""
-    catalogues = _catalogues()
-    names = {key: name for maker in reversed(catalogues) for key, name in catalogues[maker].items()}
+    names: dict[str, str] = {}
+    for known in _catalogues().values():  # of the preferred makers first
+        names = names | {key: name for key, name in known.items() if key not in names}
     wanted = _bare(glass)
     stem = _without_suffix(wanted)
     close = [key for key in names if len(stem) > 2 and _without_suffix(key).endswith(stem)]

@@ -55,6 +55,7 @@ def test_air_is_none():
 @pytest.mark.parametrize("name, message", [
     ("LAK10C", "in no glass catalogue: perhaps .*CDGM H-LAK10"), ("ZK9C", "perhaps CDGM H-ZK9A"),
     ("KF9", "perhaps SCHOTT N-KF9"), ("SCHOTT S-LAL8", "perhaps OHARA S-LAL8"), ("XYZZY-1", "catalogue: give another"),
+    ("BK7", "perhaps SCHOTT N-BK7"),
     ("FOO N-BK7", "in no glass catalogue: perhaps SCHOTT N-BK7"), ("/ N-BK7", "in no glass catalogue"),
     (" ", "in no glass catalogue"),
     ("1.62", "an index without dispersion: give its Abbe number too, as 1.62/V"), ("2", "too, as 2/V"),
