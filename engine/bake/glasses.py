@@ -182,7 +182,7 @@ def _bare(name):
 
 def _suggestion(glass):
     """Glasses of a similar name, as a part of a sentence."""
-    names: dict[str, str] = {}
+    names = {}
     for known in _catalogues().values():  # of the preferred makers first
         names = names | {key: name for key, name in known.items() if key not in names}
     wanted = _bare(glass)

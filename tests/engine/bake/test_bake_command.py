@@ -2,6 +2,8 @@
 
 import os
 import pickle
+import subprocess
+import sys
 from dataclasses import fields
 from types import SimpleNamespace
 
@@ -153,6 +155,16 @@ def test_two_threads_bake_what_one_does(tmp_path, path):
     for field in fields(Lens):
         before, after = getattr(one, field.name), getattr(two, field.name)
         assert before == after if isinstance(before, str) else np.array_equal(before, after), field.name
+
+
+def test_a_bake_that_fails_says_nothing_else_as_its_process_ends(path, tmp_path):
+    """Nor do helpers of Python's that outlive it."""
+    path.write_text(changed(DOUBLET, ('focus = "best"', ""), (LAST, LAST + "semi_aperture_mm = 1.0\n")))
+    command = [sys.executable, "-c", "from lensfield.cli import console; console()", "lens", "bake", path,
+               "-o", tmp_path / "lens.npz", *TINY, "--f-number", 16, "--field-angle", 20]
+    done = subprocess.run(list(map(str, command)), capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (1, "", 1), done.stderr
+    assert "no light gets through" in done.stderr
 
 
 def test_no_light_at_the_end_of_the_field_is_one_line_that_names_the_file(path, tmp_path, capfd):
