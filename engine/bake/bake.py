@@ -18,7 +18,7 @@ from .prescription import PSF_SAMPLES, Prescription
 from .quality import QUALITIES, Quality
 from .system import System
 from .wavefront import Wavefronts, polynomial_weights, trace_wavefronts
-from .window import ENERGY, WIDENING, needed_width_um, pitch_for_um
+from .window import ENERGY, needed_width_um, pitch_for_um, width_um
 
 SURVEY_SHARE = 0.2  # of the time that a bake takes, roughly, for the progress bar
 
@@ -67,7 +67,8 @@ def bake(prescription: Prescription, *, quality: str = "standard", heights: int 
     told = pitch_um or pitch_for_um(needed_width_um(traced, fineness.sums), samples)
     psf = _psfs(wavefronts, told, samples, fineness, workers, progress)
     while pitch_um is None and psf.sum(axis=(2, 3)).min() < ENERGY:  # the survey has missed the widest
-        told = pitch_for_um(told * samples * WIDENING, samples)
+        worst = wavefronts.one(*np.unravel_index(psf.sum(axis=(2, 3)).argmin(), psf.shape[:2]))
+        told = pitch_for_um(max(width_um(worst, told * samples, fineness.sums), told * samples), samples)
         psf = _psfs(wavefronts, told, samples, fineness, workers, progress)
     return _lens(system, heights_mm, wavefronts, area, told, psf)
 

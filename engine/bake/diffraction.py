@@ -175,8 +175,8 @@ def _on_grid(fit, x, y):
     degree, edges = fit.path.shape[-1], fit.edges.shape[-1]
     across, up = chebvander(x, degree - 1), chebvander(y, degree - 1)
     path = up @ fit.path @ across.T
-    density, *limits = (up[:, :edges].astype(np.float32) @ fit.edges.astype(np.float32)
-                        @ across[:, :edges].T.astype(np.float32))
+    rest = up[:, :edges].astype(np.float32) @ fit.edges.astype(np.float32) @ across[:, :edges].T.astype(np.float32)
+    density, limits = rest[0], rest[1:]
     inside = x**2 + y[:, None]**2 <= 1
     share = np.where(inside, covered(limits), np.float32(0))
     path[~inside] = 0  # where polynomials go astray

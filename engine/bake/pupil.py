@@ -68,15 +68,15 @@ class PupilQuadrature:
 
 def covered(limits: np.ndarray) -> np.ndarray | float:
     """Share of each cell of a grid in which all limits are below 1: of arrays (limit, row, column), smooth at edges."""
-    share = 1.0
-    for limit in limits:
-        change = np.empty_like(limit)
-        change[1:-1] = np.abs(limit[2:] - limit[:-2])
-        change[0], change[-1] = change[1], change[-2]
-        change[:, 1:-1] += np.abs(limit[:, 2:] - limit[:, :-2])
-        part = 0.5 + 2 * (1 - limit) / np.maximum(change, 1e-12)
-        share = share * np.clip(part, 0, 1, out=part)
-    return share
+    if not len(limits):
+        return 1.0
+    tightest = np.max(limits, axis=0)
+    change = np.empty_like(tightest)
+    change[1:-1] = np.abs(tightest[2:] - tightest[:-2])
+    change[0], change[-1] = change[1], change[-2]
+    change[:, 1:-1] += np.abs(tightest[:, 2:] - tightest[:, :-2])
+    share = 0.5 + 2 * (1 - tightest) / np.maximum(change, 1e-12)
+    return np.clip(share, 0, 1, out=share)
 
 
 @lru_cache(maxsize=16)

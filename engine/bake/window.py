@@ -5,17 +5,16 @@ from dataclasses import replace
 import numpy as np
 
 from .diffraction import Sums, point_spread
-from .wavefront import Wavefronts
+from .wavefront import Wavefront, Wavefronts
 
 ENERGY = 0.995
-PLACES = 6  # wavelengths and heights of the widest estimates, where PSFs then tell the width
+PLACES = 6  # heights of the widest estimates, where PSFs then tell the width
 SAMPLES = 101  # of these PSFs
 GENEROUS = 1.5  # of the estimate
 REPEAT = 4.0  # of their sums: so far from its next copy a PSF has the light that it should have
 SQUARE = 0.9  # of the light beyond a circle's edge, that beyond a square's of the same width
 MARGIN = 1.05  # for heights and wavelengths between those of the survey
 ATTEMPTS = 12
-WIDENING = 1.04
 
 
 def pitch_for_um(width_um: float, samples: int) -> float:
@@ -27,11 +26,24 @@ def pitch_for_um(width_um: float, samples: int) -> float:
 
 def needed_width_um(wavefronts: Wavefronts, sums: Sums) -> float:
     """Side of the window that holds 99.5 % of the light of all of these."""
-    sums = replace(sums, repeat=REPEAT)
     estimates_um = _estimated_widths_um(wavefronts)
-    widest = np.argsort(estimates_um, axis=None)[::-1][:PLACES]
-    places = zip(*np.unravel_index(widest, estimates_um.shape), strict=True)
-    return max(_width_um(wavefronts.one(*place), GENEROUS * estimates_um[place], sums) for place in places)
+    wavelengths = estimates_um.argmax(axis=0)
+    widest = np.argsort(estimates_um.max(axis=0))[::-1][:PLACES]
+    return max(width_um(wavefronts.one(wavelengths[height], height), estimates_um[wavelengths[height], height], sums)
+               for height in widest)
+
+
+def width_um(wavefront: Wavefront, about_um: float, sums: Sums) -> float:
+    """Side of the window that holds 99.5 % of the light of one, which is about as wide as this: by its PSF's rings."""
+    sums, window_um = replace(sums, repeat=REPEAT), GENEROUS * about_um
+    for _ in range(ATTEMPTS):
+        psf = point_spread(wavefront, window_um / SAMPLES, SAMPLES, sums)
+        if psf.sum() > ENERGY:
+            break
+        window_um *= 2
+    offset = np.abs(np.arange(SAMPLES) - SAMPLES // 2)
+    inside = np.cumsum(np.bincount(np.maximum(offset[:, None], offset).ravel(), psf.ravel()))
+    return (2 * np.interp(ENERGY, inside, np.arange(inside.size)) + 1) * window_um / SAMPLES
 
 
 def _estimated_widths_um(wavefronts):
@@ -55,15 +67,3 @@ def _estimated_widths_um(wavefronts):
         outside = np.interp(half_um, off_um[order], beyond) + diffracted
         widths_um[place] = 2 * half_um[np.argmax(outside < 1 - ENERGY)]
     return widths_um
-
-
-def _width_um(wavefront, width_um, sums):
-    """What the rings of a PSF in a window at least as wide as this say."""
-    for _ in range(ATTEMPTS):
-        psf = point_spread(wavefront, width_um / SAMPLES, SAMPLES, sums)
-        if psf.sum() > ENERGY:
-            break
-        width_um *= 2
-    offset = np.abs(np.arange(SAMPLES) - SAMPLES // 2)
-    inside = np.cumsum(np.bincount(np.maximum(offset[:, None], offset).ravel(), psf.ravel()))
-    return (2 * np.interp(ENERGY, inside, np.arange(inside.size)) + 1) * width_um / SAMPLES
