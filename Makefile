@@ -87,7 +87,7 @@ ui-test: $(READY)
 	$(VENV)/bin/python tests/window/run.py $(BLENDER) dist/*-linux_x64.zip build/ui-test $(STEPS)
 
 test-bake: $(BAKE_READY)
-	$(BAKE)/bin/python -m pytest -q tests/engine/bake
+	$(BAKE)/bin/python -m pytest -q tests/engine/bake/test_witness.py
 
 bench-bake: $(READY)
 	$(VENV)/bin/python benchmarks/bake_figures.py
