@@ -39,7 +39,7 @@ def test_optiland(read):
 
 def test_what_optiland_itself_writes(tmp_path):
     """So that the text of these tests is what it is taken for."""
-    pytest.importorskip("optiland", reason="Optiland, a witness, is in the environment of make bake")
+    pytest.importorskip("optiland", reason="Optiland, a witness, is in the environment of make test-bake")
     from optiland.fileio import save_optiland_file
     from optiland.materials import AbbeMaterial, Material
     from optiland.optic import Optic

@@ -1,0 +1,83 @@
+"""Where field heights lie, how wide windows are, and wavefronts that fold at the exit pupil."""
+
+import numpy as np
+import pytest
+
+from lensfield.engine.bake.diffraction import point_spread
+from lensfield.engine.bake.focus import build_system
+from lensfield.engine.bake.heights import even_heights_mm, telling_heights_mm
+from lensfield.engine.bake.prescriptions import read_prescription
+from lensfield.engine.bake.quality import QUALITIES
+from lensfield.engine.bake.rays import HalfPupil, trace_pupil
+from lensfield.engine.bake.wavefront import trace_wavefronts
+from lensfield.engine.bake.window import needed_width_um, pitch_for_um
+from lensfield.engine.lens.readers import BUNDLED
+from perfect_lens import perfect_wavefronts
+
+PREVIEW = QUALITIES["preview"]
+COUNT = 9
+
+
+def system_of_bundled(name):
+    return build_system(read_prescription(BUNDLED / "prescriptions" / f"{name}.toml"))
+
+
+@pytest.fixture(scope="module")
+def triplet():
+    return system_of_bundled("cooke-triplet-50mm")
+
+
+def psfs_at(system, heights_mm):
+    wavefronts = trace_wavefronts(system, heights_mm, [550.0], PREVIEW.pupil)
+    psfs = np.array([point_spread(wavefronts.one(0, height), 12.0, 41, PREVIEW.sums)
+                     for height in range(len(heights_mm))])
+    return psfs / psfs.sum(axis=(1, 2), keepdims=True)
+
+
+def error_between(system, heights_mm):
+    """Largest L1 of PSFs half way between two heights, interpolated."""
+    psfs = psfs_at(system, heights_mm)
+    between = psfs_at(system, (heights_mm[1:] + heights_mm[:-1]) / 2)
+    return np.abs((psfs[1:] + psfs[:-1]) / 2 - between).sum(axis=(1, 2)).max()
+
+
+def test_even_heights_are_even_over_the_picture(triplet):
+    heights_mm = even_heights_mm(triplet, COUNT)
+    real_mm = trace_pupil(triplet, heights_mm, [587.5618], HalfPupil(1, 1)).chief_height_mm[0]
+    np.testing.assert_allclose(np.diff(real_mm), real_mm[-1] / (COUNT - 1), rtol=1e-5)
+    assert (heights_mm[0], heights_mm[-1]) == (0, triplet.last_height_mm)
+
+
+def test_heights_lie_where_blur_changes(triplet):
+    heights_mm = telling_heights_mm(triplet, COUNT, PREVIEW)
+    assert (heights_mm[0], heights_mm[-1]) == (0, triplet.last_height_mm) and np.all(np.diff(heights_mm) > 0)
+    assert error_between(triplet, heights_mm) < 0.8 * error_between(triplet, even_heights_mm(triplet, COUNT))
+
+
+@pytest.mark.parametrize("f_number", [4.0, 16.0])
+@pytest.mark.parametrize("quality", QUALITIES)
+def test_a_window_holds_what_airys_pattern_has_within(quality, f_number):
+    """Beyond a square of this half side lie 0.9 wavelength / (pi^2 NA half side)."""
+    width_um = needed_width_um(perfect_wavefronts(f_number, [0, 5]), QUALITIES[quality].sums)
+    aperture = np.sin(np.arctan(0.5 / f_number))
+    assert width_um == pytest.approx(2 * 0.9 * 0.55 / (np.pi**2 * aperture * 0.005), rel=0.05)
+
+
+def test_defocus_widens_the_window_to_its_disc_and_less_than_all_of_airys_pattern_more():
+    sharp_um, blurred_um = (needed_width_um(perfect_wavefronts(4.0, [0], defocus_mm=defocus_mm), PREVIEW.sums)
+                            for defocus_mm in (0.0, 2.0))
+    assert 2000 / 4.0 < blurred_um < 2000 / 4.0 + sharp_um
+
+
+@pytest.mark.parametrize("width_um, pitch_um", [(100.0, 1.7), (990.0, 16.0), (65 / 1.05, 1.0)])
+def test_pitches_have_two_digits(width_um, pitch_um):
+    assert pitch_for_um(width_um, 65) == pitch_um
+
+
+def test_a_phone_whose_rays_cross_before_the_exit_pupil_has_psfs_nonetheless():
+    phone = system_of_bundled("apple-phone-4mm")
+    heights_mm = np.array([0.9, 0.95]) * phone.last_height_mm
+    wavefronts = trace_wavefronts(phone, heights_mm, [400.0], PREVIEW.pupil)
+    for height in range(2):
+        psf = point_spread(wavefronts.one(0, height), 3.0, 121, PREVIEW.sums)
+        assert 0.99 < psf.sum() <= 1.01 and psf.max() == psf[58:63, 58:63].max()
