@@ -1,6 +1,6 @@
 """What a plan makes of single pixels' light: how many pixels it comes to, and how much of it in the wrong place."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -53,8 +53,8 @@ class PointImages:
 
 
 def point_images(lens: Lens, radiance: SpectralImage, plan: Plan) -> list[PointImages]:
-    """Those of a picture without overscan, at each of its wavelengths."""
-    channels = Kept(0).channels(lens, radiance, plan)
+    """Those of a picture without overscan, at each of its wavelengths; as dim ones are spread, which have no halos."""
+    channels = Kept(0).channels(lens, radiance, replace(plan, halo_energy=None, halo_radius_px=0))
     return [PointImages(lens, nm, radiance.grid, channel, plan.psf_radius_px)
             for channel, nm in zip(channels, radiance.wavelengths_nm, strict=True)]
 
