@@ -26,8 +26,8 @@ SMALL, BEST_OF = (253, 380), 3
 OF_STAGES = {
     "lens data": ("wavelength", "window sample", "table sample", "table pixel", "table tap"),
     "distortion and relative illumination": ("wavelength", "picture pixel"),
-    "filtering": ("wavelength", "picture pixel", "step", "transformed value", "spectrum value", "tap",
-                  "covered tap", "mixed tap", "tap of a run", "turned sample")}
+    "filtering": ("wavelength", "picture pixel", "step", "transformed value", "spectrum value", "tap", "mixed tap",
+                  "tap of a run", "turned sample")}
 """The kinds of work of the stages, each of which is fitted by itself; what is in none counts as filtering."""
 
 

@@ -50,8 +50,7 @@ class Pixels(Method):
     def counts(self, work: Workload) -> dict[str, float]:
         apart = work.pixels / work.planes.count
         runs = apart / max(self.section_size**2, RUN_VALUES / work.covered)
-        return {"tap": work.pixels * work.taps, "covered tap": work.pixels * work.covered,
-                "mixed tap": apart * work.covered, "tap of a run": runs * work.covered}
+        return {"tap": work.pixels * work.taps, "mixed tap": apart * work.taps, "tap of a run": runs * work.taps}
 
     def kept_values(self, work: Workload) -> float:
         return RUN_VALUES * 3 / 2
@@ -99,8 +98,7 @@ class PixelSections:
             light = band[:, :, left * size:right * size]
             patch = np.zeros((len(band), size + reach, light.shape[2] + reach), band.dtype)
             part = np.empty_like(light)
-            psfs = self._run_psfs(i, left, right)
-            for row, column, psf in zip(self._table.rows, self._table.columns, psfs, strict=True):
+            for row, column, psf in zip(*self._run_psfs(i, left, right), strict=True):
                 np.multiply(light, psf, out=part)
                 patch[:, row:row + size, column:column + light.shape[2]] += part
             yield left * size, patch
@@ -114,13 +112,14 @@ class PixelSections:
                 yield columns[first], columns[min(first + most, end) - 1] + 1
 
     def _run_psfs(self, i, left, right):
-        """PSFs of the pixels of a run of sections: array (tap, row, column)."""
+        """PSFs of the pixels of a run of sections: rows and columns of their taps, and array (tap, row, column)."""
         key = i, left, right
         if key in self._psfs:
             return self._psfs[key]
         size = self.section_size
         row, column = np.mgrid[i * size:(i + 1) * size, left * size:right * size]
-        psfs = self._table.mixed(*self._place(row.ravel(), column.ravel())).reshape(-1, *row.shape)
+        *taps, psfs = self._table.mixed_where_reached(*self._place(row.ravel(), column.ravel()))
+        made = *taps, psfs.reshape(-1, *row.shape)
         if self._memory.take(psfs.nbytes):
-            self._psfs[key] = psfs
-        return psfs
+            self._psfs[key] = made
+        return made

@@ -162,8 +162,10 @@ class PsfTable(PsfCells):
 
     def __init__(self, turned: TurnedPsfs) -> None:
         super().__init__(turned)
-        taps = np.flatnonzero(turned.reached().any(axis=0))
+        reached = turned.reached()
+        taps = np.flatnonzero(reached.any(axis=0))
         self.rows, self.columns = np.divmod(taps, turned.side)
+        self._reached = reached[:, taps]
         self.table = turned.taps(slice(None), taps)
         self._by_node = self.table.reshape(-1, taps.size)
 
@@ -174,21 +176,17 @@ class PsfTable(PsfCells):
 
     def mixed(self, paraxial_height_mm: np.ndarray, azimuth_rad: np.ndarray) -> np.ndarray:
         """PSFs at these places: array (tap, place), so that what one tap does to many pixels lies together."""
+        return _mixed(self._by_node, *self.corners(paraxial_height_mm, azimuth_rad))
+
+    def mixed_where_reached(self, paraxial_height_mm: np.ndarray,
+                            azimuth_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The same without the taps that no PSF between the lowest and the highest of these places reaches: their rows,
+        their columns, and array (tap, place)."""
         nodes, weights = self.corners(paraxial_height_mm, azimuth_rad)
-        taps, places = self.rows.size, nodes.shape[1]
-        psfs = np.empty((taps, places), self.table.dtype)
-        step = max(1, BATCH_VALUES // taps)
-        mixture, part = (np.empty((min(step, places), taps), self.table.dtype) for _ in range(2))
-        for start in range(0, places, step):
-            some = slice(start, min(start + step, places))
-            into, one = (buffer[:some.stop - start] for buffer in (mixture, part))
-            into[:] = 0
-            for node, weight in zip(nodes, weights, strict=True):
-                np.take(self._by_node, node[some], axis=0, out=one, mode="clip")  # the mode that needs no copy
-                one *= weight[some, None]
-                into += one
-            psfs[:, some] = into.T
-        return psfs
+        first, last = nodes.min(), nodes.max()
+        taps = np.flatnonzero(self._reached[first // self.azimuths:last // self.azimuths + 1].any(axis=0))
+        by_node = np.take(self._by_node[first:last + 1], taps, axis=1)
+        return self.rows[taps], self.columns[taps], _mixed(by_node, nodes - first, weights)
 
     def node_psfs(self, nodes: np.ndarray) -> np.ndarray:
         """The PSFs of these nodes: array (node, row, column), odd square, the chief ray in the middle."""
@@ -203,6 +201,24 @@ class PsfTable(PsfCells):
         psfs = np.zeros((len(taps), side, side), self.table.dtype)
         psfs[:, self.rows, self.columns] = taps
         return psfs
+
+
+def _mixed(by_node, nodes, weights):
+    """Rows of an array (node, tap), four for each place and weighed: array (tap, place)."""
+    taps, places = by_node.shape[1], nodes.shape[1]
+    psfs = np.empty((taps, places), by_node.dtype)
+    step = max(1, BATCH_VALUES // max(1, taps))
+    mixture, part = (np.empty((min(step, places), taps), by_node.dtype) for _ in range(2))
+    for start in range(0, places, step):
+        some = slice(start, min(start + step, places))
+        into, one = (buffer[:some.stop - start] for buffer in (mixture, part))
+        into[:] = 0
+        for node, weight in zip(nodes, weights, strict=True):
+            np.take(by_node, node[some], axis=0, out=one, mode="clip")  # the mode that needs no copy
+            one *= weight[some, None]
+            into += one
+        psfs[:, some] = into.T
+    return psfs
 
 
 class PsfTables:

@@ -24,10 +24,9 @@ NANOSECONDS = {
         "step": (3e4, 1.9e5),  # of a section, or a row of them
         "transformed value": (0.027, 0.71),  # and doubling of the space
         "spectrum value": (0, 0),  # weighed, filtered and summed
-        "tap": (0, 0.16),  # of a pixel's PSF
-        "covered tap": (0, 0.83),  # of those that the PSF of any height covers
-        "mixed tap": (0.025, 0.3),  # of a PSF that is mixed from a table
-        "tap of a run": (0, 7.5e3),  # of pixels that are done together
+        "tap": (0, 1.1),  # of a pixel's PSF
+        "mixed tap": (0, 0.57),  # of a PSF that is mixed from a table
+        "tap of a run": (0, 9e3),  # of pixels that are done together
         "turned sample": (1.3, 44),  # of a PSF that is turned for one place
     },
     COMPILED: {

@@ -133,6 +133,19 @@ def test_how_many_are_asked_for_at_once_changes_nothing():
         np.testing.assert_array_equal(part, together[:, start:stop])
 
 
+@pytest.mark.parametrize("lowest_mm, highest_mm, fewer",
+                         [(0, 0, True), (0.1, 0.3, True), (1.7, 5, False), (0, 5, False)])
+def test_taps_that_no_psf_reaches_at_these_heights_are_left_out(lowest_mm, highest_mm, fewer):
+    polar = table(LENSES["comatic"], 4, energy=0.99)  # which widens with the field
+    rng = np.random.default_rng(5)
+    places = rng.uniform(lowest_mm, highest_mm, 50), rng.uniform(-np.pi, np.pi, 50)
+    rows, columns, psfs = polar.mixed_where_reached(*places)
+    assert (rows.size < 0.6 * polar.rows.size) == fewer
+    whole = np.zeros((50, 2 * polar.radius_px + 1, 2 * polar.radius_px + 1))
+    whole[:, rows, columns] = psfs.T
+    np.testing.assert_array_equal(whole, polar.psfs(*places))
+
+
 MANY_NM = tuple(np.linspace(400, 700, 9))
 
 
