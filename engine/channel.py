@@ -72,8 +72,7 @@ class Channel:
             mask, values = (planes.join(part) for part in even)
             rows, columns = (slice(radius, radius + n) for n in mask.shape)
             np.copyto(blurred[rows, columns], values, where=mask)
-        found = highlights(ideal, size, plan.halo_density) if plan.halo_density else None
-        if found:
+        if self._make_halos and (found := highlights(ideal, size, plan.halo_density)):
             blurred = self._with_halos(blurred, *found)
         if dark >= 0:
             np.maximum(blurred, 0, out=blurred)  # no weight is negative: what falls below zero is the FFT's rounding
@@ -83,7 +82,6 @@ class Channel:
         """A blurred picture with the halos of the bright light in these sections."""
         spreader = self._halos
         if spreader is None:
-            assert self._make_halos is not None  # as where the plan has halos
             table = self._make_halos()
             spreader = self._plan.halo_method.spreader(self._psfs, table, self._plan.halo_radius_px, self._memory)
             if self._memory.take(table.nbytes):

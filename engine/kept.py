@@ -49,18 +49,21 @@ class Kept:
         if of != self._of:  # what was kept is of no more use
             self._of, self._memory, self._channels = of, MemoryBudget(self._limit_bytes), {}
         grid = radiance.grid.finer(plan.supersampling)
-        tables, halos = (PsfTables(lens, radiance.wavelengths_nm, plan.planes(grid), part, method.azimuths,
-                                   plan.precision) if method.azimuths else None
-                         for part, method in ((plan.trimmed, plan.method), (plan.halo, plan.halo_method)))
-        for wavelength_nm in radiance.wavelengths_nm:
-            yield self._channel(lens, float(wavelength_nm), grid, plan, tables, halos)
 
-    def _channel(self, lens, wavelength_nm, grid, plan, tables, halos):
+        def tables(part, method):
+            return PsfTables(lens, radiance.wavelengths_nm, plan.planes(grid), part, method.azimuths, plan.precision)
+
+        psfs = tables(plan.trimmed, plan.method) if plan.method.azimuths else None
+        halos = tables(plan.halo, plan.halo_method) if plan.halo_density else None
+        for wavelength_nm in radiance.wavelengths_nm:
+            yield self._channel(lens, float(wavelength_nm), grid, plan, psfs, halos)
+
+    def _channel(self, lens, wavelength_nm, grid, plan, psfs, halos):
         channel = self._channels.get(wavelength_nm)
         if channel is None:
-            table = plan.method.table(tables.at_wavelength(wavelength_nm)) if tables else None
-            channel = Channel(lens, wavelength_nm, grid, plan, table, self._memory,
-                              lambda: plan.halo_method.table(halos.at_wavelength(wavelength_nm)))
+            table = plan.method.table(psfs.at_wavelength(wavelength_nm)) if psfs else None
+            make_halos = (lambda: plan.halo_method.table(halos.at_wavelength(wavelength_nm))) if halos else None
+            channel = Channel(lens, wavelength_nm, grid, plan, table, self._memory, make_halos)
             if channel.kept:
                 self._channels[wavelength_nm] = channel
         return channel

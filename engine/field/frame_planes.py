@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..image.pixel_grid import PixelGrid
-from .distortion import FieldGeometry
+from .distortion import FieldGeometry, squeeze
 from .overscan import capture_radius
 
 if TYPE_CHECKING:
@@ -38,11 +38,7 @@ def nearest_samples(plane: np.ndarray, lens: "Lens", capture: PixelGrid, wavelen
     """
     frame = capture.frame()
     field, real_mm = _field_and_radius(lens, frame, wavelength_nm)
-    paraxial_mm = field.paraxial_height_mm(real_mm)
-    scale = field.paraxial_per_real(real_mm, paraxial_mm)
-    radius = capture_radius(capture.projection, lens)
-    if radius:
-        scale = scale * np.divide(radius(paraxial_mm)[0], paraxial_mm, out=np.ones_like(scale), where=paraxial_mm > 0)
+    _, scale, _ = squeeze(real_mm, field, capture_radius(capture.projection, lens))
     x_mm, y_mm = frame.axes_mm()
     pitch_mm = capture.pitch_um * 1e-3
     row, column = (np.clip(np.rint(at), 0, n - 1).astype(np.intp) for at, n in zip(

@@ -174,51 +174,42 @@ class PsfTable(PsfCells):
         """See `PsfCells`."""
         return self.table.nbytes
 
-    def mixed(self, paraxial_height_mm: np.ndarray, azimuth_rad: np.ndarray) -> np.ndarray:
-        """PSFs at these places: array (tap, place), so that what one tap does to many pixels lies together."""
-        return _mixed(self._by_node, *self.corners(paraxial_height_mm, azimuth_rad))
-
-    def mixed_where_reached(self, paraxial_height_mm: np.ndarray,
-                            azimuth_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The same without the taps that no PSF between the lowest and the highest of these places reaches: their rows,
-        their columns, and array (tap, place)."""
+    def mixed(self, paraxial_height_mm: np.ndarray,
+              azimuth_rad: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """PSFs at these places: rows and columns of taps, and array (tap, place), so that what one tap does to many
+        pixels lies together. Taps that no PSF reaches between the lowest and the highest of the places are left out."""
         nodes, weights = self.corners(paraxial_height_mm, azimuth_rad)
         first, last = nodes.min(), nodes.max()
         taps = np.flatnonzero(self._reached[first // self.azimuths:last // self.azimuths + 1].any(axis=0))
-        by_node = np.take(self._by_node[first:last + 1], taps, axis=1)
-        return self.rows[taps], self.columns[taps], _mixed(by_node, nodes - first, weights)
+        by_node, places = np.take(self._by_node[first:last + 1], taps, axis=1), nodes.shape[1]
+        psfs = np.empty((taps.size, places), by_node.dtype)
+        step = max(1, BATCH_VALUES // max(1, taps.size))
+        mixture, part = (np.empty((min(step, places), taps.size), by_node.dtype) for _ in range(2))
+        for start in range(0, places, step):
+            some = slice(start, min(start + step, places))
+            into, one = (buffer[:some.stop - start] for buffer in (mixture, part))
+            into[:] = 0
+            for node, weight in zip(nodes - first, weights, strict=True):
+                np.take(by_node, node[some], axis=0, out=one, mode="clip")  # the mode that needs no copy
+                one *= weight[some, None]
+                into += one
+            psfs[:, some] = into.T
+        return self.rows[taps], self.columns[taps], psfs
 
     def node_psfs(self, nodes: np.ndarray) -> np.ndarray:
         """The PSFs of these nodes: array (node, row, column), odd square, the chief ray in the middle."""
-        return self._squares(self._by_node[nodes])
+        return self._squares(self.rows, self.columns, self._by_node[nodes])
 
     def psfs(self, paraxial_height_mm: np.ndarray, azimuth_rad: np.ndarray) -> np.ndarray:
         """PSFs at these places: array (place, row, column), odd square, the chief ray in the middle."""
-        return self._squares(self.mixed(paraxial_height_mm, azimuth_rad).T)
+        rows, columns, taps = self.mixed(paraxial_height_mm, azimuth_rad)
+        return self._squares(rows, columns, taps.T)
 
-    def _squares(self, taps):
+    def _squares(self, rows, columns, taps):
         side = 2 * self.radius_px + 1
         psfs = np.zeros((len(taps), side, side), self.table.dtype)
-        psfs[:, self.rows, self.columns] = taps
+        psfs[:, rows, columns] = taps
         return psfs
-
-
-def _mixed(by_node, nodes, weights):
-    """Rows of an array (node, tap), four for each place and weighed: array (tap, place)."""
-    taps, places = by_node.shape[1], nodes.shape[1]
-    psfs = np.empty((taps, places), by_node.dtype)
-    step = max(1, BATCH_VALUES // max(1, taps))
-    mixture, part = (np.empty((min(step, places), taps), by_node.dtype) for _ in range(2))
-    for start in range(0, places, step):
-        some = slice(start, min(start + step, places))
-        into, one = (buffer[:some.stop - start] for buffer in (mixture, part))
-        into[:] = 0
-        for node, weight in zip(nodes, weights, strict=True):
-            np.take(by_node, node[some], axis=0, out=one, mode="clip")  # the mode that needs no copy
-            one *= weight[some, None]
-            into += one
-        psfs[:, some] = into.T
-    return psfs
 
 
 class PsfTables:

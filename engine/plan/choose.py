@@ -133,7 +133,7 @@ class _Planner:
         """The plan; the exact operator where nothing less is accurate enough."""
         asked = self._options.method
         if asked == AUTO:
-            error = self._isoplanatic_error(ONE_PSF_TRIM_SHARE)
+            error = self._isoplanatic_error()
             if error <= self._enough:
                 return self._cheapest([OnePsf], ONE_PSF_TRIM_SHARE, 0, error)
         ways = [way for way in METHODS.values() if way.by_accuracy and asked in (AUTO, way.name)]
@@ -150,12 +150,13 @@ class _Planner:
         """What PSFs keep that are trimmed by this share of the error."""
         return 1 - share * self._enough / 2
 
-    def _planes(self, share):
-        radius_px, _ = self._psfs.reach(self._energy(min(share, HALO_SHARE)))
+    def _planes(self, widest):
+        """The planes of a plan whose widest PSFs are trimmed by this share."""
+        radius_px, _ = self._psfs.reach(self._energy(widest))
         return Planes(self._radiance.grid.within_reach(radius_px), self._folded)
 
-    def _trimmed(self, share):
-        return self._psfs.trimmed(self._energy(share), self._planes(share))
+    def _trimmed(self, share, widest=HALO_SHARE):
+        return self._psfs.trimmed(self._energy(share), self._planes(widest))
 
     def _shares(self, ways):
         """The shares of the error that trimming may have; those first that are cheapest by a guess at the azimuths."""
@@ -187,7 +188,8 @@ class _Planner:
     def _least_work(self, ways, share, azimuths):
         """The least predicted work by one of these ways, in nanoseconds, and the plan."""
         radius_px, taps = self._psfs.reach(self._energy(share))
-        most_px = max(self._planes(share).grid.shape_px)
+        widest = HALO_SHARE if azimuths else share  # one PSF for all has no halos
+        most_px = max(self._planes(widest).grid.shape_px)
         plans = [self._plan(method, share, radius_px, taps)
                  for way in ways for method in way.choices(azimuths, radius_px, most_px)]
         work = workload(plans[0], self._lens, self._radiance)  # the same for all
@@ -202,17 +204,17 @@ class _Planner:
             single_range = 0.0
         elif method.transforms:
             single_range = self._rounding / (SINGLE_NOISE * (method.space_px / method.section_size) ** 2)
-        halo_energy = self._energy(HALO_SHARE) if method.azimuths and share > HALO_SHARE else None
+        halo_energy = self._energy(HALO_SHARE) if method.azimuths else None
         return Plan(method=method, psf_radius_px=radius_px, psf_energy=self._energy(share), taps=taps,
                     halo_energy=halo_energy, halo_radius_px=self._psfs.reach(halo_energy)[0] if halo_energy else 0,
                     precision=self._precision, single_range=single_range,
                     flat_tolerance=self._flat if method.azimuths else 0.0, folded=self._folded,
                     out_of_field=self._options.out_of_field)
 
-    def _isoplanatic_error(self, share):
+    def _isoplanatic_error(self):
         """The error of one PSF, that of the middle of the planes in work, for the whole field; or what is too much."""
         worst = 0.0
-        for psfs in self._trimmed(share):
+        for psfs in self._trimmed(ONE_PSF_TRIM_SHARE, widest=ONE_PSF_TRIM_SHARE):
             middle = [np.array([(n - 1) / 2]) for n in psfs.planes.grid.shape_px]
             worst = max(worst, isoplanatic_error(psfs.bank, psfs.psfs(*middle)[0], psfs.last_height_mm(),
                                                  ISOPLANATIC_SAMPLES))

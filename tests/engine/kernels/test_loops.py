@@ -136,10 +136,10 @@ def spread_by_numpy(table, light, height_of_px, centre_px):
     planes, rows, columns = light.shape
     row, column = np.mgrid[:rows, :columns]
     down, right = row.ravel() - centre_px[0], column.ravel() - centre_px[1]
-    psfs = table.mixed(height_of_px(np.hypot(down, right)), np.arctan2(-down, right)).astype(np.float64)
+    *taps, psfs = table.mixed(height_of_px(np.hypot(down, right)), np.arctan2(-down, right))
     reach = 2 * table.radius_px
     out = np.zeros((planes, rows + reach, columns + reach))
-    for psf, down, right in zip(psfs, table.rows, table.columns, strict=True):
+    for psf, down, right in zip(psfs.astype(np.float64), *taps, strict=True):
         out[:, down:down + rows, right:right + columns] += light * psf.reshape(rows, columns)
     return out
 
