@@ -64,6 +64,18 @@ def test_package_is_valid_and_holds_what_runs(package):
     assert not [name for name in names if name.startswith(left_out)]
 
 
+def test_what_lies_in_the_tree_and_does_not_belong_stays_out(tmp_path):
+    tree, belongs = tmp_path / "tree", {"blender_manifest.toml", "__init__.py", "addon/ui/panels.py", "LICENSE"}
+    for name in (*belongs, "pictures/addon/frame.exr", "notes.txt", ".git/config",
+                 "addon/.swp", "addon/ui/__pycache__/panels.pyc", "lensfield.egg-info/PKG-INFO", "tests/addon/test.py"):
+        (tree / name).parent.mkdir(parents=True, exist_ok=True)
+        (tree / name).touch()
+    shutil.copy(ROOT / "blender_manifest.toml", tree)
+    subprocess.run([sys.executable, TOOL, "build", "--source-dir", tree, "--output-filepath", tmp_path / "made.zip"],
+                   check=True, capture_output=True)
+    assert set(zipfile.ZipFile(tmp_path / "made.zip").namelist()) == belongs
+
+
 def test_package_installs_enables_and_renders(package, tmp_path):
     environment = os.environ | {"BLENDER_USER_RESOURCES": str(tmp_path / "user"), "LENSFIELD_CACHE": ""}
     done = subprocess.run([sys.executable, "-c", USE_INSTALLED, package, str(tmp_path / "user"), tmp_path / "out"],
