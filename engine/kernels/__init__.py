@@ -3,10 +3,10 @@
 Whoever calls `turn`, `footprints` or `spread` has asked `running` before: where that is "numpy" there is no library.
 """
 
-from .footprints import LARGEST_FOOTPRINT_PX, RadialGeometry, footprints
-from .library import NUMPY, available, running, using
+from .footprints import RadialGeometry, footprints
+from .library import NUMPY, available, running
 from .spreading import PackedTable, TablePlaces, spread
 from .turning import TurnableSamples, turn
 
-__all__ = ["LARGEST_FOOTPRINT_PX", "NUMPY", "PackedTable", "RadialGeometry", "TablePlaces", "TurnableSamples",
-           "available", "footprints", "running", "spread", "turn", "using"]
+__all__ = ["NUMPY", "PackedTable", "RadialGeometry", "TablePlaces", "TurnableSamples", "available", "footprints",
+           "running", "spread", "turn"]

@@ -8,8 +8,6 @@ import numpy as np
 
 from .library import CAPTURE, GEOMETRY, address, check, chosen, picture
 
-LARGEST_FOOTPRINT_PX = 16  # that of kernels.h
-
 
 @dataclass(frozen=True, eq=False)
 class RadialGeometry:

@@ -4,8 +4,6 @@ import ctypes
 import os
 import struct
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from ctypes import POINTER, Structure, c_char_p, c_double, c_int, c_int64, c_void_p
 from dataclasses import dataclass
 from functools import cache
@@ -112,9 +110,6 @@ def available() -> tuple[str, ...]:
     return (NUMPY, *(library.variants if library else ()))
 
 
-_forced: str | None = None  # by `using`
-
-
 def running() -> str:
     """What does the loops: the quickest that is available, or what the variable LENSFIELD_KERNELS names.
 
@@ -123,25 +118,10 @@ def running() -> str:
     InputError
         Where this is not available.
     """
-    if _forced:
-        return _forced
     asked = os.environ.get(VARIABLE)
     if asked and asked not in available():
         raise InputError("environment", VARIABLE, asked, f"this machine has {', '.join(available())}")
     return asked or available()[-1]
-
-
-@contextmanager
-def using(name: str) -> Iterator[None]:
-    """Let another one of those `available` do the loops, in this process, as long as this lasts: for tests."""
-    global _forced
-    if name not in available():
-        raise InputError("kernels", "name", name, f"this machine has {', '.join(available())}")
-    before, _forced = _forced, name
-    try:
-        yield
-    finally:
-        _forced = before
 
 
 def chosen() -> tuple[ctypes.CDLL, int]:

@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 
 from lensfield import cli
-from lensfield.engine.errors import InputError
-from lensfield.engine.kernels import TurnableSamples, available, build, library, running, turn, using
-from lensfield.engine.kernels.footprints import LARGEST_FOOTPRINT_PX
+from lensfield.engine.field.distortion import LARGEST_FOOTPRINT_PX
+from lensfield.engine.kernels import TurnableSamples, available, build, library, running, turn
 from lensfield.engine.kernels.spreading import LONGEST, SLACK
 from places import ROOT
 
@@ -69,15 +68,6 @@ def test_the_command_says_what_runs(name, status, told, monkeypatch, capsys):
     monkeypatch.setenv("LENSFIELD_KERNELS", name)
     assert cli.main(["--version"]) == status
     assert told in "".join(capsys.readouterr())
-
-
-def test_another_one_is_used_as_long_as_asked():
-    before = running()
-    with using("numpy"):
-        assert running() == "numpy"
-    assert running() == before
-    with pytest.raises(InputError, match="this machine has numpy"), using("mmx"):
-        pass
 
 
 def test_without_a_library_numpy_runs(found_anew, monkeypatch, tmp_path, recwarn):

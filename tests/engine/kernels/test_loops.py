@@ -6,14 +6,12 @@ import numpy as np
 import pytest
 
 from lenses import comatic_lens, lopsided_lens
-from lensfield.engine.field.distortion import LARGEST_FOOTPRINT_PX as LARGEST_FOOTPRINT_OF_NUMPY
 from lensfield.engine.field.distortion import RIM_PX
 from lensfield.engine.field.distortion import footprints as numpy_footprints
 from lensfield.engine.field.psf_bank import PsfBank
 from lensfield.engine.field.psf_table import PsfTable, TurnedPsfs
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.kernels import (
-    LARGEST_FOOTPRINT_PX,
     NUMPY,
     PackedTable,
     RadialGeometry,
@@ -23,8 +21,8 @@ from lensfield.engine.kernels import (
     footprints,
     spread,
     turn,
-    using,
 )
+from loops import using
 
 pytestmark = pytest.mark.skipif(len(available()) < 2, reason="no library of the loops: no compiler")
 EPSILON = np.finfo(np.float32).eps
@@ -104,10 +102,6 @@ def test_footprints_read_nothing_from_outside_whatever_the_curves_are():
         geometry = RadialGeometry.of((3.0, 4.0), 0.7, *random.choice(wild, (3, 30)), random.choice(wild))
         out = np.empty((1, 9, 9), np.float32)
         footprints(geometry, [np.ones((5, 7), np.float32)], (2.0, 3.0), slice(None), out)  # a crash, if it did
-
-
-def test_the_largest_footprint_is_one_number():
-    assert LARGEST_FOOTPRINT_PX == LARGEST_FOOTPRINT_OF_NUMPY
 
 
 def random_psfs(heights, azimuths, side, random, quarter_turns=4):

@@ -6,8 +6,9 @@ import pytest
 from lenses import comatic_lens, lopsided_lens
 from lensfield.engine import Kept, Lens, Options, Report, SpectralImage, simulate
 from lensfield.engine.image.pixel_grid import FISHEYE
-from lensfield.engine.kernels import NUMPY, available, using
+from lensfield.engine.kernels import NUMPY, available
 from lensfield.engine.lens import bundled_names
+from loops import using
 
 AGREEMENT = 3e-6  # of the brightest pixel: some roundings of single precision, in the light and in where it goes
 PIXELS = Options(method="pixels", azimuths=6, psf_energy=0.99)
