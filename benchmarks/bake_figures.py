@@ -8,11 +8,10 @@ way between two heights, interpolated, against those baked there; both on a pict
 """
 
 import argparse
-import os
-import platform
 import time
 
 import numpy as np
+from timing import machine
 
 from lensfield.engine.bake.bake import bake
 from lensfield.engine.bake.diffraction import point_spread
@@ -67,7 +66,7 @@ def main():
     parser.add_argument("--quality", choices=QUALITIES, help="default: preview and standard")
     parser.add_argument("lenses", nargs="*", metavar="LENS")
     asked = parser.parse_args()
-    print(f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}, numpy {np.__version__}")
+    print(machine())
     folder = BUNDLED / "prescriptions"
     for path in [folder / f"{lens}.toml" for lens in asked.lenses] or sorted(folder.glob("*.toml")):
         for name in [asked.quality] if asked.quality else ("preview", "standard"):

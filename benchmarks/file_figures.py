@@ -7,12 +7,12 @@
 
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import numpy as np
 import OpenEXR
 from PIL import Image
+from timing import least_s
 
 from lensfield.engine.image.spectral_exr import exr_threads, read_parts
 
@@ -20,16 +20,6 @@ COMPRESSIONS = {"none": OpenEXR.NO_COMPRESSION, "RLE": OpenEXR.RLE_COMPRESSION, 
                 "ZIP": OpenEXR.ZIP_COMPRESSION, "PIZ": OpenEXR.PIZ_COMPRESSION}  # without loss, and open in Blender 5.0
 PNG_LEVELS = 0, 1, 3, 6, 9
 TIMES = 3
-
-
-def best(work):
-    """The least seconds of the processor and on the clock of several times."""
-    seconds = []
-    for _ in range(TIMES):
-        begin = time.process_time(), time.perf_counter()
-        work()
-        seconds.append((time.process_time() - begin[0], time.perf_counter() - begin[1]))
-    return np.min(seconds, axis=0)
 
 
 def tell(what, written, path, read):
@@ -46,7 +36,7 @@ def measure_exr(planes, copy):
             with exr_threads(), OpenEXR.File(header, dict(planes)) as file:
                 file.write(str(copy))
 
-        tell(name, best(write), copy, best(lambda: read_parts(copy)))
+        tell(name, least_s(write, TIMES), copy, least_s(lambda: read_parts(copy), TIMES))
 
 
 def measure_png(original, copy):
@@ -54,8 +44,8 @@ def measure_png(original, copy):
     picture = Image.open(original)
     picture.load()
     for level in PNG_LEVELS:
-        tell(f"PNG, level {level}", best(lambda level=level: picture.save(copy, compress_level=level)), copy,
-             best(lambda: Image.open(copy).load()))
+        tell(f"PNG, level {level}", least_s(lambda level=level: picture.save(copy, compress_level=level), TIMES), copy,
+             least_s(lambda: Image.open(copy).load(), TIMES))
 
 
 def main(folders):

@@ -8,21 +8,14 @@ prints what writing and reading it took as a line of JSON.
 import json
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 from cases import CASES
+from timing import least_s
 
 from lensfield import engine
 from lensfield.engine import Lens
 from lensfield.engine.image.spectral_exr import read_exr, write_exr
-
-
-def seconds(work):
-    """Of the processor, and on the clock."""
-    begin = time.process_time(), time.perf_counter()
-    work()
-    return time.process_time() - begin[0], time.perf_counter() - begin[1]
 
 
 def main(name):
@@ -30,7 +23,7 @@ def main(name):
     radiance = case.radiance(Lens.load(case.lens))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "radiance.exr"
-        written, read = seconds(lambda: write_exr(radiance, path)), seconds(lambda: read_exr(path))
+        written, read = least_s(lambda: write_exr(radiance, path), 1), least_s(lambda: read_exr(path), 1)
         size_mb = path.stat().st_size / 1e6
     print(json.dumps({"written": written, "read": read, "size_mb": size_mb,
                       "engine": str(Path(engine.__file__).parent)}))

@@ -7,6 +7,7 @@ them. Cold is a lens fresh from its data, with its plan, PSFs and OTFs; but modu
 import os
 import platform
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -53,21 +54,22 @@ def quickest(radiance: SpectralImage, lens: Lens, options: Options, best_of: int
                key=lambda run: run.processor_s)
 
 
-def processor_s(function, best_of: int = 20) -> float:
-    """The least processor seconds of some calls of a short function."""
+def least_s(function: Callable[[], object], best_of: int) -> tuple[float, float]:
+    """The least seconds of the processor, and on the clock, of some calls of a function."""
     seconds = []
     for _ in range(best_of):
-        begin = time.process_time()
+        begin_s, begin_processor_s = time.perf_counter(), time.process_time()
         function()
-        seconds.append(time.process_time() - begin)
-    return min(seconds)
+        seconds.append((time.process_time() - begin_processor_s, time.perf_counter() - begin_s))
+    processor_s, waited_s = (min(each) for each in zip(*seconds, strict=True))
+    return processor_s, waited_s
 
 
 def multiply_adds_per_s() -> float:
     """How many this core does whose values come from the cache, one for each: numpy's product of matrix and vector."""
     matrix = np.random.default_rng(0).random((128, 512), dtype=np.float32)
     vector, repeats = matrix[0].copy(), 1000
-    return repeats * matrix.size / processor_s(lambda: [matrix @ vector for _ in range(repeats)])
+    return repeats * matrix.size / least_s(lambda: [matrix @ vector for _ in range(repeats)], 20)[0]
 
 
 def machine() -> str:
