@@ -184,8 +184,9 @@ def test_of_several_lenses_of_lentil_one_is_named(read):
         read(both, FIELD)
     with pytest.raises(LensError, match="--which is 3: expected one of 0001 "):
         read(both, FIELD, "3")
-    with pytest.raises(LensError, match="--which is 2: the file holds one lens"):
-        read(DEEPLENS, FIELD, "2")
+    for contents in (DEEPLENS, optiland()):
+        with pytest.raises(LensError, match="--which is 2: the file holds one lens"):
+            read(contents, FIELD, "2")
 
 
 def test_a_lens_of_lentil_needs_a_field_and_round_surfaces(read):
