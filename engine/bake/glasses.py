@@ -132,11 +132,6 @@ def best_name(name: str, catalogues: Sequence[str]) -> str:
     return (_full_name(name, known) if known else None) or name
 
 
-def catalogue_names() -> list[str]:
-    """Full names of all glasses of all catalogues, maker first."""
-    return list(_lines())
-
-
 @lru_cache(maxsize=1)
 def _lines():
     """{full name: the rest of its line}."""

@@ -32,9 +32,9 @@ class PupilSplines:
         self._azimuthal = {odd: [(around(azimuths, nu=order) @ _mirroring(count, -1 if odd else 1)).T
                                  for order in (0, 1)] for odd in (False, True)}
 
-    def values(self, table: np.ndarray, odd: bool = False) -> np.ndarray:
-        """Values; `odd` where the other half of the pupil has -values."""
-        return self._radial[0] @ table @ self._azimuthal[odd][0]
+    def values(self, table: np.ndarray) -> np.ndarray:
+        """Values, of what the other half of the pupil has the same of."""
+        return self._radial[0] @ table @ self._azimuthal[False][0]
 
     def jacobian(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
         """Area over (first, second), odd and even, that a unit of radius times azimuth becomes; with its sign."""

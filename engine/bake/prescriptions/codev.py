@@ -11,7 +11,7 @@ from ...lens.readers.assembly import object_distance
 from ...lens.readers.text import read_text
 from ..glasses import best_name
 from ..prescription import Prescription, Surface
-from .field_and_aperture import field_end, vignetting_note
+from .field_and_aperture import field_end, in_mm, vignetting_note
 from .lines import Line
 
 UNITS_MM = {"M": 1.0, "C": 10.0, "I": 25.4}
@@ -170,7 +170,7 @@ def _aperture(path, system, unit_mm):
     kind, value = APERTURES[told.words[0].upper()], told.figure(1)
     if told.words[0].upper() == "NA":
         return kind, 0.5 / value if value else 0.0
-    return kind, value * unit_mm if kind.endswith("_mm") else value
+    return kind, in_mm(kind, value, unit_mm)
 
 
 def _field(path, system, unit_mm):

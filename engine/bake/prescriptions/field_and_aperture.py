@@ -1,6 +1,6 @@
 """Field and aperture of other programs' files: the field ends at its farthest point; vignetting factors stay aside."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import zip_longest
 from pathlib import Path
 
@@ -38,19 +38,11 @@ def field_end(path: Path, kind: str | None, x: Sequence[float], y: Sequence[floa
     if kind is None or not value > 0:
         raise LensError(path, "field", "on the axis alone" if kind else "of no kind that we know",
                         "give --field-angle or --field-height")
-    return kind, _in_mm(kind, value, unit_mm)
+    return kind, in_mm(kind, value, unit_mm)
 
 
-def known_aperture(figures: Mapping[str, float], kinds: Mapping[str, str],
-                   unit_mm: float = 1.0) -> tuple[str, float] | None:
-    """`Prescription.aperture`: the first of a file's figures that `kinds` has another name for; None without one."""
-    for name, value in figures.items():
-        if name in kinds:
-            return kinds[name], _in_mm(kinds[name], value, unit_mm)
-    return None
-
-
-def _in_mm(kind, value, unit_mm):
+def in_mm(kind: str, value: float, unit_mm: float) -> float:
+    """The value of one of `FIELDS` or `APERTURES`, of a file's unit of length where it is a length."""
     return value * unit_mm if kind.endswith("_mm") else value
 
 

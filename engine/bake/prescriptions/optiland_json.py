@@ -8,7 +8,7 @@ from ...errors import LensError
 from ...lens.readers.assembly import object_distance
 from ..glasses import best_name
 from ..prescription import Prescription, Surface
-from .field_and_aperture import field_end, known_aperture, vignetting_note
+from .field_and_aperture import field_end, vignetting_note
 
 REFRACTIVE = "RefractiveReflectiveModel"
 SHAPES = ("Plane", "StandardGeometry", "EvenAsphere", "OddAsphere")
@@ -80,10 +80,9 @@ def _field(path, fields):
 def _aperture(path, told):
     if told["type"] == "float_by_stop_size":
         return "stop", told["value"] / 2
-    aperture = known_aperture({told["type"]: told["value"]}, APERTURES)
-    if aperture is None:
+    if told["type"] not in APERTURES:
         raise LensError(path, "aperture", told["type"], f"expected float_by_stop_size, {', '.join(APERTURES)}")
-    return aperture
+    return APERTURES[told["type"]], told["value"]
 
 
 def _reference_nm(wavelengths):

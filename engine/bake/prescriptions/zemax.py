@@ -11,7 +11,7 @@ from ...lens.readers.assembly import object_distance
 from ...lens.readers.text import read_text
 from ..glasses import best_name
 from ..prescription import Prescription, Surface
-from .field_and_aperture import field_end, vignetting_note
+from .field_and_aperture import field_end, in_mm, vignetting_note
 from .lines import numbered
 
 UNITS_MM = {"MM": 1.0, "CM": 10.0, "IN": 25.4, "INCH": 25.4, "METER": 1000.0, "M": 1000.0}
@@ -147,7 +147,7 @@ def _aperture(path, system, rows, unit_mm):
     kind = APERTURES.get((operand, 0 if operand == "ENPD" else told.figure(2, 0.0)))
     if kind is None:
         raise told.refusal("expected ENPD, FNUM, OBNA with 0 or FLOA")
-    return kind, told.figure(1) * (unit_mm if kind.endswith("_mm") else 1.0)
+    return kind, in_mm(kind, told.figure(1), unit_mm)
 
 
 def _kind_of_field(system):
