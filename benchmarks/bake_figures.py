@@ -19,7 +19,7 @@ from lensfield.engine.bake.focus import build_system
 from lensfield.engine.bake.prescriptions import read_prescription
 from lensfield.engine.bake.quality import QUALITIES
 from lensfield.engine.bake.wavefront import trace_wavefronts
-from lensfield.engine.lens.readers import BUNDLED
+from lensfield.engine.library import BUNDLED
 
 WAVELENGTHS_NM = (400, 410, 420, 430, 441, 453, 467, 482, 499, 518, 539, 562, 588, 618, 655, 700)
 SEEN = slice(1, None, 7)  # of the wavelengths, where PSFs are compared

@@ -23,7 +23,7 @@ from timing import least_s, machine, quickest
 from worst_points import table_lines
 
 from lensfield.engine import Lens, Options, simulate
-from lensfield.engine.lens.readers import bundled_names
+from lensfield.engine.library import bundled_names
 from lensfield.engine.plan.choose import make_plan
 from lensfield.engine.trade.tradeoff import errors
 

@@ -16,7 +16,7 @@ from point_images import PointImages, point_images
 from timing import machine
 
 from lensfield.engine import Lens, Options, SpectralImage
-from lensfield.engine.lens.readers import bundled_names
+from lensfield.engine.library import bundled_names
 from lensfield.engine.plan.choose import make_plan
 from lensfield.engine.threads import thread_count
 

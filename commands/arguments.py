@@ -7,7 +7,7 @@ from pathlib import Path
 from ..engine import InputError, Options
 from ..engine.blur import METHODS
 from ..engine.files import check_target
-from ..engine.lens.readers import bundled_names
+from ..engine.library import bundled_names
 from ..engine.plan.options import AUTO, DEFAULT_ACCURACY, FIREFLIES, MOST_SUPERSAMPLING, OUT_OF_FIELD, PRECISIONS
 
 RESOLUTION_LIMITS = (4, 65536)

@@ -16,9 +16,10 @@ from ..engine.lens.curves import reference_nm
 from ..engine.lens.export_macro import PROGRAMS, ExportOptions, export_macro
 from ..engine.lens.finding import SEVERITIES
 from ..engine.lens.info import lens_info, lens_text
-from ..engine.lens.readers import bundled_lenses, bundled_names, import_lens
+from ..engine.lens.readers import import_lens
 from ..engine.lens.readers.package import write_package
 from ..engine.lens.sampling import WAVELENGTHS
+from ..engine.library import bundled_lenses, bundled_names
 from ..engine.spectral.spectra import parse_wavelengths
 from . import bake
 from .arguments import check_outputs, resolution, sides_mm

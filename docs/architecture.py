@@ -28,7 +28,7 @@ sys.path.insert(0, str(ROOT / "tests"))
 
 from lensfield.engine import Lens  # noqa: E402
 from lensfield.engine.lens.curves import distortion_grid, field_of  # noqa: E402
-from lensfield.engine.lens.readers import BUNDLED  # noqa: E402
+from lensfield.engine.library import BUNDLED  # noqa: E402
 from lensfield.engine.sheet.psf_map import tile  # noqa: E402
 from lensfield.engine.sheet.white_light import wavelength_colours, white_psfs  # noqa: E402
 from lensfield.engine.spectral.colour import encode_srgb  # noqa: E402
@@ -376,9 +376,9 @@ def place(room):
     if not room.startswith("engine"):
         return *HOUSE, FLOOR[room] - FLOOR["addon.scene"], BLENDER if room.startswith("addon") else COMMAND
     row = FLOOR[room] - FIRST_FLOOR
-    if room in ("engine.sheet", "engine.bake"):
+    if room in ("engine.sheet", "engine.bake", "engine.library"):
         half = (WING[1] - 10) / 2
-        return WING[0] + (half + 10) * (room == "engine.bake"), half, row, BESIDE
+        return WING[0] + (half + 10) * (room != "engine.sheet"), half, row, BESIDE
     if room in ("engine", "engine.lens"):
         return *WING, row, BESIDE if room == "engine.lens" else ENGINE
     return *TOWER, row, ENGINE

@@ -1,4 +1,4 @@
-"""Bake the bundled lenses, in engine/lens/library: prescriptions/*.toml to *.npz, and draw their sheets.
+"""Bake the bundled lenses, in engine/library: prescriptions/*.toml to *.npz, and draw their sheets.
 
     python packaging/bake_lenses.py [NAME ...]
 
@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from lensfield.commands.terminal import progress_bar
 from lensfield.engine.bake.bake import bake
 from lensfield.engine.bake.prescriptions import read_prescription
-from lensfield.engine.lens.readers import BUNDLED
 from lensfield.engine.lens.readers.package import write_package
+from lensfield.engine.library import BUNDLED
 from lensfield.engine.sheet.sheet import write_lens_plot
 
 WAVELENGTHS_NM = (400, 410, 420, 430, 441, 453, 467, 482, 499, 518, 539, 562, 588, 618, 655, 700)

@@ -2,7 +2,7 @@
 
     python packaging/lens_pictures.py [NAME ...]
 
-makes engine/lens/library/NAME.jpg for those named, or all; `make lens-pictures` does that with Blender's wheel.
+makes engine/library/NAME.jpg for those named, or all; `make lens-pictures` does that with Blender's wheel.
 """
 
 import sys
@@ -13,7 +13,7 @@ import bpy
 from PIL import Image
 
 from lensfield import addon
-from lensfield.engine.lens.readers import BUNDLED, bundled_names
+from lensfield.engine.library import BUNDLED, bundled_names
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 
 SCENE = Path(__file__).resolve().parent.parent / "sample_scenes" / "evening_chess.blend"

@@ -1,6 +1,6 @@
 """A lens as rays meet it at stated wavelengths: surfaces, indices and absorption, and how they are kept as JSON.
 
-    .venv/bin/python validation/lens_surfaces.py engine/lens/library/prescriptions/edmund-54852.toml \
+    .venv/bin/python validation/lens_surfaces.py engine/library/prescriptions/edmund-54852.toml \
         -o tests/data/edmund-54852_surfaces.json --wavelengths 453,562,655
 
 focuses the lens as baking does, looks its glasses up, and writes the file.

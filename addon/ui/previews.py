@@ -11,7 +11,7 @@ import bpy
 import bpy.utils.previews
 import numpy as np
 
-from ...engine.lens.readers import BUNDLED, bundled_names
+from ...engine.library import BUNDLED, bundled_names
 from ..scene.errors import SceneError
 
 PREVIEW_PX = 640  # the longer side; previews that Blender reads by itself have 256, too few for the text

@@ -10,7 +10,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, Po
 from ...engine import Options
 from ...engine.blur import METHODS
 from ...engine.blur.method import AZIMUTHS, SECTION_SIZE
-from ...engine.lens.readers import bundled_lenses
+from ...engine.library import bundled_lenses
 from ...engine.plan.options import DEFAULT_ACCURACY, KNOBS, MOST_SUPERSAMPLING, TIER_ACCURACY
 from ...engine.spectral.refraction import refraction_names
 from ...engine.spectral.spectra import library_names, parse_wavelengths

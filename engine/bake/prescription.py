@@ -11,6 +11,8 @@ from ..errors import LensError
 APERTURES = ("stop", "entrance_pupil_diameter_mm", "f_number", "working_f_number", "object_na")
 FIELDS = ("angle_deg", "image_height_mm", "object_height_mm")
 FOCUSES = ("as given", "paraxial", "best")
+HIGHEST_F_NUMBER = 22.0  # of an f-stop ring of which nothing is told
+CLOSEST_FOCUS = 10  # focal lengths, of a focus ring of which nothing is told
 LEAST_F_NUMBER = 0.5  # light comes from no more than a half space
 PSF_SAMPLES = 65  # along each side of a PSF, where nothing else is asked for
 
@@ -25,6 +27,8 @@ class Surface:
         Radius of curvature, positive where the centre lies towards the image; inf for a plane.
     thickness_mm : float
         Axial distance to the next surface, or to the image plane.
+    gaps_mm : tuple of float
+        The same at each of `Prescription.focused_at_mm`, where it changes for focusing; () where it does not.
     glass : str
         What follows: "" for air, a catalogue glass ("N-BK7", "SCHOTT N-BK7"), or "n/V", its index and Abbe number.
     semi_aperture_mm : float
@@ -49,10 +53,12 @@ class Surface:
     stop: bool = False
     odd_aspheric: tuple[float, ...] = ()
     glass_figures: str = ""
+    gaps_mm: tuple[float, ...] = ()
 
     def scaled(self, factor: float) -> Self:
         """The surface of a lens `factor` times as large."""
         return replace(self, radius_mm=self.radius_mm * factor, thickness_mm=self.thickness_mm * factor,
+                       gaps_mm=tuple(gap * factor for gap in self.gaps_mm),
                        semi_aperture_mm=self.semi_aperture_mm * factor,
                        aspheric=tuple(a * factor ** (1 - 2 * n) for n, a in enumerate(self.aspheric, 1)),
                        odd_aspheric=tuple(a * factor ** (-2 * n) for n, a in enumerate(self.odd_aspheric)))
@@ -66,15 +72,30 @@ class Prescription:
     ----------
     name, maker, story, source, notes : str
         As `Lens` has them.
+    title : str
+        What it is called where people choose a lens.
+    year : int or None
+        Of its design.
+    character : tuple of str
+        What it does to a picture, in words to search by.
     surfaces : tuple of Surface
         From the first to the last before the image plane.
     object_distance_mm : float
         From the object plane to the first surface; inf for a lens focused at infinity.
+    focused_at_mm : tuple of float
+        Object distances from the first surface, descending, for which surfaces have `gaps_mm`; () where all of the
+        lens moves for focusing.
+    closest_focus_mm : float or None
+        The least object distance from the first surface; None where nothing is told of it.
     aperture : (str, float)
         Which figure sets the size of the stop, one of `APERTURES`, and its value: "stop" with the stop's
-        semi-aperture in mm.
+        semi-aperture in mm. It is the widest that the lens has.
+    highest_f_number : float
+        How far it can be stopped down.
     field : (str, float)
         Which figure ends the field, one of `FIELDS`, and its value; the image height is a paraxial one.
+    focal_length_mm : float or None
+        The nominal one; None where nothing is told of it.
     sensor_mm : (float, float) or None
         Width and height of the sensor it is made for; None for the 4:3 rectangle that fills the field.
     reference_wavelength_nm : float
@@ -95,6 +116,13 @@ class Prescription:
     story: str = ""
     source: str = ""
     notes: str = ""
+    title: str = ""
+    year: int | None = None
+    character: tuple[str, ...] = ()
+    focal_length_mm: float | None = None
+    focused_at_mm: tuple[float, ...] = ()
+    closest_focus_mm: float | None = None
+    highest_f_number: float = HIGHEST_F_NUMBER
 
     def __post_init__(self):
         _check(self)
@@ -105,13 +133,19 @@ class Prescription:
         return [surface.stop for surface in self.surfaces].index(True)
 
     def scaled(self, factor: float) -> Self:
-        """A lens `factor` times as large, of the same f-number, angles and object distance."""
+        """A lens `factor` times as large, of the same f-number, angles and object distance.
+
+        What is told of its focus ring scales with it, and so does its nominal focal length.
+        """
         kind, value = self.aperture
         lengths = ("stop", "entrance_pupil_diameter_mm")
         field_kind, field = self.field
         return replace(self, surfaces=tuple(surface.scaled(factor) for surface in self.surfaces),
                        aperture=(kind, value * factor if kind in lengths else value),
-                       field=(field_kind, field * factor if field_kind == "image_height_mm" else field))
+                       field=(field_kind, field * factor if field_kind == "image_height_mm" else field),
+                       focused_at_mm=tuple(distance * factor for distance in self.focused_at_mm),
+                       closest_focus_mm=self.closest_focus_mm and self.closest_focus_mm * factor,
+                       focal_length_mm=self.focal_length_mm and self.focal_length_mm * factor)
 
     def with_glasses(self, names: Mapping[str, str]) -> Self:
         """The same lens with glasses called otherwise: `names` maps those of this prescription to others."""
@@ -131,6 +165,10 @@ def _check(prescription):
         refuse("stop", f"at {stops} surfaces", "expected one surface to be the aperture stop")
     for number, surface in enumerate(prescription.surfaces, 1):
         _check_surface(surface, f"surface {number}", refuse)
+        if surface.gaps_mm and len(surface.gaps_mm) != len(prescription.focused_at_mm):
+            refuse(f"surface {number}, gaps", f"{len(surface.gaps_mm)} numbers",
+                   f"expected one for each of focused_at_mm, {len(prescription.focused_at_mm)}")
+    _check_rings(prescription, refuse)
     _check_image_space(prescription, f"surface {len(prescription.surfaces)}", refuse)
     _check_aperture_and_field(prescription, refuse)
     if not prescription.object_distance_mm > 0:
@@ -160,6 +198,21 @@ def _check_aperture_and_field(prescription, refuse):
             refuse(field, kind, "an object at infinity has none: give another of " + ", ".join(kinds))
 
 
+def _check_rings(prescription, refuse):
+    """What is told of focus and f-stop rings, and of the lens's name."""
+    positions = prescription.focused_at_mm
+    if positions and (np.any(np.diff(positions) >= 0) or not positions[-1] > 0):
+        refuse("focused_at_mm", positions, "expected positive distances, the farthest first")
+    if positions and not any(surface.gaps_mm for surface in prescription.surfaces):
+        refuse("focused_at_mm", positions, "no surface has a thickness for each of these: expected one at least")
+    for name in ("closest_focus_mm", "focal_length_mm"):
+        value = getattr(prescription, name)
+        if value is not None and not 0 < value < np.inf:
+            refuse(name, value, "expected a positive number")
+    if not LEAST_F_NUMBER <= prescription.highest_f_number < np.inf:
+        refuse("highest_f_number", prescription.highest_f_number, f"expected at least {LEAST_F_NUMBER}")
+
+
 def _check_image_space(prescription, last, refuse):
     """The image plane lies in air, and not within the lens."""
     *before, surface = prescription.surfaces
@@ -178,8 +231,8 @@ def _check_image_space(prescription, last, refuse):
 def _check_surface(surface, name, refuse):
     if surface.radius_mm == 0 or np.isnan(surface.radius_mm):
         refuse(f"{name}, radius_mm", surface.radius_mm, "expected a radius, or inf for a plane")
-    if not np.isfinite(surface.thickness_mm):
-        refuse(f"{name}, thickness_mm", surface.thickness_mm, "expected a number")
+    if not np.all(np.isfinite((surface.thickness_mm, *surface.gaps_mm))):
+        refuse(f"{name}, thickness_mm", surface.gaps_mm or surface.thickness_mm, "expected a number")
     if not surface.semi_aperture_mm > 0:
         refuse(f"{name}, semi_aperture_mm", surface.semi_aperture_mm, "expected a positive number")
     shape = (surface.conic, *surface.aspheric, *surface.odd_aspheric)

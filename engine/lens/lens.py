@@ -99,7 +99,7 @@ class Lens(Value):
         LensError
             No such lens, or a file that is damaged or of no known kind.
         """
-        from . import load  # a door: readers build Lens values, so they cannot be imported first
+        from ..library import load  # a door: what makes Lens values cannot be imported first
 
         return load(name_or_path)
 

@@ -17,7 +17,7 @@ import lensfield as extension
 from lensfield import addon, cli
 from lensfield.commands.messages import read_message
 from lensfield.engine.image.spectral_exr import read_exr
-from lensfield.engine.lens.readers import BUNDLED
+from lensfield.engine.library import BUNDLED
 from small_scenes import light, material, set_world, wall
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -11,11 +12,13 @@ from ...lens.readers.toml_fields import TomlTable, read_toml
 from ..prescription import APERTURES, FIELDS, Prescription, Surface
 
 FORMAT, VERSION = "lensfield-prescription", 1
-TEXTS = ("name", "maker", "story", "source", "notes", "focus")
-NUMBERS = ("object_distance_mm", "reference_wavelength_nm")
-FIELDS_OF_FILE = ("format", "version", "scale", "aperture", "field", "sensor_mm", "surfaces", *TEXTS, *NUMBERS)
-SURFACE_NUMBERS = ("radius_mm", "thickness_mm", "semi_aperture_mm", "conic")
-FIELDS_OF_SURFACE = (*SURFACE_NUMBERS, "glass", "aspheric", "stop")
+TEXTS = ("name", "title", "maker", "story", "source", "notes", "focus")
+NUMBERS = ("object_distance_mm", "reference_wavelength_nm", "highest_f_number")
+OF_THE_LENS = ("focal_length_mm", "closest_focus_mm")  # numbers that `scale` does not change, and neither sensor_mm
+FIELDS_OF_FILE = ("format", "version", "scale", "aperture", "field", "sensor_mm", "surfaces", "year", "character",
+                  "focused_at_mm", *TEXTS, *NUMBERS, *OF_THE_LENS)
+SURFACE_NUMBERS = ("radius_mm", "semi_aperture_mm", "conic")
+FIELDS_OF_SURFACE = (*SURFACE_NUMBERS, "thickness_mm", "glass", "aspheric", "stop")
 HIGHEST_POWER = 40
 
 
@@ -28,12 +31,30 @@ def read_lensfield(path: Path, field: tuple[str, float] | None = None) -> Prescr
         raise table.refusal("scale", "expected a positive number")
     facts = {name: _line(table, name) for name in TEXTS if name in table}
     facts |= {name: table.number(name) for name in NUMBERS if name in table}
+    if "focused_at_mm" in table:  # what is as it stands in the file is the first of these
+        facts["focused_at_mm"] = tuple(table.numbers("focused_at_mm"))
+        facts = {"object_distance_mm": facts["focused_at_mm"][0]} | facts
     prescription = Prescription(
         **{"name": path.stem} | facts, surfaces=_surfaces(table), aperture=_figure(table, "aperture", APERTURES),
-        field=field or _figure(table, "field", FIELDS),
-        sensor_mm=_sensor_mm(table))
+        field=field or _figure(table, "field", FIELDS), year=_year(table), character=_character(table))
     prescription = prescription if scale == 1 else prescription.scaled(scale)
-    return replace(prescription, field=field) if field else prescription  # a field that is asked for is not scaled
+    of_the_lens: dict[str, Any] = {name: table.number(name) for name in OF_THE_LENS if name in table}
+    of_the_lens |= {"field": field} if field else {}  # that is asked for
+    return replace(prescription, sensor_mm=_sensor_mm(table), **of_the_lens)
+
+
+def _year(table):
+    year = table.values.get("year")
+    if year is not None and (isinstance(year, bool) or not isinstance(year, int)):
+        raise table.refusal("year", "expected a whole number")
+    return year
+
+
+def _character(table):
+    words = table.values.get("character", [])
+    if not isinstance(words, list) or not all(isinstance(word, str) for word in words):
+        raise table.refusal("character", "expected a list of words")
+    return tuple(words)
 
 
 def _sensor_mm(table):
@@ -64,6 +85,11 @@ def _surfaces(table):
 def _surface(table):
     _check_known(table, FIELDS_OF_SURFACE)
     numbers = {name: table.number(name) for name in SURFACE_NUMBERS if name in table}
+    if isinstance(table.values.get("thickness_mm"), list):
+        numbers["gaps_mm"] = tuple(table.numbers("thickness_mm"))
+        numbers["thickness_mm"] = numbers["gaps_mm"][0]
+    elif "thickness_mm" in table:
+        numbers["thickness_mm"] = table.number("thickness_mm")
     even, odd = _aspheric(table)
     return Surface(**numbers, glass=_line(table, "glass"), stop=table.flag("stop"), aspheric=even, odd_aspheric=odd)
 

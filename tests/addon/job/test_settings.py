@@ -15,7 +15,7 @@ from lensfield.engine import Lens, Options, simulate
 from lensfield.engine import kept as keeping
 from lensfield.engine.blur import METHODS
 from lensfield.engine.image.spectral_exr import read_exr
-from lensfield.engine.lens.readers import BUNDLED
+from lensfield.engine.library import BUNDLED
 from lensfield.engine.plan.options import DEFAULT_ACCURACY
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 from places import SAMPLE_SCENE

@@ -13,7 +13,7 @@ from lensfield.addon.ui import lint_panel, plan_line, window_render
 from lensfield.addon.ui.panels import draw_settings
 from lensfield.addon.ui.properties import DEFAULT_LENS, offered_lenses
 from lensfield.engine import Lens, Options, SpectralImage
-from lensfield.engine.lens.readers import bundled_names
+from lensfield.engine.library import bundled_names
 from lensfield.engine.plan.choose import make_plan
 from places import SAMPLE_SCENE
 from small_scenes import light, material, wall
@@ -53,7 +53,7 @@ def test_lenses_go_by_their_titles():
 def test_each_bundled_lens_has_its_picture():
     from PIL import Image
 
-    from lensfield.engine.lens.readers import BUNDLED
+    from lensfield.engine.library import BUNDLED
     for name in bundled_names():
         with Image.open(BUNDLED / f"{name}.jpg") as picture:
             assert picture.size == (256, 192)

@@ -13,7 +13,7 @@ from lensfield import addon
 from lensfield.addon.scene.errors import SceneError
 from lensfield.addon.ui import previews
 from lensfield.addon.ui.panels import draw_settings
-from lensfield.engine.lens.readers import BUNDLED
+from lensfield.engine.library import BUNDLED
 
 RED, BLUE = (255, 0, 0), (0, 0, 255)
 

@@ -10,7 +10,7 @@ from lensfield.engine.bake.prescription import Prescription, Surface
 from lensfield.engine.bake.prescriptions import read_prescription
 from lensfield.engine.bake.rays import HalfPupil, trace_pupil
 from lensfield.engine.bake.surfaces import sag_and_slope, unit_normal, way_to
-from lensfield.engine.lens.readers import BUNDLED
+from lensfield.engine.library import BUNDLED
 
 SURFACES = {"conic and powers": Surface(3.0, conic=-0.7, aspheric=(0.0, 2e-3, -1e-4, 3e-6)),
             "a term in r^2": Surface(-8.0, conic=2.0, aspheric=(0.03, -1e-3)),

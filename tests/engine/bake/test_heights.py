@@ -11,7 +11,7 @@ from lensfield.engine.bake.quality import QUALITIES
 from lensfield.engine.bake.rays import HalfPupil, trace_pupil
 from lensfield.engine.bake.wavefront import trace_wavefronts
 from lensfield.engine.bake.window import needed_width_um, pitch_for_um
-from lensfield.engine.lens.readers import BUNDLED
+from lensfield.engine.library import BUNDLED
 from perfect_lens import perfect_wavefronts
 
 PREVIEW = QUALITIES["preview"]

@@ -10,7 +10,7 @@ from lensfield.engine import LensError
 from lensfield.engine.bake.focus import build_system
 from lensfield.engine.bake.prescription import Prescription
 from lensfield.engine.bake.prescriptions import read_prescription
-from lensfield.engine.lens.readers import BUNDLED
+from lensfield.engine.library import BUNDLED
 
 SINGLET = Prescription("singlet", SURFACES, ("entrance_pupil_diameter_mm", 5.0), ("angle_deg", 14.0))
 FOCUSED = replace(SINGLET, focus="best")

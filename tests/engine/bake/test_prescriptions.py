@@ -1,5 +1,6 @@
 """Prescriptions: the value itself, Lensfield's TOML, pbrt's and Optiland's files, and real files of other programs."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,7 @@ from lensfield.engine.bake.focus import build_system
 from lensfield.engine.bake.prescription import Prescription, Surface
 from lensfield.engine.bake.prescriptions import READERS, read_prescription
 from lensfield.engine.bake.rays import HalfPupil, trace_pupil
-from lensfield.engine.lens.readers import BUNDLED
+from lensfield.engine.library import BUNDLED
 from places import SHARED_DATA
 
 FILES = SHARED_DATA / "prescriptions"
@@ -44,6 +45,53 @@ sensor_mm = [36, 24.0]"""), ("conic = -0.5", "conic = -0.5\naspheric = {4 = 1e-5
         "singlet", (*SURFACES[:2], replace(SURFACES[2], aspheric=(0.0, 1e-5, 0.0, -2e-9))),
         ("entrance_pupil_diameter_mm", 5.0), ("angle_deg", 14.0), 250.0, (36.0, 24.0), 546.07, "best",
         "a maker", "two lines", "a patent", "assumed")
+
+
+RINGS = """version = 1
+title = "A Singlet 80 mm"
+year = 1839
+character = ["soft", "swirl"]
+focal_length_mm = 80
+closest_focus_mm = 700
+highest_f_number = 16
+focused_at_mm = [inf, 2000, 500]"""
+
+
+def test_a_focus_ring_that_moves_parts_of_the_lens(read):
+    lens = read(changed(TOML, ("version = 1", RINGS), ("thickness_mm = 4.0", "thickness_mm = [4.0, 5.0, 6.5]")))
+    assert (lens.title, lens.year, lens.character) == ("A Singlet 80 mm", 1839, ("soft", "swirl"))
+    assert (lens.focal_length_mm, lens.closest_focus_mm, lens.highest_f_number) == (80, 700, 16)
+    assert lens.focused_at_mm == (np.inf, 2000, 500) and np.isinf(lens.object_distance_mm)
+    assert (lens.surfaces[1].thickness_mm, lens.surfaces[1].gaps_mm) == (4.0, (4.0, 5.0, 6.5))
+    near = read(changed(TOML, ("version = 1", RINGS.replace("[inf, 2000, 500]", "[800, 700]")),
+                        ("thickness_mm = 4.0", "thickness_mm = [4.0, 5.0]")))
+    assert near.object_distance_mm == 800, "what a file has first is how it stands"
+
+
+def test_scale_is_that_of_surfaces_and_their_moves(read):
+    half = read(changed(TOML, ("version = 1", RINGS + "\nscale = 0.5\nsensor_mm = [36, 24]"),
+                        ("thickness_mm = 4.0", "thickness_mm = [4.0, 5.0, 6.5]")))
+    assert half.surfaces[1].gaps_mm == (2.0, 2.5, 3.25) and half.focused_at_mm == (np.inf, 1000, 250)
+    assert (half.focal_length_mm, half.closest_focus_mm, half.sensor_mm) == (80, 700, (36, 24)), "as the file has them"
+    assert half.scaled(2).focal_length_mm == 160 and half.scaled(2).closest_focus_mm == 1400
+
+
+@pytest.mark.parametrize("old, new, message", [
+    ("[inf, 2000, 500]", "[500, 2000, inf]", "focused_at_mm is (500.0, 2000.0, inf): expected positive distances, the"),
+    ("[inf, 2000, 500]", "[inf, 2000]", "surface 2, gaps is 3 numbers: expected one for each of focused_at_mm, 2"),
+    ("[4.0, 5.0, 6.5]", "4.0", "focused_at_mm is (inf, 2000.0, 500.0): no surface has a thickness for each of these"),
+    ("[4.0, 5.0, 6.5]", "[4.0, inf, 6.5]", "surface 2, thickness_mm is (4.0, inf, 6.5): expected a number"),
+    ("[4.0, 5.0, 6.5]", "[]", "surface 2, thickness_mm is []: expected a list of numbers in brackets"),
+    ("year = 1839", 'year = "1839"', "year is 1839: expected a whole number"),
+    ('["soft", "swirl"]', '"soft"', "character is soft: expected a list of words"),
+    ("focal_length_mm = 80", "focal_length_mm = -80", "focal_length_mm is -80.0: expected a positive number"),
+    ("closest_focus_mm = 700", "closest_focus_mm = inf", "closest_focus_mm is inf: expected a positive number"),
+    ("highest_f_number = 16", "highest_f_number = 0.1", "highest_f_number is 0.1: expected at least 0.5"),
+])
+def test_bad_rings_of_a_toml(read, old, new, message):
+    text = changed(TOML, ("version = 1", RINGS), ("thickness_mm = 4.0", "thickness_mm = [4.0, 5.0, 6.5]"))
+    with pytest.raises(LensError, match=re.escape(message)):
+        read(changed(text, (old, new)))
 
 
 def test_odd_powers_of_a_toml(read):

@@ -13,7 +13,7 @@ from lensfield.engine.bake.prescriptions import read_prescription
 from lensfield.engine.bake.quality import QUALITIES
 from lensfield.engine.bake.rays import HalfPupil, trace_pupil
 from lensfield.engine.bake.wavefront import trace_wavefronts
-from lensfield.engine.lens.readers import BUNDLED
+from lensfield.engine.library import BUNDLED
 from places import DATA
 
 CHIEF_RAYS = DATA / "edmund_chief_rays.csv"

@@ -14,7 +14,7 @@ from lensfield.engine.bake.prescriptions import read_prescription
 from lensfield.engine.bake.rays import HalfPupil, trace_pupil
 from lensfield.engine.bake.surfaces import refracted
 from lensfield.engine.bake.system import system_of
-from lensfield.engine.lens.readers import BUNDLED
+from lensfield.engine.library import BUNDLED
 
 INDEX = 1.5
 PUPIL = HalfPupil(7, 9)

@@ -11,7 +11,7 @@ from lensfield.engine.bake.focus import build_system  # noqa: E402
 from lensfield.engine.bake.glasses import find_glass  # noqa: E402
 from lensfield.engine.bake.prescriptions import read_prescription  # noqa: E402
 from lensfield.engine.bake.rays import HalfPupil, trace_pupil  # noqa: E402
-from lensfield.engine.lens.readers import BUNDLED  # noqa: E402
+from lensfield.engine.library import BUNDLED  # noqa: E402
 from optiland_witness import optic_of, witness_rays  # noqa: E402
 
 PUPIL = HalfPupil(5, 7)

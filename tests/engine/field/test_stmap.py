@@ -10,7 +10,7 @@ from lensfield.engine import Lens, LensError, SpectralImage, simulate
 from lensfield.engine.field.stmap import distort_map, undistort_map
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.image.spectral_exr import read_parts
-from lensfield.engine.lens.readers import bundled_names
+from lensfield.engine.library import bundled_names
 
 
 def places_px(stmap):

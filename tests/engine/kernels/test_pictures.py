@@ -7,7 +7,7 @@ from lenses import comatic_lens, lopsided_lens
 from lensfield.engine import Kept, Lens, Options, Report, SpectralImage, simulate
 from lensfield.engine.image.pixel_grid import FISHEYE
 from lensfield.engine.kernels import NUMPY, available
-from lensfield.engine.lens import bundled_names
+from lensfield.engine.library import bundled_names
 from loops import using
 
 AGREEMENT = 3e-6  # of the brightest pixel: some roundings of single precision, in the light and in where it goes

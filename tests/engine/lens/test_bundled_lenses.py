@@ -8,7 +8,7 @@ import pytest
 
 from lensfield.engine import Lens, Options, SpectralImage, simulate
 from lensfield.engine.lens.checks import check_lens
-from lensfield.engine.lens.readers import BUNDLED, bundled_lenses, bundled_names
+from lensfield.engine.library import BUNDLED, bundled_lenses, bundled_names
 
 KINDS = {"angenieux-50mm-f1.1", "angenieux-50mm-f4", "apple-phone-4mm", "cooke-triplet-50mm", "edmund-54852",
          "kodak-petzval-100mm", "muller-fisheye-25mm", "nikkor-28mm", "tessar-50mm"}

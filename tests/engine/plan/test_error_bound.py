@@ -11,7 +11,7 @@ from lensfield.engine.field.distortion import FieldGeometry
 from lensfield.engine.field.mirror_symmetry import Planes
 from lensfield.engine.field.psf_bank import PsfBank
 from lensfield.engine.field.psf_table import PsfTable, PsfTables
-from lensfield.engine.lens.readers import bundled_names
+from lensfield.engine.library import bundled_names
 from lensfield.engine.plan import choose
 from lensfield.engine.plan.choose import make_plan, priced
 from lensfield.engine.plan.error_bound import AzimuthErrors, azimuth_error

@@ -10,8 +10,8 @@ from PIL import Image
 from lenses import comatic_lens, gaussian_psf, make_lens, marked_psf
 from lensfield import cli
 from lensfield.engine import InputError, Lens, LensError
-from lensfield.engine.lens.readers import BUNDLED, bundled_names
 from lensfield.engine.lens.readers.package import write_package
+from lensfield.engine.library import BUNDLED, bundled_names
 from lensfield.engine.sheet import sheet as sheet_module
 from lensfield.engine.sheet.psf_map import tile, unseen_share
 from lensfield.engine.sheet.sheet import write_lens_plot
