@@ -1,4 +1,4 @@
-"""`lensfield lens bake`: from what a lens is made of to its lens data."""
+"""`lensfield lens bake` and `lens convert`: from what a lens is made of to its lens data, or to a file of our own."""
 
 import math
 from contextlib import contextmanager
@@ -10,7 +10,9 @@ from ..engine.bake.bake import bake as bake_lens
 from ..engine.bake.bake import focused
 from ..engine.bake.prescription import FOCUSES, PSF_SAMPLES
 from ..engine.bake.prescriptions import read_prescription
+from ..engine.bake.prescriptions.toml import write_prescription
 from ..engine.bake.quality import QUALITIES
+from ..engine.files import atomic_path
 from ..engine.lens.readers.package import write_package
 from ..engine.lens.sampling import WAVELENGTHS
 from ..engine.spectral.spectra import parse_wavelengths
@@ -20,12 +22,7 @@ from .terminal import progress_bar
 
 def add(commands):
     bake = commands.add_parser("bake", help="trace a prescription to a lens package")
-    bake.add_argument("prescription", type=Path, metavar="FILE",
-                      help="Lensfield .toml, Zemax .zmx, Code V .seq, pbrt .dat, Optical Bench .txt, .lens, or .json "
-                           "of Optiland, DeepLens or lentil")
-    bake.add_argument("--which", metavar="NUMBER",
-                      help="of a file that holds several: the position of zoom and focus (Optical Bench; default: the "
-                           "first for infinity), or the lens (lentil)")
+    _add_file(bake)
     bake.add_argument("-o", "--output", type=Path, required=True, metavar="X.npz")
     bake.add_argument("--quality", choices=QUALITIES, default="standard",
                       help="how finely heights, rays and sums lie (default %(default)s)")
@@ -44,6 +41,20 @@ def add(commands):
     _add_overrides(bake.add_argument_group("in place of what the file says"))
     bake.add_argument("--workers", type=int, metavar="N", help="threads (default: one on each core)")
     bake.set_defaults(run=_bake)
+    convert = commands.add_parser("convert", help="another program's prescription to Lensfield's .toml")
+    _add_file(convert)
+    convert.add_argument("-o", "--output", type=Path, required=True, metavar="X.toml")
+    _add_overrides(convert.add_argument_group("in place of what the file says"))
+    convert.set_defaults(run=_convert)
+
+
+def _add_file(command):
+    command.add_argument("prescription", type=Path, metavar="FILE",
+                         help="Lensfield .toml, Zemax .zmx, Code V .seq, pbrt .dat, Optical Bench .txt, .lens, or "
+                              ".json of Optiland, DeepLens or lentil")
+    command.add_argument("--which", metavar="NUMBER",
+                         help="of a file that holds several: the position of zoom and focus (Optical Bench; default: "
+                              "the first for infinity), or the lens (lentil)")
 
 
 def _add_overrides(group):
@@ -62,8 +73,7 @@ def _bake(options):
     wavelengths_nm = parse_wavelengths(options.wavelengths)
     _check(options)
     with _errors_of(options.prescription):
-        prescription = _with_overrides(read_prescription(options.prescription, _field(options), options.which), options)
-        targets = _targets(prescription, options)
+        targets = _targets(_asked_for(options), options)
     check_outputs([(path, ".npz") for path in targets], [options.prescription])
     for path, single in targets.items():
         with _errors_of(options.prescription), progress_bar() as tell:
@@ -71,6 +81,20 @@ def _bake(options):
                              pitch_um=options.pitch, samples=options.samples, workers=options.workers, progress=tell)
         write_package(lens, path)
         print(f"{path}\n  {_summary(lens)}")
+
+
+def _convert(options):
+    with _errors_of(options.prescription):
+        text = write_prescription(_asked_for(options))
+    check_outputs([(options.output, ".toml")], [options.prescription])
+    with atomic_path(options.output) as temporary:
+        temporary.write_text(text, encoding="utf-8", newline="\n")
+    print(options.output)
+
+
+def _asked_for(options):
+    """The file's prescription as the command line has it."""
+    return _with_overrides(read_prescription(options.prescription, _field(options), options.which), options)
 
 
 def _check(options):

@@ -40,7 +40,7 @@ def read_optbench(path: Path, field: tuple[str, float] | None = None, which: str
                      for line in sections["lens data"])
     _check_stop(path, surfaces)
     titles = {line.words[0]: " ".join(line.words[1:]) for line in sections.get("descriptive data", ())}
-    title = titles.get("title") or path.stem
+    title = " ".join(titles.get("title", "").split()) or path.stem
     half_deg = (_variable(told, "Angle of View", column) or 0.0) / 2
     diagonal_mm = _variable(told, "Image Height", column)
     full_frame = diagonal_mm and abs(diagonal_mm - np.hypot(*FULL_FRAME_MM)) < SAME_DIAGONAL_MM

@@ -1,7 +1,9 @@
-"""Lensfield's own prescription: TOML with the fields of `Prescription` and a [[surfaces]] table each."""
+"""Lensfield's own prescription, read and written: TOML with the fields of `Prescription` and a table a surface."""
 
+import json
+import textwrap
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +22,11 @@ FIELDS_OF_FILE = ("format", "version", "scale", "aperture", "field", "sensor_mm"
 SURFACE_NUMBERS = ("radius_mm", "semi_aperture_mm", "conic")
 FIELDS_OF_SURFACE = (*SURFACE_NUMBERS, "thickness_mm", "glass", "aspheric", "stop")
 HIGHEST_POWER = 40
+WRITTEN = ("name", "title", "maker", "year", "focal_length_mm", "character", "story", "source", "notes", "aperture",
+           "highest_f_number", "field", "sensor_mm", "focus", "object_distance_mm", "focused_at_mm", "closest_focus_mm",
+           "reference_wavelength_nm")
+DEFAULTS = {field.name: field.default for value in (Prescription, Surface) for field in fields(value)}
+WIDTH = 105  # of a line of words, before which its name may stand
 
 
 def read_lensfield(path: Path, field: tuple[str, float] | None = None) -> Prescription:
@@ -117,3 +124,51 @@ def _figure(table, name, kinds):
         raise table.refusal(name, f"expected a table with one of {', '.join(kinds)}")
     kind, = figure
     return kind, TomlTable(table.path, figure, f"{name}, ").number(kind)
+
+
+def write_prescription(prescription: Prescription) -> str:
+    """The text of a prescription, a surface a line, which reads as the same; what is so by default is left out.
+
+    In texts whatever is no letter becomes a space, and spaces in a row become one, as in reading. What a file told of a
+    glass that no catalogue has (`glass_figures`) has no place here.
+    """
+    first_mm = prescription.focused_at_mm[0] if prescription.focused_at_mm else np.inf
+    facts = vars(prescription) | {name: dict([getattr(prescription, name)]) for name in ("aperture", "field")}
+    lines = [f'format = "{FORMAT}"', f"version = {VERSION}",
+             *_pairs({name: facts[name] for name in WRITTEN}, DEFAULTS | {"object_distance_mm": first_mm})]
+    rows = (f"  {{ {', '.join(_pairs(_told(surface), DEFAULTS))} }}" for surface in prescription.surfaces)
+    return "\n".join([*lines, "surfaces = [", ",\n".join(rows), "]", ""])
+
+
+def _told(surface):
+    """The fields of a surface's table."""
+    powers = sorted([*zip(range(2, HIGHEST_POWER + 1, 2), surface.aspheric, strict=False),
+                     *zip(range(1, HIGHEST_POWER, 2), surface.odd_aspheric, strict=False)])
+    last = (2 * len(surface.aspheric), 2 * len(surface.odd_aspheric) - 1)  # of either kind: 0 or not, it is counted
+    return {"radius_mm": surface.radius_mm, "thickness_mm": surface.gaps_mm or surface.thickness_mm,
+            "glass": surface.glass, "semi_aperture_mm": surface.semi_aperture_mm, "stop": surface.stop,
+            "conic": surface.conic, "aspheric": {power: term for power, term in powers if term or power in last} or ()}
+
+
+def _pairs(values, defaults):
+    """name = value, of those that are not as they are by default."""
+    return [f"{name} = {_written(value)}" for name, value in values.items() if value != defaults.get(name)]
+
+
+def _written(value):
+    """A text, a flag, a number, several in brackets, or a table."""
+    if isinstance(value, str):
+        return _written_text(" ".join("".join(letter if letter.isprintable() else " " for letter in value).split()))
+    if isinstance(value, dict):
+        return f"{{ {', '.join(_pairs(value, {}))} }}"
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(_written, value))}]"
+    return str(value).lower() if isinstance(value, bool) else repr(float(value)).removesuffix(".0")
+
+
+def _written_text(text):
+    """In one line, or in several where it is long."""
+    quoted = json.dumps(text, ensure_ascii=False)
+    if len(quoted) <= WIDTH:
+        return quoted
+    return f'"""{textwrap.fill(quoted[1:-1], WIDTH, break_long_words=False, break_on_hyphens=False)}"""'

@@ -4,17 +4,18 @@ import os
 import pickle
 import subprocess
 import sys
-from dataclasses import fields
+from dataclasses import fields, replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import lensfield.commands.bake as command
-from lens_texts import changed
+from lens_texts import OPTBENCH, changed
 from lenses import make_lens
 from lensfield import cli
 from lensfield.engine import Lens, LensError
+from lensfield.engine.bake.prescriptions import read_prescription
 
 DOUBLET = """
 format = "lensfield-prescription"
@@ -292,3 +293,24 @@ def test_a_file_that_is_none_is_told_by_its_name(path, tmp_path, capfd, contents
     assert run(tmp_path / "no.zmx", "-o", tmp_path / "lens.npz") == 1
     first, second = capfd.readouterr().err.splitlines()
     assert first.startswith(f"lensfield: {path}: ") and "no.zmx: prescription is not there" in second
+
+
+def test_another_programs_prescription_becomes_ours(path, capsys):
+    (path.parent / "seq.txt").write_text(OPTBENCH)
+    target = path.parent / "new" / "lens.toml"
+    assert cli.main(["lens", "convert", str(path.parent / "seq.txt"), "-o", str(target), "--f-number", "8",
+                     "--glass", "1.5168/64.2=N-BK7", "--name", "a singlet"]) == 0
+    assert capsys.readouterr().out == f"{target}\n"
+    lens = read_prescription(target)
+    assert (lens.name, lens.aperture, lens.surfaces[1].glass) == ("a singlet", ("f_number", 8.0), "N-BK7")
+    assert replace(lens, name="seq", aperture=("f_number", 10.0)).with_glasses({"N-BK7": "1.5168/64.2"}) == (
+        read_prescription(path.parent / "seq.txt"))
+
+
+@pytest.mark.parametrize("output, message", [
+    ("lens.txt", "kind of file is .txt: expected a .toml"),
+    ("doublet.toml", "file is one of the inputs: give every output a name of its own")])
+def test_a_prescription_is_not_written_over_another(path, capsys, output, message):
+    before = path.read_text()
+    assert cli.main(["lens", "convert", str(path), "-o", str(path.parent / output)]) == 1
+    assert message in capsys.readouterr().err and path.read_text() == before

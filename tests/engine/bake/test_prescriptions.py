@@ -6,11 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lens_texts import PBRT, SURFACES, TOML, changed
+from lens_texts import OPTBENCH, PBRT, SURFACES, TOML, changed
 from lensfield.engine import LensError
 from lensfield.engine.bake.focus import build_system
 from lensfield.engine.bake.prescription import Prescription, Surface
 from lensfield.engine.bake.prescriptions import READERS, read_prescription
+from lensfield.engine.bake.prescriptions.toml import write_prescription
 from lensfield.engine.bake.rays import HalfPupil, trace_pupil
 from lensfield.engine.library import BUNDLED
 from places import SHARED_DATA
@@ -92,6 +93,34 @@ def test_bad_rings_of_a_toml(read, old, new, message):
     text = changed(TOML, ("version = 1", RINGS), ("thickness_mm = 4.0", "thickness_mm = [4.0, 5.0, 6.5]"))
     with pytest.raises(LensError, match=re.escape(message)):
         read(changed(text, (old, new)))
+
+
+AWKWARD = Prescription(
+    'Ein "Petzval" \\ 85 mm', (
+        Surface(-1e-7, 1 / 3, "SCHOTT N-BK7", 8.25, conic=-1.5, aspheric=(0.0, 1e-5, 0.0), odd_aspheric=(0.0, -2e-22)),
+        Surface(thickness_mm=3.0, stop=True, gaps_mm=(3.0, 4.0)), Surface(50.0, 47.0, "", 1e6)),
+    ("f_number", 1.9), ("image_height_mm", 21.6), 1e3, (36.0, 24.0), 546.07, "best", "Voigtländer, Wien",
+    "It swirls. " * 20 + "\\", 'by """hand"""', "1.5 < n", "A Petzval", 1840, ("soft", "swirl"), 85.0,
+    (1e3, 500.0), 400.0, 11.0)
+
+
+@pytest.mark.parametrize("lens", [
+    SINGLET, AWKWARD, replace(AWKWARD, object_distance_mm=np.inf), replace(AWKWARD, focused_at_mm=(np.inf, 1e3)),
+    *map(read_prescription, sorted((BUNDLED / "prescriptions").iterdir()))], ids=lambda lens: lens.name)
+def test_what_is_written_reads_as_the_same(read, lens):
+    text = write_prescription(lens)
+    tidy = replace(lens, story=" ".join(lens.story.split()))
+    assert read(text) == tidy and write_prescription(tidy) == text
+    assert max(len(line) for line in text.splitlines() if not line.startswith("  {")) <= 120
+
+
+def test_what_cannot_be_printed_is_not_written(read):
+    assert read(write_prescription(replace(SINGLET, notes="a\0b\x7f\ud800\u00a0c", title="\n"))).notes == "a b c"
+
+
+def test_other_programs_files_are_written_as_ours(read):
+    foreign = read(OPTBENCH, ".txt")
+    assert read(write_prescription(foreign)) == foreign
 
 
 def test_odd_powers_of_a_toml(read):
