@@ -25,7 +25,8 @@ SAME_DIAGONAL_MM = 0.3
 def read_optbench(path: Path, field: tuple[str, float] | None = None, which: str | None = None) -> Prescription:
     """Read a text of the Optical Bench, at its position of this number; without one at the first for infinity.
 
-    The image plane lies at the best focus: thicknesses of patents are rounded.
+    Positions that differ in focus alone become the lens's own way of focusing, unless one is asked for. The image plane
+    lies at the best focus: thicknesses of patents are rounded.
     """
     sections = _sections(path)
     for name in ("variable distances", "lens data"):
@@ -34,9 +35,10 @@ def read_optbench(path: Path, field: tuple[str, float] | None = None, which: str
     told = {line.words[0]: line for name in ("constants", "variable distances") for line in sections.get(name, ())}
     count = len(told["d0"].words) - 1 if "d0" in told else 1
     column = _column(path, told, count, which)
+    focusing = _focusing(told, count, sections["lens data"]) if which is None else []
     aspheres = {line.words[0]: line for line in sections.get("aspherical data", ())}
     first_power = 2 if "AsphericalA2" in told else 4
-    surfaces = tuple(_surface(line, told, column, aspheres.get(line.words[0]), first_power)
+    surfaces = tuple(_surface(line, told, column, focusing, aspheres.get(line.words[0]), first_power)
                      for line in sections["lens data"])
     _check_stop(path, surfaces)
     titles = {line.words[0]: " ".join(line.words[1:]) for line in sections.get("descriptive data", ())}
@@ -48,7 +50,8 @@ def read_optbench(path: Path, field: tuple[str, float] | None = None, which: str
         name=path.stem, surfaces=surfaces, aperture=_aperture(path, told, column, surfaces),
         field=field or _field(path, half_deg, diagonal_mm), object_distance_mm=_variable(told, "d0", column) or np.inf,
         sensor_mm=FULL_FRAME_MM if full_frame else None, focus="best", source=f"{title} ({path.name}, Optical Bench)",
-        notes=_notes(told, count, column, field, half_deg))
+        focused_at_mm=tuple(_variable(told, "d0", at) for at in focusing),
+        notes=_notes(0 if focusing else count, column, field, half_deg))
 
 
 def _sections(path):
@@ -72,6 +75,21 @@ def _column(path, told, count, which):
     return int(which)
 
 
+def _focusing(told, count, rows):
+    """The columns, from far to near, where they are one focal length at several distances between parts that move."""
+    distances_mm = [_variable(told, "d0", at) or 0.0 for at in range(1, count + 1)]
+    if len(set(distances_mm)) < count or np.isinf(distances_mm).sum() != 1 or min(distances_mm) <= 0:
+        return []
+    columns = sorted(range(1, count + 1), key=lambda at: -distances_mm[at - 1])
+    return columns if any(_gaps_mm(told, "".join(line.words[2:3]), columns) for line in rows[:-1]) else []
+
+
+def _gaps_mm(told, thickness, columns):
+    """A distance at each of the columns; () of one that does not change."""
+    gaps_mm = tuple(_variable(told, thickness, at) for at in columns) if thickness in told else ()
+    return gaps_mm if len(set(gaps_mm)) > 1 else ()
+
+
 def _variable(told, name, column):
     """A figure of this position, or the one that holds for all; None where there is none."""
     words = told[name].words[1:] if name in told else ()
@@ -82,13 +100,14 @@ def _variable(told, name, column):
         return None
 
 
-def _surface(line, told, column, asphere, first_power):
+def _surface(line, told, column, focusing, asphere, first_power):
     name, radius, thickness, index, diameter, abbe = [*line.words, *[""] * COLUMNS][:COLUMNS]
     if radius in ("AS", "FS") and index and not abbe:  # some put the diameter where a glass has its index
         index, diameter = "", diameter or index
     line = line._replace(words=(name, radius, thickness, index, diameter, abbe))
+    gaps_mm = _gaps_mm(told, thickness, focusing)
     distance_mm = _variable(told, thickness, column) if thickness in told else line.figure(2) if thickness else 0.0
-    if distance_mm is None:
+    if distance_mm is None or None in gaps_mm:
         raise LensError(line.path, f"{line.place}, {thickness}", shown(" ".join(told[thickness].words[1:])),
                         "expected the distance at this position")
     conic, terms = 0.0, []
@@ -98,7 +117,7 @@ def _surface(line, told, column, asphere, first_power):
     radius_mm = np.inf if radius in PLANES else line.figure(1)
     aspheric = (0.0,) * (first_power // 2 - 1) + tuple(terms) if any(terms) else ()
     return Surface(radius_mm, distance_mm, _glass(line, index, abbe), line.figure(4) / 2 if diameter else np.inf, conic,
-                   aspheric, radius == "AS")
+                   aspheric, radius == "AS", gaps_mm=gaps_mm)
 
 
 def _glass(line, index, abbe):
@@ -132,7 +151,7 @@ def _field(path, half_deg, diagonal_mm):
     raise LensError(path, "field", "missing", "give --field-angle or --field-height")
 
 
-def _notes(told, count, column, field, half_deg):
+def _notes(count, column, field, half_deg):
     position = f"Of the file's {count} positions of zoom and focus number {column} is taken." if count > 1 else ""
     cut = field is None and half_deg > LARGEST_ANGLE_DEG
     return " ".join(filter(None, (position, cut and f"The field ends at {LARGEST_ANGLE_DEG:g} degrees.")))

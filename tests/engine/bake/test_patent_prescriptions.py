@@ -37,6 +37,26 @@ def test_a_text_of_the_optical_bench(optbench):
     assert build_system(lens).efl_mm == pytest.approx(49.0, abs=0.1)
 
 
+MOVING = (("1\tAS\t2.0", "1\tAS\td1"), ("d3\t47.5\t52.8", "d3\t47.5\t45.8\nd1\t2.0\t9.0"))
+
+
+def test_positions_that_differ_in_focus_alone_are_its_own_way_of_focusing(optbench, tmp_path):
+    lens = optbench(*MOVING)
+    assert lens.focused_at_mm == (np.inf, 500.0) and np.isinf(lens.object_distance_mm) and not lens.notes
+    assert [surface.gaps_mm for surface in lens.surfaces] == [(2.0, 9.0), (), (47.5, 45.8)]
+    near_first = optbench(*MOVING, ("d0\tInfinity\t500", "d0\t500\tInfinity"))
+    assert near_first.focused_at_mm == (np.inf, 500.0) and near_first.surfaces[0].gaps_mm == (9.0, 2.0)
+    assert not read_prescription(tmp_path / "lens.txt", which="1").focused_at_mm
+
+
+@pytest.mark.parametrize("change", [
+    MOVING[1], ("d0\tInfinity\t500", "d0\tInfinity\tInfinity"), ("d0\tInfinity\t500", "d0\tInfinity\t-500"),
+    ("d0\tInfinity\t500", "d0\tInfinity"), ("d0\tInfinity\t500\n", "")])
+def test_other_positions_are_not(optbench, change):
+    moving = (MOVING[0], change, *MOVING[1:]) if change != MOVING[1] else (change,)
+    assert not optbench(*moving).focused_at_mm
+
+
 def test_another_position_is_asked_for_by_its_number(tmp_path):
     path = tmp_path / "lens.txt"
     path.write_text(OPTBENCH)
