@@ -1,16 +1,24 @@
-"""Where the image plane lies: as given, at the paraxial focus, or where the inner field's light is concentrated."""
+"""Where the image plane lies: as given, at the paraxial focus, where the axis is sharpest, or best for the field."""
 
 from dataclasses import replace
 
 import numpy as np
 
 from ..errors import LensError
+from .axial_image import trace_axial_bundles, white_mtf
 from .prescription import Prescription
 from .rays import HalfPupil, trace_pupil
 from .system import System, system_of
 
-FIELDS = (0.0, 0.35, 0.5, 0.7)  # of the last field: where "best" focus looks at the light
-WAVELENGTHS_NM = (486.1, 546.1, 656.3)
+WHITE_NM = tuple(range(450, 651, 25))  # beyond them the eye sees little
+LINES_PER_MM, FULL_FRAME_MM = (20.0, 30.0), np.hypot(36.0, 24.0)  # what is to be sharp, and on what diagonal
+FINEST = 0.5  # of the frequencies that diffraction passes
+STEP = 0.1  # of the depth over which contrast changes, one over frequency and numerical aperture
+MARGIN = 5  # steps, beyond where rays cross the axis
+MOST_STEPS = 2000
+ZOOMS, ZOOM = 3, np.linspace(-1, 1, 21)
+FIELDS = (0.0, 0.35, 0.5, 0.7)  # of the last field: where "field" looks at the light
+FIELD_NM = (486.1, 546.1, 656.3)
 PUPIL = HalfPupil(13, 17)
 LEAST_PASSING = 0.5  # of the aperture's diameter: patents round their apertures
 HOPELESS = 0.25  # of the last height: discs of which a picture holds a few
@@ -33,7 +41,8 @@ def build_system(prescription: Prescription) -> System:
     system = _focused_at(system, system.image_distance_mm)
     if prescription.focus == "paraxial":
         return system
-    return _focused_at(system, system.prescription.surfaces[-1].thickness_mm + _best_focus_shift_mm(system))
+    shift_mm = _sharpest_shift_mm(system) if prescription.focus == "best" else _field_shift_mm(system)
+    return _focused_at(system, system.image_distance_mm + shift_mm)
 
 
 def _check_aperture(system, kind, value):
@@ -72,13 +81,48 @@ def _focused_at(system, distance_mm):
     return system_of(prescription)
 
 
-def _best_focus_shift_mm(system):
+def _sharpest_shift_mm(system):
+    """How far the image plane has to go for the highest mean contrast of fine lines on the axis, in white light."""
+    bundles = trace_axial_bundles(system, _known_nm(system, WHITE_NM))
+    passed = min(bundle.cutoff_lp_mm for bundle in bundles)
+    lines_per_mm = np.minimum(np.array(LINES_PER_MM) * FULL_FRAME_MM / _diagonal_mm(system), FINEST * passed)
+    shifts_mm = _scan_mm(bundles, STEP / (lines_per_mm.max() * max(bundle.aperture for bundle in bundles)))
+    for _ in range(ZOOMS):
+        contrast = sum(white_mtf(bundles, each, shifts_mm) for each in lines_per_mm)
+        best_mm, step_mm = shifts_mm[np.argmax(contrast)], shifts_mm[1] - shifts_mm[0]
+        shifts_mm = best_mm + step_mm * ZOOM
+    return best_mm
+
+
+def _scan_mm(bundles, step_mm):
+    """Image planes from the first to the last that a ray crosses the axis in, and a little beyond."""
+    crossings_mm = np.concatenate([bundle.crossings_mm for bundle in bundles])
+    first, last = crossings_mm.min() - MARGIN * step_mm, crossings_mm.max() + MARGIN * step_mm
+    return np.linspace(first, last, min(int(np.ceil((last - first) / step_mm)), MOST_STEPS) + 1)
+
+
+def _diagonal_mm(system):
+    """Of the sensor, or of the picture."""
+    if system.prescription.sensor_mm:
+        return np.hypot(*system.prescription.sensor_mm)
+    rays = trace_pupil(system, [system.last_height_mm], [system.prescription.reference_wavelength_nm], HalfPupil(1, 1))
+    return 2 * abs(rays.chief_height_mm[0, 0])
+
+
+def _known_nm(system, wavelengths_nm):
+    """Those of the wavelengths that all glasses are known at; the reference wavelength where there are none."""
+    nm = np.array(wavelengths_nm)
+    known = ~np.any([np.isnan(glass.index_at(nm)) for glass in system.glasses], axis=0)
+    return nm[known] if known.any() else np.array([system.prescription.reference_wavelength_nm])
+
+
+def _field_shift_mm(system):
     """How far the image plane has to go for the least mean square spot over the inner field.
 
     A ray that is moved on by dz goes aside by dz times its slope, so the mean square is a parabola in dz.
     """
     heights_mm = np.array(FIELDS) * system.last_height_mm
-    rays = trace_pupil(system, heights_mm, WAVELENGTHS_NM, PUPIL)
+    rays = trace_pupil(system, heights_mm, _known_nm(system, FIELD_NM), PUPIL)
     inside = rays.square_height_mm2 <= system.semi_apertures_mm[:, None, None, None, None] ** 2
     light = PUPIL.radii[:, None] * (inside.all(axis=0) & ~rays.lost)  # rings hold light by their radius
     dark = np.argwhere(light.sum(axis=(2, 3)) == 0)

@@ -57,7 +57,7 @@ class PupilQuadrature:
     """
 
     def __init__(self, pupil: HalfPupil, radii: int, azimuths: int):
-        nodes, weights = _gauss_legendre(radii)
+        nodes, weights = gauss_legendre(radii)
         self.splines = PupilSplines(pupil, (nodes + 1) / 2, (np.arange(azimuths) + 0.5) * np.pi / azimuths)
         self.cells = weights[:, None] / 2 * np.pi / azimuths
 
@@ -80,5 +80,6 @@ def covered(limits: np.ndarray) -> np.ndarray | float:
 
 
 @lru_cache(maxsize=16)
-def _gauss_legendre(number):
+def gauss_legendre(number: int) -> tuple[np.ndarray, np.ndarray]:
+    """Places between -1 and 1, and weights of values there in their integral."""
     return roots_legendre(number)

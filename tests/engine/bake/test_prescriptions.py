@@ -161,7 +161,7 @@ def test_what_a_toml_leaves_out(read):
     ('name = "singlet"', "sensor_mm = [36, 0]", "sensor_mm is (36.0, 0.0): expected a positive width and height"),
     ('name = "singlet"', "name = 5", "name is 5: expected a text"),
     ('name = "singlet"', "colour = 1", "colour is unknown: expected format, version, scale, "),
-    ('name = "singlet"', 'focus = "sharp"', "focus is sharp: expected one of as given, paraxial, best"),
+    ('name = "singlet"', 'focus = "sharp"', "focus is sharp: expected one of as given, paraxial, best, field"),
     ('name = "singlet"', "object_distance_mm = -3", "object_distance_mm is -3.0: expected a positive number, or inf"),
     ('name = "singlet"', "reference_wavelength_nm = 0.55", "reference_wavelength_nm is 0.55: expected nanometres"),
     ("{ angle_deg = 14.0 }", "{ angle_deg = 90 }", "field, angle_deg is 90.0: expected less than 90"),

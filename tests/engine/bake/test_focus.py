@@ -1,0 +1,177 @@
+"""Where the image plane lies: MTF on the axis against closed forms and PSFs, and the planes that are chosen by it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lens_texts import SURFACES
+from lensfield.engine import LensError
+from lensfield.engine.bake.axial_image import FAN, trace_axial_bundles, white_mtf
+from lensfield.engine.bake.bake import focused
+from lensfield.engine.bake.diffraction import point_spread
+from lensfield.engine.bake.focus import FULL_FRAME_MM, LINES_PER_MM, WHITE_NM, build_system
+from lensfield.engine.bake.glasses import find_glass
+from lensfield.engine.bake.prescription import Prescription, Surface
+from lensfield.engine.bake.prescriptions import read_prescription
+from lensfield.engine.bake.quality import QUALITIES
+from lensfield.engine.bake.rays import HalfPupil, trace_pupil
+from lensfield.engine.bake.wavefront import trace_wavefronts
+from lensfield.engine.library import BUNDLED
+
+NM, UM = 550.0, 0.55
+SINGLET = Prescription("singlet", SURFACES, ("entrance_pupil_diameter_mm", 5.0), ("angle_deg", 14.0), focus="best")
+PATHS = sorted((BUNDLED / "prescriptions").glob("*.toml"))
+
+
+def bundled(name, **changes):
+    return replace(read_prescription(BUNDLED / "prescriptions" / f"{name}.toml"), **changes)
+
+
+def perfect(f_number, **changes):
+    """Flat in front, behind a hyperboloid of conic -n^2: it unites all rays of the axis at one wavelength."""
+    index, = find_glass("N-BK7", "", "").index_at([NM])
+    surfaces = (Surface(thickness_mm=5.0, glass="N-BK7", stop=True), Surface((1 - index) * 50.0, 50.0, conic=-index**2))
+    return replace(Prescription("hyperbola", surfaces, ("f_number", f_number), ("angle_deg", 5.0),
+                                reference_wavelength_nm=NM), **changes)
+
+
+def image_plane_mm(lens):
+    return build_system(lens).prescription.surfaces[-1].thickness_mm
+
+
+def mean_mtf(lens, shifts_mm, diagonal_mm):
+    """What the best focus has most of, in planes beside the lens's own."""
+    bundles = trace_axial_bundles(build_system(lens), WHITE_NM)
+    scale = FULL_FRAME_MM / diagonal_mm
+    return np.mean([white_mtf(bundles, scale * lines, shifts_mm) for lines in LINES_PER_MM], axis=0)
+
+
+def spot_um(lens, nm=NM):
+    """Root mean square distance of the axis's rays from the axis, along one direction."""
+    rays = trace_pupil(build_system(lens), [0.0], [nm], FAN)
+    height_mm, source = rays.position_mm[1].ravel(), rays.source[1].ravel()
+    light = np.gradient(source**2, source, edge_order=2)
+    return 1e3 * np.sqrt(np.average(height_mm**2, weights=light * source) / 2)
+
+
+def test_mtf_of_a_perfect_lens_is_that_of_a_disc():
+    """In direction cosines the pupil is a disc, evenly lit but for the square of its numerical aperture, 1 / 32."""
+    bundle, = trace_axial_bundles(build_system(perfect(16.0)), [NM])
+    assert bundle.aperture == pytest.approx(np.sin(np.arctan(1 / 32)), rel=1e-3)
+    assert bundle.cutoff_lp_mm == pytest.approx(2e3 * bundle.aperture / UM)
+    for share in (0.01, 0.2, 0.5, 0.9, 1.0, 1.5):
+        inside = min(share, 1.0)
+        expected = 2 / np.pi * (np.arccos(inside) - inside * np.sqrt(1 - inside**2))
+        assert bundle.contrast(share * bundle.cutoff_lp_mm, [0.0])[0] == pytest.approx(expected, abs=1 / 32**2)
+
+
+@pytest.mark.parametrize("name, shift_mm", [("nikkor-28mm", 0.0), ("angenieux-50mm", 0.0), ("angenieux-50mm", 0.03),
+                                            ("apple-phone-4mm", -0.004), ("edmund-54852", 0.02)])
+def test_mtf_is_that_of_the_psf(name, shift_mm):
+    """Its Fourier transform, and that of its square samples; beside what they do not hold they are good to 0.2 %."""
+    system = build_system(bundled(name))
+    bundle, = trace_axial_bundles(system, [NM])
+    *before, last = system.prescription.surfaces
+    moved = replace(system.prescription, surfaces=(*before, replace(last, thickness_mm=last.thickness_mm + shift_mm)))
+    reference = QUALITIES["reference"]
+    wavefront = trace_wavefronts(build_system(moved), [0.0], [NM], reference.pupil).one(0, 0)
+    pitch_um, samples = 0.25 * UM / bundle.aperture, 401
+    psf = point_spread(wavefront, pitch_um, samples, reference.sums)
+    offset_mm = 1e-3 * pitch_um * (np.arange(samples) - samples // 2)
+    for lp_mm in (20.0, 60.0):
+        expected = np.sum(psf * np.cos(2 * np.pi * lp_mm * offset_mm)) / np.sinc(lp_mm * 1e-3 * pitch_um)
+        assert bundle.contrast(lp_mm, [shift_mm])[0] == pytest.approx(expected, abs=2e-3 + 1 - psf.sum())
+
+
+def contrast_about(lens, planes=1500):
+    """Mean MTF in planes about the best focus, farther than it was looked for in, and in the focus itself."""
+    reach_mm = 4 * abs(image_plane_mm(lens) - image_plane_mm(replace(lens, focus="paraxial")))
+    diagonal_mm = np.hypot(*lens.sensor_mm)
+    return mean_mtf(lens, np.linspace(-reach_mm, reach_mm, planes), diagonal_mm), mean_mtf(lens, [0.0], diagonal_mm)[0]
+
+
+@pytest.mark.parametrize("path", PATHS, ids=lambda path: path.stem)
+def test_the_best_focus_has_more_contrast_than_any_other(path):
+    about, best = contrast_about(replace(read_prescription(path), focus="best"))
+    assert best > about.max() - 1e-5
+
+
+def test_of_several_sharp_places_the_sharpest_is_taken():
+    """For the lines of half the sensor, twice as fine, contrast comes and goes with the image plane."""
+    about, best = contrast_about(bundled("angenieux-50mm", focus="best", sensor_mm=(12.45, 9.35)))
+    tops = (np.diff(about[:-1]) > 0) & (np.diff(about[1:]) < 0) & (about[1:-1] > 0.6 * best)
+    assert tops.sum() > 1 and best > about.max() - 1e-5
+
+
+@pytest.mark.parametrize("name", ["angenieux-50mm", "kodak-petzval-100mm"])
+def test_light_off_the_axis_does_not_defocus_it(name):
+    best, field = (bundled(name, focus=focus) for focus in ("best", "field"))
+    assert spot_um(best) < 0.8 * spot_um(field)
+
+
+def test_a_focus_wide_open_is_kept_when_it_is_stopped_down():
+    """By as much as the frequencies of full frame tell, the Angenieux's focus goes 0.09 mm from f/1.1 to f/4."""
+    wide = bundled("angenieux-50mm", focus="best", sensor_mm=(36.0, 24.0))
+    stopped = replace(wide, aperture=("f_number", 4.0))
+    held = replace(focused(wide), aperture=("f_number", 4.0))
+    assert image_plane_mm(held) == image_plane_mm(wide)
+    assert build_system(held).stop_semi_aperture_mm == pytest.approx(build_system(stopped).stop_semi_aperture_mm)
+    assert image_plane_mm(stopped) - image_plane_mm(held) == pytest.approx(0.09, abs=5e-3)
+
+
+def test_frequencies_go_by_the_diagonal():
+    """Twice the lens on twice the sensor is the same, but for diffraction; without a sensor the picture is one."""
+    lens = bundled("angenieux-50mm")
+    off_mm = [image_plane_mm(each) - image_plane_mm(replace(each, focus="paraxial"))
+              for each in (lens, replace(lens.scaled(2), sensor_mm=(49.8, 37.4)))]
+    aperture = trace_axial_bundles(build_system(lens), [NM])[0].aperture
+    assert off_mm[1] == pytest.approx(2 * off_mm[0], abs=1e-3 * UM / aperture**2)
+    alone = replace(lens, sensor_mm=None)
+    chief = trace_pupil(build_system(alone), [15.9], [lens.reference_wavelength_nm], HalfPupil(1, 1))
+    picture_mm = tuple(chief.chief_height_mm[0, 0] * np.array([1.6, 1.2]))
+    assert image_plane_mm(alone) == pytest.approx(image_plane_mm(replace(lens, sensor_mm=picture_mm)), abs=1e-4)
+
+
+@pytest.mark.parametrize("f_number, sensor_mm", [(64.0, None), (32.0, (1.0, 0.5))])
+def test_where_diffraction_passes_no_such_lines_it_goes_by_those_that_pass(f_number, sensor_mm):
+    """A lens without aberrations at one wavelength, and little colour beside it: the focus is where it was made."""
+    lens = perfect(f_number, focus="best", sensor_mm=sensor_mm)
+    colour_mm = 50.0 / 64.2  # between the lines C and F, by the glass's Abbe number
+    assert abs(image_plane_mm(lens) - 50.0) < 0.25 * colour_mm
+
+
+def test_an_aperture_behind_the_stop_cuts_the_axis_too():
+    """So it is the same as a smaller stop that only lets the same rays through."""
+    cut = replace(SINGLET, surfaces=(*SURFACES[:2], replace(SURFACES[2], semi_aperture_mm=4.0)),
+                  aperture=("f_number", 4.5), sensor_mm=(36.0, 24.0))
+    bundles = trace_axial_bundles(build_system(cut), WHITE_NM)
+    fan = trace_pupil(build_system(replace(cut, surfaces=SURFACES)), [0.0], [WHITE_NM[0]], FAN)
+    at_last = np.sqrt(fan.square_height_mm2[2].ravel())
+    assert bundles[0].aperture == pytest.approx(np.interp(4.0, at_last, -fan.direction[1].ravel()), rel=1e-6)
+    radius = np.interp(4.0, at_last, FAN.radii) * build_system(cut).stop_semi_aperture_mm
+    smaller = replace(cut, surfaces=SURFACES, aperture=("stop", radius))
+    assert image_plane_mm(cut) == pytest.approx(image_plane_mm(smaller), abs=2e-3)
+
+
+def test_near_the_front_focus_the_image_is_far_away():
+    lens = replace(SINGLET, object_distance_mm=48.0, field=("image_height_mm", 20.0), sensor_mm=(36.0, 24.0))
+    far_mm = image_plane_mm(lens)
+    assert far_mm > 500
+    about, best = contrast_about(lens)
+    assert best > about.max() - 1e-5
+
+
+@pytest.mark.parametrize("glass, nm", [("IRG27", 625.0), ("IRG24", 1000.0)])
+@pytest.mark.parametrize("focus", ["best", "field"])
+def test_wavelengths_that_a_glass_does_not_know_are_left_out(focus, glass, nm):
+    """IRG27 is known from 600 nm on, IRG24 from 800 nm on: there the reference wavelength tells."""
+    surfaces = (SURFACES[0], replace(SURFACES[1], glass=glass, radius_mm=170.0), replace(SURFACES[2], radius_mm=-170.0))
+    lens = replace(SINGLET, surfaces=surfaces, reference_wavelength_nm=nm, focus=focus)
+    assert image_plane_mm(lens) == pytest.approx(image_plane_mm(replace(lens, focus="paraxial")), rel=0.03)
+
+
+def test_a_beam_of_which_only_the_middle_gets_through_has_no_focus():
+    surfaces = tuple(replace(surface, semi_aperture_mm=np.inf) for surface in SURFACES)
+    with pytest.raises(LensError, match="no light but the chief ray gets through here at 450 nm"):
+        build_system(replace(SINGLET, surfaces=surfaces, aperture=("stop", 2000.0)))
