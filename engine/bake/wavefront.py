@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .pupil import PupilQuadrature, PupilSplines
+from .pupil import PupilQuadrature, area_ratio
 from .rays import HalfPupil, trace_pupil
 from .system import System
 
@@ -109,7 +109,7 @@ def trace_wavefronts(system: System, heights_mm: Sequence[float] | np.ndarray,
     pupil_mm = abs(system.exit_pupil_distance_mm)
     longest_mm = LONGEST_RADIUS * system.efl_mm
     path_mm, cosine = _on_reference_sphere(rays, min(pupil_mm, longest_mm))
-    folded = np.any((_jacobian(pupil, cosine) <= 0) & np.all(limits <= 1, axis=0), axis=(0, 2, 3))[:, None, None]
+    folded = np.any((area_ratio(pupil, cosine) <= 0) & np.all(limits <= 1, axis=0), axis=(0, 2, 3))[:, None, None]
     if folded.any():
         far = _on_reference_sphere(rays, longest_mm)
         path_mm, cosine = np.where(folded, far[0], path_mm), np.where(folded, far[1], cosine)
@@ -138,18 +138,9 @@ def _on_reference_sphere(rays, distance_mm):
             _continued((about - back_mm * rays.direction[:2]) / radius_mm, rays.lost))
 
 
-def _jacobian(pupil, coordinates):
-    """Area over (x, y) that radius times azimuth becomes, over the radius; negative where rays have crossed."""
-    splines = PupilSplines(pupil, pupil.radii[1:], pupil.azimuths)
-    jacobian = splines.jacobian(*coordinates) / pupil.radii[1:, None]
-    middle = np.broadcast_to(jacobian[..., :1, :].mean(axis=-1, keepdims=True), jacobian[..., :1, :].shape)
-    jacobian = np.concatenate([middle, jacobian], axis=-2)
-    return jacobian * np.sign(middle[..., :1])
-
-
 def _density(pupil, rays, cosine):
     """Logarithm of how many times larger areas are over the source's coordinates than over the cosines."""
-    source, image = (np.abs(_jacobian(pupil, each)) for each in (_continued(rays.source, rays.lost), cosine))
+    source, image = (np.abs(area_ratio(pupil, each)) for each in (_continued(rays.source, rays.lost), cosine))
     source, image = (np.maximum(areas, LEAST_AREA * areas[..., :1, :1]) for areas in (source, image))
     return np.log(source / image)
 

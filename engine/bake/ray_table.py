@@ -1,0 +1,258 @@
+"""The rays of a lens as a table: from places of the sensor through places of the stop, out to the object.
+
+A point of the scene at any depth is seen along these rays, so that depth and what near things hide follow from them.
+
+The lens is one of revolution, so the table is one over the height of the sensor place and half of the stop. Between its
+rays go cubic splines, of coefficients that stand at even distances, for loops that read them. The stop has radii that
+lie closer towards its rim, where rays of fast lenses change most, as sin(pi s / 2) of even s: at the rim all is even
+in s. Rays that do not get through are continued from those that do, so that splines see no edge.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+from ..errors import LensError
+from ..values import Value
+from .aiming import aim_at_image
+from .focus import build_system
+from .prescription import Prescription
+from .pupil import area_ratio
+from .rays import HalfPupil, trace_pupil
+from .system import System
+from .trace import start_on_stop, trace_to_image, trace_to_object
+from .wavefront import polynomial_weights
+
+WAVELENGTHS_NM = (400.0, 417.1, 469.5, 555.9, 653.2, 700.0)  # where polynomials over the wave number oscillate least
+HEIGHTS, RADII, AZIMUTHS = 33, 17, 33
+TRUSTED = -0.6  # the margin of rays that are farther out than what passes, and still tell how those go on
+LOST = -1.0  # the greatest margin of a ray that does not reach the sensor at all
+GRAZING = 1e-3  # the least cosine to the axis, for rays that are continued beyond what there can be
+ORDER = 4  # of the differences that continued rays keep small, and cubic splines do not see
+FAINT = 1e-5  # of first differences beside these, where too few rays are known
+EVEN, ODD, FREE = (1, 0, -1), (1, 0, 1), (1, -4, 6, -4, 1)  # sums of coefficients at an end of splines that are 0
+
+
+@dataclass(frozen=True, eq=False)
+class SensorRays:
+    """Rays from places of the sensor: arrays (..., ray), in the sensor's axes.
+
+    Attributes
+    ----------
+    entrance_mm : array (2, ...)
+        Where they cross the plane of the entrance pupil, through whose middle a camera without lens would see.
+    direction : array (3, ...)
+        Direction cosines before the lens, as the light goes: at a depth z before the plane a ray is at
+        `entrance_mm - z * direction[:2] / direction[2]`.
+    margin : array
+        Positive where the ray passes: the least 1 - (r / semi-aperture)^2 over the surfaces and the stop.
+    path_mm : array
+        Optical path from the plane to the sensor, less that along the axis at this wavelength.
+    weight : array
+        Light: projected solid angle at the sensor of a unit of the stop's area, in squared semi-apertures. Summed up
+        over what passes it is irradiance over radiance, but for the glass's transmittance.
+    """
+
+    entrance_mm: np.ndarray
+    direction: np.ndarray
+    margin: np.ndarray
+    path_mm: np.ndarray
+    weight: np.ndarray
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RayTable(Value):
+    """Rays of a lens by wavelength, sensor place and stop place.
+
+    Attributes
+    ----------
+    name : str
+        The lens's.
+    wavelengths_nm : array (wavelength,)
+    last_height_mm : float
+        From the axis to the last sensor place: the end of the lens's field.
+    entrance_pupil_mm : float
+        From the first surface to the plane of the entrance pupil, towards the image.
+    coefficients : float32 array (wavelength, height, radius, azimuth, quantity)
+        Of cubic B-splines at even distances, one more at either end than there are rays: over the height from 0 to the
+        last, over s = 2 / pi arcsin(radius) from 0 to 1, and over the azimuth from +y, where the sensor place lies, by
+        +x to -y. Quantities: the ray's place nearest to the middle of the entrance pupil (x, y), which unlike that on
+        the plane stays close to it at any angle, its direction cosines before the lens (x, y), the margin at the
+        surfaces, the optical path from that place, and the weight.
+    """
+
+    name: str
+    wavelengths_nm: np.ndarray
+    last_height_mm: float
+    entrance_pupil_mm: float
+    coefficients: np.ndarray
+
+    def at(self, wavelengths_nm: Sequence[float] | np.ndarray) -> "RayTable":
+        """The table at other wavelengths, by the polynomial over the wave number through those of this one."""
+        wavelengths_nm = np.asarray(wavelengths_nm, dtype=float)
+        weights = polynomial_weights(1e3 / self.wavelengths_nm, 1e3 / wavelengths_nm).astype(np.float32)
+        return replace(self, wavelengths_nm=wavelengths_nm, coefficients=np.tensordot(weights, self.coefficients, 1))
+
+    def rays(self, wavelength: int | np.ndarray, place_mm: np.ndarray, stop: np.ndarray) -> SensorRays:
+        """Rays from places of the sensor through places of the stop.
+
+        Parameters
+        ----------
+        wavelength : int or array of int
+            Which of the table's.
+        place_mm : array (2, ...)
+            On the sensor, x and y from the axis as the light has them: upside down.
+        stop : array (2, ...)
+            In semi-apertures of the stop, from the axis.
+
+        Raises
+        ------
+        LensError
+            A place beyond the table's last height.
+        """
+        (x_mm, y_mm), (stop_x, stop_y) = np.asarray(place_mm, dtype=float), np.asarray(stop, dtype=float)
+        height_mm, turned, radius = np.hypot(x_mm, y_mm), np.arctan2(x_mm, y_mm), np.hypot(stop_x, stop_y)
+        if np.any(height_mm > self.last_height_mm * (1 + 1e-9)):
+            raise LensError(self.name, "sensor place", f"{height_mm.max():.4g} mm from the axis",
+                            f"the lens's field ends at {self.last_height_mm:.4g} mm")
+        azimuth = np.remainder(np.arctan2(stop_x, stop_y) - turned + np.pi, 2 * np.pi) - np.pi
+        foot_x, foot_y, cosine_x, cosine_y, margin, path_mm, weight = self._between(
+            wavelength, height_mm / self.last_height_mm, 2 / np.pi * np.arcsin(np.minimum(radius, 1)),
+            np.abs(azimuth) / np.pi)
+        side = np.sign(azimuth)
+        foot_mm = _turned(foot_x * side, foot_y, turned)
+        cosines = _turned(cosine_x * side, cosine_y, turned)
+        along = np.sqrt(np.maximum(1 - np.sum(cosines**2, axis=0), GRAZING**2))
+        way_mm = np.sum(foot_mm * cosines, axis=0) / along**2  # from the foot, which is square to the ray, to the plane
+        return SensorRays(foot_mm + way_mm * cosines, np.stack([*cosines, along]), np.minimum(margin, 1 - radius**2),
+                          path_mm - way_mm, weight)
+
+    def _between(self, wavelength, *shares):
+        """Quantities at shares of height, s and azimuth: array (quantity, ...)."""
+        wavelength, *shares = np.broadcast_arrays(wavelength, *shares)
+        first, weights = zip(*(_cubic(share * (count - 3), count) for share, count in
+                               zip(shares, self.coefficients.shape[1:4], strict=True)), strict=True)
+        total = np.zeros((*wavelength.shape, self.coefficients.shape[-1]))
+        for taps in product(range(4), repeat=3):
+            weight = np.prod([each[tap] for each, tap in zip(weights, taps, strict=True)], axis=0)
+            places = tuple(each + tap for each, tap in zip(first, taps, strict=True))
+            total += weight[..., None] * self.coefficients[wavelength, *places]
+        return np.moveaxis(total, -1, 0)
+
+
+def ray_table(prescription: Prescription,
+              wavelengths_nm: Sequence[float] | np.ndarray = WAVELENGTHS_NM) -> RayTable:
+    """Trace the table of rays of a lens, at its focus and widest stop.
+
+    A smaller stop has the same rays, at its share of these places.
+
+    Parameters
+    ----------
+    prescription : Prescription
+    wavelengths_nm : sequence of float
+        Those that are traced; `RayTable.at` tells all others between them.
+
+    Raises
+    ------
+    LensError
+        A prescription that cannot be traced.
+    """
+    system, wavelengths_nm = build_system(prescription), np.asarray(wavelengths_nm, dtype=float)
+    ends = trace_pupil(system, [system.last_height_mm], wavelengths_nm, HalfPupil(1, 1))
+    last_height_mm = float(ends.chief_height_mm.max())
+    pupil = HalfPupil(RADII, AZIMUTHS, close_at_rim=True)
+    values = _trace(system, np.linspace(0, last_height_mm, HEIGHTS), wavelengths_nm, pupil)
+    return RayTable(prescription.name, wavelengths_nm, last_height_mm, system.entrance_pupil_mm,
+                    _coefficients(values).astype(np.float32))
+
+
+def _trace(system: System, heights_mm, wavelengths_nm, pupil):
+    """Quantities of the rays at the table's places: array (quantity, wavelength, height, radius, azimuth)."""
+    indices = system.indices_at(wavelengths_nm)
+    x_mm, y_mm = (system.stop_semi_aperture_mm * place.ravel() for place in (pupil.x, pupil.y))
+    slope_x, slope_y, aimed = aim_at_image(system, indices, heights_mm, x_mm, y_mm)
+    indices = indices[:, :, None, None]
+    with np.errstate(invalid="ignore"):
+        on_stop = start_on_stop(system.prescription, x_mm, y_mm, slope_x, slope_y)
+        entry, before, front_mm, front_squares = trace_to_object(system.prescription, indices, *on_stop)
+        _, behind, rear_mm, rear_squares = trace_to_image(system.prescription, indices, *on_stop)
+        about = entry - np.reshape([0.0, 0.0, system.entrance_pupil_mm], (3, 1, 1, 1))
+        from_foot_mm = np.sum(about * before, axis=0)
+        path_mm = from_foot_mm + front_mm + rear_mm
+        margin = 1 - np.max([square / semi_mm**2 for square, semi_mm in
+                             zip([*front_squares, *rear_squares], system.semi_apertures_mm, strict=True)], axis=0)
+    known = aimed & np.isfinite(path_mm)
+    _check_chief_rays(system, heights_mm, wavelengths_nm, known)
+    values = np.stack([*(about - from_foot_mm * before)[:2], *before[:2], path_mm - path_mm[:, :1, :1], *behind[:2]])
+    shape = (*known.shape[:2], *pupil.shape)
+    known, margin, values = known.reshape(shape), margin.reshape(shape), values.reshape(-1, *shape)
+    *entrance, path_mm, cosine_x, cosine_y = _continued(values, known & (np.nan_to_num(margin) > TRUSTED))
+    margin = np.where(known, margin, np.minimum(_continued(margin[None], known)[0], LOST))
+    weight = np.abs(area_ratio(pupil, np.array([cosine_x, cosine_y])))
+    return np.stack([*entrance, margin, path_mm, weight])
+
+
+def _check_chief_rays(system, heights_mm, wavelengths_nm, known):
+    lost = np.argwhere(~known[:, :, 0])
+    if lost.size:
+        wavelength, height = lost[0]
+        raise LensError(system.prescription.name, "sensor place", f"{heights_mm[height]:.4g} mm from the axis",
+                        f"no ray gets there through the middle of the stop at {wavelengths_nm[wavelength]:g} nm: end "
+                        "the field earlier")
+
+
+def _continued(values, known):
+    """Values (quantity, ..., radius, azimuth) with those that are not known such that differences are least."""
+    values = values.copy()
+    differences = _differences(*known.shape[-2:])
+    for place in np.argwhere(~known.all(axis=(-2, -1))):
+        seen, there = known[*place].ravel(), (slice(None), *place)
+        missing, given = differences[:, ~seen], differences[:, seen]
+        rows = values[there].reshape(len(values), -1)
+        rows[:, ~seen] = splu((missing.T @ missing).tocsc()).solve(-(missing.T @ (given @ rows[:, seen].T))).T
+        values[there] = rows.reshape(len(values), *known.shape[-2:])
+    return values
+
+
+def _differences(radii, azimuths):
+    """Sparse matrix of differences over radii and azimuths."""
+    def over(count, order):
+        return sparse.csr_matrix(np.diff(np.eye(count), order, axis=0))
+
+    return sparse.vstack([faint * each for order, faint in ((ORDER, 1.0), (1, FAINT)) for each in
+                          (sparse.kron(over(radii, order), sparse.eye(azimuths)),
+                           sparse.kron(sparse.eye(radii), over(azimuths, order)))]).tocsc()
+
+
+def _coefficients(values):
+    """Spline coefficients (wavelength, height, radius, azimuth, quantity) of values (quantity, wavelength, ...)."""
+    by_height, by_radius = _spline(HEIGHTS, FREE, FREE), _spline(RADII, FREE, EVEN)
+    around = {symmetry: _spline(AZIMUTHS, symmetry, symmetry) for symmetry in (EVEN, ODD)}
+    return np.stack([np.einsum("ih,jr,ka,whra->wijk", by_height, by_radius, around[symmetry], each, optimize=True)
+                     for each, symmetry in zip(values, (ODD, EVEN, ODD, EVEN, EVEN, EVEN, EVEN), strict=True)], axis=-1)
+
+
+def _spline(count, start, end):
+    """Matrix that makes coefficients (count + 2) of values at even distances, by what those at both ends add up to."""
+    rows = np.zeros((count + 2, count + 2))
+    for node in range(count):
+        rows[node, node:node + 3] = 1 / 6, 4 / 6, 1 / 6
+    rows[-2, :len(start)], rows[-1, -len(end):] = start, end
+    return np.linalg.inv(rows)[:, :count]
+
+
+def _cubic(place, count):
+    """First of the four coefficients that count at a place, in their distances from the second, and their weights."""
+    first = np.clip(np.floor(place).astype(int), 0, count - 4)
+    t = place - first
+    return first, ((1 - t)**3 / 6, 2 / 3 - t**2 + t**3 / 2, 2 / 3 - (1 - t)**2 + (1 - t)**3 / 2, t**3 / 6)
+
+
+def _turned(x, y, azimuth):
+    """Vectors (2, ...) that are known along the tangent and away from the axis, in the sensor's axes."""
+    sine, cosine = np.sin(azimuth), np.cos(azimuth)
+    return np.stack([x * cosine + y * sine, y * cosine - x * sine])
