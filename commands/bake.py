@@ -27,8 +27,8 @@ def add(commands):
     bake.add_argument("--quality", choices=QUALITIES, default="standard",
                       help="how finely heights, rays and sums lie (default %(default)s)")
     bake.add_argument("--heights", type=int, metavar="N",
-                      help="field heights, closest where blur changes fastest (default: " + ", ".join(
-                          f"{quality.heights} of {name}" for name, quality in QUALITIES.items()) + ")")
+                      help="field heights, closest where blur changes fastest (default: as the quality needs, up to "
+                           + ", ".join(f"{each.most_heights} of {name}" for name, each in QUALITIES.items()) + ")")
     bake.add_argument("--wavelengths", default=WAVELENGTHS, metavar="SPEC",
                       help="nm: first:last:number, or a list (default %(default)s)")
     bake.add_argument("--pitch", type=float, metavar="UM",

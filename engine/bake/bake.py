@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import replace
+from threading import Event
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from ..lens.lens import Lens
 from ..lens.readers.assembly import four_by_three
 from ..lens.sampling import WAVELENGTHS_NM
 from ..threads import thread_count
-from .diffraction import point_spread
+from .diffraction import lengthening, point_spread
 from .focus import build_system
 from .heights import telling_heights_mm
 from .prescription import PSF_SAMPLES, Prescription
@@ -36,7 +37,7 @@ def bake(prescription: Prescription, *, quality: str = "standard", heights: int 
         One of `QUALITIES`.
     heights : int or None
         Field heights, from the axis to the end of the prescription's field, closest where PSFs change fastest; None for
-        as many as the quality has.
+        as many as the quality needs.
     wavelengths_nm : sequence of float
     pitch_um : float or None
         Of the PSFs; None for the finest at which they hold 99.5 % of the light everywhere.
@@ -60,7 +61,7 @@ def bake(prescription: Prescription, *, quality: str = "standard", heights: int 
     fineness = QUALITIES[quality]
     progress(0.0, "Tracing rays")
     system = build_system(prescription)
-    heights_mm = telling_heights_mm(system, heights or fineness.heights, QUALITIES["preview"])
+    heights_mm, between = _heights(system, heights, wavelengths_nm, fineness)
     traced = trace_wavefronts(system, heights_mm, _traced_nm(wavelengths_nm, fineness.traced), fineness.pupil)
     area = _illumination(system, heights_mm, traced, wavelengths_nm, fineness)
     wavefronts = traced.at(wavelengths_nm)
@@ -70,7 +71,8 @@ def bake(prescription: Prescription, *, quality: str = "standard", heights: int 
         worst = wavefronts.one(*np.unravel_index(psf.sum(axis=(2, 3)).argmin(), psf.shape[:2]))
         told = pitch_for_um(max(width_um(worst, told * samples, fineness.sums), told * samples), samples)
         psf = _psfs(wavefronts, told, samples, fineness, workers, progress)
-    return _lens(system, heights_mm, wavefronts, area, told, psf)
+    notes = _notes(system.prescription.notes, wavefronts, between, told, fineness)
+    return _lens(system, heights_mm, wavefronts, area, told, psf, notes)
 
 
 def focused(prescription: Prescription) -> Prescription:
@@ -88,6 +90,27 @@ def _check_request(prescription, heights, wavelengths_nm, samples, pitch_um):
         raise LensError(prescription.name, "samples", samples, "expected an odd number: the chief ray has the middle")
     if pitch_um is not None and not (np.isfinite(pitch_um) and pitch_um > 0):
         raise LensError(prescription.name, "pitch", pitch_um, "expected a positive number of um")
+
+
+def _heights(system, number, wavelengths_nm, quality: Quality):
+    """In mm, as many as asked for or needed; and the share of light in the wrong place between them."""
+    middle = np.argmin(np.abs(wavelengths_nm - system.prescription.reference_wavelength_nm))
+    telling_nm = np.unique([wavelengths_nm[0], wavelengths_nm[middle]])
+    if number is None:
+        return telling_heights_mm(system, telling_nm, quality.between, quality.most_heights)
+    return telling_heights_mm(system, telling_nm, 0.0, number, least=1 + number // 2)
+
+
+def _notes(notes, wavefronts: Wavefronts, between, pitch_um, quality: Quality):
+    """A lens's notes, and what else of its accuracy there is to know."""
+    times = max(lengthening(wavefronts.one(0, height), pitch_um, quality.sums)
+                for height in range(wavefronts.chief_height_mm.shape[1]))
+    said = [notes] if notes else []
+    if times > 1:
+        said.append(f"Diffraction is that of waves up to {times:.2g} times as long.")
+    if between > quality.between:
+        said.append(f"Half way between two heights {100 * between:.2g} % of the light lie in the wrong place.")
+    return "\n".join(said)
 
 
 def _traced_nm(wavelengths_nm, number):
@@ -111,9 +134,12 @@ def _illumination(system, heights_mm, traced: Wavefronts, wavelengths_nm, qualit
 def _psfs(wavefronts, pitch_um, samples, quality, workers, progress):
     """Of all wavelengths and heights, in shares of all light: array (wavelength, height, v, u)."""
     psf = np.empty((*wavefronts.chief_height_mm.shape, samples, samples))
+    stopped = Event()
 
     def sum_up(height):
         for wavelength in range(len(psf)):
+            if stopped.is_set():
+                return
             psf[wavelength, height] = point_spread(wavefronts.one(wavelength, height), pitch_um, samples, quality.sums)
 
     with ThreadPoolExecutor(workers or thread_count()) as pool:
@@ -123,12 +149,13 @@ def _psfs(wavefronts, pitch_um, samples, quality, workers, progress):
                 future.result()
                 progress(SURVEY_SHARE + (1 - SURVEY_SHARE) * done / len(futures), "Summing up PSFs")
         except BaseException:
+            stopped.set()
             pool.shutdown(wait=False, cancel_futures=True)
             raise
     return psf
 
 
-def _lens(system: System, heights_mm, wavefronts, area, pitch_um, psf):
+def _lens(system: System, heights_mm, wavefronts, area, pitch_um, psf, notes):
     """The lens of its tables."""
     prescription, wavelengths_nm = system.prescription, wavefronts.wavelengths_nm
     real_mm = wavefronts.chief_height_mm.copy()
@@ -137,7 +164,7 @@ def _lens(system: System, heights_mm, wavefronts, area, pitch_um, psf):
     reference = np.argmin(np.abs(wavelengths_nm - prescription.reference_wavelength_nm))
     return Lens(
         name=prescription.name, maker=prescription.maker, story=prescription.story, source=prescription.source,
-        notes=prescription.notes, efl_mm=system.efl_mm, magnification=system.magnification,
+        notes=notes, efl_mm=system.efl_mm, magnification=system.magnification,
         f_number_effective=0.5 / np.sqrt(area[reference, 0] / np.pi),
         object_distance_mm=prescription.object_distance_mm, entrance_pupil_mm=system.entrance_pupil_mm,
         sensor_mm=prescription.sensor_mm or four_by_three(real_mm[reference, -1]),

@@ -1,18 +1,17 @@
 """Point spread functions: the plane waves of a pupil summed up on the flat image plane.
 
-The wavefront is a polynomial over direction cosines, known on an even grid of them. So the sum over x is a product of
-matrices, and that over y a Fourier transform, in single precision.
+The wavefront is a polynomial over direction cosines, known on an even grid of them. So the sum is a Fourier transform
+over y and, light being the same on both sides of the meridional plane, a cosine transform over x; in single precision.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.polynomial.chebyshev import chebvander
-from scipy.fft import fft, next_fast_len
-from scipy.linalg import lstsq
+from scipy.fft import dct, fft, next_fast_len
 from scipy.ndimage import binary_dilation
 
 from ..errors import LensError
+from .polynomials import fitted, on_grid
 from .pupil import covered
 from .wavefront import Wavefront
 
@@ -20,7 +19,6 @@ LEAST_PARTS = 2  # into which a sample is divided along each side
 LEAST_ROWS = 96  # of the pupil: an edge that crosses fewer is rough
 MOST_PLACES = 1 << 26  # of the sum, or of the pupil: some hundred MB
 EDGE_DEGREE = 12  # of the polynomials of apertures' edges and of density, which are smooth
-RANK = 1e-9  # of the polynomial's terms: what rays tell less of stays 0
 INSIDE = 2 / 3
 WORST_FIT_WAVES = 0.3  # RMS
 MARGIN = 1.02  # of the disc of cosines about its rays
@@ -38,11 +36,15 @@ class Sums:
         Parts of a sample, against those that tell the finest plane waves apart.
     repeat : float
         The sum repeats itself at a distance: at so many windows.
+    fringes : float
+        The finest of them, at most, in the width of a sample. Where light has more it is summed up as if its waves
+        were longer: rays go the same way, and diffraction is wider, though still far narrower than a sample.
     """
 
     degree: int
     oversampling: float
     repeat: float
+    fringes: float = np.inf
 
 
 def point_spread(wavefront: Wavefront, pitch_um: float, samples: int, sums: Sums) -> np.ndarray:
@@ -73,24 +75,22 @@ def point_spread(wavefront: Wavefront, pitch_um: float, samples: int, sums: Sums
     if not fit.error_waves < WORST_FIT_WAVES:
         raise LensError("PSF", "wavefront", f"{fit.error_waves:.2g} waves from smooth", "end the field earlier, or ask "
                                                                                         "for a finer quality")
-    return _even_sum(fit, wavefront.wavelength_nm * 1e-3, pitch_um, samples, sums)
+    wavelength_um = wavefront.wavelength_nm * 1e-3 * lengthening(wavefront, pitch_um, sums)
+    return _even_sum(fit, wavelength_um, pitch_um, samples, sums)
 
 
-def _parts_of_a_sample(fit, wavelength_um, pitch_um, sums):
-    """Into how many parts along each side a sample is divided.
-
-    The sum of plane waves needs those that tell the waves apart. Light has finer detail, up to twice as fine; but what
-    that is mistaken for is as fine as the parts, and vanishes in the samples' means: so one part more is enough.
-    """
-    finest_um = wavelength_um / (2 * max(fit.half_x, fit.half_y))
-    return max(LEAST_PARTS, int(np.ceil(pitch_um / finest_um * sums.oversampling)) + 1)
+def lengthening(wavefront: Wavefront, pitch_um: float, sums: Sums) -> float:
+    """How many times as long as they are waves are taken, for no finer fringes than `sums` wants."""
+    half_x, half_y, _ = _disc(wavefront)
+    fringes = 2 * max(half_x, half_y) * pitch_um / (wavefront.wavelength_nm * 1e-3)
+    return max(1.0, fringes / sums.fringes)
 
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
     """A wavefront as Chebyshev polynomials over a disc of direction cosines, even in x.
 
-    `path` is in waves; `edges` are density and limits, of which the stop's rim is the first.
+    `path` is in um; `edges` are density and limits, of which the stop's rim is the first.
     """
 
     half_x: float
@@ -102,86 +102,87 @@ class _Fit:
     densities: np.ndarray
 
 
+def _near(wavefront):
+    """Which rays pass, and their nearest."""
+    return binary_dilation(wavefront.passing, np.ones((3, 3)))
+
+
+def _disc(wavefront):
+    """Half widths along x and y of the smallest disc of cosines about these, and its middle's y."""
+    x, y = wavefront.cosine[:, _near(wavefront)]
+    half_x, half_y, middle = np.abs(x).max(), np.ptp(y) / 2, (y.max() + y.min()) / 2
+    grown = MARGIN * max(1.0, np.hypot(x / half_x, (y - middle) / half_y).max())
+    return half_x * grown, half_y * grown, middle
+
+
 def _fit(wavefront, degree):
-    """The polynomials, by least squares over the rays of the smallest disc about those that pass, and their nearest."""
-    x, y = wavefront.cosine
-    near = binary_dilation(wavefront.passing, np.ones((3, 3)))
-    half_x, low, high = np.abs(x[near]).max(), y[near].min(), y[near].max()
-    half_y, middle = (high - low) / 2, (high + low) / 2
-    grown = MARGIN * max(1.0, np.hypot(x[near] / half_x, (y[near] - middle) / half_y).max())
-    half_x, half_y = half_x * grown, half_y * grown
-    x, y = x / half_x, (y - middle) / half_y
+    """The polynomials, by least squares over the rays of the disc."""
+    near = _near(wavefront)
+    half_x, half_y, middle = _disc(wavefront)
+    x, y = wavefront.cosine[0] / half_x, (wavefront.cosine[1] - middle) / half_y
     radius = np.broadcast_to(wavefront.pupil.radii[:, None], x.shape)
     weight = np.sqrt(np.maximum(radius, wavefront.pupil.radii[1] / 4))  # rings hold light by their radius
-    path, error = _polynomials(x[near], y[near], weight[near], wavefront.path_mm[None, near], degree)
+    path, error = fitted(x[near], y[near], weight[near], wavefront.path_mm[None, near], degree)
     inside = np.hypot(x, y) <= 1
     limits = wavefront.limits[np.any(wavefront.limits[:, near] > 1, axis=1)]
-    edges, _ = _polynomials(x[inside], y[inside], weight[inside],
-                            np.stack([wavefront.density, radius**2, *limits])[:, inside], min(degree, EDGE_DEGREE))
-    wavelength_mm = wavefront.wavelength_nm * 1e-6
-    return _Fit(half_x, half_y, middle, path[0] / wavelength_mm, edges, error / wavelength_mm,
+    edges, _ = fitted(x[inside], y[inside], weight[inside],
+                      np.stack([wavefront.density, radius**2, *limits])[:, inside], min(degree, EDGE_DEGREE))
+    return _Fit(half_x, half_y, middle, path[0] * 1e3, edges, error / (wavefront.wavelength_nm * 1e-6),
                 wavefront.density[wavefront.passing])
 
 
-def _polynomials(x, y, weight, values, degree):
-    """Chebyshev coefficients (quantity, y power, x power), even in x, of values (quantity, ray); error of the first."""
-    across, up = chebvander(x, degree), chebvander(y, degree)
-    rows, columns = np.array([(power_y, power_x) for power_x in range(0, degree + 1, 2)
-                              for power_y in range(degree + 1 - power_x)]).T
-    basis = up[:, rows] * across[:, columns]
-    found = lstsq(basis * weight[:, None], (values * weight).T, cond=RANK, lapack_driver="gelsy", check_finite=False)[0]
-    terms = np.zeros((len(values), degree + 1, degree + 1))
-    terms[:, rows, columns] = found.T
-    off = basis @ found[:, 0] - values[0]
-    return terms, float(np.sqrt(np.average(off**2, weights=weight**2)))
-
-
 def _even_sum(fit, wavelength_um, pitch_um, samples, sums):
-    """|sum of A exp(-2 pi i (n x / wavelength + path))|^2 over an even grid of direction cosines.
+    """|sum of A exp(-2 pi i (n x + path) / wavelength)|^2 over an even grid of direction cosines.
 
     |A|^2 dL dM is the light of a ray, even over the source's area; the integral of the whole plane is then
     wavelength^2 times all light (Parseval).
     """
-    parts = _parts_of_a_sample(fit, wavelength_um, pitch_um, sums)
-    part_um, window_um = pitch_um / parts, pitch_um * samples
-    places = samples * parts + 2  # one part more at either end
-    transform = next_fast_len(int(np.ceil(max(sums.repeat * places,
-                                              LEAST_ROWS * wavelength_um / (2 * fit.half_y * part_um)))))
-    step_y = wavelength_um / (transform * part_um)
-    rows = int(np.ceil(2 * fit.half_y / step_y))
-    columns = int(np.ceil(max(fit.half_x * sums.repeat * window_um / wavelength_um, LEAST_ROWS / 2)))
-    if transform * places // 2 > MOST_PLACES or rows * columns > MOST_PLACES:
-        raise LensError("PSF", "window", f"{window_um * 1e-3:.3g} mm", "too wide to sum up: is the lens in focus here? "
-                                                                       "Else give a smaller window")
-    x, y = (np.arange(columns) + 0.5) / columns, (np.arange(rows) + 0.5 - rows / 2) * step_y / fit.half_y
-    density, share, path = _on_grid(fit, x, y)
-    amplitude = np.sqrt(density) * share
-    offset_um = (np.arange((samples // 2 + 1) * parts + 2) - (parts + 1) / 2) * part_um
-    waves = amplitude * _phasor(path)
-    cosines = 2 * _phasor(np.outer(x * fit.half_x, offset_um) / wavelength_um).real
-    along_x = np.empty((rows, offset_um.size), np.complex64)
-    along_x.real, along_x.imag = np.ascontiguousarray(waves.real) @ cosines, np.ascontiguousarray(waves.imag) @ cosines
-    first = samples // 2 * parts + (parts + 1) / 2
-    along_x *= _phasor(-first / transform * np.arange(rows))[:, None]
-    field = fft(along_x, transform, axis=0, overwrite_x=True)[:places]
-    light = _binned(_binned(field.real**2 + field.imag**2, parts).T, parts).T
-    repeats = wavelength_um * columns / (fit.half_x * window_um), transform / places
-    all_light = _light(density, share, repeats) * 2 * wavelength_um**2 * columns / (fit.half_x * step_y)
-    return np.hstack([light[:, :0:-1], light]) * (part_um**2 / all_light)
+    halves = np.array([fit.half_x, fit.half_y])
+    parts = _parts_of_a_sample(halves.max(), wavelength_um, pitch_um, sums)
+    part_um, places = pitch_um / parts, samples * parts + 2  # one part more at either end
+    needed = np.ceil(np.maximum(sums.repeat * places, LEAST_ROWS * wavelength_um / (2 * halves * part_um))).astype(int)
+    length_x, length_y = 2 * next_fast_len(-(-needed[0] // 2), real=True), next_fast_len(needed[1])
+    if length_x * length_y // 2 > MOST_PLACES:
+        raise LensError("PSF", "window", f"{pitch_um * samples * 1e-3:.3g} mm",
+                        "too wide to sum up: is the lens in focus here? Else give a smaller window")
+    step_x, step_y = wavelength_um / (part_um * np.array([length_x, length_y]))
+    columns, rows = np.arange(np.ceil(fit.half_x / step_x)), np.arange(np.ceil(2 * fit.half_y / step_y))
+    density, share, path_um = _on_grid(fit, (columns + 0.5) * step_x / fit.half_x,
+                                       (rows + 0.5 - rows.size / 2) * step_y / fit.half_y)
+    first_um = pitch_um * (samples // 2) + part_um * (parts + 1) / 2
+    waves = np.sqrt(density) * share * _phasor((path_um - first_um * step_y * rows[:, None]) / wavelength_um)
+    light = _transformed(waves, length_x // 2, length_y, parts, samples)
+    all_light = 2 * _light(density, share, np.array([length_x, length_y]) / places) / (step_x * step_y)
+    return np.hstack([light[:, :0:-1], light]) * (part_um**2 / (wavelength_um**2 * all_light))
+
+
+def _parts_of_a_sample(cosine, wavelength_um, pitch_um, sums):
+    """Into how many parts along each side a sample is divided.
+
+    The sum of plane waves needs those that tell the waves apart. Light has finer detail, up to twice as fine; but what
+    that is mistaken for is as fine as the parts, and vanishes in the samples' means: so one part more is enough.
+    """
+    return max(LEAST_PARTS, int(np.ceil(2 * cosine * pitch_um / wavelength_um * sums.oversampling)) + 1)
+
+
+def _transformed(waves, length_x, length_y, parts, samples):
+    """Light in samples (v, u), of u from the middle on, which lies on a part, or between two where they are even."""
+    odd = parts % 2
+    along_x = dct(waves, 2 if odd else 4, length_x, axis=1)[:, :samples // 2 * parts + (parts + odd) // 2 + 1]
+    field = fft(along_x, length_y, axis=0)[:samples * parts + 2]
+    light = _binned(field.real**2 + field.imag**2, parts).T
+    return _binned(np.concatenate([light[odd:(parts + odd) // 2 + 1][::-1], light]), parts).T
 
 
 def _on_grid(fit, x, y):
-    """Light per area, the share of it that apertures and the stop's rim let pass, and path in waves: arrays (y, x)."""
-    degree, edges = fit.path.shape[-1], fit.edges.shape[-1]
-    across, up = chebvander(x, degree - 1), chebvander(y, degree - 1)
-    path = up @ fit.path @ across.T
-    rest = up[:, :edges].astype(np.float32) @ fit.edges.astype(np.float32) @ across[:, :edges].T.astype(np.float32)
-    density, limits = rest[0], rest[1:]
+    """Light per area, the share of it that apertures and the stop's rim let pass, and path in um: arrays (y, x)."""
+    path_um = on_grid(fit.path, x, y)
+    density, *limits = on_grid(fit.edges.astype(np.float32), x, y)
     inside = x**2 + y[:, None]**2 <= 1
     share = np.where(inside, covered(limits), np.float32(0))
-    path[~inside] = 0  # where polynomials go astray
+    path_um[~inside] = 0  # where polynomials go astray
     most = np.float32(fit.densities.max())
-    return np.exp(np.clip(density, np.float32(fit.densities.min()), most) - most), share, path
+    return np.exp(np.clip(density, np.float32(fit.densities.min()), most) - most), share, path_um
 
 
 def _light(density, share, repeats):

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from .diffraction import Sums
 from .rays import HalfPupil
 
@@ -12,8 +14,10 @@ class Quality:
 
     Attributes
     ----------
-    heights : int
-        Field heights, where no other number is asked for.
+    between : float
+        Share of the light that may lie in the wrong place half way between two field heights, in the picture's mean.
+    most_heights : int
+        No more are taken, were the error larger: the lens's notes tell it then.
     pupil : HalfPupil
         The rays of each wavefront.
     traced : int
@@ -23,7 +27,8 @@ class Quality:
         Radii and azimuths of the pupil's samples by which relative illumination is summed up.
     """
 
-    heights: int
+    between: float
+    most_heights: int
     pupil: HalfPupil
     traced: int
     sums: Sums
@@ -31,7 +36,10 @@ class Quality:
 
 
 QUALITIES = {
-    "preview": Quality(21, HalfPupil(17, 21), 5, Sums(degree=12, oversampling=1.0, repeat=1.3), (48, 64)),
-    "standard": Quality(41, HalfPupil(25, 33), 6, Sums(degree=16, oversampling=1.5, repeat=1.6), (96, 128)),
-    "reference": Quality(81, HalfPupil(41, 65), 7, Sums(degree=24, oversampling=2.0, repeat=3.0), (200, 256)),
+    "preview": Quality(0.03, 41, HalfPupil(17, 21), 5,
+                       Sums(degree=12, oversampling=1.0, repeat=1.3, fringes=10.0), (48, 64)),
+    "standard": Quality(0.01, 81, HalfPupil(25, 33), 6,
+                        Sums(degree=16, oversampling=1.3, repeat=1.5, fringes=14.0), (96, 128)),
+    "reference": Quality(0.002, 161, HalfPupil(41, 65), 7,
+                         Sums(degree=20, oversampling=2.0, repeat=3.0, fringes=np.inf), (200, 256)),
 }

@@ -12,6 +12,7 @@ PLACES = 6  # heights of the widest estimates, where PSFs then tell the width
 SAMPLES = 101  # of these PSFs
 GENEROUS = 1.5  # of the estimate
 REPEAT = 4.0  # of their sums: so far from its next copy a PSF has the light that it should have
+FRINGES = 4.0  # in a sample: as few only where diffraction spreads a quarter of the light that a window may lack
 SQUARE = 0.9  # of the light beyond a circle's edge, that beyond a square's of the same width
 MARGIN = 1.05  # for heights and wavelengths between those of the survey
 ATTEMPTS = 12
@@ -35,7 +36,7 @@ def needed_width_um(wavefronts: Wavefronts, sums: Sums) -> float:
 
 def width_um(wavefront: Wavefront, about_um: float, sums: Sums) -> float:
     """Side of the window that holds 99.5 % of the light of one, which is about as wide as this: by its PSF's rings."""
-    sums, window_um = replace(sums, repeat=REPEAT), GENEROUS * about_um
+    sums, window_um = replace(sums, repeat=REPEAT, fringes=FRINGES), GENEROUS * about_um
     for _ in range(ATTEMPTS):
         psf = point_spread(wavefront, window_um / SAMPLES, SAMPLES, sums)
         if psf.sum() > ENERGY:

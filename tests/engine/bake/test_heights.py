@@ -34,11 +34,11 @@ def psfs_at(system, heights_mm):
     return psfs / psfs.sum(axis=(1, 2), keepdims=True)
 
 
-def error_between(system, heights_mm):
-    """Largest L1 of PSFs half way between two heights, interpolated."""
+def errors_between(system, heights_mm):
+    """L1 of PSFs half way between two heights, interpolated."""
     psfs = psfs_at(system, heights_mm)
     between = psfs_at(system, (heights_mm[1:] + heights_mm[:-1]) / 2)
-    return np.abs((psfs[1:] + psfs[:-1]) / 2 - between).sum(axis=(1, 2)).max()
+    return np.abs((psfs[1:] + psfs[:-1]) / 2 - between).sum(axis=(1, 2))
 
 
 def test_even_heights_are_even_over_the_picture(triplet):
@@ -49,9 +49,21 @@ def test_even_heights_are_even_over_the_picture(triplet):
 
 
 def test_heights_lie_where_blur_changes(triplet):
-    heights_mm = telling_heights_mm(triplet, COUNT, PREVIEW)
-    assert (heights_mm[0], heights_mm[-1]) == (0, triplet.last_height_mm) and np.all(np.diff(heights_mm) > 0)
-    assert error_between(triplet, heights_mm) < 0.8 * error_between(triplet, even_heights_mm(triplet, COUNT))
+    heights_mm, _ = telling_heights_mm(triplet, [550.0], 0.0, COUNT, least=5)
+    assert (heights_mm[0], heights_mm[-1], heights_mm.size) == (0, triplet.last_height_mm, COUNT)
+    assert np.all(np.diff(heights_mm) > 0)
+    assert errors_between(triplet, heights_mm).max() < 0.8 * errors_between(
+        triplet, even_heights_mm(triplet, COUNT)).max()
+
+
+def test_there_are_as_many_heights_as_interpolation_needs(triplet):
+    """In the picture's mean; seen again in another window, by other sums."""
+    for tolerance in (0.1, 0.05):
+        heights_mm, error = telling_heights_mm(triplet, [550.0], tolerance, 99)
+        seen = np.average(errors_between(triplet, heights_mm), weights=np.diff(heights_mm))
+        assert error <= tolerance and seen < 1.2 * tolerance and 9 < heights_mm.size < 40
+    coarse_mm, error = telling_heights_mm(triplet, [550.0], tolerance, 12)
+    assert coarse_mm.size == 12 and error > tolerance
 
 
 @pytest.mark.parametrize("f_number", [4.0, 16.0])

@@ -1,0 +1,57 @@
+"""Chebyshev polynomials over x and y, even in x: through what rays tell, by least squares, and on grids.
+
+Products of matrices are made of pieces so small that BLAS leaves each to the thread that asks for it. Its own threads
+would wait for those of the bake, many times longer than the products take; and bits would depend on their number.
+"""
+
+import numpy as np
+from numpy.polynomial.chebyshev import chebvander
+from scipy.linalg import cho_factor, cho_solve
+
+PIECE = 1 << 17  # multiply-adds: half of what OpenBLAS begins to share out at
+RIDGE = 1e-15  # of the sum of squares: terms that rays tell less of stay 0
+REFINEMENTS = 2
+
+
+def fitted(x: np.ndarray, y: np.ndarray, weight: np.ndarray, values: np.ndarray, degree: int
+           ) -> tuple[np.ndarray, float]:
+    """Coefficients (quantity, power of y, half the power of x) of values (quantity, ray) at places from -1 to 1.
+
+    By the normal equations, refined by what they leave. The second number is the first quantity's RMS error.
+    """
+    up, across = chebvander(y, degree), chebvander(x, degree)[:, ::2]
+    powers_y, halves_x = np.array([(power_y, half_x) for half_x in range(degree // 2 + 1)
+                                   for power_y in range(degree + 1 - 2 * half_x)]).T
+    basis, values = up[:, powers_y] * across[:, halves_x] * weight[:, None], (values * weight).T
+    squares = _sums_of_squares(basis)
+    squares[np.diag_indices_from(squares)] += RIDGE * np.trace(squares)
+    factor, off = cho_factor(squares, check_finite=False), values
+    found = np.zeros((basis.shape[1], values.shape[1]))
+    for _ in range(1 + REFINEMENTS):
+        found += cho_solve(factor, np.einsum("rt,rq->tq", basis, off), check_finite=False)
+        off = values - np.einsum("rt,tq->rq", basis, found)
+    coefficients = np.zeros((values.shape[1], degree + 1, degree // 2 + 1))
+    coefficients[:, powers_y, halves_x] = found.T
+    return coefficients, float(np.sqrt(np.sum(off[:, 0]**2) / np.sum(weight**2)))
+
+
+def on_grid(coefficients: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Values of one quantity, or of several: array (..., y, x), of the coefficients' precision."""
+    degree = coefficients.shape[-2] - 1
+    up, across = (chebvander(place, degree).astype(coefficients.dtype) for place in (y, x))
+    of_rows, across = up @ coefficients, across[:, ::2].T
+    rows = max(1, PIECE // across.size)
+    pieces = -(-y.size // rows)
+    padded = np.zeros((*of_rows.shape[:-2], pieces * rows, across.shape[0]), of_rows.dtype)
+    padded[..., :y.size, :] = of_rows
+    values = padded.reshape(*of_rows.shape[:-2], pieces, rows, -1) @ across
+    return values.reshape(*of_rows.shape[:-2], pieces * rows, x.size)[..., :y.size, :]
+
+
+def _sums_of_squares(basis):
+    """basis.T @ basis."""
+    rays, terms = basis.shape
+    rows = max(1, PIECE // terms**2)
+    pieces = np.zeros((-(-rays // rows), rows, terms))
+    pieces.reshape(-1, terms)[:rays] = basis
+    return (pieces.transpose(0, 2, 1) @ pieces).sum(axis=0)

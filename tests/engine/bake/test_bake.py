@@ -1,0 +1,46 @@
+"""The whole of a bake: what it tells of itself, and how it breaks off."""
+
+import numpy as np
+import pytest
+
+from lensfield.engine.bake import bake as module
+from lensfield.engine.bake.bake import bake
+from lensfield.engine.bake.prescriptions import read_prescription
+from lensfield.engine.library import BUNDLED
+
+TWO_NM = (450.0, 650.0)
+
+
+@pytest.fixture(scope="module")
+def triplet():
+    return read_prescription(BUNDLED / "prescriptions" / "cooke-triplet-50mm.toml")
+
+
+def test_too_few_heights_are_told_in_the_lenses_notes(triplet):
+    few = bake(triplet, quality="preview", heights=5, wavelengths_nm=TWO_NM, samples=33)
+    assert few.heights_mm.size == 5
+    assert few.notes.startswith(triplet.notes) and "Half way between two heights " in few.notes
+    many = bake(triplet, quality="preview", wavelengths_nm=TWO_NM, samples=33)
+    assert many.heights_mm.size > 9 and "Half way" not in many.notes
+
+
+def test_waves_taken_for_longer_ones_are_told_in_the_lenses_notes(triplet):
+    lens = bake(triplet, quality="preview", heights=2, wavelengths_nm=TWO_NM, samples=5, pitch_um=100.0)
+    assert "Diffraction is that of waves up to 4.8 times as long." in lens.notes
+
+
+def test_a_bake_that_is_cancelled_ends_with_the_psfs_in_work(triplet, monkeypatch):
+    summed = []
+
+    def point_spread(*arguments):
+        summed.append(arguments)
+        return np.full((17, 17), 1 / 17**2)
+
+    def progress(fraction, label):
+        if label == "Summing up PSFs":
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(module, "point_spread", point_spread)
+    with pytest.raises(KeyboardInterrupt):
+        bake(triplet, quality="preview", heights=200, samples=17, pitch_um=8.0, workers=2, progress=progress)
+    assert 31 <= len(summed) < 199 * 31

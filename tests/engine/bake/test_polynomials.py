@@ -1,0 +1,58 @@
+"""Polynomials through what rays tell, against numpy's own."""
+
+import numpy as np
+import pytest
+from numpy.polynomial.chebyshev import chebval2d
+
+from lensfield.engine.bake.polynomials import fitted, on_grid
+
+DEGREE = 6
+RANDOM = np.random.default_rng(3)
+
+
+def some_coefficients(quantities, dtype=float):
+    powers = np.arange(DEGREE + 1)[:, None] + 2 * np.arange(DEGREE // 2 + 1)
+    return np.where(powers <= DEGREE, RANDOM.normal(size=(quantities, *powers.shape)), 0).astype(dtype)
+
+
+def by_numpy(coefficients, x, y):
+    full = np.zeros((DEGREE + 1, DEGREE + 1))
+    full[:, ::2] = coefficients
+    return chebval2d(*np.broadcast_arrays(y, x), full)
+
+
+@pytest.mark.parametrize("columns, rows", [(1, 1), (7, 3), (200, 900)])
+def test_on_a_grid_they_are_chebyshevs(columns, rows):
+    coefficients, x, y = some_coefficients(3), RANDOM.uniform(0, 1, columns), RANDOM.uniform(-1, 1, rows)
+    expected = [by_numpy(each, x, y[:, None]) for each in coefficients]
+    np.testing.assert_allclose(on_grid(coefficients, x, y), expected, atol=1e-12)
+    np.testing.assert_allclose(on_grid(coefficients[0], x, y), expected[0], atol=1e-12)
+    single = on_grid(coefficients.astype(np.float32), x, y)
+    assert single.dtype == np.float32
+    np.testing.assert_allclose(single, expected, atol=1e-4)
+
+
+@pytest.mark.parametrize("rays", [60, 5000])
+def test_what_a_polynomial_is_is_found(rays):
+    coefficients, (x, y) = some_coefficients(2), RANDOM.uniform(-0.7, 0.7, (2, rays))
+    found, error = fitted(x, y, RANDOM.uniform(0.5, 1, rays), [by_numpy(each, x, y) for each in coefficients], DEGREE)
+    np.testing.assert_allclose(found, coefficients, atol=1e-7)
+    assert error < 1e-10
+
+
+def test_what_no_polynomial_follows_is_the_error_by_least_squares():
+    """Of a bend, against numpy's solution: its weighted root mean square."""
+    x, y = RANDOM.uniform(-1, 1, (2, 400))
+    weight, values = RANDOM.uniform(0.5, 1, 400), np.abs(y - 0.2)
+    terms = np.eye(28).reshape(28, DEGREE + 1, DEGREE // 2 + 1)
+    basis = np.array([by_numpy(term, x, y) for term in terms if np.any(term * some_coefficients(1)[0])]).T
+    least = np.linalg.lstsq(basis * weight[:, None], values * weight, rcond=None)[1][0]
+    _, error = fitted(x, y, weight, values[None], DEGREE)
+    assert error == pytest.approx(np.sqrt(least / np.sum(weight**2)), rel=1e-9)
+
+
+def test_terms_that_rays_tell_nothing_of_stay_small():
+    """Rays on a line across: no power of y is told by them."""
+    x = np.linspace(-1, 1, 50)
+    found, error = fitted(x, np.full(50, 0.1), np.ones(50), [x**2], DEGREE)
+    assert error < 1e-6 and np.abs(found).max() < 10
