@@ -58,15 +58,20 @@ def _add_file(command):
 
 
 def _add_overrides(group):
-    field = group.add_mutually_exclusive_group()
-    field.add_argument("--field-angle", type=float, metavar="DEG", help="half angle where the field ends")
-    field.add_argument("--field-height", type=float, metavar="MM", help="paraxial image height where it ends")
+    add_field(group)
     group.add_argument("--f-number", type=float, metavar="N", help="set the stop to this f-number")
     group.add_argument("--focus", choices=FOCUSES, help="where the image plane lies")
     group.add_argument("--glass", action="append", default=[], metavar="OLD=NEW",
                        help="another name, or n/V, for a glass of the file; may be repeated")
     group.add_argument("--sensor", metavar="WIDTHxHEIGHT", help="mm")
     group.add_argument("--name", help="what the lens is called")
+
+
+def add_field(command):
+    """Where the field ends, of a prescription that does not say."""
+    field = command.add_mutually_exclusive_group()
+    field.add_argument("--field-angle", type=float, metavar="DEG", help="half angle where the field ends")
+    field.add_argument("--field-height", type=float, metavar="MM", help="paraxial image height where it ends")
 
 
 def _bake(options):
@@ -94,7 +99,7 @@ def _convert(options):
 
 def _asked_for(options):
     """The file's prescription as the command line has it."""
-    return _with_overrides(read_prescription(options.prescription, _field(options), options.which), options)
+    return _with_overrides(read_prescription(options.prescription, told_field(options), options.which), options)
 
 
 def _check(options):
@@ -112,7 +117,8 @@ def _errors_of(path):
         raise LensError(path, error.field, error.value, remedy) from None
 
 
-def _field(options):
+def told_field(options):
+    """Where the command line says that the field ends, or None."""
     if options.field_angle is not None:
         return "angle_deg", options.field_angle
     return None if options.field_height is None else ("image_height_mm", options.field_height)

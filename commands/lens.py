@@ -1,11 +1,14 @@
 """`lensfield lens`: what lens data hold, and where they come from."""
 
 import json
+import os
 from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
 
 from ..engine import InputError, Lens
+from ..engine.bake.prescriptions import READERS, read_prescription
+from ..engine.bake.screen import check_prescription
 from ..engine.field.stmap import distort_map, undistort_map
 from ..engine.files import atomic_path
 from ..engine.image.pitch import fitting_pitch_um
@@ -19,7 +22,7 @@ from ..engine.lens.info import lens_info, lens_text
 from ..engine.lens.readers import import_lens
 from ..engine.lens.readers.package import write_package
 from ..engine.lens.sampling import WAVELENGTHS
-from ..engine.library import bundled_lenses, bundled_names
+from ..engine.library import PRESCRIPTIONS, bundled_lenses, bundled_names
 from ..engine.spectral.spectra import parse_wavelengths
 from . import bake
 from .arguments import check_outputs, resolution, sides_mm
@@ -54,15 +57,17 @@ def _info(options):
 
 
 def _add_check(lens):
-    check = lens.add_parser("check", help="what is suspicious or harmful in lens data; exit status 1 for an error")
-    check.add_argument("lens", metavar="NAME|FILE")
+    check = lens.add_parser("check", help="what is suspicious or harmful in lens data or in a prescription's rays; "
+                                          "exit status 1 for an error")
+    check.add_argument("lens", metavar="NAME|FILE", help="a bundled lens, a lens package, or any prescription")
+    bake.add_field(check)
     check.add_argument("--json", action="store_true", help="as JSON")
     check.set_defaults(run=_check)
 
 
 def _check(options):
     """Tell the findings; the exit status that scripts go by: 1 where one is an error."""
-    findings = check_lens(Lens.load(options.lens))
+    findings = _findings(options)
     counts = Counter(finding.severity for finding in findings)
     if options.json:
         print(json.dumps([asdict(finding) for finding in findings], indent=2))
@@ -71,6 +76,17 @@ def _check(options):
                             for severity in SEVERITIES if counts[severity])
         print(*findings, summary or "no findings", sep="\n")
     return int(counts["error"] > 0)
+
+
+def _findings(options):
+    """Of a prescription by its rays, of a package by its tables."""
+    bundled, field = PRESCRIPTIONS / f"{options.lens}.toml", bake.told_field(options)
+    path = bundled if os.path.isfile(bundled) else Path(options.lens)
+    if path.suffix.lower() in READERS:
+        return check_prescription(read_prescription(path, field))
+    if field is not None:
+        raise InputError("options", *field, "a lens package's field ends with its tables: leave it out")
+    return check_lens(Lens.load(options.lens))
 
 
 def _add_plot(lens):

@@ -45,6 +45,20 @@ def build_system(prescription: Prescription) -> System:
     return _focused_at(system, system.image_distance_mm + shift_mm)
 
 
+def axial_contrast(system: System, lines_per_mm: float) -> float:
+    """Contrast that lines keep on the axis in white light, diffraction included.
+
+    Parameters
+    ----------
+    system : System
+    lines_per_mm : float
+        On full frame: on another sensor they are as fine on its diagonal, or half as fine as diffraction passes.
+    """
+    bundles = trace_axial_bundles(system, _known_nm(system, WHITE_NM))
+    fineness, = _fineness(system, bundles, [lines_per_mm])
+    return float(white_mtf(bundles, fineness, [0.0])[0])
+
+
 def _check_aperture(system, kind, value):
     """The surfaces let the light through that the aperture asks for: by the paraxial marginal ray, with some slack."""
     passing = np.min(system.semi_apertures_mm / np.maximum(np.abs(system.marginal_heights_mm), 1e-12))
@@ -84,14 +98,19 @@ def _focused_at(system, distance_mm):
 def _sharpest_shift_mm(system):
     """How far the image plane has to go for the highest mean contrast of fine lines on the axis, in white light."""
     bundles = trace_axial_bundles(system, _known_nm(system, WHITE_NM))
-    passed = min(bundle.cutoff_lp_mm for bundle in bundles)
-    lines_per_mm = np.minimum(np.array(LINES_PER_MM) * FULL_FRAME_MM / _diagonal_mm(system), FINEST * passed)
+    lines_per_mm = _fineness(system, bundles, LINES_PER_MM)
     shifts_mm = _scan_mm(bundles, STEP / (lines_per_mm.max() * max(bundle.aperture for bundle in bundles)))
     for _ in range(ZOOMS):
         contrast = sum(white_mtf(bundles, each, shifts_mm) for each in lines_per_mm)
         best_mm, step_mm = shifts_mm[np.argmax(contrast)], shifts_mm[1] - shifts_mm[0]
         shifts_mm = best_mm + step_mm * ZOOM
     return best_mm
+
+
+def _fineness(system, bundles, lines_per_mm):
+    """Lines per mm that lines of full frame are on this sensor, no finer than diffraction makes sense of."""
+    passed = min(bundle.cutoff_lp_mm for bundle in bundles)
+    return np.minimum(np.array(lines_per_mm) * FULL_FRAME_MM / _diagonal_mm(system), FINEST * passed)
 
 
 def _scan_mm(bundles, step_mm):

@@ -12,6 +12,7 @@ from ..lens.readers import IMPORT_FIRST
 from ..lens.readers.package import read_header, read_package
 
 BUNDLED = Path(__file__).resolve().parent
+PRESCRIPTIONS = BUNDLED / "prescriptions"
 
 
 def bundled_names() -> list[str]:

@@ -57,7 +57,7 @@ def read_optbench(path: Path, field: tuple[str, float] | None = None, which: str
 def _sections(path):
     """{name: lines} of what stands in brackets; a name may share its line with another."""
     sections, current = {}, None
-    for line in numbered(path, read_text(path).splitlines(), "\t"):
+    for line in numbered(path, map(str.rstrip, read_text(path).splitlines()), "\t"):
         words = tuple(word.strip() for word in line.words)
         if words[0].startswith("["):
             current = sections.setdefault(words[0].rsplit("[", 1)[1].rstrip("] ").lower(), [])

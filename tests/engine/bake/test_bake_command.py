@@ -1,5 +1,6 @@
 """`lensfield lens bake`, on Thorlabs' achromatic doublet AC254-050-A behind a stop: small requests, quickly done."""
 
+import json
 import os
 import pickle
 import subprocess
@@ -11,11 +12,12 @@ import numpy as np
 import pytest
 
 import lensfield.commands.bake as command
-from lens_texts import OPTBENCH, changed
+from lens_texts import DOT_LENS, OPTBENCH, changed
 from lenses import make_lens
 from lensfield import cli
 from lensfield.engine import Lens, LensError
 from lensfield.engine.bake.prescriptions import read_prescription
+from lensfield.engine.lens.readers.package import write_package
 
 DOUBLET = """
 format = "lensfield-prescription"
@@ -314,3 +316,29 @@ def test_a_prescription_is_not_written_over_another(path, capsys, output, messag
     before = path.read_text()
     assert cli.main(["lens", "convert", str(path), "-o", str(path.parent / output)]) == 1
     assert message in capsys.readouterr().err and path.read_text() == before
+
+
+def check(*arguments):
+    return cli.main(["lens", "check", *map(str, arguments)])
+
+
+def test_prescriptions_are_checked_by_their_rays(path, capsys):
+    assert check("sonnar-50mm-f1.5") == 0
+    assert capsys.readouterr().out == "no findings\n"
+    text = changed(DOUBLET, ("focus =", "focal_length_mm = 80\nfocus ="))
+    path.write_text(text)
+    assert check(path) == 1
+    assert "error: focal_length_mm: 80 mm, and the surfaces make 50.1 mm" in capsys.readouterr().out
+    assert check(path, "--json") == 1
+    assert json.loads(capsys.readouterr().out)[0]["field"] == "focal_length_mm"
+
+
+def test_a_field_for_a_file_that_tells_none(path, capsys):
+    (path.parent / "doublet.lens").write_text(DOT_LENS)
+    assert check(path.parent / "doublet.lens") == 1
+    assert "give --field-angle or --field-height" in capsys.readouterr().err
+    assert check(path.parent / "doublet.lens", "--field-height", 5) == 0
+    assert "they make 49.04 mm" in capsys.readouterr().out
+    write_package(make_lens(), path.parent / "lens.npz")
+    assert check(path.parent / "lens.npz", "--field-height", 5) == 1
+    assert "a lens package's field ends with its tables: leave it out" in capsys.readouterr().err

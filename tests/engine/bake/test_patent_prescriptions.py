@@ -57,6 +57,11 @@ def test_other_positions_are_not(optbench, change):
     assert not optbench(*moving).focused_at_mm
 
 
+def test_tabs_at_the_end_of_a_line_are_no_positions(optbench):
+    lens = optbench(*MOVING, ("Infinity\t500\n", "Infinity\t500\t\t\t\n"), ("-2e-9\n", "-2e-9\t\t\n"))
+    assert lens.focused_at_mm == (np.inf, 500.0) and lens.surfaces[2].aspheric == (0.0, 1e-6, -2e-9)
+
+
 def test_another_position_is_asked_for_by_its_number(tmp_path):
     path = tmp_path / "lens.txt"
     path.write_text(OPTBENCH)

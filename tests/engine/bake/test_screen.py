@@ -1,0 +1,121 @@
+"""Prescriptions judged by their rays: a good one damaged in each way, and the whole library."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lensfield.engine.bake.focus import build_system
+from lensfield.engine.bake.prescriptions.toml import read_lensfield
+from lensfield.engine.bake.rays import HalfPupil, trace_pupil
+from lensfield.engine.bake.screen import check_prescription
+from lensfield.engine.library import BUNDLED
+
+PATHS = sorted((BUNDLED / "prescriptions").glob("*.toml"))
+SIZE = 300e3  # bytes, of all
+GOOD = read_lensfield(BUNDLED / "prescriptions" / "nikkor-z-50mm-f1.8.toml")  # with aspheres, and parts that move
+FRONT_ASPHERE, REAR_ASPHERE, GAP, LAST = 6, 17, 19, 26
+
+
+def damaged(number, **changes):
+    """The good lens with one of its surfaces, counted from 1, made otherwise."""
+    surfaces = list(GOOD.surfaces)
+    surfaces[number - 1] = replace(surfaces[number - 1], **changes)
+    return replace(GOOD, surfaces=tuple(surfaces))
+
+
+def told(prescription):
+    return [(finding.severity, finding.field) for finding in check_prescription(prescription)]
+
+
+def test_nothing_is_told_of_a_good_lens():
+    assert not check_prescription(GOOD)
+
+
+@pytest.mark.parametrize("factor, severities", [(0.98, ["error"]), (0.992, []), (1.008, []), (1.02, ["error"])])
+def test_the_focal_length_is_that_of_the_name(factor, severities):
+    findings = check_prescription(replace(GOOD, focal_length_mm=factor * 51.601))
+    assert [(finding.severity, finding.field) for finding in findings] == [
+        (severity, "focal_length_mm") for severity in severities]
+    assert all("the surfaces make 51.6 mm" in finding.value for finding in findings)
+
+
+def test_without_a_name_the_focal_length_is_a_note():
+    finding, = check_prescription(replace(GOOD, focal_length_mm=None))
+    assert finding.severity == "note" and "they make 51.6 mm" in finding.remedy
+
+
+@pytest.mark.parametrize("number", [FRONT_ASPHERE, REAR_ASPHERE])
+def test_a_lost_asphere_shows_on_the_axis(number):
+    assert GOOD.surfaces[number - 1].aspheric
+    findings = [finding for finding in check_prescription(damaged(number, aspheric=())) if finding.severity == "error"]
+    assert [finding.field for finding in findings] == ["surfaces"] * 2
+    assert "focused at infinity" in findings[0].value and "focused at 307.7 mm" in findings[1].value
+
+
+def test_a_wrong_glass_shows_in_white_light():
+    crown = 1 + [surface.glass for surface in GOOD.surfaces].index("1.59319/67.9")
+    assert ("error", "surfaces") in told(damaged(crown, glass="1.59319/30"))
+
+
+def test_a_lens_may_be_meant_to_be_soft():
+    soft = replace(damaged(REAR_ASPHERE, aspheric=()), character=("portrait", "soft focus"))
+    assert "error" not in dict(told(soft))
+    assert "soft focus, as its character says" in {finding.remedy for finding in check_prescription(soft)}
+
+
+@pytest.mark.parametrize("share, severity", [(0.95, "note"), (0.8, "error")])
+def test_an_aperture_that_stops_the_stops_own_light(share, severity):
+    rim = trace_pupil(build_system(GOOD), [0.0], [GOOD.reference_wavelength_nm], HalfPupil(2, 1)).square_height_mm2
+    narrowed = damaged(1, semi_aperture_mm=share * np.sqrt(rim[0, 0, 0, -1, 0]))
+    finding = next(finding for finding in check_prescription(narrowed) if finding.field.startswith("aperture"))
+    told_share = float(re.search(r"(\d+)% of its width", finding.value)[1]) / 100
+    assert finding.severity == severity and told_share == pytest.approx(share, abs=0.02), "by the pupil's aberration"
+    assert "surface 1 is the narrowest" in finding.remedy
+
+
+def test_an_aperture_in_the_way_of_chief_rays():
+    findings = check_prescription(damaged(LAST, semi_aperture_mm=15.0))
+    assert [(finding.severity, finding.field) for finding in findings] == [
+        ("error", f"surface {LAST}, semi_aperture_mm")] * 2, "at both distances"
+    assert "15, and stops chief rays from an image height of 1" in findings[0].value
+
+
+def test_a_field_that_ends_before_the_corners_or_before_the_sides():
+    assert told(replace(GOOD, field=("image_height_mm", 21.0))) == [("warning", "field")]
+    assert told(replace(GOOD, field=("image_height_mm", 15.0))) == [("error", "field")]
+
+
+def test_a_mistyped_gap_moves_the_image():
+    far, near = GOOD.surfaces[GAP - 1].gaps_mm
+    assert told(damaged(GAP, gaps_mm=(far, near - 2.0))) == [("warning", "focused_at_mm")]
+
+
+def test_what_has_no_image_is_told_and_no_more():
+    as_a_whole = tuple(replace(surface, gaps_mm=()) for surface in GOOD.surfaces)
+    stuck = replace(GOOD, focused_at_mm=(), surfaces=as_a_whole)
+    assert told(replace(stuck, closest_focus_mm=5.0)) == [("error", "object_distance_mm")]
+    assert told(damaged(1, glass="UNOBTAINIUM")) == [("error", "surface 1, glass")]
+
+
+def test_fast_lenses_that_move_as_a_whole_may_be_soft_when_near():
+    as_a_whole = tuple(replace(surface, gaps_mm=()) for surface in GOOD.surfaces)
+    findings = check_prescription(replace(GOOD, focused_at_mm=(), surfaces=as_a_whole, closest_focus_mm=45.0))
+    assert [finding.severity for finding in findings] == ["note"] and "sharper farther away" in findings[0].remedy
+
+
+@pytest.mark.parametrize("path", PATHS, ids=lambda path: path.stem)
+def test_the_library_is_what_it_says(path):
+    lens = read_lensfield(path)
+    assert lens.name == path.stem
+    assert all((lens.title, lens.maker, lens.story, lens.source, lens.character, lens.sensor_mm, lens.focal_length_mm))
+    assert lens.year is None or f"({lens.year})" in lens.title
+    findings = check_prescription(lens)
+    assert not [finding for finding in findings if finding.severity == "error"]
+    assert {finding.field for finding in findings if finding.severity == "warning"} <= {"field"}
+
+
+def test_the_library_is_large_and_its_files_are_small():
+    assert len(PATHS) >= 60 and sum(path.stat().st_size for path in PATHS) < SIZE
+    assert len({read_lensfield(path).title for path in PATHS}) == len(PATHS)
