@@ -10,14 +10,17 @@ import numpy as np
 from scipy.fft import dct, fft, next_fast_len
 from scipy.ndimage import binary_dilation
 
+from .. import kernels
 from ..errors import LensError
-from .polynomials import fitted, on_grid
+from .polynomials import along_rows, fitted, of_rows
 from .pupil import covered
 from .wavefront import Wavefront
 
 LEAST_PARTS = 2  # into which a sample is divided along each side
+EIGHT = 8  # columns that go together
 LEAST_ROWS = 96  # of the pupil: an edge that crosses fewer is rough
 MOST_PLACES = 1 << 26  # of the sum, or of the pupil: some hundred MB
+LONGEST = 100.0  # times that waves are taken for longer ones: more, and a window is wider than any blur worth its PSF
 EDGE_DEGREE = 12  # of the polynomials of apertures' edges and of density, which are smooth
 INSIDE = 2 / 3
 WORST_FIT_WAVES = 0.3  # RMS
@@ -75,8 +78,16 @@ def point_spread(wavefront: Wavefront, pitch_um: float, samples: int, sums: Sums
     if not fit.error_waves < WORST_FIT_WAVES:
         raise LensError("PSF", "wavefront", f"{fit.error_waves:.2g} waves from smooth", "end the field earlier, or ask "
                                                                                         "for a finer quality")
-    wavelength_um = wavefront.wavelength_nm * 1e-3 * lengthening(wavefront, pitch_um, sums)
+    times = lengthening(wavefront, pitch_um, sums)
+    if times > LONGEST:
+        raise _too_wide(pitch_um, samples)
+    wavelength_um = wavefront.wavelength_nm * 1e-3 * times
     return _even_sum(fit, wavelength_um, pitch_um, samples, sums)
+
+
+def _too_wide(pitch_um, samples):
+    return LensError("PSF", "window", f"{pitch_um * samples * 1e-3:.3g} mm",
+                     "too wide to sum up: is the lens in focus here? Else give a smaller window")
 
 
 def lengthening(wavefront: Wavefront, pitch_um: float, sums: Sums) -> float:
@@ -90,7 +101,8 @@ def lengthening(wavefront: Wavefront, pitch_um: float, sums: Sums) -> float:
 class _Fit:
     """A wavefront as Chebyshev polynomials over a disc of direction cosines, even in x.
 
-    `path` is in um; `edges` are density and limits, of which the stop's rim is the first.
+    `path` is in um; `edges` are density and limits, of which the stop's rim is the first; `densities` are the least and
+    the most.
     """
 
     half_x: float
@@ -99,7 +111,7 @@ class _Fit:
     path: np.ndarray
     edges: np.ndarray
     error_waves: float
-    densities: np.ndarray
+    densities: tuple[float, float]
 
 
 def _near(wavefront):
@@ -127,8 +139,9 @@ def _fit(wavefront, degree):
     limits = wavefront.limits[np.any(wavefront.limits[:, near] > 1, axis=1)]
     edges, _ = fitted(x[inside], y[inside], weight[inside],
                       np.stack([wavefront.density, radius**2, *limits])[:, inside], min(degree, EDGE_DEGREE))
-    return _Fit(half_x, half_y, middle, path[0] * 1e3, edges, error / (wavefront.wavelength_nm * 1e-6),
-                wavefront.density[wavefront.passing])
+    passing = wavefront.density[wavefront.passing]
+    return _Fit(half_x, half_y, middle, path[0] * 1e3, edges.astype(np.float32),
+                error / (wavefront.wavelength_nm * 1e-6), (passing.min(), passing.max()))
 
 
 def _even_sum(fit, wavelength_um, pitch_um, samples, sums):
@@ -143,16 +156,19 @@ def _even_sum(fit, wavelength_um, pitch_um, samples, sums):
     needed = np.ceil(np.maximum(sums.repeat * places, LEAST_ROWS * wavelength_um / (2 * halves * part_um))).astype(int)
     length_x, length_y = 2 * next_fast_len(-(-needed[0] // 2), real=True), next_fast_len(needed[1])
     if length_x * length_y // 2 > MOST_PLACES:
-        raise LensError("PSF", "window", f"{pitch_um * samples * 1e-3:.3g} mm",
-                        "too wide to sum up: is the lens in focus here? Else give a smaller window")
+        raise _too_wide(pitch_um, samples)
     step_x, step_y = wavelength_um / (part_um * np.array([length_x, length_y]))
-    columns, rows = np.arange(np.ceil(fit.half_x / step_x)), np.arange(np.ceil(2 * fit.half_y / step_y))
-    density, share, path_um = _on_grid(fit, (columns + 0.5) * step_x / fit.half_x,
-                                       (rows + 0.5 - rows.size / 2) * step_y / fit.half_y)
+    columns = np.arange(EIGHT * np.ceil(fit.half_x / step_x / EIGHT))
+    rows = np.arange(np.ceil(2 * fit.half_y / step_y))
+    x, y = (columns + 0.5) * step_x / fit.half_x, (rows + 0.5 - rows.size / 2) * step_y / fit.half_y
     first_um = pitch_um * (samples // 2) + part_um * (parts + 1) / 2
-    waves = np.sqrt(density) * share * _phasor((path_um - first_um * step_y * rows[:, None]) / wavelength_um)
-    light = _transformed(waves, length_x // 2, length_y, parts, samples)
-    all_light = 2 * _light(density, share, np.array([length_x, length_y]) / places) / (step_x * step_y)
+    path = of_rows(fit.path, y) / wavelength_um
+    path[:, 0] -= first_um * step_y * rows / wavelength_um
+    edges = np.moveaxis(of_rows(fit.edges, y), 0, 1)
+    waves_of = waves if kernels.running() == kernels.NUMPY else kernels.waves
+    amplitudes, hard, soft = waves_of(path, edges, x, y, fit.densities)
+    light = _transformed(amplitudes, length_x // 2, length_y, parts, samples)
+    all_light = 2 * _light(hard, soft, np.array([length_x, length_y]) / places) / (step_x * step_y)
     return np.hstack([light[:, :0:-1], light]) * (part_um**2 / (wavelength_um**2 * all_light))
 
 
@@ -168,40 +184,34 @@ def _parts_of_a_sample(cosine, wavelength_um, pitch_um, sums):
 def _transformed(waves, length_x, length_y, parts, samples):
     """Light in samples (v, u), of u from the middle on, which lies on a part, or between two where they are even."""
     odd = parts % 2
-    along_x = dct(waves, 2 if odd else 4, length_x, axis=1)[:, :samples // 2 * parts + (parts + odd) // 2 + 1]
-    field = fft(along_x, length_y, axis=0)[:samples * parts + 2]
+    parts_along_x = dct(waves, 2 if odd else 4, length_x)[..., :samples // 2 * parts + (parts + odd) // 2 + 1]
+    along_x = np.empty(parts_along_x.shape[1:], np.complex64)
+    along_x.real, along_x.imag = parts_along_x
+    field = fft(along_x, length_y, axis=0, overwrite_x=True)[:samples * parts + 2]
     light = _binned(field.real**2 + field.imag**2, parts).T
     return _binned(np.concatenate([light[odd:(parts + odd) // 2 + 1][::-1], light]), parts).T
 
 
-def _on_grid(fit, x, y):
-    """Light per area, the share of it that apertures and the stop's rim let pass, and path in um: arrays (y, x)."""
-    path_um = on_grid(fit.path, x, y)
-    density, *limits = on_grid(fit.edges.astype(np.float32), x, y)
+def waves(path: np.ndarray, edges: np.ndarray, x: np.ndarray, y: np.ndarray, densities: tuple[float, float]
+          ) -> tuple[np.ndarray, float, float]:
+    """As `kernels.waves`, by numpy: by which that is tested."""
     inside = x**2 + y[:, None]**2 <= 1
-    share = np.where(inside, covered(limits), np.float32(0))
-    path_um[~inside] = 0  # where polynomials go astray
-    most = np.float32(fit.densities.max())
-    return np.exp(np.clip(density, np.float32(fit.densities.min()), most) - most), share, path_um
+    share = np.where(inside, covered(along_rows(np.moveaxis(edges[:, 1:], 1, 0), x)), np.float32(0))
+    phase = np.where(inside, along_rows(path, x), 0)  # where polynomials go astray
+    least, most = (np.float32(limit) for limit in densities)
+    amplitude = np.exp((np.clip(along_rows(edges[:, 0], x), least, most) - most) / 2)
+    hard, soft = (float(np.sum(amplitude**2 * cells, dtype=float)) for cells in (share, share**2))
+    angle = ((phase - np.rint(phase)) * (-2 * np.pi)).astype(np.float32)
+    return amplitude * share * np.stack([np.cos(angle), np.sin(angle)]), hard, soft
 
 
-def _light(density, share, repeats):
+def _light(hard, soft, repeats):
     """All light, for a sum that repeats itself at so many windows along each side.
 
     Edges that are softened over a cell spread less light far away than hard ones do: Parseval's sum lacks it. What of
     that would lie within the window goes with the reciprocal of the repeat; the factor is that of Airy's pattern.
     """
-    hard, soft = (np.sum(density * cells, dtype=float) for cells in (share, share**2))
-    return hard - INSIDE * np.mean(1 / np.array(repeats)) * (hard - soft)
-
-
-def _phasor(waves):
-    """exp(-2 pi i waves); in single precision, once the whole waves are off."""
-    angle = ((waves - np.rint(waves)) * (-2 * np.pi)).astype(np.float32)
-    result = np.empty(angle.shape, np.complex64)
-    np.cos(angle, out=result.real)
-    np.sin(angle, out=result.imag)
-    return result
+    return hard - INSIDE * np.mean(1 / repeats) * (hard - soft)
 
 
 def _binned(light, parts):

@@ -35,17 +35,24 @@ def fitted(x: np.ndarray, y: np.ndarray, weight: np.ndarray, values: np.ndarray,
     return coefficients, float(np.sqrt(np.sum(off[:, 0]**2) / np.sum(weight**2)))
 
 
-def on_grid(coefficients: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Values of one quantity, or of several: array (..., y, x), of the coefficients' precision."""
-    degree = coefficients.shape[-2] - 1
-    up, across = (chebvander(place, degree).astype(coefficients.dtype) for place in (y, x))
-    of_rows, across = up @ coefficients, across[:, ::2].T
-    rows = max(1, PIECE // across.size)
-    pieces = -(-y.size // rows)
-    padded = np.zeros((*of_rows.shape[:-2], pieces * rows, across.shape[0]), of_rows.dtype)
-    padded[..., :y.size, :] = of_rows
-    values = padded.reshape(*of_rows.shape[:-2], pieces, rows, -1) @ across
-    return values.reshape(*of_rows.shape[:-2], pieces * rows, x.size)[..., :y.size, :]
+def of_rows(coefficients: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Polynomials over x alone, of each row: array (..., y, half the power of x), of the coefficients' precision."""
+    return _product(chebvander(y, coefficients.shape[-2] - 1).astype(coefficients.dtype), coefficients)
+
+
+def along_rows(polynomials: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Their values: array (..., y, x)."""
+    return _product(polynomials, chebvander(2 * x**2 - 1, polynomials.shape[-1] - 1).T.astype(polynomials.dtype))
+
+
+def _product(left, right):
+    """left @ right, of matrices or stacks of them, in pieces of some rows."""
+    *stack, rows, inner = left.shape
+    together = max(1, PIECE // (inner * right.shape[-1]))
+    pieces = np.zeros((*stack, -(-rows // together), together, inner), left.dtype)
+    pieces.reshape(*stack, -1, inner)[..., :rows, :] = left
+    product = pieces @ (right[..., None, :, :] if right.ndim > 2 else right)
+    return product.reshape(*product.shape[:-3], -1, right.shape[-1])[..., :rows, :]
 
 
 def _sums_of_squares(basis):

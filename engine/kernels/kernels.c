@@ -6,13 +6,15 @@ typedef struct {
     lf_spread_loop *spread;
     lf_footprints_loop *footprints;
     lf_turn_loop *turn;
+    lf_waves_loop *waves;
 } variant;
 
 #define DECLARED(v) \
     lf_spread_loop lf_spread_##v; \
     lf_footprints_loop lf_footprints_##v; \
-    lf_turn_loop lf_turn_##v;
-#define LISTED(v) {#v, lf_spread_##v, lf_footprints_##v, lf_turn_##v}
+    lf_turn_loop lf_turn_##v; \
+    lf_waves_loop lf_waves_##v;
+#define LISTED(v) {#v, lf_spread_##v, lf_footprints_##v, lf_turn_##v, lf_waves_##v}
 
 #if defined(__x86_64__)
 DECLARED(base) DECLARED(avx2) DECLARED(avx512)
@@ -136,4 +138,13 @@ int lf_turn(int variant, const lf_samples *samples, double cosine, double sine, 
         || samples->heights % 8 || !within(side, 1, 1 << 14) || side % 2 == 0 || !(samples->size_px > 0))
         return LF_BAD_SIZE;
     return variants[variant].turn(samples, cosine, sine, side, out);
+}
+
+int lf_waves(int variant, const lf_wavefront *w, float *waves, double *light, float *work)
+{
+    if (!within(variant, 0, VARIANTS - 1) || !within(w->rows, 3, MOST_PX) || !within(w->columns, 8, MOST_PX)
+        || w->columns % 8 || !within(w->path_terms, 1, 1 << 10) || !within(w->edge_terms, 1, 1 << 10)
+        || !within(w->limits, 1, 1 << 10))
+        return LF_BAD_SIZE;
+    return variants[variant].waves(w, waves, light, work);
 }

@@ -16,7 +16,7 @@
 #define LENSFIELD_KERNELS_H
 #include <stdint.h>
 
-#define LF_ABI 2
+#define LF_ABI 3
 
 enum { LF_OUTSIDE = 1, LF_BAD_SIZE = 2 };
 
@@ -98,6 +98,19 @@ typedef struct { /* the light of PSFs in small squares */
 
 typedef int lf_turn_loop(const lf_samples *, double cosine, double sine, int64_t side, double *out);
 
+/* waves */
+
+typedef struct { /* a wavefront over an even grid of direction cosines, between -1 and 1 up to its rim */
+    const double *across; /* (columns): 2 x^2 - 1 */
+    const double *up;     /* (rows): y */
+    const double *path;   /* (row, path_terms): Chebyshev's coefficients over `across`, in waves */
+    const float *edges;   /* (row, 1 + limits, edge_terms): of the density's logarithm; of what passes up to 1 */
+    int64_t rows, columns, path_terms, edge_terms, limits; /* columns: a multiple of 8 */
+    float least, most;    /* logarithms of the density; the light is in shares of the most */
+} lf_wavefront;
+
+typedef int lf_waves_loop(const lf_wavefront *, float *waves, double *light, float *work);
+
 /* what the library gives */
 
 LF_API int lf_abi(void);
@@ -111,4 +124,5 @@ LF_API int lf_spread(int variant, const lf_places *, const lf_table *, const lf_
 LF_API int lf_footprints(int variant, const lf_geometry *, const lf_capture *, int64_t first_row, int64_t end_row,
                          const lf_picture *out);
 LF_API int lf_turn(int variant, const lf_samples *, double cosine, double sine, int64_t side, double *out);
+LF_API int lf_waves(int variant, const lf_wavefront *, float *waves, double *light, float *work);
 #endif

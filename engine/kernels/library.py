@@ -4,7 +4,7 @@ import ctypes
 import os
 import struct
 import warnings
-from ctypes import POINTER, Structure, c_char_p, c_double, c_int, c_int64, c_void_p
+from ctypes import POINTER, Structure, c_char_p, c_double, c_float, c_int, c_int64, c_void_p
 from dataclasses import dataclass
 from functools import cache
 
@@ -13,7 +13,7 @@ import numpy as np
 from ..errors import InputError
 from .build import LIBRARY_FOLDER, library_name, sources_digest, this_platform
 
-ABI = 2  # that of kernels.h
+ABI = 3  # that of kernels.h
 NUMPY = "numpy"
 VARIABLE = "LENSFIELD_KERNELS"
 PROBLEMS = {1: "a sample lies outside of the square", 2: "sizes that cannot be"}
@@ -39,6 +39,9 @@ CAPTURE = _structure("Capture", first=c_void_p * 4, row_step=c_int64 * 4, step=c
                      rows=c_int64, columns=c_int64, centre_row=c_double, centre_column=c_double)
 SAMPLES = _structure("Samples", v_px=c_void_p, u_px=c_void_p, energy=c_void_p, count=c_int64, heights=c_int64,
                      size_px=c_double)
+WAVEFRONT = _structure("Wavefront", across=c_void_p, up=c_void_p, path=c_void_p, edges=c_void_p, rows=c_int64,
+                       columns=c_int64, path_terms=c_int64, edge_terms=c_int64, limits=c_int64, least=c_float,
+                       most=c_float)
 
 _SIGNATURES = {
     "lf_abi": (c_int, []),
@@ -50,6 +53,7 @@ _SIGNATURES = {
                           c_void_p]),
     "lf_footprints": (c_int, [c_int, POINTER(GEOMETRY), POINTER(CAPTURE), c_int64, c_int64, POINTER(PICTURE)]),
     "lf_turn": (c_int, [c_int, POINTER(SAMPLES), c_double, c_double, c_int64, c_void_p]),
+    "lf_waves": (c_int, [c_int, POINTER(WAVEFRONT), c_void_p, c_void_p, c_void_p]),
 }
 
 

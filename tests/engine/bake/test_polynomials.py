@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.polynomial.chebyshev import chebval2d
 
-from lensfield.engine.bake.polynomials import fitted, on_grid
+from lensfield.engine.bake.polynomials import along_rows, fitted, of_rows
 
 DEGREE = 6
 RANDOM = np.random.default_rng(3)
@@ -25,9 +25,9 @@ def by_numpy(coefficients, x, y):
 def test_on_a_grid_they_are_chebyshevs(columns, rows):
     coefficients, x, y = some_coefficients(3), RANDOM.uniform(0, 1, columns), RANDOM.uniform(-1, 1, rows)
     expected = [by_numpy(each, x, y[:, None]) for each in coefficients]
-    np.testing.assert_allclose(on_grid(coefficients, x, y), expected, atol=1e-12)
-    np.testing.assert_allclose(on_grid(coefficients[0], x, y), expected[0], atol=1e-12)
-    single = on_grid(coefficients.astype(np.float32), x, y)
+    np.testing.assert_allclose(along_rows(of_rows(coefficients, y), x), expected, atol=1e-12)
+    np.testing.assert_allclose(along_rows(of_rows(coefficients[0], y), x), expected[0], atol=1e-12)
+    single = along_rows(of_rows(coefficients.astype(np.float32), y), x)
     assert single.dtype == np.float32
     np.testing.assert_allclose(single, expected, atol=1e-4)
 

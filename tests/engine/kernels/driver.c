@@ -15,7 +15,7 @@
 
 static uint64_t state;
 static uint64_t hash[MOST_VARIANTS];
-static double worst[MOST_VARIANTS][3]; /* of spreading, footprints, turning */
+static double worst[MOST_VARIANTS][4]; /* of spreading, footprints, turning, waves */
 
 static uint32_t random_bits(void)
 {
@@ -321,18 +321,108 @@ static void try_turning(void)
     free(v_px), free(u_px), free(energy), free(truth);
 }
 
+/* Waves, of polynomials whose terms fall off, as those of smooth wavefronts do; and of others, for the sanitizers. */
+
+static double chebyshev(double at, const double *terms, const float *single, int64_t count)
+{
+    double sum = 0, before = 1, now = at;
+    for (int64_t n = 0; n < count; n++) {
+        sum += (terms ? terms[n] : single[n]) * before;
+        const double next = 2 * at * now - before;
+        before = now, now = next;
+    }
+    return sum;
+}
+
+/* What of a cell passes, and by how much rounding may change that. */
+static double passing(const lf_wavefront *w, const double *tightest, int64_t row, int64_t column, double rounding,
+                      double *off)
+{
+    const int64_t middle = row < 1 ? 1 : row > w->rows - 2 ? w->rows - 2 : row;
+    const double *here = tightest + row * w->columns + column, *above = tightest + (middle + 1) * w->columns + column;
+    double change = fabs(above[0] - above[-2 * w->columns]);
+    if (column > 0 && column < w->columns - 1) change += fabs(here[1] - here[-1]);
+    change = fmax(change, 1e-12);
+    const double share = 0.5 + 2 * (1 - here[0]) / change;
+    *off = 2 * rounding / change + fabs(share - 0.5) * 4 * rounding / change + 8 * SINGLE;
+    return fmin(fmax(share, 0), 1);
+}
+
+static void try_waves(void)
+{
+    static const float wild[] = {NAN, INFINITY, -INFINITY, -1e30f, 1e30f, 1e-40f};
+    const int64_t rows = 3 + below(40), columns = 8 * (1 + below(8)), path_terms = 1 + below(12), limits = 1 + below(3);
+    const int64_t edge_terms = 1 + below(8), size = rows * columns;
+    const int tame = below(4) > 0;
+    double *across = ROOM(double, columns), *up = ROOM(double, rows), *path = ROOM(double, rows * path_terms);
+    float *edges = ROOM(float, rows * (1 + limits) * edge_terms), *work = ROOM(float, 3 * (columns + 16));
+    double *tightest = ROOM(double, size), largest = 0;
+    for (int64_t c = 0; c < columns; c++) {
+        const double x = ((double)c + unit()) / ((double)columns - 1);
+        across[c] = 2 * x * x - 1;
+    }
+    for (int64_t row = 0; row < rows; row++) up[row] = 2.1 * ((double)row + unit()) / (double)rows - 1.05;
+    for (int64_t i = 0; i < rows * path_terms; i++) path[i] = 200 * (unit() - 0.5) / (double)(1 + i % path_terms);
+    for (int64_t i = 0; i < rows * (1 + limits) * edge_terms; i++) {
+        const int64_t term = i % edge_terms;
+        edges[i] = !tame && !below(9) ? wild[below(6)] : (float)(2 * unit() / (double)(1 + term * term));
+    }
+    for (int64_t row = 0; row < rows; row++) { /* limits that grow with the row, as those of a smooth wavefront */
+        float *limit = edges + row * (1 + limits) * edge_terms;
+        for (int64_t n = 1; tame && n <= limits; n++)
+            for (int64_t k = 0; k < edge_terms; k++)
+                limit[n * edge_terms + k] = (float)((0.4 + 1.2 * (double)row / (double)rows) / (double)(1 + 2 * k));
+    }
+    for (int64_t i = 0; i < size; i++)
+        for (int64_t n = 1; n <= limits; n++) {
+            const float *terms = edges + (i / columns * (1 + limits) + n) * edge_terms;
+            const double value = chebyshev(across[i % columns], 0, terms, edge_terms);
+            tightest[i] = n > 1 ? fmax(tightest[i], value) : value;
+        }
+    for (int64_t i = 0; i < rows * (1 + limits) * edge_terms; i++) largest = fmax(largest, fabs(edges[i]));
+    const double rounding = 4 * SINGLE * largest * (double)(edge_terms * edge_terms); /* of Clenshaw's sum */
+    const lf_wavefront w = {across, up, path, edges, rows, columns, path_terms, edge_terms, limits, 0.2f, 2.5f};
+    lf_wavefront odd = w;
+    odd.columns--;
+    for (int v = 0; runs(v); v++) {
+        float *result = ROOM(float, 2 * size);
+        double light[2], sums[2] = {0}, off = 0;
+        expect(lf_waves(v, &odd, result, light, work) == LF_BAD_SIZE, "waves took a size that cannot be");
+        expect(!lf_waves(v, &w, result, light, work), "waves refused their sizes");
+        if (tame) take_bits(v, result, 2 * size * 4), take_bits(v, light, 16);
+        for (int64_t i = 0; tame && i < size; i++) {
+            const int64_t row = i / columns, column = i % columns;
+            double share_off;
+            double share = passing(&w, tightest, row, column, rounding, &share_off);
+            const int inside = across[column] <= 1 - 2 * up[row] * up[row];
+            const double waves = chebyshev(across[column], path + row * path_terms, 0, path_terms);
+            double power = chebyshev(across[column], 0, edges + row * (1 + limits) * edge_terms, edge_terms);
+            power = fmin(fmax(power, w.least), w.most) - w.most;
+            const double whole = exp(power / 2), angle = -2 * 3.141592653589793 * (waves - rint(waves));
+            if (!inside) share = share_off = 0;
+            const double bound = whole * share_off + share * (rounding + 20 * SINGLE) + 1e-30;
+            take_deviation(v, 3, fabs(result[i] - whole * share * cos(angle)), bound);
+            take_deviation(v, 3, fabs(result[size + i] - whole * share * sin(angle)), bound);
+            sums[0] += whole * whole * share, sums[1] += whole * whole * share * share, off += 2 * bound;
+        }
+        for (int k = 0; tame && k < 2; k++) take_deviation(v, 3, fabs(light[k] - sums[k]), off + 1e-30);
+        free(result);
+    }
+    free(across), free(up), free(path), free(edges), free(work), free(tightest);
+}
+
 int main(int argc, char **argv)
 {
     const int rounds = argc > 1 ? atoi(argv[1]) : 100;
     state = argc > 2 ? strtoull(argv[2], 0, 10) : 0;
     expect(lf_abi() == LF_ABI, "the library is of another ABI");
     expect(lf_spread_work(-1, 1) == 0 && lf_spread_work(1, (int64_t)1 << 60) == 0, "sizes that cannot be have room");
-    for (int i = 0; i < rounds; i++) try_spreading(), try_footprints(), try_turning();
+    for (int i = 0; i < rounds; i++) try_spreading(), try_footprints(), try_turning(), try_waves();
     int off = 0;
     for (int v = 0; runs(v); v++) {
-        printf("%-7s off by %.2f, %.2f and %.2f of rounding  bits %016llx\n", lf_variant(v), worst[v][0], worst[v][1],
-               worst[v][2], (unsigned long long)hash[v]);
-        for (int loop = 0; loop < 3; loop++) off |= !(worst[v][loop] <= 1);
+        printf("%-7s off by %.2f, %.2f, %.2f and %.2f of rounding  bits %016llx\n", lf_variant(v), worst[v][0],
+               worst[v][1], worst[v][2], worst[v][3], (unsigned long long)hash[v]);
+        for (int loop = 0; loop < 4; loop++) off |= !(worst[v][loop] <= 1);
         off |= hash[v] != hash[0];
     }
     return off;

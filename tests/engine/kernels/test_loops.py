@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from lenses import comatic_lens, lopsided_lens
+from lensfield.engine.bake.diffraction import waves as numpy_waves
 from lensfield.engine.field.distortion import RIM_PX
 from lensfield.engine.field.distortion import footprints as numpy_footprints
 from lensfield.engine.field.psf_bank import PsfBank
@@ -21,6 +22,7 @@ from lensfield.engine.kernels import (
     footprints,
     spread,
     turn,
+    waves,
 )
 from loops import using
 
@@ -237,3 +239,33 @@ def test_arrays_of_another_kind_are_refused():
             footprints(geometry, [capture], (0.0, 0.0), slice(None), wrong)
     with pytest.raises(ValueError, match="sizes"):
         footprints(geometry, [capture, capture], (0.0, 0.0), slice(None), out)
+
+
+def a_wavefront(rows, columns, limits):
+    """Polynomials of rows, and their places: terms fall off, as those of smooth wavefronts do."""
+    random = np.random.default_rng(5)
+    path = random.normal(size=(rows, 9)) * 100 * 0.4 ** np.arange(9)
+    edges = np.tile(random.normal(size=(1 + limits, 7)) * 0.3 ** np.arange(7), (rows, 1, 1))
+    y = np.linspace(-1.02, 1.02, rows)
+    edges[:, 1:, 0] = 0.6 + np.square(y)[:, None] / 2
+    return path, edges.astype(np.float32), (np.arange(columns) + 0.5) / columns * 1.02, y
+
+
+@pytest.mark.parametrize("rows, columns, limits", [(3, 8, 1), (50, 24, 3), (201, 104, 2)])
+def test_waves_are_those_of_numpy(rows, columns, limits):
+    """But for a cell or so at the rim, which rounding puts in or out."""
+    wavefront = (*a_wavefront(rows, columns, limits), (-0.5, 1.0))
+    found, (hard, soft) = in_every_variant(lambda: waves(*wavefront)[0]), waves(*wavefront)[1:]
+    expected, numpy_hard, numpy_soft = numpy_waves(*wavefront)
+    assert found.shape == expected.shape == (2, rows, columns) and found.dtype == expected.dtype == np.float32
+    off = np.abs(found - expected).max(axis=0)
+    assert np.count_nonzero(off > 100 * EPSILON) <= 2 and np.count_nonzero(expected) > expected.size / 4
+    assert (hard, soft) == pytest.approx((numpy_hard, numpy_soft), abs=2)
+
+
+def test_waves_refuse_what_does_not_fit():
+    path, edges, x, y = a_wavefront(9, 16, 1)
+    for wrong in ((path, edges, x[:15], y), (path[:2], edges[:2], x, y[:2]), (path, edges[:, :1], x, y),
+                  (path[1:], edges, x, y)):
+        with pytest.raises(ValueError, match="rows|cannot be"):
+            waves(*wrong, (0.0, 1.0))

@@ -1,0 +1,132 @@
+/* Waves: the light of a wavefront on an even grid of direction cosines, as complex numbers whose sum is a PSF.
+
+   Path, density and what apertures let through are Chebyshev polynomials over the cosines, even in the one along a row:
+   so a row has its own over 2 x^2 - 1. Eight columns go together in every variant. Cells at the edge of an aperture
+   hold a share of the light, which goes with how much the tightest of the limits changes across them: so three rows of
+   that are kept. */
+#include "variant.h"
+
+typedef double eight_doubles __attribute__((vector_size(64), aligned(8), may_alias));
+typedef int64_t eight_longs __attribute__((vector_size(64), aligned(8), may_alias));
+typedef int32_t eight_ints __attribute__((vector_size(32), aligned(4), may_alias));
+
+#define WHOLE 6755399441055744.0 /* added and taken off again, a double becomes a whole number */
+#define WHOLE_SINGLE 12582912.0f
+#define LOG2_E 1.44269504f
+#define LEAST_POWER -80 /* of e: beyond lies what single precision has no number for */
+
+/* Clenshaw's sum of Chebyshev polynomials. */
+INLINE eight_doubles series(const double *terms, int64_t count, eight_doubles at)
+{
+    eight_doubles next = at - at, after = next;
+    for (int64_t n = count - 1; n > 0; n--) {
+        const eight_doubles sum = terms[n] + 2 * at * next - after;
+        after = next, next = sum;
+    }
+    return terms[0] + at * next - after;
+}
+
+INLINE eight_floats series_single(const float *terms, int64_t count, eight_floats at)
+{
+    eight_floats next = at - at, after = next;
+    for (int64_t n = count - 1; n > 0; n--) {
+        const eight_floats sum = terms[n] + 2 * at * next - after;
+        after = next, next = sum;
+    }
+    return terms[0] + at * next - after;
+}
+
+INLINE eight_floats chosen(eight_ints mask, eight_floats yes, eight_floats no)
+{
+    return (eight_floats)(((eight_ints)yes & mask) | ((eight_ints)no & ~mask));
+}
+INLINE eight_floats larger(eight_floats a, eight_floats b) { return chosen(a > b, a, b); }
+INLINE eight_floats smaller(eight_floats a, eight_floats b) { return chosen(a < b, a, b); }
+
+/* e to a power of no less than LEAST_POWER and no more than 80, by Taylor's series to 2e-7. */
+INLINE eight_floats exponential(eight_floats power)
+{
+    const eight_floats twos = power * LOG2_E, whole = (twos + WHOLE_SINGLE) - WHOLE_SINGLE;
+    const eight_floats x = (twos - whole) * 0.693147181f;
+    const eight_floats part = 1 + x * (1 + x * (0.5f + x * (1.66666667e-1f + x * (4.16666667e-2f + x * (
+                              8.33333333e-3f + x * 1.38888889e-3f)))));
+    return part * (eight_floats)((__builtin_convertvector(whole, eight_ints) + 127) << 23);
+}
+
+/* Cosine and minus sine of waves between -1/2 and 1/2, by Taylor's series of half the angle to 2e-7. */
+INLINE void turned(eight_floats waves, eight_floats *cosine, eight_floats *minus_sine)
+{
+    const eight_floats x = waves * 3.14159265f, square = x * x;
+    const eight_floats sine = x * (1 + square * (-1.66666667e-1f + square * (8.33333333e-3f + square * (
+                              -1.98412698e-4f + square * (2.75573192e-6f + square * -2.50521084e-8f)))));
+    const eight_floats half = 1 + square * (-0.5f + square * (4.16666667e-2f + square * (-1.38888889e-3f + square * (
+                              2.48015873e-5f + square * (-2.75573192e-7f + square * 2.08767570e-9f)))));
+    *cosine = 1 - 2 * sine * sine;
+    *minus_sine = -2 * sine * half;
+}
+
+/* The tightest of a row's limits: into `tightest`, which has room for a value before it and one behind. */
+INLINE void tightest_limits(const lf_wavefront *w, int64_t row, float *tightest)
+{
+    const float *terms = w->edges + (row * (1 + w->limits) + 1) * w->edge_terms;
+    for (int64_t c = 0; c < w->columns; c += 8) {
+        const eight_floats at = __builtin_convertvector(*(const eight_doubles *)(w->across + c), eight_floats);
+        eight_floats most = series_single(terms, w->edge_terms, at);
+        for (int64_t n = 1; n < w->limits; n++)
+            most = larger(series_single(terms + n * w->edge_terms, w->edge_terms, at), most);
+        *(eight_floats *)(tightest + c) = most;
+    }
+    tightest[-1] = tightest[1]; /* no change is seen across either end */
+    tightest[w->columns] = tightest[w->columns - 2];
+}
+
+lf_waves_loop OF_VARIANT(lf_waves);
+/* Gives waves: (real and imaginary part, row, column), and in light the sums of density * share and of its product
+   with share once more. */
+int OF_VARIANT(lf_waves)(const lf_wavefront *w, float *waves, double *light, float *work)
+{
+    const int64_t step = w->columns + 16;
+    float *kept[3] = {work + 8, work + 8 + step, work + 8 + 2 * step}; /* of row n: in kept[n % 3] */
+    eight_doubles hard = {0}, soft = {0};
+    for (int64_t row = 0; row < 3; row++) tightest_limits(w, row, kept[row]);
+    for (int64_t row = 0; row < w->rows; row++) {
+        const int64_t middle = row < 1 ? 1 : row > w->rows - 2 ? w->rows - 2 : row;
+        if (middle == row && row > 1) tightest_limits(w, row + 1, kept[(row + 1) % 3]);
+        const float *here = kept[row % 3], *above = kept[(middle + 1) % 3], *below = kept[(middle + 2) % 3];
+        const double *path = w->path + row * w->path_terms;
+        const float *density = w->edges + row * (1 + w->limits) * w->edge_terms;
+        const double rim = 1 - 2 * w->up[row] * w->up[row]; /* what `across` is at most where x^2 + y^2 is */
+        float *real = waves + row * w->columns, *imaginary = real + w->rows * w->columns;
+        for (int64_t c = 0; c < w->columns; c += 8) {
+            if (w->across[c] > rim) {
+                *(eight_floats *)(real + c) = *(eight_floats *)(imaginary + c) = (eight_floats){0};
+                continue;
+            }
+            const eight_doubles at = *(const eight_doubles *)(w->across + c);
+            const eight_longs inside = at <= rim;
+            const eight_ints lit = __builtin_convertvector(inside, eight_ints);
+            eight_doubles phase = series(path, w->path_terms, at);
+            phase = (eight_doubles)((eight_longs)(phase - ((phase + WHOLE) - WHOLE)) & inside);
+            const eight_floats zero = {0}, one = zero + 1;
+            const eight_floats tight = *(const eight_floats *)(here + c);
+            const eight_floats down = *(const eight_floats *)(above + c) - *(const eight_floats *)(below + c);
+            const eight_floats right = *(const eight_floats *)(here + c + 1) - *(const eight_floats *)(here + c - 1);
+            const eight_floats change = larger(larger(down, -down) + larger(right, -right), zero + 1e-12f);
+            eight_floats share = smaller(larger(0.5f + 2 * (1 - tight) / change, zero), one);
+            share = chosen(lit, share, zero);
+            eight_floats power = series_single(density, w->edge_terms,
+                                               __builtin_convertvector(at, eight_floats));
+            power = smaller(larger(power, zero + w->least), zero + w->most) - w->most;
+            const eight_floats whole = exponential(larger(power / 2, zero + LEAST_POWER)), part = whole * share;
+            eight_floats cosine, sine;
+            turned(__builtin_convertvector(phase, eight_floats), &cosine, &sine);
+            *(eight_floats *)(real + c) = part * cosine;
+            *(eight_floats *)(imaginary + c) = part * sine;
+            hard += __builtin_convertvector(whole * part, eight_doubles);
+            soft += __builtin_convertvector(part * part, eight_doubles);
+        }
+    }
+    light[0] = light[1] = 0;
+    for (int k = 0; k < 8; k++) light[0] += hard[k], light[1] += soft[k];
+    return 0;
+}
