@@ -3,9 +3,9 @@
 A point of the scene at any depth is seen along these rays, so that depth and what near things hide follow from them.
 
 The lens is one of revolution, so the table is one over the height of the sensor place and half of the stop. Between its
-rays go cubic splines, of coefficients that stand at even distances, for loops that read them. The stop has radii that
-lie closer towards its rim, where rays of fast lenses change most, as sin(pi s / 2) of even s: at the rim all is even
-in s. Rays that do not get through are continued from those that do, so that splines see no edge.
+rays go cubic splines, of coefficients at even distances, for loops that read them. Heights and the stop's radii are
+sines of even angles, as shares of the last: they lie closest where rays change most, towards the picture's corners and
+the rim of a fast stop. Rays that do not get through are continued from those that do: splines see no edge.
 """
 
 from collections.abc import Sequence
@@ -31,7 +31,6 @@ WAVELENGTHS_NM = (400.0, 417.1, 469.5, 555.9, 653.2, 700.0)  # where polynomials
 HEIGHTS, RADII, AZIMUTHS = 33, 17, 33
 TRUSTED = -0.3  # the margin of rays that are farther out than what passes, and still tell how those go on
 LOST = -1.0  # the greatest margin of a ray that does not reach the sensor at all
-GRAZING = 1e-3  # the least cosine to the axis, for rays that are continued beyond what there can be
 ORDER = 4  # of the differences that continued rays keep small, and cubic splines do not see
 FAINT = 1e-5  # of first differences beside these, where too few rays are known
 EVEN, ODD, FREE = (1, 0, -1), (1, 0, 1), (1, -4, 6, -4, 1)  # sums of coefficients at an end of splines that are 0
@@ -78,11 +77,12 @@ class RayTable(Value):
     entrance_pupil_mm : float
         From the first surface to the plane of the entrance pupil, towards the image.
     coefficients : float32 array (wavelength, height, radius, azimuth, quantity)
-        Of cubic B-splines at even distances, one more at either end than there are rays: over the height from 0 to the
-        last, over s = 2 / pi arcsin(radius) from 0 to 1, and over the azimuth from +y, where the sensor place lies, by
-        +x to -y. Quantities: the ray's place nearest to the middle of the entrance pupil (x, y), which unlike that on
-        the plane stays close to it at any angle, its direction cosines before the lens (x, y), the margin at the
-        surfaces, the optical path from that place, and the weight.
+        Of cubic B-splines at even distances, one more at either end than there are rays: over s = 2 / pi arcsin(share)
+        from 0 to 1, of the last height and of the stop's radius, and over the azimuth from +y, where the sensor place
+        is, by +x to -y. Quantities: the ray's place nearest to the middle of the entrance pupil (x, y), which unlike
+        that on the plane stays close to it at any angle; p of its direction before the lens (x, y), whose cosines are
+        (2 p, 1 - p^2) / (1 + p^2), as sure beside 90 degrees as on the axis; the margin at the surfaces; the optical
+        path from that place; and the weight.
     """
 
     name: str
@@ -92,8 +92,17 @@ class RayTable(Value):
     coefficients: np.ndarray
 
     def at(self, wavelengths_nm: Sequence[float] | np.ndarray) -> "RayTable":
-        """The table at other wavelengths, by the polynomial over the wave number through those of this one."""
-        wavelengths_nm = np.asarray(wavelengths_nm, dtype=float)
+        """The table at other wavelengths, by the polynomial over the wave number through those of this one.
+
+        Raises
+        ------
+        LensError
+            A wavelength beyond those of this one.
+        """
+        wavelengths_nm, (first, last) = np.asarray(wavelengths_nm, dtype=float), self.wavelengths_nm[[0, -1]]
+        if np.any((wavelengths_nm < first) | (wavelengths_nm > last)):
+            raise LensError(self.name, "wavelengths", wavelengths_nm.tolist(),
+                            f"the table of rays holds for {first:g} to {last:g} nm: trace one for these")
         weights = polynomial_weights(1e3 / self.wavelengths_nm, 1e3 / wavelengths_nm).astype(np.float32)
         return replace(self, wavelengths_nm=wavelengths_nm, coefficients=np.tensordot(weights, self.coefficients, 1))
 
@@ -120,19 +129,20 @@ class RayTable(Value):
             raise LensError(self.name, "sensor place", f"{height_mm.max():.4g} mm from the axis",
                             f"the lens's field ends at {self.last_height_mm:.4g} mm")
         azimuth = np.remainder(np.arctan2(stop_x, stop_y) - turned + np.pi, 2 * np.pi) - np.pi
-        foot_x, foot_y, cosine_x, cosine_y, margin, path_mm, weight = self._between(
-            wavelength, height_mm / self.last_height_mm, 2 / np.pi * np.arcsin(np.minimum(radius, 1)),
-            np.abs(azimuth) / np.pi)
+        foot_x, foot_y, p_x, p_y, margin, path_mm, weight = self._between(
+            wavelength, _even(height_mm / self.last_height_mm), _even(radius), np.abs(azimuth) / np.pi)
         side = np.sign(azimuth)
         foot_mm = _turned(foot_x * side, foot_y, turned)
-        cosines = _turned(cosine_x * side, cosine_y, turned)
-        along = np.sqrt(np.maximum(1 - np.sum(cosines**2, axis=0), GRAZING**2))
-        way_mm = np.sum(foot_mm * cosines, axis=0) / along**2  # from the foot, which is square to the ray, to the plane
-        return SensorRays(foot_mm + way_mm * cosines, np.stack([*cosines, along]), np.minimum(margin, 1 - radius**2),
+        p = _turned(p_x * side, p_y, turned)
+        square = np.sum(p**2, axis=0)
+        direction = np.stack([*(2 * p), 1 - square]) / (1 + square)
+        # from the foot, which is square to the ray, to the plane
+        way_mm = np.sum(foot_mm * direction[:2], axis=0) / direction[2]**2
+        return SensorRays(foot_mm + way_mm * direction[:2], direction, np.minimum(margin, 1 - radius**2),
                           path_mm - way_mm, weight)
 
     def _between(self, wavelength, *shares):
-        """Quantities at shares of height, s and azimuth: array (quantity, ...)."""
+        """Quantities at shares of the even distances of height, radius and azimuth: array (quantity, ...)."""
         wavelength, *shares = np.broadcast_arrays(wavelength, *shares)
         first, weights = zip(*(_cubic(share * (count - 3), count) for share, count in
                                zip(shares, self.coefficients.shape[1:4], strict=True)), strict=True)
@@ -165,7 +175,8 @@ def ray_table(prescription: Prescription,
     ends = trace_pupil(system, [system.last_height_mm], wavelengths_nm, HalfPupil(1, 1))
     last_height_mm = float(ends.chief_height_mm.max())
     pupil = HalfPupil(RADII, AZIMUTHS, close_at_rim=True)
-    values = _trace(system, np.linspace(0, last_height_mm, HEIGHTS), wavelengths_nm, pupil)
+    heights_mm = last_height_mm * np.sin(np.pi / 2 * np.linspace(0, 1, HEIGHTS))
+    values = _trace(system, heights_mm, wavelengths_nm, pupil)
     return RayTable(prescription.name, wavelengths_nm, last_height_mm, system.entrance_pupil_mm,
                     _coefficients(values).astype(np.float32))
 
@@ -187,7 +198,8 @@ def _trace(system: System, heights_mm, wavelengths_nm, pupil):
                              zip([*front_squares, *rear_squares], system.semi_apertures_mm, strict=True)], axis=0)
     known = aimed & np.isfinite(path_mm)
     _check_chief_rays(system, heights_mm, wavelengths_nm, known)
-    values = np.stack([*(about - from_foot_mm * before)[:2], *before[:2], path_mm - path_mm[:, :1, :1], *behind[:2]])
+    values = np.stack([*(about - from_foot_mm * before)[:2], *before[:2] / (1 + before[2]),
+                       path_mm - path_mm[:, :1, :1], *behind[:2]])
     shape = (*known.shape[:2], *pupil.shape)
     known, margin, values = known.reshape(shape), margin.reshape(shape), values.reshape(-1, *shape)
     *entrance, path_mm, cosine_x, cosine_y = _continued(values, known & (np.nan_to_num(margin) > TRUSTED))
@@ -243,6 +255,11 @@ def _spline(count, start, end):
         rows[node, node:node + 3] = 1 / 6, 4 / 6, 1 / 6
     rows[-2, :len(start)], rows[-1, -len(end):] = start, end
     return np.linalg.inv(rows)[:, :count]
+
+
+def _even(share):
+    """Where a share of the last height or radius lies between 0 and 1, at even distances of the table's."""
+    return 2 / np.pi * np.arcsin(np.minimum(share, 1))
 
 
 def _cubic(place, count):
