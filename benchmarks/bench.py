@@ -16,14 +16,13 @@ from pathlib import Path
 from typing import TextIO
 
 import numpy as np
-from cases import BOARDS, OTHERS, PAPER, PAPER_LENS, checkerboard, points
+from cases import BOARDS, LENSES, OTHERS, PAPER, PAPER_LENS, checkerboard, points
 from point_images import point_images
 from scipy.signal import fftconvolve
 from timing import least_s, machine, quickest
 from worst_points import table_lines
 
 from lensfield.engine import Lens, Options, simulate
-from lensfield.engine.library import bundled_names
 from lensfield.engine.plan.choose import make_plan
 from lensfield.engine.trade.tradeoff import errors
 
@@ -185,7 +184,7 @@ def tell_all(table, before):
     boards(table, before)
     for case in OTHERS:
         table.row(cells_of(case, before))
-    for lines in (file_lines(before), table_lines(bundled_names())):
+    for lines in (file_lines(before), table_lines(LENSES)):
         table.tell()
         for line in lines:
             table.tell(line)

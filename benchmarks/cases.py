@@ -11,6 +11,8 @@ import numpy as np
 from lensfield.engine import Lens, Options, SpectralImage
 from lensfield.engine.spectral.spectra import blackbody
 
+LENSES = ("angenieux-50mm", "apple-phone-4mm", "cooke-triplet-50mm", "edmund-54852", "kodak-petzval-100mm",
+          "muller-fisheye-25mm", "nikkor-28mm", "tessar-50mm")  # that differ as lenses do
 PAPER_LENS = "edmund-54852"
 NM = 587.6
 SENSOR_UM = 4800  # the paper's 1/3 inch frame: 4.8 x 3.6 mm

@@ -2,7 +2,7 @@
 
     python benchmarks/worst_points.py [LENS ...]
 
-A plan's bound is to be above the worst, and by no more than twice. All lenses of the library, unless some are named.
+A plan's bound is to be above the worst, and by no more than twice. Lenses of every kind, unless some are named.
 """
 
 import sys
@@ -11,12 +11,11 @@ from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 
 import numpy as np
-from cases import NM
+from cases import LENSES, NM
 from point_images import PointImages, point_images
 from timing import machine
 
 from lensfield.engine import Lens, Options, SpectralImage
-from lensfield.engine.library import bundled_names
 from lensfield.engine.plan.choose import make_plan
 from lensfield.engine.threads import thread_count
 
@@ -84,5 +83,5 @@ def compared(bound, worst):
 
 if __name__ == "__main__":
     print(machine())
-    for line in table_lines(sys.argv[1:] or bundled_names()):
+    for line in table_lines(sys.argv[1:] or LENSES):
         print(line, flush=True)

@@ -5,18 +5,22 @@ from dataclasses import fields
 from pathlib import Path
 
 from ..engine import InputError, Options
+from ..engine.bake.quality import QUALITIES
+from ..engine.bake.rings import Rings
 from ..engine.blur import METHODS
 from ..engine.files import check_target
-from ..engine.library import bundled_names
+from ..engine.library import ALL_LENSES, cannot_be, load
 from ..engine.plan.options import AUTO, DEFAULT_ACCURACY, FIREFLIES, MOST_SUPERSAMPLING, OUT_OF_FIELD, PRECISIONS
+from .terminal import progress_bar
 
 RESOLUTION_LIMITS = (4, 65536)
+LENSES = "a bundled lens, a lens package, or a prescription"
+MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 
 
 def add_engine_options(command, lens_required=True):
     """The lens, what is done out of field, the report, and every knob of `Options`."""
-    command.add_argument("--lens", required=lens_required, metavar="NAME|FILE",
-                         help=f"a bundled lens ({', '.join(bundled_names())}) or a lens package")
+    command.add_argument("--lens", required=lens_required, metavar="NAME|FILE", help=f"{LENSES} ({ALL_LENSES})")
     command.add_argument("--out-of-field", choices=OUT_OF_FIELD,
                          help=f"pixels beyond the lens data (default {Options.out_of_field})")
     command.add_argument("--fireflies", choices=FIREFLIES,
@@ -50,6 +54,55 @@ def _add_knobs(group):
     group.add_argument("--flat-tolerance", type=float, metavar="FRACTION",
                        help="relative error up to which sections in even light are not filtered")
     group.add_argument("--precision", choices=PRECISIONS, help="auto: double where the light's range needs it")
+
+
+def add_rings(command, camera=False):
+    """What a lens is turned to; `camera` where there is one whose rings can be taken."""
+    group = command.add_argument_group("rings", "of a lens of which there is a prescription; it is baked and kept in "
+                                                "your cache folder (lensfield lens cache)")
+    group.add_argument("--focus", metavar="DISTANCE",
+                       help="1.2m, 80cm, 500mm or inf, from the camera, which stands at the entrance pupil; "
+                            + ("or camera, for its own even where its depth of field is off" if camera else
+                               "default: what the prescription is given for, mostly infinity"))
+    group.add_argument("--f-number", type=float, metavar="N", help="default: " + (
+        "the camera's F-Stop where its depth of field is on, else the widest" if camera else "the widest"))
+    group.add_argument("--focused-wide-open", action="store_true",
+                       help="focus at the widest aperture, and stop down after that: the focus shift shows")
+    group.add_argument("--lens-quality", choices=QUALITIES,
+                       help="how finely the lens is baked (default: " + ("as the tier" if camera else "standard") + ")")
+
+
+def focus_mm(text):
+    """A focus distance in mm from a text such as 1.2m."""
+    word = text.strip().lower()
+    unit = next((unit for unit in MM if word.endswith(unit)), "")
+    try:
+        if not unit and word not in ("inf", "infinity"):
+            raise ValueError
+        distance_mm = float(word.removesuffix(unit)) * MM.get(unit, 1.0)
+        if not distance_mm > 0:
+            raise ValueError
+    except ValueError:
+        raise InputError("options", "--focus", text,
+                         "expected a distance with its unit, such as 1.2m, or inf") from None
+    return distance_mm
+
+
+def asked_rings(options):
+    """What the command line turns a lens to; None where it says nothing of that."""
+    rings = Rings(None if options.focus is None else focus_mm(options.focus), options.f_number,
+                  options.focused_wide_open)
+    return None if rings == Rings() else rings
+
+
+def chosen_lens(options):
+    """The lens of the command line, turned as it says; what cannot be is printed."""
+    rings = asked_rings(options)
+    with progress_bar() as tell:
+        lens = load(options.lens, rings, options.lens_quality or "standard", tell)
+    for line in cannot_be(options.lens, rings) if rings else ():
+        print(f"lens: {line}")
+    return lens
 
 
 def given_options(options):

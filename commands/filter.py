@@ -3,13 +3,13 @@
 from math import isfinite
 from pathlib import Path
 
-from ..engine import ImageError, InputError, Kept, Lens, Report, simulate
+from ..engine import ImageError, InputError, Kept, Report, simulate
 from ..engine.field.overscan import overscan_px
 from ..engine.image.pitch import field_of_view_deg, fitting_pitch_um, fov_pitch_um
 from ..engine.report import FileFacts, Upsampling, together
 from ..engine.spectral.spectra import parse_wavelengths
 from ..engine.spectral.wavelength_choice import RGB_WAVELENGTHS
-from .arguments import add_engine_options, check_outputs, engine_options
+from .arguments import add_engine_options, add_rings, check_outputs, chosen_lens, engine_options
 from .outcome import finish
 from .sequence import find_shots
 from .terminal import progress_bar, quiet
@@ -38,11 +38,12 @@ def add(commands):
     rgb.add_argument("--focal-mm", type=float, metavar="F", help="its focal length; with --sensor-width-mm")
     rgb.add_argument("--sensor-width-mm", type=float, metavar="W")
     add_engine_options(filter_)
+    add_rings(filter_)
     filter_.set_defaults(run=_filter)
 
 
 def _filter(options):
-    lens, chosen = Lens.load(options.lens), engine_options(options)
+    lens, chosen = chosen_lens(options), engine_options(options)
     _check_view(options)
     shots = find_shots(options.radiance, options.output, options.preview, options.frames)
     check_outputs([*(target for shot in shots for target in ((shot.output, ".exr"), (shot.preview, ".png"))),

@@ -1,13 +1,11 @@
 """`lensfield lens`: what lens data hold, and where they come from."""
 
 import json
-import os
 from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
 
-from ..engine import InputError, Lens
-from ..engine.bake.prescriptions import READERS, read_prescription
+from ..engine import InputError, Lens, cache
 from ..engine.bake.screen import check_prescription
 from ..engine.field.stmap import distort_map, undistort_map
 from ..engine.files import atomic_path
@@ -22,10 +20,10 @@ from ..engine.lens.info import lens_info, lens_text
 from ..engine.lens.readers import import_lens
 from ..engine.lens.readers.package import write_package
 from ..engine.lens.sampling import WAVELENGTHS
-from ..engine.library import PRESCRIPTIONS, bundled_lenses, bundled_names
+from ..engine.library import baked, bundled_names, find_bundled, has_rings, prescription_of
 from ..engine.spectral.spectra import parse_wavelengths
 from . import bake
-from .arguments import check_outputs, resolution, sides_mm
+from .arguments import LENSES, add_rings, check_outputs, chosen_lens, resolution, sides_mm
 
 MACRO_SUFFIXES = {"zemax": ".zpl", "codev": ".seq", "zospy": ".py"}
 
@@ -33,11 +31,15 @@ MACRO_SUFFIXES = {"zemax": ".zpl", "codev": ".seq", "zospy": ".py"}
 def add(commands):
     lens = commands.add_parser("lens", help="about lenses").add_subparsers(required=True, metavar="COMMAND")
     info = lens.add_parser("info", help="first-order data, distortion, relative illumination, lateral colour")
-    info.add_argument("lens", metavar="NAME|FILE")
+    info.add_argument("lens", metavar="NAME|FILE", help=LENSES)
     info.add_argument("--json", action="store_true", help="as JSON")
+    add_rings(info)
     info.set_defaults(run=_info)
-    listing = lens.add_parser("list", help="names and makers of the bundled lenses")
+    listing = lens.add_parser("list", help="names, titles and makers of the bundled lenses")
+    listing.add_argument("words", nargs="*", metavar="WORD",
+                         help="of which all are to be told of them: maker, year, 50mm, swirl ...")
     listing.set_defaults(run=_list)
+    _add_cache(lens)
     _add_check(lens)
     _add_plot(lens)
     _add_stmap(lens)
@@ -46,20 +48,34 @@ def add(commands):
     _add_export_macro(lens)
 
 
-def _list(_):
-    for name, lens in bundled_lenses().items():
-        print(f"{name:<24}{lens.title:<44}{lens.maker}")
+def _list(options):
+    for name, lens in find_bundled(options.words).items():
+        print(f"{name:<30} {lens.title:<48} {lens.maker}")
+
+
+def _add_cache(lens):
+    kept = lens.add_parser("cache", help="what is kept of lenses that have been baked: where, how many, how large")
+    kept.add_argument("--clear", action="store_true", help="forget them: they are baked anew when they are used")
+    kept.set_defaults(run=_cache)
+
+
+def _cache(options):
+    if options.clear:
+        cache.forget(baked.KIND)
+    number, size = cache.size_bytes(baked.KIND)
+    print(f"{cache.cache_folder() or 'nothing is kept'}: {number} baked lenses, {size / 1e6:.1f} MB of at most "
+          f"{baked.MOST_BYTES / 1e6:.0f} MB")
 
 
 def _info(options):
-    info = lens_info(Lens.load(options.lens))
+    info = lens_info(chosen_lens(options))
     print(json.dumps(info, indent=2) if options.json else lens_text(info))
 
 
 def _add_check(lens):
     check = lens.add_parser("check", help="what is suspicious or harmful in lens data or in a prescription's rays; "
                                           "exit status 1 for an error")
-    check.add_argument("lens", metavar="NAME|FILE", help="a bundled lens, a lens package, or any prescription")
+    check.add_argument("lens", metavar="NAME|FILE", help=LENSES)
     bake.add_field(check)
     check.add_argument("--json", action="store_true", help="as JSON")
     check.set_defaults(run=_check)
@@ -80,10 +96,9 @@ def _check(options):
 
 def _findings(options):
     """Of a prescription by its rays, of a package by its tables."""
-    bundled, field = PRESCRIPTIONS / f"{options.lens}.toml", bake.told_field(options)
-    path = bundled if os.path.isfile(bundled) else Path(options.lens)
-    if path.suffix.lower() in READERS:
-        return check_prescription(read_prescription(path, field))
+    field = bake.told_field(options)
+    if has_rings(options.lens):
+        return check_prescription(prescription_of(options.lens, field))
     if field is not None:
         raise InputError("options", *field, "a lens package's field ends with its tables: leave it out")
     return check_lens(Lens.load(options.lens))
@@ -91,12 +106,13 @@ def _findings(options):
 
 def _add_plot(lens):
     plot = lens.add_parser("plot", help="a lens on one sheet: PSFs, distortion, MTF, relative illumination, colour")
-    plot.add_argument("lens", metavar="NAME|FILE")
+    plot.add_argument("lens", metavar="NAME|FILE", help=LENSES)
     plot.add_argument("-o", "--output", type=Path, metavar="SHEET.png",
                       help="what to write (default: beside the file, under its name; for a bundled lens NAME.png here)")
     plot.add_argument("--frequencies", metavar="LIST",
                       help="of the MTF, in cycles per mm, such as 20,50,100 (default: up to a tenth of what "
                            "diffraction lets through)")
+    add_rings(plot)
     plot.set_defaults(run=_plot)
 
 
@@ -106,7 +122,7 @@ def _plot(options):
 
     require_matplotlib()
     frequencies = None if options.frequencies is None else _frequencies(options.frequencies)
-    lens = Lens.load(options.lens)
+    lens = chosen_lens(options)
     bundled = options.lens in bundled_names()
     path = options.output or (Path(f"{options.lens}.png") if bundled else Path(options.lens).with_suffix(".png"))
     check_outputs([(path, ".png")], [options.lens])
@@ -124,17 +140,18 @@ def _frequencies(text):
 
 def _add_stmap(lens):
     stmap = lens.add_parser("stmap", help="its distortion as a pair of STMaps, for compositors")
-    stmap.add_argument("lens", metavar="NAME|FILE")
+    stmap.add_argument("lens", metavar="NAME|FILE", help=LENSES)
     stmap.add_argument("--resolution", required=True, metavar="WIDTHxHEIGHT", help="of the picture, laid on the sensor")
     stmap.add_argument("--wavelength", type=float, metavar="NM", help="(default: the lens's reference wavelength)")
     stmap.add_argument("--output", type=Path, required=True, metavar="DIR",
                        help="where LENS_distort.exr and LENS_undistort.exr go")
+    add_rings(stmap)
     stmap.set_defaults(run=_stmap)
 
 
 def _stmap(options):
     width, height = resolution(options.resolution)
-    lens = Lens.load(options.lens)
+    lens = chosen_lens(options)
     nm = reference_nm(lens) if options.wavelength is None else options.wavelength
     frame = PixelGrid((height, width), fitting_pitch_um(lens, (height, width)))
     maps = {options.output / f"{Path(options.lens).stem}_{name}.exr": make(lens, frame, nm)

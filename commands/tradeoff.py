@@ -2,14 +2,14 @@
 
 from pathlib import Path
 
-from ..engine import ImageError, Lens
-from .arguments import check_outputs, resolution
+from ..engine import ImageError
+from .arguments import LENSES, add_rings, check_outputs, chosen_lens, resolution
 from .terminal import progress_bar, quiet
 
 
 def add(commands):
     tradeoff = commands.add_parser("tradeoff", help="measure error against time and memory: a table and a plot")
-    tradeoff.add_argument("--lens", required=True, metavar="NAME|FILE", help="a bundled lens or a lens package")
+    tradeoff.add_argument("--lens", required=True, metavar="NAME|FILE", help=LENSES)
     tradeoff.add_argument("--image", type=Path, metavar="RADIANCE.exr",
                           help="measure on this picture (default: points, a checkerboard and a colour chart)")
     tradeoff.add_argument("--size", metavar="WIDTHxHEIGHT",
@@ -20,6 +20,7 @@ def add(commands):
     tradeoff.add_argument("--quick", action="store_true", help="fewer settings, each timed once")
     tradeoff.add_argument("--output", type=Path, required=True, metavar="DIR",
                           help="where tradeoff.csv and tradeoff.png go")
+    add_rings(tradeoff)
     tradeoff.set_defaults(run=_tradeoff)
 
 
@@ -30,7 +31,7 @@ def _tradeoff(options):
 
     require_matplotlib()
     table, plot = (options.output / f"tradeoff.{kind}" for kind in ("csv", "png"))
-    lens = Lens.load(options.lens)
+    lens = chosen_lens(options)
     pictures, spectral = _tradeoff_pictures(options, lens)
     check_outputs([(table, ".csv"), (plot, ".png")], filter(None, (options.lens, options.image)))
     try:

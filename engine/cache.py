@@ -8,6 +8,7 @@ import hashlib
 import os
 import sys
 from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
 
 from .errors import InputError
@@ -50,8 +51,8 @@ def recall(kind: str, key: bytes) -> bytes | None:
     return content if seal == _seal(content) else None
 
 
-def remember(kind: str, key: bytes, content: bytes, most: int) -> None:
-    """Remember some content, and of this kind no more than so many.
+def remember(kind: str, key: bytes, content: bytes, most_bytes: int) -> None:
+    """Remember some content, and of this kind no more than so many bytes.
 
     The key is to tell apart all that the content was made from, the version of the code included.
     """
@@ -61,8 +62,47 @@ def remember(kind: str, key: bytes, content: bytes, most: int) -> None:
     with suppress(OSError, InputError):
         with atomic_path(folder / kind / key.hex()) as temporary:
             temporary.write_bytes(_seal(content) + b"\n" + content)
-        for path in sorted((folder / kind).iterdir(), key=lambda path: path.stat().st_mtime_ns)[:-most]:
-            path.unlink(missing_ok=True)
+        _forget_oldest(kind, most_bytes)
+
+
+def size_bytes(kind: str) -> tuple[int, int]:
+    """How many things of a kind are remembered, and their bytes."""
+    sizes = [status.st_size for _, status in _remembered(kind)]
+    return len(sizes), sum(sizes)
+
+
+def forget(kind: str) -> None:
+    """Forget all of a kind."""
+    _forget_oldest(kind, 0)
+
+
+@lru_cache
+def code_version(*rooms: str) -> str:
+    """A digest of all files in these rooms of the engine: what those of another version made is not taken for ours."""
+    version = hashlib.sha256()
+    for room in rooms:
+        for path in sorted((Path(__file__).parent / room).rglob("*")):
+            if path.suffix in (".py", ".csv"):
+                version.update(path.read_bytes())
+    return version.hexdigest()
+
+
+def _forget_oldest(kind, most_bytes):
+    held = 0
+    for path, status in sorted(_remembered(kind), key=lambda each: -each[1].st_mtime_ns):
+        held += status.st_size
+        if held > most_bytes:
+            with suppress(OSError):  # another process has been quicker, or it is somebody else's
+                path.unlink()
+
+
+def _remembered(kind):
+    """(path, status) of each file of a kind."""
+    folder = cache_folder()
+    with suppress(OSError):
+        for path in folder.joinpath(kind).iterdir() if folder else ():
+            with suppress(OSError):
+                yield path, path.stat()
 
 
 def _seal(content):

@@ -2,7 +2,7 @@
 
     python packaging/lens_pictures.py [NAME ...]
 
-makes engine/library/NAME.jpg for those named, or all; `make lens-pictures` does that with Blender's wheel.
+makes engine/library/pictures/NAME.jpg for those named, or all; `make lens-pictures` does that with Blender's wheel.
 """
 
 import sys
@@ -13,7 +13,7 @@ import bpy
 from PIL import Image
 
 from lensfield import addon
-from lensfield.engine.library import BUNDLED, bundled_names
+from lensfield.engine.library import PICTURES, bundled_names
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 
 SCENE = Path(__file__).resolve().parent.parent / "sample_scenes" / "evening_chess.blend"
@@ -33,7 +33,7 @@ def main(names):
             result = addon.render_through_lens(scene, name, WAVELENGTHS_NM, folder, view="lens", denoise=True,
                                                spectral=SpectralOptions("preview"))
             picture = Image.open(result.after).convert("RGB").resize(SHOWN_PX, Image.Resampling.LANCZOS)
-        picture.save(BUNDLED / f"{name}.jpg", quality=88, optimize=True)
+        picture.save(PICTURES / f"{name}.jpg", quality=88, optimize=True)
         print(name)
     addon.unregister()
 

@@ -1,5 +1,10 @@
 """For all tests."""
 
+import atexit
 import os
+import shutil
+import tempfile
 
-os.environ["LENSFIELD_CACHE"] = "off"  # every plan is made, here and in what tests start
+if "LENSFIELD_CACHE" not in os.environ:  # given, it lets several runs of tests share the lenses that they bake
+    os.environ["LENSFIELD_CACHE"] = tempfile.mkdtemp(prefix="lensfield-tests-")
+    atexit.register(shutil.rmtree, os.environ["LENSFIELD_CACHE"], ignore_errors=True)

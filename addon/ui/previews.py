@@ -11,7 +11,7 @@ import bpy
 import bpy.utils.previews
 import numpy as np
 
-from ...engine.library import BUNDLED, bundled_names
+from ...engine.library import PICTURES
 from ..scene.errors import SceneError
 
 PREVIEW_PX = 640  # the longer side; previews that Blender reads by itself have 256, too few for the text
@@ -21,9 +21,7 @@ _changed = {}  # of each preview, its file and when that was last changed
 
 
 def sheet_path(name_or_path):
-    """Where the sheet of a lens lies, if there is one: beside its file, or with the bundled lenses."""
-    if name_or_path in bundled_names():
-        return BUNDLED / f"{name_or_path}.png"
+    """Where the sheet of a lens lies, if there is one: beside its file."""
     return Path(os.path.splitext(name_or_path)[0] + ".png")
 
 
@@ -40,7 +38,7 @@ def sheet_preview(path):
 
 def lens_picture(name):
     """The icon of what a bundled lens makes of the sample scene; 0 where Blender has no window to show it in."""
-    path = BUNDLED / f"{name}.jpg"
+    path = PICTURES / f"{name}.jpg"
     if bpy.app.background or not path.is_file():
         return 0
     return (_previews().get(name) or _previews().load(name, str(path), "IMAGE")).icon_id

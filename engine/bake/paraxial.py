@@ -42,6 +42,11 @@ class FirstOrder:
     marginal_heights_mm: np.ndarray
     marginal_slope: float
 
+    @property
+    def f_number(self) -> float:
+        """Focal length over the entrance pupil's diameter, of a lens focused at infinity."""
+        return self.efl_mm / (2 * abs(self.marginal_heights_mm[0]))
+
 
 def first_order(prescription: Prescription, indices: np.ndarray) -> FirstOrder:
     """Paraxial figures of a prescription.

@@ -29,7 +29,7 @@ from .wavefront import polynomial_weights
 
 WAVELENGTHS_NM = (400.0, 417.1, 469.5, 555.9, 653.2, 700.0)  # where polynomials over the wave number oscillate least
 HEIGHTS, RADII, AZIMUTHS = 33, 17, 33
-TRUSTED = -0.3  # the margin of rays that are farther out than what passes, and still tell how those go on
+TRUSTED = -0.6  # the margin of rays that are farther out than what passes, and still tell how those go on
 LOST = -1.0  # the greatest margin of a ray that does not reach the sensor at all
 ORDER = 4  # of the differences that continued rays keep small, and cubic splines do not see
 FAINT = 1e-5  # of first differences beside these, where too few rays are known

@@ -92,7 +92,7 @@ class Lens(Value):
 
     @classmethod
     def load(cls, name_or_path: str | os.PathLike) -> "Lens":
-        """Load a bundled lens by its name, or lens data from a file.
+        """Load a bundled lens by its name, a lens package, or a prescription as it stands.
 
         Raises
         ------
@@ -102,6 +102,29 @@ class Lens(Value):
         from ..library import load  # a door: what makes Lens values cannot be imported first
 
         return load(name_or_path)
+
+    @classmethod
+    def from_prescription(cls, name_or_path: str | os.PathLike, *, focus_mm: float | None = None,
+                          f_number: float | None = None, focused_wide_open: bool = False,
+                          quality: str = "standard") -> "Lens":
+        """A lens turned to a focus distance and an f-number, baked from its prescription or remembered.
+
+        Parameters
+        ----------
+        name_or_path : str or path
+            A bundled lens, or a prescription: Lensfield's, Zemax's, Code V's and others' files.
+        focus_mm, f_number, focused_wide_open
+            As `engine.bake.rings.Rings` has them; what is out of the lens's reach is set to what it has.
+        quality : "preview", "standard" or "reference"
+
+        Raises
+        ------
+        LensError
+            No such lens, one without a prescription, or one of which nothing can be baked.
+        """
+        from ..library import Rings, load  # the same door
+
+        return load(name_or_path, Rings(focus_mm, f_number, focused_wide_open), quality)
 
     @property
     def capture_focal_length_mm(self) -> float:

@@ -1,10 +1,7 @@
 """Plans are remembered, in the process and on disk: making one takes as long as filtering a small picture."""
 
-import hashlib
 import json
 from dataclasses import asdict
-from functools import lru_cache
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .. import cache
@@ -18,7 +15,7 @@ from .plan import Plan
 if TYPE_CHECKING:
     from ..lens.lens import Lens
 
-KIND, MOST_ON_DISK, MOST_IN_PROCESS = "plans", 512, 64
+KIND, MOST_BYTES, MOST_IN_PROCESS = "plans", 2**20, 64
 ROOMS = "blur", "field", "image", "plan"  # whose code makes plans
 _plans: dict[bytes, Plan] = {}
 
@@ -27,11 +24,12 @@ def remembered_plan(options: Options, lens: "Lens", radiance: SpectralImage) -> 
     """What `make_plan` gives, made once for pictures of the same grid and wavelengths; its seconds are always anew."""
     if cache.is_off():
         return make_plan(options, lens, radiance)
-    key = digest_of((_code_version(), options, lens.digest.hex(), radiance.grid, tuple(radiance.wavelengths_nm)))
+    key = digest_of((cache.code_version(*ROOMS), options, lens.digest.hex(), radiance.grid,
+                     tuple(radiance.wavelengths_nm)))
     found = _plans.get(key) or _recalled(key)
     plan = priced(found, lens, radiance) if found else make_plan(options, lens, radiance)
     if not found:
-        cache.remember(KIND, key, _as_text(plan), MOST_ON_DISK)
+        cache.remember(KIND, key, _as_text(plan), MOST_BYTES)
     _plans[key] = plan
     for oldest in list(_plans)[:-MOST_IN_PROCESS]:
         _plans.pop(oldest, None)  # which another thread may have done
@@ -52,13 +50,3 @@ def _from_text(content):
     facts = json.loads(content)
     kind = next(each for each in (*METHODS.values(), OnePsf) if each.name == facts["method"])
     return Plan(**facts | {"method": kind(**facts.pop("knobs"))})
-
-
-@lru_cache
-def _code_version():
-    """A digest of the code that plans follow from: those of another version are not taken for ours."""
-    version = hashlib.sha256()
-    for room in ROOMS:
-        for path in sorted((Path(__file__).parents[1] / room).glob("*.py")):
-            version.update(path.read_bytes())
-    return version.hexdigest()

@@ -25,7 +25,7 @@ def only_file(folder):
 
 def test_it_comes_back_by_its_kind_and_key_alone(folder):
     for content in (b"", b"a\nb\n", bytes(range(256))):
-        cache.remember("kind", KEY, content, 8)
+        cache.remember("kind", KEY, content, 2000)
         assert cache.recall("kind", KEY) == content
     assert cache.recall("kind", OTHER) is None and cache.recall("other", KEY) is None
 
@@ -34,29 +34,57 @@ def test_it_comes_back_by_its_kind_and_key_alone(folder):
                                     lambda whole: whole[:70] + b"X" + whole[71:], lambda whole: b"an older kind\n{}",
                                     lambda whole: bytes(1000)])
 def test_what_is_damaged_is_as_if_it_were_not_there(folder, damage):
-    cache.remember("kind", KEY, b"0123456789", 8)
+    cache.remember("kind", KEY, b"0123456789", 2000)
     only_file(folder).write_bytes(damage(only_file(folder).read_bytes()))
     assert cache.recall("kind", KEY) is None
-    cache.remember("kind", KEY, b"0123456789", 8)
+    cache.remember("kind", KEY, b"0123456789", 2000)
     assert cache.recall("kind", KEY) == b"0123456789"
 
 
 def test_the_oldest_go_and_what_is_of_use_is_not_old(folder):
     keys = [bytes([number] * 32) for number in range(6)]
+    most = 4 * (64 + 1 + len(b"some"))
     for age, key in enumerate(keys[:4]):
-        cache.remember("kind", key, b"some", 4)
+        cache.remember("kind", key, b"some", most)
         os.utime(folder / "kind" / key.hex(), (1e9 + age, 1e9 + age))
     assert cache.recall("kind", keys[0])
     for key in keys[4:]:
-        cache.remember("kind", key, b"some", 4)
+        cache.remember("kind", key, b"some", most)
     assert [cache.recall("kind", key) is not None for key in keys] == [True, False, False, True, True, True]
+
+
+def test_it_tells_its_size_and_forgets(folder):
+    assert cache.size_bytes("kind") == (0, 0)
+    cache.forget("kind")
+    cache.remember("kind", KEY, b"some", 2000)
+    cache.remember("other", KEY, b"some", 2000)
+    assert cache.size_bytes("kind") == (1, only_file(folder).stat().st_size)
+    cache.forget("kind")
+    assert cache.recall("kind", KEY) is None and cache.recall("other", KEY)
+
+
+def test_what_is_larger_than_all_that_is_kept_is_not(folder):
+    cache.remember("kind", KEY, bytes(1000), 500)
+    assert cache.size_bytes("kind") == (0, 0)
+
+
+def test_the_code_tells_its_version(tmp_path, monkeypatch):
+    for room in ("blur", "plan"):
+        (tmp_path / room / "inner").mkdir(parents=True)
+    monkeypatch.setattr(cache, "__file__", str(tmp_path / "cache.py"))
+    versions = []
+    for text, path in (("a", "plan/choose.py"), ("b", "plan/choose.py"), ("a", "plan/choose.py"),
+                       ("1", "plan/inner/glasses.csv"), ("drawn", "plan/picture.jpg")):
+        (tmp_path / path).write_text(text)
+        versions.append(cache.code_version.__wrapped__("blur", "plan"))
+    assert versions[0] == versions[2] != versions[1] and versions[3] == versions[4] not in versions[:3]
 
 
 @pytest.mark.parametrize("word", ["off", "OFF"])
 def test_it_can_be_turned_off(word, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("LENSFIELD_CACHE", word)
-    cache.remember("kind", KEY, b"some", 8)
+    cache.remember("kind", KEY, b"some", 2000)
     assert cache.recall("kind", KEY) is None and not list(tmp_path.iterdir())
 
 
@@ -78,15 +106,15 @@ def test_where_nothing_can_be_written_nothing_is_remembered_and_all_goes_on(fold
         there(folder)
     except (OSError, NotImplementedError):
         pytest.skip("a system without links")
-    cache.remember("kind", KEY, b"some", 8)
+    cache.remember("kind", KEY, b"some", 2000)
     assert cache.recall("kind", KEY) is None
 
 
 def test_a_folder_that_is_read_only_still_tells(folder):
-    cache.remember("kind", KEY, b"some", 8)
+    cache.remember("kind", KEY, b"some", 2000)
     (folder / "kind").chmod(0o555)
     try:
-        cache.remember("kind", OTHER, b"some", 8)  # which root may
+        cache.remember("kind", OTHER, b"some", 2000)  # which root may
         assert cache.recall("kind", KEY) == b"some"
     finally:
         (folder / "kind").chmod(0o755)
@@ -99,7 +127,7 @@ def test_a_full_disk_leaves_nothing_half_written(folder, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Path, "write_bytes", full)
-    cache.remember("kind", KEY, b"some", 8)
+    cache.remember("kind", KEY, b"some", 2000)
     assert cache.recall("kind", KEY) is None and not list((folder / "kind").iterdir())
 
 
@@ -107,7 +135,7 @@ WRITE_AND_READ = """
 from lensfield.engine import cache
 for turn in range(100):
     key = content = bytes([turn % 5] * 32)
-    cache.remember("kind", key, 100 * content, 3)
+    cache.remember("kind", key, 100 * content, 10000)
     assert cache.recall("kind", key) in (None, 100 * content)  # another process may think it the oldest
 """
 

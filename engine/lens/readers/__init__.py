@@ -14,6 +14,12 @@ IMPORT_FIRST = "`lensfield lens import` makes a lens package of another program'
 IMPORTABLE = f"an ISET bundle (ISETPARMS.TXT), an export folder ({DESCRIPTION}) or an ISETCam .mat"
 
 
+def is_import(path: str | Path) -> bool:
+    """Whether a file is to be imported: one that `import_lens` knows by its name."""
+    path = Path(path)
+    return path.name == DESCRIPTION or path.suffix.lower() == ".mat" or is_parameter_file(path)
+
+
 def import_lens(path: str | Path, name: str | None = None) -> Lens:
     """The lens of another program's export: an ISET bundle, an export folder, or an ISETCam .mat.
 

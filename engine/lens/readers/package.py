@@ -6,6 +6,7 @@ digits, and no PSF changes by more than some 1e-4 of its light. Of mirror-symmet
 
 import json
 from dataclasses import fields
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -24,10 +25,21 @@ AMPLITUDE_STEPS = np.iinfo(np.uint16).max
 
 def write_package(lens: Lens, path: str | Path) -> None:
     """Write `lens` to `path`, whole or not at all."""
-    header = {"format": FORMAT, "version": VERSION} | {name: getattr(lens, name) for name in SCALARS}
     with atomic_path(path) as temporary, open(temporary, "wb") as stream:
-        arrays = {name: getattr(lens, name) for name in ARRAYS} | {"psf_amplitude": _amplitudes(lens.psf)}
-        np.savez_compressed(stream, header=np.array(json.dumps(header)), **arrays)
+        _write(lens, stream)
+
+
+def package_bytes(lens: Lens) -> bytes:
+    """The contents of the file that `write_package` writes."""
+    stream = BytesIO()
+    _write(lens, stream)
+    return stream.getvalue()
+
+
+def _write(lens, stream):
+    header = {"format": FORMAT, "version": VERSION} | {name: getattr(lens, name) for name in SCALARS}
+    arrays = {name: getattr(lens, name) for name in ARRAYS} | {"psf_amplitude": _amplitudes(lens.psf)}
+    np.savez_compressed(stream, header=np.array(json.dumps(header)), **arrays)
 
 
 def read_header(path: str | Path) -> dict[str, Any]:
@@ -35,8 +47,8 @@ def read_header(path: str | Path) -> dict[str, Any]:
     return _header(_contents(path, ["header"]), path)
 
 
-def read_package(path: str | Path) -> Lens:
-    """Read a lens package.
+def read_package(path: str | Path | BytesIO) -> Lens:
+    """Read a lens package: a file, or its contents.
 
     Raises
     ------

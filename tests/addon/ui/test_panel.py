@@ -17,6 +17,7 @@ from lensfield.engine.library import bundled_names
 from lensfield.engine.plan.choose import make_plan
 from places import SAMPLE_SCENE
 from small_scenes import light, material, wall
+from varied_lenses import VARIED
 
 
 @pytest.fixture
@@ -53,9 +54,9 @@ def test_lenses_go_by_their_titles():
 def test_each_bundled_lens_has_its_picture():
     from PIL import Image
 
-    from lensfield.engine.library import BUNDLED
-    for name in bundled_names():
-        with Image.open(BUNDLED / f"{name}.jpg") as picture:
+    from lensfield.engine.library import PICTURES
+    for name in VARIED:
+        with Image.open(PICTURES / f"{name}.jpg") as picture:
             assert picture.size == (256, 192)
 
 

@@ -10,7 +10,7 @@ from lensfield.engine import Lens, LensError, SpectralImage, simulate
 from lensfield.engine.field.stmap import distort_map, undistort_map
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.image.spectral_exr import read_parts
-from lensfield.engine.library import bundled_names
+from varied_lenses import VARIED
 
 
 def places_px(stmap):
@@ -41,7 +41,7 @@ def test_barrel_takes_its_corners_from_beyond_the_frame():
     np.testing.assert_allclose(upper_left, [0.5 - 0.495 / 0.8, 0.5 + 0.495 / 0.8, 0], atol=1e-6)
 
 
-@pytest.mark.parametrize("name", bundled_names())
+@pytest.mark.parametrize("name", VARIED)
 def test_there_and_back_is_the_same_place_to_a_twentieth_of_a_pixel(name):
     lens = Lens.load(name)
     frame = frame_of(lens)

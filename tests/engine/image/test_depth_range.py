@@ -43,7 +43,7 @@ def test_the_pupil_of_a_lens_in_focus_at_infinity_is_its_focal_length_over_its_f
 
 @pytest.mark.parametrize("name, paraxial_mm", [
     ("edmund-54852", 3.381), ("muller-fisheye-25mm", 6.313), ("cooke-triplet-50mm", 10.004), ("nikkor-28mm", 9.900),
-    ("apple-phone-4mm", 2.280), ("angenieux-50mm-f1.1", 45.427)])
+    ("apple-phone-4mm", 2.280), ("angenieux-50mm", 45.427)])
 def test_the_pupils_of_real_lenses_are_near_those_that_paraxial_rays_give(name, paraxial_mm):
     """Optiland's entrance pupil diameters of the prescriptions; the lens data's f-numbers are those of real rays."""
     assert entrance_pupil_diameter_mm(Lens.load(name)) == pytest.approx(paraxial_mm, rel=0.05)

@@ -80,22 +80,9 @@ def test_whatever_a_plan_follows_from_tells_it_from_others(folder, made):
 def test_plans_of_another_version_of_the_code_are_made_anew(folder, made, monkeypatch):
     remembered_plan(Options(), LENS, picture())
     forget_process()
-    monkeypatch.setattr(remembered, "_code_version", lambda: "another")
+    monkeypatch.setattr(remembered.cache, "code_version", lambda *rooms: "another")
     remembered_plan(Options(), LENS, picture())
     assert len(made) == 2
-
-
-def test_the_code_tells_its_version(tmp_path, monkeypatch):
-    rooms = [tmp_path / room for room in remembered.ROOMS]
-    for room in rooms:
-        room.mkdir()
-    module = rooms[-1] / "choose.py"
-    monkeypatch.setattr(remembered, "__file__", str(rooms[-1] / "remembered.py"))
-    versions = set()
-    for text in ("a", "b", "a"):
-        module.write_text(text)
-        versions.add(remembered._code_version.__wrapped__())
-    assert len(versions) == 2
 
 
 def test_a_damaged_file_is_made_anew(folder, made):

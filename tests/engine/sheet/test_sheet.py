@@ -11,7 +11,6 @@ from lenses import comatic_lens, gaussian_psf, make_lens, marked_psf
 from lensfield import cli
 from lensfield.engine import InputError, Lens, LensError
 from lensfield.engine.lens.readers.package import write_package
-from lensfield.engine.library import BUNDLED, bundled_names
 from lensfield.engine.sheet import sheet as sheet_module
 from lensfield.engine.sheet.psf_map import tile, unseen_share
 from lensfield.engine.sheet.sheet import write_lens_plot
@@ -129,14 +128,6 @@ def test_a_lens_that_folds_the_picture_has_no_sheet(tmp_path):
     with pytest.raises(LensError, match="real_height_mm is falling"):
         write_lens_plot(make_lens(real_height_mm=lambda nm, p: p * (1 - 0.2 * p**2)), tmp_path / "sheet.png")
     assert not list(tmp_path.iterdir())
-
-
-def test_every_bundled_lens_has_its_sheet_and_none_is_heavy():
-    sheets = sorted(BUNDLED.glob("*.png"))
-    assert [path.stem for path in sheets] == bundled_names()
-    for path in sheets:
-        assert path.stat().st_size <= HEAVIEST_BYTES
-        assert pixels(path).shape == (SIDE_PX, SIDE_PX, 3)
 
 
 def test_the_command_puts_the_sheet_beside_the_file(lens_file, capsys):

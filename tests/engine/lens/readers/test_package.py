@@ -76,8 +76,8 @@ def test_bundled_lens_is_loaded_by_its_name():
     assert Lens.load("edmund-54852").name == "edmund-54852"
 
 
-def test_an_unknown_name_lists_the_bundled_lenses():
-    with pytest.raises(LensError, match="no-such-lens.*edmund-54852"):
+def test_an_unknown_name_says_where_the_names_are():
+    with pytest.raises(LensError, match="no-such-lens.*`lensfield lens list`"):
         Lens.load("no-such-lens")
 
 

@@ -1,0 +1,153 @@
+"""Rings: what a lens is turned to, how far it goes, and what moves."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from lensfield.engine import LensError
+from lensfield.engine.bake.prescription import Prescription, Surface
+from lensfield.engine.bake.rings import Rings, turned
+from lensfield.engine.bake.system import system_of
+from lensfield.engine.library import bundled_lenses
+from varied_lenses import VARIED
+
+
+@pytest.mark.parametrize("name", VARIED)
+def test_at_rest_a_lens_is_as_its_prescription_has_it(name):
+    lens = bundled_lenses()[name]
+    given, there = system_of(lens), turned(lens)
+    assert there.words == ()
+    after = system_of(there.prescription)
+    assert after.stop_semi_aperture_mm == pytest.approx(given.stop_semi_aperture_mm, rel=1e-9)
+    assert after.last_height_mm == pytest.approx(given.last_height_mm, rel=1e-9)
+    assert there.prescription.object_distance_mm == lens.object_distance_mm and there.prescription.focus == "as given"
+    assert turned(there.prescription).prescription == there.prescription, "turned once, it stays"
+
+
+@pytest.mark.parametrize("name", VARIED)
+@pytest.mark.parametrize("focus_mm", [3000.0, 1234.5, np.inf])
+def test_the_focus_is_at_the_distance_from_the_entrance_pupil(name, focus_mm):
+    there = turned(bundled_lenses()[name], Rings(focus_mm))
+    system = system_of(there.prescription)
+    assert there.words == () and there.focus_mm == pytest.approx(focus_mm)
+    assert system.prescription.object_distance_mm + system.entrance_pupil_mm == pytest.approx(focus_mm)
+    behind_mm = there.prescription.surfaces[-1].thickness_mm
+    assert behind_mm == pytest.approx(system.image_distance_mm, abs=0.03 * system.efl_mm), "about the paraxial image"
+
+
+def test_an_image_plane_that_is_given_stays_what_its_maker_chose():
+    lens = bundled_lenses()["edmund-54852"]
+    own = turned(lens, Rings(turned(lens).focus_mm)).prescription
+    assert own.surfaces[-1].thickness_mm == pytest.approx(lens.surfaces[-1].thickness_mm, abs=1e-9)
+    far = system_of(turned(lens, Rings(np.inf)).prescription)
+    given = system_of(lens)
+    assert (far.prescription.surfaces[-1].thickness_mm - far.image_distance_mm
+            == pytest.approx(lens.surfaces[-1].thickness_mm - given.image_distance_mm))
+
+
+def test_the_f_number_is_that_for_infinity_and_the_stop_stays():
+    lens = bundled_lenses()["nikkor-28mm"]
+    far, near = (system_of(turned(lens, Rings(focus_mm, 8.0)).prescription) for focus_mm in (np.inf, 500.0))
+    assert far.f_number == pytest.approx(8.0)
+    assert near.stop_semi_aperture_mm == pytest.approx(far.stop_semi_aperture_mm)
+    assert abs(0.5 / near.marginal_slope) > 8.0 * 1.03, "what light sees is less, near by"
+
+
+def test_what_is_out_of_reach_is_told_and_set_to_what_the_lens_has():
+    lens = bundled_lenses()["tessar-50mm"]
+    wide = turned(lens, Rings(f_number=2.0))
+    assert wide.f_number == pytest.approx(5.5) and wide.prescription == turned(lens).prescription
+    assert wide.words == ("f/2: this lens goes from f/5.5 to f/22: set to f/5.5",)
+    assert turned(lens, Rings(f_number=64.0)).f_number == 22.0
+    near = turned(lens, Rings(100.0, 8.0))
+    assert near.prescription.object_distance_mm == pytest.approx(499.766, abs=0.01), "ten focal lengths"
+    assert near.words == ("focus at 0.1 m: this lens focuses no closer than 0.504 m: focused there",)
+    closer = turned(replace(lens, closest_focus_mm=80.0), Rings(100.0))
+    assert closer.words == () and closer.focus_mm == pytest.approx(100.0)
+    assert turned(lens, Rings(f_number=5.4998)).words == (), "what is engraved is rounded"
+
+
+def test_focusing_wide_open_keeps_the_image_plane_of_the_widest_stop():
+    lens = bundled_lenses()["angenieux-50mm"]
+    wide, closed = turned(lens), turned(lens, Rings(f_number=4.0))
+    kept = turned(lens, Rings(f_number=4.0, focused_wide_open=True))
+    planes = [each.prescription.surfaces[-1].thickness_mm for each in (wide, closed, kept)]
+    assert planes[2] == planes[0] != planes[1]
+    assert kept.prescription.aperture == closed.prescription.aperture
+
+
+@pytest.mark.parametrize("rings, message", [
+    (Rings(0.0), "focus_mm is 0.0: expected a positive number"), (Rings(-1.0), "focus_mm is -1.0"),
+    (Rings(float("nan")), "focus_mm is nan"), (Rings(f_number=0.0), "f_number is 0.0: expected a positive number"),
+    (Rings(f_number=float("nan")), "f_number is nan")])
+def test_what_is_no_distance_and_no_f_number(rings, message):
+    with pytest.raises(LensError, match=message):
+        turned(bundled_lenses()["tessar-50mm"], rings)
+
+
+GLASS = "1.6/60"
+PAIR = (Surface(48.0, 1e-6, GLASS), Surface(np.inf, 20.0), Surface(thickness_mm=5.0, stop=True),
+        Surface(72.0, 1e-6, GLASS), Surface(np.inf, 40.0))
+DISTANCES_MM = (np.inf, 1000.0, 400.0)  # from the second lens, but for 20 mm
+
+
+def pair(gap_mm, distance_mm):
+    """Two thin lenses of 80 and 120 mm, the first of which stands so far in front."""
+    surfaces = (PAIR[0], replace(PAIR[1], thickness_mm=gap_mm), *PAIR[2:])
+    return Prescription("pair", surfaces, ("stop", 3.0), ("image_height_mm", 10.0), distance_mm + 20 - gap_mm)
+
+
+def moving_pair(distances_mm=DISTANCES_MM):
+    """The lens whose first half moves so that the image plane stays where it is, and where that is."""
+    def image_mm(gap_mm, distance_mm):
+        return system_of(pair(gap_mm, distance_mm)).image_distance_mm
+
+    plane_mm = image_mm(20.0, distances_mm[0])
+    gaps_mm = tuple(brentq(lambda gap_mm, at_mm: image_mm(gap_mm, at_mm) - plane_mm, 5.0, 60.0, distance_mm)
+                    for distance_mm in distances_mm)
+    first = pair(gaps_mm[0], distances_mm[0])
+    return replace(first, focus="paraxial", focused_at_mm=tuple(
+        distance_mm + 20 - gap_mm for distance_mm, gap_mm in zip(distances_mm, gaps_mm, strict=True)),
+        surfaces=(PAIR[0], replace(first.surfaces[1], gaps_mm=gaps_mm), *PAIR[2:])), plane_mm
+
+
+def focus_of(lens, number):
+    """The focus distance from the entrance pupil at one of a lens's positions."""
+    moved = tuple(replace(surface, thickness_mm=surface.gaps_mm[number]) if surface.gaps_mm else surface
+                  for surface in lens.surfaces)
+    distance_mm = lens.focused_at_mm[number]
+    return distance_mm + system_of(replace(lens, surfaces=moved, object_distance_mm=distance_mm)).entrance_pupil_mm
+
+
+def test_named_gaps_follow_the_magnification_and_hit_every_position():
+    lens, plane_mm = moving_pair()
+    for number, gap_mm in enumerate(lens.surfaces[1].gaps_mm):
+        there = turned(lens, Rings(focus_of(lens, number)))
+        assert there.words == () and there.prescription.focused_at_mm == ()
+        assert there.prescription.surfaces[1].thickness_mm == pytest.approx(gap_mm, abs=1e-6)
+        assert there.prescription.surfaces[-1].thickness_mm == pytest.approx(plane_mm, abs=1e-5)
+    between = turned(lens, Rings(600.0)).prescription
+    _, far_mm, near_mm = lens.surfaces[1].gaps_mm
+    assert far_mm < between.surfaces[1].thickness_mm < near_mm
+    assert between.surfaces[-1].thickness_mm == pytest.approx(plane_mm, abs=0.3), "it is nearly held"
+    given, after = system_of(lens), system_of(between)
+    assert after.stop_semi_aperture_mm == given.stop_semi_aperture_mm
+
+
+def test_a_lens_that_moves_inside_ends_where_its_positions_do():
+    lens, _ = moving_pair()
+    near = turned(lens, Rings(50.0))
+    assert near.prescription.object_distance_mm == pytest.approx(lens.focused_at_mm[-1], rel=1e-6)
+    assert "focuses no closer than" in near.words[0]
+    macro, _ = moving_pair((1000.0, 400.0))
+    assert "focuses no farther than" in turned(macro, Rings(np.inf)).words[0]
+
+
+def test_positions_that_cannot_be_are_told():
+    lens, _ = moving_pair()
+    turned_round = replace(lens, surfaces=tuple(replace(each, gaps_mm=(20.0, 80.0, 20.0) if each.gaps_mm else ())
+                                                for each in lens.surfaces), focused_at_mm=(np.inf, 400.0, 390.0))
+    with pytest.raises(LensError, match="focused_at_mm is .*: magnifications do not rise with them"):
+        turned(turned_round, Rings(500.0))

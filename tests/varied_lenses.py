@@ -1,0 +1,4 @@
+"""Lenses of the library that differ as lenses do: what has to hold for all is tried on these."""
+
+VARIED = ("angenieux-50mm", "apple-phone-4mm", "cooke-triplet-50mm", "edmund-54852", "kodak-petzval-100mm",
+          "muller-fisheye-25mm", "nikkor-28mm", "tessar-50mm")
