@@ -19,7 +19,7 @@ from .prescription import PSF_SAMPLES, Prescription
 from .quality import QUALITIES, Quality
 from .system import System
 from .wavefront import Wavefronts, polynomial_weights, trace_wavefronts
-from .window import ENERGY, needed_width_um, pitch_for_um, width_um
+from .window import ENERGY, SETTLED, needed_width_um, pitch_for_um, width_um
 
 SURVEY_SHARE = 0.2  # of the time that a bake takes, roughly, for the progress bar
 
@@ -67,10 +67,12 @@ def bake(prescription: Prescription, *, quality: str = "standard", heights: int 
     wavefronts = traced.at(wavelengths_nm)
     told = pitch_um or pitch_for_um(needed_width_um(traced, fineness.sums), samples)
     psf = _psfs(wavefronts, told, samples, fineness, workers, progress)
-    while pitch_um is None and psf.sum(axis=(2, 3)).min() < ENERGY:  # the survey has missed the widest
+    held, before = psf.sum(axis=(2, 3)).min(), 0.0
+    while pitch_um is None and held < ENERGY and held - before > SETTLED:  # the survey has missed the widest
         worst = wavefronts.one(*np.unravel_index(psf.sum(axis=(2, 3)).argmin(), psf.shape[:2]))
         told = pitch_for_um(max(width_um(worst, told * samples, fineness.sums), told * samples), samples)
         psf = _psfs(wavefronts, told, samples, fineness, workers, progress)
+        held, before = psf.sum(axis=(2, 3)).min(), held
     notes = _notes(system.prescription.notes, wavefronts, between, told, fineness)
     return _lens(system, heights_mm, wavefronts, area, told, psf, notes)
 

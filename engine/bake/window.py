@@ -16,6 +16,7 @@ FRINGES = 4.0  # in a sample: as few only where diffraction spreads a quarter of
 SQUARE = 0.9  # of the light beyond a circle's edge, that beyond a square's of the same width
 MARGIN = 1.05  # for heights and wavelengths between those of the survey
 ATTEMPTS = 12
+SETTLED = 1e-3  # of the light: twice as wide a window that holds no more has all that the sums have
 
 
 def pitch_for_um(width_um: float, samples: int) -> float:
@@ -35,16 +36,21 @@ def needed_width_um(wavefronts: Wavefronts, sums: Sums) -> float:
 
 
 def width_um(wavefront: Wavefront, about_um: float, sums: Sums) -> float:
-    """Side of the window that holds 99.5 % of the light of one, which is about as wide as this: by its PSF's rings."""
-    sums, window_um = replace(sums, repeat=REPEAT, fringes=FRINGES), GENEROUS * about_um
+    """Side of the window that holds 99.5 % of the light of one, which is about as wide as this: by its PSF's rings.
+
+    Where apertures cut the pupil coarse sums may lack a little of the light: then it is 99.5 % of what they have.
+    """
+    sums, window_um, held = replace(sums, repeat=REPEAT, fringes=FRINGES), GENEROUS * about_um, 0.0
     for _ in range(ATTEMPTS):
         psf = point_spread(wavefront, window_um / SAMPLES, SAMPLES, sums)
-        if psf.sum() > ENERGY:
+        before, held = held, psf.sum()
+        if held > ENERGY or held - before < SETTLED:
             break
         window_um *= 2
+    share = ENERGY if held > ENERGY else ENERGY * held
     offset = np.abs(np.arange(SAMPLES) - SAMPLES // 2)
     inside = np.cumsum(np.bincount(np.maximum(offset[:, None], offset).ravel(), psf.ravel()))
-    return (2 * np.interp(ENERGY, inside, np.arange(inside.size)) + 1) * window_um / SAMPLES
+    return (2 * np.interp(share, inside, np.arange(inside.size)) + 1) * window_um / SAMPLES
 
 
 def _estimated_widths_um(wavefronts):

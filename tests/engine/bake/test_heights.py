@@ -81,6 +81,14 @@ def test_defocus_widens_the_window_to_its_disc_and_less_than_all_of_airys_patter
     assert 2000 / 4.0 < blurred_um < 2000 / 4.0 + sharp_um
 
 
+def test_light_that_coarse_sums_lack_widens_no_window():
+    """That of corners whose beams apertures cut far inside; the window grew to metres."""
+    system = system_of_bundled("enna-lithagon-24mm")
+    wavefronts = trace_wavefronts(system, [system.last_height_mm], [587.56], PREVIEW.pupil)
+    rays_um = 2e3 * np.abs(wavefronts.spot_mm[:, 0, 0][:, wavefronts.one(0, 0).passing]).max()
+    assert needed_width_um(wavefronts, PREVIEW.sums) < 3 * rays_um
+
+
 @pytest.mark.parametrize("width_um, pitch_um", [(100.0, 1.7), (990.0, 16.0), (65 / 1.05, 1.0)])
 def test_pitches_have_two_digits(width_um, pitch_um):
     assert pitch_for_um(width_um, 65) == pitch_um
