@@ -19,6 +19,7 @@ CATALOGUE = Path(__file__).parent / "glasses.csv"
 PREFERRED = ("SCHOTT", "OHARA", "HOYA", "HIKARI", "CDGM", "SUMITA")
 MODEL_GLASS = re.compile(r"(\d+(?:\.\d+)?)\s*/\s*(\d+(?:\.\d+)?)")
 CODE = re.compile(r"(\d{3})(\d{3})|(\d{3,6})\.(\d{3,6})")
+LARGEST_INDEX = 4.0
 LEAST_ABBE = 10.0  # of what the model of dispersion was made from, and some more
 D_LINE_UM = 0.5875618
 BUCHDAHL_ALPHA = 2.5
@@ -103,7 +104,7 @@ def find_glass(name: str, where: str, field: str, told: str = "") -> Glass:
     model = MODEL_GLASS.fullmatch(name.strip())
     if model:
         index, abbe = float(model[1]), float(model[2])
-        if not (1 < index < 4 and abbe >= LEAST_ABBE):
+        if not (1 < index < LARGEST_INDEX and abbe >= LEAST_ABBE):
             raise LensError(where, field, name, f"expected an index above 1 and an Abbe number from {LEAST_ABBE:g}")
         return Glass(name, ModelGlass(index, abbe))
     if re.fullmatch(r"\d(\.\d+)?", name):

@@ -7,6 +7,7 @@ from typing import Self
 import numpy as np
 
 from ..errors import LensError
+from .glasses import LARGEST_INDEX, Glass
 
 APERTURES = ("stop", "entrance_pupil_diameter_mm", "f_number", "working_f_number", "object_na")
 FIELDS = ("angle_deg", "image_height_mm", "object_height_mm")
@@ -30,7 +31,8 @@ class Surface:
     gaps_mm : tuple of float
         The same at each of `Prescription.focused_at_mm`, where it changes for focusing; () where it does not.
     glass : str
-        What follows: "" for air, a catalogue glass ("N-BK7", "SCHOTT N-BK7"), or "n/V", its index and Abbe number.
+        What follows: "" for air, one of `Prescription.glasses`, a catalogue glass ("N-BK7", "SCHOTT N-BK7"), or "n/V",
+        its index and Abbe number.
     semi_aperture_mm : float
         Light farther from the axis is stopped; inf where nothing is known.
     conic : float
@@ -80,6 +82,8 @@ class Prescription:
         What it does to a picture, in words to search by.
     surfaces : tuple of Surface
         From the first to the last before the image plane.
+    glasses : tuple of Glass
+        Of its own, that surfaces name before those of catalogues.
     object_distance_mm : float
         From the object plane to the first surface; inf for a lens focused at infinity.
     focused_at_mm : tuple of float
@@ -124,6 +128,7 @@ class Prescription:
     focused_at_mm: tuple[float, ...] = ()
     closest_focus_mm: float | None = None
     highest_f_number: float = HIGHEST_F_NUMBER
+    glasses: tuple[Glass, ...] = ()
 
     def __post_init__(self):
         _check(self)
@@ -180,6 +185,11 @@ def _check(prescription):
         refuse("focus", prescription.focus, f"expected one of {', '.join(FOCUSES)}")
     if not 100 < prescription.reference_wavelength_nm < 1e5:
         refuse("reference_wavelength_nm", prescription.reference_wavelength_nm, "expected nanometres")
+    for glass in prescription.glasses:
+        index, = glass.index_at([prescription.reference_wavelength_nm])
+        if not 1 < index < LARGEST_INDEX:
+            refuse(f"glass {glass.name}", f"of index {index:.4g} at {prescription.reference_wavelength_nm:g} nm",
+                   f"expected 1 to {LARGEST_INDEX:g}: its coefficients take micrometres, its range nanometres")
 
 
 def _check_aperture_and_field(prescription, refuse):

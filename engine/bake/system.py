@@ -85,7 +85,9 @@ def system_of(prescription: Prescription) -> System:
     LensError
         A glass that no catalogue has, or a lens without power.
     """
-    glasses = tuple(find_glass(surface.glass, prescription.name, f"surface {number}, glass", surface.glass_figures)
+    own = {glass.name: glass for glass in prescription.glasses}
+    glasses = tuple(own.get(surface.glass) or find_glass(surface.glass, prescription.name, f"surface {number}, glass",
+                                                         surface.glass_figures)
                     for number, surface in enumerate(prescription.surfaces, 1))
     indices = _indices(prescription, glasses, [prescription.reference_wavelength_nm])
     figures = first_order(prescription, indices[:, 0])

@@ -11,6 +11,9 @@ import numpy as np
 
 from ...errors import LensError
 from ...lens.readers.toml_fields import TomlTable, read_toml
+from ...spectral.dispersion import FORMULAS
+from ...spectral.refraction import Formula
+from ..glasses import Glass
 from ..prescription import APERTURES, FIELDS, Prescription, Surface
 
 FORMAT, VERSION = "lensfield-prescription", 1
@@ -18,8 +21,10 @@ TEXTS = ("name", "title", "maker", "story", "source", "notes", "focus")
 NUMBERS = ("object_distance_mm", "reference_wavelength_nm", "highest_f_number")
 OF_THE_LENS = ("focal_length_mm", "closest_focus_mm")  # numbers that `scale` does not change, and neither sensor_mm
 FIELDS_OF_FILE = ("format", "version", "scale", "aperture", "field", "sensor_mm", "surfaces", "year", "character",
-                  "focused_at_mm", *TEXTS, *NUMBERS, *OF_THE_LENS)
+                  "focused_at_mm", "glasses", *TEXTS, *NUMBERS, *OF_THE_LENS)
 SURFACE_NUMBERS = ("radius_mm", "semi_aperture_mm", "conic")
+FIELDS_OF_GLASS = ("formula", "coefficients", "range_nm")
+EVERYWHERE_NM = (0.0, np.inf)
 FIELDS_OF_SURFACE = (*SURFACE_NUMBERS, "thickness_mm", "glass", "aspheric", "stop")
 HIGHEST_POWER = 40
 WRITTEN = ("name", "title", "maker", "year", "focal_length_mm", "character", "story", "source", "notes", "aperture",
@@ -43,7 +48,8 @@ def read_lensfield(path: Path, field: tuple[str, float] | None = None) -> Prescr
         facts = {"object_distance_mm": facts["focused_at_mm"][0]} | facts
     prescription = Prescription(
         **{"name": path.stem} | facts, surfaces=_surfaces(table), aperture=_figure(table, "aperture", APERTURES),
-        field=field or _figure(table, "field", FIELDS), year=_year(table), character=_character(table))
+        field=field or _figure(table, "field", FIELDS), year=_year(table), character=_character(table),
+        glasses=_glasses(table))
     prescription = prescription if scale == 1 else prescription.scaled(scale)
     of_the_lens: dict[str, Any] = {name: table.number(name) for name in OF_THE_LENS if name in table}
     of_the_lens |= {"field": field} if field else {}  # that is asked for
@@ -80,6 +86,30 @@ def _check_known(table, known: Sequence[str]):
 def _line(table, name):
     """A text, of which line ends and spaces in a row make one space."""
     return " ".join(table.text(name, "").split())
+
+
+def _glasses(table):
+    """Glasses of the prescription's own, from a table of tables by name."""
+    rows = table.values.get("glasses", {})
+    if not isinstance(rows, dict) or not all(name.strip() and name.isprintable() and isinstance(row, dict)
+                                             for name, row in rows.items()):
+        raise table.refusal("glasses", "expected tables by name, such as [glasses.MINE]")
+    return tuple(Glass(" ".join(name.split()), _formula(TomlTable(table.path, row, f"glass {name}, ")))
+                 for name, row in rows.items())
+
+
+def _formula(table):
+    _check_known(table, FIELDS_OF_GLASS)
+    number = table.number("formula")
+    if number not in FORMULAS:
+        raise table.refusal("formula", "expected 1 to 9, as refractiveindex.info numbers dispersion formulas")
+    coefficients, most = table.numbers("coefficients"), FORMULAS[int(number)].most_coefficients
+    if len(coefficients) > most:
+        raise table.refusal("coefficients", f"expected at most {most} of formula {number:g}")
+    first, last = table.numbers("range_nm", 2) if "range_nm" in table else EVERYWHERE_NM
+    if not 0 <= first < last:
+        raise table.refusal("range_nm", "expected two ascending nanometres")
+    return Formula(int(number), tuple(coefficients), (first, last))
 
 
 def _surfaces(table):
@@ -137,7 +167,8 @@ def write_prescription(prescription: Prescription) -> str:
     lines = [f'format = "{FORMAT}"', f"version = {VERSION}",
              *_pairs({name: facts[name] for name in WRITTEN}, DEFAULTS | {"object_distance_mm": first_mm})]
     rows = (f"  {{ {', '.join(_pairs(_told(surface), DEFAULTS))} }}" for surface in prescription.surfaces)
-    return "\n".join([*lines, "surfaces = [", ",\n".join(rows), "]", ""])
+    glasses = (line for glass in prescription.glasses for line in _glass_lines(glass))
+    return "\n".join([*lines, "surfaces = [", ",\n".join(rows), "]", *glasses, ""])
 
 
 def _told(surface):
@@ -148,6 +179,13 @@ def _told(surface):
     return {"radius_mm": surface.radius_mm, "thickness_mm": surface.gaps_mm or surface.thickness_mm,
             "glass": surface.glass, "semi_aperture_mm": surface.semi_aperture_mm, "stop": surface.stop,
             "conic": surface.conic, "aspheric": {power: term for power, term in powers if term or power in last} or ()}
+
+
+def _glass_lines(glass):
+    """The table of a glass of the prescription's own."""
+    formula = glass.dispersion
+    told = {"formula": formula.number, "coefficients": formula.coefficients, "range_nm": formula.range_nm}
+    return ["", f"[glasses.{json.dumps(glass.name, ensure_ascii=False)}]", *_pairs(told, {"range_nm": EVERYWHERE_NM})]
 
 
 def _pairs(values, defaults):

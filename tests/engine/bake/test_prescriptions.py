@@ -1,5 +1,6 @@
 """Prescriptions: the value itself, Lensfield's TOML, pbrt's and Optiland's files, and real files of other programs."""
 
+import pickle
 import re
 from dataclasses import replace
 
@@ -9,11 +10,14 @@ import pytest
 from lens_texts import OPTBENCH, PBRT, SURFACES, TOML, changed
 from lensfield.engine import LensError
 from lensfield.engine.bake.focus import build_system
+from lensfield.engine.bake.glasses import find_glass
 from lensfield.engine.bake.prescription import Prescription, Surface
 from lensfield.engine.bake.prescriptions import READERS, read_prescription
 from lensfield.engine.bake.prescriptions.toml import write_prescription
 from lensfield.engine.bake.rays import HalfPupil, trace_pupil
+from lensfield.engine.bake.system import system_of
 from lensfield.engine.library import BUNDLED
+from lensfield.engine.values import digest_of
 from places import SHARED_DATA
 
 FILES = SHARED_DATA / "prescriptions"
@@ -121,6 +125,52 @@ def test_what_cannot_be_printed_is_not_written(read):
 def test_other_programs_files_are_written_as_ours(read):
     foreign = read(OPTBENCH, ".txt")
     assert read(write_prescription(foreign)) == foreign
+
+
+N_BK7 = """
+[glasses."MINE  1"]
+formula = 2
+coefficients = [0, 1.03961212, 0.00600069867, 0.231792344, 0.0200179144, 1.01046945, 103.560653]
+range_nm = [300, 2500]
+"""
+
+
+def with_glass(text, glass=N_BK7):
+    return changed(text, (f'glass = "{SURFACES[1].glass}"', 'glass = "MINE 1"')) + glass
+
+
+def test_a_glass_of_its_own_comes_before_catalogues(read):
+    """Schott's coefficients of N-BK7 are the catalogue's, too."""
+    own, found = read(with_glass(TOML)), find_glass("SCHOTT N-BK7", "lens", "glass")
+    glass, = own.glasses
+    nm = np.array([250.0, 400.0, 587.5618, 700.0])
+    np.testing.assert_allclose(glass.index_at(nm), found.index_at(nm), rtol=1e-12)
+    assert glass in system_of(own).glasses and read(write_prescription(own)) == own
+    renamed = replace(own, glasses=(replace(glass, name="SCHOTT F2"),)).with_glasses({"MINE 1": "SCHOTT F2"})
+    assert system_of(renamed).efl_mm == system_of(own).efl_mm
+    assert pickle.loads(pickle.dumps(own)) == own and digest_of(own) != digest_of(renamed)
+
+
+def test_a_glass_by_cauchys_formula_holds_everywhere(read):
+    glass, = read(with_glass(TOML, '[glasses."MINE 1"]\nformula = 5\ncoefficients = [1.5, 0.004, -2]\n')).glasses
+    np.testing.assert_allclose(glass.index_at([200.0, 500.0, 2000.0]), [1.6, 1.516, 1.501], rtol=1e-14)
+
+
+@pytest.mark.parametrize("old, new, message", [
+    ("formula = 2", "formula = 10", "glass MINE  1, formula is 10: expected 1 to 9"),
+    ("formula = 2", "formula = 2.5", "formula is 2.5: expected 1 to 9"),
+    ("formula = 2\n", "", "formula is missing: expected a number"),
+    ("formula = 2", "formula = 8", "coefficients is .*: expected at most 4 of formula 8"),
+    ("[300, 2500]", "[2500, 300]", "range_nm is .*: expected two ascending nanometres"),
+    ("[300, 2500]", "[0.3, 2.5]", "glass MINE 1 is of index nan at 587.562 nm: expected 1 to 4: .* range nanometres"),
+    ("1.03961212", "1e6", "glass MINE 1 is of index .*: expected 1 to 4: its coefficients take micrometres"),
+    ("formula = 2", "formula = 2\nsource = 'x'", "glass MINE  1, source is unknown: expected formula"),
+    ('[glasses."MINE  1"]', '[glasses." "]', "glasses is .*: expected tables by name"),
+    ('[glasses."MINE  1"]', '[glasses]', "glasses is .*: expected tables by name"),
+])
+def test_a_glass_that_cannot_be_is_told(read, old, new, message):
+    with pytest.raises(LensError, match=message):
+        read(with_glass(TOML, changed(N_BK7, (old, new))))
 
 
 def test_odd_powers_of_a_toml(read):
