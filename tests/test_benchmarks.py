@@ -29,3 +29,10 @@ def test_the_worst_points_come_near_the_bound_and_not_above_it():
                               "points.SHAPE_PX, points.WAVELENGTHS_NM = (96, 128), (550.0,)\n"
                               "print(list(points.bound_and_worst('edmund-54852', 0.1)))")
     assert bound / 4 < worst <= bound <= 0.1
+
+
+def test_the_table_of_rays_is_measured():
+    done = subprocess.run([sys.executable, "ray_table_figures.py", "tessar-50mm"], cwd=BENCHMARKS, check=True,
+                          capture_output=True, text=True)
+    line = done.stdout.splitlines()[-1]
+    assert line.startswith("tessar-50mm") and "3.9 MB" in line and line.endswith("wrong side 0.00%")

@@ -29,8 +29,8 @@ from .wavefront import polynomial_weights
 
 WAVELENGTHS_NM = (400.0, 417.1, 469.5, 555.9, 653.2, 700.0)  # where polynomials over the wave number oscillate least
 HEIGHTS, RADII, AZIMUTHS = 33, 17, 33
-TRUSTED = -0.6  # the margin of rays that are farther out than what passes, and still tell how those go on
-LOST = -1.0  # the greatest margin of a ray that does not reach the sensor at all
+TRUSTED = -0.3  # the margin of rays beyond what passes that still tell how it goes on; farther out they all but graze
+LOST = -1.0  # the margin of a ray that does not reach the sensor, where it is not apertures that tell why
 ORDER = 4  # of the differences that continued rays keep small, and cubic splines do not see
 FAINT = 1e-5  # of first differences beside these, where too few rays are known
 EVEN, ODD, FREE = (1, 0, -1), (1, 0, 1), (1, -4, 6, -4, 1)  # sums of coefficients at an end of splines that are 0
@@ -203,7 +203,8 @@ def _trace(system: System, heights_mm, wavelengths_nm, pupil):
     shape = (*known.shape[:2], *pupil.shape)
     known, margin, values = known.reshape(shape), margin.reshape(shape), values.reshape(-1, *shape)
     *entrance, path_mm, cosine_x, cosine_y = _continued(values, known & (np.nan_to_num(margin) > TRUSTED))
-    margin = np.where(known, margin, np.minimum(_continued(margin[None], known)[0], LOST))
+    beyond, = _continued(margin[None], known)
+    margin = np.where(known, margin, np.where(beyond < 0, beyond, LOST))
     weight = np.abs(area_ratio(pupil, np.array([cosine_x, cosine_y])))
     return np.stack([*entrance, margin, path_mm, weight])
 
