@@ -1,0 +1,13 @@
+"""The gallery of lenses is that of the library as it is."""
+
+import importlib.util
+
+from places import ROOT
+
+
+def test_the_gallery_is_up_to_date():
+    specification = importlib.util.spec_from_file_location("gallery", ROOT / "docs" / "lenses.py")
+    gallery = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(gallery)
+    assert (ROOT / "docs" / "lenses.md").read_text(encoding="utf-8") == gallery.gallery(), (
+        "python docs/lenses.py docs/lenses.md")
