@@ -166,8 +166,9 @@ def _even_sum(fit, wavelength_um, pitch_um, samples, sums):
     path[:, 0] -= first_um * step_y * rows / wavelength_um
     edges = np.moveaxis(of_rows(fit.edges, y), 0, 1)
     waves_of = waves if kernels.running() == kernels.NUMPY else kernels.waves
-    amplitudes, hard, soft = waves_of(path, edges, x, y, fit.densities)
-    light = _transformed(amplitudes, length_x // 2, length_y, parts, samples)
+    amplitudes = np.zeros((2, y.size, max(length_x // 2, x.size)), np.float32)
+    hard, soft = waves_of(path, edges, x, y, fit.densities, amplitudes)
+    light = _transformed(amplitudes[..., :length_x // 2], length_y, parts, samples)
     all_light = 2 * _light(hard, soft, np.array([length_x, length_y]) / places) / (step_x * step_y)
     return np.hstack([light[:, :0:-1], light]) * (part_um**2 / (wavelength_um**2 * all_light))
 
@@ -181,28 +182,32 @@ def _parts_of_a_sample(cosine, wavelength_um, pitch_um, sums):
     return max(LEAST_PARTS, int(np.ceil(2 * cosine * pitch_um / wavelength_um * sums.oversampling)) + 1)
 
 
-def _transformed(waves, length_x, length_y, parts, samples):
-    """Light in samples (v, u), of u from the middle on, which lies on a part, or between two where they are even."""
-    odd = parts % 2
-    parts_along_x = dct(waves, 2 if odd else 4, length_x)[..., :samples // 2 * parts + (parts + odd) // 2 + 1]
-    along_x = np.empty(parts_along_x.shape[1:], np.complex64)
-    along_x.real, along_x.imag = parts_along_x
-    field = fft(along_x, length_y, axis=0, overwrite_x=True)[:samples * parts + 2]
+def _transformed(amplitudes, length_y, parts, samples):
+    """Light in samples (v, u), of u from the middle on, which lies on a part, or between two where they are even.
+
+    Of amplitudes (real and imaginary part, y, x), which are written over.
+    """
+    odd, rows = parts % 2, amplitudes.shape[1]
+    along_x = dct(amplitudes, 2 if odd else 4, overwrite_x=True)[..., :samples // 2 * parts + (parts + odd) // 2 + 1]
+    field = np.zeros((length_y, along_x.shape[2]), np.complex64)
+    field.real[:rows], field.imag[:rows] = along_x
+    field = fft(field, axis=0, overwrite_x=True)[:samples * parts + 2]
     light = _binned(field.real**2 + field.imag**2, parts).T
     return _binned(np.concatenate([light[odd:(parts + odd) // 2 + 1][::-1], light]), parts).T
 
 
-def waves(path: np.ndarray, edges: np.ndarray, x: np.ndarray, y: np.ndarray, densities: tuple[float, float]
-          ) -> tuple[np.ndarray, float, float]:
+def waves(path: np.ndarray, edges: np.ndarray, x: np.ndarray, y: np.ndarray, densities: tuple[float, float],
+          out: np.ndarray) -> tuple[float, float]:
     """As `kernels.waves`, by numpy: by which that is tested."""
     inside = x**2 + y[:, None]**2 <= 1
     share = np.where(inside, covered(along_rows(np.moveaxis(edges[:, 1:], 1, 0), x)), np.float32(0))
     phase = np.where(inside, along_rows(path, x), 0)  # where polynomials go astray
     least, most = (np.float32(limit) for limit in densities)
     amplitude = np.exp((np.clip(along_rows(edges[:, 0], x), least, most) - most) / 2)
-    hard, soft = (float(np.sum(amplitude**2 * cells, dtype=float)) for cells in (share, share**2))
     angle = ((phase - np.rint(phase)) * (-2 * np.pi)).astype(np.float32)
-    return amplitude * share * np.stack([np.cos(angle), np.sin(angle)]), hard, soft
+    out[..., :x.size] = amplitude * share * np.stack([np.cos(angle), np.sin(angle)])
+    hard, soft = (float(np.sum(amplitude**2 * cells, dtype=float)) for cells in (share, share**2))
+    return hard, soft
 
 
 def _light(hard, soft, repeats):

@@ -11,6 +11,7 @@ from .system import System
 
 LONGEST_RADIUS = 1e3  # of the reference sphere in focal lengths, for telecentric lenses, and where rays cross before it
 SCALE_STEP = 1e-4  # of the last height, for how the picture's scale changes
+FOLDING = 0.3  # of the area in the middle: rays come so close on their way to crossing
 LEAST_AREA = 1e-6  # of that in the middle, beside a caustic
 
 
@@ -110,7 +111,9 @@ def trace_wavefronts(system: System, heights_mm: Sequence[float] | np.ndarray,
     pupil_mm = abs(system.exit_pupil_distance_mm)
     longest_mm = LONGEST_RADIUS * system.efl_mm
     path_mm, cosine = _on_reference_sphere(rays, min(pupil_mm, longest_mm))
-    folded = np.any((area_ratio(pupil, cosine) <= 0) & np.all(limits <= 1, axis=0), axis=(0, 2, 3))[:, None, None]
+    areas = area_ratio(pupil, cosine)
+    nearly_folded = (areas <= FOLDING * areas[..., :1, :1]) & np.all(limits <= 1, axis=0)
+    folded = np.any(nearly_folded, axis=(0, 2, 3))[:, None, None]
     if folded.any():
         far = _on_reference_sphere(rays, longest_mm)
         path_mm, cosine = np.where(folded, far[0], path_mm), np.where(folded, far[1], cosine)

@@ -140,11 +140,12 @@ int lf_turn(int variant, const lf_samples *samples, double cosine, double sine, 
     return variants[variant].turn(samples, cosine, sine, side, out);
 }
 
-int lf_waves(int variant, const lf_wavefront *w, float *waves, double *light, float *work)
+int lf_waves(int variant, const lf_wavefront *w, const lf_picture *out, double *light, float *work)
 {
     if (!within(variant, 0, VARIANTS - 1) || !within(w->rows, 3, MOST_PX) || !within(w->columns, 8, MOST_PX)
         || w->columns % 8 || !within(w->path_terms, 1, 1 << 10) || !within(w->edge_terms, 1, 1 << 10)
-        || !within(w->limits, 1, 1 << 10))
+        || !within(w->limits, 1, 1 << 10) || !fits(out) || out->planes != 2 || out->rows != w->rows
+        || out->columns < w->columns)
         return LF_BAD_SIZE;
-    return variants[variant].waves(w, waves, light, work);
+    return variants[variant].waves(w, out, light, work);
 }

@@ -16,7 +16,7 @@
 #define LENSFIELD_KERNELS_H
 #include <stdint.h>
 
-#define LF_ABI 3
+#define LF_ABI 4
 
 enum { LF_OUTSIDE = 1, LF_BAD_SIZE = 2 };
 
@@ -109,7 +109,7 @@ typedef struct { /* a wavefront over an even grid of direction cosines, between 
     float least, most;    /* logarithms of the density; the light is in shares of the most */
 } lf_wavefront;
 
-typedef int lf_waves_loop(const lf_wavefront *, float *waves, double *light, float *work);
+typedef int lf_waves_loop(const lf_wavefront *, const lf_picture *out, double *light, float *work);
 
 /* what the library gives */
 
@@ -124,5 +124,5 @@ LF_API int lf_spread(int variant, const lf_places *, const lf_table *, const lf_
 LF_API int lf_footprints(int variant, const lf_geometry *, const lf_capture *, int64_t first_row, int64_t end_row,
                          const lf_picture *out);
 LF_API int lf_turn(int variant, const lf_samples *, double cosine, double sine, int64_t side, double *out);
-LF_API int lf_waves(int variant, const lf_wavefront *, float *waves, double *light, float *work);
+LF_API int lf_waves(int variant, const lf_wavefront *, const lf_picture *out, double *light, float *work);
 #endif

@@ -13,7 +13,7 @@ import numpy as np
 from ..errors import InputError
 from .build import LIBRARY_FOLDER, library_name, sources_digest, this_platform
 
-ABI = 3  # that of kernels.h
+ABI = 4  # that of kernels.h
 NUMPY = "numpy"
 VARIABLE = "LENSFIELD_KERNELS"
 PROBLEMS = {1: "a sample lies outside of the square", 2: "sizes that cannot be"}
@@ -53,7 +53,7 @@ _SIGNATURES = {
                           c_void_p]),
     "lf_footprints": (c_int, [c_int, POINTER(GEOMETRY), POINTER(CAPTURE), c_int64, c_int64, POINTER(PICTURE)]),
     "lf_turn": (c_int, [c_int, POINTER(SAMPLES), c_double, c_double, c_int64, c_void_p]),
-    "lf_waves": (c_int, [c_int, POINTER(WAVEFRONT), c_void_p, c_void_p, c_void_p]),
+    "lf_waves": (c_int, [c_int, POINTER(WAVEFRONT), POINTER(PICTURE), c_void_p, c_void_p]),
 }
 
 

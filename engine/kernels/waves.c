@@ -81,9 +81,9 @@ INLINE void tightest_limits(const lf_wavefront *w, int64_t row, float *tightest)
 }
 
 lf_waves_loop OF_VARIANT(lf_waves);
-/* Gives waves: (real and imaginary part, row, column), and in light the sums of density * share and of its product
+/* Gives the real and imaginary parts, as the two planes of `out`, and in light the sums of density * share and of its product
    with share once more. */
-int OF_VARIANT(lf_waves)(const lf_wavefront *w, float *waves, double *light, float *work)
+int OF_VARIANT(lf_waves)(const lf_wavefront *w, const lf_picture *out, double *light, float *work)
 {
     const int64_t step = w->columns + 16;
     float *kept[3] = {work + 8, work + 8 + step, work + 8 + 2 * step}; /* of row n: in kept[n % 3] */
@@ -96,7 +96,7 @@ int OF_VARIANT(lf_waves)(const lf_wavefront *w, float *waves, double *light, flo
         const double *path = w->path + row * w->path_terms;
         const float *density = w->edges + row * (1 + w->limits) * w->edge_terms;
         const double rim = 1 - 2 * w->up[row] * w->up[row]; /* what `across` is at most where x^2 + y^2 is */
-        float *real = waves + row * w->columns, *imaginary = real + w->rows * w->columns;
+        float *real = out->values + row * out->row_step, *imaginary = real + out->plane_step;
         for (int64_t c = 0; c < w->columns; c += 8) {
             if (w->across[c] > rim) {
                 *(eight_floats *)(real + c) = *(eight_floats *)(imaginary + c) = (eight_floats){0};

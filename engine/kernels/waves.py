@@ -4,14 +4,14 @@ from ctypes import byref
 
 import numpy as np
 
-from .library import WAVEFRONT, address, check, chosen
+from .library import WAVEFRONT, address, check, chosen, picture
 
 BESIDE = 16  # room at the ends of a row of limits
 
 
-def waves(path: np.ndarray, edges: np.ndarray, x: np.ndarray, y: np.ndarray, densities: tuple[float, float]
-          ) -> tuple[np.ndarray, float, float]:
-    """Complex amplitudes, whose sum is a PSF, of polynomials that each row has of its own.
+def waves(path: np.ndarray, edges: np.ndarray, x: np.ndarray, y: np.ndarray, densities: tuple[float, float],
+          out: np.ndarray) -> tuple[float, float]:
+    """Write complex amplitudes, whose sum is a PSF, of polynomials that each row has of its own.
 
     Parameters
     ----------
@@ -23,11 +23,11 @@ def waves(path: np.ndarray, edges: np.ndarray, x: np.ndarray, y: np.ndarray, den
         From -1 to 1; nothing passes beyond the circle of radius 1. At least 3 rows; a multiple of 8 columns.
     densities : (float, float)
         Least and most that the logarithm can be.
+    out : float32 array (real and imaginary part, row, column)
+        In shares of the most light per area. What it has of more columns stays as it is.
 
     Returns
     -------
-    float32 array (real and imaginary part, row, column)
-        In shares of the most light per area.
     hard, soft : float
         Sums over the cells of their light, and of it times the share of them that light passes.
 
@@ -41,10 +41,9 @@ def waves(path: np.ndarray, edges: np.ndarray, x: np.ndarray, y: np.ndarray, den
     edges = np.ascontiguousarray(edges, dtype=np.float32)
     if path.shape[0] != y.size or edges.shape[0] != y.size:
         raise ValueError(f"polynomials of {path.shape[0]} and {edges.shape[0]} rows, where there are {y.size}")
-    result, light = np.empty((2, y.size, x.size), np.float32), np.zeros(2)
-    work = np.empty(3 * (x.size + BESIDE), np.float32)
+    light, work = np.zeros(2), np.empty(3 * (x.size + BESIDE), np.float32)
     wavefront = WAVEFRONT(*(address(array, np.float64) for array in (across, up, path)), address(edges, np.float32),
                           y.size, x.size, path.shape[1], edges.shape[2], edges.shape[1] - 1, *densities)
-    check(loops.lf_waves(variant, byref(wavefront), address(result, np.float32), address(light, np.float64),
+    check(loops.lf_waves(variant, byref(wavefront), byref(picture(out)), address(light, np.float64),
                          address(work, np.float32)))
-    return result, float(light[0]), float(light[1])
+    return float(light[0]), float(light[1])

@@ -386,9 +386,11 @@ static void try_waves(void)
     odd.columns--;
     for (int v = 0; runs(v); v++) {
         float *result = ROOM(float, 2 * size);
+        const lf_picture out = {result, 2, rows, columns, size, columns}, narrow = {result, 2, rows, columns - 1, size, columns};
         double light[2], sums[2] = {0}, off = 0;
-        expect(lf_waves(v, &odd, result, light, work) == LF_BAD_SIZE, "waves took a size that cannot be");
-        expect(!lf_waves(v, &w, result, light, work), "waves refused their sizes");
+        expect(lf_waves(v, &odd, &out, light, work) == LF_BAD_SIZE && lf_waves(v, &w, &narrow, light, work) == LF_BAD_SIZE,
+               "waves took a size that cannot be");
+        expect(!lf_waves(v, &w, &out, light, work), "waves refused their sizes");
         if (tame) take_bits(v, result, 2 * size * 4), take_bits(v, light, 16);
         for (int64_t i = 0; tame && i < size; i++) {
             const int64_t row = i / columns, column = i % columns;
