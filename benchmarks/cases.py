@@ -103,7 +103,7 @@ OTHERS = (
     *(_street(QUARTER_HD, 3, 0.1, lens, 0.15, best_of=5) for lens in (PAPER_LENS, "nikkor-28mm")),
     *(_street(QUARTER_HD, 9, 0.05, lens, 0.4) for lens in (PAPER_LENS, "nikkor-28mm")),
     *(_street(HD, 1, 0.01, lens, None)
-      for lens in ("angenieux-50mm-f1.1", "kodak-petzval-100mm", "nikkor-28mm", "muller-fisheye-25mm")),
+      for lens in ("angenieux-50mm", "kodak-petzval-100mm", "nikkor-28mm", "muller-fisheye-25mm")),
     *(_street(HD, 12, 0.01, lens, 4.5, best_of=2, part=3) for lens in (PAPER_LENS, "nikkor-28mm")),
     _street(UHD, 31, 0.01, PAPER_LENS, 120, best_of=1, part=1, in_place=True))  # a minute of two cores
 CASES = {case.name: case for case in BOARDS + OTHERS}

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from ..engine.field.overscan import VIEWS
-from .arguments import add_engine_options, check_outputs, engine_options
+from .arguments import add_engine_options, add_rings, asked_rings, check_outputs, engine_options
 from .blend import import_addon
 from .followed import add_followed, messages, progress
 from .outcome import finish
@@ -21,6 +21,7 @@ def add(commands):
                             "as large as that takes on the sensor that was rendered for. The picture is the same")
     apply.add_argument("--output", type=Path, metavar="DIR", help="(default: beside the radiance)")
     add_engine_options(apply)
+    add_rings(apply)
     add_followed(apply.add_argument_group("for programs that start this one and follow it"))
     apply.set_defaults(run=_apply)
 
@@ -31,7 +32,8 @@ def _apply(options):
         chosen = engine_options(options)
         with progress(options, write) as tell:
             result = import_addon().apply_lens(options.radiance, options.lens, options.output, options=chosen,
-                                         view=options.view, progress=tell)
+                                               view=options.view, rings=asked_rings(options),
+                                               lens_quality=options.lens_quality or "standard", progress=tell)
         print(f"plan: {result.report.lens_image.plan.text}")
         finish(options, result.report, result.files)
         write(lens_image=str(result.lens_image), told=result.told)

@@ -9,12 +9,13 @@ from ..engine.bake.quality import QUALITIES
 from ..engine.bake.rings import Rings
 from ..engine.blur import METHODS
 from ..engine.files import check_target
-from ..engine.library import ALL_LENSES, cannot_be, load
+from ..engine.library import ALL_LENSES, cannot_be, has_rings, load
 from ..engine.plan.options import AUTO, DEFAULT_ACCURACY, FIREFLIES, MOST_SUPERSAMPLING, OUT_OF_FIELD, PRECISIONS
 from .terminal import progress_bar
 
 RESOLUTION_LIMITS = (4, 65536)
 LENSES = "a bundled lens, a lens package, or a prescription"
+CAMERA = "camera"
 MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 
 
@@ -89,10 +90,9 @@ def focus_mm(text):
 
 
 def asked_rings(options):
-    """What the command line turns a lens to; None where it says nothing of that."""
-    rings = Rings(None if options.focus is None else focus_mm(options.focus), options.f_number,
-                  options.focused_wide_open)
-    return None if rings == Rings() else rings
+    """What the command line turns a lens to."""
+    return Rings(None if options.focus is None else focus_mm(options.focus), options.f_number,
+                 options.focused_wide_open)
 
 
 def chosen_lens(options):
@@ -100,7 +100,7 @@ def chosen_lens(options):
     rings = asked_rings(options)
     with progress_bar() as tell:
         lens = load(options.lens, rings, options.lens_quality or "standard", tell)
-    for line in cannot_be(options.lens, rings) if rings else ():
+    for line in cannot_be(options.lens, rings) if has_rings(options.lens) else ():
         print(f"lens: {line}")
     return lens
 

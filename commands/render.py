@@ -7,7 +7,7 @@ from ..engine import InputError
 from ..engine.field.overscan import VIEWS
 from ..engine.spectral.spectra import parse_wavelengths
 from ..engine.spectral.wavelength_choice import STANDARD_COLOUR_ERROR, TIERS, UNFIT
-from .arguments import add_engine_options, check_outputs, given_options, resolution
+from .arguments import CAMERA, add_engine_options, add_rings, check_outputs, focus_mm, given_options, resolution
 from .blend import open_scene
 from .followed import add_followed, messages, progress
 from .outcome import finish
@@ -64,6 +64,7 @@ def add_scene_options(render):
     render.add_argument("--denoise", action=BooleanOptionalAction, help="let Cycles denoise its passes, or not")
     render.add_argument("--output", type=Path, metavar="DIR")
     add_engine_options(render, lens_required=False)
+    add_rings(render, camera=True)
 
 
 def _add_followed(group):
@@ -150,7 +151,14 @@ def scene_and_arguments(options):
         "output_folder": options.output and options.output.resolve(), "view": options.view, "unfit": options.unfit,
         "options": scene.lensfield.to_options(options.tier, **engine) if engine or options.tier else None,
         "spectral": scene.lensfield.to_spectral_options(**spectral) if spectral else None,
-        "view_layer": options.view_layer, "denoise": options.denoise}
+        "view_layer": options.view_layer, "denoise": options.denoise, "focus": _focus(options.focus),
+        "f_number": options.f_number, "focused_wide_open": options.focused_wide_open or None,
+        "lens_quality": options.lens_quality}
+
+
+def _focus(text):
+    """What `render_through_lens` takes for --focus."""
+    return text if text is None or text == CAMERA else focus_mm(text)
 
 
 def _open_scene(options):

@@ -24,6 +24,7 @@ import numpy as np
 from ...commands.messages import read_message
 from ...engine.plan.options import TIER_ACCURACY
 from ..scene.errors import SceneError
+from ..scene.rings import ring_arguments, rings_for
 from .job import UNSAVED_FOLDER
 from .session import write_session
 
@@ -114,12 +115,14 @@ def _render_copy(copy):
             os.path.dirname(bpy.data.filepath) or str(UNSAVED_FOLDER), "--progress", "lines"]
 
 
-def apply_command(radiance, settings):
-    """The command line that puts kept radiance through the lens of a scene's Lensfield settings."""
+def apply_command(radiance, scene):
+    """The command line that puts kept radiance through the lens of a scene's settings, turned as its camera has it."""
+    settings, lens = scene.lensfield, scene.lensfield.lens_name_or_path()
     options = (word for name, value in asdict(settings.to_options()).items() if value is not None
                for word in ("--" + name.replace("_", "-"), str(value)))
-    return lensfield_command(["apply", str(radiance), "--lens", settings.lens_name_or_path(), "--view",
-                              settings.view.lower(), "--progress", "lines", "--end-with-stdin", *options])
+    return lensfield_command(["apply", str(radiance), "--lens", lens, "--view", settings.view.lower(),
+                              "--lens-quality", settings.to_spectral_options().tier, "--progress", "lines",
+                              "--end-with-stdin", *ring_arguments(rings_for(scene, lens)), *options])
 
 
 def preview_arguments(scene, key, *, radiance=None, copy=None, size=None, samples=None):
@@ -128,15 +131,15 @@ def preview_arguments(scene, key, *, radiance=None, copy=None, size=None, sample
     Parameters
     ----------
     scene : bpy.types.Scene
-    key : (str, str, str)
-        Lens, view, and what is done out of field.
+    key : (str, str, str, Rings)
+        Lens, view, what is done out of field, and what the lens is turned to.
     radiance : path, optional
         The kept light.
     copy, size, samples : path, (width, height) and int, where there is none
     """
-    lens, view, out_of_field = key
+    lens, view, out_of_field, rings = key
     asked = ["--lens", lens, "--view", view, "--out-of-field", out_of_field, "--accuracy",
-             str(TIER_ACCURACY["preview"])]
+             str(TIER_ACCURACY["preview"]), "--lens-quality", "preview", *ring_arguments(rings)]
     if radiance:
         return ["apply", str(radiance), "--progress", "lines", *asked]
     nm = scene.lensfield.wavelengths_nm()

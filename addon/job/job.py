@@ -11,8 +11,7 @@ import numpy as np
 from ...engine import Lens, Options
 from ...engine.errors import InputError
 from ...engine.spectral.wavelength_choice import SpectralOptions
-from ..scene.camera import lens_for_view
-from ..scene.lens_cache import load_lens
+from ..scene.rings import scene_lens
 from ..shading.assigned import LOADERS
 from .record import picture_settings
 
@@ -38,6 +37,8 @@ class Job:
         What of the scene's render settings counts for the picture.
     state : str
         The scene's fingerprint; "" where nobody asked for it.
+    ring_words : tuple of str
+        What the lens's rings cannot do, a line each.
     """
 
     lens: Lens
@@ -56,11 +57,12 @@ class Job:
     room: float = 0.0
     settings: dict | None = None
     state: str = ""
+    ring_words: tuple[str, ...] = ()
 
 
 def job_from_settings(scene, *, lens=None, wavelengths_nm=None, output_folder=None, options=None, spectral=None,
                       view=None, unfit=None, view_layer=None, denoise=None, to_compositor=None, picture=None,
-                      room=None, state=""):
+                      room=None, state="", focus=None, f_number=None, focused_wide_open=None, lens_quality=None):
     """The Job for the scene's current frame that its settings ask for, but for what is given.
 
     Raises
@@ -71,10 +73,11 @@ def job_from_settings(scene, *, lens=None, wavelengths_nm=None, output_folder=No
     settings = scene.lensfield
     lens = settings.lens_name_or_path() if lens is None else lens
     if not lens:
-        raise InputError("scene settings", "lens file", "empty", "choose a lens package (.npz)")
-    lens, warning = lens_for_view(scene, lens if isinstance(lens, Lens) else load_lens(lens),
-                                  settings.view.lower() if view is None else view)
+        raise InputError("scene settings", "lens file", "empty", "choose a prescription or a lens package")
     spectral = settings.to_spectral_options() if spectral is None else spectral
+    lens, warning, words = scene_lens(scene, lens, settings.view.lower() if view is None else view,
+                                      lens_quality or spectral.tier, focus=focus, f_number=f_number,
+                                      focused_wide_open=focused_wide_open)
     return Job(
         lens, settings.wavelengths_nm() if wavelengths_nm is None else np.asarray(wavelengths_nm, dtype=float),
         folder_for(scene, output_folder),
@@ -83,7 +86,7 @@ def job_from_settings(scene, *, lens=None, wavelengths_nm=None, output_folder=No
         settings.view_layer if view_layer is None else view_layer,
         settings.denoises(spectral) if denoise is None else denoise, spectral.tier != "reference",
         settings.to_compositor if to_compositor is None else to_compositor, warning, picture, room or 0.0,
-        picture_settings(scene), state)
+        picture_settings(scene), state, words)
 
 
 def folder_for(scene, output_folder=None):

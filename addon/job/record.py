@@ -13,7 +13,7 @@ OF_NO_ACCOUNT = ("name", "device", "preview", "use_preview", "debug", "denoising
 OF_ACCOUNT = ("resolution_", "pixel_aspect_", "film_transparent", "use_border", "border_", "use_motion_blur",
               "motion_blur_", "use_simplify", "simplify_")
 """How those of the scene's other render settings begin that do."""
-NOT_ASKED = "output_folder", "frame", "to_compositor", "lens_warning", "picture", "state"
+NOT_ASKED = "output_folder", "frame", "to_compositor", "lens_warning", "ring_words", "picture", "state"
 """What a job says that is not of the picture itself."""
 
 

@@ -10,11 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from ...engine import ImageError, InputError, Lens, Options
+from ...engine.bake.rings import AT_REST, resized_rings
 from ...engine.errors import absence
 from ...engine.field.overscan import VIEWS, overscan_px
 from ...engine.image.depth_range import check_depth
 from ...engine.image.pitch import fitting_pitch_um
 from ...engine.image.spectral_exr import read_parts, read_with_planes
+from ...engine.library import cannot_be, has_rings, prescription_of
 from ...engine.report import FileFacts
 from ..scene.camera import captured_region, covered_diagonal, frame_px, size_warning
 from ..scene.lens_cache import load_lens, scaled_lens
@@ -27,7 +29,8 @@ BY_RESULT = Options()
 SAME = 0.005  # of its own sensor's size, within which a lens is taken to have its own view
 
 
-def apply_lens(radiance, lens, output_folder=None, *, options=BY_RESULT, view="lens", progress=None):
+def apply_lens(radiance, lens, output_folder=None, *, options=BY_RESULT, view="lens", rings=AT_REST,
+               lens_quality="standard", progress=None):
     """Put the radiance that a render has kept through another lens, or the same one otherwise; all files are made anew.
 
     Parameters
@@ -41,6 +44,10 @@ def apply_lens(radiance, lens, output_folder=None, *, options=BY_RESULT, view="l
     view : "lens" or "camera"
         Whether the lens stays as large as it is, the kept field of view on its sensor; or is made as large as that
         takes on the sensor that the picture was rendered for. The picture is the same.
+    rings : Rings
+        What a lens that is given by name or path is turned to.
+    lens_quality : str
+        How finely it is baked.
     progress : callable (fraction, label), optional
 
     Returns
@@ -52,7 +59,7 @@ def apply_lens(radiance, lens, output_folder=None, *, options=BY_RESULT, view="l
     LensError, ImageError, InputError
         Among others where the lens needs more than was captured: it takes a new render then.
     """
-    return run(_steps(Path(radiance), lens, output_folder, options, view), progress)
+    return run(_steps(Path(radiance), lens, output_folder, options, view, rings, lens_quality), progress)
 
 
 def kept_radiance(scene):
@@ -75,15 +82,18 @@ def kept_radiance(scene):
     return path
 
 
-def _steps(path, lens, output_folder, options, view):
+def _steps(path, lens, output_folder, options, view, rings, quality):
     if view not in VIEWS:
         raise InputError("options", "view", view, f"expected {' or '.join(VIEWS)}")
     result = replace(Result.beside(path, "radiance", output_folder), radiance=path)
-    lens = lens if isinstance(lens, Lens) else load_lens(lens)
     result.report.files["radiance"] = str(path)
     with result.report.stage("read radiance"):
         captured = yield Work(lambda tell: _read(path), "Reading radiance", 0.0)
+    words = ()
+    if not isinstance(lens, Lens):
+        lens, words = yield Work(lambda tell: _turned(lens, rings, quality, view, captured), "Baking the lens", 0.05)
     lens, captured, warning = _fitted(lens, captured, view, path)
+    warning = "; ".join(filter(None, (*words, warning)))
     _check_region(lens, captured, path)
     _check_overscan(lens, captured.radiance, path)
     result.record.unlink(missing_ok=True)  # from here on it would tell of other files
@@ -98,6 +108,15 @@ def _read(path):
     if radiance.focal_mm is None or "Z" not in planes:
         raise ImageError(path, "lensfield:focalMm", "missing", "it is of an older Lensfield: render again")
     return Captured(radiance, planes["Z"], planes.get("A"), planes.get(REGION))
+
+
+def _turned(lens, rings, quality, view, captured):
+    """The lens of a name or path, and what its rings cannot do."""
+    if not has_rings(lens):
+        return load_lens(lens, rings), ()
+    if view == "camera":
+        rings = resized_rings(prescription_of(lens), rings, captured.radiance.focal_mm)
+    return load_lens(lens, rings, quality), cannot_be(lens, rings)
 
 
 def _fitted(lens, captured, view, path):

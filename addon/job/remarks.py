@@ -54,8 +54,8 @@ def depth_remarks(scene, job, capture):
     if check.outside_fraction < DEPTH_TOLD:
         return []
     near, far = (f"{mm * 1e-3:.3g} m" if np.isfinite(mm) else "infinity" for mm in (check.near_mm, check.far_mm))
-    return [Remark("Depth", "", f"about {check.outside_fraction:.0%} of the picture is not at {near} to {far}; it "
-                   "comes out as sharp as if it were")]
+    return [Remark("Depth", "", f"about {check.outside_fraction:.0%} of the picture is not at {near} to {far}, and "
+                   "comes out as sharp", "focus by the camera's Depth of Field")]
 
 
 def _of_engine(scene, job):
@@ -89,8 +89,8 @@ def _of_camera(scene, job):
     camera = scene.camera.data if scene.camera and scene.camera.type == "CAMERA" else None
     if camera is None:
         return
-    if camera.dof.use_dof:
-        yield Remark("Depth of Field", "", "left out; the lens blurs as it does at the distance it is focused at")
+    for word in job.ring_words:
+        yield Remark("Focus and F-Stop", "", word)
     if camera.type != "PERSP":  # refused, or made by Match Camera to Lens
         return
     matching_mm = matching_focal_length_mm(scene, job.lens)

@@ -121,7 +121,8 @@ class Result:
 
 def render_through_lens(scene, lens=None, wavelengths_nm=None, output_folder=None, *, options=None, spectral=None,
                         view=None, unfit=None, frame=None, view_layer=None, denoise=None, to_compositor=False,
-                        picture=None, room=None, state=None, progress=None):
+                        picture=None, room=None, state=None, focus=None, f_number=None, focused_wide_open=None,
+                        lens_quality=None, progress=None):
     """Render a scene multispectrally and put it through a lens: the whole main job in one call.
 
     What is left out is as the scene's own Lensfield settings say. What depends on the lens and the pixel grid alone is
@@ -158,6 +159,15 @@ def render_through_lens(scene, lens=None, wavelengths_nm=None, output_folder=Non
         lenses with more distortion.
     state : str, optional
         What the frame's record tells of the scene's state: its fingerprint, unless it is known to have another one.
+    focus : float or "camera", optional
+        Distance in mm of what is in focus. By default the camera's, where its depth of field is on, else that which
+        the lens is told with; "camera" for its own in any case.
+    f_number : float, optional
+        By default the camera's, where its depth of field is on, else the widest.
+    focused_wide_open : bool, optional
+        Focus at the widest aperture, and stop down after that.
+    lens_quality : str, optional
+        How finely a prescription is baked; as the tier by default.
     progress : callable (fraction, label), optional
 
     Returns
@@ -172,7 +182,8 @@ def render_through_lens(scene, lens=None, wavelengths_nm=None, output_folder=Non
     job = job_of_frame(scene, scene.frame_current if frame is None else frame, lens=lens,
                        wavelengths_nm=wavelengths_nm, output_folder=output_folder, options=options, spectral=spectral,
                        view=view, unfit=unfit, view_layer=view_layer, denoise=denoise, to_compositor=to_compositor,
-                       picture=picture, room=room, state=state or fingerprint_anew(scene))
+                       picture=picture, room=room, state=state or fingerprint_anew(scene), focus=focus,
+                       f_number=f_number, focused_wide_open=focused_wide_open, lens_quality=lens_quality)
     return run(render_steps(scene, job), progress)
 
 

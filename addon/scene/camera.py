@@ -3,6 +3,7 @@
 import numpy as np
 from mathutils import Euler, Vector
 
+from ...engine.bake.rings import AT_REST
 from ...engine.errors import InputError
 from ...engine.field.distortion import FieldGeometry
 from ...engine.field.overscan import VIEWS, choose_capture, reach_px
@@ -98,8 +99,8 @@ def frame_capture(lens, shape_px, wavelengths_nm, room=0.0):
     return PixelGrid.around_frame(shape_px, frame.pitch_um, margins, capture.projection)
 
 
-def view_tangents(scene, lens, view):
-    """Tangents of half the angles across and down that a lens, by name or path, shows of a scene.
+def view_tangents(scene, lens, view, rings=AT_REST):
+    """Tangents of half the angles across and down that a lens, by name or path, shows of a scene when it is turned so.
 
     Raises
     ------
@@ -107,7 +108,7 @@ def view_tangents(scene, lens, view):
         No such lens, or no camera that it can stand in for.
     """
     check_camera(scene)
-    lens = lens_for_view(scene, load_lens(lens), view)[0]
+    lens = lens_for_view(scene, load_lens(lens, rings, "preview"), view)[0]
     rows, columns = frame_px(scene)
     half_mm = pitch_um(lens, (rows, columns)) * 1e-3 / 2
     return columns * half_mm / lens.capture_focal_length_mm, rows * half_mm / lens.capture_focal_length_mm

@@ -5,12 +5,14 @@ from dataclasses import replace
 from functools import lru_cache
 
 from ...engine import Lens
+from ...engine.bake.rings import AT_REST, Rings
+from ...engine.library import load
 
 
-def load_lens(name_or_path: str | os.PathLike) -> Lens:
-    """What `Lens.load` gives, and the same Lens as before unless the file has changed."""
+def load_lens(name_or_path: str | os.PathLike, rings: Rings = AT_REST, quality: str = "standard") -> Lens:
+    """What `engine.library.load` gives, and the same Lens as before unless the file has changed."""
     path = str(name_or_path)
-    return _load(path, os.stat(path).st_mtime_ns if os.path.isfile(path) else None)
+    return _load(path, rings, quality, os.stat(path).st_mtime_ns if os.path.isfile(path) else None)
 
 
 @lru_cache(maxsize=4)
@@ -26,5 +28,5 @@ def forget_lenses() -> None:
 
 
 @lru_cache(maxsize=4)
-def _load(path, changed_ns):
-    return Lens.load(path)
+def _load(path, rings, quality, changed_ns):
+    return load(path, rings, quality)

@@ -19,6 +19,7 @@ from ..job.child import Child, lensfield_command, preview_arguments, save_copy, 
 from ..job.render import Result
 from ..scene.camera import frame_px, view_tangents
 from ..scene.compositor import show_file
+from ..scene.rings import rings_for
 from . import preview_overlay, window_render
 from .properties import lens_title
 from .wrapped import draw_wrapped
@@ -80,7 +81,7 @@ def start(scene):
         The scene has no camera that a lens can stand in for.
     """
     end()
-    view_tangents(scene, *lens_key(scene)[:2])
+    shown_tangents(scene, lens_key(scene))
     folder = work_folder()
     child = Child(lensfield_command(["serve"]), folder.name)
     state.update(preview=Preview(child, folder, scene.session_uid), why_off="")
@@ -137,9 +138,16 @@ def tick():
 
 
 def lens_key(scene):
-    """What changes the lens and nothing of the scene: its name or path, the view, what is done out of field."""
-    settings = scene.lensfield
-    return settings.lens_name_or_path(), settings.view.lower(), settings.out_of_field.lower()
+    """What changes the lens and nothing of the scene: its name or path, the view, what is done out of field, and what
+    it is turned to."""
+    settings, lens = scene.lensfield, scene.lensfield.lens_name_or_path()
+    return lens, settings.view.lower(), settings.out_of_field.lower(), rings_for(scene, lens)
+
+
+def shown_tangents(scene, key):
+    """What `view_tangents` gives for a key."""
+    lens, view, _, rings = key
+    return view_tangents(scene, lens, view, rings)
 
 
 def _may_work(scene):
@@ -166,7 +174,7 @@ def _ask_render(preview, scene, key):
     try:
         copy = save_copy(preview.folder.name)
         preview.copies_s = (*preview.copies_s[-1:], time.monotonic() - begin_s)
-        preview.tangents = view_tangents(scene, *key[:2])
+        preview.tangents = shown_tangents(scene, key)
     except InputError as error:
         preview.error = str(error)
         _redraw()
@@ -204,7 +212,7 @@ def _take_in(preview, scene):
 def _in_view(preview, scene):
     """Whether what is captured has the view of the lens that is chosen now."""
     try:
-        return np.allclose(view_tangents(scene, *lens_key(scene)[:2]), preview.tangents, rtol=SAME_VIEW)
+        return np.allclose(shown_tangents(scene, lens_key(scene)), preview.tangents, rtol=SAME_VIEW)
     except InputError:
         return False  # the render will tell
 

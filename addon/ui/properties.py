@@ -109,6 +109,10 @@ class LensfieldSettings(bpy.types.PropertyGroup):
         items=[("LENS", "The Lens's", "What the lens sees on its own sensor; Match Camera to Lens shows it beforehand"),
                ("CAMERA", "The Camera's", "What the scene's camera sees, the lens being made as large as that takes: "
                                           "its focus and blur scale with it")])
+    focused_wide_open: BoolProperty(
+        name="Focused Wide Open", default=False,
+        description="Focus at the widest aperture and stop down after that, as with a rangefinder: where a lens's "
+                    "focus shifts with its f-stop, the picture is a little off. Else it is focused at its f-stop")
     wavelength_mode: EnumProperty(
         name="Wavelengths", default="RANGE",
         items=[("RANGE", "Range", "Evenly spaced wavelengths"), ("LIST", "List", "Wavelengths one by one")])

@@ -111,7 +111,7 @@ def start_again(scene):
         There is no such light, or none that fits the scene.
     """
     radiance = kept_radiance(scene)
-    _follow(scene, lambda folder: apply_command(radiance, scene.lensfield), [], laid_fingerprint(scene))
+    _follow(scene, lambda folder: apply_command(radiance, scene), [], laid_fingerprint(scene))
 
 
 def _follow(scene, command_in, remarks, fingerprint, animation=False):

@@ -13,6 +13,8 @@ from .system import system_of
 SLACK = 1e-4  # of what rings are turned to: less is rounding
 PUPIL_STEPS, PUPIL_SETTLED = 20, 1e-9  # until the entrance pupil of a lens that moves inside stays where it is
 
+SIZE_STEPS = 4  # until a lens that is made larger is focused where it is to be
+
 
 @dataclass(frozen=True)
 class Rings:
@@ -87,6 +89,27 @@ def turned(prescription: Prescription, rings: Rings = AT_REST) -> TurnedLens:
         there = focused(replace(there, aperture=stop))
     still = tuple(replace(surface, gaps_mm=()) for surface in there.surfaces)
     return TurnedLens(replace(there, surfaces=still, focused_at_mm=()), _focus_mm(there), f_number, of_stop + of_focus)
+
+
+def capture_focal_length_mm(prescription: Prescription, rings: Rings = AT_REST) -> float:
+    """What `Lens.capture_focal_length_mm` will be, without baking: the pinhole camera with this view."""
+    there = system_of(turned(prescription, rings).prescription)
+    if there.object_at_infinity:
+        return there.efl_mm
+    return abs(there.magnification) * (there.prescription.object_distance_mm + there.entrance_pupil_mm)
+
+
+def resized_rings(prescription: Prescription, rings: Rings, focal_mm: float) -> Rings:
+    """For a lens to be made as large as gives it a capture focal length: what to turn it to before that.
+
+    Its focus distance grows with it; and how large it has to be follows a little from where it is focused.
+    """
+    there = rings
+    if rings.focus_mm is None or np.isinf(rings.focus_mm):
+        return rings
+    for _ in range(SIZE_STEPS):
+        there = replace(rings, focus_mm=rings.focus_mm * capture_focal_length_mm(prescription, there) / focal_mm)
+    return there
 
 
 def _f_number(prescription, far, asked):

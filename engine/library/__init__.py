@@ -45,7 +45,7 @@ def _told(name, lens):
                      lens.source)).casefold()
 
 
-def load(name_or_path: str | PathLike[str], rings: Rings | None = None, quality: str = "standard",
+def load(name_or_path: str | PathLike[str], rings: Rings = AT_REST, quality: str = "standard",
          progress: Callable[[float, str], object] = lambda fraction, label: None) -> Lens:
     """The lens of this name, or in this file, turned to a focus distance and an f-number.
 
@@ -53,8 +53,8 @@ def load(name_or_path: str | PathLike[str], rings: Rings | None = None, quality:
     ----------
     name_or_path : str or path
         A bundled lens, a lens package, or a prescription of any kind that `read_prescription` reads.
-    rings : Rings or None
-        What it is turned to, which a package cannot be; None for the lens as it is told.
+    rings : Rings
+        What it is turned to, which a package cannot be.
     quality : str
         How finely a prescription is baked: one of `QUALITIES`.
     progress : function (fraction, label)
@@ -65,14 +65,14 @@ def load(name_or_path: str | PathLike[str], rings: Rings | None = None, quality:
         No such lens; one that is damaged or of no known kind; or one without rings, that is to be turned.
     """
     package = package_path(name_or_path)
-    if package and not (rings and has_rings(name_or_path)):
-        if rings:
+    if package and (rings == AT_REST or not has_rings(name_or_path)):
+        if rings != AT_REST:
             raise LensError(name_or_path, "focus and f-number", "fixed",
                             "a package holds for one of each: leave them out, or give the lens's prescription")
         return read_package(package)
     prescription = prescription_of(name_or_path)
     try:
-        return baked_lens(prescription, rings or AT_REST, quality, progress)
+        return baked_lens(prescription, rings, quality, progress)
     except LensError as error:
         raise error.at(name_or_path) from None
 

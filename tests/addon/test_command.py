@@ -108,7 +108,7 @@ def test_a_copy_elsewhere_finds_what_lies_beside_the_original(scene, tmp_path):
 @pytest.mark.parametrize("changes, message", [
     ({"scene": "missing.blend"}, "missing.blend: scene is not there"),
     ({"scene": "garbage.blend"}, "garbage.blend: scene is not readable"),
-    ({"--lens": "no-such-lens"}, "no-such-lens: lens is not there: give a .npz lens package or one of: angenieux-50mm"),
+    ({"--lens": "no-such-lens"}, "no-such-lens: lens is not there: give a lens package, a prescription or the name"),
     ({"--wavelengths": "700:400:3"}, "options: wavelengths is 700:400:3: expected first:last:number"),
     ({"--wavelengths": "300:700:3"}, "edmund-54852: wavelength is 300 nm: the lens data spans 400 to 700 nm"),
     ({"--section-size": "0"}, "options: section_size is 0: expected a whole number"),

@@ -9,6 +9,7 @@ import pytest
 
 from lensfield import addon
 from lensfield.engine import ImageError, InputError, Lens
+from lensfield.engine.bake.rings import Rings
 from lensfield.engine.image.pixel_grid import FISHEYE
 from lensfield.engine.image.spectral_exr import read_exr, read_parts, read_with_planes, write_exr
 from noise import assert_means
@@ -63,9 +64,10 @@ def test_what_a_fisheye_captured_serves_other_lenses_too(window, tmp_path):
 
 def test_lenses_of_one_view_need_no_scaling(window, tmp_path):
     """The same lens stopped down: what its own render gives, and nothing to be told."""
-    kept = rendered(window, tmp_path, "angenieux-50mm-f1.1")
-    applied = addon.apply_lens(kept.radiance, "angenieux-50mm-f4", tmp_path / "applied")
-    fresh = rendered(window, tmp_path / "fresh", "angenieux-50mm-f4")
+    kept = rendered(window, tmp_path, "angenieux-50mm", lens_quality="preview")
+    applied = addon.apply_lens(kept.radiance, "angenieux-50mm", tmp_path / "applied", rings=Rings(f_number=4.0),
+                               lens_quality="preview")
+    fresh = rendered(window, tmp_path / "fresh", "angenieux-50mm", f_number=4.0, lens_quality="preview")
     assert applied.report.file.lens_warning == ""
     (_, pixels), (_, expected) = blocks(applied.irradiance), blocks(fresh.irradiance)
     assert_means(pixels, expected, rtol=0.002, noise=0.03)

@@ -1,0 +1,132 @@
+"""Rings: what a scene's camera turns its lens to."""
+
+import json
+from math import inf
+
+import bpy
+import pytest
+from mathutils import Matrix
+
+from lensfield import addon
+from lensfield.addon.job.render import job_of_frame
+from lensfield.addon.scene.rings import FIXED, ring_arguments, rings_for, scene_lens, scene_rings
+from lensfield.commands.arguments import focus_mm
+from lensfield.engine import Lens
+from lensfield.engine.bake.rings import AT_REST, Rings
+from lensfield.engine.image.spectral_exr import read_exr
+from lensfield.engine.lens.readers.package import write_package
+from small_scenes import WAVELENGTHS_NM, set_world
+
+LENS = "tessar-50mm"
+
+
+@pytest.fixture
+def dof(scene):
+    """The camera's depth of field, turned on."""
+    scene.camera.data.dof.use_dof = True
+    scene.camera.data.dof.focus_distance, scene.camera.data.dof.aperture_fstop = 1.2, 8.0
+    return scene.camera.data.dof
+
+
+def target(scene, *place, kind=None):
+    there = bpy.data.objects.new("Target", kind)
+    scene.collection.objects.link(there)
+    there.location = place
+    scene.camera.data.dof.focus_object = there
+    bpy.context.view_layer.update()
+    return there
+
+
+def test_without_depth_of_field_a_lens_is_at_rest(scene, dof):
+    dof.use_dof = False
+    assert scene_rings(scene) == AT_REST
+    assert scene_rings(scene, focus="camera") == Rings(1200.0)
+    assert scene_rings(scene, f_number=4.0) == Rings(None, 4.0)
+    scene.lensfield.focused_wide_open = True
+    assert scene_rings(scene) == Rings(focused_wide_open=True)
+
+
+def test_the_cameras_own_and_what_is_given_in_its_place(scene, dof):
+    assert scene_rings(scene) == Rings(1200.0, 8.0), "without the noise of Blender's floats"
+    assert scene_rings(scene, focus=700.0) == Rings(700.0, 8.0)
+    assert scene_rings(scene, focus=inf, f_number=2.8) == Rings(inf, 2.8)
+    scene.lensfield.focused_wide_open = True
+    assert scene_rings(scene, focused_wide_open=False) == Rings(1200.0, 8.0)
+
+
+@pytest.mark.parametrize("place, distance_mm", [((0, 0, 3), 3000), ((1, 2, 3), 3000), ((0, 0, -2), 2000)])
+def test_a_focus_object_counts_along_the_cameras_axis(scene, dof, place, distance_mm):
+    """As Blender has it; the camera looks along -z of its own, and what is behind it counts as if in front."""
+    scene.camera.matrix_world = Matrix.Translation((0.5, -0.25, 7)) @ Matrix.Scale(3.0, 4)
+    x, y, z = place
+    target(scene, 0.5 + x, -0.25 + y, 7 - z)
+    assert scene_rings(scene).focus_mm == distance_mm
+
+
+def test_a_bone_may_be_in_focus(scene, dof):
+    rig = target(scene, 0.0, 0.0, scene.camera.matrix_world.translation.z - 5.0, kind=bpy.data.armatures.new("Rig"))
+    bpy.context.view_layer.objects.active = rig
+    bpy.ops.object.mode_set(mode="EDIT")
+    bone = rig.data.edit_bones.new("Eye")
+    bone.head, bone.tail = (0, 0, 1.5), (0, 0, 2)
+    bpy.ops.object.mode_set(mode="OBJECT")
+    whole = scene_rings(scene).focus_mm
+    dof.focus_subtarget = "Eye"
+    bpy.context.view_layer.update()
+    assert whole - scene_rings(scene).focus_mm == pytest.approx(1500, rel=1e-5)
+
+
+@pytest.mark.parametrize("view", ["lens", "camera"])
+def test_the_lens_is_in_focus_where_the_camera_is(scene, dof, view):
+    """Made larger or smaller, too."""
+    lens, warning, words = scene_lens(scene, LENS, view, "preview")
+    assert lens.object_distance_mm + lens.entrance_pupil_mm == pytest.approx(1200, rel=1e-3)
+    assert words == () and bool(warning) == (view == "camera")
+
+
+def test_what_the_lens_cannot_is_told(scene, dof):
+    dof.aperture_fstop = 1.4
+    assert "f/1.4: this lens goes from f/5.5 to f/22: set to f/5.5" in scene_lens(scene, LENS, "lens", "preview")[2]
+    found = addon.preflight(scene, lens=LENS, wavelengths_nm=WAVELENGTHS_NM, lens_quality="preview")
+    assert any("f/1.4: this lens goes from" in str(remark) for remark in found.remarks)
+
+
+def test_a_package_stays_as_it_is_and_says_so(scene, dof, tmp_path):
+    path = tmp_path / "own.npz"
+    write_package(Lens.load("edmund-54852"), path)
+    lens, _, words = scene_lens(scene, path, "lens", "preview")
+    assert lens == Lens.load(path) and words == (FIXED,) and rings_for(scene, path) == AT_REST
+    dof.use_dof = False
+    assert scene_lens(scene, path, "lens", "preview")[2] == ()
+
+
+def test_keyframes_turn_rings(scene, dof):
+    for frame, distance_m in ((1, 0.8), (11, 1.8)):
+        dof.focus_distance = distance_m
+        dof.keyframe_insert("focus_distance", frame=frame)
+    jobs = [job_of_frame(scene, frame, lens=LENS, wavelengths_nm=WAVELENGTHS_NM, lens_quality="preview")
+            for frame in (1, 6, 11)]
+    distances = [job.lens.object_distance_mm + job.lens.entrance_pupil_mm for job in jobs]
+    assert distances[0] == pytest.approx(800, rel=1e-4) and distances[2] == pytest.approx(1800, rel=1e-4)
+    assert 1000 < distances[1] < 1600 and scene.frame_current == 1
+
+
+@pytest.mark.parametrize("rings", [AT_REST, Rings(1234.5), Rings(inf, 2.8), Rings(80.0, 5.6, True)])
+def test_the_command_takes_rings_as_they_are(rings):
+    words = ring_arguments(rings)
+    told = dict(zip(words[::2], words[1::2], strict=False)) if rings != AT_REST else {}
+    assert ("--focus" in told) == (rings.focus_mm is not None)
+    assert "--focus" not in told or focus_mm(told["--focus"]) == rings.focus_mm
+    assert "--f-number" not in told or float(told["--f-number"]) == rings.f_number
+    assert ("--focused-wide-open" in words) == rings.focused_wide_open
+
+
+def test_a_picture_by_the_cameras_rings_and_its_record(scene, dof, tmp_path):
+    set_world(scene)
+    asked = {"lens": LENS, "wavelengths_nm": [550], "lens_quality": "preview"}
+    lights, lenses = [], []
+    for dof.aperture_fstop in (8.0, 16.0):
+        result = addon.render_through_lens(scene, output_folder=tmp_path, **asked)
+        lights.append(read_exr(result.irradiance).cube[0, 12:24, 16:32].mean())
+        lenses.append(json.loads(result.record.read_text())["job"]["lens_digest"])
+    assert lights[1] / lights[0] == pytest.approx(0.25, rel=0.01) and lenses[0] != lenses[1]
