@@ -22,6 +22,7 @@ LEAST_ROWS = 96  # of the pupil: an edge that crosses fewer is rough
 MOST_PLACES = 1 << 26  # of the sum, or of the pupil: some hundred MB
 LONGEST = 100.0  # times that waves are taken for longer ones: more, and a window is wider than any blur worth its PSF
 EDGE_DEGREE = 12  # of the polynomials of apertures' edges and of density, which are smooth
+RIM_DEGREE = 8  # of the stop's rim's, which has to close what lies beyond the rays, too
 INSIDE = 2 / 3
 WORST_FIT_WAVES = 0.3  # RMS
 MARGIN = 1.02  # of the disc of cosines about its rays
@@ -138,10 +139,18 @@ def _fit(wavefront, degree):
     inside = np.hypot(x, y) <= 1
     limits = wavefront.limits[np.any(wavefront.limits[:, near] > 1, axis=1)]
     edges, _ = fitted(x[inside], y[inside], weight[inside],
-                      np.stack([wavefront.density, radius**2, *limits])[:, inside], min(degree, EDGE_DEGREE))
+                      np.stack([wavefront.density, *map(_compressed, limits)])[:, inside], min(degree, EDGE_DEGREE))
+    rim, _ = fitted(x[inside], y[inside], weight[inside], radius[None, inside]**2, RIM_DEGREE)
+    rim = np.pad(rim, [(0, 0), *((0, more) for more in np.subtract(edges.shape[1:], rim.shape[1:]))])
+    edges = np.concatenate([edges[:1], rim, edges[1:]])
     passing = wavefront.density[wavefront.passing]
     return _Fit(half_x, half_y, middle, path[0] * 1e3, edges.astype(np.float32),
                 error / (wavefront.wavelength_nm * 1e-6), (passing.min(), passing.max()))
+
+
+def _compressed(limits):
+    """On the same side of 1: by how far rays miss an aperture polynomials need not follow."""
+    return 2 * limits / (1 + limits)
 
 
 def _even_sum(fit, wavelength_um, pitch_um, samples, sums):

@@ -89,6 +89,16 @@ def test_light_that_coarse_sums_lack_widens_no_window():
     assert needed_width_um(wavefronts, PREVIEW.sums) < 3 * rays_um
 
 
+def test_nothing_passes_beyond_the_rays():
+    """Where apertures leave a third of the stop, rays end at its rim; polynomials of edges do not."""
+    system = system_of_bundled("sony-zeiss-55mm-f1.8")
+    wavefronts = trace_wavefronts(system, [0.98 * system.last_height_mm], [450.0, 600.0], PREVIEW.pupil)
+    for wavelength in range(2):
+        one = wavefronts.one(wavelength, 0)
+        rays_um = 2e3 * np.abs(wavefronts.spot_mm[:, wavelength, 0][:, one.passing]).max()
+        assert point_spread(one, 2 * rays_um / 65, 65, PREVIEW.sums).sum() > 0.99, "within twice the width of the rays"
+
+
 @pytest.mark.parametrize("width_um, pitch_um", [(100.0, 1.7), (990.0, 16.0), (65 / 1.05, 1.0)])
 def test_pitches_have_two_digits(width_um, pitch_um):
     assert pitch_for_um(width_um, 65) == pitch_um
