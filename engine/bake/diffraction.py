@@ -168,7 +168,7 @@ def _even_sum(fit, wavelength_um, pitch_um, samples, sums):
         raise _too_wide(pitch_um, samples)
     step_x, step_y = wavelength_um / (part_um * np.array([length_x, length_y]))
     columns = np.arange(EIGHT * np.ceil(fit.half_x / step_x / EIGHT))
-    rows = np.arange(np.ceil(2 * fit.half_y / step_y))
+    rows = np.arange(min(np.ceil(2 * fit.half_y / step_y), length_y))
     x, y = (columns + 0.5) * step_x / fit.half_x, (rows + 0.5 - rows.size / 2) * step_y / fit.half_y
     first_um = pitch_um * (samples // 2) + part_um * (parts + 1) / 2
     path = of_rows(fit.path, y) / wavelength_um

@@ -99,6 +99,12 @@ def test_nothing_passes_beyond_the_rays():
         assert point_spread(one, 2 * rays_um / 65, 65, PREVIEW.sums).sum() > 0.99, "within twice the width of the rays"
 
 
+def test_every_pitch_can_be_summed_up():
+    """Those too at which the pupil takes all the length of the transform, and a row more."""
+    perfect = perfect_wavefronts(2.8, [0]).one(0, 0)
+    assert all(0.9 < point_spread(perfect, pitch_um, 65, PREVIEW.sums).sum() < 1.01 for pitch_um in range(2, 80))
+
+
 @pytest.mark.parametrize("width_um, pitch_um", [(100.0, 1.7), (990.0, 16.0), (65 / 1.05, 1.0)])
 def test_pitches_have_two_digits(width_um, pitch_um):
     assert pitch_for_um(width_um, 65) == pitch_um
