@@ -188,7 +188,8 @@ def _parts_of_a_sample(cosine, wavelength_um, pitch_um, sums):
     The sum of plane waves needs those that tell the waves apart. Light has finer detail, up to twice as fine; but what
     that is mistaken for is as fine as the parts, and vanishes in the samples' means: so one part more is enough.
     """
-    return max(LEAST_PARTS, int(np.ceil(2 * cosine * pitch_um / wavelength_um * sums.oversampling)) + 1)
+    fringes = 2 * cosine * pitch_um / wavelength_um
+    return max(LEAST_PARTS, int(np.ceil(fringes * sums.oversampling)) + 1, int(fringes) + 1)
 
 
 def _transformed(amplitudes, length_y, parts, samples):

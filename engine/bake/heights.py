@@ -17,7 +17,7 @@ CHIEF_RAYS = 49
 LEAST = 9  # heights, evenly over the picture
 AT_ONCE = 3  # of the intervals that are too wide, one in so many is halved before they are looked at again
 SAMPLES = 49  # of the PSFs that tell where more are needed, at the reference wavelength
-PUPIL, SUMS = HalfPupil(21, 25), Sums(degree=14, oversampling=1.0, repeat=1.1, fringes=8.0)
+PUPIL, SUMS = HalfPupil(21, 25), Sums(degree=14, oversampling=1.0, repeat=1.1, fringes=7.5)
 
 
 def even_heights_mm(system: System, number: int) -> np.ndarray:

@@ -37,9 +37,9 @@ class Quality:
 
 QUALITIES = {
     "preview": Quality(0.03, 41, HalfPupil(17, 21), 5,
-                       Sums(degree=12, oversampling=0.9, repeat=1.1, fringes=12.0), (48, 64)),
+                       Sums(degree=12, oversampling=0.9, repeat=1.1, fringes=11.5), (48, 64)),
     "standard": Quality(0.01, 81, HalfPupil(25, 33), 6,
-                        Sums(degree=16, oversampling=1.2, repeat=1.3, fringes=14.0), (96, 128)),
+                        Sums(degree=16, oversampling=1.2, repeat=1.3, fringes=13.5), (96, 128)),
     "reference": Quality(0.002, 161, HalfPupil(41, 65), 7,
                          Sums(degree=20, oversampling=2.0, repeat=3.0, fringes=np.inf), (200, 256)),
 }

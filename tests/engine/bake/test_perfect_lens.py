@@ -109,6 +109,13 @@ def test_waves_taken_for_longer_ones_leave_the_light_where_rays_go():
     assert 1e-4 < np.abs(few - all_of_them).sum() < 0.05
 
 
+@pytest.mark.parametrize("fringes", [8.0, 10.0, 10.0000001, 12.0, 60.0])
+def test_few_parts_of_a_sample_still_tell_all_waves_apart(fringes):
+    """Down to one for each fringe; and where 60 are made 12."""
+    psf = psf_at(5.0, 0, fringes * UM / (2 * aperture(5.0)), 15, Sums(12, 0.5, 1.0, 12.0))
+    assert psf.sum() == pytest.approx(1, abs=0.02) and psf.max() == psf[7, 7]
+
+
 def test_waves_are_as_long_as_they_are_where_samples_are_fine():
     wavefront = perfect_wavefronts(5.0, [0]).one(0, 0)
     sums = Sums(12, 1.0, 1.5, 4.0)
