@@ -12,11 +12,13 @@ from ..engine.bake.prescription import FOCUSES, PSF_SAMPLES
 from ..engine.bake.prescriptions import read_prescription
 from ..engine.bake.prescriptions.toml import write_prescription
 from ..engine.bake.quality import QUALITIES
+from ..engine.bake.rings import Rings, turned
 from ..engine.files import atomic_path
 from ..engine.lens.readers.package import write_package
 from ..engine.lens.sampling import WAVELENGTHS
+from ..engine.library import bundled_names, prescription_of
 from ..engine.spectral.spectra import parse_wavelengths
-from .arguments import check_outputs, sides_mm
+from .arguments import check_outputs, focus_mm, sides_mm
 from .terminal import progress_bar
 
 
@@ -35,6 +37,8 @@ def add(commands):
                       help="of the PSF samples (default: the finest that keeps 99.5 %% of the light inside)")
     bake.add_argument("--samples", type=int, default=PSF_SAMPLES, metavar="N",
                       help="of each PSF, odd (default %(default)s)")
+    bake.add_argument("--focus", metavar="DISTANCE",
+                      help="turn the focus ring: 1.2m, 80cm, 500mm or inf, from the entrance pupil")
     bake.add_argument("--object-distance", metavar="MM[,MM...]",
                       help="from the object to the first surface, or inf; the focus stays. Several make a set: one "
                            "package each, called after its distance")
@@ -49,9 +53,9 @@ def add(commands):
 
 
 def _add_file(command):
-    command.add_argument("prescription", type=Path, metavar="FILE",
-                         help="Lensfield .toml, Zemax .zmx, Code V .seq, pbrt .dat, Optical Bench .txt, .lens, or "
-                              ".json of Optiland, DeepLens or lentil")
+    command.add_argument("prescription", type=Path, metavar="NAME|FILE",
+                         help="a bundled lens, Lensfield .toml, Zemax .zmx, Code V .seq, pbrt .dat, Optical Bench "
+                              ".txt, .lens, or .json of Optiland, DeepLens or lentil")
     command.add_argument("--which", metavar="NUMBER",
                          help="of a file that holds several: the position of zoom and focus (Optical Bench; default: "
                               "the first for infinity), or the lens (lentil)")
@@ -60,7 +64,7 @@ def _add_file(command):
 def _add_overrides(group):
     add_field(group)
     group.add_argument("--f-number", type=float, metavar="N", help="set the stop to this f-number")
-    group.add_argument("--focus", choices=FOCUSES, help="where the image plane lies")
+    group.add_argument("--image-plane", choices=FOCUSES, help="where it lies")
     group.add_argument("--glass", action="append", default=[], metavar="OLD=NEW",
                        help="another name, or n/V, for a glass of the file; may be repeated")
     group.add_argument("--sensor", metavar="WIDTHxHEIGHT", help="mm")
@@ -78,7 +82,7 @@ def _bake(options):
     wavelengths_nm = parse_wavelengths(options.wavelengths)
     _check(options)
     with _errors_of(options.prescription):
-        targets = _targets(_asked_for(options), options)
+        targets = _targets(_focused(_asked_for(options), options), options)
     check_outputs([(path, ".npz") for path in targets], [options.prescription])
     for path, single in targets.items():
         with _errors_of(options.prescription), progress_bar() as tell:
@@ -99,7 +103,20 @@ def _convert(options):
 
 def _asked_for(options):
     """The file's prescription as the command line has it."""
-    return _with_overrides(read_prescription(options.prescription, told_field(options), options.which), options)
+    field, bundled = told_field(options), str(options.prescription) in bundled_names() and options.which is None
+    prescription = (prescription_of(options.prescription, field) if bundled
+                    else read_prescription(options.prescription, field, options.which))
+    return _with_overrides(prescription, options)
+
+
+def _focused(prescription, options):
+    """The prescription with its focus ring turned, where that is asked for; what cannot be is printed."""
+    if options.focus is None:
+        return prescription
+    there = turned(prescription, Rings(focus_mm(options.focus)))
+    for line in there.words:
+        print(f"lens: {line}")
+    return there.prescription
 
 
 def _check(options):
@@ -126,7 +143,7 @@ def told_field(options):
 
 def _with_overrides(prescription, options):
     """The prescription as the command line changes it."""
-    changes = {"name": options.name, "focus": options.focus,
+    changes = {"name": options.name, "focus": options.image_plane,
                "aperture": None if options.f_number is None else ("f_number", options.f_number),
                "sensor_mm": None if options.sensor is None else sides_mm(options.sensor)}
     prescription = replace(prescription, **{field: value for field, value in changes.items() if value is not None})

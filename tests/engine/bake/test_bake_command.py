@@ -201,7 +201,7 @@ def test_a_lens_error_comes_through_between_processes():
 
 
 @pytest.mark.parametrize("arguments, field, value", [
-    (("--f-number", "11"), "aperture", ("f_number", 11.0)), (("--focus", "paraxial"), "focus", "paraxial"),
+    (("--f-number", "11"), "aperture", ("f_number", 11.0)), (("--image-plane", "paraxial"), "focus", "paraxial"),
     (("--field-angle", "3"), "field", ("angle_deg", 3.0)), (("--field-height", "3"), "field", ("image_height_mm", 3.0)),
     (("--sensor", "36X24"), "sensor_mm", (36.0, 24.0)), (("--name", "mine"), "name", "mine"), ((), "focus", "best")])
 def test_what_the_command_line_says_goes_before_the_file(path, tmp_path, asked, arguments, field, value):
@@ -224,6 +224,20 @@ def test_an_object_distance_keeps_the_focus(path, tmp_path, asked):
     assert (prescription.object_distance_mm, prescription.focus) == (500, "as given")
     assert prescription.surfaces[-1].thickness_mm == pytest.approx(43.4, abs=0.2)
     assert Lens.load(tmp_path / "lens.npz").name == "hand-made"
+
+
+def test_the_focus_ring_is_turned(path, tmp_path, asked, capsys):
+    assert run(path, "-o", tmp_path / "lens.npz", "--focus", "0.8m") == 0
+    prescription = asked[0].prescription
+    assert prescription.object_distance_mm == pytest.approx(800, abs=10) and prescription.focus == "as given"
+    assert prescription.surfaces[-1].thickness_mm == pytest.approx(43.4 + 50**2 / 750, abs=0.5)
+    assert run(path, "-o", tmp_path / "lens.npz", "--focus", "1cm") == 0
+    assert "lens: focus at 0.01 m: this lens focuses no closer than" in capsys.readouterr().out
+
+
+def test_a_bundled_lens_goes_by_its_name(tmp_path, asked):
+    assert run("tessar-50mm", "-o", tmp_path / "lens.npz", "--field-height", 10) == 0
+    assert (asked[0].prescription.name, asked[0].prescription.field) == ("tessar-50mm", ("image_height_mm", 10.0))
 
 
 def test_the_request_and_its_defaults(path, tmp_path, asked):
@@ -272,7 +286,7 @@ def test_bad_values_are_one_line_and_leave_nothing(path, tmp_path, capfd, argume
     assert [file.name for file in tmp_path.iterdir()] == ["doublet.toml"]
 
 
-@pytest.mark.parametrize("arguments", ["--focus sharp", "--quality best", "--heights 2.5", "--f-number x",
+@pytest.mark.parametrize("arguments", ["--image-plane sharp", "--quality best", "--heights 2.5", "--f-number x",
                                        "--field-angle 5 --field-height 3"])
 def test_usage_errors_are_status_2(path, tmp_path, arguments, capsys):
     assert run(path, "-o", tmp_path / "lens.npz", *arguments.split()) == 2
