@@ -178,14 +178,15 @@ def _reduction(lens, distance_mm):
 
 def _reductions(lens):
     """The magnification, without its sign, at each of the positions for which gaps are given: ascending."""
-    reductions = [-system_of(_at_position(lens, number)).magnification for number in range(len(lens.focused_at_mm))]
+    reductions = [-system_of(at_position(lens, number)).magnification for number in range(len(lens.focused_at_mm))]
     if not np.all(np.diff(reductions) > 0):
         raise LensError(lens.name, "focused_at_mm", lens.focused_at_mm,
                         "magnifications do not rise with them: one of the thicknesses may be wrong")
     return reductions
 
 
-def _at_position(lens, number):
+def at_position(lens: Prescription, number: int) -> Prescription:
+    """The lens at one of the distances that it tells gaps for."""
     surfaces = tuple(replace(surface, thickness_mm=surface.gaps_mm[number]) if surface.gaps_mm else surface
                      for surface in lens.surfaces)
     return replace(lens, surfaces=surfaces, object_distance_mm=lens.focused_at_mm[number])

@@ -11,6 +11,7 @@ from .focus import axial_contrast, build_system
 from .heights import even_heights_mm
 from .prescription import CLOSEST_FOCUS, Prescription
 from .rays import HalfPupil, trace_pupil
+from .rings import at_position
 from .system import System, system_of
 
 FOCAL_LENGTH_TOLERANCE = 0.01
@@ -60,10 +61,8 @@ def _findings(prescription):
 
 def _standing(prescription) -> Iterator[tuple[Prescription, bool]]:
     """The lens at each distance that it tells gaps for; else as it is told, and as close as it goes, which is not."""
-    for number, distance_mm in enumerate(prescription.focused_at_mm):
-        surfaces = tuple(replace(surface, thickness_mm=surface.gaps_mm[number]) if surface.gaps_mm else surface
-                         for surface in prescription.surfaces)
-        yield replace(prescription, surfaces=surfaces, object_distance_mm=distance_mm), True
+    for number in range(len(prescription.focused_at_mm)):
+        yield at_position(prescription, number), True
     if not prescription.focused_at_mm:
         yield prescription, True
         if np.isinf(prescription.object_distance_mm):
