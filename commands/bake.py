@@ -6,9 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..engine import InputError, LensError
+from ..engine.bake.bake import LEAST_SAMPLES, MOST_SAMPLES, focused
 from ..engine.bake.bake import bake as bake_lens
-from ..engine.bake.bake import focused
-from ..engine.bake.prescription import FOCUSES, PSF_SAMPLES
+from ..engine.bake.prescription import FOCUSES
 from ..engine.bake.prescriptions import read_prescription
 from ..engine.bake.prescriptions.toml import write_prescription
 from ..engine.bake.quality import QUALITIES
@@ -35,8 +35,8 @@ def add(commands):
                       help="nm: first:last:number, or a list (default %(default)s)")
     bake.add_argument("--pitch", type=float, metavar="UM",
                       help="of the PSF samples (default: the finest that keeps 99.5 %% of the light inside)")
-    bake.add_argument("--samples", type=int, default=PSF_SAMPLES, metavar="N",
-                      help="of each PSF, odd (default %(default)s)")
+    bake.add_argument("--samples", type=int, metavar="N",
+                      help=f"of each PSF, odd (default: {LEAST_SAMPLES} to {MOST_SAMPLES}, as a picture's pixels need)")
     bake.add_argument("--focus", metavar="DISTANCE",
                       help="turn the focus ring: 1.2m, 80cm, 500mm or inf, from the entrance pupil")
     bake.add_argument("--object-distance", metavar="MM[,MM...]",

@@ -15,18 +15,19 @@ from ..threads import thread_count
 from .diffraction import lengthening, point_spread
 from .focus import build_system
 from .heights import telling_heights_mm
-from .prescription import PSF_SAMPLES, Prescription
+from .prescription import Prescription
 from .quality import QUALITIES, Quality
 from .system import System
 from .wavefront import Wavefronts, polynomial_weights, trace_wavefronts
 from .window import ENERGY, SETTLED, needed_width_um, pitch_for_um, width_um
 
+LEAST_SAMPLES, MOST_SAMPLES = 65, 129  # of a PSF along each side
 SURVEY_SHARE = 0.2  # of the time that a bake takes, roughly, for the progress bar
 
 
 def bake(prescription: Prescription, *, quality: str = "standard", heights: int | None = None,
          wavelengths_nm: Sequence[float] | np.ndarray = WAVELENGTHS_NM, pitch_um: float | None = None,
-         samples: int = PSF_SAMPLES, workers: int | None = None,
+         samples: int | None = None, workers: int | None = None,
          progress: Callable[[float, str], object] = lambda fraction, label: None) -> Lens:
     """Lens data of a prescription.
 
@@ -41,8 +42,9 @@ def bake(prescription: Prescription, *, quality: str = "standard", heights: int 
     wavelengths_nm : sequence of float
     pitch_um : float or None
         Of the PSFs; None for the finest at which they hold 99.5 % of the light everywhere.
-    samples : int
-        Of each PSF along each side; odd.
+    samples : int or None
+        Of each PSF along each side; odd. None for as many as show all that a picture of the quality's pixels can, but
+        `LEAST_SAMPLES` to `MOST_SAMPLES`.
     workers : int or None
         Threads that share the work; None for one on each core.
     progress : function (fraction, label)
@@ -65,7 +67,9 @@ def bake(prescription: Prescription, *, quality: str = "standard", heights: int 
     traced = trace_wavefronts(system, heights_mm, _traced_nm(wavelengths_nm, fineness.traced), fineness.pupil)
     area = _illumination(system, heights_mm, traced, wavelengths_nm, fineness)
     wavefronts = traced.at(wavelengths_nm)
-    told = pitch_um or pitch_for_um(needed_width_um(traced, fineness.sums), samples)
+    needed_um = needed_width_um(traced, fineness.sums)
+    samples = samples or _samples(needed_um, _sensor_mm(system, traced.chief_height_mm.max()), fineness)
+    told = pitch_um or pitch_for_um(needed_um, samples)
     psf = _psfs(wavefronts, told, samples, fineness, workers, progress)
     held, before = psf.sum(axis=(2, 3)).min(), 0.0
     while pitch_um is None and held < ENERGY and held - before > SETTLED:  # the survey has missed the widest
@@ -88,10 +92,20 @@ def _check_request(prescription, heights, wavelengths_nm, samples, pitch_um):
         raise LensError(prescription.name, "heights", heights, "expected at least 2")
     if not wavelengths_nm.size or np.any(np.diff(wavelengths_nm) <= 0):
         raise LensError(prescription.name, "wavelengths", wavelengths_nm.tolist(), "expected ascending nanometres")
-    if samples < 3 or samples % 2 == 0:
+    if samples is not None and (samples < 3 or samples % 2 == 0):
         raise LensError(prescription.name, "samples", samples, "expected an odd number: the chief ray has the middle")
     if pitch_um is not None and not (np.isfinite(pitch_um) and pitch_um > 0):
         raise LensError(prescription.name, "pitch", pitch_um, "expected a positive number of um")
+
+
+def _sensor_mm(system, last_mm):
+    return system.prescription.sensor_mm or four_by_three(last_mm)
+
+
+def _samples(width_um, sensor_mm, quality: Quality):
+    """An odd number over so wide a window, of samples no larger than the pixels of a picture that fills the sensor."""
+    number = int(np.ceil(width_um / (1e3 * sensor_mm[0] / quality.picture_px)))
+    return min(max(number, LEAST_SAMPLES), MOST_SAMPLES) // 2 * 2 + 1
 
 
 def _heights(system, number, wavelengths_nm, quality: Quality):
@@ -169,7 +183,7 @@ def _lens(system: System, heights_mm, wavefronts, area, pitch_um, psf, notes):
         notes=notes, efl_mm=system.efl_mm, magnification=system.magnification,
         f_number_effective=0.5 / np.sqrt(area[reference, 0] / np.pi),
         object_distance_mm=prescription.object_distance_mm, entrance_pupil_mm=system.entrance_pupil_mm,
-        sensor_mm=prescription.sensor_mm or four_by_three(real_mm[reference, -1]),
+        sensor_mm=_sensor_mm(system, real_mm[reference, -1]),
         reference_wavelength_nm=prescription.reference_wavelength_nm, wavelengths_nm=wavelengths_nm,
         heights_mm=heights_mm, real_height_mm=real_mm, relative_illumination=area / area[:, :1],
         psf=psf / energy[..., None, None], psf_pitch_um=pitch_um, enclosed_energy=np.minimum(energy, 1),

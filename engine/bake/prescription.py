@@ -15,7 +15,6 @@ FOCUSES = ("as given", "paraxial", "best", "field")
 HIGHEST_F_NUMBER = 22.0  # of an f-stop ring of which nothing is told
 CLOSEST_FOCUS = 10  # focal lengths, of a focus ring of which nothing is told
 LEAST_F_NUMBER = 0.5  # light comes from no more than a half space
-PSF_SAMPLES = 65  # along each side of a PSF, where nothing else is asked for
 
 
 @dataclass(frozen=True)

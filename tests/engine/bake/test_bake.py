@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from lensfield.engine.bake import bake as module
-from lensfield.engine.bake.bake import bake
+from lensfield.engine.bake.bake import _samples, bake
 from lensfield.engine.bake.prescriptions import read_prescription
+from lensfield.engine.bake.quality import QUALITIES
 from lensfield.engine.library import BUNDLED
 
 TWO_NM = (450.0, 650.0)
@@ -44,3 +45,10 @@ def test_a_bake_that_is_cancelled_ends_with_the_psfs_in_work(triplet, monkeypatc
     with pytest.raises(KeyboardInterrupt):
         bake(triplet, quality="preview", heights=200, samples=17, pitch_um=8.0, workers=2, progress=progress)
     assert 31 <= len(summed) < 199 * 31
+
+
+@pytest.mark.parametrize("needed_um, sensor_mm, quality, number", [
+    (300.0, (36.0, 24.0), "standard", 65), (1000.0, (36.0, 24.0), "standard", 81), (300.0, (4.8, 3.6), "preview", 121),
+    (300.0, (4.8, 3.6), "reference", 129), (1000.0, (36.0, 24.0), "preview", 65)])
+def test_samples_are_as_fine_as_pixels_as_far_as_there_are_enough(needed_um, sensor_mm, quality, number):
+    assert _samples(needed_um, sensor_mm, QUALITIES[quality]) == number
