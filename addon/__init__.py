@@ -16,12 +16,14 @@ from .ui import (
     animation,
     another_lens,
     compositor_panel,
+    lens_worker,
     lint_panel,
     operators,
     panels,
     plan_line,
     preview,
     properties,
+    sheets,
     spectra_panels,
     window_render,
 )
@@ -66,6 +68,8 @@ def unregister():
     properties.unregister_pointers()
     _unregister_classes()
     kept.cache_clear()
+    lens_worker.forget_requests()
+    sheets.forget_sheets()
     forget_lenses()
     forget_previews()
-    properties.offered_lenses.cache_clear()
+    properties.forget_items()

@@ -20,7 +20,9 @@ from lensfield.engine.kernels import build as kernels
 
 ROOT = Path(__file__).resolve().parent.parent
 KERNELS = "engine/kernels/lib"
-REQUIREMENTS = ("scipy", "OpenEXR", "pillow", "PyYAML")
+REQUIREMENTS = ("scipy", "OpenEXR", "pillow", "PyYAML", "matplotlib",
+                "contourpy", "cycler", "fonttools", "kiwisolver", "packaging", "pyparsing", "python-dateutil", "six")
+"""The last line is what matplotlib needs, which draws lens sheets."""
 PYTHONS = ("3.11", "3.13", "3.14")
 PLATFORMS = {
     "linux-x64": ("manylinux_2_28_x86_64", "manylinux_2_27_x86_64", "manylinux_2_17_x86_64", "manylinux2014_x86_64"),

@@ -13,7 +13,8 @@ from ...engine.image.pixel_grid import PLANE, PixelGrid
 from ...engine.lens.curves import field_angle_rad, reference_nm
 from .errors import SceneError
 from .instances import rendered_instances
-from .lens_cache import load_lens, scaled_lens
+from .lens_cache import scaled_lens
+from .lens_facts import lens_facts
 
 FARTHEST_M, NEAREST_M = 1e4, 0.01  # of what a new camera is aimed at
 NEW_FILES_ROTATION = Euler((1.1093, 0.0, 0.8149))
@@ -108,10 +109,10 @@ def view_tangents(scene, lens, view, rings=AT_REST):
         No such lens, or no camera that it can stand in for.
     """
     check_camera(scene)
-    lens = lens_for_view(scene, load_lens(lens, rings, "preview"), view)[0]
-    rows, columns = frame_px(scene)
-    half_mm = pitch_um(lens, (rows, columns)) * 1e-3 / 2
-    return columns * half_mm / lens.capture_focal_length_mm, rows * half_mm / lens.capture_focal_length_mm
+    facts, (rows, columns) = lens_facts(lens, rings), frame_px(scene)
+    factor, sensor_mm = size_for_view(scene, facts, view)
+    half_pixel = min(sensor_mm[0] / columns, sensor_mm[1] / rows) / 2 / (factor * facts.capture_focal_length_mm)
+    return columns * half_pixel, rows * half_pixel
 
 
 def in_view(camera, box, lens, capture):
@@ -221,18 +222,32 @@ def lens_for_view(scene, lens, view):
     SceneError
         There is no camera, or one without a focal length.
     """
+    factor, sensor_mm = size_for_view(scene, lens, view)
+    if view == "lens":
+        return lens, ""
+    adapted = scaled_lens(lens, factor, sensor_mm)
+    return adapted, size_warning(lens, adapted, factor)
+
+
+def size_for_view(scene, lens, view):
+    """How many times as large a lens, or one of these LensFacts, is for a view, and its sensor's sides in mm.
+
+    Raises
+    ------
+    SceneError
+        As `lens_for_view`.
+    """
     if view not in VIEWS:
         raise InputError("options", "view", view, f"expected {' or '.join(VIEWS)}")
     if view == "lens":
-        return lens, ""
+        return 1.0, lens.sensor_mm
     check_camera(scene)
     camera, frame = scene.camera.data, frame_px(scene)
     if camera.type != "PERSP":
         raise SceneError(f"camera {scene.camera.name!r}", "type", camera.type, TO_PERSPECTIVE)
     pixel_mm = _pixel_mm(camera, frame)
     factor = camera.lens / lens.capture_focal_length_mm  # camera.lens is in mm, in whatever unit Blender shows it
-    adapted = scaled_lens(lens, factor, (frame[1] * pixel_mm, frame[0] * pixel_mm))
-    return adapted, size_warning(lens, adapted, factor)
+    return factor, (frame[1] * pixel_mm, frame[0] * pixel_mm)
 
 
 def matching_focal_length_mm(scene, lens):

@@ -1,18 +1,42 @@
-"""Lenses by name or path, each read once; and scaled, each made once: panels ask for theirs many times a second."""
+"""Lenses by name or path, each read or baked once; and scaled, each made once: panels ask many times a second."""
 
 import os
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
+from threading import Lock
 
 from ...engine import Lens
 from ...engine.bake.rings import AT_REST, Rings
 from ...engine.library import load
 
+MOST_LENSES = 6
 
-def load_lens(name_or_path: str | os.PathLike, rings: Rings = AT_REST, quality: str = "standard") -> Lens:
+_lenses: dict[tuple, Lens] = {}  # the newest at the end
+_lock = Lock()  # a thread may bake one while the window looks for another
+
+
+def load_lens(name_or_path: str | os.PathLike, rings: Rings = AT_REST, quality: str = "standard",
+              progress: Callable[[float, str], object] = lambda fraction, label: None) -> Lens:
     """What `engine.library.load` gives, and the same Lens as before unless the file has changed."""
-    path = str(name_or_path)
-    return _load(path, rings, quality, os.stat(path).st_mtime_ns if os.path.isfile(path) else None)
+    asked = str(name_or_path), changed_ns(name_or_path), rings, quality
+    lens = _lenses.get(asked) or load(name_or_path, rings, quality, progress)
+    with _lock:
+        _lenses.pop(asked, None)
+        _lenses[asked] = lens
+        if len(_lenses) > MOST_LENSES:
+            _lenses.pop(next(iter(_lenses)))
+    return lens
+
+
+def loaded_lens(name_or_path: str | os.PathLike, rings: Rings, quality: str) -> Lens | None:
+    """What `load_lens` gives, where it is there already."""
+    return _lenses.get((str(name_or_path), changed_ns(name_or_path), rings, quality))
+
+
+def changed_ns(name_or_path: str | os.PathLike) -> int | None:
+    """When a lens's file was changed last; None for a bundled lens."""
+    return os.stat(name_or_path).st_mtime_ns if os.path.isfile(name_or_path) else None
 
 
 @lru_cache(maxsize=4)
@@ -23,10 +47,5 @@ def scaled_lens(lens: Lens, factor: float, sensor_mm: tuple[float, float]) -> Le
 
 def forget_lenses() -> None:
     """Free them."""
-    _load.cache_clear()
+    _lenses.clear()
     scaled_lens.cache_clear()
-
-
-@lru_cache(maxsize=4)
-def _load(path, rings, quality, changed_ns):
-    return load(path, rings, quality)

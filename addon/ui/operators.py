@@ -8,10 +8,11 @@ from ..job.remarks import ENOUGH_SAMPLES
 from ..job.render import render_through_lens
 from ..scene.camera import aim_camera, capture_grid, check_camera, match_camera_to_lens
 from ..scene.compositor import show_file
-from ..scene.lens_cache import load_lens
 from . import window_render
-from .previews import SHEET_MARK, load_sheet, sheet_path
-from .properties import lens_items
+from .lens_worker import lens_now
+from .previews import SHEET_MARK, load_sheet
+from .properties import searched_lens_items
+from .sheets import draw_sheet, own_sheet
 
 
 def nothing_renders():
@@ -107,7 +108,7 @@ class LENSFIELD_OT_match_camera(bpy.types.Operator):
 
 def _match(scene):
     check_camera(scene)
-    lens = load_lens(scene.lensfield.lens_name_or_path())
+    lens = lens_now(scene)
     capture = capture_grid(scene, lens, [reference_nm(lens)])
     match_camera_to_lens(scene.camera.data, lens, capture.frame_px[1], capture.pitch_um, capture.projection)
 
@@ -149,14 +150,14 @@ class LENSFIELD_OT_sensible_samples(bpy.types.Operator):
 
 
 class LENSFIELD_OT_search_lens(bpy.types.Operator):
-    """Find a lens by some letters of its name"""
+    """Find a lens by what is told of it: name, maker, year, 50mm, or words such as swirl and soft"""
 
     bl_idname = "lensfield.search_lens"
     bl_label = "Search Lens"
     bl_options = {"REGISTER", "UNDO"}
     bl_property = "lens"
 
-    lens: bpy.props.EnumProperty(name="Lens", items=lens_items)
+    lens: bpy.props.EnumProperty(name="Lens", items=searched_lens_items)
 
     def execute(self, context):
         context.scene.lensfield.lens = self.lens
@@ -184,25 +185,26 @@ class LENSFIELD_OT_show_picture(bpy.types.Operator):
 
 
 class LENSFIELD_OT_show_sheet(bpy.types.Operator):
-    """Open the sheet of the lens at full size: point spread functions, distortion, sharpness, light and colour"""
+    """Open the sheet of the lens, as it is turned, at full size: point spread functions, distortion, sharpness, light
+    and colour"""
 
     bl_idname = "lensfield.show_sheet"
     bl_label = "Show Lens Sheet"
 
     @classmethod
     def poll(cls, context):
-        if sheet_path(context.scene.lensfield.lens_name_or_path()).is_file():
-            return True
-        cls.poll_message_set("This lens has no sheet: lensfield lens plot draws it")
-        return False
+        return bool(context.scene.lensfield.lens_name_or_path())
 
     def execute(self, context):
-        path = sheet_path(context.scene.lensfield.lens_name_or_path())
+        own = own_sheet(context.scene.lensfield.lens_name_or_path())
         try:
+            path = own or draw_sheet(lens_now(context.scene))
             image = load_sheet(path)
-        except (InputError, RuntimeError) as error:
+        except (InputError, OSError, RuntimeError) as error:
             self.report({"ERROR"}, str(error).strip())
             return {"CANCELLED"}
+        if not own:
+            image.pack()  # its file is there for a time only
         return _present(self, context, path, image)
 
 

@@ -5,23 +5,26 @@ the rest in parts that are folded at first.
 """
 
 import os
+from math import isinf
 
 import bpy
 
 from ...engine.errors import InputError
+from ...engine.library import has_rings
 from ..job.job import folder_for, is_temporary
 from ..job.remarks import MANY_SAMPLES, SAME_VIEW
 from ..job.render import Result
-from ..scene.camera import frame_px, lens_for_view, matching_focal_length_mm, pitch_um
-from ..scene.lens_cache import load_lens
+from ..scene.camera import frame_px, matching_focal_length_mm, pitch_um, size_for_view
 from .animation import draw_animation
 from .another_lens import draw_another_lens
 from .compositor_panel import draw_compositor, draw_shown
+from .lens_worker import asked_lens, lens_request
 from .lint_panel import draw_check
 from .plan_line import plan_text
 from .preview import draw_preview
-from .previews import growing_preview, lens_picture, sheet_path, sheet_preview
+from .previews import growing_preview, sheet_preview
 from .properties import FROM_FILE
+from .sheets import drawn_sheet, own_sheet
 from .window_render import state
 from .wrapped import PANEL_MARGINS, draw_wrapped, region_widgets
 
@@ -33,6 +36,7 @@ def draw_settings(layout, scene):
     layout.use_property_split = True
     layout.use_property_decorate = False
     _draw_lens(layout, scene)
+    _draw_rings(layout, scene)
     _draw_camera(layout, scene)
     _draw_plan(layout, scene)
     _draw_render(layout, scene)
@@ -44,21 +48,35 @@ def draw_settings(layout, scene):
 
 
 def _draw_lens(layout, scene):
-    """The lens: its picture, its name, its file, and what it is."""
+    """The lens: its picture, its name, and words to find another by; its file."""
     settings = scene.lensfield
-    if lens_picture(settings.lens):
-        layout.template_icon_view(settings, "lens", show_labels=True, scale=LENS_PICTURE, scale_popup=OFFERED_PICTURE)
+    if settings.lens != FROM_FILE:
+        layout.template_icon_view(settings, "found_lens", show_labels=True, scale=LENS_PICTURE,
+                                  scale_popup=OFFERED_PICTURE)
     row = layout.row(align=True)
-    row.prop(settings, "lens", text="")
+    row.prop(settings, "found_lens", text="")
     row.operator("lensfield.search_lens", text="", icon="VIEWZOOM")
+    layout.prop(settings, "lens_words")
     if settings.lens == FROM_FILE:
         layout.prop(settings, "lens_file")
 
 
-def _lens(scene):
-    """The lens as it is loaded; None where no file is named yet."""
-    path = scene.lensfield.lens_name_or_path()
-    return load_lens(path) if path else None
+def _draw_rings(layout, scene):
+    """What the camera turns the lens to."""
+    camera, name = scene.camera, scene.lensfield.lens_name_or_path()
+    if camera is None or camera.type != "CAMERA" or not has_rings(name):
+        return
+    dof = camera.data.dof
+    row = layout.row()
+    row.use_property_split = False  # which leaves no room for so many words
+    row.prop(dof, "use_dof", text="Focus and F-Stop by the Camera")
+    if dof.use_dof:
+        column = layout.column(align=True)
+        column.prop(dof, "focus_object", text="Focus on")
+        if dof.focus_object is None:
+            column.prop(dof, "focus_distance")
+        column.prop(dof, "aperture_fstop", text="F-Stop")
+        column.prop(scene.lensfield, "focused_wide_open")
 
 
 def _draw_camera(layout, scene):
@@ -68,27 +86,43 @@ def _draw_camera(layout, scene):
         layout.operator("lensfield.add_camera", icon="CAMERA_DATA")
         return
     layout.prop(scene.lensfield, "view")
-    try:
-        own = _lens(scene)
-        if own is None:
-            return
-        lens, warning = lens_for_view(scene, own, scene.lensfield.view.lower())
-    except InputError as error:
-        draw_wrapped(layout.column(align=True), str(error), "ERROR")
+    if not scene.lensfield.lens_name_or_path():
         return
-    focus = "far away" if lens.object_distance_mm == float("inf") else f"at {lens.object_distance_mm * 1e-3:.3g} m"
+    facts = lens_request(scene).facts
+    if facts is None:  # it is being looked at; where it cannot be had, that is told in the place of the plan
+        return
     column = layout.column(align=True)
-    draw_wrapped(column, f"{lens.efl_mm:.3g} mm f/{lens.f_number_effective:.3g} focused {focus}, on "
-                         f"{lens.sensor_mm[0]:.3g} x {lens.sensor_mm[1]:.3g} mm")
-    if warning:
-        draw_wrapped(column, f"Made {lens.efl_mm / own.efl_mm:.3g} times as large as it is, blur and all", "INFO")
-    elif not _sees_alike(scene, lens):
+    try:
+        factor, sensor_mm = size_for_view(scene, facts, scene.lensfield.view.lower())
+    except InputError as error:
+        draw_wrapped(column, str(error), "ERROR")
+        return
+    draw_wrapped(column, _lens_text(scene, facts, factor, sensor_mm))
+    for word in facts.words:
+        draw_wrapped(column, word, "INFO")
+    if factor != 1:
+        draw_wrapped(column, f"Made {factor:.3g} times as large as it is, blur and all", "INFO")
+    elif not _sees_alike(scene, facts):
         draw_wrapped(column, "Your camera frames another view", "INFO")
         column.operator("lensfield.match_camera", icon="CAMERA_DATA")
 
 
+def _lens_text(scene, facts, factor, sensor_mm):
+    """What the lens is, how it is turned and how far that goes, for a lens that is made so many times as large."""
+    focus = "far away" if isinf(facts.focus_mm) else f"at {facts.focus_mm * factor * 1e-3:.3g} m"
+    text = "{:.3g} mm on {:.3g} x {:.3g} mm".format(facts.efl_mm * factor, *sensor_mm)
+    if facts.reach is None:
+        return f"{text}, fixed at f/{facts.f_number:.3g}, focused {focus}"
+    widest, highest, closest_mm = facts.reach
+    if not scene.camera.data.dof.use_dof:
+        return f"{text}, wide open at f/{facts.f_number:.3g}, focused {focus}"
+    return (f"{text}, f/{facts.f_number:.3g} of f/{widest:.3g} to f/{highest:.3g}, focused {focus}; "
+            f"{closest_mm * factor * 1e-3:.2g} m at the closest")
+
+
 def _sees_alike(scene, lens):
-    """Whether the scene's camera frames what the lens will show; of a fisheye that cannot be told."""
+    """Whether the scene's camera frames what a lens, or one of these LensFacts, will show; of a fisheye that cannot be
+    told."""
     camera = scene.camera.data
     if scene.camera.type != "CAMERA" or camera.type != "PERSP":
         return False
@@ -100,7 +134,11 @@ def _draw_plan(layout, scene):
     column = layout.column(align=True)
     try:
         if scene.camera and scene.lensfield.lens_name_or_path():
-            draw_wrapped(column, plan_text(scene), "TIME")
+            lens, request = asked_lens(scene), lens_request(scene)
+            if lens is None:
+                column.progress(factor=request.fraction, text=request.label)
+            else:
+                draw_wrapped(column, plan_text(scene, lens), "TIME")
     except InputError as error:
         draw_wrapped(column, str(error), "ERROR")
         return
@@ -149,19 +187,27 @@ def _draw_under_way(layout, row, render):
 
 
 def _draw_sheet(layout, scene):
-    """The picture of what the lens does."""
-    name_or_path = scene.lensfield.lens_name_or_path()
-    path = sheet_path(name_or_path)
-    if not path.is_file():
-        draw_wrapped(layout, f"To draw it, run: lensfield lens plot {os.path.basename(name_or_path)}", "CONSOLE")
-        return
+    """The picture of what the lens does, as it is turned."""
     try:
-        preview = sheet_preview(path)
+        path = _sheet(scene)
+        preview = sheet_preview(path) if path else None
     except InputError as error:
         draw_wrapped(layout, str(error), "ERROR")
         return
+    if preview is None:
+        draw_wrapped(layout, "It is drawn as soon as the lens is baked", "INFO")
+        return
     layout.template_icon(icon_value=preview.icon_id, scale=_picture_scale())
     layout.operator("lensfield.show_sheet", icon="IMAGE_DATA")
+
+
+def _sheet(scene):
+    """Its file; None as long as it is not drawn."""
+    name = scene.lensfield.lens_name_or_path()
+    if not name or (own := own_sheet(name)):
+        return name and own
+    lens = asked_lens(scene)
+    return lens and drawn_sheet(lens)
 
 
 def _picture_scale():
@@ -204,12 +250,10 @@ def _draw_output(layout, scene):
     layout.prop(settings, "output_folder")
     if is_temporary(settings.output_folder):
         draw_wrapped(layout.column(align=True), f"Not saved yet: pictures go to {folder_for(scene)}", "INFO")
-    try:
-        frame, lens = frame_px(scene), _lens(scene)
-        if lens:
-            layout.label(text=f"{frame[1]} x {frame[0]} px of {pitch_um(lens, frame):.2f} \u00b5m")
-    except InputError:
-        pass  # told above
+    facts = lens_request(scene).facts if settings.lens_name_or_path() else None
+    if facts:
+        frame = frame_px(scene)
+        layout.label(text=f"{frame[1]} x {frame[0]} px of {pitch_um(facts, frame):.2f} \u00b5m")
     layout.prop_search(settings, "view_layer", scene, "view_layers")
     draw_compositor(layout, scene)
 

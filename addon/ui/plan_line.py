@@ -9,7 +9,6 @@ from ...engine.image.spectral_image import SpectralImage
 from ...engine.plan.remembered import remembered_plan
 from ..job.bands import pass_count
 from ..scene.camera import frame_capture, frame_px, lens_for_view
-from ..scene.lens_cache import load_lens
 from . import lint_panel
 from .window_render import areas
 
@@ -21,8 +20,9 @@ _worker = ThreadPoolExecutor(1, "Lensfield plan")
 _plans = {}  # of what was asked for last, the newest at the end
 
 
-def plan_text(scene):
-    """What rendering a scene by its settings will take, in one line; it changes nothing and waits for nothing.
+def plan_text(scene, lens):
+    """What rendering a scene by its settings through a lens, as large as it is itself, will take, in one line; it
+    changes nothing and waits for nothing.
 
     Raises
     ------
@@ -31,7 +31,7 @@ def plan_text(scene):
     """
     settings = scene.lensfield
     wavelengths_nm = settings.wavelengths_nm()
-    lens = lens_for_view(scene, load_lens(settings.lens_name_or_path()), settings.view.lower())[0]
+    lens = lens_for_view(scene, lens, settings.view.lower())[0]
     (rows, columns), future = _planned(settings.to_options(), lens, frame_px(scene), tuple(wavelengths_nm))
     samples = scene.cycles.samples
     text = (f"{_renders(scene, len(wavelengths_nm))} of {columns} x {rows} px, {samples} sample{'s' * (samples > 1)}; "

@@ -1,11 +1,7 @@
-"""The sheets of lenses, which lie beside the lens data: as previews for the panel, and as images.
-
-`lensfield lens plot` draws them, with matplotlib, which Blender does not bring.
-"""
+"""Pictures for the panel: what lenses make of the sample scene, their sheets, and renders as they grow."""
 
 import os
 from functools import cache
-from pathlib import Path
 
 import bpy
 import bpy.utils.previews
@@ -18,11 +14,6 @@ PREVIEW_PX = 640  # the longer side; previews that Blender reads by itself have 
 SHEET_MARK = "lensfield_sheet"
 
 _changed = {}  # of each preview, its file and when that was last changed
-
-
-def sheet_path(name_or_path):
-    """Where the sheet of a lens lies, if there is one: beside its file."""
-    return Path(os.path.splitext(name_or_path)[0] + ".png")
 
 
 def sheet_preview(path):

@@ -1,16 +1,17 @@
 """What the user sets: the scene's lens settings, and spectra on materials, lights and worlds."""
 
 import os
-from functools import cache
+from functools import cache, lru_cache
 from zlib import crc32
 
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
 from ...engine import Options
+from ...engine.bake.prescriptions import READERS
 from ...engine.blur import METHODS
 from ...engine.blur.method import AZIMUTHS, SECTION_SIZE
-from ...engine.library import bundled_lenses
+from ...engine.library import bundled_lenses, find_bundled
 from ...engine.plan.options import DEFAULT_ACCURACY, KNOBS, MOST_SUPERSAMPLING, TIER_ACCURACY
 from ...engine.spectral.refraction import refraction_names
 from ...engine.spectral.spectra import library_names, parse_wavelengths
@@ -22,6 +23,7 @@ FROM_FILE = "FILE"
 DEFAULT_LENS = "tessar-50mm"  # a normal lens for a camera's usual frame, focused far away
 FIRST_NM, LAST_NM, NUMBER = (int(word) for word in IMAGE_WAVELENGTHS.split(":"))
 PANEL_KNOBS = "section_size", "azimuths"  # of those that the methods have
+OWN_LENS = f"A prescription of your own ({', '.join(READERS)}), which has rings to turn, or a lens package (.npz)"
 BLEND_RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"}  # paths that start with // lie beside the .blend
 
 
@@ -85,10 +87,43 @@ def lens_items(self, context):
 @cache
 def offered_lenses():
     """The lenses to choose from: list of (identifier, name, description, icon, number)."""
-    bundled = [(name, lens.title, f"{lens.maker}. {lens.story}", lens_picture(name), _lasting_number(name))
-               for name, lens in bundled_lenses().items()]
-    own = FROM_FILE, "From File", "A lens package of your own (.npz)", "FILE_FOLDER", _lasting_number(FROM_FILE)
+    bundled = [(name, lens.title, f"{lens.maker}: {', '.join(lens.character)}. {lens.story}",
+                lens_picture(name) or "CAMERA_DATA", _lasting_number(name)) for name, lens in bundled_lenses().items()]
+    own = FROM_FILE, "From File", OWN_LENS, "FILE_FOLDER", _lasting_number(FROM_FILE)
     return [*bundled, own]
+
+
+def searched_lens_items(self, context):
+    """As `lens_items`, each called by all that it can be searched by."""
+    return _searched_lenses()
+
+
+@cache
+def _searched_lenses():
+    told = {name: ", ".join((lens.title, *lens.character, f"{lens.focal_length_mm:g}mm", lens.maker))
+            for name, lens in bundled_lenses().items()}
+    return [(name, told.get(name, title), *rest) for name, title, *rest in offered_lenses()]
+
+
+def found_lens_items(self, context):
+    """As `lens_items`, those alone of which all words are told that are asked for; and the one that is chosen."""
+    return _found_lenses(self.lens_words, self.lens)
+
+
+@lru_cache(maxsize=8)
+def _found_lenses(words, chosen):
+    found = {chosen, *find_bundled(words.split())} | ({FROM_FILE} if not words.strip() else set())
+    return [item for item in offered_lenses() if item[0] in found]
+
+
+def forget_items():
+    """Free the lenses to choose from, and their icons with them."""
+    for items in (offered_lenses, _searched_lenses, _found_lenses):
+        items.cache_clear()
+
+
+def _choose_lens(settings, number):
+    settings.lens = next(name for name, *_, own in offered_lenses() if own == number)
 
 
 def lens_title(name_or_path):
@@ -100,10 +135,14 @@ class LensfieldSettings(bpy.types.PropertyGroup):
     """Settings of the lens render of a scene."""
 
     lens: EnumProperty(
-        name="Lens", description="Lens data to render through", default=_lasting_number(DEFAULT_LENS),
+        name="Lens", description="Lens to render through", default=_lasting_number(DEFAULT_LENS),
         items=lens_items)
-    lens_file: StringProperty(name="Lens File", description="Lens package (.npz)", subtype="FILE_PATH",
-                              options=BLEND_RELATIVE)
+    lens_words: StringProperty(
+        name="Find", description="Words that are told of a lens, such as zeiss, 1936, 50mm, swirl or soft: you choose "
+                                 "among the lenses of which all of them are told")
+    found_lens: EnumProperty(name="Lens", description="Lens to render through", items=found_lens_items,
+                             get=lambda self: _lasting_number(self.lens), set=_choose_lens)
+    lens_file: StringProperty(name="Lens File", description=OWN_LENS, subtype="FILE_PATH", options=BLEND_RELATIVE)
     view: EnumProperty(
         name="View", default="LENS", description="What the lens image shows",
         items=[("LENS", "The Lens's", "What the lens sees on its own sensor; Match Camera to Lens shows it beforehand"),

@@ -136,7 +136,7 @@ def tick():
             _finish(render)
         else:
             _lay(render)
-    _redraw_panels()
+    redraw_panels()
     return TICK_S if state["render"] else None
 
 
@@ -145,7 +145,7 @@ def cancel():
     render = state["render"]
     end()
     _notify("CANCEL", ["Cancelled", *_left(render)])
-    _redraw_panels()
+    redraw_panels()
 
 
 def end():
@@ -236,7 +236,7 @@ def _show(scene):
             follow_frames(scene, editor.image_user)
 
 
-def _redraw_panels():
+def redraw_panels():
     """Panels follow the progress only when they are told to."""
     for area in areas("PROPERTIES", "VIEW_3D"):
         for region in area.regions:

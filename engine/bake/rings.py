@@ -1,6 +1,7 @@
 """Rings: a lens turned to a focus distance and an f-number, as a photographer turns it."""
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from scipy.optimize import brentq
@@ -176,6 +177,7 @@ def _reduction(lens, distance_mm):
     return brentq(excess, ends[0], ends[-1], xtol=1e-12)
 
 
+@lru_cache(maxsize=8)  # each step of a search asks for them
 def _reductions(lens):
     """The magnification, without its sign, at each of the positions for which gaps are given: ascending."""
     reductions = [-system_of(at_position(lens, number)).magnification for number in range(len(lens.focused_at_mm))]

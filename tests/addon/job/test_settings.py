@@ -89,7 +89,7 @@ def test_panels_show_what_counts(scene, settings, shown):
     either = {"accuracy", "method", "section_size", "azimuths"}
     assert either & set(layout.shown) == shown
     assert ("supersampling" in layout.shown) == (settings.get("tier") == "RESULT")
-    assert {"lens", "tier", "out_of_field", "fireflies", "lensfield.render"} <= set(layout.shown)
+    assert {"found_lens", "tier", "out_of_field", "fireflies", "lensfield.render"} <= set(layout.shown)
 
 
 def test_a_file_that_knows_no_accuracy_takes_the_default():

@@ -9,9 +9,9 @@ from layouts import Layout
 from lensfield.addon.job.job import UNSAVED_FOLDER, folder_for
 from lensfield.addon.job.remarks import ENOUGH_SAMPLES
 from lensfield.addon.scene.camera import capture_grid
-from lensfield.addon.ui import lint_panel, plan_line, window_render
+from lensfield.addon.ui import lens_worker, lint_panel, plan_line, window_render
 from lensfield.addon.ui.panels import draw_settings
-from lensfield.addon.ui.properties import DEFAULT_LENS, offered_lenses
+from lensfield.addon.ui.properties import DEFAULT_LENS, found_lens_items, offered_lenses, searched_lens_items
 from lensfield.engine import Lens, Options, SpectralImage
 from lensfield.engine.library import bundled_names
 from lensfield.engine.plan.choose import make_plan
@@ -29,6 +29,8 @@ def plain(scene):
 
 
 def drawn(scene):
+    """The panel, once its lens is baked."""
+    lens_worker.lens_request(scene).future.result(timeout=100)
     layout = Layout()
     draw_settings(layout, scene)
     return layout
@@ -49,6 +51,29 @@ def test_the_default_lens_sees_a_new_files_view_from_afar(scene):
 def test_lenses_go_by_their_titles():
     assert {name for name, *_ in offered_lenses()} == {*bundled_names(), "FILE"}
     assert "Zeiss Tessar 50 mm f/5.5 (1902)" in {title for _, title, *_ in offered_lenses()}
+
+
+@pytest.mark.parametrize("words, found", [("zeiss 1902", {"tessar-50mm"}), ("SWIRL petzval", {"kodak-petzval-100mm"}),
+                                          ("no such lens", set())])
+def test_words_find_lenses_to_choose_from(scene, words, found):
+    scene.lensfield.lens, scene.lensfield.lens_words = "nikkor-28mm", words
+    assert {name for name, *_ in found_lens_items(scene.lensfield, None)} == found | {"nikkor-28mm"}
+    for name in found:
+        scene.lensfield.found_lens = name
+        assert scene.lensfield.lens == scene.lensfield.found_lens == name
+
+
+def test_without_words_all_lenses_are_to_choose_from(scene):
+    assert found_lens_items(scene.lensfield, None) == offered_lenses()
+    scene.lensfield.found_lens = "FILE"
+    assert scene.lensfield.lens == "FILE"
+
+
+def test_a_search_knows_lenses_by_all_that_is_told_of_them():
+    names = dict((name, shown) for name, shown, *_ in searched_lens_items(None, None))
+    assert names.keys() == {name for name, *_ in offered_lenses()}
+    for word in ("Zeiss", "1902", "50mm", "crisp"):
+        assert word in names["tessar-50mm"]
 
 
 def test_each_bundled_lens_has_its_picture():
@@ -99,9 +124,13 @@ def test_many_samples_are_told_of_and_mended(plain):
 
 def settled(scene):
     """The plan's line once the thread has worked it out."""
-    plan_line.plan_text(scene)
+    plan_text(scene)
     plan_line._worker.submit(int).result(timeout=60)  # after what is being made
-    return plan_line.plan_text(scene)
+    return plan_text(scene)
+
+
+def plan_text(scene):
+    return plan_line.plan_text(scene, Lens.load(scene.lensfield.lens))
 
 
 def test_the_plan_line_follows_the_settings(plain):
@@ -117,10 +146,10 @@ def test_the_plan_line_knows_what_a_check_has_found_until_the_settings_change(pl
     plain.lensfield.tier = "REFERENCE"
     assert bpy.ops.lensfield.lint() == {"FINISHED"}
     count = len(lint_panel.checked["found"].plan.bands)
-    assert plan_line.plan_text(plain).startswith(f"{count} Cycles render")
+    assert plan_text(plain).startswith(f"{count} Cycles render")
     assert "other ones since" not in told(plain)
     plain.lensfield.wavelength_count = 7
-    assert plan_line.plan_text(plain).startswith("3 or more") and "other ones since" in told(plain)
+    assert plan_text(plain).startswith("3 or more") and "other ones since" in told(plain)
 
 
 def test_the_plan_lines_seconds_and_memory_are_the_engines(plain):

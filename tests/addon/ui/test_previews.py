@@ -2,6 +2,7 @@
 
 import os
 import shutil
+from pathlib import Path
 
 import bpy
 import numpy as np
@@ -11,8 +12,10 @@ from PIL import Image
 from layouts import Layout
 from lensfield import addon
 from lensfield.addon.scene.errors import SceneError
-from lensfield.addon.ui import previews
+from lensfield.addon.ui import lens_worker, previews, sheets
 from lensfield.addon.ui.panels import draw_settings
+from lensfield.engine import cache
+from lensfield.engine.errors import InputError
 from lensfield.engine.library import BUNDLED
 
 RED, BLUE = (255, 0, 0), (0, 0, 255)
@@ -27,6 +30,29 @@ def own_lens(scene, tmp_path):
     scene.lensfield.lens_file = str(path)
     yield path
     previews.forget_previews()
+
+
+@pytest.fixture
+def drawing(monkeypatch, tmp_path):
+    """Sheets are blank, and nothing is remembered of others; the f-numbers of the lenses whose were drawn."""
+    monkeypatch.setenv(cache.VARIABLE, str(tmp_path / "cache"))
+    sheets.forget_sheets()
+    drawn = []
+
+    def write(lens, path):
+        drawn.append(round(lens.f_number_effective))
+        paint(path, BLUE)
+    monkeypatch.setattr(sheets, "write_lens_plot", write)
+    yield drawn
+    sheets.forget_sheets()
+
+
+def settle(scene):
+    """Draw the panel until its lens and its sheet are there."""
+    drawn(scene)
+    lens_worker.lens_request(scene).future.result(timeout=100)
+    drawn(scene)
+    sheets._worker.submit(int).result(timeout=100)
 
 
 def paint(path, *colours, size=(90, 60), changed_ns=0):
@@ -50,10 +76,12 @@ def drawn(scene, **layout):
     return layout
 
 
-def test_sheets_lie_beside_their_lenses(tmp_path):
-    assert previews.sheet_path(str(tmp_path / "a lens.v2.npz")) == tmp_path / "a lens.v2.png"
-    for nonsense in ("", ".", "/"):
-        assert not previews.sheet_path(nonsense).is_file()
+def test_sheets_of_packages_lie_beside_them(tmp_path):
+    sheet = paint(tmp_path / "a lens.v2.png", RED)
+    assert sheets.own_sheet(str(tmp_path / "a lens.v2.npz")) == sheet
+    assert sheets.own_sheet(str(tmp_path / "a lens.v2.toml")) is None  # it is turned
+    for nonsense in ("", ".", "/", "a\0"):
+        assert sheets.own_sheet(nonsense) is None
 
 
 def test_a_preview_stands_upright_and_keeps_its_shape(tmp_path):
@@ -93,12 +121,46 @@ def test_a_folded_sheet_takes_no_room(scene):
     assert not {"picture", "lensfield.show_sheet"} & set(layout.shown) and "Lens Sheet" in layout.labels
 
 
-def test_the_panel_says_how_to_draw_a_sheet_that_is_not_there(scene, own_lens):
+def test_the_panel_draws_a_sheet_that_is_not_there(scene, own_lens, drawing):
     layout = drawn(scene)
     assert not {"picture", "lensfield.show_sheet"} & set(layout.shown)
-    assert "To draw it, run: lensfield lens plot own.npz" in " ".join(layout.labels)
-    paint(own_lens.with_suffix(".png"), RED)
-    assert {"picture", "lensfield.show_sheet"} <= set(drawn(scene).shown)
+    assert "drawn as soon as the lens is baked" in " ".join(layout.labels)
+    settle(scene)
+    assert {"picture", "lensfield.show_sheet"} <= set(drawn(scene).shown) and len(drawing) == 1
+    assert not own_lens.with_suffix(".png").exists()
+
+
+def test_a_sheet_is_drawn_once_for_each_turn_of_the_rings(scene, drawing):
+    scene.camera.data.dof.use_dof = True
+    for f_number in (8, 11, 8):
+        scene.camera.data.dof.aperture_fstop = f_number
+        settle(scene)
+        assert "picture" in drawn(scene).shown
+    assert drawing == [8, 11]
+
+
+def test_a_sheet_is_remembered(scene, own_lens, drawing):
+    settle(scene)
+    sheets.forget_sheets()
+    settle(scene)
+    assert "picture" in drawn(scene).shown and len(drawing) == 1
+
+
+def test_a_sheet_that_was_swept_away_is_there_again(scene, own_lens, drawing):
+    settle(scene)
+    for path in Path(bpy.app.tempdir).glob("Lens Sheet *.png"):
+        path.unlink()
+    settle(scene)
+    assert "picture" in drawn(scene).shown
+
+
+def test_the_panel_says_why_there_is_no_sheet(scene, own_lens, drawing, monkeypatch):
+    def refuse(lens, path):
+        raise InputError("matplotlib", "module", "not there", "pip install lensfield[plots]")
+    monkeypatch.setattr(sheets, "write_lens_plot", refuse)
+    settle(scene)
+    for _ in range(2):
+        assert "pip install lensfield[plots]" in " ".join(drawn(scene).labels)
 
 
 def test_the_panel_names_a_damaged_sheet(scene, own_lens):
@@ -115,10 +177,9 @@ def test_the_operator_reads_a_changed_sheet_anew(scene, own_lens):
     assert bpy.data.images["own.png"].pixels[:3] == (0, 0, 1) and tuple(bpy.data.images["own.png"].size) == (8, 8)
 
 
-def test_the_operator_waits_for_a_sheet(scene, own_lens):
-    assert not bpy.ops.lensfield.show_sheet.poll()
-    paint(own_lens.with_suffix(".png"), RED)
-    assert bpy.ops.lensfield.show_sheet.poll()
+def test_the_operator_draws_a_sheet_that_is_not_there(scene, own_lens, drawing):
+    assert bpy.ops.lensfield.show_sheet() == {"FINISHED"} and len(drawing) == 1
+    assert [image.packed_file is not None for image in bpy.data.images] == [True]
     scene.lensfield.lens_file = ""
     assert not bpy.ops.lensfield.show_sheet.poll()
 

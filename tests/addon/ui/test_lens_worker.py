@@ -1,0 +1,173 @@
+"""The panel waits for no bake: what is told meanwhile, and whose answer it is in the end."""
+
+from threading import Event
+
+import bpy
+import numpy as np
+import pytest
+
+from layouts import Layout
+from lenses import make_lens
+from lensfield.addon.scene.lens_cache import load_lens
+from lensfield.addon.scene.lens_facts import lens_facts
+from lensfield.addon.ui import lens_worker
+from lensfield.addon.ui.panels import draw_settings
+from lensfield.engine.bake.rings import Rings
+from lensfield.engine.errors import LensError
+from lensfield.engine.library import BUNDLED
+from varied_lenses import VARIED
+
+LONG_S = 30
+
+
+class Oven:
+    """Bakes when it is told to, and notes what it was asked for."""
+
+    def __init__(self):
+        self.asked, self.opened, self.entered, self.error = [], Event(), Event(), None
+
+    def load_lens(self, name, rings, quality, progress):
+        self.asked.append((name, rings.f_number))
+        while not self.opened.wait(0.01):
+            progress(0.4, "Summing up PSFs")
+            self.entered.set()
+        progress(1.0, "Summing up PSFs")
+        if self.error:
+            raise self.error
+        return make_lens(name=f"{name} at f/{rings.f_number}")
+
+
+@pytest.fixture
+def oven(monkeypatch):
+    oven = Oven()
+    monkeypatch.setattr(lens_worker, "load_lens", oven.load_lens)
+    monkeypatch.setattr(lens_worker, "loaded_lens", lambda *asked: None)
+    monkeypatch.setattr(lens_worker, "STILL_S", 0.0)
+    yield oven
+    lens_worker.forget_requests()
+    oven.opened.set()
+
+
+def turn(scene, f_number):
+    scene.camera.data.dof.use_dof, scene.camera.data.dof.aperture_fstop = True, f_number
+
+
+def drawn(scene):
+    """The panel, once it is known what the lens is."""
+    lens_worker.lens_request(scene).known.wait(LONG_S)
+    layout = Layout()
+    draw_settings(layout, scene)
+    return layout
+
+
+def told(scene):
+    return " ".join(drawn(scene).labels)
+
+
+def answered(scene):
+    lens_worker.lens_request(scene).future.result(LONG_S)
+    return lens_worker.asked_lens(scene)
+
+
+def test_a_panel_is_drawn_while_its_lens_is_baked(scene, oven):
+    assert lens_worker.asked_lens(scene) is None and oven.entered.wait(LONG_S)
+    assert lens_worker.BAKING in told(scene) and "wide open at f/5.5, focused far away" in told(scene)
+    assert lens_worker.lens_request(scene).fraction == 0.4
+    oven.opened.set()
+    assert answered(scene) is not None and lens_worker.BAKING not in told(scene)
+    assert len(oven.asked) == 1
+
+
+def test_only_the_newest_question_is_answered(scene, oven):
+    turn(scene, 8)
+    first = lens_worker.lens_request(scene)
+    assert oven.entered.wait(LONG_S)
+    turn(scene, 11)
+    assert lens_worker.asked_lens(scene) is None
+    first.future.result(LONG_S)  # which ends though its oven is shut
+    oven.opened.set()
+    assert first.lens is None and answered(scene).name == "tessar-50mm at f/11.0"
+
+
+def test_a_ring_that_is_still_turning_bakes_nothing(scene, oven, monkeypatch):
+    monkeypatch.setattr(lens_worker, "STILL_S", 0.2 * LONG_S)
+    for f_number in (8, 9, 10):
+        turn(scene, f_number)
+        assert f"f/{f_number} of f/5.5 to f/22" in told(scene)
+    assert not oven.asked
+
+
+def test_an_old_answer_is_not_shown_for_a_new_question(scene, oven):
+    oven.opened.set()
+    turn(scene, 8)
+    assert answered(scene)
+    oven.opened.clear()
+    turn(scene, 16)
+    assert lens_worker.asked_lens(scene) is None and "f/16 of f/5.5 to f/22" in told(scene)
+
+
+@pytest.mark.parametrize("error, line", [
+    (LensError("tessar-50mm", "field height", "9 mm", "end the field earlier"), "field height is 9 mm"),
+    (FloatingPointError("overflow"), "not to be had, of FloatingPointError: overflow")])
+def test_a_bake_that_fails_tells_its_line(scene, oven, error, line):
+    oven.error = error
+    oven.opened.set()
+    lens_worker.lens_request(scene).future.result(LONG_S)
+    for _ in range(2):
+        assert line in told(scene) and lens_worker.BAKING not in told(scene)
+
+
+def test_a_lens_that_cannot_be_told_of_tells_its_line(scene, oven, tmp_path):
+    scene.lensfield.lens, scene.lensfield.lens_file = "FILE", str(tmp_path / "none.toml")
+    lens_worker.lens_request(scene).future.result(LONG_S)
+    assert "none.toml" in told(scene).replace(" ", "") and not oven.asked
+
+
+def test_what_is_asked_by_a_scene_that_is_gone_is_dropped(scene, oven):
+    request = lens_worker.lens_request(scene)
+    assert oven.entered.wait(LONG_S)
+    other = bpy.data.scenes.new("Other")
+    bpy.data.scenes.remove(scene)
+    lens_worker.lens_request(other)
+    request.future.result(LONG_S)
+    assert request.dropped.is_set() and request.lens is None
+
+
+def test_two_scenes_have_a_question_each(scene, oven):
+    other = bpy.data.scenes.new("Other")
+    other.lensfield.lens = "kodak-petzval-100mm"
+    first, second = lens_worker.lens_request(scene), lens_worker.lens_request(other)
+    assert lens_worker.lens_request(scene) is first and lens_worker.lens_request(other) is second
+    assert not first.dropped.is_set()
+
+
+@pytest.mark.parametrize("name", VARIED)
+@pytest.mark.parametrize("rings", [Rings(), Rings(2000.0, 8.0)])
+def test_what_is_known_before_is_so_of_the_lens_that_is_baked(name, rings):
+    facts, lens = lens_facts(name, rings), load_lens(name, rings, "preview")
+    for field in ("efl_mm", "capture_focal_length_mm", "sensor_mm"):
+        np.testing.assert_allclose(getattr(facts, field), getattr(lens, field), rtol=1e-6)
+    assert facts.focus_mm == pytest.approx(lens.object_distance_mm + lens.entrance_pupil_mm)
+
+
+def test_a_package_is_fixed(scene, tmp_path):
+    package = tmp_path / "own.npz"
+    package.write_bytes((BUNDLED / "edmund-54852.npz").read_bytes())
+    scene.lensfield.lens, scene.lensfield.lens_file = "FILE", str(package)
+    turn(scene, 16)
+    layout = drawn(scene)
+    assert "use_dof" not in layout.shown and "fixed at f/" in " ".join(layout.labels)
+
+
+def test_the_rings_of_the_camera_are_in_the_panel(scene):
+    assert "use_dof" in drawn(scene).shown and "aperture_fstop" not in drawn(scene).shown
+    scene.camera.data.dof.use_dof = True
+    assert {"focus_distance", "focus_object", "aperture_fstop", "focused_wide_open"} <= set(drawn(scene).shown)
+    scene.camera.data.dof.focus_object = scene.camera
+    assert "focus_distance" not in drawn(scene).shown
+
+
+def test_what_a_lens_cannot_be_turned_to_is_told(scene):
+    turn(scene, 2)
+    scene.camera.data.dof.focus_distance = 0.1
+    assert "f/2: this lens goes from f/5.5" in told(scene) and "focuses no closer than" in told(scene)
