@@ -42,7 +42,7 @@ class Preview:
     folder: tempfile.TemporaryDirectory
     scene_uid: int
     changed_s: float | None = 0.0  # when the scene was changed last, by time.monotonic(); None where it was not since
-    other_s: float | None = None  # when it became another file or frame last, whatever the lens; None where not since
+    other_s: float | None = None  # the same, of what is neither the choice of the lens nor what it is turned to
     by_hand: bool = False  # it is asked for now
     asked: tuple = ()  # what the child works at: a name, and the lens's key
     asked_s: float = 0.0
@@ -245,8 +245,9 @@ def _redraw():
 @persistent
 def on_update(scene, depsgraph):
     """Note when something has changed that is rendered."""
-    if any(update.id.id_type not in QUIET and _counts(update) for update in depsgraph.updates):
-        _note()
+    updates = [update for update in depsgraph.updates if update.id.id_type not in QUIET and _counts(update)]
+    if updates:
+        _note(of_lens=all(map(_may_be_of_lens, updates)))
 
 
 def _counts(update):
@@ -257,12 +258,17 @@ def _counts(update):
     return not named or update.is_updated_geometry or update.is_updated_transform or update.is_updated_shading
 
 
+def _may_be_of_lens(update):
+    """Whether an update may be of no more than the choice of a lens, or what the camera turns it to."""
+    if update.id.id_type == "OBJECT":
+        return update.id.type == "CAMERA" and not update.is_updated_transform
+    return update.id.id_type == "SCENE" or (update.id.id_type == "CAMERA" and not update.is_updated_geometry)
+
+
 @persistent
 def on_frame(scene, *_):
     """Another frame, or what an undo has left."""
     _note()
-    if state["preview"]:
-        state["preview"].other_s = time.monotonic()
 
 
 @persistent
@@ -271,10 +277,11 @@ def on_load(*_):
     end()
 
 
-def _note():
+def _note(of_lens=False):
     preview = state["preview"]
     if preview:
         preview.changed_s = time.monotonic()
+        preview.other_s = preview.other_s if of_lens else preview.changed_s
 
 
 _HANDLERS = {"depsgraph_update_post": on_update, "frame_change_post": on_frame, "undo_post": on_frame,

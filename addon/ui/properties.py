@@ -100,7 +100,7 @@ def searched_lens_items(self, context):
 
 @cache
 def _searched_lenses():
-    told = {name: ", ".join((lens.title, *lens.character, f"{lens.focal_length_mm:g}mm", lens.maker))
+    told = {name: ", ".join((lens.title, f"{lens.focal_length_mm:g}mm", lens.maker, *lens.character))
             for name, lens in bundled_lenses().items()}
     return [(name, told.get(name, title), *rest) for name, title, *rest in offered_lenses()]
 

@@ -112,6 +112,18 @@ def choose_petzval():
     bpy.context.scene.lensfield.view = "CAMERA"
 
 
+def turn(f_stop, distance):
+    """Turn the lens by the camera's own Depth of Field."""
+    dof = bpy.context.scene.camera.data.dof
+    dof.use_dof, dof.aperture_fstop, dof.focus_distance = True, f_stop, distance
+    bpy.ops.ed.undo_push(message="Turn Rings")
+
+
+def lens_request():
+    """What the panel asks of its lens, and knows so far."""
+    return sys.modules[f"{MODULE}.addon.ui.lens_worker"].lens_request(bpy.context.scene)
+
+
 def raise_vase():
     bpy.data.objects["Vase"].location.z += 0.02
 

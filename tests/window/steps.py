@@ -9,6 +9,7 @@ from pathlib import Path
 
 import bpy
 from hands import (
+    DRAW_S,
     FOLDER,
     MODULE,
     PACKAGE,
@@ -20,6 +21,7 @@ from hands import (
     close_other_windows,
     in_a_pass,
     lens_image_path,
+    lens_request,
     newest_window,
     node_label,
     notice,
@@ -40,6 +42,7 @@ from hands import (
     start,
     start_endless,
     tell,
+    turn,
     until,
 )
 
@@ -119,6 +122,38 @@ def preview():
     yield from start("preview")
     assert "Lensfield Preview" not in bpy.data.images
     return [number, folder]
+
+
+def rings():
+    """Turned, they are told of at once; their lens is baked while one works on, undoes, saves and opens another file.
+    """
+    yield from open_sample()
+    turn(f_stop=8, distance=0.9)
+    yield DRAW_S
+    assert lens_request().facts.f_number == 8
+    shoot("turned")
+    yield from until(lambda: lens_request().lens)
+    yield DRAW_S
+    shoot("baked")
+    turn(f_stop=0.5, distance=0.05)
+    yield from until(lambda: lens_request().facts)
+    assert len(lens_request().facts.words) == 2
+    yield DRAW_S
+    shoot("words")
+    yield from press("Z", region(area("VIEW_3D")), across=0.3, ctrl=True)
+    yield from until(lambda: lens_request().lens)
+    assert lens_request().facts.f_number == 8 and not lens_request().facts.words
+    turn(f_stop=11, distance=1.3)
+    yield from until(lambda: lens_request().fraction or lens_request().lens)
+    yield from press("S", region(area("VIEW_3D")), across=0.3, ctrl=True)
+    yield from until(lambda: not bpy.data.is_dirty, 10)
+    turn(f_stop=11, distance=1.4)
+    yield from until(lambda: lens_request().fraction or lens_request().lens)
+    before = lens_request()
+    bpy.ops.wm.revert_mainfile()
+    yield 1
+    yield from until(lambda: lens_request().lens)
+    assert abs(lens_request().facts.focus_mm - 1300) < 1 and lens_request() is not before
 
 
 def animation():

@@ -130,6 +130,38 @@ def test_in_the_cameras_view_another_lens_takes_no_render(ready_scene):
         assert on().radiance.stat().st_mtime_ns == kept and not on().error and lens_title(lens) in shown()
 
 
+def test_a_ring_that_is_turned_takes_no_render(ready_scene):
+    ready_scene.lensfield.view = "CAMERA"
+    dof = ready_scene.camera.data.dof
+    dof.use_dof, dof.focus_distance, dof.aperture_fstop = True, 3.0, 8.0
+    bpy.context.view_layer.update()
+    preview.start(ready_scene)
+    follow()
+    kept = on().radiance.stat().st_mtime_ns
+    for name, value in (("aperture_fstop", 11.0), ("focus_distance", 2.0)):
+        setattr(dof, name, value)
+        bpy.context.view_layer.update()
+        follow()
+        assert on().radiance.stat().st_mtime_ns == kept and not on().error
+    assert (on().lens[3].f_number, on().lens[3].focus_mm) == (11.0, 2000.0)
+
+
+def test_what_is_focused_on_is_seen_to_move(ready_scene):
+    """It turns the lens and changes the scene at once."""
+    ready_scene.lensfield.view = "CAMERA"
+    dof, obj = ready_scene.camera.data.dof, bpy.data.objects["Wall"]
+    dof.use_dof, dof.focus_object = True, obj
+    bpy.context.view_layer.update()
+    preview.start(ready_scene)
+    follow()
+    kept, focus_mm = on().radiance.stat().st_mtime_ns, on().lens[3].focus_mm
+    obj.location.z -= 0.5
+    bpy.context.view_layer.update()
+    follow()
+    assert on().radiance.stat().st_mtime_ns > kept
+    assert on().lens[3].focus_mm == pytest.approx(focus_mm + 500)
+
+
 def test_an_undo_may_change_lens_and_scene_at_once(ready_scene):
     preview.start(ready_scene)
     follow()
