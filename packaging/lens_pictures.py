@@ -1,11 +1,14 @@
-"""The pictures by which the panel offers the bundled lenses: the sample scene through each of them.
+"""The pictures by which lenses are offered: the sample scene, laid on each lens's sensor, and its corner enlarged.
 
     python packaging/lens_pictures.py [NAME ...]
 
-makes engine/library/pictures/NAME.jpg for those named, or all; `make lens-pictures` does that with Blender's wheel.
+makes engine/library/pictures/NAME.jpg for those named, or all; `make lens-pictures` does that with Blender's wheel. The
+scene is rendered once, and each lens draws its own distortion, vignetting and blur, wide open, on that; only lenses
+that are too wide for a plane picture have a render of their own.
 """
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -13,13 +16,21 @@ import bpy
 from PIL import Image
 
 from lensfield import addon
-from lensfield.engine.library import PICTURES, bundled_names
+from lensfield.engine import Options, simulate
+from lensfield.engine.field.overscan import choose_capture
+from lensfield.engine.image.pitch import fitting_pitch_um
+from lensfield.engine.image.pixel_grid import PLANE
+from lensfield.engine.image.preview import auto_exposure, to_rec709, write_png
+from lensfield.engine.image.spectral_exr import read_exr
+from lensfield.engine.library import PICTURES, bundled_names, load
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 
 SCENE = Path(__file__).resolve().parent.parent / "sample_scenes" / "evening_chess.blend"
-RENDERED_PX, SHOWN_PX = (512, 384), (256, 192)
-SAMPLES = 96
+RENDERED_PX, SHOWN_PX = (1024, 768), (256, 192)
+ROOM = 0.2  # for barrel distortion to draw on
+SAMPLES = 48
 WAVELENGTHS_NM = range(400, 701, 25)
+ENLARGED_BOX = (0, 0, 128, 96)  # of the rendered picture; shown at a quarter of the picture's sides, twice enlarged
 
 
 def main(names):
@@ -28,14 +39,45 @@ def main(names):
     scene = bpy.context.scene
     scene.render.resolution_x, scene.render.resolution_y = RENDERED_PX
     scene.cycles.samples = SAMPLES
-    for name in names or bundled_names():
-        with TemporaryDirectory() as folder:
-            result = addon.render_through_lens(scene, name, WAVELENGTHS_NM, folder, view="lens", denoise=True,
-                                               spectral=SpectralOptions("preview"))
-            picture = Image.open(result.after).convert("RGB").resize(SHOWN_PX, Image.Resampling.LANCZOS)
-        picture.save(PICTURES / f"{name}.jpg", quality=88, optimize=True)
-        print(name)
+    with TemporaryDirectory() as folder:
+        plane = read_exr(render(scene, "edmund-54852", folder).radiance)
+        for name in names or bundled_names():
+            lens = load(name, quality="preview")
+            picture = Path(folder) / f"{name}.png"
+            irradiance = through(lens, plane)
+            if irradiance is None:
+                irradiance = read_exr(render(scene, name, folder).irradiance)
+            rgb = to_rec709(irradiance)
+            write_png(rgb, picture, auto_exposure(rgb))
+            shown(Image.open(picture).convert("RGB")).save(PICTURES / f"{name}.jpg", quality=85, optimize=True)
+            print(name, flush=True)
     addon.unregister()
+
+
+def render(scene, name, folder):
+    """The scene through a lens, in its own view."""
+    return addon.render_through_lens(scene, name, WAVELENGTHS_NM, Path(folder) / name, view="lens", denoise=True,
+                                     room=ROOM, spectral=SpectralOptions("preview"), lens_quality="preview")
+
+
+def through(lens, plane):
+    """The plane picture through a lens on whose sensor it lies; None where the lens draws in more than there is."""
+    grid = replace(plane.grid, pitch_um=fitting_pitch_um(lens, plane.frame_px))
+    capture = choose_capture(lens, grid, plane.wavelengths_nm, 0)
+    if capture.projection != PLANE or any(need > there for need, there in
+                                          zip(capture.overscan_px, grid.overscan_px, strict=True)):
+        return None
+    return simulate(replace(plane, grid=grid), lens, Options(accuracy=0.03))
+
+
+def shown(picture):
+    """Made small, with a corner enlarged in the corner across."""
+    small = picture.resize(SHOWN_PX, Image.Resampling.LANCZOS)
+    enlarged = picture.crop(ENLARGED_BOX).resize([side * 5 // 12 for side in SHOWN_PX], Image.Resampling.BICUBIC)
+    frame = Image.new("RGB", [side + 2 for side in enlarged.size], "white")
+    frame.paste(enlarged, (1, 1))
+    small.paste(frame, [whole - side for whole, side in zip(small.size, frame.size, strict=True)])
+    return small
 
 
 if __name__ == "__main__":
