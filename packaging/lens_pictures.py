@@ -1,4 +1,4 @@
-"""The pictures by which lenses are offered: the sample scene, laid on each lens's sensor, and its corner enlarged.
+"""The pictures by which lenses are offered: the sample scene, laid on each lens's sensor, and its edge enlarged.
 
     python packaging/lens_pictures.py [NAME ...]
 
@@ -30,7 +30,7 @@ RENDERED_PX, SHOWN_PX = (1024, 768), (256, 192)
 ROOM = 0.2  # for barrel distortion to draw on
 SAMPLES = 48
 WAVELENGTHS_NM = range(400, 701, 25)
-ENLARGED_BOX = (0, 0, 128, 96)  # of the rendered picture; shown at a quarter of the picture's sides, twice enlarged
+ENLARGED_BOX = (0, 76, 128, 172)  # of the rendered picture: lamps by its left edge
 
 
 def main(names):
@@ -71,7 +71,7 @@ def through(lens, plane):
 
 
 def shown(picture):
-    """Made small, with a corner enlarged in the corner across."""
+    """Made small, with lamps by its edge enlarged in the corner across."""
     small = picture.resize(SHOWN_PX, Image.Resampling.LANCZOS)
     enlarged = picture.crop(ENLARGED_BOX).resize([side * 5 // 12 for side in SHOWN_PX], Image.Resampling.BICUBIC)
     frame = Image.new("RGB", [side + 2 for side in enlarged.size], "white")

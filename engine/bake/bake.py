@@ -21,6 +21,7 @@ from .system import System
 from .wavefront import Wavefronts, polynomial_weights, trace_wavefronts
 from .window import ENERGY, SETTLED, needed_width_um, pitch_for_um, width_um
 
+MOST_WIDENED = 2.0  # of the survey's window: one place's faint flare is not worth coarser samples everywhere
 LEAST_SAMPLES, MOST_SAMPLES = 65, 129  # of a PSF along each side
 SURVEY_SHARE = 0.2  # of the time that a bake takes, roughly, for the progress bar
 
@@ -74,7 +75,8 @@ def bake(prescription: Prescription, *, quality: str = "standard", heights: int 
     held, before = psf.sum(axis=(2, 3)).min(), 0.0
     while pitch_um is None and held < ENERGY and held - before > SETTLED:  # the survey has missed the widest
         worst = wavefronts.one(*np.unravel_index(psf.sum(axis=(2, 3)).argmin(), psf.shape[:2]))
-        told = pitch_for_um(max(width_um(worst, told * samples, fineness.sums), told * samples), samples)
+        wider_um = max(width_um(worst, told * samples, fineness.sums), told * samples)
+        told = pitch_for_um(min(wider_um, MOST_WIDENED * needed_um), samples)
         psf = _psfs(wavefronts, told, samples, fineness, workers, progress)
         held, before = psf.sum(axis=(2, 3)).min(), held
     notes = _notes(system.prescription.notes, wavefronts, between, told, fineness)
