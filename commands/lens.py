@@ -6,6 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from ..engine import InputError, Lens, cache
+from ..engine.bake.rings import in_metres, ring_ends
 from ..engine.bake.screen import check_prescription
 from ..engine.field.stmap import distort_map, undistort_map
 from ..engine.files import atomic_path
@@ -22,6 +23,7 @@ from ..engine.lens.readers.package import write_package
 from ..engine.lens.sampling import WAVELENGTHS
 from ..engine.library import baked, bundled_names, find_bundled, has_rings, prescription_of
 from ..engine.spectral.spectra import parse_wavelengths
+from ..engine.values import plain
 from . import bake
 from .arguments import LENSES, add_rings, check_outputs, chosen_lens, resolution, sides_mm
 
@@ -69,7 +71,15 @@ def _cache(options):
 
 def _info(options):
     info = lens_info(chosen_lens(options))
-    print(json.dumps(info, indent=2) if options.json else lens_text(info))
+    ends = ring_ends(prescription_of(options.lens)) if has_rings(options.lens) else ()
+    if options.json:
+        print(json.dumps(info | {"rings": plain([asdict(end) for end in ends])}, indent=2))
+        return
+    print(lens_text(info))
+    if ends:
+        far, near = ends
+        print(f"\nfocus ring               {in_metres(far.focus_mm)} to {in_metres(near.focus_mm)}\n"
+              f"f-stop ring              f/{far.f_number:.3g} to f/{near.f_number:.3g}")
 
 
 def _add_check(lens):

@@ -19,7 +19,7 @@ from lensfield import addon
 from lensfield.engine import Options, simulate
 from lensfield.engine.field.overscan import choose_capture
 from lensfield.engine.image.pitch import fitting_pitch_um
-from lensfield.engine.image.pixel_grid import PLANE
+from lensfield.engine.image.pixel_grid import PLANE, PixelGrid
 from lensfield.engine.image.preview import auto_exposure, to_rec709, write_png
 from lensfield.engine.image.spectral_exr import read_exr
 from lensfield.engine.library import PICTURES, bundled_names, load
@@ -27,6 +27,7 @@ from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 
 SCENE = Path(__file__).resolve().parent.parent / "sample_scenes" / "evening_chess.blend"
 RENDERED_PX, SHOWN_PX = (1024, 768), (256, 192)
+PLANE_LENS = "edmund-54852"  # whose view is rendered
 ROOM = 0.2  # for barrel distortion to draw on
 SAMPLES = 48
 WAVELENGTHS_NM = range(400, 701, 25)
@@ -40,14 +41,15 @@ def main(names):
     scene.render.resolution_x, scene.render.resolution_y = RENDERED_PX
     scene.cycles.samples = SAMPLES
     with TemporaryDirectory() as folder:
-        plane = read_exr(render(scene, "edmund-54852", folder).radiance)
+        plane = None
         for name in names or bundled_names():
-            lens = load(name, quality="preview")
-            picture = Path(folder) / f"{name}.png"
-            irradiance = through(lens, plane)
-            if irradiance is None:
-                irradiance = read_exr(render(scene, name, folder).irradiance)
-            rgb = to_rec709(irradiance)
+            lens, picture = load(name, quality="preview"), Path(folder) / f"{name}.png"
+            if is_too_wide(lens):
+                rgb = to_rec709(read_exr(render(scene, name, folder).irradiance))
+            else:
+                plane = plane or read_exr(render(scene, PLANE_LENS, folder).radiance)
+                grid = replace(plane.grid, pitch_um=fitting_pitch_um(lens, plane.frame_px))
+                rgb = to_rec709(simulate(replace(plane, grid=grid), lens, Options(accuracy=0.03)))
             write_png(rgb, picture, auto_exposure(rgb))
             shown(Image.open(picture).convert("RGB")).save(PICTURES / f"{name}.jpg", quality=85, optimize=True)
             print(name, flush=True)
@@ -60,14 +62,11 @@ def render(scene, name, folder):
                                      room=ROOM, spectral=SpectralOptions("preview"), lens_quality="preview")
 
 
-def through(lens, plane):
-    """The plane picture through a lens on whose sensor it lies; None where the lens draws in more than there is."""
-    grid = replace(plane.grid, pitch_um=fitting_pitch_um(lens, plane.frame_px))
-    capture = choose_capture(lens, grid, plane.wavelengths_nm, 0)
-    if capture.projection != PLANE or any(need > there for need, there in
-                                          zip(capture.overscan_px, grid.overscan_px, strict=True)):
-        return None
-    return simulate(replace(plane, grid=grid), lens, Options(accuracy=0.03))
+def is_too_wide(lens):
+    """Whether a lens draws in more than the plane picture has beyond its frame."""
+    frame = RENDERED_PX[::-1]
+    capture = choose_capture(lens, PixelGrid(frame, fitting_pitch_um(lens, frame)), WAVELENGTHS_NM, 0)
+    return capture.projection != PLANE or max(capture.overscan_px) > ROOM * max(frame)
 
 
 def shown(picture):

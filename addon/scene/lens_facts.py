@@ -5,13 +5,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from ...engine.bake.rays import HalfPupil, trace_pupil
-from ...engine.bake.rings import AT_REST, Rings, resized_rings, turned
+from ...engine.bake.rings import AT_REST, Rings, resized_rings, ring_ends, turned
 from ...engine.bake.system import system_of
 from ...engine.lens.readers.assembly import four_by_three
 from ...engine.library import has_rings, prescription_of
 from .lens_cache import changed_ns, load_lens
 
-NEAREST, SMALLEST = 1e-3, 1e9  # a focus distance in mm and an f-number that no lens has
 MOST_FACTS = 64
 
 
@@ -80,9 +79,8 @@ def _facts(path, changed, rings, focal_mm):
 
 @lru_cache(maxsize=MOST_FACTS)
 def _reach(path, changed):
-    prescription = prescription_of(path)
-    closed = turned(prescription, Rings(NEAREST, SMALLEST))
-    return turned(prescription).f_number, closed.f_number, closed.focus_mm
+    widest, closest = ring_ends(prescription_of(path))
+    return widest.f_number, closest.f_number, closest.focus_mm
 
 
 def _last_height_mm(system):

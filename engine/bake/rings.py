@@ -14,6 +14,7 @@ from .system import system_of
 SLACK = 1e-4  # of what rings are turned to: less is rounding
 PUPIL_STEPS, PUPIL_SETTLED = 20, 1e-9  # until the entrance pupil of a lens that moves inside stays where it is
 
+NEAREST_MM, SMALLEST_STOP = 1e-3, 1e9  # a focus distance and an f-number that no lens has
 SIZE_STEPS = 4  # until a lens that is made larger is focused where it is to be
 
 
@@ -90,6 +91,13 @@ def turned(prescription: Prescription, rings: Rings = AT_REST) -> TurnedLens:
         there = focused(replace(there, aperture=stop))
     still = tuple(replace(surface, gaps_mm=()) for surface in there.surfaces)
     return TurnedLens(replace(there, surfaces=still, focused_at_mm=()), _focus_mm(there), f_number, of_stop + of_focus)
+
+
+def ring_ends(prescription: Prescription) -> tuple[Rings, Rings]:
+    """How far rings go: farthest and widest, closest and highest."""
+    farthest = turned(prescription, Rings(np.inf))
+    closest = turned(prescription, Rings(NEAREST_MM, SMALLEST_STOP))
+    return Rings(farthest.focus_mm, farthest.f_number), Rings(closest.focus_mm, closest.f_number)
 
 
 def capture_focal_length_mm(prescription: Prescription, rings: Rings = AT_REST) -> float:

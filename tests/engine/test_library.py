@@ -1,5 +1,6 @@
 """Which lens a name or a path is, and lenses baked where they are used: once, and remembered."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -124,6 +125,14 @@ def test_the_command_turns_rings(text, told, folder, singlet, capsys):
     lens = load(singlet, Rings(float(told.replace("infinity", "inf")), 16.0), "preview")
     distance = "infinity" if told == "infinity" else f"{lens.object_distance_mm:g} mm"
     assert f"object distance          {distance}" in capsys.readouterr().out
+
+
+def test_the_command_tells_how_far_rings_go(folder, singlet, capsys):
+    assert main(["lens", "info", str(singlet), "--lens-quality", "preview"]) == 0
+    assert "focus ring               infinity to 0.4" in (text := capsys.readouterr().out) and "to f/22" in text
+    assert main(["lens", "info", str(singlet), "--lens-quality", "preview", "--json"]) == 0
+    far, near = json.loads(capsys.readouterr().out)["rings"]
+    assert far["focus_mm"] is None and near["f_number"] == 22.0
 
 
 def test_the_command_tells_what_cannot_be(folder, singlet, capsys):

@@ -10,7 +10,7 @@ from lensfield.engine import LensError
 from lensfield.engine.bake.focus import build_system
 from lensfield.engine.bake.prescription import Prescription, Surface
 from lensfield.engine.bake.rays import HalfPupil, trace_pupil
-from lensfield.engine.bake.rings import Rings, turned
+from lensfield.engine.bake.rings import Rings, ring_ends, turned
 from lensfield.engine.bake.system import system_of
 from lensfield.engine.library import bundled_lenses
 from varied_lenses import VARIED
@@ -69,6 +69,14 @@ def test_what_is_out_of_reach_is_told_and_set_to_what_the_lens_has():
     closer = turned(replace(lens, closest_focus_mm=80.0), Rings(100.0))
     assert closer.words == () and closer.focus_mm == pytest.approx(100.0)
     assert turned(lens, Rings(f_number=5.4998)).words == (), "what is engraved is rounded"
+
+
+def test_how_far_rings_go():
+    far, near = ring_ends(bundled_lenses()["tessar-50mm"])
+    assert (far.focus_mm, far.f_number, near.f_number) == (np.inf, pytest.approx(5.5), 22.0)
+    assert near.focus_mm == pytest.approx(504.4, abs=0.1)
+    edmund = bundled_lenses()["edmund-54852"]
+    assert ring_ends(edmund)[0].focus_mm == np.inf, "though it is told for 250 mm"
 
 
 def test_focusing_wide_open_keeps_the_image_plane_of_the_widest_stop():
