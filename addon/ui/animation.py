@@ -4,6 +4,7 @@ import bpy
 
 from ..job.animation import own_frames, render_animation
 from . import window_render
+from .lens_worker import quality_at_hand
 from .operators import LensRender
 
 
@@ -27,7 +28,8 @@ class LENSFIELD_OT_render_animation(LensRender, bpy.types.Operator):
 
     def start(self, scene):
         """Start rendering the scene's range; what the pictures will be without."""
-        return window_render.start(scene, "--frames", "scene", *["--overwrite"] * self.overwrite)
+        return window_render.start(scene, "--frames", "scene", *["--overwrite"] * self.overwrite,
+                                   lens_quality=quality_at_hand(scene))
 
 
 class LENSFIELD_MT_animation(bpy.types.Menu):

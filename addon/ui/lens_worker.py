@@ -21,6 +21,7 @@ from . import preview, window_render
 TICK_S = 0.2
 AT_ONCE_S = 0.1  # that a panel waits for what a lens is, lest its lines come and go as a ring is turned
 STILL_S = 0.4  # without another question, before a lens is baked
+QUICKEST = "preview"
 READING, BAKING = "Reading the lens", "Baking the lens"
 
 _worker = ThreadPoolExecutor(2, "Lensfield lens")  # one may be at what nobody asks for any more, for a second
@@ -92,16 +93,22 @@ def asked_lens(scene):
     return request.lens
 
 
-def lens_now(scene):
-    """The same, baked while all waits: for operators.
+def lens_now(scene, quality=None):
+    """The same, baked while all waits, in a quality that may be another: for operators.
 
     Raises
     ------
     InputError
         There is none.
     """
-    name, _, rings, focal_mm, quality = lens_request(scene).question
-    return load_lens(name, lens_facts(name, rings, focal_mm).rings, quality)
+    name, _, rings, focal_mm, asked = lens_request(scene).question
+    return load_lens(name, lens_facts(name, rings, focal_mm).rings, quality or asked)
+
+
+def quality_at_hand(scene):
+    """The quality that a render will have, where its lens is there; else the quickest, for what holds in each."""
+    request = lens_request(scene)
+    return request.question[-1] if request.lens else QUICKEST
 
 
 def forget_requests():

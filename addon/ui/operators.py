@@ -9,7 +9,7 @@ from ..job.render import render_through_lens
 from ..scene.camera import aim_camera, capture_grid, check_camera, match_camera_to_lens
 from ..scene.compositor import show_file
 from . import window_render
-from .lens_worker import lens_now
+from .lens_worker import lens_now, quality_at_hand
 from .previews import SHEET_MARK, load_sheet
 from .properties import searched_lens_items
 from .sheets import draw_sheet, own_sheet
@@ -64,7 +64,7 @@ class LENSFIELD_OT_render(LensRender, bpy.types.Operator):
 
     def start(self, scene):
         """Start rendering the current frame; what the picture will be without."""
-        return window_render.start(scene)
+        return window_render.start(scene, lens_quality=quality_at_hand(scene))
 
 
 class LENSFIELD_OT_cancel(bpy.types.Operator):
@@ -108,7 +108,7 @@ class LENSFIELD_OT_match_camera(bpy.types.Operator):
 
 def _match(scene):
     check_camera(scene)
-    lens = lens_now(scene)
+    lens = lens_now(scene, quality_at_hand(scene))
     capture = capture_grid(scene, lens, [reference_nm(lens)])
     match_camera_to_lens(scene.camera.data, lens, capture.frame_px[1], capture.pitch_um, capture.projection)
 

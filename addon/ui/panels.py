@@ -116,8 +116,9 @@ def _lens_text(scene, facts, factor, sensor_mm):
     widest, highest, closest_mm = facts.reach
     if not scene.camera.data.dof.use_dof:
         return f"{text}, wide open at f/{facts.f_number:.3g}, focused {focus}"
-    return (f"{text}, f/{facts.f_number:.3g} of f/{widest:.3g} to f/{highest:.3g}, focused {focus}; "
-            f"{closest_mm * factor * 1e-3:.2g} m at the closest")
+    stops = f"f/{widest:.3g} to f/{highest:.3g}" if highest > widest else f"f/{widest:.3g} only"
+    return (f"{text} at f/{facts.f_number:.3g}, focused {focus}; it has {stops}, and focuses down to "
+            f"{closest_mm * factor * 1e-3:.3g} m")
 
 
 def _sees_alike(scene, lens):

@@ -147,7 +147,7 @@ class LensfieldSettings(bpy.types.PropertyGroup):
         name="View", default="LENS", description="What the lens image shows",
         items=[("LENS", "The Lens's", "What the lens sees on its own sensor; Match Camera to Lens shows it beforehand"),
                ("CAMERA", "The Camera's", "What the scene's camera sees, the lens being made as large as that takes: "
-                                          "its focus and blur scale with it")])
+                                          "its blur scales with it, and so does the focus of a lens at rest")])
     focused_wide_open: BoolProperty(
         name="Focused Wide Open", default=False,
         description="Focus at the widest aperture and stop down after that, as with a rangefinder: where a lens's "

@@ -70,7 +70,7 @@ state = {"render": None, "icon": "INFO", "notice": (), "lens_image": None}
 """The WindowRender under way, or None; and what became of the last one: lines, the icon they go under, its file."""
 
 
-def start(scene, *frames):
+def start(scene, *frames, lens_quality=None):
     """Start rendering a scene by its settings, in a process of its own.
 
     Parameters
@@ -79,6 +79,8 @@ def start(scene, *frames):
         The window's.
     frames : str
         Arguments of `lensfield render` that ask for others than the current frame.
+    lens_quality : str, optional
+        How finely the lens is baked to check what is asked; as the render's by default.
 
     Returns
     -------
@@ -91,7 +93,7 @@ def start(scene, *frames):
         What the settings ask for cannot be.
     """
     check_output_folder(scene)
-    check_job(scene, job_from_settings(scene))
+    check_job(scene, job_from_settings(scene, lens_quality=lens_quality))
     bpy.context.view_layer.update()  # what has just been changed is known to be
     forget_fingerprints()
     remarks = [f"image {name!r} has unsaved pixels, which are not in the picture: save or pack it"

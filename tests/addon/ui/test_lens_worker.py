@@ -93,7 +93,7 @@ def test_a_ring_that_is_still_turning_bakes_nothing(scene, oven, monkeypatch):
     monkeypatch.setattr(lens_worker, "STILL_S", 0.2 * LONG_S)
     for f_number in (8, 9, 10):
         turn(scene, f_number)
-        assert f"f/{f_number} of f/5.5 to f/22" in told(scene)
+        assert f"at f/{f_number}, focused at 10 m; it has f/5.5 to f/22" in told(scene)
     assert not oven.asked
 
 
@@ -103,7 +103,7 @@ def test_an_old_answer_is_not_shown_for_a_new_question(scene, oven):
     assert answered(scene)
     oven.opened.clear()
     turn(scene, 16)
-    assert lens_worker.asked_lens(scene) is None and "f/16 of f/5.5 to f/22" in told(scene)
+    assert lens_worker.asked_lens(scene) is None and "at f/16, focused" in told(scene)
 
 
 @pytest.mark.parametrize("error, line", [
@@ -148,6 +148,12 @@ def test_what_is_known_before_is_so_of_the_lens_that_is_baked(name, rings):
     for field in ("efl_mm", "capture_focal_length_mm", "sensor_mm"):
         np.testing.assert_allclose(getattr(facts, field), getattr(lens, field), rtol=1e-6)
     assert facts.focus_mm == pytest.approx(lens.object_distance_mm + lens.entrance_pupil_mm)
+
+
+def test_what_holds_in_each_quality_waits_for_the_quickest_alone(scene, oven):
+    assert lens_worker.quality_at_hand(scene) == "preview"
+    oven.opened.set()
+    assert answered(scene) and lens_worker.quality_at_hand(scene) == "standard"
 
 
 def test_a_package_is_fixed(scene, tmp_path):
