@@ -10,7 +10,6 @@ from .rays import HalfPupil, trace_pupil
 from .system import System
 
 LONGEST_RADIUS = 1e3  # of the reference sphere in focal lengths, for telecentric lenses, and where rays cross before it
-SCALE_STEP = 1e-4  # of the last height, for how the picture's scale changes
 FOLDING = 0.3  # of the area in the middle: rays come so close on their way to crossing
 LEAST_AREA = 1e-6  # of that in the middle, beside a caustic
 
@@ -29,8 +28,8 @@ class Wavefronts:
         Optical path difference against the sphere about the chief ray's image point.
     cosine : array (2, ...)
         Direction cosines (x, y) from the image point to the wavefront on that sphere.
-    light : array (2, ...)
-        Coordinates over whose area light is spread evenly: a unit of it is irradiance over the object's radiance.
+    ray : array (2, ...)
+        Direction cosines of the rays at the image, which differ from those by the aberrations.
     density : array
         Logarithm of the light per area of `cosine`: of the area of the object's beam that this is the image of.
     limits : array (limit, ...)
@@ -44,7 +43,7 @@ class Wavefronts:
     chief_height_mm: np.ndarray
     path_mm: np.ndarray
     cosine: np.ndarray
-    light: np.ndarray
+    ray: np.ndarray
     density: np.ndarray
     limits: np.ndarray
     spot_mm: np.ndarray
@@ -58,7 +57,7 @@ class Wavefronts:
             return np.moveaxis(np.tensordot(weights, values, (1, axis)), 0, axis)
 
         return Wavefronts(self.pupil, wavelengths_nm, between(self.chief_height_mm), between(self.path_mm),
-                          between(self.cosine, 1), between(self.light, 1), between(self.density),
+                          between(self.cosine, 1), between(self.ray, 1), between(self.density),
                           between(self.limits, 1), between(self.spot_mm, 1))
 
     def one(self, wavelength: int, height: int) -> "Wavefront":
@@ -68,14 +67,14 @@ class Wavefronts:
                          self.density[place], self.limits[place])
 
     def illumination(self, radii: int, azimuths: int) -> np.ndarray:
-        """Irradiance of the picture over a Lambertian object's radiance: array (wavelength, height).
+        """Area of each bundle that passes in direction cosines at the image: array (wavelength, height).
 
-        In a perfect lens it is the area of the bundle in direction cosines; aberrations and distortion change it.
+        Its ratio to the axis is the relative illumination of a Lambertian object, for radiance is conserved along rays.
         """
         quadrature = PupilQuadrature(self.pupil, radii, azimuths)
         area = np.empty(self.chief_height_mm.shape)
         for wavelength, height in np.ndindex(area.shape):
-            cells = np.abs(quadrature.splines.jacobian(*self.light[:, wavelength, height])) * quadrature.cells
+            cells = np.abs(quadrature.splines.jacobian(*self.ray[:, wavelength, height])) * quadrature.cells
             area[wavelength, height] = 2 * np.sum(cells * quadrature.coverage(self.limits[:, wavelength, height]))
         return area
 
@@ -117,9 +116,8 @@ def trace_wavefronts(system: System, heights_mm: Sequence[float] | np.ndarray,
     if folded.any():
         far = _on_reference_sphere(rays, longest_mm)
         path_mm, cosine = np.where(folded, far[0], path_mm), np.where(folded, far[1], cosine)
-    light = _continued(rays.source * _picture_scale(system, heights_mm, rays), rays.lost)
-    return Wavefronts(pupil, rays.wavelengths_nm, rays.chief_height_mm, path_mm, cosine, light,
-                      _density(pupil, rays, cosine), limits,
+    return Wavefronts(pupil, rays.wavelengths_nm, rays.chief_height_mm, path_mm, cosine,
+                      _continued(rays.direction[:2], rays.lost), _density(pupil, rays, cosine), limits,
                       _continued(rays.position_mm - rays.position_mm[..., :1, :1], rays.lost))
 
 
@@ -141,23 +139,6 @@ def _on_reference_sphere(rays, distance_mm):
     path_mm = rays.path_mm - back_mm
     return (_continued(path_mm[..., :1, :1] - path_mm, rays.lost),
             _continued((about - back_mm * rays.direction[:2]) / radius_mm, rays.lost))
-
-
-def _picture_scale(system, heights_mm, rays):
-    """Root of the object's area, or solid angle, that a unit of the picture's area shows: (wavelength, height, 1, 1).
-
-    What an object point sends through the lens lies in the picture where chief rays put it.
-    """
-    heights_mm, step_mm = np.asarray(heights_mm, dtype=float), SCALE_STEP * system.last_height_mm
-    beside_mm = np.stack([heights_mm - step_mm, np.minimum(heights_mm + step_mm, heights_mm.max())])
-    chief_mm = trace_pupil(system, np.abs(beside_mm).ravel(), rays.wavelengths_nm, HalfPupil(1, 1)).chief_height_mm
-    below_mm, above_mm = np.moveaxis(chief_mm.reshape(-1, *beside_mm.shape) * np.sign(beside_mm), 1, 0)
-    fields, (before, after) = system.fields_of(heights_mm), system.fields_of(beside_mm)
-    along = (after - before) / (above_mm - below_mm)
-    part = np.sin(fields) if system.object_at_infinity else fields
-    with np.errstate(invalid="ignore"):
-        across = np.where(heights_mm > 0, part / rays.chief_height_mm, along)
-    return np.sqrt(np.abs(across * along))[..., None, None]
 
 
 def _density(pupil, rays, cosine):

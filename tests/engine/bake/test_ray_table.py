@@ -13,10 +13,10 @@ from lensfield.engine.bake.aiming import aim_at_image
 from lensfield.engine.bake.focus import build_system
 from lensfield.engine.bake.prescription import Prescription, Surface
 from lensfield.engine.bake.prescriptions import read_prescription
+from lensfield.engine.bake.pupil import PupilQuadrature
 from lensfield.engine.bake.ray_table import ray_table
 from lensfield.engine.bake.rays import HalfPupil, trace_pupil
 from lensfield.engine.bake.system import system_of
-from lensfield.engine.bake.wavefront import trace_wavefronts
 from lensfield.engine.library import BUNDLED
 
 NEAR = "tessar-50mm at 0.5 m"
@@ -93,16 +93,28 @@ def test_it_has_the_rays_that_points_of_space_send_through_the_lens(name, focal_
 
 @lenses
 def test_its_weights_keep_the_light(name):
-    """Sensor places get the light that a small stop takes in from the scene: the baked relative illumination."""
+    """What a small stop takes in from a part of the scene is what its sensor places get, by the chief rays' picture."""
     lens = focused(name)
     system = build_system(replace(lens, aperture=("stop", 0.005 / abs(build_system(lens).marginal_slope)
                                                   * lens.aperture[1])))
-    wavefronts = trace_wavefronts(system, np.linspace(0, 0.95, 7) * system.last_height_mm, [550.0], HalfPupil(9, 13))
-    height_mm = wavefronts.chief_height_mm[0]
+    fields = np.linspace(0.05, 0.95, 7) * system.fields_of([system.last_height_mm])
+    taken_in, here_mm = light_taken_in(system, fields)
+    before_mm, after_mm = (light_taken_in(system, fields * share)[1] for share in (0.999, 1.001))
+    part = np.sin(fields) if system.object_at_infinity else fields
+    irradiance = taken_in * part / here_mm * 0.002 * fields / (after_mm - before_mm)
     table, stop = ray_table(system.prescription, [550.0]), HalfPupil(17, 33)
-    rays = table.rays(0, np.stack([0 * height_mm, height_mm])[..., None, None], np.stack([stop.x, stop.y]))
-    light = [trapezoid(trapezoid(stop.radii[:, None] * each, stop.azimuths), stop.radii) for each in rays.weight]
-    np.testing.assert_allclose(np.array(light) * 2, wavefronts.illumination(12, 16)[0], rtol=1e-3)
+    rays = table.rays(0, np.stack([0 * here_mm, here_mm])[..., None, None], np.stack([stop.x, stop.y]))
+    summed = [trapezoid(trapezoid(stop.radii[:, None] * each, stop.azimuths), stop.radii) for each in rays.weight]
+    np.testing.assert_allclose(np.array(summed) * 2, np.abs(irradiance), rtol=1e-3)
+
+
+def light_taken_in(system, fields):
+    """Light of unit radiance that the whole stop takes in from field points, and where their chief rays land."""
+    stop = HalfPupil(9, 13)
+    rays = trace_pupil(system, system.heights_of(fields), [550.0], stop)
+    quadrature = PupilQuadrature(stop, 12, 16)
+    areas = np.abs(quadrature.splines.jacobian(*rays.source[:, 0])) * quadrature.cells
+    return 2 * areas.sum(axis=(1, 2)), rays.chief_height_mm[0]
 
 
 def hyperbola():
