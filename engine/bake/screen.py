@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import LensError
+from ..lens.checks import beyond_the_field
 from ..lens.finding import SEVERITIES, LensFinding
 from .focus import axial_contrast, build_system
 from .heights import even_heights_mm
@@ -102,11 +103,12 @@ def _sensor(system):
         return
     nm = sorted({*COLOURS_NM, system.prescription.reference_wavelength_nm})
     covered_mm = trace_pupil(system, [system.last_height_mm], nm, CHIEF).chief_height_mm.min()
-    half_mm = np.hypot(*system.prescription.sensor_mm) / 2
+    half_mm = max(system.prescription.sensor_mm) / 2
     if covered_mm < (1 - COVERED) * half_mm:
-        severity = "error" if covered_mm < (1 - COVERED) * max(system.prescription.sensor_mm) / 2 else "warning"
-        yield LensFinding(severity, "field", f"{covered_mm:.4g} mm high at its end, and the sensor's corners are at "
-                          f"{half_mm:.4g} mm", "the corners stay black: end the field later, or give a smaller sensor")
+        yield LensFinding("error", "field", f"{covered_mm:.4g} mm high at its end, and the sensor's sides are at "
+                          f"{half_mm:.4g} mm", "end the field later, or give a smaller sensor")
+    else:
+        yield from beyond_the_field(system.prescription.sensor_mm, covered_mm)
 
 
 def _wandering(prescription):

@@ -4,6 +4,8 @@
 that well-made tables of real lenses, from a 6 mm video lens to a fisheye of 70 degrees, pass unless it is true.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from ..errors import LensError
@@ -130,10 +132,14 @@ def _field_angle(lens):
 
 
 def _sensor(lens):
-    covered_mm = np.abs(lens.real_height_mm[:, -1]).min()
-    x_mm, y_mm = (side / 2 * (np.arange(400) + 0.5) / 400 for side in lens.sensor_mm)
+    yield from beyond_the_field(lens.sensor_mm, np.abs(lens.real_height_mm[:, -1]).min())
+
+
+def beyond_the_field(sensor_mm: tuple[float, float], covered_mm: float) -> Iterator[LensFinding]:
+    """The finding, if there is one, of how much of a sensor lies farther out than the real height of a field's end."""
+    x_mm, y_mm = (side / 2 * (np.arange(400) + 0.5) / 400 for side in sensor_mm)
     beyond = np.mean(np.hypot(x_mm, y_mm[:, None]) > covered_mm)
-    width, height = lens.sensor_mm
+    width, height = sensor_mm
     yield from graded(beyond, 1e-3, 0.1, "sensor_mm", f"{beyond:.1%} of {width:g} x {height:g} mm lies beyond the last "
                       f"real height, {covered_mm:.4g} mm", "pixels there hold the last PSF or stay black: give heights "
                       f"up to a real one of {np.hypot(width, height) / 2:.4g} mm, or check the units")

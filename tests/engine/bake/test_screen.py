@@ -85,7 +85,7 @@ def test_an_aperture_in_the_way_of_chief_rays():
 
 
 def test_a_field_that_ends_before_the_corners_or_before_the_sides():
-    assert told(replace(GOOD, field=("image_height_mm", 21.0))) == [("warning", "field")]
+    assert told(replace(GOOD, field=("image_height_mm", 21.0))) == [("note", "sensor_mm")]
     assert told(replace(GOOD, field=("image_height_mm", 15.0))) == [("error", "field")]
 
 
@@ -115,7 +115,7 @@ def test_the_library_is_what_it_says(path):
     assert lens.year is None or f"({lens.year})" in lens.title
     findings = check_prescription(lens)
     assert not [finding for finding in findings if finding.severity == "error"]
-    assert {finding.field for finding in findings if finding.severity == "warning"} <= {"field"}
+    assert {finding.field for finding in findings if finding.severity == "warning"} <= {"sensor_mm"}
 
 
 @pytest.mark.parametrize("name", ["muller-fisheye-25mm", "olympus-fisheye-8mm", "pentax-fisheye-17mm"])

@@ -10,6 +10,7 @@ from lensfield.engine.field.overscan import choose_capture
 from lensfield.engine.image.irradiance import irradiance_per_radiance
 from lensfield.engine.image.pitch import fitting_pitch_um
 from lensfield.engine.image.pixel_grid import PixelGrid
+from varied_lenses import varied_lens
 
 FRAME = (91, 121)
 
@@ -21,7 +22,7 @@ def capture_of(lens, nm):
 @pytest.mark.parametrize("name", ["edmund-54852", "muller-fisheye-25mm"])
 def test_nearest_samples_lie_where_the_lens_puts_them(name):
     """Positions of the capture, looked up, differ by half a pixel at most from those that even footprints average."""
-    lens, nm = Lens.load(name), 550.0
+    lens, nm = varied_lens(name), 550.0
     capture = capture_of(lens, nm)
     rows, columns = np.indices(capture.shape_px).astype(float)
     field = FieldGeometry(lens.at_wavelength(nm), lens.name)
@@ -44,7 +45,7 @@ def test_no_two_depths_are_mixed():
 
 @pytest.mark.parametrize("name", ["edmund-54852", "muller-fisheye-25mm"])
 def test_relative_illumination_is_that_of_even_light(name):
-    lens, nm = Lens.load(name), 550.0
+    lens, nm = varied_lens(name), 550.0
     capture = capture_of(lens, nm)
     even = simulate(SpectralImage(np.ones((1, *capture.shape_px)), [nm], capture), lens, Options(accuracy=0.01)).cube[0]
     axis = irradiance_per_radiance(lens.at_wavelength(nm).transmittance, lens.f_number_effective)

@@ -187,8 +187,8 @@ def traced():
 def centroid_um(psf, pitch_um, window_um=np.inf):
     """Outward and tangential centroid of what lies in a square window about the chief ray."""
     offset_um = (np.arange(psf.shape[0]) - psf.shape[0] // 2) * pitch_um
-    inside = np.abs(offset_um) < window_um / 2
-    psf, offset_um = psf[np.ix_(inside, inside)].astype(float), offset_um[inside]
+    inside = np.clip((window_um / 2 - np.abs(offset_um)) / pitch_um + 0.5, 0, 1)  # of samples at the edge a part
+    psf = psf * inside[:, None] * inside
     return (psf.sum(axis=1) @ offset_um) / psf.sum(), (psf.sum(axis=0) @ offset_um) / psf.sum()
 
 
@@ -197,11 +197,12 @@ def test_edmund_coma_points_outwards_where_another_baker_has_it(traced):
     lens = Lens.load("edmund-54852")
     for w, h in np.ndindex(7, 21):
         optics = lens.at_wavelength(1e3 * traced["wl_um"][w])
-        position = np.interp(traced["hpar_mm"][h], optics.heights_mm, np.arange(21))
-        below, weight = min(int(position), 19), position - min(int(position), 19)
+        position = np.interp(traced["hpar_mm"][h], optics.heights_mm, np.arange(optics.heights_mm.size))
+        below = min(int(position), optics.heights_mm.size - 2)
+        weight = position - below
         psf = (1 - weight) * optics.psf[below] + weight * optics.psf[below + 1]
         expected = centroid_um(traced["psf"][h, w], float(traced["pitch_um"]))
-        assert centroid_um(psf, lens.psf_pitch_um, 33) == pytest.approx(expected, abs=0.25)
+        assert centroid_um(psf, lens.psf_pitch_um, 32) == pytest.approx(expected, abs=0.25)
 
 
 def test_edmund_is_symmetric_about_the_meridional_plane():

@@ -6,11 +6,11 @@ from scipy.ndimage import map_coordinates
 
 from lenses import make_lens
 from lensfield.cli import main
-from lensfield.engine import Lens, LensError, SpectralImage, simulate
+from lensfield.engine import LensError, SpectralImage, simulate
 from lensfield.engine.field.stmap import distort_map, undistort_map
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.image.spectral_exr import read_parts
-from varied_lenses import VARIED
+from varied_lenses import VARIED, varied_lens
 
 
 def places_px(stmap):
@@ -43,7 +43,7 @@ def test_barrel_takes_its_corners_from_beyond_the_frame():
 
 @pytest.mark.parametrize("name", VARIED)
 def test_there_and_back_is_the_same_place_to_a_twentieth_of_a_pixel(name):
-    lens = Lens.load(name)
+    lens = varied_lens(name)
     frame = frame_of(lens)
     nm = float(lens.nearest_nm(lens.reference_wavelength_nm))
     there, back = (make(lens, frame, nm) for make in (distort_map, undistort_map))

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from lenses import comatic_lens, lopsided_lens
-from lensfield.engine import Kept, Lens, Options, Report, SpectralImage, simulate
+from lensfield.engine import Kept, Options, Report, SpectralImage, simulate
 from lensfield.engine.image.pixel_grid import FISHEYE
 from lensfield.engine.kernels import NUMPY, available
 from loops import using
-from varied_lenses import VARIED
+from varied_lenses import VARIED, varied_lens
 
 AGREEMENT = 3e-6  # of the brightest pixel: some roundings of single precision, in the light and in where it goes
 PIXELS = Options(method="pixels", azimuths=6, psf_energy=0.99)
-COMATIC, LOPSIDED, FISH = comatic_lens(), lopsided_lens(), Lens.load("muller-fisheye-25mm")
+COMATIC, LOPSIDED, FISH = comatic_lens(), lopsided_lens(), varied_lens("muller-fisheye-25mm")
 
 
 def noise(shape=(31, 44), pitch_um=40.0, seed=0, wavelengths_nm=(550.0,), brightness=1.0, **facts):
@@ -84,7 +84,7 @@ def test_pictures_agree(case):
 @pytest.mark.parametrize("name", VARIED)
 @pytest.mark.parametrize("accuracy", [0.1, 0.02])
 def test_pictures_by_every_bundled_lens_agree(name, accuracy):
-    lens = Lens.load(name)
+    lens = varied_lens(name)
     radiance = noise((70, 96), pitch_um=lens.sensor_mm[0] * 1e3 / 96, wavelengths_nm=(450.0, 610.0))
     assert_all_agree(radiance, lens, Options(method="pixels", accuracy=accuracy))
 

@@ -344,8 +344,8 @@ def check(path, *options):
 def test_the_command_tells_a_line_for_each_finding_and_their_number(capsys):
     assert check("edmund-54852") == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0].startswith("note: sensor_mm: 1.9% of 4.8 x 3.6 mm lies beyond")
-    assert lines[-1] == f"{len(lines) - 1} notes"
+    assert lines[0].startswith("note: sensor_mm: 1.8% of 4.8 x 3.6 mm lies beyond")
+    assert lines[-1] == f"{len(lines) - 1} note" + "s" * (len(lines) > 2)
 
 
 def test_the_command_as_json_is_a_list_and_fails_for_an_error(tmp_path, capsys):

@@ -14,7 +14,7 @@ from lensfield.engine.field.psf_table import PsfTable, PsfTables
 from lensfield.engine.plan import choose
 from lensfield.engine.plan.choose import make_plan, priced
 from lensfield.engine.plan.error_bound import AzimuthErrors, azimuth_error
-from varied_lenses import VARIED
+from varied_lenses import VARIED, varied_lens
 
 PITCH_UM = 20.0
 WINDOW = 31
@@ -132,7 +132,7 @@ def test_the_bound_is_within_twice_the_worst_point(lens, pitch_um, accuracy):
 
 @pytest.mark.parametrize("name", VARIED)
 def test_the_bound_is_within_twice_the_worst_point_of_every_bundled_lens(name):
-    lens = Lens.load(name)
+    lens = varied_lens(name)
     radiance = SpectralImage(np.zeros((1, 480, 640)), [550.0], pitch_um=1e3 * lens.heights_mm[-1] / 400)
     plan = make_plan(Options(accuracy=0.03, method="pixels"), lens, radiance)
     worst = worst_point(plan, lens, radiance, places=200)
@@ -173,7 +173,7 @@ def test_the_error_between_azimuths_falls_with_their_number():
                                             ("cooke-triplet-50mm", 94.7), ("tessar-50mm", 46.9),
                                             ("random lopsided", PITCH_UM)])
 def test_a_look_at_some_azimuths_tells_of_all_at_every_wavelength(name, pitch_um, azimuths):
-    lens = random_lens(1) if name == "random lopsided" else Lens.load(name)
+    lens = random_lens(1) if name == "random lopsided" else varied_lens(name)
     banks = [PsfBank.of(lens.at_wavelength(nm), pitch_um) for nm in lens.wavelengths_nm[::5]]
     told = azimuth_error([AzimuthErrors(bank, np.inf) for bank in banks], azimuths)
     worst = max(worst_between(bank, azimuths) for bank in banks)
