@@ -32,11 +32,14 @@ class Rings:
     focused_wide_open : bool
         Whether the image plane is where the widest aperture has its best focus, as for one who focuses before stopping
         down; else it is focused at the f-number.
+    size : float
+        How many times as large the lens is made after that, and with it the distances that people are told.
     """
 
     focus_mm: float | None = None
     f_number: float | None = None
     focused_wide_open: bool = False
+    size: float = 1.0
 
 
 AT_REST = Rings()
@@ -84,7 +87,7 @@ def turned(prescription: Prescription, rings: Rings = AT_REST) -> TurnedLens:
     stop = "stop", standing.stop_semi_aperture_mm * far.f_number / f_number
     there, of_focus = widest_stop, ()
     if rings.focus_mm is not None:
-        there, of_focus = _focused_on(widest_stop, far, rings.focus_mm)
+        there, of_focus = _focused_on(widest_stop, far, rings)
     if rings.focused_wide_open:
         there = replace(focused(there), aperture=stop)
     else:
@@ -117,7 +120,8 @@ def resized_rings(prescription: Prescription, rings: Rings, focal_mm: float) -> 
     if rings.focus_mm is None or np.isinf(rings.focus_mm):
         return rings
     for _ in range(SIZE_STEPS):
-        there = replace(rings, focus_mm=rings.focus_mm * capture_focal_length_mm(prescription, there) / focal_mm)
+        size = focal_mm / capture_focal_length_mm(prescription, there)
+        there = replace(rings, focus_mm=rings.focus_mm / size, size=size)
     return there
 
 
@@ -129,10 +133,12 @@ def _f_number(prescription, far, asked):
     if far.f_number * (1 - SLACK) <= asked <= last * (1 + SLACK):
         return float(np.clip(asked, far.f_number, last)), ()
     end = far.f_number if asked < far.f_number else last
+    if last == far.f_number:
+        return end, (f"f/{asked:.4g}: this lens has f/{end:.3g} alone",)
     return end, (f"f/{asked:.4g}: this lens goes from f/{far.f_number:.3g} to f/{last:.3g}: set to f/{end:.3g}",)
 
 
-def _focused_on(lens, far, focus_mm):
+def _focused_on(lens, far, rings):
     """The lens with its gaps and its object at a distance, or as near to it as it goes; and words where it does not.
 
     Where things inside move, so does the entrance pupil, from which the distance is told.
@@ -140,18 +146,18 @@ def _focused_on(lens, far, focus_mm):
     farthest_mm, closest_mm = _range_mm(lens, far)
     pupil_mm = far.entrance_pupil_mm
     for _ in range(PUPIL_STEPS):
-        distance_mm = float(np.clip(focus_mm - pupil_mm, closest_mm, farthest_mm))
+        distance_mm = float(np.clip(rings.focus_mm - pupil_mm, closest_mm, farthest_mm))
         there = replace(_moved(lens, _reduction(lens, distance_mm)), object_distance_mm=distance_mm)
         before_mm, pupil_mm = pupil_mm, system_of(there).entrance_pupil_mm
         if abs(pupil_mm - before_mm) <= PUPIL_SETTLED * far.efl_mm:
             break
     there = _with_image_plane(there, lens)
     reached_mm = distance_mm + pupil_mm
-    if np.isclose(reached_mm, focus_mm, rtol=SLACK):
+    if np.isclose(reached_mm, rings.focus_mm, rtol=SLACK):
         return there, ()
-    limit = "closer" if reached_mm > focus_mm else "farther"
-    return there, (f"focus at {in_metres(focus_mm)}: this lens focuses no {limit} than {in_metres(reached_mm)}: "
-                   "focused there",)
+    limit = "closer" if reached_mm > rings.focus_mm else "farther"
+    asked, reached = (in_metres(rings.size * each_mm) for each_mm in (rings.focus_mm, reached_mm))
+    return there, (f"focus at {asked}: this lens focuses no {limit} than {reached}: focused there",)
 
 
 def _with_image_plane(there, lens):

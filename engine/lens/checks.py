@@ -138,7 +138,7 @@ def _sensor(lens):
 def beyond_the_field(sensor_mm: tuple[float, float], covered_mm: float) -> Iterator[LensFinding]:
     """The finding, if there is one, of how much of a sensor lies farther out than the real height of a field's end."""
     x_mm, y_mm = (side / 2 * (np.arange(400) + 0.5) / 400 for side in sensor_mm)
-    beyond = np.mean(np.hypot(x_mm, y_mm[:, None]) > covered_mm)
+    beyond = float(np.mean(np.hypot(x_mm, y_mm[:, None]) > covered_mm))
     width, height = sensor_mm
     yield from graded(beyond, 1e-3, 0.1, "sensor_mm", f"{beyond:.1%} of {width:g} x {height:g} mm lies beyond the last "
                       f"real height, {covered_mm:.4g} mm", "pixels there hold the last PSF or stay black: give heights "

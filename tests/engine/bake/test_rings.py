@@ -10,7 +10,7 @@ from lensfield.engine import LensError
 from lensfield.engine.bake.focus import build_system
 from lensfield.engine.bake.prescription import Prescription, Surface
 from lensfield.engine.bake.rays import HalfPupil, trace_pupil
-from lensfield.engine.bake.rings import Rings, ring_ends, turned
+from lensfield.engine.bake.rings import Rings, capture_focal_length_mm, resized_rings, ring_ends, turned
 from lensfield.engine.bake.system import system_of
 from lensfield.engine.library import bundled_lenses
 from varied_lenses import VARIED
@@ -69,6 +69,21 @@ def test_what_is_out_of_reach_is_told_and_set_to_what_the_lens_has():
     closer = turned(replace(lens, closest_focus_mm=80.0), Rings(100.0))
     assert closer.words == () and closer.focus_mm == pytest.approx(100.0)
     assert turned(lens, Rings(f_number=5.4998)).words == (), "what is engraved is rounded"
+
+
+def test_a_lens_of_one_stop_says_so():
+    lens = bundled_lenses()["apple-phone-4mm"]
+    assert turned(lens, Rings(f_number=4.0)).words == ("f/4: this lens has f/1.8 alone",)
+
+
+def test_a_lens_that_is_made_larger_is_focused_where_it_is_asked_to_be():
+    lens = bundled_lenses()["tessar-50mm"]
+    rings = resized_rings(lens, Rings(4000.0, 8.0), 100.0)
+    assert rings.size * capture_focal_length_mm(lens, rings) == pytest.approx(100.0)
+    assert rings.size * turned(lens, rings).focus_mm == pytest.approx(4000.0)
+    near = resized_rings(lens, Rings(200.0), 100.0)
+    assert turned(lens, near).words[0].startswith("focus at 0.2 m: this lens focuses no closer than 0.9")
+    assert resized_rings(lens, Rings(f_number=8.0), 100.0) == Rings(f_number=8.0)
 
 
 def test_how_far_rings_go():
