@@ -57,7 +57,8 @@ def test_package_is_valid_and_holds_what_runs(package):
     names = zipfile.ZipFile(package).namelist()
     assert {"blender_manifest.toml", "__init__.py", "cli.py", "commands/render.py", "engine/simulate.py",
             "addon/job/render.py", "engine/library/edmund-54852.npz",
-            "engine/library/edmund-54852.png", "engine/spectral/data/cie1931_2deg.csv",
+            "engine/library/prescriptions/tessar-50mm.toml", "engine/library/pictures/tessar-50mm.jpg",
+            "engine/spectral/data/cie1931_2deg.csv",
             "engine/spectral/data/refraction/gold.yml",
             "engine/spectral/data/spectra/lights/led-b3.spd", "LICENSE"} <= set(names)
     left_out = (".", "tests", "sample_scenes", "packaging", "docs", "validation", "benchmarks")
