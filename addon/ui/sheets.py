@@ -5,6 +5,7 @@ A sheet that `lensfield lens plot` has written beside a package is shown as it i
 
 import os
 from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
 from pathlib import Path
 
 import bpy
@@ -13,6 +14,7 @@ from ...engine import cache
 from ...engine.library import has_rings
 from ...engine.sheet.sheet import write_lens_plot
 from ...engine.values import digest_of
+from ..job.child import work_folder
 from . import window_render
 
 TICK_S = 0.2
@@ -40,7 +42,7 @@ def drawn_sheet(lens):
     """
     drawing = _sheets.get(lens.digest)
     if drawing is None or (drawing.done() and not drawing.exception() and not drawing.result().is_file()):
-        drawing = _draw_soon(lens)  # Blender empties its folder for a time as it loads the factory settings
+        drawing = _draw_soon(lens)
     if not drawing.done():
         return None
     if drawing.exception():
@@ -50,7 +52,7 @@ def drawn_sheet(lens):
 
 def draw_sheet(lens):
     """The file of a lens's sheet, drawn while all waits: for operators."""
-    return _drawn(lens, bpy.app.tempdir)
+    return _drawn(lens, _folder().name)
 
 
 def forget_sheets():
@@ -58,15 +60,24 @@ def forget_sheets():
     for drawing in _sheets.values():
         drawing.cancel()
     _sheets.clear()
+    if _folder.cache_info().currsize:
+        _folder().cleanup()
+    _folder.cache_clear()
     if bpy.app.timers.is_registered(_tick):
         bpy.app.timers.unregister(_tick)
+
+
+@lru_cache
+def _folder():
+    """Where the session's sheets lie, which images of it show."""
+    return work_folder()
 
 
 def _draw_soon(lens):
     for digest, drawing in list(_sheets.items()):
         if drawing.cancel() or len(_sheets) >= MOST_SHEETS:  # those that wait are of no use any more
             _sheets.pop(digest)
-    _sheets[lens.digest] = _worker.submit(_drawn, lens, bpy.app.tempdir)
+    _sheets[lens.digest] = _worker.submit(_drawn, lens, _folder().name)
     if not bpy.app.background and not bpy.app.timers.is_registered(_tick):
         bpy.app.timers.register(_tick, first_interval=TICK_S, persistent=True)
     return _sheets[lens.digest]

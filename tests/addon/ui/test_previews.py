@@ -148,7 +148,7 @@ def test_a_sheet_is_remembered(scene, own_lens, drawing):
 
 def test_a_sheet_that_was_swept_away_is_there_again(scene, own_lens, drawing):
     settle(scene)
-    for path in Path(bpy.app.tempdir).glob("Lens Sheet *.png"):
+    for path in Path(sheets._folder().name).glob("Lens Sheet *.png"):
         path.unlink()
     settle(scene)
     assert "picture" in drawn(scene).shown
