@@ -1,4 +1,4 @@
-"""Rays, first-order figures and glasses of all bundled prescriptions, by Optiland, where `make test-bake` has it."""
+"""Rays, first-order figures and glasses of bundled prescriptions, by Optiland, where `make test-bake` has it."""
 
 import numpy as np
 import pytest
@@ -11,13 +11,15 @@ from lensfield.engine.bake.focus import build_system  # noqa: E402
 from lensfield.engine.bake.glasses import find_glass  # noqa: E402
 from lensfield.engine.bake.prescriptions import read_prescription  # noqa: E402
 from lensfield.engine.bake.rays import HalfPupil, trace_pupil  # noqa: E402
-from lensfield.engine.library import BUNDLED  # noqa: E402
+from lensfield.engine.library import PRESCRIPTIONS  # noqa: E402
 from optiland_witness import optic_of, witness_rays  # noqa: E402
+from varied_lenses import VARIED  # noqa: E402
 
 PUPIL = HalfPupil(5, 7)
 WAVELENGTHS_NM = (400.0, 550.0, 700.0)
-PRESCRIPTIONS = sorted((BUNDLED / "prescriptions").glob("*.toml"))
-lenses = pytest.mark.parametrize("path", PRESCRIPTIONS, ids=lambda path: path.stem)
+NAMES = *VARIED, "cooke-speed-panchro-35mm", "nikkor-z-58mm-noct", "pentax-fisheye-17mm", "sigma-40mm-f1.4"
+PATHS = [PRESCRIPTIONS / f"{name}.toml" for name in NAMES]
+lenses = pytest.mark.parametrize("path", PATHS, ids=lambda path: path.stem)
 
 
 def number(value):
