@@ -158,7 +158,9 @@ def scene_and_arguments(options):
 
 def _focus(text):
     """What `render_through_lens` takes for --focus."""
-    return text if text is None or text == CAMERA else focus_mm(text)
+    if text is None:
+        return None
+    return CAMERA if text.lower() == CAMERA else focus_mm(text)
 
 
 def _open_scene(options):

@@ -116,6 +116,7 @@ def test_a_copy_elsewhere_finds_what_lies_beside_the_original(scene, tmp_path):
     ({"--samples": "0"}, "options: --samples is 0: expected 1 to 16777216"),
     ({"--samples": "99999999999"}, "options: --samples is 99999999999: expected 1 to 16777216"),
     ({"--frames": "99999999999"}, "options: --frames is 99999999999: expected -1048574 to 1048574"),
+    ({"--focus": "1.2"}, "options: --focus is 1.2: expected a distance with its unit, such as 1.2m, or inf"),
     ({"--frames": "5-1"}, "options: --frames is 5-1: expected a range such as 1-50"),
     ({"--resolution": "99999999999x24"}, "options: --resolution is 99999999999x24: expected WIDTHxHEIGHT")])
 def test_bad_input_is_one_line_and_leaves_nothing(blend, tmp_path, capsys, monkeypatch, changes, message):

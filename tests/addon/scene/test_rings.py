@@ -10,7 +10,9 @@ from mathutils import Matrix
 from lensfield import addon
 from lensfield.addon.job.render import job_of_frame
 from lensfield.addon.scene.rings import FIXED, ring_arguments, rings_for, scene_lens, scene_rings
+from lensfield.cli import _parser
 from lensfield.commands.arguments import focus_mm
+from lensfield.commands.render import scene_and_arguments
 from lensfield.engine import Lens
 from lensfield.engine.bake.rings import AT_REST, Rings
 from lensfield.engine.image.spectral_exr import read_exr
@@ -119,6 +121,18 @@ def test_the_command_takes_rings_as_they_are(rings):
     assert "--focus" not in told or focus_mm(told["--focus"]) == rings.focus_mm
     assert "--f-number" not in told or float(told["--f-number"]) == rings.f_number
     assert ("--focused-wide-open" in words) == rings.focused_wide_open
+
+
+@pytest.mark.parametrize("words, asked", [
+    ([], {"focus": None, "f_number": None, "focused_wide_open": None}),
+    (["--focus", "CAMERA", "--f-number", "4"], {"focus": "camera", "f_number": 4.0, "focused_wide_open": None}),
+    (["--focus", "80cm", "--focused-wide-open"], {"focus": 800.0, "f_number": None, "focused_wide_open": True})])
+def test_the_command_asks_for_rings(scene, tmp_path, words, asked):
+    blend = tmp_path / "scene.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend))
+    options = _parser().parse_args(["render", str(blend), *words])
+    given = scene_and_arguments(options)[1]
+    assert {name: given[name] for name in asked} == asked
 
 
 def test_a_picture_by_the_cameras_rings_and_its_record(scene, dof, tmp_path):
