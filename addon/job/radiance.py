@@ -14,6 +14,7 @@ from ...engine.image.spectral_exr import read_parts
 from ...engine.report import SceneFacts
 from ...engine.spectral.wavelength_choice import FOREIGN_SURPRISE
 from ..scene.camera import capture_grid, captured_region, check_camera, render_region
+from ..scene.depth import M_TO_MM
 from ..scene.errors import SceneError
 from ..scene.render_state import clamps_of, go_to_frame, guard_render_state, rendered_layer, turn_on_layer
 from ..scene.undo import Journal
@@ -23,7 +24,6 @@ from .scene_plan import plan_scene
 
 ROWS_AT_ONCE = 16  # which stay in the processor's cache
 BLOCK_PX = 8  # side of the blocks whose means are free enough of noise to judge spectra by
-M_TO_MM = 1e3
 BACKGROUND_M = 1e10
 
 

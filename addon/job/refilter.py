@@ -19,10 +19,11 @@ from ...engine.image.spectral_exr import read_parts, read_with_planes
 from ...engine.library import cannot_be, has_rings, prescription_of
 from ...engine.report import FileFacts
 from ..scene.camera import captured_region, covered_diagonal, frame_px, size_warning
+from ..scene.depth import M_TO_MM
 from ..scene.lens_cache import load_lens, scaled_lens
 from .job import check_output_folder, folder_for
 from .pictures import REGION
-from .radiance import M_TO_MM, Captured, Work
+from .radiance import Captured, Work
 from .render import Result, lens_steps, run
 
 BY_RESULT = Options()

@@ -5,8 +5,7 @@ What is honoured as Blender would is not among it.
 
 from dataclasses import dataclass
 
-import numpy as np
-
+from ...engine.bake.rings import in_metres
 from ...engine.image.depth_range import check_depth
 from ..scene.camera import matching_focal_length_mm
 from ..scene.compositor import unreplaced_passes
@@ -53,7 +52,7 @@ def depth_remarks(scene, job, capture):
     check = check_depth(seen_depth_mm(scene, job.lens, capture), job.lens, capture.pitch_um)
     if check.outside_fraction < DEPTH_TOLD:
         return []
-    near, far = (f"{mm * 1e-3:.3g} m" if np.isfinite(mm) else "infinity" for mm in (check.near_mm, check.far_mm))
+    near, far = in_metres(check.near_mm), in_metres(check.far_mm)
     return [Remark("Depth", "", f"about {check.outside_fraction:.0%} of the picture is not at {near} to {far}, and "
                    "comes out as sharp", "focus by the camera's Depth of Field")]
 

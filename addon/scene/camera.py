@@ -3,7 +3,7 @@
 import numpy as np
 from mathutils import Euler, Vector
 
-from ...engine.bake.rings import AT_REST
+from ...engine.bake.rings import AT_REST, in_metres
 from ...engine.errors import InputError
 from ...engine.field.distortion import FieldGeometry
 from ...engine.field.overscan import VIEWS, choose_capture, reach_px
@@ -268,7 +268,7 @@ def _pixel_mm(camera, frame):
 def size_warning(lens, adapted, factor):
     """One line that says what it means that a lens is made larger or smaller, for the sensor that it then has."""
     covered = covered_diagonal(adapted, adapted.sensor_mm)
-    focus = "infinity" if np.isinf(adapted.object_distance_mm) else f"{adapted.object_distance_mm * 1e-3:.3g} m"
+    focus = in_metres(adapted.object_distance_mm)
     return (f"{lens.name} made {factor:.3g} times as large: f = {adapted.efl_mm:.3g} mm, focused at {focus}; its field "
             f"covers {covered:.0%} of the frame's diagonal; all its blur scales alike, though diffraction would not")
 

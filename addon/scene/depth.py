@@ -6,6 +6,7 @@ from mathutils import Vector
 from ...engine.image.pixel_grid import PLANE
 from .render_state import rendered_layer
 
+M_TO_MM = 1e3  # a unit of Blender's is taken for a metre
 RAYS_ACROSS = 24
 MOST_UNSEEN = 16  # objects in a row that are in the way of a ray, but in no render
 BEYOND_M = 1e-4
@@ -57,6 +58,6 @@ def _depth_mm(scene, depsgraph, origin, direction):
         if not hit:
             return np.inf
         if not obj.original.hide_render:
-            return (place - origin).length * 1e3
+            return (place - origin).length * M_TO_MM
         start = place + direction * BEYOND_M
     return np.inf

@@ -8,10 +8,10 @@ from ...engine import Lens
 from ...engine.bake.rings import AT_REST, Rings, resized_rings
 from ...engine.library import cannot_be, has_rings, prescription_of
 from .camera import lens_for_view
+from .depth import M_TO_MM
 from .lens_cache import load_lens
 
 CAMERA = "camera"
-M_TO_MM = 1e3
 FIXED = "the lens is a package, which holds for one focus and one f-number: those of the camera are left out"
 
 

@@ -24,7 +24,7 @@ from .prescription import Prescription
 from .pupil import area_ratio
 from .rays import HalfPupil, trace_pupil
 from .system import System
-from .trace import start_on_stop, trace_to_image, trace_to_object
+from .trace import trace_both_ways
 from .wavefront import polynomial_weights
 
 WAVELENGTHS_NM = (400.0, 417.1, 469.5, 555.9, 653.2, 700.0)  # where polynomials over the wave number oscillate least
@@ -186,16 +186,14 @@ def _trace(system: System, heights_mm, wavelengths_nm, pupil):
     indices = system.indices_at(wavelengths_nm)
     x_mm, y_mm = (system.stop_semi_aperture_mm * place.ravel() for place in (pupil.x, pupil.y))
     slope_x, slope_y, aimed = aim_at_image(system, indices, heights_mm, x_mm, y_mm)
-    indices = indices[:, :, None, None]
     with np.errstate(invalid="ignore"):
-        on_stop = start_on_stop(system.prescription, x_mm, y_mm, slope_x, slope_y)
-        entry, before, front_mm, front_squares = trace_to_object(system.prescription, indices, *on_stop)
-        _, behind, rear_mm, rear_squares = trace_to_image(system.prescription, indices, *on_stop)
-        about = entry - np.reshape([0.0, 0.0, system.entrance_pupil_mm], (3, 1, 1, 1))
+        traced = trace_both_ways(system.prescription, indices[:, :, None, None], x_mm, y_mm, slope_x, slope_y)
+        before, behind = traced.before, traced.direction
+        about = traced.entry - np.reshape([0.0, 0.0, system.entrance_pupil_mm], (3, 1, 1, 1))
         from_foot_mm = np.sum(about * before, axis=0)
-        path_mm = from_foot_mm + front_mm + rear_mm
+        path_mm = from_foot_mm + traced.path_mm
         margin = 1 - np.max([square / semi_mm**2 for square, semi_mm in
-                             zip([*front_squares, *rear_squares], system.semi_apertures_mm, strict=True)], axis=0)
+                             zip(traced.square_mm2, system.semi_apertures_mm, strict=True)], axis=0)
     known = aimed & np.isfinite(path_mm)
     _check_chief_rays(system, heights_mm, wavelengths_nm, known)
     values = np.stack([*(about - from_foot_mm * before)[:2], *before[:2] / (1 + before[2]),

@@ -8,7 +8,7 @@ import numpy as np
 from ..errors import LensError
 from .aiming import aim
 from .system import System
-from .trace import start_on_stop, trace_to_image, trace_to_object
+from .trace import trace_both_ways
 
 
 class HalfPupil:
@@ -91,15 +91,12 @@ def trace_pupil(system: System, heights_mm: Sequence[float] | np.ndarray, wavele
     indices, fields = system.indices_at(wavelengths_nm), system.fields_of(heights_mm)
     x_mm, y_mm = (system.stop_semi_aperture_mm * place.ravel() for place in (pupil.x, pupil.y))
     slope_x, slope_y, aimed = aim(system, indices, fields, x_mm, y_mm)
-    indices = indices[:, :, None, None]
     with np.errstate(invalid="ignore"):
-        on_stop = start_on_stop(system.prescription, x_mm, y_mm, slope_x, slope_y)
-        entry, before, front_mm, front_squares = trace_to_object(system.prescription, indices, *on_stop)
-        position, direction, rear_mm, rear_squares = trace_to_image(system.prescription, indices, *on_stop)
-        to_entry_mm, source = _object_space(system, fields[:, None], entry, before)
-    path_mm = to_entry_mm + front_mm + rear_mm
-    arrays = {"position_mm": position[:2], "direction": direction, "path_mm": path_mm, "source": source,
-              "square_height_mm2": np.stack([*front_squares, *rear_squares]), "lost": ~(aimed & np.isfinite(path_mm))}
+        traced = trace_both_ways(system.prescription, indices[:, :, None, None], x_mm, y_mm, slope_x, slope_y)
+        to_entry_mm, source = _object_space(system, fields[:, None], traced.entry, traced.before)
+    path_mm = to_entry_mm + traced.path_mm
+    arrays = {"position_mm": traced.position[:2], "direction": traced.direction, "path_mm": path_mm, "source": source,
+              "square_height_mm2": traced.square_mm2, "lost": ~(aimed & np.isfinite(path_mm))}
     rays = TracedRays(wavelengths_nm, **{name: values.reshape(*values.shape[:-1], *pupil.shape)
                                          for name, values in arrays.items()})
     _check_chief_rays(system, heights_mm, rays)

@@ -3,6 +3,8 @@
 Indices are arrays (surface + 1, ...) that go with the rays' own shape. Square heights are lists, one array a surface.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from .prescription import Prescription
@@ -56,6 +58,29 @@ def trace_to_image(prescription: Prescription, indices: np.ndarray, position: np
         square_mm2.append(position[0]**2 + position[1]**2)
     to_image_mm = (prescription.surfaces[-1].thickness_mm - position[2]) / direction[2]
     return position + to_image_mm * direction, direction, path_mm + indices[-1] * to_image_mm, square_mm2
+
+
+class BothWays(NamedTuple):
+    """Rays from the stop: as `trace_to_object` and `trace_to_image` end them.
+
+    `path_mm` is the optical path from `entry` to the image plane, `square_mm2` an array (surface, ...).
+    """
+
+    entry: np.ndarray
+    before: np.ndarray
+    position: np.ndarray
+    direction: np.ndarray
+    path_mm: np.ndarray
+    square_mm2: np.ndarray
+
+
+def trace_both_ways(prescription: Prescription, indices: np.ndarray, x_mm: np.ndarray, y_mm: np.ndarray,
+                    slope_x: np.ndarray, slope_y: np.ndarray) -> BothWays:
+    """Rays through places of the stop, followed back to the first surface and on to the image plane."""
+    on_stop = start_on_stop(prescription, x_mm, y_mm, slope_x, slope_y)
+    entry, before, front_mm, front_mm2 = trace_to_object(prescription, indices, *on_stop)
+    position, direction, rear_mm, rear_mm2 = trace_to_image(prescription, indices, *on_stop)
+    return BothWays(entry, before, position, direction, front_mm + rear_mm, np.stack([*front_mm2, *rear_mm2]))
 
 
 def _through(surface, position, direction, before, behind):

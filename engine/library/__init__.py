@@ -41,7 +41,7 @@ def find_bundled(words: list[str]) -> dict[str, Prescription]:
 
 def _told(name, lens):
     focal = f"{lens.focal_length_mm:g}mm" if lens.focal_length_mm else ""
-    return " ".join((name, lens.title, lens.maker, str(lens.year), focal, *lens.character, lens.story,
+    return " ".join((name, lens.title, lens.maker, str(lens.year or ""), focal, *lens.character, lens.story,
                      lens.source)).casefold()
 
 
