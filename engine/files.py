@@ -3,6 +3,7 @@
 import os
 import shutil
 import tempfile
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -16,6 +17,7 @@ LONGEST_WRITE_S = 24 * 3600.0
 UMASK = os.umask(0)  # it can only be read by setting it, which is not for a thread to do
 os.umask(UMASK)
 _pending: set[Path] = set()
+_making = threading.Lock()  # whoever makes something half-written, and notes it
 _swept: set[Path] = set()
 
 
@@ -39,11 +41,12 @@ def check_target(path: AnyPath) -> None:
         raise InputError(named, "file", "a device or pipe", "give the name of a file to write")
     make_folder(path.parent)
     try:
-        handle, probe = tempfile.mkstemp(prefix=HALF, dir=path.parent)
+        with _making:
+            handle, probe = tempfile.mkstemp(prefix=HALF, dir=path.parent)
+            os.close(handle)
+            os.unlink(probe)
     except OSError as error:
         raise InputError(path, "file", "not writable", error.strerror or str(error)) from None
-    os.close(handle)
-    os.unlink(probe)
 
 
 @contextmanager
@@ -51,16 +54,19 @@ def atomic_path(path: AnyPath) -> Iterator[Path]:
     """A temporary path beside `path`, moved onto it when the block ends well and removed when it does not."""
     check_target(path)
     path = Path(path).resolve()  # through a link, which stays
-    handle, name = tempfile.mkstemp(prefix=f"{HALF}{path.stem[:40]}-", suffix=path.suffix, dir=path.parent)
-    now_s = os.fstat(handle).st_mtime
-    os.close(handle)
-    if path.parent not in _swept:
-        _swept.add(path.parent)
-        _remove_leftovers(path.parent, now_s)
-    with _pending_path(Path(name)) as temporary:
+    with _pending_path(lambda: _half_written(path)) as temporary:
+        if path.parent not in _swept:
+            _swept.add(path.parent)
+            _remove_leftovers(path.parent, temporary.stat().st_mtime)
         yield temporary
         os.chmod(temporary, 0o666 & ~UMASK)  # mkstemp makes files that only their owner can read
         os.replace(temporary, path)
+
+
+def _half_written(path):
+    handle, name = tempfile.mkstemp(prefix=f"{HALF}{path.stem[:40]}-", suffix=path.suffix, dir=path.parent)
+    os.close(handle)
+    return Path(name)
 
 
 def _remove_leftovers(folder, now_s):
@@ -78,13 +84,15 @@ def _remove_leftovers(folder, now_s):
 @contextmanager
 def temporary_folder() -> Iterator[Path]:
     """A folder that is removed when the block ends."""
-    with _pending_path(Path(tempfile.mkdtemp(prefix="lensfield-"))) as folder:
+    with _pending_path(lambda: Path(tempfile.mkdtemp(prefix="lensfield-"))) as folder:
         yield folder
 
 
 @contextmanager
-def _pending_path(path):
-    _pending.add(path)
+def _pending_path(make):
+    with _making:
+        path = make()
+        _pending.add(path)
     try:
         yield path
     finally:
@@ -93,7 +101,8 @@ def _pending_path(path):
 
 
 def remove_pending() -> None:
-    """Remove all that is half-written; for a process that is about to be stopped."""
+    """Remove all that is half-written; for a process that is about to be stopped: nothing can be begun after this."""
+    _making.acquire()
     for path in list(_pending):
         _remove(path)
 

@@ -69,3 +69,31 @@ def test_what_cannot_be_removed_is_no_error(tmp_path):
     os.utime(folder, (1e9, 1e9))
     write(tmp_path / "other.exr")
     assert folder.is_dir() and (tmp_path / "other.exr").read_text() == "whole"
+
+
+WRITE_AND_STOP = """
+import os, sys, threading, time
+from pathlib import Path
+from lensfield.engine.files import atomic_path, check_target, remove_pending, temporary_folder
+
+def write():
+    while True:
+        check_target(sys.argv[1])
+        with atomic_path(sys.argv[1]), temporary_folder():
+            pass
+
+for _ in range(4):
+    threading.Thread(target=write, daemon=True).start()
+time.sleep(float(sys.argv[2]))
+remove_pending()
+os._exit(0)
+"""
+
+
+@pytest.mark.parametrize("after_s", [0.05, 0.06, 0.07])
+def test_nothing_is_begun_while_a_process_is_being_stopped(tmp_path, after_s):
+    folder, work = tmp_path / "pictures", tmp_path / "work"
+    work.mkdir()
+    subprocess.run([sys.executable, "-c", WRITE_AND_STOP, str(folder / "picture.exr"), str(after_s)], check=True,
+                   env=os.environ | {"TMPDIR": str(work)})
+    assert not list(folder.glob(f"{files.HALF}*")) and not list(work.iterdir())
