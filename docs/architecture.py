@@ -381,6 +381,9 @@ def place(room):
         return WING[0] + (half + 10) * (room != "engine.sheet"), half, row, BESIDE
     if room in ("engine", "engine.lens"):
         return *WING, row, BESIDE if room == "engine.lens" else ENGINE
+    if room in ("engine.blur", "engine.depth"):
+        half = (TOWER[1] - 10) / 2
+        return TOWER[0] + (half + 10) * (room == "engine.depth"), half, row, ENGINE
     return *TOWER, row, ENGINE
 
 

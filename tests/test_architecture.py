@@ -30,14 +30,15 @@ FLOORS = {
     "engine.blur": {"engine.field", "engine.image"} | FOUNDATION,
     "engine.plan": {"engine.blur", "engine.field", "engine.image"} | FOUNDATION,
     "engine.report": {"engine.plan", "engine.image"} | FOUNDATION,
-    "engine.simulate": {"engine.report", "engine.plan", "engine.blur", "engine.field", "engine.image",
-                        "engine.lens"} | FOUNDATION,
+    "engine.depth": {"engine.field", "engine.image"} | FOUNDATION,
+    "engine.simulate": {"engine.depth", "engine.library", "engine.report", "engine.plan", "engine.blur",
+                        "engine.field", "engine.image", "engine.lens"} | FOUNDATION,
     "engine.trade": {"engine.simulate", "engine.report", "engine.plan", "engine.field", "engine.image",
                      "engine.spectral", "engine.lens", "engine.sheet"} | FOUNDATION,
     # beside: lens data, their sheet and how they are made
     "engine.lens": {"engine.field", "engine.spectral"} | FOUNDATION,
     "engine.sheet": {"engine.lens", "engine.spectral"} | FOUNDATION,
-    "engine.bake": {"engine.lens", "engine.spectral"} | FOUNDATION,
+    "engine.bake": {"engine.lens", "engine.field", "engine.image", "engine.spectral"} | FOUNDATION,
     "engine.library": {"engine.bake", "engine.lens"} | FOUNDATION,
     "engine": {"engine.simulate", "engine.lens", "engine.plan", "engine.image", "engine.report"} | FOUNDATION,
     # what a command tells the window that started it

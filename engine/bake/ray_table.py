@@ -29,6 +29,7 @@ from .wavefront import polynomial_weights
 
 WAVELENGTHS_NM = (400.0, 417.1, 469.5, 555.9, 653.2, 700.0)  # where polynomials over the wave number oscillate least
 HEIGHTS, RADII, AZIMUTHS = 33, 17, 33
+PUPIL = HalfPupil(RADII, AZIMUTHS, close_at_rim=True)
 TRUSTED = -0.3  # the margin of rays beyond what passes that still tell how it goes on; farther out they all but graze
 LOST = -1.0  # the margin of a ray that does not reach the sensor, where it is not apertures that tell why
 ORDER = 4  # of the differences that continued rays keep small, and cubic splines do not see
@@ -106,6 +107,12 @@ class RayTable(Value):
         weights = polynomial_weights(1e3 / self.wavelengths_nm, 1e3 / wavelengths_nm).astype(np.float32)
         return replace(self, wavelengths_nm=wavelengths_nm, coefficients=np.tensordot(weights, self.coefficients, 1))
 
+    def scaled(self, factor: float) -> "RayTable":
+        """The table of a lens `factor` times as large."""
+        lengths = np.array([factor, factor, 1, 1, 1, factor, 1], np.float32)
+        return replace(self, last_height_mm=factor * self.last_height_mm,
+                       entrance_pupil_mm=factor * self.entrance_pupil_mm, coefficients=self.coefficients * lengths)
+
     def rays(self, wavelength: int | np.ndarray, place_mm: np.ndarray, stop: np.ndarray) -> SensorRays:
         """Rays from places of the sensor through places of the stop.
 
@@ -174,11 +181,10 @@ def ray_table(prescription: Prescription,
     system, wavelengths_nm = build_system(prescription), np.asarray(wavelengths_nm, dtype=float)
     ends = trace_pupil(system, [system.last_height_mm], wavelengths_nm, HalfPupil(1, 1))
     last_height_mm = float(ends.chief_height_mm.max())
-    pupil = HalfPupil(RADII, AZIMUTHS, close_at_rim=True)
     heights_mm = last_height_mm * np.sin(np.pi / 2 * np.linspace(0, 1, HEIGHTS))
-    values = _trace(system, heights_mm, wavelengths_nm, pupil)
+    values = _trace(system, heights_mm, wavelengths_nm, PUPIL)
     return RayTable(prescription.name, wavelengths_nm, last_height_mm, system.entrance_pupil_mm,
-                    _coefficients(values).astype(np.float32))
+                    spline_coefficients(values).astype(np.float32))
 
 
 def _trace(system: System, heights_mm, wavelengths_nm, pupil):
@@ -239,8 +245,8 @@ def _differences(radii, azimuths):
                            sparse.kron(sparse.eye(radii), over(azimuths, order)))]).tocsc()
 
 
-def _coefficients(values):
-    """Spline coefficients (wavelength, height, radius, azimuth, quantity) of values (quantity, wavelength, ...)."""
+def spline_coefficients(values: np.ndarray) -> np.ndarray:
+    """`RayTable.coefficients` of values (quantity, wavelength, height, radius, azimuth) at the table's places."""
     by_height, by_radius = _spline(HEIGHTS, FREE, FREE), _spline(RADII, FREE, EVEN)
     around = {symmetry: _spline(AZIMUTHS, symmetry, symmetry) for symmetry in (EVEN, ODD)}
     return np.stack([np.einsum("ih,jr,ka,whra->wijk", by_height, by_radius, around[symmetry], each, optimize=True)

@@ -1,4 +1,4 @@
-"""The ways to spread the light of every point by its point spread function; a module each."""
+"""Ways to spread every point's light by its PSF, a module each."""
 
 from .exact import Exact
 from .isoplanatic import OnePsf, Paper

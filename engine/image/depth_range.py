@@ -16,6 +16,7 @@ from .pixel_grid import PLANE, PixelGrid
 if TYPE_CHECKING:
     from ..lens.lens import Lens
 
+SHARP_PX, BLURRED_PX = 0.5, 2.0  # blur that pixels hide, and that they show
 BACKGROUND_MM = 1e12  # and beyond: renderers write a large number, Cycles 1e10 m, where they see nothing
 
 
@@ -97,6 +98,49 @@ def sharp_range_mm(lens: "Lens", blur_um: float) -> tuple[float, float]:
     beyond = magnification * pupil_mm - blur_mm  # the blur of what is infinitely far, less what is allowed
     return focal_mm * pupil_mm / (magnification * pupil_mm + blur_mm), (
         focal_mm * pupil_mm / beyond if beyond > 0 else np.inf)
+
+
+def blur_px(lens: "Lens", pitch_um: float, depth_mm: ArrayLike) -> np.ndarray:
+    """Diameter of the defocus blur of points at these depths, signed: positive nearer than the plane in focus.
+
+    D f (1 / s - 1 / S), with all as in `sharp_range_mm`. So how much two depths differ in blur does not depend on
+    where the lens is focused.
+
+    Returns
+    -------
+    array, in pixels of this pitch
+    """
+    with np.errstate(divide="ignore"):
+        nearness = 1 / np.asarray(depth_mm, dtype=float)
+    return blur_per_nearness_px(lens, pitch_um) * (nearness - focus_nearness(lens))
+
+
+def blur_per_nearness_px(lens: "Lens", pitch_um: float) -> float:
+    """D f in pixels times mm: by what `blur_px` grows with the inverse of the depth."""
+    return entrance_pupil_diameter_mm(lens) * lens.capture_focal_length_mm / (pitch_um * 1e-3)
+
+
+def focus_nearness(lens: "Lens") -> float:
+    """The inverse of the depth in focus, per mm; 0 for a lens focused at infinity."""
+    return 1 / (lens.object_distance_mm + lens.entrance_pupil_mm)
+
+
+def focus_range_px(lens: "Lens", pitch_um: float) -> tuple[float, float]:
+    """Blur up to which the lens's PSFs of focus tell all, and from which on rays do, in pixels of this pitch.
+
+    A wave of defocus is a blur 8 lambda N wide. Up to a quarter of that, diffraction and aberrations are still those of
+    focus; from a wave on, geometry tells the blur, whose rays also tell what hides what. Neither is told finer than by
+    pixels.
+    """
+    wave_px = 8e-3 * lens.reference_wavelength_nm * lens.f_number_effective / pitch_um
+    return max(wave_px / 4, SHARP_PX), max(wave_px, BLURRED_PX)
+
+
+def focus_share(blur: ArrayLike, range_px: tuple[float, float]) -> np.ndarray:
+    """How far what has this blur is taken to be in focus, where this is the `focus_range_px`: from 1 to 0, smoothly."""
+    sharp, blurred = range_px
+    t = np.clip((np.abs(blur) - sharp) / (blurred - sharp), 0, 1)
+    return 1 - t * t * (3 - 2 * t)
 
 
 def planar_depth_mm(depth_mm: ArrayLike, lens: "Lens", capture: PixelGrid) -> np.ndarray:

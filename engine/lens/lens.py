@@ -4,6 +4,7 @@ import os
 from collections.abc import Iterable
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,6 +13,9 @@ from scipy.interpolate import make_interp_spline
 from ..errors import LensError
 from ..field.mirror_symmetry import is_mirror_symmetric
 from ..values import Value
+
+if TYPE_CHECKING:
+    from ..bake.prescription import Prescription
 
 UNIT_SUM_TOLERANCE = 1e-3
 
@@ -57,6 +61,8 @@ class Lens(Value):
         Fraction of the light that the PSF window holds; NaN where not known.
     transmittance : array (wavelength,)
         T(wavelength) of Eq. 2.
+    prescription : Prescription or None
+        What it was baked from, as it was turned then: by which its rays are known. None for tables alone.
     """
 
     name: str
@@ -79,6 +85,7 @@ class Lens(Value):
     story: str = field(default="", repr=False)
     source: str = field(default="", repr=False)
     notes: str = field(default="", repr=False)
+    prescription: "Prescription | None" = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         for one in fields(self):
@@ -161,6 +168,9 @@ class Lens(Value):
         lengths = ("efl_mm", "object_distance_mm", "entrance_pupil_mm", "heights_mm", "real_height_mm", "psf_pitch_um")
         return replace(self, name=f"{self.name}, scaled by {factor:.4g}",
                        sensor_mm=(factor * width_mm, factor * height_mm),
+                       prescription=self.prescription and replace(
+                           self.prescription.scaled(factor),
+                           object_distance_mm=factor * self.prescription.object_distance_mm),
                        **{length: factor * getattr(self, length) for length in lengths})
 
     def at_wavelength(self, wavelength_nm: float) -> "MonochromaticLens":

@@ -1,7 +1,8 @@
-"""The lenses that come with the project, and which lens a name or a path is, be it a prescription or a package."""
+"""Which lens a name or a path is: a bundled one, a prescription or a package."""
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from functools import lru_cache
 from os import PathLike
 from pathlib import Path
@@ -69,12 +70,20 @@ def load(name_or_path: str | PathLike[str], rings: Rings = AT_REST, quality: str
         if rings != AT_REST:
             raise LensError(name_or_path, "focus and f-number", "fixed",
                             "a package holds for one of each: leave them out, or give the lens's prescription")
-        return read_package(package)
+        return _as_it_stands(package, name_or_path)
     prescription = prescription_of(name_or_path)
     try:
         return baked_lens(prescription, rings, quality, progress)
     except LensError as error:
         raise error.at(name_or_path) from None
+
+
+def _as_it_stands(package, name_or_path):
+    """A package; with the prescription that it was baked from, where that is bundled, too."""
+    lens = read_package(package)
+    if not has_rings(name_or_path):
+        return lens
+    return replace(lens, prescription=turned(prescription_of(name_or_path)).prescription)
 
 
 def cannot_be(name_or_path: str | PathLike[str], rings: Rings) -> tuple[str, ...]:

@@ -1,6 +1,7 @@
 """Lenses baked where they are used: what has been baked once is remembered in the user's cache folder."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from io import BytesIO
 
 from .. import cache
@@ -33,8 +34,7 @@ def baked_lens(prescription: Prescription, rings: Rings = AT_REST, quality: str 
     there = turned(prescription, rings).prescription
     key = digest_of((cache.code_version(*ROOMS), there, quality))
     known = cache.recall(KIND, key)
-    if known is not None:
-        return read_package(BytesIO(known))
-    packed = package_bytes(bake(there, quality=quality, wavelengths_nm=WAVELENGTHS_NM, progress=progress))
-    cache.remember(KIND, key, packed, MOST_BYTES)
-    return read_package(BytesIO(packed))  # the same to the last bit as when it is recalled
+    if known is None:
+        known = package_bytes(bake(there, quality=quality, wavelengths_nm=WAVELENGTHS_NM, progress=progress))
+        cache.remember(KIND, key, known, MOST_BYTES)
+    return replace(read_package(BytesIO(known)), prescription=there)

@@ -19,7 +19,7 @@ from ..lens import Lens
 FORMAT = "lensfield-lens"
 VERSION = 2
 ARRAYS = ("wavelengths_nm", "heights_mm", "real_height_mm", "relative_illumination", "enclosed_energy", "transmittance")
-SCALARS = tuple(field.name for field in fields(Lens) if field.name not in (*ARRAYS, "psf"))
+SCALARS = tuple(field.name for field in fields(Lens) if field.name not in (*ARRAYS, "psf", "prescription"))
 AMPLITUDE_STEPS = np.iinfo(np.uint16).max
 
 

@@ -7,7 +7,15 @@ import pytest
 
 from lenses import make_lens
 from lensfield.engine.errors import ImageError, InputError
-from lensfield.engine.image.depth_range import check_depth, entrance_pupil_diameter_mm, planar_depth_mm, sharp_range_mm
+from lensfield.engine.image.depth_range import (
+    blur_px,
+    check_depth,
+    entrance_pupil_diameter_mm,
+    focus_range_px,
+    focus_share,
+    planar_depth_mm,
+    sharp_range_mm,
+)
 from lensfield.engine.image.pixel_grid import FISHEYE, PixelGrid
 from varied_lenses import varied_lens
 
@@ -146,3 +154,25 @@ def test_the_angle_is_counted_from_the_axis():
     depth_mm = planar_depth_mm(np.ones((5, 5)), lens, PixelGrid((5, 5), 1e3 * np.pi / 3, (4, 1), projection=FISHEYE))
     assert depth_mm[4, 1] == 1 and depth_mm[3, 1] == pytest.approx(0.5) and depth_mm[4, 0] == pytest.approx(0.5)
     assert np.isnan(depth_mm[2, 2])
+
+
+def test_blur_is_signed_and_nothing_in_focus():
+    paper_lens = varied_lens("edmund-54852")
+    away_mm = paper_lens.object_distance_mm + paper_lens.entrance_pupil_mm
+    near, there, far = blur_px(paper_lens, 5.0, [away_mm / 2, away_mm, np.inf])
+    assert near > 0 > far and there == pytest.approx(0, abs=1e-9)
+    assert near == pytest.approx(-far)
+    near_mm, far_mm = sharp_range_mm(paper_lens, 5.0)
+    assert blur_px(paper_lens, 5.0, near_mm) == pytest.approx(1)
+    assert far_mm == np.inf or blur_px(paper_lens, 5.0, far_mm) == pytest.approx(-1)
+
+
+@pytest.mark.parametrize("pitch_um", [0.5, 5.0, 50.0])
+def test_what_is_in_focus_fades_into_what_is_not(pitch_um):
+    paper_lens = varied_lens("edmund-54852")
+    sharp, blurred = focus_range_px(paper_lens, pitch_um)
+    assert 0 < sharp < blurred
+    shares = focus_share(np.linspace(-1.1 * blurred, 1.1 * blurred, 1001), (sharp, blurred))
+    assert np.allclose(shares, shares[::-1], atol=1e-12) and shares[0] == 0 and shares[500] == 1
+    assert np.all(np.diff(shares[500:]) <= 0) and np.abs(np.diff(shares)).max() < 0.01
+    assert focus_share(sharp, (sharp, blurred)) == 1 and focus_share(-blurred, (sharp, blurred)) == 0

@@ -14,7 +14,7 @@ from lensfield.engine import Lens, LensError
 from lensfield.engine.lens.readers.package import read_package, write_package
 
 ARRAY_FIELDS = [field.name for field in fields(Lens) if isinstance(getattr(make_lens(), field.name), np.ndarray)]
-HEADER_FIELDS = [field.name for field in fields(Lens) if field.name not in ARRAY_FIELDS]
+HEADER_FIELDS = [field.name for field in fields(Lens) if field.name not in (*ARRAY_FIELDS, "prescription")]
 STORED_ARRAYS = [name for name in ARRAY_FIELDS if name != "psf"] + ["psf_amplitude"]
 
 

@@ -1,0 +1,1 @@
+"""Depth: layered radiance, seen along the rays of a lens."""

@@ -1,0 +1,61 @@
+"""Layers: how they lie in the capture, and what a pinhole sees of them."""
+
+import numpy as np
+import pytest
+
+from lensfield.engine.errors import ImageError
+from lensfield.engine.image.layers import Layer, LayeredRadiance
+from lensfield.engine.image.pixel_grid import PixelGrid
+
+GRID = PixelGrid((4, 6), 10.0, overscan_px=(1, 1))
+
+
+def layer(alpha, light, depth_mm, origin_px=(0, 0)):
+    alpha = np.asarray(alpha, float)
+    return Layer(np.stack([light * alpha, 2 * light * alpha]), alpha, np.full(alpha.shape, depth_mm), origin_px)
+
+
+def layered(*layers):
+    return LayeredRadiance(layers, [500, 600], GRID, 50.0)
+
+
+def test_a_pinhole_sees_the_nearest_first():
+    near = layer([[0, 0.25], [1, 1]], 8.0, 500.0, (1, 2))
+    seen = layered(near, layer(np.ones(GRID.shape_px), 4.0, np.inf))
+    expected = np.full(GRID.shape_px, 4.0)
+    expected[1:3, 2:4] = [[4, 5], [8, 8]]
+    assert np.array_equal(seen.flat().cube, np.stack([expected, 2 * expected]).astype(np.float32))
+    assert np.array_equal(seen.flat_depth_mm()[1:3, 2:4], [[np.inf, 500], [500, 500]])
+    assert np.all(seen.flat_alpha() == 1) and seen.flat().grid == GRID and seen.flat().focal_mm == 50.0
+    assert np.array_equal(layered(near).flat_alpha()[1:3, 2:4], near.alpha)
+
+
+def test_what_is_cropped_is_the_same_layer():
+    alpha = np.zeros(GRID.shape_px)
+    alpha[2, 1:4] = 0.5, 1, 0.5
+    whole = layer(alpha, 3.0, 700.0)
+    cropped = whole.cropped()
+    assert cropped.alpha.shape == (1, 3) and cropped.origin_px == (2, 1)
+    assert np.array_equal(layered(whole).flat().cube, layered(cropped).flat().cube)
+    assert layer(np.zeros(GRID.shape_px), 3.0, 700.0).cropped().alpha.shape == (1, 1)
+
+
+def test_other_light_keeps_what_hides_what():
+    seen = layered(layer([[0.5]], 8.0, 500.0, (1, 1)), layer(np.ones(GRID.shape_px), 4.0, np.inf))
+    alphas = [np.stack([each.alpha] * 2) for each in seen.layers]
+    assert np.allclose(seen.with_light(alphas).flat().cube, 1)
+
+
+@pytest.mark.parametrize(("layers", "field"), [
+    ((), "layers"),
+    ((layer(np.ones((4, 6)), 1.0, 1.0, (1, 0)),), "layer 1"),
+    ((layer([[1.0]], 1.0, 1.0, (-1, 0)),), "layer 1"),
+    ((layer([[1.0]], 1.0, 1.0), Layer(np.ones((1, 1, 1)), np.ones((1, 1)), np.ones((1, 1)))), "layer 2")])
+def test_layers_that_do_not_fit_are_refused(layers, field):
+    with pytest.raises(ImageError, match=field):
+        layered(*layers)
+
+
+def test_planes_that_do_not_fit_are_refused():
+    with pytest.raises(ImageError, match="planes"):
+        Layer(np.ones((2, 3, 3)), np.ones((3, 3)), np.ones((3, 2)))
