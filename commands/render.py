@@ -5,6 +5,7 @@ from pathlib import Path
 
 from ..engine import InputError
 from ..engine.field.overscan import VIEWS
+from ..engine.image.depth_range import DEPTHS
 from ..engine.spectral.spectra import parse_wavelengths
 from ..engine.spectral.wavelength_choice import STANDARD_COLOUR_ERROR, TIERS, UNFIT
 from .arguments import CAMERA, add_engine_options, add_rings, check_outputs, focus_mm, given_options, resolution
@@ -54,6 +55,10 @@ def add_scene_options(render):
     render.add_argument("--view", choices=VIEWS,
                         help="what is seen: what the lens sees on its own sensor; or what the scene's camera sees, the "
                              "lens being made as large as that takes, blur and all")
+    render.add_argument("--depth", choices=DEPTHS,
+                        help="how what is out of focus is blurred: in layers of depth, where the scene is deeper than "
+                             "what is in focus; not at all; or by rays that Cycles traces through the lens: slow, and "
+                             "without diffraction, but true for glass, mirrors and volumes, too")
     render.add_argument("--unfit", choices=UNFIT,
                         help="nodes that cannot be rendered by wavelengths (lensfield lint lists them): an error, or "
                              "what Cycles makes of them")
@@ -153,7 +158,7 @@ def scene_and_arguments(options):
         "spectral": scene.lensfield.to_spectral_options(**spectral) if spectral else None,
         "view_layer": options.view_layer, "denoise": options.denoise, "focus": _focus(options.focus),
         "f_number": options.f_number, "focused_wide_open": options.focused_wide_open or None,
-        "lens_quality": options.lens_quality}
+        "lens_quality": options.lens_quality, "depth": options.depth}
 
 
 def _focus(text):

@@ -39,6 +39,8 @@ class Job:
         The scene's fingerprint; "" where nobody asked for it.
     ring_words : tuple of str
         What the lens's rings cannot do, a line each.
+    depth : str
+        One of DEPTHS.
     """
 
     lens: Lens
@@ -58,11 +60,13 @@ class Job:
     settings: dict | None = None
     state: str = ""
     ring_words: tuple[str, ...] = ()
+    depth: str = "auto"
 
 
 def job_from_settings(scene, *, lens=None, wavelengths_nm=None, output_folder=None, options=None, spectral=None,
                       view=None, unfit=None, view_layer=None, denoise=None, to_compositor=None, picture=None,
-                      room=None, state="", focus=None, f_number=None, focused_wide_open=None, lens_quality=None):
+                      room=None, state="", focus=None, f_number=None, focused_wide_open=None, lens_quality=None,
+                      depth=None):
     """The Job for the scene's current frame that its settings ask for, but for what is given.
 
     Raises
@@ -86,7 +90,7 @@ def job_from_settings(scene, *, lens=None, wavelengths_nm=None, output_folder=No
         settings.view_layer if view_layer is None else view_layer,
         settings.denoises(spectral) if denoise is None else denoise, spectral.tier != "reference",
         settings.to_compositor if to_compositor is None else to_compositor, warning, picture, room or 0.0,
-        picture_settings(scene), state, words)
+        picture_settings(scene), state, words, settings.depth.lower() if depth is None else depth)
 
 
 def folder_for(scene, output_folder=None):

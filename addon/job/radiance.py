@@ -19,7 +19,7 @@ from ..scene.errors import SceneError
 from ..scene.render_state import clamps_of, go_to_frame, guard_render_state, rendered_layer, turn_on_layer
 from ..scene.undo import Journal
 from .bands import CHANNELS
-from .remarks import scene_remarks
+from .remarks import scene_remarks, unlayered_remarks
 from .scene_plan import plan_scene
 
 ROWS_AT_ONCE = 16  # which stay in the processor's cache
@@ -87,7 +87,8 @@ def capture(scene, job, result, share):
         go_to_frame(scene, job.frame, journal)
         turn_on_layer(scene, job.view_layer, journal)
         check_camera(scene)
-        remarks, exposure = scene_remarks(scene, job), scene.cycles.film_exposure
+        remarks = [*scene_remarks(scene, job), *unlayered_remarks(scene, job, grid)]
+        exposure = scene.cycles.film_exposure
         plan, substitution, groups = plan_scene(scene, job, grid, journal)
         plan.check()
         names = groups.part(rendered_layer(scene), journal)

@@ -10,12 +10,19 @@ from ...engine.image.depth_range import check_depth
 from ..scene.camera import matching_focal_length_mm
 from ..scene.compositor import unreplaced_passes
 from ..scene.depth import seen_depth_mm
+from ..shading.lobes import MIRRORED, REFRACTED
+from .unlayered import VOLUME, unlayered
 
 MANY_SAMPLES, ENOUGH_SAMPLES = 1024, 256
 ENGINES = {"BLENDER_EEVEE": "EEVEE", "BLENDER_EEVEE_NEXT": "EEVEE", "BLENDER_WORKBENCH": "Workbench"}
 BLENDERS_FILTER = "BLACKMAN_HARRIS", 1.5, 1.0  # a new scene's pixel filter, its width, and Filter Glossy
 SAME_VIEW = 0.02
 DEPTH_TOLD = 0.01  # of the picture
+UNLAYERED = {  # what it is called, what of the picture it is, and what becomes of that
+    REFRACTED: ("Glass", "is seen through it", "is blurred as if it were on it"),
+    MIRRORED: ("Mirrors", "is reflected", "is blurred as if it were on them"),
+    VOLUME: ("Volumes", "has light from within", "is blurred as what lies behind it")}
+PANES = "take thin panes out of the camera's view (Object > Visibility > Ray Visibility > Camera), tint and all"
 
 
 @dataclass(frozen=True)
@@ -55,6 +62,20 @@ def depth_remarks(scene, job, capture):
     near, far = in_metres(check.near_mm), in_metres(check.far_mm)
     return [Remark("Depth", "", f"about {check.outside_fraction:.0%} of the picture is not at {near} to {far}, and "
                    "comes out as sharp", "focus by the camera's Depth of Field")]
+
+
+def unlayered_remarks(scene, job, capture):
+    """Remarks on what layers of depth would blur by another distance than its own, estimated before it is rendered:
+    generator."""
+    traced = ["Depth: Traced Lens renders it as it is"] if job.lens.prescription else []
+    for kind, found in unlayered(scene, job.lens, capture).items() if job.depth == "auto" else ():
+        if found.share < DEPTH_TOLD:
+            continue
+        what, part, becomes = UNLAYERED[kind]
+        more = f" (and {len(found.names) - 1} more)" if len(found.names) > 1 else ""
+        yield Remark(what, repr(found.names[0]) + more if found.names else "of the world",
+                     f"about {found.share:.0%} of the picture {part}, and {becomes}",
+                     ", or ".join(traced + [PANES] * (kind == REFRACTED)))
 
 
 def _of_engine(scene, job):

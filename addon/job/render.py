@@ -122,7 +122,7 @@ class Result:
 def render_through_lens(scene, lens=None, wavelengths_nm=None, output_folder=None, *, options=None, spectral=None,
                         view=None, unfit=None, frame=None, view_layer=None, denoise=None, to_compositor=False,
                         picture=None, room=None, state=None, focus=None, f_number=None, focused_wide_open=None,
-                        lens_quality=None, progress=None):
+                        lens_quality=None, depth=None, progress=None):
     """Render a scene multispectrally and put it through a lens: the whole main job in one call.
 
     What is left out is as the scene's own Lensfield settings say. What depends on the lens and the pixel grid alone is
@@ -168,6 +168,9 @@ def render_through_lens(scene, lens=None, wavelengths_nm=None, output_folder=Non
         Focus at the widest aperture, and stop down after that.
     lens_quality : str, optional
         How finely a prescription is baked; as the tier by default.
+    depth : "auto", "off" or "traced"
+        How what is out of focus is blurred: by layers of depth, where the lens's data do not hold for all of the scene;
+        not at all; or by rays that Cycles traces through the lens.
     progress : callable (fraction, label), optional
 
     Returns
@@ -183,7 +186,8 @@ def render_through_lens(scene, lens=None, wavelengths_nm=None, output_folder=Non
                        wavelengths_nm=wavelengths_nm, output_folder=output_folder, options=options, spectral=spectral,
                        view=view, unfit=unfit, view_layer=view_layer, denoise=denoise, to_compositor=to_compositor,
                        picture=picture, room=room, state=state or fingerprint_anew(scene), focus=focus,
-                       f_number=f_number, focused_wide_open=focused_wide_open, lens_quality=lens_quality)
+                       f_number=f_number, focused_wide_open=focused_wide_open, lens_quality=lens_quality,
+                       depth=depth)
     return run(render_steps(scene, job), progress)
 
 

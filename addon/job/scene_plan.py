@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...engine.errors import InputError
+from ...engine.image.depth_range import DEPTHS
 from ...engine.spectral.spectra import BAND_NM
 from ...engine.spectral.wavelength_choice import UNFIT, WavelengthChoice, choose_wavelengths
 from ..scene.camera import in_view, render_region
@@ -97,6 +98,8 @@ def check_job(scene, job):
     """Raise an InputError for what can be known to fail before anything is changed or rendered."""
     if job.unfit not in UNFIT:
         raise InputError("options", "unfit", job.unfit, f"expected {' or '.join(UNFIT)}")
+    if job.depth not in DEPTHS:
+        raise InputError("options", "depth", job.depth, f"expected {', '.join(DEPTHS)}")
     if not len(job.wavelengths_nm):
         raise InputError("options", "wavelengths", "empty", "expected at least one")
     for nm in job.wavelengths_nm:

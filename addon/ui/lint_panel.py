@@ -82,7 +82,8 @@ def asked(scene):
     """What the settings ask of a render's plan, to know a check of it by."""
     settings = scene.lensfield
     return (settings.lens_name_or_path(), settings.view, settings.wavelengths_text(), settings.tier,
-            settings.colour_error, settings.unfit, settings.denoise, settings.view_layer, scene.frame_current)
+            settings.colour_error, settings.unfit, settings.denoise, settings.view_layer, settings.depth,
+            scene.frame_current)
 
 
 def draw_preflight(layout, found):

@@ -37,6 +37,7 @@ def draw_settings(layout, scene):
     layout.use_property_decorate = False
     _draw_lens(layout, scene)
     _draw_rings(layout, scene)
+    layout.prop(scene.lensfield, "depth")
     _draw_camera(layout, scene)
     _draw_plan(layout, scene)
     _draw_render(layout, scene)

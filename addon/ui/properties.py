@@ -148,6 +148,14 @@ class LensfieldSettings(bpy.types.PropertyGroup):
         items=[("LENS", "The Lens's", "What the lens sees on its own sensor; Match Camera to Lens shows it beforehand"),
                ("CAMERA", "The Camera's", "What the scene's camera sees, the lens being made as large as that takes: "
                                           "its blur scales with it, and so does the focus of a lens at rest")])
+    depth: EnumProperty(
+        name="Depth", default="AUTO", description="How what is out of focus is blurred",
+        items=[("AUTO", "As Needed", "In layers of depth that are rendered one by one, where the scene is deeper than "
+                                     "what is in focus"),
+               ("OFF", "Off", "Not at all: everything is as sharp as what is in focus"),
+               ("TRACED", "Traced Lens", "Cycles traces its rays through the lens itself: slow, and without "
+                                         "diffraction, but true for glass, mirrors and volumes, "
+                                         "too. It takes a prescription")])
     focused_wide_open: BoolProperty(
         name="Focused Wide Open", default=False,
         description="Focus at the widest aperture and stop down after that, as with a rangefinder: where a lens's "

@@ -1,0 +1,196 @@
+"""What one depth for each pixel does not tell: glass, mirrors and volumes, found by rays before a render."""
+
+from dataclasses import replace
+
+import bpy
+import numpy as np
+import pytest
+from mathutils import Euler, Vector
+
+from lensfield.addon import preflight, render_through_lens
+from lensfield.addon.job.unlayered import MIRRORED, REFRACTED, VOLUME, unlayered
+from lensfield.addon.scene.camera import capture_grid
+from lensfield.addon.shading.lobes import STRAIGHT, glows_within, lobes_of
+from lensfield.engine import Lens
+from small_scenes import material, wall
+
+FAST = Lens.load("edmund-54852").scaled(10)  # f/1.8, 60 mm
+PANE_SHARE = 0.25
+
+
+@pytest.fixture(autouse=True)
+def fine_pixels(scene):
+    scene.render.resolution_x, scene.render.resolution_y = 960, 720
+
+
+def shader(node_type, roughness=0.0):
+    made, node = material(node_type, node_type)
+    if "Roughness" in node.inputs:
+        node.inputs["Roughness"].default_value = roughness
+    return made
+
+
+def look(scene, lens=FAST):
+    bpy.context.view_layer.update()
+    grid = capture_grid(scene, lens, [550.0])
+    return unlayered(scene, lens, grid), grid
+
+
+def shares(scene, lens=FAST):
+    return {kind: found.share for kind, found in look(scene, lens)[0].items()}
+
+
+def room(scene, of_material, distance_m=2.0):
+    """A square that takes a quarter of the picture, a wall far behind it, and one behind the camera."""
+    grid = capture_grid(scene, FAST, [550.0])
+    rows_mm, columns_mm = (n * grid.pitch_um * 1e-3 for n in grid.frame().shape_px)
+    side_m = distance_m * np.sqrt(PANE_SHARE * rows_mm * columns_mm) / FAST.capture_focal_length_mm
+    pane = wall(scene, of_material, distance_m, side_m)
+    pane.name = "Pane"
+    grey = shader("ShaderNodeBsdfDiffuse")
+    wall(scene, grey, 12.0, 100.0).name = "Far"
+    wall(scene, grey, -5.0, 100.0).name = "Behind"
+    return pane
+
+
+@pytest.mark.parametrize("node_type, roughness, kind", [
+    ("ShaderNodeBsdfGlass", 0.0, REFRACTED), ("ShaderNodeBsdfRefraction", 0.0, REFRACTED),
+    ("ShaderNodeBsdfGlossy", 0.0, MIRRORED), ("ShaderNodeBsdfMetallic", 0.0, MIRRORED),
+    ("ShaderNodeBsdfGlass", 0.6, None), ("ShaderNodeBsdfGlossy", 0.3, None),  # too rough to see a focus in
+    ("ShaderNodeBsdfDiffuse", 0.0, None), ("ShaderNodeBsdfTransparent", 0.0, None)])
+def test_what_is_seen_by_way_of_a_surface_is_found_with_its_share(scene, node_type, roughness, kind):
+    if node_type == "ShaderNodeBsdfMetallic":
+        pane_material = bpy.data.materials.new("Metal")
+        pane_material.use_nodes = True
+        principled = next(n for n in pane_material.node_tree.nodes if n.bl_idname == "ShaderNodeBsdfPrincipled")
+        principled.inputs["Metallic"].default_value, principled.inputs["Roughness"].default_value = 1.0, roughness
+    else:
+        pane_material = shader(node_type, roughness)
+    room(scene, pane_material)
+    found, _ = look(scene)
+    assert found.keys() == ({kind} if kind else set())
+    if kind:
+        assert found[kind].share == pytest.approx(PANE_SHARE, abs=0.08)  # a row of rays about its rim
+        assert found[kind].names == ("Pane",)
+
+
+def test_what_is_in_focus_with_its_surroundings_is_not_told(scene):
+    room(scene, shader("ShaderNodeBsdfGlass"))
+    assert shares(scene) and not shares(scene, FAST.scaled(0.03))  # a small lens is sharp at all of them
+
+
+def test_a_pane_that_no_camera_sees_is_none(scene):
+    room(scene, shader("ShaderNodeBsdfGlass")).visible_camera = False
+    assert not shares(scene)
+
+
+def test_what_lies_close_behind_glass_is_blurred_as_it_is(scene):
+    room(scene, shader("ShaderNodeBsdfGlass"))
+    wall(scene, shader("ShaderNodeBsdfDiffuse"), 2.001, 100.0)
+    assert not shares(scene)
+
+
+@pytest.mark.parametrize("node_type", ["ShaderNodeBsdfGlossy", "ShaderNodeBsdfGlass"])
+def test_a_small_ball_shows_all_about_where_it_is(scene, node_type):
+    """By the optics of curved mirrors and lenses: R / 2 behind and about R before its surface."""
+    room(scene, shader("ShaderNodeBsdfDiffuse"), distance_m=20.0)
+    for radius_m, told in ((0.004, False), (4.0, True)):
+        bpy.ops.mesh.primitive_uv_sphere_add(radius=radius_m, location=(0, 0, -0.5 - radius_m), segments=64,
+                                             ring_count=32)
+        ball = bpy.context.object
+        ball.data.materials.append(shader(node_type))
+        bpy.ops.object.shade_smooth()
+        scene.camera.data.lens = 50
+        assert bool(shares(scene)) == told
+        bpy.data.objects.remove(ball)
+
+
+def test_of_fog_that_which_comes_from_elsewhere_is_told(scene):
+    room(scene, shader("ShaderNodeBsdfDiffuse"))
+    fog, node = material("Fog", "ShaderNodeVolumeScatter")
+    output = fog.node_tree.get_output_node("CYCLES")
+    fog.node_tree.links.remove(output.inputs["Surface"].links[0])
+    fog.node_tree.links.new(node.outputs[0], output.inputs["Volume"])
+    bpy.ops.mesh.primitive_cube_add(size=2, location=(0, 0, -8), scale=(20, 20, 1))
+    box = bpy.context.object
+    box.data.materials.append(fog)
+    found, _ = look(scene)
+    assert found.keys() == {VOLUME} and found[VOLUME].names == ("Cube",)
+    assert found[VOLUME].share == pytest.approx(1 - PANE_SHARE, abs=0.08), "not before the square, which hides it"
+    node.inputs["Density"].default_value = 0
+    assert not shares(scene)
+    node.inputs["Density"].default_value = 1
+    box.location.z = 8
+    assert not shares(scene), "behind the camera"
+
+
+def test_a_fog_of_the_world_is_everywhere(scene):
+    tree = scene.world.node_tree
+    node = tree.nodes.new("ShaderNodeVolumeScatter")
+    tree.links.new(node.outputs[0], tree.get_output_node("CYCLES").inputs["Volume"])
+    assert shares(scene) == {VOLUME: 1.0}
+    absorbs = tree.nodes.new("ShaderNodeVolumeAbsorption")
+    tree.links.new(absorbs.outputs[0], tree.get_output_node("CYCLES").inputs["Volume"])
+    assert not glows_within(scene.world) and not shares(scene)
+
+
+def test_mixes_are_known_by_their_constants_and_as_a_camera_sees_them():
+    mixed, glass = material("Mixed", "ShaderNodeBsdfGlass")
+    tree, output = mixed.node_tree, mixed.node_tree.get_output_node("CYCLES")
+    mix, clear = tree.nodes.new("ShaderNodeMixShader"), tree.nodes.new("ShaderNodeBsdfTransparent")
+    for shader_node, socket in ((glass, mix.inputs[1]), (clear, mix.inputs[2])):
+        tree.links.new(shader_node.outputs[0], socket)
+    tree.links.new(mix.outputs[0], output.inputs["Surface"])
+
+    def by_way():
+        return {lobe.way: lobe.share for lobe in lobes_of(mixed)}
+
+    mix.inputs[0].default_value = 0.25
+    assert by_way() == pytest.approx({REFRACTED: 0.75, STRAIGHT: 0.25})
+    path = tree.nodes.new("ShaderNodeLightPath")
+    tree.links.new(path.outputs["Is Shadow Ray"], mix.inputs[0])
+    assert by_way() == {REFRACTED: 1.0}
+    tree.links.new(path.outputs["Is Camera Ray"], mix.inputs[0])
+    assert by_way() == {STRAIGHT: 1.0}
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.4])
+def test_a_mirror_shows_what_is_before_it(scene, turn):
+    """Aslant, what is beside the camera."""
+    pane = room(scene, shader("ShaderNodeBsdfGlossy"))
+    pane.rotation_euler = Euler((0, turn, 0))
+    behind = scene.objects["Behind"]
+    bpy.context.view_layer.update()
+    assert shares(scene).keys() == {MIRRORED}
+    place = pane.matrix_world @ Vector((0, 0, 0.02))
+    behind.location, behind.rotation_euler = place, pane.rotation_euler
+    behind.visible_camera = False  # it is before the mirror, and no more than seen in it
+    assert not shares(scene)
+
+
+@pytest.mark.parametrize("has_rays", [True, False])
+def test_remarks_name_the_share_the_objects_and_the_remedy(scene, tmp_path, has_rays):
+    room(scene, shader("ShaderNodeBsdfGlass"))
+    lens = FAST if has_rays else replace(FAST, prescription=None)
+    told, = (str(each) for each in preflight(scene, tmp_path, lens=lens).remarks if each.what == "Glass")
+    assert told.startswith("Glass 'Pane': about 2") and "Ray Visibility" in told
+    assert ("Traced Lens" in told) == has_rays
+
+
+@pytest.mark.parametrize("depth, told", [("auto", 1), ("off", 0), ("traced", 0)])
+def test_they_are_told_before_a_render_that_takes_depths_by_pixel(scene, tmp_path, depth, told):
+    room(scene, shader("ShaderNodeBsdfGlass"))
+    scene.lensfield.lens = "sonnar-50mm-f1.5"
+    scene.lensfield.depth = depth.upper()
+    for asked in ({}, {"depth": depth}):
+        found = preflight(scene, tmp_path, lens_quality="preview", **asked)
+        assert sum(remark.what == "Glass" for remark in found.remarks) == told
+        scene.lensfield.depth = "AUTO"
+
+
+def test_the_report_tells_them_too(scene, tmp_path):
+    scene.render.resolution_x, scene.render.resolution_y = 48, 36
+    scene.cycles.samples = 1
+    room(scene, shader("ShaderNodeBsdfGlass"))
+    result = render_through_lens(scene, FAST.scaled(10), [550.0], tmp_path, view="lens")
+    assert [remark for remark in result.report.remarks() if remark.startswith("Glass 'Pane': about")]
