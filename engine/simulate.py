@@ -80,8 +80,9 @@ def simulate(radiance: SpectralImage, lens: Lens, options: Options = BY_RESULT, 
         if progress:
             progress((index + 1) / radiance.wavelengths_nm.size)
     report.lens_image = tally.facts(lens, plan)
-    return replace(radiance.frame(), cube=irradiance, grid=replace(radiance.grid.frame(), projection=PLANE),
-                   quantity=IRRADIANCE, lens_name=lens.name, f_number_effective=lens.f_number_effective, focal_mm=None)
+    sensor = replace(radiance.grid.frame(), projection=PLANE, focal_mm=None)
+    return replace(radiance.frame(), cube=irradiance, grid=sensor, quantity=IRRADIANCE,
+                   lens_name=lens.name, f_number_effective=lens.f_number_effective, focal_mm=None)
 
 
 def _frame(blurred, frame_px):

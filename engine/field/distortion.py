@@ -232,7 +232,7 @@ def squeeze(real_mm: np.ndarray, field: FieldGeometry,
     radial = field.paraxial_slope(paraxial_mm)
     if capture_radius:
         radius_mm, slope = capture_radius(paraxial_mm)
-        tangential = tangential * np.divide(radius_mm, paraxial_mm, out=np.ones_like(real_mm), where=paraxial_mm > 0)
+        tangential = tangential * np.divide(radius_mm, paraxial_mm, out=np.array(slope), where=paraxial_mm > 0)
         radial = radial * slope
     return paraxial_mm, tangential, radial
 

@@ -38,7 +38,7 @@ def nearest_samples(plane: np.ndarray, lens: "Lens", capture: PixelGrid, wavelen
     """
     frame = capture.frame()
     field, real_mm = _field_and_radius(lens, frame, wavelength_nm)
-    _, scale, _ = squeeze(real_mm, field, capture_radius(capture.projection, lens))
+    _, scale, _ = squeeze(real_mm, field, capture_radius(capture, lens))
     x_mm, y_mm = frame.axes_mm()
     pitch_mm = capture.pitch_um * 1e-3
     row, column = (np.clip(np.rint(at), 0, n - 1).astype(np.intp) for at, n in zip(

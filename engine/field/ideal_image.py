@@ -45,7 +45,7 @@ class IdealImage:
                  vignette: bool, precision: str, memory: MemoryBudget) -> None:
         self._field = field
         self._per_radiance = irradiance_per_radiance(transmittance, lens.f_number_effective)
-        self._capture_radius = capture_radius(capture.projection, lens)
+        self._capture_radius = capture_radius(capture, lens)
         self._capture, self._planes = Planes(capture, planes.folded), planes
         self._last_height_mm = lens.heights_mm[-1] * (1 + ROUNDING) if vignette else np.inf
         self._precision, self._memory = precision, memory

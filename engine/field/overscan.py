@@ -20,25 +20,30 @@ VIEWS = "lens", "camera"  # what a capture shows: the lens's own view, or that o
 LARGEST_PLANE = 2.0  # times the pixels of the frame; a fisheye shows the same field in fewer
 
 
-def capture_radius(projection: str, lens: "Lens") -> CaptureRadius | None:
-    """How a projection shows paraxial heights: None for a plane, else a function.
+def capture_radius(capture: PixelGrid, lens: "Lens") -> CaptureRadius | None:
+    """How a capture shows paraxial heights: None for a plane as large as the sensor's own, else a function.
 
     A fisheye capture is equidistant: a ray at the angle t from the axis, as seen from the entrance pupil, lies at
-    f t from the middle, f being the lens's `capture_focal_length_mm`. So both have the same scale on the axis.
+    f t from the middle, f being that of its pinhole; a plane shows it at f tan t. So both have the same scale on the
+    axis.
 
     Returns
     -------
     callable (paraxial_height_mm) -> (radius_mm, slope), or None
     """
-    if projection == PLANE:
-        return None
-    focal_mm = lens.capture_focal_length_mm
+    own_mm = lens.capture_focal_length_mm
+    scale = (capture.focal_mm or own_mm) / own_mm
 
-    def radius(paraxial_height_mm):
-        tangent = paraxial_height_mm / focal_mm
-        return focal_mm * np.arctan(tangent), 1 / (1 + tangent**2)
+    def on_plane(paraxial_height_mm):
+        return scale * paraxial_height_mm, np.full_like(paraxial_height_mm, scale)
 
-    return radius
+    def on_fisheye(paraxial_height_mm):
+        tangent = paraxial_height_mm / own_mm
+        return scale * own_mm * np.arctan(tangent), scale / (1 + tangent**2)
+
+    if capture.projection != PLANE:
+        return on_fisheye
+    return None if scale == 1 else on_plane
 
 
 def choose_capture(lens: "Lens", frame: PixelGrid, wavelengths_nm: Sequence[float] | np.ndarray,
@@ -76,7 +81,7 @@ def reach_px(lens: "Lens", capture: PixelGrid, wavelengths_nm: Sequence[float] |
     lens, capture, wavelengths_nm, psf_radius_px
         As for `overscan_px`.
     """
-    radius = capture_radius(capture.projection, lens)
+    radius = capture_radius(capture, lens)
     real_mm = np.linspace(0, np.hypot(*capture.frame_px) / 2 * capture.pitch_um * 1e-3, 257)
     moved_mm = 0.0
     for wavelength_nm in wavelengths_nm:
@@ -102,7 +107,7 @@ def overscan_px(lens: "Lens", capture: PixelGrid, wavelengths_nm: Sequence[float
     -------
     (int, int), at least psf_radius_px + 1 each
     """
-    radius = capture_radius(capture.projection, lens)
+    radius = capture_radius(capture, lens)
     half = np.array(capture.frame_px) / 2 + psf_radius_px
     side_mm = [np.linspace(0, extent, 65) * capture.pitch_um * 1e-3 for extent in half]
     needed = half.copy()

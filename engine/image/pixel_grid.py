@@ -28,6 +28,9 @@ class PixelGrid:
         Rows and columns by which the grid extends beyond the sensor's frame on each side.
     projection : "plane" or "equidistant"
         What a capture was made with; see `overscan.capture_radius`.
+    focal_mm : float or None
+        Of the pinhole that it was made with, where that is not the lens's `capture_focal_length_mm`: a lens that is
+        focused nearer, on the same sensor, has another.
 
     Raises
     ------
@@ -40,6 +43,7 @@ class PixelGrid:
     centre_px: tuple[float, float] = None  # type: ignore[assignment]  # until it is made: the middle
     overscan_px: tuple[int, int] = (0, 0)
     projection: str = PLANE
+    focal_mm: float | None = None
 
     def __post_init__(self) -> None:
         for name in ("shape_px", "overscan_px"):
@@ -49,6 +53,8 @@ class PixelGrid:
         centre = ((rows - 1) / 2, (columns - 1) / 2) if self.centre_px is None else self.centre_px
         if not is_positive(self.pitch_um):
             raise ImageError("image", "pitch_um", self.pitch_um, "expected a positive number")
+        if self.focal_mm is not None and not is_positive(self.focal_mm):
+            raise ImageError("image", "focal_mm", self.focal_mm, "expected a positive number")
         if self.projection not in PROJECTIONS:
             raise ImageError("image", "projection", self.projection, f"expected one of {', '.join(PROJECTIONS)}")
         if min(overscan) < 0 or 2 * overscan[0] >= rows or 2 * overscan[1] >= columns:

@@ -1,13 +1,15 @@
 """Spectral EXR files: the layout of Fichet, Pacanowski and Wilkie, JCGT 2021, version 1.0.
 
 One FLOAT channel per wavelength, `S0.550,000000nm`, beside R, G and B for programs that know no spectra. Overscan is
-what OpenEXR means it to be: a data window larger than the display window.
+what OpenEXR means it to be: a data window larger than the display window. Layers of radiance are further parts of the
+file, `layer.1` and on, near to far: whoever reads the first has the picture that a pinhole sees.
 """
 
 import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,8 @@ import OpenEXR
 from ..errors import ImageError, absence
 from ..files import atomic_path
 from ..threads import thread_count
+from .depth_range import BACKGROUND_MM
+from .layers import Layer, LayeredRadiance
 from .pixel_grid import PLANE, PROJECTIONS
 from .preview import to_rec709
 from .spectral_image import RADIANCE, UNITS, SpectralImage
@@ -29,6 +33,8 @@ SPECTRAL_COMPRESSION, PLAIN_COMPRESSION = OpenEXR.RLE_COMPRESSION, OpenEXR.ZIP_C
 SPEED_OF_LIGHT_M_S = 299792458.0
 LAYOUT_VERSION = "1.0"
 EMISSIVE_UNITS = "W.m^-2.sr^-1"  # the layout's canonical string; its values are densities per nm
+FIRST_PART, LAYER_PART = "radiance", "layer."
+M_TO_MM = 1e3
 
 
 def channel_name(wavelength_nm: float) -> str:
@@ -36,8 +42,10 @@ def channel_name(wavelength_nm: float) -> str:
     return f"S0.{wavelength_nm:.6f}nm".replace(".", ",").replace("S0,", "S0.", 1)
 
 
-def write_exr(image: SpectralImage, path: str | os.PathLike, beside: dict[str, np.ndarray] | None = None) -> None:
-    """Write a spectral image, whole or not at all; and beside it planes such as A, alpha, and Z, depth, by channel.
+def write_exr(image: SpectralImage, path: str | os.PathLike, beside: dict[str, np.ndarray] | None = None,
+              layered: LayeredRadiance | None = None) -> None:
+    """Write a spectral image, whole or not at all; and beside it planes such as A, alpha, and Z, depth, by channel; and
+    the layers that it is seen in, if there are any, each with its own A and Z, in metres.
 
     Radiance carries the layout's `emissiveUnits`; irradiance, for which the layout has no unit, does not. Both carry
     `lensfield:` attributes: quantity, units, pitchUm, and centrePx, the row and the column, in this order and in the
@@ -45,22 +53,37 @@ def write_exr(image: SpectralImage, path: str | os.PathLike, beside: dict[str, n
     radiance projection too, irradiance lens and fNumberEffective. Where R, G and B are exposed, exposure tells by what
     factor; the spectral channels never are.
     """
-    planes = {channel_name(nm): np.ascontiguousarray(plane)
-              for nm, plane in zip(image.wavelengths_nm, image.cube, strict=True)}
-    if len(planes) < len(image.wavelengths_nm):
-        raise ImageError(path, "wavelengths_nm", image.wavelengths_nm.tolist(),
+    planes = _spectral_planes(image.cube, image.wavelengths_nm, path) | _rgb_planes(to_rec709(image)) | (beside or {})
+    _write([(_header(image), planes), *(_layer_parts(layered, path) if layered else ())], path)
+
+
+def _spectral_planes(cube, wavelengths_nm, path):
+    planes = {channel_name(nm): plane for nm, plane in zip(wavelengths_nm, cube, strict=True)}
+    if len(planes) < len(wavelengths_nm):
+        raise ImageError(path, "wavelengths_nm", np.asarray(wavelengths_nm).tolist(),
                          "channel names tell a millionth of a nanometre apart, no less")
-    planes |= _rgb_planes(to_rec709(image)) | (beside or {})
-    _write(_header(image), planes, path)
+    return planes
+
+
+def _layer_parts(layered, path):
+    """(header, planes) of each layer."""
+    above, left = layered.grid.overscan_px
+    for layer in layered.layers:
+        origin = layer.origin_px[0] - above, layer.origin_px[1] - left
+        depth_m = np.where(layer.depth_mm < BACKGROUND_MM, layer.depth_mm, BACKGROUND_MM) / np.float32(M_TO_MM)
+        yield (_windows(layered.grid.frame_px, origin, layer.alpha.shape),
+               _spectral_planes(layer.cube, layered.wavelengths_nm, path) | {"A": layer.alpha, "Z": depth_m})
+
+
+def _windows(frame_px, origin_px, shape_px):
+    """How each part of a spectral file is laid out, the frame's first pixel being the origin of all."""
+    return {"compression": SPECTRAL_COMPRESSION, "type": OpenEXR.scanlineimage,
+            "displayWindow": _box((0, 0), frame_px), "dataWindow": _box(origin_px, shape_px)}
 
 
 def _header(image):
-    rows, columns = image.cube.shape[1:]
     top, left = image.overscan_px
-    frame_rows, frame_columns = image.frame_px
-    header = {
-        "compression": SPECTRAL_COMPRESSION, "type": OpenEXR.scanlineimage,
-        "displayWindow": _box(0, 0, frame_rows, frame_columns), "dataWindow": _box(-top, -left, rows, columns),
+    header = _windows(image.frame_px, (-top, -left), image.cube.shape[1:]) | {
         "spectralLayoutVersion": LAYOUT_VERSION,
         "lensfield:quantity": image.quantity, "lensfield:units": UNITS[image.quantity],
         "lensfield:pitchUm": np.array([image.pitch_um]),  # an array keeps its doubles, a float would not
@@ -94,12 +117,14 @@ def write_plane_exr(plane: np.ndarray, path: str | os.PathLike) -> None:
 
 def _write_plain(planes, path):
     header = {"compression": PLAIN_COMPRESSION, "type": OpenEXR.scanlineimage}
-    planes = {name: np.ascontiguousarray(plane, np.float32) for name, plane in planes.items()}
-    _write(header, planes, path)
+    _write([(header, planes)], path)
 
 
-def _write(header, planes, path):
-    with atomic_path(path) as temporary, exr_threads(), OpenEXR.File(header, planes) as file:
+def _write(parts, path):
+    names = [FIRST_PART, *(f"{LAYER_PART}{index}" for index in range(1, len(parts)))] if len(parts) > 1 else [""]
+    parts = [OpenEXR.Part(header, {name: np.ascontiguousarray(plane, np.float32) for name, plane in planes.items()},
+                          name) for (header, planes), name in zip(parts, names, strict=True)]
+    with atomic_path(path) as temporary, exr_threads(), OpenEXR.File(parts) as file:
         try:
             with open(temporary, "wb") as stream:  # by its name OpenEXR would not notice that its last bytes are lost
                 file.write(stream)
@@ -119,10 +144,11 @@ def exr_threads() -> Iterator[None]:
 
 
 def _rgb_planes(rec709):
-    return {name: np.ascontiguousarray(plane) for name, plane in zip("RGB", np.moveaxis(rec709, -1, 0), strict=True)}
+    return dict(zip("RGB", np.moveaxis(rec709, -1, 0), strict=True))
 
 
-def _box(top, left, rows, columns):
+def _box(origin_px, shape_px):
+    (top, left), (rows, columns) = origin_px, shape_px
     return (np.array([left, top], dtype=np.int32), np.array([left + columns - 1, top + rows - 1], dtype=np.int32))
 
 
@@ -149,8 +175,52 @@ def read_exr(path: str | os.PathLike, pitch_um: float | None = None) -> Spectral
 
 def read_with_planes(path: str | os.PathLike,
                      pitch_um: float | None = None) -> tuple[SpectralImage, dict[str, np.ndarray]]:
-    """What `read_exr` gives, and all the planes of the file by channel: those beside the spectral ones, too."""
-    header, channels = read_parts(path)[0]
+    """What `read_exr` gives, and all the planes of the picture by channel: those beside the spectral ones, too."""
+    return _first_image(read_parts(path), path, pitch_um)
+
+
+def read_with_layers(path: str | os.PathLike) -> tuple[SpectralImage, dict[str, np.ndarray], LayeredRadiance | None]:
+    """What `read_with_planes` gives, and the layers that the picture is seen in; None where there are none."""
+    parts = read_parts(path)
+    image, planes = _first_image(parts, path, None)
+    return image, planes, _layered(image, parts, path)
+
+
+def read_layers(path: str | os.PathLike) -> LayeredRadiance | None:
+    """The layers of radiance in a file; None where there are none."""
+    return read_with_layers(path)[2]
+
+
+def _layered(image, parts, path):
+    layers = [part for part in parts[1:] if str(part[0].get("name", "")).startswith(LAYER_PART)]
+    if not layers:
+        return None
+    first, *windows = (np.stack(header["dataWindow"])[:, ::-1] for header, _ in (parts[0], *layers))
+    frame_px = np.ptp(np.stack(parts[0][0]["displayWindow"]), axis=0)[::-1] + 1
+    margins = (side for window in windows for side in (-window[0], window[1] + 1 - frame_px))
+    overscan = np.max([image.overscan_px, *margins], axis=0)
+    grid = replace(image.grid, shape_px=frame_px + 2 * overscan, overscan_px=overscan,
+                   centre_px=image.centre_px + first[0] + overscan)
+    try:
+        return LayeredRadiance([_layer(*part, image.wavelengths_nm, overscan, path) for part in layers],
+                               image.wavelengths_nm, grid, image.focal_mm, image.exposure)
+    except ImageError as error:
+        raise error.at(path) from None
+
+
+def _layer(header, channels, wavelengths_nm, overscan_px, path):
+    missing = {"A", "Z", *map(channel_name, wavelengths_nm)} - channels.keys()
+    if missing:
+        raise ImageError(path, header["name"], "damaged", f"expected a channel {min(missing)}")
+    depth_mm = channels["Z"] * np.float32(M_TO_MM)
+    left, top = header["dataWindow"][0]
+    return Layer(np.stack([channels[channel_name(nm)] for nm in wavelengths_nm]), channels["A"],
+                 np.where(depth_mm < BACKGROUND_MM, depth_mm, np.float32(np.inf)),
+                 (int(top + overscan_px[0]), int(left + overscan_px[1])))
+
+
+def _first_image(parts, path, pitch_um):
+    header, channels = parts[0]
     planes = sorted(((wavelength, plane) for name, plane in channels.items()
                      if (wavelength := channel_wavelength_nm(name)) is not None), key=lambda plane: plane[0])
     if not planes:
@@ -186,11 +256,14 @@ def read_parts(path: str | os.PathLike, header_only: bool = False) -> list[tuple
     if not Path(path).is_file():
         raise ImageError(path, "file", absence(path), "expected an EXR picture")
     try:
-        with exr_threads(), OpenEXR.File(str(path), separate_channels=True, header_only=header_only) as file:
-            # The file empties its own dictionaries when it is closed.
-            parts = [(dict(part.header), {name: channel.pixels for name, channel in part.channels.items()})
-                     for part in file.parts]
-        if not parts:
+        with exr_threads():
+            with OpenEXR.File(str(path), header_only=True) as file:
+                count = len(file.parts)
+            with OpenEXR.File(str(path), separate_channels=True, header_only=header_only) as file:
+                # The file empties its own dictionaries when it is closed.
+                parts = [(dict(part.header), {name: channel.pixels for name, channel in part.channels.items()})
+                         for part in file.parts]
+        if len(parts) < max(count, 1):  # parts that it cannot read are left out
             raise ValueError("it ends too early")
     except (RuntimeError, ValueError, TypeError, IndexError) as error:
         raise ImageError(path, "file", "not readable", f"expected an EXR picture ({error})") from None

@@ -90,10 +90,34 @@ def test_the_papers_lens_needs_no_fisheye():
     assert choose_capture(lens, frame, lens.wavelengths_nm, psf_radius_px(lens, 6.25)).projection == PLANE
 
 
+def fisheye_capture():
+    return PixelGrid((64, 64), 10.0, projection=FISHEYE)
+
+
+@pytest.mark.parametrize("times", [0.8, 1.0, 1.3])
+@pytest.mark.parametrize("projection", [PLANE, FISHEYE])
+def test_a_capture_by_another_pinhole_is_seen_on_the_same_sensor(projection, times):
+    """As by the lens's own: to what bilinear look-ups in pixels of other sizes differ by."""
+    lens = lens_of(lambda p: 0.97 * p, focal_mm=4.0)
+    own = PixelGrid.around_frame((60, 80), 20.0, (60, 60), projection)
+    other = replace(own, focal_mm=times * 4.0)
+    pictures = []
+    for grid in (own, other):
+        x_mm, y_mm = grid.axes_mm()
+        radius_mm = np.hypot(x_mm[None, :], y_mm[:, None]) * (4.0 / grid.focal_mm if grid.focal_mm else 1.0)
+        tangent = 4.0 * np.tan(radius_mm / 4.0) if projection == FISHEYE else radius_mm
+        scale = np.divide(tangent, np.hypot(x_mm[None, :], y_mm[:, None]), out=np.ones(grid.shape_px),
+                          where=radius_mm > 0)
+        picture = 2 + np.sin(3 * scale * x_mm[None, :] + 1) * np.cos(4 * scale * y_mm[:, None])
+        image = SpectralImage(picture[None], [550.0], grid)
+        pictures.append(simulate(image, lens).cube[0])
+    assert np.abs(pictures[0] - pictures[1]).max() < 3e-3 * pictures[0].max()
+
+
 @pytest.mark.parametrize("angle_deg", [0.001, 10, 45, 80])
 def test_a_fisheye_shows_an_angle_at_its_arc(angle_deg):
     angle = np.radians(angle_deg)
-    radius_mm, slope = capture_radius(FISHEYE, lens_of(focal_mm=2.0))(2.0 * np.tan(angle))
+    radius_mm, slope = capture_radius(fisheye_capture(), lens_of(focal_mm=2.0))(2.0 * np.tan(angle))
     assert radius_mm == pytest.approx(2.0 * angle, rel=1e-12)
     assert slope == pytest.approx(np.cos(angle)**2, rel=1e-9)  # d arc / d tangent
 
@@ -101,7 +125,7 @@ def test_a_fisheye_shows_an_angle_at_its_arc(angle_deg):
 def test_the_angle_is_that_seen_from_the_entrance_pupil():
     # Object 95 mm from the first surface, the pupil 5 mm behind it, magnification -1/10: 10 mm of tangent.
     lens = make_lens(magnification=-0.1, object_distance_mm=95.0, entrance_pupil_mm=5.0)
-    assert capture_radius(FISHEYE, lens)(10.0)[0] == pytest.approx(10 * np.pi / 4)
+    assert capture_radius(fisheye_capture(), lens)(10.0)[0] == pytest.approx(10 * np.pi / 4)
 
 
 def scene(x_mm, y_mm):
