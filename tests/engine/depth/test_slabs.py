@@ -1,0 +1,247 @@
+"""The planner of slabs: borders between things, none through what is whole, and margins by hand."""
+
+import numpy as np
+import pytest
+
+from lenses import make_lens
+from lensfield.engine.depth.slabs import DEEP_PX, SlabPlan, plan_slabs
+from lensfield.engine.image.depth_range import blur_per_nearness_px, blur_px
+from lensfield.engine.image.pixel_grid import FISHEYE, PixelGrid
+
+LENS = make_lens(efl_mm=100.0, magnification=-0.05, f_number_effective=2.2, object_distance_mm=2000.0,
+                 entrance_pupil_mm=0.0, sensor_mm=(36.0, 24.0))
+"""45 mm wide, focused at 2 m."""
+PITCH_UM = 93.75
+FRAME = PixelGrid((96, 128), PITCH_UM)
+ROOM = PixelGrid((288, 384), PITCH_UM)
+
+
+def plan(depth_mm, capture=None, lens=LENS, *, accuracy=0.01, overscan_px=(0, 0), **asked) -> SlabPlan:
+    return plan_slabs(depth_mm, capture or PixelGrid(np.shape(depth_mm), PITCH_UM), lens, accuracy=accuracy,
+                      overscan_px=overscan_px, **asked)
+
+
+def floor_mm(grid, height_mm=220.0):
+    """A floor below the camera, up to the horizon, and what is infinitely far above."""
+    _, y_mm = grid.axes_mm()
+    with np.errstate(divide="ignore"):
+        down = np.where(y_mm < 0, height_mm * LENS.capture_focal_length_mm / -y_mm, np.inf)
+    return np.broadcast_to(down[:, None], grid.shape_px).copy()
+
+
+def room_mm(seed=3):
+    """A floor before a wall with a window, a pillar, balls, leaves of grass, and lamps far and near."""
+    random = np.random.default_rng(seed)
+    depth_mm = np.minimum(floor_mm(ROOM), 5500)
+    rows, columns = np.indices(ROOM.shape_px)
+    window = (np.abs(columns - 250) < 45) & (rows < 130)
+    depth_mm[window] = 30000
+    depth_mm[:, 120:134] = np.minimum(depth_mm[:, 120:134], 3200)
+    for row, column, radius, z in ((190, 230, 40, 2000), (200, 150, 20, 1150), (60, 260, 5, 25000), (60, 60, 4, 4500)):
+        depth_mm[(rows - row)**2 + (columns - column)**2 < radius**2] = z
+    for _ in range(25):
+        column, top, z = random.integers(200, 380), random.integers(100, 250), random.uniform(750, 1000)
+        depth_mm[top:, column:column + 2] = z
+    return depth_mm
+
+
+def kept_by(borders_mm, depth_mm):
+    """Of all jumps of blur by more than a pixel, how much has both sides between the same borders."""
+    blur, slab = blur_px(LENS, PITCH_UM, depth_mm), np.searchsorted(borders_mm, depth_mm)
+    kept = total = 0.0
+    for axis in (0, 1):
+        jumps = np.abs(np.diff(blur, axis=axis))
+        jumps[jumps < 1] = 0
+        total += jumps.sum()
+        kept += jumps[np.diff(slab, axis=axis) == 0].sum()
+    return kept / total
+
+
+def test_four_planned_slabs_leave_less_than_eight_even_ones():
+    depth_mm = room_mm()
+    even = 1 / np.linspace(1 / depth_mm.min(), 1 / depth_mm.max(), 9)[1:-1]
+    assert kept_by(plan(depth_mm, accuracy=1e-6, most_slabs=4).borders_mm, depth_mm) < kept_by(even, depth_mm)
+
+
+def test_what_the_plan_says_it_keeps_is_what_its_borders_keep():
+    depth_mm = room_mm()
+    for most in (1, 2, 4, 8):
+        planned = plan(depth_mm, accuracy=1e-6, most_slabs=most)
+        assert planned.kept_jumps == pytest.approx(kept_by(planned.borders_mm, depth_mm), abs=0.01)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_more_slabs_never_leave_more(seed):
+    depth_mm = room_mm(seed)
+    left = [plan(depth_mm, accuracy=1e-9, most_slabs=most).behind for most in range(1, 13)]
+    assert np.all(np.diff(left) <= 0) and left[-1] < 0.05 * left[0]
+
+
+def test_no_more_slabs_than_the_accuracy_asks_for():
+    depth_mm = room_mm()
+    numbers = [plan(depth_mm, accuracy=accuracy).slabs for accuracy in (0.5, 0.1, 0.01, 0.001)]
+    assert numbers == sorted(numbers) and numbers[0] < numbers[-1] <= 12
+    assert plan(depth_mm, accuracy=0.001, most_slabs=4).slabs == 4
+
+
+def test_a_card_before_a_wall_takes_one_border_between_them():
+    depth_mm = np.full(FRAME.shape_px, 4000.0)
+    depth_mm[30:60, 40:80] = 1000
+    planned = plan(depth_mm)
+    assert planned.needed and planned.kept_jumps == planned.behind == 0
+    border_mm, = planned.borders_mm
+    assert 1100 < border_mm < 3500
+    assert "2 slabs, cut at" in planned.text
+
+
+def test_a_border_keeps_off_what_it_would_graze():
+    """Between a lamp at 25 m and a wall at 30 m there are few pixels of blur."""
+    depth_mm = np.full(FRAME.shape_px, 30000.0)
+    depth_mm[30:60, 40:80] = 12000
+    border_mm, = plan(depth_mm).borders_mm
+    assert 14000 < border_mm < 26000
+
+
+@pytest.mark.parametrize("z_mm", [700.0, 2300.0, 50000.0, np.inf])
+def test_a_plane_out_of_focus_takes_one_slab(z_mm):
+    planned = plan(np.full(FRAME.shape_px, z_mm))
+    assert planned.needed and planned.slabs == 1 and planned.behind == 0
+
+
+def test_where_all_is_in_focus_nothing_is_needed():
+    planned = plan(np.full(FRAME.shape_px, 2001.0))
+    assert not planned.needed and planned.slabs == 1 and planned.margins_px == ((0, 0),)
+    assert planned.text == "the lens data hold for all depths of the scene"
+
+
+def test_a_little_out_of_focus_is_needed_by_the_accuracy():
+    """0.7 px of blur is a little more than the half that pixels hide."""
+    z_mm = 1 / (1 / 2000 + 0.7 / blur_per_nearness_px(LENS, PITCH_UM))
+    assert not plan(np.full(FRAME.shape_px, z_mm), accuracy=0.1).needed
+    assert plan(np.full(FRAME.shape_px, z_mm), accuracy=0.01).needed
+
+
+@pytest.mark.parametrize("every", [1, 3])
+def test_a_floor_alone_takes_one_slab(every):
+    depth_mm = floor_mm(ROOM)[::every, ::every]
+    assert plan(depth_mm, ROOM).slabs == 1
+
+
+def test_a_slanted_floor_with_a_horizon_takes_one_slab():
+    x_mm, y_mm = ROOM.axes_mm()
+    nearness = np.maximum((0.3 * x_mm - y_mm[:, None]) / (220 * LENS.capture_focal_length_mm), 0)
+    with np.errstate(divide="ignore"):
+        assert plan(1 / nearness).slabs == 1
+
+
+def test_nothing_but_infinity():
+    far = make_lens(efl_mm=50.0, object_distance_mm=np.inf, magnification=0.0, f_number_effective=5.0)
+    depth_mm = np.full(FRAME.shape_px, np.inf)
+    assert not plan(depth_mm, lens=far).needed
+    assert plan(depth_mm).slabs == 1 and plan(depth_mm).needed
+
+
+def test_no_depth_at_all():
+    planned = plan(np.full(FRAME.shape_px, np.nan))
+    assert not planned.needed and planned.check is None and planned.text
+
+
+def test_pixels_without_depth_do_not_count():
+    depth_mm = np.full(FRAME.shape_px, 2000.0)
+    for nothing in (np.nan, 0.0, -5.0):
+        depth_mm[10:20] = nothing
+        assert not plan(depth_mm).needed
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 7), (7, 1), (2, 2), (1, 2)])
+def test_looks_of_few_pixels(shape):
+    depth_mm = np.full(shape, 4000.0)
+    depth_mm[-1, -1] = 1000
+    assert plan(depth_mm, FRAME).slabs == (1 if depth_mm.size == 1 else 2)
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("name", ["whole_mm", "bodies_mm"])
+def test_no_border_is_inside_what_is_whole(seed, name):
+    random, depth_mm = np.random.default_rng(seed), room_mm(seed)
+    near_mm = random.uniform(600, 6000, 6)
+    reach_px = random.uniform(0, DEEP_PX, near_mm.size)
+    far_mm = 1 / np.maximum(1 / near_mm - reach_px / blur_per_nearness_px(LENS, PITCH_UM), 1e-9)
+    whole = list(zip(near_mm, far_mm, strict=True))
+    borders = plan(depth_mm, accuracy=1e-4, **{name: whole}).borders_mm
+    assert borders
+    assert not any(near < border < far for near, far in whole for border in borders)
+
+
+def test_a_deep_body_may_be_cut_and_a_volume_never():
+    depth_mm = room_mm()
+    free = plan(depth_mm).borders_mm
+    assert plan(depth_mm, bodies_mm=[(500, 20000)]).borders_mm == pytest.approx(free, rel=0.05)
+    assert all(border >= 20000 * (1 - 1e-9) for border in plan(depth_mm, whole_mm=[(0, 20000)]).borders_mm)
+
+
+@pytest.mark.parametrize("world", [(0, np.inf), (-1000, np.inf)])
+def test_a_volume_of_the_world_takes_one_slab(world):
+    assert plan(room_mm(), whole_mm=[world]).slabs == 1
+
+
+def test_a_coarse_look_plans_as_a_fine_one_does():
+    depth_mm = room_mm()
+    fine, coarse = plan(depth_mm, ROOM, most_slabs=3), plan(depth_mm[::2, ::2], ROOM, most_slabs=3)
+    assert kept_by(coarse.borders_mm, depth_mm) < kept_by(fine.borders_mm, depth_mm) + 0.02
+
+
+def test_large_looks_are_looked_at_in_part():
+    depth_mm = np.full((1200, 1600), 4000.0)
+    depth_mm[300:600, 400:800] = 1000
+    planned = plan(depth_mm)
+    assert planned.slabs == 2 and 1100 < planned.borders_mm[0] < 3500
+
+
+def margin_of(near_mm, distance_px, side, overscan_px=(0, 0)):
+    """Of a wall in focus, with something near, which begins so far beyond the frame on one side."""
+    capture = PixelGrid((96 + 80, 128 + 80), PITCH_UM, overscan_px=(40, 40))
+    depth_mm = np.full(capture.shape_px, 2000.0)
+    turned = np.moveaxis(depth_mm, {"rows": 0, "columns": 1}[side], 0)
+    turned[:40 - distance_px] = near_mm
+    return plan(depth_mm, capture, overscan_px=overscan_px)
+
+
+@pytest.mark.parametrize("side", ["rows", "columns"])
+def test_what_is_near_counts_beyond_the_frame_as_far_as_its_blur_reaches(side):
+    """At 1 m the blur is 24.3 px wide: a ray of 12.1 px beyond the frame comes in, and pixels' middles count."""
+    radius_px = float(blur_px(LENS, PITCH_UM, 1000.0)) / 2
+    assert 12 < radius_px < 12.5
+    planned = margin_of(1000.0, 3, side)
+    assert planned.needed and planned.slabs == 2
+    rows, columns = planned.margin_px
+    assert (rows if side == "rows" else columns) == 13  # 11.5 px to the middle of the last, and a pixel more
+    assert not margin_of(1000.0, 13, side).needed
+    assert margin_of(1000.0, 13, side, overscan_px=(3, 3)).needed
+
+
+def test_slabs_have_margins_of_their_own():
+    near, far = margin_of(700.0, 0, "rows").margins_px
+    assert near[0] > far[0]
+    assert margin_of(100.0, 0, "rows").margin_px == (40, 40)  # no more than was looked at
+
+
+def test_no_slab_has_less_than_is_needed_in_focus():
+    planned = margin_of(1000.0, 0, "rows", overscan_px=(5, 7))
+    assert np.all(np.array(planned.margins_px) >= (5, 7)) and planned.margins_px[0] > (5, 7)
+
+
+def test_a_fisheyes_borders_are_distances():
+    """Two shells about the camera: planar depths of the far one come as near as the near one is, where it is seen far
+    off the axis; a border at a distance parts them."""
+    lens = make_lens(efl_mm=10.0, magnification=-0.005, f_number_effective=1.0, object_distance_mm=2000.0,
+                     entrance_pupil_mm=0.0)
+    grid = PixelGrid((200, 300), 100.0, projection=FISHEYE)
+    x_mm, y_mm = grid.axes_mm()
+    angle = np.hypot(x_mm, y_mm[:, None]) / lens.capture_focal_length_mm
+    distance_mm = np.where(np.indices(grid.shape_px)[1] % 40 < 20, 300.0, 600.0)
+    planar_mm = np.where(angle < np.pi / 2, distance_mm * np.cos(angle), np.nan)
+    assert np.isnan(planar_mm).any() and np.nanmin(planar_mm[distance_mm == 600]) < 300
+    planned = plan_slabs(planar_mm, grid, lens, accuracy=0.05, overscan_px=(0, 0))
+    border_mm, = planned.borders_mm
+    assert 305 < border_mm < 595
