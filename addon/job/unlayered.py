@@ -54,12 +54,18 @@ def unlayered(scene, lens, capture):
         REFRACTED, MIRRORED and VOLUME to their Unlayered, where there is any.
     """
     look = _Look(scene, lens, capture)
-    seen = [look.along(*direction) for direction in look.view.directions]
-    found = {kind: Counter(name for kind_seen, name in seen if kind_seen == kind) for kind in (REFRACTED, MIRRORED)}
-    shares = {kind: sum(names.values()) / len(seen) for kind, names in found.items()}
-    shares[VOLUME], found[VOLUME] = look.within_volumes()
-    return {kind: Unlayered(share, tuple(name for name, _ in found[kind].most_common()))
-            for kind, share in shares.items() if share}
+    boxes, volumes = look.candidates()
+    rays = np.flatnonzero(np.isfinite([*boxes, *(entered_m for _, entered_m in volumes)]).any(axis=0))
+    seen = look.view.look(look.along, rays)
+    share, cast = rays.size / len(look.view.directions) / max(len(seen), 1), rays[:len(seen)]
+    depths_m = np.array([depth_m for depth_m, *_ in seen])
+    found = [(kind, name, ray) for ray, (_, kind, name) in zip(cast, seen, strict=True)]
+    found += [(VOLUME, name, ray) for name, entered_m in volumes
+              for ray in cast[look.is_elsewhere(look.view.cosines[cast] * entered_m[cast], depths_m)]]
+    return {kind: Unlayered(share * len({ray for of_kind, _, ray in found if of_kind == kind}),
+                            tuple(name for name, _ in Counter(
+                                name for of_kind, name, _ in found if of_kind == kind and name).most_common()))
+            for kind in dict.fromkeys(kind for kind, *_ in found) if kind}
 
 
 class _Look:
@@ -69,42 +75,48 @@ class _Look:
         self.view, self._scene, self._layer = View(scene, lens, capture), scene, rendered_layer(scene)
         self._pupil_m = entrance_pupil_diameter_mm(lens) / M_TO_MM
         self._blur_px_m = blur_per_nearness_px(lens, capture.pitch_um) / M_TO_MM
-        self._lobes, self._depths_m = {}, []
+        self._lobes, self._glows = {}, {}
 
-    def along(self, direction, cosine):
-        """What a ray shows that its depth does not tell: the kind, and the object's name; None and "" for nothing."""
-        hit = self._with_depth(direction)
-        distance_m = max((hit.place - self.view.origin).length, BEYOND_M) if hit else np.inf
-        self._depths_m.append(distance_m * cosine)
-        lobe = hit and self._picture(hit, distance_m)
-        if not lobe:
-            return None, ""
-        nearness = _nearness(distance_m, *self._beyond(hit, direction, lobe.way))  # of what is seen there
-        apart_px = self._blur_px_m / cosine * abs(1 / distance_m - nearness)
-        return (lobe.way, hit.obj.original.name) if apart_px > BLUR_PX else (None, "")
-
-    def within_volumes(self):
-        """The share of rays that bring light of a volume which does not belong where they end, and the Counter of the
-        objects."""
-        depths_m, names, touched = np.array(self._depths_m), Counter(), np.zeros(len(self._depths_m), bool)
-        world = self._layer.world_override or self._scene.world
-        if world and glows_within(world):
-            return 1.0, names
-        directions = np.array([direction for direction, _ in self.view.directions])
-        cosines = np.array([cosine for _, cosine in self.view.directions])
+    def candidates(self):
+        """How far along each ray the bounding boxes of what may be glass or a mirror begin: list of array; and of what
+        has a volume, after its name, "" for the world's."""
+        none = np.full(len(self.view.directions), np.inf)
+        boxes, world = [none], self._layer.world_override or self._scene.world
+        volumes = [("", np.zeros_like(none))] if world and glows_within(world) else []
         for instance in rendered_instances(self._scene):
-            if self._is_volume(instance):
-                first_m = cosines * _entered_m(instance, self.view.origin, directions)
-                with np.errstate(divide="ignore"):
-                    inside = (first_m < depths_m) & (self._blur_px_m * (1 / first_m - 1 / depths_m) > BLUR_PX)
-                names[instance.obj.name] += int(inside.sum())
-                touched |= inside
-        return float(touched.mean()), +names
+            is_volume = self._is_volume(instance)
+            if is_volume or any(map(self._shows_more, instance.materials)):
+                entered_m = _entered_m(instance, self.view.origin, self.view.directions)
+                boxes.append(entered_m)
+                volumes += [(instance.obj.name, entered_m)] * is_volume
+        return boxes, volumes
+
+    def along(self, ray, direction):
+        """The depth in metres that a ray's pixel has; and what that does not tell: the kind, and the object's name,
+        both "" for nothing."""
+        hit, cosine = self._with_depth(direction), self.view.cosines[ray]
+        if hit is None:
+            return np.inf, "", ""
+        distance_m = max((hit.place - self.view.origin).length, BEYOND_M)
+        lobe = self._picture(hit, distance_m)
+        apart = abs(1 / distance_m - _nearness(distance_m, *self._beyond(hit, direction, lobe.way))) if lobe else 0.0
+        told = apart * self._blur_px_m / cosine <= BLUR_PX
+        return distance_m * cosine, *(("", "") if told else (lobe.way, hit.obj.original.name))
+
+    def is_elsewhere(self, first_m, depths_m):
+        """Whether what begins at a depth, before that of a pixel, is blurred otherwise."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return (first_m < depths_m) & (self._blur_px_m * (1 / first_m - 1 / depths_m) > BLUR_PX)
 
     def _is_volume(self, instance):
-        if instance.obj.type == "VOLUME":
-            return not instance.materials or any(map(glows_within, instance.materials))
-        return any(glows_within(material) for material in instance.materials)
+        if instance.obj.type == "VOLUME" and not instance.materials:
+            return True  # Cycles gives it a volume shader
+        for material in instance.materials - self._glows.keys():
+            self._glows[material] = glows_within(material)
+        return any(self._glows[material] for material in instance.materials)
+
+    def _shows_more(self, material):
+        return any(lobe.way != STRAIGHT and lobe.share >= SHOWN for lobe in self._lobes_of_material(material) or ())
 
     def _with_depth(self, direction):
         """The Hit that a depth pass has: surfaces that are nearly transparent have none."""
@@ -155,8 +167,10 @@ class _Look:
         return any(lobe.way == REFRACTED and lobe.share >= SHOWN for lobe in self._lobes_of(hit) or ())
 
     def _lobes_of(self, hit):
-        """The Lobes of what was hit; None where it has no surface."""
-        material = self._layer.material_override or _material(hit)
+        return self._lobes_of_material(self._layer.material_override or _material(hit))
+
+    def _lobes_of_material(self, material):
+        """The Lobes of its surface; None where it has none."""
         if material not in self._lobes:
             self._lobes[material] = [] if material is None else lobes_of(material) if has_surface(material) else None
         return self._lobes[material]

@@ -1,5 +1,6 @@
 """How far away what the lens sees is, before anything is rendered: by a few rays into the scene."""
 
+import time
 from dataclasses import dataclass
 
 import bpy
@@ -13,6 +14,7 @@ M_TO_MM = 1e3  # a unit of Blender's is taken for a metre
 RAYS_ACROSS = 24
 MOST_UNSEEN = 16  # objects in a row that are in the way of a ray, but in no render
 BEYOND_M = 1e-4
+LONGEST_S = 1.0  # that a look takes: the first ray at a mesh takes long, as Blender sorts its faces then
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,8 +52,10 @@ class View:
     Attributes
     ----------
     origin : Vector
-    directions : list of (Vector, float)
-        Unit vectors in the world that go evenly all over the frame, and the cosine of each to the optical axis.
+    directions : array (ray, 3)
+        Unit vectors in the world that go evenly all over the frame, in no order, so that the first few do, too.
+    cosines : array (ray,)
+        Of each to the optical axis.
     """
 
     def __init__(self, scene, lens, capture):
@@ -59,9 +63,19 @@ class View:
         layer.update()
         self._depsgraph = layer.depsgraph
         to_world = scene.camera.matrix_world.normalized()
-        self.origin, turn = to_world.translation, to_world.to_3x3()
-        self.directions = [(turn @ Vector(axis), -axis[2])
-                           for axis in _directions(*_places_mm(capture.frame()), lens, capture.projection)]
+        self.origin, turn = to_world.translation, np.array(to_world.to_3x3())
+        axes = np.random.default_rng(0).permutation(_directions(*_places_mm(capture.frame()), lens, capture.projection))
+        self.directions, self.cosines = axes @ turn.T, -axes[:, 2]
+
+    def look(self, answer, rays=None):
+        """What a function answers of each ray, or of these, by its number and direction: a list, shorter where it would
+        take too long."""
+        answers, until_s = [], time.monotonic() + LONGEST_S
+        for ray in range(len(self.directions)) if rays is None else rays:
+            if answers and time.monotonic() > until_s:
+                break
+            answers.append(answer(ray, Vector(self.directions[ray])))
+        return answers
 
     def first(self, start, direction, seen_as="visible_camera"):
         """The Hit of what a ray meets first that a render shows to rays of its kind; None where that is nothing."""
@@ -78,7 +92,8 @@ class View:
 def seen_depth_mm(scene, lens, capture):
     """Depths along the optical axis, of a frame's middle and of points all over it.
 
-    Objects are found as the viewport shows them, and those that no render shows are looked through.
+    Objects are found as the viewport shows them, and those that no render shows are looked through. Where that takes
+    long, there are fewer points.
 
     Parameters
     ----------
@@ -92,8 +107,13 @@ def seen_depth_mm(scene, lens, capture):
         inf where nothing is.
     """
     view = View(scene, lens, capture)
-    hits = ((view.first(view.origin, direction), cosine) for direction, cosine in view.directions)
-    return np.array([(hit.place - view.origin).length * cosine * M_TO_MM if hit else np.inf for hit, cosine in hits])
+
+    def distance_m(ray, direction):
+        hit = view.first(view.origin, direction)
+        return (hit.place - view.origin).length if hit else np.inf
+
+    distances_m = np.array(view.look(distance_m))
+    return distances_m * view.cosines[:len(distances_m)] * M_TO_MM
 
 
 def _places_mm(frame):

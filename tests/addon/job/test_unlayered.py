@@ -9,7 +9,9 @@ from mathutils import Euler, Vector
 
 from lensfield.addon import preflight, render_through_lens
 from lensfield.addon.job.unlayered import MIRRORED, REFRACTED, VOLUME, unlayered
+from lensfield.addon.scene import depth
 from lensfield.addon.scene.camera import capture_grid
+from lensfield.addon.scene.depth import View
 from lensfield.addon.shading.lobes import STRAIGHT, glows_within, lobes_of
 from lensfield.engine import Lens
 from small_scenes import material, wall
@@ -177,12 +179,12 @@ def test_remarks_name_the_share_the_objects_and_the_remedy(scene, tmp_path, has_
     assert ("Traced Lens" in told) == has_rays
 
 
-@pytest.mark.parametrize("depth, told", [("auto", 1), ("off", 0), ("traced", 0)])
-def test_they_are_told_before_a_render_that_takes_depths_by_pixel(scene, tmp_path, depth, told):
+@pytest.mark.parametrize("asked_depth, told", [("auto", 1), ("off", 0), ("traced", 0)])
+def test_they_are_told_before_a_render_that_takes_depths_by_pixel(scene, tmp_path, asked_depth, told):
     room(scene, shader("ShaderNodeBsdfGlass"))
     scene.lensfield.lens = "sonnar-50mm-f1.5"
-    scene.lensfield.depth = depth.upper()
-    for asked in ({}, {"depth": depth}):
+    scene.lensfield.depth = asked_depth.upper()
+    for asked in ({}, {"depth": asked_depth}):
         found = preflight(scene, tmp_path, lens_quality="preview", **asked)
         assert sum(remark.what == "Glass" for remark in found.remarks) == told
         scene.lensfield.depth = "AUTO"
@@ -194,3 +196,18 @@ def test_the_report_tells_them_too(scene, tmp_path):
     room(scene, shader("ShaderNodeBsdfGlass"))
     result = render_through_lens(scene, FAST.scaled(10), [550.0], tmp_path, view="lens")
     assert [remark for remark in result.report.remarks() if remark.startswith("Glass 'Pane': about")]
+
+
+def test_a_look_that_takes_too_long_ends_with_the_share_of_what_it_saw(scene, monkeypatch):
+    """Of each ray so far, which go all over the picture in no order."""
+    room(scene, shader("ShaderNodeBsdfGlass"))
+    now_s = iter(np.arange(0.0, 1e3, 0.01))
+    monkeypatch.setattr(depth.time, "monotonic", lambda: next(now_s))
+    found, _ = look(scene)
+    assert found[REFRACTED].share == pytest.approx(PANE_SHARE, abs=0.08) and next(now_s) < 1.1
+
+
+def test_without_glass_mirrors_or_fog_no_ray_is_cast(scene, monkeypatch):
+    room(scene, shader("ShaderNodeBsdfDiffuse"))
+    monkeypatch.setattr(View, "first", None)
+    assert not shares(scene)
