@@ -138,8 +138,9 @@ def _render_frames(options, scene, asked, write):
 
 def _tell_frame(frame, result, known, write):
     """Tell of a frame that is done: its plans and its files, but for the lines that are known."""
-    for line in (f"scene: {result.report.scene.scene_plan}", f"plan: {result.report.lens_image.plan.text}",
-                 *map(str, result.files)):
+    filtered = result.report.lens_image
+    for line in (f"scene: {result.report.scene.scene_plan}", *([f"plan: {filtered.plan.text}"] if filtered else ()),
+                 *result.report.files.values()):
         if line not in known:
             print(line, flush=True)
         known.add(line)

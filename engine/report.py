@@ -276,8 +276,10 @@ class Report:
         frames |= {number: {"frame": number, "earlier": True} | report for number, report in self.earlier.items()}
         if frames:
             each = [frames[number] for number in sorted(frames)]
-            facts |= {name: each[0][name] for name in ("lens", "plan")}
-            facts |= {"out_of_field_fraction": max(frame["out_of_field_fraction"] for frame in each), "frames": each}
+            facts |= {name: each[0][name] for name in ("lens", "plan") if name in each[0]}
+            beyond = [frame["out_of_field_fraction"] for frame in each if "out_of_field_fraction" in frame]
+            facts |= {"out_of_field_fraction": max(beyond)} if beyond else {}
+            facts["frames"] = each
         return plain(facts)
 
     def write(self, path: Path) -> None:

@@ -20,11 +20,10 @@ import numpy as np
 
 import truth_scenes
 from lensfield import addon
-from lensfield.addon.scene.camera import pitch_um
 from lensfield.engine import Options
 from lensfield.engine.image.preview import write_png
 from traced_lens import photograph
-from traced_lens_truth import WAVELENGTH_NM, Bench, frame_window, spot, windows_about
+from traced_lens_truth import WAVELENGTH_NM, Bench, frame_of, patches_about, spot, whole_frame
 
 BLEND = Path(__file__).resolve().parents[1] / "sample_scenes" / "evening_chess.blend"
 COLUMNS = 192
@@ -78,16 +77,16 @@ def noise_of(first, second, side_px):
 
 def compare(bench, scene):
     """Costs by Lensfield and by the traced lens."""
-    window = frame_window(bench.lens, COLUMNS)
+    frame_px = whole_frame(bench.lens, COLUMNS).shape_px
 
     def lensfield(samples, seed):
         scene.cycles.seed = seed
         started = np.array([time.process_time(), time.perf_counter()])
-        picture = bench.lensfield(scene, window.shape_px, samples, Options())
+        picture = bench.lensfield(scene, frame_px, samples, Options())
         return picture, np.array([time.process_time(), time.perf_counter()]) - started
 
     def traced(samples, seed):
-        return photograph(scene, bench.surfaces, WAVELENGTH_NM, window, samples=samples, seed=seed)
+        return photograph(scene, bench.lens, WAVELENGTH_NM, frame_px, samples=samples, seed=seed)
 
     return measure(lensfield, SAMPLES["Lensfield"]), measure(traced, SAMPLES["traced lens"])
 
@@ -111,13 +110,15 @@ def print_comparison(ours, traced):
 
 def print_depths(bench, frame_px=(49, 768), half_px=24, samples=256):
     """RMS radius of the image of a point on the axis, at several distances, by Lensfield and by the traced lens."""
-    pitch = pitch_um(bench.lens, frame_px)
-    (window, rows, columns), = windows_about([(0, 0)], frame_px, pitch, half_px)
+    frame = frame_of(bench.lens, frame_px)
+    patch, = patches_about([(0, 0)], frame, half_px)
     for depth_mm in DEPTHS_MM:
         scene = truth_scenes.empty_scene()
-        truth_scenes.add_beads(scene, bench.lens, np.zeros((1, 2)), pitch / 2, depth_mm + bench.lens.entrance_pupil_mm)
-        pictures = bench.lensfield(scene, frame_px, samples)[rows, columns], bench.traced(scene, window, samples)
-        ours, true = (spot(picture, window, half_px * pitch).rms_um for picture in pictures)
+        truth_scenes.add_beads(scene, bench.lens, np.zeros((1, 2)), frame.pitch_um / 2,
+                               depth_mm + bench.lens.entrance_pupil_mm)
+        pictures = (bench.lensfield(scene, frame_px, samples, depth="auto")[patch],
+                    bench.traced(scene, frame_px, samples, part=patch))
+        ours, true = (spot(picture, frame, patch, half_px * frame.pitch_um).rms_um for picture in pictures)
         print(f"  a point {depth_mm:g} mm away: RMS radius {ours:.1f} um by Lensfield, {true:.1f} um traced")
 
 

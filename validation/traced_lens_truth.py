@@ -11,21 +11,19 @@ import sys
 import tempfile
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import scipy.ndimage
 
 import truth_scenes
-from lens_surfaces import read_surfaces
 from lensfield import addon
 from lensfield.addon.scene.camera import pitch_um
 from lensfield.commands.terminal import quiet
 from lensfield.engine import Lens, Options
+from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.image.spectral_exr import read_exr
-from traced_lens import Window, photograph
+from traced_lens import photograph
 
-DATA = Path(__file__).resolve().parents[1] / "tests" / "data"
 WAVELENGTH_NM = 562.0
 LENSES = "edmund-54852", "kodak-petzval-100mm"
 FRAME_PX = 576, 768
@@ -64,25 +62,25 @@ class Spot:
 
 
 class Bench:
-    """A lens on the bench: its data, its surfaces, and the two ways to take a picture through it."""
+    """A lens on the bench, and the two ways to take a picture through it."""
 
     def __init__(self, name):
         self.lens = Lens.load(name)
-        self.surfaces = read_surfaces(DATA / f"{name}_surfaces.json")
         self.optics = self.lens.at_wavelength(WAVELENGTH_NM)
 
-    def lensfield(self, scene, shape_px, samples, options=OPTIONS):
+    def lensfield(self, scene, shape_px, samples, options=OPTIONS, depth="off"):
         """Spectral irradiance by Lensfield: array (row, column) of a frame that fits the sensor."""
         scene.render.resolution_y, scene.render.resolution_x = shape_px
         scene.cycles.samples = samples
         with tempfile.TemporaryDirectory() as folder:
             with quiet(1):  # Blender says where it saves each pass
-                result = addon.render_through_lens(scene, self.lens, [WAVELENGTH_NM], folder, options=options)
+                result = addon.render_through_lens(scene, self.lens, [WAVELENGTH_NM], folder, options=options,
+                                                   depth=depth)
             return read_exr(result.irradiance).cube[0].astype(float)
 
-    def traced(self, scene, window, samples, seed=0):
-        """Spectral irradiance by the traced lens: array (row, column)."""
-        return photograph(scene, self.surfaces, WAVELENGTH_NM, window, samples=samples, seed=seed)[0]
+    def traced(self, scene, shape_px, samples, seed=0, part=None):
+        """Spectral irradiance by the traced lens: array (row, column) of such a frame, or of a part of it."""
+        return photograph(scene, self.lens, WAVELENGTH_NM, shape_px, samples=samples, seed=seed, part=part)[0]
 
     def real_mm(self, paraxial_mm):
         """Where the chief rays of points (…, 2) meet the sensor, by the lens data."""
@@ -91,38 +89,38 @@ class Bench:
         return np.asarray(paraxial_mm) * np.divide(real, height, out=np.ones_like(real), where=height > 0)
 
 
-def windows_about(places_mm, shape_px, pitch, half_px):
-    """Patches of a frame's pixels about places: list of (Window, the frame's rows, its columns)."""
-    patches = []
-    for x_mm, y_mm in places_mm:
-        row = round((shape_px[0] - 1) / 2 - y_mm * 1e3 / pitch)
-        column = round((shape_px[1] - 1) / 2 + x_mm * 1e3 / pitch)
-        centre_mm = ((column - (shape_px[1] - 1) / 2) * pitch * 1e-3, ((shape_px[0] - 1) / 2 - row) * pitch * 1e-3)
-        window = Window((2 * half_px + 1, 2 * half_px + 1), pitch, centre_mm)
-        patches.append((window, slice(row - half_px, row + half_px + 1), slice(column - half_px, column + half_px + 1)))
-    return patches
+def patches_about(places_mm, frame, half_px):
+    """Patches of a frame's pixels about places: list of (its rows, its columns)."""
+    (row, column), px_per_mm = frame.centre_px, 1e3 / frame.pitch_um
+    middles = ((round(row - y_mm * px_per_mm), round(column + x_mm * px_per_mm)) for x_mm, y_mm in places_mm)
+    return [tuple(slice(middle - half_px, middle + half_px + 1) for middle in place) for place in middles]
 
 
-def spot(picture, window, radius_um):
-    """The Spot in a picture of a window, from what lies within a circle about the window's middle."""
-    x, y = (1e3 * place for place in window.places_mm())
-    within = np.hypot(x - 1e3 * window.centre_mm[0], y - 1e3 * window.centre_mm[1]) <= radius_um
+def spot(picture, frame, patch, radius_um):
+    """The Spot in a picture of a frame's patch, from what lies within a circle about the patch's middle."""
+    x, y = (1e3 * place[patch] for place in places_mm(frame))
+    within = np.hypot(x - x.mean(), y - y.mean()) <= radius_um
     light = picture * within
     place = np.array([np.average(x, weights=light), np.average(y, weights=light)])
     rms = np.sqrt(np.average((x - place[0])**2 + (y - place[1])**2, weights=light))
     return Spot(place, rms)
 
 
+def places_mm(frame):
+    """Where a frame's pixels are: x and y from the axis, arrays (row, column)."""
+    return np.meshgrid(*frame.axes_mm())
+
+
 def bead_spots(bench, paraxial_mm, *, shape_px, bead_px, half_px, samples):
     """Spots of beads with their ideal images at (bead, 2) mm: list of (by Lensfield, by the traced lens)."""
-    pitch = pitch_um(bench.lens, shape_px)
+    frame = frame_of(bench.lens, shape_px)
     scene = truth_scenes.empty_scene()
-    truth_scenes.add_beads(scene, bench.lens, paraxial_mm, bead_px * pitch)
+    truth_scenes.add_beads(scene, bench.lens, paraxial_mm, bead_px * frame.pitch_um)
     picture = bench.lensfield(scene, shape_px, samples[0])
-    radius_um = (half_px + 0.5) * pitch
-    return [(spot(picture[rows, columns], window, radius_um),
-             spot(bench.traced(scene, window, samples[1]), window, radius_um))
-            for window, rows, columns in windows_about(bench.real_mm(paraxial_mm), shape_px, pitch, half_px)]
+    radius_um = (half_px + 0.5) * frame.pitch_um
+    return [(spot(picture[patch], frame, patch, radius_um),
+             spot(bench.traced(scene, shape_px, samples[1], part=patch), frame, patch, radius_um))
+            for patch in patches_about(bench.real_mm(paraxial_mm), frame, half_px)]
 
 
 def added_variance_um2(lens, pitch, radius_um):
@@ -172,10 +170,10 @@ def spot_figures(bench, heights=SPOTS, columns=3840, samples=(64, 512)):
 
 def illumination_figures(bench, columns=96, samples=256, rings=10):
     """Irradiance of even light, in rings about the axis."""
-    scene, window = truth_scenes.empty_scene(), frame_window(bench.lens, columns)
+    scene, frame = truth_scenes.empty_scene(), whole_frame(bench.lens, columns)
     truth_scenes.set_even_light(scene, 1.0)
-    ours, true = bench.lensfield(scene, window.shape_px, 4), bench.traced(scene, window, samples)
-    height = np.hypot(*window.places_mm()) / bench.optics.real_height_mm[-1]
+    ours, true = bench.lensfield(scene, frame.shape_px, 4), bench.traced(scene, frame.shape_px, samples)
+    height = np.hypot(*places_mm(frame)) / bench.optics.real_height_mm[-1]
     edges = np.sqrt(np.linspace(0, min(1, height.max()), rings + 1))  # of even area
     ratio = np.array([ours[ring].sum() / true[ring].sum()
                       for ring in ((height >= low) & (height < high) for low, high in pairwise(edges))])
@@ -185,13 +183,13 @@ def illumination_figures(bench, columns=96, samples=256, rings=10):
 
 def chequer_figures(bench, columns=384, samples=(64, 64), square_px=12, block_px=48):
     """Light and dark squares all over the frame: the difference of the pictures, and shifts between them, by blocks."""
-    scene, window = truth_scenes.empty_scene(), frame_window(bench.lens, columns)
-    truth_scenes.add_chequer(scene, bench.lens, 1.3 * bench.lens.heights_mm[-1], square_px * window.pitch_um * 1e-3)
-    ours = bench.lensfield(scene, window.shape_px, samples[0])
-    first, second = (bench.traced(scene, window, samples[1], seed) for seed in (0, 1))
-    within = np.hypot(*window.places_mm()) < bench.optics.real_height_mm[-1]
+    scene, frame = truth_scenes.empty_scene(), whole_frame(bench.lens, columns)
+    truth_scenes.add_chequer(scene, bench.lens, 1.3 * bench.lens.heights_mm[-1], square_px * frame.pitch_um * 1e-3)
+    ours = bench.lensfield(scene, frame.shape_px, samples[0])
+    first, second = (bench.traced(scene, frame.shape_px, samples[1], seed) for seed in (0, 1))
+    within = np.hypot(*places_mm(frame)) < bench.optics.real_height_mm[-1]
     shifts = [np.hypot(*shift_px(first[block] + second[block], 2 * ours[block]))
-              for block in blocks(window.shape_px, block_px) if within[block].all()]
+              for block in blocks(frame.shape_px, block_px) if within[block].all()]
 
     def apart(picture):  # the noise of two pictures does not correlate
         product = ((picture - first) * (picture - second))[within].sum()
@@ -204,10 +202,14 @@ def chequer_figures(bench, columns=384, samples=(64, 64), square_px=12, block_px
             Figure("chequer: all the light", abs(light - 1), 0.01)]
 
 
-def frame_window(lens, columns):
-    """The whole sensor, at this number of columns."""
-    rows = round(columns * lens.sensor_mm[1] / lens.sensor_mm[0])
-    return Window((rows, columns), pitch_um(lens, (rows, columns)))
+def whole_frame(lens, columns):
+    """The whole sensor, at this number of columns: a PixelGrid."""
+    return frame_of(lens, (round(columns * lens.sensor_mm[1] / lens.sensor_mm[0]), columns))
+
+
+def frame_of(lens, shape_px):
+    """The PixelGrid of a frame that fits the sensor."""
+    return PixelGrid(shape_px, pitch_um(lens, shape_px))
 
 
 def blocks(shape_px, side_px):

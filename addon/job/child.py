@@ -22,6 +22,7 @@ import bpy
 import numpy as np
 
 from ...commands.messages import read_message
+from ...engine.image.depth_range import AUTO, TRACED
 from ...engine.plan.options import TIER_ACCURACY
 from ..scene.errors import SceneError
 from ..scene.rings import ring_arguments, rings_for
@@ -142,6 +143,7 @@ def preview_arguments(scene, key, *, radiance=None, copy=None, size=None, sample
              str(TIER_ACCURACY["preview"]), "--lens-quality", "preview", *ring_arguments(rings)]
     if radiance:
         return ["apply", str(radiance), "--progress", "lines", *asked]
+    asked += ["--depth", AUTO] * (scene.lensfield.depth == TRACED.upper())  # which keeps no light for other lenses
     nm = scene.lensfield.wavelengths_nm()
     few = ",".join(f"{one:g}" for one in np.linspace(nm[0], nm[-1], min(len(nm), PREVIEW_WAVELENGTHS)))
     return [*_render_copy(copy), *asked, "--resolution", "{}x{}".format(*size), "--samples", str(samples),

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...engine import Lens, Options
 from ...engine.errors import InputError
+from ...engine.image.depth_range import AUTO, TRACED
 from ...engine.spectral.wavelength_choice import SpectralOptions
 from ..scene.rings import scene_lens
 from ..shading.assigned import LOADERS
@@ -60,7 +61,12 @@ class Job:
     settings: dict | None = None
     state: str = ""
     ring_words: tuple[str, ...] = ()
-    depth: str = "auto"
+    depth: str = AUTO
+
+    @property
+    def traced(self):
+        """Whether Cycles renders what the lens lays on its film, and not what a pinhole sees."""
+        return self.depth == TRACED
 
 
 def job_from_settings(scene, *, lens=None, wavelengths_nm=None, output_folder=None, options=None, spectral=None,

@@ -7,6 +7,7 @@ import numpy as np
 from ...engine import Kept, SpectralImage, simulate
 from ...engine.field.frame_planes import nearest_samples, relative_illumination
 from ...engine.field.stmap import distort_map, undistort_map
+from ...engine.image.irradiance import irradiance_per_radiance
 from ...engine.image.preview import auto_exposure, to_rec709, write_png
 from ...engine.image.spectral_exr import write_exr, write_plane_exr, write_rgb_exr
 from ...engine.lens.curves import reference_nm
@@ -41,13 +42,35 @@ def write_pictures(captured, irradiance, lens, options, result):
         captured.alpha, captured.radiance, lens, options)
     write_rgb_exr(after, result.lens_image, captured.cut(alpha))
     write_plane_exr(nearest_samples(captured.depth_m, lens, captured.radiance.grid, nm), result.depth)
-    _write_once(result.relative_illumination, relative_illumination, write_plane_exr, lens, frame, nm)
-    _write_once(result.stmap_distort, distort_map, write_rgb_exr, lens, frame, nm)
-    _write_once(result.stmap_undistort, undistort_map, write_rgb_exr, lens, frame, nm)
+    _write_lens_planes(lens, frame, result)
     exposure = auto_exposure(after)
     before = captured.radiance.frame()
     write_png(to_rec709(replace(before, cube=captured.cut(before.cube))), result.before, exposure)
     write_png(after, result.after, exposure)
+
+
+def write_film_pictures(film, irradiance, lens, result):
+    """The lens image and what lies beside it, of what has been rendered through the lens itself.
+
+    Parameters
+    ----------
+    film : Captured
+    irradiance, lens, result
+        As of `write_pictures`.
+    """
+    picture, frame = to_rec709(irradiance), irradiance.grid
+    alpha = np.ones(frame.shape_px) if film.alpha is None else alpha_on_film(film.alpha, irradiance, lens)
+    write_rgb_exr(picture, result.lens_image, film.cut(alpha))
+    write_plane_exr(film.depth_m, result.depth)
+    _write_lens_planes(lens, frame, result)
+    write_png(picture, result.after, auto_exposure(picture))
+
+
+def _write_lens_planes(lens, frame, result):
+    nm = reference_nm(lens)
+    _write_once(result.relative_illumination, relative_illumination, write_plane_exr, lens, frame, nm)
+    _write_once(result.stmap_distort, distort_map, write_rgb_exr, lens, frame, nm)
+    _write_once(result.stmap_undistort, undistort_map, write_rgb_exr, lens, frame, nm)
 
 
 def _write_once(path, make, write, lens, frame, nm):
@@ -61,6 +84,24 @@ def _write_once(path, make, write, lens, frame, nm):
 def _stamp(path):
     status = path.stat() if path.is_file() else None
     return status and (status.st_mtime_ns, status.st_size)
+
+
+def alpha_on_film(alpha, irradiance, lens):
+    """What `alpha_through_lens` is, of a lens that was traced.
+
+    Of each ray Cycles counts what it brings in: of an empty scene 1 - alpha is the irradiance of even light.
+
+    Parameters
+    ----------
+    alpha : array (row, column)
+        Of the longest of the irradiance's wavelengths.
+    irradiance : SpectralImage
+    lens : Lens
+    """
+    nm, frame = irradiance.wavelengths_nm[-1], irradiance.grid
+    axis = irradiance_per_radiance(lens.at_wavelength(nm).transmittance, lens.f_number_effective)
+    even = axis * relative_illumination(lens, frame, nm)
+    return np.clip(1 - np.divide(1 - alpha, even, out=np.zeros_like(even), where=even > 0), 0, 1)
 
 
 def alpha_through_lens(alpha, radiance, lens, options):

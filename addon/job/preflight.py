@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 from ...engine.errors import InputError
 from ...engine.files import check_target
-from ..scene.camera import capture_grid, check_camera
+from ..scene.camera import check_camera
 from ..scene.render_state import go_to_frame, turn_on_layer
 from ..scene.undo import Journal
 from ..shading.lint import lint
 from .job import check_output_folder, job_from_settings
+from .radiance import job_grid
 from .remarks import depth_remarks, scene_remarks, unlayered_remarks
 from .render import Result
 from .scene_plan import ScenePlan, check_job, plan_scene
@@ -60,7 +61,7 @@ def preflight(scene, output_folder=None, *, frame=None, **asked):
                 check_job(scene, job)
                 turn_on_layer(scene, job.view_layer, journal)
                 check_camera(scene)
-                grid = capture_grid(scene, job.lens, job.wavelengths_nm, job.room)
+                grid = job_grid(scene, job)
                 remarks += (*depth_remarks(scene, job, grid), *unlayered_remarks(scene, job, grid))
                 journal.stand_in(scene.camera.data)
                 plan = plan_scene(scene, job, grid, journal)[0]

@@ -9,14 +9,16 @@ import numpy as np
 from ...engine import SpectralImage
 from ...engine.files import check_target, temporary_folder
 from ...engine.image.depth_range import check_depth, planar_depth_mm
+from ...engine.image.pixel_grid import PixelGrid
 from ...engine.image.preview import auto_exposure, to_rec709, write_png
 from ...engine.image.spectral_exr import read_parts
 from ...engine.report import SceneFacts
 from ...engine.spectral.wavelength_choice import FOREIGN_SURPRISE
-from ..scene.camera import capture_grid, captured_region, check_camera, render_region
+from ..scene.camera import capture_grid, captured_region, check_camera, frame_px, pitch_um, render_region
 from ..scene.depth import M_TO_MM
 from ..scene.errors import SceneError
 from ..scene.render_state import clamps_of, go_to_frame, guard_render_state, rendered_layer, turn_on_layer
+from ..scene.traced_camera import trace_lens
 from ..scene.undo import Journal
 from .bands import CHANNELS
 from .remarks import scene_remarks, unlayered_remarks
@@ -80,9 +82,19 @@ class Work:
     share: float = 0.0
 
 
+def job_grid(scene, job):
+    """The pixels that Cycles renders: those of a capture, or of the film behind a lens that is traced."""
+    if job.traced:
+        return PixelGrid(frame_px(scene), pitch_um(job.lens, frame_px(scene)))
+    return capture_grid(scene, job.lens, job.wavelengths_nm, job.room)
+
+
 def capture(scene, job, result, share):
-    """Steps that render the scene's spectral radiance, up to a `share` of the whole job; returns what is Captured."""
-    grid = capture_grid(scene, job.lens, job.wavelengths_nm, job.room)
+    """Steps that render the scene's spectral radiance, up to a `share` of the whole job; returns what is Captured.
+
+    Where the lens is traced it is the film's irradiance, on the frame's pixels.
+    """
+    grid = job_grid(scene, job)
     with temporary_folder() as folder, Journal() as journal:
         go_to_frame(scene, job.frame, journal)
         turn_on_layer(scene, job.view_layer, journal)
@@ -93,7 +105,8 @@ def capture(scene, job, result, share):
         plan.check()
         names = groups.part(rendered_layer(scene), journal)
         region = render_region(scene)
-        rendered = region and captured_region(region, job.lens, job.wavelengths_nm, grid, job.room)
+        rendered = region if job.traced or not region else captured_region(region, job.lens, job.wavelengths_nm, grid,
+                                                                           job.room)
         guard_render_state(scene, job, grid, rendered, folder / "pass.exr", journal)
         for path in result.files:
             check_target(path)
@@ -104,6 +117,8 @@ def capture(scene, job, result, share):
             substitution.set_wavelengths(band, plan.dispersive)
             for name, clamp in clamps.items():
                 journal.set(scene.cycles, name, clamp * substitution.brightest(band) if job.clamp else 0.0)
+            if job.traced:
+                trace_lens(scene, job.lens, grid, band[0], journal)
             step = share / len(plan.bands)
             yield RenderPass(scene, f"Pass {index + 1} of {len(plan.bands)}: {_span(band)} nm", step * index, step)
             yield Work(lambda tell, index=index: gathered.add(index, folder / "pass.exr"), "Gathering light",
@@ -175,8 +190,8 @@ class _Gathered:
             predicted_sensor_error=choice.sensor_error, predicted_spectral_error=choice.spectral_error,
             spectral_surprise=float(surprise), foreign_spectra=foreign,
             estimated_colour_error=choice.colour_error * (float(surprise) if foreign else 1),
-            depth=check_depth(depth_mm[top:top + rows, left:left + columns][region or ...], job.lens,
-                              self._grid.pitch_um),
+            depth=None if job.traced else check_depth(
+                depth_mm[top:top + rows, left:left + columns][region or ...], job.lens, self._grid.pitch_um),
             lens_warning=job.lens_warning, scene_remarks=tuple(map(str, remarks)))
 
 

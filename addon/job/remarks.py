@@ -6,10 +6,11 @@ What is honoured as Blender would is not among it.
 from dataclasses import dataclass
 
 from ...engine.bake.rings import in_metres
-from ...engine.image.depth_range import check_depth
+from ...engine.image.depth_range import AUTO, check_depth
 from ..scene.camera import matching_focal_length_mm
 from ..scene.compositor import unreplaced_passes
 from ..scene.depth import seen_depth_mm
+from ..scene.traced_camera import traces_on_device
 from ..shading.lobes import MIRRORED, REFRACTED
 from .unlayered import VOLUME, unlayered
 
@@ -50,12 +51,14 @@ class Remark:
 
 def scene_remarks(scene, job):
     """Remarks on the scene at its frame, its only view layer for rendering being the job's: list of Remark."""
-    return [*_of_engine(scene, job), *_of_reference(scene, job), *_of_camera(scene, job), *_of_pixels(scene),
-            *_left_out(scene)]
+    return [*_of_engine(scene, job), *_of_traced_lens(scene, job), *_of_reference(scene, job),
+            *_of_camera(scene, job), *_of_pixels(scene), *_left_out(scene)]
 
 
 def depth_remarks(scene, job, capture):
     """Remarks on how far away what the picture shows is, estimated before it is rendered: list of Remark."""
+    if job.traced:
+        return []
     check = check_depth(seen_depth_mm(scene, job.lens, capture), job.lens, capture.pitch_um)
     if check.outside_fraction < DEPTH_TOLD:
         return []
@@ -68,7 +71,7 @@ def unlayered_remarks(scene, job, capture):
     """Remarks on what layers of depth would blur by another distance than its own, estimated before it is rendered:
     generator."""
     traced = ["Depth: Traced Lens renders it as it is"] if job.lens.prescription else []
-    for kind, found in unlayered(scene, job.lens, capture).items() if job.depth == "auto" else ():
+    for kind, found in unlayered(scene, job.lens, capture).items() if job.depth == AUTO else ():
         if found.share < DEPTH_TOLD:
             continue
         what, part, becomes = UNLAYERED[kind]
@@ -91,6 +94,14 @@ def _of_engine(scene, job):
                      f"{samples // ENOUGH_SAMPLES} times as fast")
     if cycles.time_limit:
         yield Remark("Time Limit", f"{cycles.time_limit:g} s", "holds for each render")
+
+
+def _of_traced_lens(scene, job):
+    if not job.traced:
+        return
+    yield Remark("Depth", "Traced Lens", "rays alone, no diffraction; the scene's light is not kept for another lens")
+    if not traces_on_device(scene):
+        yield Remark("Device", "GPU Compute", "the CPU renders instead", "of GPUs only OptiX traces lenses")
 
 
 def _of_reference(scene, job):

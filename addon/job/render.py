@@ -13,13 +13,14 @@ import bpy
 from ...engine import Kept, Report, simulate
 from ...engine.errors import InputError
 from ...engine.image.spectral_exr import write_exr
+from ...engine.image.spectral_image import IRRADIANCE
 from ..scene.compositor import fingerprint_anew, lay_into_compositor
 from ..scene.errors import SceneError
 from ..scene.render_state import go_to_frame
 from ..scene.undo import Journal
 from ..scene.watch import samples_watched
 from .job import check_output_folder, job_from_settings
-from .pictures import write_pictures, write_radiance
+from .pictures import write_film_pictures, write_pictures, write_radiance
 from .radiance import RenderPass, Work, capture
 from .record import write_record
 from .scene_plan import check_job
@@ -36,6 +37,8 @@ def kept():
 
 FRAME_FILES = {"radiance": "radiance.exr", "irradiance": "irradiance.exr", "lens_image": "lens_image.exr",
                "depth": "depth.exr", "before": "before.png", "after": "after.png", "record": "report.json"}
+PINHOLE_FILES = "radiance", "before"
+"""Those of FRAME_FILES that are not there where the lens was traced: they are what a pinhole sees."""
 LENS_FILES = {name: f"{name}.exr" for name in ("relative_illumination", "stmap_distort", "stmap_undistort")}
 
 
@@ -243,9 +246,12 @@ def render_steps(scene, job):
     with report.stage("multispectral render"):
         captured = yield from capture(scene, job, result, RENDER_SHARE)
     result.record.unlink(missing_ok=True)  # from here on it would tell of other files
-    yield Work(_timed(report, "write radiance", lambda tell: write_radiance(captured, result.radiance)),
-               "Writing radiance", RENDER_SHARE)
-    yield from lens_steps(captured, job.lens, job.options, result, RENDER_SHARE + 0.02)
+    if job.traced:
+        yield from _film_steps(captured, job.lens, result)
+    else:
+        yield Work(_timed(report, "write radiance", lambda tell: write_radiance(captured, result.radiance)),
+                   "Writing radiance", RENDER_SHARE)
+        yield from lens_steps(captured, job.lens, job.options, result, RENDER_SHARE + 0.02)
     write_record(job, result)
     if job.to_compositor:
         lay_into_compositor(scene, result.lens_image, fingerprint=job.state)
@@ -261,11 +267,24 @@ def lens_steps(captured, lens, options, result, done):
                                                   kept=kept()),
                             f"Through {lens.name}", done, 0.98 - done)
     irradiance = replace(irradiance, cube=captured.cut(irradiance.cube))
+    yield from _file_steps(irradiance, result, lambda: write_pictures(captured, irradiance, lens, options, result))
+
+
+def _film_steps(film, lens, result):
+    """Steps that write what follows from what has been Captured on a film, through the lens itself."""
+    irradiance = replace(film.radiance, cube=film.cut(film.radiance.cube), quantity=IRRADIANCE, lens_name=lens.name,
+                         f_number_effective=lens.f_number_effective, focal_mm=None)
+    for name in PINHOLE_FILES:  # of an earlier render
+        getattr(result, name).unlink(missing_ok=True)
+        del result.report.files[name]
+    yield from _file_steps(irradiance, result, lambda: write_film_pictures(film, irradiance, lens, result))
+
+
+def _file_steps(irradiance, result, write_its_pictures):
+    report = result.report
     yield Work(_timed(report, "write irradiance", lambda tell: write_exr(irradiance, result.irradiance)),
                "Writing irradiance", 0.98)
-    yield Work(_timed(report, "write pictures",
-                      lambda tell: write_pictures(captured, irradiance, lens, options, result)),
-               "Writing pictures", 0.99)
+    yield Work(_timed(report, "write pictures", lambda tell: write_its_pictures()), "Writing pictures", 0.99)
 
 
 def _timed(report, stage, call):

@@ -12,6 +12,7 @@ from ..scene.camera import in_view, render_region
 from ..scene.errors import SceneError
 from ..scene.instances import rendered_blocks, rendered_instances
 from ..scene.render_state import rendered_layer
+from ..scene.traced_camera import check_traceable
 from ..scene.working_space import colour_basis
 from ..shading.assigned import AssignedSpectra
 from ..shading.lamps import Lamps, LightGroups
@@ -100,6 +101,8 @@ def check_job(scene, job):
         raise InputError("options", "unfit", job.unfit, f"expected {' or '.join(UNFIT)}")
     if job.depth not in DEPTHS:
         raise InputError("options", "depth", job.depth, f"expected {', '.join(DEPTHS)}")
+    if job.traced:
+        check_traceable(job.lens)
     if not len(job.wavelengths_nm):
         raise InputError("options", "wavelengths", "empty", "expected at least one")
     for nm in job.wavelengths_nm:
@@ -142,13 +145,15 @@ def plan_scene(scene, job, grid, journal):
     shining, glass = _survey(scene, spectra, job, grid)
     coupled = [str(finding) for finding in of_nodes if finding.verdict in (REJECTED, SEPARATED)]
     apart = "" if job.spectral.tier == "preview" else glass or next(iter(coupled), "")
+    apart = "rays through the lens are of one wavelength" if job.traced else apart
     per_pass = 1 if apart else WAVELENGTHS_PER_PASS
     lamps = Lamps(spectra, job.wavelengths_nm)
     groups = LightGroups(shining, lamps, together=job.denoise)
     substitution = Substitution(scene, journal, spectra, lamps, groups, rendered)
     choice = choose_wavelengths(substitution.factors, [lamp.output_at for lamp in groups.lamps], job.wavelengths_nm,
                                job.spectral, mixed_colours=substitution.mixed_colours or bool(rejected),
-                               per_pass=per_pass, dispersive=bool(glass))
+                               per_pass=per_pass,
+                               dispersive=bool(glass) or (job.traced and job.spectral.tier != "preview"))
     refusals = (*spectra.errors(rendered), *substitution.refusals,
                 *_refusals(rejected if job.unfit == "refuse" else ()))
     plan = ScenePlan(choice, groups.lamps, per_pass, bool(glass), apart, bool(rejected), findings, refusals)

@@ -53,7 +53,7 @@ def guard_render_state(scene, job, capture, region, path, journal):
     for name, value in (CYCLES | {"use_denoising": job.denoise}).items():
         journal.set(scene.cycles, name, value)
     if region:
-        _guard_region(scene.render, region, capture.shape_px, journal)
+        guard_region(scene.render, region, capture.shape_px, journal)
     layer = rendered_layer(scene)
     for name in (p.identifier for p in layer.bl_rna.properties if p.identifier.startswith("use_pass_")):
         journal.set(layer, name, name in ("use_pass_combined", "use_pass_z"))
@@ -72,8 +72,9 @@ def clamps_of(scene):
     return {name: getattr(scene.cycles, name) for name in CLAMPS}
 
 
-def _guard_region(render, region, shape_px, journal):
-    """Blender counts rows from below, and cuts fractions of pixels off."""
+def guard_region(render, region, shape_px, journal):
+    """Have a region alone rendered, slices of rows and columns: Blender counts rows from below, and cuts fractions of
+    pixels off."""
     (top, bottom), (left, right) = ((part.start, part.stop) for part in region)
     rows, columns = shape_px
     journal.set(render, "use_border", True)

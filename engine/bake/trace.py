@@ -33,11 +33,22 @@ def trace_to_object(prescription: Prescription, indices: np.ndarray, position: n
     square_mm2 : list of arrays
         Squared heights at the surfaces before the stop.
     """
+    return _back(prescription, indices, position, direction, prescription.stop_index)
+
+
+def trace_from_image(prescription: Prescription, indices: np.ndarray, position: np.ndarray, direction: np.ndarray
+                     ) -> tuple[np.ndarray, np.ndarray, np.ndarray | float, list[np.ndarray]]:
+    """Rays on the image plane, followed back through all surfaces: as `trace_to_object`, of all of the lens."""
+    return _back(prescription, indices, position, direction, len(prescription.surfaces))
+
+
+def _back(prescription, indices, position, direction, number):
+    """Rays about the vertex of a surface, or on the image plane, followed back through those before it."""
     path_mm, square_mm2, backwards = 0.0, [], -direction
-    for number in range(prescription.stop_index - 1, -1, -1):
-        surface = prescription.surfaces[number]
+    for before in range(number - 1, -1, -1):
+        surface = prescription.surfaces[before]
         position, backwards, way = _through(surface, _moved(position, surface.thickness_mm), backwards,
-                                            indices[number + 1], indices[number])
+                                            indices[before + 1], indices[before])
         path_mm = path_mm + way
         square_mm2.insert(0, position[0]**2 + position[1]**2)
     return position, -backwards, path_mm, square_mm2

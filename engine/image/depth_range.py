@@ -16,7 +16,7 @@ from .pixel_grid import PLANE, PixelGrid
 if TYPE_CHECKING:
     from ..lens.lens import Lens
 
-DEPTHS = "auto", "off", "traced"
+AUTO, OFF, TRACED = DEPTHS = "auto", "off", "traced"
 """Depth in layers, where the lens's data do not hold for all of a scene; none; or by rays traced through the lens."""
 SHARP_PX, BLURRED_PX = 0.5, 2.0  # blur that pixels hide, and that they show
 BACKGROUND_MM = 1e12  # and beyond: renderers write a large number, Cycles 1e10 m, where they see nothing

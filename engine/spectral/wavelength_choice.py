@@ -140,7 +140,7 @@ def choose_wavelengths(factors: Sequence[Curve], lamps: Sequence[Curve], output_
     """
     output_nm = np.asarray(output_nm, dtype=float)
     if dispersive:
-        return _as_asked(output_nm, "glass in view bends each wavelength by itself")
+        return _as_asked(output_nm, "glass bends each wavelength by itself")
     statistics = _Statistics(factors, lamps, output_nm, mixed_colours)
     if statistics.grey:
         return statistics.choice([statistics.middle], "all surfaces are grey")

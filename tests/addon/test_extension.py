@@ -57,6 +57,7 @@ def test_package_is_valid_and_holds_what_runs(package):
     names = zipfile.ZipFile(package).namelist()
     assert {"blender_manifest.toml", "__init__.py", "cli.py", "commands/render.py", "engine/simulate.py",
             "addon/job/render.py", "engine/library/edmund-54852.npz",
+            "addon/scene/traced_camera.osl",
             "engine/library/prescriptions/tessar-50mm.toml", "engine/library/pictures/tessar-50mm.jpg",
             "engine/spectral/data/cie1931_2deg.csv",
             "engine/spectral/data/refraction/gold.yml",

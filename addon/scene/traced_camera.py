@@ -1,0 +1,101 @@
+"""The traced camera: Cycles sends every sample from the sensor through the lens's own surfaces, at one wavelength.
+
+What it renders is the sensor's irradiance, in W m^-2 where the scene's radiance is in W m^-2 sr^-1: each pixel's mean
+of throughput times radiance. It knows geometry and vignetting at every depth, and no diffraction.
+"""
+
+import hashlib
+from functools import lru_cache
+from pathlib import Path
+
+import _cycles
+import bpy
+import numpy as np
+
+from ...engine.bake.from_sensor import FromSensor, lens_from_sensor
+from ...engine.errors import InputError, LensError
+from ...engine.files import temporary_folder
+
+SHADER = Path(__file__).with_suffix(".osl")
+NEWTON_STEPS, GOOD_SHARE = 12, 2e-6  # for aspheres: a step of less of the lens's length is the last
+LEAST_SQUARE = 1e-12  # next to the vertex, and beyond the conic's end
+WIDE_MM = 1e9  # stands for a semi-aperture without end
+
+
+def check_traceable(lens):
+    """Raise an InputError unless this Blender can trace rays through this lens."""
+    if not _cycles.with_osl:
+        raise InputError("Blender", "OSL", "left out of this build",
+                         "a traced lens needs it: take Blender from blender.org, or choose another depth")
+    if lens.prescription is None:
+        raise LensError(lens.name, "surfaces", "not told by a package",
+                        "a traced lens needs them: give the lens's prescription, or choose another depth")
+
+
+def traces_on_device(scene):
+    """Whether the device that a scene asks for runs camera shaders: the CPU does, and of GPUs OptiX."""
+    cycles = bpy.context.preferences.addons.get("cycles")
+    return scene.cycles.device == "CPU" or (cycles and cycles.preferences.compute_device_type in ("NONE", "OPTIX"))
+
+
+def trace_lens(scene, lens, film, wavelength_nm, journal):
+    """Let the scene be rendered through a lens at one wavelength; its camera's data are to be a stand-in."""
+    if not traces_on_device(scene):
+        journal.set(scene.cycles, "device", "CPU")
+    set_traced_camera(scene.camera.data, lens, film, wavelength_nm)
+
+
+def set_traced_camera(camera, lens, film, wavelength_nm):
+    """Make camera data a lens for one wavelength: it looks along -z, from the entrance pupil at its origin.
+
+    Parameters
+    ----------
+    camera : bpy.types.Camera
+    lens : Lens
+    film : PixelGrid
+        The render's pixels.
+    wavelength_nm : float
+    """
+    use_shader(camera, _shader(lens.prescription, film, float(wavelength_nm)))
+
+
+@lru_cache(maxsize=64)  # as of each wavelength of a film: the frames of an animation have them in turn
+def _shader(prescription, film, wavelength_nm):
+    return shader_text(lens_from_sensor(prescription, wavelength_nm, film.farthest_px * film.pitch_um * 1e-3), film)
+
+
+def use_shader(camera, text):
+    """Make camera data what an OSL shader says."""
+    bytecode = _compiled(text)
+    camera.type = "CUSTOM"
+    camera.custom_bytecode = bytecode
+    camera.custom_bytecode_hash = hashlib.md5(bytecode.encode(), usedforsecurity=False).hexdigest()
+
+
+@lru_cache(maxsize=64)
+def _compiled(text):
+    with temporary_folder() as folder:
+        source, compiled = folder / "lens.osl", folder / "lens.oso"
+        source.write_text(text, encoding="utf-8")
+        if not _cycles.osl_compile(str(source), str(compiled)):
+            raise InputError("traced lens", "camera shader", "refused", "see the compiler's messages above")
+        return compiled.read_text(encoding="utf-8")
+
+
+def shader_text(lens: FromSensor, film):
+    """The OSL camera of a lens and a film."""
+    (rows, columns), pitch_mm = film.shape_px, film.pitch_um * 1e-3
+    x_mm, y_mm = film.position_mm((rows - 1) / 2, (columns - 1) / 2)
+    numbers = {
+        "BINS": lens.low_mm.size, "BIN_MM": lens.bin_mm, "TO_PUPIL": lens.to_pupil, "LOW": lens.low_mm,
+        "HIGH": lens.high_mm, "HALF": lens.half_mm, "CENTRE_X": x_mm, "CENTRE_Y": y_mm, "WIDTH": columns * pitch_mm,
+        "HEIGHT": rows * pitch_mm, "ENTRANCE_PUPIL": lens.entrance_pupil_mm, "COUNT": lens.apart_mm.size,
+        "APART": lens.apart_mm, "CURVATURE": lens.curvature_per_mm, "CONIC": lens.conic,
+        "SEMI": np.minimum(lens.semi_aperture_mm, WIDE_MM), "ETA": lens.index_ratio,
+        "ABSORPTION": lens.absorption_per_mm, "ASPHERIC": lens.terms, "TERMS": lens.terms.size,
+        "BENT": lens.terms.any(axis=1).astype(int), "TERMS_EACH": lens.terms.shape[1],
+        "FIRST_POWER": lens.first_power, "POWER_STEP": lens.power_step,
+        "NEWTON_STEPS": NEWTON_STEPS, "GOOD_MM": GOOD_SHARE * lens.apart_mm.sum(), "LEAST_SQUARE": LEAST_SQUARE}
+    definitions = "".join(f"#define {name} {', '.join(map(repr, np.ravel(value).tolist()))}\n"
+                          for name, value in numbers.items())
+    return definitions + SHADER.read_text(encoding="utf-8")

@@ -1,0 +1,159 @@
+"""Depth "traced": what Cycles renders through the lens itself is the frame's irradiance."""
+
+import json
+from dataclasses import replace
+from types import SimpleNamespace
+
+import bpy
+import numpy as np
+import pytest
+
+from lensfield.addon import render_through_lens
+from lensfield.addon.job.child import preview_arguments
+from lensfield.addon.job.preflight import preflight
+from lensfield.addon.scene import traced_camera
+from lensfield.engine import InputError, Lens
+from lensfield.engine.bake.rings import AT_REST
+from lensfield.engine.image.depth_range import blur_px, entrance_pupil_diameter_mm
+from lensfield.engine.image.pitch import fitting_pitch_um
+from lensfield.engine.image.spectral_exr import read_exr, read_parts
+from noise import assert_means
+from small_scenes import material, set_world, wall
+from snapshot import differences, snapshot
+
+LENS = "edmund-54852"
+
+
+def traced(scene, folder, wavelengths_nm=(550.0,), lens=LENS, **asked):
+    return render_through_lens(scene, lens, wavelengths_nm, folder, depth="traced", **asked)
+
+
+def irradiance(result):
+    return read_exr(result.irradiance).cube.astype(np.float64)
+
+
+@pytest.fixture
+def lamp(scene):
+    """A glowing square in the plane in focus, off the axis."""
+    lit = wall(scene, material("Glow", "ShaderNodeEmission")[0], distance_m=0.19, side_m=0.04)
+    lit.location.x, lit.location.y = 0.03, 0.015
+    return scene
+
+
+def test_each_wavelength_is_traced_for_itself(scene, tmp_path):
+    """Glass takes in the blue, and its index sets where light lands."""
+    set_world(scene)
+    nm = 400.0, 550.0, 700.0
+    result = traced(scene, tmp_path, nm)
+    even = irradiance(result).mean(axis=(1, 2))
+    assert result.report.scene.passes == 3 and "of one wavelength" in result.report.scene.scene_plan
+    layers = render_through_lens(scene, LENS, nm, tmp_path)
+    assert_means(irradiance(result), irradiance(layers).mean(axis=(1, 2)), 0.01, noise=0.03)
+    assert even[1] / even[0] != pytest.approx(1, abs=0.01)  # or nothing could be told apart
+
+
+def test_it_leaves_what_a_lens_gives_and_nothing_that_a_pinhole_sees(lamp, tmp_path):
+    earlier = render_through_lens(lamp, LENS, (550.0,), tmp_path)
+    assert earlier.radiance.is_file() and earlier.before.is_file()
+    result = traced(lamp, tmp_path)
+    assert not result.radiance.exists() and not result.before.exists()
+    told = json.loads(result.record.read_text())
+    assert {"radiance", "before"}.isdisjoint(told["files"]) and told["job"]["depth"] == "traced"
+    for name in told["files"]:
+        assert getattr(result, name).is_file()
+    assert any("no diffraction" in line for line in told["scene_remarks"])
+
+
+def test_the_scene_is_left_as_it_was(lamp, tmp_path):
+    traced(lamp, tmp_path)  # as Blender chooses a scene's formats, and places its objects, on the first render
+    before = snapshot()
+    traced(lamp, tmp_path, (500.0, 600.0))
+    assert not differences(before, snapshot())
+
+
+def test_the_camera_may_stand_anywhere_and_be_of_any_size(lamp, tmp_path):
+    expected = irradiance(traced(lamp, tmp_path / "here"))
+    holder = bpy.data.objects.new("Holder", None)
+    lamp.collection.objects.link(holder)
+    for part in (lamp.camera, bpy.data.objects["Wall"]):
+        part.parent = holder
+    holder.location, holder.rotation_euler = (3, -2, 5), (0.4, 1.1, -0.7)
+    lamp.camera.scale = 2, 3, 4
+    found = irradiance(traced(lamp, tmp_path / "there"))
+    assert np.abs(found - expected).sum() < 0.02 * expected.sum()  # of the same random numbers
+
+
+def test_a_region_is_what_the_whole_frame_has_there(lamp, tmp_path):
+    whole = irradiance(traced(lamp, tmp_path / "whole"))
+    lamp.render.use_border = True
+    lamp.render.border_min_x, lamp.render.border_max_x = 0.5, 1.0
+    lamp.render.border_min_y, lamp.render.border_max_y = 0.5, 1.0
+    part = irradiance(traced(lamp, tmp_path / "part"))
+    assert part[:, :18, 24:].any() and not part[:, 18:].any() and not part[:, :, :24].any()
+    assert_means(part[:, :18, 24:], whole[:, :18, 24:].mean(axis=(1, 2)), 1e-3, noise=0.5)
+
+
+def test_the_cameras_view_takes_a_larger_lens(lamp, tmp_path):
+    """All of it is so many times as large: what stands so many times as far away has the same picture."""
+    lens = Lens.load(LENS)
+    expected = irradiance(traced(lamp, tmp_path / "lens"))
+    camera, (width_mm, _) = lamp.camera.data, lens.sensor_mm
+    camera.sensor_fit, camera.sensor_width, camera.lens = "HORIZONTAL", 3 * width_mm, 3 * lens.capture_focal_length_mm
+    lit = bpy.data.objects["Wall"]
+    lit.location, lit.scale = 3 * lit.location, (3, 3, 3)
+    found = irradiance(traced(lamp, tmp_path / "camera", view="camera"))
+    assert np.abs(found - expected).sum() < 0.02 * expected.sum()
+
+
+def test_alpha_tells_how_much_of_the_light_is_covered(scene, tmp_path):
+    glow = wall(scene, material("Glow", "ShaderNodeEmission")[0], distance_m=0.19)
+    glow.location.x = 5.0  # its edge is in the middle
+    scene.render.film_transparent, scene.cycles.samples = True, 256
+    alpha = read_parts(traced(scene, tmp_path).lens_image)[0][1]["A"].astype(np.float64)
+    assert_means(alpha[:, 28:], 1.0, 1e-3)
+    assert abs(alpha[:, :20].mean()) < 0.05 and alpha.min() == 0
+
+
+def test_what_is_out_of_focus_is_as_wide_as_first_order_optics_have_it(scene, tmp_path):
+    """A disc of even light has an RMS radius of its diameter over sqrt 8."""
+    lens, depth_mm = Lens.load(LENS), 60.0
+    lamp = wall(scene, material("Glow", "ShaderNodeEmission")[0], 1e-3 * depth_mm, side_m=1e-4)
+    lamp.active_material.cycles.emission_sampling = "NONE"
+    scene.cycles.samples = 4096
+    scene.render.use_border = True
+    scene.render.border_min_x, scene.render.border_max_x = 0.3, 0.7
+    scene.render.border_min_y, scene.render.border_max_y = 0.3, 0.7
+    scene.render.resolution_x, scene.render.resolution_y = 192, 144
+    picture = irradiance(traced(scene, tmp_path))[0]
+    y, x = np.mgrid[:144, :192] - np.reshape([71.5, 95.5], (2, 1, 1))
+    radius_px = np.sqrt(np.average(x**2 + y**2, weights=picture))
+    pitch_um = fitting_pitch_um(lens, (144, 192))
+    assert entrance_pupil_diameter_mm(lens) > 0
+    assert radius_px == pytest.approx(float(blur_px(lens, pitch_um, depth_mm)) / np.sqrt(8), rel=0.05)
+
+
+def test_a_package_is_refused_in_one_line(lamp, tmp_path):
+    lens = replace(Lens.load(LENS), prescription=None)
+    with pytest.raises(InputError, match="edmund-54852: surfaces is not told by a package: .* prescription, or choose"):
+        traced(lamp, tmp_path, lens=lens)
+
+
+def test_a_blender_without_osl_is_told_before_the_work(lamp, tmp_path, monkeypatch):
+    monkeypatch.setattr(traced_camera, "_cycles", SimpleNamespace(with_osl=False))
+    refusals = preflight(lamp, tmp_path, lens=LENS, depth="traced").refusals
+    assert any("OSL" in str(each) and "blender.org" in str(each) for each in refusals)
+    with pytest.raises(InputError, match="OSL"):
+        traced(lamp, tmp_path)
+
+
+def test_other_gpus_than_optix_leave_it_to_the_cpu(lamp, tmp_path, monkeypatch):
+    monkeypatch.setattr(traced_camera, "traces_on_device", lambda scene: False)
+    result = traced(lamp, tmp_path)
+    assert irradiance(result).any() and lamp.cycles.device == "CPU"
+
+
+def test_a_preview_keeps_the_light_for_other_lenses(lamp, tmp_path):
+    lamp.lensfield.depth = "TRACED"
+    key = LENS, "lens", "hold", AT_REST
+    asked = preview_arguments(lamp, key, copy=tmp_path / "copy.blend", size=(8, 6), samples=1)
+    assert asked[asked.index("--depth") + 1] == "auto"
