@@ -53,9 +53,9 @@ class SlabPlan:
     margins_px : tuple of (int, int)
         Of each slab, near to far: rows and columns that it needs beyond the frame.
     behind : float
-        Fraction of the picture's light that comes from what stays hidden, behind edges inside slabs.
-    kept_jumps : float
-        Of all jumps of blur at edges, how much stays inside slabs.
+        Fraction of the picture's light that comes from behind edges, where a pinhole does not see.
+    hidden : float
+        As much of it as stays hidden, because the edges are inside slabs.
     check : DepthCheck or None
         How much of the frame is out of the data's depth; None where no pixel has a depth.
     """
@@ -64,7 +64,7 @@ class SlabPlan:
     borders_mm: tuple[float, ...]
     margins_px: tuple[tuple[int, int], ...]
     behind: float
-    kept_jumps: float
+    hidden: float
     check: DepthCheck | None
 
     @property
@@ -85,7 +85,7 @@ class SlabPlan:
         if self.borders_mm:
             borders = ", ".join(f"{border_mm * 1e-3:.3g}" for border_mm in self.borders_mm)
             words = f"{self.slabs} slabs, cut at {borders} m"
-        return f"{words}; {self.behind:.2g} of the light comes from what stays hidden behind edges"
+        return f"{words}; {self.hidden:.2g} of the light comes from what stays hidden behind edges"
 
     @property
     def text(self) -> str:
@@ -133,10 +133,13 @@ def plan_slabs(depth_mm: ArrayLike, capture: PixelGrid, lens: "Lens", *, accurac
     if np.all(shares >= 1 - accuracy):
         return SlabPlan(False, (), (look.least_px,), 0.0, 0.0, check)
     whole = look.places(whole_mm) + [body for body in look.places(bodies_mm) if np.ptp(body) <= DEEP_PX]
-    borders, behind, kept = _cut(_edges(look), whole, most_slabs, accuracy)
+    edges = _edges(look)
+    borders, hidden = _cut(edges, whole, most_slabs, accuracy)
+    behind = BEHIND_PX * edges.jump_px2.sum() / (edges.surfaces.size * edges.pixel_px2)
     ends = (np.inf, *borders, 0.0)
     margins = tuple(look.margin_px(near, far) for near, far in zip(ends[:-1], ends[1:], strict=True))
-    return SlabPlan(True, tuple(look.scale / place for place in borders), margins, behind, kept, check)
+    return SlabPlan(True, tuple(look.scale / place for place in borders), margins, float(behind),
+                    float(hidden * behind), check)
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,13 +222,16 @@ def _look(depth_mm, capture, lens, overscan_px):
     planar_mm = np.where(planar_mm > 0, planar_mm, np.nan)
     beyond_px = [np.maximum(0, np.abs(places - (n - 1) / 2) - frame / 2) for places, n, frame in
                  zip((rows, columns), capture.shape_px, capture.frame_px, strict=True)]
+    own_mm = lens.capture_focal_length_mm
+    focal_mm = capture.focal_mm or own_mm
     cosine = np.ones_like(planar_mm)
     if capture.projection != PLANE:
         x_mm, y_mm = capture.position_mm(rows[:, None], columns)
-        cosine = np.cos(np.hypot(x_mm, y_mm) / lens.capture_focal_length_mm)
+        cosine = np.cos(np.hypot(x_mm, y_mm) / focal_mm)
         cosine = np.where(cosine > 0, cosine, np.nan)
     return _Look(planar_mm, cosine, np.array(np.meshgrid(*beyond_px, indexing="ij")), every * step_px,
-                 blur_per_nearness_px(lens, capture.pitch_um), float(blur_px(lens, capture.pitch_um, np.inf)),
+                 blur_per_nearness_px(lens, capture.pitch_um) * focal_mm / own_mm,
+                 float(blur_px(lens, capture.pitch_um, np.inf)) * focal_mm / own_mm,
                  tuple(map(int, overscan_px)), capture.overscan_px)
 
 
@@ -273,7 +279,7 @@ def _jumps(place, reaching, length_px):
 
 
 def _cut(edges, whole, most_slabs, accuracy):
-    """Places of the borders, descending; the fraction of the light that they leave behind, and of the jumps.
+    """Places of the borders, descending, and the fraction of the jumps that they leave, and of what they cost.
 
     By dynamic programming: the best way to cut up to a place into n slabs goes by the best to a farther place in n - 1.
     """
@@ -292,10 +298,8 @@ def _cut(edges, whole, most_slabs, accuracy):
     nodes = [len(step) - 1]
     for way in reversed(ways[:slabs]):
         nodes.append(int(way[nodes[-1]]))
-    kept = sum(inside[far, near] for near, far in zip(nodes[:-1], nodes[1:], strict=True))
-    return ([float(candidates[node - 1]) for node in nodes[1:-1]],
-            float(BEHIND_PX * totals[slabs - 1] / (edges.surfaces.size * edges.pixel_px2)),
-            float(kept / max(totals[0], np.finfo(float).tiny)))
+    left = totals[slabs - 1] / totals[0] if totals[0] else 0.0
+    return [float(candidates[node - 1]) for node in nodes[1:-1]], left
 
 
 def _candidates(edges, whole):

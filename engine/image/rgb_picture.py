@@ -74,32 +74,46 @@ def read_rgb_exr(path: str | os.PathLike, layer: str | None = None) -> RgbPictur
         layer = _choose(layers, layer)
         header, planes = layers[layer]
         header = parts[0][0] | header  # what parts share need only be told once
-        rec709, overscan = _lay_out(planes, header)
-        matrix = to_rec709_matrix(chromaticities(header))
+        overscan = overscan_of(header)
+        rec709 = in_rec709(np.stack([lay_out(plane, header, overscan) for plane in planes], axis=-1), header)
     except ImageError as error:
         raise error.at(path) from None
-    if matrix is not None:
-        with np.errstate(invalid="ignore", over="ignore"):  # pixels that are not finite are told of where they are used
-            rec709 = rec709 @ matrix.T.astype(np.float32)
     return RgbPicture(rec709, overscan, layer)
+
+
+def in_rec709(rgb: np.ndarray, header: dict) -> np.ndarray:
+    """Colours (..., 3) of a file in linear Rec. 709."""
+    matrix = to_rec709_matrix(chromaticities(header))
+    if matrix is None:
+        return rgb
+    with np.errstate(invalid="ignore", over="ignore"):  # pixels that are not finite are told of where they are used
+        return rgb @ matrix.T.astype(np.float32)
 
 
 def _layers(parts):
     """{layer: (header, three planes)} of what a file's parts hold of colour or, where there is none, of greys."""
     colours, greys = {}, {}
+    for layer, (header, planes) in flat_layers(parts).items():
+        if {"R", "G", "B"} <= planes.keys():
+            colours[layer] = header, [planes[name] for name in "RGB"]
+        elif len(planes.keys() - {"A"}) == 1 and (grey := planes.keys() & set(GREYS)):
+            greys[layer] = header, [planes[grey.pop()]] * 3
+    return colours or greys
+
+
+def flat_layers(parts: list[tuple[dict, dict]]) -> dict[str, tuple[dict, dict]]:
+    """What `read_parts` gives by layer: {layer: (header, {component in capitals: plane})}, of numbers that are no whole
+    ones. A part's channels without a prefix are in the layer of its name."""
+    layers: dict[str, tuple[dict, dict]] = {}
     for header, channels in parts:
-        components = {}
         for name, plane in channels.items():
             if getattr(plane, "dtype", None) in (np.float16, np.float32) and plane.ndim == 2:
                 layer, _, component = name.rpartition(".")
                 layer = layer or (header.get("name", "") if len(parts) > 1 else "")
-                components.setdefault(layer, {})[component.upper()] = plane
-        for layer, planes in components.items():
-            if {"R", "G", "B"} <= planes.keys():
-                colours.setdefault(layer, (header, [planes[name] for name in "RGB"]))
-            elif len(planes.keys() - {"A"}) == 1 and (grey := planes.keys() & set(GREYS)):
-                greys.setdefault(layer, (header, [planes[grey.pop()]] * 3))
-    return colours or greys
+                first, planes = layers.setdefault(layer, (header, {}))
+                if first is header:
+                    planes[component.upper()] = plane
+    return layers
 
 
 def _choose(layers, wanted):
@@ -115,25 +129,38 @@ def _choose(layers, wanted):
     return wanted
 
 
-def _lay_out(planes, header):
-    """The planes as array (row, column, 3) on the display window, and the overscan on each side of it."""
-    (data_left, data_top), (data_right, data_bottom) = np.array(header["dataWindow"], dtype=int)
-    (left, top), (right, bottom) = np.array(header["displayWindow"], dtype=int)
-    frame = int(bottom - top + 1), int(right - left + 1)
-    overscan = (int(max(0, top - data_top, data_bottom - bottom)), int(max(0, left - data_left, data_right - right)))
+def overscan_of(header: dict) -> tuple[int, int]:
+    """Rows and columns by which the data window is larger than the display window, on the side where it is most."""
+    (top, left), (bottom, right), frame = windows_of(header)
+    overscan = max(0, -top, bottom - frame[0]), max(0, -left, right - frame[1])
     if max(frame) > LARGEST_FRAME_PX or any(margin > n for margin, n in zip(overscan, frame, strict=True)):
         raise ImageError("image", "dataWindow", f"{overscan} px beyond a display window of {frame}",
                          f"expected no more overscan than there is frame, of up to {LARGEST_FRAME_PX} px")
     aspect = header.get("pixelAspectRatio", 1.0)
     if abs(aspect - 1) > 1e-4:
         raise ImageError("image", "pixelAspectRatio", float(aspect), "expected square pixels")
-    laid = np.zeros((frame[0] + 2 * overscan[0], frame[1] + 2 * overscan[1], 3), dtype=np.float32)
-    first_row, first_column = data_top - top + overscan[0], data_left - left + overscan[1]
-    for channel, plane in enumerate(planes):
-        if plane.shape != (data_bottom - data_top + 1, data_right - data_left + 1):
-            raise ImageError("image", "channel", f"of {plane.shape} px", "expected every pixel of the data window")
-        laid[first_row:first_row + plane.shape[0], first_column:first_column + plane.shape[1], channel] = plane
-    return laid, overscan
+    return overscan
+
+
+def lay_out(plane: np.ndarray, header: dict, overscan_px: tuple[int, int], empty: float = 0.0) -> np.ndarray:
+    """A plane on the display window with so much overscan on each side: float32 array (row, column)."""
+    begins, ends, frame = windows_of(header)
+    if plane.shape != tuple(end - begin for begin, end in zip(begins, ends, strict=True)):
+        raise ImageError("image", "channel", f"of {plane.shape} px", "expected every pixel of the data window")
+    laid = np.full([n + 2 * margin for n, margin in zip(frame, overscan_px, strict=True)], empty, np.float32)
+    to, of = zip(*((slice(max(0, begin + margin), max(0, end + margin)),
+                    slice(max(0, -begin - margin), max(0, n + margin - begin)))
+                   for begin, end, n, margin in zip(begins, ends, frame, overscan_px, strict=True)), strict=True)
+    laid[to] = plane[of]
+    return laid
+
+
+def windows_of(header: dict) -> tuple[tuple[int, ...], ...]:
+    """First row and column of the data, those behind the last, and the frame's rows and columns; from the frame's first
+    pixel."""
+    data, display = (np.array(header[name], dtype=int)[:, ::-1] for name in ("dataWindow", "displayWindow"))
+    return tuple(tuple(int(n) for n in corner) for corner in
+                 (data[0] - display[0], data[1] + 1 - display[0], display[1] + 1 - display[0]))
 
 
 def upsample(picture: RgbPicture, wavelengths_nm: ArrayLike, pitch_um: float) -> tuple[SpectralImage, float]:

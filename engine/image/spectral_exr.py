@@ -179,10 +179,11 @@ def read_with_planes(path: str | os.PathLike,
     return _first_image(read_parts(path), path, pitch_um)
 
 
-def read_with_layers(path: str | os.PathLike) -> tuple[SpectralImage, dict[str, np.ndarray], LayeredRadiance | None]:
+def read_with_layers(path: str | os.PathLike, pitch_um: float | None = None
+                     ) -> tuple[SpectralImage, dict[str, np.ndarray], LayeredRadiance | None]:
     """What `read_with_planes` gives, and the layers that the picture is seen in; None where there are none."""
     parts = read_parts(path)
-    image, planes = _first_image(parts, path, None)
+    image, planes = _first_image(parts, path, pitch_um)
     return image, planes, _layered(image, parts, path)
 
 

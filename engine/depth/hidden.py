@@ -1,0 +1,133 @@
+"""What near things hide, guessed: a picture in slabs of depth becomes layers that go on behind what covers them."""
+
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+from scipy.ndimage import binary_dilation
+
+from ..image.layers import Layer, LayeredRadiance
+from ..image.spectral_image import SpectralImage
+
+SEEN = 1e-3  # of a layer, through those before it: less tells nothing
+BRIGHT = 4.0  # times the median of a picture's light, from which on pixels count less
+BESIDE = np.ones((3, 3), bool)
+
+
+def layers_of_picture(radiance: SpectralImage, depth_mm: np.ndarray, slab: np.ndarray, slabs: int) -> LayeredRadiance:
+    """A picture whose every pixel is in one slab, as layers.
+
+    Parameters
+    ----------
+    radiance : SpectralImage
+    depth_mm : array (row, column)
+        Along the axis; inf for what is infinitely far.
+    slab : int array (row, column)
+        In which slab a pixel is, from the nearest, 0.
+    slabs : int
+
+    Returns
+    -------
+    LayeredRadiance
+        Whose `flat()` is the picture.
+    """
+    there = [slab == number for number in range(slabs)]
+    return with_hidden(radiance, [each.astype(np.float32) for each in there],
+                       [np.where(each, depth_mm, np.inf) for each in there],
+                       lambda number: (plane * there[number] for plane in radiance.cube))
+
+
+def with_hidden(radiance: SpectralImage, alphas: Sequence[np.ndarray], depths_mm: Sequence[np.ndarray],
+                light: Callable[[int], Iterable[np.ndarray]]) -> LayeredRadiance:
+    """Layers that go on behind what covers them, as what is seen around it: so far as most of that is in the layer.
+
+    The last is opaque, and infinitely far where it holds nothing.
+
+    Parameters
+    ----------
+    radiance : SpectralImage
+        Of all layers, as a pinhole sees them.
+    alphas, depths_mm : sequence of array (row, column)
+        Of each layer, near to far.
+    light : callable (number of the layer)
+        Its radiance, premultiplied, a plane (row, column) for each wavelength.
+    """
+    usual = _usual_light(radiance)
+    layers: list[Layer] = []
+    for number, (alpha, depth_mm) in enumerate(zip(alphas, depths_mm, strict=True)):
+        clear = np.prod([1 - nearer for nearer in alphas[:number]], axis=0, initial=1.0, dtype=np.float32)
+        hidden = (clear <= SEEN) & ~np.any([farther > 0 for farther in alphas[number:]], axis=0)
+        if number == len(alphas) - 1:
+            depth_mm = np.where(alpha > 0, depth_mm, np.inf)
+            alpha = np.ones_like(alpha)
+        layers.append(_continued(light(number), alpha, depth_mm, hidden, usual))
+    return LayeredRadiance(tuple(layers), radiance.wavelengths_nm, radiance.grid, radiance.focal_mm, radiance.exposure)
+
+
+def _usual_light(radiance):
+    """By what the light of each pixel is told to others: a lamp beside what hides is not thought to be as large."""
+    light = radiance.cube.mean(axis=0)
+    usual = BRIGHT * np.median(light[light > 0]) if np.any(light > 0) else np.inf
+    return np.divide(usual, light, out=np.ones_like(light), where=light > usual)
+
+
+def _continued(light, alpha, depth_mm, hidden, usual):
+    """A layer, cropped to what it covers, that goes on where it is hidden."""
+    beside = binary_dilation(hidden, BESIDE)  # there colours are mixed with those of what hides
+    weight = np.where(hidden if beside.all() else beside, 0, usual)
+    into = hidden & bool(weight.any())
+    if into.any():
+        share = filled(alpha, weight)
+        into &= share >= 0.5
+        nearness = filled(alpha / depth_mm, weight)[into]
+        alpha, depth_mm = np.where(into, 1, alpha), depth_mm.astype(np.float32)
+        with np.errstate(divide="ignore"):
+            depth_mm[into] = share[into] / nearness
+    rows, columns = (_extent(alpha.any(axis=axis)) for axis in (1, 0))
+    planes = []
+    for plane in light:
+        if into.any():
+            plane = np.where(into, filled(plane * usual, weight) / np.where(into, share, 1), plane)
+        planes.append(plane[rows, columns])
+    return Layer(np.array(planes), alpha[rows, columns].copy(), depth_mm[rows, columns].copy(),
+                 (rows.start, columns.start))
+
+
+def _extent(covered):
+    """From the first to the last that is; of one at the least."""
+    places = np.flatnonzero(covered)
+    return slice(int(places[0]), int(places[-1]) + 1) if places.size else slice(0, 1)
+
+
+def filled(plane: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """A plane (row, column) whose pixels of no weight are means of those about them, by their weights, from 0 to 1.
+
+    Where there are none so near, the plane is halved until there are, and what comes of that is drawn smooth again.
+    """
+    weight = weight.astype(np.float32)
+    return _filled(plane * weight, weight)
+
+
+def _filled(weighted, weight):
+    if weight.size == 1:
+        return weighted / np.maximum(weight, np.finfo(np.float32).tiny)
+    if np.all(weight == 1):
+        return weighted
+    total = _halved(weight)
+    share = np.minimum(total, 1)
+    coarse = _filled(_halved(weighted) * np.divide(share, total, out=np.zeros_like(total), where=total > 0), share)
+    rows, columns = weighted.shape
+    return weighted + _doubled(_doubled(coarse).T).T[:rows, :columns] * (1 - weight)
+
+
+def _halved(plane):
+    """Sums over 2 x 2 pixels."""
+    plane = np.pad(plane, [(0, n % 2) for n in plane.shape])
+    return plane[::2, ::2] + plane[::2, 1::2] + plane[1::2, ::2] + plane[1::2, 1::2]
+
+
+def _doubled(plane):
+    """Two rows for each: three quarters of it and a quarter of its neighbour."""
+    wide = np.pad(plane, [(1, 1), (0, 0)], mode="edge")
+    own = np.float32(0.75) * plane
+    return np.stack([own + np.float32(0.25) * wide[:-2], own + np.float32(0.25) * wide[2:]], axis=1).reshape(
+        -1, plane.shape[1])
