@@ -7,14 +7,16 @@ typedef struct {
     lf_footprints_loop *footprints;
     lf_turn_loop *turn;
     lf_waves_loop *waves;
+    lf_cast_loop *cast;
 } variant;
 
 #define DECLARED(v) \
     lf_spread_loop lf_spread_##v; \
     lf_footprints_loop lf_footprints_##v; \
     lf_turn_loop lf_turn_##v; \
-    lf_waves_loop lf_waves_##v;
-#define LISTED(v) {#v, lf_spread_##v, lf_footprints_##v, lf_turn_##v, lf_waves_##v}
+    lf_waves_loop lf_waves_##v; \
+    lf_cast_loop lf_cast_##v;
+#define LISTED(v) {#v, lf_spread_##v, lf_footprints_##v, lf_turn_##v, lf_waves_##v, lf_cast_##v}
 
 #if defined(__x86_64__)
 DECLARED(base) DECLARED(avx2) DECLARED(avx512)
@@ -148,4 +150,29 @@ int lf_waves(int variant, const lf_wavefront *w, const lf_picture *out, double *
         || out->columns < w->columns)
         return LF_BAD_SIZE;
     return variants[variant].waves(w, out, light, work);
+}
+
+/* Whether nothing that rays look up of a layer lies outside of it. */
+static int layer_fits(const lf_layer *l, int64_t wavelengths)
+{
+    const lf_picture *p = &l->light;
+    return fits(p) && p->planes == wavelengths && within(p->rows, 2, 1 << 20) && within(p->columns, 2, 1 << 20)
+           && within(p->row_step, p->columns, INT32_MAX / p->rows) && within(p->columns, 2, INT32_MAX / 2 / p->rows);
+}
+
+int lf_cast(int variant, const lf_cast_of *c, int64_t first_tile, int64_t end_tile, const lf_picture *blurred,
+            const lf_picture *clear)
+{
+    if (!within(variant, 0, VARIANTS - 1) || !within(c->wavelengths, 1, LF_TOGETHER) || !fits(blurred) || !fits(clear)
+        || blurred->planes != c->wavelengths || clear->planes != c->wavelengths || clear->rows != blurred->rows
+        || clear->columns != blurred->columns || !within(c->heights, 2, MOST_PX) || !within(c->sequences, 1, MOST_PX)
+        || !within(c->eights, 1, MOST_PX) || !within(c->blades, 0, MOST_PX) || !within(c->layers, 1, 1 << 10)
+        || !within(c->tile_px, 1, MOST_PX) || !within(c->tile_columns, 1, MOST_PX) || !within(c->tile_rows, 1, MOST_PX)
+        || !within(first_tile, 0, end_tile) || end_tile > c->tile_rows * c->tile_columns)
+        return LF_BAD_SIZE;
+    for (int64_t n = 0; n < c->layers; n++)
+        if (!layer_fits(c->layer + n, c->wavelengths)) return LF_BAD_SIZE;
+    for (int64_t tile = first_tile; tile < end_tile; tile++)
+        if (!within(c->tile_eights[tile], 0, c->eights)) return LF_BAD_SIZE;
+    return variants[variant].cast(c, first_tile, end_tile, blurred, clear);
 }

@@ -16,7 +16,7 @@
 #define LENSFIELD_KERNELS_H
 #include <stdint.h>
 
-#define LF_ABI 4
+#define LF_ABI 5
 
 enum { LF_OUTSIDE = 1, LF_BAD_SIZE = 2 };
 
@@ -111,6 +111,45 @@ typedef struct { /* a wavefront over an even grid of direction cosines, between 
 
 typedef int lf_waves_loop(const lf_wavefront *, const lf_picture *out, double *light, float *work);
 
+/* cast */
+
+#define LF_TOGETHER 4 /* wavelengths at most */
+
+typedef struct {         /* a part of the scene that nothing of it hides, as a pinhole sees it; cut out of a capture */
+    lf_picture light;    /* (wavelength): premultiplied by alpha; at least 2 x 2 pixels */
+    const float *alpha;  /* with the same steps; NULL where all is opaque */
+    const float *depth;  /* (row, column, 2): inverse depth, and the share of focus there */
+    float axis_row, axis_column;      /* of the axis, in this layer's pixels */
+    float top, bottom, left, right;   /* beyond which there is nothing; infinite where the last pixels go on */
+} lf_layer;
+
+typedef struct {          /* how a tile's rays find a layer */
+    float inverse_depth, share; /* where the search begins */
+    int32_t steps;        /* of it; below 0 where they cannot meet the layer */
+    int32_t focused;      /* whether something there may be in focus */
+} lf_meeting;
+
+typedef struct {
+    const float *rays;    /* (height, sequence, eight of rays, 2 + 6 wavelengths, 8): their place of the stop, tangential and
+                             outwards; outwards and tangential, where they go at infinity and how that moves with the inverse
+                             depth, both in pixels; what is positive where they pass; their light */
+    int64_t heights, sequences, eights, wavelengths;
+    double centre_row, centre_column, heights_per_px; /* of the axis on the sensor */
+    float per_focal;      /* one over a fisheye capture's focal length in pixels; 0 of a plane one */
+    const float *normals; /* (blade, 2): of an iris */
+    int64_t blades;
+    float blade_margin, blade_bend, blade_slope; /* a ray passes where margin - bend r^2 - slope (place . normal) > 0 */
+    const lf_layer *layer; /* the nearest first */
+    int64_t layers;
+    float faint[LF_TOGETHER]; /* (wavelength): radiance that counts for nothing beside what is seen */
+    const lf_meeting *meetings; /* (tile, layer) */
+    const int64_t *tile_eights; /* (tile): rays, in eights */
+    int64_t tile_rows, tile_columns, tile_px;
+} lf_cast_of;
+
+typedef int lf_cast_loop(const lf_cast_of *, int64_t first_tile, int64_t end_tile, const lf_picture *blurred,
+                         const lf_picture *clear);
+
 /* what the library gives */
 
 LF_API int lf_abi(void);
@@ -125,4 +164,6 @@ LF_API int lf_footprints(int variant, const lf_geometry *, const lf_capture *, i
                          const lf_picture *out);
 LF_API int lf_turn(int variant, const lf_samples *, double cosine, double sine, int64_t side, double *out);
 LF_API int lf_waves(int variant, const lf_wavefront *, const lf_picture *out, double *light, float *work);
+LF_API int lf_cast(int variant, const lf_cast_of *, int64_t first_tile, int64_t end_tile, const lf_picture *blurred,
+                   const lf_picture *clear);
 #endif

@@ -13,7 +13,7 @@ import numpy as np
 from ..errors import InputError
 from .build import LIBRARY_FOLDER, library_name, sources_digest, this_platform
 
-ABI = 4  # that of kernels.h
+ABI = 5  # that of kernels.h
 NUMPY = "numpy"
 VARIABLE = "LENSFIELD_KERNELS"
 PROBLEMS = {1: "a sample lies outside of the square", 2: "sizes that cannot be"}
@@ -42,6 +42,13 @@ SAMPLES = _structure("Samples", v_px=c_void_p, u_px=c_void_p, energy=c_void_p, c
 WAVEFRONT = _structure("Wavefront", across=c_void_p, up=c_void_p, path=c_void_p, edges=c_void_p, rows=c_int64,
                        columns=c_int64, path_terms=c_int64, edge_terms=c_int64, limits=c_int64, least=c_float,
                        most=c_float)
+LAYER = _structure("Layer", light=PICTURE, alpha=c_void_p, depth=c_void_p, axis_row=c_float, axis_column=c_float,
+                   top=c_float, bottom=c_float, left=c_float, right=c_float)
+CAST = _structure("Cast", rays=c_void_p, heights=c_int64, sequences=c_int64, eights=c_int64, wavelengths=c_int64,
+                  centre_row=c_double, centre_column=c_double, heights_per_px=c_double, per_focal=c_float,
+                  normals=c_void_p, blades=c_int64, blade_margin=c_float, blade_bend=c_float, blade_slope=c_float,
+                  layer=POINTER(LAYER), layers=c_int64, faint=c_float * 4, meetings=c_void_p, tile_eights=c_void_p,
+                  tile_rows=c_int64, tile_columns=c_int64, tile_px=c_int64)
 
 _SIGNATURES = {
     "lf_abi": (c_int, []),
@@ -54,6 +61,7 @@ _SIGNATURES = {
     "lf_footprints": (c_int, [c_int, POINTER(GEOMETRY), POINTER(CAPTURE), c_int64, c_int64, POINTER(PICTURE)]),
     "lf_turn": (c_int, [c_int, POINTER(SAMPLES), c_double, c_double, c_int64, c_void_p]),
     "lf_waves": (c_int, [c_int, POINTER(WAVEFRONT), POINTER(PICTURE), c_void_p, c_void_p]),
+    "lf_cast": (c_int, [c_int, POINTER(CAST), c_int64, c_int64, POINTER(PICTURE), POINTER(PICTURE)]),
 }
 
 

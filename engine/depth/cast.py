@@ -1,0 +1,131 @@
+"""cast(): layered radiance seen along the lens's rays, where it is out of focus."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .. import kernels
+from ..image.layers import LayeredRadiance
+from ..threads import thread_pool
+from .meetings import TILE_PX, plan_meetings
+from .pencils import Iris, pencils, per_focal
+from .plain import cast as plain_cast
+from .seen import Seen, seen
+
+if TYPE_CHECKING:
+    from ..bake.ray_table import RayTable
+    from ..lens import Lens
+
+FAINT = 1e-3  # of a picture's mean radiance
+
+
+@dataclass(frozen=True, eq=False)
+class CastPlane:
+    """A wavelength of a layered capture, in two parts: E = blur(ideal irradiance of `sharp` * clear) + blurred * Eq. 2.
+
+    Attributes
+    ----------
+    sharp : float32 array (row, column) of the capture
+        Radiance of what is in focus, as the pinhole sees it, not hidden by what is out of focus.
+    blurred : float32 array (row, column) of the frame
+        Radiance of what is out of focus, with all that hides it: the mean over the light of the pixel's rays.
+    clear : float32 array (row, column) of the frame
+        The share, from 0 to 1, that what is out of focus leaves of what is in focus.
+    """
+
+    sharp: np.ndarray
+    blurred: np.ndarray
+    clear: np.ndarray
+
+
+def cast(layered: LayeredRadiance, lens: "Lens", rays: "RayTable", *, most_rays: int = 256, iris: Iris | None = None,
+         progress: Callable[[float], None] | None = None) -> Iterator[CastPlane]:
+    """Layered radiance along the lens's rays: the planes of its wavelengths, one after another.
+
+    A point at the inverse depth q, of the ray through the place u of the entrance pupil at the tangent t, is met where
+    the capture shows f (t + u q). From layer to layer, the nearest first, each pixel's rays add up the light of what is
+    out of focus, and are weakened by all that covers them. What is in focus stays with the pinhole: rays tell only
+    which part of its light reaches the pixel.
+
+    Parameters
+    ----------
+    layered : LayeredRadiance
+    lens : Lens
+        What is in focus is told by it.
+    rays : RayTable
+        The lens's.
+    most_rays : int
+        For a pixel, a power of two from 32 on: as many as the size of the blur and the brightness in it ask for, up to
+        this.
+    iris : Iris, optional
+        The blades that stop the lens down; its stop is a circle without.
+    progress : callable (fraction), optional
+
+    Yields
+    ------
+    CastPlane
+        The same bits on any machine, whatever its number of threads.
+
+    Raises
+    ------
+    LensError
+        Rays that do not reach.
+    """
+    capture, wavelengths_nm = layered.grid, layered.wavelengths_nm
+    sensor, count = capture.frame(), wavelengths_nm.size
+    focal_mm = layered.focal_mm or lens.capture_focal_length_mm
+    layers = [one for layer in layered.layers if (one := seen(layer, capture, lens))]
+    ends = pencils(rays, wavelengths_nm[[0, -1]], sensor, focal_mm, 256, sequences=1)
+    fisheye = per_focal(capture, focal_mm)
+    meetings = plan_meetings(layers, ends, sensor, fisheye, most_rays)
+    shares = _sharp_shares(layers, capture.shape_px)
+    blades, shape = (iris.directions, iris.shape) if iris else (np.zeros((0, 2), np.float32), (1.0, 0.0, 0.0))
+    needed = 8 * max(1, int(meetings.eights.max()))
+    for first in range(0, count, kernels.TOGETHER):
+        group = slice(first, min(first + kernels.TOGETHER, count))
+        sharp = [_sharp(layers, shares, index, capture.shape_px) for index in range(group.start, group.stop)]
+        blurred, clear = (np.full((len(sharp), *sensor.shape_px), value, np.float32) for value in (0, 1))
+        if meetings.eights.any():
+            bundle = pencils(rays, wavelengths_nm[group], sensor, focal_mm, needed)
+            casting = kernels.Casting(
+                bundle.packed(), bundle.heights_per_px, sensor.centre_px, fisheye, blades, shape,
+                tuple(layer.of(group) for layer in layers), tuple(FAINT * float(abs(plane.mean())) for plane in sharp),
+                meetings.found, meetings.eights, TILE_PX)
+            _fill(casting, blurred, clear, lambda done, first=first, size=len(sharp): progress and progress(
+                (first + done * size) / count))
+        for number in range(len(sharp)):
+            yield CastPlane(sharp[number], blurred[number], clear[number])
+            sharp[number] = None  # the next one's needs its room
+
+
+def _fill(casting, blurred, clear, progress):
+    """Write what all tiles see, a row of tiles after another."""
+    loop = plain_cast if kernels.running() == kernels.NUMPY else kernels.cast
+    rows = len(casting.eights)
+    with thread_pool() as pool:
+        for done, _ in enumerate(pool.map(lambda row: loop(casting, row, blurred, clear), range(rows)), 1):
+            progress(done / rows)
+
+
+def _sharp_shares(layers, shape_px):
+    """Of each layer, how much of its light the pinhole sees in focus: array (row, column), or None for nothing."""
+    free, shares = np.ones(shape_px, np.float32), []
+    for layer in layers:
+        if not layer.focused:
+            shares.append(None)
+            continue
+        share, left = layer.depth[..., 1], free[layer.layer.place]
+        shares.append(share * left)
+        left *= 1 - share * layer.layer.alpha
+    return shares
+
+
+def _sharp(layers: list[Seen], shares, index, shape_px):
+    """What is in focus at a wavelength, as the pinhole sees it."""
+    sharp = np.zeros(shape_px, np.float32)
+    for layer, share in zip(layers, shares, strict=True):
+        if share is not None:
+            sharp[layer.layer.place] += share * layer.layer.cube[index]
+    return sharp

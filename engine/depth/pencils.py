@@ -1,0 +1,159 @@
+"""The rays of each pixel: even samples of the stop, seen from some distances from the axis."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..image.pixel_grid import FISHEYE, PixelGrid
+
+if TYPE_CHECKING:
+    from ..bake.ray_table import RayTable
+
+HEIGHTS = 65  # between which rays are interpolated linearly
+SEQUENCES = 8  # of samples: neighbouring pixels have different ones
+LEAST_COSINE = 1e-3  # of rays to the axis: a depth along it tells no place beside the camera
+
+
+@dataclass(frozen=True)
+class Iris:
+    """Blades that stop a lens down.
+
+    Attributes
+    ----------
+    blades : int
+        At least 3.
+    rotation_deg : float
+        Of the first blade's middle, anticlockwise from the right, as the sensor sees it.
+    roundness : float
+        From 0, a polygon with its corners on the rim of the stop, to 1, a circle.
+    """
+
+    blades: int
+    rotation_deg: float = 0.0
+    roundness: float = 0.0
+
+    @property
+    def directions(self) -> np.ndarray:
+        """Those that the blades face: float32 array (blade, 2)."""
+        azimuth = np.radians(self.rotation_deg) + 2 * np.pi * np.arange(self.blades) / self.blades
+        return np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1).astype(np.float32)
+
+    @property
+    def shape(self) -> tuple[float, float, float]:
+        """Margin, bend and slope: a place r passes where margin - bend r^2 - slope (r . direction) > 0 for all blades.
+
+        That is a circle through two corners, of the radius 1 / roundness.
+        """
+        half, bend = np.pi / self.blades, self.roundness
+        root = np.sqrt(1 - (bend * np.sin(half)) ** 2)
+        return (float(np.cos(half) * root - bend * np.cos(2 * half) / 2), bend / 2,
+                float(root - bend * np.cos(half)))
+
+
+@dataclass(frozen=True, eq=False)
+class Pencils:
+    """Rays of pixels at even distances from the axis, outwards of which is up.
+
+    Attributes
+    ----------
+    last_px : float
+        The last of these distances.
+    stop : float32 array (2, sequence, ray)
+        Places of the stop, along the tangent and outwards, in semi-apertures.
+    far_px, moved_px : float32 arrays (2, wavelength, height, sequence, ray)
+        Outwards and along the tangent: where on the plane of an ideal image they go at infinity, in pixels; and how
+        that moves with the inverse depth, in pixels times mm.
+    margin, light : float32 arrays (wavelength, height, sequence, ray)
+        Positive where they pass; and how much light they bring.
+    """
+
+    last_px: float
+    stop: np.ndarray
+    far_px: np.ndarray
+    moved_px: np.ndarray
+    margin: np.ndarray
+    light: np.ndarray
+
+    @property
+    def heights(self) -> int:
+        return self.margin.shape[1]
+
+    @property
+    def heights_per_px(self) -> float:
+        return (self.heights - 1) / self.last_px
+
+    def packed(self) -> np.ndarray:
+        """As the loops want them: see `kernels.Casting.rays`."""
+        rays = np.concatenate([*self.far_px[None].swapaxes(0, 1), *self.moved_px[None].swapaxes(0, 1),
+                               self.margin[None], self.light[None]])
+        quantities, wavelengths, heights, sequences, count = rays.shape
+        rays = rays.transpose(2, 3, 1, 0, 4).reshape(heights, sequences, wavelengths * quantities, count)
+        stop = np.broadcast_to(self.stop.swapaxes(0, 1), (heights, sequences, 2, count))
+        rays = np.concatenate([stop, rays], axis=2).reshape(heights, sequences, -1, count // 8, 8)
+        return np.ascontiguousarray(rays.swapaxes(2, 3), dtype=np.float32)
+
+
+def pencils(rays: "RayTable", wavelengths_nm: np.ndarray, sensor: PixelGrid, focal_mm: float, count: int,
+            sequences: int = SEQUENCES) -> Pencils:
+    """The rays of a sensor's pixels.
+
+    Parameters
+    ----------
+    rays : RayTable
+        Beyond its wavelengths its last ones are held.
+    wavelengths_nm : array (wavelength,)
+    sensor : PixelGrid
+    focal_mm : float
+        Of the capture that they look at.
+    count : int
+        Of rays, a power of two: that many of each sequence, and its first 2^n, lie evenly.
+    sequences : int
+    """
+    pitch_mm = sensor.pitch_um * 1e-3
+    last_px = min(sensor.farthest_px, rays.last_height_mm / pitch_mm)
+    heights_mm = np.linspace(0, last_px * pitch_mm, HEIGHTS)
+    stop = np.stack([stop_places(count, seed) for seed in range(sequences)], axis=1)
+    table = rays.at(np.clip(wavelengths_nm, *rays.wavelengths_nm[[0, -1]]))
+    which = np.arange(len(wavelengths_nm))[:, None, None, None]
+    found = table.rays(which, np.stack([0 * heights_mm, -heights_mm])[:, :, None, None], stop[:, None])
+    tangent = -found.direction[:2] / np.maximum(found.direction[2], LEAST_COSINE)
+    to_px = focal_mm / pitch_mm
+    return Pencils(last_px, stop.astype(np.float32), (tangent[::-1] * to_px).astype(np.float32),
+                   (found.entrance_mm[::-1] * to_px).astype(np.float32), found.margin.astype(np.float32),
+                   found.weight.astype(np.float32))
+
+
+def per_focal(capture: PixelGrid, focal_mm: float) -> float:
+    """What the loops know a fisheye capture by: one over its focal length in pixels; 0 of a plane one."""
+    return capture.pitch_um * 1e-3 / focal_mm if capture.projection == FISHEYE else 0.0
+
+
+def stop_places(count: int, seed: int) -> np.ndarray:
+    """Places of the stop, each for as much of its area: array (2, count), in semi-apertures.
+
+    Sobol's sequence with Owen's scrambling, by a hash (Burley, JCGT 9(4), 2020).
+    """
+    index = np.arange(count, dtype=np.uint32)
+    first, second = _reversed(index), np.zeros_like(index)
+    direction = 1 << 31
+    for bit in range(count.bit_length()):
+        second ^= np.where(index >> bit & 1, np.uint32(direction), np.uint32(0))
+        direction ^= direction >> 1
+    across, around = (_scrambled(bits, 2 * seed + axis) / 2.0**32 for axis, bits in enumerate((first, second)))
+    radius, azimuth = np.sqrt(across), 2 * np.pi * around
+    return np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth)])
+
+
+def _reversed(bits):
+    for shift, mask in ((1, 0x55555555), (2, 0x33333333), (4, 0x0F0F0F0F), (8, 0x00FF00FF), (16, 0x0000FFFF)):
+        mask = np.uint32(mask)
+        bits = (bits >> np.uint32(shift)) & mask | (bits & mask) << np.uint32(shift)
+    return bits
+
+
+def _scrambled(bits, seed):
+    bits = _reversed(bits) + np.uint32((seed + 1) * 0x9E3779B9 & 0xFFFFFFFF)
+    for factor in (0x6C50B47C, 0xB82F1E52, 0xC7AFE638, 0x8D22F6E6):
+        bits ^= bits * np.uint32(factor)
+    return _reversed(bits)

@@ -1,0 +1,98 @@
+"""Layers of a capture as rays look them up: with depth everywhere, and the share of focus there."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..image.depth_range import blur_per_nearness_px, focus_nearness, focus_range_px, focus_share
+from ..image.layers import Layer
+from ..image.pixel_grid import PixelGrid
+from ..kernels import SeenLayer
+
+if TYPE_CHECKING:
+    from ..lens import Lens
+
+NEAREST_MM = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A layer that covers something, made ready.
+
+    Attributes
+    ----------
+    layer : Layer
+    depth : float32 array (row, column, 2)
+        Inverse depth per mm, also where the layer covers nothing, and the share of focus.
+    capture : PixelGrid
+    """
+
+    layer: Layer
+    depth: np.ndarray
+    capture: PixelGrid
+
+    @property
+    def goes_on(self) -> tuple[bool, bool, bool, bool]:
+        """Above, below, left and right: whether it ends with the capture there, which tells nothing beyond."""
+        (rows, columns), (down, across) = self.capture.shape_px, self.layer.place
+        return down.start == 0, down.stop >= rows, across.start == 0, across.stop >= columns
+
+    @property
+    def axis_px(self) -> tuple[float, float]:
+        """Row and column of the axis, in the layer's pixels."""
+        (row, column), (top, left) = self.capture.centre_px, self.layer.origin_px
+        return row - top, column - left
+
+    @cached_property
+    def opaque(self) -> bool:
+        return bool(self.layer.alpha.min() == 1)
+
+    @cached_property
+    def focused(self) -> bool:
+        """Whether something in it may be in focus."""
+        return bool(self.depth[..., 1].max() > 0)
+
+    def of(self, wavelengths: slice) -> SeenLayer:
+        """At some of the wavelengths."""
+        rows, columns = self.layer.alpha.shape
+        ends = (-0.5, rows - 0.5, -0.5, columns - 0.5)
+        beyond = (-np.inf, np.inf, -np.inf, np.inf)
+        bounds = tuple(far if on else end for on, end, far in zip(self.goes_on, ends, beyond, strict=True))
+        light, alpha = (_two_wide(each) for each in (self.layer.cube[wavelengths], self.layer.alpha))
+        depth = _two_wide(self.depth.transpose(2, 0, 1)).transpose(1, 2, 0)
+        return SeenLayer(light, None if self.opaque else alpha, np.ascontiguousarray(depth), self.axis_px, bounds)
+
+
+def _two_wide(pixels):
+    """Arrays (..., row, column) in one piece, of at least two rows and columns: between fewer none is interpolated."""
+    short = [(0, max(0, 2 - count)) for count in pixels.shape[-2:]]
+    if np.any(short):
+        pixels = np.pad(pixels, [(0, 0)] * (pixels.ndim - 2) + short, mode="edge")
+    return np.ascontiguousarray(pixels)
+
+
+def seen(layer: Layer, capture: PixelGrid, lens: "Lens") -> Seen | None:
+    """A layer made ready, or None where it covers nothing."""
+    known = (layer.alpha > 0) & (layer.depth_mm > 0)
+    if not known.any():
+        return None
+    nearness = np.zeros(known.shape, np.float32)
+    np.divide(1, np.maximum(layer.depth_mm, NEAREST_MM), out=nearness, where=known)
+    nearness = filled(nearness, known)
+    blur_px = blur_per_nearness_px(lens, capture.pitch_um) * (nearness - focus_nearness(lens))
+    share = focus_share(blur_px, focus_range_px(lens, capture.pitch_um))
+    return Seen(layer, np.stack([nearness, share], axis=-1, dtype=np.float32), capture)
+
+
+def filled(values: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Values with those that are not known taken from what is near: the mean of the smallest square that knows any."""
+    if known.all():
+        return values
+    rows, columns = known.shape
+    padding = ((0, rows % 2), (0, columns % 2))
+    blocks = [np.pad(each, padding).reshape((rows + 1) // 2, 2, (columns + 1) // 2, 2).sum(axis=(1, 3))
+              for each in (np.where(known, values, 0), known)]
+    coarse = filled(blocks[0] / np.maximum(blocks[1], 1), blocks[1] > 0)
+    return np.where(known, values, coarse.repeat(2, axis=0).repeat(2, axis=1)[:rows, :columns])
