@@ -59,10 +59,12 @@ class Seen:
         rows, columns = self.layer.alpha.shape
         ends = (-0.5, rows - 0.5, -0.5, columns - 0.5)
         beyond = (-np.inf, np.inf, -np.inf, np.inf)
-        bounds = tuple(far if on else end for on, end, far in zip(self.goes_on, ends, beyond, strict=True))
+        top, bottom, left, right = (far if on else end
+                                    for on, end, far in zip(self.goes_on, ends, beyond, strict=True))
         light, alpha = (_two_wide(each) for each in (self.layer.cube[wavelengths], self.layer.alpha))
         depth = _two_wide(self.depth.transpose(2, 0, 1)).transpose(1, 2, 0)
-        return SeenLayer(light, None if self.opaque else alpha, np.ascontiguousarray(depth), self.axis_px, bounds)
+        return SeenLayer(light, None if self.opaque else alpha, np.ascontiguousarray(depth), self.axis_px,
+                         (top, bottom, left, right))
 
 
 def _two_wide(pixels):

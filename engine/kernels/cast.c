@@ -219,7 +219,8 @@ INLINE void cast_pixel(const lf_cast_of *c, int64_t row, int64_t column, int64_t
     const int64_t sequence = scattered((uint32_t)row, (uint32_t)column) % (uint32_t)c->sequences;
     const float *rays = c->rays + (before * c->sequences + sequence) * c->eights * size;
     const float *next = rays + c->sequences * c->eights * size;
-    sums total[LF_TOGETHER] = {0};
+    sums total[LF_TOGETHER];
+    for (int64_t w = 0; w < c->wavelengths; w++) total[w] = (sums){{0}, {0}, {0}, {0}}; /* all at once would be memset's */
     for (int64_t n = 0; n < eights; n++)
         follow(c, rays + n * size, next + n * size, (float)(step - (double)before), right, up, meetings, focused, total);
     for (int64_t w = 0; w < c->wavelengths; w++) {

@@ -149,7 +149,7 @@ def check(problem: int) -> None:
         raise ValueError(PROBLEMS[problem])
 
 
-def address(array: np.ndarray, dtype: type, shape: tuple[int, ...] | None = None) -> int:
+def address(array: np.ndarray, dtype: type | np.dtype, shape: tuple[int, ...] | None = None) -> int:
     """Where an array lies, which has to be of this kind and shape, and without gaps. Keep it as long as this is used.
 
     Raises
