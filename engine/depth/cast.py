@@ -32,13 +32,12 @@ class CastPlane:
     blurred : float32 array (row, column) of the frame
         Radiance of what is out of focus, with all that hides it: the mean over the light of the pixel's rays.
     clear : float32 array (row, column) of the frame
-        The share, from 0 to 1, that what is out of focus leaves of what is in focus. Both are None of a picture without
-        layers, which is taken to be in focus.
+        The share, from 0 to 1, that what is out of focus leaves of what is in focus.
     """
 
     sharp: np.ndarray
-    blurred: np.ndarray | None = None
-    clear: np.ndarray | None = None
+    blurred: np.ndarray
+    clear: np.ndarray
 
 
 def cast(layered: LayeredRadiance, lens: "Lens", rays: "RayTable", *, most_rays: int = 256, iris: Iris | None = None,
@@ -77,8 +76,8 @@ def cast(layered: LayeredRadiance, lens: "Lens", rays: "RayTable", *, most_rays:
     capture, wavelengths_nm = layered.grid, layered.wavelengths_nm
     sensor, count = capture.frame(), wavelengths_nm.size
     focal_mm = layered.focal_mm or lens.capture_focal_length_mm
-    layers = [one for layer in layered.layers if (one := seen(layer, capture, lens))]
     ends = pencils(rays, wavelengths_nm[[0, -1]], sensor, focal_mm, 256, sequences=1)
+    layers = [one for layer in layered.layers if (one := seen(layer, capture, lens, ends))]
     fisheye = per_focal(capture, focal_mm)
     meetings = plan_meetings(layers, ends, sensor, fisheye, most_rays)
     shares = _sharp_shares(layers, capture.shape_px)
@@ -94,20 +93,21 @@ def cast(layered: LayeredRadiance, lens: "Lens", rays: "RayTable", *, most_rays:
                 bundle.packed(), bundle.heights_per_px, sensor.centre_px, fisheye, blades, shape,
                 tuple(layer.of(group) for layer in layers), tuple(FAINT * float(abs(plane.mean())) for plane in sharp),
                 meetings.found, meetings.eights, TILE_PX)
-            _fill(casting, blurred, clear, lambda done, first=first, group=group: progress and progress(
-                (first + done * (group.stop - group.start)) / count))
+            for done in _filled_rows(casting, blurred, clear):
+                if progress:
+                    progress((first + done * len(sharp)) / count)
         for number in range(len(sharp)):
             yield CastPlane(sharp[number], blurred[number], clear[number])
             sharp[number] = None  # the next one's needs its room
 
 
-def _fill(casting, blurred, clear, progress):
-    """Write what all tiles see, a row of tiles after another."""
+def _filled_rows(casting, blurred, clear):
+    """Write what tiles see, a row of them after another: yields which part is done."""
     loop = plain_cast if kernels.running() == kernels.NUMPY else kernels.cast
     rows = len(casting.eights)
     with thread_pool() as pool:
         for done, _ in enumerate(pool.map(lambda row: loop(casting, row, blurred, clear), range(rows)), 1):
-            progress(done / rows)
+            yield done / rows
 
 
 def _sharp_shares(layers, shape_px):
@@ -117,7 +117,7 @@ def _sharp_shares(layers, shape_px):
         if not layer.focused:
             shares.append(None)
             continue
-        share, left = layer.depth[..., 1], free[layer.layer.place]
+        share, left = np.maximum(layer.depth[..., 1], 0), free[layer.layer.place]
         shares.append(share * left)
         left *= 1 - share * layer.layer.alpha
     return shares

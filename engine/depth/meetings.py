@@ -59,7 +59,8 @@ def plan_meetings(layers: list[Seen], rays: Pencils, sensor: PixelGrid, per_foca
         met = look.met & (seen_through | (focus_behind & (look.sharpest > 0)))
         here["inverse_depth"] = (least + most) / 2
         here["share"] = (look.sharpest + look.dullest) / 2
-        here["steps"] = np.where(met, np.searchsorted(STEPS_PX, reach.blur_px(most - least)), -1)
+        steps = np.maximum(np.searchsorted(STEPS_PX, reach.blur_px(most - least)), look.clearest < OPAQUE)
+        here["steps"] = np.where(met, steps, -1)
         here["focused"] = met & (look.sharpest > 0)
         dull = met & (look.dullest < 1)
         blurred |= dull

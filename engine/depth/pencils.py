@@ -83,6 +83,11 @@ class Pencils:
     def heights_per_px(self) -> float:
         return (self.heights - 1) / self.last_px
 
+    def fringe_px(self, nearness: float) -> int:
+        """How far apart the wavelengths of a ray go, at most, up to an inverse depth."""
+        far, moved = (np.hypot(*(each[:, -1] - each[:, 0])) for each in (self.far_px, self.moved_px))
+        return int(np.ceil(((far + nearness * moved) * (self.margin.max(axis=0) > 0)).max()))
+
     def packed(self) -> np.ndarray:
         """As the loops want them: see `kernels.Casting.rays`."""
         rays = np.concatenate([*self.far_px[None].swapaxes(0, 1), *self.moved_px[None].swapaxes(0, 1),

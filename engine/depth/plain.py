@@ -37,7 +37,7 @@ def _cast_pixels(casting, row, column, eights, focused, steps, meetings, blurred
     step = height * casting.heights_per_px
     before = np.minimum(step, len(casting.rays) - 2).astype(np.int64)
     weight = (step - before).astype(np.float32)[:, None]
-    sequence = _scattered(row, column) % casting.rays.shape[1]
+    sequence = row % casting.tile_px % 2 * 4 + column % casting.tile_px % 4
     count = casting.wavelengths
     sums = np.zeros((4, count, row.size, 8), np.float32)
     for eight in range(eights):
@@ -48,12 +48,6 @@ def _cast_pixels(casting, row, column, eights, focused, steps, meetings, blurred
     blurred[:, row, column] = np.divide(seen, light, out=np.zeros_like(seen), where=light > 0)
     part = np.divide(through, total, out=np.ones_like(seen), where=(total > 0) & focused)
     clear[:, row, column] = np.clip(part, 0, 1)
-
-
-def _scattered(row, column):
-    mixed = row.astype(np.uint32) * np.uint32(73856093) ^ column.astype(np.uint32) * np.uint32(19349663)
-    mixed = (mixed ^ mixed >> np.uint32(13)) * np.uint32(0x5BD1E995)
-    return mixed ^ mixed >> np.uint32(15)
 
 
 def _between(a, b, weight):
@@ -87,16 +81,15 @@ def _follow(casting, rays, following, weight, right, up, focused, steps, meeting
         lights.append(light)
         lit[w] += light
     in_focus = [free.copy() for free in frees]
-    is_open = np.any([free > 0 for free in frees], axis=(0, 2))
     for number, layer in enumerate(casting.layers):
         if steps[number] < 0:
             continue
         depth, share = _meet(layer, places[casting.wavelengths // 2], meetings[:, number], steps[number],
                              casting.per_focal)
-        still_open = np.zeros_like(is_open)
+        covered = share >= 0
         for w, place in enumerate(places):
             spot, inside = _spots(layer, place, depth, casting.per_focal)
-            inside &= is_open[:, None]
+            inside &= covered
             alpha = inside.astype(np.float32) if layer.alpha is None else _looked_up(layer.alpha, spot, inside)
             light = _looked_up(layer.light[w], spot, inside)
             seen = frees[w] * lights[w]
@@ -106,13 +99,11 @@ def _follow(casting, rays, following, weight, right, up, focused, steps, meeting
                 through[w] += sharp * bright
                 total[w] += in_focus[w] * lights[w] * share * bright
                 in_focus[w] -= in_focus[w] * share * alpha
-                frees[w] -= frees[w] * alpha
-                still_open |= np.any(in_focus[w] > BLOCKED, axis=1)
+                in_focus[w] *= in_focus[w] > BLOCKED
             else:
                 blurred[w] += seen * light
-                frees[w] -= frees[w] * alpha
-                still_open |= np.any(frees[w] > BLOCKED, axis=1)
-        is_open &= still_open
+            frees[w] -= frees[w] * alpha
+            frees[w] *= frees[w] > BLOCKED
 
 
 def _moved(place, depth, per_focal):

@@ -5,11 +5,13 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.ndimage import maximum_filter
 
 from ..image.depth_range import blur_per_nearness_px, focus_nearness, focus_range_px, focus_share
 from ..image.layers import Layer
 from ..image.pixel_grid import PixelGrid
 from ..kernels import SeenLayer
+from .pencils import Pencils
 
 if TYPE_CHECKING:
     from ..lens import Lens
@@ -25,7 +27,8 @@ class Seen:
     ----------
     layer : Layer
     depth : float32 array (row, column, 2)
-        Inverse depth per mm, also where the layer covers nothing, and the share of focus.
+        Inverse depth per mm, also where the layer covers nothing, and the share of focus; below 0 where it covers
+        nothing near by.
     capture : PixelGrid
     """
 
@@ -57,14 +60,12 @@ class Seen:
     def of(self, wavelengths: slice) -> SeenLayer:
         """At some of the wavelengths."""
         rows, columns = self.layer.alpha.shape
-        ends = (-0.5, rows - 0.5, -0.5, columns - 0.5)
-        beyond = (-np.inf, np.inf, -np.inf, np.inf)
-        top, bottom, left, right = (far if on else end
-                                    for on, end, far in zip(self.goes_on, ends, beyond, strict=True))
+        above, below, before, behind = self.goes_on
+        bounds = (-np.inf if above else -0.5, np.inf if below else rows - 0.5,
+                  -np.inf if before else -0.5, np.inf if behind else columns - 0.5)
         light, alpha = (_two_wide(each) for each in (self.layer.cube[wavelengths], self.layer.alpha))
         depth = _two_wide(self.depth.transpose(2, 0, 1)).transpose(1, 2, 0)
-        return SeenLayer(light, None if self.opaque else alpha, np.ascontiguousarray(depth), self.axis_px,
-                         (top, bottom, left, right))
+        return SeenLayer(light, None if self.opaque else alpha, np.ascontiguousarray(depth), self.axis_px, bounds)
 
 
 def _two_wide(pixels):
@@ -75,8 +76,8 @@ def _two_wide(pixels):
     return np.ascontiguousarray(pixels)
 
 
-def seen(layer: Layer, capture: PixelGrid, lens: "Lens") -> Seen | None:
-    """A layer made ready, or None where it covers nothing."""
+def seen(layer: Layer, capture: PixelGrid, lens: "Lens", rays: Pencils) -> Seen | None:
+    """A layer made ready, or None where it covers nothing. Rays: at the wavelengths that differ most."""
     known = (layer.alpha > 0) & (layer.depth_mm > 0)
     if not known.any():
         return None
@@ -85,6 +86,8 @@ def seen(layer: Layer, capture: PixelGrid, lens: "Lens") -> Seen | None:
     nearness = filled(nearness, known)
     blur_px = blur_per_nearness_px(lens, capture.pitch_um) * (nearness - focus_nearness(lens))
     share = focus_share(blur_px, focus_range_px(lens, capture.pitch_um))
+    around_px = rays.fringe_px(float(nearness.max())) + 1
+    share[maximum_filter(layer.alpha, 2 * around_px + 1) == 0] = -1
     return Seen(layer, np.stack([nearness, share], axis=-1, dtype=np.float32), capture)
 
 

@@ -1,252 +1,295 @@
-/* Cast: what a pixel of the sensor sees along the lens's rays, through layers of a capture, the nearest first.
+/* Cast: what pixels of the sensor see along the lens's rays, through layers of a capture, the nearest first.
 
-   Eight rays of a pixel go together in every variant. A ray meets a layer where the layer's own depth puts it: its
-   place for a depth is looked up, the depth at that place, and so on. Places are in pixels from the axis, to the right
-   and upwards, and turn with the pixel, whose rays are those of its distance from the axis. */
+   A ray meets a layer where the layer's own depth puts it: its place for a depth is looked up, the depth at that place,
+   and so on. Places are in pixels from the axis, to the right and upwards, and turn with the pixel, whose rays are those
+   of its distance from the axis. What rays look up lies far apart, but that of neighbouring pixels through the same
+   place of the stop side by side: so the pixels of a tile go through each eight of rays together. */
 #include "variant.h"
 
-typedef int32_t eight_ints __attribute__((vector_size(32), aligned(4), may_alias));
-typedef double four_doubles __attribute__((vector_size(32), aligned(8), may_alias));
-typedef double two_floats __attribute__((aligned(4), may_alias));
+#define WIDE (LANES == 4 ? 4 : 8) /* rays at once: no number depends on how many */
+typedef float rays __attribute__((vector_size(4 * WIDE), aligned(4), may_alias));
+typedef int32_t masks __attribute__((vector_size(4 * WIDE), aligned(4), may_alias));
+typedef double pairs __attribute__((vector_size(4 * WIDE), aligned(8), may_alias)); /* of neighbouring floats */
+typedef double pair __attribute__((aligned(4), may_alias));
 
 #if defined(__clang__) || __GNUC__ >= 12
 #define PICKED(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
 #else
-#define PICKED(a, b, ...) __builtin_shuffle(a, b, (eight_ints){__VA_ARGS__})
+#define PICKED(a, b, ...) __builtin_shuffle(a, b, (masks){__VA_ARGS__})
 #endif
 
+#define BLOCKED 2e-3f /* the share of a ray that is no longer followed */
 #define ARCTAN_TERMS 0.0028340643f, -0.0160050305f, 0.0425876075f, -0.0749544544f, 0.106367541f, -0.142025705f, \
     0.199924836f, -0.333330668f, 0.999999984f
-#define BLOCKED 2e-3f /* the share of a ray that is no longer followed */
-INLINE eight_floats chosen(eight_ints mask, eight_floats yes, eight_floats no)
-{
-    return (eight_floats)(((eight_ints)yes & mask) | ((eight_ints)no & ~mask));
-}
-INLINE eight_floats kept(eight_ints mask, eight_floats a) { return (eight_floats)((eight_ints)a & mask); }
-INLINE eight_floats larger(eight_floats a, eight_floats b) { return chosen(a > b, a, b); }
-INLINE eight_floats smaller(eight_floats a, eight_floats b) { return chosen(a < b, a, b); } /* of NaN: b */
-INLINE eight_floats all_of(float a) { return (eight_floats){a, a, a, a, a, a, a, a}; }
-INLINE eight_floats at(const float *p) { return *(const eight_floats *)p; }
-INLINE eight_floats between(eight_floats a, eight_floats b, eight_floats weight) { return a + weight * (b - a); }
 
-INLINE int any(eight_ints mask)
+INLINE rays chosen(masks mask, rays yes, rays no) { return (rays)(((masks)yes & mask) | ((masks)no & ~mask)); }
+INLINE rays kept(masks mask, rays a) { return (rays)((masks)a & mask); }
+INLINE rays larger(rays a, float b) { return chosen(a > b, a, (rays){0} + b); }
+INLINE rays smaller(rays a, float b) { return chosen(a < b, a, (rays){0} + b); } /* of NaN: b */
+INLINE rays at(const float *p) { return *(const rays *)p; }
+INLINE rays between(rays a, rays b, rays weight) { return a + weight * (b - a); }
+
+INLINE int any(masks mask)
 {
     int32_t one = 0;
-    for (int i = 0; i < 8; i++) one |= mask[i];
+    for (int i = 0; i < WIDE; i++) one |= mask[i];
     return one != 0;
 }
 
-INLINE float sum_of(eight_floats a) { return ((a[0] + a[1]) + (a[2] + a[3])) + ((a[4] + a[5]) + (a[6] + a[7])); }
-
-/* What lies at places of a plane and to the right of them: as (0, right of 0, 1, right of 1, 4 .. 5) and (2 .. 3, 6 .. 7). */
-INLINE void load_pairs(const float *plane, const int32_t *where, eight_floats *a, eight_floats *b)
+/* What lies at places of a plane and to the right of each: of the first rays and of the others, in the order in which
+   they fall apart at once. */
+INLINE void load_pairs(const float *plane, const int32_t *where, rays *a, rays *b)
 {
-#define PAIR(n) *(const two_floats *)(plane + where[n])
-    *a = (eight_floats)(four_doubles){PAIR(0), PAIR(1), PAIR(4), PAIR(5)};
-    *b = (eight_floats)(four_doubles){PAIR(2), PAIR(3), PAIR(6), PAIR(7)};
+#define PAIR(n) *(const pair *)(plane + where[n])
+#if LANES == 4
+    *a = (rays)(pairs){PAIR(0), PAIR(1)};
+    *b = (rays)(pairs){PAIR(2), PAIR(3)};
+#else
+    *a = (rays)(pairs){PAIR(0), PAIR(1), PAIR(4), PAIR(5)};
+    *b = (rays)(pairs){PAIR(2), PAIR(3), PAIR(6), PAIR(7)};
+#endif
 #undef PAIR
 }
-INLINE eight_floats first_of(eight_floats a, eight_floats b) { return PICKED(a, b, 0, 2, 8, 10, 4, 6, 12, 14); }
-INLINE eight_floats second_of(eight_floats a, eight_floats b) { return PICKED(a, b, 1, 3, 9, 11, 5, 7, 13, 15); }
+#if LANES == 4
+INLINE rays firsts(rays a, rays b) { return PICKED(a, b, 0, 2, 4, 6); }
+INLINE rays seconds(rays a, rays b) { return PICKED(a, b, 1, 3, 5, 7); }
+INLINE rays twice_a(rays v) { return PICKED(v, v, 0, 0, 1, 1); }
+INLINE rays twice_b(rays v) { return PICKED(v, v, 2, 2, 3, 3); }
+#else
+INLINE rays firsts(rays a, rays b) { return PICKED(a, b, 0, 2, 8, 10, 4, 6, 12, 14); }
+INLINE rays seconds(rays a, rays b) { return PICKED(a, b, 1, 3, 9, 11, 5, 7, 13, 15); }
+INLINE rays twice_a(rays v) { return PICKED(v, v, 0, 0, 1, 1, 4, 4, 5, 5); }
+INLINE rays twice_b(rays v) { return PICKED(v, v, 2, 2, 3, 3, 6, 6, 7, 7); }
+#endif
 
-typedef struct { /* where among the pixels of a layer eight rays meet it */
-    int32_t above[8], below[8];
-    eight_floats right, down_a, down_b; /* shares of the pixels to the right, and below as load_pairs has them */
+typedef struct { /* where among the pixels of a layer rays meet it */
+    int32_t where[WIDE]; /* above and to the left */
+    rays right, down_a, down_b; /* shares of the pixels to the right, and below as load_pairs has them */
 } spots;
 
-INLINE eight_floats looked_up(const float *plane, const spots *s)
+INLINE rays looked_up(const float *plane, int64_t row_step, const spots *s)
 {
-    eight_floats a, b, below_a, below_b;
-    load_pairs(plane, s->above, &a, &b);
-    load_pairs(plane, s->below, &below_a, &below_b);
+    rays a, b, below_a, below_b;
+    load_pairs(plane, s->where, &a, &b);
+    load_pairs(plane + row_step, s->where, &below_a, &below_b);
     a = between(a, below_a, s->down_a);
     b = between(b, below_b, s->down_b);
-    return between(first_of(a, b), second_of(a, b), s->right);
+    return between(firsts(a, b), seconds(a, b), s->right);
 }
 
-/* Where rays at a tangent x, y are shown by a fisheye, as a part of that: arctan(r) / r, to 1e-7. */
-INLINE eight_floats shrunk(eight_floats square)
+/* By how much a fisheye shrinks tangents r of this square: arctan(r) / r, to 1e-7. */
+INLINE rays shrunk(rays square)
 {
     static const float terms[] = {ARCTAN_TERMS};
-    const eight_ints far = square > 1;
-    eight_floats r;
-    for (int i = 0; i < 8; i++) r[i] = __builtin_sqrtf(square[i]);
-    const eight_floats z = chosen(far, 1 / chosen(far, square, all_of(1)), square);
-    eight_floats series = all_of(terms[0]);
+    const masks far = square > 1;
+    const rays one = (rays){0} + 1;
+    rays r;
+    for (int i = 0; i < WIDE; i++) r[i] = __builtin_sqrtf(square[i]);
+    const rays z = chosen(far, 1 / chosen(far, square, one), square);
+    rays series = (rays){0} + terms[0];
     for (int n = 1; n < (int)(sizeof terms / sizeof *terms); n++) series = series * z + terms[n];
     return chosen(far, (1.57079633f - series / r) / r, series);
 }
 
-typedef struct { /* eight rays at a wavelength: places at infinity and how they move with the inverse depth */
-    eight_floats x, y, by_x, by_y, light, free, in_focus; /* what passes of all coverage in front, and of that in focus alone */
+typedef struct { /* rays at a wavelength: places at infinity and how they move with the inverse depth */
+    rays x, y, by_x, by_y, light, free, in_focus; /* what passes of all cover in front, and of that in focus alone */
 } pencil;
 
-INLINE void place(const pencil *p, eight_floats q, float per_focal, eight_floats *x, eight_floats *y)
+INLINE void place(const pencil *p, rays depth, float per_focal, rays *x, rays *y)
 {
-    *x = p->x + p->by_x * q;
-    *y = p->y + p->by_y * q;
+    *x = p->x + p->by_x * depth;
+    *y = p->y + p->by_y * depth;
     if (per_focal > 0) {
-        const eight_floats right = *x * per_focal, up = *y * per_focal, part = shrunk(right * right + up * up);
+        const rays right = *x * per_focal, up = *y * per_focal, part = shrunk(right * right + up * up);
         *x *= part;
         *y *= part;
     }
 }
 
 /* The inverse depth at which rays meet a layer, and the share of focus there. */
-INLINE void meet(const lf_layer *l, const pencil *p, const lf_meeting *m, float per_focal, eight_floats *depth, eight_floats *share)
+INLINE void meet(const lf_layer *l, const pencil *p, const lf_meeting *m, float per_focal, rays *depth, rays *share)
 {
-    eight_floats q = all_of(m->inverse_depth), s = all_of(m->share);
     const float last_x = (float)(l->light.columns - 1), last_y = (float)(l->light.rows - 1);
+    *depth = (rays){0} + m->inverse_depth;
+    *share = (rays){0} + m->share;
     for (int32_t n = 0; n < m->steps; n++) {
-        eight_floats x, y, a, b;
-        int32_t where[8];
-        place(p, q, per_focal, &x, &y);
-        x = larger(smaller(l->axis_column + 0.5f + x, all_of(last_x)), all_of(0));
-        y = larger(smaller(l->axis_row + 0.5f - y, all_of(last_y)), all_of(0));
-        *(eight_ints *)where = (__builtin_convertvector(y, eight_ints) * (int32_t)l->light.columns
-                                + __builtin_convertvector(x, eight_ints)) * 2;
+        rays x, y, a, b;
+        int32_t where[WIDE];
+        place(p, *depth, per_focal, &x, &y);
+        x = larger(smaller(l->axis_column + 0.5f + x, last_x), 0);
+        y = larger(smaller(l->axis_row + 0.5f - y, last_y), 0);
+        *(masks *)where = (__builtin_convertvector(y, masks) * (int32_t)l->light.columns
+                           + __builtin_convertvector(x, masks)) * 2;
         load_pairs(l->depth, where, &a, &b);
-        q = first_of(a, b);
-        s = second_of(a, b);
+        *depth = firsts(a, b);
+        *share = seconds(a, b);
     }
-    *depth = q, *share = s;
 }
 
 /* Where rays meet a layer at these inverse depths: the mask is of those that do not pass beside it. */
-INLINE eight_ints find_spots(const lf_layer *l, const pencil *p, eight_floats q, float per_focal, spots *s)
+INLINE masks find_spots(const lf_layer *l, const pencil *p, rays depth, float per_focal, spots *s)
 {
     const int32_t columns = (int32_t)l->light.columns, rows = (int32_t)l->light.rows;
-    eight_floats x, y;
-    place(p, q, per_focal, &x, &y);
+    rays x, y;
+    place(p, depth, per_focal, &x, &y);
     x = l->axis_column + x;
     y = l->axis_row - y;
-    const eight_ints inside = (x > l->left) & (x < l->right) & (y > l->top) & (y < l->bottom);
-    x = larger(smaller(x, all_of((float)(columns - 1))), all_of(0));
-    y = larger(smaller(y, all_of((float)(rows - 1))), all_of(0));
-    eight_ints column = __builtin_convertvector(x, eight_ints), row = __builtin_convertvector(y, eight_ints);
+    const masks inside = (x > l->left) & (x < l->right) & (y > l->top) & (y < l->bottom);
+    x = larger(smaller(x, (float)(columns - 1)), 0);
+    y = larger(smaller(y, (float)(rows - 1)), 0);
+    masks column = __builtin_convertvector(x, masks), row = __builtin_convertvector(y, masks);
     column += column == columns - 1; /* true is -1 */
     row += row == rows - 1;
-    s->right = x - __builtin_convertvector(column, eight_floats);
-    const eight_floats down = y - __builtin_convertvector(row, eight_floats);
-    s->down_a = PICKED(down, down, 0, 0, 1, 1, 4, 4, 5, 5);
-    s->down_b = PICKED(down, down, 2, 2, 3, 3, 6, 6, 7, 7);
-    const eight_ints above = row * (int32_t)l->light.row_step + column;
-    *(eight_ints *)s->above = above;
-    *(eight_ints *)s->below = above + (int32_t)l->light.row_step;
+    const rays down = y - __builtin_convertvector(row, rays);
+    s->right = x - __builtin_convertvector(column, rays);
+    s->down_a = twice_a(down);
+    s->down_b = twice_b(down);
+    *(masks *)s->where = row * (int32_t)l->light.row_step + column;
     return inside;
 }
 
-typedef struct { /* what the rays of a pixel add up to, at a wavelength */
-    eight_floats light, blurred, through, all;
-} sums;
+typedef struct { /* a pixel, whose rays lie between those of two heights */
+    const float *low, *high;
+    float weight, right, up; /* of the higher; the pixel's direction from the axis */
+} pixel;
 
-/* The eight rays from `rays` on, of the height before and that behind, through the layers. */
-INLINE void follow(const lf_cast_of *c, const float *rays, const float *next, float weight, float right, float up,
-                   const lf_meeting *meetings, int focused, sums *total)
+enum { LIGHT, BLURRED, THROUGH, ALL, SUMS }; /* what the rays of a pixel add up to, at a wavelength, in eights */
+
+INLINE void add(float *sums, rays a) { *(rays *)sums = *(const rays *)sums + a; }
+
+/* Whether rays pass between the blades of an iris. */
+INLINE masks between_blades(const lf_cast_of *c, const pixel *at_pixel, rays stop_x, rays stop_y)
+{
+    const rays x = stop_x * at_pixel->up + stop_y * at_pixel->right, y = stop_y * at_pixel->up - stop_x * at_pixel->right;
+    masks through = (masks){0} == 0;
+    for (int64_t n = 0; n < c->blades; n++) {
+        const rays along = x * c->normals[2 * n] + y * c->normals[2 * n + 1];
+        through &= c->blade_margin - c->blade_bend * (x * x + y * y) - c->blade_slope * along > 0;
+    }
+    return through;
+}
+
+/* Rays from `first` of an eight on, through the layers. */
+INLINE void follow(const lf_cast_of *c, const pixel *here, int64_t first, const lf_meeting *meetings, int focused, float *sums)
 {
     const int wavelengths = (int)c->wavelengths;
-    const eight_floats share = all_of(weight), held = all_of(weight < 1 ? weight : 1);
+    const float *low = here->low + first, *high = here->high + first;
+    const rays weight = (rays){0} + here->weight, held = smaller(weight, 1);
+    const masks through = between_blades(c, here, at(low), at(low + 8));
     pencil pencils[LF_TOGETHER];
-    eight_ints open = {0};
-    const eight_floats stop_x = at(rays), stop_y = at(rays + 8);
-    const eight_floats blade_x = stop_x * up + stop_y * right, blade_y = stop_y * up - stop_x * right;
-    eight_ints through = (eight_ints){0} == 0;
-    for (int64_t n = 0; n < c->blades; n++) {
-        const float *normal = c->normals + 2 * n;
-        const eight_floats out = blade_x * normal[0] + blade_y * normal[1];
-        through &= c->blade_margin - c->blade_bend * (blade_x * blade_x + blade_y * blade_y) - c->blade_slope * out > 0;
-    }
+    masks open = {0};
     for (int w = 0; w < wavelengths; w++) {
-        const float *a = rays + 16 + 48 * w, *b = next + 16 + 48 * w;
-        const eight_floats out = between(at(a), at(b), share), across = between(at(a + 8), at(b + 8), share);
-        const eight_floats by_out = between(at(a + 16), at(b + 16), share), by_across = between(at(a + 24), at(b + 24), share);
+        const float *a = low + 16 + 48 * w, *b = high + 16 + 48 * w;
+        const rays out = between(at(a), at(b), weight), across = between(at(a + 8), at(b + 8), weight);
+        const rays by_out = between(at(a + 16), at(b + 16), weight), by_across = between(at(a + 24), at(b + 24), weight);
+        const masks pass = (between(at(a + 32), at(b + 32), held) > 0) & through;
         pencil *p = pencils + w;
-        const eight_ints pass = (between(at(a + 32), at(b + 32), held) > 0) & through;
         p->light = kept(pass, between(at(a + 40), at(b + 40), held));
-        p->x = out * right + across * up;
-        p->y = out * up - across * right;
-        p->by_x = by_out * right + by_across * up;
-        p->by_y = by_out * up - by_across * right;
-        p->free = p->in_focus = kept(pass, all_of(1));
+        p->x = out * here->right + across * here->up;
+        p->y = out * here->up - across * here->right;
+        p->by_x = by_out * here->right + by_across * here->up;
+        p->by_y = by_out * here->up - by_across * here->right;
+        p->free = p->in_focus = kept(pass, (rays){0} + 1);
         open |= pass;
-        total[w].light += p->light;
+        add(sums + 8 * (SUMS * w + LIGHT), p->light);
     }
     for (int64_t n = 0; n < c->layers && any(open); n++) {
         const lf_layer *l = c->layer + n;
         if (meetings[n].steps < 0) continue;
-        eight_floats q, in_focus;
-        meet(l, pencils + wavelengths / 2, meetings + n, c->per_focal, &q, &in_focus);
-        open = (eight_ints){0};
+        rays depth, in_focus;
+        meet(l, pencils + wavelengths / 2, meetings + n, c->per_focal, &depth, &in_focus);
+        const masks covered = open & (in_focus >= 0);
+        if (!any(covered)) continue;
+        open = (masks){0};
         for (int w = 0; w < wavelengths; w++) {
             pencil *p = pencils + w;
             spots s;
-            const eight_ints inside = find_spots(l, p, q, c->per_focal, &s);
-            const eight_floats alpha = kept(inside, l->alpha ? looked_up(l->alpha, &s) : all_of(1));
-            const eight_floats light = kept(inside, looked_up(l->light.values + w * l->light.plane_step, &s));
-            const eight_floats seen = p->free * p->light;
+            const masks inside = find_spots(l, p, depth, c->per_focal, &s) & covered;
+            rays alpha = (rays){0} + 1;
+            if (l->alpha) alpha = looked_up(l->alpha, l->light.row_step, &s);
+            alpha = kept(inside, alpha);
+            const rays light = kept(inside, looked_up(l->light.values + w * l->light.plane_step, l->light.row_step, &s));
+            const rays seen = p->free * p->light;
+            float *to = sums + 8 * SUMS * w;
             if (focused) {
-                const eight_floats sharp = seen * in_focus, bright = light + c->faint[w] * alpha;
-                total[w].blurred += (seen - sharp) * light;
-                total[w].through += sharp * bright;
-                total[w].all += p->in_focus * p->light * in_focus * bright;
+                const rays sharp = seen * in_focus, bright = light + c->faint[w] * alpha;
+                add(to + 8 * BLURRED, (seen - sharp) * light);
+                add(to + 8 * THROUGH, sharp * bright);
+                add(to + 8 * ALL, p->in_focus * p->light * in_focus * bright);
                 p->in_focus -= p->in_focus * in_focus * alpha;
-                p->free -= p->free * alpha;
-                open |= p->in_focus > BLOCKED;
-            } else {
-                total[w].blurred += seen * light;
-                p->free -= p->free * alpha;
-                open |= p->free > BLOCKED;
-            }
+                p->in_focus = kept(p->in_focus > BLOCKED, p->in_focus);
+            } else
+                add(to + 8 * BLURRED, seen * light);
+            p->free -= p->free * alpha;
+            p->free = kept(p->free > BLOCKED, p->free);
+            open |= (focused ? p->in_focus : p->free) > 0;
         }
     }
 }
 
-/* Which of the sequences of rays a pixel has: neighbours another one. */
-INLINE uint32_t scattered(uint32_t row, uint32_t column)
-{
-    uint32_t hash = row * 73856093u ^ column * 19349663u;
-    hash = (hash ^ hash >> 13) * 0x5bd1e995u;
-    return hash ^ hash >> 15;
-}
-
-INLINE void cast_pixel(const lf_cast_of *c, int64_t row, int64_t column, int64_t eights, const lf_meeting *meetings, int focused,
-                       const lf_picture *blurred, const lf_picture *clear)
+INLINE pixel pixel_of(const lf_cast_of *c, int64_t row, int64_t column, int64_t sequence)
 {
     const double x = (double)column - c->centre_column, y = c->centre_row - (double)row, height = __builtin_sqrt(x * x + y * y);
-    const float right = height > 0 ? (float)(x / height) : 0, up = height > 0 ? (float)(y / height) : 1;
     const double step = height * c->heights_per_px, last = (double)(c->heights - 2);
     const int64_t before = (int64_t)(step < last ? step : last), size = 16 + 48 * c->wavelengths;
-    const int64_t sequence = scattered((uint32_t)row, (uint32_t)column) % (uint32_t)c->sequences;
-    const float *rays = c->rays + (before * c->sequences + sequence) * c->eights * size;
-    const float *next = rays + c->sequences * c->eights * size;
-    sums total[LF_TOGETHER];
-    for (int64_t w = 0; w < c->wavelengths; w++) total[w] = (sums){{0}, {0}, {0}, {0}}; /* all at once would be memset's */
-    for (int64_t n = 0; n < eights; n++)
-        follow(c, rays + n * size, next + n * size, (float)(step - (double)before), right, up, meetings, focused, total);
-    for (int64_t w = 0; w < c->wavelengths; w++) {
-        const float light = sum_of(total[w].light), all = sum_of(total[w].all);
-        const int64_t to = row * blurred->row_step + column, other = row * clear->row_step + column;
-        blurred->values[w * blurred->plane_step + to] = light > 0 ? sum_of(total[w].blurred) / light : 0;
-        const float part = focused && all > 0 ? sum_of(total[w].through) / all : 1;
-        clear->values[w * clear->plane_step + other] = part < 0 ? 0 : part < 1 ? part : 1;
+    const float *low = c->rays + (before * LF_SEQUENCES + sequence) * c->eights * size;
+    return (pixel){low, low + LF_SEQUENCES * c->eights * size, (float)(step - (double)before),
+                   height > 0 ? (float)(x / height) : 0, height > 0 ? (float)(y / height) : 1};
+}
+
+static float sum_of(const float *a) { return ((a[0] + a[1]) + (a[2] + a[3])) + ((a[4] + a[5]) + (a[6] + a[7])); }
+
+/* The pixels of a tile that share a sequence of rays, two rows and four columns apart. */
+INLINE void cast_pixels(const lf_cast_of *c, int64_t top, int64_t left, int64_t eights, const lf_meeting *meetings, int focused,
+                        const lf_picture *blurred, const lf_picture *clear, float *work)
+{
+    const int64_t end_row = top + c->tile_px < blurred->rows ? top + c->tile_px : blurred->rows;
+    const int64_t end_column = left + c->tile_px < blurred->columns ? left + c->tile_px : blurred->columns;
+    const int64_t size = 16 + 48 * c->wavelengths, each = 8 * SUMS * c->wavelengths;
+    for (int64_t sequence = 0; sequence < LF_SEQUENCES; sequence++) {
+        const int64_t from_row = top + sequence / 4, from_column = left + sequence % 4;
+        float *end = work;
+        for (int64_t row = from_row; row < end_row; row += 2)
+            for (int64_t column = from_column; column < end_column; column += 4)
+                for (int64_t n = 0; n < each; n++) *end++ = 0;
+        for (int64_t n = 0; n < eights; n++) {
+            float *sums = work;
+            for (int64_t row = from_row; row < end_row; row += 2)
+                for (int64_t column = from_column; column < end_column; column += 4, sums += each) {
+                    pixel here = pixel_of(c, row, column, sequence);
+                    here.low += n * size, here.high += n * size;
+                    for (int64_t first = 0; first < 8; first += WIDE)
+                        follow(c, &here, first, meetings, focused, sums + first);
+                }
+        }
+        const float *sums = work;
+        for (int64_t row = from_row; row < end_row; row += 2)
+            for (int64_t column = from_column; column < end_column; column += 4)
+                for (int64_t w = 0; w < c->wavelengths; w++, sums += 8 * SUMS) {
+                    const float light = sum_of(sums + 8 * LIGHT), all = sum_of(sums + 8 * ALL);
+                    const float part = focused && all > 0 ? sum_of(sums + 8 * THROUGH) / all : 1;
+                    blurred->values[w * blurred->plane_step + row * blurred->row_step + column] =
+                        light > 0 ? sum_of(sums + 8 * BLURRED) / light : 0;
+                    clear->values[w * clear->plane_step + row * clear->row_step + column] =
+                        part < 0 ? 0 : part < 1 ? part : 1;
+                }
     }
 }
 
 lf_cast_loop OF_VARIANT(lf_cast);
-/* Writes the pixels of rows of tiles that have rays. */
+/* Writes the pixels of tiles that have rays. */
 int OF_VARIANT(lf_cast)(const lf_cast_of *c, int64_t first_tile, int64_t end_tile, const lf_picture *blurred,
-                        const lf_picture *clear)
+                        const lf_picture *clear, float *work)
 {
     for (int64_t tile = first_tile; tile < end_tile; tile++) {
-        const int64_t eights = c->tile_eights[tile], top = tile / c->tile_columns * c->tile_px;
-        const int64_t left = tile % c->tile_columns * c->tile_px, end_row = top + c->tile_px, end_column = left + c->tile_px;
+        const int64_t eights = c->tile_eights[tile];
+        const int64_t top = tile / c->tile_columns * c->tile_px, left = tile % c->tile_columns * c->tile_px;
         const lf_meeting *meetings = c->meetings + tile * c->layers;
         int focused = 0;
         for (int64_t n = 0; n < c->layers; n++) focused |= meetings[n].focused;
-        for (int64_t row = top; eights && row < (end_row < blurred->rows ? end_row : blurred->rows); row++)
-            for (int64_t column = left; column < (end_column < blurred->columns ? end_column : blurred->columns); column++)
-                if (focused) cast_pixel(c, row, column, eights, meetings, 1, blurred, clear);
-                else cast_pixel(c, row, column, eights, meetings, 0, blurred, clear);
+        if (!eights) continue;
+        if (focused) cast_pixels(c, top, left, eights, meetings, 1, blurred, clear, work);
+        else cast_pixels(c, top, left, eights, meetings, 0, blurred, clear, work);
     }
     return 0;
 }

@@ -7,7 +7,7 @@ import numpy as np
 
 from .library import CAST, LAYER, address, check, chosen, picture
 
-TOGETHER = 4  # wavelengths at most: LF_TOGETHER of kernels.h
+TOGETHER, SEQUENCES = 4, 8  # wavelengths at most; of rays: those of kernels.h
 STOP, QUANTITIES = 2, 6  # of eight rays: their place of the stop, and what they have at each wavelength
 MEETING = np.dtype([("inverse_depth", np.float32), ("share", np.float32), ("steps", np.int32), ("focused", np.int32)])
 
@@ -101,16 +101,17 @@ def cast(casting: Casting, row: int, blurred: np.ndarray, clear: np.ndarray) -> 
     """
     loops, variant = chosen()
     layers = (LAYER * len(casting.layers))(*map(_layer, casting.layers))
-    heights, sequences, eights = casting.rays.shape[:3]
+    heights, _, eights = casting.rays.shape[:3]
     tile_rows, tile_columns = casting.eights.shape
-    structure = CAST(address(casting.rays, np.float32), heights, sequences, eights, casting.wavelengths,
+    structure = CAST(address(casting.rays, np.float32), heights, eights, casting.wavelengths,
                      *casting.centre_px, casting.heights_per_px, casting.per_focal,
                      address(casting.blades, np.float32), len(casting.blades), *casting.blade_shape,
                      layers, len(layers), (casting.faint + (0.0,) * TOGETHER)[:TOGETHER],
                      address(casting.meetings, MEETING, (tile_rows, tile_columns, len(layers))),
                      address(casting.eights, np.int64), tile_rows, tile_columns, casting.tile_px)
+    work = np.empty(32 * casting.wavelengths * casting.tile_px**2, np.float32)
     check(loops.lf_cast(variant, byref(structure), row * tile_columns, (row + 1) * tile_columns,
-                        byref(picture(blurred)), byref(picture(clear))))
+                        byref(picture(blurred)), byref(picture(clear)), address(work, np.float32)))
 
 
 def _layer(layer):

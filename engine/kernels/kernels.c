@@ -161,12 +161,11 @@ static int layer_fits(const lf_layer *l, int64_t wavelengths)
 }
 
 int lf_cast(int variant, const lf_cast_of *c, int64_t first_tile, int64_t end_tile, const lf_picture *blurred,
-            const lf_picture *clear)
+            const lf_picture *clear, float *work)
 {
     if (!within(variant, 0, VARIANTS - 1) || !within(c->wavelengths, 1, LF_TOGETHER) || !fits(blurred) || !fits(clear)
         || blurred->planes != c->wavelengths || clear->planes != c->wavelengths || clear->rows != blurred->rows
-        || clear->columns != blurred->columns || !within(c->heights, 2, MOST_PX) || !within(c->sequences, 1, MOST_PX)
-        || !within(c->eights, 1, MOST_PX) || !within(c->blades, 0, MOST_PX) || !within(c->layers, 1, 1 << 10)
+        || clear->columns != blurred->columns || !within(c->heights, 2, MOST_PX) || !within(c->eights, 1, MOST_PX) || !within(c->blades, 0, MOST_PX) || !within(c->layers, 1, 1 << 10)
         || !within(c->tile_px, 1, MOST_PX) || !within(c->tile_columns, 1, MOST_PX) || !within(c->tile_rows, 1, MOST_PX)
         || !within(first_tile, 0, end_tile) || end_tile > c->tile_rows * c->tile_columns)
         return LF_BAD_SIZE;
@@ -174,5 +173,5 @@ int lf_cast(int variant, const lf_cast_of *c, int64_t first_tile, int64_t end_ti
         if (!layer_fits(c->layer + n, c->wavelengths)) return LF_BAD_SIZE;
     for (int64_t tile = first_tile; tile < end_tile; tile++)
         if (!within(c->tile_eights[tile], 0, c->eights)) return LF_BAD_SIZE;
-    return variants[variant].cast(c, first_tile, end_tile, blurred, clear);
+    return variants[variant].cast(c, first_tile, end_tile, blurred, clear, work);
 }

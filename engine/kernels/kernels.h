@@ -113,12 +113,13 @@ typedef int lf_waves_loop(const lf_wavefront *, const lf_picture *out, double *l
 
 /* cast */
 
-#define LF_TOGETHER 4 /* wavelengths at most */
+#define LF_TOGETHER 4  /* wavelengths at most */
+#define LF_SEQUENCES 8 /* of rays: of the pixels of a tile's two rows and four columns each has another one */
 
 typedef struct {         /* a part of the scene that nothing of it hides, as a pinhole sees it; cut out of a capture */
     lf_picture light;    /* (wavelength): premultiplied by alpha; at least 2 x 2 pixels */
     const float *alpha;  /* with the same steps; NULL where all is opaque */
-    const float *depth;  /* (row, column, 2): inverse depth, and the share of focus there */
+    const float *depth;  /* (row, column, 2): inverse depth, and the share of focus there; below 0 where nothing is near */
     float axis_row, axis_column;      /* of the axis, in this layer's pixels */
     float top, bottom, left, right;   /* beyond which there is nothing; infinite where the last pixels go on */
 } lf_layer;
@@ -130,10 +131,10 @@ typedef struct {          /* how a tile's rays find a layer */
 } lf_meeting;
 
 typedef struct {
-    const float *rays;    /* (height, sequence, eight of rays, 2 + 6 wavelengths, 8): their place of the stop, tangential and
+    const float *rays;    /* (height, LF_SEQUENCES, eight of rays, 2 + 6 wavelengths, 8): their place of the stop, tangential and
                              outwards; outwards and tangential, where they go at infinity and how that moves with the inverse
                              depth, both in pixels; what is positive where they pass; their light */
-    int64_t heights, sequences, eights, wavelengths;
+    int64_t heights, eights, wavelengths;
     double centre_row, centre_column, heights_per_px; /* of the axis on the sensor */
     float per_focal;      /* one over a fisheye capture's focal length in pixels; 0 of a plane one */
     const float *normals; /* (blade, 2): of an iris */
@@ -148,7 +149,7 @@ typedef struct {
 } lf_cast_of;
 
 typedef int lf_cast_loop(const lf_cast_of *, int64_t first_tile, int64_t end_tile, const lf_picture *blurred,
-                         const lf_picture *clear);
+                         const lf_picture *clear, float *work);
 
 /* what the library gives */
 
@@ -165,5 +166,5 @@ LF_API int lf_footprints(int variant, const lf_geometry *, const lf_capture *, i
 LF_API int lf_turn(int variant, const lf_samples *, double cosine, double sine, int64_t side, double *out);
 LF_API int lf_waves(int variant, const lf_wavefront *, const lf_picture *out, double *light, float *work);
 LF_API int lf_cast(int variant, const lf_cast_of *, int64_t first_tile, int64_t end_tile, const lf_picture *blurred,
-                   const lf_picture *clear);
+                   const lf_picture *clear, float *work); /* work: 32 floats for each pixel of a tile and wavelength */
 #endif

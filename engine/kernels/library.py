@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from numpy.typing import DTypeLike
 
 from ..errors import InputError
 from .build import LIBRARY_FOLDER, library_name, sources_digest, this_platform
@@ -44,7 +45,7 @@ WAVEFRONT = _structure("Wavefront", across=c_void_p, up=c_void_p, path=c_void_p,
                        most=c_float)
 LAYER = _structure("Layer", light=PICTURE, alpha=c_void_p, depth=c_void_p, axis_row=c_float, axis_column=c_float,
                    top=c_float, bottom=c_float, left=c_float, right=c_float)
-CAST = _structure("Cast", rays=c_void_p, heights=c_int64, sequences=c_int64, eights=c_int64, wavelengths=c_int64,
+CAST = _structure("Cast", rays=c_void_p, heights=c_int64, eights=c_int64, wavelengths=c_int64,
                   centre_row=c_double, centre_column=c_double, heights_per_px=c_double, per_focal=c_float,
                   normals=c_void_p, blades=c_int64, blade_margin=c_float, blade_bend=c_float, blade_slope=c_float,
                   layer=POINTER(LAYER), layers=c_int64, faint=c_float * 4, meetings=c_void_p, tile_eights=c_void_p,
@@ -61,7 +62,7 @@ _SIGNATURES = {
     "lf_footprints": (c_int, [c_int, POINTER(GEOMETRY), POINTER(CAPTURE), c_int64, c_int64, POINTER(PICTURE)]),
     "lf_turn": (c_int, [c_int, POINTER(SAMPLES), c_double, c_double, c_int64, c_void_p]),
     "lf_waves": (c_int, [c_int, POINTER(WAVEFRONT), POINTER(PICTURE), c_void_p, c_void_p]),
-    "lf_cast": (c_int, [c_int, POINTER(CAST), c_int64, c_int64, POINTER(PICTURE), POINTER(PICTURE)]),
+    "lf_cast": (c_int, [c_int, POINTER(CAST), c_int64, c_int64, POINTER(PICTURE), POINTER(PICTURE), c_void_p]),
 }
 
 
@@ -149,7 +150,7 @@ def check(problem: int) -> None:
         raise ValueError(PROBLEMS[problem])
 
 
-def address(array: np.ndarray, dtype: type | np.dtype, shape: tuple[int, ...] | None = None) -> int:
+def address(array: np.ndarray, dtype: DTypeLike, shape: tuple[int, ...] | None = None) -> int:
     """Where an array lies, which has to be of this kind and shape, and without gaps. Keep it as long as this is used.
 
     Raises

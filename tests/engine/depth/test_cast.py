@@ -1,0 +1,188 @@
+"""Casting: layers of depth seen along rays, against first-order optics, and in C against numpy."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from lenses import make_lens
+from lensfield.engine.bake.first_order import first_order_rays
+from lensfield.engine.depth.cast import cast
+from lensfield.engine.depth.pencils import Iris
+from lensfield.engine.image.depth_range import blur_px, focus_nearness
+from lensfield.engine.image.layers import Layer, LayeredRadiance
+from lensfield.engine.image.pixel_grid import FISHEYE, PixelGrid
+from lensfield.engine.kernels import available, running
+from loops import using
+
+PITCH_UM, IN_FOCUS_MM = 8.0, 700.0
+FAR_MM = 1e6
+
+
+@pytest.fixture(scope="module")
+def lens():
+    return make_lens(object_distance_mm=IN_FOCUS_MM, magnification=-0.05)
+
+
+def layer(alpha, depth_mm, light=1.0, count=2, origin_px=(0, 0)):
+    alpha = np.asarray(alpha, np.float32)
+    cube = np.broadcast_to(light, (count, *alpha.shape)) * alpha
+    return Layer(cube, alpha, np.broadcast_to(depth_mm, alpha.shape), origin_px)
+
+
+def layered(layers, lens, grid):
+    nm = np.linspace(*lens.wavelengths_nm[[0, -1]], len(layers[0].cube))
+    return LayeredRadiance(tuple(layers), nm if len(nm) > 1 else lens.wavelengths_nm[:1], grid,
+                           lens.capture_focal_length_mm)
+
+
+def planes(layers, lens, grid, rays=None, **options):
+    return list(cast(layered(layers, lens, grid), lens, rays or first_order_rays(lens), **options))
+
+
+def depth_of_blur(lens, wanted_px):
+    """A depth whose points blur to a disc so many pixels wide, nearer than focus where this is positive."""
+    return 1 / (focus_nearness(lens) + wanted_px / blur_px(lens, PITCH_UM, 1 / (1 + focus_nearness(lens))))
+
+
+def centroid_and_width(picture):
+    """Row, column, and the diameter of an even disc of the same second moment."""
+    rows, columns = np.indices(picture.shape)
+    total = picture.sum()
+    row, column = (picture * rows).sum() / total, (picture * columns).sum() / total
+    square = (picture * ((rows - row) ** 2 + (columns - column) ** 2)).sum() / total
+    return row, column, np.sqrt(8 * square)
+
+
+@pytest.mark.parametrize("blur", [-24.0, 24.0])
+def test_a_far_lamp_is_a_disc_of_the_size_and_at_the_place_of_first_order_optics(lens, blur):
+    grid, lit = PixelGrid.around_frame((81, 81), PITCH_UM, (12, 12)), (50, 55)
+    alpha = np.zeros(grid.shape_px)
+    alpha[lit] = 1
+    lamp = layer(alpha, depth_of_blur(lens, blur))
+    plane, _ = planes([lamp, layer(np.ones(grid.shape_px), np.inf, 0.0)], lens, grid, most_rays=1024)
+    row, column, width = centroid_and_width(plane.blurred)
+    assert plane.blurred.sum() == pytest.approx(1, rel=0.02)
+    assert (row + 12, column + 12) == pytest.approx(lit, abs=0.02 * 24)
+    assert np.sqrt(width**2 - 8 / 3) == pytest.approx(24, rel=0.02)  # less that of the square that rays look up
+    assert not plane.sharp.any()
+
+
+@pytest.mark.parametrize("blur", [-30.0, -6.0, 9.0])
+def test_an_opaque_plane_is_as_bright_everywhere_also_at_the_borders_of_layers(lens, blur):
+    grid, depth_mm = PixelGrid.around_frame((60, 70), PITCH_UM, (20, 20)), depth_of_blur(lens, blur)
+    columns = np.indices(grid.shape_px)[1]
+    parts = [layer((columns >= left) & (columns < left + 40), depth_mm, 3.0) for left in (0, 40, 80)]
+    for plane in planes(parts, lens, grid):
+        mean = plane.blurred.mean(axis=0)  # a sixth of a pixel of half-covering alphas takes light from a disc
+        assert mean.min() > 3 * (1 - 0.4 / abs(blur)) and mean.max() < 3.0001
+        assert not plane.sharp.any() and plane.clear.min() == 1
+
+
+@pytest.mark.parametrize("nearer", [True, False])
+def test_what_is_in_focus_stays_with_the_pinhole_and_costs_nothing(lens, nearer):
+    """Before a world that nobody sees, or beside what is out of focus."""
+    grid = PixelGrid.around_frame((64, 96), PITCH_UM, (16, 16))
+    light = np.random.default_rng(1).random((2, *grid.shape_px), np.float32)
+    things = [layer(np.ones(grid.shape_px), IN_FOCUS_MM + lens.entrance_pupil_mm, light)]
+    if nearer:
+        alpha = np.zeros((30, 20))
+        alpha[5:25, 5:15] = 1
+        things.insert(0, layer(alpha, depth_of_blur(lens, 6.0), 5.0, origin_px=(20, 10)))
+    else:
+        things.append(layer(np.ones(grid.shape_px), np.inf))
+    for plane, expected in zip(planes(things, lens, grid), light, strict=True):
+        assert np.array_equal(plane.sharp, expected)
+        assert plane.clear[:, 50:].min() == 1 and not plane.blurred[:, 50:].any()
+        if nearer:
+            assert plane.clear[19, 4] == 0 and plane.blurred[19, 4] == pytest.approx(5, rel=1e-5)
+            assert np.allclose(plane.blurred, 5 * (1 - plane.clear), atol=0.15)  # fewer rays meet what is bright
+        else:
+            assert not plane.blurred.any() and plane.clear.min() == 1
+
+
+def test_a_near_edge_dims_what_is_in_focus_as_its_disc_is_cut(lens):
+    """The share of a disc beyond a straight line through it."""
+    grid, blur = PixelGrid.around_frame((16, 120), PITCH_UM, (40, 40)), 32.0
+    columns = np.indices(grid.shape_px)[1]
+    near = layer(columns < 100, depth_of_blur(lens, blur), 0.0)
+    far = layer(np.ones(grid.shape_px), IN_FOCUS_MM + lens.entrance_pupil_mm, 2.0)
+    plane, _ = planes([near, far], lens, grid, most_rays=1024)
+    away = np.clip((np.arange(120) + 40 - 99.5) / (blur / 2), -1, 1)
+    share = 1 - (np.arccos(away) - away * np.sqrt(1 - away**2)) / np.pi
+    assert np.allclose(plane.clear.mean(axis=0), share, atol=0.01)
+    assert not plane.blurred.any()
+
+
+def test_what_is_half_in_focus_is_whole(lens):
+    """A plane through focus, seen by both ways, and none of what is behind it."""
+    grid = PixelGrid.around_frame((48, 160), PITCH_UM, (16, 16))
+    columns = np.indices(grid.shape_px)[1]
+    depth_mm = depth_of_blur(lens, 6 * (columns - 96) / 96)
+    texture = 1 + (columns // 16) % 2
+    things = [layer(np.ones(grid.shape_px), depth_mm, 1.0), layer(np.ones(grid.shape_px), np.inf, 7.0 * texture)]
+    for plane in planes(things, lens, grid, most_rays=512):
+        seen = plane.sharp[16:-16, 16:-16] * plane.clear + plane.blurred
+        assert np.abs(seen - 1).max() < 0.03  # half a pixel of how the share of focus changes
+
+
+def random_scene(lens, grid, count, seed=0):
+    rng = np.random.default_rng(seed)
+    rows, columns = grid.shape_px
+    things = []
+    for blur in (14.0, 5.0, 0.3, -4.0, -16.0):
+        top, left = rng.integers(0, (max(1, rows // 2), max(1, columns // 2)))
+        shape = tuple(rng.integers(1, (rows - top + 1, columns - left + 1)))
+        alpha = rng.random(shape) * (rng.random(shape) < 0.7)
+        things.append(layer(alpha, depth_of_blur(lens, blur * (1 + 0.2 * rng.random(shape))),
+                            rng.random((count, *shape)), count, (int(top), int(left))))
+    return [*things, layer(np.ones(grid.shape_px), np.inf, rng.random((count, rows, columns)), count)]
+
+
+GRIDS = [PixelGrid.around_frame((40, 52), PITCH_UM, (12, 9)), PixelGrid((1, 1), PITCH_UM), PixelGrid((1, 37), PITCH_UM),
+         PixelGrid((23, 2), PITCH_UM), PixelGrid((45, 30), PITCH_UM, (-20.3, 55.2)),
+         PixelGrid((31, 33), PITCH_UM, projection=FISHEYE)]
+
+
+@pytest.mark.skipif(len(available()) < 2, reason="no library of the loops: no compiler")
+@pytest.mark.parametrize("grid", GRIDS, ids=lambda grid: f"{grid.shape_px}")
+@pytest.mark.parametrize("iris", [None, Iris(5, 20.0, 0.3)])
+def test_numpy_and_all_variants_give_the_same_bits(lens, grid, iris):
+    scene, results = random_scene(lens, grid, 5), []
+    for name in available():
+        with using(name):
+            assert running() == name
+            results.append(planes(scene, lens, grid, most_rays=64, iris=iris))
+    for result in results[1:]:
+        for plane, expected in zip(result, results[0], strict=True):
+            assert np.array_equal(plane.blurred, expected.blurred) and np.array_equal(plane.clear, expected.clear)
+            assert np.isfinite(plane.blurred).all() and plane.clear.min() >= 0 and plane.clear.max() <= 1
+
+
+def test_threads_and_other_processes_change_no_bit(lens, tmp_path):
+    code = ("import sys, numpy as np, test_cast as t\n"
+            "lens = t.make_lens(object_distance_mm=t.IN_FOCUS_MM, magnification=-0.05)\n"
+            "planes = t.planes(t.random_scene(lens, t.GRIDS[0], 5), lens, t.GRIDS[0])\n"
+            "np.save(sys.argv[1], [plane.blurred for plane in planes])")
+    paths = [str(path) for path in (os.path.dirname(__file__), *sys.path) if path]
+    subprocess.run(["taskset", "-c", "0", sys.executable, "-c", code, tmp_path / "one.npy"], check=True,
+                   env=os.environ | {"PYTHONPATH": os.pathsep.join(paths)})
+    here = planes(random_scene(lens, GRIDS[0], 5), lens, GRIDS[0])
+    assert np.array_equal(np.load(tmp_path / "one.npy"), [plane.blurred for plane in here])
+
+
+def test_a_fisheye_shows_what_a_plane_capture_does(lens):
+    """Of an even scene with an edge, in pixels of the same sensor."""
+    focal_mm, depth_mm = lens.capture_focal_length_mm, depth_of_blur(lens, -20.0)
+    results = []
+    for projection in ("plane", FISHEYE):
+        grid = PixelGrid.around_frame((60, 300), 40.0, (30, 40), projection)
+        x_mm, y_mm = (each[None] if axis == 0 else each[:, None] for axis, each in enumerate(grid.axes_mm()))
+        if projection == FISHEYE:
+            angle = np.hypot(x_mm, y_mm) / focal_mm
+            x_mm = x_mm * np.tan(angle) / angle
+        stripes = 1 + np.sin(x_mm * 6 + 0 * y_mm)
+        results.append(planes([layer(np.ones(grid.shape_px), depth_mm, stripes)], lens, grid, most_rays=512)[0].blurred)
+    assert np.abs(results[1] - results[0]).max() < 0.02 and np.ptp(results[0]) > 0.1
