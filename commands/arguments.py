@@ -73,8 +73,8 @@ def add_rings(command, camera=False):
                        help="how finely the lens is baked (default: " + ("as the tier" if camera else "standard") + ")")
 
 
-def focus_mm(text):
-    """A focus distance in mm from a text such as 1.2m."""
+def distance_mm(text, option="--focus"):
+    """A distance in mm from a text such as 1.2m."""
     word = text.strip().lower()
     unit = next((unit for unit in MM if word.endswith(unit)), "")
     try:
@@ -84,14 +84,14 @@ def focus_mm(text):
         if not distance_mm > 0:
             raise ValueError
     except ValueError:
-        raise InputError("options", "--focus", text,
+        raise InputError("options", option, text,
                          "expected a distance with its unit, such as 1.2m, or inf") from None
     return distance_mm
 
 
 def asked_rings(options):
     """What the command line turns a lens to."""
-    return Rings(None if options.focus is None else focus_mm(options.focus), options.f_number,
+    return Rings(None if options.focus is None else distance_mm(options.focus), options.f_number,
                  options.focused_wide_open)
 
 

@@ -18,7 +18,7 @@ from ..engine.lens.readers.package import write_package
 from ..engine.lens.sampling import WAVELENGTHS
 from ..engine.library import bundled_names, prescription_of
 from ..engine.spectral.spectra import parse_wavelengths
-from .arguments import check_outputs, focus_mm, sides_mm
+from .arguments import check_outputs, distance_mm, sides_mm
 from .terminal import progress_bar
 
 
@@ -113,7 +113,7 @@ def _focused(prescription, options):
     """The prescription with its focus ring turned, where that is asked for; what cannot be is printed."""
     if options.focus is None:
         return prescription
-    there = turned(prescription, Rings(focus_mm(options.focus)))
+    there = turned(prescription, Rings(distance_mm(options.focus)))
     for line in there.words:
         print(f"lens: {line}")
     return there.prescription

@@ -8,6 +8,7 @@ from pathlib import Path
 from ..engine import InputError, Lens, cache
 from ..engine.bake.rings import in_metres, ring_ends
 from ..engine.bake.screen import check_prescription
+from ..engine.bake.through_focus import lens_at_depth
 from ..engine.field.stmap import distort_map, undistort_map
 from ..engine.files import atomic_path
 from ..engine.image.pitch import fitting_pitch_um
@@ -22,10 +23,11 @@ from ..engine.lens.readers import import_lens
 from ..engine.lens.readers.package import write_package
 from ..engine.lens.sampling import WAVELENGTHS
 from ..engine.library import baked, bundled_names, find_bundled, has_rings, prescription_of
+from ..engine.library.rays import lens_rays
 from ..engine.spectral.spectra import parse_wavelengths
 from ..engine.values import plain
 from . import bake
-from .arguments import LENSES, add_rings, check_outputs, chosen_lens, resolution, sides_mm
+from .arguments import LENSES, add_rings, check_outputs, chosen_lens, distance_mm, resolution, sides_mm
 
 MACRO_SUFFIXES = {"zemax": ".zpl", "codev": ".seq", "zospy": ".py"}
 
@@ -122,6 +124,9 @@ def _add_plot(lens):
     plot.add_argument("--frequencies", metavar="LIST",
                       help="of the MTF, in cycles per mm, such as 20,50,100 (default: up to a tenth of what "
                            "diffraction lets through)")
+    plot.add_argument("--depth", metavar="DISTANCE",
+                      help="PSFs and MTF of points that far from the camera, out of focus, by diffraction: 2.5m, 80cm, "
+                           "inf")
     add_rings(plot)
     plot.set_defaults(run=_plot)
 
@@ -133,6 +138,8 @@ def _plot(options):
     require_matplotlib()
     frequencies = None if options.frequencies is None else _frequencies(options.frequencies)
     lens = chosen_lens(options)
+    if options.depth is not None:
+        lens = lens_at_depth(lens, lens_rays(lens), distance_mm(options.depth, "--depth"))
     bundled = options.lens in bundled_names()
     path = options.output or (Path(f"{options.lens}.png") if bundled else Path(options.lens).with_suffix(".png"))
     check_outputs([(path, ".png")], [options.lens])

@@ -8,7 +8,7 @@ from ..engine.field.overscan import VIEWS
 from ..engine.image.depth_range import DEPTHS
 from ..engine.spectral.spectra import parse_wavelengths
 from ..engine.spectral.wavelength_choice import STANDARD_COLOUR_ERROR, TIERS, UNFIT
-from .arguments import CAMERA, add_engine_options, add_rings, check_outputs, focus_mm, given_options, resolution
+from .arguments import CAMERA, add_engine_options, add_rings, check_outputs, distance_mm, given_options, resolution
 from .blend import open_scene
 from .followed import add_followed, messages, progress
 from .outcome import finish
@@ -166,7 +166,7 @@ def _focus(text):
     """What `render_through_lens` takes for --focus."""
     if text is None:
         return None
-    return CAMERA if text.lower() == CAMERA else focus_mm(text)
+    return CAMERA if text.lower() == CAMERA else distance_mm(text)
 
 
 def _open_scene(options):

@@ -41,7 +41,7 @@ class Channel:
         optics = lens.at_wavelength(wavelength_nm)
         self.field = FieldGeometry(optics, lens.name)
         self.planes = plan.planes(capture)
-        self._plan, self._table = plan, table
+        self._plan, self._table, self._capture_px = plan, table, capture.shape_px
         self._psfs = PlacedPsfs(lambda: plan.trimmed(PsfBank.of(optics, capture.pitch_um)), self.field, self.planes)
         self.kept = memory.take(self.field.nbytes + (table.nbytes if table else self._psfs.bank.nbytes))
         memory = memory if self.kept else MemoryBudget(0)
@@ -55,6 +55,18 @@ class Channel:
         """Irradiance of a plane of radiance where the lens puts it, before any blur: array (plane, row, column) of
         `planes`."""
         return self._ideal.irradiance(radiance)
+
+    def even_irradiance(self) -> np.ndarray:
+        """Irradiance of radiance that is 1 everywhere: array (row, column) of the picture in `planes`."""
+        even = self._ideal.irradiance(np.ones(self._capture_px, np.float32))
+        return self.planes.join(self.planes.without_doubles(even))
+
+    def veil(self, ideal: np.ndarray, clear: np.ndarray) -> None:
+        """Leave, in place, a share of an ideal irradiance: array (row, column) of the frame, which goes on around it
+        as at its edges."""
+        picture = self.planes.picture
+        margins = [((all_px - n) // 2,) * 2 for all_px, n in zip(picture.shape_px, clear.shape, strict=True)]
+        ideal *= self.planes.split(np.pad(clear, margins, mode="edge"))
 
     def blur(self, ideal: np.ndarray) -> np.ndarray:
         """The ideal irradiance blurred: array (row, column) of the picture and a margin around it that holds all light.

@@ -1,36 +1,43 @@
 """simulate(): spectral radiance through a lens to spectral irradiance, wavelength by wavelength."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from . import kernels
+from .depth.cast import CastPlane, cast
+from .depth.pencils import Iris
 from .errors import ImageError
-from .image.nonfinite import clamp_fireflies, refuse_fireflies
+from .image.layers import LayeredRadiance
+from .image.nonfinite import clamp_fireflies, clamp_layers, refuse_fireflies
 from .image.pixel_grid import PLANE
 from .image.spectral_image import IRRADIANCE, RADIANCE, SpectralImage
 from .image.supersampling import merge_pixels, split_pixels
 from .kept import Kept
 from .lens import Lens
+from .library.rays import lens_rays
 from .plan.options import Options
 from .report import DistortionFit, Energy, IlluminationFit, LensImageFacts, Report, WavelengthFacts
 
 BY_RESULT = Options()
 
 
-def simulate(radiance: SpectralImage, lens: Lens, options: Options = BY_RESULT, *,
-             progress: Callable[[float], None] | None = None, report: Report | None = None, kept: Kept | None = None,
-             out: np.ndarray | None = None) -> SpectralImage:
+def simulate(radiance: SpectralImage | LayeredRadiance, lens: Lens, options: Options = BY_RESULT, *,
+             iris: Iris | None = None, progress: Callable[[float], None] | None = None, report: Report | None = None,
+             kept: Kept | None = None, out: np.ndarray | None = None) -> SpectralImage:
     """Spectral irradiance that the lens lays on the sensor.
 
     Parameters
     ----------
-    radiance : SpectralImage
+    radiance : SpectralImage or LayeredRadiance
         Scene radiance, W m^-2 sr^-1 nm^-1, as an ideal lens would image it; with overscan, so that light from
-        beyond the frame comes in where distortion and blur bring it in.
+        beyond the frame comes in where distortion and blur bring it in. All of it is taken to be in focus; but of
+        layers what is not is seen along the lens's rays, through what hides it.
     lens : Lens
     options : Options
+    iris : Iris, optional
+        The shape of the stop, for what is out of focus; a circle by default.
     progress : callable (fraction), optional
         Called after each wavelength.
     report : Report, optional
@@ -51,10 +58,9 @@ def simulate(radiance: SpectralImage, lens: Lens, options: Options = BY_RESULT, 
         A wavelength outside the lens data; a distortion that folds the field; pixels that are not finite.
     """
     report, kept = report or Report(), kept or Kept(limit_mb=0)
-    if radiance.quantity != RADIANCE:
-        raise ImageError("image", "quantity", radiance.quantity, f"a lens takes {RADIANCE}")
-    if options.fireflies == "refuse":
-        refuse_fireflies(radiance)
+    seen = _seen(radiance, lens, options, iris, report)
+    if isinstance(radiance, LayeredRadiance):
+        radiance = radiance.dark()  # of which the grid and the wavelengths are all that counts from here on
     with report.stage("plan"):
         plan = kept.plan(options, lens, radiance)
     shape = (radiance.wavelengths_nm.size, *radiance.frame_px)
@@ -62,20 +68,22 @@ def simulate(radiance: SpectralImage, lens: Lens, options: Options = BY_RESULT, 
     if irradiance.shape != shape or irradiance.dtype != np.float32:
         raise ImageError("out", "array", f"{irradiance.dtype} of {irradiance.shape}", f"expected float32 of {shape}")
     fine, tally = plan.supersampling, _Tally(radiance, plan.supersampling)
+    frame_px = radiance.grid.finer(fine).frame_px
     channels = kept.channels(lens, radiance, plan)
-    for index in range(radiance.wavelengths_nm.size):
-        plane, clamped = radiance.cube[index], 0
-        if options.fireflies == "clamp":
-            plane, clamped = clamp_fireflies(plane)
+    for index, (view, clamped) in enumerate(seen):
         with report.stage("lens data"):
             channel = next(channels)
         with report.stage("distortion and relative illumination"):
-            ideal = channel.ideal_irradiance(split_pixels(plane, fine))
+            ideal = channel.ideal_irradiance(split_pixels(view.sharp, fine))
+            beyond_focus: np.ndarray | float = 0.0
+            if view.blurred is not None and view.clear is not None:
+                channel.veil(ideal, split_pixels(view.clear, fine))
+                beyond_focus = view.blurred * merge_pixels(_frame(channel.even_irradiance(), frame_px), fine)
         light = channel.planes.light(ideal)
         with report.stage("filtering"):
             blurred = channel.blur(ideal)
-        irradiance[index] = merge_pixels(_frame(blurred, radiance.grid.finer(fine).frame_px), fine)
-        tally.add(channel.field, light, blurred, irradiance[index], clamped)
+        irradiance[index] = merge_pixels(_frame(blurred, frame_px), fine) + beyond_focus
+        tally.add(channel.field, light, blurred, irradiance[index], beyond_focus, clamped)
         del channel, ideal, blurred  # before the next wavelength's come
         if progress:
             progress((index + 1) / radiance.wavelengths_nm.size)
@@ -83,6 +91,32 @@ def simulate(radiance: SpectralImage, lens: Lens, options: Options = BY_RESULT, 
     sensor = replace(radiance.grid.frame(), projection=PLANE, focal_mm=None)
     return replace(radiance.frame(), cube=irradiance, grid=sensor, quantity=IRRADIANCE,
                    lens_name=lens.name, f_number_effective=lens.f_number_effective, focal_mm=None)
+
+
+def _seen(radiance, lens, options, iris, report) -> Iterator[tuple[CastPlane, int]]:
+    """What is seen at each wavelength, and how many fireflies of it are clamped; those of layers all with the first."""
+    if isinstance(radiance, SpectralImage) and radiance.quantity != RADIANCE:
+        raise ImageError("image", "quantity", radiance.quantity, f"a lens takes {RADIANCE}")
+    if options.fireflies == "refuse":
+        refuse_fireflies(radiance)
+    return (_in_depth if isinstance(radiance, LayeredRadiance) else _in_focus)(radiance, lens, options, iris, report)
+
+
+def _in_focus(radiance, lens, options, iris, report):
+    for plane in radiance.cube:
+        plane, clamped = clamp_fireflies(plane) if options.fireflies == "clamp" else (plane, 0)
+        yield CastPlane(plane), clamped
+
+
+def _in_depth(layered, lens, options, iris, report):
+    layered, clamped = clamp_layers(layered) if options.fireflies == "clamp" else (layered, 0)
+    with report.stage("rays"):
+        views = cast(layered, lens, lens_rays(lens), most_rays=options.most_rays, iris=iris)
+    for _ in layered.wavelengths_nm:
+        with report.stage("casting"):
+            view = next(views)
+        yield view, clamped
+        clamped = 0
 
 
 def _frame(blurred, frame_px):
@@ -100,8 +134,10 @@ class _Tally:
         self._fits, self._clamped, self._out_of_field = [], 0, 0.0
         self._flux = np.zeros(3)
 
-    def add(self, field, light, blurred, frame, clamped):
-        self._flux += (light / self._parts, blurred.sum(dtype=np.float64) / self._parts,
+    def add(self, field, light, blurred, frame, beyond_focus, clamped):
+        """What is out of focus counts as far as it falls into the frame."""
+        cast = np.sum(beyond_focus, dtype=np.float64)
+        self._flux += (light / self._parts + cast, blurred.sum(dtype=np.float64) / self._parts + cast,
                        frame.sum(dtype=np.float64))
         self._clamped += clamped
         self._out_of_field = max(self._out_of_field, self._beyond(field.last_real_mm))

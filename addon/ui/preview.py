@@ -20,7 +20,7 @@ from ..job.render import Result
 from ..scene.camera import frame_px, view_tangents
 from ..scene.compositor import show_file
 from ..scene.rings import rings_for
-from . import preview_overlay, window_render
+from . import focus_overlay, preview_overlay, window_render
 from .properties import lens_title
 from .wrapped import draw_wrapped
 
@@ -67,6 +67,16 @@ class Preview:
     def fresh(self):
         return self.changed_s is None
 
+    @property
+    def same_scene(self):
+        """Whether nothing has changed since but the lens or what it is turned to."""
+        return self.other_s is None
+
+    @property
+    def depth(self):
+        """The file of its depths, which may not be there yet."""
+        return Result.beside(self.radiance, "radiance").depth if self.radiance else None
+
 
 state = {"preview": None, "why_off": ""}
 """The Preview, where it is on; and why it went off by itself."""
@@ -98,6 +108,7 @@ def end():
     if preview is None:
         return
     preview_overlay.end()
+    focus_overlay.forget()
     for name, handler in _HANDLERS.items():
         getattr(bpy.app.handlers, name).remove(handler)
     if bpy.app.timers.is_registered(tick):
@@ -299,6 +310,9 @@ def draw_preview(layout):
         return
     if preview.slow:
         row.operator("lensfield.refresh_preview", text="", icon="FILE_REFRESH")
+    row.operator("lensfield.focus_overlay", text="", icon="OVERLAY", depress=focus_overlay.state["on"])
+    if focus_overlay.state["on"]:
+        draw_wrapped(layout, focus_overlay.LEGEND, "OVERLAY")
     for line in _status(preview):
         draw_wrapped(layout, line)
 
@@ -348,4 +362,21 @@ class LENSFIELD_OT_refresh_preview(bpy.types.Operator):
         return {"FINISHED"}
 
 
-classes = (LENSFIELD_OT_preview, LENSFIELD_OT_refresh_preview)
+class LENSFIELD_OT_focus_overlay(bpy.types.Operator):
+    """Tint what is out of focus in the camera's view: orange what is nearer, blue what is farther. It follows the focus
+    distance and the F-Stop while they are dragged, by the depth that the preview has"""
+
+    bl_idname = "lensfield.focus_overlay"
+    bl_label = "Focus Overlay"
+
+    @classmethod
+    def poll(cls, context):
+        return state["preview"] is not None
+
+    def execute(self, context):
+        focus_overlay.switch(context.scene)
+        _redraw()
+        return {"FINISHED"}
+
+
+classes = (LENSFIELD_OT_preview, LENSFIELD_OT_refresh_preview, LENSFIELD_OT_focus_overlay)

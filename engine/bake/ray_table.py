@@ -50,6 +50,8 @@ class SensorRays:
         `entrance_mm - z * direction[:2] / direction[2]`.
     margin : array
         Positive where the ray passes: the least 1 - (r / semi-aperture)^2 over the surfaces and the stop.
+    surface_margin : array
+        That over the surfaces alone: smooth where the stop's rim takes turns with them.
     path_mm : array
         Optical path from the plane to the sensor, less that along the axis at this wavelength.
     weight : array
@@ -60,6 +62,7 @@ class SensorRays:
     entrance_mm: np.ndarray
     direction: np.ndarray
     margin: np.ndarray
+    surface_margin: np.ndarray
     path_mm: np.ndarray
     weight: np.ndarray
 
@@ -145,7 +148,7 @@ class RayTable(Value):
         direction = np.stack([*(2 * p), 1 - square]) / (1 + square)
         # from the foot, which is square to the ray, to the plane
         way_mm = np.sum(foot_mm * direction[:2], axis=0) / direction[2]**2
-        return SensorRays(foot_mm + way_mm * direction[:2], direction, np.minimum(margin, 1 - radius**2),
+        return SensorRays(foot_mm + way_mm * direction[:2], direction, np.minimum(margin, 1 - radius**2), margin,
                           path_mm - way_mm, weight)
 
     def _between(self, wavelength, *shares):

@@ -117,7 +117,8 @@ def trace_wavefronts(system: System, heights_mm: Sequence[float] | np.ndarray,
         far = _on_reference_sphere(rays, longest_mm)
         path_mm, cosine = np.where(folded, far[0], path_mm), np.where(folded, far[1], cosine)
     return Wavefronts(pupil, rays.wavelengths_nm, rays.chief_height_mm, path_mm, cosine,
-                      _continued(rays.direction[:2], rays.lost), _density(pupil, rays, cosine), limits,
+                      _continued(rays.direction[:2], rays.lost),
+                      light_density(pupil, _continued(rays.source, rays.lost), cosine), limits,
                       _continued(rays.position_mm - rays.position_mm[..., :1, :1], rays.lost))
 
 
@@ -141,9 +142,9 @@ def _on_reference_sphere(rays, distance_mm):
             _continued((about - back_mm * rays.direction[:2]) / radius_mm, rays.lost))
 
 
-def _density(pupil, rays, cosine):
+def light_density(pupil: HalfPupil, source: np.ndarray, cosine: np.ndarray) -> np.ndarray:
     """Logarithm of how many times larger areas are over the source's coordinates than over the cosines."""
-    source, image = (np.abs(area_ratio(pupil, each)) for each in (_continued(rays.source, rays.lost), cosine))
+    source, image = (np.abs(area_ratio(pupil, each)) for each in (source, cosine))
     source, image = (np.maximum(areas, LEAST_AREA * areas[..., :1, :1]) for areas in (source, image))
     return np.log(source / image)
 

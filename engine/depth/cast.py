@@ -32,12 +32,13 @@ class CastPlane:
     blurred : float32 array (row, column) of the frame
         Radiance of what is out of focus, with all that hides it: the mean over the light of the pixel's rays.
     clear : float32 array (row, column) of the frame
-        The share, from 0 to 1, that what is out of focus leaves of what is in focus.
+        The share, from 0 to 1, that what is out of focus leaves of what is in focus. Both are None of a picture without
+        layers, which is taken to be in focus.
     """
 
     sharp: np.ndarray
-    blurred: np.ndarray
-    clear: np.ndarray
+    blurred: np.ndarray | None = None
+    clear: np.ndarray | None = None
 
 
 def cast(layered: LayeredRadiance, lens: "Lens", rays: "RayTable", *, most_rays: int = 256, iris: Iris | None = None,

@@ -1,7 +1,7 @@
 """LayeredRadiance: a scene's radiance in layers of depth, each as a pinhole in the entrance pupil sees it by itself."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -79,7 +79,8 @@ class LayeredRadiance:
     grid : PixelGrid
         Of the capture, in which the layers lie.
     focal_mm : float or None
-        Of the pinhole that captured it.
+        Of the pinhole that captured it; None for the lens's own. A lens that is focused elsewhere has another one, and
+        sees the layers on the same sensor.
     exposure : float
         What pictures of it are multiplied by, as `SpectralImage` has it.
 
@@ -114,6 +115,12 @@ class LayeredRadiance:
     def nbytes(self) -> int:
         return sum(layer.nbytes for layer in self.layers)
 
+    def dark(self) -> SpectralImage:
+        """A black picture of the same grid and wavelengths, which takes no memory."""
+        cube = np.broadcast_to(np.float32(0), (self.wavelengths_nm.size, *self.grid.shape_px))
+        grid = replace(self.grid, focal_mm=self.focal_mm)
+        return SpectralImage(cube, self.wavelengths_nm, grid, focal_mm=self.focal_mm, exposure=self.exposure)
+
     def flat(self) -> SpectralImage:
         """The radiance that the pinhole sees of all layers."""
         cube = np.zeros((self.wavelengths_nm.size, *self.grid.shape_px), np.float32)
@@ -137,7 +144,7 @@ class LayeredRadiance:
             np.copyto(depth_mm[layer.place], layer.depth_mm, where=layer.alpha > 0)
         return depth_mm
 
-    def with_light(self, cubes: Sequence[np.ndarray]) -> "LayeredRadiance":
+    def with_light(self, cubes: Iterable[np.ndarray]) -> "LayeredRadiance":
         """The same layers with other light: of each an array (wavelength, row, column), of as many wavelengths."""
         layers = tuple(Layer(cube, layer.alpha, layer.depth_mm, layer.origin_px)
                        for layer, cube in zip(self.layers, cubes, strict=True))

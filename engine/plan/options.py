@@ -14,6 +14,7 @@ OUT_OF_FIELD = ("hold", "vignette")
 FIREFLIES = ("refuse", "clamp")
 DEFAULT_ACCURACY = 0.01
 TIER_ACCURACY = {"preview": 0.1, "standard": DEFAULT_ACCURACY, "reference": 0.001}
+MOST_RAYS = ((0.05, 256), (0.005, 512), (0.0, 1024))  # of a pixel, from these accuracies on
 KNOBS = ("section_size", "azimuths", "psf_energy", "flat_tolerance", "precision")
 MOST_SUPERSAMPLING = 16  # the error that it mends is a 256th by then
 BY_KNOBS = "sections"  # where a knob is set and no method
@@ -112,6 +113,12 @@ class Options:
         for field in self.knobs:
             if self.accuracy is not None or field not in method.knobs:
                 raise InputError("options", field, getattr(self, field), f"leave it out: {reason}")
+
+    @property
+    def most_rays(self) -> int:
+        """Rays through the lens at the most by which a pixel sees what is out of focus."""
+        accuracy = self.accuracy or DEFAULT_ACCURACY
+        return next(rays for least, rays in MOST_RAYS if accuracy >= least)
 
     @property
     def knobs(self) -> dict[str, object]:

@@ -11,7 +11,7 @@ from lensfield import addon
 from lensfield.addon.job.render import job_of_frame
 from lensfield.addon.scene.rings import FIXED, ring_arguments, rings_for, scene_lens, scene_rings
 from lensfield.cli import _parser
-from lensfield.commands.arguments import focus_mm
+from lensfield.commands.arguments import distance_mm as read_distance_mm
 from lensfield.commands.render import scene_and_arguments
 from lensfield.engine import Lens
 from lensfield.engine.bake.rings import AT_REST, Rings
@@ -118,7 +118,7 @@ def test_the_command_takes_rings_as_they_are(rings):
     words = ring_arguments(rings)
     told = dict(zip(words[::2], words[1::2], strict=False)) if rings != AT_REST else {}
     assert ("--focus" in told) == (rings.focus_mm is not None)
-    assert "--focus" not in told or focus_mm(told["--focus"]) == rings.focus_mm
+    assert "--focus" not in told or read_distance_mm(told["--focus"]) == rings.focus_mm
     assert "--f-number" not in told or float(told["--f-number"]) == rings.f_number
     assert ("--focused-wide-open" in words) == rings.focused_wide_open
 

@@ -146,7 +146,17 @@ def test_the_command_draws_a_bundled_lens_here(tmp_path, monkeypatch, capsys):
     assert drawn == [(Lens.load("edmund-54852"), Path("edmund-54852.png"), [40.0, 80.0])]
 
 
+def test_the_command_draws_what_is_out_of_focus(lens_file, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(sheet_module, "write_lens_plot", lambda *arguments: drawn.append(arguments))
+    assert run(lens_file, "--depth", "40cm") == 0
+    (lens, _, _), here = drawn[0], Lens.load(lens_file)
+    assert lens.name == "hand-made, points at 0.4 m" and np.array_equal(lens.heights_mm, here.heights_mm)
+    assert lens.psf_pitch_um * lens.psf.shape[-1] > 3 * here.psf_pitch_um * here.psf.shape[-1]
+
+
 @pytest.mark.parametrize("arguments, message", [
+    (("edmund-54852", "--depth", "40"), "options: --depth is 40: expected a distance with its unit, such as 1.2m"),
     (("no-such-lens",), "no-such-lens: lens is not there"),
     (("edmund-54852", "--frequencies", "20;50"), "options: --frequencies is 20;50: expected cycles per mm such as"),
     (("edmund-54852", "--frequencies", "20,2000"), "edmund-54852: frequency is 2000 cycles/mm: expected more than 0"),

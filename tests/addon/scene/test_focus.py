@@ -1,0 +1,55 @@
+"""Focus at once: what the camera's rings have in focus, and how quickly it blurs beside that."""
+
+import numpy as np
+import pytest
+
+from lensfield.addon.scene.camera import frame_capture, frame_px
+from lensfield.addon.scene.focus import focus_now
+from lensfield.addon.scene.lens_facts import lens_facts
+from lensfield.addon.scene.rings import scene_lens
+from lensfield.engine.image.depth_range import blur_px
+
+DEPTHS_M = np.array([0.7, 1.0, 1.4, 2.0, 3.0, 8.0, np.inf])
+
+
+@pytest.fixture
+def turn(scene):
+    dof = scene.camera.data.dof
+
+    def turned(lens, focus_m, f_number, view="LENS"):
+        scene.lensfield.lens, scene.lensfield.view = lens, view
+        scene.render.resolution_x, scene.render.resolution_y = 480, 320
+        dof.use_dof = focus_m is not None
+        if focus_m is not None:
+            dof.focus_distance, dof.aperture_fstop = focus_m, f_number
+        return scene
+
+    return turned
+
+
+@pytest.mark.parametrize("view", ["LENS", "CAMERA"])
+@pytest.mark.parametrize("lens, focus_m, f_number", [
+    ("sonnar-50mm-f1.5", 1.5, 2.8), ("sonnar-50mm-f1.5", 3.0, 1.5), ("canon-rf-85mm-f1.2", 1.5, 1.2),
+    ("edmund-54852", None, None), ("kodak-petzval-100mm", 4.0, 2.0)])
+def test_it_blurs_as_the_lens_that_is_baked(turn, lens, focus_m, f_number, view):
+    """To the accuracy of first-order optics: of fast lenses the sine is not the tangent, and insides move."""
+    scene = turn(lens, focus_m, f_number, view)
+    focus = focus_now(scene, lens_facts(lens))
+    baked, *_ = scene_lens(scene, lens, view.lower(), "preview")
+    pitch_um = frame_capture(baked, frame_px(scene), [550.0]).pitch_um
+    expected = blur_px(baked, pitch_um, DEPTHS_M * 1e3)
+    assert focus.blur_px(DEPTHS_M) == pytest.approx(expected, rel=0.1, abs=0.1 * np.abs(expected).max())
+    if focus_m:
+        assert focus.focus_m == pytest.approx(focus_m, rel=1e-3)
+        assert np.all(np.sign(focus.blur_px(DEPTHS_M)) == np.sign(focus_m - DEPTHS_M))
+
+
+def test_rings_go_no_further_than_the_lens(turn):
+    near = focus_now(turn("sonnar-50mm-f1.5", 0.01, 0.5), lens_facts("sonnar-50mm-f1.5"))
+    *_, closest_mm = lens_facts("sonnar-50mm-f1.5").reach
+    assert near.focus_m == pytest.approx(closest_mm / 1e3)
+    open_wide = focus_now(turn("sonnar-50mm-f1.5", 2.0, 1.5), lens_facts("sonnar-50mm-f1.5"))
+    wider = focus_now(turn("sonnar-50mm-f1.5", 2.0, 0.5), lens_facts("sonnar-50mm-f1.5"))
+    assert wider.blur_px_m == pytest.approx(open_wide.blur_px_m)
+    assert focus_now(turn("sonnar-50mm-f1.5", 2.0, 3.0), lens_facts("sonnar-50mm-f1.5")).blur_px_m == pytest.approx(
+        open_wide.blur_px_m / 2, rel=0.05)

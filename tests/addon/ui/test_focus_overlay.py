@@ -1,0 +1,100 @@
+"""The focus overlay: what is blurred by more than a pixel of the render is tinted, before and behind what is sharp."""
+
+import time
+
+import bpy
+import numpy as np
+import pytest
+
+from lensfield.addon.scene.focus import Focus
+from lensfield.addon.ui import focus_overlay, preview
+from small_scenes import light, material, wall
+from snapshot import differences, snapshot
+
+LENS = "sonnar-50mm-f1.5"
+
+
+def test_near_far_and_sharp_are_told_apart():
+    depth_m = np.array([[1.0, 1.9, 2.0, 2.1, 8.0, np.inf]], np.float32)
+    found = focus_overlay.tints(depth_m, Focus(2.0, 10.0))[0]
+    assert found.shape == (6, 4) and found.dtype == np.float32
+    assert np.all(found[1:4, 3] == 0), "within a pixel"
+    assert np.allclose(found[0, :3], focus_overlay.NEARER) and np.allclose(found[4:, :3], focus_overlay.FARTHER)
+    assert focus_overlay.FAINTEST < found[4, 3] < found[5, 3] < focus_overlay.STRONGEST
+    assert not focus_overlay.tints(np.full((1, 1), np.nan), Focus(2.0, 10.0))[..., 3].any()
+
+
+def test_the_colours_differ_in_lightness_and_from_blue_to_yellow():
+    """So that they are told apart whichever cone is missing: by luminance alone, too."""
+    luminance = [np.dot([0.2126, 0.7152, 0.0722], np.power(colour, 2.2))
+                 for colour in (focus_overlay.NEARER, focus_overlay.FARTHER)]
+    assert luminance[0] > 2 * luminance[1]
+
+
+@pytest.fixture
+def on(scene):
+    """A scene whose preview is on and there: a wall at 2 m, in focus, on its left; on its right one at 6 m."""
+    light(scene, "POINT", 20.0)
+    paint = material("Paint", "ShaderNodeBsdfDiffuse")[0]
+    wall(scene, paint, 2.0).location.x = -5
+    wall(scene, paint, 6.0, 40.0)
+    scene.render.resolution_x, scene.render.resolution_y = 960, 640
+    scene.lensfield.lens = LENS
+    dof = scene.camera.data.dof
+    dof.use_dof, dof.focus_distance, dof.aperture_fstop = True, 2.0, 1.5
+    bpy.context.view_layer.update()
+    preview.start(scene)
+    follow()
+    assert not preview.state["preview"].error
+    yield scene
+    preview.end()
+
+
+def follow(seconds=90):
+    deadline = time.monotonic() + seconds
+    while preview.tick() is not None and (preview.state["preview"].asked or not preview.state["preview"].fresh):
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def tinted(scene):
+    """What is tinted to the left and to the right: two times red, green and blue, 0 for nothing."""
+    found = focus_overlay.focus_tints(scene, preview.state["preview"].depth)
+    row = found[found.shape[0] // 2]
+    return [tuple(round(float(part), 3) for part in one[:3] * (one[3] > 0))
+            for one in (row[len(row) // 4], row[3 * len(row) // 4])]
+
+
+def test_it_follows_the_rings_at_once_by_the_depth_that_is_kept(on):
+    scene, nothing = on, (0.0, 0.0, 0.0)
+    before = snapshot()
+    assert bpy.ops.lensfield.focus_overlay() == {"FINISHED"}
+    assert not differences(before, snapshot()), "the file knows nothing of it"
+    assert tinted(scene) == [nothing, focus_overlay.FARTHER]
+    same = focus_overlay.focus_tints(scene, preview.state["preview"].depth)
+    assert focus_overlay.focus_tints(scene, preview.state["preview"].depth) is same
+    scene.camera.data.dof.focus_distance = 6.0
+    bpy.context.view_layer.update()
+    assert preview.state["preview"].same_scene and not preview.state["preview"].fresh
+    assert tinted(scene) == [focus_overlay.NEARER, nothing]
+    scene.camera.data.dof.aperture_fstop = 64.0  # it has f/22, or so
+    scene.render.resolution_percentage = 5
+    assert tinted(scene) == [nothing, nothing]
+    bpy.data.objects["Wall"].location.z -= 1
+    bpy.context.view_layer.update()
+    assert not preview.state["preview"].same_scene, "what is kept is of another scene"
+
+
+def test_it_goes_with_the_preview(on):
+    assert bpy.ops.lensfield.focus_overlay.poll() and bpy.ops.lensfield.focus_overlay() == {"FINISHED"}
+    preview.end()
+    assert not focus_overlay.state["on"] and not bpy.ops.lensfield.focus_overlay.poll()
+
+
+def test_without_a_lens_or_a_camera_there_is_none(on):
+    focus_overlay.switch(on)
+    path = preview.state["preview"].depth
+    assert focus_overlay.focus_tints(on, path) is not None and focus_overlay.focus_tints(on, None) is None
+    on.lensfield.lens, on.lensfield.lens_file = "FILE", "/nowhere.toml"
+    focus_overlay.switch(on)
+    assert focus_overlay.focus_tints(on, path) is None

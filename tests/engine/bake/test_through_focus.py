@@ -1,0 +1,142 @@
+"""PSFs of points at any depth: against bakes with the object there, Airy's pattern, and geometry far from focus."""
+
+from dataclasses import replace
+from functools import cache
+from itertools import product
+
+import numpy as np
+import pytest
+from scipy.special import j1
+
+from lenses import make_lens
+from lensfield.engine import InputError, LensError
+from lensfield.engine.bake.diffraction import point_spread
+from lensfield.engine.bake.first_order import first_order_rays
+from lensfield.engine.bake.focus import build_system
+from lensfield.engine.bake.prescriptions import read_prescription
+from lensfield.engine.bake.quality import QUALITIES
+from lensfield.engine.bake.ray_table import ray_table
+from lensfield.engine.bake.rays import HalfPupil, trace_pupil
+from lensfield.engine.bake.system import system_of
+from lensfield.engine.bake.through_focus import lens_at_depth, psf_at_depth
+from lensfield.engine.bake.wavefront import trace_wavefronts
+from lensfield.engine.library import BUNDLED
+
+NM, F_NUMBER = 550.0, 2.0
+
+
+@cache
+def focused(name):
+    return build_system(read_prescription(BUNDLED / "prescriptions" / f"{name}.toml"))
+
+
+@cache
+def table_of(name):
+    return ray_table(focused(name).prescription)
+
+
+def baked(name, height_mm, depth_mm, pitch_um, samples):
+    """As a bake has it of an object at that depth, its rays traced from there."""
+    lens, taken = focused(name), QUALITIES["standard"]
+    system = system_of(replace(lens.prescription, object_distance_mm=depth_mm - lens.entrance_pupil_mm))
+    paraxial_mm = height_mm
+    for _ in range(8 if height_mm else 0):
+        there_mm = trace_pupil(system, [paraxial_mm], [NM], HalfPupil(1, 1)).chief_height_mm[0, 0]
+        paraxial_mm *= height_mm / there_mm
+    wavefront = trace_wavefronts(system, [paraxial_mm], [NM], taken.pupil).one(0, 0)
+    psf = point_spread(wavefront, pitch_um, samples, replace(taken.sums, repeat=2.0))
+    return psf / psf.sum()
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 0.9])
+@pytest.mark.parametrize("name, waves", [
+    ("edmund-54852", -8), *product(("edmund-54852", "kodak-petzval-100mm", "nikkor-z-50mm-f1.8"), (0, 0.5, 2, 32))])
+def test_it_is_what_a_bake_has_of_an_object_there(name, waves, share):
+    """To 3 % of the light, for apertures' edges are fitted anew; to 5 % in the fringes of a disc of 100 samples."""
+    lens, table = focused(name), table_of(name)
+    pupil_mm = 2 * abs(lens.marginal_heights_mm[0])
+    nearness = 1 / (lens.prescription.object_distance_mm + lens.entrance_pupil_mm) + 8e-6 * waves * NM / pupil_mm**2
+    depth_mm, height_mm = 1 / nearness if nearness else np.inf, share * table.last_height_mm
+    pitch_um = max(0.12 * abs(waves), 3.0 if share else 0.5) * NM * 1e-3 * lens.f_number
+    psf = psf_at_depth(table, NM, height_mm, depth_mm, pitch_um, 101)
+    assert psf.shape == (101, 101) and psf.sum() == pytest.approx(1, abs=1e-12) and np.array_equal(psf, psf[:, ::-1])
+    truth = baked(name, height_mm, depth_mm, pitch_um, 101)
+    assert np.abs(psf - truth).sum() < (0.05 if waves > 8 else 0.03)
+    assert not share or np.abs(psf[::-1] - truth).sum() > 0.05
+
+
+@cache
+def perfect(object_distance_mm=np.inf):
+    lens = make_lens(object_distance_mm=object_distance_mm, f_number_effective=F_NUMBER,
+                     magnification=0.0 if np.isinf(object_distance_mm) else -0.1)
+    return lens, first_order_rays(lens)
+
+
+@pytest.mark.parametrize("distance_mm", [np.inf, 95.0])
+def test_a_perfect_lens_in_focus_has_airys_pattern(distance_mm):
+    lens, table = perfect(distance_mm)
+    pitch_um, samples, parts = 0.25, 61, 5
+    psf = psf_at_depth(table, NM, 0.0, distance_mm + lens.entrance_pupil_mm, pitch_um, samples)
+    fine_um = (np.arange(samples * parts) - (samples * parts - 1) / 2) * pitch_um / parts
+    radius = np.maximum(np.pi * np.hypot(fine_um[:, None], fine_um) / (NM * 1e-3 * F_NUMBER), 1e-9)
+    airy = ((2 * j1(radius) / radius)**2).reshape(samples, parts, samples, parts).sum(axis=(1, 3))
+    assert np.abs(psf - airy / airy.sum()).sum() < 0.01
+
+
+@pytest.mark.parametrize("height_mm", [0.0, 1.5])
+def test_far_from_focus_it_is_the_disc_that_rays_make(height_mm):
+    """Of diameter D f q: the edge's fringes take up some of the light, and more than half of it is evenly spread."""
+    lens, table = perfect()
+    waves, samples = 40, 129
+    disc_um = 8 * waves * NM * 1e-3 * F_NUMBER  # N lambda to the mm of path at the rim is 8 lambda N across
+    depth_mm = 1 / (8e-6 * waves * NM / (lens.efl_mm / F_NUMBER)**2)
+    pitch_um = 1.5 * disc_um / samples
+    psf = psf_at_depth(table, NM, height_mm, depth_mm, pitch_um, samples)
+    offset_um = (np.arange(samples) - samples // 2) * pitch_um
+    centre_um = np.sum(psf.sum(axis=1) * offset_um)
+    radius = np.hypot(offset_um[:, None] - centre_um, offset_um) / (disc_um / 2)
+    for within in (0.4, 0.7, 0.9):
+        assert psf[radius < within].sum() == pytest.approx(within**2, rel=0.03)
+    assert psf[radius < 1.08].sum() > 0.98
+
+
+def test_infinity_is_very_far_away():
+    _, table = perfect()
+    far, farther = (psf_at_depth(table, NM, 1.0, depth_mm, 0.5, 41) for depth_mm in (1e8, np.inf))
+    assert np.abs(far - farther).sum() < 1e-3
+
+
+def test_a_lens_at_a_depth_has_its_psfs_there():
+    lens, table = perfect()
+    nearer = lens_at_depth(lens, table, 500.0)
+    assert nearer.name == "hand-made, points at 0.5 m" and nearer.enclosed_energy.min() > 0.98
+    assert np.allclose(nearer.psf[0, 3], psf_at_depth(table, lens.wavelengths_nm[0], lens.real_height_mm[0, 3], 500.0,
+                                                      nearer.psf_pitch_um, nearer.psf.shape[-1]), atol=1e-6)
+    many = make_lens(heights_mm=np.linspace(0, 2, 50), wavelengths_nm=np.linspace(400, 700, 16))
+    few = lens_at_depth(many, first_order_rays(many), np.inf)
+    assert few.heights_mm.size == 17 and few.heights_mm[-1] == 2
+    assert few.wavelengths_nm.tolist() == [400, 440, 500, 560, 600, 640, 700]
+
+
+@pytest.mark.parametrize("depth_mm", [0.0, -5.0, np.nan])
+def test_a_depth_is_a_distance(depth_mm):
+    lens, table = perfect()
+    with pytest.raises(InputError, match="depth is .*: expected a distance"):
+        psf_at_depth(table, NM, 0.0, depth_mm, 1.0, 11)
+    with pytest.raises(InputError, match="depth is .*: expected a distance"):
+        lens_at_depth(lens, table, depth_mm)
+
+
+def test_where_a_lens_looks_sideways_nothing_has_a_depth():
+    table = first_order_rays(make_lens(efl_mm=0.1, magnification=0.0, object_distance_mm=np.inf))
+    with pytest.raises(InputError, match="height is 2 mm: its rays come from the side"):
+        psf_at_depth(table, NM, 2.0, 1e3, 2.0, 65)
+    assert psf_at_depth(table, NM, 0.1, 1e3, 2.0, 65).sum() == pytest.approx(1)
+
+
+def test_beyond_its_field_or_wavelengths_a_lens_has_none():
+    lens, table = perfect()
+    with pytest.raises(LensError, match="field ends at 2 mm"):
+        psf_at_depth(table, NM, 2.1, 1e3, 1.0, 11)
+    with pytest.raises(LensError, match="wavelengths"):
+        psf_at_depth(table, 800.0, 0.0, 1e3, 1.0, 11)
