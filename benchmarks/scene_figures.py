@@ -20,8 +20,8 @@ import bpy
 import numpy as np
 
 from lensfield import addon
-from lensfield.addon.job.radiance import RenderPass
 from lensfield.addon.job.render import job_of_frame, render_steps
+from lensfield.addon.job.steps import RenderPass
 from lensfield.commands.terminal import quiet
 from lensfield.engine import Options
 from lensfield.engine.image.spectral_exr import read_exr

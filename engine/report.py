@@ -112,6 +112,8 @@ class SceneFacts:
         What it means that the lens was made larger or smaller; "" where it was not.
     scene_remarks : tuple of str
         What of the scene's settings took no part, or another, a line each.
+    depth_plan : str
+        Into which layers of depth it was cut, in one line; "" where it was not.
     """
 
     passes: int
@@ -129,6 +131,7 @@ class SceneFacts:
     depth: DepthCheck
     lens_warning: str
     scene_remarks: tuple[str, ...] = ()
+    depth_plan: str = ""
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from ...engine import Kept, SpectralImage, simulate
 from ...engine.field.frame_planes import nearest_samples, relative_illumination
 from ...engine.field.stmap import distort_map, undistort_map
 from ...engine.image.irradiance import irradiance_per_radiance
+from ...engine.image.layers import LayeredRadiance
 from ...engine.image.preview import auto_exposure, to_rec709, write_png
 from ...engine.image.spectral_exr import write_exr, write_plane_exr, write_rgb_exr
 from ...engine.lens.curves import reference_nm
@@ -19,9 +20,11 @@ ALPHA_WAVELENGTHS = 3  # of the job's: edges of things are as coloured as their 
 
 
 def write_radiance(captured, path):
-    """The radiance, with depth, alpha and region of the capture beside it: what another lens can be applied to."""
+    """The radiance, with depth, alpha and region of the capture beside it, and its layers: what another lens can be
+    applied to."""
     beside = {"Z": captured.depth_m, "A": captured.alpha, REGION: captured.region}
-    write_exr(captured.radiance, path, {name: plane for name, plane in beside.items() if plane is not None})
+    write_exr(captured.radiance, path, {name: plane for name, plane in beside.items() if plane is not None},
+              captured.layers)
 
 
 def write_pictures(captured, irradiance, lens, options, result):
@@ -39,7 +42,7 @@ def write_pictures(captured, irradiance, lens, options, result):
     """
     after, frame, nm = to_rec709(irradiance), irradiance.grid, reference_nm(lens)
     alpha = np.ones(frame.shape_px) if captured.alpha is None else alpha_through_lens(
-        captured.alpha, captured.radiance, lens, options)
+        captured, lens, options)
     write_rgb_exr(after, result.lens_image, captured.cut(alpha))
     write_plane_exr(nearest_samples(captured.depth_m, lens, captured.radiance.grid, nm), result.depth)
     _write_lens_planes(lens, frame, result)
@@ -104,7 +107,7 @@ def alpha_on_film(alpha, irradiance, lens):
     return np.clip(1 - np.divide(1 - alpha, even, out=np.zeros_like(even), where=even > 0), 0, 1)
 
 
-def alpha_through_lens(alpha, radiance, lens, options):
+def alpha_through_lens(captured, lens, options):
     """How much of the light that each pixel of the lens image could take comes from what alpha covers.
 
     Alpha goes through the lens as if it shone, so that its edges blur as those of the picture that it is premultiplied
@@ -112,9 +115,7 @@ def alpha_through_lens(alpha, radiance, lens, options):
 
     Parameters
     ----------
-    alpha : array (row, column)
-    radiance : SpectralImage
-        With the wavelengths and the grid of the capture.
+    captured : Captured
     lens : Lens
     options : Options
 
@@ -122,12 +123,19 @@ def alpha_through_lens(alpha, radiance, lens, options):
     -------
     array (row, column) of the frame
     """
-    count = radiance.wavelengths_nm.size
+    radiance, count = captured.radiance, captured.radiance.wavelengths_nm.size
     nm = radiance.wavelengths_nm[np.unique(np.linspace(0, count - 1, ALPHA_WAVELENGTHS + 2)[1:-1].round().astype(int))]
-    kept, planes = Kept(), []
-    for plane in (alpha, np.ones_like(alpha)):
-        cube = np.broadcast_to(plane, (nm.size, *plane.shape))
-        planes.append(simulate(SpectralImage(cube, nm, radiance.grid), lens, options, kept=kept).cube)
+
+    def shining(plane):
+        return np.broadcast_to(plane, (nm.size, *plane.shape))
+
+    even = SpectralImage(shining(np.ones_like(captured.alpha)), nm, radiance.grid)
+    covering = replace(even, cube=shining(captured.alpha))
+    if captured.layers:
+        covering = LayeredRadiance([replace(layer, cube=shining(layer.alpha)) for layer in captured.layers.layers], nm,
+                                   captured.layers.grid)
+    kept = Kept()
+    planes = [simulate(light, lens, options, kept=kept).cube for light in (covering, even)]
     weights = np.maximum(rec709_weights(nm) @ REC709_LUMINANCE, np.finfo(float).tiny)
     covered, whole = (np.tensordot(weights / weights.sum(), plane, axes=1) for plane in planes)
     return np.clip(np.divide(covered, whole, out=np.ones_like(whole), where=whole > 0), 0, 1)

@@ -4,9 +4,12 @@ import os
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+from ...engine.depth.slabs import SlabPlan
 from ...engine.errors import InputError
 from ...engine.files import check_target
+from ...engine.image.depth_range import AUTO
 from ..scene.camera import check_camera
+from ..scene.depth import seen_depth_mm
 from ..scene.render_state import go_to_frame, turn_on_layer
 from ..scene.undo import Journal
 from ..shading.lint import lint
@@ -15,6 +18,7 @@ from .radiance import job_grid
 from .remarks import depth_remarks, scene_remarks, unlayered_remarks
 from .render import Result
 from .scene_plan import ScenePlan, check_job, plan_scene
+from .slabs import looked_at, plan_by
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,12 +34,15 @@ class Preflight:
     remarks : tuple of Remark
     findings : tuple of Finding
         What becomes of the nodes, worst first.
+    slabs : SlabPlan or None
+        How depth is cut, as far as rays tell; None where it is not.
     """
 
     plan: ScenePlan | None = None
     refusals: tuple = ()
     remarks: tuple = ()
     findings: tuple = ()
+    slabs: SlabPlan | None = None
 
 
 def preflight(scene, output_folder=None, *, frame=None, **asked):
@@ -45,7 +52,7 @@ def preflight(scene, output_folder=None, *, frame=None, **asked):
     -------
     Preflight
     """
-    refusals, job, plan, remarks = [], None, None, ()
+    refusals, job, plan, slabs, remarks = [], None, None, None, ()
     with Journal() as journal:
         go_to_frame(scene, scene.frame_current if frame is None else frame, journal)
         with _noted(refusals):
@@ -62,11 +69,13 @@ def preflight(scene, output_folder=None, *, frame=None, **asked):
                 turn_on_layer(scene, job.view_layer, journal)
                 check_camera(scene)
                 grid = job_grid(scene, job)
-                remarks += (*depth_remarks(scene, job, grid), *unlayered_remarks(scene, job, grid))
+                slabs = plan_by(seen_depth_mm(scene, job.lens, looked_at(grid)), scene, job, grid)[0]
+                remarks += (*depth_remarks(job, slabs), *unlayered_remarks(scene, job, grid))
                 journal.stand_in(scene.camera.data)
                 plan = plan_scene(scene, job, grid, journal)[0]
         findings = plan.findings if plan else lint(scene)
-    return Preflight(plan, (*refusals, *(plan.refusals if plan else ())), remarks, findings)
+    return Preflight(plan, (*refusals, *(plan.refusals if plan else ())), remarks, findings,
+                     slabs if slabs and slabs.needed and job.depth == AUTO else None)
 
 
 @contextmanager

@@ -1,32 +1,31 @@
 """The capture: scene -> spectral radiance, pass by pass, with the overscan that the lens needs."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
-import bpy
 import numpy as np
 
 from ...engine import SpectralImage
 from ...engine.files import check_target, temporary_folder
-from ...engine.image.depth_range import check_depth, planar_depth_mm
+from ...engine.image.depth_range import AUTO, check_depth, planar_depth_mm
+from ...engine.image.layers import LayeredRadiance
 from ...engine.image.pixel_grid import PixelGrid
 from ...engine.image.preview import auto_exposure, to_rec709, write_png
-from ...engine.image.spectral_exr import read_parts
 from ...engine.report import SceneFacts
 from ...engine.spectral.wavelength_choice import FOREIGN_SURPRISE
 from ..scene.camera import capture_grid, captured_region, check_camera, frame_px, pitch_um, render_region
 from ..scene.depth import M_TO_MM
-from ..scene.errors import SceneError
-from ..scene.render_state import clamps_of, go_to_frame, guard_render_state, rendered_layer, turn_on_layer
+from ..scene.render_state import clamps_of, go_to_frame, guard_render_state, rendered_layer, show_slab, turn_on_layer
 from ..scene.traced_camera import trace_lens
 from ..scene.undo import Journal
-from .bands import CHANNELS
+from .layering import layered_radiance
+from .light import GatheredLight
 from .remarks import scene_remarks, unlayered_remarks
 from .scene_plan import plan_scene
+from .slabs import cut_steps, whole_slab
+from .steps import RenderPass, Work
 
-ROWS_AT_ONCE = 16  # which stay in the processor's cache
-BLOCK_PX = 8  # side of the blocks whose means are free enough of noise to judge spectra by
 BACKGROUND_M = 1e10
+LOOK_SHARE = 0.01  # of the capture's time
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,12 +43,15 @@ class Captured:
     region : float32 array (row, column) or None
         1 in Blender's render region, which alone is to be a picture; 0.5 around it, where there is light, too, that the
         lens may bring in; 0 elsewhere. None without one.
+    layers : LayeredRadiance or None
+        What the radiance is seen in; None where the lens's data hold for all depths, or nobody asked for it.
     """
 
     radiance: SpectralImage
     depth_m: np.ndarray
     alpha: np.ndarray | None
     region: np.ndarray | None
+    layers: LayeredRadiance | None = None
 
     def cut(self, planes):
         """Planes (..., row, column) of the frame, black outside the render region."""
@@ -57,29 +59,6 @@ class Captured:
             return planes
         (top, left), (rows, columns) = self.radiance.overscan_px, self.radiance.frame_px
         return planes * (self.region[top:top + rows, left:left + columns] == 1)
-
-
-@dataclass(frozen=True)
-class RenderPass:
-    """Step: render the scene as it stands, to the file that it names.
-
-    `fraction` of the whole job is done before this step, `share` of it is this step's.
-    """
-
-    scene: bpy.types.Scene
-    label: str
-    fraction: float
-    share: float
-
-
-@dataclass(frozen=True)
-class Work:
-    """Step: call `call(progress)`, which may run in another thread and must not touch Blender."""
-
-    call: Callable
-    label: str
-    fraction: float
-    share: float = 0.0
 
 
 def job_grid(scene, job):
@@ -99,100 +78,110 @@ def capture(scene, job, result, share):
         go_to_frame(scene, job.frame, journal)
         turn_on_layer(scene, job.view_layer, journal)
         check_camera(scene)
-        remarks = [*scene_remarks(scene, job), *unlayered_remarks(scene, job, grid)]
-        exposure = scene.cycles.film_exposure
+        remarks, exposure, film = scene_remarks(scene, job), scene.cycles.film_exposure, scene.render.film_transparent
         plan, substitution, groups = plan_scene(scene, job, grid, journal)
         plan.check()
-        names = groups.part(rendered_layer(scene), journal)
-        region = render_region(scene)
-        rendered = region if job.traced or not region else captured_region(region, job.lens, job.wavelengths_nm, grid,
-                                                                           job.room)
-        guard_render_state(scene, job, grid, rendered, folder / "pass.exr", journal)
         for path in result.files:
             check_target(path)
-        layer, clamps = rendered_layer(scene).name, clamps_of(scene)
-        gathered = _Gathered(plan, [f"{layer}.Combined", *(f"{layer}.Combined_{name}" for name in names)],
-                             f"{layer}.Depth.Z", grid)
+        names = groups.part(rendered_layer(scene), journal)
+        region = render_region(scene)
+        rendered = region or tuple(slice(0, n) for n in grid.shape_px)
+        if region and not job.traced:
+            rendered = captured_region(region, job.lens, job.wavelengths_nm, grid, job.room)
+        journal.set(scene.render, "use_persistent_data", True)  # from the look on
+        cut = None
+        if job.depth == AUTO:
+            substitution.set_wavelengths(plan.bands[0], plan.dispersive)
+            cut = yield from cut_steps(scene, job, grid, rendered, folder / "look.exr", 0.0, LOOK_SHARE * share)
+        if cut:
+            remarks += unlayered_remarks(scene, job, grid)
+        capture_px, slabs = (cut.capture, cut.slabs) if cut else (grid, (whole_slab(scene, rendered),))
+        guard_render_state(scene, job, capture_px, folder / "pass.exr", journal)
+        lights = [GatheredLight(plan, rendered_layer(scene).name, names, slab) for slab in slabs]
+        clamps = clamps_of(scene)
+        done, step = LOOK_SHARE * share, (1 - LOOK_SHARE) * share / (len(plan.bands) * len(lights))
         for index, band in enumerate(plan.bands):
             substitution.set_wavelengths(band, plan.dispersive)
             for name, clamp in clamps.items():
                 journal.set(scene.cycles, name, clamp * substitution.brightest(band) if job.clamp else 0.0)
             if job.traced:
                 trace_lens(scene, job.lens, grid, band[0], journal)
-            step = share / len(plan.bands)
-            yield RenderPass(scene, f"Pass {index + 1} of {len(plan.bands)}: {_span(band)} nm", step * index, step)
-            yield Work(lambda tell, index=index: gathered.add(index, folder / "pass.exr"), "Gathering light",
-                       step * (index + 1))
+            for number, light in enumerate(lights, 1):
+                if not light.empty or light is lights[-1]:
+                    show_slab(scene, light.slab, capture_px, journal)
+                    of_slabs = f", {number} of {len(lights)} in depth" if cut else ""
+                    yield RenderPass(scene, f"Pass {index + 1} of {len(plan.bands)}{of_slabs}: {_span(band)} nm", done,
+                                     step)
+                    yield Work(lambda tell, index=index, light=light: light.add(index, folder / "pass.exr"),
+                               "Gathering light", done + step)
+                done += step
             if job.picture:
-                yield Work(lambda tell, index=index: gathered.show(index, job.picture), "Showing it so far",
-                           step * (index + 1))
-    depth_mm = planar_depth_mm(gathered.depth_m * M_TO_MM, job.lens, grid)
-    result.report.scene = gathered.facts(job, depth_mm, region, remarks)
-    return Captured(SpectralImage(gathered.radiance(), job.wavelengths_nm, grid,
-                                  focal_mm=job.lens.capture_focal_length_mm, exposure=exposure),
-                    np.where(np.isfinite(depth_mm), depth_mm / M_TO_MM, BACKGROUND_M).astype(np.float32),
-                    gathered.alpha if scene.render.film_transparent else None,
-                    region and _mask(region, rendered, grid))
+                yield Work(lambda tell, index=index: _show(index, plan, lights, capture_px, job.picture),
+                           "Showing it so far", done)
+    lights = [light for light in lights if not light.empty or light is lights[-1]]
+    margin = [there - n for there, n in zip(capture_px.overscan_px, grid.overscan_px, strict=True)]
+    inside = tuple(slice(rim, rim + n) for rim, n in zip(margin, grid.shape_px, strict=True))
+    depth_mm = planar_depth_mm(_nearest_m(lights, capture_px) * M_TO_MM, job.lens, capture_px)[inside]
+    layers = layered_radiance(lights, job.lens, capture_px, job.wavelengths_nm, exposure) if cut else None
+    if cut:
+        radiance, alpha = layers.flat().cropped(margin), layers.flat_alpha()[inside]
+    else:
+        cube, alpha = (_placed(planes, rendered, grid) for planes in (lights[0].radiance(), lights[0].alpha))
+        radiance = SpectralImage(cube, job.wavelengths_nm, grid, focal_mm=job.lens.capture_focal_length_mm,
+                                 exposure=exposure)
+    result.report.scene = _facts(plan, lights, job, grid, depth_mm, region, remarks, cut)
+    return Captured(radiance, np.where(np.isfinite(depth_mm), depth_mm / M_TO_MM, BACKGROUND_M).astype(np.float32),
+                    alpha if film else None, region and _mask(region, rendered, grid), layers)
 
 
-class _Gathered:
-    """The radiance at the wavelengths asked for, summed up pass by pass."""
+def _nearest_m(lights, capture):
+    """What one sample of each pixel meets first, in any of the slabs."""
+    depth_m = np.full(capture.shape_px, BACKGROUND_M, np.float32)
+    for light in lights:
+        part = depth_m[light.slab.region]
+        np.minimum(part, light.depth_m, out=part)
+    return depth_m
 
-    def __init__(self, plan, light_passes, depth_pass, grid):
-        self._plan, self._grid = plan, grid
-        self._light_passes, self._depth_pass = light_passes, depth_pass
-        self._cube = np.zeros((plan.choice.output_nm.size, *grid.shape_px), np.float32)
-        self._blocks, self.depth_m, self.alpha = {}, None, None
 
-    def add(self, index, path):
-        """Add a pass's light of each lamp in red, green and blue; and keep its depth and alpha."""
-        light = (f"{name}.{channel}" for name in self._light_passes for channel in CHANNELS)
-        planes = _read_pass(path, {self._depth_pass, f"{self._light_passes[0]}.A", *light})
-        self.depth_m, self.alpha = planes[self._depth_pass], planes[f"{self._light_passes[0]}.A"]
-        if self.depth_m.shape != self._grid.shape_px:
-            raise SceneError("Cycles", "render pass", f"of {self.depth_m.shape} px",
-                             f"expected {self._grid.shape_px}")
-        mix = self._plan.mix(index)
-        shares = (self._plan.shares(index) @ mix).astype(np.float32)
-        channels = CHANNELS[:mix.shape[1]]
-        means = [_block_means(planes[f"{self._light_passes[0]}.{channel}"]) for channel in channels]
-        nodes = range(self._plan.choice.nodes_nm.size)[self._plan.nodes(index)]
-        self._blocks |= zip(nodes, np.tensordot(mix, means, axes=1), strict=True)
-        for row in range(0, self._cube.shape[1], ROWS_AT_ONCE):
-            rows = slice(row, row + ROWS_AT_ONCE)
-            light = np.stack([[planes[f"{name}.{channel}"][rows] for channel in channels]
-                              for name in self._light_passes])
-            light[0] -= light[1:].sum(axis=0)  # what is left is in no group of ours
-            self._cube[:, rows] += np.tensordot(shares, light, axes=2)
+def _placed(planes, region, grid):
+    """Planes (..., row, column) of a region of the capture, in all of it."""
+    if planes.shape[-2:] == grid.shape_px:
+        return planes
+    whole = np.zeros((*planes.shape[:-2], *grid.shape_px), np.float32)
+    whole[(..., *region)] = planes
+    return whole
 
-    def show(self, index, path):
-        """Write a PNG of the frame after a pass, as a perfect pinhole sees it: grey until all colours are there."""
-        radiance = SpectralImage(self._cube, self._plan.choice.output_nm, self._grid).frame()
-        whole = index + 1 == len(self._plan.bands)
-        picture = to_rec709(radiance) if whole else np.stack([radiance.cube.mean(axis=0)] * 3, axis=-1)
-        write_png(picture, path, auto_exposure(picture))
 
-    def radiance(self):
-        """The sum of all passes: array (wavelength, row, column). No light is negative, though an estimate may be."""
-        return np.maximum(self._cube, 0, out=self._cube)
+def _show(index, plan, lights, capture_px, path):
+    """Write a PNG of the frame after a pass, as a perfect pinhole sees it: grey until all colours are there."""
+    cube = np.zeros((plan.choice.output_nm.size, *capture_px.shape_px), np.float32)
+    for light in reversed(lights):
+        part = cube[(..., *light.slab.region)]
+        part *= 1 - light.alpha
+        part += light.cube
+    radiance = SpectralImage(cube, plan.choice.output_nm, capture_px).frame()
+    whole = index + 1 == len(plan.bands)
+    picture = to_rec709(radiance) if whole else np.stack([radiance.cube.mean(axis=0)] * 3, axis=-1)
+    write_png(picture, path, auto_exposure(picture))
 
-    def facts(self, job, depth_mm, region, remarks):
-        """The plan, and what the passes tell of it: how well spectra were foreseen, and the frame's depths."""
-        plan, choice, (top, left) = self._plan, self._plan.choice, self._grid.overscan_px
-        rows, columns = self._grid.frame_px
-        surprise = choice.surprise(np.array([self._blocks[node] for node in sorted(self._blocks)]))
-        foreign = bool(surprise > FOREIGN_SURPRISE)
-        return SceneFacts(
-            passes=len(plan.bands), wavelengths_per_pass=plan.per_pass,
-            rendered_nm=[round(float(nm), 3) for nm in choice.nodes_nm],
-            wavelengths_nm=[float(nm) for nm in choice.output_nm], scene_plan=plan.text,
-            lamps=[lamp.name for lamp in plan.lamps], predicted_colour_error=choice.colour_error,
-            predicted_sensor_error=choice.sensor_error, predicted_spectral_error=choice.spectral_error,
-            spectral_surprise=float(surprise), foreign_spectra=foreign,
-            estimated_colour_error=choice.colour_error * (float(surprise) if foreign else 1),
-            depth=None if job.traced else check_depth(
-                depth_mm[top:top + rows, left:left + columns][region or ...], job.lens, self._grid.pitch_um),
-            lens_warning=job.lens_warning, scene_remarks=tuple(map(str, remarks)))
+
+def _facts(plan, lights, job, grid, depth_mm, region, remarks, cut):
+    """The plan, and what the passes tell of it: how well spectra were foreseen, and the frame's depths."""
+    choice, (top, left), (rows, columns) = plan.choice, grid.overscan_px, grid.frame_px
+    surprise = choice.surprise(np.concatenate([light.blocks() for light in lights], axis=1))
+    foreign = bool(surprise > FOREIGN_SURPRISE)
+    return SceneFacts(
+        passes=len(plan.bands), wavelengths_per_pass=plan.per_pass,
+        rendered_nm=[round(float(nm), 3) for nm in choice.nodes_nm],
+        wavelengths_nm=[float(nm) for nm in choice.output_nm], scene_plan=plan.text,
+        lamps=[lamp.name for lamp in plan.lamps], predicted_colour_error=choice.colour_error,
+        predicted_sensor_error=choice.sensor_error, predicted_spectral_error=choice.spectral_error,
+        spectral_surprise=float(surprise), foreign_spectra=foreign,
+        estimated_colour_error=choice.colour_error * (float(surprise) if foreign else 1),
+        depth=None if job.traced else check_depth(depth_mm[top:top + rows, left:left + columns][region or ...],
+                                                  job.lens, grid.pitch_um),
+        lens_warning=job.lens_warning, scene_remarks=tuple(map(str, remarks)),
+        depth_plan=cut.plan.text if cut else "")
 
 
 def _mask(region, rendered, grid):
@@ -202,25 +191,6 @@ def _mask(region, rendered, grid):
     mask[rendered] = 0.5
     mask[rows.start + top:rows.stop + top, columns.start + left:columns.stop + left] = 1
     return mask
-
-
-def _block_means(plane):
-    """Means of square blocks of a plane; what is left over at its ends counts for nothing."""
-    rows, columns = (max(n // BLOCK_PX, 1) for n in plane.shape)
-    height, width = (min(n, BLOCK_PX) for n in plane.shape)
-    blocks = plane[:rows * height, :columns * width].reshape(rows, height, columns, width)
-    return blocks.mean(axis=(1, 3), dtype=np.float64)
-
-
-def _read_pass(path, needed):
-    """The planes of a pass by name, that of the view layer first."""
-    if not path.is_file():
-        raise SceneError("Cycles", "render pass", "not written", "see Blender's messages above")
-    planes = {name: plane for _, channels in read_parts(path) for name, plane in channels.items()}
-    path.unlink()
-    if not needed <= planes.keys():
-        raise SceneError("Cycles", "render pass", "not whole", f"is there room left where {path.parent} is?")
-    return planes
 
 
 def _span(band):

@@ -23,8 +23,9 @@ from ..scene.depth import M_TO_MM
 from ..scene.lens_cache import load_lens, scaled_lens
 from .job import check_output_folder, folder_for
 from .pictures import REGION
-from .radiance import Captured, Work
+from .radiance import Captured
 from .render import Result, lens_steps, run
+from .steps import Work
 
 BY_RESULT = Options()
 SAME = 0.005  # of its own sensor's size, within which a lens is taken to have its own view

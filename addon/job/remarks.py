@@ -6,10 +6,9 @@ What is honoured as Blender would is not among it.
 from dataclasses import dataclass
 
 from ...engine.bake.rings import in_metres
-from ...engine.image.depth_range import AUTO, check_depth
+from ...engine.image.depth_range import AUTO, OFF
 from ..scene.camera import matching_focal_length_mm
 from ..scene.compositor import unreplaced_passes
-from ..scene.depth import seen_depth_mm
 from ..scene.traced_camera import traces_on_device
 from ..shading.lobes import MIRRORED, REFRACTED
 from .unlayered import VOLUME, unlayered
@@ -55,16 +54,16 @@ def scene_remarks(scene, job):
             *_of_camera(scene, job), *_of_pixels(scene), *_left_out(scene)]
 
 
-def depth_remarks(scene, job, capture):
-    """Remarks on how far away what the picture shows is, estimated before it is rendered: list of Remark."""
-    if job.traced:
+def depth_remarks(job, slabs):
+    """Remarks on how far away what the picture shows is, by a SlabPlan from before it is rendered: list of Remark."""
+    check = slabs.check
+    if job.traced or check is None or check.outside_fraction < DEPTH_TOLD:
         return []
-    check = check_depth(seen_depth_mm(scene, job.lens, capture), job.lens, capture.pitch_um)
-    if check.outside_fraction < DEPTH_TOLD:
-        return []
-    near, far = in_metres(check.near_mm), in_metres(check.far_mm)
-    return [Remark("Depth", "", f"about {check.outside_fraction:.0%} of the picture is not at {near} to {far}, and "
-                   "comes out as sharp", "focus by the camera's Depth of Field")]
+    apart = (f"about {check.outside_fraction:.0%} of the picture is not at {in_metres(check.near_mm)} to "
+             f"{in_metres(check.far_mm)}")
+    if job.depth == OFF:
+        return [Remark("Depth", "", f"{apart}, and comes out as sharp", "focus by the camera's Depth of Field")]
+    return [Remark("Depth", "", f"{apart}: {slabs.cut_text}")] if slabs.needed else []
 
 
 def unlayered_remarks(scene, job, capture):

@@ -21,9 +21,10 @@ from ..scene.undo import Journal
 from ..scene.watch import samples_watched
 from .job import check_output_folder, job_from_settings
 from .pictures import write_film_pictures, write_pictures, write_radiance
-from .radiance import RenderPass, Work, capture
+from .radiance import capture
 from .record import write_record
 from .scene_plan import check_job
+from .steps import RenderPass, Work
 
 RENDER_SHARE = 0.85  # of the progress bar; the rest is the engine's and the files'
 
@@ -263,8 +264,8 @@ def lens_steps(captured, lens, options, result, done):
     """
     report = result.report
     result.record.unlink(missing_ok=True)  # from here on it would tell of other files
-    irradiance = yield Work(lambda tell: simulate(captured.radiance, lens, options, progress=tell, report=report,
-                                                  kept=kept()),
+    irradiance = yield Work(lambda tell: simulate(captured.layers or captured.radiance, lens, options, progress=tell,
+                                                  report=report, kept=kept()),
                             f"Through {lens.name}", done, 0.98 - done)
     irradiance = replace(irradiance, cube=captured.cut(irradiance.cube))
     yield from _file_steps(irradiance, result, lambda: write_pictures(captured, irradiance, lens, options, result))

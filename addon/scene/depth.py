@@ -1,7 +1,7 @@
 """How far away what the lens sees is, before anything is rendered: by a few rays into the scene."""
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
@@ -56,6 +56,10 @@ class View:
         Unit vectors in the world that go evenly all over the frame, in no order, so that the first few do, too.
     cosines : array (ray,)
         Of each to the optical axis.
+    shape : (int, int)
+        Rows and columns of the places that they go to.
+    places : array (ray,)
+        Which of these, row by row.
     """
 
     def __init__(self, scene, lens, capture):
@@ -64,7 +68,9 @@ class View:
         self._depsgraph = layer.depsgraph
         to_world = scene.camera.matrix_world.normalized()
         self.origin, turn = to_world.translation, np.array(to_world.to_3x3())
-        axes = np.random.default_rng(0).permutation(_directions(*_places_mm(capture.frame()), lens, capture.projection))
+        x_mm, y_mm = _places_mm(capture.frame())
+        self.shape, self.places = x_mm.shape, np.random.default_rng(0).permutation(x_mm.size)
+        axes = _directions(x_mm.ravel(), y_mm.ravel(), lens, capture.projection)[self.places]
         self.directions, self.cosines = axes @ turn.T, -axes[:, 2]
 
     def look(self, answer, rays=None):
@@ -90,10 +96,9 @@ class View:
 
 
 def seen_depth_mm(scene, lens, capture):
-    """Depths along the optical axis, of a frame's middle and of points all over it.
+    """Depths along the optical axis, of points all over a capture.
 
-    Objects are found as the viewport shows them, and those that no render shows are looked through. Where that takes
-    long, there are fewer points.
+    Objects are found as the viewport shows them, and those that no render shows are looked through.
 
     Parameters
     ----------
@@ -103,26 +108,27 @@ def seen_depth_mm(scene, lens, capture):
 
     Returns
     -------
-    array (point,)
-        inf where nothing is.
+    array (row, column)
+        inf where nothing is, NaN where there was no time to look.
     """
-    view = View(scene, lens, capture)
+    view = View(scene, lens, replace(capture, overscan_px=(0, 0)))
 
     def distance_m(ray, direction):
         hit = view.first(view.origin, direction)
         return (hit.place - view.origin).length if hit else np.inf
 
-    distances_m = np.array(view.look(distance_m))
-    return distances_m * view.cosines[:len(distances_m)] * M_TO_MM
+    distances_m, depth_mm = np.array(view.look(distance_m)), np.full(view.shape, np.nan)
+    depth_mm.flat[view.places[:len(distances_m)]] = distances_m * view.cosines[:len(distances_m)] * M_TO_MM
+    return depth_mm
 
 
 def _places_mm(frame):
-    """x and y of points all over a frame, on the image plane."""
+    """x and y of points all over a frame, on the image plane: arrays (row, column)."""
     rows, columns = frame.shape_px
     steps = max(rows, columns) / RAYS_ACROSS
     y_mm, x_mm = np.meshgrid(*(((np.arange(0.5, n / steps)) * steps - n / 2) * frame.pitch_um * 1e-3
                                for n in (rows, columns)), indexing="ij")
-    return x_mm.ravel(), y_mm.ravel()
+    return x_mm, y_mm
 
 
 def _directions(x_mm, y_mm, lens, projection):

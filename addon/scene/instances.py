@@ -27,12 +27,15 @@ class Instance:
     corners : array (8, 3)
         Of its bounding box, in its own frame.
     materials : frozenset of bpy.types.Material
+    data : bpy.types.ID or None
+        Its shape as Blender has evaluated it.
     """
 
     obj: bpy.types.Object
     matrix_world: np.ndarray
     corners: np.ndarray
     materials: frozenset
+    data: bpy.types.ID | None
 
     @property
     def box(self):
@@ -46,7 +49,7 @@ def rendered_instances(scene):
     It holds Blender's evaluated scene: change nothing before it ends.
     """
     for appearance, matrix, corners, materials in _rendered(scene):
-        yield Instance(appearance.original, np.array(matrix), corners, materials)
+        yield Instance(appearance.original, np.array(matrix), corners, materials, appearance.data)
 
 
 def rendered_blocks(scene):

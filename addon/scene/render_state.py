@@ -42,18 +42,14 @@ def rendered_layer(scene):
     return next(layer for layer in scene.view_layers if layer.use)
 
 
-def guard_render_state(scene, job, capture, region, path, journal):
-    """Set what the passes need; each is written to `path`, a multilayer EXR of the light and its depth.
-
-    Of a capture the region alone is rendered, slices of its rows and columns; all of it, where that is None.
-    """
+def guard_render_state(scene, job, capture, path, journal):
+    """Set what the passes need; each is written to `path`, a multilayer EXR of the light and its depth."""
     rows, columns = capture.shape_px
     for name, value in (RENDER | {"filepath": str(path), "resolution_y": rows, "resolution_x": columns}).items():
         journal.set(scene.render, name, value)
-    for name, value in (CYCLES | {"use_denoising": job.denoise}).items():
+    glass = scene.cycles.film_transparent_glass and scene.render.film_transparent
+    for name, value in (CYCLES | {"use_denoising": job.denoise, "film_transparent_glass": glass}).items():
         journal.set(scene.cycles, name, value)
-    if region:
-        guard_region(scene.render, region, capture.shape_px, journal)
     layer = rendered_layer(scene)
     for name in (p.identifier for p in layer.bl_rna.properties if p.identifier.startswith("use_pass_")):
         journal.set(layer, name, name in ("use_pass_combined", "use_pass_z"))
@@ -70,6 +66,17 @@ def clamps_of(scene):
     They hold as they are for passes, too: light of colour 1 and strength 1 is 1 there, as in Blender's own renders.
     """
     return {name: getattr(scene.cycles, name) for name in CLAMPS}
+
+
+def show_slab(scene, slab, capture, journal):
+    """Have a guarded scene rendered between the depths of a slab alone, and its region of the capture."""
+    scene.camera.data.clip_start, scene.camera.data.clip_end = slab.near_m, slab.far_m
+    whole = slab.region == tuple(slice(0, n) for n in capture.shape_px)
+    for name, value in (("film_transparent", slab.transparent), ("use_border", not whole),
+                        ("use_crop_to_border", not whole)):
+        journal.set(scene.render, name, value)
+    if not whole:
+        guard_region(scene.render, slab.region, capture.shape_px, journal)
 
 
 def guard_region(render, region, shape_px, journal):

@@ -49,8 +49,8 @@ def _renders(scene, wavelengths):
     most, tier = pass_count(wavelengths), scene.lensfield.tier
     checked = lint_panel.checked
     if checked["scene"] == scene.session_uid and checked["found"].plan and checked["asked"] == lint_panel.asked(scene):
-        known = len(checked["found"].plan.bands)
-        return f"{known} Cycles render{'s' * (known > 1)}"
+        known, slabs = len(checked["found"].plan.bands), checked["found"].slabs
+        return f"{known} Cycles render{'s' * (known > 1)}" + (f" in {slabs.slabs} slabs of depth" if slabs else "")
     if tier == "PREVIEW" or most == 1:
         return "1 Cycles render"
     return f"{most} or more Cycles renders" if tier == "REFERENCE" else f"1 to {most} Cycles renders"

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from lensfield.addon.job.job import Job
-from lensfield.addon.job.radiance import RenderPass
 from lensfield.addon.job.render import render_steps, run
+from lensfield.addon.job.steps import RenderPass
 from lensfield.addon.scene.errors import SceneError
 from lensfield.addon.scene.undo import Journal
 from lensfield.engine import Lens, Options
@@ -243,7 +243,7 @@ def test_only_the_compositor_changes_where_it_is_asked_for(rich_scene, tmp_path)
 
 def test_random_failure_inside_the_render_still_restores(rich_scene, tmp_path, monkeypatch):
     before = snapshot()
-    monkeypatch.setattr("lensfield.addon.job.radiance._read_pass", lambda *_: 1 / 0)
+    monkeypatch.setattr("lensfield.addon.job.light.read_pass", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         run(render_steps(rich_scene, job(tmp_path)))
     assert not differences(before, snapshot())

@@ -1,0 +1,98 @@
+"""Layers: what slabs have shown, made into one layered radiance."""
+
+import numpy as np
+from scipy.ndimage import binary_dilation, distance_transform_edt
+
+from ...engine.image.depth_range import BACKGROUND_MM, blur_per_nearness_px, planar_depth_mm
+from ...engine.image.layers import Layer, LayeredRadiance
+from ..scene.depth import M_TO_MM
+
+SEAM_PX = 2.0  # of blur, within which what lies on both sides of a border is taken for one surface
+
+
+def layered_radiance(lights, lens, capture, wavelengths_nm, exposure):
+    """The layers of what has been gathered, slab by slab.
+
+    Where a border cuts a surface, a pixel is covered in part by either slab. They lie side by side in it, though layers
+    that cover each other by chance would not: so the farther is made to cover all that the nearer leaves, and to go on
+    for a pixel behind it.
+
+    Parameters
+    ----------
+    lights : sequence of GatheredLight
+        From near to far.
+    lens : Lens
+    capture : PixelGrid
+    wavelengths_nm : array
+    exposure : float
+
+    Returns
+    -------
+    LayeredRadiance
+    """
+    parts = [_Part(light) for light in lights]
+    seam_per_mm = SEAM_PX / blur_per_nearness_px(lens, capture.pitch_um)
+    for near, far in zip(parts[:-1], parts[1:], strict=True):
+        if near.slab.far_m == far.slab.near_m:
+            _close_seam(near, far, seam_per_mm)
+    return LayeredRadiance([part.layer(lens, capture) for part in parts], wavelengths_nm, capture,
+                           lens.capture_focal_length_mm, exposure)
+
+
+class _Part:
+    """A layer in the making.
+
+    Attributes
+    ----------
+    slab : Slab
+    cube, alpha : arrays, that may be changed
+    clip_mm : array (row, column)
+        Depths as the camera clips; wherever something is, one that is known.
+    """
+
+    def __init__(self, light):
+        self.slab, self.cube, self.alpha = light.slab, light.radiance(), light.alpha
+        self.clip_mm = light.depth_m * np.float32(M_TO_MM)
+        unknown = self.clip_mm >= BACKGROUND_MM
+        if light.slab.transparent and unknown.all():  # nothing but what a depth pass looks through
+            self.clip_mm[:] = 2 * M_TO_MM / (1 / light.slab.near_m + 1 / light.slab.far_m)
+        elif light.slab.transparent:
+            missed = unknown & ((self.alpha > 0) | self.cube.any(axis=0))
+            nearest = distance_transform_edt(unknown, return_distances=False, return_indices=True)
+            self.clip_mm[missed] = self.clip_mm[tuple(nearest[:, missed])]
+
+    def layer(self, lens, capture):
+        """The Layer, at the end."""
+        whole_mm = np.full(capture.shape_px, np.inf, np.float32)
+        whole_mm[self.slab.region] = self.clip_mm
+        depth_mm = planar_depth_mm(whole_mm, lens, capture)[self.slab.region]
+        depth_mm = np.where(np.isnan(depth_mm), self.clip_mm, depth_mm)  # of a fisheye that sees sideways and back
+        return Layer(self.cube, self.alpha, depth_mm, tuple(side.start for side in self.slab.region))
+
+
+def _close_seam(near, far, seam_per_mm):
+    """Let the farther of two slabs go on behind the nearer, where the border between them cuts a surface."""
+    common = [(max(one.start, other.start), min(one.stop, other.stop))
+              for one, other in zip(near.slab.region, far.slab.region, strict=True)]
+    if any(start >= stop for start, stop in common):
+        return
+    (near_alpha, near_mm), (alpha, clip_mm, cube) = (
+        [plane[(..., *(slice(start - side.start, stop - side.start)
+                       for (start, stop), side in zip(common, part.slab.region, strict=True)))] for plane in planes]
+        for part, planes in ((near, (near.alpha, near.clip_mm)), (far, (far.alpha, far.clip_mm, far.cube))))
+    border_mm = near.slab.far_m * M_TO_MM
+    at_near, at_far = ((covered > 0) & (np.abs(1 / depth_mm - 1 / border_mm) < seam_per_mm)
+                       for covered, depth_mm in ((near_alpha, near_mm), (alpha, clip_mm)))
+    side_by_side = at_near & at_far & (near_alpha < 1)
+    more = 1 / np.maximum(1 - near_alpha[side_by_side], alpha[side_by_side])
+    alpha[side_by_side] *= more
+    cube[:, side_by_side] *= more
+    rows, columns = np.nonzero(at_near & (near_alpha == 1) & (alpha == 0) & binary_dilation(at_far, np.ones((3, 3))))
+    places = [(np.clip(rows + down, 0, alpha.shape[0] - 1), np.clip(columns + across, 0, alpha.shape[1] - 1))
+              for down in (-1, 0, 1) for across in (-1, 0, 1)]
+    weights = np.array([at_far[place] for place in places], np.float32)
+    weights /= weights.sum(axis=0)
+    behind = [sum(weight * plane[(..., *place)] for weight, place in zip(weights, places, strict=True))
+              for plane in (alpha, clip_mm, cube)]
+    for plane, value in zip((alpha, clip_mm, cube), behind, strict=True):
+        plane[..., rows, columns] = value

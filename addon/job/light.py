@@ -1,0 +1,103 @@
+"""Light: what Cycles has rendered, gathered pass by pass into radiance at the wavelengths asked for."""
+
+import numpy as np
+
+from ...engine.image.spectral_exr import read_parts
+from ..scene.errors import SceneError
+from .bands import CHANNELS
+
+ROWS_AT_ONCE = 16  # which stay in the processor's cache
+BLOCK_PX = 8  # side of the blocks whose means are free enough of noise to judge spectra by
+RIM_PX = 1  # kept around what a slab holds
+
+
+class GatheredLight:
+    """The radiance of one slab at the wavelengths asked for, summed up pass by pass.
+
+    Attributes
+    ----------
+    slab : Slab
+        If it narrows, its region becomes, by the first pass, the part that holds something.
+    cube : float32 array (wavelength, row, column)
+        Of the region.
+    alpha, depth_m : float32 arrays (row, column)
+        As the last pass has them.
+    empty : bool
+        Whether the first pass has shown nothing at all.
+    """
+
+    def __init__(self, plan, layer_name, group_names, slab):
+        self.slab, self._plan = slab, plan
+        self._light_passes = [f"{layer_name}.Combined", *(f"{layer_name}.Combined_{name}" for name in group_names)]
+        self._depth_pass = depth_pass(layer_name)
+        self.cube, self.alpha, self.depth_m, self.empty, self._blocks = None, None, None, False, {}
+
+    def add(self, index, path):
+        """Add a pass's light of each lamp in red, green and blue; and keep its depth and alpha."""
+        light = [f"{name}.{channel}" for name in self._light_passes for channel in CHANNELS]
+        combined, alpha = light[:len(CHANNELS)], f"{self._light_passes[0]}.A"
+        planes = read_pass(path, {self._depth_pass, alpha, *light})
+        shape_px = tuple(part.stop - part.start for part in self.slab.region)
+        if planes[alpha].shape != shape_px:
+            raise SceneError("Cycles", "render pass", f"of {planes[alpha].shape} px", f"expected {shape_px}")
+        if self.cube is None:
+            if self.slab.narrows:
+                held = np.any([planes[name] != 0 for name in (alpha, *combined)], axis=0)
+                around = _around(held)
+                planes = {name: plane[around] for name, plane in planes.items()}
+                self.slab, self.empty = self.slab.within(around), not held.any()
+            self.cube = np.zeros((self._plan.choice.output_nm.size, *planes[alpha].shape), np.float32)
+        self.depth_m, self.alpha = planes[self._depth_pass], planes[alpha]
+        mix = self._plan.mix(index)
+        shares = (self._plan.shares(index) @ mix).astype(np.float32)
+        channels = CHANNELS[:mix.shape[1]]
+        means = [_block_means(planes[f"{self._light_passes[0]}.{channel}"]) for channel in channels]
+        nodes = range(self._plan.choice.nodes_nm.size)[self._plan.nodes(index)]
+        self._blocks |= zip(nodes, np.tensordot(mix, means, axes=1), strict=True)
+        for row in range(0, self.cube.shape[1], ROWS_AT_ONCE):
+            rows = slice(row, row + ROWS_AT_ONCE)
+            light = np.stack([[planes[f"{name}.{channel}"][rows] for channel in channels]
+                              for name in self._light_passes])
+            light[0] -= light[1:].sum(axis=0)  # what is left is in no group of ours
+            self.cube[:, rows] += np.tensordot(shares, light, axes=2)
+
+    def radiance(self):
+        """The sum of all passes: array (wavelength, row, column). No light is negative, though an estimate may be."""
+        return np.maximum(self.cube, 0, out=self.cube)
+
+    def blocks(self):
+        """Means over blocks of pixels, at the wavelengths that were rendered: array (node, block)."""
+        return np.array([self._blocks[node].ravel() for node in sorted(self._blocks)])
+
+
+def read_pass(path, needed):
+    """The planes of a pass by name, those needed at least."""
+    if not path.is_file():
+        raise SceneError("Cycles", "render pass", "not written", "see Blender's messages above")
+    planes = {name: plane for _, channels in read_parts(path) for name, plane in channels.items()}
+    path.unlink()
+    if not needed <= planes.keys():
+        raise SceneError("Cycles", "render pass", "not whole", f"is there room left where {path.parent} is?")
+    return planes
+
+
+def depth_pass(layer_name):
+    """The plane of a view layer's depth."""
+    return f"{layer_name}.Depth.Z"
+
+
+def _around(held):
+    """Rows and columns around all that is true, with a rim; those of one pixel, where nothing is."""
+    sides = []
+    for axis in (1, 0):
+        places = np.flatnonzero(held.any(axis=axis))
+        sides.append(slice(max(places[0] - RIM_PX, 0), places[-1] + 1 + RIM_PX) if places.size else slice(0, 1))
+    return tuple(slice(side.start, min(side.stop, n)) for side, n in zip(sides, held.shape, strict=True))
+
+
+def _block_means(plane):
+    """Means of square blocks of a plane; what is left over at its ends counts for nothing."""
+    rows, columns = (max(n // BLOCK_PX, 1) for n in plane.shape)
+    height, width = (min(n, BLOCK_PX) for n in plane.shape)
+    blocks = plane[:rows * height, :columns * width].reshape(rows, height, columns, width)
+    return blocks.mean(axis=(1, 3), dtype=np.float64)

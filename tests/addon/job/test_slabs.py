@@ -1,0 +1,302 @@
+"""Captures in slabs of depth: together they are what one render shows, and each holds what nearer ones hide."""
+
+from dataclasses import replace
+
+import bpy
+import numpy as np
+import pytest
+
+from lensfield import addon
+from lensfield.addon.job import slabs
+from lensfield.addon.scene.bodies import EVERYWHERE_MM, whole_depths_mm
+from lensfield.addon.scene.camera import capture_grid
+from lensfield.engine import Lens
+from lensfield.engine.image.pixel_grid import FISHEYE
+from lensfield.engine.image.spectral_exr import read_exr, read_with_layers, read_with_planes
+from lensfield.engine.spectral.wavelength_choice import SpectralOptions
+from noise import assert_means
+from small_scenes import WAVELENGTHS_NM, light, material, set_world, wall
+from snapshot import differences, snapshot
+
+LENS = "edmund-54852"  # focused at 25 cm, f/1.8: what is at 5 cm is blurred by three of these pixels
+CUT_MM = 60.0, 200.0, 700.0
+NEAR_M, MIDDLE_M, WALL_M = 0.05, 0.3, 3.0
+
+
+def glowing(scene, name, colour, strength, distance_m, side_m, x_m=0.0, turned=0.0):
+    glow, shader = material(name, "ShaderNodeEmission", colour)
+    shader.inputs["Strength"].default_value = strength
+    square = wall(scene, glow, distance_m, side_m)
+    square.name, square.location.x, square.rotation_euler.z = name, x_m, turned
+    return square
+
+
+@pytest.fixture
+def deep(scene):
+    """Glowing squares from 5 cm to 3 m and a floor through all of it, before a blue sky."""
+    set_world(scene, (0.2, 0.4, 0.9), 0.5)
+    glowing(scene, "Near", (1, 0.2, 0.1), 1.5, NEAR_M, 0.012, 0.01, 0.3)
+    glowing(scene, "Middle", (0.2, 1, 0.1), 0.7, MIDDLE_M, 0.1, -0.03, 0.5)
+    glowing(scene, "Wall", (0.8, 0.8, 0.8), 0.3, WALL_M, 1.2)
+    floor = glowing(scene, "Floor", (0.5, 0.4, 0.3), 0.8, 1.0, 20.0)
+    floor.location, floor.rotation_euler.x = (0, -0.03, 0), np.pi / 2 * 0.95
+    scene.cycles.samples = 256
+    return scene
+
+
+@pytest.fixture
+def cut(monkeypatch):
+    """Cuts at CUT_MM, wherever the plan would have them."""
+    plan = slabs.plan_slabs
+
+    def forced(*arguments, **named):
+        made = plan(*arguments, **named)
+        margins = (made.margin_px,) * (len(CUT_MM) + 1)
+        return replace(made, borders_mm=CUT_MM, margins_px=margins) if made.needed else made
+
+    monkeypatch.setattr(slabs, "plan_slabs", forced)
+
+
+def rendered(scene, folder, depth="auto", lens=LENS, **asked):
+    result = addon.render_through_lens(scene, lens, WAVELENGTHS_NM, folder / depth, depth=depth, **asked)
+    return result, *read_with_layers(result.radiance)
+
+
+def both(scene, folder, **asked):
+    """The radiance without layers and with them, and these."""
+    _, whole, _, none = rendered(scene, folder, "off", **asked)
+    _, flat, _, layered = rendered(scene, folder, "auto", **asked)
+    assert none is None and layered is not None and flat.grid == whole.grid
+    return whole.cube.astype(np.float64), flat.cube.astype(np.float64), layered
+
+
+def blocks(cube, side_px=12):
+    rows, columns = (n // side_px for n in cube.shape[1:])
+    cube = cube[:, :rows * side_px, :columns * side_px]
+    return cube.reshape(len(cube), rows, side_px, columns, side_px).swapaxes(2, 3).reshape(-1, side_px, side_px)
+
+
+def assert_alike(whole, flat, rtol=0.003, noise=0.3):
+    """In the means of blocks, of those that are not dark."""
+    whole, flat = blocks(whole), blocks(flat)
+    lit = whole.mean(axis=(1, 2)) > 0.05 * whole.max()
+    assert lit.sum() >= 3
+    assert_means(flat[lit], whole[lit], rtol=rtol, noise=noise)
+
+
+def assert_seen_as_one(whole, flat):
+    """In the mean; and to the pixel, wherever nothing but one surface of one brightness is."""
+    assert_alike(whole, flat)
+    around = np.stack([whole[:, down:whole.shape[1] - 2 + down, across:whole.shape[2] - 2 + across]
+                       for down in range(3) for across in range(3)])
+    even = np.ptp(around, axis=0).max(axis=0) <= 1e-4 * whole.max()
+    assert even.mean() > 0.5
+    np.testing.assert_allclose(flat[:, 1:-1, 1:-1][:, even], whole[:, 1:-1, 1:-1][:, even], rtol=0.01)
+
+
+def test_slabs_together_are_what_one_render_shows(deep, cut, tmp_path):
+    whole, flat, layered = both(deep, tmp_path)
+    assert_seen_as_one(whole, flat)
+    assert len(layered.layers) == len(CUT_MM) + 2  # and the sky
+    assert layered.focal_mm == read_exr(tmp_path / "auto" / "Scene_0001_radiance.exr").focal_mm
+
+
+def test_each_layer_lies_where_it_was_cut(deep, cut, tmp_path):
+    """All that it covers has a depth, edges too, which a depth pass of one sample misses."""
+    *layers, sky = rendered(deep, tmp_path)[3].layers
+    for layer, near_mm, far_mm in zip(layers, (0, *CUT_MM), (*CUT_MM, 1e6), strict=True):
+        covered = layer.depth_mm[layer.alpha > 0]
+        assert covered.size and np.all((covered > near_mm * (1 - 1e-5)) & (covered < far_mm * (1 + 1e-5)))
+    assert np.all(np.isinf(sky.depth_mm)) and np.all(sky.alpha == 1)
+
+
+def test_layers_hold_what_is_hidden_and_no_more_than_they_cover(deep, cut, tmp_path):
+    deep.objects["Floor"].hide_render = True
+    near, middle, far, sky = rendered(deep, tmp_path)[3].layers  # nothing is from 70 cm to 2 m
+    assert near.alpha.size < far.alpha.size < sky.alpha.size
+    deep.objects["Near"].hide_render = deep.objects["Middle"].hide_render = True
+    alone = rendered(deep, tmp_path / "alone", "off")[1]
+    rows, columns = far.alpha.shape
+    inside = far.alpha[2:-2, 2:-2]  # a rim, and edges
+    assert np.all(inside == 1)
+    np.testing.assert_allclose(far.cube[:, rows // 2, columns // 2],
+                               alone.frame().cube[:, *(n // 2 for n in alone.frame_px)], rtol=1e-5)
+
+
+def test_what_is_in_focus_is_one_render_to_the_bit(deep, tmp_path):
+    for name in ("Near", "Wall", "Floor"):
+        deep.objects[name].hide_render = True
+    deep.objects["Middle"].scale = 20, 20, 1
+    whole, flat = (rendered(deep, tmp_path, depth) for depth in ("off", "auto"))
+    assert whole[3] is None and flat[3] is None and not flat[0].report.scene.depth_plan
+    np.testing.assert_array_equal(flat[1].cube, whole[1].cube)
+    np.testing.assert_array_equal(flat[2]["Z"], whole[2]["Z"])
+
+
+def lamps(scene):
+    """Of two spectra, on walls that scatter: a light group for each."""
+    set_world(scene, (0, 0, 0), 0)
+    for name in ("Near", "Middle", "Wall", "Floor"):
+        scene.objects[name].data.materials[0] = material(name, "ShaderNodeBsdfDiffuse", (0.7, 0.5, 0.3))[0]
+    for spectrum, x_m in (("sodium-lp", -0.02), ("illuminant-a", 0.02)):
+        lamp = light(scene, "POINT", 0.01, shadow_soft_size=0.0)
+        lamp.location.x, lamp.data.lensfield.emission = x_m, spectrum
+
+
+def motion(scene):
+    near = scene.objects["Near"]
+    near.keyframe_insert("location", frame=0)
+    near.location.x += 0.02
+    near.keyframe_insert("location", frame=2)
+    scene.render.use_motion_blur = True
+
+
+def transparent_film(scene):
+    scene.render.film_transparent = scene.cycles.film_transparent_glass = True
+
+
+def test_slabs_go_together_with_a_render_region(deep, cut, tmp_path):
+    render_region(deep)
+    whole, flat, _ = both(deep, tmp_path)
+    region = read_with_planes(tmp_path / "auto" / "Scene_0001_radiance.exr")[1]["region"]
+    inside = np.ix_(*(np.flatnonzero((region == 1).any(axis=axis)) for axis in (1, 0)))
+    assert_alike(*(cube[:, *inside] for cube in (whole, flat)))
+
+
+def render_region(scene):
+    scene.render.use_border = True
+    scene.render.border_min_x, scene.render.border_max_x = 0.3, 0.8
+    scene.render.border_min_y, scene.render.border_max_y = 0.2, 0.6
+
+
+def own_clipping(scene):
+    scene.camera.data.clip_start, scene.camera.data.clip_end = 0.06, 2.0
+
+
+def panes(scene):
+    """Half transparent, one behind the other."""
+    for name in ("Near", "Middle"):
+        tree = scene.objects[name].data.materials[0].node_tree
+        mix, clear = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("MixShader", "BsdfTransparent"))
+        shader = next(node for node in tree.nodes if node.bl_idname == "ShaderNodeEmission")
+        output = tree.get_output_node("CYCLES")
+        tree.links.new(shader.outputs[0], mix.inputs[1])
+        tree.links.new(clear.outputs[0], mix.inputs[2])
+        tree.links.new(mix.outputs[0], output.inputs["Surface"])
+    scene.cycles.samples = 4096
+
+
+@pytest.mark.parametrize("change, rtol", [(lamps, 0.01), (motion, 0.01), (transparent_film, 0.003), (panes, 0.01)])
+def test_slabs_go_together_with(deep, cut, tmp_path, change, rtol):
+    change(deep)
+    whole, flat, layered = both(deep, tmp_path, spectral=SpectralOptions("reference"))
+    assert len(layered.layers) >= 3
+    assert_alike(whole, flat, rtol)
+
+
+def test_slabs_go_together_with_the_cameras_own_clipping(deep, cut, tmp_path):
+    own_clipping(deep)
+    whole, flat, layered = both(deep, tmp_path)
+    assert_seen_as_one(whole, flat)
+    depths_mm = [layer.depth_mm[layer.alpha > 0] for layer in layered.layers[:-1]]
+    assert min(depth.min() for depth in depths_mm) >= 60 and max(depth.max() for depth in depths_mm) < 2000
+
+
+def test_slabs_go_together_with_denoising(deep, cut, tmp_path):
+    whole, flat, _ = both(deep, tmp_path, denoise=True)
+    assert_alike(whole, flat, 0.02)
+
+
+def test_slabs_go_together_with_fisheyes(deep, cut, tmp_path):
+    """Whose cameras clip by distance."""
+    whole, flat, layered = both(deep, tmp_path, lens="muller-fisheye-25mm")
+    assert layered.grid.projection == FISHEYE
+    assert_seen_as_one(whole, flat)
+
+
+def test_slabs_go_together_with_animation(deep, cut, tmp_path):
+    near = deep.objects["Near"]
+    near.keyframe_insert("location", frame=1)
+    near.location.z = -0.055
+    near.keyframe_insert("location", frame=2)
+    animation = addon.render_animation(deep, [1, 2], lens=LENS, wavelengths_nm=WAVELENGTHS_NM, output_folder=tmp_path)
+    depths_mm = [read_with_layers(result.radiance)[2].layers[0].depth_mm.min() for result in animation.results.values()]
+    np.testing.assert_allclose(depths_mm, [50, 55], rtol=1e-5)
+    assert not addon.Animation(deep, [1, 2], lens=LENS, wavelengths_nm=WAVELENGTHS_NM, output_folder=tmp_path).pending
+    assert addon.Animation(deep, [1, 2], lens=LENS, wavelengths_nm=WAVELENGTHS_NM, output_folder=tmp_path,
+                           depth="off").pending == [1, 2]
+
+
+def test_the_scene_is_as_it_was(deep, cut, tmp_path):
+    transparent_film(deep)
+    deep.render.film_transparent = False
+    deep.render.use_persistent_data = False
+    deep.render.image_settings.file_format = "PNG"
+    bpy.context.view_layer.update()
+    before = snapshot()
+    rendered(deep, tmp_path)
+    assert not differences(before, snapshot())
+
+
+def fog(scene):
+    """A cube of it, from 20 to 40 cm."""
+    bpy.ops.mesh.primitive_cube_add(size=0.2, location=(0, 0, -0.3))
+    dust = bpy.data.materials.new("Fog")
+    dust.use_nodes = True
+    tree = dust.node_tree
+    tree.nodes.clear()
+    scatter, output = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("VolumeScatter", "OutputMaterial"))
+    tree.links.new(scatter.outputs[0], output.inputs["Volume"])
+    bpy.context.object.data.materials.append(dust)
+
+
+def test_bodies_and_volumes_stay_whole(deep):
+    lens = Lens.load(LENS)
+    grid = capture_grid(deep, lens, WAVELENGTHS_NM)
+    assert whole_depths_mm(deep, lens, grid) == ([], [])  # squares are no bodies
+    bpy.ops.mesh.primitive_uv_sphere_add(radius=0.1, location=(0.1, 0, -1))
+    bpy.ops.mesh.primitive_cube_add(size=0.1, location=(0, 0, 1))  # behind the camera
+    bpy.ops.mesh.primitive_cube_add(size=30, location=(0, 0, 0))  # a room
+    fog(deep)
+    (volume,), (body,) = whole_depths_mm(deep, lens, grid)
+    np.testing.assert_allclose(volume, (200, 400), rtol=1e-5)
+    np.testing.assert_allclose(body, (900, 1100), rtol=1e-5)
+    tree = deep.world.node_tree
+    tree.links.new(tree.nodes.new("ShaderNodeVolumeScatter").outputs[0],
+                   tree.get_output_node("CYCLES").inputs["Volume"])
+    assert whole_depths_mm(deep, lens, grid)[0][0] == EVERYWHERE_MM
+
+
+def by_object(scene):
+    scene.objects["Near"].is_holdout = True
+
+
+def by_collection(scene):
+    own = bpy.data.collections.new("Holdouts")
+    scene.collection.children.link(own)
+    own.objects.link(scene.objects["Near"])
+    scene.collection.objects.unlink(scene.objects["Near"])
+    scene.view_layers[0].layer_collection.children["Holdouts"].holdout = True
+
+
+def by_shader(scene):
+    tree = scene.objects["Near"].data.materials[0].node_tree
+    tree.links.new(tree.nodes.new("ShaderNodeHoldout").outputs[0], tree.get_output_node("CYCLES").inputs["Surface"])
+
+
+@pytest.mark.parametrize("hold_out", [by_object, by_collection, by_shader])
+def test_what_holds_out_hides_what_is_behind_it(deep, tmp_path, hold_out):
+    hold_out(deep)
+    whole, flat, layered = both(deep, tmp_path)
+    assert len(layered.layers) == 1
+    assert_seen_as_one(whole, flat)
+
+
+def test_a_world_full_of_fog_is_one_slab(deep, tmp_path):
+    tree = deep.world.node_tree
+    scatter = tree.nodes.new("ShaderNodeVolumeScatter")
+    scatter.inputs["Density"].default_value = 0.05
+    tree.links.new(scatter.outputs[0], tree.get_output_node("CYCLES").inputs["Volume"])
+    whole, flat, layered = both(deep, tmp_path)
+    assert len(layered.layers) == 1 and np.all(layered.layers[0].alpha == 1)
+    assert_alike(whole, flat, 0.02)
