@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from ..engine.field.overscan import VIEWS
+from ..engine.image.depth_range import AUTO, OFF
 from .arguments import add_engine_options, add_rings, asked_rings, check_outputs, engine_options
 from .blend import import_addon
 from .followed import add_followed, messages, progress
@@ -19,6 +20,9 @@ def add(commands):
     apply.add_argument("--view", choices=VIEWS, default=VIEWS[0],
                        help="how the lens takes the kept field of view: as large as it is, on another sensor; or made "
                             "as large as that takes on the sensor that was rendered for. The picture is the same")
+    apply.add_argument("--depth", choices=(AUTO, OFF), default=AUTO,
+                       help="whether what is out of focus is blurred, where the light was kept in layers of depth: "
+                            "then any focus and f-stop is as if it had been rendered so (default: auto)")
     apply.add_argument("--output", type=Path, metavar="DIR", help="(default: beside the radiance)")
     add_engine_options(apply)
     add_rings(apply)
@@ -33,7 +37,8 @@ def _apply(options):
         with progress(options, write) as tell:
             result = import_addon().apply_lens(options.radiance, options.lens, options.output, options=chosen,
                                                view=options.view, rings=asked_rings(options),
-                                               lens_quality=options.lens_quality or "standard", progress=tell)
+                                               lens_quality=options.lens_quality or "standard", depth=options.depth,
+                                               progress=tell)
         print(f"plan: {result.report.lens_image.plan.text}")
         finish(options, result.report, result.files)
         write(lens_image=str(result.lens_image), told=result.told)

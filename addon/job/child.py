@@ -22,7 +22,7 @@ import bpy
 import numpy as np
 
 from ...commands.messages import read_message
-from ...engine.image.depth_range import AUTO, TRACED
+from ...engine.image.depth_range import AUTO, OFF, TRACED
 from ...engine.plan.options import TIER_ACCURACY
 from ..scene.errors import SceneError
 from ..scene.rings import ring_arguments, rings_for
@@ -123,6 +123,7 @@ def apply_command(radiance, scene):
                for word in ("--" + name.replace("_", "-"), str(value)))
     return lensfield_command(["apply", str(radiance), "--lens", lens, "--view", settings.view.lower(),
                               "--lens-quality", settings.to_spectral_options().tier, "--progress", "lines",
+                              "--depth", OFF if settings.depth == OFF.upper() else AUTO,
                               "--end-with-stdin", *ring_arguments(rings_for(scene, lens)), *options])
 
 

@@ -13,9 +13,9 @@ from ...engine import ImageError, InputError, Lens, Options
 from ...engine.bake.rings import AT_REST, resized_rings
 from ...engine.errors import absence
 from ...engine.field.overscan import VIEWS, overscan_px
-from ...engine.image.depth_range import check_depth
+from ...engine.image.depth_range import AUTO, OFF, blur_px, check_depth
 from ...engine.image.pitch import fitting_pitch_um
-from ...engine.image.spectral_exr import read_parts, read_with_planes
+from ...engine.image.spectral_exr import read_parts, read_with_layers
 from ...engine.library import cannot_be, has_rings, prescription_of
 from ...engine.report import FileFacts
 from ..scene.camera import captured_region, covered_diagonal, frame_px, size_warning
@@ -27,12 +27,13 @@ from .radiance import Captured
 from .render import Result, lens_steps, run
 from .steps import Work
 
+APPLIED_DEPTHS = AUTO, OFF
 BY_RESULT = Options()
 SAME = 0.005  # of its own sensor's size, within which a lens is taken to have its own view
 
 
 def apply_lens(radiance, lens, output_folder=None, *, options=BY_RESULT, view="lens", rings=AT_REST,
-               lens_quality="standard", progress=None):
+               lens_quality="standard", depth=AUTO, progress=None):
     """Put the radiance that a render has kept through another lens, or the same one otherwise; all files are made anew.
 
     Parameters
@@ -50,6 +51,9 @@ def apply_lens(radiance, lens, output_folder=None, *, options=BY_RESULT, view="l
         What a lens that is given by name or path is turned to.
     lens_quality : str
         How finely it is baked.
+    depth : "auto" or "off"
+        Whether the layers of depth that the radiance may have are used: then any focus and f-stop is as if it had been
+        rendered so.
     progress : callable (fraction, label), optional
 
     Returns
@@ -61,7 +65,7 @@ def apply_lens(radiance, lens, output_folder=None, *, options=BY_RESULT, view="l
     LensError, ImageError, InputError
         Among others where the lens needs more than was captured: it takes a new render then.
     """
-    return run(_steps(Path(radiance), lens, output_folder, options, view, rings, lens_quality), progress)
+    return run(_steps(Path(radiance), lens, output_folder, options, view, rings, lens_quality, depth), progress)
 
 
 def kept_radiance(scene):
@@ -84,18 +88,19 @@ def kept_radiance(scene):
     return path
 
 
-def _steps(path, lens, output_folder, options, view, rings, quality):
-    if view not in VIEWS:
-        raise InputError("options", "view", view, f"expected {' or '.join(VIEWS)}")
+def _steps(path, lens, output_folder, options, view, rings, quality, depth):
+    for name, value, choices in (("view", view, VIEWS), ("depth", depth, APPLIED_DEPTHS)):
+        if value not in choices:
+            raise InputError("options", name, value, f"expected {' or '.join(choices)}")
     result = replace(Result.beside(path, "radiance", output_folder), radiance=path)
     result.report.files["radiance"] = str(path)
     with result.report.stage("read radiance"):
-        captured = yield Work(lambda tell: _read(path), "Reading radiance", 0.0)
+        captured = yield Work(lambda tell: _read(path, depth), "Reading radiance", 0.0)
     words = ()
     if not isinstance(lens, Lens):
         lens, words = yield Work(lambda tell: _turned(lens, rings, quality, view, captured), "Baking the lens", 0.05)
     lens, captured, warning = _fitted(lens, captured, view, path)
-    warning = "; ".join(filter(None, (*words, warning)))
+    warning = "; ".join(filter(None, (*words, warning, _blur_warning(lens, captured))))
     _check_region(lens, captured, path)
     _check_overscan(lens, captured.radiance, path)
     result.record.unlink(missing_ok=True)  # from here on it would tell of other files
@@ -105,11 +110,12 @@ def _steps(path, lens, output_folder, options, view, rings, quality):
     return result
 
 
-def _read(path):
-    radiance, planes = read_with_planes(path)
+def _read(path, depth):
+    radiance, planes, layers = read_with_layers(path)
     if radiance.focal_mm is None or "Z" not in planes:
         raise ImageError(path, "lensfield:focalMm", "missing", "it is of an older Lensfield: render again")
-    return Captured(radiance, planes["Z"], planes.get("A"), planes.get(REGION))
+    return Captured(radiance, planes["Z"], planes.get("A"), planes.get(REGION),
+                    layers if depth == AUTO else None)
 
 
 def _turned(lens, rings, quality, view, captured):
@@ -130,8 +136,10 @@ def _fitted(lens, captured, view, path):
         adapted = scaled_lens(lens, factor, (columns_mm, rows_mm))
         return adapted, captured, size_warning(lens, adapted, factor)
     pitch_um = radiance.pitch_um / factor
-    radiance = replace(radiance, grid=replace(radiance.grid, pitch_um=pitch_um), focal_mm=lens.capture_focal_length_mm)
-    return lens, replace(captured, radiance=radiance), _sensor_warning(lens, radiance)
+    radiance, layers = (light and replace(light, grid=replace(light.grid, pitch_um=pitch_um),
+                                          focal_mm=lens.capture_focal_length_mm)
+                        for light in (radiance, captured.layers))
+    return lens, replace(captured, radiance=radiance, layers=layers), _sensor_warning(lens, radiance)
 
 
 def _sensor_warning(lens, radiance):
@@ -167,6 +175,31 @@ def _check_region(lens, captured, path):
     if not captured.region[captured_region(region, lens, captured.radiance.wavelengths_nm, grid)].all():
         raise ImageError(path, "render region", "{1} x {0} px".format(*(place.size for place in places)),
                          f"{lens.name} draws in more from around it than there is: render again through it")
+
+
+def _blur_warning(lens, captured):
+    """One line that says that layers end so close to the picture that their blur would bring in more; "" where none
+    does."""
+    layers, lacking = captured.layers, [0.0]
+    for layer in layers.layers if layers else ():
+        blur = np.where(layer.alpha > 0, np.abs(blur_px(lens, layers.grid.pitch_um, layer.depth_mm)) / 2, 0)
+        for axis, (there, shown) in enumerate(zip(layer.place, _shown(captured), strict=True)):
+            ends = (shown.start - there.start, blur.take(0, axis)), (there.stop - shown.stop, blur.take(-1, axis))
+            lacking += [blurs.max() - beyond for beyond, blurs in ends if beyond >= 0 and blurs.any()]
+    if max(lacking) < 1:
+        return ""
+    return (f"blur through {lens.name} would bring in light from {max(lacking):.0f} px farther out than was captured: "
+            "render again")
+
+
+def _shown(captured):
+    """Rows and columns of the layers' grid that are a picture: the frame, or the render region in it."""
+    radiance, sides = captured.radiance, captured.region
+    for axis, (overscan, n, before) in enumerate(zip(radiance.overscan_px, radiance.frame_px,
+                                                     captured.layers.grid.overscan_px, strict=True)):
+        places = np.array([overscan, overscan + n - 1]) if sides is None else np.flatnonzero(
+            (sides == 1).any(axis=1 - axis))
+        yield slice(places[0] - overscan + before, places[-1] + 1 - overscan + before)
 
 
 def _facts(lens, captured, warning, result):

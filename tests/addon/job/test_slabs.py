@@ -10,7 +10,8 @@ from lensfield import addon
 from lensfield.addon.job import slabs
 from lensfield.addon.scene.bodies import EVERYWHERE_MM, whole_depths_mm
 from lensfield.addon.scene.camera import capture_grid
-from lensfield.engine import Lens
+from lensfield.engine import InputError, Lens
+from lensfield.engine.bake.rings import Rings
 from lensfield.engine.image.pixel_grid import FISHEYE
 from lensfield.engine.image.spectral_exr import read_exr, read_with_layers, read_with_planes
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
@@ -225,6 +226,48 @@ def test_slabs_go_together_with_animation(deep, cut, tmp_path):
     assert not addon.Animation(deep, [1, 2], lens=LENS, wavelengths_nm=WAVELENGTHS_NM, output_folder=tmp_path).pending
     assert addon.Animation(deep, [1, 2], lens=LENS, wavelengths_nm=WAVELENGTHS_NM, output_folder=tmp_path,
                            depth="off").pending == [1, 2]
+
+
+def test_the_same_lens_on_what_is_kept_is_the_same_picture(deep, cut, tmp_path):
+    kept = rendered(deep, tmp_path)[0]
+    applied = addon.apply_lens(kept.radiance, LENS, tmp_path / "applied")
+    np.testing.assert_allclose(read_exr(applied.irradiance).cube, read_exr(kept.irradiance).cube, rtol=1e-4, atol=1e-9)
+    assert not applied.report.file.lens_warning
+    off = addon.apply_lens(kept.radiance, LENS, tmp_path / "off", depth="off")
+    whole = rendered(deep, tmp_path, "off")[0]
+    assert_alike(read_exr(whole.irradiance).cube.astype(float), read_exr(off.irradiance).cube.astype(float))
+    with pytest.raises(InputError, match="depth"):
+        addon.apply_lens(kept.radiance, LENS, depth="traced")
+
+
+def test_another_focus_of_what_is_kept_is_a_fresh_render(deep, tmp_path):
+    """As far as the picture's pixels and its noise tell: they lie otherwise in the two."""
+    lens, near_mm = "tessar-50mm", 400.0
+    asked = {"lens": lens, "view": "camera", "room": 0.1}
+    deep.camera.data.lens = 35
+    for name, distance_m in (("Near", 0.25), ("Middle", 0.6)):
+        square = deep.objects[name]
+        square.location.x *= distance_m / -square.location.z
+        square.scale *= distance_m / -square.location.z
+        square.location.z = -distance_m
+    far, near = (rendered(deep, tmp_path / f"{focus_mm:g}", focus=focus_mm, **asked)[0] for focus_mm in (2e3, near_mm))
+    applied = addon.apply_lens(far.radiance, lens, tmp_path / "applied", view="camera", rings=Rings(near_mm))
+    fresh, seen = (read_exr(result.irradiance).cube.astype(float) for result in (near, applied))
+    assert_alike(fresh, seen, 0.02, noise=1.0)
+    other = read_exr(far.irradiance).cube
+    assert np.abs(seen - fresh).mean() < 0.2 * np.abs(other - fresh).mean()
+
+
+def test_blur_that_needs_more_than_was_captured_is_told(deep, tmp_path):
+    """What is in focus ends soon beyond the frame; out of focus it would reach in from farther."""
+    deep.render.resolution_x, deep.render.resolution_y, deep.cycles.samples = 192, 144, 4
+    near = deep.objects["Near"]
+    near.location, near.scale = (0, 0, -0.4), (100, 100, 1)
+    asked = {"lens": "sonnar-50mm-f1.5", "f_number": 2.8}
+    kept = rendered(deep, tmp_path, focus=400.0, **asked)[0]
+    for focus_mm, told in ((400.0, False), (np.inf, True)):
+        applied = addon.apply_lens(kept.radiance, "sonnar-50mm-f1.5", tmp_path / "applied", rings=Rings(focus_mm, 2.8))
+        assert ("would bring in light from" in applied.report.file.lens_warning) == told
 
 
 def test_the_scene_is_as_it_was(deep, cut, tmp_path):
