@@ -139,17 +139,40 @@ class RayTable(Value):
             raise LensError(self.name, "sensor place", f"{height_mm.max():.4g} mm from the axis",
                             f"the lens's field ends at {self.last_height_mm:.4g} mm")
         azimuth = np.remainder(np.arctan2(stop_x, stop_y) - turned + np.pi, 2 * np.pi) - np.pi
-        foot_x, foot_y, p_x, p_y, margin, path_mm, weight = self._between(
-            wavelength, _even(height_mm / self.last_height_mm), _even(radius), np.abs(azimuth) / np.pi)
-        side = np.sign(azimuth)
-        foot_mm = _turned(foot_x * side, foot_y, turned)
-        p = _turned(p_x * side, p_y, turned)
-        square = np.sum(p**2, axis=0)
-        direction = np.stack([*(2 * p), 1 - square]) / (1 + square)
-        # from the foot, which is square to the ray, to the plane
-        way_mm = np.sum(foot_mm * direction[:2], axis=0) / direction[2]**2
-        return SensorRays(foot_mm + way_mm * direction[:2], direction, np.minimum(margin, 1 - radius**2), margin,
-                          path_mm - way_mm, weight)
+        values = self._between(wavelength, _even(height_mm / self.last_height_mm), _even(radius),
+                               np.abs(azimuth) / np.pi)
+        return _sensor_rays(values, np.sign(azimuth), turned, radius)
+
+    def bundles(self, heights_mm: np.ndarray, stop: np.ndarray) -> SensorRays:
+        """Rays from places on +y of the sensor through the same places of the stop, at all wavelengths.
+
+        As `rays`, in a small part of its time for many of them.
+
+        Parameters
+        ----------
+        heights_mm : array (height,)
+        stop : array (2, ray)
+
+        Returns
+        -------
+        SensorRays
+            Of arrays (wavelength, height, ray).
+        """
+        counts, (x, y) = self.coefficients.shape[1:4], stop
+        radius, azimuth = np.hypot(x, y), np.arctan2(x, y)
+        by_height, by_radius, by_azimuth = (
+            _splines(share, count) for share, count in zip(
+                (_even(heights_mm / self.last_height_mm), _even(radius), np.abs(azimuth) / np.pi), counts, strict=True))
+        over_stop = sparse.csr_matrix(
+            ((by_radius[1][:, :, None] * by_azimuth[1][:, None, :]).ravel(),
+             (by_radius[0][:, :, None] * counts[2] + by_azimuth[0][:, None, :]).ravel(),
+             np.arange(0, 16 * radius.size + 1, 16)), shape=(radius.size, counts[1] * counts[2]))
+        values = np.empty((self.coefficients.shape[-1], len(self.wavelengths_nm), len(heights_mm), radius.size))
+        for number, table in enumerate(self.coefficients):
+            at_heights = np.einsum("ht,htraq->raqh", by_height[1], table[by_height[0]], optimize=True)
+            found = over_stop @ at_heights.reshape(counts[1] * counts[2], -1)
+            values[:, number] = found.reshape(radius.size, len(values), -1).transpose(1, 2, 0)
+        return _sensor_rays(values, np.sign(azimuth), np.zeros_like(radius), radius)
 
     def _between(self, wavelength, *shares):
         """Quantities at shares of the even distances of height, radius and azimuth: array (quantity, ...)."""
@@ -275,6 +298,25 @@ def _cubic(place, count):
     first = np.clip(np.floor(place).astype(int), 0, count - 4)
     t = place - first
     return first, ((1 - t)**3 / 6, 2 / 3 - t**2 + t**3 / 2, 2 / 3 - (1 - t)**2 + (1 - t)**3 / 2, t**3 / 6)
+
+
+def _splines(share, count):
+    """The four coefficients that count at shares of the even distances, and their weights: arrays (place, 4)."""
+    first, weights = _cubic(share * (count - 3), count)
+    return first[:, None] + np.arange(4), np.stack(weights, axis=-1)
+
+
+def _sensor_rays(values, side, turned, radius):
+    """SensorRays of the table's quantities at places of the stop on this side of the plane of the sensor place, which
+    is turned from +y."""
+    foot_x, foot_y, p_x, p_y, margin, path_mm, weight = values
+    foot_mm, p = _turned(foot_x * side, foot_y, turned), _turned(p_x * side, p_y, turned)
+    square = np.sum(p**2, axis=0)
+    direction = np.stack([*(2 * p), 1 - square]) / (1 + square)
+    # from the foot, which is square to the ray, to the plane
+    way_mm = np.sum(foot_mm * direction[:2], axis=0) / direction[2]**2
+    return SensorRays(foot_mm + way_mm * direction[:2], direction, np.minimum(margin, 1 - radius**2), margin,
+                      path_mm - way_mm, weight)
 
 
 def _turned(x, y, azimuth):

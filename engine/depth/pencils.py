@@ -120,13 +120,16 @@ def pencils(rays: "RayTable", wavelengths_nm: np.ndarray, sensor: PixelGrid, foc
     heights_mm = np.linspace(0, last_px * pitch_mm, HEIGHTS)
     stop = np.stack([stop_places(count, seed) for seed in range(sequences)], axis=1)
     table = rays.at(np.clip(wavelengths_nm, *rays.wavelengths_nm[[0, -1]]))
-    which = np.arange(len(wavelengths_nm))[:, None, None, None]
-    found = table.rays(which, np.stack([0 * heights_mm, -heights_mm])[:, :, None, None], stop[:, None])
-    tangent = -found.direction[:2] / np.maximum(found.direction[2], LEAST_COSINE)
+    found = table.bundles(heights_mm, -stop.reshape(2, -1))  # as the light has them: upside down
+    tangent = found.direction[:2] / np.maximum(found.direction[2], LEAST_COSINE)
     to_px = focal_mm / pitch_mm
-    return Pencils(last_px, stop.astype(np.float32), (tangent[::-1] * to_px).astype(np.float32),
-                   (found.entrance_mm[::-1] * to_px).astype(np.float32), found.margin.astype(np.float32),
-                   found.weight.astype(np.float32))
+
+    def of_sequences(values):
+        return values.reshape(*values.shape[:-1], *stop.shape[1:]).astype(np.float32)
+
+    return Pencils(last_px, stop.astype(np.float32), of_sequences(tangent[::-1] * to_px),
+                   of_sequences(-found.entrance_mm[::-1] * to_px), of_sequences(found.margin),
+                   of_sequences(found.weight))
 
 
 def per_focal(capture: PixelGrid, focal_mm: float) -> float:

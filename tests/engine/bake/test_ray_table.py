@@ -190,3 +190,19 @@ def test_it_is_a_value():
     again = pickle.loads(pickle.dumps(table))
     assert again == table and hash(again) == hash(table) and again != table.at(WAVELENGTHS_NM)
     assert not table.coefficients.flags.writeable and "tessar" in repr(table)
+
+
+@lenses
+def test_bundles_are_the_same_rays(name):
+    rng = np.random.default_rng(3)
+    table = table_of(name)
+    radius, azimuth = np.sqrt(rng.random(50)), 2 * np.pi * rng.random(50)
+    stop = np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth)])
+    heights_mm = np.linspace(0, table.last_height_mm, 7)
+    bundles = table.bundles(heights_mm, stop)
+    places_mm = np.stack([0 * heights_mm, heights_mm])[:, :, None]
+    rays = table.rays(np.arange(len(table.wavelengths_nm))[:, None, None], places_mm, stop[:, None])
+    for name in ("entrance_mm", "direction", "margin", "path_mm", "weight"):
+        one, other = getattr(bundles, name), getattr(rays, name)
+        assert one.shape == other.shape
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9 * np.abs(other).max())
