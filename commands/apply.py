@@ -4,7 +4,7 @@ from pathlib import Path
 
 from ..engine.field.overscan import VIEWS
 from ..engine.image.depth_range import AUTO, OFF
-from .arguments import add_engine_options, add_rings, asked_rings, check_outputs, engine_options
+from .arguments import add_engine_options, add_iris, add_rings, asked_iris, asked_rings, check_outputs, engine_options
 from .blend import import_addon
 from .followed import add_followed, messages, progress
 from .outcome import finish
@@ -26,6 +26,7 @@ def add(commands):
     apply.add_argument("--output", type=Path, metavar="DIR", help="(default: beside the radiance)")
     add_engine_options(apply)
     add_rings(apply)
+    add_iris(apply)
     add_followed(apply.add_argument_group("for programs that start this one and follow it"))
     apply.set_defaults(run=_apply)
 
@@ -36,7 +37,7 @@ def _apply(options):
         chosen = engine_options(options)
         with progress(options, write) as tell:
             result = import_addon().apply_lens(options.radiance, options.lens, options.output, options=chosen,
-                                               view=options.view, rings=asked_rings(options),
+                                               view=options.view, rings=asked_rings(options), iris=asked_iris(options),
                                                lens_quality=options.lens_quality or "standard", depth=options.depth,
                                                progress=tell)
         print(f"plan: {result.report.lens_image.plan.text}")

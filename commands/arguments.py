@@ -8,6 +8,7 @@ from ..engine import InputError, Options
 from ..engine.bake.quality import QUALITIES
 from ..engine.bake.rings import Rings
 from ..engine.blur import METHODS
+from ..engine.depth.pencils import Iris
 from ..engine.files import check_target
 from ..engine.library import ALL_LENSES, cannot_be, has_rings, load
 from ..engine.plan.options import AUTO, DEFAULT_ACCURACY, FIREFLIES, MOST_SUPERSAMPLING, OUT_OF_FIELD, PRECISIONS
@@ -71,6 +72,27 @@ def add_rings(command, camera=False):
                        help="focus at the widest aperture, and stop down after that: the focus shift shows")
     group.add_argument("--lens-quality", choices=QUALITIES,
                        help="how finely the lens is baked (default: " + ("as the tier" if camera else "standard") + ")")
+
+
+def add_iris(command, camera=False):
+    """The blades of the lens."""
+    group = command.add_argument_group("iris", "of a lens that is stopped down below its widest, for what is out of "
+                                               "focus")
+    group.add_argument("--iris-blades", type=int, metavar="N", help="0 for a round stop (default: " + (
+        "the camera's Aperture, where its depth of field is on)" if camera else "0)"))
+    group.add_argument("--iris-rotation", type=float, metavar="DEG", help="of them, anticlockwise (default: 0)")
+    group.add_argument("--iris-roundness", type=float, metavar="0..1",
+                       help="from straight blades to a circle (default: 0)")
+
+
+def asked_iris(options):
+    """The blades of the command line; None where it says nothing of them."""
+    if options.iris_blades is None:
+        for option, value in (("--iris-rotation", options.iris_rotation), ("--iris-roundness", options.iris_roundness)):
+            if value is not None:
+                raise InputError("options", option, value, "give --iris-blades, too")
+        return None
+    return Iris(options.iris_blades, options.iris_rotation or 0.0, options.iris_roundness or 0.0)
 
 
 def distance_mm(text, option="--focus"):

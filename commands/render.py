@@ -8,7 +8,17 @@ from ..engine.field.overscan import VIEWS
 from ..engine.image.depth_range import DEPTHS
 from ..engine.spectral.spectra import parse_wavelengths
 from ..engine.spectral.wavelength_choice import STANDARD_COLOUR_ERROR, TIERS, UNFIT
-from .arguments import CAMERA, add_engine_options, add_rings, check_outputs, distance_mm, given_options, resolution
+from .arguments import (
+    CAMERA,
+    add_engine_options,
+    add_iris,
+    add_rings,
+    asked_iris,
+    check_outputs,
+    distance_mm,
+    given_options,
+    resolution,
+)
 from .blend import open_scene
 from .followed import add_followed, messages, progress
 from .outcome import finish
@@ -70,6 +80,7 @@ def add_scene_options(render):
     render.add_argument("--output", type=Path, metavar="DIR")
     add_engine_options(render, lens_required=False)
     add_rings(render, camera=True)
+    add_iris(render, camera=True)
 
 
 def _add_followed(group):
@@ -159,7 +170,8 @@ def scene_and_arguments(options):
         "spectral": scene.lensfield.to_spectral_options(**spectral) if spectral else None,
         "view_layer": options.view_layer, "denoise": options.denoise, "focus": _focus(options.focus),
         "f_number": options.f_number, "focused_wide_open": options.focused_wide_open or None,
-        "lens_quality": options.lens_quality, "depth": options.depth}
+        "lens_quality": options.lens_quality, "depth": options.depth,
+        "iris": asked_iris(options)}
 
 
 def _focus(text):

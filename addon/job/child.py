@@ -25,7 +25,7 @@ from ...commands.messages import read_message
 from ...engine.image.depth_range import AUTO, OFF, TRACED
 from ...engine.plan.options import TIER_ACCURACY
 from ..scene.errors import SceneError
-from ..scene.rings import ring_arguments, rings_for
+from ..scene.rings import iris_arguments, ring_arguments, rings_for, scene_iris
 from .job import UNSAVED_FOLDER
 from .session import write_session
 
@@ -124,7 +124,8 @@ def apply_command(radiance, scene):
     return lensfield_command(["apply", str(radiance), "--lens", lens, "--view", settings.view.lower(),
                               "--lens-quality", settings.to_spectral_options().tier, "--progress", "lines",
                               "--depth", OFF if settings.depth == OFF.upper() else AUTO,
-                              "--end-with-stdin", *ring_arguments(rings_for(scene, lens)), *options])
+                              "--end-with-stdin", *ring_arguments(rings_for(scene, lens)),
+                              *iris_arguments(scene_iris(scene, lens)), *options])
 
 
 def preview_arguments(scene, key, *, radiance=None, copy=None, size=None, samples=None):
@@ -133,15 +134,15 @@ def preview_arguments(scene, key, *, radiance=None, copy=None, size=None, sample
     Parameters
     ----------
     scene : bpy.types.Scene
-    key : (str, str, str, Rings)
-        Lens, view, what is done out of field, and what the lens is turned to.
+    key : (str, str, str, Rings, Iris or None)
+        Lens, view, what is done out of field, what the lens is turned to, and its blades.
     radiance : path, optional
         The kept light.
     copy, size, samples : path, (width, height) and int, where there is none
     """
-    lens, view, out_of_field, rings = key
+    lens, view, out_of_field, rings, iris = key
     asked = ["--lens", lens, "--view", view, "--out-of-field", out_of_field, "--accuracy",
-             str(TIER_ACCURACY["preview"]), "--lens-quality", "preview", *ring_arguments(rings)]
+             str(TIER_ACCURACY["preview"]), "--lens-quality", "preview", *ring_arguments(rings), *iris_arguments(iris)]
     if radiance:
         return ["apply", str(radiance), "--progress", "lines", *asked]
     asked += ["--depth", AUTO] * (scene.lensfield.depth == TRACED.upper())  # which keeps no light for other lenses

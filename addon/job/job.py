@@ -9,10 +9,11 @@ import bpy
 import numpy as np
 
 from ...engine import Lens, Options
+from ...engine.depth.pencils import Iris
 from ...engine.errors import InputError
 from ...engine.image.depth_range import AUTO, TRACED
 from ...engine.spectral.wavelength_choice import SpectralOptions
-from ..scene.rings import scene_lens
+from ..scene.rings import scene_iris, scene_lens
 from ..shading.assigned import LOADERS
 from .record import picture_settings
 
@@ -42,6 +43,8 @@ class Job:
         What the lens's rings cannot do, a line each.
     depth : str
         One of DEPTHS.
+    iris : Iris or None
+        The blades that stop the lens down; None for a round stop.
     """
 
     lens: Lens
@@ -62,6 +65,7 @@ class Job:
     state: str = ""
     ring_words: tuple[str, ...] = ()
     depth: str = AUTO
+    iris: Iris | None = None
 
     @property
     def traced(self):
@@ -72,7 +76,7 @@ class Job:
 def job_from_settings(scene, *, lens=None, wavelengths_nm=None, output_folder=None, options=None, spectral=None,
                       view=None, unfit=None, view_layer=None, denoise=None, to_compositor=None, picture=None,
                       room=None, state="", focus=None, f_number=None, focused_wide_open=None, lens_quality=None,
-                      depth=None):
+                      depth=None, iris=None):
     """The Job for the scene's current frame that its settings ask for, but for what is given.
 
     Raises
@@ -85,9 +89,10 @@ def job_from_settings(scene, *, lens=None, wavelengths_nm=None, output_folder=No
     if not lens:
         raise InputError("scene settings", "lens file", "empty", "choose a prescription or a lens package")
     spectral = settings.to_spectral_options() if spectral is None else spectral
+    rings = {"focus": focus, "f_number": f_number, "focused_wide_open": focused_wide_open}
+    iris = scene_iris(scene, lens, iris, **rings)
     lens, warning, words = scene_lens(scene, lens, settings.view.lower() if view is None else view,
-                                      lens_quality or spectral.tier, focus=focus, f_number=f_number,
-                                      focused_wide_open=focused_wide_open)
+                                      lens_quality or spectral.tier, **rings)
     return Job(
         lens, settings.wavelengths_nm() if wavelengths_nm is None else np.asarray(wavelengths_nm, dtype=float),
         folder_for(scene, output_folder),
@@ -96,7 +101,7 @@ def job_from_settings(scene, *, lens=None, wavelengths_nm=None, output_folder=No
         settings.view_layer if view_layer is None else view_layer,
         settings.denoises(spectral) if denoise is None else denoise, spectral.tier != "reference",
         settings.to_compositor if to_compositor is None else to_compositor, warning, picture, room or 0.0,
-        picture_settings(scene), state, words, settings.depth.lower() if depth is None else depth)
+        picture_settings(scene), state, words, settings.depth.lower() if depth is None else depth, iris)
 
 
 def folder_for(scene, output_folder=None):

@@ -27,7 +27,7 @@ def write_radiance(captured, path):
               captured.layers)
 
 
-def write_pictures(captured, irradiance, lens, options, result):
+def write_pictures(captured, irradiance, lens, options, iris, result):
     """The lens image and what lies beside it; and, exposed alike, the frame as a perfect pinhole and as the lens give
     it.
 
@@ -37,12 +37,13 @@ def write_pictures(captured, irradiance, lens, options, result):
     irradiance : SpectralImage
     lens : Lens
     options : Options
+    iris : Iris or None
     result : Result
         Whose files these are.
     """
     after, frame, nm = to_rec709(irradiance), irradiance.grid, reference_nm(lens)
     alpha = np.ones(frame.shape_px) if captured.alpha is None else alpha_through_lens(
-        captured, lens, options)
+        captured, lens, options, iris)
     write_rgb_exr(after, result.lens_image, captured.cut(alpha))
     write_plane_exr(nearest_samples(captured.depth_m, lens, captured.radiance.grid, nm), result.depth)
     _write_lens_planes(lens, frame, result)
@@ -107,7 +108,7 @@ def alpha_on_film(alpha, irradiance, lens):
     return np.clip(1 - np.divide(1 - alpha, even, out=np.zeros_like(even), where=even > 0), 0, 1)
 
 
-def alpha_through_lens(captured, lens, options):
+def alpha_through_lens(captured, lens, options, iris=None):
     """How much of the light that each pixel of the lens image could take comes from what alpha covers.
 
     Alpha goes through the lens as if it shone, so that its edges blur as those of the picture that it is premultiplied
@@ -118,6 +119,7 @@ def alpha_through_lens(captured, lens, options):
     captured : Captured
     lens : Lens
     options : Options
+    iris : Iris, optional
 
     Returns
     -------
@@ -135,7 +137,7 @@ def alpha_through_lens(captured, lens, options):
         covering = LayeredRadiance([replace(layer, cube=shining(layer.alpha)) for layer in captured.layers.layers], nm,
                                    captured.layers.grid)
     kept = Kept()
-    planes = [simulate(light, lens, options, kept=kept).cube for light in (covering, even)]
+    planes = [simulate(light, lens, options, iris=iris, kept=kept).cube for light in (covering, even)]
     weights = np.maximum(rec709_weights(nm) @ REC709_LUMINANCE, np.finfo(float).tiny)
     covered, whole = (np.tensordot(weights / weights.sum(), plane, axes=1) for plane in planes)
     return np.clip(np.divide(covered, whole, out=np.ones_like(whole), where=whole > 0), 0, 1)

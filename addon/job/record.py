@@ -45,7 +45,7 @@ def _asked(job):
     """What a job asks of its picture, as JSON holds it."""
     asked = {name: value for name, value in vars(job).items() if name not in NOT_ASKED}
     return plain(asked | {"lens": job.lens.name, "lens_digest": job.lens.digest.hex(), "options": asdict(job.options),
-                          "spectral": asdict(job.spectral)})
+                          "spectral": asdict(job.spectral), "iris": job.iris and asdict(job.iris)})
 
 
 def _sizes(paths):

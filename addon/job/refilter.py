@@ -16,7 +16,7 @@ from ...engine.field.overscan import VIEWS, overscan_px
 from ...engine.image.depth_range import AUTO, OFF, blur_px, check_depth
 from ...engine.image.pitch import fitting_pitch_um
 from ...engine.image.spectral_exr import read_parts, read_with_layers
-from ...engine.library import cannot_be, has_rings, prescription_of
+from ...engine.library import cannot_be, has_rings, iris_shows, prescription_of
 from ...engine.report import FileFacts
 from ..scene.camera import captured_region, covered_diagonal, frame_px, size_warning
 from ..scene.depth import M_TO_MM
@@ -33,7 +33,7 @@ SAME = 0.005  # of its own sensor's size, within which a lens is taken to have i
 
 
 def apply_lens(radiance, lens, output_folder=None, *, options=BY_RESULT, view="lens", rings=AT_REST,
-               lens_quality="standard", depth=AUTO, progress=None):
+               iris=None, lens_quality="standard", depth=AUTO, progress=None):
     """Put the radiance that a render has kept through another lens, or the same one otherwise; all files are made anew.
 
     Parameters
@@ -49,6 +49,8 @@ def apply_lens(radiance, lens, output_folder=None, *, options=BY_RESULT, view="l
         takes on the sensor that the picture was rendered for. The picture is the same.
     rings : Rings
         What a lens that is given by name or path is turned to.
+    iris : Iris, optional
+        The blades that stop it down: they count below its widest f-stop, for what is out of focus.
     lens_quality : str
         How finely it is baked.
     depth : "auto" or "off"
@@ -65,7 +67,7 @@ def apply_lens(radiance, lens, output_folder=None, *, options=BY_RESULT, view="l
     LensError, ImageError, InputError
         Among others where the lens needs more than was captured: it takes a new render then.
     """
-    return run(_steps(Path(radiance), lens, output_folder, options, view, rings, lens_quality, depth), progress)
+    return run(_steps(Path(radiance), lens, output_folder, options, view, rings, iris, lens_quality, depth), progress)
 
 
 def kept_radiance(scene):
@@ -88,7 +90,7 @@ def kept_radiance(scene):
     return path
 
 
-def _steps(path, lens, output_folder, options, view, rings, quality, depth):
+def _steps(path, lens, output_folder, options, view, rings, iris, quality, depth):
     for name, value, choices in (("view", view, VIEWS), ("depth", depth, APPLIED_DEPTHS)):
         if value not in choices:
             raise InputError("options", name, value, f"expected {' or '.join(choices)}")
@@ -98,13 +100,14 @@ def _steps(path, lens, output_folder, options, view, rings, quality, depth):
         captured = yield Work(lambda tell: _read(path, depth), "Reading radiance", 0.0)
     words = ()
     if not isinstance(lens, Lens):
+        iris = iris if iris_shows(lens, rings) else None
         lens, words = yield Work(lambda tell: _turned(lens, rings, quality, view, captured), "Baking the lens", 0.05)
     lens, captured, warning = _fitted(lens, captured, view, path)
     warning = "; ".join(filter(None, (*words, warning, _blur_warning(lens, captured))))
     _check_region(lens, captured, path)
     _check_overscan(lens, captured.radiance, path)
     result.record.unlink(missing_ok=True)  # from here on it would tell of other files
-    yield from lens_steps(captured, lens, options, result, 0.1)
+    yield from lens_steps(captured, lens, options, iris, result, 0.1)
     result.report.file = _facts(lens, captured, warning, result)
     result.report.write(result.record)
     return result

@@ -17,6 +17,7 @@ MANY_SAMPLES, ENOUGH_SAMPLES = 1024, 256
 ENGINES = {"BLENDER_EEVEE": "EEVEE", "BLENDER_EEVEE_NEXT": "EEVEE", "BLENDER_WORKBENCH": "Workbench"}
 BLENDERS_FILTER = "BLACKMAN_HARRIS", 1.5, 1.0  # a new scene's pixel filter, its width, and Filter Glossy
 SAME_VIEW = 0.02
+SAME_RATIO = 1e-3
 DEPTH_TOLD = 0.01  # of the picture
 UNLAYERED = {  # what it is called, what of the picture it is, and what becomes of that
     REFRACTED: ("Glass", "is seen through it", "is blurred as if it were on it"),
@@ -121,6 +122,10 @@ def _of_camera(scene, job):
         return
     for word in job.ring_words:
         yield Remark("Focus and F-Stop", "", word)
+    if camera.dof.use_dof and abs(camera.dof.aperture_ratio - 1) > SAME_RATIO:
+        yield Remark("Aperture Ratio", f"{camera.dof.aperture_ratio:.3g}", "left out")
+    if job.traced and job.iris:
+        yield Remark("Iris Blades", str(job.iris.blades), "left out by the traced lens, whose stop is round")
     if camera.type != "PERSP":  # refused, or made by Match Camera to Lens
         return
     matching_mm = matching_focal_length_mm(scene, job.lens)

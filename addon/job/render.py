@@ -126,7 +126,7 @@ class Result:
 def render_through_lens(scene, lens=None, wavelengths_nm=None, output_folder=None, *, options=None, spectral=None,
                         view=None, unfit=None, frame=None, view_layer=None, denoise=None, to_compositor=False,
                         picture=None, room=None, state=None, focus=None, f_number=None, focused_wide_open=None,
-                        lens_quality=None, depth=None, progress=None):
+                        lens_quality=None, depth=None, iris=None, progress=None):
     """Render a scene multispectrally and put it through a lens: the whole main job in one call.
 
     What is left out is as the scene's own Lensfield settings say. What depends on the lens and the pixel grid alone is
@@ -175,6 +175,9 @@ def render_through_lens(scene, lens=None, wavelengths_nm=None, output_folder=Non
     depth : "auto", "off" or "traced"
         How what is out of focus is blurred: by layers of depth, where the lens's data do not hold for all of the scene;
         not at all; or by rays that Cycles traces through the lens.
+    iris : Iris, optional
+        The blades that stop the lens down; by default those of the camera's Aperture and the settings' roundness, where
+        its depth of field is on. They count below the widest f-stop, for what is out of focus.
     progress : callable (fraction, label), optional
 
     Returns
@@ -191,7 +194,7 @@ def render_through_lens(scene, lens=None, wavelengths_nm=None, output_folder=Non
                        view=view, unfit=unfit, view_layer=view_layer, denoise=denoise, to_compositor=to_compositor,
                        picture=picture, room=room, state=state or fingerprint_anew(scene), focus=focus,
                        f_number=f_number, focused_wide_open=focused_wide_open, lens_quality=lens_quality,
-                       depth=depth)
+                       depth=depth, iris=iris)
     return run(render_steps(scene, job), progress)
 
 
@@ -252,23 +255,24 @@ def render_steps(scene, job):
     else:
         yield Work(_timed(report, "write radiance", lambda tell: write_radiance(captured, result.radiance)),
                    "Writing radiance", RENDER_SHARE)
-        yield from lens_steps(captured, job.lens, job.options, result, RENDER_SHARE + 0.02)
+        yield from lens_steps(captured, job.lens, job.options, job.iris, result, RENDER_SHARE + 0.02)
     write_record(job, result)
     if job.to_compositor:
         lay_into_compositor(scene, result.lens_image, fingerprint=job.state)
     return result
 
 
-def lens_steps(captured, lens, options, result, done):
+def lens_steps(captured, lens, options, iris, result, done):
     """Steps that put what is Captured through a lens and write what follows from it, when so much of the job is done.
     """
     report = result.report
     result.record.unlink(missing_ok=True)  # from here on it would tell of other files
-    irradiance = yield Work(lambda tell: simulate(captured.layers or captured.radiance, lens, options, progress=tell,
-                                                  report=report, kept=kept()),
+    irradiance = yield Work(lambda tell: simulate(captured.layers or captured.radiance, lens, options, iris=iris,
+                                                  progress=tell, report=report, kept=kept()),
                             f"Through {lens.name}", done, 0.98 - done)
     irradiance = replace(irradiance, cube=captured.cut(irradiance.cube))
-    yield from _file_steps(irradiance, result, lambda: write_pictures(captured, irradiance, lens, options, result))
+    yield from _file_steps(irradiance, result,
+                           lambda: write_pictures(captured, irradiance, lens, options, iris, result))
 
 
 def _film_steps(film, lens, result):

@@ -1,17 +1,19 @@
 """Rings: what a scene's camera turns its lens to, by its own Depth of Field settings."""
 
-from math import inf
+from math import degrees, inf
 
 from mathutils import Vector
 
 from ...engine import Lens
 from ...engine.bake.rings import AT_REST, Rings, resized_rings
-from ...engine.library import cannot_be, has_rings, prescription_of
+from ...engine.depth.pencils import Iris
+from ...engine.library import cannot_be, has_rings, iris_shows, prescription_of
 from .camera import lens_for_view
 from .depth import M_TO_MM
 from .lens_cache import load_lens
 
 CAMERA = "camera"
+FEWEST_BLADES = 3
 FIXED = "the lens is a package, which holds for one focus and one f-number: those of the camera are left out"
 
 
@@ -36,6 +38,39 @@ def scene_rings(scene, focus=None, f_number=None, focused_wide_open=None) -> Rin
     if focused_wide_open is None:
         focused_wide_open = scene.lensfield.focused_wide_open
     return Rings(None if focus == CAMERA else focus, f_number, focused_wide_open)
+
+
+def scene_iris(scene, lens, iris=None, **asked) -> Iris | None:
+    """The blades that a scene's lens is stopped down by: of its camera, where its depth of field is on, unless they are
+    given.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    lens : Lens, or a name or path that `engine.library.load` takes
+        A Lens is stopped down already, by blades that are given alone.
+    iris : Iris, optional
+    asked : by name
+        What `scene_rings` takes.
+
+    Returns
+    -------
+    Iris or None
+        None for a round stop, which that of a lens wide open is, too.
+    """
+    if isinstance(lens, Lens):
+        return iris if iris and iris.blades else None
+    iris = _camera_iris(scene) if iris is None else iris
+    return iris if iris and iris.blades and iris_shows(lens, scene_rings(scene, **asked)) else None
+
+
+def _camera_iris(scene):
+    """Blender takes two blades for none."""
+    camera = scene.camera.data if scene.camera and scene.camera.type == "CAMERA" else None
+    if camera is None or not camera.dof.use_dof or camera.dof.aperture_blades < FEWEST_BLADES:
+        return None
+    return Iris(camera.dof.aperture_blades, _as_set(degrees(camera.dof.aperture_rotation)),
+                _as_set(scene.lensfield.iris_roundness))
 
 
 def scene_lens(scene, lens, view, quality, **asked):
@@ -101,3 +136,11 @@ def ring_arguments(rings):
     asked = [] if rings.focus_mm is None else ["--focus", "inf" if rings.focus_mm == inf else f"{rings.focus_mm!r}mm"]
     asked += [] if rings.f_number is None else ["--f-number", repr(rings.f_number)]
     return asked + ["--focused-wide-open"] * rings.focused_wide_open
+
+
+def iris_arguments(iris):
+    """The blades as `lensfield` takes them."""
+    if iris is None:
+        return ["--iris-blades", "0"]
+    return ["--iris-blades", str(iris.blades), f"--iris-rotation={iris.rotation_deg!r}", "--iris-roundness",
+            repr(iris.roundness)]

@@ -15,6 +15,7 @@ from ..job.job import folder_for, is_temporary
 from ..job.remarks import MANY_SAMPLES, SAME_VIEW
 from ..job.render import Result
 from ..scene.camera import frame_px, matching_focal_length_mm, pitch_um, size_for_view
+from ..scene.rings import FEWEST_BLADES
 from .animation import draw_animation
 from .another_lens import draw_another_lens
 from .compositor_panel import draw_compositor, draw_shown
@@ -78,6 +79,11 @@ def _draw_rings(layout, scene):
             column.prop(dof, "focus_distance")
         column.prop(dof, "aperture_fstop", text="F-Stop")
         column.prop(scene.lensfield, "focused_wide_open")
+        blades = layout.column(align=True)
+        blades.prop(dof, "aperture_blades", text="Iris Blades")
+        if dof.aperture_blades >= FEWEST_BLADES:
+            blades.prop(dof, "aperture_rotation", text="Rotation")
+            blades.prop(scene.lensfield, "iris_roundness")
 
 
 def _draw_camera(layout, scene):

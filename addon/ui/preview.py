@@ -19,7 +19,7 @@ from ..job.child import Child, lensfield_command, preview_arguments, save_copy, 
 from ..job.render import Result
 from ..scene.camera import frame_px, view_tangents
 from ..scene.compositor import show_file
-from ..scene.rings import rings_for
+from ..scene.rings import rings_for, scene_iris
 from . import focus_overlay, preview_overlay, window_render
 from .properties import lens_title
 from .wrapped import draw_wrapped
@@ -149,15 +149,15 @@ def tick():
 
 
 def lens_key(scene):
-    """What changes the lens and nothing of the scene: its name or path, the view, what is done out of field, and what
-    it is turned to."""
+    """What changes the lens and nothing of the scene: its name or path, the view, what is done out of field, what it is
+    turned to, and its blades."""
     settings, lens = scene.lensfield, scene.lensfield.lens_name_or_path()
-    return lens, settings.view.lower(), settings.out_of_field.lower(), rings_for(scene, lens)
+    return lens, settings.view.lower(), settings.out_of_field.lower(), rings_for(scene, lens), scene_iris(scene, lens)
 
 
 def shown_tangents(scene, key):
     """What `view_tangents` gives for a key."""
-    lens, view, _, rings = key
+    lens, view, _, rings, _ = key
     return view_tangents(scene, lens, view, rings)
 
 

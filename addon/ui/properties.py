@@ -160,6 +160,10 @@ class LensfieldSettings(bpy.types.PropertyGroup):
         name="Focused Wide Open", default=False,
         description="Focus at the widest aperture and stop down after that, as with a rangefinder: where a lens's "
                     "focus shifts with its f-stop, the picture is a little off. Else it is focused at its f-stop")
+    iris_roundness: FloatProperty(
+        name="Roundness", subtype="FACTOR", default=0.0, min=0, max=1,
+        description="Of the blades of the camera's aperture, where the lens is stopped down: from straight ones to a "
+                    "circle")
     wavelength_mode: EnumProperty(
         name="Wavelengths", default="RANGE",
         items=[("RANGE", "Range", "Evenly spaced wavelengths"), ("LIST", "List", "Wavelengths one by one")])

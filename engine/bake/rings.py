@@ -79,12 +79,9 @@ def turned(prescription: Prescription, rings: Rings = AT_REST) -> TurnedLens:
     for name, asked in (("focus_mm", rings.focus_mm), ("f_number", rings.f_number)):
         if asked is not None and not asked > 0:
             raise LensError(prescription.name, name, asked, "expected a positive number")
-    standing = system_of(prescription)
-    widest_stop = replace(prescription, aperture=("stop", standing.stop_semi_aperture_mm),
-                          field=("image_height_mm", standing.last_height_mm))
-    far = system_of(replace(_moved(widest_stop, 0.0), object_distance_mm=np.inf))
+    widest_stop, far = _wide_open(prescription)
     f_number, of_stop = _f_number(prescription, far, rings.f_number)
-    stop = "stop", standing.stop_semi_aperture_mm * far.f_number / f_number
+    stop = "stop", widest_stop.aperture[1] * far.f_number / f_number
     there, of_focus = widest_stop, ()
     if rings.focus_mm is not None:
         there, of_focus = _focused_on(widest_stop, far, rings)
@@ -101,6 +98,14 @@ def ring_ends(prescription: Prescription) -> tuple[Rings, Rings]:
     farthest = turned(prescription, Rings(np.inf))
     closest = turned(prescription, Rings(NEAREST_MM, SMALLEST_STOP))
     return Rings(farthest.focus_mm, farthest.f_number), Rings(closest.focus_mm, closest.f_number)
+
+
+def is_stopped_down(prescription: Prescription, rings: Rings) -> bool:
+    """Whether a lens is turned to an f-number beyond its widest: whether its iris is in the way of light."""
+    if rings.f_number is None:
+        return False
+    _, far = _wide_open(prescription)
+    return _f_number(prescription, far, rings.f_number)[0] > far.f_number * (1 + SLACK)
 
 
 def capture_focal_length_mm(prescription: Prescription, rings: Rings = AT_REST) -> float:
@@ -123,6 +128,14 @@ def resized_rings(prescription: Prescription, rings: Rings, focal_mm: float) -> 
         size = focal_mm / capture_focal_length_mm(prescription, there)
         there = replace(rings, focus_mm=rings.focus_mm / size, size=size)
     return there
+
+
+def _wide_open(prescription):
+    """A prescription with its widest stop and its picture's end in mm, and its system focused far away."""
+    standing = system_of(prescription)
+    widest_stop = replace(prescription, aperture=("stop", standing.stop_semi_aperture_mm),
+                          field=("image_height_mm", standing.last_height_mm))
+    return widest_stop, system_of(replace(_moved(widest_stop, 0.0), object_distance_mm=np.inf))
 
 
 def _f_number(prescription, far, asked):

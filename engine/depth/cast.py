@@ -82,7 +82,7 @@ def cast(layered: LayeredRadiance, lens: "Lens", rays: "RayTable", *, most_rays:
     fisheye = per_focal(capture, focal_mm)
     meetings = plan_meetings(layers, ends, sensor, fisheye, most_rays)
     shares = _sharp_shares(layers, capture.shape_px)
-    blades, shape = (iris.directions, iris.shape) if iris else (np.zeros((0, 2), np.float32), (1.0, 0.0, 0.0))
+    blades = iris or Iris(0)
     needed = 8 * max(1, int(meetings.eights.max()))
     for first in range(0, count, kernels.TOGETHER):
         group = slice(first, min(first + kernels.TOGETHER, count))
@@ -91,7 +91,7 @@ def cast(layered: LayeredRadiance, lens: "Lens", rays: "RayTable", *, most_rays:
         if meetings.eights.any():
             bundle = pencils(rays, wavelengths_nm[group], sensor, focal_mm, needed)
             casting = kernels.Casting(
-                bundle.packed(), bundle.heights_per_px, sensor.centre_px, fisheye, blades, shape,
+                bundle.packed(), bundle.heights_per_px, sensor.centre_px, fisheye, blades.directions, blades.shape,
                 tuple(layer.of(group) for layer in layers), tuple(FAINT * float(abs(plane.mean())) for plane in sharp),
                 meetings.found, meetings.eights, TILE_PX)
             for done in _filled_rows(casting, blurred, clear):

@@ -5,12 +5,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..errors import InputError
 from ..image.pixel_grid import FISHEYE, PixelGrid
 
 if TYPE_CHECKING:
     from ..bake.ray_table import RayTable
 
 HEIGHTS = 65  # between which rays are interpolated linearly
+MOST_BLADES = 64
 SEQUENCES = 8  # of samples: neighbouring pixels have different ones
 LEAST_COSINE = 1e-3  # of rays to the axis: a depth along it tells no place beside the camera
 
@@ -22,7 +24,7 @@ class Iris:
     Attributes
     ----------
     blades : int
-        At least 3.
+        3 to MOST_BLADES; or 0, for a round stop.
     rotation_deg : float
         Of the first blade's middle, anticlockwise from the right, as the sensor sees it.
     roundness : float
@@ -33,10 +35,18 @@ class Iris:
     rotation_deg: float = 0.0
     roundness: float = 0.0
 
+    def __post_init__(self) -> None:
+        if self.blades and not 3 <= self.blades <= MOST_BLADES:
+            raise InputError("iris", "blades", self.blades, f"expected 3 to {MOST_BLADES}, or 0 for a round stop")
+        if not 0 <= self.roundness <= 1:
+            raise InputError("iris", "roundness", self.roundness, "expected 0, straight blades, to 1, a circle")
+        if not np.isfinite(self.rotation_deg):
+            raise InputError("iris", "rotation", self.rotation_deg, "expected degrees")
+
     @property
     def directions(self) -> np.ndarray:
         """Those that the blades face: float32 array (blade, 2)."""
-        azimuth = np.radians(self.rotation_deg) + 2 * np.pi * np.arange(self.blades) / self.blades
+        azimuth = np.radians(self.rotation_deg) + 2 * np.pi * np.arange(self.blades) / max(self.blades, 1)
         return np.stack([np.cos(azimuth), np.sin(azimuth)], axis=1).astype(np.float32)
 
     @property
@@ -45,6 +55,8 @@ class Iris:
 
         That is a circle through two corners, of the radius 1 / roundness.
         """
+        if not self.blades:
+            return 1.0, 0.0, 0.0
         half, bend = np.pi / self.blades, self.roundness
         root = np.sqrt(1 - (bend * np.sin(half)) ** 2)
         return (float(np.cos(half) * root - bend * np.cos(2 * half) / 2), bend / 2,

@@ -10,7 +10,7 @@ from pathlib import Path
 from ..bake.prescription import Prescription
 from ..bake.prescriptions import READERS, read_prescription
 from ..bake.prescriptions.toml import read_lensfield
-from ..bake.rings import AT_REST, Rings, turned
+from ..bake.rings import AT_REST, Rings, is_stopped_down, turned
 from ..errors import LensError, absence
 from ..lens.lens import Lens
 from ..lens.readers import IMPORT_FIRST, is_import
@@ -89,6 +89,11 @@ def _as_it_stands(package, name_or_path):
 def cannot_be(name_or_path: str | PathLike[str], rings: Rings) -> tuple[str, ...]:
     """What is asked of a lens's rings and is out of their reach, and what they are set to instead: a line each."""
     return turned(prescription_of(name_or_path), rings).words
+
+
+def iris_shows(name_or_path: str | PathLike[str], rings: Rings) -> bool:
+    """Whether a lens is stopped down below its widest aperture, so that the shape of its iris counts."""
+    return has_rings(name_or_path) and is_stopped_down(prescription_of(name_or_path), rings)
 
 
 def has_rings(name_or_path: str | PathLike[str]) -> bool:

@@ -10,7 +10,14 @@ from lensfield.engine import LensError
 from lensfield.engine.bake.focus import build_system
 from lensfield.engine.bake.prescription import Prescription, Surface
 from lensfield.engine.bake.rays import HalfPupil, trace_pupil
-from lensfield.engine.bake.rings import Rings, capture_focal_length_mm, resized_rings, ring_ends, turned
+from lensfield.engine.bake.rings import (
+    Rings,
+    capture_focal_length_mm,
+    is_stopped_down,
+    resized_rings,
+    ring_ends,
+    turned,
+)
 from lensfield.engine.bake.system import system_of
 from lensfield.engine.library import bundled_lenses
 from varied_lenses import VARIED
@@ -69,6 +76,15 @@ def test_what_is_out_of_reach_is_told_and_set_to_what_the_lens_has():
     closer = turned(replace(lens, closest_focus_mm=80.0), Rings(100.0))
     assert closer.words == () and closer.focus_mm == pytest.approx(100.0)
     assert turned(lens, Rings(f_number=5.4998)).words == (), "what is engraved is rounded"
+
+
+@pytest.mark.parametrize("name", ["tessar-50mm", "nikkor-z-50mm-f1.8", "muller-fisheye-25mm"])
+def test_the_iris_is_in_the_way_beyond_the_widest_stop_alone(name):
+    lens = bundled_lenses()[name]
+    widest, _ = ring_ends(lens)
+    for f_number, shows in ((None, False), (widest.f_number / 2, False), (widest.f_number, False),
+                            (1.1 * widest.f_number, lens.highest_f_number > widest.f_number)):
+        assert is_stopped_down(lens, Rings(1500.0, f_number)) == shows
 
 
 def test_a_lens_of_one_stop_says_so():

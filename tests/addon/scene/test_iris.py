@@ -1,0 +1,143 @@
+"""The iris: blades that stop a lens down, as the camera's Aperture and the settings have them."""
+
+import json
+from dataclasses import replace
+from math import inf, radians
+
+import bpy
+import numpy as np
+import pytest
+
+from lensfield import addon
+from lensfield.addon.job.record import read_record
+from lensfield.addon.job.render import job_of_frame
+from lensfield.addon.scene.rings import iris_arguments, scene_iris, scene_lens
+from lensfield.cli import _parser
+from lensfield.commands.arguments import asked_iris
+from lensfield.engine import InputError, Lens, simulate
+from lensfield.engine.depth.pencils import Iris
+from lensfield.engine.image.depth_range import entrance_pupil_diameter_mm
+from lensfield.engine.image.layers import Layer, LayeredRadiance
+from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.image.spectral_exr import read_parts
+from lensfield.engine.lens.readers.package import write_package
+from small_scenes import material, set_world, wall
+
+LENS = "tessar-50mm"
+ENLARGED = 12  # by how much less of the sensor is looked at
+
+
+@pytest.fixture
+def blades(scene):
+    """The camera's depth of field, stopped down by six blades."""
+    dof = scene.camera.data.dof
+    dof.use_dof, dof.focus_distance, dof.aperture_fstop = True, 1.2, 8.0
+    dof.aperture_blades, dof.aperture_rotation, scene.lensfield.iris_roundness = 6, radians(15), 0.25
+    return dof
+
+
+def test_the_cameras_blades_stop_a_lens_down_that_is_not_wide_open(scene, blades):
+    assert scene_iris(scene, LENS) == Iris(6, 15.0, 0.25), "without the noise of Blender's floats"
+    assert scene_iris(scene, LENS, Iris(5)) == Iris(5) and scene_iris(scene, LENS, Iris(0)) is None
+    assert scene_iris(scene, LENS, f_number=5.5) is None, "the widest that it has"
+    blades.aperture_fstop = 1.4
+    assert scene_iris(scene, LENS) is None and scene_iris(scene, LENS, f_number=11.0) == Iris(6, 15.0, 0.25)
+    blades.aperture_fstop, blades.aperture_blades = 8.0, 2
+    assert scene_iris(scene, LENS) is None, "which Cycles takes for none, too"
+    blades.aperture_blades, blades.use_dof = 6, False
+    assert scene_iris(scene, LENS) is None and scene_iris(scene, LENS, f_number=8.0) is None
+
+
+def test_a_lens_without_rings_has_no_blades_but_those_that_are_given(scene, blades, tmp_path):
+    lens = Lens.load("edmund-54852")
+    write_package(lens, tmp_path / "own.npz")
+    assert scene_iris(scene, tmp_path / "own.npz") is None and scene_iris(scene, tmp_path / "own.npz", Iris(5)) is None
+    assert scene_iris(scene, lens) is None and scene_iris(scene, lens, Iris(5)) == Iris(5)
+
+
+def test_blades_are_keyframed_and_part_of_the_record(scene, blades, tmp_path):
+    for frame, roundness in ((1, 0.0), (11, 1.0)):
+        scene.lensfield.iris_roundness = roundness
+        scene.lensfield.keyframe_insert("iris_roundness", frame=frame)
+    asked = {"lens": LENS, "wavelengths_nm": [550], "lens_quality": "preview"}
+    jobs = [job_of_frame(scene, frame, **asked) for frame in (1, 6, 11)]
+    assert [job.iris.roundness for job in jobs] == pytest.approx([0, 0.5, 1])
+    set_world(scene)
+    result = addon.render_through_lens(scene, output_folder=tmp_path, **asked)
+    assert read_record(replace(jobs[0], state=""), result)
+    assert read_record(replace(jobs[0], iris=Iris(7)), result) is None
+    assert json.loads(result.record.read_text())["job"]["iris"]["blades"] == 6
+
+
+def test_what_a_stretched_aperture_would_do_is_left_out_and_told(scene, blades):
+    asked = {"lens": LENS, "wavelengths_nm": [550], "lens_quality": "preview"}
+    assert not any("Aperture" in str(remark) for remark in addon.preflight(scene, **asked).remarks)
+    blades.aperture_ratio = 2.0
+    assert "Aperture Ratio 2: left out" in map(str, addon.preflight(scene, **asked).remarks)
+
+
+@pytest.mark.parametrize("iris", [None, Iris(5), Iris(9, -12.5, 0.5), Iris(6, 1e-7, 1.0)])
+def test_the_command_takes_blades_as_they_are(iris):
+    told = _parser().parse_args(["apply", "Scene_0001_radiance.exr", "--lens", LENS, *iris_arguments(iris)])
+    assert asked_iris(told) == (iris or Iris(0))
+
+
+def test_the_command_wants_blades_to_turn():
+    for words in (["--iris-rotation", "5"], ["--iris-roundness", "0.5"]):
+        with pytest.raises(InputError, match="give --iris-blades"):
+            asked_iris(_parser().parse_args(["apply", "Scene_0001_radiance.exr", "--lens", LENS, *words]))
+
+
+@pytest.mark.parametrize("values, message", [
+    ((2,), "blades is 2"), ((-1,), "blades is -1"), ((1000,), "blades is 1000"), ((5, 0.0, 1.5), "roundness is 1.5"),
+    ((5, inf), "rotation is inf")])
+def test_blades_that_cannot_be(values, message):
+    with pytest.raises(InputError, match=message):
+        Iris(*values)
+
+
+def bokeh(lens, depth_mm, iris, shape_px=(54, 72)):
+    """A small lamp out of focus on the axis, through a lens."""
+    pitch_um = lens.sensor_mm[0] / shape_px[1] / ENLARGED * 1e3
+    grid = PixelGrid.around_frame(shape_px, pitch_um, (30, 30))
+    light = np.zeros((1, *grid.shape_px), np.float32)
+    rows, columns = grid.shape_px
+    light[0, rows // 2 - 1:rows // 2 + 1, columns // 2 - 1:columns // 2 + 1] = 1
+    lamp = Layer(light, np.ones(grid.shape_px, np.float32), np.full(grid.shape_px, depth_mm, np.float32))
+    layered = LayeredRadiance([lamp], [550.0], grid, lens.capture_focal_length_mm)
+    return simulate(layered, lens, iris=iris).cube[0]
+
+
+def cycles_bokeh(scene, lens, depth_mm, folder):
+    """The same by Cycles' own depth of field, through the camera's blades."""
+    rows, columns = scene.render.resolution_y, scene.render.resolution_x
+    width_mm, camera = lens.sensor_mm[0] / ENLARGED, scene.camera.data
+    camera.lens = lens.capture_focal_length_mm * camera.sensor_width / width_mm
+    camera.dof.aperture_fstop = camera.lens / entrance_pupil_diameter_mm(lens)
+    glow = material("Glow", "ShaderNodeEmission")[0]
+    wall(scene, glow, depth_mm / 1e3, 2 * width_mm / columns * depth_mm / lens.capture_focal_length_mm / 1e3)
+    scene.cycles.samples, scene.cycles.pixel_filter_type = 1024, "BOX"
+    settings = scene.render.image_settings
+    settings.file_format, settings.color_mode, settings.color_depth = "OPEN_EXR", "RGB", "32"
+    scene.render.filepath = str(folder / "bokeh.exr")
+    bpy.ops.render.render(write_still=True)
+    (_, planes), = read_parts(folder / "bokeh.exr")
+    assert planes["R"].shape == (rows, columns)
+    return planes["R"]
+
+
+@pytest.mark.parametrize("depth_mm", [700.0, 10000.0])
+def test_blades_are_turned_as_those_of_cycles(scene, blades, tmp_path, depth_mm):
+    """Before focus and behind it: triangles agree, and would not if they were turned or mirrored."""
+    lens, _, _ = scene_lens(scene, LENS, "lens", "preview", focus=1500.0, f_number=5.7)
+    blades.focus_distance, blades.aperture_blades, blades.aperture_rotation = 1.5, 3, radians(15)
+    scene.lensfield.iris_roundness = 0
+    scene.render.resolution_x, scene.render.resolution_y = 72, 54
+    iris = scene_iris(scene, LENS, f_number=5.7)
+    ours, cycles = bokeh(lens, depth_mm, iris), cycles_bokeh(scene, lens, depth_mm, tmp_path)
+
+    def alike(picture):
+        return np.sum(ours * picture) / np.sqrt(np.sum(ours**2) * np.sum(picture**2))
+
+    others = cycles[::-1, ::-1], cycles[:, ::-1], cycles[::-1]
+    assert alike(cycles) > 0.98 and all(alike(other) < alike(cycles) - 0.01 for other in others)
