@@ -1,20 +1,22 @@
 """`lensfield filter`: spectral radiance or any renderer's RGB picture, one or a sequence, put through a lens."""
 
+from dataclasses import replace
 from math import isfinite
 from pathlib import Path
 
 from ..engine import ImageError, InputError, Kept, Report, simulate
+from ..engine.depth.slabs import plan_slabs
+from ..engine.depth.told import DEPTH_KINDS
 from ..engine.field.overscan import overscan_px
-from ..engine.image.pitch import field_of_view_deg, fitting_pitch_um, fov_pitch_um
-from ..engine.report import FileFacts, Upsampling, together
-from ..engine.spectral.spectra import parse_wavelengths
+from ..engine.plan.options import DEFAULT_ACCURACY
+from ..engine.report import FIGURE, FileFacts, together
 from ..engine.spectral.wavelength_choice import RGB_WAVELENGTHS
-from .arguments import add_engine_options, add_rings, check_outputs, chosen_lens, engine_options
+from .arguments import MM, add_engine_options, add_rings, check_outputs, chosen_lens, engine_options
 from .outcome import finish
+from .reading import read_picture
 from .sequence import find_shots
 from .terminal import progress_bar, quiet
 
-RGB_ONLY = ("wavelengths", "layer", "fov", "focal_mm", "sensor_width_mm")
 CAMERA_FIGURES = {"--pitch-um": ("pitch_um",), "--fov": ("fov",), "--focal-mm": ("focal_mm", "sensor_width_mm")}
 
 
@@ -37,6 +39,14 @@ def add(commands):
     rgb.add_argument("--fov", type=float, metavar="DEGREES", help="horizontal field of view of the rendering camera")
     rgb.add_argument("--focal-mm", type=float, metavar="F", help="its focal length; with --sensor-width-mm")
     rgb.add_argument("--sensor-width-mm", type=float, metavar="W")
+    depth = filter_.add_argument_group("depth", "of a file that has a channel of it, such as Z, or is deep: what is "
+                                                "out of focus is blurred, and what near things hide is guessed")
+    depth.add_argument("--depth", choices=("auto", "off"), default="auto",
+                       help="off: all is as sharp as in focus (default auto)")
+    depth.add_argument("--depth-channel", metavar="NAME", help="which of several, such as ViewLayer.Depth.Z")
+    depth.add_argument("--depth-unit", choices=MM, default="m", help="of its numbers (default m)")
+    depth.add_argument("--depth-is", choices=DEPTH_KINDS, default="z",
+                       help="along the camera's axis, or the distance from the camera (default z)")
     add_engine_options(filter_)
     add_rings(filter_)
     filter_.set_defaults(run=_filter)
@@ -71,15 +81,20 @@ class _Run:
         report = Report()
         try:
             with report.stage("read radiance"), quiet(1, 2):  # of damage the EXR library tells at length
-                radiance, picture = self._read(shot.radiance)
+                seen = read_picture(shot.radiance, self._options, self._lens)
+            radiance = seen.radiance
             with report.stage("plan"):
                 plan = self._kept.plan(self._chosen, self._lens, radiance)
                 needed = overscan_px(self._lens, radiance.grid, radiance.wavelengths_nm, plan.reach_px)
-                self._tell(picture, plan)
+                slabs = self._slabs(seen, needed)
+                self._tell(seen, plan, slabs)
+            report.file = self._facts(shot, seen, needed, slabs)
+            if report.file.layers:
+                with report.stage("layers of depth"):
+                    radiance = seen.layers(slabs)
             irradiance = self._through_lens(shot, radiance, report)
         except ImageError as error:
             raise error.at(shot.radiance) from None
-        report.file = FileFacts(str(shot.radiance), needed, picture)
         with report.stage("write irradiance"):
             write_exr(irradiance, shot.output)
         if shot.preview:
@@ -88,35 +103,39 @@ class _Run:
         self._done += 1
         return report
 
-    def _read(self, path):
-        """Radiance; and what the file was taken for, if it was a picture in RGB."""
-        from ..engine.image.rgb_picture import read_rgb_exr, upsample
-        from ..engine.image.spectral_exr import is_spectral, read_exr
+    def _slabs(self, seen, needed_px):
+        """The plan of slabs by the depth that a file tells; None where it tells none."""
+        return seen.depth and plan_slabs(seen.depth.planar_mm, seen.radiance.grid, self._lens, overscan_px=needed_px,
+                                         accuracy=self._chosen.accuracy or DEFAULT_ACCURACY)
 
-        if is_spectral(path):
-            for name in RGB_ONLY:
-                if (value := getattr(self._options, name)) is not None:
-                    raise ImageError(path, f"--{name.replace('_', '-')}", value,
-                                     "leave it out: it is for RGB files, and this one is spectral")
-            return read_exr(path, self._options.pitch_um), None
-        picture = read_rgb_exr(path, self._options.layer)
-        pitch = _pitch_um(self._options, self._lens, picture.frame_px)
-        wavelengths_nm = parse_wavelengths(self._options.wavelengths or RGB_WAVELENGTHS)
-        radiance, negative = upsample(picture, wavelengths_nm, pitch)
-        across, down = (field_of_view_deg(self._lens.capture_focal_length_mm, n * pitch * 1e-3)
-                        for n in picture.frame_px[::-1])
-        return radiance, Upsampling(picture.layer or "RGB", (across, down), wavelengths_nm.tolist(), negative)
+    def _facts(self, shot, seen, needed_px, slabs):
+        facts = FileFacts(str(shot.radiance), needed_px, seen.picture)
+        if slabs is None:
+            return facts
+        words = []
+        if slabs.needed:
+            words.append(f"depth is that of {seen.channel}")
+            if seen.guessed:
+                words.append(f"{seen.guessed}, up to {slabs.behind:.2g} of the light: guessed from what is around it")
+            if self._lens.prescription is None:
+                words.append("the lens data tell no rays: what is out of focus is blurred by circles of first order")
+            if seen.depth.unknown:
+                words.append(f"{seen.depth.unknown:.1%} of the pixels tell no depth: taken for infinitely far")
+        return replace(facts, depth=slabs.check, layers="; ".join(words))
 
-    def _tell(self, picture, plan):
+    def _tell(self, seen, plan, slabs):
         """Say what a picture is taken for and what the plan is; of a sequence, only where it is other than before."""
         lines = [f"plan: {plan.text}"]
-        if picture:
-            lines.insert(0, f"picture: {picture.layer}, upsampled to {len(picture.wavelengths_nm)} wavelengths, "
-                            "{:.1f} x {:.1f} degrees".format(*picture.fov_deg))
+        if seen.picture:
+            lines.insert(0, f"picture: {seen.picture.layer}, upsampled to {len(seen.picture.wavelengths_nm)} "
+                            "wavelengths, {:.1f} x {:.1f} degrees".format(*seen.picture.fov_deg))
+        if slabs:
+            lines.append(f"depth: {seen.channel}: {slabs.text}")
         for line in lines:
-            if line not in self._told:
+            kind = FIGURE.sub("", line) if line.startswith("depth") else line  # each frame has other figures
+            if kind not in self._told:
                 print(line, flush=True)
-            self._told.add(line)
+            self._told.add(kind)
 
     def _through_lens(self, shot, radiance, report):
         label = f"Through {self._lens.name}" if shot.frame is None else f"Frame {shot.frame} through {self._lens.name}"
@@ -148,13 +167,3 @@ def _check_view(options):
     if (options.focal_mm is None) != (options.sensor_width_mm is None):
         missing = "--focal-mm" if options.focal_mm is None else "--sensor-width-mm"
         raise InputError("options", missing, "missing", "focal length and sensor width tell the view together")
-
-
-def _pitch_um(options, lens, frame_px):
-    """The pitch at which an RGB picture lies on the sensor, by the camera that rendered it."""
-    if options.pitch_um is not None:
-        return options.pitch_um
-    fov_deg = options.fov
-    if options.focal_mm is not None:
-        fov_deg = field_of_view_deg(options.focal_mm, options.sensor_width_mm)
-    return fitting_pitch_um(lens, frame_px) if fov_deg is None else fov_pitch_um(lens, frame_px[1], fov_deg)

@@ -170,7 +170,9 @@ class FileFacts:
     lens_warning : str
         What the picture's field of view means for the lens; "" where it is the lens's own.
     depth : DepthCheck or None
-        None where the file does not tell its depth.
+        None where the file does not tell its depth, or it does not enter.
+    layers : str
+        How depth enters; "" where it does not.
     """
 
     radiance: str
@@ -178,6 +180,7 @@ class FileFacts:
     picture: Upsampling | None
     lens_warning: str = ""
     depth: DepthCheck | None = None
+    layers: str = ""
 
 
 def together(reports: dict[int, "Report"], earlier: dict[int, dict] | None = None) -> "Report":
@@ -250,7 +253,9 @@ class Report:
         if made_of and made_of.lens_warning:
             yield made_of.lens_warning
         yield from self.scene.scene_remarks if self.scene else ()
-        if made_of and made_of.depth and made_of.depth.outside_fraction:
+        if self.file and self.file.layers:
+            yield self.file.layers
+        elif made_of and made_of.depth and made_of.depth.outside_fraction:
             yield made_of.depth.text
         image, file = self.lens_image, self.file
         if image and image.out_of_field_fraction:

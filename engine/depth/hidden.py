@@ -65,9 +65,14 @@ def with_hidden(radiance: SpectralImage, alphas: Sequence[np.ndarray], depths_mm
 
 def _usual_light(radiance):
     """By what the light of each pixel is told to others: a lamp beside what hides is not thought to be as large."""
-    light = radiance.cube.mean(axis=0)
+    light = sum(_finite(plane) for plane in radiance.cube) / np.float32(len(radiance.cube))
     usual = BRIGHT * np.median(light[light > 0]) if np.any(light > 0) else np.inf
     return np.divide(usual, light, out=np.ones_like(light), where=light > usual)
+
+
+def _finite(plane):
+    """A plane without fireflies, which stay where they are."""
+    return np.nan_to_num(plane, posinf=0.0, neginf=0.0)
 
 
 def _continued(light, alpha, depth_mm, hidden, usual):
@@ -86,7 +91,8 @@ def _continued(light, alpha, depth_mm, hidden, usual):
     planes = []
     for plane in light:
         if into.any():
-            plane = np.where(into, filled(plane * usual, weight) / np.where(into, share, 1), plane)
+            guess = filled(_finite(plane) * usual, weight)
+            plane = np.where(into, guess / np.where(into, share, 1), plane)
         planes.append(plane[rows, columns])
     return Layer(np.array(planes), alpha[rows, columns].copy(), depth_mm[rows, columns].copy(),
                  (rows.start, columns.start))

@@ -3,12 +3,10 @@
 import json
 
 import numpy as np
-import OpenEXR
 import pytest
 from PIL import Image
 
 from lenses import make_lens
-from lensfield import cli
 from lensfield.commands.sequence import find_shots, parse_frames
 from lensfield.engine import ImageError, InputError, Lens, Options, SpectralImage, simulate
 from lensfield.engine.image.nonfinite import refuse_fireflies
@@ -17,6 +15,7 @@ from lensfield.engine.image.rgb_picture import RgbPicture, light_basis, read_rgb
 from lensfield.engine.image.spectral_exr import is_spectral, read_exr, write_exr
 from lensfield.engine.spectral.colour import encode_srgb
 from lensfield.engine.spectral.spectra import emission_basis
+from rgb_files import colours, failure, parts_exr, planes_exr, run, window
 
 NINE_NM = np.linspace(400, 700, 9)
 ACESCG = (0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767)  # S-2014-004, with the white of ST 2065-1
@@ -24,46 +23,6 @@ ACESCG = (0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767)  # S-2014-
 # 1.70505 a - 0.62179 b - 0.08326 c, -0.13026 a + 1.14080 b - 0.01055 c, -0.02400 a - 0.12897 b + 1.15297 c
 ACESCG_COLOUR, IN_REC709 = (0.5, 0.2, 0.1), (0.719841, 0.161975, 0.077503)
 QUICK = ("--lens", "edmund-54852", "--method", "paper", "--section-size", 8, "--wavelengths", "450,550,650")
-
-
-def colours(path, rgb, shape=(18, 24), prefix="", kind=np.float32, **header):
-    """A file with a picture of one colour, or with this one."""
-    planes = np.moveaxis(np.broadcast_to(np.asarray(rgb), (*shape, 3)) if np.ndim(rgb) < 3 else rgb, -1, 0)
-    channels = {f"{prefix}{name}": np.ascontiguousarray(plane, dtype=kind)
-                for name, plane in zip("RGB", planes, strict=True)}
-    return planes_exr(path, channels, **header)
-
-
-def planes_exr(path, channels, **header):
-    with OpenEXR.File({"type": OpenEXR.scanlineimage} | header, channels) as file:
-        file.write(str(path))
-    return path
-
-
-def parts_exr(path, parts):
-    """A multi-part file; of each part its channels and the value of each."""
-    made = [OpenEXR.Part({"type": OpenEXR.scanlineimage},
-                         {f"{name}.{channel}": np.full((6, 8), value, dtype=np.float16)
-                          for channel, value in channels.items()}, name) for name, channels in parts.items()]
-    with OpenEXR.File(made) as file:
-        file.write(str(path))
-    return path
-
-
-def window(left, top, columns, rows):
-    return np.array([left, top], dtype=np.int32), np.array([left + columns - 1, top + rows - 1], dtype=np.int32)
-
-
-def run(*arguments):
-    return cli.main([str(argument) for argument in arguments])
-
-
-def failure(capsys, *arguments):
-    """The one line of a run that fails."""
-    assert run(*arguments) == 1
-    line = capsys.readouterr().err
-    assert line.count("\n") == 1
-    return line
 
 
 def picture(rgb):

@@ -1,0 +1,134 @@
+"""What `lensfield filter` reads: spectral radiance, any renderer's RGB or deep picture, and the depth that it tells."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..engine import ImageError, SpectralImage
+from ..engine.depth.slabs import SlabPlan
+from ..engine.depth.told import ToldDepth, deep_in_mm, layers_of_deep, layers_of_flat, told_depth
+from ..engine.image.layers import LayeredRadiance
+from ..engine.image.pitch import field_of_view_deg, fitting_pitch_um, fov_pitch_um
+from ..engine.report import Upsampling
+from ..engine.spectral.spectra import parse_wavelengths
+from ..engine.spectral.wavelength_choice import RGB_WAVELENGTHS
+from .arguments import MM
+
+RGB_ONLY = ("wavelengths", "layer", "fov", "focal_mm", "sensor_width_mm")
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A picture that was read.
+
+    Attributes
+    ----------
+    radiance : SpectralImage
+    picture : Upsampling, optional
+        What it was taken for, if it was in RGB.
+    channel : str
+        That of its depth.
+    depth : ToldDepth, optional
+        None where the file tells none, or it is not to enter.
+    layers : callable (SlabPlan), optional
+        The layers that it becomes by its depth.
+    guessed : str
+        What of these is a guess; "" where all of them was captured.
+    """
+
+    radiance: SpectralImage
+    picture: Upsampling | None = None
+    channel: str = ""
+    depth: ToldDepth | None = None
+    layers: Callable[[SlabPlan], LayeredRadiance] | None = None
+    guessed: str = ""
+
+
+def read_picture(path, options, lens):
+    """What a file holds, as the command line's options take it.
+
+    Returns
+    -------
+    Seen
+    """
+    from ..engine.image.deep_exr import read_deep_exr
+    from ..engine.image.rgb_picture import read_rgb_exr
+    from ..engine.image.spectral_exr import is_spectral, read_parts
+
+    if is_spectral(path):
+        return _spectral(path, options, lens)
+    deep = read_deep_exr(path, options.layer)
+    if deep is not None:
+        return _deep(deep, options, lens)
+    picture = read_rgb_exr(path, options.layer)
+    seen = Seen(*_upsampled(picture, options, lens))
+    return _with_depth(seen, read_parts(path), options, lens, picture) if options.depth != "off" else seen
+
+
+def _spectral(path, options, lens):
+    from ..engine.image.spectral_exr import read_with_layers
+
+    for name in RGB_ONLY:
+        if (value := getattr(options, name)) is not None:
+            raise ImageError(path, f"--{name.replace('_', '-')}", value,
+                             "leave it out: it is for RGB files, and this one is spectral")
+    radiance, planes, layered = read_with_layers(path, options.pitch_um)
+    if options.depth == "off":
+        return Seen(radiance)
+    seen = _with_depth(Seen(radiance), [({}, planes)], options, lens)
+    return replace(seen, layers=lambda plan: layered, guessed="") if layered and seen.depth else seen
+
+
+def _with_depth(seen, parts, options, lens, picture=None):
+    """A picture with the depth that its file tells."""
+    from ..engine.image.depth_channel import depth_channel
+    from ..engine.image.rgb_picture import lay_out
+
+    found = depth_channel(parts, picture.layer if picture else "", options.depth_channel)
+    if found is None:
+        return seen
+    channel, header, plane = found
+    if picture:
+        plane = lay_out(plane, parts[0][0] | header, picture.overscan_px, empty=np.inf)
+    depth = told_depth(plane, lens, seen.radiance.grid, MM[options.depth_unit], options.depth_is)
+    return replace(seen, channel=channel, depth=depth, guessed="what near things hide is not in the picture",
+                   layers=lambda plan: layers_of_flat(seen.radiance, depth, plan))
+
+
+def _deep(deep, options, lens):
+    flat, = deep.slabs(np.zeros(deep.pixel.size, int), 1)
+    radiance, facts = _upsampled(flat[0], options, lens)
+    if options.depth == "off":
+        return Seen(radiance, facts)
+    deep = deep_in_mm(deep, lens, radiance.grid, MM[options.depth_unit], options.depth_is)
+    planar_mm = deep.first_depth()
+
+    def light(picture):
+        return _upsampled(picture, options, lens)[0]
+
+    return Seen(radiance, facts, f"{deep.layer}.Z".lstrip("."), ToldDepth(planar_mm, planar_mm, 0.0),
+                lambda plan: layers_of_deep(radiance, deep, plan, light),
+                "where the file holds nothing behind what is near")
+
+
+def _upsampled(picture, options, lens):
+    """Radiance of a picture in RGB, and what it was taken for."""
+    from ..engine.image.rgb_picture import upsample
+
+    pitch_um = _pitch_um(options, lens, picture.frame_px)
+    wavelengths_nm = parse_wavelengths(options.wavelengths or RGB_WAVELENGTHS)
+    radiance, negative = upsample(picture, wavelengths_nm, pitch_um)
+    across, down = (field_of_view_deg(lens.capture_focal_length_mm, n * pitch_um * 1e-3)
+                    for n in picture.frame_px[::-1])
+    return radiance, Upsampling(picture.layer or "RGB", (across, down), wavelengths_nm.tolist(), negative)
+
+
+def _pitch_um(options, lens, frame_px):
+    """The pitch at which an RGB picture lies on the sensor, by the camera that rendered it."""
+    if options.pitch_um is not None:
+        return options.pitch_um
+    fov_deg = options.fov
+    if options.focal_mm is not None:
+        fov_deg = field_of_view_deg(options.focal_mm, options.sensor_width_mm)
+    return fitting_pitch_um(lens, frame_px) if fov_deg is None else fov_pitch_um(lens, frame_px[1], fov_deg)
