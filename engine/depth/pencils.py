@@ -162,7 +162,18 @@ def stop_places(count: int, seed: int) -> np.ndarray:
         direction ^= direction >> 1
     across, around = (_scrambled(bits, 2 * seed + axis) / 2.0**32 for axis, bits in enumerate((first, second)))
     radius, azimuth = np.sqrt(across), 2 * np.pi * around
-    return np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth)])
+    places = np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth)])
+    ends = [0, *(2**n for n in range(5, count.bit_length()))]
+    return np.concatenate([_gathered(places[:, first:end]) for first, end in zip(ends, ends[1:], strict=False)], axis=1)
+
+
+def _gathered(places):
+    """Places in an order in which those of an eight lie side by side: such rays mostly meet the same layers."""
+    count = places.shape[1]
+    if count <= 8:
+        return places
+    places = places[:, np.argsort(places[np.argmax(np.ptp(places, axis=1))], kind="stable")]
+    return np.concatenate([_gathered(places[:, :count // 2]), _gathered(places[:, count // 2:])], axis=1)
 
 
 def _reversed(bits):

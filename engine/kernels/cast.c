@@ -9,6 +9,7 @@
 #define WIDE (LANES == 4 ? 4 : 8) /* rays at once: no number depends on how many */
 typedef float rays __attribute__((vector_size(4 * WIDE), aligned(4), may_alias));
 typedef int32_t masks __attribute__((vector_size(4 * WIDE), aligned(4), may_alias));
+typedef int64_t longs __attribute__((vector_size(4 * WIDE), aligned(8), may_alias));
 typedef double pairs __attribute__((vector_size(4 * WIDE), aligned(8), may_alias)); /* of neighbouring floats */
 typedef double pair __attribute__((aligned(4), may_alias));
 
@@ -31,8 +32,9 @@ INLINE rays between(rays a, rays b, rays weight) { return a + weight * (b - a); 
 
 INLINE int any(masks mask)
 {
-    int32_t one = 0;
-    for (int i = 0; i < WIDE; i++) one |= mask[i];
+    const longs two = (longs)mask;
+    int64_t one = 0;
+    for (int i = 0; i < WIDE / 2; i++) one |= two[i];
     return one != 0;
 }
 
@@ -121,8 +123,10 @@ INLINE void meet(const lf_layer *l, const pencil *p, const lf_meeting *m, float 
         *(masks *)where = (__builtin_convertvector(y, masks) * (int32_t)l->light.columns
                            + __builtin_convertvector(x, masks)) * 2;
         load_pairs(l->depth, where, &a, &b);
+        const rays before = *depth;
         *depth = firsts(a, b);
         *share = seconds(a, b);
+        if (!any(*depth != before)) break; /* more steps would find the same */
     }
 }
 

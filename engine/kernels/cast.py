@@ -7,7 +7,7 @@ import numpy as np
 
 from .library import CAST, LAYER, address, check, chosen, picture
 
-TOGETHER, SEQUENCES = 4, 8  # wavelengths at most; of rays: those of kernels.h
+TOGETHER, SEQUENCES = 6, 8  # wavelengths at most; of rays: those of kernels.h
 STOP, QUANTITIES = 2, 6  # of eight rays: their place of the stop, and what they have at each wavelength
 MEETING = np.dtype([("inverse_depth", np.float32), ("share", np.float32), ("steps", np.int32), ("focused", np.int32)])
 

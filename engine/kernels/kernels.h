@@ -113,7 +113,7 @@ typedef int lf_waves_loop(const lf_wavefront *, const lf_picture *out, double *l
 
 /* cast */
 
-#define LF_TOGETHER 4  /* wavelengths at most */
+#define LF_TOGETHER 6  /* wavelengths at most */
 #define LF_SEQUENCES 8 /* of rays: of the pixels of a tile's two rows and four columns each has another one */
 
 typedef struct {         /* a part of the scene that nothing of it hides, as a pinhole sees it; cut out of a capture */

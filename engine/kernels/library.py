@@ -48,7 +48,7 @@ LAYER = _structure("Layer", light=PICTURE, alpha=c_void_p, depth=c_void_p, axis_
 CAST = _structure("Cast", rays=c_void_p, heights=c_int64, eights=c_int64, wavelengths=c_int64,
                   centre_row=c_double, centre_column=c_double, heights_per_px=c_double, per_focal=c_float,
                   normals=c_void_p, blades=c_int64, blade_margin=c_float, blade_bend=c_float, blade_slope=c_float,
-                  layer=POINTER(LAYER), layers=c_int64, faint=c_float * 4, meetings=c_void_p, tile_eights=c_void_p,
+                  layer=POINTER(LAYER), layers=c_int64, faint=c_float * 6, meetings=c_void_p, tile_eights=c_void_p,
                   tile_rows=c_int64, tile_columns=c_int64, tile_px=c_int64)
 
 _SIGNATURES = {

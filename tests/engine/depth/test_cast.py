@@ -11,11 +11,13 @@ from lenses import make_lens
 from lensfield.engine.bake.first_order import first_order_rays
 from lensfield.engine.depth.cast import cast
 from lensfield.engine.depth.pencils import Iris
-from lensfield.engine.image.depth_range import blur_px, focus_nearness
+from lensfield.engine.image.depth_range import blur_px, entrance_pupil_diameter_mm, focus_nearness
 from lensfield.engine.image.layers import Layer, LayeredRadiance
 from lensfield.engine.image.pixel_grid import FISHEYE, PixelGrid
 from lensfield.engine.kernels import available, running
+from lensfield.engine.library.rays import lens_rays
 from loops import using
+from varied_lenses import varied_lens
 
 PITCH_UM, IN_FOCUS_MM = 8.0, 700.0
 FAR_MM = 1e6
@@ -186,3 +188,41 @@ def test_a_fisheye_shows_what_a_plane_capture_does(lens):
         stripes = 1 + np.sin(x_mm * 6 + 0 * y_mm)
         results.append(planes([layer(np.ones(grid.shape_px), depth_mm, stripes)], lens, grid, most_rays=512)[0].blurred)
     assert np.abs(results[1] - results[0]).max() < 0.02 and np.ptp(results[0]) > 0.1
+
+
+def test_a_lamp_in_the_corner_is_the_cats_eye_that_the_apertures_leave():
+    """Against rays from every pixel through random places of the stop, looked up one by one."""
+    lens, side = varied_lens("kodak-petzval-100mm"), 29
+    rays, focal_mm = lens_rays(lens), lens.capture_focal_length_mm
+    corner_mm = 0.85 * rays.last_height_mm / np.sqrt(2)
+    pitch_mm = 2 * entrance_pupil_diameter_mm(lens) * focal_mm * 2e-4 / side
+    middle = (side - 1) / 2
+    centre_px = middle + corner_mm / pitch_mm, middle - corner_mm / pitch_mm  # all is to the upper right of it
+    grid = PixelGrid((side, side), 1e3 * pitch_mm, centre_px)
+    x_mm, y_mm = np.meshgrid(*grid.axes_mm())
+    nearness = focus_nearness(lens) + 2e-4
+    rng = np.random.default_rng(2)
+    radius, azimuth = np.sqrt(rng.random((side, side, 400))), 2 * np.pi * rng.random((side, side, 400))
+    found = rays.at([550.0]).rays(0, -np.stack([x_mm, y_mm])[..., None],
+                                  np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth)]))
+    place_mm = focal_mm * (found.entrance_mm * nearness - found.direction[:2] / found.direction[2])
+    passing = found.margin > 0
+    lit_mm = [(each * passing).sum() / passing.sum() for each in place_mm]
+    column, row = (round(middle + sign * (at - corner_mm) / pitch_mm) for at, sign in zip(lit_mm, (1, -1), strict=True))
+    alpha = np.zeros(grid.shape_px)
+    alpha[row, column] = 1
+    at_x, at_y = (axis[index] for axis, index in zip(grid.axes_mm(), (column, row), strict=True))
+    # a pixel as bilinear interpolation widens it
+    tent = np.prod([np.maximum(0, 1 - np.abs(place - at) / pitch_mm)
+                    for place, at in zip(place_mm, (at_x, at_y), strict=True)], axis=0)
+    light = found.weight * passing
+    expected = (tent * light).sum(axis=-1) / np.maximum(light.sum(axis=-1), 1e-9)
+    scene = LayeredRadiance((layer(alpha, 1 / nearness, count=1),), [550.0], grid, focal_mm)
+    plane, = cast(scene, lens, rays, most_rays=1024)
+    off = plane.blurred - expected
+    noise = np.sqrt((tent**2 * passing).sum(axis=-1)) / np.maximum(passing.sum(axis=-1), 1)
+    assert np.abs(off).max() < 5 * noise.max() and abs(off.sum()) < 5 * np.sqrt((noise**2).sum())
+    assert 0.3 < passing.mean() < 0.8 and expected.sum() > 0.5
+    widths = [np.sqrt(((axis - (axis * plane.blurred).sum() / plane.blurred.sum())**2 * plane.blurred).sum())
+              for axis in (x_mm + y_mm, x_mm - y_mm)]
+    assert abs(np.log(widths[0] / widths[1])) > 0.1  # it is not round

@@ -15,7 +15,7 @@
 
 static uint64_t state;
 static uint64_t hash[MOST_VARIANTS];
-static double worst[MOST_VARIANTS][4]; /* of spreading, footprints, turning, waves */
+static double worst[MOST_VARIANTS][5]; /* of spreading, footprints, turning, waves, casting */
 
 static uint32_t random_bits(void)
 {
@@ -413,18 +413,139 @@ static void try_waves(void)
     free(across), free(up), free(path), free(edges), free(work), free(tightest);
 }
 
+/* Casting, of layers that are even in depth and let half of the light by, through rays that all pass, as its definition
+   has it; of layers of any depth, irises and vignetting, for the bits; of numbers of any kind, for the sanitizers. */
+
+static double pixel_of(const lf_layer *l, const float *plane, double row, double column)
+{
+    const double y = fmin(fmax(row, 0), (double)l->light.rows - 1), x = fmin(fmax(column, 0), (double)l->light.columns - 1);
+    double sum = 0;
+    for (int64_t j = (int64_t)y; j <= (int64_t)y + 1 && j < l->light.rows; j++)
+        for (int64_t i = (int64_t)x; i <= (int64_t)x + 1 && i < l->light.columns; i++)
+            sum += (1 - fabs(y - (double)j)) * (1 - fabs(x - (double)i)) * plane[j * l->light.row_step + i];
+    return sum;
+}
+
+/* What a pixel's rays add up to: light, blurred, through and all. */
+static void rays_of(const lf_cast_of *c, const lf_meeting *meetings, int64_t eights, int64_t row, int64_t column, int64_t w,
+                    double sums[4])
+{
+    const double x = (double)column - c->centre_column, y = c->centre_row - (double)row, height = hypot(x, y);
+    const double right = height > 0 ? x / height : 0, up = height > 0 ? y / height : 1, step = height * c->heights_per_px;
+    const int64_t before = step < (double)c->heights - 2 ? (int64_t)step : c->heights - 2, size = 16 + 48 * c->wavelengths;
+    const int64_t sequence = row % c->tile_px % 2 * 4 + column % c->tile_px % 4;
+    for (int64_t ray = 0; ray < 8 * eights; ray++) {
+        double got[6], free = 1, in_focus = 1;
+        for (int k = 0; k < 6; k++) {
+            const int64_t at = (before * LF_SEQUENCES + sequence) * c->eights * size + ray / 8 * size + 16 + 48 * w + 8 * k + ray % 8;
+            const double low = c->rays[at], high = c->rays[at + LF_SEQUENCES * c->eights * size];
+            const double weight = step - (double)before;
+            got[k] = low + (k < 4 ? weight : fmin(weight, 1)) * (high - low);
+        }
+        sums[0] += got[5];
+        for (int64_t n = 0; n < c->layers; n++) {
+            const lf_layer *l = c->layer + n;
+            if (meetings[n].steps < 0) continue;
+            const double q = meetings[n].inverse_depth, s = meetings[n].share, out = got[0] + q * got[2], across = got[1] + q * got[3];
+            const double tangent = hypot(out, across) * c->per_focal, part = tangent > 0 ? atan(tangent) / tangent : 1;
+            const double at_row = l->axis_row - part * (out * up - across * right);
+            const double at_column = l->axis_column + part * (out * right + across * up);
+            const double light = pixel_of(l, l->light.values + w * l->light.plane_step, at_row, at_column);
+            const double alpha = l->alpha ? pixel_of(l, l->alpha, at_row, at_column) : 1;
+            sums[1] += got[5] * free * (1 - s) * light;
+            sums[2] += got[5] * free * s * (light + c->faint[w] * alpha);
+            sums[3] += got[5] * in_focus * s * (light + c->faint[w] * alpha);
+            free *= 1 - alpha;
+            in_focus *= 1 - s * alpha;
+        }
+    }
+}
+
+static void try_casting(void)
+{
+    static const float wild[] = {NAN, INFINITY, -INFINITY, -1e30f, 1e30f, 1e-40f};
+    const int kind = (int)below(3); /* tame, lively, wild */
+    const int64_t rows = 1 + below(20), columns = 1 + below(20), tile = 1 + below(9), layers = 1 + below(3);
+    const int64_t wavelengths = 1 + below(LF_TOGETHER), heights = 2 + below(4), eights = 1 + below(3), size = 16 + 48 * wavelengths;
+    const int64_t down = (rows + tile - 1) / tile, across = (columns + tile - 1) / tile, blades = kind ? below(7) : 0;
+    const int64_t count = heights * LF_SEQUENCES * eights * size;
+    float *rays = ROOM(float, count), *normals = ROOM(float, 2 * blades), *work = ROOM(float, 32 * tile * tile * wavelengths);
+    for (int64_t i = 0; i < count; i++) {
+        const int64_t at = i % size, quantity = at < 16 ? -1 : (at - 16) / 8 % 6;
+        rays[i] = (float)(quantity == 5 || (quantity == 4 && !kind) ? 0.1 + unit() : quantity == 4 ? unit() - 0.2 :
+                          quantity < 0 ? 2 * unit() - 1 : 30 * (unit() - 0.5));
+        if (kind == 2 && !below(20)) rays[i] = wild[below(6)];
+    }
+    for (int64_t i = 0; i < 2 * blades; i++) normals[i] = (float)(2 * unit() - 1);
+    lf_layer *layer = ROOM(lf_layer, layers);
+    for (int64_t n = 0; n < layers; n++) {
+        const int64_t tall = 2 + below(20), wide = 2 + below(20), step = wide + below(4);
+        float *light = ROOM(float, wavelengths * tall * step), *alpha = ROOM(float, tall * step), *depth = ROOM(float, 2 * tall * wide);
+        for (int64_t i = 0; i < wavelengths * tall * step; i++) light[i] = kind == 2 && !below(9) ? wild[below(6)] : (float)unit();
+        for (int64_t i = 0; i < tall * step; i++) alpha[i] = (float)(kind && below(2) ? below(2) : 0.5 * unit());
+        for (int64_t i = 0; i < 2 * tall * wide; i++)
+            depth[i] = kind == 2 && !below(9) ? wild[below(6)] : (float)(i % 2 && !below(4) ? -1 : unit());
+        const float edge = kind && below(2) ? -0.5f : -INFINITY;
+        layer[n] = (lf_layer){{light, wavelengths, tall, wide, tall * step, step}, alpha, depth, (float)(unit() * (double)tall),
+                              (float)(unit() * (double)wide), edge, -edge + (float)(tall - 1), edge, -edge + (float)(wide - 1)};
+        if (n == layers - 1 && below(2)) free(alpha), layer[n].alpha = 0;
+    }
+    lf_meeting *meetings = ROOM(lf_meeting, down * across * layers);
+    int64_t *tile_eights = ROOM(int64_t, down * across);
+    for (int64_t i = 0; i < down * across * layers; i++)
+        meetings[i] = (lf_meeting){(float)unit(), 0, kind ? (int32_t)below(5) - 1 : (int32_t)below(2) - 1, 0};
+    for (int64_t i = 0; i < down * across; i++) {
+        tile_eights[i] = below(eights + 1);
+        for (int64_t n = 0; n < layers && i % 2; n++)
+            meetings[i * layers + n].focused = 1, meetings[i * layers + n].share = (float)unit();
+    }
+    lf_cast_of c = {.rays = rays, .heights = heights, .eights = eights, .wavelengths = wavelengths,
+                    .centre_row = 30 * (unit() - 0.2), .centre_column = 30 * (unit() - 0.2), .heights_per_px = unit(),
+                    .per_focal = below(2) ? 0 : (float)(0.2 * unit()), .normals = normals, .blades = blades, .blade_margin = 0.8f,
+                    .blade_bend = 0.2f, .blade_slope = 0.7f, .layer = layer, .layers = layers, .meetings = meetings,
+                    .tile_eights = tile_eights, .tile_rows = down, .tile_columns = across, .tile_px = tile};
+    for (int w = 0; w < LF_TOGETHER; w++) c.faint[w] = (float)(0.1 * unit());
+    const int64_t plane = rows * columns;
+    lf_cast_of odd = c;
+    odd.tile_px = 0;
+    for (int v = 0; runs(v); v++) {
+        float *result = ROOM(float, 2 * wavelengths * plane);
+        const lf_picture blurred = {result, wavelengths, rows, columns, plane, columns};
+        const lf_picture clear = {result + wavelengths * plane, wavelengths, rows, columns, plane, columns};
+        expect(lf_cast(v, &c, 0, down * across + 1, &blurred, &clear, work) == LF_BAD_SIZE
+               && lf_cast(v, &odd, 0, 1, &blurred, &clear, work) == LF_BAD_SIZE, "casting took a size that cannot be");
+        expect(!lf_cast(v, &c, 0, down * across, &blurred, &clear, work), "casting refused its sizes");
+        if (kind < 2) take_bits(v, result, 2 * wavelengths * plane * 4);
+        /* Places of up to 100 pixels and more are rounded some ten times; a pixel more or less changes values by up to 1. */
+        const double bound = 1e3 * SINGLE * (double)layers;
+        for (int64_t i = 0; kind == 0 && i < wavelengths * plane; i++) {
+            const int64_t row = i % plane / columns, column = i % columns, of = row / tile * across + column / tile;
+            double sums[4] = {0};
+            if (!tile_eights[of]) continue;
+            rays_of(&c, meetings + of * layers, tile_eights[of], row, column, i / plane, sums);
+            take_deviation(v, 4, fabs(result[i] - sums[1] / sums[0]), bound);
+            take_deviation(v, 4, fabs(result[wavelengths * plane + i] - (sums[3] > 0 ? sums[2] / sums[3] : 1)),
+                           bound * sums[0] / fmax(sums[3], sums[0] * bound));
+        }
+        free(result);
+    }
+    for (int64_t n = 0; n < layers; n++) free(layer[n].light.values), free((void *)layer[n].alpha), free((void *)layer[n].depth);
+    void *all[] = {rays, normals, work, layer, meetings, tile_eights};
+    for (size_t n = 0; n < sizeof all / sizeof *all; n++) free(all[n]);
+}
+
 int main(int argc, char **argv)
 {
     const int rounds = argc > 1 ? atoi(argv[1]) : 100;
     state = argc > 2 ? strtoull(argv[2], 0, 10) : 0;
     expect(lf_abi() == LF_ABI, "the library is of another ABI");
     expect(lf_spread_work(-1, 1) == 0 && lf_spread_work(1, (int64_t)1 << 60) == 0, "sizes that cannot be have room");
-    for (int i = 0; i < rounds; i++) try_spreading(), try_footprints(), try_turning(), try_waves();
+    for (int i = 0; i < rounds; i++) try_spreading(), try_footprints(), try_turning(), try_waves(), try_casting();
     int off = 0;
     for (int v = 0; runs(v); v++) {
-        printf("%-7s off by %.2f, %.2f, %.2f and %.2f of rounding  bits %016llx\n", lf_variant(v), worst[v][0],
-               worst[v][1], worst[v][2], worst[v][3], (unsigned long long)hash[v]);
-        for (int loop = 0; loop < 4; loop++) off |= !(worst[v][loop] <= 1);
+        printf("%-7s off by %.2f, %.2f, %.2f, %.2f and %.2f of rounding  bits %016llx\n", lf_variant(v), worst[v][0],
+               worst[v][1], worst[v][2], worst[v][3], worst[v][4], (unsigned long long)hash[v]);
+        for (int loop = 0; loop < 5; loop++) off |= !(worst[v][loop] <= 1);
         off |= hash[v] != hash[0];
     }
     return off;
