@@ -6,7 +6,8 @@ Object points at the lens's focus are traced at random through the stop, at wave
 at. The table's rays are looked up where these land, and miss the points: by so much on the sensor (um), and in the path
 against the chief ray's (waves): median, 99 % and largest, of the rays that pass. "Lost": of rays through the stop, what
 does not reach the sensor, apertures aside. "Wrong side": what the table has passing and the lens stops, or the other
-way round. Seconds are the processor's, of all cores together.
+way round; where another ray goes through the same places of stop and sensor, and not through the lens, the table has
+the one that does. Seconds are the processor's, of all cores together.
 """
 
 import argparse
@@ -23,6 +24,7 @@ from lensfield.engine.library import BUNDLED
 
 WAVELENGTHS_NM = (450.0, 550.0, 650.0)
 POINTS, RAYS = 40, 600
+ANOTHER_UM = 300.0  # off, and it is another ray
 STEP = 1e-4  # of a field, for the scale of the picture
 
 
@@ -51,7 +53,7 @@ def misses(system, table):
                           zip(off, scales_mm(system, heights_mm, fields), strict=True)))
     path_mm = to_entrance_mm + rays.path_mm - true.path_mm
     waves = np.abs(path_mm - path_mm[..., :1]) * 1e6 / np.reshape(WAVELENGTHS_NM, (3, 1, 1, 1))
-    return um, waves, passing, ((rays.margin > 0) != passing) & known, true.lost
+    return um, waves, passing, ((rays.margin > 0) != passing) & known & (um < ANOTHER_UM), true.lost
 
 
 def off_angles(system, rays, fields):

@@ -37,31 +37,29 @@ def aim(system: System, indices: np.ndarray, fields: np.ndarray, x_mm: np.ndarra
     aimed : bool array (wavelength, field, ray)
         Which of them do come from the object point.
     """
-    def miss(x, y, slope_x, slope_y):
-        return _miss(system, indices[:, :, None, None], fields[:, None], x, y, slope_x, slope_y)
-
-    return _aimed(system, miss, _fields_reached(system, indices), np.abs(fields), x_mm, y_mm)
+    return _aimed(system, indices, _miss, _fields_reached(system, indices), fields, x_mm, y_mm)
 
 
 def aim_at_image(system: System, indices: np.ndarray, heights_mm: np.ndarray, x_mm: np.ndarray, y_mm: np.ndarray
                  ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """As `aim`, of rays to places of the image plane: so high on the side of +y, array (height,)."""
-    def miss(x, y, slope_x, slope_y):
-        on_stop = start_on_stop(system.prescription, x, y, slope_x, slope_y)
-        position = trace_to_image(system.prescription, indices[:, :, None, None], *on_stop)[0]
-        return np.stack([position[0], position[1] - heights_mm[:, None]]) / system.efl_mm
-
-    return _aimed(system, miss, _heights_reached_mm(system, indices), heights_mm, x_mm, y_mm)
+    return _aimed(system, indices, _miss_image, _heights_reached_mm(system, indices), heights_mm, x_mm, y_mm)
 
 
-def _aimed(system, miss, reached, wanted, x_mm, y_mm):
+def _aimed(system, indices, miss, reached, wanted, x_mm, y_mm):
     """Slopes at which `miss` vanishes, and where it does: of chief rays first, by what those of `SLOPES` reach."""
-    with np.errstate(all="ignore"):
-        chief = np.array([_first_guess(of_wavelength, wanted) for of_wavelength in reached])[..., None]
+    def of_wavelength(indices, reached):
+        def missed(*rays):
+            return miss(system, indices, *rays)
+
+        chief = _first_guess(reached, np.abs(wanted))[:, None]
         for _ in range(NEWTON_STEPS):
-            here, there = (miss(0.0, 0.0, 0.0, slope)[1] for slope in (chief, chief + SLOPE_STEP))
+            here, there = (missed(wanted[:, None], 0.0, 0.0, 0.0, slope)[1] for slope in (chief, chief + SLOPE_STEP))
             chief = chief - here * SLOPE_STEP / (there - here)
-        return _broyden(miss, x_mm, y_mm, chief, PLACE_STEP * system.stop_semi_aperture_mm)
+        return _broyden(missed, wanted[:, None], x_mm, y_mm, chief, PLACE_STEP * system.stop_semi_aperture_mm)
+
+    with np.errstate(all="ignore"):  # a wavelength after another: processors hold as much at hand
+        return tuple(map(np.stack, zip(*map(of_wavelength, indices.T, reached), strict=True)))
 
 
 def _first_guess(reached, wanted):
@@ -92,7 +90,7 @@ def _heights_reached_mm(system, indices):
 
 
 def _miss(system, indices, fields, x_mm, y_mm, slope_x, slope_y):
-    """By how much rays miss the object point, as angles along x and y: array (2, wavelength, field, ray)."""
+    """By how much rays miss object points, as angles along x and y: array (2, ...)."""
     position, direction = start_on_stop(system.prescription, x_mm, y_mm, slope_x, slope_y)
     position, direction, _, _ = trace_to_object(system.prescription, indices, position, direction)
     if system.object_at_infinity:
@@ -104,31 +102,50 @@ def _miss(system, indices, fields, x_mm, y_mm, slope_x, slope_y):
     return np.stack(np.broadcast_arrays(x, y - fields)) / -distance_mm
 
 
-def _broyden(miss, x_mm, y_mm, chief, step_mm):
-    """Slopes (x, y) at which `miss` vanishes, and where it does."""
-    middle = miss(0.0, 0.0, 0.0, chief)
-    by_slope_x = (miss(0.0, 0.0, SLOPE_STEP, chief) - middle)[0] / SLOPE_STEP
-    by_slope_y = (miss(0.0, 0.0, 0.0, chief + SLOPE_STEP) - middle)[1] / SLOPE_STEP
-    by_x = (miss(step_mm, 0.0, 0.0, chief) - middle)[0] / step_mm
-    by_y = (miss(0.0, step_mm, 0.0, chief) - middle)[1] / step_mm
-    slopes = np.stack(np.broadcast_arrays(-x_mm * by_x / by_slope_x, chief - y_mm * by_y / by_slope_y))
-    zero = np.zeros_like(slopes[0])
+def _miss_image(system, indices, heights_mm, x_mm, y_mm, slope_x, slope_y):
+    """By how much rays miss image points, in focal lengths along x and y: array (2, ...)."""
+    on_stop = start_on_stop(system.prescription, x_mm, y_mm, slope_x, slope_y)
+    x, y = trace_to_image(system.prescription, indices, *on_stop)[0][:2]
+    return np.stack(np.broadcast_arrays(x, y - heights_mm)) / system.efl_mm
+
+
+def _broyden(miss, wanted, x_mm, y_mm, chief, step_mm):
+    """Slopes (x, y) at which `miss` vanishes, and where it does: arrays (field, ray). Rays step until theirs does."""
+    middle = miss(wanted, 0.0, 0.0, 0.0, chief)
+    by_slope_x = (miss(wanted, 0.0, 0.0, SLOPE_STEP, chief) - middle)[0] / SLOPE_STEP
+    by_slope_y = (miss(wanted, 0.0, 0.0, 0.0, chief + SLOPE_STEP) - middle)[1] / SLOPE_STEP
+    by_x = (miss(wanted, step_mm, 0.0, 0.0, chief) - middle)[0] / step_mm
+    by_y = (miss(wanted, 0.0, step_mm, 0.0, chief) - middle)[1] / step_mm
+    guess = np.stack(np.broadcast_arrays(-x_mm * by_x / by_slope_x, chief - y_mm * by_y / by_slope_y))
+    zero = np.zeros_like(guess[0])
     inverse = np.array([[1 / by_slope_x + zero, zero], [zero, 1 / by_slope_y + zero]])  # of the Jacobian
-    missed = miss(x_mm, y_mm, *slopes)
+    rays = (np.broadcast_to(each, zero.shape).ravel() for each in (wanted, x_mm, y_mm))
+    slopes, off = _stepped(miss, tuple(rays), guess.reshape(2, -1), inverse.reshape(2, 2, -1))
+    return *slopes.reshape(guess.shape), (off < AIMED).reshape(zero.shape)
+
+
+def _stepped(miss, rays, slopes, inverse):
+    """Slopes (2, ray) after Broyden's steps from these, and what is still missed: array (ray,)."""
+    slopes, going, here = slopes.copy(), np.arange(slopes.shape[1]), slopes
+    missed = miss(*rays, *here)
+    off = np.abs(missed).max(axis=0)
     for _ in range(STEPS):
-        off = np.abs(missed).max(axis=0)
-        if not np.any(off > CONVERGED):
+        far = off[going] > CONVERGED
+        if not far.any():
             break
+        going, rays, here = going[far], [each[far] for each in rays], here[:, far]
+        missed, inverse = missed[:, far], inverse[..., far]
         step = -_times(inverse, missed)
-        step *= np.minimum(1, LONGEST_STEP / np.maximum(np.hypot(*step), 1e-30)) * (off > CONVERGED)
-        slopes = slopes + step
-        now = miss(x_mm, y_mm, *slopes)
+        step *= np.minimum(1, LONGEST_STEP / np.maximum(np.hypot(*step), 1e-30))
+        here = here + step
+        now = miss(*rays, *here)
         learnt = _times(inverse, now - missed)
         along = np.sum(step * learnt, axis=0)
         gain = (step - learnt) / np.where(np.abs(along) < 1e-300, np.inf, along)
         inverse = inverse + gain[:, None] * np.sum(step[:, None] * inverse, axis=0)
         missed = now
-    return slopes[0], slopes[1], np.abs(missed).max(axis=0) < AIMED
+        slopes[:, going], off[going] = here, np.abs(missed).max(axis=0)
+    return slopes, off
 
 
 def _times(matrix, vector):

@@ -6,6 +6,9 @@ The lens is one of revolution, so the table is one over the height of the sensor
 rays go cubic splines, of coefficients at even distances, for loops that read them. Heights and the stop's radii are
 sines of even angles, as shares of the last: they lie closest where rays change most, towards the picture's corners and
 the rim of a fast stop. Rays that do not get through are continued from those that do: splines see no edge.
+
+Two rays may go from one place of the sensor through one place of the stop. Beyond what passes, the two come together
+and there are none: where that is close, rays change as a square root does, and more radii are traced.
 """
 
 from collections.abc import Sequence
@@ -14,6 +17,7 @@ from itertools import product
 
 import numpy as np
 from scipy import sparse
+from scipy.ndimage import binary_dilation
 from scipy.sparse.linalg import splu
 
 from ..errors import LensError
@@ -28,8 +32,9 @@ from .trace import trace_both_ways
 from .wavefront import polynomial_weights
 
 WAVELENGTHS_NM = (400.0, 417.1, 469.5, 555.9, 653.2, 700.0)  # where polynomials over the wave number oscillate least
-HEIGHTS, RADII, AZIMUTHS = 33, 17, 33
-PUPIL = HalfPupil(RADII, AZIMUTHS, close_at_rim=True)
+HEIGHTS, PUPIL = 33, HalfPupil(17, 33, close_at_rim=True)
+FINER_PUPIL, FINE_UM = HalfPupil(33, 33, close_at_rim=True), 1.0  # and what splines may miss on the sensor without it
+MISSED = 5 / 384  # of fourth differences, by cubic splines at most
 TRUSTED = -0.3  # the margin of rays beyond what passes that still tell how it goes on; farther out they all but graze
 LOST = -1.0  # the margin of a ray that does not reach the sensor, where it is not apertures that tell why
 ORDER = 4  # of the differences that continued rays keep small, and cubic splines do not see
@@ -209,6 +214,8 @@ def ray_table(prescription: Prescription,
     last_height_mm = float(ends.chief_height_mm.max())
     heights_mm = last_height_mm * np.sin(np.pi / 2 * np.linspace(0, 1, HEIGHTS))
     values = _trace(system, heights_mm, wavelengths_nm, PUPIL)
+    if _missed_um(values, system) > FINE_UM:
+        values = _trace(system, heights_mm, wavelengths_nm, FINER_PUPIL)
     return RayTable(prescription.name, wavelengths_nm, last_height_mm, system.entrance_pupil_mm,
                     spline_coefficients(values).astype(np.float32))
 
@@ -232,11 +239,25 @@ def _trace(system: System, heights_mm, wavelengths_nm, pupil):
                        path_mm - path_mm[:, :1, :1], *behind[:2]])
     shape = (*known.shape[:2], *pupil.shape)
     known, margin, values = known.reshape(shape), margin.reshape(shape), values.reshape(-1, *shape)
-    *entrance, path_mm, cosine_x, cosine_y = _continued(values, known & (np.nan_to_num(margin) > TRUSTED))
+    *entrance, path_mm, cosine_x, cosine_y = _continued(values, _trusted(known, np.nan_to_num(margin)))
     beyond, = _continued(margin[None], known)
     margin = np.where(known, margin, np.where(beyond < 0, beyond, LOST))
     weight = np.abs(area_ratio(pupil, np.array([cosine_x, cosine_y])))
     return np.stack([*entrance, margin, path_mm, weight])
+
+
+def _missed_um(values, system):
+    """By what splines over the radius may miss rays that pass, as places of the sensor."""
+    *_, p_x, p_y, margin, _, _ = values
+    differences = np.hypot(*np.diff([p_x, p_y], 4, axis=-2))
+    return MISSED * np.max(differences, where=margin[..., 2:-2, :] > 0, initial=0) * 2 * system.efl_mm * 1e3
+
+
+def _trusted(known, margin):
+    """Rays that tell how it goes on: those that pass, and beyond them neither those far out nor those beside lost ones.
+    """
+    beside = binary_dilation(~known, np.ones((1, 1, 3, 3)))
+    return known & ((margin > 0) | (margin > TRUSTED) & ~beside)
 
 
 def _check_chief_rays(system, heights_mm, wavelengths_nm, known):
@@ -273,8 +294,9 @@ def _differences(radii, azimuths):
 
 def spline_coefficients(values: np.ndarray) -> np.ndarray:
     """`RayTable.coefficients` of values (quantity, wavelength, height, radius, azimuth) at the table's places."""
-    by_height, by_radius = _spline(HEIGHTS, FREE, FREE), _spline(RADII, FREE, EVEN)
-    around = {symmetry: _spline(AZIMUTHS, symmetry, symmetry) for symmetry in (EVEN, ODD)}
+    heights, radii, azimuths = values.shape[2:]
+    by_height, by_radius = _spline(heights, FREE, FREE), _spline(radii, FREE, EVEN)
+    around = {symmetry: _spline(azimuths, symmetry, symmetry) for symmetry in (EVEN, ODD)}
     return np.stack([np.einsum("ih,jr,ka,whra->wijk", by_height, by_radius, around[symmetry], each, optimize=True)
                      for each, symmetry in zip(values, (ODD, EVEN, ODD, EVEN, EVEN, EVEN, EVEN), strict=True)], axis=-1)
 

@@ -63,17 +63,22 @@ def way_to(surface: Surface, position: np.ndarray, direction: np.ndarray) -> np.
 
 
 def _way_to_asphere(surface, x, y, direction):
-    """From the vertex plane, by Newton's method."""
-    along_x, along_y, along_z = direction
-    way = np.zeros_like(x + along_z)
+    """From the vertex plane, by Newton's method, each ray for as long as it needs."""
+    rays = np.broadcast_arrays(x, y, *direction)
+    shape, rays = rays[0].shape, np.stack([each.ravel() for each in rays])
+    found, going, way = np.full(rays.shape[1], np.nan), np.arange(rays.shape[1]), np.zeros(rays.shape[1])
     for _ in range(STEPS):
+        x, y, along_x, along_y, along_z = rays
         there_x, there_y = x + way * along_x, y + way * along_y
         sag, slope = sag_and_slope(surface, there_x**2 + there_y**2)
         step = (sag - way * along_z) / (2 * slope * (there_x * along_x + there_y * along_y) - along_z)
-        way = way - step
-        if not np.any(np.abs(step) > CONVERGED_MM):
+        way, size = way - step, np.abs(step)
+        found[going] = np.where(size < GOOD_MM, way, np.nan)
+        far = size > CONVERGED_MM
+        if not far.any():
             break
-    return np.where(np.abs(step) < GOOD_MM, way, np.nan)
+        going, way, rays = going[far], way[far], rays[:, far]
+    return found.reshape(shape)
 
 
 def refracted(direction: np.ndarray, normal: np.ndarray, ratio: np.ndarray | float) -> np.ndarray:

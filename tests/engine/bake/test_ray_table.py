@@ -14,7 +14,7 @@ from lensfield.engine.bake.focus import build_system
 from lensfield.engine.bake.prescription import Prescription, Surface
 from lensfield.engine.bake.prescriptions import read_prescription
 from lensfield.engine.bake.pupil import PupilQuadrature
-from lensfield.engine.bake.ray_table import ray_table
+from lensfield.engine.bake.ray_table import FINER_PUPIL, ray_table
 from lensfield.engine.bake.rays import HalfPupil, trace_pupil
 from lensfield.engine.bake.system import system_of
 from lensfield.engine.library import BUNDLED
@@ -65,30 +65,56 @@ def scales(system, heights_mm):
     return (here / points_mm)[..., None, None], ((after - before) / (0.002 * points_mm))[..., None, None]
 
 
+def points_and_table(name, distance_mm):
+    """A system of objects so far away, some of them, their rays, which of these the table sees, and its own."""
+    (system, heights_mm), stop, table = points_seen(name, distance_mm), random_stop(400), table_of(name)
+    true = trace_pupil(system, heights_mm, WAVELENGTHS_NM, stop)
+    reached = ~true.lost & (np.hypot(*true.position_mm) <= table.last_height_mm)
+    found = table.at(WAVELENGTHS_NM).rays(np.arange(3)[:, None, None, None], np.where(reached, true.position_mm, 0.0),
+                                          np.stack([stop.x, stop.y]))
+    return system, system.fields_of(heights_mm)[:, None, None], true, reached, found
+
+
+def through(system, rays):
+    return np.all(rays.square_height_mm2 <= system.semi_apertures_mm.reshape(-1, 1, 1, 1, 1)**2, axis=0)
+
+
+def missed_um(system, points_mm, found):
+    """By how much rays miss the points, on the sensor."""
+    depth_mm = system.prescription.object_distance_mm + system.entrance_pupil_mm
+    x, y = found.entrance_mm - depth_mm * found.direction[:2] / found.direction[2]
+    across, along = scales(system, system.heights_of(points_mm[:, 0, 0]))
+    return 1e3 * np.hypot(across * x, along * (y - points_mm))
+
+
 @lenses
 @pytest.mark.parametrize("focal_lengths", [10, 200])
 def test_it_has_the_rays_that_points_of_space_send_through_the_lens(name, focal_lengths):
     """To 0.04 um on the sensor and 0.05 waves; steep aspheres leave 1 um, less than a phone's pixel, at their rims."""
     distance_mm = focal_lengths * system_of(focused(name)).efl_mm
-    (system, heights_mm), stop = points_seen(name, distance_mm), random_stop(400)
-    table = table_of(name).at(WAVELENGTHS_NM)
-    true = trace_pupil(system, heights_mm, WAVELENGTHS_NM, stop)
-    reached = ~true.lost & (np.hypot(*true.position_mm) <= table.last_height_mm)
-    passing = reached & np.all(true.square_height_mm2 <= system.semi_apertures_mm.reshape(-1, 1, 1, 1, 1)**2, axis=0)
-    found = table.rays(np.arange(3)[:, None, None, None], np.where(reached, true.position_mm, 0.0),
-                       np.stack([stop.x, stop.y]))
+    system, points_mm, true, reached, found = points_and_table(name, distance_mm)
+    passing = reached & through(system, true)
     assert 0.1 < passing.mean() and np.mean(((found.margin > 0) != passing)[reached]) < 0.003
 
-    depth_mm, points_mm = distance_mm + table.entrance_pupil_mm, system.fields_of(heights_mm)[:, None, None]
-    x, y = found.entrance_mm - depth_mm * found.direction[:2] / found.direction[2]
-    across, along = scales(system, heights_mm)
-    off_um = 1e3 * np.hypot(across * x, along * (y - points_mm))[passing]
+    off_um = missed_um(system, points_mm, found)[passing]
     assert np.quantile(off_um, 0.99) < 0.04 and off_um.max() < (1.0 if "phone" in name else 0.1)
 
+    depth_mm = distance_mm + system.entrance_pupil_mm
     to_entrance_mm = np.sqrt(found.entrance_mm[0]**2 + (found.entrance_mm[1] - points_mm)**2 + depth_mm**2)
     path_mm = to_entrance_mm + found.path_mm - true.path_mm
     waves = np.abs(path_mm - path_mm[..., :1]) * 1e6 / np.reshape(WAVELENGTHS_NM, (3, 1, 1, 1))
     assert waves[passing].max() < 0.05
+
+
+@pytest.mark.parametrize("name", ["nikkor-58mm-f1.4", "sony-zeiss-55mm-f1.8"])
+def test_where_two_rays_meet_close_to_what_passes_it_is_traced_more_finely(name):
+    """Of two rays through the same places the lens lets one pass, and the table has that."""
+    system, points_mm, true, reached, found = points_and_table(name, 200 * system_of(focused(name)).efl_mm)
+    passing, off_um = reached & through(system, true), missed_um(system, points_mm, found)
+    assert table_of(name).coefficients.shape[2] == FINER_PUPIL.radii.size + 2 > table_of(NEAR).coefficients.shape[2]
+    assert np.quantile(off_um[passing], 0.99) < 1.0 and np.mean(off_um[passing] > 2.0) < 0.01
+    other = reached & ~passing & (off_um > 300)
+    assert other.any() and not np.any((found.margin <= 0) & passing & (off_um > 300))
 
 
 @lenses
