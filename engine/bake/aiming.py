@@ -4,6 +4,8 @@ Rays begin on the stop and not on the object: so none misses the front of a wide
 slopes are unknown, and found for all rays at once by Broyden's method (Mathematics of Computation 19, 577, 1965).
 """
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 
 from .system import System
@@ -120,12 +122,29 @@ def _broyden(miss, wanted, x_mm, y_mm, chief, step_mm):
     zero = np.zeros_like(guess[0])
     inverse = np.array([[1 / by_slope_x + zero, zero], [zero, 1 / by_slope_y + zero]])  # of the Jacobian
     rays = (np.broadcast_to(each, zero.shape).ravel() for each in (wanted, x_mm, y_mm))
-    slopes, off = _stepped(miss, tuple(rays), guess.reshape(2, -1), inverse.reshape(2, 2, -1))
+    slopes, off = broyden_steps(miss, tuple(rays), guess.reshape(2, -1), inverse.reshape(2, 2, -1))
     return *slopes.reshape(guess.shape), (off < AIMED).reshape(zero.shape)
 
 
-def _stepped(miss, rays, slopes, inverse):
-    """Slopes (2, ray) after Broyden's steps from these, and what is still missed: array (ray,)."""
+def broyden_steps(miss: Callable[..., np.ndarray], rays: Sequence[np.ndarray], slopes: np.ndarray, inverse: np.ndarray
+                  ) -> tuple[np.ndarray, np.ndarray]:
+    """Slopes, or what else is looked for, after Broyden's steps from these, each ray's for as long as it needs.
+
+    Parameters
+    ----------
+    miss : function (*rays, x, y)
+        What is to vanish: array (2, ray), of `rays` and of what is looked for.
+    rays : sequence of arrays (ray,)
+    slopes : array (2, ray)
+    inverse : array (2, 2, ray)
+        Of the Jacobian, as far as known.
+
+    Returns
+    -------
+    slopes : array (2, ray)
+    off : array (ray,)
+        What they miss by yet.
+    """
     slopes, going, here = slopes.copy(), np.arange(slopes.shape[1]), slopes
     missed = miss(*rays, *here)
     off = np.abs(missed).max(axis=0)

@@ -11,17 +11,18 @@ import numpy as np
 
 from ..errors import InputError
 from ..lens.lens import Lens
+from .aiming import broyden_steps
 from .bake import LEAST_SAMPLES
 from .diffraction import point_spread
 from .quality import QUALITIES, Quality
 from .ray_table import RayTable
 from .rings import in_metres
-from .wavefront import Wavefront, light_density
+from .wavefront import Wavefront, continued, light_density
 from .window import pitch_for_um, width_um
 
 FARTHEST_MM = 1e9  # to which infinity is brought: what is lost of a wave is a thousandth, with pupils of 100 mm
 STEP = 1e-3  # of the last height, for derivatives
-STEPS = 5  # of Newton's method, with one derivative for all
+FOUND = 1e-6  # of it: by what rays miss that are found
 BESIDE = 0.6  # of a window: its half, and a little for what diffraction does beyond the rays
 MOST_HEIGHTS, MOST_WAVELENGTHS = 17, 7
 STEEPEST = np.radians(85.0)  # of chief rays: beyond, hardly anything has a depth
@@ -67,6 +68,36 @@ def psf_at_depth(rays: RayTable, wavelength_nm: float, height_mm: float, depth_m
     if not light > 0:
         raise InputError("options", "height", f"{height_mm:g} mm", "no light gets through the lens to this place")
     return psf / light
+
+
+def landings_mm(rays: RayTable, wavelength_nm: float, height_mm: float, depth_mm: float, stop: np.ndarray
+                ) -> tuple[np.ndarray, np.ndarray]:
+    """Where rays of a point land: its PSF by geometry.
+
+    Parameters
+    ----------
+    rays, wavelength_nm, height_mm, depth_mm
+        As of `psf_at_depth`.
+    stop : array (2, ray)
+        Places that rays go through, in semi-apertures of the stop; the sensor place is on the side of +y.
+
+    Returns
+    -------
+    array (2, ray)
+        x and y from the chief ray, +y away from the axis.
+    bool array (ray,)
+        Which rays pass.
+
+    Raises
+    ------
+    InputError, LensError
+        As `psf_at_depth`.
+    """
+    _check_depth(depth_mm)
+    table = rays.at([wavelength_nm])
+    landed_mm, _, lost = _landings_mm(table, 0, height_mm, min(depth_mm, FARTHEST_MM), stop)
+    passing = table.rays(0, _inside(landed_mm, rays.last_height_mm), stop).margin > 0
+    return landed_mm - [[0.0], [height_mm]], passing & ~lost
 
 
 def lens_at_depth(lens: Lens, rays: RayTable, depth_mm: float, *, quality: str = "standard") -> Lens:
@@ -124,49 +155,65 @@ def _summed(wavefront, spread_mm, pitch_um, samples, taken: Quality):
 def _wavefront(rays, wavelength, height_mm, depth_mm, pupil):
     """The wavefront of a point at a depth, and how far from its chief ray its rays land, in mm."""
     depth_mm = min(depth_mm, FARTHEST_MM)
-    chief_mm = np.array([0.0, height_mm])
-    point_mm, scale = _point(rays, wavelength, height_mm, depth_mm)
     stop = np.stack([pupil.x, pupil.y])
-    landed_mm = np.broadcast_to(chief_mm[:, None, None], stop.shape)
-    for _ in range(STEPS):
-        traced = rays.rays(wavelength, landed_mm, stop)
-        missed = traced.entrance_mm - depth_mm * traced.direction[:2] / traced.direction[2] - point_mm
-        landed_mm = _inside(landed_mm - missed / scale, rays.last_height_mm)
+    landed_mm, point_mm, lost = _landings_mm(rays, wavelength, height_mm, depth_mm, stop)
+    landed_mm = continued(landed_mm, lost)
+    seen_mm = _inside(landed_mm, rays.last_height_mm)
 
     def path_mm(place_mm):
         """Optical path from the point to places of the sensor, its direction cosines at the point, and the rays."""
         traced = rays.rays(wavelength, place_mm, stop)
-        to_point = np.stack([*(point_mm - traced.entrance_mm), np.full(stop.shape[1:], -depth_mm)])
+        to_point = np.stack([*(point_mm - traced.entrance_mm), np.full(pupil.shape, -depth_mm)])
         away_mm = np.sqrt(np.sum(to_point**2, axis=0))
         return traced.path_mm + away_mm, to_point[:2] / away_mm, traced
 
-    total_mm, source, traced = path_mm(landed_mm)
+    total_mm, source, traced = path_mm(seen_mm)
     step_mm = STEP * rays.last_height_mm
-    cosine = np.stack([path_mm(landed_mm + along)[0] - path_mm(landed_mm - along)[0]
+    cosine = np.stack([path_mm(seen_mm + along)[0] - path_mm(seen_mm - along)[0]
                        for along in step_mm * np.eye(2)[:, :, None, None]]) / (2 * step_mm)
-    from_chief_mm = landed_mm - np.reshape(chief_mm, (2, 1, 1))
-    total_mm = total_mm - np.sum(cosine * from_chief_mm, axis=0)
-    limits = 1 - traced.surface_margin[None]
+    chief_mm = np.reshape([0.0, height_mm], (2, 1, 1))
+    total_mm = total_mm - np.sum(cosine * (seen_mm - chief_mm), axis=0)
+    total_mm, source, cosine = (continued(each, lost) for each in (total_mm, source, cosine))
+    limits = np.where(lost, 2.0, 1 - traced.surface_margin)[None]
     wavefront = Wavefront(pupil, float(rays.wavelengths_nm[wavelength]), total_mm - total_mm[0, 0], cosine,
                           light_density(pupil, source, cosine), limits[np.any(limits > 1, axis=(1, 2))])
-    return wavefront, np.abs(from_chief_mm).max(axis=0)[wavefront.passing].max(initial=0.0)
+    return wavefront, np.abs(landed_mm - chief_mm).max(axis=0)[wavefront.passing].max(initial=0.0)
 
 
-def _point(rays, wavelength, height_mm, depth_mm):
-    """Where the chief ray of a sensor place crosses the plane at a depth, and by how much, a mm on the sensor, its
-    crossing moves across the field and along it: arrays (2, 1, 1)."""
+def _landings_mm(rays, wavelength, height_mm, depth_mm, stop):
+    """Where rays of a point through places of the stop land, the point's x and y, and which rays are not found.
+
+    By Broyden's method, from the derivatives of where chief rays cross the point's plane.
+    """
     step_mm = STEP * rays.last_height_mm
     heights_mm = np.array([height_mm, height_mm - step_mm, min(height_mm + step_mm, rays.last_height_mm)])
     chief = rays.rays(wavelength, np.stack([0 * heights_mm, heights_mm]), np.zeros((2, 1)))
     if chief.direction[2].min() < np.cos(STEEPEST):
         raise InputError("options", "height", f"{height_mm:g} mm", "its rays come from the side: nothing there has a "
                                                                    "depth; give a place nearer to the axis")
-    here, before, after = chief.entrance_mm[1] - depth_mm * chief.direction[1] / chief.direction[2]
+    here, before, after = _crossing_mm(chief, depth_mm)[1]
     along = (after - before) / (heights_mm[2] - heights_mm[1])
     across = here / height_mm if height_mm > step_mm else along
-    return np.reshape([0.0, here], (2, 1, 1)), np.reshape([across, along], (2, 1, 1))
+    chief_mm, point_mm, scale = (np.reshape(each, (2, *(1,) * (stop.ndim - 1))) for each in
+                                 ((0.0, height_mm), (0.0, here), (across, along)))
+
+    def missed(stop_x, stop_y, x, y):
+        place_mm = rays.last_height_mm * np.stack([x, y])
+        seen_mm = _inside(place_mm, rays.last_height_mm)
+        crossing_mm = _crossing_mm(rays.rays(wavelength, seen_mm, np.stack([stop_x, stop_y])), depth_mm)
+        return ((crossing_mm - point_mm.reshape(2, 1)) / scale.reshape(2, 1) + place_mm - seen_mm) / rays.last_height_mm
+
+    flat = stop.reshape(2, -1)
+    start = (chief_mm + 0 * stop).reshape(2, -1) / rays.last_height_mm
+    found, off = broyden_steps(missed, tuple(flat), start, np.eye(2)[..., None] + 0 * flat[0])
+    return (rays.last_height_mm * found).reshape(stop.shape), point_mm, (off > FOUND).reshape(stop.shape[1:])
+
+
+def _crossing_mm(traced, depth_mm):
+    """Where rays cross a plane before the entrance pupil: array (2, ...)."""
+    return traced.entrance_mm - depth_mm * traced.direction[:2] / traced.direction[2]
 
 
 def _inside(place_mm, last_height_mm):
-    """Places, those beyond the field moved to its end: what rays do there goes on beyond."""
+    """Places, those beyond the field moved to its end: what rays do there is taken to go on."""
     return place_mm * np.minimum(1, (1 - 2 * STEP) * last_height_mm / np.maximum(np.hypot(*place_mm), 1e-12))

@@ -117,9 +117,9 @@ def trace_wavefronts(system: System, heights_mm: Sequence[float] | np.ndarray,
         far = _on_reference_sphere(rays, longest_mm)
         path_mm, cosine = np.where(folded, far[0], path_mm), np.where(folded, far[1], cosine)
     return Wavefronts(pupil, rays.wavelengths_nm, rays.chief_height_mm, path_mm, cosine,
-                      _continued(rays.direction[:2], rays.lost),
-                      light_density(pupil, _continued(rays.source, rays.lost), cosine), limits,
-                      _continued(rays.position_mm - rays.position_mm[..., :1, :1], rays.lost))
+                      continued(rays.direction[:2], rays.lost),
+                      light_density(pupil, continued(rays.source, rays.lost), cosine), limits,
+                      continued(rays.position_mm - rays.position_mm[..., :1, :1], rays.lost))
 
 
 def _on_reference_sphere(rays, distance_mm):
@@ -138,8 +138,8 @@ def _on_reference_sphere(rays, distance_mm):
     along = np.sum(about * rays.direction[:2], axis=0)
     back_mm = along + np.sqrt(along**2 - np.sum(about**2, axis=0) + radius_mm**2)
     path_mm = rays.path_mm - back_mm
-    return (_continued(path_mm[..., :1, :1] - path_mm, rays.lost),
-            _continued((about - back_mm * rays.direction[:2]) / radius_mm, rays.lost))
+    return (continued(path_mm[..., :1, :1] - path_mm, rays.lost),
+            continued((about - back_mm * rays.direction[:2]) / radius_mm, rays.lost))
 
 
 def light_density(pupil: HalfPupil, source: np.ndarray, cosine: np.ndarray) -> np.ndarray:
@@ -151,13 +151,13 @@ def light_density(pupil: HalfPupil, source: np.ndarray, cosine: np.ndarray) -> n
 
 def _limits(system, rays):
     """Of surfaces where apertures stop some of the rays, and of rays that are lost on their way."""
-    heights = [_continued(square, rays.lost) / semi_mm**2
+    heights = [continued(square, rays.lost) / semi_mm**2
                for square, semi_mm in zip(rays.square_height_mm2, system.semi_apertures_mm, strict=True)
                if np.any(square[~rays.lost] > semi_mm**2)]
     return np.array([*heights, *([2.0 * rays.lost] if rays.lost.any() else [])]).reshape(-1, *rays.lost.shape)
 
 
-def _continued(values, lost):
+def continued(values: np.ndarray, lost: np.ndarray) -> np.ndarray:
     """Values of lost rays, continued outwards in a straight line from those that were not."""
     if not lost.any():
         return values
