@@ -1,9 +1,10 @@
 """What a capture in slabs of depth costs beside one without, at equal samples: processor seconds of Cycles' renders.
 
-    python benchmarks/capture_figures.py [SCENE.blend] [--lens NAME] [--slabs N] [--size WIDTHxHEIGHT] [--samples N]
-        [--f-number N] [--focus MM]
+    python benchmarks/capture_figures.py [SCENE.blend] [--lens NAME] [--slabs N] [--even] [--size WIDTHxHEIGHT]
+        [--samples N] [--f-number N] [--focus MM]
 
-The scene is cut into so many slabs (8), even in inverse depth: where a plan needs fewer it costs less.
+The plan may take so many slabs (8), and takes as many as the accuracy asks for; or there are so many in any case, even
+in inverse depth.
 """
 
 import argparse
@@ -50,7 +51,7 @@ def render_seconds(scene, lens, depth, folder, **rings):
             else:
                 answer = step.call(lambda done: None)
     except StopIteration as end:
-        return seconds, end.value.report.scene.depth_plan
+        return seconds, end.value.report.scene.layers
 
 
 def main():
@@ -58,6 +59,7 @@ def main():
     parser.add_argument("scene", nargs="?", default=str(SCENE))
     parser.add_argument("--lens", default="kodak-petzval-100mm")
     parser.add_argument("--slabs", type=int, default=8)
+    parser.add_argument("--even", action="store_true")
     parser.add_argument("--size", default="480x360")
     parser.add_argument("--samples", type=int, default=64)
     parser.add_argument("--f-number", type=float)
@@ -70,8 +72,9 @@ def main():
     render.resolution_x, render.resolution_y = resolution(asked.size)
     render.resolution_percentage, scene.cycles.samples = 100, asked.samples
     scene.cycles.use_adaptive_sampling = False
-    plan_slabs = slabs.plan_slabs
-    slabs.plan_slabs = lambda *args, **named: evenly_cut(plan_slabs(*args, **named), asked.slabs)
+    slabs.PREVIEW_SLABS, plan_slabs = asked.slabs, slabs.plan_slabs
+    if asked.even:
+        slabs.plan_slabs = lambda *args, **named: evenly_cut(plan_slabs(*args, **named), asked.slabs)
     rings = {"f_number": asked.f_number, "focus": asked.focus}
     with tempfile.TemporaryDirectory() as folder:
         render_seconds(scene, asked.lens, "off", folder, **rings)  # what is loaded once is loaded

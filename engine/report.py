@@ -112,8 +112,8 @@ class SceneFacts:
         What it means that the lens was made larger or smaller; "" where it was not.
     scene_remarks : tuple of str
         What of the scene's settings took no part, or another, a line each.
-    depth_plan : str
-        Into which layers of depth it was cut, in one line; "" where it was not.
+    layers : str
+        How depth enters; "" where it does not.
     """
 
     passes: int
@@ -131,7 +131,7 @@ class SceneFacts:
     depth: DepthCheck
     lens_warning: str
     scene_remarks: tuple[str, ...] = ()
-    depth_plan: str = ""
+    layers: str = ""
 
 
 @dataclass(frozen=True)
@@ -253,8 +253,8 @@ class Report:
         if made_of and made_of.lens_warning:
             yield made_of.lens_warning
         yield from self.scene.scene_remarks if self.scene else ()
-        if self.file and self.file.layers:
-            yield self.file.layers
+        if made_of and made_of.layers:
+            yield made_of.layers
         elif made_of and made_of.depth and made_of.depth.outside_fraction:
             yield made_of.depth.text
         image, file = self.lens_image, self.file

@@ -32,6 +32,20 @@ class GatheredLight:
         self._depth_pass = depth_pass(layer_name)
         self.cube, self.alpha, self.depth_m, self.empty, self._blocks = None, None, None, False, {}
 
+    def is_spare(self, lights):
+        """Whether it may be left out, of lights from near to far: the first pass has shown nothing, or something nearer
+        hides it all. One is left in any case."""
+        return (self.empty and self is not lights[-1]) or any(
+            nearer.covers(self.slab.region) for nearer in lights[:lights.index(self)])
+
+    def covers(self, region):
+        """Whether nothing is seen through it in a region of the capture."""
+        part = tuple(slice(asked.start - own.start, asked.stop - own.start)
+                     for asked, own in zip(region, self.slab.region, strict=True))
+        return self.alpha is not None and all(
+            side.start >= 0 and side.stop <= n for side, n in zip(part, self.alpha.shape, strict=True)
+        ) and bool(np.all(self.alpha[part] == 1))
+
     def add(self, index, path):
         """Add a pass's light of each lamp in red, green and blue; and keep its depth and alpha."""
         light = [f"{name}.{channel}" for name in self._light_passes for channel in CHANNELS]

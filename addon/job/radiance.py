@@ -107,7 +107,7 @@ def capture(scene, job, result, share):
             if job.traced:
                 trace_lens(scene, job.lens, grid, band[0], journal)
             for number, light in enumerate(lights, 1):
-                if not light.empty or light is lights[-1]:
+                if not light.is_spare(lights):
                     show_slab(scene, light.slab, capture_px, journal)
                     of_slabs = f", {number} of {len(lights)} in depth" if cut else ""
                     yield RenderPass(scene, f"Pass {index + 1} of {len(plan.bands)}{of_slabs}: {_span(band)} nm", done,
@@ -118,7 +118,7 @@ def capture(scene, job, result, share):
             if job.picture:
                 yield Work(lambda tell, index=index: _show(index, plan, lights, capture_px, job.picture),
                            "Showing it so far", done)
-    lights = [light for light in lights if not light.empty or light is lights[-1]]
+    lights = [light for light in lights if not light.is_spare(lights)]
     margin = [there - n for there, n in zip(capture_px.overscan_px, grid.overscan_px, strict=True)]
     inside = tuple(slice(rim, rim + n) for rim, n in zip(margin, grid.shape_px, strict=True))
     depth_mm = planar_depth_mm(_nearest_m(lights, capture_px) * M_TO_MM, job.lens, capture_px)[inside]
@@ -181,7 +181,7 @@ def _facts(plan, lights, job, grid, depth_mm, region, remarks, cut):
         depth=None if job.traced else check_depth(depth_mm[top:top + rows, left:left + columns][region or ...],
                                                   job.lens, grid.pitch_um),
         lens_warning=job.lens_warning, scene_remarks=tuple(map(str, remarks)),
-        depth_plan=cut.plan.text if cut else "")
+        layers=cut.plan.text if cut else "")
 
 
 def _mask(region, rendered, grid):

@@ -24,6 +24,7 @@ from ..scene.lens_cache import load_lens, scaled_lens
 from .job import check_output_folder, folder_for
 from .pictures import REGION
 from .radiance import Captured
+from .remarks import ROUND_BLUR
 from .render import Result, lens_steps, run
 from .steps import Work
 
@@ -103,6 +104,8 @@ def _steps(path, lens, output_folder, options, view, rings, iris, quality, depth
         iris = iris if iris_shows(lens, rings) else None
         lens, words = yield Work(lambda tell: _turned(lens, rings, quality, view, captured), "Baking the lens", 0.05)
     lens, captured, warning = _fitted(lens, captured, view, path)
+    if captured.layers and not lens.prescription:
+        words = *words, f"{lens.name}: {ROUND_BLUR}"
     warning = "; ".join(filter(None, (*words, warning, _blur_warning(lens, captured))))
     _check_region(lens, captured, path)
     _check_overscan(lens, captured.radiance, path)
@@ -205,10 +208,16 @@ def _shown(captured):
         yield slice(places[0] - overscan + before, places[-1] + 1 - overscan + before)
 
 
+def _layers_text(captured):
+    count = len(captured.layers.layers) if captured.layers else 0
+    return f"blurred by depth, in {count} layer{'s' * (count > 1)} as they were captured" if count else ""
+
+
 def _facts(lens, captured, warning, result):
     """What the report tells of the file."""
     radiance, (top, left) = captured.radiance, captured.radiance.overscan_px
     rows, columns = radiance.frame_px
     depth_mm = captured.depth_m[top:top + rows, left:left + columns] * M_TO_MM
     needed = overscan_px(lens, radiance.grid, radiance.wavelengths_nm, result.report.lens_image.plan.reach_px)
-    return FileFacts(str(result.radiance), needed, None, warning, check_depth(depth_mm, lens, radiance.pitch_um))
+    return FileFacts(str(result.radiance), needed, None, warning, check_depth(depth_mm, lens, radiance.pitch_um),
+                     _layers_text(captured))

@@ -23,6 +23,7 @@ UNLAYERED = {  # what it is called, what of the picture it is, and what becomes 
     REFRACTED: ("Glass", "is seen through it", "is blurred as if it were on it"),
     MIRRORED: ("Mirrors", "is reflected", "is blurred as if it were on them"),
     VOLUME: ("Volumes", "has light from within", "is blurred as what lies behind it")}
+ROUND_BLUR = "of tables alone: what is out of focus is blurred in round discs, by pupil and focal length"
 PANES = "take thin panes out of the camera's view (Object > Visibility > Ray Visibility > Camera), tint and all"
 
 
@@ -68,8 +69,10 @@ def depth_remarks(job, slabs):
 
 
 def unlayered_remarks(scene, job, capture):
-    """Remarks on what layers of depth would blur by another distance than its own, estimated before it is rendered:
-    generator."""
+    """Remarks on what layers of depth would blur by another distance than its own, or otherwise than the lens,
+    estimated before it is rendered: generator."""
+    if job.depth == AUTO and not job.lens.prescription:
+        yield Remark("Lens", job.lens.name, ROUND_BLUR, "a prescription has rays")
     traced = ["Depth: Traced Lens renders it as it is"] if job.lens.prescription else []
     for kind, found in unlayered(scene, job.lens, capture).items() if job.depth == AUTO else ():
         if found.share < DEPTH_TOLD:

@@ -1,6 +1,7 @@
 """Reports: stage times and facts."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -97,6 +98,9 @@ def scene_facts(outside=0.0, **changes):
     (dict(scene=scene_facts(foreign_spectra=True)), "spectra that its plan did not foresee"),
     (dict(scene=scene_facts(lens_warning="twice as large")), "twice as large"),
     (dict(scene=scene_facts(outside=0.25)), "25.0% of the frame is out of the lens data's depth, 1 m to infinity"),
+    (dict(scene=scene_facts(outside=0.25, layers="3 slabs, cut at 1, 2 m")), "3 slabs, cut at 1, 2 m"),
+    (dict(file=replace(file_facts(), depth=scene_facts(outside=0.25).depth)), "25.0% of the frame is out of the lens"),
+    (dict(file=replace(file_facts(), depth=scene_facts(outside=0.25).depth, layers="cut at 1 m")), "cut at 1 m"),
     (dict(lens_image=image_facts()), None),
     (dict(lens_image=image_facts(out_of_field_fraction=0.125)), "12.5% of the frame lies beyond the lens data: hold"),
     (dict(lens_image=image_facts(), file=file_facts((3, 8))), None),
