@@ -10,7 +10,7 @@ from ..engine.bake.rings import Rings
 from ..engine.blur import METHODS
 from ..engine.depth.pencils import Iris
 from ..engine.files import check_target
-from ..engine.library import ALL_LENSES, cannot_be, has_rings, load
+from ..engine.library import ALL_LENSES, cannot_be, has_rings, iris_shows, load
 from ..engine.plan.options import AUTO, DEFAULT_ACCURACY, FIREFLIES, MOST_SUPERSAMPLING, OUT_OF_FIELD, PRECISIONS
 from .terminal import progress_bar
 
@@ -93,6 +93,12 @@ def asked_iris(options):
                 raise InputError("options", option, value, "give --iris-blades, too")
         return None
     return Iris(options.iris_blades, options.iris_rotation or 0.0, options.iris_roundness or 0.0)
+
+
+def shown_iris(options):
+    """The blades of the command line, where its lens is stopped down; None for a round stop."""
+    iris = asked_iris(options)
+    return iris if iris and iris_shows(options.lens, asked_rings(options)) else None
 
 
 def distance_mm(text, option="--focus"):

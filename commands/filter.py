@@ -11,7 +11,16 @@ from ..engine.field.overscan import overscan_px
 from ..engine.plan.options import DEFAULT_ACCURACY
 from ..engine.report import FIGURE, FileFacts, together
 from ..engine.spectral.wavelength_choice import RGB_WAVELENGTHS
-from .arguments import MM, add_engine_options, add_rings, check_outputs, chosen_lens, engine_options
+from .arguments import (
+    MM,
+    add_engine_options,
+    add_iris,
+    add_rings,
+    check_outputs,
+    chosen_lens,
+    engine_options,
+    shown_iris,
+)
 from .outcome import finish
 from .reading import read_picture
 from .sequence import find_shots
@@ -49,6 +58,7 @@ def add(commands):
                        help="along the camera's axis, or the distance from the camera (default z)")
     add_engine_options(filter_)
     add_rings(filter_)
+    add_iris(filter_)
     filter_.set_defaults(run=_filter)
 
 
@@ -71,6 +81,7 @@ class _Run:
 
     def __init__(self, options, lens, chosen, number):
         self._options, self._lens, self._chosen, self._number = options, lens, chosen, number
+        self._iris = shown_iris(options)
         self._kept = Kept() if number > 1 else Kept(limit_mb=0)
         self._exposure, self._told, self._done = None, set(), 0
 
@@ -141,7 +152,7 @@ class _Run:
         label = f"Through {self._lens.name}" if shot.frame is None else f"Frame {shot.frame} through {self._lens.name}"
         with progress_bar() as tell:
             tell(self._done / self._number, label)
-            return simulate(radiance, self._lens, self._chosen, report=report, kept=self._kept,
+            return simulate(radiance, self._lens, self._chosen, iris=self._iris, report=report, kept=self._kept,
                             progress=lambda done: tell((self._done + done) / self._number, label))
 
     def _write_preview(self, irradiance, path):

@@ -20,7 +20,7 @@ NEARER, FARTHER = (0.90, 0.60, 0.0), (0.0, 0.45, 0.70)
 SHARP_PX = 1.0
 FAINTEST, STRONGEST = 0.25, 0.6  # from where sharpness ends
 LONGEST_S = 0.5  # that a lens is waited for, for the first tints not to wait for another drawing
-LEGEND = "Orange is nearer than what is in focus, blue farther: both blurred by more than a pixel of the render"
+LEGEND = "Blurred by over a pixel: orange nearer, blue farther"
 
 state = {"on": False}
 """Whether it is on: of the session, in no file."""

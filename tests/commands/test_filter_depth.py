@@ -215,3 +215,12 @@ def test_layers_that_a_file_holds_are_taken_as_they_are(tmp_path, capsys):
     assert "depth is that of Z" in told and "guessed" not in told
     lens = Lens.from_prescription(LENS[1], focus_mm=2000, quality="preview")
     np.testing.assert_array_equal(read_exr(output).cube, simulate(layered, lens).cube)
+
+
+def test_blades_shape_what_is_out_of_focus_of_a_lens_that_is_stopped_down(tmp_path, capsys):
+    source, blades = flat_exr(tmp_path / "a.exr"), ("--iris-blades", "3")
+    for f_number, shows in (("2", False), ("2.5", True)):
+        cube, bladed = (filtered(capsys, source, "--f-number", f_number, *words)[0] for words in ((), blades))
+        assert np.array_equal(cube, bladed) != shows
+    assert "iris: blades is 2" in failure(capsys, "filter", source, *LENS, "--iris-blades", "2", "--output",
+                                          tmp_path / "b.exr")

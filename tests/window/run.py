@@ -22,7 +22,7 @@ from pathlib import Path
 HERE = Path(__file__).parent
 STEPS = [node.name for node in ast.parse((HERE / "steps.py").read_text(encoding="utf-8")).body
          if isinstance(node, ast.FunctionDef)]
-STEP_S = 300
+STEP_S = 560
 SIZE = "1600x900"
 GONE_S = 3  # for a render to be gone after its Blender
 

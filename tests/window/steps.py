@@ -124,6 +124,44 @@ def preview():
     return [number, folder]
 
 
+def depth():
+    """Sharp and blurred: the focus overlay follows the rings at once, and a render goes on under an undo."""
+    yield from open_sample(samples=16)
+    scene = bpy.context.scene
+    choose_petzval()
+    scene.camera.data.dof.aperture_blades, scene.lensfield.iris_roundness = 5, 0.2
+    turn(f_stop=2.8, distance=0.2)
+    yield from start("preview")
+    yield from until(preview_is_fresh)
+    yield from start("focus_overlay")
+    yield DRAW_S
+    shoot("near")
+    for distance in (0.22, 0.25, 0.34):
+        turn(f_stop=2.8, distance=distance)
+        yield DRAW_S
+        assert preview_under_way().same_scene
+    shoot("dragged")
+    yield from until(preview_is_fresh)
+    yield DRAW_S
+    shoot("far")
+    yield from start("preview")
+    yield from start()
+    yield from until(in_a_pass)
+    yield from press("Z", region(area("VIEW_3D")), across=0.3, ctrl=True)
+    assert abs(bpy.context.scene.camera.data.dof.focus_distance - 0.25) < 1e-6 and rendering()
+    yield from until(lambda: not rendering())
+    yield 0.5
+    shoot("rendered")
+    blurred = pixels(lens_image_path())
+    bpy.context.scene.lensfield.depth = "OFF"
+    turn(f_stop=2.8, distance=0.34)
+    yield DRAW_S
+    sharp = yield from render()
+    assert not alike(blurred, sharp)
+    shoot("off")
+    assert alike((yield from render_in_blender()), sharp)
+
+
 def rings():
     """Turned, they are told of at once; their lens is baked while one works on, undoes, saves and opens another file.
     """
