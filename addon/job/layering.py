@@ -33,7 +33,7 @@ def layered_radiance(lights, lens, capture, wavelengths_nm, exposure):
     parts = [_Part(light) for light in lights]
     seam_per_mm = SEAM_PX / blur_per_nearness_px(lens, capture.pitch_um)
     for near, far in zip(parts[:-1], parts[1:], strict=True):
-        if near.slab.far_m == far.slab.near_m:
+        if near.slab.far_m >= far.slab.near_m:
             _close_seam(near, far, seam_per_mm)
     return LayeredRadiance([part.layer(lens, capture) for part in parts], wavelengths_nm, capture,
                            lens.capture_focal_length_mm, exposure)
@@ -80,7 +80,7 @@ def _close_seam(near, far, seam_per_mm):
         [plane[(..., *(slice(start - side.start, stop - side.start)
                        for (start, stop), side in zip(common, part.slab.region, strict=True)))] for plane in planes]
         for part, planes in ((near, (near.alpha, near.clip_mm)), (far, (far.alpha, far.clip_mm, far.cube))))
-    border_mm = near.slab.far_m * M_TO_MM
+    border_mm = far.slab.near_m * M_TO_MM
     at_near, at_far = ((covered > 0) & (np.abs(1 / depth_mm - 1 / border_mm) < seam_per_mm)
                        for covered, depth_mm in ((near_alpha, near_mm), (alpha, clip_mm)))
     side_by_side = at_near & at_far & (near_alpha < 1)

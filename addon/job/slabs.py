@@ -4,12 +4,11 @@ One look at the scene's depth, small and of one sample, tells where to cut, and 
 """
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
 from ...engine.depth.slabs import MOST_SLABS, SlabPlan, plan_slabs
-from ...engine.image.depth_range import planar_depth_mm
+from ...engine.image.depth_range import BACKGROUND_MM, blur_per_nearness_px, planar_depth_mm
 from ...engine.image.pixel_grid import PixelGrid
 from ...engine.plan.options import DEFAULT_ACCURACY
 from ..scene.bodies import whole_depths_mm
@@ -20,6 +19,7 @@ from .light import depth_pass, read_pass
 from .steps import RenderPass, Work
 
 PREVIEW_SLABS = 4
+OVERLAP_PX = 0.5  # of blur, by which slabs overlap in a body that they cut
 EVERY_PX = 4  # of the capture, that the look goes by
 MOST_MARGIN = 0.5  # of the frame's longer side, that slabs may reach beyond its edges
 LOOK = {"samples": 1, "max_bounces": 0, "use_adaptive_sampling": False, "use_denoising": False, "time_limit": 0.0}
@@ -99,8 +99,8 @@ def cut_steps(scene, job, grid, region, path, done, share):
         yield RenderPass(scene, "Looking at depth", done, share)
         name = depth_pass(layer.name)
     depth_m = (yield Work(lambda tell: read_pass(path, {name}), "Looking at depth", done + share))[name]
-    plan, world_apart = plan_by(planar_depth_mm(depth_m * M_TO_MM, job.lens, look), scene, job, grid)
-    return _cut(scene, plan, grid, region, world_apart) if plan.needed else None
+    plan, *whole_mm = plan_by(planar_depth_mm(depth_m * M_TO_MM, job.lens, look), scene, job, grid)
+    return _cut(scene, job.lens, plan, grid, region, *whole_mm) if plan.needed else None
 
 
 def looked_at(grid):
@@ -110,7 +110,7 @@ def looked_at(grid):
 
 
 def plan_by(depth_mm, scene, job, grid):
-    """The SlabPlan by a look at depth, and whether the world can be seen apart from all else.
+    """The SlabPlan by a look at depth, and (near_mm, far_mm) of each volume and of each closed body.
 
     Parameters
     ----------
@@ -124,21 +124,34 @@ def plan_by(depth_mm, scene, job, grid):
     plan = plan_slabs(depth_mm, looked_at(grid), job.lens, overscan_px=grid.overscan_px,
                       most_slabs=PREVIEW_SLABS if job.spectral.tier == "preview" else MOST_SLABS,
                       accuracy=job.options.accuracy or DEFAULT_ACCURACY, whole_mm=volumes_mm, bodies_mm=bodies_mm)
-    return plan, all(np.isfinite(far_mm) for _, far_mm in volumes_mm)
+    return plan, volumes_mm, bodies_mm
 
 
-def _cut(scene, plan, grid, region, world_apart):
+def _cut(scene, lens, plan, grid, region, volumes_mm, bodies_mm):
+    world_apart = all(np.isfinite(far_mm) for _, far_mm in volumes_mm)
     capture = PixelGrid.around_frame(grid.frame_px, grid.pitch_um, plan.margin_px, grid.projection)
     camera, film = scene.camera.data, scene.render.film_transparent
     regions = [tuple(slice(part.start + most - margin, part.stop + most - 2 * overscan + margin)
                      for part, most, margin, overscan in zip(region, capture.overscan_px, margins, grid.overscan_px,
                                                              strict=True)) for margins in plan.margins_px]
-    ends_m = [camera.clip_start, *(border_mm / M_TO_MM for border_mm in plan.borders_mm), camera.clip_end]
-    slabs = [Slab(near_m, far_m, part, film or world_apart or far_m < camera.clip_end, True)
-             for (near_m, far_m), part in zip(pairwise(ends_m), regions, strict=True) if near_m < far_m]
+    overlap_per_mm = OVERLAP_PX / blur_per_nearness_px(lens, grid.pitch_um)
+    nears_mm = [camera.clip_start * M_TO_MM, *plan.borders_mm]
+    fars_mm = [*(_far_mm(border_mm, volumes_mm, bodies_mm, overlap_per_mm) for border_mm in plan.borders_mm), np.inf]
+    slabs = [Slab(near_mm / M_TO_MM, far_m, part, film or world_apart or far_m < camera.clip_end, True)
+             for near_mm, far_mm, part in zip(nears_mm, fars_mm, regions, strict=True)
+             if near_mm / M_TO_MM < (far_m := min(far_mm / M_TO_MM, camera.clip_end))]
     if world_apart and not film:
         slabs.append(Slab(*BEYOND_ALL_M, regions[-1], False, False))
     return Cut(plan, capture, tuple(slabs))
+
+
+def _far_mm(border_mm, volumes_mm, bodies_mm, overlap_per_mm):
+    """Where the slab before a border ends: a little behind it, where that cuts a closed body. The next slab shows the
+    dark inside of the body there, and the outside covers it."""
+    behind_mm = 1 / max(1 / border_mm - overlap_per_mm, 1 / BACKGROUND_MM)
+    ends_mm = [min(far_mm, behind_mm) for near_mm, far_mm in bodies_mm if near_mm < border_mm < far_mm]
+    volumes_begin_mm = [near_mm for near_mm, _ in volumes_mm if near_mm >= border_mm]
+    return min([max(ends_mm, default=border_mm), *volumes_begin_mm])
 
 
 def whole_slab(scene, region):

@@ -319,6 +319,20 @@ def test_bodies_and_volumes_stay_whole(deep):
     assert whole_depths_mm(deep, lens, grid)[0][0] == EVERYWHERE_MM
 
 
+def test_a_body_that_is_cut_does_not_show_its_dark_inside(scene, cut, tmp_path):
+    """The side of a box goes through a border, and its outside is as bright there as in one render."""
+    set_world(scene)
+    scene.cycles.samples = 256
+    bpy.ops.mesh.primitive_cube_add(size=0.16, location=(-0.12, 0, -0.36))
+    bpy.context.object.scale.z = 3.0  # from 12 to 60 cm
+    bpy.context.object.data.materials.append(material("Grey", "ShaderNodeBsdfDiffuse")[0])
+    whole, flat, layered = both(scene, tmp_path)
+    assert len(layered.layers) > 2  # and their noise is the same
+    rows = np.s_[:, whole.shape[1] // 2 - 8:whole.shape[1] // 2 + 8]
+    whole, flat = (cube[rows].mean(axis=(0, 1)) for cube in (whole, flat))
+    np.testing.assert_allclose(flat, whole, rtol=0.01)
+
+
 def by_object(scene):
     scene.objects["Near"].is_holdout = True
 
