@@ -62,6 +62,7 @@ def plan_meetings(layers: list[Seen], rays: Pencils, sensor: PixelGrid, per_foca
         steps = np.maximum(np.searchsorted(STEPS_PX, reach.blur_px(most - least)), look.clearest < OPAQUE)
         here["steps"] = np.where(met, steps, -1)
         here["focused"] = met & (look.sharpest > 0)
+        here["opaque"] = met & (look.clearest == 1)
         dull = met & (look.dullest < 1)
         blurred |= dull
         spread = np.maximum(spread, np.where(dull, 2 * reach.radius_px(least, most), 0))

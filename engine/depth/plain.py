@@ -86,11 +86,11 @@ def _follow(casting, rays, following, weight, right, up, focused, steps, meeting
             continue
         depth, share = _meet(layer, places[casting.wavelengths // 2], meetings[:, number], steps[number],
                              casting.per_focal)
-        covered = share >= 0
+        covered, opaque = share >= 0, meetings["opaque"][:, number, None] > 0
         for w, place in enumerate(places):
             spot, inside = _spots(layer, place, depth, casting.per_focal)
-            inside &= covered
-            alpha = inside.astype(np.float32) if layer.alpha is None else _looked_up(layer.alpha, spot, inside)
+            inside = (inside | opaque) & covered
+            alpha = np.where(opaque & covered, np.float32(1), _looked_up(layer.alpha, spot, inside))
             light = _looked_up(layer.light[w], spot, inside)
             seen = frees[w] * lights[w]
             if focused:

@@ -49,10 +49,6 @@ class Seen:
         return row - top, column - left
 
     @cached_property
-    def opaque(self) -> bool:
-        return bool(self.layer.alpha.min() == 1)
-
-    @cached_property
     def focused(self) -> bool:
         """Whether something in it may be in focus."""
         return bool(self.depth[..., 1].max() > 0)
@@ -65,7 +61,7 @@ class Seen:
                   -np.inf if before else -0.5, np.inf if behind else columns - 0.5)
         light, alpha = (_two_wide(each) for each in (self.layer.cube[wavelengths], self.layer.alpha))
         depth = _two_wide(self.depth.transpose(2, 0, 1)).transpose(1, 2, 0)
-        return SeenLayer(light, None if self.opaque else alpha, np.ascontiguousarray(depth), self.axis_px, bounds)
+        return SeenLayer(light, alpha, np.ascontiguousarray(depth), self.axis_px, bounds)
 
 
 def _two_wide(pixels):

@@ -208,9 +208,13 @@ INLINE void follow(const lf_cast_of *c, const pixel *here, int64_t first, const 
         for (int w = 0; w < wavelengths; w++) {
             pencil *p = pencils + w;
             spots s;
-            const masks inside = find_spots(l, p, depth, c->per_focal, &s) & covered;
+            masks inside = covered;
             rays alpha = (rays){0} + 1;
-            if (l->alpha) alpha = looked_up(l->alpha, l->light.row_step, &s);
+            if (meetings[n].opaque) find_spots(l, p, depth, c->per_focal, &s);
+            else {
+                inside &= find_spots(l, p, depth, c->per_focal, &s);
+                alpha = looked_up(l->alpha, l->light.row_step, &s);
+            }
             alpha = kept(inside, alpha);
             const rays light = kept(inside, looked_up(l->light.values + w * l->light.plane_step, l->light.row_step, &s));
             const rays seen = p->free * p->light;

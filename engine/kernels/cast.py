@@ -9,7 +9,8 @@ from .library import CAST, LAYER, address, check, chosen, picture
 
 TOGETHER, SEQUENCES = 6, 8  # wavelengths at most; of rays: those of kernels.h
 STOP, QUANTITIES = 2, 6  # of eight rays: their place of the stop, and what they have at each wavelength
-MEETING = np.dtype([("inverse_depth", np.float32), ("share", np.float32), ("steps", np.int32), ("focused", np.int32)])
+MEETING = np.dtype([("inverse_depth", np.float32), ("share", np.float32), ("steps", np.int32), ("focused", np.int32),
+                    ("opaque", np.int32)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,7 +21,7 @@ class SeenLayer:
     ----------
     light : float32 array (wavelength, row, column)
         Premultiplied by alpha; rows in one piece, at least 2 x 2 pixels.
-    alpha : float32 array (row, column), or None where all is opaque
+    alpha : float32 array (row, column)
     depth : float32 array (row, column, 2)
         Inverse depth per mm, and the share of focus there.
     axis_px : (float, float)
@@ -30,7 +31,7 @@ class SeenLayer:
     """
 
     light: np.ndarray
-    alpha: np.ndarray | None
+    alpha: np.ndarray
     depth: np.ndarray
     axis_px: tuple[float, float]
     bounds_px: tuple[float, float, float, float]
@@ -61,7 +62,7 @@ class Casting:
         At each wavelength, radiance that counts for nothing beside what is seen.
     meetings : array (tile row, tile column, layer) of MEETING
         Where the search for a layer begins, after how many steps it ends, below 0 where the layer cannot be met; and
-        whether something there may be in focus.
+        whether something there may be in focus, and whether it covers all there.
     eights : int64 array (tile row, tile column)
         Of rays; pixels of tiles without any are left as they are.
     tile_px : int
@@ -118,7 +119,7 @@ def _layer(layer):
     light = picture(layer.light)
     rows, columns = layer.light.shape[1:]
     alpha = layer.alpha
-    if alpha is not None and (alpha.dtype != np.float32 or alpha.strides != layer.light.strides[1:]):
+    if alpha.dtype != np.float32 or alpha.strides != layer.light.strides[1:]:
         raise ValueError("an alpha that does not lie in memory as the light does")
-    return LAYER(light, None if alpha is None else alpha.ctypes.data,
+    return LAYER(light, alpha.ctypes.data,
                  address(layer.depth, np.float32, (rows, columns, 2)), *layer.axis_px, *layer.bounds_px)

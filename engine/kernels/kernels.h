@@ -118,7 +118,7 @@ typedef int lf_waves_loop(const lf_wavefront *, const lf_picture *out, double *l
 
 typedef struct {         /* a part of the scene that nothing of it hides, as a pinhole sees it; cut out of a capture */
     lf_picture light;    /* (wavelength): premultiplied by alpha; at least 2 x 2 pixels */
-    const float *alpha;  /* with the same steps; NULL where all is opaque */
+    const float *alpha;  /* with the same steps */
     const float *depth;  /* (row, column, 2): inverse depth, and the share of focus there; below 0 where nothing is near */
     float axis_row, axis_column;      /* of the axis, in this layer's pixels */
     float top, bottom, left, right;   /* beyond which there is nothing; infinite where the last pixels go on */
@@ -128,6 +128,7 @@ typedef struct {          /* how a tile's rays find a layer */
     float inverse_depth, share; /* where the search begins */
     int32_t steps;        /* of it; below 0 where they cannot meet the layer */
     int32_t focused;      /* whether something there may be in focus */
+    int32_t opaque;       /* whether it covers all of what they can meet */
 } lf_meeting;
 
 typedef struct {

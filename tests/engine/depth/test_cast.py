@@ -130,6 +130,17 @@ def test_what_is_half_in_focus_is_whole(lens):
         assert np.abs(seen - 1).max() < 0.03  # half a pixel of how the share of focus changes
 
 
+@pytest.mark.parametrize("blur", [0.6, 1.2, 1.9])
+def test_what_is_half_in_focus_shows_nothing_of_what_is_in_focus_behind_it(lens, blur):
+    grid = PixelGrid.around_frame((40, 48), PITCH_UM, (8, 8))
+    behind = np.random.default_rng(1).random((2, *grid.shape_px)) * 9
+    things = [layer(np.ones(grid.shape_px), depth_of_blur(lens, blur), 1.0),
+              layer(np.ones(grid.shape_px), IN_FOCUS_MM + lens.entrance_pupil_mm, behind)]
+    for plane in planes(things, lens, grid):
+        seen = plane.sharp[8:-8, 8:-8] * plane.clear + plane.blurred
+        assert np.abs(seen - 1).max() < 0.05 and abs(seen.mean() - 1) < 0.005
+
+
 def random_scene(lens, grid, count, seed=0):
     rng = np.random.default_rng(seed)
     rows, columns = grid.shape_px

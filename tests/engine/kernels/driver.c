@@ -451,7 +451,7 @@ static void rays_of(const lf_cast_of *c, const lf_meeting *meetings, int64_t eig
             const double at_row = l->axis_row - part * (out * up - across * right);
             const double at_column = l->axis_column + part * (out * right + across * up);
             const double light = pixel_of(l, l->light.values + w * l->light.plane_step, at_row, at_column);
-            const double alpha = l->alpha ? pixel_of(l, l->alpha, at_row, at_column) : 1;
+            const double alpha = meetings[n].opaque ? 1 : pixel_of(l, l->alpha, at_row, at_column);
             sums[1] += got[5] * free * (1 - s) * light;
             sums[2] += got[5] * free * s * (light + c->faint[w] * alpha);
             sums[3] += got[5] * in_focus * s * (light + c->faint[w] * alpha);
@@ -488,12 +488,12 @@ static void try_casting(void)
         const float edge = kind && below(2) ? -0.5f : -INFINITY;
         layer[n] = (lf_layer){{light, wavelengths, tall, wide, tall * step, step}, alpha, depth, (float)(unit() * (double)tall),
                               (float)(unit() * (double)wide), edge, -edge + (float)(tall - 1), edge, -edge + (float)(wide - 1)};
-        if (n == layers - 1 && below(2)) free(alpha), layer[n].alpha = 0;
     }
     lf_meeting *meetings = ROOM(lf_meeting, down * across * layers);
     int64_t *tile_eights = ROOM(int64_t, down * across);
     for (int64_t i = 0; i < down * across * layers; i++)
-        meetings[i] = (lf_meeting){(float)unit(), 0, kind ? (int32_t)below(5) - 1 : (int32_t)below(2) - 1, 0};
+        meetings[i] = (lf_meeting){(float)unit(), 0, kind ? (int32_t)below(5) - 1 : (int32_t)below(2) - 1, 0,
+                                    i % layers == layers - 1 && below(2)};
     for (int64_t i = 0; i < down * across; i++) {
         tile_eights[i] = below(eights + 1);
         for (int64_t n = 0; n < layers && i % 2; n++)
