@@ -138,6 +138,8 @@ def _render_frames(options, scene, asked, write):
         animation = addon.Animation(scene, frames, overwrite=options.overwrite, **asked)
     for path in animation.current:
         write(lens_image=str(path))
+    if animation.plan:
+        print(animation.plan, flush=True)
     known = set()
     for frame in animation.pending:
         with progress(options, write) as tell:

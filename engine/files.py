@@ -63,6 +63,18 @@ def atomic_path(path: AnyPath) -> Iterator[Path]:
         os.replace(temporary, path)
 
 
+def link_or_copy(source: AnyPath, path: AnyPath) -> None:
+    """Give a file another name as well, which it keeps if the first goes; or copy it where that cannot be."""
+    if Path(path).exists() and os.path.samefile(source, path):
+        return
+    with atomic_path(path) as temporary:
+        try:
+            temporary.unlink()
+            os.link(source, temporary)
+        except OSError:  # another disk, or one that knows no links
+            shutil.copyfile(source, temporary)
+
+
 def _half_written(path):
     handle, name = tempfile.mkstemp(prefix=f"{HALF}{path.stem[:40]}-", suffix=path.suffix, dir=path.parent)
     os.close(handle)

@@ -3,13 +3,16 @@
 from contextlib import contextmanager
 
 from ...engine.errors import InputError
+from ...engine.image.depth_range import TRACED
 from ...engine.report import together
 from ..scene.compositor import fingerprint_anew, lay_into_compositor
 from ..scene.errors import SceneError
 from ..scene.fingerprint import comparable
+from ..scene.still import moving, rings_animated
 from .job import folder_for
+from .one_capture import OneCapture
 from .record import read_record
-from .render import Result, job_of_frame, render_through_lens
+from .render import Result, job_of_frame, render_steps, render_through_lens, run
 
 
 class Animation:
@@ -33,6 +36,8 @@ class Animation:
         Files and record of those that are there, whole, and made by the same settings.
     outdated : list of int
         Those of them that are of the scene as it was before it was changed.
+    plan : str
+        Whether all that are pending are seen in one capture, or why not; "" where that does not matter.
     results : dict of int: Result
         What has been rendered.
 
@@ -46,9 +51,12 @@ class Animation:
         self._scene, self._asked = scene, asked | {"state": state or fingerprint_anew(scene)}
         self._folder = folder_for(scene, asked.get("output_folder"))
         self.pending, self.earlier, self.outdated, self.results = [], {}, [], {}
-        for frame in own_frames(scene) if frames is None else frames:
+        self._frames = list(own_frames(scene) if frames is None else frames)
+        for frame in self._frames:
             if overwrite or not self._find(frame):
                 self.pending.append(frame)
+        self._apart = self._why_apart() if len(self.pending) > 1 else "one frame"
+        self.plan, self._one = self._planned(), None
 
     def _find(self, frame):
         """Whether a frame is there, as it would be rendered now."""
@@ -74,8 +82,33 @@ class Animation:
                 progress((done + fraction) / count, f"Frame {frame}, {done + 1} of {count}: {label}")
 
         with _named(frame):
-            self.results[frame] = render_through_lens(self._scene, frame=frame, progress=tell, **self._asked)
+            if not self._apart:
+                self.results[frame] = self._render_in_one(frame, tell)
+            else:
+                self.results[frame] = render_through_lens(self._scene, frame=frame, progress=tell, **self._asked)
+        if len(self.results) == len(self.pending):
+            self._one = None  # it is large
         return self.results[frame]
+
+    def _render_in_one(self, frame, tell):
+        if self._one is None:
+            tell(0.0, "Turning the lens as in all frames")
+            self._one = OneCapture(self._scene, self._frames, **self._asked)
+        job = job_of_frame(self._scene, frame, **self._asked)
+        return run(render_steps(self._scene, job, self._one if self._one.holds(job) else None), tell)
+
+    def _why_apart(self):
+        """Why each frame is to be captured by itself, in words; "" where one capture does."""
+        if (self._asked.get("depth") or self._scene.lensfield.depth.lower()) == TRACED:
+            return "the lens is traced"
+        return moving(self._scene, self._frames)
+
+    def _planned(self):
+        if not self._apart:
+            return f"{len(self.pending)} frames from one capture: nothing but focus and f-stop changes"
+        if len(self.pending) > 1 and rings_animated(self._scene):
+            return f"each frame is captured by itself: {self._apart}"
+        return ""
 
     @property
     def state(self):
@@ -99,7 +132,7 @@ class Animation:
         seconds, frames = sum(self.report.stages.values()), len(self.results)
         rendered = f"{frames} frame{'s' * (frames != 1)} in {seconds:.1f} s" if frames else "nothing to render"
         earlier = f"; {len(self.earlier)} there already" if self.earlier else ""
-        lines = [f"{rendered}{earlier}, in {self._folder}"]
+        lines = [f"{rendered}{earlier}, in {self._folder}", *filter(None, [self.plan])]
         if self.outdated:
             lines.append(f"{len(self.outdated)} of the frames there already, from {self.outdated[0]} on, are of the "
                          "scene before it was changed: Overwrite (--overwrite) renders them anew")

@@ -45,6 +45,8 @@ class Job:
         One of DEPTHS.
     iris : Iris or None
         The blades that stop the lens down; None for a round stop.
+    others : tuple of Lens
+        That are to see the same capture: the lens, turned as in other frames.
     """
 
     lens: Lens
@@ -66,6 +68,7 @@ class Job:
     ring_words: tuple[str, ...] = ()
     depth: str = AUTO
     iris: Iris | None = None
+    others: tuple[Lens, ...] = ()
 
     @property
     def traced(self):

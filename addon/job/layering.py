@@ -10,7 +10,7 @@ from ..scene.depth import M_TO_MM
 SEAM_PX = 2.0  # of blur, within which what lies on both sides of a border is taken for one surface
 
 
-def layered_radiance(lights, lens, capture, wavelengths_nm, exposure):
+def layered_radiance(lights, lens, capture, wavelengths_nm, exposure, others=()):
     """The layers of what has been gathered, slab by slab.
 
     Where a border cuts a surface, a pixel is covered in part by either slab. They lie side by side in it, though layers
@@ -25,13 +25,15 @@ def layered_radiance(lights, lens, capture, wavelengths_nm, exposure):
     capture : PixelGrid
     wavelengths_nm : array
     exposure : float
+    others : sequence of Lens
+        That are to see them, too: the lens, turned otherwise.
 
     Returns
     -------
     LayeredRadiance
     """
     parts = [_Part(light) for light in lights]
-    seam_per_mm = SEAM_PX / blur_per_nearness_px(lens, capture.pitch_um)
+    seam_per_mm = SEAM_PX / max(blur_per_nearness_px(one, capture.pitch_um) for one in (lens, *others))
     for near, far in zip(parts[:-1], parts[1:], strict=True):
         if near.slab.far_m >= far.slab.near_m:
             _close_seam(near, far, seam_per_mm)

@@ -3,12 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
+from scipy.ndimage import affine_transform
 
 from ...engine import Kept, SpectralImage, simulate
 from ...engine.field.frame_planes import nearest_samples, relative_illumination
 from ...engine.field.stmap import distort_map, undistort_map
 from ...engine.image.irradiance import irradiance_per_radiance
-from ...engine.image.layers import LayeredRadiance
 from ...engine.image.preview import auto_exposure, to_rec709, write_png
 from ...engine.image.spectral_exr import write_exr, write_plane_exr, write_rgb_exr
 from ...engine.lens.curves import reference_nm
@@ -48,9 +48,21 @@ def write_pictures(captured, irradiance, lens, options, iris, result):
     write_plane_exr(nearest_samples(captured.depth_m, lens, captured.radiance.grid, nm), result.depth)
     _write_lens_planes(lens, frame, result)
     exposure = auto_exposure(after)
-    before = captured.radiance.frame()
-    write_png(to_rec709(replace(before, cube=captured.cut(before.cube))), result.before, exposure)
+    write_png(pinhole_view(captured, lens), result.before, exposure)
     write_png(after, result.after, exposure)
+
+
+def pinhole_view(captured, lens):
+    """The frame as a pinhole of the lens's own focal length sees it, in linear Rec. 709: array (row, column, 3)."""
+    radiance, own_mm = captured.radiance, lens.capture_focal_length_mm
+    scale = (radiance.grid.focal_mm or own_mm) / own_mm
+    planes = np.moveaxis(to_rec709(radiance if scale != 1 else radiance.frame()), -1, 0)
+    if scale != 1:
+        frame = radiance.grid.frame()
+        first_px = np.array(radiance.centre_px) - scale * np.array(frame.centre_px)
+        planes = [affine_transform(plane, (scale, scale), first_px, frame.shape_px, order=1, mode="nearest")
+                  for plane in planes]
+    return np.moveaxis(captured.cut(np.array(planes)), 0, -1)
 
 
 def write_film_pictures(film, irradiance, lens, result):
@@ -134,8 +146,8 @@ def alpha_through_lens(captured, lens, options, iris=None):
     even = SpectralImage(shining(np.ones_like(captured.alpha)), nm, radiance.grid)
     covering = replace(even, cube=shining(captured.alpha))
     if captured.layers:
-        covering = LayeredRadiance([replace(layer, cube=shining(layer.alpha)) for layer in captured.layers.layers], nm,
-                                   captured.layers.grid)
+        covering = replace(captured.layers, wavelengths_nm=nm, layers=[
+            replace(layer, cube=shining(layer.alpha)) for layer in captured.layers.layers])
     kept = Kept()
     planes = [simulate(light, lens, options, iris=iris, kept=kept).cube for light in (covering, even)]
     weights = np.maximum(rec709_weights(nm) @ REC709_LUMINANCE, np.finfo(float).tiny)

@@ -53,6 +53,13 @@ class Captured:
     region: np.ndarray | None
     layers: LayeredRadiance | None = None
 
+    def depth_check(self, lens):
+        """How much of the frame is out of the depths for which a lens's data hold: DepthCheck."""
+        (top, left), (rows, columns) = self.radiance.overscan_px, self.radiance.frame_px
+        frame = slice(top, top + rows), slice(left, left + columns)
+        shown = ... if self.region is None else self.region[frame] == 1
+        return check_depth(self.depth_m[frame][shown] * M_TO_MM, lens, self.radiance.pitch_um)
+
     def cut(self, planes):
         """Planes (..., row, column) of the frame, black outside the render region."""
         if self.region is None:
@@ -65,7 +72,7 @@ def job_grid(scene, job):
     """The pixels that Cycles renders: those of a capture, or of the film behind a lens that is traced."""
     if job.traced:
         return PixelGrid(frame_px(scene), pitch_um(job.lens, frame_px(scene)))
-    return capture_grid(scene, job.lens, job.wavelengths_nm, job.room)
+    return capture_grid(scene, job.lens, job.wavelengths_nm, job.room, job.others)
 
 
 def capture(scene, job, result, share):
@@ -87,7 +94,7 @@ def capture(scene, job, result, share):
         region = render_region(scene)
         rendered = region or tuple(slice(0, n) for n in grid.shape_px)
         if region and not job.traced:
-            rendered = captured_region(region, job.lens, job.wavelengths_nm, grid, job.room)
+            rendered = captured_region(region, job.lens, job.wavelengths_nm, grid, job.room, job.others)
         journal.set(scene.render, "use_persistent_data", True)  # from the look on
         cut = None
         if job.depth == AUTO:
@@ -122,7 +129,7 @@ def capture(scene, job, result, share):
     margin = [there - n for there, n in zip(capture_px.overscan_px, grid.overscan_px, strict=True)]
     inside = tuple(slice(rim, rim + n) for rim, n in zip(margin, grid.shape_px, strict=True))
     depth_mm = planar_depth_mm(_nearest_m(lights, capture_px) * M_TO_MM, job.lens, capture_px)[inside]
-    layers = layered_radiance(lights, job.lens, capture_px, job.wavelengths_nm, exposure) if cut else None
+    layers = layered_radiance(lights, job.lens, capture_px, job.wavelengths_nm, exposure, job.others) if cut else None
     if cut:
         radiance, alpha = layers.flat().cropped(margin), layers.flat_alpha()[inside]
     else:

@@ -13,7 +13,7 @@ OF_NO_ACCOUNT = ("name", "device", "preview", "use_preview", "debug", "denoising
 OF_ACCOUNT = ("resolution_", "pixel_aspect_", "film_transparent", "use_border", "border_", "use_motion_blur",
               "motion_blur_", "use_simplify", "simplify_")
 """How those of the scene's other render settings begin that do."""
-NOT_ASKED = "output_folder", "frame", "to_compositor", "lens_warning", "ring_words", "picture", "state"
+NOT_ASKED = ("output_folder", "frame", "to_compositor", "lens_warning", "ring_words", "picture", "state", "others")
 """What a job says that is not of the picture itself."""
 
 
@@ -25,7 +25,7 @@ def picture_settings(scene):
 
 def write_record(job, result):
     """Write what a frame's pictures were made by, and its report."""
-    facts = result.report.as_dict() | {"job": _asked(job), "state": job.state, "sizes": _sizes(result.pictures)}
+    facts = result.report.as_dict() | {"job": asked_of(job), "state": job.state, "sizes": _sizes(result.pictures)}
     with atomic_path(result.record) as temporary:
         temporary.write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")
 
@@ -36,12 +36,12 @@ def read_record(job, result):
         facts = json.loads(result.record.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-    same = (isinstance(facts, dict) and facts.get("job") == _asked(job) and isinstance(facts.get("state"), str)
+    same = (isinstance(facts, dict) and facts.get("job") == asked_of(job) and isinstance(facts.get("state"), str)
             and facts.get("sizes") == _sizes(result.pictures))
     return facts if same else None
 
 
-def _asked(job):
+def asked_of(job):
     """What a job asks of its picture, as JSON holds it."""
     asked = {name: value for name, value in vars(job).items() if name not in NOT_ASKED}
     return plain(asked | {"lens": job.lens.name, "lens_digest": job.lens.digest.hex(), "options": asdict(job.options),

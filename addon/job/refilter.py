@@ -13,13 +13,12 @@ from ...engine import ImageError, InputError, Lens, Options
 from ...engine.bake.rings import AT_REST, resized_rings
 from ...engine.errors import absence
 from ...engine.field.overscan import VIEWS, overscan_px
-from ...engine.image.depth_range import AUTO, OFF, blur_px, check_depth
+from ...engine.image.depth_range import AUTO, OFF, blur_px
 from ...engine.image.pitch import fitting_pitch_um
 from ...engine.image.spectral_exr import read_parts, read_with_layers
 from ...engine.library import cannot_be, has_rings, iris_shows, prescription_of
 from ...engine.report import FileFacts
 from ..scene.camera import captured_region, covered_diagonal, frame_px, size_warning
-from ..scene.depth import M_TO_MM
 from ..scene.lens_cache import load_lens, scaled_lens
 from .job import check_output_folder, folder_for
 from .pictures import REGION
@@ -215,9 +214,6 @@ def _layers_text(captured):
 
 def _facts(lens, captured, warning, result):
     """What the report tells of the file."""
-    radiance, (top, left) = captured.radiance, captured.radiance.overscan_px
-    rows, columns = radiance.frame_px
-    depth_mm = captured.depth_m[top:top + rows, left:left + columns] * M_TO_MM
+    radiance = captured.radiance
     needed = overscan_px(lens, radiance.grid, radiance.wavelengths_nm, result.report.lens_image.plan.reach_px)
-    return FileFacts(str(result.radiance), needed, None, warning, check_depth(depth_mm, lens, radiance.pitch_um),
-                     _layers_text(captured))
+    return FileFacts(str(result.radiance), needed, None, warning, captured.depth_check(lens), _layers_text(captured))

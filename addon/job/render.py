@@ -239,21 +239,23 @@ def _render(scene):
         raise SceneError(f"scene {scene.name!r}", "render", "refused by Blender", str(error).strip()) from None
 
 
-def render_steps(scene, job):
+def render_steps(scene, job, one=None):
     """Generator of RenderPass and Work steps; each is sent the answer of its call. Returns a Result.
 
-    Closing it at any step leaves the scene as it was and no half-written file.
+    Closing it at any step leaves the scene as it was and no half-written file. `one` is the OneCapture that the frame
+    is seen in, if there is one.
     """
     check_job(scene, job)
+    capture_by, write_by = (one.capture, one.write_radiance) if one else (capture, write_radiance)
     result = Result.of(scene, job.output_folder, job.frame)
     report = result.report
     with report.stage("multispectral render"):
-        captured = yield from capture(scene, job, result, RENDER_SHARE)
+        captured = yield from capture_by(scene, job, result, RENDER_SHARE)
     result.record.unlink(missing_ok=True)  # from here on it would tell of other files
     if job.traced:
         yield from _film_steps(captured, job.lens, result)
     else:
-        yield Work(_timed(report, "write radiance", lambda tell: write_radiance(captured, result.radiance)),
+        yield Work(_timed(report, "write radiance", lambda tell: write_by(captured, result.radiance)),
                    "Writing radiance", RENDER_SHARE)
         yield from lens_steps(captured, job.lens, job.options, job.iris, result, RENDER_SHARE + 0.02)
     write_record(job, result)

@@ -121,7 +121,7 @@ def plan_by(depth_mm, scene, job, grid):
         Of the capture, as it is without slabs.
     """
     volumes_mm, bodies_mm = whole_depths_mm(scene, job.lens, looked_at(grid))
-    plan = plan_slabs(depth_mm, looked_at(grid), job.lens, overscan_px=grid.overscan_px,
+    plan = plan_slabs(depth_mm, looked_at(grid), job.lens, overscan_px=grid.overscan_px, others=job.others,
                       most_slabs=PREVIEW_SLABS if job.spectral.tier == "preview" else MOST_SLABS,
                       accuracy=job.options.accuracy or DEFAULT_ACCURACY, whole_mm=volumes_mm, bodies_mm=bodies_mm)
     return plan, volumes_mm, bodies_mm

@@ -1,12 +1,14 @@
 """The camera: what sees the scene as the lens does, with the overscan that the lens needs."""
 
+from dataclasses import replace
+
 import numpy as np
 from mathutils import Euler, Vector
 
 from ...engine.bake.rings import AT_REST, in_metres
 from ...engine.errors import InputError
 from ...engine.field.distortion import FieldGeometry
-from ...engine.field.overscan import VIEWS, choose_capture, reach_px
+from ...engine.field.overscan import VIEWS, choose_capture, overscan_px, reach_px
 from ...engine.field.psf_bank import psf_radius_px
 from ...engine.image.pitch import fitting_pitch_um as pitch_um
 from ...engine.image.pixel_grid import PLANE, PixelGrid
@@ -52,29 +54,30 @@ def render_region(scene):
     return slice(top, bottom), slice(left, right)
 
 
-def captured_region(region, lens, wavelengths_nm, capture, room=0.0):
+def captured_region(region, lens, wavelengths_nm, capture, room=0.0, others=()):
     """The part of a capture that light for a region of the frame may come from: slices of its rows and columns.
 
     Parameters
     ----------
     region : (slice, slice)
         Rows and columns of the frame.
-    lens, wavelengths_nm, room
+    lens, wavelengths_nm, room, others
         As for `capture_grid`.
     capture : PixelGrid
     """
-    reach = max(reach_px(lens, capture, wavelengths_nm, psf_radius_px(lens, capture.pitch_um)),
-                round(room * max(capture.frame_px)))
+    seen = replace(capture, focal_mm=capture.focal_mm or lens.capture_focal_length_mm)
+    reach = max(round(room * max(capture.frame_px)),
+                *(reach_px(one, seen, wavelengths_nm, psf_radius_px(one, capture.pitch_um)) for one in (lens, *others)))
     return tuple(slice(max(part.start + overscan - reach, 0), min(part.stop + overscan + reach, n))
                  for part, overscan, n in zip(region, capture.overscan_px, capture.shape_px, strict=True))
 
 
-def capture_grid(scene, lens, wavelengths_nm, room=0.0):
+def capture_grid(scene, lens, wavelengths_nm, room=0.0, others=()):
     """The pixels to capture a scene with for a lens: `frame_capture` for its render's size."""
-    return frame_capture(lens, frame_px(scene), wavelengths_nm, room)
+    return frame_capture(lens, frame_px(scene), wavelengths_nm, room, others)
 
 
-def frame_capture(lens, shape_px, wavelengths_nm, room=0.0):
+def frame_capture(lens, shape_px, wavelengths_nm, room=0.0, others=()):
     """The pixels to capture a scene with for a lens: a PixelGrid.
 
     Parameters
@@ -85,6 +88,8 @@ def frame_capture(lens, shape_px, wavelengths_nm, room=0.0):
     wavelengths_nm : sequence of float
     room : float
         How much of the frame's longer side to capture beyond each edge at the least.
+    others : sequence of Lens
+        That are to see the same capture, on the same sensor: the lens, turned otherwise.
 
     Raises
     ------
@@ -95,9 +100,10 @@ def frame_capture(lens, shape_px, wavelengths_nm, room=0.0):
         raise InputError("options", "room", room, f"expected 0 to {MOST_ROOM:g}")
     frame = PixelGrid(shape_px, pitch_um(lens, shape_px))
     capture = choose_capture(lens, frame, wavelengths_nm, psf_radius_px(lens, frame.pitch_um))
-    least_px = round(room * max(shape_px))
-    margins = [max(least_px, margin) for margin in capture.overscan_px]
-    return PixelGrid.around_frame(shape_px, frame.pitch_um, margins, capture.projection)
+    seen = replace(capture, focal_mm=lens.capture_focal_length_mm)
+    margins = [overscan_px(other, seen, wavelengths_nm, psf_radius_px(other, frame.pitch_um)) for other in others]
+    rows, columns = np.max([capture.overscan_px, *margins], axis=0, initial=round(room * max(shape_px)))
+    return PixelGrid.around_frame(shape_px, frame.pitch_um, (rows, columns), capture.projection)
 
 
 def view_tangents(scene, lens, view, rings=AT_REST):

@@ -43,7 +43,7 @@ def scene_fingerprint(scene):
     It starts with Blender's version, and those of two versions cannot be compared. What was looked at before, and has
     not been `forgotten` since, is not looked at again.
     """
-    digests = [f"{block.id_type} {block.name_full} {block_digest(block)}" for block in _blocks_of(scene)]
+    digests = [f"{block.id_type} {block.name_full} {block_digest(block)}" for block in blocks_of(scene)]
     text = "\n".join([*sorted(digests), settings_digest(scene)])
     return "{}.{} ".format(*bpy.app.version) + blake2b(text.encode(), digest_size=12).hexdigest()
 
@@ -99,7 +99,7 @@ def forget_all():
     _known.clear()
 
 
-def _blocks_of(scene):
+def blocks_of(scene):
     """Data-blocks that a scene's objects, collections and world use, directly or not."""
     uses = {}
     for block, users in bpy.data.user_map().items():

@@ -17,6 +17,7 @@ from ..image.depth_range import (
     blur_per_nearness_px,
     blur_px,
     check_depth,
+    focus_nearness,
     focus_range_px,
     focus_share,
 )
@@ -96,7 +97,7 @@ class SlabPlan:
 
 
 def plan_slabs(depth_mm: ArrayLike, capture: PixelGrid, lens: "Lens", *, accuracy: float,
-               overscan_px: Sequence[int], most_slabs: int = MOST_SLABS,
+               overscan_px: Sequence[int], others: Sequence["Lens"] = (), most_slabs: int = MOST_SLABS,
                whole_mm: Sequence[tuple[float, float]] = (),
                bodies_mm: Sequence[tuple[float, float]] = ()) -> SlabPlan:
     """Plan the slabs of a capture by one look at depth: as few as leave no more of it hidden than is allowed.
@@ -114,6 +115,8 @@ def plan_slabs(depth_mm: ArrayLike, capture: PixelGrid, lens: "Lens", *, accurac
         comes from behind edges stay inside slabs.
     overscan_px : (int, int)
         Rows and columns that a capture needs beyond the frame where all is in focus, for distortion and PSFs.
+    others : sequence of Lens
+        That are to see the same capture: the lens, turned to other distances and stops.
     most_slabs : int
     whole_mm : sequence of (near_mm, far_mm)
         No border lies between these, as a camera clips: volumes.
@@ -125,12 +128,14 @@ def plan_slabs(depth_mm: ArrayLike, capture: PixelGrid, lens: "Lens", *, accurac
     -------
     SlabPlan
     """
-    look = _look(depth_mm, capture, lens, overscan_px)
+    lenses = lens, *others
+    look = _look(depth_mm, capture, lenses, overscan_px)
     in_frame = look.planar_mm[np.all(look.beyond_px == 0, axis=0) & ~np.isnan(look.planar_mm)]
     check = check_depth(in_frame, lens, capture.pitch_um) if in_frame.size else None
-    shares = focus_share(blur_px(lens, capture.pitch_um, look.planar_mm[look.reaching]),
-                         focus_range_px(lens, capture.pitch_um))
-    if np.all(shares >= 1 - accuracy):
+    reaching_mm = look.planar_mm[look.reaching]
+    shares = [focus_share(blur_px(one, capture.pitch_um, reaching_mm), focus_range_px(one, capture.pitch_um))
+              for one in lenses]
+    if np.all(np.array(shares) >= 1 - accuracy):
         return SlabPlan(False, (), (look.least_px,), 0.0, 0.0, check)
     whole = look.places(whole_mm) + [body for body in look.places(bodies_mm) if np.ptp(body) <= DEEP_PX]
     edges = _edges(look)
@@ -159,8 +164,8 @@ class _Look:
         Rows and columns of the capture from one pixel to the next.
     scale : float
         Place times distance in mm.
-    far_px : float
-        Blur of what is infinitely far.
+    far_px : (float, float)
+        Blur of what is infinitely far, at least and at most.
     least_px, most_px : (int, int)
         Beyond the frame where all is in focus, and in the look.
     """
@@ -170,7 +175,7 @@ class _Look:
     beyond_px: np.ndarray
     step_px: np.ndarray
     scale: float
-    far_px: float
+    far_px: tuple[float, float]
     least_px: tuple[int, int]
     most_px: tuple[int, int]
 
@@ -185,8 +190,9 @@ class _Look:
         return self.reaches(self.blur_px(self.place))
 
     def blur_px(self, place):
-        """Diameter of the blur of places, as the capture shows it: a fisheye's field is seen aslant, off the axis."""
-        return np.abs(place + self.far_px * self.cosine)
+        """Diameter of the blur of places, at most, as the capture shows it: a fisheye's field is seen aslant, off the
+        axis."""
+        return np.maximum(*(np.abs(place + far_px * self.cosine) for far_px in self.far_px))
 
     def places(self, ranges_mm):
         """Of ranges of distance: [(near, far)]."""
@@ -211,8 +217,8 @@ class _Look:
         return int(rows), int(columns)
 
 
-def _look(depth_mm, capture, lens, overscan_px):
-    """Of every so many pixels of a look."""
+def _look(depth_mm, capture, lenses, overscan_px):
+    """Of every so many pixels of a look, through the widest stop."""
     planar_mm = np.asarray(depth_mm, dtype=float)
     every = int(np.ceil(np.sqrt(planar_mm.size / MOST_LOOKED)))
     step_px = np.divide(capture.shape_px, planar_mm.shape)
@@ -222,17 +228,16 @@ def _look(depth_mm, capture, lens, overscan_px):
     planar_mm = np.where(planar_mm > 0, planar_mm, np.nan)
     beyond_px = [np.maximum(0, np.abs(places - (n - 1) / 2) - frame / 2) for places, n, frame in
                  zip((rows, columns), capture.shape_px, capture.frame_px, strict=True)]
-    own_mm = lens.capture_focal_length_mm
-    focal_mm = capture.focal_mm or own_mm
+    focal_mm = capture.focal_mm or lenses[0].capture_focal_length_mm
     cosine = np.ones_like(planar_mm)
     if capture.projection != PLANE:
         x_mm, y_mm = capture.position_mm(rows[:, None], columns)
         cosine = np.cos(np.hypot(x_mm, y_mm) / focal_mm)
         cosine = np.where(cosine > 0, cosine, np.nan)
-    return _Look(planar_mm, cosine, np.array(np.meshgrid(*beyond_px, indexing="ij")), every * step_px,
-                 blur_per_nearness_px(lens, capture.pitch_um) * focal_mm / own_mm,
-                 float(blur_px(lens, capture.pitch_um, np.inf)) * focal_mm / own_mm,
-                 tuple(map(int, overscan_px)), capture.overscan_px)
+    scale = max(blur_per_nearness_px(one, capture.pitch_um) * focal_mm / one.capture_focal_length_mm for one in lenses)
+    far_px = [-scale * focus_nearness(one) for one in lenses]
+    return _Look(planar_mm, cosine, np.array(np.meshgrid(*beyond_px, indexing="ij")), every * step_px, scale,
+                 (min(far_px), max(far_px)), tuple(map(int, overscan_px)), capture.overscan_px)
 
 
 @dataclass(frozen=True, eq=False)

@@ -245,3 +245,30 @@ def test_a_fisheyes_borders_are_distances():
     planned = plan_slabs(planar_mm, grid, lens, accuracy=0.05, overscan_px=(0, 0))
     border_mm, = planned.borders_mm
     assert 305 < border_mm < 595
+
+
+def turned(focus_mm=2000.0, stopped=1.0):
+    """The lens focused elsewhere, all of it moved, and stopped down."""
+    focal_mm = 100.0 * focus_mm / (focus_mm - 100.0)  # |m| S
+    return make_lens(efl_mm=100.0, magnification=-focal_mm / focus_mm, object_distance_mm=focus_mm,
+                     f_number_effective=2.2 * stopped * focal_mm / 105.0, entrance_pupil_mm=0.0, sensor_mm=(36.0, 24.0))
+
+
+def test_a_plan_for_several_focus_distances_and_stops_does_for_each():
+    depth_mm, capture = room_mm(), PixelGrid.around_frame((96, 128), PITCH_UM, (96, 128))
+    lenses = [turned(focus_mm, stopped) for focus_mm, stopped in ((1000.0, 1.0), (5000.0, 1.0), (2000.0, 4.0))]
+    planned = plan(depth_mm, capture, lenses[0], others=lenses[1:])
+    assert planned == plan(depth_mm, capture, lenses[0], others=lenses[:0:-1])  # in whatever order
+    alone = [plan(depth_mm, capture, lens) for lens in lenses]
+    assert planned.slabs >= max(one.slabs for one in alone)
+    assert np.all(np.array(planned.margin_px) >= [one.margin_px for one in alone])
+    near, far, stopped = (one.margin_px for one in alone)
+    assert near != far and stopped < far  # what decides is not the same for all
+
+
+def test_a_plan_is_needed_where_one_of_its_lenses_needs_it():
+    depth_mm = np.full((96, 128), 2000.0)
+    assert not plan(depth_mm, FRAME, turned()).needed and plan(depth_mm, FRAME, turned(4000.0)).needed
+    for first, other in ((turned(), turned(4000.0)), (turned(4000.0), turned())):
+        assert plan(depth_mm, FRAME, first, others=[other]).needed
+    assert not plan(depth_mm, FRAME, turned(), others=[turned(2000.0, 4.0)]).needed

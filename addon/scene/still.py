@@ -1,0 +1,152 @@
+"""Stillness: whether frames of a scene differ in nothing but what its camera turns the lens to. In doubt they do."""
+
+import re
+
+import bpy
+
+from .fingerprint import action_curves, blocks_of
+
+RINGS = "dof."  # how a camera's settings begin that turn its lens
+SCENES_RINGS = "lensfield.focused_wide_open", "lensfield.iris_"
+HANDLERS = "frame_change_pre", "frame_change_post", "render_pre"
+MOVING_MODIFIERS = {"BUILD", "CLOTH", "DYNAMIC_PAINT", "EXPLODE", "FLUID", "MESH_CACHE", "MESH_SEQUENCE_CACHE",
+                    "PARTICLE_INSTANCE", "PARTICLE_SYSTEM", "SOFT_BODY", "WAVE"}
+MOVING_CONSTRAINTS = {"CAMERA_SOLVER", "FOLLOW_TRACK", "OBJECT_SOLVER", "TRANSFORM_CACHE"}
+MOVING_NODES = {"GeometryNodeBake", "GeometryNodeCameraInfo", "GeometryNodeInputSceneTime",
+                "GeometryNodeSimulationInput"}  # the camera's focus is among what it tells
+MOVING_IMAGES = {"MOVIE", "SEQUENCE"}
+OWN = __package__.removesuffix("addon.scene")
+OF_NO_PICTURE = {"COLLECTION", "SCENE", "SCREEN", "WINDOWMANAGER", "WORKSPACE"}  # who holds on to an object
+
+
+def moving(scene, frames):
+    """What else changes from frame to frame: a line on the first that is found; "" where nothing does.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    frames : ascending sequence of int
+    """
+    return next(_movements(scene, frames), "")
+
+
+def rings_animated(scene):
+    """Whether keyframes, drivers or a focus object turn the lens of a scene's camera."""
+    camera = scene.camera.data if scene.camera and scene.camera.type == "CAMERA" else None
+    return camera is not None and camera.dof.use_dof and (
+        camera.dof.focus_object is not None
+        or any(path.startswith(RINGS) for path in _animated_paths(camera, None, frozenset())))
+
+
+def _movements(scene, frames):
+    cameras = {_camera_at(scene, frame) for frame in frames} - {None}
+    if len(cameras) > 1:
+        yield "markers change the camera"
+    if scene.cycles.use_animated_seed:
+        yield "the noise's seed is animated"
+    world = scene.rigidbody_world
+    if world and world.enabled and world.collection and world.collection.objects:
+        yield "there are rigid bodies"
+    for script in (str(handler.__module__) for name in HANDLERS for handler in getattr(bpy.app.handlers, name)):
+        if not script.startswith(OWN):
+            yield f"a script, {script}, works on each frame"
+    blocks = blocks_of(scene)
+    unseen = _unseen(blocks, cameras)
+    still, times = blocks - unseen, _times(scene, frames)
+    for block in sorted(still, key=lambda each: (each.id_type, each.name_full)) + [scene]:
+        for part in filter(None, (block, getattr(block, "node_tree", None))):
+            if why := _why_moving(part, times, still):
+                yield f"{block.rna_type.name.lower()} {block.name!r} {why}"
+
+
+def _camera_at(scene, frame):
+    """The camera that markers bind there, or the scene's own."""
+    bound = sorted((marker for marker in scene.timeline_markers if marker.camera), key=lambda marker: marker.frame)
+    before = [marker for marker in bound if marker.frame <= frame]
+    return (before[-1] if before else bound[0]).camera if bound else scene.camera
+
+
+def _unseen(blocks, cameras):
+    """Objects that no ray meets, and that nothing follows which one does; and the settings of other cameras."""
+    users = bpy.data.user_map()
+    unseen = {block for block in blocks if block.id_type == "OBJECT" and (
+        (block.type == "EMPTY" and block.instance_type == "NONE") or (block.type == "CAMERA" and block not in cameras))}
+
+    def follows(user):
+        if user.id_type == "COLLECTION":  # whose objects somebody may read
+            return any(follows(other) for other in users.get(user, ()))
+        return user not in unseen and user.id_type not in OF_NO_PICTURE | {"CAMERA"}
+
+    while followed := {block for block in unseen if any(map(follows, users.get(block, ())))}:
+        unseen -= followed
+    others = {block for block in blocks if block.id_type == "CAMERA"} - {camera.data for camera in cameras}
+    return unseen | others
+
+
+def _times(scene, frames):
+    """When animation is looked at: at the frames, and while the shutter is open."""
+    shutter = scene.render.motion_blur_shutter if scene.render.use_motion_blur else 0.0
+    return sorted({frame + part * shutter for frame in frames for part in (-1, -0.5, 0, 0.5, 1)})
+
+
+def _why_moving(block, times, still):
+    """Why a data-block may change, in words; None where it does not."""
+    allowed = {"CAMERA": RINGS, "SCENE": SCENES_RINGS}.get(block.id_type, ())
+    if any(not path.startswith(allowed) for path in _animated_paths(block, times, still)):
+        return "is animated"
+    if block.id_type == "OBJECT":
+        bones = block.pose.bones if block.pose else ()
+        constraints = [constraint for owner in (block, *bones) for constraint in owner.constraints]
+        return _of_kind(block.modifiers, MOVING_MODIFIERS) or _of_kind(constraints, MOVING_CONSTRAINTS) or (
+            "has particles" if block.particle_systems else None)
+    if block.id_type == "NODETREE":
+        return _with_time(block.nodes)
+    if block.id_type == "IMAGE" and block.source in MOVING_IMAGES:
+        return "is a film"
+    if block.id_type == "VOLUME" and block.is_sequence:
+        return "is a sequence"
+    return None
+
+
+def _of_kind(parts, kinds):
+    return next((f"has {part.name!r}" for part in parts if part.type in kinds), None)
+
+
+def _with_time(nodes):
+    for node in nodes:
+        if node.bl_idname in MOVING_NODES or getattr(node, "attribute_type", "") == "VIEW_LAYER":
+            return f"has {node.name!r}"
+    return None
+
+
+def _animated_paths(block, times, still):
+    """Paths that keyframes and drivers change, unless they are the same at all times."""
+    animation = getattr(block, "animation_data", None)
+    if animation is None:
+        return
+    for driver in animation.drivers:
+        if not _still_driver(driver.driver, still):
+            yield driver.data_path
+    for strip in (strip for track in animation.nla_tracks for strip in track.strips if not track.mute):
+        yield from (curve.data_path for curve in action_curves(strip.action)) if strip.action else [strip.name]
+    for curve in _own_curves(animation):
+        if times is None or len({curve.evaluate(time) for time in times}) > 1:
+            yield curve.data_path
+
+
+def _own_curves(animation):
+    """F-curves of a data-block's action: since slots came, others' may be in the same."""
+    action, slot = animation.action, getattr(animation, "action_slot", None)
+    if action is None or slot is None:
+        return action_curves(action) if action else []
+    bags = (strip.channelbag(slot) for layer in action.layers for strip in layer.strips)
+    return [curve for bag in bags if bag for curve in bag.fcurves]
+
+
+def _still_driver(driver, still):
+    """Whether a driver goes by nothing but what does not change."""
+    if driver.type == "SCRIPTED" and (not driver.is_simple_expression or re.search(r"\bframe\b", driver.expression)):
+        return False
+    return all(variable.type != "CONTEXT_PROP" and all(target.id in still and RINGS not in target.data_path
+                                                       for target in variable.targets)
+               for variable in driver.variables)

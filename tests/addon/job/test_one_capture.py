@@ -1,0 +1,210 @@
+"""Frames that differ in focus and f-stop alone: one capture serves them all, and each is what it would be by itself."""
+
+import os
+from dataclasses import replace
+
+import numpy as np
+import OpenEXR
+import pytest
+
+from lensfield import addon
+from lensfield.addon.job import one_capture, slabs
+from lensfield.addon.job.one_capture import OneCapture
+from lensfield.addon.job.render import FRAME_FILES, job_of_frame
+from lensfield.engine import files
+from lensfield.engine.image.spectral_exr import read_exr
+from lensfield.engine.spectral.wavelength_choice import SpectralOptions
+from small_scenes import WAVELENGTHS_NM, material, set_world, wall
+from snapshot import differences, snapshot
+
+LENS = "kodak-petzval-100mm"  # from 1.05 m and f/2.14 on: nearest, all of it moves, and its view is 9 % narrower
+FRAMES = 1, 3, 5, 7
+ASKED = {"lens": LENS, "wavelengths_nm": WAVELENGTHS_NM, "lens_quality": "preview",
+         "spectral": SpectralOptions("preview"), "to_compositor": False}
+NEAR_M, FAR_M = 1.1, 6.0
+CUT_MM, MARGIN_PX = (3000.0,), (12, 12)
+
+
+def glowing(scene, name, colour, distance_m, side_m, place_m=(0, 0)):
+    square = wall(scene, material(name, "ShaderNodeEmission", colour)[0], distance_m, side_m)
+    square.name, square.location.x, square.location.y = name, *place_m
+    return square
+
+
+@pytest.fixture
+def rack(scene):
+    """A near and a far square before a blue sky: the focus goes from one to the other, and the lens is stopped down."""
+    set_world(scene, (0.2, 0.4, 0.9), 0.5)
+    glowing(scene, "Near", (1, 0.2, 0.1), NEAR_M, 0.1, (0.06, 0.02))
+    glowing(scene, "Far", (0.2, 1, 0.3), FAR_M, 1.0, (-0.4, 0.1))
+    scene.cycles.samples = 256
+    dof = scene.camera.data.dof
+    dof.use_dof = True
+    scene.render.image_settings.file_format = "OPEN_EXR"  # a scene from the factory has no colour space until then
+    for frame, focus_m, f_number in zip(FRAMES, (NEAR_M, FAR_M, FAR_M, FAR_M), (2.5, 2.5, 2.5, 8.0), strict=True):
+        dof.focus_distance, dof.aperture_fstop = focus_m, f_number
+        dof.keyframe_insert("focus_distance", frame=frame)
+        dof.keyframe_insert("aperture_fstop", frame=frame)
+    scene.frame_set(1)
+    return scene
+
+
+@pytest.fixture
+def cut(monkeypatch):
+    """Between the squares, and with the same margins for whatever lens: Cycles draws the same numbers then."""
+    plan = slabs.plan_slabs
+    monkeypatch.setattr(slabs, "plan_slabs", lambda *arguments, **named: replace(
+        plan(*arguments, **named), needed=True, borders_mm=CUT_MM, margins_px=(MARGIN_PX,) * 2))
+
+
+@pytest.fixture
+def captures(monkeypatch):
+    """A list of the frames that a capture is made for by `OneCapture`."""
+    made, capture = [], one_capture.capture
+
+    def counted(scene, job, *arguments):
+        made.append(job.frame)
+        return (yield from capture(scene, job, *arguments))
+
+    monkeypatch.setattr(one_capture, "capture", counted)
+    return made
+
+
+def irradiance(result):
+    return read_exr(result.irradiance).cube.astype(np.float64)
+
+
+def alpha(result):
+    with OpenEXR.File(str(result.lens_image), separate_channels=True) as file:
+        return file.channels()["A"].pixels
+
+
+def test_one_capture_serves_all_frames(rack, captures, tmp_path):
+    before = snapshot()
+    animation = addon.render_animation(rack, FRAMES, output_folder=tmp_path, **ASKED)
+    assert not differences(before, snapshot())
+    assert len(captures) == 1 and list(animation.results) == list(FRAMES)
+    assert animation.plan == "4 frames from one capture: nothing but focus and f-stop changes"
+    assert animation.plan in animation.summary
+    results = animation.results.values()
+    assert len({os.stat(result.radiance).st_ino for result in results}) == 1
+    assert all((tmp_path / f"Scene_{frame:04d}_{name}").is_file() for frame in FRAMES for name in FRAME_FILES.values())
+    near, far = (animation.results[frame].report.scene.depth.near_mm for frame in (1, 5))
+    assert near < 1e3 * NEAR_M < far < 1e3 * FAR_M
+    assert not addon.Animation(rack, FRAMES, output_folder=tmp_path, **ASKED).pending
+    assert addon.Animation(rack, [1, 2], output_folder=tmp_path, **ASKED).pending == [2]
+
+
+def test_each_frame_is_what_it_is_by_itself(rack, cut, tmp_path):
+    """In the camera's view, where all lenses see the very pixels that were captured."""
+    asked = ASKED | {"view": "camera"}
+    one = addon.render_animation(rack, FRAMES, output_folder=tmp_path / "one", **asked).results
+    for frame in (1, 5, 7):
+        alone = addon.render_through_lens(rack, frame=frame, output_folder=tmp_path / "alone", **asked)
+        for ours, theirs in ((irradiance(each) for each in (one[frame], alone)), map(alpha, (one[frame], alone))):
+            np.testing.assert_allclose(ours, theirs, rtol=1e-4, atol=1e-5 * theirs.max())
+
+
+def middle_px(red):
+    """Row and column of the middle of what is red."""
+    rows, columns = np.indices(red.shape)
+    return np.array([np.sum(places * red) for places in (rows, columns)]) / red.sum()
+
+
+def test_a_lens_shows_more_or_less_as_it_is_focused(rack, tmp_path):
+    """On its own sensor, though one pinhole has captured all: light lies where it does in a frame by itself."""
+    set_world(rack, (0, 0, 0))
+    rack.objects["Far"].hide_render = True
+    results = addon.render_animation(rack, FRAMES, output_folder=tmp_path / "one", **ASKED).results
+    red = {frame: irradiance(results[frame])[-1] for frame in (1, 5)}
+    near, far = (np.hypot(*(middle_px(red[frame]) - np.array([17.5, 23.5]))) for frame in (1, 5))
+    assert near > 1.05 * far
+    for frame, ours in red.items():
+        theirs = irradiance(addon.render_through_lens(rack, frame=frame, output_folder=tmp_path / "alone", **ASKED))[-1]
+        # Of at most 100 pixels along its edges each is off by at most a half over the root of 256 samples: of the
+        # square's 100 pixels or more the sum is off by 0.3, and five times that, and the middle by as much of its half.
+        np.testing.assert_allclose(ours.sum(), theirs.sum(), rtol=0.015)
+        np.testing.assert_allclose(middle_px(ours), middle_px(theirs), atol=0.1)
+
+
+def test_what_is_cancelled_goes_on_with_the_same_light(rack, captures, tmp_path):
+    first = addon.Animation(rack, FRAMES, output_folder=tmp_path, **ASKED)
+    result = first.render(1)
+    rest = addon.render_animation(rack, FRAMES, output_folder=tmp_path, **ASKED)
+    assert list(rest.results) == [3, 5, 7] and list(rest.earlier) == [1] and len(captures) == 2
+    light = [read_exr(one.radiance).cube for one in (result, rest.results[7])]
+    np.testing.assert_array_equal(*light)
+
+
+def test_a_capture_that_was_stopped_is_made_again(rack, captures, monkeypatch, tmp_path):
+    animation, before = addon.Animation(rack, FRAMES, output_folder=tmp_path, **ASKED), snapshot()
+
+    def stop(fraction, label):
+        if "Pass" in label:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        animation.render(1, stop)
+    assert not differences(before, snapshot()) and not list(tmp_path.iterdir())
+    animation.render(3)
+    assert len(captures) == 2 and list(animation.results) == [3]
+
+
+def test_light_that_is_taken_away_is_written_again(rack, captures, tmp_path):
+    animation = addon.Animation(rack, FRAMES, output_folder=tmp_path, **ASKED)
+    animation.render(1).radiance.unlink()
+    assert animation.render(3).radiance.is_file() and len(captures) == 1
+
+
+def test_what_moves_is_captured_frame_by_frame(rack, captures, tmp_path):
+    near = rack.objects["Near"]
+    for frame, x_m in ((1, 0.06), (7, 0.0)):
+        near.location.x = x_m
+        near.keyframe_insert("location", frame=frame)
+    animation = addon.render_animation(rack, FRAMES[:2], output_folder=tmp_path, **ASKED)
+    assert animation.plan == "each frame is captured by itself: object 'Near' is animated" and not captures
+    assert len({os.stat(result.radiance).st_ino for result in animation.results.values()}) == 2
+    rack.camera.data.animation_data_clear()
+    assert addon.Animation(rack, FRAMES, output_folder=tmp_path, **ASKED).plan == ""
+
+
+def test_frames_that_ask_for_other_pictures_are_captured_by_themselves(rack, tmp_path):
+    asked = ASKED | {"output_folder": tmp_path}
+    one, job = OneCapture(rack, FRAMES, **asked), job_of_frame(rack, 3, **asked)
+    assert one.holds(job)
+    for other in (replace(job, depth="traced"), replace(job, denoise=not job.denoise),
+                  replace(job, settings=job.settings | {"samples": 3})):
+        assert not one.holds(other)
+    assert addon.Animation(rack, FRAMES, **asked, depth="traced").plan == (
+        "each frame is captured by itself: the lens is traced")
+
+
+def test_film_and_region_go_together_with_one_capture(rack, cut, tmp_path):
+    rack.render.film_transparent = rack.render.use_border = True
+    rack.render.border_min_x, rack.render.border_max_x = 0.25, 1.0
+    rack.render.border_min_y, rack.render.border_max_y = 0.0, 0.75
+    asked = ASKED | {"view": "camera"}
+    one = addon.render_animation(rack, (1, 5), output_folder=tmp_path / "one", **asked).results[5]
+    alone = addon.render_through_lens(rack, frame=5, output_folder=tmp_path / "alone", **asked)
+    ours, theirs = map(alpha, (one, alone))
+    np.testing.assert_array_equal(ours == 0, theirs == 0)
+    assert 0.05 < theirs.mean() < 0.6
+    np.testing.assert_allclose(ours, theirs, atol=1e-4)
+    np.testing.assert_allclose(irradiance(one), irradiance(alone), rtol=1e-4, atol=1e-5 * irradiance(alone).max())
+
+
+def test_a_file_is_copied_where_it_cannot_have_two_names(tmp_path, monkeypatch):
+    source, other = tmp_path / "one", tmp_path / "other"
+    source.write_text("light")
+    files.link_or_copy(source, other)
+    files.link_or_copy(source, other)  # which it is already
+    assert other.samefile(source) and other.read_text() == "light"
+
+    def refuse(*_):
+        raise OSError(1, "Operation not permitted")
+
+    monkeypatch.setattr(os, "link", refuse)
+    other.unlink()
+    files.link_or_copy(source, other)
+    assert not other.samefile(source) and other.read_text() == "light"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["one", "other"]
