@@ -162,7 +162,7 @@ def _placed(planes, region, grid):
 def _show(index, plan, lights, capture_px, path):
     """Write a PNG of the frame after a pass, as a perfect pinhole sees it: grey until all colours are there."""
     cube = np.zeros((plan.choice.output_nm.size, *capture_px.shape_px), np.float32)
-    for light in reversed(lights):
+    for light in reversed([light for light in lights if not light.is_spare(lights)]):
         part = cube[(..., *light.slab.region)]
         part *= 1 - light.alpha
         part += light.cube

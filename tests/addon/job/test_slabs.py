@@ -5,6 +5,7 @@ from dataclasses import replace
 import bpy
 import numpy as np
 import pytest
+from PIL import Image
 
 from lensfield import addon
 from lensfield.addon.job import slabs
@@ -127,8 +128,10 @@ def test_layers_hold_what_is_hidden_and_no_more_than_they_cover(deep, cut, tmp_p
 def test_what_is_all_hidden_is_left_out(deep, tmp_path):
     """It is not rendered, and no layer is made of it."""
     deep.objects["Near"].scale = 100, 100, 1
-    result, image, _, layered = rendered(deep, tmp_path)
+    result, image, _, layered = rendered(deep, tmp_path, picture=tmp_path / "picture.png")
     (layer,) = layered.layers
+    with Image.open(tmp_path / "picture.png") as picture:
+        assert picture.size == (48, 36) and np.array(picture).max() > 50
     assert np.all(layer.alpha == 1) and np.all(layer.depth_mm == np.float32(50)) and np.all(image.cube > 0)
     assert "one slab" in result.report.scene.layers
 
