@@ -9,8 +9,8 @@ casting needs of memory beside the layers.
 """
 
 import argparse
-import resource
 import time
+import tracemalloc
 
 import numpy as np
 from timing import machine
@@ -74,7 +74,6 @@ def main():
     print(machine(), f"loops: {running()}; {lens.name}; layers of {layered.nbytes / 1e9:.2f} GB", sep="\n")
     sensor = layered.grid.frame()
     for most_rays in asked.most_rays:
-        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         begun = time.process_time()
         ends = pencils(rays, WAVELENGTHS_NM[[0, -1]], sensor, lens.capture_focal_length_mm, 256, 1)
         layers = [seen(layer, layered.grid, lens, ends) for layer in layered.layers]
@@ -82,16 +81,18 @@ def main():
         meetings = plan_meetings(layers, ends, sensor, 0.0, most_rays)
         planned = time.process_time()
         del layers
+        tracemalloc.start()
         for _ in cast(layered, lens, rays, most_rays=most_rays):
             pass
-        whole = time.process_time() - planned
+        whole, most_bytes = time.process_time() - planned, tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
         a_pixel = 8 * meetings.eights.mean()
         print(f"{most_rays} rays: {whole:.1f} s, of which layers {ready - begun:.1f}, tiles {planned - ready:.1f}; "
               f"{a_pixel:.0f} rays a pixel; "
               f"{whole / (a_pixel * np.prod(FRAME_PX) * WAVELENGTHS_NM.size) * 1e9:.1f} ns a ray and wavelength; "
               f"{(meetings.eights == 0).mean():.0%} of tiles need none; layers met: "
               f"{(meetings.found['steps'] >= 0).sum(axis=-1)[meetings.eights > 0].mean():.1f}; "
-              f"memory {(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1e6:.2f} GB more")
+              f"{most_bytes / 1e9:.2f} GB of memory beside the layers")
 
 
 if __name__ == "__main__":

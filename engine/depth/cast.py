@@ -67,7 +67,7 @@ def cast(layered: LayeredRadiance, lens: "Lens", rays: "RayTable", *, most_rays:
     Yields
     ------
     CastPlane
-        The same bits on any machine, whatever its number of threads.
+        The same bits whatever does the loops, in any number of threads.
 
     Raises
     ------

@@ -1,13 +1,10 @@
 """Casting: layers of depth seen along rays, against first-order optics, and in C against numpy."""
 
-import os
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 
 from lenses import make_lens
+from lensfield.engine import threads
 from lensfield.engine.bake.first_order import first_order_rays
 from lensfield.engine.depth.cast import cast
 from lensfield.engine.depth.pencils import Iris
@@ -141,6 +138,12 @@ def test_what_is_half_in_focus_shows_nothing_of_what_is_in_focus_behind_it(lens,
         assert np.abs(seen - 1).max() < 0.05 and abs(seen.mean() - 1) < 0.005
 
 
+def test_layers_that_cover_nothing_show_nothing(lens):
+    grid = PixelGrid.around_frame((20, 24), PITCH_UM, (4, 4))
+    for plane in planes([layer(np.zeros(grid.shape_px), 1.0), layer(np.zeros((1, 1)), np.inf)], lens, grid):
+        assert not plane.sharp.any() and not plane.blurred.any() and plane.clear.min() == 1
+
+
 def random_scene(lens, grid, count, seed=0):
     rng = np.random.default_rng(seed)
     rows, columns = grid.shape_px
@@ -174,16 +177,12 @@ def test_numpy_and_all_variants_give_the_same_bits(lens, grid, iris):
             assert np.isfinite(plane.blurred).all() and plane.clear.min() >= 0 and plane.clear.max() <= 1
 
 
-def test_threads_and_other_processes_change_no_bit(lens, tmp_path):
-    code = ("import sys, numpy as np, test_cast as t\n"
-            "lens = t.make_lens(object_distance_mm=t.IN_FOCUS_MM, magnification=-0.05)\n"
-            "planes = t.planes(t.random_scene(lens, t.GRIDS[0], 5), lens, t.GRIDS[0])\n"
-            "np.save(sys.argv[1], [plane.blurred for plane in planes])")
-    paths = [str(path) for path in (os.path.dirname(__file__), *sys.path) if path]
-    subprocess.run(["taskset", "-c", "0", sys.executable, "-c", code, tmp_path / "one.npy"], check=True,
-                   env=os.environ | {"PYTHONPATH": os.pathsep.join(paths)})
-    here = planes(random_scene(lens, GRIDS[0], 5), lens, GRIDS[0])
-    assert np.array_equal(np.load(tmp_path / "one.npy"), [plane.blurred for plane in here])
+def test_threads_change_no_bit(lens, monkeypatch):
+    scene, results = random_scene(lens, GRIDS[0], 5), []
+    for count in (1, 5):
+        monkeypatch.setattr(threads, "thread_count", lambda count=count: count)
+        results.append([plane.blurred for plane in planes(scene, lens, GRIDS[0])])
+    assert np.array_equal(*results)
 
 
 def test_a_fisheye_shows_what_a_plane_capture_does(lens):
