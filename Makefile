@@ -7,7 +7,7 @@
 #                  as CONTRIBUTING.md's compilers, QEMU and Wine are installed (two minutes)
 # make bench       what the engine takes, beside itself of before and the paper's method (ten minutes): build/bench
 # make bench-all   also the paper's pictures, what accuracy costs at length, and what a scene costs (an hour)
-# make validate    Cornell's box against Mitsuba 3, and lenses against rays traced through them (ten minutes)
+# make validate    Cornell's box against Mitsuba 3, and lenses against rays traced through them (ten minutes), in depth too (an hour)
 # make extension   dist/*.zip, to install in Blender
 # make ui-test     drives a window of BLENDER=/path/to/blender as a user would (ten minutes; on a display, or with Xvfb, and
 #                  ImageMagick's import); STEPS="install escape" takes some steps alone; screenshots in build/ui-test
@@ -79,6 +79,7 @@ bench-all: bench
 validate: $(VALIDATE)/.ready
 	$(VALIDATE)/bin/python -W ignore validation/cornell_truth.py build/validation
 	$(VALIDATE)/bin/python -W ignore validation/traced_lens_truth.py
+	$(VALIDATE)/bin/python -W ignore validation/depth_truth.py build/validation/depth
 
 extension: $(READY)
 	$(VENV)/bin/python packaging/build_extension.py dist

@@ -1,0 +1,97 @@
+"""Layers of depth against rays through the real lens, small; `make validate` has the figures.
+
+The limits are those of `validation/depth_truth.py`, and 5 sigma of the noise that seeds differ by.
+"""
+
+import numpy as np
+import pytest
+
+import depth_truth
+from depth_measure import errors, means_of_blocks, variance_of_mean
+from depth_room import build_room
+from depth_scenes import body_scene, floor_scene, lamp_scene
+from lensfield.engine import Lens
+from lensfield.engine.image.depth_range import blur_px
+from noise import SIGMAS
+
+FRAME_PX, SEEDS = (72, 96), 4
+LIMIT = 0.025
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(depth_truth, "FRAME_PX", FRAME_PX)
+        patch.setattr(depth_truth.Lens, "from_prescription", lambda name, focus_mm: from_prescription(
+            name, focus_mm=focus_mm, quality="preview"))
+        yield depth_truth.Bench("kodak-petzval-100mm", tmp_path_factory.mktemp("truth"))
+
+
+from_prescription = Lens.from_prescription
+
+
+def both(bench, scene, samples=(16, 64)):
+    """By layers and by rays: arrays (seed, row, column)."""
+    ours, _ = bench.pictures(scene, samples[0], SEEDS)
+    return ours[0], bench.truth("small", scene, seeds=SEEDS, samples=samples[1])[0]
+
+
+def assert_alike(ours, truth, block_px, limit, least=0.2):
+    """In the means of blocks, of those that are not dark."""
+    ours, truth = (means_of_blocks(each, block_px) for each in (ours, truth))
+    apart = ours.mean(axis=0) - truth.mean(axis=0)
+    noise = SIGMAS * np.sqrt(variance_of_mean(ours) + variance_of_mean(truth))
+    scale = truth.mean(axis=0)
+    lit = scale > least * scale.mean()
+    assert lit.sum() > 8 and np.median(noise[lit] / scale[lit]) < 0.2  # or nothing would be found
+    assert np.mean(np.abs(apart[lit]) > noise[lit] + limit * scale[lit]) < 0.02
+    assert abs(apart[lit].sum()) < limit * scale[lit].sum()
+
+
+@pytest.fixture(autouse=True)
+def nothing_kept(bench, tmp_path, monkeypatch):
+    monkeypatch.setattr(bench, "folder", tmp_path)
+
+
+def test_the_room_is_as_rays_show_it(bench):
+    scene = build_room()
+    ours, truth = both(bench, scene)
+    assert_alike(ours, truth, block_px=6, limit=2 * LIMIT)
+    sharp, _ = bench.pictures(scene, 16, 2, depth="off")
+    assert errors(sharp[0], truth).l2_bias > 5 * errors(ours, truth).l2_bias
+
+
+def test_a_slanted_floor_has_no_seam(bench):
+    ours, truth = both(bench, floor_scene(bench.lens))
+    rows = (each.mean(axis=-1, keepdims=True) for each in (ours, truth))
+    assert_alike(*rows, block_px=1, limit=0.02)
+
+
+def test_a_body_that_is_cut_shows_no_dark_inside(bench):
+    assert_alike(*both(bench, body_scene(bench.lens)), block_px=4, limit=0.05)
+
+
+@pytest.mark.parametrize("distance_m", [depth_truth.LAMPS_M[0], depth_truth.LAMPS_M[-1]])
+def test_lamps_are_where_rays_show_them_and_as_wide(bench, distance_m):
+    scene, ideal_mm = lamp_scene(bench.lens, bench.frame.pitch_um * 1e-3, distance_m)
+    pictures = both(bench, scene, samples=(64, 512))
+    width_px = abs(float(blur_px(bench.lens, bench.frame.pitch_um, 1e3 * distance_m)))
+    for place in ideal_mm:
+        ours, true = (np.array([depth_truth.spot_px(each, bench.frame, place, width_px) for each in side])
+                      for side in pictures)
+        noise = SIGMAS * np.sqrt((ours.var(axis=0, ddof=1) + true.var(axis=0, ddof=1)) / SEEDS)
+        apart = np.abs(ours.mean(axis=0) - true.mean(axis=0))
+        assert np.all(apart < noise + 0.02 * width_px)
+
+
+def test_errors_are_those_without_the_noise():
+    rng = np.random.default_rng(3)
+    truth = rng.uniform(0.5, 1.5, (200, 300))
+    bias = 0.03 * rng.standard_normal(truth.shape)
+    pictures = truth + bias + 0.05 * rng.standard_normal((4, *truth.shape))
+    found = errors(pictures, truth + 0.1 * rng.standard_normal((4, *truth.shape)))
+    size = np.sqrt(np.mean(truth**2))
+    assert found.l2_bias == pytest.approx(0.03 / size, rel=0.05)
+    assert found.l1_bias == pytest.approx(np.sqrt(2 / np.pi) * 0.03, rel=0.05)
+    assert found.l2 == pytest.approx(np.hypot(0.03, 0.05) / size, rel=0.03)
+    assert found.l1 == pytest.approx(np.sqrt(2 / np.pi) * np.hypot(0.03, 0.05), rel=0.03)
