@@ -70,7 +70,7 @@ def preflight(scene, output_folder=None, *, frame=None, **asked):
                 check_camera(scene)
                 grid = job_grid(scene, job)
                 slabs = plan_by(seen_depth_mm(scene, job.lens, looked_at(grid)), scene, job, grid)[0]
-                remarks += (*depth_remarks(job, slabs), *(unlayered_remarks(scene, job, grid) if slabs.needed else ()))
+                remarks += (*depth_remarks(job, slabs), *unlayered_remarks(scene, job, grid))
                 journal.stand_in(scene.camera.data)
                 plan = plan_scene(scene, job, grid, journal)[0]
         findings = plan.findings if plan else lint(scene)

@@ -85,7 +85,8 @@ def capture(scene, job, result, share):
         go_to_frame(scene, job.frame, journal)
         turn_on_layer(scene, job.view_layer, journal)
         check_camera(scene)
-        remarks, exposure, film = scene_remarks(scene, job), scene.cycles.film_exposure, scene.render.film_transparent
+        remarks = [*scene_remarks(scene, job), *unlayered_remarks(scene, job, grid)]
+        exposure, film = scene.cycles.film_exposure, scene.render.film_transparent
         plan, substitution, groups = plan_scene(scene, job, grid, journal)
         plan.check()
         for path in result.files:
@@ -100,8 +101,6 @@ def capture(scene, job, result, share):
         if job.depth == AUTO:
             substitution.set_wavelengths(plan.bands[0], plan.dispersive)
             cut = yield from cut_steps(scene, job, grid, rendered, folder / "look.exr", 0.0, LOOK_SHARE * share)
-        if cut:
-            remarks += unlayered_remarks(scene, job, grid)
         capture_px, slabs = (cut.capture, cut.slabs) if cut else (grid, (whole_slab(scene, rendered),))
         guard_render_state(scene, job, capture_px, folder / "pass.exr", journal)
         lights = [GatheredLight(plan, rendered_layer(scene).name, names, slab) for slab in slabs]

@@ -35,7 +35,7 @@ def forget_picture():
 def _draw():
     preview, space, view = _overlay["preview"], bpy.context.space_data, bpy.context.region_data
     if (view.view_perspective != "CAMERA" or bpy.context.scene.session_uid != preview.scene_uid
-            or space.camera != bpy.context.scene.camera or not space.overlay.show_overlays):
+            or space.camera != bpy.context.scene.camera or not space.overlay.show_overlays or not preview.tangents):
         return
     corners = [location_3d_to_region_2d(bpy.context.region, view, corner)
                for corner in frame_corners(space.camera, preview.tangents)]

@@ -190,6 +190,18 @@ def test_they_are_told_before_a_render_that_takes_depths_by_pixel(scene, tmp_pat
         scene.lensfield.depth = "AUTO"
 
 
+def test_a_pane_in_focus_hides_what_is_not(scene, tmp_path):
+    """All that a depth tells is in focus then, and nothing is rendered in layers."""
+    dof = scene.camera.data.dof
+    dof.use_dof, dof.focus_distance, dof.aperture_fstop = True, 2.0, 1.5
+    wall(scene, shader("ShaderNodeBsdfGlass"), 2.0, 100.0).name = "Pane"
+    wall(scene, shader("ShaderNodeBsdfDiffuse"), 12.0, 100.0)
+    scene.lensfield.lens = "sonnar-50mm-f1.5"
+    found = preflight(scene, tmp_path, lens_quality="preview")
+    told, = (str(remark) for remark in found.remarks if remark.what == "Glass")
+    assert told.startswith("Glass 'Pane': about 100% of the picture is seen through it") and found.slabs is None
+
+
 def test_the_report_tells_them_too(scene, tmp_path):
     scene.render.resolution_x, scene.render.resolution_y = 48, 36
     scene.cycles.samples = 1
