@@ -141,7 +141,9 @@ class _Run:
             lines.insert(0, f"picture: {seen.picture.layer}, upsampled to {len(seen.picture.wavelengths_nm)} "
                             "wavelengths, {:.1f} x {:.1f} degrees".format(*seen.picture.fov_deg))
         if slabs:
-            lines.append(f"depth: {seen.channel}: {slabs.text}")
+            lines.append(f"depth: {seen.channel}: " + (
+                f"{slabs.check.text}: {slabs.slabs_text if seen.guessed else 'in the layers that the file holds'}"
+                if slabs.needed else slabs.text))
         for line in lines:
             kind = FIGURE.sub("", line) if line.startswith("depth") else line  # each frame has other figures
             if kind not in self._told:

@@ -80,13 +80,15 @@ class SlabPlan:
         return int(rows), int(columns)
 
     @property
+    def slabs_text(self) -> str:
+        """The slabs in words."""
+        borders = ", ".join(f"{border_mm * 1e-3:.3g}" for border_mm in self.borders_mm)
+        return f"{self.slabs} slabs, cut at {borders} m" if borders else "one slab"
+
+    @property
     def cut_text(self) -> str:
         """The slabs, and what they leave, in words."""
-        words = "one slab"
-        if self.borders_mm:
-            borders = ", ".join(f"{border_mm * 1e-3:.3g}" for border_mm in self.borders_mm)
-            words = f"{self.slabs} slabs, cut at {borders} m"
-        return f"{words}; {self.hidden:.2g} of the light comes from what stays hidden behind edges"
+        return f"{self.slabs_text}; {self.hidden:.2g} of the light comes from what stays hidden behind edges"
 
     @property
     def text(self) -> str:

@@ -212,7 +212,7 @@ def test_layers_that_a_file_holds_are_taken_as_they_are(tmp_path, capsys):
     output = tmp_path / "out.exr"
     assert run("filter", tmp_path / "a.exr", *LENS, "--output", output) == 0
     told = capsys.readouterr().out
-    assert "depth is that of Z" in told and "guessed" not in told
+    assert "in the layers that the file holds" in told and "guessed" not in told
     lens = Lens.from_prescription(LENS[1], focus_mm=2000, quality="preview")
     np.testing.assert_array_equal(read_exr(output).cube, simulate(layered, lens).cube)
 
