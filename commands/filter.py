@@ -117,6 +117,7 @@ class _Run:
     def _slabs(self, seen, needed_px):
         """The plan of slabs by the depth that a file tells; None where it tells none."""
         return seen.depth and plan_slabs(seen.depth.planar_mm, seen.radiance.grid, self._lens, overscan_px=needed_px,
+                                         light=seen.radiance.cube.mean(axis=0),
                                          accuracy=self._chosen.accuracy or DEFAULT_ACCURACY)
 
     def _facts(self, shot, seen, needed_px, slabs):

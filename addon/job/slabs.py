@@ -97,9 +97,10 @@ def cut_steps(scene, job, grid, region, path, done, share):
         layer = rendered_layer(scene)
         journal.set(layer, "samples", 0)  # none of its own
         yield RenderPass(scene, "Looking at depth", done, share)
-        name = depth_pass(layer.name)
-    depth_m = (yield Work(lambda tell: read_pass(path, {name}), "Looking at depth", done + share))[name]
-    plan, *whole_mm = plan_by(planar_depth_mm(depth_m * M_TO_MM, job.lens, look), scene, job, grid)
+        name, colours = depth_pass(layer.name), [f"{layer.name}.Combined.{channel}" for channel in "RGB"]
+    planes = yield Work(lambda tell: read_pass(path, {name, *colours}), "Looking at depth", done + share)
+    plan, *whole_mm = plan_by(planar_depth_mm(planes[name] * M_TO_MM, job.lens, look), scene, job, grid,
+                              np.mean([planes[colour] for colour in colours], axis=0))
     return _cut(scene, job.lens, plan, grid, region, *whole_mm) if plan.needed else None
 
 
@@ -109,7 +110,7 @@ def looked_at(grid):
     return PixelGrid.around_frame(grid.frame_px, grid.pitch_um, most_px, grid.projection)
 
 
-def plan_by(depth_mm, scene, job, grid):
+def plan_by(depth_mm, scene, job, grid, light=None):
     """The SlabPlan by a look at depth, and (near_mm, far_mm) of each volume and of each closed body.
 
     Parameters
@@ -119,9 +120,11 @@ def plan_by(depth_mm, scene, job, grid):
     scene, job
     grid : PixelGrid
         Of the capture, as it is without slabs.
+    light : array (row, column), optional
+        Of the same pixels: edges of lamps count more.
     """
     volumes_mm, bodies_mm = whole_depths_mm(scene, job.lens, looked_at(grid))
-    plan = plan_slabs(depth_mm, looked_at(grid), job.lens, overscan_px=grid.overscan_px, others=job.others,
+    plan = plan_slabs(depth_mm, looked_at(grid), job.lens, overscan_px=grid.overscan_px, others=job.others, light=light,
                       most_slabs=PREVIEW_SLABS if job.spectral.tier == "preview" else MOST_SLABS,
                       accuracy=job.options.accuracy or DEFAULT_ACCURACY, whole_mm=volumes_mm, bodies_mm=bodies_mm)
     return plan, volumes_mm, bodies_mm

@@ -34,6 +34,7 @@ SEAM_PX = 0.1  # of blur: as if it jumped by so much in each pixel CLOSE_PX[0] f
 CLOSE_PX = 0.1, 0.3, 1.0, 3.0
 OUTSIDE = 1e-3  # of its distance: how far off what is whole a border is
 DEEP_PX = 12.0  # of blur from end to end of a body, beyond which it may be cut
+MOST_WEIGHT = 50.0  # of an edge by its light, where that of an even picture is 1
 AT_EDGES = 0.1  # of the accuracy: what is wrong at edges lies close together, and shows
 # Beside an edge whose two sides' blurs differ by 1 px, the light of so many pixels comes from behind the near side: the
 # mean of max(x, 0) over a disc of diameter 1. The pixels along an edge, counted across and down, are 4 / pi too many.
@@ -99,7 +100,8 @@ class SlabPlan:
 
 
 def plan_slabs(depth_mm: ArrayLike, capture: PixelGrid, lens: "Lens", *, accuracy: float,
-               overscan_px: Sequence[int], others: Sequence["Lens"] = (), most_slabs: int = MOST_SLABS,
+               overscan_px: Sequence[int], light: ArrayLike | None = None, others: Sequence["Lens"] = (),
+               most_slabs: int = MOST_SLABS,
                whole_mm: Sequence[tuple[float, float]] = (),
                bodies_mm: Sequence[tuple[float, float]] = ()) -> SlabPlan:
     """Plan the slabs of a capture by one look at depth: as few as leave no more of it hidden than is allowed.
@@ -117,6 +119,8 @@ def plan_slabs(depth_mm: ArrayLike, capture: PixelGrid, lens: "Lens", *, accurac
         comes from behind edges stay inside slabs.
     overscan_px : (int, int)
         Rows and columns that a capture needs beyond the frame where all is in focus, for distortion and PSFs.
+    light : array (row, column), optional
+        Of the same pixels, in any unit: edges of what is bright count more.
     others : sequence of Lens
         That are to see the same capture: the lens, turned to other distances and stops.
     most_slabs : int
@@ -131,7 +135,7 @@ def plan_slabs(depth_mm: ArrayLike, capture: PixelGrid, lens: "Lens", *, accurac
     SlabPlan
     """
     lenses = lens, *others
-    look = _look(depth_mm, capture, lenses, overscan_px)
+    look = _look(depth_mm, light, capture, lenses, overscan_px)
     in_frame = look.planar_mm[np.all(look.beyond_px == 0, axis=0) & ~np.isnan(look.planar_mm)]
     check = check_depth(in_frame, lens, capture.pitch_um) if in_frame.size else None
     reaching_mm = look.planar_mm[look.reaching]
@@ -157,7 +161,7 @@ class _Look:
 
     Attributes
     ----------
-    planar_mm : array
+    planar_mm, light : array
     cosine : array
         Depth over distance; 1 for a camera that clips by depth.
     beyond_px : array (2, row, column)
@@ -173,6 +177,7 @@ class _Look:
     """
 
     planar_mm: np.ndarray
+    light: np.ndarray
     cosine: np.ndarray
     beyond_px: np.ndarray
     step_px: np.ndarray
@@ -219,14 +224,15 @@ class _Look:
         return int(rows), int(columns)
 
 
-def _look(depth_mm, capture, lenses, overscan_px):
+def _look(depth_mm, light, capture, lenses, overscan_px):
     """Of every so many pixels of a look, through the widest stop."""
     planar_mm = np.asarray(depth_mm, dtype=float)
+    light = np.ones_like(planar_mm) if light is None else np.nan_to_num(np.asarray(light, dtype=float), posinf=0)
     every = int(np.ceil(np.sqrt(planar_mm.size / MOST_LOOKED)))
     step_px = np.divide(capture.shape_px, planar_mm.shape)
     rows, columns = ((np.arange(0, looked, every) + 0.5) * step - 0.5
                      for looked, step in zip(planar_mm.shape, step_px, strict=True))
-    planar_mm = planar_mm[::every, ::every]
+    planar_mm, light = planar_mm[::every, ::every], np.maximum(light[::every, ::every], 0)
     planar_mm = np.where(planar_mm > 0, planar_mm, np.nan)
     beyond_px = [np.maximum(0, np.abs(places - (n - 1) / 2) - frame / 2) for places, n, frame in
                  zip((rows, columns), capture.shape_px, capture.frame_px, strict=True)]
@@ -238,7 +244,7 @@ def _look(depth_mm, capture, lenses, overscan_px):
         cosine = np.where(cosine > 0, cosine, np.nan)
     scale = max(blur_per_nearness_px(one, capture.pitch_um) * focal_mm / one.capture_focal_length_mm for one in lenses)
     far_px = [-scale * focus_nearness(one) for one in lenses]
-    return _Look(planar_mm, cosine, np.array(np.meshgrid(*beyond_px, indexing="ij")), every * step_px, scale,
+    return _Look(planar_mm, light, cosine, np.array(np.meshgrid(*beyond_px, indexing="ij")), every * step_px, scale,
                  (min(far_px), max(far_px)), tuple(map(int, overscan_px)), capture.overscan_px)
 
 
@@ -251,7 +257,7 @@ class _Edges:
     far, near : array (pair,)
         Places of the two.
     jump_px2 : array (pair,)
-        By how much blur jumps, times the length of edge that the pair stands for.
+        By how much blur jumps, times the length of edge that the pair stands for, and by its light.
     surfaces : array, ascending
         Places of all pixels.
     pixel_px2 : float
@@ -267,13 +273,15 @@ class _Edges:
 
 def _edges(look):
     place, reaching, (down_px, across_px) = look.place, look.reaching, look.step_px
-    pairs = [_jumps(place, reaching, down_px), _jumps(place.T, reaching.T, across_px)]
+    share = look.light / max(look.light[reaching].mean(), np.finfo(float).tiny)
+    weight = np.minimum((1 + share) / 2, MOST_WEIGHT)
+    pairs = [_jumps(place, reaching, weight, down_px), _jumps(place.T, reaching.T, weight.T, across_px)]
     far, near, jump_px2 = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
     return _Edges(far, near, jump_px2, np.sort(place[reaching]), float(down_px * across_px))
 
 
-def _jumps(place, reaching, length_px):
-    """Ends, far and near, of the jumps between neighbours in rows, and these times a length of edge.
+def _jumps(place, reaching, weight, length_px):
+    """Ends, far and near, of the jumps between neighbours in rows, and these times a length of edge and a weight.
 
     The inverse depth of a plane is linear over the picture: a jump is what neither side, going on straight, explains.
     """
@@ -282,7 +290,8 @@ def _jumps(place, reaching, length_px):
     jump = np.fmin(np.fmin(np.abs(step - straight[:, :-2]), np.abs(step - straight[:, 2:])), np.abs(step))
     there = (jump > JUMP_PX) & (reaching[:, :-1] | reaching[:, 1:])
     ends = place[:, :-1][there], place[:, 1:][there]
-    return np.minimum(*ends), np.maximum(*ends), jump[there] * length_px
+    weight = (weight[:, :-1] + weight[:, 1:])[there] / 2
+    return np.minimum(*ends), np.maximum(*ends), jump[there] * weight * length_px
 
 
 def _cut(edges, whole, most_slabs, accuracy):

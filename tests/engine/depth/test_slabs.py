@@ -94,6 +94,17 @@ def test_a_card_before_a_wall_takes_one_border_between_them():
     assert "2 slabs, cut at" in planned.text
 
 
+def test_edges_of_what_is_bright_count_more():
+    """A card before a near wall, and a lamp before a far one: by two slabs one of them alone is cut off."""
+    depth_mm = np.where(np.arange(128) < 64, 2000.0, 20000.0) * np.ones((96, 1))
+    depth_mm[20:60, 20:50], depth_mm[40:44, 100:104], depth_mm[:, 64] = 1500, 5000, np.nan
+    light = np.where(depth_mm == 5000, 1000.0, 1.0)
+    assert 1500 < plan(depth_mm, most_slabs=2).borders_mm[0] < 2000
+    assert 5000 < plan(depth_mm, light=light, most_slabs=2).borders_mm[0] < 20000
+    for none in (0 * light, np.full(FRAME.shape_px, np.nan)):
+        assert plan(depth_mm, light=none).borders_mm == pytest.approx(plan(depth_mm).borders_mm)
+
+
 def test_a_border_keeps_off_what_it_would_graze():
     """Between a lamp at 25 m and a wall at 30 m there are few pixels of blur."""
     depth_mm = np.full(FRAME.shape_px, 30000.0)
