@@ -16,7 +16,7 @@ from .seen import Seen
 
 TILE_PX, BLOCK_PX = 16, 8
 FEWEST_RAYS = 32
-STRIDE_PX = 4.0  # from ray to ray across a blur
+STRIDE_PX = 1.0  # from ray to ray across a blur: what they miss is noise that all pictures of a scene share
 BRIGHT, MOST_TIMES = 4, 8  # what stands out so much gets more rays, in proportion, up to so many times
 OPAQUE = 0.998
 DEPTHS = 9  # between which what rays reach is interpolated: that of straight rays is less than so
