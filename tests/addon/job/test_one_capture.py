@@ -1,17 +1,24 @@
 """Frames that differ in focus and f-stop alone: one capture serves them all, and each is what it would be by itself."""
 
 import os
+import subprocess
+import sys
 from dataclasses import replace
 
+import bpy
 import numpy as np
 import OpenEXR
 import pytest
 
+from lenses import make_lens
 from lensfield import addon
 from lensfield.addon.job import one_capture, slabs
 from lensfield.addon.job.one_capture import OneCapture
+from lensfield.addon.job.pictures import pinhole_view
+from lensfield.addon.job.radiance import Captured
 from lensfield.addon.job.render import FRAME_FILES, job_of_frame
-from lensfield.engine import files
+from lensfield.engine import SpectralImage, files
+from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.image.spectral_exr import read_exr
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 from small_scenes import WAVELENGTHS_NM, material, set_world, wall
@@ -127,6 +134,18 @@ def test_a_lens_shows_more_or_less_as_it_is_focused(rack, tmp_path):
         np.testing.assert_allclose(middle_px(ours), middle_px(theirs), atol=0.1)
 
 
+def test_the_pinhole_that_a_picture_is_compared_with_sees_as_much_as_the_lens():
+    """Light that grows evenly across the picture grows as many times as fast where a longer pinhole has captured it."""
+    lens = make_lens()
+    grid = PixelGrid.around_frame((5, 7), 10.0, (4, 6))
+    cube = np.broadcast_to(100.0 + grid.axes_mm()[0], (3, *grid.shape_px)).astype(np.float32)
+    longer = replace(grid, focal_mm=1.5 * lens.capture_focal_length_mm)
+    ours, own = (pinhole_view(Captured(SpectralImage(cube, np.array(WAVELENGTHS_NM), seen), None, None, None), lens)
+                 for seen in (longer, grid))
+    assert ours.shape == own.shape == (5, 7, 3)
+    np.testing.assert_allclose(ours - ours[2, 3], 1.5 * (own - own[2, 3]), atol=1e-6 * own.max())
+
+
 def test_what_is_cancelled_goes_on_with_the_same_light(rack, captures, tmp_path):
     first = addon.Animation(rack, FRAMES, output_folder=tmp_path, **ASKED)
     result = first.render(1)
@@ -177,6 +196,19 @@ def test_frames_that_ask_for_other_pictures_are_captured_by_themselves(rack, tmp
         assert not one.holds(other)
     assert addon.Animation(rack, FRAMES, **asked, depth="traced").plan == (
         "each frame is captured by itself: the lens is traced")
+
+
+def test_the_command_says_it_first(rack, tmp_path):
+    blend = tmp_path / "rack.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend))
+    command = [sys.executable, "-c", "from lensfield.cli import console; console()", "render", str(blend),
+               "--lens", LENS, "--frames", "1-3:2", "--wavelengths", "450,550,650", "--lens-quality", "preview",
+               "--tier", "preview", "--output", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    first, *_ = done.stdout.splitlines()
+    assert first == "2 frames from one capture: nothing but focus and f-stop changes"
+    assert (tmp_path / "Scene_0001_radiance.exr").samefile(tmp_path / "Scene_0003_radiance.exr")
 
 
 def test_film_and_region_go_together_with_one_capture(rack, cut, tmp_path):
