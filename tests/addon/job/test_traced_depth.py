@@ -154,6 +154,6 @@ def test_other_gpus_than_optix_leave_it_to_the_cpu(lamp, tmp_path, monkeypatch):
 
 def test_a_preview_keeps_the_light_for_other_lenses(lamp, tmp_path):
     lamp.lensfield.depth = "TRACED"
-    key = LENS, "lens", "hold", AT_REST
+    key = LENS, "lens", "hold", AT_REST, None
     asked = preview_arguments(lamp, key, copy=tmp_path / "copy.blend", size=(8, 6), samples=1)
     assert asked[asked.index("--depth") + 1] == "auto"
