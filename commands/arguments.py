@@ -108,13 +108,13 @@ def distance_mm(text, option="--focus"):
     try:
         if not unit and word not in ("inf", "infinity"):
             raise ValueError
-        distance_mm = float(word.removesuffix(unit)) * MM.get(unit, 1.0)
-        if not distance_mm > 0:
+        asked_mm = float(word.removesuffix(unit)) * MM.get(unit, 1.0)
+        if not asked_mm > 0:
             raise ValueError
     except ValueError:
         raise InputError("options", option, text,
                          "expected a distance with its unit, such as 1.2m, or inf") from None
-    return distance_mm
+    return asked_mm
 
 
 def asked_rings(options):

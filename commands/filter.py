@@ -8,7 +8,7 @@ from ..engine import ImageError, InputError, Kept, Report, simulate
 from ..engine.depth.slabs import plan_slabs
 from ..engine.depth.told import DEPTH_KINDS
 from ..engine.field.overscan import overscan_px
-from ..engine.plan.options import DEFAULT_ACCURACY
+from ..engine.image.depth_range import AUTO, OFF
 from ..engine.report import FIGURE, FileFacts, together
 from ..engine.spectral.wavelength_choice import RGB_WAVELENGTHS
 from .arguments import (
@@ -50,7 +50,7 @@ def add(commands):
     rgb.add_argument("--sensor-width-mm", type=float, metavar="W")
     depth = filter_.add_argument_group("depth", "of a file that has a channel of it, such as Z, or is deep: what is "
                                                 "out of focus is blurred, and what near things hide is guessed")
-    depth.add_argument("--depth", choices=("auto", "off"), default="auto",
+    depth.add_argument("--depth", choices=(AUTO, OFF), default=AUTO,
                        help="off: all is as sharp as in focus (default auto)")
     depth.add_argument("--depth-channel", metavar="NAME", help="which of several, such as ViewLayer.Depth.Z")
     depth.add_argument("--depth-unit", choices=MM, default="m", help="of its numbers (default m)")
@@ -100,7 +100,7 @@ class _Run:
                 slabs = self._slabs(seen, needed)
                 self._tell(seen, plan, slabs)
             report.file = self._facts(shot, seen, needed, slabs)
-            if report.file.layers:
+            if slabs and slabs.needed:
                 with report.stage("layers of depth"):
                     radiance = seen.layers(slabs)
             irradiance = self._through_lens(shot, radiance, report)
@@ -118,7 +118,7 @@ class _Run:
         """The plan of slabs by the depth that a file tells; None where it tells none."""
         return seen.depth and plan_slabs(seen.depth.planar_mm, seen.radiance.grid, self._lens, overscan_px=needed_px,
                                          light=seen.radiance.cube.mean(axis=0),
-                                         accuracy=self._chosen.accuracy or DEFAULT_ACCURACY)
+                                         accuracy=self._chosen.depth_accuracy)
 
     def _facts(self, shot, seen, needed_px, slabs):
         facts = FileFacts(str(shot.radiance), needed_px, seen.picture)

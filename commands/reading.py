@@ -8,6 +8,7 @@ import numpy as np
 from ..engine import ImageError, SpectralImage
 from ..engine.depth.slabs import SlabPlan
 from ..engine.depth.told import ToldDepth, deep_in_mm, layers_of_deep, layers_of_flat, told_depth
+from ..engine.image.depth_range import OFF
 from ..engine.image.layers import LayeredRadiance
 from ..engine.image.pitch import field_of_view_deg, fitting_pitch_um, fov_pitch_um
 from ..engine.report import Upsampling
@@ -53,7 +54,7 @@ def read_picture(path, options, lens):
     Seen
     """
     from ..engine.image.deep_exr import read_deep_exr
-    from ..engine.image.rgb_picture import read_rgb_exr
+    from ..engine.image.rgb_picture import rgb_of
     from ..engine.image.spectral_exr import is_spectral, read_parts
 
     if is_spectral(path):
@@ -61,9 +62,10 @@ def read_picture(path, options, lens):
     deep = read_deep_exr(path, options.layer)
     if deep is not None:
         return _deep(deep, options, lens)
-    picture = read_rgb_exr(path, options.layer)
+    parts = read_parts(path)
+    picture = rgb_of(parts, path, options.layer)
     seen = Seen(*_upsampled(picture, options, lens))
-    return _with_depth(seen, read_parts(path), options, lens, picture) if options.depth != "off" else seen
+    return _with_depth(seen, parts, options, lens, picture) if options.depth != OFF else seen
 
 
 def _spectral(path, options, lens):
@@ -74,7 +76,7 @@ def _spectral(path, options, lens):
             raise ImageError(path, f"--{name.replace('_', '-')}", value,
                              "leave it out: it is for RGB files, and this one is spectral")
     radiance, planes, layered = read_with_layers(path, options.pitch_um)
-    if options.depth == "off":
+    if options.depth == OFF:
         return Seen(radiance)
     seen = _with_depth(Seen(radiance), [({}, planes)], options, lens)
     return replace(seen, layers=lambda plan: layered, guessed="") if layered and seen.depth else seen
@@ -99,7 +101,7 @@ def _with_depth(seen, parts, options, lens, picture=None):
 def _deep(deep, options, lens):
     flat, = deep.slabs(np.zeros(deep.pixel.size, int), 1)
     radiance, facts = _upsampled(flat[0], options, lens)
-    if options.depth == "off":
+    if options.depth == OFF:
         return Seen(radiance, facts)
     deep = deep_in_mm(deep, lens, radiance.grid, MM[options.depth_unit], options.depth_is)
     planar_mm = deep.first_depth()

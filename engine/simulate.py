@@ -16,7 +16,6 @@ from .image.spectral_image import IRRADIANCE, RADIANCE, SpectralImage
 from .image.supersampling import merge_pixels, split_pixels
 from .kept import Kept
 from .lens import Lens
-from .library.rays import lens_rays
 from .plan.options import Options
 from .report import DistortionFit, Energy, IlluminationFit, LensImageFacts, Report, WavelengthFacts
 
@@ -58,7 +57,7 @@ def simulate(radiance: SpectralImage | LayeredRadiance, lens: Lens, options: Opt
         A wavelength outside the lens data; a distortion that folds the field; pixels that are not finite.
     """
     report, kept = report or Report(), kept or Kept(limit_mb=0)
-    seen = _seen(radiance, lens, options, iris, report)
+    seen = _seen(radiance, lens, options, iris, report, progress or (lambda fraction: None))
     if isinstance(radiance, LayeredRadiance):
         radiance = radiance.dark()  # of which the grid and the wavelengths are all that counts from here on
     with report.stage("plan"):
@@ -75,43 +74,49 @@ def simulate(radiance: SpectralImage | LayeredRadiance, lens: Lens, options: Opt
             channel = next(channels)
         with report.stage("distortion and relative illumination"):
             ideal = channel.ideal_irradiance(split_pixels(view.sharp, fine))
-            beyond_focus: np.ndarray | float = 0.0
+            out_of_focus = None
             if view.blurred is not None and view.clear is not None:
                 channel.veil(ideal, split_pixels(view.clear, fine))
-                beyond_focus = view.blurred * merge_pixels(_frame(channel.even_irradiance(), frame_px), fine)
+                out_of_focus = view.blurred * merge_pixels(_frame(channel.even_irradiance(), frame_px), fine)
         light = channel.planes.light(ideal)
         with report.stage("filtering"):
             blurred = channel.blur(ideal)
-        irradiance[index] = merge_pixels(_frame(blurred, frame_px), fine) + beyond_focus
-        tally.add(channel.field, light, blurred, irradiance[index], beyond_focus, clamped)
-        del channel, ideal, blurred  # before the next wavelength's come
-        if progress:
-            progress((index + 1) / radiance.wavelengths_nm.size)
+        irradiance[index] = merge_pixels(_frame(blurred, frame_px), fine)
+        if out_of_focus is not None:
+            irradiance[index] += out_of_focus
+        tally.add(channel.field, light, blurred, irradiance[index], out_of_focus, clamped)
+        del channel, ideal, blurred, out_of_focus  # before the next wavelength's come
     report.lens_image = tally.facts(lens, plan)
     sensor = replace(radiance.grid.frame(), projection=PLANE, focal_mm=None)
     return replace(radiance.frame(), cube=irradiance, grid=sensor, quantity=IRRADIANCE,
                    lens_name=lens.name, f_number_effective=lens.f_number_effective, focal_mm=None)
 
 
-def _seen(radiance, lens, options, iris, report) -> Iterator[tuple[CastPlane, int]]:
-    """What is seen at each wavelength, and how many fireflies of it are clamped; those of layers all with the first."""
+def _seen(radiance, lens, options, iris, report, progress) -> Iterator[tuple[CastPlane, int]]:
+    """What is seen at each wavelength, and how many fireflies of it are clamped; those of layers all with the first.
+    It tells the progress: of layers that of casting, which takes longest."""
     if isinstance(radiance, SpectralImage) and radiance.quantity != RADIANCE:
         raise ImageError("image", "quantity", radiance.quantity, f"a lens takes {RADIANCE}")
     if options.fireflies == "refuse":
         refuse_fireflies(radiance)
-    return (_in_depth if isinstance(radiance, LayeredRadiance) else _in_focus)(radiance, lens, options, iris, report)
+    if isinstance(radiance, LayeredRadiance):
+        return _in_depth(radiance, lens, options, iris, report, progress)
+    return _in_focus(radiance, options, progress)
 
 
-def _in_focus(radiance, lens, options, iris, report):
-    for plane in radiance.cube:
+def _in_focus(radiance, options, progress):
+    for done, plane in enumerate(radiance.cube, 1):
         plane, clamped = clamp_fireflies(plane) if options.fireflies == "clamp" else (plane, 0)
         yield CastPlane(plane), clamped
+        progress(done / len(radiance.cube))
 
 
-def _in_depth(layered, lens, options, iris, report):
+def _in_depth(layered, lens, options, iris, report, progress):
+    from .library.rays import lens_rays  # pictures without layers do without how lenses are baked
+
     layered, clamped = clamp_layers(layered) if options.fireflies == "clamp" else (layered, 0)
     with report.stage("rays"):
-        views = cast(layered, lens, lens_rays(lens), most_rays=options.most_rays, iris=iris)
+        views = cast(layered, lens, lens_rays(lens), most_rays=options.most_rays, iris=iris, progress=progress)
     for _ in layered.wavelengths_nm:
         with report.stage("casting"):
             view = next(views)
@@ -134,10 +139,10 @@ class _Tally:
         self._fits, self._clamped, self._out_of_field = [], 0, 0.0
         self._flux = np.zeros(3)
 
-    def add(self, field, light, blurred, frame, beyond_focus, clamped):
+    def add(self, field, light, blurred, frame, out_of_focus, clamped):
         """What is out of focus counts as far as it falls into the frame."""
-        cast = np.sum(beyond_focus, dtype=np.float64)
-        self._flux += (light / self._parts + cast, blurred.sum(dtype=np.float64) / self._parts + cast,
+        beside = 0.0 if out_of_focus is None else out_of_focus.sum(dtype=np.float64)
+        self._flux += (light / self._parts + beside, blurred.sum(dtype=np.float64) / self._parts + beside,
                        frame.sum(dtype=np.float64))
         self._clamped += clamped
         self._out_of_field = max(self._out_of_field, self._beyond(field.last_real_mm))

@@ -119,6 +119,8 @@ def room_figures(bench, kept):
     yield Figure("room, edges: L1 bias", max(each.l1_bias for each in edges), 0.04)
     yield Figure("room, edges: L2 bias", max(each.l2_bias for each in edges), 0.06)
     yield Figure("room, lamps and their rims: L2 bias", max(each.l2_bias for each in lamps), None)
+    for nm, mine, theirs in zip(WAVELENGTHS_NM, ours, truth, strict=True):
+        yield Figure(f"room, all its light at {nm:g} nm: from the truth's", mine.mean() / theirs.mean() - 1, None)
     kept["layers"], kept["truth"] = ours[:, 0], truth.mean(axis=1)
     yield from _at_equal_seconds(bench, scene, truth, ours, seconds, kept)
     with bench.cycles_depth_of_field():

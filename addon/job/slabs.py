@@ -10,7 +10,6 @@ import numpy as np
 from ...engine.depth.slabs import MOST_SLABS, SlabPlan, plan_slabs
 from ...engine.image.depth_range import BACKGROUND_MM, blur_per_nearness_px, planar_depth_mm
 from ...engine.image.pixel_grid import PixelGrid
-from ...engine.plan.options import DEFAULT_ACCURACY
 from ..scene.bodies import whole_depths_mm
 from ..scene.depth import M_TO_MM
 from ..scene.render_state import guard_render_state, rendered_layer
@@ -126,7 +125,7 @@ def plan_by(depth_mm, scene, job, grid, light=None):
     volumes_mm, bodies_mm = whole_depths_mm(scene, job.lens, looked_at(grid))
     plan = plan_slabs(depth_mm, looked_at(grid), job.lens, overscan_px=grid.overscan_px, others=job.others, light=light,
                       most_slabs=PREVIEW_SLABS if job.spectral.tier == "preview" else MOST_SLABS,
-                      accuracy=job.options.accuracy or DEFAULT_ACCURACY, whole_mm=volumes_mm, bodies_mm=bodies_mm)
+                      accuracy=job.options.depth_accuracy, whole_mm=volumes_mm, bodies_mm=bodies_mm)
     return plan, volumes_mm, bodies_mm
 
 

@@ -116,7 +116,7 @@ def _terms(surfaces):
 
 
 def _all_semi_apertures_mm(system):
-    semi_mm = np.array([surface.semi_aperture_mm for surface in system.prescription.surfaces])
+    semi_mm = system.semi_apertures_mm
     semi_mm[system.prescription.stop_index] = system.stop_semi_aperture_mm
     return semi_mm
 

@@ -115,12 +115,6 @@ class RayTable(Value):
         weights = polynomial_weights(1e3 / self.wavelengths_nm, 1e3 / wavelengths_nm).astype(np.float32)
         return replace(self, wavelengths_nm=wavelengths_nm, coefficients=np.tensordot(weights, self.coefficients, 1))
 
-    def scaled(self, factor: float) -> "RayTable":
-        """The table of a lens `factor` times as large."""
-        lengths = np.array([factor, factor, 1, 1, 1, factor, 1], np.float32)
-        return replace(self, last_height_mm=factor * self.last_height_mm,
-                       entrance_pupil_mm=factor * self.entrance_pupil_mm, coefficients=self.coefficients * lengths)
-
     def rays(self, wavelength: int | np.ndarray, place_mm: np.ndarray, stop: np.ndarray) -> SensorRays:
         """Rays from places of the sensor through places of the stop.
 

@@ -100,7 +100,7 @@ def landings_mm(rays: RayTable, wavelength_nm: float, height_mm: float, depth_mm
     return landed_mm - [[0.0], [height_mm]], passing & ~lost
 
 
-def lens_at_depth(lens: Lens, rays: RayTable, depth_mm: float, *, quality: str = "standard") -> Lens:
+def lens_at_depth(lens: Lens, rays: RayTable, depth_mm: float) -> Lens:
     """A lens with the PSFs of points at a depth, in a window that holds their light: to be looked at.
 
     It has these at some of its heights and wavelengths alone. All else is as it is in the plane in focus.
@@ -112,7 +112,6 @@ def lens_at_depth(lens: Lens, rays: RayTable, depth_mm: float, *, quality: str =
         `lens_rays(lens)`.
     depth_mm : float
         As of `psf_at_depth`.
-    quality : str
 
     Raises
     ------
@@ -120,7 +119,7 @@ def lens_at_depth(lens: Lens, rays: RayTable, depth_mm: float, *, quality: str =
         As `psf_at_depth`.
     """
     _check_depth(depth_mm)
-    taken = QUALITIES[quality]
+    taken = QUALITIES["standard"]
     heights, wavelengths = (np.unique(np.rint(np.linspace(0, size - 1, most)).astype(int)) for size, most in
                             ((lens.heights_mm.size, MOST_HEIGHTS), (lens.wavelengths_nm.size, MOST_WAVELENGTHS)))
     rays, tables = rays.at(lens.wavelengths_nm[wavelengths]), np.ix_(wavelengths, heights)

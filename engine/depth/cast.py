@@ -42,7 +42,7 @@ class CastPlane:
 
 
 def cast(layered: LayeredRadiance, lens: "Lens", rays: "RayTable", *, most_rays: int = 256, iris: Iris | None = None,
-         progress: Callable[[float], None] | None = None) -> Iterator[CastPlane]:
+         progress: Callable[[float], object] = lambda fraction: None) -> Iterator[CastPlane]:
     """Layered radiance along the lens's rays: the planes of its wavelengths, one after another.
 
     A point at the inverse depth q, of the ray through the place u of the entrance pupil at the tangent t, is met where
@@ -68,11 +68,6 @@ def cast(layered: LayeredRadiance, lens: "Lens", rays: "RayTable", *, most_rays:
     ------
     CastPlane
         The same bits whatever does the loops, in any number of threads.
-
-    Raises
-    ------
-    LensError
-        Rays that do not reach.
     """
     capture, wavelengths_nm = layered.grid, layered.wavelengths_nm
     sensor, count = capture.frame(), wavelengths_nm.size
@@ -95,8 +90,9 @@ def cast(layered: LayeredRadiance, lens: "Lens", rays: "RayTable", *, most_rays:
                 tuple(layer.of(group) for layer in layers), tuple(FAINT * float(abs(plane.mean())) for plane in sharp),
                 meetings.found, meetings.eights, TILE_PX)
             for done in _filled_rows(casting, blurred, clear):
-                if progress:
-                    progress((first + done * len(sharp)) / count)
+                progress((first + done * len(sharp)) / count)
+        else:
+            progress(group.stop / count)
         for number in range(len(sharp)):
             yield CastPlane(sharp[number], blurred[number], clear[number])
             sharp[number] = None  # the next one's needs its room

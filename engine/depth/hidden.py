@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 from scipy.ndimage import binary_dilation
 
-from ..image.layers import Layer, LayeredRadiance
+from ..image.layers import Layer, LayeredRadiance, covered
 from ..image.spectral_image import SpectralImage
 
 SEEN = 1e-3  # of a layer, through those before it: less tells nothing
@@ -53,13 +53,14 @@ def with_hidden(radiance: SpectralImage, alphas: Sequence[np.ndarray], depths_mm
     """
     usual = _usual_light(radiance)
     layers: list[Layer] = []
+    clear = np.ones(radiance.grid.shape_px, np.float32)  # what nearer layers leave
     for number, (alpha, depth_mm) in enumerate(zip(alphas, depths_mm, strict=True)):
-        clear = np.prod([1 - nearer for nearer in alphas[:number]], axis=0, initial=1.0, dtype=np.float32)
         hidden = (clear <= SEEN) & ~np.any([farther > 0 for farther in alphas[number:]], axis=0)
         if number == len(alphas) - 1:
             depth_mm = np.where(alpha > 0, depth_mm, np.inf)
             alpha = np.ones_like(alpha)
         layers.append(_continued(light(number), alpha, depth_mm, hidden, usual))
+        clear *= 1 - alphas[number]
     return LayeredRadiance(tuple(layers), radiance.wavelengths_nm, radiance.grid, radiance.focal_mm, radiance.exposure)
 
 
@@ -87,21 +88,13 @@ def _continued(light, alpha, depth_mm, hidden, usual):
         alpha, depth_mm = np.where(into, 1, alpha), depth_mm.astype(np.float32)
         with np.errstate(divide="ignore"):
             depth_mm[into] = share[into] / nearness
-    rows, columns = (_extent(alpha.any(axis=axis)) for axis in (1, 0))
-    planes = []
-    for plane in light:
-        if into.any():
-            guess = filled(_finite(plane) * usual, weight)
-            plane = np.where(into, guess / np.where(into, share, 1), plane)
-        planes.append(plane[rows, columns])
+    rows, columns = covered(alpha)
+    if into.any():
+        whole = np.where(into, share, 1)
+        light = (np.where(into, filled(_finite(plane) * usual, weight) / whole, plane) for plane in light)
+    planes = [plane[rows, columns] for plane in light]
     return Layer(np.array(planes), alpha[rows, columns].copy(), depth_mm[rows, columns].copy(),
                  (rows.start, columns.start))
-
-
-def _extent(covered):
-    """From the first to the last that is; of one at the least."""
-    places = np.flatnonzero(covered)
-    return slice(int(places[0]), int(places[-1]) + 1) if places.size else slice(0, 1)
 
 
 def filled(plane: np.ndarray, weight: np.ndarray) -> np.ndarray:

@@ -7,13 +7,13 @@ import numpy as np
 
 from ..errors import InputError
 from ..image.pixel_grid import FISHEYE, PixelGrid
+from ..kernels import SEQUENCES
 
 if TYPE_CHECKING:
     from ..bake.ray_table import RayTable
 
 HEIGHTS = 65  # between which rays are interpolated linearly
 MOST_BLADES = 64
-SEQUENCES = 8  # of samples: neighbouring pixels have different ones
 LEAST_COSINE = 1e-3  # of rays to the axis: a depth along it tells no place beside the camera
 
 
@@ -102,8 +102,7 @@ class Pencils:
 
     def packed(self) -> np.ndarray:
         """As the loops want them: see `kernels.Casting.rays`."""
-        rays = np.concatenate([*self.far_px[None].swapaxes(0, 1), *self.moved_px[None].swapaxes(0, 1),
-                               self.margin[None], self.light[None]])
+        rays = np.concatenate([self.far_px, self.moved_px, self.margin[None], self.light[None]])
         quantities, wavelengths, heights, sequences, count = rays.shape
         rays = rays.transpose(2, 3, 1, 0, 4).reshape(heights, sequences, wavelengths * quantities, count)
         stop = np.broadcast_to(self.stop.swapaxes(0, 1), (heights, sequences, 2, count))

@@ -60,16 +60,16 @@ class Seen:
         bounds = (-np.inf if above else -0.5, np.inf if below else rows - 0.5,
                   -np.inf if before else -0.5, np.inf if behind else columns - 0.5)
         light, alpha = (_two_wide(each) for each in (self.layer.cube[wavelengths], self.layer.alpha))
-        depth = _two_wide(self.depth.transpose(2, 0, 1)).transpose(1, 2, 0)
-        return SeenLayer(light, alpha, np.ascontiguousarray(depth), self.axis_px, bounds)
+        return SeenLayer(light, alpha, _two_wide(self.depth, 0), self.axis_px, bounds)
 
 
-def _two_wide(pixels):
-    """Arrays (..., row, column) in one piece, of at least two rows and columns: between fewer none is interpolated."""
-    short = [(0, max(0, 2 - count)) for count in pixels.shape[-2:]]
-    if np.any(short):
-        pixels = np.pad(pixels, [(0, 0)] * (pixels.ndim - 2) + short, mode="edge")
-    return np.ascontiguousarray(pixels)
+def _two_wide(pixels, rows=-2):
+    """Arrays in one piece, of at least two rows, along this axis, and columns, along the next: between fewer none is
+    interpolated."""
+    short = [(0, 0)] * pixels.ndim
+    for axis in (rows, rows + 1):
+        short[axis] = 0, max(0, 2 - pixels.shape[axis])
+    return np.ascontiguousarray(np.pad(pixels, short, mode="edge") if np.any(short) else pixels)
 
 
 def seen(layer: Layer, capture: PixelGrid, lens: "Lens", rays: Pencils) -> Seen | None:

@@ -56,11 +56,7 @@ class Layer:
 
     def cropped(self) -> "Layer":
         """The layer without the rows and columns on its sides that it does not cover; of one pixel at the least."""
-        sides = []
-        for axis in (1, 0):
-            covered = np.flatnonzero(self.alpha.any(axis=axis))
-            sides.append(slice(covered[0], covered[-1] + 1) if covered.size else slice(0, 1))
-        rows, columns = sides
+        rows, columns = covered(self.alpha)
         top, left = self.origin_px
         return Layer(self.cube[:, rows, columns].copy(), self.alpha[rows, columns].copy(),
                      self.depth_mm[rows, columns].copy(), (top + rows.start, left + columns.start))
@@ -146,6 +142,14 @@ class LayeredRadiance:
 
     def with_light(self, cubes: Iterable[np.ndarray]) -> "LayeredRadiance":
         """The same layers with other light: of each an array (wavelength, row, column), of as many wavelengths."""
-        layers = tuple(Layer(cube, layer.alpha, layer.depth_mm, layer.origin_px)
-                       for layer, cube in zip(self.layers, cubes, strict=True))
-        return LayeredRadiance(layers, self.wavelengths_nm, self.grid, self.focal_mm, self.exposure)
+        return replace(self, layers=tuple(replace(layer, cube=cube)
+                                          for layer, cube in zip(self.layers, cubes, strict=True)))
+
+
+def covered(alpha: np.ndarray) -> tuple[slice, slice]:
+    """From the first to the last row and column of a plane in which something is not 0; of one pixel at the least."""
+    sides = []
+    for axis in (1, 0):
+        places = np.flatnonzero(alpha.any(axis=axis))
+        sides.append(slice(int(places[0]), int(places[-1]) + 1) if places.size else slice(0, 1))
+    return sides[0], sides[1]

@@ -64,7 +64,11 @@ def read_rgb_exr(path: str | os.PathLike, layer: str | None = None) -> RgbPictur
     ImageError
         No EXR, no colours, several layers to choose from, an unknown colour space, or pixels that are not square.
     """
-    parts = read_parts(path)
+    return rgb_of(read_parts(path), path, layer)
+
+
+def rgb_of(parts: list[tuple[dict, dict]], path: str | os.PathLike, layer: str | None = None) -> RgbPicture:
+    """What `read_rgb_exr` gives, of what `read_parts` has given of the file."""
     try:
         layers = _layers(parts)
         if not layers:

@@ -7,7 +7,8 @@ import numpy as np
 
 from .library import CAST, LAYER, address, check, chosen, picture
 
-TOGETHER, SEQUENCES = 6, 8  # wavelengths at most; of rays: those of kernels.h
+TOGETHER = 6  # wavelengths at most
+SEQUENCES = 8  # of rays: neighbouring pixels have different ones
 STOP, QUANTITIES = 2, 6  # of eight rays: their place of the stop, and what they have at each wavelength
 MEETING = np.dtype([("inverse_depth", np.float32), ("share", np.float32), ("steps", np.int32), ("focused", np.int32),
                     ("opaque", np.int32)])
@@ -104,7 +105,8 @@ def cast(casting: Casting, row: int, blurred: np.ndarray, clear: np.ndarray) -> 
     layers = (LAYER * len(casting.layers))(*map(_layer, casting.layers))
     heights, _, eights = casting.rays.shape[:3]
     tile_rows, tile_columns = casting.eights.shape
-    structure = CAST(address(casting.rays, np.float32), heights, eights, casting.wavelengths,
+    of_eight = (heights, SEQUENCES, eights, STOP + QUANTITIES * casting.wavelengths, 8)
+    structure = CAST(address(casting.rays, np.float32, of_eight), heights, eights, casting.wavelengths,
                      *casting.centre_px, casting.heights_per_px, casting.per_focal,
                      address(casting.blades, np.float32), len(casting.blades), *casting.blade_shape,
                      layers, len(layers), (casting.faint + (0.0,) * TOGETHER)[:TOGETHER],

@@ -165,7 +165,8 @@ int lf_cast(int variant, const lf_cast_of *c, int64_t first_tile, int64_t end_ti
 {
     if (!within(variant, 0, VARIANTS - 1) || !within(c->wavelengths, 1, LF_TOGETHER) || !fits(blurred) || !fits(clear)
         || blurred->planes != c->wavelengths || clear->planes != c->wavelengths || clear->rows != blurred->rows
-        || clear->columns != blurred->columns || !within(c->heights, 2, MOST_PX) || !within(c->eights, 1, MOST_PX) || !within(c->blades, 0, MOST_PX) || !within(c->layers, 1, 1 << 10)
+        || clear->columns != blurred->columns || !within(c->heights, 2, MOST_PX)
+        || !within(c->eights, 1, MOST_PX) || !within(c->blades, 0, MOST_PX) || !within(c->layers, 1, 1 << 10)
         || !within(c->tile_px, 1, MOST_PX) || !within(c->tile_columns, 1, MOST_PX) || !within(c->tile_rows, 1, MOST_PX)
         || !within(first_tile, 0, end_tile) || end_tile > c->tile_rows * c->tile_columns)
         return LF_BAD_SIZE;

@@ -115,10 +115,14 @@ class Options:
                 raise InputError("options", field, getattr(self, field), f"leave it out: {reason}")
 
     @property
+    def depth_accuracy(self) -> float:
+        """That of what is out of focus, which knobs do not tell."""
+        return self.accuracy or DEFAULT_ACCURACY
+
+    @property
     def most_rays(self) -> int:
         """Rays through the lens at the most by which a pixel sees what is out of focus."""
-        accuracy = self.accuracy or DEFAULT_ACCURACY
-        return next(rays for least, rays in MOST_RAYS if accuracy >= least)
+        return next(rays for least, rays in MOST_RAYS if self.depth_accuracy >= least)
 
     @property
     def knobs(self) -> dict[str, object]:

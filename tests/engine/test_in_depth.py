@@ -142,6 +142,15 @@ def test_wherever_the_axis_and_whatever_the_capture(lens, parts):
     assert differ(simulate(scene, lens).cube[inner], simulate(scene.flat(), lens).cube[inner])[0] < 0.02
 
 
+@pytest.mark.parametrize("depth_mm", [700.0, FOCUS_MM])
+def test_progress_goes_on_to_the_end(lens, depth_mm):
+    grid, told = grid_of(lens), []
+    scene = layered(grid, lens, layer(grid, texture(grid), depth_mm))
+    simulate(scene, lens, progress=told.append)
+    assert told == sorted(told) and told[-1] == 1 and told[0] > 0
+    assert depth_mm == FOCUS_MM or len(told) > len(NM)  # casting tells it as it goes
+
+
 def test_frames_share_what_is_kept(lens):
     grid, kept = grid_of(lens), Kept()
     scene = layered(grid, lens, layer(grid, texture(grid), 700.0))

@@ -77,13 +77,13 @@ def test_rays_are_remembered_and_scale_with_the_lens(monkeypatch, tmp_path):
     monkeypatch.setattr(library_rays, "ray_table", lambda *_: pytest.fail("traced twice"))
     assert lens_rays(lens) == first
     monkeypatch.undo()
-    large, table = lens_rays(lens.scaled(2)), first.scaled(2)
-    one, *_ = some_rays(large, 550.0, 0.8 * table.last_height_mm)
-    other, *_ = some_rays(table, 550.0, 0.8 * table.last_height_mm)
-    assert np.allclose(one.entrance_mm, other.entrance_mm, atol=1e-4)
+    large = lens_rays(lens.scaled(2))
+    one, *_ = some_rays(large, 550.0, 2 * 0.8 * first.last_height_mm)
+    other, *_ = some_rays(first, 550.0, 0.8 * first.last_height_mm)
+    assert np.allclose(one.entrance_mm, 2 * other.entrance_mm, atol=1e-4)
     assert np.allclose(one.direction, other.direction, atol=1e-5)
     assert np.allclose(one.weight, other.weight, rtol=1e-4)
-    assert np.allclose(one.path_mm, other.path_mm, atol=1e-4)
+    assert np.allclose(one.path_mm, 2 * other.path_mm, atol=1e-4)
 
 
 def test_a_package_has_no_prescription_unless_it_is_a_bundled_one(tmp_path):

@@ -13,7 +13,7 @@ import pytest
 
 from lensfield import cli
 from lensfield.engine.field.distortion import LARGEST_FOOTPRINT_PX
-from lensfield.engine.kernels import TOGETHER, TurnableSamples, available, build, library, running, turn
+from lensfield.engine.kernels import SEQUENCES, TOGETHER, TurnableSamples, available, build, library, running, turn
 from lensfield.engine.kernels.spreading import LONGEST, SLACK
 from places import ROOT
 
@@ -147,7 +147,8 @@ def test_python_and_c_have_the_same_numbers():
     header = (build.HERE / "kernels.h").read_text()
     numbers = {name: int(value) for name, value in re.findall(r"#define (LF_\w+) (\d+)", header)}
     assert {"LF_ABI": library.ABI, "LF_LONGEST": LONGEST, "LF_SLACK": SLACK,
-            "LF_LARGEST_FOOTPRINT": LARGEST_FOOTPRINT_PX, "LF_TOGETHER": TOGETHER}.items() <= numbers.items()
+            "LF_LARGEST_FOOTPRINT": LARGEST_FOOTPRINT_PX, "LF_TOGETHER": TOGETHER,
+            "LF_SEQUENCES": SEQUENCES}.items() <= numbers.items()
 
 
 def turned(_=None):
