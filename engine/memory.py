@@ -1,6 +1,81 @@
-"""Memory to keep things in, up to a limit."""
+"""How much memory there is to be had; and memory to keep things in, up to a limit."""
 
+import os
+import sys
 import threading
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+PROC, CONTROL_GROUPS = Path("/proc"), Path("/sys/fs/cgroup")
+NO_LIMIT = 2**60  # bytes, and more: what the first version of control groups says where there is none
+
+
+def available_bytes() -> int:
+    """How much memory this process may take still: of what the machine has free, as far as limits let it.
+
+    Limits are those of control groups, as containers and batch systems set them, and of `ulimit -v`.
+    """
+    return max(0, min([_free_on_machine(), *_free_in_groups(), *_free_in_address_space()]))
+
+
+def _free_on_machine():
+    """What programs can have without others being swapped out; all there is where the system does not tell."""
+    with suppress(OSError, StopIteration):
+        lines = (PROC / "meminfo").read_text().splitlines()
+        return 1024 * int(next(line.split()[1] for line in lines if line.startswith("MemAvailable:")))
+    if sys.platform == "win32":
+        return _free_on_windows()
+    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+
+
+def _free_on_windows():
+    import ctypes
+
+    fields = ("total", "available", "total_paged", "available_paged", "total_virtual", "available_virtual", "extended")
+
+    class Status(ctypes.Structure):
+        _fields_ = [("length", ctypes.c_ulong), ("load", ctypes.c_ulong),
+                    *((name, ctypes.c_ulonglong) for name in fields)]
+
+    status = Status(length=ctypes.sizeof(Status))
+    ctypes.windll.kernel32.GlobalMemoryStatusEx(ctypes.byref(status))
+    return min(status.available, status.available_paged)
+
+
+def _free_in_groups() -> Iterator[int]:
+    """What the control groups leave that this process is in, and those that hold them."""
+    with suppress(OSError):
+        for line in (PROC / "self/cgroup").read_text().splitlines():
+            _, kinds, place = line.split(":", 2)
+            if kinds == "":
+                yield from _free_up_to(CONTROL_GROUPS, place, "memory.max", "memory.current", "inactive_file")
+            elif "memory" in kinds.split(","):
+                yield from _free_up_to(CONTROL_GROUPS / "memory", place, "memory.limit_in_bytes",
+                                       "memory.usage_in_bytes", "total_inactive_file")
+
+
+def _free_up_to(root, place, limit, used, reclaimable):
+    """Free bytes of the group at a place below `root`, and of each above it, as far as they are limited."""
+    folder = root / place.lstrip("/")
+    for group in (folder, *folder.parents):
+        with suppress(OSError, ValueError):  # a group that is not limited says "max"; of others' no file is seen
+            most = int((group / limit).read_text())
+            stat = dict(line.split() for line in (group / "memory.stat").read_text().splitlines())
+            if most < NO_LIMIT:
+                yield most - int((group / used).read_text()) + int(stat.get(reclaimable, 0))
+        if group == root:
+            break
+
+
+def _free_in_address_space() -> Iterator[int]:
+    """What `ulimit -v` leaves, where it is set and the system tells what is taken."""
+    with suppress(ImportError, OSError):
+        import resource
+
+        most = resource.getrlimit(resource.RLIMIT_AS)[0]
+        if most != resource.RLIM_INFINITY:
+            yield most - resource.getpagesize() * int((PROC / "self/statm").read_text().split()[0])
 
 
 class MemoryBudget:
