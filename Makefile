@@ -3,6 +3,7 @@
 #                  TESTS=tests/addon/scene runs some of the Blender tests alone
 # make kernels     the engine's loops in C again, where their sources are newer (what tests or measures the engine does so, too);
 #                  LENSFIELD_KERNELS=numpy, base, avx2 or avx512 chooses what does the loops
+# make -j2 -O ci   what .ci/run runs after make lint: all tests, those of Blender on four Blenders; two at once, and each told whole
 # make test-kernels  these loops against plain ones on random shapes: under sanitizers, on other processors and on Windows, as far
 #                  as CONTRIBUTING.md's compilers, QEMU and Wine are installed (two minutes)
 # make bench       what the engine takes, beside itself of before and the paper's method (ten minutes): build/bench
@@ -36,6 +37,9 @@ TESTS ?= tests/addon
 BLENDER ?= blender
 STEPS ?=
 
+# of Blender's tests those that meet its API
+API = tests/addon/scene tests/addon/shading tests/addon/ui tests/addon/job/test_restoration.py tests/addon/test_extension.py
+
 BAKE = .venv-bake
 BAKE_READY = $(BAKE)/.ready
 
@@ -45,7 +49,7 @@ LINT = .venv-lint
 LOCK = packaging/lock-5.0.1.txt
 
 .PHONY: demo kernels test test-kernels test-engine test-blender ui-test bench bench-all validate extension test-bake bench-bake glasses lenses lens-pictures tables bench-tables \
-        lint lock
+        test-numpy ci lint lock
 
 demo: $(READY) kernels
 	@$(VENV)/bin/lensfield --version
@@ -57,7 +61,7 @@ test: $(if $(filter 5.0.1,$(BPY)),test-engine) test-blender
 kernels: $(READY)
 	@$(VENV)/bin/python engine/kernels/build.py || true  # which has told that numpy does their work
 
-test-kernels: $(READY)
+test-kernels: $(READY) kernels
 	$(VENV)/bin/python tests/engine/kernels/drive.py
 
 test-engine: $(READY) kernels
@@ -66,6 +70,16 @@ test-engine: $(READY) kernels
 
 test-blender: $(READY) kernels
 	$(VENV)/bin/python -m pytest -q $(TESTS)
+
+test-numpy: $(READY) kernels  # what machines do that have no library of the compiled loops
+	LENSFIELD_KERNELS=numpy $(VENV)/bin/python -m pytest -q tests/engine/blur tests/engine/field \
+	    tests/engine/test_simulate.py tests/engine/test_kept.py
+
+ci: ci-5.0.1 ci-5.2.3 test-engine ci-4.5.15 ci-5.1.2 test-kernels test-numpy test-bake  # the longest first
+
+ci-4.5.15 ci-5.1.2: CI_TESTS = TESTS="$(API)"
+ci-%: kernels
+	$(MAKE) test-blender BPY=$* $(CI_TESTS)
 
 bench: $(READY) kernels
 	$(VENV)/bin/python benchmarks/bench.py build/bench
@@ -88,7 +102,7 @@ ui-test: $(READY)
 	$(VENV)/bin/python packaging/build_extension.py dist linux-x64
 	$(VENV)/bin/python tests/window/run.py $(BLENDER) dist/*-linux_x64.zip build/ui-test $(STEPS)
 
-test-bake: $(BAKE_READY)
+test-bake: $(BAKE_READY) kernels
 	$(BAKE)/bin/python -m pytest -q tests/engine/bake/test_witness.py tests/engine/bake/test_second_witness.py
 
 bench-bake: $(READY)

@@ -6,6 +6,7 @@
 # Of what judges baked lenses, rayoptics comes alone: it asks for Qt and Jupyter, 0.7 GB, that its tracer never loads.
 # System libraries that these need come by apt where we are root; elsewhere one line says which to install.
 set -eu
+exec 9<"$0" && flock 9  # one at a time: what setuptools leaves in this folder, and apt's own lock, are one for all
 venv=$1
 alone=
 libraries="libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libsm6 libgl1"

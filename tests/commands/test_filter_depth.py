@@ -10,6 +10,7 @@ from lensfield.engine import Lens, SpectralImage, simulate
 from lensfield.engine.image.layers import Layer, LayeredRadiance
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.image.spectral_exr import read_exr, write_exr
+from lensfield.engine.lens.readers.package import write_package
 from rgb_files import colours, failure, parts_exr, planes_exr, run
 
 LENS = "--lens", "kodak-petzval-100mm", "--lens-quality", "preview", "--focus", "2m"
@@ -65,6 +66,14 @@ def filtered(capsys, source, *options):
     return read_exr(output).cube, capsys.readouterr().out, json.loads(report.read_text())
 
 
+@pytest.fixture(scope="module")
+def wanted(tmp_path_factory):
+    """Irradiance of the scene as its file has it."""
+    output = tmp_path_factory.mktemp("wanted") / "out.exr"
+    assert run("filter", flat_exr(output.with_name("a.exr")), *QUICK, "--output", output) == 0
+    return read_exr(output).cube
+
+
 def sharpness(cube):
     """How much neighbours differ, over the card's edges."""
     rows = cube[1, 12:31, 16:38]
@@ -103,17 +112,15 @@ def test_all_in_focus_is_as_without_depth(tmp_path, capsys):
     (lambda path: flat_exr(path, np.where(scene_m() > 1e9, 0, scene_m())), ()),
     (lambda path: flat_exr(path, np.where(scene_m() > 1e9, np.nan, scene_m())), ()),
     (lambda path: flat_exr(path, scene_m() * 100), ("--depth-unit", "cm"))], ids=range(7))
-def test_the_same_depth_told_otherwise_gives_the_same(tmp_path, capsys, write, options):
-    wanted, _, _ = filtered(capsys, flat_exr(tmp_path / "wanted.exr"))
+def test_the_same_depth_told_otherwise_gives_the_same(tmp_path, capsys, wanted, write, options):
     through, _, report = filtered(capsys, write(tmp_path / "a.exr"), *options)
     np.testing.assert_allclose(through, wanted, rtol=1e-4)
     assert report["layers"]
 
 
-def test_half_precision_and_what_lies_at_its_end(tmp_path, capsys):
+def test_half_precision_and_what_lies_at_its_end(tmp_path, capsys, wanted):
     """65504 is nothing, and so is infinity; 0.9 m in a half is 0.02 % off, by which
     a ray here and there meets another pixel."""
-    wanted, _, _ = filtered(capsys, flat_exr(tmp_path / "wanted.exr"))
     for nothing in (65504.0, np.inf):
         source = flat_exr(tmp_path / "a.exr", np.where(scene_m() > 1e9, nothing, scene_m()), kind=np.float16)
         through, _, _ = filtered(capsys, source)
@@ -153,7 +160,7 @@ def test_several_depths_have_to_be_told_apart(tmp_path, capsys):
 def test_a_package_has_no_rays_and_says_so(tmp_path, capsys):
     source = flat_exr(tmp_path / "a.exr")
     package = tmp_path / "lens.npz"
-    assert run("lens", "bake", "kodak-petzval-100mm", "--focus", "2m", "--quality", "preview", "-o", package) == 0
+    write_package(Lens.from_prescription(LENS[1], focus_mm=2000, quality="preview"), package)
     assert run("filter", source, "--lens", package, "--wavelengths", "550", "--output", tmp_path / "out.exr") == 0
     assert "blurred by circles of first order" in capsys.readouterr().out
 

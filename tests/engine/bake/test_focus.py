@@ -94,8 +94,8 @@ def test_mtf_is_that_of_the_psf(name, shift_mm):
 def contrast_about(lens, planes=1500):
     """Mean MTF in planes about the best focus, farther than it was looked for in, and in the focus itself."""
     reach_mm = 4 * abs(image_plane_mm(lens) - image_plane_mm(replace(lens, focus="paraxial")))
-    diagonal_mm = np.hypot(*lens.sensor_mm)
-    return mean_mtf(lens, np.linspace(-reach_mm, reach_mm, planes), diagonal_mm), mean_mtf(lens, [0.0], diagonal_mm)[0]
+    best, *about = mean_mtf(lens, [0.0, *np.linspace(-reach_mm, reach_mm, planes)], np.hypot(*lens.sensor_mm))
+    return np.array(about), best
 
 
 @pytest.mark.parametrize("path", PATHS, ids=lambda path: path.stem)

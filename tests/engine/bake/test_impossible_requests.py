@@ -2,15 +2,12 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from lens_texts import SURFACES
 from lensfield.engine import LensError
 from lensfield.engine.bake.focus import build_system
 from lensfield.engine.bake.prescription import Prescription
-from lensfield.engine.bake.prescriptions import read_prescription
-from lensfield.engine.library import BUNDLED
 
 SINGLET = Prescription("singlet", SURFACES, ("entrance_pupil_diameter_mm", 5.0), ("angle_deg", 14.0))
 FOCUSED = replace(SINGLET, focus="best")
@@ -53,8 +50,3 @@ def test_an_image_plane_far_out_of_focus():
     surfaces = (*SURFACES[:2], replace(SURFACES[2], thickness_mm=400.0))
     told = refusal(replace(SINGLET, surfaces=surfaces))
     assert "singlet: focus is as given: the image lies 352 mm before the image plane" in told
-
-
-@pytest.mark.parametrize("path", sorted((BUNDLED / "prescriptions").glob("*.toml")), ids=lambda path: path.stem)
-def test_the_bundled_lenses_are_possible(path):
-    assert np.isfinite(build_system(read_prescription(path)).efl_mm)

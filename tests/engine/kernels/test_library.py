@@ -43,6 +43,12 @@ def compiled(folder, target=HERE):
         pytest.skip(str(missing))
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """The library of this platform, compiled once."""
+    return compiled(tmp_path_factory.mktemp("made"))
+
+
 def test_the_quickest_runs_where_nothing_is_asked():
     assert available()[0] == "numpy" and running() == available()[-1]
 
@@ -97,15 +103,15 @@ def test_what_is_no_library_is_told(found_anew, monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize("part", [0.1, 0.5, 0.97, 0.9999])
-def test_a_part_of_a_library_is_told_in_one_line(part, tmp_path):
+def test_a_part_of_a_library_is_told_in_one_line(part, made, tmp_path):
     """In a process of its own: on Linux, loading half a library ends it."""
-    made = compiled(tmp_path)
-    made.write_bytes(made.read_bytes()[:int(part * made.stat().st_size)])
+    cut = tmp_path / made.name
+    cut.write_bytes(made.read_bytes()[:int(part * made.stat().st_size)])
     code = ("import sys, pathlib, lensfield.engine.kernels as kernels, lensfield.engine.kernels.library as library\n"
             "library.LIBRARY_FOLDER = pathlib.Path(sys.argv[1])\nprint(kernels.available())")
     done = subprocess.run([sys.executable, "-c", code, tmp_path], capture_output=True, text=True, check=True)
     assert done.stdout == "('numpy',)\n"
-    assert done.stderr.startswith(f"{made}:0: RuntimeWarning: cannot be loaded (") and done.stderr.count("\n") == 1
+    assert done.stderr.startswith(f"{cut}:0: RuntimeWarning: cannot be loaded (") and done.stderr.count("\n") == 1
 
 
 @pytest.mark.parametrize("target", build.COMPILERS)
@@ -122,8 +128,7 @@ def test_the_same_sources_make_the_same_bytes_wherever_they_lie(target, tmp_path
     assert b"GLIBC" not in made and build.sources_digest().encode() in made
 
 
-def test_a_build_is_up_to_date_until_its_sources_change(tmp_path, monkeypatch):
-    made = compiled(tmp_path)
+def test_a_build_is_up_to_date_until_its_sources_change(made, tmp_path, monkeypatch):
     assert build.up_to_date(made) and not build.up_to_date(tmp_path / "nothing")
     monkeypatch.setattr(build, "sources_digest", lambda: "0" * 16)
     assert not build.up_to_date(made)
