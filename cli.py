@@ -11,12 +11,13 @@ import threading
 from . import __version__
 from .commands import apply, filter, lens, lint, render, serve, tradeoff
 from .commands.outcome import FAILURES
-from .engine.errors import InputError
+from .engine.errors import InputError, shown
 from .engine.files import remove_pending
 from .engine.kernels import running
 
 CANCELLED = 130
 UNHEARD = 141  # what a shell gives a program that SIGPIPE ends
+LONGEST_LINE = 1000  # characters of an error, the system's own included
 
 
 def main(arguments=None):
@@ -54,7 +55,7 @@ def _run(arguments):
     except BrokenPipeError:
         raise
     except FAILURES as error:
-        print(f"lensfield: {error or type(error).__name__}".replace("\n", " "), file=sys.stderr)
+        print(f"lensfield: {shown(str(error), LONGEST_LINE) or type(error).__name__}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         print("lensfield: cancelled", file=sys.stderr)

@@ -1,6 +1,7 @@
 """Lens: what a lens-design program knows about a lens, as one frozen value."""
 
 import os
+import sys
 from collections.abc import Iterable
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 
-from ..errors import LensError
+from ..errors import LensError, printable
 from ..field.mirror_symmetry import is_mirror_symmetric
 from ..values import Value
 
@@ -18,6 +19,9 @@ if TYPE_CHECKING:
     from ..bake.prescription import Prescription
 
 UNIT_SUM_TOLERANCE = 1e-3
+TEXTS = ("name", "maker", "story", "source", "notes")
+NUMBERS = ("efl_mm", "magnification", "f_number_effective", "object_distance_mm", "entrance_pupil_mm",
+           "reference_wavelength_nm", "psf_pitch_um")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -88,6 +92,9 @@ class Lens(Value):
     prescription: "Prescription | None" = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
+        _check_kinds(self)
+        for text in TEXTS:
+            object.__setattr__(self, text, printable(getattr(self, text)))
         for one in fields(self):
             if one.type is np.ndarray:
                 table = np.array(getattr(self, one.name), dtype=np.float32 if one.name == "psf" else np.float64)
@@ -258,13 +265,29 @@ def _check(lens):
     _check_psfs(lens)
 
 
+def _check_kinds(lens):
+    for name in TEXTS:
+        if not isinstance(getattr(lens, name), str):
+            raise LensError("lens", name, getattr(lens, name), "expected a text")
+    for name in NUMBERS:
+        if not _is_number(getattr(lens, name)):
+            raise LensError(lens.name, name, getattr(lens, name), "expected a number")
+    if not np.iterable(lens.sensor_mm) or not all(map(_is_number, lens.sensor_mm)):
+        raise LensError(lens.name, "sensor_mm", lens.sensor_mm, "expected a positive width and height")
+
+
+def _is_number(value):
+    """Whether this is one number that a float holds, nan and infinity among them."""
+    return (isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+            and not (isinstance(value, int) and abs(value) > sys.float_info.max))
+
+
 def _check_numbers(lens):
     for name in ("efl_mm", "f_number_effective", "object_distance_mm", "reference_wavelength_nm", "psf_pitch_um"):
         if not getattr(lens, name) > 0:
             raise LensError(lens.name, name, getattr(lens, name), "expected a positive number")
-    for name in ("efl_mm", "f_number_effective", "magnification", "entrance_pupil_mm", "reference_wavelength_nm",
-                 "psf_pitch_um"):
-        if not np.isfinite(getattr(lens, name)):
+    for name in NUMBERS:
+        if name != "object_distance_mm" and not np.isfinite(getattr(lens, name)):
             raise LensError(lens.name, name, getattr(lens, name), "expected a finite number")
     if lens.magnification == 0 and np.isfinite(lens.object_distance_mm):
         raise LensError(lens.name, "magnification", lens.magnification, "expected other than 0 at a finite distance")

@@ -23,7 +23,6 @@ NM_PER_UM = 1000.0
 D_LINE_NM = 587.6  # sodium's and helium's yellow, for which indices are quoted
 METAL = 0.1  # the extinction coefficient from which on a material is opaque within a wavelength or two
 MOST_NODES = 1000  # of a YAML file; the tables of the database are one text each
-MOST_SHOWN = 40  # characters of a bad value in an error
 _COLUMNS = {"tabulated n": ("n",), "tabulated k": ("k",), "tabulated nk": ("n", "k")}
 
 
@@ -149,7 +148,7 @@ def load_refraction(text: str, folder: str | os.PathLike = ".") -> Refraction:
     text = text.strip()
     if text in refraction_names():
         return _read(LIBRARY / f"{text}.yml")
-    path = Path(folder) / Path(text).expanduser()
+    path = Path(folder) / os.path.expanduser(text)
     if not os.path.isfile(path):  # of a text too long to be a name, Path.is_file raises
         raise InputError(text, "refraction", absence(path),
                          "give a library name or a YAML file of refractiveindex.info")
@@ -204,12 +203,11 @@ def _curves(path, entry):
         return {letter: Table(_nm(um), values) for letter, values in zip(_COLUMNS[kind], columns, strict=True)}
     match = re.fullmatch(r"formula ([1-9])", kind)
     if not match:
-        raise InputError(path, "type", kind[:MOST_SHOWN],
-                         "expected formula 1 to 9, tabulated n, tabulated k or tabulated nk")
+        raise InputError(path, "type", kind, "expected formula 1 to 9, tabulated n, tabulated k or tabulated nk")
     coefficients = _numbers(path, "coefficients", entry.get("coefficients"))
     span = _numbers(path, "wavelength_range", entry.get("wavelength_range"))
     if len(span) != 2 or not 0 < span[0] < span[1]:
-        raise InputError(path, "wavelength_range", _plain(entry["wavelength_range"])[:MOST_SHOWN],
+        raise InputError(path, "wavelength_range", _plain(entry["wavelength_range"]),
                          "expected two ascending micrometres")
     return {"n": _formula(path, int(match[1]), coefficients, span)}
 
@@ -247,7 +245,7 @@ def _numbers(path, field, text):
     except ValueError:
         numbers = []
     if not numbers or not np.all(np.isfinite(numbers)):
-        raise InputError(path, field, _plain(text)[:MOST_SHOWN], "expected finite numbers")
+        raise InputError(path, field, _plain(text), "expected finite numbers")
     return numbers
 
 

@@ -159,7 +159,7 @@ def parse_wavelengths(text: str) -> np.ndarray:
             wavelengths = np.array([float(word) for word in re.split(r"[\s,;]+", text.strip()) if word])
     except ValueError:
         wavelengths = np.empty(0)
-    ascending = wavelengths.size and np.all(np.isfinite(wavelengths)) and wavelengths[0] > 0
+    ascending = 0 < wavelengths.size <= MOST_WAVELENGTHS and np.all(np.isfinite(wavelengths)) and wavelengths[0] > 0
     if not ascending or np.any(np.diff(wavelengths) <= 0):
         raise InputError("options", "wavelengths", text,
                          f"expected first:last:number such as 400:700:31, ascending and of at most {MOST_WAVELENGTHS}, "

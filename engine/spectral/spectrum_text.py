@@ -8,7 +8,9 @@ import numpy as np
 
 from ..errors import InputError, absence
 
-_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_NUMBER = r"[-+]?(?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?+"  # ++ takes all, once: no text takes its length squared
+MOST_BYTES = 2**23  # 0.01 nm apart from ultraviolet to infrared
+MOST_CHARACTERS = 2**16  # of a spectrum in a line
 
 
 def read_spectrum_text(text: str, folder: str | os.PathLike) -> tuple[np.ndarray, np.ndarray]:
@@ -29,11 +31,14 @@ def read_spectrum_text(text: str, folder: str | os.PathLike) -> tuple[np.ndarray
     ------
     InputError
     """
+    if len(text) > MOST_CHARACTERS:
+        raise InputError(text, "spectrum", f"{len(text)} characters long",
+                         f"expected at most {MOST_CHARACTERS}: give a two-column file")
     if re.match(rf"^{_NUMBER}\s*(?:nm)?\s*:", text):
         return _checked(text, _colon_pairs(text))
     if text.startswith("[") or re.fullmatch(rf"{_NUMBER}(?:\s+{_NUMBER})+", text):
         return _checked(text, _bracket_pairs(text))
-    path = Path(folder) / Path(text).expanduser()
+    path = Path(folder) / os.path.expanduser(text)
     if not os.path.isfile(path):  # of a text too long to be a name, Path.is_file raises
         raise InputError(text, "spectrum", absence(path), "give a library name, a two-column file (nm, value) or pairs "
                                                           "such as 400:0.1, 700:0.2 or [400 0.1 700 0.2]")
@@ -44,9 +49,13 @@ def read_columns(path: str | os.PathLike) -> tuple[np.ndarray, np.ndarray]:
     """Wavelengths in nm and values from a file of two columns, split by blanks, commas or semicolons; # comments."""
     pairs = []
     try:
-        lines = Path(path).read_text(encoding="utf-8-sig", errors="replace").splitlines()
+        with open(path, "rb") as file:
+            raw = file.read(MOST_BYTES + 1)
     except OSError as error:
         raise InputError(path, "spectrum", "not readable", str(error)) from None
+    if len(raw) > MOST_BYTES:
+        raise InputError(path, "size", f"over {MOST_BYTES} bytes", "expected a wavelength and a value in each line")
+    lines = raw.decode("utf-8-sig", errors="replace").splitlines()
     for number, line in enumerate(lines, 1):
         words = re.split(r"[\s,;]+", line.split("#")[0].strip())
         if words == [""]:

@@ -4,7 +4,6 @@ import os
 from pathlib import Path
 
 from ...errors import LensError, absence
-from ...lens.readers.text import shown
 from ..prescription import Prescription
 from .codev import read_codev
 from .dot_lens import read_dot_lens
@@ -48,14 +47,13 @@ def read_prescription(path: str | Path, field: tuple[str, float] | None = None,
     if kind not in READERS:
         raise LensError(path, "kind of file", path.suffix or "without a suffix", f"expected {', '.join(READERS)}")
     if which is not None and kind in OF_ONE_LENS:
-        raise LensError(path, "--which", shown(which), "a file of this kind holds one lens: leave it out")
+        raise LensError(path, "--which", which, "a file of this kind holds one lens: leave it out")
     try:
         return OF_ONE_LENS[kind](path, field) if kind in OF_ONE_LENS else OF_SEVERAL[kind](path, field, which)
     except LensError as error:
-        value = shown(error.value) if isinstance(error.value, str) else error.value
-        raise LensError(path, shown(error.field), value, error.remedy) from None
+        raise error.at(path) from None
     except KeyError as error:
-        raise LensError(path, shown(str(error.args[0])), "missing", "the file may be damaged, or of another version"
+        raise LensError(path, str(error.args[0]), "missing", "the file may be damaged, or of another version"
                         ) from None
     except DAMAGE as error:
         told = " ".join(f"{type(error).__name__}: {error}".split())

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import LensError
-from ...lens.readers.text import shown
 from ..prescription import Prescription, Surface
 
 ELEMENTS, ADJUSTED = "optical-elements-patent", "optical-elements-adjusted"
@@ -21,7 +20,7 @@ def read_lentil(path: Path, contents: dict, field: tuple[str, float] | None, whi
         which, = entries
     if which is None or which not in entries:
         known = ", ".join(f"{key} {entry.get('company')} {entry.get('product-name')}" for key, entry in entries.items())
-        raise LensError(path, "--which", "missing" if which is None else shown(which), f"expected one of {known}")
+        raise LensError(path, "--which", "missing" if which is None else which, f"expected one of {known}")
     entry = entries[which]
     rows = entry.get(ADJUSTED) or entry[ELEMENTS]
     if field is None:
@@ -44,7 +43,7 @@ def read_lentil(path: Path, contents: dict, field: tuple[str, float] | None, whi
 def _surface(path, number, row, glass_before):
     shape, thickness = row["lens-geometry"], row["thickness"]
     if shape not in ("spherical", "aspherical"):
-        raise LensError(path, f"surface {number}", shown(str(shape)), "expected spherical or aspherical")
+        raise LensError(path, f"surface {number}", shape, "expected spherical or aspherical")
     terms = row.get("aspherical-equation") or []
     radius_mm = float(row["radius"])
     stop = row["material"] == STOP

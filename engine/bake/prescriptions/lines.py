@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ...errors import LensError
-from ...lens.readers.text import shown
 
 
 class Line(NamedTuple):
@@ -36,7 +35,7 @@ class Line(NamedTuple):
 
     def refusal(self, remedy: str) -> LensError:
         """The error that shows the line."""
-        return LensError(self.path, self.place, shown(" ".join(filter(None, self.words))), remedy)
+        return LensError(self.path, self.place, " ".join(filter(None, self.words)), remedy)
 
 
 def numbered(path: Path, lines: Iterable[str], separator: str | None = None) -> Iterator[Line]:

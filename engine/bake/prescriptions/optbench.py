@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import LensError
-from ...lens.readers.text import read_text, shown
+from ...lens.readers.text import read_text
 from ..prescription import Prescription, Surface
 from .lines import numbered
 
@@ -71,7 +71,7 @@ def _column(path, told, count, which):
     if which is None:
         return next((at for at in range(1, count + 1) if _variable(told, "d0", at) in (None, np.inf)), 1)
     if not which.isdecimal() or not 1 <= int(which) <= count:
-        raise LensError(path, "--which", shown(which), f"expected the number of a position, 1 to {count}")
+        raise LensError(path, "--which", which, f"expected the number of a position, 1 to {count}")
     return int(which)
 
 
@@ -108,7 +108,7 @@ def _surface(line, told, column, focusing, asphere, first_power):
     gaps_mm = _gaps_mm(told, thickness, focusing)
     distance_mm = _variable(told, thickness, column) if thickness in told else line.figure(2) if thickness else 0.0
     if distance_mm is None or None in gaps_mm:
-        raise LensError(line.path, f"{line.place}, {thickness}", shown(" ".join(told[thickness].words[1:])),
+        raise LensError(line.path, f"{line.place}, {thickness}", " ".join(told[thickness].words[1:]),
                         "expected the distance at this position")
     conic, terms = 0.0, []
     if asphere is not None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import LensError
-from ...lens.readers.text import read_text, shown
+from ...lens.readers.text import read_text
 from ..prescription import Prescription, Surface
 
 
@@ -47,7 +47,7 @@ def _surface(path, number, words):
     try:
         radius, thickness, index, diameter = map(float, words)
     except ValueError:
-        raise LensError(path, f"line {number}", shown(" ".join(words)), "expected radius, thickness, index, diameter"
+        raise LensError(path, f"line {number}", " ".join(words), "expected radius, thickness, index, diameter"
                         ) from None
     if index not in (0, 1) and not 1 < index < 4:
         raise LensError(path, f"line {number}, index", index, "expected that of a glass, or 0 or 1 for air")

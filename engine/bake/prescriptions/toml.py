@@ -58,8 +58,8 @@ def read_lensfield(path: Path, field: tuple[str, float] | None = None) -> Prescr
 
 def _year(table):
     year = table.values.get("year")
-    if year is not None and (isinstance(year, bool) or not isinstance(year, int)):
-        raise table.refusal("year", "expected a whole number")
+    if year is not None and (isinstance(year, bool) or not isinstance(year, int) or not 0 < year < 10000):
+        raise table.refusal("year", "expected a whole number, of four digits at most")
     return year
 
 

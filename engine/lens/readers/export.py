@@ -32,7 +32,7 @@ from ..lens import Lens
 from . import codev, zemax_text, zospy
 from .assembly import SAME_WAVELENGTH_NM, build_lens, check_count, four_by_three
 from .psf_grid import NEGLIGIBLE_MM
-from .text import number_table, read_text, shown
+from .text import number_table, read_text
 from .toml_fields import read_toml
 
 DESCRIPTION = "lens.toml"
@@ -148,7 +148,7 @@ def _paraxial_heights(listing, last_mm, facts, file):
         focal_mm = (facts["efl_mm"] if np.isinf(facts["object_distance_mm"]) else
                     magnification * (facts["object_distance_mm"] + facts["entrance_pupil_mm"]))
         return focal_mm * np.tan(np.radians(listing.field))
-    raise LensError(file, "field", f"up to {largest:g} {shown(listing.unit)}",
+    raise LensError(file, "field", f"up to {largest:g} {listing.unit}",
                     f"expected angles, or object or paraxial image heights, up to the last of {last_mm:g} mm")
 
 

@@ -11,11 +11,11 @@ from pathlib import Path, PureWindowsPath
 
 import numpy as np
 
-from ...errors import LensError
+from ...errors import LensError, shown
 from ..lens import Lens
 from . import codev, zemax_text
 from .assembly import ISET_ASSUMED, MOST_PSFS, build_lens, check_count, entrance_pupil, four_by_three, object_distance
-from .text import number_table, read_text, shown
+from .text import number_table, read_text
 
 PARAMETER_FILE = "isetparms.txt"
 TABLE_ENDING = "_di_.dat"
@@ -86,7 +86,7 @@ def _number(text, name, path):
     try:
         return float(text)
     except ValueError:
-        raise LensError(path, name, shown(text), "expected a number") from None
+        raise LensError(path, name, text, "expected a number") from None
 
 
 def _axis(parameters, name, path):
@@ -99,7 +99,7 @@ def _axis(parameters, name, path):
     first, last, step = parts[0], parts[-1], parts[1] if len(parts) == 3 else 1.0
     steps = (last - first) / step if len(parts) in (2, 3) and step else np.nan
     if not 0 <= steps < MOST_PSFS:
-        raise LensError(path, name, shown(text), "expected first:step:last")
+        raise LensError(path, name, text, "expected first:step:last")
     return np.linspace(first, last, round(steps) + 1)  # the step is rounded, the ends are not
 
 
@@ -126,7 +126,7 @@ def _base(path, parameters, files):
     if match:
         return match[0]
     if bases:
-        raise LensError(path, "baseLensFileName", shown(told), f"expected one of: {', '.join(sorted(bases)[:5])}")
+        raise LensError(path, "baseLensFileName", told, f"expected one of: {', '.join(sorted(bases)[:5])}")
     raise LensError(path, "real heights", "missing", f"expected {shown(told)}_DI_.dat beside it")
 
 

@@ -5,8 +5,10 @@ Nothing in such a file tells how its PSFs lie. By ISETCam's code: a Zemax listin
 """
 
 import os
+import struct
 import subprocess
 import sys
+import zlib
 from pathlib import Path, PureWindowsPath
 
 import numpy as np
@@ -15,11 +17,13 @@ from ...errors import LensError, absence
 from ...files import temporary_folder
 from ..lens import Lens
 from .assembly import ISET_ASSUMED, build_lens, entrance_pupil, four_by_three, object_distance
+from .npz import MOST_EXPANSION, SMALL_BYTES, read_arrays
 from .psf_grid import PsfGrid
-from .text import shown
 
 CHILD = Path(__file__).with_name("iset_mat_child.py")
 TIMEOUT_S = 120
+READER_BYTES, COPIES = 2**27, 3  # what reading takes beside the arrays, and how many times these
+HEADER_BYTES, COMPRESSED = 128, 15
 NUMBERS = {"efl_mm": "effectiveFocalLength", "magnification": "mag", "f_number_effective": "effectiveFNumber",
            "object_distance_mm": "objectDistance", "reference_wavelength_nm": "referenceWavelength"}
 HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -63,16 +67,39 @@ def _first_order(parts, last_height_mm, path):
 def _parts(path):
     """Names and arrays of the ray-trace structure."""
     _check_kind(path)
+    held = _told_bytes(path)
     with temporary_folder() as folder:
         target = folder / "parts.npz"
-        _run_child(path, target)
-        with np.load(target, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
+        _run_child(path, target, READER_BYTES + COPIES * held)
+        return read_arrays(target)
 
 
-def _run_child(path, target):
+def _told_bytes(path):
+    """How many bytes the variables of a file say that they are, without decoding them; no more than it may hold."""
+    told = 0
+    with open(path, "rb") as stream:
+        order = "<" if stream.read(HEADER_BYTES)[-2:] == b"IM" else ">"
+        while len(tag := stream.read(8)) == 8:
+            kind, size = struct.unpack(f"{order}II", tag)
+            following = stream.tell() + size
+            if kind == COMPRESSED:
+                try:
+                    inner = zlib.decompressobj().decompress(stream.read(min(size, 99)), 8)
+                    _, size = struct.unpack(f"{order}II", inner)
+                except (zlib.error, struct.error):
+                    raise LensError(path, ".mat file", "damaged", "save it again from MATLAB") from None
+            told += size
+            stream.seek(following)
+        most = SMALL_BYTES + MOST_EXPANSION * stream.seek(0, os.SEEK_END)
+    if told > most:
+        raise LensError(path, ".mat file", f"of {told / 1e6:.0f} MB by what it says",
+                        f"expected {most / 1e6:.0f} MB at most of a file of its size")
+    return told
+
+
+def _run_child(path, target, memory_bytes):
     """Have the parts of a .mat written to a .npz by a process of its own."""
-    command = [sys.executable, "-P", str(CHILD), os.path.abspath(path), str(target)]
+    command = [sys.executable, "-P", str(CHILD), os.path.abspath(path), str(target), str(memory_bytes)]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path)), "PYTHONIOENCODING": "utf-8"}
     try:
         done = subprocess.run(command, env=environment, capture_output=True, timeout=TIMEOUT_S)
@@ -81,7 +108,7 @@ def _run_child(path, target):
     if done.returncode:
         lines = done.stderr.decode("utf-8", errors="replace").split("\n")
         why = next((line for line in reversed(lines) if line.strip()), "its reader crashed")
-        raise LensError(path, ".mat file", "not readable", f"save the optics again from ISETCam ({shown(why)})")
+        raise LensError(path, ".mat file", "not readable", f"save the optics again from ISETCam ({why})")
 
 
 def _check_kind(path):

@@ -1,34 +1,42 @@
 """Turn the ray-trace part of an ISETCam .mat into plain arrays; a program of its own, for a process of its own.
 
-scipy's reader crashes on damaged files, so that it may not run in Blender. Usage: iset_mat_child.py IN.mat OUT.npz
+scipy's reader crashes on damaged files, so that it may not run in Blender.
+Usage: iset_mat_child.py IN.mat OUT.npz BYTES, as many as reading may take.
 """
 
 import sys
+from pathlib import Path
 
 import numpy as np
 from scipy.io import loadmat
 
 PARTS = ("psf", "geometry", "relIllum")
-MEMORY_BYTES = 6 * 2**30
 DEPTH = 3
 
 
-def main(source: str, target: str) -> None:
+def main(source: str, target: str, memory_bytes: str) -> None:
     """Write every number and text of the ray-trace structure, named as in MATLAB."""
-    _limit_memory()
+    _limit_memory(int(memory_bytes))
     ray_trace = _find(loadmat(source, squeeze_me=True, struct_as_record=False), DEPTH)
     if ray_trace is None:
         sys.exit("no ray-trace structure (psf, geometry, relIllum) in it")
     np.savez(target, **dict(_leaves(ray_trace, "")))
 
 
-def _limit_memory():
-    """What a damaged file asks for is not to take the machine's memory; only where the system can say so."""
+def _limit_memory(more_bytes):
+    """What a damaged file asks for is not to take the machine's memory; only where the system can say so.
+
+    A limit that is lower already stays.
+    """
     try:
         import resource
-    except ImportError:
+
+        taken = resource.getpagesize() * int(Path("/proc/self/statm").read_text().split()[0])
+    except (ImportError, OSError):
         return
-    resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    if soft == resource.RLIM_INFINITY or taken + more_bytes < soft:
+        resource.setrlimit(resource.RLIMIT_AS, (taken + more_bytes, hard))
 
 
 def _children(value):

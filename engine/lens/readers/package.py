@@ -12,14 +12,16 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import LensError
+from ...errors import LensError, shown
 from ...files import atomic_path
 from ..lens import Lens
+from .npz import read_arrays
 
 FORMAT = "lensfield-lens"
 VERSION = 2
 ARRAYS = ("wavelengths_nm", "heights_mm", "real_height_mm", "relative_illumination", "enclosed_energy", "transmittance")
 SCALARS = tuple(field.name for field in fields(Lens) if field.name not in (*ARRAYS, "psf", "prescription"))
+MEMBERS = ("header", *ARRAYS, "psf_amplitude")
 AMPLITUDE_STEPS = np.iinfo(np.uint16).max
 
 
@@ -44,7 +46,7 @@ def _write(lens, stream):
 
 def read_header(path: str | Path) -> dict[str, Any]:
     """The figures and texts of a lens package, without its tables: dict of the fields of `Lens`."""
-    return _header(_contents(path, ["header"]), path)
+    return _header(_contents(path, MEMBERS[:1]), path)
 
 
 def read_package(path: str | Path | BytesIO) -> Lens:
@@ -70,11 +72,10 @@ def read_package(path: str | Path | BytesIO) -> Lens:
         raise LensError(path, "lens package", "damaged", str(error)) from None
 
 
-def _contents(path, names=None):
-    """Arrays of a .npz by name: these, or all."""
+def _contents(path, names=MEMBERS):
+    """Arrays of a .npz by name, those of these that it has."""
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files if names is None or name in names}
+        return read_arrays(path, names)
     except Exception as error:  # damaged bytes lead numpy's and zip's readers to errors of a dozen kinds
         raise LensError(path, "lens package", "not readable", f"expected a .npz lens package ({error})") from None
 
@@ -94,16 +95,20 @@ def _psfs(amplitudes):
     rows, columns = amplitudes.shape[2:]
     if columns < rows and columns == rows // 2 + 1:
         amplitudes = np.concatenate([amplitudes[..., :0:-1], amplitudes], axis=-1)
-    psf = (amplitudes.astype(np.float64) / AMPLITUDE_STEPS) ** 2
-    return psf / psf.sum(axis=(2, 3), keepdims=True)
+    psfs = np.empty(amplitudes.shape, np.float32)
+    for psf, amplitude in zip(psfs, amplitudes, strict=True):  # one wavelength's doubles at a time
+        light = amplitude / np.float64(AMPLITUDE_STEPS)
+        light *= light
+        np.divide(light, light.sum(axis=(1, 2), keepdims=True), out=psf, casting="same_kind")
+    return psfs
 
 
 def _header(contents, path):
     try:
         header = json.loads(str(contents["header"]))
         kind, version = header["format"], header["version"]
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, TypeError, ValueError, RecursionError):
         raise LensError(path, "header", "missing or damaged", "expected a Lensfield lens package") from None
-    if kind != FORMAT or version != VERSION:
-        raise LensError(path, "format", f"{kind} {version}", f"expected {FORMAT} {VERSION}")
+    if (kind, version) != (FORMAT, VERSION):
+        raise LensError(path, "format", f"{shown(kind)} {shown(version)}", f"expected {FORMAT} {VERSION}")
     return header

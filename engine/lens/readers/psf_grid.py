@@ -7,7 +7,8 @@ import numpy as np
 
 from ...errors import LensError
 
-LARGEST_TABLE = 2**28  # samples
+LARGEST_TABLE, SMALL_TABLE = 2**28, 2**22  # samples
+MOST_FINER = 16  # times as many samples as were told: pitches that differ by 4, or chief rays at corners of their grids
 SAME_PITCH = 1e-4
 NEGLIGIBLE_MM = 1e-6
 ROUNDING = 1e-3  # of the peak: what of a negative sample may be another program's interpolation
@@ -87,8 +88,10 @@ def psf_table(grids: list[list[PsfGrid]], image_side: str) -> tuple[np.ndarray, 
     pitch = min(grid.pitch_um for grid in every)
     reach = max(_reach(grid, pitch) for grid in every)
     window = 2 * reach + 1
-    if len(every) * window**2 > LARGEST_TABLE:
-        raise LensError(every[0].where, "PSFs", f"{len(every)} of {window} x {window} samples", "too many to hold")
+    told = sum(grid.values.size for grid in every)
+    if len(every) * window**2 > min(LARGEST_TABLE, SMALL_TABLE + MOST_FINER * told):
+        raise LensError(every[0].where, "PSFs", f"{len(every)} of {window} x {window} samples",
+                        f"too many to make of {told}: expected pitches that are alike")
     psf = np.stack([[_windowed(grid, pitch, reach) for grid in row] for row in turned])
     return psf, pitch
 

@@ -44,12 +44,6 @@ def decoded(data: bytes) -> str:
         return data.decode("latin-1")
 
 
-def shown(text: str) -> str:
-    """A short, printable piece of a text, for an error."""
-    short = text if len(text) <= 40 else text[:37] + "..."
-    return "".join(letter if letter.isprintable() else "?" for letter in short)
-
-
 def numbers(text: str, path: str | os.PathLike, field: str) -> np.ndarray:
     """float array of all the numbers in a text, with decimal points or decimal commas.
 
@@ -65,7 +59,7 @@ def numbers(text: str, path: str | os.PathLike, field: str) -> np.ndarray:
         values = np.fromiter(map(float, words), float, len(words))
     except ValueError:
         wrong = next(word for word in words if not _is_number(word))
-        raise LensError(path, field, shown(wrong), "expected numbers alone") from None
+        raise LensError(path, field, wrong, "expected numbers alone") from None
     if not np.isfinite(values).all():
         raise LensError(path, field, "not finite", "expected numbers throughout")
     return values

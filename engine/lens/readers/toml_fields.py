@@ -1,5 +1,6 @@
 """TOML files field by field: what is missing, or of another kind than it should be, is told by its name."""
 
+import re
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,9 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import LensError
-from .text import read_text, shown
+from .text import read_text
 
 LONGEST_FILE = 2**20  # characters: a description has some thousands
+ENDLESS_KEY = re.compile(r"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){16}""")
+"""Keys of so many parts are no description's, and one of thousands takes gigabytes."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +36,7 @@ class TomlTable:
 
     def refusal(self, field: str, remedy: str) -> LensError:
         """What to raise about a field."""
-        return LensError(self.path, self.place + field, shown(str(self.values.get(field, "missing"))), remedy)
+        return LensError(self.path, self.place + field, self.values.get(field, "missing"), remedy)
 
     def text(self, field: str, default: str | None = None) -> str:
         """A text; where there is no default, one that is not blank."""
@@ -92,6 +95,8 @@ def read_toml(path: Path, kind: str, version: int) -> TomlTable:
     text = read_text(path)
     if len(text) > LONGEST_FILE:
         raise LensError(path, "TOML", f"{len(text)} characters", f"expected at most {LONGEST_FILE}")
+    if endless := ENDLESS_KEY.search(text):
+        raise LensError(path, "TOML", endless[0], "expected keys of at most 16 parts")
     try:
         table = TomlTable(path, tomllib.loads(text))
     except (ValueError, RecursionError) as error:

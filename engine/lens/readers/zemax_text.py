@@ -13,7 +13,7 @@ import numpy as np
 
 from ...errors import LensError
 from .psf_grid import PsfGrid
-from .text import numbers, shown
+from .text import numbers
 
 NUMBER = r"([-+]?\d{1,30}(?:[.,]\d{1,30})?(?:[Ee][-+]?\d{1,4})?)"
 WHOLE = r"(\d{1,9})"
@@ -65,7 +65,7 @@ def _pitch_um(header, columns, path):
         raise LensError(path, "Data spacing", "missing", "expected a Zemax PSF listing, as text")
     pitch, unit = _number(spacing[1]), spacing[2].rstrip(".")
     if not unit.endswith("m") or unit == "mm":
-        raise LensError(path, "Data spacing", shown(spacing[0]), "expected um")
+        raise LensError(path, "Data spacing", spacing[0], "expected um")
     area = re.search(rf"Data area is\s*{NUMBER}", header)
     finer = _number(area[1]) / columns if area else pitch
     return finer if abs(finer - pitch) <= 0.01 * pitch else pitch
@@ -98,7 +98,7 @@ def _wavelength_nm(header, path):
     if not told:
         return None
     if told[2] and _number(told[1]) != _number(told[2]):
-        raise LensError(path, "wavelengths", shown(told[0].strip()), "expected the PSF of a single wavelength")
+        raise LensError(path, "wavelengths", told[0].strip(), "expected the PSF of a single wavelength")
     return 1e3 * _number(told[1])
 
 
@@ -110,7 +110,7 @@ def image_mm(header: str, path: Path) -> tuple[float, float] | None:
         return None
     scale = MM.get(told[3].lower())
     if scale is None:
-        raise LensError(path, "Center coordinates", shown(told[0]), f"expected one of: {', '.join(MM)[2:]}")
+        raise LensError(path, "Center coordinates", told[0], f"expected one of: {', '.join(MM)[2:]}")
     return scale * _number(told[1]), scale * _number(told[2])
 
 
@@ -154,7 +154,7 @@ def distortion(text: str, path: Path) -> list[FieldListing]:
     """
     kind = re.search(r"Distortion Type\s*:\s*([^\n]*)", text, re.IGNORECASE)
     if kind and not re.match(r"F-Tan", kind[1], re.IGNORECASE):
-        raise LensError(path, "Distortion Type", shown(kind[1]), "expected F-Tan(Theta), which has paraxial heights")
+        raise LensError(path, "Distortion Type", kind[1], "expected F-Tan(Theta), which has paraxial heights")
     parts = re.split(rf"Data for wavelength\s*:?\s*{NUMBER}[^\n]*", text)
     if len(parts) == 1:
         return [_distortion_block(text, None, path)]

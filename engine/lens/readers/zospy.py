@@ -13,7 +13,6 @@ import numpy as np
 
 from ...errors import LensError
 from .psf_grid import PsfGrid
-from .text import shown
 from .zemax_text import CENTRE, GRID, fft_centre, image_mm
 
 LINEAR = {"psf_type": "Linear", "rotation": 0, "use_centroid": False}
@@ -49,10 +48,10 @@ def _check_settings(settings, path):
     if settings is None:
         return
     if not isinstance(settings, dict):
-        raise LensError(path, "settings", shown(str(settings)), "expected those of a PSF analysis")
+        raise LensError(path, "settings", settings, "expected those of a PSF analysis")
     for name, expected in LINEAR.items():
         if settings.get(name, expected) != expected:
-            raise LensError(path, name, shown(str(settings[name])), f"export PSFs with {name} {expected}")
+            raise LensError(path, name, settings[name], f"export PSFs with {name} {expected}")
 
 
 def _pitch_um(values, y_um, x_um, path):

@@ -8,9 +8,11 @@ from scipy.integrate import trapezoid
 
 from lensfield.engine.errors import InputError
 from lensfield.engine.spectral import spectra
+from lensfield.engine.spectral.refraction import load_refraction
 from lensfield.engine.spectral.spectra import (
     BAND_NM,
     CHANNEL_NM,
+    MOST_WAVELENGTHS,
     Spectrum,
     blackbody,
     channel_basis,
@@ -132,6 +134,31 @@ def test_bad_text_is_an_input_error(text):
     with pytest.raises(InputError) as error:
         load_spectrum(text)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("text", ["1" * 10**6, "1" * 60000, "1" * 30000 + "." + "1" * 30000, "1e" + "1" * 60000,
+                                  "400:" + "1" * 60000 + "x", "~no-such-user/x", "~no-such-user", "[" + "1 " * 30000])
+def test_texts_of_a_million_digits_and_homes_of_nobody_are_told_at_once(text):
+    """None takes time that grows with its length squared: that would be hours."""
+    for read in (load_spectrum, load_refraction, parse_wavelengths):
+        with pytest.raises(InputError) as error:
+            read(text)
+        assert len(str(error.value)) < 900
+
+
+def test_a_list_of_wavelengths_has_a_most_as_a_range_has():
+    with pytest.raises(InputError, match=f"at most {MOST_WAVELENGTHS}"):
+        parse_wavelengths(",".join(map(str, range(1, MOST_WAVELENGTHS + 2))))
+    assert parse_wavelengths(",".join(map(str, range(1, MOST_WAVELENGTHS + 1)))).size == MOST_WAVELENGTHS
+
+
+@pytest.mark.parametrize("contents, word", [("400 1\n" * 2**21, "size is over"), ("1" * 10**6, "line 1 is 111"),
+                                            ("\x1b[31m400 1", "line 1 is ?.31m400 1")], ids=["large", "long", "steers"])
+def test_files_that_are_no_spectra_are_told_in_a_short_line(tmp_path, contents, word):
+    (tmp_path / "lamp.spd").write_text(contents)
+    with pytest.raises(InputError, match=word.replace("?", "[?]")) as error:
+        load_spectrum(str(tmp_path / "lamp.spd"))
+    assert str(error.value).isprintable() and len(str(error.value)) < 400
 
 
 def test_a_text_too_long_for_a_path_is_an_input_error():

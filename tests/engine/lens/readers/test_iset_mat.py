@@ -1,6 +1,10 @@
 """ISETCam's .mat: its structure, its PSFs' orientation, and damage that must not reach this process."""
 
 import os
+import struct
+import subprocess
+import sys
+import zlib
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -140,3 +144,47 @@ def test_scipys_reader_stays_in_the_child():
     folder = Path(iset_mat.__file__).parent
     assert {path.name for path in folder.glob("*.py") if "scipy.io" in path.read_text(encoding="utf-8")} == {
         "iset_mat_child.py"}
+
+
+def told_as(path, size):
+    """A file of one compressed variable that says that it has so many bytes."""
+    body = zlib.compress(struct.pack("<II", 14, size) + bytes(2**20))
+    path.write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\0\1IM" + struct.pack("<II", 15, len(body)) + body)
+    return path
+
+
+def test_a_bomb_is_told_by_its_size_without_being_decoded(tmp_path, monkeypatch):
+    monkeypatch.setattr(iset_mat, "_run_child", lambda *_: pytest.fail("decoded"))
+    with pytest.raises(LensError, match="of 2147 MB by what it says: expected 17 MB at most"):
+        read_iset_mat(told_as(tmp_path / "optics.mat", 2**31))
+
+
+@pytest.mark.parametrize("compress", [False, True])
+def test_the_size_that_is_told_is_that_of_the_arrays(tmp_path, compress):
+    savemat(tmp_path / "optics.mat", {"a": np.zeros(10**5), "b": np.zeros(10**4)}, do_compression=compress)
+    assert iset_mat._told_bytes(tmp_path / "optics.mat") == pytest.approx(880_000, abs=300)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems do not limit address space so")
+def test_a_limit_that_the_user_has_set_stays(tmp_path, lens):
+    """`ulimit -v` cannot be raised again, and need not be."""
+    saved(tmp_path / "optics.mat", ray_trace(lens))
+    code = f"""if True:
+        import resource
+        resource.setrlimit(resource.RLIMIT_AS, (3 * 2**30, 3 * 2**30))
+        from lensfield.engine.lens.readers.iset_mat import read_iset_mat
+        print(read_iset_mat({str(tmp_path / "optics.mat")!r}).name)"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == ("EO54852\n", "")
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems do not limit address space so")
+def test_what_a_damaged_array_asks_for_is_not_had(tmp_path, lens):
+    """Its cells are some thousand million, in a file that says that it is small."""
+    sound = saved(tmp_path / "optics.mat", ray_trace(lens)).read_bytes()
+    cells = struct.pack("<II4i", 5, 16, 1, 2**30, 1, 1)  # an array's dimensions, within its flags and its name
+    flags, name = struct.pack("<IIII", 6, 8, 1, 0), struct.pack("<HH4s", 1, 4, b"cell")
+    body = flags + cells + name
+    (tmp_path / "optics.mat").write_bytes(sound[:128] + struct.pack("<II", 14, len(body)) + body)
+    with pytest.raises(LensError, match="not readable.*(allocate|MemoryError)"):
+        read_iset_mat(tmp_path / "optics.mat")

@@ -3,6 +3,7 @@
 import io
 import json
 import pickle
+import tracemalloc
 import zipfile
 from dataclasses import fields
 
@@ -180,6 +181,89 @@ def test_an_impossible_figure_is_named(path, field, value):
                                     {"psf_pitch_um": [1]}, {"magnification": {}}], ids=str)
 def test_a_figure_of_the_wrong_kind_is_an_error(path, header):
     error_of(rewritten(path, header=header))
+
+
+@pytest.mark.parametrize("header", [{"name": 0.5}, {"maker": ["x"]}, {"notes": None}, {"magnification": [1]},
+                                    {"efl_mm": True}, {"efl_mm": 10**400}, {"sensor_mm": [[4.8], [3.6]]},
+                                    {"sensor_mm": ["4.8", "3.6"]}, {"sensor_mm": 4.8}], ids=str)
+def test_kinds_are_checked_field_by_field(path, header):
+    assert error_of(rewritten(path, header=header)).field in header
+
+
+def test_texts_cannot_steer_a_terminal(path):
+    lens = read_package(rewritten(path, header={"name": "\x1b]0;owned\x07lens", "notes": "one\ntwo\x1b[31m"}))
+    assert lens.name == "?]0;owned?lens" and lens.notes == "one\ntwo?[31m"
+
+
+@pytest.mark.parametrize("field", ["efl_mm", "name", "sensor_mm"])
+def test_a_header_nested_100_000_deep_is_damaged(path, field):
+    write_package(sample_lens(), path)
+    header = parts(path)["header"].item()
+    value = json.loads(header)[field]
+    deep = header.replace(f'"{field}": {json.dumps(value)}', f'"{field}": {"[" * 10**5}{"]" * 10**5}')
+    np.savez(path, **parts(path) | {"header": np.array(deep)})
+    assert deep != header and error_of(path).field == "header"
+
+
+def memory_taken(read):
+    """The most bytes that Python and numpy hold at once while something is read."""
+    tracemalloc.start()
+    try:
+        read()
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def test_what_is_no_part_of_a_package_is_not_read(path):
+    rewritten(path, junk=np.zeros(2**25))
+    assert memory_taken(lambda: read_package(path)) < 2**24
+
+
+def npy(kind, shape, data=b"", version=(1, 0)):
+    """A .npy's bytes, of a header that may not be true."""
+    stream = io.BytesIO()
+    np.lib.format.write_array_header_1_0(stream, {"descr": kind, "fortran_order": False, "shape": shape})
+    return b"\x93NUMPY" + bytes(version) + stream.getvalue()[8:] + data
+
+
+HEADERS = {"more than it holds": npy("<u2", (2, 11, 10**4, 10**4)), "beyond all numbers": npy("<u2", (2**40, 2**40)),
+           "negative": npy("<u2", (-1, -1), bytes(2)), "less than it holds": npy("<u2", (2, 2), bytes(9)),
+           "records": npy([("a", "<f8")], (1,), bytes(8)), "objects": npy("|O", (1,), bytes(8)),
+           "version": npy("<u2", (1,), bytes(2), (9, 9)), "nothing": b"", "no magic": bytes(200)}
+
+
+@pytest.mark.parametrize("contents", HEADERS.values(), ids=HEADERS)
+def test_arrays_that_are_not_what_their_headers_say_are_refused_before_they_are_read(path, contents):
+    rewritten(path, drop=["psf_amplitude"])
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr("psf_amplitude.npy", contents)
+    assert memory_taken(lambda: error_of(path)) < 2**22
+
+
+def test_a_bomb_is_told_before_it_goes_off(path):
+    """Half a gigabyte of PSFs in half a megabyte; one sample of each is lit, so that they could be PSFs."""
+    rewritten(path, drop=["psf_amplitude"])
+    row = np.zeros((1, 2048, 2048), np.uint16)
+    row[0, 0, 0] = 1
+    with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as archive, archive.open("psf_amplitude.npy", "w") as member:
+        member.write(npy("<u2", (6, 11, 2048, 2048)))
+        for _ in range(66):
+            member.write(row.tobytes())
+    assert path.stat().st_size < 2**20
+    assert memory_taken(lambda: error_of(path)) < 2**22
+    assert "would take 554 MB" in str(error_of(path))
+
+
+def test_other_ways_of_compression_are_refused(path):
+    """Their dictionaries can take gigabytes by themselves."""
+    write_package(sample_lens(), path)
+    contents = {name: (io.BytesIO(), value) for name, value in parts(path).items()}
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_LZMA) as archive:
+        for name, (stream, value) in contents.items():
+            np.save(stream, value)
+            archive.writestr(f"{name}.npy", stream.getvalue())
+    error_of(path)
 
 
 @pytest.mark.parametrize("header", [{"format": "something else"}, {"version": 1}, {"version": ...}], ids=str)
