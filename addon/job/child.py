@@ -22,11 +22,12 @@ import bpy
 import numpy as np
 
 from ...commands.messages import read_message
-from ...engine.image.depth_range import AUTO, OFF, TRACED
+from ...engine.image.depth_range import AUTO, TRACED
 from ...engine.plan.options import TIER_ACCURACY
 from ..scene.errors import SceneError
 from ..scene.rings import iris_arguments, ring_arguments, rings_for, scene_iris
 from .job import UNSAVED_FOLDER
+from .refilter import applied_depth
 from .session import write_session
 
 GRACE_S = 0.7  # for a child to remove what is half-written
@@ -123,7 +124,7 @@ def apply_command(radiance, scene):
                for word in ("--" + name.replace("_", "-"), str(value)))
     return lensfield_command(["apply", str(radiance), "--lens", lens, "--view", settings.view.lower(),
                               "--lens-quality", settings.to_spectral_options().tier, "--progress", "lines",
-                              "--depth", OFF if settings.depth == OFF.upper() else AUTO,
+                              "--depth", applied_depth(settings),
                               "--end-with-stdin", *ring_arguments(rings_for(scene, lens)),
                               *iris_arguments(scene_iris(scene, lens)), *options])
 

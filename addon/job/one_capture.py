@@ -36,7 +36,7 @@ class OneCapture:
         jobs = [job_of_frame(scene, frame, **asked) for frame in _ends(scene, frames, asked)]
         first, *others = sorted(jobs, key=lambda job: -job.lens.capture_focal_length_mm)  # of the finest view
         self._job = replace(first, others=tuple(job.lens for job in others))
-        self._captured, self._facts, self._of_scene, self._file = None, None, (), None
+        self._captured, self._facts, self._file = None, None, None
 
     def holds(self, job):
         """Whether a frame can be seen in it: another picture is not asked for, nor more than is captured."""
@@ -53,10 +53,9 @@ class OneCapture:
             radiance = captured.radiance
             seen = replace(radiance, grid=replace(radiance.grid, focal_mm=radiance.focal_mm))  # by all of the lenses
             self._captured, self._facts = replace(captured, radiance=seen), result.report.scene
-            self._of_scene = self._facts.scene_remarks[len(_remarks(scene, self._job)):]
         result.report.scene = replace(
             self._facts, depth=self._captured.depth_check(job.lens), lens_warning=job.lens_warning,
-            scene_remarks=_remarks(scene, job) + self._of_scene)
+            scene_remarks=_remarks(scene, job) + self._captured.unlayered)
         return self._captured
 
     def write_radiance(self, captured, path):

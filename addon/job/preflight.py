@@ -69,8 +69,9 @@ def preflight(scene, output_folder=None, *, frame=None, **asked):
                 turn_on_layer(scene, job.view_layer, journal)
                 check_camera(scene)
                 grid = job_grid(scene, job)
-                slabs = plan_by(seen_depth_mm(scene, job.lens, looked_at(grid)), scene, job, grid)[0]
-                remarks += (*depth_remarks(job, slabs), *unlayered_remarks(scene, job, grid))
+                if not job.traced:
+                    slabs = plan_by(seen_depth_mm(scene, job.lens, looked_at(grid)), scene, job, grid)[0]
+                    remarks += (*depth_remarks(job, slabs), *unlayered_remarks(scene, job, grid))
                 journal.stand_in(scene.camera.data)
                 plan = plan_scene(scene, job, grid, journal)[0]
         findings = plan.findings if plan else lint(scene)

@@ -7,7 +7,7 @@ import numpy as np
 from ...engine import SpectralImage
 from ...engine.files import check_target, temporary_folder
 from ...engine.image.depth_range import AUTO, check_depth, planar_depth_mm
-from ...engine.image.layers import LayeredRadiance
+from ...engine.image.layers import Layer, LayeredRadiance
 from ...engine.image.pixel_grid import PixelGrid
 from ...engine.image.preview import auto_exposure, to_rec709, write_png
 from ...engine.report import SceneFacts
@@ -45,6 +45,8 @@ class Captured:
         lens may bring in; 0 elsewhere. None without one.
     layers : LayeredRadiance or None
         What the radiance is seen in; None where the lens's data hold for all depths, or nobody asked for it.
+    unlayered : tuple of str
+        What `unlayered_remarks` tells of the scene.
     """
 
     radiance: SpectralImage
@@ -52,6 +54,7 @@ class Captured:
     alpha: np.ndarray | None
     region: np.ndarray | None
     layers: LayeredRadiance | None = None
+    unlayered: tuple[str, ...] = ()
 
     def depth_check(self, lens):
         """How much of the frame is out of the depths for which a lens's data hold: DepthCheck."""
@@ -85,7 +88,8 @@ def capture(scene, job, result, share):
         go_to_frame(scene, job.frame, journal)
         turn_on_layer(scene, job.view_layer, journal)
         check_camera(scene)
-        remarks = [*scene_remarks(scene, job), *unlayered_remarks(scene, job, grid)]
+        remarks, unlayered = (tuple(map(str, told)) for told in (scene_remarks(scene, job),
+                                                                 unlayered_remarks(scene, job, grid)))
         exposure, film = scene.cycles.film_exposure, scene.render.film_transparent
         plan, substitution, groups = plan_scene(scene, job, grid, journal)
         plan.check()
@@ -135,9 +139,9 @@ def capture(scene, job, result, share):
         cube, alpha = (_placed(planes, rendered, grid) for planes in (lights[0].radiance(), lights[0].alpha))
         radiance = SpectralImage(cube, job.wavelengths_nm, grid, focal_mm=job.lens.capture_focal_length_mm,
                                  exposure=exposure)
-    result.report.scene = _facts(plan, lights, job, grid, depth_mm, region, remarks, cut)
+    result.report.scene = _facts(plan, lights, job, grid, depth_mm, region, remarks + unlayered, cut)
     return Captured(radiance, np.where(np.isfinite(depth_mm), depth_mm / M_TO_MM, BACKGROUND_M).astype(np.float32),
-                    alpha if film else None, region and _mask(region, rendered, grid), layers)
+                    alpha if film else None, region and _mask(region, rendered, grid), layers, unlayered)
 
 
 def _nearest_m(lights, capture):
@@ -160,12 +164,9 @@ def _placed(planes, region, grid):
 
 def _show(index, plan, lights, capture_px, path):
     """Write a PNG of the frame after a pass, as a perfect pinhole sees it: grey until all colours are there."""
-    cube = np.zeros((plan.choice.output_nm.size, *capture_px.shape_px), np.float32)
-    for light in reversed([light for light in lights if not light.is_spare(lights)]):
-        part = cube[(..., *light.slab.region)]
-        part *= 1 - light.alpha
-        part += light.cube
-    radiance = SpectralImage(cube, plan.choice.output_nm, capture_px).frame()
+    layers = [Layer(light.cube, light.alpha, light.depth_m * M_TO_MM, tuple(side.start for side in light.slab.region))
+              for light in lights if not light.is_spare(lights)]
+    radiance = LayeredRadiance(layers, plan.choice.output_nm, capture_px).flat().frame()
     whole = index + 1 == len(plan.bands)
     picture = to_rec709(radiance) if whole else np.stack([radiance.cube.mean(axis=0)] * 3, axis=-1)
     write_png(picture, path, auto_exposure(picture))
@@ -186,7 +187,7 @@ def _facts(plan, lights, job, grid, depth_mm, region, remarks, cut):
         estimated_colour_error=choice.colour_error * (float(surprise) if foreign else 1),
         depth=None if job.traced else check_depth(depth_mm[top:top + rows, left:left + columns][region or ...],
                                                   job.lens, grid.pitch_um),
-        lens_warning=job.lens_warning, scene_remarks=tuple(map(str, remarks)),
+        lens_warning=job.lens_warning, scene_remarks=remarks,
         layers=cut.plan.text if cut else "")
 
 

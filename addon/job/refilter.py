@@ -90,6 +90,11 @@ def kept_radiance(scene):
     return path
 
 
+def applied_depth(settings):
+    """What a scene's settings have `apply_lens` do of depth: layers that are there are used, but where it is off."""
+    return OFF if settings.depth == OFF.upper() else AUTO
+
+
 def _steps(path, lens, output_folder, options, view, rings, iris, quality, depth):
     for name, value, choices in (("view", view, VIEWS), ("depth", depth, APPLIED_DEPTHS)):
         if value not in choices:
@@ -174,11 +179,10 @@ def _check_region(lens, captured, path):
     if captured.region is None:
         return
     grid = captured.radiance.grid
-    places = [np.flatnonzero((captured.region == 1).any(axis=axis)) for axis in (1, 0)]
-    region = [slice(place[0] - overscan, place[-1] + 1 - overscan)
-              for place, overscan in zip(places, grid.overscan_px, strict=True)]
+    sides = _picture_sides(captured)
+    region = [_moved(side, -overscan) for side, overscan in zip(sides, grid.overscan_px, strict=True)]
     if not captured.region[captured_region(region, lens, captured.radiance.wavelengths_nm, grid)].all():
-        raise ImageError(path, "render region", "{1} x {0} px".format(*(place.size for place in places)),
+        raise ImageError(path, "render region", "{1} x {0} px".format(*(side.stop - side.start for side in sides)),
                          f"{lens.name} draws in more from around it than there is: render again through it")
 
 
@@ -199,12 +203,22 @@ def _blur_warning(lens, captured):
 
 def _shown(captured):
     """Rows and columns of the layers' grid that are a picture: the frame, or the render region in it."""
-    radiance, sides = captured.radiance, captured.region
-    for axis, (overscan, n, before) in enumerate(zip(radiance.overscan_px, radiance.frame_px,
-                                                     captured.layers.grid.overscan_px, strict=True)):
-        places = np.array([overscan, overscan + n - 1]) if sides is None else np.flatnonzero(
-            (sides == 1).any(axis=1 - axis))
-        yield slice(places[0] - overscan + before, places[-1] + 1 - overscan + before)
+    return [_moved(side, before - overscan)
+            for side, overscan, before in zip(_picture_sides(captured), captured.radiance.overscan_px,
+                                              captured.layers.grid.overscan_px, strict=True)]
+
+
+def _picture_sides(captured):
+    """Rows and columns of the radiance's grid that are a picture: the frame, or the render region in it."""
+    if captured.region is None:
+        return [slice(overscan, overscan + n)
+                for overscan, n in zip(captured.radiance.overscan_px, captured.radiance.frame_px, strict=True)]
+    places = [np.flatnonzero((captured.region == 1).any(axis=axis)) for axis in (1, 0)]
+    return [slice(place[0], place[-1] + 1) for place in places]
+
+
+def _moved(side, px):
+    return slice(side.start + px, side.stop + px)
 
 
 def _layers_text(captured):

@@ -59,7 +59,7 @@ def scene_remarks(scene, job):
 def depth_remarks(job, slabs):
     """Remarks on how far away what the picture shows is, by a SlabPlan from before it is rendered: list of Remark."""
     check = slabs.check
-    if job.traced or check is None or check.outside_fraction < DEPTH_TOLD:
+    if check is None or check.outside_fraction < DEPTH_TOLD:
         return []
     apart = (f"about {check.outside_fraction:.0%} of the picture is not at {in_metres(check.near_mm)} to "
              f"{in_metres(check.far_mm)}")

@@ -9,7 +9,7 @@ import numpy as np
 from ...engine.image.pixel_grid import PLANE
 from .camera import in_view
 from .depth import M_TO_MM
-from .instances import rendered_instances
+from .instances import cycles_output, nodes_within, rendered_instances, uses_nodes
 from .render_state import rendered_layer
 
 EVERYWHERE_MM = 0.0, np.inf
@@ -78,13 +78,13 @@ def _is_closed(data):
 
 def _has_volume(block):
     """Whether Cycles renders a volume for this material or world."""
-    output = block.node_tree.get_output_node("CYCLES") if block.use_nodes and block.node_tree else None
+    output = cycles_output(block)
     return bool(output and output.inputs["Volume"].is_linked)
 
 
 def _has_holdout(material):
-    return bool(material.use_nodes and material.node_tree) and any(
-        node.bl_idname == "ShaderNodeHoldout" for node in material.node_tree.nodes)
+    return uses_nodes(material) and any(
+        node.bl_idname == "ShaderNodeHoldout" for node in nodes_within(material.node_tree))
 
 
 def _is_holdout(obj, layer):

@@ -69,6 +69,28 @@ def rendered_blocks(scene):
     return {block: tuple(sorted(names)) for block, names in users.items()}
 
 
+def uses_nodes(block):
+    """Whether Blender renders a material, light or world by its node tree, or by its plain colour."""
+    if block.node_tree is None:
+        return False
+    always = bpy.app.version >= (5, 0, 0) and not isinstance(block, bpy.types.Light)
+    return always or block.use_nodes
+
+
+def cycles_output(block):
+    """The node that Cycles renders a material, light or world by; None where it has none."""
+    return block.node_tree.get_output_node("CYCLES") if uses_nodes(block) else None
+
+
+def nodes_within(tree):
+    """Generator of the nodes of a tree, and of the groups in it."""
+    for node in tree.nodes:
+        yield node
+        inside = getattr(node, "node_tree", None)
+        if inside:
+            yield from nodes_within(inside)
+
+
 def materials_of(obj):
     """Materials of an object, evaluated or not: those that its faces use, and for other shapes all of its slots."""
     slots = [slot.material and slot.material.original for slot in obj.material_slots]
@@ -199,10 +221,7 @@ def _given(modifier, identifier):
 
 
 def _named_in_tree(tree, socket_type):
-    for node in tree.nodes:
-        inside = getattr(node, "node_tree", None)
-        if inside:
-            yield from _named_in_tree(inside, socket_type)
+    for node in nodes_within(tree):
         yield from (socket.default_value for socket in node.inputs
                     if socket.type == socket_type and socket.default_value)
 

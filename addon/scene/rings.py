@@ -1,5 +1,6 @@
 """Rings: what a scene's camera turns its lens to, by its own Depth of Field settings."""
 
+from functools import lru_cache
 from math import degrees, inf
 
 from mathutils import Vector
@@ -10,10 +11,11 @@ from ...engine.depth.pencils import Iris
 from ...engine.library import cannot_be, has_rings, iris_shows, prescription_of
 from .camera import lens_for_view
 from .depth import M_TO_MM
-from .lens_cache import load_lens
+from .lens_cache import changed_ns, load_lens
 
 CAMERA = "camera"
 FEWEST_BLADES = 3
+MOST_ANSWERS = 64
 FIXED = "the lens is a package, which holds for one focus and one f-number: those of the camera are left out"
 
 
@@ -61,7 +63,15 @@ def scene_iris(scene, lens, iris=None, **asked) -> Iris | None:
     if isinstance(lens, Lens):
         return iris if iris and iris.blades else None
     iris = _camera_iris(scene) if iris is None else iris
-    return iris if iris and iris.blades and iris_shows(lens, scene_rings(scene, **asked)) else None
+    if not iris or not iris.blades:
+        return None
+    return iris if _iris_shows(str(lens), changed_ns(lens), scene_rings(scene, **asked)) else None
+
+
+@lru_cache(maxsize=MOST_ANSWERS)
+def _iris_shows(lens, changed, rings):
+    """What `iris_shows` tells, once as long as the lens's file is the same: a preview asks many times a second."""
+    return iris_shows(lens, rings)
 
 
 def _camera_iris(scene):

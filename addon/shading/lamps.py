@@ -12,6 +12,7 @@ import bpy
 import numpy as np
 
 from ...engine.spectral.spectra import BAND_NM, Spectrum, blackbody, load_spectrum
+from ..scene.instances import uses_nodes
 from .closure_rules import is_idle
 from .node_paths import constant_of, feeding, glowing_colour
 from .spectral_sockets import EMISSION, is_shader, kind
@@ -193,14 +194,6 @@ def blackbody_temperature(socket):
     if source is None or source.node.bl_idname != "ShaderNodeBlackbody" or source.node.inputs[0].is_linked:
         return None
     return source.node.inputs[0].default_value
-
-
-def uses_nodes(data_block):
-    """Whether Blender renders a material, light or world by its node tree, or by its plain colour."""
-    if data_block.node_tree is None:
-        return False
-    always = bpy.app.version >= (5, 0, 0) and not isinstance(data_block, bpy.types.Light)
-    return always or data_block.use_nodes
 
 
 def _free_name(view_layer, number):

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import bpy
 
-from ..scene.instances import DRAWN_TYPES, rendered_blocks
+from ..scene.instances import DRAWN_TYPES, cycles_output, rendered_blocks, uses_nodes
 from ..scene.working_space import REC709, working_space
 from .assigned import WORDS, AssignedSpectra, fields_of
 from .closure_rules import LENGTHS, channels_finding, closure_findings, is_idle
-from .lamps import blackbody_temperature, uses_nodes
+from .lamps import blackbody_temperature
 from .node_paths import constant_of, source_of
 from .node_rules import APPROXIMATED, FLOW, REJECTED, SUBSTITUTED, UPSAMPLED, VERDICTS, colour_inputs, judge_value
 from .spectral_sockets import CHANNELS, EMISSION, INDEX, REFLECTANCE, is_shader, kind, takes_reflectance
@@ -122,7 +122,7 @@ def _judged(block, spectra):
         found.append(("", *_light_colour(block, given)))
     if not uses_nodes(block):
         return found if isinstance(block, bpy.types.Light) else [*found, ("", "Color", SUBSTITUTED, CONSTANTS)]
-    output = block.node_tree.get_output_node("CYCLES")
+    output = cycles_output(block)
     return [*found, *_Walk(block, given).findings(output)] if output else found
 
 

@@ -3,7 +3,7 @@ smoothly; and whether a volume shines or scatters. By its constants: what nodes 
 
 from dataclasses import dataclass
 
-from .lamps import uses_nodes
+from ..scene.instances import cycles_output
 from .node_paths import constant_of, source_of
 from .node_rules import FLOW
 
@@ -37,25 +37,21 @@ class Lobe:
 
 def lobes_of(material):
     """The Lobes of a material's surface: list; what it scatters is in none."""
-    output = _output(material)
+    output = cycles_output(material)
     return list(_surface(output.inputs["Surface"], (), 1.0)) if output else []
 
 
 def has_surface(material):
     """Whether a material is more than a volume."""
-    output = _output(material)
+    output = cycles_output(material)
     return output is None or source_of(output.inputs["Surface"])[0] is not None
 
 
 def glows_within(block):
     """Whether the volume of a material or world gives light of its own: by scattering or shining, not by absorbing."""
-    output = _output(block)
+    output = cycles_output(block)
     return bool(output) and any(node.bl_idname not in ABSORBING and not _is_empty(node, groups)
                                 for node, groups in _closures(output.inputs["Volume"], ()))
-
-
-def _output(block):
-    return block.node_tree.get_output_node("CYCLES") if uses_nodes(block) else None
 
 
 def _surface(socket, groups, share):

@@ -19,10 +19,11 @@ import numpy as np
 from ...engine.spectral.refraction import D_LINE_NM, Refraction
 from ...engine.spectral.spectra import BAND_NM, Spectrum, channel_basis
 from ..scene.errors import SceneError
+from ..scene.instances import uses_nodes
 from ..scene.render_state import rendered_layer
 from ..scene.working_space import colour_basis
 from .closure_rules import is_idle
-from .lamps import Lamp, blackbody_temperature, uses_nodes
+from .lamps import Lamp, blackbody_temperature
 from .lumens import give_lumens, luminous_efficacy
 from .node_paths import constant_of, feeding, glowing_colour
 from .spectral_sockets import CHANNELS, EMISSION, INDEX, REFLECTANCE, is_shader, kind, takes_reflectance

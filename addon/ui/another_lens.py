@@ -2,7 +2,7 @@
 
 import bpy
 
-from ..job.refilter import apply_lens, kept_radiance
+from ..job.refilter import applied_depth, apply_lens, kept_radiance
 from ..scene.compositor import laid_fingerprint, lay_into_compositor
 from ..scene.rings import rings_for, scene_iris
 from . import window_render
@@ -27,7 +27,7 @@ class LENSFIELD_OT_apply_lens(LensRender, bpy.types.Operator):
         lens = settings.lens_name_or_path()
         result = apply_lens(kept_radiance(scene), lens, options=settings.to_options(), view=settings.view.lower(),
                             rings=rings_for(scene, lens), iris=scene_iris(scene, lens),
-                            lens_quality=settings.to_spectral_options().tier)
+                            lens_quality=settings.to_spectral_options().tier, depth=applied_depth(settings))
         if settings.to_compositor:
             lay_into_compositor(scene, result.lens_image, fingerprint=laid_fingerprint(scene))
         return result

@@ -46,8 +46,9 @@ def tints(depth_m, focus):
 def switch(scene):
     """Switch it on or off."""
     state["on"] = not state["on"]
-    lens = scene.lensfield.lens_name_or_path()
-    wait([_facts_at_rest(lens, changed_ns(lens))], LONGEST_S)
+    if state["on"]:
+        lens = scene.lensfield.lens_name_or_path()
+        wait([_facts_at_rest(lens, changed_ns(lens))], LONGEST_S)
 
 
 def focus_tints(scene, path):

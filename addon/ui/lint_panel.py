@@ -3,6 +3,7 @@
 import bpy
 
 from ..job.preflight import Preflight, preflight
+from ..scene.rings import rings_for
 from ..shading.lint import counts_text
 from ..shading.node_rules import APPROXIMATED, REJECTED, SEPARATED
 from .operators import nothing_renders
@@ -80,9 +81,9 @@ def draw_check(layout, scene):
 
 def asked(scene):
     """What the settings ask of a render's plan, to know a check of it by."""
-    settings = scene.lensfield
-    return (settings.lens_name_or_path(), settings.view, settings.wavelengths_text(), settings.tier,
-            settings.colour_error, settings.unfit, settings.denoise, settings.view_layer, settings.depth,
+    settings, lens = scene.lensfield, scene.lensfield.lens_name_or_path()
+    return (lens, rings_for(scene, lens), settings.to_options(), settings.view, settings.wavelengths_text(),
+            settings.tier, settings.colour_error, settings.unfit, settings.denoise, settings.view_layer, settings.depth,
             scene.frame_current)
 
 

@@ -170,7 +170,12 @@ def _may_work(scene):
 
 
 def _ask_next(preview, scene):
-    key = lens_key(scene)
+    try:
+        key = lens_key(scene)
+    except InputError as error:
+        preview.lens = ()  # as soon as there is one again, it is looked through
+        _tell_error(preview, error)
+        return
     if key != preview.lens and preview.radiance:
         preview.changed_s = preview.other_s  # what the very choice of the lens has changed is none of the scene
         _ask(preview, "lens", key, preview_arguments(scene, key, radiance=preview.radiance))
@@ -187,11 +192,16 @@ def _ask_render(preview, scene, key):
         preview.copies_s = (*preview.copies_s[-1:], time.monotonic() - begin_s)
         preview.tangents = shown_tangents(scene, key)
     except InputError as error:
-        preview.error = str(error)
-        _redraw()
+        _tell_error(preview, error)
         return
     _ask(preview, "render", key, preview_arguments(scene, key, copy=copy, size=size_px(scene), samples=SAMPLES))
     preview.asked_s = begin_s
+
+
+def _tell_error(preview, error):
+    if preview.error != str(error):
+        preview.error = str(error)
+        _redraw()
 
 
 def _ask(preview, what, key, arguments):

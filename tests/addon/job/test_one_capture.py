@@ -146,6 +146,16 @@ def test_the_pinhole_that_a_picture_is_compared_with_sees_as_much_as_the_lens():
     np.testing.assert_allclose(ours - ours[2, 3], 1.5 * (own - own[2, 3]), atol=1e-6 * own.max())
 
 
+def test_each_frame_tells_what_one_depth_for_each_pixel_does_not(rack, tmp_path):
+    """By itself it tells the same, but for the lens's own lines; a frame that goes on with a capture, too."""
+    glowing(rack, "Pane", (1, 1, 1), 2.0, 1.0).data.materials[0] = material("Glass", "ShaderNodeBsdfGlass")[0]
+    rack.render.resolution_x, rack.render.resolution_y, rack.cycles.samples = 96, 72, 4
+    results = addon.render_animation(rack, FRAMES[:2], output_folder=tmp_path, **ASKED).results
+    told = [result.report.scene.scene_remarks for result in results.values()]
+    assert all(sum(line.startswith("Glass 'Pane'") for line in lines) == 1 for lines in told)
+    assert told[0][-1] == told[1][-1]
+
+
 def test_what_is_cancelled_goes_on_with_the_same_light(rack, captures, tmp_path):
     first = addon.Animation(rack, FRAMES, output_folder=tmp_path, **ASKED)
     result = first.render(1)

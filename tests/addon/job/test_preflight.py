@@ -7,10 +7,15 @@ import pytest
 
 from lensfield import addon, cli
 from lensfield.addon import preflight
+from lensfield.addon.job import preflight as before_a_render
+from lensfield.addon.job.remarks import UNLAYERED
 from lensfield.engine.errors import InputError
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 from small_scenes import light, material, set_world, wall
 from snapshot import differences, snapshot
+
+OF_DEPTH = {"Depth", *(what for what, *_ in UNLAYERED.values())}
+"""Remarks that are longer than others: they name a share of the picture, objects and a remedy."""
 
 
 def short_index(tmp_path, letters):
@@ -238,7 +243,7 @@ def test_an_untouched_scene_gets_few_lines(tmp_path):
     found = preflight(bpy.context.scene, tmp_path)
     assert not found.refusals
     assert [remark.what for remark in found.remarks] == ["Render Engine", "Samples", "Depth"]
-    assert all(len(str(remark)) < 200 for remark in found.remarks)
+    assert all(len(str(remark)) < (200 if remark.what in OF_DEPTH else 130) for remark in found.remarks)
 
 
 def test_the_command_is_given_what_the_render_is(scene, tmp_path, capsys):
@@ -256,6 +261,17 @@ def test_the_command_is_given_what_the_render_is(scene, tmp_path, capsys):
     assert found["plan"].startswith("1 Cycles render at")
     assert [refusal["field"] for refusal in found["refusals"]] == ["output folder"]
     assert [remark["what"] for remark in found["remarks"]] == ["Focal Length"]
+
+
+def test_a_traced_lens_takes_no_look_at_depth(scene, tmp_path, monkeypatch):
+    def look(*_):
+        pytest.fail("nothing is cut")
+
+    for name in ("seen_depth_mm", "plan_by", "unlayered_remarks"):
+        monkeypatch.setattr(before_a_render, name, look)
+    set_world(scene)
+    found = preflight(scene, tmp_path, lens="tessar-50mm", depth="traced")
+    assert found.plan and not found.refusals and found.slabs is None
 
 
 @pytest.mark.parametrize("lens", ["edmund-54852", "muller-fisheye-25mm"])

@@ -252,6 +252,19 @@ def test_the_same_lens_on_what_is_kept_is_the_same_picture(deep, cut, tmp_path):
         addon.apply_lens(kept.radiance, LENS, depth="traced")
 
 
+def test_the_button_uses_layers_unless_depth_is_off(deep, cut, tmp_path):
+    settings = deep.lensfield
+    settings.lens, settings.output_folder, settings.to_compositor = LENS, str(tmp_path / "auto"), False
+    kept = rendered(deep, tmp_path)[0]
+    for depth in ("AUTO", "OFF"):
+        settings.depth = depth
+        assert bpy.ops.lensfield.apply_lens() == {"FINISHED"}
+        ours = addon.apply_lens(kept.radiance, LENS, tmp_path / depth, options=settings.to_options(),
+                                depth=depth.lower())
+        assert bool(ours.report.file.layers) == (depth == "AUTO")
+        np.testing.assert_array_equal(read_exr(kept.irradiance).cube, read_exr(ours.irradiance).cube)
+
+
 def test_another_focus_of_what_is_kept_is_a_fresh_render(deep, tmp_path):
     """As far as the picture's pixels and its noise tell: they lie otherwise in the two."""
     lens, near_mm = "tessar-50mm", 400.0
@@ -353,7 +366,17 @@ def by_shader(scene):
     tree.links.new(tree.nodes.new("ShaderNodeHoldout").outputs[0], tree.get_output_node("CYCLES").inputs["Surface"])
 
 
-@pytest.mark.parametrize("hold_out", [by_object, by_collection, by_shader])
+def by_shader_in_a_group(scene):
+    inside = bpy.data.node_groups.new("Hole", "ShaderNodeTree")
+    inside.interface.new_socket("Shader", in_out="OUTPUT", socket_type="NodeSocketShader")
+    inside.links.new(inside.nodes.new("ShaderNodeHoldout").outputs[0], inside.nodes.new("NodeGroupOutput").inputs[0])
+    tree = scene.objects["Near"].data.materials[0].node_tree
+    group = tree.nodes.new("ShaderNodeGroup")
+    group.node_tree = inside
+    tree.links.new(group.outputs[0], tree.get_output_node("CYCLES").inputs["Surface"])
+
+
+@pytest.mark.parametrize("hold_out", [by_object, by_collection, by_shader, by_shader_in_a_group])
 def test_what_holds_out_hides_what_is_behind_it(deep, tmp_path, hold_out):
     hold_out(deep)
     whole, flat, layered = both(deep, tmp_path)

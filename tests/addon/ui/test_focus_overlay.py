@@ -91,6 +91,14 @@ def test_it_goes_with_the_preview(on):
     assert not focus_overlay.state["on"] and not bpy.ops.lensfield.focus_overlay.poll()
 
 
+def test_it_waits_for_its_lens_only_as_it_is_switched_on(scene, monkeypatch):
+    waits = []
+    monkeypatch.setattr(focus_overlay, "wait", lambda *_: waits.append(focus_overlay.state["on"]))
+    for _ in range(4):
+        focus_overlay.switch(scene)
+    assert waits == [True, True]
+
+
 def test_without_a_lens_or_a_camera_there_is_none(on):
     focus_overlay.switch(on)
     path = preview.state["preview"].depth

@@ -152,6 +152,27 @@ def test_the_plan_line_knows_what_a_check_has_found_until_the_settings_change(pl
     assert plan_text(plain).startswith("3 or more") and "other ones since" in told(plain)
 
 
+def stopped_down(scene):
+    scene.camera.data.dof.use_dof, scene.camera.data.dof.aperture_fstop = True, 8.0
+
+
+def more_accurate(scene):
+    scene.lensfield.accuracy = 0.001
+
+
+@pytest.mark.parametrize("change", [stopped_down, more_accurate])
+def test_a_check_is_an_old_one_where_the_number_of_slabs_may_be_another(plain, change):
+    def told():
+        lint_panel.draw_check(layout := Layout(), plain)
+        return " ".join(layout.labels)
+
+    plain.lensfield.tier = "RESULT"
+    assert bpy.ops.lensfield.lint() == {"FINISHED"}
+    assert "other ones since" not in told()
+    change(plain)
+    assert "other ones since" in told()
+
+
 def test_the_plan_lines_seconds_and_memory_are_the_engines(plain):
     text = settled(plain)
     settings = plain.lensfield

@@ -1,6 +1,7 @@
 """The preview: on, shown, anew after a change, through another lens, and gone; followed by hand, as by its timer."""
 
 import os
+import shutil
 import signal
 import time
 from pathlib import Path
@@ -11,10 +12,12 @@ import pytest
 
 from layouts import Layout
 from lensfield import addon
+from lensfield.addon.scene import rings
 from lensfield.addon.scene.compositor import compositing_tree
 from lensfield.addon.ui import preview, window_render
 from lensfield.addon.ui.preview_overlay import frame_corners
 from lensfield.addon.ui.properties import lens_title
+from lensfield.engine.library import PRESCRIPTIONS
 from small_scenes import light, material, wall
 from snapshot import differences, snapshot
 
@@ -191,6 +194,27 @@ def test_what_cannot_be_rendered_is_told_and_tried_again_when_it_has_changed(rea
     with pytest.raises(RuntimeError, match="type is ORTHO"):
         bpy.ops.lensfield.preview()
     assert on() is None
+
+
+def test_a_lens_that_is_gone_is_told_and_seen_as_soon_as_it_is_back(ready_scene, tmp_path, monkeypatch):
+    """Where blades ask for its widest f-number, which is asked once for a file as it is."""
+    asked, iris_shows = [], rings.iris_shows
+    monkeypatch.setattr(rings, "iris_shows", lambda *lens: asked.append(lens) or iris_shows(*lens))
+    own, dof = tmp_path / "own.toml", ready_scene.camera.data.dof
+    shutil.copy(PRESCRIPTIONS / "tessar-50mm.toml", own)
+    ready_scene.lensfield.lens, ready_scene.lensfield.lens_file = "FILE", str(own)
+    dof.use_dof, dof.focus_distance, dof.aperture_fstop, dof.aperture_blades = True, 2.0, 8.0, 6
+    bpy.context.view_layer.update()
+    preview.start(ready_scene)
+    follow()
+    assert len(asked) == 1 and on().lens[4].blades == 6 and not on().error
+    for spoil in (own.unlink, lambda: own.write_text("title = ")):
+        spoil()
+        assert preview.tick() == preview.TICK_S == preview.tick()
+        assert "own.toml" in on().error and on().error in shown()
+    shutil.copy(PRESCRIPTIONS / "tessar-50mm.toml", own)
+    follow()
+    assert not on().error and on().lens[4].blades == 6
 
 
 def test_a_file_that_takes_long_to_copy_is_refreshed_by_hand(ready_scene, monkeypatch):
