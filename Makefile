@@ -6,6 +6,7 @@
 # make -j2 -O ci   what .ci/run runs after make lint: all tests, those of Blender on four Blenders; two at once, and each told whole
 # make test-kernels  these loops against plain ones on random shapes: under sanitizers, on other processors and on Windows, as far
 #                  as CONTRIBUTING.md's compilers, QEMU and Wine are installed (two minutes)
+# make kill-test   kills a render at 50 random moments, and compares what comes of it with one that nobody has (ten minutes)
 # make bench       what the engine takes, beside itself of before and the paper's method (ten minutes): build/bench
 # make bench-all   also the paper's pictures, what accuracy costs at length, and what a scene costs (an hour)
 # make validate    Cornell's box against Mitsuba 3, and lenses against rays traced through them (ten minutes), in depth too (an hour)
@@ -48,7 +49,7 @@ TABLES = .venv-tables
 LINT = .venv-lint
 LOCK = packaging/lock-5.0.1.txt
 
-.PHONY: demo kernels test test-kernels test-engine test-blender ui-test bench bench-all validate extension test-bake bench-bake glasses lenses lens-pictures tables bench-tables \
+.PHONY: demo kernels test kill-test test-kernels test-engine test-blender ui-test bench bench-all validate extension test-bake bench-bake glasses lenses lens-pictures tables bench-tables \
         test-numpy ci lint lock
 
 demo: $(READY) kernels
@@ -80,6 +81,9 @@ ci: ci-5.0.1 ci-5.2.3 test-engine ci-4.5.15 ci-5.1.2 test-kernels test-numpy tes
 ci-4.5.15 ci-5.1.2: CI_TESTS = TESTS="$(API)"
 ci-%: kernels
 	$(MAKE) test-blender BPY=$* $(CI_TESTS)
+
+kill-test: $(READY) kernels
+	$(VENV)/bin/python -W ignore tests/reliability/kill.py 50
 
 bench: $(READY) kernels
 	$(VENV)/bin/python benchmarks/bench.py build/bench

@@ -116,8 +116,8 @@ def _end_with_stdin(hear):
 
 
 def _cancel():
-    remove_pending()
-    print("\nlensfield: cancelled", file=sys.stderr)
+    kept = "".join(f"; finished passes are kept in {folder}" for folder in remove_pending())
+    print(f"\nlensfield: cancelled{kept}", file=sys.stderr)
     _leave(CANCELLED)
 
 

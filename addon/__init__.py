@@ -10,6 +10,7 @@ from .job.preflight import preflight
 from .job.refilter import apply_lens
 from .job.render import kept, render_through_lens
 from .job.session import take_session
+from .job.source import source_digest
 from .scene.compositor_watch import start_watching, stop_watching
 from .scene.lens_cache import forget_lenses
 from .ui import (
@@ -31,7 +32,7 @@ from .ui.keys import register_keys, unregister_keys
 from .ui.previews import forget_previews
 
 __all__ = ["Animation", "apply_lens", "look_beside", "preflight", "register", "render_animation", "render_through_lens",
-           "take_session", "unregister"]
+           "source_digest", "take_session", "unregister"]
 
 _MODULES = (properties, operators, animation, another_lens, preview, compositor_panel, panels, lint_panel,
             spectra_panels)

@@ -39,8 +39,10 @@ def add(commands):
     render.add_argument("--frames", metavar="SPEC",
                         help="frames to render: 7, 1-250, 1-250:2, 1,5,10-20, or scene for its own range (default: the "
                              "current one). Those that are there already, whole and by the same settings, are not "
-                             "rendered again; --report tells of each")
-    render.add_argument("--overwrite", action="store_true", help="render all of them anew")
+                             "rendered again, and processes that render into one folder share them; --report tells "
+                             "of each")
+    render.add_argument("--overwrite", action="store_true",
+                        help="render all of them anew, and nothing of what is left of a render that was stopped")
     render.add_argument("--room", type=float, metavar="FRACTION",
                         help="capture at least this part of the picture's longer side beyond each of its edges, for "
                              "lenses with more distortion to draw on (lensfield apply)")
@@ -92,6 +94,8 @@ def _add_followed(group):
                             "that lies there")
     group.add_argument("--scene-state", metavar="TEXT",
                        help="what the records of frames are to tell of the scene's state, in place of its fingerprint")
+    group.add_argument("--scene-source", metavar="TEXT",
+                       help="what tells the files of the scene apart, if SCENE is a copy: for passes to be kept")
     group.add_argument("--session", type=Path, metavar="FILE.npz",
                        help="what the window has that a copy of its file has not (addon/job/session.py)")
 
@@ -104,7 +108,8 @@ def _render(options):
             for frame in parse_frames(options.frames):
                 check_limits("--frames", frame, FRAME_LIMITS)
         scene, asked = scene_and_arguments(options)
-        asked |= {"picture": options.picture, "room": options.room, "state": options.scene_state}
+        asked |= {"picture": options.picture, "room": options.room, "state": options.scene_state,
+                  "source": _source(options, scene)}
         if options.beside:
             from ..addon import look_beside
 
@@ -118,13 +123,24 @@ def _render(options):
         write(told=told)
 
 
+def _source(options, scene):
+    """What tells the files of the scene apart; "" where what is open is not all in them."""
+    from ..addon import source_digest
+
+    if options.scene_source is not None:
+        return options.scene_source
+    return "" if options.session else source_digest(scene)
+
+
 def _render_one(options, scene, asked, write):
     """Render the current frame; its report, and what to tell of it."""
     from .. import addon
 
+    if options.overwrite:
+        asked["source"] = ""
     with progress(options, write) as tell:
         result = addon.render_through_lens(scene, progress=tell, **asked)
-    _tell_frame(scene.frame_current, result, set(), write)
+    _tell_frame(result, set(), write)
     return result.report, result.told
 
 
@@ -138,18 +154,19 @@ def _render_frames(options, scene, asked, write):
         animation = addon.Animation(scene, frames, overwrite=options.overwrite, **asked)
     for path in animation.current:
         write(lens_image=str(path))
-    if animation.plan:
-        print(animation.plan, flush=True)
+    for line in animation.beforehand:
+        print(line, flush=True)
     known = set()
-    for frame in animation.pending:
+    for frame in animation.turns:
         with progress(options, write) as tell:
             result = animation.render(frame, tell)
-        _tell_frame(frame, result, known, write)
+        if result:
+            _tell_frame(result, known, write)
     print(*animation.summary, sep="\n")
     return animation.report, animation.told
 
 
-def _tell_frame(frame, result, known, write):
+def _tell_frame(result, known, write):
     """Tell of a frame that is done: its plans and its files, but for the lines that are known."""
     filtered = result.report.lens_image
     for line in (f"scene: {result.report.scene.scene_plan}", *([f"plan: {filtered.plan.text}"] if filtered else ()),

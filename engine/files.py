@@ -5,7 +5,7 @@ import shutil
 import tempfile
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 
 from .errors import InputError
@@ -13,12 +13,14 @@ from .errors import InputError
 AnyPath = str | os.PathLike[str]
 
 HALF = ".lensfield-half-written-"
+HIDDEN = ".lensfield"
 LONGEST_WRITE_S = 24 * 3600.0
 UMASK = os.umask(0)  # it can only be read by setting it, which is not for a thread to do
 os.umask(UMASK)
 _pending: set[Path] = set()
 _making = threading.Lock()  # whoever makes something half-written, and notes it
 _swept: set[Path] = set()
+_going_on: set[Path] = set()
 
 
 def make_folder(path: AnyPath) -> None:
@@ -27,6 +29,11 @@ def make_folder(path: AnyPath) -> None:
         Path(path).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(path, "folder", "not to be made", error.strerror or str(error)) from None
+
+
+def hidden_folder(folder: AnyPath) -> Path:
+    """The folder in one of outputs, for what is of use until they are there. Nothing makes it yet; empty, it goes."""
+    return Path(folder).resolve() / HIDDEN
 
 
 def check_target(path: AnyPath) -> None:
@@ -75,6 +82,25 @@ def link_or_copy(source: AnyPath, path: AnyPath) -> None:
             shutil.copyfile(source, temporary)
 
 
+def stamp_of(path: AnyPath) -> tuple[int, int, int] | None:
+    """What is another one as soon as a file has been written again; None where there is none."""
+    try:
+        status = os.stat(path)
+    except OSError:
+        return None
+    return status.st_mtime_ns, status.st_size, status.st_ino
+
+
+def move(source: AnyPath, path: AnyPath) -> None:
+    """Move a file to where it appears whole or not at all, from another disk too."""
+    with atomic_path(path) as temporary:
+        try:
+            os.replace(source, temporary)
+        except OSError:
+            shutil.copyfile(source, temporary)
+            os.unlink(source)
+
+
 def _half_written(path):
     handle, name = tempfile.mkstemp(prefix=f"{HALF}{path.stem[:40]}-", suffix=path.suffix, dir=path.parent)
     os.close(handle)
@@ -100,6 +126,11 @@ def temporary_folder() -> Iterator[Path]:
         yield folder
 
 
+def pending(path: AnyPath) -> AbstractContextManager[Path]:
+    """A file that is removed when the block ends, or the process is stopped."""
+    return _pending_path(lambda: Path(path))
+
+
 @contextmanager
 def _pending_path(make):
     with _making:
@@ -112,15 +143,28 @@ def _pending_path(make):
         _pending.discard(path)
 
 
-def remove_pending() -> None:
-    """Remove all that is half-written; for a process that is about to be stopped: nothing can be begun after this."""
+def remove_pending() -> list[Path]:
+    """Remove all that is half-written; for a process that is about to be stopped: nothing can be begun after this.
+
+    Returns the folders that hold what it would go on from.
+    """
     _making.acquire()
     for path in list(_pending):
         _remove(path)
+    return [folder for folder in _going_on if any(path.is_file() for path in folder.rglob("*"))]
+
+
+def note_going_on(folder: AnyPath) -> None:
+    """Have it told, where the process is stopped, that this folder holds what the next one goes on from."""
+    _going_on.add(Path(folder))
 
 
 def _remove(path):
     if path.is_dir():
         shutil.rmtree(path, ignore_errors=True)
     else:
-        path.unlink(missing_ok=True)
+        with suppress(OSError):  # it is gone, or open and of Windows
+            path.unlink()
+    if path.parent.name == HIDDEN:
+        with suppress(OSError):  # there is more in it
+            path.parent.rmdir()

@@ -12,14 +12,15 @@ from places import ROOT
 
 ENGINE_LIBRARIES = {"numpy", "scipy", "OpenEXR", "PIL", "yaml", "matplotlib"}
 
-FOUNDATION = {"engine.cache", "engine.errors", "engine.files", "engine.kernels", "engine.memory", "engine.threads",
-              "engine.values"}
+FOUNDATION = {"engine.cache", "engine.errors", "engine.files", "engine.kernels", "engine.locks", "engine.memory",
+              "engine.threads", "engine.values"}
 FLOORS = {
     # the engine's foundation, which all of it may use
     "engine.cache": {"engine.errors", "engine.files"},
     "engine.errors": set(),
     "engine.files": {"engine.errors"},
     "engine.kernels": {"engine.errors"},
+    "engine.locks": {"engine.errors", "engine.files"},
     "engine.memory": set(),
     "engine.threads": set(),
     "engine.values": set(),

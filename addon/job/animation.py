@@ -3,16 +3,19 @@
 from contextlib import contextmanager
 
 from ...engine.errors import InputError
+from ...engine.files import stamp_of
 from ...engine.image.depth_range import TRACED
+from ...engine.locks import Busy, only_maker
 from ...engine.report import together
 from ..scene.compositor import fingerprint_anew, lay_into_compositor
 from ..scene.errors import SceneError
 from ..scene.fingerprint import comparable
 from ..scene.still import moving, rings_animated
 from .job import folder_for
+from .kept_passes import forget_passes
 from .one_capture import OneCapture
 from .record import read_record
-from .render import Result, job_of_frame, render_steps, render_through_lens, run
+from .render import Result, job_of_frame, render_steps, run
 
 
 class Animation:
@@ -36,6 +39,8 @@ class Animation:
         Files and record of those that are there, whole, and made by the same settings.
     outdated : list of int
         Those of them that are of the scene as it was before it was changed.
+    elsewhere : list of int
+        Frames that another process was at when it was their turn.
     plan : str
         Whether all that are pending are seen in one capture, or why not; "" where that does not matter.
     results : dict of int: Result
@@ -48,19 +53,24 @@ class Animation:
     """
 
     def __init__(self, scene, frames=None, *, overwrite=False, state=None, **asked):
-        self._scene, self._asked = scene, asked | {"state": state or fingerprint_anew(scene)}
+        self._scene = scene
+        self._asked = {"to_compositor": False} | asked | {"state": state or fingerprint_anew(scene)}
         self._folder = folder_for(scene, asked.get("output_folder"))
-        self.pending, self.earlier, self.outdated, self.results = [], {}, [], {}
+        self.pending, self.earlier, self.outdated, self.elsewhere, self.results = [], {}, [], [], {}
         self._frames = list(own_frames(scene) if frames is None else frames)
+        self._stamps = {}
         for frame in self._frames:
+            self._stamps[frame] = stamp_of(self._result(frame).record)
             if overwrite or not self._find(frame):
                 self.pending.append(frame)
+        if overwrite or not self.pending:
+            self._forget_passes()
         self._apart = self._why_apart() if len(self.pending) > 1 else "one frame"
         self.plan, self._one = self._planned(), None
 
     def _find(self, frame):
         """Whether a frame is there, as it would be rendered now."""
-        result = Result.of(self._scene, self._folder, frame)
+        result = self._result(frame)
         if not result.record.is_file():  # without going to the frame, which may take long
             return False
         with _named(frame):
@@ -73,29 +83,49 @@ class Animation:
             self.outdated.append(frame)
         return True
 
+    @property
+    def turns(self):
+        """Frames as they are to be rendered: those that are pending, and at the end once more those that another
+        process was at, which may have been stopped."""
+        yield from self.pending
+        yield from list(self.elsewhere)
+        self._one = None  # it is large
+        if all(self._result(frame).record.is_file() for frame in self._frames):
+            self._forget_passes()
+
     def render(self, frame, progress=None):
-        """Render a frame that is pending; its Result. Progress is that of all of them."""
-        done, count = len(self.results), len(self.pending)
+        """Render a frame in its turn; its Result, or None where another process has rendered it, or is at it."""
+        number, count = self.pending.index(frame), len(self.pending)
 
         def tell(fraction, label):
             if progress:
-                progress((done + fraction) / count, f"Frame {frame}, {done + 1} of {count}: {label}")
+                progress((number + fraction) / count, f"Frame {frame}, {number + 1} of {count}: {label}")
 
-        with _named(frame):
-            if not self._apart:
-                self.results[frame] = self._render_in_one(frame, tell)
-            else:
-                self.results[frame] = render_through_lens(self._scene, frame=frame, progress=tell, **self._asked)
-        if len(self.results) == len(self.pending):
-            self._one = None  # it is large
-        return self.results[frame]
+        result = self._result(frame)
+        self.elsewhere = [other for other in self.elsewhere if other != frame]
+        try:
+            with _named(frame), only_maker(result.record):
+                if stamp_of(result.record) != self._stamps[frame] and self._find(frame):
+                    return None
+                self.results[frame] = self._render_alone(frame, tell)
+        except Busy:
+            self.elsewhere.append(frame)
+        return self.results.get(frame)
 
-    def _render_in_one(self, frame, tell):
-        if self._one is None:
+    def _render_alone(self, frame, tell):
+        if not self._apart and self._one is None:
             tell(0.0, "Turning the lens as in all frames")
             self._one = OneCapture(self._scene, self._frames, **self._asked)
         job = job_of_frame(self._scene, frame, **self._asked)
-        return run(render_steps(self._scene, job, self._one if self._one.holds(job) else None), tell)
+        return run(render_steps(self._scene, job, self._one if self._one and self._one.holds(job) else None), tell)
+
+    def _result(self, frame):
+        return Result.of(self._scene, self._folder, frame)
+
+    def _forget_passes(self):
+        """Remove passes that are kept: of all frames at once, as some may be of one capture for all of them."""
+        for frame in self._frames:
+            forget_passes(self._scene, self._folder, frame)
 
     def _why_apart(self):
         """Why each frame is to be captured by itself, in words; "" where one capture does."""
@@ -127,12 +157,20 @@ class Animation:
                         {frame: record for frame, (_, record) in self.earlier.items()})
 
     @property
+    def beforehand(self):
+        """What is there and what is to be done, before it is: list of lines."""
+        there = f"{len(self.earlier)} of {len(self._frames)} frames are there already: {len(self.pending)} to render"
+        return [*[there] * bool(self.earlier), *filter(None, [self.plan])]
+
+    @property
     def summary(self):
         """How many frames there are of what kind: list of lines."""
         seconds, frames = sum(self.report.stages.values()), len(self.results)
         rendered = f"{frames} frame{'s' * (frames != 1)} in {seconds:.1f} s" if frames else "nothing to render"
         earlier = f"; {len(self.earlier)} there already" if self.earlier else ""
         lines = [f"{rendered}{earlier}, in {self._folder}", *filter(None, [self.plan])]
+        if self.elsewhere:
+            lines.append(f"left to other processes: {len(self.elsewhere)} of the frames, from {self.elsewhere[0]} on")
         if self.outdated:
             lines.append(f"{len(self.outdated)} of the frames there already, from {self.outdated[0]} on, are of the "
                          "scene before it was changed: Overwrite (--overwrite) renders them anew")
@@ -148,7 +186,8 @@ class Animation:
 def render_animation(scene, frames=None, *, overwrite=False, progress=None, **asked):
     """Render frames of a scene multispectrally and put them through a lens, one after the other.
 
-    Frames that are there already, whole and by the same settings, stay as they are. What the frames share is kept from
+    Frames that are there already, whole and by the same settings, stay as they are, and those that another process
+    renders into the same folder are left to it. What the frames share is kept from
     each to the next. An error leaves the frames before it.
 
     Parameters
@@ -162,7 +201,7 @@ def render_animation(scene, frames=None, *, overwrite=False, progress=None, **as
     animation = Animation(scene, frames, overwrite=overwrite, **asked)
     if asked.get("to_compositor") and animation.current:
         lay_into_compositor(scene, *animation.current, fingerprint=animation.state)
-    for frame in animation.pending:
+    for frame in animation.turns:
         animation.render(frame, progress)
     return animation
 

@@ -39,6 +39,8 @@ class Job:
         What of the scene's render settings counts for the picture.
     state : str
         The scene's fingerprint; "" where nobody asked for it.
+    source : str
+        What tells the files apart that the scene is of, for passes to be kept; "" for none to be.
     ring_words : tuple of str
         What the lens's rings cannot do, a line each.
     depth : str
@@ -65,6 +67,7 @@ class Job:
     room: float = 0.0
     settings: dict | None = None
     state: str = ""
+    source: str = ""
     ring_words: tuple[str, ...] = ()
     depth: str = AUTO
     iris: Iris | None = None
@@ -78,8 +81,8 @@ class Job:
 
 def job_from_settings(scene, *, lens=None, wavelengths_nm=None, output_folder=None, options=None, spectral=None,
                       view=None, unfit=None, view_layer=None, denoise=None, to_compositor=None, picture=None,
-                      room=None, state="", focus=None, f_number=None, focused_wide_open=None, lens_quality=None,
-                      depth=None, iris=None):
+                      room=None, state="", source="", focus=None, f_number=None, focused_wide_open=None,
+                      lens_quality=None, depth=None, iris=None):
     """The Job for the scene's current frame that its settings ask for, but for what is given.
 
     Raises
@@ -104,7 +107,7 @@ def job_from_settings(scene, *, lens=None, wavelengths_nm=None, output_folder=No
         settings.view_layer if view_layer is None else view_layer,
         settings.denoises(spectral) if denoise is None else denoise, spectral.tier != "reference",
         settings.to_compositor if to_compositor is None else to_compositor, warning, picture, room or 0.0,
-        picture_settings(scene), state, words, settings.depth.lower() if depth is None else depth, iris)
+        picture_settings(scene), state, source or "", words, settings.depth.lower() if depth is None else depth, iris)
 
 
 def folder_for(scene, output_folder=None):

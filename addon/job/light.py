@@ -46,11 +46,15 @@ class GatheredLight:
             side.start >= 0 and side.stop <= n for side, n in zip(part, self.alpha.shape, strict=True)
         ) and bool(np.all(self.alpha[part] == 1))
 
-    def add(self, index, path):
+    @property
+    def planes(self):
+        """Names of the planes that a pass of it has to have: list of str; the first is its alpha."""
+        return [f"{self._light_passes[0]}.A", self._depth_pass,
+                *(f"{name}.{channel}" for name in self._light_passes for channel in CHANNELS)]
+
+    def add(self, index, planes):
         """Add a pass's light of each lamp in red, green and blue; and keep its depth and alpha."""
-        light = [f"{name}.{channel}" for name in self._light_passes for channel in CHANNELS]
-        combined, alpha = light[:len(CHANNELS)], f"{self._light_passes[0]}.A"
-        planes = read_pass(path, {self._depth_pass, alpha, *light})
+        alpha, _, *combined = self.planes[:2 + len(CHANNELS)]
         shape_px = tuple(part.stop - part.start for part in self.slab.region)
         if planes[alpha].shape != shape_px:
             raise SceneError("Cycles", "render pass", f"of {planes[alpha].shape} px", f"expected {shape_px}")
@@ -89,8 +93,7 @@ def read_pass(path, needed):
     if not path.is_file():
         raise SceneError("Cycles", "render pass", "not written", "see Blender's messages above")
     planes = {name: plane for _, channels in read_parts(path) for name, plane in channels.items()}
-    path.unlink()
-    if not needed <= planes.keys():
+    if not planes.keys() >= set(needed):
         raise SceneError("Cycles", "render pass", "not whole", f"is there room left where {path.parent} is?")
     return planes
 

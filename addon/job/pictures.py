@@ -8,6 +8,7 @@ from scipy.ndimage import affine_transform
 from ...engine import Kept, SpectralImage, simulate
 from ...engine.field.frame_planes import nearest_samples, relative_illumination
 from ...engine.field.stmap import distort_map, undistort_map
+from ...engine.files import stamp_of
 from ...engine.image.irradiance import irradiance_per_radiance
 from ...engine.image.preview import auto_exposure, to_rec709, write_png
 from ...engine.image.spectral_exr import write_exr, write_plane_exr, write_rgb_exr
@@ -92,14 +93,9 @@ def _write_lens_planes(lens, frame, result):
 def _write_once(path, make, write, lens, frame, nm):
     """Write what is of the lens alone, unless this process has written just that there and nobody has changed it."""
     of = lens.digest, frame, nm
-    if _written.get(path) != (of, _stamp(path)):
+    if _written.get(path) != (of, stamp_of(path)):
         write(make(lens, frame, nm), path)
-        _written[path] = of, _stamp(path)
-
-
-def _stamp(path):
-    status = path.stat() if path.is_file() else None
-    return status and (status.st_mtime_ns, status.st_size)
+        _written[path] = of, stamp_of(path)
 
 
 def alpha_on_film(alpha, irradiance, lens):

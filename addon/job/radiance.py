@@ -1,5 +1,7 @@
 """The capture: scene -> spectral radiance, pass by pass, with the overscan that the lens needs."""
 
+import math
+from contextlib import ExitStack
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +19,7 @@ from ..scene.depth import M_TO_MM
 from ..scene.render_state import clamps_of, go_to_frame, guard_render_state, rendered_layer, show_slab, turn_on_layer
 from ..scene.traced_camera import trace_lens
 from ..scene.undo import Journal
+from .kept_passes import KeptPasses, alone_with_passes
 from .layering import layered_radiance
 from .light import GatheredLight
 from .remarks import scene_remarks, unlayered_remarks
@@ -84,7 +87,7 @@ def capture(scene, job, result, share):
     Where the lens is traced it is the film's irradiance, on the frame's pixels.
     """
     grid = job_grid(scene, job)
-    with temporary_folder() as folder, Journal() as journal:
+    with temporary_folder() as folder, Journal() as journal, ExitStack() as alone:
         go_to_frame(scene, job.frame, journal)
         turn_on_layer(scene, job.view_layer, journal)
         check_camera(scene)
@@ -95,6 +98,8 @@ def capture(scene, job, result, share):
         plan.check()
         for path in result.files:
             check_target(path)
+        yield from alone_with_passes(scene, job, alone)
+        passes = KeptPasses(scene, job, 4 * job.wavelengths_nm.size * math.prod(grid.shape_px))
         names = groups.part(rendered_layer(scene), journal)
         region = render_region(scene)
         rendered = region or tuple(slice(0, n) for n in grid.shape_px)
@@ -104,7 +109,8 @@ def capture(scene, job, result, share):
         cut = None
         if job.depth == AUTO:
             substitution.set_wavelengths(plan.bands[0], plan.dispersive)
-            cut = yield from cut_steps(scene, job, grid, rendered, folder / "look.exr", 0.0, LOOK_SHARE * share)
+            cut = yield from cut_steps(scene, job, grid, rendered, passes, folder / "look.exr", 0.0,
+                                       LOOK_SHARE * share)
         capture_px, slabs = (cut.capture, cut.slabs) if cut else (grid, (whole_slab(scene, rendered),))
         guard_render_state(scene, job, capture_px, folder / "pass.exr", journal)
         lights = [GatheredLight(plan, rendered_layer(scene).name, names, slab) for slab in slabs]
@@ -120,10 +126,10 @@ def capture(scene, job, result, share):
                 if not light.is_spare(lights):
                     show_slab(scene, light.slab, capture_px, journal)
                     of_slabs = f", {number} of {len(lights)} in depth" if cut else ""
-                    yield RenderPass(scene, f"Pass {index + 1} of {len(plan.bands)}{of_slabs}: {_span(band)} nm", done,
-                                     step)
-                    yield Work(lambda tell, index=index, light=light: light.add(index, folder / "pass.exr"),
-                               "Gathering light", done + step)
+                    label = f"Pass {index + 1} of {len(plan.bands)}{of_slabs}: {_span(band)} nm"
+                    light.add(index, (yield from passes.planes(RenderPass(scene, label, done, step),
+                                                               folder / "pass.exr", light.planes, *band,
+                                                               *light.slab.facts)))
                 done += step
             if job.picture:
                 yield Work(lambda tell, index=index: _show(index, plan, lights, capture_px, job.picture),
@@ -139,7 +145,8 @@ def capture(scene, job, result, share):
         cube, alpha = (_placed(planes, rendered, grid) for planes in (lights[0].radiance(), lights[0].alpha))
         radiance = SpectralImage(cube, job.wavelengths_nm, grid, focal_mm=job.lens.capture_focal_length_mm,
                                  exposure=exposure)
-    result.report.scene = _facts(plan, lights, job, grid, depth_mm, region, remarks + unlayered, cut)
+    result.report.scene = _facts(plan, lights, job, grid, depth_mm, region,
+                                 [*remarks, *unlayered, *passes.remarks], cut)
     return Captured(radiance, np.where(np.isfinite(depth_mm), depth_mm / M_TO_MM, BACKGROUND_M).astype(np.float32),
                     alpha if film else None, region and _mask(region, rendered, grid), layers, unlayered)
 

@@ -5,6 +5,7 @@ import json
 from dataclasses import asdict
 
 from ...engine.files import atomic_path
+from ...engine.image.whole import has_header
 from ...engine.values import plain
 
 OF_NO_ACCOUNT = ("name", "device", "preview", "use_preview", "debug", "denoising_use_gpu", "use_auto_tile",
@@ -13,7 +14,8 @@ OF_NO_ACCOUNT = ("name", "device", "preview", "use_preview", "debug", "denoising
 OF_ACCOUNT = ("resolution_", "pixel_aspect_", "film_transparent", "use_border", "border_", "use_motion_blur",
               "motion_blur_", "use_simplify", "simplify_")
 """How those of the scene's other render settings begin that do."""
-NOT_ASKED = ("output_folder", "frame", "to_compositor", "lens_warning", "ring_words", "picture", "state", "others")
+NOT_ASKED = ("output_folder", "frame", "to_compositor", "lens_warning", "ring_words", "picture", "state", "source",
+             "others")
 """What a job says that is not of the picture itself."""
 
 
@@ -37,7 +39,8 @@ def read_record(job, result):
     except (OSError, ValueError):
         return None
     same = (isinstance(facts, dict) and facts.get("job") == asked_of(job) and isinstance(facts.get("state"), str)
-            and facts.get("sizes") == _sizes(result.pictures))
+            and facts.get("sizes") == _sizes(result.pictures)
+            and all(has_header(path) for path in result.pictures if path.is_file()))
     return facts if same else None
 
 

@@ -14,12 +14,14 @@ from ...engine import Kept, Report, simulate
 from ...engine.errors import InputError
 from ...engine.image.spectral_exr import write_exr
 from ...engine.image.spectral_image import IRRADIANCE
+from ...engine.locks import only_maker
 from ..scene.compositor import fingerprint_anew, lay_into_compositor
 from ..scene.errors import SceneError
 from ..scene.render_state import go_to_frame
 from ..scene.undo import Journal
 from ..scene.watch import samples_watched
 from .job import check_output_folder, job_from_settings
+from .kept_passes import forget_passes
 from .pictures import write_film_pictures, write_pictures, write_radiance
 from .radiance import capture
 from .record import write_record
@@ -126,7 +128,7 @@ class Result:
 def render_through_lens(scene, lens=None, wavelengths_nm=None, output_folder=None, *, options=None, spectral=None,
                         view=None, unfit=None, frame=None, view_layer=None, denoise=None, to_compositor=False,
                         picture=None, room=None, state=None, focus=None, f_number=None, focused_wide_open=None,
-                        lens_quality=None, depth=None, iris=None, progress=None):
+                        lens_quality=None, depth=None, iris=None, source=None, progress=None):
     """Render a scene multispectrally and put it through a lens: the whole main job in one call.
 
     What is left out is as the scene's own Lensfield settings say. What depends on the lens and the pixel grid alone is
@@ -178,6 +180,10 @@ def render_through_lens(scene, lens=None, wavelengths_nm=None, output_folder=Non
     iris : Iris, optional
         The blades that stop the lens down; by default those of the camera's Aperture and the settings' roundness, where
         its depth of field is on. They count below the widest f-stop, for what is out of focus.
+    source : str, optional
+        What tells the files apart that the scene is of (`source_digest`), where nothing has been changed since they
+        were opened. Then finished passes are kept beside the output until the frame is there, and a render that was
+        stopped goes on from them.
     progress : callable (fraction, label), optional
 
     Returns
@@ -186,6 +192,8 @@ def render_through_lens(scene, lens=None, wavelengths_nm=None, output_folder=Non
 
     Raises
     ------
+    Busy
+        Another process renders this frame into this folder.
     LensError, SceneError, InputError
         The scene is then exactly as it was.
     """
@@ -194,8 +202,9 @@ def render_through_lens(scene, lens=None, wavelengths_nm=None, output_folder=Non
                        view=view, unfit=unfit, view_layer=view_layer, denoise=denoise, to_compositor=to_compositor,
                        picture=picture, room=room, state=state or fingerprint_anew(scene), focus=focus,
                        f_number=f_number, focused_wide_open=focused_wide_open, lens_quality=lens_quality,
-                       depth=depth, iris=iris)
-    return run(render_steps(scene, job), progress)
+                       depth=depth, iris=iris, source=source)
+    with only_maker(Result.of(scene, job.output_folder, job.frame).record):
+        return run(render_steps(scene, job), progress)
 
 
 def job_of_frame(scene, frame, *, output_folder=None, **asked):
@@ -259,6 +268,8 @@ def render_steps(scene, job, one=None):
                    "Writing radiance", RENDER_SHARE)
         yield from lens_steps(captured, job.lens, job.options, job.iris, result, RENDER_SHARE + 0.02)
     write_record(job, result)
+    if one is None:
+        forget_passes(scene, job.output_folder, job.frame)
     if job.to_compositor:
         lay_into_compositor(scene, result.lens_image, fingerprint=job.state)
     return result

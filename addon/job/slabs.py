@@ -14,8 +14,8 @@ from ..scene.bodies import whole_depths_mm
 from ..scene.depth import M_TO_MM
 from ..scene.render_state import guard_render_state, rendered_layer
 from ..scene.undo import Journal
-from .light import depth_pass, read_pass
-from .steps import RenderPass, Work
+from .light import depth_pass
+from .steps import RenderPass
 
 PREVIEW_SLABS = 4
 OVERLAP_PX = 0.5  # of blur, by which slabs overlap in a body that they cut
@@ -47,6 +47,11 @@ class Slab:
     transparent: bool
     narrows: bool
 
+    @property
+    def facts(self):
+        """What tells it from others, as JSON can hold it."""
+        return [self.near_m, self.far_m, [(side.start, side.stop) for side in self.region], self.transparent]
+
     def within(self, part):
         """The slab, of this part of its region alone."""
         return replace(self, region=tuple(slice(whole.start + kept.start, whole.start + kept.stop)
@@ -71,7 +76,7 @@ class Cut:
     slabs: tuple[Slab, ...]
 
 
-def cut_steps(scene, job, grid, region, path, done, share):
+def cut_steps(scene, job, grid, region, passes, path, done, share):
     """Steps that look at the scene's depth; returns the Cut by it, or None where the lens's data hold for all of it.
 
     Parameters
@@ -81,6 +86,7 @@ def cut_steps(scene, job, grid, region, path, done, share):
         Of the capture, as it is without slabs.
     region : (slice, slice)
         What of that is rendered.
+    passes : KeptPasses
     path : Path
         A file to render to.
     done, share : float
@@ -95,9 +101,9 @@ def cut_steps(scene, job, grid, region, path, done, share):
             journal.set(scene.cycles, name, value)
         layer = rendered_layer(scene)
         journal.set(layer, "samples", 0)  # none of its own
-        yield RenderPass(scene, "Looking at depth", done, share)
         name, colours = depth_pass(layer.name), [f"{layer.name}.Combined.{channel}" for channel in "RGB"]
-    planes = yield Work(lambda tell: read_pass(path, {name, *colours}), "Looking at depth", done + share)
+        planes = yield from passes.planes(RenderPass(scene, "Looking at depth", done, share), path, {name, *colours},
+                                          "look")
     plan, *whole_mm = plan_by(planar_depth_mm(planes[name] * M_TO_MM, job.lens, look), scene, job, grid,
                               np.mean([planes[colour] for colour in colours], axis=0))
     return _cut(scene, job.lens, plan, grid, region, *whole_mm) if plan.needed else None

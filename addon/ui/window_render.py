@@ -16,9 +16,11 @@ from ...commands.messages import duration, time_left
 from ...engine.errors import InputError
 from ..job.child import Child, apply_command, render_command, save_copy, work_folder
 from ..job.job import check_output_folder, job_from_settings
+from ..job.kept_passes import passes_left
 from ..job.refilter import kept_radiance
 from ..job.scene_plan import check_job
 from ..job.session import lost_images
+from ..job.source import window_digest
 from ..scene.compositor import (
     fingerprint_now,
     follow_frames,
@@ -42,6 +44,7 @@ class WindowRender:
     scene_uid: int  # which no other scene has until Blender ends
     to_compositor: bool
     remarks: list
+    output_folder: Path | None = None  # where passes of it are kept
     animation: bool = False
     fingerprint: str | None = None  # of the scene as it is rendered
     laid: list = field(default_factory=list)  # into the compositor: lens images
@@ -93,14 +96,16 @@ def start(scene, *frames, lens_quality=None):
         What the settings ask for cannot be.
     """
     check_output_folder(scene)
-    check_job(scene, job_from_settings(scene, lens_quality=lens_quality))
+    job = job_from_settings(scene, lens_quality=lens_quality)
+    check_job(scene, job)
     bpy.context.view_layer.update()  # what has just been changed is known to be
     forget_fingerprints()
     remarks = [f"image {name!r} has unsaved pixels, which are not in the picture: save or pack it"
                for name in lost_images()]
-    state_now = fingerprint_now(scene)
+    state_now, source = fingerprint_now(scene), window_digest(scene)
     _follow(scene, lambda folder: render_command(save_copy(folder), Path(folder) / PICTURE, "--scene-state", state_now,
-                                                 *frames), remarks, state_now, bool(frames))
+                                                 "--scene-source", source, *frames),
+            remarks, state_now, job.output_folder, bool(frames))
     return remarks
 
 
@@ -116,7 +121,7 @@ def start_again(scene):
     _follow(scene, lambda folder: apply_command(radiance, scene), [], laid_fingerprint(scene))
 
 
-def _follow(scene, command_in, remarks, fingerprint, animation=False):
+def _follow(scene, command_in, remarks, fingerprint, output_folder=None, animation=False):
     """Start a command, which may need a folder for a time, and follow it."""
     folder = work_folder()
     try:
@@ -125,7 +130,7 @@ def _follow(scene, command_in, remarks, fingerprint, animation=False):
         folder.cleanup()
         raise
     state["render"] = WindowRender(child, folder, scene.name, scene.session_uid, scene.lensfield.to_compositor, remarks,
-                                   animation, fingerprint)
+                                   output_folder, animation, fingerprint)
     forget_last()
     bpy.app.timers.register(tick, first_interval=TICK_S, persistent=True)  # it outlives the file
 
@@ -143,7 +148,7 @@ def tick():
 
 
 def cancel():
-    """End the render under way, and leave nothing of it but the frames that are done."""
+    """End the render under way, and leave nothing of it but the frames and passes that are done."""
     render = state["render"]
     end()
     _notify("CANCEL", ["Cancelled", *_left(render)])
@@ -186,10 +191,12 @@ def _finish(render):
 
 
 def _left(render):
-    """What is left of an animation that did not come to its end: list of lines."""
+    """What is left of a render that did not come to its end: list of lines."""
+    scene = _scene(render)
+    passes = passes_left(scene, render.output_folder) if scene and render.output_folder else []
     count = len(render.child.lens_images) if render.animation else 0
     frames = "1 frame is" if count == 1 else f"{count} frames are"
-    return [f"{frames} there; the next animation goes on from there"] if count else []
+    return [f"{frames} there; the next animation goes on from there"] * bool(count) + passes
 
 
 def _scene(render):

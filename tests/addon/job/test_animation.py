@@ -95,9 +95,15 @@ def shorten(path):
     os.truncate(path, path.stat().st_size - 2)
 
 
+def fill_with_zeros(path):
+    """As a disk does that has lost its power."""
+    path.write_bytes(bytes(path.stat().st_size))
+
+
 @pytest.mark.parametrize("damage", [
     *(lambda folder, name=name: (folder / f"Scene_0002_{name}").unlink() for name in NAMES),
     *(lambda folder, name=name: shorten(folder / f"Scene_0002_{name}") for name in NAMES),
+    *(lambda folder, name=name: fill_with_zeros(folder / f"Scene_0002_{name}") for name in NAMES),
     *(lambda folder, text=text: (folder / "Scene_0002_report.json").write_text(text)
       for text in ("[]", "{}", "null", '{"job": 1, "sizes": {}}', "\x00")),
     lambda folder: (folder / "Scene_0002_report.json").write_bytes(b"\xff\xfe")])
@@ -287,10 +293,15 @@ def test_the_command_resumes_after_it_was_stopped(moving_scene, tmp_path):
         assert time.monotonic() < deadline and process.poll() is None
         time.sleep(0.02)
     process.send_signal(signal.SIGINT)
-    assert process.wait(timeout=20) == 130
-    process.stderr.close()
+    _, told = process.communicate(timeout=20)
+    assert process.returncode == 130
+    kept = {path.parents[1] for path in folder.glob(".lensfield/*/*/*.exr")}
+    assert told.endswith("".join(["lensfield: cancelled", *(f"; finished passes are kept in {path}" for path in kept)])
+                         + "\n")
     there = {name[:10] for name in files(folder) if name.endswith("report.json")}
-    assert {"Scene_0002", "Scene_0003"} <= there and not [name for name in files(folder) if name.startswith(".")]
+    assert {"Scene_0002", "Scene_0003"} <= there
+    assert {name for name in files(folder) if name.startswith(".")} <= {".lensfield"}  # passes of the next
+    assert not list(folder.glob(".lensfield/*.lock"))
     stamps = {path: path.stat().st_mtime_ns for path in folder.glob("Scene_000[23]_*")}
     last = len(there) + 2  # that is not there yet
     done = lensfield(blend, "--frames", f"2-{last}", "--report", tmp_path / "report.json")

@@ -12,6 +12,7 @@ import pytest
 
 from layouts import Layout
 from lensfield import addon
+from lensfield.addon.job.source import source_digest
 from lensfield.addon.scene.compositor import lens_image
 from lensfield.addon.ui import window_render
 from lensfield.addon.ui.panels import draw_settings
@@ -122,6 +123,19 @@ def test_cancelling_takes_less_than_a_second_and_leaves_nothing(endless_scene, t
     assert render.child.ended and window_render.tick() is None
     assert not Path(render.folder.name).exists()
     assert not list((tmp_path / "lensfield").iterdir())
+
+
+def test_passes_of_a_file_that_is_saved_are_kept_and_told(endless_scene, tmp_path, monkeypatch):
+    """A window knows whether it is; in the background Blender does not."""
+    endless_scene.cycles.samples, endless_scene.lensfield.tier = 1 << 10, "REFERENCE"
+    bpy.ops.wm.save_mainfile()
+    monkeypatch.setattr(window_render, "window_digest", source_digest)
+    start()
+    follow(lambda render: list(tmp_path.glob("lensfield/.lensfield/*/*/*.exr")))
+    assert bpy.ops.lensfield.cancel() == {"FINISHED"}
+    kept = tmp_path / "lensfield" / ".lensfield" / "Scene_0001_passes"
+    assert notice().startswith("Cancelled\n") and f"kept in {kept}: a render goes on from there" in notice()
+    assert not list(kept.parent.glob("*.lock"))
 
 
 def test_cancelling_at_once_is_as_quick(endless_scene):

@@ -1,0 +1,246 @@
+"""Passes that are kept: a render that was stopped goes on where it was, to the same bytes; processes share frames."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import bpy
+import kill
+import pytest
+
+from lensfield import addon
+from lensfield.addon.job import kept_passes, source
+from lensfield.addon.job.render import Result, job_of_frame, render_steps, run
+from lensfield.addon.job.steps import RenderPass
+from lensfield.engine.locks import Busy
+from small_scenes import light, material, set_world, wall
+
+ASKED = {"wavelengths_nm": [450.0, 550.0, 600.0, 650.0], "lens_quality": "preview", "lens": "tessar-50mm"}
+
+
+@pytest.fixture
+def deep(scene, tmp_path):
+    """Two slabs of depth, and two lamps of colours of their own, saved."""
+    set_world(scene, (0.2, 0.4, 0.9), 0.5)
+    light(scene, "POINT", 20.0, color=(1, 0.5, 0.2)).location.x = 0.5
+    wall(scene, material("Far", "ShaderNodeBsdfDiffuse", (0.7, 0.3, 0.05))[0], 4.0)
+    wall(scene, material("Near", "ShaderNodeBsdfDiffuse", (0.1, 0.3, 0.5))[0], 0.5, 0.1)
+    scene.cycles.samples = 4
+    scene.render.image_settings.file_format = "OPEN_EXR"  # a scene from the factory has no colour space until then
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    return scene
+
+
+def job_in(scene, folder, **asked):
+    return job_of_frame(scene, 1, output_folder=folder, **ASKED | {"source": addon.source_digest(scene)} | asked)
+
+
+def whole(scene, folder, **asked):
+    """Render in one go; how many renders by Cycles that took."""
+    return stopped(scene, folder, None, **asked)[1]
+
+
+def stopped(scene, folder, steps, **asked):
+    """Render, and close that before the step of this number: whether it came to its end, and the renders by Cycles."""
+    at_work, answer, count, renders = render_steps(scene, job_in(scene, folder, **asked)), None, 0, 0
+    try:
+        while count != steps:
+            step = at_work.send(answer)
+            count, answer = count + 1, None
+            if isinstance(step, RenderPass):
+                bpy.ops.render.render(write_still=True, scene=step.scene.name)
+                renders += 1
+            else:
+                answer = step.call(lambda done: None)
+    except StopIteration:
+        return True, renders
+    at_work.close()
+    return False, renders
+
+
+def passes(folder):
+    return sorted(folder.glob(".lensfield/*_passes/*/*.exr"))
+
+
+def test_stopped_at_any_step_it_goes_on_to_the_same_bytes(deep, tmp_path):
+    """And renders what is missing, no more."""
+    renders, steps, ended = whole(deep, tmp_path / "whole"), 0, False
+    assert renders > 4  # the look, and slabs
+    while not ended:
+        folder, steps = tmp_path / str(steps), steps + 3
+        ended, first = stopped(deep, folder, steps)
+        if not ended:
+            there = len(passes(folder))
+            assert there >= first - 1 and whole(deep, folder) == renders - there
+        assert not kill.differing(tmp_path / "whole", folder)
+    assert steps > renders
+
+
+def touch(path):
+    os.utime(path, ns=(1, 1))
+
+
+@pytest.mark.parametrize("change", [
+    lambda scene: setattr(scene.cycles, "samples", 5),
+    lambda scene: setattr(scene.lensfield, "view", "CAMERA"),
+    lambda scene: setattr(scene.lensfield, "tier", "REFERENCE"),
+    lambda scene: setattr(scene.camera.data, "clip_start", 0.01),
+    lambda scene: bpy.data.objects["Wall"].vertex_groups.new(name="Some").add([0], 0.5, "REPLACE")])
+def test_passes_of_anything_else_are_not_taken(deep, tmp_path, change):
+    _, first = stopped(deep, tmp_path / "one", 6)
+    there = set(passes(tmp_path / "one"))
+    assert first == len(there) == 3
+    change(deep)
+    bpy.ops.wm.save_mainfile()
+    assert stopped(deep, tmp_path / "one", 6)[1] == 3
+    assert len(passes(tmp_path / "one")) == 3 and not there & set(passes(tmp_path / "one"))
+
+
+@pytest.mark.parametrize("damage", [lambda path: os.truncate(path, path.stat().st_size // 2),
+                                    lambda path: path.write_bytes(b""), Path.unlink])
+def test_a_damaged_pass_is_rendered_again(deep, tmp_path, damage):
+    renders = whole(deep, tmp_path / "whole")
+    stopped(deep, tmp_path / "one", 6)
+    damage(passes(tmp_path / "one")[1])
+    assert whole(deep, tmp_path / "one") == renders - 2
+    assert not kill.differing(tmp_path / "whole", tmp_path / "one")
+
+
+def test_nothing_is_kept_where_nobody_vouches_for_the_files_or_the_disk_has_no_room(deep, tmp_path, monkeypatch):
+    stopped(deep, tmp_path / "one", 6, source="")
+    assert not passes(tmp_path / "one")
+    usage = kept_passes.shutil.disk_usage(tmp_path)
+    monkeypatch.setattr(kept_passes.shutil, "disk_usage", lambda _: usage._replace(free=50000))
+    stopped(deep, tmp_path / "one", 6)
+    assert not passes(tmp_path / "one")
+
+
+def test_what_was_kept_is_told(deep, tmp_path):
+    stopped(deep, tmp_path / "one", 6)
+    folder, = {path.parents[1] for path in passes(tmp_path / "one")}
+    assert kept_passes.passes_left(deep, tmp_path / "one") == [
+        f"3 finished passes are kept in {folder}: a render goes on from there"]
+    result = run(render_steps(deep, job_in(deep, tmp_path / "one")))
+    assert [line for line in result.told if "passes were there from before" in line]
+    assert not kept_passes.passes_left(deep, tmp_path / "one") and not (tmp_path / "one" / ".lensfield").exists()
+
+
+def test_one_capture_of_a_rack_is_kept_until_its_last_frame_is_there(deep, tmp_path, monkeypatch):
+    dof = deep.camera.data.dof
+    dof.use_dof, dof.aperture_fstop = True, 3.0
+    for frame, focus_m in ((1, 0.6), (2, 1.0), (3, 4.0)):
+        dof.focus_distance = focus_m
+        dof.keyframe_insert("focus_distance", frame=frame)
+    bpy.ops.wm.save_mainfile()
+    asked = ASKED | {"source": addon.source_digest(deep)}
+    addon.render_animation(deep, [1, 2, 3], output_folder=tmp_path / "whole", **asked)
+    assert not (tmp_path / "whole" / ".lensfield").exists()
+    animation = addon.Animation(deep, [1, 2, 3], output_folder=tmp_path / "one", **asked)
+    assert "one capture" in animation.plan
+    animation.render(1)
+    assert passes(tmp_path / "one")
+    monkeypatch.setattr("lensfield.addon.job.render._render", lambda scene: 1 / 0)  # all of it is there
+    addon.render_animation(deep, [1, 2, 3], output_folder=tmp_path / "one", **asked)
+    assert not kill.differing(tmp_path / "whole", tmp_path / "one")
+    assert not (tmp_path / "one" / ".lensfield").exists()
+
+
+def test_files_that_a_scene_depends_on_are_told_apart(deep, tmp_path):
+    image = bpy.data.images.new("Painted", 4, 4)
+    image.filepath_raw, image.file_format = str(tmp_path / "paint.0001.png"), "PNG"
+    image.save()
+    shutil.copy(tmp_path / "paint.0001.png", tmp_path / "paint.0002.png")  # of a sequence, or a tile
+    paint = bpy.data.materials["Far"]
+    paint.node_tree.nodes.new("ShaderNodeTexImage").image = bpy.data.images.load(str(tmp_path / "paint.0001.png"))
+    lamp = paint.node_tree.nodes.new("ShaderNodeTexIES")
+    lamp.mode, lamp.filepath = "EXTERNAL", "//lamp.ies"
+    paint.lensfield.reflectance = "//paint.spd"
+    for name in ("lamp.ies", "paint.spd", "other.png", "blendcache_scene/1.bphys", "paint.txt"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("400 0.5\n700 0.5\n")
+    bpy.ops.wm.save_mainfile()
+    found = {source.source_digest(deep)}
+    for name in ("paint.0001.png", "paint.0002.png", "lamp.ies", "paint.spd", "blendcache_scene/1.bphys"):
+        touch(tmp_path / name)
+        found.add(source.source_digest(deep))
+    assert len(found) == 6
+    for name in ("other.png", "paint.txt", "scene.blend"):
+        touch(tmp_path / name)
+        assert source.source_digest(deep) in found
+    (tmp_path / "scene.blend").unlink()
+    assert source.source_digest(deep) == ""
+
+
+def test_what_a_render_makes_is_nothing_that_its_scene_depends_on(deep, tmp_path):
+    before = source.source_digest(deep)
+    result = addon.render_through_lens(deep, output_folder=tmp_path, to_compositor=True, **ASKED)
+    bpy.ops.wm.save_mainfile()
+    laid = source.source_digest(deep)
+    touch(result.lens_image)
+    assert source.source_digest(deep) == laid != before
+
+
+def test_a_frame_that_another_process_renders_is_left_to_it(deep, tmp_path):
+    result = Result.of(deep, tmp_path, 1)
+    with another(result.record):
+        with pytest.raises(Busy, match="Scene_0001_report.json: file is being made by another process: wait"):
+            addon.render_through_lens(deep, output_folder=tmp_path, frame=1, **ASKED)
+        animation = addon.render_animation(deep, [1, 2], output_folder=tmp_path, **ASKED)
+        assert list(animation.results) == [2] and animation.elsewhere == [1]
+        assert "left to other processes: 1 of the frames, from 1 on" in animation.summary
+    assert list(addon.render_animation(deep, [1, 2], output_folder=tmp_path, **ASKED).results) == [1]
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_a_frame_that_another_process_has_made_meanwhile_is_there(deep, tmp_path, overwrite):
+    asked = ASKED | {"output_folder": tmp_path}
+    addon.render_animation(deep, [1, 2], **asked)
+    Result.of(deep, tmp_path, 1).record.write_text("{}")
+    animation = addon.Animation(deep, [1, 2], overwrite=overwrite, **asked)
+    addon.render_animation(deep, [1, 2], overwrite=True, **asked)
+    assert [animation.render(frame) for frame in animation.turns] == [None] * (1 + overwrite)
+    assert list(animation.earlier) == [1, 2] or list(animation.earlier) == [2, 1]
+
+
+def test_a_frame_that_was_left_and_is_not_made_is_made_at_the_end(deep, tmp_path):
+    animation, made = addon.Animation(deep, [1, 2], output_folder=tmp_path, **ASKED), []
+    holder = another(Result.of(deep, tmp_path, 1).record)
+    holder.__enter__()
+    for frame in animation.turns:
+        animation.render(frame)
+        made.append(frame)
+        if frame == 2:
+            holder.__exit__(None, None, None)
+    assert made == [1, 2, 1] and list(animation.results) == [2, 1] and not animation.elsewhere
+
+
+class another:
+    """A process that makes a file; at the end it is killed."""
+
+    def __init__(self, path):
+        code = (f"from lensfield.engine.locks import only_maker\n"
+                f"with only_maker({str(path)!r}):\n    print('held', flush=True)\n    input()")
+        self._process = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                                         text=True)
+
+    def __enter__(self):
+        assert self._process.stdout.readline() == "held\n"
+
+    def __exit__(self, *_):
+        self._process.kill()
+        self._process.communicate()
+
+
+def test_processes_share_the_frames_of_a_folder_and_one_that_is_killed_loses_none(tmp_path):
+    """Each frame is rendered by one of them alone, to the bytes that one process makes."""
+    kill.save_scene(tmp_path / "scene.blend", samples=16)
+    kill.undisturbed(tmp_path / "scene.blend", tmp_path / "whole")
+    first, second = (kill.start(tmp_path / "scene.blend", tmp_path / "shared") for _ in range(2))
+    assert kill.killed(first, True, 1.0) or True  # it may have been through
+    _, errors = second.communicate()
+    assert second.returncode == 0, errors
+    assert not kill.killed(kill.start(tmp_path / "scene.blend", tmp_path / "shared"), False, 600)
+    assert not kill.differing(tmp_path / "whole", tmp_path / "shared")
+    assert not (tmp_path / "shared" / ".lensfield").exists()

@@ -1,0 +1,129 @@
+"""Kills `lensfield render` at random moments, starts it again, and compares what comes of it at the end.
+
+    python tests/reliability/kill.py 50 [SEED]
+
+The scene has two frames, each of three passes of two slabs. A kill comes at any moment between the beginning of the
+first and the end of an undisturbed render; one of eight comes before that.
+"""
+
+import random
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+TESTS = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(TESTS), str(TESTS / "addon")]
+
+FRAMES = "1-2"
+COMMAND = [sys.executable, "-c", "from lensfield.cli import console; console()", "render"]
+EARLY = 1 / 8
+SAMPLES = 256
+
+
+def save_scene(path, samples):
+    """Save the scene that is rendered."""
+    import bpy
+
+    from small_scenes import keyframe_world, light, material, wall
+
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene = bpy.context.scene
+    scene.render.engine = "CYCLES"
+    scene.cycles.samples, scene.cycles.use_denoising = samples, False
+    scene.render.resolution_x, scene.render.resolution_y = 128, 96
+    scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    scene.collection.objects.link(scene.camera)
+    scene.world = bpy.data.worlds.new("World")
+    scene.world.use_nodes = True
+    keyframe_world(scene, 1, 2)
+    light(scene, "POINT", 20.0, color=(1, 0.5, 0.2)).location.x = 0.5
+    wall(scene, material("Far", "ShaderNodeBsdfDiffuse", (0.7, 0.3, 0.05))[0], 4.0)
+    wall(scene, material("Near", "ShaderNodeBsdfDiffuse", (0.1, 0.3, 0.5))[0], 0.5, 0.1)
+    settings = scene.lensfield
+    settings.tier, settings.wavelength_mode, settings.wavelength_count = "REFERENCE", "RANGE", 9
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+
+
+def start(blend, folder, frames=FRAMES):
+    """A process that renders it."""
+    return subprocess.Popen([*COMMAND, str(blend), "--frames", frames, "--output", str(folder), "--progress", "lines",
+                             "--lens-quality", "preview"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def undisturbed(blend, folder):
+    """Render it; seconds until the first frame begins, and from there to the end."""
+    begin, process = time.monotonic(), start(blend, folder)
+    _begun(process)
+    opened = time.monotonic()
+    _, errors = process.communicate()
+    if process.returncode:
+        raise RuntimeError(errors)
+    return opened - begin, time.monotonic() - opened
+
+
+def killed(process, begun, seconds):
+    """Kill a process so many seconds after its start, or its first frame has begun; whether it was still at work."""
+    if begun:
+        _begun(process)
+    try:
+        _, errors = process.communicate(timeout=seconds)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.communicate()
+        return True
+    if process.returncode:
+        raise RuntimeError(errors)
+    return False
+
+
+def _begun(process):
+    while "Frame " not in (process.stdout.readline() or "Frame "):
+        pass
+
+
+def differing(folder, other):
+    """Names of files that are not the same in both folders, and of those in only one; a report has its seconds."""
+    names = {path.name for each in (folder, other) for path in each.iterdir() if not path.name.endswith("report.json")}
+    return sorted(name for name in names if _bytes(folder / name) != _bytes(other / name))
+
+
+def _bytes(path):
+    return path.read_bytes() if path.is_file() else None
+
+
+def main(kills=50, seed=1):
+    """Kill so many times; the exit status."""
+    from lensfield import addon
+
+    addon.register()
+    chance, work = random.Random(seed), Path(tempfile.mkdtemp(prefix="lensfield-kills-"))
+    blend, whole, folder = work / "scene.blend", work / "whole", work / "killed"
+    save_scene(blend, SAMPLES)
+    undisturbed(blend, folder)  # which bakes the lens
+    shutil.rmtree(folder)
+    opening_s, rendering_s = undisturbed(blend, whole)
+    print(f"undisturbed: {opening_s:.1f} s until the first frame begins, {rendering_s:.1f} s to render it", flush=True)
+    done = ended = 0
+    while done < kills or not ended:
+        begun = chance.random() >= EARLY
+        seconds = chance.random() * (rendering_s if begun else opening_s) if done < kills else 600.0
+        if killed(start(blend, folder), begun, seconds):
+            done += 1
+            kept = len(list(folder.glob(".lensfield/*_passes/*/*.exr")))
+            print(f"{done}: after {seconds:.1f} s{' of rendering' * begun}, {kept} passes kept", flush=True)
+            continue
+        ended += 1
+        if found := differing(whole, folder):
+            print(f"other than undisturbed, with seed {seed}: {', '.join(found)}; see {work}")
+            return 1
+        shutil.rmtree(folder)
+    shutil.rmtree(work)
+    print(f"{done} kills, {ended} renders that came to their end: each byte as undisturbed, and nothing else left")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(*map(int, sys.argv[1:])))
