@@ -13,6 +13,7 @@ from .job.session import take_session
 from .job.source import source_digest
 from .scene.compositor_watch import start_watching, stop_watching
 from .scene.lens_cache import forget_lenses
+from .scene.trust import forget_trust
 from .ui import (
     animation,
     another_lens,
@@ -26,6 +27,7 @@ from .ui import (
     properties,
     sheets,
     spectra_panels,
+    trusting,
     window_render,
 )
 from .ui.keys import register_keys, unregister_keys
@@ -35,7 +37,7 @@ __all__ = ["Animation", "apply_lens", "look_beside", "preflight", "register", "r
            "source_digest", "take_session", "unregister"]
 
 _MODULES = (properties, operators, animation, another_lens, preview, compositor_panel, panels, lint_panel,
-            spectra_panels)
+            spectra_panels, trusting)
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(
     [cls for module in _MODULES for cls in module.classes])
 
@@ -72,5 +74,6 @@ def unregister():
     lens_worker.forget_requests()
     sheets.forget_sheets()
     forget_lenses()
+    forget_trust()
     forget_previews()
     properties.forget_items()

@@ -14,6 +14,7 @@ import bpy
 
 from .errors import SceneError
 from .fingerprint import action_curves, comparable, forget_all, scene_fingerprint
+from .trust import is_trusted, lies_beside, trust
 from .working_space import REC709
 
 NAME = "Lensfield"
@@ -53,6 +54,7 @@ def lay_into_compositor(scene, *image_paths, fingerprint=None):
     the group node
     """
     new_frames = [_stem_and_frame(path)[1] for path in image_paths]
+    trust(Path(image_paths[0]).parent)
     tree, made_tree = _own_tree(scene)
     node = _lensfield_node(tree)
     if node is None:
@@ -114,6 +116,8 @@ def refresh(scene):
     if node is None or not _is_whole(node.node_tree) or _owner(node.node_tree) != scene:
         return
     if node.id_data.library or node.node_tree.library:  # not to be changed here
+        return
+    if not _may_look(node.node_tree):
         return
     shown = sorted(int(frame) for frame in _state(node.node_tree)["frames"] if _verdict(node, frame)[0])
     _switch(node.node_tree, shown)
@@ -183,6 +187,8 @@ def _verdict(node, frame):
     if int(frame) < 0:
         return False, "image sequences have no frames below 0", "ERROR"
     path = bpy.path.abspath(_image_path(node.node_tree, int(frame)))
+    if not _may_look(node.node_tree):
+        return False, f"{os.path.dirname(path)} is not trusted", "ERROR"
     if not os.path.isfile(path):
         return False, f"{os.path.basename(path)} is not there", "ERROR"
     rendered = state["frames"][frame]
@@ -190,6 +196,19 @@ def _verdict(node, frame):
     if ours and comparable(rendered) and rendered != fingerprint_now(scene):
         return shows == "ALWAYS", "the scene has changed since", "ERROR"
     return True, "", "CHECKMARK"
+
+
+def picture_folder(scene):
+    """The folder of the files that the scene's Lensfield node shows; "" where there is none."""
+    node = _node(scene)
+    whole = node and _is_whole(node.node_tree)
+    return os.path.dirname(bpy.path.abspath(_image_path(node.node_tree, 1))) if whole else ""
+
+
+def _may_look(group):
+    """Whether the files of a group may be looked for: beside the .blend is no other place than its own."""
+    path = bpy.path.abspath(_image_path(group, 1))
+    return lies_beside(path) or is_trusted(path)
 
 
 def lens_image(scene):

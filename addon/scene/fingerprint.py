@@ -19,6 +19,7 @@ LEFT_OUT_STARTS = ("show_", "select", "active", "display_", "bl_", "preview_", "
                    "open_")
 LEFT_OUT_OF = {  # by type: what is the editor's, or is told elsewhere
     "Node": {"location", "width", "height", "label", "color", "use_custom_color", "parent", "warning_propagation"},
+    "Image": {"file_format", "resolution"},  # to ask for these opens its file
     "NodeSocket": {"enabled", "links", "hide_value", "link_limit", "description", "pin_gizmo"},  # it is as the node is
     "Object": {"display", "lineart", "animation_visualization", "motion_path", "empty_display_type",
                "empty_display_size", "empty_image_depth", "empty_image_side"},

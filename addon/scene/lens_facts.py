@@ -9,7 +9,7 @@ from ...engine.bake.rings import AT_REST, Rings, resized_rings, ring_ends, turne
 from ...engine.bake.system import system_of
 from ...engine.lens.readers.assembly import four_by_three
 from ...engine.library import has_rings, prescription_of
-from .lens_cache import changed_ns, load_lens
+from .lens_cache import file_stamp, load_lens
 
 MOST_FACTS = 64
 
@@ -58,7 +58,7 @@ def lens_facts(name_or_path: str | os.PathLike, rings: Rings = AT_REST, focal_mm
     LensError
         No such lens, or one that has no image of what is there.
     """
-    return _facts(str(name_or_path), changed_ns(name_or_path), rings, focal_mm)
+    return _facts(str(name_or_path), file_stamp(name_or_path), rings, focal_mm)
 
 
 @lru_cache(maxsize=MOST_FACTS)

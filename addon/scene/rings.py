@@ -11,7 +11,7 @@ from ...engine.depth.pencils import Iris
 from ...engine.library import cannot_be, has_rings, iris_shows, prescription_of
 from .camera import lens_for_view
 from .depth import M_TO_MM
-from .lens_cache import changed_ns, load_lens
+from .lens_cache import file_stamp, load_lens
 
 CAMERA = "camera"
 FEWEST_BLADES = 3
@@ -65,7 +65,7 @@ def scene_iris(scene, lens, iris=None, **asked) -> Iris | None:
     iris = _camera_iris(scene) if iris is None else iris
     if not iris or not iris.blades:
         return None
-    return iris if _iris_shows(str(lens), changed_ns(lens), scene_rings(scene, **asked)) else None
+    return iris if _iris_shows(str(lens), file_stamp(lens), scene_rings(scene, **asked)) else None
 
 
 @lru_cache(maxsize=MOST_ANSWERS)

@@ -1,11 +1,15 @@
 """What the user assigned to materials, lights and worlds: spectra and refractive indices by name, file or pairs."""
 
+import os
+from functools import cache
+
 import bpy
 
 from ...engine.errors import InputError
-from ...engine.spectral.refraction import load_refraction
-from ...engine.spectral.spectra import BAND_NM, load_spectrum
+from ...engine.spectral.refraction import load_refraction, refraction_names
+from ...engine.spectral.spectra import BAND_NM, load_spectrum, names_own_file
 from ..scene.errors import SceneError
+from ..scene.trust import check_trusted
 
 LOADERS = {"reflectance": load_spectrum, "emission": load_spectrum, "refraction": load_refraction}
 WORDS = {"reflectance": "reflectance spectrum", "emission": "emission spectrum", "refraction": "refraction"}
@@ -56,9 +60,10 @@ class AssignedSpectra:
     def _load(self, data_block, field, text):
         """What a text names, and None; or None, and the InputError that tells why not."""
         try:
+            if path := spectrum_path(data_block, field):
+                check_trusted(path, text, WORDS[field])
             # Blender writes paths beside the .blend as //name.
-            loaded = LOADERS[field](bpy.path.abspath(text, library=data_block.library),
-                                    bpy.path.abspath("//", library=data_block.library))
+            loaded = LOADERS[field](bpy.path.abspath(text, library=data_block.library), _folder(data_block))
             if field == "emission":
                 loaded.density_at(BAND_NM)
             if field == "refraction":
@@ -72,6 +77,30 @@ class AssignedSpectra:
             refraction.reflectance_at(self._wavelengths_nm)
         elif self._dispersion and refraction.dispersive:
             refraction.n_at(self._wavelengths_nm)
+
+
+def named_spectra():
+    """Paths of the files that data-blocks name; no path is looked at."""
+    return [path for block in (*bpy.data.materials, *bpy.data.lights, *bpy.data.worlds) for field in fields_of(block)
+            if (path := spectrum_path(block, field))]
+
+
+def spectrum_path(data_block, field):
+    """The path of the file that a field of a data-block names; "" for a name of the library, pairs, or nothing."""
+    text = getattr(data_block.lensfield, field).strip()
+    if not text or not (text not in _refractions() if field == "refraction" else names_own_file(text)):
+        return ""
+    return os.path.join(_folder(data_block), bpy.path.abspath(text, library=data_block.library))
+
+
+def _folder(data_block):
+    """Where relative paths of a data-block start from."""
+    return bpy.path.abspath("//", library=data_block.library)
+
+
+@cache
+def _refractions():
+    return frozenset(refraction_names())
 
 
 def fields_of(data_block):

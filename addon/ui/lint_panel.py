@@ -81,7 +81,7 @@ def draw_check(layout, scene):
 
 def asked(scene):
     """What the settings ask of a render's plan, to know a check of it by."""
-    settings, lens = scene.lensfield, scene.lensfield.lens_name_or_path()
+    settings, lens = scene.lensfield, scene.lensfield.lens_text()
     return (lens, rings_for(scene, lens), settings.to_options(), settings.view, settings.wavelengths_text(),
             settings.tier, settings.colour_error, settings.unfit, settings.denoise, settings.view_layer, settings.depth,
             scene.frame_current)

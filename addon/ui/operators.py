@@ -193,11 +193,11 @@ class LENSFIELD_OT_show_sheet(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        return bool(context.scene.lensfield.lens_name_or_path())
+        return bool(context.scene.lensfield.lens_text())
 
     def execute(self, context):
-        own = own_sheet(context.scene.lensfield.lens_name_or_path())
         try:
+            own = own_sheet(context.scene.lensfield.lens_name_or_path())
             path = own or draw_sheet(lens_now(context.scene))
             image = load_sheet(path)
         except (InputError, OSError, RuntimeError) as error:

@@ -12,6 +12,7 @@ import bpy
 from ...engine.errors import InputError
 from ...engine.library import has_rings
 from ..job.job import folder_for, is_temporary
+from ..job.named_files import FROM_FILE, named_files
 from ..job.remarks import MANY_SAMPLES, SAME_VIEW
 from ..job.render import Result
 from ..scene.camera import frame_px, matching_focal_length_mm, pitch_um, size_for_view
@@ -24,8 +25,8 @@ from .lint_panel import draw_check
 from .plan_line import plan_text
 from .preview import draw_preview
 from .previews import growing_preview, sheet_preview
-from .properties import FROM_FILE
 from .sheets import drawn_sheet, own_sheet
+from .trusting import draw_named_files
 from .window_render import state
 from .wrapped import PANEL_MARGINS, draw_wrapped, region_widgets
 
@@ -36,6 +37,13 @@ def draw_settings(layout, scene):
     """The whole panel for a scene, the same wherever it stands."""
     layout.use_property_split = True
     layout.use_property_decorate = False
+    if named := named_files():
+        draw_named_files(layout, named)
+        if scene.lensfield.lens == FROM_FILE:
+            layout.prop(scene.lensfield, "found_lens", text="Or Take")
+        if state["render"]:
+            _draw_under_way(layout, layout.row(align=True), state["render"])
+        return
     _draw_lens(layout, scene)
     _draw_rings(layout, scene)
     layout.prop(scene.lensfield, "depth")
@@ -93,7 +101,7 @@ def _draw_camera(layout, scene):
         layout.operator("lensfield.add_camera", icon="CAMERA_DATA")
         return
     layout.prop(scene.lensfield, "view")
-    if not scene.lensfield.lens_name_or_path():
+    if not scene.lensfield.lens_text():
         return
     facts = lens_request(scene).facts
     if facts is None:  # it is being looked at; where it cannot be had, that is told in the place of the plan
@@ -141,7 +149,7 @@ def _draw_plan(layout, scene):
     """What a render will take, and what would make it quicker."""
     column = layout.column(align=True)
     try:
-        if scene.camera and scene.lensfield.lens_name_or_path():
+        if scene.camera and scene.lensfield.lens_text():
             lens, request = asked_lens(scene), lens_request(scene)
             if lens is None:
                 column.progress(factor=request.fraction, text=request.label)
@@ -178,7 +186,7 @@ def _draw_last(layout):
     """The picture of the last render, and what is told of it; of its files the names alone."""
     image = state["lens_image"]
     if image and (picture := Result.beside(image, "lens_image").after).is_file():
-        layout.template_icon(icon_value=growing_preview(picture).icon_id, scale=_picture_scale())
+        _draw_picture(layout, picture)
         layout.operator("lensfield.show_picture", icon="IMAGE_DATA")
     column = layout.column(align=True)
     for line in state["notice"]:
@@ -191,7 +199,14 @@ def _draw_under_way(layout, row, render):
     row.operator("lensfield.cancel", text="", icon="CANCEL")
     draw_wrapped(layout.column(align=True), render.label)
     if render.picture.is_file():
-        layout.template_icon(icon_value=growing_preview(render.picture).icon_id, scale=_picture_scale())
+        _draw_picture(layout, render.picture)
+
+
+def _draw_picture(layout, path):
+    try:
+        layout.template_icon(icon_value=growing_preview(path).icon_id, scale=_picture_scale())
+    except InputError as error:
+        draw_wrapped(layout, str(error), "ERROR")
 
 
 def _draw_sheet(layout, scene):
@@ -258,7 +273,7 @@ def _draw_output(layout, scene):
     layout.prop(settings, "output_folder")
     if is_temporary(settings.output_folder):
         draw_wrapped(layout.column(align=True), f"Not saved yet: pictures go to {folder_for(scene)}", "INFO")
-    facts = lens_request(scene).facts if settings.lens_name_or_path() else None
+    facts = lens_request(scene).facts if settings.lens_text() else None
     if facts:
         frame = frame_px(scene)
         layout.label(text=f"{frame[1]} x {frame[0]} px of {pitch_um(facts, frame):.2f} \u00b5m")

@@ -16,6 +16,7 @@ from bpy.app.handlers import persistent
 
 from ...engine.errors import InputError
 from ..job.child import Child, lensfield_command, preview_arguments, save_copy, work_folder
+from ..job.named_files import check_named_files, named_files
 from ..job.render import Result
 from ..scene.camera import frame_px, view_tangents
 from ..scene.compositor import show_file
@@ -91,6 +92,7 @@ def start(scene):
         The scene has no camera that a lens can stand in for.
     """
     end()
+    check_named_files()
     shown_tangents(scene, lens_key(scene))
     folder = work_folder()
     child = Child(lensfield_command(["serve"]), folder.name)
@@ -162,11 +164,12 @@ def shown_tangents(scene, key):
 
 
 def _may_work(scene):
-    """Whether the scene is the window's, nothing renders, and no tool is at work: then Blender itself saves nothing."""
+    """Whether the scene is the window's, nothing renders, no tool is at work (then Blender itself saves nothing), and
+    no file is named that is not trusted, as what is appended may do."""
     windows = bpy.context.window_manager.windows
     return (window_render.state["render"] is None and not bpy.app.is_job_running("RENDER")
             and not any(len(window.modal_operators) for window in windows)
-            and (not windows or windows[0].scene == scene))
+            and (not windows or windows[0].scene == scene) and not named_files())
 
 
 def _ask_next(preview, scene):

@@ -8,6 +8,7 @@ from bpy_extras.view3d_utils import location_3d_to_region_2d
 from mathutils import Vector
 
 from . import focus_overlay
+from .previews import open_png
 
 _overlay = {"handle": None, "preview": None, "texture": None, "tints": (None, None)}
 """The last: the array of tints, and its texture."""
@@ -75,9 +76,7 @@ def frame_corners(camera, tangents):
 
 
 def _pixels(path):
-    from PIL import Image
-
-    with Image.open(path) as picture:
+    with open_png(path) as picture:
         return np.asarray(picture.convert("RGBA"), dtype=np.float32)[::-1] / 255
 
 

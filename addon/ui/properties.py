@@ -16,10 +16,12 @@ from ...engine.plan.options import DEFAULT_ACCURACY, KNOBS, MOST_SUPERSAMPLING, 
 from ...engine.spectral.refraction import refraction_names
 from ...engine.spectral.spectra import library_names, parse_wavelengths
 from ...engine.spectral.wavelength_choice import IMAGE_WAVELENGTHS, STANDARD_COLOUR_ERROR, SpectralOptions
+from ..job.named_files import FROM_FILE
 from ..scene.compositor import refresh
+from ..scene.trust import check_trusted, trust
+from ..shading.assigned import spectrum_path
 from .previews import lens_picture
 
-FROM_FILE = "FILE"
 DEFAULT_LENS = "tessar-50mm"  # a normal lens for a camera's usual frame, focused far away
 FIRST_NM, LAST_NM, NUMBER = (int(word) for word in IMAGE_WAVELENGTHS.split(":"))
 PANEL_KNOBS = "section_size", "azimuths"  # of those that the methods have
@@ -34,7 +36,8 @@ def _suggestions(names):
 
 def _spectrum_property(name, description, names, form):
     return StringProperty(name=name, default="", search=_suggestions(names), search_options={"SUGGESTION"},
-                          description=f"{description}: a name from the library, {form}")
+                          description=f"{description}: a name from the library, {form}",
+                          update=lambda spectra, context: trust(spectrum_path(spectra.id_data, name.lower())))
 
 
 def _emission():
@@ -126,6 +129,11 @@ def _choose_lens(settings, number):
     settings.lens = next(name for name, *_, own in offered_lenses() if own == number)
 
 
+def _choose_path(field):
+    """What is to be done when a path is set, by a user or a script: it is trusted. A file that is opened sets none."""
+    return lambda settings, context: trust(bpy.path.abspath(getattr(settings, field)))
+
+
 def lens_title(name_or_path):
     """What a lens is called in panels: its title, or the name of its file."""
     return {name: title for name, title, *_ in offered_lenses()}.get(name_or_path, os.path.basename(name_or_path))
@@ -142,7 +150,8 @@ class LensfieldSettings(bpy.types.PropertyGroup):
                                  "among the lenses of which all of them are told")
     found_lens: EnumProperty(name="Lens", description="Lens to render through", items=found_lens_items,
                              get=lambda self: _lasting_number(self.lens), set=_choose_lens)
-    lens_file: StringProperty(name="Lens File", description=OWN_LENS, subtype="FILE_PATH", options=BLEND_RELATIVE)
+    lens_file: StringProperty(name="Lens File", description=OWN_LENS, subtype="FILE_PATH", options=BLEND_RELATIVE,
+                              update=_choose_path("lens_file"))
     view: EnumProperty(
         name="View", default="LENS", description="What the lens image shows",
         items=[("LENS", "The Lens's", "What the lens sees on its own sensor; Match Camera to Lens shows it beforehand"),
@@ -238,7 +247,8 @@ class LensfieldSettings(bpy.types.PropertyGroup):
                ("ON", "On", "Whatever the scene says", 1),
                ("OFF", "Off", "Whatever the scene says", 0)])
     output_folder: StringProperty(name="Output", description="Folder for the spectral EXRs and the pictures",
-                                  default="//lensfield/", subtype="DIR_PATH", options=BLEND_RELATIVE)
+                                  default="//lensfield/", subtype="DIR_PATH", options=BLEND_RELATIVE,
+                                  update=_choose_path("output_folder"))
     to_compositor: BoolProperty(name="To Compositor", default=True,
                                 description="Lay the lens image into the scene's compositor when it is done")
     view_layer: StringProperty(name="View Layer", default="",
@@ -253,8 +263,15 @@ class LensfieldSettings(bpy.types.PropertyGroup):
     compositor_key: StringProperty(options={"HIDDEN"})  # tells the scene's own lens images from those of another file
 
     def lens_name_or_path(self):
-        """What `Lens.load` takes."""
-        return bpy.path.abspath(self.lens_file) if self.lens == FROM_FILE else self.lens
+        """What `Lens.load` takes; raises SceneError for a file that is not trusted."""
+        path = bpy.path.abspath(self.lens_text())
+        if path and self.lens == FROM_FILE:
+            check_trusted(path, "scene settings", "lens file")
+        return path
+
+    def lens_text(self):
+        """The name or the path, as it is set."""
+        return self.lens_file if self.lens == FROM_FILE else self.lens
 
     def wavelengths_text(self):
         """The wavelengths as `lensfield render --wavelengths` takes them."""

@@ -17,6 +17,7 @@ from ...engine.errors import InputError
 from ..job.child import Child, apply_command, render_command, save_copy, work_folder
 from ..job.job import check_output_folder, job_from_settings
 from ..job.kept_passes import passes_left
+from ..job.named_files import check_named_files
 from ..job.refilter import kept_radiance
 from ..job.scene_plan import check_job
 from ..job.session import lost_images
@@ -95,6 +96,7 @@ def start(scene, *frames, lens_quality=None):
     InputError
         What the settings ask for cannot be.
     """
+    check_named_files()
     check_output_folder(scene)
     job = job_from_settings(scene, lens_quality=lens_quality)
     check_job(scene, job)
@@ -117,6 +119,7 @@ def start_again(scene):
     InputError
         There is no such light, or none that fits the scene.
     """
+    check_named_files()
     radiance = kept_radiance(scene)
     _follow(scene, lambda folder: apply_command(radiance, scene), [], laid_fingerprint(scene))
 

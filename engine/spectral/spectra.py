@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..values import Value
-from .spectrum_text import read_columns, read_spectrum_text
+from .spectrum_text import are_pairs, read_columns, read_spectrum_text
 
 Wavelengths = float | Sequence[float] | np.ndarray  # one, or several
 
@@ -130,10 +130,19 @@ def load_spectrum(text: str, folder: str | os.PathLike = ".") -> Spectrum:
     InputError
     """
     text = text.strip()
-    for library in LIBRARY.values():
-        if text in (path.stem for path in library.glob("*.spd")):
-            return Spectrum(*read_columns(library / f"{text}.spd"))
+    if text in _library():
+        return Spectrum(*read_columns(_library()[text]))
     return Spectrum(*read_spectrum_text(text, folder))
+
+
+def names_own_file(text: str) -> bool:
+    """Whether what `load_spectrum` takes is the path of a file that does not come with the project."""
+    return text.strip() not in _library() and not are_pairs(text.strip())
+
+
+@cache
+def _library():
+    return {path.stem: path for folder in LIBRARY.values() for path in folder.glob("*.spd")}
 
 
 def parse_wavelengths(text: str) -> np.ndarray:

@@ -9,8 +9,15 @@ import numpy as np
 from ..errors import InputError, absence
 
 _NUMBER = r"[-+]?(?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?+"  # ++ takes all, once: no text takes its length squared
+_COLON_PAIRS = re.compile(rf"{_NUMBER}\s*(?:nm)?\s*:")  # how they begin
+_BRACKET_PAIRS = re.compile(rf"\[|{_NUMBER}(?:\s+{_NUMBER})+$")
 MOST_BYTES = 2**23  # 0.01 nm apart from ultraviolet to infrared
 MOST_CHARACTERS = 2**16  # of a spectrum in a line
+
+
+def are_pairs(text: str) -> bool:
+    """Whether a spectrum's text is pairs, right or wrong, and no path."""
+    return bool(_COLON_PAIRS.match(text) or _BRACKET_PAIRS.match(text))
 
 
 def read_spectrum_text(text: str, folder: str | os.PathLike) -> tuple[np.ndarray, np.ndarray]:
@@ -34,10 +41,8 @@ def read_spectrum_text(text: str, folder: str | os.PathLike) -> tuple[np.ndarray
     if len(text) > MOST_CHARACTERS:
         raise InputError(text, "spectrum", f"{len(text)} characters long",
                          f"expected at most {MOST_CHARACTERS}: give a two-column file")
-    if re.match(rf"^{_NUMBER}\s*(?:nm)?\s*:", text):
-        return _checked(text, _colon_pairs(text))
-    if text.startswith("[") or re.fullmatch(rf"{_NUMBER}(?:\s+{_NUMBER})+", text):
-        return _checked(text, _bracket_pairs(text))
+    if are_pairs(text):
+        return _checked(text, _colon_pairs(text) if _COLON_PAIRS.match(text) else _bracket_pairs(text))
     path = Path(folder) / os.path.expanduser(text)
     if not os.path.isfile(path):  # of a text too long to be a name, Path.is_file raises
         raise InputError(text, "spectrum", absence(path), "give a library name, a two-column file (nm, value) or pairs "

@@ -34,6 +34,19 @@ def lensfield(*arguments):
     return subprocess.run(command, capture_output=True, text=True, timeout=300)
 
 
+def test_a_scene_that_is_rendered_runs_none_of_its_scripts(blend, tmp_path):
+    """Its lens is read, though: whoever asks for a scene asks for that, too."""
+    script, ran = bpy.data.texts.new("stranger.py"), tmp_path / "ran"
+    script.write(f"open({str(ran)!r}, 'w').close()")
+    script.use_module = True
+    shutil.copy(BUNDLED / "edmund-54852.npz", tmp_path / "lens.npz")
+    bpy.context.scene.lensfield.lens, bpy.context.scene.lensfield.lens_file = "FILE", "//lens.npz"
+    bpy.ops.wm.save_as_mainfile(filepath=str(blend))
+    done = lensfield("lint", blend)
+    assert "refused" not in done.stdout and done.returncode == 0, done.stderr
+    assert not ran.exists()
+
+
 def test_render_then_filter_agree(blend, tmp_path):
     out = tmp_path / "out put"
     done = lensfield("render", blend, "--lens", "edmund-54852", "--wavelengths", "450:650:3", "--section-size", 16,

@@ -7,7 +7,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, PngImagePlugin
 
 from layouts import Layout
 from lensfield import addon
@@ -112,8 +112,46 @@ def test_an_unchanged_sheet_is_read_once(tmp_path, monkeypatch):
 def test_a_damaged_sheet_is_named(tmp_path, damage):
     path = paint(tmp_path / "sheet.png", *[RED, BLUE] * 20, size=(500, 400))
     path.write_bytes(path.read_bytes()[damage] if isinstance(damage, slice) else damage)
-    with pytest.raises(SceneError, match="sheet.png: lens sheet is not readable: draw it anew: lensfield lens plot"):
+    with pytest.raises(SceneError, match="sheet.png: picture is not readable"):
         previews.sheet_preview(path)
+
+
+def test_a_picture_of_another_kind_is_opened_by_no_reader_of_its_own(tmp_path, monkeypatch):
+    """EPS by its first bytes, which Pillow would hand to Ghostscript."""
+    path = tmp_path / "sheet.png"
+    path.write_bytes(b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 90 60\n%%EndComments\n%%EOF\n")
+    from PIL import EpsImagePlugin
+
+    read = []
+    monkeypatch.setattr(EpsImagePlugin, "Ghostscript", lambda *_, **__: read.append(path) or Image.new("RGB", (9, 6)))
+    with pytest.raises(SceneError, match="sheet.png: picture is not readable: expected a PNG"):
+        previews.sheet_preview(path)
+    assert not read
+
+
+@pytest.mark.parametrize("show", [previews.sheet_preview, previews.load_sheet], ids=["in the panel", "at full size"])
+def test_a_huge_picture_is_not_decoded(tmp_path, monkeypatch, scene, show):
+    path = tmp_path / "sheet.png"
+    Image.new("1", (13300, 13300)).save(path)
+    assert path.stat().st_size < 100_000
+    monkeypatch.setattr(PngImagePlugin.PngImageFile, "load", None)
+    with pytest.raises(SceneError, match="sheet.png: size is 13300 x 13300 px: pictures of up to 40 million pixels"):
+        show(path)
+    assert not bpy.data.images
+
+
+def test_what_cannot_be_shown_is_read_again_when_it_has_changed(tmp_path, monkeypatch):
+    path, read = tmp_path / "sheet.png", []
+    path.write_bytes(b"no picture")
+    os.utime(path, ns=(0, 0))
+    read_it = previews._read
+    monkeypatch.setattr(previews, "_read", lambda path: read.append(path) or read_it(path))
+    for _ in range(3):
+        with pytest.raises(SceneError, match="not readable"):
+            previews.sheet_preview(path)
+    assert len(read) == 1
+    paint(path, BLUE)  # at the same time, by its clock
+    assert preview_pixels(previews.sheet_preview(path))[0, 0].tolist() == [0, 0, 1, 1] and len(read) == 2
 
 
 def test_a_folded_sheet_takes_no_room(scene):
@@ -165,7 +203,7 @@ def test_the_panel_says_why_there_is_no_sheet(scene, own_lens, drawing, monkeypa
 
 def test_the_panel_names_a_damaged_sheet(scene, own_lens):
     own_lens.with_suffix(".png").write_text("no picture")
-    assert "own.png: lens sheet is not readable" in " ".join(drawn(scene).labels)
+    assert "own.png: picture is not readable" in " ".join(drawn(scene).labels)
 
 
 def test_the_operator_reads_a_changed_sheet_anew(scene, own_lens):
@@ -186,7 +224,7 @@ def test_the_operator_draws_a_sheet_that_is_not_there(scene, own_lens, drawing):
 
 def test_the_operator_leaves_nothing_of_a_damaged_sheet(scene, own_lens):
     own_lens.with_suffix(".png").write_text("no picture")
-    with pytest.raises(RuntimeError, match="own.png: lens sheet is not readable"):
+    with pytest.raises(RuntimeError, match="own.png: picture is not readable"):
         bpy.ops.lensfield.show_sheet()
     assert not bpy.data.images
 
@@ -199,7 +237,7 @@ def test_previews_are_freed_with_the_addon(scene, own_lens, monkeypatch):
     monkeypatch.setattr(bpy.utils.previews, "remove", lambda kept: (removed.append(len(kept)), remove(kept)))
     addon.unregister()
     try:
-        assert len(removed) == 1 and removed[0] > 0 and not previews._changed
+        assert len(removed) == 1 and removed[0] > 0 and not previews._seen
     finally:
         addon.register()
     assert "picture" in drawn(scene).shown

@@ -1,0 +1,39 @@
+"""The panel of a .blend that names files which nobody has chosen in this session: their paths, and one button."""
+
+import bpy
+
+from ..job.named_files import named_files, trust_named_files
+from .wrapped import draw_wrapped
+
+MOST_SHOWN = 20
+WORDS = {"lens": "Lens", "spectrum": "Spectrum", "output": "Pictures in"}
+
+
+def draw_named_files(layout, named):
+    """Draw the paths that a .blend names, and the button by which they are read from then on."""
+    column = layout.column(align=True)
+    draw_wrapped(column, "This file names others. Nothing is read or rendered until you trust them:", "ERROR")
+    for path, kind in list(named.items())[:MOST_SHOWN]:
+        draw_wrapped(column, f"{WORDS[kind]}: {path}")
+    if len(named) > MOST_SHOWN:
+        column.label(text=f"{len(named) - MOST_SHOWN} more")
+    column.operator("lensfield.trust", icon="CHECKMARK")
+
+
+class LENSFIELD_OT_trust(bpy.types.Operator):
+    """Let Lensfield read the lens and the spectra that this file names, and write where it says, until Blender ends.
+    Files that may run scripts by themselves (Preferences, Save & Load, Auto Run Python Scripts) are trusted already"""
+
+    bl_idname = "lensfield.trust"
+    bl_label = "Trust"
+
+    @classmethod
+    def poll(cls, context):
+        return bool(named_files())
+
+    def execute(self, context):
+        trust_named_files()
+        return {"FINISHED"}
+
+
+classes = (LENSFIELD_OT_trust,)
