@@ -5,18 +5,19 @@ what OpenEXR means it to be: a data window larger than the display window. Layer
 file, `layer.1` and on, near to far: whoever reads the first has the picture that a pinhole sees.
 """
 
+import math
 import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import OpenEXR
 
-from ..errors import ImageError, absence
+from ..errors import ImageError, absence, printable
 from ..files import atomic_path
+from ..memory import available_bytes
 from ..threads import thread_count
 from .depth_range import BACKGROUND_MM
 from .layers import Layer, LayeredRadiance
@@ -34,6 +35,8 @@ SPEED_OF_LIGHT_M_S = 299792458.0
 LAYOUT_VERSION = "1.0"
 EMISSIVE_UNITS = "W.m^-2.sr^-1"  # the layout's canonical string; its values are densities per nm
 FIRST_PART, LAYER_PART = "radiance", "layer."
+SAMPLE_BYTES, DEEP_BYTES = 4, 128  # of a pixel's channel, as a number or as an array of its own
+EMPTY_PX, MOST_EMPTY = 2**25, 64  # a display window of more pixels may not be as many times as large as its data
 M_TO_MM = 1e3
 
 
@@ -196,10 +199,13 @@ def _layered(image, parts, path):
     layers = [part for part in parts[1:] if str(part[0].get("name", "")).startswith(LAYER_PART)]
     if not layers:
         return None
-    first, *windows = (np.stack(header["dataWindow"])[:, ::-1] for header, _ in (parts[0], *layers))
-    frame_px = np.ptp(np.stack(parts[0][0]["displayWindow"]), axis=0)[::-1] + 1
+    first, *windows = (np.array(header["dataWindow"], dtype=int)[:, ::-1] for header, _ in (parts[0], *layers))
+    frame_px = np.ptp(np.array(parts[0][0]["displayWindow"], dtype=int), axis=0)[::-1] + 1
     margins = (side for window in windows for side in (-window[0], window[1] + 1 - frame_px))
     overscan = np.max([image.overscan_px, *margins], axis=0)
+    if np.any(overscan > frame_px):
+        raise ImageError(path, "layers", f"{overscan.tolist()} px beyond a frame of {frame_px.tolist()}",
+                         "expected no more overscan than there is frame")
     grid = replace(image.grid, shape_px=frame_px + 2 * overscan, overscan_px=overscan,
                    centre_px=image.centre_px + first[0] + overscan)
     try:
@@ -249,32 +255,72 @@ def _first_image(parts, path, pitch_um):
 def read_parts(path: str | os.PathLike, header_only: bool = False) -> list[tuple[dict, dict]]:
     """What an EXR file holds: for each part its header and {channel: array (row, column)}, empty for headers only.
 
+    Headers alone tell `channel names`.
+
     Raises
     ------
     ImageError
-        No EXR, or a damaged one.
+        No EXR, a damaged one, or one that is too large for the memory there is, before that is taken.
     """
-    if not Path(path).is_file():
+    if not os.path.isfile(path):  # of a text too long to be a name, Path.is_file raises
         raise ImageError(path, "file", absence(path), "expected an EXR picture")
     try:
         with exr_threads():
-            with OpenEXR.File(str(path), header_only=True) as file:
-                count = len(file.parts)
-            with OpenEXR.File(str(path), separate_channels=True, header_only=header_only) as file:
+            headers = _headers(path)
+            if header_only and headers:
+                return [(header, {}) for header in headers]
+            _check_size(path, headers)
+            with OpenEXR.File(str(path), separate_channels=True) as file:
                 # The file empties its own dictionaries when it is closed.
-                parts = [(dict(part.header), {name: channel.pixels for name, channel in part.channels.items()})
-                         for part in file.parts]
-        if len(parts) < max(count, 1):  # parts that it cannot read are left out
+                parts = [(_plain(part.header), {printable(name): channel.pixels
+                                                for name, channel in part.channels.items()}) for part in file.parts]
+        if len(parts) < max(len(headers), 1):  # parts that it cannot read are left out
             raise ValueError("it ends too early")
+    except UnicodeDecodeError:
+        raise ImageError(path, "header", "not in UTF-8", "write it again with other names of layers and attributes"
+                         ) from None
+    except ImageError:
+        raise
     except (RuntimeError, ValueError, TypeError, IndexError) as error:
         raise ImageError(path, "file", "not readable", f"expected an EXR picture ({error})") from None
     return parts
 
 
+def _headers(path):
+    """The headers of a file's parts; UnicodeDecodeError where a channel's name is not to be read either."""
+    with OpenEXR.File(str(path), header_only=True) as file:
+        headers = [_plain(part.header) for part in file.parts]
+    for header in headers:
+        header["channel names"] = [printable(channel.name) for channel in header.pop("channels")]
+    return headers
+
+
+def _plain(header):
+    """A header whose texts cannot steer a terminal."""
+    return {name: printable(" ".join(value.splitlines())) if isinstance(value, str) else value
+            for name, value in header.items()}
+
+
+def _check_size(path, headers):
+    """Raise an ImageError for a file whose windows ask for more than it can hold, or the machine has."""
+    needed = 0
+    for header in headers:
+        data, frame = (math.prod(int(last) - int(first) + 1 for first, last in zip(*header[window], strict=True))
+                       for window in ("dataWindow", "displayWindow"))
+        if frame > max(EMPTY_PX, MOST_EMPTY * data):
+            raise ImageError(path, "displayWindow", f"of {frame / 1e6:.0f} million px",
+                             f"expected at most {MOST_EMPTY} times the data window's, which are {data}")
+        each = DEEP_BYTES if header["type"] in (OpenEXR.deepscanline, OpenEXR.deeptile) else SAMPLE_BYTES
+        needed += data * each * len(header["channel names"]) + frame * SAMPLE_BYTES
+    if needed > (available := available_bytes()):
+        raise ImageError(path, "size", f"{needed / 1e9:.3g} GB in memory",
+                         f"{available / 1e9:.3g} GB are free: give a smaller picture, or a machine that has more")
+
+
 def is_spectral(path: str | os.PathLike) -> bool:
     """Whether a file holds spectral channels, by its headers alone; an ImageError where it is no EXR."""
-    return any(channel_wavelength_nm(channel.name) is not None
-               for header, _ in read_parts(path, header_only=True) for channel in header["channels"])
+    return any(channel_wavelength_nm(name) is not None
+               for header, _ in read_parts(path, header_only=True) for name in header["channel names"])
 
 
 def channel_wavelength_nm(name: str) -> float | None:
@@ -311,8 +357,8 @@ def _placement(header):
     The attribute is in the pixel coordinates of the windows, so that it stays true when a program trims the data
     window; without it the axis is in the middle of the display window.
     """
-    (data_left, data_top), (data_right, data_bottom) = header["dataWindow"]
-    (left, top), (right, bottom) = header["displayWindow"]
+    (data_left, data_top), (data_right, data_bottom) = np.array(header["dataWindow"], dtype=int)
+    (left, top), (right, bottom) = np.array(header["displayWindow"], dtype=int)
     row, column = np.ravel(header.get("lensfield:centrePx", ((top + bottom) / 2, (left + right) / 2)))
     margins = (top - data_top, data_bottom - bottom, left - data_left, data_right - right)
     if margins[0] == margins[1] >= 0 and margins[2] == margins[3] >= 0:

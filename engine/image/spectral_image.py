@@ -86,6 +86,8 @@ class SpectralImage:
                 raise ImageError("image", name, number, "expected a positive number")
         if exposure != 0 and not is_positive(exposure):
             raise ImageError("image", "exposure", exposure, "expected a number of at least 0")
+        if not isinstance(lens_name, str):
+            raise ImageError("image", "lens_name", lens_name, "expected a text")
         if quantity not in UNITS:
             raise ImageError("image", "quantity", quantity, f"expected one of {', '.join(UNITS)}")
         parts = {"pitch_um": pitch_um, "centre_px": centre_px, "overscan_px": overscan_px, "projection": projection}
