@@ -79,6 +79,7 @@ def numbers_of_depth(plane: np.ndarray) -> tuple[np.ndarray, float]:
     return numbers, float(none.mean())
 
 
+@np.errstate(over="ignore", invalid="ignore")  # what lies in the pupil is blurred without end
 def without_mixtures(numbers: np.ndarray, blur_per_nearness_px: float) -> np.ndarray:
     """Depth whose pixels at edges, where filters have mixed what is near with what is far, are of the nearer number.
 

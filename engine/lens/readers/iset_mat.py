@@ -106,9 +106,14 @@ def _run_child(path, target, memory_bytes):
     except subprocess.TimeoutExpired:
         raise LensError(path, ".mat file", f"not read in {TIMEOUT_S} s", "save it again from MATLAB") from None
     if done.returncode:
-        lines = done.stderr.decode("utf-8", errors="replace").split("\n")
-        why = next((line for line in reversed(lines) if line.strip()), "its reader crashed")
-        raise LensError(path, ".mat file", "not readable", f"save the optics again from ISETCam ({why})")
+        raise _refusal(path, done.stderr)
+
+
+def _refusal(path, said):
+    """The error about a file at which its reader has failed, with the last line that it said."""
+    lines = said.decode("utf-8", errors="replace").split("\n")
+    why = next((line for line in reversed(lines) if line.strip()), "its reader crashed")
+    return LensError(path, ".mat file", "not readable", f"save the optics again from ISETCam ({why})")
 
 
 def _check_kind(path):

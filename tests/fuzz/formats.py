@@ -1,0 +1,223 @@
+"""Every kind of file that is read of strangers: sound ones, what reads them, and how they are damaged."""
+
+import argparse
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+from mutants import damaged, damaged_package
+
+from lens_texts import CODEV, DEEPLENS, DOT_LENS, LENTIL, OPTBENCH, PBRT, TOML, ZEMAX, optiland
+from lenses import gaussian_psf, make_lens
+from lensfield.commands import filter
+from lensfield.commands.reading import read_picture
+from lensfield.engine.bake.prescriptions import read_prescription
+from lensfield.engine.bake.prescriptions.toml import write_prescription
+from lensfield.engine.image.layers import Layer, LayeredRadiance
+from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.image.spectral_exr import write_exr
+from lensfield.engine.lens.info import lens_info, lens_text
+from lensfield.engine.lens.readers import import_lens
+from lensfield.engine.lens.readers.package import package_bytes, read_package
+from lensfield.engine.spectral import refraction, spectra
+from lensfield.engine.spectral.refraction import load_refraction
+from lensfield.engine.spectral.spectra import load_spectrum, parse_wavelengths
+from places import SHARED_DATA
+from rgb_files import window
+from vendor_files import code_v_bundle, export_folder, exported_lens, iset_bundle, ray_trace, saved
+
+FIELD = ("angle_deg", 10.0)
+SMALL_BYTES = 2**18  # of a strangers' file that serves as a sound one: larger ones tell no more, later
+LENS = make_lens()
+
+
+@dataclass(frozen=True)
+class Sound:
+    """A sound file, or several in a folder.
+
+    Attributes
+    ----------
+    files : dict of bytes
+        By name.
+    entry : str
+        The one that is given to the reader.
+    """
+
+    files: dict[str, bytes]
+    entry: str
+
+
+@dataclass(frozen=True)
+class Format:
+    """A kind of file.
+
+    Attributes
+    ----------
+    sounds : list of Sound
+    read : function (path)
+    damage : function (bytes, numpy.random.Generator)
+    chatters : bool
+        Whether a library of others tells of damage on standard error, which commands keep quiet.
+    """
+
+    sounds: list[Sound]
+    read: Callable[[Path], object]
+    damage: Callable[[bytes, np.random.Generator], bytes] = damaged
+    chatters: bool = False
+
+
+def formats(folder: Path) -> Iterator[tuple[str, Format]]:
+    """(name, Format) of all; sound files are made in a folder."""
+    yield "lens package", Format(_packages(), _read_package, damaged_package)
+    yield from _imports(folder)
+    yield from _prescriptions()
+    for name, sounds in _pictures(folder).items():
+        yield name, Format(sounds, _read_picture, chatters=True)
+    yield "spectrum (.spd)", Format(_texts(".spd", LIBRARY_SPECTRA), lambda path: load_spectrum(str(path)))
+    yield "refraction (.yml)", Format(_texts(".yml", LIBRARY_GLASSES), lambda path: load_refraction(str(path)))
+    yield "spectrum in a line", Format(_lines("400:0.1, 700:0.2", "[400 0.1 700 0.2]", "blackbody 5600", "~/x.spd"),
+                                       _of_text(load_spectrum))
+    yield "wavelengths", Format(_lines("400:700:31", "450, 550, 650.5"), _of_text(parse_wavelengths))
+
+
+def _one(name, data):
+    return Sound({name: data}, name)
+
+
+def _of_folder(entry):
+    return Sound({path.name: path.read_bytes() for path in entry.parent.iterdir()}, entry.name)
+
+
+def _shared(pattern):
+    """Small files of strangers, where they are at hand."""
+    return [path for path in sorted(SHARED_DATA.glob(pattern)) if path.stat().st_size <= SMALL_BYTES]
+
+
+# Lens data
+
+def _packages():
+    lenses = [make_lens(gaussian_psf(2, 3, 1.0, 9), source="a patent", notes="glass assumed: ½"), exported_lens()]
+    return [_one("lens.npz", package_bytes(lens)) for lens in lenses]
+
+
+def _read_package(path):
+    lens = read_package(path)
+    return lens_text(lens_info(lens))
+
+
+def _imports(folder):
+    lens = exported_lens()
+    yield "ISET bundle", Format([_of_folder(iset_bundle(folder / "iset", lens)),
+                                 _of_folder(iset_bundle(folder / "iset 2013", lens, columns=False, two_d=True,
+                                                        encoding="utf-16"))], import_lens)
+    yield "Code V bundle", Format([_of_folder(code_v_bundle(folder / "code v", lens))], import_lens)
+    (folder / "mat").mkdir()
+    yield "ISETCam .mat", Format([_of_folder(saved(folder / "mat" / "optics.mat", ray_trace(lens)))], import_lens)
+    for program in ("zemax", "codev", "zospy"):
+        yield f"export folder of {program}", Format([_of_folder(export_folder(folder / program, lens, program))],
+                                                    import_lens)
+
+
+# Prescriptions
+
+def _prescriptions():
+    texts = {".toml": TOML, ".zmx": ZEMAX, ".seq": CODEV, ".dat": PBRT, ".txt": OPTBENCH, ".lens": DOT_LENS}
+    of_json = {"Optiland": optiland(), "DeepLens": DEEPLENS, "lentil": LENTIL}
+    for kind, text in texts.items():
+        yield f"prescription {kind}", _prescription(kind, text)
+    for program, contents in of_json.items():
+        yield f"prescription of {program}", _prescription(".json", json.dumps(contents, indent=1), program.lower())
+
+
+def _prescription(kind, text, program=""):
+    strangers = [path for path in _shared(f"**/*{kind}") if program in path.name.lower()]
+    return Format([_one(f"lens{kind}", text.encode()), *(_one(path.name, path.read_bytes()) for path in strangers[:9])],
+                  _read_prescription)
+
+
+def _read_prescription(path):
+    return write_prescription(read_prescription(path, FIELD))
+
+
+# Pictures
+
+def _pictures(folder):
+    random = np.random.default_rng(1)
+    planes = {name: random.random((18, 24), dtype=np.float32) for name in "RGBA"}
+    flat = folder / "flat.exr"
+    _write(flat, planes | {"ViewLayer.Depth.Z": 1 + planes["A"]}, compression=OpenEXR.ZIP_COMPRESSION)
+    half = folder / "half.exr"
+    _write(half, {f"beauty.{name}": plane.astype(np.float16) for name, plane in planes.items()},
+           compression=OpenEXR.PIZ_COMPRESSION, displayWindow=window(-4, -4, 32, 26))
+    deep = folder / "deep.exr"
+    _write(deep, {name: _deep_plane(random) for name in "RGBAZ"}, type=OpenEXR.deepscanline,
+           compression=OpenEXR.ZIPS_COMPRESSION)
+    spectral = folder / "radiance.exr"
+    write_exr(LAYERED.flat(), spectral, {"A": LAYERED.flat_alpha()}, LAYERED)
+    return {"EXR in RGB": [_one("rgb.exr", path.read_bytes()) for path in (flat, half)],
+            "deep EXR": [_one("deep.exr", deep.read_bytes())],
+            "spectral EXR": [_one("radiance.exr", spectral.read_bytes())]}
+
+
+def _write(path, planes, **header):
+    with OpenEXR.File({"type": OpenEXR.scanlineimage} | header, planes) as file:
+        file.write(str(path))
+
+
+def _deep_plane(random):
+    plane = np.empty((6, 8), dtype=object)
+    for place in np.ndindex(plane.shape):
+        plane[place] = random.random(2, dtype=np.float32)
+    return plane
+
+
+def _layered():
+    grid = PixelGrid.around_frame((7, 10), 5.5, (2, 3))
+    random = np.random.default_rng(2)
+
+    def layer(shape, origin, depth_mm):
+        alpha = random.random(shape, dtype=np.float32)
+        return Layer(np.stack([alpha, alpha]), alpha, np.full(shape, depth_mm, np.float32), origin)
+
+    return LayeredRadiance((layer((5, 6), (0, 0), 800.0), layer(grid.shape_px, (0, 0), np.inf)), (450.0, 600.0), grid,
+                           49.5)
+
+
+def _asked():
+    """What `lensfield filter` is asked by its defaults."""
+    parser = argparse.ArgumentParser()
+    filter.add(parser.add_subparsers())
+    return parser.parse_args(["filter", "rgb.exr", "--lens", "any", "--output", "any.exr"])
+
+
+LAYERED, AS_ASKED = _layered(), _asked()
+
+
+def _read_picture(path):
+    return read_picture(path, AS_ASKED, LENS).depth
+
+
+# Spectra
+
+LIBRARY_SPECTRA = [next(folder.glob("*.spd")) for folder in spectra.LIBRARY.values()]
+LIBRARY_GLASSES = sorted(refraction.LIBRARY.glob("*.yml"), key=lambda path: path.stat().st_size)[::20]
+
+
+def _texts(kind, paths):
+    return [_one(f"file{kind}", path.read_bytes()) for path in paths]
+
+
+def _lines(*texts):
+    return [_one("line.txt", text.encode()) for text in texts]
+
+
+def _of_text(read):
+    return partial(_read_line, read)
+
+
+def _read_line(read, path):
+    return read(path.read_text(encoding="utf-8", errors="replace"))

@@ -1,0 +1,58 @@
+"""The small form of `make fuzz`: two dozen mutants of each kind of file. SEED=1 takes others."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from places import ROOT
+
+PROGRAM, SEED = ROOT / "tests/fuzz/fuzz.py", os.environ.get("SEED", "0")
+
+
+def said(*options):
+    done = subprocess.run([sys.executable, PROGRAM, "--seed", SEED, *options], capture_output=True, text=True)
+    return done.returncode, done.stdout + done.stderr
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems neither fork nor limit so")
+def test_damaged_files_are_read_or_told():
+    status, text = said("--count", "24")
+    assert status == 0, text
+    kinds = [line for line in text.splitlines() if " read " in line]
+    assert len(kinds) >= 20 and all(" 0 findings " in line for line in kinds), text
+
+
+FAULTS = {"an error of Python's": ("raise KeyError('x')", "KeyError"),
+          "a warning": ("np.float32(1e38) * np.float32(1e38)", "RuntimeWarning"),
+          "a signal": ("os.kill(os.getpid(), signal.SIGSEGV)", "signal: SIGSEGV"),
+          "a loop": ("[None for _ in iter(int, 1) if 0]", "hang: over"), "memory": ("bytes(2**30)", "MemoryError"),
+          "a word": ("print('\\x1b[31m')", "chatter"), "a message that steers": ("raise Steering(*'abcd')", "message")}
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems neither fork nor limit so")
+@pytest.mark.parametrize("statement, outcome", FAULTS.values(), ids=FAULTS)
+def test_each_fault_is_a_finding(statement, outcome):
+    """What reads wavelengths does this instead, of files that are not sound."""
+    code = f"""if True:
+        import os, signal, sys
+        sys.argv[:] = ["fuzz.py", "--count", "3", "--only", "wavelengths"]
+        sys.path.insert(0, {str(PROGRAM.parent)!r})
+        import fuzz, numpy as np
+        from lensfield.engine import InputError
+        Steering = type("Steering", (InputError,), {{"__str__": lambda self: "\\x1b[31m"}})
+        sound = [b"400:700:31", b"450, 550, 650.5"]
+
+        def read(path):
+            if path.read_bytes() not in sound:
+                {statement}
+
+        def formats(folder):
+            from dataclasses import replace
+            yield from ((name, replace(kind, read=read)) for name, kind in every(folder) if name == "wavelengths")
+
+        every, fuzz.formats, fuzz.MORE_S = fuzz.formats, formats, 0.3
+        fuzz.main()"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 1 and outcome in done.stdout and "3 findings" in done.stdout, done.stdout + done.stderr
