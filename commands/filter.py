@@ -1,14 +1,19 @@
 """`lensfield filter`: spectral radiance or any renderer's RGB picture, one or a sequence, put through a lens."""
 
+import time
 from dataclasses import replace
 from math import isfinite
 from pathlib import Path
+
+import numpy as np
 
 from ..engine import ImageError, InputError, Kept, Report, simulate
 from ..engine.depth.slabs import plan_slabs
 from ..engine.depth.told import DEPTH_KINDS
 from ..engine.field.overscan import overscan_px
+from ..engine.files import stamp_of
 from ..engine.image.depth_range import AUTO, OFF
+from ..engine.locks import Busy, only_maker
 from ..engine.report import FIGURE, FileFacts, together
 from ..engine.spectral.wavelength_choice import RGB_WAVELENGTHS
 from .arguments import (
@@ -21,11 +26,13 @@ from .arguments import (
     engine_options,
     shown_iris,
 )
+from .made import forget_made, is_there, made_by, note_made
 from .outcome import finish
 from .reading import read_picture
 from .sequence import find_shots
 from .terminal import progress_bar, quiet
 
+WAIT_S = 0.5
 CAMERA_FIGURES = {"--pitch-um": ("pitch_um",), "--fov": ("fov",), "--focal-mm": ("focal_mm", "sensor_width_mm")}
 
 
@@ -36,6 +43,9 @@ def add(commands):
                          help="for a sequence with the number of the frame as ####, or as %%04d")
     filter_.add_argument("--frames", metavar="SPEC",
                          help="of a sequence: 7, 1-50, 1-50:2 or 1,5,10-20 (default: all that there are)")
+    filter_.add_argument("--overwrite", action="store_true",
+                         help="filter all of a sequence anew: else frames that are there, whole and of the same "
+                              "pictures and settings, stay as they are")
     filter_.add_argument("--output", type=Path, required=True, metavar="IRRADIANCE.exr")
     filter_.add_argument("--preview", type=Path, metavar="FILE.png",
                          help="also write an sRGB picture; those of a sequence are exposed as its first")
@@ -68,19 +78,51 @@ def _filter(options):
     shots = find_shots(options.radiance, options.output, options.preview, options.frames)
     check_outputs([*(target for shot in shots for target in ((shot.output, ".exr"), (shot.preview, ".png"))),
                    (options.report, ".json")], [options.lens, *(shot.radiance for shot in shots)])
-    run, reports = _Run(options, lens, chosen, len(shots)), {}
-    for shot in shots:
-        reports[shot.frame] = run.put_through(shot)
-        for path in shot.targets:
-            print(path, flush=True)
-    finish(options, reports[None] if None in reports else together(reports), [])
+    if shots[0].frame is None:
+        report = _Run(options, lens, chosen, shots[0], 1).put_through(shots[0])
+        print(*shots[0].targets, sep="\n", flush=True)
+    else:
+        report = _filter_sequence(options, lens, chosen, shots)
+    finish(options, report, [])
+
+
+def _filter_sequence(options, lens, chosen, shots):
+    """Filter the frames that are not there yet and that no other process is at; the report of all."""
+    by, first, reports = made_by(options, lens, chosen), shots[0], {}
+    pending = [shot for shot in shots if options.overwrite or not is_there(shot, first, by)]
+    if len(pending) < len(shots):
+        print(f"{len(shots) - len(pending)} of {len(shots)} frames are there already: {len(pending)} to filter",
+              flush=True)
+    stamps = {shot: stamp_of(shot.output) for shot in pending}
+    run = _Run(options, lens, chosen, first, len(pending))
+
+    def is_left(shot):
+        try:
+            with only_maker(shot.output):
+                if stamp_of(shot.output) == stamps[shot] or not is_there(shot, first, by):
+                    forget_made(shot)
+                    reports[shot.frame] = run.put_through(shot)
+                    note_made(shot, first, by)
+                    print(*shot.targets, sep="\n", flush=True)
+        except Busy:
+            return True
+        return False
+
+    if options.preview and first in pending:  # nothing can be exposed as the first before that is there
+        while is_left(first):
+            time.sleep(WAIT_S)
+        pending.remove(first)
+    left = [shot for shot in [shot for shot in pending if is_left(shot)] if is_left(shot)]  # some may have been stopped
+    if left:
+        print(f"left to other processes: {len(left)} of the frames, from {left[0].frame} on", flush=True)
+    return together(reports, {shot.frame: {} for shot in shots if shot.frame not in reports})
 
 
 class _Run:
     """What the pictures of one command share: the lens, what is kept of it between them, and the exposure."""
 
-    def __init__(self, options, lens, chosen, number):
-        self._options, self._lens, self._chosen, self._number = options, lens, chosen, number
+    def __init__(self, options, lens, chosen, first, number):
+        self._options, self._lens, self._chosen, self._first, self._number = options, lens, chosen, first, number
         self._iris = shown_iris(options)
         self._kept = Kept() if number > 1 else Kept(limit_mb=0)
         self._exposure, self._told, self._done = None, set(), 0
@@ -160,11 +202,12 @@ class _Run:
 
     def _write_preview(self, irradiance, path):
         from ..engine.image.preview import auto_exposure, to_rec709, write_png
+        from ..engine.image.spectral_exr import read_parts
 
-        picture = to_rec709(irradiance)
-        if self._exposure is None:
-            self._exposure = auto_exposure(picture)
-        write_png(picture, path, self._exposure)
+        if self._exposure is None:  # the first may have been made by another process
+            _, planes = read_parts(self._first.output)[0]
+            self._exposure = auto_exposure(np.stack([planes[channel] for channel in "RGB"], axis=-1))
+        write_png(to_rec709(irradiance), path, self._exposure)
 
 
 def _check_view(options):

@@ -1,6 +1,9 @@
 """Any renderer's picture: RGB files, their layers, colours, windows and cameras; and sequences, of either kind."""
 
 import json
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -15,6 +18,7 @@ from lensfield.engine.image.rgb_picture import RgbPicture, light_basis, read_rgb
 from lensfield.engine.image.spectral_exr import is_spectral, read_exr, write_exr
 from lensfield.engine.spectral.colour import encode_srgb
 from lensfield.engine.spectral.spectra import emission_basis
+from places import ROOT
 from rgb_files import colours, failure, parts_exr, planes_exr, run, window
 
 NINE_NM = np.linspace(400, 700, 9)
@@ -272,7 +276,7 @@ def test_a_sequence_is_its_frames_bit_for_bit(tmp_path):
     assert run("filter", tmp_path / "shot_####.exr", *lens, "--output", tmp_path / "all" / "out_##.exr",
                "--preview", tmp_path / "all" / "p_%03d.png", "--report", tmp_path / "report.json") == 0
     assert sorted(path.name for path in (tmp_path / "all").iterdir()) == [
-        f"{name}" for name in ("out_03.exr", "out_08.exr", "out_09.exr", "out_12.exr",
+        f"{name}" for name in (".lensfield", "out_03.exr", "out_08.exr", "out_09.exr", "out_12.exr",
                                "p_003.png", "p_008.png", "p_009.png", "p_012.png")]
     for number in (3, 8, 9, 12):
         assert run("filter", tmp_path / f"shot_{number:04d}.exr", *lens, "--output", tmp_path / "one.exr") == 0
@@ -387,3 +391,96 @@ def test_supersampling_is_passed_on_and_told(tmp_path, capsys):
     assert abs(needed[1] - needed[0]) <= 1
     assert "supersampling is 17" in failure(capsys, "filter", source, "--lens", "edmund-54852", "--supersampling", 17,
                                             "--output", out)
+
+
+
+
+
+def filter_sequence(folder, *more, output="out_####.exr", preview="p_####.png"):
+    return run("filter", folder / "shot_####.exr", *QUICK, "--output", folder / output, "--preview",
+               folder / preview, *more)
+
+
+def made_again(folder, *more):
+    """Frames that are written when the command is run again."""
+    paths = sorted([*folder.glob("out_*"), *folder.glob("p_*")])
+    stamps = {path: path.stat().st_mtime_ns for path in paths if path.is_file()}
+    assert filter_sequence(folder, *more) == 0
+    return sorted({int(path.stem[-4:]) for path in [*folder.glob("out_*"), *folder.glob("p_*")]
+                   if stamps.get(path) != path.stat().st_mtime_ns})
+
+
+def test_frames_of_a_sequence_that_are_there_are_not_filtered_again(tmp_path, capsys):
+    sequence(tmp_path, (1, 2, 3))
+    assert made_again(tmp_path, "--frames", "1-2") == [1, 2]
+    capsys.readouterr()
+    assert made_again(tmp_path, "--report", tmp_path / "report.json") == [3]
+    told = capsys.readouterr().out
+    assert told.startswith("2 of 3 frames are there already: 1 to filter\n")
+    assert "out_0003.exr" in told and "out_0002.exr" not in told
+    frames = json.loads((tmp_path / "report.json").read_text())["frames"]
+    assert [(frame["frame"], frame.get("earlier", False)) for frame in frames] == [(1, True), (2, True), (3, False)]
+    assert made_again(tmp_path) == []
+    assert made_again(tmp_path, "--overwrite") == [1, 2, 3]
+    assert run("filter", tmp_path / "shot_####.exr", *QUICK, "--output", tmp_path / "all_####.exr", "--preview",
+               tmp_path / "all_####.png") == 0
+    for number in (1, 2, 3):
+        for one, all_ in ((f"out_{number:04d}.exr", f"all_{number:04d}.exr"), (f"p_{number:04d}.png",
+                                                                               f"all_{number:04d}.png")):
+            assert (tmp_path / one).read_bytes() == (tmp_path / all_).read_bytes()
+
+
+@pytest.mark.parametrize("damage, again", [
+    (lambda folder: (folder / "out_0002.exr").unlink(), [2]), (lambda folder: (folder / "p_0002.png").unlink(), [2]),
+    (lambda folder: os.truncate(folder / "out_0002.exr", 900), [2]),
+    (lambda folder: (folder / "p_0002.png").write_bytes(bytes((folder / "p_0002.png").stat().st_size)), [2]),
+    (lambda folder: (folder / "out_0002.exr").write_bytes(bytes((folder / "out_0002.exr").stat().st_size)), [2]),
+    (lambda folder: (folder / ".lensfield" / "out_0002.exr.json").write_text("[}"), [2]),
+    (lambda folder: sequence(folder, [2]), [2]), (lambda folder: os.utime(folder / "shot_0002.exr", ns=(5, 5)), [2]),
+    (lambda folder: sequence(folder, [1]), [1, 2])])  # the first, which previews are exposed as
+def test_what_is_damaged_or_of_another_picture_is_filtered_again(tmp_path, damage, again):
+    sequence(tmp_path, (1, 2))
+    filter_sequence(tmp_path)
+    damage(tmp_path)
+    assert made_again(tmp_path) == again
+
+
+@pytest.mark.parametrize("more", [("--section-size", 16), ("--lens", "tessar-50mm"), ("--wavelengths", "450,550"),
+                                  ("--fov", 30), ("--out-of-field", "vignette")])
+def test_other_settings_filter_all_again(tmp_path, more):
+    sequence(tmp_path, (1, 2))
+    filter_sequence(tmp_path)
+    assert made_again(tmp_path, *more) == [1, 2] and made_again(tmp_path, *more) == []
+
+
+def test_a_frame_that_was_not_ended_is_not_there(tmp_path, monkeypatch):
+    sequence(tmp_path, (1, 2))
+    filter_sequence(tmp_path)
+    monkeypatch.setattr("lensfield.engine.image.preview.write_png", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        filter_sequence(tmp_path, "--overwrite")
+    monkeypatch.undo()
+    assert made_again(tmp_path) == [1]
+
+
+def test_processes_share_a_sequence(tmp_path):
+    """Each frame is filtered by one of them, and previews are exposed as the first, whoever has made it."""
+    sequence(tmp_path, range(1, 13))
+    assert filter_sequence(tmp_path, output="alone_####.exr", preview="alone_####.png") == 0
+    code = f"""
+import sys
+sys.path[:0] = {[str(ROOT / "tests"), str(ROOT / "tests" / "stand_ins")]!r}
+from lensfield.cli import main
+sys.exit(main(["filter", {str(tmp_path / "shot_####.exr")!r}, *{[*map(str, QUICK)]!r}, "--output",
+               {str(tmp_path / "out_####.exr")!r}, "--preview", {str(tmp_path / "p_####.png")!r}]))
+"""
+    processes = [subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    told = [process.communicate()[0] for process in processes]
+    assert [process.returncode for process in processes] == [0, 0]
+    written = [line for text in told for line in text.splitlines() if line.endswith(".exr")]
+    assert sorted(written) == [str(tmp_path / f"out_{number:04d}.exr") for number in range(1, 13)]
+    for number in range(1, 13):
+        for name, end in (("out", "exr"), ("p", "png")):
+            assert (tmp_path / f"{name}_{number:04d}.{end}").read_bytes() == (
+                tmp_path / f"alone_{number:04d}.{end}").read_bytes()
+    assert not list(tmp_path.glob(".lensfield/*.lock"))
