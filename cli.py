@@ -32,6 +32,10 @@ def main(arguments=None):
     except BrokenPipeError:
         _send_broken_streams_nowhere()
         return UNHEARD
+    except OSError as error:  # a full disk, say
+        _send_broken_streams_nowhere()
+        print(f"lensfield: standard output: {error.strerror}", file=sys.stderr)
+        return 1
 
 
 def _send_broken_streams_nowhere():
@@ -39,7 +43,7 @@ def _send_broken_streams_nowhere():
     for stream in (sys.stdout, sys.stderr):
         try:
             print(end="", file=stream, flush=True)
-        except BrokenPipeError:
+        except OSError:
             os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
@@ -55,6 +59,7 @@ def _run(arguments):
     except BrokenPipeError:
         raise
     except FAILURES as error:
+        print(end="", flush=True)  # where it is standard output that fails, that is to be told
         print(f"lensfield: {shown(str(error), LONGEST_LINE) or type(error).__name__}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:

@@ -1,11 +1,19 @@
-"""Files appear whole or not at all."""
+"""Files appear whole or not at all: half-written under names that tell whose they are, flushed to the disk, renamed.
 
+What cannot be written is told by its own name and by what the system says. What processes that were killed have left
+half-written is removed by whoever next writes there.
+"""
+
+import hashlib
 import os
+import platform
+import re
 import shutil
 import tempfile
 import threading
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
+from functools import cache
 from pathlib import Path
 
 from .errors import InputError
@@ -14,12 +22,15 @@ AnyPath = str | os.PathLike[str]
 
 HALF = ".lensfield-half-written-"
 HIDDEN = ".lensfield"
+WORK = "lensfield-work-"
+OWNER = re.compile(r"([0-9a-f]{8})-(\d+)-")  # what follows either of these: the machine, and its process
 LONGEST_WRITE_S = 24 * 3600.0
+PROBE_BYTES = 1 << 20
 UMASK = os.umask(0)  # it can only be read by setting it, which is not for a thread to do
 os.umask(UMASK)
 _pending: set[Path] = set()
 _making = threading.Lock()  # whoever makes something half-written, and notes it
-_swept: set[Path] = set()
+_swept: set[AnyPath] = set()
 _going_on: set[Path] = set()
 
 
@@ -58,16 +69,27 @@ def check_target(path: AnyPath) -> None:
 
 @contextmanager
 def atomic_path(path: AnyPath) -> Iterator[Path]:
-    """A temporary path beside `path`, moved onto it when the block ends well and removed when it does not."""
+    """A temporary path beside `path`: flushed and moved onto it when the block ends well, removed when it does not.
+
+    Raises
+    ------
+    InputError
+        What is written in the block, or on its way to the disk, meets an error of the system: a full disk, say.
+    """
     check_target(path)
-    path = Path(path).resolve()  # through a link, which stays
-    with _pending_path(lambda: _half_written(path)) as temporary:
-        if path.parent not in _swept:
-            _swept.add(path.parent)
-            _remove_leftovers(path.parent, temporary.stat().st_mtime)
-        yield temporary
-        os.chmod(temporary, 0o666 & ~UMASK)  # mkstemp makes files that only their owner can read
-        os.replace(temporary, path)
+    named, path = path, Path(path).resolve()  # through a link, which stays
+    try:
+        with _pending_path(lambda: _half_written(path)) as temporary:
+            if path.parent not in _swept:
+                _swept.add(path.parent)
+                _remove_half_written(path.parent, temporary.stat().st_mtime)
+            yield temporary
+            os.chmod(temporary, 0o666 & ~UMASK)  # mkstemp makes files that only their owner can read
+            _flush(temporary)
+            os.replace(temporary, path)
+            _flush_folder(path.parent)
+    except OSError as error:
+        raise InputError(named, "file", "not written whole", error.strerror or str(error)) from None
 
 
 def link_or_copy(source: AnyPath, path: AnyPath) -> None:
@@ -101,29 +123,111 @@ def move(source: AnyPath, path: AnyPath) -> None:
             os.unlink(source)
 
 
+def why_no_room(folder: AnyPath, size_bytes: int) -> str:
+    """Why a folder does not take a file of so many bytes, by trying: "" where it does."""
+    try:
+        with _pending_path(lambda: _half_written(Path(folder, "room"))) as probe, open(probe, "wb") as file:
+            for written in range(0, size_bytes, PROBE_BYTES):
+                file.write(bytes(min(PROBE_BYTES, size_bytes - written)))
+    except OSError as error:
+        return error.strerror or str(error)
+    return ""
+
+
 def _half_written(path):
-    handle, name = tempfile.mkstemp(prefix=f"{HALF}{path.stem[:40]}-", suffix=path.suffix, dir=path.parent)
+    handle, name = tempfile.mkstemp(prefix=f"{HALF}{_owner()}{path.stem[:40]}-", suffix=path.suffix, dir=path.parent)
     os.close(handle)
     return Path(name)
 
 
-def _remove_leftovers(folder, now_s):
-    """Remove what processes that were killed have left half-written in a folder.
+def _flush(path):
+    """Have a file on the disk itself: only now do some file systems tell that they have no room for it."""
+    with open(path, "rb+") as file:
+        os.fsync(file.fileno())
 
-    By age alone, on the clock that stamps the folder's files: others may be writing there, from other machines too.
-    """
+
+def _flush_folder(folder):
+    """Have a folder's names on the disk itself, where the system can do that."""
+    with suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+def _owner():
+    return f"{_machine()}-{os.getpid()}-"
+
+
+@cache
+def _machine():
+    """What tells this machine from others that write to the same disk; containers by their own count of processes."""
+    processes = ""
+    with suppress(OSError):  # only Linux has it
+        processes = os.readlink("/proc/self/ns/pid")
+    return hashlib.sha256(f"{platform.node()} {processes}".encode()).hexdigest()[:8]
+
+
+def is_at_work(process: int) -> bool:
+    """Whether a process of this machine runs. (Windows does not tell: there each one may.)"""
+    if os.name != "posix":
+        return True
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:  # another user's
+        return True
+    return True
+
+
+def _remove_half_written(folder, now_s):
+    """Remove what processes that were killed have left half-written in a folder: those of this machine at once, others
+    by age alone, on the clock that stamps the folder's files; they may be at work on other machines."""
     with suppress(OSError):
         for path in folder.glob(f"{HALF}*"):
             with suppress(OSError):  # another has been quicker, or it is not ours to remove
-                if now_s - path.stat().st_mtime > LONGEST_WRITE_S:
+                if _was_killed(path.name, HALF) or now_s - path.stat().st_mtime > LONGEST_WRITE_S:
                     path.unlink()
+
+
+def remove_left_work(folder: AnyPath) -> None:
+    """Remove the temporary folders in this one of processes of this machine that were killed."""
+    with suppress(OSError):
+        for path in Path(folder).glob(f"{WORK}*"):
+            if _was_killed(path.name, WORK):
+                shutil.rmtree(path, ignore_errors=True)
+
+
+def _was_killed(name, prefix):
+    """Whether what is called so is of a process of this machine that has ended."""
+    owner = OWNER.match(name, len(prefix))
+    return bool(owner) and owner[1] == _machine() and not is_at_work(int(owner[2]))
+
+
+def work_prefix() -> str:
+    """What the names of temporary folders begin with, so that they can be told to be of this process."""
+    return WORK + _owner()
 
 
 @contextmanager
 def temporary_folder() -> Iterator[Path]:
-    """A folder that is removed when the block ends."""
-    with _pending_path(lambda: Path(tempfile.mkdtemp(prefix="lensfield-"))) as folder:
+    """A folder that is removed when the block ends; an InputError where there is no room for one."""
+    with _pending_path(_new_folder) as folder:
         yield folder
+
+
+def _new_folder():
+    try:
+        place = tempfile.gettempdir()
+        if place not in _swept:
+            _swept.add(place)
+            remove_left_work(place)
+        return Path(tempfile.mkdtemp(prefix=work_prefix()))
+    except OSError as error:
+        raise InputError(tempfile.tempdir or "TMPDIR", "temporary folder", "not to be made",
+                         error.strerror or str(error)) from None
 
 
 def pending(path: AnyPath) -> AbstractContextManager[Path]:

@@ -7,7 +7,6 @@ ends.
 
 import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -22,6 +21,7 @@ import bpy
 import numpy as np
 
 from ...commands.messages import read_message
+from ...engine.files import remove_left_work, work_prefix
 from ...engine.image.depth_range import AUTO, TRACED
 from ...engine.plan.options import TIER_ACCURACY
 from ..scene.errors import SceneError
@@ -40,30 +40,16 @@ SESSION = "session.npz"  # beside the copy
 
 def work_folder():
     """A temporary folder for a copy and its child, marked as this process's."""
-    return tempfile.TemporaryDirectory(prefix=f"lensfield-{os.getpid()}-", dir=_beside_blenders_own(),
-                                       ignore_cleanup_errors=True)
+    return tempfile.TemporaryDirectory(prefix=work_prefix(), dir=_beside_blenders_own(), ignore_cleanup_errors=True)
 
 
 def sweep():
-    """Remove the work folders of processes that were killed. (Windows does not tell which are at work.)"""
-    for folder in _beside_blenders_own().glob("lensfield-*-*") if os.name == "posix" else ():
-        owner = folder.name.split("-")[1]
-        if owner.isdecimal() and folder.is_dir() and not _is_at_work(int(owner)):
-            shutil.rmtree(folder, ignore_errors=True)
+    """Remove the work folders of processes that were killed."""
+    remove_left_work(_beside_blenders_own())
 
 
 def _beside_blenders_own():
     return Path(bpy.app.tempdir).parent  # Blender empties its own as it loads the factory settings
-
-
-def _is_at_work(process):
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:  # another user's
-        return True
-    return True
 
 
 def save_copy(folder):
@@ -197,7 +183,8 @@ class Child:
         for line in self._process.stdout:
             facts = read_message(line)
             if facts is None:
-                self._log.write(line)
+                with suppress(OSError):  # a full disk: the child is heard all the same
+                    self._log.write(line)
             else:
                 self.told, self.told_s = self.told | facts, time.monotonic()
                 self.lens_images += [facts["lens_image"]] if "lens_image" in facts else []
@@ -225,7 +212,8 @@ class Child:
         self._kill_workers()
         self._reader.join()
         self._process.stdout.close()
-        self._log.close()
+        with suppress(OSError):  # what there was no room for
+            self._log.close()
 
     def _kill_workers(self):
         """A process that died leaves workers that wait for work for ever, its standard output open."""
@@ -238,7 +226,16 @@ class Child:
         lines = [line.strip() for line in self.log.read_text(encoding="utf-8", errors="replace").split("\n")]
         last = next((line for line in reversed(lines) if line and not line.startswith(CRASH)), "it said nothing")
         code = self._process.returncode
-        with tempfile.NamedTemporaryFile(prefix="lensfield-", suffix=".log", delete=False) as kept:
-            for path in (self.log, *self.log.parent.glob("*.crash.txt")):
-                kept.write(path.read_bytes())
-        return f"{f'signal {-code}' if code < 0 else f'exit status {code}'}: {last}", kept.name
+        return f"{f'signal {-code}' if code < 0 else f'exit status {code}'}: {last}", self._kept_log()
+
+    def _kept_log(self):
+        """A copy of the log, with what Blender tells of a crash: its path, or why there is none."""
+        kept = tempfile.NamedTemporaryFile(prefix="lensfield-", suffix=".log", delete=False)
+        try:
+            with kept:
+                for path in (self.log, *self.log.parent.glob("*.crash.txt")):
+                    kept.write(path.read_bytes())
+        except OSError as error:
+            os.unlink(kept.name)
+            return f"lost ({error.strerror})"
+        return kept.name

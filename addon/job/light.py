@@ -2,12 +2,15 @@
 
 import numpy as np
 
+from ...engine.errors import ImageError
+from ...engine.files import why_no_room
 from ...engine.image.spectral_exr import read_parts
 from ..scene.errors import SceneError
 from .bands import CHANNELS
 
 ROWS_AT_ONCE = 16  # which stay in the processor's cache
 BLOCK_PX = 8  # side of the blocks whose means are free enough of noise to judge spectra by
+MORE_BYTES = 1 << 20  # than a pass that is cut off: by trying to write so many it is told why
 RIM_PX = 1  # kept around what a slab holds
 
 
@@ -90,11 +93,14 @@ class GatheredLight:
 
 def read_pass(path, needed):
     """The planes of a pass by name, those needed at least."""
-    if not path.is_file():
-        raise SceneError("Cycles", "render pass", "not written", "see Blender's messages above")
-    planes = {name: plane for _, channels in read_parts(path) for name, plane in channels.items()}
+    try:
+        planes = {name: plane for _, channels in read_parts(path) for name, plane in channels.items()}
+    except ImageError:  # it is cut off, or not there
+        planes = {}
     if not planes.keys() >= set(needed):
-        raise SceneError("Cycles", "render pass", "not whole", f"is there room left where {path.parent} is?")
+        there_bytes = path.stat().st_size if path.is_file() else 0
+        why = why_no_room(path.parent, there_bytes + MORE_BYTES)
+        raise SceneError(path, "render pass", "not written whole", why or "see Blender's messages above")
     return planes
 
 

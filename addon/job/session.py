@@ -4,9 +4,12 @@ Painted on and not saved, an image is in the .blend as it was before.
 """
 
 import json
+from io import BytesIO
 
 import bpy
 import numpy as np
+
+from ...engine.files import atomic_path
 
 
 def lost_images():
@@ -33,7 +36,10 @@ def write_session(path):
     """
     images = [image for image in _unsaved_images() if _can_be_taken(image)]
     facts = {"images": [(image.name, image.is_float) for image in images], "devices": _devices()}
-    np.savez(path, *map(_pixels, images), facts=json.dumps(facts))
+    stream = BytesIO()  # numpy leaves a file that it cannot write whole half-open
+    np.savez(stream, *map(_pixels, images), facts=json.dumps(facts))
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(stream.getbuffer())
 
 
 def take_session(path):

@@ -11,6 +11,7 @@ from pathlib import Path
 import bpy
 
 from ...engine import cache
+from ...engine.files import atomic_path
 from ...engine.library import has_rings
 from ...engine.sheet.sheet import write_lens_plot
 from ...engine.values import digest_of
@@ -96,7 +97,8 @@ def _drawn(lens, folder):
     path = Path(folder, f"Lens Sheet {key.hex()[:8]}.png")
     known = cache.recall(KIND, key)
     if known is not None:
-        path.write_bytes(known)
+        with atomic_path(path) as temporary:
+            temporary.write_bytes(known)
         return path
     write_lens_plot(lens, path)
     cache.remember(KIND, key, path.read_bytes(), MOST_BYTES)

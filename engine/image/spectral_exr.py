@@ -131,9 +131,19 @@ def _write(parts, path):
         try:
             with open(temporary, "wb") as stream:  # by its name OpenEXR would not notice that its last bytes are lost
                 file.write(stream)
-        except (OSError, RuntimeError) as error:  # a full disk, say
-            why = getattr(error, "strerror", None) or str(error)
-            raise ImageError(path, "file", "not written whole", why) from None
+        except RuntimeError as error:
+            raise OSError(str(error)) from None
+        _check_written(temporary, parts)
+
+
+def _check_written(path, parts):
+    """Raise an OSError unless the headers of a file are those of its parts."""
+    try:
+        found = [set(header["channel names"]) for header, _ in read_parts(path, header_only=True)]
+    except ImageError:
+        found = []
+    if found != [set(part.channels) for part in parts]:
+        raise OSError("it reads otherwise than it was written")
 
 
 @contextmanager

@@ -227,6 +227,15 @@ def test_who_reads_the_first_lines_and_goes_is_told_no_error(arguments):
     assert process.returncode in (0, cli.UNHEARD)  # argparse itself passes over what it cannot write
 
 
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no /dev/full on this system")
+@pytest.mark.parametrize("arguments", ["lens info edmund-54852", "lens list", "--help", "--version"])
+def test_standard_output_on_a_full_disk_is_told_in_one_line(arguments):
+    command = [sys.executable, "-c", "from lensfield.cli import console; console()", *arguments.split()]
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert (done.returncode, done.stderr) == (1, "lensfield: standard output: No space left on device\n")
+
+
 def test_dark_pixels_that_are_not_numbers_are_named(tmp_path, capsys):
     cube = np.zeros((1, 4, 6))
     cube[0, 2, 5] = np.nan

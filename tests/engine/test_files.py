@@ -1,15 +1,25 @@
-"""What is left of writes that did not end: by processes that were killed, and by those that may still be at work."""
+"""Writes that meet a full disk, and what is left of those that did not end: by processes that were killed, and by those
+that may still be at work."""
 
+import errno
 import os
 import signal
+import stat
 import subprocess
 import sys
 import time
 
+import numpy as np
 import pytest
 
-from lensfield.engine import files
+from full_disk import room_for
+from lensfield.engine import InputError, Lens, Report, files
 from lensfield.engine.files import LONGEST_WRITE_S, atomic_path
+from lensfield.engine.image.preview import write_png
+from lensfield.engine.lens.readers.package import write_package
+from places import SAMPLE_SCENE
+
+posix = pytest.mark.skipif(os.name != "posix", reason="Windows does not tell which processes are at work")
 
 WRITE = """
 import sys, time
@@ -31,28 +41,125 @@ def write(path):
         temporary.write_text("whole")
 
 
-def kill_while_writing(path):
-    with subprocess.Popen([sys.executable, "-c", WRITE, str(path)], stdout=subprocess.PIPE) as process:
-        assert process.stdout.readline()
+def writer(path):
+    process = subprocess.Popen([sys.executable, "-c", WRITE, str(path)], stdout=subprocess.PIPE)
+    assert process.stdout.readline()
+    return process
+
+
+def kill(process):
+    with process:
         os.kill(process.pid, getattr(signal, "SIGKILL", signal.SIGTERM))
-    left, = path.parent.iterdir()
-    return left
 
 
-def test_what_a_killed_process_left_goes_a_day_later(tmp_path):
-    left = kill_while_writing(tmp_path / "picture.exr")
-    long_ago = time.time() - LONGEST_WRITE_S - 60
-    os.utime(left, (long_ago, long_ago))
+@posix
+def test_what_a_killed_process_left_goes_with_the_next_write(tmp_path):
+    kill(writer(tmp_path / "picture.exr"))
+    assert list(tmp_path.iterdir())
     write(tmp_path / "other.exr")
     assert [path.name for path in tmp_path.iterdir()] == ["other.exr"]
 
 
-def test_what_may_still_be_written_stays(tmp_path):
-    left = kill_while_writing(tmp_path / "picture.exr")
-    lately = time.time() - LONGEST_WRITE_S + 60
-    os.utime(left, (lately, lately))
-    write(tmp_path / "other.exr")
-    assert left.read_text() == "half"
+def test_what_a_process_at_work_writes_stays(tmp_path):
+    process = writer(tmp_path / "picture.exr")
+    try:
+        half, = tmp_path.iterdir()
+        write(tmp_path / "other.exr")
+        assert half.read_text() == "half"
+    finally:
+        kill(process)
+
+
+@pytest.mark.parametrize("owner", [f"{files._machine()}-{os.getppid()}-", f"{'0' * 8}-{2**31}-", ""],
+                         ids=["a process at work", "another machine", "an older version"])
+def test_what_is_left_by_whomever_goes_a_day_later(tmp_path, owner):
+    left = tmp_path / f"{files.HALF}{owner}picture-a1b2c3.exr"
+    for age_s in (-60, 60):
+        left.write_text("half")
+        then = time.time() - LONGEST_WRITE_S - age_s
+        os.utime(left, (then, then))
+        files._swept.clear()
+        write(tmp_path / "other.exr")
+        assert left.exists() == (age_s < 0)
+
+
+@posix
+def test_temporary_folders_of_killed_processes_go_with_the_next_one(tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    left = {pid: tmp_path / f"{files.WORK}{files._machine()}-{pid}-abc" for pid in (ended.pid, os.getppid())}
+    elsewhere, others = tmp_path / f"{files.WORK}{'0' * 8}-{ended.pid}-abc", tmp_path / "lensfield-renders"
+    for folder in (*left.values(), elsewhere, others):
+        folder.mkdir()
+        (folder / "pass.exr").write_text("half")
+    with files.temporary_folder() as own:
+        assert set(tmp_path.iterdir()) == {own, left[os.getppid()], elsewhere, others}
+
+
+def test_no_room_for_a_temporary_folder_is_told(tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "gone"))
+    with pytest.raises(InputError, match=r"gone: temporary folder is not to be made: No such file or directory$"):
+        with files.temporary_folder():
+            pass
+
+
+def test_a_file_is_on_the_disk_before_it_has_its_name(tmp_path, monkeypatch):
+    done = []
+    monkeypatch.setattr(os, "fsync", lambda handle: done.append("folder" if stat.S_ISDIR(os.fstat(handle).st_mode)
+                                                                else "file"))
+    replace = os.replace
+    monkeypatch.setattr(os, "replace", lambda *paths: done.append("name") or replace(*paths))
+    write(tmp_path / "picture.exr")
+    assert done[:2] == ["file", "name"] and done[2:] == ["folder"] * (os.name == "posix")
+
+
+def test_a_disk_that_tells_at_the_end_that_it_is_full_leaves_the_old_file(tmp_path, monkeypatch):
+    """As network disks do."""
+    def fail(handle):
+        raise OSError(errno.EDQUOT, "Disk quota exceeded")
+
+    path = tmp_path / "picture.exr"
+    path.write_text("old")
+    monkeypatch.setattr(os, "fsync", fail)
+    with pytest.raises(InputError, match=r"picture.exr: file is not written whole: Disk quota exceeded$"):
+        write(path)
+    assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
+
+
+def test_a_folder_that_goes_away_is_told(tmp_path):
+    path = tmp_path / "pictures" / "picture.exr"
+    with pytest.raises(InputError, match=r"picture.exr: file is not written whole: No such file or directory$"):
+        with atomic_path(path) as temporary:
+            temporary.unlink()
+            path.parent.rmdir()
+    assert list(tmp_path.iterdir()) == []
+
+
+def no_links(*_):
+    raise OSError(errno.EXDEV, "Invalid cross-device link")
+
+
+@posix
+@pytest.mark.parametrize("write", [
+    lambda path: write_png(np.full((40, 60, 3), np.arange(60)[:, None] / 60, np.float32), path, 1.0),
+    lambda path: Report({"plan": 1.0}).write(path),
+    lambda path: write_package(Lens.load("edmund-54852"), path),
+    lambda path: files.link_or_copy(SAMPLE_SCENE, path),
+], ids=["picture", "report", "package", "copy"])
+def test_a_full_disk_is_told_by_the_file(tmp_path, monkeypatch, write):
+    monkeypatch.setattr(os, "link", no_links)
+    with room_for(30), pytest.raises(InputError, match=r"file.out: file is not written whole: File too large$"):
+        write(tmp_path / "file.out")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_why_there_is_no_room_is_what_the_system_says(tmp_path):
+    assert files.why_no_room(tmp_path, 3 * files.PROBE_BYTES + 1) == ""
+    assert "No such file" in files.why_no_room(tmp_path / "gone", 1)
+    with room_for(2 * files.PROBE_BYTES):
+        assert files.why_no_room(tmp_path, 3 * files.PROBE_BYTES) == "File too large"
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("name", [".picture-a1b2c3d4.exr", ".lensfield-notes.txt", "picture.exr"])

@@ -27,21 +27,17 @@ AMPLITUDE_STEPS = np.iinfo(np.uint16).max
 
 def write_package(lens: Lens, path: str | Path) -> None:
     """Write `lens` to `path`, whole or not at all."""
-    with atomic_path(path) as temporary, open(temporary, "wb") as stream:
-        _write(lens, stream)
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(package_bytes(lens))
 
 
 def package_bytes(lens: Lens) -> bytes:
     """The contents of the file that `write_package` writes."""
     stream = BytesIO()
-    _write(lens, stream)
-    return stream.getvalue()
-
-
-def _write(lens, stream):
     header = {"format": FORMAT, "version": VERSION} | {name: getattr(lens, name) for name in SCALARS}
     arrays = {name: getattr(lens, name) for name in ARRAYS} | {"psf_amplitude": _amplitudes(lens.psf)}
     np.savez_compressed(stream, header=np.array(json.dumps(header)), **arrays)
+    return stream.getvalue()
 
 
 def read_header(path: str | Path) -> dict[str, Any]:

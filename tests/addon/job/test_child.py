@@ -1,5 +1,6 @@
 """A render in a process of its own, on a copy of the file."""
 
+import os
 import subprocess
 import sys
 import tempfile
@@ -96,11 +97,11 @@ def test_what_a_killed_process_left_is_swept_away(tmp_path, monkeypatch):
     dead = subprocess.Popen([sys.executable, "-c", ""])
     dead.wait()
     with child.work_folder() as own:
-        left = tmp_path / f"lensfield-{dead.pid}-abc"
+        left = tmp_path / Path(own).name.replace(f"-{os.getpid()}-", f"-{dead.pid}-")
         for name in ("lensfield-renders-2", f"other-{dead.pid}-abc", left.name):
             (tmp_path / name).mkdir()
         (left / "copy.blend").write_bytes(b"BLENDER")
-        (tmp_path / f"lensfield-{dead.pid}-kept.log").write_text("its last words")
+        (tmp_path / "lensfield-kept.log").write_text("its last words")
         expected = {path.name for path in tmp_path.iterdir()} - {left.name}
         child.sweep()
         assert {path.name for path in tmp_path.iterdir()} == expected and Path(own).is_dir()

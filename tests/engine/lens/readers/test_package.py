@@ -298,14 +298,3 @@ def test_damage_of_any_byte_is_harmless_or_a_lens_error(path):
             read_package(path)
         except LensError:
             pass
-
-
-def test_a_write_that_fails_leaves_nothing_behind(tmp_path, monkeypatch):
-    def fail(stream, **arrays):
-        stream.write(b"half a file")
-        raise OSError("disk full")
-
-    monkeypatch.setattr(np, "savez_compressed", fail)
-    with pytest.raises(OSError, match="disk full"):
-        write_package(sample_lens(), tmp_path / "lens.npz")
-    assert list(tmp_path.iterdir()) == []

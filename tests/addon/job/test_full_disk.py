@@ -1,0 +1,88 @@
+"""Renders on a full disk: told by the file and by what the system says, with nothing left."""
+
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+
+from full_disk import room_for
+from lensfield.addon.job import child, kept_passes, light
+from lensfield.addon.job.render import render_through_lens
+from lensfield.addon.job.session import write_session
+from lensfield.engine import InputError
+from small_scenes import set_world
+from snapshot import differences, snapshot
+
+
+@pytest.fixture
+def work(tmp_path, monkeypatch):
+    """The folder of temporary files."""
+    folder = tmp_path / "work"
+    folder.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(folder))
+    return folder
+
+
+def render(scene, tmp_path, **asked):
+    return render_through_lens(scene, "edmund-54852", [450, 550, 650], tmp_path / "out", **asked)
+
+
+@pytest.mark.parametrize("depth", ["off", "auto"], ids=["pass", "look at depth"])
+@pytest.mark.parametrize("room_bytes", [0, 1_000, 8_000], ids="{} bytes".format)
+def test_no_room_for_a_pass_is_told_by_its_file(scene, tmp_path, work, depth, room_bytes):
+    set_world(scene)
+    scene.render.image_settings.file_format = "PNG"
+    before = snapshot()
+    with room_for(room_bytes), pytest.raises(InputError, match=r"(pass|look)\.exr.*File too large") as told:
+        render(scene, tmp_path, depth=depth)
+    assert "\n" not in str(told.value)
+    assert not differences(before, snapshot())
+    assert not list(work.iterdir()) and not list((tmp_path / "out").iterdir())
+
+
+def test_a_work_folder_that_goes_away_is_told(scene, tmp_path, work, monkeypatch):
+    def gone(path, needed):
+        shutil.rmtree(path.parent)
+        return read(path, needed)
+
+    read = light.read_pass
+    monkeypatch.setattr(kept_passes, "read_pass", gone)
+    with pytest.raises(InputError, match=r"look\.exr: render pass is not written whole: No such file or directory$"):
+        render(scene, tmp_path)
+    assert not list(work.iterdir())
+
+
+def test_no_room_for_a_picture_leaves_none_of_its_name(scene, tmp_path, work):
+    set_world(scene)
+    result = render(scene, tmp_path)
+    sizes = {path: path.stat().st_size for path in result.pictures}
+    shutil.rmtree(tmp_path / "out")
+    most = max(sizes, key=sizes.get)
+    with room_for(sizes[most] - 1):
+        with pytest.raises(InputError, match=rf"{most.name}: file is not written whole: File too large$"):
+            render(scene, tmp_path)
+    assert not most.exists() and not list(work.iterdir())
+    assert not list((tmp_path / "out").glob(".*"))
+
+
+def test_a_child_is_heard_when_its_log_has_no_room(tmp_path, work):
+    code = r"""print("x" * 100_000, flush=True); print('lensfield> {"told": ["all"]}'); raise SystemExit(3)"""
+    with room_for(1_000):
+        heard = child.Child([sys.executable, "-c", code], tmp_path)
+        heard._process.wait(60)
+        heard.end()
+        assert heard.told["told"] == ["all"]
+        why, log = heard.death()
+    assert why.startswith("exit status 3: ") and Path(log).stat().st_size == 1_000
+    Path(log).unlink()
+    with room_for(10):
+        assert heard.death()[1] == "lost (File too large)"
+    assert not list(Path(tempfile.gettempdir()).iterdir())
+
+
+def test_no_room_for_what_a_copy_lacks_is_told(scene, tmp_path):
+    with room_for(100), pytest.raises(InputError, match=r"session.npz: file is not written whole: File too large$"):
+        write_session(tmp_path / "session.npz")
+    assert not list(tmp_path.iterdir())
