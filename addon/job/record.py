@@ -36,7 +36,7 @@ def read_record(job, result):
     """The record of a frame, if all its files are there, whole, and made by this job; else None."""
     try:
         facts = json.loads(result.record.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return None
     same = (isinstance(facts, dict) and facts.get("job") == asked_of(job) and isinstance(facts.get("state"), str)
             and facts.get("sizes") == _sizes(result.pictures)

@@ -271,7 +271,17 @@ def _state(group):
     """What a group of ours holds: the fingerprint that the scene had when each frame was rendered, the scene's key, and
     what was made for it: the tree, and the Render Layers node of this name."""
     empty = {"frames": {}, "scene": "", "made_tree": False, "made_layers": ""}
-    return empty | json.loads(group.get(STATE, "{}"))
+    try:
+        told = json.loads(group.get(STATE, "{}"))
+    except (TypeError, ValueError, RecursionError):  # the file may be anybody's
+        return empty
+    told = told if isinstance(told, dict) else {}
+    held = {name: told[name] for name, value in empty.items() if isinstance(told.get(name), type(value))}
+    return empty | held | {"frames": {frame: of for frame, of in held.get("frames", {}).items() if _is_frame(frame)}}
+
+
+def _is_frame(text):
+    return text.removeprefix("-").isdecimal() and len(text) < 12
 
 
 def _put(group, **facts):

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ..bake.prescription import Prescription
 
 UNIT_SUM_TOLERANCE = 1e-3
+LARGEST = 1e15  # of any figure but an infinite distance: what comes of higher ones is no number any more
 TEXTS = ("name", "maker", "story", "source", "notes")
 NUMBERS = ("efl_mm", "magnification", "f_number_effective", "object_distance_mm", "entrance_pupil_mm",
            "reference_wavelength_nm", "psf_pitch_um")
@@ -289,9 +290,11 @@ def _check_numbers(lens):
     for name in NUMBERS:
         if name != "object_distance_mm" and not np.isfinite(getattr(lens, name)):
             raise LensError(lens.name, name, getattr(lens, name), "expected a finite number")
+        if LARGEST < abs(getattr(lens, name)) < np.inf:
+            raise LensError(lens.name, name, getattr(lens, name), f"expected at most {LARGEST:g}")
     if lens.magnification == 0 and np.isfinite(lens.object_distance_mm):
         raise LensError(lens.name, "magnification", lens.magnification, "expected other than 0 at a finite distance")
-    if len(lens.sensor_mm) != 2 or not min(lens.sensor_mm) > 0:
+    if len(lens.sensor_mm) != 2 or not 0 < min(lens.sensor_mm) <= max(lens.sensor_mm) <= LARGEST:
         raise LensError(lens.name, "sensor_mm", lens.sensor_mm, "expected a positive width and height")
 
 
@@ -314,6 +317,9 @@ def _check_tables(lens):
     for name in ("wavelengths_nm", "heights_mm", "real_height_mm", "relative_illumination", "transmittance", "psf"):
         if not np.all(np.isfinite(getattr(lens, name))):
             raise LensError(lens.name, name, "not finite", "expected numbers throughout")
+        if np.any(np.abs(getattr(lens, name)) > LARGEST):
+            raise LensError(lens.name, name, f"up to {np.abs(getattr(lens, name)).max():g}",
+                            f"expected at most {LARGEST:g}")
     for name in ("wavelengths_nm", "heights_mm"):
         if np.any(np.diff(getattr(lens, name)) <= 0):
             raise LensError(lens.name, name, getattr(lens, name).tolist(), "expected ascending values")

@@ -11,12 +11,14 @@ import pytest
 
 from lensfield.addon.scene.compositor import (
     NAME,
+    STATE,
     compositing_tree,
     compositor_state,
     fingerprint_anew,
     fingerprint_now,
     lay_into_compositor,
     lens_image,
+    refresh,
     remove_from_compositor,
     unreplaced_passes,
 )
@@ -178,6 +180,17 @@ def test_a_missing_file_gives_the_plain_render_and_is_told(scene, tmp_path):
     assert not shows_lens_image(scene, tmp_path)
     assert compositor_state(scene) == ("plain render, Scene_0001_lens_image.exr is not there", "ERROR")
     assert lensfield_nodes(scene)[0].label == "Lensfield: plain render, Scene_0001_lens_image.exr is not there"
+
+
+@pytest.mark.parametrize("state", ["x", "[1]", "[" * 10**5, "5", '{"frames": 5}', '{"frames": {"x": 1, "1e9": 2}}', 5,
+                                   '{"scene": 1, "made_layers": [], "frames": null}', b"\xff"])
+def test_a_strangers_file_may_hold_anything_in_place_of_what_the_node_knows(scene, tmp_path, state):
+    lay(scene, tmp_path)
+    lensfield_nodes(scene)[0].node_tree[STATE] = state
+    refresh(scene)
+    assert compositor_state(scene)[0].startswith("plain render")
+    lay(scene, tmp_path)
+    assert compositor_state(scene)[0] == "lens image"
 
 
 def test_outputs_beside_the_picture(scene, tmp_path):

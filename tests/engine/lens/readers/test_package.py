@@ -172,9 +172,18 @@ def test_of_mirror_symmetric_psfs_one_half_is_stored(path):
 
 
 @pytest.mark.parametrize("field, value", [("efl_mm", -6.0), ("efl_mm", float("nan")), ("psf_pitch_um", 0),
-                                          ("sensor_mm", [1.0]), ("f_number_effective", 0)])
+                                          ("sensor_mm", [1.0]), ("sensor_mm", [1.0, 1e300]),
+                                          ("f_number_effective", 0), ("efl_mm", 1e300),
+                                          ("entrance_pupil_mm", -1e300), ("object_distance_mm", 1e300)])
 def test_an_impossible_figure_is_named(path, field, value):
     assert error_of(rewritten(path, header={field: value})).field == field
+
+
+@pytest.mark.parametrize("field", ["heights_mm", "real_height_mm", "relative_illumination", "wavelengths_nm"])
+def test_numbers_beyond_all_measure_are_named(path, field):
+    table = getattr(sample_lens(), field).copy()
+    table.flat[-1] = 1e300
+    assert error_of(rewritten(path, **{field: table})).field == field
 
 
 @pytest.mark.parametrize("header", [{"efl_mm": "six"}, {"efl_mm": None}, {"sensor_mm": 5}, {"sensor_mm": "wide"},

@@ -1,0 +1,149 @@
+"""What is done over and over takes no more memory the longer it goes on, and leaves nothing.
+
+    python tests/reliability/long_runs.py [--previews 200] [--renders 50] [--registers 50]
+
+Each line tells how much memory a process has after a fifth of its runs and at their end (medians over a fifth of them),
+and what has grown beside it: threads, open files, child processes, Blender's data, handlers, classes and temporary
+files. Status 1 where memory is not flat within 5 %, or something is left.
+"""
+
+import argparse
+import os
+import shutil
+import statistics
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+TESTS = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(TESTS), str(TESTS / "addon")]
+
+TEMPORARY = Path(tempfile.mkdtemp(prefix="lensfield-long-runs-"))
+os.environ["TMPDIR"] = tempfile.tempdir = str(TEMPORARY)  # where nothing else is written
+
+import bpy  # noqa: E402
+
+from lensfield import addon  # noqa: E402
+from lensfield.addon.ui import preview  # noqa: E402
+from lensfield.commands.terminal import quiet  # noqa: E402
+from small_scenes import background, light, material, wall  # noqa: E402
+
+FLAT = 0.05
+POLL_S = 0.01
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    for what, count in {"previews": 200, "renders": 50, "registers": 50}.items():
+        parser.add_argument(f"--{what}", type=int, default=count)
+    options = parser.parse_args()
+    addon.register()
+    make_scene()
+    sound = [renders(options.renders), previews(options.previews), registers(options.registers)]
+    sys.stdout.flush()
+    shutil.rmtree(TEMPORARY, ignore_errors=True)
+    os._exit(not all(sound))  # some wheels crash while the interpreter exits
+
+
+def make_scene():
+    """A wall and a lamp before a camera."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene = bpy.context.scene
+    scene.render.engine = "CYCLES"
+    scene.cycles.samples, scene.cycles.use_denoising = 1, False
+    scene.render.resolution_x, scene.render.resolution_y = 64, 48
+    scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    scene.collection.objects.link(scene.camera)
+    scene.world = bpy.data.worlds.new("World")
+    scene.world.use_nodes = True
+    light(scene, "POINT", 20.0)
+    wall(scene, material("Wall", "ShaderNodeBsdfDiffuse")[0])
+    scene.lensfield.view = "CAMERA"
+
+
+def renders(count):
+    with tempfile.TemporaryDirectory() as folder:
+        def render(number):
+            background(bpy.context.scene).inputs["Strength"].default_value = number % 7
+            addon.render_through_lens(bpy.context.scene, "edmund-54852", [450, 550, 650], folder)
+            return os.getpid()
+
+        return told("renders", count, render)
+
+
+def previews(count):
+    """Each of a scene that has changed; the memory is that of the process that renders them."""
+    preview.STILL_S = 0.0
+    preview.start(bpy.context.scene)
+    scene = bpy.context.scene
+
+    def show(number):
+        background(scene).inputs["Strength"].default_value = number % 7
+        bpy.context.view_layer.update()
+        preview.state["preview"].changed_s = preview.state["preview"].other_s = 0.0
+        while preview.tick() is not None and (preview.state["preview"].asked or not preview.state["preview"].fresh):
+            time.sleep(POLL_S)
+        if preview.state["preview"] is None or preview.state["preview"].error:
+            raise SystemExit(f"preview {number}: {preview.state}")
+        return preview.state["preview"].child._process.pid
+
+    sound = told("previews", count, show, ("the process that renders", "Blender"))
+    preview.end()
+    return sound
+
+
+def registers(count):
+    def register(number):
+        addon.unregister()
+        addon.register()
+        return os.getpid()
+
+    return told("register, unregister", count, register)
+
+
+def told(what, count, run, names=("Blender",)):
+    """Run it so often, and print what memory and all else has come to; whether that is flat."""
+    megabytes = {name: [] for name in names}
+    with quiet(1):  # Blender tells of each copy that it saves
+        for number in range(count):
+            process = run(number)
+            if number == count // 5:
+                before = beside(process)
+            for name, held in megabytes.items():
+                held.append(resident_mb(os.getpid() if name == "Blender" else process))
+    left = {name: after - before[name] for name, after in beside(process).items() if after > before[name]}
+    sound = not left
+    for name, held in megabytes.items():
+        fifth = max(1, count // 5)
+        early, late = statistics.median(held[fifth:2 * fifth]), statistics.median(held[-fifth:])
+        sound &= late <= (1 + FLAT) * early
+        print(f"{what:<22}{count:4} runs  {name:<26}{early:8.1f} MB, at the end {late:8.1f} MB  "
+              f"({late / early - 1:+.1%})  left: {left or 'nothing'}", flush=True)
+    return sound
+
+
+def resident_mb(process):
+    pages = int(Path(f"/proc/{process}/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
+
+
+def beside(process):
+    """What may be left of this process, and of the one that renders: how many of each."""
+    own = {os.getpid(), process}
+    handlers = (getattr(bpy.app.handlers, name) for name in dir(bpy.app.handlers) if not name.startswith("_"))
+    return {"threads": sum(len(os.listdir(f"/proc/{each}/task")) for each in own),
+            "open files": sum(len(os.listdir(f"/proc/{each}/fd")) for each in own),
+            "processes": len(Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()),
+            "data blocks": sum(len(data) for data in vars_of_data()),
+            "handlers": sum(len(each) for each in handlers if isinstance(each, list)),
+            "classes": len(bpy.types.Panel.__subclasses__()) + len(bpy.types.Operator.__subclasses__()),
+            "temporary files": sum(1 for _ in TEMPORARY.rglob("*"))}
+
+
+def vars_of_data():
+    return (getattr(bpy.data, name) for name in dir(bpy.data) if hasattr(getattr(bpy.data, name), "new"))
+
+
+if __name__ == "__main__":
+    main()
