@@ -41,7 +41,7 @@ class Channel:
         optics = lens.at_wavelength(wavelength_nm)
         self.field = FieldGeometry(optics, lens.name)
         self.planes = plan.planes(capture)
-        self._plan, self._table, self._capture_px = plan, table, capture.shape_px
+        self._plan, self._table, self._transmittance = plan, table, optics.transmittance
         self._psfs = PlacedPsfs(lambda: plan.trimmed(PsfBank.of(optics, capture.pitch_um)), self.field, self.planes)
         self.kept = memory.take(self.field.nbytes + (table.nbytes if table else self._psfs.bank.nbytes))
         memory = memory if self.kept else MemoryBudget(0)
@@ -56,10 +56,14 @@ class Channel:
         `planes`."""
         return self._ideal.irradiance(radiance)
 
-    def even_irradiance(self) -> np.ndarray:
-        """Irradiance of radiance that is 1 everywhere: array (row, column) of the picture in `planes`."""
-        even = self._ideal.irradiance(np.ones(self._capture_px, np.float32))
-        return self.planes.join(self.planes.without_doubles(even))
+    def behind_glass(self, irradiance: np.ndarray, sensor: PixelGrid) -> np.ndarray:
+        """What rays bring to a sensor, array (row, column), less what the lens's glass takes; none beyond the lens data
+        where the plan has it stay black."""
+        transmitted = irradiance * np.float32(self._transmittance)
+        if self._plan.out_of_field == "vignette":
+            x_mm, y_mm = sensor.axes_mm()
+            transmitted[np.hypot(x_mm, y_mm[:, None]) > self.field.last_real_mm] = 0
+        return transmitted
 
     def veil(self, ideal: np.ndarray, clear: np.ndarray) -> None:
         """Leave, in place, a share of an ideal irradiance: array (row, column) of the frame, which goes on around it

@@ -77,7 +77,7 @@ def simulate(radiance: SpectralImage | LayeredRadiance, lens: Lens, options: Opt
             out_of_focus = None
             if view.blurred is not None and view.clear is not None:
                 channel.veil(ideal, split_pixels(view.clear, fine))
-                out_of_focus = view.blurred * merge_pixels(_frame(channel.even_irradiance(), frame_px), fine)
+                out_of_focus = channel.behind_glass(view.blurred * view.per_radiance, radiance.grid.frame())
         light = channel.planes.light(ideal)
         with report.stage("filtering"):
             blurred = channel.blur(ideal)

@@ -17,12 +17,14 @@ from .focus import build_system
 from .heights import telling_heights_mm
 from .prescription import Prescription
 from .quality import QUALITIES, Quality
+from .rays import HalfPupil, trace_pupil
 from .system import System
 from .wavefront import Wavefronts, polynomial_weights, trace_wavefronts
 from .window import ENERGY, SETTLED, needed_width_um, pitch_for_um, width_um
 
 MOST_WIDENED = 2.0  # of the survey's window: one place's faint flare is not worth coarser samples everywhere
 LEAST_SAMPLES, MOST_SAMPLES = 65, 129  # of a PSF along each side
+CHIEF_STEP = 1e-3  # of the last height: from chief ray to chief ray, whose distance tells how areas change
 SURVEY_SHARE = 0.2  # of the time that a bake takes, roughly, for the progress bar
 
 
@@ -66,7 +68,7 @@ def bake(prescription: Prescription, *, quality: str = "standard", heights: int 
     system = build_system(prescription)
     heights_mm, between = _heights(system, heights, wavelengths_nm, fineness)
     traced = trace_wavefronts(system, heights_mm, _traced_nm(wavelengths_nm, fineness.traced), fineness.pupil)
-    area = _illumination(system, heights_mm, traced, wavelengths_nm, fineness)
+    area, flux = _illumination(system, heights_mm, traced, wavelengths_nm, fineness)
     wavefronts = traced.at(wavelengths_nm)
     needed_um = needed_width_um(traced, fineness.sums)
     samples = samples or _samples(needed_um, _sensor_mm(system, traced.chief_height_mm.max()), fineness)
@@ -80,7 +82,7 @@ def bake(prescription: Prescription, *, quality: str = "standard", heights: int 
         psf = _psfs(wavefronts, told, samples, fineness, workers, progress)
         held, before = psf.sum(axis=(2, 3)).min(), held
     notes = _notes(system.prescription.notes, wavefronts, between, told, fineness)
-    return _lens(system, heights_mm, wavefronts, area, told, psf, notes)
+    return _lens(system, heights_mm, wavefronts, area, flux, told, psf, notes)
 
 
 def focused(prescription: Prescription) -> Prescription:
@@ -140,13 +142,41 @@ def _traced_nm(wavelengths_nm, number):
 
 
 def _illumination(system, heights_mm, traced: Wavefronts, wavelengths_nm, quality: Quality):
-    """Area of the bundles in direction cosines: array (wavelength, height)."""
+    """Irradiance of even radiance, in sr: arrays (wavelength, height).
+
+    Returns
+    -------
+    area
+        Where the chief ray lands: the area of its bundle in direction cosines.
+    flux
+        All light that a part of the object sends through the lens, over the area that chief rays make of it. PSFs then
+        bring a part of that nearer to the axis, or farther from it, by their coma.
+    """
     area = traced.illumination(*quality.edges)
     dark = np.argwhere(area <= 0)
     if dark.size:
         raise LensError(system.prescription.name, "field height", f"{heights_mm[dark[0, 1]]:.4g} mm",
                         "no light gets through the apertures here: end the field earlier")
-    return polynomial_weights(1e3 / traced.wavelengths_nm, 1e3 / wavelengths_nm) @ area
+    flux = (traced.beam_area(*quality.edges) * _beam_per_image(system, heights_mm)
+            * _image_per_real(system, heights_mm, traced.wavelengths_nm))
+    return polynomial_weights(1e3 / traced.wavelengths_nm, 1e3 / wavelengths_nm) @ np.stack([area, flux])
+
+
+def _beam_per_image(system, heights_mm):
+    """What the source's coordinates leave out of the light: the object's area, or solid angle, over the paraxial
+    image's."""
+    if system.object_at_infinity:
+        return np.cos(np.arctan(heights_mm / system.efl_mm))**3 / system.efl_mm**2
+    return np.full(len(heights_mm), 1 / system.magnification**2)
+
+
+def _image_per_real(system, heights_mm, wavelengths_nm):
+    """Area of the paraxial image over that of the real one, which chief rays squeeze: array (wavelength, height)."""
+    step_mm = CHIEF_STEP * heights_mm[-1]
+    between = [np.clip(heights_mm + beside, 0, heights_mm[-1]) for beside in (-step_mm, step_mm)]
+    before, here, behind = (trace_pupil(system, each, wavelengths_nm, HalfPupil(1, 1)).chief_height_mm for each in
+                            (between[0], np.maximum(heights_mm, step_mm), between[1]))
+    return (between[1] - between[0]) / (behind - before) * np.maximum(heights_mm, step_mm) / here
 
 
 def _psfs(wavefronts, pitch_um, samples, quality, workers, progress):
@@ -173,7 +203,7 @@ def _psfs(wavefronts, pitch_um, samples, quality, workers, progress):
     return psf
 
 
-def _lens(system: System, heights_mm, wavefronts, area, pitch_um, psf, notes):
+def _lens(system: System, heights_mm, wavefronts, area, flux, pitch_um, psf, notes):
     """The lens of its tables."""
     prescription, wavelengths_nm = system.prescription, wavefronts.wavelengths_nm
     real_mm = wavefronts.chief_height_mm.copy()
@@ -189,4 +219,5 @@ def _lens(system: System, heights_mm, wavefronts, area, pitch_um, psf, notes):
         reference_wavelength_nm=prescription.reference_wavelength_nm, wavelengths_nm=wavelengths_nm,
         heights_mm=heights_mm, real_height_mm=real_mm, relative_illumination=area / area[:, :1],
         psf=psf / energy[..., None, None], psf_pitch_um=pitch_um, enclosed_energy=np.minimum(energy, 1),
-        transmittance=system.transmittance(wavelengths_nm))
+        transmittance=system.transmittance(wavelengths_nm),
+        point_flux=flux / area * area[:, :1] / area[reference, 0])

@@ -39,6 +39,7 @@ TRUSTED = -0.3  # the margin of rays beyond what passes that still tell how it g
 LOST = -1.0  # the margin of a ray that does not reach the sensor, where it is not apertures that tell why
 ORDER = 4  # of the differences that continued rays keep small, and cubic splines do not see
 FAINT = 1e-5  # of first differences beside these, where too few rays are known
+RIM_RADII, RIM_AZIMUTHS = 48, 64  # along which light is summed up over half of the stop
 EVEN, ODD, FREE = (1, 0, -1), (1, 0, 1), (1, -4, 6, -4, 1)  # sums of coefficients at an end of splines that are 0
 
 
@@ -115,6 +116,10 @@ class RayTable(Value):
         weights = polynomial_weights(1e3 / self.wavelengths_nm, 1e3 / wavelengths_nm).astype(np.float32)
         return replace(self, wavelengths_nm=wavelengths_nm, coefficients=np.tensordot(weights, self.coefficients, 1))
 
+    def near(self, wavelengths_nm: Sequence[float] | np.ndarray) -> "RayTable":
+        """As `at`, but beyond the table's wavelengths its last ones are held."""
+        return self.at(np.clip(wavelengths_nm, *self.wavelengths_nm[[0, -1]]))
+
     def rays(self, wavelength: int | np.ndarray, place_mm: np.ndarray, stop: np.ndarray) -> SensorRays:
         """Rays from places of the sensor through places of the stop.
 
@@ -172,6 +177,30 @@ class RayTable(Value):
             found = over_stop @ at_heights.reshape(counts[1] * counts[2], -1)
             values[:, number] = found.reshape(radius.size, len(values), -1).transpose(1, 2, 0)
         return _sensor_rays(values, np.sign(azimuth), np.zeros_like(radius), radius)
+
+    def irradiance_per_radiance(self, heights_mm: np.ndarray) -> np.ndarray:
+        """Irradiance of places of the sensor in even radiance, but for the glass's transmittance.
+
+        The light of all rays that pass: along radii of the stop, over the square of which their margin is nearly a
+        straight line, so that its rim may lie between two of them.
+
+        Parameters
+        ----------
+        heights_mm : array (height,)
+            From the axis.
+
+        Returns
+        -------
+        array (wavelength, height)
+            In sr.
+        """
+        square, azimuth = np.linspace(0, 1, RIM_RADII + 1), np.pi * (np.arange(RIM_AZIMUTHS) + 0.5) / RIM_AZIMUTHS
+        radius, azimuth = np.meshgrid(np.sqrt(square), azimuth, indexing="ij")
+        found = self.bundles(heights_mm, np.stack([radius * np.sin(azimuth), radius * np.cos(azimuth)]).reshape(2, -1))
+        margin, weight = (each.reshape(*each.shape[:2], *radius.shape) for each in (found.margin, found.weight))
+        lit, both, light = (values[..., :-1, :] + values[..., 1:, :]
+                            for values in (np.maximum(margin, 0), np.abs(margin), weight))
+        return np.pi * (lit / np.maximum(both, 1e-30) * light / 2).mean(axis=(-2, -1))
 
     def _between(self, wavelength, *shares):
         """Quantities at shares of the even distances of height, radius and azimuth: array (quantity, ...)."""

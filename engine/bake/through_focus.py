@@ -136,7 +136,7 @@ def lens_at_depth(lens: Lens, rays: RayTable, depth_mm: float) -> Lens:
                    wavelengths_nm=lens.wavelengths_nm[wavelengths], real_height_mm=real_mm,
                    relative_illumination=lens.relative_illumination[tables], psf=psf / light[..., None, None],
                    psf_pitch_um=pitch_um, enclosed_energy=np.minimum(light, 1),
-                   transmittance=lens.transmittance[wavelengths])
+                   transmittance=lens.transmittance[wavelengths], point_flux=lens.point_flux[tables])
 
 
 def _check_depth(depth_mm):

@@ -30,6 +30,8 @@ class Wavefronts:
         Direction cosines (x, y) from the image point to the wavefront on that sphere.
     ray : array (2, ...)
         Direction cosines of the rays at the image, which differ from those by the aberrations.
+    source : array (2, ...)
+        Coordinates in the object's beam over whose area the source's light is spread evenly, as of `TracedRays`.
     density : array
         Logarithm of the light per area of `cosine`: of the area of the object's beam that this is the image of.
     limits : array (limit, ...)
@@ -44,6 +46,7 @@ class Wavefronts:
     path_mm: np.ndarray
     cosine: np.ndarray
     ray: np.ndarray
+    source: np.ndarray
     density: np.ndarray
     limits: np.ndarray
     spot_mm: np.ndarray
@@ -57,8 +60,8 @@ class Wavefronts:
             return np.moveaxis(np.tensordot(weights, values, (1, axis)), 0, axis)
 
         return Wavefronts(self.pupil, wavelengths_nm, between(self.chief_height_mm), between(self.path_mm),
-                          between(self.cosine, 1), between(self.ray, 1), between(self.density),
-                          between(self.limits, 1), between(self.spot_mm, 1))
+                          between(self.cosine, 1), between(self.ray, 1), between(self.source, 1),
+                          between(self.density), between(self.limits, 1), between(self.spot_mm, 1))
 
     def one(self, wavelength: int, height: int) -> "Wavefront":
         """That of one wavelength and height."""
@@ -71,10 +74,17 @@ class Wavefronts:
 
         Its ratio to the axis is the relative illumination of a Lambertian object, for radiance is conserved along rays.
         """
+        return self._passing_area(self.ray, radii, azimuths)
+
+    def beam_area(self, radii: int, azimuths: int) -> np.ndarray:
+        """Area of each bundle that passes over the source's coordinates: array (wavelength, height)."""
+        return self._passing_area(self.source, radii, azimuths)
+
+    def _passing_area(self, coordinates, radii, azimuths):
         quadrature = PupilQuadrature(self.pupil, radii, azimuths)
         area = np.empty(self.chief_height_mm.shape)
         for wavelength, height in np.ndindex(area.shape):
-            cells = np.abs(quadrature.splines.jacobian(*self.ray[:, wavelength, height])) * quadrature.cells
+            cells = np.abs(quadrature.splines.jacobian(*coordinates[:, wavelength, height])) * quadrature.cells
             area[wavelength, height] = 2 * np.sum(cells * quadrature.coverage(self.limits[:, wavelength, height]))
         return area
 
@@ -116,10 +126,10 @@ def trace_wavefronts(system: System, heights_mm: Sequence[float] | np.ndarray,
     if folded.any():
         far = _on_reference_sphere(rays, longest_mm)
         path_mm, cosine = np.where(folded, far[0], path_mm), np.where(folded, far[1], cosine)
+    source = continued(rays.source, rays.lost)
     return Wavefronts(pupil, rays.wavelengths_nm, rays.chief_height_mm, path_mm, cosine,
-                      continued(rays.direction[:2], rays.lost),
-                      light_density(pupil, continued(rays.source, rays.lost), cosine), limits,
-                      continued(rays.position_mm - rays.position_mm[..., :1, :1], rays.lost))
+                      continued(rays.direction[:2], rays.lost), source, light_density(pupil, source, cosine),
+                      limits, continued(rays.position_mm - rays.position_mm[..., :1, :1], rays.lost))
 
 
 def _on_reference_sphere(rays, distance_mm):

@@ -8,9 +8,10 @@ import numpy as np
 
 from .. import kernels
 from ..image.layers import LayeredRadiance
+from ..image.pixel_grid import PixelGrid
 from ..threads import thread_pool
 from .meetings import TILE_PX, plan_meetings
-from .pencils import Iris, pencils, per_focal
+from .pencils import HEIGHTS, Iris, pencils, per_focal
 from .plain import cast as plain_cast
 from .seen import Seen, seen
 
@@ -23,7 +24,7 @@ FAINT = 1e-3  # of a picture's mean radiance
 
 @dataclass(frozen=True, eq=False)
 class CastPlane:
-    """A wavelength of a layered capture, in two parts: E = blur(ideal irradiance of `sharp` * clear) + blurred * Eq. 2.
+    """A wavelength of a layered capture: E = blur(ideal irradiance of sharp * clear) + T * per_radiance * blurred.
 
     Attributes
     ----------
@@ -32,13 +33,16 @@ class CastPlane:
     blurred : float32 array (row, column) of the frame
         Radiance of what is out of focus, with all that hides it: the mean over the light of the pixel's rays.
     clear : float32 array (row, column) of the frame
-        The share, from 0 to 1, that what is out of focus leaves of what is in focus. Both are None of a picture without
-        layers, which is taken to be in focus.
+        The share, from 0 to 1, that what is out of focus leaves of what is in focus.
+    per_radiance : float32 array (row, column) of the frame
+        Irradiance of even radiance by all of the lens's rays, but for its glass's transmittance T. This and the two
+        before are None of a picture without layers, which is taken to be in focus.
     """
 
     sharp: np.ndarray
     blurred: np.ndarray | None = None
     clear: np.ndarray | None = None
+    per_radiance: np.ndarray | None = None
 
 
 def cast(layered: LayeredRadiance, lens: "Lens", rays: "RayTable", *, most_rays: int = 256, iris: Iris | None = None,
@@ -77,7 +81,7 @@ def cast(layered: LayeredRadiance, lens: "Lens", rays: "RayTable", *, most_rays:
     fisheye = per_focal(capture, focal_mm)
     meetings = plan_meetings(layers, ends, sensor, fisheye, most_rays)
     shares = _sharp_shares(layers, capture.shape_px)
-    blades = iris or Iris(0)
+    blades, per_radiance = iris or Iris(0), _PerRadiance(rays, sensor)
     needed = 8 * max(1, int(meetings.eights.max()))
     for first in range(0, count, kernels.TOGETHER):
         group = slice(first, min(first + kernels.TOGETHER, count))
@@ -93,9 +97,23 @@ def cast(layered: LayeredRadiance, lens: "Lens", rays: "RayTable", *, most_rays:
                 progress((first + done * len(sharp)) / count)
         else:
             progress(group.stop / count)
-        for number in range(len(sharp)):
-            yield CastPlane(sharp[number], blurred[number], clear[number])
+        for number, nm in enumerate(wavelengths_nm[group]):
+            yield CastPlane(sharp[number], blurred[number], clear[number], per_radiance(nm))
             sharp[number] = None  # the next one's needs its room
+
+
+class _PerRadiance:
+    """What a lens brings to the pixels of a sensor, by all of its rays."""
+
+    def __init__(self, rays: "RayTable", sensor: PixelGrid):
+        x_mm, y_mm = sensor.axes_mm()
+        self._rays, self._pixels_mm = rays, np.hypot(x_mm.astype(np.float32), y_mm.astype(np.float32)[:, None])
+        self._heights_mm = np.linspace(0, rays.last_height_mm, HEIGHTS)
+
+    def __call__(self, wavelength_nm: float) -> np.ndarray:
+        """Irradiance per radiance: array (row, column). Beyond the last height it is held."""
+        told = self._rays.near([wavelength_nm]).irradiance_per_radiance(self._heights_mm)[0]
+        return np.interp(self._pixels_mm, self._heights_mm, told).astype(np.float32)
 
 
 def _filled_rows(casting, blurred, clear):

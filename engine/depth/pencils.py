@@ -130,8 +130,7 @@ def pencils(rays: "RayTable", wavelengths_nm: np.ndarray, sensor: PixelGrid, foc
     last_px = min(sensor.farthest_px, rays.last_height_mm / pitch_mm)
     heights_mm = np.linspace(0, last_px * pitch_mm, HEIGHTS)
     stop = np.stack([stop_places(count, seed) for seed in range(sequences)], axis=1)
-    table = rays.at(np.clip(wavelengths_nm, *rays.wavelengths_nm[[0, -1]]))
-    found = table.bundles(heights_mm, -stop.reshape(2, -1))  # as the light has them: upside down
+    found = rays.near(wavelengths_nm).bundles(heights_mm, -stop.reshape(2, -1))  # as the light has them: upside down
     tangent = found.direction[:2] / np.maximum(found.direction[2], LEAST_COSINE)
     to_px = focal_mm / pitch_mm
 

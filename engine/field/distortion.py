@@ -101,6 +101,7 @@ class FieldGeometry:
         heights = optics.heights_mm
         self.distortion = fit_polynomial(heights, optics.real_height_mm, 1, DISTORTION_TOLERANCE * heights[-1])
         self.illumination = fit_polynomial(heights, optics.relative_illumination, 0, ILLUMINATION_TOLERANCE)
+        self._point_flux = fit_polynomial(heights, optics.point_flux, 0, ILLUMINATION_TOLERANCE)
         self._paraxial_mm = np.linspace(0, heights[-1], INVERSE_SAMPLES)
         self._real_mm = self.distortion(self._paraxial_mm)
         steps = np.diff(self._real_mm)
@@ -144,6 +145,12 @@ class FieldGeometry:
         """Relative illumination at this paraxial height, held beyond the last tabulated one."""
         held = np.minimum(paraxial_height_mm, self._paraxial_mm[-1])
         return np.maximum(self.illumination(held), 0)
+
+    def relative_flux(self, paraxial_height_mm: np.ndarray) -> np.ndarray:
+        """What points send to the sensor about this paraxial height, to be spread by their PSFs: the relative
+        illumination there, times their own `point_flux`."""
+        held = np.minimum(paraxial_height_mm, self._paraxial_mm[-1])
+        return self.relative_illumination(held) * np.maximum(self._point_flux(held), 0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -96,7 +96,7 @@ class IdealImage:
         height_mm, tangential, radial = squeeze(real_mm, self._field, self._capture_radius)
         curves = kernels.RadialGeometry.of(
             self._planes.grid.centre_px, per_px, tangential, radial,
-            self._per_radiance * self._field.relative_illumination(height_mm),
+            self._per_radiance * self._field.relative_flux(height_mm),
             self._field.real_height_mm(self._last_height_mm) / pitch_mm)
         if self._memory.take(curves.nbytes):
             self._curves = curves
@@ -108,7 +108,7 @@ class IdealImage:
             return self._bands[rows.start]
         band, height_mm = footprints(self._capture.grid.framed(RIM_PX), x_mm, y_mm[rows], self._field,
                                      self._capture_radius, self._precision)
-        factor = self._per_radiance * self._field.relative_illumination(height_mm)
+        factor = self._per_radiance * self._field.relative_flux(height_mm)
         factor = np.where(height_mm > self._last_height_mm, 0, factor).astype(self._precision)
         if self._memory.take(band.nbytes + factor.nbytes):
             self._bands[rows.start] = band, factor

@@ -66,6 +66,10 @@ class Lens(Value):
         Fraction of the light that the PSF window holds; NaN where not known.
     transmittance : array (wavelength,)
         T(wavelength) of Eq. 2.
+    point_flux : array (wavelength, height)
+        All light that the lens takes from a point of that plane, over what the f-number and the relative illumination
+        where its chief ray lands tell: some hundredths more or less at wide apertures, where coma moves as much of it,
+        and for colours that are seen under another f-number. 1 by default, where it is not known.
     prescription : Prescription or None
         What it was baked from, as it was turned then: by which its rays are known. None for tables alone.
     """
@@ -86,6 +90,7 @@ class Lens(Value):
     psf_pitch_um: float
     enclosed_energy: np.ndarray
     transmittance: np.ndarray
+    point_flux: np.ndarray = field(default_factory=lambda: np.ones(()))
     maker: str = field(default="", repr=False)
     story: str = field(default="", repr=False)
     source: str = field(default="", repr=False)
@@ -96,6 +101,8 @@ class Lens(Value):
         _check_kinds(self)
         for text in TEXTS:
             object.__setattr__(self, text, printable(getattr(self, text)))
+        if np.ndim(self.point_flux) == 0:
+            object.__setattr__(self, "point_flux", np.full_like(self.relative_illumination, self.point_flux, float))
         for one in fields(self):
             if one.type is np.ndarray:
                 table = np.array(getattr(self, one.name), dtype=np.float32 if one.name == "psf" else np.float64)
@@ -198,7 +205,7 @@ class Lens(Value):
             psf = (1 - weight) * psf + weight * self.psf[below + 1]
         nm = float(self.nearest_nm(wavelength_nm))
         return MonochromaticLens(nm, self.heights_mm, self.real_height_at(nm),
-                                 self._illumination_spline(nm), psf, self.psf_pitch_um,
+                                 self._illumination_spline(nm), self._flux_spline(nm), psf, self.psf_pitch_um,
                                  float(np.interp(nm, self.wavelengths_nm, self.transmittance)))
 
     def nearest_nm(self, wavelengths_nm: ArrayLike) -> np.ndarray:
@@ -216,6 +223,10 @@ class Lens(Value):
     @cached_property
     def _illumination_spline(self):
         return _spline(self.wavelengths_nm, self.relative_illumination)
+
+    @cached_property
+    def _flux_spline(self):
+        return _spline(self.wavelengths_nm, self.point_flux)
 
     def wavelength_position(self, wavelength_nm: float) -> tuple[int, float]:
         """Between which of the lens data's wavelengths one lies: the index below it and the weight of the next.
@@ -247,6 +258,7 @@ class MonochromaticLens(Value):
     heights_mm: np.ndarray
     real_height_mm: np.ndarray
     relative_illumination: np.ndarray
+    point_flux: np.ndarray
     psf: np.ndarray
     psf_pitch_um: float
     transmittance: float
@@ -305,7 +317,8 @@ def _check_shapes(lens):
     if len(heights) != 1 or heights[0] < 2:
         raise LensError(lens.name, "heights_mm", f"of shape {heights}", "expected at least two field heights")
     shapes = {"real_height_mm": waves + heights, "relative_illumination": waves + heights,
-              "enclosed_energy": waves + heights, "transmittance": waves}
+              "enclosed_energy": waves + heights,
+              "point_flux": waves + heights, "transmittance": waves}
     for name, shape in shapes.items():
         if getattr(lens, name).shape != shape:
             raise LensError(lens.name, name, f"of shape {getattr(lens, name).shape}", f"expected {shape}")
@@ -314,7 +327,8 @@ def _check_shapes(lens):
 
 
 def _check_tables(lens):
-    for name in ("wavelengths_nm", "heights_mm", "real_height_mm", "relative_illumination", "transmittance", "psf"):
+    for name in ("wavelengths_nm", "heights_mm", "real_height_mm", "relative_illumination", "transmittance",
+                 "point_flux", "psf"):
         if not np.all(np.isfinite(getattr(lens, name))):
             raise LensError(lens.name, name, "not finite", "expected numbers throughout")
         if np.any(np.abs(getattr(lens, name)) > LARGEST):
@@ -325,8 +339,9 @@ def _check_tables(lens):
             raise LensError(lens.name, name, getattr(lens, name).tolist(), "expected ascending values")
     if lens.heights_mm[0] != 0:
         raise LensError(lens.name, "heights_mm", f"{lens.heights_mm[0]} first", "expected the axis, 0, first")
-    if np.any(lens.relative_illumination < 0):
-        raise LensError(lens.name, "relative_illumination", "negative", "expected 0 or more")
+    for name in ("relative_illumination", "point_flux"):
+        if np.any(getattr(lens, name) < 0):
+            raise LensError(lens.name, name, "negative", "expected 0 or more")
     if np.any(lens.transmittance < 0) or np.any(lens.transmittance > 1):
         raise LensError(lens.name, "transmittance", lens.transmittance.tolist(), "expected 0 to 1")
 

@@ -21,7 +21,7 @@ ROUGH = Options(accuracy=0.1)
 
 @pytest.fixture(scope="module")
 def lens():
-    return load("nikkor-28mm", Rings(FOCUS_MM), "preview")
+    return load("nikkor-28mm", Rings(FOCUS_MM), "standard")
 
 
 def grid_of(lens, columns=72, margin_px=24, **parts):
@@ -63,9 +63,11 @@ def test_what_is_in_focus_is_as_without_layers(lens, options):
 
 @pytest.mark.parametrize("depth_mm", [300.0, 1000.0, 8000.0, np.inf])
 def test_even_light_is_even_at_any_depth(lens, depth_mm):
+    """But beside the axis, where PSFs turn from pixel to pixel."""
     grid = grid_of(lens, margin_px=60)
     scene = layered(grid, lens, layer(grid, 3.0, depth_mm))
-    assert differ(simulate(scene, lens).cube, simulate(scene.flat(), lens).cube)[0] < 2e-3
+    most, mean = differ(simulate(scene, lens).cube, simulate(scene.flat(), lens).cube)
+    assert mean < 1e-3 and most < 0.01
 
 
 def test_an_even_plane_aslant_through_focus_shows_no_seam(lens):

@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 
 from lenses import make_lens
+from lensfield.engine import Options, SpectralImage, simulate
 from lensfield.engine.bake.first_order import first_order_rays
 from lensfield.engine.bake.ray_table import ray_table
 from lensfield.engine.field.distortion import FieldGeometry
 from lensfield.engine.image.depth_range import entrance_pupil_diameter_mm, focus_nearness
+from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.lens.readers.package import read_package, write_package
-from lensfield.engine.library import load
+from lensfield.engine.library import Rings, load
 from lensfield.engine.library import rays as library_rays
 from lensfield.engine.library.rays import lens_rays
 from varied_lenses import VARIED, varied_lens
@@ -91,3 +93,21 @@ def test_a_package_has_no_prescription_unless_it_is_a_bundled_one(tmp_path):
     assert lens.prescription is not None
     write_package(lens, tmp_path / "mine.npz")
     assert read_package(tmp_path / "mine.npz").prescription is None
+
+
+@pytest.mark.parametrize("name", ["canon-50mm-f0.95", "nikkor-28mm"])
+def test_even_radiance_is_as_bright_by_psfs_as_by_rays(name):
+    """Though neither knows of the other: light is lost beside a PSF's window alone, half a hundredth of it.
+
+    At wide apertures a PSF's coma moves a twentieth of the light; and colours differ by some hundredths."""
+    lens, nm = load(name, Rings(2000.0), "preview"), [430.0, 550.0, 670.0]
+    pitch_um = lens.sensor_mm[0] / 96 * 1e3
+    grid = PixelGrid.around_frame((2, 96), pitch_um, (24, 24))
+    even = SpectralImage(np.ones((3, *grid.shape_px), np.float32), nm, grid, focal_mm=lens.capture_focal_length_mm)
+    image, sensor = simulate(even, lens, Options(accuracy=0.003)), grid.frame()
+    heights_mm = np.abs(sensor.axes_mm()[0])
+    by_rays = lens_rays(lens).at(nm).irradiance_per_radiance(heights_mm)
+    by_rays *= np.array([lens.at_wavelength(each).transmittance for each in nm])[:, None]
+    off = image.cube.mean(axis=1) / by_rays - 1
+    seen = (heights_mm > 3e-3 * pitch_um) & (heights_mm < 0.9 * heights_mm.max())  # on the axis itself PSFs turn
+    assert np.sqrt(np.mean(off[:, seen]**2)) < 0.015

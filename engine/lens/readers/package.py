@@ -20,8 +20,9 @@ from .npz import read_arrays
 FORMAT = "lensfield-lens"
 VERSION = 2
 ARRAYS = ("wavelengths_nm", "heights_mm", "real_height_mm", "relative_illumination", "enclosed_energy", "transmittance")
-SCALARS = tuple(field.name for field in fields(Lens) if field.name not in (*ARRAYS, "psf", "prescription"))
-MEMBERS = ("header", *ARRAYS, "psf_amplitude")
+ADDED = ("point_flux",)  # since packages were first written: older ones are without
+SCALARS = tuple(field.name for field in fields(Lens) if field.name not in (*ARRAYS, *ADDED, "psf", "prescription"))
+MEMBERS = ("header", *ARRAYS, *ADDED, "psf_amplitude")
 AMPLITUDE_STEPS = np.iinfo(np.uint16).max
 
 
@@ -35,7 +36,7 @@ def package_bytes(lens: Lens) -> bytes:
     """The contents of the file that `write_package` writes."""
     stream = BytesIO()
     header = {"format": FORMAT, "version": VERSION} | {name: getattr(lens, name) for name in SCALARS}
-    arrays = {name: getattr(lens, name) for name in ARRAYS} | {"psf_amplitude": _amplitudes(lens.psf)}
+    arrays = {name: getattr(lens, name) for name in (*ARRAYS, *ADDED)} | {"psf_amplitude": _amplitudes(lens.psf)}
     np.savez_compressed(stream, header=np.array(json.dumps(header)), **arrays)
     return stream.getvalue()
 
@@ -61,6 +62,7 @@ def read_package(path: str | Path | BytesIO) -> Lens:
         raise LensError(path, missing[0], "missing", f"a lens package of version {VERSION} has it")
     try:
         return Lens(**{name: header[name] for name in SCALARS}, **{name: contents[name] for name in ARRAYS},
+                    **{name: contents[name] for name in ADDED if name in contents},
                     psf=_psfs(contents["psf_amplitude"]))
     except LensError as error:
         raise error.at(path) from None

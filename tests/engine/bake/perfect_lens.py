@@ -23,5 +23,5 @@ def perfect_wavefronts(f_number, angles_deg, wavelength_nm=550.0, defocus_mm=0.0
     path_mm = -defocus_mm * (EFL_MM / distance_mm - 1)
     limits = np.empty((0, *x.shape))
     return Wavefronts(PUPIL, np.array([wavelength_nm]), height_mm[:, 0, 0][None], path_mm[None], cosine[:, None],
-                      -cosine[:, None], density[None], limits[:, None],
+                      -cosine[:, None], np.stack([x, y * np.cos(angle)])[:, None], density[None], limits[:, None],
                       np.zeros((2, 1, *x.shape)))

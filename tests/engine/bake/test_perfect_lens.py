@@ -95,6 +95,12 @@ def test_its_illumination_falls_with_the_fourth_power_of_the_cosine():
     assert area[0] == pytest.approx(np.pi * aperture(8.0)**2, rel=1e-9)
 
 
+def test_its_beam_is_as_wide_as_its_pupil_looks():
+    angles_deg = np.array([0, 10, 20, 30, 40])
+    area = perfect_wavefronts(8.0, angles_deg).beam_area(24, 32)[0]
+    np.testing.assert_allclose(area, np.pi * (EFL_MM / 16)**2 * np.cos(np.radians(angles_deg)), rtol=1e-9)
+
+
 def test_a_wavefront_between_wavelengths_is_that_of_its_own():
     """Waves are counted anew, and paths stay."""
     blue, red = (perfect_wavefronts(8.0, [0, 20], nm) for nm in (450.0, 650.0))

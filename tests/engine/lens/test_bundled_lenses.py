@@ -51,7 +51,8 @@ def test_each_makes_a_picture(lens):
     radiance = SpectralImage(np.ones((2, 60, 80)), [450, 620], pitch_um=lens.sensor_mm[0] * 1e3 / 80)
     irradiance = simulate(radiance, lens, Options(accuracy=0.03)).cube
     assert np.all(np.isfinite(irradiance)) and np.all(irradiance[:, 15:45, 20:60] > 0)
-    expected = np.pi / (4 * lens.f_number_effective**2) * lens.at_wavelength(450).transmittance
+    blue = lens.at_wavelength(450)
+    expected = np.pi / (4 * lens.f_number_effective**2) * blue.transmittance * blue.point_flux[0]
     assert irradiance[0, 30, 40] == pytest.approx(expected, rel=0.03)
 
 

@@ -172,7 +172,8 @@ def test_a_fit_that_folds_back_is_an_error_though_the_table_rises():
 def test_few_heights_are_told():
     few = slice(None, None, 3)
     lens = replace(SOUND, psf=SOUND.psf[:, few], **{name: getattr(SOUND, name)[..., few] for name in (
-        "heights_mm", "real_height_mm", "relative_illumination", "enclosed_energy")}, sensor_mm=(1.0, 1.0))
+        "heights_mm", "real_height_mm", "relative_illumination", "enclosed_energy", "point_flux")},
+        sensor_mm=(1.0, 1.0))
     assert only(lens, "heights_mm").value == "4 heights"
 
 
