@@ -30,7 +30,7 @@ FRAME_PX = 576, 768
 BEADS = (0, 0), (0.15, 0.3), (0.33, 2.8), (0.5, 4.4), (0.62, 0.65), (0.75, 3.8), (0.8, 5.65)
 """Where beads are: field heights as fractions of the last, and azimuths in radians."""
 SPOTS = 0.2, 0.4, 0.6, 0.7, 0.8
-OPTIONS = Options(accuracy=1e-3)  # a hundredth of the light at the window's edge would be much of a mean square
+OPTIONS = Options(accuracy=1e-4)  # a thousandth of the light at the window's edge is much of a mean square
 GEOMETRY_RULES = 0.03  # where diffraction adds less than this to the mean square radius of a spot
 
 
