@@ -5,10 +5,10 @@ import bpy
 from ..engine.cache import keep_in
 from .job.animation import Animation, render_animation
 from .job.child import sweep
-from .job.job import look_beside
+from .job.job import folder_for, look_beside
 from .job.preflight import preflight
 from .job.refilter import apply_lens
-from .job.render import kept, render_through_lens
+from .job.render import check_beside_frames, kept, render_through_lens
 from .job.session import take_session
 from .job.source import source_digest
 from .scene.compositor_watch import start_watching, stop_watching
@@ -33,8 +33,8 @@ from .ui import (
 from .ui.keys import register_keys, unregister_keys
 from .ui.previews import forget_previews
 
-__all__ = ["Animation", "apply_lens", "look_beside", "preflight", "register", "render_animation", "render_through_lens",
-           "source_digest", "take_session", "unregister"]
+__all__ = ["Animation", "apply_lens", "check_beside_frames", "folder_for", "look_beside", "preflight", "register",
+           "render_animation", "render_through_lens", "source_digest", "take_session", "unregister"]
 
 _MODULES = (properties, operators, animation, another_lens, preview, compositor_panel, panels, lint_panel,
             spectra_panels, trusting)

@@ -35,11 +35,13 @@ def _apply(options):
     check_outputs([(options.report, ".json")], [options.radiance, options.lens])
     with messages(options) as write:
         chosen = engine_options(options)
+        addon = import_addon()
+        addon.check_beside_frames(options.output or options.radiance.parent, options.report)
         with progress(options, write) as tell:
-            result = import_addon().apply_lens(options.radiance, options.lens, options.output, options=chosen,
-                                               view=options.view, rings=asked_rings(options), iris=asked_iris(options),
-                                               lens_quality=options.lens_quality or "standard", depth=options.depth,
-                                               progress=tell)
+            result = addon.apply_lens(options.radiance, options.lens, options.output, options=chosen,
+                                      view=options.view, rings=asked_rings(options), iris=asked_iris(options),
+                                      lens_quality=options.lens_quality or "standard", depth=options.depth,
+                                      progress=tell)
         print(f"plan: {result.report.lens_image.plan.text}")
         finish(options, result.report, result.files)
         write(lens_image=str(result.lens_image), told=result.told)

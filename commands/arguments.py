@@ -9,7 +9,7 @@ from ..engine.bake.quality import QUALITIES
 from ..engine.bake.rings import Rings
 from ..engine.blur import METHODS
 from ..engine.depth.pencils import Iris
-from ..engine.files import check_target
+from ..engine.files import check_ours, check_target, identity
 from ..engine.library import ALL_LENSES, cannot_be, has_rings, iris_shows, load
 from ..engine.plan.options import AUTO, DEFAULT_ACCURACY, FIREFLIES, MOST_SUPERSAMPLING, OUT_OF_FIELD, PRECISIONS
 from .terminal import progress_bar
@@ -168,27 +168,17 @@ def check_outputs(outputs, inputs=()):
     inputs : iterable of (path or str)
         Files that are read; what is no file, such as the name of a bundled lens, does not count.
     """
-    taken = {_identity(path): "one of the inputs" for path in inputs if os.path.isfile(path)}
+    taken = {identity(path): "one of the inputs" for path in inputs if os.path.isfile(path)}
     for path, suffix in outputs:
         if path is None:
             continue
         if path.suffix.lower() != suffix:
             raise InputError(path, "kind of file", path.suffix or "without a suffix", f"expected a {suffix}")
-        check_target(path)
-        if (identity := _identity(path)) in taken:
-            raise InputError(path, "file", taken[identity], "give every output a name of its own")
-        taken[identity] = "named twice"
-
-
-def _identity(path):
-    """What two names of one file share, before it is there too: file systems may not tell upper from lower case."""
-    path = Path(path).resolve()
-    try:
-        status = path.stat()
-    except OSError:
-        folder = path.parent.stat()
-        return folder.st_dev, folder.st_ino, path.name.casefold()
-    return status.st_dev, status.st_ino
+        check_target(path, own=True)
+        if (file := identity(path)) in taken:
+            raise InputError(path, "file", taken[file], "give every output a name of its own")
+        taken[file] = "named twice"
+        check_ours(path)
 
 
 def sides_mm(text):

@@ -13,7 +13,7 @@ from ..engine.bake.prescriptions import read_prescription
 from ..engine.bake.prescriptions.toml import write_prescription
 from ..engine.bake.quality import QUALITIES
 from ..engine.bake.rings import Rings, turned
-from ..engine.files import atomic_path
+from ..engine.files import MARK, atomic_path
 from ..engine.lens.readers.package import write_package
 from ..engine.lens.sampling import WAVELENGTHS
 from ..engine.library import bundled_names, prescription_of
@@ -97,7 +97,7 @@ def _convert(options):
         text = write_prescription(_asked_for(options))
     check_outputs([(options.output, ".toml")], [options.prescription])
     with atomic_path(options.output) as temporary:
-        temporary.write_text(text, encoding="utf-8", newline="\n")
+        temporary.write_text(f"# {MARK}\n{text}", encoding="utf-8", newline="\n")
     print(options.output)
 
 

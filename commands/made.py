@@ -34,7 +34,7 @@ def is_there(shot: Shot, first: Shot, by):
 def note_made(shot, first, by):
     """Note that a frame is there."""
     make_folder(_record(shot).parent)
-    with atomic_path(_record(shot)) as temporary:
+    with atomic_path(_record(shot), own=True) as temporary:
         temporary.write_text(json.dumps(_facts(shot, first, by)) + "\n", encoding="utf-8")
 
 

@@ -118,9 +118,16 @@ def _render(options):
             from ..addon import take_session
 
             take_session(options.session)
+        _check_beside_frames(options, scene)
         report, told = (_render_one if options.frames is None else _render_frames)(options, scene, asked, write)
         finish(options, report, [])
         write(told=told)
+
+
+def _check_beside_frames(options, scene):
+    from ..addon import check_beside_frames, folder_for
+
+    check_beside_frames(folder_for(scene, options.output), options.report, options.picture)
 
 
 def _source(options, scene):

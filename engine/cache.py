@@ -6,6 +6,7 @@ neither is an error. Files appear whole, so that processes may share the folder,
 
 import hashlib
 import os
+import re
 import sys
 from contextlib import suppress
 from functools import lru_cache
@@ -14,6 +15,7 @@ from pathlib import Path
 from .errors import InputError
 from .files import AnyPath, atomic_path
 
+NAME = re.compile(r"[0-9a-f]{64}")  # of a file: the digest of what it was made from
 VARIABLE, OFF = "LENSFIELD_CACHE", "off"
 _given: dict[str, Path] = {}
 
@@ -60,7 +62,7 @@ def remember(kind: str, key: bytes, content: bytes, most_bytes: int) -> None:
     if folder is None:
         return
     with suppress(OSError, InputError):
-        with atomic_path(folder / kind / key.hex()) as temporary:
+        with atomic_path(folder / kind / key.hex(), own=True) as temporary:
             temporary.write_bytes(_seal(content) + b"\n" + content)
         _forget_oldest(kind, most_bytes)
 
@@ -97,12 +99,13 @@ def _forget_oldest(kind, most_bytes):
 
 
 def _remembered(kind):
-    """(path, status) of each file of a kind."""
+    """(path, status) of each file of a kind; others that lie there are somebody's own."""
     folder = cache_folder()
     with suppress(OSError):
         for path in folder.joinpath(kind).iterdir() if folder else ():
-            with suppress(OSError):
-                yield path, path.stat()
+            if NAME.fullmatch(path.name):
+                with suppress(OSError):
+                    yield path, path.stat()
 
 
 def _seal(content):

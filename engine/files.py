@@ -20,6 +20,9 @@ from .errors import InputError
 
 AnyPath = str | os.PathLike[str]
 
+MARK = "Made by Lensfield"  # what each file says of itself, near its beginning
+MARKS = MARK.lower().encode(), b"psf_amplitude.npy", b"seconds_over_paper"  # the array of a package, a table's column
+LOOKED_AT_BYTES = 1 << 20  # of a beginning; more than a header of 10,000 channels takes
 HALF = ".lensfield-half-written-"
 HIDDEN = ".lensfield"
 WORK = "lensfield-work-"
@@ -47,8 +50,15 @@ def hidden_folder(folder: AnyPath) -> Path:
     return Path(folder).resolve() / HIDDEN
 
 
-def check_target(path: AnyPath) -> None:
-    """Raise an InputError where no file of this name could be written, before the work that is to fill it."""
+def check_target(path: AnyPath, own: bool = False) -> None:
+    """Raise an InputError where no file of this name could or should be written, before the work that is to fill it.
+
+    Parameters
+    ----------
+    path : path
+    own : bool
+        Whether all files are ours where it lies. Else one that is there has to be: nobody's own file is overwritten.
+    """
     try:
         path, named = Path(path).resolve(), path  # through a link, to where it will be written
     except (OSError, RuntimeError) as error:  # links in a circle
@@ -57,6 +67,8 @@ def check_target(path: AnyPath) -> None:
         raise InputError(named, "file", "a folder", "give the name of a file to write")
     if path.exists() and not path.is_file():
         raise InputError(named, "file", "a device or pipe", "give the name of a file to write")
+    if not own:
+        check_ours(named)
     make_folder(path.parent)
     try:
         with _making:
@@ -67,16 +79,50 @@ def check_target(path: AnyPath) -> None:
         raise InputError(path, "file", "not writable", error.strerror or str(error)) from None
 
 
+def check_ours(path: AnyPath) -> None:
+    """Raise an InputError for a file that is there and was not written by Lensfield: it is somebody's own."""
+    if not _is_ours(path):
+        raise InputError(path, "file", "there already, and none that Lensfield has made",
+                         "move it, or give another name or folder")
+
+
+def _is_ours(path):
+    """Whether Lensfield has written a file, or there is nothing to lose: no file, an empty one, or one of zeros."""
+    try:
+        with open(path, "rb") as file:
+            parts = [file.read(LOOKED_AT_BYTES)]
+            file.seek(max(len(parts[0]), os.fstat(file.fileno()).st_size - LOOKED_AT_BYTES))
+            parts.append(file.read())  # where an archive lists what it holds
+    except (FileNotFoundError, NotADirectoryError):
+        return True
+    except OSError:  # of somebody else, who lets nobody read it
+        return False
+    return not parts[0].strip(b"\0") or any(mark in part.lower() for mark in MARKS for part in parts)
+
+
+def identity(path: AnyPath) -> tuple[int, int] | tuple[int, int, str]:
+    """What all names of one file share, before it is there too: file systems may not tell upper from lower case."""
+    path = Path(path).resolve()
+    try:
+        status = path.stat()
+    except OSError:
+        folder = path.parent.stat()
+        return folder.st_dev, folder.st_ino, path.name.casefold()
+    return status.st_dev, status.st_ino
+
+
 @contextmanager
-def atomic_path(path: AnyPath) -> Iterator[Path]:
+def atomic_path(path: AnyPath, own: bool = False) -> Iterator[Path]:
     """A temporary path beside `path`: flushed and moved onto it when the block ends well, removed when it does not.
+
+    `own` is as for `check_target`.
 
     Raises
     ------
     InputError
         What is written in the block, or on its way to the disk, meets an error of the system: a full disk, say.
     """
-    check_target(path)
+    check_target(path, own)
     named, path = path, Path(path).resolve()  # through a link, which stays
     try:
         with _pending_path(lambda: _half_written(path)) as temporary:
@@ -114,8 +160,8 @@ def stamp_of(path: AnyPath) -> tuple[int, int, int] | None:
 
 
 def move(source: AnyPath, path: AnyPath) -> None:
-    """Move a file to where it appears whole or not at all, from another disk too."""
-    with atomic_path(path) as temporary:
+    """Move a file to a folder of our own, where it appears whole or not at all, from another disk too."""
+    with atomic_path(path, own=True) as temporary:
         try:
             os.replace(source, temporary)
         except OSError:

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from .files import atomic_path
+from .files import MARK, atomic_path
 from .image.depth_range import DepthCheck
 from .plan.plan import Plan
 from .values import plain
@@ -293,4 +293,4 @@ class Report:
     def write(self, path: Path) -> None:
         """Write the report as JSON, whole or not at all."""
         with atomic_path(path) as temporary:
-            temporary.write_text(json.dumps(self.as_dict(), indent=2) + "\n", encoding="utf-8")
+            temporary.write_text(json.dumps({"software": MARK} | self.as_dict(), indent=2) + "\n", encoding="utf-8")

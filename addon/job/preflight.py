@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 from ...engine.depth.slabs import SlabPlan
 from ...engine.errors import InputError
-from ...engine.files import check_target
 from ...engine.image.depth_range import AUTO
 from ..scene.camera import check_camera
 from ..scene.depth import seen_depth_mm
@@ -19,6 +18,7 @@ from .remarks import depth_remarks, scene_remarks, unlayered_remarks
 from .render import Result
 from .scene_plan import ScenePlan, check_job, plan_scene
 from .slabs import looked_at, plan_by
+from .targets import check_files
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,10 +88,9 @@ def _noted(refusals):
 
 
 def _check_files(scene, job):
-    """What `check_target` does, without making the folder."""
+    """What `check_files` does, without making the folder."""
     there = next(folder for folder in (job.output_folder, *job.output_folder.parents) if folder.exists())
     if not there.is_dir() or not os.access(there, os.W_OK):
         raise InputError(job.output_folder, "folder", "not to be made", f"{there} is no folder that can be written to")
     if there == job.output_folder:
-        for path in Result.of(scene, job.output_folder, job.frame).files:
-            check_target(path)
+        check_files(scene, Result.of(scene, job.output_folder, job.frame).files)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...engine import SpectralImage
-from ...engine.files import check_target, temporary_folder
+from ...engine.files import temporary_folder
 from ...engine.image.depth_range import AUTO, check_depth, planar_depth_mm
 from ...engine.image.layers import Layer, LayeredRadiance
 from ...engine.image.pixel_grid import PixelGrid
@@ -26,6 +26,7 @@ from .remarks import scene_remarks, unlayered_remarks
 from .scene_plan import plan_scene
 from .slabs import cut_steps, whole_slab
 from .steps import RenderPass, Work
+from .targets import check_files
 
 BACKGROUND_M = 1e10
 LOOK_SHARE = 0.01  # of the capture's time
@@ -96,8 +97,7 @@ def capture(scene, job, result, share):
         exposure, film = scene.cycles.film_exposure, scene.render.film_transparent
         plan, substitution, groups = plan_scene(scene, job, grid, journal)
         plan.check()
-        for path in result.files:
-            check_target(path)
+        check_files(scene, result.files)
         yield from alone_with_passes(scene, job, alone)
         passes = KeptPasses(scene, job, 4 * job.wavelengths_nm.size * math.prod(grid.shape_px))
         names = groups.part(rendered_layer(scene), journal)

@@ -4,7 +4,7 @@ large each file is, so that an animation goes on where it was left, and makes ag
 import json
 from dataclasses import asdict
 
-from ...engine.files import atomic_path
+from ...engine.files import MARK, atomic_path
 from ...engine.image.whole import has_header
 from ...engine.values import plain
 
@@ -27,7 +27,8 @@ def picture_settings(scene):
 
 def write_record(job, result):
     """Write what a frame's pictures were made by, and its report."""
-    facts = result.report.as_dict() | {"job": asked_of(job), "state": job.state, "sizes": _sizes(result.pictures)}
+    facts = {"software": MARK} | result.report.as_dict() | {
+        "job": asked_of(job), "state": job.state, "sizes": _sizes(result.pictures)}
     with atomic_path(result.record) as temporary:
         temporary.write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")
 

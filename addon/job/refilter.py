@@ -13,6 +13,7 @@ from ...engine import ImageError, InputError, Lens, Options
 from ...engine.bake.rings import AT_REST, resized_rings
 from ...engine.errors import absence
 from ...engine.field.overscan import VIEWS, overscan_px
+from ...engine.files import check_target
 from ...engine.image.depth_range import AUTO, OFF, blur_px
 from ...engine.image.pitch import fitting_pitch_um
 from ...engine.image.spectral_exr import read_parts, read_with_layers
@@ -101,6 +102,8 @@ def _steps(path, lens, output_folder, options, view, rings, iris, quality, depth
             raise InputError("options", name, value, f"expected {' or '.join(choices)}")
     result = replace(Result.beside(path, "radiance", output_folder), radiance=path)
     result.report.files["radiance"] = str(path)
+    for file in (file for file in result.files if file != path):
+        check_target(file)
     with result.report.stage("read radiance"):
         captured = yield Work(lambda tell: _read(path, depth), "Reading radiance", 0.0)
     words = ()

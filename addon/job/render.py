@@ -125,6 +125,20 @@ class Result:
         return [f"{self.lens_image} in {seconds:.1f} s", made_of, *self.report.remarks()]
 
 
+def check_beside_frames(folder, *paths):
+    """Raise an InputError for a file that is, or might come to be, one of a frame in the folder of its output.
+
+    Parameters
+    ----------
+    folder : Path
+    paths : Path or None
+    """
+    of_frame = re.compile(rf".+_-?\d+_({'|'.join(map(re.escape, FRAME_FILES.values()))})", re.IGNORECASE)
+    for path in filter(None, paths):
+        if path.resolve().parent == folder.resolve() and of_frame.fullmatch(path.name):
+            raise InputError(path, "file", "called as one of a frame", "give it another name or folder")
+
+
 def render_through_lens(scene, lens=None, wavelengths_nm=None, output_folder=None, *, options=None, spectral=None,
                         view=None, unfit=None, frame=None, view_layer=None, denoise=None, to_compositor=False,
                         picture=None, room=None, state=None, focus=None, f_number=None, focused_wide_open=None,

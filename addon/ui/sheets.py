@@ -97,7 +97,7 @@ def _drawn(lens, folder):
     path = Path(folder, f"Lens Sheet {key.hex()[:8]}.png")
     known = cache.recall(KIND, key)
     if known is not None:
-        with atomic_path(path) as temporary:
+        with atomic_path(path, own=True) as temporary:
             temporary.write_bytes(known)
         return path
     write_lens_plot(lens, path)

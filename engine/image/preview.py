@@ -4,7 +4,7 @@ import os
 
 import numpy as np
 
-from ..files import atomic_path
+from ..files import MARK, atomic_path
 from ..spectral.colour import REC709_LUMINANCE, encode_srgb, rec709_weights
 from .irradiance import irradiance_per_radiance
 from .spectral_image import IRRADIANCE, SpectralImage
@@ -46,8 +46,10 @@ def auto_exposure(rec709: np.ndarray) -> float:
 
 def write_png(rec709: np.ndarray, path: str | os.PathLike, exposure: float) -> None:
     """Write a linear Rec. 709 picture as an sRGB PNG of 8 bits, whole or not at all."""
-    from PIL import Image  # only pictures need it, and they are few
+    from PIL import Image, PngImagePlugin  # only pictures need it, and they are few
 
     pixels = np.round(encode_srgb(rec709 * exposure) * 255).astype(np.uint8)
+    texts = PngImagePlugin.PngInfo()
+    texts.add_text("Software", MARK)
     with atomic_path(path) as temporary:
-        Image.fromarray(pixels).save(temporary, format="PNG", compress_level=PNG_LEVEL)
+        Image.fromarray(pixels).save(temporary, format="PNG", compress_level=PNG_LEVEL, pnginfo=texts)

@@ -16,7 +16,7 @@ import numpy as np
 import OpenEXR
 
 from ..errors import ImageError, absence, printable
-from ..files import atomic_path
+from ..files import MARK, atomic_path
 from ..memory import available_bytes
 from ..threads import thread_count
 from .depth_range import BACKGROUND_MM
@@ -124,6 +124,7 @@ def _write_plain(planes, path):
 
 
 def _write(parts, path):
+    parts[0][0]["software"] = MARK
     names = [FIRST_PART, *(f"{LAYER_PART}{index}" for index in range(1, len(parts)))] if len(parts) > 1 else [""]
     parts = [OpenEXR.Part(header, {name: np.ascontiguousarray(plane, np.float32) for name, plane in planes.items()},
                           name) for (header, planes), name in zip(parts, names, strict=True)]

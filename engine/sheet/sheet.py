@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..errors import InputError
-from ..files import atomic_path
+from ..files import MARK, atomic_path
 from ..lens.curves import field_angle_rad, field_of, preferred_frequencies_per_mm
 from ..lens.lens import Lens
 from ..lens.psf_checks import KEPT_LIGHT
@@ -68,7 +68,7 @@ def _give_canvas(figure):
 
 def _save(figure, path):
     """Write a PNG with a palette, a fifth of the size of one without: a sheet for every lens is much to carry along."""
-    from PIL import Image
+    from PIL import Image, PngImagePlugin
 
     figure.canvas.draw()
     pixels = np.ascontiguousarray(np.asarray(figure.canvas.buffer_rgba())[..., :3])
@@ -77,8 +77,11 @@ def _save(figure, path):
     palette = np.reshape(chosen.getpalette(), (-1, 3))
     palette[palette.min(axis=1) >= PAPER] = 255  # whatever the paper's white was averaged with
     chosen.putpalette(palette.ravel().tolist())
+    texts = PngImagePlugin.PngInfo()
+    texts.add_text("Software", MARK)
     with atomic_path(path) as temporary:
-        Image.fromarray(pixels).quantize(palette=chosen, dither=Image.Dither.NONE).save(temporary, "PNG", optimize=True)
+        Image.fromarray(pixels).quantize(palette=chosen, dither=Image.Dither.NONE).save(temporary, "PNG", optimize=True,
+                                                                                       pnginfo=texts)
 
 
 def _panel(figure, left, bottom, width, height):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..files import atomic_path
+from ..files import MARK, atomic_path
 from ..sheet.style import GRID_COLOUR, INK, require_matplotlib
 from .tradeoff import AS_WRITTEN, EXACT, Row
 
@@ -69,7 +69,7 @@ def write_plot(rows: list[Row], path: Path, title: str) -> None:
     figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="lower center", ncols=4 if len(shown) > 1 else 3,
                   fontsize=8.5, frameon=False)
     with atomic_path(path) as temporary:
-        figure.savefig(temporary, format="png")
+        figure.savefig(temporary, format="png", metadata={"Software": MARK})
 
 
 def _draw_errors(panel, rows, name):

@@ -187,7 +187,7 @@ def test_no_output_may_be_an_input_or_of_another_kind(inputs, capsys, arguments,
 @pytest.mark.parametrize("one, other", [("a.exr", "./a.exr"), ("a.exr", "A.EXR"), ("there.exr", "too.exr")])
 def test_no_output_may_be_another_one(tmp_path, monkeypatch, one, other):
     monkeypatch.chdir(tmp_path)
-    Path("there.exr").write_text("there")
+    Path("there.exr").touch()
     os.link("there.exr", "too.exr")
     with pytest.raises(InputError, match="named twice: give every output a name of its own"):
         check_outputs([(Path(one), ".exr"), (None, ".png"), (Path(other), ".exr")])

@@ -63,6 +63,17 @@ def test_it_tells_its_size_and_forgets(folder):
     assert cache.recall("kind", KEY) is None and cache.recall("other", KEY)
 
 
+@pytest.mark.parametrize("name", ["tessar.npz", "notes", 63 * "0", 64 * "g"])
+def test_others_files_in_the_folder_are_not_ours_to_forget(folder, name):
+    """Whoever names a folder of their own for it may have such."""
+    cache.remember("kind", KEY, b"some", 2000)
+    (folder / "kind" / name).write_bytes(bytes(5000))
+    cache.remember("kind", OTHER, b"some", 2000)
+    assert cache.size_bytes("kind")[0] == 2
+    cache.forget("kind")
+    assert [path.name for path in (folder / "kind").iterdir()] == [name]
+
+
 def test_what_is_larger_than_all_that_is_kept_is_not(folder):
     cache.remember("kind", KEY, bytes(1000), 500)
     assert cache.size_bytes("kind") == (0, 0)

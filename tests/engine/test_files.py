@@ -8,13 +8,14 @@ import stat
 import subprocess
 import sys
 import time
+from functools import partial
 
 import numpy as np
 import pytest
 
 from full_disk import room_for
 from lensfield.engine import InputError, Lens, Report, files
-from lensfield.engine.files import LONGEST_WRITE_S, atomic_path
+from lensfield.engine.files import LONGEST_WRITE_S, atomic_path, check_target
 from lensfield.engine.image.preview import write_png
 from lensfield.engine.lens.readers.package import write_package
 from places import SAMPLE_SCENE
@@ -36,8 +37,8 @@ def new_process(monkeypatch):
     monkeypatch.setattr(files, "_swept", set())
 
 
-def write(path):
-    with atomic_path(path) as temporary:
+def write(path, own=True):
+    with atomic_path(path, own) as temporary:
         temporary.write_text("whole")
 
 
@@ -204,3 +205,40 @@ def test_nothing_is_begun_while_a_process_is_being_stopped(tmp_path, after_s):
     subprocess.run([sys.executable, "-c", WRITE_AND_STOP, str(folder / "picture.exr"), str(after_s)], check=True,
                    env=os.environ | {"TMPDIR": str(work)})
     assert not list(folder.glob(f"{files.HALF}*")) and not list(work.iterdir())
+
+
+FOREIGN = b"a picture of somebody's own"
+
+
+def test_nobodys_own_file_is_overwritten(tmp_path):
+    path = tmp_path / "picture.exr"
+    path.write_bytes(FOREIGN)
+    for attempt in (check_target, partial(write, own=False)):
+        with pytest.raises(InputError, match="picture.exr: file is there already, and none that Lensfield has made"):
+            attempt(path)
+    assert path.read_bytes() == FOREIGN and list(tmp_path.iterdir()) == [path]
+
+
+def test_nor_is_one_that_a_link_leads_to(tmp_path):
+    (tmp_path / "own.exr").write_bytes(FOREIGN)
+    (tmp_path / "link.exr").symlink_to(tmp_path / "own.exr")
+    with pytest.raises(InputError, match="link.exr: file is there already"):
+        check_target(tmp_path / "link.exr")
+
+
+def test_nor_is_one_that_nobody_may_read(tmp_path, monkeypatch):
+    (tmp_path / "own.exr").write_bytes(FOREIGN)
+
+    def refuse(*_, **__):
+        raise PermissionError(13, "Permission denied")
+    monkeypatch.setattr(files, "open", refuse, raising=False)
+    with pytest.raises(InputError, match="own.exr: file is there already"):
+        check_target(tmp_path / "own.exr")
+
+
+@pytest.mark.parametrize("there", [b"", bytes(5000), b"x" * 1000 + files.MARK.encode() + bytes(5000)],
+                         ids=["empty", "zeros, of a disk that lost its power", "ours"])
+def test_what_is_nobodys_or_ours_is(tmp_path, there):
+    (tmp_path / "picture.exr").write_bytes(there)
+    write(tmp_path / "picture.exr", own=False)
+    assert (tmp_path / "picture.exr").read_text() == "whole"

@@ -9,6 +9,7 @@ import pytest
 from lensfield.engine import Report
 from lensfield.engine import report as report_module
 from lensfield.engine.blur.polar_sections import Sections
+from lensfield.engine.files import MARK
 from lensfield.engine.image.depth_range import DepthCheck
 from lensfield.engine.plan.plan import Plan
 from lensfield.engine.report import Energy, FileFacts, LensImageFacts, SceneFacts, Upsampling
@@ -59,18 +60,19 @@ def test_a_written_report_reads_back(tmp_path):
         pass
     report.write(tmp_path / "new" / "report.json")
     told = json.loads((tmp_path / "new" / "report.json").read_text())
-    assert told == report.as_dict() and told["radiance"] == "triplet.exr" and told["overscan_needed_px"] == [3, None]
+    assert told == {"software": MARK} | report.as_dict()
+    assert told["radiance"] == "triplet.exr" and told["overscan_needed_px"] == [3, None]
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["report.json"]
 
 
 def test_a_report_that_cannot_be_written_leaves_the_old_one_alone(tmp_path):
     path = tmp_path / "report.json"
-    path.write_text("old")
+    path.write_text(f"old. {MARK}")
     report = Report()
     report.file = FileFacts(object(), (0, 0), None)
     with pytest.raises(TypeError):
         report.write(path)
-    assert path.read_text() == "old"
+    assert path.read_text() == f"old. {MARK}"
     assert list(tmp_path.iterdir()) == [path]
 
 

@@ -3,7 +3,7 @@
 ! For every field height and wavelength: a Huygens PSF about the chief ray, the height at which the chief ray really
 ! meets the image surface, and the relative illumination; with them the first-order data of the lens.
 !
-! Options used (made by: lensfield lens export-macro zemax):
+! Options used (made by lensfield lens export-macro zemax):
 !   field heights          @{heights}, from 0 to @{last_height_text}
 !   wavelengths            @{waves}, from @{first_nm} to @{last_nm} nm
 !   PSF                    @{psf_samples} x @{psf_samples} samples, @{pitch_um} um apart

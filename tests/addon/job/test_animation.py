@@ -123,7 +123,7 @@ def test_what_is_of_the_lens_alone_is_written_once_for_all_frames(moving_scene, 
     first = written(2)
     assert written(4) == first
     paths[0].unlink()
-    paths[1].write_bytes(b"others'")
+    paths[1].write_bytes(b"another. Made by Lensfield")
     again = written(6)
     assert again[0] > first[0] and again[1] > first[1] and again[2] == first[2]
     assert all(path.stat().st_size > 1000 for path in paths)

@@ -197,7 +197,7 @@ def test_a_frame_that_another_process_renders_is_left_to_it(deep, tmp_path):
 def test_a_frame_that_another_process_has_made_meanwhile_is_there(deep, tmp_path, overwrite):
     asked = ASKED | {"output_folder": tmp_path}
     addon.render_animation(deep, [1, 2], **asked)
-    Result.of(deep, tmp_path, 1).record.write_text("{}")
+    Result.of(deep, tmp_path, 1).record.write_text('{"software": "Made by Lensfield"}')
     animation = addon.Animation(deep, [1, 2], overwrite=overwrite, **asked)
     addon.render_animation(deep, [1, 2], overwrite=True, **asked)
     assert [animation.render(frame) for frame in animation.turns] == [None] * (1 + overwrite)

@@ -1,0 +1,103 @@
+"""Files that a render writes: never onto what is somebody's own, or what the scene is made from."""
+
+import bpy
+import numpy as np
+import pytest
+
+from lensfield import addon
+from lensfield.addon.job.render import Result
+from lensfield.engine.errors import InputError
+from lensfield.engine.files import MARK
+from lensfield.engine.image.preview import write_png
+from small_scenes import material, set_world, wall
+
+ASKED = {"lens": "edmund-54852", "wavelengths_nm": [550.0]}
+FOREIGN = "somebody's own"
+
+
+@pytest.fixture
+def plain(scene, tmp_path):
+    """A scene that renders quickly into a folder of its own."""
+    scene.render.resolution_x, scene.render.resolution_y, scene.cycles.samples = 12, 9, 1
+    scene.lensfield.output_folder = str(tmp_path / "out")
+    (tmp_path / "out").mkdir()
+    set_world(scene)
+    return scene
+
+
+def files_of(scene, tmp_path):
+    return Result.of(scene, tmp_path / "out", scene.frame_current).files
+
+
+def test_all_that_a_render_writes_is_known_for_ours(plain, tmp_path):
+    addon.render_through_lens(plain, **ASKED)
+    paths = files_of(plain, tmp_path)
+    assert all(path.is_file() for path in paths)
+    again = addon.render_through_lens(plain, **ASKED)  # is not refused
+    addon.apply_lens(again.radiance, "tessar-50mm")
+
+
+@pytest.mark.parametrize("number", range(10))
+def test_a_render_overwrites_nobodys_own_file(plain, tmp_path, number):
+    path = files_of(plain, tmp_path)[number]
+    path.write_text(FOREIGN)
+    attempts = (lambda: addon.render_through_lens(plain, **ASKED),
+                lambda: addon.render_animation(plain, [plain.frame_current], **ASKED),
+                lambda: addon.render_through_lens(plain, depth="traced", **ASKED | {"lens": "tessar-50mm"}))
+    for attempt in attempts:
+        with pytest.raises(InputError, match=f"{path.name}: file is there already, and none that Lensfield has made"):
+            attempt()
+    assert path.read_text() == FOREIGN and list(path.parent.iterdir()) == [path]
+    assert path.name in " ".join(map(str, addon.preflight(plain, **ASKED).refusals))
+
+
+def test_nor_does_another_lens(plain, tmp_path):
+    result = addon.render_through_lens(plain, **ASKED)
+    other = tmp_path / "other"
+    other.mkdir()
+    for path in files_of(plain, tmp_path):
+        if path != result.radiance:
+            own = other / path.name
+            own.write_text(FOREIGN)
+            with pytest.raises(InputError, match=f"{path.name}: file is there already"):
+                addon.apply_lens(result.radiance, "tessar-50mm", other)
+            assert own.read_text() == FOREIGN
+            own.unlink()
+
+
+@pytest.mark.parametrize("use", ["texture", "spectrum"])
+def test_a_scene_is_not_overwritten_by_its_own_picture(plain, tmp_path, use):
+    """A picture of ours may be a texture by now: on a screen in the scene, say."""
+    of_wall, shader = material("Paint", "ShaderNodeBsdfDiffuse")
+    wall(plain, of_wall)
+    path = files_of(plain, tmp_path)[5]
+    if use == "texture":
+        write_png(np.ones((4, 4, 3)), path, 1.0)
+        source = of_wall.node_tree.nodes.new("ShaderNodeTexImage")
+        source.image = bpy.data.images.load(str(path))
+        of_wall.node_tree.links.new(source.outputs["Color"], shader.inputs["Color"])
+    else:
+        path.write_text(f"# {MARK}\n400 0.1\n700 0.9\n")
+        of_wall.lensfield.reflectance = str(path)
+    before = path.read_bytes()
+    with pytest.raises(InputError, match=f"{path.name}: file is what the scene itself is made from: choose another o"):
+        addon.render_through_lens(plain, **ASKED)
+    assert path.read_bytes() == before
+
+
+def test_a_picture_that_the_compositor_alone_shows_is_made_anew(plain):
+    addon.render_through_lens(plain, to_compositor=True, **ASKED)
+    addon.render_through_lens(plain, to_compositor=True, **ASKED)
+
+
+@pytest.mark.parametrize("name, refused", [("Scene_0001_report.json", True), ("Any_-0012_REPORT.json", True),
+                                           ("Scene_0001_after.png", True), ("report.json", False),
+                                           ("Scene_report.json", False)])
+def test_a_report_is_not_called_as_a_file_of_a_frame(tmp_path, name, refused):
+    addon.check_beside_frames(tmp_path / "elsewhere", tmp_path / name)
+    if not refused:
+        addon.check_beside_frames(tmp_path, tmp_path / name)
+        return
+    with pytest.raises(InputError, match="file is called as one of a frame: give it another name or folder"):
+        addon.check_beside_frames(tmp_path, None, tmp_path / name)
+
