@@ -78,7 +78,7 @@ def main():
         ends = pencils(rays, WAVELENGTHS_NM[[0, -1]], sensor, lens.capture_focal_length_mm, 256, 1)
         layers = [seen(layer, layered.grid, lens, ends) for layer in layered.layers]
         ready = time.process_time()
-        meetings = plan_meetings(layers, ends, sensor, 0.0, most_rays)
+        meetings = plan_meetings(layers, ends, sensor, 0.0, most_rays, most_rays)
         planned = time.process_time()
         del layers
         tracemalloc.start()

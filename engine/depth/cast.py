@@ -45,7 +45,8 @@ class CastPlane:
     per_radiance: np.ndarray | None = None
 
 
-def cast(layered: LayeredRadiance, lens: "Lens", rays: "RayTable", *, most_rays: int = 256, iris: Iris | None = None,
+def cast(layered: LayeredRadiance, lens: "Lens", rays: "RayTable", *, most_rays: int = 256,
+         most_of_lamps: int | None = None, iris: Iris | None = None,
          progress: Callable[[float], object] = lambda fraction: None) -> Iterator[CastPlane]:
     """Layered radiance along the lens's rays: the planes of its wavelengths, one after another.
 
@@ -62,8 +63,9 @@ def cast(layered: LayeredRadiance, lens: "Lens", rays: "RayTable", *, most_rays:
     rays : RayTable
         The lens's.
     most_rays : int
-        For a pixel, a power of two from 32 on: as many as the size of the blur and the brightness in it ask for, up to
-        this.
+        For a pixel, a power of two from 32 on: as many as the size of the blur asks for, up to this.
+    most_of_lamps : int, optional
+        As many times more as what is small and bright in it asks for, up to this; `most_rays` by default.
     iris : Iris, optional
         The blades that stop the lens down; its stop is a circle without.
     progress : callable (fraction), optional
@@ -79,7 +81,7 @@ def cast(layered: LayeredRadiance, lens: "Lens", rays: "RayTable", *, most_rays:
     ends = pencils(rays, wavelengths_nm[[0, -1]], sensor, focal_mm, 256, sequences=1)
     layers = [one for layer in layered.layers if (one := seen(layer, capture, lens, ends))]
     fisheye = per_focal(capture, focal_mm)
-    meetings = plan_meetings(layers, ends, sensor, fisheye, most_rays)
+    meetings = plan_meetings(layers, ends, sensor, fisheye, most_rays, most_of_lamps or most_rays)
     shares = _sharp_shares(layers, capture.shape_px)
     blades, per_radiance = iris or Iris(0), _PerRadiance(rays, sensor)
     needed = 8 * max(1, int(meetings.eights.max()))

@@ -31,7 +31,8 @@ class Meetings:
     eights: np.ndarray
 
 
-def plan_meetings(layers: list[Seen], rays: Pencils, sensor: PixelGrid, per_focal: float, most_rays: int) -> Meetings:
+def plan_meetings(layers: list[Seen], rays: Pencils, sensor: PixelGrid, per_focal: float, most_rays: int,
+                  most_of_lamps: int) -> Meetings:
     """What the tiles of a sensor meet.
 
     Parameters
@@ -43,7 +44,8 @@ def plan_meetings(layers: list[Seen], rays: Pencils, sensor: PixelGrid, per_foca
     sensor : PixelGrid
     per_focal : float
         See `kernels.Casting`.
-    most_rays : int
+    most_rays, most_of_lamps : int
+        See `cast`.
     """
     right, up = _tile_middles(sensor)
     found = np.zeros((*right.shape, len(layers)), MEETING)
@@ -73,7 +75,7 @@ def plan_meetings(layers: list[Seen], rays: Pencils, sensor: PixelGrid, per_foca
     count = 2 ** np.ceil(2 * np.log2(np.maximum(spread / STRIDE_PX, 1)))
     stands_out = np.clip(peak / np.maximum(even, 1e-30) / BRIGHT, 1, MOST_TIMES)
     count = np.clip(count, FEWEST_RAYS, most_rays) * 2 ** np.round(np.log2(stands_out))
-    return Meetings(found, np.where(blurred, np.minimum(count, most_rays) // 8, 0).astype(np.int64))
+    return Meetings(found, np.where(blurred, np.minimum(count, most_of_lamps) // 8, 0).astype(np.int64))
 
 
 def _tile_middles(sensor):

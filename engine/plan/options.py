@@ -14,7 +14,7 @@ OUT_OF_FIELD = ("hold", "vignette")
 FIREFLIES = ("refuse", "clamp")
 DEFAULT_ACCURACY = 0.01
 TIER_ACCURACY = {"preview": 0.1, "standard": DEFAULT_ACCURACY, "reference": 0.001}
-MOST_RAYS = ((0.05, 256), (0.005, 512), (0.0, 1024))  # of a pixel, from these accuracies on
+MOST_RAYS = ((0.05, 256, 256), (0.005, 512, 2048), (0.0, 1024, 4096))  # of a pixel, from these accuracies on; of lamps
 KNOBS = ("section_size", "azimuths", "psf_energy", "flat_tolerance", "precision")
 MOST_SUPERSAMPLING = 16  # the error that it mends is a 256th by then
 BY_KNOBS = "sections"  # where a knob is set and no method
@@ -122,7 +122,16 @@ class Options:
     @property
     def most_rays(self) -> int:
         """Rays through the lens at the most by which a pixel sees what is out of focus."""
-        return next(rays for least, rays in MOST_RAYS if self.depth_accuracy >= least)
+        return self._rays[0]
+
+    @property
+    def most_rays_of_lamps(self) -> int:
+        """As `most_rays`, where something small and bright is among it."""
+        return self._rays[1]
+
+    @property
+    def _rays(self):
+        return next(rays for least, *rays in MOST_RAYS if self.depth_accuracy >= least)
 
     @property
     def knobs(self) -> dict[str, object]:

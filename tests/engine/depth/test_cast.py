@@ -200,6 +200,19 @@ def test_a_fisheye_shows_what_a_plane_capture_does(lens):
     assert np.abs(results[1] - results[0]).max() < 0.02 and np.ptp(results[0]) > 0.1
 
 
+def test_more_rays_go_where_lamps_are(lens):
+    """The disc of one is evener, and what has none is as before to the last bit."""
+    grid = PixelGrid.around_frame((64, 192), PITCH_UM, (24, 24))
+    alpha = np.zeros(grid.shape_px)
+    alpha[56, 56] = 1
+    lamp = layer(alpha, depth_of_blur(lens, 36.0), 5000.0)
+    ground = layer(np.ones(grid.shape_px), depth_of_blur(lens, -12.0), 1 + np.indices(grid.shape_px)[1] % 2)
+    few, many = (planes([lamp, ground], lens, grid, most_rays=64, most_of_lamps=rays)[0].blurred for rays in (64, 1024))
+    disc = np.hypot(*(axis - 32 for axis in np.indices(few.shape))) < 16
+    assert few[disc].std() > 2 * many[disc].std()
+    assert np.array_equal(few[:, 120:], many[:, 120:])
+
+
 def test_a_lamp_in_the_corner_is_the_cats_eye_that_the_apertures_leave():
     """Against rays from every pixel through random places of the stop, looked up one by one."""
     lens, side = varied_lens("kodak-petzval-100mm"), 29
