@@ -56,7 +56,7 @@ _EXIT_STATUS = pytest.StashKey()
 @pytest.fixture
 def scene():
     """An empty scene of 48 x 36 px, 16 samples, with a camera at the origin that looks along -z, and a black world."""
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)  # and no preferences, which no test changes
     scene = bpy.context.scene
     scene.render.engine = "CYCLES"
     scene.cycles.device = "CPU"

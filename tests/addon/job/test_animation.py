@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -100,17 +101,24 @@ def fill_with_zeros(path):
     path.write_bytes(bytes(path.stat().st_size))
 
 
-@pytest.mark.parametrize("damage", [
+DAMAGES = [
     *(lambda folder, name=name: (folder / f"Scene_0002_{name}").unlink() for name in NAMES),
     *(lambda folder, name=name: shorten(folder / f"Scene_0002_{name}") for name in NAMES),
     *(lambda folder, name=name: fill_with_zeros(folder / f"Scene_0002_{name}") for name in NAMES),
     *(lambda folder, text=text: (folder / "Scene_0002_report.json").write_text(text)
       for text in ("[]", "{}", "null", '{"job": 1, "sizes": {}}', "\x00")),
-    lambda folder: (folder / "Scene_0002_report.json").write_bytes(b"\xff\xfe")])
-def test_what_is_damaged_is_made_again(moving_scene, tmp_path, damage):
+    lambda folder: (folder / "Scene_0002_report.json").write_bytes(b"\xff\xfe")]
+
+
+def test_what_is_damaged_is_made_again(moving_scene, tmp_path):
     addon.render_animation(moving_scene, [2, 4])
-    damage(tmp_path / "lensfield")
-    assert addon.Animation(moving_scene, [2, 4]).pending == [2]
+    folder, whole = tmp_path / "lensfield", tmp_path / "whole"
+    shutil.copytree(folder, whole)
+    for number, damage in enumerate(DAMAGES):
+        damage(folder)
+        assert addon.Animation(moving_scene, [2, 4]).pending == [2], number
+        shutil.copytree(whole, folder, dirs_exist_ok=True)
+    assert not addon.Animation(moving_scene, [2, 4]).pending
 
 
 def test_what_is_of_the_lens_alone_is_written_once_for_all_frames(moving_scene, tmp_path):
@@ -145,9 +153,9 @@ def darken(scene):
     lambda scene: setattr(scene.lensfield, "tier", "RESULT"),
     lambda scene: setattr(scene.lensfield, "denoise", "ON")])
 def test_other_settings_make_other_frames(moving_scene, change):
-    addon.render_animation(moving_scene, [2])
+    addon.render_animation(moving_scene, [2], lens_quality="preview")
     change(moving_scene)
-    assert addon.Animation(moving_scene, [2]).pending == [2]
+    assert addon.Animation(moving_scene, [2], lens_quality="preview").pending == [2]
 
 
 def test_what_changes_no_picture_makes_no_other_frames(moving_scene):

@@ -14,6 +14,8 @@ from lensfield.engine import Lens
 from lensfield.engine.image.depth_range import blur_px
 from noise import SIGMAS
 
+pytestmark = pytest.mark.one_blender
+
 FRAME_PX, SEEDS = (72, 96), 4
 LIMIT = 0.025
 

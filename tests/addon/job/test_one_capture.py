@@ -102,6 +102,7 @@ def test_one_capture_serves_all_frames(rack, captures, tmp_path):
     assert addon.Animation(rack, [1, 2], output_folder=tmp_path, **ASKED).pending == [2]
 
 
+@pytest.mark.one_blender
 def test_each_frame_is_what_it_is_by_itself(rack, cut, tmp_path):
     """In the camera's view, where all lenses see the very pixels that were captured."""
     asked = ASKED | {"view": "camera"}
@@ -118,6 +119,7 @@ def middle_px(red):
     return np.array([np.sum(places * red) for places in (rows, columns)]) / red.sum()
 
 
+@pytest.mark.one_blender
 def test_a_lens_shows_more_or_less_as_it_is_focused(rack, tmp_path):
     """On its own sensor, though one pinhole has captured all: light lies where it does in a frame by itself."""
     set_world(rack, (0, 0, 0))
@@ -156,6 +158,7 @@ def test_each_frame_tells_what_one_depth_for_each_pixel_does_not(rack, tmp_path)
     assert told[0][-1] == told[1][-1]
 
 
+@pytest.mark.one_blender
 def test_what_is_cancelled_goes_on_with_the_same_light(rack, captures, tmp_path):
     first = addon.Animation(rack, FRAMES, output_folder=tmp_path, **ASKED)
     result = first.render(1)
@@ -165,6 +168,7 @@ def test_what_is_cancelled_goes_on_with_the_same_light(rack, captures, tmp_path)
     np.testing.assert_array_equal(*light)
 
 
+@pytest.mark.one_blender
 def test_a_capture_that_was_stopped_is_made_again(rack, captures, monkeypatch, tmp_path):
     animation, before = addon.Animation(rack, FRAMES, output_folder=tmp_path, **ASKED), snapshot()
 
@@ -179,6 +183,7 @@ def test_a_capture_that_was_stopped_is_made_again(rack, captures, monkeypatch, t
     assert len(captures) == 2 and list(animation.results) == [3]
 
 
+@pytest.mark.one_blender
 def test_light_that_is_taken_away_is_written_again(rack, captures, tmp_path):
     animation = addon.Animation(rack, FRAMES, output_folder=tmp_path, **ASKED)
     animation.render(1).radiance.unlink()
@@ -208,6 +213,7 @@ def test_frames_that_ask_for_other_pictures_are_captured_by_themselves(rack, tmp
         "each frame is captured by itself: the lens is traced")
 
 
+@pytest.mark.one_blender
 def test_the_command_says_it_first(rack, tmp_path):
     blend = tmp_path / "rack.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(blend))
@@ -221,6 +227,7 @@ def test_the_command_says_it_first(rack, tmp_path):
     assert (tmp_path / "Scene_0001_radiance.exr").samefile(tmp_path / "Scene_0003_radiance.exr")
 
 
+@pytest.mark.one_blender
 def test_film_and_region_go_together_with_one_capture(rack, cut, tmp_path):
     rack.render.film_transparent = rack.render.use_border = True
     rack.render.border_min_x, rack.render.border_max_x = 0.25, 1.0

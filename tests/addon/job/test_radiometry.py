@@ -217,6 +217,7 @@ LUMENS = [dict(spectrum=FLAT), dict(spectrum="illuminant-a"), dict(spectrum="led
           dict(spectrum="illuminant-a", color=(0.1, 0.2, 0.9))]
 
 
+@pytest.mark.one_blender
 @pytest.mark.parametrize("properties", LUMENS, ids=str)
 def test_lumens_of_a_point(scene, wall_at, tmp_path, properties):
     """Phi / 4 pi candela give Phi / 4 pi h^2 lux, and off a white wall 1 / pi of that in cd m^-2."""
@@ -240,6 +241,7 @@ def test_lumens_of_an_area(scene, tmp_path):
     assert_means(luminance(scene, tmp_path), 800.0 / (np.pi * 0.25), PRECISION)
 
 
+@pytest.mark.one_blender
 @pytest.mark.parametrize("normalize", [True, False])
 def test_lumens_of_an_area_whatever_its_normalisation(scene, tmp_path, normalize):
     facing = lamp(scene, "AREA", "led-b3", shape="SQUARE", size=0.2)
@@ -251,6 +253,7 @@ def test_lumens_of_an_area_whatever_its_normalisation(scene, tmp_path, normalize
     assert_means(luminance(scene, tmp_path), 800.0 / (np.pi * 0.04), PRECISION)
 
 
+@pytest.mark.one_blender
 @pytest.mark.parametrize("blend", [0.0, 0.6])
 def test_lumens_of_a_spot_are_those_of_its_cone(scene, wall_at, tmp_path, blend):
     """Integrated by hand over the cosine, from the rim to the axis, with Cycles' smoothstep at the rim."""

@@ -15,6 +15,8 @@ from lensfield.engine.image.spectral_exr import read_exr, read_parts, read_with_
 from noise import assert_means
 from small_scenes import WAVELENGTHS_NM, material, wall
 
+pytestmark = pytest.mark.one_blender
+
 
 @pytest.fixture
 def window(scene):
@@ -42,9 +44,10 @@ def blocks(path):
 def test_in_the_cameras_view_it_is_a_fresh_render_through_that_lens(window, tmp_path, first, second):
     """However large either is by itself."""
     window.camera.data.lens = 30
-    kept = rendered(window, tmp_path, first, view="camera")
-    applied = addon.apply_lens(kept.radiance, second, tmp_path / "applied", view="camera")
-    fresh = rendered(window, tmp_path / "fresh", second, view="camera")
+    asked = {"view": "camera", "lens_quality": "preview"}
+    kept = rendered(window, tmp_path, first, **asked)
+    applied = addon.apply_lens(kept.radiance, second, tmp_path / "applied", **asked)
+    fresh = rendered(window, tmp_path / "fresh", second, **asked)
     (image, pixels), (other, expected) = blocks(applied.irradiance), blocks(fresh.irradiance)
     assert image.lens_name == other.lens_name and np.isclose(image.pitch_um, other.pitch_um)
     assert_means(pixels, expected, rtol=0.002, noise=0.03)
@@ -53,10 +56,11 @@ def test_in_the_cameras_view_it_is_a_fresh_render_through_that_lens(window, tmp_
 def test_what_a_fisheye_captured_serves_other_lenses_too(window, tmp_path):
     """But for what resampling does to edges."""
     window.camera.data.lens = 18
-    kept = rendered(window, tmp_path, "muller-fisheye-25mm", view="camera")
+    asked = {"view": "camera", "lens_quality": "preview"}
+    kept = rendered(window, tmp_path, "muller-fisheye-25mm", **asked)
     assert read_exr(kept.radiance).projection == FISHEYE
-    applied = addon.apply_lens(kept.radiance, "tessar-50mm", tmp_path / "applied", view="camera")
-    fresh = rendered(window, tmp_path / "fresh", "tessar-50mm", view="camera")
+    applied = addon.apply_lens(kept.radiance, "tessar-50mm", tmp_path / "applied", **asked)
+    fresh = rendered(window, tmp_path / "fresh", "tessar-50mm", **asked)
     (_, pixels), (_, expected) = (blocks(result.irradiance) for result in (applied, fresh))
     light = expected.mean(axis=(-2, -1))
     assert np.abs(pixels.mean(axis=(-2, -1)) - light).max() < 0.01 * light.max()

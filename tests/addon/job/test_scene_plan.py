@@ -97,6 +97,7 @@ def colour_errors(picture, truth, lamp):
     return ciede2000(lab_from_xyz(true, white), lab_from_xyz(np.maximum(seen, 0), white))
 
 
+@pytest.mark.one_blender
 @pytest.mark.parametrize("lamp", ["illuminant-d65", "sodium-hp1"])
 def test_standard_keeps_the_error_that_it_predicts(room, tmp_path, lamp):
     bpy.data.lights["Light"].lensfield.emission = lamp
@@ -109,6 +110,7 @@ def test_standard_keeps_the_error_that_it_predicts(room, tmp_path, lamp):
     assert facts["spectral_surprise"] < 5
 
 
+@pytest.mark.one_blender
 def test_two_lamps_keep_the_error_that_is_predicted(room, tmp_path):
     """Light of each lamp is estimated by itself, and their errors may add up."""
     bpy.data.lights["Light"].lensfield.emission = "illuminant-a"
@@ -120,6 +122,7 @@ def test_two_lamps_keep_the_error_that_is_predicted(room, tmp_path):
     assert np.percentile(errors, 95) <= SLACK * facts["predicted_colour_error"]
 
 
+@pytest.mark.one_blender
 def test_preview_is_one_pass_and_says_how_wrong_it_is(room, tmp_path):
     picture, facts = rendered(room, tmp_path, tier="preview")
     assert facts["passes"] == 1 and facts["predicted_colour_error"] > 1
@@ -128,6 +131,7 @@ def test_preview_is_one_pass_and_says_how_wrong_it_is(room, tmp_path):
     assert 0.5 < np.percentile(errors, 95) <= SLACK * facts["predicted_colour_error"]
 
 
+@pytest.mark.one_blender
 def test_less_error_asked_for_is_less_error(room, tmp_path):
     truth, _ = rendered(room, tmp_path, tier="reference")
     lamp = load_spectrum("illuminant-d65").density_at(NM)
@@ -170,6 +174,7 @@ def test_report_tells_the_plan(room, tmp_path):
     assert all(f"{nm:g}" in facts["scene_plan"] for nm in facts["rendered_nm"])
 
 
+@pytest.mark.one_blender
 @pytest.mark.parametrize("colour, strength", [((1.0, 0.5, 0.1), 2.0), ((50.0, 25.0, 5.0), 0.04),
                                               ((2e-4, 1e-4, 2e-5), 1e4)])
 def test_strength_of_what_glows_is_no_matter_of_wavelengths(scene, tmp_path, colour, strength):

@@ -112,6 +112,7 @@ def test_each_layer_lies_where_it_was_cut(deep, cut, tmp_path):
     assert np.all(np.isinf(sky.depth_mm)) and np.all(sky.alpha == 1)
 
 
+@pytest.mark.one_blender
 def test_layers_hold_what_is_hidden_and_no_more_than_they_cover(deep, cut, tmp_path):
     deep.objects["Floor"].hide_render = True
     near, middle, far, sky = rendered(deep, tmp_path)[3].layers  # nothing is from 70 cm to 2 m
@@ -199,6 +200,7 @@ def panes(scene):
     scene.cycles.samples = 4096
 
 
+@pytest.mark.one_blender
 @pytest.mark.parametrize("change, rtol", [(lamps, 0.01), (motion, 0.01), (transparent_film, 0.003), (panes, 0.01)])
 def test_slabs_go_together_with(deep, cut, tmp_path, change, rtol):
     change(deep)
@@ -227,6 +229,7 @@ def test_slabs_go_together_with_fisheyes(deep, cut, tmp_path):
     assert_seen_as_one(whole, flat)
 
 
+@pytest.mark.one_blender
 def test_slabs_go_together_with_animation(deep, cut, tmp_path):
     near = deep.objects["Near"]
     near.keyframe_insert("location", frame=1)
@@ -240,6 +243,7 @@ def test_slabs_go_together_with_animation(deep, cut, tmp_path):
                            depth="off").pending == [1, 2]
 
 
+@pytest.mark.one_blender
 def test_the_same_lens_on_what_is_kept_is_the_same_picture(deep, cut, tmp_path):
     kept = rendered(deep, tmp_path)[0]
     applied = addon.apply_lens(kept.radiance, LENS, tmp_path / "applied")
@@ -265,33 +269,37 @@ def test_the_button_uses_layers_unless_depth_is_off(deep, cut, tmp_path):
         np.testing.assert_array_equal(read_exr(kept.irradiance).cube, read_exr(ours.irradiance).cube)
 
 
+@pytest.mark.one_blender
 def test_another_focus_of_what_is_kept_is_a_fresh_render(deep, tmp_path):
     """As far as the picture's pixels and its noise tell: they lie otherwise in the two."""
     lens, near_mm = "tessar-50mm", 400.0
-    asked = {"lens": lens, "view": "camera", "room": 0.1}
+    asked = {"lens": lens, "view": "camera", "lens_quality": "preview"}
     deep.camera.data.lens = 35
     for name, distance_m in (("Near", 0.25), ("Middle", 0.6)):
         square = deep.objects[name]
         square.location.x *= distance_m / -square.location.z
         square.scale *= distance_m / -square.location.z
         square.location.z = -distance_m
-    far, near = (rendered(deep, tmp_path / f"{focus_mm:g}", focus=focus_mm, **asked)[0] for focus_mm in (2e3, near_mm))
-    applied = addon.apply_lens(far.radiance, lens, tmp_path / "applied", view="camera", rings=Rings(near_mm))
+    far, near = (rendered(deep, tmp_path / f"{focus_mm:g}", focus=focus_mm, room=0.1, **asked)[0]
+                 for focus_mm in (2e3, near_mm))
+    applied = addon.apply_lens(far.radiance, output_folder=tmp_path / "applied", rings=Rings(near_mm), **asked)
     fresh, seen = (read_exr(result.irradiance).cube.astype(float) for result in (near, applied))
     assert_alike(fresh, seen, 0.02, noise=1.0)
     other = read_exr(far.irradiance).cube
     assert np.abs(seen - fresh).mean() < 0.2 * np.abs(other - fresh).mean()
 
 
+@pytest.mark.one_blender
 def test_blur_that_needs_more_than_was_captured_is_told(deep, tmp_path):
     """What is in focus ends soon beyond the frame; out of focus it would reach in from farther."""
     deep.render.resolution_x, deep.render.resolution_y, deep.cycles.samples = 192, 144, 4
     near = deep.objects["Near"]
     near.location, near.scale = (0, 0, -0.4), (100, 100, 1)
-    asked = {"lens": "sonnar-50mm-f1.5", "f_number": 2.8}
-    kept = rendered(deep, tmp_path, focus=400.0, **asked)[0]
+    asked = {"lens": "sonnar-50mm-f1.5", "lens_quality": "preview"}
+    kept = rendered(deep, tmp_path, focus=400.0, f_number=2.8, **asked)[0]
     for focus_mm, told in ((400.0, False), (np.inf, True)):
-        applied = addon.apply_lens(kept.radiance, "sonnar-50mm-f1.5", tmp_path / "applied", rings=Rings(focus_mm, 2.8))
+        applied = addon.apply_lens(kept.radiance, output_folder=tmp_path / "applied", rings=Rings(focus_mm, 2.8),
+                                   **asked)
         assert ("would bring in light from" in applied.report.file.lens_warning) == told
 
 
@@ -384,6 +392,7 @@ def test_what_holds_out_hides_what_is_behind_it(deep, tmp_path, hold_out):
     assert_seen_as_one(whole, flat)
 
 
+@pytest.mark.one_blender
 def test_a_world_full_of_fog_is_one_slab(deep, tmp_path):
     tree = deep.world.node_tree
     scatter = tree.nodes.new("ShaderNodeVolumeScatter")

@@ -117,9 +117,9 @@ def test_alpha_tells_how_much_of_the_light_is_covered(scene, tmp_path):
 def test_what_is_out_of_focus_is_as_wide_as_first_order_optics_have_it(scene, tmp_path):
     """A disc of even light has an RMS radius of its diameter over sqrt 8."""
     lens, depth_mm = Lens.load(LENS), 60.0
-    lamp = wall(scene, material("Glow", "ShaderNodeEmission")[0], 1e-3 * depth_mm, side_m=1e-4)
+    lamp = wall(scene, material("Glow", "ShaderNodeEmission")[0], 1e-3 * depth_mm, side_m=2e-4)
     lamp.active_material.cycles.emission_sampling = "NONE"
-    scene.cycles.samples = 4096
+    scene.cycles.samples = 1024
     scene.render.use_border = True
     scene.render.border_min_x, scene.render.border_max_x = 0.3, 0.7
     scene.render.border_min_y, scene.render.border_max_y = 0.3, 0.7

@@ -17,6 +17,8 @@ from lensfield.engine.image.pixel_grid import PixelGrid
 from noise import SIGMAS, assert_means, five_sigma
 from traced_lens import photograph
 
+pytestmark = pytest.mark.one_blender
+
 
 class Bench(truth.Bench):
     """Traces each picture with two seeds: what it gives is their mean, and what it notes half their difference, the

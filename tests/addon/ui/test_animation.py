@@ -68,6 +68,7 @@ def test_the_window_renders_the_scenes_range_and_the_compositor_follows(moving_s
     assert not [line for line in differences(before, snapshot()) if not any(word in line for word in COMPOSITOR)]
 
 
+@pytest.mark.one_blender
 def test_a_cancelled_animation_keeps_its_frames_and_goes_on_from_them(moving_scene, tmp_path):
     heavy(moving_scene, 64)
     start()
@@ -99,6 +100,7 @@ def test_a_compositor_that_refuses_frames_does_not_stop_them(moving_scene, monke
     assert notice().count("not laid into the compositor: tree: owner is library.blend: make it local") == 1
 
 
+@pytest.mark.one_blender
 def test_frames_of_the_scene_before_an_edit_are_told_and_not_laid(moving_scene, tmp_path):
     """Of an edit that is not saved; a save alone changes nothing."""
     moving_scene.frame_end = 2
@@ -116,6 +118,7 @@ def test_frames_of_the_scene_before_an_edit_are_told_and_not_laid(moving_scene, 
     assert "1 of the frames there already, from 1 on, are of the scene before it was changed: Overwrite" in notice()
 
 
+@pytest.mark.one_blender
 def test_an_error_names_the_frame_and_says_what_is_left(moving_scene):
     for frame, kind in ((1, 0.0), (2, 0.5)):
         moving_scene.camera.data.shift_x = kind

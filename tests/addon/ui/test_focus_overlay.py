@@ -85,6 +85,7 @@ def test_it_follows_the_rings_at_once_by_the_depth_that_is_kept(on):
     assert not preview.state["preview"].same_scene, "what is kept is of another scene"
 
 
+@pytest.mark.one_blender
 def test_it_goes_with_the_preview(on):
     assert bpy.ops.lensfield.focus_overlay.poll() and bpy.ops.lensfield.focus_overlay() == {"FINISHED"}
     preview.end()
@@ -99,6 +100,7 @@ def test_it_waits_for_its_lens_only_as_it_is_switched_on(scene, monkeypatch):
     assert waits == [True, True]
 
 
+@pytest.mark.one_blender
 def test_without_a_lens_or_a_camera_there_is_none(on):
     focus_overlay.switch(on)
     path = preview.state["preview"].depth

@@ -142,6 +142,7 @@ def test_two_scenes_have_a_question_each(scene, oven):
 
 
 @pytest.mark.parametrize("name", VARIED)
+@pytest.mark.one_blender
 @pytest.mark.parametrize("rings", [Rings(), Rings(2000.0, 8.0)])
 def test_what_is_known_before_is_so_of_the_lens_that_is_baked(name, rings):
     facts, lens = lens_facts(name, rings), load_lens(name, rings, "preview")

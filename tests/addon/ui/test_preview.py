@@ -93,6 +93,7 @@ def test_a_change_is_seen_by_itself_and_a_selection_is_none(ready_scene):
     assert red(ready_scene) == pytest.approx(2 * first, rel=0.01)
 
 
+@pytest.mark.one_blender
 def test_changes_do_not_pile_up(ready_scene):
     preview.start(ready_scene)
     preview.tick()
@@ -106,6 +107,7 @@ def test_changes_do_not_pile_up(ready_scene):
     assert on().asked_s > asked and on().fresh
 
 
+@pytest.mark.one_blender
 def test_another_lens_is_seen_at_once_and_then_by_its_own_view(ready_scene):
     preview.start(ready_scene)
     follow()
@@ -121,6 +123,7 @@ def test_another_lens_is_seen_at_once_and_then_by_its_own_view(ready_scene):
     assert on().tangents[0] > 1.5 * narrow[0]
 
 
+@pytest.mark.one_blender
 def test_in_the_cameras_view_another_lens_takes_no_render(ready_scene):
     ready_scene.lensfield.view = "CAMERA"
     preview.start(ready_scene)
@@ -133,6 +136,7 @@ def test_in_the_cameras_view_another_lens_takes_no_render(ready_scene):
         assert on().radiance.stat().st_mtime_ns == kept and not on().error and lens_title(lens) in shown()
 
 
+@pytest.mark.one_blender
 def test_a_ring_that_is_turned_takes_no_render(ready_scene):
     ready_scene.lensfield.view = "CAMERA"
     dof = ready_scene.camera.data.dof
@@ -149,6 +153,7 @@ def test_a_ring_that_is_turned_takes_no_render(ready_scene):
     assert (on().lens[3].f_number, on().lens[3].focus_mm) == (11.0, 2000.0)
 
 
+@pytest.mark.one_blender
 def test_what_is_focused_on_is_seen_to_move(ready_scene):
     """It turns the lens and changes the scene at once."""
     ready_scene.lensfield.view = "CAMERA"
@@ -217,6 +222,7 @@ def test_a_lens_that_is_gone_is_told_and_seen_as_soon_as_it_is_back(ready_scene,
     assert not on().error and on().lens[4].blades == 6
 
 
+@pytest.mark.one_blender
 def test_a_file_that_takes_long_to_copy_is_refreshed_by_hand(ready_scene, monkeypatch):
     monkeypatch.setattr(preview, "LONGEST_COPY_S", 0.0)
     preview.start(ready_scene)

@@ -80,6 +80,7 @@ def test_the_window_gets_what_a_script_gets_and_the_scene_only_its_compositor(re
     assert np.array_equal(child_s, read_exr(tmp_path / "script" / "Scene_0001_irradiance.exr").cube)
 
 
+@pytest.mark.one_blender
 def test_another_lens_is_applied_in_the_background_too(ready_scene, tmp_path):
     ready_scene.lensfield.lens = "tessar-50mm"
     with pytest.raises(RuntimeError, match="Scene_0001_radiance.exr: light of a render is not there: render through"):
@@ -103,6 +104,7 @@ def test_another_lens_is_applied_in_the_background_too(ready_scene, tmp_path):
         window_render.start_again(ready_scene)
 
 
+@pytest.mark.one_blender
 def test_the_panel_shows_the_render_and_what_became_of_it(endless_scene):
     assert "lensfield.cancel" not in shown(endless_scene).shown
     start()
@@ -154,6 +156,7 @@ def test_there_is_one_render_at_a_time(endless_scene):
     assert bpy.ops.lensfield.render.poll() and not bpy.ops.lensfield.cancel.poll()
 
 
+@pytest.mark.one_blender
 def test_a_child_that_dies_leaves_a_line_and_its_log(endless_scene):
     render = start()
     follow(in_a_pass)
@@ -166,6 +169,7 @@ def test_a_child_that_dies_leaves_a_line_and_its_log(endless_scene):
     assert bpy.ops.lensfield.render.poll()
 
 
+@pytest.mark.one_blender
 def test_bad_input_is_told_before_the_child_or_by_it(ready_scene):
     ready_scene.lensfield.wavelength_list = "300"
     with pytest.raises(InputError, match="wavelength is 300 nm"):
