@@ -8,7 +8,8 @@
 #                  as CONTRIBUTING.md's compilers, QEMU and Wine are installed (two minutes)
 # make kill-test   kills a render at 50 random moments, and compares what comes of it with one that nobody has (ten minutes)
 # make fuzz        damages files of every kind that is read, 1500 times each, and lists what is neither read nor told (ten
-#                  minutes); COUNT=100 and SEED=1 for others
+#                  minutes); COUNT=100 and SEED=1 for others; first, what small files that mean to cost much come to
+# make long-runs   whether 200 previews, 50 renders and 50 registrations take no more memory than the first (ten minutes)
 # make bench       what the engine takes, beside itself of before and the paper's method (ten minutes): build/bench
 # make bench-all   also the paper's pictures, what accuracy costs at length, and what a scene costs (an hour)
 # make validate    Cornell's box against Mitsuba 3, and lenses against rays traced through them (ten minutes), in depth too (an hour)
@@ -52,7 +53,7 @@ TABLES = .venv-tables
 LINT = .venv-lint
 LOCK = packaging/lock-5.0.1.txt
 
-.PHONY: demo kernels test fuzz kill-test test-kernels test-engine test-blender ui-test bench bench-all validate extension test-bake bench-bake glasses lenses lens-pictures tables bench-tables \
+.PHONY: demo kernels test fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-all validate extension test-bake bench-bake glasses lenses lens-pictures tables bench-tables \
         test-numpy ci lint lock
 
 demo: $(READY) kernels
@@ -91,7 +92,11 @@ kill-test: $(READY) kernels
 	$(VENV)/bin/python -W ignore tests/reliability/kill.py 50
 
 fuzz: $(READY)
+	$(VENV)/bin/python tests/fuzz/bombs.py
 	$(VENV)/bin/python tests/fuzz/fuzz.py --count $(COUNT)
+
+long-runs: $(READY) kernels
+	$(VENV)/bin/python -W ignore tests/reliability/long_runs.py
 
 bench: $(READY) kernels
 	$(VENV)/bin/python benchmarks/bench.py build/bench

@@ -72,11 +72,11 @@ class Format:
 
 def formats(folder: Path) -> Iterator[tuple[str, Format]]:
     """(name, Format) of all; sound files are made in a folder."""
-    yield "lens package", Format(_packages(), _read_package, damaged_package)
+    yield "lens package", Format(_packages(), read_package_whole, damaged_package)
     yield from _imports(folder)
     yield from _prescriptions()
     for name, sounds in _pictures(folder).items():
-        yield name, Format(sounds, _read_picture, chatters=True)
+        yield name, Format(sounds, read_as_filter_does, chatters=True)
     yield "spectrum (.spd)", Format(_texts(".spd", LIBRARY_SPECTRA), lambda path: load_spectrum(str(path)))
     yield "refraction (.yml)", Format(_texts(".yml", LIBRARY_GLASSES), lambda path: load_refraction(str(path)))
     yield "spectrum in a line", Format(_lines("400:0.1, 700:0.2", "[400 0.1 700 0.2]", "blackbody 5600", "~/x.spd"),
@@ -104,7 +104,7 @@ def _packages():
     return [_one("lens.npz", package_bytes(lens)) for lens in lenses]
 
 
-def _read_package(path):
+def read_package_whole(path):
     lens = read_package(path)
     return lens_text(lens_info(lens))
 
@@ -197,7 +197,7 @@ def _asked():
 LAYERED, AS_ASKED = _layered(), _asked()
 
 
-def _read_picture(path):
+def read_as_filter_does(path):
     return read_picture(path, AS_ASKED, LENS).depth
 
 

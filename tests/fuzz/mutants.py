@@ -104,12 +104,12 @@ def damaged_package(data, random):
     return [damaged, _archive_hurt, _array_hurt, _header_hurt][random.integers(4)](data, random)
 
 
-def _members(data):
+def members_of(data):
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         return {name: archive.read(name) for name in archive.namelist()}
 
 
-def _package(members, compression=zipfile.ZIP_DEFLATED):
+def packed(members, compression=zipfile.ZIP_DEFLATED):
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", compression) as archive:
         for name, contents in members.items():
@@ -119,7 +119,7 @@ def _package(members, compression=zipfile.ZIP_DEFLATED):
 
 def _archive_hurt(data, random):
     """Members lost, added, renamed, told of wrongly in the directory, or compressed otherwise."""
-    members, kind = _members(data), int(random.integers(6))
+    members, kind = members_of(data), int(random.integers(6))
     name = _pick(list(members), random)
     if kind == 0:
         del members[name]
@@ -129,11 +129,11 @@ def _archive_hurt(data, random):
     elif kind == 2:
         members[f"{name}x"] = members.pop(name)
     elif kind == 3:
-        return _package(members, _pick([zipfile.ZIP_STORED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA], random))
+        return packed(members, _pick([zipfile.ZIP_STORED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA], random))
     elif kind == 4:
         members[name] = members[_pick(list(members), random)]
-    packed = _package(members)
-    return packed if kind < 5 else _directory_hurt(packed, random)
+    data = packed(members)
+    return data if kind < 5 else _directory_hurt(data, random)
 
 
 def _directory_hurt(data, random):
@@ -145,7 +145,7 @@ def _directory_hurt(data, random):
 
 def _array_hurt(data, random):
     """A member of other bytes; with another header, which may not be true; or another array."""
-    members = _members(data)
+    members = members_of(data)
     name = _pick(list(members), random)
     array = np.load(io.BytesIO(members[name]))
     kind = int(random.integers(3))
@@ -157,8 +157,8 @@ def _array_hurt(data, random):
         text = _pick([repr(told), "(" * 5000, "{" * 5000, "-" * 5000 + "1", "{'descr': '<f8'}"], random).encode()
         members[name] = b"\x93NUMPY\1\0" + struct.pack("<H", len(text) % 2**16) + text + members[name][128:]
     else:
-        members[name] = _npy(_other_array(array, random))
-    return _package(members)
+        members[name] = npy(_other_array(array, random))
+    return packed(members)
 
 
 def _other_array(array, random):
@@ -175,7 +175,7 @@ def _other_array(array, random):
                   np.broadcast_to(array.ravel()[:1], (6, 3000, 1000))], random)
 
 
-def _npy(array):
+def npy(array):
     stream = io.BytesIO()
     np.save(stream, array, allow_pickle=False)
     return stream.getvalue()
@@ -183,7 +183,7 @@ def _npy(array):
 
 def _header_hurt(data, random):
     """The header's JSON with fields of other kinds, without some, or damaged as a text."""
-    members = _members(data)
+    members = members_of(data)
     text = np.load(io.BytesIO(members["header.npy"])).item()
     header = json.loads(text)
     field, kind = _pick(list(header), random), int(random.integers(4))
@@ -194,4 +194,4 @@ def _header_hurt(data, random):
     else:
         changed = {name: value for name, value in header.items() if name != field or kind == 2}
         text = json.dumps(changed | ({field: _pick(JSON_VALUES, random)} if kind == 2 else {}))
-    return _package(members | {"header.npy": _npy(np.array(text))})
+    return packed(members | {"header.npy": npy(np.array(text))})

@@ -24,6 +24,12 @@ def test_damaged_files_are_read_or_told():
     assert len(kinds) >= 20 and all(" 0 findings " in line for line in kinds), text
 
 
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems neither fork nor limit so")
+def test_small_files_that_mean_to_cost_much_do_not():
+    done = subprocess.run([sys.executable, ROOT / "tests/fuzz/bombs.py"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
 FAULTS = {"an error of Python's": ("raise KeyError('x')", "KeyError"),
           "a warning": ("np.float32(1e38) * np.float32(1e38)", "RuntimeWarning"),
           "a signal": ("os.kill(os.getpid(), signal.SIGSEGV)", "signal: SIGSEGV"),

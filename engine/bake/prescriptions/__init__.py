@@ -17,6 +17,7 @@ OF_ONE_LENS = {".toml": read_lensfield, ".zmx": read_zemax, ".seq": read_codev, 
                ".lens": read_dot_lens}
 OF_SEVERAL = {".json": read_json, ".txt": read_optbench}  # several lenses, or one at several positions
 READERS = OF_ONE_LENS | OF_SEVERAL
+MOST_SURFACES, MOST_TERMS = 1000, 100  # ten times what any lens has
 DAMAGE = (ValueError, TypeError, IndexError, AttributeError, OverflowError, ZeroDivisionError, RecursionError)
 
 
@@ -49,7 +50,12 @@ def read_prescription(path: str | Path, field: tuple[str, float] | None = None,
     if which is not None and kind in OF_ONE_LENS:
         raise LensError(path, "--which", which, "a file of this kind holds one lens: leave it out")
     try:
-        return OF_ONE_LENS[kind](path, field) if kind in OF_ONE_LENS else OF_SEVERAL[kind](path, field, which)
+        lens = OF_ONE_LENS[kind](path, field) if kind in OF_ONE_LENS else OF_SEVERAL[kind](path, field, which)
+        terms = max(len(surface.aspheric) + len(surface.odd_aspheric) for surface in lens.surfaces)
+        if len(lens.surfaces) > MOST_SURFACES or terms > MOST_TERMS:
+            raise LensError(path, "surfaces", f"{len(lens.surfaces)} of up to {terms} aspheric terms",
+                            f"expected at most {MOST_SURFACES} and {MOST_TERMS}")
+        return lens
     except LensError as error:
         raise error.at(path) from None
     except KeyError as error:

@@ -21,6 +21,7 @@ they are Zemax listings (field curvature and distortion; relative illumination),
 {wavelength} in the name, one for each.
 """
 
+import os
 from pathlib import Path, PureWindowsPath
 from typing import Any
 
@@ -42,6 +43,7 @@ PROGRAMS = ("zemax", "codev", "zospy")
 FIRST_ORDER = ("efl_mm", "magnification", "f_number_effective", "object_distance_mm", "entrance_pupil_mm",
                "reference_wavelength_nm")
 TEXTS = ("maker", "story", "source", "notes")
+LONGEST_NAME = 255  # characters, as file systems have it
 REACHED = 1e-3  # of the last height: how much of it a listing may lack
 
 
@@ -78,12 +80,19 @@ def _axes(told):
     return heights, wavelengths
 
 
+def _name(told, field):
+    """The file's name that a field tells, which has to lie within the folder."""
+    name = told.text(field)
+    parts = PureWindowsPath(name)
+    if parts.is_absolute() or parts.drive or parts.root or ".." in parts.parts or not name.isprintable() \
+            or len(name) > LONGEST_NAME:
+        raise told.refusal(field, "expected the name of a file inside the folder")
+    return name
+
+
 def _file(told, field, **places):
     """The file that a field names, with its {height} and {wavelength} put in; never one outside of the folder."""
-    name, folder = told.text(field), told.path.parent
-    parts = PureWindowsPath(name)
-    if parts.is_absolute() or parts.drive or parts.root or ".." in parts.parts or not name.isprintable():
-        raise told.refusal(field, "expected the name of a file inside the folder")
+    name, folder = _name(told, field), told.path.parent
     for place, number in places.items():
         name = name.replace(f"{{{place}}}", str(number))
     file = folder / name
@@ -166,30 +175,30 @@ def _psf_reader(told, wavelengths, heights, side):
     """A function of (height number, wavelength number) that reads PSFs, all of which are there."""
     program = told.choice("program", PROGRAMS)
     pitch_um = told.number("psf_pitch_um") if program == "codev" else None
-    files = _psf_files(told, wavelengths, heights)
+    _check_psf_files(told, wavelengths, heights)
 
     def read(h, w):
-        grid = _psf_grid(files[h, w], program, pitch_um)
+        file = _file(told, "psf", height=h, wavelength=w)
+        grid = _psf_grid(file, program, pitch_um)
         y = grid.image_mm[1] if grid.image_mm else 0.0
         if abs(y) > NEGLIGIBLE_MM and (y > 0) != (side == "+y"):
-            raise told.refusal("image_side", f"{files[h, w].name} is of an image point at y = {y:g} mm")
+            raise told.refusal("image_side", f"{file.name} is of an image point at y = {y:g} mm")
         return grid
 
     return read
 
 
-def _psf_files(told, wavelengths, heights):
-    """{(height number, wavelength number): file}, all of which are there."""
-    name = told.text("psf")
+def _check_psf_files(told, wavelengths, heights):
+    """Raise a LensError where any of the PSFs is not there."""
+    name, folder = _name(told, "psf"), os.fspath(told.path.parent)
     if "{height}" not in name or "{wavelength}" not in name:
         raise told.refusal("psf", "expected a file name with {height} and {wavelength} in it")
-    files = {(h, w): _file(told, "psf", height=h, wavelength=w)
-             for h in range(1, heights + 1) for w in range(1, wavelengths + 1)}
-    missing = [file for file in files.values() if not file.is_file()]
+    names = [name.replace("{height}", str(h)).replace("{wavelength}", str(w))
+             for h in range(1, heights + 1) for w in range(1, wavelengths + 1)]
+    missing = [name for name in names if not os.path.isfile(os.path.join(folder, name))]
     if missing:
-        raise LensError(told.path, "PSF files", f"{len(missing)} of {len(files)} missing",
-                        f"expected {missing[0].name} there")
-    return files
+        raise LensError(told.path, "PSF files", f"{len(missing)} of {len(names)} missing",
+                        f"expected {os.path.basename(missing[0])} there")
 
 
 def _psf_grid(file, program, pitch_um):

@@ -54,6 +54,7 @@ def _check_settings(settings, path):
             raise LensError(path, name, settings[name], f"export PSFs with {name} {expected}")
 
 
+@np.errstate(invalid="ignore", over="ignore")  # of labels that are no numbers
 def _pitch_um(values, y_um, x_um, path):
     """Distance between the labels, which has to be the same throughout."""
     if values.shape != y_um.shape + x_um.shape or values.ndim != 2 or min(values.shape) < 3:

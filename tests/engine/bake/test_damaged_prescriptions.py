@@ -67,6 +67,17 @@ def test_damage_makes_an_error_of_one_line_or_another_lens(tmp_path, kind, capfd
     assert lenses < ROUNDS, "the damage did nothing"
 
 
+@pytest.mark.parametrize("kind, old, new", [
+    (".toml", "[[surfaces]]", "[[surfaces]]\nthickness_mm = 1\n" * 1001 + "[[surfaces]]"),
+    (".zmx", "SURF 3", "SURF 2\n CURV 0\n DISZ 1\n" * 1001 + "SURF 3"),
+    ("_optiland.json", "0.0001,", "0.0001," * 101)], ids=["toml", "zmx", "terms"])
+def test_lenses_of_more_surfaces_than_anybody_makes_are_told_before_they_are_traced(tmp_path, kind, old, new):
+    path = tmp_path / f"lens{kind}"
+    path.write_text(FILES[kind].replace(old, new, 1))
+    with pytest.raises(LensError, match="surfaces is .*: expected at most 1000 and 100"):
+        read_prescription(path, FIELD)
+
+
 @kinds
 def test_the_sound_files_are_lenses(tmp_path, kind):
     (tmp_path / f"lens{kind}").write_text(FILES[kind], encoding="utf-8")

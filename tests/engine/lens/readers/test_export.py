@@ -143,7 +143,7 @@ def test_a_field_that_cannot_be_right_is_named(tmp_path, lens, changes):
 
 @pytest.mark.parametrize("field", ["real_height", "relative_illumination", "psf"])
 @pytest.mark.parametrize("name", ["../ri.txt", "/etc/passwd", "a/../../ri.txt", "C:\\ri.txt", "\\ri.txt", "..\\ri.txt",
-                                  "a\0b", "a\nb"])
+                                  "a\0b", "a\nb", "x" * 300])
 def test_files_outside_of_the_folder_are_refused(tmp_path, lens, field, name):
     (tmp_path / "ri.txt").write_text("1 1 1 1 1 1")
     path = export_folder(tmp_path / "folder", lens)

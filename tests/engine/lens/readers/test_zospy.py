@@ -106,13 +106,15 @@ def test_other_json_is_refused(text):
 @pytest.mark.parametrize("values, index, columns", [
     (MARKED, np.arange(7), np.arange(8)), (MARKED[0], np.arange(8), np.arange(8)), (MARKED, ["a"] * 8, np.arange(8)),
     (MARKED, np.arange(8) ** 2, np.arange(8)), (MARKED, np.arange(8), 2 * np.arange(8)),
-    (MARKED, np.full(8, np.nan), np.arange(8)), (MARKED, np.zeros(8), np.zeros(8)),
+    (MARKED, np.full(8, np.nan), np.arange(8)),
+    (MARKED, np.full(8, np.inf), np.arange(8)), (MARKED, np.zeros(8), np.zeros(8)),
     (np.full((8, 8), "x"), range(8), range(8)),
     (np.full((8, 8), np.nan), np.arange(8), np.arange(8))],
-    ids=["count", "flat", "words", "uneven", "oblong", "nan", "zero", "texts", "nan samples"])
-def test_tables_that_are_no_psf_are_refused(values, index, columns):
+    ids=["count", "flat", "words", "uneven", "oblong", "nan", "infinite", "zero", "texts", "nan samples"])
+def test_tables_that_are_no_psf_are_refused(values, index, columns, recwarn):
     with pytest.raises(LensError, match="psf.json"):
         read(values, index=index, columns=columns)
+    assert not recwarn.list
 
 
 def test_damage_is_harmless_or_a_lens_error():

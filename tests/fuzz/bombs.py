@@ -1,0 +1,114 @@
+"""Small files that mean to cost much: what becomes of each, with its size, processor seconds and memory: bombs.py
+
+Each is read in a process of its own, which may take 600 MB more than it begins with. Status 1 where one is neither read
+nor told, or takes over 2 s or 600 MB.
+"""
+
+import fuzz  # first: where tests' modules lie, and numpy's threads
+
+# isort: split
+import io
+import sys
+import tempfile
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+from formats import FIELD, Format, read_as_filter_does, read_package_whole
+from mutants import members_of, npy, packed
+
+from lens_texts import TOML
+from lenses import gaussian_psf, make_lens
+from lensfield.engine.bake.prescriptions import read_prescription
+from lensfield.engine.lens.readers import import_lens
+from lensfield.engine.lens.readers.package import package_bytes
+from lensfield.engine.spectral.refraction import load_refraction
+from lensfield.engine.spectral.spectra import load_spectrum, parse_wavelengths
+from rgb_files import colours, window
+
+LIMIT_S = 2.0
+
+
+def bombs(folder):
+    """(what it is, file, reader) of each."""
+    def written(name, data):
+        (folder / name).write_bytes(data if isinstance(data, bytes) else data.encode())
+        return folder / name
+
+    for what, data in packages():
+        yield what, written("lens.npz", data), read_package_whole
+    yield "lens.toml whose key has 30,000 parts", written("lens.toml", ".".join("a" * 30000) + " = 1"), prescription
+    yield "lens.toml nested 100,000 deep", written("lens.toml", "a = " + "[" * 10**5), prescription
+    yield "lens.json nested 100,000 deep", written("lens.json", '{"a":' * 10**5), prescription
+    yield "prescription of 30,000 surfaces", written("lens.toml", TOML + "[[surfaces]]\nthickness_mm = 1\n" * 30000), \
+        prescription
+    yield ".mat that says it has 2 GB", written("optics.mat", mat_bytes()), import_lens
+    picture = folder / "picture.exr"
+    colours(picture, (1, 1, 1), (8, 8), displayWindow=window(0, 0, 10000, 10000))
+    yield "EXR of 8 x 8 in a display window of 10,000 x 10,000", picture, read_as_filter_does
+    colours(picture, (0, 0, 0), (1024, 2048), compression=OpenEXR.DWAB_COMPRESSION)
+    yield "EXR of 2,048 x 1,024, black", picture, read_as_filter_does
+    yield ".spd of one line", written("lamp.spd", "1" * 10**7), spectrum
+    yield ".spd of 16 MB", written("lamp.spd", "400 1\n" * 2**21 * 2), spectrum
+    yield ".yml nested 100,000 deep", written("glass.yml", "[" * 10**5), lambda path: load_refraction(str(path))
+    for what, text in (("a million digits", "1" * 10**6), ("a path in nobody's home", "~nobody-at-all/x.spd")):
+        yield f"{what} as a spectrum", written("line.txt", text), lambda path: load_spectrum(path.read_text())
+        yield f"{what} as wavelengths", written("line.txt", text), lambda path: parse_wavelengths(path.read_text())
+
+
+def packages():
+    """Lens packages: with a member that is none of theirs, with PSFs without end, with a header without end."""
+    members = members_of(package_bytes(make_lens(gaussian_psf(2, 3, 1.0, 9))))
+    yield "lens package with 270 MB of junk", with_member(members, "junk.npy", (2**28,), 2**28)
+    psf = {name: data for name, data in members.items() if name != "psf_amplitude.npy"}
+    yield "lens package with 275 MB of PSFs", with_member(psf, "psf_amplitude.npy", (2, 11, 2500, 2500), 275_000_000)
+    header = np.load(io.BytesIO(members["header.npy"])).item().replace('"efl_mm": ', '"efl_mm": ' + "[" * 10**5)
+    yield "lens package with a header nested 100,000 deep", packed(members | {"header.npy": npy(np.array(header))})
+
+
+def with_member(members, name, shape, size):
+    """A package with a member of so many zeros."""
+    told = io.BytesIO()
+    kind = "|u1" if name == "junk.npy" else "<u2"
+    np.lib.format.write_array_header_1_0(told, {"descr": kind, "fortran_order": False, "shape": shape})
+    stream = io.BytesIO(packed(members))
+    with zipfile.ZipFile(stream, "a", zipfile.ZIP_DEFLATED) as archive:
+        with archive.open(name, "w", force_zip64=True) as member:
+            member.write(told.getvalue())
+            for begin in range(0, size, 2**24):
+                member.write(bytes(min(2**24, size - begin)))
+    return stream.getvalue()
+
+
+def mat_bytes():
+    from test_iset_mat import told_as
+
+    with tempfile.TemporaryDirectory() as folder:
+        return told_as(Path(folder) / "optics.mat", 2**31).read_bytes()
+
+
+def prescription(path):
+    return read_prescription(path, FIELD)
+
+
+def spectrum(path):
+    return load_spectrum(str(path))
+
+
+def main():
+    sys.path.insert(0, str(fuzz.TESTS / "engine/lens/readers"))
+    bad = 0
+    with tempfile.TemporaryDirectory(prefix="lensfield-bombs-") as folder:
+        for what, path, read in bombs(Path(folder)):
+            kind = Format([], read, chatters=True)
+            outcome, taken_s, taken_bytes = fuzz.read_apart(kind, (path.name, {}), path.parent, LIMIT_S)
+            verdict = outcome.partition(": ")[0]
+            bad += verdict not in (fuzz.READ, fuzz.TOLD)
+            print(f"{what:<52}{path.stat().st_size / 1e3:10.1f} kB   {verdict:<5} {taken_s:5.2f} s "
+                  f"{taken_bytes / 2**20:5.0f} MB", flush=True)
+    sys.exit(bad > 0)
+
+
+if __name__ == "__main__":
+    main()
