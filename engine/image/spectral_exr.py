@@ -230,7 +230,8 @@ def _layer(header, channels, wavelengths_nm, overscan_px, path):
     missing = {"A", "Z", *map(channel_name, wavelengths_nm)} - channels.keys()
     if missing:
         raise ImageError(path, header["name"], "damaged", f"expected a channel {min(missing)}")
-    depth_mm = channels["Z"] * np.float32(M_TO_MM)
+    with np.errstate(over="ignore"):  # what is farther than numbers tell is infinitely far
+        depth_mm = channels["Z"] * np.float32(M_TO_MM)
     left, top = header["dataWindow"][0]
     return Layer(np.stack([channels[channel_name(nm)] for nm in wavelengths_nm]), channels["A"],
                  np.where(depth_mm < BACKGROUND_MM, depth_mm, np.float32(np.inf)),

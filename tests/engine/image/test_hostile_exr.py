@@ -107,6 +107,16 @@ def test_layers_may_not_lie_without_end_beyond_the_frame(tmp_path):
     assert "px beyond a frame" in error_of(spectral_exr.read_layers, tmp_path / "layers.exr")
 
 
+def test_what_is_farther_than_numbers_tell_is_infinitely_far(tmp_path, recwarn):
+    plane = np.ones((4, 4), np.float32)
+    parts = [OpenEXR.Part({"type": OpenEXR.scanlineimage, "lensfield:pitchUm": 5.0},
+                          {"S0.550,000000nm": plane, "A": plane, "Z": 3e38 * plane}, name)
+             for name in ("radiance", "layer.1")]
+    with OpenEXR.File(parts) as file:
+        file.write(str(tmp_path / "layers.exr"))
+    assert np.isinf(spectral_exr.read_layers(tmp_path / "layers.exr").layers[0].depth_mm).all() and not recwarn.list
+
+
 def test_a_file_of_ours_is_read_as_before(tmp_path):
     image = read_exr(spectral(tmp_path / "lens.exr", "Größe ½"))
     write_exr(image, tmp_path / "again.exr")
