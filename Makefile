@@ -49,11 +49,12 @@ BAKE = .venv-bake
 BAKE_READY = $(BAKE)/.ready
 
 VALIDATE = .venv-validate
+FARM = .venv-farm
 TABLES = .venv-tables
 LINT = .venv-lint
 LOCK = packaging/lock-5.0.1.txt
 
-.PHONY: demo kernels test fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-all validate extension test-bake bench-bake glasses lenses lens-pictures tables bench-tables \
+.PHONY: demo kernels test fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-all validate extension test-bake test-farm bench-bake glasses lenses lens-pictures tables bench-tables \
         test-numpy ci lint lock
 
 demo: $(READY) kernels
@@ -80,7 +81,7 @@ test-numpy: $(READY) kernels  # what machines do that have no library of the com
 	LENSFIELD_KERNELS=numpy $(VENV)/bin/python -m pytest -q tests/engine/blur tests/engine/field \
 	    tests/engine/test_simulate.py tests/engine/test_kept.py
 
-ci: ci-5.0.1 test-engine ci-5.2.3 ci-4.5.15 ci-5.1.2 test-kernels test-numpy test-bake  # the longest first
+ci: ci-5.0.1 test-engine ci-5.2.3 ci-4.5.15 ci-5.1.2 test-kernels test-numpy test-bake test-farm  # the longest first
 
 ci-5.0.1: CI_TESTS = tests/addon
 ci-5.2.3: CI_TESTS = tests/addon -m 'not one_blender'
@@ -122,6 +123,9 @@ ui-test: $(READY)
 test-bake: $(BAKE_READY) kernels
 	$(BAKE)/bin/python -m pytest -q tests/engine/bake/test_witness.py tests/engine/bake/test_second_witness.py
 
+test-farm: $(FARM)/.ready kernels
+	$(FARM)/bin/python -m pytest -q tests/farm/test_openjd.py tests/farm/test_dask.py
+
 bench-bake: $(READY)
 	$(VENV)/bin/python benchmarks/bake_figures.py
 	$(VENV)/bin/python benchmarks/ray_table_figures.py
@@ -153,6 +157,9 @@ lock:
 
 $(VALIDATE)/.ready: pyproject.toml packaging/environment.sh $(LOCK)
 	packaging/environment.sh $(VALIDATE) 5.0.1 validate
+
+$(FARM)/.ready: pyproject.toml packaging/environment.sh $(LOCK)
+	packaging/environment.sh $(FARM) 5.0.1 farm,openjd
 
 $(LINT)/.ready: pyproject.toml packaging/environment.sh
 	packaging/environment.sh $(LINT) lint

@@ -3,13 +3,17 @@
 import argparse
 import multiprocessing
 import os
+import select
 import shutil
 import signal
+import stat
 import sys
 import threading
+from contextlib import suppress
 
 from . import __version__
-from .commands import apply, filter, lens, lint, render, serve, tradeoff
+from .commands import apply, farm, filter, lens, lint, render, serve, tradeoff
+from .commands.farm_log import FARM_LOGS
 from .commands.outcome import FAILURES
 from .engine.errors import InputError, shown
 from .engine.files import remove_pending
@@ -54,6 +58,8 @@ def _run(arguments):
         return stop.code or 0
     if getattr(options, "end_with_stdin", False):
         _end_with_stdin(getattr(options, "hear", None))
+    if getattr(options, "progress", None) in FARM_LOGS:
+        _end_unread()
     try:
         status = options.run(options)
     except BrokenPipeError:
@@ -120,16 +126,33 @@ def _end_with_stdin(hear):
     threading.Thread(target=wait, daemon=True).start()
 
 
+def _end_unread():
+    """End the process at once, and leave nothing behind, when nobody reads its standard output any more: the worker
+    of a farm that was killed has left it alone. (Windows does not tell.)"""
+    if not hasattr(select, "poll") or not stat.S_ISFIFO(os.fstat(1).st_mode):
+        return
+    readers = select.poll()
+    readers.register(os.dup(1), 0)  # which is for good, while 1 itself is sent elsewhere at times
+
+    def wait():
+        readers.poll()
+        _cancel()
+
+    threading.Thread(target=wait, daemon=True).start()
+
+
 def _cancel():
     kept = "".join(f"; finished passes are kept in {folder}" for folder in remove_pending())
-    print(f"\nlensfield: cancelled{kept}", file=sys.stderr)
+    with suppress(OSError):  # where nobody reads it
+        print(f"\nlensfield: cancelled{kept}", file=sys.stderr)
     _leave(CANCELLED)
 
 
 def _leave(status):
     """End the process with this status, whatever the interpreter's own end would come to."""
-    sys.stdout.flush()
-    sys.stderr.flush()
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError):
+            stream.flush()
     for process in multiprocessing.active_children():  # who would wait for work for ever
         process.kill()
     if "bpy" in sys.modules:
@@ -150,7 +173,7 @@ def _parser():
     parser = argparse.ArgumentParser(prog="lensfield", description="Blender scenes through real lenses.")
     parser.add_argument("--version", action=_Version, nargs=0, help="the version, and what does the engine's loops")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for command in (render, apply, filter, tradeoff, lens, lint):
+    for command in (render, apply, filter, tradeoff, lens, lint, farm):
         command.add(commands)
     serve.add(commands, main)
     return parser

@@ -18,6 +18,7 @@ from .ui import (
     animation,
     another_lens,
     compositor_panel,
+    flamenco,
     lens_worker,
     lint_panel,
     operators,
@@ -37,7 +38,7 @@ __all__ = ["Animation", "apply_lens", "check_beside_frames", "folder_for", "look
            "render_animation", "render_through_lens", "source_digest", "take_session", "unregister"]
 
 _MODULES = (properties, operators, animation, another_lens, preview, compositor_panel, panels, lint_panel,
-            spectra_panels, trusting)
+            spectra_panels, trusting, flamenco)
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(
     [cls for module in _MODULES for cls in module.classes])
 

@@ -2,6 +2,7 @@
 
 from contextlib import contextmanager
 
+from .farm_log import FARM_LOGS, PACE_S, farm_log
 from .messages import message_lines, paced
 from .outcome import FAILURES
 from .terminal import progress_bar, quiet
@@ -9,8 +10,9 @@ from .terminal import progress_bar, quiet
 
 def add_followed(group):
     """Arguments for programs that start a command and follow it."""
-    group.add_argument("--progress", choices=("bar", "lines"), default="bar",
-                       help="a bar, on a terminal; or lines on standard output (commands/messages.py says which)")
+    group.add_argument("--progress", choices=("bar", "lines", *FARM_LOGS), default="bar",
+                       help="a bar, on a terminal; or lines on standard output (commands/messages.py says which); or "
+                            "those that a farm reads: then end, too, as soon as nobody reads standard output")
     group.add_argument("--end-with-stdin", action="store_true",
                        help="end as soon as standard input closes, as it does when its writer ends, and leave nothing "
                             "half-written")
@@ -22,7 +24,7 @@ def messages(options):
     if options.progress == "bar":
         yield lambda **facts: None
         return
-    with message_lines() as write:
+    with farm_log(FARM_LOGS[options.progress]) if options.progress in FARM_LOGS else message_lines() as write:
         try:
             yield write
         except FAILURES as error:
@@ -35,6 +37,9 @@ def progress(options, write):
     """How to tell the progress (fraction, label)."""
     if options.progress == "lines":
         yield paced(write)
+    elif options.progress in FARM_LOGS:
+        with quiet(1):
+            yield paced(write, PACE_S, PACE_S)
     else:
         with progress_bar() as tell, quiet(1):
             yield tell

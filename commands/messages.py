@@ -1,7 +1,7 @@
 """What a command tells the program that started it: lines on standard output, of a mark and a JSON object each.
 
     lensfield> {"fraction": 0.42, "label": "Pass 2 of 3: 500 to 560 nm"}    how far it is
-    lensfield> {"lens_image": "/renders/Scene_0001_lens_image.exr"}    a frame is there
+    lensfield> {"lens_image": "/renders/Scene_0001_lens_image.exr", "frame": 1, "seconds": 61.5}    a frame is there
     lensfield> {"told": ["...", "..."]}    it is done
     lensfield> {"error": "camera 'Camera': type is ORTHO: expected a perspective camera"}    it is not, and why
 
@@ -16,7 +16,7 @@ import time
 from contextlib import contextmanager
 
 MARK = "lensfield> "
-PACE_S = 0.1  # between two lines of one label
+PACE_S = 0.1  # between two lines of one label, where each new one is told at once
 ENOUGH = 0.03  # of the work, to tell by its time what is left: of 31 wavelengths the first
 
 
@@ -38,13 +38,14 @@ def message_lines():
         os.close(descriptor)
 
 
-def paced(write):
-    """A progress function (fraction, label) that writes not each of a thousand samples, but each new label."""
+def paced(write, pace_s=PACE_S, new_label_s=0.0):
+    """A progress function (fraction, label) that writes not each of a thousand samples, but each new label; or not
+    even that, where so many seconds have not passed."""
     last = {"label": None, "s": 0.0}
 
     def tell(fraction, label):
         now = time.monotonic()
-        if label != last["label"] or now - last["s"] >= PACE_S:
+        if now - last["s"] >= (pace_s if label == last["label"] else new_label_s):
             last.update(label=label, s=now)
             write(fraction=fraction, label=label)
 

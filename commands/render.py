@@ -36,6 +36,19 @@ def add(commands):
                     "scene's own Lensfield settings have it; so are all that stand together (tier and errors; "
                     "accuracy, method and knobs) where none of them is said.")
     add_scene_options(render)
+    add_frame_options(render)
+    render.add_argument("--wait", action="store_true",
+                        help="end only when all frames are there, those that other processes are at, too")
+    _add_followed(render.add_argument_group("for programs that start this one and follow it"))
+    cluster = render.add_argument_group("on other machines", "which find the .blend and all folders by the same paths")
+    cluster.add_argument("--scheduler", metavar="ADDRESS",
+                         help="have the workers of a Dask cluster render the frames, such as tcp://10.0.0.1:8786")
+    add_farm_options(cluster)
+    render.set_defaults(run=_render)
+
+
+def add_frame_options(render):
+    """Which frames are rendered, whatever is there, and with how much around them."""
     render.add_argument("--frames", metavar="SPEC",
                         help="frames to render: 7, 1-250, 1-250:2, 1,5,10-20, or scene for its own range (default: the "
                              "current one). Those that are there already, whole and by the same settings, are not "
@@ -46,8 +59,15 @@ def add(commands):
     render.add_argument("--room", type=float, metavar="FRACTION",
                         help="capture at least this part of the picture's longer side beyond each of its edges, for "
                              "lenses with more distortion to draw on (lensfield apply)")
-    _add_followed(render.add_argument_group("for programs that start this one and follow it"))
-    render.set_defaults(run=_render)
+
+
+def add_farm_options(group):
+    """How frames become tasks of a farm."""
+    group.add_argument("--frames-per-task", type=int, default=1, metavar="N",
+                       help="so many frames share the start of Blender, and what the lens needs (default: 1)")
+    group.add_argument("--blender", metavar="EXE",
+                       help="the Blender of those machines, which has the extension (default: the lensfield command "
+                            "that is installed there)")
 
 
 def add_scene_options(render):
@@ -104,24 +124,43 @@ def _render(options):
     check_outputs([(options.report, ".json"), (options.picture, ".png")],
                   [path for path in (options.scene, options.lens) if path])
     with messages(options) as write:
-        if options.frames not in (None, OWN_FRAMES):
-            for frame in parse_frames(options.frames):
-                check_limits("--frames", frame, FRAME_LIMITS)
-        scene, asked = scene_and_arguments(options)
-        asked |= {"picture": options.picture, "room": options.room, "state": options.scene_state,
-                  "source": _source(options, scene)}
-        if options.beside:
-            from ..addon import look_beside
+        if options.scheduler:
+            from .cluster import render_on_cluster
 
-            look_beside(options.beside.resolve())
-        if options.session:
-            from ..addon import take_session
-
-            take_session(options.session)
-        _check_beside_frames(options, scene)
-        report, told = (_render_one if options.frames is None else _render_frames)(options, scene, asked, write)
+            report, told = render_on_cluster(options, write)
+        else:
+            report, told = _render_here(options, write)
         finish(options, report, [])
         write(told=told)
+
+
+def _render_here(options, write):
+    """Render in this process; the report, and what to tell."""
+    if options.frames is not None:
+        asked_frames(options.frames)
+    scene, asked = scene_and_arguments(options)
+    asked |= {"picture": options.picture, "room": options.room, "state": options.scene_state,
+              "source": _source(options, scene)}
+    if options.beside:
+        from ..addon import look_beside
+
+        look_beside(options.beside.resolve())
+    if options.session:
+        from ..addon import take_session
+
+        take_session(options.session)
+    _check_beside_frames(options, scene)
+    return (_render_one if options.frames is None else _render_frames)(options, scene, asked, write)
+
+
+def asked_frames(text):
+    """The frames of --frames, ascending; None for the scene's own."""
+    if text == OWN_FRAMES:
+        return None
+    frames = parse_frames(text)
+    for frame in frames:
+        check_limits("--frames", frame, FRAME_LIMITS)
+    return frames
 
 
 def _check_beside_frames(options, scene):
@@ -155,12 +194,12 @@ def _render_frames(options, scene, asked, write):
     """Render the frames that are not there yet, one after the other; the report of all, and what to tell of them."""
     from .. import addon
 
-    frames = None if options.frames == OWN_FRAMES else parse_frames(options.frames)
+    frames = asked_frames(options.frames)
     with progress(options, write) as tell:
         tell(0.0, "Looking for frames that are there already")
-        animation = addon.Animation(scene, frames, overwrite=options.overwrite, **asked)
-    for path in animation.current:
-        write(lens_image=str(path))
+        animation = addon.Animation(scene, frames, overwrite=options.overwrite, wait=options.wait, **asked)
+    for frame, path in animation.current.items():
+        write(lens_image=str(path), frame=frame)
     for line in animation.beforehand:
         print(line, flush=True)
     known = set()
@@ -168,12 +207,14 @@ def _render_frames(options, scene, asked, write):
         with progress(options, write) as tell:
             result = animation.render(frame, tell)
         if result:
-            _tell_frame(result, known, write)
+            _tell_frame(result, known, write, frame=frame)
+        elif frame in animation.current:
+            write(lens_image=str(animation.current[frame]), frame=frame)
     print(*animation.summary, sep="\n")
     return animation.report, animation.told
 
 
-def _tell_frame(result, known, write):
+def _tell_frame(result, known, write, **facts):
     """Tell of a frame that is done: its plans and its files, but for the lines that are known."""
     filtered = result.report.lens_image
     for line in (f"scene: {result.report.scene.scene_plan}", *([f"plan: {filtered.plan.text}"] if filtered else ()),
@@ -181,7 +222,7 @@ def _tell_frame(result, known, write):
         if line not in known:
             print(line, flush=True)
         known.add(line)
-    write(lens_image=str(result.lens_image))
+    write(lens_image=str(result.lens_image), seconds=round(sum(result.report.stages.values()), 1), **facts)
 
 
 def scene_and_arguments(options):

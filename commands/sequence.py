@@ -50,6 +50,17 @@ def parse_frames(text):
     return sorted({frame for first, last, step in bounds for frame in range(first, last + 1, step)})
 
 
+def frames_text(frames):
+    """Ascending frames as `parse_frames` takes them, in few words: 1-3,5."""
+    ranges = []
+    for frame in frames:
+        if ranges and frame == ranges[-1][1] + 1:
+            ranges[-1][1] = frame
+        else:
+            ranges.append([frame, frame])
+    return ",".join(f"{first}-{last}" if last > first else f"{first}" for first, last in ranges)
+
+
 def find_shots(radiance, output, preview=None, frames=None):
     """The pictures that a command line names, in order.
 

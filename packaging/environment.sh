@@ -1,6 +1,6 @@
 #!/bin/sh
 # environment.sh VENV BPY|bake|tables|lint [EXTRA]: make the virtual environment VENV with this package in it, and with
-# Blender's Python wheel BPY (and one more of the package's extras), with what judges baked lenses, with what makes the
+# Blender's Python wheel BPY (and more of the package's extras), with what judges baked lenses, with what makes the
 # tables of spectra, or with what checks the code. (Optiland and colour-science ask for other numpys than the wheel.)
 # What packaging/lock-BPY.txt names is installed in exactly the versions and files that it names; all else is free.
 # Of what judges baked lenses, rayoptics comes alone: it asks for Qt and Jupyter, 0.7 GB, that its tracer never loads.

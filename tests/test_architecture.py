@@ -44,14 +44,15 @@ FLOORS = {
     "engine": {"engine.simulate", "engine.lens", "engine.plan", "engine.image", "engine.report"} | FOUNDATION,
     # what a command tells the window that started it
     "commands.messages": set(),
+    "commands.child": {"commands.messages"},
     # Blender's side
     "addon.scene": {"engine"},
     "addon.shading": {"addon.scene", "engine"},
-    "addon.job": {"addon.shading", "addon.scene", "commands.messages", "engine"},
-    "addon.ui": {"addon.job", "addon.shading", "addon.scene", "commands.messages", "engine"},
+    "addon.job": {"addon.shading", "addon.scene", "commands.child", "engine"},
+    "addon.ui": {"addon.job", "addon.shading", "addon.scene", "commands.child", "commands.messages", "engine"},
     "addon": {"addon.ui", "addon.job", "addon.scene", "engine"},
     # the command, and what Blender and Python call
-    "commands": {"commands.messages", "addon", "addon.shading", "engine"},
+    "commands": {"commands.child", "commands.messages", "addon", "addon.shading", "engine"},
     "cli": {"commands", "engine", ""},
     "": {"cli", "addon"},
 }

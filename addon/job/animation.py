@@ -1,5 +1,6 @@
 """Several frames of a scene: those that are there already stay, the others are rendered one after the other."""
 
+import time
 from contextlib import contextmanager
 
 from ...engine.errors import InputError
@@ -17,6 +18,8 @@ from .one_capture import OneCapture
 from .record import read_record
 from .render import Result, job_of_frame, render_steps, run
 
+WAIT_S = 0.5  # between two looks for frames that other processes are at
+
 
 class Animation:
     """Frames of a scene, to be rendered one by one where they are not there yet.
@@ -28,6 +31,8 @@ class Animation:
         Ascending; those of the scene's own range and step by default.
     overwrite : bool
         Render frames anew that are there already.
+    wait : bool
+        Take a frame that another process is at as due until it is there, and render it if that process ends before.
     asked : by name
         What `render_through_lens` takes, but for the frame and the progress.
 
@@ -52,8 +57,8 @@ class Animation:
         What is asked for cannot be; of a frame, its number is told.
     """
 
-    def __init__(self, scene, frames=None, *, overwrite=False, state=None, **asked):
-        self._scene = scene
+    def __init__(self, scene, frames=None, *, overwrite=False, wait=False, state=None, **asked):
+        self._scene, self._wait = scene, wait
         self._asked = {"to_compositor": False} | asked | {"state": state or fingerprint_anew(scene)}
         self._folder = folder_for(scene, asked.get("output_folder"))
         self.pending, self.earlier, self.outdated, self.elsewhere, self.results = [], {}, [], [], {}
@@ -86,9 +91,12 @@ class Animation:
     @property
     def turns(self):
         """Frames as they are to be rendered: those that are pending, and at the end once more those that another
-        process was at, which may have been stopped."""
+        process was at, which may have been stopped; where they are waited for, until there are none."""
         yield from self.pending
         yield from list(self.elsewhere)
+        while self._wait and self.elsewhere:
+            time.sleep(WAIT_S)
+            yield from list(self.elsewhere)
         self._one = None  # it is large
         if all(self._result(frame).record.is_file() for frame in self._frames):
             self._forget_passes()
@@ -147,8 +155,8 @@ class Animation:
 
     @property
     def current(self):
-        """Lens images of the frames that are there already and of the scene as it is: list of Path."""
-        return [result.lens_image for frame, (result, _) in self.earlier.items() if frame not in self.outdated]
+        """Lens images of the frames that are there already and of the scene as it is: dict of int: Path."""
+        return {frame: result.lens_image for frame, (result, _) in self.earlier.items() if frame not in self.outdated}
 
     @property
     def report(self):
@@ -200,7 +208,7 @@ def render_animation(scene, frames=None, *, overwrite=False, progress=None, **as
     """
     animation = Animation(scene, frames, overwrite=overwrite, **asked)
     if asked.get("to_compositor") and animation.current:
-        lay_into_compositor(scene, *animation.current, fingerprint=animation.state)
+        lay_into_compositor(scene, *animation.current.values(), fingerprint=animation.state)
     for frame in animation.turns:
         animation.render(frame, progress)
     return animation

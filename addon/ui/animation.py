@@ -4,6 +4,7 @@ import bpy
 
 from ..job.animation import own_frames, render_animation
 from . import window_render
+from .flamenco import draw_flamenco
 from .lens_worker import quality_at_hand
 from .operators import LensRender
 
@@ -40,6 +41,7 @@ class LENSFIELD_MT_animation(bpy.types.Menu):
     def draw(self, context):
         self.layout.operator_context = "INVOKE_DEFAULT"
         self.layout.operator("lensfield.render_animation", text="Overwrite Frames That Are There").overwrite = True
+        draw_flamenco(self.layout)
 
 
 def draw_animation(layout, scene):

@@ -14,8 +14,9 @@ import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
+from ...commands.child import Child
 from ...engine.errors import InputError
-from ..job.child import Child, lensfield_command, preview_arguments, save_copy, work_folder
+from ..job.child import lensfield_command, preview_arguments, save_copy, work_folder
 from ..job.named_files import check_named_files, named_files
 from ..job.render import Result
 from ..scene.camera import frame_px, view_tangents

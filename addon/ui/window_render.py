@@ -12,9 +12,10 @@ from pathlib import Path
 import bpy
 from bpy.app.handlers import persistent
 
+from ...commands.child import Child
 from ...commands.messages import duration, time_left
 from ...engine.errors import InputError
-from ..job.child import Child, apply_command, render_command, save_copy, work_folder
+from ..job.child import apply_command, render_command, save_copy, work_folder
 from ..job.job import check_output_folder, job_from_settings
 from ..job.kept_passes import passes_left
 from ..job.named_files import check_named_files

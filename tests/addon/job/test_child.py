@@ -14,6 +14,7 @@ from PIL import Image
 
 from lensfield.addon.job import child
 from lensfield.addon.job.job import UNSAVED_FOLDER, look_beside
+from lensfield.commands.child import Child
 from small_scenes import light, material, wall
 from snapshot import differences, snapshot
 
@@ -108,7 +109,7 @@ def test_what_a_killed_process_left_is_swept_away(tmp_path, monkeypatch):
 
 
 def started(tmp_path):
-    return child.Child(child.render_command(child.save_copy(tmp_path), tmp_path / "picture.png"), tmp_path)
+    return Child(child.render_command(child.save_copy(tmp_path), tmp_path / "picture.png"), tmp_path)
 
 
 def wait(until, seconds=60):
@@ -150,7 +151,7 @@ def test_bad_input_is_told_in_one_line(coloured_scene, tmp_path):
 LEAVE_IT = """
 import os, sys
 import bpy
-from lensfield.addon.job.child import Child
+from lensfield.commands.child import Child
 child = Child([sys.executable, *sys.argv[2:]], sys.argv[1])
 while "fraction" not in child.told: pass
 print(child._process.pid, flush=True)
@@ -178,7 +179,7 @@ def runs(pid):
 def test_nothing_of_a_dead_child_runs_on(tmp_path):
     """A worker of it that would wait for ever, with the child's output open."""
     code = "import subprocess, os; subprocess.Popen(['sleep', '1000']); os._exit(3)"
-    render = child.Child([sys.executable, "-c", code], tmp_path)
+    render = Child([sys.executable, "-c", code], tmp_path)
     wait(lambda: render.ended)
     render.end()
     why, log = render.death()

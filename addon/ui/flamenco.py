@@ -1,0 +1,81 @@
+"""Flamenco, the Blender Studio's render farm: Lensfield's job type for it, where its add-on is there.
+
+The add-on knows the job types that its Manager has. Until Lensfield's is among them, its script can be saved to be put
+there; then it can be chosen, and Flamenco's own panel submits the job.
+"""
+
+import shutil
+from pathlib import Path
+
+import bpy
+from bpy_extras.io_utils import ExportHelper
+
+from ...engine.errors import InputError
+from ...engine.files import atomic_path
+
+SCRIPT = Path(__file__).with_name("lensfield_render.js")
+JOB_TYPE = SCRIPT.stem.replace("_", "-")  # as the Manager calls it
+
+
+def is_there():
+    """Whether Flamenco's add-on is on."""
+    return hasattr(bpy.types, "FLAMENCO_OT_submit_job") and hasattr(bpy.types.Scene, "flamenco_job_type")
+
+
+class LENSFIELD_OT_flamenco_job_type(bpy.types.Operator):
+    """Have Flamenco's panel, in the Output properties, submit this scene through its lens"""
+
+    bl_idname = "lensfield.flamenco_job_type"
+    bl_label = "Choose Flamenco Job Type"
+
+    @classmethod
+    def poll(cls, context):
+        return is_there()
+
+    def execute(self, context):
+        try:
+            context.scene.flamenco_job_type = JOB_TYPE
+        except TypeError:  # none of those that the add-on knows
+            self.report({"ERROR"}, "Flamenco's Manager has no Lensfield job type: save it into the Manager's folder "
+                                   "scripts, restart the Manager, and press Refresh from Manager in Flamenco's panel")
+            return {"CANCELLED"}
+        self.report({"INFO"}, "Now submit it in the Output properties, under Flamenco")
+        return {"FINISHED"}
+
+
+class LENSFIELD_OT_save_flamenco_job_type(ExportHelper, bpy.types.Operator):
+    """Save the script of Lensfield's job type, for the folder scripts beside flamenco-manager"""
+
+    bl_idname = "lensfield.save_flamenco_job_type"
+    bl_label = "Save Flamenco Job Type"
+
+    filename_ext = SCRIPT.suffix
+    filter_glob: bpy.props.StringProperty(default=f"*{SCRIPT.suffix}", options={"HIDDEN"})
+
+    def invoke(self, context, event):
+        self.filepath = SCRIPT.name
+        return super().invoke(context, event)
+
+    def execute(self, context):
+        if Path(self.filepath).name != SCRIPT.name:
+            self.report({"ERROR"}, f"{self.filepath}: name is {Path(self.filepath).name}: the Manager knows it as "
+                                   f"{SCRIPT.name} alone")
+            return {"CANCELLED"}
+        try:
+            with atomic_path(self.filepath) as temporary:
+                shutil.copyfile(SCRIPT, temporary)
+        except (InputError, OSError) as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+def draw_flamenco(layout):
+    """What can be done for Flamenco; nothing where its add-on is not there."""
+    if is_there():
+        layout.separator()
+        layout.operator("lensfield.flamenco_job_type", icon="NETWORK_DRIVE")
+        layout.operator("lensfield.save_flamenco_job_type", icon="FILE_SCRIPT")
+
+
+classes = (LENSFIELD_OT_flamenco_job_type, LENSFIELD_OT_save_flamenco_job_type)

@@ -1,0 +1,165 @@
+"""`lensfield render --scheduler ADDRESS`: frames as tasks for the workers of a Dask cluster.
+
+A worker renders a task in a child (`child.py`), which ends with it, however that ends: then the scheduler gives the
+task to another one, which goes on from the passes that are kept.
+"""
+
+import json
+import socket
+import uuid
+from pathlib import Path
+from queue import SimpleQueue
+
+from ..engine import InputError
+from ..engine.errors import shown
+from ..engine.files import temporary_folder
+from ..engine.report import together
+from .child import Child
+from .farm_log import LENS_IMAGE
+from .messages import paced
+from .sequence import frames_text
+from .task import frames_by_task, lensfield_in, scene_path, task_arguments
+from .terminal import progress_bar
+
+RETRIES = 2  # of a task whose render has died: a machine may lack what another has
+LOOK_S = 0.5  # between two looks whether a task is still wanted
+NO_MODULE = "install it: pip install lensfield[farm]"
+FOR_WINDOWS = "picture", "beside", "scene_state", "scene_source", "session"
+"""What `lensfield render` takes of a program that renders here, and follows that."""
+
+
+def render_on_cluster(options, write):
+    """Have the frames rendered that are not there yet; the report of all, and what to tell of them.
+
+    Raises
+    ------
+    InputError
+        No scheduler answers; or frames could not be rendered, after all others are.
+    """
+    for name in FOR_WINDOWS:
+        if getattr(options, name) is not None:
+            raise InputError("options", "--" + name.replace("_", "-"), str(getattr(options, name)),
+                             "leave it out with --scheduler")
+    tasks = frames_by_task(options)
+    arguments = ["render", scene_path(options), *task_arguments(options), "--wait", "--progress=lines",
+                 "--end-with-stdin"]
+    images, failures = {}, {}
+    with _client(options.scheduler) as client, progress_bar() as bar:
+        tell = bar if options.progress == "bar" else paced(write)
+        for frames, told in _done(client, tasks, arguments, options.blender, tell):
+            for frame, image in told["frames"]:
+                images[frame] = image
+                print(f"frame {frame}: {image}", flush=True)
+                write(lens_image=image, frame=frame)
+            if "error" in told:
+                failures |= dict.fromkeys([frame for frame in frames if frame not in images], told["error"])
+                print(f"{_named(failures, told['error'])}: {told['error']}", flush=True)
+    if failures:
+        first = next(iter(failures.values()))
+        raise InputError(_named(failures), "render", "not done",
+                         f"{len(images)} of {sum(map(len, tasks))} frames are there: {first}")
+    count = f"{len(images)} frame{'s' * (len(images) != 1)} there"
+    print(count)
+    return together({}, {frame: _record(image) for frame, image in images.items()} if options.report else {}), [count]
+
+
+def _named(failures, error=None):
+    frames = sorted(frame for frame, why in failures.items() if error in (None, why))
+    return f"frame{'s' * (len(frames) != 1)} {frames_text(frames)}"
+
+
+def _record(image):
+    return json.loads(Path(image.removesuffix(LENS_IMAGE) + "report.json").read_text(encoding="utf-8"))
+
+
+def _client(address):
+    try:
+        from distributed import Client
+    except ImportError:
+        raise InputError("distributed", "module", "not there", NO_MODULE) from None
+    try:
+        client = Client(address, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        raise InputError("options", "--scheduler", address, f"no scheduler answers there: {error}") from None
+    for worker, threads in client.nthreads().items():
+        if threads > 1:
+            print(f"{worker} renders {threads} tasks at once: start workers with --nthreads 1", flush=True)
+    return client
+
+
+def _done(client, tasks, arguments, blender, tell):
+    """Tasks as they come to their end: (frames, what their children told)."""
+    heard, run = SimpleQueue(), uuid.uuid4().hex
+    client.subscribe_topic(run, lambda event: heard.put(event[1]))
+    futures = {}
+    for frames in tasks:
+        future = client.submit(render_frames, arguments, frames, blender, run, retries=RETRIES, pure=False,
+                               key=f"lensfield {frames_text(frames)} {run}")
+        futures[future.key] = future, frames
+        future.add_done_callback(heard.put)
+    shares, total = {}, sum(map(len, tasks))
+    while futures:
+        news = heard.get()
+        if isinstance(news, dict):
+            shares[news["frames"]] = news["fraction"] * news["count"]
+            tell(min(sum(shares.values()) / total, 1.0), news["label"])
+        elif news.key in futures:
+            _, frames = futures.pop(news.key)
+            shares[frames_text(frames)] = len(frames)
+            tell(min(sum(shares.values()) / total, 1.0), f"frames {frames_text(frames)}: done")
+            yield frames, _outcome(news)
+
+
+def _outcome(future):
+    if future.status == "finished":
+        return future.result()
+    error = future.exception() if future.status == "error" else None
+    return {"frames": [], "error": shown(str(error or f"the task was {future.status}"), 400)}
+
+
+def render_frames(arguments, frames, blender, topic):
+    """What a worker does of a task: have a child render these frames; what that told.
+
+    Parameters
+    ----------
+    arguments : list of str
+        Of `lensfield`, but for the frames.
+    frames : list of int
+    blender : str or None
+    topic : str
+        Of the events that tell how far it is.
+
+    Returns
+    -------
+    dict
+        frames, [(frame, its lens image), ...], of those that are there; error, where that ended it.
+
+    Raises
+    ------
+    RuntimeError
+        The child has died.
+    """
+    from distributed import get_worker
+
+    worker, there, text = get_worker(), {}, frames_text(frames)
+    key = worker.get_current_task()
+    tell = paced(lambda **facts: worker.log_event(topic, facts | {"frames": text, "count": len(frames)}), 1.0, 1.0)
+
+    def hear(facts):
+        if "fraction" in facts:
+            tell(facts["fraction"], facts["label"])
+        if "frame" in facts:
+            there[facts["frame"]] = facts["lens_image"]
+
+    with temporary_folder() as folder:
+        child = Child([*lensfield_in(blender), *arguments, f"--frames={text}"], folder, hear)
+        try:
+            while not child.ended_within(LOOK_S):
+                if worker.state.tasks[key].state == "cancelled":  # whoever asked for it is gone
+                    break
+        finally:
+            child.end()
+        if "error" not in child.told and "told" not in child.told:
+            why, log = child.death()
+            raise RuntimeError(f"{why} (log: {log} on {socket.gethostname()})")
+    return {"frames": sorted(there.items())} | ({"error": child.told["error"]} if "error" in child.told else {})

@@ -1,0 +1,90 @@
+"""`lensfield farm`: a render as a job for render farms."""
+
+from pathlib import Path
+
+import yaml
+
+from ..engine import InputError
+from ..engine.errors import shown
+from ..engine.files import MARK, atomic_path
+from .arguments import check_outputs
+from .render import add_farm_options, add_frame_options, add_scene_options
+from .sequence import frames_text
+from .task import found_anywhere, frames_by_task, scene_path, task_arguments
+
+LONGEST_NAME = 100  # Open Job Description allows 128
+OPENS = "{{"  # what Open Job Description takes for a reference, and knows no way to write otherwise
+PATHS = {"scene": ("Scene", "FILE", "IN"), "lens": ("Lens", "FILE", "IN"), "output": ("Output", "DIRECTORY", "OUT")}
+"""Paths of a job: the parameter, its kind, and whether farms that copy files bring it or fetch it."""
+
+
+def add(commands):
+    farm = commands.add_parser("farm", help="a render as a job for render farms",
+                               description="Write a render as a job for render farms. Its tasks are `lensfield render` "
+                                           "of a few frames each; each of these can be stopped and begun anew.")
+    kinds = farm.add_subparsers(required=True, metavar="KIND")
+    openjd = kinds.add_parser("openjd", help="a job of Open Job Description, as for AWS Deadline Cloud",
+                              description="Write a job of Open Job Description, as for AWS Deadline Cloud: a folder "
+                                          "with template.yaml, and parameter_values.yaml for this .blend.")
+    add_scene_options(openjd)
+    add_frame_options(openjd)
+    add_farm_options(openjd)
+    openjd.add_argument("--job", type=Path, required=True, metavar="DIR", help="the folder to write the job into")
+    openjd.set_defaults(run=_write_openjd)
+
+
+def _write_openjd(options):
+    if options.output is None:
+        raise InputError("options", "--output", "not given", "give the folder for the pictures")
+    if options.report:
+        raise InputError("options", "--report", str(options.report), "leave it out: each frame has its own")
+    template, values = options.job / "template.yaml", options.job / "parameter_values.yaml"
+    check_outputs([(template, ".yaml"), (values, ".yaml")], [options.scene, *filter(None, [options.lens])])
+    paths = {"scene": scene_path(options)} | {
+        name: str(path) for name in ("lens", "output")
+        if (path := getattr(options, name)) and (path := found_anywhere(path)) and Path(path).is_absolute()}
+    _write(template, _template(options, paths))
+    _write(values, {"parameterValues": [{"name": PATHS[name][0], "value": path} for name, path in paths.items()]})
+    print(template, values, sep="\n")
+
+
+def _template(options, paths):
+    """The job as Open Job Description has it: https://github.com/OpenJobDescription/openjd-specifications"""
+    frames = frames_text([frame for task in frames_by_task(options) for frame in task])
+    task = {"name": "Frame", "type": "INT", "range": frames}
+    if options.frames_per_task > 1:
+        task |= {"type": "CHUNK[INT]", "chunks": {"defaultTaskCount": options.frames_per_task,
+                                                  "rangeConstraint": "NONCONTIGUOUS"}}
+    arguments = [_literal(each) for each in task_arguments(options, paths)]
+    given = [f"--{name}={{{{Param.{PATHS[name][0]}}}}}" for name in paths if name != "scene"]
+    command = ["{{Param.Blender}}", "--background", "--command", "lensfield"] if options.blender else ["lensfield"]
+    parameters = [{"name": PATHS[name][0], "type": "PATH", "objectType": PATHS[name][1],
+                   "dataFlow": PATHS[name][2]} for name in paths]
+    if options.blender:
+        parameters.append({"name": "Blender", "type": "STRING", "default": options.blender})
+    return {
+        "specificationVersion": "jobtemplate-2023-09",
+        **({"extensions": ["TASK_CHUNKING"]} if options.frames_per_task > 1 else {}),
+        "name": _literal(f"Lensfield {shown(options.scene.stem, LONGEST_NAME)}"),
+        "parameterDefinitions": parameters,
+        "steps": [{
+            "name": "Render",
+            "parameterSpace": {"taskParameterDefinitions": [task]},
+            "script": {"actions": {"onRun": {
+                "command": command[0],
+                "args": [*command[1:], "render", "{{Param.Scene}}", "--frames={{Task.Param.Frame}}", "--wait",
+                         "--progress=openjd", *given, *arguments],
+                "cancelation": {"mode": "NOTIFY_THEN_TERMINATE"}}}}}]}
+
+
+def _literal(text):
+    """A text that Open Job Description leaves as it is."""
+    if OPENS in text:
+        raise InputError("options", "text", text, f"Open Job Description has no way to write {OPENS}")
+    return text
+
+
+def _write(path, facts):
+    with atomic_path(path) as temporary:
+        text = yaml.safe_dump(facts, sort_keys=False, allow_unicode=True, width=1000)
+        temporary.write_text(f"# {MARK}\n{text}", encoding="utf-8")

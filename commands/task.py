@@ -1,0 +1,60 @@
+"""A task of a farm: `lensfield render` of a few frames, whatever the farm. It ends well when they are all there."""
+
+import os
+import sys
+from argparse import ArgumentParser
+from pathlib import Path
+
+from ..engine import InputError
+from ..engine.errors import absence
+from .render import OWN_FRAMES, add_frame_options, add_scene_options, asked_frames, check_limits
+from .sequence import MOST_FRAMES
+
+NOT_OF_A_TASK = {"scene", "frames", "report"}
+PATHS = "lens", "output"
+PACKAGE = __package__.rpartition(".")[0]
+
+
+def frames_by_task(options):
+    """The frames of each task, in order: list of list of int."""
+    if options.frames in (None, OWN_FRAMES):
+        raise InputError("options", "--frames", options.frames or "not given", "give their numbers, such as 1-250")
+    frames, count = asked_frames(options.frames), options.frames_per_task
+    check_limits("--frames-per-task", count, (1, MOST_FRAMES))
+    return [frames[first:first + count] for first in range(0, len(frames), count)]
+
+
+def scene_path(options):
+    """The .blend, as every machine is to find it."""
+    if not options.scene.is_file():
+        raise InputError(options.scene, "scene", absence(options.scene), "expected a .blend file")
+    return os.path.abspath(options.scene)
+
+
+def task_arguments(options, without=()):
+    """Arguments of `lensfield render` that ask for all that options ask for, but for the scene and the frames."""
+    parser = ArgumentParser()
+    add_scene_options(parser)
+    add_frame_options(parser)
+    left_out = NOT_OF_A_TASK | set(without)
+    return [_argument(name, getattr(options, name)) for name, default in vars(parser.parse_args(["-"])).items()
+            if name not in left_out and getattr(options, name) != default]
+
+
+def _argument(name, value):
+    option = name.replace("_", "-")
+    if isinstance(value, bool):
+        return f"--{option}" if value else f"--no-{option}"
+    return f"--{option}={found_anywhere(value) if name in PATHS else value}"
+
+
+def found_anywhere(path):
+    """A path that is the same in every folder; the name of a bundled lens stays."""
+    return os.path.abspath(path) if isinstance(path, Path) or os.path.isfile(path) else path
+
+
+def lensfield_in(blender):
+    """The command line of `lensfield`, on the machine that this runs on: Blender's, or this Python's."""
+    if blender:
+        return [blender, "--background", "--command", "lensfield"]
+    return [sys.executable, "-c", f"from {PACKAGE}.cli import console; console()"]

@@ -1,0 +1,36 @@
+"""A small scene of two frames, rendered at once: what farms render of it, however they are disturbed, is the same."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from places import ROOT
+from small_farm import ASKED, LENSFIELD
+
+SAVE = """
+import os, sys
+from kill import save_scene
+from lensfield import addon
+addon.register()
+save_scene(sys.argv[1], 1)
+os._exit(0)
+"""
+
+
+@pytest.fixture(scope="session")
+def blend(tmp_path_factory):
+    """A .blend whose path wants care."""
+    path = tmp_path_factory.mktemp("größe 'q\" $x") / "ein ende.blend"
+    subprocess.run([sys.executable, "-c", SAVE, path], check=True, capture_output=True,
+                   env=os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT / "tests" / "reliability"), *sys.path])})
+    return path
+
+
+@pytest.fixture(scope="session")
+def serial(blend):
+    """The folder that it was rendered into, on this machine alone."""
+    folder = blend.with_name("serial")
+    subprocess.run([*LENSFIELD, "render", blend, *ASKED, "--output", folder], check=True, capture_output=True)
+    return folder

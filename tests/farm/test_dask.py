@@ -1,0 +1,89 @@
+"""A Dask cluster on this machine: a scheduler and its workers, of which one is killed."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from kill import differing
+
+from small_farm import ASKED, LENSFIELD, passes, renders, wait
+
+pytest.importorskip("distributed", reason="distributed is not installed: make test-farm")
+DASK = [sys.executable, "-m", "dask"]
+
+
+@pytest.fixture(scope="module")
+def scheduler(tmp_path_factory):
+    """The address of one with a worker."""
+    folder = tmp_path_factory.mktemp("dask")
+    told = folder / "scheduler.json"
+    processes = [start(folder, "scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", told)]
+    wait(lambda: told.is_file() and told.read_text().endswith("}"))
+    processes.append(start(folder, "worker", "--scheduler-file", told, "--nthreads", "1", "--local-directory", folder))
+    yield json.loads(told.read_text())["address"]
+    for process in reversed(processes):
+        process.terminate()
+        process.wait()
+
+
+def start(folder, *words):
+    return subprocess.Popen([*DASK, *map(str, words), "--no-dashboard"], cwd=folder, stdout=subprocess.DEVNULL,
+                            stderr=subprocess.DEVNULL)
+
+
+def command(blend, folder, scheduler, *more):
+    return [*LENSFIELD, "render", blend, *ASKED, "--output", folder, "--scheduler", scheduler, *more]
+
+
+def parent(process):
+    return int(Path(f"/proc/{process}/stat").read_text().rsplit(")")[1].split()[1])
+
+
+def test_a_worker_that_is_killed_loses_nothing_and_leaves_nothing(blend, serial, scheduler, tmp_path):
+    folder, report = tmp_path / "ö out", tmp_path / "report.json"
+    client = subprocess.Popen(command(blend, folder, scheduler, "--report", report, "--progress", "lines"),
+                              stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    wait(lambda: passes(folder) and renders(folder))
+    killed, = renders(folder)
+    os.kill(parent(killed), signal.SIGKILL)
+    wait(lambda: killed not in renders(folder))
+    told, errors = client.communicate()
+    assert client.returncode == 0, errors
+    facts = [json.loads(line.partition("> ")[2]) for line in told.splitlines()]
+    assert {fact["frame"] for fact in facts if "frame" in fact} == {1, 2}
+    assert facts[-1]["told"] == ["2 frames there"]
+    assert [frame["frame"] for frame in json.loads(report.read_text())["frames"]] == [1, 2]
+    assert differing(serial, folder) == []
+
+
+def test_a_render_ends_with_whoever_asked_for_it(blend, scheduler, tmp_path):
+    folder = tmp_path / "out"
+    client = subprocess.Popen(command(blend, folder, scheduler), stdout=subprocess.PIPE)
+    wait(lambda: renders(folder))
+    client.kill()
+    client.communicate()
+    wait(lambda: not renders(folder))
+
+
+def test_frames_that_fail_are_told(blend, scheduler, tmp_path):
+    told = subprocess.run(command(blend, tmp_path, scheduler, "--frames-per-task", "2", "--view-layer", "none such"),
+                          capture_output=True, text=True)
+    assert told.returncode == 1
+    assert told.stdout.startswith("frames 1-2: ") and "none such" in told.stdout
+    assert told.stderr.startswith("lensfield: frames 1-2: render is not done: 0 of 2 frames are there: ")
+    assert told.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("more, why", [
+    (("--scheduler", "tcp://127.0.0.1:1"), "--scheduler is tcp://127.0.0.1:1: no scheduler answers there"),
+    (("--frames", "scene"), "--frames is scene: give their numbers"),
+    (("--picture", "so_far.png"), "--picture is so_far.png: leave it out"),
+    (("--frames-per-task", "0"), "--frames-per-task is 0: expected 1 to")])
+def test_what_cannot_be_is_told_in_one_line(blend, tmp_path, more, why):
+    told = subprocess.run(command(blend, tmp_path, "tcp://127.0.0.1:1", *more), capture_output=True, text=True,
+                          env=os.environ | {"DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT": "0.2s"}, cwd=tmp_path)
+    assert told.returncode == 1 and why in told.stderr and told.stderr.count("\n") == 1

@@ -1,0 +1,133 @@
+"""Flamenco's job type: its script in Node, and its tasks as a worker runs them."""
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+
+import pytest
+from kill import differing
+
+from lensfield.cli import main
+from places import ROOT
+from small_farm import passes, renders, wait
+
+SCRIPT = ROOT / "addon" / "ui" / "lensfield_render.js"
+MANAGER = r"""
+const taken = [];
+const author = {
+    Task: (name, type) => ({ name, type, commands: [], addCommand(command) { this.commands.push(command); } }),
+    Command: (name, parameters, steps) => ({ name, parameters, steps }),
+};
+function explode(text) {
+    const frames = new Set();
+    for (const part of text.split(",")) {
+        const [first, last] = part.split("-").map(each => parseInt(each.trim(), 10));
+        for (let frame = first; frame <= (last ?? first); frame++) frames.add(frame);
+    }
+    return [...frames].sort((a, b) => a - b);
+}
+function merge(frames) {
+    const ranges = [];
+    for (const frame of frames) {
+        const last = ranges[ranges.length - 1];
+        if (last && last[1] + 1 === frame) last[1] = frame; else ranges.push([frame, frame]);
+    }
+    return ranges.map(([a, b]) => a === b ? `${a}` : b === a + 1 ? `${a},${b}` : `${a}-${b}`).join(",");
+}
+function frameChunker(text, size) {
+    const frames = explode(text), chunks = [];
+    for (let at = 0; at < frames.length; at += size) chunks.push(merge(frames.slice(at, at + size)));
+    return chunks;
+}
+const frameCount = text => explode(text).length;
+"""
+"""What the Manager gives a script, of that which this one uses."""
+WORKER = """
+import subprocess, sys
+task = subprocess.Popen(sys.argv[1:], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+for line in task.stdout:
+    sys.stdout.buffer.write(line)
+sys.exit(task.wait())
+"""
+
+
+def in_node(code):
+    if not shutil.which("node"):
+        pytest.skip("there is no Node to run the script in")
+    told = subprocess.run(["node", "-e", f'"use strict";{MANAGER}\n{SCRIPT.read_text()}\n{code}'], capture_output=True,
+                          text=True)
+    assert told.returncode == 0, told.stderr
+    return json.loads(told.stdout)
+
+
+def compiled(**settings):
+    """The tasks of a job."""
+    job = {"settings": {"frames": "1", "chunk_size": 1, "output_folder": "/out", "overwrite": False,
+                        "lens": "tessar-50mm", "blendfile": "/scene.blend"} | settings}
+    return in_node(f"""
+        const job = {json.dumps(job)};
+        job.addTask = task => taken.push(task);
+        compileJob(job);
+        console.log(JSON.stringify(taken));""")
+
+
+@pytest.mark.parametrize("frames, size, chunks", [
+    ("1-3", 3, ["1-3"]), ("1,2", 2, ["1,2"]), ("7", 1, ["7"]), ("1-5, 9", 2, ["1,2", "3,4", "5,9"])])
+def test_chunks_of_frames_become_tasks(frames, size, chunks):
+    tasks = compiled(frames=frames, chunk_size=size)
+    assert [task["name"] for task in tasks] == [f"render-{chunk}" for chunk in chunks]
+    assert {task["type"] for task in tasks} == {"blender"}
+    for task, chunk in zip(tasks, chunks, strict=True):
+        command, = task["commands"]
+        assert command["name"] == "blender-render" and f"--frames={chunk}" in command["parameters"]["args"]
+        assert command["steps"] == sum(len(range(*map(int, (*part.split("-"), part)[:2]))) + 1 if "-" in part else 1
+                                       for part in chunk.split(","))
+
+
+def test_what_users_name_goes_through_as_it_is():
+    folder, lens, blend = "/ö d/'q\" $x `y`;", "/lenses/my lens.toml", "/-s {z}/scène.blend"
+    task, = compiled(output_folder=folder, lens=lens, blendfile=blend, overwrite=True)
+    parameters = task["commands"][0]["parameters"]
+    assert parameters["blendfile"] == blend
+    assert {f"--output={folder}", f"--lens={lens}", "--overwrite"} < set(parameters["args"])
+
+
+def test_the_command_line_takes_what_the_script_asks(capsys, tmp_path):
+    parameters = compiled(overwrite=True)[0]["commands"][0]["parameters"]
+    assert parameters["argsBefore"][:3] == ["--background", "--command", "lensfield"]
+    assert main([*parameters["argsBefore"][3:], str(tmp_path / "none.blend"), *parameters["args"]]) == 1
+    assert "none.blend: scene is not there" in capsys.readouterr().err
+
+
+def test_settings_are_those_that_flamenco_knows():
+    job_type = in_node("console.log(JSON.stringify(JOB_TYPE))")
+    for setting in job_type["settings"]:
+        assert setting["type"] in ("string", "int32", "float", "bool")
+        assert setting.get("visible", "visible") in ("visible", "submission", "web", "hidden")
+        compile(setting.get("eval", "None"), setting["key"], "eval")
+
+
+def test_a_task_whose_worker_is_killed_loses_nothing_and_leaves_nothing(blend, serial, tmp_path):
+    """The worker reads what Blender tells, and gives it nothing to read."""
+    blender, folder = tmp_path / "blender", tmp_path / "ö out"
+    blender.write_text(f"#!{sys.executable}\nimport sys\ndel sys.argv[1:4]\nfrom lensfield.cli import console\n"
+                       "console()\n")
+    blender.chmod(0o755)
+    task, = compiled(frames="1-2", chunk_size=2, output_folder=str(folder), blendfile=str(blend))
+    parameters = task["commands"][0]["parameters"]
+    command = [sys.executable, "-c", WORKER, blender, *parameters["argsBefore"], parameters["blendfile"],
+               *parameters["args"], "--lens-quality=preview", "--resolution=64x48", "--samples=128"]
+    worker = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    wait(lambda: passes(folder) and renders(folder))
+    worker.send_signal(signal.SIGKILL)
+    worker.wait()
+    wait(lambda: not renders(folder))
+    assert passes(folder) and not (folder / "Scene_0002_report.json").exists()
+    told = subprocess.run(command, capture_output=True, text=True)
+    assert told.returncode == 0, told.stdout
+    assert differing(serial, folder) == []
+    saved = [line for line in told.stdout.splitlines() if "Saved: '" in line]
+    assert saved == [f"Saved: '{folder / f'Scene_{frame:04d}_after.png'}'" for frame in (1, 2)]
+    assert len([line for line in told.stdout.splitlines() if line.startswith("Time: ")]) == 2

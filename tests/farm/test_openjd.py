@@ -1,0 +1,68 @@
+"""The job of Open Job Description, by its own command."""
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+from kill import differing
+
+from lensfield.cli import main
+from small_farm import ASKED, passes, renders, wait
+
+pytest.importorskip("openjd.cli", reason="openjd-cli is not installed: make test-farm")
+OPENJD = Path(sys.executable).with_name("openjd")
+
+
+@pytest.fixture
+def on_path(tmp_path, monkeypatch):
+    """The `lensfield` command, as it is installed on a farm's machines."""
+    command = tmp_path / "bin" / "lensfield"
+    command.parent.mkdir()
+    command.write_text(f"#!{sys.executable}\nfrom lensfield.cli import console\nconsole()\n")
+    command.chmod(0o755)
+    monkeypatch.setenv("PATH", str(command.parent), prepend=":")
+
+
+def write_job(blend, folder, *more):
+    """A job that renders into `folder`; the arguments of openjd for it."""
+    assert main(["farm", "openjd", str(blend), *ASKED, "--output", str(folder), "--job", str(folder.parent / "job"),
+                 *more]) == 0
+    template, values = (folder.parent / "job" / f"{name}.yaml" for name in ("template", "parameter_values"))
+    values = yaml.safe_load(values.read_text(encoding="utf-8"))["parameterValues"]
+    return [str(template), *(word for value in values for word in ("-p", f"{value['name']}={value['value']}"))]
+
+
+def run(*words):
+    return subprocess.run([OPENJD, *words], capture_output=True, text=True, stdin=subprocess.DEVNULL)
+
+
+@pytest.mark.parametrize("more", [(), ("--frames-per-task", "3"), ("--frames", "1-10000:2,7"),
+                                  ("--blender", "/opt/blender 5/blender", "--view-layer", "-é \"'")])
+def test_openjd_takes_the_job(blend, tmp_path, more):
+    template, *_ = write_job(blend, tmp_path / "ö out", *more)
+    checked = run("check", template)
+    assert checked.returncode == 0, checked.stdout + checked.stderr
+
+
+def test_a_job_whose_worker_is_killed_loses_nothing_and_leaves_nothing(blend, serial, tmp_path, on_path):
+    folder = tmp_path / "ö out"
+    job = write_job(blend, folder)
+    worker = subprocess.Popen([OPENJD, "run", *job], stdout=subprocess.PIPE, stdin=subprocess.DEVNULL)
+    wait(lambda: passes(folder) and renders(folder))
+    worker.send_signal(signal.SIGKILL)
+    worker.communicate()
+    wait(lambda: not renders(folder))
+    assert passes(folder) and not (folder / "Scene_0002_report.json").exists()
+    told = run("run", *job)
+    assert told.returncode == 0, told.stdout + told.stderr
+    assert "openjd_progress: " in told.stdout and "openjd_status: Frame 2, 1 of 1: " in told.stdout
+    assert differing(serial, folder) == []
+
+
+def test_a_job_tells_why_it_failed(blend, tmp_path, on_path):
+    told = run("run", *write_job(blend, tmp_path / "out", "--frames-per-task", "2", "--view-layer", "none such"))
+    assert told.returncode == 1
+    assert "openjd_fail: " in told.stdout and "none such" in told.stdout
