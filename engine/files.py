@@ -22,7 +22,7 @@ AnyPath = str | os.PathLike[str]
 
 MARK = "Made by Lensfield"  # what each file says of itself, near its beginning
 MARKS = MARK.lower().encode(), b"psf_amplitude.npy", b"seconds_over_paper"  # the array of a package, a table's column
-LOOKED_AT_BYTES = 1 << 20  # of a beginning; more than a header of 10,000 channels takes
+HEAD_BYTES, LONGEST_HEAD_BYTES = 1 << 16, 1 << 20  # a header of 10,000 channels takes less than the second
 HALF = ".lensfield-half-written-"
 HIDDEN = ".lensfield"
 WORK = "lensfield-work-"
@@ -90,14 +90,18 @@ def _is_ours(path):
     """Whether Lensfield has written a file, or there is nothing to lose: no file, an empty one, or one of zeros."""
     try:
         with open(path, "rb") as file:
-            parts = [file.read(LOOKED_AT_BYTES)]
-            file.seek(max(len(parts[0]), os.fstat(file.fileno()).st_size - LOOKED_AT_BYTES))
-            parts.append(file.read())  # where an archive lists what it holds
+            head = file.read(HEAD_BYTES)  # of many frames, over a network, no more than it takes
+            if not _is_marked(head):
+                head += file.read(LONGEST_HEAD_BYTES)
     except (FileNotFoundError, NotADirectoryError):
         return True
     except OSError:  # of somebody else, who lets nobody read it
         return False
-    return not parts[0].strip(b"\0") or any(mark in part.lower() for mark in MARKS for part in parts)
+    return _is_marked(head) or not head.strip(b"\0")
+
+
+def _is_marked(head):
+    return any(mark in head.lower() for mark in MARKS)
 
 
 def identity(path: AnyPath) -> tuple[int, int] | tuple[int, int, str]:

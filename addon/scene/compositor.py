@@ -207,8 +207,8 @@ def picture_folder(scene):
 
 def _may_look(group):
     """Whether the files of a group may be looked for: beside the .blend is no other place than its own."""
-    path = bpy.path.abspath(_image_path(group, 1))
-    return lies_beside(path) or is_trusted(path)
+    folder = os.path.dirname(bpy.path.abspath(_image_path(group, 1)))
+    return not folder or lies_beside(folder) or is_trusted(folder)
 
 
 def lens_image(scene):

@@ -13,11 +13,11 @@ from .errors import SceneError
 
 REMEDY = "it came with the .blend: look at its path, and press Trust in the Lensfield panel"
 
-_trusted = set()  # files, and folders with all that is in them; until Blender ends
+_trusted = set()  # files and folders; until Blender ends
 
 
 def trust(path):
-    """Trust a file, or a folder with all that is in it, as long as Blender runs."""
+    """Trust a file, or a folder of pictures, as long as Blender runs."""
     if path:
         _trusted.add(_key(path))
 
@@ -26,7 +26,7 @@ def is_trusted(path):
     """Whether a path was chosen in this session, or its file may run scripts; nothing is looked at."""
     if _is_asked_for() or _runs_scripts():
         return True
-    return any(_is_in(_key(path), each) for each in _trusted)
+    return _key(path) in _trusted
 
 
 def check_trusted(path, where, field):
@@ -40,7 +40,7 @@ def lies_beside(path):
     folder = os.path.dirname(bpy.data.filepath)
     if not folder:
         return not os.path.isabs(path) and not _key(path).startswith(os.pardir)
-    return _is_in(_key(path), _key(folder))
+    return os.path.join(_key(path), "").startswith(os.path.join(_key(folder), ""))
 
 
 def forget_trust():
@@ -59,11 +59,6 @@ def _runs_scripts():
     excluded = any(fnmatch(path, each.path) if each.use_glob else path.startswith(each.path)
                    for each in preferences.autoexec_paths if each.path)
     return preferences.filepaths.use_scripts_auto_execute and not bpy.app.autoexec_fail and not excluded
-
-
-def _is_in(key, folder):
-    """Whether a path is a folder, or a file, or lies in it."""
-    return os.path.join(key, "").startswith(os.path.join(folder, ""))
 
 
 def _key(path):

@@ -8,16 +8,20 @@ import stat
 import subprocess
 import sys
 import time
+from dataclasses import fields
 from functools import partial
 
 import numpy as np
 import pytest
 
 from full_disk import room_for
+from lensfield.cli import main
 from lensfield.engine import InputError, Lens, Report, files
 from lensfield.engine.files import LONGEST_WRITE_S, atomic_path, check_target
 from lensfield.engine.image.preview import write_png
 from lensfield.engine.lens.readers.package import write_package
+from lensfield.engine.library import PRESCRIPTIONS
+from lensfield.engine.trade.tradeoff import Row, write_table
 from places import SAMPLE_SCENE
 
 posix = pytest.mark.skipif(os.name != "posix", reason="Windows does not tell which processes are at work")
@@ -242,3 +246,22 @@ def test_what_is_nobodys_or_ours_is(tmp_path, there):
     (tmp_path / "picture.exr").write_bytes(there)
     write(tmp_path / "picture.exr", own=False)
     assert (tmp_path / "picture.exr").read_text() == "whole"
+
+
+def test_what_commands_write_is_known_for_ours(tmp_path, monkeypatch):
+    """Each is written twice: a file of ours is nobody's own."""
+    monkeypatch.chdir(tmp_path)
+    prescription = PRESCRIPTIONS / "tessar-50mm.toml"
+    commands = (("lens", "convert", prescription, "-o", "again.toml"), ("lens", "export-macro", "zemax", "-o", "a.zpl"),
+                ("lens", "export-macro", "codev", "-o", "a.seq"), ("lens", "export-macro", "zospy", "-o", "a.py"),
+                ("lens", "plot", "edmund-54852", "-o", "sheet.png"),
+                ("lens", "stmap", "edmund-54852", "--resolution", "12x9", "--output", "maps"))
+    for command in commands:
+        for _ in range(2):
+            assert main([str(word) for word in command]) == 0
+    lens = Lens.load("edmund-54852")
+    row = dict.fromkeys((field.name for field in fields(Row)), 1.0)
+    for _ in range(2):
+        write_package(lens, tmp_path / "lens.npz")
+        write_table([Row(**row)], tmp_path / "tradeoff.csv")
+        Report().write(tmp_path / "report.json")

@@ -168,6 +168,13 @@ def test_what_the_user_chooses_is_trusted(stranger, tmp_path):
     assert not named_files()
 
 
+def test_a_folder_for_pictures_makes_no_lens_in_it_trusted(stranger):
+    scene = bpy.context.scene
+    scene.lensfield.output_folder = str(stranger) + os.sep
+    named = named_files()
+    assert str(stranger) not in named and named[str(stranger / "lens.npz")] == "lens"
+
+
 def test_what_is_appended_is_not(stranger, tmp_path):
     bpy.ops.lensfield.trust()
     other = tmp_path / "other.blend"
