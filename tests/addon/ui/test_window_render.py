@@ -127,6 +127,7 @@ def test_cancelling_takes_less_than_a_second_and_leaves_nothing(endless_scene, t
     assert not list((tmp_path / "lensfield").iterdir())
 
 
+@pytest.mark.one_blender
 def test_passes_of_a_file_that_is_saved_are_kept_and_told(endless_scene, tmp_path, monkeypatch):
     """A window knows whether it is; in the background Blender does not."""
     endless_scene.cycles.samples, endless_scene.lensfield.tier = 1 << 10, "REFERENCE"
