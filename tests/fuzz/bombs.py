@@ -50,7 +50,7 @@ def bombs(folder):
     colours(picture, (0, 0, 0), (1024, 2048), compression=OpenEXR.DWAB_COMPRESSION)
     yield "EXR of 2,048 x 1,024, black", picture, read_as_filter_does
     yield ".spd of one line", written("lamp.spd", "1" * 10**7), spectrum
-    yield ".spd of 16 MB", written("lamp.spd", "400 1\n" * 2**21 * 2), spectrum
+    yield ".spd of 25 MB", written("lamp.spd", "400 1\n" * 2**21 * 2), spectrum
     yield ".yml nested 100,000 deep", written("glass.yml", "[" * 10**5), lambda path: load_refraction(str(path))
     for what, text in (("a million digits", "1" * 10**6), ("a path in nobody's home", "~nobody-at-all/x.spd")):
         yield f"{what} as a spectrum", written("line.txt", text), lambda path: load_spectrum(path.read_text())
