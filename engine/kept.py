@@ -9,6 +9,7 @@ from .image.spectral_image import SpectralImage
 from .lens import Lens
 from .memory import MemoryBudget
 from .plan.choose import make_plan
+from .plan.cost import in_process
 from .plan.options import Options
 from .plan.plan import Plan
 from .plan.remembered import remembered_plan
@@ -37,10 +38,16 @@ class Kept:
         self._of: tuple | None = None
 
     def plan(self, options: Options, lens: Lens, radiance: SpectralImage) -> Plan:
-        """The plan for a picture; the same for pictures of the same grid and wavelengths."""
+        """The plan for a picture; the same for pictures of the same grid and wavelengths.
+
+        Raises
+        ------
+        ImageError, InputError, LensError
+            As `make_plan`, and where it takes more memory than there is.
+        """
         key = options, lens, radiance.grid, tuple(radiance.wavelengths_nm)
         if key not in self._plans:
-            self._plans = {key: self._make_plan(options, lens, radiance)}
+            self._plans = {key: in_process(self._make_plan(options, lens, radiance), radiance)}
         return self._plans[key]
 
     def channels(self, lens: Lens, radiance: SpectralImage, plan: Plan) -> Iterator[Channel]:

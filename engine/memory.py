@@ -7,6 +7,9 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
+from .errors import ImageError
+
+GIGABYTE = 1e9
 PROC, CONTROL_GROUPS = Path("/proc"), Path("/sys/fs/cgroup")
 NO_LIMIT = 2**60  # bytes, and more: what the first version of control groups says where there is none
 
@@ -17,6 +20,21 @@ def available_bytes() -> int:
     Limits are those of control groups, as containers and batch systems set them, and of `ulimit -v`.
     """
     return max(0, min([_free_on_machine(), *_free_in_groups(), *_free_in_address_space()]))
+
+
+def taken_bytes() -> int:
+    """How much memory this process holds; 0 where the system does not tell."""
+    with suppress(OSError):
+        pages = (PROC / "self/statm").read_text().split()[1]
+        return os.sysconf("SC_PAGE_SIZE") * int(pages)
+    return 0
+
+
+def check_room(where: object, needed_bytes: float, remedy: str) -> None:
+    """Raise an ImageError where so much more memory is not to be had."""
+    if needed_bytes > (available := available_bytes()):
+        raise ImageError(where, "size", f"{needed_bytes / GIGABYTE:.3g} GB in memory",
+                         f"{available / GIGABYTE:.3g} GB are free: {remedy}")
 
 
 def _free_on_machine():

@@ -16,6 +16,7 @@ from .plan.plan import Plan
 from .values import plain
 
 NEGATIVE_TOLD = 1e-3  # of the light
+MOST_BRIGHT = 1e35  # W m^-2 sr^-1 nm^-1, of which colours are within 1e3 of the largest float32
 FIGURE = re.compile(r"\d[\d.]*")
 
 
@@ -73,6 +74,10 @@ class LensImageFacts:
     fireflies_clamped : int
     loops : str
         What did them: "numpy", or compiled ones for so new a processor.
+    negative_light_fraction : float
+        Of the radiance in focus: there is no such light.
+    brightest : float
+        Radiance, W m^-2 sr^-1 nm^-1.
     """
 
     lens: str
@@ -85,6 +90,8 @@ class LensImageFacts:
     out_of_field_fraction: float
     fireflies_clamped: int
     loops: str
+    negative_light_fraction: float = 0.0
+    brightest: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -114,6 +121,9 @@ class SceneFacts:
         What of the scene's settings took no part, or another, a line each.
     layers : str
         How depth enters; "" where it does not.
+    capture_peak_mb : float
+        Predicted: the most memory that the process will hold while the scene is rendered; what slabs of depth take
+        beside each other comes on top.
     """
 
     passes: int
@@ -132,6 +142,7 @@ class SceneFacts:
     lens_warning: str
     scene_remarks: tuple[str, ...] = ()
     layers: str = ""
+    capture_peak_mb: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -261,6 +272,12 @@ class Report:
         if image and image.out_of_field_fraction:
             yield (f"{image.out_of_field_fraction:.1%} of the frame lies beyond the lens data: "
                    f"{image.plan.out_of_field}")
+        if image and image.negative_light_fraction > NEGATIVE_TOLD:
+            yield (f"{image.negative_light_fraction:.1%} of the radiance is negative, as no light is: filtered as it "
+                   "comes")
+        if image and image.brightest > MOST_BRIGHT:
+            yield (f"radiance of up to {image.brightest:.2g} W m^-2 sr^-1 nm^-1 comes near to what files of single "
+                   "precision hold: its colours may be infinite; give it in other units")
         if image and file and any(needed > there for needed, there in
                                   zip(file.overscan_needed_px, image.overscan_px, strict=True)):
             yield ("the border lacks light from beyond the frame: of overscan on each side the lens needs {1} x {0} "

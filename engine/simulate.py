@@ -70,6 +70,7 @@ def simulate(radiance: SpectralImage | LayeredRadiance, lens: Lens, options: Opt
     frame_px = radiance.grid.finer(fine).frame_px
     channels = kept.channels(lens, radiance, plan)
     for index, (view, clamped) in enumerate(seen):
+        tally.see(view.sharp)
         with report.stage("lens data"):
             channel = next(channels)
         with report.stage("distortion and relative illumination"):
@@ -139,6 +140,13 @@ class _Tally:
         self._x_mm, self._y_mm = radiance.grid.frame().axes_mm()
         self._fits, self._clamped, self._out_of_field = [], 0, 0.0
         self._flux = np.zeros(3)
+        self._negative, self._light, self._brightest = 0.0, 0.0, 0.0
+
+    def see(self, plane):
+        """What a plane of radiance holds."""
+        self._negative -= np.minimum(plane, 0).sum(dtype=np.float64)
+        self._light += plane.sum(dtype=np.float64)
+        self._brightest = max(self._brightest, float(plane.max()))
 
     def add(self, field, light, blurred, frame, out_of_focus, clamped):
         """What is out of focus counts as far as it falls into the frame."""
@@ -162,4 +170,6 @@ class _Tally:
         fits = tuple(WavelengthFacts(float(nm), *fits)
                      for nm, fits in zip(radiance.wavelengths_nm, self._fits, strict=True))
         return LensImageFacts(lens.name, plan, radiance.pitch_um, radiance.frame_px, radiance.overscan_px, fits,
-                              Energy(*flux.tolist()), self._out_of_field, self._clamped, kernels.running())
+                              Energy(*flux.tolist()), self._out_of_field, self._clamped, kernels.running(),
+                              self._negative / max(self._light + self._negative, np.finfo(float).tiny),
+                              self._brightest)

@@ -21,7 +21,7 @@ FLOORS = {
     "engine.files": {"engine.errors"},
     "engine.kernels": {"engine.errors"},
     "engine.locks": {"engine.errors", "engine.files"},
-    "engine.memory": set(),
+    "engine.memory": {"engine.errors"},
     "engine.threads": set(),
     "engine.values": set(),
     # the engine, from the bottom: every room uses those below alone

@@ -12,6 +12,7 @@ from ...engine.image.depth_range import AUTO, check_depth, planar_depth_mm
 from ...engine.image.layers import Layer, LayeredRadiance
 from ...engine.image.pixel_grid import PixelGrid
 from ...engine.image.preview import auto_exposure, to_rec709, write_png
+from ...engine.memory import check_room, taken_bytes
 from ...engine.report import SceneFacts
 from ...engine.spectral.wavelength_choice import FOREIGN_SURPRISE
 from ..scene.camera import capture_grid, captured_region, check_camera, frame_px, pitch_um, render_region
@@ -30,6 +31,9 @@ from .targets import check_files
 
 BACKGROUND_M = 1e10
 LOOK_SHARE = 0.01  # of the capture's time
+PASS_BYTES, LAMP_BYTES = 100, 40  # of a pixel of a pass, in Cycles, in Blender and as it is read; and for each lamp
+DENOISE_BYTES, MOST_DENOISE = 800, 3e9  # of a pixel, by the denoiser; which takes no more in all
+PIXEL_BYTES, MEGABYTE = 4, 1e6  # the first of a pixel in a plane
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +79,19 @@ class Captured:
         return planes * (self.region[top:top + rows, left:left + columns] == 1)
 
 
+def check_capture(scene, job, grid, plan):
+    """Raise an InputError where there is not the memory that capturing a scene takes, beside the scene itself."""
+    check_room(f"scene {scene.name!r}", capture_bytes(job, grid, plan),
+               "render a smaller picture, or fewer wavelengths")
+
+
+def capture_bytes(job, grid, plan):
+    """The memory of a pass, and of all light so far. Slabs of depth take more, as far as they overlap."""
+    pixels = math.prod(grid.shape_px)
+    denoiser = min(DENOISE_BYTES * pixels, MOST_DENOISE) if job.denoise else 0
+    return denoiser + pixels * (PASS_BYTES + LAMP_BYTES * len(plan.lamps) + PIXEL_BYTES * job.wavelengths_nm.size)
+
+
 def job_grid(scene, job):
     """The pixels that Cycles renders: those of a capture, or of the film behind a lens that is traced."""
     if job.traced:
@@ -97,6 +114,8 @@ def capture(scene, job, result, share):
         exposure, film = scene.cycles.film_exposure, scene.render.film_transparent
         plan, substitution, groups = plan_scene(scene, job, grid, journal)
         plan.check()
+        check_capture(scene, job, grid, plan)
+        peak_mb = (taken_bytes() + capture_bytes(job, grid, plan)) / MEGABYTE
         check_files(scene, result.files)
         yield from alone_with_passes(scene, job, alone)
         passes = KeptPasses(scene, job, 4 * job.wavelengths_nm.size * math.prod(grid.shape_px))
@@ -146,7 +165,7 @@ def capture(scene, job, result, share):
         radiance = SpectralImage(cube, job.wavelengths_nm, grid, focal_mm=job.lens.capture_focal_length_mm,
                                  exposure=exposure)
     result.report.scene = _facts(plan, lights, job, grid, depth_mm, region,
-                                 [*remarks, *unlayered, *passes.remarks], cut)
+                                 [*remarks, *unlayered, *passes.remarks], cut, peak_mb)
     return Captured(radiance, np.where(np.isfinite(depth_mm), depth_mm / M_TO_MM, BACKGROUND_M).astype(np.float32),
                     alpha if film else None, region and _mask(region, rendered, grid), layers, unlayered)
 
@@ -179,7 +198,7 @@ def _show(index, plan, lights, capture_px, path):
     write_png(picture, path, auto_exposure(picture))
 
 
-def _facts(plan, lights, job, grid, depth_mm, region, remarks, cut):
+def _facts(plan, lights, job, grid, depth_mm, region, remarks, cut, peak_mb):
     """The plan, and what the passes tell of it: how well spectra were foreseen, and the frame's depths."""
     choice, (top, left), (rows, columns) = plan.choice, grid.overscan_px, grid.frame_px
     surprise = choice.surprise(np.concatenate([light.blocks() for light in lights], axis=1))
@@ -195,7 +214,7 @@ def _facts(plan, lights, job, grid, depth_mm, region, remarks, cut):
         depth=None if job.traced else check_depth(depth_mm[top:top + rows, left:left + columns][region or ...],
                                                   job.lens, grid.pitch_um),
         lens_warning=job.lens_warning, scene_remarks=remarks,
-        layers=cut.plan.text if cut else "")
+        layers=cut.plan.text if cut else "", capture_peak_mb=peak_mb)
 
 
 def _mask(region, rendered, grid):

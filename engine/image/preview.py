@@ -11,6 +11,7 @@ from .spectral_image import IRRADIANCE, SpectralImage
 
 EXPOSED_PERCENTILE = 99.0  # of the picture's luminance; a few bright points may burn out
 EXPOSED_LEVEL = 0.9
+ROWS_AT_ONCE = 64  # what is made on the way is larger than the picture
 PNG_LEVEL = 1  # of 9: a half to a third of the seconds of the usual 6, for a fifth more bytes at the most
 
 
@@ -48,7 +49,10 @@ def write_png(rec709: np.ndarray, path: str | os.PathLike, exposure: float) -> N
     """Write a linear Rec. 709 picture as an sRGB PNG of 8 bits, whole or not at all."""
     from PIL import Image, PngImagePlugin  # only pictures need it, and they are few
 
-    pixels = np.round(encode_srgb(rec709 * exposure) * 255).astype(np.uint8)
+    pixels = np.empty(rec709.shape, np.uint8)
+    for row in range(0, len(pixels), ROWS_AT_ONCE):
+        rows = slice(row, row + ROWS_AT_ONCE)
+        pixels[rows] = np.round(encode_srgb(rec709[rows] * exposure) * 255)
     texts = PngImagePlugin.PngInfo()
     texts.add_text("Software", MARK)
     with atomic_path(path) as temporary:

@@ -17,7 +17,7 @@ import OpenEXR
 
 from ..errors import ImageError, absence, printable
 from ..files import MARK, atomic_path
-from ..memory import available_bytes
+from ..memory import check_room
 from ..threads import thread_count
 from .depth_range import BACKGROUND_MM
 from .layers import Layer, LayeredRadiance
@@ -240,18 +240,18 @@ def _layer(header, channels, wavelengths_nm, overscan_px, path):
 
 def _first_image(parts, path, pitch_um):
     header, channels = parts[0]
-    planes = sorted(((wavelength, plane) for name, plane in channels.items()
-                     if (wavelength := channel_wavelength_nm(name)) is not None), key=lambda plane: plane[0])
-    if not planes:
+    names = sorted(((wavelength, name) for name in channels
+                    if (wavelength := channel_wavelength_nm(name)) is not None), key=lambda plane: plane[0])
+    if not names:
         raise ImageError(path, "channels", ", ".join(sorted(channels)),
                          "expected spectral channels such as S0.550,000000nm")
     if pitch_um is None:
         pitch_um = _number(header, "lensfield:pitchUm")
     if pitch_um is None:
         raise ImageError(path, "lensfield:pitchUm", "missing", "give the pixel pitch at the sensor in micrometres")
-    wavelengths, cube = zip(*planes, strict=True)
+    wavelengths, names = zip(*names, strict=True)
     try:
-        image = SpectralImage(np.stack(cube), wavelengths, pitch_um=pitch_um, **_placement(header),
+        image = SpectralImage(_stacked(channels, names), wavelengths, pitch_um=pitch_um, **_placement(header),
                               quantity=header.get("lensfield:quantity", RADIANCE), projection=_projection(header),
                               lens_name=header.get("lensfield:lens", ""),
                               f_number_effective=_number(header, "lensfield:fNumberEffective"),
@@ -262,6 +262,15 @@ def _first_image(parts, path, pitch_um):
     except (TypeError, ValueError) as error:
         raise ImageError(path, "attributes", "damaged", str(error)) from None
     return image, channels
+
+
+def _stacked(channels, names):
+    """A cube of channels, which become its planes: so that each is in memory once."""
+    cube = np.empty((len(names), *channels[names[0]].shape), np.float32)
+    for plane, name in zip(cube, names, strict=True):
+        plane[:] = channels[name]
+        channels[name] = plane
+    return cube
 
 
 def read_parts(path: str | os.PathLike, header_only: bool = False) -> list[tuple[dict, dict]]:
@@ -324,9 +333,7 @@ def _check_size(path, headers):
                              f"expected at most {MOST_EMPTY} times the data window's, which are {data}")
         each = DEEP_BYTES if header["type"] in (OpenEXR.deepscanline, OpenEXR.deeptile) else SAMPLE_BYTES
         needed += data * each * len(header["channel names"]) + frame * SAMPLE_BYTES
-    if needed > (available := available_bytes()):
-        raise ImageError(path, "size", f"{needed / 1e9:.3g} GB in memory",
-                         f"{available / 1e9:.3g} GB are free: give a smaller picture, or a machine that has more")
+    check_room(path, needed, "give a smaller picture, or a machine that has more")
 
 
 def is_spectral(path: str | os.PathLike) -> bool:

@@ -1,12 +1,15 @@
 """What a way of filtering will cost: seconds and memory, from counts of the work and a short look at the machine."""
 
 import time
+from dataclasses import replace
 
 import numpy as np
 from scipy import fft
 
 from .. import kernels
 from ..blur.method import Workload
+from ..image.spectral_image import SpectralImage
+from ..memory import check_room, taken_bytes
 from ..threads import thread_count
 from .plan import Plan
 
@@ -45,7 +48,7 @@ NANOSECONDS = {
 }
 LOOPS, SLOWNESS = ("tap", "table sample"), {"avx2": 1.5, "base": 2.4, "neon": 2.4}  # beside AVX-512's
 REFERENCE_S, RUNS = 2.4e-4, 6  # of what `machine_factor` runs, there
-MEGABYTE = 1e6
+MEGABYTE, PIXEL_BYTES = 1e6, 4  # the latter in a plane
 OF_SPECTRA, DOUBLE_SLOWNESS = {"transformed value", "spectrum value"}, 1.9  # of double precision
 PICTURES, TABLES = 6, 3  # of their size at once
 LOOKS, LOOK_AGAIN_S = 8, 1.0
@@ -119,3 +122,17 @@ def memory_mb(work: Workload, plan: Plan) -> float:
     table = work.heights * 2 * work.planes.quarter_turns * plan.method.azimuths * work.taps
     values = PICTURES * work.pixels + TABLES * table + plan.method.kept_values(work)
     return values * np.dtype(plan.precision).itemsize / MEGABYTE
+
+
+def in_process(plan: Plan, radiance: SpectralImage) -> Plan:
+    """A plan with the most memory that this process will hold by it: what it holds by now, the irradiance, and what
+    filtering takes.
+
+    Raises
+    ------
+    ImageError
+        There is not as much.
+    """
+    to_come = plan.memory_mb * MEGABYTE + PIXEL_BYTES * radiance.wavelengths_nm.size * np.prod(radiance.frame_px)
+    check_room("image", to_come, "give a smaller picture, larger pixels, a lower accuracy or fewer azimuths")
+    return replace(plan, peak_mb=(taken_bytes() + to_come) / MEGABYTE)

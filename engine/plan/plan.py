@@ -47,6 +47,8 @@ class Plan:
         No more than this fraction of any point's light lands in the wrong place; None where nobody asked.
     seconds, memory_mb : float
         Predicted for the picture, the latter beyond radiance and irradiance themselves.
+    peak_mb : float
+        Predicted: the most memory that the process will hold, all that it holds included; 0 where nobody asked.
     """
 
     method: Method
@@ -64,6 +66,7 @@ class Plan:
     error_bound: float | None = field(default=None, compare=False)
     seconds: float = field(default=0.0, compare=False)
     memory_mb: float = field(default=0.0, compare=False)
+    peak_mb: float = field(default=0.0, compare=False)
 
     @property
     def reach_px(self) -> int:
@@ -114,4 +117,4 @@ class Plan:
         if self.error_bound is None:
             return way
         return (f"{way}: at most {100 * self.error_bound:.2g} % of any point's light misplaced; "
-                f"about {max(self.seconds, 0.1):.1f} s, {self.memory_mb:.0f} MB")
+                f"about {max(self.seconds, 0.1):.1f} s, {self.peak_mb or self.memory_mb:.0f} MB")

@@ -64,7 +64,7 @@ def test_windows_that_the_file_cannot_fill_are_told(tmp_path, attribute, corners
 
 def test_what_memory_does_not_hold_is_told_with_both_sizes(tmp_path, monkeypatch):
     path = colours(tmp_path / "large.exr", (1, 1, 1), (1000, 1000))
-    monkeypatch.setattr(spectral_exr, "available_bytes", lambda: 10**7)
+    monkeypatch.setattr("lensfield.engine.memory.available_bytes", lambda: 10**7)
     assert "size is 0.016 GB in memory: 0.01 GB are free" in error_of(read_rgb_exr, path)
     assert read_parts(path, header_only=True)  # a header is
 
