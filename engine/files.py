@@ -293,7 +293,7 @@ def _pending_path(make):
     try:
         yield path
     finally:
-        _remove(path)
+        remove(path)
         _pending.discard(path)
 
 
@@ -304,7 +304,7 @@ def remove_pending() -> list[Path]:
     """
     _making.acquire()
     for path in list(_pending):
-        _remove(path)
+        remove(path)
     return [folder for folder in _going_on if any(path.is_file() for path in folder.rglob("*"))]
 
 
@@ -313,7 +313,8 @@ def note_going_on(folder: AnyPath) -> None:
     _going_on.add(Path(folder))
 
 
-def _remove(path):
+def remove(path: Path) -> None:
+    """Remove a file or folder of ours, if it is there, and the hidden folder that it was the last in."""
     if path.is_dir():
         shutil.rmtree(path, ignore_errors=True)
     else:

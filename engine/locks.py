@@ -7,7 +7,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from .errors import InputError
-from .files import AnyPath, check_target, hidden_folder, make_folder, pending
+from .files import AnyPath, check_target, hidden_folder, make_folder, pending, remove
 
 try:
     import fcntl
@@ -49,8 +49,7 @@ def only_maker(path: AnyPath) -> Iterator[None]:
         _held.discard(lock)
         os.close(handle)
         if os.name == "nt":  # which removes nothing that is open, nor what another has opened by now
-            with suppress(OSError):
-                lock.unlink()
+            remove(lock)
 
 
 def _locked(lock, path):

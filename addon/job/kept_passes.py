@@ -14,7 +14,7 @@ import bpy
 
 from ...engine.cache import code_version
 from ...engine.errors import InputError
-from ...engine.files import hidden_folder, move, note_going_on
+from ...engine.files import hidden_folder, move, note_going_on, remove
 from ...engine.locks import Busy, only_maker
 from ...engine.values import plain
 from .light import read_pass
@@ -45,7 +45,7 @@ class KeptPasses:
             of_frame = passes_folder(scene, job.output_folder, job.frame)
             self._folder = of_frame / _digest(_facts(job))
             for other in set(of_frame.glob("*")) - {self._folder}:  # of what was asked for then
-                shutil.rmtree(other, ignore_errors=True)
+                remove(other)
             note_going_on(of_frame)
 
     def planes(self, step, path, needed, *facts):
@@ -130,10 +130,7 @@ def _name(scene, frame):
 
 def forget_passes(scene, folder, frame):
     """Remove the passes of a frame whose files are there."""
-    kept = passes_folder(scene, folder, frame)
-    shutil.rmtree(kept, ignore_errors=True)
-    with suppress(OSError):  # there is more in it
-        kept.parent.rmdir()
+    remove(passes_folder(scene, folder, frame))
 
 
 def passes_left(scene, folder):

@@ -474,9 +474,9 @@ from lensfield.cli import main
 sys.exit(main(["filter", {str(tmp_path / "shot_####.exr")!r}, *{[*map(str, QUICK)]!r}, "--output",
                {str(tmp_path / "out_####.exr")!r}, "--preview", {str(tmp_path / "p_####.png")!r}]))
 """
-    processes = [subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    processes = [subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) for _ in range(4)]
     told = [process.communicate()[0] for process in processes]
-    assert [process.returncode for process in processes] == [0, 0]
+    assert not any(process.returncode for process in processes)
     written = [line for text in told for line in text.splitlines() if line.endswith(".exr")]
     assert sorted(written) == [str(tmp_path / f"out_{number:04d}.exr") for number in range(1, 13)]
     for number in range(1, 13):

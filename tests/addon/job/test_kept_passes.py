@@ -78,6 +78,43 @@ def test_stopped_at_any_step_it_goes_on_to_the_same_bytes(deep, tmp_path):
     assert steps > renders
 
 
+def blur(scene):
+    scene.render.use_motion_blur = True
+    for frame in (1, 2):
+        bpy.data.objects["Wall.001"].location.x = frame * 0.01
+        bpy.data.objects["Wall.001"].keyframe_insert("location", frame=frame)
+
+
+def scatter(scene):
+    scene.world.node_tree.links.new(scene.world.node_tree.nodes.new("ShaderNodeVolumeScatter").outputs[0],
+                                    scene.world.node_tree.nodes["World Output"].inputs["Volume"])
+
+
+@pytest.mark.parametrize("change", [
+    lambda scene: setattr(scene.lensfield, "denoise", "ON"), blur, scatter,
+    lambda scene: setattr(scene.cycles, "use_adaptive_sampling", True),
+    lambda scene: setattr(scene.render, "film_transparent", True),
+    lambda scene: setattr(scene.lensfield, "depth", "TRACED")])
+def test_it_goes_on_to_the_same_bytes_whatever_cycles_does(deep, tmp_path, change):
+    change(deep)
+    bpy.ops.wm.save_mainfile()
+    renders = whole(deep, tmp_path / "whole")
+    stopped(deep, tmp_path / "one", 6)
+    there = len(passes(tmp_path / "one"))
+    assert there and whole(deep, tmp_path / "one") == renders - there
+    assert not kill.differing(tmp_path / "whole", tmp_path / "one")
+
+
+def test_who_would_capture_the_same_waits_and_finds_it(deep, tmp_path):
+    renders = whole(deep, tmp_path / "whole")
+    stopped(deep, tmp_path / "one", 6)
+    with another(tmp_path / "one" / "Scene_0001_passes"):
+        steps = render_steps(deep, job_in(deep, tmp_path / "one"))
+        assert [next(steps).label for _ in range(2)] == ["Waiting for another process, which captures the same"] * 2
+        steps.close()
+    assert whole(deep, tmp_path / "one") == renders - 3
+
+
 def touch(path):
     os.utime(path, ns=(1, 1))
 
