@@ -6,7 +6,8 @@
 # make -j2 -O ci   what .ci/run runs after make lint: all tests, those of Blender on four Blenders; two at once, and each told whole
 # make test-kernels  these loops against plain ones on random shapes: under sanitizers, on other processors and on Windows, as far
 #                  as CONTRIBUTING.md's compilers, QEMU and Wine are installed (two minutes)
-# make kill-test   kills a render at 50 random moments, and compares what comes of it with one that nobody has (ten minutes)
+# make kill-test   kills a render at 50 random moments, and one of four that share frames, and compares what comes of it with
+#                  a render that nobody has disturbed (ten minutes)
 # make fuzz        damages files of every kind that is read, 1500 times each, and lists what is neither read nor told (ten
 #                  minutes); COUNT=100 and SEED=1 for others; first, what small files that mean to cost much come to
 # make long-runs   whether 200 previews, 50 renders and 50 registrations take no more memory than the first (ten minutes)
@@ -91,6 +92,7 @@ ci-%: kernels
 
 kill-test: $(READY) kernels
 	$(VENV)/bin/python -W ignore tests/reliability/kill.py 50
+	$(VENV)/bin/python -W ignore tests/reliability/share.py 4
 
 fuzz: $(READY)
 	$(VENV)/bin/python tests/fuzz/bombs.py

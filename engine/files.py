@@ -46,8 +46,17 @@ def make_folder(path: AnyPath) -> None:
 
 
 def hidden_folder(folder: AnyPath) -> Path:
-    """The folder in one of outputs, for what is of use until they are there. Nothing makes it yet; empty, it goes."""
-    return Path(folder).resolve() / HIDDEN
+    """The folder in one of outputs, for what is of use until they are there. Nothing makes it yet; empty, it goes.
+
+    Raises
+    ------
+    InputError
+        It is a link, which folders of strangers may have: what is removed and written there could be anything.
+    """
+    hidden = Path(folder).resolve() / HIDDEN
+    if hidden.is_symlink():
+        raise InputError(hidden, "folder", "a link", "remove it")
+    return hidden
 
 
 def check_target(path: AnyPath, own: bool = False) -> None:
@@ -305,7 +314,7 @@ def remove_pending() -> list[Path]:
     _making.acquire()
     for path in list(_pending):
         remove(path)
-    return [folder for folder in _going_on if any(path.is_file() for path in folder.rglob("*"))]
+    return [folder for folder in _going_on if any(path.is_file() for path in folder.rglob("[!.]*"))]
 
 
 def note_going_on(folder: AnyPath) -> None:
@@ -315,7 +324,7 @@ def note_going_on(folder: AnyPath) -> None:
 
 def remove(path: Path) -> None:
     """Remove a file or folder of ours, if it is there, and the hidden folder that it was the last in."""
-    if path.is_dir():
+    if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
     else:
         with suppress(OSError):  # it is gone, or open and of Windows

@@ -62,8 +62,8 @@ def _locked(lock, path):
             continue
         except OSError as error:
             raise InputError(lock, "file", "not writable", error.strerror or str(error)) from None
-        with suppress(OSError):  # others who may write to the folder may use it; it is somebody else's
-            os.chmod(lock, 0o666)
+        with suppress(OSError, AttributeError):  # for others who may write to the folder; it is theirs, or of Windows
+            os.fchmod(handle, 0o666)
         try:
             _lock(handle)
             if os.path.samestat(os.fstat(handle), os.stat(lock)):

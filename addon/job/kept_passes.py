@@ -41,11 +41,12 @@ class KeptPasses:
     def __init__(self, scene, job, radiance_bytes):
         self._folder, self._left_free_bytes = None, LEFT_FREE * radiance_bytes
         self._found, self._made = 0, 0
-        if job.source:
-            of_frame = passes_folder(scene, job.output_folder, job.frame)
+        of_frame = passes_folder(scene, job.output_folder, job.frame)
+        if job.source and not of_frame.is_symlink():  # as folders of strangers may have them
             self._folder = of_frame / _digest(_facts(job))
-            for other in set(of_frame.glob("*")) - {self._folder}:  # of what was asked for then
-                remove(other)
+            for other in of_frame.glob("*"):
+                if other != self._folder or other.is_symlink():  # of what was asked for then
+                    remove(other)
             note_going_on(of_frame)
 
     def planes(self, step, path, needed, *facts):
@@ -66,7 +67,8 @@ class KeptPasses:
             if planes:
                 self._found += 1
                 return planes
-        path.unlink(missing_ok=True)
+        for old in filter(None, (path, kept)):
+            old.unlink(missing_ok=True)
         yield step
         self._made += 1
         return (yield Work(lambda tell: self._keep(path, needed, kept), "Gathering light", step.fraction + step.share))
@@ -136,6 +138,6 @@ def forget_passes(scene, folder, frame):
 def passes_left(scene, folder):
     """What is kept of frames that are not there: list of lines."""
     folders = sorted(hidden_folder(folder).glob(f"{bpy.path.clean_name(scene.name)}_*_passes"))
-    counts = {kept: len(list(kept.glob("*/*.exr"))) for kept in folders}
+    counts = {kept: len(list(kept.glob("*/[!.]*.exr"))) for kept in folders}
     return [f"{count} finished pass{'es are' if count > 1 else ' is'} kept in {kept}: a render goes on from there"
             for kept, count in counts.items() if count]

@@ -463,6 +463,15 @@ def test_a_frame_that_was_not_ended_is_not_there(tmp_path, monkeypatch):
     assert made_again(tmp_path) == [1]
 
 
+def test_a_link_in_the_place_of_a_record_is_not_followed(tmp_path):
+    sequence(tmp_path, (1,))
+    (tmp_path / ".lensfield").mkdir()
+    (tmp_path / "precious").write_text("precious")
+    (tmp_path / ".lensfield" / "out_0001.exr.json").symlink_to(tmp_path / "precious")
+    assert made_again(tmp_path) == [1] and made_again(tmp_path) == []
+    assert (tmp_path / "precious").read_text() == "precious"
+
+
 def test_processes_share_a_sequence(tmp_path):
     """Each frame is filtered by one of them, and previews are exposed as the first, whoever has made it."""
     sequence(tmp_path, range(1, 13))

@@ -53,9 +53,9 @@ def start(blend, folder, frames=FRAMES):
                              "--lens-quality", "preview"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
-def undisturbed(blend, folder):
+def undisturbed(blend, folder, frames=FRAMES):
     """Render it; seconds until the first frame begins, and from there to the end."""
-    begin, process = time.monotonic(), start(blend, folder)
+    begin, process = time.monotonic(), start(blend, folder, frames)
     _begun(process)
     opened = time.monotonic()
     _, errors = process.communicate()
@@ -112,7 +112,7 @@ def main(kills=50, seed=1):
         seconds = chance.random() * (rendering_s if begun else opening_s) if done < kills else 600.0
         if killed(start(blend, folder), begun, seconds):
             done += 1
-            kept = len(list(folder.glob(".lensfield/*_passes/*/*.exr")))
+            kept = len(list(folder.glob(".lensfield/*_passes/*/[!.]*.exr")))
             print(f"{done}: after {seconds:.1f} s{' of rendering' * begun}, {kept} passes kept", flush=True)
             continue
         ended += 1

@@ -14,6 +14,7 @@ from lensfield import addon
 from lensfield.addon.job import kept_passes, source
 from lensfield.addon.job.render import Result, job_of_frame, render_steps, run
 from lensfield.addon.job.steps import RenderPass
+from lensfield.engine.errors import InputError
 from lensfield.engine.locks import Busy
 from small_scenes import light, material, set_world, wall
 
@@ -61,7 +62,7 @@ def stopped(scene, folder, steps, **asked):
 
 
 def passes(folder):
-    return sorted(folder.glob(".lensfield/*_passes/*/*.exr"))
+    return sorted(folder.glob(".lensfield/*_passes/*/[!.]*.exr"))
 
 
 def test_stopped_at_any_step_it_goes_on_to_the_same_bytes(deep, tmp_path):
@@ -152,6 +153,33 @@ def test_nothing_is_kept_where_nobody_vouches_for_the_files_or_the_disk_has_no_r
     monkeypatch.setattr(kept_passes.shutil, "disk_usage", lambda _: usage._replace(free=50000))
     stopped(deep, tmp_path / "one", 6)
     assert not passes(tmp_path / "one")
+
+
+@pytest.mark.parametrize("link", [".lensfield", ".lensfield/Scene_0001_passes"])
+def test_links_in_a_strangers_folder_lead_nowhere(deep, tmp_path, link):
+    stopped(deep, tmp_path / "one", 6)
+    digest, names = passes(tmp_path / "one")[0].parent.name, [path.name for path in passes(tmp_path / "one")]
+    shutil.rmtree(tmp_path / "one" / ".lensfield")
+    precious = tmp_path / "precious" / "Scene_0001_passes" / digest / "file"
+    for place in (precious, *(path.with_name("file") for path in (precious.parent, precious.parents[1]))):
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_text("precious")
+    target = precious.parents[2 if link == ".lensfield" else 1]
+    (tmp_path / "one" / link).parent.mkdir(exist_ok=True)
+    (tmp_path / "one" / link).symlink_to(target)
+    if link == ".lensfield":
+        with pytest.raises(InputError, match=".lensfield: folder is a link: remove it"):
+            whole(deep, tmp_path / "one")
+    else:
+        whole(deep, tmp_path / "one")
+        (tmp_path / "one" / link).parent.mkdir(exist_ok=True)
+    assert precious.read_text() == "precious" and len(list(target.rglob("file"))) == (3 if link == ".lensfield" else 2)
+    for name in names:  # and of single passes
+        kept = tmp_path / "two" / ".lensfield" / "Scene_0001_passes" / digest / name
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        kept.symlink_to(precious)
+    stopped(deep, tmp_path / "two", 6)
+    assert precious.read_text() == "precious" and len(passes(tmp_path / "two")) == 3
 
 
 def test_what_was_kept_is_told(deep, tmp_path):

@@ -1,0 +1,43 @@
+"""Several `lensfield render` of the same frames in one folder, one of which is killed: who renders what.
+
+    python tests/reliability/share.py 4 [FRAMES]
+"""
+
+import random
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+
+import kill
+
+SAMPLES = 64
+
+
+def main(processes=4, frames=8):
+    """Tell it, and compare with what one process makes; the exit status."""
+    from lensfield import addon
+
+    addon.register()
+    work, spec = Path(tempfile.mkdtemp(prefix="lensfield-share-")), f"1-{frames}"
+    blend, alone, shared = work / "scene.blend", work / "alone", work / "shared"
+    kill.save_scene(blend, SAMPLES)
+    *others, last = (kill.start(blend, shared, spec) for _ in range(processes))
+    was_at_work = kill.killed(last, True, random.random())
+    told = [process.communicate() for process in others]
+    if any(process.returncode for process in others):
+        print(*(errors for _, errors in told), sep="\n")
+        return 1
+    print(f"one of {processes} processes was killed {'at work' if was_at_work else 'when it had ended'}; the others "
+          f"rendered {', '.join(str(out.count('lens_image.exr')) for out, _ in told)} of {frames} frames")
+    kill.undisturbed(blend, shared, spec)  # what is left, if anything is
+    kill.undisturbed(blend, alone, spec)
+    found = kill.differing(alone, shared)
+    print(f"other than of one process: {', '.join(found)}; see {work}" if found else "each byte as of one process")
+    if not found:
+        shutil.rmtree(work)
+    return bool(found)
+
+
+if __name__ == "__main__":
+    sys.exit(main(*map(int, sys.argv[1:])))
