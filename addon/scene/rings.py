@@ -8,6 +8,7 @@ from mathutils import Vector
 from ...engine import Lens
 from ...engine.bake.rings import AT_REST, Rings, resized_rings
 from ...engine.depth.pencils import Iris
+from ...engine.errors import InputError
 from ...engine.library import cannot_be, has_rings, iris_shows, prescription_of
 from .camera import lens_for_view
 from .depth import M_TO_MM
@@ -65,13 +66,20 @@ def scene_iris(scene, lens, iris=None, **asked) -> Iris | None:
     iris = _camera_iris(scene) if iris is None else iris
     if not iris or not iris.blades:
         return None
-    return iris if _iris_shows(str(lens), file_stamp(lens), scene_rings(scene, **asked)) else None
+    shows = _iris_shows(str(lens), file_stamp(lens), scene_rings(scene, **asked))
+    if isinstance(shows, InputError):
+        raise shows.with_traceback(None)  # which would grow each time
+    return iris if shows else None
 
 
 @lru_cache(maxsize=MOST_ANSWERS)
 def _iris_shows(lens, changed, rings):
-    """What `iris_shows` tells, once as long as the lens's file is the same: a preview asks many times a second."""
-    return iris_shows(lens, rings)
+    """What `iris_shows` tells, or its error, once as long as the lens's file is the same: a preview asks many times a
+    second."""
+    try:
+        return iris_shows(lens, rings)
+    except InputError as error:
+        return error
 
 
 def _camera_iris(scene):

@@ -11,6 +11,7 @@ import pytest
 from lensfield import addon
 from lensfield.addon.job.record import read_record
 from lensfield.addon.job.render import job_of_frame
+from lensfield.addon.scene import rings
 from lensfield.addon.scene.rings import iris_arguments, scene_iris, scene_lens
 from lensfield.cli import _parser
 from lensfield.commands.arguments import asked_iris
@@ -21,6 +22,7 @@ from lensfield.engine.image.layers import Layer, LayeredRadiance
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.image.spectral_exr import read_parts
 from lensfield.engine.lens.readers.package import write_package
+from lensfield.engine.library import PRESCRIPTIONS
 from small_scenes import material, set_world, wall
 
 LENS = "tessar-50mm"
@@ -34,6 +36,19 @@ def blades(scene):
     dof.use_dof, dof.focus_distance, dof.aperture_fstop = True, 1.2, 8.0
     dof.aperture_blades, dof.aperture_rotation, scene.lensfield.iris_roundness = 6, radians(15), 0.25
     return dof
+
+
+def test_a_damaged_prescription_is_read_again_when_it_has_changed(scene, blades, tmp_path, monkeypatch):
+    """A preview asks many times a second."""
+    path, asked, shows = tmp_path / "own.toml", [], rings.iris_shows
+    monkeypatch.setattr(rings, "iris_shows", lambda *of: asked.append(of) or shows(*of))
+    path.write_text("title = ")
+    for _ in range(3):
+        with pytest.raises(InputError, match="own.toml"):
+            scene_iris(scene, str(path))
+    assert len(asked) == 1
+    path.write_bytes((PRESCRIPTIONS / f"{LENS}.toml").read_bytes())
+    assert scene_iris(scene, str(path)).blades == 6 and len(asked) == 2
 
 
 def test_the_cameras_blades_stop_a_lens_down_that_is_not_wide_open(scene, blades):
