@@ -61,6 +61,7 @@ class DeepPicture(Value):
         depth.ravel()[pixel] = self.depth[place[first]]
         return depth
 
+    @np.errstate(over="ignore", invalid="ignore")  # pixels that are not finite are told of where they are used
     def slabs(self, slab: np.ndarray, count: int) -> list[tuple[RgbPicture, np.ndarray, np.ndarray]]:
         """What slabs show, each by itself: picture, alpha and nearest depth (row, column), near to far.
 

@@ -36,6 +36,7 @@ def object_distance(told_mm: float) -> float:
     return np.inf if abs(told_mm) >= FAR_MM else told_mm
 
 
+@np.errstate(over="ignore")  # of a magnification of next to nothing: then it is not known
 def entrance_pupil(half_field_deg: float, height_mm: float, magnification: float, object_distance_mm: float,
                    efl_mm: float) -> tuple[float, str]:
     """Where the entrance pupil must lie for an object at the edge of the field to be seen at that angle.

@@ -128,3 +128,10 @@ def test_a_file_that_ends_too_early(tmp_path, kept):
     path.write_bytes(whole[:int(kept * len(whole))])
     with pytest.raises(ImageError, match="deep.exr: "):
         read_deep_exr(path)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 6e4])
+def test_samples_that_are_no_numbers_warn_of_nothing(tmp_path, value, recwarn):
+    picture = read_deep_exr(deep_exr(tmp_path / "deep.exr", [[[(value, 0, 0, 0.5, 1.0), (value, 1, 1, value, 2.0)]]]))
+    slabs_of(picture)
+    assert not recwarn.list

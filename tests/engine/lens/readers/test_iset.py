@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from lensfield.engine import Lens, LensError
+from lensfield.engine.lens.readers.assembly import PUPIL_UNKNOWN, entrance_pupil
 from lensfield.engine.lens.readers.iset import find_parameter_file, read_iset
 from lensfield.engine.lens.readers.text import number_table, read_text
 from vendor_files import (
@@ -226,3 +227,9 @@ def test_two_parameter_files_are_one_too_many(tmp_path, lens):
 def test_damage_is_harmless_or_a_lens_error(tmp_path, lens, file):
     path = iset_bundle(tmp_path, lens)
     check_that_damage_is_harmless(tmp_path / file, lambda: read_iset(path), count=70)
+
+
+@pytest.mark.parametrize("magnification", [-1e-308, 1e-320])
+def test_a_magnification_of_no_lens_leaves_the_pupil_unknown(magnification, recwarn):
+    assert entrance_pupil(30.0, np.float64(3e9), magnification, 100.0, 6.0) == (0.0, PUPIL_UNKNOWN)
+    assert not recwarn.list
