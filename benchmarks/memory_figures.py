@@ -3,11 +3,10 @@
     python benchmarks/memory_figures.py
 
 filters and renders some pictures, each in a process of its own, and prints a line for each: what the report predicts,
-what the system has counted, and the ratio of these.
+what the system (Linux) has counted, and the ratio of these.
 """
 
 import json
-import os
 import subprocess
 import sys
 import tempfile
@@ -19,7 +18,15 @@ from timing import machine
 from lensfield.engine import SpectralImage
 from lensfield.engine.image.spectral_exr import write_exr, write_rgb_exr
 
-COMMAND = [sys.executable, "-c", "from lensfield.cli import console; console()"]
+COMMAND = [sys.executable, "-c", """
+import os, sys
+from lensfield.cli import main
+status = main(sys.argv[1:])
+with open("/proc/self/status") as told, open("peak", "w") as peak:
+    peak.write(next(line.split()[1] for line in told if line.startswith("VmHWM:")))
+sys.stdout.flush()
+os._exit(status)"""]
+"""The command, and beside its report how many kB it has held at the most: what a parent is told has its own in it."""
 SCENE = Path(__file__).resolve().parents[1] / "sample_scenes" / "evening_chess.blend"
 LENS = ["--lens", "edmund-54852"]
 RENDER = ["render", str(SCENE), *LENS, "--samples", "1", "--tier", "preview"]
@@ -68,14 +75,11 @@ def measured(picture, more, folder):
         else:
             write_exr(picture, folder / "in.exr")
         command = ["filter", "in.exr", *LENS, *more, "--output", "o.exr"]
-    process = subprocess.Popen([*COMMAND, *command, "--report", "report.json"], cwd=folder,
-                               stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    _, status, usage = os.wait4(process.pid, 0)
-    if status:
-        sys.exit(f"{' '.join(command)} ended with {status}")
+    subprocess.run([*COMMAND, *command, "--report", "report.json"], cwd=folder, check=True, stdout=subprocess.DEVNULL,
+                   stderr=subprocess.DEVNULL)
     report = json.loads((folder / "report.json").read_text())
     told = max(report["plan"]["peak_mb"], report.get("capture_peak_mb", 0))
-    return told, usage.ru_maxrss * 1024 / MEGABYTE
+    return told, int((folder / "peak").read_text()) * 1024 / MEGABYTE
 
 
 if __name__ == "__main__":

@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 
 from full_disk import room_for
-from lensfield.addon.job import child, kept_passes, light
+from lensfield.addon.job import kept_passes, light
 from lensfield.addon.job.render import render_through_lens
 from lensfield.addon.job.session import write_session
+from lensfield.commands.child import Child
 from lensfield.engine import InputError
 from small_scenes import set_world
 from snapshot import differences, snapshot
@@ -70,7 +71,7 @@ def test_no_room_for_a_picture_leaves_none_of_its_name(scene, tmp_path, work):
 def test_a_child_is_heard_when_its_log_has_no_room(tmp_path, work):
     code = r"""print("x" * 100_000, flush=True); print('lensfield> {"told": ["all"]}'); raise SystemExit(3)"""
     with room_for(1_000):
-        heard = child.Child([sys.executable, "-c", code], tmp_path)
+        heard = Child([sys.executable, "-c", code], tmp_path)
         heard._process.wait(60)
         heard.end()
         assert heard.told["told"] == ["all"]
