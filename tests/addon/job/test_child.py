@@ -112,7 +112,7 @@ def started(tmp_path):
     return Child(child.render_command(child.save_copy(tmp_path), tmp_path / "picture.png"), tmp_path)
 
 
-def wait(until, seconds=60):
+def wait(until, seconds=300):
     deadline = time.monotonic() + seconds
     while not until():
         assert time.monotonic() < deadline
@@ -164,7 +164,7 @@ def test_a_child_ends_when_its_parent_is_no_more(coloured_scene, tmp_path):
     command = child.render_command(child.save_copy(tmp_path), tmp_path / "picture.png")[1:]
     parent = subprocess.run([sys.executable, "-c", LEAVE_IT, tmp_path, *command], capture_output=True, text=True)
     pid = int(parent.stdout.splitlines()[-1])
-    wait(lambda: not runs(pid), 5)
+    wait(lambda: not runs(pid), 60)
     assert not [path for path in (tmp_path / "out").glob("*")]
 
 

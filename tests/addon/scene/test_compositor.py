@@ -274,7 +274,7 @@ def test_a_blender_without_the_add_on_shows_the_same(scene, tmp_path):
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
     code = (f"import os, bpy; bpy.ops.wm.open_mainfile(filepath={str(tmp_path / 'scene.blend')!r}); "
             "bpy.ops.render.render(animation=True); os._exit(0)")
-    subprocess.run([sys.executable, "-c", code], check=True, env={**os.environ, "PYTHONPATH": ""}, timeout=60)
+    subprocess.run([sys.executable, "-c", code], check=True, env={**os.environ, "PYTHONPATH": ""}, timeout=300)
     assert [read_rgb(tmp_path / f"frame_{frame:04d}.exr")[0].mean() for frame in (1, 2, 3)] == [0, 10, 0]
 
 

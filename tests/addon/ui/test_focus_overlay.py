@@ -50,7 +50,7 @@ def on(scene):
     preview.end()
 
 
-def follow(seconds=90):
+def follow(seconds=300):
     deadline = time.monotonic() + seconds
     while preview.tick() is not None and (preview.state["preview"].asked or not preview.state["preview"].fresh):
         assert time.monotonic() < deadline

@@ -30,7 +30,7 @@ def plain(scene):
 
 def drawn(scene):
     """The panel, once its lens is baked."""
-    lens_worker.lens_request(scene).future.result(timeout=100)
+    lens_worker.lens_request(scene).future.result(timeout=300)
     layout = Layout()
     draw_settings(layout, scene)
     return layout
@@ -125,7 +125,7 @@ def test_many_samples_are_told_of_and_mended(plain):
 def settled(scene):
     """The plan's line once the thread has worked it out."""
     plan_text(scene)
-    plan_line._worker.submit(int).result(timeout=60)  # after what is being made
+    plan_line._worker.submit(int).result(timeout=300)  # after what is being made
     return plan_text(scene)
 
 

@@ -37,7 +37,7 @@ def on():
     return preview.state["preview"]
 
 
-def follow(seconds=60):
+def follow(seconds=300):
     """Tick until all is done and shown."""
     deadline = time.monotonic() + seconds
     while preview.tick() is not None and (on().asked or not on().fresh):

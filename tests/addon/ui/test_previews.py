@@ -50,9 +50,9 @@ def drawing(monkeypatch, tmp_path):
 def settle(scene):
     """Draw the panel until its lens and its sheet are there."""
     drawn(scene)
-    lens_worker.lens_request(scene).future.result(timeout=100)
+    lens_worker.lens_request(scene).future.result(timeout=300)
     drawn(scene)
-    sheets._worker.submit(int).result(timeout=100)
+    sheets._worker.submit(int).result(timeout=300)
 
 
 def paint(path, *colours, size=(90, 60), changed_ns=0):

@@ -129,7 +129,7 @@ def test_trusted_it_is_read(stranger):
     assert bpy.ops.lensfield.trust() == {"FINISHED"}
     assert not named_files() and not bpy.ops.lensfield.trust.poll()
     draw(scene)
-    assert lens_worker.lens_request(scene).future.result(timeout=100) is None
+    assert lens_worker.lens_request(scene).future.result(timeout=300) is None
     assert "lensfield.render" in draw(scene).shown and touches(stranger)
 
 
