@@ -144,7 +144,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(blend, tmp_path, capsys, monke
 
 
 @pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
-def test_a_render_can_be_stopped_and_leaves_nothing(blend, tmp_path, stop):
+def test_a_render_can_be_stopped_and_leaves_nothing_but_its_look_at_depth(blend, tmp_path, stop):
     """Amid a Cycles pass that would take minutes."""
     temporary = tmp_path / "temporary"
     temporary.mkdir()
@@ -162,8 +162,10 @@ def test_a_render_can_be_stopped_and_leaves_nothing(blend, tmp_path, stop):
         assert process.wait(timeout=120) == 130
     finally:
         process.kill()
-    assert process.stderr.read().strip() == "lensfield: cancelled"
-    assert not list(temporary.iterdir()) and not list((tmp_path / "out").iterdir())
+    kept = tmp_path / "out" / ".lensfield" / "Scene_0001_passes"
+    assert process.stderr.read().strip() == f"lensfield: cancelled; finished passes are kept in {kept}"
+    left = [path for path in (tmp_path / "out").rglob("*") if path.is_file()]
+    assert not list(temporary.iterdir()) and [path.parents[1] for path in left] == [kept]
 
 
 def test_blender_command_is_the_same_command(blend, tmp_path, monkeypatch):
