@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.signal import fftconvolve
+from scipy.fft import irfft, rfft
 
 from ..lens.curves import WHITE_NM, lateral_colour_um
 from ..lens.lens import Lens
@@ -53,6 +53,7 @@ def white_psfs(lens: Lens, heights: Sequence[int] | np.ndarray) -> np.ndarray:
     for height, own in zip(heights, moved.T, strict=True):
         shares = np.maximum(0, 1 - np.abs(steps[:, None] - own))  # of each wavelength, by how far it is moved outwards
         kernel = np.einsum("sn,nlc->lsc", shares, weights)
-        spread = fftconvolve(lens.psf[:, height, :, :, None].astype(np.float64), kernel[:, :, None, :], axes=1)
-        colours.append(spread.sum(axis=0))
+        psf, length = lens.psf[:, height].astype(np.float64), lens.psf.shape[2] + len(steps) - 1
+        spread = np.einsum("lvu,lvc->vuc", rfft(psf, length, axis=1), rfft(kernel, length, axis=1))
+        colours.append(irfft(spread, length, axis=0))
     return np.stack(colours)

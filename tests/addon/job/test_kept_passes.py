@@ -270,16 +270,17 @@ def test_a_frame_that_another_process_has_made_meanwhile_is_there(deep, tmp_path
     assert list(animation.earlier) == [1, 2] or list(animation.earlier) == [2, 1]
 
 
-def test_a_frame_that_was_left_and_is_not_made_is_made_at_the_end(deep, tmp_path):
-    animation, made = addon.Animation(deep, [1, 2], output_folder=tmp_path, **ASKED), []
+@pytest.mark.parametrize("wait, turns", [(False, [1, 2, 1]), (True, [1, 2, 1, 1])])
+def test_a_frame_that_was_left_and_is_not_made_is_made_at_the_end(deep, tmp_path, wait, turns):
+    animation, made = addon.Animation(deep, [1, 2], output_folder=tmp_path, wait=wait, **ASKED), []
     holder = another(Result.of(deep, tmp_path, 1).record)
     holder.__enter__()
     for frame in animation.turns:
         animation.render(frame)
         made.append(frame)
-        if frame == 2:
+        if len(made) == len(turns) - 1:
             holder.__exit__(None, None, None)
-    assert made == [1, 2, 1] and list(animation.results) == [2, 1] and not animation.elsewhere
+    assert made == turns and list(animation.results) == [2, 1] and not animation.elsewhere
 
 
 class another:
