@@ -40,7 +40,7 @@ def draw_settings(layout, scene):
     if named := named_files():
         draw_named_files(layout, named)
         if scene.lensfield.lens == FROM_FILE:
-            layout.prop(scene.lensfield, "found_lens", text="Or Take")
+            layout.prop(scene.lensfield, "found_lens", text="Other Lens")
         if state["render"]:
             _draw_under_way(layout, layout.row(align=True), state["render"])
         return

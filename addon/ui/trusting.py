@@ -3,6 +3,7 @@
 import bpy
 
 from ..job.named_files import named_files, trust_named_files
+from .window_render import redraw_panels
 from .wrapped import draw_wrapped
 
 MOST_SHOWN = 20
@@ -12,7 +13,7 @@ WORDS = {"lens": "Lens", "spectrum": "Spectrum", "output": "Pictures in"}
 def draw_named_files(layout, named):
     """Draw the paths that a .blend names, and the button by which they are read from then on."""
     column = layout.column(align=True)
-    draw_wrapped(column, "This file names others. Nothing is read or rendered until you trust them:", "ERROR")
+    draw_wrapped(column, "This file names other files. Nothing is read or rendered until you trust them:", "ERROR")
     for path, kind in list(named.items())[:MOST_SHOWN]:
         draw_wrapped(column, f"{WORDS[kind]}: {path}")
     if len(named) > MOST_SHOWN:
@@ -33,6 +34,7 @@ class LENSFIELD_OT_trust(bpy.types.Operator):
 
     def execute(self, context):
         trust_named_files()
+        redraw_panels()  # others than the one that was clicked in, too
         return {"FINISHED"}
 
 

@@ -124,6 +124,18 @@ def lens_request():
     return sys.modules[f"{MODULE}.addon.ui.lens_worker"].lens_request(bpy.context.scene)
 
 
+def trust():
+    return sys.modules[f"{MODULE}.addon.scene.trust"]
+
+
+def drawn(part):
+    """Kinds of areas whose panels draw a part of the Lensfield panel from now on: a set that grows."""
+    panels, kinds = sys.modules[f"{MODULE}.addon.ui.panels"], set()
+    draw = getattr(panels, part)
+    setattr(panels, part, lambda *given: (kinds.add(bpy.context.area.type), draw(*given)))
+    return kinds
+
+
 def raise_vase():
     bpy.data.objects["Vase"].location.z += 0.02
 

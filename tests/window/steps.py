@@ -19,6 +19,7 @@ from hands import (
     child,
     choose_petzval,
     close_other_windows,
+    drawn,
     in_a_pass,
     lens_image_path,
     lens_request,
@@ -42,6 +43,7 @@ from hands import (
     start,
     start_endless,
     tell,
+    trust,
     turn,
     until,
 )
@@ -367,6 +369,29 @@ def moved_folder():
     yield from show_tab()
     shoot("deleted")
     assert alike((yield from render_in_blender()), plain) and "is not there" in node_label()
+
+
+def stranger():
+    """A file names a lens elsewhere: all panels show its path; trusted in one, it is the lens in all, and renders."""
+    yield from open_sample()
+    settings = bpy.context.scene.lensfield
+    shutil.copy(Path(sys.modules[MODULE].__file__).parent / "engine" / "library" / "edmund-54852.npz", FOLDER / "l.npz")
+    settings.lens, settings.lens_file = "FILE", str(FOLDER / "l.npz")
+    bpy.ops.wm.save_mainfile()
+    trust().forget_trust()
+    asked, shown = drawn("draw_named_files"), drawn("_draw_lens")
+    bpy.ops.wm.revert_mainfile()
+    yield from until(lambda: asked == {"PROPERTIES", "VIEW_3D"}, 20)
+    yield DRAW_S
+    shoot("asked")
+    assert not shown
+    with over():
+        assert bpy.ops.lensfield.trust("INVOKE_DEFAULT") == {"FINISHED"}
+    yield from until(lambda: shown == {"PROPERTIES", "VIEW_3D"}, 5)
+    yield from until(lambda: lens_request().lens)
+    yield DRAW_S
+    shoot("trusted")
+    assert (yield from render()).mean() > 1e-3
 
 
 def quit():
