@@ -139,5 +139,5 @@ def passes_left(scene, folder):
     """What is kept of frames that are not there: list of lines."""
     folders = sorted(hidden_folder(folder).glob(f"{bpy.path.clean_name(scene.name)}_*_passes"))
     counts = {kept: len(list(kept.glob("*/[!.]*.exr"))) for kept in folders}
-    return [f"{count} finished pass{'es are' if count > 1 else ' is'} kept in {kept}: a render goes on from there"
-            for kept, count in counts.items() if count]
+    return [f"{count} finished pass{'es are' if count > 1 else ' is'} kept in {kept}: a render goes on from there, "
+            "unless the file changes" for kept, count in counts.items() if count]

@@ -186,7 +186,7 @@ def test_what_was_kept_is_told(deep, tmp_path):
     stopped(deep, tmp_path / "one", 6)
     folder, = {path.parents[1] for path in passes(tmp_path / "one")}
     assert kept_passes.passes_left(deep, tmp_path / "one") == [
-        f"3 finished passes are kept in {folder}: a render goes on from there"]
+        f"3 finished passes are kept in {folder}: a render goes on from there, unless the file changes"]
     result = run(render_steps(deep, job_in(deep, tmp_path / "one")))
     assert [line for line in result.told if "passes were there from before" in line]
     assert not kept_passes.passes_left(deep, tmp_path / "one") and not (tmp_path / "one" / ".lensfield").exists()
