@@ -75,7 +75,7 @@ def _spectral(path, options, lens):
         if (value := getattr(options, name)) is not None:
             raise ImageError(path, f"--{name.replace('_', '-')}", value,
                              "leave it out: it is for RGB files, and this one is spectral")
-    radiance, planes, layered = read_with_layers(path, options.pitch_um)
+    radiance, planes, layered = read_with_layers(path, options.pitch_um, options.output.parent)
     if options.depth == OFF:
         return Seen(radiance)
     seen = _with_depth(Seen(radiance), [({}, planes)], options, lens)
@@ -120,7 +120,7 @@ def _upsampled(picture, options, lens):
 
     pitch_um = _pitch_um(options, lens, picture.frame_px)
     wavelengths_nm = parse_wavelengths(options.wavelengths or RGB_WAVELENGTHS)
-    radiance, negative = upsample(picture, wavelengths_nm, pitch_um)
+    radiance, negative = upsample(picture, wavelengths_nm, pitch_um, options.output.parent)
     across, down = (field_of_view_deg(lens.capture_focal_length_mm, n * pitch_um * 1e-3)
                     for n in picture.frame_px[::-1])
     return radiance, Upsampling(picture.layer or "RGB", (across, down), wavelengths_nm.tolist(), negative)

@@ -67,21 +67,25 @@ def _free_in_groups() -> Iterator[int]:
         for line in (PROC / "self/cgroup").read_text().splitlines():
             _, kinds, place = line.split(":", 2)
             if kinds == "":
-                yield from _free_up_to(CONTROL_GROUPS, place, "memory.max", "memory.current", "inactive_file")
+                yield from _free_up_to(CONTROL_GROUPS, place, "memory.max", "memory.current", "")
             elif "memory" in kinds.split(","):
                 yield from _free_up_to(CONTROL_GROUPS / "memory", place, "memory.limit_in_bytes",
-                                       "memory.usage_in_bytes", "total_inactive_file")
+                                       "memory.usage_in_bytes", "total_")
 
 
-def _free_up_to(root, place, limit, used, reclaimable):
-    """Free bytes of the group at a place below `root`, and of each above it, as far as they are limited."""
+def _free_up_to(root, place, limit, used, all_of):
+    """Free bytes of the group at a place below `root`, and of each above it, as far as they are limited.
+
+    Pages of files count as free, as the system takes them back.
+    """
     folder = root / place.lstrip("/")
     for group in (folder, *folder.parents):
         with suppress(OSError, ValueError):  # a group that is not limited says "max"; of others' no file is seen
             most = int((group / limit).read_text())
             stat = dict(line.split() for line in (group / "memory.stat").read_text().splitlines())
             if most < NO_LIMIT:
-                yield most - int((group / used).read_text()) + int(stat.get(reclaimable, 0))
+                files = sum(int(stat.get(f"{all_of}{kind}_file", 0)) for kind in ("inactive", "active"))
+                yield most - int((group / used).read_text()) + files
         if group == root:
             break
 

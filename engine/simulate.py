@@ -18,6 +18,7 @@ from .kept import Kept
 from .lens import Lens
 from .plan.options import Options
 from .report import DistortionFit, Energy, IlluminationFit, LensImageFacts, Report, WavelengthFacts
+from .scratch import beside
 
 BY_RESULT = Options()
 
@@ -63,7 +64,7 @@ def simulate(radiance: SpectralImage | LayeredRadiance, lens: Lens, options: Opt
     with report.stage("plan"):
         plan = kept.plan(options, lens, radiance)
     shape = (radiance.wavelengths_nm.size, *radiance.frame_px)
-    irradiance = np.empty(shape, np.float32) if out is None else out
+    irradiance = beside(radiance.cube, shape) if out is None else out
     if irradiance.shape != shape or irradiance.dtype != np.float32:
         raise ImageError("out", "array", f"{irradiance.dtype} of {irradiance.shape}", f"expected float32 of {shape}")
     fine, tally = plan.supersampling, _Tally(radiance, plan.supersampling)

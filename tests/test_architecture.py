@@ -13,7 +13,7 @@ from places import ROOT
 ENGINE_LIBRARIES = {"numpy", "scipy", "OpenEXR", "PIL", "yaml", "matplotlib"}
 
 FOUNDATION = {"engine.cache", "engine.errors", "engine.files", "engine.kernels", "engine.locks", "engine.memory",
-              "engine.threads", "engine.values"}
+              "engine.scratch", "engine.threads", "engine.values"}
 FLOORS = {
     # the engine's foundation, which all of it may use
     "engine.cache": {"engine.errors", "engine.files"},
@@ -22,6 +22,7 @@ FLOORS = {
     "engine.kernels": {"engine.errors"},
     "engine.locks": {"engine.errors", "engine.files"},
     "engine.memory": {"engine.errors"},
+    "engine.scratch": {"engine.errors", "engine.files", "engine.memory"},
     "engine.threads": set(),
     "engine.values": set(),
     # the engine, from the bottom: every room uses those below alone

@@ -7,6 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import ImageError, InputError
+from ..files import AnyPath
+from ..scratch import let_go, new_array
 from ..spectral.colour import light_basis
 from ..spectral.spectra import BAND_NM
 from ..values import Value
@@ -167,7 +169,8 @@ def windows_of(header: dict) -> tuple[tuple[int, ...], ...]:
                  (data[0] - display[0], data[1] + 1 - display[0], display[1] + 1 - display[0]))
 
 
-def upsample(picture: RgbPicture, wavelengths_nm: ArrayLike, pitch_um: float) -> tuple[SpectralImage, float]:
+def upsample(picture: RgbPicture, wavelengths_nm: ArrayLike, pitch_um: float,
+             scratch: AnyPath | None = None) -> tuple[SpectralImage, float]:
     """Spectral radiance of a picture, every colour taken for a light (`light_basis`).
 
     No light is negative: where a colour outside Rec. 709 comes out so at a wavelength, it is black there.
@@ -178,6 +181,8 @@ def upsample(picture: RgbPicture, wavelengths_nm: ArrayLike, pitch_um: float) ->
     wavelengths_nm : ascending sequence of float
     pitch_um : float
         Pixel pitch at the sensor; see `pitch`.
+    scratch : path, optional
+        Folder for a file that the planes lie in where they would take too much memory.
 
     Returns
     -------
@@ -195,7 +200,7 @@ def upsample(picture: RgbPicture, wavelengths_nm: ArrayLike, pitch_um: float) ->
         if not BAND_NM[0] <= nm <= BAND_NM[1]:
             raise InputError("options", "wavelength", f"{nm:g} nm",
                              "colours reach from {:g} to {:g} nm".format(*BAND_NM))
-    cube = np.empty((len(wavelengths_nm), *picture.rec709.shape[:2]), dtype=np.float32)
+    cube = new_array((len(wavelengths_nm), *picture.rec709.shape[:2]), scratch)
     lost = kept = 0.0
     with np.errstate(invalid="ignore", over="ignore"):
         for plane, shares in zip(cube, light_basis(wavelengths_nm).astype(np.float32), strict=True):
@@ -204,5 +209,6 @@ def upsample(picture: RgbPicture, wavelengths_nm: ArrayLike, pitch_um: float) ->
             lost -= plane[negative].sum(dtype=np.float64)
             plane[negative] = 0
             kept += plane.sum(dtype=np.float64, where=np.isfinite(plane))
+    let_go(cube)
     image = SpectralImage(cube, wavelengths_nm, pitch_um=pitch_um, overscan_px=picture.overscan_px)
     return image, lost / kept if kept else 0.0

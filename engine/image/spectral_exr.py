@@ -9,15 +9,17 @@ import math
 import os
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import OpenEXR
 
 from ..errors import ImageError, absence, printable
-from ..files import MARK, atomic_path
+from ..files import MARK, AnyPath, atomic_path
 from ..memory import check_room
+from ..scratch import is_large, let_go, new_array
 from ..threads import thread_count
 from .depth_range import BACKGROUND_MM
 from .layers import Layer, LayeredRadiance
@@ -38,6 +40,8 @@ FIRST_PART, LAYER_PART = "radiance", "layer."
 SAMPLE_BYTES, DEEP_BYTES = 4, 128  # of a pixel's channel, as a number or as an array of its own
 EMPTY_PX, MOST_EMPTY = 2**25, 64  # a display window of more pixels may not be as many times as large as its data
 M_TO_MM = 1e3
+TYPES = {"HALF": np.float16, "FLOAT": np.float32, "UINT": np.uint32}
+BLOCK_ROWS = 64  # read at once: a multiple of what the chunks of most compressions hold
 
 
 def channel_name(wavelength_nm: float) -> str:
@@ -193,9 +197,17 @@ def read_with_planes(path: str | os.PathLike,
     return _first_image(read_parts(path), path, pitch_um)
 
 
-def read_with_layers(path: str | os.PathLike, pitch_um: float | None = None
+def read_with_layers(path: str | os.PathLike, pitch_um: float | None = None, scratch: AnyPath | None = None
                      ) -> tuple[SpectralImage, dict[str, np.ndarray], LayeredRadiance | None]:
-    """What `read_with_planes` gives, and the layers that the picture is seen in; None where there are none."""
+    """What `read_with_planes` gives, and the layers that the picture is seen in; None where there are none.
+
+    Where `scratch` names a folder, spectral planes that would take too much memory lie in a file there.
+    """
+    if scratch is not None and _may_stream(headers := read_parts(path, header_only=True)):
+        header = headers[0][0]
+        image, planes = _first_image([(header, dict.fromkeys(header["channel names"]))], path, pitch_um,
+                                     partial(_read_by_blocks, path, header, scratch))
+        return image, planes, None
     parts = read_parts(path)
     image, planes = _first_image(parts, path, pitch_um)
     return image, planes, _layered(image, parts, path)
@@ -204,6 +216,39 @@ def read_with_layers(path: str | os.PathLike, pitch_um: float | None = None
 def read_layers(path: str | os.PathLike) -> LayeredRadiance | None:
     """The layers of radiance in a file; None where there are none."""
     return read_with_layers(path)[2]
+
+
+def _may_stream(parts):
+    """Whether a file is one picture that is large in memory, by its headers."""
+    (header, _), *others = parts
+    (left, top), (right, bottom) = np.array(header["dataWindow"], dtype=int).tolist()
+    return (not others and header["type"] in (OpenEXR.scanlineimage, OpenEXR.tiledimage)
+            and is_large((len(header["channel names"]), bottom - top + 1, right - left + 1)))
+
+
+def _read_by_blocks(path, header, scratch, channels, names):
+    """The cube of some channels, in a folder for scratch files, by blocks of rows: so that of these no more is in
+    memory. The other channels are; all become the planes of what they are."""
+    (left, top), (right, bottom) = np.array(header["dataWindow"], dtype=int).tolist()
+    rows, columns = bottom - top + 1, right - left + 1
+    others = [name for name in channels if name not in names]
+    _check_size(path, [header | {"channel names": others}], 2 * BLOCK_ROWS * columns * len(channels) * SAMPLE_BYTES)
+    cube = new_array((len(names), rows, columns), scratch)
+    try:
+        with exr_threads(), closing(OpenEXR.InputFile(str(path))) as file:
+            types = {printable(name): (name, TYPES[str(kind.type)]) for name, kind in file.header()["channels"].items()}
+            channels |= zip(names, cube, strict=True)
+            channels |= {name: np.empty((rows, columns), types[name][1]) for name in others}
+            for first in range(0, rows, BLOCK_ROWS):
+                last = min(first + BLOCK_ROWS, rows)
+                block = file.channels([types[name][0] for name in channels], scanLine1=top + first,
+                                      scanLine2=top + last - 1)
+                for (name, plane), found in zip(channels.items(), block, strict=True):
+                    plane[first:last] = np.frombuffer(found, types[name][1]).reshape(last - first, columns)
+    except (OSError, RuntimeError, ValueError, TypeError, KeyError) as error:
+        raise ImageError(path, "file", "not readable", f"expected an EXR picture ({error})") from None
+    let_go(cube)
+    return cube
 
 
 def _layered(image, parts, path):
@@ -238,7 +283,8 @@ def _layer(header, channels, wavelengths_nm, overscan_px, path):
                  (int(top + overscan_px[0]), int(left + overscan_px[1])))
 
 
-def _first_image(parts, path, pitch_um):
+def _first_image(parts, path, pitch_um, stacked=None):
+    """The first part's spectral image, of the cube that `stacked` makes of channels by their names, and its planes."""
     header, channels = parts[0]
     names = sorted(((wavelength, name) for name in channels
                     if (wavelength := channel_wavelength_nm(name)) is not None), key=lambda plane: plane[0])
@@ -251,7 +297,7 @@ def _first_image(parts, path, pitch_um):
         raise ImageError(path, "lensfield:pitchUm", "missing", "give the pixel pitch at the sensor in micrometres")
     wavelengths, names = zip(*names, strict=True)
     try:
-        image = SpectralImage(_stacked(channels, names), wavelengths, pitch_um=pitch_um, **_placement(header),
+        image = SpectralImage((stacked or _stacked)(channels, names), wavelengths, pitch_um=pitch_um, **_placement(header),
                               quantity=header.get("lensfield:quantity", RADIANCE), projection=_projection(header),
                               lens_name=header.get("lensfield:lens", ""),
                               f_number_effective=_number(header, "lensfield:fNumberEffective"),
@@ -322,9 +368,9 @@ def _plain(header):
             for name, value in header.items()}
 
 
-def _check_size(path, headers):
-    """Raise an ImageError for a file whose windows ask for more than it can hold, or the machine has."""
-    needed = 0
+def _check_size(path, headers, beside_bytes=0):
+    """Raise an ImageError for a file whose windows ask for more than it can hold, or the machine has beside so much."""
+    needed = beside_bytes
     for header in headers:
         data, frame = (math.prod(int(last) - int(first) + 1 for first, last in zip(*header[window], strict=True))
                        for window in ("dataWindow", "displayWindow"))

@@ -10,6 +10,7 @@ from .. import kernels
 from ..blur.method import Workload
 from ..image.spectral_image import SpectralImage
 from ..memory import check_room, taken_bytes
+from ..scratch import in_file
 from ..threads import thread_count
 from .plan import Plan
 
@@ -126,13 +127,14 @@ def memory_mb(work: Workload, plan: Plan) -> float:
 
 def in_process(plan: Plan, radiance: SpectralImage) -> Plan:
     """A plan with the most memory that this process will hold by it: what it holds by now, the irradiance, and what
-    filtering takes.
+    filtering takes. The irradiance of radiance that lies in a file will lie in one, too.
 
     Raises
     ------
     ImageError
         There is not as much.
     """
-    to_come = plan.memory_mb * MEGABYTE + PIXEL_BYTES * radiance.wavelengths_nm.size * np.prod(radiance.frame_px)
+    planes = 0 if in_file(radiance.cube) else radiance.wavelengths_nm.size
+    to_come = plan.memory_mb * MEGABYTE + PIXEL_BYTES * planes * np.prod(radiance.frame_px)
     check_room("image", to_come, "give a smaller picture, larger pixels, a lower accuracy or fewer azimuths")
     return replace(plan, peak_mb=(taken_bytes() + to_come) / MEGABYTE)

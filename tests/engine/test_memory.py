@@ -26,12 +26,12 @@ def machine(tmp_path, monkeypatch):
     return lay_out
 
 
-def group(folder, limit, used, inactive, version=2):
+def group(folder, limit, used, inactive, version=2, active=0):
     """The files of a control group."""
-    names = ("memory.max", "memory.current", "inactive_file") if version == 2 else (
-        "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
+    names = ("memory.max", "memory.current", "") if version == 2 else (
+        "memory.limit_in_bytes", "memory.usage_in_bytes", "total_")
     return {f"{folder}/{names[0]}": f"{limit}\n", f"{folder}/{names[1]}": f"{used}\n",
-            f"{folder}/memory.stat": f"anon 7\n{names[2]} {inactive}\n"}
+            f"{folder}/memory.stat": f"anon 7\n{names[2]}inactive_file {inactive}\n{names[2]}active_file {active}\n"}
 
 
 def test_without_limits_it_is_what_the_machine_has(machine):
@@ -42,6 +42,11 @@ def test_without_limits_it_is_what_the_machine_has(machine):
 
 def test_a_group_leaves_its_limit_less_what_is_used_and_cannot_be_given_back(machine):
     assert machine({"proc/self/cgroup": "0::/job/1\n"} | group("cgroup/job/1", 4 * GB, 3 * GB, GB // 2)) == 1.5 * GB
+
+
+def test_pages_of_files_that_were_used_again_are_given_back_too(machine):
+    files = group("cgroup/job", 4 * GB, 3 * GB, GB, active=GB)
+    assert machine({"proc/self/cgroup": "0::/job\n"} | files) == 3 * GB
 
 
 def test_a_group_above_counts_too(machine):

@@ -1,0 +1,94 @@
+"""Arrays that would take too much memory: in files without names, of which the system holds in memory what it likes.
+
+Such a file goes with its array, and with the process, however that ends.
+"""
+
+import math
+import mmap
+import os
+import tempfile
+
+import numpy as np
+
+from .errors import InputError
+from .files import AnyPath
+from .memory import available_bytes
+
+MOST = 0.25  # of the memory that is free, that one picture may take
+SAMPLE_BYTES, WRITE_BYTES = 4, 1 << 20
+
+
+class _Mapped(mmap.mmap):
+    folder: AnyPath
+
+
+def is_large(shape: tuple[int, ...]) -> bool:
+    """Whether a float32 array takes so much of the memory that is free, that it had better lie in a file."""
+    return SAMPLE_BYTES * math.prod(shape) > MOST * available_bytes()
+
+
+def new_array(shape: tuple[int, ...], folder: AnyPath | None) -> np.ndarray:
+    """A float32 array of no particular values: in memory; or, where it is large, in a file in a folder.
+
+    Parameters
+    ----------
+    shape : tuple of int
+    folder : path, optional
+        None for memory, however large it is.
+
+    Raises
+    ------
+    InputError
+        The folder takes no file of that size.
+    """
+    return np.empty(shape, np.float32) if folder is None or not is_large(shape) else _in_file(shape, folder)
+
+
+def beside(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """A new float32 array where another one lies: in memory, or in a file in the same folder."""
+    mapped = _mapped(array)
+    return np.empty(shape, np.float32) if mapped is None else _in_file(shape, mapped.folder)
+
+
+def in_file(array: np.ndarray) -> bool:
+    """Whether an array lies in a file, and takes no memory but what is to spare."""
+    return _mapped(array) is not None
+
+
+def let_go(array: np.ndarray) -> None:
+    """Have the process hold none of an array that lies in a file, until it is used again."""
+    mapped = _mapped(array)
+    if mapped is not None and hasattr(mmap, "MADV_DONTNEED"):
+        mapped.madvise(mmap.MADV_DONTNEED)
+
+
+def _in_file(shape, folder):
+    size_bytes = SAMPLE_BYTES * math.prod(shape)
+    try:
+        with tempfile.TemporaryFile(dir=folder) as file:
+            _reserve(file, size_bytes)
+            mapped = _Mapped(file.fileno(), size_bytes)
+    except (OSError, OverflowError) as error:
+        raise InputError(folder, "scratch file", f"not to be made of {size_bytes / 1e9:.3g} GB",
+                         getattr(error, "strerror", None) or str(error)) from None
+    mapped.folder = folder
+    return np.frombuffer(mapped, np.float32).reshape(shape)
+
+
+def _reserve(file, size_bytes):
+    """Take the room on the disk at once: where a mapped file finds none later, the process dies."""
+    if hasattr(os, "posix_fallocate"):
+        os.posix_fallocate(file.fileno(), 0, size_bytes)
+        return
+    for written in range(0, size_bytes, WRITE_BYTES):
+        file.write(bytes(min(WRITE_BYTES, size_bytes - written)))
+    file.flush()
+
+
+def _mapped(array):
+    """The file that an array or what it is a part of lies in; None for memory."""
+    while isinstance(array, np.ndarray):
+        array = array.base
+    if isinstance(array, memoryview):
+        array = array.obj
+    return array if isinstance(array, _Mapped) else None
