@@ -105,7 +105,7 @@ def _steps(path, lens, output_folder, options, view, rings, iris, quality, depth
     for file in (file for file in result.files if file != path):
         check_target(file)
     with result.report.stage("read radiance"):
-        captured = yield Work(lambda tell: _read(path, depth), "Reading radiance", 0.0)
+        captured = yield Work(lambda tell: _read(path, depth, result.irradiance.parent), "Reading radiance", 0.0)
     words = ()
     if not isinstance(lens, Lens):
         iris = iris if iris_shows(lens, rings) else None
@@ -123,8 +123,8 @@ def _steps(path, lens, output_folder, options, view, rings, iris, quality, depth
     return result
 
 
-def _read(path, depth):
-    radiance, planes, layers = read_with_layers(path)
+def _read(path, depth, folder):
+    radiance, planes, layers = read_with_layers(path, scratch=folder)
     if radiance.focal_mm is None or "Z" not in planes:
         raise ImageError(path, "lensfield:focalMm", "missing", "it is of an older Lensfield: render again")
     return Captured(radiance, planes["Z"], planes.get("A"), planes.get(REGION),

@@ -236,7 +236,8 @@ def _read_by_blocks(path, header, scratch, channels, names):
     cube = new_array((len(names), rows, columns), scratch)
     try:
         with exr_threads(), closing(OpenEXR.InputFile(str(path))) as file:
-            types = {printable(name): (name, TYPES[str(kind.type)]) for name, kind in file.header()["channels"].items()}
+            types = {printable(name): (name, TYPES[str(channel.type)])
+                     for name, channel in file.header()["channels"].items()}
             channels |= zip(names, cube, strict=True)
             channels |= {name: np.empty((rows, columns), types[name][1]) for name in others}
             for first in range(0, rows, BLOCK_ROWS):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lensfield import addon
-from lensfield.engine import ImageError, InputError, Lens
+from lensfield.engine import ImageError, InputError, Lens, scratch
 from lensfield.engine.bake.rings import Rings
 from lensfield.engine.image.pixel_grid import FISHEYE
 from lensfield.engine.image.spectral_exr import read_exr, read_parts, read_with_planes, write_exr
@@ -88,6 +88,16 @@ def test_the_lens_of_the_render_gives_the_same_files_again(window, tmp_path):
             assert planes.keys() == others.keys()
             assert all(np.array_equal(planes[name], others[name]) for name in planes)
     assert kept.after.read_bytes() == applied.after.read_bytes()
+
+
+def test_a_picture_that_memory_is_not_for_gives_the_same_files(window, tmp_path, monkeypatch):
+    kept, made, in_file = rendered(window, tmp_path, "edmund-54852", depth="off"), [], scratch._in_file
+    monkeypatch.setattr(scratch, "_in_file", lambda shape, folder: made.append(folder) or in_file(shape, folder))
+    monkeypatch.setattr(scratch, "available_bytes", lambda: 0)
+    applied = addon.apply_lens(kept.radiance, "edmund-54852", tmp_path / "applied", depth="off")
+    assert made == [tmp_path / "applied"] * 2  # radiance and irradiance
+    for first, second in zip(kept.files, applied.files, strict=True):
+        assert first.suffix == ".json" or first.read_bytes() == second.read_bytes()  # reports tell seconds
 
 
 def test_a_kept_field_of_view_is_told_for_what_it_is(window, tmp_path):
