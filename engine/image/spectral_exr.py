@@ -284,7 +284,16 @@ def _layer(header, channels, wavelengths_nm, overscan_px, path):
                  (int(top + overscan_px[0]), int(left + overscan_px[1])))
 
 
-def _first_image(parts, path, pitch_um, stacked=None):
+def _stacked(channels, names):
+    """A cube of channels, which become its planes: so that each is in memory once."""
+    cube = np.empty((len(names), *channels[names[0]].shape), np.float32)
+    for plane, name in zip(cube, names, strict=True):
+        plane[:] = channels[name]
+        channels[name] = plane
+    return cube
+
+
+def _first_image(parts, path, pitch_um, stacked=_stacked):
     """The first part's spectral image, of the cube that `stacked` makes of channels by their names, and its planes."""
     header, channels = parts[0]
     names = sorted(((wavelength, name) for name in channels
@@ -298,7 +307,7 @@ def _first_image(parts, path, pitch_um, stacked=None):
         raise ImageError(path, "lensfield:pitchUm", "missing", "give the pixel pitch at the sensor in micrometres")
     wavelengths, names = zip(*names, strict=True)
     try:
-        image = SpectralImage((stacked or _stacked)(channels, names), wavelengths, pitch_um=pitch_um, **_placement(header),
+        image = SpectralImage(stacked(channels, names), wavelengths, pitch_um=pitch_um, **_placement(header),
                               quantity=header.get("lensfield:quantity", RADIANCE), projection=_projection(header),
                               lens_name=header.get("lensfield:lens", ""),
                               f_number_effective=_number(header, "lensfield:fNumberEffective"),
@@ -309,15 +318,6 @@ def _first_image(parts, path, pitch_um, stacked=None):
     except (TypeError, ValueError) as error:
         raise ImageError(path, "attributes", "damaged", str(error)) from None
     return image, channels
-
-
-def _stacked(channels, names):
-    """A cube of channels, which become its planes: so that each is in memory once."""
-    cube = np.empty((len(names), *channels[names[0]].shape), np.float32)
-    for plane, name in zip(cube, names, strict=True):
-        plane[:] = channels[name]
-        channels[name] = plane
-    return cube
 
 
 def read_parts(path: str | os.PathLike, header_only: bool = False) -> list[tuple[dict, dict]]:
