@@ -11,7 +11,6 @@ from ..engine import ImageError, InputError, Kept, Report, simulate
 from ..engine.depth.slabs import plan_slabs
 from ..engine.depth.told import DEPTH_KINDS
 from ..engine.field.overscan import overscan_px
-from ..engine.files import stamp_of
 from ..engine.image.depth_range import AUTO, OFF
 from ..engine.locks import Busy, only_maker
 from ..engine.report import FIGURE, FileFacts, together
@@ -26,7 +25,7 @@ from .arguments import (
     engine_options,
     shown_iris,
 )
-from .made import forget_made, is_there, made_by, note_made
+from .made import forget_made, is_there, made_by, note_made, when_noted
 from .outcome import finish
 from .reading import read_picture
 from .sequence import find_shots
@@ -89,17 +88,17 @@ def _filter(options):
 def _filter_sequence(options, lens, chosen, shots):
     """Filter the frames that are not there yet and that no other process is at; the report of all."""
     by, first, reports = made_by(options, lens, chosen), shots[0], {}
+    noted = {shot: when_noted(shot) for shot in shots}  # before it is looked whether that is whole
     pending = [shot for shot in shots if options.overwrite or not is_there(shot, first, by)]
     if len(pending) < len(shots):
         print(f"{len(shots) - len(pending)} of {len(shots)} frames are there already: {len(pending)} to filter",
               flush=True)
-    stamps = {shot: stamp_of(shot.output) for shot in pending}
     run = _Run(options, lens, chosen, first, len(pending))
 
     def is_left(shot):
         try:
             with only_maker(shot.output):
-                if stamp_of(shot.output) == stamps[shot] or not is_there(shot, first, by):
+                if when_noted(shot) == noted[shot] or not is_there(shot, first, by):
                     forget_made(shot)
                     reports[shot.frame] = run.put_through(shot)
                     note_made(shot, first, by)

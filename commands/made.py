@@ -5,7 +5,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from ..engine.cache import code_version
-from ..engine.files import atomic_path, hidden_folder, make_folder
+from ..engine.files import atomic_path, hidden_folder, make_folder, stamp_of
 from ..engine.image.whole import has_header
 from ..engine.values import plain
 from .sequence import Shot
@@ -36,6 +36,11 @@ def note_made(shot, first, by):
     make_folder(_record(shot).parent)
     with atomic_path(_record(shot), own=True) as temporary:
         temporary.write_text(json.dumps(_facts(shot, first, by)) + "\n", encoding="utf-8")
+
+
+def when_noted(shot):
+    """What is another one as soon as the frame is made again; None where it never was."""
+    return stamp_of(_record(shot))
 
 
 def forget_made(shot):
