@@ -24,7 +24,8 @@ def blend(tmp_path_factory):
     """A .blend whose path wants care."""
     path = tmp_path_factory.mktemp("größe 'q\" $x") / "ein ende.blend"
     subprocess.run([sys.executable, "-c", SAVE, path], check=True, capture_output=True,
-                   env=os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT / "tests" / "reliability"), *sys.path])})
+                   env=os.environ | {"PYTHONPATH": os.pathsep.join(
+                       [str(ROOT / "tests" / "reliability"), *filter(None, [os.environ.get("PYTHONPATH")])])})
     return path
 
 

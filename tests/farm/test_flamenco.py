@@ -1,6 +1,7 @@
 """Flamenco's job type: its script in Node, and its tasks as a worker runs them."""
 
 import json
+import shlex
 import shutil
 import signal
 import subprocess
@@ -11,7 +12,7 @@ from kill import differing
 
 from lensfield.cli import main
 from places import ROOT
-from small_farm import passes, renders, wait
+from small_farm import LENSFIELD, passes, renders, wait
 
 SCRIPT = ROOT / "addon" / "ui" / "lensfield_render.js"
 MANAGER = r"""
@@ -112,8 +113,7 @@ def test_settings_are_those_that_flamenco_knows():
 def test_a_task_whose_worker_is_killed_loses_nothing_and_leaves_nothing(blend, serial, tmp_path):
     """The worker reads what Blender tells, and gives it nothing to read."""
     blender, folder = tmp_path / "blender", tmp_path / "ö out"
-    blender.write_text(f"#!{sys.executable}\nimport sys\ndel sys.argv[1:4]\nfrom lensfield.cli import console\n"
-                       "console()\n")
+    blender.write_text(f"#!/bin/sh\nshift 3\nexec {shlex.join(LENSFIELD)} \"$@\"\n")
     blender.chmod(0o755)
     task, = compiled(frames="1-2", chunk_size=2, output_folder=str(folder), blendfile=str(blend))
     parameters = task["commands"][0]["parameters"]

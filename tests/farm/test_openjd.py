@@ -1,5 +1,6 @@
 """The job of Open Job Description, by its own command."""
 
+import shlex
 import signal
 import subprocess
 import sys
@@ -10,7 +11,7 @@ import yaml
 from kill import differing
 
 from lensfield.cli import main
-from small_farm import ASKED, passes, renders, wait
+from small_farm import ASKED, LENSFIELD, passes, renders, wait
 
 pytest.importorskip("openjd.cli", reason="openjd-cli is not installed: make test-farm")
 OPENJD = Path(sys.executable).with_name("openjd")
@@ -21,7 +22,7 @@ def on_path(tmp_path, monkeypatch):
     """The `lensfield` command, as it is installed on a farm's machines."""
     command = tmp_path / "bin" / "lensfield"
     command.parent.mkdir()
-    command.write_text(f"#!{sys.executable}\nfrom lensfield.cli import console\nconsole()\n")
+    command.write_text(f"#!/bin/sh\nexec {shlex.join(LENSFIELD)} \"$@\"\n")
     command.chmod(0o755)
     monkeypatch.setenv("PATH", str(command.parent), prepend=":")
 
