@@ -37,7 +37,7 @@ from test_architecture import FLOORS, FOUNDATION, MODULES  # noqa: E402
 
 LENS = "edmund-54852"
 RENDERED_NM = (405, 435, 450, 480, 510, 540, 565, 580, 595, 610, 630, 680)  # of the sample scene, by Check Scene
-WIDTH, HEIGHT, DPI = 1240, 1694, 100
+WIDTH, HEIGHT, DPI = 1240, 1730, 100
 SHARPNESS, COLOURS = 1.6, 256  # of the file: pixels for each of these, and colours of its palette
 MARGIN, CARD_W, CARD_H, PICTURE_H = 30, 212, 248, 140
 INK, PALE, LINE, PAPER = "#2b2b33", "#6b6b76", "#c9c9d2", "#ffffff"
@@ -305,7 +305,7 @@ def draw_room(sheet, room, x, y, width, colour):
 
 FLOOR = levels()
 FIRST_FLOOR = FLOOR["engine.spectral"]  # of the engine's rooms above its foundation
-ROW, ROOM_H, SLAB_H = 92, 84, 124
+ROW, ROOM_H, SLAB_H, SLAB_ROWS = 92, 84, 164, 2
 TOWER, WING, HOUSE = (42, 374), (424, 402), (866, 332)  # left end and width
 
 
@@ -360,10 +360,12 @@ def draw_floors(sheet, top):
     for room, (x, width, row, colour) in places.items():
         draw_room(sheet, room, x, ground - (row + 1) * ROW, width, colour)
     sheet.box(TOWER[0], ground, wide, SLAB_H, GROUND, fill="#f4f4f6")
+    in_row = -(-len(FOUNDATION) // SLAB_ROWS)
     for number, room in enumerate(sorted(FOUNDATION)):
-        x, width = TOWER[0] + 14 + number * wide / len(FOUNDATION), wide / len(FOUNDATION)
-        sheet.text(x, ground + 8, room.removeprefix("engine."), 9, GROUND, weight="bold", family="monospace")
-        sheet.text(x, ground + 25, wrapped(purpose(room), width - 20, 8), 8)
+        row, column = divmod(number, in_row)
+        x, y, width = TOWER[0] + 14 + column * wide / in_row, ground + 8 + row * SLAB_H / SLAB_ROWS, wide / in_row
+        sheet.text(x, y, room.removeprefix("engine."), 9, GROUND, weight="bold", family="monospace")
+        sheet.text(x, y + 17, wrapped(purpose(room), width - 20, 8), 8)
     sheet.box(HOUSE[0], ground, HOUSE[1], SLAB_H, ENGINE, fill="#e3edf6")
     sheet.text(HOUSE[0] + 14, ground + 8, "engine", 9.5, ENGINE, weight="bold", family="monospace")
     sheet.text(HOUSE[0] + 14, ground + 25, "Any of its rooms. None of them knows Blender.", 8)

@@ -1,7 +1,8 @@
-"""Files appear whole or not at all: half-written under names that tell whose they are, flushed to the disk, renamed.
+"""Files appear whole or not at all.
 
-What cannot be written is told by its own name and by what the system says. What processes that were killed have left
-half-written is removed by whoever next writes there.
+They are half-written under names that tell whose they are, flushed to the disk, and renamed. What cannot be written is
+told by its own name and by what the system says. What processes that were killed have left half-written is removed by
+whoever next writes there.
 """
 
 import hashlib

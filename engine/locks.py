@@ -1,4 +1,7 @@
-"""One process at a time: a file that is locked while another is being made, and free again however its maker ends."""
+"""One process at a time makes a file.
+
+Another file is locked meanwhile, and free again however the maker ends.
+"""
 
 import errno
 import os

@@ -1,6 +1,7 @@
-"""Arrays that would take too much memory: in files without names, of which the system holds in memory what it likes.
+"""Arrays that would take too much memory lie in files.
 
-Such a file goes with its array, and with the process, however that ends.
+Of these the system holds in memory what it likes. They have no names: each goes with its array, and with the process,
+however that ends.
 """
 
 import math

@@ -119,7 +119,7 @@ def _in_depth(layered, lens, options, iris, report, progress):
     layered, clamped = clamp_layers(layered) if options.fireflies == "clamp" else (layered, 0)
     with report.stage("rays"):
         views = cast(layered, lens, lens_rays(lens), most_rays=options.most_rays,
-                     most_of_lamps=options.most_rays_of_lamps, iris=iris, progress=progress)
+                     most_of_lamps=options.most_of_lamps, iris=iris, progress=progress)
     for _ in layered.wavelengths_nm:
         with report.stage("casting"):
             view = next(views)

@@ -125,7 +125,7 @@ class Options:
         return self._rays[0]
 
     @property
-    def most_rays_of_lamps(self) -> int:
+    def most_of_lamps(self) -> int:
         """As `most_rays`, where something small and bright is among it."""
         return self._rays[1]
 
