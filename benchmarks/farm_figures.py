@@ -38,23 +38,27 @@ def main(frames=4):
     render("bakes")
 
     def best_s(text):
-        return min(measured(lambda: render("alone", "--overwrite", "--frames", text))[1] for _ in range(BEST_OF))
+        return min(processor_s(lambda: render("alone", "--overwrite", "--frames", text)) for _ in range(BEST_OF))
 
     task_s = (frames * best_s("1") - best_s(f"1-{frames}")) / (frames - 1)
     print(f"a task beyond its frames: {task_s:.2f} processor seconds, of {frames} frames {task_s / frames:.2f} a frame",
           flush=True)
-    clock_s = [cluster_with(work, workers, lambda address, workers=workers: measured(
-        lambda: render(f"workers{workers}", "--scheduler", address))[0]) for workers in (1, 2)]
+    clock_s = []
+    for workers in (1, 2):
+        with cluster(work, workers) as address:
+            begin_s = time.monotonic()
+            render(f"workers{workers}", "--scheduler", address)
+            clock_s.append(time.monotonic() - begin_s)
     print("1 worker: {:.1f} s, 2 workers: {:.1f} s by the clock".format(*clock_s), end="")
     print(f", {clock_s[0] / clock_s[1]:.2f} times as quick; load {os.getloadavg()[1]:.1f} on {os.cpu_count()} cores")
 
 
-def measured(work):
-    """Seconds by the clock, and those of the processor for all processes that have ended meanwhile."""
-    clock, before = time.monotonic(), resource.getrusage(resource.RUSAGE_CHILDREN)
+def processor_s(work):
+    """Processor seconds of all processes that have ended meanwhile."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
     work()
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return time.monotonic() - clock, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
 def run(command):
@@ -62,27 +66,24 @@ def run(command):
                    stdin=subprocess.DEVNULL)
 
 
-def cluster_with(work, workers, use):
-    """What becomes of the address of a cluster with so many workers, a core each if there are several."""
-    with cluster(work, workers) as address:
-        return use(address)
-
-
 @contextmanager
 def cluster(work, workers):
+    """The address of a cluster with so many workers, a core each."""
     told = work / "scheduler.json"
     told.unlink(missing_ok=True)
     processes = [dask(work, "scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", told)]
-    while not (told.is_file() and told.read_text().endswith("}")):
-        time.sleep(0.1)
-    for core in range(workers):
-        processes.append(dask(work, "worker", "--scheduler-file", told, "--nthreads", "1", "--no-nanny",
-                              core=core % os.cpu_count()))
-    time.sleep(8.0)
-    yield json.loads(told.read_text())["address"]
-    for process in reversed(processes):
-        process.terminate()
-        process.wait()
+    try:
+        while not (told.is_file() and told.read_text().endswith("}")):
+            time.sleep(0.1)
+        for core in range(workers):
+            processes.append(dask(work, "worker", "--scheduler-file", told, "--nthreads", "1", "--no-nanny",
+                                  core=core % os.cpu_count()))
+        time.sleep(8.0)
+        yield json.loads(told.read_text())["address"]
+    finally:
+        for process in reversed(processes):
+            process.terminate()
+            process.wait()
 
 
 def dask(work, *words, core=None):

@@ -9,6 +9,7 @@ pages of files (Linux), which the system takes back when it likes.
 
 import argparse
 import json
+import resource
 import subprocess
 import sys
 import tempfile
@@ -41,9 +42,11 @@ def main():
                   Path(folder, "in.exr"))
         begin = time.perf_counter()
         held = most_held_bytes(subprocess.Popen(COMMAND, cwd=folder))
+        used = resource.getrusage(resource.RUSAGE_CHILDREN)
         told = json.loads(Path(folder, "report.json").read_text())["plan"]["peak_mb"]
     print(f"{width} x {height}, {wavelengths} wavelengths, {4e-9 * width * height * wavelengths:.2f} GB: "
-          f"{time.perf_counter() - begin:.0f} s, told {told:.0f} MB, held {held / 1e6:.0f} MB")
+          f"{time.perf_counter() - begin:.0f} s, {used.ru_utime + used.ru_stime:.0f} of the processor, "
+          f"told {told:.0f} MB, held {held / 1e6:.0f} MB")
 
 
 def most_held_bytes(process):

@@ -51,21 +51,23 @@ def render_on_cluster(options, write):
                 images[frame] = image
                 print(f"frame {frame}: {image}", flush=True)
                 write(lens_image=image, frame=frame)
-            if "error" in told:
-                failures |= dict.fromkeys([frame for frame in frames if frame not in images], told["error"])
-                print(f"{_named(failures, told['error'])}: {told['error']}", flush=True)
+            if "error" in told and (lost := [frame for frame in frames if frame not in images]):
+                failures |= dict.fromkeys(lost, told["error"])
+                print(f"{_named(lost)}: {told['error']}", flush=True)
     if failures:
         first = next(iter(failures.values()))
         raise InputError(_named(failures), "render", "not done",
                          f"{len(images)} of {sum(map(len, tasks))} frames are there: {first}")
-    count = f"{len(images)} frame{'s' * (len(images) != 1)} there"
-    print(count)
-    return together({}, {frame: _record(image) for frame, image in images.items()} if options.report else {}), [count]
+    told = [f"{len(images)} frame{'s' * (len(images) != 1)} there"]
+    if older := sorted({frame for task in tasks for frame in task} - images.keys()):
+        told.append(f"{len(older)} of the frames that are there, from {older[0]} on, are of the scene before it was "
+                    "changed: --overwrite renders them anew")
+    print(*told, sep="\n")
+    return together({}, {frame: _record(image) for frame, image in images.items()} if options.report else {}), told
 
 
-def _named(failures, error=None):
-    frames = sorted(frame for frame, why in failures.items() if error in (None, why))
-    return f"frame{'s' * (len(frames) != 1)} {frames_text(frames)}"
+def _named(frames):
+    return f"frame{'s' * (len(frames) != 1)} {frames_text(sorted(frames))}"
 
 
 def _record(image):
@@ -156,7 +158,7 @@ def render_frames(arguments, frames, blender, topic):
         try:
             while not child.ended_within(LOOK_S):
                 if worker.state.tasks[key].state == "cancelled":  # whoever asked for it is gone
-                    break
+                    return {"frames": []}
         finally:
             child.end()
         if "error" not in child.told and "told" not in child.told:

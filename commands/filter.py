@@ -151,7 +151,7 @@ class _Run:
             write_exr(irradiance, shot.output)
         if shot.preview:
             with report.stage("write preview"):
-                self._write_preview(irradiance, shot.preview)
+                self._write_preview(irradiance, shot)
         self._done += 1
         return report
 
@@ -199,14 +199,18 @@ class _Run:
             return simulate(radiance, self._lens, self._chosen, iris=self._iris, report=report, kept=self._kept,
                             progress=lambda done: tell((self._done + done) / self._number, label))
 
-    def _write_preview(self, irradiance, path):
+    def _write_preview(self, irradiance, shot):
         from ..engine.image.preview import auto_exposure, to_rec709, write_png
         from ..engine.image.spectral_exr import read_parts
 
-        if self._exposure is None:  # the first may have been made by another process
-            _, planes = read_parts(self._first.output)[0]
-            self._exposure = auto_exposure(np.stack([planes[channel] for channel in "RGB"], axis=-1))
-        write_png(to_rec709(irradiance), path, self._exposure)
+        picture = to_rec709(irradiance)
+        if self._exposure is None:
+            first = picture
+            if shot != self._first:  # which was there before, or another process has made it
+                _, planes = read_parts(self._first.output)[0]
+                first = np.stack([planes[channel] for channel in "RGB"], axis=-1)
+            self._exposure = auto_exposure(np.ascontiguousarray(first, np.float32))
+        write_png(picture, shot.preview, self._exposure)
 
 
 def _check_view(options):

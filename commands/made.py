@@ -5,7 +5,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from ..engine.cache import code_version
-from ..engine.files import atomic_path, hidden_folder, make_folder, stamp_of
+from ..engine.files import atomic_path, hidden_folder, stamp_of
 from ..engine.image.whole import has_header
 from ..engine.values import plain
 from .sequence import Shot
@@ -33,7 +33,6 @@ def is_there(shot: Shot, first: Shot, by):
 
 def note_made(shot, first, by):
     """Note that a frame is there."""
-    make_folder(_record(shot).parent)
     with atomic_path(_record(shot), own=True) as temporary:
         temporary.write_text(json.dumps(_facts(shot, first, by)) + "\n", encoding="utf-8")
 

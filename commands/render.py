@@ -170,9 +170,11 @@ def _check_beside_frames(options, scene):
 
 
 def _source(options, scene):
-    """What tells the files of the scene apart; "" where what is open is not all in them."""
+    """What tells the files of the scene apart; "" where what is open is not all in them, or nothing is to be kept."""
     from ..addon import source_digest
 
+    if options.overwrite and options.frames is None:
+        return ""
     if options.scene_source is not None:
         return options.scene_source
     return "" if options.session else source_digest(scene)
@@ -182,8 +184,6 @@ def _render_one(options, scene, asked, write):
     """Render the current frame; its report, and what to tell of it."""
     from .. import addon
 
-    if options.overwrite:
-        asked["source"] = ""
     with progress(options, write) as tell:
         result = addon.render_through_lens(scene, progress=tell, **asked)
     _tell_frame(result, set(), write)

@@ -16,6 +16,7 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import cache
 from pathlib import Path
+from typing import IO
 
 from .errors import InputError
 
@@ -111,7 +112,8 @@ def _is_ours(path):
 
 
 def _is_marked(head):
-    return any(mark in head.lower() for mark in MARKS)
+    head = head.lower()
+    return any(mark in head for mark in MARKS)
 
 
 def identity(path: AnyPath) -> tuple[int, int] | tuple[int, int, str]:
@@ -183,12 +185,17 @@ def move(source: AnyPath, path: AnyPath) -> None:
             os.unlink(source)
 
 
+def fill(file: IO[bytes], size_bytes: int) -> None:
+    """Write so many zeros."""
+    for written in range(0, size_bytes, PROBE_BYTES):
+        file.write(bytes(min(PROBE_BYTES, size_bytes - written)))
+
+
 def why_no_room(folder: AnyPath, size_bytes: int) -> str:
     """Why a folder does not take a file of so many bytes, by trying: "" where it does."""
     try:
         with _pending_path(lambda: _half_written(Path(folder, "room"))) as probe, open(probe, "wb") as file:
-            for written in range(0, size_bytes, PROBE_BYTES):
-                file.write(bytes(min(PROBE_BYTES, size_bytes - written)))
+            fill(file, size_bytes)
     except OSError as error:
         return error.strerror or str(error)
     return ""

@@ -37,17 +37,19 @@ class Kept:
         self._memory = MemoryBudget(0)
         self._of: tuple | None = None
 
-    def plan(self, options: Options, lens: Lens, radiance: SpectralImage) -> Plan:
+    def plan(self, options: Options, lens: Lens, radiance: SpectralImage, in_place: bool = False) -> Plan:
         """The plan for a picture; the same for pictures of the same grid and wavelengths.
+
+        `in_place` its irradiance takes the radiance's own memory.
 
         Raises
         ------
         ImageError, InputError, LensError
             As `make_plan`, and where it takes more memory than there is.
         """
-        key = options, lens, radiance.grid, tuple(radiance.wavelengths_nm)
+        key = options, lens, radiance.grid, tuple(radiance.wavelengths_nm), in_place
         if key not in self._plans:
-            self._plans = {key: in_process(self._make_plan(options, lens, radiance), radiance)}
+            self._plans = {key: in_process(self._make_plan(options, lens, radiance), radiance, in_place)}
         return self._plans[key]
 
     def channels(self, lens: Lens, radiance: SpectralImage, plan: Plan) -> Iterator[Channel]:

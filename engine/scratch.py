@@ -12,11 +12,11 @@ import tempfile
 import numpy as np
 
 from .errors import InputError
-from .files import AnyPath
+from .files import AnyPath, fill
 from .memory import available_bytes
 
 MOST = 0.25  # of the memory that is free, that one picture may take
-SAMPLE_BYTES, WRITE_BYTES = 4, 1 << 20
+SAMPLE_BYTES = 4
 
 
 class _Mapped(mmap.mmap):
@@ -81,8 +81,7 @@ def _reserve(file, size_bytes):
     if hasattr(os, "posix_fallocate"):
         os.posix_fallocate(file.fileno(), 0, size_bytes)
         return
-    for written in range(0, size_bytes, WRITE_BYTES):
-        file.write(bytes(min(WRITE_BYTES, size_bytes - written)))
+    fill(file, size_bytes)
     file.flush()
 
 

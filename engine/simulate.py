@@ -39,7 +39,7 @@ def simulate(radiance: SpectralImage | LayeredRadiance, lens: Lens, options: Opt
     iris : Iris, optional
         The shape of the stop, for what is out of focus; a circle by default.
     progress : callable (fraction), optional
-        Called after each wavelength.
+        Called after each wavelength; of layers as they are cast, before these are filtered.
     report : Report, optional
         Gathers stage times, the plan, the fits and the energy.
     kept : Kept, optional
@@ -62,7 +62,7 @@ def simulate(radiance: SpectralImage | LayeredRadiance, lens: Lens, options: Opt
     if isinstance(radiance, LayeredRadiance):
         radiance = radiance.dark()  # of which the grid and the wavelengths are all that counts from here on
     with report.stage("plan"):
-        plan = kept.plan(options, lens, radiance)
+        plan = kept.plan(options, lens, radiance, out is not None and np.may_share_memory(out, radiance.cube))
     shape = (radiance.wavelengths_nm.size, *radiance.frame_px)
     irradiance = beside(radiance.cube, shape) if out is None else out
     if irradiance.shape != shape or irradiance.dtype != np.float32:

@@ -21,8 +21,9 @@ if TYPE_CHECKING:
 UNIT_SUM_TOLERANCE = 1e-3
 LARGEST = 1e15  # of any figure but an infinite distance: what comes of higher ones is no number any more
 TEXTS = ("name", "maker", "story", "source", "notes")
-NUMBERS = ("efl_mm", "magnification", "f_number_effective", "object_distance_mm", "entrance_pupil_mm",
-           "reference_wavelength_nm", "psf_pitch_um")
+FIRST_ORDER = ("efl_mm", "magnification", "f_number_effective", "object_distance_mm", "entrance_pupil_mm",
+               "reference_wavelength_nm")
+NUMBERS = (*FIRST_ORDER, "psf_pitch_um")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -329,11 +330,11 @@ def _check_shapes(lens):
 def _check_tables(lens):
     for name in ("wavelengths_nm", "heights_mm", "real_height_mm", "relative_illumination", "transmittance",
                  "point_flux", "psf"):
-        if not np.all(np.isfinite(getattr(lens, name))):
+        least, most = (float(end(getattr(lens, name), initial=0)) for end in (np.min, np.max))
+        if not np.isfinite([least, most]).all():  # what is no number is passed on to both
             raise LensError(lens.name, name, "not finite", "expected numbers throughout")
-        if np.any(np.abs(getattr(lens, name)) > LARGEST):
-            raise LensError(lens.name, name, f"up to {np.abs(getattr(lens, name)).max():g}",
-                            f"expected at most {LARGEST:g}")
+        if max(-least, most) > LARGEST:
+            raise LensError(lens.name, name, f"up to {max(-least, most):g}", f"expected at most {LARGEST:g}")
     for name in ("wavelengths_nm", "heights_mm"):
         if np.any(np.diff(getattr(lens, name)) <= 0):
             raise LensError(lens.name, name, getattr(lens, name).tolist(), "expected ascending values")

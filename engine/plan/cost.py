@@ -125,16 +125,17 @@ def memory_mb(work: Workload, plan: Plan) -> float:
     return values * np.dtype(plan.precision).itemsize / MEGABYTE
 
 
-def in_process(plan: Plan, radiance: SpectralImage) -> Plan:
+def in_process(plan: Plan, radiance: SpectralImage, in_place: bool) -> Plan:
     """A plan with the most memory that this process will hold by it: what it holds by now, the irradiance, and what
-    filtering takes. The irradiance of radiance that lies in a file will lie in one, too.
+    filtering takes. The irradiance of radiance that lies in a file will lie in one, too, and `in_place` it takes the
+    radiance's own memory.
 
     Raises
     ------
     ImageError
         There is not as much.
     """
-    planes = 0 if in_file(radiance.cube) else radiance.wavelengths_nm.size
+    planes = 0 if in_place or in_file(radiance.cube) else radiance.wavelengths_nm.size
     to_come = plan.memory_mb * MEGABYTE + PIXEL_BYTES * planes * np.prod(radiance.frame_px)
     check_room("image", to_come, "give a smaller picture, larger pixels, a lower accuracy or fewer azimuths")
     return replace(plan, peak_mb=(taken_bytes() + to_come) / MEGABYTE)

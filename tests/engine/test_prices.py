@@ -79,3 +79,13 @@ def test_light_that_is_none_or_too_much_gets_a_word(cube, word):
     simulate(picture(cube), LENS, report=report)
     told = [line for line in report.remarks() if "radiance" in line]
     assert [line.startswith(word) for line in told] == [True] if word else not told
+
+
+def test_irradiance_in_the_place_of_its_radiance_takes_no_memory(monkeypatch):
+    monkeypatch.setattr(cost, "taken_bytes", lambda: 0)
+    image, reports = picture(), [Report(), Report()]
+    simulate(image, LENS, report=reports[0])
+    frame = tuple(slice(n, n + side) for n, side in zip(image.overscan_px, image.frame_px, strict=True))
+    simulate(image, LENS, report=reports[1], out=image.cube[(slice(None), *frame)])
+    apart, in_place = (report.lens_image.plan.peak_mb for report in reports)
+    assert apart - in_place == pytest.approx(4e-6 * image.wavelengths_nm.size * np.prod(image.frame_px))

@@ -29,7 +29,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from ...errors import LensError
-from ..lens import Lens
+from ..lens import FIRST_ORDER, TEXTS, Lens
 from . import codev, zemax_text, zospy
 from .assembly import SAME_WAVELENGTH_NM, build_lens, check_count, four_by_three
 from .psf_grid import NEGLIGIBLE_MM
@@ -40,9 +40,6 @@ DESCRIPTION = "lens.toml"
 FORMAT = "lensfield-export"
 VERSION = 1
 PROGRAMS = ("zemax", "codev", "zospy")
-FIRST_ORDER = ("efl_mm", "magnification", "f_number_effective", "object_distance_mm", "entrance_pupil_mm",
-               "reference_wavelength_nm")
-TEXTS = ("maker", "story", "source", "notes")
 LONGEST_NAME = 255  # characters, as file systems have it
 REACHED = 1e-3  # of the last height: how much of it a listing may lack
 
@@ -58,7 +55,7 @@ def read_export(path: str | Path) -> Lens:
     told = read_toml(Path(path), FORMAT, VERSION)
     heights, wavelengths = _axes(told)
     facts: dict[str, Any] = {field: told.number(field) for field in FIRST_ORDER}
-    facts |= {field: told.text(field, "") for field in TEXTS}
+    facts |= {field: told.text(field, "") for field in TEXTS if field != "name"}
     facts["sensor_mm"] = told.numbers("sensor_mm", 2) if "sensor_mm" in told else four_by_three(heights[-1])
     if "transmittance" in told:
         facts["transmittance"] = told.numbers("transmittance", wavelengths.size)
