@@ -84,7 +84,7 @@ def code_version(*rooms: str) -> str:
     version = hashlib.sha256()
     for room in rooms:
         for path in sorted((Path(__file__).parent / room).rglob("*")):
-            if path.suffix in (".py", ".csv"):
+            if path.suffix in (".py", ".csv", ".osl"):
                 version.update(path.read_bytes())
     return version.hexdigest()
 

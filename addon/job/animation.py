@@ -68,7 +68,7 @@ class Animation:
             self._stamps[frame] = stamp_of(self._result(frame).record)
             if overwrite or not self._find(frame):
                 self.pending.append(frame)
-        if overwrite or not self.pending:
+        if overwrite:
             self._forget_passes()
         self._apart = self._why_apart() if len(self.pending) > 1 else "one frame"
         self.plan, self._one = self._planned(), None

@@ -137,7 +137,11 @@ def forget_passes(scene, folder, frame):
 
 def passes_left(scene, folder):
     """What is kept of frames that are not there: list of lines."""
-    folders = sorted(hidden_folder(folder).glob(f"{bpy.path.clean_name(scene.name)}_*_passes"))
+    try:
+        hidden = hidden_folder(folder)
+    except InputError:  # a link, of which the render itself has told
+        return []
+    folders = sorted(hidden.glob(f"{bpy.path.clean_name(scene.name)}_*_passes"))
     counts = {kept: len(list(kept.glob("*/[!.]*.exr"))) for kept in folders}
     return [f"{count} finished pass{'es are' if count > 1 else ' is'} kept in {kept}: a render goes on from there, "
             "unless the file changes" for kept, count in counts.items() if count]

@@ -4,7 +4,7 @@ import bpy
 
 from ..scene.compositor import picture_folder
 from ..scene.errors import SceneError
-from ..scene.trust import REMEDY, is_trusted, lies_beside, trust
+from ..scene.trust import REMEDY, is_trusted, lies_beside, trust, trusts_all
 from ..shading.assigned import named_spectra
 
 FROM_FILE = "FILE"  # the lens of the settings that is none of the library's
@@ -16,6 +16,8 @@ def named_files():
     Lens data and spectra are read, wherever they are; pictures are written and looked for in folders, which is no risk
     in the .blend's own.
     """
+    if trusts_all():
+        return {}
     named = {}
     for scene in bpy.data.scenes:
         settings = scene.lensfield

@@ -15,6 +15,7 @@ from ...engine.errors import absence
 from ...engine.field.overscan import VIEWS, overscan_px
 from ...engine.files import check_target
 from ...engine.image.depth_range import AUTO, OFF, blur_px
+from ...engine.image.layers import covered
 from ...engine.image.pitch import fitting_pitch_um
 from ...engine.image.spectral_exr import read_parts, read_with_layers
 from ...engine.library import cannot_be, has_rings, iris_shows, prescription_of
@@ -216,8 +217,7 @@ def _picture_sides(captured):
     if captured.region is None:
         return [slice(overscan, overscan + n)
                 for overscan, n in zip(captured.radiance.overscan_px, captured.radiance.frame_px, strict=True)]
-    places = [np.flatnonzero((captured.region == 1).any(axis=axis)) for axis in (1, 0)]
-    return [slice(place[0], place[-1] + 1) for place in places]
+    return covered(captured.region == 1)
 
 
 def _moved(side, px):

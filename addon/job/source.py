@@ -48,9 +48,11 @@ def _others(scene):
     found = {Path(bpy.path.abspath(library.filepath)) for library in bpy.data.libraries} | {
         Path(bpy.path.abspath(path, library=block.library))
         for block, paths in bpy.data.file_path_map(subset=blocks).items() for path in (*paths, *_spectra(block))}
-    for folder in {path.parent for path in found}:
-        alike = {_numbered(path) for path in found if path.parent == folder}
-        found |= {path for path in (folder.iterdir() if folder.is_dir() else ()) if _numbered(path) in alike}
+    alike = {}
+    for path in found:
+        alike.setdefault(path.parent, set()).add(_numbered(path))
+    for folder, names in alike.items():
+        found |= {path for path in (folder.iterdir() if folder.is_dir() else ()) if _numbered(path) in names}
     for folder in _cache_folders(blocks):
         found |= {Path(above, name) for above, _, names in os.walk(folder) for name in names}
     return found

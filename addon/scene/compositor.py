@@ -119,7 +119,8 @@ def refresh(scene):
         return
     if not _may_look(node.node_tree):
         return
-    shown = sorted(int(frame) for frame in _state(node.node_tree)["frames"] if _verdict(node, frame)[0])
+    state = _state(node.node_tree)
+    shown = sorted(int(frame) for frame in state["frames"] if _verdict(node, frame, state)[0])
     _switch(node.node_tree, shown)
     label = f"{NAME}: {compositor_state(scene)[0]}"[:LABEL_LENGTH]
     if node.label != label:
@@ -131,7 +132,7 @@ def compositor_state(scene):
     node = _node(scene)
     if node is None:
         return "", "NONE"
-    shown, why, icon = _verdict(node, str(scene.frame_current))
+    shown, why, icon = _verdict(node, str(scene.frame_current), _state(node.node_tree))
     return f"{'lens image' if shown else 'plain render'}{why and ', '}{why}", icon
 
 
@@ -176,9 +177,9 @@ def forget_fingerprints():
     _taken.clear()
 
 
-def _verdict(node, frame):
-    """(whether the lens image of a frame is shown, why in words, icon)."""
-    scene, state = _owner(node.node_tree), _state(node.node_tree)
+def _verdict(node, frame, state):
+    """(whether the lens image of a frame is shown, why in words, icon); `state` is what the node's group holds."""
+    scene = _owner(node.node_tree)
     shows = scene.lensfield.compositor_shows
     if shows == "NEVER":
         return False, "as the settings say", "INFO"
@@ -277,7 +278,8 @@ def _state(group):
         return empty
     told = told if isinstance(told, dict) else {}
     held = {name: told[name] for name, value in empty.items() if isinstance(told.get(name), type(value))}
-    return empty | held | {"frames": {frame: of for frame, of in held.get("frames", {}).items() if _is_frame(frame)}}
+    frames = {frame: of for frame, of in held.get("frames", {}).items() if _is_frame(frame) and isinstance(of, str)}
+    return empty | held | {"frames": frames}
 
 
 def _is_frame(text):

@@ -22,11 +22,14 @@ def trust(path):
         _trusted.add(_key(path))
 
 
+def trusts_all():
+    """Whether all that the .blend names is trusted."""
+    return _is_asked_for() or _runs_scripts()
+
+
 def is_trusted(path):
     """Whether a path was chosen in this session, or its file may run scripts; nothing is looked at."""
-    if _is_asked_for() or _runs_scripts():
-        return True
-    return _key(path) in _trusted
+    return trusts_all() or _key(path) in _trusted
 
 
 def check_trusted(path, where, field):

@@ -312,3 +312,10 @@ def test_processes_share_the_frames_of_a_folder_and_one_that_is_killed_loses_non
     assert not kill.killed(kill.start(tmp_path / "scene.blend", tmp_path / "shared"), False, 600)
     assert not kill.differing(tmp_path / "whole", tmp_path / "shared")
     assert not (tmp_path / "shared" / ".lensfield").exists()
+
+
+def test_a_link_in_place_of_the_hidden_folder_holds_no_passes(deep, tmp_path):
+    """What is told when a render ends looks there, too."""
+    (tmp_path / "precious").mkdir()
+    (tmp_path / ".lensfield").symlink_to(tmp_path / "precious")
+    assert kept_passes.passes_left(deep, tmp_path) == []

@@ -1,5 +1,6 @@
 """The compositor step, on trees of 4.x and of 5.x."""
 
+import json
 import os
 import subprocess
 import sys
@@ -191,6 +192,15 @@ def test_a_strangers_file_may_hold_anything_in_place_of_what_the_node_knows(scen
     assert compositor_state(scene)[0].startswith("plain render")
     lay(scene, tmp_path)
     assert compositor_state(scene)[0] == "lens image"
+
+
+def test_a_strangers_file_may_hold_anything_in_place_of_a_fingerprint(scene, tmp_path):
+    lay(scene, tmp_path)
+    group = lensfield_nodes(scene)[0].node_tree
+    frame, key = str(scene.frame_current), scene.lensfield.compositor_key
+    group[STATE] = json.dumps(json.loads(group[STATE]) | {"frames": {frame: 5}, "scene": key})
+    refresh(scene)
+    assert compositor_state(scene)[0] == f"plain render, frame {frame} has no lens image"
 
 
 def test_outputs_beside_the_picture(scene, tmp_path):
