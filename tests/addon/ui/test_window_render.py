@@ -24,8 +24,9 @@ from window_follow import follow
 
 
 @pytest.fixture
-def ready_scene(scene, tmp_path):
-    """Saved, and then edited."""
+def ready_scene(scene, tmp_path, monkeypatch):
+    """Saved, and then edited, as a window would know: in the background it depends on Blender's version."""
+    monkeypatch.setattr(window_render, "window_digest", lambda scene: "")
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
     light(scene, "POINT", 20.0, color=(1, 0.5, 0.2))
     wall(scene, material("Paint", "ShaderNodeBsdfDiffuse", (0.7, 0.3, 0.05))[0])
