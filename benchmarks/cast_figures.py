@@ -75,7 +75,7 @@ def main():
     sensor = layered.grid.frame()
     for most_rays in asked.most_rays:
         begun = time.process_time()
-        ends = pencils(rays, WAVELENGTHS_NM[[0, -1]], sensor, lens.capture_focal_length_mm, 256, 1)
+        ends = pencils(rays, WAVELENGTHS_NM[[0, -1]], sensor, lens.capture_focal_length_mm, 256)
         layers = [seen(layer, layered.grid, lens, ends) for layer in layered.layers]
         ready = time.process_time()
         meetings = plan_meetings(layers, ends, sensor, 0.0, most_rays, most_rays)

@@ -52,6 +52,9 @@ CASES = {
     "render 480 x 270, 3": ([], ["--wavelengths", "450:650:3", "--resolution", "480x270"]),
     "render 1280 x 720, 21, without depth": (
         [], ["--wavelengths", "450:650:21", "--resolution", "1280x720", "--depth", "off"]),
+    "render 1280 x 720, 21": ([], ["--wavelengths", "450:650:21", "--resolution", "1280x720"]),
+    "render 1920 x 1080, 12, standard": (
+        [], ["--wavelengths", "450:650:12", "--resolution", "1920x1080", "--tier", "standard"]),
 }
 
 

@@ -5,7 +5,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from ..engine.cache import code_version
-from ..engine.files import atomic_path, hidden_folder, stamp_of
+from ..engine.files import atomic_path, discard, hidden_folder, stamp_of
 from ..engine.image.whole import has_header
 from ..engine.values import plain
 from .sequence import Shot
@@ -44,7 +44,7 @@ def when_noted(shot):
 
 def forget_made(shot):
     """Forget a frame that is about to be made again."""
-    _record(shot).unlink(missing_ok=True)
+    discard(_record(shot))
 
 
 def _record(shot):

@@ -69,15 +69,15 @@ def read_picture(path, options, lens):
 
 
 def _spectral(path, options, lens):
-    from ..engine.image.spectral_exr import read_with_layers
+    from ..engine.image.spectral_exr import read_with_layers, read_with_planes
 
     for name in RGB_ONLY:
         if (value := getattr(options, name)) is not None:
             raise ImageError(path, f"--{name.replace('_', '-')}", value,
                              "leave it out: it is for RGB files, and this one is spectral")
-    radiance, planes, layered = read_with_layers(path, options.pitch_um, options.output.parent)
     if options.depth == OFF:
-        return Seen(radiance)
+        return Seen(read_with_planes(path, options.pitch_um, options.output.parent)[0])
+    radiance, planes, layered = read_with_layers(path, options.pitch_um, options.output.parent)
     seen = _with_depth(Seen(radiance), [({}, planes)], options, lens)
     return replace(seen, layers=lambda plan: layered, guessed="") if layered and seen.depth else seen
 

@@ -330,6 +330,14 @@ def note_going_on(folder: AnyPath) -> None:
     _going_on.add(Path(folder))
 
 
+def discard(path: Path) -> None:
+    """Remove a file that is of no more use, if it is there; an InputError where it stays."""
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise InputError(path, "file", "not to be removed", error.strerror or str(error)) from None
+
+
 def remove(path: Path) -> None:
     """Remove a file or folder of ours, if it is there, and the hidden folder that it was the last in."""
     if path.is_dir() and not path.is_symlink():

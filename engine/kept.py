@@ -1,10 +1,13 @@
 """What the frames of an animation share, kept between them: the plan, and each wavelength's way through the lens."""
 
+import math
 from collections.abc import Iterator
 
 from . import kernels
 from .channel import Channel
+from .depth.cast import casting_bytes
 from .field.psf_table import PsfTables
+from .image.layers import LayeredRadiance, light_of
 from .image.spectral_image import SpectralImage
 from .lens import Lens
 from .memory import MemoryBudget
@@ -13,6 +16,7 @@ from .plan.cost import in_process
 from .plan.options import Options
 from .plan.plan import Plan
 from .plan.remembered import remembered_plan
+from .scratch import SAMPLE_BYTES, in_file
 
 
 class Kept:
@@ -37,7 +41,8 @@ class Kept:
         self._memory = MemoryBudget(0)
         self._of: tuple | None = None
 
-    def plan(self, options: Options, lens: Lens, radiance: SpectralImage, in_place: bool = False) -> Plan:
+    def plan(self, options: Options, lens: Lens, radiance: SpectralImage | LayeredRadiance,
+             in_place: bool = False) -> Plan:
         """The plan for a picture; the same for pictures of the same grid and wavelengths.
 
         `in_place` its irradiance takes the radiance's own memory.
@@ -47,9 +52,13 @@ class Kept:
         ImageError, InputError, LensError
             As `make_plan`, and where it takes more memory than there is.
         """
-        key = options, lens, radiance.grid, tuple(radiance.wavelengths_nm), in_place
+        picture = radiance.dark() if isinstance(radiance, LayeredRadiance) else radiance
+        casting = casting_bytes(radiance, options.most_of_lamps) if isinstance(radiance, LayeredRadiance) else 0.0
+        spared = in_place or in_file(light_of(radiance))
+        irradiance = 0 if spared else SAMPLE_BYTES * picture.wavelengths_nm.size * math.prod(picture.frame_px)
+        key = options, lens, picture.grid, tuple(picture.wavelengths_nm), irradiance + casting
         if key not in self._plans:
-            self._plans = {key: in_process(self._make_plan(options, lens, radiance), radiance, in_place)}
+            self._plans = {key: in_process(self._make_plan(options, lens, picture), irradiance + casting)}
         return self._plans[key]
 
     def channels(self, lens: Lens, radiance: SpectralImage, plan: Plan) -> Iterator[Channel]:

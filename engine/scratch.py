@@ -28,27 +28,26 @@ def is_large(shape: tuple[int, ...]) -> bool:
     return SAMPLE_BYTES * math.prod(shape) > MOST * available_bytes()
 
 
-def new_array(shape: tuple[int, ...], folder: AnyPath | None) -> np.ndarray:
-    """A float32 array of no particular values: in memory; or, where it is large, in a file in a folder.
+def folder_if_large(shape: tuple[int, ...], folder: AnyPath | None) -> AnyPath | None:
+    """Where an array had better lie that may be in a file in a folder: there, or, None, in memory."""
+    return folder if folder is not None and is_large(shape) else None
 
-    Parameters
-    ----------
-    shape : tuple of int
-    folder : path, optional
-        None for memory, however large it is.
+
+def new_array(shape: tuple[int, ...], folder: AnyPath | None) -> np.ndarray:
+    """A float32 array of zeros: in memory, or in a file in a folder.
 
     Raises
     ------
     InputError
         The folder takes no file of that size.
     """
-    return np.empty(shape, np.float32) if folder is None or not is_large(shape) else _in_file(shape, folder)
+    return np.zeros(shape, np.float32) if folder is None else _in_file(shape, folder)
 
 
 def beside(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """A new float32 array where another one lies: in memory, or in a file in the same folder."""
+    """A new float32 array of zeros where another one lies: in memory, or in a file in the same folder."""
     mapped = _mapped(array)
-    return np.empty(shape, np.float32) if mapped is None else _in_file(shape, mapped.folder)
+    return np.zeros(shape, np.float32) if mapped is None else _in_file(shape, mapped.folder)
 
 
 def in_file(array: np.ndarray) -> bool:

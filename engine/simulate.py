@@ -9,7 +9,7 @@ from . import kernels
 from .depth.cast import CastPlane, cast
 from .depth.pencils import Iris
 from .errors import ImageError
-from .image.layers import LayeredRadiance
+from .image.layers import LayeredRadiance, light_of
 from .image.nonfinite import clamp_fireflies, clamp_layers, refuse_fireflies
 from .image.pixel_grid import PLANE
 from .image.spectral_image import IRRADIANCE, RADIANCE, SpectralImage
@@ -59,12 +59,13 @@ def simulate(radiance: SpectralImage | LayeredRadiance, lens: Lens, options: Opt
     """
     report, kept = report or Report(), kept or Kept(limit_mb=0)
     seen = _seen(radiance, lens, options, iris, report, progress or (lambda fraction: None))
+    source = light_of(radiance)
+    with report.stage("plan"):
+        plan = kept.plan(options, lens, radiance, out is not None and np.may_share_memory(out, source))
     if isinstance(radiance, LayeredRadiance):
         radiance = radiance.dark()  # of which the grid and the wavelengths are all that counts from here on
-    with report.stage("plan"):
-        plan = kept.plan(options, lens, radiance, out is not None and np.may_share_memory(out, radiance.cube))
     shape = (radiance.wavelengths_nm.size, *radiance.frame_px)
-    irradiance = beside(radiance.cube, shape) if out is None else out
+    irradiance = beside(source, shape) if out is None else out
     if irradiance.shape != shape or irradiance.dtype != np.float32:
         raise ImageError("out", "array", f"{irradiance.dtype} of {irradiance.shape}", f"expected float32 of {shape}")
     fine, tally = plan.supersampling, _Tally(radiance, plan.supersampling)
@@ -87,7 +88,7 @@ def simulate(radiance: SpectralImage | LayeredRadiance, lens: Lens, options: Opt
         if out_of_focus is not None:
             irradiance[index] += out_of_focus
         tally.add(channel.field, light, blurred, irradiance[index], out_of_focus, clamped)
-        del channel, ideal, blurred, out_of_focus  # before the next wavelength's come
+        del view, channel, ideal, blurred, out_of_focus  # before the next wavelength's come
     report.lens_image = tally.facts(lens, plan)
     sensor = replace(radiance.grid.frame(), projection=PLANE, focal_mm=None)
     return replace(radiance.frame(), cube=irradiance, grid=sensor, quantity=IRRADIANCE,
@@ -124,6 +125,7 @@ def _in_depth(layered, lens, options, iris, report, progress):
         with report.stage("casting"):
             view = next(views)
         yield view, clamped
+        del view  # which all of a group are part of
         clamped = 0
 
 

@@ -14,7 +14,7 @@ import bpy
 
 from ...engine.cache import code_version
 from ...engine.errors import InputError
-from ...engine.files import hidden_folder, move, note_going_on, remove
+from ...engine.files import discard, hidden_folder, move, note_going_on, remove
 from ...engine.locks import Busy, only_maker
 from ...engine.values import plain
 from .light import read_pass
@@ -68,7 +68,7 @@ class KeptPasses:
                 self._found += 1
                 return planes
         for old in filter(None, (path, kept)):
-            old.unlink(missing_ok=True)
+            discard(old)
         yield step
         self._made += 1
         return (yield Work(lambda tell: self._keep(path, needed, kept), "Gathering light", step.fraction + step.share))

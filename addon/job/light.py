@@ -5,6 +5,7 @@ import numpy as np
 from ...engine.errors import ImageError
 from ...engine.files import why_no_room
 from ...engine.image.spectral_exr import read_parts
+from ...engine.scratch import let_go, new_array
 from ..scene.errors import SceneError
 from .bands import CHANNELS
 
@@ -16,6 +17,17 @@ RIM_PX = 1  # kept around what a slab holds
 
 class GatheredLight:
     """The radiance of one slab at the wavelengths asked for, summed up pass by pass.
+
+    Parameters
+    ----------
+    plan : ScenePlan
+    layer_name : str
+        Of the view layer.
+    group_names : list of str
+        Of the light groups.
+    slab : Slab
+    scratch : Path or None
+        A folder for the file that the radiance lies in; None for memory.
 
     Attributes
     ----------
@@ -29,8 +41,8 @@ class GatheredLight:
         Whether the first pass has shown nothing at all.
     """
 
-    def __init__(self, plan, layer_name, group_names, slab):
-        self.slab, self._plan = slab, plan
+    def __init__(self, plan, layer_name, group_names, slab, scratch):
+        self.slab, self._plan, self._scratch = slab, plan, scratch
         self._light_passes = [f"{layer_name}.Combined", *(f"{layer_name}.Combined_{name}" for name in group_names)]
         self._depth_pass = depth_pass(layer_name)
         self.cube, self.alpha, self.depth_m, self.empty, self._blocks = None, None, None, False, {}
@@ -67,7 +79,7 @@ class GatheredLight:
                 around = _around(held)
                 planes = {name: plane[around] for name, plane in planes.items()}
                 self.slab, self.empty = self.slab.within(around), not held.any()
-            self.cube = np.zeros((self._plan.choice.output_nm.size, *planes[alpha].shape), np.float32)
+            self.cube = new_array((self._plan.choice.output_nm.size, *planes[alpha].shape), self._scratch)
         self.depth_m, self.alpha = planes[self._depth_pass], planes[alpha]
         mix = self._plan.mix(index)
         shares = (self._plan.shares(index) @ mix).astype(np.float32)
@@ -81,6 +93,7 @@ class GatheredLight:
                               for name in self._light_passes])
             light[0] -= light[1:].sum(axis=0)  # what is left is in no group of ours
             self.cube[:, rows] += np.tensordot(shares, light, axes=2)
+        let_go(self.cube)
 
     def radiance(self):
         """The sum of all passes: array (wavelength, row, column). No light is negative, though an estimate may be."""

@@ -13,7 +13,7 @@ from ..scene.render_state import go_to_frame, turn_on_layer
 from ..scene.undo import Journal
 from ..shading.lint import lint
 from .job import check_output_folder, job_from_settings
-from .radiance import check_capture, job_grid
+from .radiance import job_grid, room_for_capture
 from .remarks import depth_remarks, scene_remarks, unlayered_remarks
 from .render import Result
 from .scene_plan import ScenePlan, check_job, plan_scene
@@ -74,7 +74,7 @@ def preflight(scene, output_folder=None, *, frame=None, **asked):
                     remarks += (*depth_remarks(job, slabs), *unlayered_remarks(scene, job, grid))
                 journal.stand_in(scene.camera.data)
                 plan = plan_scene(scene, job, grid, journal)[0]
-                check_capture(scene, job, grid, plan)
+                room_for_capture(scene, job, grid, plan)
         findings = plan.findings if plan else lint(scene)
     return Preflight(plan, (*refusals, *(plan.refusals if plan else ())), remarks, findings,
                      slabs if slabs and slabs.needed and job.depth == AUTO else None)

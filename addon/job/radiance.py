@@ -14,6 +14,7 @@ from ...engine.image.pixel_grid import PixelGrid
 from ...engine.image.preview import auto_exposure, to_rec709, write_png
 from ...engine.memory import check_room, taken_bytes
 from ...engine.report import SceneFacts
+from ...engine.scratch import beside, folder_if_large
 from ...engine.spectral.wavelength_choice import FOREIGN_SURPRISE
 from ..scene.camera import capture_grid, captured_region, check_camera, frame_px, pitch_um, render_region
 from ..scene.depth import M_TO_MM
@@ -33,7 +34,8 @@ BACKGROUND_M = 1e10
 LOOK_SHARE = 0.01  # of the capture's time
 PASS_BYTES, LAMP_BYTES = 100, 40  # of a pixel of a pass, in Cycles, in Blender and as it is read; and for each lamp
 DENOISE_BYTES, MOST_DENOISE = 800, 3e9  # of a pixel, by the denoiser; which takes no more in all
-PIXEL_BYTES, MEGABYTE = 4, 1e6  # the first of a pixel in a plane
+PIXEL_BYTES, PLANES_BYTES = 4, 8  # of a pixel in a plane; and in those that each slab has beside its light
+MEGABYTE = 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,17 +81,41 @@ class Captured:
         return planes * (self.region[top:top + rows, left:left + columns] == 1)
 
 
-def check_capture(scene, job, grid, plan):
-    """Raise an InputError where there is not the memory that capturing a scene takes, beside the scene itself."""
-    check_room(f"scene {scene.name!r}", capture_bytes(job, grid, plan),
-               "render a smaller picture, or fewer wavelengths")
+def room_for_capture(scene, job, grid, plan, slabs=()):
+    """What capturing a scene takes beside the scene itself: a pass, and all light so far.
+
+    Parameters
+    ----------
+    scene, job
+    grid : PixelGrid
+        Of the capture.
+    plan : ScenePlan
+    slabs : sequence of Slab
+        As far as they are known.
+
+    Returns
+    -------
+    float, Path or None
+        Bytes of memory; and, where the light would take too much of it, the folder for the files that it lies in.
+
+    Raises
+    ------
+    InputError
+        There is not as much.
+    """
+    gathered_px = sum(math.prod(side.stop - side.start for side in slab.region) for slab in slabs)
+    light = job.wavelengths_nm.size, gathered_px or math.prod(grid.shape_px)
+    scratch = folder_if_large(light, job.output_folder)
+    needed = (pass_bytes(math.prod(grid.shape_px), len(plan.lamps), job.denoise) + PLANES_BYTES * gathered_px
+              + (0 if scratch else PIXEL_BYTES * math.prod(light)))
+    check_room(f"scene {scene.name!r}", needed, "render a smaller picture, or fewer wavelengths")
+    return needed, scratch
 
 
-def capture_bytes(job, grid, plan):
-    """The memory of a pass, and of all light so far. Slabs of depth take more, as far as they overlap."""
-    pixels = math.prod(grid.shape_px)
-    denoiser = min(DENOISE_BYTES * pixels, MOST_DENOISE) if job.denoise else 0
-    return denoiser + pixels * (PASS_BYTES + LAMP_BYTES * len(plan.lamps) + PIXEL_BYTES * job.wavelengths_nm.size)
+def pass_bytes(pixels, lamps, denoise):
+    """What a pass of so many pixels takes in Cycles, in Blender, and as it is read."""
+    denoiser = min(DENOISE_BYTES * pixels, MOST_DENOISE) if denoise else 0
+    return pixels * (PASS_BYTES + LAMP_BYTES * lamps) + denoiser
 
 
 def job_grid(scene, job):
@@ -114,8 +140,7 @@ def capture(scene, job, result, share):
         exposure, film = scene.cycles.film_exposure, scene.render.film_transparent
         plan, substitution, groups = plan_scene(scene, job, grid, journal)
         plan.check()
-        check_capture(scene, job, grid, plan)
-        peak_mb = (taken_bytes() + capture_bytes(job, grid, plan)) / MEGABYTE
+        room_for_capture(scene, job, grid, plan)
         check_files(scene, result.files)
         yield from alone_with_passes(scene, job, alone)
         passes = KeptPasses(scene, job, 4 * job.wavelengths_nm.size * math.prod(grid.shape_px))
@@ -132,7 +157,9 @@ def capture(scene, job, result, share):
                                        LOOK_SHARE * share)
         capture_px, slabs = (cut.capture, cut.slabs) if cut else (grid, (whole_slab(scene, rendered),))
         guard_render_state(scene, job, capture_px, folder / "pass.exr", journal)
-        lights = [GatheredLight(plan, rendered_layer(scene).name, names, slab) for slab in slabs]
+        needed_bytes, scratch = room_for_capture(scene, job, capture_px, plan, slabs)
+        peak_mb = (taken_bytes() + needed_bytes) / MEGABYTE
+        lights = [GatheredLight(plan, rendered_layer(scene).name, names, slab, scratch) for slab in slabs]
         clamps = clamps_of(scene)
         done, step = LOOK_SHARE * share, (1 - LOOK_SHARE) * share / (len(plan.bands) * len(lights))
         for index, band in enumerate(plan.bands):
@@ -159,7 +186,8 @@ def capture(scene, job, result, share):
     depth_mm = planar_depth_mm(_nearest_m(lights, capture_px) * M_TO_MM, job.lens, capture_px)[inside]
     layers = layered_radiance(lights, job.lens, capture_px, job.wavelengths_nm, exposure, job.others) if cut else None
     if cut:
-        radiance, alpha = layers.flat().cropped(margin), layers.flat_alpha()[inside]
+        seen = layers.cropped(margin)
+        radiance, alpha = seen.flat(), seen.flat_alpha()
     else:
         cube, alpha = (_placed(planes, rendered, grid) for planes in (lights[0].radiance(), lights[0].alpha))
         radiance = SpectralImage(cube, job.wavelengths_nm, grid, focal_mm=job.lens.capture_focal_length_mm,
@@ -183,7 +211,7 @@ def _placed(planes, region, grid):
     """Planes (..., row, column) of a region of the capture, in all of it."""
     if planes.shape[-2:] == grid.shape_px:
         return planes
-    whole = np.zeros((*planes.shape[:-2], *grid.shape_px), np.float32)
+    whole = beside(planes, (*planes.shape[:-2], *grid.shape_px))
     whole[(..., *region)] = planes
     return whole
 
@@ -192,7 +220,7 @@ def _show(index, plan, lights, capture_px, path):
     """Write a PNG of the frame after a pass, as a perfect pinhole sees it: grey until all colours are there."""
     layers = [Layer(light.cube, light.alpha, light.depth_m * M_TO_MM, tuple(side.start for side in light.slab.region))
               for light in lights if not light.is_spare(lights)]
-    radiance = LayeredRadiance(layers, plan.choice.output_nm, capture_px).flat().frame()
+    radiance = LayeredRadiance(layers, plan.choice.output_nm, capture_px).cropped(capture_px.overscan_px).flat()
     whole = index + 1 == len(plan.bands)
     picture = to_rec709(radiance) if whole else np.stack([radiance.cube.mean(axis=0)] * 3, axis=-1)
     write_png(picture, path, auto_exposure(picture))

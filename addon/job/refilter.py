@@ -13,11 +13,11 @@ from ...engine import ImageError, InputError, Lens, Options
 from ...engine.bake.rings import AT_REST, resized_rings
 from ...engine.errors import absence
 from ...engine.field.overscan import VIEWS, overscan_px
-from ...engine.files import check_target
+from ...engine.files import check_target, discard
 from ...engine.image.depth_range import AUTO, OFF, blur_px
 from ...engine.image.layers import covered
 from ...engine.image.pitch import fitting_pitch_um
-from ...engine.image.spectral_exr import read_parts, read_with_layers
+from ...engine.image.spectral_exr import read_parts, read_with_layers, read_with_planes
 from ...engine.library import cannot_be, has_rings, iris_shows, prescription_of
 from ...engine.report import FileFacts
 from ..scene.camera import captured_region, covered_diagonal, frame_px, size_warning
@@ -117,7 +117,7 @@ def _steps(path, lens, output_folder, options, view, rings, iris, quality, depth
     warning = "; ".join(filter(None, (*words, warning, _blur_warning(lens, captured))))
     _check_region(lens, captured, path)
     _check_overscan(lens, captured.radiance, path)
-    result.record.unlink(missing_ok=True)  # from here on it would tell of other files
+    discard(result.record)  # from here on it would tell of other files
     yield from lens_steps(captured, lens, options, iris, result, 0.1)
     result.report.file = _facts(lens, captured, warning, result)
     result.report.write(result.record)
@@ -125,11 +125,14 @@ def _steps(path, lens, output_folder, options, view, rings, iris, quality, depth
 
 
 def _read(path, depth, folder):
-    radiance, planes, layers = read_with_layers(path, scratch=folder)
+    layers = None
+    if depth == AUTO:
+        radiance, planes, layers = read_with_layers(path, scratch=folder)
+    else:
+        radiance, planes = read_with_planes(path, scratch=folder)
     if radiance.focal_mm is None or "Z" not in planes:
         raise ImageError(path, "lensfield:focalMm", "missing", "it is of an older Lensfield: render again")
-    return Captured(radiance, planes["Z"], planes.get("A"), planes.get(REGION),
-                    layers if depth == AUTO else None)
+    return Captured(radiance, planes["Z"], planes.get("A"), planes.get(REGION), layers)
 
 
 def _turned(lens, rings, quality, view, captured):

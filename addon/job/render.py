@@ -12,6 +12,7 @@ import bpy
 
 from ...engine import Kept, Report, simulate
 from ...engine.errors import InputError
+from ...engine.files import discard
 from ...engine.image.spectral_exr import write_exr
 from ...engine.image.spectral_image import IRRADIANCE
 from ...engine.locks import only_maker
@@ -274,7 +275,7 @@ def render_steps(scene, job, one=None):
     report = result.report
     with report.stage("multispectral render"):
         captured = yield from capture_by(scene, job, result, RENDER_SHARE)
-    result.record.unlink(missing_ok=True)  # from here on it would tell of other files
+    discard(result.record)  # from here on it would tell of other files
     if job.traced:
         yield from _film_steps(captured, job.lens, result)
     else:
@@ -293,7 +294,7 @@ def lens_steps(captured, lens, options, iris, result, done):
     """Steps that put what is Captured through a lens and write what follows from it, when so much of the job is done.
     """
     report = result.report
-    result.record.unlink(missing_ok=True)  # from here on it would tell of other files
+    discard(result.record)  # from here on it would tell of other files
     irradiance = yield Work(lambda tell: simulate(captured.layers or captured.radiance, lens, options, iris=iris,
                                                   progress=tell, report=report, kept=kept()),
                             f"Through {lens.name}", done, 0.98 - done)
@@ -307,7 +308,7 @@ def _film_steps(film, lens, result):
     irradiance = replace(film.radiance, cube=film.cut(film.radiance.cube), quantity=IRRADIANCE, lens_name=lens.name,
                          f_number_effective=lens.f_number_effective, focal_mm=None)
     for name in PINHOLE_FILES:  # of an earlier render
-        getattr(result, name).unlink(missing_ok=True)
+        discard(getattr(result, name))
         del result.report.files[name]
     yield from _file_steps(irradiance, result, lambda: write_film_pictures(film, irradiance, lens, result))
 

@@ -8,6 +8,7 @@ import numpy as np
 from ...engine.image.spectral_image import SpectralImage
 from ...engine.plan.remembered import remembered_plan
 from ..job.bands import pass_count
+from ..job.radiance import pass_bytes
 from ..scene.camera import frame_capture, frame_px, lens_for_view
 from . import lint_panel
 from .window_render import areas
@@ -39,9 +40,11 @@ def plan_text(scene, lens):
     if not future.done() or future.exception():  # it is being made, or there can be none
         return text
     plan = future.result()
-    memory_mb = plan.memory_mb + 2 * 4e-6 * rows * columns * len(wavelengths_nm)  # radiance and irradiance
+    light_mb = 4e-6 * rows * columns * len(wavelengths_nm)
+    pass_mb = 1e-6 * pass_bytes(rows * columns, 1, settings.denoises(settings.to_spectral_options()))
+    memory_mb = light_mb + max(pass_mb, plan.memory_mb + light_mb)  # of the radiance, and at last of the irradiance
     memory = f"{memory_mb / 1e3:.1f} GB" if memory_mb >= 1e3 else f"{memory_mb:.0f} MB"
-    return f"{text}; then {max(plan.seconds, 0.1):.1f} s for the lens, {memory}"
+    return f"{text}; then {max(plan.seconds, 0.1):.1f} s for the lens; {memory} beside the scene"
 
 
 def _renders(scene, wavelengths):

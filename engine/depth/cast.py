@@ -1,5 +1,6 @@
 """cast(): layered radiance seen along the lens's rays, where it is out of focus."""
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -10,8 +11,8 @@ from .. import kernels
 from ..image.layers import LayeredRadiance
 from ..image.pixel_grid import PixelGrid
 from ..threads import thread_pool
-from .meetings import TILE_PX, plan_meetings
-from .pencils import HEIGHTS, Iris, pencils, per_focal
+from .meetings import TILE_PX, plan_meetings, values_of_blocks
+from .pencils import HEIGHTS, Iris, packed_pencils, pencils, per_focal
 from .plain import cast as plain_cast
 from .seen import Seen, seen
 
@@ -20,6 +21,9 @@ if TYPE_CHECKING:
     from ..lens import Lens
 
 FAINT = 1e-3  # of a picture's mean radiance
+PIXEL_BYTES = 4  # in a plane
+SEEN, READY = 3, 10  # planes that a layer takes, as it is seen; and on the way to that
+TOLD, OF_TABLE = 6, 1.2e7  # planes, and values beside, that the irradiance of a wavelength's rays takes
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +82,7 @@ def cast(layered: LayeredRadiance, lens: "Lens", rays: "RayTable", *, most_rays:
     capture, wavelengths_nm = layered.grid, layered.wavelengths_nm
     sensor, count = capture.frame(), wavelengths_nm.size
     focal_mm = layered.focal_mm or lens.capture_focal_length_mm
-    ends = pencils(rays, wavelengths_nm[[0, -1]], sensor, focal_mm, 256, sequences=1)
+    ends = pencils(rays, wavelengths_nm[[0, -1]], sensor, focal_mm, 256)
     layers = [one for layer in layered.layers if (one := seen(layer, capture, lens, ends))]
     fisheye = per_focal(capture, focal_mm)
     meetings = plan_meetings(layers, ends, sensor, fisheye, most_rays, most_of_lamps or most_rays)
@@ -90,18 +94,30 @@ def cast(layered: LayeredRadiance, lens: "Lens", rays: "RayTable", *, most_rays:
         sharp = [_sharp(layers, shares, index, capture.shape_px) for index in range(group.start, group.stop)]
         blurred, clear = (np.full((len(sharp), *sensor.shape_px), value, np.float32) for value in (0, 1))
         if meetings.eights.any():
-            bundle = pencils(rays, wavelengths_nm[group], sensor, focal_mm, needed)
             casting = kernels.Casting(
-                bundle.packed(), bundle.heights_per_px, sensor.centre_px, fisheye, blades.directions, blades.shape,
-                tuple(layer.of(group) for layer in layers), tuple(FAINT * float(abs(plane.mean())) for plane in sharp),
-                meetings.found, meetings.eights, TILE_PX)
+                *packed_pencils(rays, wavelengths_nm[group], sensor, focal_mm, needed), sensor.centre_px, fisheye,
+                blades.directions, blades.shape, tuple(layer.of(group) for layer in layers),
+                tuple(FAINT * float(abs(plane.mean())) for plane in sharp), meetings.found, meetings.eights, TILE_PX)
             for done in _filled_rows(casting, blurred, clear):
                 progress((first + done * len(sharp)) / count)
+            del casting
         else:
             progress(group.stop / count)
         for number, nm in enumerate(wavelengths_nm[group]):
             yield CastPlane(sharp[number], blurred[number], clear[number], per_radiance(nm))
             sharp[number] = None  # the next one's needs its room
+        del blurred, clear
+
+
+def casting_bytes(layered: LayeredRadiance, most_of_lamps: int) -> float:
+    """Of memory that `cast` takes at the most, beside the layers and the lens. Small bright things count as there."""
+    capture_px, frame_px = (math.prod(shape) for shape in (layered.grid.shape_px, layered.grid.frame_px))
+    layers_px = [layer.alpha.size for layer in layered.layers]
+    together = min(kernels.TOGETHER, layered.wavelengths_nm.size)
+    rays = 2 * math.prod(kernels.rays_shape(HEIGHTS, most_of_lamps // 8, together))  # and as many on the way
+    group = together * (capture_px + 2 * frame_px) + max(rays, OF_TABLE + TOLD * frame_px)
+    looked_up = max(READY * pixels + values_of_blocks(pixels) for pixels in layers_px)
+    return PIXEL_BYTES * (capture_px + SEEN * sum(layers_px) + max(group, looked_up))
 
 
 class _PerRadiance:

@@ -15,6 +15,7 @@ from .pencils import Pencils
 from .seen import Seen
 
 TILE_PX, BLOCK_PX = 16, 8
+QUANTITIES = 6  # of which extremes are looked up
 FEWEST_RAYS = 32
 STRIDE_PX = 1.0  # from ray to ray across a blur: what they miss is noise that all pictures of a scene share
 BRIGHT, MOST_TIMES = 4, 8  # what stands out so much gets more rays, in proportion, up to so many times
@@ -103,7 +104,7 @@ class _Reach:
         self._beyond = beyond
         self._middle = middle
         self._radius = maximum_filter1d(radius, 2 * int(np.ceil(half_px / step_px)) + 1, axis=1)
-        self._blur = 2 * (np.hypot(*rays.moved_px[:, 0, :, 0]) * (rays.margin[0, :, 0] > 0)).max(axis=-1)
+        self._blur = 2 * (np.hypot(*rays.moved_px[:, 0]) * (rays.margin[0] > 0)).max(axis=-1)
 
     def radius_px(self, least, most):
         return np.maximum(*(self._between(self._radius, nearness) for nearness in (least, most)))
@@ -133,7 +134,7 @@ class _Reach:
 
 def _ends(rays, per_focal, nearness):
     """Middles and radii of what rays reach at inverse depths: arrays (depth, height), in pixels from the axis."""
-    far, moved, passing = rays.far_px[:, :, :, 0], rays.moved_px[:, :, :, 0], rays.margin[:, :, 0] > 0
+    far, moved, passing = rays.far_px, rays.moved_px, rays.margin > 0
     place = far[:, None] + moved[:, None] * nearness[:, None, None, None].astype(np.float32)
     if per_focal:
         tangent = np.hypot(*place) * per_focal
@@ -196,6 +197,12 @@ class _Blocks:
                                           for each in (-minus_least, most, -minus_dullest, sharpest))
         return _Look(met, least, most, dullest, sharpest, np.where(whole, -minus_clearest, 0), brightest,
                      sums / ((bottom + 1 - top) * (right + 1 - left) * BLOCK_PX**2))
+
+
+def values_of_blocks(pixels: int) -> float:
+    """How many values, in single precision, the extremes of so large a layer take."""
+    blocks = pixels / BLOCK_PX**2
+    return QUANTITIES * blocks * (np.log2(max(blocks, 1)) / 2 + 1) ** 2
 
 
 def _in_blocks(plane, beyond):

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..image.pixel_grid import FISHEYE, PixelGrid
-from ..kernels import SEQUENCES
+from ..kernels import SEQUENCES, rays_shape
 
 if TYPE_CHECKING:
     from ..bake.ray_table import RayTable
@@ -65,18 +65,18 @@ class Iris:
 
 @dataclass(frozen=True, eq=False)
 class Pencils:
-    """Rays of pixels at even distances from the axis, outwards of which is up.
+    """Rays of pixels at even distances from the axis, outwards of which is up; of one sequence of them.
 
     Attributes
     ----------
     last_px : float
         The last of these distances.
-    stop : float32 array (2, sequence, ray)
+    stop : float32 array (2, ray)
         Places of the stop, along the tangent and outwards, in semi-apertures.
-    far_px, moved_px : float32 arrays (2, wavelength, height, sequence, ray)
+    far_px, moved_px : float32 arrays (2, wavelength, height, ray)
         Outwards and along the tangent: where on the plane of an ideal image they go at infinity, in pixels; and how
         that moves with the inverse depth, in pixels times mm.
-    margin, light : float32 arrays (wavelength, height, sequence, ray)
+    margin, light : float32 arrays (wavelength, height, ray)
         Positive where they pass; and how much light they bring.
     """
 
@@ -101,17 +101,16 @@ class Pencils:
         return int(np.ceil(((far + nearness * moved) * (self.margin.max(axis=0) > 0)).max()))
 
     def packed(self) -> np.ndarray:
-        """As the loops want them: see `kernels.Casting.rays`."""
+        """As the loops want them: array (height, eight, 2 + 6 wavelengths, 8), see `kernels.Casting.rays`."""
         rays = np.concatenate([self.far_px, self.moved_px, self.margin[None], self.light[None]])
-        quantities, wavelengths, heights, sequences, count = rays.shape
-        rays = rays.transpose(2, 3, 1, 0, 4).reshape(heights, sequences, wavelengths * quantities, count)
-        stop = np.broadcast_to(self.stop.swapaxes(0, 1), (heights, sequences, 2, count))
-        rays = np.concatenate([stop, rays], axis=2).reshape(heights, sequences, -1, count // 8, 8)
-        return np.ascontiguousarray(rays.swapaxes(2, 3), dtype=np.float32)
+        quantities, wavelengths, heights, count = rays.shape
+        rays = rays.transpose(2, 1, 0, 3).reshape(heights, wavelengths * quantities, count)
+        rays = np.concatenate([np.broadcast_to(self.stop, (heights, *self.stop.shape)), rays], axis=1)
+        return rays.reshape(heights, -1, count // 8, 8).swapaxes(1, 2)
 
 
 def pencils(rays: "RayTable", wavelengths_nm: np.ndarray, sensor: PixelGrid, focal_mm: float, count: int,
-            sequences: int = SEQUENCES) -> Pencils:
+            sequence: int = 0) -> Pencils:
     """The rays of a sensor's pixels.
 
     Parameters
@@ -124,22 +123,28 @@ def pencils(rays: "RayTable", wavelengths_nm: np.ndarray, sensor: PixelGrid, foc
         Of the capture that they look at.
     count : int
         Of rays, a power of two: that many of each sequence, and its first 2^n, lie evenly.
-    sequences : int
+    sequence : int
+        Of SEQUENCES.
     """
     pitch_mm = sensor.pitch_um * 1e-3
     last_px = min(sensor.farthest_px, rays.last_height_mm / pitch_mm)
     heights_mm = np.linspace(0, last_px * pitch_mm, HEIGHTS)
-    stop = np.stack([stop_places(count, seed) for seed in range(sequences)], axis=1)
-    found = rays.near(wavelengths_nm).bundles(heights_mm, -stop.reshape(2, -1))  # as the light has them: upside down
+    stop = stop_places(count, sequence)
+    found = rays.near(wavelengths_nm).bundles(heights_mm, -stop)  # as the light has them: upside down
     tangent = found.direction[:2] / np.maximum(found.direction[2], LEAST_COSINE)
     to_px = focal_mm / pitch_mm
+    quantities = stop, tangent[::-1] * to_px, -found.entrance_mm[::-1] * to_px, found.margin, found.weight
+    return Pencils(last_px, *(each.astype(np.float32) for each in quantities))
 
-    def of_sequences(values):
-        return values.reshape(*values.shape[:-1], *stop.shape[1:]).astype(np.float32)
 
-    return Pencils(last_px, stop.astype(np.float32), of_sequences(tangent[::-1] * to_px),
-                   of_sequences(-found.entrance_mm[::-1] * to_px), of_sequences(found.margin),
-                   of_sequences(found.weight))
+def packed_pencils(rays: "RayTable", wavelengths_nm: np.ndarray, sensor: PixelGrid, focal_mm: float,
+                   count: int) -> tuple[np.ndarray, float]:
+    """What the loops want of `pencils`: `kernels.Casting`'s rays and its heights per pixel."""
+    packed = np.empty(rays_shape(HEIGHTS, count // 8, wavelengths_nm.size), np.float32)
+    for sequence in range(SEQUENCES):  # one after another: what is made on the way is many times larger
+        bundle = pencils(rays, wavelengths_nm, sensor, focal_mm, count, sequence)
+        packed[:, sequence] = bundle.packed()
+    return packed, bundle.heights_per_px
 
 
 def per_focal(capture: PixelGrid, focal_mm: float) -> float:

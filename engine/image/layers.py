@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import ImageError
+from ..scratch import beside
 from .pixel_grid import PixelGrid
 from .spectral_image import SpectralImage
 
@@ -53,6 +54,16 @@ class Layer:
     @property
     def nbytes(self) -> int:
         return self.cube.nbytes + self.alpha.nbytes + self.depth_mm.nbytes
+
+    def within(self, region: tuple[slice, slice]) -> "Layer":
+        """What of it lies in a region of the capture, for a capture of that region alone; it shares its memory."""
+        common = [np.clip((here.start, here.stop), side.start, side.stop).tolist()
+                  for here, side in zip(self.place, region, strict=True)]
+        rows, columns = (slice(first - origin, last - origin)
+                         for (first, last), origin in zip(common, self.origin_px, strict=True))
+        (top, _), (left, _) = common
+        return Layer(self.cube[:, rows, columns], self.alpha[rows, columns], self.depth_mm[rows, columns],
+                     (top - region[0].start, left - region[1].start))
 
     def cropped(self) -> "Layer":
         """The layer without the rows and columns on its sides that it does not cover; of one pixel at the least."""
@@ -117,9 +128,16 @@ class LayeredRadiance:
         grid = replace(self.grid, focal_mm=self.focal_mm)
         return SpectralImage(cube, self.wavelengths_nm, grid, focal_mm=self.focal_mm, exposure=self.exposure)
 
+    def cropped(self, margin_px: tuple[int, int]) -> "LayeredRadiance":
+        """The layers without `margin_px` (rows, columns) on each side of the capture; they share their memory."""
+        (above, left), (rows, columns) = margin_px, self.grid.shape_px
+        inside = slice(above, rows - above), slice(left, columns - left)
+        return replace(self, grid=self.grid.cropped(margin_px),
+                       layers=tuple(layer.within(inside) for layer in self.layers))
+
     def flat(self) -> SpectralImage:
-        """The radiance that the pinhole sees of all layers."""
-        cube = np.zeros((self.wavelengths_nm.size, *self.grid.shape_px), np.float32)
+        """The radiance that the pinhole sees of all layers; in a file, where theirs is."""
+        cube = beside(self.layers[0].cube, (self.wavelengths_nm.size, *self.grid.shape_px))
         for layer in reversed(self.layers):
             part = cube[:, *layer.place]
             part *= 1 - layer.alpha
@@ -144,6 +162,11 @@ class LayeredRadiance:
         """The same layers with other light: of each an array (wavelength, row, column), of as many wavelengths."""
         return replace(self, layers=tuple(replace(layer, cube=cube)
                                           for layer, cube in zip(self.layers, cubes, strict=True)))
+
+
+def light_of(radiance: SpectralImage | LayeredRadiance) -> np.ndarray:
+    """An array (wavelength, row, column) of its light, in memory or in a file as all of it is."""
+    return radiance.layers[0].cube if isinstance(radiance, LayeredRadiance) else radiance.cube
 
 
 def covered(alpha: np.ndarray) -> tuple[slice, slice]:

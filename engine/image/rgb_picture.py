@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import ImageError, InputError
 from ..files import AnyPath
-from ..scratch import let_go, new_array
+from ..scratch import folder_if_large, let_go, new_array
 from ..spectral.colour import light_basis
 from ..spectral.spectra import BAND_NM
 from ..values import Value
@@ -200,7 +200,8 @@ def upsample(picture: RgbPicture, wavelengths_nm: ArrayLike, pitch_um: float,
         if not BAND_NM[0] <= nm <= BAND_NM[1]:
             raise InputError("options", "wavelength", f"{nm:g} nm",
                              "colours reach from {:g} to {:g} nm".format(*BAND_NM))
-    cube = new_array((len(wavelengths_nm), *picture.rec709.shape[:2]), scratch)
+    shape = (len(wavelengths_nm), *picture.rec709.shape[:2])
+    cube = new_array(shape, folder_if_large(shape, scratch))
     lost = kept = 0.0
     with np.errstate(invalid="ignore", over="ignore"):
         for plane, shares in zip(cube, light_basis(wavelengths_nm).astype(np.float32), strict=True):

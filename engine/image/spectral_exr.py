@@ -41,6 +41,7 @@ SAMPLE_BYTES, DEEP_BYTES = 4, 128  # of a pixel's channel, as a number or as an 
 EMPTY_PX, MOST_EMPTY = 2**25, 64  # a display window of more pixels may not be as many times as large as its data
 M_TO_MM = 1e3
 TYPES = {"HALF": np.float16, "FLOAT": np.float32, "UINT": np.uint32}
+READ_BY_ROWS = OpenEXR.scanlineimage, OpenEXR.tiledimage
 BLOCK_ROWS = 64  # read at once: a multiple of what the chunks of most compressions hold
 
 
@@ -191,23 +192,25 @@ def read_exr(path: str | os.PathLike, pitch_um: float | None = None) -> Spectral
     return read_with_planes(path, pitch_um)[0]
 
 
-def read_with_planes(path: str | os.PathLike,
-                     pitch_um: float | None = None) -> tuple[SpectralImage, dict[str, np.ndarray]]:
-    """What `read_exr` gives, and all the planes of the picture by channel: those beside the spectral ones, too."""
-    return _first_image(read_parts(path), path, pitch_um)
+def read_with_planes(path: str | os.PathLike, pitch_um: float | None = None, scratch: AnyPath | None = None
+                     ) -> tuple[SpectralImage, dict[str, np.ndarray]]:
+    """What `read_exr` gives, and all the planes of the picture by channel: those beside the spectral ones, too.
+
+    Where `scratch` names a folder, spectral planes lie in a file there, if all of the file would take too much memory.
+    """
+    headers = read_parts(path, header_only=True)
+    header = headers[0][0]
+    if scratch is None or header["type"] not in READ_BY_ROWS or not is_large((sum(map(_samples, headers)),)):
+        return _first_image(read_parts(path), path, pitch_um)
+    return _first_image([(header, dict.fromkeys(header["channel names"]))], path, pitch_um,
+                        partial(_read_by_blocks, path, header, scratch))
 
 
 def read_with_layers(path: str | os.PathLike, pitch_um: float | None = None, scratch: AnyPath | None = None
                      ) -> tuple[SpectralImage, dict[str, np.ndarray], LayeredRadiance | None]:
-    """What `read_with_planes` gives, and the layers that the picture is seen in; None where there are none.
-
-    Where `scratch` names a folder, spectral planes that would take too much memory lie in a file there.
-    """
-    if scratch is not None and _may_stream(headers := read_parts(path, header_only=True)):
-        header = headers[0][0]
-        image, planes = _first_image([(header, dict.fromkeys(header["channel names"]))], path, pitch_um,
-                                     partial(_read_by_blocks, path, header, scratch))
-        return image, planes, None
+    """What `read_with_planes` gives, and the layers that the picture is seen in; None where there are none."""
+    if len(read_parts(path, header_only=True)) == 1:
+        return *read_with_planes(path, pitch_um, scratch), None
     parts = read_parts(path)
     image, planes = _first_image(parts, path, pitch_um)
     return image, planes, _layered(image, parts, path)
@@ -218,12 +221,11 @@ def read_layers(path: str | os.PathLike) -> LayeredRadiance | None:
     return read_with_layers(path)[2]
 
 
-def _may_stream(parts):
-    """Whether a file is one picture that is large in memory, by its headers."""
-    (header, _), *others = parts
+def _samples(part):
+    """How many numbers a part holds, by its header."""
+    header, _ = part
     (left, top), (right, bottom) = np.array(header["dataWindow"], dtype=int).tolist()
-    return (not others and header["type"] in (OpenEXR.scanlineimage, OpenEXR.tiledimage)
-            and is_large((len(header["channel names"]), bottom - top + 1, right - left + 1)))
+    return len(header["channel names"]) * (bottom - top + 1) * (right - left + 1)
 
 
 def _read_by_blocks(path, header, scratch, channels, names):

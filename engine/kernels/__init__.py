@@ -4,7 +4,7 @@ Whoever calls `turn`, `footprints`, `spread`, `waves` or `cast` has asked `runni
 is no library.
 """
 
-from .cast import MEETING, SEQUENCES, TOGETHER, Casting, SeenLayer, cast
+from .cast import MEETING, SEQUENCES, TOGETHER, Casting, SeenLayer, cast, rays_shape
 from .footprints import RadialGeometry, footprints
 from .library import NUMPY, available, running
 from .spreading import PackedTable, TablePlaces, spread
@@ -12,4 +12,5 @@ from .turning import TurnableSamples, turn
 from .waves import waves
 
 __all__ = ["MEETING", "NUMPY", "SEQUENCES", "TOGETHER", "Casting", "PackedTable", "RadialGeometry", "SeenLayer",
-           "TablePlaces", "TurnableSamples", "available", "cast", "footprints", "running", "spread", "turn", "waves"]
+           "TablePlaces", "TurnableSamples", "available", "cast", "footprints", "rays_shape", "running", "spread",
+           "turn", "waves"]

@@ -86,6 +86,11 @@ class Casting:
         return (self.rays.shape[3] - STOP) // QUANTITIES
 
 
+def rays_shape(heights: int, eights: int, wavelengths: int) -> tuple[int, ...]:
+    """That of `Casting.rays`."""
+    return heights, SEQUENCES, eights, STOP + QUANTITIES * wavelengths, 8
+
+
 def cast(casting: Casting, row: int, blurred: np.ndarray, clear: np.ndarray) -> None:
     """Write the pixels of a row of tiles.
 
@@ -104,8 +109,8 @@ def cast(casting: Casting, row: int, blurred: np.ndarray, clear: np.ndarray) -> 
     loops, variant = chosen()
     layers = (LAYER * len(casting.layers))(*map(_layer, casting.layers))
     heights, _, eights = casting.rays.shape[:3]
+    of_eight = rays_shape(heights, eights, casting.wavelengths)
     tile_rows, tile_columns = casting.eights.shape
-    of_eight = (heights, SEQUENCES, eights, STOP + QUANTITIES * casting.wavelengths, 8)
     structure = CAST(address(casting.rays, np.float32, of_eight), heights, eights, casting.wavelengths,
                      *casting.centre_px, casting.heights_per_px, casting.per_focal,
                      address(casting.blades, np.float32), len(casting.blades), *casting.blade_shape,

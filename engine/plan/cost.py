@@ -8,9 +8,7 @@ from scipy import fft
 
 from .. import kernels
 from ..blur.method import Workload
-from ..image.spectral_image import SpectralImage
 from ..memory import check_room, taken_bytes
-from ..scratch import in_file
 from ..threads import thread_count
 from .plan import Plan
 
@@ -49,7 +47,7 @@ NANOSECONDS = {
 }
 LOOPS, SLOWNESS = ("tap", "table sample"), {"avx2": 1.5, "base": 2.4, "neon": 2.4}  # beside AVX-512's
 REFERENCE_S, RUNS = 2.4e-4, 6  # of what `machine_factor` runs, there
-MEGABYTE, PIXEL_BYTES = 1e6, 4  # the latter in a plane
+MEGABYTE = 1e6
 OF_SPECTRA, DOUBLE_SLOWNESS = {"transformed value", "spectrum value"}, 1.9  # of double precision
 PICTURES, TABLES = 6, 3  # of their size at once
 LOOKS, LOOK_AGAIN_S = 8, 1.0
@@ -125,17 +123,15 @@ def memory_mb(work: Workload, plan: Plan) -> float:
     return values * np.dtype(plan.precision).itemsize / MEGABYTE
 
 
-def in_process(plan: Plan, radiance: SpectralImage, in_place: bool) -> Plan:
-    """A plan with the most memory that this process will hold by it: what it holds by now, the irradiance, and what
-    filtering takes. The irradiance of radiance that lies in a file will lie in one, too, and `in_place` it takes the
-    radiance's own memory.
+def in_process(plan: Plan, beside_bytes: float) -> Plan:
+    """A plan with the most memory that this process will hold by it: what it holds by now, what filtering takes, and
+    what will lie beside.
 
     Raises
     ------
     ImageError
         There is not as much.
     """
-    planes = 0 if in_place or in_file(radiance.cube) else radiance.wavelengths_nm.size
-    to_come = plan.memory_mb * MEGABYTE + PIXEL_BYTES * planes * np.prod(radiance.frame_px)
+    to_come = plan.memory_mb * MEGABYTE + beside_bytes
     check_room("image", to_come, "give a smaller picture, larger pixels, a lower accuracy or fewer azimuths")
     return replace(plan, peak_mb=(taken_bytes() + to_come) / MEGABYTE)

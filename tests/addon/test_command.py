@@ -20,6 +20,8 @@ from lensfield.engine.image.spectral_exr import read_exr
 from lensfield.engine.library import BUNDLED
 from small_scenes import light, material, set_world, wall
 
+pytestmark = pytest.mark.one_blender
+
 
 @pytest.fixture
 def blend(scene, tmp_path):

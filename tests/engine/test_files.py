@@ -175,6 +175,14 @@ def test_what_is_of_others_stays_however_old(tmp_path, name):
     assert (tmp_path / name).read_text() == "mine"
 
 
+@pytest.mark.skipif(os.name != "posix", reason="another system tells it otherwise")
+def test_what_stays_though_it_tells_of_other_files_is_told(tmp_path):
+    files.discard(tmp_path / "gone.json")
+    (tmp_path / "out").write_text("no folder any more")
+    with pytest.raises(InputError, match=r"out/report.json: file is not to be removed: Not a directory"):
+        files.discard(tmp_path / "out" / "report.json")
+
+
 def test_what_cannot_be_removed_is_no_error(tmp_path):
     folder = tmp_path / f"{files.HALF}folder"
     folder.mkdir()

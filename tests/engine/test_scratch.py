@@ -6,7 +6,8 @@ import pytest
 
 from full_disk import room_for
 from lensfield.engine import ImageError, InputError, Kept, Lens, Options, SpectralImage, memory, scratch, simulate
-from lensfield.engine.image.spectral_exr import read_with_layers, write_exr
+from lensfield.engine.image.layers import Layer, LayeredRadiance
+from lensfield.engine.image.spectral_exr import read_with_layers, read_with_planes, write_exr
 from lensfield.engine.plan import cost
 from rgb_files import colours, run
 
@@ -59,6 +60,16 @@ def test_strangers_files_are_read_by_blocks_too(tmp_path, nothing_free, compress
         assert second[name].dtype == plane.dtype
 
 
+def test_of_a_picture_in_layers_the_first_part_is_read_alone(tmp_path, nothing_free):
+    flat = picture(65, 40)
+    layers = [Layer(flat.cube, np.ones(flat.cube.shape[1:]), np.full(flat.cube.shape[1:], 500.0))] * 2
+    write_exr(flat, tmp_path / "picture.exr", layered=LayeredRadiance(layers, NM, flat.grid))
+    image, planes = read_with_planes(tmp_path / "picture.exr", scratch=tmp_path)
+    at_once, expected = read_with_planes(tmp_path / "picture.exr")
+    assert scratch.in_file(image.cube) and not scratch.in_file(at_once.cube) and planes.keys() == expected.keys()
+    np.testing.assert_array_equal(image.cube, at_once.cube)
+
+
 @pytest.mark.parametrize("kept", [0.3, 0.9, 0.999])
 def test_a_file_that_ends_too_early_is_told_and_leaves_nothing(tmp_path, nothing_free, capfd, kept):
     path = tmp_path / "picture.exr"
@@ -80,6 +91,21 @@ def test_what_a_lens_makes_of_a_picture_in_a_file_is_in_one_too_and_the_same(tmp
             for folder in (None, tmp_path)]
     assert [scratch.in_file(image.cube) for image in seen] == [False, True]
     np.testing.assert_array_equal(*(image.cube for image in seen))
+
+
+def test_what_a_lens_makes_of_layers_in_files_is_in_one_too_and_the_same(tmp_path, nothing_free):
+    flat, seen = picture(70, 40), []
+    for folder in (None, tmp_path):
+        layers = []
+        for depth_mm in (300.0, 3000.0):
+            cube = scratch.new_array(flat.cube.shape, folder)
+            cube[:] = flat.cube / 2
+            layers.append(Layer(cube, np.full(cube.shape[1:], 0.5), np.full(cube.shape[1:], depth_mm)))
+        layered = LayeredRadiance(layers, NM, flat.grid, LENS.capture_focal_length_mm)
+        seen += [layered.flat(), layered.cropped((1, 1)).flat(), simulate(layered, LENS)]
+    assert [scratch.in_file(image.cube) for image in seen] == [False] * 3 + [True] * 3
+    for one, other in zip(seen[:3], seen[3:], strict=True):
+        np.testing.assert_array_equal(one.cube, other.cube)
 
 
 def test_the_price_counts_memory_alone(tmp_path, nothing_free, monkeypatch):

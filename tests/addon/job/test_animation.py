@@ -23,6 +23,8 @@ from lensfield.engine.image.spectral_exr import read_exr
 from small_scenes import keyframe_world, light, material, set_world, wall
 from snapshot import differences, snapshot
 
+pytestmark = pytest.mark.one_blender
+
 NAMES = tuple(render_module.FRAME_FILES.values())
 
 
@@ -227,7 +229,6 @@ def test_noise_is_the_same_in_each_frame_unless_the_scene_animates_its_seed(scen
     light(scene, "AREA", 20.0).location.x = 2.0
     wall(scene, material("Paint", "ShaderNodeBsdfDiffuse")[0])
     scene.cycles.use_animated_seed, scene.lensfield.wavelength_count = animated, 2
-    scene.lensfield.tier = "REFERENCE"
     results = addon.render_animation(scene, [1, 2], output_folder=tmp_path).results.values()
     first, second = (read_exr(result.radiance).cube for result in results)
     assert np.array_equal(first, second) != animated

@@ -152,6 +152,8 @@ LEAVE_IT = """
 import os, sys
 import bpy
 from lensfield.commands.child import Child
+
+pytestmark = pytest.mark.one_blender
 child = Child([sys.executable, *sys.argv[2:]], sys.argv[1])
 while "fraction" not in child.told: pass
 print(child._process.pid, flush=True)

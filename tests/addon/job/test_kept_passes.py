@@ -18,6 +18,8 @@ from lensfield.engine.errors import InputError
 from lensfield.engine.locks import Busy
 from small_scenes import light, material, set_world, wall
 
+pytestmark = pytest.mark.one_blender
+
 ASKED = {"wavelengths_nm": [450.0, 550.0, 600.0, 650.0], "lens_quality": "preview", "lens": "tessar-50mm"}
 
 
@@ -192,7 +194,6 @@ def test_what_was_kept_is_told(deep, tmp_path):
     assert not kept_passes.passes_left(deep, tmp_path / "one") and not (tmp_path / "one" / ".lensfield").exists()
 
 
-@pytest.mark.one_blender
 def test_one_capture_of_a_rack_is_kept_until_its_last_frame_is_there(deep, tmp_path, monkeypatch):
     dof = deep.camera.data.dof
     dof.use_dof, dof.aperture_fstop = True, 3.0
@@ -300,7 +301,6 @@ class another:
         self._process.communicate()
 
 
-@pytest.mark.one_blender
 def test_processes_share_the_frames_of_a_folder_and_one_that_is_killed_loses_none(tmp_path):
     """Each frame is rendered by one of them alone, to the bytes that one process makes."""
     kill.save_scene(tmp_path / "scene.blend", samples=16)

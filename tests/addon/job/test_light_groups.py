@@ -86,6 +86,7 @@ def red(nm=NM):
     return load_spectrum("chart-15-red").at(nm)
 
 
+@pytest.mark.one_blender
 @pytest.mark.parametrize("first, second", [(SPIKY, "led-b3"), ("illuminant-a", "mercury"), (SPIKY, "")])
 def test_two_lamps_are_the_sum_of_each_alone(scene, tmp_path, first, second):
     red_wall(scene)
@@ -124,6 +125,7 @@ def test_lamps_cost_no_wavelengths_in_a_grey_scene(scene, tmp_path):
     assert_means(picture, expected, PRECISION)
 
 
+@pytest.mark.one_blender
 @pytest.mark.parametrize("count", [9, 31])
 @pytest.mark.parametrize("spectrum", [SPIKY, "mercury", "fluorescent-fl11", "588.9:0, 589:1, 589.1:0"])
 def test_power_of_spiky_lamps_is_in_the_picture(scene, tmp_path, spectrum, count):
@@ -134,6 +136,7 @@ def test_power_of_spiky_lamps_is_in_the_picture(scene, tmp_path, spectrum, count
     assert_means(trapezoid(radiance(scene, tmp_path, nm), nm, axis=0), 10 * STEP, PRECISION)
 
 
+@pytest.mark.one_blender
 def test_power_of_spiky_lamps_that_share_a_group_is_in_the_picture(scene, tmp_path):
     """Two on one object: their spectra are in the colours."""
     nm = np.linspace(380, 780, 31)
@@ -254,6 +257,7 @@ def test_world_override_shines_in_its_own_group(scene, tmp_path):
     assert_means(radiance(scene, tmp_path), expected, PRECISION)
 
 
+@pytest.mark.one_blender
 def test_lamp_of_a_temperature_beside_another(scene, tmp_path):
     if "use_temperature" not in bpy.types.Light.bl_rna.properties:
         pytest.skip("this Blender's lamps have no temperature")
@@ -265,6 +269,7 @@ def test_lamp_of_a_temperature_beside_another(scene, tmp_path):
     assert_means(radiance(scene, tmp_path), expected, PRECISION)
 
 
+@pytest.mark.one_blender
 @pytest.mark.parametrize("more", [0, 1, 5])
 def test_more_lamps_than_groups(scene, tmp_path, more):
     scene.cycles.samples = BY_CHANCE
@@ -286,6 +291,7 @@ def planck_pairs(temperature_k):
     return ", ".join(f"{nm}:{value}" for nm, value in zip(BAND, blackbody(temperature_k).at(BAND), strict=True))
 
 
+@pytest.mark.one_blender
 def test_spiky_lamps_are_the_last_to_share_a_group(scene, tmp_path):
     """A line between two rendered wavelengths would be lost, or far too bright."""
     scene.cycles.samples = BY_CHANCE
@@ -298,6 +304,7 @@ def test_spiky_lamps_are_the_last_to_share_a_group(scene, tmp_path):
     assert_means(trapezoid(radiance(scene, tmp_path, nm), nm, axis=0), (10 + MOST_GROUPS + 2) * STEP, PRECISION)
 
 
+@pytest.mark.one_blender
 def test_all_lamps_in_one_group_for_denoising(scene, tmp_path):
     """OIDN sees the whole picture alone, and may shift it by 1 %; a dim wavelength by 0.1 % of the brightest."""
     scene.cycles.samples = BY_CHANCE

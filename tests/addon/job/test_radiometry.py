@@ -210,9 +210,7 @@ def luminance(scene, folder, step_nm=5.0):
     return 683 * trapezoid(radiance(scene, folder, nm) * colour_matching(nm)[:, 1, None, None], nm, axis=0)
 
 
-LUMENS = [dict(spectrum=FLAT), dict(spectrum="illuminant-a"), dict(spectrum="led-b3"), dict(spectrum="sodium-lp"),
-          dict(spectrum=""), dict(spectrum="", color=(1.0, 0.5, 0.1)), dict(spectrum="", color=(0.1, 0.2, 0.9)),
-          dict(spectrum="", use_temperature=True, temperature=2700.0),
+LUMENS = [dict(spectrum=FLAT), dict(spectrum="sodium-lp"), dict(spectrum=""), dict(spectrum="", color=(0.1, 0.2, 0.9)),
           dict(spectrum="", use_temperature=True, temperature=2700.0, color=(0.1, 0.8, 0.4)),
           dict(spectrum="illuminant-a", color=(0.1, 0.2, 0.9))]
 

@@ -11,7 +11,7 @@ from lensfield import addon
 from lensfield.addon.job import slabs
 from lensfield.addon.scene.bodies import EVERYWHERE_MM, whole_depths_mm
 from lensfield.addon.scene.camera import capture_grid
-from lensfield.engine import InputError, Lens
+from lensfield.engine import InputError, Lens, scratch
 from lensfield.engine.bake.rings import Rings
 from lensfield.engine.image.pixel_grid import FISHEYE
 from lensfield.engine.image.spectral_exr import read_exr, read_with_layers, read_with_planes
@@ -101,6 +101,27 @@ def test_slabs_together_are_what_one_render_shows(deep, cut, tmp_path):
     assert_seen_as_one(whole, flat)
     assert len(layered.layers) == len(CUT_MM) + 2  # and the sky
     assert layered.focal_mm == read_exr(tmp_path / "auto" / "Scene_0001_radiance.exr").focal_mm
+
+
+@pytest.mark.one_blender
+@pytest.mark.parametrize("depth, region, files", [
+    ("auto", None, len(CUT_MM) + 2 + 2),  # light of slabs and sky, what the pinhole sees of all, and the irradiance
+    ("auto", (0.3, 0.7), len(CUT_MM) + 1 + 2), ("off", None, 2), ("off", (0.3, 0.7), 3)])
+def test_light_that_memory_is_not_for_comes_to_the_same_files(deep, cut, tmp_path, monkeypatch, depth, region, files):
+    deep.cycles.samples, deep.render.film_transparent = 2, bool(region)
+    if region:
+        deep.render.use_border = True
+        deep.render.border_min_x, deep.render.border_max_x = region
+    made, in_file = [], scratch._in_file
+    monkeypatch.setattr(scratch, "_in_file", lambda shape, folder: made.append(folder) or in_file(shape, folder))
+    plenty = rendered(deep, tmp_path / "plenty", depth)[0]
+    assert not made
+    monkeypatch.setattr(scratch, "available_bytes", lambda: 0)
+    little = rendered(deep, tmp_path / "little", depth)[0]
+    assert made == [tmp_path / "little" / depth] * files
+    for one, other in zip(plenty.files, little.files, strict=True):
+        assert one.suffix == ".json" or one.read_bytes() == other.read_bytes()  # reports tell seconds
+    assert {path.name for path in little.record.parent.glob("[!.]*")} == {path.name for path in little.files}
 
 
 def test_each_layer_lies_where_it_was_cut(deep, cut, tmp_path):

@@ -7,6 +7,7 @@ from bpy_extras.object_utils import world_to_camera_view
 
 from layouts import Layout
 from lensfield.addon.job.job import UNSAVED_FOLDER, folder_for
+from lensfield.addon.job.radiance import pass_bytes
 from lensfield.addon.job.remarks import ENOUGH_SAMPLES
 from lensfield.addon.scene.camera import capture_grid
 from lensfield.addon.ui import lens_worker, lint_panel, plan_line, window_render
@@ -173,7 +174,9 @@ def test_a_check_is_an_old_one_where_the_number_of_slabs_may_be_another(plain, c
     assert "other ones since" in told()
 
 
-def test_the_plan_lines_seconds_and_memory_are_the_engines(plain):
+@pytest.mark.parametrize("denoise", ["OFF", "ON"])
+def test_the_plan_line_tells_the_seconds_of_the_engine_and_the_memory_of_what_takes_most(plain, denoise):
+    plain.lensfield.denoise = denoise
     text = settled(plain)
     settings = plain.lensfield
     lens = Lens.load(settings.lens)
@@ -181,7 +184,9 @@ def test_the_plan_lines_seconds_and_memory_are_the_engines(plain):
     cube = np.zeros((len(settings.wavelengths_nm()), *grid.shape_px), np.float32)
     plan = list(plan_line._plans.values())[-1][1].result()
     assert plan == make_plan(Options(accuracy=0.01), lens, SpectralImage(cube, settings.wavelengths_nm(), grid))
-    assert f"then {max(plan.seconds, 0.1):.1f} s for the lens, {plan.memory_mb + 2e-6 * cube.nbytes:.0f} MB" in text
+    pass_mb = 1e-6 * pass_bytes(cube[0].size, 1, denoise == "ON")
+    memory_mb = 1e-6 * cube.nbytes + max(pass_mb, plan.memory_mb + 1e-6 * cube.nbytes)
+    assert f"then {max(plan.seconds, 0.1):.1f} s for the lens; {memory_mb:.0f} MB beside the scene" in text
 
 
 def test_what_cannot_be_planned_is_told_in_its_place(plain):

@@ -182,6 +182,7 @@ def test_an_undo_may_change_lens_and_scene_at_once(ready_scene):
     assert red(ready_scene) > 2 * first and "Cooke Triplet" in shown()
 
 
+@pytest.mark.one_blender
 def test_what_cannot_be_rendered_is_told_and_tried_again_when_it_has_changed(ready_scene):
     preview.start(ready_scene)
     ready_scene.camera.data.shift_x = 0.1
@@ -201,6 +202,7 @@ def test_what_cannot_be_rendered_is_told_and_tried_again_when_it_has_changed(rea
     assert on() is None
 
 
+@pytest.mark.one_blender
 def test_a_lens_that_is_gone_is_told_and_seen_as_soon_as_it_is_back(ready_scene, tmp_path, monkeypatch):
     """Where blades ask for its widest f-number, which is asked once for a file as it is."""
     asked, iris_shows = [], rings.iris_shows

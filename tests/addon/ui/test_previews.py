@@ -168,6 +168,7 @@ def test_the_panel_draws_a_sheet_that_is_not_there(scene, own_lens, drawing):
     assert not own_lens.with_suffix(".png").exists()
 
 
+@pytest.mark.one_blender
 def test_a_sheet_is_drawn_once_for_each_turn_of_the_rings(scene, drawing):
     scene.camera.data.dof.use_dof = True
     for f_number in (8, 11, 8):

@@ -198,6 +198,7 @@ def test_another_file_may_be_opened_meanwhile(ready_scene, tmp_path):
     assert (tmp_path / "lensfield" / "Scene_0001_lens_image.exr").is_file()
 
 
+@pytest.mark.one_blender
 def test_the_scene_may_be_renamed_edited_and_saved_elsewhere(ready_scene, tmp_path):
     start()
     ready_scene.name = "Renamed"
@@ -208,6 +209,7 @@ def test_the_scene_may_be_renamed_edited_and_saved_elsewhere(ready_scene, tmp_pa
     assert path == str(tmp_path / "lensfield" / "Scene_0001_lens_image.exr")
 
 
+@pytest.mark.one_blender
 def test_the_compositor_is_left_alone_where_that_is_asked(ready_scene):
     ready_scene.lensfield.to_compositor = False
     before = snapshot()

@@ -1,12 +1,14 @@
 """Casting: layers of depth seen along rays, against first-order optics, and in C against numpy."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
 from lenses import make_lens
 from lensfield.engine import threads
 from lensfield.engine.bake.first_order import first_order_rays
-from lensfield.engine.depth.cast import cast
+from lensfield.engine.depth.cast import cast, casting_bytes
 from lensfield.engine.depth.pencils import Iris
 from lensfield.engine.image.depth_range import blur_px, entrance_pupil_diameter_mm, focus_nearness
 from lensfield.engine.image.layers import Layer, LayeredRadiance
@@ -249,3 +251,18 @@ def test_a_lamp_in_the_corner_is_the_cats_eye_that_the_apertures_leave():
     widths = [np.sqrt(((axis - (axis * plane.blurred).sum() / plane.blurred.sum())**2 * plane.blurred).sum())
               for axis in (x_mm + y_mm, x_mm - y_mm)]
     assert abs(np.log(widths[0] / widths[1])) > 0.1  # it is not round
+
+
+@pytest.mark.parametrize("count, rays", [(2, 256), (13, 1024)])
+def test_it_takes_the_memory_that_it_is_priced_at(lens, count, rays):
+    """Beside its loops' own, which is small. A lamp wants all the rays."""
+    grid, lamp = PixelGrid((480, 640), PITCH_UM), np.zeros((480, 640))
+    lamp[240, 320] = 1
+    parts = [layer(lamp, depth_of_blur(lens, 40.0), 1e6, count), layer(np.ones_like(lamp), FAR_MM, 1.0, count)]
+    whole, table = layered(parts, lens, grid), first_order_rays(lens)
+    tracemalloc.start()
+    for view in cast(whole, lens, table, most_rays=256, most_of_lamps=rays):
+        del view
+    used = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert used < 1.3 * casting_bytes(whole, rays) < 1.3**2 * used

@@ -37,6 +37,19 @@ def test_what_is_cropped_is_the_same_layer():
     cropped = whole.cropped()
     assert cropped.alpha.shape == (1, 3) and cropped.origin_px == (2, 1)
     assert np.array_equal(layered(whole).flat().cube, layered(cropped).flat().cube)
+
+
+@pytest.mark.parametrize("margin_px", [(0, 0), (1, 0), (0, 1), (1, 1)])
+def test_without_its_margin_it_shows_the_same(margin_px):
+    """Also where a layer ends in it, or lies in it as a whole."""
+    places = ((1, 1), (0, 0)), ((1, 6), (3, 0)), ((2, 2), (1, 2)), ((3, 2), (1, 4)), (GRID.shape_px, (0, 0))
+    whole = layered(*(layer(np.full(shape_px, 0.5), light, 500.0 * light, origin_px)
+                      for light, (shape_px, origin_px) in enumerate(places, 1)))
+    rows, columns = (slice(margin, n - margin) for margin, n in zip(margin_px, GRID.shape_px, strict=True))
+    seen = whole.cropped(margin_px)
+    assert seen.grid == GRID.cropped(margin_px)
+    assert np.array_equal(seen.flat().cube, whole.flat().cube[:, rows, columns])
+    assert np.array_equal(seen.flat_alpha(), whole.flat_alpha()[rows, columns])
     assert layer(np.zeros(GRID.shape_px), 3.0, 700.0).cropped().alpha.shape == (1, 1)
 
 
