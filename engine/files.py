@@ -167,10 +167,10 @@ def link_or_copy(source: AnyPath, path: AnyPath) -> None:
 
 
 def stamp_of(path: AnyPath) -> tuple[int, int, int] | None:
-    """What is another one as soon as a file has been written again; None where there is none."""
+    """What is another one as soon as a file is written again, or a file of a folder comes or goes; None for none."""
     try:
         status = os.stat(path)
-    except OSError:
+    except (OSError, ValueError):  # the latter of a text that no file can be called by
         return None
     return status.st_mtime_ns, status.st_size, status.st_ino
 

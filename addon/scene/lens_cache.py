@@ -8,6 +8,7 @@ from threading import Lock
 
 from ...engine import Lens
 from ...engine.bake.rings import AT_REST, Rings
+from ...engine.files import stamp_of
 from ...engine.library import load
 
 MOST_LENSES = 6
@@ -19,7 +20,7 @@ _lock = Lock()  # a thread may bake one while the window looks for another
 def load_lens(name_or_path: str | os.PathLike, rings: Rings = AT_REST, quality: str = "standard",
               progress: Callable[[float, str], object] = lambda fraction, label: None) -> Lens:
     """What `engine.library.load` gives, and the same Lens as before unless the file has changed."""
-    asked = str(name_or_path), file_stamp(name_or_path), rings, quality
+    asked = str(name_or_path), stamp_of(name_or_path), rings, quality
     lens = _lenses.get(asked) or load(name_or_path, rings, quality, progress)
     with _lock:
         _lenses.pop(asked, None)
@@ -31,15 +32,7 @@ def load_lens(name_or_path: str | os.PathLike, rings: Rings = AT_REST, quality: 
 
 def loaded_lens(name_or_path: str | os.PathLike, rings: Rings, quality: str) -> Lens | None:
     """What `load_lens` gives, where it is there already."""
-    return _lenses.get((str(name_or_path), file_stamp(name_or_path), rings, quality))
-
-
-def file_stamp(name_or_path: str | os.PathLike) -> tuple[int, int] | None:
-    """What tells whether a lens's file has changed: its time and size; None for a bundled lens."""
-    if not os.path.isfile(name_or_path):
-        return None
-    status = os.stat(name_or_path)
-    return status.st_mtime_ns, status.st_size
+    return _lenses.get((str(name_or_path), stamp_of(name_or_path), rings, quality))
 
 
 @lru_cache(maxsize=4)

@@ -7,9 +7,10 @@ from functools import lru_cache
 from ...engine.bake.rays import HalfPupil, trace_pupil
 from ...engine.bake.rings import AT_REST, Rings, resized_rings, ring_ends, turned
 from ...engine.bake.system import system_of
+from ...engine.files import stamp_of
 from ...engine.lens.readers.assembly import four_by_three
 from ...engine.library import has_rings, prescription_of
-from .lens_cache import file_stamp, load_lens
+from .lens_cache import load_lens
 
 MOST_FACTS = 64
 
@@ -58,7 +59,7 @@ def lens_facts(name_or_path: str | os.PathLike, rings: Rings = AT_REST, focal_mm
     LensError
         No such lens, or one that has no image of what is there.
     """
-    return _facts(str(name_or_path), file_stamp(name_or_path), rings, focal_mm)
+    return _facts(str(name_or_path), stamp_of(name_or_path), rings, focal_mm)
 
 
 @lru_cache(maxsize=MOST_FACTS)

@@ -9,10 +9,11 @@ from ...engine import Lens
 from ...engine.bake.rings import AT_REST, Rings, resized_rings
 from ...engine.depth.pencils import Iris
 from ...engine.errors import InputError
+from ...engine.files import stamp_of
 from ...engine.library import cannot_be, has_rings, iris_shows, prescription_of
 from .camera import lens_for_view
 from .depth import M_TO_MM
-from .lens_cache import file_stamp, load_lens
+from .lens_cache import load_lens
 
 CAMERA = "camera"
 FEWEST_BLADES = 3
@@ -66,7 +67,7 @@ def scene_iris(scene, lens, iris=None, **asked) -> Iris | None:
     iris = _camera_iris(scene) if iris is None else iris
     if not iris or not iris.blades:
         return None
-    shows = _iris_shows(str(lens), file_stamp(lens), scene_rings(scene, **asked))
+    shows = _iris_shows(str(lens), stamp_of(lens), scene_rings(scene, **asked))
     if isinstance(shows, InputError):
         raise shows.with_traceback(None)  # which would grow each time
     return iris if shows else None

@@ -11,9 +11,9 @@ from functools import lru_cache
 import numpy as np
 
 from ...engine.errors import InputError
+from ...engine.files import stamp_of
 from ...engine.image.spectral_exr import read_parts
 from ..scene.focus import focus_now
-from ..scene.lens_cache import file_stamp
 from ..scene.lens_facts import lens_facts
 
 NEARER, FARTHER = (0.90, 0.60, 0.0), (0.0, 0.45, 0.70)
@@ -48,7 +48,7 @@ def switch(scene):
     state["on"] = not state["on"]
     if state["on"]:
         lens = scene.lensfield.lens_name_or_path()
-        wait([_facts_at_rest(lens, file_stamp(lens))], LONGEST_S)
+        wait([_facts_at_rest(lens, stamp_of(lens))], LONGEST_S)
 
 
 def focus_tints(scene, path):
@@ -61,7 +61,7 @@ def focus_tints(scene, path):
     path : Path or None
     """
     lens = scene.lensfield.lens_name_or_path()
-    at_rest = _facts_at_rest(lens, file_stamp(lens))
+    at_rest = _facts_at_rest(lens, stamp_of(lens))
     try:
         if path is None or not at_rest.done() or not path.is_file():
             return None

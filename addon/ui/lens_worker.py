@@ -13,7 +13,8 @@ import bpy
 
 from ...engine import Lens
 from ...engine.errors import InputError, LensError
-from ..scene.lens_cache import file_stamp, load_lens, loaded_lens
+from ...engine.files import stamp_of
+from ..scene.lens_cache import load_lens, loaded_lens
 from ..scene.lens_facts import LensFacts, lens_facts
 from ..scene.rings import rings_for
 from . import preview, window_render
@@ -72,7 +73,7 @@ def lens_request(scene):
     settings, name = scene.lensfield, scene.lensfield.lens_name_or_path()
     camera = scene.camera.data if scene.camera and scene.camera.type == "CAMERA" else None
     focal_mm = camera.lens if camera and settings.view == "CAMERA" else None
-    question = name, file_stamp(name), rings_for(scene, name), focal_mm, settings.to_spectral_options().tier
+    question = name, stamp_of(name), rings_for(scene, name), focal_mm, settings.to_spectral_options().tier
     request = _requests.get(scene.session_uid)
     if request is None or request.question != question:
         request = _ask(scene, question)

@@ -8,9 +8,9 @@ import bpy
 import bpy.utils.previews
 import numpy as np
 
+from ...engine.files import stamp_of
 from ...engine.library import PICTURES
 from ..scene.errors import SceneError
-from ..scene.lens_cache import file_stamp
 
 PREVIEW_PX = 640  # the longer side; previews that Blender reads by itself have 256, too few for the text
 SHEET_MARK = "lensfield_sheet"
@@ -45,7 +45,7 @@ def growing_preview(path):
 
 
 def _preview(name, path):
-    previews, file = _previews(), (str(path), file_stamp(path))
+    previews, file = _previews(), (str(path), stamp_of(path))
     if _seen.get(name, ())[:1] != (file,):
         try:
             pixels, error = _read(path), None
