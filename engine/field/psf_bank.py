@@ -9,6 +9,7 @@ import numpy as np
 from scipy import sparse
 
 from .. import kernels
+from ..memory import check_room
 from .distortion import FieldGeometry
 from .mirror_symmetry import Planes, mirror_symmetric
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from ..lens.lens import Lens, MonochromaticLens
 
 BATCH_SAMPLES = 1 << 16  # PSF samples in work at once: what the processor's cache holds
+COPIES = 3  # of the samples of all PSFs, on the way to a bank
 RINGS = 4  # circles to trim to, from one sample to the next
 
 
@@ -51,10 +53,13 @@ class PsfBank:
 
     @classmethod
     def of(cls, optics: "MonochromaticLens", pixel_pitch_um: float) -> "PsfBank":
-        """The bank of a MonochromaticLens on pixels of this pitch, with all of its PSFs."""
+        """The bank of a MonochromaticLens on pixels of this pitch, with all of its PSFs; an ImageError where there is
+        no memory for so fine ones."""
         psf, symmetric = mirror_symmetric(optics.psf)
         window = psf.shape[-1]
         steps = refinement(optics, pixel_pitch_um)
+        finest = psf.shape[0] * ((window - 1) * steps + 1) ** 2
+        check_room("point spread functions", COPIES * np.dtype(np.float64).itemsize * finest, "give larger pixels")
         refined = _refine(psf, steps).reshape(psf.shape[0], -1)
         sample_size_px = optics.psf_pitch_um / steps / pixel_pitch_um
         offset_px = (np.arange((window - 1) * steps + 1) - window // 2 * steps) * sample_size_px

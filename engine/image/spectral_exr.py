@@ -63,8 +63,8 @@ def write_exr(image: SpectralImage, path: str | os.PathLike, beside: dict[str, n
     """
     planes = _spectral_planes(image.cube, image.wavelengths_nm, path) | _rgb_planes(to_rec709(image)) | (beside or {})
     _write([(_header(image), planes), *(_layer_parts(layered, path) if layered else ())], path)
-    for seen in (image, *(layered.layers if layered else ())):
-        let_go(seen.cube)
+    for cube in (image.cube, *(layer.cube for layer in (layered.layers if layered else ()))):
+        let_go(cube)
 
 
 def _spectral_planes(cube, wavelengths_nm, path):

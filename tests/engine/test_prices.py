@@ -35,6 +35,11 @@ def test_what_there_is_no_memory_for_is_refused_with_the_number(one_gigabyte, op
         simulate(picture(**changes), LENS, options)
 
 
+def test_pixels_so_small_that_psfs_alone_take_more_are_refused_before_these_are_made(one_gigabyte):
+    with pytest.raises(ImageError, match=r"^point spread functions: size is [\d.]+ GB in memory: .*larger pixels"):
+        Kept().plan(Options(), LENS, picture(pitch_um=0.05))
+
+
 def test_what_there_is_memory_for_is_not(one_gigabyte):
     assert simulate(picture(), LENS).cube.shape == (2, 40, 60)
 
