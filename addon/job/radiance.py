@@ -103,11 +103,13 @@ def room_for_capture(scene, job, grid, plan, slabs=()):
     InputError
         There is not as much.
     """
-    gathered_px = sum(math.prod(side.stop - side.start for side in slab.region) for slab in slabs)
-    light = job.wavelengths_nm.size, gathered_px or math.prod(grid.shape_px)
-    scratch = folder_if_large(light, job.output_folder)
-    needed = (pass_bytes(math.prod(grid.shape_px), len(plan.lamps), job.denoise) + PLANES_BYTES * gathered_px
-              + (0 if scratch else PIXEL_BYTES * math.prod(light)))
+    pixels, planes = math.prod(grid.shape_px), job.wavelengths_nm.size
+    gathered_px = sum(math.prod(side.stop - side.start for side in slab.region) for slab in slabs) or pixels
+    scratch = folder_if_large((planes, gathered_px), job.output_folder)
+    light_bytes = 0 if scratch else PIXEL_BYTES * planes
+    flat_bytes = light_bytes * pixels if len(slabs) > 1 else 0  # what a pinhole sees of them, when the passes are done
+    needed = (gathered_px * (light_bytes + PLANES_BYTES)
+              + max(pass_bytes(pixels, len(plan.lamps), job.denoise), flat_bytes))
     check_room(f"scene {scene.name!r}", needed, "render a smaller picture, or fewer wavelengths")
     return needed, scratch
 

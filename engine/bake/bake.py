@@ -152,12 +152,12 @@ def _illumination(system, heights_mm, traced: Wavefronts, wavelengths_nm, qualit
         All light that a part of the object sends through the lens, over the area that chief rays make of it. PSFs then
         bring a part of that nearer to the axis, or farther from it, by their coma.
     """
-    area = traced.illumination(*quality.edges)
+    area, source_area = traced.areas(*quality.edges)
     dark = np.argwhere(area <= 0)
     if dark.size:
         raise LensError(system.prescription.name, "field height", f"{heights_mm[dark[0, 1]]:.4g} mm",
                         "no light gets through the apertures here: end the field earlier")
-    flux = (traced.beam_area(*quality.edges) * _beam_per_image(system, heights_mm)
+    flux = (source_area * _beam_per_image(system, heights_mm)
             * _image_per_real(system, heights_mm, traced.wavelengths_nm))
     return polynomial_weights(1e3 / traced.wavelengths_nm, 1e3 / wavelengths_nm) @ np.stack([area, flux])
 

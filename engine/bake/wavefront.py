@@ -69,24 +69,19 @@ class Wavefronts:
         return Wavefront(self.pupil, float(self.wavelengths_nm[wavelength]), self.path_mm[place], self.cosine[place],
                          self.density[place], self.limits[place])
 
-    def illumination(self, radii: int, azimuths: int) -> np.ndarray:
-        """Area of each bundle that passes in direction cosines at the image: array (wavelength, height).
+    def areas(self, radii: int, azimuths: int) -> tuple[np.ndarray, np.ndarray]:
+        """Area of each bundle that passes: arrays (wavelength, height).
 
-        Its ratio to the axis is the relative illumination of a Lambertian object, for radiance is conserved along rays.
+        In direction cosines at the image: its ratio to the axis is the relative illumination of a Lambertian object,
+        for radiance is conserved along rays. And over the source's coordinates.
         """
-        return self._passing_area(self.ray, radii, azimuths)
-
-    def beam_area(self, radii: int, azimuths: int) -> np.ndarray:
-        """Area of each bundle that passes over the source's coordinates: array (wavelength, height)."""
-        return self._passing_area(self.source, radii, azimuths)
-
-    def _passing_area(self, coordinates, radii, azimuths):
         quadrature = PupilQuadrature(self.pupil, radii, azimuths)
-        area = np.empty(self.chief_height_mm.shape)
-        for wavelength, height in np.ndindex(area.shape):
-            cells = np.abs(quadrature.splines.jacobian(*coordinates[:, wavelength, height])) * quadrature.cells
-            area[wavelength, height] = 2 * np.sum(cells * quadrature.coverage(self.limits[:, wavelength, height]))
-        return area
+        area = np.empty((2, *self.chief_height_mm.shape))
+        for at in np.ndindex(self.chief_height_mm.shape):
+            passing = quadrature.cells * quadrature.coverage(self.limits[:, *at])
+            for number, coordinates in enumerate((self.ray, self.source)):
+                area[number, *at] = 2 * np.sum(np.abs(quadrature.splines.jacobian(*coordinates[:, *at])) * passing)
+        return area[0], area[1]
 
 
 @dataclass(frozen=True, eq=False)

@@ -90,14 +90,14 @@ def test_off_the_axis_it_is_as_wide_as_the_oblique_cone_makes_it(angle_deg):
 
 def test_its_illumination_falls_with_the_fourth_power_of_the_cosine():
     angles_deg = np.array([0, 10, 20, 30, 40])
-    area = perfect_wavefronts(8.0, angles_deg).illumination(24, 32)[0]
+    area = perfect_wavefronts(8.0, angles_deg).areas(24, 32)[0][0]
     np.testing.assert_allclose(area / area[0], np.cos(np.radians(angles_deg))**4, rtol=0.015)
     assert area[0] == pytest.approx(np.pi * aperture(8.0)**2, rel=1e-9)
 
 
 def test_its_beam_is_as_wide_as_its_pupil_looks():
     angles_deg = np.array([0, 10, 20, 30, 40])
-    area = perfect_wavefronts(8.0, angles_deg).beam_area(24, 32)[0]
+    area = perfect_wavefronts(8.0, angles_deg).areas(24, 32)[1][0]
     np.testing.assert_allclose(area, np.pi * (EFL_MM / 16)**2 * np.cos(np.radians(angles_deg)), rtol=1e-9)
 
 

@@ -129,7 +129,7 @@ def test_illumination_is_the_area_of_the_bundle_that_gets_through(edmund):
     area = cells.sum(axis=(2, 3))[0]
     assert area[1] / area[0] == pytest.approx(1.038, abs=1e-3)
     for quality in QUALITIES.values():
-        ours = trace_wavefronts(edmund, heights_mm, [550.0], quality.pupil).illumination(*quality.edges)[0]
+        ours = trace_wavefronts(edmund, heights_mm, [550.0], quality.pupil).areas(*quality.edges)[0][0]
         assert ours[1] / ours[0] == pytest.approx(area[1] / area[0], abs=1e-3)
 
 
