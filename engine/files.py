@@ -47,6 +47,11 @@ def make_folder(path: AnyPath) -> None:
         raise InputError(path, "folder", "not to be made", error.strerror or str(error)) from None
 
 
+def nearest_there(path: AnyPath) -> Path:
+    """A path itself, or the nearest of those above it that is there."""
+    return next(place for place in (Path(path), *Path(path).absolute().parents) if place.exists())
+
+
 def hidden_folder(folder: AnyPath) -> Path:
     """The folder in one of outputs, for what is of use until they are there. Nothing makes it yet; empty, it goes.
 

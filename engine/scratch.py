@@ -7,12 +7,13 @@ however that ends.
 import math
 import mmap
 import os
+import shutil
 import tempfile
 
 import numpy as np
 
 from .errors import InputError
-from .files import AnyPath, fill
+from .files import AnyPath, fill, nearest_there
 from .memory import available_bytes
 
 MOST = 0.25  # of the memory that is free, that one picture may take
@@ -31,6 +32,18 @@ def is_large(shape: tuple[int, ...]) -> bool:
 def folder_if_large(shape: tuple[int, ...], folder: AnyPath | None) -> AnyPath | None:
     """Where an array had better lie that may be in a file in a folder: there, or, None, in memory."""
     return folder if folder is not None and is_large(shape) else None
+
+
+def check_disk(folder: AnyPath, size_bytes: float) -> None:
+    """Raise an InputError where a folder, there already or not yet, has no room for so many bytes of scratch files."""
+    try:
+        free_bytes = shutil.disk_usage(nearest_there(folder)).free
+    except OSError as error:
+        raise InputError(folder, "folder", "not to be looked at", error.strerror or str(error)) from None
+    if size_bytes > free_bytes:
+        raise InputError(folder, "scratch", f"of {size_bytes / 1e9:.3g} GB",
+                         f"{free_bytes / 1e9:.3g} GB are free there: give another folder, a smaller picture or fewer "
+                         "wavelengths")
 
 
 def new_array(shape: tuple[int, ...], folder: AnyPath | None) -> np.ndarray:

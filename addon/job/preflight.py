@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from ...engine.depth.slabs import SlabPlan
 from ...engine.errors import InputError
+from ...engine.files import nearest_there
 from ...engine.image.depth_range import AUTO
 from ..scene.camera import check_camera
 from ..scene.depth import seen_depth_mm
@@ -90,7 +91,7 @@ def _noted(refusals):
 
 def _check_files(scene, job):
     """What `check_files` does, without making the folder."""
-    there = next(folder for folder in (job.output_folder, *job.output_folder.parents) if folder.exists())
+    there = nearest_there(job.output_folder)
     if not there.is_dir() or not os.access(there, os.W_OK):
         raise InputError(job.output_folder, "folder", "not to be made", f"{there} is no folder that can be written to")
     if there == job.output_folder:

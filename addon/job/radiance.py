@@ -14,7 +14,7 @@ from ...engine.image.pixel_grid import PixelGrid
 from ...engine.image.preview import auto_exposure, to_rec709, write_png
 from ...engine.memory import check_room, taken_bytes
 from ...engine.report import SceneFacts
-from ...engine.scratch import beside, folder_if_large
+from ...engine.scratch import beside, check_disk, folder_if_large
 from ...engine.spectral.wavelength_choice import FOREIGN_SURPRISE
 from ..scene.camera import capture_grid, captured_region, check_camera, frame_px, pitch_um, render_region
 from ..scene.depth import M_TO_MM
@@ -101,7 +101,7 @@ def room_for_capture(scene, job, grid, plan, slabs=()):
     Raises
     ------
     InputError
-        There is not as much.
+        There is not as much, or not as much of the disk as the light will take in any case.
     """
     pixels, planes = math.prod(grid.shape_px), job.wavelengths_nm.size
     gathered_px = sum(math.prod(side.stop - side.start for side in slab.region) for slab in slabs) or pixels
@@ -111,6 +111,9 @@ def room_for_capture(scene, job, grid, plan, slabs=()):
     needed = (gathered_px * (light_bytes + PLANES_BYTES)
               + max(pass_bytes(pixels, len(plan.lamps), job.denoise), flat_bytes))
     check_room(f"scene {scene.name!r}", needed, "render a smaller picture, or fewer wavelengths")
+    if scratch:
+        pictures = 2 + (len(slabs) > 1)  # the farthest slab's, the irradiance, and what a pinhole sees of slabs
+        check_disk(scratch, pictures * PIXEL_BYTES * planes * pixels)
     return needed, scratch
 
 

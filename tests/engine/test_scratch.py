@@ -138,6 +138,13 @@ def test_a_full_disk_is_told_before_the_work(tmp_path, nothing_free):
         scratch.new_array((4,), tmp_path / "gone")
 
 
+def test_room_on_the_disk_is_looked_for_before_the_work_where_the_folder_is_not_there_yet(tmp_path):
+    scratch.check_disk(tmp_path / "not" / "yet", 1)
+    with pytest.raises(InputError, match=r"not.yet: scratch is of 1e\+15 GB: [\d.]+ GB are free there"):
+        scratch.check_disk(tmp_path / "not" / "yet", 1e24)
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("kind", ["spectral", "rgb"])
 def test_filter_writes_the_same_bytes_with_little_memory(tmp_path, monkeypatch, kind):
     path = tmp_path / "picture.exr"

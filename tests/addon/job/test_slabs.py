@@ -1,6 +1,7 @@
 """Captures in slabs of depth: together they are what one render shows, and each holds what nearer ones hide."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
@@ -122,6 +123,15 @@ def test_light_that_memory_is_not_for_comes_to_the_same_files(deep, cut, tmp_pat
     for one, other in zip(plenty.files, little.files, strict=True):
         assert one.suffix == ".json" or one.read_bytes() == other.read_bytes()  # reports tell seconds
     assert {path.name for path in little.record.parent.glob("[!.]*")} == {path.name for path in little.files}
+
+
+@pytest.mark.one_blender
+def test_a_disk_without_room_for_it_is_told_before_the_first_pass(deep, tmp_path, monkeypatch):
+    monkeypatch.setattr(scratch, "available_bytes", lambda: 0)
+    monkeypatch.setattr(scratch.shutil, "disk_usage", lambda folder: SimpleNamespace(free=10_000))
+    with pytest.raises(InputError, match=r"scratch is of [\d.e-]+ GB: 1e-05 GB are free there: give another folder"):
+        rendered(deep, tmp_path)
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
 def test_each_layer_lies_where_it_was_cut(deep, cut, tmp_path):
