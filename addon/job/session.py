@@ -38,8 +38,8 @@ def write_session(path):
     facts = {"images": [(image.name, image.is_float) for image in images], "devices": _devices()}
     stream = BytesIO()  # numpy leaves a file that it cannot write whole half-open
     np.savez(stream, *map(_pixels, images), facts=json.dumps(facts))
-    with atomic_path(path, own=True) as temporary:
-        temporary.write_bytes(stream.getbuffer())
+    with atomic_path(path, own=True) as temporary, stream.getbuffer() as held:
+        temporary.write_bytes(held)
 
 
 def take_session(path):

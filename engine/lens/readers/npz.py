@@ -25,7 +25,7 @@ def read_arrays(source: str | Path | BytesIO, names: Sequence[str] | None = None
         An array of another size than its header tells, of objects, or larger than a file of this size can mean; and
         with bytes that are damaged whatever numpy and zipfile raise of them.
     """
-    size = source.getbuffer().nbytes if isinstance(source, BytesIO) else os.path.getsize(source)
+    size = source.seek(0, os.SEEK_END) if isinstance(source, BytesIO) else os.path.getsize(source)
     left = SMALL_BYTES + MOST_EXPANSION * size
     arrays = {}
     with zipfile.ZipFile(source) as archive:
