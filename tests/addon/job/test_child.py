@@ -18,6 +18,8 @@ from lensfield.commands.child import Child
 from small_scenes import light, material, wall
 from snapshot import differences, snapshot
 
+pytestmark = pytest.mark.one_blender
+
 
 def paint(path, colour=(200, 30, 30)):
     Image.new("RGB", (4, 4), colour).save(path)
@@ -152,8 +154,6 @@ LEAVE_IT = """
 import os, sys
 import bpy
 from lensfield.commands.child import Child
-
-pytestmark = pytest.mark.one_blender
 child = Child([sys.executable, *sys.argv[2:]], sys.argv[1])
 while "fraction" not in child.told: pass
 print(child._process.pid, flush=True)
