@@ -265,8 +265,17 @@ def _trace(system: System, heights_mm, wavelengths_nm, pupil):
     *entrance, path_mm, cosine_x, cosine_y = _continued(values, _trusted(known, np.nan_to_num(margin)))
     beyond, = _continued(margin[None], known)
     margin = np.where(known, margin, np.where(beyond < 0, beyond, LOST))
+    within = np.minimum.accumulate(margin, axis=-2)  # farther out than what is lost nothing comes to pass again
+    margin = _bounded(np.where(known, margin, within))
     weight = np.abs(area_ratio(pupil, np.array([cosine_x, cosine_y])))
     return np.stack([*entrance, margin, path_mm, weight])
+
+
+def _bounded(margin):
+    """Margins as they are down to half of LOST, and from there on to LOST at the least: splines between larger ones
+    swing so far that rays come to pass which do not."""
+    half = LOST / 2
+    return np.where(margin < half, LOST - half**2 / np.minimum(margin, half), margin)
 
 
 def _missed_um(values, system):

@@ -117,6 +117,15 @@ def test_where_two_rays_meet_close_to_what_passes_it_is_traced_more_finely(name)
     assert other.any() and not np.any((found.margin <= 0) & passing & (off_um > 300))
 
 
+@pytest.mark.parametrize("name", ["nikkor-58mm-f1.4", "sony-zeiss-55mm-f1.8", "voigtlander-nokton-50mm-f1"])
+def test_nothing_comes_to_pass_beyond_what_is_lost(name):
+    """Splines between what lies far beyond the rims do not swing back: even light falls off steadily at all colours."""
+    table = table_of(name)
+    light = table.near(np.arange(405, 700, 7.0)).irradiance_per_radiance(np.linspace(0, table.last_height_mm, 129))
+    steps = np.diff(light, axis=1) / light[:, :1]
+    assert steps.max() < 0.002 and np.diff(steps, axis=1).max() < 0.005
+
+
 @lenses
 def test_its_weights_keep_the_light(name):
     """What a small stop takes in from a part of the scene is what its sensor places get, by the chief rays' picture."""
