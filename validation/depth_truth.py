@@ -49,15 +49,15 @@ EXPOSED_PERCENTILE, EXPOSED_LEVEL, QUALITY = 85, 0.6, 88  # lamps may burn out
 class Bench:
     """A lens that is focused on the middle of the room, and the ways to take a picture through it."""
 
-    def __init__(self, name, folder):
-        self.name, self.folder = name, Path(folder)
+    def __init__(self, name, folder, first_seed=0):
+        self.name, self.folder, self.first_seed = name, Path(folder), first_seed
         self.lens = Lens.from_prescription(name, focus_mm=1e3 * FOCUS_M)
         self.frame = frame_of(self.lens, FRAME_PX)
 
     def picture(self, scene, samples, seed, wavelengths_nm=MIDDLE_NM, depth="auto"):
         """Spectral irradiance (wavelength, row, column), and the processor seconds of all that it took."""
         scene.render.resolution_y, scene.render.resolution_x = FRAME_PX
-        scene.cycles.samples, scene.cycles.seed = samples, seed
+        scene.cycles.samples, scene.cycles.seed = samples, self.first_seed + seed
         begin_s = time.process_time()
         with tempfile.TemporaryDirectory() as folder, quiet(1):  # Blender says where it saves each pass
             result = addon.render_through_lens(scene, self.lens, wavelengths_nm, folder, depth=depth)

@@ -3,6 +3,8 @@
 The limits are those of `validation/depth_truth.py`, and 5 sigma of the noise that seeds differ by.
 """
 
+import os
+
 import numpy as np
 import pytest
 
@@ -26,7 +28,8 @@ def bench(tmp_path_factory):
         patch.setattr(depth_truth, "FRAME_PX", FRAME_PX)
         patch.setattr(depth_truth.Lens, "from_prescription", lambda name, focus_mm: from_prescription(
             name, focus_mm=focus_mm, quality="preview"))
-        yield depth_truth.Bench("kodak-petzval-100mm", tmp_path_factory.mktemp("truth"))
+        yield depth_truth.Bench("kodak-petzval-100mm", tmp_path_factory.mktemp("truth"),
+                                1000 * int(os.environ.get("SEED", 0)))
 
 
 from_prescription = Lens.from_prescription
