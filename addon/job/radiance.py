@@ -14,7 +14,7 @@ from ...engine.image.pixel_grid import PixelGrid
 from ...engine.image.preview import auto_exposure, to_rec709, write_png
 from ...engine.memory import check_room, taken_bytes
 from ...engine.report import SceneFacts
-from ...engine.scratch import beside, check_disk, folder_if_large
+from ...engine.scratch import SAMPLE_BYTES, beside, check_disk, folder_if_large
 from ...engine.spectral.wavelength_choice import FOREIGN_SURPRISE
 from ..scene.camera import capture_grid, captured_region, check_camera, frame_px, pitch_um, render_region
 from ..scene.depth import M_TO_MM
@@ -34,8 +34,7 @@ BACKGROUND_M = 1e10
 LOOK_SHARE = 0.01  # of the capture's time
 PASS_BYTES, LAMP_BYTES = 100, 40  # of a pixel of a pass, in Cycles, in Blender and as it is read; and for each lamp
 DENOISE_BYTES, MOST_DENOISE = 800, 3e9  # of a pixel, by the denoiser; which takes no more in all
-PIXEL_BYTES, PLANES_BYTES = 4, 8  # of a pixel in a plane; and in those that each slab has beside its light
-MEGABYTE = 1e6
+PLANES_BYTES, MEGABYTE = 8, 1e6  # the first of a pixel, in the planes that each slab has beside its light
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,14 +105,14 @@ def room_for_capture(scene, job, grid, plan, slabs=()):
     pixels, planes = math.prod(grid.shape_px), job.wavelengths_nm.size
     gathered_px = sum(math.prod(side.stop - side.start for side in slab.region) for slab in slabs) or pixels
     scratch = folder_if_large((planes, gathered_px), job.output_folder)
-    light_bytes = 0 if scratch else PIXEL_BYTES * planes
+    light_bytes = 0 if scratch else SAMPLE_BYTES * planes
     flat_bytes = light_bytes * pixels if len(slabs) > 1 else 0  # what a pinhole sees of them, when the passes are done
     needed = (gathered_px * (light_bytes + PLANES_BYTES)
               + max(pass_bytes(pixels, len(plan.lamps), job.denoise), flat_bytes))
     check_room(f"scene {scene.name!r}", needed, "render a smaller picture, or fewer wavelengths")
     if scratch:
         pictures = 2 + (len(slabs) > 1)  # the farthest slab's, the irradiance, and what a pinhole sees of slabs
-        check_disk(scratch, pictures * PIXEL_BYTES * planes * pixels)
+        check_disk(scratch, pictures * SAMPLE_BYTES * planes * pixels)
     return needed, scratch
 
 

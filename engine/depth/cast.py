@@ -10,6 +10,7 @@ import numpy as np
 from .. import kernels
 from ..image.layers import LayeredRadiance
 from ..image.pixel_grid import PixelGrid
+from ..scratch import SAMPLE_BYTES
 from ..threads import thread_pool
 from .meetings import TILE_PX, plan_meetings, values_of_blocks
 from .pencils import HEIGHTS, Iris, packed_pencils, pencils, per_focal
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from ..lens import Lens
 
 FAINT = 1e-3  # of a picture's mean radiance
-PIXEL_BYTES = 4  # in a plane
 SEEN, READY = 3, 10  # planes that a layer takes, as it is seen; and on the way to that
 TOLD, OF_TABLE = 6, 1.2e7  # planes, and values beside, that the irradiance of a wavelength's rays takes
 
@@ -117,7 +117,7 @@ def casting_bytes(layered: LayeredRadiance, most_of_lamps: int) -> float:
     rays = 2 * math.prod(kernels.rays_shape(HEIGHTS, most_of_lamps // 8, together))  # and as many on the way
     group = together * (capture_px + 2 * frame_px) + max(rays, OF_TABLE + TOLD * frame_px)
     looked_up = max(READY * pixels + values_of_blocks(pixels) for pixels in layers_px)
-    return PIXEL_BYTES * (capture_px + SEEN * sum(layers_px) + max(group, looked_up))
+    return SAMPLE_BYTES * (capture_px + SEEN * sum(layers_px) + max(group, looked_up))
 
 
 class _PerRadiance:

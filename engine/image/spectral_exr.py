@@ -200,18 +200,19 @@ def read_with_planes(path: str | os.PathLike, pitch_um: float | None = None, scr
 
     Where `scratch` names a folder, spectral planes lie in a file there, if all of the file would take too much memory.
     """
-    headers = read_parts(path, header_only=True)
-    header = headers[0][0]
-    if scratch is None or header["type"] not in READ_BY_ROWS or not is_large((sum(map(_samples, headers)),)):
-        return _first_image(read_parts(path), path, pitch_um)
-    return _first_image([(header, dict.fromkeys(header["channel names"]))], path, pitch_um,
-                        partial(_read_by_blocks, path, header, scratch))
+    if scratch is not None:
+        headers = read_parts(path, header_only=True)
+        header = headers[0][0]
+        if header["type"] in READ_BY_ROWS and is_large((sum(map(_samples, headers)),)):
+            return _first_image([(header, dict.fromkeys(header["channel names"]))], path, pitch_um,
+                                partial(_read_by_blocks, path, header, scratch))
+    return _first_image(read_parts(path), path, pitch_um)
 
 
 def read_with_layers(path: str | os.PathLike, pitch_um: float | None = None, scratch: AnyPath | None = None
                      ) -> tuple[SpectralImage, dict[str, np.ndarray], LayeredRadiance | None]:
     """What `read_with_planes` gives, and the layers that the picture is seen in; None where there are none."""
-    if len(read_parts(path, header_only=True)) == 1:
+    if scratch is not None and len(read_parts(path, header_only=True)) == 1:
         return *read_with_planes(path, pitch_um, scratch), None
     parts = read_parts(path)
     image, planes = _first_image(parts, path, pitch_um)
