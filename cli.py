@@ -1,33 +1,29 @@
-"""The `lensfield` command: parses and calls. Each subcommand is a module of `commands`."""
+"""The `lensfield` command line. Each subcommand is a module of `commands`.
 
-import argparse
-import multiprocessing
+Signal handlers are installed before large imports: this module loads only small parts of the standard library, and
+functions import everything else when they need it.
+"""
+
 import os
-import select
-import shutil
 import signal
-import stat
 import sys
 import threading
 from contextlib import suppress
 
 from . import __version__
-from .commands import apply, farm, filter, lens, lint, render, serve, tradeoff
-from .commands.farm_log import FARM_LOGS
-from .commands.outcome import FAILURES
-from .engine.errors import InputError, shown
-from .engine.files import remove_pending
-from .engine.kernels import running
 
 CANCELLED = 130
-UNHEARD = 141  # what a shell gives a program that SIGPIPE ends
-LONGEST_LINE = 1000  # characters of an error, the system's own included
+UNHEARD = 141  # a shell's exit status for a program ended by SIGPIPE
+LONGEST_LINE = 1000  # characters of an error message, including the system's
+LONGEST_HEARD_BYTES = 1 << 20
+STOPS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
 def main(arguments=None):
-    """Run the command; the exit status: 0 or the runner's, 1 for bad input (told in one line), 2 for a usage error.
+    """Run the command and return its exit status: 0 or the subcommand's, 1 for bad input (reported in one line), 2 for
+    a usage error.
 
-    When whoever reads the output has had enough, as `head` has, the command ends without a word.
+    If the reader of the output closes it, as `head` does, the command ends silently.
     """
     try:
         status = _run(arguments)
@@ -43,7 +39,7 @@ def main(arguments=None):
 
 
 def _send_broken_streams_nowhere():
-    """Let what is still to be written, and flushed at the end, go where nothing breaks."""
+    """Redirect broken streams to the null device, so that buffered output cannot raise errors at exit."""
     for stream in (sys.stdout, sys.stderr):
         try:
             print(end="", file=stream, flush=True)
@@ -52,21 +48,26 @@ def _send_broken_streams_nowhere():
 
 
 def _run(arguments):
+    from .commands.farm_log import FARM_LOGS
+    from .commands.outcome import FAILURES
+    from .commands.untrusted import run
+    from .engine.runtime.errors import one_line, shown
+
     try:
         options = _parser().parse_args(arguments)
-    except SystemExit as stop:  # inside Blender the process is not ours to end
+    except SystemExit as stop:  # inside Blender, the process must not end
         return stop.code or 0
     if getattr(options, "end_with_stdin", False):
         _end_with_stdin(getattr(options, "hear", None))
     if getattr(options, "progress", None) in FARM_LOGS:
         _end_unread()
     try:
-        status = options.run(options)
+        status = run(options, sys.argv[1:] if arguments is None else arguments)
     except BrokenPipeError:
         raise
     except FAILURES as error:
-        print(end="", flush=True)  # where it is standard output that fails, that is to be told
-        print(f"lensfield: {shown(str(error), LONGEST_LINE) or type(error).__name__}", file=sys.stderr)
+        print(end="", flush=True)  # if standard output fails, report that instead
+        print(f"lensfield: {shown(one_line(error), LONGEST_LINE)}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         print("lensfield: cancelled", file=sys.stderr)
@@ -74,15 +75,21 @@ def _run(arguments):
     return status or 0
 
 
+def _parser():
+    from .commands.parser import command_parser
+
+    return command_parser(main, __version__)
+
+
 def console():
-    """Entry point of the console script, whose process is its own."""
+    """Entry point of the console script, which may end its process."""
     _open_closed_streams()
     _stop_on_signals()
     _leave(main())
 
 
 def _open_closed_streams():
-    """Daemons start programs with standard streams closed: let what is written there go nowhere."""
+    """Open closed standard streams, as daemons leave them, on the null device."""
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         if getattr(sys, name) is None:
             nowhere = os.open(os.devnull, os.O_RDWR)
@@ -93,18 +100,21 @@ def _open_closed_streams():
 
 
 def _stop_on_signals():
-    """Let Ctrl-C and SIGTERM end the process at once and leave nothing behind.
+    """Let Ctrl-C, SIGTERM and SIGHUP (unless ignored, as by `nohup`) end the process at once, without half-written
+    files.
 
-    An exception would not do: Python raises it when the main thread is back from C++, minutes later, and Blender's
-    own callbacks lose it. But a byte is written as soon as a signal comes, and a thread can wait for that.
+    An exception is not enough: Python raises it only when the main thread returns from C++, minutes later, and
+    Blender's callbacks lose it. The wakeup descriptor receives a byte as soon as a signal arrives, and a thread waits
+    for it.
     """
-    if os.name == "nt":  # whose pipes cannot do this; there Ctrl-C ends the process as it is
+    if os.name == "nt":  # Windows pipes do not support this; Ctrl-C ends the process there anyway
         return
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
     signal.set_wakeup_fd(writer)
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: None)
+    for number in STOPS:
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, lambda *_: None)
 
     def wait():
         os.read(reader, 1)
@@ -114,25 +124,43 @@ def _stop_on_signals():
 
 
 def _end_with_stdin(hear):
-    """End the process at once, and leave nothing behind, when whoever started it closes its standard input or ends;
-    until then let each line be heard, if somebody listens."""
+    """End the process at once, without half-written files, when its standard input closes: when its parent closes it,
+    or ends. Until then, pass each line to `hear`, if given.
+
+    Does nothing if the thread already exists, as for a command that `serve` runs.
+    """
+    if any(thread.name == _end_with_stdin.__name__ for thread in threading.enumerate()):
+        return
+
     def wait():
-        with open(0, encoding="utf-8", closefd=False) as lines:
-            for line in lines:
+        with open(0, "rb", closefd=False) as stream:
+            for line in _lines(stream):
                 if hear:
                     hear(line)
         _cancel()
 
-    threading.Thread(target=wait, daemon=True).start()
+    threading.Thread(target=wait, name=_end_with_stdin.__name__, daemon=True).start()
+
+
+def _lines(stream):
+    """The lines of a stream of bytes, each truncated to LONGEST_HEARD_BYTES + 1."""
+    while line := stream.readline(LONGEST_HEARD_BYTES + 1):
+        rest = line
+        while rest and not rest.endswith(b"\n"):
+            rest = stream.readline(LONGEST_HEARD_BYTES)
+        yield line
 
 
 def _end_unread():
-    """End the process at once, and leave nothing behind, when nobody reads its standard output any more: the worker
-    of a farm that was killed has left it alone. (Windows does not tell.)"""
+    """End the process at once, without half-written files, when the reader of its standard output is gone, as when a
+    farm's worker is killed. (Windows does not support this.)"""
+    import select
+    import stat
+
     if not hasattr(select, "poll") or not stat.S_ISFIFO(os.fstat(1).st_mode):
         return
     readers = select.poll()
-    readers.register(os.dup(1), 0)  # which is for good, while 1 itself is sent elsewhere at times
+    readers.register(os.dup(1), 0)  # a duplicate, because 1 itself is redirected at times
 
     def wait():
         readers.poll()
@@ -142,38 +170,31 @@ def _end_unread():
 
 
 def _cancel():
-    kept = "".join(f"; finished passes are kept in {folder}" for folder in remove_pending())
-    with suppress(OSError):  # where nobody reads it
+    kept = "".join(f"; finished passes are kept in {folder}" for folder in _remove_pending())
+    with suppress(OSError):  # standard error may be closed
         print(f"\nlensfield: cancelled{kept}", file=sys.stderr)
     _leave(CANCELLED)
 
 
+def _remove_pending():
+    """Remove all half-written files, and return the folders with passes that a render can resume from. Until
+    `engine.runtime.files` is loaded, there are neither."""
+    files = sys.modules.get(f"{__package__}.engine.runtime.files")
+    return getattr(files, "remove_pending", list)()
+
+
 def _leave(status):
-    """End the process with this status, whatever the interpreter's own end would come to."""
+    """End the process with this status, without the interpreter's shutdown."""
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError):
             stream.flush()
-    for process in multiprocessing.active_children():  # who would wait for work for ever
-        process.kill()
+    if "multiprocessing.process" in sys.modules:
+        import multiprocessing
+
+        for process in multiprocessing.active_children():  # they would wait for work forever
+            process.kill()
     if "bpy" in sys.modules:
+        import shutil
+
         shutil.rmtree(sys.modules["bpy"].app.tempdir, ignore_errors=True)
-    os._exit(status)  # some of Blender's wheels crash while the interpreter exits, after all is done
-
-
-class _Version(argparse.Action):
-    def __call__(self, parser, *_):
-        try:
-            print(f"lensfield {__version__} (inner loops: {running()})")
-        except InputError as error:
-            parser.error(str(error))
-        parser.exit()
-
-
-def _parser():
-    parser = argparse.ArgumentParser(prog="lensfield", description="Blender scenes through real lenses.")
-    parser.add_argument("--version", action=_Version, nargs=0, help="the version, and what does the engine's loops")
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for command in (render, apply, filter, tradeoff, lens, lint, farm):
-        command.add(commands)
-    serve.add(commands, main)
-    return parser
+    os._exit(status)  # some of Blender's wheels crash while the interpreter exits

@@ -13,15 +13,18 @@ from setuptools.command.bdist_wheel import bdist_wheel
 from setuptools.command.build import build
 
 KERNELS = Path("engine/kernels")
-sys.path.insert(0, str(KERNELS.resolve()))
+RUNTIME = Path("engine/runtime")
+sys.path[:0] = [str(KERNELS.resolve()), str(RUNTIME.resolve())]
 
-import build as kernels  # noqa: E402  the module build.py there, which needs nothing but Python
+# the modules build.py and build_identity.py there, which need only Python
+import build as kernels  # noqa: E402
+import build_identity  # noqa: E402
 
 
-class BuildKernels(Command):
-    """A step of `build`: the library, into the tree where the package is used from there, else into the wheel."""
+class Step(Command):
+    """A step of `build` without options."""
 
-    description, user_options, editable_mode = "compile engine/kernels", [], False
+    user_options, editable_mode = [], False
 
     def initialize_options(self):
         self.build_lib = None
@@ -30,13 +33,22 @@ class BuildKernels(Command):
         self.set_undefined_options("build", ("build_lib", "build_lib"))
 
     def get_source_files(self):
-        return [str(path) for path in sorted(KERNELS.glob("*.[ch]"))]
+        return []
 
     def get_outputs(self):
         return []
 
     def get_output_mapping(self):
         return {}
+
+
+class BuildKernels(Step):
+    """Compile the library, into the tree for an editable installation, else into the wheel."""
+
+    description = "compile engine/kernels"
+
+    def get_source_files(self):
+        return [str(path) for path in sorted(KERNELS.glob("*.[ch]"))]
 
     def run(self):
         package = Path() if self.editable_mode else Path(self.build_lib) / "lensfield"
@@ -57,5 +69,15 @@ class BdistWheel(bdist_wheel):
         return "py3", "none", platform
 
 
-build.sub_commands = [*build.sub_commands, ("build_kernels", None)]
-setup(cmdclass={"build_kernels": BuildKernels, "bdist_wheel": BdistWheel})
+class StoreIdentity(Step):
+    """Store the build identity in the wheel, which does not contain all sources."""
+
+    description = "store the build identity"
+
+    def run(self):
+        if not self.editable_mode:
+            build_identity.store(Path(), Path(self.build_lib) / "lensfield")
+
+
+build.sub_commands = [*build.sub_commands, ("build_kernels", None), ("store_identity", None)]
+setup(cmdclass={"build_kernels": BuildKernels, "store_identity": StoreIdentity, "bdist_wheel": BdistWheel})

@@ -2,13 +2,15 @@
 
 import bpy
 
-from ..engine.cache import keep_in
+from ..engine.runtime.cache import keep_in
+from ..request import RenderRequest
 from .job.animation import Animation, render_animation
 from .job.child import sweep
-from .job.job import folder_for, look_beside
+from .job.job import check_output_folder, folder_for, look_beside
 from .job.preflight import preflight
 from .job.refilter import apply_lens
-from .job.render import check_beside_frames, kept, render_through_lens
+from .job.render import kept, render_through_lens
+from .job.result import check_beside_frames
 from .job.session import take_session
 from .job.source import source_digest
 from .scene.compositor_watch import start_watching, stop_watching
@@ -34,8 +36,9 @@ from .ui import (
 from .ui.keys import register_keys, unregister_keys
 from .ui.previews import forget_previews
 
-__all__ = ["Animation", "apply_lens", "check_beside_frames", "folder_for", "look_beside", "preflight", "register",
-           "render_animation", "render_through_lens", "source_digest", "take_session", "unregister"]
+__all__ = ["Animation", "RenderRequest", "apply_lens", "check_beside_frames", "check_output_folder", "folder_for",
+           "look_beside", "preflight", "register", "render_animation", "render_through_lens", "source_digest",
+           "take_session", "unregister"]
 
 _MODULES = (properties, operators, animation, another_lens, preview, compositor_panel, panels, lint_panel,
             spectra_panels, trusting, flamenco)
@@ -44,7 +47,7 @@ _register_classes, _unregister_classes = bpy.utils.register_classes_factory(
 
 
 def register():
-    """Register classes and properties, and clear away what was left where Blender was killed."""
+    """Register classes and properties, and remove files that a killed Blender left behind."""
     _remember_in_own_folder()
     _register_classes()
     properties.register_pointers()
@@ -55,14 +58,14 @@ def register():
 
 
 def _remember_in_own_folder():
-    """Have what the engine remembers in the folder that Blender keeps for an extension, if this is one."""
+    """Put the engine's cache into the folder that Blender reserves for an extension, if this is one."""
     package = __package__.rpartition(".")[0]
     if package.startswith("bl_ext."):
         keep_in(bpy.utils.extension_path_user(package, path="cache"))
 
 
 def unregister():
-    """Undo `register`. Blender calls it when it ends, too."""
+    """Undo `register`. Blender also calls it on exit."""
     window_render.end()
     preview.end()
     stop_watching()

@@ -1,11 +1,11 @@
-"""Fit the constants of engine/plan/cost.py to the machine at hand, and see how good they are.
+"""Fit the constants of engine/plan/cost.py to this machine, and check their accuracy.
 
     python benchmarks/calibrate_cost.py
 
-prints what NANOSECONDS and REFERENCE_S would be here, for the loops that run, or that LENSFIELD_KERNELS names, and
-of cases that were not fitted what is predicted over what is measured, with the constants as they stand and with those.
-Only the processor's time is looked at, so the machine may be busy: what the main thread takes is what one thread does
-alone, and the rest is shared.
+prints NANOSECONDS and REFERENCE_S of this machine, for the default loops or the loops that LENSFIELD_KERNELS names. For
+fitted and for other cases, it prints the ratio of predicted to measured time, with the present and with the new
+constants. Only processor time is measured, so the machine may be busy. The time of the main thread counts as serial
+work, and the rest as shared by all threads.
 """
 
 import time
@@ -17,23 +17,23 @@ from cases import HD, NM, PAPER_LENS, QUARTER_HD, night_street
 from scipy.optimize import nnls
 from timing import machine
 
-from lensfield.engine import Lens, Options, Report, kernels, simulate
+from lensfield.engine import Options, Report, kernels, load_lens, simulate
 from lensfield.engine.plan import cost
 from lensfield.engine.plan.choose import workload
 
-HOLD = 0.02  # how much the present constants of filtering count, beside the cases
+HOLD = 0.02  # weight of the present constants of filtering, relative to the cases
 SMALL, BEST_OF = (253, 380), 3
 OF_STAGES = {
     "lens data": ("wavelength", "window sample", "table sample", "table pixel", "table tap"),
     "distortion and relative illumination": ("wavelength", "picture pixel"),
     "filtering": ("wavelength", "picture pixel", "step", "transformed value", "spectrum value", "tap", "mixed tap",
                   "tap of a run", "turned sample")}
-"""The kinds of work of the stages, each of which is fitted by itself; what is in none counts as filtering."""
+"""The kinds of work in each stage. Each stage is fitted separately; time outside these stages counts as filtering."""
 
 
 @dataclass
 class Watched(Report):
-    """A report that notes what the main thread and the others take in each stage."""
+    """A report that records the time of the main thread and of the other threads in each stage."""
 
     processor_s: dict = field(default_factory=dict)
 
@@ -46,14 +46,18 @@ class Watched(Report):
 
 
 def _clocks():
-    """Seconds of the main thread, and of the others."""
+    """Processor seconds of the main thread, and of the other threads."""
     alone = time.thread_time()
     return np.array([alone, time.process_time() - alone])
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """A case, whether compiled loops take it, its work in all wavelengths by name, and (alone, shared) by stage."""
+    """A measured case.
+
+    `single` is whether compiled loops process it. `counts` is its work at all wavelengths by name; `stages` has the
+    processor seconds (main thread, other threads) by stage.
+    """
 
     text: str
     single: bool
@@ -61,17 +65,17 @@ class Measured:
     stages: dict
 
     @property
-    def whole(self):
+    def total_s(self):
         return sum(self.stages.values()).sum()
 
     def predicted(self, nanoseconds):
-        """Seconds of a processor, planning included, which is known by the time that they are told."""
+        """Processor seconds, including the measured planning, which is complete before the prediction."""
         return self.stages["plan"].sum() + 1e-9 * sum(
             sum(each) * self.counts.get(name, 0) for name, each in nanoseconds.items())
 
 
 def fitted_cases():
-    """(lens, shape, number of wavelengths, options)."""
+    """Cases (lens, shape, number of wavelengths, options) to fit the constants to."""
     for name in (PAPER_LENS, "nikkor-28mm", "kodak-petzval-100mm"):
         for shape, number in ((SMALL, 9), (QUARTER_HD, 1)):
             for accuracy in (0.1, 0.01, 0.001):
@@ -89,7 +93,7 @@ def fitted_cases():
 
 
 def other_cases():
-    """Cases to hold predictions against, as users have them."""
+    """Typical cases of users, to check predictions."""
     for name in (PAPER_LENS, "tessar-50mm", "nikkor-28mm", "kodak-petzval-100mm", "angenieux-50mm",
                  "cooke-triplet-50mm"):
         for shape, number, accuracy in (((400, 600), 3, 0.1), ((576, 768), 1, 0.01), ((576, 768), 1, 0.001),
@@ -98,8 +102,8 @@ def other_cases():
 
 
 def measured(name, shape, number, options):
-    """The quickest of some runs."""
-    lens = Lens.load(name)
+    """Measure a case: the fastest of `BEST_OF` runs."""
+    lens = load_lens(name)
     picture = night_street(lens, shape, np.linspace(420, 680, number) if number > 1 else np.array([NM]))
     best = None
     for _ in range(BEST_OF):
@@ -110,29 +114,29 @@ def measured(name, shape, number, options):
         if best is None or sum(stages.values()).sum() < sum(best.values()).sum():
             best = stages
     plan = report.lens_image.plan
-    own = cost.counts(workload(plan, lens, picture), plan)
+    counts = cost.counts(workload(plan, lens, picture.sampling), plan)
     text = (f"{name:20}{shape[1]:5} x {shape[0]:4} x {number:2}, {options.accuracy or '     '}: {plan.method.name:8} "
             f"{plan.method.section_size:3} px, {plan.method.azimuths:3} azimuths, radius {plan.psf_radius_px:3} px")
-    return Measured(text, plan.precision == "float32", {name: count * number for name, count in own.items()}, best)
+    return Measured(text, plan.precision == "float32", {name: count * number for name, count in counts.items()}, best)
 
 
 def fitted(cases, present):
-    """Constants of cases that were measured, in place of the present ones."""
-    found = {name: np.zeros(2) for name in present}
-    weights = 1 / np.array([case.whole - case.stages["plan"].sum() for case in cases])
+    """Constants fitted to measured cases, to replace the present ones."""
+    constants = {name: np.zeros(2) for name in present}
+    weights = 1 / np.array([case.total_s - case.stages["plan"].sum() for case in cases])
     for stage, kinds in OF_STAGES.items():
         kinds = [name for name in kinds if name in present]
         counts = np.array([[case.counts.get(name, 0) for name in kinds] for case in cases])
         took = np.array([case.stages[stage] + (case.stages["else"] if stage == "filtering" else 0) for case in cases])
-        for thread, own in enumerate(took.T):
+        for thread, seconds in enumerate(took.T):
             now = np.array([present[name][thread] for name in kinds]) * (1e-9 if stage == "filtering" else 0)
-            for name, value in zip(kinds, _held(counts * weights[:, None], own * weights, now), strict=True):
-                found[name][thread] += 1e9 * value
-    return {name: tuple(float(f"{value:.2g}") for value in values) for name, values in found.items()}
+            for name, value in zip(kinds, _held(counts * weights[:, None], seconds * weights, now), strict=True):
+                constants[name][thread] += 1e9 * value
+    return {name: tuple(float(f"{value:.2g}") for value in values) for name, values in constants.items()}
 
 
 def _held(shares, took, now):
-    """Non-negative least squares; what the cases do not tell apart stays as it is now."""
+    """Non-negative least squares; constants that the cases do not determine stay at their present values."""
     scale = np.maximum(np.linalg.norm(shares, axis=0), 1e-300)
     held = np.vstack([shares / scale, HOLD * np.eye(scale.size)])
     return nnls(held, np.append(took, HOLD * now * scale))[0] / scale
@@ -149,10 +153,10 @@ def main():
     for name, (alone, shared) in here.items():
         print(f'        "{name}": ({alone:g}, {shared:g}),')
     for kind, cases in (("fitted", first), ("not fitted", others)):
-        print(f"{kind}: processor seconds; predicted over measured, by the constants as they stand and by these")
+        print(f"{kind}: processor seconds; predicted over measured, with the present and with the new constants")
         for case in cases:
-            now, then = (case.predicted(each) / case.whole for each in (present, here))
-            print(f"  {case.text}: {case.whole:6.2f}  {now:5.2f} {then:5.2f}")
+            now, then = (case.predicted(each) / case.total_s for each in (present, here))
+            print(f"  {case.text}: {case.total_s:6.2f}  {now:5.2f} {then:5.2f}")
 
 
 if __name__ == "__main__":

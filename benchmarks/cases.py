@@ -1,7 +1,4 @@
-"""The pictures, lenses and accuracies that the engine is measured on, and the figures that it is to reach.
-
-Today's engine is imported here, or an earlier one: what is used of either is their common surface.
-"""
+"""The pictures, lenses and accuracies of the engine's benchmarks, and their targets."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,7 +9,7 @@ from lensfield.engine import Lens, Options, SpectralImage
 from lensfield.engine.spectral.spectra import blackbody
 
 LENSES = ("angenieux-50mm", "apple-phone-4mm", "cooke-triplet-50mm", "edmund-54852", "kodak-petzval-100mm",
-          "muller-fisheye-25mm", "nikkor-28mm", "tessar-50mm")  # that differ as lenses do
+          "muller-fisheye-25mm", "nikkor-28mm", "tessar-50mm")  # a varied selection
 PAPER_LENS = "edmund-54852"
 NM = 587.6
 SENSOR_UM = 4800  # the paper's 1/3 inch frame: 4.8 x 3.6 mm
@@ -26,14 +23,14 @@ def checkerboard(rows: int = 576, columns: int = 768, square_px: int = 24) -> Sp
 
 
 def points(rows: int = 576, columns: int = 768, spacing_px: int = 37) -> SpectralImage:
-    """Single lit pixels: the picture that forgives least."""
+    """Single lit pixels: the most demanding picture."""
     plane = np.zeros((rows, columns))
     plane[spacing_px // 2::spacing_px, spacing_px // 2::spacing_px] = 1
     return SpectralImage(plane, [NM], pitch_um=SENSOR_UM / columns)
 
 
 def multispectral(rows: int = 253, columns: int = 380) -> SpectralImage:
-    """The paper's other size: 31 wavelengths of tungsten light on a coarse chequered pattern with points in it."""
+    """The paper's other size: 31 wavelengths of tungsten light on a coarse checkerboard with points."""
     nm = np.linspace(400, 700, 31)
     pattern = 0.1 + 0.9 * _squares(rows, columns, 12)
     pattern[::31, ::31] += 5
@@ -41,7 +38,7 @@ def multispectral(rows: int = 253, columns: int = 380) -> SpectralImage:
 
 
 def night_street(lens: Lens, shape_px: tuple[int, int], nm: np.ndarray) -> SpectralImage:
-    """Noisy squares and lamps of a single pixel, over the width of a lens's sensor: no part of it is black or even."""
+    """Noisy squares and lamps of one pixel, over the width of a lens's sensor, without black or uniform parts."""
     rng = np.random.default_rng(1)
     plane = (0.2 + 0.8 * _squares(*shape_px, 24)) * (0.9 + 0.2 * rng.random(shape_px))
     plane[::61, ::61] += 20
@@ -58,7 +55,7 @@ def _squares(rows, columns, size_px):
 
 @dataclass(frozen=True)
 class Case:
-    """A picture to be filtered, and what that is to take.
+    """A picture to filter, with its targets.
 
     Attributes
     ----------
@@ -67,14 +64,14 @@ class Case:
     wavelengths : int
     radiance : callable (Lens) -> SpectralImage
     accuracy : float
-    asked_s : float or None
-        Processor seconds to reach; None where it is half of the earlier engine's.
+    target_s : float or None
+        Target in processor seconds, if any.
     best_of : int
-        Runs, of which the quickest counts.
+        Number of runs; the fastest counts.
     part : int or None
-        How many of its wavelengths stand for all with what is slow; None for all.
+        Number of wavelengths to extrapolate slow methods from; None to measure all wavelengths.
     in_place : bool
-        Whether the irradiance takes the radiance's place.
+        Whether the irradiance overwrites the radiance.
     """
 
     name: str
@@ -82,22 +79,22 @@ class Case:
     wavelengths: int
     radiance: Callable[[Lens], SpectralImage]
     accuracy: float
-    asked_s: float | None
+    target_s: float | None
     best_of: int = 3
     part: int | None = None
     in_place: bool = False
 
 
-def _street(shape_px, wavelengths, accuracy, lens, asked_s, **how):
+def _street(shape_px, wavelengths, accuracy, lens, target_s, **how):
     """A case of `night_street`."""
     nm = np.linspace(420, 680, wavelengths) if wavelengths > 1 else np.array([NM])
     rows, columns = shape_px
     return Case(f"{columns}x{rows} x {wavelengths}, {accuracy:g}, {lens}", lens, wavelengths,
-                lambda lens: night_street(lens, shape_px, nm), accuracy, asked_s, **how)
+                lambda lens: night_street(lens, shape_px, nm), accuracy, target_s, **how)
 
 
-BOARDS = tuple(Case(f"768x576, {accuracy:g}", PAPER_LENS, 1, lambda lens: checkerboard(), accuracy, asked_s, best_of=5)
-               for accuracy, asked_s in ((0.1, 0.06), (0.01, 0.10), (0.001, 0.2)))
+BOARDS = tuple(Case(f"768x576, {accuracy:g}", PAPER_LENS, 1, lambda lens: checkerboard(), accuracy, target_s, best_of=5)
+               for accuracy, target_s in ((0.1, 0.06), (0.01, 0.10), (0.001, 0.2)))
 OTHERS = (
     Case("380x253 x 31, 0.01", PAPER_LENS, 31, lambda lens: multispectral(), 0.01, 0.6),
     *(_street(QUARTER_HD, 3, 0.1, lens, 0.15, best_of=5) for lens in (PAPER_LENS, "nikkor-28mm")),
@@ -105,5 +102,5 @@ OTHERS = (
     *(_street(HD, 1, 0.01, lens, None)
       for lens in ("angenieux-50mm", "kodak-petzval-100mm", "nikkor-28mm", "muller-fisheye-25mm")),
     *(_street(HD, 12, 0.01, lens, 4.5, best_of=2, part=3) for lens in (PAPER_LENS, "nikkor-28mm")),
-    _street(UHD, 31, 0.01, PAPER_LENS, 120, best_of=1, part=1, in_place=True))  # a minute of two cores
+    _street(UHD, 31, 0.01, PAPER_LENS, 120, best_of=1, part=1, in_place=True))  # a minute on two cores
 CASES = {case.name: case for case in BOARDS + OTHERS}

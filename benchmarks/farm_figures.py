@@ -1,10 +1,10 @@
-"""What farms cost beyond the rendering, and what a second worker brings.
+"""Measure the overhead of farms and the gain from a second worker.
 
     python benchmarks/farm_figures.py [FRAMES]
 
-in an environment that has distributed (make test-farm makes one). What a task costs is what tasks of a frame each take
-beyond one of all frames, in processor seconds: the best of several. Scaling is by the clock, of workers that have a
-core each, first one and then two of them: on a machine with other work to do it says little.
+in an environment with distributed (make test-farm creates one). The overhead of a task is the difference in processor
+seconds between one task per frame and one task for all frames, each the best of several runs. Scaling is measured in
+wall-clock time, with one and then two workers on a core each, so it is meaningless on a busy machine.
 """
 
 import json
@@ -30,10 +30,10 @@ def main(frames=4):
     work = Path(tempfile.mkdtemp(prefix="lensfield-farm-"))
     blend = work / "scene.blend"
     run([sys.executable, "-c", SAVE, blend, *sys.path[:3]])
-    asked = ["--frames", f"1-{frames}", "--lens-quality", "preview"]
+    options = ["--frames", f"1-{frames}", "--lens-quality", "preview"]
 
     def render(name, *more):
-        return run([*LENSFIELD, "render", blend, *asked, "--output", work / name, *more])
+        return run([*LENSFIELD, "render", blend, *options, "--output", work / name, *more])
 
     render("bakes")
 
@@ -41,7 +41,7 @@ def main(frames=4):
         return min(processor_s(lambda: render("alone", "--overwrite", "--frames", text)) for _ in range(BEST_OF))
 
     task_s = (frames * best_s("1") - best_s(f"1-{frames}")) / (frames - 1)
-    print(f"a task beyond its frames: {task_s:.2f} processor seconds, of {frames} frames {task_s / frames:.2f} a frame",
+    print(f"overhead of a task: {task_s:.2f} processor seconds, with {frames} frames {task_s / frames:.2f} per frame",
           flush=True)
     clock_s = []
     for workers in (1, 2):
@@ -50,11 +50,11 @@ def main(frames=4):
             render(f"workers{workers}", "--scheduler", address)
             clock_s.append(time.monotonic() - begin_s)
     print("1 worker: {:.1f} s, 2 workers: {:.1f} s by the clock".format(*clock_s), end="")
-    print(f", {clock_s[0] / clock_s[1]:.2f} times as quick; load {os.getloadavg()[1]:.1f} on {os.cpu_count()} cores")
+    print(f", {clock_s[0] / clock_s[1]:.2f} times as fast; load {os.getloadavg()[1]:.1f} on {os.cpu_count()} cores")
 
 
 def processor_s(work):
-    """Processor seconds of all processes that have ended meanwhile."""
+    """Processor seconds of all child processes that end during a call."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     work()
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -68,18 +68,18 @@ def run(command):
 
 @contextmanager
 def cluster(work, workers):
-    """The address of a cluster with so many workers, a core each."""
-    told = work / "scheduler.json"
-    told.unlink(missing_ok=True)
-    processes = [dask(work, "scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", told)]
+    """Start a cluster with this number of workers, on a core each, and yield its address."""
+    scheduler_file = work / "scheduler.json"
+    scheduler_file.unlink(missing_ok=True)
+    processes = [dask(work, "scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", scheduler_file)]
     try:
-        while not (told.is_file() and told.read_text().endswith("}")):
+        while not (scheduler_file.is_file() and scheduler_file.read_text().endswith("}")):
             time.sleep(0.1)
         for core in range(workers):
-            processes.append(dask(work, "worker", "--scheduler-file", told, "--nthreads", "1", "--no-nanny",
+            processes.append(dask(work, "worker", "--scheduler-file", scheduler_file, "--nthreads", "1", "--no-nanny",
                                   core=core % os.cpu_count()))
         time.sleep(8.0)
-        yield json.loads(told.read_text())["address"]
+        yield json.loads(scheduler_file.read_text())["address"]
     finally:
         for process in reversed(processes):
             process.terminate()

@@ -1,10 +1,10 @@
-"""What a film takes on a farm: 10,000 frames of 31 wavelengths at 4K, from two small renders of the sample scene.
+"""Estimate a film on a farm, 10,000 frames of 31 wavelengths at 4K, from two small renders of the sample scene.
 
     python benchmarks/farm_on_paper.py [SLABS MACHINES CORES DOLLARS_PER_CORE_HOUR]
 
-Bytes and processor seconds of a pixel are those by which the larger render is above the smaller one: what both have in
-common is the start. Neither is so sharp that depth is cut; `lensfield lint` tells into how many slabs it is at 4K, and
-radiance, passes and Cycles's time are taken to be so many times as much, which is the most that they can be.
+Bytes and processor seconds per pixel come from the difference between a larger and a smaller render, which eliminates
+the constant overhead. Both renders are too coarse to need slabs of depth. `lensfield lint` reports the number of slabs
+at 4K; radiance, passes and Cycles's time are multiplied by it, which is an upper limit.
 """
 
 import json
@@ -17,7 +17,7 @@ from pathlib import Path
 SCENE = Path(__file__).resolve().parents[1] / "sample_scenes" / "evening_chess.blend"
 SIZES = (128, 72), (256, 144)
 FILM_PX, FRAMES, WAVELENGTHS, PASSES = 3840 * 2160, 10_000, "400:700:31", 4  # passes of tier standard
-PASS_BYTES = 20  # of a pixel (docs/guide/scripts.md)
+PASS_BYTES = 20  # per pixel (docs/guide/scripts.md)
 GIGA, TERA, HOUR_S, DAY_S = 1e9, 1e12, 3600.0, 86400.0
 
 
@@ -43,7 +43,7 @@ def main(slabs=4.0, machines=100.0, cores=32.0, dollars=0.04):
 
 
 def rendered(folder, size):
-    """A render of the sample scene: bytes by kind of file, and the processor seconds of Cycles and of all else."""
+    """Render the sample scene: bytes by kind of file, and the processor seconds of Cycles and of all else."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     subprocess.run(
         [sys.executable, "-c", "from lensfield.cli import console; console()", "render", str(SCENE), "--frames", "1",
@@ -53,7 +53,7 @@ def rendered(folder, size):
     seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     record, = folder.glob("*_0001_report.json")
     stages = json.loads(record.read_text())["stages_s"]
-    share = stages["multispectral render"] / sum(stages.values())  # by the clock
+    share = stages["multispectral render"] / sum(stages.values())  # of wall-clock time
     sizes = {path.name.partition("_0001_")[2]: path.stat().st_size for path in folder.glob("*_0001_*")}
     return sizes | {"cycles_s": seconds * share, "lens_s": seconds * (1 - share)}
 

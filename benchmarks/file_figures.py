@@ -1,7 +1,7 @@
-"""What a frame's files take by compression: seconds, of the processor and on the clock, to write and to read them; MB.
+"""Measure a frame's files by compression: processor and wall-clock seconds to write and to read them, and MB.
 
     lensfield render sample_scenes/evening_chess.blend --wavelengths 400:700:12 --resolution 1920x1080 --samples 16 \\
-        --no-denoise --output build/noisy                  # a noisy frame; without the last two options a cleaner one
+        --denoise off --output build/noisy            # a noisy frame; without --samples and --denoise, a cleaner one
     python benchmarks/file_figures.py build/noisy [...]
 """
 
@@ -14,10 +14,10 @@ import OpenEXR
 from PIL import Image
 from timing import least_s
 
-from lensfield.engine.image.spectral_exr import exr_threads, read_parts
+from lensfield.engine.pictures.spectral_exr import exr_threads, read_parts
 
 COMPRESSIONS = {"none": OpenEXR.NO_COMPRESSION, "RLE": OpenEXR.RLE_COMPRESSION, "ZIPS": OpenEXR.ZIPS_COMPRESSION,
-                "ZIP": OpenEXR.ZIP_COMPRESSION, "PIZ": OpenEXR.PIZ_COMPRESSION}  # without loss, and open in Blender 5.0
+                "ZIP": OpenEXR.ZIP_COMPRESSION, "PIZ": OpenEXR.PIZ_COMPRESSION}  # lossless, supported by Blender 5.0
 PNG_LEVELS = 0, 1, 3, 6, 9
 TIMES = 3
 
@@ -28,7 +28,7 @@ def tell(what, written, path, read):
 
 
 def measure_exr(planes, copy):
-    """Each compression of the planes of an EXR."""
+    """Measure the planes of an EXR with each compression."""
     for name, compression in COMPRESSIONS.items():
         header = {"type": OpenEXR.scanlineimage, "compression": compression}
 
@@ -40,7 +40,7 @@ def measure_exr(planes, copy):
 
 
 def measure_png(original, copy):
-    """Each level of a PNG."""
+    """Measure a PNG with each compression level."""
     picture = Image.open(original)
     picture.load()
     for level in PNG_LEVELS:

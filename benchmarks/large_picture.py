@@ -1,10 +1,10 @@
-"""A picture that is larger than the memory that is free for it, put through a lens.
+"""Filter a picture that is larger than the free memory.
 
     systemd-run --scope -p MemoryMax=4G python benchmarks/large_picture.py
 
-filters noise of 7680 x 4320 px at 31 wavelengths in the folder that it is started in, which takes 17 GB on the disk
-meanwhile, and prints its seconds, the memory that its report predicts, and the most that the process has held beside
-pages of files (Linux), which the system takes back when it likes.
+filters noise of 7680 x 4320 px at 31 wavelengths in the current folder, which takes 17 GB of disk space temporarily. It
+prints the seconds, the memory that the report predicts, and the process's peak memory (Linux) without pages of files,
+which the system reclaims when necessary.
 """
 
 import argparse
@@ -20,8 +20,8 @@ import numpy as np
 from timing import machine
 
 from lensfield.engine import SpectralImage
-from lensfield.engine.image.spectral_exr import write_exr
-from lensfield.engine.memory import available_bytes
+from lensfield.engine.pictures.spectral_exr import write_exr
+from lensfield.engine.runtime.memory import available_bytes
 
 COMMAND = [sys.executable, "-c", "from lensfield.cli import console; console()", "filter", "in.exr",
            "--lens", "edmund-54852", "--azimuths", "4", "--psf-energy", "0.9", "--output", "out.exr",
@@ -41,16 +41,16 @@ def main():
         write_exr(SpectralImage(cube, np.linspace(420, 680, wavelengths), pitch_um=SENSOR_UM / width),
                   Path(folder, "in.exr"))
         begin = time.perf_counter()
-        held = most_held_bytes(subprocess.Popen(COMMAND, cwd=folder))
+        peak_bytes = peak_anonymous_bytes(subprocess.Popen(COMMAND, cwd=folder))
         used = resource.getrusage(resource.RUSAGE_CHILDREN)
-        told = json.loads(Path(folder, "report.json").read_text())["plan"]["peak_mb"]
+        predicted_mb = json.loads(Path(folder, "report.json").read_text())["plan"]["peak_mb"]
     print(f"{width} x {height}, {wavelengths} wavelengths, {4e-9 * width * height * wavelengths:.2f} GB: "
           f"{time.perf_counter() - begin:.0f} s, {used.ru_utime + used.ru_stime:.0f} of the processor, "
-          f"told {told:.0f} MB, held {held / 1e6:.0f} MB")
+          f"predicted {predicted_mb:.0f} MB, peak {peak_bytes / 1e6:.0f} MB")
 
 
-def most_held_bytes(process):
-    """The most that a process has held of memory that is no file's, until its end; an error where it fails."""
+def peak_anonymous_bytes(process):
+    """Peak memory of a process without pages of files; raise an error if the process fails."""
     most = 0
     while process.poll() is None:
         lines = Path(f"/proc/{process.pid}/status").read_text().splitlines()

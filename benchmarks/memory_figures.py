@@ -1,9 +1,9 @@
-"""The most memory that whole commands take, beside what their plans tell.
+"""Compare the peak memory of complete commands with their plans.
 
     python benchmarks/memory_figures.py
 
-filters and renders some pictures, each in a process of its own, and prints a line for each: what the report predicts,
-what the system (Linux) has counted, and the ratio of these.
+filters and renders some pictures, each in a separate process, and prints a line for each: the prediction of the report,
+the peak that the system (Linux) measured, and their ratio.
 """
 
 import json
@@ -16,17 +16,17 @@ import numpy as np
 from timing import machine
 
 from lensfield.engine import SpectralImage
-from lensfield.engine.image.spectral_exr import write_exr, write_rgb_exr
+from lensfield.engine.pictures.spectral_exr import write_exr, write_rgb_exr
 
 COMMAND = [sys.executable, "-c", """
 import os, sys
 from lensfield.cli import main
 status = main(sys.argv[1:])
-with open("/proc/self/status") as told, open("peak", "w") as peak:
-    peak.write(next(line.split()[1] for line in told if line.startswith("VmHWM:")))
+with open("/proc/self/status") as status_file, open("peak", "w") as peak:
+    peak.write(next(line.split()[1] for line in status_file if line.startswith("VmHWM:")))
 sys.stdout.flush()
 os._exit(status)"""]
-"""The command, and beside its report how many kB it has held at the most: what a parent is told has its own in it."""
+"""The command, which also writes its peak memory in kB: the figure that a parent process gets includes the parent's."""
 SCENE = Path(__file__).resolve().parents[1] / "sample_scenes" / "evening_chess.blend"
 LENS = ["--lens", "edmund-54852"]
 RENDER = ["render", str(SCENE), *LENS, "--samples", "1", "--tier", "preview"]
@@ -34,7 +34,7 @@ MEGABYTE, MOST = 1e6, 1.3
 
 
 def spectral(wavelengths, width, height):
-    """A picture of noise, on a sensor of 4 mm."""
+    """A picture of noise, on a sensor 4 mm wide."""
     plane = np.random.default_rng(0).random((1, height, width), np.float32)
     cube = np.broadcast_to(plane, (wavelengths, height, width))
     return SpectralImage(cube, np.linspace(420, 680, wavelengths), pitch_um=4000 / width)
@@ -59,17 +59,17 @@ CASES = {
 
 
 def main():
-    print(f"{machine()}\n\n{'case':<42}{'told':>9}{'used':>9}{'used/told':>11}")
+    print(f"{machine()}\n\n{'case':<42}{'predicted':>9}{'used':>9}{'ratio':>11}")
     for name, (picture, more) in CASES.items():
         with tempfile.TemporaryDirectory() as folder:
-            told, used = measured(picture, more, Path(folder))
-        ratio = used / told
+            predicted, used = measured(picture, more, Path(folder))
+        ratio = used / predicted
         missed = "" if 1 / MOST <= ratio <= MOST else " !"
-        print(f"{name:<42}{told:>6.0f} MB{used:>6.0f} MB{ratio:>11.2f}{missed}", flush=True)
+        print(f"{name:<42}{predicted:>6.0f} MB{used:>6.0f} MB{ratio:>11.2f}{missed}", flush=True)
 
 
 def measured(picture, more, folder):
-    """MB that a command tells, and that it has held at the most."""
+    """The peak memory of a command in MB: predicted, and measured."""
     if picture == []:
         command = [*RENDER, *more, "--output", "out"]
     else:
@@ -81,8 +81,8 @@ def measured(picture, more, folder):
     subprocess.run([*COMMAND, *command, "--report", "report.json"], cwd=folder, check=True, stdout=subprocess.DEVNULL,
                    stderr=subprocess.DEVNULL)
     report = json.loads((folder / "report.json").read_text())
-    told = max(report["plan"]["peak_mb"], report.get("capture_peak_mb", 0))
-    return told, int((folder / "peak").read_text()) * 1024 / MEGABYTE
+    predicted = max(report["plan"]["peak_mb"], report.get("capture_peak_mb", 0))
+    return predicted, int((folder / "peak").read_text()) * 1024 / MEGABYTE
 
 
 if __name__ == "__main__":

@@ -1,16 +1,13 @@
-"""What the scene side costs and how true it is: passes, seconds and colours, on stated scenes.
+"""Measure the cost and accuracy of the Blender side: passes, seconds and colours.
 
     python benchmarks/scene_figures.py [--quick]
 
-* What a wavelength band costs beside its rendering, in a scene of a million triangles.
-* The sample scene by tiers: passes, seconds, and its colours against those of every wavelength rendered.
-* What Lensfield adds to the Cycles time of a 1080p frame of 12 wavelengths at 64 samples (25 minutes; at an eighth of
-  the samples with --quick).
-* What a frame of an animation costs with others in one process, and in a process of its own.
+* The overhead of a wavelength band in a scene of a million triangles.
+* The sample scene by tiers: passes, seconds, and errors of colours compared with a render of every wavelength.
+* The time that Lensfield adds to Cycles in a 1080p frame of 12 wavelengths at 64 samples (25 minutes; with --quick, at
+  an eighth of the samples).
 """
 
-import resource
-import subprocess
 import sys
 import tempfile
 import time
@@ -24,7 +21,7 @@ from lensfield.addon.job.render import job_of_frame, render_steps
 from lensfield.addon.job.steps import RenderPass
 from lensfield.commands.terminal import quiet
 from lensfield.engine import Options
-from lensfield.engine.image.spectral_exr import read_exr
+from lensfield.engine.pictures.spectral_exr import read_exr
 from lensfield.engine.spectral.colour_difference import ciede2000, lab_from_xyz
 from lensfield.engine.spectral.spectra import colour_matching
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions, sensor_error
@@ -33,14 +30,14 @@ SCENE = Path(__file__).resolve().parents[1] / "sample_scenes" / "evening_chess.b
 LENS = "edmund-54852"
 GRID_SIDE = 708  # squares: a million triangles
 STANDARD = SpectralOptions()
-BLOCK_PX = 4  # means over which noise leaves colours alone
+BLOCK_PX = 4  # averages over blocks keep noise out of the colours
 
 
 def timed(scene, wavelengths_nm, spectral=STANDARD):
-    """Seconds of each Cycles pass, seconds of all else, the report, and the radiance."""
+    """Render a scene: seconds of each Cycles pass, seconds of all else, the report, and the radiance."""
     with tempfile.TemporaryDirectory() as folder:
         job = job_of_frame(scene, scene.frame_current, lens=LENS, wavelengths_nm=wavelengths_nm, output_folder=folder,
-                           options=Options(), spectral=spectral, view="lens", unfit="refuse", denoise=False,
+                           options=Options(), spectral=spectral, view="lens", unfit="refuse", denoise="off",
                            to_compositor=False)
         steps, passes, answer = render_steps(scene, job), [], None
         begin = time.perf_counter()
@@ -49,7 +46,7 @@ def timed(scene, wavelengths_nm, spectral=STANDARD):
                 step = steps.send(answer)
                 started = time.perf_counter()
                 if isinstance(step, RenderPass):
-                    with quiet(1):  # Blender says where it saves each pass
+                    with quiet(1):  # Blender prints where it saves each pass
                         bpy.ops.render.render(write_still=True, scene=step.scene.name)
                     answer = None
                     passes.append(time.perf_counter() - started)
@@ -110,7 +107,7 @@ def sample_scene(width, height, samples):
         bpy.ops.wm.open_mainfile(filepath=str(SCENE))
     scene = bpy.context.scene
     scene.render.resolution_x, scene.render.resolution_y, scene.cycles.samples = width, height, samples
-    scene.cycles.sample_clamp_direct = scene.cycles.sample_clamp_indirect = 0  # which Reference goes without
+    scene.cycles.sample_clamp_direct = scene.cycles.sample_clamp_indirect = 0  # Reference does not clamp
     return scene
 
 
@@ -135,7 +132,7 @@ def tiers():
 
 
 def block_means(radiance):
-    """Spectra of blocks, array (block, wavelength)."""
+    """Mean spectra of blocks: array (block, wavelength)."""
     cube = radiance.frame().cube.astype(float)
     rows, columns = (n // BLOCK_PX for n in cube.shape[1:])
     cube = cube[:, :rows * BLOCK_PX, :columns * BLOCK_PX].reshape(-1, rows, BLOCK_PX, columns, BLOCK_PX)
@@ -143,7 +140,7 @@ def block_means(radiance):
 
 
 def colour_errors(truth, blocks, wavelengths_nm):
-    """CIEDE2000 of every block, beside a white of the luminance of the brightest hundredth, of D65's chromaticity."""
+    """CIEDE2000 of every block, relative to a white with D65's chromaticity and the 99th percentile of luminance."""
     matching = colour_matching(wavelengths_nm)
     white = np.array([0.9505, 1, 1.089]) * np.percentile(truth @ matching[:, 1], 99)
     return ciede2000(lab_from_xyz(truth @ matching, white), lab_from_xyz(np.maximum(blocks, 0) @ matching, white))
@@ -162,32 +159,11 @@ def full_frame(samples):
                       if stage != "multispectral render"))
 
 
-def animation(frames=6):
-    """Processor seconds of a frame, by `lensfield render --frames` for all at once and for each alone."""
-    size, samples = "384x288", 16
-    alone, together = (processor_seconds(size, samples, specs) / frames
-                       for specs in (map(str, range(1, frames + 1)), [f"1-{frames}"]))
-    print(f"the sample scene, {size} px, {samples} samples, {frames} frames: {together:.1f} processor seconds for each "
-          f"of them in one process, {alone:.1f} in one of its own")
-
-
-def processor_seconds(size, samples, specs):
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    with tempfile.TemporaryDirectory() as folder:
-        for spec in specs:
-            subprocess.run([sys.executable, "-c", "from lensfield.cli import console; console()", "render", str(SCENE),
-                            "--frames", spec, "--resolution", size, "--samples", str(samples), "--output", folder],
-                           check=True, stdout=subprocess.DEVNULL)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-
-
 def main(arguments):
     addon.register()
     band_overhead()
     tiers()
     full_frame(8 if "--quick" in arguments else 64)
-    animation()
 
 
 if __name__ == "__main__":

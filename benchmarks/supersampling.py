@@ -1,18 +1,18 @@
-"""What supersampling mends, by lens: light in the wrong place without it and with some of it, against 8 x 8.
+"""Measure the effect of supersampling by lens: misplaced light at 1 x 1 to 4 x 4, compared with 8 x 8.
 
     python benchmarks/supersampling.py
 
-On a patch in the middle of a 1080p frame of each lens, at 550 nm: single pixels lit, 12 apart, and a checkerboard of
-8 px squares. Errors are sums of |error| as fractions of the light, as `accuracy` is, and hold what that leaves, 0.003
-at the most; processor seconds are of one patch. (Away from the axis 8 x 8 takes a table of 40 GB.)
+The pictures are a patch in the middle of a 1080p frame of each lens, at 550 nm: single lit pixels, 12 apart, and a
+checkerboard of 8 px squares. Errors are sums of |error| as fractions of the light, like `accuracy`, and include its
+error, at most 0.003. Processor seconds are for one patch. (Away from the axis, 8 x 8 would need a table of 40 GB.)
 """
 
 import time
 
 import numpy as np
 
-from lensfield.engine import Lens, Options, SpectralImage, simulate
-from lensfield.engine.image.pitch import fitting_pitch_um
+from lensfield.engine import Options, SpectralImage, load_lens, simulate
+from lensfield.engine.lens.pinhole import fitting_pitch_um
 
 LENSES = "tessar-50mm", "edmund-54852", "cooke-triplet-50mm", "nikkor-28mm"
 FRAME_PX, SIDE_PX, MARGIN_PX = (1080, 1920), 48, 12
@@ -22,7 +22,7 @@ ACCURACY, NM = 3e-3, 550.0
 
 
 def pictures():
-    """Points and a checkerboard with room around them, so that no light is lost: dict of arrays."""
+    """Points and a checkerboard, with a margin to avoid loss of light: dict of arrays."""
     side = np.arange(SIDE_PX)
     points = np.outer(side % APART_PX == APART_PX // 2, side % APART_PX == APART_PX // 2)
     board = (np.add.outer(side // SQUARE_PX, side // SQUARE_PX) % 2).astype(bool)
@@ -40,7 +40,7 @@ def filtered(picture, pitch_um, lens, times):
 def main():
     print(f"{'':<20}{'um/px':>6}  {'':<8}" + "".join(f"{f'{n} x {n}':>9}" for n in TIMES) + "   processor s")
     for name in LENSES:
-        lens = Lens.load(name)
+        lens = load_lens(name)
         pitch_um = fitting_pitch_um(lens, FRAME_PX)
         for what, picture in pictures().items():
             true = filtered(picture, pitch_um, lens, MOST)[0]

@@ -1,7 +1,7 @@
-"""How the engine is timed: cold, by the processor's seconds, and what machine that was on.
+"""Timing of cold runs of the engine in processor seconds, and a description of the machine.
 
-Processor seconds are those of all threads together, so that a machine that is busy with something else hardly changes
-them. Cold is a lens fresh from its data, with its plan, PSFs and OTFs; but modules are imported, and no file is read.
+Processor seconds are the sum over all threads, so other load on the machine hardly changes them. A cold run starts from
+the lens data and computes the plan, the PSFs and the OTFs; modules are already imported, and no file is read.
 """
 
 import os
@@ -14,17 +14,18 @@ from pathlib import Path
 import numpy as np
 import scipy
 
-from lensfield.engine import Kept, Lens, Options, Report, SpectralImage, simulate
-from lensfield.engine.threads import thread_count
+from lensfield.engine import Kept, Lens, Options, Report, SpectralImage, kernels, simulate
+from lensfield.engine.runtime.threads import thread_count
 
-os.environ["LENSFIELD_CACHE"] = "off"  # no plan is remembered
+os.environ["LENSFIELD_CACHE"] = "off"  # to avoid cached plans
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What came of a picture and of the frames after it, if any, with what the first has kept for them.
+    """Result and times of a picture and of the frames after it, if any, which use the first one's cached channels.
 
-    `processor_s` and `waited_s` are of the first, `later_s` are the processor's of the last.
+    `processor_s` and `waited_s` are processor and wall-clock seconds of the first frame, `later_s` are processor
+    seconds of the last.
     """
 
     irradiance: SpectralImage
@@ -36,7 +37,7 @@ class Run:
 
 def cold_run(radiance: SpectralImage, lens: Lens, options: Options, frames: int = 1,
              out: np.ndarray | None = None) -> Run:
-    """Filter a picture so many times."""
+    """Filter a picture `frames` times, from a cold start."""
     lens, report = replace(lens), Report()
     kept = Kept() if frames > 1 else None
     seconds = []
@@ -49,13 +50,13 @@ def cold_run(radiance: SpectralImage, lens: Lens, options: Options, frames: int 
 
 def quickest(radiance: SpectralImage, lens: Lens, options: Options, best_of: int = 3, frames: int = 1,
              out: np.ndarray | None = None) -> Run:
-    """The quickest of some cold runs."""
+    """The fastest of several cold runs."""
     return min((cold_run(radiance, lens, options, frames, out) for _ in range(best_of)),
                key=lambda run: run.processor_s)
 
 
 def least_s(function: Callable[[], object], best_of: int) -> tuple[float, float]:
-    """The least seconds of the processor, and on the clock, of some calls of a function."""
+    """Minimum processor seconds and wall-clock seconds of several calls of a function."""
     seconds = []
     for _ in range(best_of):
         begin_s, begin_processor_s = time.perf_counter(), time.process_time()
@@ -65,30 +66,15 @@ def least_s(function: Callable[[], object], best_of: int) -> tuple[float, float]
     return processor_s, waited_s
 
 
-def multiply_adds_per_s() -> float:
-    """How many this core does whose values come from the cache, one for each: numpy's product of matrix and vector."""
-    matrix = np.random.default_rng(0).random((128, 512), dtype=np.float32)
-    vector, repeats = matrix[0].copy(), 1000
-    return repeats * matrix.size / least_s(lambda: [matrix @ vector for _ in range(repeats)], 20)[0]
-
-
 def machine() -> str:
-    """What the figures were taken on, and how busy it is."""
-    return (f"{_processor()}, {thread_count()} cores, load {os.getloadavg()[0]:.1f}; loops by {loops()}; "
+    """Description of the machine, its load, and the versions in use."""
+    return (f"{_processor()}, {thread_count()} cores, load {os.getloadavg()[0]:.1f}; "
+            f"loops by {kernels.running()} (of {', '.join(kernels.available())}); "
             f"Python {platform.python_version()}, numpy {np.__version__}, scipy {scipy.__version__}")
 
 
-def loops() -> str:
-    """What runs the engine's innermost loops, and what could."""
-    try:
-        from lensfield.engine import kernels
-    except ImportError:  # the engine before there were any
-        return "numpy"
-    return f"{kernels.running()} (of {', '.join(kernels.available())})"
-
-
 def _processor():
-    """The processor's name, where the system tells."""
+    """The processor's name, if the system provides it."""
     info = Path("/proc/cpuinfo")
     names = [line.partition(":")[2].strip() for line in info.read_text().splitlines() if line.startswith("model name")
              ] if info.exists() else []

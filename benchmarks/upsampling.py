@@ -1,13 +1,12 @@
-"""Which spectra to give to colours: ways of making a reflectance from linear Rec. 709, on reflectances measured.
+"""Compare ways to upsample colours: bases of reflectances for linear Rec. 709, tested on measured reflectances.
 
     pip install -e .[tables]
     python benchmarks/upsampling.py
 
-Each sample's colour under D65 is made into a reflectance again. Printed are the root mean square of what that misses,
-and the colour difference CIEDE2000 from the sample under other lamps: median and 95 %. Samples outside the gamut are
-left out. The basis of the project is fitted to the first two sets; so that it is judged by what it has not seen, "held
-out" is fitted to the other one each time. Only linear ways (held out, project, Mallett-Yuksel) can be wired into node
-trees.
+Each sample's colour under D65 is upsampled to a reflectance. The tables give the root mean square of its error, and the
+colour difference CIEDE2000 from the sample under other lamps: median and 95th percentile. Samples outside the gamut are
+omitted. The project's basis is fitted to the first two sets. "held out" is fitted to the other set each time, so it is
+never tested on the samples that it was fitted to.
 """
 
 import sys
@@ -15,15 +14,14 @@ from pathlib import Path
 
 import colour
 import numpy as np
-from colour.recovery import RGB_to_sd_Smits1999, XYZ_to_sd_Jakob2019, XYZ_to_sd_Otsu2018
 from colour.utilities import suppress_warnings
 
-from lensfield.engine.image.preview import to_rec709 as picture
 from lensfield.engine.image.spectral_image import SpectralImage
+from lensfield.engine.pictures.preview import to_rec709 as picture
 from lensfield.engine.spectral.spectra import library_names, load_spectrum, reflectance_basis, white_density
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "packaging"))
-from fit_basis import D65, NM, OBSERVER, SHAPE, fit_basis, measured_reflectances, to_rec709  # noqa: E402
+from fit_basis import D65, NM, OBSERVER, fit_basis, measured_reflectances, to_rec709  # noqa: E402
 
 LAMPS = ("A", "FL11", "LED-B3", "D50")
 FEW = (6, 9, 12)
@@ -38,29 +36,17 @@ def lab(xyz, white):
 
 
 def differences(first, second, lamp):
-    """CIEDE2000 of reflectances seen under a lamp."""
+    """CIEDE2000 between reflectances under a lamp."""
     white = tristimulus(np.ones_like(NM), lamp)
     return colour.delta_E(*(lab(tristimulus(some, lamp), white) for some in (first, second)), method="CIE 2000")
 
 
-def nonlinear(rgb):
-    """Reflectances by the ways that are no three curves, for comparison."""
-    observer, lamp = colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"].copy().align(SHAPE), \
-        colour.SDS_ILLUMINANTS["D65"].copy().align(SHAPE)
-    xyz = tristimulus(np.eye(NM.size), D65).T @ np.linalg.pinv(to_rec709()).T @ rgb
-    found = {"Smits 1999": RGB_to_sd_Smits1999(rgb), "Jakob-Hanika 2019": XYZ_to_sd_Jakob2019(xyz, observer, lamp),
-             "Otsu 2018": XYZ_to_sd_Otsu2018(xyz, observer, lamp)}
-    return {name: np.interp(NM, spectrum.wavelengths, spectrum.values) for name, spectrum in found.items()}
-
-
 def upsampled(samples, others):
-    """Reflectances made from the colours of the samples, by the name of the way."""
+    """Reflectances upsampled from the colours of the samples, by the name of the basis."""
     rgb = samples @ to_rec709()
     mallett_yuksel = colour.recovery.MSDS_BASIS_FUNCTIONS_sRGB_MALLETT2019[NM]
     linear = {"held out": fit_basis(others), "project": reflectance_basis(NM), "Mallett-Yuksel 2019": mallett_yuksel}
-    ways = {name: rgb @ basis.T for name, basis in linear.items()}
-    each = [nonlinear(one) for one in rgb]
-    return ways | {name: np.stack([found[name] for found in each]) for name in each[0]}
+    return {name: rgb @ basis.T for name, basis in linear.items()}
 
 
 def print_table(title, samples, others):
@@ -74,7 +60,7 @@ def print_table(title, samples, others):
 
 
 def print_few_wavelengths(samples):
-    """What a render at few wavelengths, 400 to 700 nm, makes of the colours under D65."""
+    """Print colour differences under D65 of renders at few wavelengths between 400 and 700 nm."""
     rgb = samples @ to_rec709()
     rgb = rgb[(rgb.min(axis=1) >= 0) & (rgb.max(axis=1) <= 1)]
     primaries = tristimulus(np.eye(NM.size), D65).T @ np.linalg.pinv(to_rec709()).T

@@ -1,8 +1,9 @@
-"""The points whose light a plan misplaces most: looked for over a picture, then by climbing from pixel to pixel.
+"""Find the points whose light a plan misplaces most: search a picture, then refine by hill climbing.
 
     python benchmarks/worst_points.py [LENS ...]
 
-A plan's bound is to be above the worst, and by no more than twice. Lenses of every kind, unless some are named.
+A plan's bound must be at least the worst error, and at most twice as large. By default, a varied selection of lenses is
+tested.
 """
 
 import sys
@@ -15,18 +16,18 @@ from cases import LENSES, NM
 from point_images import PointImages, point_images
 from timing import machine
 
-from lensfield.engine import Lens, Options, SpectralImage
+from lensfield.engine import Options, SpectralImage, load_lens
 from lensfield.engine.plan.choose import make_plan
-from lensfield.engine.threads import thread_count
+from lensfield.engine.runtime.threads import thread_count
 
 SHAPE_PX, WAVELENGTHS_NM = (576, 768), (420.0, NM, 680.0)
 ACCURACIES = 0.1, 0.01, 0.001
-MOST = 2.0  # of the bound over the worst
+MOST = 2.0  # limit of the bound relative to the worst error
 LOOKED_AT, CLIMBERS, CLIMBS, STEP_PX = 600, 10, 3, 2
 
 
 def worst_error(images: PointImages, rng: np.random.Generator) -> float:
-    """The largest error of a point that is found."""
+    """The largest error found for a point."""
     places, errors = np.empty((0, 2), int), np.empty(0)
     while errors.size < LOOKED_AT:
         more = images.some_places(rng)
@@ -39,7 +40,7 @@ def worst_error(images: PointImages, rng: np.random.Generator) -> float:
 
 
 def _apart(places, distance_px):
-    """The first of some places that are farther apart than this."""
+    """Up to `CLIMBERS` of the points, in order, that are farther apart than this."""
     chosen = []
     for place in places:
         if len(chosen) < CLIMBERS and all(np.abs(place - other).max() > distance_px for other in chosen):
@@ -48,7 +49,7 @@ def _apart(places, distance_px):
 
 
 def _climbed(images, start, best):
-    """The worst places within a step of these, and their errors."""
+    """The worst points within `STEP_PX` of these, and their errors."""
     climbers, steps = start, np.arange(-STEP_PX, STEP_PX + 1)
     for step in product(steps, steps):
         places = np.clip(start + step, 0, np.array(images.grid.shape_px) - 1)
@@ -59,21 +60,21 @@ def _climbed(images, start, best):
 
 
 def bound_and_worst(name: str, accuracy: float) -> tuple[float, float]:
-    """What a plan promises for a lens, and the largest error found over its frame at some wavelengths."""
-    lens, rng = Lens.load(name), np.random.default_rng(0)
+    """A plan's bound for a lens, and the largest error in its frame at three wavelengths."""
+    lens, rng = load_lens(name), np.random.default_rng(0)
     radiance = SpectralImage(np.zeros((len(WAVELENGTHS_NM), *SHAPE_PX)), WAVELENGTHS_NM,
                              pitch_um=1e3 * lens.sensor_mm[0] / SHAPE_PX[1])
-    plan = make_plan(Options(accuracy=accuracy), lens, radiance)
+    plan = make_plan(Options(accuracy=accuracy), lens, radiance.sampling)
     return plan.error_bound, max(worst_error(each, rng) for each in point_images(lens, radiance, plan))
 
 
 def table_lines(names: list[str], accuracies: Sequence[float] = ACCURACIES) -> Iterator[str]:
-    """The lines of a table, lens by lens as it comes."""
+    """Yield the lines of the table, lens by lens."""
     yield f"{'bound / worst point found, at accuracy':<40}" + "".join(f"{each:>28g}" for each in accuracies)
     with ProcessPoolExecutor(thread_count()) as pool:
         rows = [(name, [pool.submit(bound_and_worst, name, accuracy) for accuracy in accuracies]) for name in names]
-        for name, found in rows:
-            yield f"{name:<40}" + "".join(f"{compared(*each.result()):>28}" for each in found)
+        for name, results in rows:
+            yield f"{name:<40}" + "".join(f"{compared(*each.result()):>28}" for each in results)
 
 
 def compared(bound, worst):

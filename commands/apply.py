@@ -1,10 +1,20 @@
-"""`lensfield apply`: another lens on a picture that is rendered already."""
+"""`lensfield apply`: another lens on a finished render."""
 
 from pathlib import Path
 
+from ..engine.depth.depth_range import AUTO, OFF
 from ..engine.field.overscan import VIEWS
-from ..engine.image.depth_range import AUTO, OFF
-from .arguments import add_engine_options, add_iris, add_rings, asked_iris, asked_rings, check_outputs, engine_options
+from .arguments import (
+    add_engine_options,
+    add_iris,
+    add_rings,
+    add_untrusted,
+    asked_iris,
+    check_outputs,
+    engine_options,
+    given_fields,
+    output_given,
+)
 from .blend import import_addon
 from .followed import add_followed, messages, progress
 from .outcome import finish
@@ -28,20 +38,23 @@ def add(commands):
     add_rings(apply)
     add_iris(apply)
     add_followed(apply.add_argument_group("for programs that start this one and follow it"))
-    apply.set_defaults(run=_apply)
+    add_untrusted(apply)
+    apply.set_defaults(run=_apply, confines=_folders)
+
+
+def _folders(options):
+    """The picture and the output folder."""
+    return options.radiance, output_given(options)
 
 
 def _apply(options):
     check_outputs([(options.report, ".json")], [options.radiance, options.lens])
     with messages(options) as write:
-        chosen = engine_options(options)
+        given = given_fields(options) | {"options": engine_options(options), "iris": asked_iris(options)}
         addon = import_addon()
         addon.check_beside_frames(options.output or options.radiance.parent, options.report)
         with progress(options, write) as tell:
-            result = addon.apply_lens(options.radiance, options.lens, options.output, options=chosen,
-                                      view=options.view, rings=asked_rings(options), iris=asked_iris(options),
-                                      lens_quality=options.lens_quality or "standard", depth=options.depth,
-                                      progress=tell)
+            result = addon.apply_lens(options.radiance, progress=tell, **given)
         print(f"plan: {result.report.lens_image.plan.text}")
         finish(options, result.report, result.files)
         write(lens_image=str(result.lens_image), told=result.told)

@@ -1,102 +1,104 @@
-"""Arguments that several commands share: what the engine is asked for, sizes, and files to write."""
+"""Arguments that several commands share: options of the engine, sizes, and output files."""
 
 import os
-from dataclasses import fields
+from argparse import BooleanOptionalAction
 from pathlib import Path
 
 from ..engine import InputError, Options
-from ..engine.bake.quality import QUALITIES
-from ..engine.bake.rings import Rings
-from ..engine.blur import METHODS
-from ..engine.depth.pencils import Iris
-from ..engine.files import check_ours, check_target, identity
-from ..engine.library import ALL_LENSES, cannot_be, has_rings, iris_shows, load
-from ..engine.plan.options import AUTO, DEFAULT_ACCURACY, FIREFLIES, MOST_SUPERSAMPLING, OUT_OF_FIELD, PRECISIONS
+from ..engine.depth.iris import Iris
+from ..engine.library import ALL_LENSES, cannot_be, has_rings, iris_shows, load_lens
+from ..engine.plan.options import KNOBS
+from ..engine.rays.rings import Rings
+from ..engine.runtime.files import check_ours, check_target, identity
+from ..engine.runtime.setting import option_of, settings_of
+from ..engine.spectral.spectra import parse_wavelengths
+from ..request import CAMERA, RING_FIELDS, RenderRequest
 from .terminal import progress_bar
 
 RESOLUTION_LIMITS = (4, 65536)
 LENSES = "a bundled lens, a lens package, or a prescription"
-CAMERA = "camera"
+TIME_LIMIT_S = 3600.0
+WITHOUT_CAMERA = {"focus": "the prescription's, mostly infinity", "f_number": "the widest",
+                  "lens_quality": "standard"}
+"""Default rings in commands without a scene, as text."""
 MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 
 
-def add_engine_options(command, lens_required=True):
-    """The lens, what is done out of field, the report, and every knob of `Options`."""
-    command.add_argument("--lens", required=lens_required, metavar="NAME|FILE", help=f"{LENSES} ({ALL_LENSES})")
-    command.add_argument("--out-of-field", choices=OUT_OF_FIELD,
-                         help=f"pixels beyond the lens data (default {Options.out_of_field})")
-    command.add_argument("--fireflies", choices=FIREFLIES,
-                         help="pixels that are no finite number: an error, or the brightest of their neighbours "
-                              f"(default {Options.fireflies})")
+def add_settings(group, owner, names, unset=None):
+    """Add options for settings of a dataclass, as their fields define them; options that are not given are None.
+
+    Parameters
+    ----------
+    group : argparse parser or group
+    owner : type
+    names : iterable of str
+    unset : dict of str: str, optional
+        Replaces `Setting.unset`.
+    """
+    for name in names:
+        each = settings_of(owner)[name]
+        applies = (unset or {}).get(name, each.unset) or (each.default if each.choices else "")
+        text = ". ".join(filter(None, (each.text, each.choices_text))) + (f" (default: {applies})" if applies else "")
+        kind = {"action": BooleanOptionalAction} if each.kind is bool else {
+            "type": each.kind, "metavar": each.metavar, "choices": tuple(each.choices) or None}
+        group.add_argument(f"--{option_of(name, each)}", default=None, help=text.replace("%", "%%"), **kind)
+
+
+def given_settings(options, owner):
+    """The settings of a dataclass that the command line gives, by field name."""
+    values = {name: getattr(options, option_of(name, each).replace("-", "_"), None)
+              for name, each in settings_of(owner).items() if each.option is not None}
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def given_fields(options):
+    """The fields of a RenderRequest that the command line gives, parsed; except `iris`, `options` and `spectral`."""
+    return {name: PARSERS[name](value) if name in PARSERS else value
+            for name, value in given_settings(options, RenderRequest).items()}
+
+
+def scene_defaults(owner):
+    """Defaults in commands on a scene, as text: the scene's value of each setting with a property."""
+    return {name: "the scene's" for name, each in settings_of(owner).items() if each.panel is not None}
+
+
+def add_engine_options(command, of_scene=False):
+    """Add options for the lens, the report, and every field of `Options`."""
+    unset = scene_defaults(Options) if of_scene else None
+    command.add_argument("--lens", required=not of_scene, metavar="NAME|FILE", help=f"{LENSES} ({ALL_LENSES})")
+    add_settings(command, Options, ["out_of_field", "fireflies"], unset)
     command.add_argument("--report", type=Path, metavar="FILE.json",
                          help="write stages with seconds, the plan, and energy in and out")
-    _add_accuracy(command.add_argument_group("accuracy"))
-    _add_knobs(command.add_argument_group("knobs, for who wants them", "setting one turns the choice by accuracy off"))
-
-
-def _add_accuracy(group):
-    group.add_argument("--accuracy", type=float, metavar="FRACTION",
-                       help="the largest fraction of any point's light that may land in the wrong place; the quickest "
-                            f"way to that is chosen (default {DEFAULT_ACCURACY:g})")
-    group.add_argument("--method", choices=(AUTO, *METHODS),
-                       help="PSFs from a table, interpolated in sections or pixel by pixel; one a section, as in the "
-                            f"paper; or every pixel's own, exactly (default {Options.method})")
-    group.add_argument("--supersampling", type=int, metavar="N",
-                       help="filter the picture in N x N pixels for each one, where PSFs are finer than it; takes as "
-                            f"long as a picture so much larger (1 to {MOST_SUPERSAMPLING}; "
-                            f"default {Options.supersampling})")
-
-
-def _add_knobs(group):
-    """Each is None where it is not set: what it is then is the engine's business."""
-    group.add_argument("--section-size", type=int, metavar="PX",
-                       help="side of a section; by the paper's method smaller is more accurate and slower")
-    group.add_argument("--azimuths", type=int, metavar="N", help="steps of the table of PSFs from 0 to 45 degrees")
-    group.add_argument("--psf-energy", type=float, metavar="FRACTION", help="what is kept of each PSF, in a circle")
-    group.add_argument("--flat-tolerance", type=float, metavar="FRACTION",
-                       help="relative error up to which sections in even light are not filtered")
-    group.add_argument("--precision", choices=PRECISIONS, help="auto: double where the light's range needs it")
+    add_settings(command.add_argument_group("accuracy"), Options, ["accuracy", "method", "supersampling"], unset)
+    advanced = command.add_argument_group("advanced options", "each turns the choice by accuracy off")
+    add_settings(advanced, Options, KNOBS)
 
 
 def add_rings(command, camera=False):
-    """What a lens is turned to; `camera` where there is one whose rings can be taken."""
+    """Add options for focus, f-stop and lens quality; with `camera`, the scene's camera sets the defaults."""
     group = command.add_argument_group("rings", "of a lens of which there is a prescription; it is baked and kept in "
                                                 "your cache folder (lensfield lens cache)")
-    group.add_argument("--focus", metavar="DISTANCE",
-                       help="1.2m, 80cm, 500mm or inf, from the camera, which stands at the entrance pupil; "
-                            + ("or camera, for its own even where its depth of field is off" if camera else
-                               "default: what the prescription is given for, mostly infinity"))
-    group.add_argument("--f-number", type=float, metavar="N", help="default: " + (
-        "the camera's F-Stop where its depth of field is on, else the widest" if camera else "the widest"))
-    group.add_argument("--focused-wide-open", action="store_true",
-                       help="focus at the widest aperture, and stop down after that: the focus shift shows")
-    group.add_argument("--lens-quality", choices=QUALITIES,
-                       help="how finely the lens is baked (default: " + ("as the tier" if camera else "standard") + ")")
+    add_settings(group, RenderRequest, [*RING_FIELDS, "lens_quality"], None if camera else WITHOUT_CAMERA)
 
 
 def add_iris(command, camera=False):
-    """The blades of the lens."""
+    """Add options for the blades of the lens's iris."""
     group = command.add_argument_group("iris", "of a lens that is stopped down below its widest, for what is out of "
-                                               "focus")
-    group.add_argument("--iris-blades", type=int, metavar="N", help="0 for a round stop (default: " + (
-        "the camera's Aperture, where its depth of field is on)" if camera else "0)"))
-    group.add_argument("--iris-rotation", type=float, metavar="DEG", help="of them, anticlockwise (default: 0)")
-    group.add_argument("--iris-roundness", type=float, metavar="0..1",
-                       help="from straight blades to a circle (default: 0)")
+                                               "focus; its opening has the round stop's area")
+    unset = {"blades": "the camera's Aperture if its Depth of Field is on"} if camera else None
+    add_settings(group, Iris, settings_of(Iris), unset)
 
 
 def asked_iris(options):
-    """The blades of the command line; None where it says nothing of them."""
-    if options.iris_blades is None:
-        for option, value in (("--iris-rotation", options.iris_rotation), ("--iris-roundness", options.iris_roundness)):
-            if value is not None:
-                raise InputError("options", option, value, "give --iris-blades, too")
-        return None
-    return Iris(options.iris_blades, options.iris_rotation or 0.0, options.iris_roundness or 0.0)
+    """The Iris of the command line, or None if it is not given."""
+    given = given_settings(options, Iris)
+    for name, value in given.items() if "blades" not in given else ():
+        raise InputError("options", f"--{option_of(name, settings_of(Iris)[name])}", value, "give --iris-blades, too")
+    return Iris(**given) if given else None
 
 
 def shown_iris(options):
-    """The blades of the command line, where its lens is stopped down; None for a round stop."""
+    """The Iris of the command line if the lens is stopped down; None for a round stop."""
     iris = asked_iris(options)
     return iris if iris and iris_shows(options.lens, asked_rings(options)) else None
 
@@ -117,31 +119,34 @@ def distance_mm(text, option="--focus"):
     return asked_mm
 
 
+def _focus(text):
+    """The RenderRequest's value for --focus."""
+    return CAMERA if text.lower() == CAMERA else distance_mm(text)
+
+
+PARSERS = {"focus": _focus, "wavelengths_nm": parse_wavelengths, "output_folder": Path.resolve}
+"""Functions that parse option texts into values of fields; they raise InputError for invalid texts."""
+
+
 def asked_rings(options):
-    """What the command line turns a lens to."""
+    """The Rings of the command line: focus and f-stop."""
     return Rings(None if options.focus is None else distance_mm(options.focus), options.f_number,
-                 options.focused_wide_open)
+                 bool(options.focused_wide_open))
 
 
 def chosen_lens(options):
-    """The lens of the command line, turned as it says; what cannot be is printed."""
+    """The lens of the command line, at its focus and f-stop; prints notes on values that the lens cannot reach."""
     rings = asked_rings(options)
     with progress_bar() as tell:
-        lens = load(options.lens, rings, options.lens_quality or "standard", tell)
+        lens = load_lens(options.lens, rings, options.lens_quality or "standard", tell)
     for line in cannot_be(options.lens, rings) if has_rings(options.lens) else ():
         print(f"lens: {line}")
     return lens
 
 
-def given_options(options):
-    """What the command line says of the engine's Options, by name."""
-    named = {field.name: getattr(options, field.name, None) for field in fields(Options)}
-    return {name: value for name, value in named.items() if value is not None}
-
-
 def engine_options(options):
-    """What the command line asks for; what it leaves open is the engine's to choose."""
-    return Options(**given_options(options))
+    """The Options of the command line; the engine chooses the rest."""
+    return Options(**given_settings(options, Options))
 
 
 def resolution(text, option="--resolution"):
@@ -158,15 +163,15 @@ def resolution(text, option="--resolution"):
 
 
 def check_outputs(outputs, inputs=()):
-    """Raise an InputError for a file that could not or should not be written, before the work is done.
+    """Raise an InputError for a file that cannot or should not be written, before the work starts.
 
     Parameters
     ----------
     outputs : iterable of (path or None, suffix)
-        Files to write, and what they have to be called by what goes into them. None of them may be an input or another
-        output, whatever links, relative paths or letter case they are named by.
+        Files to write, and the suffix that their contents require. An output may not be an input or another output,
+        also if the names differ by links, relative paths or letter case.
     inputs : iterable of (path or str)
-        Files that are read; what is no file, such as the name of a bundled lens, does not count.
+        Files to read; anything that is not a file, such as the name of a bundled lens, is ignored.
     """
     taken = {identity(path): "one of the inputs" for path in inputs if os.path.isfile(path)}
     for path, suffix in outputs:
@@ -188,3 +193,30 @@ def sides_mm(text):
     except ValueError:
         raise InputError("options", "--sensor", text, "expected WIDTHxHEIGHT in mm, such as 36x24") from None
     return width, height
+
+
+def check_limits(option, value, limits):
+    """Raise an InputError for a number outside the limits."""
+    if not limits[0] <= value <= limits[1]:
+        raise InputError("options", option, value, "expected {} to {}".format(*limits))
+
+
+def add_untrusted(command):
+    """Add arguments for commands that read untrusted .blend files or pictures."""
+    group = command.add_argument_group("untrusted files", "for farms and services (docs/farm.md)")
+    group.add_argument("--untrusted", action="store_true",
+                       help="read files below the folder of the scene or picture and --root only, write below --output "
+                            "only, run no scripts of the .blend, and stop at the limits")
+    group.add_argument("--root", type=Path, action="append", metavar="DIR",
+                       help="with --untrusted: another folder to read from; may be given several times")
+    group.add_argument("--time-limit", type=float, metavar="SECONDS",
+                       help=f"with --untrusted (default: {TIME_LIMIT_S:g})")
+    group.add_argument("--memory-limit", type=float, metavar="GB",
+                       help="with --untrusted: of addresses, not on Windows (default: the memory that is free)")
+
+
+def output_given(options):
+    """The folder of --output; raises an InputError without it."""
+    if options.output is None:
+        raise InputError("options", "--output", "not given", "--untrusted writes below it only")
+    return options.output

@@ -1,22 +1,26 @@
-"""`lensfield lens bake` and `lens convert`: from what a lens is made of to its lens data, or to a file of our own."""
+"""`lensfield lens bake` and `lens convert`: from a prescription to lens data, or to a Lensfield .toml file."""
 
 import math
+import sys
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 from ..engine import InputError, LensError
-from ..engine.bake.bake import LEAST_SAMPLES, MOST_SAMPLES, focused
+from ..engine.bake.bake import LEAST_SAMPLES, MOST_SAMPLES
 from ..engine.bake.bake import bake as bake_lens
-from ..engine.bake.prescription import FOCUSES
-from ..engine.bake.prescriptions import read_prescription
-from ..engine.bake.prescriptions.toml import write_prescription
 from ..engine.bake.quality import QUALITIES
-from ..engine.bake.rings import Rings, turned
-from ..engine.files import MARK, atomic_path
-from ..engine.lens.readers.package import write_package
-from ..engine.lens.sampling import WAVELENGTHS
+from ..engine.inspection.info import table_summary
+from ..engine.lens.conventions import WAVELENGTHS
+from ..engine.lens_files.package import write_package
 from ..engine.library import bundled_names, prescription_of
+from ..engine.prescription.prescription import FOCUSES
+from ..engine.prescription.readers import SEMI_DIAMETERS, ReadingOptions, checked, read_file
+from ..engine.prescription.readers.toml import write_prescription
+from ..engine.rays.focus import focused
+from ..engine.rays.rings import Rings, turned
+from ..engine.runtime.build_identity import MARK
+from ..engine.runtime.files import atomic_path
 from ..engine.spectral.spectra import parse_wavelengths
 from .arguments import check_outputs, distance_mm, sides_mm
 from .terminal import progress_bar
@@ -59,6 +63,12 @@ def _add_file(command):
     command.add_argument("--which", metavar="NUMBER",
                          help="of a file that holds several: the position of zoom and focus (Optical Bench; default: "
                               "the first for infinity), or the lens (lentil)")
+    command.add_argument("--semi-diameters", choices=SEMI_DIAMETERS,
+                         help="fixed semi-diameters of Zemax surfaces without CLAP or FLAP are clear apertures, or "
+                              f"stop no light (default: {SEMI_DIAMETERS[0]})")
+    command.add_argument("--allow-mismatch", action="store_true",
+                         help="accept a file that states another focal length or f-number than its surfaces give; the "
+                              "lens's notes have both")
 
 
 def _add_overrides(group):
@@ -72,7 +82,7 @@ def _add_overrides(group):
 
 
 def add_field(command):
-    """Where the field ends, of a prescription that does not say."""
+    """Add the options for the end of the field, for prescriptions that do not state it."""
     field = command.add_mutually_exclusive_group()
     field.add_argument("--field-angle", type=float, metavar="DEG", help="half angle where the field ends")
     field.add_argument("--field-height", type=float, metavar="MM", help="paraxial image height where it ends")
@@ -82,35 +92,48 @@ def _bake(options):
     wavelengths_nm = parse_wavelengths(options.wavelengths)
     _check(options)
     with _errors_of(options.prescription):
-        targets = _targets(_focused(_asked_for(options), options), options)
+        prescription = _asked_for(options)
+        targets = _targets(_focused(prescription, options), options)
+    _print_notes(options, prescription)
     check_outputs([(path, ".npz") for path in targets], [options.prescription])
     for path, single in targets.items():
         with _errors_of(options.prescription), progress_bar() as tell:
             lens = bake_lens(single, quality=options.quality, heights=options.heights, wavelengths_nm=wavelengths_nm,
                              pitch_um=options.pitch, samples=options.samples, workers=options.workers, progress=tell)
         write_package(lens, path)
-        print(f"{path}\n  {_summary(lens)}")
+        print(f"{path}\n  {table_summary(lens)}")
 
 
 def _convert(options):
     with _errors_of(options.prescription):
-        text = write_prescription(_asked_for(options))
+        prescription = _asked_for(options)
+    text = write_prescription(prescription)
     check_outputs([(options.output, ".toml")], [options.prescription])
     with atomic_path(options.output) as temporary:
         temporary.write_text(f"# {MARK}\n{text}", encoding="utf-8", newline="\n")
     print(options.output)
+    _print_notes(options, prescription)
+
+
+def _print_notes(options, prescription):
+    """Print the notes of the file's reader; notes of bundled lenses are of another kind."""
+    if prescription.notes and str(options.prescription) not in bundled_names():
+        print(f"notes: {prescription.notes}", file=sys.stderr)
 
 
 def _asked_for(options):
-    """The file's prescription as the command line has it."""
-    field, bundled = told_field(options), str(options.prescription) in bundled_names() and options.which is None
-    prescription = (prescription_of(options.prescription, field) if bundled
-                    else read_prescription(options.prescription, field, options.which))
-    return _with_overrides(prescription, options)
+    """The file's prescription, with the changes of the command line."""
+    reading_options = ReadingOptions(told_field(options), options.which, options.semi_diameters)
+    if str(options.prescription) in bundled_names() and reading_options[1:] == (None, None):
+        return _with_overrides(_with_glasses(prescription_of(options.prescription, reading_options.field), options),
+                               options)
+    reading = read_file(options.prescription, reading_options)
+    reading = replace(reading, prescription=_with_glasses(reading.prescription, options))  # changes the focal length
+    return _with_overrides(checked(options.prescription, reading, options.allow_mismatch), options)
 
 
 def _focused(prescription, options):
-    """The prescription with its focus ring turned, where that is asked for; what cannot be is printed."""
+    """The prescription, focused as `--focus` requests; prints notes on values that the lens cannot reach."""
     if options.focus is None:
         return prescription
     there = turned(prescription, Rings(distance_mm(options.focus)))
@@ -126,7 +149,7 @@ def _check(options):
 
 @contextmanager
 def _errors_of(path):
-    """Errors about the prescription name its file, not the lens; those about a glass say how to call it otherwise."""
+    """Let errors about the prescription name its file, not the lens; errors about a glass also mention --glass."""
     try:
         yield
     except LensError as error:
@@ -135,24 +158,28 @@ def _errors_of(path):
 
 
 def told_field(options):
-    """Where the command line says that the field ends, or None."""
+    """The end of the field on the command line, as (kind, value), or None."""
     if options.field_angle is not None:
         return "angle_deg", options.field_angle
     return None if options.field_height is None else ("image_height_mm", options.field_height)
 
 
 def _with_overrides(prescription, options):
-    """The prescription as the command line changes it."""
+    """The prescription with the changes of the command line, except its glasses."""
     changes = {"name": options.name, "focus": options.image_plane,
                "aperture": None if options.f_number is None else ("f_number", options.f_number),
                "sensor_mm": None if options.sensor is None else sides_mm(options.sensor)}
-    prescription = replace(prescription, **{field: value for field, value in changes.items() if value is not None})
+    return replace(prescription, **{field: value for field, value in changes.items() if value is not None})
+
+
+def _with_glasses(prescription, options):
+    """The prescription with its glasses renamed as `--glass` requests."""
     glasses = sorted({surface.glass for surface in prescription.surfaces} - {""})
     return prescription.with_glasses({old: new for pair in options.glass for old, new in _glass_names(pair, glasses)})
 
 
 def _glass_names(pair, glasses):
-    """(old, new) names of the glasses that OLD=NEW is about; OLD may go without the catalogue."""
+    """(old, new) names of the glasses that match OLD=NEW; OLD may omit the catalogue."""
     old, _, new = (word.strip() for word in pair.partition("="))
     named = [glass for glass in glasses if old in (glass, glass.split()[-1])]
     if not new or not named:
@@ -161,7 +188,7 @@ def _glass_names(pair, glasses):
 
 
 def _targets(prescription, options):
-    """{file: prescription} of every object distance asked for; where there are several the focus stays."""
+    """{file: prescription} for each object distance; the focus does not depend on the distance."""
     if options.object_distance is None:
         return {options.output: prescription}
     distances_mm = _distances_mm(options.object_distance)
@@ -180,15 +207,6 @@ def _distances_mm(text):
         distances_mm = [float(word) for word in text.split(",")]
     except ValueError:
         raise InputError("options", "--object-distance", text, "expected mm, or inf") from None
-    if len({f"{distance:g}" for distance in distances_mm}) < len(distances_mm):  # files are called by these
+    if len({f"{distance:g}" for distance in distances_mm}) < len(distances_mm):  # file names contain these
         raise InputError("options", "--object-distance", text, "expected each of them once")
     return distances_mm
-
-
-def _summary(lens):
-    """What came out, in one line."""
-    wavelength, height = divmod(int(lens.enclosed_energy.argmin()), lens.heights_mm.size)
-    return (f"f = {lens.efl_mm:.5g} mm, f/{lens.f_number_effective:.3g}, {lens.heights_mm.size} heights to "
-            f"{lens.heights_mm[-1]:.4g} mm x {lens.wavelengths_nm.size} wavelengths; PSFs of {lens.psf.shape[-1]} x "
-            f"{lens.psf.shape[-1]} samples of {lens.psf_pitch_um:g} um hold {lens.enclosed_energy.min():.2%} of the "
-            f"light or more (the least at {lens.heights_mm[height]:.4g} mm, {lens.wavelengths_nm[wavelength]:g} nm)")

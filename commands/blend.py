@@ -1,14 +1,18 @@
-"""A .blend as a command opens it, in a Blender that has the add-on."""
+"""Opening a .blend with the add-on registered."""
 
 from ..engine import InputError
-from ..engine.errors import absence
+from ..engine.runtime.files import uninterrupted
+from ..engine.runtime.inputs import is_confined
+from .blend_paths import check_blend
 from .terminal import quiet
 
 
 def import_addon():
-    """The add-on; an InputError where there is no bpy."""
+    """The add-on; raises an InputError without bpy."""
     try:
-        with quiet(1):  # where $OCIO is set, Blender says so
+        with quiet(1):  # Blender prints a message if $OCIO is set
+            with uninterrupted():  # a process stopped during this import could not remove Blender's temporary folder
+                import bpy  # noqa: F401
             from .. import addon
     except ImportError as error:
         raise InputError("bpy", "module", "not there", f"install Blender's Python wheel ({error})") from None
@@ -29,18 +33,17 @@ def open_scene(path):
     Raises
     ------
     InputError
-        There is no bpy, or no such .blend.
+        bpy or the .blend is missing, or the .blend names a file that Blender should not open, such as a pipe.
     """
+    check_blend(path)
     addon = import_addon()
     import bpy
 
-    if not path.is_file():
-        raise InputError(path, "scene", absence(path), "expected a .blend file")
-    if not hasattr(bpy.types.Scene, "lensfield"):  # in the wheel nobody has registered the add-on yet
+    if not hasattr(bpy.types.Scene, "lensfield"):  # with the wheel, the add-on is not registered yet
         addon.register()
     try:
         with quiet(1):
-            bpy.ops.wm.open_mainfile(filepath=str(path.resolve()))
+            bpy.ops.wm.open_mainfile(filepath=str(path.resolve()), **{"use_scripts": False} if is_confined() else {})
     except RuntimeError as error:
         raise InputError(path, "scene", "not readable", str(error).strip()) from None
     return bpy.context.scene

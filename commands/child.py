@@ -1,7 +1,7 @@
-"""A command at work in a process of its own, of which nothing outlives whoever started it.
+"""A command in a child process that cannot outlive its parent.
 
-It tells how far it is on its standard output (`messages.py`), and ends when its standard input closes (the command is
-to be told so, by `--end-with-stdin`): which that does on every system, however its starter ends.
+The child reports progress on its standard output (`messages.py`), and ends when its standard input closes, which
+requires the option `--end-with-stdin`. On every system it closes when the parent ends, for whatever reason.
 """
 
 import json
@@ -16,29 +16,29 @@ from pathlib import Path
 
 from .messages import read_message
 
-GRACE_S = 0.7  # for a child to remove what is half-written
-CRASH = "Writing: "  # Blender's last words, before the name of a file that comes to be in the log
+GRACE_S = 0.7  # for a child to remove half-written files
+CRASH = "Writing: "  # Blender's last line in a crash, with the path of a file that is added to the log
 
 
 class Child:
-    """A command at work.
+    """A running command.
 
     Parameters
     ----------
     command : list of str
     folder : path
-        For all that it needs for a time; its log comes to lie there too.
+        For its temporary files and its log.
     hear : callable (facts), optional
-        Called with each message, on a thread of its own.
+        Called with each message, in a separate thread.
 
     Attributes
     ----------
     told : dict
-        The latest that it has told: fraction and label, lens_image; at the end told, or error.
+        The latest value of each fact in its messages: fraction and label, lens_image; at the end told, or error.
     lens_images : list of str
-        Of the frames that are there, as it told of them.
+        Lens images of the finished frames, in the order reported.
     told_s : float
-        When, by time.monotonic().
+        Time of the latest message, by time.monotonic().
     log : Path
     """
 
@@ -57,7 +57,7 @@ class Child:
         for line in self._process.stdout:
             facts = read_message(line)
             if facts is None:
-                with suppress(OSError):  # a full disk: the child is heard all the same
+                with suppress(OSError):  # on a full disk, continue to receive messages
                     self._log.write(line)
             else:
                 self.told, self.told_s = self.told | facts, time.monotonic()
@@ -66,25 +66,28 @@ class Child:
                     self._hear(facts)
 
     def ask(self, arguments):
-        """Have `lensfield serve` run a command; it tells a status when it is done."""
+        """Let `lensfield serve` run a command; it reports a status at the end."""
         self.told = {}
-        with suppress(OSError):  # it has ended: that is for its follower to see
+        with suppress(OSError):  # the process has ended, which `ended` shows
             print(json.dumps(arguments), file=self._process.stdin, flush=True)
 
     @property
     def ended(self):
-        """Whether it has ended by itself."""
+        """Whether the process has ended by itself."""
         return self._process.poll() is not None
 
     def ended_within(self, seconds):
-        """Whether it ends by itself within so many seconds."""
+        """Whether the process ends by itself within a time."""
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(seconds)
         return self.ended
 
     def end(self):
-        """End it within GRACE_S, if it has not ended; nothing of it runs on, and all is heard that it told."""
-        with suppress(OSError):  # of what it can no longer be asked
+        """End the process within GRACE_S, if it is still running.
+
+        Afterwards all of its processes have ended and all of its messages have been received.
+        """
+        with suppress(OSError):  # a request that it can no longer read
             self._process.stdin.close()
         try:
             self._process.wait(GRACE_S)
@@ -94,24 +97,24 @@ class Child:
         self._kill_workers()
         self._reader.join()
         self._process.stdout.close()
-        with suppress(OSError):  # what there was no room for
+        with suppress(OSError):  # the rest of the log, on a full disk
             self._log.close()
 
     def _kill_workers(self):
-        """A process that died leaves workers that wait for work for ever, its standard output open."""
+        """Kill the workers of a crashed process, which would wait forever and keep its standard output open."""
         if hasattr(os, "killpg"):
             with suppress(ProcessLookupError):
                 os.killpg(self._process.pid, signal.SIGKILL)
 
     def death(self):
-        """Why it ended, where it told neither a picture nor an error; and a copy of its log, to be kept: two texts."""
+        """Why the process ended without reporting success or an error, and a lasting copy of its log: two texts."""
         lines = [line.strip() for line in self.log.read_text(encoding="utf-8", errors="replace").split("\n")]
         last = next((line for line in reversed(lines) if line and not line.startswith(CRASH)), "it said nothing")
         code = self._process.returncode
         return f"{f'signal {-code}' if code < 0 else f'exit status {code}'}: {last}", self._kept_log()
 
     def _kept_log(self):
-        """A copy of the log, with what Blender tells of a crash: its path, or why there is none."""
+        """Copy the log and Blender's crash reports to a lasting file; returns its path, or why copying failed."""
         kept = tempfile.NamedTemporaryFile(prefix="lensfield-", suffix=".log", delete=False)
         try:
             with kept:

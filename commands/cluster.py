@@ -1,7 +1,7 @@
 """`lensfield render --scheduler ADDRESS`: frames as tasks for the workers of a Dask cluster.
 
-A worker renders a task in a child (`child.py`), which ends with it, however that ends: then the scheduler gives the
-task to another one, which goes on from the passes that are kept.
+A worker renders a task in a child process (`child.py`), which ends with the worker in any case. The scheduler then
+gives the task to another worker, which resumes from the saved passes.
 """
 
 import json
@@ -11,9 +11,9 @@ from pathlib import Path
 from queue import SimpleQueue
 
 from ..engine import InputError
-from ..engine.errors import shown
-from ..engine.files import temporary_folder
-from ..engine.report import together
+from ..engine.runtime.errors import shown
+from ..engine.runtime.files import temporary_folder
+from ..engine.simulation.report import together
 from .child import Child
 from .farm_log import LENS_IMAGE
 from .messages import paced
@@ -21,20 +21,20 @@ from .sequence import frames_text
 from .task import frames_by_task, lensfield_in, scene_path, task_arguments
 from .terminal import progress_bar
 
-RETRIES = 2  # of a task whose render has died: a machine may lack what another has
-LOOK_S = 0.5  # between two looks whether a task is still wanted
+RETRIES = 2  # of a task whose render has crashed: another machine may have, for example, more memory
+LOOK_S = 0.5  # between two checks whether a task has been cancelled
 NO_MODULE = "install it: pip install lensfield[farm]"
 FOR_WINDOWS = "picture", "beside", "scene_state", "scene_source", "session"
-"""What `lensfield render` takes of a program that renders here, and follows that."""
+"""Options of `lensfield render` for programs that follow a render on this machine."""
 
 
 def render_on_cluster(options, write):
-    """Have the frames rendered that are not there yet; the report of all, and what to tell of them.
+    """Render the missing frames on the cluster; returns the report of all frames, and remarks.
 
     Raises
     ------
     InputError
-        No scheduler answers; or frames could not be rendered, after all others are.
+        The scheduler does not answer; or frames failed, raised after all others are finished.
     """
     for name in FOR_WINDOWS:
         if getattr(options, name) is not None:
@@ -90,7 +90,7 @@ def _client(address):
 
 
 def _done(client, tasks, arguments, blender, tell):
-    """Tasks as they come to their end: (frames, what their children told)."""
+    """Yield each task when it ends: (frames, result of `render_frames`)."""
     heard, run = SimpleQueue(), uuid.uuid4().hex
     client.subscribe_topic(run, lambda event: heard.put(event[1]))
     futures = {}
@@ -120,26 +120,26 @@ def _outcome(future):
 
 
 def render_frames(arguments, frames, blender, topic):
-    """What a worker does of a task: have a child render these frames; what that told.
+    """Render the frames of a task in a child process, on a worker.
 
     Parameters
     ----------
     arguments : list of str
-        Of `lensfield`, but for the frames.
+        Arguments of `lensfield`, except the frames.
     frames : list of int
     blender : str or None
     topic : str
-        Of the events that tell how far it is.
+        Topic of the progress events.
 
     Returns
     -------
     dict
-        frames, [(frame, its lens image), ...], of those that are there; error, where that ended it.
+        frames: [(frame, its lens image), ...] of the existing frames; error, if the child reported one.
 
     Raises
     ------
     RuntimeError
-        The child has died.
+        The child has crashed.
     """
     from distributed import get_worker
 
@@ -157,7 +157,7 @@ def render_frames(arguments, frames, blender, topic):
         child = Child([*lensfield_in(blender), *arguments, f"--frames={text}"], folder, hear)
         try:
             while not child.ended_within(LOOK_S):
-                if worker.state.tasks[key].state == "cancelled":  # whoever asked for it is gone
+                if worker.state.tasks[key].state == "cancelled":  # the client is gone
                     return {"frames": []}
         finally:
             child.end()

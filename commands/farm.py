@@ -1,21 +1,22 @@
-"""`lensfield farm`: a render as a job for render farms."""
+"""`lensfield farm`: write a render as a job for render farms."""
 
 from pathlib import Path
 
 import yaml
 
 from ..engine import InputError
-from ..engine.errors import shown
-from ..engine.files import MARK, atomic_path
+from ..engine.runtime.build_identity import MARK
+from ..engine.runtime.errors import shown
+from ..engine.runtime.files import atomic_path
 from .arguments import check_outputs
-from .render import add_farm_options, add_frame_options, add_scene_options
+from .render_options import add_farm_options, add_frame_options, add_scene_options
 from .sequence import frames_text
 from .task import found_anywhere, frames_by_task, scene_path, task_arguments
 
 LONGEST_NAME = 100  # Open Job Description allows 128
-OPENS = "{{"  # what Open Job Description takes for a reference, and knows no way to write otherwise
+OPENS = "{{"  # starts a reference in Open Job Description, which cannot escape it
 PATHS = {"scene": ("Scene", "FILE", "IN"), "lens": ("Lens", "FILE", "IN"), "output": ("Output", "DIRECTORY", "OUT")}
-"""Paths of a job: the parameter, its kind, and whether farms that copy files bring it or fetch it."""
+"""Paths of a job: the parameter, its kind, and whether farms that copy files upload (IN) or download (OUT) it."""
 
 
 def add(commands):
@@ -49,7 +50,7 @@ def _write_openjd(options):
 
 
 def _template(options, paths):
-    """The job as Open Job Description has it: https://github.com/OpenJobDescription/openjd-specifications"""
+    """The job in Open Job Description: https://github.com/OpenJobDescription/openjd-specifications"""
     frames = frames_text([frame for task in frames_by_task(options) for frame in task])
     task = {"name": "Frame", "type": "INT", "range": frames}
     if options.frames_per_task > 1:
@@ -78,7 +79,7 @@ def _template(options, paths):
 
 
 def _literal(text):
-    """A text that Open Job Description leaves as it is."""
+    """The text, which Open Job Description does not change; raises an InputError if it contains a reference."""
     if OPENS in text:
         raise InputError("options", "text", text, f"Open Job Description has no way to write {OPENS}")
     return text

@@ -1,6 +1,6 @@
-"""What a command tells a render farm whose task it is: lines of the task's log, as each farm reads them.
+"""Messages from a task to its render farm: lines of the task's log, in each farm's syntax.
 
-Nobody else writes at the beginning of these lines: what names of scenes and files hold stays within one.
+Names of scenes and files cannot break a line, so they cannot imitate such a message.
 """
 
 import os
@@ -8,15 +8,15 @@ import sys
 from contextlib import contextmanager
 from pathlib import Path
 
-from ..engine.errors import shown
+from ..engine.runtime.errors import shown
 
-PACE_S = 5.0  # between two lines: logs are kept, and paid for
+PACE_S = 5.0  # between two lines: farms store logs and charge for them
 LONGEST = 240  # characters of a label
 LENS_IMAGE, PICTURE = "lens_image.exr", "after.png"
 
 
 def openjd_lines(facts):
-    """As Open Job Description has it, and with it AWS Deadline Cloud."""
+    """Lines for Open Job Description, which AWS Deadline Cloud uses."""
     if "fraction" in facts:
         yield f"openjd_progress: {100 * facts['fraction']:.1f}"
         yield f"openjd_status: {shown(facts['label'], LONGEST)}"
@@ -25,7 +25,7 @@ def openjd_lines(facts):
 
 
 def flamenco_lines(facts):
-    """As Flamenco's workers take them from Blender: each frame is a step, and its picture is shown by the Manager."""
+    """Lines that Flamenco's workers expect from Blender: each frame is a step, and the Manager shows its picture."""
     if "fraction" in facts:
         yield f"{facts['fraction']:.0%} {shown(facts['label'], LONGEST)}"
     if "seconds" in facts:
@@ -36,12 +36,13 @@ def flamenco_lines(facts):
 
 
 FARM_LOGS = {"openjd": openjd_lines, "flamenco": flamenco_lines}
-"""The farms that read what a task tells, and how each is told it: facts, as messages.py has them, to lines."""
+"""Functions that convert facts (see messages.py) to lines, for each farm that reads progress."""
 
 
 @contextmanager
 def farm_log(lines):
-    """A function that writes the lines of the facts that it is given, at once, on standard output as it now is."""
+    """A function that writes the given facts as lines, at once, to the current standard output, even if that is later
+    redirected."""
     sys.stdout.flush()
     with open(os.dup(1), "w", encoding="utf-8", errors="backslashreplace") as log:
         yield lambda **facts: print(*lines(facts), sep="\n", end="\n" * any(lines(facts)), file=log, flush=True)

@@ -1,4 +1,4 @@
-"""`lensfield filter`: spectral radiance or any renderer's RGB picture, one or a sequence, put through a lens."""
+"""`lensfield filter`: apply a lens to spectral radiance or any renderer's RGB picture, single or in a sequence."""
 
 import time
 from dataclasses import replace
@@ -8,24 +8,28 @@ from pathlib import Path
 import numpy as np
 
 from ..engine import ImageError, InputError, Kept, Report, simulate
+from ..engine.depth.depth_range import AUTO, OFF
+from ..engine.depth.iris import opening
 from ..engine.depth.slabs import plan_slabs
-from ..engine.depth.told import DEPTH_KINDS
 from ..engine.field.overscan import overscan_px
-from ..engine.image.depth_range import AUTO, OFF
-from ..engine.locks import Busy, only_maker
-from ..engine.report import FIGURE, FileFacts, together
+from ..engine.pictures.told import DEPTH_KINDS
+from ..engine.runtime.build_identity import is_accepted, other_builds_line
+from ..engine.runtime.locks import Busy, only_maker
+from ..engine.simulation.report import FIGURE, together
+from ..engine.simulation.report_parts import FileFacts
 from ..engine.spectral.wavelength_choice import RGB_WAVELENGTHS
 from .arguments import (
     MM,
     add_engine_options,
     add_iris,
     add_rings,
+    add_untrusted,
     check_outputs,
     chosen_lens,
     engine_options,
     shown_iris,
 )
-from .made import forget_made, is_there, made_by, note_made, when_noted
+from .made import build_of, forget_made, made_by, note_made, when_noted
 from .outcome import finish
 from .reading import read_picture
 from .sequence import find_shots
@@ -45,6 +49,8 @@ def add(commands):
     filter_.add_argument("--overwrite", action="store_true",
                          help="filter all of a sequence anew: else frames that are there, whole and of the same "
                               "pictures and settings, stay as they are")
+    filter_.add_argument("--any-build", action="store_true",
+                         help="accept finished frames from other builds of Lensfield (default: filter them again)")
     filter_.add_argument("--output", type=Path, required=True, metavar="IRRADIANCE.exr")
     filter_.add_argument("--preview", type=Path, metavar="FILE.png",
                          help="also write an sRGB picture; those of a sequence are exposed as its first")
@@ -68,7 +74,13 @@ def add(commands):
     add_engine_options(filter_)
     add_rings(filter_)
     add_iris(filter_)
-    filter_.set_defaults(run=_filter)
+    add_untrusted(filter_)
+    filter_.set_defaults(run=_filter, confines=_folders)
+
+
+def _folders(options):
+    """The picture and the output folder."""
+    return options.radiance, options.output.parent
 
 
 def _filter(options):
@@ -86,10 +98,13 @@ def _filter(options):
 
 
 def _filter_sequence(options, lens, chosen, shots):
-    """Filter the frames that are not there yet and that no other process is at; the report of all."""
+    """Filter the missing frames, except those that other processes are filtering; returns the report of all."""
     by, first, reports = made_by(options, lens, chosen), shots[0], {}
-    noted = {shot: when_noted(shot) for shot in shots}  # before it is looked whether that is whole
-    pending = [shot for shot in shots if options.overwrite or not is_there(shot, first, by)]
+    noted = {shot: when_noted(shot) for shot in shots}  # before the check whether the frames are complete
+    builds = {} if options.overwrite else {shot: build_of(shot, first, by) for shot in shots}
+    pending = [shot for shot in shots if not is_accepted(builds.get(shot), options.any_build)]
+    for line in other_builds_line(builds.values(), options.any_build, "filtered"):
+        print(line, flush=True)
     if len(pending) < len(shots):
         print(f"{len(shots) - len(pending)} of {len(shots)} frames are there already: {len(pending)} to filter",
               flush=True)
@@ -98,7 +113,7 @@ def _filter_sequence(options, lens, chosen, shots):
     def is_left(shot):
         try:
             with only_maker(shot.output):
-                if when_noted(shot) == noted[shot] or not is_there(shot, first, by):
+                if when_noted(shot) == noted[shot] or not is_accepted(build_of(shot, first, by), options.any_build):
                     forget_made(shot)
                     reports[shot.frame] = run.put_through(shot)
                     note_made(shot, first, by)
@@ -107,18 +122,19 @@ def _filter_sequence(options, lens, chosen, shots):
             return True
         return False
 
-    if options.preview and first in pending:  # nothing can be exposed as the first before that is there
+    if options.preview and first in pending:  # the first frame sets the exposure of all previews
         while is_left(first):
             time.sleep(WAIT_S)
         pending.remove(first)
-    left = [shot for shot in [shot for shot in pending if is_left(shot)] if is_left(shot)]  # some may have been stopped
+    # the second attempt takes over frames of processes that were stopped in the meantime
+    left = [shot for shot in [shot for shot in pending if is_left(shot)] if is_left(shot)]
     if left:
         print(f"left to other processes: {len(left)} of the frames, from {left[0].frame} on", flush=True)
     return together(reports, {shot.frame: {} for shot in shots if shot.frame not in reports})
 
 
 class _Run:
-    """What the pictures of one command share: the lens, what is kept of it between them, and the exposure."""
+    """The state that the pictures of one command share: the lens, its cache, and the exposure."""
 
     def __init__(self, options, lens, chosen, first, number):
         self._options, self._lens, self._chosen, self._first, self._number = options, lens, chosen, first, number
@@ -127,12 +143,12 @@ class _Run:
         self._exposure, self._told, self._done = None, set(), 0
 
     def put_through(self, shot):
-        """Write what one picture becomes; its report."""
-        from ..engine.image.spectral_exr import write_exr
+        """Filter one picture, write the result, and return its report."""
+        from ..engine.pictures.spectral_exr import write_exr
 
         report = Report()
         try:
-            with report.stage("read radiance"), quiet(1, 2):  # of damage the EXR library tells at length
+            with report.stage("read radiance"), quiet(1, 2):  # the EXR library prints long messages about damage
                 seen = read_picture(shot.radiance, self._options, self._lens)
             radiance = seen.radiance
             with report.stage("plan"):
@@ -140,7 +156,7 @@ class _Run:
                 needed = overscan_px(self._lens, radiance.grid, radiance.wavelengths_nm, plan.reach_px)
                 slabs = self._slabs(seen, needed)
                 self._tell(seen, plan, slabs)
-            report.file = self._facts(shot, seen, needed, slabs)
+            report.add(self._facts(shot, seen, needed, slabs))
             if slabs and slabs.needed:
                 with report.stage("layers of depth"):
                     radiance = seen.layers(slabs)
@@ -156,9 +172,10 @@ class _Run:
         return report
 
     def _slabs(self, seen, needed_px):
-        """The plan of slabs by the depth that a file tells; None where it tells none."""
+        """The plan of slabs from the depth in a file; None without depth."""
         return seen.depth and plan_slabs(seen.depth.planar_mm, seen.radiance.grid, self._lens, overscan_px=needed_px,
                                          light=seen.radiance.cube.mean(axis=0),
+                                         reach=opening(self._iris, self._lens).reach,
                                          accuracy=self._chosen.depth_accuracy)
 
     def _facts(self, shot, seen, needed_px, slabs):
@@ -177,7 +194,7 @@ class _Run:
         return replace(facts, depth=slabs.check, layers="; ".join(words))
 
     def _tell(self, seen, plan, slabs):
-        """Say what a picture is taken for and what the plan is; of a sequence, only where it is other than before."""
+        """Print how a picture is interpreted, and its plan; in a sequence, only lines that differ from earlier ones."""
         lines = [f"plan: {plan.text}"]
         if seen.picture:
             lines.insert(0, f"picture: {seen.picture.layer}, upsampled to {len(seen.picture.wavelengths_nm)} "
@@ -187,7 +204,7 @@ class _Run:
                 f"{slabs.check.text}: {slabs.slabs_text if seen.guessed else 'in the layers that the file holds'}"
                 if slabs.needed else slabs.text))
         for line in lines:
-            kind = FIGURE.sub("", line) if line.startswith("depth") else line  # each frame has other figures
+            kind = FIGURE.sub("", line) if line.startswith("depth") else line  # its figures differ in each frame
             if kind not in self._told:
                 print(line, flush=True)
             self._told.add(kind)
@@ -200,13 +217,13 @@ class _Run:
                             progress=lambda done: tell((self._done + done) / self._number, label))
 
     def _write_preview(self, irradiance, shot):
-        from ..engine.image.preview import auto_exposure, to_rec709, write_png
-        from ..engine.image.spectral_exr import read_parts
+        from ..engine.pictures.preview import auto_exposure, to_rec709, write_png
+        from ..engine.pictures.spectral_exr import read_parts
 
         picture = to_rec709(irradiance)
         if self._exposure is None:
             first = picture
-            if shot != self._first:  # which was there before, or another process has made it
+            if shot != self._first:  # it existed already, or another process has written it
                 _, planes = read_parts(self._first.output)[0]
                 first = np.stack([planes[channel] for channel in "RGB"], axis=-1)
             self._exposure = auto_exposure(np.ascontiguousarray(first, np.float32))
@@ -214,7 +231,7 @@ class _Run:
 
 
 def _check_view(options):
-    """Raise an InputError for camera figures that cannot be, or that say the same thing twice."""
+    """Raise an InputError for camera figures that are invalid or redundant."""
     for name, most in (("fov", 180), ("focal_mm", float("inf")), ("sensor_width_mm", float("inf"))):
         value = getattr(options, name)
         if value is not None and not (isfinite(value) and 0 < value < most):

@@ -1,7 +1,8 @@
-"""How a command tells how far it is: on a terminal, or to a program that started it and follows it."""
+"""Progress of a command: on a terminal, or as messages to the program that started it."""
 
 from contextlib import contextmanager
 
+from ..engine.runtime.errors import one_line
 from .farm_log import FARM_LOGS, PACE_S, farm_log
 from .messages import message_lines, paced
 from .outcome import FAILURES
@@ -9,7 +10,7 @@ from .terminal import progress_bar, quiet
 
 
 def add_followed(group):
-    """Arguments for programs that start a command and follow it."""
+    """Add the arguments for programs that start a command and follow it."""
     group.add_argument("--progress", choices=("bar", "lines", *FARM_LOGS), default="bar",
                        help="a bar, on a terminal; or lines on standard output (commands/messages.py says which); or "
                             "those that a farm reads: then end, too, as soon as nobody reads standard output")
@@ -20,7 +21,7 @@ def add_followed(group):
 
 @contextmanager
 def messages(options):
-    """A function that writes messages of facts, for programs that want them; an error is one, too."""
+    """A function that writes facts as messages, if `--progress` requests them; errors are written, too."""
     if options.progress == "bar":
         yield lambda **facts: None
         return
@@ -28,13 +29,13 @@ def messages(options):
         try:
             yield write
         except FAILURES as error:
-            write(error=str(error))
+            write(error=one_line(error))
             raise
 
 
 @contextmanager
 def progress(options, write):
-    """How to tell the progress (fraction, label)."""
+    """A progress function (fraction, label), as `--progress` requests."""
     if options.progress == "lines":
         yield paced(write)
     elif options.progress in FARM_LOGS:

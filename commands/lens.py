@@ -1,31 +1,32 @@
-"""`lensfield lens`: what lens data hold, and where they come from."""
+"""`lensfield lens`: inspect, check, plot, bake, import and convert lens data."""
 
 import json
 from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
 
-from ..engine import InputError, Lens, cache
-from ..engine.bake.rings import in_metres, ring_ends
-from ..engine.bake.screen import check_prescription
+from ..engine import InputError, load_lens
 from ..engine.bake.through_focus import lens_at_depth
 from ..engine.field.stmap import distort_map, undistort_map
-from ..engine.files import atomic_path
-from ..engine.image.pitch import fitting_pitch_um
 from ..engine.image.pixel_grid import PixelGrid
-from ..engine.image.spectral_exr import write_rgb_exr
-from ..engine.lens.checks import check_lens
-from ..engine.lens.curves import reference_nm
-from ..engine.lens.export_macro import PROGRAMS, ExportOptions, export_macro
-from ..engine.lens.finding import SEVERITIES
-from ..engine.lens.info import lens_info, lens_text
-from ..engine.lens.readers import import_lens
-from ..engine.lens.readers.package import write_package
-from ..engine.lens.sampling import WAVELENGTHS
-from ..engine.library import baked, bundled_names, find_bundled, has_rings, prescription_of
+from ..engine.inspection.checks import check_lens
+from ..engine.inspection.curves import reference_nm
+from ..engine.inspection.finding import SEVERITIES
+from ..engine.inspection.info import lens_info, lens_text
+from ..engine.inspection.screen import check_prescription
+from ..engine.lens.conventions import WAVELENGTHS
+from ..engine.lens.pinhole import fitting_pitch_um
+from ..engine.lens_files import import_lens
+from ..engine.lens_files.export_macro import PROGRAMS, ExportOptions, export_macro
+from ..engine.lens_files.package import write_package
+from ..engine.library import baked, bundled_names, find_bundled, has_rings, prescription_as_stated, prescription_of
 from ..engine.library.rays import lens_rays
+from ..engine.pictures.spectral_exr import write_rgb_exr
+from ..engine.rays.rings import in_metres, ring_ends
+from ..engine.runtime import cache
+from ..engine.runtime.files import atomic_path
+from ..engine.runtime.values import plain
 from ..engine.spectral.spectra import parse_wavelengths
-from ..engine.values import plain
 from . import bake
 from .arguments import LENSES, add_rings, check_outputs, chosen_lens, distance_mm, resolution, sides_mm
 
@@ -94,7 +95,7 @@ def _add_check(lens):
 
 
 def _check(options):
-    """Tell the findings; the exit status that scripts go by: 1 where one is an error."""
+    """Print the findings; the exit status is 1 if one of them is an error."""
     findings = _findings(options)
     counts = Counter(finding.severity for finding in findings)
     if options.json:
@@ -107,13 +108,13 @@ def _check(options):
 
 
 def _findings(options):
-    """Of a prescription by its rays, of a package by its tables."""
+    """Findings on a prescription, from its rays, or on a lens package, from its tables."""
     field = bake.told_field(options)
     if has_rings(options.lens):
-        return check_prescription(prescription_of(options.lens, field))
+        return check_prescription(prescription_as_stated(options.lens, field))
     if field is not None:
         raise InputError("options", *field, "a lens package's field ends with its tables: leave it out")
-    return check_lens(Lens.load(options.lens))
+    return check_lens(load_lens(options.lens))
 
 
 def _add_plot(lens):
@@ -132,8 +133,8 @@ def _add_plot(lens):
 
 
 def _plot(options):
-    from ..engine.sheet.sheet import write_lens_plot
-    from ..engine.sheet.style import require_matplotlib
+    from ..engine.inspection.sheet import write_lens_plot
+    from ..engine.inspection.style import require_matplotlib
 
     require_matplotlib()
     frequencies = None if options.frequencies is None else _frequencies(options.frequencies)

@@ -1,9 +1,11 @@
-"""`lensfield lint`: whether a .blend would be rendered, how, and what becomes of its settings and nodes."""
+"""`lensfield lint`: check whether and how a .blend would be rendered, with findings on its settings and nodes."""
 
 import json
 from dataclasses import asdict
 
-from .render import FRAME_LIMITS, add_scene_options, check_limits, scene_and_arguments
+from .arguments import check_limits
+from .render import scene_and_fields
+from .render_options import FRAME_LIMITS, add_scene_options
 from .terminal import quiet
 
 
@@ -15,19 +17,24 @@ def add(commands):
     add_scene_options(lint)
     lint.add_argument("--frame", type=int, help="frame to look at (default: the scene's current one)")
     lint.add_argument("--json", action="store_true", help="as JSON")
-    lint.set_defaults(run=_lint)
+    lint.set_defaults(run=_lint, confines=_folders)
+
+
+def _folders(options):
+    """The scene, without an output folder."""
+    return options.scene, None
 
 
 def _lint(options):
-    """Tell what is found; the exit status that scripts go by: 1 where a render would be refused."""
+    """Report the findings; the exit status is 1 if a render would be refused."""
     if options.frame is not None:
         check_limits("--frame", options.frame, FRAME_LIMITS)
-    scene, asked = scene_and_arguments(options)
-    from ..addon import preflight
+    scene, given = scene_and_fields(options)
+    from ..addon import folder_for, preflight
     from ..addon.shading.lint import counts_text
 
-    with quiet(1):  # Cycles says there which devices it misses, and a program reads JSON here
-        found = preflight(scene, frame=options.frame, **asked)
+    with quiet(1):  # Cycles lists missing devices on standard output, which must contain only JSON
+        found = preflight(scene, frame=options.frame, **given)
     if options.json:
         print(json.dumps({
             "plan": found.plan.text if found.plan else None,
@@ -43,6 +50,8 @@ def _lint(options):
         print(remark)
     if found.plan:
         print(f"scene: {found.plan.text}")
+    if not found.refusals:
+        print(f"output: {folder_for(scene, given.get('output_folder'))}")
     for refusal in found.refusals:
         print(f"refused: {refusal}")
     return int(bool(found.refusals))

@@ -1,49 +1,60 @@
-"""Which frames of a sequence are there already: each has a record, in the hidden folder beside it, written after it."""
+"""Records of the finished frames of a sequence, written after each frame into the hidden folder next to it."""
 
 import json
 from dataclasses import asdict
 from pathlib import Path
 
-from ..engine.cache import code_version
-from ..engine.files import atomic_path, discard, hidden_folder, stamp_of
-from ..engine.image.whole import has_header
-from ..engine.values import plain
+from ..engine.pictures.whole import has_header
+from ..engine.runtime.build_identity import build_identity
+from ..engine.runtime.files import atomic_path, discard, file_status, hidden_folder, stamp_of
+from ..engine.runtime.values import plain
 from .sequence import Shot
 
-OF_NO_ACCOUNT = "radiance", "output", "preview", "frames", "report", "overwrite", "run", "lens"
-CODE = "bake", "blur", "depth", "field", "image", "kernels", "lens", "plan", "spectral"
+OF_NO_ACCOUNT = ("radiance", "output", "preview", "frames", "report", "overwrite", "any_build", "lens", "untrusted",
+                 "root", "time_limit", "memory_limit")
 
 
 def made_by(options, lens, chosen):
-    """What all frames of a command line follow from, but for their files: as JSON holds it."""
+    """Everything that the frames of a command line depend on, except their files, as JSON values."""
     asked = {name: value if value is None else str(value) for name, value in vars(options).items()
-             if name not in OF_NO_ACCOUNT}
-    return plain({"asked": asked, "options": asdict(chosen), "lens": lens.digest.hex(), "code": code_version(*CODE)})
+             if name not in OF_NO_ACCOUNT and not callable(value)}
+    return plain({"asked": asked, "options": asdict(chosen), "lens": lens.digest.hex()})
 
 
-def is_there(shot: Shot, first: Shot, by):
-    """Whether a frame is there: all of its files, as large as they were written and with their headers, and made of
-    the picture that there is, by the same settings. `first` is the one that previews are exposed as."""
+def build_of(shot: Shot, first: Shot, by):
+    """The identity of the build that finished a frame; None unless all of its files exist with their recorded sizes
+    and their headers, and come from the present picture and the same settings.
+
+    Parameters
+    ----------
+    shot : Shot
+    first : Shot
+        The frame that sets the exposure of the previews.
+    by : dict
+        From `made_by`.
+    """
     try:
         record = json.loads(_record(shot).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return False
-    return record == _facts(shot, first, by) and all(map(has_header, shot.targets))
+    except (OSError, ValueError, RecursionError):
+        return None
+    build = record.pop("build", None) if isinstance(record, dict) else None
+    finished = build and record == _facts(shot, first, by) and all(map(has_header, shot.targets))
+    return build if finished else None
 
 
 def note_made(shot, first, by):
-    """Note that a frame is there."""
+    """Record that a frame is finished."""
     with atomic_path(_record(shot), own=True) as temporary:
-        temporary.write_text(json.dumps(_facts(shot, first, by)) + "\n", encoding="utf-8")
+        temporary.write_text(json.dumps({"build": build_identity()} | _facts(shot, first, by)) + "\n", encoding="utf-8")
 
 
 def when_noted(shot):
-    """What is another one as soon as the frame is made again; None where it never was."""
+    """A stamp that changes when the frame is filtered again; None without a record."""
     return stamp_of(_record(shot))
 
 
 def forget_made(shot):
-    """Forget a frame that is about to be made again."""
+    """Remove the record of a frame that is about to be filtered again."""
     discard(_record(shot))
 
 
@@ -58,4 +69,5 @@ def _facts(shot, first, by):
 
 
 def _told(path: Path, *more):
-    return [path.name, path.stat().st_size if path.is_file() else None, *more]
+    status = file_status(path)
+    return [path.name, status and status.st_size, *more]

@@ -1,12 +1,12 @@
-"""What a command tells the program that started it: lines on standard output, of a mark and a JSON object each.
+"""Messages from a command to the program that started it: lines on standard output, each a mark and a JSON object.
 
-    lensfield> {"fraction": 0.42, "label": "Pass 2 of 3: 500 to 560 nm"}    how far it is
-    lensfield> {"lens_image": "/renders/Scene_0001_lens_image.exr", "frame": 1, "seconds": 61.5}    a frame is there
-    lensfield> {"told": ["...", "..."]}    it is done
-    lensfield> {"error": "camera 'Camera': type is ORTHO: expected a perspective camera"}    it is not, and why
+    lensfield> {"fraction": 0.42, "label": "Pass 2 of 3: 500 to 560 nm"}    progress
+    lensfield> {"lens_image": "/renders/Scene_0001_lens_image.exr", "frame": 1, "seconds": 61.5}    a finished frame
+    lensfield> {"told": ["...", "..."]}    success, with remarks
+    lensfield> {"error": "camera 'Camera': type is ORTHO: expected a perspective camera"}    failure, with the reason
 
-Blender and its libraries write on standard output too; lines without the mark are theirs. A process that ends with
-neither of the last two has died.
+Blender and its libraries also write to standard output, in lines without the mark. A process that ends without one of
+the last two messages has crashed.
 """
 
 import json
@@ -16,15 +16,15 @@ import time
 from contextlib import contextmanager
 
 MARK = "lensfield> "
-PACE_S = 0.1  # between two lines of one label, where each new one is told at once
-ENOUGH = 0.03  # of the work, to tell by its time what is left: of 31 wavelengths the first
+PACE_S = 0.1  # between two lines with the same label; a new label is written at once
+ENOUGH = 0.03  # fraction of the work needed to estimate the remaining time: the first of 31 wavelengths
 
 
 @contextmanager
 def message_lines():
-    """A function that writes a message of the facts that it is given, at once.
+    """A function that writes a message of the given facts at once.
 
-    Meanwhile standard output is its alone: what others write there goes to standard error.
+    Within the context, all other output to standard output goes to standard error.
     """
     sys.stdout.flush()
     descriptor = os.dup(1)
@@ -39,8 +39,11 @@ def message_lines():
 
 
 def paced(write, pace_s=PACE_S, new_label_s=0.0):
-    """A progress function (fraction, label) that writes not each of a thousand samples, but each new label; or not
-    even that, where so many seconds have not passed."""
+    """A progress function (fraction, label) that limits the rate of messages.
+
+    A message with the same label as the last one is written only after `pace_s`, one with a new label only after
+    `new_label_s`.
+    """
     last = {"label": None, "s": 0.0}
 
     def tell(fraction, label):
@@ -53,21 +56,21 @@ def paced(write, pace_s=PACE_S, new_label_s=0.0):
 
 
 def time_left(fraction, spent_s, since_s=0.0):
-    """How long the rest will take, by how long this fraction took and how long ago that was; "" where it is too little
-    to tell."""
+    """The remaining time as text, from the seconds spent on this fraction and the seconds since then; "" if the
+    fraction is too small for an estimate."""
     return f"{duration(max(spent_s * (1 / fraction - 1) - since_s, 0))} left" if fraction >= ENOUGH else ""
 
 
 def duration(seconds):
-    """So many seconds in a few letters."""
+    """A duration as short text."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
 def read_message(line):
-    """The facts of a line; None where it is not one of ours."""
-    _, mark, message = line.partition(MARK)  # after what a library has written without ending its line
+    """The facts in a line, or None if it is not a message."""
+    _, mark, message = line.partition(MARK)  # a library's unfinished line may precede the mark
     try:
         facts = json.loads(message) if mark else None
     except ValueError:

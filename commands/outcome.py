@@ -1,13 +1,13 @@
-"""What a command tells when it is done: its files, its seconds, and what to know of the picture; or why it is not."""
+"""The result of a command: its files, seconds and remarks on the picture, or its error."""
 
 from ..engine import InputError
 
 FAILURES = InputError, OSError, MemoryError
-"""Told in one line; any other exception is a fault of the program."""
+"""Reported in one line; any other exception is a bug."""
 
 
 def finish(options, report, files):
-    """Write the report, and say where the files are, how long each stage took, and the report's remarks."""
+    """Write the report, and print the files, the seconds of each stage, and the report's remarks."""
     if options.report:
         report.write(options.report)
     for path in files:

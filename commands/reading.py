@@ -1,4 +1,4 @@
-"""What `lensfield filter` reads: spectral radiance, any renderer's RGB or deep picture, and the depth that it tells."""
+"""Input of `lensfield filter`: spectral radiance, or any renderer's RGB or deep picture, with the depth in the file."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..engine import ImageError, SpectralImage
+from ..engine.depth.depth_range import OFF
 from ..engine.depth.slabs import SlabPlan
-from ..engine.depth.told import ToldDepth, deep_in_mm, layers_of_deep, layers_of_flat, told_depth
-from ..engine.image.depth_range import OFF
 from ..engine.image.layers import LayeredRadiance
-from ..engine.image.pitch import field_of_view_deg, fitting_pitch_um, fov_pitch_um
-from ..engine.report import Upsampling
+from ..engine.lens.pinhole import field_of_view_deg, fitting_pitch_um, fov_pitch_um
+from ..engine.pictures.told import ToldDepth, deep_in_mm, layers_of_deep, layers_of_flat, told_depth
+from ..engine.simulation.report_parts import Upsampling
 from ..engine.spectral.spectra import parse_wavelengths
 from ..engine.spectral.wavelength_choice import RGB_WAVELENGTHS
 from .arguments import MM
@@ -27,15 +27,15 @@ class Seen:
     ----------
     radiance : SpectralImage
     picture : Upsampling, optional
-        What it was taken for, if it was in RGB.
+        How it was interpreted, if it was in RGB.
     channel : str
-        That of its depth.
+        The depth channel.
     depth : ToldDepth, optional
-        None where the file tells none, or it is not to enter.
+        None if the file lacks depth, or depth is off.
     layers : callable (SlabPlan), optional
-        The layers that it becomes by its depth.
+        Splits it into layers by its depth.
     guessed : str
-        What of these is a guess; "" where all of them was captured.
+        The guessed part of the layers; "" if all of them were captured.
     """
 
     radiance: SpectralImage
@@ -47,15 +47,15 @@ class Seen:
 
 
 def read_picture(path, options, lens):
-    """What a file holds, as the command line's options take it.
+    """Read a file, as the command line's options interpret it.
 
     Returns
     -------
     Seen
     """
-    from ..engine.image.deep_exr import read_deep_exr
-    from ..engine.image.rgb_picture import rgb_of
-    from ..engine.image.spectral_exr import is_spectral, read_parts
+    from ..engine.pictures.deep_exr import read_deep_exr
+    from ..engine.pictures.rgb_picture import rgb_of
+    from ..engine.pictures.spectral_exr import is_spectral, read_parts
 
     if is_spectral(path):
         return _spectral(path, options, lens)
@@ -69,7 +69,7 @@ def read_picture(path, options, lens):
 
 
 def _spectral(path, options, lens):
-    from ..engine.image.spectral_exr import read_with_layers, read_with_planes
+    from ..engine.pictures.spectral_exr import read_with_layers, read_with_planes
 
     for name in RGB_ONLY:
         if (value := getattr(options, name)) is not None:
@@ -83,9 +83,9 @@ def _spectral(path, options, lens):
 
 
 def _with_depth(seen, parts, options, lens, picture=None):
-    """A picture with the depth that its file tells."""
-    from ..engine.image.depth_channel import depth_channel
-    from ..engine.image.rgb_picture import lay_out
+    """The picture with the depth in its file, if any."""
+    from ..engine.pictures.depth_channel import depth_channel
+    from ..engine.pictures.rgb_picture import lay_out
 
     found = depth_channel(parts, picture.layer if picture else "", options.depth_channel)
     if found is None:
@@ -115,8 +115,8 @@ def _deep(deep, options, lens):
 
 
 def _upsampled(picture, options, lens):
-    """Radiance of a picture in RGB, and what it was taken for."""
-    from ..engine.image.rgb_picture import upsample
+    """The radiance of a picture in RGB, and how the picture was interpreted."""
+    from ..engine.pictures.rgb_picture import upsample
 
     pitch_um = _pitch_um(options, lens, picture.frame_px)
     wavelengths_nm = parse_wavelengths(options.wavelengths or RGB_WAVELENGTHS)
@@ -127,7 +127,7 @@ def _upsampled(picture, options, lens):
 
 
 def _pitch_um(options, lens, frame_px):
-    """The pitch at which an RGB picture lies on the sensor, by the camera that rendered it."""
+    """The pixel pitch of an RGB picture on the sensor, from the camera that rendered it."""
     if options.pitch_um is not None:
         return options.pitch_um
     fov_deg = options.fov

@@ -1,21 +1,22 @@
-"""Which pictures a command line names: one, or the frames of a sequence such as shot_####.exr or shot_%04d.exr."""
+"""The pictures that a command line names: one, or the frames of a sequence such as shot_####.exr or shot_%04d.exr."""
 
 import re
 from dataclasses import dataclass
 from pathlib import Path
 
 from ..engine import InputError
-from ..engine.errors import absence
+from ..engine.runtime.errors import absence
+from ..engine.runtime.files import file_status
 
 NUMBER = re.compile(r"#+|%(?:0(\d+))?d")
 FRAMES = re.compile(r"(-?\d{1,15})(?:-(-?\d{1,15})(?::(\d{1,15}))?)?")
-MOST_FRAMES = 1 << 21  # Blender has no more
+MOST_FRAMES = 1 << 21  # Blender's limit
 MOST_NAMED = 5
 
 
 @dataclass(frozen=True)
 class Shot:
-    """A picture to be filtered, and the files to write; `frame` is None for one that is of no sequence."""
+    """A picture to filter, and the files to write; `frame` is None outside a sequence."""
 
     radiance: Path
     output: Path
@@ -28,17 +29,17 @@ class Shot:
 
 
 def parse_frames(text):
-    """Frames from a text: one, a range such as 1-50, every second one of it as 1-50:2, or several such as 1,5,10-20.
+    """Frames from a text: one frame, a range such as 1-50, with a step such as 1-50:2, or a list such as 1,5,10-20.
 
     Returns
     -------
     list of int
-        Ascending, each once.
+        Ascending and unique.
 
     Raises
     ------
     InputError
-        The text is none of these, or names too many.
+        The text is not valid, or names more than MOST_FRAMES.
     """
     parts = [FRAMES.fullmatch(part.strip()) for part in text.split(",")]
     bounds = [(int(part[1]), int(part[2] or part[1]), int(part[3] or 1)) for part in parts if part]
@@ -51,7 +52,7 @@ def parse_frames(text):
 
 
 def frames_text(frames):
-    """Ascending frames as `parse_frames` takes them, in few words: 1-3,5."""
+    """Ascending frames as a short text for `parse_frames`, such as 1-3,5."""
     ranges = []
     for frame in frames:
         if ranges and frame == ranges[-1][1] + 1:
@@ -64,20 +65,20 @@ def frames_text(frames):
 def find_shots(radiance, output, preview=None, frames=None):
     """The pictures that a command line names, in order.
 
-    A file of just the name given is that file; else a run of #, or %04d, stands for the number of the frame.
+    A name that exists as a file means that file. Otherwise a run of #, or %04d, is a placeholder for the frame number.
 
     Parameters
     ----------
     radiance, output, preview : Path
     frames : str, optional
-        As `parse_frames` takes them; else every frame that there is.
+        In the syntax of `parse_frames`; by default all existing frames.
 
     Raises
     ------
     InputError
-        Frames that are not there, or a name of a file to write that would be that of every frame.
+        Frames are missing, or a name of a sequence does not have exactly one placeholder.
     """
-    if radiance.is_file() or not NUMBER.search(radiance.name):
+    if file_status(radiance) or not NUMBER.search(radiance.name):
         if frames is not None:
             raise InputError("options", "--frames", frames, f"{radiance} is no sequence such as shot_####.exr")
         shots = [Shot(radiance, output, preview)]
@@ -99,19 +100,19 @@ def _of_frame(pattern, number):
 
 
 def _numbers(pattern):
-    """The frames that there are, ascending."""
+    """The existing frames, ascending."""
     match = NUMBER.search(pattern.name)
     name = re.compile(re.escape(pattern.name[:match.start()]) + r"(-?\d+)" + re.escape(pattern.name[match.end():]))
     files = pattern.parent.iterdir() if pattern.parent.is_dir() else ()
     numbers = [int(found[1]) for path in files if (found := name.fullmatch(path.name)) and path.is_file()]
-    numbers = sorted({number for number in numbers if _of_frame(pattern, number).is_file()})  # 007 is none of ##
+    numbers = sorted({number for number in numbers if _of_frame(pattern, number).is_file()})  # 007 does not match ##
     if not numbers:
         raise InputError(pattern, "file", absence(pattern), "no frame of this sequence was found")
     return numbers
 
 
 def _chosen(pattern, frames):
-    """The frames asked for, which must all be there."""
+    """The requested frames; raises an InputError if any is missing."""
     asked, there = parse_frames(frames), set(_numbers(pattern))
     missing = [str(number) for number in asked if number not in there]
     if missing:

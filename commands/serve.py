@@ -1,27 +1,92 @@
-"""`lensfield serve`: one command after another in one process, for a program that starts it once and then asks often.
+"""`lensfield serve`: many commands in one process, for programs that start it once and send requests.
 
-It reads lines of standard input, each a JSON list of the arguments of a command, such as
-`["apply", "Scene_0001_radiance.exr", "--lens", "tessar-50mm", "--progress", "lines"]`, and tells the exit status of
-each by a message (`messages.py`). It ends as soon as standard input does.
+It reads lines from standard input, each a JSON list of the arguments of a command, such as
+`["apply", "Scene_0001_radiance.exr", "--lens", "tessar-50mm", "--progress", "lines"]`, and reports the exit status of
+each in a message (`messages.py`). The message for any other line has an error and status 2, as for a usage error.
+`serve` ends when standard input closes.
 """
 
 import json
+import os
 from queue import SimpleQueue
 
+from ..engine.runtime.errors import InputError
+from .arguments import add_untrusted
 from .messages import message_lines
+from .task import arguments_of
+from .untrusted import OPTIONS
+
+EXPECTED = 'expected a JSON list of texts, such as ["lens", "info", "tessar-50mm"]'
+USAGE_ERROR = 2
 
 
 def add(commands, main):
-    """Add the command; `main(arguments)` runs one of the others."""
+    """Add the command; `main(arguments)` runs the requested commands."""
     serve = commands.add_parser("serve", help="run the commands that come by standard input, for programs",
                                 description="Run the commands that come by standard input: lines of a JSON list of "
                                             "arguments each. End as soon as standard input does.")
+    add_untrusted(serve)
     lines = SimpleQueue()
-    serve.set_defaults(run=lambda options: _serve(lines, main), end_with_stdin=True, hear=lines.put)
+    serve.set_defaults(run=lambda options: _serve(lines, main, _limits(options)), end_with_stdin=True, hear=lines.put)
 
 
-def _serve(lines, main):
+def _limits(options):
+    """The arguments that confine each command to a separate process; for commands that cannot be confined, they are
+    usage errors."""
+    if not options.untrusted:
+        return []
+    return ["--untrusted", *(argument for name in OPTIONS if (value := getattr(options, name)) is not None
+                             for argument in arguments_of(name, value))]
+
+
+def _serve(lines, main, limits):
     while True:
-        status = main(json.loads(lines.get()))
+        try:
+            answer = {"status": main([*_arguments(lines.get()), *limits])}
+        except InputError as error:
+            answer = {"error": str(error), "status": USAGE_ERROR}
         with message_lines() as write:
-            write(status=status)
+            write(**answer)
+
+
+def _arguments(line):
+    """The arguments in a line of standard input.
+
+    Parameters
+    ----------
+    line : bytes
+        Without a line end if it was too long to be read completely.
+
+    Returns
+    -------
+    list of str
+
+    Raises
+    ------
+    InputError
+        The line is anything else.
+    """
+    if not line.endswith(b"\n"):
+        raise InputError("serve", "line", f"over {len(line) - 1} bytes", EXPECTED)
+    try:
+        arguments = json.loads(line.decode())
+    except UnicodeDecodeError:
+        raise InputError("serve", "line", "not in UTF-8", EXPECTED) from None
+    except (ValueError, RecursionError):
+        raise InputError("serve", "line", line.decode().strip(), EXPECTED) from None
+    if not isinstance(arguments, list) or not all(isinstance(each, str) for each in arguments):
+        raise InputError("serve", "line", line.decode().strip(), EXPECTED)
+    for number, each in enumerate(arguments):
+        if not _can_be_argument(each):
+            raise InputError("serve", f"argument {number}", each, "expected a text that the system can encode")
+    if arguments[:1] == ["serve"]:
+        raise InputError("serve", "command", "serve", "expected another command")
+    return arguments
+
+
+def _can_be_argument(text):
+    """Whether a text could be an argument on a command line: without null characters and lone surrogates."""
+    try:
+        return b"\0" not in os.fsencode(text)
+    except UnicodeEncodeError:
+        return False

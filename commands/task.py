@@ -6,12 +6,13 @@ from argparse import ArgumentParser
 from pathlib import Path
 
 from ..engine import InputError
-from ..engine.errors import absence
-from .render import OWN_FRAMES, add_frame_options, add_scene_options, asked_frames, check_limits
+from ..engine.runtime.inputs import check_input
+from .arguments import check_limits
+from .render_options import OWN_FRAMES, add_frame_options, add_scene_options, requested_frames
 from .sequence import MOST_FRAMES
 
 NOT_OF_A_TASK = {"scene", "frames", "report"}
-PATHS = "lens", "output"
+PATHS = "lens", "output", "root"
 PACKAGE = __package__.rpartition(".")[0]
 
 
@@ -19,15 +20,14 @@ def frames_by_task(options):
     """The frames of each task, in order: list of list of int."""
     if options.frames in (None, OWN_FRAMES):
         raise InputError("options", "--frames", options.frames or "not given", "give their numbers, such as 1-250")
-    frames, count = asked_frames(options.frames), options.frames_per_task
+    frames, count = requested_frames(options.frames), options.frames_per_task
     check_limits("--frames-per-task", count, (1, MOST_FRAMES))
     return [frames[first:first + count] for first in range(0, len(frames), count)]
 
 
 def scene_path(options):
     """The .blend, as every machine is to find it."""
-    if not options.scene.is_file():
-        raise InputError(options.scene, "scene", absence(options.scene), "expected a .blend file")
+    check_input(options.scene, "scene", "expected a .blend file", None)
     return os.path.abspath(options.scene)
 
 
@@ -37,15 +37,18 @@ def task_arguments(options, without=()):
     add_scene_options(parser)
     add_frame_options(parser)
     left_out = NOT_OF_A_TASK | set(without)
-    return [_argument(name, getattr(options, name)) for name, default in vars(parser.parse_args(["-"])).items()
-            if name not in left_out and getattr(options, name) != default]
+    return [argument for name, default in vars(parser.parse_args(["-"])).items()
+            if name not in left_out and getattr(options, name) != default
+            for argument in arguments_of(name, getattr(options, name))]
 
 
-def _argument(name, value):
+def arguments_of(name, value):
+    """The arguments of `lensfield` that set an option: a list of str."""
     option = name.replace("_", "-")
     if isinstance(value, bool):
-        return f"--{option}" if value else f"--no-{option}"
-    return f"--{option}={found_anywhere(value) if name in PATHS else value}"
+        return [f"--{option}" if value else f"--no-{option}"]
+    return [f"--{option}={found_anywhere(one) if name in PATHS else one}"
+            for one in (value if isinstance(value, list) else [value])]
 
 
 def found_anywhere(path):

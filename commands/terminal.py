@@ -1,4 +1,4 @@
-"""What the terminal shows: a progress bar, and quiet where C++ libraries chatter."""
+"""Terminal output: a progress bar, and suppression of messages from C++ libraries."""
 
 import os
 import sys
@@ -12,7 +12,7 @@ BAR_CELLS = 24
 
 @contextmanager
 def progress_bar():
-    """A function (fraction, label) that draws a bar and tells what time is left, on a terminal; elsewhere, nothing."""
+    """A function (fraction, label) that draws a bar with the remaining time on a terminal, and nothing elsewhere."""
     if not sys.stderr.isatty():
         yield lambda fraction, label: None
         return
@@ -34,7 +34,8 @@ def progress_bar():
 
 @contextmanager
 def quiet(*descriptors):
-    """Keep the chatter of C++ libraries, Blender's or OpenEXR's, off these descriptors: 1 is output, 2 is errors."""
+    """Suppress output to these descriptors (1: standard output, 2: standard error), such as messages of Blender's and
+    OpenEXR's C++ code."""
     sys.stdout.flush()
     kept = [(number, os.dup(number)) for number in descriptors]
     with open(os.devnull, "w") as nowhere:

@@ -1,4 +1,4 @@
-"""`lensfield tradeoff`: error against time and memory, measured on a lens and on pictures."""
+"""`lensfield tradeoff`: error against time and memory, measured with a lens on test pictures."""
 
 from pathlib import Path
 
@@ -25,9 +25,9 @@ def add(commands):
 
 
 def _tradeoff(options):
-    from ..engine.sheet.style import require_matplotlib
-    from ..engine.trade.tradeoff import description, measure, write_table
-    from ..engine.trade.tradeoff_plot import write_plot
+    from ..engine.inspection.style import require_matplotlib
+    from ..engine.inspection.tradeoff_plot import write_plot
+    from ..engine.simulation.tradeoff import description, measure, write_table
 
     require_matplotlib()
     table, plot = (options.output / f"tradeoff.{kind}" for kind in ("csv", "png"))
@@ -45,9 +45,9 @@ def _tradeoff(options):
 
 
 def _tradeoff_pictures(options, lens):
-    """What to measure on: pictures by name, and one picture by the number of its wavelengths."""
-    from ..engine.image.spectral_exr import read_exr
-    from ..engine.trade.tradeoff import DEFAULT_SHAPE_PX, cropped_frame, standard_pictures, thinned
+    """The test pictures by name, and one of them by its number of wavelengths."""
+    from ..engine.pictures.spectral_exr import read_exr
+    from ..engine.simulation.tradeoff import DEFAULT_SHAPE_PX, cropped_frame, standard_pictures, thinned
 
     shape_px = resolution(options.size, "--size")[::-1] if options.size else None
     if not options.image:

@@ -1,8 +1,8 @@
-"""The README's picture, from the two that `make demo` leaves.
+"""Compare the sample scene before and after the lens, for docs/gallery.md, from the two pictures of `make demo`.
 
     python docs/before_after.py demo docs
 
-Above the frame as a perfect pinhole sees it and as the lens gives it; below the same corner of both, enlarged.
+One sheet shows the frame through a perfect pinhole and through the lens, the other an enlarged corner of both.
 """
 
 import sys

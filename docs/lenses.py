@@ -1,46 +1,50 @@
-"""The gallery of the library's lenses, docs/lenses.md.
+"""Generate the gallery of the bundled lenses, docs/lenses.md.
 
     python docs/lenses.py docs/lenses.md
 
-Each lens shows the picture engine/library/pictures/NAME.jpg, where there is one.
+Each lens is shown with its picture engine/library/pictures/NAME.jpg, if this exists.
 """
 
 import sys
 from pathlib import Path
 
-from lensfield.engine.bake.prescription import Prescription
 from lensfield.engine.library import BUNDLED, bundled_lenses
+from lensfield.engine.prescription.prescription import Prescription
+from lensfield.engine.rays.rings import widest_notes
 
 PICTURES = BUNDLED / "pictures"
-WIDTH = 240  # of a picture, as the page shows it
+WIDTH = 240  # of a picture on the page, in pixels
 HEAD = """# The lenses
 
-{number} lenses, by the years of their designs, each with what it is made of: `engine/library/prescriptions/NAME.toml`.
-Figures are those of the patents that are named; what they leave open, and who typed them, the files' own notes tell.
-Names say whose design a file follows; the makers have no part in this, and what they sold may differ from patents.
+{number} lenses, sorted by the year of the patent, or of the lens's introduction if that is certain. Each is a
+prescription, `engine/library/prescriptions/NAME.toml`. Figures are from the patents listed; each file's notes name its
+transcriber and list its assumptions. Notes on apertures, computed from rays on the axis, report differences of more
+than 3 % from the f-number, or of the stop from the file's (`engine/rays/axial_light.py`). Lenses are named after the
+designs in the files. The manufacturers are not involved in this project, and the lenses that they sold may differ from
+the patents.
 
     lensfield lens list portrait 85mm      # by name, maker, year, focal length, character
-    lensfield lens check nikkor-85mm-f1.4  # what speaks against its figures
+    lensfield lens check nikkor-85mm-f1.4  # check its figures
 
-`docs/lenses.py` writes this page.
+`docs/lenses.py` generates this page.
 
-| | lens | character | what it is | source |
+| | lens | character | description | source |
 |---|---|---|---|---|
 """
 
 
 def gallery() -> str:
-    """The page."""
+    """The text of the page."""
     lenses = sorted(bundled_lenses().values(), key=lambda lens: (lens.year or sys.maxsize, lens.name))
     return HEAD.format(number=len(lenses)) + "".join(map(row, lenses))
 
 
 def row(lens: Prescription) -> str:
-    """A lens as a line of the table."""
+    """A lens's line of the table."""
     picture = PICTURES / f"{lens.name}.jpg"
     shown = f'<img src="../engine/library/pictures/{picture.name}" width="{WIDTH}">' if picture.is_file() else ""
     cells = (shown, f"**{lens.title}**<br>`{lens.name}`<br>{lens.maker}", ", ".join(lens.character), lens.story,
-             lens.source)
+             "<br>".join((lens.source, *widest_notes(lens))))
     return f"| {' | '.join(cells)} |\n"
 
 

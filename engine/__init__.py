@@ -3,12 +3,15 @@
 It needs numpy, scipy and OpenEXR, and never Blender.
 """
 
-from .errors import ImageError, InputError, LensError
 from .image.spectral_image import SpectralImage
-from .kept import Kept
-from .lens.lens import Lens
+from .lens import Lens
+from .library import load_lens
 from .plan.options import Options
-from .report import Report
-from .simulate import simulate
+from .rays.rings import Rings
+from .runtime.errors import ImageError, InputError, LensError
+from .simulation.kept import Kept
+from .simulation.report import Report
+from .simulation.simulate import simulate
 
-__all__ = ["ImageError", "InputError", "Kept", "Lens", "LensError", "Options", "Report", "SpectralImage", "simulate"]
+__all__ = ["ImageError", "InputError", "Kept", "Lens", "LensError", "Options", "Report", "Rings", "SpectralImage",
+           "load_lens", "simulate"]

@@ -1,10 +1,10 @@
-"""Build the extension zips that users install: the source tree, its loops compiled, and the wheels that Blender lacks.
+"""Build the extension zips for users: the source tree, its compiled loops, and the wheels that Blender lacks.
 
     python packaging/build_extension.py FOLDER [PLATFORM ...]
 
-makes one zip for each platform, by the cross compilers that CONTRIBUTING.md names. Each holds wheels for every Python
-that Blender 4.5 and later run on, those of Linux distributions too, because Blender refuses an extension whose wheels
-do not fit. numpy is never among them: Blender brings its own.
+builds one zip for each platform, with the cross compilers listed in CONTRIBUTING.md. Each contains wheels for every
+Python of Blender 4.5 and later, including the Pythons of Linux distributions, because Blender refuses an extension
+without matching wheels. numpy is not included: Blender contains it.
 """
 
 import re
@@ -17,12 +17,13 @@ from pathlib import Path
 import bpy
 
 from lensfield.engine.kernels import build as kernels
+from lensfield.engine.runtime import build_identity
 
 ROOT = Path(__file__).resolve().parent.parent
 KERNELS = "engine/kernels/lib"
 REQUIREMENTS = ("scipy", "OpenEXR", "pillow", "PyYAML", "matplotlib",
                 "contourpy", "cycler", "fonttools", "kiwisolver", "packaging", "pyparsing", "python-dateutil", "six")
-"""The last line is what matplotlib needs, which draws lens sheets."""
+"""The last line lists the dependencies of matplotlib, which draws lens sheets."""
 PYTHONS = ("3.11", "3.13", "3.14")
 PLATFORMS = {
     "linux-x64": ("manylinux_2_28_x86_64", "manylinux_2_27_x86_64", "manylinux_2_17_x86_64", "manylinux2014_x86_64"),
@@ -32,13 +33,13 @@ PLATFORMS = {
 
 
 def extension_tool():
-    """Blender's own extension builder; it needs no running Blender."""
+    """Blender's extension builder, which does not require a running Blender."""
     scripts = Path(bpy.utils.resource_path("LOCAL")) / "scripts"
     return scripts / "addons_core" / "bl_pkg" / "cli" / "blender_ext.py"
 
 
 def download_wheels(folder, platform):
-    """Wheels of every requirement for every Python of one platform."""
+    """Download wheels of every requirement for every Python of one platform."""
     for python in PYTHONS:
         tags = [word for tag in PLATFORMS[platform] for word in ("--platform", tag)]
         subprocess.run([sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--only-binary=:all:",
@@ -46,10 +47,11 @@ def download_wheels(folder, platform):
 
 
 def stage(folder, platform):
-    """A copy of the tree with the loops of the platform alone, whose manifest names it and its wheels."""
+    """Copy the tree with the loops of one platform, and add the platform and its wheels to the manifest."""
     shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(".*", "__pycache__", "*.egg-info", "build", "dist",
                                                                   "demo", Path(KERNELS).name))
     kernels.build(folder / KERNELS, platform)
+    build_identity.store(ROOT, folder)
     download_wheels(folder / "wheels", platform)
     wheels = ",\n".join(f'  "./wheels/{path.name}"' for path in sorted((folder / "wheels").glob("*.whl")))
     manifest = folder / "blender_manifest.toml"
@@ -73,7 +75,7 @@ def main(arguments):
         for platform in arguments[1:] or PLATFORMS:
             build(output, platform)
     except kernels.CompilerMissing as missing:
-        sys.exit(f"lensfield: no zip without its loops in C: {missing}")
+        sys.exit(f"lensfield: cannot build the zip without loops in C: {missing}")
 
 
 if __name__ == "__main__":

@@ -1,12 +1,13 @@
 #!/bin/sh
-# environment.sh VENV BPY|bake|tables|lint [EXTRA]: make the virtual environment VENV with this package in it, and with
-# Blender's Python wheel BPY (and more of the package's extras), with what judges baked lenses, with what makes the
-# tables of spectra, or with what checks the code. (Optiland and colour-science ask for other numpys than the wheel.)
-# What packaging/lock-BPY.txt names is installed in exactly the versions and files that it names; all else is free.
-# Of what judges baked lenses, rayoptics comes alone: it asks for Qt and Jupyter, 0.7 GB, that its tracer never loads.
-# System libraries that these need come by apt where we are root; elsewhere one line says which to install.
+# environment.sh VENV BPY|bake|tables|lint|release [EXTRA]: create the virtual environment VENV with this package, and with
+# Blender's Python wheel BPY (and more of the package's extras), with the references for baked lenses, with the
+# requirements for the tables of spectra, with the linters, or with the builder of sdist and wheel. (Optiland and
+# colour-science need other numpys than the wheel.) Packages in packaging/lock-BPY.txt are installed in exactly these
+# versions and files; others are not pinned.
+# rayoptics is installed without dependencies: it requires Qt and Jupyter, 0.7 GB, which its tracer never loads.
+# Required system libraries are installed with apt if we are root; otherwise one line says which to install.
 set -eu
-exec 9<"$0" && flock 9  # one at a time: what setuptools leaves in this folder, and apt's own lock, are one for all
+exec 9<"$0" && flock 9  # one at a time: setuptools's files in this folder and apt's lock are shared
 venv=$1
 alone=
 libraries="libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libsm6 libgl1"
@@ -16,6 +17,7 @@ bake) version=3.11 module=optiland.optic packages= extras=witness,plots,test
     alone="rayoptics==0.9.8 opticalglass==1.1.1 transforms3d==0.4.2" ;;
 tables) version=3.11 module=colour packages= extras=tables ;;
 lint) version=3.11 module=mypy packages= extras=lint ;;
+release) version=3.11 module=build packages= extras=release ;;
 4.5.* | 5.0.*) version=3.11 module=bpy packages="bpy==$2 numpy>=1.26,<2" extras=plots,test${3:+,$3} ;;
 *) version=3.13 module=bpy packages="bpy==$2 numpy>=2.2,<3" extras=plots,test${3:+,$3} ;;
 esac
@@ -42,7 +44,7 @@ fi
 "$python" -c 'import ensurepip' 2>/dev/null ||
     install_packages "Python's venv module is missing" "python$version-venv"
 
-# The package's loops in C want a compiler; where there is none, and we may not install one, numpy does their work.
+# The package's loops in C require a compiler; without one, and if we cannot install one, numpy is used instead.
 if [ -z "${CC:-}" ] && [ "$(id -u)" = 0 ] && ! command -v cc >/dev/null && command -v apt-get >/dev/null; then
     (install_packages "a C compiler is missing" gcc) || true
 fi

@@ -1,9 +1,9 @@
-"""The reflectance of each linear Rec. 709 primary, fitted to reflectances that were measured.
+"""The reflectance of each linear Rec. 709 primary, fitted to measured reflectances.
 
-Three curves turn a colour into a reflectance: R(nm) = basis(nm) @ rgb. Of all such curves that
-  * lie between 0 and 1 and sum to 1 (white reflects everything, and no mixture reflects more),
-  * give every colour back under D65 (CIE 1931 observer),
-those are taken that come nearest to the samples in the least squares, with a little weight on smoothness.
+Three curves convert a colour to a reflectance: R(nm) = basis(nm) @ rgb. The curves are subject to two conditions:
+  * they are between 0 and 1 and sum to 1 (white reflects everything, and mixtures never reflect more),
+  * they reproduce every colour under D65 (CIE 1931 observer).
+Under these, they are the least-squares fit to the samples, with a small weight on smoothness.
 """
 
 import colour
@@ -16,7 +16,7 @@ OBSERVER = colour.MSDS_CMFS["CIE 1931 2 Degree Standard Observer"][NM]
 D65 = colour.SDS_ILLUMINANTS["D65"][NM]
 PRIMARIES = np.array([[0.64, 0.33, 0.03], [0.30, 0.60, 0.10], [0.15, 0.06, 0.79]])  # x, y, z of R, G, B
 SMOOTHNESS = 0.01
-STRICTNESS = 1e3  # weight of what must hold exactly, over that of the samples
+STRICTNESS = 1e3  # weight of the exact conditions, relative to the samples
 
 
 def measured_reflectances():

@@ -1,10 +1,10 @@
-"""The pictures by which lenses are offered: the sample scene, laid on each lens's sensor, and its edge enlarged.
+"""The thumbnails of lenses: the sample scene, scaled to each lens's sensor, and its edge enlarged.
 
     python packaging/lens_pictures.py [NAME ...]
 
-makes engine/library/pictures/NAME.jpg for those named, or all; `make lens-pictures` does that with Blender's wheel. The
-scene is rendered once, and each lens draws its own distortion, vignetting and blur, wide open, on that; only lenses
-that are too wide for a plane picture have a render of their own.
+writes engine/library/pictures/NAME.jpg for these or all lenses; `make lens-pictures` does that with Blender's wheel.
+The scene is rendered once, and the distortion, vignetting and blur of each lens, wide open, are applied to it. Only
+lenses that are too wide for a plane picture require a separate render.
 """
 
 import sys
@@ -18,17 +18,17 @@ from PIL import Image
 from lensfield import addon
 from lensfield.engine import Options, simulate
 from lensfield.engine.field.overscan import choose_capture
-from lensfield.engine.image.pitch import fitting_pitch_um
 from lensfield.engine.image.pixel_grid import PLANE, PixelGrid
-from lensfield.engine.image.preview import auto_exposure, to_rec709, write_png
-from lensfield.engine.image.spectral_exr import read_exr
-from lensfield.engine.library import PICTURES, bundled_names, load
+from lensfield.engine.lens.pinhole import fitting_pitch_um
+from lensfield.engine.library import PICTURES, bundled_names, load_lens
+from lensfield.engine.pictures.preview import auto_exposure, to_rec709, write_png
+from lensfield.engine.pictures.spectral_exr import read_exr
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 
 SCENE = Path(__file__).resolve().parent.parent / "sample_scenes" / "evening_chess.blend"
 RENDERED_PX, SHOWN_PX = (1024, 768), (256, 192)
-PLANE_LENS = "edmund-54852"  # whose view is rendered
-ROOM = 0.2  # for barrel distortion to draw on
+PLANE_LENS = "edmund-54852"  # the scene is rendered with its view
+ROOM = 0.2  # overscan for barrel distortion
 SAMPLES = 48
 WAVELENGTHS_NM = range(400, 701, 25)
 ENLARGED_BOX = (0, 76, 128, 172)  # of the rendered picture: lamps by its left edge
@@ -43,7 +43,7 @@ def main(names):
     with TemporaryDirectory() as folder:
         plane = None
         for name in names or bundled_names():
-            lens, picture = load(name, quality="preview"), Path(folder) / f"{name}.png"
+            lens, picture = load_lens(name, quality="preview"), Path(folder) / f"{name}.png"
             if is_too_wide(lens):
                 rgb = to_rec709(read_exr(render(scene, name, folder).irradiance))
             else:
@@ -58,24 +58,25 @@ def main(names):
 
 def render(scene, name, folder):
     """The scene through a lens, in its own view."""
-    return addon.render_through_lens(scene, name, WAVELENGTHS_NM, Path(folder) / name, view="lens", denoise=True,
-                                     room=ROOM, spectral=SpectralOptions("preview"), lens_quality="preview")
+    return addon.render_through_lens(scene, lens=name, wavelengths_nm=WAVELENGTHS_NM, output_folder=Path(folder) / name,
+                                     view="lens", denoise="on", room=ROOM, spectral=SpectralOptions("preview"),
+                                     lens_quality="preview")
 
 
 def is_too_wide(lens):
-    """Whether a lens draws in more than the plane picture has beyond its frame."""
+    """Whether a lens needs more than the plane picture's overscan."""
     frame = RENDERED_PX[::-1]
     capture = choose_capture(lens, PixelGrid(frame, fitting_pitch_um(lens, frame)), WAVELENGTHS_NM, 0)
     return capture.projection != PLANE or max(capture.overscan_px) > ROOM * max(frame)
 
 
 def shown(picture):
-    """Made small, with lamps by its edge enlarged in the corner across."""
+    """The picture reduced in size, with lamps near its edge enlarged in the opposite corner."""
     small = picture.resize(SHOWN_PX, Image.Resampling.LANCZOS)
     enlarged = picture.crop(ENLARGED_BOX).resize([side * 5 // 12 for side in SHOWN_PX], Image.Resampling.BICUBIC)
     frame = Image.new("RGB", [side + 2 for side in enlarged.size], "white")
     frame.paste(enlarged, (1, 1))
-    small.paste(frame, [whole - side for whole, side in zip(small.size, frame.size, strict=True)])
+    small.paste(frame, [outer - inner for outer, inner in zip(small.size, frame.size, strict=True)])
     return small
 
 

@@ -1,4 +1,4 @@
-"""Make engine/bake/glasses.csv, the catalogues of glasses, from the copy of refractiveindex.info that Optiland has.
+"""Write engine/prescription/glasses.csv, the catalogues of glasses, from Optiland's copy of refractiveindex.info.
 
     .venv-bake/bin/python packaging/make_glasses.py
 
@@ -12,35 +12,35 @@ from pathlib import Path
 
 import yaml
 
-from lensfield.engine.bake.glasses import CATALOGUE
+from lensfield.engine.prescription.glasses import CATALOGUE
 
 DATABASE = Path(str(resources.files("optiland.database"))) / "data-nk" / "glass"
 LEFT_OUT = ("ami", "misc")  # infrared materials, and windows
 VISIBLE_NM = (350, 830)
-DIGITS = 3  # of extinction: a glass absorbs so little that more of them tell nothing
+DIGITS = 3  # of extinction: glasses absorb so little that more digits are irrelevant
 
 
 def line_of(path):
-    """The line of one file, or None for a material without an index of its own."""
+    """The line of one file, or None for a material without an index."""
     data = {entry["type"]: entry for entry in yaml.safe_load(path.read_text(encoding="utf-8"))["DATA"]}
     kind = next((kind for kind in data if kind.startswith("formula")), "tabulated n")
     if kind not in data:
         return None
     if kind == "tabulated n":
         rows = pairs(data[kind]["data"])
-        number, told = "n", " ".join(f"{nm:g} {index:.9g}" for nm, index in rows)
+        number, dispersion = "n", " ".join(f"{nm:g} {index:.9g}" for nm, index in rows)
         first, last = rows[0][0], rows[-1][0]
     else:
-        number, told = kind.split()[1], " ".join(data[kind]["coefficients"].split())
+        number, dispersion = kind.split()[1], " ".join(data[kind]["coefficients"].split())
         first, last = (round(1e3 * float(word), 6) for word in data[kind]["wavelength_range"].split())
     extinction = visible(pairs(data.get("tabulated k", {}).get("data", "")))
     absorbed = " ".join(f"{nm:g} {k:.{DIGITS}g}" for nm, k in extinction)
     maker = path.relative_to(DATABASE).parts[0].upper()
-    return f"{maker} {path.stem},{number},{told},{first:g} {last:g},{absorbed}"
+    return f"{maker} {path.stem},{number},{dispersion},{first:g} {last:g},{absorbed}"
 
 
 def visible(rows):
-    """Rows of the visible, and one more at either end."""
+    """Rows in the visible, and one more at either end."""
     inside = [place for place, (nm, _) in enumerate(rows) if VISIBLE_NM[0] <= nm <= VISIBLE_NM[1]]
     first = inside[0] if inside else next((place for place, (nm, _) in enumerate(rows) if nm > VISIBLE_NM[1]), 0)
     last = inside[-1] if inside else first - 1
@@ -48,7 +48,7 @@ def visible(rows):
 
 
 def pairs(text):
-    """(nm, value) of a table in micrometres, ascending."""
+    """(nm, value) from a table in micrometres, ascending."""
     rows = [tuple(map(float, line.split())) for line in text.splitlines() if line.strip()]
     return sorted({round(1e3 * um, 6): value for um, value in rows}.items())
 

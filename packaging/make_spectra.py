@@ -1,11 +1,11 @@
-"""The tables that colour-science has, again: engine/spectral/data/*.csv, and most of the spectra there.
+"""Write the tables from colour-science: engine/spectral/data/*.csv, and most of the spectra in that folder.
 
     pip install -e .[tables]
     python packaging/make_spectra.py
 
-Needs an environment of its own: colour-science wants numpy 2, which Blender up to 5.0 does not take. Not made here are
-the reflectances of the USGS Spectral Library and the refractive indices of refractiveindex.info: their files are
-theirs, and say so in their heads.
+Requires a separate environment: colour-science needs numpy 2, which Blender up to 5.0 does not support. The
+reflectances of the USGS Spectral Library and the refractive indices of refractiveindex.info are not written here: these
+are the original files, and their headers name the source.
 """
 
 from pathlib import Path

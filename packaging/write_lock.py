@@ -1,8 +1,8 @@
-"""The lock file of an environment: what pip's report says it installed, in exact versions, by the files' hashes.
+"""Write the lock file of an environment from pip's report: exact versions, with the files' hashes.
 
     python packaging/write_lock.py REPORT.json LOCK.txt
 
-`make lock` does it, from an environment made afresh with no lock.
+`make lock` runs it, from a new environment that was created without a lock.
 """
 
 import json
@@ -15,7 +15,7 @@ HEAD = """\
 
 
 def pinned(report):
-    """A line of a requirements file for each package of pip's report that came as a file, by name."""
+    """Lines of a requirements file, by name, for each package of pip's report that was installed from a file."""
     for package in sorted(report["install"], key=lambda package: package["metadata"]["name"].lower()):
         if "archive_info" in package["download_info"]:  # else it is this tree
             name, version = (package["metadata"][field] for field in ("name", "version"))

@@ -21,7 +21,7 @@ import bpy
 import numpy as np
 
 import lensfield.addon
-from lensfield.engine.lens.lens import Lens
+from lensfield.engine import load_lens
 from lensfield.engine.spectral.colour import XYZ_TO_REC709
 from lensfield.engine.spectral.spectra import BAND_NM, colour_matching, library_names, load_spectrum, white_density
 
@@ -41,7 +41,7 @@ random = np.random.default_rng(8)
 # Colours of spectra
 
 def rec709_of(density_at):
-    """Linear Rec. 709 of a spectral density, in units in which D65 of unit power is (1, 1, 1)."""
+    """Linear Rec. 709 of a spectral density, scaled to (1, 1, 1) for D65 of unit power."""
     nm = np.arange(BAND_NM[0], BAND_NM[1] + 1)
     to_rec709 = colour_matching(nm) @ XYZ_TO_REC709.T
     return np.clip(density_at(nm) @ to_rec709 / (white_density(nm) @ to_rec709), 0, None)
@@ -72,7 +72,7 @@ def connect_surface(material, shader):
 
 
 def surface(name, rgb, roughness, metallic=0.0, coat=0.0):
-    """Principled material of a plain colour."""
+    """Principled material of a uniform colour."""
     material = empty_material(name)
     shader = material.node_tree.nodes.new("ShaderNodeBsdfPrincipled")
     shader.inputs["Base Color"].default_value = (*rgb, 1)
@@ -86,7 +86,7 @@ def surface(name, rgb, roughness, metallic=0.0, coat=0.0):
 
 
 def library_surface(name, spectrum, roughness, **finish):
-    """Principled material of a measured reflectance, and of its colour in daylight for plain renders."""
+    """Principled material of a measured reflectance, with its colour in daylight for renders in RGB."""
     material = surface(name, reflected_rgb(spectrum), roughness, **finish)
     material.lensfield.reflectance = spectrum
     return material
@@ -112,7 +112,7 @@ def grained(name, dark_rgb, light_rgb, roughness, stretch):
 
 
 def glow(name, radiance, spectrum):
-    """Emission of a library spectrum, seen but not sampled: small lamps make fireflies."""
+    """Emission of a library spectrum, visible but not sampled, because small lamps cause fireflies."""
     material = empty_material(name)
     shader = material.node_tree.nodes.new("ShaderNodeEmission")
     shader.inputs["Color"].default_value = (*emitted_rgb(spectrum), 1)
@@ -124,7 +124,7 @@ def glow(name, radiance, spectrum):
 
 
 def dusk_sky():
-    """Blue above, an afterglow near the roofs: two emissions whose strengths follow the height."""
+    """Blue above, an afterglow near the roofs: two emissions whose strengths depend on the height."""
     material = empty_material("Dusk sky")
     tree = material.node_tree
     height = tree.nodes.new("ShaderNodeSeparateXYZ")
@@ -175,7 +175,7 @@ def ball(radius_mm, centre_mm, segments=8):
 
 
 def plate(outline_mm, thickness_mm, bevel_mm):
-    """Upright plate of an outline of (x, z), clockwise seen from the camera, its edges rounded off."""
+    """Upright plate with an outline of (x, z), clockwise as seen from the camera, with rounded edges."""
     edges = np.roll(outline_mm, -1, axis=0) - outline_mm
     normals = edges[:, ::-1] * (1, -1) / np.linalg.norm(edges, axis=1)[:, None]
     inwards = normals + np.roll(normals, 1, axis=0)
@@ -193,7 +193,7 @@ def plate(outline_mm, thickness_mm, bevel_mm):
 
 
 def bead(radius_mm, centre_mm):
-    """Octahedron: all the roundness that a pixel or two can show."""
+    """Octahedron: sufficiently round for a size of one or two pixels."""
     corners = np.concatenate([np.eye(3), -np.eye(3)])
     faces = [(0, 1, 2), (1, 3, 2), (3, 4, 2), (4, 0, 2), (1, 0, 5), (3, 1, 5), (4, 3, 5), (0, 4, 5)]
     return radius_mm * corners + centre_mm, faces
@@ -292,7 +292,7 @@ def square_mm(file, rank):
 
 
 def foot_and_stem(radius_mm, neck_mm):
-    """Profile of what all men share, up to the collar at the height of the neck."""
+    """The common profile of all chessmen, up to the collar at the height of the neck."""
     r, n = radius_mm, neck_mm
     return [(0.0, 0), (0.96 * r, 0), (0.96 * r, 0), (r, 0.12 * r), (0.97 * r, 0.3 * r), (0.8 * r, 0.42 * r),
             (0.8 * r, 0.42 * r), (0.78 * r, 0.55 * r), (0.62 * r, 0.7 * r), (0.44 * r, 0.45 * n), (0.34 * r, 0.72 * n),
@@ -476,7 +476,7 @@ def fairy_strings():
 
 
 def make_fairy_lights():
-    """Each lamp is a bulb that glows in its colour and, before it, a bright filament of about a pixel."""
+    """Each lamp is a bulb that glows in its colour, with a bright filament of about a pixel in front of it."""
     cord = surface("Cord", (0.02, 0.035, 0.02), 0.6)
     filament_radiance = {"illuminant-a": 120, "sodium-lp": 30, "mercury": 60, "led-rgb1": 60}
     order = (0, 2, 0, 1, 0, 3)
@@ -551,8 +551,8 @@ def make_lamps():
 
 
 def make_camera():
-    """The pinhole that sees what the lens sees; its place is the lens's entrance pupil."""
-    lens = Lens.load(LENS_NAME)
+    """A pinhole with the lens's view, at the lens's entrance pupil."""
+    lens = load_lens(LENS_NAME)
     camera = bpy.data.cameras.new("Edmund 54-852")
     camera.sensor_fit = "HORIZONTAL"
     camera.sensor_width, camera.sensor_height = lens.sensor_mm
@@ -575,7 +575,7 @@ def set_render():
     cycles.use_adaptive_sampling = cycles.use_denoising = False
     cycles.max_bounces, cycles.diffuse_bounces, cycles.glossy_bounces = 4, 2, 3
     cycles.caustics_reflective = cycles.caustics_refractive = False
-    cycles.blur_glossy = 5.0  # brass seen in brass sparkles with noise otherwise
+    cycles.blur_glossy = 5.0  # reflections of brass in brass are noisy otherwise
     cycles.light_sampling_threshold = 0.0  # the default drops dim light at random, and radiance per nm is dim
     cycles.use_light_tree = False  # three lamps: choosing among them costs more than it saves
     scene.view_settings.view_transform = "Standard"
@@ -601,7 +601,7 @@ def build_scene():
 
 
 def arrange_windows():
-    """Every view looks through the camera; in the first one the sidebar is open, beside the render properties."""
+    """Make every view look through the camera, and open the sidebar of the first, next to the render properties."""
     for screen in bpy.data.screens:
         for area in screen.areas:
             if area.type == "VIEW_3D":

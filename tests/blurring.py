@@ -1,4 +1,4 @@
-"""Planes blurred by a spreader, as a channel does it."""
+"""Blur of planes by a spreader, as in a channel."""
 
 import numpy as np
 
@@ -9,12 +9,12 @@ from lensfield.engine.image.pixel_grid import PixelGrid
 
 
 def needs_of(plane, section_size, reach_px, single_range=0.0, flat_slope=0.0, folded=False):
-    """What the sections of a plane, (row, column), or of its quadrants need."""
+    """Needs of the sections of a plane (row, column), or of its quadrants."""
     planes = Planes(PixelGrid(np.shape(plane), 1.0), folded)
     return section_needs(planes.split(np.asarray(plane)), planes, section_size, reach_px, single_range, flat_slope)
 
 
 def blurred(plane, spreader, single_range=0.0):
-    """A plane through its sections, in double precision unless a `single_range` is given."""
+    """A plane, blurred section by section, in double precision unless a `single_range` is given."""
     needs = needs_of(plane, spreader.section_size, spreader.radius_px, single_range)
     return overlap_add(plane[None], spreader, needs)[0]

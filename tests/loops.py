@@ -1,4 +1,4 @@
-"""What does the loops, for as long as a test asks."""
+"""Choice of the loops that a test runs with."""
 
 import os
 from contextlib import AbstractContextManager
@@ -8,5 +8,5 @@ from lensfield.engine.kernels import library
 
 
 def using(name: str) -> AbstractContextManager:
-    """Another one of those `available`, in this process, until the block ends."""
+    """Use the given one of the `available` loops in this process, until the block ends."""
     return mock.patch.dict(os.environ, {library.VARIABLE: name})

@@ -1,4 +1,4 @@
-"""EXR pictures as other programs write them, and the command that takes them."""
+"""EXR pictures as other programs write them, and runs of the command on them."""
 
 import numpy as np
 import OpenEXR
@@ -7,7 +7,7 @@ from lensfield import cli
 
 
 def colours(path, rgb, shape=(18, 24), prefix="", kind=np.float32, **header):
-    """A file with a picture of one colour, or with this one."""
+    """A file with a picture of one colour, or with the given picture."""
     planes = np.moveaxis(np.broadcast_to(np.asarray(rgb), (*shape, 3)) if np.ndim(rgb) < 3 else rgb, -1, 0)
     channels = {f"{prefix}{name}": np.ascontiguousarray(plane, dtype=kind)
                 for name, plane in zip("RGB", planes, strict=True)}
@@ -21,7 +21,7 @@ def planes_exr(path, channels, **header):
 
 
 def parts_exr(path, parts):
-    """A multi-part file; of each part its channels and the value of each."""
+    """A multi-part file, from the channels of each part and the value of each channel."""
     made = [OpenEXR.Part({"type": OpenEXR.scanlineimage},
                          {f"{name}.{channel}": np.full((6, 8), value, dtype=np.float16)
                           for channel, value in channels.items()}, name) for name, channels in parts.items()]
@@ -39,7 +39,7 @@ def run(*arguments):
 
 
 def failure(capsys, *arguments):
-    """The one line of a run that fails."""
+    """The single line that a failing run prints."""
     assert run(*arguments) == 1
     line = capsys.readouterr().err
     assert line.count("\n") == 1

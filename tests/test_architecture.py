@@ -1,6 +1,7 @@
-"""The house: which room may use which, and the border between the engine and Blender, read from the source itself."""
+"""The permitted imports between rooms, and the border between engine and Blender, checked in the source code."""
 
 import ast
+import re
 import subprocess
 import sys
 import tomllib
@@ -12,59 +13,51 @@ from places import ROOT
 
 ENGINE_LIBRARIES = {"numpy", "scipy", "OpenEXR", "PIL", "yaml", "matplotlib"}
 
-FOUNDATION = {"engine.cache", "engine.errors", "engine.files", "engine.kernels", "engine.locks", "engine.memory",
-              "engine.scratch", "engine.threads", "engine.values"}
 FLOORS = {
-    # the engine's foundation, which all of it may use
-    "engine.cache": {"engine.errors", "engine.files"},
-    "engine.errors": set(),
-    "engine.files": {"engine.errors"},
-    "engine.kernels": {"engine.errors"},
-    "engine.locks": {"engine.errors", "engine.files"},
-    "engine.memory": {"engine.errors"},
-    "engine.scratch": {"engine.errors", "engine.files", "engine.memory"},
-    "engine.threads": set(),
-    "engine.values": set(),
-    # the engine, from the bottom: every room uses those below alone
-    "engine.spectral": FOUNDATION,
-    "engine.image": {"engine.spectral"} | FOUNDATION,
-    "engine.field": {"engine.image"} | FOUNDATION,
-    "engine.blur": {"engine.field", "engine.image"} | FOUNDATION,
-    "engine.plan": {"engine.blur", "engine.field", "engine.image"} | FOUNDATION,
-    "engine.report": {"engine.plan", "engine.image"} | FOUNDATION,
-    "engine.depth": {"engine.field", "engine.image"} | FOUNDATION,
-    "engine.simulate": {"engine.depth", "engine.library", "engine.report", "engine.plan", "engine.blur",
-                        "engine.field", "engine.image", "engine.lens"} | FOUNDATION,
-    "engine.trade": {"engine.simulate", "engine.report", "engine.plan", "engine.field", "engine.image",
-                     "engine.spectral", "engine.lens", "engine.sheet"} | FOUNDATION,
-    # beside: lens data, their sheet and how they are made
-    "engine.lens": {"engine.field", "engine.spectral"} | FOUNDATION,
-    "engine.sheet": {"engine.lens", "engine.spectral"} | FOUNDATION,
-    "engine.bake": {"engine.lens", "engine.field", "engine.image", "engine.spectral"} | FOUNDATION,
-    "engine.library": {"engine.bake", "engine.lens"} | FOUNDATION,
-    "engine": {"engine.simulate", "engine.lens", "engine.plan", "engine.image", "engine.report"} | FOUNDATION,
-    # what a command tells the window that started it
+    # engine: foundations
+    "engine.runtime": set(),
+    "engine.kernels": {"engine.runtime"},
+    "engine.spectral": {"engine.runtime"},
+    # the lens: prescription and data
+    "engine.prescription": {"engine.runtime", "engine.spectral"},
+    "engine.lens": {"engine.prescription", "engine.runtime"},
+    "engine.lens_files": {"engine.lens", "engine.runtime"},
+    "engine.rays": {"engine.prescription", "engine.runtime", "engine.spectral"},
+    "engine.bake": {"engine.kernels", "engine.lens", "engine.prescription", "engine.rays", "engine.runtime"},
+    # lens + radiance -> irradiance
+    "engine.image": {"engine.runtime"},
+    "engine.field": {"engine.image", "engine.kernels", "engine.lens", "engine.rays", "engine.runtime"},
+    "engine.blur": {"engine.field", "engine.runtime"},
+    "engine.plan": {"engine.blur", "engine.field", "engine.image", "engine.kernels", "engine.lens", "engine.runtime"},
+    "engine.depth": {"engine.field", "engine.image", "engine.kernels", "engine.lens", "engine.rays", "engine.runtime"},
+    "engine.pictures": {"engine.depth", "engine.image", "engine.lens", "engine.runtime", "engine.spectral"},
+    "engine.library": {"engine.bake", "engine.field", "engine.lens", "engine.lens_files",
+                       "engine.prescription", "engine.rays", "engine.runtime"},
+    "engine.simulation": {"engine.blur", "engine.depth", "engine.field", "engine.image", "engine.kernels",
+                          "engine.lens", "engine.library", "engine.pictures", "engine.plan", "engine.runtime",
+                          "engine.spectral"},
+    "engine.inspection": {"engine.field", "engine.lens", "engine.prescription", "engine.rays", "engine.runtime",
+                          "engine.simulation", "engine.spectral"},
+    "engine": {"engine.image", "engine.lens", "engine.library", "engine.plan", "engine.rays", "engine.runtime",
+               "engine.simulation"},
+    # the request for a render
+    "request": {"engine"},
+    # messages from a command to the window that started it
     "commands.messages": set(),
     "commands.child": {"commands.messages"},
     # Blender's side
     "addon.scene": {"engine"},
     "addon.shading": {"addon.scene", "engine"},
-    "addon.job": {"addon.shading", "addon.scene", "commands.child", "engine"},
-    "addon.ui": {"addon.job", "addon.shading", "addon.scene", "commands.child", "commands.messages", "engine"},
-    "addon": {"addon.ui", "addon.job", "addon.scene", "engine"},
-    # the command, and what Blender and Python call
-    "commands": {"commands.child", "commands.messages", "addon", "addon.shading", "engine"},
+    "addon.job": {"addon.shading", "addon.scene", "commands.child", "request", "engine"},
+    "addon.ui": {"addon.job", "addon.shading", "addon.scene", "commands.child", "commands.messages", "request",
+                 "engine"},
+    "addon": {"addon.ui", "addon.job", "addon.scene", "request", "engine"},
+    # the command, and the entry points for Blender and Python
+    "commands": {"commands.child", "commands.messages", "addon", "addon.shading", "request", "engine"},
     "cli": {"commands", "engine", ""},
     "": {"cli", "addon"},
 }
-"""Each room, and the rooms that it may import from, inside itself aside. "engine" stands for all of its rooms."""
-
-DOORS = {("engine.lens.lens", "engine.library")}
-"""(module, room): methods that call a room above when they are called, and are told of in docs/architecture.md."""
-
-SIMULATE = {"engine.channel", "engine.kept"}
-"""Modules of the engine's upper floor: they and `simulate` are one room."""
-
+"""The rooms that each room may import from, besides itself. "engine" means all of its rooms."""
 
 def module_name(path):
     parts = path.relative_to(ROOT).with_suffix("").parts
@@ -73,13 +66,13 @@ def module_name(path):
 
 MODULES = {module_name(path): path for top in ("engine", "addon", "commands")
            for path in sorted((ROOT / top).rglob("*.py"))} | {
-               "cli": ROOT / "cli.py", "": ROOT / "__init__.py"}
+               "cli": ROOT / "cli.py", "request": ROOT / "request.py", "": ROOT / "__init__.py"}
 
 
 def imports(name):
-    """(the module, or the library, of every import in a module, in functions too; and whether it is relative).
+    """(module or library, whether the import is relative) of every import in a module, including those in functions.
 
-    Names for the type checker alone are not used: a function may say that it takes a Lens, whoever made it.
+    Imports for the type checker alone do not count: drawing functions name matplotlib's types without loading it.
     """
     path = MODULES[name]
     package = name.split(".") if path.name == "__init__.py" else name.split(".")[:-1]
@@ -100,9 +93,7 @@ def imports(name):
 
 
 def room(name):
-    """The room that a module is in: the longest name of the table that it starts with."""
-    if name in SIMULATE:
-        return "engine.simulate"
+    """The room of a module: the longest name in the table that the module's name starts with."""
     parts = name.split(".")
     return next(found for count in range(len(parts), -1, -1)
                 if (found := ".".join(parts[:count])) in FLOORS)
@@ -116,7 +107,7 @@ def allowed(name, other):
 def test_every_import_goes_down_to_a_floor_that_the_table_names():
     upwards = [f"{name or 'lensfield'} imports {other or 'lensfield'}" for name in MODULES
                for other, relative in imports(name)
-               if relative and not allowed(name, other) and (name, other) not in DOORS]
+               if relative and not allowed(name, other)]
     assert not upwards
 
 
@@ -125,7 +116,7 @@ def test_the_table_has_no_circles_and_no_rooms_that_are_not_there():
     for own, used in FLOORS.items():
         assert all(other in FLOORS for other in used) and any(room(name) == own for name in MODULES)
     seen, left = set(), {own: {other for other in used if other != own} for own, used in FLOORS.items()}
-    left["cli"].discard("")  # its version
+    left["cli"].discard("")  # the version number
     while left:
         ready = [own for own in order if own in left and left[own] <= seen]
         assert ready, f"a circle among {sorted(left)}"
@@ -159,13 +150,21 @@ def test_engine_and_command_load_no_blender(module):
 
 
 def test_package_and_extension_have_one_version():
-    package = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    """`__version__` is the source: the package reads it, and the manifest, which cannot read it, repeats it."""
+    package = tomllib.loads((ROOT / "pyproject.toml").read_text())
     extension = tomllib.loads((ROOT / "blender_manifest.toml").read_text())
-    assert lensfield.__version__ == package["version"] == extension["version"]
+    assert package["tool"]["setuptools"]["dynamic"]["version"] == {"attr": "lensfield.__version__"}
+    assert "version" not in package["project"] and extension["version"] == lensfield.__version__
+
+
+def test_the_newest_release_of_the_changelog_is_this_version():
+    heading = r"(?m)^## (\d\S*) \((?:\d{4}-\d\d-\d\d|not yet released)\)$"
+    releases = re.findall(heading, (ROOT / "CHANGELOG.md").read_text())
+    assert releases[0] == lensfield.__version__
 
 
 def public_functions(tree):
-    """(name, its node, what it takes beside itself) of each public function, method and constructor."""
+    """(name, its node, its arguments except `self`) of each public function, method and constructor."""
     for node in tree.body:
         if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
             yield node.name, node, taken(node)
@@ -178,13 +177,13 @@ def public_functions(tree):
 
 
 def taken(function):
-    """What a function takes."""
+    """The arguments of a function."""
     given = function.args
     return [*given.posonlyargs, *given.args, *given.kwonlyargs, *filter(None, (given.vararg, given.kwarg))]
 
 
 def test_public_functions_of_the_engine_say_what_they_take_and_give():
-    """So that `make lint` has their types to hold one another by."""
+    """`make lint` needs the types of all arguments and results."""
     silent = [f"{module}.{name}" for module, path in MODULES.items()
               if module.startswith("engine")
               for name, function, given in public_functions(ast.parse(path.read_text(encoding="utf-8")))

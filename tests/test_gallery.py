@@ -1,4 +1,4 @@
-"""The gallery of lenses is that of the library as it is."""
+"""The gallery of lenses is up to date with the library."""
 
 import importlib.util
 

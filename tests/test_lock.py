@@ -1,14 +1,14 @@
-"""The lock has all that the project asks for, in versions that it takes. If not: make lock"""
+"""The lock file satisfies all of the project's requirements. If it does not: make lock"""
 
 import re
 import tomllib
 
-from packaging.requirements import Requirement  # which pytest brings
+from packaging.requirements import Requirement  # installed with pytest
 
 from places import ROOT
 
 LINE = re.compile(r"([\w.-]+)==(\S+) --hash=sha256:[0-9a-f]{64}")
-EXTRAS = "plots", "test"  # those of packaging/environment.sh
+EXTRAS = "plots", "test"  # as in packaging/environment.sh
 
 
 def test_lock_fits_the_project():

@@ -1,19 +1,18 @@
-"""What the documents name is there: links, paths, make targets, command lines, and names from the code."""
+"""Links, paths, make targets, command lines and names from the code in the documents exist."""
 
-import importlib.util
 import re
 import shlex
 from functools import cache
 
 import pytest
-from PIL import Image
 
+import rooms
 from lensfield import cli
 from places import ROOT
 
 PAGES = ["README.md", "CONTRIBUTING.md", "CHANGELOG.md",
          *sorted(path.relative_to(ROOT).as_posix() for path in ROOT.glob("docs/**/*.md"))]
-OF_TODAY = [page for page in PAGES if page != "CHANGELOG.md"]  # which tells of what has gone, too
+OF_TODAY = [page for page in PAGES if page != "CHANGELOG.md"]  # which also describes removed features
 FOLDERS = "addon", "benchmarks", "commands", "docs", "engine", "packaging", "sample_scenes", "tests", "validation"
 LINK = re.compile(r"\]\(([^)\s]+)\)|src=\"([^\"]+)\"")
 PATH = re.compile(rf"(?<![\w/.-])(?:{'|'.join(FOLDERS)})/[\w./*-]*[\w*/]")
@@ -27,7 +26,7 @@ def text(page):
 
 
 def anchors(page):
-    """Those that GitHub makes of a page's headings."""
+    """The anchors that GitHub generates from a page's headings."""
     return {re.sub(r"[^\w -]", "", line.lstrip("# ").lower()).replace(" ", "-")
             for line in text(page).splitlines() if line.startswith("#")}
 
@@ -57,7 +56,7 @@ def words_of_the_code():
 
 @pytest.mark.parametrize("page", ["CONTRIBUTING.md", "docs/architecture.md"])
 def test_names_are_those_of_the_code(page):
-    """A name in backticks, alone or with what it is called with: a function, a field, a module."""
+    """A name in backticks, with or without arguments, is a function, a field or a module."""
     names = {span.partition("(")[0] for span in SPAN.findall(text(page))}
     names = {name for name in names if name.replace(".", "").isidentifier() and not PLACEHOLDER.search(name)}
     assert len(names) > 30
@@ -79,6 +78,12 @@ def test_command_lines_are_understood():
         cli._parser().parse_args(shlex.split(line)[1:])
 
 
+def test_the_python_of_the_readme_runs(capsys):
+    for code in re.findall(r"(?s)```python\n(.*?)```", text("README.md")):
+        exec(compile(code, "README.md", "exec"), {})
+    assert capsys.readouterr().out.startswith("(3, 240, 320)")
+
+
 @pytest.mark.parametrize("page", OF_TODAY)
 def test_named_commands_are_there(page, capsys):
     for span in SPAN.findall(text(page)):
@@ -88,10 +93,7 @@ def test_named_commands_are_there(page, capsys):
             assert stop.value.code == 0, span
 
 
-def test_the_picture_of_the_architecture_is_of_today():
-    """If not: python docs/architecture.py docs/architecture.png"""
-    spec = importlib.util.spec_from_file_location("architecture_drawn", ROOT / "docs" / "architecture.py")
-    drawing = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(drawing)
-    with Image.open(ROOT / "docs" / "architecture.png") as picture:
-        assert picture.text["floors"] == drawing.floors_digest()
+def test_the_graph_of_the_rooms_is_up_to_date():
+    """If not: python docs/rooms.py docs/architecture.md"""
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    assert rooms.with_graph(text) == text

@@ -1,14 +1,37 @@
-"""Lenses of the library that differ as lenses do: what has to hold for all is tried on these."""
+"""Bundled lenses for tests that every lens must pass: eight of different kinds, and a random sample."""
 
+import os
+import random
+from dataclasses import replace
 from functools import lru_cache
 
-from lensfield.engine.library import load
+from lenses import tinted
+from lensfield.engine.bake.bake import bake
+from lensfield.engine.library import bundled_names, load_lens, prescription_of
+from lensfield.engine.rays.rings import turned
+from seed import SEED
 
 VARIED = ("angenieux-50mm", "apple-phone-4mm", "cooke-triplet-50mm", "edmund-54852", "kodak-petzval-100mm",
           "muller-fisheye-25mm", "nikkor-28mm", "tessar-50mm")
+SAMPLE_SIZE = 12
+
+
+def library_sample():
+    """Names of `SAMPLE_SIZE` bundled lenses, which SEED chooses; all names with ALL_LENSES=yes."""
+    if os.environ.get("ALL_LENSES"):
+        return bundled_names()
+    return sorted(random.Random(SEED).sample(bundled_names(), min(SAMPLE_SIZE, len(bundled_names()))))
 
 
 @lru_cache
 def varied_lens(name):
-    """One of them as quickly as it can be baked."""
-    return load(name, quality="preview")
+    """One of these lenses, baked as quickly as possible, of glass that absorbs some of the light (`tinted`)."""
+    return tinted(load_lens(name, quality="preview"))
+
+
+@lru_cache
+def lens_for_rays(name, rings):
+    """A turned lens for tests of its rays: with few field heights and wavelengths, and coarse PSFs."""
+    prescription = turned(prescription_of(name), rings).prescription
+    lens = bake(prescription, quality="preview", heights=5, wavelengths_nm=(500, 550, 600), samples=17, pitch_um=4.0)
+    return replace(lens, prescription=prescription)

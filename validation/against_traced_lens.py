@@ -1,12 +1,12 @@
-"""The sample scene by Lensfield and by the traced lens, at one wavelength: what equal noise costs each.
+"""The sample scene by Lensfield and by the traced lens, at one wavelength: the cost of equal noise.
 
     python validation/against_traced_lens.py [PICTURE.png]
 
-Noise is that of a patch's pixels: the RMS difference of two seeds over the square root of 2, over the patch's mean;
-and that of the means of blocks, for Lensfield blurs the noise of its radiance with the picture. Each is measured at two
-numbers of samples about the noise at which they are compared; between them it follows a power of the samples, about
--1/2, and the seconds a straight line. Processor seconds are those of all cores together, which other work on the
-machine changes little.
+The noise of a patch is the RMS difference of two seeds over the square root of 2, relative to the patch's mean. It is
+measured for pixels and for means of blocks, because Lensfield blurs the noise of its radiance with the picture. Each is
+measured at two numbers of samples, near the noise at which they are compared. Between them, noise is interpolated as a
+power of the samples, about -1/2, and seconds linearly. Processor seconds are summed over all cores, and other work on
+the machine changes them little.
 """
 
 import platform
@@ -21,15 +21,15 @@ import numpy as np
 import truth_scenes
 from lensfield import addon
 from lensfield.engine import Options
-from lensfield.engine.image.preview import write_png
+from lensfield.engine.pictures.preview import write_png
 from traced_lens import photograph
-from traced_lens_truth import WAVELENGTH_NM, Bench, frame_of, patches_about, spot, whole_frame
+from traced_lens_truth import WAVELENGTH_NM, Bench, frame_of, full_frame, patches_about, spot
 
 BLEND = Path(__file__).resolve().parents[1] / "sample_scenes" / "evening_chess.blend"
 COLUMNS = 192
 SAMPLES = {"Lensfield": (32, 96), "traced lens": (192, 384)}
 NOISE = {1: 0.04, 4: 0.015}
-"""Where they are compared, of means of square blocks of so many pixels a side."""
+"""The noise at which they are compared, by the side in pixels of the square blocks."""
 PATCHES = {"chess board, before the object plane": (slice(122, 142), slice(74, 142)),
            "colour chart, in the object plane": (slice(74, 96), slice(122, 158))}
 """Rows and columns of 144 x 192."""
@@ -59,7 +59,7 @@ class Costs:
 
 def measure(take, samples):
     """Costs of a function (samples, seed) -> picture, seconds."""
-    take(1, 0)  # what is made once, and kept
+    take(1, 0)  # fills the caches
     seconds, noise = [], []
     for number in samples:
         (first, took), (second, took_again) = (take(number, seed) for seed in (0, 1))
@@ -69,7 +69,7 @@ def measure(take, samples):
 
 
 def noise_of(first, second, side_px):
-    """RMS noise of the means of blocks, by two pictures, over the picture's mean."""
+    """RMS noise of the means of blocks, from two pictures, relative to the picture's mean."""
     rows, columns = (n // side_px for n in first.shape)
     apart = (first - second)[:rows * side_px, :columns * side_px].reshape(rows, side_px, columns, side_px)
     return np.sqrt(np.mean(apart.mean(axis=(1, 3)) ** 2) / 2) / first.mean()
@@ -77,7 +77,7 @@ def noise_of(first, second, side_px):
 
 def compare(bench, scene):
     """Costs by Lensfield and by the traced lens."""
-    frame_px = whole_frame(bench.lens, COLUMNS).shape_px
+    frame_px = full_frame(bench.lens, COLUMNS).shape_px
 
     def lensfield(samples, seed):
         scene.cycles.seed = seed
@@ -109,7 +109,7 @@ def print_comparison(ours, traced):
 
 
 def print_depths(bench, frame_px=(49, 768), half_px=24, samples=256):
-    """RMS radius of the image of a point on the axis, at several distances, by Lensfield and by the traced lens."""
+    """Print the RMS radius of the image of a point on the axis at several distances, by Lensfield and traced."""
     frame = frame_of(bench.lens, frame_px)
     patch, = patches_about([(0, 0)], frame, half_px)
     for depth_mm in DEPTHS_MM:
@@ -123,7 +123,7 @@ def print_depths(bench, frame_px=(49, 768), half_px=24, samples=256):
 
 
 def write_picture(pictures, path):
-    """The pictures side by side, exposed alike."""
+    """Write the pictures side by side, with the same exposure."""
     gap = np.ones((len(pictures[0]), 4)) * pictures[0].max()
     grey = np.hstack([pictures[0], gap, *pictures[1:]])
     write_png(np.repeat(grey[..., None], 3, axis=-1), path, 1 / np.percentile(pictures[0], 97))

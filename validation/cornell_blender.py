@@ -8,16 +8,16 @@ import cornell_box as box
 from lensfield import addon
 from lensfield.commands.terminal import quiet
 from lensfield.engine import Lens
-from lensfield.engine.image.spectral_exr import read_exr
+from lensfield.engine.pictures.spectral_exr import read_exr
 from lensfield.engine.spectral.spectra import BAND_NM
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 
-MOST_BOUNCES = 1024  # the most that Cycles takes; in effect paths end by Russian roulette alone
+MOST_BOUNCES = 1024  # Cycles's maximum; in effect, paths end only by Russian roulette
 METRE_PER_MM = 1e-3
 
 
 def build(side_px, samples):
-    """A new scene with the box in it, which a mesh lamp lights; materials have the measured spectra assigned.
+    """A new scene with the box, lit by a mesh lamp; the measured spectra are assigned to its materials.
 
     Returns
     -------
@@ -41,13 +41,14 @@ def render(scene, wavelengths_nm, folder, seed=0):
     """Spectral radiance of the frame: float32 array (wavelength, row, column), W m^-2 sr^-1 nm^-1."""
     scene.cycles.seed = seed
     every_wavelength = SpectralOptions(tier="reference")
-    with quiet(1):  # Blender says where it saves each pass
-        result = addon.render_through_lens(scene, pinhole(), wavelengths_nm, folder, spectral=every_wavelength)
+    with quiet(1):  # suppresses Blender's messages about saved passes
+        result = addon.render_through_lens(scene, lens=pinhole(), wavelengths_nm=wavelengths_nm, output_folder=folder,
+                                           spectral=every_wavelength, depth="off")
     return read_exr(result.radiance).frame().cube
 
 
 def pinhole():
-    """A lens with the view of the box's camera, and with neither blur nor distortion."""
+    """A lens with the view of the box's camera, without blur and distortion."""
     wavelengths_nm, heights_mm = BAND_NM, (0.0, box.SENSOR_MM / 2, box.SENSOR_MM)
     table = np.ones((len(wavelengths_nm), len(heights_mm)))
     return Lens(name="Cornell box camera", efl_mm=box.FOCAL_LENGTH_MM, magnification=0, f_number_effective=8,
@@ -75,7 +76,7 @@ def _add_mesh(scene, name, triangles_m):
 
 
 def _material(name):
-    """Diffuse; and for the lamp emission beside it, whose strength is what it radiates at all wavelengths together."""
+    """A diffuse material; the lamp's also emits, with the radiance summed over all wavelengths as strength."""
     material = bpy.data.materials.new(name)
     material.use_nodes = True
     tree = material.node_tree

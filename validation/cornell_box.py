@@ -1,21 +1,21 @@
-"""The Cornell box as plain figures, for whichever renderer: walls, blocks and lamp, camera, measured spectra.
+"""The Cornell box as numbers, for any renderer: walls, blocks and lamp, camera, measured spectra.
 
 Source: Cornell University Program of Computer Graphics, Cornell Box Data,
-https://www.graphics.cornell.edu/online/box/data.html. Surfaces are Lambertian on both sides. What is settled here: the
-four-sided walls are split into triangles, since the red one is not plane; the ceiling has a hole where the lamp is, as
-both lie at the same height; the lamp reflects 0.78 at all wavelengths; its emission is in W m^-2 sr^-1 nm^-1.
+https://www.graphics.cornell.edu/online/box/data.html. Surfaces are Lambertian on both sides. Choices made here: the
+four-sided walls are split into triangles, because the red wall is not planar; the ceiling has a hole for the lamp,
+because both are at the same height; the lamp reflects 0.78 at all wavelengths; its emission is in W m^-2 sr^-1 nm^-1.
 """
 
 import numpy as np
 
 CAMERA_MM = (278.0, 273.0, -800.0)
-"""Where the pinhole is; it looks along +z, with +y up, and so sees +x on its left."""
+"""Position of the pinhole. It looks along +z, with +y up, so +x is on the left of its picture."""
 FOCAL_LENGTH_MM = 35.0
 SENSOR_MM = 25.0
 
 LAMP_NM = (400.0, 500.0, 600.0, 700.0)
 LAMP_RADIANCE = (0.0, 8.0, 15.6, 18.4)
-"""W m^-2 sr^-1 nm^-1, linear between LAMP_NM; no light beyond."""
+"""W m^-2 sr^-1 nm^-1, linear between LAMP_NM, 0 beyond."""
 
 REFLECTANCE_NM = np.arange(400.0, 701.0, 4.0)
 REFLECTANCE = {
@@ -53,7 +53,7 @@ _TALL_BLOCK = 330, [(423, 247), (265, 296), (314, 456), (472, 406)]
 def triangles_mm():
     """The scene's triangles by material: {"white", "green", "red", "lamp": float64 array (triangle, corner, xyz), mm}.
 
-    The lamp's face down, into the box.
+    The lamp's triangles face down, into the box.
     """
     white = [_FLOOR, _BACK, *_frame(_CEILING, _LAMP), *_block(*_SHORT_BLOCK), *_block(*_TALL_BLOCK)]
     quads = {"white": white, "green": [_RIGHT], "red": [_LEFT], "lamp": [_LAMP]}
@@ -68,7 +68,7 @@ def _frame(outer, inner):
 
 
 def _block(height_mm, base_xz):
-    """The top and the sides of a block that stands on the floor."""
+    """The top and the sides of a block on the floor."""
     base = [(x, 0, z) for x, z in base_xz]
     top = [(x, height_mm, z) for x, z in base_xz]
     return [top] + [[base[i - 1], top[i - 1], top[i], base[i]] for i in range(4)]
@@ -80,7 +80,7 @@ def reflectance(material, wavelengths_nm):
 
 
 def lamp_radiance(wavelengths_nm):
-    """What the lamp gives off at these wavelengths, W m^-2 sr^-1 nm^-1."""
+    """The lamp's radiance at these wavelengths, W m^-2 sr^-1 nm^-1."""
     return np.interp(wavelengths_nm, LAMP_NM, LAMP_RADIANCE, left=0, right=0)
 
 

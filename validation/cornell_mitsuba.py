@@ -2,7 +2,7 @@
 
     python validation/cornell_mitsuba.py tests/data/cornell_mitsuba.npz
 
-makes the figures that tests/addon/job/test_cornell_box.py holds Lensfield against (half a minute on two cores).
+writes the reference figures for tests/addon/job/test_cornell_box.py (half a minute on two cores).
 """
 
 import sys
@@ -15,7 +15,7 @@ import cornell_box as box
 TEST_WAVELENGTHS_NM = (420.0, 480.0, 520.0, 580.0, 620.0, 680.0)
 TEST_SIDE_PX, TEST_SAMPLES, TEST_BLOCKS = 32, 4096, 4
 
-mitsuba.set_variant("scalar_rgb")  # it needs no LLVM, and its three channels are three numbers, not colours
+mitsuba.set_variant("scalar_rgb")  # works without LLVM, and treats its three channels as numbers, not colours
 
 
 def render(wavelengths_nm, side_px, samples, seed):
@@ -69,7 +69,7 @@ def _raw(values):
 
 
 def write_test_data(path):
-    """Block means at a few wavelengths, of so many samples that their noise does not count."""
+    """Write block means at a few wavelengths, with enough samples to make their noise negligible."""
     cube = render(TEST_WAVELENGTHS_NM, TEST_SIDE_PX, TEST_SAMPLES, seed=0)
     np.savez_compressed(path, wavelengths_nm=TEST_WAVELENGTHS_NM, radiance=box.block_means(cube, TEST_BLOCKS))
 

@@ -2,11 +2,11 @@
 
     python validation/cornell_truth.py OUTPUT
 
-Prints what is asked and what is measured, and leaves both pictures side by side as OUTPUT/cornell_box.jpg. The exit
-status is 1 where a figure misses. Three to six minutes on two cores.
+Prints limits and measured figures, and writes both pictures side by side to OUTPUT/cornell_box.jpg. The exit status is
+1 if a figure exceeds its limit. Three to six minutes on two cores.
 
-Both render 31 wavelengths twice, with other random numbers, so that the noise of each is known: half of the difference
-of the two, where their mean is taken.
+Both render 31 wavelengths twice, with different random numbers, to determine the noise of their means: half of the
+difference of the two.
 """
 
 import os
@@ -23,12 +23,12 @@ import cornell_box as box
 import cornell_mitsuba
 from lensfield import addon
 from lensfield.engine import SpectralImage
-from lensfield.engine.image.preview import auto_exposure, to_rec709
+from lensfield.engine.pictures.preview import auto_exposure, to_rec709
 from lensfield.engine.spectral.colour import encode_srgb
 
 WAVELENGTHS_NM = np.linspace(400, 700, 31)
-SIDE_PX, BLOCKS = 48, 6  # so that a block is 8 x 8 px
-SAMPLES = 1024  # for each pixel, in each of the two renders; a square, as Mitsuba's sampler likes it
+SIDE_PX, BLOCKS = 48, 6  # a block is 8 x 8 px
+SAMPLES = 1024  # for each pixel, in each of the two renders; a square number, which Mitsuba's sampler prefers
 SEEDS = 1, 2
 MEAN_TOLERANCE, BLOCK_TOLERANCE = 0.003, 0.03
 ENLARGED, GAP_PX = 7, 8
@@ -43,8 +43,8 @@ class Measured:
 
     @classmethod
     def of(cls, first, second):
-        one, other = box.block_means(first, BLOCKS), box.block_means(second, BLOCKS)
-        return cls((first + second) / 2, relative(one, other) / 2)
+        means, other_means = box.block_means(first, BLOCKS), box.block_means(second, BLOCKS)
+        return cls((first + second) / 2, relative(means, other_means) / 2)
 
 
 def relative(value, truth):
@@ -79,7 +79,7 @@ def compare(ours, truth):
     print(f"8x8 blocks: differences {100 * rms(blocks):.2f} % RMS; noise {100 * noise[0]:.2f} % (Lensfield) and "
           f"{100 * noise[1]:.2f} % (Mitsuba), together {100 * np.hypot(*noise):.2f} %")
     return all([met("means of the frame", frame, MEAN_TOLERANCE),
-                met("means of its lower half, where no lamp is seen", lower_half, MEAN_TOLERANCE),
+                met("means of its lower half, without the lamp", lower_half, MEAN_TOLERANCE),
                 met("8x8 blocks", blocks, BLOCK_TOLERANCE)])
 
 
@@ -88,17 +88,17 @@ def rms(values):
 
 
 def met(what, differences, tolerance):
-    """Print asked and measured; returns whether it is met."""
+    """Print the limit and the measured figure; returns whether the limit is met."""
     worst = np.abs(differences).max()
-    print(f"{what}: asked {100 * tolerance:g} %, measured {100 * worst:.3f} % at worst"
+    print(f"{what}: limit {100 * tolerance:g} %, measured {100 * worst:.3f} % at worst"
           f"{'' if worst <= tolerance else '   MISSED'}")
     return worst <= tolerance
 
 
 def write_picture(cubes, path):
-    """The cubes side by side as they look, exposed alike."""
+    """Write the cubes side by side in colour, with the same exposure."""
     linear = [to_rec709(SpectralImage(cube, WAVELENGTHS_NM, pitch_um=1)) for cube in cubes]
-    exposure = auto_exposure(linear[0][SIDE_PX // 2:])  # by the floor, not the lamp
+    exposure = auto_exposure(linear[0][SIDE_PX // 2:])  # for the floor, not the lamp
     large = [np.kron(encode_srgb(picture * exposure), np.ones((ENLARGED, ENLARGED, 1))) for picture in linear]
     gap = np.ones((len(large[0]), GAP_PX, 3))
     sheet = np.concatenate([large[0], gap, large[1]], axis=1)

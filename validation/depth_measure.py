@@ -1,12 +1,12 @@
-"""Errors of noisy pictures against a noisy truth, with the noise taken out: pictures are arrays (seed, row, column)."""
+"""Errors of noisy pictures against a noisy reference, corrected for noise: pictures are arrays (seed, row, column)."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import gaussian_filter, maximum_filter
 
-LAMPS, REACH_PX = 4.0, 13  # times the mean light: what is so bright, and a square's side around it that counts as that
-EDGES = 0.2  # of the rest: where the picture is steepest
+LAMPS, REACH_PX = 4.0, 13  # brightness of lamps over the mean, and side of the square around them that counts as lamps
+EDGES = 0.2  # share of the rest that counts as edges, the steepest part
 
 
 @dataclass(frozen=True)
@@ -16,9 +16,9 @@ class Errors:
     Attributes
     ----------
     l1_bias, l2_bias : float
-        That would be left, were there no noise.
+        Without noise.
     l1, l2 : float
-        Of one picture with its noise.
+        Of one picture, including its noise.
     """
 
     l1_bias: float
@@ -28,9 +28,10 @@ class Errors:
 
 
 def errors(pictures, truths, where=...):
-    """The Errors of pictures; where a mask is given, of what is in it.
+    """The Errors of pictures, within a mask if one is given.
 
-    The noise of means comes from what seeds differ by. Squares lose it exactly; absolute values as if it were Gaussian.
+    The noise of means is estimated from the differences of seeds. It is subtracted exactly from squares, and from
+    absolute values as if it were Gaussian.
     """
     pictures, truths = pictures[:, where], truths[:, where]
     truth, mean = truths.mean(axis=0), pictures.mean(axis=0)
@@ -50,23 +51,23 @@ def variance_of_mean(pictures):
 
 
 def halves(pictures):
-    """Half the difference of the means of half the seeds and the others: noise like that of the mean of all."""
+    """Half the difference between the means of both halves of the seeds, with the same noise as the mean of all."""
     count = len(pictures) // 2
     return (pictures[:count].mean(axis=0) - pictures[count:2 * count].mean(axis=0)) / 2
 
 
 def root(square):
-    """Its root; of what noise has made negative the root with a minus."""
+    """The square root; for a square that is negative because of noise, minus the root of its absolute value."""
     return np.sign(square) * np.sqrt(np.abs(square))
 
 
 def lamps_of(truth):
-    """Where lamps and glints are, and the rims of their blur: mask (row, column)."""
+    """Mask (row, column) of lamps and glints, including the rims of their blur."""
     return maximum_filter(truth > LAMPS * truth.mean(), REACH_PX)
 
 
 def edges_of(truth):
-    """Where a picture is steep, but for lamps and their rims: mask (row, column)."""
+    """Mask (row, column) of a picture's edges, except lamps and their rims."""
     bright = lamps_of(truth)
     smooth = gaussian_filter(truth, 1.0)
     steep = np.hypot(*np.gradient(smooth)) / np.maximum(gaussian_filter(truth, 6.0), 1e-3 * truth.mean())

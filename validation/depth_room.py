@@ -1,9 +1,9 @@
-"""A lit room with depth: everything that is hard for a lens image made of layers, from half a metre away to outdoors.
+"""A lit room with depth: all the difficulties of a lens image from layers, from half a metre away to outdoors.
 
-The camera stands at the origin and looks along -z; it is meant to be focused 2 m away. A floor slants through the
-focus, a beam, which is a closed body, lies across it; before it are leaves with needle points, blades of grass that end
-in nothing, bars of three widths, hairs and a glossy ball; behind it hairs, a pillar, a wall with a window, and lamps in
-the room and outdoors.
+The camera is at the origin, looks along -z, and should be focused at 2 m. A floor slants through the focus, and a beam,
+a closed body, crosses it. In front of it are leaves with sharp points, blades of grass that taper to nothing, bars of
+three widths, hairs and a glossy ball. Behind it are hairs, a pillar, a wall with a window, and lamps in the room and
+outdoors.
 """
 
 import bpy
@@ -11,7 +11,7 @@ import numpy as np
 
 FOCUS_M = 2.0
 BARS = (0.068, 0.0030), (0.092, 0.0015), (0.113, 0.0004)
-"""Where the bars before the focus are, and how wide, in metres."""
+"""Positions and widths of the bars in front of the focus, in metres."""
 BARS_M, CITY_M, STRING_M = 0.85, 25.0, 4.5
 
 
@@ -22,8 +22,8 @@ def build_room():
     _set_cycles(scene)
     _add_camera_and_sky(scene)
     _add_room(scene)
-    _add_what_is_in_focus(scene)
-    _add_what_is_near(scene, np.random.default_rng(4))
+    _add_focused_objects(scene)
+    _add_near_objects(scene, np.random.default_rng(4))
     _add_lamps(scene)
     return scene
 
@@ -64,18 +64,18 @@ def _add_room(scene):
     hairs(scene, "Hairs behind", (-0.15, 0.05), (0.02, 0.2), 2.7, 7, 0.0012, np.random.default_rng(7))
 
 
-def _add_what_is_in_focus(scene):
+def _add_focused_objects(scene):
     ball = material("Ball", chequer((0.8, 0.1, 0.08), (0.8, 0.75, 0.7), 30), glossy=0.3, roughness=0.15)
     add_ball(scene, "Ball", (0.105, -0.08, -2.0), 0.09, ball)
     card = material("Card", noise((0.03, 0.03, 0.04), (0.85, 0.85, 0.8), 60))
     quads(scene, "Card", [facing(-0.29, -0.16, 0.03, 0.16, FOCUS_M)], card)
-    # from 1.45 to 2.9 m, through the focus: a closed body, which no border of layers should open
+    # from 1.45 to 2.9 m, through the focus: a closed body, which borders of layers must not open
     beam = material("Beam", chequer((0.1, 0.3, 0.7), (0.7, 0.7, 0.3), 45))
     add_box(scene, "Beam", (-0.17, -0.105, -2.1), (0.05, 0.05, 0.75), (0, -0.22, 0), beam)
     hairs(scene, "Hairs", (-0.02, 0.06), (-0.15, 0.17), 1.7, 5, 0.0006, np.random.default_rng(5))
 
 
-def _add_what_is_near(scene, random):
+def _add_near_objects(scene, random):
     steel = material("Steel", (0.2, 0.2, 0.2), glossy=0.8, roughness=0.2)
     add_ball(scene, "Steel", (-0.05, -0.095, -1.15), 0.045, steel)
     leaf = material("Leaf", noise((0.05, 0.25, 0.03), (0.3, 0.5, 0.1), 40))
@@ -111,7 +111,7 @@ def _add_lamps(scene):
 
 
 def hairs(scene, name, between_x, between_y, distance_m, count, width_m, random):
-    """Bent strips of one width, that ends in a point."""
+    """Bent strips of constant width that taper to a point at the end."""
     along = np.linspace(0, 1, 13)
     hair = material(name, (0.1, 0.05, 0.03))
     for x in np.linspace(*between_x, count):
@@ -122,7 +122,7 @@ def hairs(scene, name, between_x, between_y, distance_m, count, width_m, random)
 
 
 def facing(x0, x1, y0, y1, distance_m):
-    """Corners of a rectangle that faces the camera."""
+    """Corners of a rectangle facing the camera."""
     return [(x0, y0, -distance_m), (x1, y0, -distance_m), (x1, y1, -distance_m), (x0, y1, -distance_m)]
 
 
@@ -133,7 +133,7 @@ def quads(scene, name, corners, shade):
 
 
 def strip(scene, name, middle, half, side, shade):
-    """A strip along places (place, 3), so wide to either side of them."""
+    """A strip along points (point, 3), with the width `half` on either side."""
     offset = half[:, None] * np.asarray(side, dtype=float)
     vertices = np.stack([middle + offset, middle - offset], axis=1).reshape(-1, 3)
     first = 2 * np.arange(len(middle) - 1)[:, None]
@@ -141,7 +141,7 @@ def strip(scene, name, middle, half, side, shade):
 
 
 def discs(scene, name, places, radius_m, colour, strength, corners=16):
-    """Flat round lamps that the camera alone sees, at places (x, y, distance)."""
+    """Flat round lamps at positions (x, y, distance), visible only to the camera."""
     angle = 2 * np.pi * np.arange(corners) / corners
     rim = radius_m * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
     vertices = (np.array(places)[:, None] * (1, 1, -1) + rim).reshape(-1, 3)
@@ -163,34 +163,34 @@ def add_box(scene, name, place, half_sizes_m, turn, shade):
 
 
 def _named(name, shade):
-    made = bpy.context.object
-    made.name = name
-    made.data.materials.append(shade)
-    return made
+    created = bpy.context.object
+    created.name = name
+    created.data.materials.append(shade)
+    return created
 
 
 def add_mesh(scene, name, vertices, faces, shade):
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata(np.asarray(vertices, dtype=float).tolist(), [], np.asarray(faces).tolist())
     mesh.materials.append(shade)
-    made = bpy.data.objects.new(name, mesh)
-    scene.collection.objects.link(made)
-    return made
+    created = bpy.data.objects.new(name, mesh)
+    scene.collection.objects.link(created)
+    return created
 
 
 def glow(name, colour, strength):
-    """A lamp's material: seen, but not sampled."""
-    made, nodes, links = _blank(name)
+    """A lamp's material: visible, but not sampled."""
+    lamp, nodes, links = _blank(name)
     shader = nodes.new("ShaderNodeEmission")
     shader.inputs["Color"].default_value, shader.inputs["Strength"].default_value = (*colour, 1), strength
     links.new(shader.outputs[0], nodes["Output"].inputs["Surface"])
-    made.cycles.emission_sampling = "NONE"
-    return made
+    lamp.cycles.emission_sampling = "NONE"
+    return lamp
 
 
 def material(name, colour, glossy=0.0, roughness=0.5):
-    """A diffuse material of a colour, or of a function that adds a texture to its nodes; and a share of gloss."""
-    made, nodes, links = _blank(name)
+    """A diffuse material with a colour, or a function that adds a texture to its nodes, and a share of gloss."""
+    created, nodes, links = _blank(name)
     shader = diffuse = nodes.new("ShaderNodeBsdfDiffuse")
     if glossy:
         gloss, shader = nodes.new("ShaderNodeBsdfAnisotropic"), nodes.new("ShaderNodeMixShader")
@@ -204,11 +204,11 @@ def material(name, colour, glossy=0.0, roughness=0.5):
         links.new(colour(nodes, links), diffuse.inputs["Color"])
     else:
         diffuse.inputs["Color"].default_value = (*colour, 1)
-    return made
+    return created
 
 
 def chequer(one, other, scale):
-    """Squares of two colours, over places in the world."""
+    """Squares of two colours, in world coordinates."""
     def add(nodes, links):
         texture = nodes.new("ShaderNodeTexChecker")
         texture.inputs["Color1"].default_value, texture.inputs["Color2"].default_value = (*one, 1), (*other, 1)
@@ -220,7 +220,7 @@ def chequer(one, other, scale):
 
 
 def noise(one, other, scale):
-    """Noise between two colours, over places in the world."""
+    """Noise between two colours, in world coordinates."""
     def add(nodes, links):
         texture, ramp = nodes.new("ShaderNodeTexNoise"), nodes.new("ShaderNodeValToRGB")
         texture.inputs["Scale"].default_value, texture.inputs["Detail"].default_value = scale, 6
@@ -234,7 +234,7 @@ def noise(one, other, scale):
 
 
 def _place(nodes, links):
-    """The place in the world, shifted so that no face lies on a border of squares."""
+    """World coordinates, shifted to keep faces off the borders of squares."""
     place, shift = nodes.new("ShaderNodeNewGeometry"), nodes.new("ShaderNodeVectorMath")
     shift.inputs[1].default_value = 0.0137, 0.0171, 0.0091
     links.new(place.outputs["Position"], shift.inputs[0])
@@ -242,9 +242,9 @@ def _place(nodes, links):
 
 
 def _blank(name):
-    made = bpy.data.materials.new(name)
-    made.use_nodes = True
-    nodes = made.node_tree.nodes
+    blank = bpy.data.materials.new(name)
+    blank.use_nodes = True
+    nodes = blank.node_tree.nodes
     nodes.clear()
     nodes.new("ShaderNodeOutputMaterial").name = "Output"
-    return made, nodes, made.node_tree.links
+    return blank, nodes, blank.node_tree.links

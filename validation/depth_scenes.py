@@ -1,4 +1,4 @@
-"""Plain scenes that each show one thing of depth: a floor through the focus, a closed body, and lamps near and far."""
+"""Simple scenes that each test one aspect of depth: a floor through the focus, a closed body, lamps near and far."""
 
 import numpy as np
 
@@ -7,13 +7,13 @@ from depth_room import FOCUS_M, add_box, add_mesh, chequer, discs, facing, mater
 
 FLOOR_BEGINS_M, FLOOR_ENDS_M = 0.8, 40.0
 LAMPS_M = 0.7, 4.5, 25.0
-LAMP_PX = 3.0  # across: little beside its blur
+LAMP_PX = 3.0  # across: small compared with its blur
 
 
 def floor_scene(lens):
-    """A chequered floor that fills the picture, from before the focus to far behind it, and glows evenly.
+    """A chequered floor that fills the picture, from in front of the focus to far behind it, and glows evenly.
 
-    Its slope is such that the focus lies in the middle of the picture, whatever the lens.
+    Its slope puts the focus in the middle of the picture for every lens.
     """
     scene = truth_scenes.empty_scene()
     up = lens.sensor_mm[1] / lens.capture_focal_length_mm  # tangent over all of the picture
@@ -28,8 +28,7 @@ def floor_scene(lens):
 
 
 def body_scene(lens):
-    """A long box across the focus, dark inside, in the light of an even sky; bars stand before it, so that borders of
-    layers cut it."""
+    """A long box through the focus, dark inside, in even light. Bars in front of it make borders of layers cut it."""
     scene = truth_scenes.empty_scene()
     truth_scenes.set_even_light(scene, 1.0)
     scene.cycles.max_bounces, scene.cycles.diffuse_bounces = 1, 1
@@ -56,11 +55,11 @@ def lamp_scene(lens, pitch_mm, distance_m):
 
 
 def glowing_chequer(squares):
-    """Squares of light by the direction from the camera: as many over a unit of the tangent at any depth."""
-    made = truth_scenes.glow("Floor")
-    nodes, links = made.node_tree.nodes, made.node_tree.links
+    """Squares of light by direction from the camera: the same number per unit of tangent at any depth."""
+    floor = truth_scenes.glow("Floor")
+    nodes, links = floor.node_tree.nodes, floor.node_tree.links
     shader = next(node for node in nodes if node.bl_idname == "ShaderNodeEmission")
-    made.lensfield.emission = ""
+    floor.lensfield.emission = ""
     place, split, texture = (nodes.new(f"ShaderNode{kind}") for kind in ("NewGeometry", "SeparateXYZ", "TexChecker"))
     over, shift = nodes.new("ShaderNodeVectorMath"), nodes.new("ShaderNodeVectorMath")
     over.operation, shift.inputs[1].default_value = "DIVIDE", (0.0137, 0.0171, 0.3 / squares)
@@ -73,4 +72,4 @@ def glowing_chequer(squares):
     links.new(over.outputs[0], shift.inputs[0])
     links.new(shift.outputs[0], texture.inputs["Vector"])
     links.new(texture.outputs["Color"], shader.inputs["Color"])
-    return made
+    return floor

@@ -1,7 +1,7 @@
-"""Pictures through the traced lens (`addon/scene/traced_camera.py`), whole or of a patch, and their seconds.
+"""Pictures through the traced lens (`addon/scene/traced_camera.py`), of the full frame or a patch, and their seconds.
 
-It knows geometry and vignetting, at every depth; it knows no diffraction. So it is the truth that lens data are held
-against where aberrations rule, and what somebody would use instead of them.
+It includes geometry and vignetting at every depth, but not diffraction. It is therefore the reference for lens data
+where aberrations dominate, and the alternative to them.
 """
 
 import time
@@ -14,10 +14,10 @@ from lensfield.addon import render_through_lens
 from lensfield.addon.scene.render_state import guard_region
 from lensfield.addon.scene.undo import Journal
 from lensfield.commands.terminal import quiet
-from lensfield.engine.files import temporary_folder
-from lensfield.engine.image.spectral_exr import read_exr
+from lensfield.engine.pictures.spectral_exr import read_exr
+from lensfield.engine.runtime.files import temporary_folder
 
-WHOLE = slice(None), slice(None)
+FULL_FRAME = slice(None), slice(None)
 
 
 def photograph(scene, lens, wavelength_nm, frame_px, *, samples, seed=0, part=None):
@@ -32,16 +32,16 @@ def photograph(scene, lens, wavelength_nm, frame_px, *, samples, seed=0, part=No
         Rows and columns that fit the lens's sensor.
     samples : int
     seed : int
-        Beyond the scene's own.
+        Added to the scene's seed.
     part : (slice, slice), optional
-        Rows and columns of the frame that alone are rendered.
+        Rows and columns of the frame to render; the full frame by default.
 
     Returns
     -------
     picture : array (row, column), W m^-2 nm^-1
-        Of the part.
+        Irradiance of the part.
     seconds : array (2,)
-        Of all cores together, and by the clock, that Blender's render took.
+        Duration of Blender's render: summed over all cores, and by the clock.
     """
     render, cycles = scene.render, scene.cycles
     with Journal() as journal, temporary_folder() as folder, _timed() as seconds:
@@ -50,15 +50,16 @@ def photograph(scene, lens, wavelength_nm, frame_px, *, samples, seed=0, part=No
             journal.set(owner, name, value)
         if part:
             guard_region(render, part, frame_px, journal)
-        with quiet(1):  # Blender says where it saves each pass
-            result = render_through_lens(scene, lens, [wavelength_nm], folder, depth="traced")
+        with quiet(1):  # suppresses Blender's messages about saved passes
+            result = render_through_lens(scene, lens=lens, wavelengths_nm=[wavelength_nm], output_folder=folder,
+                                         depth="traced")
         picture = read_exr(result.irradiance).cube[0].astype(float)
-    return picture[part or WHOLE], np.diff(seconds, axis=0)[0]
+    return picture[part or FULL_FRAME], np.diff(seconds, axis=0)[0]
 
 
 @contextmanager
 def _timed():
-    """Gives a list of times before and after the render."""
+    """Yields a list that receives the times before and after the render."""
     times = []
 
     def note(*_):

@@ -1,13 +1,13 @@
-"""Scenes of known grey light for the traced lens and Lensfield alike: beads, a chequered plane, even light.
+"""Scenes of known grey light for the traced lens and for Lensfield: beads, a chequered plane, even light.
 
-All light is even from 380 to 780 nm, so that a strength of 1 is 1/400 W m^-2 sr^-1 nm^-1 at every wavelength.
+All spectra are constant from 380 to 780 nm, so a strength of 1 is 1/400 W m^-2 sr^-1 nm^-1 at every wavelength.
 """
 
 import bpy
 import numpy as np
 
 GREY = "380:1, 780:1"
-FAR_MM = 1e7  # stands for infinity: at 10 km a lens of 100 mm f/2 is out of focus by half a micrometre
+FAR_MM = 1e7  # represents infinity: at 10 km a lens of 100 mm f/2 is out of focus by half a micrometre
 
 
 def empty_scene():
@@ -22,7 +22,7 @@ def empty_scene():
     camera.data.clip_start, camera.data.clip_end = 1e-3, 1e-2 * FAR_MM
     scene.collection.objects.link(camera)
     scene.camera, scene.world = camera, bpy.data.worlds.new("World")
-    scene.world.use_nodes = True  # as all worlds do since 5.0
+    scene.world.use_nodes = True  # always true since 5.0
     set_even_light(scene, 0.0)
     return scene
 
@@ -42,16 +42,16 @@ def object_plane_mm(lens):
 
 
 def place_in_scene(lens, paraxial_mm, distance_mm):
-    """Where in Blender, in metres, lies what has its ideal image here: array (…, 3) of (…, 2), in mm."""
+    """Points in Blender, in metres, from their ideal images in mm: array (…, 3) from (…, 2)."""
     scale = distance_mm / lens.capture_focal_length_mm
     depth = np.full((*np.shape(paraxial_mm)[:-1], 1), -distance_mm)
     return np.concatenate([scale * np.asarray(paraxial_mm), depth], axis=-1) * 1e-3
 
 
 def add_beads(scene, lens, paraxial_mm, radius_um, distance_mm=None, corners=32):
-    """Flat round lights of strength 1, whose ideal images lie at (bead, 2) mm; in the object plane by default.
+    """Flat round lights of strength 1 with ideal images at (bead, 2) mm; in the object plane by default.
 
-    Their area is that of a circle of this radius in the ideal image.
+    Their area equals the area of a circle with this radius in the ideal image.
     """
     distance_mm = distance_mm or object_plane_mm(lens)
     angles = 2 * np.pi * np.arange(corners) / corners
@@ -82,7 +82,7 @@ def add_mesh(scene, name, vertices, faces, material):
 
 
 def glow(name):
-    """A grey light of strength 1, seen but not sampled."""
+    """A grey light of strength 1, visible but not sampled."""
     material = bpy.data.materials.new(name)
     material.use_nodes = True
     material.node_tree.nodes.clear()

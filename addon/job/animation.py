@@ -1,68 +1,80 @@
-"""Several frames of a scene: those that are there already stay, the others are rendered one after the other."""
+"""Several frames of a scene: finished frames stay, the others are rendered one after the other."""
 
 import time
 from contextlib import contextmanager
 
-from ...engine.errors import InputError
-from ...engine.files import stamp_of
-from ...engine.image.depth_range import TRACED
-from ...engine.locks import Busy, only_maker
-from ...engine.report import together
+from ...engine.depth.depth_range import TRACED
+from ...engine.runtime.build_identity import is_accepted, other_builds_line
+from ...engine.runtime.errors import InputError, one_line
+from ...engine.runtime.files import stamp_of
+from ...engine.runtime.locks import Busy, only_maker
+from ...engine.simulation.report import together
 from ..scene.compositor import fingerprint_anew, lay_into_compositor
 from ..scene.errors import SceneError
 from ..scene.fingerprint import comparable
+from ..scene.requirements import check_scene
 from ..scene.still import moving, rings_animated
-from .job import folder_for
+from .job import check_output_folder, folder_for
 from .kept_passes import forget_passes
 from .one_capture import OneCapture
 from .record import read_record
-from .render import Result, job_of_frame, render_steps, run
+from .render import job_of_frame, render_steps, run
+from .result import Result
 
-WAIT_S = 0.5  # between two looks for frames that other processes are at
+UNKNOWN = "unknown"  # the build of a frame whose record is older than build identities
+WAIT_S = 0.5  # between checks of frames that other processes are rendering
 
 
 class Animation:
-    """Frames of a scene, to be rendered one by one where they are not there yet.
+    """Frames of a scene, rendered one by one unless they are finished.
 
     Parameters
     ----------
     scene : bpy.types.Scene
     frames : iterable of int, optional
-        Ascending; those of the scene's own range and step by default.
+        Ascending; the scene's own range and step by default.
     overwrite : bool
-        Render frames anew that are there already.
+        Render finished frames again.
+    any_build : bool
+        Accept finished frames from other builds of Lensfield; otherwise they are rendered again.
     wait : bool
-        Take a frame that another process is at as due until it is there, and render it if that process ends before.
-    asked : by name
-        What `render_through_lens` takes, but for the frame and the progress.
+        Wait for a frame that another process is rendering, and render it if that process ends without it.
+    given : by name
+        Fields of a `RenderRequest`, as in `render_through_lens`.
 
     Attributes
     ----------
     pending : list of int
         Frames to be rendered.
     earlier : dict of int: (Result, dict)
-        Files and record of those that are there, whole, and made by the same settings.
+        Files and record of the finished frames: complete, and rendered with the same settings.
     outdated : list of int
-        Those of them that are of the scene as it was before it was changed.
+        Finished frames that were rendered before the scene changed.
+    builds : dict of int: str
+        The builds that rendered the finished frames.
     elsewhere : list of int
-        Frames that another process was at when it was their turn.
+        Frames that another process was rendering at their turn.
     plan : str
-        Whether all that are pending are seen in one capture, or why not; "" where that does not matter.
+        Whether all pending frames share one capture, or why not; "" if irrelevant.
     results : dict of int: Result
-        What has been rendered.
+        The rendered frames.
 
     Raises
     ------
     InputError
-        What is asked for cannot be; of a frame, its number is told.
+        The request cannot be met; an error in a frame states the frame's number.
     """
 
-    def __init__(self, scene, frames=None, *, overwrite=False, wait=False, state=None, **asked):
-        self._scene, self._wait = scene, wait
-        self._asked = {"to_compositor": False} | asked | {"state": state or fingerprint_anew(scene)}
-        self._folder = folder_for(scene, asked.get("output_folder"))
-        self.pending, self.earlier, self.outdated, self.elsewhere, self.results = [], {}, [], [], {}
+    def __init__(self, scene, frames=None, *, overwrite=False, any_build=False, wait=False, state=None, **given):
+        self._scene, self._any_build, self._wait = scene, any_build, wait
         self._frames = list(own_frames(scene) if frames is None else frames)
+        check_scene(scene, frames=self._frames, **given)
+        self._given = given | {"state": state or fingerprint_anew(scene)}
+        if given.get("output_folder") is None:
+            check_output_folder(scene)
+        self._folder = folder_for(scene, given.get("output_folder"))
+        self.pending, self.earlier, self.outdated, self.elsewhere, self.results = [], {}, [], [], {}
+        self.builds = {}
         self._stamps = {}
         for frame in self._frames:
             self._stamps[frame] = stamp_of(self._result(frame).record)
@@ -74,14 +86,17 @@ class Animation:
         self.plan, self._one = self._planned(), None
 
     def _find(self, frame):
-        """Whether a frame is there, as it would be rendered now."""
+        """Whether a frame is finished, with the current settings."""
         result = self._result(frame)
-        if not result.record.is_file():  # without going to the frame, which may take long
+        if not result.record.is_file():  # checked first, because evaluating the frame may take long
             return False
         with _named(frame):
-            job = job_of_frame(self._scene, frame, **self._asked)
+            job = job_of_frame(self._scene, frame, **self._given)
         record = read_record(job, result)
         if record is None:
+            return False
+        self.builds[frame] = record.get("build", UNKNOWN)
+        if not is_accepted(self.builds[frame], self._any_build):
             return False
         self.earlier[frame] = result, record
         if comparable(record["state"]) and record["state"] != job.state:
@@ -90,19 +105,19 @@ class Animation:
 
     @property
     def turns(self):
-        """Frames as they are to be rendered: those that are pending, and at the end once more those that another
-        process was at, which may have been stopped; where they are waited for, until there are none."""
+        """Frames in rendering order: the pending ones, then again those that another process was rendering, in case it
+        was stopped; with `wait`, repeatedly until none is left."""
         yield from self.pending
         yield from list(self.elsewhere)
         while self._wait and self.elsewhere:
             time.sleep(WAIT_S)
             yield from list(self.elsewhere)
-        self._one = None  # it is large
+        self._one = None  # frees much memory
         if all(self._result(frame).record.is_file() for frame in self._frames):
             self._forget_passes()
 
     def render(self, frame, progress=None):
-        """Render a frame in its turn; its Result, or None where another process has rendered it, or is at it."""
+        """Render a frame in its turn; its Result, or None if another process has rendered it or is rendering it."""
         number, count = self.pending.index(frame), len(self.pending)
 
         def tell(fraction, label):
@@ -123,21 +138,21 @@ class Animation:
     def _render_alone(self, frame, tell):
         if not self._apart and self._one is None:
             tell(0.0, "Turning the lens as in all frames")
-            self._one = OneCapture(self._scene, self._frames, **self._asked)
-        job = job_of_frame(self._scene, frame, **self._asked)
+            self._one = OneCapture(self._scene, self._frames, **self._given)
+        job = job_of_frame(self._scene, frame, **self._given)
         return run(render_steps(self._scene, job, self._one if self._one and self._one.holds(job) else None), tell)
 
     def _result(self, frame):
         return Result.of(self._scene, self._folder, frame)
 
     def _forget_passes(self):
-        """Remove passes that are kept: of all frames at once, as some may be of one capture for all of them."""
+        """Remove the stored passes of all frames together, as some may come from a shared capture."""
         for frame in self._frames:
             forget_passes(self._scene, self._folder, frame)
 
     def _why_apart(self):
-        """Why each frame is to be captured by itself, in words; "" where one capture does."""
-        if (self._asked.get("depth") or self._scene.lensfield.depth.lower()) == TRACED:
+        """Why each frame needs its own capture, in words; "" if one capture serves all."""
+        if (self._given.get("depth") or self._scene.lensfield.depth.lower()) == TRACED:
             return "the lens is traced"
         return moving(self._scene, self._frames)
 
@@ -151,11 +166,11 @@ class Animation:
     @property
     def state(self):
         """The fingerprint of the scene."""
-        return self._asked["state"]
+        return self._given["state"]
 
     @property
     def current(self):
-        """Lens images of the frames that are there already and of the scene as it is: dict of int: Path."""
+        """Lens images of the finished frames that show the scene as it is now: dict of int: Path."""
         return {frame: result.lens_image for frame, (result, _) in self.earlier.items() if frame not in self.outdated}
 
     @property
@@ -166,17 +181,21 @@ class Animation:
 
     @property
     def beforehand(self):
-        """What is there and what is to be done, before it is: list of lines."""
+        """How many frames are finished and how many are pending, before the render: list of lines."""
         there = f"{len(self.earlier)} of {len(self._frames)} frames are there already: {len(self.pending)} to render"
-        return [*[there] * bool(self.earlier), *filter(None, [self.plan])]
+        return [*self._other_builds, *[there] * bool(self.earlier), *filter(None, [self.plan])]
+
+    @property
+    def _other_builds(self):
+        return other_builds_line(map(self.builds.get, self._frames), self._any_build, "rendered")
 
     @property
     def summary(self):
-        """How many frames there are of what kind: list of lines."""
+        """Counts of rendered, finished, outdated and other processes' frames: list of lines."""
         seconds, frames = sum(self.report.stages.values()), len(self.results)
         rendered = f"{frames} frame{'s' * (frames != 1)} in {seconds:.1f} s" if frames else "nothing to render"
         earlier = f"; {len(self.earlier)} there already" if self.earlier else ""
-        lines = [f"{rendered}{earlier}, in {self._folder}", *filter(None, [self.plan])]
+        lines = [f"{rendered}{earlier}, in {self._folder}", *filter(None, [self.plan]), *self._other_builds]
         if self.elsewhere:
             lines.append(f"left to other processes: {len(self.elsewhere)} of the frames, from {self.elsewhere[0]} on")
         if self.outdated:
@@ -186,28 +205,28 @@ class Animation:
 
     @property
     def told(self):
-        """What to tell of it: list of lines."""
+        """The summary, the plans and the remarks: list of lines."""
         plans = dict.fromkeys(result.report.scene.scene_plan for result in self.results.values())
         return [*self.summary, *plans, *self.report.remarks()]
 
 
-def render_animation(scene, frames=None, *, overwrite=False, progress=None, **asked):
+def render_animation(scene, frames=None, *, overwrite=False, any_build=False, progress=None, **given):
     """Render frames of a scene multispectrally and put them through a lens, one after the other.
 
-    Frames that are there already, whole and by the same settings, stay as they are, and those that another process
-    renders into the same folder are left to it. What the frames share is kept from
-    each to the next. An error leaves the frames before it.
+    Frames that are complete and have the same settings stay as they are, and frames that another process is rendering
+    into the same folder are left to it. Data that the frames share are cached from each to the next. After an error,
+    the frames before it remain.
 
     Parameters
     ----------
-    As of `Animation`; progress : callable (fraction, label), optional
+    As in `Animation`; progress : callable (fraction, label), optional
 
     Returns
     -------
     Animation
     """
-    animation = Animation(scene, frames, overwrite=overwrite, **asked)
-    if asked.get("to_compositor") and animation.current:
+    animation = Animation(scene, frames, overwrite=overwrite, any_build=any_build, **given)
+    if given.get("to_compositor") and animation.current:
         lay_into_compositor(scene, *animation.current.values(), fingerprint=animation.state)
     for frame in animation.turns:
         animation.render(frame, progress)
@@ -215,16 +234,18 @@ def render_animation(scene, frames=None, *, overwrite=False, progress=None, **as
 
 
 def own_frames(scene):
-    """The frames of a scene's own range, by its step."""
+    """The frames of a scene's own range and step."""
     return range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
 
 
 @contextmanager
 def _named(frame):
-    """Let errors tell the frame."""
+    """Add the frame's number to errors."""
     try:
         yield
     except InputError as error:
         raise error.at(f"frame {frame}: {error.where}") from None
-    except (OSError, MemoryError) as error:
+    except OSError as error:
+        raise SceneError(f"frame {frame}", "render", "stopped", one_line(error)) from None
+    except MemoryError as error:
         raise SceneError(f"frame {frame}", "render", "stopped", str(error) or "no memory left") from None

@@ -1,20 +1,23 @@
-"""Bands: which wavelengths ride in which Cycles pass. Red, green and blue carry one each, red the longest: so even in
-a single pass, colours that no spectrum stands for come out much like themselves. Each pass has wavelengths from end to
-end of the spectrum: so what Cycles judges by the mean of its three, clamps and noise, it judges alike in all passes."""
+"""Bands: the wavelengths of each Cycles pass.
+
+Red, green and blue carry one wavelength each, red the longest: even in a single pass, colours without a spectrum stay
+close to the original. Each pass spans the spectrum: Cycles applies clamps and judges noise by the mean of the three
+channels, and this mean is then comparable in all passes.
+"""
 
 import numpy as np
 
-CHANNELS = "BGR"  # in the order of their wavelengths
+CHANNELS = "BGR"  # by ascending wavelength
 WAVELENGTHS_PER_PASS = len(CHANNELS)
 
 
 def pass_count(wavelengths, per_pass=WAVELENGTHS_PER_PASS):
-    """Cycles passes that this number of wavelengths takes."""
+    """Number of Cycles passes for this number of wavelengths."""
     return -(-wavelengths // per_pass)
 
 
 def passes(wavelengths_nm, per_pass=WAVELENGTHS_PER_PASS):
-    """Wavelengths of each pass: three, or one in all three channels; a pass of less repeats its last wavelength.
+    """Wavelengths of each pass: three, or one in all three channels; a pass with fewer repeats its last wavelength.
 
     Returns
     -------

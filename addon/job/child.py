@@ -1,34 +1,36 @@
-"""A render in a process of its own: `lensfield render` on a copy of the file, so that nothing here is touched by it.
+"""A render in a child process: `lensfield render` on a copy of the file, which leaves this session untouched.
 
-The child (`commands/child.py`) is Blender itself in the background; in Blender's Python wheel: Python.
+The child (`commands/child.py`) is Blender in the background or, with Blender's Python wheel, Python.
 """
 
 import os
 import sys
 import tempfile
-from dataclasses import asdict
 from pathlib import Path
 
 import bpy
 import numpy as np
 
-from ...engine.files import remove_left_work, work_prefix
-from ...engine.image.depth_range import AUTO, TRACED
+from ...engine import Options
+from ...engine.depth.depth_range import AUTO, TRACED
 from ...engine.plan.options import TIER_ACCURACY
+from ...engine.runtime.files import remove_left_work, work_prefix
+from ...engine.spectral.wavelength_choice import SpectralOptions
+from ...request import ON, to_arguments
 from ..scene.errors import SceneError
-from ..scene.rings import iris_arguments, ring_arguments, rings_for, scene_iris
-from .job import UNSAVED_FOLDER
-from .refilter import applied_depth
+from ..scene.rings import ring_fields
+from .job import UNSAVED_FOLDER, folder_for
+from .refilter import applied_fields
 from .session import write_session
 
 PREVIEW_WAVELENGTHS = 7
-PREVIEW_ROOM = 0.12  # enough for each of the bundled lenses, after any other
+PREVIEW_ROOM = 0.12  # enough to switch from any bundled lens to any other
 EXTENSION = __package__.rsplit(".", 2)[0]
-SESSION = "session.npz"  # beside the copy
+SESSION = "session.npz"  # next to the copy
 
 
 def work_folder():
-    """A temporary folder for a copy and its child, marked as this process's."""
+    """A temporary folder for a copy and its child; its name marks it as this process's."""
     return tempfile.TemporaryDirectory(prefix=work_prefix(), dir=_beside_blenders_own(), ignore_cleanup_errors=True)
 
 
@@ -38,21 +40,21 @@ def sweep():
 
 
 def _beside_blenders_own():
-    return Path(bpy.app.tempdir).parent  # Blender empties its own as it loads the factory settings
+    return Path(bpy.app.tempdir).parent  # Blender empties its own folder when it loads the factory settings
 
 
 def save_copy(folder):
-    """Save the file as it is, unsaved edits included, into a folder; the path of the copy.
+    """Save the file as it is, with unsaved edits, into a folder; returns the path of the copy.
 
-    What a .blend does not hold of this session lies beside it (`session.py`).
+    Session state that a .blend cannot contain is saved next to the copy (`session.py`).
 
-    Everything stays as it was: the file's own path, what is unsaved, and the steps that can be undone. Simulations that
-    are cached on disk are found beside the copy too, by a link.
+    This session stays as it was: the file's path, its unsaved changes and the undo history. A link next to the copy
+    leads to simulations that are cached on disk.
 
     Raises
     ------
     SceneError
-        The copy cannot be saved, or the caches not be linked.
+        The copy cannot be saved, or the caches cannot be linked.
     """
     path = Path(folder) / (Path(bpy.data.filepath).name or "unsaved.blend")
     try:
@@ -60,7 +62,7 @@ def save_copy(folder):
     except RuntimeError as error:
         raise SceneError(path, "copy of the file", "not to be saved", str(error).strip()) from None
     write_session(path.with_name(SESSION))
-    caches = Path(bpy.data.filepath).parent / f"blendcache_{path.stem}"  # as Blender calls it
+    caches = Path(bpy.data.filepath).parent / f"blendcache_{path.stem}"  # Blender's name for it
     if bpy.data.filepath and caches.is_dir():
         _link(path.with_name(caches.name), caches)
     return path
@@ -69,69 +71,68 @@ def save_copy(folder):
 def _link(path, folder):
     try:
         path.symlink_to(folder, target_is_directory=True)
-    except OSError as error:  # some systems do not let everyone
+    except OSError as error:  # some systems require a privilege for links
         raise SceneError(folder, "simulation caches", "not to be linked",
                          f"bake them into the file instead ({error.strerror})") from None
 
 
-def render_command(copy, picture, *more):
-    """The command line that renders a copy by its scene's own settings, and shows the light so far in a picture.
+def render_command(copy, *more, **given):
+    """The command line that renders a copy by its scene's settings, except for the given fields of a RenderRequest.
 
     Parameters
     ----------
-    copy, picture : path
+    copy : path
     more : str
-        Arguments of `lensfield render`.
+        Further arguments of `lensfield render`.
+    given : by name
     """
-    return lensfield_command([*_render_copy(copy), "--end-with-stdin", "--picture", str(picture), *more])
+    return lensfield_command([*_render_copy(copy), "--end-with-stdin", *more,
+                              *to_arguments(output_folder=folder_for(bpy.context.scene), **given)])
 
 
 def _render_copy(copy):
-    """The arguments of `lensfield` that render a copy as if it were the file, and tell how far that is."""
+    """The arguments of `lensfield` that render a copy as if it were the file, and report progress."""
     return ["render", str(copy), "--session", str(Path(copy).with_name(SESSION)), "--beside",
             os.path.dirname(bpy.data.filepath) or str(UNSAVED_FOLDER), "--progress", "lines"]
 
 
 def apply_command(radiance, scene):
-    """The command line that puts kept radiance through the lens of a scene's settings, turned as its camera has it."""
-    settings, lens = scene.lensfield, scene.lensfield.lens_name_or_path()
-    options = (word for name, value in asdict(settings.to_options()).items() if value is not None
-               for word in ("--" + name.replace("_", "-"), str(value)))
-    return lensfield_command(["apply", str(radiance), "--lens", lens, "--view", settings.view.lower(),
-                              "--lens-quality", settings.to_spectral_options().tier, "--progress", "lines",
-                              "--depth", applied_depth(settings),
-                              "--end-with-stdin", *ring_arguments(rings_for(scene, lens)),
-                              *iris_arguments(scene_iris(scene, lens)), *options])
+    """The command line that puts stored radiance through a scene's lens, with its camera's focus and f-stop."""
+    return lensfield_command(["apply", str(radiance), "--progress", "lines", "--end-with-stdin",
+                              *to_arguments(**applied_fields(scene, scene.lensfield.to_request()))])
 
 
 def preview_arguments(scene, key, *, radiance=None, copy=None, size=None, samples=None):
-    """The arguments of `lensfield` for a preview: of a copy of the file, small, or of the light that one has kept.
+    """The arguments of `lensfield` for a preview: a small render of a copy of the file, or a preview's stored light.
 
     Parameters
     ----------
     scene : bpy.types.Scene
     key : (str, str, str, Rings, Iris or None)
-        Lens, view, what is done out of field, what the lens is turned to, and its blades.
+        Lens, view, treatment of the area outside the field, focus and f-stop, and blades.
     radiance : path, optional
-        The kept light.
-    copy, size, samples : path, (width, height) and int, where there is none
+        The stored light.
+    copy, size, samples : path, (width, height) and int
+        Required without `radiance`.
     """
     lens, view, out_of_field, rings, iris = key
-    asked = ["--lens", lens, "--view", view, "--out-of-field", out_of_field, "--accuracy",
-             str(TIER_ACCURACY["preview"]), "--lens-quality", "preview", *ring_arguments(rings), *iris_arguments(iris)]
+    given = {"lens": lens, "view": view, "lens_quality": "preview", "iris": iris, **ring_fields(rings),
+             "options": Options(accuracy=TIER_ACCURACY["preview"], out_of_field=out_of_field)}
     if radiance:
-        return ["apply", str(radiance), "--progress", "lines", *asked]
-    asked += ["--depth", AUTO] * (scene.lensfield.depth == TRACED.upper())  # which keeps no light for other lenses
-    nm = scene.lensfield.wavelengths_nm()
-    few = ",".join(f"{one:g}" for one in np.linspace(nm[0], nm[-1], min(len(nm), PREVIEW_WAVELENGTHS)))
-    return [*_render_copy(copy), *asked, "--resolution", "{}x{}".format(*size), "--samples", str(samples),
-            "--wavelengths", few, "--tier", "preview", "--denoise", "--unfit", "render", "--room", str(PREVIEW_ROOM),
-            "--output", str(Path(copy).parent)]
+        return ["apply", str(radiance), "--progress", "lines", *to_arguments(**given)]
+    settings = scene.lensfield
+    if settings.value_of("depth") == TRACED:  # which stores no light for other lenses
+        given["depth"] = AUTO
+    nm = settings.wavelengths_nm()
+    few = np.linspace(nm[0], nm[-1], min(len(nm), PREVIEW_WAVELENGTHS)).tolist()
+    return [*_render_copy(copy), "--resolution", "{}x{}".format(*size), "--samples", str(samples), *to_arguments(
+        **given, wavelengths_nm=tuple(few), spectral=SpectralOptions("preview"), denoise=ON, unfit="render",
+        room=PREVIEW_ROOM, output_folder=Path(copy).parent)]
 
 
 def lensfield_command(arguments):
-    """The command line of `lensfield` with these arguments, in another Blender like this one."""
+    """The command line of `lensfield` with these arguments, in another process of this Blender."""
     if not bpy.app.binary_path:  # the wheel
         return [sys.executable, "-c", f"from {EXTENSION}.cli import console; console()", *arguments]
-    scripts = "--disable-autoexec" if bpy.app.autoexec_fail else "--enable-autoexec"  # those that run here
+    scripts = "--disable-autoexec" if bpy.app.autoexec_fail else "--enable-autoexec"  # as in this session
     return [bpy.app.binary_path, "--background", "--addons", EXTENSION, scripts, "--command", "lensfield", *arguments]

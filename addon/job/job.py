@@ -1,5 +1,6 @@
-"""The job: what is asked for, by a scene's own settings and by whoever calls."""
+"""The job: a request with the values of the scene's settings and of the caller's arguments."""
 
+import ntpath
 import os
 import tempfile
 from dataclasses import dataclass
@@ -8,133 +9,130 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ...engine import Lens, Options
-from ...engine.depth.pencils import Iris
-from ...engine.errors import InputError
-from ...engine.image.depth_range import AUTO, TRACED
-from ...engine.spectral.wavelength_choice import SpectralOptions
+from ...engine import Lens
+from ...engine.depth.depth_range import OFF, TRACED
+from ...engine.runtime.errors import InputError
+from ...engine.runtime.inputs import note_who_names
+from ...engine.spectral.wavelength_choice import REFERENCE
+from ...request import BY_SCENE, ON, RING_FIELDS, RenderRequest
 from ..scene.rings import scene_iris, scene_lens
+from ..scene.trust import check_output
 from ..shading.assigned import LOADERS
 from .record import picture_settings
 
 UNSAVED_FOLDER = Path(tempfile.gettempdir()) / f"lensfield_unsaved_{os.getpid()}"
-"""In the place of a .blend's folder as long as there is none; it outlives Blender, as pictures should."""
+"""Replaces the .blend's folder until the .blend is saved; it outlives Blender, as pictures should."""
 
 
-@dataclass(frozen=True)
-class Job:
-    """One frame to be seen through a lens.
+@dataclass(frozen=True, kw_only=True)
+class Job(RenderRequest):
+    """One frame to be rendered through a lens: a request with all values decided by the scene.
 
     Attributes
     ----------
-    view_layer : str
-        The one to render; "" for the only one that is on for rendering.
-    denoise, clamp : bool
-        Whether Cycles denoises its passes, and whether the scene's clamps hold.
-    picture : Path, optional
-        A PNG that is to show, after each pass, the light so far, as a perfect pinhole sees it.
-    room : float
-        How much of the picture's longer side is captured beyond each of its edges, at the least, for other lenses.
-    settings : dict
-        What of the scene's render settings counts for the picture.
-    state : str
-        The scene's fingerprint; "" where nobody asked for it.
-    source : str
-        What tells the files apart that the scene is of, for passes to be kept; "" for none to be.
-    ring_words : tuple of str
-        What the lens's rings cannot do, a line each.
-    depth : str
-        One of DEPTHS.
+    lens : Lens
+        Focused and stopped down as in this frame.
+    wavelengths_nm : float64 array (wavelength,)
+    denoise : "on" or "off"
     iris : Iris or None
-        The blades that stop the lens down; None for a round stop.
+        Blades that stop the lens down; None for a round stop.
+    frame : int
+    clamp : bool
+        Whether the scene's clamps apply.
+    settings : dict
+        The scene's render settings that affect the picture.
+    lens_warning : str
+        The consequences of scaling the lens for this view; "" at its own size.
+    ring_words : tuple of str
+        A line for each setting of focus and f-stop that the lens does not have.
     others : tuple of Lens
-        That are to see the same capture: the lens, turned as in other frames.
+        Lenses that share the capture: this one, with the settings of other frames.
     """
 
-    lens: Lens
-    wavelengths_nm: np.ndarray
-    output_folder: Path
-    options: Options
-    spectral: SpectralOptions
-    unfit: str
     frame: int
-    view_layer: str
-    denoise: bool
     clamp: bool
-    to_compositor: bool
-    lens_warning: str = ""
-    picture: Path | None = None
-    room: float = 0.0
     settings: dict | None = None
-    state: str = ""
-    source: str = ""
+    lens_warning: str = ""
     ring_words: tuple[str, ...] = ()
-    depth: str = AUTO
-    iris: Iris | None = None
     others: tuple[Lens, ...] = ()
 
     @property
     def traced(self):
-        """Whether Cycles renders what the lens lays on its film, and not what a pinhole sees."""
+        """Whether Cycles renders the film behind the lens instead of a pinhole's view."""
         return self.depth == TRACED
 
+    @property
+    def denoises(self):
+        """Whether Cycles denoises its passes."""
+        return self.denoise == ON
 
-def job_from_settings(scene, *, lens=None, wavelengths_nm=None, output_folder=None, options=None, spectral=None,
-                      view=None, unfit=None, view_layer=None, denoise=None, to_compositor=None, picture=None,
-                      room=None, state="", source="", focus=None, f_number=None, focused_wide_open=None,
-                      lens_quality=None, depth=None, iris=None):
-    """The Job for the scene's current frame that its settings ask for, but for what is given.
+
+def job_of(scene, **given):
+    """The Job for the scene's current frame, by its settings except for the given fields of a RenderRequest.
 
     Raises
     ------
     InputError
-        What is asked for cannot be.
+        The lens, or a value of the settings, is not valid.
     """
-    settings = scene.lensfield
-    lens = settings.lens_name_or_path() if lens is None else lens
-    if not lens:
+    if isinstance(given.get("lens"), str | os.PathLike):
+        note_who_names(given["lens"], None)
+    request = scene.lensfield.to_request(**given)
+    if not request.lens:
         raise InputError("scene settings", "lens file", "empty", "choose a prescription or a lens package")
-    spectral = settings.to_spectral_options() if spectral is None else spectral
-    rings = {"focus": focus, "f_number": f_number, "focused_wide_open": focused_wide_open}
-    iris = scene_iris(scene, lens, iris, **rings)
-    lens, warning, words = scene_lens(scene, lens, settings.view.lower() if view is None else view,
-                                      lens_quality or spectral.tier, **rings)
-    return Job(
-        lens, settings.wavelengths_nm() if wavelengths_nm is None else np.asarray(wavelengths_nm, dtype=float),
-        folder_for(scene, output_folder),
-        settings.to_options() if options is None else options, spectral,
-        settings.unfit.lower() if unfit is None else unfit, scene.frame_current,
-        settings.view_layer if view_layer is None else view_layer,
-        settings.denoises(spectral) if denoise is None else denoise, spectral.tier != "reference",
-        settings.to_compositor if to_compositor is None else to_compositor, warning, picture, room or 0.0,
-        picture_settings(scene), state, source or "", words, settings.depth.lower() if depth is None else depth, iris)
+    rings = {name: getattr(request, name) for name in RING_FIELDS}
+    iris = scene_iris(scene, request.lens, request.iris, **rings)
+    quality = request.lens_quality or request.spectral.tier
+    lens, warning, words = scene_lens(scene, request.lens, request.view, quality, **rings)
+    decided = {"lens": lens, "iris": iris, "wavelengths_nm": np.array(request.wavelengths_nm),
+               "denoise": ON if denoises(scene, request) else OFF}
+    return Job(**vars(request) | decided, frame=scene.frame_current, clamp=request.spectral.tier != REFERENCE,
+               settings=picture_settings(scene), lens_warning=warning, ring_words=words)
+
+
+def denoises(scene, request):
+    """Whether Cycles denoises the passes of a request."""
+    if request.denoise == BY_SCENE:
+        return scene.cycles.use_denoising and request.spectral.tier != REFERENCE
+    return request.denoise == ON
 
 
 def folder_for(scene, output_folder=None):
-    """The folder to write to: the one given, or that of the settings; // is beside the .blend, or among the system's
-    temporary files as long as it is not saved."""
-    folder = scene.lensfield.output_folder if output_folder is None else str(output_folder)
+    """The folder to write to: the given one, or the one in the settings. // is the .blend's folder or, until the .blend
+    is saved, `UNSAVED_FOLDER`."""
+    folder = _native(scene.lensfield.output_folder) if output_folder is None else str(output_folder)
     if is_temporary(folder):
         return UNSAVED_FOLDER / folder.removeprefix("//")
     return Path(bpy.path.abspath(folder)).resolve()
 
 
+def _native(folder):
+    """A folder of the settings with this system's separators: Windows may have written it."""
+    return folder.replace("\\", "/") if folder.startswith("//") and os.name != "nt" else folder
+
+
 def is_temporary(folder):
-    """Whether a folder of the settings is beside a .blend that is nowhere yet."""
+    """Whether a folder of the settings is relative to a .blend that is not saved yet."""
     return folder.startswith("//") and not bpy.data.filepath
 
 
 def check_output_folder(scene):
-    """Raise an InputError unless the settings name a folder to write to."""
+    """Raise an InputError unless the settings name a folder to write to: below the .blend's, or chosen by the user."""
     folder = scene.lensfield.output_folder
     if not folder.strip():
         raise InputError("scene settings", "output folder", "empty", "give a folder for the files")
+    if folder.startswith("~") or (os.name != "nt" and ntpath.splitdrive(folder)[0][1:2] == ":"):
+        raise InputError("scene settings", "output folder", folder,
+                         "no folder of this system: give --output, or write the path out in the panel")
+    if not is_temporary(folder):
+        check_output(bpy.path.abspath(_native(folder)))
 
 
 def look_beside(folder):
-    """Let paths start from another folder than the .blend's, which is a copy of one there.
+    """Resolve relative paths from `folder`, where the .blend that this one is a copy of is stored.
 
-    These are in Lensfield's settings, and of geometry nodes' bakes: Blender sees to all others as it saves a copy.
+    This covers Lensfield's settings and the bakes of geometry nodes: Blender adapts all other paths when it saves a
+    copy.
 
     Parameters
     ----------
@@ -146,7 +144,7 @@ def look_beside(folder):
     for block in (*bpy.data.materials, *bpy.data.lights, *bpy.data.worlds):
         for field in LOADERS:
             path = os.path.join(folder, bpy.path.abspath(getattr(block.lensfield, field, ""), start=str(folder)))
-            if block.library is None and os.path.isfile(path):  # not the name of a library's spectrum, nor pairs
+            if block.library is None and os.path.isfile(path):  # neither a library spectrum's name nor pairs
                 setattr(block.lensfield, field, path)
     for modifier in (modifier for obj in bpy.data.objects for modifier in obj.modifiers if modifier.type == "NODES"):
         for owner, field in ((modifier, "bake_directory"), *((bake, "directory") for bake in modifier.bakes)):

@@ -1,7 +1,7 @@
-"""Passes that Cycles has rendered stay on disk until their frame is there: stopped, it goes on where it was.
+"""Finished Cycles passes stay on disk until their frame is complete: a stopped render resumes with them.
 
-They lie in the hidden folder beside the frame's files, each called by all that it follows from: the files that the
-scene was read from, what is asked, the code, Blender's version, and which part of the light it is.
+They are in the hidden folder next to the frame's files. Each name is a digest of everything that the pass depends on:
+the scene's source files, the request, the code, Blender's version, and the part of the light that it contains.
 """
 
 import json
@@ -12,17 +12,16 @@ from hashlib import blake2b
 
 import bpy
 
-from ...engine.cache import code_version
-from ...engine.errors import InputError
-from ...engine.files import discard, hidden_folder, move, note_going_on, remove
-from ...engine.locks import Busy, only_maker
-from ...engine.values import plain
+from ...engine.runtime.build_identity import build_identity
+from ...engine.runtime.errors import InputError
+from ...engine.runtime.files import discard, hidden_folder, matching, move, note_going_on, remove
+from ...engine.runtime.locks import Busy, only_maker
+from ...engine.runtime.values import plain
 from .light import read_pass
-from .record import asked_of
+from .record import recorded_fields
 from .steps import Work
 
-CODE = "../addon/job", "../addon/scene", "../addon/shading", "depth", "field", "image", "spectral"
-LEFT_FREE = 3  # times the radiance: for the frame's own files
+LEFT_FREE = 3  # in units of the radiance's size: disk space for the frame's own files
 WAIT_S = 0.5
 
 
@@ -33,33 +32,34 @@ class KeptPasses:
     ----------
     scene : bpy.types.Scene
     job : Job
-        Without a `source` nothing is kept.
+        Without a `source`, no passes are stored.
     radiance_bytes : int
-        How large the capture is. Passes are kept as long as the disk has room for them and for what follows.
+        Size of the capture. A pass is stored only if enough disk space remains for the frame's files.
     """
 
     def __init__(self, scene, job, radiance_bytes):
         self._folder, self._left_free_bytes = None, LEFT_FREE * radiance_bytes
         self._found, self._made = 0, 0
         of_frame = passes_folder(scene, job.output_folder, job.frame)
-        if job.source and not of_frame.is_symlink():  # as folders of strangers may have them
+        if job.source and not of_frame.is_symlink():  # an untrusted folder may contain links
             self._folder = of_frame / _digest(_facts(job))
-            for other in of_frame.glob("*"):
-                if other != self._folder or other.is_symlink():  # of what was asked for then
+            for other in matching(of_frame, "*"):
+                if other != self._folder or other.is_symlink():  # passes of another request
                     remove(other)
             note_going_on(of_frame)
 
     def planes(self, step, path, needed, *facts):
-        """Steps that render a pass, unless it is kept; returns its planes by name, those needed at least.
+        """Steps that render a pass, unless it is on disk; returns its planes by name.
 
         Parameters
         ----------
         step : RenderPass
         path : Path
-            That it renders to.
+            The file that the step writes.
         needed : collection of str
+            Names of planes that the pass must have.
         facts : values
-            By which it differs from the capture's other passes.
+            The values that distinguish it from the capture's other passes.
         """
         kept = self._folder and self._folder / f"{_digest(facts)}.exr"
         if kept and kept.is_file():
@@ -75,20 +75,20 @@ class KeptPasses:
 
     def _keep(self, path, needed, kept):
         planes = read_pass(path, needed)
-        with suppress(OSError, InputError):  # the render goes on without
+        with suppress(OSError, InputError):  # the render does not depend on the stored pass
             if kept and shutil.disk_usage(self._folder.parents[2]).free - path.stat().st_size > self._left_free_bytes:
                 move(path, kept)
         return planes
 
     @property
     def remarks(self):
-        """What to tell of them: list of lines."""
+        """Remarks for the report: list of lines."""
         count = self._found + self._made
         return [f"{self._found} of {count} passes were there from before the render was stopped"] * bool(self._found)
 
 
 def _read(kept, needed):
-    """The planes of a pass that is kept; None where it is damaged."""
+    """The planes of a stored pass; None if the file is damaged."""
     try:
         return read_pass(kept, needed)
     except (OSError, InputError):
@@ -96,8 +96,8 @@ def _read(kept, needed):
 
 
 def _facts(job):
-    return (job.source, job.state, job.frame, asked_of(job), [lens.digest.hex() for lens in job.others],
-            bpy.app.version_string, bpy.app.build_hash.decode(errors="replace"), code_version(*CODE))
+    return (job.source, job.state, job.frame, recorded_fields(job), [lens.digest.hex() for lens in job.others],
+            bpy.app.version_string, bpy.app.build_hash.decode(errors="replace"), build_identity())
 
 
 def _digest(facts):
@@ -105,13 +105,13 @@ def _digest(facts):
 
 
 def alone_with_passes(scene, job, stack):
-    """Steps that wait until no other process captures the frame, which would find its passes kept.
+    """Steps that wait until no other process captures the frame; its passes can then be reused.
 
     Parameters
     ----------
     scene, job
     stack : ExitStack
-        As long as it is open, others wait.
+        Other processes wait until it closes.
     """
     while job.source:
         try:
@@ -122,7 +122,7 @@ def alone_with_passes(scene, job, stack):
 
 
 def passes_folder(scene, folder, frame):
-    """Where a frame's passes are kept."""
+    """The folder for a frame's passes."""
     return hidden_folder(folder) / _name(scene, frame)
 
 
@@ -131,17 +131,17 @@ def _name(scene, frame):
 
 
 def forget_passes(scene, folder, frame):
-    """Remove the passes of a frame whose files are there."""
+    """Remove the passes of a frame whose files are complete."""
     remove(passes_folder(scene, folder, frame))
 
 
 def passes_left(scene, folder):
-    """What is kept of frames that are not there: list of lines."""
+    """Stored passes of unfinished frames: list of lines."""
     try:
         hidden = hidden_folder(folder)
-    except InputError:  # a link, of which the render itself has told
+    except InputError:  # a link, which the render itself has reported
         return []
-    folders = sorted(hidden.glob(f"{bpy.path.clean_name(scene.name)}_*_passes"))
-    counts = {kept: len(list(kept.glob("*/[!.]*.exr"))) for kept in folders}
+    folders = matching(hidden, f"{bpy.path.clean_name(scene.name)}_*_passes")
+    counts = {kept: len(matching(kept, "*/[!.]*.exr")) for kept in folders}
     return [f"{count} finished pass{'es are' if count > 1 else ' is'} kept in {kept}: a render goes on from there, "
             "unless the file changes" for kept, count in counts.items() if count]

@@ -1,21 +1,21 @@
-"""Layers: what slabs have shown, made into one layered radiance."""
+"""Layers: the light of all slabs, combined into one layered radiance."""
 
 import numpy as np
 from scipy.ndimage import binary_dilation, distance_transform_edt
 
-from ...engine.image.depth_range import BACKGROUND_MM, blur_per_nearness_px, planar_depth_mm
+from ...engine.depth.depth_range import BACKGROUND_MM, blur_per_nearness_px, planar_depth_mm
 from ...engine.image.layers import Layer, LayeredRadiance
-from ..scene.depth import M_TO_MM
+from ..scene.units import M_TO_MM
 
-SEAM_PX = 2.0  # of blur, within which what lies on both sides of a border is taken for one surface
+SEAM_PX = 2.0  # blur difference up to which the two sides of a border count as one surface
 
 
 def layered_radiance(lights, lens, capture, wavelengths_nm, exposure, others=()):
-    """The layers of what has been gathered, slab by slab.
+    """The layers of the gathered light, one for each slab.
 
-    Where a border cuts a surface, a pixel is covered in part by either slab. They lie side by side in it, though layers
-    that cover each other by chance would not: so the farther is made to cover all that the nearer leaves, and to go on
-    for a pixel behind it.
+    If a border cuts a surface, each of the two slabs covers a part of a pixel there. These parts are side by side,
+    unlike layers whose coverage is independent. So the farther layer is scaled to cover all that the nearer one leaves
+    open, and is extended by a pixel behind it.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ def layered_radiance(lights, lens, capture, wavelengths_nm, exposure, others=())
     wavelengths_nm : array
     exposure : float
     others : sequence of Lens
-        That are to see them, too: the lens, turned otherwise.
+        The lens at other settings, for the same layers.
 
     Returns
     -------
@@ -42,21 +42,21 @@ def layered_radiance(lights, lens, capture, wavelengths_nm, exposure, others=())
 
 
 class _Part:
-    """A layer in the making.
+    """A layer under construction.
 
     Attributes
     ----------
     slab : Slab
-    cube, alpha : arrays, that may be changed
+    cube, alpha : arrays, modified in place
     clip_mm : array (row, column)
-        Depths as the camera clips; wherever something is, one that is known.
+        Depths as the camera clips; known at every pixel with content.
     """
 
     def __init__(self, light):
         self.slab, self.cube, self.alpha = light.slab, light.radiance(), light.alpha
         self.clip_mm = light.depth_m * np.float32(M_TO_MM)
         unknown = self.clip_mm >= BACKGROUND_MM
-        if light.slab.transparent and unknown.all():  # nothing but what a depth pass looks through
+        if light.slab.transparent and unknown.all():  # only content that the depth pass ignores
             self.clip_mm[:] = 2 * M_TO_MM / (1 / light.slab.near_m + 1 / light.slab.far_m)
         elif light.slab.transparent:
             missed = unknown & ((self.alpha > 0) | self.cube.any(axis=0))
@@ -64,16 +64,16 @@ class _Part:
             self.clip_mm[missed] = self.clip_mm[tuple(nearest[:, missed])]
 
     def layer(self, lens, capture):
-        """The Layer, at the end."""
+        """The finished Layer."""
         whole_mm = np.full(capture.shape_px, np.inf, np.float32)
         whole_mm[self.slab.region] = self.clip_mm
         depth_mm = planar_depth_mm(whole_mm, lens, capture)[self.slab.region]
-        depth_mm = np.where(np.isnan(depth_mm), self.clip_mm, depth_mm)  # of a fisheye that sees sideways and back
+        depth_mm = np.where(np.isnan(depth_mm), self.clip_mm, depth_mm)  # NaN: a fisheye that sees sideways and back
         return Layer(self.cube, self.alpha, depth_mm, tuple(side.start for side in self.slab.region))
 
 
 def _close_seam(near, far, seam_per_mm):
-    """Let the farther of two slabs go on behind the nearer, where the border between them cuts a surface."""
+    """Extend the farther of two slabs behind the nearer, where the border between them cuts a surface."""
     common = [(max(one.start, other.start), min(one.stop, other.stop))
               for one, other in zip(near.slab.region, far.slab.region, strict=True)]
     if any(start >= stop for start, stop in common):

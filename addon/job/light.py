@@ -1,22 +1,23 @@
-"""Light: what Cycles has rendered, gathered pass by pass into radiance at the wavelengths asked for."""
+"""Light: Cycles passes, summed into radiance at the requested wavelengths."""
 
 import numpy as np
 
-from ...engine.errors import ImageError
-from ...engine.files import why_no_room
-from ...engine.image.spectral_exr import read_parts
-from ...engine.scratch import let_go, new_array
+from ...engine.pictures.spectral_exr import read_parts
+from ...engine.runtime.errors import ImageError
+from ...engine.runtime.files import file_status, why_no_room
+from ...engine.runtime.scratch import let_go, new_array
 from ..scene.errors import SceneError
+from ..scene.units import depth_pass_m
 from .bands import CHANNELS
 
-ROWS_AT_ONCE = 16  # which stay in the processor's cache
-BLOCK_PX = 8  # side of the blocks whose means are free enough of noise to judge spectra by
-MORE_BYTES = 1 << 20  # than a pass that is cut off: by trying to write so many it is told why
-RIM_PX = 1  # kept around what a slab holds
+ROWS_AT_ONCE = 16  # few enough to stay in the processor's cache
+BLOCK_PX = 8  # side of blocks whose means have little enough noise to judge spectra by
+MORE_BYTES = 1 << 20  # added to a truncated pass's size: a trial write of this much finds the cause
+RIM_PX = 1  # margin around a slab's content
 
 
 class GatheredLight:
-    """The radiance of one slab at the wavelengths asked for, summed up pass by pass.
+    """The radiance of one slab at the requested wavelengths, summed up pass by pass.
 
     Parameters
     ----------
@@ -27,34 +28,36 @@ class GatheredLight:
         Of the light groups.
     slab : Slab
     scratch : Path or None
-        A folder for the file that the radiance lies in; None for memory.
+        A folder for the radiance's scratch file; None for memory.
+    unit_m : float
+        Length of a Blender unit in metres.
 
     Attributes
     ----------
     slab : Slab
-        If it narrows, its region becomes, by the first pass, the part that holds something.
+        If it narrows, the first pass limits its region to the part with content.
     cube : float32 array (wavelength, row, column)
         Of the region.
     alpha, depth_m : float32 arrays (row, column)
-        As the last pass has them.
+        From the last pass.
     empty : bool
-        Whether the first pass has shown nothing at all.
+        Whether the first pass was empty.
     """
 
-    def __init__(self, plan, layer_name, group_names, slab, scratch):
-        self.slab, self._plan, self._scratch = slab, plan, scratch
+    def __init__(self, plan, layer_name, group_names, slab, scratch, unit_m):
+        self.slab, self._plan, self._scratch, self._unit_m = slab, plan, scratch, unit_m
         self._light_passes = [f"{layer_name}.Combined", *(f"{layer_name}.Combined_{name}" for name in group_names)]
         self._depth_pass = depth_pass(layer_name)
         self.cube, self.alpha, self.depth_m, self.empty, self._blocks = None, None, None, False, {}
 
     def is_spare(self, lights):
-        """Whether it may be left out, of lights from near to far: the first pass has shown nothing, or something nearer
-        hides it all. One is left in any case."""
+        """Whether it can be left out of `lights`, sorted from near to far: the first pass was empty, or a nearer slab
+        hides it completely. At least one always remains."""
         return (self.empty and self is not lights[-1]) or any(
             nearer.covers(self.slab.region) for nearer in lights[:lights.index(self)])
 
     def covers(self, region):
-        """Whether nothing is seen through it in a region of the capture."""
+        """Whether it is opaque all over a region of the capture."""
         part = tuple(slice(asked.start - own.start, asked.stop - own.start)
                      for asked, own in zip(region, self.slab.region, strict=True))
         return self.alpha is not None and all(
@@ -63,12 +66,12 @@ class GatheredLight:
 
     @property
     def planes(self):
-        """Names of the planes that a pass of it has to have: list of str; the first is its alpha."""
+        """Names of the planes that each of its passes must have: list of str; the first is alpha."""
         return [f"{self._light_passes[0]}.A", self._depth_pass,
                 *(f"{name}.{channel}" for name in self._light_passes for channel in CHANNELS)]
 
     def add(self, index, planes):
-        """Add a pass's light of each lamp in red, green and blue; and keep its depth and alpha."""
+        """Add a pass's light, of each lamp in red, green and blue, and store its depth and alpha."""
         alpha, _, *combined = self.planes[:2 + len(CHANNELS)]
         shape_px = tuple(part.stop - part.start for part in self.slab.region)
         if planes[alpha].shape != shape_px:
@@ -80,7 +83,7 @@ class GatheredLight:
                 planes = {name: plane[around] for name, plane in planes.items()}
                 self.slab, self.empty = self.slab.within(around), not held.any()
             self.cube = new_array((self._plan.choice.output_nm.size, *planes[alpha].shape), self._scratch)
-        self.depth_m, self.alpha = planes[self._depth_pass], planes[alpha]
+        self.depth_m, self.alpha = depth_pass_m(planes[self._depth_pass], self._unit_m), planes[alpha]
         mix = self._plan.mix(index)
         shares = (self._plan.shares(index) @ mix).astype(np.float32)
         channels = CHANNELS[:mix.shape[1]]
@@ -91,39 +94,39 @@ class GatheredLight:
             rows = slice(row, row + ROWS_AT_ONCE)
             light = np.stack([[planes[f"{name}.{channel}"][rows] for channel in channels]
                               for name in self._light_passes])
-            light[0] -= light[1:].sum(axis=0)  # what is left is in no group of ours
+            light[0] -= light[1:].sum(axis=0)  # leaves the light outside Lensfield's groups
             self.cube[:, rows] += np.tensordot(shares, light, axes=2)
         let_go(self.cube)
 
     def radiance(self):
-        """The sum of all passes: array (wavelength, row, column). No light is negative, though an estimate may be."""
+        """The sum of all passes: array (wavelength, row, column). Negative estimates become 0."""
         return np.maximum(self.cube, 0, out=self.cube)
 
     def blocks(self):
-        """Means over blocks of pixels, at the wavelengths that were rendered: array (node, block)."""
+        """Means over blocks of pixels, at the rendered wavelengths: array (node, block)."""
         return np.array([self._blocks[node].ravel() for node in sorted(self._blocks)])
 
 
 def read_pass(path, needed):
-    """The planes of a pass by name, those needed at least."""
+    """The planes of a pass by name; a SceneError if one of `needed` is missing."""
     try:
         planes = {name: plane for _, channels in read_parts(path) for name, plane in channels.items()}
-    except ImageError:  # it is cut off, or not there
+    except ImageError:  # truncated, or missing
         planes = {}
     if not planes.keys() >= set(needed):
-        there_bytes = path.stat().st_size if path.is_file() else 0
-        why = why_no_room(path.parent, there_bytes + MORE_BYTES)
+        status = file_status(path)
+        why = why_no_room(path.parent, (status.st_size if status else 0) + MORE_BYTES)
         raise SceneError(path, "render pass", "not written whole", why or "see Blender's messages above")
     return planes
 
 
 def depth_pass(layer_name):
-    """The plane of a view layer's depth."""
+    """The name of the plane with a view layer's depth."""
     return f"{layer_name}.Depth.Z"
 
 
 def _around(held):
-    """Rows and columns around all that is true, with a rim; those of one pixel, where nothing is."""
+    """Rows and columns of all true pixels, with a margin; a single pixel if none is true."""
     sides = []
     for axis in (1, 0):
         places = np.flatnonzero(held.any(axis=axis))
@@ -132,7 +135,7 @@ def _around(held):
 
 
 def _block_means(plane):
-    """Means of square blocks of a plane; what is left over at its ends counts for nothing."""
+    """Means of square blocks of a plane; incomplete blocks at its edges are ignored."""
     rows, columns = (max(n // BLOCK_PX, 1) for n in plane.shape)
     height, width = (min(n, BLOCK_PX) for n in plane.shape)
     blocks = plane[:rows * height, :columns * width].reshape(rows, height, columns, width)

@@ -1,4 +1,4 @@
-"""The files that a .blend names and nobody has chosen in this session: they are shown before any is looked at."""
+"""Files that a .blend names and the user has not chosen in this session: their paths are shown before any access."""
 
 import bpy
 
@@ -7,14 +7,14 @@ from ..scene.errors import SceneError
 from ..scene.trust import REMEDY, is_trusted, lies_beside, trust, trusts_all
 from ..shading.assigned import named_spectra
 
-FROM_FILE = "FILE"  # the lens of the settings that is none of the library's
+FROM_FILE = "FILE"  # the setting for a lens that is not from the library
 
 
 def named_files():
-    """What the .blend names that is not trusted: dict of path: what it is. No path is looked at.
+    """Untrusted paths that the .blend names: dict of path to kind. No path is accessed.
 
-    Lens data and spectra are read, wherever they are; pictures are written and looked for in folders, which is no risk
-    in the .blend's own.
+    Lens data and spectra are read from any path. Pictures are written to folders and looked up there, which is safe in
+    the .blend's own folder.
     """
     if trusts_all():
         return {}
@@ -31,12 +31,12 @@ def named_files():
 
 
 def check_named_files():
-    """Raise a SceneError where the .blend names a file that is not trusted."""
+    """Raise a SceneError if the .blend names an untrusted file."""
     for path, kind in named_files().items():
         raise SceneError("this file", kind, path, REMEDY)
 
 
 def trust_named_files():
-    """Trust all that the .blend names now."""
+    """Trust all paths that the .blend names now."""
     for path in named_files():
         trust(path)

@@ -1,45 +1,45 @@
-"""One capture for several frames: where nothing but focus and f-stop changes, the scene is rendered once. Each frame
-sees that through the lens as it is turned there."""
+"""One capture for several frames: if only focus and f-stop change, the scene is rendered once, and each frame puts that
+radiance through the lens at the frame's own setting."""
 
 from dataclasses import replace
 
 import numpy as np
 
 from ...engine.field.overscan import overscan_px
-from ...engine.files import link_or_copy
+from ...engine.runtime.files import link_or_copy
+from ...request import RING_FIELDS
 from ..scene.render_state import go_to_frame, turn_on_layer
 from ..scene.rings import scene_rings
 from ..scene.undo import Journal
 from .pictures import write_radiance
 from .radiance import capture
-from .record import asked_of
+from .record import recorded_fields
 from .remarks import scene_remarks
 from .render import job_of_frame
 
-RINGS = "focus", "f_number", "focused_wide_open"
-OF_LENS = "lens", "lens_digest", "iris"  # in what is asked of a picture
+OF_LENS = "lens", "lens_digest", "iris"  # the recorded fields that focus and f-stop change
 
 
 class OneCapture:
-    """What several frames are seen in, planned for all of them and rendered for the first that asks.
+    """The capture that several frames share: planned for all of them, and rendered with the first.
 
     Parameters
     ----------
     scene : bpy.types.Scene
     frames : ascending sequence of int
-        That differ in nothing but what the lens is turned to.
-    asked : by name
-        What `render_through_lens` takes, but for the frame and the progress.
+        Frames that differ only in the lens's focus and f-stop.
+    given : by name
+        Fields of a `RenderRequest`, as in `render_through_lens`.
     """
 
-    def __init__(self, scene, frames, **asked):
-        jobs = [job_of_frame(scene, frame, **asked) for frame in _ends(scene, frames, asked)]
-        first, *others = sorted(jobs, key=lambda job: -job.lens.capture_focal_length_mm)  # of the finest view
+    def __init__(self, scene, frames, **given):
+        jobs = [job_of_frame(scene, frame, **given) for frame in _ends(scene, frames, given)]
+        first, *others = sorted(jobs, key=lambda job: -job.lens.capture_focal_length_mm)  # finest view first
         self._job = replace(first, others=tuple(job.lens for job in others))
         self._captured, self._facts, self._file = None, None, None
 
     def holds(self, job):
-        """Whether a frame can be seen in it: another picture is not asked for, nor more than is captured."""
+        """Whether this capture serves a job: only the lens differs, and the overscan is large enough."""
         if job.traced or _but_for_lens(job) != _but_for_lens(self._job):
             return False
         grid = self._captured and self._captured.radiance.grid
@@ -47,19 +47,19 @@ class OneCapture:
             overscan_px(job.lens, grid, job.wavelengths_nm, 0), grid.overscan_px, strict=True))
 
     def capture(self, scene, job, result, share):
-        """Steps that do what `radiance.capture` does, for a frame that it holds."""
+        """Steps like those from `radiance.capture`, for a frame that this capture serves."""
         if self._captured is None:
             captured = yield from capture(scene, replace(self._job, picture=job.picture), result, share)
             radiance = captured.radiance
-            seen = replace(radiance, grid=replace(radiance.grid, focal_mm=radiance.focal_mm))  # by all of the lenses
+            seen = replace(radiance, grid=replace(radiance.grid, focal_mm=radiance.focal_mm))  # for all lenses
             self._captured, self._facts = replace(captured, radiance=seen), result.report.scene
-        result.report.scene = replace(
+        result.report.add(replace(
             self._facts, depth=self._captured.depth_check(job.lens), lens_warning=job.lens_warning,
-            scene_remarks=_remarks(scene, job) + self._captured.unlayered)
+            scene_remarks=(*_remarks(scene, job), *self._captured.remarks, *self._captured.scale_remarks(job.lens))))
         return self._captured
 
     def write_radiance(self, captured, path):
-        """Write what `pictures.write_radiance` does, once: for later frames the same file has another name."""
+        """Write the radiance once, by `pictures.write_radiance`; later frames link to that file, or copy it."""
         if self._file and self._file.is_file():
             link_or_copy(self._file, path)
         else:
@@ -67,22 +67,22 @@ class OneCapture:
             self._file = path
 
 
-def _ends(scene, frames, asked):
-    """Frames between whose focus distances and f-stops those of all others are: a sorted list."""
-    asked = {name: asked.get(name) for name in RINGS}
+def _ends(scene, frames, given):
+    """The frames with the extremes of focus distance and f-stop: sorted list."""
+    given = {name: given.get(name) for name in RING_FIELDS}
     with Journal() as journal:
         go_to_frame(scene, frames[0], journal)
         rings = {}
         for frame in frames:
             scene.frame_set(frame)
-            rings[frame] = scene_rings(scene, **asked)
+            rings[frame] = scene_rings(scene, **given)
     focus = {frame: np.inf if each.focus_mm is None else each.focus_mm for frame, each in rings.items()}
     f_number = {frame: each.f_number or 0.0 for frame, each in rings.items()}
     return sorted({end(frames, key=of.get) for of in (focus, f_number) for end in (min, max)})
 
 
 def _but_for_lens(job):
-    return {name: value for name, value in asked_of(job).items() if name not in OF_LENS}
+    return {name: value for name, value in recorded_fields(job).items() if name not in OF_LENS}
 
 
 def _remarks(scene, job):

@@ -1,4 +1,4 @@
-"""The pictures of a job: the lens image with its alpha, what compositors want beside it, and how it was before."""
+"""The pictures of a job: the lens image with its alpha, its planes for compositors, and the view without the lens."""
 
 from dataclasses import replace
 
@@ -8,29 +8,28 @@ from scipy.ndimage import affine_transform
 from ...engine import Kept, SpectralImage, simulate
 from ...engine.field.frame_planes import nearest_samples, relative_illumination
 from ...engine.field.stmap import distort_map, undistort_map
-from ...engine.files import stamp_of
 from ...engine.image.irradiance import irradiance_per_radiance
-from ...engine.image.preview import auto_exposure, to_rec709, write_png
-from ...engine.image.spectral_exr import write_exr, write_plane_exr, write_rgb_exr
-from ...engine.lens.curves import reference_nm
+from ...engine.inspection.curves import reference_nm
+from ...engine.pictures.preview import auto_exposure, to_rec709, write_png
+from ...engine.pictures.spectral_exr import write_exr, write_plane_exr, write_rgb_exr
+from ...engine.runtime.files import stamp_of
 from ...engine.spectral.colour import REC709_LUMINANCE, rec709_weights
 
 REGION = "region"  # the channel of Blender's render region
-_written = {}  # by path: of which lens and frame it is, and its stamp
-ALPHA_WAVELENGTHS = 3  # of the job's: edges of things are as coloured as their blur, but alpha is one number
+_written = {}  # by path: the lens and frame that it is for, and its stamp
+ALPHA_WAVELENGTHS = 3  # out of the job's: blur differs between wavelengths, but alpha is a single number
 
 
 def write_radiance(captured, path):
-    """The radiance, with depth, alpha and region of the capture beside it, and its layers: what another lens can be
-    applied to."""
+    """Write the radiance, with the capture's depth, alpha, region and layers: the input for another lens."""
     beside = {"Z": captured.depth_m, "A": captured.alpha, REGION: captured.region}
     write_exr(captured.radiance, path, {name: plane for name, plane in beside.items() if plane is not None},
               captured.layers)
 
 
 def write_pictures(captured, irradiance, lens, options, iris, result):
-    """The lens image and what lies beside it; and, exposed alike, the frame as a perfect pinhole and as the lens give
-    it.
+    """Write the lens image and its planes; and, at equal exposure, PNGs of the frame through a perfect pinhole and
+    through the lens.
 
     Parameters
     ----------
@@ -40,7 +39,7 @@ def write_pictures(captured, irradiance, lens, options, iris, result):
     options : Options
     iris : Iris or None
     result : Result
-        Whose files these are.
+        Names the files.
     """
     after, frame, nm = to_rec709(irradiance), irradiance.grid, reference_nm(lens)
     alpha = np.ones(frame.shape_px) if captured.alpha is None else alpha_through_lens(
@@ -54,7 +53,7 @@ def write_pictures(captured, irradiance, lens, options, iris, result):
 
 
 def pinhole_view(captured, lens):
-    """The frame as a pinhole of the lens's own focal length sees it, in linear Rec. 709: array (row, column, 3)."""
+    """The frame through a pinhole with the lens's focal length, in linear Rec. 709: array (row, column, 3)."""
     radiance, own_mm = captured.radiance, lens.capture_focal_length_mm
     scale = (radiance.grid.focal_mm or own_mm) / own_mm
     planes = np.moveaxis(to_rec709(radiance if scale != 1 else radiance.frame()), -1, 0)
@@ -67,13 +66,13 @@ def pinhole_view(captured, lens):
 
 
 def write_film_pictures(film, irradiance, lens, result):
-    """The lens image and what lies beside it, of what has been rendered through the lens itself.
+    """Write the lens image and its planes, for a film that was rendered through the lens itself.
 
     Parameters
     ----------
     film : Captured
     irradiance, lens, result
-        As of `write_pictures`.
+        As in `write_pictures`.
     """
     picture, frame = to_rec709(irradiance), irradiance.grid
     alpha = np.ones(frame.shape_px) if film.alpha is None else alpha_on_film(film.alpha, irradiance, lens)
@@ -91,7 +90,7 @@ def _write_lens_planes(lens, frame, result):
 
 
 def _write_once(path, make, write, lens, frame, nm):
-    """Write what is of the lens alone, unless this process has written just that there and nobody has changed it."""
+    """Write a plane that depends on the lens alone, unless this process has written it and the file is unchanged."""
     of = lens.digest, frame, nm
     if _written.get(path) != (of, stamp_of(path)):
         write(make(lens, frame, nm), path)
@@ -99,14 +98,14 @@ def _write_once(path, make, write, lens, frame, nm):
 
 
 def alpha_on_film(alpha, irradiance, lens):
-    """What `alpha_through_lens` is, of a lens that was traced.
+    """The counterpart of `alpha_through_lens` for a traced lens.
 
-    Of each ray Cycles counts what it brings in: of an empty scene 1 - alpha is the irradiance of even light.
+    Cycles weights each ray by its throughput: for an empty scene, 1 - alpha is the irradiance from uniform light.
 
     Parameters
     ----------
     alpha : array (row, column)
-        Of the longest of the irradiance's wavelengths.
+        At the longest of the irradiance's wavelengths.
     irradiance : SpectralImage
     lens : Lens
     """
@@ -117,10 +116,10 @@ def alpha_on_film(alpha, irradiance, lens):
 
 
 def alpha_through_lens(captured, lens, options, iris=None):
-    """How much of the light that each pixel of the lens image could take comes from what alpha covers.
+    """The fraction of each pixel's possible light that comes from areas covered by alpha.
 
-    Alpha goes through the lens as if it shone, so that its edges blur as those of the picture that it is premultiplied
-    with; full coverage is 1, however dark the lens's corners are. Of a few wavelengths the mean by luminance is taken.
+    Alpha goes through the lens like light, so its edges blur like the edges of the premultiplied picture. Full coverage
+    is 1, however dark the lens's corners are. The result is the luminance-weighted mean of a few wavelengths.
 
     Parameters
     ----------
@@ -131,7 +130,8 @@ def alpha_through_lens(captured, lens, options, iris=None):
 
     Returns
     -------
-    array (row, column) of the frame
+    array (row, column)
+        Of the frame.
     """
     radiance, count = captured.radiance, captured.radiance.wavelengths_nm.size
     nm = radiance.wavelengths_nm[np.unique(np.linspace(0, count - 1, ALPHA_WAVELENGTHS + 2)[1:-1].round().astype(int))]

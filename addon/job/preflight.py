@@ -1,22 +1,24 @@
-"""Before a render: whether it would be refused, what of the scene would come out otherwise, and its plan."""
+"""Checks before a render: reasons to refuse it, differences from Blender's own render, and its plan."""
 
 import os
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+from ...engine.depth.depth_range import AUTO
 from ...engine.depth.slabs import SlabPlan
-from ...engine.errors import InputError
-from ...engine.files import nearest_there
-from ...engine.image.depth_range import AUTO
-from ..scene.camera import check_camera
+from ...engine.runtime.errors import InputError
+from ...engine.runtime.files import nearest_there
 from ..scene.depth import seen_depth_mm
 from ..scene.render_state import go_to_frame, turn_on_layer
+from ..scene.requirements import check_scene
 from ..scene.undo import Journal
 from ..shading.lint import lint
-from .job import check_output_folder, job_from_settings
+from ..shading.repeated import tinting_objects
+from .empty_frame import empty_reasons
+from .job import check_output_folder, job_of
 from .radiance import job_grid, room_for_capture
-from .remarks import depth_remarks, scene_remarks, unlayered_remarks
-from .render import Result
+from .remarks import colour_remarks, depth_remarks, scale_remarks, scene_remarks, unlayered_remarks
+from .result import Result
 from .scene_plan import ScenePlan, check_job, plan_scene
 from .slabs import looked_at, plan_by
 from .targets import check_files
@@ -24,19 +26,19 @@ from .targets import check_files
 
 @dataclass(frozen=True, eq=False)
 class Preflight:
-    """What can be known of a render before it.
+    """Results of the checks before a render.
 
     Attributes
     ----------
     plan : ScenePlan or None
-        None where there can be none.
+        None if the scene cannot be planned.
     refusals : tuple of InputError
-        Why the render would be refused; empty where it would not.
+        Why the render would be refused; empty if it would not be.
     remarks : tuple of Remark
     findings : tuple of Finding
-        What becomes of the nodes, worst first.
+        The treatment of the nodes, worst first.
     slabs : SlabPlan or None
-        How depth is cut, as far as rays tell; None where it is not.
+        How depth is cut, estimated by rays; None if it is not cut.
     """
 
     plan: ScenePlan | None = None
@@ -46,35 +48,43 @@ class Preflight:
     slabs: SlabPlan | None = None
 
 
-def preflight(scene, output_folder=None, *, frame=None, **asked):
-    """Look at a scene as `render_through_lens` would with these arguments; it is left as it is.
+def preflight(scene, *, frame=None, **given):
+    """Check a scene as `render_through_lens` would with these arguments; the scene stays as it is.
 
     Returns
     -------
     Preflight
     """
-    refusals, job, plan, slabs, remarks = [], None, None, None, ()
+    refusals, fits, job, plan, slabs, remarks = [], False, None, None, None, ()
     with Journal() as journal:
         go_to_frame(scene, scene.frame_current if frame is None else frame, journal)
         with _noted(refusals):
-            if output_folder is None:
+            if given.get("output_folder") is None:
                 check_output_folder(scene)
         with _noted(refusals):
-            job = job_from_settings(scene, output_folder=output_folder, **asked)
+            check_scene(scene, **given)
+            fits = True
+        with _noted(refusals):
+            job = job_of(scene, **given)
             remarks = tuple(scene_remarks(scene, job))
         if job:
             with _noted(refusals):
                 _check_files(scene, job)
             with _noted(refusals):
                 check_job(scene, job)
+        if job and fits:
+            with _noted(refusals):
                 turn_on_layer(scene, job.view_layer, journal)
-                check_camera(scene)
                 grid = job_grid(scene, job)
+                remarks += tuple(empty_reasons(scene, job.lens, grid).before_render(scene.render.film_transparent))
                 if not job.traced:
-                    slabs = plan_by(seen_depth_mm(scene, job.lens, looked_at(grid)), scene, job, grid)[0]
-                    remarks += (*depth_remarks(job, slabs), *unlayered_remarks(scene, job, grid))
+                    depth_mm = seen_depth_mm(scene, job.lens, looked_at(grid))
+                    slabs = plan_by(depth_mm, scene, job, grid, tinting_objects(scene))[0]
+                    remarks += (*depth_remarks(job, slabs), *scale_remarks(depth_mm, job.lens, grid.pitch_um),
+                                *unlayered_remarks(scene, job, grid))
                 journal.stand_in(scene.camera.data)
                 plan = plan_scene(scene, job, grid, journal)[0]
+                remarks += tuple(colour_remarks(plan))
                 room_for_capture(scene, job, grid, plan)
         findings = plan.findings if plan else lint(scene)
     return Preflight(plan, (*refusals, *(plan.refusals if plan else ())), remarks, findings,
@@ -86,11 +96,12 @@ def _noted(refusals):
     try:
         yield
     except InputError as error:
-        refusals.append(error)
+        if str(error) not in map(str, refusals):
+            refusals.append(error)
 
 
 def _check_files(scene, job):
-    """What `check_files` does, without making the folder."""
+    """Do the work of `check_files`, without creating the folder."""
     there = nearest_there(job.output_folder)
     if not there.is_dir() or not os.access(there, os.W_OK):
         raise InputError(job.output_folder, "folder", "not to be made", f"{there} is no folder that can be written to")

@@ -7,55 +7,56 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...engine import SpectralImage
-from ...engine.files import temporary_folder
-from ...engine.image.depth_range import AUTO, check_depth, planar_depth_mm
+from ...engine.depth.depth_range import AUTO, check_depth, planar_depth_mm
 from ...engine.image.layers import Layer, LayeredRadiance
 from ...engine.image.pixel_grid import PixelGrid
-from ...engine.image.preview import auto_exposure, to_rec709, write_png
-from ...engine.memory import check_room, taken_bytes
-from ...engine.report import SceneFacts
-from ...engine.scratch import SAMPLE_BYTES, beside, check_disk, folder_if_large
+from ...engine.pictures.preview import auto_exposure, to_rec709, write_png
+from ...engine.runtime.files import temporary_folder
+from ...engine.runtime.memory import check_room, taken_bytes
+from ...engine.runtime.scratch import SAMPLE_BYTES, beside, check_disk, folder_if_large
+from ...engine.simulation.report_parts import SceneFacts
 from ...engine.spectral.wavelength_choice import FOREIGN_SURPRISE
-from ..scene.camera import capture_grid, captured_region, check_camera, frame_px, pitch_um, render_region
-from ..scene.depth import M_TO_MM
+from ..scene.camera import capture_grid, captured_region, frame_px, pitch_um, render_region
 from ..scene.render_state import clamps_of, go_to_frame, guard_render_state, rendered_layer, show_slab, turn_on_layer
 from ..scene.traced_camera import trace_lens
 from ..scene.undo import Journal
+from ..scene.units import M_TO_MM, metres_per_unit
+from .empty_frame import empty_reasons
 from .kept_passes import KeptPasses, alone_with_passes
 from .layering import layered_radiance
 from .light import GatheredLight
-from .remarks import scene_remarks, unlayered_remarks
+from .remarks import colour_remarks, scale_remarks, scene_remarks, unlayered_remarks
 from .scene_plan import plan_scene
 from .slabs import cut_steps, whole_slab
 from .steps import RenderPass, Work
 from .targets import check_files
 
 BACKGROUND_M = 1e10
-LOOK_SHARE = 0.01  # of the capture's time
-PASS_BYTES, LAMP_BYTES = 100, 40  # of a pixel of a pass, in Cycles, in Blender and as it is read; and for each lamp
-DENOISE_BYTES, MOST_DENOISE = 800, 3e9  # of a pixel, by the denoiser; which takes no more in all
-PLANES_BYTES, MEGABYTE = 8, 1e6  # the first of a pixel, in the planes that each slab has beside its light
+LOOK_SHARE = 0.01  # of the capture's time, for the depth pre-pass
+PASS_BYTES, LAMP_BYTES = 100, 40  # per pixel of a pass, in Cycles, in Blender and on reading; plus this for each lamp
+DENOISE_BYTES, MOST_DENOISE = 800, 3e9  # for the denoiser: bytes per pixel, and their upper limit in total
+PLANES_BYTES, MEGABYTE = 8, 1e6  # the first: per pixel, for each slab's planes in addition to its light
 
 
 @dataclass(frozen=True, eq=False)
 class Captured:
-    """What the passes tell of a scene.
+    """The radiance of a scene from its passes, with depth and alpha.
 
     Attributes
     ----------
     radiance : SpectralImage
         Premultiplied by alpha.
     depth_m : float32 array (row, column)
-        As Blender's depth passes have it: along the optical axis, BACKGROUND_M where nothing is.
+        Along the optical axis, BACKGROUND_M for the background.
     alpha : float32 array (row, column) or None
-        None where the film is not transparent.
+        None if the film is not transparent.
     region : float32 array (row, column) or None
-        1 in Blender's render region, which alone is to be a picture; 0.5 around it, where there is light, too, that the
-        lens may bring in; 0 elsewhere. None without one.
+        1 in Blender's render region, the only part of the picture; 0.5 around it, where the lens may draw light from; 0
+        elsewhere. None without a render region.
     layers : LayeredRadiance or None
-        What the radiance is seen in; None where the lens's data hold for all depths, or nobody asked for it.
-    unlayered : tuple of str
-        What `unlayered_remarks` tells of the scene.
+        The radiance in layers of depth; None if the lens data hold at all depths, or if layers were not requested.
+    remarks : tuple of str
+        Remarks on the scene's contents, shared by all frames of this capture.
     """
 
     radiance: SpectralImage
@@ -63,14 +64,23 @@ class Captured:
     alpha: np.ndarray | None
     region: np.ndarray | None
     layers: LayeredRadiance | None = None
-    unlayered: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
 
     def depth_check(self, lens):
-        """How much of the frame is out of the depths for which a lens's data hold: DepthCheck."""
+        """How much of the frame is outside the depths at which a lens's data hold: DepthCheck."""
+        return check_depth(self._frame_mm(), lens, self.radiance.pitch_um)
+
+    def scale_remarks(self, lens):
+        """The `scale_remarks` for the frame and a lens: tuple of str."""
+        depth_mm = self._frame_mm()
+        depth_mm = np.where(depth_mm < BACKGROUND_M * M_TO_MM, depth_mm, np.inf)
+        return tuple(map(str, scale_remarks(depth_mm, lens, self.radiance.pitch_um)))
+
+    def _frame_mm(self):
+        """Depths of the frame's pixels, or only of the render region's."""
         (top, left), (rows, columns) = self.radiance.overscan_px, self.radiance.frame_px
         frame = slice(top, top + rows), slice(left, left + columns)
-        shown = ... if self.region is None else self.region[frame] == 1
-        return check_depth(self.depth_m[frame][shown] * M_TO_MM, lens, self.radiance.pitch_um)
+        return self.depth_m[frame][... if self.region is None else self.region[frame] == 1] * M_TO_MM
 
     def cut(self, planes):
         """Planes (..., row, column) of the frame, black outside the render region."""
@@ -81,7 +91,7 @@ class Captured:
 
 
 def room_for_capture(scene, job, grid, plan, slabs=()):
-    """What capturing a scene takes beside the scene itself: a pass, and all light so far.
+    """The memory that a capture needs in addition to the scene: a pass, and all light so far.
 
     Parameters
     ----------
@@ -90,57 +100,56 @@ def room_for_capture(scene, job, grid, plan, slabs=()):
         Of the capture.
     plan : ScenePlan
     slabs : sequence of Slab
-        As far as they are known.
+        Empty until they are known.
 
     Returns
     -------
     float, Path or None
-        Bytes of memory; and, where the light would take too much of it, the folder for the files that it lies in.
+        Bytes of memory; and, if the light would need too much of it, the folder for the light's scratch files.
 
     Raises
     ------
     InputError
-        There is not as much, or not as much of the disk as the light will take in any case.
+        Not enough memory is free, or too little disk space for the least that the light needs.
     """
     pixels, planes = math.prod(grid.shape_px), job.wavelengths_nm.size
     gathered_px = sum(math.prod(side.stop - side.start for side in slab.region) for slab in slabs) or pixels
     scratch = folder_if_large((planes, gathered_px), job.output_folder)
     light_bytes = 0 if scratch else SAMPLE_BYTES * planes
-    flat_bytes = light_bytes * pixels if len(slabs) > 1 else 0  # what a pinhole sees of them, when the passes are done
+    flat_bytes = light_bytes * pixels if len(slabs) > 1 else 0  # the pinhole's view of all slabs, after the passes
     needed = (gathered_px * (light_bytes + PLANES_BYTES)
-              + max(pass_bytes(pixels, len(plan.lamps), job.denoise), flat_bytes))
+              + max(pass_bytes(pixels, len(plan.lamps), job.denoises), flat_bytes))
     check_room(f"scene {scene.name!r}", needed, "render a smaller picture, or fewer wavelengths")
     if scratch:
-        pictures = 2 + (len(slabs) > 1)  # the farthest slab's, the irradiance, and what a pinhole sees of slabs
+        pictures = 2 + (len(slabs) > 1)  # the farthest slab's light, the irradiance, and a pinhole's view of the slabs
         check_disk(scratch, pictures * SAMPLE_BYTES * planes * pixels)
     return needed, scratch
 
 
 def pass_bytes(pixels, lamps, denoise):
-    """What a pass of so many pixels takes in Cycles, in Blender, and as it is read."""
+    """Bytes that a pass of this many pixels needs in Cycles, in Blender, and on reading."""
     denoiser = min(DENOISE_BYTES * pixels, MOST_DENOISE) if denoise else 0
     return pixels * (PASS_BYTES + LAMP_BYTES * lamps) + denoiser
 
 
 def job_grid(scene, job):
-    """The pixels that Cycles renders: those of a capture, or of the film behind a lens that is traced."""
+    """The pixels that Cycles renders: a capture's or, for a traced lens, the film's."""
     if job.traced:
         return PixelGrid(frame_px(scene), pitch_um(job.lens, frame_px(scene)))
     return capture_grid(scene, job.lens, job.wavelengths_nm, job.room, job.others)
 
 
 def capture(scene, job, result, share):
-    """Steps that render the scene's spectral radiance, up to a `share` of the whole job; returns what is Captured.
+    """Steps that render the scene's spectral radiance, up to a `share` of the complete job; returns a Captured.
 
-    Where the lens is traced it is the film's irradiance, on the frame's pixels.
+    For a traced lens, it contains the film's irradiance on the frame's pixels.
     """
     grid = job_grid(scene, job)
     with temporary_folder() as folder, Journal() as journal, ExitStack() as alone:
         go_to_frame(scene, job.frame, journal)
         turn_on_layer(scene, job.view_layer, journal)
-        check_camera(scene)
-        remarks, unlayered = (tuple(map(str, told)) for told in (scene_remarks(scene, job),
-                                                                 unlayered_remarks(scene, job, grid)))
+        remarks = [*scene_remarks(scene, job)]
+        of_capture, empty = [*unlayered_remarks(scene, job, grid)], empty_reasons(scene, job.lens, grid)
         exposure, film = scene.cycles.film_exposure, scene.render.film_transparent
         plan, substitution, groups = plan_scene(scene, job, grid, journal)
         plan.check()
@@ -153,17 +162,18 @@ def capture(scene, job, result, share):
         rendered = region or tuple(slice(0, n) for n in grid.shape_px)
         if region and not job.traced:
             rendered = captured_region(region, job.lens, job.wavelengths_nm, grid, job.room, job.others)
-        journal.set(scene.render, "use_persistent_data", True)  # from the look on
+        journal.set(scene.render, "use_persistent_data", True)  # from the depth pre-pass on
         cut = None
         if job.depth == AUTO:
             substitution.set_wavelengths(plan.bands[0], plan.dispersive)
-            cut = yield from cut_steps(scene, job, grid, rendered, passes, folder / "look.exr", 0.0,
-                                       LOOK_SHARE * share)
+            cut = yield from cut_steps(scene, job, grid, rendered, plan.tinting, passes, folder / "look.exr",
+                                       0.0, LOOK_SHARE * share)
         capture_px, slabs = (cut.capture, cut.slabs) if cut else (grid, (whole_slab(scene, rendered),))
         guard_render_state(scene, job, capture_px, folder / "pass.exr", journal)
         needed_bytes, scratch = room_for_capture(scene, job, capture_px, plan, slabs)
         peak_mb = (taken_bytes() + needed_bytes) / MEGABYTE
-        lights = [GatheredLight(plan, rendered_layer(scene).name, names, slab, scratch) for slab in slabs]
+        lights = [GatheredLight(plan, rendered_layer(scene).name, names, slab, scratch, metres_per_unit(scene))
+                  for slab in slabs]
         clamps = clamps_of(scene)
         done, step = LOOK_SHARE * share, (1 - LOOK_SHARE) * share / (len(plan.bands) * len(lights))
         for index, band in enumerate(plan.bands):
@@ -196,14 +206,18 @@ def capture(scene, job, result, share):
         cube, alpha = (_placed(planes, rendered, grid) for planes in (lights[0].radiance(), lights[0].alpha))
         radiance = SpectralImage(cube, job.wavelengths_nm, grid, focal_mm=job.lens.capture_focal_length_mm,
                                  exposure=exposure)
-    result.report.scene = _facts(plan, lights, job, grid, depth_mm, region,
-                                 [*remarks, *unlayered, *passes.remarks], cut, peak_mb)
+    picture = _picture_part(region, grid)
+    of_capture += [*colour_remarks(plan), *empty.after_render(not np.any(radiance.cube[(..., *picture)]),
+                                                       film and not np.any(alpha[picture]))]
+    result.report.add(_facts(plan, lights, job, grid, depth_mm, region,
+                             [*map(str, (*remarks, *of_capture)), *passes.remarks], cut, peak_mb))
     return Captured(radiance, np.where(np.isfinite(depth_mm), depth_mm / M_TO_MM, BACKGROUND_M).astype(np.float32),
-                    alpha if film else None, region and _mask(region, rendered, grid), layers, unlayered)
+                    alpha if film else None, region and _mask(region, rendered, grid), layers,
+                    tuple(map(str, of_capture)))
 
 
 def _nearest_m(lights, capture):
-    """What one sample of each pixel meets first, in any of the slabs."""
+    """Depth of the nearest surface in any slab, by one sample of each pixel, in metres: array (row, column)."""
     depth_m = np.full(capture.shape_px, BACKGROUND_M, np.float32)
     for light in lights:
         part = depth_m[light.slab.region]
@@ -212,7 +226,7 @@ def _nearest_m(lights, capture):
 
 
 def _placed(planes, region, grid):
-    """Planes (..., row, column) of a region of the capture, in all of it."""
+    """Planes (..., row, column) of a region, padded with zeros to the complete capture."""
     if planes.shape[-2:] == grid.shape_px:
         return planes
     whole = beside(planes, (*planes.shape[:-2], *grid.shape_px))
@@ -221,7 +235,7 @@ def _placed(planes, region, grid):
 
 
 def _show(index, plan, lights, capture_px, path):
-    """Write a PNG of the frame after a pass, as a perfect pinhole sees it: grey until all colours are there."""
+    """Write a PNG of the frame after a pass, through a perfect pinhole: grey until all wavelengths are rendered."""
     layers = [Layer(light.cube, light.alpha, light.depth_m * M_TO_MM, tuple(side.start for side in light.slab.region))
               for light in lights if not light.is_spare(lights)]
     radiance = LayeredRadiance(layers, plan.choice.output_nm, capture_px).cropped(capture_px.overscan_px).flat()
@@ -231,8 +245,10 @@ def _show(index, plan, lights, capture_px, path):
 
 
 def _facts(plan, lights, job, grid, depth_mm, region, remarks, cut, peak_mb):
-    """The plan, and what the passes tell of it: how well spectra were foreseen, and the frame's depths."""
+    """The plan, and results of the passes: how well spectra were predicted, and the frame's depths."""
     choice, (top, left), (rows, columns) = plan.choice, grid.overscan_px, grid.frame_px
+    frame_mm = depth_mm[top:top + rows, left:left + columns][region or ...]
+    far = [] if job.traced else map(str, scale_remarks(frame_mm, job.lens, grid.pitch_um))
     surprise = choice.surprise(np.concatenate([light.blocks() for light in lights], axis=1))
     foreign = bool(surprise > FOREIGN_SURPRISE)
     return SceneFacts(
@@ -243,18 +259,24 @@ def _facts(plan, lights, job, grid, depth_mm, region, remarks, cut, peak_mb):
         predicted_sensor_error=choice.sensor_error, predicted_spectral_error=choice.spectral_error,
         spectral_surprise=float(surprise), foreign_spectra=foreign,
         estimated_colour_error=choice.colour_error * (float(surprise) if foreign else 1),
-        depth=None if job.traced else check_depth(depth_mm[top:top + rows, left:left + columns][region or ...],
-                                                  job.lens, grid.pitch_um),
-        lens_warning=job.lens_warning, scene_remarks=remarks,
+        rgb_difference=plan.repeated[0].rgb_difference[0] if plan.repeated else 0.0,
+        depth=None if job.traced else check_depth(frame_mm, job.lens, grid.pitch_um),
+        lens_warning=job.lens_warning, scene_remarks=[*remarks, *far],
         layers=cut.plan.text if cut else "", capture_peak_mb=peak_mb)
 
 
+def _picture_part(region, grid):
+    """Rows and columns of the capture that the picture shows: the frame, or Blender's render region in it."""
+    region = region or tuple(slice(0, n) for n in grid.frame_px)
+    return tuple(slice(side.start + margin, side.stop + margin)
+                 for side, margin in zip(region, grid.overscan_px, strict=True))
+
+
 def _mask(region, rendered, grid):
-    """What `Captured.region` is, of slices of the frame and slices of the capture."""
-    (rows, columns), (top, left) = region, grid.overscan_px
+    """The array `Captured.region`, from slices of the frame and slices of the capture."""
     mask = np.zeros(grid.shape_px, np.float32)
     mask[rendered] = 0.5
-    mask[rows.start + top:rows.stop + top, columns.start + left:columns.stop + left] = 1
+    mask[_picture_part(region, grid)] = 1
     return mask
 
 

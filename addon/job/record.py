@@ -1,63 +1,72 @@
-"""The record of a frame: a JSON file beside its pictures, written after them. It tells of what they were made and how
-large each file is, so that an animation goes on where it was left, and makes again what is damaged or out of date."""
+"""The record of a frame: a JSON file next to its pictures, written after them.
+
+It states the settings of the render and the size of each file. With it an animation resumes where it stopped, and
+renders damaged or outdated frames again.
+"""
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, is_dataclass
 
-from ...engine.files import MARK, atomic_path
-from ...engine.image.whole import has_header
-from ...engine.values import plain
+from ...engine.pictures.whole import has_header
+from ...engine.runtime.build_identity import software
+from ...engine.runtime.files import atomic_path, file_status
+from ...engine.runtime.setting import settings_of
+from ...engine.runtime.values import plain
+from ..scene.units import metres_per_unit
 
 OF_NO_ACCOUNT = ("name", "device", "preview", "use_preview", "debug", "denoising_use_gpu", "use_auto_tile",
                  "tile_size", "bake_type")
-"""How Cycles' settings begin that change no final picture."""
+"""Prefixes of Cycles settings that do not affect a final picture."""
 OF_ACCOUNT = ("resolution_", "pixel_aspect_", "film_transparent", "use_border", "border_", "use_motion_blur",
               "motion_blur_", "use_simplify", "simplify_")
-"""How those of the scene's other render settings begin that do."""
-NOT_ASKED = ("output_folder", "frame", "to_compositor", "lens_warning", "ring_words", "picture", "state", "source",
-             "others")
-"""What a job says that is not of the picture itself."""
+"""Prefixes of the scene's other render settings that do affect it."""
 
 
 def picture_settings(scene):
-    """What of the scene's render settings counts for a picture: a dict as JSON holds it."""
+    """The scene's render settings that affect a picture: a dict of JSON types."""
     cycles = {name: value for name, value in _values(scene.cycles) if not name.startswith(OF_NO_ACCOUNT)}
-    return plain(cycles | {name: value for name, value in _values(scene.render) if name.startswith(OF_ACCOUNT)})
+    render = {name: value for name, value in _values(scene.render) if name.startswith(OF_ACCOUNT)}
+    return plain(cycles | render | {"metres_per_unit": metres_per_unit(scene)})
 
 
 def write_record(job, result):
-    """Write what a frame's pictures were made by, and its report."""
-    facts = {"software": MARK} | result.report.as_dict() | {
-        "job": asked_of(job), "state": job.state, "sizes": _sizes(result.pictures)}
+    """Write a frame's job, state and file sizes, with its report."""
+    facts = {"software": software()} | result.report.as_dict() | {
+        "job": recorded_fields(job), "state": job.state, "sizes": _sizes(result.pictures)}
     with atomic_path(result.record) as temporary:
         temporary.write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")
 
 
 def read_record(job, result):
-    """The record of a frame, if all its files are there, whole, and made by this job; else None."""
+    """The record of a frame if all its files exist, are complete, and come from this job; else None.
+
+    Its "build" identifies the build that rendered the frame, which may differ from this one.
+    """
     try:
         facts = json.loads(result.record.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
         return None
-    same = (isinstance(facts, dict) and facts.get("job") == asked_of(job) and isinstance(facts.get("state"), str)
+    same = (isinstance(facts, dict) and isinstance(facts.get("build", ""), str)
+            and facts.get("job") == recorded_fields(job) and isinstance(facts.get("state"), str)
             and facts.get("sizes") == _sizes(result.pictures)
             and all(has_header(path) for path in result.pictures if path.is_file()))
     return facts if same else None
 
 
-def asked_of(job):
-    """What a job asks of its picture, as JSON holds it."""
-    asked = {name: value for name, value in vars(job).items() if name not in NOT_ASKED}
-    return plain(asked | {"lens": job.lens.name, "lens_digest": job.lens.digest.hex(), "options": asdict(job.options),
-                          "spectral": asdict(job.spectral), "iris": job.iris and asdict(job.iris)})
+def recorded_fields(job):
+    """The fields of a job that affect its picture, in JSON types."""
+    fields = {name: getattr(job, name) for name, each in settings_of(job).items() if each.recorded}
+    values = {name: asdict(value) if is_dataclass(value) else value for name, value in fields.items()}
+    return plain(values | {"lens": job.lens.name, "lens_digest": job.lens.digest.hex(), "clamp": job.clamp,
+                           "settings": job.settings})
 
 
 def _sizes(paths):
-    return {path.name: path.stat().st_size if path.is_file() else None for path in paths}
+    return {path.name: (status := file_status(path)) and status.st_size for path in paths}
 
 
 def _values(owner):
-    """The settings of a data-block that hold one value, by name."""
+    """(name, value) of a data-block's settings, except read-only ones, pointers and collections."""
     for prop in owner.bl_rna.properties:
         if prop.type not in ("POINTER", "COLLECTION") and not prop.is_readonly:
             yield prop.identifier, getattr(owner, prop.identifier)

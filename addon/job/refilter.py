@@ -1,7 +1,7 @@
-"""Another lens on a picture: the radiance that a render has kept, put through a lens again, without Cycles.
+"""Another lens for a picture: the radiance that a render has stored, put through a lens again, without Cycles.
 
-The kept picture has its field of view. Another lens takes that on a sensor of another size than its own; or, for the
-camera's view, is made as large as the sensor that there is takes.
+The stored picture has a fixed field of view. Another lens shows it on a sensor that is not the lens's own size; or, for
+the camera's view, the lens is scaled to fit the existing sensor.
 """
 
 from dataclasses import replace
@@ -9,56 +9,50 @@ from pathlib import Path
 
 import numpy as np
 
-from ...engine import ImageError, InputError, Lens, Options
-from ...engine.bake.rings import AT_REST, resized_rings
-from ...engine.errors import absence
-from ...engine.field.overscan import VIEWS, overscan_px
-from ...engine.files import check_target, discard
-from ...engine.image.depth_range import AUTO, OFF, blur_px
+from ...engine import ImageError, InputError, Lens
+from ...engine.depth.depth_range import AUTO, OFF, blur_px
+from ...engine.depth.iris import opening
+from ...engine.field.field_map import field_map
+from ...engine.field.overscan import overscan_px
 from ...engine.image.layers import covered
-from ...engine.image.pitch import fitting_pitch_um
-from ...engine.image.spectral_exr import read_parts, read_with_layers, read_with_planes
+from ...engine.lens.pinhole import fitting_pitch_um
 from ...engine.library import cannot_be, has_rings, iris_shows, prescription_of
-from ...engine.report import FileFacts
-from ..scene.camera import captured_region, covered_diagonal, frame_px, size_warning
+from ...engine.pictures.spectral_exr import read_parts, read_with_layers, read_with_planes
+from ...engine.rays.rings import Rings, resized_rings
+from ...engine.runtime.errors import absence
+from ...engine.runtime.files import check_target, discard, file_status
+from ...engine.simulation.report_parts import FileFacts
+from ...request import CAMERA, RING_FIELDS, RenderRequest
+from ..scene.camera import captured_region, frame_px, size_warning
 from ..scene.lens_cache import load_lens, scaled_lens
+from ..scene.rings import ring_fields, rings_for, scene_iris
 from .job import check_output_folder, folder_for
 from .pictures import REGION
 from .radiance import Captured
 from .remarks import ROUND_BLUR
-from .render import Result, lens_steps, run
+from .render import lens_steps, run
+from .result import Result
 from .steps import Work
 
 APPLIED_DEPTHS = AUTO, OFF
-BY_RESULT = Options()
-SAME = 0.005  # of its own sensor's size, within which a lens is taken to have its own view
+APPLIED_FIELDS = ("lens", "output_folder", "options", "view", *RING_FIELDS, "iris", "lens_quality", "depth")
+STANDARD = "standard"  # quality
+SAME = 0.005  # relative difference in sensor size up to which a lens counts as having its own view
 
 
-def apply_lens(radiance, lens, output_folder=None, *, options=BY_RESULT, view="lens", rings=AT_REST,
-               iris=None, lens_quality="standard", depth=AUTO, progress=None):
-    """Put the radiance that a render has kept through another lens, or the same one otherwise; all files are made anew.
+def apply_lens(radiance, *, progress=None, **given):
+    """Put a render's stored radiance through another lens, or through the same one at other settings.
+
+    All files except the radiance are written again.
 
     Parameters
     ----------
     radiance : path
-        Such as Scene_0001_radiance.exr, as `render_through_lens` left it.
-    lens : Lens, or a name or path that `Lens.load` takes
-    output_folder : path, optional
-        Where the files are to lie; by default beside the radiance, in place of those that were there.
-    options : Options
-    view : "lens" or "camera"
-        Whether the lens stays as large as it is, the kept field of view on its sensor; or is made as large as that
-        takes on the sensor that the picture was rendered for. The picture is the same.
-    rings : Rings
-        What a lens that is given by name or path is turned to.
-    iris : Iris, optional
-        The blades that stop it down: they count below its widest f-stop, for what is out of focus.
-    lens_quality : str
-        How finely it is baked.
-    depth : "auto" or "off"
-        Whether the layers of depth that the radiance may have are used: then any focus and f-stop is as if it had been
-        rendered so.
+        Such as Scene_0001_radiance.exr, from `render_through_lens`.
     progress : callable (fraction, label), optional
+    given : by name
+        Fields of a `RenderRequest`: `lens`, and optionally `output_folder` (by default the radiance's), `options`,
+        `view`, `focus`, `f_number`, `focused_wide_open`, `iris`, `lens_quality` and `depth`.
 
     Returns
     -------
@@ -67,22 +61,27 @@ def apply_lens(radiance, lens, output_folder=None, *, options=BY_RESULT, view="l
     Raises
     ------
     LensError, ImageError, InputError
-        Among others where the lens needs more than was captured: it takes a new render then.
+        Among others, the lens needs more than was captured: a new render is necessary.
+    TypeError
+        A field that only a render can obey.
     """
-    return run(_steps(Path(radiance), lens, output_folder, options, view, rings, iris, lens_quality, depth), progress)
+    for name in given:
+        if name not in APPLIED_FIELDS:
+            raise TypeError(f"apply_lens() got an unexpected keyword argument {name!r}")
+    return run(_steps(Path(radiance), RenderRequest(**given)), progress)
 
 
 def kept_radiance(scene):
-    """The file of the light that a scene's render has kept, for its current frame and by its settings.
+    """The radiance file of a scene's render, for its current frame and by its settings.
 
     Raises
     ------
     InputError
-        There is none, or the scene's pictures are of another size by now.
+        The file does not exist, or the scene's resolution has changed since.
     """
     check_output_folder(scene)
     path = Result.of(scene, folder_for(scene), scene.frame_current).radiance
-    if not path.is_file():
+    if not file_status(path):
         raise InputError(path, "light of a render", absence(path), "render through the lens first")
     (left, top), (right, bottom) = read_parts(path, header_only=True)[0][0]["displayWindow"]
     size, rows_columns = (bottom - top + 1, right - left + 1), frame_px(scene)
@@ -92,36 +91,47 @@ def kept_radiance(scene):
     return path
 
 
-def applied_depth(settings):
-    """What a scene's settings have `apply_lens` do of depth: layers that are there are used, but where it is off."""
-    return OFF if settings.depth == OFF.upper() else AUTO
+def applied_fields(scene, request):
+    """The fields of a scene's request for `apply_lens`, with its camera's focus, f-stop and iris; with layers of depth
+    unless depth is off."""
+    return {"lens": request.lens, "view": request.view, "options": request.options,
+            "lens_quality": request.spectral.tier, "depth": OFF if request.depth == OFF else AUTO,
+            "iris": scene_iris(scene, request.lens), **ring_fields(rings_for(scene, request.lens))}
 
 
-def _steps(path, lens, output_folder, options, view, rings, iris, quality, depth):
-    for name, value, choices in (("view", view, VIEWS), ("depth", depth, APPLIED_DEPTHS)):
-        if value not in choices:
-            raise InputError("options", name, value, f"expected {' or '.join(choices)}")
-    result = replace(Result.beside(path, "radiance", output_folder), radiance=path)
+def _steps(path, request):
+    if request.depth not in APPLIED_DEPTHS:
+        raise InputError("options", "depth", request.depth, f"expected {' or '.join(APPLIED_DEPTHS)}")
+    lens, iris, rings = request.lens, request.iris, _rings(request)
+    result = replace(Result.beside(path, "radiance", request.output_folder), radiance=path)
     result.report.files["radiance"] = str(path)
     for file in (file for file in result.files if file != path):
         check_target(file)
     with result.report.stage("read radiance"):
-        captured = yield Work(lambda tell: _read(path, depth, result.irradiance.parent), "Reading radiance", 0.0)
+        captured = yield Work(lambda tell: _read(path, request.depth, result.irradiance.parent), "Reading radiance",
+                              0.0)
     words = ()
     if not isinstance(lens, Lens):
         iris = iris if iris_shows(lens, rings) else None
-        lens, words = yield Work(lambda tell: _turned(lens, rings, quality, view, captured), "Baking the lens", 0.05)
-    lens, captured, warning = _fitted(lens, captured, view, path)
+        lens, words = yield Work(lambda tell: _turned(request, rings, captured), "Baking the lens", 0.05)
+    lens, captured, warning = _fitted(lens, captured, request.view, path)
     if captured.layers and not lens.prescription:
         words = *words, f"{lens.name}: {ROUND_BLUR}"
-    warning = "; ".join(filter(None, (*words, warning, _blur_warning(lens, captured))))
+    warning = "; ".join(filter(None, (*words, warning, _blur_warning(lens, captured, iris))))
     _check_region(lens, captured, path)
     _check_overscan(lens, captured.radiance, path)
-    discard(result.record)  # from here on it would tell of other files
-    yield from lens_steps(captured, lens, options, iris, result, 0.1)
-    result.report.file = _facts(lens, captured, warning, result)
+    discard(result.record)  # the files that it describes are about to change
+    yield from lens_steps(captured, lens, request.options, iris, result, 0.1)
+    result.report.add(_facts(lens, captured, warning, result))
     result.report.write(result.record)
     return result
+
+
+def _rings(request):
+    """The Rings for a lens that is given by name or path."""
+    if request.focus == CAMERA:
+        raise InputError("options", "focus", CAMERA, "expected a distance: the light of a render has no camera")
+    return Rings(request.focus, request.f_number, request.focused_wide_open)
 
 
 def _read(path, depth, folder):
@@ -135,17 +145,18 @@ def _read(path, depth, folder):
     return Captured(radiance, planes["Z"], planes.get("A"), planes.get(REGION), layers)
 
 
-def _turned(lens, rings, quality, view, captured):
-    """The lens of a name or path, and what its rings cannot do."""
+def _turned(request, rings, captured):
+    """The lens of a name or path, and a line for each setting that it does not have."""
+    lens = request.lens
     if not has_rings(lens):
         return load_lens(lens, rings), ()
-    if view == "camera":
+    if request.view == CAMERA:
         rings = resized_rings(prescription_of(lens), rings, captured.radiance.focal_mm)
-    return load_lens(lens, rings, quality), cannot_be(lens, rings)
+    return load_lens(lens, rings, request.lens_quality or STANDARD), cannot_be(lens, rings)
 
 
 def _fitted(lens, captured, view, path):
-    """The lens, and the radiance as it lies on its sensor: as the pinhole that captured it sees, pixel by pixel."""
+    """The lens, and the radiance scaled to its sensor, so that each pixel has the same direction as in the capture."""
     radiance = captured.radiance
     factor = radiance.focal_mm / lens.capture_focal_length_mm
     if view == "camera":
@@ -160,19 +171,18 @@ def _fitted(lens, captured, view, path):
 
 
 def _sensor_warning(lens, radiance):
-    """One line that says what the kept field of view means for a lens; "" where it is the lens's own."""
+    """The consequences of the stored field of view for a lens, in one line; "" if it is the lens's own."""
     if abs(radiance.pitch_um / fitting_pitch_um(lens, radiance.frame_px) - 1) < SAME:
         return ""
-    height_mm, width_mm = (n * radiance.pitch_um * 1e-3 for n in radiance.frame_px)
-    covered = covered_diagonal(lens, (width_mm, height_mm))
-    own_width_mm, own_height_mm = lens.sensor_mm
-    return (f"the kept picture's view, through {lens.name}, is that of a sensor of {width_mm:.3g} x {height_mm:.3g} "
-            f"mm, in place of its own of {own_width_mm:.3g} x {own_height_mm:.3g} mm; its field covers {covered:.0%} "
-            "of the frame's diagonal; render again for the lens's own view")
+    rows_mm, columns_mm = (n * radiance.pitch_um * 1e-3 for n in radiance.frame_px)
+    covered = field_map(lens).covered_diagonal((columns_mm, rows_mm))
+    return (f"the kept picture's view, through {lens.name}, is that of a sensor of {columns_mm:.3g} x {rows_mm:.3g} "
+            f"mm, in place of its own of {lens.sensor_mm[0]:.3g} x {lens.sensor_mm[1]:.3g} mm; its field covers "
+            f"{covered:.0%} of the frame's diagonal; render again for the lens's own view")
 
 
 def _check_overscan(lens, radiance, path):
-    """Raise an ImageError where part of a lens's frame would stay black, for want of what it draws in from beyond."""
+    """Raise an ImageError if the capture's overscan is too small, so that part of a lens's frame would stay black."""
     grid, nm = radiance.grid, radiance.wavelengths_nm
     needed = overscan_px(lens, grid, nm, 0)
     if any(least > there for least, there in zip(needed, grid.overscan_px, strict=True)):
@@ -182,7 +192,7 @@ def _check_overscan(lens, radiance, path):
 
 
 def _check_region(lens, captured, path):
-    """Raise an ImageError where light is missing around the render region that a lens brings in."""
+    """Raise an ImageError if a lens needs light around the render region that was not captured."""
     if captured.region is None:
         return
     grid = captured.radiance.grid
@@ -193,12 +203,11 @@ def _check_region(lens, captured, path):
                          f"{lens.name} draws in more from around it than there is: render again through it")
 
 
-def _blur_warning(lens, captured):
-    """One line that says that layers end so close to the picture that their blur would bring in more; "" where none
-    does."""
-    layers, lacking = captured.layers, [0.0]
+def _blur_warning(lens, captured, iris):
+    """A line if blur needs light from beyond the edge of a captured layer; "" otherwise."""
+    layers, lacking, reach = captured.layers, [0.0], opening(iris, lens).reach / 2
     for layer in layers.layers if layers else ():
-        blur = np.where(layer.alpha > 0, np.abs(blur_px(lens, layers.grid.pitch_um, layer.depth_mm)) / 2, 0)
+        blur = np.where(layer.alpha > 0, np.abs(blur_px(lens, layers.grid.pitch_um, layer.depth_mm)) * reach, 0)
         for axis, (there, shown) in enumerate(zip(layer.place, _shown(captured), strict=True)):
             ends = (shown.start - there.start, blur.take(0, axis)), (there.stop - shown.stop, blur.take(-1, axis))
             lacking += [blurs.max() - beyond for beyond, blurs in ends if beyond >= 0 and blurs.any()]
@@ -209,14 +218,14 @@ def _blur_warning(lens, captured):
 
 
 def _shown(captured):
-    """Rows and columns of the layers' grid that are a picture: the frame, or the render region in it."""
+    """Rows and columns of the layers' grid that the picture shows: the frame, or the render region in it."""
     return [_moved(side, before - overscan)
             for side, overscan, before in zip(_picture_sides(captured), captured.radiance.overscan_px,
                                               captured.layers.grid.overscan_px, strict=True)]
 
 
 def _picture_sides(captured):
-    """Rows and columns of the radiance's grid that are a picture: the frame, or the render region in it."""
+    """Rows and columns of the radiance's grid that the picture shows: the frame, or the render region in it."""
     if captured.region is None:
         return [slice(overscan, overscan + n)
                 for overscan, n in zip(captured.radiance.overscan_px, captured.radiance.frame_px, strict=True)]
@@ -233,7 +242,7 @@ def _layers_text(captured):
 
 
 def _facts(lens, captured, warning, result):
-    """What the report tells of the file."""
+    """The report's part about the radiance file."""
     radiance = captured.radiance
     needed = overscan_px(lens, radiance.grid, radiance.wavelengths_nm, result.report.lens_image.plan.reach_px)
     return FileFacts(str(result.radiance), needed, None, warning, captured.depth_check(lens), _layers_text(captured))

@@ -1,25 +1,29 @@
-"""What of a scene's settings takes no part in a lens render, or another one: said before it, and in its report.
+"""Remarks on scene settings that a lens render ignores or treats differently, before the render and in its report.
 
-What is honoured as Blender would is not among it.
+Settings that have the same effect as in Blender get no remark.
 """
 
 from dataclasses import dataclass
 
-from ...engine.bake.rings import in_metres
-from ...engine.image.depth_range import AUTO, OFF
+import numpy as np
+
+from ...engine.depth.depth_range import AUTO, OFF, blur_per_nearness_px
+from ...engine.rays.rings import in_metres
+from ...engine.spectral.wavelength_choice import REFERENCE, STANDARD_COLOUR_ERROR
 from ..scene.camera import matching_focal_length_mm
 from ..scene.compositor import unreplaced_passes
 from ..scene.traced_camera import traces_on_device
 from ..shading.lobes import MIRRORED, REFRACTED
 from .unlayered import VOLUME, unlayered
 
+MOST_NAMED = 3
 MANY_SAMPLES, ENOUGH_SAMPLES = 1024, 256
 ENGINES = {"BLENDER_EEVEE": "EEVEE", "BLENDER_EEVEE_NEXT": "EEVEE", "BLENDER_WORKBENCH": "Workbench"}
-BLENDERS_FILTER = "BLACKMAN_HARRIS", 1.5, 1.0  # a new scene's pixel filter, its width, and Filter Glossy
+BLENDERS_FILTER = "BLACKMAN_HARRIS", 1.5  # a new scene's pixel filter and its width
 SAME_VIEW = 0.02
 SAME_RATIO = 1e-3
 DEPTH_TOLD = 0.01  # of the picture
-UNLAYERED = {  # what it is called, what of the picture it is, and what becomes of that
+UNLAYERED = {  # its name, its part of the picture, and the effect on that part
     REFRACTED: ("Glass", "is seen through it", "is blurred as if it were on it"),
     MIRRORED: ("Mirrors", "is reflected", "is blurred as if it were on them"),
     VOLUME: ("Volumes", "has light from within", "is blurred as what lies behind it")}
@@ -29,16 +33,16 @@ PANES = "take thin panes out of the camera's view (Object > Visibility > Ray Vis
 
 @dataclass(frozen=True)
 class Remark:
-    """One setting that does not hold as it would in Blender's own render.
+    """One setting whose effect differs from Blender's own render.
 
     Attributes
     ----------
     what, value : str
-        The setting, as Blender's panels call it.
+        The setting, as in Blender's panels, and its value.
     becomes : str
-        What becomes of it.
+        Its effect here.
     remedy : str
-        What to do about that; "" for nothing.
+        The remedy; "" for none.
     """
 
     what: str
@@ -51,13 +55,13 @@ class Remark:
 
 
 def scene_remarks(scene, job):
-    """Remarks on the scene at its frame, its only view layer for rendering being the job's: list of Remark."""
+    """Remarks on the scene at its current frame, with the job's view layer as the only one on: list of Remark."""
     return [*_of_engine(scene, job), *_of_traced_lens(scene, job), *_of_reference(scene, job),
             *_of_camera(scene, job), *_of_pixels(scene), *_left_out(scene)]
 
 
 def depth_remarks(job, slabs):
-    """Remarks on how far away what the picture shows is, by a SlabPlan from before it is rendered: list of Remark."""
+    """Remarks on depths at which the lens data do not hold, by a SlabPlan from before the render: list of Remark."""
     check = slabs.check
     if check is None or check.outside_fraction < DEPTH_TOLD:
         return []
@@ -68,9 +72,45 @@ def depth_remarks(job, slabs):
     return [Remark("Depth", "", f"{apart}: {slabs.cut_text}")] if slabs.needed else []
 
 
+def colour_remarks(plan):
+    """Remarks on glass and volumes that differ visibly from an RGB render, by a ScenePlan: list of Remark."""
+    apart = [each for each in plan.repeated if each.rgb_difference[0] >= STANDARD_COLOUR_ERROR]
+    if not apart:
+        return []
+    (difference, power), more = apart[0].rgb_difference, len(apart) - MOST_NAMED
+    way = f"through an optical depth of {power:.2g}" if apart[0].volume else f"after {power:g} crossings"
+    return [Remark("Saturated Colours", ", ".join(each.place for each in apart[:MOST_NAMED])
+                   + f" (and {more} more)" * (more > 0),
+                   f"up to a CIEDE2000 of {difference:.1f} from an RGB render {way}: spectra lose more light than red, "
+                   "green and blue do; physics, not an error")]
+
+
+def scale_remarks(depth_mm, lens, pitch_um):
+    """A remark if the scene is so far away that the lens shows no visible blur, wherever it is focused.
+
+    Beyond the distance at which the defocus of infinity is one pixel wide, the blur of two depths differs by less than
+    a pixel. Rooms are often modelled several times larger than life.
+
+    Parameters
+    ----------
+    depth_mm : array (row, column)
+        Of the frame, along the axis; inf for the background, NaN where unknown.
+    lens : Lens
+    pitch_um : float
+    """
+    seen_mm = np.asarray(depth_mm)[np.isfinite(depth_mm)]
+    known = np.count_nonzero(~np.isnan(depth_mm))
+    beyond_mm = blur_per_nearness_px(lens, pitch_um)
+    if seen_mm.size < DEPTH_TOLD * max(known, 1) or np.mean(seen_mm < beyond_mm) > DEPTH_TOLD:
+        return []
+    return [Remark("Unit Scale", "", f"what the picture shows is mostly {in_metres(float(np.median(seen_mm)))} away; "
+                   f"beyond {in_metres(beyond_mm)} this lens shows no blur, wherever it is focused",
+                   "if the scene is meant to be smaller, set Unit Scale in the scene properties")]
+
+
 def unlayered_remarks(scene, job, capture):
-    """Remarks on what layers of depth would blur by another distance than its own, or otherwise than the lens,
-    estimated before it is rendered: generator."""
+    """Remarks on content that layers of depth would blur for a wrong distance, or not as the lens does, estimated
+    before the render: generator."""
     if job.depth == AUTO and not job.lens.prescription:
         yield Remark("Lens", job.lens.name, ROUND_BLUR, "a prescription has rays")
     traced = ["Depth: Traced Lens renders it as it is"] if job.lens.prescription else []
@@ -93,7 +133,7 @@ def _of_engine(scene, job):
     if samples >= MANY_SAMPLES:
         until = f", until the noise is below {cycles.adaptive_threshold:.2g}" if cycles.use_adaptive_sampling else ""
         yield Remark("Samples", str(samples), f"up to so many in each render{until}",
-                     f"{ENOUGH_SAMPLES}{'' if job.denoise else ' with Denoise on'} do for most pictures, up to "
+                     f"{ENOUGH_SAMPLES}{'' if job.denoises else ' with Denoise on'} do for most pictures, up to "
                      f"{samples // ENOUGH_SAMPLES} times as fast")
     if cycles.time_limit:
         yield Remark("Time Limit", f"{cycles.time_limit:g} s", "holds for each render")
@@ -108,14 +148,14 @@ def _of_traced_lens(scene, job):
 
 
 def _of_reference(scene, job):
-    """What is physical but in the Reference tier, where it takes no part."""
+    """Unphysical settings, which the Reference tier leaves out."""
     cycles = scene.cycles
-    if job.spectral.tier != "reference":
+    if job.spectral.tier != REFERENCE:
         return
     for name, value in (("Clamp Direct", cycles.sample_clamp_direct), ("Clamp Indirect", cycles.sample_clamp_indirect)):
         if value:
             yield Remark(name, f"{value:g}", "left out in Reference")
-    if cycles.use_denoising and not job.denoise:
+    if cycles.use_denoising and not job.denoises:
         yield Remark("Denoise", "", "left out in Reference", "Lensfield's own Denoise turns it on")
 
 
@@ -128,8 +168,9 @@ def _of_camera(scene, job):
     if camera.dof.use_dof and abs(camera.dof.aperture_ratio - 1) > SAME_RATIO:
         yield Remark("Aperture Ratio", f"{camera.dof.aperture_ratio:.3g}", "left out")
     if job.traced and job.iris:
-        yield Remark("Iris Blades", str(job.iris.blades), "left out by the traced lens, whose stop is round")
-    if camera.type != "PERSP":  # refused, or made by Match Camera to Lens
+        yield Remark("Iris Blades", str(job.iris.blades),
+                     "left out by the traced lens: its stop is round, of the same area")
+    if camera.type != "PERSP":  # refused, or set by Match Camera to Lens
         return
     matching_mm = matching_focal_length_mm(scene, job.lens)
     if abs(matching_mm / camera.lens - 1) > SAME_VIEW:
@@ -139,12 +180,10 @@ def _of_camera(scene, job):
 
 def _of_pixels(scene):
     cycles = scene.cycles
-    kind, width_px, glossy = BLENDERS_FILTER
+    kind, width_px = BLENDERS_FILTER
     if cycles.pixel_filter_type not in (kind, "BOX") or cycles.filter_width not in (width_px, 1.0):
         yield Remark("Pixel Filter", f"{cycles.filter_width:.3g} px",
                      "left out; a pixel averages the light on its own square")
-    if cycles.blur_glossy > glossy:
-        yield Remark("Filter Glossy", f"{cycles.blur_glossy:.3g}", "left out")
 
 
 def _left_out(scene):

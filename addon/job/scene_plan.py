@@ -4,22 +4,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...engine.errors import InputError
-from ...engine.image.depth_range import DEPTHS
+from ...engine.runtime.errors import InputError
 from ...engine.spectral.spectra import BAND_NM
-from ...engine.spectral.wavelength_choice import UNFIT, WavelengthChoice, choose_wavelengths
-from ..scene.camera import in_view, render_region
+from ...engine.spectral.wavelength_choice import WavelengthChoice, choose_wavelengths
+from ..scene.camera import in_view
 from ..scene.errors import SceneError
 from ..scene.instances import rendered_blocks, rendered_instances
-from ..scene.render_state import rendered_layer
+from ..scene.render_state import rendered_world
 from ..scene.traced_camera import check_traceable
 from ..scene.working_space import colour_basis
 from ..shading.assigned import AssignedSpectra
 from ..shading.lamps import Lamps, LightGroups
 from ..shading.lint import judge
 from ..shading.node_rules import REJECTED, SEPARATED
+from ..shading.repeated import repeated_colours, tinting_objects
 from ..shading.substitution import Substitution
 from .bands import WAVELENGTHS_PER_PASS, passes
+from .source import check_sources
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,21 +30,25 @@ class ScenePlan:
     Attributes
     ----------
     choice : WavelengthChoice
-        The wavelengths that are rendered, and how those asked for follow.
+        The rendered wavelengths, and their weights for the requested ones.
     lamps : list of Lamp
-        One for each light group; the first is that of the light in none of ours.
+        One for each light group; the first is for light outside Lensfield's groups.
     per_pass : 3 or 1
         Wavelengths that a pass carries.
     dispersive : bool
-        Whether glass has another index at each wavelength.
+        Whether the index of glass varies with wavelength.
     apart : str
         Why a pass carries a single wavelength, if it does.
     unfit : bool
-        Whether there is something in the scene that Cycles renders in red, green and blue, whatever the wavelengths.
+        Whether the scene contains nodes that Cycles renders in red, green and blue, whatever the wavelengths.
     findings : tuple of Finding
-        What becomes of its nodes.
+        The treatment of its nodes.
+    repeated : tuple of RepeatedIn
+        The colours of glass and volumes, largest difference from an RGB render first.
+    tinting : frozenset of str
+        Names of the objects that tint light passing straight through them.
     refusals : tuple of SceneError
-        Why the scene cannot be rendered as it stands, after all; the plan is that of what is known of it.
+        Why the scene cannot be rendered as it is; the plan then covers what is known of it.
     """
 
     choice: WavelengthChoice
@@ -53,6 +58,8 @@ class ScenePlan:
     apart: str
     unfit: bool
     findings: tuple
+    repeated: tuple
+    tinting: frozenset
     refusals: tuple
 
     @property
@@ -61,15 +68,17 @@ class ScenePlan:
         return passes(self.choice.nodes_nm, self.per_pass)
 
     def shares(self, index):
-        """What the wavelengths of a pass give to the radiance at each asked for: array (wavelength, lamp, of pass)."""
+        """Share of each of a pass's wavelengths in the radiance at each requested one: array (wavelength, lamp, of
+        pass)."""
         lamps = np.stack([lamp.output_at(self.choice.output_nm) for lamp in self.lamps], axis=-1)
         return lamps[:, :, None] * self.choice.weights[:, None, self.nodes(index)]
 
     def mix(self, index):
-        """What the wavelengths of a pass take of its planes: array (of pass, channel), channels as in CHANNELS.
+        """Weights of a pass's planes for each of its wavelengths: array (of pass, channel), channels as in CHANNELS.
 
-        Each wavelength has a channel of its own. But where one rides in all three and they differ, by what Cycles
-        colours in RGB, they are mixed as a colour is upsampled; what is substituted is alike in all three and stays.
+        Usually each wavelength has its own channel. If one wavelength is in all three channels, and nodes that Cycles
+        renders in RGB make these differ, they are mixed as a colour is upsampled to a spectrum. Substituted values are
+        equal in all three, and the mix leaves them unchanged.
         """
         nodes_nm = self.choice.nodes_nm[self.nodes(index)]
         if self.unfit and self.per_pass == 1:
@@ -77,12 +86,12 @@ class ScenePlan:
         return np.eye(nodes_nm.size)
 
     def nodes(self, index):
-        """Which of the wavelengths that are rendered ride in a pass: a slice."""
+        """The slice of the rendered wavelengths that a pass carries."""
         return slice(index, None, len(self.bands))
 
     @property
     def text(self):
-        """The passes, why these, and how true colours will be, in one line."""
+        """The passes, the reason for them, and the expected colour error, in one line."""
         renders = f"{len(self.bands)} Cycles render{'s' * (len(self.bands) > 1)}"
         why = "; ".join(filter(None, (self.choice.reason, self.apart)))
         text = f"{renders} at {', '.join(f'{nm:g}' for nm in self.choice.nodes_nm)} nm: {why}"
@@ -96,11 +105,7 @@ class ScenePlan:
 
 
 def check_job(scene, job):
-    """Raise an InputError for what can be known to fail before anything is changed or rendered."""
-    if job.unfit not in UNFIT:
-        raise InputError("options", "unfit", job.unfit, f"expected {' or '.join(UNFIT)}")
-    if job.depth not in DEPTHS:
-        raise InputError("options", "depth", job.depth, f"expected {', '.join(DEPTHS)}")
+    """Raise an InputError for a request that cannot be met, before anything is changed or rendered."""
     if job.traced:
         check_traceable(job.lens)
     if not len(job.wavelengths_nm):
@@ -110,28 +115,14 @@ def check_job(scene, job):
         if not BAND_NM[0] <= nm <= BAND_NM[1]:
             raise InputError("options", "wavelength", f"{nm:g} nm",
                              "colours and lights of a scene reach from {:g} to {:g} nm".format(*BAND_NM))
-    if scene.background_set:
-        raise SceneError(f"scene {scene.name!r}", "background set", scene.background_set.name,
-                         "link its collections into this scene instead")
-    _check_view_layers(scene, job.view_layer)
-    render_region(scene)
-
-
-def _check_view_layers(scene, chosen):
-    names = [layer.name for layer in scene.view_layers]
-    if chosen and chosen not in names:
-        raise SceneError(f"scene {scene.name!r}", "view layer", chosen, f"expected {' or '.join(names)}")
-    on = [layer.name for layer in scene.view_layers if layer.use]
-    if not chosen and len(on) != 1:
-        raise SceneError(f"scene {scene.name!r}", "view layers for rendering", ", ".join(on) or "none",
-                         "choose one of them: View Layer in Lensfield's settings, or --view-layer")
+    check_sources(scene)
 
 
 def plan_scene(scene, job, grid, journal):
     """Judge a scene, wire it for its passes, and plan them.
 
-    What cannot be rendered by wavelengths, where the job does not take that as it comes, spectra that cannot be read
-    and what cannot be wired are among the plan's refusals; all but the first are left out of it.
+    The plan's refusals are nodes that cannot be rendered by wavelengths, unless the job accepts them; spectra that
+    cannot be read; and nodes that cannot be wired. Only the first kind remains part of the plan.
 
     Returns
     -------
@@ -143,25 +134,29 @@ def plan_scene(scene, job, grid, journal):
     of_nodes = [finding for finding in findings if not finding.of_spectrum]
     rejected = [finding for finding in of_nodes if finding.verdict == REJECTED]
     shining, glass = _survey(scene, spectra, job, grid)
+    tinting = tinting_objects(scene)
+    repeated = sorted(repeated_colours(scene, rendered_world(scene), spectra),
+                      key=lambda each: each.rgb_difference[0], reverse=True)
     coupled = [str(finding) for finding in of_nodes if finding.verdict in (REJECTED, SEPARATED)]
     apart = "" if job.spectral.tier == "preview" else glass or next(iter(coupled), "")
     apart = "rays through the lens are of one wavelength" if job.traced else apart
     per_pass = 1 if apart else WAVELENGTHS_PER_PASS
     lamps = Lamps(spectra, job.wavelengths_nm)
-    groups = LightGroups(shining, lamps, together=job.denoise)
+    groups = LightGroups(shining, lamps, together=job.denoises)
     substitution = Substitution(scene, journal, spectra, lamps, groups, rendered)
     choice = choose_wavelengths(substitution.factors, [lamp.output_at for lamp in groups.lamps], job.wavelengths_nm,
-                               job.spectral, mixed_colours=substitution.mixed_colours or bool(rejected),
-                               per_pass=per_pass,
+                               job.spectral, repeated=[each.colour for each in repeated],
+                               mixed_colours=substitution.mixed_colours or bool(rejected), per_pass=per_pass,
                                dispersive=bool(glass) or (job.traced and job.spectral.tier != "preview"))
     refusals = (*spectra.errors(rendered), *substitution.refusals,
                 *_refusals(rejected if job.unfit == "refuse" else ()))
-    plan = ScenePlan(choice, groups.lamps, per_pass, bool(glass), apart, bool(rejected), findings, refusals)
+    plan = ScenePlan(choice, groups.lamps, per_pass, bool(glass), apart, bool(rejected), findings, tuple(repeated),
+                     tinting, refusals)
     return plan, substitution, groups
 
 
 def _refusals(rejected):
-    """The SceneError for what cannot be rendered by wavelengths, if there is any."""
+    """The SceneError for nodes that cannot be rendered by wavelengths, if any."""
     if rejected:
         others = f" (and {len(rejected) - 1} more)" if len(rejected) > 1 else ""
         yield SceneError(rejected[0].place, "node", "rejected",
@@ -170,9 +165,9 @@ def _refusals(rejected):
 
 
 def _survey(scene, spectra, job, grid):
-    """What may shine, objects and the world, each with the data-blocks that it may shine by; and a few words about
-    glass in view whose index varies with wavelength, which previews do without."""
-    world = rendered_layer(scene).world_override or scene.world
+    """Possible light sources (objects and the world), each with the data-blocks that may emit; and a phrase about glass
+    in view whose index varies with wavelength, which previews ignore."""
+    world = rendered_world(scene)
     shining, glass, dispersive = {world: {world}} if world else {}, "", {}
     for instance in rendered_instances(scene):
         blocks = {instance.obj.data} if instance.obj.type == "LIGHT" else instance.materials

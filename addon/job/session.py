@@ -1,6 +1,6 @@
-"""What this Blender has and no file of it, for a process of its own to have, too: painted pixels, devices to render by.
+"""Session state that a child process needs and no file contains: painted pixels and render devices.
 
-Painted on and not saved, an image is in the .blend as it was before.
+An image with unsaved paint is in the .blend as it was before.
 """
 
 import json
@@ -9,11 +9,11 @@ from io import BytesIO
 import bpy
 import numpy as np
 
-from ...engine.files import atomic_path
+from ...engine.runtime.files import atomic_path
 
 
 def lost_images():
-    """Names of images whose pixels are in no file, nor in a session's: Python reaches only the first of tiles."""
+    """Names of images whose pixels are lost to a child, such as painted tiles: Python reaches only the first tile."""
     return [image.name for image in _unsaved_images() if not _can_be_taken(image)]
 
 
@@ -27,7 +27,7 @@ def _can_be_taken(image):
 
 
 def write_session(path):
-    """Write what a copy of this file would be without.
+    """Write the state that a copy of this file would lack.
 
     Parameters
     ----------
@@ -36,14 +36,14 @@ def write_session(path):
     """
     images = [image for image in _unsaved_images() if _can_be_taken(image)]
     facts = {"images": [(image.name, image.is_float) for image in images], "devices": _devices()}
-    stream = BytesIO()  # numpy leaves a file that it cannot write whole half-open
+    stream = BytesIO()  # numpy does not close a file that it cannot write completely
     np.savez(stream, *map(_pixels, images), facts=json.dumps(facts))
     with atomic_path(path, own=True) as temporary, stream.getbuffer() as held:
         temporary.write_bytes(held)
 
 
 def take_session(path):
-    """Have what `write_session` wrote, in another process that has opened the copy."""
+    """Restore the state from `write_session`, in another process that has opened the copy."""
     with np.load(path) as session:
         facts = json.loads(str(session["facts"]))
         for index, (name, is_float) in enumerate(facts["images"]):
@@ -58,7 +58,7 @@ def _pixels(image):
 
 
 def _paint(image, is_float, pixels):
-    """Let an image have these pixels and no file: Cycles would read that."""
+    """Give an image these pixels, without a file: Cycles would read the file instead."""
     if image.packed_file:
         image.unpack(method="REMOVE")
     image.source = "GENERATED"
@@ -69,7 +69,7 @@ def _paint(image, is_float, pixels):
 
 
 def _devices():
-    """The kind of device that Cycles renders by, and which of them are used."""
+    """The kind of device that Cycles uses, and which devices are on."""
     preferences = bpy.context.preferences.addons["cycles"].preferences
     return {"kind": preferences.compute_device_type,
             "used": {device.id: device.use for device in preferences.devices}}

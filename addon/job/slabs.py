@@ -1,44 +1,45 @@
-"""Slabs: what is near and what is far, rendered apart by the camera's clipping, so that none hides what is behind it.
+"""Slabs: ranges of depth that the camera's clipping renders separately, so that near objects do not hide far ones.
 
-One look at the scene's depth, small and of one sample, tells where to cut, and whether at all.
+A depth pre-pass, small and with one sample, decides where to cut, and whether to cut at all.
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...engine.depth.depth_range import BACKGROUND_MM, blur_per_nearness_px, planar_depth_mm
+from ...engine.depth.iris import opening
 from ...engine.depth.slabs import MOST_SLABS, SlabPlan, plan_slabs
-from ...engine.image.depth_range import BACKGROUND_MM, blur_per_nearness_px, planar_depth_mm
 from ...engine.image.pixel_grid import PixelGrid
 from ..scene.bodies import whole_depths_mm
-from ..scene.depth import M_TO_MM
 from ..scene.render_state import guard_render_state, rendered_layer
 from ..scene.undo import Journal
+from ..scene.units import M_TO_MM, depth_pass_m, metres_per_unit
 from .light import depth_pass
 from .steps import RenderPass
 
 PREVIEW_SLABS = 4
-OVERLAP_PX = 0.5  # of blur, by which slabs overlap in a body that they cut
-EVERY_PX = 4  # of the capture, that the look goes by
-MOST_MARGIN = 0.5  # of the frame's longer side, that slabs may reach beyond its edges
+OVERLAP_PX = 0.5  # blur difference by which slabs overlap in a body that they cut
+EVERY_PX = 4  # of the capture, for one pixel of the depth pre-pass
+MOST_MARGIN = 0.5  # largest margin of slabs around the frame, in units of its longer side
 LOOK = {"samples": 1, "max_bounces": 0, "use_adaptive_sampling": False, "use_denoising": False, "time_limit": 0.0}
-BEYOND_ALL_M = 1e9, 2e9  # where a camera that clips there sees the world alone
+BEYOND_ALL_UNITS = 1e9, 2e9  # clip distances at which the camera sees only the world
 
 
 @dataclass(frozen=True)
 class Slab:
-    """What one render of a pass shows.
+    """The part of the scene that one render of a pass shows.
 
     Attributes
     ----------
     near_m, far_m : float
-        Where the camera clips.
+        Clip distances of the camera.
     region : (slice, slice)
         Rows and columns of the capture.
     transparent : bool
-        Whether the film is.
+        Whether the film is transparent.
     narrows : bool
-        Whether later passes may be of that part of the region alone which holds something in the first.
+        Whether later passes may be limited to the part of the region that has content in the first.
     """
 
     near_m: float
@@ -49,26 +50,26 @@ class Slab:
 
     @property
     def facts(self):
-        """What tells it from others, as JSON can hold it."""
+        """The values that identify the slab, in types that JSON supports."""
         return [self.near_m, self.far_m, [(side.start, side.stop) for side in self.region], self.transparent]
 
     def within(self, part):
-        """The slab, of this part of its region alone."""
+        """The slab, limited to this part of its region."""
         return replace(self, region=tuple(slice(whole.start + kept.start, whole.start + kept.stop)
                                           for whole, kept in zip(self.region, part, strict=True)))
 
 
 @dataclass(frozen=True)
 class Cut:
-    """How a capture is cut.
+    """The division of a capture into slabs.
 
     Attributes
     ----------
     plan : SlabPlan
     capture : PixelGrid
-        With so much around the frame as near things blur in from.
+        With the margin around the frame that the blur of near objects needs.
     slabs : tuple of Slab
-        From near to far, and at last the world, where it can be seen apart and the film is not transparent.
+        From near to far; last the world, if it can be rendered separately and the film is not transparent.
     """
 
     plan: SlabPlan
@@ -76,21 +77,23 @@ class Cut:
     slabs: tuple[Slab, ...]
 
 
-def cut_steps(scene, job, grid, region, passes, path, done, share):
-    """Steps that look at the scene's depth; returns the Cut by it, or None where the lens's data hold for all of it.
+def cut_steps(scene, job, grid, region, tinting, passes, path, done, share):
+    """Steps of the depth pre-pass; returns the Cut, or None if the lens data hold at every depth in the scene.
 
     Parameters
     ----------
     scene, job
     grid : PixelGrid
-        Of the capture, as it is without slabs.
+        The capture without slabs.
     region : (slice, slice)
-        What of that is rendered.
+        The rendered part of `grid`.
+    tinting : collection of str
+        As in `plan_by`.
     passes : KeptPasses
     path : Path
         A file to render to.
     done, share : float
-        How much of the whole job is done before, and is done by this.
+        Fractions of the complete job: before this, and of this.
     """
     widest = looked_at(grid)
     look = PixelGrid(tuple(-(-n // EVERY_PX) for n in widest.shape_px), EVERY_PX * grid.pitch_um,
@@ -100,36 +103,40 @@ def cut_steps(scene, job, grid, region, passes, path, done, share):
         for name, value in LOOK.items():
             journal.set(scene.cycles, name, value)
         layer = rendered_layer(scene)
-        journal.set(layer, "samples", 0)  # none of its own
+        journal.set(layer, "samples", 0)  # no override of the scene's samples
         name, colours = depth_pass(layer.name), [f"{layer.name}.Combined.{channel}" for channel in "RGB"]
         planes = yield from passes.planes(RenderPass(scene, "Looking at depth", done, share), path, {name, *colours},
                                           "look")
-    plan, *whole_mm = plan_by(planar_depth_mm(planes[name] * M_TO_MM, job.lens, look), scene, job, grid,
+    depth_mm = depth_pass_m(planes[name], metres_per_unit(scene)) * np.float32(M_TO_MM)
+    plan, *whole_mm = plan_by(planar_depth_mm(depth_mm, job.lens, look), scene, job, grid, tinting,
                               np.mean([planes[colour] for colour in colours], axis=0))
     return _cut(scene, job.lens, plan, grid, region, *whole_mm) if plan.needed else None
 
 
 def looked_at(grid):
-    """What a look at depth shows: a capture with as much around the frame as slabs are ever given."""
+    """The area of the depth pre-pass: a capture with the largest margin around the frame that slabs can have."""
     most_px = [max(margin, round(MOST_MARGIN * max(grid.frame_px))) for margin in grid.overscan_px]
     return PixelGrid.around_frame(grid.frame_px, grid.pitch_um, most_px, grid.projection)
 
 
-def plan_by(depth_mm, scene, job, grid, light=None):
-    """The SlabPlan by a look at depth, and (near_mm, far_mm) of each volume and of each closed body.
+def plan_by(depth_mm, scene, job, grid, tinting, light=None):
+    """The SlabPlan for given depths, and (near_mm, far_mm) of each volume and of each closed body.
 
     Parameters
     ----------
     depth_mm : array (row, column)
-        Of `looked_at(grid)`, by any resolution.
+        Over `looked_at(grid)`, at any resolution.
     scene, job
     grid : PixelGrid
-        Of the capture, as it is without slabs.
+        The capture without slabs.
+    tinting : collection of str
+        Names of the objects that tint light passing straight through them, from `tinting_objects`.
     light : array (row, column), optional
-        Of the same pixels: edges of lamps count more.
+        At the same pixels: edges of lamps have more weight.
     """
-    volumes_mm, bodies_mm = whole_depths_mm(scene, job.lens, looked_at(grid))
+    volumes_mm, bodies_mm = whole_depths_mm(scene, job.lens, looked_at(grid), tinting)
     plan = plan_slabs(depth_mm, looked_at(grid), job.lens, overscan_px=grid.overscan_px, others=job.others, light=light,
+                      reach=max(opening(job.iris, lens).reach for lens in (job.lens, *job.others)),
                       most_slabs=PREVIEW_SLABS if job.spectral.tier == "preview" else MOST_SLABS,
                       accuracy=job.options.depth_accuracy, whole_mm=volumes_mm, bodies_mm=bodies_mm)
     return plan, volumes_mm, bodies_mm
@@ -138,24 +145,25 @@ def plan_by(depth_mm, scene, job, grid, light=None):
 def _cut(scene, lens, plan, grid, region, volumes_mm, bodies_mm):
     world_apart = all(np.isfinite(far_mm) for _, far_mm in volumes_mm)
     capture = PixelGrid.around_frame(grid.frame_px, grid.pitch_um, plan.margin_px, grid.projection)
-    camera, film = scene.camera.data, scene.render.film_transparent
+    film, unit_m = scene.render.film_transparent, metres_per_unit(scene)
+    start_m, end_m = _clipping_m(scene)
     regions = [tuple(slice(part.start + most - margin, part.stop + most - 2 * overscan + margin)
                      for part, most, margin, overscan in zip(region, capture.overscan_px, margins, grid.overscan_px,
                                                              strict=True)) for margins in plan.margins_px]
     overlap_per_mm = OVERLAP_PX / blur_per_nearness_px(lens, grid.pitch_um)
-    nears_mm = [camera.clip_start * M_TO_MM, *plan.borders_mm]
+    nears_mm = [start_m * M_TO_MM, *plan.borders_mm]
     fars_mm = [*(_far_mm(border_mm, volumes_mm, bodies_mm, overlap_per_mm) for border_mm in plan.borders_mm), np.inf]
-    slabs = [Slab(near_mm / M_TO_MM, far_m, part, film or world_apart or far_m < camera.clip_end, True)
+    slabs = [Slab(near_mm / M_TO_MM, far_m, part, bool(film or world_apart or far_m < end_m), True)
              for near_mm, far_mm, part in zip(nears_mm, fars_mm, regions, strict=True)
-             if near_mm / M_TO_MM < (far_m := min(far_mm / M_TO_MM, camera.clip_end))]
+             if near_mm / M_TO_MM < (far_m := min(far_mm / M_TO_MM, end_m))]
     if world_apart and not film:
-        slabs.append(Slab(*BEYOND_ALL_M, regions[-1], False, False))
+        slabs.append(Slab(*(units * unit_m for units in BEYOND_ALL_UNITS), regions[-1], False, False))
     return Cut(plan, capture, tuple(slabs))
 
 
 def _far_mm(border_mm, volumes_mm, bodies_mm, overlap_per_mm):
-    """Where the slab before a border ends: a little behind it, where that cuts a closed body. The next slab shows the
-    dark inside of the body there, and the outside covers it."""
+    """The far end of the slab before a border: slightly behind the border if it cuts a closed body. There the next slab
+    shows the dark inside of the body, and the outside covers it."""
     behind_mm = 1 / max(1 / border_mm - overlap_per_mm, 1 / BACKGROUND_MM)
     ends_mm = [min(far_mm, behind_mm) for near_mm, far_mm in bodies_mm if near_mm < border_mm < far_mm]
     volumes_begin_mm = [near_mm for near_mm, _ in volumes_mm if near_mm >= border_mm]
@@ -163,6 +171,11 @@ def _far_mm(border_mm, volumes_mm, bodies_mm, overlap_per_mm):
 
 
 def whole_slab(scene, region):
-    """All that the scene's camera sees, in this region of the capture."""
-    camera = scene.camera.data
-    return Slab(camera.clip_start, camera.clip_end, region, scene.render.film_transparent, False)
+    """The slab of everything that the camera sees in this region of the capture."""
+    return Slab(*_clipping_m(scene), region, scene.render.film_transparent, False)
+
+
+def _clipping_m(scene):
+    """Clip distances of the scene's camera, in metres: (start, end)."""
+    camera, unit_m = scene.camera.data, metres_per_unit(scene)
+    return camera.clip_start * unit_m, camera.clip_end * unit_m

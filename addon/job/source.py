@@ -1,7 +1,7 @@
-"""The files that what is open was read from: a digest that is another one as soon as any of them is.
+"""A digest of the files that the open scene was read from: it changes as soon as any of them does.
 
-A scene's fingerprint leaves out the weights of vertex groups and the pixels of images; what is in files, and not
-changed since, is told whole by them. So passes are kept for another process only where the files vouch for them.
+A scene's fingerprint leaves out the weights of vertex groups and the pixels of images. Unchanged files determine these
+completely, so passes are stored for another process only if the scene is as its files have it.
 """
 
 import os
@@ -11,18 +11,24 @@ from pathlib import Path
 
 import bpy
 
+from ...engine.runtime.files import file_status
+from ...engine.runtime.inputs import MOST_BYTES, MOST_FONT_BYTES, check_named
 from ..scene.fingerprint import blocks_of
-from ..shading.assigned import fields_of
+from ..scene.trust import trusts_all
+from ..shading.assigned import fields_of, spectrum_path
+from .named_files import named_files
 
 NUMBER = re.compile(r"\d+|<UDIM>|<UVTILE>|#+")
 READ_BYTES = 1 << 24
+MOST_OF = {"FONT": MOST_FONT_BYTES} | dict.fromkeys(("SOUND", "MOVIECLIP", "VOLUME", "CACHEFILE", "SCENE"))
+"""Largest file size in bytes for each kind of data-block; None for files that Blender reads piece by piece."""
 
 
 def source_digest(scene):
-    """Of all files that the open .blend's scene depends on, as they are now: text; "" where it is in none.
+    """The digest of all files that the scene depends on, as they are now: text; "" if the .blend is not saved.
 
-    Of the .blend itself every byte counts, of others name, size and time. It is for the caller to know that nothing
-    has been changed since it was opened: in the background Blender does not.
+    It covers every byte of the .blend, and the name, size and time of other files. The caller must know that the scene
+    has not changed since it was opened: in the background Blender does not track changes.
     """
     if not os.path.isfile(bpy.data.filepath):
         return ""
@@ -30,32 +36,59 @@ def source_digest(scene):
     with open(bpy.data.filepath, "rb") as blend:
         while block := blend.read(READ_BYTES):
             digest.update(block)
-    for path in sorted(_others(scene)):
-        status = path.stat() if path.is_file() else None
+    for path in sorted(_all_alike(_others(scene))):
+        status = file_status(path)
         digest.update(f"{path} {status and (status.st_size, status.st_mtime_ns)}\n".encode(errors="surrogateescape"))
     return digest.hexdigest()
 
 
+def check_sources(scene):
+    """Raise an InputError for a file of the scene that Blender should not open: a pipe, a device, an endless file.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+        In a window, no file is accessed while the .blend names an untrusted one.
+    """
+    if not trusts_all() and named_files():
+        return
+    for named, block in _others(scene).items():
+        kind = block.rna_type.name.lower() if block else "cache"
+        by = f"{kind} {block.name!r}" if block else "the scene"
+        for path in _all_alike([named]) if _is_sequence(block) else [named]:
+            check_named(path, kind, by, MOST_OF.get(block.id_type, MOST_BYTES) if block else None)
+
+
 def window_digest(scene):
-    """The same in a window, which knows what has been changed: "" where anything is other than in the files."""
+    """`source_digest` for a window, where Blender tracks changes: "" if anything differs from the files."""
     changed = bpy.data.is_dirty or any(image.is_dirty for image in bpy.data.images)
     return "" if changed else source_digest(scene)
 
 
 def _others(scene):
-    """Files that the scene's data-blocks name, and all frames, tiles and caches that go with them: set of Path."""
-    blocks = blocks_of(scene)
-    found = {Path(bpy.path.abspath(library.filepath)) for library in bpy.data.libraries} | {
-        Path(bpy.path.abspath(path, library=block.library))
-        for block, paths in bpy.data.file_path_map(subset=blocks).items() for path in (*paths, *_spectra(block))}
-    alike = {}
+    """Files that the scene's data-blocks name, and cache files: dict of Path to data-block, or to None for a cache."""
+    blocks = [block for block in blocks_of(scene) if not getattr(block, "packed_file", None)]
+    found = {Path(bpy.path.abspath(library.filepath)): library for library in bpy.data.libraries}
+    for block, paths in bpy.data.file_path_map(subset=blocks).items():
+        found |= {Path(bpy.path.abspath(path, library=block.library)): block for path in (*paths, *_spectra(block))}
+    for folder in _cache_folders(blocks):
+        found |= {Path(above, name): None for above, _, names in os.walk(folder) for name in names}
+    return found
+
+
+def _all_alike(paths):
+    """The files with all frames and tiles of their sequences: set of Path."""
+    found, alike = set(paths), {}
     for path in found:
         alike.setdefault(path.parent, set()).add(_numbered(path))
     for folder, names in alike.items():
         found |= {path for path in (folder.iterdir() if folder.is_dir() else ()) if _numbered(path) in names}
-    for folder in _cache_folders(blocks):
-        found |= {Path(above, name) for above, _, names in os.walk(folder) for name in names}
     return found
+
+
+def _is_sequence(block):
+    """Whether a data-block's path stands for several files: frames, or tiles."""
+    return getattr(block, "source", "") in ("SEQUENCE", "TILED") or getattr(block, "is_sequence", False)
 
 
 def _numbered(path):
@@ -63,14 +96,15 @@ def _numbered(path):
 
 
 def _spectra(block):
-    """What it names in its Lensfield Spectra: files among them."""
-    return [text for field in fields_of(block) if (text := getattr(block.lensfield, field).strip())]
+    """Files that a data-block names in its Lensfield Spectra."""
+    return [path for field in fields_of(block) if (path := spectrum_path(block, field))]
 
 
 def _cache_folders(blocks):
     """Folders of simulations and bakes."""
     blend = Path(bpy.data.filepath)
-    yield blend.with_name(f"blendcache_{blend.stem}")
+    if blend.name:
+        yield blend.with_name(f"blendcache_{blend.stem}")
     for modifier in (modifier for block in blocks if block.id_type == "OBJECT" for modifier in block.modifiers):
         if modifier.type == "NODES":
             yield from (bpy.path.abspath(folder) for folder in (

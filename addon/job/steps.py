@@ -1,4 +1,4 @@
-"""The steps that a job is made of, for whoever runs them."""
+"""The kinds of steps that a job yields."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,9 +8,9 @@ import bpy
 
 @dataclass(frozen=True)
 class RenderPass:
-    """Step: render the scene as it stands, to the file that it names.
+    """Step: render the scene as it is, to the file that its settings name.
 
-    `fraction` of the whole job is done before this step, `share` of it is this step's.
+    `fraction` is the fraction of the job before this step, and `share` the step's own.
     """
 
     scene: bpy.types.Scene

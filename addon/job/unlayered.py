@@ -1,7 +1,7 @@
-"""What one depth for each pixel does not tell: what is seen through glass, in mirrors and in volumes, found by rays.
+"""Content that one depth for each pixel misses, found by rays: scenes behind glass, reflections, and volumes.
 
-A render's depth is that of the first surface. What lies behind glass, or is reflected, is blurred as if it were on that
-surface; and the light of fog as if it came from what lies behind it. That counts where the two are blurred otherwise.
+A render's depth belongs to the first surface. Objects behind glass, and reflected ones, are blurred as if they were on
+that surface; and the light of fog as if it came from the surface behind it. Only a difference in blur counts.
 """
 
 from collections import Counter
@@ -9,30 +9,32 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...engine.image.depth_range import blur_per_nearness_px, entrance_pupil_diameter_mm
-from ..scene.depth import BEYOND_M, M_TO_MM, View
+from ...engine.depth.depth_range import blur_per_nearness_px
+from ...engine.lens.entrance_pupil import entrance_pupil_diameter_mm
+from ..scene.depth import BEYOND_M, View
 from ..scene.instances import rendered_instances
 from ..scene.render_state import rendered_layer
+from ..scene.units import M_TO_MM
 from ..shading.lobes import MIRRORED, REFRACTED, STRAIGHT, glows_within, has_surface, lobes_of
 
 VOLUME = "volume"
-SHOWN = 0.1  # of a surface's light: less of a lobe is no picture
-MOST_SURFACES = 16  # that a ray goes through
-BLUR_PX = 1.0  # by which two depths have to differ
-BENDING = 0.5  # glass's index, less 1
+SHOWN = 0.1  # least share of a surface's light for a lobe to count
+MOST_SURFACES = 16  # that a ray passes through
+BLUR_PX = 1.0  # least difference in blur between two depths for it to count
+BENDING = 0.5  # refractive index of glass, minus 1
 SEEN_AS = {REFRACTED: "visible_transmission", MIRRORED: "visible_glossy"}
 
 
 @dataclass(frozen=True)
 class Unlayered:
-    """What a depth does not tell, of one kind.
+    """Content of one kind that a pixel's depth misses.
 
     Attributes
     ----------
     share : float
-        Of the picture.
+        Fraction of the picture.
     names : tuple of str
-        The objects, those that most of it is seen in first; () for the world's volume.
+        The objects, largest share first; () for the world's volume.
     """
 
     share: float
@@ -40,7 +42,7 @@ class Unlayered:
 
 
 def unlayered(scene, lens, capture):
-    """What of a picture is blurred by another distance than its own, before it is rendered.
+    """Content of a picture that would be blurred for a wrong distance, estimated before the render.
 
     Parameters
     ----------
@@ -51,7 +53,7 @@ def unlayered(scene, lens, capture):
     Returns
     -------
     dict
-        REFRACTED, MIRRORED and VOLUME to their Unlayered, where there is any.
+        REFRACTED, MIRRORED and VOLUME to their Unlayered; kinds that do not occur are left out.
     """
     look = _Look(scene, lens, capture)
     boxes, volumes = look.candidates()
@@ -69,7 +71,7 @@ def unlayered(scene, lens, capture):
 
 
 class _Look:
-    """A look along the rays of a camera."""
+    """Casts the rays of a camera."""
 
     def __init__(self, scene, lens, capture):
         self.view, self._scene, self._layer = View(scene, lens, capture), scene, rendered_layer(scene)
@@ -78,33 +80,33 @@ class _Look:
         self._lobes, self._glows = {}, {}
 
     def candidates(self):
-        """How far along each ray the bounding boxes of what may be glass or a mirror begin: list of array; and of what
-        has a volume, after its name, "" for the world's."""
+        """Distances along each ray, in metres, to the bounding boxes of possible glass, mirrors and volumes: list of
+        arrays; and (name, array) for each volume, with "" as the name of the world's."""
         none = np.full(len(self.view.directions), np.inf)
         boxes, world = [none], self._layer.world_override or self._scene.world
         volumes = [("", np.zeros_like(none))] if world and glows_within(world) else []
         for instance in rendered_instances(self._scene):
             is_volume = self._is_volume(instance)
             if is_volume or any(map(self._shows_more, instance.materials)):
-                entered_m = _entered_m(instance, self.view.origin, self.view.directions)
+                entered_m = _entered(instance, self.view.origin, self.view.directions) * self.view.unit_m
                 boxes.append(entered_m)
                 volumes += [(instance.obj.name, entered_m)] * is_volume
         return boxes, volumes
 
     def along(self, ray, direction):
-        """The depth in metres that a ray's pixel has; and what that does not tell: the kind, and the object's name,
-        both "" for nothing."""
+        """The depth of a ray's pixel in metres; and, if this depth misses content, its kind and the name of the surface
+        that shows it, else "" for both."""
         hit, cosine = self._with_depth(direction), self.view.cosines[ray]
         if hit is None:
             return np.inf, "", ""
-        distance_m = max((hit.place - self.view.origin).length, BEYOND_M)
+        distance_m = max((hit.place - self.view.origin).length * self.view.unit_m, BEYOND_M)
         lobe = self._picture(hit, distance_m)
         apart = abs(1 / distance_m - _nearness(distance_m, *self._beyond(hit, direction, lobe.way))) if lobe else 0.0
         told = apart * self._blur_px_m / cosine <= BLUR_PX
         return distance_m * cosine, *(("", "") if told else (lobe.way, hit.obj.original.name))
 
     def is_elsewhere(self, first_m, depths_m):
-        """Whether what begins at a depth, before that of a pixel, is blurred otherwise."""
+        """Whether content that begins at `first_m`, in front of a pixel's depth, has a different blur."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return (first_m < depths_m) & (self._blur_px_m * (1 / first_m - 1 / depths_m) > BLUR_PX)
 
@@ -119,13 +121,13 @@ class _Look:
         return any(lobe.way != STRAIGHT and lobe.share >= SHOWN for lobe in self._lobes_of_material(material) or ())
 
     def _with_depth(self, direction):
-        """The Hit that a depth pass has: surfaces that are nearly transparent have none."""
+        """The Hit that a depth pass records: it ignores surfaces that are nearly transparent."""
         start = self.view.origin
         for _ in range(MOST_SURFACES):
             hit = self.view.first(start, direction)
             if hit is None or self._covers(hit):
                 return hit
-            start = hit.place + direction * BEYOND_M
+            start = hit.place + direction * self.view.beyond_units
         return None
 
     def _covers(self, hit):
@@ -136,32 +138,35 @@ class _Look:
         return covered > 0 and covered >= self._layer.pass_alpha_threshold
 
     def _picture(self, hit, distance_m):
-        """The Lobe that shows most of something else, where it is not too rough for any focus to be seen in it."""
-        spread = self._pupil_m / distance_m  # the angle that the pupil is seen under from there
+        """The strongest Lobe that shows other objects; one too rough for focus to matter does not count."""
+        spread = self._pupil_m / distance_m  # the angle that the pupil subtends at the surface
         shown = [lobe for lobe in self._lobes_of(hit) if lobe.way != STRAIGHT and lobe.share >= SHOWN
                  and 2 * lobe.roughness**2 < spread]
         return max(shown, key=lambda lobe: lobe.share, default=None)
 
     def _beyond(self, hit, direction, way):
-        """How far behind a surface what is seen there lies, in metres along the ray, and the power in 1/m of all that
-        the light is bent by."""
+        """Distance in metres along the ray from a surface to the object visible in it, and the power in 1/m of all
+        surfaces that bend the light."""
         if way == MIRRORED:
             outside = hit.normal.dot(direction) < 0
-            power = 2 * _curvature(hit) * (-1 if outside else 1)
+            power = 2 * self._curvature_per_m(hit) * (-1 if outside else 1)
             direction = direction - 2 * direction.dot(hit.normal) * hit.normal
         else:
-            power = BENDING * _curvature(hit)
+            power = BENDING * self._curvature_per_m(hit)
         place = hit.place
         for _ in range(MOST_SURFACES):
-            further = self.view.first(place + direction * BEYOND_M, direction, SEEN_AS[way])
+            further = self.view.first(place + direction * self.view.beyond_units, direction, SEEN_AS[way])
             if further is None:
                 return np.inf, power
             place = further.place
             if way == REFRACTED and self._refracts(further):
-                power += BENDING * _curvature(further)
+                power += BENDING * self._curvature_per_m(further)
             elif self._covers(further):
                 break
-        return (place - hit.place).length, power
+        return (place - hit.place).length * self.view.unit_m, power
+
+    def _curvature_per_m(self, hit):
+        return _curvature(hit) / self.view.unit_m
 
     def _refracts(self, hit):
         return any(lobe.way == REFRACTED and lobe.share >= SHOWN for lobe in self._lobes_of(hit) or ())
@@ -170,7 +175,7 @@ class _Look:
         return self._lobes_of_material(self._layer.material_override or _material(hit))
 
     def _lobes_of_material(self, material):
-        """The Lobes of its surface; None where it has none."""
+        """The Lobes of a material's surface; None without a surface."""
         if material not in self._lobes:
             self._lobes[material] = [] if material is None else lobes_of(material) if has_surface(material) else None
         return self._lobes[material]
@@ -184,7 +189,7 @@ def _material(hit):
 
 
 def _curvature(hit):
-    """The mean curvature of a smooth face, in 1/m: positive where it bulges to the side of its normal."""
+    """The mean curvature of a smooth face, per Blender unit: positive if the face bulges towards its normal."""
     if hit.obj.type != "MESH" or not 0 <= hit.face < len(hit.obj.data.polygons):
         return 0.0
     mesh = hit.obj.data
@@ -199,14 +204,14 @@ def _curvature(hit):
 
 
 def _nearness(distance_m, beyond_m, power):
-    """1 / distance at which something appears that lies so far beyond a surface of this power."""
+    """1 / apparent distance of an object `beyond_m` behind a surface of this power."""
     vergence = 1 / max(beyond_m, BEYOND_M) - power
     stretch = 1 + distance_m * vergence
     return vergence / stretch if stretch else np.inf
 
 
-def _entered_m(instance, origin, directions):
-    """How far along rays a bounding box is entered, 0 from inside; inf where it is missed: array."""
+def _entered(instance, origin, directions):
+    """Distance along each ray to a bounding box, in Blender units: array; 0 from inside, inf for a miss."""
     to_box = np.linalg.pinv(instance.matrix_world)
     start, along = to_box[:3, :3] @ origin + to_box[:3, 3], directions @ to_box[:3, :3].T
     with np.errstate(divide="ignore", invalid="ignore"):

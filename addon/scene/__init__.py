@@ -1,1 +1,1 @@
-"""Blender's scene: what is rendered of it, by which camera and settings, put back afterwards; and its compositor."""
+"""Blender's scene: its rendered objects, its camera and settings (restored after a render), and its compositor."""

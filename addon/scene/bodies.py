@@ -1,73 +1,78 @@
-"""Bodies and volumes: over which depths of a scene no border between slabs may go.
+"""Bodies and volumes: depths of a scene that must not contain a border between slabs.
 
-A border through a closed body would show its dark inside in the farther slab; one through a volume would leave out what
-the light meets before it. Holdouts make a hole in all that is behind them.
+A border through a closed body would show its dark inside in the farther slab; a border through a volume would leave out
+everything that the light meets in front of it. Holdouts cut a hole into everything behind them. Everything behind a
+coloured volume or coloured transparency stays in the same slab, including the world: slabs are composited by alpha, a
+single number per pixel, which would turn the tint grey.
 """
 
 import numpy as np
 
 from ...engine.image.pixel_grid import PLANE
 from .camera import in_view
-from .depth import M_TO_MM
 from .instances import cycles_output, nodes_within, rendered_instances, uses_nodes
-from .render_state import rendered_layer
+from .render_state import rendered_layer, rendered_world
+from .units import mm_per_unit
 
 EVERYWHERE_MM = 0.0, np.inf
 
 
-def whole_depths_mm(scene, lens, capture):
-    """Depths of the volumes and of the closed bodies in a capture's view, as its camera clips; a holdout is as a volume
-    that is everywhere.
+def whole_depths_mm(scene, lens, capture, tinting):
+    """Depths of the volumes and of the closed bodies in a capture's view, as its camera clips; a holdout counts as a
+    volume that is everywhere.
 
-    A body around the camera, such as a room, is left out: it is seen from its inside.
+    A body around the camera, such as a room, is left out: its inside is visible.
 
     Parameters
     ----------
     scene : bpy.types.Scene
-        Evaluated at the frame, by the camera that renders it.
+        Evaluated at the frame, with the camera that renders it.
     lens : Lens
     capture : PixelGrid
+    tinting : collection of str
+        Names of the objects that tint light passing straight through them.
 
     Returns
     -------
     volumes_mm, bodies_mm : list of (near_mm, far_mm)
     """
-    layer = rendered_layer(scene)
-    world = layer.world_override or scene.world
-    volumes, bodies = ([EVERYWHERE_MM] if world and _has_volume(world) else []), set()
-    to_camera = np.linalg.inv(np.array(scene.camera.matrix_world.normalized()))
+    layer, world = rendered_layer(scene), rendered_world(scene)
+    volumes, bodies = ([EVERYWHERE_MM] if world and has_volume(world) else []), set()
+    to_camera_mm = mm_per_unit(scene) * np.linalg.inv(np.array(scene.camera.matrix_world.normalized()))
     closed, foggy, holes = {}, {}, {}  # by data and by material: there may be many instances of few
     for instance in rendered_instances(scene):
         if instance.obj.type == "LIGHT" or not in_view(scene.camera, instance.box, lens, capture):
             continue
-        near_mm, far_mm = _depths_mm(instance.box, to_camera, capture.projection)
+        near_mm, far_mm = depths_mm(instance.box, to_camera_mm, capture.projection)
         for material in instance.materials - foggy.keys():
-            foggy[material], holes[material] = _has_volume(material), _has_holdout(material)
+            foggy[material], holes[material] = has_volume(material), _has_holdout(material)
         if _is_holdout(instance.obj, layer) or any(holes[material] for material in instance.materials):
             volumes.append(EVERYWHERE_MM)
+        elif instance.obj.name in tinting:
+            volumes.append((max(near_mm, 0.0), np.inf))
         elif instance.obj.type == "VOLUME" or any(foggy[material] for material in instance.materials):
             volumes.append((max(near_mm, 0.0), far_mm))
         elif near_mm > 0:
             if instance.data not in closed:
-                closed[instance.data] = _is_closed(instance.data)
+                closed[instance.data] = is_closed(instance.data)
             if closed[instance.data]:
                 bodies.add((near_mm, far_mm))
     return volumes, sorted(bodies)
 
 
-def _depths_mm(box, to_camera, projection):
-    """Nearest and farthest that a box is, in depth, or in distance for a fisheye; nearest 0 or less around the camera.
+def depths_mm(box, to_camera_mm, projection):
+    """Nearest and farthest depth of a box (distance for a fisheye), in mm; the nearest is 0 or less around the camera.
     """
-    places = (box @ to_camera[:3, :3].T + to_camera[:3, 3]) * M_TO_MM
+    places_mm = box @ to_camera_mm[:3, :3].T + to_camera_mm[:3, 3]
     if projection == PLANE:
-        return float(-places[:, 2].max()), float(-places[:, 2].min())
-    low, high = places.min(axis=0), places.max(axis=0)
+        return float(-places_mm[:, 2].max()), float(-places_mm[:, 2].min())
+    low, high = places_mm.min(axis=0), places_mm.max(axis=0)
     return (float(np.linalg.norm(np.maximum(0, np.maximum(low, -high)))),
-            float(np.linalg.norm(places, axis=1).max()))
+            float(np.linalg.norm(places_mm, axis=1).max()))
 
 
-def _is_closed(data):
-    """Whether this is a mesh of which each edge has two faces."""
+def is_closed(data):
+    """Whether this is a mesh with two faces at each edge."""
     loops = getattr(data, "loops", ())
     if not len(loops):
         return False
@@ -76,7 +81,7 @@ def _is_closed(data):
     return bool(np.all(np.bincount(edges, minlength=len(data.edges)) == 2))
 
 
-def _has_volume(block):
+def has_volume(block):
     """Whether Cycles renders a volume for this material or world."""
     output = cycles_output(block)
     return bool(output and output.inputs["Volume"].is_linked)

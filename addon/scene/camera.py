@@ -1,30 +1,31 @@
-"""The camera: what sees the scene as the lens does, with the overscan that the lens needs."""
+"""The camera: it captures the lens's view of the scene, with the overscan that the lens needs."""
 
 from dataclasses import replace
 
 import numpy as np
 from mathutils import Euler, Vector
 
-from ...engine.bake.rings import AT_REST, in_metres
-from ...engine.errors import InputError
-from ...engine.field.distortion import FieldGeometry
+from ...engine.field.field_map import field_map
 from ...engine.field.overscan import VIEWS, choose_capture, overscan_px, reach_px
-from ...engine.field.psf_bank import psf_radius_px
-from ...engine.image.pitch import fitting_pitch_um as pitch_um
 from ...engine.image.pixel_grid import PLANE, PixelGrid
-from ...engine.lens.curves import field_angle_rad, reference_nm
+from ...engine.inspection.curves import field_angle_rad, reference_nm
+from ...engine.lens.pinhole import fitting_pitch_um as pitch_um
+from ...engine.rays.rings import AT_REST, in_metres
+from ...engine.runtime.errors import InputError
 from .errors import SceneError
 from .instances import rendered_instances
 from .lens_cache import scaled_lens
 from .lens_facts import lens_facts
+from .units import metres_per_unit
 
-FARTHEST_M, NEAREST_M = 1e4, 0.01  # of what a new camera is aimed at
+FARTHEST_M, NEAREST_M = 1e4, 0.01  # for `aim_camera`: bound on coordinates, and least radius of the framed sphere
 NEW_FILES_ROTATION = Euler((1.1093, 0.0, 0.8149))
-CAMERA_SENSOR_MM = 36.0  # Blender's limits on focal lengths are made for this; only the ratio to it counts
+CAMERA_SENSOR_MM = 36.0  # suits Blender's limits on focal lengths; only the ratio to it counts
 FISHEYE_TYPE = "FISHEYE_LENS_POLYNOMIAL"
 WHOLE_SPHERE = 2 * np.pi  # a field of view that cuts nothing off
 FIT_SAMPLES = 257
 MOST_ROOM = 1.0
+LEAST_VOLUME = 1e-6  # spanned by a camera's unit axes: 0 if its scale along one axis is 0
 TO_PERSPECTIVE = ("a lens sees in perspective: choose Perspective for the Type in the camera's properties, then Match "
                   "Camera to Lens to frame by")
 
@@ -37,7 +38,7 @@ def frame_px(scene):
 
 
 def render_region(scene):
-    """The part of the frame that Blender's render region takes: slices of its rows and columns; None without one.
+    """Blender's render region in the frame: slices of its rows and columns; None without one.
 
     Raises
     ------
@@ -55,7 +56,7 @@ def render_region(scene):
 
 
 def captured_region(region, lens, wavelengths_nm, capture, room=0.0, others=()):
-    """The part of a capture that light for a region of the frame may come from: slices of its rows and columns.
+    """The part of a capture that may contribute light to a region of the frame: slices of its rows and columns.
 
     Parameters
     ----------
@@ -67,18 +68,19 @@ def captured_region(region, lens, wavelengths_nm, capture, room=0.0, others=()):
     """
     seen = replace(capture, focal_mm=capture.focal_mm or lens.capture_focal_length_mm)
     reach = max(round(room * max(capture.frame_px)),
-                *(reach_px(one, seen, wavelengths_nm, psf_radius_px(one, capture.pitch_um)) for one in (lens, *others)))
+                *(reach_px(one, seen, wavelengths_nm, field_map(one).psf_radius_px(capture.pitch_um))
+                  for one in (lens, *others)))
     return tuple(slice(max(part.start + overscan - reach, 0), min(part.stop + overscan + reach, n))
                  for part, overscan, n in zip(region, capture.overscan_px, capture.shape_px, strict=True))
 
 
 def capture_grid(scene, lens, wavelengths_nm, room=0.0, others=()):
-    """The pixels to capture a scene with for a lens: `frame_capture` for its render's size."""
+    """The pixels of a scene's capture for a lens: `frame_capture` for the render's size."""
     return frame_capture(lens, frame_px(scene), wavelengths_nm, room, others)
 
 
 def frame_capture(lens, shape_px, wavelengths_nm, room=0.0, others=()):
-    """The pixels to capture a scene with for a lens: a PixelGrid.
+    """The pixels of a capture for a lens: a PixelGrid.
 
     Parameters
     ----------
@@ -87,32 +89,33 @@ def frame_capture(lens, shape_px, wavelengths_nm, room=0.0, others=()):
         Rows and columns of the frame.
     wavelengths_nm : sequence of float
     room : float
-        How much of the frame's longer side to capture beyond each edge at the least.
+        Least margin to capture beyond each edge, as a fraction of the frame's longer side.
     others : sequence of Lens
-        That are to see the same capture, on the same sensor: the lens, turned otherwise.
+        Lenses that share the capture, on the same sensor: the lens at other settings.
 
     Raises
     ------
     InputError
-        Room that cannot be.
+        `room` is out of range.
     """
     if not 0 <= room <= MOST_ROOM:
         raise InputError("options", "room", room, f"expected 0 to {MOST_ROOM:g}")
     frame = PixelGrid(shape_px, pitch_um(lens, shape_px))
-    capture = choose_capture(lens, frame, wavelengths_nm, psf_radius_px(lens, frame.pitch_um))
+    capture = choose_capture(lens, frame, wavelengths_nm, field_map(lens).psf_radius_px(frame.pitch_um))
     seen = replace(capture, focal_mm=lens.capture_focal_length_mm)
-    margins = [overscan_px(other, seen, wavelengths_nm, psf_radius_px(other, frame.pitch_um)) for other in others]
+    margins = [overscan_px(other, seen, wavelengths_nm, field_map(other).psf_radius_px(frame.pitch_um))
+               for other in others]
     rows, columns = np.max([capture.overscan_px, *margins], axis=0, initial=round(room * max(shape_px)))
     return PixelGrid.around_frame(shape_px, frame.pitch_um, (rows, columns), capture.projection)
 
 
 def view_tangents(scene, lens, view, rings=AT_REST):
-    """Tangents of half the angles across and down that a lens, by name or path, shows of a scene when it is turned so.
+    """Tangents of half the horizontal and vertical angles of view of a lens, by name or path, at these settings.
 
     Raises
     ------
     LensError, SceneError
-        No such lens, or no camera that it can stand in for.
+        The lens does not exist, or cannot replace the scene's camera.
     """
     check_camera(scene)
     facts, (rows, columns) = lens_facts(lens, rings), frame_px(scene)
@@ -122,7 +125,7 @@ def view_tangents(scene, lens, view, rings=AT_REST):
 
 
 def in_view(camera, box, lens, capture):
-    """Whether a box may be in a capture's view: it is not, where all of it lies behind one of the view's sides.
+    """Whether a box may be in a capture's view: False if the complete box is outside one of the view's sides.
 
     Parameters
     ----------
@@ -141,50 +144,89 @@ def in_view(camera, box, lens, capture):
     return all(np.any(side > 0) for side in sides)
 
 
-def check_camera(scene):
-    """Raise a SceneError unless the scene has a camera that a lens can stand in for."""
-    camera = scene.camera
+def check_camera(scene, view="lens", camera=None):
+    """Raise a SceneError unless a lens can replace the camera.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    view : "lens" or "camera"
+        As for `lens_for_view`.
+    camera : bpy.types.Object, optional
+        One of the scene's cameras; the active one by default.
+    """
+    camera = scene.camera if camera is None else camera
     if camera is None or camera.type != "CAMERA":
         raise SceneError(f"scene {scene.name!r}", "camera", "missing", "add a camera to render from")
     where = f"camera {camera.name!r}"
     if camera.data.type == "PANO":
         kind = camera.data.panorama_type
-        if kind != FISHEYE_TYPE:  # the one that match_camera_to_lens makes
+        if kind != FISHEYE_TYPE:  # the type that match_camera_to_lens sets
             raise SceneError(where, "panorama type", kind, TO_PERSPECTIVE)
+        if view == "camera":
+            raise SceneError(where, "type", "PANO", TO_PERSPECTIVE)
     elif camera.data.type != "PERSP":
         raise SceneError(where, "type", camera.data.type, TO_PERSPECTIVE)
     if camera.data.shift_x or camera.data.shift_y:
         raise SceneError(where, "shift", f"{camera.data.shift_x:g}, {camera.data.shift_y:g}",
                          "the lens stands centred: set the shift to 0")
+    if view == "camera":
+        _check_view(camera.data, where)
+    _check_pose(camera, where)
+    if not camera.data.clip_start < camera.data.clip_end:
+        raise SceneError(where, "clipping", f"{camera.data.clip_start:g} to {camera.data.clip_end:g}",
+                         "the camera sees nothing: set Clip End beyond Clip Start")
     if scene.render.pixel_aspect_x != scene.render.pixel_aspect_y:
         raise SceneError(f"scene {scene.name!r}", "pixel aspect",
-                         f"{scene.render.pixel_aspect_x:g}:{scene.render.pixel_aspect_y:g}", "expected square pixels")
+                         f"{scene.render.pixel_aspect_x:g}:{scene.render.pixel_aspect_y:g}",
+                         "expected square pixels: set both sides of Aspect to 1 in the output properties")
+
+
+def _check_view(camera, where):
+    """Raise a SceneError for camera data without a valid view: a damaged file may contain any value."""
+    for name, value_mm in (("focal length", camera.lens), ("sensor width", camera.sensor_width),
+                           ("sensor height", camera.sensor_height)):
+        if not 0 < value_mm < np.inf:
+            raise SceneError(where, name, f"{value_mm:g} mm", "expected a positive number")
+
+
+def _check_pose(camera, where):
+    """Raise a SceneError for a camera without a valid position or orientation."""
+    pose = np.array(camera.matrix_world.normalized())
+    if not np.all(np.isfinite(pose)):
+        raise SceneError(where, "position", ", ".join(f"{n:g}" for n in camera.matrix_world.translation),
+                         "expected finite numbers: clear the location, rotation and scale of the camera and its "
+                         "parents")
+    if abs(np.linalg.det(pose[:3, :3])) < LEAST_VOLUME:
+        raise SceneError(where, "scale", ", ".join(f"{n:g}" for n in camera.matrix_world.to_scale()),
+                         "set the scale of the camera and its parents to 1 on all three axes")
 
 
 def aim_camera(scene, rotation=None):
-    """Place the scene's camera so that all that is rendered is within its view, or as much of it as is finite.
+    """Place the scene's camera so that it frames all rendered objects; points beyond `FARTHEST_M` are ignored.
 
     Parameters
     ----------
     scene : bpy.types.Scene
     rotation : mathutils.Quaternion, optional
-        Which way it looks; as the camera of a new file by default.
+        Its orientation; by default the orientation of a new file's camera.
     """
     boxes = [instance.box for instance in rendered_instances(scene) if instance.obj.type != "LIGHT"]
     corners = np.concatenate(boxes or [np.zeros((1, 3))])
-    corners = corners[np.all(np.abs(corners) < FARTHEST_M, axis=1)]
+    unit_m = metres_per_unit(scene)
+    corners = corners[np.all(np.abs(corners) < FARTHEST_M / unit_m, axis=1)]
     low, high = (corners.min(axis=0), corners.max(axis=0)) if len(corners) else (np.zeros(3), np.zeros(3))
-    radius_m = max(np.linalg.norm(high - low) / 2, NEAREST_M)
+    radius = max(np.linalg.norm(high - low) / 2, NEAREST_M / unit_m)
     camera, frame = scene.camera, frame_px(scene)
     half_angle = np.arctan(_pixel_mm(camera.data, frame) * min(frame) / 2 / camera.data.lens)
     camera.rotation_euler = rotation.to_euler() if rotation else NEW_FILES_ROTATION
     away = camera.rotation_euler.to_matrix() @ Vector((0, 0, 1))
-    camera.location = Vector((low + high) / 2) + away * float(radius_m / np.sin(half_angle))
+    camera.location = Vector((low + high) / 2) + away * float(radius / np.sin(half_angle))
 
 
 def set_up_capture(camera, lens, capture):
-    """Make camera data the camera of a capture: a perspective one, or an equidistant fisheye of the same scale on the
-    axis. The render's resolution is to be `capture.shape_px`."""
+    """Set up camera data for a capture: a perspective camera, or an equidistant fisheye of the same scale on the axis.
+    The render's resolution must be `capture.shape_px`."""
     width_mm = capture.shape_px[1] * capture.pitch_um * 1e-3
     if capture.projection == PLANE:
         _make_perspective(camera, lens.capture_focal_length_mm, width_mm)
@@ -193,11 +235,11 @@ def set_up_capture(camera, lens, capture):
 
 
 def match_camera_to_lens(camera, lens, columns, pixel_pitch_um, projection=PLANE):
-    """Give camera data the view of the lens on a sensor of this many columns, for the user to frame by.
+    """Give camera data the view of the lens on a sensor of this many columns, for framing by the user.
 
-    A lens that is captured as a plane becomes a perspective camera, true on the axis. A wide one becomes a fisheye
-    camera with the lens's own distortion: a rendered viewport shows the very frame. Solid viewports show every camera
-    in perspective; its focal length is set so that they reach as far to the left and right as the lens does.
+    A lens that is captured on a plane becomes a perspective camera with the correct scale on the axis. A wide one
+    becomes a fisheye camera with the lens's own distortion: a rendered viewport shows the exact frame. Solid viewports
+    show every camera in perspective; the focal length is set so that their left and right edges match the lens's.
     """
     width_mm = columns * pixel_pitch_um * 1e-3
     if projection == PLANE:
@@ -208,25 +250,25 @@ def match_camera_to_lens(camera, lens, columns, pixel_pitch_um, projection=PLANE
 
 
 def lens_for_view(scene, lens, view):
-    """The lens to see a scene through, as its own view or the camera's is asked for.
+    """The lens for a scene, with its own view or the camera's.
 
     Parameters
     ----------
     scene : bpy.types.Scene
     lens : Lens
     view : "lens" or "camera"
-        The lens on its own sensor; or at the size that gives the scene's camera its own view, on the camera's sensor.
+        The lens on its own sensor; or scaled to the view of the scene's camera, on the camera's sensor.
 
     Returns
     -------
     Lens
     warning : str
-        One line that says what another size means; "" for none.
+        The consequences of the scaling in one line; "" without scaling.
 
     Raises
     ------
     SceneError
-        There is no camera, or one without a focal length.
+        The camera is missing, or lacks a focal length.
     """
     factor, sensor_mm = size_for_view(scene, lens, view)
     if view == "lens":
@@ -236,34 +278,32 @@ def lens_for_view(scene, lens, view):
 
 
 def size_for_view(scene, lens, view):
-    """How many times as large a lens, or one of these LensFacts, is for a view, and its sensor's sides in mm.
+    """The scale factor of a lens, or of LensFacts, for a view, and its sensor's sides in mm.
 
     Raises
     ------
     SceneError
-        As `lens_for_view`.
+        As in `lens_for_view`.
     """
     if view not in VIEWS:
         raise InputError("options", "view", view, f"expected {' or '.join(VIEWS)}")
     if view == "lens":
         return 1.0, lens.sensor_mm
-    check_camera(scene)
+    check_camera(scene, view)
     camera, frame = scene.camera.data, frame_px(scene)
-    if camera.type != "PERSP":
-        raise SceneError(f"camera {scene.camera.name!r}", "type", camera.type, TO_PERSPECTIVE)
     pixel_mm = _pixel_mm(camera, frame)
-    factor = camera.lens / lens.capture_focal_length_mm  # camera.lens is in mm, in whatever unit Blender shows it
+    factor = camera.lens / lens.capture_focal_length_mm  # camera.lens is in mm, whatever unit Blender displays
     return factor, (frame[1] * pixel_mm, frame[0] * pixel_mm)
 
 
 def matching_focal_length_mm(scene, lens):
-    """The focal length with which the scene's perspective camera would show what the lens does, on the axis."""
+    """The focal length with which the scene's perspective camera matches the lens's scale on the axis."""
     frame = frame_px(scene)
     return lens.capture_focal_length_mm / (pitch_um(lens, frame) * 1e-3) * _pixel_mm(scene.camera.data, frame)
 
 
 def _pixel_mm(camera, frame):
-    """Size of a pixel on the camera's own sensor, by Blender's rules of how a render fits it."""
+    """Size of a pixel on the camera's own sensor, by Blender's Sensor Fit."""
     if camera.sensor_fit == "VERTICAL":
         return camera.sensor_height / frame[0]
     if camera.sensor_fit == "HORIZONTAL":
@@ -272,16 +312,11 @@ def _pixel_mm(camera, frame):
 
 
 def size_warning(lens, adapted, factor):
-    """One line that says what it means that a lens is made larger or smaller, for the sensor that it then has."""
-    covered = covered_diagonal(adapted, adapted.sensor_mm)
+    """The consequences of scaling a lens to its new sensor, in one line."""
+    covered = field_map(adapted).covered_diagonal(adapted.sensor_mm)
     focus = in_metres(adapted.object_distance_mm)
     return (f"{lens.name} made {factor:.3g} times as large: f = {adapted.efl_mm:.3g} mm, focused at {focus}; its field "
             f"covers {covered:.0%} of the frame's diagonal; all its blur scales alike, though diffraction would not")
-
-
-def covered_diagonal(lens, sensor_mm):
-    """How much of a sensor's diagonal the lens data cover, 1 at the most."""
-    return min(1.0, 2 * lens.real_height_at(reference_nm(lens))[-1] / np.hypot(*sensor_mm))
 
 
 def _make_perspective(camera, focal_length_mm, width_mm):
@@ -293,9 +328,9 @@ def _make_perspective(camera, focal_length_mm, width_mm):
 
 
 def _make_fisheye(camera, angle_per_radius, width_mm):
-    """Make camera data a fisheye whose view at r mm from the middle is at the angle sum of angle_per_radius[n] r^(n+1).
+    """Make camera data a fisheye: at r mm from the centre, the field angle is the sum of angle_per_radius[n] r^(n+1).
 
-    Cycles takes the polynomial with its sign turned, and r on the camera's sensor in mm.
+    Cycles expects the polynomial with the opposite sign, and r in mm on the camera's sensor.
     """
     camera.type = "PANO"
     camera.sensor_fit = "HORIZONTAL"
@@ -308,15 +343,16 @@ def _make_fisheye(camera, angle_per_radius, width_mm):
         setattr(camera, f"fisheye_polynomial_k{power}", -coefficient * (width_mm / CAMERA_SENSOR_MM) ** power)
 
 
-def _field_angle(lens, real_height_mm):
-    """Angle from the axis, seen from the entrance pupil, of what the lens images at this height from the axis."""
-    field = FieldGeometry(lens.at_wavelength(reference_nm(lens)), lens.name)
-    return field_angle_rad(lens, field.paraxial_height_mm(real_height_mm))
+def _field_angle(lens, right_mm):
+    """Field angle at the entrance pupil, in radians, of the point that the lens images at `right_mm` from the axis."""
+    ideal_mm, _ = field_map(lens).at_wavelength(reference_nm(lens)).source_mm(right_mm, 0.0)
+    return field_angle_rad(lens, ideal_mm)
 
 
 def _field_polynomial(lens, width_mm):
-    """Field angle by powers 1 to 4 of the real height, fitted over the lens data and over half the sensor's width."""
-    last_mm = max(width_mm / 2, lens.real_height_mm[:, -1].min())
+    """Coefficients of the field angle for powers 1 to 4 of the real height, fitted over the lens data and over half the
+    sensor's width."""
+    last_mm = max(width_mm / 2, field_map(lens).extent_mm)
     radius_mm = np.linspace(0, last_mm, FIT_SAMPLES)
     powers = (radius_mm[:, None] / last_mm) ** np.arange(1, 5)
     coefficients = np.linalg.lstsq(powers, _field_angle(lens, radius_mm), rcond=None)[0]

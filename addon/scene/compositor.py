@@ -1,7 +1,7 @@
-"""The compositor step: a node group that shows the lens image, where there is one that is true, else the plain render.
+"""The compositor step: a node group that shows the frame's lens image if it is current, else the plain render.
 
-The group takes the picture of Render Layers and hands on the lens image of the frame, by switches that are keyframed:
-so it does the same without the add-on, in another Blender, on a farm, or appended to another file.
+The group takes the picture of Render Layers and outputs the frame's lens image, by keyframed switches: it works the
+same without the add-on, in another Blender, on a farm, or appended to another file.
 """
 
 import json
@@ -15,30 +15,31 @@ import bpy
 from .errors import SceneError
 from .fingerprint import action_curves, comparable, forget_all, scene_fingerprint
 from .trust import is_trusted, lies_beside, trust
+from .units import metres_per_unit
 from .working_space import REC709
 
 NAME = "Lensfield"
 MARK = "lensfield"  # custom property of our node groups; users may rename them
-STATE = "lensfield_frames"  # custom property of them: JSON, see `_State`
+STATE = "lensfield_frames"  # their custom property with JSON, see `_state`
 BACKGROUND_M = 1e10
-LABEL_LENGTH = 63  # that Blender takes
-WIDTH = 240  # of the node, as that of Render Layers: for its label to be read
+LABEL_LENGTH = 63  # Blender's limit
+WIDTH = 240  # of the node, like Render Layers, so that its label is readable
 LENS_IMAGE = re.compile(r"(.*?)(-?\d+)_lens_image\.exr")
-SWITCHED = {"Image": "lens_image", "Depth": "depth"}  # what is as in the plain render where there is no lens image
+SWITCHED = {"Image": "lens_image", "Depth": "depth"}  # outputs that fall back to the plain render
 STILLS = {"Relative Illumination": "relative_illumination", "STMap Distort": "stmap_distort",
           "STMap Undistort": "stmap_undistort"}
 OUTPUTS = {"Image": "Color", "Alpha": "Float", "Depth": "Float", "Relative Illumination": "Float",
            "STMap Distort": "Color", "STMap Undistort": "Color"}
 TAKEN_OVER = "Image", "Alpha", "Depth"
-SHOWS = "FRESH", "ALWAYS", "NEVER"
+DEPTH_IN_UNITS = "Depth in Blender Units"  # name of the node that converts a file's metres
 
 
 def lay_into_compositor(scene, *image_paths, fingerprint=None):
-    """Show the lens images of these files, of a frame each, and what lies beside them, in the scene's compositor.
+    """Show these lens images, each of one frame, and the files next to them in the scene's compositor.
 
-    The scene's compositing tree gets one Lensfield node. Where a Render Layers node gave its picture, alpha or depth,
-    the Lensfield node does so now, and takes that picture in; where the tree is new, the node feeds the output. Run
-    again, it only refreshes the images, or adds those of other frames.
+    The scene's compositing tree gets one Lensfield node. It takes over the links from a Render Layers node's picture,
+    alpha and depth, with that picture as its input; in a new tree it feeds the output. Another call only refreshes the
+    images, or adds other frames.
 
     Parameters
     ----------
@@ -47,7 +48,7 @@ def lay_into_compositor(scene, *image_paths, fingerprint=None):
         NAME_FRAME_lens_image.exr in one folder, as a job names them: plain linear EXRs, in the scale of Blender's own
         renders.
     fingerprint : str, optional
-        Of the scene as it was when the render began; by default as it is.
+        Of the scene when the render began; by default of its current state.
 
     Returns
     -------
@@ -68,7 +69,7 @@ def lay_into_compositor(scene, *image_paths, fingerprint=None):
         state = _state(node.node_tree)
         node.node_tree = _new_group()  # this scene is a copy, which must not change the picture of the other
         _put(node.node_tree, made_tree=state["made_tree"], made_layers=state["made_layers"])
-    if not _is_whole(node.node_tree):
+    if not _is_whole(node.node_tree) or DEPTH_IN_UNITS not in node.node_tree.nodes:
         _build(node.node_tree)
         _feed(scene, tree, node)
     group, state = node.node_tree, _state(node.node_tree)
@@ -79,12 +80,13 @@ def lay_into_compositor(scene, *image_paths, fingerprint=None):
     of = fingerprint or fingerprint_anew(scene)
     _put(group, frames=frames | {str(frame): of for frame in new_frames}, scene=state["scene"])
     _load(group, path, scene.name)
+    group.nodes[DEPTH_IN_UNITS].inputs[1].default_value = 1 / metres_per_unit(scene)
     refresh(scene)
     return node
 
 
 def remove_from_compositor(scene):
-    """Put the scene's compositing tree back as it was, wherever its nodes are now; whether there was a node of ours."""
+    """Restore the scene's compositing tree, wherever its nodes are now; returns whether it had a Lensfield node."""
     tree = _tree(scene)
     node = tree and _lensfield_node(tree)
     if not node:
@@ -111,20 +113,53 @@ def remove_from_compositor(scene):
 
 
 def refresh(scene):
-    """Switch to the lens image at the frames that have a true one, and tell on the node what it shows."""
-    node = _node(scene)
-    if node is None or not _is_whole(node.node_tree) or _owner(node.node_tree) != scene:
+    """Switch to the lens image at the frames that have a current one, and label the node to match."""
+    node = _own_node(scene)
+    if node:
+        _switch(node.node_tree, _shown_by_frame(node))
+        _label(scene, node)
+
+
+def rewrite_switches(scene):
+    """Do the work of `refresh` on a render thread: overwrite the values of the existing keyframes, without freeing or
+    allocating memory. The next `refresh` notifies Blender."""
+    node = _own_node(scene)
+    keys = node and _switch_keys(_shown_by_frame(node))
+    if not keys or keys == _keys(node.node_tree):
         return
-    if node.id_data.library or node.node_tree.library:  # not to be changed here
-        return
-    if not _may_look(node.node_tree):
-        return
-    state = _state(node.node_tree)
-    shown = sorted(int(frame) for frame in state["frames"] if _verdict(node, frame, state)[0])
-    _switch(node.node_tree, shown)
+    for curve in _curves(node.node_tree):
+        if [int(key.co[0]) for key in curve.keyframe_points] == sorted(keys):
+            curve.keyframe_points.foreach_set("co", [n for frame in sorted(keys) for n in (frame, keys[frame])])
+    _rewritten.add(node.node_tree.session_uid)
+
+
+def relabel(scene):
+    """Update the node's label, unless that requires a new fingerprint of the scene."""
+    node = _own_node(scene)
+    if node and scene.session_uid in _taken:
+        _label(scene, node)
+
+
+def _label(scene, node):
     label = f"{NAME}: {compositor_state(scene)[0]}"[:LABEL_LENGTH]
     if node.label != label:
         node.label = label
+
+
+def _own_node(scene):
+    """The scene's Lensfield node if it may be changed here and shows the scene's own lens images, else None."""
+    node = _node(scene)
+    if node is None or not _is_whole(node.node_tree) or _owner(node.node_tree) != scene:
+        return None
+    if node.id_data.library or node.node_tree.library or not _may_look(node.node_tree):
+        return None
+    return node
+
+
+def _shown_by_frame(node):
+    """Whether the lens image of each frame that has one is shown: dict of int: bool."""
+    state = _state(node.node_tree)
+    return {int(frame): _verdict(node, frame, state)[0] for frame in state["frames"]}
 
 
 def compositor_state(scene):
@@ -137,19 +172,19 @@ def compositor_state(scene):
 
 
 def has_lens_images(scene):
-    """Whether there is anything to keep up to date."""
+    """Whether the scene has a Lensfield node to update."""
     return _node(scene) is not None
 
 
 def is_true(scene):
-    """Whether the scene, when it was last looked at, was as at one of its lens images; None if that is not known."""
+    """Whether the scene's last fingerprint matches one of its lens images; None if no fingerprint is known."""
     if scene.session_uid not in _taken:
         return None
     return _taken[scene.session_uid] in _state(_node(scene).node_tree)["frames"].values()
 
 
 def fingerprint_now(scene):
-    """The fingerprint that was last taken of a scene, or a new one."""
+    """The scene's last fingerprint, or a new one."""
     if scene.session_uid not in _taken:
         _taken[scene.session_uid] = scene_fingerprint(scene)
     return _taken[scene.session_uid]
@@ -158,27 +193,30 @@ def fingerprint_now(scene):
 _taken = {}
 """By session_uid: the scenes' fingerprints."""
 
+_rewritten = set()
+"""session_uid of groups whose keyframes were overwritten without Blender's knowledge."""
+
 
 def fingerprint_anew(scene):
-    """The fingerprint of a scene, all of which is looked at: scripts change it before Blender tells anyone."""
+    """A new fingerprint of the complete scene: scripts change it before Blender notifies handlers."""
     forget_all()
     forget_fingerprints()
     return fingerprint_now(scene)
 
 
 def laid_fingerprint(scene):
-    """The fingerprint that the scene had when its lens image of this frame was rendered; None where there is none."""
+    """The scene's fingerprint from the render of this frame's lens image; None without one."""
     node = _node(scene)
     return _state(node.node_tree)["frames"].get(str(scene.frame_current)) if node else None
 
 
 def forget_fingerprints():
-    """Take them anew."""
+    """Compute all fingerprints again at the next use."""
     _taken.clear()
 
 
 def _verdict(node, frame, state):
-    """(whether the lens image of a frame is shown, why in words, icon); `state` is what the node's group holds."""
+    """(whether the lens image of a frame is shown, why in words, icon); `state` is the `_state` of the node's group."""
     scene = _owner(node.node_tree)
     shows = scene.lensfield.compositor_shows
     if shows == "NEVER":
@@ -193,21 +231,21 @@ def _verdict(node, frame, state):
     if not os.path.isfile(path):
         return False, f"{os.path.basename(path)} is not there", "ERROR"
     rendered = state["frames"][frame]
-    ours = state["scene"] == scene.lensfield.compositor_key  # else the node is from another file, and nothing is known
+    ours = state["scene"] == scene.lensfield.compositor_key  # else the node is from another file, of unknown state
     if ours and comparable(rendered) and rendered != fingerprint_now(scene):
         return shows == "ALWAYS", "the scene has changed since", "ERROR"
     return True, "", "CHECKMARK"
 
 
 def picture_folder(scene):
-    """The folder of the files that the scene's Lensfield node shows; "" where there is none."""
+    """The folder of the files that the scene's Lensfield node shows; "" without a node."""
     node = _node(scene)
     whole = node and _is_whole(node.node_tree)
     return os.path.dirname(bpy.path.abspath(_image_path(node.node_tree, 1))) if whole else ""
 
 
 def _may_look(group):
-    """Whether the files of a group may be looked for: beside the .blend is no other place than its own."""
+    """Whether the files of a group may be accessed: those in a trusted folder, or in the .blend's own."""
     folder = os.path.dirname(bpy.path.abspath(_image_path(group, 1)))
     return not folder or lies_beside(folder) or is_trusted(folder)
 
@@ -220,12 +258,12 @@ def lens_image(scene):
 
 
 def follow_frames(scene, image_user):
-    """Let what shows the scene's lens image (a node, an image editor) go from frame to frame."""
+    """Let an image user of the scene's lens image (in a node, in an image editor) follow the frames."""
     _follow(image_user, _state(_node(scene).node_tree)["frames"])
 
 
 def compositing_tree(scene):
-    """The scene's compositing tree, made where there is none."""
+    """The scene's compositing tree, created if necessary."""
     if not hasattr(scene, "compositing_node_group"):
         scene.use_nodes = True
         return scene.node_tree
@@ -240,8 +278,8 @@ def compositing_tree(scene):
 
 
 def unreplaced_passes(scene):
-    """Names of what the scene's compositing tree takes from its Render Layers and no lens image has: as the camera sees
-    it, and not the lens."""
+    """Names of passes that the scene's compositing tree takes from its Render Layers and lens images lack: they show
+    the camera's view, not the lens's."""
     tree = _tree(scene) if getattr(scene, "use_nodes", True) else None
     return sorted({link.from_socket.name for link in (tree.links if tree else ())
                    if link.from_node.bl_idname == "CompositorNodeRLayers" and link.from_node.scene == scene
@@ -256,25 +294,25 @@ def _stem_and_frame(path):
 
 
 def _for_blend(scene, path):
-    """A path as the .blend is to keep it: from itself on, where the output folder is given so."""
+    """A path for the .blend to store: relative if the output folder is."""
     relative = scene.lensfield.output_folder.startswith("//") and bpy.data.filepath
     return bpy.path.relpath(str(path)) if relative else str(path)
 
 
 def _image_path(group, frame):
-    """Path of the lens image of a frame, as Blender keeps it; "" where there is none of any frame."""
+    """Path of a frame's lens image, as Blender stores it; "" if no frame has one."""
     image = group.nodes["Image"].image
     match = image and LENS_IMAGE.fullmatch(os.path.basename(image.filepath))
     return image.filepath[:-len(match[0])] + f"{match[1]}{frame:04d}_lens_image.exr" if match else ""
 
 
 def _state(group):
-    """What a group of ours holds: the fingerprint that the scene had when each frame was rendered, the scene's key, and
-    what was made for it: the tree, and the Render Layers node of this name."""
+    """The state that a Lensfield group stores: the scene's fingerprint at each frame's render, the scene's key, whether
+    the tree was created for it, and the name of a Render Layers node that was."""
     empty = {"frames": {}, "scene": "", "made_tree": False, "made_layers": ""}
     try:
         told = json.loads(group.get(STATE, "{}"))
-    except (TypeError, ValueError, RecursionError):  # the file may be anybody's
+    except (TypeError, ValueError, RecursionError):  # the file may be untrusted
         return empty
     told = told if isinstance(told, dict) else {}
     held = {name: told[name] for name, value in empty.items() if isinstance(told.get(name), type(value))}
@@ -291,8 +329,8 @@ def _put(group, **facts):
 
 
 def _own_tree(scene):
-    """The scene's compositing tree, parted from the scenes that share it, as each has its own picture; and whether
-    there was none, or none in use."""
+    """The scene's compositing tree, copied if other scenes share it, as each has its own picture; and whether it is new
+    or was not in use."""
     made = not _tree(scene) or not getattr(scene, "use_nodes", True)
     tree = compositing_tree(scene)
     sharing = [other for other in bpy.data.scenes if other != scene and _tree(other) == tree]
@@ -309,7 +347,7 @@ def _trees_of_others(scene):
 
 
 def _tree(scene):
-    """The scene's compositing tree or None. Blender keeps it elsewhere since 5.0."""
+    """The scene's compositing tree or None. Blender 5.0 moved it."""
     return scene.compositing_node_group if hasattr(scene, "compositing_node_group") else scene.node_tree
 
 
@@ -344,7 +382,7 @@ def _is_whole(group):
 
 
 def _build(group):
-    """Make the sockets and nodes of a group."""
+    """Create the sockets and nodes of a group."""
     group.nodes.clear()
     group.interface.clear()
     for name in SWITCHED:
@@ -360,6 +398,8 @@ def _build(group):
         source.name = source.label = name
         source.location.y = -350 * row
         picture = _add_scale(group, source)
+        if name == "Depth":
+            picture = _add_units(group, picture)
         if name in SWITCHED:
             picture = _add_switch(group, name, plain.outputs[name], picture)
         _link(group, picture, out.inputs[name])
@@ -368,17 +408,29 @@ def _build(group):
 
 
 def _add_scale(group, source):
-    """Let a file fill the frame, whatever that is: in a viewport's compositor it has other pixels than a render."""
+    """Scale a file to the frame: the viewport's compositor has a different resolution from a render."""
     scale = group.nodes.new("CompositorNodeScale")
     scale.location = source.location.x + 200, source.location.y
     group.links.new(source.outputs["Image"], scale.inputs["Image"])
-    smooth = source.name != "Depth"  # no depth lies between two
+    smooth = source.name != "Depth"  # a mean of two depths is meaningless
     if "Type" in scale.inputs:
         scale.inputs["Type"].default_value = "Render Size"
         scale.inputs["Interpolation"].default_value = "Bilinear" if smooth else "Nearest"
     else:
         scale.space, scale.interpolation = "RENDER_SIZE", "BILINEAR" if smooth else "NEAREST"
     return scale.outputs["Image"]
+
+
+def _add_units(group, depth_m):
+    """Convert depth in metres to Blender units, as in the plain render."""
+    parts = group.nodes.new("CompositorNodeSeparateColor")
+    divided = group.nodes.new("ShaderNodeMath" if bpy.app.version >= (5, 0, 0) else "CompositorNodeMath")
+    divided.name, divided.operation = DEPTH_IN_UNITS, "MULTIPLY"
+    x, y = depth_m.node.location
+    parts.location, divided.location = (x, y - 150), (x, y - 300)
+    group.links.new(depth_m, parts.inputs[0])
+    group.links.new(parts.outputs["Red"], divided.inputs[0])
+    return divided.outputs[0]
 
 
 def _add_switch(group, name, off, on):
@@ -391,7 +443,7 @@ def _add_switch(group, name, off, on):
 
 
 def _link(group, picture, target, channel="Red"):
-    """Link a picture to an output, or a channel of it to an output of numbers."""
+    """Link a picture to an output, or one of its channels to a float output."""
     if target.type == "VALUE":
         parts = group.nodes.new("CompositorNodeSeparateColor")
         parts.location = 400, target.node.inputs.find(target.name) * -100
@@ -400,11 +452,20 @@ def _link(group, picture, target, channel="Red"):
     group.links.new(picture, target)
 
 
-def _switch(group, frames):
-    """Keyframe the switches to be on at these frames alone."""
-    keys = {frame + 1: False for frame in frames} | {frame: True for frame in frames}
-    keys[min(keys, default=0) - 1] = False
+def _switch_keys(shown_by_frame):
+    """Frames and values of the switches' keyframes. Their number does not depend on the values."""
+    keys = {frame + 1: False for frame in shown_by_frame} | shown_by_frame
+    return keys | {min(keys, default=0) - 1: False}
+
+
+def _switch(group, shown_by_frame):
+    """Keyframe the switches to be on only at frames that show their lens image."""
+    keys = _switch_keys(shown_by_frame)
     if keys == _keys(group):
+        if group.session_uid in _rewritten:
+            _rewritten.discard(group.session_uid)
+            for curve in _curves(group):
+                curve.update()
         return
     first, *others = sorted(keys)
     for curve in _curves(group):
@@ -432,7 +493,7 @@ def _keys(group):
 
 
 def _load(group, path, scene_name):
-    """Show a lens image and the files beside it, in the image data-blocks that a group has, where it has them."""
+    """Show a lens image and the files next to it, in the group's existing image data-blocks if it has any."""
     folder, name = os.path.split(path)
     stem, frame = _stem_and_frame(name)
     for name, ending in (SWITCHED | STILLS).items():
@@ -450,21 +511,21 @@ def _show(node, path, image_name, name):
 
 
 def show_file(image, path, name, colours=REC709, source="FILE"):
-    """Let an image data-block show a file; a new one of this name, where it is None. Returns it."""
+    """Let an image data-block show a file; if `image` is None, a new one of this name. Returns it."""
     if image is None:
         image = bpy.data.images.load(bpy.path.abspath(path))
         image.name = name
         space = image.colorspace_settings
-        if colours in space.bl_rna.properties["name"].enum_items:  # a user's own configuration may know other names
+        if colours in space.bl_rna.properties["name"].enum_items:  # a custom OCIO configuration may have other names
             space.name = colours
     image.source, image.filepath = source, path
     image.reload()
-    image.update_tag()  # or an open viewer stays stale
+    image.update_tag()  # without it, an open viewer stays stale
     return image
 
 
 def _follow(image_user, frames):
-    """The file of each frame is that with its number."""
+    """Let each frame show the file with its number."""
     first, last = (choose(map(int, frames)) for choose in (min, max))
     image_user.frame_start, image_user.frame_offset = first, first - 1
     image_user.frame_duration = last - first + 1
@@ -481,8 +542,8 @@ def _remove_group(group):
 
 
 def _take_over_links(scene, tree, node):
-    """Feed what the scene's own Render Layers nodes fed, else the tree's output; the name of such a node, if it had to
-    be made."""
+    """Take over the links of the scene's own Render Layers nodes, else feed the tree's output; returns the name of a
+    Render Layers node, if one had to be created."""
     layers = _own_layers(scene, tree)
     for name in TAKEN_OVER:
         for target in [link.to_socket for n in layers if name in n.outputs for link in n.outputs[name].links]:
@@ -499,7 +560,7 @@ def _take_over_links(scene, tree, node):
 
 
 def _feed(scene, tree, node):
-    """Let the node take in the plain render; the name of the Render Layers node, if it had to be made."""
+    """Feed the plain render to the node; returns the name of the Render Layers node, if it had to be created."""
     layers, made = next(iter(_own_layers(scene, tree)), None), ""
     if layers is None:
         layers = tree.nodes.new("CompositorNodeRLayers")

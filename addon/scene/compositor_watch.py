@@ -1,26 +1,29 @@
-"""Keeps the compositor's Lensfield nodes true: a scene that changes, and files that come and go.
+"""Keeps the compositor's Lensfield nodes up to date as the scene changes, and as files appear and disappear.
 
-All is done on the main thread, while nothing renders. In a window, changes are seen as they are made, and what Blender
-does not tell of (settings, files) within CHECK_S; in the background, when a render begins.
+In a window, changes are detected immediately, and changes that Blender does not announce (settings, files) within
+CHECK_S. In any case the scene is compared once more when a render begins, as its compositor then decides what to show.
+A script renders on the main thread, where the tree can be edited. F12 in a window renders on one of Blender's threads:
+there the comparison only reads, like the render itself, and overwrites values of existing keyframes.
 """
 
+import threading
 import time
 
 import bpy
 from bpy.app.handlers import persistent
 
-from .compositor import forget_fingerprints, has_lens_images, is_true, refresh
-from .fingerprint import changed, forget, forget_all, settings_digest
+from .compositor import forget_fingerprints, has_lens_images, is_true, refresh, relabel, rewrite_switches
+from .fingerprint import changed, forget, forget_all, forget_unannounced, is_known, settings_digest
 
 CHECK_S = 1.0
-QUIET_S = 0.5  # after a change, such as a stroke of many: what is old by then can wait
+QUIET_S = 0.5  # after a change, such as one of many strokes: older changes can wait
 
-_settings = {}  # by session_uid: the scenes' settings as last seen; none, where more may have changed
+_settings = {}  # by session_uid: digests of the scenes' settings at the last check; empty if more may have changed
 _last = {"update_s": 0.0}
 
 
 def look_again():
-    """Compare the scenes with their lens images, and switch their nodes by what is found."""
+    """Compare the scenes with their lens images, and switch their nodes accordingly."""
     forget_fingerprints()
     for scene in _watched():
         refresh(scene)
@@ -28,12 +31,14 @@ def look_again():
 
 @persistent
 def on_update(scene, depsgraph):
-    """Something has changed. Where lens images are true, or may be so again by an undo, it is looked at at once."""
+    """React to a change: immediately if lens images are current, or may be again after an undo."""
     blocks, known = _updated(depsgraph), [is_true(scene) for scene in _watched()]
     _last["update_s"] = time.monotonic()
     if any(known) and not _renders():
-        if any([changed(block) for block in blocks]):
+        if any([changed(block) for block in blocks if is_known(block)]):
             look_again()
+        elif not all(map(is_known, blocks)):  # new, or forgotten during a render: `check` or the next render compares
+            _settings.clear()
         return
     _forget(blocks)
     if None in known and not _renders():
@@ -42,36 +47,52 @@ def on_update(scene, depsgraph):
 
 @persistent
 def on_undo(*_):
-    """What was looked at is other data now; Blender tells by an update which of it differs."""
+    """Forget fingerprints: data-blocks are replaced, and Blender then announces which of them differ."""
     forget_fingerprints()
 
 
 @persistent
 def on_load(*_):
-    """Another file."""
+    """Start from scratch with another file."""
     forget_all()
     look_again()
 
 
 @persistent
 def on_render(scene, *_):
-    """In the background no timer looks before a render; our own passes do without the compositor."""
-    if bpy.app.background and scene.render.use_compositing:
+    """A script renders, and Blender may not know its changes yet. Lensfield's own passes do not use the compositor."""
+    if scene.render.use_compositing and _on_main_thread():
         forget_all()
         look_again()
 
 
 @persistent
+def on_frame_render(scene, *_):
+    """F12 renders a frame: afterwards, Blender evaluates a copy of the scene for the compositor."""
+    if scene.render.use_compositing and not _on_main_thread() and has_lens_images(scene):
+        forget_unannounced()
+        forget_fingerprints()
+        rewrite_switches(scene)
+        _settings.clear()
+
+
+@persistent
 def on_frame(scene, depsgraph):
-    """The label tells of the frame. What is animated is another; what else has changed is looked for by and by."""
+    """Update the label, which names the frame. Animated blocks have changed; `check` finds other changes later. A
+    render updates every block of its own copy of the scene, which means nothing here."""
+    if _renders():
+        return
     _forget(_updated(depsgraph))
-    if not _renders() and has_lens_images(scene):
+    if has_lens_images(scene):
         refresh(scene)
 
 
 def check():
-    """Look at what Blender does not tell of; seconds to the next look."""
-    if not _renders() and not _plays():
+    """Check for changes that Blender does not announce; returns the seconds to the next check."""
+    if _renders():
+        for scene in _watched():
+            relabel(scene)
+    elif not _plays():
         quiet = time.monotonic() - _last["update_s"] > QUIET_S
         for scene in _watched():
             settings = settings_digest(scene)
@@ -87,7 +108,7 @@ def _watched():
 
 
 def _forget(blocks):
-    """Look at them again at the next check."""
+    """Compare these data-blocks again at the next check."""
     for block in blocks:
         forget(block)
     if blocks:
@@ -103,16 +124,20 @@ def _plays():
     return any(window.screen.is_animation_playing for window in bpy.context.window_manager.windows)
 
 
+def _on_main_thread():
+    return threading.current_thread() is threading.main_thread()
+
+
 def _renders():
     return bpy.app.is_job_running("RENDER")
 
 
 _HANDLERS = {"depsgraph_update_post": on_update, "undo_post": on_undo, "redo_post": on_undo, "load_post": on_load,
-             "render_init": on_render, "frame_change_post": on_frame}
+             "render_init": on_render, "render_pre": on_frame_render, "frame_change_post": on_frame}
 
 
 def start_watching():
-    """Until `stop_watching`."""
+    """Register the handlers, until `stop_watching`."""
     for name, handler in _HANDLERS.items():
         getattr(bpy.app.handlers, name).append(handler)
     if not bpy.app.background:
@@ -120,7 +145,7 @@ def start_watching():
 
 
 def stop_watching():
-    """As it was."""
+    """Remove the handlers."""
     for name, handler in _HANDLERS.items():
         getattr(bpy.app.handlers, name).remove(handler)
     if bpy.app.timers.is_registered(check):

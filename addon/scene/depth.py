@@ -1,4 +1,4 @@
-"""How far away what the lens sees is, before anything is rendered: by a few rays into the scene."""
+"""Depths of the visible scene before a render, by a few rays."""
 
 import time
 from dataclasses import dataclass, replace
@@ -9,24 +9,24 @@ from mathutils import Matrix, Vector
 
 from ...engine.image.pixel_grid import PLANE
 from .render_state import rendered_layer
+from .units import M_TO_MM, metres_per_unit
 
-M_TO_MM = 1e3  # a unit of Blender's is taken for a metre
 RAYS_ACROSS = 24
-MOST_UNSEEN = 16  # objects in a row that are in the way of a ray, but in no render
+MOST_UNSEEN = 16  # consecutive objects on a ray that the render does not show
 BEYOND_M = 1e-4
-LONGEST_S = 1.0  # that a look takes: the first ray at a mesh takes long, as Blender sorts its faces then
+LONGEST_S = 1.0  # limit for casting rays: the first ray at a mesh is slow, because Blender sorts its faces then
 
 
 @dataclass(frozen=True, eq=False)
 class Hit:
-    """Where a ray meets a surface.
+    """The intersection of a ray with a surface.
 
     Attributes
     ----------
     place, normal : Vector
         In the world; the normal is the face's own, whichever side is hit.
     face : int
-        -1 where the surface is no mesh of the user's.
+        -1 if the surface is not a mesh of the user's.
     obj : bpy.types.Object
         Evaluated.
     to_world : Matrix
@@ -41,7 +41,7 @@ class Hit:
 
 
 class View:
-    """The scene as the viewport shows it, seen from its camera by rays.
+    """The viewport's scene, sampled by rays from its camera.
 
     Parameters
     ----------
@@ -53,17 +53,23 @@ class View:
     ----------
     origin : Vector
     directions : array (ray, 3)
-        Unit vectors in the world that go evenly all over the frame, in no order, so that the first few do, too.
+        Unit vectors in the world that cover the frame evenly, in random order, so that the first few cover it, too.
     cosines : array (ray,)
-        Of each to the optical axis.
+        Of each ray's angle to the optical axis.
     shape : (int, int)
-        Rows and columns of the places that they go to.
+        Rows and columns of the rays' grid on the frame.
     places : array (ray,)
-        Which of these, row by row.
+        Index of each ray in this grid, row by row.
+    unit_m : float
+        Length of a Blender unit in metres: the origin, and the places of a Hit, are in Blender units.
+    beyond_units : float
+        How far behind a surface the next ray starts.
     """
 
     def __init__(self, scene, lens, capture):
         self._scene, layer = scene, rendered_layer(scene)
+        self.unit_m = metres_per_unit(scene)
+        self.beyond_units = BEYOND_M / self.unit_m
         layer.update()
         self._depsgraph = layer.depsgraph
         to_world = scene.camera.matrix_world.normalized()
@@ -74,8 +80,8 @@ class View:
         self.directions, self.cosines = axes @ turn.T, -axes[:, 2]
 
     def look(self, answer, rays=None):
-        """What a function answers of each ray, or of these, by its number and direction: a list, shorter where it would
-        take too long."""
+        """The values of `answer`, a function of a ray's number and direction, for all rays or the given ones: a list,
+        shorter if it would take longer than `LONGEST_S`."""
         answers, until_s = [], time.monotonic() + LONGEST_S
         for ray in range(len(self.directions)) if rays is None else rays:
             if answers and time.monotonic() > until_s:
@@ -84,21 +90,21 @@ class View:
         return answers
 
     def first(self, start, direction, seen_as="visible_camera"):
-        """The Hit of what a ray meets first that a render shows to rays of its kind; None where that is nothing."""
+        """The first Hit of a ray on an object that a render shows to rays of this kind; None without one."""
         for _ in range(MOST_UNSEEN):
             hit, place, normal, face, obj, matrix = self._scene.ray_cast(self._depsgraph, start, direction)
             if not hit:
                 return None
             if not obj.original.hide_render and getattr(obj.original, seen_as):
                 return Hit(place, normal, face, obj, matrix)
-            start = place + direction * BEYOND_M
+            start = place + direction * self.beyond_units
         return None
 
 
 def seen_depth_mm(scene, lens, capture):
-    """Depths along the optical axis, of points all over a capture.
+    """Depths along the optical axis, in mm, of points all over a capture.
 
-    Objects are found as the viewport shows them, and those that no render shows are looked through.
+    Objects are as the viewport shows them; rays pass through objects that the render does not show.
 
     Parameters
     ----------
@@ -109,13 +115,13 @@ def seen_depth_mm(scene, lens, capture):
     Returns
     -------
     array (row, column)
-        inf where nothing is, NaN where there was no time to look.
+        inf for the background, NaN for rays that were left out for lack of time.
     """
     view = View(scene, lens, replace(capture, overscan_px=(0, 0)))
 
     def distance_m(ray, direction):
         hit = view.first(view.origin, direction)
-        return (hit.place - view.origin).length if hit else np.inf
+        return (hit.place - view.origin).length * view.unit_m if hit else np.inf
 
     distances_m, depth_mm = np.array(view.look(distance_m)), np.full(view.shape, np.nan)
     depth_mm.flat[view.places[:len(distances_m)]] = distances_m * view.cosines[:len(distances_m)] * M_TO_MM
@@ -123,16 +129,16 @@ def seen_depth_mm(scene, lens, capture):
 
 
 def _places_mm(frame):
-    """x and y of points all over a frame, on the image plane: arrays (row, column)."""
+    """x and y of points all over a frame, on the image plane: arrays (row, column), row 0 at the top."""
     rows, columns = frame.shape_px
     steps = max(rows, columns) / RAYS_ACROSS
     y_mm, x_mm = np.meshgrid(*(((np.arange(0.5, n / steps)) * steps - n / 2) * frame.pitch_um * 1e-3
                                for n in (rows, columns)), indexing="ij")
-    return x_mm, y_mm
+    return x_mm, -y_mm
 
 
 def _directions(x_mm, y_mm, lens, projection):
-    """Unit vectors, in the camera's axes, of what a capture shows at these places."""
+    """Unit vectors, in the camera's axes, of the directions that a capture shows at these points."""
     radius_mm = np.hypot(x_mm, y_mm)
     angle = np.arctan(radius_mm / lens.capture_focal_length_mm) if projection == PLANE else np.minimum(
         radius_mm / lens.capture_focal_length_mm, np.pi / 2)

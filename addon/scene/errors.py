@@ -1,7 +1,7 @@
-"""Errors about scenes, told like the engine's."""
+"""Errors about scenes, in the engine's format."""
 
-from ...engine.errors import InputError
+from ...engine.runtime.errors import InputError
 
 
 class SceneError(InputError):
-    """A scene that cannot be rendered as it stands."""
+    """A scene that cannot be rendered as it is."""

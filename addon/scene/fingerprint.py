@@ -1,14 +1,21 @@
-"""The fingerprint of a scene: tells whether anything that its render depends on is other than it was.
+"""The fingerprint of a scene: it changes with everything that the scene's render depends on.
 
-It is made of what is set, not of what Blender evaluates; what is animated counts by its curves and drivers, so that
-all frames of a scene have one fingerprint. Selection, the layout of editors and nodes, compositing, the lens and the
-output are not in it. Nor are the weights of vertex groups and the pixels of images.
+It covers settings, not evaluated data. Animated properties count by their curves and drivers, so all frames of a scene
+have one fingerprint. Files that data-blocks read, such as images and volumes, count by their contents, and painted or
+packed images by their pixels. It leaves out selection, the layout of editors and nodes, compositing, the lens, the
+output, and the weights of vertex groups.
 """
 
+import os
+from functools import lru_cache
 from hashlib import blake2b
+from hashlib import file_digest as file_hash
 
 import bpy
 import numpy as np
+
+from ...engine.runtime.files import stamp_of
+from .units import metres_per_unit
 
 LEFT_OUT = {"rna_type", "name_full", "is_active", "is_runtime_data", "location_absolute", "dimensions", "users",
             "use_fake_user", "use_extra_user", "tag", "preview", "asset_data", "library", "library_weak_reference",
@@ -17,35 +24,38 @@ LEFT_OUT = {"rna_type", "name_full", "is_active", "is_runtime_data", "location_a
             "users_collection", "grease_pencil", "texture_mesh", "cached_location", "frame_current", "session_uid"}
 LEFT_OUT_STARTS = ("show_", "select", "active", "display_", "bl_", "preview_", "debug_", "bone_color", "lock_",
                    "open_")
-LEFT_OUT_OF = {  # by type: what is the editor's, or is told elsewhere
+LEFT_OUT_OF = {  # by type: properties that affect only editors, or are covered elsewhere
     "Node": {"location", "width", "height", "label", "color", "use_custom_color", "parent", "warning_propagation"},
-    "Image": {"file_format", "resolution"},  # to ask for these opens its file
-    "NodeSocket": {"enabled", "links", "hide_value", "link_limit", "description", "pin_gizmo"},  # it is as the node is
+    "Image": {"file_format", "resolution"},  # reading these opens its file
+    "NodeSocket": {"enabled", "links", "hide_value", "link_limit", "description", "pin_gizmo"},  # set by the node
     "Object": {"display", "lineart", "animation_visualization", "motion_path", "empty_display_type",
                "empty_display_size", "empty_image_depth", "empty_image_side"},
     "Mesh": {"vertices", "edges", "loops", "polygons", "loop_triangles", "uv_layers", "color_attributes",  # attributes
              "skin_vertices", "vertex_normals", "polygon_normals", "corner_normals", "loop_triangle_polygons",
              "uv_layer_clone", "uv_layer_stencil", "vertex_colors", "sculpt_vertex_colors"}}
 EDITORS_ATTRIBUTES = ".select", ".uv_select", ".hide"
-OURS = "cycles", "lensfield"  # of what add-ons define; others' may not be there on another machine
+OURS = "cycles", "lensfield"  # only these add-ons' properties count; another machine may lack the others
 RENDER = ("resolution_x", "resolution_y", "resolution_percentage", "pixel_aspect_x", "pixel_aspect_y",
           "film_transparent", "use_border", "border_min_x", "border_max_x", "border_min_y", "border_max_y",
           "use_motion_blur", "motion_blur_shutter", "motion_blur_position", "use_simplify",
           "simplify_subdivision_render", "simplify_child_particles_render")
-INPUT_FIELDS = "value", "type", "attribute_name"  # of what a modifier gives to its nodes, since Blender 5.2
+PACKABLE = "IMAGE", "FONT", "SOUND", "VOLUME"
+MOST_FILES, MOST_BYTES = 4096, 1 << 28
+INPUT_FIELDS = "value", "type", "attribute_name"  # of a modifier's inputs to its nodes, since Blender 5.2
 NUMBERS = {"FLOAT": np.float32, "INT": np.int32, "BOOLEAN": bool}
 
 _fields, _known = {}, {}  # by type, and by session_uid
 
 
 def scene_fingerprint(scene):
-    """Text that is another one as soon as anything is other that the scene's render depends on.
+    """Text that changes as soon as anything changes that the scene's render depends on.
 
-    It starts with Blender's version, and those of two versions cannot be compared. What was looked at before, and has
-    not been `forgotten` since, is not looked at again.
+    It starts with Blender's version; fingerprints from two versions cannot be compared. Data-blocks that are known, and
+    that no `forget` has dropped since, are not read again.
     """
-    digests = [f"{block.id_type} {block.name_full} {block_digest(block)}" for block in blocks_of(scene)]
-    text = "\n".join([*sorted(digests), settings_digest(scene)])
+    blocks = blocks_of(scene)
+    digests = [f"{block.id_type} {block.name_full} {block_digest(block)}" for block in blocks]
+    text = "\n".join([*sorted(digests), *sorted(_file_digests(blocks)), settings_digest(scene)])
     return "{}.{} ".format(*bpy.app.version) + blake2b(text.encode(), digest_size=12).hexdigest()
 
 
@@ -55,10 +65,11 @@ def comparable(fingerprint):
 
 
 def settings_digest(scene):
-    """Of the scene's own settings: text."""
+    """The digest of the scene's own settings: text."""
     walk = _Walk(_animated(scene))
     for name in RENDER:
         walk.add(name, getattr(scene.render, name))
+    walk.add("metres per unit", metres_per_unit(scene))
     walk.add("camera", [(marker.frame, marker.camera) for marker in scene.timeline_markers if marker.camera]
              or scene.camera)
     walk.add("world", scene.world)
@@ -78,26 +89,38 @@ def _layer_collections(layer_collection):
 
 
 def block_digest(block):
-    """Of a data-block: text; looked up, where it is known."""
+    """The digest of a data-block: text; cached."""
     if block.session_uid not in _known:
         _known[block.session_uid] = _digest(block)
     return _known[block.session_uid]
 
 
+def is_known(block):
+    """Whether a data-block's digest is cached."""
+    return block.session_uid in _known
+
+
 def changed(block):
-    """Whether a data-block that is known is other than it was; it is looked at again."""
+    """Whether a known data-block has changed; computes its digest again."""
     before = _known.pop(block.session_uid, None)
     return before is not None and block_digest(block) != before
 
 
 def forget(block):
-    """Look at a data-block again, when a fingerprint is next taken."""
+    """Drop a data-block's digest: the next fingerprint reads it again."""
     _known.pop(block.session_uid, None)
 
 
 def forget_all():
-    """Look at everything again."""
+    """Drop all digests."""
     _known.clear()
+
+
+def forget_unannounced():
+    """Drop the digests of data that scripts can write in bulk, which Blender does not announce."""
+    for blocks in (bpy.data.meshes, bpy.data.curves, bpy.data.hair_curves, bpy.data.pointclouds, bpy.data.images):
+        for block in blocks:
+            forget(block)
 
 
 def blocks_of(scene):
@@ -119,14 +142,57 @@ def blocks_of(scene):
 
 def _digest(block):
     if getattr(block, "is_editmode", False):
-        return f"in edit mode {id(object())}"  # its data are elsewhere until that ends
+        return f"in edit mode {id(object())}"  # until that ends, its data are elsewhere
     walk = _Walk(_animated(block))
     walk.struct(block, "", block)
+    if block.id_type == "IMAGE":
+        for name, data in _held_pixels(block):
+            walk.add(name, blake2b(data).hexdigest())
     return walk.digest()
 
 
+def _held_pixels(image):
+    """(name, bytes) of the pixels inside an image: painted ones, else its packed files."""
+    if image.is_dirty and image.type not in ("RENDER_RESULT", "COMPOSITING"):
+        pixels = np.empty(len(image.pixels), np.float32)
+        image.pixels.foreach_get(pixels)
+        yield "pixels", pixels
+    else:
+        yield from (("packed", each.packed_file.data) for each in image.packed_files)
+
+
+def _file_digests(blocks):
+    """A line of text for each external file that data-blocks read."""
+    outside = {block for block in blocks if not (block.id_type in PACKABLE and (
+        getattr(block, "packed_file", None) or getattr(block, "is_dirty", False)))}
+    for block, paths in bpy.data.file_path_map(subset=outside).items() if outside else ():
+        for path in paths:
+            found = bpy.path.abspath(path, library=block.library)
+            yield f"{block.id_type} {block.name_full} {file_digest(found, stamp_of(found)) if _is_local(found) else ''}"
+
+
+def _is_local(path):
+    """Whether a path, as written, does not name another machine."""
+    return not path.replace("\\", "/").startswith("//")
+
+
+@lru_cache(maxsize=MOST_FILES)
+def file_digest(path, stamp):
+    """The digest of a file's contents, cached while its stamp is the same: text; "" unless it is a regular file. Large
+    files, such as films and simulations, count by size and time."""
+    if not os.path.isfile(path):
+        return ""
+    if os.path.getsize(path) > MOST_BYTES:
+        return repr(stamp)
+    try:
+        with open(path, "rb") as file:
+            return file_hash(file, "blake2b").hexdigest()
+    except OSError:
+        return "not readable"
+
+
 def _animated(block):
-    """(path, index) of what keyframes and drivers set: it is not the user's, and other at each frame."""
+    """(path, index) of values that keyframes and drivers set: they differ at each frame, and are not the user's."""
     animation = getattr(block, "animation_data", None)
     if animation is None:
         return frozenset()
@@ -144,7 +210,7 @@ def action_curves(action):
 
 
 class _Walk:
-    """A digest of all that is in a struct, and in those that it owns."""
+    """A digest of a struct, and of all structs that it owns."""
 
     def __init__(self, animated=frozenset()):
         self._parts, self._animated, self._seen = [], animated, set()
@@ -210,7 +276,7 @@ class _Walk:
             self._pointer(name, item, f"{path}[{key}]", block)
 
     def _numbers(self, items):
-        """Many structs of numbers alone, such as edges and keys."""
+        """Add many structs that contain only numbers, such as edges and keys."""
         for name, kind in _fields_of(items[0]):
             prop = items[0].bl_rna.properties[name]
             if prop.type not in NUMBERS or prop.is_readonly:
@@ -220,12 +286,12 @@ class _Walk:
             values = np.empty(len(items) * max(1, prop.array_length), NUMBERS[prop.type])
             try:
                 items.foreach_get(name, values)
-            except (RuntimeError, TypeError):  # arrays of no fixed length, told by others' fields
+            except (RuntimeError, TypeError):  # arrays of variable length, covered by other fields
                 continue
             self.add(name, blake2b(values.tobytes()).hexdigest())
 
     def _inputs(self, inputs, path):
-        """What a modifier gives to its nodes."""
+        """Add a modifier's inputs to its nodes."""
         for name in inputs.bl_rna.properties.keys():
             given = getattr(inputs, name)
             for field in (field for field in INPUT_FIELDS if hasattr(given, field)):
@@ -246,7 +312,7 @@ class _Walk:
 def _value(struct, name):
     try:
         return getattr(struct, name)
-    except (AttributeError, ValueError, RuntimeError):  # such as text of no encoding, in old files
+    except (AttributeError, ValueError, RuntimeError):  # such as text in an unknown encoding, in old files
         return None
 
 
@@ -260,7 +326,7 @@ def _is_numbers(item):
 
 
 def _fields_of(struct):
-    """(name, kind) of what counts in a type."""
+    """(name, kind) of the properties of a type that count."""
     kind = struct.bl_rna.identifier
     if kind not in _fields:
         _fields[kind] = list(_counting(struct))

@@ -1,16 +1,16 @@
-"""What the camera's rings have in focus, and how quickly it blurs before and behind that: by first-order optics, at
-once, while they are dragged; a lens is baked long after."""
+"""The focus distance of the camera's rings, and the blur in front of it and behind it: by first-order optics, fast
+enough to follow a drag, and long before a lens is baked."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...engine.image.pitch import fitting_pitch_um
+from ...engine.lens.pinhole import fitting_pitch_um
 from .camera import frame_px, size_for_view
-from .depth import M_TO_MM
 from .rings import rings_for
+from .units import M_TO_MM
 
-NEAREST_FOCAL_LENGTHS = 2.0  # at which a lens images as large as life: no nearer
+NEAREST_FOCAL_LENGTHS = 2.0  # closest focus, at magnification 1
 
 
 @dataclass(frozen=True)
@@ -20,33 +20,33 @@ class Focus:
     Attributes
     ----------
     focus_m : float
-        Distance of what is in focus, along the axis.
+        Focus distance along the axis.
     blur_px_m : float
-        Blur of what is infinitely far, times that distance.
+        Blur of infinitely distant points, times that distance.
     """
 
     focus_m: float
     blur_px_m: float
 
     def blur_px(self, depth_m):
-        """Diameter of the blur at these depths, positive nearer than what is in focus: array."""
+        """Diameter of the blur at these depths, positive if nearer than the focus distance: array."""
         with np.errstate(divide="ignore"):
             return self.blur_px_m * (1 / np.asarray(depth_m) - 1 / self.focus_m)
 
 
 def focus_now(scene, at_rest):
-    """The Focus of a scene's lens, as its camera is set now.
+    """The Focus of a scene's lens, by the camera's current settings.
 
     Parameters
     ----------
     scene : bpy.types.Scene
     at_rest : LensFacts
-        Of the lens when it is turned to nothing.
+        Of the lens with its rings at rest.
 
     Raises
     ------
     InputError
-        There is no camera that the lens can stand in for.
+        The lens cannot replace the scene's camera.
     """
     rings = rings_for(scene, scene.lensfield.lens_name_or_path())
     size, sensor_mm = size_for_view(scene, at_rest, scene.lensfield.view.lower())
@@ -58,7 +58,7 @@ def focus_now(scene, at_rest):
     focus_mm = max(focus_mm, NEAREST_FOCAL_LENGTHS * at_rest.efl_mm * size)
     focal_mm = at_rest.efl_mm * size
     image_mm = focal_mm / (1 - focal_mm / focus_mm)
-    if scene.lensfield.view == "CAMERA":  # which stays, whatever is in focus: the lens is made so much smaller
+    if scene.lensfield.view == "CAMERA":  # the view is the same at every focus, so the lens is scaled down
         focal_mm, image_mm = focal_mm * focal_mm / image_mm, focal_mm
     pitch_mm = fitting_pitch_um(replace(at_rest, sensor_mm=sensor_mm), frame_px(scene)) / M_TO_MM
     return Focus(focus_mm / M_TO_MM, focal_mm / f_number * image_mm / pitch_mm / M_TO_MM)

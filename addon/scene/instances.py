@@ -1,7 +1,7 @@
-"""What is rendered: the objects, wherever they are instanced, and the materials, lights and worlds that they bring.
+"""The rendered objects with all their instances, and the materials, lights and worlds in use.
 
-Blender evaluates a scene for the viewport only; it evaluates it for a render when it renders. So objects that Python
-finds there are judged by their render flags, and those hidden in the viewport alone are followed by hand.
+Outside a render, Blender evaluates a scene only for the viewport. So evaluated objects are filtered by their render
+flags, and objects that are hidden only in the viewport are added by hand.
 """
 
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ import numpy as np
 from mathutils import Matrix
 
 SHADED_TYPES = {"MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "POINTCLOUD", "VOLUME"}
-DRAWN_TYPES = {"GREASEPENCIL", "GPENCIL"}  # over the picture, by no renderer; the second until 4.2
+DRAWN_TYPES = {"GREASEPENCIL", "GPENCIL"}  # drawn over the picture, not by the renderer; the second until 4.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,14 +21,14 @@ class Instance:
     Attributes
     ----------
     obj : bpy.types.Object
-        The original, as the user knows it.
+        The original.
     matrix_world : array (4, 4)
-        What is hidden in the viewport is placed by its parents alone: Blender does not evaluate its constraints.
+        An object that is hidden in the viewport follows only its parents: Blender does not evaluate its constraints.
     corners : array (8, 3)
         Of its bounding box, in its own frame.
     materials : frozenset of bpy.types.Material
     data : bpy.types.ID or None
-        Its shape as Blender has evaluated it.
+        Its evaluated shape.
     """
 
     obj: bpy.types.Object
@@ -44,20 +44,20 @@ class Instance:
 
 
 def rendered_instances(scene):
-    """Generator of the Instances that reach a render of the scene.
+    """Generator of the Instances in a render of the scene.
 
-    It holds Blender's evaluated scene: change nothing before it ends.
+    It uses Blender's evaluated scene: change nothing before it ends.
     """
     for appearance, matrix, corners, materials in _rendered(scene):
         yield Instance(appearance.original, np.array(matrix), corners, materials, appearance.data)
 
 
 def rendered_blocks(scene):
-    """The materials, lights, worlds and Grease Pencil drawings that reach a render of the scene.
+    """The materials, lights, worlds and Grease Pencil drawings in a render of the scene.
 
     Returns
     -------
-    dict from data-block to the sorted names of the objects that bring it; a world has none
+    dict from data-block to the sorted names of the objects that use it; empty for a world
     """
     users = {layer.world_override or scene.world: set() for layer in scene.view_layers if layer.use}
     users.pop(None, None)
@@ -70,7 +70,7 @@ def rendered_blocks(scene):
 
 
 def uses_nodes(block):
-    """Whether Blender renders a material, light or world by its node tree, or by its plain colour."""
+    """Whether Blender renders a material, light or world by its node tree instead of its plain colour."""
     if block.node_tree is None:
         return False
     always = bpy.app.version >= (5, 0, 0) and not isinstance(block, bpy.types.Light)
@@ -78,12 +78,12 @@ def uses_nodes(block):
 
 
 def cycles_output(block):
-    """The node that Cycles renders a material, light or world by; None where it has none."""
+    """The output node that Cycles uses for a material, light or world; None without one."""
     return block.node_tree.get_output_node("CYCLES") if uses_nodes(block) else None
 
 
 def nodes_within(tree):
-    """Generator of the nodes of a tree, and of the groups in it."""
+    """Generator of the nodes of a tree, and of the groups within it."""
     for node in tree.nodes:
         yield node
         inside = getattr(node, "node_tree", None)
@@ -92,7 +92,7 @@ def nodes_within(tree):
 
 
 def materials_of(obj):
-    """Materials of an object, evaluated or not: those that its faces use, and for other shapes all of its slots."""
+    """Materials of an object, evaluated or not: the ones that a mesh's faces use, and all slots of other shapes."""
     slots = [slot.material and slot.material.original for slot in obj.material_slots]
     if obj.type == "MESH" and len(slots) > 1 and not obj.particle_systems:  # hair has a slot of its own
         slots = [slots[index] for index in _slots_used(obj.data, len(slots))]
@@ -109,7 +109,7 @@ def _slots_used(mesh, count):
 
 
 def _shown_materials(appearance, layer):
-    """The materials that an object is rendered with."""
+    """The materials of an object in the render."""
     if appearance.type not in SHADED_TYPES:
         return frozenset()
     if layer.material_override:
@@ -121,7 +121,7 @@ def _shown_materials(appearance, layer):
 
 
 def _rendered(scene):
-    """(object, matrix, corners, materials) of everything that is rendered."""
+    """(object, matrix, corners, materials) of all rendered objects and instances."""
     for layer in (layer for layer in scene.view_layers if layer.use):
         known = {}  # a forest has few trees
         for appearance, matrix in _appearances(layer):
@@ -132,7 +132,7 @@ def _rendered(scene):
 
 
 def _appearances(layer):
-    """(object, matrix) of everything that a layer renders, instances included; evaluated where Blender does so."""
+    """(object, matrix) of all objects that a layer renders, with instances; evaluated if Blender has evaluated them."""
     layer.update()  # until then a new layer has no collections (since 5.2)
     shown = {obj for obj in _shown_objects(layer.layer_collection) if not obj.hide_render}
     evaluated, instanced, of_collections = set(), set(), {}
@@ -158,7 +158,7 @@ def _appearances(layer):
 
 
 def _shown_objects(layer_collection):
-    """Objects of the collections that a layer renders; hiding goes on to the collections inside, excluding does not."""
+    """Objects of the collections that a layer renders. Nested collections inherit hiding, but not exclusion."""
     if layer_collection.collection.hide_render:
         return
     if not layer_collection.exclude:
@@ -168,12 +168,12 @@ def _shown_objects(layer_collection):
 
 
 def _shown_as_rendered(obj):
-    """Whether the viewport has all modifiers that a render has."""
+    """Whether the viewport evaluates all modifiers of a render."""
     return all(modifier.show_viewport or not modifier.show_render for modifier in obj.modifiers)
 
 
 def _instanced(obj, matrix, above):
-    """(object, matrix) of what an object may instance; scattered ones stand where it does."""
+    """(object, matrix) of all objects that an object may instance; scattered ones get its own position."""
     for child, placed in _instanced_once(obj, matrix):
         if child not in above:
             yield child, placed
@@ -214,7 +214,7 @@ def _by_nodes(obj, socket_type):
 
 
 def _given(modifier, identifier):
-    """What a modifier gives to an input of its nodes. Blender keeps it elsewhere since 5.2."""
+    """A modifier's value for an input of its nodes. Blender 5.2 moved it."""
     if not hasattr(modifier, "properties"):
         return modifier.get(identifier)
     return getattr(getattr(modifier.properties.inputs, identifier, None), "value", None)
@@ -227,6 +227,6 @@ def _named_in_tree(tree, socket_type):
 
 
 def _world_matrix(obj):
-    """Where an object is, whether Blender has evaluated it or not."""
+    """The world matrix of an object, evaluated or not."""
     own = obj.matrix_basis
     return _world_matrix(obj.parent) @ obj.matrix_parent_inverse @ own if obj.parent else own

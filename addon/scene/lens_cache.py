@@ -1,4 +1,4 @@
-"""Lenses by name or path, each read or baked once; and scaled, each made once: panels ask many times a second."""
+"""A cache of lenses by name or path, and of scaled lenses: panels request them many times a second."""
 
 import os
 from collections.abc import Callable
@@ -6,22 +6,21 @@ from dataclasses import replace
 from functools import lru_cache
 from threading import Lock
 
-from ...engine import Lens
-from ...engine.bake.rings import AT_REST, Rings
-from ...engine.files import stamp_of
-from ...engine.library import load
+from ...engine import Lens, library
+from ...engine.rays.rings import AT_REST, Rings
+from ...engine.runtime.files import stamp_of
 
 MOST_LENSES = 6
 
 _lenses: dict[tuple, Lens] = {}  # the newest at the end
-_lock = Lock()  # a thread may bake one while the window looks for another
+_lock = Lock()  # a thread may bake a lens while the window requests another
 
 
 def load_lens(name_or_path: str | os.PathLike, rings: Rings = AT_REST, quality: str = "standard",
               progress: Callable[[float, str], object] = lambda fraction, label: None) -> Lens:
-    """What `engine.library.load` gives, and the same Lens as before unless the file has changed."""
+    """The lens of `library.load_lens`: the same value as before unless the file has changed."""
     asked = str(name_or_path), stamp_of(name_or_path), rings, quality
-    lens = _lenses.get(asked) or load(name_or_path, rings, quality, progress)
+    lens = _lenses.get(asked) or library.load_lens(name_or_path, rings, quality, progress)
     with _lock:
         _lenses.pop(asked, None)
         _lenses[asked] = lens
@@ -31,7 +30,7 @@ def load_lens(name_or_path: str | os.PathLike, rings: Rings = AT_REST, quality: 
 
 
 def loaded_lens(name_or_path: str | os.PathLike, rings: Rings, quality: str) -> Lens | None:
-    """What `load_lens` gives, where it is there already."""
+    """The lens of `load_lens` if it is cached, else None."""
     return _lenses.get((str(name_or_path), stamp_of(name_or_path), rings, quality))
 
 
@@ -42,6 +41,6 @@ def scaled_lens(lens: Lens, factor: float, sensor_mm: tuple[float, float]) -> Le
 
 
 def forget_lenses() -> None:
-    """Free them."""
+    """Clear the cache."""
     _lenses.clear()
     scaled_lens.cache_clear()

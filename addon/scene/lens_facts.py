@@ -1,15 +1,15 @@
-"""What is known of a lens as it is turned before it is baked: a fraction of a second's work, not many."""
+"""Facts about a lens at its current settings, without a bake: computed in a fraction of a second."""
 
 import os
 from dataclasses import dataclass
 from functools import lru_cache
 
-from ...engine.bake.rays import HalfPupil, trace_pupil
-from ...engine.bake.rings import AT_REST, Rings, resized_rings, ring_ends, turned
-from ...engine.bake.system import system_of
-from ...engine.files import stamp_of
-from ...engine.lens.readers.assembly import four_by_three
+from ...engine.lens.conventions import four_by_three
 from ...engine.library import has_rings, prescription_of
+from ...engine.prescription.system import system_of
+from ...engine.rays.field_heights import image_radius_mm
+from ...engine.rays.rings import AT_REST, Rings, resized_rings, ring_ends, turned
+from ...engine.runtime.files import stamp_of
 from .lens_cache import load_lens
 
 MOST_FACTS = 64
@@ -17,20 +17,20 @@ MOST_FACTS = 64
 
 @dataclass(frozen=True)
 class LensFacts:
-    """A lens as it is turned.
+    """Facts about a lens at its current settings.
 
     Attributes
     ----------
     rings : Rings
-        What it is turned to; for a lens that is made larger or smaller, before that.
+        Its settings; for a scaled lens, before scaling.
     efl_mm, capture_focal_length_mm, sensor_mm
-        As `Lens` has them.
+        As in `Lens`.
     f_number, focus_mm : float
-        As `TurnedLens` has them.
+        As in `TurnedLens`.
     reach : (float, float, float) or None
         The widest and the highest f-number, and the closest focus in mm; None for a package, which has no rings.
     words : tuple of str
-        What is asked of its rings and cannot be, a line each.
+        A line for each requested setting that its rings do not have.
     """
 
     rings: Rings
@@ -44,20 +44,20 @@ class LensFacts:
 
 
 def lens_facts(name_or_path: str | os.PathLike, rings: Rings = AT_REST, focal_mm: float | None = None) -> LensFacts:
-    """What is known of a lens, by name or path.
+    """The LensFacts of a lens, by name or path.
 
     Parameters
     ----------
     name_or_path : str or path
     rings : Rings
-        What it is to be turned to, which a package cannot be.
+        The requested settings; packages ignore them.
     focal_mm : float or None
-        The capture focal length that it is made larger or smaller for; None for a lens as large as it is.
+        The capture focal length that the lens is scaled to; None for its own size.
 
     Raises
     ------
     LensError
-        No such lens, or one that has no image of what is there.
+        The lens does not exist, or forms no image at this focus.
     """
     return _facts(str(name_or_path), stamp_of(name_or_path), rings, focal_mm)
 
@@ -74,7 +74,7 @@ def _facts(path, changed, rings, focal_mm):
     pupil_mm = there.prescription.object_distance_mm + system.entrance_pupil_mm
     return LensFacts(
         rings, system.efl_mm, system.efl_mm if system.object_at_infinity else abs(system.magnification) * pupil_mm,
-        there.prescription.sensor_mm or four_by_three(_last_height_mm(system)), there.f_number, there.focus_mm,
+        there.prescription.sensor_mm or four_by_three(image_radius_mm(system)), there.f_number, there.focus_mm,
         _reach(path, changed), there.words)
 
 
@@ -82,12 +82,6 @@ def _facts(path, changed, rings, focal_mm):
 def _reach(path, changed):
     widest, closest = ring_ends(prescription_of(path))
     return widest.f_number, closest.f_number, closest.focus_mm
-
-
-def _last_height_mm(system):
-    """Where the last chief ray really lands."""
-    nm = system.prescription.reference_wavelength_nm
-    return abs(trace_pupil(system, [system.last_height_mm], [nm], HalfPupil(1, 1)).chief_height_mm[0, 0])
 
 
 def _of_package(lens):

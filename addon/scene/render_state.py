@@ -1,24 +1,24 @@
-"""The render state: all that would change or bend the radiance, set for the passes and put back by the journal."""
+"""The render state: all settings that would alter the radiance, set for the passes and restored by the journal."""
 
 import bpy
 
 from .camera import set_up_capture
+from .units import metres_per_unit
 
 RENDER = {"engine": "CYCLES", "use_border": False, "use_crop_to_border": False, "use_compositing": False,
           "use_sequencer": False, "use_multiview": False, "use_freestyle": False,
           "use_overwrite": True, "use_placeholder": False, "use_file_extension": False, "use_persistent_data": True,
           "use_single_layer": False, "use_stamp": False, "resolution_percentage": 100}
-CYCLES = {"film_exposure": 1.0, "pixel_filter_type": "BOX",
-          "blur_glossy": 0.0}  # it blurs by the probability of a path, in which all wavelengths of a pass have a say
+CYCLES = {"film_exposure": 1.0, "pixel_filter_type": "BOX"}
 CLAMPS = "sample_clamp_direct", "sample_clamp_indirect"
-HALF = 0.5  # a pixel, so that no rounding costs one
+HALF = 0.5  # of a pixel: protects the region from rounding
 IMAGE = {"media_type": "MULTI_LAYER_IMAGE", "file_format": "OPEN_EXR_MULTILAYER", "color_depth": "32",
-         "exr_codec": "NONE"}  # they are read once, and noise hardly shrinks
+         "exr_codec": "NONE"}  # files are read only once, and noise compresses badly
 
 
 def go_to_frame(scene, frame, journal):
     """Evaluate the scene at a frame, as a render would: its animation, and the camera that a marker binds."""
-    if bpy.context.window:  # animation reaches the data-blocks that we copy only in the window's scene,
+    if bpy.context.window:  # animation reaches the data-blocks to be copied only in the window's scene,
         journal.set(bpy.context.window, "scene", scene)
         bpy.context.evaluated_depsgraph_get()  # and in 4.5 only once that has been evaluated
     camera, current, subframe = scene.camera, scene.frame_current, scene.frame_subframe
@@ -32,23 +32,28 @@ def go_to_frame(scene, frame, journal):
 
 
 def turn_on_layer(scene, name, journal):
-    """Have this view layer alone rendered; without a name, those that are."""
+    """Render only this view layer; without a name, change nothing."""
     for layer in scene.view_layers if name else ():
         journal.set(layer, "use", layer.name == name)
 
 
 def rendered_layer(scene):
-    """The view layer that is rendered: the only one that is on for rendering."""
+    """The only view layer that is on for rendering."""
     return next(layer for layer in scene.view_layers if layer.use)
 
 
+def rendered_world(scene):
+    """The world of the rendered view layer, or None."""
+    return rendered_layer(scene).world_override or scene.world
+
+
 def guard_render_state(scene, job, capture, path, journal):
-    """Set what the passes need; each is written to `path`, a multilayer EXR of the light and its depth."""
+    """Make all settings for the passes; each pass is written to `path`, a multilayer EXR of the light and its depth."""
     rows, columns = capture.shape_px
     for name, value in (RENDER | {"filepath": str(path), "resolution_y": rows, "resolution_x": columns}).items():
         journal.set(scene.render, name, value)
     glass = scene.cycles.film_transparent_glass and scene.render.film_transparent
-    for name, value in (CYCLES | {"use_denoising": job.denoise, "film_transparent_glass": glass}).items():
+    for name, value in (CYCLES | {"use_denoising": job.denoises, "film_transparent_glass": glass}).items():
         journal.set(scene.cycles, name, value)
     layer = rendered_layer(scene)
     for name in (p.identifier for p in layer.bl_rna.properties if p.identifier.startswith("use_pass_")):
@@ -56,21 +61,22 @@ def guard_render_state(scene, job, capture, path, journal):
     _guard_format(scene.render.image_settings, journal)
     camera = journal.stand_in(scene.camera.data)
     camera.animation_data_clear()
-    camera.dof.use_dof = False  # blur is the lens's
+    camera.dof.use_dof = False  # the lens adds the blur
     set_up_capture(camera, job.lens, capture)
 
 
 def clamps_of(scene):
-    """The scene's clamps by name, of the mean of red, green and blue in each sample; 0 for none.
+    """The scene's clamps by name, which limit the mean of red, green and blue in each sample; 0 for none.
 
-    They hold as they are for passes, too: light of colour 1 and strength 1 is 1 there, as in Blender's own renders.
+    The same values hold for passes: light of colour 1 and strength 1 is 1 there, as in Blender's own renders.
     """
     return {name: getattr(scene.cycles, name) for name in CLAMPS}
 
 
 def show_slab(scene, slab, capture, journal):
-    """Have a guarded scene rendered between the depths of a slab alone, and its region of the capture."""
-    scene.camera.data.clip_start, scene.camera.data.clip_end = slab.near_m, slab.far_m
+    """Limit the render of a guarded scene to a slab: its depths, and its region of the capture."""
+    unit_m = metres_per_unit(scene)
+    scene.camera.data.clip_start, scene.camera.data.clip_end = slab.near_m / unit_m, slab.far_m / unit_m
     whole = slab.region == tuple(slice(0, n) for n in capture.shape_px)
     for name, value in (("film_transparent", slab.transparent), ("use_border", not whole),
                         ("use_crop_to_border", not whole)):
@@ -80,8 +86,8 @@ def show_slab(scene, slab, capture, journal):
 
 
 def guard_region(render, region, shape_px, journal):
-    """Have a region alone rendered, slices of rows and columns: Blender counts rows from below, and cuts fractions of
-    pixels off."""
+    """Render only a region, given as slices of rows and columns: Blender counts rows from the bottom, and truncates
+    fractions of pixels."""
     (top, bottom), (left, right) = ((part.start, part.stop) for part in region)
     rows, columns = shape_px
     journal.set(render, "use_border", True)
@@ -91,12 +97,13 @@ def guard_region(render, region, shape_px, journal):
 
 
 def _guard_format(image, journal):
-    """Blender changes what does not fit as soon as the format changes: all are put back together, in this order."""
+    """Set the format. Blender changes incompatible settings along with it, so all are restored together, in this
+    order."""
     formats = {name: value for name, value in IMAGE.items() if hasattr(image, name)}  # media_type came with 5.0
     before = {name: getattr(image, name) for name in ("media_type", "file_format", "color_mode", "color_depth",
                                                       "exr_codec") if hasattr(image, name)}
     colour_space = image.linear_colorspace_settings.name
-    if colour_space:  # a scene new from the factory has none until a format is chosen
+    if colour_space:  # a factory-new scene has none until a format is chosen
         journal.on_exit(lambda: setattr(image.linear_colorspace_settings, "name", colour_space))
     journal.on_exit(lambda: _assign(image, before))
     _assign(image, formats)

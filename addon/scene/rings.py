@@ -1,66 +1,66 @@
-"""Rings: what a scene's camera turns its lens to, by its own Depth of Field settings."""
+"""Rings: the lens's focus and f-stop, from the Depth of Field settings of a scene's camera."""
 
 from functools import lru_cache
-from math import degrees, inf
+from math import degrees
 
 from mathutils import Vector
 
 from ...engine import Lens
-from ...engine.bake.rings import AT_REST, Rings, resized_rings
-from ...engine.depth.pencils import Iris
-from ...engine.errors import InputError
-from ...engine.files import stamp_of
+from ...engine.depth.iris import Iris
 from ...engine.library import cannot_be, has_rings, iris_shows, prescription_of
+from ...engine.rays.rings import AT_REST, Rings, resized_rings
+from ...engine.runtime.errors import InputError
+from ...engine.runtime.files import stamp_of
 from .camera import lens_for_view
-from .depth import M_TO_MM
 from .lens_cache import load_lens
+from .units import mm_per_unit
 
 CAMERA = "camera"
 FEWEST_BLADES = 3
 MOST_ANSWERS = 64
+LEAST = 1e-3  # distance in mm, and f-number: Blender allows 0, and lenses are then clamped to their own range
 FIXED = "the lens is a package, which holds for one focus and one f-number: those of the camera are left out"
 
 
 def scene_rings(scene, focus=None, f_number=None, focused_wide_open=None) -> Rings:
-    """What the scene's camera, where its depth of field is on, turns a lens to, but for what is given.
+    """The focus and f-stop from the scene's camera, if its depth of field is on, except for the given values.
 
     Parameters
     ----------
     scene : bpy.types.Scene
     focus : float or "camera", optional
-        Distance in mm; or the camera's, even where its depth of field is off.
+        Distance in mm; or the camera's, even if its depth of field is off.
     f_number : float, optional
     focused_wide_open : bool, optional
-        As the settings have it, by default.
+        By default from the settings.
     """
     camera = scene.camera.data if scene.camera and scene.camera.type == "CAMERA" else None
     turns = camera is not None and camera.dof.use_dof
     if camera and (focus == CAMERA or (focus is None and turns)):
-        focus = _as_set(_focus_mm(scene.camera))
+        focus = _as_set(_focus_mm(scene))
     if f_number is None and turns:
-        f_number = _as_set(camera.dof.aperture_fstop)
+        f_number = max(_as_set(camera.dof.aperture_fstop), LEAST)
     if focused_wide_open is None:
         focused_wide_open = scene.lensfield.focused_wide_open
     return Rings(None if focus == CAMERA else focus, f_number, focused_wide_open)
 
 
 def scene_iris(scene, lens, iris=None, **asked) -> Iris | None:
-    """The blades that a scene's lens is stopped down by: of its camera, where its depth of field is on, unless they are
-    given.
+    """The blades of a scene's lens: the given ones, else the camera's if its depth of field is on.
 
     Parameters
     ----------
     scene : bpy.types.Scene
-    lens : Lens, or a name or path that `engine.library.load` takes
-        A Lens is stopped down already, by blades that are given alone.
+    lens : Lens, or a name or path for `load_lens`
+        A Lens is already stopped down: only given blades apply.
     iris : Iris, optional
     asked : by name
-        What `scene_rings` takes.
+        Arguments of `scene_rings`.
 
     Returns
     -------
     Iris or None
-        None for a round stop, which that of a lens wide open is, too.
+        None for a round stop, such as wide open.
     """
     if isinstance(lens, Lens):
         return iris if iris and iris.blades else None
@@ -69,14 +69,14 @@ def scene_iris(scene, lens, iris=None, **asked) -> Iris | None:
         return None
     shows = _iris_shows(str(lens), stamp_of(lens), scene_rings(scene, **asked))
     if isinstance(shows, InputError):
-        raise shows.with_traceback(None)  # which would grow each time
+        raise shows.with_traceback(None)  # the traceback would grow each time
     return iris if shows else None
 
 
 @lru_cache(maxsize=MOST_ANSWERS)
 def _iris_shows(lens, changed, rings):
-    """What `iris_shows` tells, or its error, once as long as the lens's file is the same: a preview asks many times a
-    second."""
+    """The value of `iris_shows`, or its error, cached while the lens's file is the same: a preview needs it many times
+    a second."""
     try:
         return iris_shows(lens, rings)
     except InputError as error:
@@ -84,7 +84,7 @@ def _iris_shows(lens, changed, rings):
 
 
 def _camera_iris(scene):
-    """Blender takes two blades for none."""
+    """The Iris of the scene's camera, or None. Blender treats fewer than three blades as a round stop."""
     camera = scene.camera.data if scene.camera and scene.camera.type == "CAMERA" else None
     if camera is None or not camera.dof.use_dof or camera.dof.aperture_blades < FEWEST_BLADES:
         return None
@@ -93,25 +93,25 @@ def _camera_iris(scene):
 
 
 def scene_lens(scene, lens, view, quality, **asked):
-    """The lens to see a scene through: turned as its camera has it, and as its own view or the camera's asks for.
+    """The lens for a scene: with its camera's focus and f-stop, and with its own view or the camera's.
 
     Parameters
     ----------
     scene : bpy.types.Scene
-    lens : Lens, or a name or path that `engine.library.load` takes
+    lens : Lens, or a name or path for `load_lens`
     view : "lens" or "camera"
     quality : str
         How finely a prescription is baked.
     asked : by name
-        What `scene_rings` takes.
+        Arguments of `scene_rings`.
 
     Returns
     -------
     Lens
     warning : str
-        What another size means; "" for none.
+        The consequences of scaling; "" without scaling.
     words : tuple of str
-        What its rings cannot do, a line each.
+        A line for each setting that its rings do not have.
 
     Raises
     ------
@@ -128,38 +128,29 @@ def scene_lens(scene, lens, view, quality, **asked):
 
 
 def _as_set(number):
-    """Blender's floats are single: f/2.8 is 2.79999995."""
+    """A number as the user entered it. Blender's floats are single precision: f/2.8 is 2.79999995."""
     return float(f"{number:.6g}")
 
 
-def _focus_mm(camera):
-    """The camera's focus distance, along its axis, as Blender has it."""
+def _focus_mm(scene):
+    """The focus distance of the scene's camera along its axis, as Blender computes it, in mm."""
+    camera, unit_mm = scene.camera, mm_per_unit(scene)
     dof = camera.data.dof
     if dof.focus_object is None:
-        return max(dof.focus_distance * M_TO_MM, 1e-3)
+        return max(dof.focus_distance * unit_mm, LEAST)
     target = dof.focus_object.matrix_world
     if dof.focus_object.type == "ARMATURE" and (bone := dof.focus_object.pose.bones.get(dof.focus_subtarget)):
         target = target @ bone.matrix
     own = camera.matrix_world.normalized()
     away = own.translation - target.translation
-    return max(abs(Vector(own.col[2][:3]).dot(away)) * M_TO_MM, 1e-3)
+    return max(abs(Vector(own.col[2][:3]).dot(away)) * unit_mm, LEAST)
 
 
 def rings_for(scene, lens):
-    """What the scene's camera turns a lens to, by name or path; at rest where that is a package."""
+    """The `scene_rings` for a lens by name or path; at rest for a package."""
     return scene_rings(scene) if has_rings(lens) else AT_REST
 
 
-def ring_arguments(rings):
-    """The rings as `lensfield` takes them."""
-    asked = [] if rings.focus_mm is None else ["--focus", "inf" if rings.focus_mm == inf else f"{rings.focus_mm!r}mm"]
-    asked += [] if rings.f_number is None else ["--f-number", repr(rings.f_number)]
-    return asked + ["--focused-wide-open"] * rings.focused_wide_open
-
-
-def iris_arguments(iris):
-    """The blades as `lensfield` takes them."""
-    if iris is None:
-        return ["--iris-blades", "0"]
-    return ["--iris-blades", str(iris.blades), f"--iris-rotation={iris.rotation_deg!r}", "--iris-roundness",
-            repr(iris.roundness)]
+def ring_fields(rings):
+    """The fields of a RenderRequest for these rings; the lens's size follows from the view."""
+    return {"focus": rings.focus_mm, "f_number": rings.f_number, "focused_wide_open": rings.focused_wide_open}

@@ -1,4 +1,4 @@
-"""Stillness: whether frames of a scene differ in nothing but what its camera turns the lens to. In doubt they do."""
+"""Stillness: whether frames of a scene differ only in their camera's focus and f-stop. In doubt, they differ more."""
 
 import re
 
@@ -6,21 +6,21 @@ import bpy
 
 from .fingerprint import action_curves, blocks_of
 
-RINGS = "dof."  # how a camera's settings begin that turn its lens
+RINGS = "dof."  # prefix of the camera settings for focus and f-stop
 SCENES_RINGS = "lensfield.focused_wide_open", "lensfield.iris_"
 HANDLERS = "frame_change_pre", "frame_change_post", "render_pre"
 MOVING_MODIFIERS = {"BUILD", "CLOTH", "DYNAMIC_PAINT", "EXPLODE", "FLUID", "MESH_CACHE", "MESH_SEQUENCE_CACHE",
                     "PARTICLE_INSTANCE", "PARTICLE_SYSTEM", "SOFT_BODY", "WAVE"}
 MOVING_CONSTRAINTS = {"CAMERA_SOLVER", "FOLLOW_TRACK", "OBJECT_SOLVER", "TRANSFORM_CACHE"}
 MOVING_NODES = {"GeometryNodeBake", "GeometryNodeCameraInfo", "GeometryNodeInputSceneTime",
-                "GeometryNodeSimulationInput"}  # the camera's focus is among what it tells
+                "GeometryNodeSimulationInput"}  # Camera Info outputs the focus distance
 MOVING_IMAGES = {"MOVIE", "SEQUENCE"}
 OWN = __package__.removesuffix("addon.scene")
-OF_NO_PICTURE = {"COLLECTION", "SCENE", "SCREEN", "WINDOWMANAGER", "WORKSPACE"}  # who holds on to an object
+OF_NO_PICTURE = {"COLLECTION", "SCENE", "SCREEN", "WINDOWMANAGER", "WORKSPACE"}  # users that do not render an object
 
 
 def moving(scene, frames):
-    """What else changes from frame to frame: a line on the first that is found; "" where nothing does.
+    """A line about the first change between frames, other than of focus and f-stop; "" without one.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def moving(scene, frames):
 
 
 def rings_animated(scene):
-    """Whether keyframes, drivers or a focus object turn the lens of a scene's camera."""
+    """Whether keyframes, drivers or a focus object change the focus or f-stop of a scene's camera."""
     camera = scene.camera.data if scene.camera and scene.camera.type == "CAMERA" else None
     return camera is not None and camera.dof.use_dof and (
         camera.dof.focus_object is not None
@@ -39,7 +39,7 @@ def rings_animated(scene):
 
 
 def _movements(scene, frames):
-    cameras = {_camera_at(scene, frame) for frame in frames} - {None}
+    cameras = {camera_at(scene, frame) for frame in frames} - {None}
     if len(cameras) > 1:
         yield "markers change the camera"
     if scene.cycles.use_animated_seed:
@@ -59,21 +59,21 @@ def _movements(scene, frames):
                 yield f"{block.rna_type.name.lower()} {block.name!r} {why}"
 
 
-def _camera_at(scene, frame):
-    """The camera that markers bind there, or the scene's own."""
+def camera_at(scene, frame):
+    """The camera that markers bind at a frame, or the scene's own."""
     bound = sorted((marker for marker in scene.timeline_markers if marker.camera), key=lambda marker: marker.frame)
     before = [marker for marker in bound if marker.frame <= frame]
     return (before[-1] if before else bound[0]).camera if bound else scene.camera
 
 
 def _unseen(blocks, cameras):
-    """Objects that no ray meets, and that nothing follows which one does; and the settings of other cameras."""
+    """Empties and unused cameras that no rendered data depend on; and the settings of unused cameras."""
     users = bpy.data.user_map()
     unseen = {block for block in blocks if block.id_type == "OBJECT" and (
         (block.type == "EMPTY" and block.instance_type == "NONE") or (block.type == "CAMERA" and block not in cameras))}
 
     def follows(user):
-        if user.id_type == "COLLECTION":  # whose objects somebody may read
+        if user.id_type == "COLLECTION":  # its users may read its objects
             return any(follows(other) for other in users.get(user, ()))
         return user not in unseen and user.id_type not in OF_NO_PICTURE | {"CAMERA"}
 
@@ -84,13 +84,13 @@ def _unseen(blocks, cameras):
 
 
 def _times(scene, frames):
-    """When animation is looked at: at the frames, and while the shutter is open."""
+    """Times for evaluating animation: the frames, and while the shutter is open."""
     shutter = scene.render.motion_blur_shutter if scene.render.use_motion_blur else 0.0
     return sorted({frame + part * shutter for frame in frames for part in (-1, -0.5, 0, 0.5, 1)})
 
 
 def _why_moving(block, times, still):
-    """Why a data-block may change, in words; None where it does not."""
+    """Why a data-block may change, in words; None if it does not."""
     allowed = {"CAMERA": RINGS, "SCENE": SCENES_RINGS}.get(block.id_type, ())
     if any(not path.startswith(allowed) for path in _animated_paths(block, times, still)):
         return "is animated"
@@ -120,7 +120,7 @@ def _with_time(nodes):
 
 
 def _animated_paths(block, times, still):
-    """Paths that keyframes and drivers change, unless they are the same at all times."""
+    """Paths that keyframes and drivers set, unless their values are the same at all times."""
     animation = getattr(block, "animation_data", None)
     if animation is None:
         return
@@ -135,7 +135,7 @@ def _animated_paths(block, times, still):
 
 
 def _own_curves(animation):
-    """F-curves of a data-block's action: since slots came, others' may be in the same."""
+    """F-curves of a data-block in its action: since Blender has slots, other data-blocks may share the action."""
     action, slot = animation.action, getattr(animation, "action_slot", None)
     if action is None or slot is None:
         return action_curves(action) if action else []
@@ -144,7 +144,7 @@ def _own_curves(animation):
 
 
 def _still_driver(driver, still):
-    """Whether a driver goes by nothing but what does not change."""
+    """Whether a driver depends only on values that do not change."""
     if driver.type == "SCRIPTED" and (not driver.is_simple_expression or re.search(r"\bframe\b", driver.expression)):
         return False
     return all(variable.type != "CONTEXT_PROP" and all(target.id in still and RINGS not in target.data_path

@@ -1,7 +1,7 @@
 """The traced camera: Cycles sends every sample from the sensor through the lens's own surfaces, at one wavelength.
 
-What it renders is the sensor's irradiance, in W m^-2 where the scene's radiance is in W m^-2 sr^-1: each pixel's mean
-of throughput times radiance. It knows geometry and vignetting at every depth, and no diffraction.
+It renders the sensor's irradiance, in W m^-2 if the scene's radiance is in W m^-2 sr^-1: each pixel's mean of
+throughput times radiance. It includes geometry and vignetting at every depth, but not diffraction.
 """
 
 import hashlib
@@ -12,14 +12,15 @@ import _cycles
 import bpy
 import numpy as np
 
-from ...engine.bake.from_sensor import FromSensor, lens_from_sensor
-from ...engine.errors import InputError, LensError
-from ...engine.files import temporary_folder
+from ...engine.rays.from_sensor import FromSensor, lens_from_sensor
+from ...engine.runtime.errors import InputError, LensError
+from ...engine.runtime.files import temporary_folder
+from .units import mm_per_unit
 
 SHADER = Path(__file__).with_suffix(".osl")
-NEWTON_STEPS, GOOD_SHARE = 12, 2e-6  # for aspheres: a step of less of the lens's length is the last
+NEWTON_STEPS, GOOD_SHARE = 12, 2e-6  # for aspheres: most steps; a step up to this share of the lens's length ends them
 LEAST_SQUARE = 1e-12  # next to the vertex, and beyond the conic's end
-WIDE_MM = 1e9  # stands for a semi-aperture without end
+WIDE_MM = 1e9  # for an infinite semi-aperture
 
 
 def check_traceable(lens):
@@ -33,19 +34,19 @@ def check_traceable(lens):
 
 
 def traces_on_device(scene):
-    """Whether the device that a scene asks for runs camera shaders: the CPU does, and of GPUs OptiX."""
+    """Whether the scene's device runs camera shaders: the CPU does and, among GPU backends, OptiX."""
     cycles = bpy.context.preferences.addons.get("cycles")
     return scene.cycles.device == "CPU" or (cycles and cycles.preferences.compute_device_type in ("NONE", "OPTIX"))
 
 
 def trace_lens(scene, lens, film, wavelength_nm, journal):
-    """Let the scene be rendered through a lens at one wavelength; its camera's data are to be a stand-in."""
+    """Set the scene up for a render through a lens at one wavelength; its camera's data must be a stand-in."""
     if not traces_on_device(scene):
         journal.set(scene.cycles, "device", "CPU")
-    set_traced_camera(scene.camera.data, lens, film, wavelength_nm)
+    set_traced_camera(scene.camera.data, lens, film, wavelength_nm, mm_per_unit(scene))
 
 
-def set_traced_camera(camera, lens, film, wavelength_nm):
+def set_traced_camera(camera, lens, film, wavelength_nm, unit_mm):
     """Make camera data a lens for one wavelength: it looks along -z, from the entrance pupil at its origin.
 
     Parameters
@@ -55,17 +56,20 @@ def set_traced_camera(camera, lens, film, wavelength_nm):
     film : PixelGrid
         The render's pixels.
     wavelength_nm : float
+    unit_mm : float
+        Length of a Blender unit.
     """
-    use_shader(camera, _shader(lens.prescription, film, float(wavelength_nm)))
+    use_shader(camera, _shader(lens.prescription, film, float(wavelength_nm), unit_mm))
 
 
-@lru_cache(maxsize=64)  # as of each wavelength of a film: the frames of an animation have them in turn
-def _shader(prescription, film, wavelength_nm):
-    return shader_text(lens_from_sensor(prescription, wavelength_nm, film.farthest_px * film.pitch_um * 1e-3), film)
+@lru_cache(maxsize=64)  # one for each wavelength of a film: each frame of an animation uses them in turn
+def _shader(prescription, film, wavelength_nm, unit_mm):
+    lens = lens_from_sensor(prescription, wavelength_nm, film.farthest_px * film.pitch_um * 1e-3)
+    return shader_text(lens, film, unit_mm)
 
 
 def use_shader(camera, text):
-    """Make camera data what an OSL shader says."""
+    """Give camera data an OSL shader."""
     bytecode = _compiled(text)
     camera.type = "CUSTOM"
     camera.custom_bytecode = bytecode
@@ -82,8 +86,8 @@ def _compiled(text):
         return compiled.read_text(encoding="utf-8")
 
 
-def shader_text(lens: FromSensor, film):
-    """The OSL camera of a lens and a film."""
+def shader_text(lens: FromSensor, film, unit_mm):
+    """OSL source of the camera for a lens and a film, in a scene whose Blender unit has this length."""
     (rows, columns), pitch_mm = film.shape_px, film.pitch_um * 1e-3
     x_mm, y_mm = film.position_mm((rows - 1) / 2, (columns - 1) / 2)
     numbers = {
@@ -95,7 +99,8 @@ def shader_text(lens: FromSensor, film):
         "ABSORPTION": lens.absorption_per_mm, "ASPHERIC": lens.terms, "TERMS": lens.terms.size,
         "BENT": lens.terms.any(axis=1).astype(int), "TERMS_EACH": lens.terms.shape[1],
         "FIRST_POWER": lens.first_power, "POWER_STEP": lens.power_step,
-        "NEWTON_STEPS": NEWTON_STEPS, "GOOD_MM": GOOD_SHARE * lens.apart_mm.sum(), "LEAST_SQUARE": LEAST_SQUARE}
+        "NEWTON_STEPS": NEWTON_STEPS, "GOOD_MM": GOOD_SHARE * lens.apart_mm.sum(), "LEAST_SQUARE": LEAST_SQUARE,
+        "UNIT_MM": unit_mm}
     definitions = "".join(f"#define {name} {', '.join(map(repr, np.ravel(value).tolist()))}\n"
                           for name, value in numbers.items())
     return definitions + SHADER.read_text(encoding="utf-8")

@@ -1,7 +1,8 @@
-"""Which of the files that a .blend names may be looked at: those that the user has chosen in this session, or trusts.
+"""Which files named by a .blend may be accessed: the ones that the user has chosen in this session, or trusts.
 
-A .blend may come from anybody. Panels, timers and handlers look at files by themselves, and even to look whether one is
-there reaches another machine where its path leads to one. So all of them ask here first, as for Blender's own Auto Run.
+A .blend may be untrusted. Panels, timers and handlers access files without a command from the user, and even a check
+that a file exists contacts another machine if the path leads to one. So all of them check here first, as for Blender's
+own Auto Run.
 """
 
 import os
@@ -9,55 +10,87 @@ from fnmatch import fnmatch
 
 import bpy
 
+from ...engine.runtime.inputs import is_below, note_who_names
 from .errors import SceneError
 
 REMEDY = "it came with the .blend: look at its path, and press Trust in the Lensfield panel"
 
-_trusted = set()  # files and folders; until Blender ends
+OUTSIDE = "outside the .blend's folder, by its path or through a link: choose it with --output, or in the panel"
+
+_trusted = set()  # files and folders; until Blender exits
 
 
 def trust(path):
-    """Trust a file, or a folder of pictures, as long as Blender runs."""
+    """Trust a file, or a folder of pictures, until Blender exits."""
     if path:
         _trusted.add(_key(path))
 
 
 def trusts_all():
-    """Whether all that the .blend names is trusted."""
+    """Whether all paths in the .blend are trusted."""
     return _is_asked_for() or _runs_scripts()
 
 
 def is_trusted(path):
-    """Whether a path was chosen in this session, or its file may run scripts; nothing is looked at."""
+    """Whether a path was chosen in this session, or the .blend may run scripts; the path is not accessed."""
     return trusts_all() or _key(path) in _trusted
 
 
-def check_trusted(path, where, field):
-    """Raise a SceneError for a path that is not trusted; `where` and `field` tell what names it."""
+def check_trusted(path, where, field, expected):
+    """Raise a SceneError for an untrusted path; later errors do not quote a file that only the .blend names.
+
+    Parameters
+    ----------
+    path : str
+    where, field : str
+        The place and the setting that name it.
+    expected : str
+        The remedy for invalid contents.
+    """
     if not is_trusted(path):
         raise SceneError(where, field, str(path), REMEDY)
+    note_who_names(path, None if _is_chosen(path) else f"the .blend names it, so it is not quoted here: {expected}")
+
+
+def check_output(folder):
+    """Raise a SceneError for an output folder that only the .blend names and that is not below the .blend's folder.
+
+    It resolves links, and so accesses the disk.
+
+    Parameters
+    ----------
+    folder : str
+        From the settings, absolute.
+    """
+    if not (_is_chosen(folder) or (bpy.data.filepath and is_below(folder, os.path.dirname(bpy.data.filepath)))):
+        raise SceneError("scene settings", "output folder", folder, OUTSIDE)
 
 
 def lies_beside(path):
-    """Whether a path, as it is written, leads nowhere but into the folder of the .blend, or below."""
+    """Whether a path, as written, is in the folder of the .blend, or below it."""
     folder = os.path.dirname(bpy.data.filepath)
     if not folder:
         return not os.path.isabs(path) and not _key(path).startswith(os.pardir)
     return os.path.join(_key(path), "").startswith(os.path.join(_key(folder), ""))
 
 
+def _is_chosen(path):
+    """Whether the user named a path: in this session, or in a window by letting the .blend run scripts."""
+    return _key(path) in _trusted or (_runs_scripts() and not _is_asked_for())
+
+
 def forget_trust():
-    """Trust nothing any more."""
+    """Trust no path any more."""
     _trusted.clear()
 
 
 def _is_asked_for():
-    """In the background nothing is drawn: it is a command that names the .blend."""
+    """Whether the user named the .blend in a command: in the background, Blender draws no panels."""
     return bpy.app.background
 
 
 def _runs_scripts():
-    """Whether Blender lets this .blend run Python scripts by itself, as the preferences have it."""
+    """Whether the preferences let this .blend run Python scripts automatically."""
     preferences, path = bpy.context.preferences, bpy.data.filepath
     excluded = any(fnmatch(path, each.path) if each.use_glob else path.startswith(each.path)
                    for each in preferences.autoexec_paths if each.path)

@@ -1,4 +1,4 @@
-"""Journal: changes to a scene that are taken back, whatever happens."""
+"""Journal: changes to a scene that are undone in any case."""
 
 from contextlib import ExitStack
 
@@ -11,15 +11,15 @@ class Journal:
     """Changes made through it are undone, last first, when the `with` block ends."""
 
     def __init__(self):
-        self._undo = ExitStack()  # one that fails does not keep the others from being undone
+        self._undo = ExitStack()  # undoes the others even if one fails
         self._users, self._spent = {}, []
-        self.on_exit(lambda: bpy.data.batch_remove(self._spent))  # at once: each removal goes through all of the file
+        self.on_exit(lambda: bpy.data.batch_remove(self._spent))  # together: each removal scans the complete file
 
     def __enter__(self):
         return self
 
     def __exit__(self, *exception):
-        self._users.clear()  # whoever has come and gone since
+        self._users.clear()  # users may have changed since
         self._undo.close()
 
     def on_exit(self, undo):
@@ -35,7 +35,7 @@ class Journal:
         setattr(owner, attribute, value)
 
     def stand_in(self, original):
-        """A copy of a data-block that takes its place for everything that uses it, so that it is left untouched.
+        """A copy that replaces a data-block for all its users, so that the original stays untouched.
 
         Parameters
         ----------
@@ -48,7 +48,7 @@ class Journal:
         Raises
         ------
         SceneError
-            Something linked from another file uses the original and cannot be pointed at the copy.
+            A data-block linked from another file uses the original and cannot be changed to use the copy.
         """
         self.set(original, "use_fake_user", False)  # so that only real users count
         copy = original.copy()
@@ -67,7 +67,7 @@ class Journal:
         return copy
 
     def _replace(self, old, new):
-        """Let everything that uses `old` use `new`, where that can be done."""
+        """Let all users of `old` use `new` where possible."""
         for user in self._users_of(old):
             for index, material in enumerate(getattr(user, "materials", ())):
                 if material == old:
@@ -77,11 +77,11 @@ class Journal:
                     slot.material = new
             if getattr(user, "data", None) == old:
                 user.data = new
-        if old.users:  # elsewhere too; this passes over linked users, and looks through all of the file
+        if old.users:  # other kinds of users; this ignores linked ones, and scans the complete file
             old.user_remap(new)
 
     def _users_of(self, data_block):
-        """Those known to use it: found for all of its kind at once, as each search goes through all of the file."""
+        """A data-block's known users: searched for all of its kind together, as each search scans the complete file."""
         kind = data_block.id_type
         if kind not in self._users:
             self._users[kind] = bpy.data.user_map(key_types={kind})

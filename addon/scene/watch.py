@@ -1,4 +1,4 @@
-"""How far Blender's render under way is, from its handlers."""
+"""Progress of Blender's current render, from its handlers."""
 
 import re
 from contextlib import contextmanager
@@ -10,9 +10,9 @@ SAMPLES = re.compile(r"Sample (\d+)/(\d+)")
 
 @contextmanager
 def samples_watched(on_progress):
-    """Call on_progress(fraction of the samples) during a render that blocks, in background mode.
+    """Call on_progress(fraction of the samples) during a blocking render, in background mode.
 
-    In the user interface a handler of render statistics locks Blender up: its render thread waits for Python while
+    In the user interface, a handler of render statistics deadlocks Blender: its render thread waits for Python while
     the main thread, in Python, waits for the render.
     """
     def on_stats(text, *_):

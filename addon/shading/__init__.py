@@ -1,1 +1,1 @@
-"""What materials, lights and worlds are in spectra: judged by the linter, substituted for the render."""
+"""Spectral materials, lights and worlds: the linter judges them, substitution sets them up for the render."""

@@ -1,42 +1,45 @@
-"""What the user assigned to materials, lights and worlds: spectra and refractive indices by name, file or pairs."""
+"""Spectra and refractive indices that the user assigned to materials, lights and worlds, by name, file or pairs."""
 
 import os
 from functools import cache
 
 import bpy
 
-from ...engine.errors import InputError
+from ...engine.runtime.errors import InputError
 from ...engine.spectral.refraction import load_refraction, refraction_names
 from ...engine.spectral.spectra import BAND_NM, load_spectrum, names_own_file
 from ..scene.errors import SceneError
 from ..scene.trust import check_trusted
 
 LOADERS = {"reflectance": load_spectrum, "emission": load_spectrum, "refraction": load_refraction}
+EXPECTED = dict.fromkeys(("reflectance", "emission"), "expected two columns, wavelength in nm and value") | {
+    "refraction": "expected a YAML file of refractiveindex.info"}
 WORDS = {"reflectance": "reflectance spectrum", "emission": "emission spectrum", "refraction": "refraction"}
 
 
 class AssignedSpectra:
-    """Reads what data-blocks name in their Lensfield Spectra, each text once.
+    """Reads the Lensfield Spectra of data-blocks, each text once.
 
     Parameters
     ----------
     wavelengths_nm : sequence of float
-        At which refractive indices are needed.
+        The wavelengths for which refractive indices are needed.
     dispersion : bool
-        Whether glass takes its index at each of them, or that of the D line at all.
+        Whether glass takes its index at each of them, or the index at the D line for all.
     """
 
     def __init__(self, wavelengths_nm=(), dispersion=True):
         self._read, self._wavelengths_nm, self._dispersion = {}, wavelengths_nm, dispersion
 
     def of(self, data_block, field):
-        """The spectrum or refraction that a field of a data-block names; None without one, or where it has an error."""
+        """The spectrum or refraction that a field of a data-block names; None if it is empty or has an error."""
         return self._outcome(data_block, field)[0]
 
     def error_of(self, data_block, field):
-        """The SceneError of a field whose text cannot be read, or None.
+        """The SceneError of a field with an unusable text, or None.
 
-        Nor can an emission be that has no light in BAND_NM, or a refraction that is not known where it counts.
+        A text is unusable if it cannot be read, if an emission has zero power in BAND_NM, or if a refraction does not
+        cover the wavelengths for which it is needed.
         """
         error = self._outcome(data_block, field)[1]
         return error and SceneError(f"{data_block.rna_type.name.lower()} {data_block.name!r}", WORDS[field],
@@ -52,17 +55,17 @@ class AssignedSpectra:
         text = getattr(data_block.lensfield, field).strip()
         if not text:
             return None, None
-        key = field, text, data_block.library  # relative paths are beside the .blend that a data-block is from
+        key = field, text, data_block.library  # paths are relative to the data-block's .blend
         if key not in self._read:
             self._read[key] = self._load(data_block, field, text)
         return self._read[key]
 
     def _load(self, data_block, field, text):
-        """What a text names, and None; or None, and the InputError that tells why not."""
+        """The spectrum or refraction that a text names, and None; or None and the InputError."""
         try:
             if path := spectrum_path(data_block, field):
-                check_trusted(path, text, WORDS[field])
-            # Blender writes paths beside the .blend as //name.
+                check_trusted(path, text, WORDS[field], EXPECTED[field])
+            # Blender writes paths relative to the .blend as //name.
             loaded = LOADERS[field](bpy.path.abspath(text, library=data_block.library), _folder(data_block))
             if field == "emission":
                 loaded.density_at(BAND_NM)
@@ -80,13 +83,13 @@ class AssignedSpectra:
 
 
 def named_spectra():
-    """Paths of the files that data-blocks name; no path is looked at."""
+    """Paths of the files that data-blocks name, without accessing them."""
     return [path for block in (*bpy.data.materials, *bpy.data.lights, *bpy.data.worlds) for field in fields_of(block)
             if (path := spectrum_path(block, field))]
 
 
 def spectrum_path(data_block, field):
-    """The path of the file that a field of a data-block names; "" for a name of the library, pairs, or nothing."""
+    """The path of the file that a field of a data-block names; "" for a library name, pairs, or an empty field."""
     text = getattr(data_block.lensfield, field).strip()
     if not text or not (text not in _refractions() if field == "refraction" else names_own_file(text)):
         return ""
@@ -94,7 +97,7 @@ def spectrum_path(data_block, field):
 
 
 def _folder(data_block):
-    """Where relative paths of a data-block start from."""
+    """The folder that a data-block's relative paths start from."""
     return bpy.path.abspath("//", library=data_block.library)
 
 
@@ -104,5 +107,5 @@ def _refractions():
 
 
 def fields_of(data_block):
-    """The fields of a data-block that may name something."""
+    """The spectrum and refraction fields that a data-block has."""
     return [field for field in LOADERS if hasattr(getattr(data_block, "lensfield", None), field)]

@@ -1,8 +1,8 @@
-"""What Lensfield makes of each shader node that gives a closure: where Cycles does not keep wavelengths apart.
+"""Rules for the shader nodes that output a closure: the sockets where Cycles mixes wavelengths.
 
-Cycles works on red, green and blue, and nearly always on each alone, so that each may carry a wavelength. What is told
-here of the rest is from Cycles' kernel (Blender 5.0) and from renders of it, with all three wavelengths in one pass
-against each in a pass of its own.
+Cycles works in red, green and blue, and nearly always on each separately, so that each may carry a wavelength. The
+exceptions listed here come from Cycles' kernel (Blender 5.0) and from its renders, comparing three wavelengths in one
+pass with one wavelength per pass.
 """
 
 from .node_rules import APPROXIMATED, NO_EFFECT, REJECTED, SEPARATED, UNKNOWN
@@ -15,7 +15,7 @@ CLOSURES = {f"ShaderNode{name}" for name in (
     "BsdfTransparent BsdfVelvet SubsurfaceScattering VolumeAbsorption VolumeCoefficients VolumePrincipled "
     "VolumeScatter").split()}
 NOT_IN_CYCLES = {"ShaderNodeEeveeSpecular"}
-"""Closures that Cycles leaves out, and so renders black."""
+"""Closures that Cycles does not support and renders black."""
 
 THIN_FILM = "Cycles gives a film fixed curves of red, green and blue, whatever the wavelengths: set its thickness to 0"
 TINT = "coloured: all wavelengths of a pass lose below it what it reflects of the brightest; a saturated one takes"
@@ -32,16 +32,16 @@ LENGTHS = "values for red, green and blue, with straight lines between and held 
 
 
 def closure_findings(node, value_of):
-    """What is to be told of a closure node beyond that its colours become spectra.
+    """Findings about a closure node, in addition to the conversion of its colours to spectra.
 
     Parameters
     ----------
     node : bpy.types.ShaderNode
-    value_of : callable (socket) -> number or tuple, or None for what nodes compute
+    value_of : callable (socket) -> number or tuple, or None for values computed by nodes
 
     Returns
     -------
-    generator of (socket or None, verdict, text); None stands for the whole node
+    generator of (socket or None, verdict, text); None means the complete node
     """
     if node.bl_idname in NOT_IN_CYCLES:
         yield None, REJECTED, NO_EFFECT
@@ -53,14 +53,14 @@ def closure_findings(node, value_of):
 
 
 def channels_finding(socket, value):
-    """What is to be told of three constants for red, green and blue: (verdict, text), or None for three alike."""
+    """The finding about three constants for red, green and blue: (verdict, text), or None if they are equal."""
     if max(value) - min(value) <= 1e-6 * max(map(abs, value)):
         return None
     return APPROXIMATED, INDICES if socket.name in ("IOR", "Extinction") else LENGTHS
 
 
 def is_idle(node, socket, value_of):
-    """Whether a spectral input has no part in what its node does."""
+    """Whether a spectral input does not affect its node."""
     weight = {"Subsurface Radius": "Subsurface Weight", "Sheen Tint": "Sheen Weight", "Coat Tint": "Coat Weight",
               "Emission Color": "Emission Strength", "Blackbody Tint": "Blackbody Intensity",
               "Color": "Strength"}.get(socket.name)

@@ -1,8 +1,9 @@
-"""Emitters: which lamp spectrum each light, glowing material and world shines with, and the light groups for them.
+"""Emitters: the lamp spectra of lights, emissive materials and worlds, and the light groups for them.
 
-Cycles renders what the scene makes of white light; the spectra of the lamps are multiplied in afterwards, so that
-lamps, however spiky, cost no passes. That takes a light group for each spectrum. What shines with several at once, such
-as an object of two glowing materials, is rendered with its spectra in it, as the group of the flat lamp.
+Cycles renders the scene under white light, and the picture is multiplied by the spectra of the lamps afterwards, so
+that even spiky lamps do not cost additional passes. This needs a light group for each spectrum. An emitter with
+several spectra, such as an object with two emissive materials, is rendered with its spectra applied, in the group of
+the flat lamp.
 """
 
 from dataclasses import dataclass
@@ -19,29 +20,29 @@ from .spectral_sockets import EMISSION, is_shader, kind
 
 GROUP_PREFIX = "lensfield_"
 SPIKE_NM, SPIKE_SHARE = 20, 0.05
-MOST_GROUPS = 16  # each takes a picture more in Cycles' memory
+MOST_GROUPS = 16  # each needs one more picture in Cycles' memory
 
 
 @dataclass(frozen=True, eq=False)
 class Lamp:
-    """A spectrum that emitters shine with."""
+    """A named emission spectrum."""
 
     name: str
     spectrum: Spectrum
 
     def density_at(self, wavelengths_nm):
-        """Spectral density per nm, of unit integral over BAND_NM."""
+        """Spectral density per nm, with unit integral over BAND_NM."""
         return self.spectrum.density_at(np.asarray(wavelengths_nm, dtype=float))
 
     def output_at(self, wavelengths_nm):
-        """What a picture at these wavelengths gets of it: of spiky spectra the means over their bands."""
+        """Spectral density per nm for a picture at these wavelengths: band means if the spectrum is spiky."""
         if self.spiky:
             return self.spectrum.band_means(wavelengths_nm)
         return self.density_at(wavelengths_nm)
 
     @cached_property
     def spiky(self):
-        """Whether a running mean over SPIKE_NM takes more than SPIKE_SHARE of the light elsewhere."""
+        """Whether a running mean over SPIKE_NM moves more than SPIKE_SHARE of the light."""
         values = self.spectrum.at(np.arange(*BAND_NM))
         window = np.full(SPIKE_NM + 1, 1 / (SPIKE_NM + 1))
         smooth = np.convolve(np.pad(values, SPIKE_NM // 2, mode="edge"), window, "valid")
@@ -49,7 +50,7 @@ class Lamp:
 
 
 class Lamps:
-    """The lamps of a scene, each made once, so that emitters of the same spectrum share theirs."""
+    """The lamps of a scene; emitters with the same spectrum share one Lamp."""
 
     def __init__(self, spectra, output_nm):
         self._spectra, self._output_nm, self._made = spectra, output_nm, {}
@@ -57,12 +58,12 @@ class Lamps:
         self.flat = Lamp("several spectra", Spectrum(np.array(BAND_NM), np.ones(2)))
 
     def assigned(self, data_block):
-        """The lamp that a data-block is assigned, or None."""
+        """The lamp assigned to a data-block, or None."""
         spectrum = self._spectra.of(data_block, "emission")
         return spectrum and self._lamp(spectrum, data_block.lensfield.emission.strip(), spectrum)
 
     def blackbody(self, temperature_k):
-        """Planck's law."""
+        """The lamp of a blackbody, by Planck's law."""
         temperature_k = round(float(temperature_k), 3)
         return self._lamp(temperature_k, f"blackbody of {temperature_k:g} K", blackbody(temperature_k))
 
@@ -70,9 +71,9 @@ class Lamps:
         return self._made.setdefault(key, Lamp(name, spectrum))
 
     def shared_density_at(self, lamp, wavelengths_nm):
-        """Spectral density of a lamp that shares its group, per nm, at wavelengths that may lie between a picture's.
+        """Spectral density per nm of a lamp that shares its group, also between the wavelengths of the picture.
 
-        A spiky one's goes straight from what one wavelength of the picture gets to what the next one does.
+        For a spiky lamp it is interpolated linearly between `output_at` the wavelengths of the picture.
         """
         if lamp.spiky:
             return np.interp(wavelengths_nm, self._output_nm, lamp.output_at(self._output_nm))
@@ -92,26 +93,26 @@ class Lamps:
         return {assigned} if assigned and sockets else {self.of_socket(socket) for socket in sockets}
 
     def of_socket(self, socket):
-        """The lamp of an emission input that is assigned none."""
+        """The lamp of an emission input without an assigned spectrum."""
         temperature_k = blackbody_temperature(socket)
         return self.blackbody(temperature_k) if temperature_k else self.daylight
 
 
 class LightGroups:
-    """Which emitters shine with which lamp, and so belong to which light group.
+    """The emitters of each lamp, and so of each light group.
 
     Parameters
     ----------
     shining : dict from object or world to a set of data-blocks
-        What can be put into a light group, and the materials, light or world that it may shine by.
+        The possible members of a light group, with the materials, light or world that may make them emit.
     lamps : Lamps
     together : bool
-        Let all be rendered as one group, as denoising demands.
+        Render all emitters as one group, as denoising requires.
 
     Attributes
     ----------
     lamps : list of Lamp
-        The first is that of all light in no group of ours.
+        The first is the lamp of all light outside the light groups created by `part`.
     """
 
     def __init__(self, shining, lamps, together=False):
@@ -134,18 +135,19 @@ class LightGroups:
         self._owners = owners
 
     def _merge(self, of_owner, owners, merged):
-        """Let the owners of these lamps shine as the flat one."""
+        """Move the owners of these lamps to the flat lamp."""
         together = [owner for lamp in merged for owner in owners.pop(lamp)]
         owners.setdefault(self._flat, []).extend(together)
         self._mixed |= {block for owner in together for block in _glowing(of_owner[owner])}
 
     def is_shared(self, data_block):
-        """Whether a data-block shines in the group of the flat lamp, its spectra in its own colours."""
+        """Whether a data-block is in the group of the flat lamp, with its spectra applied to its colours."""
         return data_block in self._mixed
 
     def part(self, view_layer, journal):
-        """Put the emitters of each lamp but the first into a light group; the groups' names, in the lamps' order."""
-        names, world = [], view_layer.world_override or view_layer.id_data.world  # a stand-in by now
+        """Put the emitters of each lamp except the first into a light group, and return the groups' names in the order
+        of the lamps."""
+        names, world = [], view_layer.world_override or view_layer.id_data.world  # already the stand-in
         for lamp in self.lamps[1:]:
             name = _free_name(view_layer, len(names) + 1)
             view_layer.lightgroups.add(name=name)
@@ -157,7 +159,8 @@ class LightGroups:
 
 
 def _mixed_blocks(of_owner):
-    """Data-blocks that light groups cannot part: of owners with several lamps, and of all who share them."""
+    """Data-blocks that light groups cannot separate: the emitters of owners with several lamps, and of all owners that
+    share one of these data-blocks."""
     mixed = set()
     while True:
         owners = [blocks for blocks in of_owner.values()
@@ -169,12 +172,12 @@ def _mixed_blocks(of_owner):
 
 
 def _glowing(blocks):
-    """Those of an owner's data-blocks that have a lamp; the others it may share with anybody."""
+    """An owner's data-blocks that have a lamp; the others may be shared without effect on light groups."""
     return {block for block, lamps in blocks.items() if lamps}
 
 
 def emitting_sockets(tree):
-    """The inputs of a tree, and of the groups in it, by which it shines."""
+    """The inputs of a tree, and of the groups in it, that emit light."""
     for node in tree.nodes:
         if node.bl_idname == "ShaderNodeGroup" and node.node_tree:
             yield from emitting_sockets(node.node_tree)
@@ -189,7 +192,8 @@ def _shines(node, socket):
 
 
 def blackbody_temperature(socket):
-    """The temperature of the Blackbody node that feeds a socket, or None: a constant is Planck's law."""
+    """The constant temperature of the Blackbody node that feeds a socket, for Planck's law; None without such a node,
+    or if its temperature is linked."""
     source = feeding(socket)
     if source is None or source.node.bl_idname != "ShaderNodeBlackbody" or source.node.inputs[0].is_linked:
         return None
@@ -197,6 +201,6 @@ def blackbody_temperature(socket):
 
 
 def _free_name(view_layer, number):
-    while (name := f"{GROUP_PREFIX}{number}") in view_layer.lightgroups:  # a group of the user's own
+    while (name := f"{GROUP_PREFIX}{number}") in view_layer.lightgroups:  # one of the user's groups
         number += 1
     return name

@@ -1,8 +1,8 @@
-"""The linter: every node that reaches a rendered surface, light or world is judged by what becomes of its colours.
+"""The linter: judges every node that reaches a rendered surface, light or world by how its colours become spectra.
 
-It walks from the output that Cycles takes backward, through groups, reroutes and muted nodes, as Cycles does. The
-verdicts are from `node_rules` and `closure_rules`; which inputs carry colours `spectral_sockets` knows, as it does for
-the substitution itself.
+It walks backwards from the output that Cycles uses, through groups, reroutes and muted nodes, as Cycles does. The
+verdicts come from `node_rules` and `closure_rules`. `spectral_sockets` lists the inputs that carry colours, for the
+linter and for the substitution.
 """
 
 from collections import Counter
@@ -31,22 +31,22 @@ COLOURLESS = "has no colour of its own, the same at all wavelengths"
 
 @dataclass(frozen=True)
 class Finding:
-    """What becomes of one node of a scene.
+    """The verdict on one node of a scene.
 
     Attributes
     ----------
     object_names : tuple of str
-        The objects that bring the data-block into the render; none for a world.
+        The objects that bring the data-block into the render; empty for a world.
     block_type, block_name : str
         The data-block: material, light, world ...
     node : str
-        Its label in the tree, after those of the groups that it is in; empty for the data-block itself.
+        Its label in the tree, after the labels of its groups; empty for the data-block itself.
     socket : str
-        Empty for the whole node.
+        Empty for the complete node.
     verdict : str
         One of VERDICTS.
     text : str
-        What it means, and what to do.
+        The effect on the picture, and the remedy.
     """
 
     object_names: tuple[str, ...]
@@ -59,7 +59,7 @@ class Finding:
 
     @property
     def place(self):
-        """Where it is: the objects, the data-block, the node and its input."""
+        """The objects, the data-block, the node and its input, as one string."""
         more = len(self.object_names) - 1
         objects = self.object_names[0] + (f" (and {more} more)" if more else "") if self.object_names else ""
         path = " > ".join(filter(None, (f"{self.block_type} {self.block_name!r}", self.node, self.socket)))
@@ -67,7 +67,7 @@ class Finding:
 
     @property
     def of_spectrum(self):
-        """Whether it is about a spectrum that cannot be read, and so about no node."""
+        """Whether it is about an unreadable spectrum, and therefore not about a node."""
         return self.verdict == REJECTED and self.socket in WORDS.values()
 
     def __str__(self):
@@ -75,7 +75,7 @@ class Finding:
 
 
 def lint(scene):
-    """Judge all that reaches a render of a scene.
+    """Judge every node that reaches a render of a scene.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def lint(scene):
 
 
 def judge(scene, rendered, spectra):
-    """What `lint` does, for who knows what is rendered (as by `rendered_blocks`) and has read its spectra."""
+    """Like `lint`, with the rendered data-blocks (see `rendered_blocks`) and their spectra given."""
     findings = list(_of_scene(scene))
     for block, names in rendered.items():
         findings += (Finding(names, block.id_type.lower(), block.name, *rest) for rest in _judged(block, spectra))
@@ -97,7 +97,7 @@ def judge(scene, rendered, spectra):
 
 
 def counts_text(findings):
-    """How many findings there are of each verdict, in words."""
+    """The number of findings with each verdict, as text."""
     counts = Counter(finding.verdict for finding in findings)
     return ", ".join(f"{counts[verdict]} {verdict}" for verdict in VERDICTS if counts[verdict]) or "nothing to judge"
 
@@ -113,7 +113,7 @@ def _of_scene(scene):
 
 
 def _judged(block, spectra):
-    """(node, socket, verdict, text) of everything in a data-block."""
+    """(node, socket, verdict, text) for everything in a data-block."""
     if block.id_type in DRAWN_TYPES | {"GREASEPENCIL_V3"}:
         return [("", "", REJECTED, DRAWN)]
     given = {field: spectra.of(block, field) for field in fields_of(block)}
@@ -135,18 +135,19 @@ def _light_colour(light, given):
 
 
 class _Walk:
-    """From the output of a data-block's tree to all that its colours come from."""
+    """Walks from the output of a data-block's tree back to the sources of its colours."""
 
     def __init__(self, block, given):
         self._block = block
         self._emission = given.get("emission")
         self._assigned = Assigned(reflectance=given.get("reflectance"), refraction=given.get("refraction"))
-        self._found = {}  # in the order found, each once
+        self._found = {}  # an ordered set
         self._seen = set()
         self._pending = []
 
     def findings(self, output):
-        """(node, socket, verdict, text) of all that feeds an output node; displacement is no colour."""
+        """(node, socket, verdict, text) of every node that feeds an output node's Surface or Volume; displacement is
+        not a colour."""
         self._pending = [(output.inputs[name], (), SHADER) for name in ("Surface", "Volume") if name in output.inputs]
         while self._pending:
             socket, groups, how = self._pending.pop()
@@ -194,7 +195,7 @@ class _Walk:
             self._tell(node, groups, None, UPSAMPLED, "its colours are computed by nodes")
 
     def _known_input(self, node, socket, groups, value_of):
-        """How a closure's input has become spectral, in words; None where nodes compute it, who are judged in turn."""
+        """How a closure's input becomes spectral, as text; None if nodes compute it, which are then judged."""
         how = kind(node, socket)
         assigned = self._assigned_to(node, socket, how)
         if assigned:
@@ -212,7 +213,7 @@ class _Walk:
         return None
 
     def _assigned_to(self, node, socket, how):
-        """Which of the spectra that the user assigned takes the place of an input, or None."""
+        """The field of the assigned spectrum that replaces an input, or None."""
         if how == EMISSION:
             return "emission" if self._emission else None
         if how == REFLECTANCE and takes_reflectance(node, socket):
@@ -233,5 +234,5 @@ class _Walk:
 
 
 def _may_carry(socket, how):
-    """Whether an input of a node that only carries may carry shaders, or values, as asked for."""
+    """Whether an input of a FLOW node may carry shaders (`how` is SHADER) or values (any other `how`)."""
     return socket.type in ("BUNDLE", "CLOSURE") or (socket.type == "SHADER") == (how == SHADER)

@@ -1,4 +1,4 @@
-"""Lumens: the watts that a light has to have to give the luminous flux that it is sold by."""
+"""Lumens: the power in watts that gives a light its rated luminous flux."""
 
 import math
 
@@ -9,22 +9,22 @@ from ..scene.working_space import colour_basis
 
 
 def give_lumens(light, lumens, lamp, tint):
-    """Set the power of light data so that it gives these lumens, a sun these lux, with a lamp's spectrum and a tint.
+    """Set the power of light data so that it gives these lumens (a sun: lux), with a lamp's spectrum and a tint.
 
-    Of a spot that is what comes out of its cone. Inside, its radiant intensity is P / 4 pi times smoothstep(u / blend),
-    where u goes from 0 on the rim to 1 on the axis with the cosine; so of P watts (1 - cos a) (1 - blend / 2) / 2 come
-    out of the half angle a.
+    For a spot, this is the flux of its cone. Inside the cone, its radiant intensity is P / 4 pi times
+    smoothstep(u / blend), where u is linear in the cosine, from 0 on the rim to 1 on the axis. Of P watts, a cone of
+    half angle a therefore emits (1 - cos a) (1 - blend / 2) / 2.
     """
     light.energy = lumens / luminous_efficacy(lamp, tint)
     light.exposure = 0
     if hasattr(light, "normalize"):
-        light.normalize = True  # or its power would go by its size
+        light.normalize = True  # otherwise its power depends on its size
     if light.type == "SPOT":
         light.energy *= 2 / ((1 - math.cos(light.spot_size / 2)) * (1 - light.spot_blend / 2))
 
 
 def luminous_efficacy(lamp, tint=(1.0, 1.0, 1.0)):
-    """Lumens of a watt of a lamp, behind a filter of this colour (of the working space); its watts are before it."""
+    """Lumens behind a filter of this colour (in the working space) per watt of a lamp before it."""
     nm = np.arange(BAND_NM[0], BAND_NM[1] + 1)
     passed = np.maximum(colour_basis(nm) @ np.array(tint), 0)
     own = lamp.density_at(nm)

@@ -1,13 +1,13 @@
-"""The way back through a node tree, as Cycles takes it: past reroutes, muted nodes and the walls of groups."""
+"""Tracing inputs backwards through a node tree as Cycles does: past reroutes and muted nodes, in and out of groups."""
 
 CONSTANT_NODES = {"ShaderNodeRGB", "ShaderNodeValue"}
 GLOWING_TYPES = {"RGBA", "VECTOR", "VALUE", "INT", "BOOLEAN"}
 
 
 def feeding(socket):
-    """The output that feeds an input, past reroutes and muted nodes, or None where its own value counts.
+    """The output that feeds an input, past reroutes and muted nodes, or None if the input's value applies.
 
-    So it does behind a muted link, a reroute that hangs loose, and a muted node with nothing to pass on.
+    The value also applies after a muted link, an unlinked reroute, or a muted node without an internal link.
     """
     while socket is not None and socket.is_linked and not socket.links[0].is_muted:
         output = socket.links[0].from_socket
@@ -21,23 +21,24 @@ def feeding(socket):
 
 
 def glowing_colour(socket):
-    """The colour or number that is linked into a shader's input, which Cycles lets glow by itself, or None."""
+    """The colour or number linked to a shader input, which Cycles turns into emission, or None."""
     output = feeding(socket) if socket.type == "SHADER" else None
     return output if output is not None and output.type in GLOWING_TYPES else None
 
 
 def source_of(socket, groups=()):
-    """What feeds an input, through groups.
+    """The source of an input, through groups.
 
     Parameters
     ----------
     socket : bpy.types.NodeSocket
     groups : tuple of bpy.types.ShaderNodeGroup
-        The group nodes that its node is in, from the outermost.
+        The group nodes around its node, outermost first.
 
     Returns
     -------
-    the output, or None where a value of the user's own counts; the groups it is in; the input that has that value
+    the output, or None if an input's value applies; the groups around it; the last input on the way, which has the
+    value
     """
     while (output := feeding(socket)) is not None:
         node = output.node
@@ -51,7 +52,7 @@ def source_of(socket, groups=()):
 
 
 def constant_of(socket, groups=()):
-    """The value of an input that no node computes, a number or the tuple that its type has; or None."""
+    """The constant value of an input, a number or a tuple as its type requires; None if nodes compute it."""
     source, _, own = source_of(socket, groups)
     if source is not None:
         if source.node.bl_idname not in CONSTANT_NODES:
@@ -63,7 +64,7 @@ def constant_of(socket, groups=()):
 
 
 def _inside(group, output):
-    """The input of a group's own output node that comes out of it here, or None."""
+    """The input of the Group Output node inside a group that corresponds to the group's output, or None."""
     nodes = group.node_tree.nodes if group.node_tree else ()
     active = next((node for node in nodes if node.bl_idname == "NodeGroupOutput" and node.is_active_output), None)
     return active and _same(active.inputs, output)

@@ -1,8 +1,8 @@
-"""What Lensfield makes of each shader node that gives a value: the table that the linter judges by.
+"""Rules for the shader nodes that output a value: the linter's table.
 
-A colour that nodes compute is computed in RGB, as in any render, and upsampled where a shader takes it. So nodes before
-that never see spectra, and a number, such as a roughness or a mix factor, is the same at all wavelengths. What is
-lost is what the nodes stand for: a sky or a flame is a spectrum of its own.
+Nodes compute colours in RGB, as in any render, and Lensfield upsamples the result at the shader's input. The nodes
+before it therefore never process spectra, and a number, such as a roughness or a mix factor, is the same at all
+wavelengths. The spectrum that a node represents is lost, such as a sky's or a flame's.
 """
 
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from .spectral_sockets import CHANNELS, EMISSION, REFLECTANCE
 
 REJECTED, SEPARATED, APPROXIMATED, UPSAMPLED, SUBSTITUTED = VERDICTS = (
     "rejected", "separated", "approximated", "upsampled", "substituted")
-"""From the worst; what is separated is right where each wavelength has a render of its own."""
+"""Worst first. Separated nodes are correct if each wavelength is rendered separately."""
 
 AS = {REFLECTANCE: "a reflectance", EMISSION: "light, of white under D65",
       CHANNELS: "values for red, green and blue with straight lines between"}
@@ -38,24 +38,25 @@ COLOURS = {f"ShaderNode{name}" for name in (
     "NormalMap Tangent Value RadialTiling Displacement VectorDisplacement Squeeze Raycast").split()} | {
     "FunctionNodeInputBool", "FunctionNodeInputInt", "FunctionNodeInputMenu", "FunctionNodeInputVector",
     "GeometryNodeInputSceneTime"}
-"""Nodes that give colours, or numbers and directions that make greys and false colours; their colour inputs count."""
+"""Nodes that output colours, or numbers and directions that become greys and false colours; only their colour inputs
+are judged further."""
 ARITHMETIC = {f"ShaderNode{name}" for name in (
     "Mix Math VectorMath MapRange Clamp CombineColor SeparateColor CombineRGB SeparateRGB CombineHSV SeparateHSV "
     "CombineXYZ SeparateXYZ FloatCurve VectorCurve Mapping VectorRotate VectorTransform").split()} | {
     "NodeImplicitConversion"}
-"""Nodes that pass colours on through numbers and vectors too."""
+"""Nodes that pass colours on through number and vector inputs, too."""
 FLOW = {"GeometryNodeMenuSwitch", "GeometryNodeRepeatInput", "GeometryNodeRepeatOutput", "NodeClosureInput",
         "NodeClosureOutput", "NodeEvaluateClosure", "NodeCombineBundle", "NodeSeparateBundle", "NodeJoinBundle"}
-"""Nodes that Blender takes out of the tree before Cycles sees it: what they carry is judged, not they."""
+"""Nodes that Blender removes from the tree before Cycles gets it: the linter judges their inputs instead."""
 STRUCTURE = {"NodeFrame", "NodeReroute", "NodeGroupInput", "NodeGroupOutput", "ShaderNodeGroup",
              "ShaderNodeOutputMaterial", "ShaderNodeOutputLight", "ShaderNodeOutputWorld", "ShaderNodeOutputAOV",
              "ShaderNodeOutputLineStyle"}
-"""Nodes that are walked through, or that nothing comes after."""
+"""Nodes that the linter passes through, and outputs."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """One of VERDICTS, and what it means."""
+    """One of VERDICTS, with an explanation."""
 
     verdict: str
     text: str
@@ -69,7 +70,7 @@ SPECIAL = {"ShaderNodeBlackbody": Verdict(APPROXIMATED, BLACKBODY_BIAS),
 
 
 def judge_value(output, kind):
-    """The Verdict on a node for what it gives to a socket of a kind.
+    """The Verdict on a node that feeds a socket of the given kind.
 
     Parameters
     ----------
@@ -92,7 +93,7 @@ def judge_value(output, kind):
 
 
 def colour_inputs(node):
-    """The inputs of a value node whose colours come out of it again."""
+    """The inputs of a value node whose colours affect its output."""
     if node.bl_idname in ARITHMETIC:
         return [socket for socket in node.inputs if socket.enabled and socket.name not in ("Factor", "Fac")]
     return [socket for socket in node.inputs if socket.enabled and socket.type == "RGBA"]

@@ -1,4 +1,4 @@
-"""Which inputs of shader nodes vary with wavelength, and how: what substitution wires and the linter judges."""
+"""The inputs of shader nodes that vary with wavelength, and how, for substitution and the linter."""
 
 REFLECTANCE, EMISSION, CHANNELS, INDEX = "reflectance", "emission", "channels", "index"
 
@@ -6,7 +6,7 @@ EMITTING_NODES = {"ShaderNodeEmission", "ShaderNodeBackground"}
 EMITTING_SOCKETS = {"Emission Color", "Emission", "Blackbody Tint", "Emission Coefficients"}
 CHANNEL_SOCKETS = {"Radius", "Subsurface Radius", "IOR", "Extinction", "Absorption Coefficient",
                    "Absorption Coefficients", "Scatter Coefficients"}
-"""Vectors that hold one value for each of red, green and blue, though they are no colours."""
+"""Vectors of one value each for red, green and blue that are not colours."""
 BASE_COLOUR_SOCKETS = {"Base Color", "Color"}
 NOT_REFLECTING = {"ShaderNodeBsdfTransparent", "ShaderNodeVolumeAbsorption", "ShaderNodeVolumeScatter",
                   "ShaderNodeVolumePrincipled"}
@@ -14,14 +14,14 @@ REFRACTING_NODES = {"ShaderNodeBsdfPrincipled", "ShaderNodeBsdfGlass", "ShaderNo
 
 
 def is_shader(node):
-    """Whether a node gives a closure rather than a value."""
+    """Whether a node outputs a closure rather than a value."""
     return any(output.type == "SHADER" for output in node.outputs)
 
 
 def kind(node, socket):
-    """How a shader node's input varies with wavelength, or None where it does not.
+    """How a shader node's input varies with wavelength, or None if it does not.
 
-    INDEX is a refractive index: a single number, which varies with wavelength only where glass is assigned.
+    INDEX is a refractive index: a single number that varies with wavelength only if a glass is assigned.
     """
     if socket.name in EMITTING_SOCKETS or (socket.type == "RGBA" and node.bl_idname in EMITTING_NODES):
         return EMISSION if socket.type in ("RGBA", "VECTOR") else None
@@ -33,5 +33,5 @@ def kind(node, socket):
 
 
 def takes_reflectance(node, socket):
-    """Whether a material's assigned reflectance takes the place of this socket's colour."""
+    """Whether a material's assigned reflectance replaces this socket's colour."""
     return socket.name in BASE_COLOUR_SOCKETS and node.bl_idname not in NOT_REFLECTING

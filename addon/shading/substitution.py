@@ -1,13 +1,14 @@
-"""Substitution: every colour of the scene becomes its values at the wavelengths of a pass.
+"""Substitution: replaces every colour of the scene by its values at the wavelengths of a pass.
 
-Materials, lights, worlds and the node groups in them get stand-ins whose colour inputs are wired, once, to Attribute
-nodes that read properties of the scene. Between passes only those properties change, so that Cycles keeps its
-geometry and shaders.
+Stand-ins replace materials, lights, worlds and the node groups in them. The colour inputs of a stand-in are wired,
+once, to Attribute nodes that read properties of the scene. Between passes only these properties change, so Cycles
+keeps its geometry and shaders.
 
-A colour that is known (a constant, or an assigned spectrum) becomes one attribute. A colour that is computed by nodes
-goes through a node group that upsamples it: the bases are linear, so a value at one wavelength is a dot product with
-the colour. What shines does so in its own colour under the white light of its group; lamps' spectra come in later.
-Where a basis takes a colour outside Rec. 709 below 0, it is cut there: nothing reflects or emits less than nothing.
+A known colour (a constant, or an assigned spectrum) becomes one attribute. A colour computed by nodes goes through a
+node group that upsamples it: the bases are linear, so the value at one wavelength is a dot product with the colour.
+Emitters shine in their colour under the white light of their group; the spectra of lamps are applied later. If a
+basis gives negative values for a colour outside Rec. 709, they are clamped at 0, because reflectance and emission
+cannot be negative.
 """
 
 from contextlib import suppress
@@ -35,20 +36,20 @@ BASIS = {REFLECTANCE: colour_basis, EMISSION: colour_basis, CHANNELS: channel_ba
 
 @dataclass(frozen=True)
 class Assigned:
-    """What the user gave a data-block, and the light in which it shines.
+    """The spectra assigned to a data-block, and the lamp that it shines with.
 
     Attributes
     ----------
     reflectance : Spectrum or None
     refraction : Refraction or None
     emission : Lamp or None
-        In place of the colours of all that it emits.
+        Replaces all of its emission colours.
     lamp : Lamp or None
-        What its colours are seen by as it emits; None where each input has its own.
+        The lamp that its emission colours filter; None if each input has a separate one.
     tint : (float, float, float)
-        Colour of all that it emits, in the working space.
+        Multiplies everything that it emits, in the working space.
     shared_group : bool
-        Whether it shines in a light group of several spectra.
+        Whether its light group contains several spectra.
     """
 
     reflectance: Spectrum | None = None
@@ -60,12 +61,12 @@ class Assigned:
 
     @property
     def metal(self):
-        """Whether the refraction is that of a metal."""
+        """Whether the refraction describes a metal."""
         return self.refraction is not None and self.refraction.metal
 
 
 class Substitution:
-    """Wires a scene for spectral passes; undone by the journal.
+    """Wires a scene for spectral passes; the journal undoes it.
 
     Parameters
     ----------
@@ -75,16 +76,16 @@ class Substitution:
     lamps : Lamps
     groups : LightGroups
     rendered : collection of materials, lights and worlds
-        Those that reach the render. The others are substituted too, but do not count.
+        The data-blocks that reach the render. The others are substituted too, but do not enter the attributes below.
 
     Attributes
     ----------
     factors : list of callable (wavelengths_nm) -> values
-        What light is multiplied by on its way: the reflectances and colours that are known.
+        The known reflectances and colours, which multiply light on its way.
     mixed_colours : bool
         Whether other colours are computed by nodes.
     refusals : list of SceneError
-        Of those rendered, why they cannot be substituted.
+        Why rendered data-blocks cannot be substituted.
     """
 
     def __init__(self, scene, journal, spectra, lamps, groups, rendered):
@@ -107,24 +108,24 @@ class Substitution:
         counted = list(self.factors), self.mixed_colours
         for block, substitute in blocks:
             if block not in rendered:
-                with suppress(SceneError):  # nothing of it is seen
+                with suppress(SceneError):  # not visible in the render
                     substitute(block)
         self.factors, self.mixed_colours = counted
 
     def set_wavelengths(self, wavelengths_nm, dispersive=False):
-        """Give every attribute its values at these three wavelengths; glass its index there only where it disperses."""
+        """Set every attribute to its values at these three wavelengths; refractive indices only if `dispersive`."""
         for name, values_at in self._values.items():
-            # without dispersion the index of the D line stands for all
+            # without dispersion, all three channels take the index at the D line
             at_nm = np.full(3, D_LINE_NM) if name in self._indices and not dispersive else wavelengths_nm
             self._scene[name] = [float(value) for value in values_at(at_nm)]
-        # Persistent data would keep the values of the first pass. Tagging the scene would have its meshes synchronised
-        # again; a property of the view layer, though set to what it is, has just the attributes read anew.
+        # With persistent data, Cycles would keep the values of the first pass. Tagging the scene would synchronise its
+        # meshes again; setting a property of the view layer, even to the same value, rereads only the attributes.
         layer = rendered_layer(self._scene)
         layer.samples = layer.samples
 
     def brightest(self, wavelengths_nm):
-        """How bright lamps that share the flat one's group get in a pass, of strength 1: the brightest's mean over its
-        wavelengths, and 1 at the least, which is what all others have."""
+        """The largest brightness, at strength 1, of the lamps that share the flat lamp's group: the brightest lamp's
+        mean over the wavelengths of the pass. At least 1, the brightness of all other lamps."""
         flat = self._lamps.flat.density_at(wavelengths_nm)
         levels = (self._lamps.shared_density_at(lamp, wavelengths_nm) / flat for lamp in self._sharing)
         return max([1.0, *(float(level.mean()) for level in levels)])
@@ -166,7 +167,7 @@ class Substitution:
 
     def _stand_in(self, original):
         stand_in = self._journal.stand_in(original)
-        stand_in.animation_data_clear()  # it holds this frame's values; animation would overwrite what is set here
+        stand_in.animation_data_clear()  # the copy has this frame's values; animation would overwrite the new ones
         if stand_in.node_tree:
             stand_in.node_tree.animation_data_clear()
         return stand_in
@@ -196,7 +197,7 @@ class Substitution:
         return self._copies[key]
 
     def _source(self, tree, node, socket, assigned):
-        """The output that an input is to take its values from, or None where it stays as it is."""
+        """The output to link to an input, or None to leave the input unchanged."""
         how = None if is_idle(node, socket, constant_of) else kind(node, socket)
         if how == EMISSION:
             return self._emission(tree, socket, assigned)
@@ -214,7 +215,7 @@ class Substitution:
         return self._colour(tree, socket, how) if how else None
 
     def _colour(self, tree, socket, how):
-        """A colour of the user's own: upsampled, by nodes where only nodes know it."""
+        """The user's colour, upsampled: a constant as an attribute, a computed colour by nodes."""
         basis, constant = BASIS[how], constant_of(socket)
         if constant is None:
             self.mixed_colours = True
@@ -222,11 +223,11 @@ class Substitution:
         colour = np.array(constant[:3])
         if how != CHANNELS:
             return self._factor(tree, lambda nm: np.maximum(basis(nm) @ colour, 0))
-        self.factors.append(lambda nm: np.exp(-(basis(nm) @ colour) / max(colour.max(), 1e-9)))  # as of an absorber
+        self.factors.append(lambda nm: np.exp(-(basis(nm) @ colour) / max(colour.max(), 1e-9)))  # like an absorber's
         return self._attribute(tree, lambda nm: basis(nm) @ colour)
 
     def _emission(self, tree, socket, assigned):
-        """What shines: its colour in the light of its lamp, relative to the lamp of the group it is rendered in."""
+        """The output for an emitting input: its colour times its lamp, relative to the lamp of its light group."""
         temperature_k = None if assigned.emission or assigned.lamp else blackbody_temperature(socket)
         lamp = assigned.emission or assigned.lamp or self._lamps.of_socket(socket)
         group = self._lamps.flat if assigned.shared_group else lamp
@@ -263,19 +264,20 @@ class Substitution:
         return self._attribute(tree, values_at)
 
     def _glow(self, tree, values_at):
-        """An attribute that light starts with: however strong, its shape alone says how many wavelengths it takes."""
+        """An attribute for emission, added to the factors with a peak of 1: only its shape decides how many
+        wavelengths are needed."""
         peak = values_at(np.arange(BAND_NM[0], BAND_NM[1] + 1)).max()
         if peak > 0:
             self.factors.append(lambda nm: values_at(nm) / peak)
         return self._attribute(tree, values_at)
 
     def _attribute(self, tree, values_at):
-        """Output of a node that gives `values_at(wavelengths)` for the wavelengths of the pass."""
+        """Output of a new node with the values of `values_at` at the wavelengths of the pass."""
         return attribute_node(tree, self._property(values_at)).outputs["Color"]
 
     def _property(self, values_at):
         index = len(self._values)
-        while (name := f"{PROPERTY_PREFIX}{index}") in self._scene:  # a property of the user's own
+        while (name := f"{PROPERTY_PREFIX}{index}") in self._scene:  # one of the user's properties
             index += 1
         self._values[name] = values_at
         self._scene[name] = [0.0, 0.0, 0.0]

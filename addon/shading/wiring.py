@@ -1,10 +1,10 @@
-"""Wiring: the few nodes that substitution lays into the trees of stand-ins."""
+"""Wiring: the nodes that substitution adds to the trees of stand-ins."""
 
 import bpy
 
 
 def single_shader(data_block, shader_type, output_type, colour):
-    """Give a data-block the node tree that its plain colour stands for."""
+    """Give a data-block without nodes the node tree that its colour is equivalent to."""
     data_block.use_nodes = True
     tree = data_block.node_tree
     tree.nodes.clear()
@@ -14,14 +14,14 @@ def single_shader(data_block, shader_type, output_type, colour):
 
 
 def emission_between(tree, colour, socket):
-    """Put the Emission node between a colour and a shader's input that Cycles would put there."""
+    """Insert an Emission node between a colour and a shader input, as Cycles does implicitly."""
     emission = tree.nodes.new("ShaderNodeEmission")
     tree.links.new(colour, emission.inputs["Color"])
     tree.links.new(emission.outputs[0], socket)
 
 
 def attribute_node(tree, property_name):
-    """A node that reads a property of the scene."""
+    """Add a node that reads a property of the scene."""
     node = tree.nodes.new("ShaderNodeAttribute")
     node.attribute_type = "VIEW_LAYER"
     node.attribute_name = property_name
@@ -29,7 +29,7 @@ def attribute_node(tree, property_name):
 
 
 def multiplied(tree, first, second):
-    """The output of a node that multiplies two others, each wavelength by itself."""
+    """The output of a new node that multiplies two others, each wavelength separately."""
     node = tree.nodes.new("ShaderNodeVectorMath")
     node.operation = "MULTIPLY"
     tree.links.new(first, node.inputs[0])
@@ -38,10 +38,9 @@ def multiplied(tree, first, second):
 
 
 def upsampler(name, row_properties):
-    """A new node group: colour -> its values at the pass's three wavelengths, cut at 0.
+    """Create a node group: colour -> its values at the pass's three wavelengths, clamped at 0.
 
-    `row_properties` name the scene's properties that hold a basis at these wavelengths, red, green and blue of one in
-    each.
+    `row_properties` names one scene property per wavelength, each with the basis for red, green and blue there.
     """
     group = bpy.data.node_groups.new(name, "ShaderNodeTree")
     group.interface.new_socket(name="Color", in_out="INPUT", socket_type="NodeSocketColor")

@@ -1,1 +1,1 @@
-"""What the user sees and presses: panels, properties, operators."""
+"""The user interface: panels, properties, operators."""

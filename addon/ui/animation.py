@@ -1,4 +1,4 @@
-"""The animation through the lens: its operator, and its place in the panel."""
+"""The animation through the lens: its operator, and its button in the panel."""
 
 import bpy
 
@@ -18,18 +18,27 @@ class LENSFIELD_OT_render_animation(LensRender, bpy.types.Operator):
 
     overwrite: bpy.props.BoolProperty(name="Overwrite", description="Render frames anew that are there already",
                                       options={"SKIP_SAVE"})
+    any_build: bpy.props.BoolProperty(
+        name="Accept Other Builds", options={"SKIP_SAVE"},
+        description="Accept finished frames from other builds of Lensfield instead of rendering them again")
 
     @classmethod
     def description(cls, context, properties):
-        return "Render all of the scene's frame range, whatever is there already" if properties.overwrite else ""
+        if properties.overwrite:
+            return "Render all of the scene's frame range, whatever is there already"
+        if properties.any_build:
+            return "Render the missing frames, and accept finished ones from other builds of Lensfield"
+        return ""
 
     def render(self, scene):
-        """Render the scene's range; what there is to tell of it."""
-        return render_animation(scene, overwrite=self.overwrite, to_compositor=scene.lensfield.to_compositor)
+        """Render the scene's range, and return the result."""
+        return render_animation(scene, overwrite=self.overwrite, any_build=self.any_build,
+                                to_compositor=scene.lensfield.to_compositor)
 
     def start(self, scene):
-        """Start rendering the scene's range; what the pictures will be without."""
+        """Start rendering the scene's range, and return remarks on what the pictures will lack."""
         return window_render.start(scene, "--frames", "scene", *["--overwrite"] * self.overwrite,
+                                   *["--any-build"] * self.any_build,
                                    lens_quality=quality_at_hand(scene))
 
 
@@ -41,11 +50,12 @@ class LENSFIELD_MT_animation(bpy.types.Menu):
     def draw(self, context):
         self.layout.operator_context = "INVOKE_DEFAULT"
         self.layout.operator("lensfield.render_animation", text="Overwrite Frames That Are There").overwrite = True
+        self.layout.operator("lensfield.render_animation", text="Accept Frames of Other Builds").any_build = True
         draw_flamenco(self.layout)
 
 
 def draw_animation(layout, scene):
-    """The button of the animation, with its frames, and a menu of how else."""
+    """Draw the animation's button, with the number of frames, and the menu of alternatives."""
     frames = own_frames(scene)
     row = layout.row(align=True)
     row.operator("lensfield.render_animation", icon="RENDER_ANIMATION",

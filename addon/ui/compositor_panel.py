@@ -1,4 +1,4 @@
-"""The compositor step in the panels: what its node shows and why, and a way to take it out."""
+"""The compositor in the panels: the status of the Lensfield node, and an operator that removes it."""
 
 import bpy
 
@@ -23,14 +23,14 @@ class LENSFIELD_OT_remove_from_compositor(bpy.types.Operator):
 
 
 def draw_shown(layout, scene):
-    """Draw what the node shows, and why, where there is one."""
+    """Draw the image that the node shows, and the reason, if the compositor has the node."""
     text, icon = compositor_state(scene)
     if text:
         draw_wrapped(layout.column(align=True), f"Compositor: {text}", icon)
 
 
 def draw_compositor(layout, scene):
-    """Draw whether the lens image goes into the compositor; and what the node is to show, where there is one."""
+    """Draw the setting that adds lens images to the compositor, and the node's settings if it exists."""
     layout.prop(scene.lensfield, "to_compositor")
     if compositor_state(scene)[0]:
         layout.prop(scene.lensfield, "compositor_shows")

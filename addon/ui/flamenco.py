@@ -1,7 +1,7 @@
-"""Flamenco, the Blender Studio's render farm: Lensfield's job type for it, where its add-on is there.
+"""Flamenco, Blender Studio's render farm: Lensfield's job type, if Flamenco's add-on is enabled.
 
-The add-on knows the job types that its Manager has. Until Lensfield's is among them, its script can be saved to be put
-there; then it can be chosen, and Flamenco's own panel submits the job.
+The add-on lists the job types of its Manager. The user saves Lensfield's script into the Manager's folder and then
+chooses the job type. Flamenco's panel submits the job.
 """
 
 import shutil
@@ -10,15 +10,15 @@ from pathlib import Path
 import bpy
 from bpy_extras.io_utils import ExportHelper
 
-from ...engine.errors import InputError
-from ...engine.files import atomic_path
+from ...engine.runtime.errors import InputError, one_line
+from ...engine.runtime.files import atomic_path
 
 SCRIPT = Path(__file__).with_name("lensfield_render.js")
-JOB_TYPE = SCRIPT.stem.replace("_", "-")  # as the Manager calls it
+JOB_TYPE = SCRIPT.stem.replace("_", "-")  # the Manager's name for it
 
 
 def is_there():
-    """Whether Flamenco's add-on is on."""
+    """Whether Flamenco's add-on is enabled."""
     return hasattr(bpy.types, "FLAMENCO_OT_submit_job") and hasattr(bpy.types.Scene, "flamenco_job_type")
 
 
@@ -35,7 +35,7 @@ class LENSFIELD_OT_flamenco_job_type(bpy.types.Operator):
     def execute(self, context):
         try:
             context.scene.flamenco_job_type = JOB_TYPE
-        except TypeError:  # none of those that the add-on knows
+        except TypeError:  # not one of the add-on's job types
             self.report({"ERROR"}, "Flamenco's Manager has no Lensfield job type: save it into the Manager's folder "
                                    "scripts, restart the Manager, and press Refresh from Manager in Flamenco's panel")
             return {"CANCELLED"}
@@ -65,13 +65,13 @@ class LENSFIELD_OT_save_flamenco_job_type(ExportHelper, bpy.types.Operator):
             with atomic_path(self.filepath) as temporary:
                 shutil.copyfile(SCRIPT, temporary)
         except (InputError, OSError) as error:
-            self.report({"ERROR"}, str(error))
+            self.report({"ERROR"}, one_line(error))
             return {"CANCELLED"}
         return {"FINISHED"}
 
 
 def draw_flamenco(layout):
-    """What can be done for Flamenco; nothing where its add-on is not there."""
+    """Draw the operators for Flamenco, if its add-on is enabled."""
     if is_there():
         layout.separator()
         layout.operator("lensfield.flamenco_job_type", icon="NETWORK_DRIVE")

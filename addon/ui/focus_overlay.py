@@ -1,8 +1,8 @@
-"""What is sharp: over the preview in the camera's view, what the lens blurs by more than a pixel of the render is
-tinted, orange before what is in focus and blue behind it.
+"""Focus overlay: tints blurred parts of the preview in the camera's view, orange in front of the focus and blue behind.
 
-It goes by the depth that the preview has kept and by what the camera's rings are turned to now: so it follows them
-while they are dragged. Okabe and Ito's orange and blue are told apart by nearly all who are colour-blind.
+Blurred means by more than a pixel of the render. The overlay combines the preview's saved depth with the camera's
+current focus and f-stop, so it follows them while they are dragged. Nearly all people with colour blindness can
+distinguish Okabe and Ito's orange and blue.
 """
 
 from concurrent.futures import ThreadPoolExecutor, wait
@@ -10,26 +10,24 @@ from functools import lru_cache
 
 import numpy as np
 
-from ...engine.errors import InputError
-from ...engine.files import stamp_of
-from ...engine.image.spectral_exr import read_parts
+from ...engine.pictures.spectral_exr import read_parts
+from ...engine.runtime.errors import InputError
+from ...engine.runtime.files import stamp_of
 from ..scene.focus import focus_now
 from ..scene.lens_facts import lens_facts
+from .session import session
 
 NEARER, FARTHER = (0.90, 0.60, 0.0), (0.0, 0.45, 0.70)
 SHARP_PX = 1.0
-FAINTEST, STRONGEST = 0.25, 0.6  # from where sharpness ends
-LONGEST_S = 0.5  # that a lens is waited for, for the first tints not to wait for another drawing
+FAINTEST, STRONGEST = 0.25, 0.6  # opacity at SHARP_PX, and its limit for large blur
+LONGEST_S = 0.5  # wait for the lens, so that the first redraw can already show tints
 LEGEND = "Blurred by over a pixel: orange nearer, blue farther"
-
-state = {"on": False}
-"""Whether it is on: of the session, in no file."""
 
 _worker = ThreadPoolExecutor(1, "Lensfield focus")
 
 
 def tints(depth_m, focus):
-    """What is laid over a picture: array (row, column, 4), the last its opacity.
+    """The overlay of a picture: RGBA array (row, column, 4).
 
     Parameters
     ----------
@@ -44,16 +42,17 @@ def tints(depth_m, focus):
 
 
 def switch(scene):
-    """Switch it on or off."""
-    state["on"] = not state["on"]
-    if state["on"]:
+    """Switch the overlay on or off."""
+    session.focus_overlay = not session.focus_overlay
+    if session.focus_overlay:
         lens = scene.lensfield.lens_name_or_path()
         wait([_facts_at_rest(lens, stamp_of(lens))], LONGEST_S)
 
 
 def focus_tints(scene, path):
-    """The tints of a scene as its camera is set now, by the depths in a file; None as long as too little is known, and
-    the same array as before where nothing has changed.
+    """The tints of a scene for its camera's current focus and f-stop, from the depths in a file.
+
+    None until the lens and the depths are available. The same array as before if nothing has changed.
 
     Parameters
     ----------
@@ -66,7 +65,7 @@ def focus_tints(scene, path):
         if path is None or not at_rest.done() or not path.is_file():
             return None
         return _tints(path, path.stat().st_mtime_ns, focus_now(scene, at_rest.result()))
-    except (InputError, OSError):  # the panel tells of it
+    except (InputError, OSError):  # the panel reports it
         return None
 
 
@@ -84,12 +83,12 @@ def _depth_m(path, changed):
 
 @lru_cache(maxsize=4)
 def _facts_at_rest(lens, changed):
-    """A Future: to read a lens takes a fraction of a second, and nothing waits here."""
+    """A Future of the lens facts: reading a lens takes a fraction of a second and must not block drawing."""
     return _worker.submit(lens_facts, lens)
 
 
 def forget():
-    """Free what is kept, and switch it off."""
-    state["on"] = False
+    """Clear the caches and switch the overlay off."""
+    session.focus_overlay = False
     for kept in (_tints, _depth_m, _facts_at_rest):
         kept.cache_clear()

@@ -1,7 +1,7 @@
-"""Keys: Esc cancels the lens render under way, where its progress and its pictures are seen.
+"""Keys: Esc cancels the running lens render in the editors that show its progress and pictures.
 
-Blender asks these keymaps last: a transform, a menu or a text that is being edited gets its Esc first. With no render
-under way the operator's poll fails, and Esc is what it was.
+Blender tries these keymaps last: a transform, a menu or a text field gets Esc first. Without a running render the
+operator's poll fails, and Esc has its usual meaning.
 """
 
 import bpy
@@ -12,7 +12,7 @@ _items = []
 
 
 def register_keys():
-    """Add the keys; Blender has no place for them in background mode."""
+    """Add the keys; in background mode Blender lacks the key configuration for them."""
     keyconfig = bpy.context.window_manager.keyconfigs.addon
     for name, space_type in KEYMAPS if keyconfig else ():
         keymap = keyconfig.keymaps.new(name=name, space_type=space_type)
@@ -20,7 +20,7 @@ def register_keys():
 
 
 def unregister_keys():
-    """Take them away."""
+    """Remove the keys."""
     while _items:
         keymap, item = _items.pop()
         keymap.keymap_items.remove(item)

@@ -1,7 +1,7 @@
-"""The lens of a panel, worked out in threads: panels are drawn many times a second, and wait for no bake.
+"""The lens of a panel, loaded in threads: panels are drawn many times a second and must not wait for a bake.
 
-Each scene has one question, its newest, and an answer is kept with its question. What a lens is comes at once; it is
-baked as soon as nobody goes on turning its rings, as finely as a render will have it.
+Each scene has one request, its newest, which also stores the answer. The facts of a lens are available at once. It is
+baked, at the quality of the render, as soon as its focus and f-stop stop changing.
 """
 
 import traceback
@@ -12,39 +12,40 @@ from threading import Event
 import bpy
 
 from ...engine import Lens
-from ...engine.errors import InputError, LensError
-from ...engine.files import stamp_of
+from ...engine.runtime.errors import InputError, LensError
+from ...engine.runtime.files import stamp_of
 from ..scene.lens_cache import load_lens, loaded_lens
 from ..scene.lens_facts import LensFacts, lens_facts
 from ..scene.rings import rings_for
-from . import preview, window_render
+from . import window_render
+from .session import session
 
 TICK_S = 0.2
-AT_ONCE_S = 0.1  # that a panel waits for what a lens is, lest its lines come and go as a ring is turned
-STILL_S = 0.4  # without another question, before a lens is baked
+AT_ONCE_S = 0.1  # a panel's wait for the lens facts, so that its lines do not flicker while a ring is turned
+STILL_S = 0.4  # time without another request before a lens is baked
 QUICKEST = "preview"
 READING, BAKING = "Reading the lens", "Baking the lens"
 
-_worker = ThreadPoolExecutor(2, "Lensfield lens")  # one may be at what nobody asks for any more, for a second
-_requests = {}  # by the session_uid of the scene
+_worker = ThreadPoolExecutor(2, "Lensfield lens")  # one may be busy with a dropped request for up to a second
+_requests = {}  # by the scene's session_uid
 
 
 class Dropped(Exception):
-    """Nobody asks for it any more."""
+    """The request is obsolete."""
 
 
 @dataclass(eq=False)
 class Request:
-    """A question, and what is known of it so far.
+    """A request for a lens, and the answer so far.
 
     Attributes
     ----------
     lens : Lens or None
-        Its own size.
+        Unscaled.
     error : InputError or None
-        Why there is none.
+        Why the lens is not available.
     fraction : float
-        How far it is baked.
+        Progress of the bake, 0 to 1.
     """
 
     question: tuple
@@ -52,24 +53,24 @@ class Request:
     lens: Lens | None = None
     error: InputError | None = None
     fraction: float = 0.0
-    known: Event = field(default_factory=Event)  # what it is, or that it cannot be
+    known: Event = field(default_factory=Event)  # set once the facts or an error are available
     dropped: Event = field(default_factory=Event)
     future: Future | None = None
 
     @property
     def label(self):
-        """What is being done."""
+        """The current step, for the panel."""
         return BAKING if self.facts and self.facts.reach else READING
 
     def tell(self, fraction, label):
-        """Note how far it is baked."""
+        """Record the progress of the bake; raises Dropped if the request is obsolete."""
         if self.dropped.is_set():
             raise Dropped
         self.fraction = fraction
 
 
 def lens_request(scene):
-    """The Request that a scene's settings make now; the answer may be under way still."""
+    """The Request for a scene's current settings; its answer may still be pending."""
     settings, name = scene.lensfield, scene.lensfield.lens_name_or_path()
     camera = scene.camera.data if scene.camera and scene.camera.type == "CAMERA" else None
     focal_mm = camera.lens if camera and settings.view == "CAMERA" else None
@@ -81,39 +82,40 @@ def lens_request(scene):
 
 
 def asked_lens(scene):
-    """The lens that a scene's settings ask for, as large as it is itself; None as long as it is baked.
+    """The lens of a scene's settings, unscaled; None until it is baked.
 
     Raises
     ------
     InputError
-        There is none.
+        The lens is not available.
     """
     request = lens_request(scene)
     if request.error:
-        raise request.error.with_traceback(None)  # which would grow with each drawing
+        raise request.error.with_traceback(None)  # the traceback would grow with each redraw
     return request.lens
 
 
 def lens_now(scene, quality=None):
-    """The same, baked while all waits, in a quality that may be another: for operators.
+    """Like `asked_lens`, for operators: blocks until the lens is baked, at the given quality or the scene's.
 
     Raises
     ------
     InputError
-        There is none.
+        The lens is not available.
     """
     name, _, rings, focal_mm, asked = lens_request(scene).question
     return load_lens(name, lens_facts(name, rings, focal_mm).rings, quality or asked)
 
 
 def quality_at_hand(scene):
-    """The quality that a render will have, where its lens is there; else the quickest, for what holds in each."""
+    """The quality of the render if its lens is already baked; otherwise the fastest, for results that do not depend on
+    quality."""
     request = lens_request(scene)
     return request.question[-1] if request.lens else QUICKEST
 
 
 def forget_requests():
-    """Drop them: what is baked comes to nothing."""
+    """Drop all requests, including running bakes."""
     for request in _requests.values():
         request.dropped.set()
     _requests.clear()
@@ -134,14 +136,14 @@ def _ask(scene, question):
 
 
 def _tick():
-    """Draw anew what is told of lenses that are being baked; seconds to the next time."""
+    """Redraw the panels while lenses are being baked; returns seconds until the next call, or None."""
     done = all(request.future.done() for request in _requests.values())
     window_render.redraw_panels()
     return None if done else TICK_S
 
 
 def _answer(request):
-    """Find out what a lens is, then bake it; in a thread."""
+    """Read the facts of a lens, then bake it; runs in a thread."""
     name, _, rings, focal_mm, quality = request.question
     try:
         request.facts = lens_facts(name, rings, focal_mm)
@@ -150,14 +152,14 @@ def _answer(request):
         if loaded_lens(*asked) is None:
             _wait_until_still(request)
         lens = load_lens(*asked, request.tell)
-        hash(lens)  # takes its time, and plans are looked up by it
+        hash(lens)  # slow, and needed to look up plans: compute it in this thread
         request.lens = lens
     except Dropped:
         pass
     except InputError as error:
         request.error = error
-    except Exception as error:  # a thread's ends nowhere
-        if request.dropped.is_set():  # as Blender ends, among others
+    except Exception as error:  # in a thread, it would be lost
+        if request.dropped.is_set():  # for example because Blender is quitting
             return
         traceback.print_exc()
         request.error = LensError(name, "lens", f"not to be had, of {type(error).__name__}", str(error))
@@ -166,7 +168,13 @@ def _answer(request):
 
 
 def _wait_until_still(request):
-    """Let rings be turned on, and the preview have the processor for its own."""
+    """Wait STILL_S for a newer request, and until the preview is idle, so that it has the processor for itself.
+
+    Raises
+    ------
+    Dropped
+        A newer request has replaced this one.
+    """
     seconds = STILL_S
     while request.dropped.wait(seconds) or _preview_is_at_work():
         if request.dropped.is_set():
@@ -175,4 +183,4 @@ def _wait_until_still(request):
 
 
 def _preview_is_at_work():
-    return preview.state["preview"] is not None and bool(preview.state["preview"].asked)
+    return session.preview is not None and bool(session.preview.asked)

@@ -18,6 +18,8 @@ const JOB_TYPE = {
           description: "Folder for the pictures, which every worker finds by this path" },
         { key: "overwrite", type: "bool", default: false,
           description: "Render frames anew that are there already" },
+        { key: "any_build", type: "bool", default: false,
+          description: "Accept finished frames from other builds of Lensfield" },
         { key: "lens", type: "string", required: true, visible: "hidden",
           eval: "C.scene.lensfield.lens_name_or_path()" },
         { key: "blendfile", type: "string", required: true, visible: "web",
@@ -41,6 +43,9 @@ function renderCommand(settings, chunk) {
     ];
     if (settings.overwrite) {
         args.push("--overwrite");
+    }
+    if (settings.any_build) {
+        args.push("--any-build");
     }
     return author.Command("blender-render", {
         exe: "{blender}",

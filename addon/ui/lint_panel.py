@@ -1,21 +1,20 @@
-"""The linter's findings in a panel, each with a button that selects what it is about."""
+"""The linter's findings in a panel, each with a button that selects the objects concerned."""
 
 import bpy
 
-from ..job.preflight import Preflight, preflight
+from ...engine.runtime.errors import InputError
+from ..job.preflight import preflight
 from ..scene.rings import rings_for
 from ..shading.lint import counts_text
 from ..shading.node_rules import APPROXIMATED, REJECTED, SEPARATED
 from .operators import nothing_renders
+from .session import Check, session
 from .wrapped import draw_wrapped
 
 ICONS = {REJECTED: "CANCEL", SEPARATED: "MOD_ARRAY", APPROXIMATED: "ERROR"}
-"""Of the verdicts that have a line each in the panel; of the others their number is enough."""
-MOST_LINES = 40  # a panel has no room for more
+"""Icons of the verdicts with a line for each finding in the panel; the others are only counted."""
+MOST_LINES = 40  # more would not fit into a panel
 UNFIT = "Refused for the nodes rejected below, unless Unfit Nodes are rendered anyway, in Wavelengths and Spectra"
-
-checked = {"scene": None, "asked": (), "found": Preflight()}
-"""What the last check found, the session_uid of the scene, which no other has until Blender ends, and what it asked."""
 
 
 class LENSFIELD_OT_lint(bpy.types.Operator):
@@ -30,7 +29,7 @@ class LENSFIELD_OT_lint(bpy.types.Operator):
 
     def execute(self, context):
         found = preflight(context.scene)
-        checked.update(scene=context.scene.session_uid, asked=asked(context.scene), found=found)
+        session.check = Check(context.scene.session_uid, checked_settings(context.scene), found)
         first = found.refusals[0] if found.refusals else found.plan.text
         self.report({"INFO"}, f"{counts_text(found.findings)}. {first}")
         return {"FINISHED"}
@@ -70,25 +69,27 @@ class LENSFIELD_OT_select_object(bpy.types.Operator):
 
 
 def draw_check(layout, scene):
-    """Draw the button of the check, and what the last one of this scene has found."""
+    """Draw the check's button, and the result of this scene's last check."""
     layout.operator("lensfield.lint", icon="VIEWZOOM")
-    if checked["scene"] != scene.session_uid:
+    if session.check.scene_uid != scene.session_uid:
         return
-    if checked["asked"] != asked(scene):
+    if session.check.settings != checked_settings(scene):
         draw_wrapped(layout.column(align=True), "The settings are other ones since", "INFO")
-    draw_preflight(layout, checked["found"])
+    draw_preflight(layout, session.check.found)
 
 
-def asked(scene):
-    """What the settings ask of a render's plan, to know a check of it by."""
+def checked_settings(scene):
+    """The settings on which a check depends, with an error's text in place of the request if they are not valid."""
     settings, lens = scene.lensfield, scene.lensfield.lens_text()
-    return (lens, rings_for(scene, lens), settings.to_options(), settings.view, settings.wavelengths_text(),
-            settings.tier, settings.colour_error, settings.unfit, settings.denoise, settings.view_layer, settings.depth,
-            scene.frame_current)
+    try:
+        request = settings.to_request(lens=lens)
+    except InputError as error:
+        request = str(error)
+    return request, rings_for(scene, lens), scene.frame_current
 
 
 def draw_preflight(layout, found):
-    """What was found: the plan, what would refuse it, settings that hold otherwise, and the nodes to know of."""
+    """Draw the result of a check: the plan, the refusals, the remarks on settings, and the findings on nodes."""
     column = layout.column(align=True)
     if found.plan:
         draw_wrapped(column, found.plan.text, "RENDER_STILL")
@@ -114,7 +115,7 @@ def _draw_findings(layout, findings):
 
 
 def _finding(index):
-    findings = checked["found"].findings
+    findings = session.check.found.findings
     return findings[index] if 0 <= index < len(findings) else None
 
 

@@ -2,8 +2,8 @@
 
 import bpy
 
-from ...engine.errors import InputError
-from ...engine.lens.curves import reference_nm
+from ...engine.inspection.curves import reference_nm
+from ...engine.runtime.errors import InputError, one_line
 from ..job.remarks import ENOUGH_SAMPLES
 from ..job.render import render_through_lens
 from ..scene.camera import aim_camera, capture_grid, check_camera, match_camera_to_lens
@@ -12,21 +12,22 @@ from . import window_render
 from .lens_worker import lens_now, quality_at_hand
 from .previews import SHEET_MARK, load_sheet
 from .properties import searched_lens_items
+from .session import session
 from .sheets import draw_sheet, own_sheet
 
 
 def nothing_renders():
-    """Whether no render of Blender's own is under way, so that the scene may be worked on."""
+    """Whether Blender itself is not rendering, so that the scene may be changed."""
     return not bpy.app.is_job_running("RENDER")
 
 
 class LensRender:
-    """What takes its time: a script waits for it (`render`); a window starts it in the background (`start`), one at a
-    time."""
+    """Base of operators for long renders: a script waits for `render`; a window starts one at a time in the background
+    with `start`."""
 
     @classmethod
     def poll(cls, context):
-        if window_render.state["render"]:
+        if session.render:
             cls.poll_message_set("A lens render is under way: wait for it, or cancel it")
             return False
         return nothing_renders()
@@ -35,7 +36,7 @@ class LensRender:
         try:
             rendered = self.render(context.scene)
         except (InputError, OSError) as error:
-            self.report({"ERROR"}, str(error))
+            self.report({"ERROR"}, one_line(error))
             return {"CANCELLED"}
         self.report({"INFO"}, "; ".join(rendered.told))
         return {"FINISHED"}
@@ -44,7 +45,7 @@ class LensRender:
         try:
             remarks = self.start(context.scene)
         except (InputError, OSError) as error:
-            self.report({"ERROR"}, str(error))
+            self.report({"ERROR"}, one_line(error))
             return {"CANCELLED"}
         for remark in remarks:
             self.report({"WARNING"}, remark)
@@ -59,11 +60,11 @@ class LENSFIELD_OT_render(LensRender, bpy.types.Operator):
     bl_label = "Render through Lens"
 
     def render(self, scene):
-        """Render the current frame; what there is to tell of it."""
+        """Render the current frame, and return the result."""
         return render_through_lens(scene, to_compositor=scene.lensfield.to_compositor)
 
     def start(self, scene):
-        """Start rendering the current frame; what the picture will be without."""
+        """Start rendering the current frame, and return remarks on what the picture will lack."""
         return window_render.start(scene, lens_quality=quality_at_hand(scene))
 
 
@@ -77,11 +78,11 @@ class LENSFIELD_OT_cancel(bpy.types.Operator):
     @classmethod
     def poll(cls, context):
         in_view = context.area and context.area.type == "VIEW_3D" and context.region.type != "UI"
-        return window_render.state["render"] is not None and not in_view  # where Esc is too easily pressed
+        return session.render is not None and not in_view  # in the 3D view, Esc is too easily pressed
 
     def invoke(self, context, event):
         if event.type == "ESC" and not nothing_renders():
-            return {"PASS_THROUGH"}  # it is meant for Blender's own render
+            return {"PASS_THROUGH"}  # Esc is for Blender's render
         return self.execute(context)
 
     def execute(self, context):
@@ -131,7 +132,7 @@ class LENSFIELD_OT_add_camera(bpy.types.Operator):
         try:
             _match(scene)
         except InputError as error:
-            self.report({"WARNING"}, str(error))  # there is a camera, though
+            self.report({"WARNING"}, str(error))  # the camera is added all the same
         else:
             aim_camera(scene, view.view_rotation if view else None)
         return {"FINISHED"}
@@ -176,11 +177,11 @@ class LENSFIELD_OT_show_picture(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        path = window_render.state["lens_image"]
+        path = session.last_render.lens_image
         return path is not None and path.is_file()
 
     def execute(self, context):
-        path = window_render.state["lens_image"]
+        path = session.last_render.lens_image
         return _present(self, context, path, show_file(bpy.data.images.get(path.name), str(path), path.name))
 
 
@@ -201,15 +202,15 @@ class LENSFIELD_OT_show_sheet(bpy.types.Operator):
             path = own or draw_sheet(lens_now(context.scene))
             image = load_sheet(path)
         except (InputError, OSError, RuntimeError) as error:
-            self.report({"ERROR"}, str(error).strip())
+            self.report({"ERROR"}, one_line(error))
             return {"CANCELLED"}
         if not own:
-            image.pack()  # its file is there for a time only
+            image.pack()  # its file is temporary
         return _present(self, context, path, image)
 
 
 def _present(operator, context, path, image):
-    """Show an image of this file; without a window, tell what it is called."""
+    """Show an image of this file; in background mode, report its name."""
     if bpy.app.background:
         operator.report({"INFO"}, f"{path} is loaded as the image {image.name!r}")
     else:
@@ -218,7 +219,7 @@ def _present(operator, context, path, image):
 
 
 def _show_at_full_size(context, image):
-    """Show an image in an Image Editor that is empty, or shows a render or a sheet; or in a new window."""
+    """Show an image in an Image Editor that is empty or shows a render or a sheet, or otherwise in a new window."""
     place = next(((window, area) for window in context.window_manager.windows for area in window.screen.areas
                   if area.type == "IMAGE_EDITOR" and _is_free(area.spaces.active)), None)
     if place is None:

@@ -1,7 +1,7 @@
-"""The Lensfield panel: in the render properties, the camera's properties and the sidebar of the 3D view.
+"""The Lensfield panel: in the render properties, the camera properties and the sidebar of the 3D view.
 
-From the top: the lens, what it sees, what a render will take, the buttons; then what became of the last one; and all
-the rest in parts that are folded at first.
+From the top: the lens, its view, the cost of a render, the buttons, and the result of the last render. The other
+settings are in subpanels, closed by default.
 """
 
 import os
@@ -9,13 +9,14 @@ from math import isinf
 
 import bpy
 
-from ...engine.errors import InputError
 from ...engine.library import has_rings
+from ...engine.runtime.errors import InputError
 from ..job.job import folder_for, is_temporary
 from ..job.named_files import FROM_FILE, named_files
 from ..job.remarks import MANY_SAMPLES, SAME_VIEW
-from ..job.render import Result
+from ..job.result import Result
 from ..scene.camera import frame_px, matching_focal_length_mm, pitch_um, size_for_view
+from ..scene.requirements import check_scene
 from ..scene.rings import FEWEST_BLADES
 from .animation import draw_animation
 from .another_lens import draw_another_lens
@@ -25,24 +26,25 @@ from .lint_panel import draw_check
 from .plan_line import plan_text
 from .preview import draw_preview
 from .previews import growing_preview, sheet_preview
+from .properties import SETTINGS
+from .session import session
 from .sheets import drawn_sheet, own_sheet
 from .trusting import draw_named_files
-from .window_render import state
 from .wrapped import PANEL_MARGINS, draw_wrapped, region_widgets
 
 LENS_PICTURE, OFFERED_PICTURE = 6, 8  # widgets
 
 
 def draw_settings(layout, scene):
-    """The whole panel for a scene, the same wherever it stands."""
+    """Draw the complete panel for a scene, the same in every editor."""
     layout.use_property_split = True
     layout.use_property_decorate = False
     if named := named_files():
         draw_named_files(layout, named)
         if scene.lensfield.lens == FROM_FILE:
             layout.prop(scene.lensfield, "found_lens", text="Other Lens")
-        if state["render"]:
-            _draw_under_way(layout, layout.row(align=True), state["render"])
+        if session.render:
+            _draw_under_way(layout, layout.row(align=True), session.render)
         return
     _draw_lens(layout, scene)
     _draw_rings(layout, scene)
@@ -58,7 +60,7 @@ def draw_settings(layout, scene):
 
 
 def _draw_lens(layout, scene):
-    """The lens: its picture, its name, and words to find another by; its file."""
+    """Draw the lens: its picture, its name, the search words, and its file."""
     settings = scene.lensfield
     if settings.lens != FROM_FILE:
         layout.template_icon_view(settings, "found_lens", show_labels=True, scale=LENS_PICTURE,
@@ -72,13 +74,13 @@ def _draw_lens(layout, scene):
 
 
 def _draw_rings(layout, scene):
-    """What the camera turns the lens to."""
+    """Draw the camera settings that control the lens: focus, f-stop and iris blades."""
     camera, name = scene.camera, scene.lensfield.lens_name_or_path()
     if camera is None or camera.type != "CAMERA" or not has_rings(name):
         return
     dof = camera.data.dof
     row = layout.row()
-    row.use_property_split = False  # which leaves no room for so many words
+    row.use_property_split = False  # to leave room for the long label
     row.prop(dof, "use_dof", text="Focus and F-Stop by the Camera")
     if dof.use_dof:
         column = layout.column(align=True)
@@ -95,7 +97,7 @@ def _draw_rings(layout, scene):
 
 
 def _draw_camera(layout, scene):
-    """What the picture will show."""
+    """Draw the view of the lens, compared with the scene's camera."""
     if scene.camera is None:
         draw_wrapped(layout.column(align=True), "The scene has no camera", "ERROR")
         layout.operator("lensfield.add_camera", icon="CAMERA_DATA")
@@ -104,13 +106,12 @@ def _draw_camera(layout, scene):
     if not scene.lensfield.lens_text():
         return
     facts = lens_request(scene).facts
-    if facts is None:  # it is being looked at; where it cannot be had, that is told in the place of the plan
+    if facts is None:  # still loading; `_draw_plan` shows an error if that fails
         return
     column = layout.column(align=True)
     try:
         factor, sensor_mm = size_for_view(scene, facts, scene.lensfield.view.lower())
-    except InputError as error:
-        draw_wrapped(column, str(error), "ERROR")
+    except InputError:  # `_draw_plan` shows it, next to the button
         return
     draw_wrapped(column, _lens_text(scene, facts, factor, sensor_mm))
     for word in facts.words:
@@ -123,7 +124,7 @@ def _draw_camera(layout, scene):
 
 
 def _lens_text(scene, facts, factor, sensor_mm):
-    """What the lens is, how it is turned and how far that goes, for a lens that is made so many times as large."""
+    """Focal length, sensor size, focus and f-stop of a lens scaled by `factor`, with their limits, as text."""
     focus = "far away" if isinf(facts.focus_mm) else f"at {facts.focus_mm * factor * 1e-3:.3g} m"
     text = "{:.3g} mm on {:.3g} x {:.3g} mm".format(facts.efl_mm * factor, *sensor_mm)
     if facts.reach is None:
@@ -137,8 +138,8 @@ def _lens_text(scene, facts, factor, sensor_mm):
 
 
 def _sees_alike(scene, lens):
-    """Whether the scene's camera frames what a lens, or one of these LensFacts, will show; of a fisheye that cannot be
-    told."""
+    """Whether the scene's camera has the view of a Lens or LensFacts, within SAME_VIEW; False for cameras without
+    perspective, such as fisheyes."""
     camera = scene.camera.data
     if scene.camera.type != "CAMERA" or camera.type != "PERSP":
         return False
@@ -146,9 +147,11 @@ def _sees_alike(scene, lens):
 
 
 def _draw_plan(layout, scene):
-    """What a render will take, and what would make it quicker."""
+    """Draw the cost of a render, and a warning about many samples."""
     column = layout.column(align=True)
     try:
+        if scene.camera:
+            check_scene(scene)
         if scene.camera and scene.lensfield.lens_text():
             lens, request = asked_lens(scene), lens_request(scene)
             if lens is None:
@@ -164,38 +167,38 @@ def _draw_plan(layout, scene):
 
 
 def _draw_render(layout, scene):
-    """The buttons; in the place of the first, the render under way; and what became of the last one."""
+    """Draw the buttons, with the progress of a running render in place of the first, and the last result."""
     row = layout.row(align=True)
     row.scale_y = 1.5
-    if state["render"]:
-        _draw_under_way(layout, row, state["render"])
+    if session.render:
+        _draw_under_way(layout, row, session.render)
     else:
         row.operator("lensfield.render", icon="RENDER_STILL")
     draw_preview(layout)
     draw_animation(layout, scene)
     draw_another_lens(layout)
     draw_shown(layout, scene)
-    if state["notice"] and not state["render"]:
+    if session.last_render.lines and not session.render:
         header, body = layout.panel("lensfield_notice")
-        header.label(text="Last Render", icon=state["icon"])
+        header.label(text="Last Render", icon=session.last_render.icon)
         if body:
             _draw_last(body)
 
 
 def _draw_last(layout):
-    """The picture of the last render, and what is told of it; of its files the names alone."""
-    image = state["lens_image"]
+    """Draw the picture of the last render and its report, with file names instead of complete paths."""
+    image = session.last_render.lens_image
     if image and (picture := Result.beside(image, "lens_image").after).is_file():
         _draw_picture(layout, picture)
         layout.operator("lensfield.show_picture", icon="IMAGE_DATA")
     column = layout.column(align=True)
-    for line in state["notice"]:
+    for line in session.last_render.lines:
         draw_wrapped(column, line.replace(f"{image.parent}{os.sep}", "") if image else line, "DOT")
 
 
 def _draw_under_way(layout, row, render):
     row.progress(factor=render.fraction, text=f"{render.fraction:.0%}")
-    row.operator_context = "INVOKE_DEFAULT"  # here, not in the 3D view
+    row.operator_context = "INVOKE_DEFAULT"  # invoke in this region, not in the 3D view
     row.operator("lensfield.cancel", text="", icon="CANCEL")
     draw_wrapped(layout.column(align=True), render.label)
     if render.picture.is_file():
@@ -210,7 +213,7 @@ def _draw_picture(layout, path):
 
 
 def _draw_sheet(layout, scene):
-    """The picture of what the lens does, as it is turned."""
+    """Draw the lens sheet at the current focus and f-stop."""
     try:
         path = _sheet(scene)
         preview = sheet_preview(path) if path else None
@@ -225,7 +228,7 @@ def _draw_sheet(layout, scene):
 
 
 def _sheet(scene):
-    """Its file; None as long as it is not drawn."""
+    """The file of the lens sheet; None until it is drawn."""
     name = scene.lensfield.lens_name_or_path()
     if not name or (own := own_sheet(name)):
         return name and own
@@ -234,7 +237,7 @@ def _sheet(scene):
 
 
 def _picture_scale():
-    """What makes a square icon as wide as the panel, in units of Blender's widgets."""
+    """The scale at which a square icon is as wide as the panel, in Blender's widgets."""
     return max(1, region_widgets() - PANEL_MARGINS)
 
 
@@ -248,7 +251,7 @@ def _draw_wavelengths(layout, scene):
         column.prop(settings, "wavelength_first_nm", text="First (nm)")
         column.prop(settings, "wavelength_last_nm", text="Last (nm)")
         column.prop(settings, "wavelength_count")
-    layout.prop(settings, "unfit")
+    _draw_listed(layout, settings, "wavelengths")
 
 
 def _draw_quality(layout, scene):
@@ -263,9 +266,14 @@ def _draw_quality(layout, scene):
         else:
             layout.prop(settings, "accuracy", slider=True)
         layout.prop(settings, "supersampling")
-    layout.prop(settings, "denoise")
-    layout.prop(settings, "out_of_field")
-    layout.prop(settings, "fireflies")
+    _draw_listed(layout, settings, "quality")
+
+
+def _draw_listed(layout, settings, panel):
+    """Draw the settings that belong to a subpanel."""
+    for name, each in SETTINGS.items():
+        if each.panel == panel:
+            layout.prop(settings, name)
 
 
 def _draw_output(layout, scene):

@@ -1,58 +1,60 @@
-"""The line that tells, before a render, what it will take; the engine's part of it is worked out in a thread."""
+"""The cost of a render in one line, before it starts; a thread computes the engine's part."""
 
 from concurrent.futures import ThreadPoolExecutor
 
 import bpy
-import numpy as np
 
-from ...engine.image.spectral_image import SpectralImage
+from ...engine.image.sampling import Sampling
 from ...engine.plan.remembered import remembered_plan
 from ..job.bands import pass_count
+from ..job.job import denoises
 from ..job.radiance import pass_bytes
 from ..scene.camera import frame_capture, frame_px, lens_for_view
-from . import lint_panel
+from .lint_panel import checked_settings
+from .session import session
 from .window_render import areas
 
 TICK_S = 0.1
 
-MOST_PLANS = 4  # two windows draw theirs in turn
+MOST_PLANS = 4  # enough for two windows that draw theirs in turn
 
 _worker = ThreadPoolExecutor(1, "Lensfield plan")
-_plans = {}  # of what was asked for last, the newest at the end
+_plans = {}  # (shape, Future) of the latest requests, newest last
 
 
 def plan_text(scene, lens):
-    """What rendering a scene by its settings through a lens, as large as it is itself, will take, in one line; it
-    changes nothing and waits for nothing.
+    """The cost of rendering a scene by its settings through an unscaled lens, in one line.
+
+    Does not change the scene and does not block: the engine's part is added once it is computed.
 
     Raises
     ------
     InputError
-        What the settings ask for cannot be.
+        The settings are invalid.
     """
-    settings = scene.lensfield
-    wavelengths_nm = settings.wavelengths_nm()
-    lens = lens_for_view(scene, lens, settings.view.lower())[0]
-    (rows, columns), future = _planned(settings.to_options(), lens, frame_px(scene), tuple(wavelengths_nm))
+    request = scene.lensfield.to_request(lens=lens)
+    wavelengths_nm = request.wavelengths_nm
+    lens = lens_for_view(scene, lens, request.view)[0]
+    (rows, columns), future = _planned(request.options, lens, frame_px(scene), wavelengths_nm)
     samples = scene.cycles.samples
     text = (f"{_renders(scene, len(wavelengths_nm))} of {columns} x {rows} px, {samples} sample{'s' * (samples > 1)}; "
             f"{len(wavelengths_nm)} wavelengths")
-    if not future.done() or future.exception():  # it is being made, or there can be none
+    if not future.done() or future.exception():  # the plan is not ready, or not possible
         return text
     plan = future.result()
     light_mb = 4e-6 * rows * columns * len(wavelengths_nm)
-    pass_mb = 1e-6 * pass_bytes(rows * columns, 1, settings.denoises(settings.to_spectral_options()))
-    memory_mb = light_mb + max(pass_mb, plan.memory_mb + light_mb)  # of the radiance, and at last of the irradiance
+    pass_mb = 1e-6 * pass_bytes(rows * columns, 1, denoises(scene, request))
+    memory_mb = light_mb + max(pass_mb, plan.memory_mb + light_mb)  # radiance, then also irradiance
     memory = f"{memory_mb / 1e3:.1f} GB" if memory_mb >= 1e3 else f"{memory_mb:.0f} MB"
     return f"{text}; then {max(plan.seconds, 0.1):.1f} s for the lens; {memory} beside the scene"
 
 
 def _renders(scene, wavelengths):
-    """How many Cycles renders it takes, as far as is known."""
+    """The number of Cycles renders as text: exact after a scene check, otherwise a range."""
     most, tier = pass_count(wavelengths), scene.lensfield.tier
-    checked = lint_panel.checked
-    if checked["scene"] == scene.session_uid and checked["found"].plan and checked["asked"] == lint_panel.asked(scene):
-        known, slabs = len(checked["found"].plan.bands), checked["found"].slabs
+    check = session.check
+    if check.scene_uid == scene.session_uid and check.found.plan and check.settings == checked_settings(scene):
+        known, slabs = len(check.found.plan.bands), check.found.slabs
         return f"{known} Cycles render{'s' * (known > 1)}" + (f" in {slabs.slabs} slabs of depth" if slabs else "")
     if tier == "PREVIEW" or most == 1:
         return "1 Cycles render"
@@ -60,15 +62,14 @@ def _renders(scene, wavelengths):
 
 
 def _planned(options, lens, frame_shape_px, wavelengths_nm):
-    """Rows and columns of the capture, and a Future of the engine's plan; worked out once, as panels are drawn many
+    """Rows and columns of the capture, and a Future of the engine's plan, both cached because panels are drawn many
     times a second."""
     asked = options, lens, frame_shape_px, wavelengths_nm
     if asked not in _plans:
         grid = frame_capture(lens, frame_shape_px, wavelengths_nm)
-        dark = np.broadcast_to(np.float32(0), (len(wavelengths_nm), *grid.shape_px))
         if len(_plans) == MOST_PLANS:
-            _plans.pop(next(iter(_plans)))[1].cancel()  # a slider that is dragged asks for many
-        plan = _worker.submit(remembered_plan, options, lens, SpectralImage(dark, wavelengths_nm, grid))
+            _plans.pop(next(iter(_plans)))[1].cancel()  # dragging a slider requests many
+        plan = _worker.submit(remembered_plan, options, lens, Sampling(grid, wavelengths_nm))
         _plans[asked] = grid.shape_px, plan
         if not bpy.app.background:
             bpy.app.timers.register(lambda: _redraw_when_done(plan), first_interval=TICK_S)
@@ -84,5 +85,5 @@ def _redraw_when_done(plan):
 
 
 def forget_plans():
-    """Free them."""
+    """Clear the cached plans."""
     _plans.clear()

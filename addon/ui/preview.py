@@ -1,8 +1,8 @@
-"""The preview: the camera's view through the lens, small and soon, and anew whenever the scene has changed.
+"""The preview: a small, fast picture of the camera's view through the lens, updated when the scene changes.
 
-While it is on, a child stays loaded (`lensfield serve`) and renders copies of the file, one at a time; another lens is
-applied to the light that the last one has kept. Handlers only note when something has changed; a timer asks the child,
-once all is still. Nothing of the file is kept but names and session_uids.
+While it is on, a child process (`lensfield serve`) stays loaded and renders copies of the file, one at a time. Another
+lens is applied to the saved radiance of the last copy. Handlers only record the time of a change; a timer sends the
+request to the child once changes have stopped. Of the file, only names and session_uids are stored.
 """
 
 import tempfile
@@ -15,55 +15,57 @@ import numpy as np
 from bpy.app.handlers import persistent
 
 from ...commands.child import Child
-from ...engine.errors import InputError
+from ...engine.runtime.errors import InputError, one_line
 from ..job.child import lensfield_command, preview_arguments, save_copy, work_folder
 from ..job.named_files import check_named_files, named_files
-from ..job.render import Result
+from ..job.result import Result
 from ..scene.camera import frame_px, view_tangents
 from ..scene.compositor import show_file
+from ..scene.requirements import check_scene
 from ..scene.rings import rings_for, scene_iris
 from . import focus_overlay, preview_overlay, window_render
 from .properties import lens_title
+from .session import session
 from .wrapped import draw_wrapped
 
-NAME = "Lensfield Preview"  # of its image
+NAME = "Lensfield Preview"  # image name
 TICK_S = 0.1
-STILL_S = 0.5  # without a change, before the scene is rendered again
+STILL_S = 0.5  # time without a change before the scene is rendered again
 LONG_SIDE_PX = 320
 SAMPLES = 4
 SAME_VIEW = 0.005
-LONGEST_COPY_S = 1.0  # that is not asked for: the window stands still meanwhile
-QUIET = {"WINDOWMANAGER", "SCREEN", "WORKSPACE", "BRUSH", "IMAGE"}  # what they change is nothing that is rendered
+LONGEST_COPY_S = 1.0  # longest automatic copy, as copying blocks the window
+QUIET = {"WINDOWMANAGER", "SCREEN", "WORKSPACE", "BRUSH", "IMAGE"}  # ID types that do not affect the render
 
 
 @dataclass
 class Preview:
-    """A preview that is on."""
+    """The state of a running preview."""
 
     child: Child
     folder: tempfile.TemporaryDirectory
     scene_uid: int
-    changed_s: float | None = 0.0  # when the scene was changed last, by time.monotonic(); None where it was not since
-    other_s: float | None = None  # the same, of what is neither the choice of the lens nor what it is turned to
-    by_hand: bool = False  # it is asked for now
-    asked: tuple = ()  # what the child works at: a name, and the lens's key
+    changed_s: float | None = 0.0  # time.monotonic() of the last change of the scene; None if unchanged since rendered
+    other_s: float | None = None  # the same, without changes of the lens or of its focus and f-stop
+    by_hand: bool = False  # the user has requested a refresh
+    asked: tuple = ()  # the child's current job: a name, and the lens's key
     asked_s: float = 0.0
-    copies_s: tuple = ()  # what the last two copies took
-    tangents: tuple = ()  # half the view across and down that is captured
-    lens: tuple = ()  # the key of the lens that it is seen through, or was tried
+    copies_s: tuple = ()  # seconds for each of the last two copies
+    tangents: tuple = ()  # half the captured view, horizontally and vertically
+    lens: tuple = ()  # the key of the last lens that was applied or tried
     radiance: Path | None = None
     told: list = field(default_factory=list)
     error: str = ""
 
     @property
     def picture(self):
-        """A PNG of the preview as Blender shows it, once there is one."""
+        """The path of a PNG of the preview as Blender shows it, which exists after the first render."""
         return Path(self.folder.name) / "shown.png"
 
     @property
     def slow(self):
-        """Whether the file takes so long to copy that it has to be asked for."""
-        return len(self.copies_s) == 2 and min(self.copies_s) > LONGEST_COPY_S  # once may be chance
+        """Whether copying the file takes so long that only the user may start it."""
+        return len(self.copies_s) == 2 and min(self.copies_s) > LONGEST_COPY_S  # a single slow copy may be chance
 
     @property
     def fresh(self):
@@ -71,17 +73,13 @@ class Preview:
 
     @property
     def same_scene(self):
-        """Whether nothing has changed since but the lens or what it is turned to."""
+        """Whether only the lens, or its focus and f-stop, has changed since the last render."""
         return self.other_s is None
 
     @property
     def depth(self):
-        """The file of its depths, which may not be there yet."""
+        """The path of its depth file, which may not exist yet."""
         return Result.beside(self.radiance, "radiance").depth if self.radiance else None
-
-
-state = {"preview": None, "why_off": ""}
-"""The Preview, where it is on; and why it went off by itself."""
 
 
 def start(scene):
@@ -90,24 +88,24 @@ def start(scene):
     Raises
     ------
     SceneError
-        The scene has no camera that a lens can stand in for.
+        The scene does not have a camera that a lens can replace.
     """
     end()
     check_named_files()
+    check_scene(scene)
     shown_tangents(scene, lens_key(scene))
     folder = work_folder()
     child = Child(lensfield_command(["serve"]), folder.name)
-    state.update(preview=Preview(child, folder, scene.session_uid), why_off="")
+    session.preview, session.preview_failure = Preview(child, folder, scene.session_uid), ""
     for name, handler in _HANDLERS.items():
         getattr(bpy.app.handlers, name).append(handler)
-    preview_overlay.start(state["preview"])
+    preview_overlay.start()
     bpy.app.timers.register(tick, first_interval=0.0, persistent=True)
 
 
 def end():
-    """Switch it off, if it is on, and leave nothing of it but what is shown: Blender or the file may be about to end.
-    """
-    preview, state["preview"] = state["preview"], None
+    """Switch the preview off, if it is on, but leave its image: Blender may be closing the file or quitting."""
+    preview, session.preview = session.preview, None
     if preview is None:
         return
     preview_overlay.end()
@@ -121,9 +119,9 @@ def end():
 
 
 def switch_off(why=""):
-    """Switch it off and remove its image; tell why, where it was not asked for."""
+    """Switch the preview off and remove its image; `why` is the reason, if the user did not request it."""
     end()
-    state["why_off"] = why
+    session.preview_failure = why
     if image := bpy.data.images.get(NAME):
         for editor in _image_editors():
             if editor.image == image:
@@ -133,8 +131,8 @@ def switch_off(why=""):
 
 
 def tick():
-    """Take in what the child has done, and ask it for what is to be done next; seconds to the next look."""
-    preview = state["preview"]
+    """Process the child's results and send its next request; returns seconds until the next call, or None."""
+    preview = session.preview
     scene = next((each for each in bpy.data.scenes if each.session_uid == preview.scene_uid), None)
     if scene is None:
         switch_off("its scene is gone")
@@ -152,23 +150,23 @@ def tick():
 
 
 def lens_key(scene):
-    """What changes the lens and nothing of the scene: its name or path, the view, what is done out of field, what it is
-    turned to, and its blades."""
+    """Everything that changes the lens but not the scene: name or path, view, out-of-field treatment, focus and f-stop,
+    and blades."""
     settings, lens = scene.lensfield, scene.lensfield.lens_name_or_path()
     return lens, settings.view.lower(), settings.out_of_field.lower(), rings_for(scene, lens), scene_iris(scene, lens)
 
 
 def shown_tangents(scene, key):
-    """What `view_tangents` gives for a key."""
+    """The `view_tangents` for a lens key."""
     lens, view, _, rings, _ = key
     return view_tangents(scene, lens, view, rings)
 
 
 def _may_work(scene):
-    """Whether the scene is the window's, nothing renders, no tool is at work (then Blender itself saves nothing), and
-    no file is named that is not trusted, as what is appended may do."""
+    """Whether the window shows the scene, no render or tool is running (Blender does not save while a tool runs), and
+    the file names only trusted files (appended data may name others)."""
     windows = bpy.context.window_manager.windows
-    return (window_render.state["render"] is None and not bpy.app.is_job_running("RENDER")
+    return (session.render is None and not bpy.app.is_job_running("RENDER")
             and not any(len(window.modal_operators) for window in windows)
             and (not windows or windows[0].scene == scene) and not named_files())
 
@@ -177,11 +175,11 @@ def _ask_next(preview, scene):
     try:
         key = lens_key(scene)
     except InputError as error:
-        preview.lens = ()  # as soon as there is one again, it is looked through
+        preview.lens = ()  # so that the next valid lens is applied
         _tell_error(preview, error)
         return
     if key != preview.lens and preview.radiance:
-        preview.changed_s = preview.other_s  # what the very choice of the lens has changed is none of the scene
+        preview.changed_s = preview.other_s  # choosing a lens does not count as a change of the scene
         _ask(preview, "lens", key, preview_arguments(scene, key, radiance=preview.radiance))
     elif preview.by_hand or (preview.changed_s is not None and not preview.slow
                              and time.monotonic() - preview.changed_s > STILL_S):
@@ -214,7 +212,7 @@ def _ask(preview, what, key, arguments):
 
 
 def size_px(scene):
-    """Width and height of the preview: those of the scene's render, LONG_SIDE_PX at the most."""
+    """Width and height of the preview: the scene's resolution, scaled down to LONG_SIDE_PX if larger."""
     rows, columns = frame_px(scene)
     scale = min(1.0, LONG_SIDE_PX / max(rows, columns))
     return max(4, round(columns * scale)), max(4, round(rows * scale))
@@ -229,27 +227,27 @@ def _take_in(preview, scene):
         preview.radiance = Result.beside(image_path, "lens_image").radiance
         preview.told = _facts(scene, time.monotonic() - preview.asked_s, key[0])
     if what == "lens" and (told["status"] or not _in_view(preview, scene)):
-        preview.changed_s = 0.0  # what is in its own view, or drawn in from beyond, has to be captured
+        preview.changed_s = 0.0  # the lens shows parts of the scene that were not captured: render again
     elif told["status"]:
         preview.error = told.get("error", "see the console")
 
 
 def _in_view(preview, scene):
-    """Whether what is captured has the view of the lens that is chosen now."""
+    """Whether the captured radiance has the view of the current lens."""
     try:
         return np.allclose(shown_tangents(scene, lens_key(scene)), preview.tangents, rtol=SAME_VIEW)
     except InputError:
-        return False  # the render will tell
+        return False  # the render will report it
 
 
 def _facts(scene, seconds, lens):
-    """What the preview is: list of lines."""
+    """Size, samples, time and lens of the preview: list of lines."""
     return ["{} x {} px, {} samples, {:.1f} s".format(*size_px(scene), SAMPLES, seconds),
             lens_title(lens)]
 
 
 def _show(preview, scene, path):
-    """Show a lens image in the camera's view, and the first one in image editors that follow Blender's own render."""
+    """Show a lens image in the camera's view; show the first one also in image editors with Blender's render."""
     image = show_file(bpy.data.images.get(NAME), str(path), NAME)
     image.save_render(str(preview.picture), scene=scene)
     preview_overlay.forget_picture()
@@ -269,14 +267,14 @@ def _redraw():
 
 @persistent
 def on_update(scene, depsgraph):
-    """Note when something has changed that is rendered."""
+    """Record the time of a change that affects the render."""
     updates = [update for update in depsgraph.updates if update.id.id_type not in QUIET and _counts(update)]
     if updates:
         _note(of_lens=all(map(_may_be_of_lens, updates)))
 
 
 def _counts(update):
-    """Whether an update is more than a selection, and not of the compositor, which takes no part."""
+    """Whether an update affects the render: not a mere selection, and not the compositor, which the preview ignores."""
     if update.id.id_type == "NODETREE":
         return update.id.type != "COMPOSITING"
     named = update.id.id_type in ("SCENE", "OBJECT", "COLLECTION")
@@ -284,7 +282,7 @@ def _counts(update):
 
 
 def _may_be_of_lens(update):
-    """Whether an update may be of no more than the choice of a lens, or what the camera turns it to."""
+    """Whether an update may come only from the choice of a lens, or from the camera's focus and f-stop."""
     if update.id.id_type == "OBJECT":
         return update.id.type == "CAMERA" and not update.is_updated_transform
     return update.id.id_type == "SCENE" or (update.id.id_type == "CAMERA" and not update.is_updated_geometry)
@@ -292,18 +290,18 @@ def _may_be_of_lens(update):
 
 @persistent
 def on_frame(scene, *_):
-    """Another frame, or what an undo has left."""
+    """Record a change of frame, or an undo or redo."""
     _note()
 
 
 @persistent
 def on_load(*_):
-    """Another file."""
+    """Switch the preview off before another file is loaded."""
     end()
 
 
 def _note(of_lens=False):
-    preview = state["preview"]
+    preview = session.preview
     if preview:
         preview.changed_s = time.monotonic()
         preview.other_s = preview.other_s if of_lens else preview.changed_s
@@ -314,25 +312,25 @@ _HANDLERS = {"depsgraph_update_post": on_update, "frame_change_post": on_frame, 
 
 
 def draw_preview(layout):
-    """Draw the preview's button and, while it is on, what is shown and why."""
-    preview = state["preview"]
+    """Draw the preview's button and, while it is on, its status."""
+    preview = session.preview
     row = layout.row(align=True)
     row.operator("lensfield.preview", icon="HIDE_OFF" if preview else "HIDE_ON", depress=preview is not None)
     if preview is None:
-        if state["why_off"]:
-            draw_wrapped(layout, f"The preview went off: {state['why_off']}", "ERROR")
+        if session.preview_failure:
+            draw_wrapped(layout, f"The preview went off: {session.preview_failure}", "ERROR")
         return
     if preview.slow:
         row.operator("lensfield.refresh_preview", text="", icon="FILE_REFRESH")
-    row.operator("lensfield.focus_overlay", text="", icon="OVERLAY", depress=focus_overlay.state["on"])
-    if focus_overlay.state["on"]:
+    row.operator("lensfield.focus_overlay", text="", icon="OVERLAY", depress=session.focus_overlay)
+    if session.focus_overlay:
         draw_wrapped(layout, focus_overlay.LEGEND, "OVERLAY")
     for line in _status(preview):
         draw_wrapped(layout, line)
 
 
 def _status(preview):
-    """Lines of what is shown, and what is under way."""
+    """Lines about the current picture and the running job."""
     yield from preview.told
     if preview.error:
         yield preview.error
@@ -350,13 +348,13 @@ class LENSFIELD_OT_preview(bpy.types.Operator):
     bl_label = "Preview"
 
     def execute(self, context):
-        if state["preview"]:
+        if session.preview:
             switch_off()
             return {"FINISHED"}
         try:
             start(context.scene)
         except (InputError, OSError) as error:
-            self.report({"ERROR"}, str(error))
+            self.report({"ERROR"}, one_line(error))
             return {"CANCELLED"}
         return {"FINISHED"}
 
@@ -369,10 +367,10 @@ class LENSFIELD_OT_refresh_preview(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        return state["preview"] is not None
+        return session.preview is not None
 
     def execute(self, context):
-        state["preview"].by_hand = True
+        session.preview.by_hand = True
         return {"FINISHED"}
 
 
@@ -385,7 +383,7 @@ class LENSFIELD_OT_focus_overlay(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        return state["preview"] is not None
+        return session.preview is not None
 
     def execute(self, context):
         focus_overlay.switch(context.scene)

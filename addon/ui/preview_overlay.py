@@ -1,6 +1,8 @@
-"""The preview in the camera's view of the 3D viewport: drawn over it, where the lens's frame is; the scene is not
-touched. It steps back while what it shows is out of date, so that work is seen, and with all other overlays. The tints
-of the focus overlay lie over it, and stay while focus and f-stop alone are turned."""
+"""Draws the preview over the camera's view in the 3D viewport, inside the lens's frame, without changing the scene.
+
+The preview is hidden while it is out of date, so that edits are visible, and when overlays are off. The tints of the
+focus overlay are drawn on top of it and remain while only focus and f-stop change.
+"""
 
 import bpy
 import numpy as np
@@ -9,32 +11,29 @@ from mathutils import Vector
 
 from . import focus_overlay
 from .previews import open_png
-
-_overlay = {"handle": None, "preview": None, "texture": None, "tints": (None, None)}
-"""The last: the array of tints, and its texture."""
+from .session import CameraOverlay, session
 
 
-def start(preview):
-    """Draw a preview from now on."""
-    _overlay["preview"] = preview
+def start():
+    """Add the draw handler, except in background mode."""
     if not bpy.app.background:
-        _overlay["handle"] = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_PIXEL")
+        session.overlay.handle = bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_PIXEL")
 
 
 def end():
-    """Draw it no more."""
-    if _overlay["handle"]:
-        bpy.types.SpaceView3D.draw_handler_remove(_overlay["handle"], "WINDOW")
-    _overlay.update(handle=None, preview=None, texture=None, tints=(None, None))
+    """Remove the draw handler."""
+    if session.overlay.handle:
+        bpy.types.SpaceView3D.draw_handler_remove(session.overlay.handle, "WINDOW")
+    session.overlay = CameraOverlay()
 
 
 def forget_picture():
-    """The picture is another one now."""
-    _overlay["texture"] = None
+    """Discard the texture, because the picture has changed."""
+    session.overlay.texture = None
 
 
 def _draw():
-    preview, space, view = _overlay["preview"], bpy.context.space_data, bpy.context.region_data
+    preview, space, view = session.preview, bpy.context.space_data, bpy.context.region_data
     if (view.view_perspective != "CAMERA" or bpy.context.scene.session_uid != preview.scene_uid
             or space.camera != bpy.context.scene.camera or not space.overlay.show_overlays or not preview.tangents):
         return
@@ -43,34 +42,34 @@ def _draw():
     if None in corners:
         return
     if preview.fresh and preview.picture.is_file():
-        if _overlay["texture"] is None:
-            _overlay["texture"] = _texture(_pixels(preview.picture))
-        _draw_between(corners, _overlay["texture"])
-    if focus_overlay.state["on"] and preview.same_scene:
+        if session.overlay.texture is None:
+            session.overlay.texture = _texture(_pixels(preview.picture))
+        _draw_between(corners, session.overlay.texture)
+    if session.focus_overlay and preview.same_scene:
         _draw_tints(corners, focus_overlay.focus_tints(bpy.context.scene, preview.depth))
 
 
 def _draw_tints(corners, tints):
     if tints is None:
         return
-    if _overlay["tints"][0] is not tints:
-        _overlay["tints"] = tints, _texture(tints[::-1])
+    if session.overlay.tints[0] is not tints:
+        session.overlay.tints = tints, _texture(tints[::-1])
     import gpu
 
     gpu.state.blend_set("ALPHA")
-    _draw_between(corners, _overlay["tints"][1])
+    _draw_between(corners, session.overlay.tints[1])
     gpu.state.blend_set("NONE")
 
 
 def _draw_between(corners, texture):
-    from gpu_extras.presets import draw_texture_2d  # there is none in the background
+    from gpu_extras.presets import draw_texture_2d  # not available in background mode
 
     (left, bottom), (right, top) = corners
     draw_texture_2d(texture, (left, bottom), right - left, top - bottom)
 
 
 def frame_corners(camera, tangents):
-    """The lower left and the upper right corner, in the world, of a frame that a camera sees under these tangents."""
+    """The lower left and the upper right corner of a camera's frame with these tangents, in world space."""
     matrix = camera.matrix_world.normalized()
     return [matrix @ Vector((sign * tangents[0], sign * tangents[1], -1.0)) for sign in (-1, 1)]
 
@@ -81,7 +80,7 @@ def _pixels(path):
 
 
 def _texture(pixels):
-    """Of an array (row, column, 4), from the bottom upwards."""
+    """A GPU texture of an array (row, column, 4), bottom row first."""
     import gpu
 
     height, width, _ = pixels.shape

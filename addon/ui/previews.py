@@ -1,4 +1,4 @@
-"""Pictures for the panel: what lenses make of the sample scene, their sheets, and renders as they grow."""
+"""Pictures for the panel: the sample scene through each lens, lens sheets, and renders in progress."""
 
 import warnings
 from contextlib import contextmanager
@@ -8,31 +8,31 @@ import bpy
 import bpy.utils.previews
 import numpy as np
 
-from ...engine.files import stamp_of
 from ...engine.library import PICTURES
+from ...engine.runtime.files import stamp_of
 from ..scene.errors import SceneError
 
-PREVIEW_PX = 640  # the longer side; previews that Blender reads by itself have 256, too few for the text
+PREVIEW_PX = 640  # the longer side; previews that Blender loads have 256, too few for the text
 SHEET_MARK = "lensfield_sheet"
 
-MOST_PIXELS = 40_000_000  # of a file: 8K; they take 4 bytes each while it is read
+MOST_PIXELS = 40_000_000  # of a file: 8K, at 4 bytes each while it is read
 
-_seen = {}  # of each preview, its file and that one's stamp, and the error that it could not be read by
+_seen = {}  # for each preview: its file with the file's stamp, and the error if it was not readable
 
 
 def sheet_preview(path):
-    """A sheet's ImagePreview, the same as before unless the file has changed; so is an error.
+    """A sheet's ImagePreview, cached until the file changes, as are errors.
 
     Raises
     ------
     SceneError
-        The file is no PNG, or a huge one.
+        The file is not a PNG, or it is too large.
     """
     return _preview(str(path), path)
 
 
 def lens_picture(name):
-    """The icon of what a bundled lens makes of the sample scene; 0 where Blender has no window to show it in."""
+    """The icon of the sample scene through a bundled lens; 0 without the picture, or in background mode."""
     path = PICTURES / f"{name}.jpg"
     if bpy.app.background or not path.is_file():
         return 0
@@ -40,7 +40,7 @@ def lens_picture(name):
 
 
 def growing_preview(path):
-    """The ImagePreview of a picture of which there is one at a time; as `sheet_preview`."""
+    """The ImagePreview of the render in progress, which replaces the last one; otherwise like `sheet_preview`."""
     return _preview("growing", path)
 
 
@@ -53,20 +53,20 @@ def _preview(name, path):
             pixels, error = np.zeros((1, 1, 4), np.float32), refusal
         preview = previews.get(name) or previews.new(name)
         preview.image_size = pixels.shape[1::-1]
-        preview.image_pixels_float.foreach_set(pixels[::-1].ravel())  # from the bottom upwards
+        preview.image_pixels_float.foreach_set(pixels[::-1].ravel())  # bottom row first
         _seen[name] = file, error
     if _seen[name][1]:
-        raise _seen[name][1].with_traceback(None)  # which would grow with each drawing
+        raise _seen[name][1].with_traceback(None)  # the traceback would grow with each redraw
     return previews[name]
 
 
 def load_sheet(path):
-    """A sheet as an image of the .blend, read anew where it is one already.
+    """Load a sheet as an image of the .blend, or reload it if it already is one.
 
     Raises
     ------
     SceneError
-        The file is no PNG, or a huge one.
+        The file is not a PNG, or it is too large.
     """
     with open_png(path):
         pass
@@ -82,7 +82,7 @@ def load_sheet(path):
 
 
 def forget_previews():
-    """Free them."""
+    """Free all previews."""
     if _previews.cache_info().currsize:
         bpy.utils.previews.remove(_previews())
     _previews.cache_clear()
@@ -95,7 +95,7 @@ def _previews():
 
 
 def _read(path):
-    """The picture, made smaller: float32 array (row, column, 4) from 0 to 1."""
+    """The picture, scaled down: float32 array (row, column, 4) from 0 to 1."""
     from PIL import Image
 
     with open_png(path) as picture:
@@ -105,18 +105,18 @@ def _read(path):
 
 @contextmanager
 def open_png(path):
-    """A PNG as Pillow has it, which takes no other kind for one whatever it is called.
+    """A PNG opened by Pillow; other formats are refused, whatever the file's suffix.
 
     Raises
     ------
     SceneError
-        It is none, it is damaged, or so large that it is not to be decoded.
+        The file is not a PNG, is damaged, or has more than MOST_PIXELS.
     """
-    from PIL import Image  # only pictures need it, and they are few
+    from PIL import Image  # rarely needed, so not imported with the module
 
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # by its own measure
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # MOST_PIXELS is the limit here
             picture = Image.open(path, formats=["PNG"])
         with picture:
             if picture.width * picture.height > MOST_PIXELS:
@@ -125,7 +125,7 @@ def open_png(path):
             yield picture
     except SceneError:
         raise
-    except Exception:  # damaged bytes lead Pillow's readers to errors of a dozen kinds
+    except Exception:  # on damaged bytes Pillow's readers raise a dozen kinds of errors
         raise _unreadable(path) from None
 
 

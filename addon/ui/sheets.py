@@ -1,6 +1,6 @@
-"""The sheet of a lens as it is turned: drawn in a thread, and remembered by the lens's digest.
+"""The sheet of a lens at its focus and f-stop: drawn in a thread, and cached by the lens's digest.
 
-A sheet that `lensfield lens plot` has written beside a package is shown as it is.
+If `lensfield lens plot` has written a sheet next to a lens package, it is shown unchanged.
 """
 
 import os
@@ -10,36 +10,34 @@ from pathlib import Path
 
 import bpy
 
-from ...engine import cache
-from ...engine.files import atomic_path
+from ...engine.inspection.sheet import write_lens_plot
 from ...engine.library import has_rings
-from ...engine.sheet.sheet import write_lens_plot
-from ...engine.values import digest_of
+from ...engine.runtime import cache
+from ...engine.runtime.files import atomic_path
 from ..job.child import work_folder
 from . import window_render
 
 TICK_S = 0.2
 KIND, MOST_BYTES = "sheets", 2**26
-ROOMS = "lens", "sheet"  # whose code draws them
 MOST_SHEETS = 8
 
 _worker = ThreadPoolExecutor(1, "Lensfield sheet")
-_sheets = {}  # of lenses by their digest, a Future of each one's file; the newest at the end
+_sheets = {}  # Futures of the files by the lens's digest, newest last
 
 
 def own_sheet(name_or_path):
-    """The sheet that lies beside a lens package; None where there is none."""
+    """The path of the sheet next to a lens package, or None."""
     path = Path(os.path.splitext(name_or_path)[0] + ".png")
     return path if not has_rings(name_or_path) and path.is_file() else None
 
 
 def drawn_sheet(lens):
-    """The file of a lens's sheet; None as long as it is drawn.
+    """The file of a lens's sheet; None until it is drawn.
 
     Raises
     ------
     InputError
-        It cannot be drawn.
+        The sheet cannot be drawn.
     """
     drawing = _sheets.get(lens.digest)
     if drawing is None or (drawing.done() and not drawing.exception() and not drawing.result().is_file()):
@@ -52,12 +50,12 @@ def drawn_sheet(lens):
 
 
 def draw_sheet(lens):
-    """The file of a lens's sheet, drawn while all waits: for operators."""
+    """The file of a lens's sheet, for operators: blocks until it is drawn."""
     return _drawn(lens, _folder().name)
 
 
 def forget_sheets():
-    """Free what is known of them, and draw no more."""
+    """Cancel pending sheets and remove the session's sheets."""
     for drawing in _sheets.values():
         drawing.cancel()
     _sheets.clear()
@@ -70,13 +68,13 @@ def forget_sheets():
 
 @lru_cache
 def _folder():
-    """Where the session's sheets lie, which images of it show."""
+    """The folder of the session's sheets, which its images refer to."""
     return work_folder()
 
 
 def _draw_soon(lens):
     for digest, drawing in list(_sheets.items()):
-        if drawing.cancel() or len(_sheets) >= MOST_SHEETS:  # those that wait are of no use any more
+        if drawing.cancel() or len(_sheets) >= MOST_SHEETS:  # pending sheets are obsolete
             _sheets.pop(digest)
     _sheets[lens.digest] = _worker.submit(_drawn, lens, _folder().name)
     if not bpy.app.background and not bpy.app.timers.is_registered(_tick):
@@ -92,14 +90,13 @@ def _tick():
 
 
 def _drawn(lens, folder):
-    """Draw or recall a sheet, into a folder; the file."""
-    key = digest_of((cache.code_version(*ROOMS), lens.digest.hex()))
-    path = Path(folder, f"Lens Sheet {key.hex()[:8]}.png")
-    known = cache.recall(KIND, key)
+    """Draw a sheet into a folder, or take it from the cache, and return its path."""
+    path = Path(folder, f"Lens Sheet {lens.digest.hex()[:8]}.png")
+    known = cache.recall(KIND, lens.digest)
     if known is not None:
         with atomic_path(path, own=True) as temporary:
             temporary.write_bytes(known)
         return path
     write_lens_plot(lens, path)
-    cache.remember(KIND, key, path.read_bytes(), MOST_BYTES)
+    cache.remember(KIND, lens.digest, path.read_bytes(), MOST_BYTES)
     return path

@@ -1,4 +1,4 @@
-"""Panels of the spectra of materials, lights and worlds."""
+"""Panels for the spectra of materials, lights and worlds."""
 
 import bpy
 
@@ -9,7 +9,7 @@ class _SpectraPanel:
     bl_region_type = "WINDOW"
     bl_options = {"DEFAULT_CLOSED"}
 
-    block = ""  # of the context, whose spectra these are
+    block = ""  # attribute of the context with the data-block
     fields = ()
 
     @classmethod

@@ -1,4 +1,4 @@
-"""The panel of a .blend that names files which nobody has chosen in this session: their paths, and one button."""
+"""The panel for a .blend that names files which the user has not chosen in this session: paths and a Trust button."""
 
 import bpy
 
@@ -11,7 +11,7 @@ WORDS = {"lens": "Lens", "spectrum": "Spectrum", "output": "Pictures in"}
 
 
 def draw_named_files(layout, named):
-    """Draw the paths that a .blend names, and the button by which they are read from then on."""
+    """Draw the paths that a .blend names, and the button that trusts them."""
     column = layout.column(align=True)
     draw_wrapped(column, "This file names other files. Nothing is read or rendered until you trust them:", "ERROR")
     for path, kind in list(named.items())[:MOST_SHOWN]:
@@ -34,7 +34,7 @@ class LENSFIELD_OT_trust(bpy.types.Operator):
 
     def execute(self, context):
         trust_named_files()
-        redraw_panels()  # others than the one that was clicked in, too
+        redraw_panels()  # in all areas, not only the clicked one
         return {"FINISHED"}
 
 

@@ -1,7 +1,7 @@
-"""The render that a window has started: a child at work, followed by one of Blender's timers.
+"""The background render that a window starts: a child process, polled by one of Blender's timers.
 
-Nothing of the file is kept between two ticks but the name of the scene and its session_uid: meanwhile it may be edited,
-undone, saved, or closed for another one.
+Between two ticks only the scene's name and session_uid are stored, because the file may be edited, undone, saved, or
+replaced by another one.
 """
 
 import tempfile
@@ -14,9 +14,10 @@ from bpy.app.handlers import persistent
 
 from ...commands.child import Child
 from ...commands.messages import duration, time_left
-from ...engine.errors import InputError
+from ...engine.runtime.errors import InputError
+from ..job.animation import own_frames
 from ..job.child import apply_command, render_command, save_copy, work_folder
-from ..job.job import check_output_folder, job_from_settings
+from ..job.job import check_output_folder, job_of
 from ..job.kept_passes import passes_left
 from ..job.named_files import check_named_files
 from ..job.refilter import kept_radiance
@@ -31,6 +32,8 @@ from ..scene.compositor import (
     lay_into_compositor,
     lens_image,
 )
+from ..scene.requirements import check_scene
+from .session import LastRender, session
 
 TICK_S = 0.1
 PICTURE = "so_far.png"
@@ -38,23 +41,23 @@ PICTURE = "so_far.png"
 
 @dataclass(frozen=True, eq=False)
 class WindowRender:
-    """A render under way."""
+    """A running render."""
 
     child: Child
     folder: tempfile.TemporaryDirectory
     scene_name: str
-    scene_uid: int  # which no other scene has until Blender ends
+    scene_uid: int  # unique until Blender ends
     to_compositor: bool
     remarks: list
-    output_folder: Path | None = None  # where passes of it are kept
+    output_folder: Path | None = None  # the folder that stores finished passes
     animation: bool = False
-    fingerprint: str | None = None  # of the scene as it is rendered
-    laid: list = field(default_factory=list)  # into the compositor: lens images
+    fingerprint: str | None = None  # of the scene when the render started
+    laid: list = field(default_factory=list)  # lens images that are in the compositor
     started_s: float = field(default_factory=time.monotonic)
 
     @property
     def picture(self):
-        """A PNG of the light so far, once there is any."""
+        """The path of a PNG of the light so far, which exists as soon as there is any."""
         return Path(self.folder.name) / PICTURE
 
     @property
@@ -63,7 +66,7 @@ class WindowRender:
 
     @property
     def label(self):
-        """The scene, the stage, and the time: so far, and what is left as far as can be told."""
+        """The scene, the stage, the elapsed time, and the remaining time if it can be estimated."""
         now_s = time.monotonic()
         label = (f"{self.scene_name}: {self.child.told.get('label', 'Starting Blender in the background')}, "
                  f"{duration(now_s - self.started_s)}")
@@ -71,54 +74,51 @@ class WindowRender:
         return f"{label}, about {left}" if left else label
 
 
-state = {"render": None, "icon": "INFO", "notice": (), "lens_image": None}
-"""The WindowRender under way, or None; and what became of the last one: lines, the icon they go under, its file."""
-
-
 def start(scene, *frames, lens_quality=None):
-    """Start rendering a scene by its settings, in a process of its own.
+    """Start rendering a scene by its settings, in a separate process.
 
     Parameters
     ----------
     scene : bpy.types.Scene
-        The window's.
+        The window's scene.
     frames : str
-        Arguments of `lensfield render` that ask for others than the current frame.
+        Arguments of `lensfield render` that select other frames than the current one.
     lens_quality : str, optional
-        How finely the lens is baked to check what is asked; as the render's by default.
+        Quality of the lens that checks the settings; the quality of the render by default.
 
     Returns
     -------
     list of str
-        What the picture will be without.
+        Remarks on what the picture will lack.
 
     Raises
     ------
     InputError
-        What the settings ask for cannot be.
+        The settings are invalid.
     """
     check_named_files()
     check_output_folder(scene)
-    job = job_from_settings(scene, lens_quality=lens_quality)
+    check_scene(scene, frames=own_frames(scene) if frames else ())
+    job = job_of(scene, lens_quality=lens_quality)
     check_job(scene, job)
-    bpy.context.view_layer.update()  # what has just been changed is known to be
+    bpy.context.view_layer.update()  # so that the fingerprint includes the latest changes
     forget_fingerprints()
     remarks = [f"image {name!r} has unsaved pixels, which are not in the picture: save or pack it"
                for name in lost_images()]
     state_now, source = fingerprint_now(scene), window_digest(scene)
-    _follow(scene, lambda folder: render_command(save_copy(folder), Path(folder) / PICTURE, "--scene-state", state_now,
-                                                 "--scene-source", source, *frames),
+    _follow(scene, lambda folder: render_command(save_copy(folder), *frames, picture=Path(folder) / PICTURE,
+                                                 state=state_now, source=source),
             remarks, state_now, job.output_folder, bool(frames))
     return remarks
 
 
 def start_again(scene):
-    """Start putting the light of a scene's last render through the lens of its settings, in a process of its own.
+    """Start applying the lens of a scene's settings to the radiance of its last render, in a separate process.
 
     Raises
     ------
     InputError
-        There is no such light, or none that fits the scene.
+        The radiance does not exist, or does not fit the scene.
     """
     check_named_files()
     radiance = kept_radiance(scene)
@@ -126,42 +126,42 @@ def start_again(scene):
 
 
 def _follow(scene, command_in, remarks, fingerprint, output_folder=None, animation=False):
-    """Start a command, which may need a folder for a time, and follow it."""
+    """Start the command that `command_in` returns for a temporary folder, and register the timer that follows it."""
     folder = work_folder()
     try:
         child = Child(command_in(folder.name), folder.name)
     except BaseException:
         folder.cleanup()
         raise
-    state["render"] = WindowRender(child, folder, scene.name, scene.session_uid, scene.lensfield.to_compositor, remarks,
-                                   output_folder, animation, fingerprint)
+    session.render = WindowRender(child, folder, scene.name, scene.session_uid, scene.lensfield.to_compositor, remarks,
+                                  output_folder, animation, fingerprint)
     forget_last()
-    bpy.app.timers.register(tick, first_interval=TICK_S, persistent=True)  # it outlives the file
+    bpy.app.timers.register(tick, first_interval=TICK_S, persistent=True)  # also after another file is opened
 
 
 def tick():
-    """Look how far it is, and lay its newest frame into the compositor; seconds to the next look."""
-    render = state["render"]
-    if render and not bpy.app.is_job_running("RENDER"):  # Blender's own uses the compositor
+    """Poll the child and add its newest frame to the compositor; returns seconds until the next call, or None."""
+    render = session.render
+    if render and not bpy.app.is_job_running("RENDER"):  # Blender's render uses the compositor
         if render.child.ended:
             _finish(render)
         else:
             _lay(render)
     redraw_panels()
-    return TICK_S if state["render"] else None
+    return TICK_S if session.render else None
 
 
 def cancel():
-    """End the render under way, and leave nothing of it but the frames and passes that are done."""
-    render = state["render"]
+    """Cancel the running render; finished frames and passes remain."""
+    render = session.render
     end()
     _notify("CANCEL", ["Cancelled", *_left(render)])
     redraw_panels()
 
 
 def end():
-    """End what is under way, if anything is: Blender, or the add-on, is about to end."""
-    render, state["render"] = state["render"], None
+    """End the running render, if any, without a message, as when Blender quits or the add-on is disabled."""
+    render, session.render = session.render, None
     if render:
         render.child.end()
         render.folder.cleanup()
@@ -171,31 +171,31 @@ def end():
 
 @persistent
 def forget_last(*_):
-    """What was told of the last render is no business of another file, nor of the next render."""
-    state.update(notice=(), lens_image=None)
+    """Discard the result of the last render when another file is opened or the next render starts."""
+    session.last_render = LastRender()
 
 
 def _finish(render):
-    """Take in what a render that has ended by itself leaves, and tell what became of it."""
-    state["render"] = None
+    """Process the output of a render whose process has ended, and report the result."""
+    session.render = None
     render.child.end()
     told = render.child.told
     _lay(render)
-    state["lens_image"] = next(map(Path, reversed(render.child.lens_images)), None)
+    newest = next(map(Path, reversed(render.child.lens_images)), None)
     if render.to_compositor and render.child.lens_images and _scene(render) is None:
         render.remarks.append(f"scene {render.scene_name!r} is no longer open: its compositor is as it was")
     with render.folder:
         if "told" in told:
-            _notify("INFO", told["told"] + render.remarks)
+            _notify("INFO", told["told"] + render.remarks, newest)
         elif "error" in told:
-            _notify("ERROR", [told["error"], *_left(render)])
+            _notify("ERROR", [told["error"], *_left(render)], newest)
         else:
             died = "the process of the render died, of {}; its log is {}".format(*render.child.death())
-            _notify("ERROR", [died, *_left(render)])
+            _notify("ERROR", [died, *_left(render)], newest)
 
 
 def _left(render):
-    """What is left of a render that did not come to its end: list of lines."""
+    """Lines about the finished frames and passes of an incomplete render."""
     scene = _scene(render)
     passes = passes_left(scene, render.output_folder) if scene and render.output_folder else []
     count = len(render.child.lens_images) if render.animation else 0
@@ -204,36 +204,36 @@ def _left(render):
 
 
 def _scene(render):
-    """The scene that a render is of, if it is still there."""
+    """The rendered scene, or None if it is gone."""
     return next((scene for scene in bpy.data.scenes if scene.session_uid == render.scene_uid), None)
 
 
-def _notify(icon, lines):
-    state["icon"], state["notice"] = icon, tuple(lines)
+def _notify(icon, lines, lens_image=None):
+    session.last_render = LastRender(icon, tuple(lines), lens_image)
     print("Lensfield:", *lines, sep="\n  ")
 
 
 def _lay(render):
-    """Lay new lens images into the compositor of the scene that they are of, if there are any, and the scene too."""
+    """Add new lens images, if any, to the compositor of the rendered scene, if it still exists."""
     new, scene = render.child.lens_images[len(render.laid):], _scene(render)
     if not render.to_compositor or not new or scene is None:
         return
     first = not render.laid
-    render.laid.extend(new)  # before it can fail: it is not for the next tick to try again
+    render.laid.extend(new)  # before it can fail, so that the next tick does not try again
     try:
         lay_into_compositor(scene, *map(Path, new), fingerprint=render.fingerprint)
-    except (InputError, RuntimeError) as error:  # Blender's own, where the tree is linked, say
+    except (InputError, RuntimeError) as error:  # Blender raises RuntimeError if, for example, the tree is linked
         remark = f"not laid into the compositor: {str(error).strip()}"
         if remark not in render.remarks:
             render.remarks.append(remark)
         return
-    if first:  # of many frames only the first is a step of its own, or none would be left for others
+    if first:  # one undo step for the first of many frames: a step for each would use up the undo history
         _remember_for_undo()
     _show(scene)
 
 
 def _remember_for_undo():
-    """Let the next undo take back this alone; amid a transform or a stroke, it is for Blender to say what is a step."""
+    """Push an undo step for this change; not during a transform or a stroke, where Blender pushes the steps."""
     windows = bpy.context.window_manager.windows
     if not bpy.app.background and not any(len(window.modal_operators) for window in windows):
         with bpy.context.temp_override(window=windows[0]):
@@ -241,7 +241,7 @@ def _remember_for_undo():
 
 
 def _show(scene):
-    """Let image editors that followed Blender's own render show the lens image, frame by frame."""
+    """Show the lens image, frame by frame, in image editors that showed Blender's render."""
     for editor in (area.spaces.active for area in areas("IMAGE_EDITOR")):
         if editor.image and editor.image.type == "RENDER_RESULT":
             editor.image = lens_image(scene)
@@ -250,7 +250,7 @@ def _show(scene):
 
 
 def redraw_panels():
-    """Panels follow the progress only when they are told to."""
+    """Redraw the panels, which do not follow the progress by themselves."""
     for area in areas("PROPERTIES", "VIEW_3D"):
         for region in area.regions:
             if area.type == "PROPERTIES" or region.type == "UI":

@@ -1,4 +1,4 @@
-"""Texts in panels, wrapped to their width."""
+"""Wrapping of text to the width of a panel."""
 
 from textwrap import wrap
 
@@ -8,18 +8,18 @@ from .previews import PREVIEW_PX
 
 WIDGET_PX = 20
 LETTERS_PER_WIDGET = 3.2
-PANEL_MARGINS = 3  # in widgets: what a panel keeps free on its sides
+PANEL_MARGINS = 3  # widgets, on both sides of a panel together
 
 
 def draw_wrapped(layout, text, icon="NONE", beside=0):
-    """A text in as many lines as the panel's width takes, but for some widgets of it that stand beside."""
+    """Draw a text wrapped to the panel's width, less two widgets for each button in the same row."""
     widgets = region_widgets() - PANEL_MARGINS - 2 * (icon != "NONE") - 2 * beside
     for index, line in enumerate(wrap(text, max(8, int(widgets * LETTERS_PER_WIDGET)))):
         layout.label(text=line, icon="BLANK1" if index and icon != "NONE" else icon)
 
 
 def region_widgets():
-    """How many of Blender's square widgets a region is wide; a picture's width where there is no region."""
+    """The region's width in Blender's square widgets, limited to PREVIEW_PX; PREVIEW_PX itself without a region."""
     region, system = bpy.context.region, bpy.context.preferences.system
     width_px = min(region.width, PREVIEW_PX) if region else PREVIEW_PX
-    return width_px / (WIDGET_PX * (system.ui_scale or 1))  # 0 where Blender has no window
+    return width_px / (WIDGET_PX * (system.ui_scale or 1))  # ui_scale is 0 in background mode

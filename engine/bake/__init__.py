@@ -1,1 +1,1 @@
-"""Baking: from what a lens is made of to its lens data, by rays and by diffraction. `bake.bake` does it."""
+"""Baking: from a prescription to lens data, by ray tracing and diffraction. Start at `bake.bake`."""

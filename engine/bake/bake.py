@@ -1,38 +1,37 @@
-"""From a prescription to lens data: field heights, the window of the PSFs, and then every height and wavelength."""
+"""From a prescription to lens data: field heights, the PSF window, and then a PSF per height and wavelength."""
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import replace
 from threading import Event
 
 import numpy as np
 
-from ..errors import LensError
+from ..lens.conventions import WAVELENGTHS_NM, four_by_three
 from ..lens.lens import Lens
-from ..lens.readers.assembly import four_by_three
-from ..lens.sampling import WAVELENGTHS_NM
-from ..threads import thread_count
+from ..prescription.prescription import Prescription
+from ..prescription.system import System
+from ..rays.focus import build_system
+from ..rays.pupil import polynomial_weights
+from ..rays.rays import HalfPupil, trace_pupil
+from ..runtime.errors import LensError
+from ..runtime.threads import thread_count
 from .diffraction import lengthening, point_spread
-from .focus import build_system
-from .heights import telling_heights_mm
-from .prescription import Prescription
+from .heights import adaptive_heights_mm
 from .quality import QUALITIES, Quality
-from .rays import HalfPupil, trace_pupil
-from .system import System
-from .wavefront import Wavefronts, polynomial_weights, trace_wavefronts
+from .wavefront import Wavefronts, trace_wavefronts
 from .window import ENERGY, SETTLED, needed_width_um, pitch_for_um, width_um
 
-MOST_WIDENED = 2.0  # of the survey's window: one place's faint flare is not worth coarser samples everywhere
+MOST_WIDENING = 2.0  # relative to the survey's window: faint flare at one height does not justify coarser samples
 LEAST_SAMPLES, MOST_SAMPLES = 65, 129  # of a PSF along each side
-CHIEF_STEP = 1e-3  # of the last height: from chief ray to chief ray, whose distance tells how areas change
-SURVEY_SHARE = 0.2  # of the time that a bake takes, roughly, for the progress bar
+CHIEF_STEP = 1e-3  # relative to the last height: step between chief rays, for the derivative of areas
+SURVEY_SHARE = 0.2  # approximate share of the bake's time, for the progress bar
 
 
 def bake(prescription: Prescription, *, quality: str = "standard", heights: int | None = None,
          wavelengths_nm: Sequence[float] | np.ndarray = WAVELENGTHS_NM, pitch_um: float | None = None,
          samples: int | None = None, workers: int | None = None,
          progress: Callable[[float, str], object] = lambda fraction, label: None) -> Lens:
-    """Lens data of a prescription.
+    """Compute the lens data of a prescription.
 
     Parameters
     ----------
@@ -40,16 +39,16 @@ def bake(prescription: Prescription, *, quality: str = "standard", heights: int 
     quality : str
         One of `QUALITIES`.
     heights : int or None
-        Field heights, from the axis to the end of the prescription's field, closest where PSFs change fastest; None for
-        as many as the quality needs.
+        Number of field heights, from the axis to the end of the prescription's field, densest where PSFs change
+        fastest; None for as many as the quality needs.
     wavelengths_nm : sequence of float
     pitch_um : float or None
-        Of the PSFs; None for the finest at which they hold 99.5 % of the light everywhere.
+        Pitch of the PSF samples; None for the finest at which every PSF contains 99.5 % of its light.
     samples : int or None
-        Of each PSF along each side; odd. None for as many as show all that a picture of the quality's pixels can, but
-        `LEAST_SAMPLES` to `MOST_SAMPLES`.
+        Samples of each PSF along each side; odd. None for samples no larger than the pixels of the quality's picture,
+        within `LEAST_SAMPLES` to `MOST_SAMPLES`.
     workers : int or None
-        Threads that share the work; None for one on each core.
+        Threads; None for one per core.
     progress : function (fraction, label)
 
     Returns
@@ -59,7 +58,7 @@ def bake(prescription: Prescription, *, quality: str = "standard", heights: int 
     Raises
     ------
     LensError
-        A prescription that cannot be traced, or a request that makes no sense.
+        A prescription that cannot be traced, or an invalid argument.
     """
     wavelengths_nm = np.asarray(wavelengths_nm, dtype=float)
     _check_request(prescription, heights, wavelengths_nm, samples, pitch_um)
@@ -72,23 +71,17 @@ def bake(prescription: Prescription, *, quality: str = "standard", heights: int 
     wavefronts = traced.at(wavelengths_nm)
     needed_um = needed_width_um(traced, fineness.sums)
     samples = samples or _samples(needed_um, _sensor_mm(system, traced.chief_height_mm.max()), fineness)
-    told = pitch_um or pitch_for_um(needed_um, samples)
-    psf = _psfs(wavefronts, told, samples, fineness, workers, progress)
-    held, before = psf.sum(axis=(2, 3)).min(), 0.0
-    while pitch_um is None and held < ENERGY and held - before > SETTLED:  # the survey has missed the widest
+    sample_um = pitch_um or pitch_for_um(needed_um, samples)
+    psf = _psfs(wavefronts, sample_um, samples, fineness, workers, progress)
+    enclosed, before = psf.sum(axis=(2, 3)).min(), 0.0
+    while pitch_um is None and enclosed < ENERGY and enclosed - before > SETTLED:  # the survey missed the widest PSF
         worst = wavefronts.one(*np.unravel_index(psf.sum(axis=(2, 3)).argmin(), psf.shape[:2]))
-        wider_um = max(width_um(worst, told * samples, fineness.sums), told * samples)
-        told = pitch_for_um(min(wider_um, MOST_WIDENED * needed_um), samples)
-        psf = _psfs(wavefronts, told, samples, fineness, workers, progress)
-        held, before = psf.sum(axis=(2, 3)).min(), held
-    notes = _notes(system.prescription.notes, wavefronts, between, told, fineness)
-    return _lens(system, heights_mm, wavefronts, area, flux, told, psf, notes)
-
-
-def focused(prescription: Prescription) -> Prescription:
-    """The same lens with image plane, stop and picture as they come to be, for other object distances to keep."""
-    system = build_system(prescription)
-    return replace(system.prescription, field=("image_height_mm", system.last_height_mm))
+        wider_um = max(width_um(worst, sample_um * samples, fineness.sums), sample_um * samples)
+        sample_um = pitch_for_um(min(wider_um, MOST_WIDENING * needed_um), samples)
+        psf = _psfs(wavefronts, sample_um, samples, fineness, workers, progress)
+        enclosed, before = psf.sum(axis=(2, 3)).min(), enclosed
+    notes = _notes(system.prescription.notes, wavefronts, between, sample_um, fineness)
+    return _lens(system, heights_mm, wavefronts, area, flux, sample_um, psf, notes)
 
 
 def _check_request(prescription, heights, wavelengths_nm, samples, pitch_um):
@@ -97,7 +90,7 @@ def _check_request(prescription, heights, wavelengths_nm, samples, pitch_um):
     if not wavelengths_nm.size or np.any(np.diff(wavelengths_nm) <= 0):
         raise LensError(prescription.name, "wavelengths", wavelengths_nm.tolist(), "expected ascending nanometres")
     if samples is not None and (samples < 3 or samples % 2 == 0):
-        raise LensError(prescription.name, "samples", samples, "expected an odd number: the chief ray has the middle")
+        raise LensError(prescription.name, "samples", samples, "expected an odd number: the chief ray is at the centre")
     if pitch_um is not None and not (np.isfinite(pitch_um) and pitch_um > 0):
         raise LensError(prescription.name, "pitch", pitch_um, "expected a positive number of um")
 
@@ -107,34 +100,34 @@ def _sensor_mm(system, last_mm):
 
 
 def _samples(width_um, sensor_mm, quality: Quality):
-    """An odd number over so wide a window, of samples no larger than the pixels of a picture that fills the sensor."""
+    """Odd number of samples across a window, no larger than the pixels of a picture that fills the sensor."""
     number = int(np.ceil(width_um / (1e3 * sensor_mm[0] / quality.picture_px)))
     return min(max(number, LEAST_SAMPLES), MOST_SAMPLES) // 2 * 2 + 1
 
 
 def _heights(system, number, wavelengths_nm, quality: Quality):
-    """In mm, as many as asked for or needed; and the share of light in the wrong place between them."""
+    """Heights in mm, as many as requested or needed, and the share of misplaced light between them."""
     middle = np.argmin(np.abs(wavelengths_nm - system.prescription.reference_wavelength_nm))
-    telling_nm = np.unique([wavelengths_nm[0], wavelengths_nm[middle]])
+    survey_nm = np.unique([wavelengths_nm[0], wavelengths_nm[middle]])
     if number is None:
-        return telling_heights_mm(system, telling_nm, quality.between, quality.most_heights)
-    return telling_heights_mm(system, telling_nm, 0.0, number, least=1 + number // 2)
+        return adaptive_heights_mm(system, survey_nm, quality.between, quality.most_heights)
+    return adaptive_heights_mm(system, survey_nm, 0.0, number, least=1 + number // 2)
 
 
 def _notes(notes, wavefronts: Wavefronts, between, pitch_um, quality: Quality):
-    """A lens's notes, and what else of its accuracy there is to know."""
+    """The prescription's notes, plus a line for each limit of the bake's accuracy."""
     times = max(lengthening(wavefronts.one(0, height), pitch_um, quality.sums)
                 for height in range(wavefronts.chief_height_mm.shape[1]))
-    said = [notes] if notes else []
+    lines = [notes] if notes else []
     if times > 1:
-        said.append(f"Diffraction is that of waves up to {times:.2g} times as long.")
+        lines.append(f"Diffraction is computed for wavelengths up to {times:.2g} times as long.")
     if between > quality.between:
-        said.append(f"Half way between two heights {100 * between:.2g} % of the light lie in the wrong place.")
-    return "\n".join(said)
+        lines.append(f"Halfway between two heights, {100 * between:.2g} % of the light is misplaced.")
+    return "\n".join(lines)
 
 
 def _traced_nm(wavelengths_nm, number):
-    """Wavelengths to trace: all of a few, or Chebyshev's extrema over the wave numbers of many."""
+    """Wavelengths to trace: all if they are few, otherwise Chebyshev extrema over the wave number."""
     if wavelengths_nm.size <= number:
         return wavelengths_nm
     first, last = 1 / wavelengths_nm[0], 1 / wavelengths_nm[-1]
@@ -142,60 +135,60 @@ def _traced_nm(wavelengths_nm, number):
 
 
 def _illumination(system, heights_mm, traced: Wavefronts, wavelengths_nm, quality: Quality):
-    """Irradiance of even radiance, in sr: arrays (wavelength, height).
+    """Irradiance under uniform radiance, in sr: arrays (wavelength, height).
 
     Returns
     -------
     area
-        Where the chief ray lands: the area of its bundle in direction cosines.
+        Area in direction cosines of the bundle at the chief ray's image point.
     flux
-        All light that a part of the object sends through the lens, over the area that chief rays make of it. PSFs then
-        bring a part of that nearer to the axis, or farther from it, by their coma.
+        Light that an element of the object sends through the lens, over the element's image area by chief rays. The
+        PSFs' coma then moves part of this light towards or away from the axis.
     """
     area, source_area = traced.areas(*quality.edges)
     dark = np.argwhere(area <= 0)
     if dark.size:
         raise LensError(system.prescription.name, "field height", f"{heights_mm[dark[0, 1]]:.4g} mm",
-                        "no light gets through the apertures here: end the field earlier")
+                        "no light gets through the apertures here: reduce the field")
     flux = (source_area * _beam_per_image(system, heights_mm)
             * _image_per_real(system, heights_mm, traced.wavelengths_nm))
     return polynomial_weights(1e3 / traced.wavelengths_nm, 1e3 / wavelengths_nm) @ np.stack([area, flux])
 
 
 def _beam_per_image(system, heights_mm):
-    """What the source's coordinates leave out of the light: the object's area, or solid angle, over the paraxial
-    image's."""
+    """The object's area or solid angle over the paraxial image's area: the factor of the light that the source's
+    coordinates do not include."""
     if system.object_at_infinity:
         return np.cos(np.arctan(heights_mm / system.efl_mm))**3 / system.efl_mm**2
     return np.full(len(heights_mm), 1 / system.magnification**2)
 
 
 def _image_per_real(system, heights_mm, wavelengths_nm):
-    """Area of the paraxial image over that of the real one, which chief rays squeeze: array (wavelength, height)."""
+    """Area of the paraxial image over the area of the real, distorted image: array (wavelength, height)."""
     step_mm = CHIEF_STEP * heights_mm[-1]
-    between = [np.clip(heights_mm + beside, 0, heights_mm[-1]) for beside in (-step_mm, step_mm)]
+    between = [np.clip(heights_mm + offset_mm, 0, heights_mm[-1]) for offset_mm in (-step_mm, step_mm)]
     before, here, behind = (trace_pupil(system, each, wavelengths_nm, HalfPupil(1, 1)).chief_height_mm for each in
                             (between[0], np.maximum(heights_mm, step_mm), between[1]))
     return (between[1] - between[0]) / (behind - before) * np.maximum(heights_mm, step_mm) / here
 
 
 def _psfs(wavefronts, pitch_um, samples, quality, workers, progress):
-    """Of all wavelengths and heights, in shares of all light: array (wavelength, height, v, u)."""
+    """PSFs of all wavelengths and heights, as shares of all light: array (wavelength, height, v, u)."""
     psf = np.empty((*wavefronts.chief_height_mm.shape, samples, samples))
     stopped = Event()
 
-    def sum_up(height):
+    def compute(height):
         for wavelength in range(len(psf)):
             if stopped.is_set():
                 return
             psf[wavelength, height] = point_spread(wavefronts.one(wavelength, height), pitch_um, samples, quality.sums)
 
     with ThreadPoolExecutor(workers or thread_count()) as pool:
-        futures = [pool.submit(sum_up, height) for height in range(psf.shape[1])]
+        futures = [pool.submit(compute, height) for height in range(psf.shape[1])]
         try:
-            for done, future in enumerate(as_completed(futures), 1):
+            for count, future in enumerate(as_completed(futures), 1):
                 future.result()
-                progress(SURVEY_SHARE + (1 - SURVEY_SHARE) * done / len(futures), "Summing up PSFs")
+                progress(SURVEY_SHARE + (1 - SURVEY_SHARE) * count / len(futures), "Computing PSFs")
         except BaseException:
             stopped.set()
             pool.shutdown(wait=False, cancel_futures=True)
@@ -204,10 +197,10 @@ def _psfs(wavefronts, pitch_um, samples, quality, workers, progress):
 
 
 def _lens(system: System, heights_mm, wavefronts, area, flux, pitch_um, psf, notes):
-    """The lens of its tables."""
+    """The `Lens` with the baked tables."""
     prescription, wavelengths_nm = system.prescription, wavefronts.wavelengths_nm
     real_mm = wavefronts.chief_height_mm.copy()
-    real_mm[:, 0] = 0.0  # where rounding leaves 1e-15
+    real_mm[:, 0] = 0.0  # instead of rounding errors of 1e-15
     energy = psf.sum(axis=(2, 3))
     reference = np.argmin(np.abs(wavelengths_nm - prescription.reference_wavelength_nm))
     return Lens(

@@ -1,7 +1,8 @@
-"""Point spread functions: the plane waves of a pupil summed up on the flat image plane.
+"""Point spread functions: sums of a pupil's plane waves on the flat image plane.
 
-The wavefront is a polynomial over direction cosines, known on an even grid of them. So the sum is a Fourier transform
-over y and, light being the same on both sides of the meridional plane, a cosine transform over x; in single precision.
+The wavefront is a polynomial over direction cosines, evaluated on a regular grid. The sum is therefore a Fourier
+transform over y and, because light is symmetric about the meridional plane, a cosine transform over x; in single
+precision.
 """
 
 from dataclasses import dataclass
@@ -11,38 +12,38 @@ from scipy.fft import dct, fft, next_fast_len
 from scipy.ndimage import binary_dilation
 
 from .. import kernels
-from ..errors import LensError
+from ..rays.pupil import covered
+from ..runtime.errors import LensError
 from .polynomials import along_rows, fitted, of_rows
-from .pupil import covered
 from .wavefront import Wavefront
 
-LEAST_PARTS = 2  # into which a sample is divided along each side
-EIGHT = 8  # columns that go together
-LEAST_ROWS = 96  # of the pupil: an edge that crosses fewer is rough
-MOST_PLACES = 1 << 26  # of the sum, or of the pupil: some hundred MB
-LONGEST = 100.0  # times that waves are taken for longer ones: more, and a window is wider than any blur worth its PSF
-EDGE_DEGREE = 12  # of the polynomials of apertures' edges and of density, which are smooth
-RIM_DEGREE = 8  # of the stop's rim's, which has to close what lies beyond the rays, too
+LEAST_PARTS = 2  # per sample along each side
+EIGHT = 8  # columns are padded to a multiple, for vector instructions
+LEAST_ROWS = 96  # across the pupil: edges that cross fewer rows are rough
+MOST_PLACES = 1 << 26  # in the sum, or in the pupil: some hundred MB
+LONGEST = 100.0  # longest waves, relative to the wavelength: a wider window would exceed any blur worth a PSF
+EDGE_DEGREE = 12  # of the polynomials of aperture edges and of density, which are smooth
+RIM_DEGREE = 8  # of the polynomial of the stop's rim, which must also block the area beyond the rays
 INSIDE = 2 / 3
 WORST_FIT_WAVES = 0.3  # RMS
-MARGIN = 1.02  # of the disc of cosines about its rays
+MARGIN = 1.02  # radius of the disc of cosines, relative to the disc around its rays
 
 
 @dataclass(frozen=True)
 class Sums:
-    """How finely PSFs are summed up.
+    """Resolution of the PSF sums.
 
     Attributes
     ----------
     degree : int
-        Of the polynomial that a wavefront is.
+        Degree of the wavefront's polynomial.
     oversampling : float
-        Parts of a sample, against those that tell the finest plane waves apart.
+        Parts per sample, relative to the number that resolves the finest plane waves.
     repeat : float
-        The sum repeats itself at a distance: at so many windows.
+        Period of the sum, in windows.
     fringes : float
-        The finest of them, at most, in the width of a sample. Where light has more it is summed up as if its waves
-        were longer: rays go the same way, and diffraction is wider, though still far narrower than a sample.
+        Limit of the finest fringes in the width of a sample. Light with more is summed at a longer wavelength: rays
+        keep their directions, and diffraction is wider, but still far narrower than a sample.
     """
 
     degree: int
@@ -52,7 +53,7 @@ class Sums:
 
 
 def point_spread(wavefront: Wavefront, pitch_um: float, samples: int, sums: Sums) -> np.ndarray:
-    """PSF of a wavefront: Huygens' sum over the sphere about the chief ray's image point, as plane waves.
+    """PSF of a wavefront: Huygens' sum over the sphere around the chief ray's image point, as plane waves.
 
     Parameters
     ----------
@@ -60,39 +61,39 @@ def point_spread(wavefront: Wavefront, pitch_um: float, samples: int, sums: Sums
     pitch_um : float
         Distance between samples; each is the mean over a square of this side.
     samples : int
-        Along v and u; odd, so that the chief ray has a sample and the mirror image is the same array.
+        Along v and u; odd, so that the chief ray is on a sample and the array equals its mirror image.
     sums : Sums
 
     Returns
     -------
     array (v, u)
-        In shares of all the light; the chief ray at `samples // 2`, +v away from the axis. Zeros where none passes.
+        Shares of all light; the chief ray at `samples // 2`, +v away from the axis. Zeros if no light passes.
 
     Raises
     ------
     LensError
-        A window too wide to sum up, or a wavefront that no polynomial follows.
+        A window too wide to compute, or a wavefront that a polynomial does not fit.
     """
     if not wavefront.passing.any():
         return np.zeros((samples, samples))
     fit = _fit(wavefront, sums.degree)
     if not fit.error_waves < WORST_FIT_WAVES:
-        raise LensError("PSF", "wavefront", f"{fit.error_waves:.2g} waves from smooth", "end the field earlier, or ask "
-                                                                                        "for a finer quality")
+        raise LensError("PSF", "wavefront", f"{fit.error_waves:.2g} waves from smooth",
+                        "reduce the field, or choose a finer quality")
     times = lengthening(wavefront, pitch_um, sums)
     if times > LONGEST:
         raise _too_wide(pitch_um, samples)
     wavelength_um = wavefront.wavelength_nm * 1e-3 * times
-    return _even_sum(fit, wavelength_um, pitch_um, samples, sums)
+    return _sum_over_grid(fit, wavelength_um, pitch_um, samples, sums)
 
 
 def _too_wide(pitch_um, samples):
     return LensError("PSF", "window", f"{pitch_um * samples * 1e-3:.3g} mm",
-                     "too wide to sum up: is the lens in focus here? Else give a smaller window")
+                     "too wide to compute: check that the lens is in focus here, or set a smaller window")
 
 
 def lengthening(wavefront: Wavefront, pitch_um: float, sums: Sums) -> float:
-    """How many times as long as they are waves are taken, for no finer fringes than `sums` wants."""
+    """Factor that lengthens the wavelength for fringes within the limit of `sums`; 1 if none is needed."""
     half_x, half_y, _ = _disc(wavefront)
     fringes = 2 * max(half_x, half_y) * pitch_um / (wavefront.wavelength_nm * 1e-3)
     return max(1.0, fringes / sums.fringes)
@@ -102,8 +103,8 @@ def lengthening(wavefront: Wavefront, pitch_um: float, sums: Sums) -> float:
 class _Fit:
     """A wavefront as Chebyshev polynomials over a disc of direction cosines, even in x.
 
-    `path` is in um; `edges` are density and limits, of which the stop's rim is the first; `densities` are the least and
-    the most.
+    `path` is in um; `edges` are the density, the stop's rim and then the other limits; `densities` are the least and
+    the greatest density.
     """
 
     half_x: float
@@ -116,12 +117,12 @@ class _Fit:
 
 
 def _near(wavefront):
-    """Which rays pass, and their nearest."""
+    """Rays that pass, and their neighbours."""
     return binary_dilation(wavefront.passing, np.ones((3, 3)))
 
 
 def _disc(wavefront):
-    """Half widths along x and y of the smallest disc of cosines about these, and its middle's y."""
+    """Half widths along x and y of an elliptical disc around the cosines of these rays, and its centre's y."""
     x, y = wavefront.cosine[:, _near(wavefront)]
     half_x, half_y, middle = np.abs(x).max(), np.ptp(y) / 2, (y.max() + y.min()) / 2
     grown = MARGIN * max(1.0, np.hypot(x / half_x, (y - middle) / half_y).max())
@@ -129,12 +130,12 @@ def _disc(wavefront):
 
 
 def _fit(wavefront, degree):
-    """The polynomials, by least squares over the rays of the disc."""
+    """Fit the polynomials by least squares over the rays of the disc."""
     near = _near(wavefront)
     half_x, half_y, middle = _disc(wavefront)
     x, y = wavefront.cosine[0] / half_x, (wavefront.cosine[1] - middle) / half_y
     radius = np.broadcast_to(wavefront.pupil.radii[:, None], x.shape)
-    weight = np.sqrt(np.maximum(radius, wavefront.pupil.radii[1] / 4))  # rings hold light by their radius
+    weight = np.sqrt(np.maximum(radius, wavefront.pupil.radii[1] / 4))  # light of a ring is proportional to its radius
     path, error = fitted(x[near], y[near], weight[near], wavefront.path_mm[None, near], degree)
     inside = np.hypot(x, y) <= 1
     limits = wavefront.limits[np.any(wavefront.limits[:, near] > 1, axis=1)]
@@ -149,19 +150,19 @@ def _fit(wavefront, degree):
 
 
 def _compressed(limits):
-    """On the same side of 1: by how far rays miss an aperture polynomials need not follow."""
+    """Limits compressed to less than 2, on the same side of 1: polynomials need not follow large values."""
     return 2 * limits / (1 + limits)
 
 
-def _even_sum(fit, wavelength_um, pitch_um, samples, sums):
-    """|sum of A exp(-2 pi i (n x + path) / wavelength)|^2 over an even grid of direction cosines.
+def _sum_over_grid(fit, wavelength_um, pitch_um, samples, sums):
+    """|sum of A exp(-2 pi i (n x + path) / wavelength)|^2 over a regular grid of direction cosines.
 
-    |A|^2 dL dM is the light of a ray, even over the source's area; the integral of the whole plane is then
-    wavelength^2 times all light (Parseval).
+    |A|^2 dL dM is the light of a ray, uniform over the source's area. The integral over the plane is then wavelength^2
+    times all light (Parseval).
     """
     halves = np.array([fit.half_x, fit.half_y])
     parts = _parts_of_a_sample(halves.max(), wavelength_um, pitch_um, sums)
-    part_um, places = pitch_um / parts, samples * parts + 2  # one part more at either end
+    part_um, places = pitch_um / parts, samples * parts + 2  # one extra part at either end
     needed = np.ceil(np.maximum(sums.repeat * places, LEAST_ROWS * wavelength_um / (2 * halves * part_um))).astype(int)
     length_x, length_y = 2 * next_fast_len(-(-needed[0] // 2), real=True), next_fast_len(needed[1])
     if length_x * length_y // 2 > MOST_PLACES:
@@ -183,19 +184,20 @@ def _even_sum(fit, wavelength_um, pitch_um, samples, sums):
 
 
 def _parts_of_a_sample(cosine, wavelength_um, pitch_um, sums):
-    """Into how many parts along each side a sample is divided.
+    """Parts per sample along each side.
 
-    The sum of plane waves needs those that tell the waves apart. Light has finer detail, up to twice as fine; but what
-    that is mistaken for is as fine as the parts, and vanishes in the samples' means: so one part more is enough.
+    The sum of plane waves needs enough parts to resolve the waves. Light has detail up to twice as fine, but its
+    aliases are as fine as the parts and vanish in the samples' means, so one extra part is enough.
     """
     fringes = 2 * cosine * pitch_um / wavelength_um
     return max(LEAST_PARTS, int(np.ceil(fringes * sums.oversampling)) + 1, int(fringes) + 1)
 
 
 def _transformed(amplitudes, length_y, parts, samples):
-    """Light in samples (v, u), of u from the middle on, which lies on a part, or between two where they are even.
+    """Light in samples (v, u), from the central u on.
 
-    Of amplitudes (real and imaginary part, y, x), which are written over.
+    The centre is on a part if `parts` is odd, otherwise between two. `amplitudes` (real and imaginary part, y, x) are
+    overwritten.
     """
     odd, rows = parts % 2, amplitudes.shape[1]
     along_x = dct(amplitudes, 2 if odd else 4, overwrite_x=True)[..., :samples // 2 * parts + (parts + odd) // 2 + 1]
@@ -208,10 +210,10 @@ def _transformed(amplitudes, length_y, parts, samples):
 
 def waves(path: np.ndarray, edges: np.ndarray, x: np.ndarray, y: np.ndarray, densities: tuple[float, float],
           out: np.ndarray) -> tuple[float, float]:
-    """As `kernels.waves`, by numpy: by which that is tested."""
+    """As `kernels.waves`, in numpy; the reference for its tests."""
     inside = x**2 + y[:, None]**2 <= 1
     share = np.where(inside, covered(along_rows(np.moveaxis(edges[:, 1:], 1, 0), x)), np.float32(0))
-    phase = np.where(inside, along_rows(path, x), 0)  # where polynomials go astray
+    phase = np.where(inside, along_rows(path, x), 0)  # polynomials diverge outside
     least, most = (np.float32(limit) for limit in densities)
     amplitude = np.exp((np.clip(along_rows(edges[:, 0], x), least, most) - most) / 2)
     angle = ((phase - np.rint(phase)) * (-2 * np.pi)).astype(np.float32)
@@ -221,18 +223,18 @@ def waves(path: np.ndarray, edges: np.ndarray, x: np.ndarray, y: np.ndarray, den
 
 
 def _light(hard, soft, repeats):
-    """All light, for a sum that repeats itself at so many windows along each side.
+    """All light, for a sum with a period of `repeats` windows along each axis.
 
-    Edges that are softened over a cell spread less light far away than hard ones do: Parseval's sum lacks it. What of
-    that would lie within the window goes with the reciprocal of the repeat; the factor is that of Airy's pattern.
+    Edges softened over a cell spread less light far away than hard edges, and Parseval's sum lacks this light. Its
+    share within the window is proportional to the reciprocal of the period, with the factor of the Airy pattern.
     """
     return hard - INSIDE * np.mean(1 / repeats) * (hard - soft)
 
 
 def _binned(light, parts):
-    """Integrals over samples along the first axis, of values in the middle of their parts and one more at either end.
+    """Integrals over samples along the first axis, from values at the centres of parts, with one more at either end.
 
-    The midpoint rule, with Euler and Maclaurin's first correction by the slopes at the borders between samples.
+    The midpoint rule, with the first Euler-Maclaurin correction by the slopes at the borders between samples.
     """
     inner = light[1:-1]
     rise = np.diff(light, axis=0)[::parts] / 24

@@ -1,71 +1,49 @@
-"""Which field heights are baked: so many, and so close together, that PSFs between them can be interpolated."""
+"""Choice of baked field heights: as many and as dense as interpolation between their PSFs needs."""
 
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
-from ..errors import LensError
-from ..threads import thread_pool
+from ..prescription.system import System
+from ..rays.field_heights import even_heights_mm
+from ..rays.rays import HalfPupil
+from ..runtime.threads import thread_pool
 from .diffraction import Sums, point_spread
-from .rays import HalfPupil, trace_pupil
-from .system import System
 from .wavefront import trace_wavefronts
 from .window import needed_width_um
 
-CHIEF_RAYS = 49
-LEAST = 9  # heights, evenly over the picture
-AT_ONCE = 3  # of the intervals that are too wide, one in so many is halved before they are looked at again
-SAMPLES = 49  # of the PSFs that tell where more are needed, at the reference wavelength
+LEAST = 9  # heights, at equal distances in the picture
+AT_ONCE = 3  # one in three of the intervals that are too wide is halved before errors are computed again
+SAMPLES = 49  # of the PSFs that determine the heights
 PUPIL, SUMS = HalfPupil(21, 25), Sums(degree=14, oversampling=1.0, repeat=1.1, fringes=7.5)
 
 
-def even_heights_mm(system: System, number: int) -> np.ndarray:
-    """Paraxial heights whose chief rays meet the image plane at even distances, at the reference wavelength.
-
-    Raises
-    ------
-    LensError
-        The picture folds back on itself.
-    """
-    last_field, = system.fields_of([system.last_height_mm])
-    paraxial_mm = system.heights_of(np.linspace(0, 1, CHIEF_RAYS) * last_field)  # at even angles, for wide lenses
-    rays = trace_pupil(system, paraxial_mm, [system.prescription.reference_wavelength_nm], HalfPupil(1, 1))
-    real_mm = rays.chief_height_mm[0]
-    if np.any(np.diff(real_mm) <= 0):
-        raise LensError(system.prescription.name, "field",
-                        f"folding back at an image height of {real_mm[np.argmin(np.diff(real_mm) > 0)]:.4g} mm",
-                        "end the field earlier")
-    heights_mm = PchipInterpolator(real_mm, paraxial_mm)(np.linspace(0, real_mm[-1], number))
-    return np.concatenate([[0.0], heights_mm[1:-1], [system.last_height_mm]])
-
-
-def telling_heights_mm(system: System, wavelengths_nm: Sequence[float] | np.ndarray, tolerance: float, most: int,
+def adaptive_heights_mm(system: System, wavelengths_nm: Sequence[float] | np.ndarray, tolerance: float, most: int,
                        least: int = LEAST) -> tuple[np.ndarray, float]:
-    """Paraxial heights between which PSFs can be interpolated: intervals are halved until that is true enough.
+    """Paraxial heights between which PSFs can be interpolated, by halving intervals until the error is small enough.
 
     Parameters
     ----------
     system : System
     wavelengths_nm : sequence of float
-        At which PSFs are looked at.
+        At which PSFs are compared.
     tolerance : float
-        Share of the light that may lie in the wrong place half way between two heights, in the picture's mean.
+        Share of misplaced light allowed halfway between two heights, averaged over the picture.
     most, least : int
-        Heights.
+        Numbers of heights.
 
     Returns
     -------
     heights_mm : array
     error : float
-        That share, as it is.
+        The actual share.
     """
     heights_mm = even_heights_mm(system, min(least, most))
     places_mm = np.sort(np.concatenate([heights_mm, (heights_mm[1:] + heights_mm[:-1]) / 2]))
     wavefronts = trace_wavefronts(system, places_mm, wavelengths_nm, PUPIL)
     pitch_um = needed_width_um(wavefronts, SUMS) / SAMPLES
     psfs = _psfs(wavefronts, pitch_um)
-    while True:  # heights and places half way between them take turns
+    while True:  # places alternate between heights and their midpoints
         errors = np.abs((psfs[:-2:2] + psfs[2::2]) / 2 - psfs[1::2]).sum(axis=(2, 3)).mean(axis=1)
         error = np.average(errors, weights=np.diff(places_mm[::2]))
         room = most - errors.size - 1
@@ -81,7 +59,7 @@ def telling_heights_mm(system: System, wavelengths_nm: Sequence[float] | np.ndar
 
 
 def _psfs(wavefronts, pitch_um):
-    """Of unit sum: array (height, wavelength, v, u)."""
+    """PSFs of unit sum: array (height, wavelength, v, u)."""
     shape = wavefronts.chief_height_mm.T.shape
 
     def psf(place):

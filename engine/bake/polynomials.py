@@ -1,15 +1,15 @@
-"""Chebyshev polynomials over x and y, even in x: through what rays tell, by least squares, and on grids.
+"""Chebyshev polynomials over x and y, even in x: fitted to rays by least squares, and evaluated on grids.
 
-Products of matrices are made of pieces so small that BLAS leaves each to the thread that asks for it. Its own threads
-would wait for those of the bake, many times longer than the products take; and bits would depend on their number.
+Matrix products are split into pieces small enough for BLAS to compute on the calling thread. Threads of BLAS would wait
+for the bake's threads, many times longer than the products take, and results would depend on their number.
 """
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 from scipy.linalg import cho_factor, cho_solve
 
-PIECE = 1 << 17  # multiply-adds: half of what OpenBLAS begins to share out at
-RIDGE = 1e-15  # of the sum of squares: terms that rays tell less of stay 0
+PIECE = 1 << 17  # multiply-adds: half of OpenBLAS's threshold for threads
+RIDGE = 1e-15  # relative to the sum of squares: keeps terms that the rays do not determine at 0
 REFINEMENTS = 2
 
 
@@ -17,7 +17,7 @@ def fitted(x: np.ndarray, y: np.ndarray, weight: np.ndarray, values: np.ndarray,
            ) -> tuple[np.ndarray, float]:
     """Coefficients (quantity, power of y, half the power of x) of values (quantity, ray) at places from -1 to 1.
 
-    By the normal equations, refined by what they leave. The second number is the first quantity's RMS error.
+    Solves the normal equations, with iterative refinement. The second result is the first quantity's RMS error.
     """
     up, across = chebvander(y, degree), chebvander(x, degree)[:, ::2]
     powers_y, halves_x = np.array([(power_y, half_x) for half_x in range(degree // 2 + 1)
@@ -25,28 +25,28 @@ def fitted(x: np.ndarray, y: np.ndarray, weight: np.ndarray, values: np.ndarray,
     basis, values = up[:, powers_y] * across[:, halves_x] * weight[:, None], (values * weight).T
     squares = _sums_of_squares(basis)
     squares[np.diag_indices_from(squares)] += RIDGE * np.trace(squares)
-    factor, off = cho_factor(squares, check_finite=False), values
-    found = np.zeros((basis.shape[1], values.shape[1]))
+    factor, residual = cho_factor(squares, check_finite=False), values
+    terms = np.zeros((basis.shape[1], values.shape[1]))
     for _ in range(1 + REFINEMENTS):
-        found += cho_solve(factor, np.einsum("rt,rq->tq", basis, off), check_finite=False)
-        off = values - np.einsum("rt,tq->rq", basis, found)
+        terms += cho_solve(factor, np.einsum("rt,rq->tq", basis, residual), check_finite=False)
+        residual = values - np.einsum("rt,tq->rq", basis, terms)
     coefficients = np.zeros((values.shape[1], degree + 1, degree // 2 + 1))
-    coefficients[:, powers_y, halves_x] = found.T
-    return coefficients, float(np.sqrt(np.sum(off[:, 0]**2) / np.sum(weight**2)))
+    coefficients[:, powers_y, halves_x] = terms.T
+    return coefficients, float(np.sqrt(np.sum(residual[:, 0]**2) / np.sum(weight**2)))
 
 
 def of_rows(coefficients: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Polynomials over x alone, of each row: array (..., y, half the power of x), of the coefficients' precision."""
+    """Polynomials over x for each row: array (..., y, half the power of x), in the coefficients' precision."""
     return _product(chebvander(y, coefficients.shape[-2] - 1).astype(coefficients.dtype), coefficients)
 
 
 def along_rows(polynomials: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Their values: array (..., y, x)."""
+    """Values of polynomials from `of_rows`: array (..., y, x)."""
     return _product(polynomials, chebvander(2 * x**2 - 1, polynomials.shape[-1] - 1).T.astype(polynomials.dtype))
 
 
 def _product(left, right):
-    """left @ right, of matrices or stacks of them, in pieces of some rows."""
+    """left @ right, for matrices or stacks of matrices, in pieces of several rows."""
     *stack, rows, inner = left.shape
     together = max(1, PIECE // (inner * right.shape[-1]))
     pieces = np.zeros((*stack, -(-rows // together), together, inner), left.dtype)

@@ -1,32 +1,32 @@
-"""How finely a lens is baked: what each quality takes of heights, rays and sums."""
+"""Bake qualities: field heights, rays and sums of each."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from ..rays.rays import HalfPupil
 from .diffraction import Sums
-from .rays import HalfPupil
 
 
 @dataclass(frozen=True, eq=False)
 class Quality:
-    """How finely a lens is baked.
+    """Settings of a bake quality.
 
     Attributes
     ----------
     between : float
-        Share of the light that may lie in the wrong place half way between two field heights, in the picture's mean.
+        Share of misplaced light allowed halfway between two field heights, averaged over the picture.
     most_heights : int
-        No more are taken, were the error larger: the lens's notes tell it then.
+        Limit of field heights, even if the error is larger; the lens's notes then state the error.
     picture_px : int
-        PSFs have samples no larger than the pixels of a picture so wide, as far as there are enough of them.
+        PSF samples are no larger than the pixels of a picture of this width, within the limits of their number.
     pupil : HalfPupil
-        The rays of each wavefront.
+        Rays of each wavefront.
     traced : int
-        Wavelengths that are traced; wavefronts of the others lie between them.
+        Number of traced wavelengths; wavefronts at other wavelengths are interpolated.
     sums : Sums
     edges : (int, int)
-        Radii and azimuths of the pupil's samples by which relative illumination is summed up.
+        Radii and azimuths of the pupil's samples for relative illumination.
     """
 
     between: float

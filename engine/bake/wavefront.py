@@ -1,43 +1,43 @@
-"""Wavefronts at the exit pupil: traced at some wavelengths, and at those between them by their wave numbers."""
+"""Wavefronts at the exit pupil: traced at some wavelengths, and interpolated between them over the wave number."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from .pupil import PupilQuadrature, area_ratio
-from .rays import HalfPupil, trace_pupil
-from .system import System
+from ..prescription.system import System
+from ..rays.pupil import PupilQuadrature, area_ratio, polynomial_weights
+from ..rays.rays import HalfPupil, trace_pupil
 
-LONGEST_RADIUS = 1e3  # of the reference sphere in focal lengths, for telecentric lenses, and where rays cross before it
-FOLDING = 0.3  # of the area in the middle: rays come so close on their way to crossing
-LEAST_AREA = 1e-6  # of that in the middle, beside a caustic
+LONGEST_RADIUS = 1e3  # of the reference sphere, in focal lengths: if telecentric, or if rays cross in front of it
+FOLDING = 0.3  # area relative to the pupil's centre below which rays are about to cross
+LEAST_AREA = 1e-6  # relative to the pupil's centre, near a caustic
 
 
 @dataclass(frozen=True, eq=False)
 class Wavefronts:
-    """What reaches image points from points of the object: arrays (..., wavelength, height, radius, azimuth).
+    """Wavefronts of object points at their image points: arrays (..., wavelength, height, radius, azimuth).
 
     Attributes
     ----------
     pupil : HalfPupil
     wavelengths_nm : array (wavelength,)
     chief_height_mm : array (wavelength, height)
-        Where chief rays meet the image plane.
+        Heights of the chief rays on the image plane.
     path_mm : array
-        Optical path difference against the sphere about the chief ray's image point.
+        Optical path difference to the sphere around the chief ray's image point.
     cosine : array (2, ...)
         Direction cosines (x, y) from the image point to the wavefront on that sphere.
     ray : array (2, ...)
-        Direction cosines of the rays at the image, which differ from those by the aberrations.
+        Direction cosines of the rays at the image; they differ from `cosine` by the aberrations.
     source : array (2, ...)
-        Coordinates in the object's beam over whose area the source's light is spread evenly, as of `TracedRays`.
+        Coordinates in the incident beam, over whose area the light is evenly distributed, as in `TracedRays`.
     density : array
-        Logarithm of the light per area of `cosine`: of the area of the object's beam that this is the image of.
+        Logarithm of the light per area of `cosine`, which is the corresponding area of the incident beam.
     limits : array (limit, ...)
-        Squared heights at the surfaces that cut some rays off, over their squared semi-apertures.
+        Squared heights at the surfaces that block some of the rays, over their squared semi-apertures.
     spot_mm : array (2, ...)
-        Where rays land, from the chief ray.
+        Ray positions on the image plane, relative to the chief ray.
     """
 
     pupil: HalfPupil
@@ -52,7 +52,7 @@ class Wavefronts:
     spot_mm: np.ndarray
 
     def at(self, wavelengths_nm: Sequence[float] | np.ndarray) -> "Wavefronts":
-        """At other wavelengths, by the polynomial over the wave number through all of these."""
+        """Wavefronts at other wavelengths, interpolated by a polynomial over the wave number."""
         wavelengths_nm = np.asarray(wavelengths_nm, dtype=float)
         weights = polynomial_weights(1e3 / self.wavelengths_nm, 1e3 / wavelengths_nm)
 
@@ -64,16 +64,16 @@ class Wavefronts:
                           between(self.density), between(self.limits, 1), between(self.spot_mm, 1))
 
     def one(self, wavelength: int, height: int) -> "Wavefront":
-        """That of one wavelength and height."""
+        """Wavefront of one wavelength and height."""
         place = (..., wavelength, height, slice(None), slice(None))
         return Wavefront(self.pupil, float(self.wavelengths_nm[wavelength]), self.path_mm[place], self.cosine[place],
                          self.density[place], self.limits[place])
 
     def areas(self, radii: int, azimuths: int) -> tuple[np.ndarray, np.ndarray]:
-        """Area of each bundle that passes: arrays (wavelength, height).
+        """Areas of each passing bundle: arrays (wavelength, height).
 
-        In direction cosines at the image: its ratio to the axis is the relative illumination of a Lambertian object,
-        for radiance is conserved along rays. And over the source's coordinates.
+        The first is in direction cosines at the image. Its ratio to the axis is the relative illumination of a
+        Lambertian object, because radiance is conserved along rays. The second is in the source's coordinates.
         """
         quadrature = PupilQuadrature(self.pupil, radii, azimuths)
         area = np.empty((2, *self.chief_height_mm.shape))
@@ -86,7 +86,7 @@ class Wavefronts:
 
 @dataclass(frozen=True, eq=False)
 class Wavefront:
-    """The wavefront of one wavelength and height, as `Wavefronts` has them: arrays (..., radius, azimuth)."""
+    """A wavefront of `Wavefronts` at one wavelength and height: arrays (..., radius, azimuth)."""
 
     pupil: HalfPupil
     wavelength_nm: float
@@ -97,18 +97,18 @@ class Wavefront:
 
     @property
     def passing(self) -> np.ndarray:
-        """Which rays pass all apertures: bool array."""
+        """Whether rays pass all apertures: bool array."""
         return np.all(self.limits <= 1, axis=0)
 
 
 def trace_wavefronts(system: System, heights_mm: Sequence[float] | np.ndarray,
                      wavelengths_nm: Sequence[float] | np.ndarray, pupil: HalfPupil) -> Wavefronts:
-    """Wavefronts of field heights (paraxial image heights) at wavelengths.
+    """Trace the wavefronts of field heights (paraxial image heights) at wavelengths.
 
     Raises
     ------
     LensError
-        A chief ray does not get through.
+        A chief ray is lost.
     """
     rays = trace_pupil(system, heights_mm, wavelengths_nm, pupil)
     limits = _limits(system, rays)
@@ -128,12 +128,13 @@ def trace_wavefronts(system: System, heights_mm: Sequence[float] | np.ndarray,
 
 
 def _on_reference_sphere(rays, distance_mm):
-    """Where rays cross the sphere about the chief ray's image point whose middle is so far before the image plane.
+    """Wavefronts on the sphere around the chief ray's image point that crosses the axis `distance_mm` in front of the
+    image plane.
 
     Returns
     -------
     path_mm : array (...)
-        Optical path difference against the chief ray.
+        Optical path difference to the chief ray.
     cosine : array (2, ...)
         Direction cosines from the image point.
     """
@@ -148,14 +149,14 @@ def _on_reference_sphere(rays, distance_mm):
 
 
 def light_density(pupil: HalfPupil, source: np.ndarray, cosine: np.ndarray) -> np.ndarray:
-    """Logarithm of how many times larger areas are over the source's coordinates than over the cosines."""
+    """Logarithm of the ratio of areas in the source's coordinates to areas in the cosines."""
     source, image = (np.abs(area_ratio(pupil, each)) for each in (source, cosine))
     source, image = (np.maximum(areas, LEAST_AREA * areas[..., :1, :1]) for areas in (source, image))
     return np.log(source / image)
 
 
 def _limits(system, rays):
-    """Of surfaces where apertures stop some of the rays, and of rays that are lost on their way."""
+    """`Wavefronts.limits` for surfaces whose apertures block some of the rays, and for lost rays."""
     heights = [continued(square, rays.lost) / semi_mm**2
                for square, semi_mm in zip(rays.square_height_mm2, system.semi_apertures_mm, strict=True)
                if np.any(square[~rays.lost] > semi_mm**2)]
@@ -163,7 +164,7 @@ def _limits(system, rays):
 
 
 def continued(values: np.ndarray, lost: np.ndarray) -> np.ndarray:
-    """Values of lost rays, continued outwards in a straight line from those that were not."""
+    """Values with those of lost rays extrapolated linearly outwards from the others."""
     if not lost.any():
         return values
     values = values.copy()
@@ -171,12 +172,3 @@ def continued(values: np.ndarray, lost: np.ndarray) -> np.ndarray:
         beyond = 2 * values[..., row - 1, :] - values[..., max(row - 2, 0), :]
         values[..., row, :] = np.where(lost[..., row, :], beyond, values[..., row, :])
     return values
-
-
-def polynomial_weights(nodes: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Weights of a function's values at the nodes in the polynomial through them, by Lagrange: array (place, node)."""
-    weights = np.ones((places.size, nodes.size))
-    for node in range(nodes.size):
-        others = np.delete(nodes, node)
-        weights[:, node] = np.prod((places[:, None] - others) / (nodes[node] - others), axis=1)
-    return weights

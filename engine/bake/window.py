@@ -1,4 +1,4 @@
-"""The window of the PSFs: how wide it has to be to hold the light, and so how fine its samples can lie."""
+"""The PSF window: the width that contains the light, and so the finest pitch of its samples."""
 
 from dataclasses import replace
 
@@ -8,26 +8,26 @@ from .diffraction import Sums, point_spread
 from .wavefront import Wavefront, Wavefronts
 
 ENERGY = 0.995
-PLACES = 6  # heights of the widest estimates, where PSFs then tell the width
+PLACES = 6  # heights with the widest estimates, measured by their PSFs
 SAMPLES = 101  # of these PSFs
-GENEROUS = 1.5  # of the estimate
-REPEAT = 4.0  # of their sums: so far from its next copy a PSF has the light that it should have
-FRINGES = 5.5  # in a sample: as few only where diffraction spreads a seventh of the light that a window may lack
-SQUARE = 0.9  # of the light beyond a circle's edge, that beyond a square's of the same width
-MARGIN = 1.05  # for heights and wavelengths between those of the survey
+GENEROUS = 1.5  # first window relative to the estimate
+REPEAT = 4.0  # period of their sums, in windows: wide enough that copies of a PSF do not change its light
+FRINGES = 5.5  # per sample: at this limit, diffraction spreads a seventh of the light that a window may lack
+SQUARE = 0.9  # light outside a square relative to light outside a circle of the same width
+MARGIN = 1.05  # for heights and wavelengths between the surveyed ones
 ATTEMPTS = 12
-SETTLED = 1e-3  # of the light: twice as wide a window that holds no more has all that the sums have
+SETTLED = 1e-3  # share of the light: a doubled window that gains less contains all light of the sums
 
 
 def pitch_for_um(width_um: float, samples: int) -> float:
-    """Pitch at which a window of so many samples is a little wider than this: of two digits."""
+    """Pitch, rounded up to two digits, at which `samples` samples are a little wider than the window."""
     pitch_um = MARGIN * width_um / samples
     unit = 10.0 ** (np.floor(np.log10(pitch_um)) - 1)
     return float(np.round(np.ceil(pitch_um / unit) * unit, 9))
 
 
 def needed_width_um(wavefronts: Wavefronts, sums: Sums) -> float:
-    """Side of the window that holds 99.5 % of the light of all of these."""
+    """Side of the window that contains 99.5 % of the light of every wavefront."""
     estimates_um = _estimated_widths_um(wavefronts)
     wavelengths = estimates_um.argmax(axis=0)
     widest = np.argsort(estimates_um.max(axis=0))[::-1][:PLACES]
@@ -36,27 +36,27 @@ def needed_width_um(wavefronts: Wavefronts, sums: Sums) -> float:
 
 
 def width_um(wavefront: Wavefront, about_um: float, sums: Sums) -> float:
-    """Side of the window that holds 99.5 % of the light of one, which is about as wide as this: by its PSF's rings.
+    """Side of the window that contains 99.5 % of a wavefront's light, by its PSF; `about_um` is an estimate.
 
-    Where apertures cut the pupil coarse sums may lack a little of the light: then it is 99.5 % of what they have.
+    If apertures cut the pupil, coarse sums may lack a little of the light; the width then contains 99.5 % of the sum.
     """
-    sums, window_um, held = replace(sums, repeat=REPEAT, fringes=FRINGES), GENEROUS * about_um, 0.0
+    sums, window_um, enclosed = replace(sums, repeat=REPEAT, fringes=FRINGES), GENEROUS * about_um, 0.0
     for _ in range(ATTEMPTS):
         psf = point_spread(wavefront, window_um / SAMPLES, SAMPLES, sums)
-        before, held = held, psf.sum()
-        if held > ENERGY or held - before < SETTLED:
+        before, enclosed = enclosed, psf.sum()
+        if enclosed > ENERGY or enclosed - before < SETTLED:
             break
         window_um *= 2
-    share = ENERGY if held > ENERGY else ENERGY * held
+    share = ENERGY if enclosed > ENERGY else ENERGY * enclosed
     offset = np.abs(np.arange(SAMPLES) - SAMPLES // 2)
     inside = np.cumsum(np.bincount(np.maximum(offset[:, None], offset).ravel(), psf.ravel()))
     return (2 * np.interp(share, inside, np.arange(inside.size)) + 1) * window_um / SAMPLES
 
 
 def _estimated_widths_um(wavefronts):
-    """By rays, and by how much diffraction at the edges of the pupil spreads: array (wavelength, height).
+    """Estimates by rays, plus diffraction at the edges of the pupil: array (wavelength, height).
 
-    What lies beyond a distance falls with its reciprocal, as outside of Airy's pattern.
+    Diffracted light beyond a distance is proportional to its reciprocal, as in the Airy pattern.
     """
     widths_um = np.zeros(wavefronts.chief_height_mm.shape)
     for place in np.ndindex(widths_um.shape):
@@ -64,7 +64,7 @@ def _estimated_widths_um(wavefronts):
         if not one.passing.any():
             continue
         off_um = 1e3 * np.abs(wavefronts.spot_mm[(..., *place, slice(None), slice(None))]).max(axis=0)[one.passing]
-        light = np.broadcast_to(one.pupil.radii[:, None], one.passing.shape)[one.passing]  # rings hold it by radius
+        light = np.broadcast_to(one.pupil.radii[:, None], one.passing.shape)[one.passing]  # of a ring
         order = np.argsort(off_um)
         beyond = 1 - np.cumsum(light[order]) / light.sum()
         x, y = one.cosine[:, one.passing]

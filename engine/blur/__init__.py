@@ -1,4 +1,4 @@
-"""Ways to spread every point's light by its PSF, a module each."""
+"""Methods to spread every point's light by its PSF, each in a module."""
 
 from .exact import Exact
 from .isoplanatic import OnePsf, Paper
@@ -7,6 +7,6 @@ from .pixels import Pixels
 from .polar_sections import Sections
 
 METHODS: dict[str, type[Method]] = {method.name: method for method in (Sections, Pixels, Paper, Exact)}
-"""What can be asked for, by name."""
+"""The methods that users can choose, by name."""
 
 __all__ = ["METHODS", "Method", "OnePsf"]

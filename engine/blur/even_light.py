@@ -1,32 +1,31 @@
-"""Even light stays even, so that it need not be filtered: where that is so, and what PSFs' lean makes of it."""
+"""Uniform light stays uniform, without a filter, except for the change of the PSFs' mean offset over the field."""
 
 
 import numpy as np
 
-from ..field.psf_bank import PlacedPsfs
-from ..field.psf_table import PsfCells
-from ..threads import thread_pool
+from ..field.field_map import Cells, PlacedPsfs
+from ..runtime.threads import thread_pool
 
 
-def flat_slope(table: PsfCells, psfs: PlacedPsfs, tolerance: float) -> float:
-    """Relative change of light from pixel to pixel that blur may ignore for this relative error; 0 where none.
+def flat_slope(table: Cells, psfs: PlacedPsfs, tolerance: float) -> float:
+    """Relative change of light between adjacent pixels that may be left unfiltered at this relative error; 0 for none.
 
-    A pixel's light comes from pixels whose distance, the steps along x and y, is on the mean `steps_px`; it then
-    differs from that of even light by no more than the slope times this. And even light stays even, as `even_light`
-    has it, but for what the PSFs' spread changes over the field.
+    A pixel's light comes from pixels at an average distance, in steps along x and y, of `steps_px`. It therefore
+    differs from uniform light by at most the slope times this distance. The tolerance also includes the change of the
+    PSFs' width over the field, which `even_light` ignores.
     """
     distance_px = table.mean_distance_px
-    field_px = psfs.field.last_real_mm / (psfs.planes.picture.pitch_um * 1e-3)
+    field_px = psfs.extent_mm / (psfs.planes.picture.pitch_um * 1e-3)
     steps_px = np.sqrt(2) * distance_px + 1
     return max(tolerance - 2 * (distance_px / field_px) ** 2, 0) / 2 / steps_px
 
 
 def even_light(light: np.ndarray, flat: np.ndarray, section_size: int, psfs: PlacedPsfs,
-               table: PsfCells) -> tuple[np.ndarray, np.ndarray]:
-    """Which pixels lie in flat sections, and what they come to: arrays (plane, row, column).
+               table: Cells) -> tuple[np.ndarray, np.ndarray]:
+    """The pixels of flat sections, and their light after the blur: arrays (plane, row, column).
 
-    Even light stays even but where PSFs lean more, or less, from place to place: where the light of a pixel moves by m
-    on the mean, its density becomes 1 - div m.
+    Uniform light stays uniform, except where the mean offset of the PSFs' light changes over the field: if the light of
+    a pixel moves by m on average, its density becomes 1 - div m.
 
     Parameters
     ----------
@@ -35,7 +34,7 @@ def even_light(light: np.ndarray, flat: np.ndarray, section_size: int, psfs: Pla
         See `SectionNeeds`.
     section_size : int
     psfs : PlacedPsfs
-    table : PsfCells
+    table : Cells
     """
     mask, values = np.zeros(light.shape, dtype=bool), np.zeros_like(light)
 
@@ -55,9 +54,9 @@ def even_light(light: np.ndarray, flat: np.ndarray, section_size: int, psfs: Pla
 
 
 def _mean_offsets_px(rows, columns, psfs, table):
-    """How far down and to the right light moves on the mean, from these rows and columns: two arrays."""
+    """Mean offset of light from these rows and columns, downwards and to the right: two arrays."""
     (rows, down_sign), (columns, right_sign) = (psfs.planes.mirrored_into(*at) for at in ((rows, 0), (columns, 1)))
     places = np.meshgrid(rows, columns, indexing="ij")
-    offsets = table.mean_offsets_px(*psfs.place(*(axis.ravel() for axis in places)))
+    offsets = table.mean_offsets_px(psfs.place(*(axis.ravel() for axis in places)))
     down, right = offsets.reshape(2, rows.size, columns.size)
     return down_sign[:, None] * down, right_sign * right

@@ -1,5 +1,4 @@
-"""The exact operator: every pixel spreads by its own PSF, turned for it. For measuring the other ways, at some hundred
-times their time."""
+"""The exact operator: a PSF turned for every pixel. A reference for other methods, at some hundred times their time."""
 
 from collections.abc import Iterator
 from concurrent.futures import Executor
@@ -7,25 +6,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..field.psf_bank import PlacedPsfs
-from ..field.psf_table import PsfTable
-from ..memory import MemoryBudget
+from ..field.field_map import PlacedPsfs, Table
+from ..runtime.memory import MemoryBudget
 from .method import SECTION_SIZE, Method, Psfs, Workload
 from .section_needs import SectionNeeds
 
 
 @dataclass(frozen=True)
 class Exact(Method):
-    """Every pixel its own PSF, turned for it alone. The sections are only portions of work."""
+    """A PSF turned for every pixel. The sections are only portions of work."""
 
     name = "exact"
+    summary = "A PSF for each pixel, without a table: very slow"
     yardstick = True
     transforms = False
 
     section_size: int = SECTION_SIZE
 
     @classmethod
-    def by_knobs(cls, section_size: int | None, azimuths: int | None, psf_radius_px: int, most_px: int) -> Method:
+    def by_knobs(cls, section_size: int | None, steps: int | None, psf_radius_px: int, most_px: int) -> Method:
         return cls()
 
     @property
@@ -38,7 +37,7 @@ class Exact(Method):
     def kept_values(self, work: Workload) -> float:
         return 0
 
-    def spreader(self, psfs: PlacedPsfs, table: PsfTable | None, psf_radius_px: int,
+    def spreader(self, psfs: PlacedPsfs, table: Table | None, psf_radius_px: int,
                  memory: MemoryBudget) -> "ExactSections":
         return ExactSections(self.section_size, psf_radius_px, psfs.psfs)
 
@@ -50,7 +49,7 @@ class ExactSections:
     ----------
     section_size, psf_radius_px : int
     psfs : callable (rows, columns) -> array (n, 2 psf_radius_px + 1, 2 psf_radius_px + 1)
-        Unit-sum PSFs of the pixels of these index terms.
+        Unit-sum PSFs of the pixels at these rows and columns of a plane.
     """
 
     def __init__(self, section_size: int, psf_radius_px: int, psfs: Psfs) -> None:
@@ -59,7 +58,7 @@ class ExactSections:
         self._psfs = psfs
 
     def prepare(self, rows: np.ndarray, needs: SectionNeeds, pool: Executor) -> None:
-        """Nothing: PSFs are turned where they are used."""
+        """Do nothing: PSFs are turned when they are used."""
 
     def spread(self, i: int, columns: np.ndarray, band: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
         """See `Spreader`."""

@@ -1,17 +1,17 @@
-"""Halos: what trimming leaves out of PSFs, put back around what is so bright that it would be seen to be missing.
+"""Halos: the trimmed part of PSFs, added around highlights, where it would visibly be missing.
 
-A thousandth of the light of most pixels is nothing to see, however far from them it falls. But a lamp ten thousand
-times as bright as what is around it has a halo, and PSFs that end at a circle would have it end there.
+A thousandth of most pixels' light is invisible, at any distance from them. But a lamp ten thousand times as bright as
+its surroundings has a halo, and PSFs trimmed to a circle would cut it off there.
 """
 
 import numpy as np
 
-HIGHLIGHT = 16  # times the light of a typical section: what is less has no halo of its own
-VISIBLE = 0.02  # of that light
+HIGHLIGHT = 16  # times the light of a typical section; dimmer pixels get no halo
+VISIBLE = 0.02  # relative to that light
 
 
 def highlights(light: np.ndarray, section_size: int, density: float) -> tuple[np.ndarray, np.ndarray] | None:
-    """The light whose halo shows, and the sections that it is in.
+    """The light whose halo is visible, and its sections.
 
     Parameters
     ----------
@@ -22,8 +22,8 @@ def highlights(light: np.ndarray, section_size: int, density: float) -> tuple[np
 
     Returns
     -------
-    array (plane, row, column), bool array (section row, section column); or None where there are no such sections
-        Of each pixel there is what exceeds that of a highlight, so that halos do not begin at the edge of a section.
+    array (plane, row, column), bool array (section row, section column); or None without such sections
+        Each pixel's light above the threshold of a highlight, so halos do not start abruptly at the edge of a section.
     """
     starts = [np.arange(0, n, section_size) for n in light.shape[1:]]
     sums = np.add.reduceat(np.add.reduceat(light, starts[0], axis=1, dtype=np.float64), starts[1], axis=2)

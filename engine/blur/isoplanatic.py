@@ -1,4 +1,4 @@
-"""Isoplanatic sections, of one PSF each: the paper's method (Eq. 7-9); or one PSF for the whole picture."""
+"""Isoplanatic sections with one PSF each, the paper's method (Eq. 7-9); or one PSF for the complete picture."""
 
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Executor
@@ -7,25 +7,25 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
-from ..field.psf_bank import PlacedPsfs
-from ..field.psf_table import PsfTable
-from ..memory import MemoryBudget
+from ..field.field_map import PlacedPsfs, Table
+from ..runtime.memory import MemoryBudget
 from .method import Method, Psfs, Workload, section_sizes, space_px, spectrum_values, transform_counts
 from .section_needs import SectionNeeds
 
 PAPER_SECTION, PAPER_SPACE = 16, 64
-BATCH_VALUES = 1 << 18  # what the processor's cache holds
+BATCH_VALUES = 1 << 18  # to fit in the processor's cache
 
 
 @dataclass(frozen=True)
 class Paper(Method):
-    """One PSF for each section, that of its middle: the method of the paper.
+    """One PSF for each section, computed at its middle: the method of the paper.
 
-    As the paper has it, with nothing else asked for: sections of 16 px in a space of 64 px, whole PSFs, double
-    precision. Of other sections the space is the least that serves.
+    By default as in the paper: sections of 16 px in a space of 64 px, complete PSFs, double precision. For other
+    sections, the space is the smallest possible.
     """
 
     name = "paper"
+    summary = "One PSF for each section, as in the paper"
     knobs = "section_size", "psf_energy", "precision"
     yardstick = True
 
@@ -33,7 +33,7 @@ class Paper(Method):
     space_px: int
 
     @classmethod
-    def by_knobs(cls, section_size: int | None, azimuths: int | None, psf_radius_px: int, most_px: int) -> Method:
+    def by_knobs(cls, section_size: int | None, steps: int | None, psf_radius_px: int, most_px: int) -> Method:
         wanted = section_size or PAPER_SECTION
         section = min(wanted, most_px)
         return cls(section, space_px(section, psf_radius_px, PAPER_SPACE if wanted == PAPER_SECTION else 0))
@@ -51,7 +51,7 @@ class Paper(Method):
     def kept_values(self, work: Workload) -> float:
         return 2 * work.sections(self.section_size)[1] * spectrum_values(self.space_px)
 
-    def spreader(self, psfs: PlacedPsfs, table: PsfTable | None, psf_radius_px: int,
+    def spreader(self, psfs: PlacedPsfs, table: Table | None, psf_radius_px: int,
                  memory: MemoryBudget) -> "IsoplanaticSections":
         rows, columns = ((np.arange(-(-n // self.section_size)) + 0.5) * self.section_size - 0.5
                          for n in psfs.planes.grid.shape_px)
@@ -60,7 +60,7 @@ class Paper(Method):
 
 @dataclass(frozen=True)
 class OnePsf(Method):
-    """One PSF for the whole picture, that of its middle: for lenses that an accuracy cannot tell from such a one."""
+    """The PSF at the middle of the picture for all of it: for lenses whose PSFs differ less than the accuracy."""
 
     name = "one PSF"
 
@@ -68,7 +68,7 @@ class OnePsf(Method):
     space_px: int
 
     @classmethod
-    def choices(cls, azimuths: int, psf_radius_px: int, most_px: int) -> Iterable[Method]:
+    def choices(cls, steps: int, psf_radius_px: int, most_px: int) -> Iterable[Method]:
         return [cls(size, space_px(size, psf_radius_px)) for size in section_sizes(most_px)]
 
     @property
@@ -83,7 +83,7 @@ class OnePsf(Method):
     def kept_values(self, work: Workload) -> float:
         return 2 * spectrum_values(self.space_px)
 
-    def spreader(self, psfs: PlacedPsfs, table: PsfTable | None, psf_radius_px: int,
+    def spreader(self, psfs: PlacedPsfs, table: Table | None, psf_radius_px: int,
                  memory: MemoryBudget) -> "IsoplanaticSections":
         row, column = (np.array([(n - 1) / 2]) for n in psfs.planes.grid.shape_px)
         return IsoplanaticSections(self.section_size, self.space_px, psf_radius_px, psfs.psfs, (row, column), memory)
@@ -95,13 +95,13 @@ class IsoplanaticSections:
     Parameters
     ----------
     section_size, space_px, psf_radius_px : int
-        The computational space is at least section_size + 2 psf_radius_px, so that nothing wraps around.
+        The computational space is at least section_size + 2 psf_radius_px, to avoid wraparound.
     psfs : callable (rows, columns) -> array (n, 2 psf_radius_px + 1, 2 psf_radius_px + 1)
-        Unit-sum PSFs at these places, in index terms of the planes.
+        Unit-sum PSFs at these rows and columns of a plane.
     places : (array (section row,), array (section column,))
-        Rows and columns of the places that stand for the sections; a single one stands for all.
+        Rows and columns at which the sections' PSFs are computed; a single one applies to all sections.
     memory : MemoryBudget
-        For the OTFs of rows that are done, to keep them for the next picture.
+        For OTFs that the next picture reuses.
     """
 
     def __init__(self, section_size: int, space_px: int, psf_radius_px: int, psfs: Psfs,
@@ -112,7 +112,7 @@ class IsoplanaticSections:
         self._otfs, self._kept = {}, set()
 
     def prepare(self, rows: np.ndarray, needs: SectionNeeds, pool: Executor) -> None:
-        """Make the OTFs that the lit sections of these rows need."""
+        """Compute the OTFs that the lit sections of these rows need."""
         wanted = {}
         for i in rows:
             for precision, lit in ((np.complex64, needs.lit[i] & ~needs.double[i]), (np.complex128, needs.double[i])):
@@ -124,7 +124,7 @@ class IsoplanaticSections:
 
     @staticmethod
     def _node(places, section):
-        """Which place stands for a section."""
+        """Index of a section's place."""
         return section if places.size > 1 else 0
 
     def _make_otfs(self, key, nodes):
@@ -150,5 +150,5 @@ class IsoplanaticSections:
             spectrum = fft.rfft2(sections[:, some], (side, side))
             otfs, _ = self._otfs[self._node(self._rows, i), spectrum.dtype.type]
             spectrum *= otfs[[self._node(self._columns, j) for j in some]]
-            patches = fft.irfft2(spectrum, (side, side), overwrite_x=True)[..., :lit, :lit]  # beyond it is rounding
+            patches = fft.irfft2(spectrum, (side, side), overwrite_x=True)[..., :lit, :lit]  # the rest is rounding
             yield from zip(some * size, patches.swapaxes(0, 1), strict=True)

@@ -1,4 +1,4 @@
-"""What every way of filtering has in common: its name, its knobs, its work, and what spreads the light by it."""
+"""The interface of all blur methods: name, knobs, amount of work, and the spreader of the light."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator
@@ -9,20 +9,19 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from scipy import fft
 
+from ..field.field_map import Cells, NodePsfs, Place, PlacedPsfs, TableLayout
 from ..field.mirror_symmetry import Planes
-from ..field.psf_bank import PlacedPsfs
-from ..field.psf_table import PsfCells, PsfTable, TurnedPsfs
-from ..memory import MemoryBudget
+from ..runtime.memory import MemoryBudget
 from .section_needs import SectionNeeds
 
-SECTION_SIZE, AZIMUTHS = 32, 32  # where they are not set
-SECTION_SIZES = (16, 24, 32, 48, 64, 96, 128, 192, 256)  # to choose from by accuracy
+SECTION_SIZE, AZIMUTHS = 32, 32  # defaults
+SECTION_SIZES = (16, 24, 32, 48, 64, 96, 128, 192, 256)  # choices for a target accuracy
 
 
-Place = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""Where in the field, (paraxial_height_mm, azimuth_rad), pixels of these rows and columns lie."""
+PlaceOf = Callable[[np.ndarray, np.ndarray], Place]
+"""Places in the field of the pixels at these rows and columns."""
 Psfs = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""PSFs, array (n, row, column) of unit sums, of the pixels of these n rows and columns."""
+"""PSFs of the pixels at these n rows and columns: array (n, row, column), of unit sums."""
 
 
 class Spreader(Protocol):
@@ -30,15 +29,15 @@ class Spreader(Protocol):
 
     section_size: int
     space_px: int
-    """Side of the patches of light that come out."""
+    """Side of the resulting patches of light."""
     radius_px: int
-    """How far patches begin above and left of their sections."""
+    """Number of rows and columns that patches extend above and to the left of their sections."""
 
     def prepare(self, rows: np.ndarray, needs: SectionNeeds, pool: Executor) -> None:
-        """Make what these rows of sections need."""
+        """Compute the data that these rows of sections need."""
 
     def spread(self, i: int, columns: np.ndarray, band: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
-        """Patches (plane, row, column) of the light of these sections of row i, and at which column each begins.
+        """Yield the first column and the patch (plane, row, column) of the light of these sections of row i.
 
         The light is given as a band (plane, row, column) of all sections of the row.
         """
@@ -46,35 +45,28 @@ class Spreader(Protocol):
 
 @dataclass(frozen=True)
 class Workload:
-    """What the cost of filtering one wavelength depends on, beside the way that it is done.
+    """The figures that the cost of filtering one wavelength depends on, in addition to the method.
 
     Attributes
     ----------
     planes : Planes
     psf_radius_px : int
     taps : float
-        Pixels that a PSF covers, on the mean.
-    heights : int
-        Field heights of the lens data.
-    height_px : float
-        From one of them to the next.
+        Pixels that a PSF covers on average.
+    layout : TableLayout
     samples, window_samples : float
-        Of a trimmed PSF and of a whole one, as fine as the pixels ask for.
+        Number of samples of a trimmed PSF and of a complete PSF, at the resolution that the pixels require.
     tables : float
-        PSF tables that each wavelength comes to: they are shared where the lens data have fewer wavelengths.
-    mirror_symmetric : bool
-        Whether the PSFs are.
+        PSF tables per wavelength: less than 1 if the lens data have fewer wavelengths, which then share tables.
     """
 
     planes: Planes
     psf_radius_px: int
     taps: float
-    heights: int
-    height_px: float
+    layout: TableLayout
     samples: float
     window_samples: float
     tables: float
-    mirror_symmetric: bool
 
     @property
     def pixels(self) -> int:
@@ -94,86 +86,90 @@ class Workload:
 
 @dataclass(frozen=True)
 class Method(ABC):
-    """A way to spread the light of every point by its PSF, with its knobs.
+    """A method to spread the light of every point by its PSF, with its knobs.
 
     Attributes
     ----------
     name : str
-        What it is asked for by.
+        Its name in `Options.method`.
+    summary : str
+        One sentence for panels and the command line.
     knobs : tuple of str
-        The fields of `Options` that mean something to it.
+        The fields of `Options` that apply to it.
     by_accuracy : bool
-        Whether an accuracy can choose its knobs.
+        Whether the plan can choose its knobs for a target accuracy.
     yardstick : bool
-        Whether it is there to measure the others by: with whole PSFs, in double precision, without mirror symmetry,
-        but where a knob says otherwise.
+        Whether it is a reference for the others: with complete PSFs, in double precision, without mirror symmetry,
+        unless a knob sets these.
     transforms : bool
-        Whether it works by Fourier transforms, whose rounding goes with the brightest pixel of a section.
+        Whether it uses Fourier transforms, whose rounding errors are proportional to the brightest pixel of a section.
     section_size : int
         Side in pixels of the sections of the picture, or of portions of work.
     azimuths : int
-        Steps from 0 to 45 degrees of the table that its PSFs are mixed from; 0 where they are turned one by one.
+        Steps of the table that its PSFs are mixed from, for a rotationally symmetric lens from 0 to 45 degrees; 0
+        if each PSF is computed separately.
     """
 
     name: ClassVar[str]
+    summary: ClassVar[str] = ""
     knobs: ClassVar[tuple[str, ...]] = ()
     by_accuracy: ClassVar[bool] = False
     yardstick: ClassVar[bool] = False
     transforms: ClassVar[bool] = True
 
     section_size: int
-    azimuths = 0  # no field here, so that those that have one may put it last
+    azimuths = 0  # not a dataclass field here, so that subclasses can make it their last
 
     @classmethod
-    def by_knobs(cls, section_size: int | None, azimuths: int | None, psf_radius_px: int, most_px: int) -> "Method":
-        """The method with these knobs, what is None being its own choice; sections of up to most_px."""
+    def by_knobs(cls, section_size: int | None, steps: int | None, psf_radius_px: int, most_px: int) -> "Method":
+        """The method with these knobs, or its defaults for None; with sections up to most_px."""
         raise NotImplementedError(f"only an accuracy chooses {cls.name}")
 
     @classmethod
-    def choices(cls, azimuths: int, psf_radius_px: int, most_px: int) -> Iterable["Method"]:
-        """What an accuracy that takes so many azimuths may choose from."""
+    def choices(cls, steps: int, psf_radius_px: int, most_px: int) -> Iterable["Method"]:
+        """The choices for a target accuracy that requires this number of steps."""
         return ()
 
     @property
     @abstractmethod
     def text(self) -> str:
-        """The way, in a few words."""
+        """The method, in a few words."""
 
     @abstractmethod
     def counts(self, work: Workload) -> dict[str, float]:
-        """How much of each kind of work it is: a dict with names of `cost.NANOSECONDS`."""
+        """The amount of each kind of work: a dict with names of `cost.NANOSECONDS`."""
 
     @abstractmethod
     def kept_values(self, work: Workload) -> float:
-        """How many real numbers it holds beside the picture and the table of PSFs."""
+        """Number of real values that it holds in addition to the picture and the table of PSFs."""
 
-    def table(self, turned: TurnedPsfs) -> PsfCells:
+    def table(self, psfs: NodePsfs) -> Cells:
         """The table that its PSFs are mixed from."""
-        return PsfTable(turned)
+        return psfs.table()
 
     @abstractmethod
     def spreader(self, psfs: PlacedPsfs, table: Any, psf_radius_px: int,
                  memory: MemoryBudget) -> Spreader:
-        """What spreads light by it, with its table, None where it needs none; it keeps what the next picture shares."""
+        """The spreader, which caches data for the next picture. `table` is None for a method without tables."""
 
 
 def section_sizes(most_px: int) -> list[int]:
-    """The sizes to choose from for a picture whose sides are up to this."""
+    """The choices of section sizes for a picture whose sides are up to this."""
     return sorted({min(size, most_px) for size in SECTION_SIZES})
 
 
 def space_px(section_size: int, psf_radius_px: int, least_px: int = 0) -> int:
-    """Side of a computational space that holds a section and all light that leaves it; one quickly transformed."""
+    """Side of a computational space for a section and all light that leaves it; a size with a fast transform."""
     return fft.next_fast_len(max(section_size + 2 * psf_radius_px, least_px), real=True)
 
 
 def spectrum_values(side_px: int) -> int:
-    """Real numbers in the spectrum of a square of real ones."""
+    """Real values in the spectrum of a square of real values."""
     return 2 * side_px * (side_px // 2 + 1)
 
 
 def transform_counts(work: Workload, section_size: int, side_px: int, weighed: float, nodes: float) -> dict[str, float]:
-    """Work on the spectra of so many weighed sections of a plane, with the OTFs of so many nodes."""
+    """Work on the spectra of this number of weighted sections of a plane, with OTFs of this number of nodes."""
     down, across = work.sections(section_size)
     space, patches, weighed = side_px**2, work.planes.count * down * across, weighed * work.planes.count
     values = weighed * (section_size * side_px + space) / 2 + (patches + nodes) * space

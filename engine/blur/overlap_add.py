@@ -1,29 +1,29 @@
-"""Overlap-add: the picture cut into sections, the light of each spread into a patch, the patches summed (Eq. 7-9)."""
+"""Overlap-add: divide the picture into sections, spread the light of each into a patch, sum the patches (Eq. 7-9)."""
 
 
 import numpy as np
 
-from ..threads import thread_count, thread_pool
+from ..runtime.threads import thread_count, thread_pool
 from .method import Spreader
 from .section_needs import SectionNeeds
 
-ROWS_PER_CORE = 3  # prepared at once: enough that no core waits long for another, few enough for memory
+ROWS_PER_CORE = 3  # prepared together: enough to avoid idle cores, and few enough for memory
 
 
 def overlap_add(light: np.ndarray, spreader: Spreader, needs: SectionNeeds) -> np.ndarray:
-    """Spread the light of every lit section and sum what comes out.
+    """Spread the light of every lit section and sum the patches.
 
     Parameters
     ----------
     light : array (plane, row, column)
-        Ideal irradiance. Its precision is that of the sum.
+        Ideal irradiance. The sum has the same precision.
     spreader : Spreader
     needs : SectionNeeds
 
     Returns
     -------
     array (plane, row + 2 radius_px, column + 2 radius_px)
-        The planes with a margin around them that holds all light that leaves them.
+        The planes with a margin for the light that leaves them.
     """
     size, space, radius = spreader.section_size, spreader.space_px, spreader.radius_px
     count, rows, columns = light.shape
@@ -47,6 +47,6 @@ def overlap_add(light: np.ndarray, spreader: Spreader, needs: SectionNeeds) -> n
         for start in range(0, lit_rows.size, step):
             chunk = lit_rows[start:start + step]
             spreader.prepare(chunk, needs, pool)
-            for i, spread in zip(chunk, pool.map(strip, chunk), strict=True):  # in order, whatever the threads
+            for i, spread in zip(chunk, pool.map(strip, chunk), strict=True):  # in order, independent of threads
                 canvas[:, i * size:i * size + space] += spread
     return canvas[:, :rows + 2 * radius, :columns + 2 * radius]

@@ -1,8 +1,8 @@
-"""Every pixel spread by its own PSF, mixed from a table of azimuths: no sections to interpolate in, and no FFT.
+"""A PSF for every pixel, mixed from a table of azimuths, without interpolation in sections and without FFT.
 
-What is left of the error is that of the table's azimuths, a few tenths of a per cent of a point's light or, with more
-of them, as little as is asked for. Light stays positive, and dim pixels keep single precision beside bright ones. The
-work is that of multiplying every pixel with every tap of its PSF: the best way where PSFs are some tens of pixels.
+The remaining error comes from the table's azimuths: a few tenths of a per cent of a point's light, or as little as
+required with more azimuths. Light stays positive, and dim pixels next to bright ones keep the accuracy of single
+precision. The work is to multiply every pixel by every tap of its PSF: the best method for PSFs of some tens of pixels.
 """
 
 from collections.abc import Iterable, Iterator
@@ -12,22 +12,21 @@ from itertools import pairwise
 
 import numpy as np
 
-from .. import kernels
-from ..field.psf_bank import PlacedPsfs
-from ..field.psf_table import PsfCells, PsfTable, TurnedPsfs
-from ..memory import MemoryBudget
-from .method import AZIMUTHS, SECTION_SIZE, Method, Place, Workload
-from .packed_pixels import PackedPixels, PackedPsfs
+from ..field.field_map import Cells, NodePsfs, PackedTable, PlacedPsfs, Table
+from ..runtime.memory import MemoryBudget
+from .method import AZIMUTHS, SECTION_SIZE, Method, PlaceOf, Workload
+from .packed_pixels import PackedPixels
 from .section_needs import SectionNeeds
 
-RUN_VALUES = 1 << 21  # of the PSFs of a run of sections
+RUN_VALUES = 1 << 21  # in the PSFs of a run of sections
 
 
 @dataclass(frozen=True)
 class Pixels(Method):
-    """Every pixel its own PSF, mixed from a table. The sections are only portions of work."""
+    """A PSF for every pixel, mixed from a table. The sections are only portions of work."""
 
     name = "pixels"
+    summary = "A PSF for each pixel, from a table: suits small PSFs"
     knobs = "azimuths", "psf_energy", "flat_tolerance", "precision"
     by_accuracy = True
     transforms = False
@@ -36,12 +35,12 @@ class Pixels(Method):
     azimuths: int = AZIMUTHS
 
     @classmethod
-    def by_knobs(cls, section_size: int | None, azimuths: int | None, psf_radius_px: int, most_px: int) -> Method:
-        return cls(min(SECTION_SIZE, most_px), azimuths or AZIMUTHS)
+    def by_knobs(cls, section_size: int | None, steps: int | None, psf_radius_px: int, most_px: int) -> Method:
+        return cls(min(SECTION_SIZE, most_px), steps or AZIMUTHS)
 
     @classmethod
-    def choices(cls, azimuths: int, psf_radius_px: int, most_px: int) -> Iterable[Method]:
-        return [cls(min(SECTION_SIZE, most_px), azimuths)]
+    def choices(cls, steps: int, psf_radius_px: int, most_px: int) -> Iterable[Method]:
+        return [cls(min(SECTION_SIZE, most_px), steps)]
 
     @property
     def text(self) -> str:
@@ -55,33 +54,31 @@ class Pixels(Method):
     def kept_values(self, work: Workload) -> float:
         return RUN_VALUES * 3 / 2
 
-    def table(self, turned: TurnedPsfs) -> PsfCells:
-        """Packed for the compiled loops, where there are any: they take single precision."""
-        if turned.psfs.dtype == np.float32 and kernels.running() != kernels.NUMPY:
-            return PackedPsfs(turned)
-        return PsfTable(turned)
+    def table(self, psfs: NodePsfs) -> Cells:
+        """The table, packed if the compiled loops support these PSFs."""
+        return psfs.packed() or psfs.table()
 
-    def spreader(self, psfs: PlacedPsfs, table: PsfTable | PackedPsfs, psf_radius_px: int,
+    def spreader(self, psfs: PlacedPsfs, table: Table | PackedTable, psf_radius_px: int,
                  memory: MemoryBudget) -> "PixelSections | PackedPixels":
-        if isinstance(table, PackedPsfs):
+        if isinstance(table, PackedTable):
             return PackedPixels(self.section_size, table, psfs)
         return PixelSections(self.section_size, psf_radius_px, table, psfs.place, memory)
 
 
 class PixelSections:
-    """A Spreader that goes pixel by pixel.
+    """A Spreader of single pixels.
 
     Parameters
     ----------
     section_size, psf_radius_px : int
-    table : PsfTable
-    place : callable (rows, columns) -> (paraxial_height_mm, azimuth_rad)
-        Where in the field the pixels of these index terms lie.
+    table : Table
+    place : callable (rows, columns) -> Place
+        Places in the field of the pixels at these rows and columns of a plane.
     memory : MemoryBudget
-        For the pixels' PSFs, to keep them for the next picture.
+        For the pixels' PSFs that the next picture reuses.
     """
 
-    def __init__(self, section_size: int, psf_radius_px: int, table: PsfTable, place: Place,
+    def __init__(self, section_size: int, psf_radius_px: int, table: Table, place: PlaceOf,
                  memory: MemoryBudget) -> None:
         self.section_size, self.radius_px = section_size, psf_radius_px
         self.space_px = section_size + 2 * psf_radius_px
@@ -89,10 +86,10 @@ class PixelSections:
         self._psfs = {}
 
     def prepare(self, rows: np.ndarray, needs: SectionNeeds, pool: Executor) -> None:
-        """Nothing: a section's PSFs are made where they are used."""
+        """Do nothing: PSFs are mixed when they are used."""
 
     def spread(self, i: int, columns: np.ndarray, band: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
-        """See `Spreader`. Neighbouring sections make one patch: long rows are quick."""
+        """See `Spreader`. Adjacent sections share a patch, because long rows are faster."""
         size, reach = self.section_size, 2 * self.radius_px
         for left, right in self._runs(columns):
             light = band[:, :, left * size:right * size]
@@ -104,7 +101,7 @@ class PixelSections:
             yield left * size, patch
 
     def _runs(self, columns):
-        """Runs of neighbouring sections, none of them too long for the cache: pairs (first, one after the last)."""
+        """Runs of adjacent sections that fit in the cache: pairs (first, one after the last)."""
         most = max(1, RUN_VALUES // (len(self._table.rows) * self.section_size**2))
         ends = [*(np.flatnonzero(np.diff(columns) > 1) + 1), columns.size]
         for start, end in pairwise([0, *ends]):
@@ -118,7 +115,7 @@ class PixelSections:
             return self._psfs[key]
         size = self.section_size
         row, column = np.mgrid[i * size:(i + 1) * size, left * size:right * size]
-        *taps, psfs = self._table.mixed(*self._place(row.ravel(), column.ravel()))
+        *taps, psfs = self._table.mixed(self._place(row.ravel(), column.ravel()))
         made = *taps, psfs.reshape(-1, *row.shape)
         if self._memory.take(psfs.nbytes):
             self._psfs[key] = made

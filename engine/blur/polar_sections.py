@@ -1,8 +1,8 @@
-"""Sections filtered by their spectra, with PSFs interpolated between the nodes of a table of heights and azimuths.
+"""Sections filtered by their spectra, with PSFs interpolated between the nodes of the field map's table.
 
-Across the field PSFs change by turning and by the steps of the table's heights. So nodes that lie on the heights and at
-even azimuths tell far more than as many on a square grid: between heights the interpolation is exact, for the lens
-data are no finer, and between azimuths it is as good as these are close. A pixel has the four nodes around it:
+The nodes follow the lens and describe its PSFs better than the same number of nodes on a square grid. For a
+rotationally symmetric lens they are at the heights of its data, between which the interpolation is exact, and at evenly
+spaced azimuths. A pixel uses the four nodes around it:
 
     spectrum of a section = sum over the nodes around it of OTF_node * FT{weight_node * section}
 
@@ -16,14 +16,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
-from ..field.psf_bank import PlacedPsfs
-from ..field.psf_table import PsfTable
-from ..memory import MemoryBudget
+from ..field.field_map import PlacedPsfs, Table
+from ..runtime.memory import MemoryBudget
 from .method import (
     AZIMUTHS,
     SECTION_SIZE,
     Method,
-    Place,
+    PlaceOf,
     Workload,
     section_sizes,
     space_px,
@@ -32,15 +31,15 @@ from .method import (
 )
 from .section_needs import SectionNeeds
 
-BATCH_VALUES = 1 << 18  # what the processor's cache holds
-NODES_BESIDE, OVER_EDGE = 2, 1.1  # nodes around a section beside those in it; its diagonals reach over its sides
+BATCH_VALUES = 1 << 18  # to fit in the processor's cache
 
 
 @dataclass(frozen=True)
 class Sections(Method):
-    """PSFs interpolated inside sections, between the heights of the lens data and some azimuths."""
+    """PSFs interpolated in sections, between the heights of the lens data and a number of azimuths."""
 
     name = "sections"
+    summary = "PSFs that vary within each section, from a table"
     knobs = "section_size", "azimuths", "psf_energy", "flat_tolerance", "precision"
     by_accuracy = True
 
@@ -49,13 +48,13 @@ class Sections(Method):
     azimuths: int = AZIMUTHS
 
     @classmethod
-    def by_knobs(cls, section_size: int | None, azimuths: int | None, psf_radius_px: int, most_px: int) -> Method:
+    def by_knobs(cls, section_size: int | None, steps: int | None, psf_radius_px: int, most_px: int) -> Method:
         section = min(section_size or SECTION_SIZE, most_px)
-        return cls(section, space_px(section, psf_radius_px), azimuths or AZIMUTHS)
+        return cls(section, space_px(section, psf_radius_px), steps or AZIMUTHS)
 
     @classmethod
-    def choices(cls, azimuths: int, psf_radius_px: int, most_px: int) -> Iterable[Method]:
-        return [cls(size, space_px(size, psf_radius_px), azimuths) for size in section_sizes(most_px)]
+    def choices(cls, steps: int, psf_radius_px: int, most_px: int) -> Iterable[Method]:
+        return [cls(size, space_px(size, psf_radius_px), steps) for size in section_sizes(most_px)]
 
     @property
     def text(self) -> str:
@@ -63,27 +62,16 @@ class Sections(Method):
 
     def counts(self, work: Workload) -> dict[str, float]:
         down, across = work.sections(self.section_size)
-        weighed, nodes = self._nodes(work)
+        weighed, nodes = work.layout.nodes_around(self.azimuths, work.planes, self.section_size)
         return transform_counts(work, self.section_size, self.space_px, weighed, nodes) | {"step": down * across}
 
     def kept_values(self, work: Workload) -> float:
-        return self._nodes(work)[1] / 2 * spectrum_values(self.space_px)
+        nodes = work.layout.nodes_around(self.azimuths, work.planes, self.section_size)[1]
+        return nodes / 2 * spectrum_values(self.space_px)
 
-    def _nodes(self, work):
-        """How many nodes sections have around them, in all; and how many there are."""
-        rows, columns = ((np.arange(count) + 0.5) * self.section_size - centre for count, centre in zip(
-            work.sections(self.section_size), work.planes.grid.centre_px, strict=True))
-        radius_px = np.maximum(np.hypot(rows[:, None], columns), self.section_size / 2)
-        azimuths = 2 * self.azimuths * work.planes.quarter_turns + 1
-        over = OVER_EDGE * self.section_size
-        across = np.minimum(over * self.azimuths / (np.pi / 4 * radius_px) + NODES_BESIDE, azimuths)
-        along = min(over / work.height_px + NODES_BESIDE, work.heights)
-        nodes = min(work.heights, radius_px.max() / work.height_px + NODES_BESIDE) * azimuths
-        return float((along * across).sum()), nodes
-
-    def spreader(self, psfs: PlacedPsfs, table: PsfTable | None, psf_radius_px: int,
+    def spreader(self, psfs: PlacedPsfs, table: Table | None, psf_radius_px: int,
                  memory: MemoryBudget) -> "PolarSections":
-        assert table is not None  # as every method with azimuths is given one
+        assert table is not None  # methods with azimuths always have a table
         return PolarSections(self.section_size, self.space_px, psf_radius_px, table, psfs.place, memory)
 
 
@@ -93,15 +81,15 @@ class PolarSections:
     Parameters
     ----------
     section_size, space_px, psf_radius_px : int
-        The computational space is at least section_size + 2 psf_radius_px, so that nothing wraps around.
-    table : PsfTable
-    place : callable (rows, columns) -> (paraxial_height_mm, azimuth_rad)
-        Where in the field the pixels of these index terms lie.
+        The computational space is at least section_size + 2 psf_radius_px, to avoid wraparound.
+    table : Table
+    place : callable (rows, columns) -> Place
+        Places in the field of the pixels at these rows and columns of a plane.
     memory : MemoryBudget
-        For OTFs, to keep them for the next picture.
+        For OTFs that the next picture reuses.
     """
 
-    def __init__(self, section_size: int, space_px: int, psf_radius_px: int, table: PsfTable, place: Place,
+    def __init__(self, section_size: int, space_px: int, psf_radius_px: int, table: Table, place: PlaceOf,
                  memory: MemoryBudget) -> None:
         self.section_size, self.space_px, self.radius_px = section_size, space_px, psf_radius_px
         self._table, self._place, self._memory = table, place, memory
@@ -109,7 +97,7 @@ class PolarSections:
         self._nodes = {}
 
     def prepare(self, rows: np.ndarray, needs: SectionNeeds, pool: Executor) -> None:
-        """Find the nodes of the lit sections of these rows, and make their OTFs."""
+        """Find the nodes of the lit sections of these rows, and compute their OTFs."""
         sections = [(i, j) for i in rows for j in np.flatnonzero(needs.lit[i])]
         self._nodes |= zip(sections, pool.map(lambda section: self._nodes_around(*section), sections), strict=True)
         wanted = {np.complex64: set(), np.complex128: set()}
@@ -135,12 +123,12 @@ class PolarSections:
                     self._kept.add((node, precision))
 
     def _nodes_around(self, i, j):
-        """Nodes around section (i, j), and the weights that they have in its pixels: (node,), (node, row, column)."""
+        """Nodes around section (i, j), and their weights in its pixels: arrays (node,) and (node, row, column)."""
         if (i, j) in self._nodes:
             return self._nodes[i, j]
         size = self.section_size
         row, column = np.mgrid[i * size:(i + 1) * size, j * size:(j + 1) * size]
-        cells, corner_weights = self._table.corners(*self._place(row.ravel(), column.ravel()))
+        cells, corner_weights = self._table.corners(self._place(row.ravel(), column.ravel()))
         present = np.bincount(cells.ravel()) > 0
         nodes, index = np.flatnonzero(present), np.cumsum(present) - 1
         weights = np.zeros((nodes.size, size * size), corner_weights.dtype)
@@ -150,7 +138,7 @@ class PolarSections:
     def spread(self, i: int, columns: np.ndarray, band: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
         """See `Spreader`."""
         size, side = self.section_size, self.space_px
-        lit = size + 2 * self.radius_px  # what is beyond is rounding
+        lit = size + 2 * self.radius_px  # the rest is rounding
         for j in columns:
             spectrum = self._filtered(band[:, None, :, j * size:(j + 1) * size], *self._nodes[i, j])
             if (i, j) not in self._kept:

@@ -1,4 +1,4 @@
-"""What a picture requires, section by section: black ones nothing, flat ones no filter, most single precision."""
+"""The work that each section requires: none if black, no filter if flat, and single precision for most."""
 
 from dataclasses import dataclass
 
@@ -6,20 +6,20 @@ import numpy as np
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from ..field.mirror_symmetry import Planes
-from ..threads import thread_pool
+from ..runtime.threads import thread_pool
 
-SINGLE_NUMBERS = 1e-28, 1e30  # between which sums and products of spectra keep their digits
+SINGLE_NUMBERS = 1e-28, 1e30  # sums and products of spectra retain their precision in this range
 
 
 @dataclass(frozen=True, eq=False)
 class SectionNeeds:
-    """What the sections of a picture need: boolean arrays (section row, section column).
+    """The needs of a picture's sections: boolean arrays (section row, section column).
 
     Attributes
     ----------
-    lit : its light has to be spread.
-    double : in double precision.
-    flat : its pixels see even light all around, and are written down.
+    lit : the section's light must be spread.
+    double : this requires double precision.
+    flat : light is uniform in reach of the section, so its pixels are computed without a filter.
     """
 
     lit: np.ndarray
@@ -31,7 +31,8 @@ class SectionNeeds:
 class _Extremes:
     """Extremes of the light of each section: arrays (section row, section column).
 
-    `dimmest` is of its lit pixels, `least` of all of them; `slope` is the largest step from pixel to pixel.
+    `dimmest` is the minimum of its lit pixels, `least` of all pixels; `slope` is the largest step between adjacent
+    pixels.
     """
 
     brightest: np.ndarray
@@ -42,7 +43,7 @@ class _Extremes:
 
 def section_needs(light: np.ndarray, planes: Planes, section_size: int, reach_px: int, single_range: float,
                   flat_slope: float) -> SectionNeeds:
-    """What the sections of the planes of a picture need, which the planes share.
+    """The needs of the sections of a picture's planes, common to all planes.
 
     Parameters
     ----------
@@ -50,12 +51,13 @@ def section_needs(light: np.ndarray, planes: Planes, section_size: int, reach_px
     planes : Planes
     section_size : int
     reach_px : int
-        How far the light of a section comes.
+        Reach of a section's light.
     single_range : float
-        Single precision serves where a section's brightest pixel is up to this times the dimmest one, black aside,
-        that its light can reach: rounding goes with the brightest, and must not drown the dimmest.
+        Single precision is sufficient if a section's brightest pixel is at most this times the dimmest pixel, except
+        black, that its light can reach: rounding errors are proportional to the brightest and must not mask the
+        dimmest.
     flat_slope : float
-        Light is flat where it changes by no more than this from pixel to pixel, relative to the dimmest in reach.
+        Light is flat if it changes by at most this between adjacent pixels, relative to the dimmest pixel in reach.
     """
     found = _extremes(light, planes, section_size, steps=flat_slope > 0)
     sections = -(-reach_px // section_size)
@@ -75,7 +77,7 @@ def section_needs(light: np.ndarray, planes: Planes, section_size: int, reach_px
 
 
 def _extremes(light, planes, section_size, steps):
-    """The extremes of every section; slopes only where steps are asked for."""
+    """The extremes of every section; with slopes if `steps`."""
     shape = tuple(-(-n // section_size) for n in light.shape[1:])
     found = _Extremes(*(np.empty(shape) for _ in range(4)))
 
@@ -94,14 +96,14 @@ def _extremes(light, planes, section_size, steps):
     with thread_pool() as pool:
         list(pool.map(measure, range(shape[0])))
     for axis, n in enumerate(light.shape[1:]):
-        if n % section_size:  # black begins inside the last section, and so in reach of the one before it
+        if n % section_size:  # the last section is partly black, also in reach of the one before it
             last = (slice(None),) * axis + (-1,)
             found.slope[last], found.least[last] = np.inf, 0
     return found
 
 
 def _beyond_single(brightest, dimmest, single_range):
-    """Where single precision does not serve: for the range of the light, or for that of its numbers."""
+    """Where single precision is insufficient, because of the range of the light or of the numbers."""
     if single_range == np.inf:
         return np.zeros(brightest.shape, dtype=bool)
     if single_range == 0:
@@ -115,7 +117,7 @@ def _by_section(extreme, values, section_size):
 
 
 def _steepest(rows, planes, first):
-    """The largest step from each column's pixels to the next ones: array (column,). The last row is the next band's."""
+    """Largest step from each column's pixels to the right or down: array (column,). The last row is the next band's."""
     step = np.zeros(rows.shape[2])
     step[:-1] = np.abs(np.diff(rows, axis=2)).max(axis=(0, 1))
     np.maximum(step, np.abs(np.diff(rows, axis=1)).max(axis=(0, 1), initial=0), out=step)

@@ -1,1 +1,1 @@
-"""Depth: layered radiance, seen along the rays of a lens."""
+"""Depth: layered radiance along the rays of a lens, slabs of depth, and hidden surfaces."""

@@ -1,142 +1,148 @@
-"""cast(): layered radiance seen along the lens's rays, where it is out of focus."""
+"""cast(): gather the out-of-focus light of layered radiance along the lens's rays."""
 
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .. import kernels
-from ..image.layers import LayeredRadiance
-from ..image.pixel_grid import PixelGrid
-from ..scratch import SAMPLE_BYTES
-from ..threads import thread_pool
+from ..field.field_map import field_map, packed_ray_values
+from ..image.layers import LayeredRadiance, Radiance
+from ..image.pixel_grid import FISHEYE
+from ..kernels.numpy_cast import cast as numpy_cast
+from ..lens import Lens
+from ..rays.ray_table import RayTable
+from ..runtime.scratch import SAMPLE_BYTES
+from ..runtime.threads import thread_pool
+from .iris import Iris, opening
 from .meetings import TILE_PX, plan_meetings, values_of_blocks
-from .pencils import HEIGHTS, Iris, packed_pencils, pencils, per_focal
-from .plain import cast as plain_cast
 from .seen import Seen, seen
 
-if TYPE_CHECKING:
-    from ..bake.ray_table import RayTable
-    from ..lens import Lens
-
 FAINT = 1e-3  # of a picture's mean radiance
-SEEN, READY = 3, 10  # planes that a layer takes, as it is seen; and on the way to that
-TOLD, OF_TABLE = 6, 1.2e7  # planes, and values beside, that the irradiance of a wavelength's rays takes
+SEEN, READY = 3, 10  # planes in memory of a prepared layer, and during its preparation
+SUMMABLE = 2.0**88  # radiance whose sums over rays stay within float32
+DIMMED = 2.0**-40  # brighter light is multiplied by this first; for a power of two, this is exact
+TOLD, OF_TABLE = 6, 1.2e7  # planes, and additional values, for the irradiance of a wavelength's rays
 
 
 @dataclass(frozen=True, eq=False)
 class CastPlane:
-    """A wavelength of a layered capture: E = blur(ideal irradiance of sharp * clear) + T * per_radiance * blurred.
+    """A wavelength of a capture: E = blur(ideal irradiance of sharp * clear) + T * per_radiance * blurred.
 
     Attributes
     ----------
     sharp : float32 array (row, column) of the capture
-        Radiance of what is in focus, as the pinhole sees it, not hidden by what is out of focus.
+        In-focus radiance, as a pinhole sees it without the out-of-focus surfaces.
     blurred : float32 array (row, column) of the frame
-        Radiance of what is out of focus, with all that hides it: the mean over the light of the pixel's rays.
+        Out-of-focus radiance with occlusion, as a mean weighted with the light of the pixel's rays.
     clear : float32 array (row, column) of the frame
-        The share, from 0 to 1, that what is out of focus leaves of what is in focus.
+        The share, from 0 to 1, of in-focus light that out-of-focus surfaces do not cover.
     per_radiance : float32 array (row, column) of the frame
-        Irradiance of even radiance by all of the lens's rays, but for its glass's transmittance T. This and the two
-        before are None of a picture without layers, which is taken to be in focus.
+        Irradiance per uniform radiance by all of the lens's rays, without the transmittance T of its glass. This and
+        the two before are None if everything is in focus.
+    clamped : int
+        Clamped pixels, which were not finite; the first plane of layers counts the pixels of all wavelengths.
     """
 
     sharp: np.ndarray
     blurred: np.ndarray | None = None
     clear: np.ndarray | None = None
     per_radiance: np.ndarray | None = None
+    clamped: int = 0
 
 
-def cast(layered: LayeredRadiance, lens: "Lens", rays: "RayTable", *, most_rays: int = 256,
+def cast(layered: LayeredRadiance, lens: Lens, rays: RayTable, *, most_rays: int = 256,
          most_of_lamps: int | None = None, iris: Iris | None = None,
          progress: Callable[[float], object] = lambda fraction: None) -> Iterator[CastPlane]:
-    """Layered radiance along the lens's rays: the planes of its wavelengths, one after another.
+    """Cast layered radiance along the lens's rays: yield a plane for each wavelength.
 
-    A point at the inverse depth q, of the ray through the place u of the entrance pupil at the tangent t, is met where
-    the capture shows f (t + u q). From layer to layer, the nearest first, each pixel's rays add up the light of what is
-    out of focus, and are weakened by all that covers them. What is in focus stays with the pinhole: rays tell only
-    which part of its light reaches the pixel.
+    For a ray through the place u of the entrance pupil with the tangent t, the capture shows its point at the inverse
+    depth q at f (t + u q). Each pixel's rays sum the out-of-focus light from layer to layer, the nearest first, and are
+    attenuated by everything that covers them. In-focus light is taken from the pinhole's view: rays only determine the
+    share of it that reaches the pixel.
 
     Parameters
     ----------
     layered : LayeredRadiance
     lens : Lens
-        What is in focus is told by it.
+        It determines the depths in focus.
     rays : RayTable
-        The lens's.
+        The lens's rays, as far out as the iris reaches.
     most_rays : int
-        For a pixel, a power of two from 32 on: as many as the size of the blur asks for, up to this.
+        Maximum number of rays of a pixel, a power of two of at least 32. The number depends on the size of the blur.
     most_of_lamps : int, optional
-        As many times more as what is small and bright in it asks for, up to this; `most_rays` by default.
+        Maximum where something small and bright in the blur requires more rays; `most_rays` by default.
     iris : Iris, optional
-        The blades that stop the lens down; its stop is a circle without.
+        The blades that stop the lens down; by default the stop is round. Both openings have the same area, so light and
+        f-number do not change.
     progress : callable (fraction), optional
 
     Yields
     ------
     CastPlane
-        The same bits whatever does the loops, in any number of threads.
+        Bit-identical for all variants of the compiled loop and any number of threads; numpy differs by rounding.
     """
     capture, wavelengths_nm = layered.grid, layered.wavelengths_nm
     sensor, count = capture.frame(), wavelengths_nm.size
     focal_mm = layered.focal_mm or lens.capture_focal_length_mm
-    ends = pencils(rays, wavelengths_nm[[0, -1]], sensor, focal_mm, 256)
+    stop = opening(iris, lens)
+    pixel_rays = field_map(lens).pixel_rays(rays, sensor)
+    ends = pixel_rays.sample(wavelengths_nm[[0, -1]], focal_mm, 256, stop.reach)
     layers = [one for layer in layered.layers if (one := seen(layer, capture, lens, ends))]
-    fisheye = per_focal(capture, focal_mm)
+    fisheye = _per_focal(capture, focal_mm)
     meetings = plan_meetings(layers, ends, sensor, fisheye, most_rays, most_of_lamps or most_rays)
     shares = _sharp_shares(layers, capture.shape_px)
-    blades, per_radiance = iris or Iris(0), _PerRadiance(rays, sensor)
     needed = 8 * max(1, int(meetings.eights.max()))
     for first in range(0, count, kernels.TOGETHER):
         group = slice(first, min(first + kernels.TOGETHER, count))
         sharp = [_sharp(layers, shares, index, capture.shape_px) for index in range(group.start, group.stop)]
         blurred, clear = (np.full((len(sharp), *sensor.shape_px), value, np.float32) for value in (0, 1))
         if meetings.eights.any():
+            scale = 1.0 if all(layer.largest(group) <= SUMMABLE for layer in layers) else DIMMED
             casting = kernels.Casting(
-                *packed_pencils(rays, wavelengths_nm[group], sensor, focal_mm, needed), sensor.centre_px, fisheye,
-                blades.directions, blades.shape, tuple(layer.of(group) for layer in layers),
-                tuple(FAINT * float(abs(plane.mean())) for plane in sharp), meetings.found, meetings.eights, TILE_PX)
+                *pixel_rays.packed(wavelengths_nm[group], focal_mm, needed, stop.reach),
+                sensor.centre_px, fisheye,
+                stop.iris.directions, stop.shape, tuple(layer.of(group, scale) for layer in layers),
+                tuple(scale * FAINT * float(abs(plane.mean(dtype=np.float64))) for plane in sharp), meetings.found,
+                meetings.eights, TILE_PX)
             for done in _filled_rows(casting, blurred, clear):
                 progress((first + done * len(sharp)) / count)
             del casting
+            if scale != 1:
+                blurred /= np.float32(scale)
         else:
             progress(group.stop / count)
         for number, nm in enumerate(wavelengths_nm[group]):
-            yield CastPlane(sharp[number], blurred[number], clear[number], per_radiance(nm))
-            sharp[number] = None  # the next one's needs its room
+            yield CastPlane(sharp[number], blurred[number], clear[number], pixel_rays.irradiance_per_radiance(nm))
+            sharp[number] = None  # to free its memory
         del blurred, clear
 
 
-def casting_bytes(layered: LayeredRadiance, most_of_lamps: int) -> float:
-    """Of memory that `cast` takes at the most, beside the layers and the lens. Small bright things count as there."""
+def casting_bytes(layered: Radiance, most_of_lamps: int) -> float:
+    """Peak memory of `cast` in addition to the layers and the lens; 0 for flat radiance, which is not cast.
+
+    `most_of_lamps` is as in `cast`.
+    """
+    if not isinstance(layered, LayeredRadiance):
+        return 0.0
     capture_px, frame_px = (math.prod(shape) for shape in (layered.grid.shape_px, layered.grid.frame_px))
     layers_px = [layer.alpha.size for layer in layered.layers]
     together = min(kernels.TOGETHER, layered.wavelengths_nm.size)
-    rays = 2 * math.prod(kernels.rays_shape(HEIGHTS, most_of_lamps // 8, together))  # and as many on the way
+    rays = 2 * packed_ray_values(most_of_lamps, together)  # twice as many while they are packed
     group = together * (capture_px + 2 * frame_px) + max(rays, OF_TABLE + TOLD * frame_px)
     looked_up = max(READY * pixels + values_of_blocks(pixels) for pixels in layers_px)
     return SAMPLE_BYTES * (capture_px + SEEN * sum(layers_px) + max(group, looked_up))
 
 
-class _PerRadiance:
-    """What a lens brings to the pixels of a sensor, by all of its rays."""
-
-    def __init__(self, rays: "RayTable", sensor: PixelGrid):
-        x_mm, y_mm = sensor.axes_mm()
-        self._rays, self._pixels_mm = rays, np.hypot(x_mm.astype(np.float32), y_mm.astype(np.float32)[:, None])
-        self._heights_mm = np.linspace(0, rays.last_height_mm, HEIGHTS)
-
-    def __call__(self, wavelength_nm: float) -> np.ndarray:
-        """Irradiance per radiance: array (row, column). Beyond the last height it is held."""
-        told = self._rays.near([wavelength_nm]).irradiance_per_radiance(self._heights_mm)[0]
-        return np.interp(self._pixels_mm, self._heights_mm, told).astype(np.float32)
+def _per_focal(capture, focal_mm):
+    """One over the focal length in pixels of a fisheye capture, for the loops; 0 for a plane capture."""
+    return capture.pitch_um * 1e-3 / focal_mm if capture.projection == FISHEYE else 0.0
 
 
 def _filled_rows(casting, blurred, clear):
-    """Write what tiles see, a row of them after another: yields which part is done."""
-    loop = plain_cast if kernels.running() == kernels.NUMPY else kernels.cast
+    """Write the pixels of the tiles, and yield the completed fraction after each row of tiles."""
+    loop = numpy_cast if kernels.running() == kernels.NUMPY else kernels.cast
     rows = len(casting.eights)
     with thread_pool() as pool:
         for done, _ in enumerate(pool.map(lambda row: loop(casting, row, blurred, clear), range(rows)), 1):
@@ -144,7 +150,7 @@ def _filled_rows(casting, blurred, clear):
 
 
 def _sharp_shares(layers, shape_px):
-    """Of each layer, how much of its light the pinhole sees in focus: array (row, column), or None for nothing."""
+    """Share of each layer's light that the pinhole sees in focus: array (row, column), or None if it is zero."""
     free, shares = np.ones(shape_px, np.float32), []
     for layer in layers:
         if not layer.focused:
@@ -157,7 +163,7 @@ def _sharp_shares(layers, shape_px):
 
 
 def _sharp(layers: list[Seen], shares, index, shape_px):
-    """What is in focus at a wavelength, as the pinhole sees it."""
+    """In-focus light at a wavelength, as the pinhole sees it."""
     sharp = np.zeros(shape_px, np.float32)
     for layer, share in zip(layers, shares, strict=True):
         if share is not None:

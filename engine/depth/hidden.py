@@ -1,4 +1,4 @@
-"""What near things hide, guessed: a picture in slabs of depth becomes layers that go on behind what covers them."""
+"""Estimate hidden surfaces: convert a picture in slabs of depth to layers that continue behind nearer layers."""
 
 from collections.abc import Callable, Iterable, Sequence
 
@@ -8,27 +8,27 @@ from scipy.ndimage import binary_dilation
 from ..image.layers import Layer, LayeredRadiance, covered
 from ..image.spectral_image import SpectralImage
 
-SEEN = 1e-3  # of a layer, through those before it: less tells nothing
-BRIGHT = 4.0  # times the median of a picture's light, from which on pixels count less
+SEEN = 1e-3  # share of a layer that is visible through nearer layers; less counts as hidden
+BRIGHT = 4.0  # times the median of a picture's light; brighter pixels count less
 BESIDE = np.ones((3, 3), bool)
 
 
 def layers_of_picture(radiance: SpectralImage, depth_mm: np.ndarray, slab: np.ndarray, slabs: int) -> LayeredRadiance:
-    """A picture whose every pixel is in one slab, as layers.
+    """Convert a picture with each pixel in one slab to layers.
 
     Parameters
     ----------
     radiance : SpectralImage
     depth_mm : array (row, column)
-        Along the axis; inf for what is infinitely far.
+        Along the axis; inf for infinite distance.
     slab : int array (row, column)
-        In which slab a pixel is, from the nearest, 0.
+        Index of each pixel's slab; 0 is the nearest.
     slabs : int
 
     Returns
     -------
     LayeredRadiance
-        Whose `flat()` is the picture.
+        Its `flat()` is the picture.
     """
     there = [slab == number for number in range(slabs)]
     return with_hidden(radiance, [each.astype(np.float32) for each in there],
@@ -38,22 +38,22 @@ def layers_of_picture(radiance: SpectralImage, depth_mm: np.ndarray, slab: np.nd
 
 def with_hidden(radiance: SpectralImage, alphas: Sequence[np.ndarray], depths_mm: Sequence[np.ndarray],
                 light: Callable[[int], Iterable[np.ndarray]]) -> LayeredRadiance:
-    """Layers that go on behind what covers them, as what is seen around it: so far as most of that is in the layer.
+    """Layers that continue behind nearer layers, like the visible area around these if most of it is in the layer.
 
-    The last is opaque, and infinitely far where it holds nothing.
+    The last layer is opaque, and infinitely far away where it is empty.
 
     Parameters
     ----------
     radiance : SpectralImage
-        Of all layers, as a pinhole sees them.
+        Radiance of all layers together, as a pinhole sees them.
     alphas, depths_mm : sequence of array (row, column)
-        Of each layer, near to far.
+        Alpha and depth of each layer, near to far.
     light : callable (number of the layer)
-        Its radiance, premultiplied, a plane (row, column) for each wavelength.
+        Returns the layer's radiance, premultiplied, as a plane (row, column) for each wavelength.
     """
     usual = _usual_light(radiance)
     layers: list[Layer] = []
-    clear = np.ones(radiance.grid.shape_px, np.float32)  # what nearer layers leave
+    clear = np.ones(radiance.grid.shape_px, np.float32)  # share that nearer layers do not cover
     for number, (alpha, depth_mm) in enumerate(zip(alphas, depths_mm, strict=True)):
         hidden = (clear <= SEEN) & ~np.any([farther > 0 for farther in alphas[number:]], axis=0)
         if number == len(alphas) - 1:
@@ -65,20 +65,20 @@ def with_hidden(radiance: SpectralImage, alphas: Sequence[np.ndarray], depths_mm
 
 
 def _usual_light(radiance):
-    """By what the light of each pixel is told to others: a lamp beside what hides is not thought to be as large."""
+    """Factor on each pixel's light for filling other pixels, to avoid enlarging a lamp at the edge of a near object."""
     light = sum(_finite(plane) for plane in radiance.cube) / np.float32(len(radiance.cube))
     usual = BRIGHT * np.median(light[light > 0]) if np.any(light > 0) else np.inf
     return np.divide(usual, light, out=np.ones_like(light), where=light > usual)
 
 
 def _finite(plane):
-    """A plane without fireflies, which stay where they are."""
+    """A plane without fireflies, which are not copied to other pixels."""
     return np.nan_to_num(plane, posinf=0.0, neginf=0.0)
 
 
 def _continued(light, alpha, depth_mm, hidden, usual):
-    """A layer, cropped to what it covers, that goes on where it is hidden."""
-    beside = binary_dilation(hidden, BESIDE)  # there colours are mixed with those of what hides
+    """A layer that continues where it is hidden, cropped to the covered area."""
+    beside = binary_dilation(hidden, BESIDE)  # colours at its edge are mixed with the nearer layer's
     weight = np.where(hidden if beside.all() else beside, 0, usual)
     into = hidden & bool(weight.any())
     if into.any():
@@ -98,9 +98,9 @@ def _continued(light, alpha, depth_mm, hidden, usual):
 
 
 def filled(plane: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """A plane (row, column) whose pixels of no weight are means of those about them, by their weights, from 0 to 1.
+    """Fill pixels of weight 0 in a plane (row, column) with weighted means of pixels nearby; weights are 0 to 1.
 
-    Where there are none so near, the plane is halved until there are, and what comes of that is drawn smooth again.
+    Where all pixels nearby have weight 0, the plane is halved until one has not; the result is enlarged smoothly.
     """
     weight = weight.astype(np.float32)
     return _filled(plane * weight, weight)
@@ -125,7 +125,7 @@ def _halved(plane):
 
 
 def _doubled(plane):
-    """Two rows for each: three quarters of it and a quarter of its neighbour."""
+    """Two rows for each: three quarters of the row and a quarter of its neighbour."""
     wide = np.pad(plane, [(1, 1), (0, 0)], mode="edge")
     own = np.float32(0.75) * plane
     return np.stack([own + np.float32(0.25) * wide[:-2], own + np.float32(0.25) * wide[2:]], axis=1).reshape(

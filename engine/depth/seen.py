@@ -1,34 +1,32 @@
-"""Layers of a capture as rays look them up: with depth everywhere, and the share of focus there."""
+"""Layers of a capture, prepared for lookup by rays: with depth and focus share everywhere."""
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.ndimage import maximum_filter
 
-from ..image.depth_range import blur_per_nearness_px, focus_nearness, focus_range_px, focus_share
+from ..field.field_map import RaySample
 from ..image.layers import Layer
 from ..image.pixel_grid import PixelGrid
 from ..kernels import SeenLayer
-from .pencils import Pencils
-
-if TYPE_CHECKING:
-    from ..lens import Lens
+from ..lens import Lens
+from ..lens.entrance_pupil import focus_nearness
+from .depth_range import blur_per_nearness_px, focus_range_px, focus_share
 
 NEAREST_MM = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """A layer that covers something, made ready.
+    """A prepared layer, which is not empty.
 
     Attributes
     ----------
     layer : Layer
     depth : float32 array (row, column, 2)
-        Inverse depth per mm, also where the layer covers nothing, and the share of focus; below 0 where it covers
-        nothing near by.
+        Inverse depth per mm, also where the layer is transparent, and the focus share, which is below 0 where the layer
+        is transparent in the neighbourhood, too.
     capture : PixelGrid
     """
 
@@ -38,42 +36,48 @@ class Seen:
 
     @property
     def goes_on(self) -> tuple[bool, bool, bool, bool]:
-        """Above, below, left and right: whether it ends with the capture there, which tells nothing beyond."""
+        """Whether the layer's edge above, below, left and right is the capture's, so its last pixels continue there."""
         (rows, columns), (down, across) = self.capture.shape_px, self.layer.place
         return down.start == 0, down.stop >= rows, across.start == 0, across.stop >= columns
 
     @property
     def axis_px(self) -> tuple[float, float]:
-        """Row and column of the axis, in the layer's pixels."""
+        """Row and column of the axis in the layer's pixels."""
         (row, column), (top, left) = self.capture.centre_px, self.layer.origin_px
         return row - top, column - left
 
     @cached_property
     def focused(self) -> bool:
-        """Whether something in it may be in focus."""
+        """Whether any of it may be in focus."""
         return bool(self.depth[..., 1].max() > 0)
 
-    def of(self, wavelengths: slice) -> SeenLayer:
-        """At some of the wavelengths."""
+    def largest(self, wavelengths: slice) -> float:
+        """The largest absolute radiance at some of the wavelengths."""
+        light = self.layer.cube[wavelengths]
+        return max(float(light.max()), -float(light.min()))
+
+    def of(self, wavelengths: slice, scale: float = 1.0) -> SeenLayer:
+        """The layer at some of the wavelengths, with its light multiplied by `scale`."""
         rows, columns = self.layer.alpha.shape
         above, below, before, behind = self.goes_on
         bounds = (-np.inf if above else -0.5, np.inf if below else rows - 0.5,
                   -np.inf if before else -0.5, np.inf if behind else columns - 0.5)
-        light, alpha = (_two_wide(each) for each in (self.layer.cube[wavelengths], self.layer.alpha))
+        light = self.layer.cube[wavelengths]
+        light, alpha = (_two_wide(each) for each in (light if scale == 1 else light * np.float32(scale),
+                                                     self.layer.alpha))
         return SeenLayer(light, alpha, _two_wide(self.depth, 0), self.axis_px, bounds)
 
 
 def _two_wide(pixels, rows=-2):
-    """Arrays in one piece, of at least two rows, along this axis, and columns, along the next: between fewer none is
-    interpolated."""
+    """A contiguous array with at least two rows, along this axis, and columns, along the next, for interpolation."""
     short = [(0, 0)] * pixels.ndim
     for axis in (rows, rows + 1):
         short[axis] = 0, max(0, 2 - pixels.shape[axis])
     return np.ascontiguousarray(np.pad(pixels, short, mode="edge") if np.any(short) else pixels)
 
 
-def seen(layer: Layer, capture: PixelGrid, lens: "Lens", rays: Pencils) -> Seen | None:
-    """A layer made ready, or None where it covers nothing. Rays: at the wavelengths that differ most."""
+def seen(layer: Layer, capture: PixelGrid, lens: Lens, rays: RaySample) -> Seen | None:
+    """Prepare a layer; None for an empty one. `rays` are at the wavelengths that differ most."""
     known = (layer.alpha > 0) & (layer.depth_mm > 0)
     if not known.any():
         return None
@@ -88,7 +92,7 @@ def seen(layer: Layer, capture: PixelGrid, lens: "Lens", rays: Pencils) -> Seen 
 
 
 def filled(values: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Values with those that are not known taken from what is near: the mean of the smallest square that knows any."""
+    """Fill unknown values with the mean of the smallest surrounding square of a quadtree that contains known ones."""
     if known.all():
         return values
     rows, columns = known.shape

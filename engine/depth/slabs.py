@@ -1,65 +1,58 @@
-"""Slabs: at which depths a capture is cut, so that it holds what near things hide, too.
+"""Slabs: the depths at which a capture is cut, to include surfaces that near objects hide.
 
-A capture sees one surface in each pixel. Where a near thing stands before a far one, the lens looks behind its edge:
-what it sees there is known if the two lie in slabs that are captured apart. Blur is proportional to inverse depth, and
-what is hidden is as wide as the blurs differ; so borders go where, in one look at depth, most blur jumps across them.
+A capture contains one surface in each pixel. Where a near object covers a far one, the lens looks behind its edge: this
+light is known if the two are in slabs that are rendered separately. Blur is proportional to inverse depth, and the
+hidden area is as wide as the difference in blur. Borders are therefore placed where, in one look at depth, the largest
+jumps in blur cross them.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..image.depth_range import (
-    DepthCheck,
-    blur_per_nearness_px,
-    blur_px,
-    check_depth,
-    focus_nearness,
-    focus_range_px,
-    focus_share,
-)
 from ..image.pixel_grid import PLANE, PixelGrid
-
-if TYPE_CHECKING:
-    from ..lens.lens import Lens
+from ..lens.entrance_pupil import focus_nearness
+from ..lens.lens import Lens
+from .depth_range import DepthCheck, blur_per_nearness_px, blur_px, check_depth, focus_range_px, focus_share
 
 MOST_SLABS = 12
-MOST_LOOKED = 200_000  # pixels: edges in fewer tell as much
+MOST_LOOKED = 200_000  # pixels, enough for the edges
 CANDIDATES = 192  # for borders
-JUMP_PX = 1.0  # of blur between neighbours, from which on it is an edge
-SEAM_PX = 0.1  # of blur: as if it jumped by so much in each pixel CLOSE_PX[0] from a border, and less beyond
+JUMP_PX = 1.0  # smallest difference in blur between adjacent pixels that counts as an edge
+SEAM_PX = 0.1  # cost of a border: that of a jump by this in each pixel CLOSE_PX[0] away in blur, and less beyond
 CLOSE_PX = 0.1, 0.3, 1.0, 3.0
-OUTSIDE = 1e-3  # of its distance: how far off what is whole a border is
-DEEP_PX = 12.0  # of blur from end to end of a body, beyond which it may be cut
-MOST_WEIGHT = 50.0  # of an edge by its light, where that of an even picture is 1
-AT_EDGES = 0.1  # of the accuracy: what is wrong at edges lies close together, and shows
-# Beside an edge whose two sides' blurs differ by 1 px, the light of so many pixels comes from behind the near side: the
-# mean of max(x, 0) over a disc of diameter 1. The pixels along an edge, counted across and down, are 4 / pi too many.
+OUTSIDE = 1e-3  # relative distance between a border and a range that must not be cut
+DEEP_PX = 12.0  # of blur between the ends of a body; deeper bodies may be cut
+MOST_WEIGHT = 50.0  # of an edge by its light; 1 in a uniform picture
+AT_EDGES = 0.1  # of the accuracy, because errors at edges are concentrated and visible
+# For each pixel along an edge between blurs that differ by 1 px, the light of this many pixels comes from behind the
+# near side: the mean of max(x, 0) over a disc of diameter 1. Counting pixels along an edge both across and down
+# overestimates its length by 4 / pi.
 BEHIND_PX = 2 / (3 * np.pi) / 2 * np.pi / 4
 
 
 @dataclass(frozen=True)
 class SlabPlan:
-    """Into which slabs a capture is cut.
+    """The slabs of a capture.
 
     Attributes
     ----------
     needed : bool
-        Whether something is out of the depths for which the lens's data hold. Else there is one slab: a plain capture.
+        Whether the scene exceeds the depths for which the lens data are valid. Otherwise there is one slab, an ordinary
+        capture.
     borders_mm : tuple of float
-        Between slabs, ascending, as a camera clips: depths of a plane capture, distances of a fisheye's. The first slab
-        begins at the camera, the last has no end and holds the world.
+        Borders between slabs, ascending, as a camera clips: by depth for a plane capture, by distance for a fisheye.
+        The first slab starts at the camera; the last has no end and includes the world.
     margins_px : tuple of (int, int)
-        Of each slab, near to far: rows and columns that it needs beyond the frame.
+        Rows and columns that each slab, near to far, needs beyond the frame.
     behind : float
-        Fraction of the picture's light that comes from behind edges, where a pinhole does not see.
+        Fraction of the picture's light that comes from behind edges, invisible to a pinhole.
     hidden : float
-        As much of it as stays hidden, because the edges are inside slabs.
+        The part of `behind` that remains hidden, because the edges are inside slabs.
     check : DepthCheck or None
-        How much of the frame is out of the data's depth; None where no pixel has a depth.
+        The frame's depths, compared with the range of the lens data; None if all pixels are NaN.
     """
 
     needed: bool
@@ -71,7 +64,7 @@ class SlabPlan:
 
     @property
     def slabs(self) -> int:
-        """How many there are: as many renders are to be made."""
+        """Number of slabs, and of renders."""
         return len(self.borders_mm) + 1
 
     @property
@@ -88,7 +81,7 @@ class SlabPlan:
 
     @property
     def cut_text(self) -> str:
-        """The slabs, and what they leave, in words."""
+        """The slabs, and the light that remains hidden, in words."""
         return f"{self.slabs_text}; {self.hidden:.2g} of the light comes from what stays hidden behind edges"
 
     @property
@@ -99,43 +92,45 @@ class SlabPlan:
         return f"{self.check.text}: {self.cut_text}"
 
 
-def plan_slabs(depth_mm: ArrayLike, capture: PixelGrid, lens: "Lens", *, accuracy: float,
-               overscan_px: Sequence[int], light: ArrayLike | None = None, others: Sequence["Lens"] = (),
+def plan_slabs(depth_mm: ArrayLike, capture: PixelGrid, lens: Lens, *, accuracy: float,
+               overscan_px: Sequence[int], light: ArrayLike | None = None, others: Sequence[Lens] = (),
+               reach: float = 1.0,
                most_slabs: int = MOST_SLABS,
                whole_mm: Sequence[tuple[float, float]] = (),
                bodies_mm: Sequence[tuple[float, float]] = ()) -> SlabPlan:
-    """Plan the slabs of a capture by one look at depth: as few as leave no more of it hidden than is allowed.
+    """Plan the slabs of a capture from one look at depth: as few as keep the hidden light within the accuracy.
 
     Parameters
     ----------
     depth_mm : array (row, column)
-        As `planar_depth_mm` gives it, for all of `capture`, of any resolution. NaN where there is none: such pixels do
-        not count.
+        Depths from `planar_depth_mm`, for all of `capture`, at any resolution. Pixels with NaN do not count.
     capture : PixelGrid
-        What was looked at; its overscan is the most that slabs are given.
+        The grid of the look; its overscan is the maximum for slabs.
     lens : Lens
     accuracy : float
-        As in `Options`: so much of a point's light may be as if it were in focus, and AT_EDGES times as much of what
-        comes from behind edges stay inside slabs.
+        As in `Options`: this fraction of a point's light may be treated as if in focus, and AT_EDGES times this
+        fraction of the light from behind edges may remain hidden in slabs.
     overscan_px : (int, int)
-        Rows and columns that a capture needs beyond the frame where all is in focus, for distortion and PSFs.
+        Rows and columns that a capture needs beyond the frame if everything is in focus, for distortion and PSFs.
     light : array (row, column), optional
-        Of the same pixels, in any unit: edges of what is bright count more.
+        Light of the same pixels, in any unit: edges of bright surfaces count more.
     others : sequence of Lens
-        That are to see the same capture: the lens, turned to other distances and stops.
+        Other lenses for the same capture: the lens at other focus distances and f-stops.
+    reach : float
+        `Opening.reach` of the iris: the radius of the blur relative to that of a round stop.
     most_slabs : int
     whole_mm : sequence of (near_mm, far_mm)
-        No border lies between these, as a camera clips: volumes.
+        Ranges without borders, as a camera clips: volumes.
     bodies_mm : sequence of (near_mm, far_mm)
-        Nor between these, where blur differs by no more than DEEP_PX across one: closed bodies, whose dark inside a
-        border would show.
+        Further ranges without borders, if blur differs by at most DEEP_PX across one: closed bodies, whose dark inside
+        would be visible at a border.
 
     Returns
     -------
     SlabPlan
     """
     lenses = lens, *others
-    look = _look(depth_mm, light, capture, lenses, overscan_px)
+    look = _look(depth_mm, light, capture, lenses, overscan_px, reach)
     in_frame = look.planar_mm[np.all(look.beyond_px == 0, axis=0) & ~np.isnan(look.planar_mm)]
     check = check_depth(in_frame, lens, capture.pitch_um) if in_frame.size else None
     reaching_mm = look.planar_mm[look.reaching]
@@ -155,9 +150,9 @@ def plan_slabs(depth_mm: ArrayLike, capture: PixelGrid, lens: "Lens", *, accurac
 
 @dataclass(frozen=True, eq=False)
 class _Look:
-    """A look at depth: arrays (row, column), NaN where there is none.
+    """A look at depth: arrays (row, column), with NaN for pixels without depth.
 
-    A distance has a *place*: its inverse, in pixels of blur beyond that of what is infinitely far.
+    The *place* of a distance is proportional to its inverse: the difference to the blur at infinity, in pixels.
 
     Attributes
     ----------
@@ -165,15 +160,17 @@ class _Look:
     cosine : array
         Depth over distance; 1 for a camera that clips by depth.
     beyond_px : array (2, row, column)
-        How far beyond the frame, down and across.
+        Distance beyond the frame, down and across.
     step_px : array (2,)
-        Rows and columns of the capture from one pixel to the next.
+        Rows and columns of the capture between adjacent pixels of the look.
     scale : float
         Place times distance in mm.
     far_px : (float, float)
-        Blur of what is infinitely far, at least and at most.
+        Minimum and maximum blur at infinity.
     least_px, most_px : (int, int)
-        Beyond the frame where all is in focus, and in the look.
+        Rows and columns beyond the frame: with everything in focus, and in the look.
+    reach : float
+        As in `plan_slabs`.
     """
 
     planar_mm: np.ndarray
@@ -185,36 +182,36 @@ class _Look:
     far_px: tuple[float, float]
     least_px: tuple[int, int]
     most_px: tuple[int, int]
+    reach: float
 
     @property
     def place(self):
-        """Of what is seen in each pixel."""
+        """Place of the surface in each pixel."""
         return self.scale * self.cosine / self.planar_mm
 
     @property
     def reaching(self):
-        """Which pixels' light may come into the frame."""
+        """The pixels whose light may reach the frame."""
         return self.reaches(self.blur_px(self.place))
 
     def blur_px(self, place):
-        """Diameter of the blur of places, at most, as the capture shows it: a fisheye's field is seen aslant, off the
-        axis."""
+        """Largest diameter of the blur of places, as the capture shows it: off the axis, a fisheye is foreshortened."""
         return np.maximum(*(np.abs(place + far_px * self.cosine) for far_px in self.far_px))
 
     def places(self, ranges_mm):
-        """Of ranges of distance: [(near, far)]."""
+        """Places of ranges of distance: [(near, far)]."""
         with np.errstate(divide="ignore"):
             return [tuple(self.scale / np.maximum(ends_mm, 0.0)) for ends_mm in ranges_mm]
 
     def reaches(self, blur_px):
-        """Which pixels are so close to the frame that a blur of this diameter comes into it."""
+        """The pixels so close to the frame that a blur of this diameter reaches it."""
         apart_px = np.maximum(0, self.beyond_px - np.reshape(self.least_px, (2, 1, 1)))
-        return np.hypot(*apart_px) <= blur_px / 2
+        return np.hypot(*apart_px) <= self.reach * blur_px / 2
 
     def margin_px(self, near, far):
         """Rows and columns beyond the frame of a slab between two places.
 
-        A pixel may hold anything behind what is seen in it, which counts as far as it blurs into the frame.
+        A pixel may contain anything behind its visible surface; this counts if its blur reaches the frame.
         """
         place = self.place
         blurs = [self.blur_px(end) for end in (np.minimum(place, near), far)]
@@ -224,8 +221,8 @@ class _Look:
         return int(rows), int(columns)
 
 
-def _look(depth_mm, light, capture, lenses, overscan_px):
-    """Of every so many pixels of a look, through the widest stop."""
+def _look(depth_mm, light, capture, lenses, overscan_px, reach):
+    """A look at a subset of the pixels, with the blur of the widest stop."""
     planar_mm = np.asarray(depth_mm, dtype=float)
     light = np.ones_like(planar_mm) if light is None else np.nan_to_num(np.asarray(light, dtype=float), posinf=0)
     every = int(np.ceil(np.sqrt(planar_mm.size / MOST_LOOKED)))
@@ -245,23 +242,23 @@ def _look(depth_mm, light, capture, lenses, overscan_px):
     scale = max(blur_per_nearness_px(one, capture.pitch_um) * focal_mm / one.capture_focal_length_mm for one in lenses)
     far_px = [-scale * focus_nearness(one) for one in lenses]
     return _Look(planar_mm, light, cosine, np.array(np.meshgrid(*beyond_px, indexing="ij")), every * step_px, scale,
-                 (min(far_px), max(far_px)), tuple(map(int, overscan_px)), capture.overscan_px)
+                 (min(far_px), max(far_px)), tuple(map(int, overscan_px)), capture.overscan_px, reach)
 
 
 @dataclass(frozen=True, eq=False)
 class _Edges:
-    """Where neighbours jump in blur.
+    """Jumps in blur between adjacent pixels.
 
     Attributes
     ----------
     far, near : array (pair,)
-        Places of the two.
+        Places of the two pixels.
     jump_px2 : array (pair,)
-        By how much blur jumps, times the length of edge that the pair stands for, and by its light.
+        The jump in blur, times the length of edge that the pair represents, weighted by its light.
     surfaces : array, ascending
         Places of all pixels.
     pixel_px2 : float
-        What each of these stands for.
+        Area that each of these represents.
     """
 
     far: np.ndarray
@@ -281,9 +278,10 @@ def _edges(look):
 
 
 def _jumps(place, reaching, weight, length_px):
-    """Ends, far and near, of the jumps between neighbours in rows, and these times a length of edge and a weight.
+    """Far and near ends of the jumps between adjacent pixels in rows, and the jumps times edge length and weight.
 
-    The inverse depth of a plane is linear over the picture: a jump is what neither side, going on straight, explains.
+    The inverse depth of a plane is linear in the picture: a jump is the part of a step that linear extrapolation from
+    neither side explains.
     """
     step = np.diff(place)
     straight = np.pad(step, ((0, 0), (1, 1)), constant_values=np.nan)
@@ -295,9 +293,9 @@ def _jumps(place, reaching, weight, length_px):
 
 
 def _cut(edges, whole, most_slabs, accuracy):
-    """Places of the borders, descending, and the fraction of the jumps that they leave, and of what they cost.
+    """Places of the borders, descending, and the fraction of the jumps that remains, including the cost of borders.
 
-    By dynamic programming: the best way to cut up to a place into n slabs goes by the best to a farther place in n - 1.
+    By dynamic programming: the best cut up to a place into n slabs extends a best cut up to a farther place into n - 1.
     """
     candidates = _candidates(edges, whole)
     inside, close = _costs(edges, candidates)
@@ -319,8 +317,8 @@ def _cut(edges, whole, most_slabs, accuracy):
 
 
 def _candidates(edges, whole):
-    """Places where borders may be, ascending: in the widest gaps between so many ends of jumps, in even ratios, and at
-    the ends of what is whole."""
+    """Candidates for borders, ascending: in the widest gaps between ends of jumps, in a geometric sequence, and at the
+    ends of ranges that must not be cut."""
     ends = np.concatenate([edges.far, edges.near])
     order = np.argsort(ends)
     ends, weight = ends[order], np.cumsum(np.tile(edges.jump_px2, 2)[order])
@@ -337,8 +335,8 @@ def _candidates(edges, whole):
 
 
 def _costs(edges, candidates):
-    """Of all slabs from one candidate, or an end, to another, the jumps inside: array (far, near), inf where there is
-    no slab; and of each candidate, what surfaces so close to it cost."""
+    """Jumps inside each slab between two candidates or ends, array (far, near), inf for impossible slabs; and the cost
+    of surfaces close to each candidate."""
     bins = len(candidates) + 1
     far, near = (np.searchsorted(candidates, place) for place in (edges.far, edges.near))
     total = np.zeros((bins + 1, bins + 1))

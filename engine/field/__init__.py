@@ -1,1 +1,1 @@
-"""What the lens does at each place in the field: distortion, relative illumination, point spread functions."""
+"""The lens at each place in the field: distortion, relative illumination, point spread functions, rays."""

@@ -1,7 +1,7 @@
-"""Mirror symmetry: where the axis is in the middle of a picture, its four mirrored quadrants have the same PSFs.
+"""Mirror symmetry: if the axis is in the middle of a picture, its four mirrored quadrants have the same PSFs.
 
-A rotationally symmetric lens has PSFs that are mirror-symmetric about the meridional plane, so that the PSF of a
-mirrored place is the mirrored PSF. Quadrants flipped onto one another then share one set of PSFs and OTFs.
+The PSFs of a rotationally symmetric lens are mirror-symmetric about the meridional plane, so the PSF of a mirrored
+place is the mirrored PSF. Quadrants flipped onto one another then share one set of PSFs and OTFs.
 """
 
 from dataclasses import dataclass
@@ -11,44 +11,13 @@ import numpy as np
 
 from ..image.pixel_grid import PixelGrid
 
-SYMMETRY_TOLERANCE = 1e-2
-"""L1 distance of a PSF from its mirror image that is taken for noise; half a sample off centre is some 20 times it."""
-
-
-def mirror_symmetric(psf: np.ndarray) -> tuple[np.ndarray, bool]:
-    """PSFs made exactly mirror-symmetric in u, where they are so but for the noise of their making.
-
-    Parameters
-    ----------
-    psf : array (height, v, u), the chief ray at n // 2
-
-    Returns
-    -------
-    psf : array (height, v, u), as it was or averaged with its mirror image, then of odd size
-    symmetric : bool
-    """
-    if not is_mirror_symmetric(psf):
-        return psf, False
-    even = 1 - psf.shape[-1] % 2
-    odd = np.pad(psf, ((0, 0), (0, even), (0, even))) if even else psf  # -n/2 has its partner then
-    return (odd + odd[..., ::-1]) / 2, True
-
-
-def is_mirror_symmetric(psf: np.ndarray) -> bool:
-    """Whether PSFs (height, v, u), the chief ray at n // 2, are mirror-symmetric in u, but for noise."""
-    even = 1 - psf.shape[-1] % 2
-    right = psf[..., psf.shape[-1] // 2 + 1:]
-    left = psf[..., even:even + right.shape[-1]][..., ::-1]
-    alone = psf[..., :even].sum(axis=(-2, -1))  # -n/2 of an even size, which is to be dark
-    return bool((2 * np.abs(right - left).sum(axis=(-2, -1)) + 2 * alone).max() <= SYMMETRY_TOLERANCE)
-
 
 @dataclass(frozen=True)
 class Planes:
-    """The planes in which a picture is filtered: itself, or its four quadrants, which then share the optics.
+    """The planes in which a picture is filtered: the picture, or its four quadrants, which then share the optics.
 
-    Quadrants are laid with the axis at their upper left corner: lower right, upper right, lower left, upper left. The
-    middle line of an odd side is in both its quadrants.
+    Quadrants are flipped so that the axis is at their upper left corner. Their order is lower right, upper right, lower
+    left, upper left. The middle line of an odd side is in both of its quadrants.
 
     Attributes
     ----------
@@ -66,7 +35,7 @@ class Planes:
 
     @property
     def quarter_turns(self) -> int:
-        """Over how many quarter turns, clockwise from the right, the azimuths in a plane go."""
+        """Range of the azimuths in a plane in quarter turns, clockwise from the right."""
         return 1 if self.folded else 4
 
     @cached_property
@@ -79,14 +48,14 @@ class Planes:
                          (0.0 if rows % 2 else -0.5, 0.0 if columns % 2 else -0.5))
 
     def views(self, picture: np.ndarray) -> list[np.ndarray]:
-        """The whole picture as each plane sees it, its rows running away from the axis, and so its columns."""
+        """The complete picture, flipped for each plane: rows and columns run away from the axis."""
         turned = [picture, picture[::-1], picture[:, ::-1], picture[::-1, ::-1]]
         return turned[:self.count]
 
     def split(self, picture: np.ndarray, rim_px: int = 0) -> np.ndarray:
         """The planes of a picture: array (plane, row, column).
 
-        They have a rim of so many pixels all around: black beyond the picture; across the axis, what lies there.
+        They have a rim of this many pixels on all sides: black outside the picture, and the picture across the axis.
         """
         framed = np.pad(picture, rim_px)
         if not self.folded:
@@ -95,7 +64,7 @@ class Planes:
         return np.stack([view[rows, columns] for view in self.views(framed)])
 
     def without_doubles(self, planes: np.ndarray) -> np.ndarray:
-        """The planes, in place, with their middle lines left to the right and lower ones alone."""
+        """The planes, in place, with the picture's middle lines removed from all but the right and lower planes."""
         if self.folded:
             rows, columns = self.picture.shape_px
             if rows % 2:
@@ -105,7 +74,7 @@ class Planes:
         return planes
 
     def light(self, planes: np.ndarray) -> float:
-        """The sum of the picture that these are the planes of."""
+        """The sum over the picture with these planes."""
         light = planes.sum(dtype=np.float64)
         if self.folded:  # middle lines are in two planes
             rows, columns = (n % 2 for n in self.picture.shape_px)
@@ -114,7 +83,7 @@ class Planes:
         return float(light)
 
     def join(self, planes: np.ndarray, margin_px: int = 0) -> np.ndarray:
-        """The picture of planes without doubles, with a margin that came up around each of them.
+        """Join planes without doubles to the picture; each plane has a margin.
 
         Parameters
         ----------
@@ -139,29 +108,31 @@ class Planes:
         return picture
 
     def around(self, table: np.ndarray, margin: int, outside: float) -> np.ndarray:
-        """A table (row, column) of sections of the planes, which share it, with so many more on each side: `outside`
-        beyond the picture; across the axis, the mirrored ones."""
+        """Extend the planes' common table (row, column) of sections by a margin on each side.
+
+        The value beyond the picture is `outside`; across the axis, sections are mirrored.
+        """
         if not self.folded:
             return np.pad(table, margin, constant_values=outside)
         mirrored = np.pad(table, ((margin, 0), (margin, 0)), mode="symmetric")
         return np.pad(mirrored, ((0, margin), (0, margin)), constant_values=outside)
 
     def steps_across_axis(self, rows: np.ndarray, first: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Steps from pixels beside the axis to those across it.
+        """Steps between adjacent pixels on opposite sides of the axis.
 
         Parameters
         ----------
         rows : array (plane, row, column)
             Some rows of the planes.
         first : bool
-            Whether the first of them lies beside the axis.
+            Whether the first of them is next to the axis.
 
         Returns
         -------
         along_columns : array (pair, row)
-            Of each row's first pixel.
+            For each row's first pixel.
         along_rows : array (pair, column)
-            Of each column's first pixel; both of no pairs where there is no axis to cross.
+            For each column's first pixel. Both are empty without an axis to cross.
         """
         pairs = 2 if self.folded else 0
         across, down = rows[:pairs, :, 0] - rows[len(rows) - pairs:, :, 0], rows[:0, 0]
@@ -170,8 +141,8 @@ class Planes:
         return across, down
 
     def mirrored_into(self, position_px: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
-        """Positions along an axis of a plane, those across the picture's axis brought back into the plane; and the
-        signs, -1 for these, that what points along this axis takes there."""
+        """Positions along an axis of a plane, mirrored into the plane if they are across the picture's axis; and the
+        signs of components along this axis there, -1 for mirrored positions."""
         centre = self.grid.centre_px[axis]
         sign = np.where(self.folded & (position_px < centre), -1, 1)
         return centre + sign * (position_px - centre), sign

@@ -1,1 +1,1 @@
-"""Spectral images on the sensor's pixel grid: their files, their pictures, and what an ideal lens makes of them."""
+"""Spectral images on the sensor's pixel grid, flat and in layers; Eq. 2."""

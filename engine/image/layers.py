@@ -1,36 +1,39 @@
-"""LayeredRadiance: a scene's radiance in layers of depth, each as a pinhole in the entrance pupil sees it by itself."""
+"""LayeredRadiance: a scene's radiance in layers of depth, each the view of a pinhole in the entrance pupil."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..errors import ImageError
-from ..scratch import beside
-from .pixel_grid import PixelGrid
-from .spectral_image import SpectralImage
+from ..runtime.errors import ImageError
+from ..runtime.scratch import beside
+from .pixel_grid import PixelGrid, is_whole
+from .sampling import Sampling
+from .spectral_image import SpectralImage, check_capture
+
+ALPHA_SLACK = 1e-3  # accepted excess over the range from 0 to 1, from filters and half floats
 
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """What of a scene lies between two depths, seen without what is nearer.
+    """The part of a scene between two depths, as visible without anything nearer.
 
     Attributes
     ----------
     cube : float32 array (wavelength, row, column)
         Radiance, premultiplied by alpha.
     alpha : float32 array (row, column)
-        How much of each pixel the layer covers.
+        Fraction of each pixel that the layer covers.
     depth_mm : float32 array (row, column)
-        Along the optical axis from the entrance pupil, of what each pixel shows; inf for what is infinitely far, as
-        the world is. Where alpha is 0 it says nothing.
+        Depth of the visible surface along the optical axis from the entrance pupil: positive, inf for the world. It has
+        no meaning for pixels with alpha 0.
     origin_px : (int, int)
-        Row and column of the capture where the layer begins: where it holds nothing it need not be kept.
+        The layer's first row and column in the capture: empty margins need not be stored.
 
     Raises
     ------
     ImageError
-        Arrays that do not fit one another.
+        Shapes do not match; or an alpha or a depth is invalid.
     """
 
     cube: np.ndarray
@@ -44,10 +47,21 @@ class Layer:
         if self.cube.ndim != 3 or not self.cube.shape[1:] == self.alpha.shape == self.depth_mm.shape:
             raise ImageError("layer", "planes", f"of {self.cube.shape}, {self.alpha.shape} and {self.depth_mm.shape}",
                              "expected radiance (wavelength, row, column), alpha and depth of the same pixels")
+        if np.shape(self.origin_px) != (2,) or not all(map(is_whole, self.origin_px)):
+            raise ImageError("layer", "origin_px", self.origin_px, "expected a row and a column")
+        object.__setattr__(self, "alpha", checked_alpha(self.alpha, "layer"))
+        self._check_depth()
+
+    def _check_depth(self):
+        wrong = np.argwhere((self.alpha > 0) & ~(self.depth_mm > 0))
+        if wrong.size:
+            row, column = wrong[0]
+            raise ImageError("layer", f"depth_mm at row {row}, column {column}", f"{self.depth_mm[row, column]:g}",
+                             "expected a positive number, or inf, where alpha is above 0")
 
     @property
     def place(self) -> tuple[slice, slice]:
-        """Its rows and columns of the capture."""
+        """The layer's rows and columns in the capture."""
         (top, left), (rows, columns) = self.origin_px, self.alpha.shape
         return slice(top, top + rows), slice(left, left + columns)
 
@@ -56,7 +70,7 @@ class Layer:
         return self.cube.nbytes + self.alpha.nbytes + self.depth_mm.nbytes
 
     def within(self, region: tuple[slice, slice]) -> "Layer":
-        """What of it lies in a region of the capture, for a capture of that region alone; it shares its memory."""
+        """The part in a region of the capture, as a layer for a capture of that region. It shares memory with this."""
         common = [np.clip((here.start, here.stop), side.start, side.stop).tolist()
                   for here, side in zip(self.place, region, strict=True)]
         rows, columns = (slice(first - origin, last - origin)
@@ -66,7 +80,7 @@ class Layer:
                      (top - region[0].start, left - region[1].start))
 
     def cropped(self) -> "Layer":
-        """The layer without the rows and columns on its sides that it does not cover; of one pixel at the least."""
+        """The layer without empty rows and columns at its sides; at least one pixel."""
         rows, columns = covered(self.alpha)
         top, left = self.origin_px
         return Layer(self.cube[:, rows, columns].copy(), self.alpha[rows, columns].copy(),
@@ -80,21 +94,21 @@ class LayeredRadiance:
     Attributes
     ----------
     layers : tuple of Layer
-        At least one. The last holds the world as well, unless the film is transparent.
+        At least one. The last includes the world, unless the film is transparent.
     wavelengths_nm : float64 array (wavelength,)
-        Ascending; those of each layer.
+        Ascending; the same for all layers.
     grid : PixelGrid
-        Of the capture, in which the layers lie.
+        The grid of the capture, which contains the layers.
     focal_mm : float or None
-        Of the pinhole that captured it; None for the lens's own. A lens that is focused elsewhere has another one, and
-        sees the layers on the same sensor.
+        Focal length of the capturing pinhole; None for the lens's capture focal length. They differ if a lens on the
+        same sensor is focused elsewhere.
     exposure : float
-        What pictures of it are multiplied by, as `SpectralImage` has it.
+        Factor for pictures of it, as in `SpectralImage`.
 
     Raises
     ------
     ImageError
-        No layer, or one that does not fit.
+        The layers are missing or do not fit in the grid; or wavelengths, focal length or exposure are invalid.
     """
 
     layers: tuple[Layer, ...]
@@ -106,6 +120,7 @@ class LayeredRadiance:
     def __post_init__(self) -> None:
         object.__setattr__(self, "layers", tuple(self.layers))
         object.__setattr__(self, "wavelengths_nm", np.atleast_1d(np.asarray(self.wavelengths_nm, np.float64)))
+        check_capture("layers", self.wavelengths_nm, self.focal_mm, self.exposure)
         if not self.layers:
             raise ImageError("layers", "layers", "none", "expected at least one")
         rows, columns = self.grid.shape_px
@@ -122,21 +137,25 @@ class LayeredRadiance:
     def nbytes(self) -> int:
         return sum(layer.nbytes for layer in self.layers)
 
-    def dark(self) -> SpectralImage:
-        """A black picture of the same grid and wavelengths, which takes no memory."""
-        cube = np.broadcast_to(np.float32(0), (self.wavelengths_nm.size, *self.grid.shape_px))
-        grid = replace(self.grid, focal_mm=self.focal_mm)
-        return SpectralImage(cube, self.wavelengths_nm, grid, focal_mm=self.focal_mm, exposure=self.exposure)
+    @property
+    def sampling(self) -> Sampling:
+        """Its pixels, with the focal length of the pinhole, and its wavelengths."""
+        return Sampling(replace(self.grid, focal_mm=self.focal_mm), tuple(self.wavelengths_nm.tolist()))
+
+    @property
+    def light(self) -> np.ndarray:
+        """An array (wavelength, row, column) that is stored where the layers are: in memory or in a file."""
+        return self.layers[0].cube
 
     def cropped(self, margin_px: tuple[int, int]) -> "LayeredRadiance":
-        """The layers without `margin_px` (rows, columns) on each side of the capture; they share their memory."""
+        """The layers without `margin_px` (rows, columns) on each side of the capture. They share memory with these."""
         (above, left), (rows, columns) = margin_px, self.grid.shape_px
         inside = slice(above, rows - above), slice(left, columns - left)
         return replace(self, grid=self.grid.cropped(margin_px),
                        layers=tuple(layer.within(inside) for layer in self.layers))
 
     def flat(self) -> SpectralImage:
-        """The radiance that the pinhole sees of all layers; in a file, where theirs is."""
+        """The radiance of all layers combined, as visible to the pinhole; stored in a file if the layers are."""
         cube = beside(self.layers[0].cube, (self.wavelengths_nm.size, *self.grid.shape_px))
         for layer in reversed(self.layers):
             part = cube[:, *layer.place]
@@ -145,32 +164,48 @@ class LayeredRadiance:
         return SpectralImage(cube, self.wavelengths_nm, self.grid, focal_mm=self.focal_mm, exposure=self.exposure)
 
     def flat_alpha(self) -> np.ndarray:
-        """How much of each pixel all layers cover: float32 array (row, column)."""
+        """Fraction of each pixel that all layers together cover: float32 array (row, column)."""
         clear = np.ones(self.grid.shape_px, np.float32)
         for layer in self.layers:
             clear[layer.place] *= 1 - layer.alpha
         return 1 - clear
 
     def flat_depth_mm(self) -> np.ndarray:
-        """The depth of what is nearest in each pixel: float32 array (row, column), inf where nothing is."""
+        """The nearest depth in each pixel: float32 array (row, column), inf for empty pixels."""
         depth_mm = np.full(self.grid.shape_px, np.inf, np.float32)
         for layer in reversed(self.layers):
             np.copyto(depth_mm[layer.place], layer.depth_mm, where=layer.alpha > 0)
         return depth_mm
 
     def with_light(self, cubes: Iterable[np.ndarray]) -> "LayeredRadiance":
-        """The same layers with other light: of each an array (wavelength, row, column), of as many wavelengths."""
+        """The same layers with other light: for each layer an array (wavelength, row, column) of the same length."""
         return replace(self, layers=tuple(replace(layer, cube=cube)
                                           for layer, cube in zip(self.layers, cubes, strict=True)))
 
 
-def light_of(radiance: SpectralImage | LayeredRadiance) -> np.ndarray:
-    """An array (wavelength, row, column) of its light, in memory or in a file as all of it is."""
-    return radiance.layers[0].cube if isinstance(radiance, LayeredRadiance) else radiance.cube
+Radiance = SpectralImage | LayeredRadiance
+"""What a lens takes: a flat picture, all in focus, or layers of depth."""
+
+
+def checked_alpha(alpha: np.ndarray, where: str) -> np.ndarray:
+    """Alpha, with rounding errors clipped to the range from 0 to 1.
+
+    Raises
+    ------
+    ImageError
+        A value is NaN, or more than `ALPHA_SLACK` outside that range.
+    """
+    if not alpha.size or (alpha.min() >= 0 and alpha.max() <= 1):
+        return alpha
+    wrong = np.argwhere(~((alpha >= -ALPHA_SLACK) & (alpha <= 1 + ALPHA_SLACK)))
+    if wrong.size:
+        place = " ".join(map(str, wrong[0]))
+        raise ImageError(where, f"alpha at {place}", f"{alpha[tuple(wrong[0])]:g}", "expected a number from 0 to 1")
+    return np.clip(alpha, 0, 1)
 
 
 def covered(alpha: np.ndarray) -> tuple[slice, slice]:
-    """From the first to the last row and column of a plane in which something is not 0; of one pixel at the least."""
+    """Slices from the first to the last row and column of a plane with nonzero values; at least one pixel."""
     sides = []
     for axis in (1, 0):
         places = np.flatnonzero(alpha.any(axis=axis))

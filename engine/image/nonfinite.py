@@ -1,8 +1,8 @@
-"""Pixels that are no finite number, as renderers leave them now and then."""
+"""NaN and infinite pixels, which renderers occasionally produce."""
 
 import numpy as np
 
-from ..errors import ImageError
+from ..runtime.errors import ImageError
 from .layers import LayeredRadiance
 from .spectral_image import SpectralImage
 
@@ -20,21 +20,21 @@ def _refuse(cube, wavelengths_nm, origin_px):
     for plane, wavelength_nm in zip(cube, wavelengths_nm, strict=True):
         if _all_finite(plane):
             continue
-        found = np.argwhere(~np.isfinite(plane))
-        row, column = found[0]
+        wrong = np.argwhere(~np.isfinite(plane))
+        row, column = wrong[0]
         place = f"pixel at row {row + origin_px[0]}, column {column + origin_px[1]}, {wavelength_nm:g} nm"
         raise ImageError("image", place, str(plane[row, column]),
-                         f"every value must be finite; {len(found)} of {plane.size} at this wavelength are not; "
-                         "'clamp' for fireflies mends them")
+                         f"every value must be finite; {len(wrong)} of {plane.size} at this wavelength are not; "
+                         "'clamp' for fireflies replaces them")
 
 
 def _all_finite(plane):
-    with np.errstate(invalid="ignore", over="ignore"):  # of infinities, which are what is looked for
+    with np.errstate(invalid="ignore", over="ignore"):  # infinities are expected here
         return np.isfinite(plane.sum(dtype=np.float64))
 
 
 def clamp_layers(layered: LayeredRadiance) -> tuple[LayeredRadiance, int]:
-    """Layers in which pixels that are not finite are mended as `clamp_fireflies` does, and their number."""
+    """Layers with non-finite pixels replaced as by `clamp_fireflies`, and the number of these pixels."""
     number, cubes = 0, []
     for layer in layered.layers:
         planes, numbers = zip(*map(clamp_fireflies, layer.cube), strict=True)
@@ -44,12 +44,11 @@ def clamp_layers(layered: LayeredRadiance) -> tuple[LayeredRadiance, int]:
 
 
 def clamp_fireflies(plane: np.ndarray) -> tuple[np.ndarray, int]:
-    """A plane whose pixels that are not finite take the brightest finite value beside them, and their number."""
+    """A plane with NaN and infinite pixels replaced by their brightest finite neighbour, and their number."""
     if _all_finite(plane):
         return plane, 0
     bad = ~np.isfinite(plane)
-    padded = np.pad(np.where(bad, 0, plane), 1)
-    mended = plane.copy()
-    for row, column in np.argwhere(bad):
-        mended[row, column] = padded[row:row + 3, column:column + 3].max()
-    return mended, int(bad.sum())
+    brightest = np.pad(np.where(bad, 0, plane), 1)
+    brightest = np.maximum(np.maximum(brightest[:-2], brightest[1:-1]), brightest[2:])
+    brightest = np.maximum(np.maximum(brightest[:, :-2], brightest[:, 1:-1]), brightest[:, 2:])
+    return np.where(bad, brightest, plane), int(bad.sum())

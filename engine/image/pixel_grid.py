@@ -1,4 +1,4 @@
-"""PixelGrid: the pixels of an image in the sensor's plane, and where they lie about the optical axis."""
+"""PixelGrid: the pixels of an image in the sensor's plane, and their position relative to the optical axis."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -6,7 +6,7 @@ from typing import Any, TypeGuard
 
 import numpy as np
 
-from ..errors import ImageError
+from ..runtime.errors import ImageError
 
 PLANE, FISHEYE = "plane", "equidistant"
 PROJECTIONS = PLANE, FISHEYE
@@ -14,40 +14,40 @@ PROJECTIONS = PLANE, FISHEYE
 
 @dataclass(frozen=True)
 class PixelGrid:
-    """Square pixels in the sensor's plane: how many, how large, and where the optical axis meets them.
+    """Square pixels in the sensor's plane: their number, their size, and the position of the optical axis.
 
     Attributes
     ----------
     shape_px : (int, int)
-        Rows and columns of all pixels, overscan included.
+        Rows and columns of all pixels, including overscan.
     pitch_um : float
         Distance between pixel centres, the same in x and y.
     centre_px : (float, float)
-        Row and column, in index terms, where the optical axis meets the grid; the middle by default.
+        Row and column, as indices, at which the optical axis meets the grid; the middle by default.
     overscan_px : (int, int)
         Rows and columns by which the grid extends beyond the sensor's frame on each side.
     projection : "plane" or "equidistant"
-        What a capture was made with; see `overscan.capture_radius`.
+        The projection of a capture; see `overscan.capture_radius`.
     focal_mm : float or None
-        Of the pinhole that it was made with, where that is not the lens's `capture_focal_length_mm`: a lens that is
-        focused nearer, on the same sensor, has another.
+        Focal length of the capturing pinhole, if it is not the lens's `capture_focal_length_mm`, which changes when a
+        lens on the same sensor is focused nearer.
 
     Raises
     ------
     ImageError
-        A grid that cannot be.
+        An attribute is invalid.
     """
 
     shape_px: tuple[int, int]
     pitch_um: float
-    centre_px: tuple[float, float] = None  # type: ignore[assignment]  # until it is made: the middle
+    centre_px: tuple[float, float] = None  # type: ignore[assignment]  # replaced by the middle on creation
     overscan_px: tuple[int, int] = (0, 0)
     projection: str = PLANE
     focal_mm: float | None = None
 
     def __post_init__(self) -> None:
         for name in ("shape_px", "overscan_px"):
-            if np.shape(getattr(self, name)) != (2,) or not all(_is_whole(n) for n in getattr(self, name)):
+            if np.shape(getattr(self, name)) != (2,) or not all(is_whole(n) for n in getattr(self, name)):
                 raise ImageError("image", name, getattr(self, name), "expected whole numbers of rows and columns")
         (rows, columns), overscan = (tuple(int(n) for n in pair) for pair in (self.shape_px, self.overscan_px))
         centre = ((rows - 1) / 2, (columns - 1) / 2) if self.centre_px is None else self.centre_px
@@ -69,7 +69,7 @@ class PixelGrid:
     @classmethod
     def around_frame(cls, frame_px: Sequence[int], pitch_um: float, overscan_px: Sequence[int] = (0, 0),
                      projection: str = PLANE) -> "PixelGrid":
-        """A frame of these (rows, columns), the axis in its middle, with so much overscan on each side."""
+        """A frame of these (rows, columns), with the axis in its middle and the given overscan on each side."""
         (rows, columns), (above, left) = frame_px, overscan_px
         return cls((rows + 2 * above, columns + 2 * left), pitch_um, overscan_px=(above, left), projection=projection)
 
@@ -81,18 +81,18 @@ class PixelGrid:
 
     @property
     def centred(self) -> bool:
-        """Whether the optical axis meets the middle, so that four mirrored quadrants share all of the optics."""
+        """Whether the optical axis meets the middle, so four mirrored quadrants can share all optical data."""
         return all(abs(centre - (n - 1) / 2) < 1e-9 for centre, n in zip(self.centre_px, self.shape_px, strict=True))
 
     @property
     def farthest_px(self) -> float:
-        """From the axis to the farthest corner of a pixel."""
+        """Distance from the axis to the farthest corner of a pixel."""
         down, right = (max(centre + 0.5, n - 0.5 - centre)
                        for n, centre in zip(self.shape_px, self.centre_px, strict=True))
         return float(np.hypot(down, right))
 
     def frame(self) -> "PixelGrid":
-        """The sensor's frame alone."""
+        """The grid of the sensor's frame, without overscan."""
         return self.cropped(self.overscan_px)
 
     def cropped(self, margin_px: Sequence[int]) -> "PixelGrid":
@@ -103,14 +103,14 @@ class PixelGrid:
                        overscan_px=(self.overscan_px[0] - above, self.overscan_px[1] - left))
 
     def framed(self, rim_px: int) -> "PixelGrid":
-        """The grid with a rim of so many pixels all around."""
+        """The grid with `rim_px` more pixels on each side."""
         (rows, columns), (row, column) = self.shape_px, self.centre_px
         return replace(self, shape_px=(rows + 2 * rim_px, columns + 2 * rim_px),
                        centre_px=(row + rim_px, column + rim_px),
                        overscan_px=(self.overscan_px[0] + rim_px, self.overscan_px[1] + rim_px))
 
     def finer(self, times: int) -> "PixelGrid":
-        """The same area in pixels of which so many, across and down, make up one."""
+        """The same area with each pixel split into `times` x `times` pixels."""
         (rows, columns), (row, column), (above, left) = self.shape_px, self.centre_px, self.overscan_px
         before = (times - 1) / 2  # the middle of the first pixel
         return replace(self, shape_px=(times * rows, times * columns), pitch_um=self.pitch_um / times,
@@ -118,11 +118,11 @@ class PixelGrid:
                        overscan_px=(times * above, times * left))
 
     def within_reach(self, reach_px: int) -> "PixelGrid":
-        """The frame with what lies no more than `reach_px` beyond it, as far as the overscan goes."""
+        """The frame with at most `reach_px` pixels of the overscan on each side."""
         return self.cropped([max(0, overscan - reach_px) for overscan in self.overscan_px])
 
     def position_mm(self, rows: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Image-plane coordinates (x to the right, y upwards) of positions in index terms."""
+        """Image-plane coordinates (x to the right, y upwards) of positions given as indices."""
         pitch_mm = self.pitch_um * 1e-3
         return (columns - self.centre_px[1]) * pitch_mm, (self.centre_px[0] - rows) * pitch_mm
 
@@ -131,14 +131,15 @@ class PixelGrid:
         return self.position_mm(np.arange(self.shape_px[0]), np.arange(self.shape_px[1]))
 
 
+def is_whole(value: object) -> bool:
+    """Whether a value is an integer, of any numeric type."""
+    return _is_number(value) and bool(np.isfinite(value)) and value == int(value)
+
+
 def is_positive(value: object) -> bool:
-    """Whether this is a finite number above 0."""
+    """Whether a value is a finite number above 0."""
     return _is_number(value) and bool(0 < value < np.inf)
 
 
 def _is_number(value: Any) -> TypeGuard[float]:
     return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
-
-
-def _is_whole(value):
-    return _is_number(value) and value == int(value)

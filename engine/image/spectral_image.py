@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import ImageError
+from ..runtime.errors import ImageError
 from .pixel_grid import PixelGrid, is_positive
+from .sampling import Sampling
 
 RADIANCE = "radiance"
 IRRADIANCE = "irradiance"
@@ -19,15 +20,15 @@ UNITS = {RADIANCE: "W.m^-2.sr^-1.nm^-1", IRRADIANCE: "W.m^-2.nm^-1"}
 class SpectralImage:
     """A spectral image on the sensor's pixel grid.
 
-    A radiance image is the scene as an ideal (paraxial, distortion-free) lens would lay it on the sensor.
+    A radiance image is the scene as an ideal (paraxial, distortion-free) lens would image it on the sensor.
 
     Parameters
     ----------
     cube : array (wavelength, row, column), or (row, column) for a single wavelength
     wavelengths_nm : sequence of float, ascending
     grid : PixelGrid, optional
-        Instead of which, or to change them in it, its parts may be given by name: pitch_um, centre_px, overscan_px and
-        projection.
+    pitch_um, centre_px, overscan_px, projection : optional
+        Attributes of the grid, to use instead of a grid or to override its values.
     quantity, lens_name, f_number_effective, focal_mm, exposure
         See below.
 
@@ -38,22 +39,23 @@ class SpectralImage:
     wavelengths_nm : float64 array (wavelength,)
         Ascending.
     grid : PixelGrid
-        Its pixels in the sensor's plane. What is asked for most is at hand by itself: `pitch_um`, `centre_px`,
-        `overscan_px`, `projection` and `frame_px`.
+        Its pixels in the sensor's plane. `pitch_um`, `centre_px`, `overscan_px`, `projection` and `frame_px` are also
+        properties of the image.
     quantity : "radiance" or "irradiance"
     lens_name : str
-        The lens that an irradiance image was made with, else "".
+        The lens of an irradiance image; "" for radiance.
     f_number_effective : float or None
         That lens's effective f-number, which relates irradiance to radiance (Eq. 2).
     focal_mm : float or None
-        Of the pinhole that captured a radiance image: with the pitch it tells the field of view.
+        Focal length of the pinhole that captured a radiance image. Together with the pitch it defines the field of
+        view.
     exposure : float
-        What pictures of it are multiplied by, to be as bright as the renderer's own: its film exposure.
+        The renderer's film exposure: pictures are multiplied by it to be as bright as the renderer's.
 
     Raises
     ------
     ImageError
-        Parts that cannot be, or do not fit one another.
+        A part is invalid, or parts do not match.
     """
 
     cube: np.ndarray
@@ -79,13 +81,9 @@ class SpectralImage:
         if wavelengths.shape != cube.shape[:1]:
             raise ImageError("image", "wavelengths_nm", f"{wavelengths.size} long",
                              f"expected one for each of the {cube.shape[0]} planes")
-        if not np.all(np.isfinite(wavelengths)) or np.any(wavelengths <= 0) or np.any(np.diff(wavelengths) <= 0):
-            raise ImageError("image", "wavelengths_nm", wavelengths.tolist(), "expected positive and ascending")
-        for name, number in (("f_number_effective", f_number_effective), ("focal_mm", focal_mm)):
-            if number is not None and not is_positive(number):
-                raise ImageError("image", name, number, "expected a positive number")
-        if exposure != 0 and not is_positive(exposure):
-            raise ImageError("image", "exposure", exposure, "expected a number of at least 0")
+        check_capture("image", wavelengths, focal_mm, exposure)
+        if f_number_effective is not None and not is_positive(f_number_effective):
+            raise ImageError("image", "f_number_effective", f_number_effective, "expected a positive number")
         if not isinstance(lens_name, str):
             raise ImageError("image", "lens_name", lens_name, "expected a text")
         if quantity not in UNITS:
@@ -95,11 +93,11 @@ class SpectralImage:
         if grid is None:
             grid = PixelGrid(cube.shape[1:], **{"pitch_um": None} | given)
         elif not isinstance(grid, PixelGrid):
-            raise ImageError("image", "grid", grid, "expected a PixelGrid; a pitch is given by name, pitch_um=")
+            raise ImageError("image", "grid", grid, "expected a PixelGrid; pass a pitch by keyword, pitch_um=")
         else:
             grid = replace(grid, **given)
         if grid.shape_px != cube.shape[1:]:
-            raise ImageError("image", "cube", f"of {cube.shape[1:]} px", f"expected {grid.shape_px}, as its grid has")
+            raise ImageError("image", "cube", f"of {cube.shape[1:]} px", f"expected {grid.shape_px}, as in its grid")
         for name, value in (("cube", cube), ("wavelengths_nm", wavelengths), ("grid", grid), ("quantity", quantity),
                             ("lens_name", lens_name), ("f_number_effective", f_number_effective),
                             ("focal_mm", focal_mm), ("exposure", float(exposure))):
@@ -126,6 +124,16 @@ class SpectralImage:
         """Rows and columns of the sensor's frame."""
         return self.grid.frame_px
 
+    @property
+    def sampling(self) -> Sampling:
+        """Its pixels and wavelengths."""
+        return Sampling(self.grid, tuple(self.wavelengths_nm.tolist()))
+
+    @property
+    def light(self) -> np.ndarray:
+        """An array (wavelength, row, column) that is stored where the image is: in memory or in a file."""
+        return self.cube
+
     def frame(self) -> "SpectralImage":
         """The image cropped to the sensor's frame."""
         return self.cropped(self.overscan_px)
@@ -135,3 +143,14 @@ class SpectralImage:
         rows, columns = margin_px
         cube = self.cube[:, rows:self.cube.shape[1] - rows, columns:self.cube.shape[2] - columns]
         return replace(self, cube=cube, grid=self.grid.cropped(margin_px))
+
+
+def check_capture(where: str, wavelengths_nm: np.ndarray, focal_mm: float | None, exposure: float) -> None:
+    """Raise an ImageError that names the first invalid figure of a capture."""
+    nm = wavelengths_nm
+    if not np.all(np.isfinite(nm)) or np.any(nm <= 0) or np.any(np.diff(nm) <= 0):
+        raise ImageError(where, "wavelengths_nm", nm.tolist(), "expected positive and ascending")
+    if focal_mm is not None and not is_positive(focal_mm):
+        raise ImageError(where, "focal_mm", focal_mm, "expected a positive number")
+    if exposure != 0 and not is_positive(exposure):
+        raise ImageError(where, "exposure", exposure, "expected a number of at least 0")

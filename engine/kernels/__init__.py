@@ -1,7 +1,7 @@
-"""The inner loops, in C. Where there is no library of them for a machine, numpy does their work.
+"""The inner loops in C. On a machine without their compiled library, numpy is used instead.
 
-Whoever calls `turn`, `footprints`, `spread`, `waves` or `cast` has asked `running` before: where that is "numpy" there
-is no library.
+Check `running` before calling `turn`, `footprints`, `spread`, `waves` or `cast`: if it returns "numpy", the library is
+missing.
 """
 
 from .cast import MEETING, SEQUENCES, TOGETHER, Casting, SeenLayer, cast, rays_shape

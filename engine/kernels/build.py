@@ -1,10 +1,10 @@
-"""Compile the loops into a library that needs nothing else: for this machine, or for others.
+"""Compile the loops into a library without dependencies, for this machine or for others.
 
-    python engine/kernels/build.py                      # for this machine, where Lensfield looks for it, if it is older
+    python engine/kernels/build.py                      # for this machine, in its place, unless it is up to date
     python engine/kernels/build.py FOLDER PLATFORM ...  # for these platforms, by cross compilers: see COMPILERS
 
-It needs no more than Python and a C compiler (gcc or clang; CC names another), for `pip install` runs it before there
-is anything else. The same compiler makes the same bytes of the same sources, wherever these lie.
+It requires only Python and a C compiler (gcc or clang; CC names another), because `pip install` runs it before any
+dependency is installed. The same compiler produces the same bytes from the same sources in any folder.
 """
 
 import hashlib
@@ -26,7 +26,7 @@ VARIANTS: dict[str, dict[str, tuple[int, list[str]]]] = {
     "x64": {"base": (4, []), "avx2": (8, ["-mavx2"]), "avx512": (16, ["-mavx512f", "-mavx512vl", "-mavx512dq"])},
     "arm64": {"neon": (4, [])},
 }
-"""Of each machine, from the simplest to the quickest: the floats that it takes at once, and its compiler's flags."""
+"""For each machine, from the simplest to the fastest: the number of floats in a vector, and the compiler's flags."""
 
 FLAGS = ["-std=gnu11", "-O3", "-fPIC", "-ffreestanding", "-fvisibility=hidden", "-fno-stack-protector",
          "-fno-math-errno", "-fno-trapping-math", "-ffp-contract=off", "-Wall", "-Wextra", "-Wno-psabi"]
@@ -38,11 +38,11 @@ COMPILERS = {
     "macos-arm64": "clang",
     "macos-x64": "clang",
 }
-"""Those that make another machine's library. Macs' also want LLVM's linker, lld."""
+"""Cross compilers for other machines' libraries. Those for Macs also require LLVM's linker, lld."""
 
 
 class CompilerMissing(Exception):
-    """There is no compiler for a platform."""
+    """A platform's compiler is missing."""
 
 
 def this_platform() -> str:
@@ -53,82 +53,84 @@ def this_platform() -> str:
 
 
 def library_name(target: str) -> str:
-    """What the library of a platform is called."""
+    """The file name of a platform's library."""
     return f"kernels-{target}{SUFFIX.get(target.split('-')[0], '.so')}"
 
 
 def sources_digest() -> str:
     """Tells a library from one of other sources; "" where they are not at hand."""
-    sources = sorted(HERE.glob("*.[ch]"))
-    texts = "".join(path.read_text(encoding="utf-8") for path in [*sources, Path(__file__)])
-    return hashlib.sha256(texts.encode()).hexdigest()[:16] if sources else ""
+    if not (HERE / "kernels.c").exists():  # a wheel contains kernels.h alone
+        return ""
+    texts = "".join(path.read_text(encoding="utf-8") for path in [*sorted(HERE.glob("*.[ch]")), Path(__file__)])
+    return hashlib.sha256(texts.encode()).hexdigest()[:16]
 
 
 def up_to_date(library: Path) -> bool:
-    """Whether a library is there, and made from the sources as they are."""
+    """Whether a library exists and was built from the current sources."""
     return library.is_file() and sources_digest().encode() in library.read_bytes()
 
 
 def build(folder: Path, target: str | None = None) -> Path:
-    """The library of a platform in a folder: its path.
+    """Build the library of a platform in a folder, and return its path.
 
     Raises
     ------
     CompilerMissing
     subprocess.CalledProcessError
-        The compiler failed, and has told why.
+        The compiler failed, and has printed the reason.
     """
     target = target or this_platform()
     system, machine = target.split("-")
     if system not in SUFFIX or machine not in VARIANTS:
-        raise CompilerMissing(f"there are no C loops for {target}")
+        raise CompilerMissing(f"C loops are not available for {target}")
     command = compiler(target)
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder) as temporary:
-        made = Path(temporary) / library_name(target)
-        subprocess.run([*command, *_linking(target, Path(temporary)), "-o", made.name,
+        library = Path(temporary) / library_name(target)
+        subprocess.run([*command, *_linking(target, Path(temporary)), "-o", library.name,
                         *objects(target, Path(temporary))], check=True, cwd=temporary)
-        os.replace(made, folder / made.name)  # at once: others may be loading it
+        os.replace(library, folder / library.name)  # atomic: other processes may be loading it
     return folder / library_name(target)
 
 
 def objects(target: str, folder: Path, flags: Sequence[str] = ()) -> list[str]:
-    """What `build` links: the names of object files in a folder, compiled with these flags, too."""
-    made, machine = [], target.split("-")[1]
+    """Compile the object files that `build` links, with these additional flags, and return their names."""
+    names, machine = [], target.split("-")[1]
 
-    def compiled(source, *own):
-        made.append(f"{len(made)}.o")  # no path gets in: sources are named from their own folder
-        subprocess.run([*compiler(target), *FLAGS, *flags, *own, "-c", source, "-o", str(folder / made[-1])],
+    def compile_source(source, *source_flags):
+        names.append(f"{len(names)}.o")  # relative paths, because absolute ones would be stored in the objects
+        subprocess.run([*compiler(target), *FLAGS, *flags, *source_flags, "-c", source, "-o", str(folder / names[-1])],
                        check=True, cwd=HERE)
 
-    for variant, (lanes, own) in VARIANTS[machine].items():
+    for variant, (lanes, variant_flags) in VARIANTS[machine].items():
         for loop in LOOPS:
-            compiled(f"{loop}.c", f"-DVARIANT={variant}", f"-DLANES={lanes}", *own)
-    compiled("kernels.c", f'-DLF_SOURCES="{sources_digest()}"')
-    return made
+            compile_source(f"{loop}.c", f"-DVARIANT={variant}", f"-DLANES={lanes}", *variant_flags)
+    compile_source("kernels.c", f'-DLF_SOURCES="{sources_digest()}"')
+    return names
 
 
 def compiler(target: str) -> list[str]:
-    """The beginning of the commands that compile for a platform.
+    """The first words of the commands that compile for a platform.
 
     Raises
     ------
     CompilerMissing
     """
-    own = target == this_platform()
-    names = [os.environ["CC"]] if own and "CC" in os.environ else [*(("cc", "gcc", "clang") * own), COMPILERS[target]]
-    found = [command for command in map(shlex.split, names) if shutil.which(command[0])]
-    if not found:
+    native = target == this_platform()
+    names = [os.environ["CC"]] if native and "CC" in os.environ else [
+        *(("cc", "gcc", "clang") * native), COMPILERS[target]]
+    installed = [command for command in map(shlex.split, names) if shutil.which(command[0])]
+    if not installed:
         raise CompilerMissing(f"{' or '.join(names)} is not installed")
-    if target.startswith("windows"):  # whose stack is aligned to less than AVX's moves want
-        return [*found[0], "-Wa,-muse-unaligned-vector-move"]
-    if target.startswith("macos") and not own:
-        return [*found[0], f"--target={'arm64' if target.endswith('arm64') else 'x86_64'}-apple-macos11.0"]
-    return found[0]
+    if target.startswith("windows"):  # its stack alignment is too small for aligned AVX moves
+        return [*installed[0], "-Wa,-muse-unaligned-vector-move"]
+    if target.startswith("macos") and not native:
+        return [*installed[0], f"--target={'arm64' if target.endswith('arm64') else 'x86_64'}-apple-macos11.0"]
+    return installed[0]
 
 
 def _linking(target, folder):
-    """What makes a library of the objects: without a C library, so that it fits every system's."""
+    """Flags for linking the objects to a library, without a C library, to be independent of the system's."""
     system = target.split("-")[0]
     if system == "linux":
         return ["-shared", "-nostdlib", "-Wl,--no-undefined", "-Wl,--build-id=none", "-s"]
@@ -136,7 +138,7 @@ def _linking(target, folder):
         return ["-shared", "-nostdlib", "-Wl,-e,0", "-Wl,--no-insert-timestamp", "-s"]
     if target == this_platform():
         return ["-dynamiclib", f"-Wl,-install_name,@rpath/{library_name(target)}"]
-    # Every Mac library has to name the system's, though this one calls nothing in it.
+    # Every Mac library must name the system library, although this one does not call it.
     (folder / "libSystem.tbd").write_text(SYSTEM_STUB)
     return ["-dynamiclib", "-nostdlib", "-fuse-ld=lld", "libSystem.tbd",
             f"-Wl,-install_name,@rpath/{library_name(target)}"]
@@ -155,14 +157,14 @@ exports:
 
 
 def without(problem: Exception) -> str:
-    """What it means that `build` failed."""
+    """A message about the consequence of a failure of `build`."""
     if isinstance(problem, subprocess.CalledProcessError):
         problem = CompilerMissing(f"{problem.cmd[0]} cannot compile them")
-    return f"no loops in C, numpy does their work: {problem}"
+    return f"without loops in C, numpy is used instead: {problem}"
 
 
 def main(arguments: list[str]) -> int:
-    """What the command line asks for; 1 and a line of text where a compiler is missing or fails."""
+    """Run the command line; print a line of text and return 1 if a compiler is missing or fails."""
     folder = Path(arguments[0]).resolve() if arguments else LIBRARY_FOLDER
     if not arguments and up_to_date(folder / library_name(this_platform())):
         return 0

@@ -1,12 +1,13 @@
-/* Cast: what pixels of the sensor see along the lens's rays, through layers of a capture, the nearest first.
+/* Cast: radiance at pixels of the sensor along the lens's rays, through layers of a capture, the nearest first.
 
-   A ray meets a layer where the layer's own depth puts it: its place for a depth is looked up, the depth at that place,
-   and so on. Places are in pixels from the axis, to the right and upwards, and turn with the pixel, whose rays are those
-   of its distance from the axis. What rays look up lies far apart, but that of neighbouring pixels through the same
-   place of the stop side by side: so the pixels of a tile go through each eight of rays together. */
+   The point where a ray meets a layer depends on the layer's depth at that point. It is found by iteration: compute the
+   ray's position for a depth, look up the depth at that position, and repeat. Positions are in pixels from the axis, to
+   the right and upwards, and turn with the pixel; a pixel's rays depend on its distance from the axis. The look-ups of
+   a pixel's rays are far apart in memory, but those of neighbouring pixels through the same point of the stop are close
+   together. All pixels of a tile are therefore processed with each eight of rays at once. */
 #include "variant.h"
 
-#define WIDE (LANES == 4 ? 4 : 8) /* rays at once: no number depends on how many */
+#define WIDE (LANES == 4 ? 4 : 8) /* rays in a vector: results do not depend on it */
 typedef float rays __attribute__((vector_size(4 * WIDE), aligned(4), may_alias));
 typedef int32_t masks __attribute__((vector_size(4 * WIDE), aligned(4), may_alias));
 typedef int64_t longs __attribute__((vector_size(4 * WIDE), aligned(8), may_alias));
@@ -19,7 +20,7 @@ typedef double pair __attribute__((aligned(4), may_alias));
 #define PICKED(a, b, ...) __builtin_shuffle(a, b, (masks){__VA_ARGS__})
 #endif
 
-#define BLOCKED 2e-3f /* the share of a ray that is no longer followed */
+#define BLOCKED 2e-3f /* rays with less than this share of their light are no longer followed */
 #define ARCTAN_TERMS 0.0028340643f, -0.0160050305f, 0.0425876075f, -0.0749544544f, 0.106367541f, -0.142025705f, \
     0.199924836f, -0.333330668f, 0.999999984f
 
@@ -38,8 +39,8 @@ INLINE int any(masks mask)
     return one != 0;
 }
 
-/* What lies at places of a plane and to the right of each: of the first rays and of the others, in the order in which
-   they fall apart at once. */
+/* Loads the values at positions in a plane and to the right of each, for both halves of the rays, in an order that a
+   single shuffle separates. */
 INLINE void load_pairs(const float *plane, const int32_t *where, rays *a, rays *b)
 {
 #define PAIR(n) *(const pair *)(plane + where[n])
@@ -64,9 +65,9 @@ INLINE rays twice_a(rays v) { return PICKED(v, v, 0, 0, 1, 1, 4, 4, 5, 5); }
 INLINE rays twice_b(rays v) { return PICKED(v, v, 2, 2, 3, 3, 6, 6, 7, 7); }
 #endif
 
-typedef struct { /* where among the pixels of a layer rays meet it */
-    int32_t where[WIDE]; /* above and to the left */
-    rays right, down_a, down_b; /* shares of the pixels to the right, and below as load_pairs has them */
+typedef struct { /* points, among the pixels of a layer, where rays meet it */
+    int32_t where[WIDE]; /* the pixel above and to the left */
+    rays right, down_a, down_b; /* weights of the pixels to the right, and of those below in the order of load_pairs */
 } spots;
 
 INLINE rays looked_up(const float *plane, int64_t row_step, const spots *s)
@@ -79,7 +80,7 @@ INLINE rays looked_up(const float *plane, int64_t row_step, const spots *s)
     return between(firsts(a, b), seconds(a, b), s->right);
 }
 
-/* By how much a fisheye shrinks tangents r of this square: arctan(r) / r, to 1e-7. */
+/* Ratio of a fisheye's angle to the tangent r, from its square: arctan(r) / r, to 1e-7. */
 INLINE rays shrunk(rays square)
 {
     static const float terms[] = {ARCTAN_TERMS};
@@ -93,8 +94,8 @@ INLINE rays shrunk(rays square)
     return chosen(far, (1.57079633f - series / r) / r, series);
 }
 
-typedef struct { /* rays at a wavelength: places at infinity and how they move with the inverse depth */
-    rays x, y, by_x, by_y, light, free, in_focus; /* what passes of all cover in front, and of that in focus alone */
+typedef struct { /* rays at a wavelength: positions at infinity and their change with the inverse depth */
+    rays x, y, by_x, by_y, light, free, in_focus; /* transmission of all layers in front, and of their in-focus parts */
 } pencil;
 
 INLINE void place(const pencil *p, rays depth, float per_focal, rays *x, rays *y)
@@ -108,7 +109,7 @@ INLINE void place(const pencil *p, rays depth, float per_focal, rays *x, rays *y
     }
 }
 
-/* The inverse depth at which rays meet a layer, and the share of focus there. */
+/* The inverse depth at which rays meet a layer, and the focus share there. */
 INLINE void meet(const lf_layer *l, const pencil *p, const lf_meeting *m, float per_focal, rays *depth, rays *share)
 {
     const float last_x = (float)(l->light.columns - 1), last_y = (float)(l->light.rows - 1);
@@ -126,11 +127,11 @@ INLINE void meet(const lf_layer *l, const pencil *p, const lf_meeting *m, float 
         const rays before = *depth;
         *depth = firsts(a, b);
         *share = seconds(a, b);
-        if (!any(*depth != before)) break; /* more steps would find the same */
+        if (!any(*depth != before)) break; /* converged */
     }
 }
 
-/* Where rays meet a layer at these inverse depths: the mask is of those that do not pass beside it. */
+/* Where rays meet a layer at these inverse depths. Returns a mask of the rays that do not miss it. */
 INLINE masks find_spots(const lf_layer *l, const pencil *p, rays depth, float per_focal, spots *s)
 {
     const int32_t columns = (int32_t)l->light.columns, rows = (int32_t)l->light.rows;
@@ -152,12 +153,12 @@ INLINE masks find_spots(const lf_layer *l, const pencil *p, rays depth, float pe
     return inside;
 }
 
-typedef struct { /* a pixel, whose rays lie between those of two heights */
+typedef struct { /* a pixel, whose rays are interpolated between two heights */
     const float *low, *high;
     float weight, right, up; /* of the higher; the pixel's direction from the axis */
 } pixel;
 
-enum { LIGHT, BLURRED, THROUGH, ALL, SUMS }; /* what the rays of a pixel add up to, at a wavelength, in eights */
+enum { LIGHT, BLURRED, THROUGH, ALL, SUMS }; /* sums over the rays of a pixel at a wavelength, in eights */
 
 INLINE void add(float *sums, rays a) { *(rays *)sums = *(const rays *)sums + a; }
 
@@ -173,7 +174,7 @@ INLINE masks between_blades(const lf_cast_of *c, const pixel *at_pixel, rays sto
     return through;
 }
 
-/* Rays from `first` of an eight on, through the layers. */
+/* Follows the rays of an eight, from `first`, through the layers. */
 INLINE void follow(const lf_cast_of *c, const pixel *here, int64_t first, const lf_meeting *meetings, int focused, float *sums)
 {
     const int wavelengths = (int)c->wavelengths;
@@ -217,17 +218,17 @@ INLINE void follow(const lf_cast_of *c, const pixel *here, int64_t first, const 
             }
             alpha = kept(inside, alpha);
             const rays light = kept(inside, looked_up(l->light.values + w * l->light.plane_step, l->light.row_step, &s));
-            const rays seen = p->free * p->light;
+            const rays visible = p->free * p->light;
             float *to = sums + 8 * SUMS * w;
             if (focused) {
-                const rays sharp = seen * in_focus, bright = light + c->faint[w] * alpha;
-                add(to + 8 * BLURRED, (seen - sharp) * light);
+                const rays sharp = visible * in_focus, bright = light + c->faint[w] * alpha;
+                add(to + 8 * BLURRED, (visible - sharp) * light);
                 add(to + 8 * THROUGH, sharp * bright);
                 add(to + 8 * ALL, p->in_focus * p->light * in_focus * bright);
                 p->in_focus -= p->in_focus * in_focus * alpha;
                 p->in_focus = kept(p->in_focus > BLOCKED, p->in_focus);
             } else
-                add(to + 8 * BLURRED, seen * light);
+                add(to + 8 * BLURRED, visible * light);
             p->free -= p->free * alpha;
             p->free = kept(p->free > BLOCKED, p->free);
             open |= (focused ? p->in_focus : p->free) > 0;
@@ -247,7 +248,7 @@ INLINE pixel pixel_of(const lf_cast_of *c, int64_t row, int64_t column, int64_t 
 
 static float sum_of(const float *a) { return ((a[0] + a[1]) + (a[2] + a[3])) + ((a[4] + a[5]) + (a[6] + a[7])); }
 
-/* The pixels of a tile that share a sequence of rays, two rows and four columns apart. */
+/* Casts the pixels of a tile, grouped by sequence of rays: pixels two rows and four columns apart share one. */
 INLINE void cast_pixels(const lf_cast_of *c, int64_t top, int64_t left, int64_t eights, const lf_meeting *meetings, int focused,
                         const lf_picture *blurred, const lf_picture *clear, float *work)
 {

@@ -1,34 +1,35 @@
-"""What pixels of the sensor see along their rays, through layers of a capture."""
+"""Radiance at pixels of the sensor along their rays, through layers of a capture."""
 
-from ctypes import byref
+from ctypes import addressof, byref
 from dataclasses import dataclass
 
 import numpy as np
 
-from .library import CAST, LAYER, address, check, chosen, picture
+from .declarations import NUMBERS, STRUCTURES
+from .library import address, check, chosen, picture
 
-TOGETHER = 6  # wavelengths at most
-SEQUENCES = 8  # of rays: neighbouring pixels have different ones
-STOP, QUANTITIES = 2, 6  # of eight rays: their place of the stop, and what they have at each wavelength
-MEETING = np.dtype([("inverse_depth", np.float32), ("share", np.float32), ("steps", np.int32), ("focused", np.int32),
-                    ("opaque", np.int32)])
+TOGETHER = NUMBERS["TOGETHER"]  # maximum number of wavelengths
+SEQUENCES = NUMBERS["SEQUENCES"]  # of rays; adjacent pixels have different ones
+STOP, QUANTITIES = 2, 6  # numbers for the position of rays in the stop, and at each wavelength
+CAST, LAYER = STRUCTURES["cast_of"], STRUCTURES["layer"]
+MEETING = np.dtype(STRUCTURES["meeting"])
 
 
 @dataclass(frozen=True, eq=False)
 class SeenLayer:
-    """A layer of a capture as rays look it up.
+    """A layer of a capture, prepared for look-up by rays.
 
     Attributes
     ----------
     light : float32 array (wavelength, row, column)
-        Premultiplied by alpha; rows in one piece, at least 2 x 2 pixels.
+        Premultiplied by alpha; contiguous rows, at least 2 x 2 pixels.
     alpha : float32 array (row, column)
     depth : float32 array (row, column, 2)
-        Inverse depth per mm, and the share of focus there.
+        Inverse depth per mm, and the focus share.
     axis_px : (float, float)
         Row and column of the axis, in this layer's pixels.
     bounds_px : (float, float, float, float)
-        Top, bottom, left and right, beyond which there is nothing; infinite where the last pixels go on.
+        Top, bottom, left and right limits of the layer; infinite for sides at which the last pixels continue.
     """
 
     light: np.ndarray
@@ -40,32 +41,32 @@ class SeenLayer:
 
 @dataclass(frozen=True, eq=False)
 class Casting:
-    """A sensor, its rays, and what they meet.
+    """A sensor, its rays, and the layers of the scene.
 
     Attributes
     ----------
     rays : float32 array (height, sequence, eight, 2 + 6 wavelengths, 8)
-        Of eight rays at a time: their place of the stop, tangential and outwards; then at each wavelength where they go
-        at infinity, outwards and tangential, how that moves with the inverse depth, both in pixels, what is positive
-        where they pass, and their light.
+        For eight rays at a time: their position in the stop, tangential and outwards; then for each wavelength their
+        position at infinity, outwards and tangential, and its change with the inverse depth, both in pixels; a number
+        that is positive for rays that pass; and their light.
     heights_per_px : float
     centre_px : (float, float)
         Row and column of the axis on the sensor.
     per_focal : float
-        One over the focal length in pixels of a fisheye capture; 0 of a plane one.
+        One over the focal length in pixels of a fisheye capture; 0 for a plane capture.
     blades : float32 array (blade, 2)
-        The directions that an iris's blades face; empty without one.
+        The directions that an iris's blades face; empty without an iris.
     blade_shape : (float, float, float)
-        Margin, bend and slope: a ray passes where margin - bend r^2 - slope (place . direction) > 0 for all blades.
+        Margin, bend and slope: a ray passes if margin - bend r^2 - slope (position . direction) > 0 for all blades.
     layers : tuple of SeenLayer
         The nearest first.
     faint : tuple of float
-        At each wavelength, radiance that counts for nothing beside what is seen.
+        For each wavelength, radiance that is negligible compared with the visible radiance.
     meetings : array (tile row, tile column, layer) of MEETING
-        Where the search for a layer begins, after how many steps it ends, below 0 where the layer cannot be met; and
-        whether something there may be in focus, and whether it covers all there.
+        The start of the search for a layer; its number of steps, below 0 if rays cannot meet the layer; whether
+        anything in the layer's reachable part may be in focus; and whether that part is opaque.
     eights : int64 array (tile row, tile column)
-        Of rays; pixels of tiles without any are left as they are.
+        Number of groups of eight rays; pixels of tiles with 0 are not written.
     tile_px : int
     """
 
@@ -87,7 +88,7 @@ class Casting:
 
 
 def rays_shape(heights: int, eights: int, wavelengths: int) -> tuple[int, ...]:
-    """That of `Casting.rays`."""
+    """The shape of `Casting.rays`."""
     return heights, SEQUENCES, eights, STOP + QUANTITIES * wavelengths, 8
 
 
@@ -98,9 +99,10 @@ def cast(casting: Casting, row: int, blurred: np.ndarray, clear: np.ndarray) -> 
     ----------
     casting : Casting
     row : int
-        Of tiles.
+        Index of the row of tiles.
     blurred, clear : float32 arrays (wavelength, row, column)
-        Radiance out of focus, the mean over the rays' light; and the share of what is in focus that this leaves.
+        Out-of-focus radiance, as a mean weighted with the rays' light; and the share of in-focus light that it does not
+        cover.
 
     Raises
     ------
@@ -114,7 +116,7 @@ def cast(casting: Casting, row: int, blurred: np.ndarray, clear: np.ndarray) -> 
     structure = CAST(address(casting.rays, np.float32, of_eight), heights, eights, casting.wavelengths,
                      *casting.centre_px, casting.heights_per_px, casting.per_focal,
                      address(casting.blades, np.float32), len(casting.blades), *casting.blade_shape,
-                     layers, len(layers), (casting.faint + (0.0,) * TOGETHER)[:TOGETHER],
+                     addressof(layers), len(layers), (casting.faint + (0.0,) * TOGETHER)[:TOGETHER],
                      address(casting.meetings, MEETING, (tile_rows, tile_columns, len(layers))),
                      address(casting.eights, np.int64), tile_rows, tile_columns, casting.tile_px)
     work = np.empty(32 * casting.wavelengths * casting.tile_px**2, np.float32)
@@ -127,6 +129,6 @@ def _layer(layer):
     rows, columns = layer.light.shape[1:]
     alpha = layer.alpha
     if alpha.dtype != np.float32 or alpha.strides != layer.light.strides[1:]:
-        raise ValueError("an alpha that does not lie in memory as the light does")
+        raise ValueError("the strides of alpha differ from the light's")
     return LAYER(light, alpha.ctypes.data,
                  address(layer.depth, np.float32, (rows, columns, 2)), *layer.axis_px, *layer.bounds_px)

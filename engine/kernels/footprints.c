@@ -1,25 +1,25 @@
-/* Footprints: the ideal picture, each of its pixels the average of a capture over the rectangle that distortion gives
-   it there, times a factor.
+/* Footprints: the ideal picture. Each of its pixels is the average of a capture over the rectangle that the distortion
+   maps it to, times a factor.
 
-   The lens's geometry comes as curves over the distance from the axis, so that no array is made of what differs from
-   pixel to pixel. Some pixels of a row go together, and every step is a loop over them, of a kind that compilers do
-   many at once. Footprints that are neighbours touch about as many rows and columns as one another: all are given as
-   many as the largest, with shares of zero where they touch none. */
+   The lens's geometry is given as curves over the distance from the axis, which avoids arrays with an element for each
+   pixel. Several pixels of a row are processed at once, and every step is a loop over them that compilers vectorise.
+   Neighbouring footprints touch about the same number of rows and columns: all are processed with the largest number,
+   with shares of zero for the rest. */
 #include "variant.h"
 
-#define TOGETHER 16 /* pixels: what is noted of them takes less than 4 KB of the stack, as Windows wants it */
+#define TOGETHER 16 /* pixels: their data fit in 4 KB of the stack, the limit on Windows */
 #define MOST_TOUCHED (LF_LARGEST_FOOTPRINT + 2)
 
-typedef struct { /* where the footprints of some pixels lie in one direction, and how wide they are there */
+typedef struct { /* position and width of some pixels' footprints in one direction */
     double middle[TOGETHER], width[TOGETHER];
 } extents;
 
-typedef struct { /* the rows, or columns, of the capture that these touch, and the share of each that lies there */
-    int32_t count, last, first[TOGETHER]; /* some may lie outside, with shares of zero: of 0 to last is read */
+typedef struct { /* the rows, or columns, of the capture that these touch, and the footprint's share in each */
+    int32_t count, last, first[TOGETHER]; /* some may be outside, with shares of zero: only 0 to last are read */
     float share[MOST_TOUCHED][TOGETHER];
 } touched;
 
-/* The footprints of n pixels of a row, from column x on; and the factors on their light. */
+/* The footprints of n pixels of a row, from column x; and the factors on their light. */
 static void find_footprints(const lf_geometry *lens, const lf_capture *capture, int64_t x, int n, double down,
                             extents *restrict rows, extents *restrict columns, float *restrict factor)
 {
@@ -47,7 +47,7 @@ static void find_footprints(const lf_geometry *lens, const lf_capture *capture, 
     }
 }
 
-/* What n footprints, made at least a pixel wide, touch of `length` rows or columns. Nothing lies outside of these. */
+/* The rows or columns, of `length`, that n footprints of at least a pixel's width touch. The area outside is empty. */
 static void find_touched(const extents *restrict e, int n, int64_t length, touched *restrict t)
 {
     const double lowest = -2.0 - LF_LARGEST_FOOTPRINT, highest = (double)length + 1;

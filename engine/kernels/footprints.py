@@ -1,4 +1,4 @@
-"""The ideal picture: each pixel the average of a capture over its footprint there."""
+"""The ideal picture: each pixel is the average of a capture over the pixel's footprint."""
 
 from collections.abc import Sequence
 from ctypes import Structure, byref
@@ -6,12 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .library import CAPTURE, GEOMETRY, address, check, chosen, picture
+from .declarations import STRUCTURES
+from .library import address, check, chosen, picture
+
+CAPTURE, GEOMETRY = STRUCTURES["capture"], STRUCTURES["geometry"]
 
 
 @dataclass(frozen=True, eq=False)
 class RadialGeometry:
-    """What `footprints` has to know of a lens, over the distance from the axis on the pixel grid."""
+    """The lens data for `footprints`, as curves over the distance from the axis on the pixel grid."""
 
     _curves: np.ndarray
     _structure: Structure
@@ -19,19 +22,19 @@ class RadialGeometry:
     @classmethod
     def of(cls, centre_px: tuple[float, float], samples_per_px: float, tangential: np.ndarray, radial: np.ndarray,
            factor: np.ndarray, last_px: float = np.inf) -> "RadialGeometry":
-        """Of curves (sample,), evenly spaced from the axis on; the last sample is held.
+        """From curves (sample,), evenly spaced from the axis outwards, and constant beyond the last sample.
 
         Parameters
         ----------
         centre_px : (row, column)
-            Of the axis.
+            Position of the axis.
         samples_per_px : float
         tangential, radial : arrays
-            Ideal distance per real one, and the slope of the ideal distance over the real one.
+            Ratio of ideal to real distance, and derivative of the ideal by the real distance.
         factor : array
-            What the averages are multiplied with.
+            Factor on the averages.
         last_px : float
-            The distance beyond which all is black.
+            The distance beyond which the picture is black.
         """
         curves = np.stack([tangential, radial, factor], axis=1).astype(np.float64, order="C")
         return cls(curves, GEOMETRY(*centre_px, samples_per_px, address(curves, np.float64), len(curves) - 1, last_px))
@@ -49,10 +52,10 @@ def footprints(geometry: RadialGeometry, captures: Sequence[np.ndarray], centre_
     ----------
     geometry : RadialGeometry
     captures : 1 to 4 float32 arrays (row, column)
-        What each plane averages: views of a capture, all of the same shape, whose rows or columns may run backwards.
-        All that lies outside is black.
+        The capture for each plane: views of the same shape, whose rows or columns may be reversed. The area outside is
+        black.
     centre_px : (row, column)
-        Of the axis in each of them.
+        Position of the axis in each of them.
     rows : slice
     out : float32 array (plane, row, column)
 
@@ -67,11 +70,11 @@ def footprints(geometry: RadialGeometry, captures: Sequence[np.ndarray], centre_
 
 
 def _capture(captures, centre_px):
-    """Views of a capture as the loop takes them."""
+    """Views of a capture as a structure for the loop."""
     if len(captures) > 4 or any(view.dtype != np.float32 or view.ndim != 2 or view.shape != captures[0].shape
                                 or any(step % 4 for step in view.strides) for view in captures):
-        raise ValueError(f"captures of {[(str(view.dtype), view.shape) for view in captures]}, where the loops want up "
-                         "to four float32 (row, column) of one shape")
+        raise ValueError(f"captures of {[(str(view.dtype), view.shape) for view in captures]}, expected up to four "
+                         "float32 (row, column) of one shape")
     addresses = (view.ctypes.data for view in captures)
     rows, columns = ([view.strides[axis] // 4 for view in captures] for axis in (0, 1))
     structure = CAPTURE(planes=len(captures), rows=captures[0].shape[0], columns=captures[0].shape[1],

@@ -1,4 +1,4 @@
-/* Which variants there are and which of them this machine can run; and the loops, once their sizes are checked. */
+/* The variants, and those that this machine can run; and calls of the loops after checks of their sizes. */
 #include "kernels.h"
 
 typedef struct {
@@ -36,7 +36,7 @@ const char *lf_variant(int n) { return within(n, 0, VARIANTS - 1) ? variants[n].
 #if defined(__x86_64__)
 typedef struct { unsigned a, b, c, d; } registers;
 
-/* The instruction itself, for a compiler's own test needs its run-time library. */
+/* The instruction itself, because a compiler's built-in test requires its run-time library. */
 static registers cpuid(unsigned leaf)
 {
     registers r;
@@ -52,20 +52,20 @@ int lf_runs_here(int n)
     if (n == 0) return 1;
     if (!within(n, 1, VARIANTS - 1) || cpuid(0).a < 7) return 0;
     if (!has(cpuid(1).c, BIT(27) | BIT(28))) return 0; /* OSXSAVE, AVX */
-    unsigned kept, high; /* the registers that the system keeps for each thread: it may be older than the processor */
-    __asm__ volatile("xgetbv" : "=a"(kept), "=d"(high) : "c"(0));
+    unsigned saved, high; /* the registers that the system saves for each thread: it may be older than the processor */
+    __asm__ volatile("xgetbv" : "=a"(saved), "=d"(high) : "c"(0));
     const unsigned features = cpuid(7).b;
-    if (n == 1) return has(kept, 0x06) && has(features, BIT(5));           /* AVX2 */
-    return has(kept, 0xe6) && has(features, BIT(5) | BIT(16) | BIT(17) | BIT(31)); /* AVX-512 F, DQ, VL */
+    if (n == 1) return has(saved, 0x06) && has(features, BIT(5));           /* AVX2 */
+    return has(saved, 0xe6) && has(features, BIT(5) | BIT(16) | BIT(17) | BIT(31)); /* AVX-512 F, DQ, VL */
 }
 #else
 int lf_runs_here(int n) { return n == 0; } /* every 64-bit ARM has NEON */
 #endif
 
-#define MOST ((int64_t)1 << 40) /* elements: far more than there are, and sums and bytes of them still fit an int64 */
+#define MOST ((int64_t)1 << 40) /* elements: far more than in practice, while sums and bytes of them fit in an int64 */
 #define MOST_PX ((int64_t)1 << 24)
 
-/* Whether a picture's sizes can be, and its rows and planes do not overlap. */
+/* Whether a picture's sizes are valid and its rows and planes do not overlap. */
 static int fits(const lf_picture *p)
 {
     return within(p->planes, 1, MOST_PX) && within(p->rows, 0, MOST_PX) && within(p->columns, 1, MOST_PX)
@@ -78,7 +78,7 @@ static int has_rows(const lf_picture *p, int64_t first_row, int64_t end_row)
     return within(first_row, 0, end_row) && end_row <= p->rows;
 }
 
-/* Whether all that the loop reads of a table, and where it writes, is where it should be. */
+/* Whether all accesses of the loop to a table, and its writes, are within bounds. */
 static int table_fits(const lf_table *t, int64_t azimuths)
 {
     if (!within(t->size, 0, MOST) || !within(t->side, 1, 1 << 16)) return 0;
@@ -88,7 +88,7 @@ static int table_fits(const lf_table *t, int64_t azimuths)
         for (int64_t eights = 1; eights <= LF_LONGEST; eights++) {
             const int64_t count = t->counts[b * (LF_LONGEST + 1) + eights], taps = eights * 8;
             if (!within(count, 0, t->pieces - piece)) return 0;
-            for (int64_t end = piece + count; piece < end; piece++) /* its last taps reach out of the square */
+            for (int64_t end = piece + count; piece < end; piece++) /* its last taps extend beyond the square */
                 if (!within(t->row[piece], 0, t->side - 1) || !within(t->column[piece], 0, t->side + 10 - taps)) return 0;
             length += count * taps;
         }
@@ -100,7 +100,7 @@ static int table_fits(const lf_table *t, int64_t azimuths)
 int64_t lf_spread_work(int64_t pieces, int64_t columns)
 {
     if (!within(pieces, 0, MOST) || !within(columns, 1, MOST_PX)) return 0;
-    return 8 * pieces + 24 * (columns + 4) + 64 + 16 * (LF_PORTION * 8 + LF_SLACK); /* as laid_out in spreading.c has it */
+    return 8 * pieces + 24 * (columns + 4) + 64 + 16 * (LF_PORTION * 8 + LF_SLACK); /* as in laid_out of spreading.c */
 }
 
 int lf_spread(int variant, const lf_places *places, const lf_table *t, const lf_picture *light,
@@ -152,7 +152,7 @@ int lf_waves(int variant, const lf_wavefront *w, const lf_picture *out, double *
     return variants[variant].waves(w, out, light, work);
 }
 
-/* Whether nothing that rays look up of a layer lies outside of it. */
+/* Whether all look-ups of rays in a layer are within bounds. */
 static int layer_fits(const lf_layer *l, int64_t wavelengths)
 {
     const lf_picture *p = &l->light;

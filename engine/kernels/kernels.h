@@ -1,17 +1,18 @@
 /* Lensfield's inner loops in C, called from Python by ctypes.
 
-   Sizes and strides are int64 and count elements, not bytes. Nothing here allocates, keeps or calls anything: so any
-   number of threads may call it at once, and the library needs no libc, no libm and no Python. Every loop gives 0, or
-   says which of its arguments cannot be.
+   Sizes and strides are int64 and count elements, not bytes. The functions do not allocate memory, store state or call
+   other libraries. They are therefore thread-safe, and the library depends neither on libc nor libm nor Python. Every
+   loop returns 0, or an error code for invalid arguments.
 
    Each loop is compiled once for each instruction set, a *variant*, from the same lines of C and without fused
-   multiply-adds: all variants, compilers and machines give the same bits.
+   multiply-adds: all variants, compilers and machines produce the same bits.
 
-   A function keeps less than 4 KB on the stack: Windows gives more only to those who ask its run-time library.
+   A function uses less than 4 KB of the stack: on Windows, more requires a call to the run-time library.
 
-   How a loop is added: NAME.c here, with a function OF_VARIANT(lf_NAME) of a type that is declared below; that type's
-   line in `variant`, the checks of its sizes and its call in kernels.c; NAME in LOOPS of build.py; its Python face in
-   NAME.py; its plain form in double in tests/engine/kernels/driver.c. LF_ABI goes up whenever a declaration changes. */
+   To add a loop: NAME.c here, with a function OF_VARIANT(lf_NAME) of a type that is declared below; that type's line in
+   `variant`, the checks of its sizes and its call in kernels.c; NAME in LOOPS of build.py; its Python interface in
+   NAME.py; a simple version in double precision in tests/engine/kernels/driver.c. Increment LF_ABI if a declaration
+   changes. */
 #ifndef LENSFIELD_KERNELS_H
 #define LENSFIELD_KERNELS_H
 #include <stdint.h>
@@ -26,7 +27,7 @@ enum { LF_OUTSIDE = 1, LF_BAD_SIZE = 2 };
 #define LF_API __attribute__((visibility("default")))
 #endif
 
-typedef struct { /* a stack of planes; the pixels of a row lie side by side */
+typedef struct { /* a stack of planes; the pixels of a row are contiguous */
     float *values;
     int64_t planes, rows, columns;
     int64_t plane_step, row_step;
@@ -35,30 +36,30 @@ typedef struct { /* a stack of planes; the pixels of a row lie side by side */
 /* spreading */
 
 #define LF_LONGEST 8 /* the largest piece of a row of taps, in eights */
-#define LF_PORTION 64 /* eights of taps that go together: 16 KB of four PSFs and their mixtures, which any cache holds */
-#define LF_SLACK 16  /* zeros before and behind the taps of a table; room behind each row that is spread onto */
+#define LF_PORTION 64 /* eights of taps in a batch: 16 KB of four PSFs and their mixtures, which fit in any cache */
+#define LF_SLACK 16  /* zeros before and after the taps of a table; room after each output row */
 
-typedef struct { /* where among the heights and azimuths of a table the pixels of a picture lie */
+typedef struct { /* positions of a picture's pixels among the heights and azimuths of a table */
     double centre_row, centre_column; /* of the axis */
     double samples_per_px;
     const double *paraxial;  /* (samples + 1): paraxial height, over the distance from the axis */
-    const int32_t *interval; /* (samples + 1): the last of the heights that is no larger; no two are passed in a step */
-    const double *height;    /* (heights): those of the table */
+    const int32_t *interval; /* (samples + 1): the last height that is not larger; a step passes at most one height */
+    const double *height;    /* (heights): the table's heights */
     int64_t samples, heights;
     int64_t azimuths, quarter_steps; /* clockwise from the right, both ends included; steps in a quarter turn */
 } lf_places;
 
 typedef struct {         /* PSFs, in pieces: see spreading.c */
     const float *taps;   /* from begin[interval]: (2 heights, azimuth, length[interval]) */
-    int64_t size, side;  /* of all taps; of the square of pixels that PSFs lie in */
+    int64_t size, side;  /* number of all taps; side of the PSFs' square of pixels */
     int64_t intervals;   /* between two heights */
     const int64_t *begin, *length, *first_piece; /* (interval) */
-    const int64_t *counts;       /* (interval, LF_LONGEST + 1): how many pieces have 0, 1 .. eights of taps */
+    const int64_t *counts;       /* (interval, LF_LONGEST + 1): number of pieces with 0, 1 .. eights of taps */
     const int64_t *row, *column; /* (piece): its first tap in the square */
     int64_t pieces;
 } lf_table;
 
-typedef struct { /* which square sections of a picture to spread */
+typedef struct { /* the square sections of a picture to spread */
     const uint8_t *lit; /* (section row, section column) */
     int64_t rows, columns, size_px;
 } lf_sections;
@@ -68,17 +69,17 @@ typedef int lf_spread_loop(const lf_places *, const lf_table *, const lf_picture
 
 /* footprints */
 
-#define LF_LARGEST_FOOTPRINT 16 /* pixels; where the lens squeezes the picture more, the middle stands for it */
+#define LF_LARGEST_FOOTPRINT 16 /* pixels; larger footprints are represented by their middle */
 
 typedef struct { /* the lens's geometry over the distance from the axis */
     double centre_row, centre_column, samples_per_px;
-    const double *curves; /* (samples + 1, 3): ideal per real distance, the slope of that, and a factor on light */
+    const double *curves; /* (samples + 1, 3): ratio of ideal to real distance, its derivative, and a factor on light */
     int64_t samples;
-    double last_px;       /* the distance beyond which all is black */
+    double last_px;       /* the distance beyond which the picture is black */
 } lf_geometry;
 
-typedef struct { /* a capture, as the planes of a folded picture see it: some of its rows and columns run backwards */
-    const float *first[4];        /* (plane): where the first row and column begin */
+typedef struct { /* a capture for each plane of a folded picture: some rows and columns are reversed */
+    const float *first[4];        /* (plane): the first row and column */
     int64_t row_step[4], step[4]; /* (plane): to the next row, to the next column */
     int64_t planes, rows, columns;
     double centre_row, centre_column; /* of the axis, in all planes */
@@ -90,7 +91,7 @@ typedef int lf_footprints_loop(const lf_geometry *, const lf_capture *, int64_t 
 /* turning */
 
 typedef struct { /* the light of PSFs in small squares */
-    const double *v_px, *u_px; /* (sample): where they lie, outwards and along the tangent */
+    const double *v_px, *u_px; /* (sample): positions, outwards and along the tangent */
     const double *energy;      /* (sample, height) */
     int64_t count, heights;    /* heights: a multiple of 8 */
     double size_px;
@@ -104,46 +105,47 @@ typedef struct { /* a wavefront over an even grid of direction cosines, between 
     const double *across; /* (columns): 2 x^2 - 1 */
     const double *up;     /* (rows): y */
     const double *path;   /* (row, path_terms): Chebyshev's coefficients over `across`, in waves */
-    const float *edges;   /* (row, 1 + limits, edge_terms): of the density's logarithm; of what passes up to 1 */
+    const float *edges;   /* (row, 1 + limits, edge_terms): of the density's logarithm; of limits, which pass up to 1 */
     int64_t rows, columns, path_terms, edge_terms, limits; /* columns: a multiple of 8 */
-    float least, most;    /* logarithms of the density; the light is in shares of the most */
+    float least, most;    /* limits of the density's logarithm; the light is relative to the largest density */
 } lf_wavefront;
 
 typedef int lf_waves_loop(const lf_wavefront *, const lf_picture *out, double *light, float *work);
 
 /* cast */
 
-#define LF_TOGETHER 6  /* wavelengths at most */
-#define LF_SEQUENCES 8 /* of rays: of the pixels of a tile's two rows and four columns each has another one */
+#define LF_TOGETHER 6  /* limit of wavelengths in one call */
+#define LF_SEQUENCES 8 /* of rays: each of 2 x 4 neighbouring pixels uses a different sequence */
 
-typedef struct {         /* a part of the scene that nothing of it hides, as a pinhole sees it; cut out of a capture */
+typedef struct {         /* a layer of the scene, cropped from a pinhole's capture */
     lf_picture light;    /* (wavelength): premultiplied by alpha; at least 2 x 2 pixels */
     const float *alpha;  /* with the same steps */
-    const float *depth;  /* (row, column, 2): inverse depth, and the share of focus there; below 0 where nothing is near */
+    const float *depth;  /* (row, column, 2): inverse depth, and the focus share, below 0 far from any surface */
     float axis_row, axis_column;      /* of the axis, in this layer's pixels */
-    float top, bottom, left, right;   /* beyond which there is nothing; infinite where the last pixels go on */
+    float top, bottom, left, right;   /* limits of the layer; infinite for sides at which the last pixels continue */
 } lf_layer;
 
-typedef struct {          /* how a tile's rays find a layer */
-    float inverse_depth, share; /* where the search begins */
-    int32_t steps;        /* of it; below 0 where they cannot meet the layer */
-    int32_t focused;      /* whether something there may be in focus */
-    int32_t opaque;       /* whether it covers all of what they can meet */
+typedef struct {          /* the search of a tile's rays for a layer */
+    float inverse_depth, share; /* its start */
+    int32_t steps;        /* its number of steps; below 0 if rays cannot meet the layer */
+    int32_t focused;      /* whether anything in the layer's reachable part may be in focus */
+    int32_t opaque;       /* whether that part is opaque */
 } lf_meeting;
 
 typedef struct {
-    const float *rays;    /* (height, LF_SEQUENCES, eight of rays, 2 + 6 wavelengths, 8): their place of the stop, tangential and
-                             outwards; outwards and tangential, where they go at infinity and how that moves with the inverse
-                             depth, both in pixels; what is positive where they pass; their light */
+    const float *rays;    /* (height, LF_SEQUENCES, eight of rays, 2 + 6 wavelengths, 8): their position in the stop,
+                             tangential and outwards; for each wavelength their position at infinity, outwards and
+                             tangential, and its change with the inverse depth, both in pixels; a number that is
+                             positive for rays that pass; their light */
     int64_t heights, eights, wavelengths;
     double centre_row, centre_column, heights_per_px; /* of the axis on the sensor */
-    float per_focal;      /* one over a fisheye capture's focal length in pixels; 0 of a plane one */
+    float per_focal;      /* one over a fisheye capture's focal length in pixels; 0 for a plane capture */
     const float *normals; /* (blade, 2): of an iris */
     int64_t blades;
-    float blade_margin, blade_bend, blade_slope; /* a ray passes where margin - bend r^2 - slope (place . normal) > 0 */
+    float blade_margin, blade_bend, blade_slope; /* a ray passes if margin - bend r^2 - slope (position . normal) > 0 */
     const lf_layer *layer; /* the nearest first */
     int64_t layers;
-    float faint[LF_TOGETHER]; /* (wavelength): radiance that counts for nothing beside what is seen */
+    float faint[LF_TOGETHER]; /* (wavelength): radiance that is negligible compared with the visible radiance */
     const lf_meeting *meetings; /* (tile, layer) */
     const int64_t *tile_eights; /* (tile): rays, in eights */
     int64_t tile_rows, tile_columns, tile_px;
@@ -152,14 +154,14 @@ typedef struct {
 typedef int lf_cast_loop(const lf_cast_of *, int64_t first_tile, int64_t end_tile, const lf_picture *blurred,
                          const lf_picture *clear, float *work);
 
-/* what the library gives */
+/* the library's functions */
 
 LF_API int lf_abi(void);
-LF_API const char *lf_sources(void);    /* the digest of the sources that it was made from */
-LF_API const char *lf_variant(int n);   /* a variant's name, the simplest being 0; NULL after the last */
-LF_API int lf_runs_here(int variant);   /* whether this processor, and its system, can run it: ask before using it */
+LF_API const char *lf_sources(void);    /* the digest of the sources that it was built from */
+LF_API const char *lf_variant(int n);   /* a variant's name, from 0, the simplest; NULL after the last */
+LF_API int lf_runs_here(int variant);   /* whether this processor and its system can run it: check before using it */
 
-LF_API int64_t lf_spread_work(int64_t pieces, int64_t columns); /* bytes that lf_spread works in; 0 for bad sizes */
+LF_API int64_t lf_spread_work(int64_t pieces, int64_t columns); /* bytes of workspace for lf_spread; 0 for bad sizes */
 LF_API int lf_spread(int variant, const lf_places *, const lf_table *, const lf_picture *light, const lf_sections *,
                      int64_t first_row, int64_t end_row, const lf_picture *out, void *work);
 LF_API int lf_footprints(int variant, const lf_geometry *, const lf_capture *, int64_t first_row, int64_t end_row,

@@ -1,31 +1,32 @@
-/* Spreading: the light of every pixel, laid out by a PSF of its own.
+/* Spreading: the light of every pixel, spread by its PSF.
 
-   A pixel's PSF is mixed from four of the table: of the heights below and above its own, and of the azimuths before and
-   behind. Adding it to the picture costs a read and a write of every pixel that it reaches: so FOUR neighbouring pixels
-   of a row go together. Their PSFs are mixed side by side, each a tap farther to the right than the one before, and are
-   summed, weighed with the pixels' light, on the way into the picture. The planes of a folded picture share the PSFs.
+   A pixel's PSF is interpolated from four PSFs of the table: at the heights below and above, and at the azimuths before
+   and after its position. Adding a PSF to the picture costs a read and a write of every pixel that it reaches, so FOUR
+   neighbouring pixels of a row are processed at once. Their PSFs are interpolated side by side, each shifted by one
+   more tap to the right, and summed with the pixels' light as weights before they are added to the picture. The planes
+   of a folded picture share the PSFs.
 
-   The taps lie in *pieces*: a row of a PSF's taps, or a part of it, as long as the next multiple of eight that has three
-   zeros at its end. Those are what a shift by up to three taps moves in at the front of the next piece, so that nobody
-   asks where a row begins. Pieces are sorted by size, each size has its own inner loop of a length that the compiler
-   knows, and only what lies within the PSFs between two heights is touched. */
+   Taps are stored in *pieces*: a row of a PSF's taps, or a part of it, padded to the next multiple of eight with at
+   least three zeros at its end. A shift by up to three taps moves these zeros to the front of the next piece, so the
+   loop does not have to handle the beginnings of rows. Pieces are sorted by size. Each size has an inner loop with a
+   constant length, and only the pieces within the PSFs between two heights are processed. */
 #include "variant.h"
 
 #define FOUR 4
-#define RUN 8 /* fours of pixels that go through each portion of the table, one after the other, while it is cached */
+#define RUN 8 /* groups of four pixels to process with each portion of the table while it is cached */
 #define ATAN_TERMS 14
 
 typedef struct { /* four pixels of a row */
-    const float *psfs[FOUR];  /* the first of the table's four for each, shifted to where it goes */
-    float weight[FOUR][4];    /* of these */
+    const float *psfs[FOUR];  /* the first of the table's four PSFs for each, shifted to its position */
+    float weight[FOUR][4];    /* of the table's four PSFs */
     float light[4][FOUR];     /* (plane, pixel) */
-    float *out;               /* where the square of PSFs begins */
+    float *out;               /* the first pixel of the square of PSFs */
 } four_pixels;
 
-typedef struct { /* where the pixels of a row lie: (column) */
+typedef struct { /* positions of a row's pixels: (column) */
     double *sample;              /* of the curve of heights */
     int32_t *interval, *azimuth; /* in the table: the height below, and the azimuth before */
-    float *up, *on;              /* 0 to 1, from these to the next */
+    float *up, *on;              /* fractions from these to the next */
 } row_places;
 
 /* arctan(t) for t from 0 to 1, right to 1e-11. */
@@ -40,8 +41,8 @@ INLINE double arctan(double t)
     return t * sum;
 }
 
-/* Where the pixels of a row lie: in double precision, for beside a bright pixel the least weight of a PSF that is none
-   of its own shows. Simple enough for the compiler to do many at once. */
+/* Positions of a row's pixels. In double precision, because for a bright pixel even the smallest weight of a wrong PSF
+   is visible. Simple enough for the compiler to vectorise. */
 static void find_places(const lf_places *p, int64_t columns, double down, const row_places *row)
 {
     const double quarter = (double)p->quarter_steps, per_rad = quarter * 0.63661977236758134;
@@ -78,7 +79,7 @@ static void find_places(const lf_places *p, int64_t columns, double down, const 
     }
 }
 
-/* A vector of the weighed sum of four PSFs of the table: of two azimuths, and of those at the next height. */
+/* A vector of the weighted sum of four PSFs: at two azimuths, and at the same azimuths of the next height. */
 INLINE floats mixed(const float *psf, int64_t azimuth_step, int64_t height_step, const float *weight)
 {
     const float *higher = psf + height_step;
@@ -86,7 +87,7 @@ INLINE floats mixed(const float *psf, int64_t azimuth_step, int64_t height_step,
            + weight[2] * *(const floats *)higher + weight[3] * *(const floats *)(higher + azimuth_step);
 }
 
-/* Adds, to a vector of a row of `planes` planes, what four PSFs lay there. */
+/* Adds the light of four PSFs to a vector in a row of `planes` planes. */
 #define ADD_FOUR(vector, planes) \
     const vector a = *(const vector *)(psfs + i), b = *(const vector *)(psfs + step + i); \
     const vector c = *(const vector *)(psfs + 2 * step + i), d = *(const vector *)(psfs + 3 * step + i); \
@@ -95,7 +96,7 @@ INLINE floats mixed(const float *psf, int64_t azimuth_step, int64_t height_step,
         *to = *to + light[q][0] * a + light[q][1] * b + light[q][2] * c + light[q][3] * d; \
     }
 
-/* Adds a row of so many eights of taps, of four PSFs that lie `step` apart, to some planes. */
+/* Adds a row of `eights` * 8 taps of four PSFs, `step` apart in memory, to some planes. */
 INLINE void add_four(int eights, const float *psfs, int64_t step, int planes, float (*light)[FOUR], float *out,
                      int64_t plane_step)
 {
@@ -104,7 +105,7 @@ INLINE void add_four(int eights, const float *psfs, int64_t step, int planes, fl
     if (LANES > 8 && i < 8 * eights) { ADD_FOUR(eight_floats, planes) }
 }
 
-/* Adds a row of so many eights of taps to the picture. */
+/* Adds a row of `eights` * 8 taps to the picture. */
 INLINE void add_one(int eights, const float *taps, float *out)
 {
     int i = 0;
@@ -112,7 +113,7 @@ INLINE void add_one(int eights, const float *taps, float *out)
     if (LANES > 8 && i < 8 * eights) *(eight_floats *)(out + i) += *(const eight_floats *)(taps + i);
 }
 
-/* Adds pieces of one size to the picture. As many planes at once as there are registers for their light. */
+/* Adds pieces of one size to the picture, with as many planes at once as the registers can hold the light of. */
 INLINE void add_pieces(int eights, const float *psfs, int64_t step, int64_t pieces, const int64_t *offset, int planes,
                        four_pixels *four, int64_t plane_step)
 {
@@ -126,7 +127,7 @@ INLINE void add_pieces(int eights, const float *psfs, int64_t step, int64_t piec
                          four->out + q * plane_step + offset[r], plane_step);
 }
 
-/* Spreads some fours of pixels whose heights lie in the same interval. */
+/* Spreads some groups of four pixels with heights in the same interval. */
 static void spread_run(const lf_table *t, int64_t azimuths, int64_t interval, four_pixels *run, int count,
                        float *mixtures, const int64_t *offset, int planes, int64_t plane_step)
 {
@@ -138,7 +139,7 @@ static void spread_run(const lf_table *t, int64_t azimuths, int64_t interval, fo
             const int64_t pieces = left * eights > LF_PORTION ? LF_PORTION / eights : left, taps = pieces * eights * 8;
             for (four_pixels *four = run; four < run + count; four++) {
                 for (int k = 0; k < FOUR; k++) {
-                    float *mixture = mixtures + (planes == 1 ? 0 : k * step); /* on one plane they are one sum at once */
+                    float *mixture = mixtures + (planes == 1 ? 0 : k * step); /* for one plane they are summed immediately */
                     for (int64_t i = 0; i < taps; i += LANES) {
                         floats sum = mixed(four->psfs[k] + done + i, length, azimuths * length, four->weight[k]);
                         if (planes == 1 && k) sum += *(const floats *)(mixture + i);
@@ -156,9 +157,9 @@ static void spread_run(const lf_table *t, int64_t azimuths, int64_t interval, fo
     }
 }
 
-/* Where `work` holds what: see lf_spread_work. */
+/* The layout of `work`: see lf_spread_work. */
 typedef struct {
-    int64_t *offset; /* (piece): from the corner of the square of PSFs to it, in the picture */
+    int64_t *offset; /* (piece): from the corner of the square of PSFs to the piece, in the picture */
     row_places row;
     float *mixtures; /* of a portion of the table, for each of four pixels */
 } workplace;
@@ -177,7 +178,7 @@ INLINE workplace laid_out(void *work, int64_t pieces, int64_t columns)
 }
 
 lf_spread_loop OF_VARIANT(lf_spread);
-/* Adds the light of rows first_row up to end_row to `out`, whose first row is that of first_row's topmost tap. */
+/* Adds the light of rows first_row up to end_row to `out`, whose first row is the row of first_row's topmost tap. */
 int OF_VARIANT(lf_spread)(const lf_places *places, const lf_table *t, const lf_picture *light,
                           const lf_sections *sections, int64_t first_row, int64_t end_row, const lf_picture *out,
                           void *work)
@@ -204,14 +205,14 @@ int OF_VARIANT(lf_spread)(const lf_places *places, const lf_table *t, const lf_p
             if (!any) continue;
             if (!found) {
                 find_places(places, columns, (double)y - places->centre_row, &w.row);
-                for (int64_t n = columns; n < columns + FOUR; n++) { /* a four may reach out of the row */
+                for (int64_t n = columns; n < columns + FOUR; n++) { /* a group may extend beyond the row */
                     w.row.interval[n] = w.row.interval[columns - 1];
                     w.row.azimuth[n] = w.row.azimuth[columns - 1];
                     w.row.up[n] = w.row.on[n] = 0;
                 }
                 found = 1;
             }
-            for (int done = 0, next; done < FOUR; done = next) { /* once, but where heights pass a height of the table */
+            for (int done = 0, next; done < FOUR; done = next) { /* once, unless heights pass a height of the table */
                 const int64_t interval = w.row.interval[x + done], length = t->length[interval];
                 for (next = done + 1; next < FOUR && w.row.interval[x + next] == interval;) next++;
                 if (waiting == RUN || (waiting && interval != run_interval)) {
@@ -223,7 +224,7 @@ int OF_VARIANT(lf_spread)(const lf_places *places, const lf_table *t, const lf_p
                 four->out = out->values + (y - first_row) * out->row_step + x;
                 for (int k = 0; k < FOUR; k++) {
                     const int is = k >= done && k < next;
-                    const int64_t at = x + (is ? k : done); /* the others of the four take the first one's, times zero */
+                    const int64_t at = x + (is ? k : done); /* the group's other pixels use the first one's, times zero */
                     const float up = w.row.up[at], on = w.row.on[at];
                     const float own = planes > 1 ? 1 : is ? of[0][k] : 0;
                     four->psfs[k] = t->taps + t->begin[interval] + w.row.azimuth[at] * length - k;

@@ -1,4 +1,4 @@
-"""Every pixel's light spread by a PSF of its own, mixed from a table of heights and azimuths."""
+"""Spreading of light with a PSF per pixel, interpolated in a table of heights and azimuths."""
 
 from collections.abc import Callable
 from ctypes import Structure, byref
@@ -7,17 +7,19 @@ from math import isqrt
 
 import numpy as np
 
-from .library import PLACES, SECTIONS, TABLE, address, check, chosen, picture
+from .declarations import NUMBERS, STRUCTURES
+from .library import address, check, chosen, picture
 
-LONGEST, SLACK = 8, 16  # those of kernels.h
-MOST_TAPS = 8 * LONGEST - 3  # of a piece: the last three are zero
+PLACES, TABLE, SECTIONS = STRUCTURES["places"], STRUCTURES["table"], STRUCTURES["sections"]
+LONGEST, SLACK = NUMBERS["LONGEST"], NUMBERS["SLACK"]
+MOST_TAPS = 8 * LONGEST - 3  # in a piece: the last three are zero
 
 Fill = Callable[[slice, np.ndarray, np.ndarray], object]
 
 
 @dataclass(frozen=True, eq=False)
 class TablePlaces:
-    """Where among the heights and azimuths of a table of PSFs the pixels of a picture lie."""
+    """Positions of a picture's pixels among the heights and azimuths of a table of PSFs."""
 
     _arrays: tuple[np.ndarray, ...]
     _structure: Structure
@@ -25,19 +27,20 @@ class TablePlaces:
     @classmethod
     def of(cls, centre_px: tuple[float, float], samples_per_px: float, paraxial: np.ndarray, heights: np.ndarray,
            quarter_steps: int, quarter_turns: int) -> "TablePlaces":
-        """Of a curve over the distance from the axis, evenly spaced from there on; the last sample is held.
+        """From a curve, evenly spaced over the distance from the axis, and constant beyond the last sample.
 
         Parameters
         ----------
         centre_px : (row, column)
-            Of the axis.
+            Position of the axis.
         samples_per_px : float
         paraxial : array (sample,)
-            Paraxial height, never falling, and rising by less than a step of the table's heights from sample to sample.
+            Paraxial height: never falling, and rising by less than a step of the table's heights between samples.
         heights : array (height,)
-            Those of the table, in the same unit.
+            The table's heights, in the same unit.
         quarter_steps, quarter_turns : int
-            From azimuth to azimuth of the table in a quarter turn, and how many of these, clockwise from the right.
+            Steps between azimuths of the table in a quarter turn, and number of quarter turns, clockwise from the
+            right.
         """
         paraxial, heights = (np.ascontiguousarray(each, dtype=np.float64) for each in (paraxial, heights))
         interval = np.clip(np.searchsorted(heights, paraxial, side="right") - 1, 0, heights.size - 2).astype(np.int32)
@@ -47,7 +50,7 @@ class TablePlaces:
         return cls((paraxial, interval, heights), structure)
 
     def lower(self, rows: int) -> "TablePlaces":
-        """Those of a picture that begins so many rows below this one."""
+        """The positions for a picture that begins `rows` rows below this one."""
         structure = PLACES.from_buffer_copy(self._structure)
         structure.centre_row -= rows
         return TablePlaces(self._arrays, structure)
@@ -55,14 +58,14 @@ class TablePlaces:
 
 @dataclass(frozen=True, eq=False)
 class PackedTable:
-    """A table of PSFs in the pieces that `spread` takes: between two heights, rows of what is not zero there.
+    """A table of PSFs packed for `spread`: for each pair of adjacent heights, the nonzero pieces of rows.
 
     Attributes
     ----------
     side_px : int
-        Of the square of pixels that the PSFs lie in.
+        Side of the PSFs' square of pixels.
     taps_by_interval : int array (interval,)
-        How many are touched for a pixel that lies between two heights.
+        Number of taps for a pixel between two heights.
     """
 
     side_px: int
@@ -72,16 +75,16 @@ class PackedTable:
 
     @classmethod
     def of(cls, reached: np.ndarray, azimuths: int, fill: Fill) -> "PackedTable":
-        """Of the PSFs that a function tells.
+        """From PSFs that a function writes.
 
         Parameters
         ----------
         reached : bool array (height, pixel)
-            The pixels of a square, row by row, that PSFs of a height reach.
+            The pixels of a square, row by row, that the PSFs of a height reach.
         azimuths : int
         fill : callable (heights: slice, pixels, out)
-            Writes these pixels of the PSFs of some heights to out, float32 array (height, azimuth, tap). The pixel
-            behind the last of the square is black.
+            Writes these pixels of the PSFs of some heights to out, float32 array (height, azimuth, tap). The index
+            after the square's last pixel stands for a black pixel.
         """
         heights, pixels = reached.shape
         side = isqrt(pixels)
@@ -93,8 +96,8 @@ class PackedTable:
         length = np.bincount(interval, 8 * eights, heights - 1).astype(np.int64)
         begin = SLACK + np.cumsum(2 * azimuths * np.append(0, length))
         taps = np.zeros(begin[-1] + SLACK, np.float32)
-        for low, of_interval in enumerate(np.split(source, np.cumsum(length)[:-1])):
-            fill(slice(low, low + 2), of_interval, taps[begin[low]:begin[low + 1]].reshape(2, azimuths, -1))
+        for low, interval_source in enumerate(np.split(source, np.cumsum(length)[:-1])):
+            fill(slice(low, low + 2), interval_source, taps[begin[low]:begin[low + 1]].reshape(2, azimuths, -1))
         counts = np.bincount(interval * (LONGEST + 1) + eights, minlength=(heights - 1) * (LONGEST + 1))
         first_piece = np.searchsorted(interval, np.arange(heights - 1))
         numbers = [np.ascontiguousarray(each, dtype=np.int64)
@@ -109,8 +112,11 @@ class PackedTable:
 
 
 def _pieces(between):
-    """Rows of the pixels that PSFs reach between two heights, (interval, row, column), cut into pieces, the shortest of
-    an interval first: arrays of their intervals, eights of taps, rows, first columns and taps."""
+    """Cut rows of the pixels that PSFs reach between two heights, (interval, row, column), into pieces.
+
+    Returns arrays of their intervals, eights of taps, rows, first columns and taps, with the shortest pieces of each
+    interval first.
+    """
     interval, row = np.nonzero(between.any(axis=2))
     across = between[interval, row]
     first, end = across.argmax(axis=1), across.shape[1] - across[:, ::-1].argmax(axis=1)
@@ -125,24 +131,24 @@ def _pieces(between):
 
 def spread(table: PackedTable, places: TablePlaces, light: np.ndarray, lit: np.ndarray, section_px: int,
            rows: slice) -> np.ndarray:
-    """The light of some rows of a picture, spread by its PSFs.
+    """Spread the light of some rows of a picture by its PSFs.
 
     Parameters
     ----------
     table : PackedTable
     places : TablePlaces
     light : float32 array (plane, row, column)
-        Of one plane, or of the four of a folded picture, which share the PSFs.
+        One plane, or the four planes of a folded picture, which share the PSFs.
     lit : bool array (section row, section column)
-        Which square sections of section_px pixels to spread.
+        The square sections of section_px pixels to spread.
     section_px : int
     rows : slice
 
     Returns
     -------
     float32 array (plane, row, column)
-        As many rows and columns as the light has, and those that the PSFs reach on both sides. It is a view of an array
-        with longer rows.
+        The rows and columns of the light, and those beyond that the PSFs reach. It is a view of an array with longer
+        rows.
     """
     loops, variant = chosen()
     planes, _, columns = light.shape

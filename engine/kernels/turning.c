@@ -1,12 +1,12 @@
-/* Turning: the PSFs of all heights, brought to one azimuth and onto the pixel grid.
+/* Turning: the PSFs of all heights, turned to one azimuth and resampled to the pixel grid.
 
-   A PSF comes as samples, small squares of light. Turned, each covers up to four pixels, which get its light by area.
-   The heights share this geometry, so that it is worked out once for a sample, and its light at all heights is laid
-   onto the four pixels at once: heights lie side by side in what comes out. */
+   A PSF consists of samples, small squares of light. When turned, each covers up to four pixels, which receive its
+   light by area. The heights share this geometry, so it is computed once per sample, and the sample's light at all
+   heights is added to the four pixels at once: heights are the innermost axis of the output. */
 #include "variant.h"
 
-/* The first of the two pixels of a row, or column, that a turned sample covers from `start` on, and the share of it
-   that lies there. Pixels count from -radius. Gives 0 where these are not both in the square. */
+/* The first of the two pixels of a row, or column, that a turned sample covers from `start`, and the sample's share in
+   it. Pixels count from -radius. Returns 0 unless both are in the square. */
 INLINE int first_pixel(double start, double per_px, int64_t radius, int64_t *pixel, double *share)
 {
     double from_edge = start + 0.5 + (double)radius;
@@ -18,10 +18,10 @@ INLINE int first_pixel(double start, double per_px, int64_t radius, int64_t *pix
 }
 
 lf_turn_loop OF_VARIANT(lf_turn);
-/* Adds to out: (row, column, height) of a square of `side` pixels, the chief ray in the middle. */
+/* Adds to out: (row, column, height) of a square of `side` pixels, with the chief ray in the middle. */
 int OF_VARIANT(lf_turn)(const lf_samples *samples, double cosine, double sine, int64_t side, double *out)
 {
-    /* Squares as wide as the turned samples are: at 0 and 45 degrees they then tile the plane without gaps. */
+    /* Squares as wide as the turned samples: at 0 and 45 degrees they tile the plane without gaps. */
     const double width = ((cosine < 0 ? -cosine : cosine) + (sine < 0 ? -sine : sine)) * samples->size_px;
     const int64_t radius = side / 2, heights = samples->heights;
     for (int64_t n = 0; n < samples->count; n++) {

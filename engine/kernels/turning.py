@@ -5,9 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .library import SAMPLES, address, check, chosen
+from .declarations import STRUCTURES
+from .library import address, check, chosen
 
-EIGHT = 8  # heights that go together
+SAMPLES = STRUCTURES["samples"]
+EIGHT = 8  # heights that are processed together
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +27,7 @@ class TurnableSamples:
 
     @classmethod
     def of(cls, samples: np.ndarray, v_px: np.ndarray, u_px: np.ndarray, sample_size_px: float) -> "TurnableSamples":
-        """Of samples (height, sample) that lie at v_px (sample,) outwards and u_px (sample,) along the tangent."""
+        """From samples (height, sample) at the positions v_px (sample,) outwards and u_px (sample,) tangentially."""
         heights, count = samples.shape
         energy = np.zeros((count, -(-heights // EIGHT) * EIGHT))
         energy[:, :heights] = samples.T
@@ -36,18 +38,22 @@ class TurnableSamples:
 
 
 def turn(samples: TurnableSamples, azimuth_rad: np.ndarray, side_px: int) -> np.ndarray:
-    """The PSFs at some azimuths: float64 array (azimuth, row, column, height), the chief ray in the middle of an odd
-    square.
+    """PSFs at some azimuths, with the chief ray in the middle of an odd square.
 
-    Azimuths count from the right upwards. The array is a view of one that has room for more heights.
+    Azimuths are measured from the right upwards.
+
+    Returns
+    -------
+    float64 array (azimuth, row, column, height)
+        A view of an array with room for more heights.
 
     Raises
     ------
     ValueError
-        Where light falls outside of the square.
+        Light is outside the square.
     """
     loops, variant = chosen()
     turned = np.zeros((len(azimuth_rad), side_px, side_px, samples._arrays[2].shape[1]))
-    for one, cosine, sine in zip(turned, np.cos(azimuth_rad), np.sin(azimuth_rad), strict=True):
-        check(loops.lf_turn(variant, byref(samples._structure), cosine, sine, side_px, one.ctypes.data))
+    for psfs, cosine, sine in zip(turned, np.cos(azimuth_rad), np.sin(azimuth_rad), strict=True):
+        check(loops.lf_turn(variant, byref(samples._structure), cosine, sine, side_px, psfs.ctypes.data))
     return turned[..., :samples.heights]

@@ -1,5 +1,5 @@
-/* What every loop's source needs: the name of the variant that it is compiled for, VARIANT, and LANES, how many floats
-   that takes at once. */
+/* Common definitions for all loops. They require the name of the variant to compile, VARIANT, and its number of floats
+   in a vector, LANES. */
 #ifndef LENSFIELD_VARIANT_H
 #define LENSFIELD_VARIANT_H
 #include "kernels.h"
@@ -8,10 +8,10 @@
 #define JOINED(a, b) JOINED_(a, b)
 #define OF_VARIANT(name) JOINED(name, VARIANT)
 
-/* Vectors that may lie at any address of a float or double. */
+/* Vectors at any address of a float or double. */
 typedef float floats __attribute__((vector_size(4 * LANES), aligned(4), may_alias));
 typedef float eight_floats __attribute__((vector_size(32), aligned(4), may_alias));
 typedef double doubles __attribute__((vector_size(4 * LANES), aligned(8), may_alias));
 
-#define INLINE static inline __attribute__((always_inline)) /* so that what is constant for the caller stays so */
+#define INLINE static inline __attribute__((always_inline)) /* propagates the caller's constants */
 #endif

@@ -1,19 +1,19 @@
 /* Waves: the light of a wavefront on an even grid of direction cosines, as complex numbers whose sum is a PSF.
 
-   Path, density and what apertures let through are Chebyshev polynomials over the cosines, even in the one along a row:
-   so a row has its own over 2 x^2 - 1. Eight columns go together in every variant. Cells at the edge of an aperture
-   hold a share of the light, which goes with how much the tightest of the limits changes across them: so three rows of
-   that are kept. */
+   Path, density and limits of apertures are Chebyshev polynomials over the cosines, even in the cosine along a row.
+   Each row therefore has its polynomials over 2 x^2 - 1. Every variant processes eight columns at once. Cells at the
+   edge of an aperture transmit a share of the light, which depends on the change of the tightest limit across them.
+   Three rows of that limit are therefore stored. */
 #include "variant.h"
 
 typedef double eight_doubles __attribute__((vector_size(64), aligned(8), may_alias));
 typedef int64_t eight_longs __attribute__((vector_size(64), aligned(8), may_alias));
 typedef int32_t eight_ints __attribute__((vector_size(32), aligned(4), may_alias));
 
-#define WHOLE 6755399441055744.0 /* added and taken off again, a double becomes a whole number */
+#define WHOLE 6755399441055744.0 /* adding and subtracting it rounds a double to an integer */
 #define WHOLE_SINGLE 12582912.0f
 #define LOG2_E 1.44269504f
-#define LEAST_POWER -80 /* of e: beyond lies what single precision has no number for */
+#define LEAST_POWER -80 /* of e: near the smallest number of single precision */
 
 /* Clenshaw's sum of Chebyshev polynomials. */
 INLINE eight_doubles series(const double *terms, int64_t count, eight_doubles at)
@@ -43,7 +43,7 @@ INLINE eight_floats chosen(eight_ints mask, eight_floats yes, eight_floats no)
 INLINE eight_floats larger(eight_floats a, eight_floats b) { return chosen(a > b, a, b); }
 INLINE eight_floats smaller(eight_floats a, eight_floats b) { return chosen(a < b, a, b); }
 
-/* e to a power of no less than LEAST_POWER and no more than 80, by Taylor's series to 2e-7. */
+/* e to a power from LEAST_POWER to 80, by a Taylor series to 2e-7. */
 INLINE eight_floats exponential(eight_floats power)
 {
     const eight_floats twos = power * LOG2_E, whole = (twos + WHOLE_SINGLE) - WHOLE_SINGLE;
@@ -53,7 +53,7 @@ INLINE eight_floats exponential(eight_floats power)
     return part * (eight_floats)((__builtin_convertvector(whole, eight_ints) + 127) << 23);
 }
 
-/* Cosine and minus sine of waves between -1/2 and 1/2, by Taylor's series of half the angle to 2e-7. */
+/* Cosine and minus sine of waves between -1/2 and 1/2, by Taylor series of half the angle to 2e-7. */
 INLINE void turned(eight_floats waves, eight_floats *cosine, eight_floats *minus_sine)
 {
     const eight_floats x = waves * 3.14159265f, square = x * x;
@@ -65,7 +65,7 @@ INLINE void turned(eight_floats waves, eight_floats *cosine, eight_floats *minus
     *minus_sine = -2 * sine * half;
 }
 
-/* The tightest of a row's limits: into `tightest`, which has room for a value before it and one behind. */
+/* Writes the tightest of a row's limits to `tightest`, which has room for a value before and one after it. */
 INLINE void tightest_limits(const lf_wavefront *w, int64_t row, float *tightest)
 {
     const float *terms = w->edges + (row * (1 + w->limits) + 1) * w->edge_terms;
@@ -76,26 +76,26 @@ INLINE void tightest_limits(const lf_wavefront *w, int64_t row, float *tightest)
             most = larger(series_single(terms + n * w->edge_terms, w->edge_terms, at), most);
         *(eight_floats *)(tightest + c) = most;
     }
-    tightest[-1] = tightest[1]; /* no change is seen across either end */
+    tightest[-1] = tightest[1]; /* no change across either end */
     tightest[w->columns] = tightest[w->columns - 2];
 }
 
 lf_waves_loop OF_VARIANT(lf_waves);
-/* Gives the real and imaginary parts, as the two planes of `out`, and in light the sums of density * share and of its product
-   with share once more. */
+/* Writes the real and imaginary parts to the two planes of `out`, and to `light` the sums of density * share and of
+   density * share * share. */
 int OF_VARIANT(lf_waves)(const lf_wavefront *w, const lf_picture *out, double *light, float *work)
 {
     const int64_t step = w->columns + 16;
-    float *kept[3] = {work + 8, work + 8 + step, work + 8 + 2 * step}; /* of row n: in kept[n % 3] */
+    float *limits[3] = {work + 8, work + 8 + step, work + 8 + 2 * step}; /* of row n: in limits[n % 3] */
     eight_doubles hard = {0}, soft = {0};
-    for (int64_t row = 0; row < 3; row++) tightest_limits(w, row, kept[row]);
+    for (int64_t row = 0; row < 3; row++) tightest_limits(w, row, limits[row]);
     for (int64_t row = 0; row < w->rows; row++) {
         const int64_t middle = row < 1 ? 1 : row > w->rows - 2 ? w->rows - 2 : row;
-        if (middle == row && row > 1) tightest_limits(w, row + 1, kept[(row + 1) % 3]);
-        const float *here = kept[row % 3], *above = kept[(middle + 1) % 3], *below = kept[(middle + 2) % 3];
+        if (middle == row && row > 1) tightest_limits(w, row + 1, limits[(row + 1) % 3]);
+        const float *here = limits[row % 3], *above = limits[(middle + 1) % 3], *below = limits[(middle + 2) % 3];
         const double *path = w->path + row * w->path_terms;
         const float *density = w->edges + row * (1 + w->limits) * w->edge_terms;
-        const double rim = 1 - 2 * w->up[row] * w->up[row]; /* what `across` is at most where x^2 + y^2 is */
+        const double rim = 1 - 2 * w->up[row] * w->up[row]; /* largest `across` within the circle of radius 1 */
         float *real = out->values + row * out->row_step, *imaginary = real + out->plane_step;
         for (int64_t c = 0; c < w->columns; c += 8) {
             if (w->across[c] > rim) {

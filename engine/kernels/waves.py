@@ -4,43 +4,45 @@ from ctypes import byref
 
 import numpy as np
 
-from .library import WAVEFRONT, address, check, chosen, picture
+from .declarations import STRUCTURES
+from .library import address, check, chosen, picture
 
-BESIDE = 16  # room at the ends of a row of limits
+WAVEFRONT = STRUCTURES["wavefront"]
+BESIDE = 16  # margin at the ends of a row of limits
 
 
 def waves(path: np.ndarray, edges: np.ndarray, x: np.ndarray, y: np.ndarray, densities: tuple[float, float],
           out: np.ndarray) -> tuple[float, float]:
-    """Write complex amplitudes, whose sum is a PSF, of polynomials that each row has of its own.
+    """Write complex amplitudes, whose sum is a PSF, from polynomials for each row.
 
     Parameters
     ----------
     path : array (row, term)
-        In waves: coefficients of Chebyshev's polynomials over 2 x^2 - 1.
+        Coefficients of Chebyshev polynomials over 2 x^2 - 1, in waves.
     edges : array (row, 1 + limit, term)
-        Of the logarithm of light per area, and of what lets light pass up to 1.
+        Coefficients of the logarithm of light per area, and of the limits, which let light pass up to 1.
     x, y : arrays (column,), (row,)
-        From -1 to 1; nothing passes beyond the circle of radius 1. At least 3 rows; a multiple of 8 columns.
+        From -1 to 1; light passes only within the circle of radius 1. At least 3 rows; a multiple of 8 columns.
     densities : (float, float)
-        Least and most that the logarithm can be.
+        Lower and upper limit of the logarithm.
     out : float32 array (real and imaginary part, row, column)
-        In shares of the most light per area. What it has of more columns stays as it is.
+        Relative to the largest light per area. Additional columns are not written.
 
     Returns
     -------
     hard, soft : float
-        Sums over the cells of their light, and of it times the share of them that light passes.
+        Sums over the cells of their light, and of their light times the share of the cell that transmits it.
 
     Raises
     ------
     ValueError
-        Sizes that cannot be.
+        Sizes are invalid.
     """
     loops, variant = chosen()
     across, up, path = (np.ascontiguousarray(array, dtype=np.float64) for array in (2 * x**2 - 1, y, path))
     edges = np.ascontiguousarray(edges, dtype=np.float32)
     if path.shape[0] != y.size or edges.shape[0] != y.size:
-        raise ValueError(f"polynomials of {path.shape[0]} and {edges.shape[0]} rows, where there are {y.size}")
+        raise ValueError(f"polynomials of {path.shape[0]} and {edges.shape[0]} rows, expected {y.size}")
     light, work = np.zeros(2), np.empty(3 * (x.size + BESIDE), np.float32)
     wavefront = WAVEFRONT(*(address(array, np.float64) for array in (across, up, path)), address(edges, np.float32),
                           y.size, x.size, path.shape[1], edges.shape[2], edges.shape[1] - 1, *densities)

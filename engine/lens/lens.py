@@ -1,25 +1,22 @@
-"""Lens: what a lens-design program knows about a lens, as one frozen value."""
+"""Lens: the data of a lens-design program about a lens, as one frozen value."""
 
-import os
 import sys
 from collections.abc import Iterable
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 
-from ..errors import LensError, printable
-from ..field.mirror_symmetry import is_mirror_symmetric
-from ..values import Value
-
-if TYPE_CHECKING:
-    from ..bake.prescription import Prescription
+from ..prescription.prescription import Prescription
+from ..runtime.errors import LensError, printable
+from ..runtime.values import Value
+from .symmetry import is_mirror_symmetric
 
 UNIT_SUM_TOLERANCE = 1e-3
-LARGEST = 1e15  # of any figure but an infinite distance: what comes of higher ones is no number any more
+AXIS_SLACK = 0.05  # of the last height: accepted distance of the axial image from the axis; `check_lens` is stricter
+LARGEST = 1e15  # limit for every figure except an infinite distance: larger figures overflow in later steps
 TEXTS = ("name", "maker", "story", "source", "notes")
 FIRST_ORDER = ("efl_mm", "magnification", "f_number_effective", "object_distance_mm", "entrance_pupil_mm",
                "reference_wavelength_nm")
@@ -30,14 +27,14 @@ NUMBERS = (*FIRST_ORDER, "psf_pitch_um")
 class Lens(Value):
     """Lens-design data of a rotationally symmetric lens, for one object distance (section 2.2.1 of the paper).
 
-    Its arrays are copies, and cannot be written to.
+    Its arrays are read-only copies.
 
     Attributes
     ----------
     name, maker, story : str
-        What it is; who designed or makes it; what it is known for.
+        The name of the lens; its designer or maker; why it is known.
     source, notes : str
-        Where the figures come from; what is assumed.
+        The source of the figures; assumptions.
     efl_mm : float
         Effective focal length.
     magnification : float
@@ -49,30 +46,31 @@ class Lens(Value):
     entrance_pupil_mm : float
         From the first surface to the entrance pupil, towards the image.
     sensor_mm : (float, float)
-        Width and height of the sensor that the lens is made for.
+        Width and height of the sensor that the lens is designed for.
     reference_wavelength_nm : float
     wavelengths_nm : array (wavelength,), ascending
     heights_mm : array (height,), ascending from 0
         Field heights, as *paraxial* image heights.
     real_height_mm : array (wavelength, height)
-        Height at which the chief ray really meets the image plane.
+        Actual height at which the chief ray meets the image plane.
     relative_illumination : array (wavelength, height)
         Irradiance relative to the axis, from a uniform Lambertian object plane.
     psf : float32 array (wavelength, height, v, u)
-        Point spread functions of unit sum. The chief ray is at `[n // 2, n // 2]`; +v runs away from the axis
-        (radially outwards), u along the tangent.
+        Point spread functions of unit sum. The chief ray is at `[n // 2, n // 2]`; +v points radially away from the
+        axis, u along the tangent.
     psf_pitch_um : float
         Distance between PSF samples, the same along v and u.
     enclosed_energy : array (wavelength, height)
-        Fraction of the light that the PSF window holds; NaN where not known.
+        Fraction of the light within the PSF window; NaN if unknown.
     transmittance : array (wavelength,)
         T(wavelength) of Eq. 2.
     point_flux : array (wavelength, height)
-        All light that the lens takes from a point of that plane, over what the f-number and the relative illumination
-        where its chief ray lands tell: some hundredths more or less at wide apertures, where coma moves as much of it,
-        and for colours that are seen under another f-number. 1 by default, where it is not known.
+        All light that the lens collects from a point of that plane, divided by the light that follows from the f-number
+        and the relative illumination at its chief ray. It differs from 1 by a few hundredths at wide apertures, where
+        coma moves that much light, and for colours with another f-number. 1 by default, if unknown.
     prescription : Prescription or None
-        What it was baked from, as it was turned then: by which its rays are known. None for tables alone.
+        The prescription that the tables were baked from, with focus and f-stop set, for tracing rays. None for tables
+        alone.
     """
 
     name: str
@@ -96,7 +94,7 @@ class Lens(Value):
     story: str = field(default="", repr=False)
     source: str = field(default="", repr=False)
     notes: str = field(default="", repr=False)
-    prescription: "Prescription | None" = field(default=None, repr=False)
+    prescription: Prescription | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         _check_kinds(self)
@@ -113,48 +111,12 @@ class Lens(Value):
         object.__setattr__(self, "psf", _normalised(self.psf))
         super().__post_init__()
 
-    @classmethod
-    def load(cls, name_or_path: str | os.PathLike) -> "Lens":
-        """Load a bundled lens by its name, a lens package, or a prescription as it stands.
-
-        Raises
-        ------
-        LensError
-            No such lens, or a file that is damaged or of no known kind.
-        """
-        from ..library import load  # a door: what makes Lens values cannot be imported first
-
-        return load(name_or_path)
-
-    @classmethod
-    def from_prescription(cls, name_or_path: str | os.PathLike, *, focus_mm: float | None = None,
-                          f_number: float | None = None, focused_wide_open: bool = False,
-                          quality: str = "standard") -> "Lens":
-        """A lens turned to a focus distance and an f-number, baked from its prescription or remembered.
-
-        Parameters
-        ----------
-        name_or_path : str or path
-            A bundled lens, or a prescription: Lensfield's, Zemax's, Code V's and others' files.
-        focus_mm, f_number, focused_wide_open
-            As `engine.bake.rings.Rings` has them; what is out of the lens's reach is set to what it has.
-        quality : "preview", "standard" or "reference"
-
-        Raises
-        ------
-        LensError
-            No such lens, one without a prescription, or one of which nothing can be baked.
-        """
-        from ..library import Rings, load  # the same door
-
-        return load(name_or_path, Rings(focus_mm, f_number, focused_wide_open), quality)
-
     @property
     def capture_focal_length_mm(self) -> float:
         """Image height over tangent of the object-side chief-ray angle: the pinhole camera with this lens's view.
 
-        Seen from the entrance pupil an object of height y stands at the angle atan(y / (object distance +
-        entrance pupil)), and its ideal image is |m| y high. At infinity this is the focal length.
+        From the entrance pupil, an object of height y appears at the angle atan(y / (object distance + entrance
+        pupil)), and its ideal image is |m| y high. At infinity this is the focal length.
         """
         if np.isinf(self.object_distance_mm):
             return self.efl_mm
@@ -162,21 +124,21 @@ class Lens(Value):
 
     @cached_property
     def mirror_symmetric(self) -> bool:
-        """Whether the PSFs are symmetric about the meridional plane, but for noise, as a centred lens's are."""
+        """Whether the PSFs are symmetric about the meridional plane except for noise, as a centred lens's are."""
         return all(map(is_mirror_symmetric, self.psf))
 
     def scaled(self, factor: float) -> "Lens":
         """A lens `factor` times as large, in focus at `factor` times the distance.
 
-        Angles, f-number and magnification stay, and so do relative illumination and transmittance. Distortion and
-        aberrations scale with the lens, and so does its whole PSF; diffraction does not, for wavelengths stay as they
-        are. So what diffraction has spread is `factor` times too wide in the result: too wide in a larger lens, too
-        narrow in a smaller one.
+        Angles, f-number and magnification stay the same, and so do relative illumination and transmittance. Distortion
+        and aberrations scale with the lens. The complete PSF is scaled with them, but true diffraction would not be,
+        because wavelengths stay the same. The diffraction blur of the result is therefore off by `factor`: too wide in
+        a larger lens, too narrow in a smaller one.
 
         Raises
         ------
         LensError
-            The factor is no positive number.
+            The factor is not a positive finite number.
         """
         if not 0 < factor < np.inf:
             raise LensError(self.name, "scale", factor, "expected a positive number")
@@ -192,13 +154,13 @@ class Lens(Value):
     def at_wavelength(self, wavelength_nm: float) -> "MonochromaticLens":
         """Lens data for one wavelength.
 
-        Heights and relative illumination, smooth in wavelength, follow a spline of up to third degree; PSFs and
-        transmittance are interpolated linearly, so that they stay within their bounds.
+        Heights and relative illumination, which are smooth in wavelength, follow a spline of up to third degree. PSFs
+        and transmittance are interpolated linearly, to stay within their bounds.
 
         Raises
         ------
         LensError
-            The wavelength lies outside the lens data.
+            The wavelength is outside the range of the lens data.
         """
         below, weight = self.wavelength_position(wavelength_nm)
         psf = self.psf[below]
@@ -210,7 +172,7 @@ class Lens(Value):
                                  float(np.interp(nm, self.wavelengths_nm, self.transmittance)))
 
     def nearest_nm(self, wavelengths_nm: ArrayLike) -> np.ndarray:
-        """The wavelengths nearest to these for which there are lens data."""
+        """The wavelengths clipped to the range of the lens data."""
         return np.clip(wavelengths_nm, self.wavelengths_nm[0], self.wavelengths_nm[-1])
 
     def real_height_at(self, wavelengths_nm: ArrayLike) -> np.ndarray:
@@ -230,12 +192,12 @@ class Lens(Value):
         return _spline(self.wavelengths_nm, self.point_flux)
 
     def wavelength_position(self, wavelength_nm: float) -> tuple[int, float]:
-        """Between which of the lens data's wavelengths one lies: the index below it and the weight of the next.
+        """Position of a wavelength among the lens data's: the index of the one below it, and the weight of the next.
 
         Raises
         ------
         LensError
-            The wavelength lies outside the lens data.
+            The wavelength is outside the range of the lens data.
         """
         low, high = self.wavelengths_nm[0], self.wavelengths_nm[-1]
         if not low - 1e-6 <= wavelength_nm <= high + 1e-6:
@@ -245,7 +207,7 @@ class Lens(Value):
         return int(position), position % 1
 
     def wavelengths_around(self, wavelengths_nm: Iterable[float]) -> np.ndarray:
-        """The lens data's wavelengths between which, or at which, these lie: array, ascending."""
+        """The lens data's wavelengths that equal or enclose these: array, ascending."""
         positions = [self.wavelength_position(nm) for nm in wavelengths_nm]
         around = {below for below, _ in positions} | {below + 1 for below, weight in positions if weight}
         return self.wavelengths_nm[sorted(around)]
@@ -266,13 +228,15 @@ class MonochromaticLens(Value):
 
 
 def _spline(wavelengths_nm, table):
-    """A table (wavelength, height) at other wavelengths, by a spline of up to third degree: a function of these that
-    gives array (..., height)."""
+    """A spline of up to third degree through a table (wavelength, height): a function of wavelengths.
+
+    It returns array (..., height).
+    """
     return make_interp_spline(wavelengths_nm, table, k=min(3, wavelengths_nm.size - 1))
 
 
 def _check(lens):
-    """Raise a LensError that names the first field that cannot be right."""
+    """Raise a LensError that names the first invalid field."""
     _check_numbers(lens)
     _check_shapes(lens)
     _check_tables(lens)
@@ -291,7 +255,7 @@ def _check_kinds(lens):
 
 
 def _is_number(value):
-    """Whether this is one number that a float holds, nan and infinity among them."""
+    """Whether this is a number within the range of a float, including NaN and infinity."""
     return (isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
             and not (isinstance(value, int) and abs(value) > sys.float_info.max))
 
@@ -307,7 +271,7 @@ def _check_numbers(lens):
             raise LensError(lens.name, name, getattr(lens, name), f"expected at most {LARGEST:g}")
     if lens.magnification == 0 and np.isfinite(lens.object_distance_mm):
         raise LensError(lens.name, "magnification", lens.magnification, "expected other than 0 at a finite distance")
-    if len(lens.sensor_mm) != 2 or not 0 < min(lens.sensor_mm) <= max(lens.sensor_mm) <= LARGEST:
+    if len(lens.sensor_mm) != 2 or not all(0 < side <= LARGEST for side in lens.sensor_mm):
         raise LensError(lens.name, "sensor_mm", lens.sensor_mm, "expected a positive width and height")
 
 
@@ -331,25 +295,46 @@ def _check_tables(lens):
     for name in ("wavelengths_nm", "heights_mm", "real_height_mm", "relative_illumination", "transmittance",
                  "point_flux", "psf"):
         least, most = (float(end(getattr(lens, name), initial=0)) for end in (np.min, np.max))
-        if not np.isfinite([least, most]).all():  # what is no number is passed on to both
-            raise LensError(lens.name, name, "not finite", "expected numbers throughout")
+        if not np.isfinite([least, most]).all():  # a NaN propagates to both
+            raise LensError(lens.name, name, "not finite", "expected only finite numbers")
         if max(-least, most) > LARGEST:
             raise LensError(lens.name, name, f"up to {max(-least, most):g}", f"expected at most {LARGEST:g}")
     for name in ("wavelengths_nm", "heights_mm"):
         if np.any(np.diff(getattr(lens, name)) <= 0):
             raise LensError(lens.name, name, getattr(lens, name).tolist(), "expected ascending values")
+    if lens.wavelengths_nm[0] <= 0:
+        raise LensError(lens.name, "wavelengths_nm", lens.wavelengths_nm.tolist(), "expected positive nanometres")
     if lens.heights_mm[0] != 0:
         raise LensError(lens.name, "heights_mm", f"{lens.heights_mm[0]} first", "expected the axis, 0, first")
+    _check_real_heights(lens)
     for name in ("relative_illumination", "point_flux"):
-        if np.any(getattr(lens, name) < 0):
-            raise LensError(lens.name, name, "negative", "expected 0 or more")
+        table = getattr(lens, name)
+        if np.any(table < 0):
+            raise LensError(lens.name, name, f"{table.min():g} at its minimum", "expected 0 or more")
+        if np.any(table[:, 0] == 0):
+            raise LensError(lens.name, name, "0 on the axis", "expected light on the axis")
     if np.any(lens.transmittance < 0) or np.any(lens.transmittance > 1):
         raise LensError(lens.name, "transmittance", lens.transmittance.tolist(), "expected 0 to 1")
+    if not lens.transmittance.any():
+        raise LensError(lens.name, "transmittance", "0 at all wavelengths", "expected light at one wavelength or more")
+
+
+def _check_real_heights(lens):
+    """Raise a LensError unless chief rays land on the same side of the axis as their paraxial images."""
+    real_mm = lens.real_height_mm
+    near_axis_mm = AXIS_SLACK * lens.heights_mm[-1]
+    wrong = np.argwhere(np.where(lens.heights_mm > 0, real_mm <= 0, np.abs(real_mm) > near_axis_mm))
+    if wrong.size:
+        wavelength, height = wrong[0]
+        raise LensError(lens.name, "real_height_mm",
+                        f"{real_mm[wavelength, height]:g} at {lens.wavelengths_nm[wavelength]:g} nm and the paraxial "
+                        f"height of {lens.heights_mm[height]:g} mm",
+                        "expected 0 on the axis, and positive heights off it")
 
 
 def _check_psfs(lens):
     if np.any(lens.psf < 0):
-        raise LensError(lens.name, "psf", f"{lens.psf.min():g} at the least", "expected 0 or more")
+        raise LensError(lens.name, "psf", f"{lens.psf.min():g} at its minimum", "expected 0 or more")
     sums = lens.psf.sum(axis=(2, 3), dtype=np.float64)
     worst = np.unravel_index(np.argmax(np.abs(sums - 1)), sums.shape)
     if abs(sums[worst] - 1) > UNIT_SUM_TOLERANCE:
@@ -358,7 +343,7 @@ def _check_psfs(lens):
 
 
 def _normalised(psf):
-    """PSFs of unit sum (Eq. 9); the same array where they are so to the last digit, that saving changes nothing."""
+    """PSFs of unit sum (Eq. 9). An array already normalised to rounding is returned as is, so saving preserves it."""
     sums = psf.sum(axis=(2, 3), keepdims=True, dtype=np.float64)
     if np.abs(sums - 1).max() < 1e-6:
         return psf

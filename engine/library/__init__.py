@@ -1,4 +1,4 @@
-"""Which lens a name or a path is: a bundled one, a prescription or a package."""
+"""Lenses by name or path: bundled lenses, prescriptions and packages."""
 
 import os
 from collections.abc import Callable
@@ -7,70 +7,72 @@ from functools import lru_cache
 from os import PathLike
 from pathlib import Path
 
-from ..bake.prescription import Prescription
-from ..bake.prescriptions import READERS, read_prescription
-from ..bake.prescriptions.toml import read_lensfield
-from ..bake.rings import AT_REST, Rings, is_stopped_down, turned
-from ..errors import LensError, absence
 from ..lens.lens import Lens
-from ..lens.readers import IMPORT_FIRST, is_import
-from ..lens.readers.package import read_package
+from ..lens_files import IMPORT_FIRST, is_import
+from ..lens_files.package import read_package
+from ..prescription.prescription import Prescription
+from ..prescription.readers import READERS, ReadingOptions, checked, read_file, read_prescription
+from ..prescription.readers.toml import read_lensfield
+from ..rays.rings import AT_REST, Rings, is_stopped_down, turned
+from ..runtime.errors import LensError
+from ..runtime.inputs import check_input
 from .baked import baked_lens
 
 BUNDLED = Path(__file__).resolve().parent
 PRESCRIPTIONS, PICTURES = BUNDLED / "prescriptions", BUNDLED / "pictures"
-ALL_LENSES = "`lensfield lens list` tells the bundled ones"
+ALL_LENSES = "`lensfield lens list` lists them"
 
 
 @lru_cache
 def bundled_names() -> tuple[str, ...]:
-    """Names of the lenses that come with the project."""
+    """Names of the bundled lenses."""
     return tuple(sorted(path.stem for path in PRESCRIPTIONS.glob("*.toml")))
 
 
 @lru_cache
 def bundled_lenses() -> dict[str, Prescription]:
-    """The lenses that come with the project, by name."""
+    """The bundled lenses, by name."""
     return {name: read_lensfield(PRESCRIPTIONS / f"{name}.toml") for name in bundled_names()}
 
 
 def find_bundled(words: list[str]) -> dict[str, Prescription]:
-    """The bundled lenses of which every word is told: of name, maker, year, focal length ("50mm") or character."""
+    """The bundled lenses that match every word: in name, maker, year, focal length ("50mm"), character or story."""
     wanted = [word.casefold() for word in words]
-    return {name: lens for name, lens in bundled_lenses().items() if all(word in _told(name, lens) for word in wanted)}
+    return {name: lens for name, lens in bundled_lenses().items()
+            if all(word in _search_text(name, lens) for word in wanted)}
 
 
-def _told(name, lens):
+def _search_text(name, lens):
     focal = f"{lens.focal_length_mm:g}mm" if lens.focal_length_mm else ""
     return " ".join((name, lens.title, lens.maker, str(lens.year or ""), focal, *lens.character, lens.story,
                      lens.source)).casefold()
 
 
-def load(name_or_path: str | PathLike[str], rings: Rings = AT_REST, quality: str = "standard",
-         progress: Callable[[float, str], object] = lambda fraction, label: None) -> Lens:
-    """The lens of this name, or in this file, turned to a focus distance and an f-number.
+def load_lens(name_or_path: str | PathLike[str], rings: Rings = AT_REST, quality: str = "standard",
+              progress: Callable[[float, str], object] = lambda fraction, label: None) -> Lens:
+    """Load the lens with this name or in this file, set to a focus distance and an f-number.
 
     Parameters
     ----------
     name_or_path : str or path
         A bundled lens, a lens package, or a prescription of any kind that `read_prescription` reads.
     rings : Rings
-        What it is turned to, which a package cannot be.
+        The focus distance and f-number. They can be set only for lenses with a prescription.
     quality : str
-        How finely a prescription is baked: one of `QUALITIES`.
+        Sampling of the bake of a prescription: one of `QUALITIES`.
     progress : function (fraction, label)
 
     Raises
     ------
     LensError
-        No such lens; one that is damaged or of no known kind; or one without rings, that is to be turned.
+        The lens is unknown, damaged or of an unknown kind; or rings are given for a lens without a prescription.
     """
     package = package_path(name_or_path)
     if package and (rings == AT_REST or not has_rings(name_or_path)):
         if rings != AT_REST:
             raise LensError(name_or_path, "focus and f-number", "fixed",
-                            "a package holds for one of each: leave them out, or give the lens's prescription")
-        return _as_it_stands(package, name_or_path)
+                            "a package is baked for one of each: omit them, or give the lens's prescription")
+        return _package_lens(package, name_or_path)
     prescription = prescription_of(name_or_path)
     try:
         return baked_lens(prescription, rings, quality, progress)
@@ -78,8 +80,8 @@ def load(name_or_path: str | PathLike[str], rings: Rings = AT_REST, quality: str
         raise error.at(name_or_path) from None
 
 
-def _as_it_stands(package, name_or_path):
-    """A package; with the prescription that it was baked from, where that is bundled, too."""
+def _package_lens(package, name_or_path):
+    """The lens in a package, with its prescription if that is also bundled."""
     lens = read_package(package)
     if not has_rings(name_or_path):
         return lens
@@ -87,29 +89,28 @@ def _as_it_stands(package, name_or_path):
 
 
 def cannot_be(name_or_path: str | PathLike[str], rings: Rings) -> tuple[str, ...]:
-    """What is asked of a lens's rings and is out of their reach, and what they are set to instead: a line each."""
+    """A line for each ring whose requested value is out of range, with the value that replaces it."""
     return turned(prescription_of(name_or_path), rings).words
 
 
 def iris_shows(name_or_path: str | PathLike[str], rings: Rings) -> bool:
-    """Whether a lens is stopped down below its widest aperture, so that the shape of its iris counts."""
+    """Whether a lens is stopped down below its widest aperture, which makes the shape of its iris visible."""
     return has_rings(name_or_path) and is_stopped_down(prescription_of(name_or_path), rings)
 
 
 def has_rings(name_or_path: str | PathLike[str]) -> bool:
-    """Whether a lens can be focused and stopped down: whether there is a prescription of it."""
+    """Whether a lens can be focused and stopped down, because it has a prescription."""
     return str(name_or_path) in bundled_names() or Path(name_or_path).suffix.lower() in READERS
 
 
 def package_path(name_or_path: str | PathLike[str]) -> Path | None:
-    """The lens package that a lens is read from as it is told; None where it is baked."""
-    baked_before = BUNDLED / f"{name_or_path}.npz"
+    """The package that a lens is read from; None if it is baked from a prescription."""
+    bundled_package = BUNDLED / f"{name_or_path}.npz"
     if str(name_or_path) in bundled_names():
-        return baked_before if baked_before.is_file() else None
+        return bundled_package if bundled_package.is_file() else None
     path = Path(name_or_path)
-    if not os.path.isfile(path):  # of a text too long to be a name, Path.is_file raises
-        raise LensError(name_or_path, "lens", absence(path), IMPORT_FIRST if os.path.isdir(path) else
-                        f"give a lens package, a prescription or the name of a bundled lens: {ALL_LENSES}")
+    check_input(name_or_path, "lens", IMPORT_FIRST if os.path.isdir(path) else
+                f"give a lens package, a prescription or the name of a bundled lens: {ALL_LENSES}", error=LensError)
     if is_import(path):
         raise LensError(path, "lens data", "another program's", IMPORT_FIRST)
     if path.suffix.lower() != ".npz" and not has_rings(path):
@@ -119,7 +120,7 @@ def package_path(name_or_path: str | PathLike[str]) -> Path | None:
 
 
 def prescription_of(name_or_path: str | PathLike[str], field: tuple[str, float] | None = None) -> Prescription:
-    """The prescription of this name, or in this file; of a field that ends elsewhere, where that is told.
+    """The prescription with this name or in this file, with another end of the field if given.
 
     Raises
     ------
@@ -130,3 +131,19 @@ def prescription_of(name_or_path: str | PathLike[str], field: tuple[str, float] 
     if name in bundled_names():
         return read_lensfield(PRESCRIPTIONS / f"{name}.toml", field) if field else bundled_lenses()[name]
     return read_prescription(name, field)
+
+
+def prescription_as_stated(name_or_path: str | PathLike[str], field: tuple[str, float] | None = None) -> Prescription:
+    """The prescription with the focal length that its file states, even if its surfaces contradict it, for checks.
+
+    Raises
+    ------
+    LensError
+        As `read_prescription`, except about the focal length and the f-number.
+    """
+    if str(name_or_path) in bundled_names():
+        return prescription_of(name_or_path, field)
+    path = Path(name_or_path)
+    reading = read_file(path, ReadingOptions(field))
+    accepted = checked(path, reading, allow_mismatch=True)
+    return replace(accepted, focal_length_mm=reading.prescription.focal_length_mm)

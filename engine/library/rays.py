@@ -1,43 +1,53 @@
-"""The rays of a lens: traced through its prescription and remembered, or of first order where it has none."""
+"""The rays of a lens: traced through its prescription and cached, or to first order for a lens without one."""
 
 from functools import lru_cache
 from io import BytesIO
 
 import numpy as np
 
-from .. import cache
-from ..bake.first_order import first_order_rays
-from ..bake.prescription import Prescription
-from ..bake.ray_table import RayTable, ray_table
+from ..field.field_map import field_map
 from ..lens.lens import Lens
-from ..values import digest_of
+from ..prescription.prescription import Prescription
+from ..rays.ray_table import RayTable, ray_table
+from ..runtime import cache
+from ..runtime.values import digest_of
 
 KIND, MOST_BYTES = "rays", 2**28
-ROOMS = ("bake",)  # whose code traces them
-ARRAYS = "wavelengths_nm", "coefficients", "last_height_mm", "entrance_pupil_mm"
+ARRAYS = "wavelengths_nm", "coefficients", "last_height_mm", "entrance_pupil_mm", "reach"
+REACHES = 8  # steps of `reach` per semi-aperture: irises with smaller differences at their corners share a table
+ROUNDING = 1e-6
 
 
 @lru_cache(maxsize=4)
-def lens_rays(lens: Lens) -> RayTable:
-    """The table of a lens's rays, by which it sees what is near or far, and what hides what.
+def lens_rays(lens: Lens, reach: float = 1.0) -> RayTable:
+    """The table of a lens's rays, for blur by depth and for hidden surfaces.
+
+    Parameters
+    ----------
+    lens : Lens
+    reach : float
+        The required radius of the rays in the stop, in semi-apertures: `Opening.reach`.
 
     Raises
     ------
     LensError
-        A prescription that cannot be traced.
+        The prescription cannot be traced.
     """
-    return _traced(lens.prescription) if lens.prescription else first_order_rays(lens)
+    reach = max(reach, np.ceil(REACHES * (reach - ROUNDING)) / REACHES)
+    if not lens.prescription:
+        return field_map(lens).first_order_rays(reach)
+    return _traced(lens.prescription, max(1.0, min(reach, lens.prescription.stop_rim)))
 
 
-def _traced(prescription: Prescription) -> RayTable:
-    key = digest_of((cache.code_version(*ROOMS), prescription))
-    known = cache.recall(KIND, key)
-    if known is None:
-        table, stream = ray_table(prescription), BytesIO()
+def _traced(prescription: Prescription, reach: float) -> RayTable:
+    key = digest_of((prescription, reach))
+    archive_bytes = cache.recall(KIND, key)
+    if archive_bytes is None:
+        table, stream = ray_table(prescription, reach=reach), BytesIO()
         np.savez(stream, **{name: getattr(table, name) for name in ARRAYS})
-        known = stream.getvalue()
-        cache.remember(KIND, key, known, MOST_BYTES)
-    with np.load(BytesIO(known), allow_pickle=False) as archive:
-        held = {name: archive[name] for name in ARRAYS}
-    return RayTable(prescription.name, held["wavelengths_nm"], float(held["last_height_mm"]),
-                    float(held["entrance_pupil_mm"]), held["coefficients"])
+        archive_bytes = stream.getvalue()
+        cache.remember(KIND, key, archive_bytes, MOST_BYTES)
+    with np.load(BytesIO(archive_bytes), allow_pickle=False) as archive:
+        arrays = {name: archive[name] for name in ARRAYS}
+    return RayTable(prescription.name, arrays["wavelengths_nm"], float(arrays["last_height_mm"]),
+                    float(arrays["entrance_pupil_mm"]), arrays["coefficients"], float(arrays["reach"]))

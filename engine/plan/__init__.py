@@ -1,1 +1,1 @@
-"""From what is asked to how it is done: options, the plan, what it will cost and how far it can be wrong."""
+"""From options to a plan: its error bound, its predicted cost, and the choice of the method."""

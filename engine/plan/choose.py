@@ -1,136 +1,124 @@
-"""make_plan(): from what is asked to how it is done. An accuracy is met at the least predicted work."""
+"""make_plan(): from options to a plan. A requested accuracy is met with the least predicted work."""
 
+import math
 import time
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..blur import METHODS, Method, OnePsf
 from ..blur.method import Workload
-from ..errors import ImageError, InputError
+from ..field.field_map import field_map
 from ..field.mirror_symmetry import Planes
-from ..field.psf_bank import refinement
-from ..image.spectral_image import SpectralImage
+from ..image.sampling import Sampling
+from ..lens.lens import Lens
+from ..runtime.errors import ImageError, InputError
+from ..runtime.scratch import SAMPLE_BYTES
 from . import cost
-from .error_bound import AzimuthErrors, azimuth_error, isoplanatic_error
 from .options import AUTO, BY_KNOBS, DEFAULT_ACCURACY, Options
-from .picture_psfs import PicturePsfs, telling_wavelengths
 from .plan import Plan
 
-if TYPE_CHECKING:
-    from ..lens.lens import Lens
-
-SINGLE_RANGE = 1e3  # leaves the dimmest pixel right to some 1e-4
+SINGLE_RANGE = 1e3  # the dimmest pixel stays accurate to about 1e-4
 PSF_ENERGY = 1 - 1e-6
 FLAT_SHARE, ROUNDING_SHARE = 1 / 16, 1 / 50  # of the accuracy
-TRIM_SHARES = 5 / 8, 3 / 4, 7 / 8  # of what is left: what trimming PSFs may misplace; the rest is the azimuths'
-LESSER_TRIM_SHARES = 3 / 8, 1 / 8  # where no azimuths are enough beside these
-HALO_SHARE = 1 / 16  # what trimming may misplace of light so bright that it would show
-ONE_PSF_TRIM_SHARE = 1 / 8  # of one PSF for the picture, whose transform costs little more if it is wide
-SINGLE_ACCURACY = 3e-5  # the least that single precision is good for
-SINGLE_NOISE = 1.2e-7  # of the light, per unit of dynamic range
-AZIMUTH_CHOICES = tuple(sorted({round(2 ** (k / 2)) for k in range(2, 21)}))
-GUESS_AZIMUTHS, GUESS_POWER = 8, 1.6  # errors fall about with this power
-ISOPLANATIC_SAMPLES = 4  # azimuths to look at
+TRIM_SHARES = 5 / 8, 3 / 4, 7 / 8  # of the remaining error, for trimming PSFs; the rest is for the table
+LESSER_TRIM_SHARES = 3 / 8, 1 / 8  # if no table is fine enough with the shares above
+HALO_SHARE = 1 / 16  # for trimming the PSFs of highlights, whose trimmed light would be visible
+ONE_PSF_TRIM_SHARE = 1 / 8  # of one PSF for the picture, whose width hardly affects the cost of its transform
+SINGLE_ACCURACY = 3e-5  # the smallest that single precision can meet
+SINGLE_NOISE = 1.2e-7  # rounding error relative to the light, per unit of dynamic range
+STEP_CHOICES = tuple(sorted({round(2 ** (k / 2)) for k in range(2, 21)}))
+GUESS_STEPS, GUESS_POWER = 8, 1.6  # errors decrease with approximately this power of the steps
 
 
-def make_plan(options: Options, lens: "Lens", radiance: SpectralImage) -> Plan:
-    """The plan for filtering a radiance picture: by its knobs, or by the accuracy asked for.
+def make_plan(options: Options, lens: Lens, sampling: Sampling) -> Plan:
+    """The plan for filtering pictures of this sampling: by its knobs, or by the requested accuracy.
 
-    What it took to make it is part of its seconds.
+    The plan's seconds include the time to choose it.
 
     Raises
     ------
     ImageError
-        A pixel pitch so small that the PSFs come out larger than anybody wants.
+        If the pixel pitch is so small that the PSFs have too many pixels.
     InputError
-        The same, by supersampling.
+        If supersampling makes the pitch that small.
     LensError
-        A wavelength outside the lens data; a distortion that folds the field.
+        If a wavelength is outside the lens data, or the distortion folds the field.
     """
     begin, times = time.perf_counter(), options.supersampling
-    finer = _in_finer_pixels(radiance, times)
+    finer = sampling.finer(times)
     try:
         plan = _Planner(options, lens, finer).best() if options.by_result else _knob_plan(options, lens, finer)
     except ImageError as error:
         raise InputError("options", "supersampling", times, error.remedy) if times > 1 else error from None
-    plan = priced(replace(plan, supersampling=times), lens, radiance)
+    plan = priced(replace(plan, supersampling=times), lens, sampling)
     return replace(plan, seconds=plan.seconds + time.perf_counter() - begin)
 
 
-def _in_finer_pixels(radiance, times):
-    """What a plan depends on of a picture: all but its light."""
-    grid = radiance.grid.finer(times)
-    dark = np.broadcast_to(np.float32(0), (radiance.wavelengths_nm.size, *grid.shape_px))
-    return SpectralImage(dark, radiance.wavelengths_nm, grid)
+def _knob_plan(options, lens, sampling):
+    """The plan by knobs, with defaults for those that are not set.
 
-
-def _knob_plan(options, lens, radiance):
-    """The plan that the knobs come to, what is not set being the default.
-
-    A section larger than the picture is cut down to it; the computational space always holds a section and the
-    PSFs that reach out of it, so that nothing wraps around.
+    A section larger than the picture is reduced to the picture's size. The computational space always holds a section
+    and the PSFs that extend beyond it, to avoid wraparound.
     """
     way = METHODS[BY_KNOBS if options.method == AUTO else options.method]
     energy = options.psf_energy or (1.0 if way.yardstick else PSF_ENERGY)
     precision = options.precision or ("float64" if way.yardstick else AUTO)
-    radius_px, taps = PicturePsfs(lens, radiance, energy).reach(energy)
+    radius_px, taps = field_map(lens).picture_psfs(sampling, energy).reach(energy)
     single_range = {AUTO: SINGLE_RANGE, "float32": np.inf, "float64": 0.0}[precision]
-    most_px = max(radiance.frame_px) + 2 * radius_px
+    most_px = max(sampling.grid.frame_px) + 2 * radius_px
     return Plan(
         method=way.by_knobs(options.section_size, options.azimuths, radius_px, most_px),
         psf_radius_px=radius_px, psf_energy=energy, taps=taps,
         precision="float64" if precision == "float64" else "float32",
         single_range=single_range if way.transforms or not single_range else np.inf,
         flat_tolerance=options.flat_tolerance or 0.0,
-        folded=not way.yardstick and radiance.grid.centred and lens.mirror_symmetric,
+        folded=not way.yardstick and sampling.grid.centred and field_map(lens).mirror_symmetric,
         out_of_field=options.out_of_field)
 
 
-def workload(plan: Plan, lens: "Lens", radiance: SpectralImage) -> Workload:
-    """What the cost of a plan depends on, beside the plan."""
-    heights, height_um = lens.heights_mm.size, 1e3 * lens.heights_mm[-1] / lens.heights_mm.size
-    grid = radiance.grid.finer(plan.supersampling)
-    fine_um = lens.psf_pitch_um / refinement(lens, grid.pitch_um)
-    window_um = lens.psf.shape[-1] * lens.psf_pitch_um
-    reach_um = min(window_um, 2 * plan.psf_radius_px * grid.pitch_um)
+def workload(plan: Plan, lens: Lens, sampling: Sampling) -> Workload:
+    """The figures, in addition to the plan, that its cost depends on."""
+    grid, field = sampling.grid.finer(plan.supersampling), field_map(lens)
+    layout = field.layout(grid.pitch_um)
+    reach_um = min(layout.window_um, 2 * plan.psf_radius_px * grid.pitch_um)
     return Workload(
-        plan.planes(grid), plan.psf_radius_px, plan.taps, heights, height_um / grid.pitch_um,
-        samples=np.pi / 4 * (reach_um / fine_um) ** 2, window_samples=(window_um / fine_um) ** 2,
-        tables=len(telling_wavelengths(lens, radiance)) / radiance.wavelengths_nm.size,
-        mirror_symmetric=lens.mirror_symmetric)
+        plan.planes(grid), plan.psf_radius_px, plan.taps, layout,
+        samples=np.pi / 4 * (reach_um / layout.sample_um) ** 2,
+        window_samples=(layout.window_um / layout.sample_um) ** 2,
+        tables=len(field.table_wavelengths(sampling)) / len(sampling.wavelengths_nm))
 
 
-def priced(plan: Plan, lens: "Lens", radiance: SpectralImage) -> Plan:
-    """A plan with the seconds and the memory that it will take on a picture, on this machine."""
-    work = workload(plan, lens, radiance)
-    split = radiance.cube[0].nbytes * plan.supersampling**2 if plan.supersampling > 1 else 0
-    return replace(plan, seconds=cost.seconds(work, plan) * radiance.wavelengths_nm.size,
+def priced(plan: Plan, lens: Lens, sampling: Sampling) -> Plan:
+    """A plan with its predicted seconds and memory for pictures of this sampling, on this machine."""
+    work = workload(plan, lens, sampling)
+    split = SAMPLE_BYTES * math.prod(sampling.finer(plan.supersampling).grid.shape_px) if plan.supersampling > 1 else 0
+    return replace(plan, seconds=cost.seconds(work, plan) * len(sampling.wavelengths_nm),
                    memory_mb=cost.memory_mb(work, plan) + split / cost.MEGABYTE)
 
 
 class _Planner:
-    """Looks for the plan of least predicted work whose error stays within an accuracy.
+    """Finds the plan with the least predicted work that meets an accuracy.
 
-    A point's light goes wrong by no more than the sum of: twice the energy trimmed, for the rest is normalised; what
-    mixing PSFs from those of a few azimuths comes to; what flat sections may; and rounding. That is the bound. Trimming
-    more leaves fewer pixels to spread light to, but asks for more azimuths: what costs least is chosen.
+    A point's misplaced light is at most the sum of four parts: twice the trimmed energy, because the rest is
+    normalised; the error of mixing PSFs from a table; the tolerance of flat sections; and rounding. This sum is the
+    bound. Trimming more leaves fewer pixels to spread light to, but requires a table with more steps; the cheapest
+    combination is chosen.
     """
 
-    def __init__(self, options, lens, radiance):
+    def __init__(self, options, lens, sampling):
         self._accuracy = DEFAULT_ACCURACY if options.accuracy is None else options.accuracy
         self._precision = "float32" if self._accuracy >= SINGLE_ACCURACY else "float64"
         self._flat, self._rounding = self._accuracy * FLAT_SHARE, self._accuracy * ROUNDING_SHARE
         self._enough = self._accuracy - self._flat - self._rounding
-        self._options, self._lens, self._radiance = options, lens, radiance
-        self._psfs = PicturePsfs(lens, radiance, self._energy(HALO_SHARE))
-        self._folded = radiance.grid.centred and self._psfs.mirror_symmetric
+        self._options, self._lens, self._sampling = options, lens, sampling
+        self._psfs = field_map(lens).picture_psfs(sampling, self._energy(HALO_SHARE))
+        self._folded = sampling.grid.centred and self._psfs.mirror_symmetric
 
     def best(self) -> Plan:
-        """The plan; the exact operator where nothing less is accurate enough."""
+        """The plan; with the exact operator if no other method is accurate enough."""
         asked = self._options.method
         if asked == AUTO:
             error = self._isoplanatic_error()
@@ -139,66 +127,66 @@ class _Planner:
         ways = [way for way in METHODS.values() if way.by_accuracy and asked in (AUTO, way.name)]
         too_much = 1.0
         for share in self._shares(ways):
-            azimuths, error = self._azimuths(share) if share < too_much else (0, 0.0)
-            if azimuths:
-                return self._cheapest(ways, share, azimuths, error)
+            steps, error = self._steps(share) if share < too_much else (0, 0.0)
+            if steps:
+                return self._cheapest(ways, share, steps, error)
             too_much = min(share, too_much)
-        plan = _knob_plan(replace(self._options, accuracy=None, method="exact"), self._lens, self._radiance)
+        plan = _knob_plan(replace(self._options, accuracy=None, method="exact"), self._lens, self._sampling)
         return replace(plan, error_bound=0.0)
 
     def _energy(self, share):
-        """What PSFs keep that are trimmed by this share of the error."""
+        """The energy of PSFs after trimming that takes this share of the error."""
         return 1 - share * self._enough / 2
 
     def _planes(self, widest):
-        """The planes of a plan whose widest PSFs are trimmed by this share."""
+        """The planes of a plan whose widest PSFs are trimmed by this share of the error."""
         radius_px, _ = self._psfs.reach(self._energy(widest))
-        return Planes(self._radiance.grid.within_reach(radius_px), self._folded)
+        return Planes(self._sampling.grid.within_reach(radius_px), self._folded)
 
-    def _trimmed(self, share, widest=HALO_SHARE):
-        return self._psfs.trimmed(self._energy(share), self._planes(widest))
+    def _mixing_errors(self, share):
+        return self._psfs.mixing(self._energy(share), self._planes(HALO_SHARE))
 
     def _shares(self, ways):
-        """The shares of the error that trimming may have; those first that are cheapest by a guess at the azimuths."""
+        """Possible shares of the error for trimming, sorted by cost with an estimated number of steps."""
         def nanoseconds(share):
             return self._least_work(ways, share, max(2, round(self._guess(share))))[0]
 
         return *sorted(TRIM_SHARES, key=nanoseconds), *LESSER_TRIM_SHARES
 
     def _guess(self, share):
-        """How many azimuths will do, about, beside trimming by this share."""
-        return GUESS_AZIMUTHS * (self._mixing / self._left(share)) ** (1 / GUESS_POWER)
+        """Estimated number of steps that the table requires if trimming takes this share."""
+        return GUESS_STEPS * (self._mixing / self._left(share)) ** (1 / GUESS_POWER)
 
     @cached_property
     def _mixing(self):
-        """The error of mixing PSFs between a few azimuths, at one wavelength."""
+        """The error of mixing PSFs from a table of GUESS_STEPS steps, at one wavelength."""
         share = TRIM_SHARES[len(TRIM_SHARES) // 2]
-        error = azimuth_error([_errors(next(self._trimmed(share)))], GUESS_AZIMUTHS)
+        error = self._psfs.mixing_error([next(self._mixing_errors(share))], GUESS_STEPS)
         return max(error - share * self._enough, 0)
 
     def _left(self, share):
-        """The error that trimming leaves to mixing."""
+        """The error that remains for mixing."""
         return (1 - share) * self._enough
 
-    def _cheapest(self, ways: Iterable[type[Method]], share: float, azimuths: int, error: float) -> Plan:
-        """The plan of least predicted work by one of these ways, with PSFs that err by this much."""
-        _, plan = self._least_work(ways, share, azimuths)
+    def _cheapest(self, ways: Iterable[type[Method]], share: float, steps: int, error: float) -> Plan:
+        """The plan with the least predicted work by one of these methods, with this error of its PSFs."""
+        _, plan = self._least_work(ways, share, steps)
         return replace(plan, error_bound=self._flat + self._rounding + error)
 
-    def _least_work(self, ways, share, azimuths):
-        """The least predicted work by one of these ways, in nanoseconds, and the plan."""
+    def _least_work(self, ways, share, steps):
+        """The least predicted work by one of these methods, in nanoseconds, and its plan."""
         radius_px, taps = self._psfs.reach(self._energy(share))
-        widest = HALO_SHARE if azimuths else share  # one PSF for all has no halos
+        widest = HALO_SHARE if steps else share  # a plan with one PSF is without halos
         most_px = max(self._planes(widest).grid.shape_px)
         plans = [self._plan(method, share, radius_px, taps)
-                 for way in ways for method in way.choices(azimuths, radius_px, most_px)]
-        work = workload(plans[0], self._lens, self._radiance)  # the same for all
+                 for way in ways for method in way.choices(steps, radius_px, most_px)]
+        work = workload(plans[0], self._lens, self._sampling)  # the same for all
         nanoseconds = [cost.nanoseconds(work, plan) for plan in plans]
         least = int(np.argmin(nanoseconds))
         return nanoseconds[least], plans[least]
 
     def _plan(self, method, share, radius_px, taps):
-        """A plan by one of the methods; without a table nothing is taken for flat."""
+        """A plan by one of the methods. Without a table, no section counts as flat."""
         single_range = np.inf
         if self._precision == "float64":
             single_range = 0.0
@@ -212,32 +200,21 @@ class _Planner:
                     out_of_field=self._options.out_of_field)
 
     def _isoplanatic_error(self):
-        """The error of one PSF, that of the middle of the planes in work, for the whole field; or what is too much."""
-        worst = 0.0
-        for psfs in self._trimmed(ONE_PSF_TRIM_SHARE, widest=ONE_PSF_TRIM_SHARE):
-            middle = [np.array([(n - 1) / 2]) for n in psfs.planes.grid.shape_px]
-            worst = max(worst, isoplanatic_error(psfs.bank, psfs.psfs(*middle)[0], psfs.last_height_mm(),
-                                                 ISOPLANATIC_SAMPLES))
-            if worst > self._enough:
-                break
-        return worst
+        """The error of using the middle PSF of the planes for the complete field, or some error above the limit."""
+        return self._psfs.one_psf_error(self._energy(ONE_PSF_TRIM_SHARE), self._planes(ONE_PSF_TRIM_SHARE),
+                                        self._enough)
 
-    def _azimuths(self, share):
-        """The least number of azimuths that errs by no more than is left, and the error with that of trimming; 0 where
-        there is none."""
-        wavelengths = [_errors(psfs) for psfs in self._trimmed(share)]
+    def _steps(self, share):
+        """The smallest sufficient number of steps, and the error including trimming; 0 if no number is sufficient."""
+        wavelengths = list(self._mixing_errors(share))
         wanted = 0.9 * self._guess(share)
-        while wanted <= AZIMUTH_CHOICES[-1]:
-            azimuths = AZIMUTH_CHOICES[int(np.searchsorted(AZIMUTH_CHOICES, wanted))]
-            error = azimuth_error(wavelengths[:1], azimuths, self._enough)
-            if error <= self._enough and wavelengths[1:]:  # which as a rule err less
-                error = max(error, azimuth_error(wavelengths[1:], azimuths, self._enough))
+        while wanted <= STEP_CHOICES[-1]:
+            steps = STEP_CHOICES[int(np.searchsorted(STEP_CHOICES, wanted))]
+            error = self._psfs.mixing_error(wavelengths[:1], steps, self._enough)
+            if error <= self._enough and wavelengths[1:]:  # their errors are usually smaller
+                error = max(error, self._psfs.mixing_error(wavelengths[1:], steps, self._enough))
             if error <= self._enough:
-                return azimuths, error
+                return steps, error
             mixing = (error - share * self._enough) / self._left(share)
-            wanted = max(azimuths + 1, azimuths * np.sqrt(mixing))  # no power is greater than the second
+            wanted = max(steps + 1, steps * np.sqrt(mixing))  # errors decrease at most with the second power
         return 0, 0.0
-
-
-def _errors(psfs):
-    return AzimuthErrors(psfs.bank, psfs.last_height_mm())

@@ -1,4 +1,4 @@
-"""What a way of filtering will cost: seconds and memory, from counts of the work and a short look at the machine."""
+"""Predict the seconds and memory of a method, from counts of its work and a short speed test of the machine."""
 
 import time
 from dataclasses import replace
@@ -8,27 +8,27 @@ from scipy import fft
 
 from .. import kernels
 from ..blur.method import Workload
-from ..memory import check_room, taken_bytes
-from ..threads import thread_count
+from ..runtime.memory import check_room, taken_bytes
+from ..runtime.threads import thread_count
 from .plan import Plan
 
 COMPILED = "compiled"
-# Processor nanoseconds that each thing takes, what one thread does alone and what all threads share, fitted by
-# benchmarks/calibrate_cost.py on an AMD EPYC of two cores; `machine_factor` brings them to the machine at hand.
+# Processor nanoseconds of each kind of work: the part of a single thread, and the part that all threads share. Fitted
+# by benchmarks/calibrate_cost.py on an AMD EPYC with two cores; `machine_factor` converts them to this machine.
 NANOSECONDS = {
     kernels.NUMPY: {
-        "wavelength": (3.8e6, 6.9e6),  # whatever its size
+        "wavelength": (3.8e6, 6.9e6),  # independent of its size
         "picture pixel": (13, 46),  # distortion, relative illumination, joining the planes, cutting out the frame
-        "window sample": (13, 0),  # of a whole PSF: interpolated, trimmed, normalised
+        "window sample": (13, 0),  # of a complete PSF: interpolated, trimmed, normalised
         "table sample": (2.9, 63),  # of a PSF, at one azimuth, for all heights
         "table pixel": (0, 0),  # of the square of a PSF, at one azimuth and height, mixed between wavelengths
         "table tap": (1.6, 1.7),  # of a PSF, at one azimuth and height
         "step": (3e4, 1.9e5),  # of a section, or a row of them
-        "transformed value": (0.027, 0.71),  # and doubling of the space
-        "spectrum value": (0, 0),  # weighed, filtered and summed
+        "transformed value": (0.027, 0.71),  # times log2 of the side of the space
+        "spectrum value": (0, 0),  # weighted, filtered and summed
         "tap": (0, 1.1),  # of a pixel's PSF
         "mixed tap": (0, 0.57),  # of a PSF that is mixed from a table
-        "tap of a run": (0, 9e3),  # of pixels that are done together
+        "tap of a run": (0, 9e3),  # of pixels that are processed together
         "turned sample": (1.3, 44),  # of a PSF that is turned for one place
     },
     COMPILED: {
@@ -41,23 +41,23 @@ NANOSECONDS = {
         "step": (3e4, 8.8e4),
         "transformed value": (0.02, 0.5),
         "spectrum value": (0, 3.5),
-        "tap": (0, 0.1),  # of a pixel's PSF, mixed and all
+        "tap": (0, 0.1),  # of a pixel's PSF, including its mixing
         "turned sample": (0.93, 41),
     },
 }
-LOOPS, SLOWNESS = ("tap", "table sample"), {"avx2": 1.5, "base": 2.4, "neon": 2.4}  # beside AVX-512's
-REFERENCE_S, RUNS = 2.4e-4, 6  # of what `machine_factor` runs, there
+LOOPS, SLOWNESS = ("tap", "table sample"), {"avx2": 1.5, "base": 2.4, "neon": 2.4}  # compared with AVX-512
+REFERENCE_S, RUNS = 2.4e-4, 6  # time of `_look` on the machine of the constants, and its repetitions
 MEGABYTE = 1e6
-OF_SPECTRA, DOUBLE_SLOWNESS = {"transformed value", "spectrum value"}, 1.9  # of double precision
-PICTURES, TABLES = 6, 3  # of their size at once
+OF_SPECTRA, DOUBLE_SLOWNESS = {"transformed value", "spectrum value"}, 1.9  # time in double precision over single
+PICTURES, TABLES = 6, 3  # arrays of their size in memory at the same time
 LOOKS, LOOK_AGAIN_S = 8, 1.0
-_looks: tuple[tuple[float, float], ...] = ()  # when, and what was found
+_looks: tuple[tuple[float, float], ...] = ()  # time and result of the last tests
 
 
 def machine_factor() -> float:
-    """How much slower this machine is than the one of the constants: the least that its last looks have found.
+    """This machine's time relative to that on the machine of the constants: the minimum of its last speed tests.
 
-    It looks again whenever some time has gone by, so that what a burst of load has slowed does not stay.
+    The test is repeated after LOOK_AGAIN_S, so a burst of load has no lasting effect.
     """
     global _looks
     now_s = time.monotonic()
@@ -67,7 +67,7 @@ def machine_factor() -> float:
 
 
 def _look():
-    """The quickest of some short runs, of which other programs can hardly interrupt every one."""
+    """Relative time of the fastest of several short runs; other programs can hardly interrupt all of them."""
     rng = np.random.default_rng(0)
     spaces, light = rng.random((6, 96, 96), dtype=np.float32), rng.random(1 << 14, dtype=np.float32)
     best = np.inf
@@ -81,27 +81,28 @@ def _look():
 
 
 def counts(work: Workload, plan: Plan) -> dict[str, float]:
-    """How much of each kind of work a plan comes to at one wavelength: a dict with names of NANOSECONDS."""
-    azimuths = plan.method.azimuths
-    turned = work.tables * azimuths * (1 if work.mirror_symmetric else 2)
-    cells = 2 * work.planes.quarter_turns * azimuths * work.heights
+    """The amount of each kind of work of a plan at one wavelength: a dict with names of NANOSECONDS."""
+    steps = plan.method.azimuths
+    turned, psfs = work.tables * work.layout.turned(steps), work.layout.psfs
     common = {"wavelength": 1, "picture pixel": work.pixels,
-              "window sample": work.heights * work.window_samples * (1 + (work.tables if azimuths else 0)),
-              "table sample": turned * work.samples, "table tap": cells * work.taps,
-              "table pixel": turned * work.heights * (2 * work.psf_radius_px) ** 2}
+              "window sample": psfs * work.window_samples * (1 + (work.tables if steps else 0)),
+              "table sample": turned * work.samples, "table tap": work.layout.nodes(steps, work.planes) * work.taps,
+              "table pixel": turned * psfs * (2 * work.psf_radius_px) ** 2}
     own = plan.method.counts(work)
     slowness = DOUBLE_SLOWNESS if plan.single_range == 0 else 1.0
     return common | {name: count * (slowness if name in OF_SPECTRA else 1.0) for name, count in own.items()}
 
 
 def nanoseconds(work: Workload, plan: Plan) -> float:
-    """Of a processor, at one wavelength, on the machine of the constants, where the loops are compiled: what plans are
-    chosen by, so that every machine chooses the same."""
+    """Processor nanoseconds at one wavelength, with compiled loops on the machine of the constants.
+
+    Plans are chosen by this figure, so every machine chooses the same plan.
+    """
     return sum(_alone_and_shared(work, plan, COMPILED))
 
 
 def seconds(work: Workload, plan: Plan) -> float:
-    """What one waits for a wavelength on this machine, by what does its loops, on all its cores."""
+    """Wall-clock seconds for a wavelength on this machine, with its implementation of the loops and all its cores."""
     running = kernels.running()
     alone, shared = _alone_and_shared(work, plan, kernels.NUMPY if running == kernels.NUMPY else COMPILED,
                                       SLOWNESS.get(running, 1.0))
@@ -109,7 +110,7 @@ def seconds(work: Workload, plan: Plan) -> float:
 
 
 def _alone_and_shared(work, plan, loops, slowness=1.0):
-    """Nanoseconds of what one thread does, and of what all share. Compiled loops take single precision alone."""
+    """Nanoseconds of a single thread, and shared by all threads. Compiled loops support only single precision."""
     own = NANOSECONDS[loops if plan.precision == "float32" else kernels.NUMPY]
     done = counts(work, plan)
     return [sum(of_one[thread] * done.get(name, 0) * (slowness if name in LOOPS else 1.0)
@@ -117,20 +118,19 @@ def _alone_and_shared(work, plan, loops, slowness=1.0):
 
 
 def memory_mb(work: Workload, plan: Plan) -> float:
-    """Memory beyond radiance and irradiance, with one wavelength in work."""
-    table = work.heights * 2 * work.planes.quarter_turns * plan.method.azimuths * work.taps
+    """Memory in addition to radiance and irradiance, with one wavelength processed at a time."""
+    table = work.layout.nodes(plan.method.azimuths, work.planes) * work.taps
     values = PICTURES * work.pixels + TABLES * table + plan.method.kept_values(work)
     return values * np.dtype(plan.precision).itemsize / MEGABYTE
 
 
 def in_process(plan: Plan, beside_bytes: float) -> Plan:
-    """A plan with the most memory that this process will hold by it: what it holds by now, what filtering takes, and
-    what will lie beside.
+    """A plan with the predicted peak memory of this process: in use now, for filtering, and for other data.
 
     Raises
     ------
     ImageError
-        There is not as much.
+        If there is not enough memory.
     """
     to_come = plan.memory_mb * MEGABYTE + beside_bytes
     check_room("image", to_come, "give a smaller picture, larger pixels, a lower accuracy or fewer azimuths")

@@ -1,4 +1,4 @@
-"""Options: what the user asks of the engine, by its result or by its knobs."""
+"""Options: the user's settings of the engine, as a target accuracy or as knobs."""
 
 from dataclasses import dataclass
 from numbers import Integral, Real
@@ -6,76 +6,108 @@ from numbers import Integral, Real
 import numpy as np
 
 from ..blur import METHODS
-from ..errors import InputError
+from ..blur.method import AZIMUTHS, SECTION_SIZE
+from ..runtime.errors import InputError
+from ..runtime.setting import check_choices, setting
 
 AUTO = "auto"
-PRECISIONS = (AUTO, "float32", "float64")
-OUT_OF_FIELD = ("hold", "vignette")
-FIREFLIES = ("refuse", "clamp")
 DEFAULT_ACCURACY = 0.01
 TIER_ACCURACY = {"preview": 0.1, "standard": DEFAULT_ACCURACY, "reference": 0.001}
-MOST_RAYS = ((0.05, 256, 256), (0.005, 512, 2048), (0.0, 1024, 4096))  # of a pixel, from these accuracies on; of lamps
+MOST_RAYS = ((0.05, 256, 256), (0.005, 512, 2048), (0.0, 1024, 4096))  # least accuracy, rays of a pixel, with lamps
 KNOBS = ("section_size", "azimuths", "psf_energy", "flat_tolerance", "precision")
-MOST_SUPERSAMPLING = 16  # the error that it mends is a 256th by then
-BY_KNOBS = "sections"  # where a knob is set and no method
+MOST_SUPERSAMPLING = 16  # it reduces the error to a 256th
+BY_KNOBS = "sections"  # if a knob is set and no method
 
 
 @dataclass(frozen=True)
 class Options:
-    """What is asked of the engine. Where nothing is said, it is an accuracy of 0.01.
+    """Settings of the engine. The default is an accuracy of 0.01.
 
     Attributes
     ----------
     accuracy : float, optional
-        The largest fraction of any point's light that may land in the wrong place: the sum of |error| over the
-        picture is at most this times its light, whatever the scene. The plan then chooses all knobs but `method`, at
-        the least predicted time. Errors of the lens data, of resampling the picture by distortion, and of pixels that
-        shine from their middles (see `supersampling`) are not in it.
+        The largest fraction of any point's light that may land in the wrong place: for any scene, the sum of |error|
+        over the picture is at most this times its light. The plan then chooses all knobs except `method`, for the
+        least predicted time. Not included are errors of the lens data, of resampling the picture by distortion, and of
+        treating pixels as points of light in their centres (see `supersampling`).
     method : "auto", "sections", "pixels", "paper" or "exact"
         "sections" interpolates PSFs inside sections of the picture, between the heights of the lens data and some
-        azimuths; "pixels" gives every pixel its own PSF from the same table; "auto" takes what costs least. "paper" is
-        the paper's method: one PSF for each section; as it was written, sections of 16 px in a space of 64 px, whole
-        PSFs, double precision. "exact" turns every pixel's own PSF: what the others are measured against, at some
-        hundred times their time.
+        azimuths; "pixels" gives every pixel a separate PSF from the same table; "auto" chooses the cheapest. "paper" is
+        the paper's method, one PSF for each section: by default as published, with sections of 16 px in a space of
+        64 px, complete PSFs and double precision. "exact" turns a PSF for every pixel: the reference for the other
+        methods, at about a hundred times their time.
     section_size : int, optional
-        Side in pixels of a section, by "sections" (32) or "paper" (16). By "paper" smaller is more accurate and
-        slower; by "sections" it is a matter of speed alone.
+        Side of a section in pixels, for "sections" (32) and "paper" (16). With "paper" smaller is more accurate and
+        slower; with "sections" it affects only speed.
     azimuths : int, optional
-        Steps from 0 to 45 degrees of the table that PSFs are mixed from, by "sections" and "pixels" (32). More is more
-        accurate, and takes more time and memory.
+        Steps from 0 to 45 degrees of the table that PSFs are mixed from, for "sections" and "pixels" (32). More is
+        more accurate, and takes more time and memory.
     psf_energy : float, optional
-        Fraction of every PSF that is kept: each one's own circle about the chief ray holds so much, and the rest is
-        left out (0.999999). Twice the loss is in the wrong place.
+        Fraction of each PSF that is used (0.999999): the light in a circle around the chief ray, whose radius depends
+        on the PSF. The rest is left out; the misplaced light is twice this loss.
     flat_tolerance : float, optional
-        Relative error up to which sections with even light all around are not filtered (0: all are).
+        Relative error up to which sections surrounded by uniform light are not filtered (0: all are filtered).
     precision : "auto", "float32" or "float64", optional
-        "auto" is single precision but for sections whose dynamic range needs more.
+        "auto" is single precision, except for sections whose dynamic range requires double.
     out_of_field : "hold" or "vignette"
-        Pixels beyond the last tabulated field height: "hold" its PSF and relative illumination, the distortion
-        going on in a straight line; "vignette" leaves them black. Either way the report says how many there are.
+        Pixels beyond the last tabulated field height: "hold" uses its PSF and relative illumination, with linear
+        extrapolation of the distortion; "vignette" leaves them black. In both cases the report states their number.
     supersampling : int
-        Into how many pixels each one is divided across and down, for PSFs finer than it (1): up to 16. Its radiance
-        is an even square then, and not a point in its middle; what comes out is averaged back. Seconds and memory are
-        those of a picture so much larger. Sections are counted in the finer pixels.
+        Number of pixels that each pixel is divided into, across and down, for PSFs finer than a pixel (1): up to 16.
+        The radiance of a pixel is then a uniform square instead of a point in its centre, and the result is averaged
+        to the original pixels. Seconds and memory are those of a picture that much larger. Sections are counted in the
+        finer pixels.
     fireflies : "refuse" or "clamp"
-        Pixels that are no finite number: an error that names the first, or the brightest of their neighbours.
+        NaN and infinite pixels: "refuse" raises an error that names the first; "clamp" replaces them with the
+        brightest of their neighbours.
 
     Raises
     ------
     InputError
-        A value that cannot be, or one that means nothing beside the others.
+        If a value is invalid, or does not apply with the others.
     """
 
-    accuracy: float | None = None
-    method: str = AUTO
-    section_size: int | None = None
-    azimuths: int | None = None
-    psf_energy: float | None = None
-    flat_tolerance: float | None = None
-    precision: str | None = None
-    out_of_field: str = "hold"
-    fireflies: str = "refuse"
-    supersampling: int = 1
+    accuracy: float | None = setting(
+        None, name="Misplaced Light", kind=float, limits=(1e-6, 1.0), soft_limits=(0.001, 0.1), precision=4,
+        subtype="FACTOR", panel="", panel_default=DEFAULT_ACCURACY, metavar="FRACTION",
+        unset=f"{DEFAULT_ACCURACY:g}",
+        text="Largest fraction of any point's light that may land in the wrong place: 0.01 keeps at least 99 % of it "
+             "where the lens puts it. Smaller is slower")
+    method: str = setting(
+        AUTO, name="Method", text="How the lens's blur is applied", panel="", panel_default=BY_KNOBS,
+        choices={AUTO: ("Automatic", "The fastest that is accurate enough")} | {
+            name: (name.title(), method.summary) for name, method in METHODS.items()})
+    section_size: int | None = setting(
+        None, name="Section Size", kind=int, limits=(1, np.inf), soft_limits=(1, 256), subtype="PIXEL", metavar="PX",
+        panel="", panel_default=SECTION_SIZE,
+        text="Side of the sections. With the paper's method smaller is more accurate and slower; otherwise it affects "
+             "speed only")
+    azimuths: int | None = setting(
+        None, name="Azimuths", kind=int, limits=(1, np.inf), soft_limits=(1, 256), metavar="N",
+        panel="", panel_default=AZIMUTHS,
+        text="Steps of the PSF table from 0 to 45 degrees. More is more accurate and takes more time and memory")
+    psf_energy: float | None = setting(
+        None, name="PSF Energy", kind=float, metavar="FRACTION",
+        text="Fraction of each PSF that is used, in a circle around the chief ray")
+    flat_tolerance: float | None = setting(
+        None, name="Flat Tolerance", kind=float, metavar="FRACTION",
+        text="Relative error up to which sections in even light are not filtered")
+    precision: str | None = setting(
+        None, name="Precision", text="Floating-point precision of the filtering",
+        choices={AUTO: ("Automatic", "Double where the range of light needs it"), "float32": ("Single", "Single"),
+                 "float64": ("Double", "Double")})
+    out_of_field: str = setting(
+        "hold", name="Out of Field", text="Pixels beyond the last field height of the lens data", panel="quality",
+        choices={"hold": ("Hold", "Use the last point spread function and relative illumination"),
+                 "vignette": ("Black", "Leave them black")})
+    fireflies: str = setting(
+        "refuse", name="Fireflies", text="NaN and infinite pixels", panel="quality",
+        choices={"refuse": ("Refuse", "Stop with an error that names the first"),
+                 "clamp": ("Clamp", "Use the brightest of their neighbours")})
+    supersampling: int = setting(
+        1, name="Supersampling", kind=int, limits=(1, MOST_SUPERSAMPLING), metavar="N", panel="",
+        text="Filter the picture in N x N pixels for each one, for lens blur finer than a pixel. Takes the time and "
+             "memory of a picture that much larger")
 
     def __post_init__(self) -> None:
         for field in ("section_size", "azimuths"):
@@ -85,11 +117,7 @@ class Options:
         self._check_number("accuracy", "expected a number above 0 and below 2, such as 0.01", 0, 2)
         self._check_number("psf_energy", "expected a number above 0 and up to 1, such as 0.999", 0, 1 + 1e-12)
         self._check_number("flat_tolerance", "expected a number of 0 or more and below 1", -1e-300, 1)
-        for field, choices in (("method", (AUTO, *METHODS)), ("precision", PRECISIONS),
-                               ("out_of_field", OUT_OF_FIELD), ("fireflies", FIREFLIES)):
-            value = getattr(self, field)
-            if value not in choices and not (field == "precision" and value is None):
-                raise InputError("options", field, value, f"expected {' or '.join(choices)}")
+        check_choices(self)
         self._check_contradictions()
 
     def _check_whole(self, field, most, which):
@@ -104,7 +132,7 @@ class Options:
             raise InputError("options", field, value, remedy)
 
     def _check_contradictions(self):
-        """An accuracy chooses the knobs, so none may stand beside it; one method's knobs mean nothing to another."""
+        """Refuse knobs together with an accuracy, which chooses them, and knobs of other methods."""
         method = METHODS[self.method if self.method != AUTO else BY_KNOBS]
         if self.accuracy is not None and not method.by_accuracy:
             raise InputError("options", "accuracy", self.accuracy,
@@ -116,17 +144,17 @@ class Options:
 
     @property
     def depth_accuracy(self) -> float:
-        """That of what is out of focus, which knobs do not tell."""
+        """Accuracy of out-of-focus light, which knobs do not set."""
         return self.accuracy or DEFAULT_ACCURACY
 
     @property
     def most_rays(self) -> int:
-        """Rays through the lens at the most by which a pixel sees what is out of focus."""
+        """Maximum number of rays through the lens for a pixel's out-of-focus light."""
         return self._rays[0]
 
     @property
     def most_of_lamps(self) -> int:
-        """As `most_rays`, where something small and bright is among it."""
+        """As `most_rays`, for light from something small and bright."""
         return self._rays[1]
 
     @property

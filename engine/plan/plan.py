@@ -6,12 +6,12 @@ import numpy as np
 
 from ..blur import Method
 from ..blur.pixels import Pixels
+from ..field.field_map import PsfSet
 from ..field.mirror_symmetry import Planes
-from ..field.psf_bank import PsfBank
 from ..image.pixel_grid import PixelGrid
-from ..values import plain
+from ..runtime.values import plain
 
-HALO_AZIMUTHS = 8
+HALO_STEPS = 8
 
 
 @dataclass(frozen=True)
@@ -21,34 +21,34 @@ class Plan:
     Attributes
     ----------
     method : Method
-        The way, with its knobs.
+        The method, with its knobs.
     psf_radius_px : int
-        The farthest that a PSF reaches, in pixels as they are filtered: `supersampling` of them make up one of the
-        picture's, across and down.
+        Largest reach of a PSF, in the pixels of the filter: each of the picture's pixels is `supersampling` of them
+        across and down.
     psf_energy : float
-        The fraction of each PSF, at every height and wavelength, that is kept: what the least circle about the chief
-        ray has that holds so much.
+        The fraction of each PSF, at every height and wavelength, that is used: the light in the smallest circle around
+        the chief ray that contains at least this fraction.
     taps : float
-        Pixels that a PSF covers, on the mean over the picture.
+        Pixels that a PSF covers, averaged over the picture.
     precision : "float32" or "float64"
-        Of the planes and sums.
+        Precision of the planes and sums.
     single_range, flat_tolerance : float
         See `section_needs` and `even_light`.
     folded : bool
-        Whether to use the symmetry of a centred axis, which lens and picture then have.
+        Whether to use the symmetry of lens and picture about a centred axis.
     out_of_field : "hold" or "vignette"
     supersampling : int
     halo_energy : float or None
-        The fraction that is kept where light is so bright that the halo of what is trimmed would show; None where that
-        is no more.
+        The fraction of the PSFs of highlights that is used, because their trimmed light would be visible as a halo;
+        None without halos.
     halo_radius_px : int
-        How far those halos reach.
+        Reach of the halos.
     error_bound : float or None
-        No more than this fraction of any point's light lands in the wrong place; None where nobody asked.
+        Upper limit of the misplaced fraction of any point's light; None if no accuracy was requested.
     seconds, memory_mb : float
-        Predicted for the picture, the latter beyond radiance and irradiance themselves.
+        Predictions for the picture; memory in addition to radiance and irradiance.
     peak_mb : float
-        Predicted: the most memory that the process will hold, all that it holds included; 0 where nobody asked.
+        Predicted peak memory of the process, including its present memory; 0 if not computed.
     """
 
     method: Method
@@ -70,47 +70,47 @@ class Plan:
 
     @property
     def reach_px(self) -> int:
-        """How far PSFs reach, in the picture's own pixels."""
+        """Largest reach of a PSF, in the picture's pixels."""
         return -(-self.psf_radius_px // self.supersampling)
 
     def planes(self, capture: PixelGrid) -> Planes:
-        """The planes to filter a capture's picture in, in pixels as they are filtered.
+        """The planes of a capture's picture for the filter, in the filter's pixels.
 
-        That is the frame with what lies no more than a PSF beyond it, or a halo: light from just outside is blurred
-        into it.
+        They contain the frame and a margin as wide as PSFs or halos reach, because light from just outside the frame
+        is blurred into it.
         """
         return Planes(capture.within_reach(max(self.psf_radius_px, self.halo_radius_px)), self.folded)
 
-    def trimmed(self, bank: PsfBank) -> PsfBank:
-        """The PSFs that pixels are spread by, of whole ones."""
-        return bank.trimmed(self.psf_energy, self.psf_radius_px)
+    def trimmed(self, psfs: PsfSet) -> PsfSet:
+        """Trim complete PSFs to those that spread the pixels' light."""
+        return psfs.trimmed(self.psf_energy, self.psf_radius_px)
 
-    def halo(self, bank: PsfBank) -> PsfBank:
-        """What bright pixels are spread by beside, of whole PSFs; there must be halos."""
+    def halo(self, psfs: PsfSet) -> PsfSet:
+        """The additional halos of bright pixels, from complete PSFs; only for a plan with halos."""
         assert self.halo_energy is not None
-        return bank.halo(self.psf_energy, self.halo_energy, self.halo_radius_px)
+        return psfs.halo(self.psf_energy, self.halo_energy, self.halo_radius_px)
 
     @property
     def halo_method(self) -> Pixels:
-        """The way to spread halos: smooth, and a hundredth of the light, they ask for few azimuths."""
-        return Pixels(self.method.section_size, max(HALO_AZIMUTHS, self.method.azimuths // 4))
+        """The method for halos. They are smooth and contain a hundredth of the light, so few steps are sufficient."""
+        return Pixels(self.method.section_size, max(HALO_STEPS, self.method.azimuths // 4))
 
     @property
     def halo_density(self) -> float:
-        """The fraction of a pixel's light that falls on each pixel of its halo; 0 where there are none."""
+        """The fraction of a pixel's light that falls on each pixel of its halo; 0 without halos."""
         if self.halo_energy is None or self.halo_radius_px <= self.psf_radius_px:
             return 0.0
         pixels = np.pi * (self.halo_radius_px**2 - self.psf_radius_px**2)
         return (self.halo_energy - self.psf_energy) / pixels
 
     def as_dict(self) -> dict:
-        """The plan as JSON can hold it: None stands for inf."""
+        """The plan as values for JSON, with None for inf."""
         facts = asdict(self) | {"method": self.method.name} | asdict(self.method) | {"azimuths": self.method.azimuths}
         return plain(facts)
 
     @property
     def text(self) -> str:
-        """The plan in one line: the way; and the result, where that was asked for."""
+        """The plan in one line: the method; for a requested accuracy also bound, time and memory."""
         way = f"{self.method.text}, {'double' if self.precision == 'float64' else 'single'} precision"
         if self.supersampling > 1:
             way += f", each pixel {self.supersampling} x {self.supersampling}"

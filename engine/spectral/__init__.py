@@ -1,1 +1,1 @@
-"""Spectra, colours and refractive indices, and which wavelengths tell all others."""
+"""Spectra, colours and refractive indices, and the choice of wavelengths to render."""

@@ -1,11 +1,11 @@
-"""How different two colours look: CIE 1976 L*a*b* and the CIEDE2000 difference."""
+"""Perceived colour difference: CIE 1976 L*a*b* and CIEDE2000."""
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 
 def lab_from_xyz(xyz: ArrayLike, white: ArrayLike) -> np.ndarray:
-    """L*, a*, b* of tristimulus values (..., 3) beside a white (3,) (CIE 015:2018, 8.2.1)."""
+    """L*, a*, b* of tristimulus values (..., 3) relative to a white (3,) (CIE 015:2018, 8.2.1)."""
     ratio = np.asarray(xyz) / white
     cube_root = np.where(ratio > (6 / 29)**3, np.cbrt(ratio), ratio * (29 / 6)**2 / 3 + 4 / 29)
     x, y, z = np.moveaxis(cube_root, -1, 0)
@@ -13,7 +13,7 @@ def lab_from_xyz(xyz: ArrayLike, white: ArrayLike) -> np.ndarray:
 
 
 def ciede2000(first: ArrayLike, second: ArrayLike) -> np.ndarray:
-    """Colour difference between L*a*b* values (..., 3): about 1 is just seen (CIE 142-2001; Sharma et al. 2005)."""
+    """Difference of L*a*b* colours (..., 3): about 1 is just noticeable (CIE 142-2001; Sharma et al. 2005)."""
     (l1, a1, b1), (l2, a2, b2) = (np.moveaxis(np.asarray(lab, dtype=float), -1, 0) for lab in (first, second))
     chroma_7 = ((np.hypot(a1, b1) + np.hypot(a2, b2)) / 2)**7
     stretch = 1.5 - 0.5 * np.sqrt(chroma_7 / (chroma_7 + 25.0**7))

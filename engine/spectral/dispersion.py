@@ -1,7 +1,7 @@
 """The nine dispersion formulas of refractiveindex.info: refractive index from coefficients C1, C2 … and micrometres.
 
 Source: "Dispersion formulas", part of the database (CC0), and M. N. Polyanskiy, Scientific Data 11, 94 (2024).
-Coefficients that are not given are zero.
+Omitted coefficients are zero.
 """
 
 from collections.abc import Callable, Sequence
@@ -11,7 +11,7 @@ import numpy as np
 
 
 def _terms(c, first):
-    """Coefficients in twos from C`first` on, without those whose first is zero: a term of nothing has no pole."""
+    """Pairs of coefficients from C`first` on, without pairs whose first is zero: a zero term must not have a pole."""
     return [(c[i], c[i + 1]) for i in range(first - 1, len(c) - 1, 2) if c[i]]
 
 
@@ -66,7 +66,7 @@ FORMULAS = {1: _Formula(_sellmeier, 17), 2: _Formula(_sellmeier_2, 17), 3: _Form
 
 
 def dispersion(number: int, coefficients: Sequence[float], wavelengths_um: np.ndarray) -> np.ndarray:
-    """Refractive indices by one of the formulas; not a number where it has none.
+    """Refractive indices by one of the formulas; NaN where it is undefined.
 
     Parameters
     ----------

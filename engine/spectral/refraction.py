@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from ..errors import InputError, absence
-from ..values import Value
+from ..runtime.errors import InputError
+from ..runtime.inputs import check_input, read_limited, reading
+from ..runtime.values import Value
 from .dispersion import FORMULAS, dispersion
 from .spectra import BAND_NM, Wavelengths
 
@@ -21,7 +22,7 @@ LIBRARY = Path(__file__).resolve().parent / "data" / "refraction"
 MOST_BYTES = 1 << 20  # the largest file of the database has 0.8 MB
 NM_PER_UM = 1000.0
 D_LINE_NM = 587.6  # sodium's and helium's yellow, for which indices are quoted
-METAL = 0.1  # the extinction coefficient from which on a material is opaque within a wavelength or two
+METAL = 0.1  # extinction coefficient above which a material is opaque within a wavelength or two
 MOST_NODES = 1000  # of a YAML file; the tables of the database are one text each
 _COLUMNS = {"tabulated n": ("n",), "tabulated k": ("k",), "tabulated nk": ("n", "k")}
 
@@ -63,12 +64,12 @@ class Refraction(Value):
     Attributes
     ----------
     name : str
-        Of the library, or the file's.
+        Name in the library, or of the file.
     source : str
-        The publication, as the file has it, without markup.
+        The publication named in the file, without markup.
     n : Table or Formula
     k : Table or None
-        None where the file has no extinction.
+        None if the file does not contain extinction.
     """
 
     name: str
@@ -83,28 +84,28 @@ class Refraction(Value):
 
     @property
     def dispersive(self) -> bool:
-        """Whether n changes over the visible wavelengths that are known, or over all where none is visible."""
+        """Whether n varies over the known visible wavelengths, or over the full range if none is visible."""
         visible = np.clip(BAND_NM, *self.range_nm)
         first, last = visible if visible[0] < visible[1] else self.range_nm
         return bool(np.ptp(self.n_at(np.linspace(first, last, 101))) > 0)
 
     @property
     def metal(self) -> bool:
-        """Whether it absorbs as metals do; raises InputError where k is not known at the D line."""
+        """Whether it absorbs like a metal; raises InputError if k is unknown at the D line."""
         return bool(self.k_at(D_LINE_NM) > METAL)
 
     def n_at(self, wavelengths_nm: Wavelengths) -> np.ndarray:
-        """Refractive indices; raises InputError outside of range_nm."""
+        """Refractive indices; raises InputError outside range_nm."""
         return self._at(self.n, "n", wavelengths_nm)
 
     def k_at(self, wavelengths_nm: Wavelengths) -> np.ndarray:
-        """Extinction coefficients, zero where the file has none; raises InputError outside of their range."""
+        """Extinction coefficients, zero if the file has none; raises InputError outside their range."""
         if self.k is None:
             return np.zeros_like(self.n_at(wavelengths_nm))
         return self._at(self.k, "k", wavelengths_nm)
 
     def reflectance_at(self, wavelengths_nm: Wavelengths) -> np.ndarray:
-        """Fresnel's reflectance at normal incidence from vacuum; raises InputError where n or k is not known."""
+        """Fresnel reflectance at normal incidence from vacuum; raises InputError if n or k is unknown."""
         n, k = self.n_at(wavelengths_nm), self.k_at(wavelengths_nm)
         return ((n - 1)**2 + k**2) / ((n + 1)**2 + k**2)
 
@@ -134,12 +135,12 @@ def load_refraction(text: str, folder: str | os.PathLike = ".") -> Refraction:
     ----------
     text : str
     folder : path
-        Where a relative path starts from.
+        Base of a relative path.
 
     Returns
     -------
     Refraction
-        Of several sets of data in one file, the first with n and the first with k count.
+        If a file has several sets of data, the first with n and the first with k are used.
 
     Raises
     ------
@@ -149,42 +150,38 @@ def load_refraction(text: str, folder: str | os.PathLike = ".") -> Refraction:
     if text in refraction_names():
         return _read(LIBRARY / f"{text}.yml")
     path = Path(folder) / os.path.expanduser(text)
-    if not os.path.isfile(path):  # of a text too long to be a name, Path.is_file raises
-        raise InputError(text, "refraction", absence(path),
-                         "give a library name or a YAML file of refractiveindex.info")
+    check_input(path, "refraction", "give a library name or a YAML file of refractiveindex.info", where=text)
     return _read(path)
 
 
 def _read(path):
-    document = _parse(path)
+    with reading(path):
+        return _refraction_of(path, _parse(path))
+
+
+def _refraction_of(path, document):
     data = document.get("DATA") if isinstance(document, dict) else None
     if not isinstance(data, list) or not all(isinstance(entry, dict) for entry in data):
-        raise InputError(path, "DATA", "missing or no list", "expected a file of refractiveindex.info")
+        raise InputError(path, "DATA", "missing or not a list", "expected a file of refractiveindex.info")
     curves = {}
     for entry in data:
-        if not curves.keys() >= set(_COLUMNS.get(_plain(entry.get("type")), "n")):
+        if not curves.keys() >= set(_COLUMNS.get(_without_markup(entry.get("type")), "n")):
             curves = _curves(path, entry) | curves
     if "n" not in curves:
         raise InputError(path, "DATA", "without n", "expected a formula, tabulated n or tabulated nk")
-    return Refraction(Path(path).stem, _plain(document.get("REFERENCES")), **curves)
+    return Refraction(Path(path).stem, _without_markup(document.get("REFERENCES")), **curves)
 
 
 def _parse(path):
+    text = read_limited(path, "refraction", MOST_BYTES, "expected one material of refractiveindex.info")
     try:
-        with open(path, "rb") as file:
-            raw = file.read(MOST_BYTES + 1)
-    except OSError as error:
-        raise InputError(path, "refraction", "not readable", str(error)) from None
-    if len(raw) > MOST_BYTES:
-        raise InputError(path, "size", f"over {MOST_BYTES} bytes", "expected one material of refractiveindex.info")
-    try:
-        return yaml.load(raw.decode("utf-8-sig", errors="replace"), Loader=_Loader)
+        return yaml.load(text, Loader=_Loader)
     except (yaml.YAMLError, RecursionError, ValueError):
-        raise InputError(path, "refraction", "no YAML", "expected a file of refractiveindex.info") from None
+        raise InputError(path, "refraction", "not YAML", "expected a file of refractiveindex.info") from None
 
 
 class _Loader(yaml.BaseLoader):
-    """Of YAML only text, lists and mappings, and not so many that reading a small file takes minutes."""
+    """Loader for text, lists and mappings, with a limit on nodes: otherwise a small file could take minutes."""
 
     nodes = 0
 
@@ -196,8 +193,8 @@ class _Loader(yaml.BaseLoader):
 
 
 def _curves(path, entry):
-    """The n and k that one entry of DATA gives, by their letters."""
-    kind = _plain(entry.get("type"))
+    """The n and k of an entry of DATA, by letter."""
+    kind = _without_markup(entry.get("type"))
     if kind in _COLUMNS:
         um, *columns = _rows(path, entry.get("data"), 1 + len(_COLUMNS[kind])).T
         return {letter: Table(_nm(um), values) for letter, values in zip(_COLUMNS[kind], columns, strict=True)}
@@ -207,7 +204,7 @@ def _curves(path, entry):
     coefficients = _numbers(path, "coefficients", entry.get("coefficients"))
     span = _numbers(path, "wavelength_range", entry.get("wavelength_range"))
     if len(span) != 2 or not 0 < span[0] < span[1]:
-        raise InputError(path, "wavelength_range", _plain(entry["wavelength_range"]),
+        raise InputError(path, "wavelength_range", _without_markup(entry["wavelength_range"]),
                          "expected two ascending micrometres")
     return {"n": _formula(path, int(match[1]), coefficients, span)}
 
@@ -215,18 +212,18 @@ def _curves(path, entry):
 def _formula(path, number, coefficients, span_um):
     most = FORMULAS[number].most_coefficients
     if not 1 <= len(coefficients) <= most:
-        raise InputError(path, "coefficients", f"{len(coefficients)} of them",
+        raise InputError(path, "coefficients", f"{len(coefficients)} numbers",
                          f"formula {number} has between 1 and {most}")
     return Formula(number, tuple(coefficients), tuple(_nm(np.array(span_um)).tolist()))
 
 
 def _nm(um):
-    """Nanometres, rounded so that 0.57 is 570 and not a little less: it may be the end of a range."""
+    """Nanometres, rounded so that 0.57 is exactly 570: it may be the end of a range."""
     return np.round(um * NM_PER_UM, 6)
 
 
 def _rows(path, text, columns):
-    """Rows of so many numbers, ascending in the first, micrometres; of a wavelength given twice, the first row."""
+    """Rows of `columns` numbers, in ascending micrometres; the first row of a repeated wavelength counts."""
     lines = text.splitlines() if isinstance(text, str) else []
     rows = [_numbers(path, "data", line) for line in lines if line.strip()]
     if not rows or any(len(row) != columns for row in rows):
@@ -245,10 +242,10 @@ def _numbers(path, field, text):
     except ValueError:
         numbers = []
     if not numbers or not np.all(np.isfinite(numbers)):
-        raise InputError(path, field, _plain(text), "expected finite numbers")
+        raise InputError(path, field, _without_markup(text), "expected finite numbers")
     return numbers
 
 
-def _plain(text):
-    """A text in one line, without the markup of HTML; of what is no text, nothing."""
+def _without_markup(text):
+    """Text on one line without HTML markup; an empty string for other types."""
     return " ".join(re.sub(r"<[^<>]*>", "", text.replace("<br>", " ")).split()) if isinstance(text, str) else ""

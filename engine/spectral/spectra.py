@@ -1,7 +1,7 @@
-"""Spectra: reading them, sampling them, and making them from linear Rec. 709 colours.
+"""Spectra: loading, sampling, and upsampling from linear Rec. 709 colours.
 
-Emission spectra are spectral densities: they are scaled to unit integral over `BAND_NM`, so that a lamp's watts are
-the watts that it gives off in that band.
+Emission spectra are spectral densities, scaled to unit integral over `BAND_NM`: a lamp's watts are its power in that
+band.
 """
 
 import os
@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError
-from ..values import Value
-from .spectrum_text import are_pairs, read_columns, read_spectrum_text
+from ..runtime.errors import InputError
+from ..runtime.values import Value
+from .spectrum_text import are_pairs, check_spectrum, read_columns, read_spectrum_text
 
 Wavelengths = float | Sequence[float] | np.ndarray  # one, or several
 
@@ -29,10 +29,20 @@ LUMENS_PER_WATT = 683.0  # at 555 nm
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Spectrum(Value):
-    """Values at ascending wavelengths; linear between them, held beyond the ends (a reflectance)."""
+    """Values of 0 or more at ascending wavelengths; linear between them, held beyond the ends (a reflectance).
+
+    Raises
+    ------
+    InputError
+        Arrays of different lengths, or with invalid values.
+    """
 
     wavelengths_nm: np.ndarray
     values: np.ndarray
+
+    def __post_init__(self) -> None:
+        check_spectrum("spectrum", self.wavelengths_nm, self.values)
+        super().__post_init__()
 
     def at(self, wavelengths_nm: Wavelengths) -> np.ndarray:
         """Values at these wavelengths."""
@@ -44,17 +54,17 @@ class Spectrum(Value):
         Raises
         ------
         InputError
-            There is no light within BAND_NM.
+            The spectrum is dark within BAND_NM.
         """
         emitted = np.interp(wavelengths_nm, self.wavelengths_nm, self.values, left=0.0, right=0.0)
         return emitted / self._power_in_band()
 
     def band_means(self, wavelengths_nm: Wavelengths) -> np.ndarray:
-        """Mean of the density per nm about each of these wavelengths: spiky lamps keep their power in a few samples.
+        """Mean of the density per nm around each of these wavelengths, which preserves the power of spiky lamps.
 
-        Each mean is weighted by a hat: one at its wavelength, falling to nothing at its neighbours, and half a hat at
-        the ends. So the trapezoidal rule over the means is the light between the first and the last wavelength, and
-        light beyond them is left out. A single wavelength has no neighbours: it gives the density there.
+        Each mean is weighted by a hat function: 1 at its wavelength, 0 at its neighbours, and half a hat at the ends.
+        The trapezoidal rule over the means is therefore the light between the first and the last wavelength; light
+        beyond is left out. A single wavelength returns the density there.
 
         Parameters
         ----------
@@ -62,12 +72,12 @@ class Spectrum(Value):
 
         Returns
         -------
-        float64 array, W nm^-1 of each watt between the ends of BAND_NM
+        float64 array, W nm^-1 per watt within BAND_NM
 
         Raises
         ------
         InputError
-            There is no light within BAND_NM.
+            The spectrum is dark within BAND_NM.
         """
         nm = np.atleast_1d(np.asarray(wavelengths_nm, dtype=np.float64))
         if nm.size == 1:
@@ -75,12 +85,12 @@ class Spectrum(Value):
         return self._hat_integrals(nm) / trapezoid_weights(nm) / self._power_in_band()
 
     def luminous_flux_per_watt(self) -> float:
-        """Lumens of each watt between the ends of BAND_NM: 683 lm/W times the mean of the CIE 1931 y-bar (V).
+        """Lumens per watt within BAND_NM: 683 lm/W times the mean of the CIE 1931 y-bar (V).
 
         Raises
         ------
         InputError
-            There is no light within BAND_NM.
+            The spectrum is dark within BAND_NM.
         """
         nm, _, y_bar, _ = _table("cie1931_2deg.csv").T
         inside = (nm >= BAND_NM[0]) & (nm <= BAND_NM[1])
@@ -94,9 +104,9 @@ class Spectrum(Value):
         return power
 
     def _hat_integrals(self, nm):
-        """Integral of this light times the hat of each of two or more ascending wavelengths; the hats sum to 1.
+        """Integrals of this light times the hat functions of two or more ascending wavelengths; the hats sum to 1.
 
-        Simpson's rule is exact: between two wavelengths of either, the product is a parabola.
+        Simpson's rule is exact: between adjacent wavelengths of the two grids, the product is a parabola.
         """
         first, last = np.clip(self.wavelengths_nm[[0, -1]], nm[0], nm[-1])
         grid = np.unique(np.concatenate([self.wavelengths_nm, nm]).clip(first, last))
@@ -111,7 +121,7 @@ class Spectrum(Value):
 
 
 def library_names(kind: str | None = None) -> list[str]:
-    """Names of the spectra that come with the project: of one kind, "light" or "reflectance", or all."""
+    """Names of the spectra that come with the project: of a kind, "light" or "reflectance", or all."""
     folders = LIBRARY.values() if kind is None else [LIBRARY[kind]]
     return sorted(path.stem for folder in folders for path in folder.glob("*.spd"))
 
@@ -123,7 +133,7 @@ def load_spectrum(text: str, folder: str | os.PathLike = ".") -> Spectrum:
     ----------
     text : str
     folder : path
-        Where a relative path starts from.
+        Base of a relative path.
 
     Raises
     ------
@@ -136,7 +146,7 @@ def load_spectrum(text: str, folder: str | os.PathLike = ".") -> Spectrum:
 
 
 def names_own_file(text: str) -> bool:
-    """Whether what `load_spectrum` takes is the path of a file that does not come with the project."""
+    """Whether a text for `load_spectrum` is the path of a user's file."""
     return text.strip() not in _library() and not are_pairs(text.strip())
 
 
@@ -187,9 +197,9 @@ def blackbody(temperature_k: float) -> Spectrum:
 def reflectance_basis(wavelengths_nm: Wavelengths) -> np.ndarray:
     """Reflectance of each linear Rec. 709 primary.
 
-    As in Mallett and Yuksel (2019) the three curves lie between 0 and 1, sum to 1, and give every colour back under
-    D65. Theirs are the smoothest such curves; these are those nearest to 123 measured reflectances, which holds better
-    under lamps other than daylight (packaging/fit_basis.py makes them, benchmarks/upsampling.py judges them).
+    As in Mallett and Yuksel (2019), the three curves are between 0 and 1, sum to 1, and reproduce every colour under
+    D65. Theirs are the smoothest such curves. These are the closest to 123 measured reflectances, which is more
+    accurate under lamps other than daylight (packaging/fit_basis.py fits them, benchmarks/upsampling.py compares them).
 
     Returns
     -------
@@ -200,16 +210,16 @@ def reflectance_basis(wavelengths_nm: Wavelengths) -> np.ndarray:
 
 
 def emission_basis(wavelengths_nm: Wavelengths) -> np.ndarray:
-    """Spectral density per nm of each linear Rec. 709 primary, as a light: its reflectance under D65.
+    """Spectral density per nm of each linear Rec. 709 primary as a light: its reflectance under D65.
 
-    White gives D65 with unit integral over BAND_NM: a surface of Blender emission strength s radiates s W m^-2 sr^-1
+    White is D65 with unit integral over BAND_NM: a surface with Blender's emission strength s radiates s W m^-2 sr^-1
     in that band.
     """
     return reflectance_basis(wavelengths_nm) * white_density(wavelengths_nm)[:, None]
 
 
 def channel_basis(wavelengths_nm: Wavelengths) -> np.ndarray:
-    """Share of red, green and blue in a quantity that is no colour, such as a scattering length given for each.
+    """Weights of red, green and blue for a quantity that is not a colour, such as scattering lengths per channel.
 
     Linear between CHANNEL_NM and held beyond; array (wavelength, 3), rows sum to 1.
     """
@@ -217,12 +227,12 @@ def channel_basis(wavelengths_nm: Wavelengths) -> np.ndarray:
 
 
 def linear_weights(nodes_nm: Wavelengths, wavelengths_nm: Wavelengths) -> np.ndarray:
-    """Weights of values at nodes in those interpolated linearly between them, held beyond: array (wavelength, node)."""
+    """Weights of node values for linear interpolation, held beyond the ends: array (wavelength, node)."""
     return np.stack([np.interp(wavelengths_nm, nodes_nm, unit) for unit in np.eye(np.size(nodes_nm))], axis=-1)
 
 
 def trapezoid_weights(wavelengths_nm: np.ndarray) -> np.ndarray:
-    """Weights of values at wavelengths in their integral by the trapezoidal rule: array (wavelength,), in nm."""
+    """Weights of the trapezoidal rule: array (wavelength,), in nm."""
     steps = np.diff(wavelengths_nm)
     return (np.append(steps, 0) + np.insert(steps, 0, 0)) / 2
 

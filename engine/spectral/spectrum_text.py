@@ -1,4 +1,4 @@
-"""Spectra as people write them down: files of two columns, and pairs in a line."""
+"""Parsers of spectra: two-column files, and pairs on one line."""
 
 import os
 import re
@@ -6,29 +6,30 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError, absence
+from ..runtime.errors import InputError
+from ..runtime.inputs import check_input, read_limited, reading
 
-_NUMBER = r"[-+]?(?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?+"  # ++ takes all, once: no text takes its length squared
-_COLON_PAIRS = re.compile(rf"{_NUMBER}\s*(?:nm)?\s*:")  # how they begin
+_NUMBER = r"[-+]?(?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?+"  # ++ does not backtrack, which avoids quadratic time
+_COLON_PAIRS = re.compile(rf"{_NUMBER}\s*(?:nm)?\s*:")  # their start
 _BRACKET_PAIRS = re.compile(rf"\[|{_NUMBER}(?:\s+{_NUMBER})+$")
-MOST_BYTES = 2**23  # 0.01 nm apart from ultraviolet to infrared
-MOST_CHARACTERS = 2**16  # of a spectrum in a line
+MOST_BYTES = 2**23  # enough for steps of 0.01 nm from ultraviolet to infrared
+MOST_CHARACTERS = 2**16  # in a spectrum on one line
 
 
 def are_pairs(text: str) -> bool:
-    """Whether a spectrum's text is pairs, right or wrong, and no path."""
+    """Whether a spectrum's text is pairs, valid or not, rather than a path."""
     return bool(_COLON_PAIRS.match(text) or _BRACKET_PAIRS.match(text))
 
 
 def read_spectrum_text(text: str, folder: str | os.PathLike) -> tuple[np.ndarray, np.ndarray]:
-    """Wavelengths in nm and values, written as pairs or in a file of two columns.
+    """Wavelengths in nm and values, from pairs or a two-column file.
 
     Parameters
     ----------
     text : str
         `400:0.1, 700:0.2` (Mitsuba), `[400 0.1 700 0.2]` (PBRT, with or without brackets) or a path.
     folder : path
-        Where a relative path starts from.
+        Base of a relative path.
 
     Returns
     -------
@@ -44,23 +45,20 @@ def read_spectrum_text(text: str, folder: str | os.PathLike) -> tuple[np.ndarray
     if are_pairs(text):
         return _checked(text, _colon_pairs(text) if _COLON_PAIRS.match(text) else _bracket_pairs(text))
     path = Path(folder) / os.path.expanduser(text)
-    if not os.path.isfile(path):  # of a text too long to be a name, Path.is_file raises
-        raise InputError(text, "spectrum", absence(path), "give a library name, a two-column file (nm, value) or pairs "
-                                                          "such as 400:0.1, 700:0.2 or [400 0.1 700 0.2]")
+    check_input(path, "spectrum", "give a library name, a two-column file (nm, value) or pairs such as "
+                "400:0.1, 700:0.2 or [400 0.1 700 0.2]", where=text)
     return read_columns(path)
 
 
 def read_columns(path: str | os.PathLike) -> tuple[np.ndarray, np.ndarray]:
-    """Wavelengths in nm and values from a file of two columns, split by blanks, commas or semicolons; # comments."""
+    """Wavelengths in nm and values from a two-column file, split by blanks, commas or semicolons; # comments."""
+    with reading(path):
+        return _checked(path, _columns(path))
+
+
+def _columns(path):
     pairs = []
-    try:
-        with open(path, "rb") as file:
-            raw = file.read(MOST_BYTES + 1)
-    except OSError as error:
-        raise InputError(path, "spectrum", "not readable", str(error)) from None
-    if len(raw) > MOST_BYTES:
-        raise InputError(path, "size", f"over {MOST_BYTES} bytes", "expected a wavelength and a value in each line")
-    lines = raw.decode("utf-8-sig", errors="replace").splitlines()
+    lines = read_limited(path, "spectrum", MOST_BYTES, "expected a wavelength and a value in each line").splitlines()
     for number, line in enumerate(lines, 1):
         words = re.split(r"[\s,;]+", line.split("#")[0].strip())
         if words == [""]:
@@ -70,7 +68,7 @@ def read_columns(path: str | os.PathLike) -> tuple[np.ndarray, np.ndarray]:
         except ValueError:
             raise InputError(path, f"line {number}", line.strip(), "expected a wavelength in nm and a value") from None
         pairs.append((nm, value))
-    return _checked(path, pairs)
+    return pairs
 
 
 def _colon_pairs(text):
@@ -98,8 +96,16 @@ def _checked(where, pairs):
     if not pairs:
         raise InputError(where, "spectrum", "empty", "expected pairs of a wavelength in nm and a value")
     wavelengths, values = np.array(pairs, dtype=np.float64).T
+    check_spectrum(where, wavelengths, values)
+    return wavelengths, values
+
+
+def check_spectrum(where: object, wavelengths: np.ndarray, values: np.ndarray) -> None:
+    """Raise an InputError unless these are wavelengths in nm with a value each."""
+    if np.ndim(wavelengths) != 1 or np.shape(wavelengths) != np.shape(values) or not np.size(wavelengths):
+        raise InputError(where, "spectrum", f"of {np.shape(wavelengths)} wavelengths and {np.shape(values)} values",
+                         "expected a value at each wavelength")
     if not np.all(np.isfinite(values)) or np.any(values < 0):
         raise InputError(where, "spectrum", f"{values.min():g} at the least", "expected finite values of 0 or more")
     if not np.all(np.isfinite(wavelengths)) or np.any(wavelengths <= 0) or np.any(np.diff(wavelengths) <= 0):
         raise InputError(where, "wavelengths", "not ascending", "expected positive nm in ascending order")
-    return wavelengths, values

@@ -6,7 +6,7 @@ import bpy
 
 
 class Layout:
-    """Notes which properties, operators and pictures are shown, and what labels say."""
+    """Records the properties, operators and pictures that are shown, and the texts of labels."""
 
     def __init__(self, parent=None, folded=False):
         self.shown = parent.shown if parent else []

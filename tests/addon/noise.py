@@ -1,47 +1,47 @@
-"""Monte Carlo noise, measured in the very pictures that have it: tests allow for that and for no more.
+"""Monte Carlo noise, measured in the tested pictures themselves: tests allow for exactly that noise.
 
-Cycles draws the random numbers of each pixel on their own, where it is not told to spread its noise over neighbours:
-pixels that should be alike are as many measurements of the same, and their spread tells how far their mean may be off.
-`test_noise.py` holds it to that, against pictures of other seeds.
+Cycles draws independent random numbers for each pixel, unless it is set to spread noise over neighbours. Pixels that
+should be equal are therefore repeated measurements, and their spread gives the error of their mean. `test_noise.py`
+verifies this against pictures with other seeds.
 """
 
 import numpy as np
-from scipy.stats import norm, t
+from scipy.special import ndtr, stdtrit
 
 SIGMAS = 5
-ROUNDING = 1e-4  # without noise: 2^-24 for each of up to 1024 samples, and of 600 operations more, were all to add up
+ROUNDING = 1e-4  # without noise: 2^-24 for each of up to 1024 samples and 600 more operations, all in one direction
 
 
 def five_sigma(pictures):
-    """How far the means of pictures (…, row, column) may be off, as rarely as 5 standard deviations are exceeded.
+    """Limit of the error of the means of pictures (…, row, column), exceeded as rarely as 5 standard deviations.
 
-    The standard deviation is itself measured, so that by Student it takes a few more than 5 of few pixels.
+    The standard deviation is measured, too, so by Student's distribution the limit is above 5 sigma for few pixels.
     """
     pixels = np.prod(pictures.shape[-2:])
-    sigmas = t.isf(norm.sf(SIGMAS), pixels - 1)
+    sigmas = -stdtrit(pixels - 1, ndtr(-SIGMAS))
     return sigmas * pictures.std(axis=(-2, -1), ddof=1) / np.sqrt(pixels)
 
 
 def surely_apart(first, second):
-    """How far apart the means of two pictures are, beyond 5 sigma of the noise that they do not share."""
+    """Difference between the means of two pictures, minus 5 sigma of their independent noise."""
     apart = np.subtract(first, second, dtype=np.float64)
     return np.abs(apart.mean(axis=(-2, -1))) - five_sigma(apart)
 
 
 def assert_means(pictures, expected, rtol=ROUNDING, noise=None, other_seed=None):
-    """Hold the means of pictures to those expected: within rtol of them, and 5 sigma of noise.
+    """Assert that the means of pictures are as expected: within rtol, plus 5 sigma of noise.
 
     Parameters
     ----------
     pictures : array (…, row, column)
-    expected : array (…), or pictures of the same noise, or of less
+    expected : array (…), or pictures with the same noise or less
     rtol : float
-        How far off the expected values themselves may be, as a part of them.
+        Relative error of the expected values themselves.
     noise : float, optional
-        The most that 5 sigma of noise may be, as a part of what is expected: more would hide what is looked for. By
-        default as much as `rtol`, so that thrice this is never missed.
+        Upper limit of 5 sigma of noise, relative to the expected values: more would hide errors. The default is `rtol`,
+        with which an error of three times `rtol` is always detected.
     other_seed : array (…, row, column), optional
-        The same of another seed, where pixels differ by more than noise; what both have in the mean is judged.
+        The same with another seed, if pixels differ by more than noise; the mean of the two is compared.
     """
     pictures, expected = np.asarray(pictures, np.float64), np.asarray(expected, np.float64)
     apart = pictures - (expected if expected.ndim == pictures.ndim else expected[..., None, None])

@@ -1,10 +1,10 @@
-"""Small scenes, built by hand, whose radiance is known in closed form."""
+"""Small scenes, built by hand, with radiances known in closed form."""
 
 import bpy
 import numpy as np
 
 from lensfield import addon
-from lensfield.engine.image.spectral_exr import read_exr
+from lensfield.engine.pictures.spectral_exr import read_exr
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 
 WAVELENGTHS_NM = (450.0, 550.0, 650.0)
@@ -20,7 +20,7 @@ def set_world(scene, colour=(1, 1, 1), strength=1.0):
 
 
 def keyframe_world(scene, *frames):
-    """A white world, at each of these frames as strong as its number."""
+    """A white world whose strength at each of these frames is the frame's number."""
     set_world(scene)
     for frame in frames:
         background(scene).inputs["Strength"].default_value = frame
@@ -40,7 +40,7 @@ def material(name, node_type, colour=(0.8, 0.8, 0.8)):
 
 
 def paint_by_nodes(name, colour, own=(0, 0, 0)):
-    """A diffuse material that takes its colour from a node; returns it and the link. `own` is the socket's colour."""
+    """A diffuse material with a colour from a node; returns it and the link. `own` is the socket's colour."""
     painted, shader = material(name, "ShaderNodeBsdfDiffuse", own)
     source = painted.node_tree.nodes.new("ShaderNodeRGB")
     source.outputs[0].default_value = (*colour, 1)
@@ -59,8 +59,15 @@ def wall(scene, of_material, distance_m=1.0, side_m=10.0):
     return wall_object
 
 
+def set_region(scene, left, right, bottom, top):
+    """Render a part of the frame: fractions of its width from the left, and of its height from below."""
+    render = scene.render
+    render.use_border = True
+    render.border_min_x, render.border_max_x, render.border_min_y, render.border_max_y = left, right, bottom, top
+
+
 def view_factor(side_m, distance_m):
-    """Of a square that faces a wall: the share of the wall's hemisphere that it takes, by the cosines to the normal."""
+    """The view factor of a square that faces a wall: its cosine-weighted share of the wall's hemisphere."""
     ratio = side_m / 2 / distance_m
     sine = ratio / np.hypot(1, ratio)
     return 4 / np.pi * sine * np.arctan(sine)
@@ -78,7 +85,7 @@ def light(scene, kind, watts, **properties):
 
 
 def give(modifier, identifier, value):
-    """Give an input of a modifier's geometry nodes a value; the owner and the path that it has there."""
+    """Set an input of a modifier's geometry nodes; returns the owner and the property path."""
     if hasattr(modifier, "properties"):  # since 5.2
         given = getattr(modifier.properties.inputs, identifier)
         given.value = value
@@ -88,11 +95,13 @@ def give(modifier, identifier, value):
 
 
 def render(scene, folder, wavelengths_nm=WAVELENGTHS_NM, **options):
-    return addon.render_through_lens(scene, "edmund-54852", wavelengths_nm, folder, **options)
+    return addon.render_through_lens(scene, lens="edmund-54852", wavelengths_nm=wavelengths_nm, output_folder=folder,
+                                     **options)
 
 
 def radiance_on_axis(scene, folder, wavelengths_nm=WAVELENGTHS_NM):
-    """Spectral radiance of the four pixels in the middle, one value for each wavelength, each rendered."""
-    cube = read_exr(render(scene, folder, wavelengths_nm, spectral=SpectralOptions("reference")).radiance).cube
+    """Spectral radiance of the four central pixels, one value for each wavelength, each rendered."""
+    result = render(scene, folder, wavelengths_nm, spectral=SpectralOptions("reference"), depth="off")
+    cube = read_exr(result.radiance).cube
     rows, columns = cube.shape[1:]
     return cube[:, rows // 2 - 1:rows // 2 + 1, columns // 2 - 1:columns // 2 + 1].mean(axis=(1, 2), dtype=np.float64)

@@ -1,15 +1,15 @@
-"""Everything that a .blend would save, as plain values to compare."""
+"""All data that a .blend would save, as plain values for comparison."""
 
 import bpy
 
 SKIPPED = {"rna_type", "depsgraph", "bl_rna", "is_evaluated", "is_updated", "is_updated_data", "preview"}
-NOT_SAVED = {"window_managers", "screens", "workspaces", "all_ids"}  # the last lists what the others hold
+NOT_SAVED = {"window_managers", "screens", "workspaces", "all_ids"}  # the last lists the contents of the others
 GEOMETRY = {"vertices", "edges", "loops", "polygons", "loop_triangles", "loop_triangle_polygons", "corner_normals",
             "vertex_normals", "polygon_normals", "attributes", "uv_layers", "color_attributes", "vertex_colors"}
 
 COMPOSITOR = ("node_groups", "('images'", "('actions'", "compositing_node_group", ".node_tree", "use_nodes",
               "compositor_key", "('scenes', 'Scene') .users")
-"""What the compositor step may make or change; its Render Layers node is a user of the scene."""
+"""Data that the compositor step may create or change; its Render Layers node is a user of the scene."""
 
 
 def snapshot():
@@ -18,14 +18,14 @@ def snapshot():
     for prop in bpy.data.bl_rna.properties:
         if prop.type == "COLLECTION" and prop.identifier not in NOT_SAVED:
             for block in getattr(bpy.data, prop.identifier):
-                if block.name == "Render Result":  # where Blender shows any render; it is not saved
+                if block.name == "Render Result":  # any render appears there; it is not saved
                     continue
                 blocks[prop.identifier, block.name_full] = _struct(block, {_identity(block)})
     return blocks
 
 
 def differences(before, after):
-    """Names of what is not the same, for a message that can be read."""
+    """Names of the differences, for a readable message."""
     found = [f"{key} {'gone' if key in before else 'new'}" for key in before.keys() ^ after.keys()]
     for key in before.keys() & after.keys():
         found += [f"{key} {path}: {old} -> {new}" for path, old, new in _differ(before[key], after[key], "")]
@@ -71,12 +71,12 @@ def _value(struct, prop, seen):
 
 
 def _identity(struct):
-    """A struct's first member has its address, so the type belongs to it."""
+    """A struct's first member has the struct's address, so the type is part of the key."""
     return struct.bl_rna.identifier, struct.as_pointer()
 
 
 def _plain(value):
-    """A copy that does not live in Blender's memory, of vectors and matrices too."""
+    """A copy outside Blender's memory, also of vectors and matrices."""
     if isinstance(value, (str, bytes)) or not hasattr(value, "__len__"):
         return value
     return sorted(value) if isinstance(value, set) else tuple(_plain(item) for item in value)

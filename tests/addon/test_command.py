@@ -1,4 +1,4 @@
-"""The command line, as a user calls it: in a process of its own."""
+"""The command line, as a user calls it: in a separate process."""
 
 import json
 import os
@@ -6,7 +6,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import bpy
@@ -16,9 +15,12 @@ import pytest
 import lensfield as extension
 from lensfield import addon, cli
 from lensfield.commands.messages import read_message
-from lensfield.engine.image.spectral_exr import read_exr
 from lensfield.engine.library import BUNDLED
+from lensfield.engine.pictures.spectral_exr import read_exr
+from places import SAMPLE_SCENE
+from signalled import heed_hangups, signalled
 from small_scenes import light, material, set_world, wall
+from waiting import LAST_RESORT_S, wait_until
 
 pytestmark = pytest.mark.one_blender
 
@@ -33,11 +35,11 @@ def blend(scene, tmp_path):
 
 def lensfield(*arguments):
     command = [sys.executable, "-c", "from lensfield.cli import console; console()", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=300)
+    return subprocess.run(command, capture_output=True, text=True, timeout=LAST_RESORT_S)
 
 
 def test_a_scene_that_is_rendered_runs_none_of_its_scripts(blend, tmp_path):
-    """Its lens is read, though: whoever asks for a scene asks for that, too."""
+    """Its lens file is still read, because rendering a scene implies its lens."""
     script, ran = bpy.data.texts.new("stranger.py"), tmp_path / "ran"
     script.write(f"open({str(ran)!r}, 'w').close()")
     script.use_module = True
@@ -56,7 +58,8 @@ def test_render_then_filter_agree(blend, tmp_path):
     assert done.returncode == 0, done.stderr
     printed = [Path(line) for line in done.stdout.splitlines() if line.startswith(str(out))]
     assert len(printed) == 10 and all(path.is_file() for path in printed)
-    scene, plan = done.stdout.splitlines()[:2]
+    output, scene, plan = done.stdout.splitlines()[:3]
+    assert output == f"output: {out}"
     assert scene == "scene: 1 Cycles render at 550 nm: all surfaces are grey"
     assert plan.startswith("plan: 16 px sections between 32 azimuths, ")
     report = json.loads((tmp_path / "report.json").read_text())
@@ -99,7 +102,7 @@ def test_what_the_command_line_leaves_out_is_as_the_scene_says(scene, tmp_path):
 
 
 def test_a_copy_elsewhere_finds_what_lies_beside_the_original(scene, tmp_path):
-    """A spectrum, a lens of one's own, and the folder for the pictures."""
+    """A spectrum, a user's lens, and the folder for the pictures."""
     set_world(scene)
     scene.world.lensfield.emission = "green.txt"
     (tmp_path / "green.txt").write_text("400 0\n500 0\n540 1\n560 1\n600 0\n700 0\n")
@@ -112,7 +115,7 @@ def test_a_copy_elsewhere_finds_what_lies_beside_the_original(scene, tmp_path):
     bpy.ops.wm.save_as_mainfile(filepath=str(elsewhere / "copy.blend"))
     arguments = "render", elsewhere / "copy.blend", "--wavelengths", "450,550"
     done = lensfield(*arguments)
-    assert done.returncode == 1 and "own.npz: lens is not there" in done.stderr
+    assert done.returncode == 1 and "own.npz: lens is missing" in done.stderr
     done = lensfield(*arguments, "--beside", tmp_path)
     assert done.returncode == 0, done.stderr
     cube = read_exr(tmp_path / "lensfield" / "Scene_0001_irradiance.exr").cube
@@ -121,9 +124,9 @@ def test_a_copy_elsewhere_finds_what_lies_beside_the_original(scene, tmp_path):
 
 
 @pytest.mark.parametrize("changes, message", [
-    ({"scene": "missing.blend"}, "missing.blend: scene is not there"),
+    ({"scene": "missing.blend"}, "missing.blend: scene is missing"),
     ({"scene": "garbage.blend"}, "garbage.blend: scene is not readable"),
-    ({"--lens": "no-such-lens"}, "no-such-lens: lens is not there: give a lens package, a prescription or the name"),
+    ({"--lens": "no-such-lens"}, "no-such-lens: lens is missing: give a lens package, a prescription or the name"),
     ({"--wavelengths": "700:400:3"}, "options: wavelengths is 700:400:3: expected first:last:number"),
     ({"--wavelengths": "300:700:3"}, "edmund-54852: wavelength is 300 nm: the lens data spans 400 to 700 nm"),
     ({"--section-size": "0"}, "options: section_size is 0: expected a whole number"),
@@ -145,35 +148,48 @@ def test_bad_input_is_one_line_and_leaves_nothing(blend, tmp_path, capsys, monke
     assert not Path("out").exists() or not list(Path("out").iterdir())
 
 
-@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
+def processor_s(process):
+    """Processor seconds that a process has used so far: user and system."""
+    figures = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(figures[11]) + int(figures[12])) / os.sysconf("SC_CLK_TCK")
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems state processor time elsewhere")
+@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_render_can_be_stopped_and_leaves_nothing_but_its_look_at_depth(blend, tmp_path, stop):
-    """Amid a Cycles pass that would take minutes."""
-    temporary = tmp_path / "temporary"
+    """During a Cycles pass that would take minutes."""
+    temporary, kept = tmp_path / "temporary", tmp_path / "out" / ".lensfield" / "Scene_0001_passes"
     temporary.mkdir()
     process = subprocess.Popen(
         [sys.executable, "-c", "from lensfield.cli import console; console()", "render", str(blend), "--lens",
          "edmund-54852", "--wavelengths", "550", "--resolution", "2000x2000", "--samples", "100000",
-         "--output", str(tmp_path / "out")], stderr=subprocess.PIPE, text=True,
+         "--output", str(tmp_path / "out")], stderr=subprocess.PIPE, text=True, preexec_fn=heed_hangups,
         env=os.environ | {"TMPDIR": str(temporary)})
     try:
-        deadline = time.monotonic() + 300
-        while not list(temporary.glob("lensfield-*")) and time.monotonic() < deadline:
-            time.sleep(0.1)
-        time.sleep(2)  # by now the pass is under way
+        wait_until(lambda: list(kept.glob("*/[!.]*")))  # the depth samples; the pass comes next
+        begin_s = processor_s(process)
+        wait_until(lambda: processor_s(process) > begin_s + 1)
         process.send_signal(stop)
-        assert process.wait(timeout=120) == 130
+        assert process.wait(LAST_RESORT_S) == 130
     finally:
         process.kill()
-    kept = tmp_path / "out" / ".lensfield" / "Scene_0001_passes"
     assert process.stderr.read().strip() == f"lensfield: cancelled; finished passes are kept in {kept}"
     left = [path for path in (tmp_path / "out").rglob("*") if path.is_file()]
     assert not list(temporary.iterdir()) and [path.parents[1] for path in left] == [kept]
 
 
+@pytest.mark.parametrize("stop", ["SIGINT", "SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize("count", [1, 2, 40])
+def test_a_signal_amid_blenders_imports_leaves_nothing(tmp_path, stop, count):
+    """Blender has created its temporary folder by then, or is about to."""
+    done = signalled(count, "bpy", ["lint", SAMPLE_SCENE], stop, env=os.environ | {"TMPDIR": str(tmp_path)})
+    assert (done.returncode, done.stderr) == (130, "\nlensfield: cancelled\n") and not list(tmp_path.iterdir())
+
+
 def test_blender_command_is_the_same_command(blend, tmp_path, monkeypatch):
     registered = {}
     monkeypatch.setattr(bpy.utils, "register_cli_command", registered.__setitem__)
-    monkeypatch.setattr(addon, "register", lambda: None)  # it is already
+    monkeypatch.setattr(addon, "register", lambda: None)  # it is already registered
     extension.register()
     assert registered["lensfield"](["lens", "list"]) == 0
     assert registered["lensfield"](["render", str(blend), "--lens", "edmund-54852", "--wavelengths", "550",
@@ -185,7 +201,8 @@ def test_a_kept_picture_takes_another_lens(blend, tmp_path):
     done = lensfield("render", blend, "--lens", "tessar-50mm", "--wavelengths", 550, "--output", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     radiance = tmp_path / "out" / "Scene_0001_radiance.exr"
-    done = lensfield("apply", radiance, "--lens", "nikkor-28mm", "--report", tmp_path / "report.json")
+    done = lensfield("apply", radiance, "--lens", "nikkor-28mm", "--lens-quality", "preview",
+                     "--report", tmp_path / "report.json")
     assert done.returncode == 0 and "is that of a sensor of 18.3 x 13.7 mm" in done.stdout, done.stderr
     assert json.loads((tmp_path / "report.json").read_text())["radiance"] == str(radiance)
     assert read_exr(tmp_path / "out" / "Scene_0001_irradiance.exr").lens_name == "nikkor-28mm"
@@ -201,5 +218,5 @@ def test_one_process_serves_command_after_command(tmp_path):
             told = iter(process.stdout.readline, "")
             assert next(facts for facts in map(read_message, told) if facts) == {"status": status}
         process.stdin.close()
-        assert process.wait(10) == cli.CANCELLED
+        assert process.wait(LAST_RESORT_S) == cli.CANCELLED
         assert "not named as by a render" in process.stderr.read()

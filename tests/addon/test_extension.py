@@ -13,6 +13,7 @@ import pytest
 
 from lensfield.engine.kernels import build as kernels
 from places import ROOT
+from waiting import LAST_RESORT_S
 
 TOOL = Path(bpy.utils.resource_path("LOCAL")) / "scripts" / "addons_core" / "bl_pkg" / "cli" / "blender_ext.py"
 
@@ -55,7 +56,8 @@ def test_package_is_valid_and_holds_what_runs(package):
     done = subprocess.run([sys.executable, TOOL, "validate", package], capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     names = zipfile.ZipFile(package).namelist()
-    assert {"blender_manifest.toml", "__init__.py", "cli.py", "commands/render.py", "engine/simulate.py",
+    assert {"blender_manifest.toml", "__init__.py", "cli.py", "request.py", "commands/render.py",
+            "engine/simulation/simulate.py",
             "addon/job/render.py", "engine/library/edmund-54852.npz",
             "addon/scene/traced_camera.osl",
             "engine/library/prescriptions/tessar-50mm.toml", "engine/library/pictures/tessar-50mm.jpg",
@@ -81,7 +83,7 @@ def test_what_lies_in_the_tree_and_does_not_belong_stays_out(tmp_path):
 def test_package_installs_enables_and_renders(package, tmp_path):
     environment = os.environ | {"BLENDER_USER_RESOURCES": str(tmp_path / "user"), "LENSFIELD_CACHE": ""}
     done = subprocess.run([sys.executable, "-c", USE_INSTALLED, package, str(tmp_path / "user"), tmp_path / "out"],
-                          capture_output=True, text=True, timeout=300, env=environment, cwd=tmp_path)
+                          capture_output=True, text=True, timeout=LAST_RESORT_S, env=environment, cwd=tmp_path)
     assert done.returncode == 0 and "installed and used" in done.stdout, done.stdout + done.stderr
     assert (tmp_path / "out" / "Scene_0001_lens_image.exr").is_file()
     plans = tmp_path / "user" / "extensions" / ".user" / "user_default" / "lensfield" / "cache" / "plans"
@@ -90,7 +92,7 @@ def test_package_installs_enables_and_renders(package, tmp_path):
 
 @pytest.fixture
 def build_extension(monkeypatch):
-    """packaging/build_extension.py, which brings no wheels: they would be downloaded."""
+    """packaging/build_extension.py without wheels, to avoid downloads."""
     spec = importlib.util.spec_from_file_location("build_extension", ROOT / "packaging" / "build_extension.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -110,6 +112,6 @@ def test_a_zip_gets_the_loops_of_its_own_platform_alone(platform, build_extensio
 
 def test_no_zip_is_made_without_its_loops(build_extension, monkeypatch, tmp_path):
     monkeypatch.setattr(shutil, "which", lambda name: None)
-    with pytest.raises(SystemExit, match="no zip without its loops in C: x86_64-w64-mingw32-gcc is not installed"):
+    with pytest.raises(SystemExit, match="without loops in C: x86_64-w64-mingw32-gcc is not installed"):
         build_extension.main([str(tmp_path), "windows-x64"])
     assert not list(tmp_path.glob("*.zip"))

@@ -1,8 +1,8 @@
-"""The measure of noise itself, against what other seeds make of the same picture."""
+"""The measure of noise, against renders of the same picture with other seeds."""
 
 import numpy as np
 import pytest
-from scipy.stats import chi2, norm
+from scipy.special import chdtri, ndtr
 
 from cycles_pictures import picture
 from noise import SIGMAS, assert_means, five_sigma
@@ -13,11 +13,11 @@ SEEDS = 64
 
 @pytest.fixture
 def half_a_sky(scene):
-    """A white wall before a sky of which a black screen behind the camera leaves half: paths meet either by chance."""
+    """A white wall in front of a sky, half covered by a black screen behind the camera: paths reach each at random."""
     set_world(scene)
     wall(scene, material("White", "ShaderNodeBsdfDiffuse", (1, 1, 1))[0])
     wall(scene, material("Black", "ShaderNodeBsdfDiffuse", (0, 0, 0))[0], -1.0, 100.0).location.x = 50
-    scene.camera.data.angle = 0.05  # so that all pixels see the same
+    scene.camera.data.angle = 0.05  # all pixels are the same
     return scene
 
 
@@ -29,7 +29,7 @@ def test_pixels_tell_how_means_differ_between_seeds(half_a_sky, tmp_path):
         means.append(red.mean())
         by_pixels.append(red.var(ddof=1) / red.size)
     ratio = np.var(means, ddof=1) / np.mean(by_pixels)
-    least, most = chi2.ppf([norm.sf(SIGMAS), norm.cdf(SIGMAS)], SEEDS - 1) / (SEEDS - 1)
+    least, most = chdtri(SEEDS - 1, ndtr([SIGMAS, -SIGMAS])) / (SEEDS - 1)
     assert least < ratio < most
 
 

@@ -1,13 +1,10 @@
-"""The render of a window, followed without one."""
-
-import time
+"""Follows a window's render without a window."""
 
 from lensfield.addon.ui import window_render
+from lensfield.addon.ui.session import session
+from waiting import wait_until
 
 
-def follow(until=lambda render: False, seconds=400):
-    """Tick as Blender's timer does, until the render has ended or is as far as wanted."""
-    deadline = time.monotonic() + seconds
-    while window_render.tick() is not None and not until(window_render.state["render"]):
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+def follow(until=lambda render: False):
+    """Tick as Blender's timer does, until the render has ended or reached the given point."""
+    wait_until(lambda: window_render.tick() is None or until(session.render), 0.01)

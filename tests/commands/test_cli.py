@@ -1,4 +1,4 @@
-"""The parts of the command that need no Blender."""
+"""The parts of the command that do not require Blender."""
 
 import json
 import os
@@ -19,8 +19,8 @@ from lensfield.engine.blur.exact import Exact
 from lensfield.engine.blur.isoplanatic import OnePsf, Paper
 from lensfield.engine.blur.pixels import Pixels
 from lensfield.engine.blur.polar_sections import Sections
-from lensfield.engine.image.spectral_exr import read_exr, write_exr
-from lensfield.engine.lens.readers.package import write_package
+from lensfield.engine.lens_files.package import write_package
+from lensfield.engine.pictures.spectral_exr import read_exr, write_exr
 from lensfield.engine.plan.plan import Plan
 
 PLAN = Plan(method=Sections(32, 64, 11), psf_radius_px=10, psf_energy=1 - 1e-6, taps=200.0, precision="float32",
@@ -73,8 +73,8 @@ def test_filter_writes_the_frame_a_picture_and_a_report(radiance, tmp_path, caps
 
 
 @pytest.mark.parametrize("changes, message", [
-    ({"radiance": "missing.exr"}, "missing.exr: file is not there"),
-    ({"--lens": "no-such-lens"}, "no-such-lens: lens is not there"),
+    ({"radiance": "missing.exr"}, "missing.exr: file is missing"),
+    ({"--lens": "no-such-lens"}, "no-such-lens: lens is missing"),
     ({"--section-size": "0"}, "options: section_size is 0"),
     ({"--accuracy": "-1"}, "options: accuracy is -1.0: expected a number above 0"),
     ({"--accuracy": "0.01", "--azimuths": "3"}, "options: azimuths is 3: leave it out: an accuracy chooses it"),
@@ -147,7 +147,7 @@ def test_light_beyond_the_lens_data_is_told_with_what_became_of_it(tmp_path, cap
 
 @pytest.fixture
 def inputs(radiance, tmp_path, monkeypatch):
-    """A folder to work in: a radiance, a lens package and a .blend, and other names for them."""
+    """A working folder: a radiance, a lens package and a .blend, each with alternative names."""
     monkeypatch.chdir(tmp_path)
     radiance.rename("x.exr")
     write_package(make_lens(), Path("my.npz"))
@@ -205,10 +205,28 @@ def test_a_link_is_written_through_and_a_pipe_is_left_alone(radiance, tmp_path, 
 def test_links_to_nowhere_are_one_line(radiance, tmp_path, capsys):
     (tmp_path / "loop.exr").symlink_to(tmp_path / "loop.exr")
     assert run("filter", radiance, "--lens", "edmund-54852", "--output", tmp_path / "loop.exr") == 1
-    assert "loop.exr: file is not to be found" in capsys.readouterr().err
+    assert "loop.exr: file is not accessible: Too many levels of symbolic links: remove the" in capsys.readouterr().err
     (tmp_path / "deep.exr").symlink_to(tmp_path / "new" / "folder.exr")
     assert run("filter", radiance, "--lens", "edmund-54852", "--output", tmp_path / "deep.exr") == 0
     assert (tmp_path / "new" / "folder.exr").is_file()
+
+
+@pytest.mark.parametrize("line", [
+    "filter {0}.exr --lens edmund-54852 --output out.exr", "filter in.exr --lens edmund-54852 --output {0}.exr",
+    "filter in.exr --lens edmund-54852 --output {0}/out.exr", "filter in.exr --lens {0} --output out.exr",
+    "filter in.exr --lens {0}.npz --output out.exr",
+    "filter in.exr --lens edmund-54852 --output out.exr --report {0}.json",
+    "lens info {0}.toml", "lens plot edmund-54852 -o {0}.png", "lens stmap edmund-54852 --resolution 12x9 --output {0}",
+    "lens convert {0}.zmx -o out.toml", "lens import {0} -o out.npz", "lens export-macro zemax -o {0}.zpl",
+    "farm openjd {0}.blend --job job --output out"])
+def test_a_name_of_300_characters_is_one_line_with_a_remedy(radiance, tmp_path, capsys, monkeypatch, line):
+    monkeypatch.chdir(tmp_path)
+    Path("in.exr").write_bytes(radiance.read_bytes())
+    assert run(*line.format("n" * 300).split()) == 1
+    printed = capsys.readouterr().err
+    assert printed.count("\n") == 1 and "Errno" not in printed
+    assert printed.startswith("lensfield: ") and "nnnnnn" in printed and " is not " in printed
+    assert "File name too long" in printed or "expected a file of kind" in printed
 
 
 def test_closed_standard_streams_do_no_harm(tmp_path):
@@ -224,7 +242,7 @@ def test_who_reads_the_first_lines_and_goes_is_told_no_error(arguments):
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         process.stdout.close()
         assert process.stderr.read() == b""
-    assert process.returncode in (0, cli.UNHEARD)  # argparse itself passes over what it cannot write
+    assert process.returncode in (0, cli.UNHEARD)  # argparse itself ignores failed writes
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no /dev/full on this system")

@@ -1,4 +1,4 @@
-"""Renders as tasks of farms: what the command line asks for reaches each of them, whatever it holds."""
+"""Renders as farm tasks: every task receives the arguments of the command line, whatever characters they contain."""
 
 import pytest
 import yaml
@@ -22,7 +22,7 @@ def blend(tmp_path):
 
 
 @pytest.mark.parametrize("asked", [
-    [], ["--denoise"], ["--no-denoise"], ["--overwrite", "--room", "0.1"], [f"--view-layer={AWKWARD}"],
+    [], ["--denoise", "on"], ["--no-focused-wide-open"], ["--overwrite", "--room", "0.1"], [f"--view-layer={AWKWARD}"],
     ["--focus", "1.2m", "--f-number", "4", "--focused-wide-open", "--lens", "tessar-50mm"],
     ["--iris-blades", "5", "--iris-rotation", "-30", "--wavelengths", "400:700:31", "--tier", "standard"],
     ["--method", "exact", "--precision", "float64", "--supersampling", "2", "--resolution", "64x48", "--samples", "1"]])
@@ -79,7 +79,7 @@ def test_a_job_is_written_over_its_own_files_alone(blend, capsys):
     template = blend.parent / "job" / "template.yaml"
     template.write_text("mine")
     assert write_job(blend) == 1
-    assert "none that Lensfield has made" in capsys.readouterr().err and template.read_text() == "mine"
+    assert "an existing file that Lensfield did not write" in capsys.readouterr().err and template.read_text() == "mine"
 
 
 def test_a_job_is_never_written_over_what_it_is_made_of(blend, capsys):

@@ -1,4 +1,4 @@
-"""Any renderer's picture: RGB files, their layers, colours, windows and cameras; and sequences, of either kind."""
+"""Pictures by any renderer: RGB files with their layers, colours, windows and cameras; and sequences of files."""
 
 import json
 import os
@@ -11,11 +11,11 @@ from PIL import Image
 
 from lenses import make_lens
 from lensfield.commands.sequence import find_shots, parse_frames
-from lensfield.engine import ImageError, InputError, Lens, Options, SpectralImage, simulate
+from lensfield.engine import ImageError, InputError, Options, SpectralImage, load_lens, simulate
 from lensfield.engine.image.nonfinite import refuse_fireflies
-from lensfield.engine.image.preview import auto_exposure, to_rec709
-from lensfield.engine.image.rgb_picture import RgbPicture, light_basis, read_rgb_exr, upsample
-from lensfield.engine.image.spectral_exr import is_spectral, read_exr, write_exr
+from lensfield.engine.pictures.preview import auto_exposure, to_rec709
+from lensfield.engine.pictures.rgb_picture import RgbPicture, light_basis, read_rgb_exr, upsample
+from lensfield.engine.pictures.spectral_exr import is_spectral, read_exr, write_exr
 from lensfield.engine.spectral.colour import encode_srgb
 from lensfield.engine.spectral.spectra import emission_basis
 from places import ROOT
@@ -23,8 +23,8 @@ from rgb_files import colours, failure, parts_exr, planes_exr, run, window
 
 NINE_NM = np.linspace(400, 700, 9)
 ACESCG = (0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767)  # S-2014-004, with the white of ST 2065-1
-# From ACEScg to linear Rec. 709 by Bradford, as ACES's configurations for OpenColorIO have it, by hand:
-# 1.70505 a - 0.62179 b - 0.08326 c, -0.13026 a + 1.14080 b - 0.01055 c, -0.02400 a - 0.12897 b + 1.15297 c
+# From ACEScg to linear Rec. 709 by Bradford, as in ACES's configurations for OpenColorIO, by hand: 1.70505 a - 0.62179
+# b - 0.08326 c, -0.13026 a + 1.14080 b - 0.01055 c, -0.02400 a - 0.12897 b + 1.15297 c
 ACESCG_COLOUR, IN_REC709 = (0.5, 0.2, 0.1), (0.719841, 0.161975, 0.077503)
 QUICK = ("--lens", "edmund-54852", "--method", "paper", "--section-size", 8, "--wavelengths", "450,550,650")
 
@@ -34,7 +34,7 @@ def picture(rgb):
 
 
 def seen(rgb, wavelengths_nm=NINE_NM):
-    """Colours as a lens that neither blurs nor absorbs gives them back."""
+    """Colours after a lens without blur and absorption."""
     radiance, _ = upsample(picture(rgb), wavelengths_nm, pitch_um=5.0)
     return to_rec709(simulate(radiance, make_lens(), Options(method="exact")))[0]
 
@@ -45,7 +45,8 @@ def test_white_stays_white_at_any_number_of_wavelengths(wavelengths_nm):
 
 
 def test_nine_wavelengths_keep_colours():
-    """What is left is that no light is negative; without mending, the error of random colours is 0.036 RMS."""
+    """The remaining error is from light clipped at zero; without correction, random colours have an error of 0.036 RMS.
+    """
     random = np.random.default_rng(5).random((200, 3))
     assert np.sqrt(np.mean((seen(random) - random) ** 2)) < 0.006
     np.testing.assert_allclose(seen([[0.8, 0.2, 0.1], [0.1, 0.5, 0.2], [0.2, 0.3, 0.6]]),
@@ -76,7 +77,7 @@ def test_a_white_picture_is_white_on_the_axis_but_for_the_glass(tmp_path, capsys
 
 
 def test_blenders_multi_part_file_gives_its_combined_pass(tmp_path):
-    """The parts and names that Blender 5.0 writes."""
+    """With the parts and names that Blender 5.0 writes."""
     path = parts_exr(tmp_path / "multi.exr", {
         "ViewLayer.Combined": {"R": 0.25, "G": 0.5, "B": 0.75, "A": 1}, "ViewLayer.Depth": {"Z": 9},
         "ViewLayer.Diffuse Color": {"R": 1, "G": 1, "B": 1},
@@ -105,7 +106,7 @@ def test_one_of_several_view_layers_has_to_be_named(tmp_path, capsys):
     line = failure(capsys, "filter", path, *QUICK, "--output", tmp_path / "out.exr")
     assert "two.exr: layers is Near.Combined, Far.Combined: name one of them" in line
     assert np.all(read_rgb_exr(path, "Far.Combined").rec709 == 2)
-    with pytest.raises(ImageError, match="layers is .*there is none called 'Fur'"):
+    with pytest.raises(ImageError, match="layers is .*no layer is called 'Fur'"):
         read_rgb_exr(path, "Fur")
 
 
@@ -160,7 +161,7 @@ def test_a_header_that_cannot_be_used_is_named_with_its_file(tmp_path, capsys, h
     ((0, 0, 8, 6), (0, 0), (0, 0)), ((2, 1, 4, 4), (1, 2), (0, 0)), ((-3, -2, 14, 10), (0, 0), (2, 3)),
     ((3, 0, 6, 6), (0, 3), (0, 0)), ((0, -1, 8, 6), (1, 0), (2, 0))], ids=str)
 def test_the_frame_is_the_display_window(tmp_path, display, overscan, first):
-    """Data of 8 x 6 px at (0, 0): overscan on all sides, black where it is missing, the axis in the middle of all."""
+    """Data of 8 x 6 px at (0, 0): overscan on all sides, black where data are missing, the axis in the middle."""
     rgb = np.random.default_rng(1).random((6, 8, 3)).astype(np.float32) + 1
     path = colours(tmp_path / "a.exr", rgb, dataWindow=window(0, 0, 8, 6), displayWindow=window(*display))
     read = read_rgb_exr(path)
@@ -170,7 +171,7 @@ def test_the_frame_is_the_display_window(tmp_path, display, overscan, first):
 
 
 def test_the_lens_says_how_much_overscan_it_needs(tmp_path, capsys):
-    """A lens with barrel distortion; the frame as such, and again with all that is asked for."""
+    """A lens with barrel distortion: the frame without overscan, and again with the overscan that it requires."""
     def filtered(margin):
         path = colours(tmp_path / "a.exr", (1, 1, 1), (36 + 2 * margin[1], 48 + 2 * margin[0]),
                        dataWindow=window(0, 0, 48 + 2 * margin[0], 36 + 2 * margin[1]),
@@ -192,7 +193,7 @@ def test_the_lens_says_how_much_overscan_it_needs(tmp_path, capsys):
     (("--focal-mm", 50, "--sensor-width-mm", 36), None), (("--fov", 39.597752), None)], ids=str)
 def test_the_cameras_figures_give_the_pitch(tmp_path, view, pitch_um):
     """36 mm behind 50 mm is 39.597752 degrees, and 36 / 50 of the lens's focal length on its sensor."""
-    lens = Lens.load("edmund-54852")
+    lens = load_lens("edmund-54852")
     source = colours(tmp_path / "a.exr", (1, 1, 1))
     assert run("filter", source, *QUICK, *view, "--output", tmp_path / "out.exr") == 0
     wanted = pitch_um or 36 / 50 * lens.capture_focal_length_mm / 24 * 1e3
@@ -212,7 +213,7 @@ def test_a_tall_picture_fits_the_sensor_by_its_height(tmp_path):
     (("--focal-mm", -1, "--sensor-width-mm", 36), "--focal-mm is -1.0"),
     (("--wavelengths", "500,300"), "wavelengths is"), (("--wavelengths", "300,500"), "wavelength is 300 nm"),
     (("--wavelengths", "390,500"), "the lens data spans 400 to"), (("--pitch-um", 0), "a.exr: pitch_um is 0.0"),
-    (("--layer", "x"), "a.exr: layers is without a name: there is none called 'x'"),
+    (("--layer", "x"), "a.exr: layers is without a name: no layer is called 'x'"),
     (("--frames", "1-2"), "--frames is 1-2: ")], ids=str)
 def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, capsys, arguments, message):
     source = colours(tmp_path / "a.exr", (1, 1, 1))
@@ -232,7 +233,7 @@ def test_what_is_for_rgb_is_refused_with_a_spectral_file(tmp_path, capsys, argum
 
 def test_pixels_that_are_not_finite_go_the_way_of_spectral_ones(tmp_path, capsys):
     rgb = np.ones((18, 24, 3))
-    rgb[5, 7, 0] = 1e6  # which half precision cannot hold
+    rgb[5, 7, 0] = 1e6  # beyond the range of half precision
     with np.errstate(over="ignore"):
         source = colours(tmp_path / "a.exr", rgb, kind=np.float16)
     assert "a.exr: pixel at row 5, column 7" in failure(capsys, "filter", source, *QUICK, "--output",
@@ -252,7 +253,7 @@ def test_no_value_that_is_not_finite_is_lost(value):
 
 
 def test_no_light_is_negative_and_what_was_is_told(tmp_path, capsys):
-    """Green of ACEScg lies outside Rec. 709: -0.62 of red."""
+    """Green of ACEScg is outside Rec. 709: its red is -0.62."""
     radiance, negative = upsample(picture([-0.62, 1.14, -0.13]), NINE_NM, 5.0)
     assert radiance.cube.min() == 0 and negative > 0.1
     assert upsample(picture([0.2, 0.4, 0.3]), NINE_NM, 5.0)[1] == 0
@@ -346,11 +347,11 @@ def test_a_file_of_just_that_name_is_no_sequence(tmp_path):
     ("shot_####.exr", {"--frames": "1-9:2,20"}, "5 of 6 frames is 3, 5, 7, 9, 20: not there"),
     ("shot_####.exr", {"--frames": f"0-{10 ** 30}"}, "000: expected a range"),
     ("shot_####.exr", {"--frames": f"0-{10 ** 12}"}, f"--frames is 0-{10 ** 12}: expected no more than 2097152 frames"),
-    ("shut_####.exr", {"--frames": "1-4"}, "shut_####.exr: file is not there: no frame"),
+    ("shut_####.exr", {"--frames": "1-4"}, "shut_####.exr: file is missing: no frame"),
     ("shot_####.exr", {"--frames": "2-1"}, "--frames is 2-1: expected a range"),
     ("shot_####.exr", {"--frames": "some"}, "--frames is some: expected a range"),
-    ("shut_####.exr", {}, "shut_####.exr: file is not there: no frame"),
-    ("none/shot_####.exr", {}, "shot_####.exr: file is not there: no frame")], ids=str)
+    ("shut_####.exr", {}, "shut_####.exr: file is missing: no frame"),
+    ("none/shot_####.exr", {}, "shot_####.exr: file is missing: no frame")], ids=str)
 def test_a_sequence_that_cannot_be_done_is_one_line_before_any_work(tmp_path, capsys, source, changes, message):
     sequence(tmp_path, (1, 2))
     arguments = {"--output": "o_####.exr"} | changes
@@ -370,13 +371,13 @@ def test_an_error_names_the_frame_and_earlier_ones_stay(tmp_path, capsys):
 
 
 def test_wavelengths_out_of_range_are_an_input_error():
-    with pytest.raises(InputError, match="colours reach from 380 to 780 nm"):
+    with pytest.raises(InputError, match="colours are defined from 380 to 780 nm"):
         upsample(picture([1, 1, 1]), [800.0], 5.0)
 
 
 def test_supersampling_is_passed_on_and_told(tmp_path, capsys):
-    """Overscan that the lens needs is counted in the picture's own pixels."""
-    lens, (source, out) = Lens.load("edmund-54852"), (tmp_path / name for name in ("light.exr", "out.exr"))
+    """The overscan that the lens needs is counted in the picture's own pixels."""
+    lens, (source, out) = load_lens("edmund-54852"), (tmp_path / name for name in ("light.exr", "out.exr"))
     image = SpectralImage(np.random.default_rng(0).random((2, 40, 50)), [500, 600], pitch_um=50.0, overscan_px=(5, 5))
     write_exr(image, source)
     needed = []
@@ -402,7 +403,7 @@ def filter_sequence(folder, *more, output="out_####.exr", preview="p_####.png"):
 
 
 def made_again(folder, *more):
-    """Frames that are written when the command is run again."""
+    """Frames that are written when the command runs again."""
     paths = sorted([*folder.glob("out_*"), *folder.glob("p_*")])
     stamps = {path: path.stat().st_mtime_ns for path in paths if path.is_file()}
     assert filter_sequence(folder, *more) == 0
@@ -437,7 +438,7 @@ def test_frames_of_a_sequence_that_are_there_are_not_filtered_again(tmp_path, ca
     (lambda folder: (folder / "out_0002.exr").write_bytes(bytes((folder / "out_0002.exr").stat().st_size)), [2]),
     (lambda folder: (folder / ".lensfield" / "out_0002.exr.json").write_text("[}"), [2]),
     (lambda folder: sequence(folder, [2]), [2]), (lambda folder: os.utime(folder / "shot_0002.exr", ns=(5, 5)), [2]),
-    (lambda folder: sequence(folder, [1]), [1, 2])])  # the first, which previews are exposed as
+    (lambda folder: sequence(folder, [1]), [1, 2])])  # the first, whose exposure the previews use
 def test_what_is_damaged_or_of_another_picture_is_filtered_again(tmp_path, damage, again):
     sequence(tmp_path, (1, 2))
     filter_sequence(tmp_path)
@@ -456,7 +457,7 @@ def test_other_settings_filter_all_again(tmp_path, more):
 def test_a_frame_that_was_not_ended_is_not_there(tmp_path, monkeypatch):
     sequence(tmp_path, (1, 2))
     filter_sequence(tmp_path)
-    monkeypatch.setattr("lensfield.engine.image.preview.write_png", lambda *_: 1 / 0)
+    monkeypatch.setattr("lensfield.engine.pictures.preview.write_png", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         filter_sequence(tmp_path, "--overwrite")
     monkeypatch.undo()
@@ -473,7 +474,7 @@ def test_a_link_in_the_place_of_a_record_is_not_followed(tmp_path):
 
 
 def test_processes_share_a_sequence(tmp_path):
-    """Each frame is filtered by one of them, and previews are exposed as the first, whoever has made it."""
+    """One process filters each frame, and previews have the exposure of the first, whichever process wrote it."""
     sequence(tmp_path, range(1, 13))
     assert filter_sequence(tmp_path, output="alone_####.exr", preview="alone_####.png") == 0
     code = f"""

@@ -1,4 +1,4 @@
-"""Depth in pictures by any renderer: files as they write them, put through a lens by the command."""
+"""Depth in pictures by any renderer: files as renderers write them, passed through a lens by the command."""
 
 import json
 
@@ -6,11 +6,11 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from lensfield.engine import Lens, SpectralImage, simulate
+from lensfield.engine import Rings, SpectralImage, load_lens, simulate
 from lensfield.engine.image.layers import Layer, LayeredRadiance
 from lensfield.engine.image.pixel_grid import PixelGrid
-from lensfield.engine.image.spectral_exr import read_exr, write_exr
-from lensfield.engine.lens.readers.package import write_package
+from lensfield.engine.lens_files.package import write_package
+from lensfield.engine.pictures.spectral_exr import read_exr, write_exr
 from rgb_files import colours, failure, parts_exr, planes_exr, run
 
 LENS = "--lens", "kodak-petzval-100mm", "--lens-quality", "preview", "--focus", "2m"
@@ -19,7 +19,7 @@ ROWS, COLUMNS = 36, 54
 
 
 def scene_m():
-    """A wall at 6 m, a card at 0.9 m before it, and nothing above."""
+    """A wall at 6 m, a card at 0.9 m in front of it, and nothing above."""
     depth_m = np.full((ROWS, COLUMNS), 6.0, np.float32)
     depth_m[:9] = 1e10
     depth_m[15:28, 20:34] = 0.9
@@ -38,14 +38,14 @@ def planes(rgb, names="RGB"):
 
 
 def flat_exr(path, depth=None, channel="Z", kind=np.float32, **header):
-    """A file of one part."""
+    """A file with a single part."""
     depth = scene_m() if depth is None else depth
     with np.errstate(over="ignore"):
         return planes_exr(path, planes(picture()) | {channel: depth.astype(kind)}, **header)
 
 
 def blenders_exr(path, depth=None):
-    """A file of a part for each pass, as Blender 5.0 writes them."""
+    """A file with a part for each pass, as Blender 5.0 writes them."""
     rgb = picture()
     passes = {"Combined": planes(rgb) | {"A": np.ones((ROWS, COLUMNS))},
               "Depth": {"Z": scene_m() if depth is None else depth}, "Normal": planes(rgb, "XYZ"),
@@ -60,7 +60,7 @@ def blenders_exr(path, depth=None):
 
 
 def filtered(capsys, source, *options):
-    """Irradiance, what was told, and the report."""
+    """Irradiance, printed text, and the report."""
     output, report = source.with_name("out.exr"), source.with_name("report.json")
     assert run("filter", source, *QUICK, *options, "--output", output, "--report", report) == 0
     return read_exr(output).cube, capsys.readouterr().out, json.loads(report.read_text())
@@ -68,14 +68,14 @@ def filtered(capsys, source, *options):
 
 @pytest.fixture(scope="module")
 def wanted(tmp_path_factory):
-    """Irradiance of the scene as its file has it."""
+    """Irradiance of the scene with the depth in its file."""
     output = tmp_path_factory.mktemp("wanted") / "out.exr"
     assert run("filter", flat_exr(output.with_name("a.exr")), *QUICK, "--output", output) == 0
     return read_exr(output).cube
 
 
 def sharpness(cube):
-    """How much neighbours differ, over the card's edges."""
+    """Mean difference of neighbouring pixels, over the card's edges."""
     rows = cube[1, 12:31, 16:38]
     return np.abs(np.diff(rows, axis=0)).mean() + np.abs(np.diff(rows, axis=1)).mean()
 
@@ -119,8 +119,10 @@ def test_the_same_depth_told_otherwise_gives_the_same(tmp_path, capsys, wanted, 
 
 
 def test_half_precision_and_what_lies_at_its_end(tmp_path, capsys, wanted):
-    """65504 is nothing, and so is infinity; 0.9 m in a half is 0.02 % off, by which
-    a ray here and there meets another pixel."""
+    """65504 is an empty pixel, and so is infinity.
+
+    In half precision 0.9 m has an error of 0.02 %, so a few rays meet another pixel.
+    """
     for nothing in (65504.0, np.inf):
         source = flat_exr(tmp_path / "a.exr", np.where(scene_m() > 1e9, nothing, scene_m()), kind=np.float16)
         through, _, _ = filtered(capsys, source)
@@ -133,7 +135,7 @@ def test_pixels_that_tell_no_depth_are_told(tmp_path, capsys):
 
 
 def test_depth_of_another_window_lies_where_it_is(tmp_path, capsys):
-    """What Beachball of OpenEXR's own pictures has: data windows of their own, in one display window."""
+    """Like Beachball in OpenEXR's example images: parts have different data windows, in one display window."""
     window = (np.array([20, 15], np.int32), np.array([33, 27], np.int32))
     whole = (np.array([0, 0], np.int32), np.array([COLUMNS - 1, ROWS - 1], np.int32))
     parts = [OpenEXR.Part({"type": OpenEXR.scanlineimage, "displayWindow": whole, "dataWindow": window}, channels, name)
@@ -160,7 +162,7 @@ def test_several_depths_have_to_be_told_apart(tmp_path, capsys):
 def test_a_package_has_no_rays_and_says_so(tmp_path, capsys):
     source = flat_exr(tmp_path / "a.exr")
     package = tmp_path / "lens.npz"
-    write_package(Lens.from_prescription(LENS[1], focus_mm=2000, quality="preview"), package)
+    write_package(load_lens(LENS[1], Rings(focus_mm=2000), quality="preview"), package)
     assert run("filter", source, "--lens", package, "--wavelengths", "550", "--output", tmp_path / "out.exr") == 0
     assert "blurred by circles of first order" in capsys.readouterr().out
 
@@ -174,7 +176,7 @@ def test_a_sequence_tells_once_what_changes_by_figures_alone(tmp_path, capsys):
 
 
 def deep_exr(path):
-    """A red card before a wall, whole behind it, as merging deep pictures makes them."""
+    """A red card in front of a complete wall, as merging deep pictures creates them."""
     channels, rgb = {}, picture()
     wall = picture()[5:6, :, :1].repeat(ROWS, axis=0)
     for number, name in enumerate("RGBAZ"):
@@ -208,7 +210,7 @@ def test_fireflies_beside_what_hides_are_clamped_or_named(tmp_path, capsys):
 
 
 def test_layers_that_a_file_holds_are_taken_as_they_are(tmp_path, capsys):
-    """What a render keeps: nothing of it is a guess."""
+    """Layers cached by a render: nothing is estimated."""
     grid = PixelGrid((ROWS, COLUMNS), 36e3 / COLUMNS)
     depth_mm = np.where(scene_m() > 1e9, np.inf, 1e3 * scene_m())
     near = depth_mm < 1000
@@ -220,7 +222,7 @@ def test_layers_that_a_file_holds_are_taken_as_they_are(tmp_path, capsys):
     assert run("filter", tmp_path / "a.exr", *LENS, "--output", output) == 0
     told = capsys.readouterr().out
     assert "in the layers that the file holds" in told and "guessed" not in told
-    lens = Lens.from_prescription(LENS[1], focus_mm=2000, quality="preview")
+    lens = load_lens(LENS[1], Rings(focus_mm=2000), quality="preview")
     np.testing.assert_array_equal(read_exr(output).cube, simulate(layered, lens).cube)
 
 

@@ -1,4 +1,4 @@
-"""What a command tells the program that started it."""
+"""Messages from a command to the program that started it."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""The bar on a terminal tells how far it is, and by that what time is left."""
+"""The progress bar on a terminal, and the remaining time that follows from it."""
 
 import io
 import sys

@@ -1,4 +1,5 @@
-"""A small scene of two frames, rendered at once: what farms render of it, however they are disturbed, is the same."""
+"""A small scene of two frames, rendered locally as the reference for renders on farms, with and without disturbances.
+"""
 
 import os
 import subprocess
@@ -21,7 +22,7 @@ os._exit(0)
 
 @pytest.fixture(scope="session")
 def blend(tmp_path_factory):
-    """A .blend whose path wants care."""
+    """A .blend whose path contains special characters."""
     path = tmp_path_factory.mktemp("größe 'q\" $x") / "ein ende.blend"
     subprocess.run([sys.executable, "-c", SAVE, path], check=True, capture_output=True,
                    env=os.environ | {"PYTHONPATH": os.pathsep.join(
@@ -31,7 +32,7 @@ def blend(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def serial(blend):
-    """The folder that it was rendered into, on this machine alone."""
+    """The folder of the reference render, on this machine alone."""
     folder = blend.with_name("serial")
     subprocess.run([*LENSFIELD, "render", blend, *ASKED, "--output", folder], check=True, capture_output=True)
     return folder

@@ -1,4 +1,4 @@
-"""A Dask cluster on this machine: a scheduler and its workers, of which one is killed."""
+"""A Dask cluster on this machine: a scheduler and its workers. The test kills one worker."""
 
 import json
 import os
@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 from kill import differing
 
-from small_farm import ASKED, LENSFIELD, passes, renders, wait
+from small_farm import ASKED, LENSFIELD, passes, renders
+from waiting import wait_until
 
 pytest.importorskip("distributed", reason="distributed is not installed: make test-farm")
 DASK = [sys.executable, "-m", "dask"]
@@ -18,11 +19,11 @@ DASK = [sys.executable, "-m", "dask"]
 
 @pytest.fixture(scope="module")
 def scheduler(tmp_path_factory):
-    """The address of one with a worker."""
+    """The address of a scheduler with one worker."""
     folder = tmp_path_factory.mktemp("dask")
     told = folder / "scheduler.json"
     processes = [start(folder, "scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", told)]
-    wait(lambda: told.is_file() and told.read_text().endswith("}"))
+    wait_until(lambda: told.is_file() and told.read_text().endswith("}"))
     processes.append(start(folder, "worker", "--scheduler-file", told, "--nthreads", "1", "--local-directory", folder))
     yield json.loads(told.read_text())["address"]
     for process in reversed(processes):
@@ -47,10 +48,10 @@ def test_a_worker_that_is_killed_loses_nothing_and_leaves_nothing(blend, serial,
     folder, report = tmp_path / "ö out", tmp_path / "report.json"
     client = subprocess.Popen(command(blend, folder, scheduler, "--report", report, "--progress", "lines"),
                               stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    wait(lambda: passes(folder) and renders(folder))
+    wait_until(lambda: passes(folder) and renders(folder))
     killed, = renders(folder)
     os.kill(parent(killed), signal.SIGKILL)
-    wait(lambda: killed not in renders(folder))
+    wait_until(lambda: killed not in renders(folder))
     told, errors = client.communicate()
     assert client.returncode == 0, errors
     facts = [json.loads(line.partition("> ")[2]) for line in told.splitlines()]
@@ -63,10 +64,10 @@ def test_a_worker_that_is_killed_loses_nothing_and_leaves_nothing(blend, serial,
 def test_a_render_ends_with_whoever_asked_for_it(blend, scheduler, tmp_path):
     folder = tmp_path / "out"
     client = subprocess.Popen(command(blend, folder, scheduler), stdout=subprocess.PIPE)
-    wait(lambda: renders(folder))
+    wait_until(lambda: renders(folder))
     client.kill()
     client.communicate()
-    wait(lambda: not renders(folder))
+    wait_until(lambda: not renders(folder))
 
 
 def test_frames_that_fail_are_told(blend, scheduler, tmp_path):

@@ -12,7 +12,8 @@ from kill import differing
 
 from lensfield.cli import main
 from places import ROOT
-from small_farm import LENSFIELD, passes, renders, wait
+from small_farm import LENSFIELD, passes, renders
+from waiting import wait_until
 
 SCRIPT = ROOT / "addon" / "ui" / "lensfield_render.js"
 MANAGER = r"""
@@ -44,7 +45,7 @@ function frameChunker(text, size) {
 }
 const frameCount = text => explode(text).length;
 """
-"""What the Manager gives a script, of that which this one uses."""
+"""The part of the Manager's script interface that this script uses."""
 WORKER = """
 import subprocess, sys
 task = subprocess.Popen(sys.argv[1:], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
@@ -99,7 +100,7 @@ def test_the_command_line_takes_what_the_script_asks(capsys, tmp_path):
     parameters = compiled(overwrite=True)[0]["commands"][0]["parameters"]
     assert parameters["argsBefore"][:3] == ["--background", "--command", "lensfield"]
     assert main([*parameters["argsBefore"][3:], str(tmp_path / "none.blend"), *parameters["args"]]) == 1
-    assert "none.blend: scene is not there" in capsys.readouterr().err
+    assert "none.blend: scene is missing" in capsys.readouterr().err
 
 
 def test_settings_are_those_that_flamenco_knows():
@@ -111,7 +112,7 @@ def test_settings_are_those_that_flamenco_knows():
 
 
 def test_a_task_whose_worker_is_killed_loses_nothing_and_leaves_nothing(blend, serial, tmp_path):
-    """The worker reads what Blender tells, and gives it nothing to read."""
+    """The worker reads Blender's output, and provides no input."""
     blender, folder = tmp_path / "blender", tmp_path / "ö out"
     blender.write_text(f"#!/bin/sh\nshift 3\nexec {shlex.join(LENSFIELD)} \"$@\"\n")
     blender.chmod(0o755)
@@ -120,10 +121,10 @@ def test_a_task_whose_worker_is_killed_loses_nothing_and_leaves_nothing(blend, s
     command = [sys.executable, "-c", WORKER, blender, *parameters["argsBefore"], parameters["blendfile"],
                *parameters["args"], "--lens-quality=preview", "--resolution=64x48", "--samples=128"]
     worker = subprocess.Popen(command, stdout=subprocess.DEVNULL)
-    wait(lambda: passes(folder) and renders(folder))
+    wait_until(lambda: passes(folder) and renders(folder))
     worker.send_signal(signal.SIGKILL)
     worker.wait()
-    wait(lambda: not renders(folder))
+    wait_until(lambda: not renders(folder))
     assert passes(folder) and not (folder / "Scene_0002_report.json").exists()
     told = subprocess.run(command, capture_output=True, text=True)
     assert told.returncode == 0, told.stdout

@@ -1,4 +1,4 @@
-"""The job of Open Job Description, by its own command."""
+"""The Open Job Description template, run by openjd's own command."""
 
 import shlex
 import signal
@@ -11,7 +11,8 @@ import yaml
 from kill import differing
 
 from lensfield.cli import main
-from small_farm import ASKED, LENSFIELD, passes, renders, wait
+from small_farm import ASKED, LENSFIELD, passes, renders
+from waiting import wait_until
 
 pytest.importorskip("openjd.cli", reason="openjd-cli is not installed: make test-farm")
 OPENJD = Path(sys.executable).with_name("openjd")
@@ -19,7 +20,7 @@ OPENJD = Path(sys.executable).with_name("openjd")
 
 @pytest.fixture
 def on_path(tmp_path, monkeypatch):
-    """The `lensfield` command, as it is installed on a farm's machines."""
+    """The `lensfield` command, as installed on a farm's machines."""
     command = tmp_path / "bin" / "lensfield"
     command.parent.mkdir()
     command.write_text(f"#!/bin/sh\nexec {shlex.join(LENSFIELD)} \"$@\"\n")
@@ -28,7 +29,7 @@ def on_path(tmp_path, monkeypatch):
 
 
 def write_job(blend, folder, *more):
-    """A job that renders into `folder`; the arguments of openjd for it."""
+    """A job that renders into `folder`, as arguments for openjd."""
     assert main(["farm", "openjd", str(blend), *ASKED, "--output", str(folder), "--job", str(folder.parent / "job"),
                  *more]) == 0
     template, values = (folder.parent / "job" / f"{name}.yaml" for name in ("template", "parameter_values"))
@@ -52,10 +53,10 @@ def test_a_job_whose_worker_is_killed_loses_nothing_and_leaves_nothing(blend, se
     folder = tmp_path / "ö out"
     job = write_job(blend, folder)
     worker = subprocess.Popen([OPENJD, "run", *job], stdout=subprocess.PIPE, stdin=subprocess.DEVNULL)
-    wait(lambda: passes(folder) and renders(folder))
+    wait_until(lambda: passes(folder) and renders(folder))
     worker.send_signal(signal.SIGKILL)
     worker.communicate()
-    wait(lambda: not renders(folder))
+    wait_until(lambda: not renders(folder))
     assert passes(folder) and not (folder / "Scene_0002_report.json").exists()
     told = run("run", *job)
     assert told.returncode == 0, told.stdout + told.stderr

@@ -1,4 +1,4 @@
-"""Every kind of file that is read of strangers: sound ones, what reads them, and how they are damaged."""
+"""Every kind of untrusted file: valid samples, their readers, and how to damage them."""
 
 import argparse
 import json
@@ -15,14 +15,14 @@ from lens_texts import CODEV, DEEPLENS, DOT_LENS, LENTIL, OPTBENCH, PBRT, TOML, 
 from lenses import gaussian_psf, make_lens
 from lensfield.commands import filter
 from lensfield.commands.reading import read_picture
-from lensfield.engine.bake.prescriptions import read_prescription
-from lensfield.engine.bake.prescriptions.toml import write_prescription
 from lensfield.engine.image.layers import Layer, LayeredRadiance
 from lensfield.engine.image.pixel_grid import PixelGrid
-from lensfield.engine.image.spectral_exr import write_exr
-from lensfield.engine.lens.info import lens_info, lens_text
-from lensfield.engine.lens.readers import import_lens
-from lensfield.engine.lens.readers.package import package_bytes, read_package
+from lensfield.engine.inspection.info import lens_info, lens_text
+from lensfield.engine.lens_files import import_lens
+from lensfield.engine.lens_files.package import package_bytes, read_package
+from lensfield.engine.pictures.spectral_exr import write_exr
+from lensfield.engine.prescription.readers import read_prescription
+from lensfield.engine.prescription.readers.toml import write_prescription
 from lensfield.engine.spectral import refraction, spectra
 from lensfield.engine.spectral.refraction import load_refraction
 from lensfield.engine.spectral.spectra import load_spectrum, parse_wavelengths
@@ -31,20 +31,20 @@ from rgb_files import window
 from vendor_files import code_v_bundle, export_folder, exported_lens, iset_bundle, ray_trace, saved
 
 FIELD = ("angle_deg", 10.0)
-SMALL_BYTES = 2**18  # of a strangers' file that serves as a sound one: larger ones tell no more, later
+SMALL_BYTES = 2**18  # of a valid file from another source: larger ones show no more, and take longer
 LENS = make_lens()
 
 
 @dataclass(frozen=True)
 class Sound:
-    """A sound file, or several in a folder.
+    """A valid file, or several in a folder.
 
     Attributes
     ----------
     files : dict of bytes
         By name.
     entry : str
-        The one that is given to the reader.
+        The name of the file that is passed to the reader.
     """
 
     files: dict[str, bytes]
@@ -61,7 +61,7 @@ class Format:
     read : function (path)
     damage : function (bytes, numpy.random.Generator)
     chatters : bool
-        Whether a library of others tells of damage on standard error, which commands keep quiet.
+        Whether a third-party library prints damage on standard error, which commands suppress.
     """
 
     sounds: list[Sound]
@@ -71,7 +71,7 @@ class Format:
 
 
 def formats(folder: Path) -> Iterator[tuple[str, Format]]:
-    """(name, Format) of all; sound files are made in a folder."""
+    """(name, Format) of all kinds; valid files are written to a folder."""
     yield "lens package", Format(_packages(), read_package_whole, damaged_package)
     yield from _imports(folder)
     yield from _prescriptions()
@@ -93,7 +93,7 @@ def _of_folder(entry):
 
 
 def _shared(pattern):
-    """Small files of strangers, where they are at hand."""
+    """Small files from other sources, if available."""
     return [path for path in sorted(SHARED_DATA.glob(pattern)) if path.stat().st_size <= SMALL_BYTES]
 
 
@@ -188,7 +188,7 @@ def _layered():
 
 
 def _asked():
-    """What `lensfield filter` is asked by its defaults."""
+    """The arguments of `lensfield filter`, with its defaults."""
     parser = argparse.ArgumentParser()
     filter.add(parser.add_subparsers())
     return parser.parse_args(["filter", "rgb.exr", "--lens", "any", "--output", "any.exr"])

@@ -1,15 +1,16 @@
-"""Damage files of every kind, and see that readers tell of it or read: fuzz.py [--count N] [--seed N] [--only NAME]
+"""Damage files of every kind, and check that readers read or reject them: fuzz.py [--count N] [--seed N] [--only NAME]
 
-Each mutant is read in a process of its own, which may take 600 MB more than it begins with, and 2 s of processor time
-more than the sound file takes. What comes out is what was read, or an InputError of one short line in which every
-character shows. All else is a finding: another error, a warning, a word on a standard stream, a signal, too much time
-or memory. Findings are listed with the seed and the number by which --number makes each again; status 1 says that there
-are some. On systems with fork.
+Each mutant is read in a separate process, which may take 600 MB more than it begins with, and 700 units of work more
+than the valid file takes. A unit is the parsing of a text, whose processor time is measured before each file: if that
+is 3 ms, the limit is 2 s. A hang counts only if it happens twice. The result must be the contents, or an InputError of
+one short line in which every character is visible. All else is a finding: another error, a warning, output on a
+standard stream, a signal, too much time or memory. Findings are listed with the seed and the number with which --number
+reproduces each; the exit status is 1 if there were any. Requires fork.
 """
 
 import os
 
-os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy is there: processes that are forked have one thread
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy is imported: forked processes have one thread
 import argparse
 import contextlib
 import resource
@@ -17,6 +18,7 @@ import signal
 import sys
 import tempfile
 import time
+import tomllib
 import traceback
 import warnings
 import zlib
@@ -30,9 +32,12 @@ import numpy as np  # noqa: E402
 from formats import formats  # noqa: E402
 
 from lensfield.engine import InputError  # noqa: E402
-from lensfield.engine.lens.readers import iset_mat, iset_mat_child  # noqa: E402
+from lensfield.engine.lens_files import iset_mat, iset_mat_child  # noqa: E402
+from waiting import LAST_RESORT_S  # noqa: E402
 
-MEMORY_BYTES, MORE_S, WAIT_S = 600 * 2**20, 2.0, 120
+MEMORY_BYTES, MORE_UNITS, BASELINE_UNITS = 600 * 2**20, 700, 20_000
+UNIT_OF_WORK = "[[surfaces]]\nthickness_mm = 1.5\n" * 300  # in pure Python, like most of the readers
+HANG = "hang: "
 LONGEST_MESSAGE = 900
 READ, TOLD = "read", "told"
 
@@ -44,7 +49,7 @@ def main():
     parser.add_argument("--only", help="formats with this in their names")
     parser.add_argument("--number", type=int, help="this mutant alone, whose outcome is told at length")
     options = parser.parse_args()
-    iset_mat._run_child = forked_child  # a new interpreter for each would take twenty times as long
+    iset_mat._run_child = forked_child  # starting a new interpreter for each file would take twenty times as long
     print(f"seed {options.seed}, {options.count} mutants of each format", flush=True)
     findings = 0
     with tempfile.TemporaryDirectory(prefix="lensfield-fuzz-") as folder:
@@ -55,15 +60,15 @@ def main():
 
 
 def fuzzed(name, kind, options, folder):
-    """Read the mutants of a format, and print a line on them and one on each finding; how many findings there are."""
+    """Read the mutants of a format, and print a summary and each finding; returns the number of findings."""
     outcomes, longest_s, most_bytes, findings = Counter(), 0.0, 0, []
     begun = time.monotonic()
     folder = Path(tempfile.mkdtemp(dir=folder))
-    sounds = [(sound, took_s + MORE_S) for sound in kind.sounds if (took_s := baseline_s(kind, sound, folder))]
+    sounds = [(sound, took_s) for sound in kind.sounds if (took_s := baseline_s(kind, sound, folder))]
     for number in range(options.count) if options.number is None else [options.number]:
         random = np.random.default_rng([options.seed, zlib.crc32(name.encode()), number])
-        sound, limit_s = sounds[number % len(sounds)]
-        outcome, taken_s, taken_bytes = read_apart(kind, mutant(kind, sound, random), folder, limit_s)
+        sound, sound_s = sounds[number % len(sounds)]
+        outcome, taken_s, taken_bytes = read_within(MORE_UNITS, kind, mutant(kind, sound, random), folder, sound_s)
         what = outcome.partition(": ")[0]
         outcomes[what] += 1
         longest_s, most_bytes = max(longest_s, taken_s), max(most_bytes, taken_bytes)
@@ -78,22 +83,41 @@ def fuzzed(name, kind, options, folder):
 
 
 def mutant(kind, sound, random):
-    """The files of a sound one, one of them damaged: half of the time the one that is given to the reader."""
+    """The files of a valid sample, one of them damaged: half of the time the one passed to the reader."""
     names = sorted(sound.files)
     name = sound.entry if random.random() < 0.5 else names[random.integers(len(names))]
     return sound.entry, sound.files | {name: kind.damage(sound.files[name], random)}
 
 
 def baseline_s(kind, sound, folder):
-    """Processor seconds that a sound file takes; None of a stranger's that is not read. Ours, the first, has to be."""
-    outcome, taken_s, _ = read_apart(kind, (sound.entry, sound.files), folder, 60.0)
+    """Processor seconds for a valid file; None for a rejected one. The first sample, which is ours, must be read."""
+    outcome, taken_s, _ = read_within(BASELINE_UNITS, kind, (sound.entry, sound.files), folder)
     if outcome != READ and sound is kind.sounds[0]:
         raise SystemExit(f"the sound {sound.entry} is not read: {outcome}")
     return taken_s if outcome == READ else None
 
 
+def unit_s():
+    """Processor seconds of a unit of work on this machine, under its current load."""
+    def once():
+        begin_s = time.process_time()
+        tomllib.loads(UNIT_OF_WORK)
+        return time.process_time() - begin_s
+
+    return min(once() for _ in range(3))
+
+
+def read_within(units, kind, files, folder, more_s=0.0):
+    """The result of `read_apart` under a limit in units of work; a hang is retried, with the unit measured again."""
+    for _ in range(2):
+        outcome, taken_s, taken_bytes = read_apart(kind, files, folder, more_s + units * unit_s())
+        if not outcome.startswith(HANG):
+            break
+    return outcome, taken_s, taken_bytes
+
+
 def read_apart(kind, files, folder, limit_s):
-    """What becomes of files that are read in a process of its own: (outcome, processor seconds, bytes)."""
+    """The result of reading files in a separate process: (outcome, processor seconds, bytes)."""
     entry, contents = files
     for name, data in contents.items():
         (folder / name).write_bytes(data)
@@ -110,21 +134,21 @@ def read_apart(kind, files, folder, limit_s):
     if os.WIFSIGNALED(status):
         number = os.WTERMSIG(status)
         hung = number in (signal.SIGPROF, signal.SIGALRM, signal.SIGXCPU)
-        return f"hang: over {limit_s:.1f} s" if hung else f"signal: {signal.Signals(number).name}", taken_s, 0
+        return f"{HANG}over {limit_s:.1f} s" if hung else f"signal: {signal.Signals(number).name}", taken_s, 0
     taken, _, outcome = told.partition(" ")
-    if taken_s > limit_s:  # a reader's own children count, too
-        outcome = f"hang: {taken_s:.1f} s"
+    if taken_s > limit_s:  # including a reader's own children
+        outcome = f"{HANG}{taken_s:.1f} s"
     return outcome, taken_s, int(taken)
 
 
 def work_in_child(kind, path, limit_s, send):
-    """Read a file under limits, write the outcome down, and end."""
+    """Read a file under limits, report the outcome, and exit."""
     begun = resident_bytes("VmRSS")
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     address_space = resident_bytes("VmSize") + MEMORY_BYTES
     resource.setrlimit(resource.RLIMIT_AS, (address_space, address_space))
     signal.setitimer(signal.ITIMER_PROF, limit_s)
-    signal.alarm(WAIT_S)
+    signal.alarm(round(LAST_RESORT_S))  # for a reader that waits without using the processor
     with tempfile.TemporaryFile() as said:
         for stream in (1, 2):
             os.dup2(said.fileno(), stream)
@@ -155,14 +179,14 @@ def outcome_of(kind, path):
 
 
 def resident_bytes(name):
-    """A figure of this process that Linux tells in kB."""
+    """A figure of this process that Linux reports in kB."""
     for line in Path("/proc/self/status").read_text().splitlines():
         if line.startswith(f"{name}:"):
             return 1024 * int(line.split()[1])
 
 
 def forked_child(path, target, memory_bytes):
-    """What `iset_mat._run_child` does, in a process that is forked."""
+    """A replacement for `iset_mat._run_child` in a forked process."""
     receive, send = os.pipe()
     child = os.fork()
     if child == 0:

@@ -1,4 +1,4 @@
-"""Files damaged at random: in their bytes, in their words, and in the structure of packages."""
+"""Random damage of files: in their bytes, in their words, and in the structure of packages."""
 
 import io
 import json
@@ -22,7 +22,7 @@ NUMBER = re.compile(rb"-?\d+(?:\.\d+)?")
 
 
 def damaged(data, random):
-    """Bytes with one to three hurts."""
+    """The bytes with one to three random changes."""
     for _ in range(random.integers(1, 4)):
         data = HURTS[random.integers(len(HURTS))](data, random)
     return data
@@ -100,7 +100,8 @@ HURTS = [_cut_off, _flipped, _lost, _blotted, _inserted, _word_replaced, _number
 # Lens packages
 
 def damaged_package(data, random):
-    """A package hurt at one of four levels: its bytes, the archive, an array's bytes or contents, the header's JSON."""
+    """A package damaged at one of four levels: its bytes, the archive, an array's bytes or contents, the header's JSON.
+    """
     return [damaged, _archive_hurt, _array_hurt, _header_hurt][random.integers(4)](data, random)
 
 
@@ -118,7 +119,7 @@ def packed(members, compression=zipfile.ZIP_DEFLATED):
 
 
 def _archive_hurt(data, random):
-    """Members lost, added, renamed, told of wrongly in the directory, or compressed otherwise."""
+    """Members lost, added, renamed, described wrongly in the directory, or compressed differently."""
     members, kind = members_of(data), int(random.integers(6))
     name = _pick(list(members), random)
     if kind == 0:
@@ -144,7 +145,7 @@ def _directory_hurt(data, random):
 
 
 def _array_hurt(data, random):
-    """A member of other bytes; with another header, which may not be true; or another array."""
+    """A member with other bytes, with another header, possibly false, or with another array."""
     members = members_of(data)
     name = _pick(list(members), random)
     array = np.load(io.BytesIO(members[name]))
@@ -162,7 +163,7 @@ def _array_hurt(data, random):
 
 
 def _other_array(array, random):
-    """Other numbers, another kind, another shape, or more of them than anybody has."""
+    """Other numbers, another kind, another shape, or an enormous array."""
     if array.dtype.kind == "U":
         return _pick([np.array(1.0), np.array(["{}", "{}"]), np.array("["), np.zeros(3)], random)
     changed = array.astype(float)
@@ -182,7 +183,7 @@ def npy(array):
 
 
 def _header_hurt(data, random):
-    """The header's JSON with fields of other kinds, without some, or damaged as a text."""
+    """The header's JSON with fields of other kinds, without some fields, or damaged as a text."""
     members = members_of(data)
     text = np.load(io.BytesIO(members["header.npy"])).item()
     header = json.loads(text)

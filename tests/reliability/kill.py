@@ -1,9 +1,9 @@
-"""Kills `lensfield render` at random moments, starts it again, and compares what comes of it at the end.
+"""Kills `lensfield render` at random moments, starts it again, and compares the final results.
 
     python tests/reliability/kill.py 50 [SEED]
 
-The scene has two frames, each of three passes of two slabs. A kill comes at any moment between the beginning of the
-first and the end of an undisturbed render; one of eight comes before that.
+The scene has two frames, each of three passes of two slabs. A kill happens at a random moment between the beginning of
+the first frame and the end of an undisturbed render; one of eight happens before that.
 """
 
 import random
@@ -17,6 +17,8 @@ from pathlib import Path
 TESTS = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(TESTS), str(TESTS / "addon")]
 
+from waiting import LAST_RESORT_S  # noqa: E402
+
 FRAMES = "1-2"
 COMMAND = [sys.executable, "-c", "from lensfield.cli import console; console()", "render"]
 EARLY = 1 / 8
@@ -24,7 +26,7 @@ SAMPLES = 256
 
 
 def save_scene(path, samples):
-    """Save the scene that is rendered."""
+    """Save the scene to render."""
     import bpy
 
     from small_scenes import keyframe_world, light, material, wall
@@ -48,13 +50,13 @@ def save_scene(path, samples):
 
 
 def start(blend, folder, frames=FRAMES):
-    """A process that renders it."""
+    """A process that renders the scene."""
     return subprocess.Popen([*COMMAND, str(blend), "--frames", frames, "--output", str(folder), "--progress", "lines",
                              "--lens-quality", "preview"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
 def undisturbed(blend, folder, frames=FRAMES):
-    """Render it; seconds until the first frame begins, and from there to the end."""
+    """Render the scene; returns the seconds until the first frame begins, and from there to the end."""
     begin, process = time.monotonic(), start(blend, folder, frames)
     _begun(process)
     opened = time.monotonic()
@@ -65,7 +67,7 @@ def undisturbed(blend, folder, frames=FRAMES):
 
 
 def killed(process, begun, seconds):
-    """Kill a process so many seconds after its start, or its first frame has begun; whether it was still at work."""
+    """Kill a process so many seconds after its start or its first frame's; returns whether it was running."""
     if begun:
         _begun(process)
     try:
@@ -85,7 +87,7 @@ def _begun(process):
 
 
 def differing(folder, other):
-    """Names of files that are not the same in both folders, and of those in only one; a report has its seconds."""
+    """Names of files that differ between both folders or exist in only one, except for the seconds in reports."""
     names = {path.name for each in (folder, other) for path in each.iterdir() if not path.name.endswith("report.json")}
     return sorted(name for name in names if _bytes(folder / name) != _bytes(other / name))
 
@@ -95,21 +97,21 @@ def _bytes(path):
 
 
 def main(kills=50, seed=1):
-    """Kill so many times; the exit status."""
+    """Kill so many times; returns the exit status."""
     from lensfield import addon
 
     addon.register()
     chance, work = random.Random(seed), Path(tempfile.mkdtemp(prefix="lensfield-kills-"))
     blend, whole, folder = work / "scene.blend", work / "whole", work / "killed"
     save_scene(blend, SAMPLES)
-    undisturbed(blend, folder)  # which bakes the lens
+    undisturbed(blend, folder)  # bakes the lens
     shutil.rmtree(folder)
     opening_s, rendering_s = undisturbed(blend, whole)
     print(f"undisturbed: {opening_s:.1f} s until the first frame begins, {rendering_s:.1f} s to render it", flush=True)
     done = ended = 0
     while done < kills or not ended:
         begun = chance.random() >= EARLY
-        seconds = chance.random() * (rendering_s if begun else opening_s) if done < kills else 600.0
+        seconds = chance.random() * (rendering_s if begun else opening_s) if done < kills else LAST_RESORT_S
         if killed(start(blend, folder), begun, seconds):
             done += 1
             kept = len(list(folder.glob(".lensfield/*_passes/*/[!.]*.exr")))

@@ -1,10 +1,10 @@
-"""What is done over and over takes no more memory the longer it goes on, and leaves nothing.
+"""Repeated operations do not increase the memory over time, and leave nothing behind.
 
     python tests/reliability/long_runs.py [--previews 200] [--renders 50] [--registers 50]
 
-Each line tells how much memory a process has after a fifth of its runs and at their end (medians over a fifth of them),
-and what has grown beside it: threads, open files, child processes, Blender's data, handlers, classes and temporary
-files. Status 1 where memory is not flat within 5 %, or something is left.
+Each line shows the memory of a process after a fifth of its runs and at the end (medians over a fifth of the runs), and
+any growth of other counts: threads, open files, child processes, Blender's data, handlers, classes and temporary files.
+The exit status is 1 if memory is not constant within 5 %, or something is left.
 """
 
 import argparse
@@ -20,12 +20,13 @@ TESTS = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(TESTS), str(TESTS / "addon")]
 
 TEMPORARY = Path(tempfile.mkdtemp(prefix="lensfield-long-runs-"))
-os.environ["TMPDIR"] = tempfile.tempdir = str(TEMPORARY)  # where nothing else is written
+os.environ["TMPDIR"] = tempfile.tempdir = str(TEMPORARY)  # nothing else is written there
 
 import bpy  # noqa: E402
 
 from lensfield import addon  # noqa: E402
 from lensfield.addon.ui import preview  # noqa: E402
+from lensfield.addon.ui.session import session  # noqa: E402
 from lensfield.commands.terminal import quiet  # noqa: E402
 from small_scenes import background, light, material, wall  # noqa: E402
 
@@ -47,7 +48,7 @@ def main():
 
 
 def make_scene():
-    """A wall and a lamp before a camera."""
+    """A wall and a lamp in front of a camera."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     scene.render.engine = "CYCLES"
@@ -66,14 +67,15 @@ def renders(count):
     with tempfile.TemporaryDirectory() as folder:
         def render(number):
             background(bpy.context.scene).inputs["Strength"].default_value = number % 7
-            addon.render_through_lens(bpy.context.scene, "edmund-54852", [450, 550, 650], folder)
+            addon.render_through_lens(bpy.context.scene, lens="edmund-54852", wavelengths_nm=[450, 550, 650],
+                                      output_folder=folder)
             return os.getpid()
 
         return told("renders", count, render)
 
 
 def previews(count):
-    """Each of a scene that has changed; the memory is that of the process that renders them."""
+    """A preview after each change of the scene; the memory is that of the rendering process."""
     preview.STILL_S = 0.0
     preview.start(bpy.context.scene)
     scene = bpy.context.scene
@@ -81,12 +83,12 @@ def previews(count):
     def show(number):
         background(scene).inputs["Strength"].default_value = number % 7
         bpy.context.view_layer.update()
-        preview.state["preview"].changed_s = preview.state["preview"].other_s = 0.0
-        while preview.tick() is not None and (preview.state["preview"].asked or not preview.state["preview"].fresh):
+        session.preview.changed_s = session.preview.other_s = 0.0
+        while preview.tick() is not None and (session.preview.asked or not session.preview.fresh):
             time.sleep(POLL_S)
-        if preview.state["preview"] is None or preview.state["preview"].error:
-            raise SystemExit(f"preview {number}: {preview.state}")
-        return preview.state["preview"].child._process.pid
+        if session.preview is None or session.preview.error:
+            raise SystemExit(f"preview {number}: {session}")
+        return session.preview.child._process.pid
 
     sound = told("previews", count, show, ("the process that renders", "Blender"))
     preview.end()
@@ -103,9 +105,9 @@ def registers(count):
 
 
 def told(what, count, run, names=("Blender",)):
-    """Run it so often, and print what memory and all else has come to; whether that is flat."""
+    """Run it so often, and print the memory and the remains; returns whether memory is constant and nothing remains."""
     megabytes = {name: [] for name in names}
-    with quiet(1):  # Blender tells of each copy that it saves
+    with quiet(1):  # suppresses Blender's messages about saved copies
         for number in range(count):
             process = run(number)
             if number == count // 5:
@@ -129,7 +131,7 @@ def resident_mb(process):
 
 
 def beside(process):
-    """What may be left of this process, and of the one that renders: how many of each."""
+    """Counts of possible remains of this process, and of the one that renders."""
     own = {os.getpid(), process}
     handlers = (getattr(bpy.app.handlers, name) for name in dir(bpy.app.handlers) if not name.startswith("_"))
     return {"threads": sum(len(os.listdir(f"/proc/{each}/task")) for each in own),

@@ -1,4 +1,4 @@
-"""Several `lensfield render` of the same frames in one folder, one of which is killed: who renders what.
+"""Several `lensfield render` processes share a folder and its frames; one is killed. Reports who rendered what.
 
     python tests/reliability/share.py 4 [FRAMES]
 """
@@ -15,7 +15,7 @@ SAMPLES = 64
 
 
 def main(processes=4, frames=8):
-    """Tell it, and compare with what one process makes; the exit status."""
+    """Print the shares, and compare with the result of a single process; returns the exit status."""
     from lensfield import addon
 
     addon.register()
@@ -30,7 +30,7 @@ def main(processes=4, frames=8):
         return 1
     print(f"one of {processes} processes was killed {'at work' if was_at_work else 'when it had ended'}; the others "
           f"rendered {', '.join(str(out.count('lens_image.exr')) for out, _ in told)} of {frames} frames")
-    kill.undisturbed(blend, shared, spec)  # what is left, if anything is
+    kill.undisturbed(blend, shared, spec)  # renders any remaining frames
     kill.undisturbed(blend, alone, spec)
     found = kill.differing(alone, shared)
     print(f"other than of one process: {', '.join(found)}; see {work}" if found else "each byte as of one process")

@@ -1,4 +1,4 @@
-"""Lens data written the ways lens-design programs and their macros do, for readers to read back."""
+"""Lens data as written by lens-design programs and their macros, for tests of the readers."""
 
 import json
 
@@ -15,7 +15,7 @@ ENCODINGS = ("utf-8", "utf-8-sig", "latin-1", "utf-16", "utf-16-le", "utf-16-be"
 
 
 def vendor_export(name):
-    """A real export; the test is skipped where these are not at hand."""
+    """A real export; the test is skipped if it is not available."""
     path = VENDOR_EXPORTS / name
     if not path.exists():
         pytest.skip(f"the vendor exports are not in {VENDOR_EXPORTS}")
@@ -23,7 +23,7 @@ def vendor_export(name):
 
 
 def exported_lens(waves=2, heights=3, window=9, **changes):
-    """A small lens whose tables differ everywhere and whose PSFs tell up from down and left from right."""
+    """A small lens whose tables differ everywhere and whose PSFs distinguish up from down and left from right."""
     nm, heights_mm = np.linspace(450.0, 650.0, waves), np.linspace(0, 3, heights)
     mark = np.zeros((waves, heights, window, window))
     mark[..., window // 2 + 3, window // 2 + 2] = 0.2 + 0.1 * np.arange(heights)
@@ -37,12 +37,12 @@ def exported_lens(waves=2, heights=3, window=9, **changes):
 
 
 def upright(psf, image_side):
-    """A PSF (v, u) as it lies in the image plane, rows ascending with y, when its image point is on that side."""
+    """A PSF (v, u) as in the image plane, rows ascending with y, for an image point on that side of the axis."""
     return psf if image_side == "+y" else np.roll(psf[::-1, ::-1], 1 - psf.shape[0] % 2, axis=(0, 1))
 
 
 def matrix_text(values, digits=6, comma=False, separator="\t"):
-    """Rows of numbers with the exponents of three digits that Zemax writes."""
+    """Rows of numbers with three-digit exponents, as Zemax writes them."""
     lines = [separator.join(f"{value:.{digits}E}".replace("E-", "E-0").replace("E+", "E+0") for value in row)
              for row in values]
     text = "\n".join(lines) + "\n"
@@ -50,11 +50,11 @@ def matrix_text(values, digits=6, comma=False, separator="\t"):
 
 
 def huygens_listing(values, pitch_um, wavelength_nm, y_mm, comma=False, leave_out=(), units=""):
-    """A Huygens listing of a PSF that lies upright with its chief ray at [n // 2, n // 2].
+    """A Huygens listing of an upright PSF with its chief ray at [n // 2, n // 2].
 
     OpticStudio's own listings have the largest y first, and their centre, "33, 33" of 64, is column 33 from the left
-    and row 33 *from the bottom*: there, and not at row 33 from the top, PSFs of the axis are symmetric, and PSFs off
-    the axis have their centroid where the listing itself tells it.
+    and row 33 *from the bottom*: about that point, and not about row 33 from the top, PSFs on the axis are symmetric,
+    and off-axis PSFs have the centroid that the listing itself states.
     """
     n = len(values)
     header = [
@@ -70,10 +70,10 @@ def huygens_listing(values, pitch_um, wavelength_nm, y_mm, comma=False, leave_ou
 
 
 def fft_listing(values, pitch_um, wavelength_nm, y_mm, comma=False, full=None):
-    """An FFT listing of a PSF that lies upright with its chief ray at [n // 2 - 1, n // 2 - 1].
+    """An FFT listing of an upright PSF with its chief ray at [n // 2 - 1, n // 2 - 1].
 
     OpticStudio counts the row from the top and the column from the left: "row 33, column 32" of 64. `full` is the size
-    of the grid of which the middle is shown.
+    of the grid; the listing contains its middle.
     """
     n = len(values)
     full = full or n
@@ -88,7 +88,7 @@ def fft_listing(values, pitch_um, wavelength_nm, y_mm, comma=False, full=None):
 
 
 def _with_commas(text):
-    """Decimal points between digits as commas."""
+    """Replace decimal points between digits by commas."""
     return "".join("," if letter == "." and text[at - 1].isdigit() and text[at + 1:at + 2].isdigit() else letter
                    for at, letter in enumerate(text))
 
@@ -99,7 +99,7 @@ def table_text(table, columns=True):
 
 
 def iset_bundle(folder, lens, image_side="-y", encoding="latin-1", columns=True, base="LENS", two_d=False):
-    """A bundle as the macros for Zemax write it; gives its parameter file."""
+    """A bundle as the macros for Zemax write it; returns its parameter file."""
     folder.mkdir(parents=True, exist_ok=True)
     waves, heights = lens.wavelengths_nm, lens.heights_mm
     fov = np.degrees(np.arctan(heights[-1] / lens.capture_focal_length_mm))
@@ -136,7 +136,7 @@ def iset_bundle(folder, lens, image_side="-y", encoding="latin-1", columns=True,
 
 
 def code_v_bundle(folder, lens, base="rtLENS"):
-    """A bundle as the macro for CODE V writes it; gives its parameter file."""
+    """A bundle as the macro for CODE V writes it; returns its parameter file."""
     folder.mkdir(parents=True, exist_ok=True)
     waves, heights = lens.wavelengths_nm, lens.heights_mm
     fov = np.degrees(np.arctan(heights[-1] / lens.capture_focal_length_mm))
@@ -159,7 +159,7 @@ def code_v_bundle(folder, lens, base="rtLENS"):
 
 
 def export_folder(folder, lens, program="zemax", image_side="+y", told=(), **changes):
-    """An export folder with plain tables; gives its lens.toml. `told` replaces what that says; None leaves out."""
+    """An export folder with plain tables; returns its lens.toml. `told` replaces fields, and None omits them."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "real_height.txt").write_text(table_text((-1 if image_side == "-y" else 1) * lens.real_height_mm))
     (folder / "ri.txt").write_text(table_text(lens.relative_illumination))
@@ -191,14 +191,14 @@ def write_description(path, fields):
 
 
 def zospy_labels(count, pitch_um, centre):
-    """What ZOSPy calls the samples of an axis: the chief ray's is half a sample."""
+    """ZOSPy's labels for the samples of an axis: the chief ray's is half a sample."""
     return ((np.arange(count) - centre + 0.5) * pitch_um).round(10)
 
 
 def zospy_json(values, pitch_um=1.0, index=None, columns=None, header=(), **settings):
-    """The JSON of a Huygens result, for a PSF that lies upright with its chief ray at [n // 2, n // 2].
+    """The JSON of a Huygens result, for an upright PSF with its chief ray at [n // 2, n // 2].
 
-    `index` and `columns` are the labels of its rows and columns where they are others.
+    `index` and `columns` replace the labels of its rows and columns.
     """
     usual = zospy_labels(len(values), pitch_um, len(values) // 2)
     return json.dumps({
@@ -210,7 +210,7 @@ def zospy_json(values, pitch_um=1.0, index=None, columns=None, header=(), **sett
 
 
 def damages(data, count, seed=3):
-    """Data with bytes flipped, cut off, doubled, blotted out or replaced, ever anew."""
+    """Data with bytes flipped, truncated, doubled, zeroed or replaced, in endless variation."""
     rng = np.random.default_rng(seed)
     for number in range(count):
         damaged = bytearray(data)
@@ -233,7 +233,8 @@ def damages(data, count, seed=3):
 
 
 def check_that_damage_is_harmless(path, read, count=200):
-    """Every damage of a file is read or told in one line, as a LensError; the file is whole again afterwards."""
+    """Every damaged version of a file is read or rejected in one line, by a LensError; the file is restored afterwards.
+    """
     sound = path.read_bytes()
     for damaged in damages(sound, count):
         path.write_bytes(damaged)
@@ -245,7 +246,7 @@ def check_that_damage_is_harmless(path, read, count=200):
 
 
 def check_same_lens(read, lens, digits=6):
-    """The tables of a lens, to the digits that listings have; its windows may be larger or smaller."""
+    """Compares the tables of a lens, to the precision of listings; its windows may be larger or smaller."""
     np.testing.assert_allclose(read.wavelengths_nm, lens.wavelengths_nm)
     np.testing.assert_allclose(read.heights_mm, lens.heights_mm, atol=1e-6)
     np.testing.assert_allclose(read.real_height_mm, lens.real_height_mm, atol=2 * 10.0**-digits)
@@ -256,14 +257,14 @@ def check_same_lens(read, lens, digits=6):
 
 
 def _about_centre(psf, reach):
-    """PSFs in a window about the chief ray, of unit sum there."""
+    """PSFs in a window about the chief ray, normalised to unit sum there."""
     centre = psf.shape[-1] // 2
     window = psf[..., centre - reach:centre + reach + 1, centre - reach:centre + reach + 1].astype(float)
     return window / window.sum(axis=(2, 3), keepdims=True)
 
 
 def ray_trace(lens, program="Zemax", centre=None):
-    """The structure that ISETCam's rtImportData makes."""
+    """The structure that ISETCam's rtImportData creates."""
     side = "+y" if program == "Code V" else "-y"
     axes = {"fieldHeight": lens.heights_mm[:, None], "wavelength": lens.wavelengths_nm[:, None]}
     psf = np.stack([[upright(lens.psf[w, h], side) for w in range(lens.wavelengths_nm.size)]

@@ -1,6 +1,6 @@
-"""A user's hands and eyes: mouse and keys in a window of Blender, and what is to be seen there.
+"""A simulated user: mouse and keys in a window of Blender, and checks of the display.
 
-What takes time is a generator of the seconds to wait: `yield from` it.
+Functions that take time are generators of the seconds to wait: `yield from` them.
 """
 
 import json
@@ -14,16 +14,18 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from waiting import LAST_RESORT_S
+
 STEP, PACKAGE, FOLDER = sys.argv[sys.argv.index("--") + 1:]
 FOLDER = Path(FOLDER)
-"""Of this step."""
+"""The folder of this step."""
 MODULE = "bl_ext.user_default.lensfield"
 SAMPLE = Path(__file__).resolve().parents[2] / "sample_scenes" / "evening_chess.blend"
-DRAW_S = 0.4  # for Blender to draw what has changed
+DRAW_S = 0.4  # for Blender to draw changes
 
 
 def tell(wrong="", status=0, gone=()):
-    """Tell the driver what is wrong, what exit status Blender ends with, and which processes and paths go with it."""
+    """Report to the driver: the error, Blender's exit status, and the processes and paths that must disappear."""
     (FOLDER / "told.json").write_text(json.dumps({"wrong": wrong, "status": status, "gone": gone}), encoding="utf-8")
 
 
@@ -36,7 +38,7 @@ def newest_window():
 
 
 def area(kind, window=None):
-    """The largest area of a kind in a window, the main one unless told."""
+    """The largest area of a kind in a window, by default the main window."""
     return max((area for area in (window or main_window()).screen.areas if area.type == kind),
                key=lambda area: area.width * area.height)
 
@@ -47,7 +49,7 @@ def region(area, kind="WINDOW"):
 
 @contextmanager
 def over(area_type="VIEW_3D", window=None):
-    """Operators are called from here, as from a button there."""
+    """Operators are called in this area's context, as from a button in it."""
     there = area(area_type, window)
     with bpy.context.temp_override(window=window or main_window(), area=there, region=region(there)):
         yield
@@ -74,17 +76,17 @@ def shoot(name):
     subprocess.run(["import", "-window", "root", FOLDER.parent / f"{STEP}-{name}.png"], check=True)
 
 
-def until(condition, seconds=120):
+def until(condition):
     """Wait for a condition."""
-    deadline = time.monotonic() + seconds
+    deadline = time.monotonic() + LAST_RESORT_S
     while not condition():
         if time.monotonic() > deadline:
-            raise TimeoutError(f"waited {seconds} s in vain: {notice() or progress()}")
+            raise TimeoutError(f"waited in vain: {notice() or progress()}")
         yield 0.05
 
 
 def open_sample(samples=4, percentage=25, **settings):
-    """Open a copy of the sample scene, made small; settings are Lensfield's."""
+    """Open a copy of the sample scene, reduced in size; settings are Lensfield's."""
     path = FOLDER / SAMPLE.name
     shutil.copy(SAMPLE, path)
     bpy.ops.wm.open_mainfile(filepath=str(path))
@@ -113,14 +115,14 @@ def choose_petzval():
 
 
 def turn(f_stop, distance):
-    """Turn the lens by the camera's own Depth of Field."""
+    """Set the lens by the camera's own Depth of Field."""
     dof = bpy.context.scene.camera.data.dof
     dof.use_dof, dof.aperture_fstop, dof.focus_distance = True, f_stop, distance
     bpy.ops.ed.undo_push(message="Turn Rings")
 
 
 def lens_request():
-    """What the panel asks of its lens, and knows so far."""
+    """The panel's request for its lens, with the results so far."""
     return sys.modules[f"{MODULE}.addon.ui.lens_worker"].lens_request(bpy.context.scene)
 
 
@@ -129,7 +131,7 @@ def trust():
 
 
 def drawn(part):
-    """Kinds of areas whose panels draw a part of the Lensfield panel from now on: a set that grows."""
+    """A set of the kinds of areas whose panels have drawn a part of the Lensfield panel since this call."""
     panels, kinds = sys.modules[f"{MODULE}.addon.ui.panels"], set()
     draw = getattr(panels, part)
     setattr(panels, part, lambda *given: (kinds.add(bpy.context.area.type), draw(*given)))
@@ -141,25 +143,25 @@ def raise_vase():
 
 
 def preview_under_way():
-    """The preview that is on, or None."""
-    return sys.modules[f"{MODULE}.addon.ui.preview"].state["preview"]
+    """The active preview, or None."""
+    return session().preview
 
 
 def preview_is_fresh():
-    """Whether the preview shows the scene as it is, through the lens that is chosen."""
+    """Whether the preview shows the current scene through the chosen lens."""
     preview = preview_under_way()
     assert preview and not preview.error, preview and preview.error
     key = sys.modules[f"{MODULE}.addon.ui.preview"].lens_key(bpy.context.scene)
     return preview.picture.is_file() and preview.fresh and not preview.asked and preview.lens == key
 
 
-def window_render():
-    return sys.modules[f"{MODULE}.addon.ui.window_render"]
+def session():
+    return sys.modules[f"{MODULE}.addon.ui.session"].session
 
 
 def rendering():
-    """The lens render under way, or None."""
-    return window_render().state["render"]
+    """The active lens render, or None."""
+    return session().render
 
 
 def progress():
@@ -167,7 +169,7 @@ def progress():
 
 
 def notice():
-    return "\n".join(window_render().state["notice"])
+    return "\n".join(session().last_render.lines)
 
 
 def in_a_pass():
@@ -176,12 +178,12 @@ def in_a_pass():
 
 
 def child():
-    """The number of the render's process."""
+    """The process id of the render."""
     return rendering().child._process.pid
 
 
 def alive(number):
-    """Whether a process is at work."""
+    """Whether a process is running."""
     try:
         return Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except FileNotFoundError:
@@ -189,24 +191,25 @@ def alive(number):
 
 
 def start(operator="render"):
-    """Press one of Lensfield's buttons: Render through Lens, unless told."""
+    """Press one of Lensfield's buttons, by default Render through Lens."""
     with over():
         assert getattr(bpy.ops.lensfield, operator)("INVOKE_DEFAULT") == {"FINISHED"}
     yield DRAW_S
 
 
 def start_endless():
-    """Start a render that takes longer than a step does, and wait until it is at it."""
+    """Start a render that takes longer than a step, and wait until it is running."""
     yield from open_sample(samples=1 << 16, percentage=100)
     yield from start()
     yield from until(in_a_pass)
 
 
 def render(operator="render"):
-    """Press one of Lensfield's buttons and wait; the lens image of the current frame, float array (row, column, 4)."""
+    """Press one of Lensfield's buttons and wait; returns the current frame's lens image, float array (row, column, 4).
+    """
     yield from start(operator)
     yield from until(lambda: not rendering())
-    assert window_render().state["icon"] == "INFO", notice()
+    assert session().last_render.icon == "INFO", notice()
     yield DRAW_S
     return pixels(lens_image_path())
 
@@ -218,7 +221,7 @@ def lens_image_path():
 
 
 def render_window():
-    """Press F12; the window that Blender opens, its render at work."""
+    """Press F12; returns the window that Blender opens while its render is running."""
     yield from press("F12", region(area("VIEW_3D")), across=0.3)
     yield from until(lambda: bpy.app.is_job_running("RENDER") and newest_window() != main_window(), 20)
     yield 1
@@ -226,7 +229,7 @@ def render_window():
 
 
 def render_in_blender():
-    """Press F12; what Blender shows, float array (row, column, 4), in its scene's linear colours."""
+    """Press F12; returns the displayed picture, float array (row, column, 4), in its scene's linear colours."""
     scene = bpy.context.scene
     yield from press("F12", area("VIEW_3D"))
     yield from until(lambda: bpy.app.is_job_running("RENDER") or len(bpy.context.window_manager.windows) > 1, 10)
@@ -252,7 +255,7 @@ def close_other_windows():
 
 
 def pixels(path):
-    """The pixels of a picture's file."""
+    """The pixels of a picture file."""
     image = bpy.data.images.load(str(path))
     image.colorspace_settings.name = "Non-Color"
     values = np.empty(image.size[0] * image.size[1] * 4, np.float32)
@@ -264,12 +267,12 @@ def pixels(path):
 
 
 def alike(one, other):
-    """Whether two pictures are the same, but for what half-precision files lose."""
+    """Whether two pictures are the same, within the precision of half-precision files."""
     return one.shape == other.shape and np.allclose(one[..., :3], other[..., :3], rtol=2e-3, atol=1e-4)
 
 
 def node_label():
-    """What the Lensfield node in the compositor says; None where there is no such node."""
+    """The label of the Lensfield node in the compositor; None without such a node."""
     scene = bpy.context.scene
     tree = scene.compositing_node_group if hasattr(scene, "compositing_node_group") else scene.node_tree
     labels = [node.label for node in tree.nodes if node.bl_idname == "CompositorNodeGroup"] if tree else []

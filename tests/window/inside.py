@@ -1,4 +1,4 @@
-"""Takes one step of `steps.py` in the Blender that runs this: `blender … --python inside.py -- STEP ZIP FOLDER`."""
+"""Runs one step of `steps.py` in this Blender: `blender … --python inside.py -- STEP ZIP FOLDER`."""
 
 import sys
 import traceback
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import bpy
 
-sys.path.insert(0, str(Path(__file__).parent))
+sys.path[:0] = [str(folder) for folder in Path(__file__).resolve().parents[:2]]
 import hands  # noqa: E402
 import steps  # noqa: E402
 
@@ -14,7 +14,7 @@ FIRST_S = 1.5  # for Blender to draw its window
 
 
 def take(step):
-    """Go on with a step, and quit Blender at its end; it returns what has to be gone afterwards."""
+    """Continue a step, and quit Blender at its end; the step returns the items that must disappear afterwards."""
     wrong, gone = "", ()
     try:
         return next(step)

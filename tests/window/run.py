@@ -1,11 +1,11 @@
-"""A real window of a real Blender, driven as a user would: `make ui-test BLENDER=/path/to/blender`.
+"""A real window of a real Blender, driven as by a user: `make ui-test BLENDER=/path/to/blender`.
 
     python tests/window/run.py BLENDER ZIP FOLDER [STEP ...]
 
-installs the extension's zip into a user folder of its own and takes the steps of `steps.py` (all, unless some are
-named), each in a Blender of its own. It needs an X display, or Xvfb to make one; and ImageMagick's `import`, for the
-screenshots that come to lie in the folder beside each step's files and its log. The exit status is 0 where all steps
-have passed.
+installs the extension's zip into a separate user folder and runs the steps of `steps.py` (all, unless some are named),
+each in a separate Blender. It needs an X display, or Xvfb to create one; and ImageMagick's `import`, for the
+screenshots, which are stored in the folder with each step's files and its log. The exit status is 0 if all steps have
+passed.
 """
 
 import ast
@@ -19,12 +19,14 @@ import time
 from contextlib import contextmanager
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from waiting import LAST_RESORT_S  # noqa: E402
+
 HERE = Path(__file__).parent
 STEPS = [node.name for node in ast.parse((HERE / "steps.py").read_text(encoding="utf-8")).body
          if isinstance(node, ast.FunctionDef)]
-STEP_S = 560
+STEP_S = 2 * LAST_RESORT_S  # a wait within a step ends earlier
 SIZE = "1600x900"
-GONE_S = 3  # for a render to be gone after its Blender
 
 
 @contextmanager
@@ -46,7 +48,7 @@ def display():
 
 
 def take(step, blender, package, folder, environment):
-    """Take a step: what went wrong, or nothing."""
+    """Run a step; returns the error, or an empty string."""
     place = folder / step
     shutil.rmtree(place, ignore_errors=True)
     place.mkdir(parents=True)
@@ -72,8 +74,8 @@ def take(step, blender, package, folder, environment):
 
 
 def left_over(things):
-    """Which processes and files that a step wants gone are still there after a while; nothing, if none."""
-    deadline = time.monotonic() + GONE_S
+    """Names the processes and files that should disappear but do not; empty if all disappear."""
+    deadline = time.monotonic() + LAST_RESORT_S
     while left := [thing for thing in things if there_is(thing)]:
         if time.monotonic() > deadline:
             return f"still there: {', '.join(map(str, left))}"
@@ -82,7 +84,7 @@ def left_over(things):
 
 
 def there_is(thing):
-    """Whether there is this file, or a process of this number that is at work."""
+    """Whether this file exists, or a process with this id is running."""
     if isinstance(thing, str):
         return os.path.exists(thing)
     try:
@@ -100,7 +102,7 @@ def main(blender, package, folder, *steps):
     user = folder / "user"
     if not steps or steps[0] == STEPS[0]:
         shutil.rmtree(user, ignore_errors=True)
-    (user / "config").mkdir(parents=True, exist_ok=True)  # Blender passes over a user folder that is not there
+    (user / "config").mkdir(parents=True, exist_ok=True)  # Blender ignores a user folder that does not exist
     failed = 0
     with display() as environment:
         for step in steps or STEPS:

@@ -1,4 +1,4 @@
-"""What a user does, step by step. Each step has a Blender of its own; the first installs the extension for all."""
+"""A user's actions, step by step. Each step has a separate Blender; the first installs the extension for all."""
 
 import os
 import shutil
@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import bpy
+import numpy as np
 from hands import (
     DRAW_S,
     FOLDER,
@@ -50,7 +51,7 @@ from hands import (
 
 
 def install():
-    """From the disk, by Blender's own operator, and kept in the preferences."""
+    """From the disk, by Blender's own operator, and saved in the preferences."""
     assert bpy.ops.extensions.package_install_files(
         filepath=PACKAGE, repo="user_default", enable_on_install=True) == {"FINISHED"}
     assert Path(sys.modules[MODULE].__file__).is_relative_to(os.environ["BLENDER_USER_RESOURCES"])
@@ -61,7 +62,7 @@ def install():
 
 
 def default_scene():
-    """Never saved, and with a click: the picture is in the compositor, and its folder is told."""
+    """Not saved yet, and with one click: the picture is in the compositor, and its folder is reported."""
     yield from show_tab()
     bpy.context.scene.cycles.samples, bpy.context.scene.render.resolution_percentage = 4, 25
     bpy.ops.ed.undo_push(message="Make Small")
@@ -76,7 +77,7 @@ def default_scene():
 
 
 def sample_scene():
-    """Opens in the camera's view, renders, and comes into the compositor and into F12."""
+    """It opens in the camera's view, renders, and appears in the compositor and in F12."""
     yield from open_sample()
     assert area("VIEW_3D").spaces.active.region_3d.view_perspective == "CAMERA"
     shoot("opened")
@@ -88,7 +89,7 @@ def sample_scene():
 
 
 def another_lens():
-    """On the light that is kept, without a render; one undo takes it back."""
+    """Applied to the cached light, without a render; one undo reverts it."""
     yield from open_sample()
     first = yield from render()
     choose_petzval()
@@ -102,15 +103,15 @@ def another_lens():
 
 
 def preview():
-    """Shows the camera's view soon, follows lens and scene, and leaves nothing."""
+    """It soon shows the camera's view, follows lens and scene, and leaves nothing behind."""
     yield from open_sample(samples=64, percentage=100)
     yield from start("preview")
     pictures = []
     for name, change in (("first", lambda: None), ("lens", choose_petzval), ("scene", raise_vase)):
         change()
         start_s = time.monotonic()
-        yield 0.2  # for Blender to hear of the change
-        if preview_under_way().slow:  # copying takes so long here that it waits to be asked
+        yield 0.2  # for Blender to process the change
+        if preview_under_way().slow:  # copying is so slow here that it waits for a click
             yield from start("refresh_preview")
         yield from until(preview_is_fresh)
         print(f"{name}: {time.monotonic() - start_s:.1f} s")
@@ -127,7 +128,7 @@ def preview():
 
 
 def depth():
-    """Sharp and blurred: the focus overlay follows the rings at once, and a render goes on under an undo."""
+    """Sharp and blurred: the focus overlay follows the rings immediately, and a render continues during an undo."""
     yield from open_sample(samples=16, percentage=100)
     scene = bpy.context.scene
     choose_petzval()
@@ -168,7 +169,9 @@ def depth():
 
 
 def rings():
-    """Turned, they are told of at once; their lens is baked while one works on, undoes, saves and opens another file.
+    """Turned rings are reported immediately.
+
+    Their lens is baked while the user works on, undoes, saves and opens another file.
     """
     yield from open_sample()
     turn(f_stop=8, distance=0.9)
@@ -189,7 +192,7 @@ def rings():
     turn(f_stop=11, distance=1.3)
     yield from until(lambda: lens_request().fraction or lens_request().lens)
     yield from press("S", region(area("VIEW_3D")), across=0.3, ctrl=True)
-    yield from until(lambda: not bpy.data.is_dirty, 10)
+    yield from until(lambda: not bpy.data.is_dirty)
     turn(f_stop=11, distance=1.4)
     yield from until(lambda: lens_request().fraction or lens_request().lens)
     before = lens_request()
@@ -200,7 +203,7 @@ def rings():
 
 
 def animation():
-    """Of three frames, each its own picture; stopped amid, it goes on from there."""
+    """Three frames with different pictures; after a cancellation, the render continues from there."""
     yield from open_sample(samples=32, percentage=50)
     scene = bpy.context.scene
     scene.frame_start, scene.frame_end = 1, 3
@@ -226,7 +229,7 @@ def animation():
 
 
 def escape():
-    """Stops the render within a second over the sidebar and the properties, and does nothing in the 3D view."""
+    """It stops the render over the sidebar and the properties, and does nothing in the 3D view."""
     yield from start_endless()
     view = area("VIEW_3D")
     yield from press("ESC", region(view), across=0.3)
@@ -240,14 +243,14 @@ def escape():
         number, folder = child(), rendering().folder.name
         yield from press("ESC", place, up=0.9)
         start_s = time.monotonic()
-        yield from until(lambda number=number: not alive(number), 0.6)  # press has waited, too
+        yield from until(lambda number=number: not alive(number))
         print(f"gone {time.monotonic() - start_s:.2f} s after Esc")
-        assert not rendering() and notice().startswith("Cancelled")  # and what is kept
+        assert not rendering() and notice().startswith("Cancelled")  # and names the cached data
         assert not os.path.exists(folder) and not list(Path(FOLDER, "lensfield").glob("[!.]*"))
 
 
 def edit_undo_save():
-    """During a render, in the main window: all is as if there were none."""
+    """During a render, in the main window: everything works as without a render."""
     yield from start_endless()
     view, scene = area("VIEW_3D"), bpy.context.scene
     settings = scene.render.engine, scene.render.resolution_percentage, scene.camera.name, scene.render.filepath
@@ -260,7 +263,7 @@ def edit_undo_save():
     yield from press("Z", region(view), across=0.3, ctrl=True, shift=True)
     assert "Edited" in bpy.data.objects and rendering()
     yield from press("S", region(view), across=0.3, ctrl=True)
-    yield from until(lambda: not bpy.data.is_dirty, 10)
+    yield from until(lambda: not bpy.data.is_dirty)
     assert rendering()
     shoot("saved")
     bpy.ops.wm.revert_mainfile()
@@ -284,25 +287,25 @@ def other_windows():
     yield from press("Z", there, window, ctrl=True)
     assert bpy.context.scene.name == "Scene" and rendering()
     yield from press("S", there, window, ctrl=True)
-    yield from until(lambda: not bpy.data.is_dirty, 10)
+    yield from until(lambda: not bpy.data.is_dirty)
     assert rendering()
     shoot("second")
     close_other_windows()
     window = yield from render_window()
     there = area("IMAGE_EDITOR", window)
     yield from press("S", there, window, ctrl=True)
-    yield from press("Z", there, window, ctrl=True)  # which ends Blender's own render
+    yield from press("Z", there, window, ctrl=True)  # ends Blender's own render
     assert rendering() and bpy.context.scene.render.engine == "CYCLES"
     shoot("render-window")
     close_other_windows()
     window = yield from render_window()
     yield from press("ESC", area("IMAGE_EDITOR", window), window)
     yield 1
-    assert rendering()  # Esc is for Blender's own, though Blender does not hear a simulated one
+    assert rendering()  # Esc applies to Blender's own render, though Blender ignores a simulated one
 
 
 def compositor():
-    """The lens image where it is true, else the plain render; and taken out, all is as it was."""
+    """The lens image if it is valid, otherwise the plain render; after its removal, everything is restored."""
     yield from open_sample()
     plain = yield from render_in_blender()
     lens_image = yield from render()
@@ -327,31 +330,62 @@ def compositor():
 
 
 def what_counts():
-    """An undone edit and a redone one, a setting that Blender tells nobody of, and a file that goes: as they happen."""
+    """Each immediately: an undone and a redone edit, a setting without an update from Blender, and a deleted file."""
     yield from open_sample(samples=1, percentage=10)
     lens_image, view = (yield from render()), region(area("VIEW_3D"))
     bpy.data.objects["Vase"].location.x += 0.02
     bpy.ops.ed.undo_push(message="Move")
-    yield from until(lambda: "has changed since" in node_label(), 5)
+    yield from until(lambda: "has changed since" in node_label())
     yield from press("Z", view, across=0.3, ctrl=True)
-    yield from until(lambda: node_label() == "Lensfield: lens image", 5)
+    yield from until(lambda: node_label() == "Lensfield: lens image")
     yield from press("Z", view, across=0.3, ctrl=True, shift=True)
-    yield from until(lambda: "has changed since" in node_label(), 5)
+    yield from until(lambda: "has changed since" in node_label())
     assert not alike((yield from render_in_blender()), lens_image)
     yield from press("Z", view, across=0.3, ctrl=True)
-    yield from until(lambda: node_label() == "Lensfield: lens image", 5)
+    yield from until(lambda: node_label() == "Lensfield: lens image")
     bpy.context.scene.cycles.samples = 2
-    yield from until(lambda: "has changed since" in node_label(), 5)
+    yield from until(lambda: "has changed since" in node_label())
     bpy.context.scene.cycles.samples = 1
-    yield from until(lambda: node_label() == "Lensfield: lens image", 5)
+    yield from until(lambda: node_label() == "Lensfield: lens image")
     lens_image_path().unlink()
-    yield from until(lambda: "is not there" in node_label(), 5)
+    yield from until(lambda: "is not there" in node_label())
     shoot("gone")
     assert not alike((yield from render_in_blender()), lens_image)
 
 
+def stale():
+    """F12 after an edit, before any check of the scene.
+
+    It shows the plain render, and the lens image after the edit is undone; the same by a script.
+    """
+    yield from open_sample(samples=1, percentage=10)
+    lens_image, watch = (yield from render()), sys.modules[f"{MODULE}.addon.scene.compositor_watch"]
+    assert alike((yield from render_in_blender()), lens_image)
+    bpy.app.timers.unregister(watch.check)  # no timer runs in between
+    scene, vase = bpy.context.scene, bpy.data.objects["Vase"]
+    places = np.empty(3 * len(vase.data.vertices), np.float32)
+    vase.data.vertices.foreach_get("co", places)
+    for name, change, before, other in (
+            ("object", lambda x: setattr(vase.location, "x", x), vase.location.x, vase.location.x + 0.02),
+            ("samples", lambda samples: setattr(scene.cycles, "samples", samples), 1, 2),
+            ("vertices", lambda places: vase.data.vertices.foreach_set("co", places), places, 1.05 * places)):
+        change(other)
+        assert not alike((yield from render_in_blender()), lens_image), name
+        change(before)
+        assert alike((yield from render_in_blender()), lens_image), name
+    vase.location.x += 0.02
+    bpy.ops.render.render()
+    bpy.data.images["Render Result"].save_render(str(FOLDER / "script.exr"), scene=scene)
+    assert "has changed since" in node_label()
+    vase.location.x += 0.01
+    yield from render_in_blender()
+    bpy.app.timers.register(watch.check, persistent=True)
+    yield from until(lambda: "has changed since" in node_label(), 5)
+    shoot("stale")
+
+
 def moved_folder():
-    """Saved, moved and opened from elsewhere, the lens image is still there; without its file it is told."""
+    """Saved, moved and opened at the new place, the lens image still works; its missing file is reported."""
     yield from open_sample()
     plain = yield from render_in_blender()
     lens_image = yield from render()
@@ -372,7 +406,8 @@ def moved_folder():
 
 
 def stranger():
-    """A file names a lens elsewhere: all panels show its path; trusted in one, it is the lens in all, and renders."""
+    """An untrusted file names a lens elsewhere: all panels show its path; trusted in one, it works in all, and renders.
+    """
     yield from open_sample()
     settings = bpy.context.scene.lensfield
     shutil.copy(Path(sys.modules[MODULE].__file__).parent / "engine" / "library" / "edmund-54852.npz", FOLDER / "l.npz")
@@ -381,13 +416,13 @@ def stranger():
     trust().forget_trust()
     asked, shown = drawn("draw_named_files"), drawn("_draw_lens")
     bpy.ops.wm.revert_mainfile()
-    yield from until(lambda: asked == {"PROPERTIES", "VIEW_3D"}, 20)
+    yield from until(lambda: asked == {"PROPERTIES", "VIEW_3D"})
     yield DRAW_S
     shoot("asked")
     assert not shown
     with over():
         assert bpy.ops.lensfield.trust("INVOKE_DEFAULT") == {"FINISHED"}
-    yield from until(lambda: shown == {"PROPERTIES", "VIEW_3D"}, 5)
+    yield from until(lambda: shown == {"PROPERTIES", "VIEW_3D"})
     yield from until(lambda: lens_request().lens)
     yield DRAW_S
     shoot("trusted")
@@ -395,13 +430,13 @@ def stranger():
 
 
 def quit():
-    """Blender ends amid a render, and takes it along."""
+    """Blender quits during a render, and ends it."""
     yield from start_endless()
     return [child(), rendering().folder.name]
 
 
 def killed():
-    """Blender is killed amid a render, which ends by itself."""
+    """Blender is killed during a render, which then ends by itself."""
     yield from start_endless()
     (FOLDER.parent / "left").write_text(rendering().folder.name)
     tell(status=-signal.SIGKILL, gone=[child()])
@@ -409,6 +444,6 @@ def killed():
 
 
 def after_a_kill():
-    """The next Blender clears away what was left."""
+    """The next Blender removes the remains."""
     assert not os.path.exists((FOLDER.parent / "left").read_text())
     yield 0

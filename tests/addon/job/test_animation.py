@@ -1,4 +1,4 @@
-"""Several frames: those that are there stay, what is damaged or out of date is made again, errors name the frame."""
+"""Several frames: finished ones are skipped, damaged or outdated ones are rendered again, and errors name the frame."""
 
 import json
 import os
@@ -6,7 +6,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import bpy
@@ -16,26 +15,27 @@ import pytest
 from lensfield import addon
 from lensfield.addon.job import animation as animation_module
 from lensfield.addon.job import pictures
-from lensfield.addon.job import render as render_module
-from lensfield.addon.job.render import LENS_FILES
-from lensfield.engine.errors import InputError
-from lensfield.engine.image.spectral_exr import read_exr
+from lensfield.addon.job.result import FRAME_FILES, LENS_FILES
+from lensfield.engine.pictures.spectral_exr import read_exr
+from lensfield.engine.runtime.errors import InputError
 from small_scenes import keyframe_world, light, material, set_world, wall
 from snapshot import differences, snapshot
+from waiting import LAST_RESORT_S, wait_until
 
 pytestmark = pytest.mark.one_blender
 
-NAMES = tuple(render_module.FRAME_FILES.values())
+NAMES = tuple(FRAME_FILES.values())
 
 
 @pytest.fixture
 def moving_scene(scene, tmp_path):
-    """A world whose light is as strong as the number of the frame, saved."""
+    """A saved scene with a world whose strength is the number of the frame."""
     keyframe_world(scene, 1, 9)
     for curve in curves(scene.world.node_tree):
         curve.keyframe_points[0].interpolation = "LINEAR"
     scene.lensfield.wavelength_mode, scene.lensfield.wavelength_list = "LIST", "550"
-    scene.render.image_settings.file_format = "OPEN_EXR"  # a scene from the factory has no colour space until then
+    scene.lensfield.depth = "OFF"  # most of a small frame's time, and test_slabs.py has an animation with depth
+    scene.render.image_settings.file_format = "OPEN_EXR"  # a factory scene has no colour space until then
     scene.frame_start, scene.frame_end, scene.frame_step = 2, 6, 2
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
     return scene
@@ -56,8 +56,8 @@ def made(animation):
 
 
 def files(folder):
-    """Names of those of frames."""
-    return {path.name for path in folder.iterdir()} - {f"Scene_{end}" for end in render_module.LENS_FILES.values()}
+    """Names of the files of frames."""
+    return {path.name for path in folder.iterdir()} - {f"Scene_{end}" for end in LENS_FILES.values()}
 
 
 def test_the_scenes_own_frames_are_rendered_as_one_by_one(moving_scene, tmp_path):
@@ -94,12 +94,35 @@ def test_frames_that_are_there_are_not_rendered_again(moving_scene, tmp_path):
     assert nothing.summary == [f"nothing to render; 3 there already, in {folder}"]
 
 
+def built_by(path, build):
+    """Change the build in a record, or remove it as in records from before builds had identities."""
+    facts = json.loads(path.read_text())
+    facts.pop("build")
+    path.write_text(json.dumps(facts | ({"build": build} if build else {})))
+
+
+@pytest.mark.parametrize("build", ["0123456789abcdef", None])
+def test_frames_of_another_build_are_rendered_again_or_accepted(moving_scene, tmp_path, build):
+    addon.render_animation(moving_scene, [2, 4])
+    record = tmp_path / "lensfield" / "Scene_0002_report.json"
+    ours = json.loads(record.read_text())["build"]
+    built_by(record, build)
+    accepted = addon.render_animation(moving_scene, [2, 4], any_build=True)
+    line = "1 of 2 frames come from another build of Lensfield: "
+    assert not made(accepted) and list(accepted.earlier) == [2, 4]
+    assert all(line + "accepted by --any-build" in lines for lines in (accepted.summary, accepted.beforehand))
+    again = addon.render_animation(moving_scene, [2, 4])
+    assert made(again) == [2] and any(each.startswith(line + "rendered again") for each in again.beforehand)
+    assert json.loads(record.read_text())["build"] == ours
+    assert not any("another build" in each for each in addon.render_animation(moving_scene, [2, 4]).summary)
+
+
 def shorten(path):
     os.truncate(path, path.stat().st_size - 2)
 
 
 def fill_with_zeros(path):
-    """As a disk does that has lost its power."""
+    """As a disk does after a power failure."""
     path.write_bytes(bytes(path.stat().st_size))
 
 
@@ -127,7 +150,7 @@ def test_what_is_of_the_lens_alone_is_written_once_for_all_frames(moving_scene, 
     paths = [tmp_path / "lensfield" / f"Scene_{name}.exr" for name in LENS_FILES]
 
     def written(frame):
-        addon.render_animation(moving_scene, [frame])
+        addon.render_animation(moving_scene, [frame], lens_quality="preview")
         return [path.stat().st_mtime_ns for path in paths]
 
     first = written(2)
@@ -215,7 +238,7 @@ def test_cameras_of_markers_and_keyframed_settings_are_those_of_each_frame(movin
     records = [json.loads(result.record.read_text()) for result in results]
     assert [record["job"]["options"]["accuracy"] for record in records] == [0.02, 0.05]
     assert [record["job"]["settings"]["samples"] for record in records] == [8, 16]
-    for frame in (2, 4):  # whichever the scene is at
+    for frame in (2, 4):  # whatever the scene's current frame
         moving_scene.frame_set(frame)
         animation = addon.Animation(moving_scene, [2, 4])
         assert not animation.pending and not animation.outdated
@@ -258,7 +281,7 @@ def test_a_full_disk_is_told_with_its_frame_and_leaves_nothing_half_written(movi
 
     write = pictures.write_png
     monkeypatch.setattr(pictures, "write_png", write_or_fail)
-    with pytest.raises(InputError, match=r"^frame 4: render is stopped: \[Errno 28\] No space left on device"):
+    with pytest.raises(InputError, match="^frame 4: render is stopped: No space left on device$"):
         addon.render_animation(moving_scene)
     assert "Scene_0004_report.json" not in files(tmp_path / "lensfield")
     assert addon.Animation(moving_scene).pending == [4, 6]
@@ -266,7 +289,7 @@ def test_a_full_disk_is_told_with_its_frame_and_leaves_nothing_half_written(movi
 
 
 def test_a_frame_that_is_being_made_again_is_no_longer_there(moving_scene, monkeypatch):
-    """Whoever stops it amid its files finds no record of the old ones."""
+    """If it is stopped while writing files, the old files no longer have a record."""
     addon.render_animation(moving_scene, [2])
 
     def stop(*_):
@@ -287,38 +310,37 @@ COMMAND = [sys.executable, "-c", "from lensfield.cli import console; console()",
 
 
 def lensfield(*arguments):
-    return subprocess.run([*COMMAND, *map(str, arguments)], capture_output=True, text=True, timeout=300)
+    return subprocess.run([*COMMAND, *map(str, arguments)], capture_output=True, text=True, timeout=LAST_RESORT_S)
 
 
 def test_the_command_resumes_after_it_was_stopped(moving_scene, tmp_path):
     light(moving_scene, "POINT", 20.0)
     wall(moving_scene, material("Paint", "ShaderNodeBsdfDiffuse")[0])
     moving_scene.cycles.samples, moving_scene.render.resolution_x, moving_scene.render.resolution_y = 32, 120, 90
+    moving_scene.lensfield.depth = "AUTO"
     bpy.ops.wm.save_mainfile()
     folder, blend = tmp_path / "lensfield", bpy.data.filepath
     process = subprocess.Popen([*COMMAND, blend, "--frames", "2-200"], stderr=subprocess.PIPE, text=True)
-    deadline = time.monotonic() + 400
-    while not (folder / "Scene_0003_report.json").is_file():
-        assert time.monotonic() < deadline and process.poll() is None
-        time.sleep(0.02)
+    wait_until(lambda: (folder / "Scene_0003_report.json").is_file() or process.poll() is not None)
+    assert process.poll() is None
     process.send_signal(signal.SIGINT)
-    _, told = process.communicate(timeout=120)
+    _, told = process.communicate(timeout=LAST_RESORT_S)
     assert process.returncode == 130
     kept = {path.parents[1] for path in folder.glob(".lensfield/*/*/[!.]*.exr")}
     assert told.endswith("".join(["lensfield: cancelled", *(f"; finished passes are kept in {path}" for path in kept)])
                          + "\n")
     there = {name[:10] for name in files(folder) if name.endswith("report.json")}
     assert {"Scene_0002", "Scene_0003"} <= there
-    assert {name for name in files(folder) if name.startswith(".")} <= {".lensfield"}  # passes of the next
+    assert {name for name in files(folder) if name.startswith(".")} <= {".lensfield"}  # passes of the next frame
     assert not list(folder.glob(".lensfield/*.lock"))
     stamps = {path: path.stat().st_mtime_ns for path in folder.glob("Scene_000[23]_*")}
-    last = len(there) + 2  # that is not there yet
+    last = len(there) + 2  # which does not exist yet
     done = lensfield(blend, "--frames", f"2-{last}", "--report", tmp_path / "report.json")
     assert done.returncode == 0, done.stderr
     assert {path: path.stat().st_mtime_ns for path in stamps} == stamps
     assert "1 frame in " in done.stdout and f"; {len(there)} there already" in done.stdout
     assert [Path(line).name for line in done.stdout.splitlines() if line.startswith(str(folder))] == [
-        f"Scene_{last:04d}_{name}" for name in NAMES] + [f"Scene_{end}" for end in render_module.LENS_FILES.values()]
+        f"Scene_{last:04d}_{name}" for name in NAMES] + [f"Scene_{end}" for end in LENS_FILES.values()]
     frames = json.loads((tmp_path / "report.json").read_text())["frames"]
     assert [frame["frame"] for frame in frames] == list(range(2, last + 1))
     done = lensfield(blend, "--frames", "scene")

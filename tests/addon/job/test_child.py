@@ -1,10 +1,9 @@
-"""A render in a process of its own, on a copy of the file."""
+"""A render in a child process, on a copy of the file."""
 
 import os
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import bpy
@@ -17,6 +16,7 @@ from lensfield.addon.job.job import UNSAVED_FOLDER, look_beside
 from lensfield.commands.child import Child
 from small_scenes import light, material, wall
 from snapshot import differences, snapshot
+from waiting import wait_until
 
 pytestmark = pytest.mark.one_blender
 
@@ -67,7 +67,7 @@ def test_simulations_cached_on_disk_are_found_beside_the_copy(scene, tmp_path):
 
 def test_a_file_never_saved_has_a_copy_too(scene, tmp_path):
     assert child.save_copy(tmp_path).is_file()
-    command = child.render_command("copy.blend", "picture.png")
+    command = child.render_command("copy.blend", picture="picture.png")
     assert not bpy.data.filepath and command[command.index("--beside") + 1] == str(UNSAVED_FOLDER)
 
 
@@ -76,16 +76,16 @@ def test_blender_itself_is_started_with_this_add_on(scene, monkeypatch):
         binary_path, autoexec_fail = "/opt/blender", False
 
     monkeypatch.setattr(child.bpy, "app", App)
-    command = child.render_command("copy.blend", "picture.png")
+    command = child.render_command("copy.blend", picture="picture.png")
     assert command[:command.index("render")] == ["/opt/blender", "--background", "--addons", "lensfield",
                                                  "--enable-autoexec", "--command", "lensfield"]
     App.autoexec_fail = True
-    assert "--disable-autoexec" in child.render_command("copy.blend", "picture.png")
+    assert "--disable-autoexec" in child.render_command("copy.blend", picture="picture.png")
 
 
 @pytest.fixture
 def coloured_scene(scene, tmp_path):
-    """A few seconds' work in two passes, for a folder of its own."""
+    """A scene that takes a few seconds in two passes, with its own folder."""
     light(scene, "POINT", 20.0, color=(1, 0.5, 0.2))
     wall(scene, material("Paint", "ShaderNodeBsdfDiffuse", (0.7, 0.3, 0.05))[0])
     scene.cycles.samples = 64
@@ -111,14 +111,7 @@ def test_what_a_killed_process_left_is_swept_away(tmp_path, monkeypatch):
 
 
 def started(tmp_path):
-    return Child(child.render_command(child.save_copy(tmp_path), tmp_path / "picture.png"), tmp_path)
-
-
-def wait(until, seconds=300):
-    deadline = time.monotonic() + seconds
-    while not until():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    return Child(child.render_command(child.save_copy(tmp_path), picture=tmp_path / "picture.png"), tmp_path)
 
 
 def test_a_child_tells_how_far_it_is_and_shows_a_growing_picture(coloured_scene, tmp_path):
@@ -130,7 +123,7 @@ def test_a_child_tells_how_far_it_is_and_shows_a_growing_picture(coloured_scene,
             pictures.add((tmp_path / "picture.png").read_bytes())
         return render.ended
 
-    wait(look)
+    wait_until(look, 0.01)
     render.end()
     assert [fraction for fraction, _ in seen] == sorted(fraction for fraction, _ in seen)
     labels = list(dict.fromkeys(label for _, label in seen if label))
@@ -145,7 +138,7 @@ def test_a_child_tells_how_far_it_is_and_shows_a_growing_picture(coloured_scene,
 def test_bad_input_is_told_in_one_line(coloured_scene, tmp_path):
     coloured_scene.camera.data.type = "ORTHO"
     render = started(tmp_path)
-    wait(lambda: render.ended)
+    wait_until(lambda: render.ended)
     render.end()
     assert render.told["error"].startswith("camera 'Camera': type is ORTHO: ")
 
@@ -163,15 +156,15 @@ os.kill(os.getpid(), 9)
 
 def test_a_child_ends_when_its_parent_is_no_more(coloured_scene, tmp_path):
     coloured_scene.cycles.samples = 1 << 20
-    command = child.render_command(child.save_copy(tmp_path), tmp_path / "picture.png")[1:]
+    command = child.render_command(child.save_copy(tmp_path), picture=tmp_path / "picture.png")[1:]
     parent = subprocess.run([sys.executable, "-c", LEAVE_IT, tmp_path, *command], capture_output=True, text=True)
     pid = int(parent.stdout.splitlines()[-1])
-    wait(lambda: not runs(pid), 60)
+    wait_until(lambda: not runs(pid), 60)
     assert not [path for path in (tmp_path / "out").glob("*")]
 
 
 def runs(pid):
-    """Whether a process is there and no zombie, which nobody here would bury."""
+    """Whether a process exists and is not a zombie, which the test cannot reap."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rsplit(")")[1].split()[0] != "Z"
     except FileNotFoundError:
@@ -179,10 +172,10 @@ def runs(pid):
 
 
 def test_nothing_of_a_dead_child_runs_on(tmp_path):
-    """A worker of it that would wait for ever, with the child's output open."""
+    """One of its workers would wait for ever, with the child's output open."""
     code = "import subprocess, os; subprocess.Popen(['sleep', '1000']); os._exit(3)"
     render = Child([sys.executable, "-c", code], tmp_path)
-    wait(lambda: render.ended)
+    wait_until(lambda: render.ended)
     render.end()
     why, log = render.death()
     assert why == "exit status 3: it said nothing"

@@ -1,6 +1,6 @@
-"""The Cornell box with its measured spectra, against what Mitsuba 3 makes of it: validation/cornell_truth.py in small.
+"""The Cornell box with its measured spectra, against Mitsuba 3: a small version of validation/cornell_truth.py.
 
-The figures in tests/data/cornell_mitsuba.npz are Mitsuba's, by `python validation/cornell_mitsuba.py`.
+The figures in tests/data/cornell_mitsuba.npz are from Mitsuba, by `python validation/cornell_mitsuba.py`.
 """
 
 import numpy as np
@@ -11,15 +11,19 @@ import cornell_box as box
 from noise import assert_means
 from places import DATA
 
+pytestmark = pytest.mark.one_blender
+
 MITSUBA = DATA / "cornell_mitsuba.npz"
 SIDE_PX = 32
-SAMPLES = 512  # of each of two seeds
+SAMPLES = 512  # for each of two seeds
 
 
 @pytest.fixture(scope="module")
 def pictures(tmp_path_factory):
-    """Radiance by Lensfield with two seeds, in blocks as Mitsuba's: array (seed, wavelength, block row, block column,
-    row, column). And that of the blocks by Mitsuba."""
+    """Radiance by Lensfield with two seeds, and the means of its blocks by Mitsuba.
+
+    Lensfield's has Mitsuba's blocks: array (seed, wavelength, block row, block column, row, column).
+    """
     with np.load(MITSUBA) as figures:
         wavelengths_nm, truth = figures["wavelengths_nm"], figures["radiance"]
     scene = cornell_blender.build(SIDE_PX, SAMPLES)
@@ -31,7 +35,7 @@ def pictures(tmp_path_factory):
 
 
 def whole(blocks):
-    """The pixels of all blocks in one, for they are alike in size."""
+    """The pixels of all blocks in one array; blocks have the same size."""
     return blocks.reshape(*blocks.shape[:2], 1, -1)
 
 
@@ -52,7 +56,7 @@ def test_blocks_are_those_of_mitsuba(pictures):
 
 
 def test_lamp_seen_from_below_has_the_radiance_it_was_given(tmp_path):
-    """By hand, without Mitsuba: the lamp's own radiance, and what it reflects of the box's light, which is little."""
+    """By hand, without Mitsuba: the lamp's own radiance, plus the small part of the box's light that it reflects."""
     scene = cornell_blender.build(SIDE_PX, 16)
     cube = cornell_blender.render(scene, [450.0, 550.0, 650.0], tmp_path, scene.cycles.seed)
     emitted = box.lamp_radiance([450.0, 550.0, 650.0])

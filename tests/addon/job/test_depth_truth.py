@@ -1,9 +1,9 @@
 """Layers of depth against rays through the real lens, small; `make validate` has the figures.
 
-The limits are those of `validation/depth_truth.py`, and 5 sigma of the noise that seeds differ by.
+The limits are those in `validation/depth_truth.py`, plus 5 sigma of the noise between seeds.
 """
 
-import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,9 +12,10 @@ import depth_truth
 from depth_measure import errors, means_of_blocks, variance_of_mean
 from depth_room import build_room
 from depth_scenes import body_scene, floor_scene, lamp_scene
-from lensfield.engine import Lens
-from lensfield.engine.image.depth_range import blur_px
+from lensfield.engine import load_lens
+from lensfield.engine.depth.depth_range import blur_px
 from noise import SIGMAS
+from seed import FIRST_CYCLES_SEED
 
 pytestmark = pytest.mark.one_blender
 
@@ -26,13 +27,8 @@ LIMIT = 0.025
 def bench(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(depth_truth, "FRAME_PX", FRAME_PX)
-        patch.setattr(depth_truth.Lens, "from_prescription", lambda name, focus_mm: from_prescription(
-            name, focus_mm=focus_mm, quality="preview"))
-        yield depth_truth.Bench("kodak-petzval-100mm", tmp_path_factory.mktemp("truth"),
-                                1000 * int(os.environ.get("SEED", 0)))
-
-
-from_prescription = Lens.from_prescription
+        patch.setattr(depth_truth, "load_lens", lambda name, rings: load_lens(name, rings, quality="preview"))
+        yield depth_truth.Bench("kodak-petzval-100mm", tmp_path_factory.mktemp("truth"), FIRST_CYCLES_SEED)
 
 
 def both(bench, scene, samples=(16, 64)):
@@ -42,13 +38,13 @@ def both(bench, scene, samples=(16, 64)):
 
 
 def assert_alike(ours, truth, block_px, limit, least=0.2):
-    """In the means of blocks, of those that are not dark."""
+    """Compares the means of all blocks that are not dark."""
     ours, truth = (means_of_blocks(each, block_px) for each in (ours, truth))
     apart = ours.mean(axis=0) - truth.mean(axis=0)
     noise = SIGMAS * np.sqrt(variance_of_mean(ours) + variance_of_mean(truth))
     scale = truth.mean(axis=0)
     lit = scale > least * scale.mean()
-    assert lit.sum() > 8 and np.median(noise[lit] / scale[lit]) < 0.2  # or nothing would be found
+    assert lit.sum() > 8 and np.median(noise[lit] / scale[lit]) < 0.2  # too noisy to detect anything otherwise
     assert np.mean(np.abs(apart[lit]) > noise[lit] + limit * scale[lit]) < 0.02
     assert abs(apart[lit].sum()) < limit * scale[lit].sum()
 
@@ -100,3 +96,37 @@ def test_errors_are_those_without_the_noise():
     assert found.l1_bias == pytest.approx(np.sqrt(2 / np.pi) * 0.03, rel=0.05)
     assert found.l2 == pytest.approx(np.hypot(0.03, 0.05) / size, rel=0.03)
     assert found.l1 == pytest.approx(np.sqrt(2 / np.pi) * np.hypot(0.03, 0.05), rel=0.03)
+
+
+def counted_truth(bench, made, what="counted", **changes):
+    """A picture from the folder's cache, or a new one whose value is the number of pictures computed so far."""
+    asked = {"nm": 550.0, "samples": 4, "seed": 1} | changes
+    return bench._cached(what, *asked.values(), lambda: made.append(asked) or np.full((2, 3), len(made)))[0, 0]
+
+
+def test_a_truth_is_made_again_where_anything_that_it_follows_from_changes(bench, monkeypatch):
+    made = []
+    assert counted_truth(bench, made) == counted_truth(bench, made) == 1
+    for number, change in enumerate(({"nm": 551.0}, {"samples": 5}, {"seed": 2}, {"what": "another"}), 2):
+        assert counted_truth(bench, made, **change) == counted_truth(bench, made, **change) == number
+    first, *others = bench.lens.prescription.surfaces
+    nudged = replace(bench.lens.prescription, surfaces=(replace(first, radius_mm=1.0001 * first.radius_mm), *others))
+    for changed in ((bench, "lens", replace(bench.lens, prescription=nudged)), (depth_truth, "FRAME_PX", (72, 97)),
+                    (depth_truth, "FOCUS_M", 2.1), (depth_truth, "sources_digest", lambda: "other sources"),
+                    (depth_truth, "build_identity", lambda: "another build")):
+        with monkeypatch.context() as patch:
+            patch.setattr(*changed)
+            assert counted_truth(bench, made) == counted_truth(bench, made) == len(made)
+    assert len(made) == 10 and counted_truth(bench, made) == 1
+
+
+def test_every_source_of_the_validation_counts(tmp_path):
+    path, digests = tmp_path / "depth_room.py", []
+    for text in ("a = 1", "a = 2"):
+        path.write_text(text)
+        depth_truth.sources_digest.cache_clear()
+        digests.append(depth_truth.sources_digest(tmp_path))
+    path.rename(path.with_name(f"other{path.suffix}"))
+    depth_truth.sources_digest.cache_clear()
+    assert len({*digests, depth_truth.sources_digest(tmp_path)}) == 3
+    depth_truth.sources_digest.cache_clear()

@@ -1,4 +1,4 @@
-"""Glass bends each wavelength by its own index, to where Snell's law says; metals reflect by Fresnel's."""
+"""Glass refracts each wavelength by its own index, as Snell's law requires; metals reflect by Fresnel's equations."""
 
 from functools import cache
 
@@ -10,8 +10,8 @@ from scipy.optimize import brentq
 
 from lenses import make_lens
 from lensfield import addon
-from lensfield.engine.errors import InputError
-from lensfield.engine.image.spectral_exr import read_exr
+from lensfield.engine.pictures.spectral_exr import read_exr
+from lensfield.engine.runtime.errors import InputError
 from lensfield.engine.spectral.refraction import load_refraction
 from lensfield.engine.spectral.spectra import load_spectrum
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
@@ -25,7 +25,7 @@ PITCH_MM = 4.8 / COLUMNS
 WEDGE = np.tan(np.radians(20))  # slope of the prism's back
 FRONT_M, BACK_M, WALL_M, EDGE_M = -1.0, -1.5, -6.0, 1.5
 SAMPLES = 128
-PIXEL = 0.1  # of one; 5 sigma of an edge on which the samples of 12 rows fall either side are 0.06, were that by chance
+PIXEL = 0.1  # of a pixel; 5 sigma for an edge that splits the samples of 12 rows are 0.06, if they were random
 
 
 @cache
@@ -41,19 +41,20 @@ def small(scene):
 
 
 def rendered(scene, folder, nm=NM, tier="standard", **options):
-    result = addon.render_through_lens(scene, lens(), nm, folder, spectral=SpectralOptions(tier), **options)
+    options = {"spectral": SpectralOptions(tier), "depth": "off"} | options
+    result = addon.render_through_lens(scene, lens=lens(), wavelengths_nm=nm, output_folder=folder, **options)
     return read_exr(result.radiance).frame().cube.astype(np.float64), result.report.as_dict()
 
 
 def prism(scene, of_material):
-    """Its front faces the camera; its back is the plane z = BACK_M - WEDGE x."""
+    """A prism whose front faces the camera; its back is the plane z = BACK_M - WEDGE x."""
     mesh = bpy.data.meshes.new("Prism")
     corners = [(x, y, z) for z in (0, 1) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     points = [(x, y, FRONT_M if z == 0 else BACK_M - WEDGE * x) for x, y, z in corners]
     mesh.from_pydata(points, [], [(0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)])
     shape = bmesh.new()
     shape.from_mesh(mesh)
-    bmesh.ops.recalc_face_normals(shape, faces=shape.faces)  # Cycles goes by them into the glass and out of it
+    bmesh.ops.recalc_face_normals(shape, faces=shape.faces)  # by which Cycles enters and leaves the glass
     shape.to_mesh(mesh)
     shape.free()
     mesh.materials.append(of_material)
@@ -63,7 +64,7 @@ def prism(scene, of_material):
 
 
 def bright_half(scene):
-    """A glowing wall far behind the prism, that ends at x = EDGE_M."""
+    """A glowing wall far behind the prism, which ends at x = EDGE_M."""
     glow, _ = material("Glow", "ShaderNodeEmission", (1, 1, 1))
     glow.lensfield.emission = FLAT
     half = wall(scene, glow, -WALL_M, side_m=20)
@@ -89,13 +90,13 @@ def glass(name="sf10", node_type="ShaderNodeBsdfRefraction"):
 
 
 def refracted(direction, normal, ratio):
-    """Snell's law for unit vectors; the normal is against the direction, the ratio n1 / n2."""
+    """Refraction of unit vectors by Snell's law; the normal is against the direction, the ratio n1 / n2."""
     cosine = -direction @ normal
     return ratio * direction + (ratio * cosine - np.sqrt(1 - ratio**2 * (1 - cosine**2))) * normal
 
 
 def met_on_the_wall(x_mm, index):
-    """Where a ray from the camera, x_mm off the middle of the picture, meets the wall behind the prism."""
+    """Intersection of the wall behind the prism and a ray from the camera, x_mm off the middle of the picture."""
     ray = np.array([x_mm, 0, -lens().capture_focal_length_mm])
     ray /= np.linalg.norm(ray)
     place = ray * FRONT_M / ray[2]
@@ -107,20 +108,20 @@ def met_on_the_wall(x_mm, index):
 
 
 def edge_by_snell(index):
-    """Column at which the wall's edge is seen, in pixels from the left border of the picture."""
+    """Column of the wall's edge in the picture, in pixels from the left border."""
     half_mm = COLUMNS * PITCH_MM / 2
     x_mm = brentq(lambda x: met_on_the_wall(x, index) - EDGE_M, -half_mm, half_mm)
     return (x_mm + half_mm) / PITCH_MM
 
 
 def edges_seen(picture):
-    """The same in a picture, of each wavelength: the pixel that the edge divides tells where it does."""
+    """The edge's column in a picture, for each wavelength, from the value of the pixel that the edge divides."""
     found = []
     for line in picture.mean(axis=1):
         last = np.flatnonzero(line > 0.5 * line.max())[-1]
         whole = line[:last - 1] if line[last] < 0.9 * line[last - 2] else line[:last + 1]
         part = line[whole.size:]
-        dark = part[3:6].mean()  # of glass, what it mirrors
+        dark = part[3:6].mean()  # reflections in the glass
         found.append(whole.size + (part[:3] - dark).sum() / (whole[-1] - dark))
     return np.array(found)
 
@@ -146,7 +147,7 @@ def test_each_wavelength_goes_where_snell_sends_it(small, tmp_path, node_type):
 
 
 def test_bare_edge_is_where_the_camera_sees_it(small, tmp_path):
-    """The measure itself: without glass all wavelengths show the edge at one place."""
+    """Tests the measurement: without glass the edge is at the same place for all wavelengths."""
     small.cycles.samples = SAMPLES
     bright_half(small).location.x = 0.5 - 10
     expected = COLUMNS / 2 + 0.5 / -WALL_M * lens().capture_focal_length_mm / PITCH_MM
@@ -197,7 +198,7 @@ def test_glass_in_an_instance_is_in_view(small, tmp_path):
     obj = prism(small, glass())
     small.collection.objects.unlink(obj)
     inside.objects.link(obj)
-    obj.location.z = 50  # where the instance is not
+    obj.location.z = 50  # away from the instance
     empty = bpy.data.objects.new("Instancer", None)
     empty.instance_type, empty.instance_collection, empty.location.z = "COLLECTION", inside, -50
     small.collection.objects.link(empty)
@@ -263,7 +264,7 @@ METALS = [("ShaderNodeBsdfMetallic", {"fresnel_type": "PHYSICAL_CONDUCTOR"}),
 
 
 def fresnel(name, nm, angle_degrees=0.0):
-    """Reflectance of unpolarised light off a metal in air, by Fresnel's formulas for a complex index."""
+    """Reflectance of unpolarised light off a metal in air, by Fresnel's equations for a complex index."""
     refraction = load_refraction(name)
     index = refraction.n_at(nm) + 1j * refraction.k_at(nm)
     cosine = np.cos(np.radians(angle_degrees))
@@ -280,11 +281,11 @@ def test_metals_reflect_by_their_index(small, tmp_path, node_type, settings, nam
     picture, facts = rendered(small, tmp_path)
     measured = picture[:, 4:8, 44:52].mean(axis=(1, 2)) / FLAT_DENSITY
     np.testing.assert_allclose(measured, fresnel(name, NM), rtol=ROUNDING)
-    assert facts["passes"] == 1  # metals bend nothing
+    assert facts["passes"] == 1  # metals do not refract
 
 
 def test_gold_is_gold():
-    """Against Babar and Weaver's and everybody's: yellow, as it takes away the blue."""
+    """Against Babar and Weaver, and common experience: yellow, because it absorbs blue."""
     blue, green, red = fresnel("gold", NM)
     assert 0.35 < blue < 0.45 and 0.7 < green < 0.85 and 0.93 < red < 0.99
     assert min(fresnel("silver", NM)) > 0.93
@@ -295,7 +296,7 @@ def test_physical_conductor_off_the_normal(small, tmp_path, tilt_degrees):
     metal = mirror("ShaderNodeBsdfMetallic", "gold", fresnel_type="PHYSICAL_CONDUCTOR")
     under_flat_sky(small, metal, tilt_degrees)
     measured = rendered(small, tmp_path)[0][:, 4:8, 46:50].mean(axis=(1, 2)) / FLAT_DENSITY
-    precision = 1e-3 if bpy.app.version >= (5, 0, 0) else 0.01  # before, Cycles approximated Fresnel's formulas
+    precision = 1e-3 if bpy.app.version >= (5, 0, 0) else 0.01  # older versions approximate Fresnel's equations
     np.testing.assert_allclose(measured, fresnel("gold", NM, tilt_degrees), rtol=precision)
 
 
@@ -308,7 +309,7 @@ def test_assigned_reflectance_comes_before_the_metals_own(small, tmp_path):
 
 
 def test_glass_keeps_its_own_colour(small, tmp_path):
-    """A refractive index is no reflectance: coloured glass stays as it is."""
+    """A refractive index is not a reflectance: coloured glass stays unchanged."""
     small.cycles.samples = SAMPLES
     set_world(small)
     small.world.lensfield.emission = FLAT
@@ -316,11 +317,11 @@ def test_glass_keeps_its_own_colour(small, tmp_path):
     tinted.lensfield.reflectance = "400:0.2, 700:0.8"
     prism(small, tinted)
     measured = rendered(small, tmp_path)[0][:, 4:8, 44:52].mean(axis=(1, 2)) / FLAT_DENSITY
-    np.testing.assert_allclose(measured, np.interp(NM, [400, 700], [0.2, 0.8])**2, rtol=0.01)  # in and out
+    np.testing.assert_allclose(measured, np.interp(NM, [400, 700], [0.2, 0.8])**2, rtol=0.01)  # on entry and on exit
 
 
 def test_lamps_and_glass_together_stay_absolute(small, tmp_path):
-    """Where each wavelength has a pass of its own, a spiky lamp still comes in by its means."""
+    """If each wavelength has a separate pass, a spiky lamp still contributes its means."""
     light(small, "POINT", 10.0, shadow_soft_size=0.0).data.lensfield.emission = "sodium-lp"
     wall(small, material("White", "ShaderNodeBsdfDiffuse", (1, 1, 1))[0], 1.0)
     aside = prism(small, glass())
@@ -331,5 +332,5 @@ def test_lamps_and_glass_together_stay_absolute(small, tmp_path):
     beside_it = picture[:, 4:8, 4:8].mean(axis=(1, 2))
     sodium = load_spectrum("sodium-lp").band_means(nm)
     np.testing.assert_allclose(beside_it / beside_it[2], sodium / sodium[2], rtol=ROUNDING, atol=1e-9)
-    slope = (COLUMNS / 2 - 6) * PITCH_MM / lens().capture_focal_length_mm  # of the ray, off the axis
+    slope = (COLUMNS / 2 - 6) * PITCH_MM / lens().capture_focal_length_mm  # of the ray to the axis
     assert beside_it[2] == pytest.approx(10 / (4 * np.pi**2) * sodium[2] / (1 + slope**2)**1.5, rel=1e-3)

@@ -1,4 +1,4 @@
-"""A transparent film: its alpha goes through the lens as its light does; depth goes with it, unmixed."""
+"""A transparent film: alpha passes through the lens like light; depth is placed the same way, without mixing."""
 
 import json
 
@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 import pytest
 
-from lensfield.engine.image.spectral_exr import read_exr, read_parts
+from lensfield.engine.pictures.spectral_exr import read_exr, read_parts
 from lensfield.engine.spectral.colour import REC709_LUMINANCE
 from small_scenes import material, render, set_world, wall
 
@@ -33,24 +33,24 @@ def luminance(path):
 
 
 def film_over_grey(scene, folder, wavelengths_nm):
-    """Luminances: of the film over the world's grey, as dark in the corners as the lens has it; and of the render."""
+    """Luminances of the film over the world's grey, with the lens's vignetting, and of the opaque render."""
     opaque = render(scene, folder / "opaque", wavelengths_nm)
     scene.render.film_transparent = True
     film = render(scene, folder / "film", wavelengths_nm)
     alpha, shade = planes(film.lens_image)["A"], planes(film.relative_illumination)["Y"]
-    backdrop = luminance(opaque.lens_image)[4, 4] / shade[4, 4]  # Blender's grey, by these wavelengths
+    backdrop = luminance(opaque.lens_image)[4, 4] / shade[4, 4]  # Blender's grey, at these wavelengths
     return luminance(film.lens_image) + (1 - alpha) * backdrop * shade, luminance(opaque.lens_image), alpha
 
 
 def test_the_film_over_grey_is_the_render_before_grey(glowing, tmp_path):
-    """At one wavelength exactly, edges included, but for the blur's part in the relative illumination."""
+    """Exactly at one wavelength, edges included, except for the blur's share of the relative illumination."""
     composite, expected, alpha = film_over_grey(glowing, tmp_path, [550.0])
     assert alpha.min() == 0 and alpha.max() > 0.99 and np.any((alpha > 0.2) & (alpha < 0.8))
     np.testing.assert_allclose(composite, expected, rtol=0.01)
 
 
 def test_the_film_over_grey_is_the_render_before_grey_in_colour(glowing, tmp_path):
-    """One alpha stands for all colours: at an edge it errs by the lens's colour fringes."""
+    """All colours have the same alpha: at an edge its error is the lens's colour fringe."""
     composite, expected, _ = film_over_grey(glowing, tmp_path, np.linspace(420, 680, 9))
     assert np.abs(composite - expected).max() < 0.1 * GREY
     assert np.abs((composite - expected).mean()) < 0.003 * GREY
@@ -87,6 +87,19 @@ def test_depth_is_planar_and_unmixed(glowing, tmp_path):
     near = depth < 1e9
     assert near.any() and np.all(depth[~near] == np.float32(1e10))
     np.testing.assert_allclose(depth[near], 1.0, rtol=1e-5)
+
+
+def test_depth_is_where_the_picture_is(scene, tmp_path):
+    """A wall in the upper left, off the centre: pixels that glow are near."""
+    glow = wall(scene, material("Glow", "ShaderNodeEmission")[0], side_m=0.1)
+    glow.location.x, glow.location.y = -0.12, 0.07
+    result = render(scene, tmp_path)
+    near, light = planes(result.depth)["Y"] < 1e9, planes(result.lens_image)["G"]
+    lit = light > 0.5 * light.max()
+    rows, columns = (np.flatnonzero(near.any(axis=axis)) for axis in (1, 0))
+    assert near.shape == (36, 48) and rows.max() < 18 and columns.max() < 24 and rows.size != columns.size - 3
+    rim = 2 * (rows.size + columns.size)
+    assert np.count_nonzero(near != lit) < rim < near.sum()
 
 
 def test_the_report_names_the_files(glowing, tmp_path):

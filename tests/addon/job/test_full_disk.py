@@ -1,4 +1,4 @@
-"""Renders on a full disk: told by the file and by what the system says, with nothing left."""
+"""Renders on a full disk: the error names the file and the system's reason, and no files remain."""
 
 import shutil
 import sys
@@ -15,6 +15,7 @@ from lensfield.commands.child import Child
 from lensfield.engine import InputError
 from small_scenes import set_world
 from snapshot import differences, snapshot
+from waiting import LAST_RESORT_S
 
 
 @pytest.fixture
@@ -27,7 +28,8 @@ def work(tmp_path, monkeypatch):
 
 
 def render(scene, tmp_path, **asked):
-    return render_through_lens(scene, "edmund-54852", [450, 550, 650], tmp_path / "out", **asked)
+    return render_through_lens(scene, lens="edmund-54852", wavelengths_nm=[450, 550, 650],
+                               output_folder=tmp_path / "out", **asked)
 
 
 @pytest.mark.parametrize("depth", ["off", "auto"], ids=["pass", "look at depth"])
@@ -62,7 +64,7 @@ def test_no_room_for_a_picture_leaves_none_of_its_name(scene, tmp_path, work):
     shutil.rmtree(tmp_path / "out")
     most = max(sizes, key=sizes.get)
     with room_for(sizes[most] - 1):
-        with pytest.raises(InputError, match=rf"{most.name}: file is not written whole: File too large$"):
+        with pytest.raises(InputError, match=rf"{most.name}: file is not written: File too large$"):
             render(scene, tmp_path)
     assert not most.exists() and not list(work.iterdir())
     assert not list((tmp_path / "out").glob(".*"))
@@ -72,7 +74,7 @@ def test_a_child_is_heard_when_its_log_has_no_room(tmp_path, work):
     code = r"""print("x" * 100_000, flush=True); print('lensfield> {"told": ["all"]}'); raise SystemExit(3)"""
     with room_for(1_000):
         heard = Child([sys.executable, "-c", code], tmp_path)
-        heard._process.wait(60)
+        heard._process.wait(LAST_RESORT_S)
         heard.end()
         assert heard.told["told"] == ["all"]
         why, log = heard.death()
@@ -84,6 +86,6 @@ def test_a_child_is_heard_when_its_log_has_no_room(tmp_path, work):
 
 
 def test_no_room_for_what_a_copy_lacks_is_told(scene, tmp_path):
-    with room_for(100), pytest.raises(InputError, match=r"session.npz: file is not written whole: File too large$"):
+    with room_for(100), pytest.raises(InputError, match=r"session.npz: file is not written: File too large$"):
         write_session(tmp_path / "session.npz")
     assert not list(tmp_path.iterdir())

@@ -1,4 +1,4 @@
-"""Passes that are kept: a render that was stopped goes on where it was, to the same bytes; processes share frames."""
+"""Cached passes: a stopped render continues where it stopped, to the same bytes; processes share frames."""
 
 import os
 import shutil
@@ -12,10 +12,11 @@ import pytest
 
 from lensfield import addon
 from lensfield.addon.job import kept_passes, source
-from lensfield.addon.job.render import Result, job_of_frame, render_steps, run
+from lensfield.addon.job.render import job_of_frame, render_steps, run
+from lensfield.addon.job.result import Result
 from lensfield.addon.job.steps import RenderPass
-from lensfield.engine.errors import InputError
-from lensfield.engine.locks import Busy
+from lensfield.engine.runtime.errors import InputError
+from lensfield.engine.runtime.locks import Busy
 from small_scenes import light, material, set_world, wall
 
 pytestmark = pytest.mark.one_blender
@@ -25,13 +26,13 @@ ASKED = {"wavelengths_nm": [450.0, 550.0, 600.0, 650.0], "lens_quality": "previe
 
 @pytest.fixture
 def deep(scene, tmp_path):
-    """Two slabs of depth, and two lamps of colours of their own, saved."""
+    """A saved scene with two slabs of depth, and two lamps with different colours."""
     set_world(scene, (0.2, 0.4, 0.9), 0.5)
     light(scene, "POINT", 20.0, color=(1, 0.5, 0.2)).location.x = 0.5
     wall(scene, material("Far", "ShaderNodeBsdfDiffuse", (0.7, 0.3, 0.05))[0], 4.0)
     wall(scene, material("Near", "ShaderNodeBsdfDiffuse", (0.1, 0.3, 0.5))[0], 0.5, 0.1)
     scene.cycles.samples = 4
-    scene.render.image_settings.file_format = "OPEN_EXR"  # a scene from the factory has no colour space until then
+    scene.render.image_settings.file_format = "OPEN_EXR"  # a factory scene has no colour space until then
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
     return scene
 
@@ -41,12 +42,12 @@ def job_in(scene, folder, **asked):
 
 
 def whole(scene, folder, **asked):
-    """Render in one go; how many renders by Cycles that took."""
+    """Render without interruption; returns the number of renders by Cycles."""
     return stopped(scene, folder, None, **asked)[1]
 
 
 def stopped(scene, folder, steps, **asked):
-    """Render, and close that before the step of this number: whether it came to its end, and the renders by Cycles."""
+    """Render, and stop before the step with this number: (whether it finished, number of renders by Cycles)."""
     at_work, answer, count, renders = render_steps(scene, job_in(scene, folder, **asked)), None, 0, 0
     try:
         while count != steps:
@@ -68,9 +69,9 @@ def passes(folder):
 
 
 def test_stopped_at_any_step_it_goes_on_to_the_same_bytes(deep, tmp_path):
-    """And renders what is missing, no more."""
+    """It renders only the missing passes."""
     renders, steps, ended = whole(deep, tmp_path / "whole"), 0, False
-    assert renders > 4  # the look, and slabs
+    assert renders > 4  # the look at the depth, and slabs
     while not ended:
         folder, steps = tmp_path / str(steps), steps + 3
         ended, first = stopped(deep, folder, steps)
@@ -208,7 +209,7 @@ def test_one_capture_of_a_rack_is_kept_until_its_last_frame_is_there(deep, tmp_p
     assert "one capture" in animation.plan
     animation.render(1)
     assert passes(tmp_path / "one")
-    monkeypatch.setattr("lensfield.addon.job.render._render", lambda scene: 1 / 0)  # all of it is there
+    monkeypatch.setattr("lensfield.addon.job.render._render", lambda scene: 1 / 0)  # everything is cached
     addon.render_animation(deep, [1, 2, 3], output_folder=tmp_path / "one", **asked)
     assert not kill.differing(tmp_path / "whole", tmp_path / "one")
     assert not (tmp_path / "one" / ".lensfield").exists()
@@ -252,7 +253,7 @@ def test_what_a_render_makes_is_nothing_that_its_scene_depends_on(deep, tmp_path
 def test_a_frame_that_another_process_renders_is_left_to_it(deep, tmp_path):
     result = Result.of(deep, tmp_path, 1)
     with another(result.record):
-        with pytest.raises(Busy, match="Scene_0001_report.json: file is being made by another process: wait"):
+        with pytest.raises(Busy, match="Scene_0001_report.json: file is being written by another process: wait"):
             addon.render_through_lens(deep, output_folder=tmp_path, frame=1, **ASKED)
         animation = addon.render_animation(deep, [1, 2], output_folder=tmp_path, **ASKED)
         assert list(animation.results) == [2] and animation.elsewhere == [1]
@@ -285,10 +286,10 @@ def test_a_frame_that_was_left_and_is_not_made_is_made_at_the_end(deep, tmp_path
 
 
 class another:
-    """A process that makes a file; at the end it is killed."""
+    """A process that writes a file, and is killed at the end."""
 
     def __init__(self, path):
-        code = (f"from lensfield.engine.locks import only_maker\n"
+        code = (f"from lensfield.engine.runtime.locks import only_maker\n"
                 f"with only_maker({str(path)!r}):\n    print('held', flush=True)\n    input()")
         self._process = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
                                          text=True)
@@ -302,11 +303,11 @@ class another:
 
 
 def test_processes_share_the_frames_of_a_folder_and_one_that_is_killed_loses_none(tmp_path):
-    """Each frame is rendered by one of them alone, to the bytes that one process makes."""
+    """Each frame is rendered by exactly one process, to the bytes that a single process writes."""
     kill.save_scene(tmp_path / "scene.blend", samples=16)
     kill.undisturbed(tmp_path / "scene.blend", tmp_path / "whole")
     first, second = (kill.start(tmp_path / "scene.blend", tmp_path / "shared") for _ in range(2))
-    assert kill.killed(first, True, 1.0) or True  # it may have been through
+    assert kill.killed(first, True, 1.0) or True  # it may have finished
     _, errors = second.communicate()
     assert second.returncode == 0, errors
     assert not kill.killed(kill.start(tmp_path / "scene.blend", tmp_path / "shared"), False, 600)
@@ -315,7 +316,7 @@ def test_processes_share_the_frames_of_a_folder_and_one_that_is_killed_loses_non
 
 
 def test_a_link_in_place_of_the_hidden_folder_holds_no_passes(deep, tmp_path):
-    """What is told when a render ends looks there, too."""
+    """The report at the end of a render looks there, too."""
     (tmp_path / "precious").mkdir()
     (tmp_path / ".lensfield").symlink_to(tmp_path / "precious")
     assert kept_passes.passes_left(deep, tmp_path) == []

@@ -1,5 +1,5 @@
-"""Lamps of several spectra, each in a light group: their light adds up as if each shone alone; and the scene is whole
-afterwards."""
+"""Lamps with several spectra, in light groups: their light adds up as if each shone alone, and the scene is restored.
+"""
 
 from functools import cache
 
@@ -11,7 +11,7 @@ from scipy.integrate import trapezoid
 from lenses import make_lens
 from lensfield import addon
 from lensfield.addon.shading.lamps import MOST_GROUPS
-from lensfield.engine.image.spectral_exr import read_exr
+from lensfield.engine.pictures.spectral_exr import read_exr
 from lensfield.engine.spectral.spectra import blackbody, colour_matching, emission_basis, load_spectrum, white_density
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 from noise import assert_means
@@ -21,26 +21,27 @@ from snapshot import differences, snapshot
 NM = np.array([420.0, 450.0, 550.0, 589.0, 610.0, 650.0])
 FLAT, FLAT_DENSITY = "380:1, 780:1", 1 / 400
 SPIKY, SMOOTH = "sodium-lp", "illuminant-a"
-STEP = 1 / (4 * np.pi**2)  # what a white wall at 1 m shows of a watt of a point lamp
+STEP = 1 / (4 * np.pi**2)  # radiance of a white wall at 1 m per watt of a point lamp
 PRECISION = 1e-3
-BY_CHANCE = 4096  # samples where Cycles chooses between lamps, so that 5 sigma of noise are less than the precision
+BY_CHANCE = 4096  # samples if Cycles chooses between lamps at random: 5 sigma of noise are below the precision
 
 
 @pytest.fixture(autouse=True)
 def few_pixels(scene):
     scene.render.resolution_x, scene.render.resolution_y = 8, 6
-    scene.render.image_settings.file_format = "PNG"  # a scene new from the factory has no colour space to come back to
+    scene.render.image_settings.file_format = "PNG"  # a factory scene has no colour space to restore
 
 
 @cache
 def narrow_lens():
-    """It sees 1.5 degrees, so that all pixels see the same: to 1e-4, by the cosines about the axis."""
+    """A lens with a view of 1.5 degrees, so that all pixels are the same: to 1e-4, by the cosines about the axis."""
     return make_lens(wavelengths_nm=(380.0, 780.0), sensor_mm=(0.24, 0.18))
 
 
 def cube(scene, folder, nm=NM, lens=None, **options):
-    options = {"spectral": SpectralOptions("reference")} | options
-    result = addon.render_through_lens(scene, lens or narrow_lens(), nm, folder, **options)
+    options = {"spectral": SpectralOptions("reference"), "depth": "off"} | options
+    result = addon.render_through_lens(scene, lens=lens or narrow_lens(), wavelengths_nm=nm, output_folder=folder,
+                                       **options)
     return read_exr(result.radiance).frame().cube.astype(np.float64), result.report.as_dict()
 
 
@@ -67,7 +68,7 @@ def glowing(name, spectrum, strength=1.0, colour=(1, 1, 1)):
 
 
 def density(spectrum, nm=NM):
-    """By its own definition: unit power between 380 and 780 nm; of the spiky lamp the means that a picture gets."""
+    """By its definition: unit power between 380 and 780 nm; for the spiky lamp, the means that a picture gets."""
     loaded = load_spectrum(spectrum)
     return loaded.band_means(nm) if spectrum == SPIKY else loaded.density_at(nm)
 
@@ -129,7 +130,7 @@ def test_lamps_cost_no_wavelengths_in_a_grey_scene(scene, tmp_path):
 @pytest.mark.parametrize("count", [9, 31])
 @pytest.mark.parametrize("spectrum", [SPIKY, "mercury", "fluorescent-fl11", "588.9:0, 589:1, 589.1:0"])
 def test_power_of_spiky_lamps_is_in_the_picture(scene, tmp_path, spectrum, count):
-    """By the trapezoidal rule over the picture's own wavelengths, wherever the lines lie."""
+    """By the trapezoidal rule over the picture's wavelengths, for any position of the lines."""
     nm = np.linspace(380, 780, count)
     white_wall(scene)
     point(scene, spectrum, 10.0)
@@ -147,7 +148,7 @@ def test_power_of_spiky_lamps_that_share_a_group_is_in_the_picture(scene, tmp_pa
 
 
 def two_coloured_wall(scene, left, right):
-    """One object, its left half of one glowing material, its right half of another; their strengths."""
+    """One object, its left half of one glowing material and its right half of another; their strengths."""
     mesh = bpy.data.meshes.new("Halves")
     corners = [(-5, -5, -1), (0, -5, -1), (5, -5, -1), (5, 5, -1), (0, 5, -1), (-5, 5, -1)]
     mesh.from_pydata(corners, [], [(0, 1, 4, 5), (1, 2, 3, 4)])
@@ -171,7 +172,7 @@ def test_object_of_two_glowing_materials(scene, tmp_path):
 
 
 def test_material_of_a_shared_group_on_an_object_of_its_own(scene, tmp_path):
-    """The object has one spectrum alone, but its material shines in a group of several."""
+    """The object has a single spectrum, but its material shares a group with several spectra."""
     two_coloured_wall(scene, SMOOTH, "led-b3")
     bpy.data.objects["Halves"].location.z = -5
     wall(scene, bpy.data.materials["Left"], 0.5)
@@ -200,7 +201,7 @@ def blackbody_node(tree, temperature_k):
 
 
 def planck_of_white_luminance(temperature_k):
-    """Planck's law, as bright as D65 of 1 W m^-2 sr^-1 between 380 and 780 nm: what Blender means by its node."""
+    """Planck's law, as bright as D65 of 1 W m^-2 sr^-1 between 380 and 780 nm: the meaning of Blender's node."""
     fine_nm = np.linspace(380, 780, 4001)
     planck = 1 / (fine_nm**5 * np.expm1(1.438776877e7 / (fine_nm * temperature_k)))
     y_bar = colour_matching(fine_nm)[:, 1]
@@ -306,12 +307,12 @@ def test_spiky_lamps_are_the_last_to_share_a_group(scene, tmp_path):
 
 @pytest.mark.one_blender
 def test_all_lamps_in_one_group_for_denoising(scene, tmp_path):
-    """OIDN sees the whole picture alone, and may shift it by 1 %; a dim wavelength by 0.1 % of the brightest."""
+    """OIDN receives only the full picture, and may shift it by 1 %; a dim wavelength by 0.1 % of the brightest."""
     scene.cycles.samples = BY_CHANCE
     red_wall(scene)
     point(scene, "led-b3", 10.0)
     point(scene, SMOOTH, 3.0)
-    picture, facts = cube(scene, tmp_path, denoise=True)
+    picture, facts = cube(scene, tmp_path, denoise="on")
     assert len(facts["lamps"]) == 1
     expected = STEP * red() * (10 * load_spectrum("led-b3").density_at(NM) + 3 * density(SMOOTH))
     np.testing.assert_allclose(picture.mean(axis=(1, 2)), expected, rtol=0.01, atol=1e-3 * expected.max())
@@ -335,7 +336,7 @@ def test_light_groups_of_the_users_own_take_no_part_and_come_back(scene, tmp_pat
 
 
 def test_user_groups_in_a_scene_of_one_lamp_take_no_part(scene, tmp_path):
-    """All is in the first lamp then, whatever group the user put it in."""
+    """The first lamp then contains all light, whatever group the user assigned."""
     scene.view_layers[0].lightgroups.add(name="key")
     white_wall(scene)
     point(scene, SMOOTH, 10.0).lightgroup = "key"
@@ -343,7 +344,7 @@ def test_user_groups_in_a_scene_of_one_lamp_take_no_part(scene, tmp_path):
 
 
 def test_glowing_instances_of_a_collection(scene, tmp_path):
-    """The objects are in the instanced collection alone; what instances them is an empty."""
+    """The objects are only in the instanced collection; an empty instances it."""
     inside = bpy.data.collections.new("Lamps")
     for child, z in ((point(scene, SPIKY, 10.0), 0.0), (wall(scene, glowing("Glow", SMOOTH, 0.7), 0.0), -0.5)):
         child.location.z = z
@@ -353,7 +354,7 @@ def test_glowing_instances_of_a_collection(scene, tmp_path):
     empty = bpy.data.objects.new("Instancer", None)
     empty.instance_type, empty.instance_collection = "COLLECTION", inside
     scene.collection.objects.link(empty)
-    point(scene, FLAT)  # so that there are several groups
+    point(scene, FLAT)  # creates several groups
     assert_means(radiance(scene, tmp_path), 0.7 * density(SMOOTH))
     bpy.data.objects["Wall"].hide_render = True
     bpy.data.objects["Wall.001"].hide_render = False
@@ -377,7 +378,7 @@ def test_geometry_nodes_set_the_glowing_material(scene, tmp_path):
 
 
 def test_glowing_materials_linked_to_objects(scene, tmp_path):
-    """Two objects of one mesh, each of its own glowing material."""
+    """Two objects with one mesh, each with a different glowing material."""
     near = wall(scene, glowing("Near", SMOOTH, 0.7), 1.0)
     far = bpy.data.objects.new("Far", near.data)
     far.location.z = -2
@@ -408,7 +409,7 @@ def test_linked_lamps_shine_in_their_groups(scene, tmp_path):
     bpy.context.view_layer.update()
     before = snapshot()
     measured = radiance(scene, tmp_path)
-    # Blender itself marks what was once assigned to as linked directly; nothing else may differ.
+    # Blender itself marks data-blocks as directly linked once they are assigned to; nothing else may differ.
     assert not [line for line in differences(before, snapshot()) if "is_library_indirect" not in line]
     expected = (STEP * (10 * density(SPIKY) + 5 * FLAT_DENSITY)
                 + 0.7 * view_factor(10, 4) * density(SMOOTH))
@@ -433,14 +434,15 @@ def test_scene_and_groups_are_whole_afterwards(scene, tmp_path, monkeypatch, fai
     if fails:
         monkeypatch.setattr("lensfield.addon.job.kept_passes.read_pass", lambda *_: 1 / 0)
         with pytest.raises(ZeroDivisionError):
-            radiance(scene, tmp_path)
+            radiance(scene, tmp_path, depth="auto")
     else:
-        radiance(scene, tmp_path)
+        radiance(scene, tmp_path, depth="auto")
     assert not differences(before, snapshot())
 
 
 def test_a_dull_material_beside_two_glowing_ones_ties_nobody_else_to_them(scene, tmp_path):
-    """A grey material that a lamp's object shares with an object of two spectra does not put that lamp among them."""
+    """A grey material shared by a lamp's object and an object with two spectra does not put that lamp in their group.
+    """
     dull, _ = material("Dull", "ShaderNodeBsdfDiffuse")
     corners = [(x, y, -4.0) for x in (-3, -1, 1, 3) for y in (-1, 1)]
     three = bpy.data.meshes.new("Three")

@@ -1,4 +1,4 @@
-"""Frames that differ in focus and f-stop alone: one capture serves them all, and each is what it would be by itself."""
+"""Frames that differ only in focus and f-stop: one capture serves all, with the same results as separate ones."""
 
 import os
 import subprocess
@@ -16,15 +16,18 @@ from lensfield.addon.job import one_capture, slabs
 from lensfield.addon.job.one_capture import OneCapture
 from lensfield.addon.job.pictures import pinhole_view
 from lensfield.addon.job.radiance import Captured
-from lensfield.addon.job.render import FRAME_FILES, job_of_frame
-from lensfield.engine import SpectralImage, files
+from lensfield.addon.job.render import job_of_frame
+from lensfield.addon.job.result import FRAME_FILES
+from lensfield.engine import SpectralImage
 from lensfield.engine.image.pixel_grid import PixelGrid
-from lensfield.engine.image.spectral_exr import read_exr
+from lensfield.engine.pictures.spectral_exr import read_exr
+from lensfield.engine.runtime import files
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 from small_scenes import WAVELENGTHS_NM, material, set_world, wall
 from snapshot import differences, snapshot
+from waiting import LAST_RESORT_S
 
-LENS = "kodak-petzval-100mm"  # from 1.05 m and f/2.14 on: nearest, all of it moves, and its view is 9 % narrower
+LENS = "kodak-petzval-100mm"  # from 1.05 m and f/2.14 on: nearest, it moves as a unit, and its view is 9 % narrower
 FRAMES = 1, 3, 5, 7
 ASKED = {"lens": LENS, "wavelengths_nm": WAVELENGTHS_NM, "lens_quality": "preview",
          "spectral": SpectralOptions("preview"), "to_compositor": False}
@@ -40,15 +43,15 @@ def glowing(scene, name, colour, distance_m, side_m, place_m=(0, 0)):
 
 @pytest.fixture
 def rack(scene):
-    """A near and a far square before a blue sky: the focus goes from one to the other, and the lens is stopped down."""
+    """A near and a far square in front of a blue sky: the focus moves between them, and the lens is stopped down."""
     set_world(scene, (0.2, 0.4, 0.9), 0.5)
     glowing(scene, "Near", (1, 0.2, 0.1), NEAR_M, 0.1, (0.06, 0.02))
     glowing(scene, "Far", (0.2, 1, 0.3), FAR_M, 1.0, (-0.4, 0.1))
     scene.cycles.samples = 256
     dof = scene.camera.data.dof
     dof.use_dof = True
-    scene.render.image_settings.file_format = "OPEN_EXR"  # a scene from the factory has no colour space until then
-    for frame, focus_m, f_number in zip(FRAMES, (NEAR_M, FAR_M, FAR_M, FAR_M), (2.5, 2.5, 2.5, 8.0), strict=True):
+    scene.render.image_settings.file_format = "OPEN_EXR"  # a factory scene has no colour space until then
+    for frame, focus_m, f_number in zip(FRAMES, (NEAR_M, FAR_M, FAR_M, FAR_M), (5.6, 5.6, 5.6, 16.0), strict=True):
         dof.focus_distance, dof.aperture_fstop = focus_m, f_number
         dof.keyframe_insert("focus_distance", frame=frame)
         dof.keyframe_insert("aperture_fstop", frame=frame)
@@ -58,7 +61,7 @@ def rack(scene):
 
 @pytest.fixture
 def cut(monkeypatch):
-    """Between the squares, and with the same margins for whatever lens: Cycles draws the same numbers then."""
+    """Cut between the squares, with the same margins for every lens, so that Cycles draws the same random numbers."""
     plan = slabs.plan_slabs
     monkeypatch.setattr(slabs, "plan_slabs", lambda *arguments, **named: replace(
         plan(*arguments, **named), needed=True, borders_mm=CUT_MM, margins_px=(MARGIN_PX,) * 2))
@@ -66,7 +69,7 @@ def cut(monkeypatch):
 
 @pytest.fixture
 def captures(monkeypatch):
-    """A list of the frames that a capture is made for by `OneCapture`."""
+    """A list of the frames for which `OneCapture` creates a capture."""
     made, capture = [], one_capture.capture
 
     def counted(scene, job, *arguments):
@@ -104,7 +107,7 @@ def test_one_capture_serves_all_frames(rack, captures, tmp_path):
 
 @pytest.mark.one_blender
 def test_each_frame_is_what_it_is_by_itself(rack, cut, tmp_path):
-    """In the camera's view, where all lenses see the very pixels that were captured."""
+    """In the camera's view, where all lenses use exactly the captured pixels."""
     asked = ASKED | {"view": "camera"}
     one = addon.render_animation(rack, FRAMES, output_folder=tmp_path / "one", **asked).results
     for frame in (1, 5, 7):
@@ -114,14 +117,14 @@ def test_each_frame_is_what_it_is_by_itself(rack, cut, tmp_path):
 
 
 def middle_px(red):
-    """Row and column of the middle of what is red."""
+    """Row and column of the centroid of red light."""
     rows, columns = np.indices(red.shape)
     return np.array([np.sum(places * red) for places in (rows, columns)]) / red.sum()
 
 
 @pytest.mark.one_blender
 def test_a_lens_shows_more_or_less_as_it_is_focused(rack, tmp_path):
-    """On its own sensor, though one pinhole has captured all: light lies where it does in a frame by itself."""
+    """On its own sensor, although one pinhole captured all frames: light lands as in a separate render of the frame."""
     set_world(rack, (0, 0, 0))
     rack.objects["Far"].hide_render = True
     results = addon.render_animation(rack, FRAMES, output_folder=tmp_path / "one", **ASKED).results
@@ -130,14 +133,15 @@ def test_a_lens_shows_more_or_less_as_it_is_focused(rack, tmp_path):
     assert near > 1.05 * far
     for frame, ours in red.items():
         theirs = irradiance(addon.render_through_lens(rack, frame=frame, output_folder=tmp_path / "alone", **ASKED))[-1]
-        # Of at most 100 pixels along its edges each is off by at most a half over the root of 256 samples: of the
-        # square's 100 pixels or more the sum is off by 0.3, and five times that, and the middle by as much of its half.
+        # Each of at most 100 pixels along the square's edges has an error of at most a half over the root of 256
+        # samples. The sum of the square's 100 pixels or more then has an error of 0.3, and five times that for 5 sigma;
+        # the centroid has the same relative error of its half width.
         np.testing.assert_allclose(ours.sum(), theirs.sum(), rtol=0.015)
         np.testing.assert_allclose(middle_px(ours), middle_px(theirs), atol=0.1)
 
 
 def test_the_pinhole_that_a_picture_is_compared_with_sees_as_much_as_the_lens():
-    """Light that grows evenly across the picture grows as many times as fast where a longer pinhole has captured it."""
+    """Light with a linear gradient across the picture has a steeper one if captured by a longer pinhole."""
     lens = make_lens()
     grid = PixelGrid.around_frame((5, 7), 10.0, (4, 6))
     cube = np.broadcast_to(100.0 + grid.axes_mm()[0], (3, *grid.shape_px)).astype(np.float32)
@@ -148,8 +152,10 @@ def test_the_pinhole_that_a_picture_is_compared_with_sees_as_much_as_the_lens():
     np.testing.assert_allclose(ours - ours[2, 3], 1.5 * (own - own[2, 3]), atol=1e-6 * own.max())
 
 
+@pytest.mark.one_blender
 def test_each_frame_tells_what_one_depth_for_each_pixel_does_not(rack, tmp_path):
-    """By itself it tells the same, but for the lens's own lines; a frame that goes on with a capture, too."""
+    """A separate render reports the same, except for the lens's own lines; and so does a frame that reuses a capture.
+    """
     glowing(rack, "Pane", (1, 1, 1), 2.0, 1.0).data.materials[0] = material("Glass", "ShaderNodeBsdfGlass")[0]
     rack.render.resolution_x, rack.render.resolution_y, rack.cycles.samples = 96, 72, 4
     results = addon.render_animation(rack, FRAMES[:2], output_folder=tmp_path, **ASKED).results
@@ -202,11 +208,12 @@ def test_what_moves_is_captured_frame_by_frame(rack, captures, tmp_path):
     assert addon.Animation(rack, FRAMES, output_folder=tmp_path, **ASKED).plan == ""
 
 
+@pytest.mark.one_blender
 def test_frames_that_ask_for_other_pictures_are_captured_by_themselves(rack, tmp_path):
     asked = ASKED | {"output_folder": tmp_path}
     one, job = OneCapture(rack, FRAMES, **asked), job_of_frame(rack, 3, **asked)
     assert one.holds(job)
-    for other in (replace(job, depth="traced"), replace(job, denoise=not job.denoise),
+    for other in (replace(job, depth="traced"), replace(job, denoise="on"),
                   replace(job, settings=job.settings | {"samples": 3})):
         assert not one.holds(other)
     assert addon.Animation(rack, FRAMES, **asked, depth="traced").plan == (
@@ -220,9 +227,10 @@ def test_the_command_says_it_first(rack, tmp_path):
     command = [sys.executable, "-c", "from lensfield.cli import console; console()", "render", str(blend),
                "--lens", LENS, "--frames", "1-3:2", "--wavelengths", "450,550,650", "--lens-quality", "preview",
                "--tier", "preview", "--output", str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=LAST_RESORT_S)
     assert done.returncode == 0, done.stderr
-    first, *_ = done.stdout.splitlines()
+    output, first, *_ = done.stdout.splitlines()
+    assert output == f"output: {tmp_path}"
     assert first == "2 frames from one capture: nothing but focus and f-stop changes"
     assert (tmp_path / "Scene_0001_radiance.exr").samefile(tmp_path / "Scene_0003_radiance.exr")
 
@@ -246,7 +254,7 @@ def test_a_file_is_copied_where_it_cannot_have_two_names(tmp_path, monkeypatch):
     source, other = tmp_path / "one", tmp_path / "other"
     source.write_text("light")
     files.link_or_copy(source, other)
-    files.link_or_copy(source, other)  # which it is already
+    files.link_or_copy(source, other)  # it already is one
     assert other.samefile(source) and other.read_text() == "light"
 
     def refuse(*_):

@@ -1,4 +1,4 @@
-"""Before a render: it is foreseen whether it would be refused, and what of the scene would come out otherwise."""
+"""Before a render: predicted refusals, and predicted differences from the scene."""
 
 import json
 
@@ -9,17 +9,17 @@ from lensfield import addon, cli
 from lensfield.addon import preflight
 from lensfield.addon.job import preflight as before_a_render
 from lensfield.addon.job.remarks import UNLAYERED
-from lensfield.engine.errors import InputError
+from lensfield.engine.runtime.errors import InputError
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 from small_scenes import light, material, set_world, wall
 from snapshot import differences, snapshot
 
 OF_DEPTH = {"Depth", *(what for what, *_ in UNLAYERED.values())}
-"""Remarks that are longer than others: they name a share of the picture, objects and a remedy."""
+"""Remarks that may be longer: they name a share of the picture, objects and a remedy."""
 
 
 def short_index(tmp_path, letters):
-    """A refractive index that is known from 400 to 600 nm alone, of a glass or a metal."""
+    """A refractive index that is only defined from 400 to 600 nm, of a glass or a metal."""
     path = tmp_path / "short.yml"
     rows = "\n".join(f"      {um} {1.5 - um / 10}{' 3.0' * (letters == 'nk')}" for um in (0.4, 0.5, 0.6))
     path.write_text(f"DATA:\n  - type: tabulated {letters}\n    data: |\n{rows}\n")
@@ -90,7 +90,7 @@ def background_set(scene, tmp_path):
 
 
 def marked_camera(scene, tmp_path):
-    """Whose type is right, but at another frame."""
+    """A valid camera, but a marker switches to an orthographic one at frame 5."""
     other = bpy.data.objects.new("Other", bpy.data.cameras.new("Other"))
     other.data.type = "ORTHO"
     scene.collection.objects.link(other)
@@ -108,7 +108,7 @@ def a_folder_for_a_file(scene, tmp_path):
 
 
 def linked_camera(scene, tmp_path):
-    """Camera data that an object from another file uses too, which cannot be given another."""
+    """Camera data shared with an object from another file, which cannot be replaced."""
     data = scene.camera.data
     bpy.data.libraries.write(str(tmp_path / "library.blend"), {scene.camera}, fake_user=True)
     with bpy.data.libraries.load(str(tmp_path / "library.blend"), link=True) as (_, into):
@@ -138,7 +138,13 @@ def lensfield(**values):
 SCENES = {
     "plain": lambda scene, tmp_path: None, "no camera": lambda scene, tmp_path: setattr(scene, "camera", None),
     "orthographic": camera(type="ORTHO"), "panorama": camera(type="PANO"), "shifted": camera(shift_x=0.1),
-    "pixels": setting(lambda scene: scene.render, pixel_aspect_x=2.0), "marked": marked_camera,
+    "pixels": setting(lambda scene: scene.render, pixel_aspect_x=2.0),
+    "one pixel": setting(lambda scene: scene.render, resolution_percentage=1), "clipped": camera(clip_start=2000.0),
+    "flat camera": setting(lambda scene: scene.camera, scale=(1.0, 1.0, 0.0)),
+    "fisheye by the camera": lambda scene, tmp_path: (
+        camera(type="PANO", panorama_type="FISHEYE_LENS_POLYNOMIAL")(scene, tmp_path),
+        lensfield(view="CAMERA")(scene, tmp_path)),
+    "marked": marked_camera,
     "linked camera": linked_camera,
     "no lens": lensfield(lens="FILE", lens_file=""), "lost lens": lensfield(lens="FILE", lens_file="/nowhere.npz"),
     "wavelengths": lensfield(wavelength_mode="LIST", wavelength_list="blue"),
@@ -154,21 +160,24 @@ SCENES = {
     "the camera's view": lensfield(view="CAMERA")}
 
 
-@pytest.mark.parametrize("tier", ["preview", "standard", "reference"])
+@pytest.mark.parametrize("tier", [pytest.param("preview", marks=pytest.mark.one_blender), "standard",
+                                  pytest.param("reference", marks=pytest.mark.one_blender)])
 @pytest.mark.parametrize("name", SCENES)
 def test_refused_where_the_render_is_and_nowhere_else(scene, tmp_path, name, tier):
     scene.render.resolution_x, scene.render.resolution_y, scene.cycles.samples = 8, 6, 1
     set_world(scene)
     scene.lensfield.output_folder = str(tmp_path / "out")
     scene.lensfield.wavelength_count = 3
+    scene.lensfield.depth = "AUTO" if tier == "standard" else "OFF"
     SCENES[name](scene, tmp_path)
     bpy.context.view_layer.update()
     before, files = snapshot(), sorted(tmp_path.rglob("*"))
-    found = preflight(scene, spectral=SpectralOptions(tier))
-    changed = [line for line in differences(before, snapshot()) if "is_library_indirect" not in line]  # Blender's own
+    given = {"spectral": SpectralOptions(tier), "lens_quality": "preview"}
+    found = preflight(scene, **given)
+    changed = [line for line in differences(before, snapshot()) if "is_library_indirect" not in line]  # Blender sets it
     assert not changed and sorted(tmp_path.rglob("*")) == files
     try:
-        addon.render_through_lens(scene, spectral=SpectralOptions(tier))
+        addon.render_through_lens(scene, **given)
         refused = None
     except InputError as error:
         refused = str(error)
@@ -212,7 +221,7 @@ REMARKS = [
     (set_on("camera.data.dof", use_dof=True), "standard", "Focus and F-Stop: f/2.8: this lens goes from f/5.5"),
     (set_on("camera.data", lens=100.0), "standard", "Focal Length 100 mm: the lens shows what 56.2 mm would"),
     (set_on("cycles", pixel_filter_type="GAUSSIAN"), "standard", "Pixel Filter 1.5 px: left out"),
-    (set_on("cycles", blur_glossy=5.0), "standard", "Filter Glossy 5: left out"),
+    (set_on("cycles", blur_glossy=5.0), "reference", None),
     (set_on("render", use_multiview=True), "standard", "Stereoscopy: left out"),
     (set_on("render", use_border=True, use_crop_to_border=True), "standard", "Crop to Render Region: left out"),
     (set_on("render", use_border=True), "standard", None),
@@ -227,20 +236,21 @@ REMARKS = [
 
 @pytest.mark.parametrize("change, tier, expected", REMARKS, ids=lambda value: value if isinstance(value, str) else "")
 def test_what_does_not_hold_is_told_before_and_after_and_nothing_else(scene, tmp_path, change, tier, expected):
-    scene.lensfield.lens = "tessar-50mm"  # it is sharp to infinity
+    scene.lensfield.lens = "tessar-50mm"  # in focus to infinity
     assert bpy.ops.lensfield.match_camera() == {"FINISHED"}
     set_world(scene)
     change(scene)
-    found = [str(remark) for remark in preflight(scene, tmp_path, spectral=SpectralOptions(tier)).remarks]
+    given = {"spectral": SpectralOptions(tier), "lens_quality": "preview"}
+    found = [str(remark) for remark in preflight(scene, output_folder=tmp_path, **given).remarks]
     assert len(found) == (expected is not None) and all(remark.startswith(expected) for remark in found)
     if scene.cycles.samples < 1024:
-        result = addon.render_through_lens(scene, output_folder=tmp_path, spectral=SpectralOptions(tier))
+        result = addon.render_through_lens(scene, output_folder=tmp_path, **given)
         assert [remark for remark in result.report.remarks() if remark in found] == found
 
 
 def test_an_untouched_scene_gets_few_lines(tmp_path):
     bpy.ops.wm.read_factory_settings()
-    found = preflight(bpy.context.scene, tmp_path)
+    found = preflight(bpy.context.scene, output_folder=tmp_path)
     assert not found.refusals
     assert [remark.what for remark in found.remarks] == ["Render Engine", "Samples", "Depth"]
     assert all(len(str(remark)) < (200 if remark.what in OF_DEPTH else 130) for remark in found.remarks)
@@ -257,7 +267,7 @@ def test_the_command_is_given_what_the_render_is(scene, tmp_path, capsys):
     assert cli.main(["lint", blend, "--view-layer", "Second", "--output", str(tmp_path / "out")]) == 0
     assert not (tmp_path / "out").exists()
     assert cli.main(["lint", blend, "--view-layer", "Second", "--json"]) == 1
-    found = json.loads(capsys.readouterr().out.split("nm: all surfaces are grey\n", 1)[1])
+    found = json.loads(capsys.readouterr().out.split(f"output: {tmp_path / 'out'}\n", 1)[1])
     assert found["plan"].startswith("1 Cycles render at")
     assert [refusal["field"] for refusal in found["refusals"]] == ["output folder"]
     assert [remark["what"] for remark in found["remarks"]] == ["Focal Length"]
@@ -270,19 +280,22 @@ def test_a_traced_lens_takes_no_look_at_depth(scene, tmp_path, monkeypatch):
     for name in ("seen_depth_mm", "plan_by", "unlayered_remarks"):
         monkeypatch.setattr(before_a_render, name, look)
     set_world(scene)
-    found = preflight(scene, tmp_path, lens="tessar-50mm", depth="traced")
+    found = preflight(scene, output_folder=tmp_path, lens="tessar-50mm", depth="traced")
     assert found.plan and not found.refusals and found.slabs is None
 
 
+@pytest.mark.one_blender
 @pytest.mark.parametrize("lens", ["edmund-54852", "muller-fisheye-25mm"])
 def test_the_share_out_of_depth_is_foreseen(scene, tmp_path, lens):
-    """Of a near square before a far wall; and of another one that no render shows."""
+    """The share of a near square in front of a far wall; a second square is hidden in renders."""
     near = wall(scene, material("Near", "ShaderNodeEmission")[0], 0.1, 0.05)
     near.location.x = 0.02
     wall(scene, material("Hidden", "ShaderNodeEmission")[0], 0.05).hide_render = True
     wall(scene, material("Far", "ShaderNodeEmission")[0], 5.0, 100.0)
     scene.lensfield.lens = lens
-    told = [str(remark) for remark in preflight(scene, tmp_path).remarks if remark.what == "Depth"]
-    exact = addon.render_through_lens(scene, output_folder=tmp_path).report.scene.depth.outside_fraction
+    told = [str(remark) for remark in preflight(scene, output_folder=tmp_path, lens_quality="preview").remarks
+            if remark.what == "Depth"]
+    result = addon.render_through_lens(scene, output_folder=tmp_path, lens_quality="preview")
+    exact = result.report.scene.depth.outside_fraction
     share = float(told[0].split("about ")[1].split("%")[0]) / 100 if told else 0.0
     assert 0.01 < exact and share == pytest.approx(exact, abs=0.06)  # a row of rays

@@ -1,7 +1,7 @@
 """Absolute spectral radiance, W m^-2 sr^-1 nm^-1, of each kind of light, to 0.1 %: by closed forms.
 
-A wall of Lambert's law that gets E watts a square metre of a lamp shows L = reflectance E / pi. What Blender makes of a
-lamp's watts is told at each test; the spectrum spreads them over 380 to 780 nm.
+A Lambertian wall that receives E watts per square metre from a lamp has L = reflectance E / pi. Each test states
+Blender's use of a lamp's watts; the spectrum spreads them over 380 to 780 nm.
 """
 
 import operator
@@ -14,7 +14,7 @@ from scipy.integrate import trapezoid
 
 from lenses import make_lens
 from lensfield import addon
-from lensfield.engine.image.spectral_exr import read_exr
+from lensfield.engine.pictures.spectral_exr import read_exr
 from lensfield.engine.spectral.spectra import colour_matching, load_spectrum, reflectance_basis, white_density
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 from noise import assert_means
@@ -35,20 +35,21 @@ def few_pixels(scene):
 
 @cache
 def narrow_lens():
-    """It sees 1.5 degrees, so that all pixels see the same: to 1e-4, by the cosines about the axis."""
+    """A lens with a view of 1.5 degrees, so that all pixels are the same: to 1e-4, by the cosines about the axis."""
     return make_lens(wavelengths_nm=(380.0, 780.0), sensor_mm=(0.24, 0.18))
 
 
 def radiance(scene, folder, nm=NM):
     """Spectral radiance: array (wavelength, row, column)."""
-    result = addon.render_through_lens(scene, narrow_lens(), nm, folder, spectral=SpectralOptions("reference"))
+    result = addon.render_through_lens(scene, lens=narrow_lens(), wavelengths_nm=nm, output_folder=folder,
+                                       spectral=SpectralOptions("reference"), depth="off")
     return read_exr(result.radiance).frame().cube.astype(np.float64)
 
 
 def density(name, nm=NM):
-    """What these wavelengths get of a watt between 380 and 780 nm, per nm, by brute force.
+    """Density of a watt between 380 and 780 nm at these wavelengths, per nm, by brute force.
 
-    Each wavelength stands for what lies between it and its neighbours, the nearer the more.
+    Each wavelength represents the interval between its neighbours, weighted towards its own position.
     """
     spectrum = load_spectrum(name)
     power = np.interp(BAND_NM, spectrum.wavelengths_nm, spectrum.values, left=0, right=0)
@@ -84,7 +85,7 @@ def test_point(scene, wall_at, tmp_path, spectrum):
 
 
 def test_point_of_some_size(scene, wall_at, tmp_path):
-    """A ball of radius r gives E = P / 4 pi h^2 on the axis, as a point does."""
+    """A ball of radius r gives E = P / 4 pi h^2 on the axis, like a point."""
     lamp(scene, "POINT", FLAT, shadow_soft_size=0.3, use_soft_falloff=False)
     scene.cycles.samples = 256
     check(scene, tmp_path, 1 / (4 * np.pi * DISTANCE_M**2) / np.pi, FLAT)
@@ -93,7 +94,7 @@ def test_point_of_some_size(scene, wall_at, tmp_path):
 @pytest.mark.parametrize("spectrum", SPECTRA)
 @pytest.mark.parametrize("cone_degrees", [40, 150])
 def test_spot(scene, wall_at, tmp_path, spectrum, cone_degrees):
-    """I = P / 4 pi on the axis, whatever the cone."""
+    """I = P / 4 pi on the axis, independent of the cone."""
     lamp(scene, "SPOT", spectrum, shadow_soft_size=0.0, spot_size=np.radians(cone_degrees), spot_blend=0.0)
     check(scene, tmp_path, 1 / (4 * np.pi * DISTANCE_M**2) / np.pi, spectrum)
 
@@ -117,7 +118,7 @@ def test_area_on_a_wall(scene, wall_at, tmp_path):
 
 @pytest.mark.parametrize("spread_degrees", [90, 30])
 def test_area_of_smaller_spread_keeps_its_power(scene, wall_at, tmp_path, spread_degrees):
-    """Towards an angle a it shines as 1 - tan(a) / tan(spread / 2): the rest gains by what is lost."""
+    """At an angle a its intensity is 1 - tan(a) / tan(spread / 2), and the rest is brighter to compensate."""
     lamp(scene, "AREA", FLAT, shape="DISK", size=1e-3, spread=np.radians(spread_degrees))
     slope = 1 / np.tan(np.radians(spread_degrees) / 2)
     angle = np.linspace(0, np.radians(spread_degrees) / 2, 100001)
@@ -139,7 +140,7 @@ def test_sun(scene, wall_at, tmp_path, spectrum, tilt_degrees, angle_degrees):
 @pytest.mark.parametrize("spectrum", SPECTRA)
 @pytest.mark.parametrize("on_a_wall", [False, True])
 def test_world(scene, tmp_path, spectrum, on_a_wall):
-    """L = s; and so off a white wall under it."""
+    """L = s; and the same off a white wall under it."""
     set_world(scene, strength=2.5)
     scene.world.lensfield.emission = spectrum
     if on_a_wall:
@@ -165,7 +166,7 @@ def test_mesh(scene, tmp_path, spectrum, node_type, strength):
 
 
 def test_mesh_on_a_wall(scene, wall_at, tmp_path):
-    """A square behind the camera gives pi L of what the wall faces."""
+    """A square behind the camera gives pi L times the share of the wall's hemisphere that it covers."""
     glow, shader = material("Glow", "ShaderNodeEmission")
     shader.inputs["Strength"].default_value = 7.0
     glow.lensfield.emission = "illuminant-a"
@@ -194,7 +195,7 @@ def test_colour_multiplies_daylight(scene, wall_at, tmp_path, colour):
 
 
 def test_temperature_spreads_the_watts_by_planck(scene, wall_at, tmp_path):
-    """Not as Blender has it, where a temperature keeps the luminance: watts are watts between 380 and 780 nm."""
+    """Unlike in Blender, where a temperature preserves the luminance: watts are watts between 380 and 780 nm."""
     if "use_temperature" not in bpy.types.Light.bl_rna.properties:
         pytest.skip("this Blender's lamps have no temperature")
     light(scene, "POINT", WATTS, use_temperature=True, temperature=3200.0, shadow_soft_size=0.0)
@@ -225,9 +226,9 @@ def test_lumens_of_a_point(scene, wall_at, tmp_path, properties):
     data = lamp(scene, "POINT", watts=17.0, shadow_soft_size=0.0, **properties).data
     data.lensfield.power_unit, data.lensfield.lumens = "LUMEN", lumens
     if hasattr(data, "exposure"):
-        data.exposure = 2.0  # a matter of watts alone
+        data.exposure = 2.0  # applies to watts alone
     expected = lumens / (4 * np.pi**2 * DISTANCE_M**2)
-    step_nm = 2.5 if data.color[0] < 0.2 else 5.0  # so steep are the spectra of saturated colours
+    step_nm = 2.5 if data.color[0] < 0.2 else 5.0  # the spectra of saturated colours are steep
     assert_means(luminance(scene, tmp_path, step_nm), expected, PRECISION)
 
 
@@ -277,7 +278,7 @@ def test_lux_of_a_sun(scene, wall_at, tmp_path):
     ("unit_settings", "scale_length", 0.001), ("cycles", "sample_clamp_direct", 0.001),
     ("cycles", "sample_clamp_indirect", 0.001), ("render", "filter_size", 5.0),
     ("cycles", "pixel_filter_type", "BLACKMAN_HARRIS"),
-    ("render", "resolution_percentage", 50),
+    ("render", "resolution_percentage", 75),
     ("render", "use_motion_blur", True), ("render", "dither_intensity", 2.0),
     ("render.image_settings", "color_mode", "BW"), ("cycles", "use_denoising", True),
     ("cycles", "use_fast_gi", True), ("cycles", "use_light_tree", False),

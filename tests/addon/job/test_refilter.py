@@ -1,4 +1,4 @@
-"""Another lens on a kept picture: it is what a fresh render through that lens would be."""
+"""Applying another lens to a cached picture: the same result as a new render through that lens."""
 
 import json
 from dataclasses import replace
@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from lensfield import addon
-from lensfield.engine import ImageError, InputError, Lens, scratch
-from lensfield.engine.bake.rings import Rings
+from lensfield.engine import ImageError, InputError, load_lens
 from lensfield.engine.image.pixel_grid import FISHEYE
-from lensfield.engine.image.spectral_exr import read_exr, read_parts, read_with_planes, write_exr
+from lensfield.engine.pictures.spectral_exr import read_exr, read_parts, read_with_planes, write_exr
+from lensfield.engine.runtime import scratch
 from noise import assert_means
 from small_scenes import WAVELENGTHS_NM, material, wall
 
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.one_blender
 
 @pytest.fixture
 def window(scene):
-    """A glowing square off the axis before a dim wall, without noise but for that of the pixels' edges."""
+    """A glowing square off the axis in front of a dim wall, without noise except at the edges."""
     scene.cycles.samples = 256
     for name, strength, distance_m, side_m, x_m in (("Dim", 0.2, 3, 20, 0), ("Bright", 2, 2, 0.9, 0.35)):
         glow, shader = material(name, "ShaderNodeEmission", (0.8, 0.5, 0.2))
@@ -30,11 +30,16 @@ def window(scene):
 
 
 def rendered(scene, folder, lens, **asked):
-    return addon.render_through_lens(scene, lens, WAVELENGTHS_NM, folder, **asked)
+    given = {"lens": lens, "wavelengths_nm": WAVELENGTHS_NM, "output_folder": folder, "lens_quality": "preview"}
+    return addon.render_through_lens(scene, **given | asked)
+
+
+def apply_lens(radiance, lens, folder=None, **asked):
+    return addon.apply_lens(radiance, **{"lens": lens, "output_folder": folder, "lens_quality": "preview"} | asked)
 
 
 def blocks(path):
-    """An irradiance's means over blocks of 12 x 12 px, so large that the pixels' noise is small."""
+    """An irradiance's means over blocks of 12 x 12 px, large enough to make the pixels' noise small."""
     image = read_exr(path)
     rows, columns = (n // 12 for n in image.frame_px)
     return image, image.cube.reshape(len(image.cube), rows, 12, columns, 12).transpose(0, 1, 3, 2, 4)
@@ -42,11 +47,11 @@ def blocks(path):
 
 @pytest.mark.parametrize("first, second", [("tessar-50mm", "cooke-triplet-50mm"), ("edmund-54852", "nikkor-28mm")])
 def test_in_the_cameras_view_it_is_a_fresh_render_through_that_lens(window, tmp_path, first, second):
-    """However large either is by itself."""
+    """For any size of either lens."""
     window.camera.data.lens = 30
-    asked = {"view": "camera", "lens_quality": "preview"}
+    asked = {"view": "camera"}
     kept = rendered(window, tmp_path, first, **asked)
-    applied = addon.apply_lens(kept.radiance, second, tmp_path / "applied", **asked)
+    applied = apply_lens(kept.radiance, second, tmp_path / "applied", **asked)
     fresh = rendered(window, tmp_path / "fresh", second, **asked)
     (image, pixels), (other, expected) = blocks(applied.irradiance), blocks(fresh.irradiance)
     assert image.lens_name == other.lens_name and np.isclose(image.pitch_um, other.pitch_um)
@@ -54,12 +59,12 @@ def test_in_the_cameras_view_it_is_a_fresh_render_through_that_lens(window, tmp_
 
 
 def test_what_a_fisheye_captured_serves_other_lenses_too(window, tmp_path):
-    """But for what resampling does to edges."""
+    """Except for resampling of edges."""
     window.camera.data.lens = 18
-    asked = {"view": "camera", "lens_quality": "preview"}
+    asked = {"view": "camera"}
     kept = rendered(window, tmp_path, "muller-fisheye-25mm", **asked)
     assert read_exr(kept.radiance).projection == FISHEYE
-    applied = addon.apply_lens(kept.radiance, "tessar-50mm", tmp_path / "applied", **asked)
+    applied = apply_lens(kept.radiance, "tessar-50mm", tmp_path / "applied", **asked)
     fresh = rendered(window, tmp_path / "fresh", "tessar-50mm", **asked)
     (_, pixels), (_, expected) = (blocks(result.irradiance) for result in (applied, fresh))
     light = expected.mean(axis=(-2, -1))
@@ -67,11 +72,10 @@ def test_what_a_fisheye_captured_serves_other_lenses_too(window, tmp_path):
 
 
 def test_lenses_of_one_view_need_no_scaling(window, tmp_path):
-    """The same lens stopped down: what its own render gives, and nothing to be told."""
-    kept = rendered(window, tmp_path, "angenieux-50mm", lens_quality="preview")
-    applied = addon.apply_lens(kept.radiance, "angenieux-50mm", tmp_path / "applied", rings=Rings(f_number=4.0),
-                               lens_quality="preview")
-    fresh = rendered(window, tmp_path / "fresh", "angenieux-50mm", f_number=4.0, lens_quality="preview")
+    """The same lens stopped down: equal to its own render, without remarks."""
+    kept = rendered(window, tmp_path, "nikkor-28mm")
+    applied = apply_lens(kept.radiance, "nikkor-28mm", tmp_path / "applied", f_number=4.0)
+    fresh = rendered(window, tmp_path / "fresh", "nikkor-28mm", f_number=4.0)
     assert applied.report.file.lens_warning == ""
     (_, pixels), (_, expected) = blocks(applied.irradiance), blocks(fresh.irradiance)
     assert_means(pixels, expected, rtol=0.002, noise=0.03)
@@ -81,7 +85,7 @@ def test_the_lens_of_the_render_gives_the_same_files_again(window, tmp_path):
     window.render.film_transparent, window.cycles.film_exposure = True, 2.5
     bpy.data.objects["Wall"].hide_render = True
     kept = rendered(window, tmp_path, "tessar-50mm")
-    applied = addon.apply_lens(kept.radiance, "tessar-50mm", tmp_path / "applied")
+    applied = apply_lens(kept.radiance, "tessar-50mm", tmp_path / "applied")
     for first, second in zip(kept.files, applied.files, strict=True):
         if first.suffix == ".exr":
             (_, planes), (_, others) = read_parts(first)[0], read_parts(second)[0]
@@ -94,23 +98,23 @@ def test_a_picture_that_memory_is_not_for_gives_the_same_files(window, tmp_path,
     kept, made, in_file = rendered(window, tmp_path, "edmund-54852", depth="off"), [], scratch._in_file
     monkeypatch.setattr(scratch, "_in_file", lambda shape, folder: made.append(folder) or in_file(shape, folder))
     monkeypatch.setattr(scratch, "available_bytes", lambda: 0)
-    applied = addon.apply_lens(kept.radiance, "edmund-54852", tmp_path / "applied", depth="off")
+    applied = apply_lens(kept.radiance, "edmund-54852", tmp_path / "applied", depth="off")
     assert made == [tmp_path / "applied"] * 2  # radiance and irradiance
     for first, second in zip(kept.files, applied.files, strict=True):
-        assert first.suffix == ".json" or first.read_bytes() == second.read_bytes()  # reports tell seconds
+        assert first.suffix == ".json" or first.read_bytes() == second.read_bytes()  # reports contain seconds
 
 
 def test_a_kept_field_of_view_is_told_for_what_it_is(window, tmp_path):
     kept = rendered(window, tmp_path, "tessar-50mm")
-    result = addon.apply_lens(kept.radiance, "nikkor-28mm")
+    result = apply_lens(kept.radiance, "nikkor-28mm")
     (warning,) = (line for line in result.told if "sensor" in line)
     assert "nikkor-28mm, is that of a sensor of 18.3 x 13.7 mm, in place of its own of 36 x 24 mm" in warning
-    tessar, nikkor = Lens.load("tessar-50mm"), Lens.load("nikkor-28mm")
+    tessar, nikkor = (load_lens(name, quality="preview") for name in ("tessar-50mm", "nikkor-28mm"))
     image = read_exr(result.irradiance)
     assert np.isclose(image.pitch_um / nikkor.capture_focal_length_mm,
                       read_exr(kept.radiance).pitch_um / tessar.capture_focal_length_mm)
     assert json.loads(result.record.read_text())["radiance"] == str(kept.radiance) in result.told[1]
-    scaled = addon.apply_lens(kept.radiance, "nikkor-28mm", tmp_path / "scaled", view="camera")
+    scaled = apply_lens(kept.radiance, "nikkor-28mm", tmp_path / "scaled", view="camera")
     assert np.allclose(read_exr(scaled.irradiance).cube, image.cube, rtol=1e-4)
     assert "nikkor-28mm made 1.75 times as large" in "".join(scaled.told)
 
@@ -121,16 +125,16 @@ def test_what_needs_more_than_was_captured_is_refused_and_nothing_is_touched(win
     before = [path.read_bytes() for path in kept.files]
     with pytest.raises(ImageError, match=r"_radiance.exr: overscan is \d+ x \d+ px: edmund-54852 draws in \d+ x \d+ px "
                                          "from beyond the frame: render again through it"):
-        addon.apply_lens(kept.radiance, "edmund-54852")
+        apply_lens(kept.radiance, "edmund-54852")
     assert [path.read_bytes() for path in kept.files] == before
 
 
 def test_an_animation_takes_the_frame_for_another_one_afterwards(window, tmp_path):
     window.lensfield.output_folder, window.lensfield.lens = str(tmp_path), "tessar-50mm"
-    asked = {"wavelengths_nm": WAVELENGTHS_NM}
+    asked = {"wavelengths_nm": WAVELENGTHS_NM, "lens_quality": "preview"}
     (result,) = addon.render_animation(window, [1], **asked).results.values()
     assert not addon.Animation(window, [1], **asked).pending
-    addon.apply_lens(result.radiance, "cooke-triplet-50mm")
+    apply_lens(result.radiance, "cooke-triplet-50mm")
     assert addon.Animation(window, [1], **asked).pending == [1]
 
 
@@ -138,7 +142,7 @@ def test_room_is_made_for_lenses_that_draw_on_more(window, tmp_path):
     window.render.resolution_x, window.render.resolution_y, window.cycles.samples = 192, 144, 1
     kept = rendered(window, tmp_path, "tessar-50mm", room=0.1)
     assert read_exr(kept.radiance).overscan_px == (19, 19)
-    assert addon.apply_lens(kept.radiance, "edmund-54852").report.file
+    assert apply_lens(kept.radiance, "edmund-54852").report.file
     with pytest.raises(InputError, match="room is -1: expected 0 to 1"):
         rendered(window, tmp_path, "tessar-50mm", room=-1)
 
@@ -148,9 +152,17 @@ def test_bad_input_names_the_remedy(window, tmp_path):
     image, planes = read_with_planes(kept.radiance)
     old = tmp_path / "Old_0001_radiance.exr"
     write_exr(replace(image, focal_mm=None), old, {"Z": planes["Z"]})
-    for path, words in ((old, "older Lensfield: render again"), (tmp_path / "Gone_0001_radiance.exr", "is not there"),
+    for path, words in ((old, "older Lensfield: render again"), (tmp_path / "Gone_0001_radiance.exr", "is missing"),
                         (kept.irradiance, "such as Scene_0001_radiance.exr")):
         with pytest.raises(InputError, match=words):
-            addon.apply_lens(path, "tessar-50mm")
+            apply_lens(path, "tessar-50mm")
     with pytest.raises(InputError, match="expected lens or camera"):
-        addon.apply_lens(kept.radiance, "tessar-50mm", view="mine")
+        apply_lens(kept.radiance, "tessar-50mm", view="mine")
+
+
+def test_fields_that_need_a_scene_are_refused(tmp_path):
+    path = tmp_path / "Scene_0001_radiance.exr"
+    with pytest.raises(TypeError, match="unexpected keyword argument 'denoise'"):
+        addon.apply_lens(path, lens="tessar-50mm", denoise="on")
+    with pytest.raises(InputError, match="focus is camera: expected a distance"):
+        addon.apply_lens(path, lens="tessar-50mm", focus="camera")

@@ -1,4 +1,4 @@
-"""The user's scene is exactly as it was: after success, after an error, after cancelling at any step."""
+"""The user's scene is exactly restored: after success, after an error, after cancelling at any step."""
 
 
 import bpy
@@ -10,9 +10,8 @@ from lensfield.addon.job.render import render_steps, run
 from lensfield.addon.job.steps import RenderPass
 from lensfield.addon.scene.errors import SceneError
 from lensfield.addon.scene.undo import Journal
-from lensfield.engine import Lens, Options
+from lensfield.engine import load_lens
 from lensfield.engine.spectral.spectra import reflectance_basis
-from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 from noise import ROUNDING
 from small_scenes import WAVELENGTHS_NM, give, light, material, radiance_on_axis, render, set_world, wall
 from snapshot import COMPOSITOR, differences, snapshot
@@ -20,7 +19,7 @@ from snapshot import COMPOSITOR, differences, snapshot
 
 @pytest.fixture
 def rich_scene(scene):
-    """A scene with what is easily disturbed: links, groups, animation, a shared material, odd render settings."""
+    """A scene with easily disturbed data: links, groups, animation, a shared material, unusual render settings."""
     set_world(scene, (0.2, 0.3, 0.4))
     painted, shader = material("Paint", "ShaderNodeBsdfDiffuse", (0.7, 0.2, 0.1))
     noise = painted.node_tree.nodes.new("ShaderNodeTexNoise")
@@ -55,9 +54,8 @@ def set_format(scene, file_format, color_mode, color_depth):
 
 
 def job(folder):
-    return Job(Lens.load("edmund-54852"), np.array((450.0, 550.0, 600.0, 650.0)), folder, Options(), SpectralOptions(),
-               unfit="refuse", frame=1, view_layer="", denoise=False,
-               clamp=True, to_compositor=False)
+    return Job(lens=load_lens("edmund-54852"), wavelengths_nm=np.array((450.0, 550.0, 600.0, 650.0)),
+               output_folder=folder, denoise="off", frame=1, clamp=True)
 
 
 def test_scene_is_the_same_after_success(rich_scene, tmp_path):
@@ -88,7 +86,7 @@ def test_marker_bound_camera_takes_the_picture_and_the_scene_keeps_its_own(rich_
     before = snapshot()
     render(rich_scene, tmp_path, frame=1)
     assert not differences(before, snapshot())
-    rich_scene.camera = None  # a marker binds one: nothing to refuse
+    rich_scene.camera = None  # a marker binds one, so the scene is not refused
     render(rich_scene, tmp_path, frame=1)
     rich_scene.camera = own
     with pytest.raises(SceneError, match="camera 'Bound 2': type is ORTHO"):
@@ -138,12 +136,12 @@ def test_scene_is_the_same_after_an_error(rich_scene, tmp_path):
 
 
 def assign_everywhere(scene, painted):
-    """Let a material be used in every way that Blender has: by meshes, objects, layers, nodes and their modifiers."""
+    """Use a material in every way that Blender has: by meshes, objects, layers, nodes and their modifiers."""
     square = wall(scene, painted)
     square.data.materials.append(painted)
     square.material_slots[1].link = "OBJECT"
     square.material_slots[1].material = painted
-    square.material_slots[1].link = "DATA"  # it keeps the object's material, unseen
+    square.material_slots[1].link = "DATA"  # it keeps the object's material, unused
     other = wall(scene, material("Other", "ShaderNodeBsdfDiffuse")[0])
     other.material_slots[0].link = "OBJECT"
     other.material_slots[0].material = painted
@@ -170,12 +168,12 @@ def test_a_stand_in_is_used_wherever_the_original_was(scene):
         wall(scene, stand_in, 2.0).name = "New"
         raise ZeroDivisionError
     assert bpy.data.objects["New"].material_slots[0].material == painted
-    bpy.data.meshes.remove(bpy.data.objects["New"].data)  # and the object with it
+    bpy.data.meshes.remove(bpy.data.objects["New"].data)  # also removes the object
     assert not differences(before, snapshot())
 
 
 def link_from_file(path, blocks):
-    """Write the objects to a file, remove them and theirs from this one, and link them instead."""
+    """Write the objects to a file, remove them and their data from this one, and link them instead."""
     bpy.data.libraries.write(str(path), set(blocks))
     bpy.data.batch_remove([*blocks, *bpy.data.meshes, *bpy.data.materials, *bpy.data.node_groups])
     with bpy.data.libraries.load(str(path), link=True) as (available, linked):
@@ -210,7 +208,7 @@ def test_what_cannot_be_pointed_at_a_stand_in_is_named_and_all_is_taken_back(sce
         stand_ins = [journal.stand_in(one) for one in here]
         assert [square.data.materials[0] for square in squares] == stand_ins
         journal.stand_in(bpy.data.materials["Paint"])
-    # Blender itself marks what was once assigned to as linked directly; nothing else may differ.
+    # Blender itself marks data-blocks as directly linked once they are assigned to; nothing else may differ.
     assert not [line for line in differences(before, snapshot()) if "is_library_indirect" not in line]
 
 
@@ -229,7 +227,7 @@ def test_linked_objects_are_substituted_and_restored(scene, tmp_path):
     before = snapshot()
     measured = radiance_on_axis(scene, tmp_path)
     np.testing.assert_allclose(measured, reflectance_basis(WAVELENGTHS_NM) @ (0.7, 0.2, 0.1) / 400, rtol=ROUNDING)
-    # Blender itself marks what was once assigned to as linked directly; nothing else may differ.
+    # Blender itself marks data-blocks as directly linked once they are assigned to; nothing else may differ.
     assert not [line for line in differences(before, snapshot()) if "is_library_indirect" not in line]
 
 

@@ -1,4 +1,4 @@
-"""Renders that the machine has no memory for."""
+"""Renders that exceed the machine's memory."""
 
 import re
 
@@ -7,23 +7,27 @@ import pytest
 from lensfield.addon.job import render as render_module
 from lensfield.addon.job.preflight import preflight
 from lensfield.addon.job.render import render_through_lens
-from lensfield.engine import InputError, memory
+from lensfield.engine import InputError
+from lensfield.engine.runtime import memory
+
+pytestmark = pytest.mark.one_blender
 
 NO_ROOM = r"^scene 'Scene': size is [\d.]+ GB in memory: %d GB are free: render a smaller picture"
 
 
 def test_a_render_that_there_is_no_memory_for_is_refused_before_it_starts(scene, tmp_path, monkeypatch):
-    """With overscan more than 1e9 pixels, each of some 100 bytes."""
+    """With overscan, more than 1e9 pixels of about 100 bytes each."""
     monkeypatch.setattr(memory, "available_bytes", lambda: 16 * 10**9)
     monkeypatch.setattr(render_module, "_render", lambda scene: pytest.fail("it is rendered"))
     scene.render.resolution_x = scene.render.resolution_y = 32_000
-    scene.lensfield.tier = "REFERENCE"  # which denoises nothing
+    scene.lensfield.tier = "REFERENCE"  # without denoising
     with pytest.raises(InputError, match=NO_ROOM % 16):
-        render_through_lens(scene, "edmund-54852", [450, 550, 650], tmp_path / "out", depth="off")
+        render_through_lens(scene, lens="edmund-54852", wavelengths_nm=[450, 550, 650], output_folder=tmp_path / "out",
+                            depth="off")
     assert not list((tmp_path / "out").iterdir())
 
 
 def test_check_scene_tells_it(scene, tmp_path, monkeypatch):
     monkeypatch.setattr(memory, "available_bytes", lambda: 0)
-    refusals = preflight(scene, tmp_path, lens="edmund-54852", wavelengths_nm=[450, 550, 650]).refusals
+    refusals = preflight(scene, output_folder=tmp_path, lens="edmund-54852", wavelengths_nm=[450, 550, 650]).refusals
     assert any(re.match(NO_ROOM % 0, str(refusal)) for refusal in refusals)

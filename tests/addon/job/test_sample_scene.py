@@ -1,12 +1,12 @@
-"""The sample scene: small, of real spectra, and fit for the lens that it is made for."""
+"""The sample scene: small, with real spectra, and suitable for its lens."""
 
 
 import bpy
 import numpy as np
 import pytest
 
-from lensfield.engine import Lens
-from lensfield.engine.image.spectral_exr import read_exr
+from lensfield.engine import load_lens
+from lensfield.engine.pictures.spectral_exr import read_exr
 from lensfield.engine.spectral.spectra import library_names
 from places import SAMPLE_SCENE
 from small_scenes import render
@@ -41,7 +41,7 @@ def test_chart_and_lamps_have_measured_spectra(sample_scene):
 
 
 def test_camera_has_the_lens_field_of_view(sample_scene):
-    width_over_distance = 4.8 / Lens.load("edmund-54852").capture_focal_length_mm
+    width_over_distance = 4.8 / load_lens("edmund-54852").capture_focal_length_mm
     assert 2 * np.tan(sample_scene.camera.data.angle_x / 2) == pytest.approx(width_over_distance, rel=1e-4)
 
 

@@ -1,4 +1,4 @@
-"""The plan of a scene: no more passes than it takes, why, and that what it promises is so in the picture."""
+"""The plan of a scene: the minimal number of passes, its reasons, and its predictions against the picture."""
 
 from functools import cache
 
@@ -9,8 +9,8 @@ import pytest
 from lenses import make_lens
 from lensfield import addon
 from lensfield.addon.scene.errors import SceneError
-from lensfield.engine.errors import InputError
-from lensfield.engine.image.spectral_exr import read_exr
+from lensfield.engine.pictures.spectral_exr import read_exr
+from lensfield.engine.runtime.errors import InputError
 from lensfield.engine.spectral.colour_difference import ciede2000, lab_from_xyz
 from lensfield.engine.spectral.spectra import colour_matching, emission_basis, load_spectrum, reflectance_basis
 from lensfield.engine.spectral.wavelength_choice import STANDARD_COLOUR_ERROR, SpectralOptions
@@ -20,8 +20,8 @@ from small_scenes import WAVELENGTHS_NM, light, material, paint_by_nodes, set_wo
 NM = np.linspace(400, 700, 16)
 FLAT, FLAT_DENSITY = "380:1, 780:1", 1 / 400
 PATCHES = ["chart-13-blue", "chart-14-green", "chart-15-red", "chart-16-yellow", "chart-17-magenta", "chart-18-cyan"]
-BLOCK_PX = 4  # whose means are free of most noise
-SLACK = 1.25  # a picture's colours are not those that were tried; noise moves its 95th percentile by some 2 %
+BLOCK_PX = 4  # large enough to remove most noise
+SLACK = 1.25  # a picture's colours differ from the tested ones; noise moves its 95th percentile by some 2 %
 
 
 @cache
@@ -30,7 +30,8 @@ def lens():
 
 
 def rendered(scene, folder, nm=NM, tier="standard", unfit="refuse", **limits):
-    result = addon.render_through_lens(scene, lens(), nm, folder, spectral=SpectralOptions(tier, **limits), unfit=unfit)
+    result = addon.render_through_lens(scene, lens=lens(), wavelengths_nm=nm, output_folder=folder,
+                                       spectral=SpectralOptions(tier, **limits), unfit=unfit, depth="off")
     return read_exr(result.radiance).frame().cube.astype(np.float64), result.report.as_dict()
 
 
@@ -58,7 +59,7 @@ def square(scene, of_material, location, rotation=(0, 0, 0), side_m=1.0):
 
 @pytest.fixture
 def room(scene):
-    """Coloured walls about a back wall of six patches and a textured ball, lit from the ceiling."""
+    """Coloured walls, a back wall of six patches and a textured ball, lit from the ceiling."""
     turn = np.pi / 2
     for name, location, rotation, spectrum in (
             ("Left", (-1, 0, -3), (0, turn, 0), "chart-15-red"), ("Right", (1, 0, -3), (0, -turn, 0), "chart-14-green"),
@@ -77,7 +78,8 @@ def room(scene):
     lamp.location = (0, 0.95, -3)
     scene.cycles.samples, scene.cycles.max_bounces = 64, 8
     scene.render.resolution_x, scene.render.resolution_y = 32, 24
-    # No path ends by chance, so that noise is the same at all wavelengths: it deals other colours, but no false ones.
+    # No path ends at random, so noise is the same at all wavelengths: it changes the mix of colours, but adds no false
+    # ones.
     scene.cycles.min_light_bounces = 8
     return scene
 
@@ -89,7 +91,7 @@ def blocks(picture):
 
 
 def colour_errors(picture, truth, lamp):
-    """CIEDE2000 of blocks, beside a white that is as bright as the brightest of them."""
+    """CIEDE2000 of blocks, relative to a white as bright as the brightest block."""
     matching = colour_matching(NM)
     true, seen = (np.moveaxis(blocks(cube), 0, -1).reshape(-1, NM.size) @ matching for cube in (truth, picture))
     white = lamp @ matching
@@ -112,7 +114,7 @@ def test_standard_keeps_the_error_that_it_predicts(room, tmp_path, lamp):
 
 @pytest.mark.one_blender
 def test_two_lamps_keep_the_error_that_is_predicted(room, tmp_path):
-    """Light of each lamp is estimated by itself, and their errors may add up."""
+    """Light of each lamp is estimated separately, and the errors may add up."""
     bpy.data.lights["Light"].lensfield.emission = "illuminant-a"
     light(room, "POINT", 10.0, shadow_soft_size=0.1).data.lensfield.emission = "sodium-lp"
     picture, facts = rendered(room, tmp_path)
@@ -153,7 +155,7 @@ def test_grey_scene_is_one_pass_that_is_right_at_all_wavelengths(scene, tmp_path
     assert facts["passes"] == 1 and len(facts["rendered_nm"]) == 1 and "grey" in facts["scene_plan"]
     expected = 0.4 * (0.5 * load_spectrum("illuminant-a").density_at(NM)
                       + 10 / (4 * np.pi**2) * load_spectrum("sodium-lp").band_means(NM))
-    np.testing.assert_allclose(middle(picture), expected, rtol=1e-3)  # 1e-4 is lost by the cosines beside the axis
+    np.testing.assert_allclose(middle(picture), expected, rtol=1e-3)  # the cosines near the axis lose 1e-4
 
 
 @pytest.mark.parametrize("tier", ["standard", "reference"])
@@ -190,7 +192,7 @@ def test_strength_of_what_glows_is_no_matter_of_wavelengths(scene, tmp_path, col
 
 
 def test_colours_in_the_scene_that_nothing_uses_cost_nothing(scene, tmp_path):
-    """Materials of hidden objects are substituted too, but no light meets them."""
+    """Materials of hidden objects are substituted too, but light never reaches them."""
     flat_world(scene)
     wall(scene, material("Grey", "ShaderNodeBsdfDiffuse", (0.4, 0.4, 0.4))[0])
     unused = painted("Unused", "chart-15-red")
@@ -232,7 +234,7 @@ def test_coloured_specular_tint_has_each_wavelength_by_itself(scene, tmp_path):
 
 
 def test_rendering_tinted_wavelengths_together_would_be_wrong(scene, tmp_path, monkeypatch):
-    """Or the test above says nothing."""
+    """Otherwise the test above would prove nothing."""
     tinted_ball(scene)
     monkeypatch.setattr("lensfield.addon.job.scene_plan.judge", lambda *_: ())
     together, facts = rendered(scene, tmp_path, WAVELENGTHS_NM, "reference")
@@ -261,7 +263,7 @@ def test_what_cannot_be_rendered_is_named(scene, tmp_path):
     message = str(error.value)
     assert all(word in message for word in ("Bubble", "'Film'", "Soap", "Thin Film Thickness", "rejected"))
     assert "\n" not in message and not list(tmp_path.iterdir())
-    assert "unfit" in message  # what to do about it
+    assert "unfit" in message  # the remedy
 
 
 def test_what_cannot_be_rendered_is_where_that_is_asked_for(scene, tmp_path):
@@ -369,7 +371,8 @@ def test_the_cameras_view_is_that_of_the_frame(scene, tmp_path):
         scene.camera.data.lens = focal_mm
         scene.camera.data.keyframe_insert("lens", frame=frame)
     scene.frame_set(1)
-    result = addon.render_through_lens(scene, lens(), [550], tmp_path, view="camera", frame=10)
+    result = addon.render_through_lens(scene, lens=lens(), wavelengths_nm=[550], output_folder=tmp_path, view="camera",
+                                       frame=10)
     times = f"made {70 / lens().capture_focal_length_mm:.3g} times as large"
     assert times in result.report.scene.lens_warning and scene.frame_current == 1
 
@@ -386,7 +389,7 @@ def test_glass_whose_index_is_not_known_is_named_before_anything_is_rendered(sce
 
 
 def foreseen(scene, **asked):
-    return addon.preflight(scene, "out", **asked).plan
+    return addon.preflight(scene, output_folder="out", **asked).plan
 
 
 def test_a_misspelt_spectrum_hides_no_plan_but_refuses_the_render(room, tmp_path):

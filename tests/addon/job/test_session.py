@@ -1,6 +1,5 @@
-"""What a window has that no copy of its file has: a process of its own gets it too."""
+"""State that exists only in a window, not in a copy of its file: the child process receives it too."""
 
-import time
 
 import bpy
 import numpy as np
@@ -12,6 +11,7 @@ from lensfield.addon.job import session
 from lensfield.addon.ui import window_render
 from small_scenes import material, wall
 from snapshot import differences, snapshot
+from window_follow import follow
 
 
 def blank(name, **properties):
@@ -22,7 +22,7 @@ def blank(name, **properties):
 
 @pytest.fixture
 def painted(scene, tmp_path):
-    """Images of all kinds, painted on and not saved: those that can be taken along."""
+    """Images of all kinds, painted and not saved: those that can be transferred."""
     Image.new("RGB", (4, 3), (200, 30, 30)).save(tmp_path / "file.png")
     images = {"New": blank("New"), "Float": blank("Float", float_buffer=True)}
     for name in ("File", "Packed"):
@@ -70,7 +70,7 @@ def test_the_devices_chosen_are_taken_along(scene, tmp_path):
 
 @pytest.mark.parametrize("source", ["New", "File"])
 def test_a_window_s_render_shows_the_paint(painted, scene, tmp_path, source):
-    """What glows by colours that are nowhere but in memory is as bright as they are, to 2 % of their spectra."""
+    """Emission by colours that exist only in memory has their brightness, to 2 % of their spectra."""
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
     painted[source].colorspace_settings.name = "Non-Color"
     painted[source].pixels.foreach_set(np.tile(np.float32([0.6, 0.4, 0.2, 1]), 12))
@@ -82,8 +82,7 @@ def test_a_window_s_render_shows_the_paint(painted, scene, tmp_path, source):
     scene.lensfield.tier, scene.lensfield.wavelength_count = "REFERENCE", 31
     assert not window_render.start(scene)
     try:
-        while window_render.tick() is not None:
-            time.sleep(0.01)
+        follow()
     finally:
         window_render.end()
     with OpenEXR.File(str(tmp_path / "lensfield" / "Scene_0001_lens_image.exr"), separate_channels=True) as file:

@@ -1,4 +1,5 @@
-"""The settings of a scene: what they ask of the engine, how panels show them, and what renders of a session share."""
+"""A scene's settings: the resulting options of the engine, their panels, and the data that renders of a session share.
+"""
 
 
 import bpy
@@ -11,12 +12,12 @@ from lensfield.addon.job.render import kept
 from lensfield.addon.scene.lens_cache import load_lens
 from lensfield.addon.ui.panels import draw_settings
 from lensfield.addon.ui.properties import LensfieldSettings, offered_lenses
-from lensfield.engine import Lens, Options, simulate
-from lensfield.engine import kept as keeping
+from lensfield.engine import Options, simulate
 from lensfield.engine.blur import METHODS
-from lensfield.engine.image.spectral_exr import read_exr
 from lensfield.engine.library import BUNDLED
+from lensfield.engine.pictures.spectral_exr import read_exr
 from lensfield.engine.plan.options import DEFAULT_ACCURACY
+from lensfield.engine.simulation import kept as keeping
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 from places import SAMPLE_SCENE
 from small_scenes import WAVELENGTHS_NM, light, material, render, set_world, wall
@@ -102,16 +103,18 @@ def lit_scene(scene):
     wall(scene, material("Paint", "ShaderNodeBsdfDiffuse", (0.7, 0.3, 0.05))[0])
 
 
+@pytest.mark.one_blender
 def test_a_render_by_accuracy_keeps_what_it_promises(scene, tmp_path):
     lit_scene(scene)
     result = render(scene, tmp_path, options=Options(accuracy=0.02))
     assert result.report.lens_image.plan.error_bound <= 0.02
     radiance, image = read_exr(result.radiance), read_exr(result.irradiance)
-    true = simulate(radiance, Lens.load("edmund-54852"), Options(method="exact"))
+    true = simulate(radiance, load_lens("edmund-54852"), Options(method="exact"))
     for plane, true_plane in zip(image.cube.astype(float), true.cube, strict=True):
         assert np.abs(plane - true_plane).sum() <= 0.02 * true_plane.sum()
 
 
+@pytest.mark.one_blender
 @pytest.mark.parametrize("options", [
     Options(), Options(method="paper", section_size=16), Options(method="pixels", azimuths=8)], ids=repr)
 def test_later_renders_share_the_lens_and_come_out_the_same(scene, tmp_path, monkeypatch, options):
@@ -126,7 +129,7 @@ def test_later_renders_share_the_lens_and_come_out_the_same(scene, tmp_path, mon
     assert not made
     monkeypatch.undo()
     assert np.array_equal(read_exr(again.irradiance).cube, read_exr(first.irradiance).cube)
-    alone = simulate(read_exr(other.radiance), Lens.load("edmund-54852"), options)
+    alone = simulate(read_exr(other.radiance), load_lens("edmund-54852"), options)
     assert np.array_equal(read_exr(other.irradiance).cube, alone.cube)
     assert not np.array_equal(alone.cube, read_exr(first.irradiance).cube)
 
@@ -151,7 +154,7 @@ def test_what_is_kept_is_freed_with_the_addon(scene, tmp_path):
 
 
 def test_a_saved_lens_stays_that_lens_whatever_others_come(scene):
-    """A .blend keeps an enum's number: by its place in the list it would mean another lens as soon as one is added."""
+    """A .blend stores an enum's number: a position in the list would mean another lens after an addition."""
     numbers = {name: number for name, *_, number in offered_lenses()}
     assert numbers["edmund-54852"] == 1901871375 and numbers["FILE"] == 1560636882
     assert len(set(numbers.values())) == len(numbers)

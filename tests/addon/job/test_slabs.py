@@ -1,4 +1,4 @@
-"""Captures in slabs of depth: together they are what one render shows, and each holds what nearer ones hide."""
+"""Captures in slabs of depth: together they equal a single render, and each includes areas hidden by nearer slabs."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -12,16 +12,16 @@ from lensfield import addon
 from lensfield.addon.job import slabs
 from lensfield.addon.scene.bodies import EVERYWHERE_MM, whole_depths_mm
 from lensfield.addon.scene.camera import capture_grid
-from lensfield.engine import InputError, Lens, scratch
-from lensfield.engine.bake.rings import Rings
+from lensfield.engine import InputError, load_lens
 from lensfield.engine.image.pixel_grid import FISHEYE
-from lensfield.engine.image.spectral_exr import read_exr, read_with_layers, read_with_planes
+from lensfield.engine.pictures.spectral_exr import read_exr, read_with_layers, read_with_planes
+from lensfield.engine.runtime import scratch
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 from noise import assert_means
 from small_scenes import WAVELENGTHS_NM, light, material, set_world, wall
 from snapshot import differences, snapshot
 
-LENS = "edmund-54852"  # focused at 25 cm, f/1.8: what is at 5 cm is blurred by three of these pixels
+LENS = "edmund-54852"  # focused at 25 cm, f/1.8: an object at 5 cm is blurred by three of these pixels
 CUT_MM = 60.0, 200.0, 700.0
 NEAR_M, MIDDLE_M, WALL_M = 0.05, 0.3, 3.0
 
@@ -36,7 +36,7 @@ def glowing(scene, name, colour, strength, distance_m, side_m, x_m=0.0, turned=0
 
 @pytest.fixture
 def deep(scene):
-    """Glowing squares from 5 cm to 3 m and a floor through all of it, before a blue sky."""
+    """Glowing squares from 5 cm to 3 m and a floor through them, in front of a blue sky."""
     set_world(scene, (0.2, 0.4, 0.9), 0.5)
     glowing(scene, "Near", (1, 0.2, 0.1), 1.5, NEAR_M, 0.012, 0.01, 0.3)
     glowing(scene, "Middle", (0.2, 1, 0.1), 0.7, MIDDLE_M, 0.1, -0.03, 0.5)
@@ -49,7 +49,7 @@ def deep(scene):
 
 @pytest.fixture
 def cut(monkeypatch):
-    """Cuts at CUT_MM, wherever the plan would have them."""
+    """Cuts at CUT_MM, whatever the plan."""
     plan = slabs.plan_slabs
 
     def forced(*arguments, **named):
@@ -61,12 +61,13 @@ def cut(monkeypatch):
 
 
 def rendered(scene, folder, depth="auto", lens=LENS, **asked):
-    result = addon.render_through_lens(scene, lens, WAVELENGTHS_NM, folder / depth, depth=depth, **asked)
+    result = addon.render_through_lens(scene, lens=lens, wavelengths_nm=WAVELENGTHS_NM, output_folder=folder / depth,
+                                       depth=depth, **asked)
     return result, *read_with_layers(result.radiance)
 
 
 def both(scene, folder, **asked):
-    """The radiance without layers and with them, and these."""
+    """The radiance without layers, the radiance with layers, and the layers."""
     _, whole, _, none = rendered(scene, folder, "off", **asked)
     _, flat, _, layered = rendered(scene, folder, "auto", **asked)
     assert none is None and layered is not None and flat.grid == whole.grid
@@ -80,7 +81,7 @@ def blocks(cube, side_px=12):
 
 
 def assert_alike(whole, flat, rtol=0.003, noise=0.3):
-    """In the means of blocks, of those that are not dark."""
+    """Compares the means of all blocks that are not dark."""
     whole, flat = blocks(whole), blocks(flat)
     lit = whole.mean(axis=(1, 2)) > 0.05 * whole.max()
     assert lit.sum() >= 3
@@ -88,7 +89,7 @@ def assert_alike(whole, flat, rtol=0.003, noise=0.3):
 
 
 def assert_seen_as_one(whole, flat):
-    """In the mean; and to the pixel, wherever nothing but one surface of one brightness is."""
+    """Compares the means; and every pixel in areas of a single, uniform surface."""
     assert_alike(whole, flat)
     around = np.stack([whole[:, down:whole.shape[1] - 2 + down, across:whole.shape[2] - 2 + across]
                        for down in range(3) for across in range(3)])
@@ -100,13 +101,13 @@ def assert_seen_as_one(whole, flat):
 def test_slabs_together_are_what_one_render_shows(deep, cut, tmp_path):
     whole, flat, layered = both(deep, tmp_path)
     assert_seen_as_one(whole, flat)
-    assert len(layered.layers) == len(CUT_MM) + 2  # and the sky
+    assert len(layered.layers) == len(CUT_MM) + 2  # plus the sky
     assert layered.focal_mm == read_exr(tmp_path / "auto" / "Scene_0001_radiance.exr").focal_mm
 
 
 @pytest.mark.one_blender
 @pytest.mark.parametrize("depth, region, files", [
-    ("auto", None, len(CUT_MM) + 2 + 2),  # light of slabs and sky, what the pinhole sees of all, and the irradiance
+    ("auto", None, len(CUT_MM) + 2 + 2),  # light of slabs and sky, their combination by the pinhole, and the irradiance
     ("auto", (0.3, 0.7), len(CUT_MM) + 1 + 2), ("off", None, 2), ("off", (0.3, 0.7), 3)])
 def test_light_that_memory_is_not_for_comes_to_the_same_files(deep, cut, tmp_path, monkeypatch, depth, region, files):
     deep.cycles.samples, deep.render.film_transparent = 2, bool(region)
@@ -121,7 +122,7 @@ def test_light_that_memory_is_not_for_comes_to_the_same_files(deep, cut, tmp_pat
     little = rendered(deep, tmp_path / "little", depth)[0]
     assert made == [tmp_path / "little" / depth] * files
     for one, other in zip(plenty.files, little.files, strict=True):
-        assert one.suffix == ".json" or one.read_bytes() == other.read_bytes()  # reports tell seconds
+        assert one.suffix == ".json" or one.read_bytes() == other.read_bytes()  # reports contain seconds
     assert {path.name for path in little.record.parent.glob("[!.]*")} == {path.name for path in little.files}
 
 
@@ -135,7 +136,7 @@ def test_a_disk_without_room_for_it_is_told_before_the_first_pass(deep, tmp_path
 
 
 def test_each_layer_lies_where_it_was_cut(deep, cut, tmp_path):
-    """All that it covers has a depth, edges too, which a depth pass of one sample misses."""
+    """Every covered pixel has a depth, including edges, which a depth pass with one sample misses."""
     *layers, sky = rendered(deep, tmp_path)[3].layers
     for layer, near_mm, far_mm in zip(layers, (0, *CUT_MM), (*CUT_MM, 1e6), strict=True):
         covered = layer.depth_mm[layer.alpha > 0]
@@ -146,19 +147,19 @@ def test_each_layer_lies_where_it_was_cut(deep, cut, tmp_path):
 @pytest.mark.one_blender
 def test_layers_hold_what_is_hidden_and_no_more_than_they_cover(deep, cut, tmp_path):
     deep.objects["Floor"].hide_render = True
-    near, middle, far, sky = rendered(deep, tmp_path)[3].layers  # nothing is from 70 cm to 2 m
+    near, middle, far, sky = rendered(deep, tmp_path)[3].layers  # 70 cm to 2 m is empty
     assert near.alpha.size < far.alpha.size < sky.alpha.size
     deep.objects["Near"].hide_render = deep.objects["Middle"].hide_render = True
     alone = rendered(deep, tmp_path / "alone", "off")[1]
     rows, columns = far.alpha.shape
-    inside = far.alpha[2:-2, 2:-2]  # a rim, and edges
+    inside = far.alpha[2:-2, 2:-2]  # excludes a rim and edges
     assert np.all(inside == 1)
     np.testing.assert_allclose(far.cube[:, rows // 2, columns // 2],
                                alone.frame().cube[:, *(n // 2 for n in alone.frame_px)], rtol=1e-5)
 
 
 def test_what_is_all_hidden_is_left_out(deep, tmp_path):
-    """It is not rendered, and no layer is made of it."""
+    """It is not rendered, and has no layer."""
     deep.objects["Near"].scale = 100, 100, 1
     result, image, _, layered = rendered(deep, tmp_path, picture=tmp_path / "picture.png")
     (layer,) = layered.layers
@@ -179,7 +180,7 @@ def test_what_is_in_focus_is_one_render_to_the_bit(deep, tmp_path):
 
 
 def lamps(scene):
-    """Of two spectra, on walls that scatter: a light group for each."""
+    """Lamps with two spectra, on walls that scatter: a light group for each."""
     set_world(scene, (0, 0, 0), 0)
     for name in ("Near", "Middle", "Wall", "Floor"):
         scene.objects[name].data.materials[0] = material(name, "ShaderNodeBsdfDiffuse", (0.7, 0.5, 0.3))[0]
@@ -219,7 +220,7 @@ def own_clipping(scene):
 
 
 def panes(scene):
-    """Half transparent, one behind the other."""
+    """Two half-transparent panes, one behind the other."""
     for name in ("Near", "Middle"):
         tree = scene.objects[name].data.materials[0].node_tree
         mix, clear = (tree.nodes.new(f"ShaderNode{kind}") for kind in ("MixShader", "BsdfTransparent"))
@@ -228,7 +229,7 @@ def panes(scene):
         tree.links.new(shader.outputs[0], mix.inputs[1])
         tree.links.new(clear.outputs[0], mix.inputs[2])
         tree.links.new(mix.outputs[0], output.inputs["Surface"])
-    scene.cycles.samples = 4096
+    scene.cycles.samples = 1024
 
 
 @pytest.mark.one_blender
@@ -249,13 +250,13 @@ def test_slabs_go_together_with_the_cameras_own_clipping(deep, cut, tmp_path):
 
 
 def test_slabs_go_together_with_denoising(deep, cut, tmp_path):
-    whole, flat, _ = both(deep, tmp_path, denoise=True)
+    whole, flat, _ = both(deep, tmp_path, denoise="on")
     assert_alike(whole, flat, 0.02)
 
 
 def test_slabs_go_together_with_fisheyes(deep, cut, tmp_path):
-    """Whose cameras clip by distance."""
-    whole, flat, layered = both(deep, tmp_path, lens="muller-fisheye-25mm")
+    """Fisheye cameras clip by distance."""
+    whole, flat, layered = both(deep, tmp_path, lens="muller-fisheye-25mm", lens_quality="preview")
     assert layered.grid.projection == FISHEYE
     assert_seen_as_one(whole, flat)
 
@@ -277,14 +278,14 @@ def test_slabs_go_together_with_animation(deep, cut, tmp_path):
 @pytest.mark.one_blender
 def test_the_same_lens_on_what_is_kept_is_the_same_picture(deep, cut, tmp_path):
     kept = rendered(deep, tmp_path)[0]
-    applied = addon.apply_lens(kept.radiance, LENS, tmp_path / "applied")
+    applied = addon.apply_lens(kept.radiance, lens=LENS, output_folder=tmp_path / "applied")
     np.testing.assert_allclose(read_exr(applied.irradiance).cube, read_exr(kept.irradiance).cube, rtol=1e-4, atol=1e-9)
     assert "was captured" not in applied.report.file.lens_warning
-    off = addon.apply_lens(kept.radiance, LENS, tmp_path / "off", depth="off")
+    off = addon.apply_lens(kept.radiance, lens=LENS, output_folder=tmp_path / "off", depth="off")
     whole = rendered(deep, tmp_path, "off")[0]
     assert_alike(read_exr(whole.irradiance).cube.astype(float), read_exr(off.irradiance).cube.astype(float))
     with pytest.raises(InputError, match="depth"):
-        addon.apply_lens(kept.radiance, LENS, depth="traced")
+        addon.apply_lens(kept.radiance, lens=LENS, depth="traced")
 
 
 def test_the_button_uses_layers_unless_depth_is_off(deep, cut, tmp_path):
@@ -294,7 +295,7 @@ def test_the_button_uses_layers_unless_depth_is_off(deep, cut, tmp_path):
     for depth in ("AUTO", "OFF"):
         settings.depth = depth
         assert bpy.ops.lensfield.apply_lens() == {"FINISHED"}
-        ours = addon.apply_lens(kept.radiance, LENS, tmp_path / depth, options=settings.to_options(),
+        ours = addon.apply_lens(kept.radiance, lens=LENS, output_folder=tmp_path / depth, options=settings.to_options(),
                                 depth=depth.lower())
         assert bool(ours.report.file.layers) == (depth == "AUTO")
         np.testing.assert_array_equal(read_exr(kept.irradiance).cube, read_exr(ours.irradiance).cube)
@@ -302,7 +303,7 @@ def test_the_button_uses_layers_unless_depth_is_off(deep, cut, tmp_path):
 
 @pytest.mark.one_blender
 def test_another_focus_of_what_is_kept_is_a_fresh_render(deep, tmp_path):
-    """As far as the picture's pixels and its noise tell: they lie otherwise in the two."""
+    """Within the pixels and the noise, which are different in the two renders."""
     lens, near_mm = "tessar-50mm", 400.0
     asked = {"lens": lens, "view": "camera", "lens_quality": "preview"}
     deep.camera.data.lens = 35
@@ -313,7 +314,7 @@ def test_another_focus_of_what_is_kept_is_a_fresh_render(deep, tmp_path):
         square.location.z = -distance_m
     far, near = (rendered(deep, tmp_path / f"{focus_mm:g}", focus=focus_mm, room=0.1, **asked)[0]
                  for focus_mm in (2e3, near_mm))
-    applied = addon.apply_lens(far.radiance, output_folder=tmp_path / "applied", rings=Rings(near_mm), **asked)
+    applied = addon.apply_lens(far.radiance, output_folder=tmp_path / "applied", focus=near_mm, **asked)
     fresh, seen = (read_exr(result.irradiance).cube.astype(float) for result in (near, applied))
     assert_alike(fresh, seen, 0.02, noise=1.0)
     other = read_exr(far.irradiance).cube
@@ -322,14 +323,14 @@ def test_another_focus_of_what_is_kept_is_a_fresh_render(deep, tmp_path):
 
 @pytest.mark.one_blender
 def test_blur_that_needs_more_than_was_captured_is_told(deep, tmp_path):
-    """What is in focus ends soon beyond the frame; out of focus it would reach in from farther."""
+    """The in-focus picture ends just beyond the frame; out of focus, light from farther outside would reach it."""
     deep.render.resolution_x, deep.render.resolution_y, deep.cycles.samples = 192, 144, 4
     near = deep.objects["Near"]
     near.location, near.scale = (0, 0, -0.4), (100, 100, 1)
     asked = {"lens": "sonnar-50mm-f1.5", "lens_quality": "preview"}
     kept = rendered(deep, tmp_path, focus=400.0, f_number=2.8, **asked)[0]
     for focus_mm, told in ((400.0, False), (np.inf, True)):
-        applied = addon.apply_lens(kept.radiance, output_folder=tmp_path / "applied", rings=Rings(focus_mm, 2.8),
+        applied = addon.apply_lens(kept.radiance, output_folder=tmp_path / "applied", focus=focus_mm, f_number=2.8,
                                    **asked)
         assert ("would bring in light from" in applied.report.file.lens_warning) == told
 
@@ -346,7 +347,7 @@ def test_the_scene_is_as_it_was(deep, cut, tmp_path):
 
 
 def fog(scene):
-    """A cube of it, from 20 to 40 cm."""
+    """A cube of fog, from 20 to 40 cm."""
     bpy.ops.mesh.primitive_cube_add(size=0.2, location=(0, 0, -0.3))
     dust = bpy.data.materials.new("Fog")
     dust.use_nodes = True
@@ -358,31 +359,55 @@ def fog(scene):
 
 
 def test_bodies_and_volumes_stay_whole(deep):
-    lens = Lens.load(LENS)
+    lens = load_lens(LENS)
     grid = capture_grid(deep, lens, WAVELENGTHS_NM)
-    assert whole_depths_mm(deep, lens, grid) == ([], [])  # squares are no bodies
+    assert whole_depths_mm(deep, lens, grid, ()) == ([], [])  # squares are not bodies
     bpy.ops.mesh.primitive_uv_sphere_add(radius=0.1, location=(0.1, 0, -1))
     bpy.ops.mesh.primitive_cube_add(size=0.1, location=(0, 0, 1))  # behind the camera
     bpy.ops.mesh.primitive_cube_add(size=30, location=(0, 0, 0))  # a room
     fog(deep)
-    (volume,), (body,) = whole_depths_mm(deep, lens, grid)
+    (volume,), (body,) = whole_depths_mm(deep, lens, grid, ())
     np.testing.assert_allclose(volume, (200, 400), rtol=1e-5)
+    (volume,), _ = whole_depths_mm(deep, lens, grid, {bpy.context.object.name})
+    np.testing.assert_allclose(volume, (200, np.inf), rtol=1e-5)
     np.testing.assert_allclose(body, (900, 1100), rtol=1e-5)
     tree = deep.world.node_tree
     tree.links.new(tree.nodes.new("ShaderNodeVolumeScatter").outputs[0],
                    tree.get_output_node("CYCLES").inputs["Volume"])
-    assert whole_depths_mm(deep, lens, grid)[0][0] == EVERYWHERE_MM
+    assert whole_depths_mm(deep, lens, grid, ())[0][0] == EVERYWHERE_MM
+
+
+def red_fog(scene):
+    fog(scene)
+    tree = bpy.data.materials["Fog"].node_tree
+    absorption = tree.nodes.new("ShaderNodeVolumeAbsorption")
+    absorption.inputs["Color"].default_value, absorption.inputs["Density"].default_value = (0.9, 0.1, 0.2, 1), 8.0
+    tree.links.new(absorption.outputs[0], tree.get_output_node("CYCLES").inputs["Volume"])
+
+
+def red_pane(scene):
+    pane = wall(scene, material("Film", "ShaderNodeBsdfTransparent", (0.9, 0.1, 0.2))[0], 0.15, 0.06)
+    pane.location.x = -0.02
+
+
+@pytest.mark.parametrize("put", [red_fog, red_pane])
+def test_coloured_volumes_and_panes_tint_their_background(deep, tmp_path, put):
+    """They tint the wall and the sky, although slabs are composited by alpha, which has no colour."""
+    put(deep)
+    whole, flat, layered = both(deep, tmp_path)
+    assert len(layered.layers) > 1
+    assert_alike(whole, flat)
 
 
 def test_a_body_that_is_cut_does_not_show_its_dark_inside(scene, cut, tmp_path):
-    """The side of a box goes through a border, and its outside is as bright there as in one render."""
+    """A box's side crosses a border, and its outside has the same brightness there as in a single render."""
     set_world(scene)
     scene.cycles.samples = 256
     bpy.ops.mesh.primitive_cube_add(size=0.16, location=(-0.12, 0, -0.36))
     bpy.context.object.scale.z = 3.0  # from 12 to 60 cm
     bpy.context.object.data.materials.append(material("Grey", "ShaderNodeBsdfDiffuse")[0])
     whole, flat, layered = both(scene, tmp_path)
-    assert len(layered.layers) > 2  # and their noise is the same
+    assert len(layered.layers) > 2  # the noise is the same, too
     rows = np.s_[:, whole.shape[1] // 2 - 8:whole.shape[1] // 2 + 8]
     whole, flat = (cube[rows].mean(axis=(0, 1)) for cube in (whole, flat))
     np.testing.assert_allclose(flat, whole, rtol=0.01)

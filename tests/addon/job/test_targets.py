@@ -1,15 +1,17 @@
-"""Files that a render writes: never onto what is somebody's own, or what the scene is made from."""
+"""Output files: never over the user's files, or over files that the scene uses."""
 
 import bpy
 import numpy as np
 import pytest
 
 from lensfield import addon
-from lensfield.addon.job.render import Result
-from lensfield.engine.errors import InputError
-from lensfield.engine.files import MARK
-from lensfield.engine.image.preview import write_png
+from lensfield.addon.job.result import Result
+from lensfield.engine.pictures.preview import write_png
+from lensfield.engine.runtime.errors import InputError
+from lensfield.engine.runtime.files import MARK
 from small_scenes import material, set_world, wall
+
+pytestmark = pytest.mark.one_blender
 
 ASKED = {"lens": "edmund-54852", "wavelengths_nm": [550.0]}
 FOREIGN = "somebody's own"
@@ -17,7 +19,7 @@ FOREIGN = "somebody's own"
 
 @pytest.fixture
 def plain(scene, tmp_path):
-    """A scene that renders quickly into a folder of its own."""
+    """A scene that renders quickly into a separate folder."""
     scene.render.resolution_x, scene.render.resolution_y, scene.cycles.samples = 12, 9, 1
     scene.lensfield.output_folder = str(tmp_path / "out")
     (tmp_path / "out").mkdir()
@@ -34,7 +36,7 @@ def test_all_that_a_render_writes_is_known_for_ours(plain, tmp_path):
     paths = files_of(plain, tmp_path)
     assert all(path.is_file() for path in paths)
     again = addon.render_through_lens(plain, **ASKED)  # is not refused
-    addon.apply_lens(again.radiance, "tessar-50mm")
+    addon.apply_lens(again.radiance, lens="tessar-50mm", lens_quality="preview")
 
 
 @pytest.mark.parametrize("number", range(10))
@@ -45,7 +47,7 @@ def test_a_render_overwrites_nobodys_own_file(plain, tmp_path, number):
                 lambda: addon.render_animation(plain, [plain.frame_current], **ASKED),
                 lambda: addon.render_through_lens(plain, depth="traced", **ASKED | {"lens": "tessar-50mm"}))
     for attempt in attempts:
-        with pytest.raises(InputError, match=f"{path.name}: file is there already, and none that Lensfield has made"):
+        with pytest.raises(InputError, match=f"{path.name}: file is an existing file that Lensfield did not write"):
             attempt()
     assert path.read_text() == FOREIGN and list(path.parent.iterdir()) == [path]
     assert path.name in " ".join(map(str, addon.preflight(plain, **ASKED).refusals))
@@ -59,15 +61,15 @@ def test_nor_does_another_lens(plain, tmp_path):
         if path != result.radiance:
             own = other / path.name
             own.write_text(FOREIGN)
-            with pytest.raises(InputError, match=f"{path.name}: file is there already"):
-                addon.apply_lens(result.radiance, "tessar-50mm", other)
+            with pytest.raises(InputError, match=f"{path.name}: file is an existing file"):
+                addon.apply_lens(result.radiance, lens="tessar-50mm", output_folder=other, lens_quality="preview")
             assert own.read_text() == FOREIGN
             own.unlink()
 
 
 @pytest.mark.parametrize("use", ["texture", "spectrum"])
 def test_a_scene_is_not_overwritten_by_its_own_picture(plain, tmp_path, use):
-    """A picture of ours may be a texture by now: on a screen in the scene, say."""
+    """A picture written by Lensfield may since have become a texture, on a screen in the scene for example."""
     of_wall, shader = material("Paint", "ShaderNodeBsdfDiffuse")
     wall(plain, of_wall)
     path = files_of(plain, tmp_path)[5]

@@ -1,4 +1,4 @@
-"""Depth "traced": what Cycles renders through the lens itself is the frame's irradiance."""
+"""Depth "traced": Cycles' render through the lens itself is the frame's irradiance."""
 
 import json
 from dataclasses import replace
@@ -12,11 +12,12 @@ from lensfield.addon import render_through_lens
 from lensfield.addon.job.child import preview_arguments
 from lensfield.addon.job.preflight import preflight
 from lensfield.addon.scene import traced_camera
-from lensfield.engine import InputError, Lens
-from lensfield.engine.bake.rings import AT_REST
-from lensfield.engine.image.depth_range import blur_px, entrance_pupil_diameter_mm
-from lensfield.engine.image.pitch import fitting_pitch_um
-from lensfield.engine.image.spectral_exr import read_exr, read_parts
+from lensfield.engine import InputError, load_lens
+from lensfield.engine.depth.depth_range import blur_px
+from lensfield.engine.lens.entrance_pupil import entrance_pupil_diameter_mm
+from lensfield.engine.lens.pinhole import fitting_pitch_um
+from lensfield.engine.pictures.spectral_exr import read_exr, read_parts
+from lensfield.engine.rays.rings import AT_REST
 from noise import assert_means
 from small_scenes import material, set_world, wall
 from snapshot import differences, snapshot
@@ -25,7 +26,8 @@ LENS = "edmund-54852"
 
 
 def traced(scene, folder, wavelengths_nm=(550.0,), lens=LENS, **asked):
-    return render_through_lens(scene, lens, wavelengths_nm, folder, depth="traced", **asked)
+    return render_through_lens(scene, lens=lens, wavelengths_nm=wavelengths_nm, output_folder=folder, depth="traced",
+                               **asked)
 
 
 def irradiance(result):
@@ -41,19 +43,19 @@ def lamp(scene):
 
 
 def test_each_wavelength_is_traced_for_itself(scene, tmp_path):
-    """Glass takes in the blue, and its index sets where light lands."""
+    """Glass absorbs the blue light, and its index determines where light lands."""
     set_world(scene)
     nm = 400.0, 550.0, 700.0
     result = traced(scene, tmp_path, nm)
     even = irradiance(result).mean(axis=(1, 2))
     assert result.report.scene.passes == 3 and "of one wavelength" in result.report.scene.scene_plan
-    layers = render_through_lens(scene, LENS, nm, tmp_path)
+    layers = render_through_lens(scene, lens=LENS, wavelengths_nm=nm, output_folder=tmp_path)
     assert_means(irradiance(result), irradiance(layers).mean(axis=(1, 2)), 0.01, noise=0.03)
-    assert even[1] / even[0] != pytest.approx(1, abs=0.01)  # or nothing could be told apart
+    assert even[1] / even[0] != pytest.approx(1, abs=0.01)  # otherwise the test could not distinguish them
 
 
 def test_it_leaves_what_a_lens_gives_and_nothing_that_a_pinhole_sees(lamp, tmp_path):
-    earlier = render_through_lens(lamp, LENS, (550.0,), tmp_path)
+    earlier = render_through_lens(lamp, lens=LENS, wavelengths_nm=(550.0,), output_folder=tmp_path)
     assert earlier.radiance.is_file() and earlier.before.is_file()
     result = traced(lamp, tmp_path)
     assert not result.radiance.exists() and not result.before.exists()
@@ -65,7 +67,7 @@ def test_it_leaves_what_a_lens_gives_and_nothing_that_a_pinhole_sees(lamp, tmp_p
 
 
 def test_the_scene_is_left_as_it_was(lamp, tmp_path):
-    traced(lamp, tmp_path)  # as Blender chooses a scene's formats, and places its objects, on the first render
+    traced(lamp, tmp_path)  # for the same random numbers
     before = snapshot()
     traced(lamp, tmp_path, (500.0, 600.0))
     assert not differences(before, snapshot())
@@ -94,8 +96,8 @@ def test_a_region_is_what_the_whole_frame_has_there(lamp, tmp_path):
 
 
 def test_the_cameras_view_takes_a_larger_lens(lamp, tmp_path):
-    """All of it is so many times as large: what stands so many times as far away has the same picture."""
-    lens = Lens.load(LENS)
+    """The lens is scaled as a unit: an object at a distance scaled by the same factor gives the same picture."""
+    lens = load_lens(LENS)
     expected = irradiance(traced(lamp, tmp_path / "lens"))
     camera, (width_mm, _) = lamp.camera.data, lens.sensor_mm
     camera.sensor_fit, camera.sensor_width, camera.lens = "HORIZONTAL", 3 * width_mm, 3 * lens.capture_focal_length_mm
@@ -115,8 +117,8 @@ def test_alpha_tells_how_much_of_the_light_is_covered(scene, tmp_path):
 
 
 def test_what_is_out_of_focus_is_as_wide_as_first_order_optics_have_it(scene, tmp_path):
-    """A disc of even light has an RMS radius of its diameter over sqrt 8."""
-    lens, depth_mm = Lens.load(LENS), 60.0
+    """A disc of uniform light has an RMS radius of its diameter over sqrt 8."""
+    lens, depth_mm = load_lens(LENS), 60.0
     lamp = wall(scene, material("Glow", "ShaderNodeEmission")[0], 1e-3 * depth_mm, side_m=2e-4)
     lamp.active_material.cycles.emission_sampling = "NONE"
     scene.cycles.samples = 1024
@@ -133,14 +135,14 @@ def test_what_is_out_of_focus_is_as_wide_as_first_order_optics_have_it(scene, tm
 
 
 def test_a_package_is_refused_in_one_line(lamp, tmp_path):
-    lens = replace(Lens.load(LENS), prescription=None)
+    lens = replace(load_lens(LENS), prescription=None)
     with pytest.raises(InputError, match="edmund-54852: surfaces is not told by a package: .* prescription, or choose"):
         traced(lamp, tmp_path, lens=lens)
 
 
 def test_a_blender_without_osl_is_told_before_the_work(lamp, tmp_path, monkeypatch):
     monkeypatch.setattr(traced_camera, "_cycles", SimpleNamespace(with_osl=False))
-    refusals = preflight(lamp, tmp_path, lens=LENS, depth="traced").refusals
+    refusals = preflight(lamp, output_folder=tmp_path, lens=LENS, depth="traced").refusals
     assert any("OSL" in str(each) and "blender.org" in str(each) for each in refusals)
     with pytest.raises(InputError, match="OSL"):
         traced(lamp, tmp_path)
@@ -156,4 +158,4 @@ def test_a_preview_keeps_the_light_for_other_lenses(lamp, tmp_path):
     lamp.lensfield.depth = "TRACED"
     key = LENS, "lens", "hold", AT_REST, None
     asked = preview_arguments(lamp, key, copy=tmp_path / "copy.blend", size=(8, 6), samples=1)
-    assert asked[asked.index("--depth") + 1] == "auto"
+    assert "--depth=auto" in asked

@@ -1,6 +1,6 @@
-"""The whole chain against rays through the real lens, small; `make validate` has the figures.
+"""The complete chain against rays through the real lens, small; `make validate` has the figures.
 
-The limits are those of `validation/traced_lens_truth.py`, and 5 sigma of the noise that fewer samples leave.
+The limits are from `validation/traced_lens_truth.py`, plus 5 sigma of the noise from fewer samples.
 """
 
 from dataclasses import replace
@@ -12,8 +12,8 @@ import cycles_pictures
 import traced_lens_truth as truth
 import truth_scenes
 from lensfield.addon.scene.traced_camera import shader_text, use_shader
-from lensfield.engine.bake.from_sensor import FromSensor
 from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.rays.from_sensor import FromSensor
 from noise import SIGMAS, assert_means, five_sigma
 from traced_lens import photograph
 
@@ -21,8 +21,10 @@ pytestmark = pytest.mark.one_blender
 
 
 class Bench(truth.Bench):
-    """Traces each picture with two seeds: what it gives is their mean, and what it notes half their difference, the
-    noise of that."""
+    """Traces each picture with two seeds.
+
+    It returns their mean, and records half their difference, which is the mean's noise.
+    """
 
     def traced(self, scene, shape_px, samples, seed=0, part=None):
         first, second = (super(Bench, self).traced(scene, shape_px, samples, 2 * seed + half, part) for half in (0, 1))
@@ -38,7 +40,7 @@ def edmund():
 
 @pytest.fixture(scope="module")
 def petzval():
-    return Bench("kodak-petzval-100mm")
+    return Bench("kodak-petzval-100mm", "preview")
 
 
 def values(figures, start):
@@ -53,7 +55,7 @@ def test_a_bare_hole_gives_the_irradiance_of_a_cone(tmp_path):
                       1.0, 0.0, -radius_mm * one, radius_mm * one, radius_mm * one)
     scene = truth_scenes.empty_scene()
     truth_scenes.set_even_light(scene, 1.0)
-    use_shader(scene.camera.data, shader_text(hole, PixelGrid((8, 8), 1.0)))
+    use_shader(scene.camera.data, shader_text(hole, PixelGrid((8, 8), 1.0), 1e3))
     pictures = cycles_pictures.picture(scene, tmp_path, samples=8192)
     assert_means(pictures, np.full(3, np.pi * radius_mm**2 / (radius_mm**2 + distance_mm**2)), 1e-3)  # pi sin^2
 
@@ -69,7 +71,7 @@ def test_a_parabola_is_the_same_lens_as_a_conic_or_as_a_term_in_r2(edmund):
 
     by_conic, term = picture(conic=-1.0), 1 / (2 * front.radius_mm)
     for by_term in (picture(radius_mm=np.inf, aspheric=(term,)),
-                    picture(radius_mm=np.inf, aspheric=(term,), odd_aspheric=(0.0, 1e-12))):  # by powers of r
+                    picture(radius_mm=np.inf, aspheric=(term,), odd_aspheric=(0.0, 1e-12))):  # as powers of r
         assert np.abs(by_term - by_conic).sum() < 0.01 * by_conic.sum()  # the noise is the same
     assert np.abs(picture() - by_conic).sum() > 0.03 * by_conic.sum()
 
@@ -82,7 +84,7 @@ def test_beads_land_where_rays_land(edmund):
 def test_a_picture_through_the_lens_is_upright_and_not_mirrored(edmund):
     scene = truth_scenes.empty_scene()
     truth_scenes.add_beads(scene, edmund.lens, np.array([[1.2, 0.6]]), 100)
-    frame_px = truth.whole_frame(edmund.lens, 48).shape_px
+    frame_px = truth.full_frame(edmund.lens, 48).shape_px
     for picture in (edmund.traced(scene, frame_px, 16), edmund.lensfield(scene, frame_px, 16)):
         row, column = np.unravel_index(picture.argmax(), picture.shape)
         assert column > 24 and row < 18
@@ -101,7 +103,7 @@ def test_a_chequered_plane_is_where_rays_show_it(edmund):
     figures = truth.chequer_figures(edmund, columns=128, samples=(16, 16), block_px=32)
     assert max(values(figures, "chequer: shift")) < 0.3
     difference, = (figure for figure in figures if figure.what.startswith("chequer: relative L2"))
-    assert difference.value < difference.asked
+    assert difference.value < difference.limit
 
 
 def test_spots_are_as_wide_as_rays_make_them(petzval):
@@ -112,11 +114,11 @@ def test_spots_are_as_wide_as_rays_make_them(petzval):
 
 
 def noise_of_a_spot(bench):
-    """5 sigma of the last one's centroid and RMS radius, as parts of that radius, whichever is more."""
+    """5 sigma of the last spot's centroid and RMS radius, relative to that radius, whichever is larger."""
     x, y = (place[bench.part] for place in truth.places_mm(bench.frame))
     light = bench.picture.sum()
     x, y = (place - (place * bench.picture).sum() / light for place in (x, y))
     square = ((x**2 + y**2) * bench.picture).sum() / light
-    radius = ((x**2 + y**2) / square - 1) / 2  # what light at a place adds to the radius, and to the centroid
+    radius = ((x**2 + y**2) / square - 1) / 2  # contributions of light at a position to the radius, and to the centroid
     return SIGMAS * max(np.sqrt(((weight * bench.noise)**2).sum()) / light
                         for weight in (radius, x / np.sqrt(square), y / np.sqrt(square)))

@@ -1,4 +1,4 @@
-"""What Cycles renders in red, green and blue, whatever the wavelengths, comes out in its own colours in every tier."""
+"""Shaders that Cycles always renders in red, green and blue have their own colours in every tier."""
 
 import bpy
 import numpy as np
@@ -8,8 +8,8 @@ from cycles_pictures import picture
 from lenses import make_lens
 from lensfield import addon
 from lensfield.addon.scene.camera import capture_grid, match_camera_to_lens
-from lensfield.engine.image.preview import to_rec709
-from lensfield.engine.image.spectral_exr import read_exr
+from lensfield.engine.pictures.preview import to_rec709
+from lensfield.engine.pictures.spectral_exr import read_exr
 from lensfield.engine.spectral.colour import XYZ_TO_REC709
 from lensfield.engine.spectral.colour_difference import ciede2000, lab_from_xyz
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
@@ -19,13 +19,13 @@ LENS = make_lens(wavelengths_nm=(380.0, 780.0), sensor_mm=(3.6, 3.6))
 NM = np.linspace(400, 700, 21)
 WHITE = np.linalg.inv(XYZ_TO_REC709) @ np.ones(3)
 TIERS = {"preview": 4.0, "standard": 1.0, "reference": 1.0}
-"""CIEDE2000: the primaries come out within 0.8 upsampled, and within 3.7 by three wavelengths as they are."""
+"""CIEDE2000: the primaries have an error of 0.8 upsampled, and of 3.7 with three wavelengths as they are."""
 ROUNDING = 1e-5
 
 
 @pytest.fixture
 def bubble(scene):
-    """A wall with a thin film over it, under a white sky."""
+    """A wall with a thin film on it, under a white sky."""
     set_world(scene)
     film = bpy.data.materials.new("Film")
     film.use_nodes = True
@@ -34,18 +34,19 @@ def bubble(scene):
         shader.inputs[name].default_value = value
     wall(scene, film)
     scene.render.resolution_x, scene.render.resolution_y = 12, 12
-    capture = capture_grid(scene, LENS, NM)  # a film's colours are those of the angles that it is seen at
+    capture = capture_grid(scene, LENS, NM)  # a film's colours depend on the viewing angle
     match_camera_to_lens(scene.camera.data, LENS, capture.frame_px[1], capture.pitch_um)
     return scene, shader.inputs
 
 
 def lensfield_colour(scene, folder, tier):
-    result = addon.render_through_lens(scene, LENS, NM, folder, unfit="render", spectral=SpectralOptions(tier))
+    result = addon.render_through_lens(scene, lens=LENS, wavelengths_nm=NM, output_folder=folder, unfit="render",
+                                       spectral=SpectralOptions(tier), depth="off")
     return to_rec709(read_exr(result.radiance).frame()).mean(axis=(0, 1), dtype=float), result.report.as_dict()
 
 
 def difference(colour, other):
-    """CIEDE2000 beside a white that is twice as bright as the brightest channel of the other."""
+    """CIEDE2000 relative to a white twice as bright as the brightest channel of the other picture."""
     scale = 0.5 / max(other)
     xyz = (np.maximum(np.linalg.inv(XYZ_TO_REC709) @ (value * scale), 0)[None] for value in (colour, other))
     return float(ciede2000(*(lab_from_xyz(value, WHITE) for value in xyz))[0])
@@ -58,7 +59,7 @@ def test_thin_film_has_the_colours_of_cycles(bubble, tmp_path, tier, thickness_n
     inputs["Thin Film Thickness"].default_value = thickness_nm
     colour, facts = lensfield_colour(scene, tmp_path, tier)
     own = picture(scene, tmp_path).mean(axis=(1, 2), dtype=float)
-    assert np.ptp(own) > 0.7 * max(own)  # blue, orange, yellow, green; or it would say nothing
+    assert np.ptp(own) > 0.7 * max(own)  # blue, orange, yellow, green; otherwise the test would prove nothing
     assert difference(colour, own) < TIERS[tier]
     assert facts["wavelengths_per_pass"] == (3 if tier == "preview" else 1)
 
@@ -74,7 +75,7 @@ def test_grey_stays_grey_beside_what_is_unfit(bubble, tmp_path, tier):
 
 
 def test_all_else_keeps_its_spectrum_beside_what_is_unfit(bubble, tmp_path):
-    """Of what is substituted all three channels have the same: mixing them takes and gives nothing."""
+    """Substituted materials have the same value in all three channels, so mixing the channels changes nothing."""
     scene, inputs = bubble
     painted, _ = material("Paint", "ShaderNodeBsdfDiffuse")
     painted.lensfield.reflectance = "chart-15-red"
@@ -85,6 +86,6 @@ def test_all_else_keeps_its_spectrum_beside_what_is_unfit(bubble, tmp_path):
 
 
 def cube(scene, folder):
-    result = addon.render_through_lens(scene, LENS, NM[::4], folder, unfit="render",
-                                       spectral=SpectralOptions("reference"))
+    result = addon.render_through_lens(scene, lens=LENS, wavelengths_nm=NM[::4], output_folder=folder, unfit="render",
+                                       spectral=SpectralOptions("reference"), depth="off")
     return read_exr(result.radiance).cube

@@ -1,4 +1,4 @@
-"""What one depth for each pixel does not tell: glass, mirrors and volumes, found by rays before a render."""
+"""Limits of one depth per pixel: glass, mirrors and volumes, detected by rays before a render."""
 
 from dataclasses import replace
 
@@ -13,10 +13,10 @@ from lensfield.addon.scene import depth
 from lensfield.addon.scene.camera import capture_grid
 from lensfield.addon.scene.depth import View
 from lensfield.addon.shading.lobes import STRAIGHT, glows_within, lobes_of
-from lensfield.engine import Lens
+from lensfield.engine import load_lens
 from small_scenes import material, wall
 
-FAST = Lens.load("edmund-54852").scaled(10)  # f/1.8, 60 mm
+FAST = load_lens("edmund-54852").scaled(10)  # f/1.8, 60 mm
 PANE_SHARE = 0.25
 
 
@@ -43,7 +43,7 @@ def shares(scene, lens=FAST):
 
 
 def room(scene, of_material, distance_m=2.0):
-    """A square that takes a quarter of the picture, a wall far behind it, and one behind the camera."""
+    """A square that covers a quarter of the picture, a wall far behind it, and one behind the camera."""
     grid = capture_grid(scene, FAST, [550.0])
     rows_mm, columns_mm = (n * grid.pitch_um * 1e-3 for n in grid.frame().shape_px)
     side_m = distance_m * np.sqrt(PANE_SHARE * rows_mm * columns_mm) / FAST.capture_focal_length_mm
@@ -58,7 +58,7 @@ def room(scene, of_material, distance_m=2.0):
 @pytest.mark.parametrize("node_type, roughness, kind", [
     ("ShaderNodeBsdfGlass", 0.0, REFRACTED), ("ShaderNodeBsdfRefraction", 0.0, REFRACTED),
     ("ShaderNodeBsdfGlossy", 0.0, MIRRORED), ("ShaderNodeBsdfMetallic", 0.0, MIRRORED),
-    ("ShaderNodeBsdfGlass", 0.6, None), ("ShaderNodeBsdfGlossy", 0.3, None),  # too rough to see a focus in
+    ("ShaderNodeBsdfGlass", 0.6, None), ("ShaderNodeBsdfGlossy", 0.3, None),  # too rough to focus through
     ("ShaderNodeBsdfDiffuse", 0.0, None), ("ShaderNodeBsdfTransparent", 0.0, None)])
 def test_what_is_seen_by_way_of_a_surface_is_found_with_its_share(scene, node_type, roughness, kind):
     if node_type == "ShaderNodeBsdfMetallic":
@@ -72,13 +72,13 @@ def test_what_is_seen_by_way_of_a_surface_is_found_with_its_share(scene, node_ty
     found, _ = look(scene)
     assert found.keys() == ({kind} if kind else set())
     if kind:
-        assert found[kind].share == pytest.approx(PANE_SHARE, abs=0.08)  # a row of rays about its rim
+        assert found[kind].share == pytest.approx(PANE_SHARE, abs=0.08)  # a row of rays around its rim
         assert found[kind].names == ("Pane",)
 
 
 def test_what_is_in_focus_with_its_surroundings_is_not_told(scene):
     room(scene, shader("ShaderNodeBsdfGlass"))
-    assert shares(scene) and not shares(scene, FAST.scaled(0.03))  # a small lens is sharp at all of them
+    assert shares(scene) and not shares(scene, FAST.scaled(0.03))  # a small lens has all of them in focus
 
 
 def test_a_pane_that_no_camera_sees_is_none(scene):
@@ -94,7 +94,7 @@ def test_what_lies_close_behind_glass_is_blurred_as_it_is(scene):
 
 @pytest.mark.parametrize("node_type", ["ShaderNodeBsdfGlossy", "ShaderNodeBsdfGlass"])
 def test_a_small_ball_shows_all_about_where_it_is(scene, node_type):
-    """By the optics of curved mirrors and lenses: R / 2 behind and about R before its surface."""
+    """By the optics of curved mirrors and lenses: R / 2 behind and about R in front of its surface."""
     room(scene, shader("ShaderNodeBsdfDiffuse"), distance_m=20.0)
     for radius_m, told in ((0.004, False), (4.0, True)):
         bpy.ops.mesh.primitive_uv_sphere_add(radius=radius_m, location=(0, 0, -0.5 - radius_m), segments=64,
@@ -158,7 +158,7 @@ def test_mixes_are_known_by_their_constants_and_as_a_camera_sees_them():
 
 @pytest.mark.parametrize("turn", [0.0, 0.4])
 def test_a_mirror_shows_what_is_before_it(scene, turn):
-    """Aslant, what is beside the camera."""
+    """Seen at an angle, objects to the side of the camera."""
     pane = room(scene, shader("ShaderNodeBsdfGlossy"))
     pane.rotation_euler = Euler((0, turn, 0))
     behind = scene.objects["Behind"]
@@ -166,7 +166,7 @@ def test_a_mirror_shows_what_is_before_it(scene, turn):
     assert shares(scene).keys() == {MIRRORED}
     place = pane.matrix_world @ Vector((0, 0, 0.02))
     behind.location, behind.rotation_euler = place, pane.rotation_euler
-    behind.visible_camera = False  # it is before the mirror, and no more than seen in it
+    behind.visible_camera = False  # it is in front of the mirror, and only visible in it
     assert not shares(scene)
 
 
@@ -174,7 +174,7 @@ def test_a_mirror_shows_what_is_before_it(scene, turn):
 def test_remarks_name_the_share_the_objects_and_the_remedy(scene, tmp_path, has_rays):
     room(scene, shader("ShaderNodeBsdfGlass"))
     lens = FAST if has_rays else replace(FAST, prescription=None)
-    told, = (str(each) for each in preflight(scene, tmp_path, lens=lens).remarks if each.what == "Glass")
+    told, = (str(each) for each in preflight(scene, output_folder=tmp_path, lens=lens).remarks if each.what == "Glass")
     assert told.startswith("Glass 'Pane': about 2") and "Ray Visibility" in told
     assert ("Traced Lens" in told) == has_rays
 
@@ -185,19 +185,19 @@ def test_they_are_told_before_a_render_that_takes_depths_by_pixel(scene, tmp_pat
     scene.lensfield.lens = "sonnar-50mm-f1.5"
     scene.lensfield.depth = asked_depth.upper()
     for asked in ({}, {"depth": asked_depth}):
-        found = preflight(scene, tmp_path, lens_quality="preview", **asked)
+        found = preflight(scene, output_folder=tmp_path, lens_quality="preview", **asked)
         assert sum(remark.what == "Glass" for remark in found.remarks) == told
         scene.lensfield.depth = "AUTO"
 
 
 def test_a_pane_in_focus_hides_what_is_not(scene, tmp_path):
-    """All that a depth tells is in focus then, and nothing is rendered in layers."""
+    """Every recorded depth is in focus then, and nothing is rendered in layers."""
     dof = scene.camera.data.dof
     dof.use_dof, dof.focus_distance, dof.aperture_fstop = True, 2.0, 1.5
     wall(scene, shader("ShaderNodeBsdfGlass"), 2.0, 100.0).name = "Pane"
     wall(scene, shader("ShaderNodeBsdfDiffuse"), 12.0, 100.0)
     scene.lensfield.lens = "sonnar-50mm-f1.5"
-    found = preflight(scene, tmp_path, lens_quality="preview")
+    found = preflight(scene, output_folder=tmp_path, lens_quality="preview")
     told, = (str(remark) for remark in found.remarks if remark.what == "Glass")
     assert told.startswith("Glass 'Pane': about 100% of the picture is seen through it") and found.slabs is None
 
@@ -206,15 +206,17 @@ def test_the_report_tells_them_too(scene, tmp_path):
     scene.render.resolution_x, scene.render.resolution_y = 48, 36
     scene.cycles.samples = 1
     room(scene, shader("ShaderNodeBsdfGlass"))
-    result = render_through_lens(scene, FAST.scaled(10), [550.0], tmp_path, view="lens")
+    result = render_through_lens(scene, lens=FAST.scaled(10), wavelengths_nm=[550.0], output_folder=tmp_path,
+                                 view="lens")
     assert [remark for remark in result.report.remarks() if remark.startswith("Glass 'Pane': about")]
 
 
 def test_a_look_that_takes_too_long_ends_with_the_share_of_what_it_saw(scene, monkeypatch):
-    """Of each ray so far, which go all over the picture in no order."""
+    """For all rays so far, which are distributed over the picture in random order."""
     room(scene, shader("ShaderNodeBsdfGlass"))
     now_s = iter(np.arange(0.0, 1e3, 0.01))
     monkeypatch.setattr(depth.time, "monotonic", lambda: next(now_s))
+    monkeypatch.setattr(depth, "LONGEST_S", 1.0)
     found, _ = look(scene)
     assert found[REFRACTED].share == pytest.approx(PANE_SHARE, abs=0.08) and next(now_s) < 1.1
 

@@ -1,4 +1,4 @@
-"""The compositor step, on trees of 4.x and of 5.x."""
+"""The compositor step, with the node trees of 4.x and of 5.x."""
 
 import json
 import os
@@ -7,9 +7,9 @@ import sys
 
 import bpy
 import numpy as np
-import OpenEXR
 import pytest
 
+from laid_images import lay, read_rgb, render_composite, shows_lens_image
 from lensfield.addon.scene.compositor import (
     NAME,
     STATE,
@@ -25,56 +25,17 @@ from lensfield.addon.scene.compositor import (
 )
 from lensfield.addon.scene.errors import SceneError
 from lensfield.addon.scene.working_space import rec709_from_working
-from lensfield.engine.image.spectral_exr import write_plane_exr, write_rgb_exr
+from lensfield.engine.pictures.spectral_exr import write_rgb_exr
 from small_scenes import background, material, render, set_world, wall
-
-
-def render_composite(scene, path):
-    if hasattr(scene.render.image_settings, "media_type"):
-        scene.render.image_settings.media_type = "IMAGE"
-    scene.render.image_settings.file_format = "OPEN_EXR"
-    scene.render.image_settings.color_mode = "RGB"
-    scene.render.image_settings.color_depth = "32"
-    scene.render.filepath = str(path)
-    scene.render.use_compositing = True
-    if hasattr(scene.render, "compositor_device"):
-        scene.render.compositor_device = "CPU"
-    bpy.ops.render.render(write_still=True)
-    return read_rgb(path)
-
-
-def read_rgb(path):
-    with OpenEXR.File(str(path), separate_channels=True) as file:
-        return np.stack([file.parts[0].channels[name].pixels.copy() for name in "RGB"])
+from waiting import LAST_RESORT_S
 
 
 def lensfield_nodes(scene):
     return [node for node in compositing_tree(scene).nodes if node.name == NAME]
 
 
-def lay(scene, folder, frames=(1,), colour=(5.0, 3.0, 2.0), shape=(36, 48)):
-    """Lay lens images of one colour each, times the frame, into the compositor; their paths."""
-    paths = []
-    for frame in frames:
-        paths.append(folder / f"{bpy.path.clean_name(scene.name)}_{frame:04d}_lens_image.exr")
-        write_rgb_exr(np.full((*shape, 3), np.array(colour) * frame), paths[-1], np.full(shape, 0.5))
-        write_plane_exr(np.full(shape, 7.0 * frame), folder / paths[-1].name.replace("lens_image", "depth"))
-    for name in ("relative_illumination", "stmap_distort", "stmap_undistort"):
-        write_plane_exr(np.full(shape, 0.25), folder / f"{bpy.path.clean_name(scene.name)}_{name}.exr")
-    lay_into_compositor(scene, *paths)
-    return paths
-
-
-def shows_lens_image(scene, folder, frame=1):
-    """Whether a render of a frame is the lens image of `lay`; if not, it is the black world."""
-    scene.frame_set(frame)
-    red = float(render_composite(scene, folder / "composite.exr")[0].mean())
-    assert red in (0, 5.0 * frame), red
-    return red > 0
-
-
 def tree_facts(tree):
-    """What a tree holds, to compare it with what it held before."""
+    """The contents of a tree, for comparison with its earlier contents."""
     return (sorted((node.bl_idname, node.name, node.mute) for node in tree.nodes),
             sorted((link.from_node.name, link.from_socket.name, link.to_node.name, link.to_socket.identifier)
                    for link in tree.links)) if tree else None
@@ -212,9 +173,19 @@ def test_outputs_beside_the_picture(scene, tmp_path):
         tree.links.new(node.outputs[name], output)
         seen[name] = [float(render_composite(scene, tmp_path / "composite.exr")[0].mean())
                       for frame in (1, 2) if not scene.frame_set(frame)]
-    plain = {"Alpha": 1.0, "Depth": pytest.approx(1e10)}  # of the black world, opaque
+    plain = {"Alpha": 1.0, "Depth": pytest.approx(1e10)}  # for the black, opaque world
     assert seen == {"Alpha": [0.5, plain["Alpha"]], "Depth": [7.0, plain["Depth"]],
                     "Relative Illumination": [0.25, 0.25], "STMap Distort": [0.25, 0.25]}
+
+
+@pytest.mark.parametrize("scale, system, units", [(0.1, "METRIC", 70.0), (0.1, "NONE", 7.0), (2.0, "IMPERIAL", 3.5)])
+def test_depth_comes_in_blender_units_as_that_of_the_plain_render(scene, tmp_path, scale, system, units):
+    scene.unit_settings.system, scene.unit_settings.scale_length = system, scale
+    lay(scene, tmp_path)
+    node, tree = lensfield_nodes(scene)[0], compositing_tree(scene)
+    output = next(n for n in tree.nodes if n.bl_idname in ("NodeGroupOutput", "CompositorNodeComposite")).inputs[0]
+    tree.links.new(node.outputs["Depth"], output)
+    assert float(render_composite(scene, tmp_path / "composite.exr")[0].mean()) == pytest.approx(units, rel=1e-6)
 
 
 def test_removing_puts_a_new_tree_back(scene, tmp_path):
@@ -284,7 +255,8 @@ def test_a_blender_without_the_add_on_shows_the_same(scene, tmp_path):
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
     code = (f"import os, bpy; bpy.ops.wm.open_mainfile(filepath={str(tmp_path / 'scene.blend')!r}); "
             "bpy.ops.render.render(animation=True); os._exit(0)")
-    subprocess.run([sys.executable, "-c", code], check=True, env={**os.environ, "PYTHONPATH": ""}, timeout=300)
+    subprocess.run([sys.executable, "-c", code], check=True, env={**os.environ, "PYTHONPATH": ""},
+                   timeout=LAST_RESORT_S)
     assert [read_rgb(tmp_path / f"frame_{frame:04d}.exr")[0].mean() for frame in (1, 2, 3)] == [0, 10, 0]
 
 
@@ -304,7 +276,6 @@ def test_the_group_works_in_another_file(scene, tmp_path):
     with bpy.data.libraries.load(str(tmp_path / "scene.blend")) as (there, here):
         here.node_groups = [name for name in there.node_groups if name.startswith(NAME)]
     scene = bpy.context.scene
-    scene.cycles.seed = 1000  # as of a scene of these tests
     scene.render.engine, scene.cycles.samples = "CYCLES", 1
     scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
     scene.collection.objects.link(scene.camera)
@@ -329,7 +300,7 @@ def test_passes_that_no_lens_image_has_are_named(scene):
 
 def test_composite_is_the_lens_image(scene, tmp_path):
     set_world(scene, (0.6, 0.4, 0.2))
-    result = render(scene, tmp_path, to_compositor=True)
+    result = render(scene, tmp_path, to_compositor=True, depth="off")
     composite = render_composite(scene, tmp_path / "composite.exr")
     np.testing.assert_allclose(composite, read_rgb(result.lens_image), rtol=1e-5)
     assert composite.mean() > 0.1
@@ -341,8 +312,8 @@ def test_composite_is_the_lens_image_in_other_working_spaces(scene, tmp_path, sp
     set_world(scene, (0.6, 0.4, 0.2))
     bpy.ops.wm.set_working_color_space(working_space=space)
     try:
-        result = render(scene, tmp_path, to_compositor=True)
-        composite = render_composite(scene, tmp_path / "composite.exr")  # which is in the working space
+        result = render(scene, tmp_path, to_compositor=True, depth="off")
+        composite = render_composite(scene, tmp_path / "composite.exr")  # in the working space
         expected = np.tensordot(np.linalg.inv(rec709_from_working()), read_rgb(result.lens_image), axes=1)
     finally:
         bpy.ops.wm.set_working_color_space(working_space="Linear Rec.709")
@@ -351,7 +322,7 @@ def test_composite_is_the_lens_image_in_other_working_spaces(scene, tmp_path, sp
 
 def test_lens_image_is_as_bright_as_the_world(scene, tmp_path):
     set_world(scene, (0.6, 0.4, 0.2))
-    picture = read_rgb(render(scene, tmp_path, np.linspace(400, 700, 31)).lens_image)
+    picture = read_rgb(render(scene, tmp_path, np.linspace(400, 700, 31), depth="off").lens_image)
     np.testing.assert_allclose(picture[:, 17:19, 23:25].mean(axis=(1, 2)), (0.6, 0.4, 0.2), rtol=0.02)
 
 
@@ -367,7 +338,7 @@ def test_downstream_nodes_go_on_from_the_lens_image(scene, tmp_path):
     tree.links.new(layers.outputs["Image"], exposure.inputs["Image"])
     tree.links.new(exposure.outputs["Image"], output.inputs[0])
 
-    result = render(scene, tmp_path, to_compositor=True)
+    result = render(scene, tmp_path, to_compositor=True, depth="off")
     composite = render_composite(scene, tmp_path / "composite.exr")
     np.testing.assert_allclose(composite, 2 * read_rgb(result.lens_image), rtol=1e-4)
     assert exposure.inputs["Image"].links[0].from_node.name == NAME
@@ -376,21 +347,21 @@ def test_downstream_nodes_go_on_from_the_lens_image(scene, tmp_path):
 
 def test_second_render_refreshes_the_same_node(scene, tmp_path):
     set_world(scene, strength=1.0)
-    render(scene, tmp_path, to_compositor=True)
+    render(scene, tmp_path, to_compositor=True, depth="off")
     first = render_composite(scene, tmp_path / "composite.exr")
     set_world(scene, strength=3.0)
-    render(scene, tmp_path, to_compositor=True)
+    render(scene, tmp_path, to_compositor=True, depth="off")
     assert len(lensfield_nodes(scene)) == 1
     np.testing.assert_allclose(render_composite(scene, tmp_path / "composite.exr"), 3 * first, rtol=1e-4)
 
 
 def test_scenes_keep_their_own_lens_images(scene, tmp_path):
     set_world(scene)
-    render(scene, tmp_path / "one", to_compositor=True)
+    render(scene, tmp_path / "one", to_compositor=True, depth="off")
     other = scene.copy()
     other.name = "Other"
     set_world(other, strength=2.0)
-    render(other, tmp_path / "two", to_compositor=True)
+    render(other, tmp_path / "two", to_compositor=True, depth="off")
     paths = [lens_image(s).filepath for s in (scene, other)]
     assert [path.split("/")[-2] for path in paths] == ["one", "two"]
 
@@ -403,17 +374,17 @@ def test_a_copy_made_before_the_first_lens_render_has_a_composite_of_its_own(sce
     output = tree.nodes.new("NodeGroupOutput" if modern else "CompositorNodeComposite")
     tree.links.new(layers.outputs["Image"], output.inputs[0])
     other = scene.copy()
-    render(other, tmp_path, to_compositor=True)
+    render(other, tmp_path, to_compositor=True, depth="off")
     assert lens_image(scene) is None and lens_image(other)
     node = next(n for n in compositing_tree(other).nodes if n.name == NAME)
     assert node.outputs["Image"].is_linked
 
 
 def test_a_renamed_scene_keeps_its_picture(scene, tmp_path):
-    render(scene, tmp_path / "one", to_compositor=True)
+    render(scene, tmp_path / "one", to_compositor=True, depth="off")
     other = scene.copy()
     scene.name = "Renamed"
-    render(other, tmp_path / "two", to_compositor=True)
+    render(other, tmp_path / "two", to_compositor=True, depth="off")
     assert [lens_image(s).filepath.split("/")[-2] for s in (scene, other)] == ["one", "two"]
 
 
@@ -424,7 +395,7 @@ def test_an_emptied_group_is_mended(scene, tmp_path):
 
 
 def lens_node(scene, folder):
-    render(scene, folder, to_compositor=True)
+    render(scene, folder, to_compositor=True, depth="off")
     return lensfield_nodes(scene)[0]
 
 
@@ -437,7 +408,7 @@ def test_other_scenes_in_the_composite_are_left_alone(scene, tmp_path):
     layers = tree.nodes.new("CompositorNodeRLayers")
     layers.scene = backdrop
     tree.links.new(layers.outputs["Image"], exposure.inputs["Image"])
-    render(scene, tmp_path, to_compositor=True)
+    render(scene, tmp_path, to_compositor=True, depth="off")
     assert not layers.mute and exposure.inputs["Image"].links[0].from_node == layers
 
 
@@ -465,7 +436,7 @@ def test_operator_renders_with_the_settings(scene, tmp_path, folder):
 @pytest.mark.parametrize("settings, message", [
     ({"wavelength_mode": "LIST", "wavelength_list": "700, 500"}, "options: wavelengths is 700, 500: expected"),
     ({"wavelength_last_nm": 900.0}, "tessar-50mm: wavelength is .* nm: the lens data spans 400 to 700 nm"),
-    ({"lens": "FILE", "lens_file": "/no/such/lens.npz"}, "/no/such/lens.npz: lens is not there"),
+    ({"lens": "FILE", "lens_file": "/no/such/lens.npz"}, "/no/such/lens.npz: lens is missing"),
     ({"lens": "FILE", "lens_file": ""}, "scene settings: lens file is empty"),
     ({"output_folder": " "}, "scene settings: output folder is empty")])
 def test_operator_tells_bad_settings_in_one_line(scene, tmp_path, settings, message):

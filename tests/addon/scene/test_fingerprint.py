@@ -1,4 +1,4 @@
-"""What geometry nodes are given counts, wherever Blender keeps it."""
+"""Inputs of geometry nodes are part of the fingerprint, wherever Blender stores them."""
 
 import bpy
 import pytest
@@ -9,7 +9,7 @@ from small_scenes import give, material, wall
 
 @pytest.fixture
 def modifier(scene):
-    """A modifier whose nodes take a size and a material."""
+    """A modifier whose nodes have inputs for a size and a material."""
     tree = bpy.data.node_groups.new("Set", "GeometryNodeTree")
     for in_out in ("INPUT", "OUTPUT"):
         tree.interface.new_socket(name="Geometry", in_out=in_out, socket_type="NodeSocketGeometry")

@@ -1,4 +1,4 @@
-"""Focus at once: what the camera's rings have in focus, and how quickly it blurs beside that."""
+"""The immediate focus figures: the focus set by the camera's rings, and how quickly blur grows around it."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from lensfield.addon.scene.camera import frame_capture, frame_px
 from lensfield.addon.scene.focus import focus_now
 from lensfield.addon.scene.lens_facts import lens_facts
 from lensfield.addon.scene.rings import scene_lens
-from lensfield.engine.image.depth_range import blur_px
+from lensfield.engine.depth.depth_range import blur_px
 
 DEPTHS_M = np.array([0.7, 1.0, 1.4, 2.0, 3.0, 8.0, np.inf])
 
@@ -34,7 +34,7 @@ def turn(scene):
     ("edmund-54852", None, None, "CAMERA"), ("kodak-petzval-100mm", 4.0, 2.0, "LENS"),
     ("kodak-petzval-100mm", 4.0, 2.0, "CAMERA")])
 def test_it_blurs_as_the_lens_that_is_baked(turn, lens, focus_m, f_number, view):
-    """To the accuracy of first-order optics: of fast lenses the sine is not the tangent, and insides move."""
+    """To the accuracy of first-order optics: in fast lenses the sine is not the tangent, and inner groups move."""
     scene = turn(lens, focus_m, f_number, view)
     focus = focus_now(scene, lens_facts(lens))
     baked, *_ = scene_lens(scene, lens, view.lower(), "preview")

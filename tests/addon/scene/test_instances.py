@@ -1,4 +1,4 @@
-"""What is rendered: held against Cycles itself, which draws a glowing square or leaves the picture black."""
+"""The set of rendered objects, against Cycles itself, which renders a glowing square or a black picture."""
 
 import bpy
 import numpy as np
@@ -11,7 +11,7 @@ from small_scenes import give, light, material, wall
 
 @pytest.fixture
 def source(scene):
-    """A glowing square before the camera, in no collection yet."""
+    """A glowing square in front of the camera, not in a collection yet."""
     square = wall(scene, material("Glow", "ShaderNodeEmission", (1, 1, 1))[0])
     scene.collection.objects.unlink(square)
     return square
@@ -90,7 +90,7 @@ def instanced_from_a_collection_hidden_in_renders(scene, source):
 
 
 def by_particles_though_hidden_in_renders(scene, source):
-    """Many small ones, all over a square that does not shine itself."""
+    """Many small ones, all over a square that does not glow itself."""
     in_scene(scene, source)
     source.hide_render, source.location.z = True, 5
     host = wall(scene, material("Dark", "ShaderNodeBsdfDiffuse", (0, 0, 0))[0])
@@ -101,14 +101,14 @@ def by_particles_though_hidden_in_renders(scene, source):
 
 
 def by_nodes(scene, source):
-    """An object whose geometry nodes give the source as an instance."""
+    """An object whose geometry nodes create the source as an instance."""
     tree = bpy.data.node_groups.new("Nodes", "GeometryNodeTree")
     tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
     info = tree.nodes.new("GeometryNodeObjectInfo")
     info.inputs["Object"].default_value, info.inputs["As Instance"].default_value = source, True
     tree.links.new(info.outputs["Geometry"], tree.nodes.new("NodeGroupOutput").inputs[0])
     host = bpy.data.objects.new("Host", bpy.data.meshes.new("Empty mesh"))
-    host.location = source.location  # which takes the instance along
+    host.location = source.location  # the instance moves with it
     scene.collection.objects.link(host)
     host.modifiers.new("Nodes", "NODES").node_group = tree
     return host

@@ -1,4 +1,4 @@
-"""The iris: blades that stop a lens down, as the camera's Aperture and the settings have them."""
+"""The iris: blades that stop a lens down, according to the camera's Aperture and the settings."""
 
 import json
 from dataclasses import replace
@@ -12,21 +12,22 @@ from lensfield import addon
 from lensfield.addon.job.record import read_record
 from lensfield.addon.job.render import job_of_frame
 from lensfield.addon.scene import rings
-from lensfield.addon.scene.rings import iris_arguments, scene_iris, scene_lens
+from lensfield.addon.scene.rings import scene_iris, scene_lens
 from lensfield.cli import _parser
 from lensfield.commands.arguments import asked_iris
-from lensfield.engine import InputError, Lens, simulate
-from lensfield.engine.depth.pencils import Iris
-from lensfield.engine.image.depth_range import entrance_pupil_diameter_mm
+from lensfield.engine import InputError, load_lens, simulate
+from lensfield.engine.depth.iris import Iris, opening
 from lensfield.engine.image.layers import Layer, LayeredRadiance
 from lensfield.engine.image.pixel_grid import PixelGrid
-from lensfield.engine.image.spectral_exr import read_parts
-from lensfield.engine.lens.readers.package import write_package
+from lensfield.engine.lens.entrance_pupil import entrance_pupil_diameter_mm
+from lensfield.engine.lens_files.package import write_package
 from lensfield.engine.library import PRESCRIPTIONS
+from lensfield.engine.pictures.spectral_exr import read_parts
+from lensfield.request import to_arguments
 from small_scenes import material, set_world, wall
 
 LENS = "tessar-50mm"
-ENLARGED = 12  # by how much less of the sensor is looked at
+ENLARGED = 24  # factor by which the used part of the sensor is smaller
 
 
 @pytest.fixture
@@ -39,7 +40,7 @@ def blades(scene):
 
 
 def test_a_damaged_prescription_is_read_again_when_it_has_changed(scene, blades, tmp_path, monkeypatch):
-    """A preview asks many times a second."""
+    """A preview reads it many times a second."""
     path, asked, shows = tmp_path / "own.toml", [], rings.iris_shows
     monkeypatch.setattr(rings, "iris_shows", lambda *of: asked.append(of) or shows(*of))
     path.write_text("title = ")
@@ -64,7 +65,7 @@ def test_the_cameras_blades_stop_a_lens_down_that_is_not_wide_open(scene, blades
 
 
 def test_a_lens_without_rings_has_no_blades_but_those_that_are_given(scene, blades, tmp_path):
-    lens = Lens.load("edmund-54852")
+    lens = load_lens("edmund-54852")
     write_package(lens, tmp_path / "own.npz")
     assert scene_iris(scene, tmp_path / "own.npz") is None and scene_iris(scene, tmp_path / "own.npz", Iris(5)) is None
     assert scene_iris(scene, lens) is None and scene_iris(scene, lens, Iris(5)) == Iris(5)
@@ -93,7 +94,7 @@ def test_what_a_stretched_aperture_would_do_is_left_out_and_told(scene, blades):
 
 @pytest.mark.parametrize("iris", [None, Iris(5), Iris(9, -12.5, 0.5), Iris(6, 1e-7, 1.0)])
 def test_the_command_takes_blades_as_they_are(iris):
-    told = _parser().parse_args(["apply", "Scene_0001_radiance.exr", "--lens", LENS, *iris_arguments(iris)])
+    told = _parser().parse_args(["apply", "Scene_0001_radiance.exr", "--lens", LENS, *to_arguments(iris=iris)])
     assert asked_iris(told) == (iris or Iris(0))
 
 
@@ -123,12 +124,12 @@ def bokeh(lens, depth_mm, iris, shape_px=(54, 72)):
     return simulate(layered, lens, iris=iris).cube[0]
 
 
-def cycles_bokeh(scene, lens, depth_mm, folder):
-    """The same by Cycles' own depth of field, through the camera's blades."""
+def cycles_bokeh(scene, lens, depth_mm, folder, corner):
+    """The same by Cycles' own depth of field with the camera's blades, whose corners are on the round stop."""
     rows, columns = scene.render.resolution_y, scene.render.resolution_x
     width_mm, camera = lens.sensor_mm[0] / ENLARGED, scene.camera.data
     camera.lens = lens.capture_focal_length_mm * camera.sensor_width / width_mm
-    camera.dof.aperture_fstop = camera.lens / entrance_pupil_diameter_mm(lens)
+    camera.dof.aperture_fstop = camera.lens / (corner * entrance_pupil_diameter_mm(lens))
     glow = material("Glow", "ShaderNodeEmission")[0]
     wall(scene, glow, depth_mm / 1e3, 2 * width_mm / columns * depth_mm / lens.capture_focal_length_mm / 1e3)
     scene.cycles.samples, scene.cycles.pixel_filter_type = 1024, "BOX"
@@ -143,13 +144,14 @@ def cycles_bokeh(scene, lens, depth_mm, folder):
 
 @pytest.mark.parametrize("depth_mm", [700.0, 10000.0])
 def test_blades_are_turned_as_those_of_cycles(scene, blades, tmp_path, depth_mm):
-    """Before focus and behind it: triangles agree, and would not if they were turned or mirrored."""
-    lens, _, _ = scene_lens(scene, LENS, "lens", "preview", focus=1500.0, f_number=5.7)
+    """In front of the focus and behind it: triangles agree, and would not if they were rotated or mirrored."""
+    lens, _, _ = scene_lens(scene, LENS, "lens", "preview", focus=1500.0, f_number=11.0)
     blades.focus_distance, blades.aperture_blades, blades.aperture_rotation = 1.5, 3, radians(15)
     scene.lensfield.iris_roundness = 0
     scene.render.resolution_x, scene.render.resolution_y = 72, 54
-    iris = scene_iris(scene, LENS, f_number=5.7)
-    ours, cycles = bokeh(lens, depth_mm, iris), cycles_bokeh(scene, lens, depth_mm, tmp_path)
+    iris = scene_iris(scene, LENS, f_number=11.0)  # stopped down far enough for the corners to be inside the rim
+    corner = opening(iris, lens).corner
+    ours, cycles = bokeh(lens, depth_mm, iris), cycles_bokeh(scene, lens, depth_mm, tmp_path, corner)
 
     def alike(picture):
         return np.sum(ours * picture) / np.sqrt(np.sum(ours**2) * np.sum(picture**2))

@@ -1,4 +1,4 @@
-"""Rings: what a scene's camera turns its lens to."""
+"""Rings: focus and f-stop of the lens, set by the scene's camera."""
 
 import json
 from math import inf
@@ -9,14 +9,15 @@ from mathutils import Matrix
 
 from lensfield import addon
 from lensfield.addon.job.render import job_of_frame
-from lensfield.addon.scene.rings import FIXED, ring_arguments, rings_for, scene_lens, scene_rings
+from lensfield.addon.scene.rings import FIXED, ring_fields, rings_for, scene_lens, scene_rings
 from lensfield.cli import _parser
-from lensfield.commands.arguments import distance_mm as read_distance_mm
-from lensfield.commands.render import scene_and_arguments
-from lensfield.engine import Lens
-from lensfield.engine.bake.rings import AT_REST, Rings
-from lensfield.engine.image.spectral_exr import read_exr
-from lensfield.engine.lens.readers.package import write_package
+from lensfield.commands.arguments import asked_rings
+from lensfield.commands.render import scene_and_fields
+from lensfield.engine import load_lens
+from lensfield.engine.lens_files.package import write_package
+from lensfield.engine.pictures.spectral_exr import read_exr
+from lensfield.engine.rays.rings import AT_REST, Rings
+from lensfield.request import RING_FIELDS, to_arguments
 from small_scenes import WAVELENGTHS_NM, set_world
 
 LENS = "tessar-50mm"
@@ -58,7 +59,7 @@ def test_the_cameras_own_and_what_is_given_in_its_place(scene, dof):
 
 @pytest.mark.parametrize("place, distance_mm", [((0, 0, 3), 3000), ((1, 2, 3), 3000), ((0, 0, -2), 2000)])
 def test_a_focus_object_counts_along_the_cameras_axis(scene, dof, place, distance_mm):
-    """As Blender has it; the camera looks along -z of its own, and what is behind it counts as if in front."""
+    """As in Blender; the camera looks along its own -z, and an object behind it counts as if in front."""
     scene.camera.matrix_world = Matrix.Translation((0.5, -0.25, 7)) @ Matrix.Scale(3.0, 4)
     x, y, z = place
     target(scene, 0.5 + x, -0.25 + y, 7 - z)
@@ -80,7 +81,7 @@ def test_a_bone_may_be_in_focus(scene, dof):
 
 @pytest.mark.parametrize("view", ["lens", "camera"])
 def test_the_lens_is_in_focus_where_the_camera_is(scene, dof, view):
-    """Made larger or smaller, too."""
+    """Even if the camera is scaled."""
     lens, warning, words = scene_lens(scene, LENS, view, "preview")
     assert lens.object_distance_mm + lens.entrance_pupil_mm == pytest.approx(1200, rel=1e-3)
     assert words == () and bool(warning) == (view == "camera")
@@ -95,9 +96,9 @@ def test_what_the_lens_cannot_is_told(scene, dof):
 
 def test_a_package_stays_as_it_is_and_says_so(scene, dof, tmp_path):
     path = tmp_path / "own.npz"
-    write_package(Lens.load("edmund-54852"), path)
+    write_package(load_lens("edmund-54852"), path)
     lens, _, words = scene_lens(scene, path, "lens", "preview")
-    assert lens == Lens.load(path) and words == (FIXED,) and rings_for(scene, path) == AT_REST
+    assert lens == load_lens(path) and words == (FIXED,) and rings_for(scene, path) == AT_REST
     dof.use_dof = False
     assert scene_lens(scene, path, "lens", "preview")[2] == ()
 
@@ -115,24 +116,21 @@ def test_keyframes_turn_rings(scene, dof):
 
 @pytest.mark.parametrize("rings", [AT_REST, Rings(1234.5), Rings(inf, 2.8), Rings(80.0, 5.6, True)])
 def test_the_command_takes_rings_as_they_are(rings):
-    words = ring_arguments(rings)
-    told = dict(zip(words[::2], words[1::2], strict=False)) if rings != AT_REST else {}
-    assert ("--focus" in told) == (rings.focus_mm is not None)
-    assert "--focus" not in told or read_distance_mm(told["--focus"]) == rings.focus_mm
-    assert "--f-number" not in told or float(told["--f-number"]) == rings.f_number
-    assert ("--focused-wide-open" in words) == rings.focused_wide_open
+    words = to_arguments(**ring_fields(rings))
+    options = _parser().parse_args(["apply", "Scene_0001_radiance.exr", "--lens", LENS, *words])
+    assert asked_rings(options) == rings
 
 
 @pytest.mark.parametrize("words, asked", [
-    ([], {"focus": None, "f_number": None, "focused_wide_open": None}),
-    (["--focus", "CAMERA", "--f-number", "4"], {"focus": "camera", "f_number": 4.0, "focused_wide_open": None}),
-    (["--focus", "80cm", "--focused-wide-open"], {"focus": 800.0, "f_number": None, "focused_wide_open": True})])
+    ([], {}),
+    (["--focus", "CAMERA", "--f-number", "4"], {"focus": "camera", "f_number": 4.0}),
+    (["--focus", "80cm", "--focused-wide-open"], {"focus": 800.0, "focused_wide_open": True})])
 def test_the_command_asks_for_rings(scene, tmp_path, words, asked):
     blend = tmp_path / "scene.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(blend))
     options = _parser().parse_args(["render", str(blend), *words])
-    given = scene_and_arguments(options)[1]
-    assert {name: given[name] for name in asked} == asked
+    given = scene_and_fields(options)[1]
+    assert {name: given[name] for name in RING_FIELDS if name in given} == asked
 
 
 def test_a_picture_by_the_cameras_rings_and_its_record(scene, dof, tmp_path):

@@ -1,4 +1,4 @@
-"""Which scenes differ from frame to frame in nothing but what their camera turns its lens to: in doubt none."""
+"""Scenes whose frames differ only in the camera's focus and f-stop; doubtful scenes do not count."""
 
 import bpy
 import pytest
@@ -11,7 +11,7 @@ FRAMES = 1, 2, 5
 
 @pytest.fixture
 def rack(scene):
-    """A wall and a lamp; the focus goes from 1 m to 3 m, and the lens is stopped down."""
+    """A wall and a lamp; the focus moves from 1 m to 3 m, and the lens is stopped down."""
     wall(scene, material("Paint", "ShaderNodeBsdfDiffuse")[0])
     light(scene, "POINT", 1.0)
     scene.camera.data.dof.use_dof = True
@@ -21,7 +21,7 @@ def rack(scene):
 
 
 def keyframe(owner, path, *values):
-    """At frame 1 and every 4 frames from there."""
+    """Keyframes at frame 1 and every 4 frames after it."""
     *inner, name = path.split(".")
     for number, value in enumerate(values):
         setattr(owner.path_resolve(".".join(inner)) if inner else owner, name, value)
@@ -37,7 +37,7 @@ def focus_object(scene):
 
 
 def own_action(scene):
-    """Object and camera in one action, as Blender itself makes them, each in its slot."""
+    """Object and camera in one action, as Blender creates them, each with a slot."""
     camera = scene.camera
     keyframe(camera, "location", (0, 0, 0), (0, 0, 0))
     animation = camera.animation_data
@@ -130,7 +130,7 @@ def moving_parent(scene, of):
 
 
 def follows_focus(scene):
-    """The wall does what the focus object does."""
+    """The wall copies the rotation of the focus object."""
     scene.objects["Wall"].constraints.new("COPY_ROTATION").target = focus_object(scene)
 
 
@@ -139,7 +139,7 @@ def textured_by_focus(scene):
 
 
 def scattered_by_focus(scene):
-    """Geometry nodes read the collection in which the focus object is."""
+    """Geometry nodes read the collection that contains the focus object."""
     focus = focus_object(scene)
     own = bpy.data.collections.new("Own")
     scene.collection.children.link(own)
@@ -163,7 +163,7 @@ def strips(scene):
 
 
 def instanced(scene):
-    """What moves is in a collection that an empty brings in."""
+    """A moving object in a collection that an empty instances."""
     own = bpy.data.collections.new("Own")
     empty = bpy.data.objects.new("Instance", None)
     empty.instance_type, empty.instance_collection = "COLLECTION", own
@@ -173,7 +173,7 @@ def instanced(scene):
 
 
 def within_the_shutter(scene):
-    """Every frame finds it at the same place, but not while the shutter is open."""
+    """It has the same position at every frame, but moves while the shutter is open."""
     keyframe(scene.objects["Wall"], "location", *[(0, 0, -1)] * 2)
     curve = scene.objects["Wall"].animation_data.action
     curve = (curve.fcurves if hasattr(curve, "fcurves") else curve.layers[0].strips[0].channelbags[0].fcurves)[0]

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 
-from lensfield.engine import Lens
+from lensfield.engine import load_lens
 from lensfield.engine.field.stmap import distort_map
 from lensfield.engine.image.pixel_grid import PixelGrid
-from lensfield.engine.image.spectral_exr import read_parts, write_rgb_exr
+from lensfield.engine.pictures.spectral_exr import read_parts, write_rgb_exr
 
 
 def image_node(tree, path):
@@ -21,7 +21,7 @@ def image_node(tree, path):
 @pytest.mark.skipif(bpy.app.version < (5, 0), reason="a tree of images alone is set up otherwise before 5.0")
 def test_map_uv_takes_light_from_where_the_map_says(scene, tmp_path):
     grid = PixelGrid((120, 160), 30.0)
-    stmap = distort_map(Lens.load("edmund-54852"), grid, 587.6)
+    stmap = distort_map(load_lens("edmund-54852"), grid, 587.6)
     row, column = np.indices(grid.shape_px)
     picture = 1 + 0.5 * np.sin(row / 9) * np.cos(column / 11) + row / 200
     write_rgb_exr(stmap, tmp_path / "map.exr")

@@ -1,4 +1,4 @@
-"""Working spaces other than Rec. 709: the same colours, told in other numbers, give the same light."""
+"""Working spaces other than Rec. 709: the same colours, with different values, give the same light."""
 
 import bpy
 import numpy as np
@@ -11,8 +11,8 @@ from lensfield.addon.scene.camera import capture_grid, match_camera_to_lens
 from lensfield.addon.scene.working_space import colour_basis, rec709_from_working
 from lensfield.addon.shading.lint import lint
 from lensfield.addon.shading.node_rules import APPROXIMATED, REJECTED
-from lensfield.engine.image.preview import to_rec709
-from lensfield.engine.image.spectral_exr import read_exr
+from lensfield.engine.pictures.preview import to_rec709
+from lensfield.engine.pictures.spectral_exr import read_exr
 from lensfield.engine.spectral.spectra import reflectance_basis
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 from small_scenes import light, material, paint_by_nodes, set_world, wall
@@ -21,7 +21,7 @@ LENS = make_lens(wavelengths_nm=(380.0, 780.0), sensor_mm=(3.6, 3.6))
 NM = np.linspace(400, 700, 16)
 SPACES = ["Linear Rec.2020", "ACEScg"]
 ROUNDING = 1e-5
-HALF = 2**-11  # Cycles holds pictures that it takes to another space in half precision
+HALF = 2**-11  # Cycles converts pictures to another space in half precision
 REC2020_TO_REC709 = np.array([[1.660491, -0.587641, -0.072850], [-0.124550, 1.132900, -0.008349],
                               [-0.018151, -0.100579, 1.118730]])  # ITU-R BT.2407
 
@@ -30,7 +30,7 @@ pytestmark = pytest.mark.skipif(bpy.app.version < (5, 0, 0), reason="this Blende
 
 @pytest.fixture(params=SPACES)
 def space(request):
-    """Takes the file to a working space with all its colours; and back in the end."""
+    """Converts the file to a working space, including its colours; and back at the end."""
     def go():
         bpy.ops.wm.set_working_color_space(working_space=request.param)
         assert bpy.data.colorspace.working_space == request.param
@@ -41,14 +41,14 @@ def space(request):
 
 @pytest.fixture
 def room(scene, tmp_path):
-    """Colours of every kind: a world's, a lamp's, a constant, one from nodes, one of an image, one that glows."""
+    """Colours of every kind: world, lamp, constant, from nodes, from an image, and emission."""
     set_world(scene, (0.3, 0.4, 0.6))
     lamp = light(scene, "POINT", 20.0, color=(1, 0.6, 0.2), shadow_soft_size=0.0).data
     lamp.lensfield.power_unit = "LUMEN"
     image = bpy.data.images.new("Picture", 4, 4)
     image.pixels = [0.8, 0.4, 0.2, 1] * 16
     image.filepath_raw, image.file_format = str(tmp_path / "picture.png"), "PNG"
-    image.save()  # Blender goes to no other space while there are images to be saved
+    image.save()  # Blender refuses another space while images are not saved
     textured, link = paint_by_nodes("Textured", (0, 0, 0))
     texture = textured.node_tree.nodes.new("ShaderNodeTexImage")
     texture.image = image
@@ -62,7 +62,8 @@ def room(scene, tmp_path):
 
 
 def radiance(scene, folder, **options):
-    result = addon.render_through_lens(scene, LENS, NM, folder, spectral=SpectralOptions("reference"), **options)
+    options = {"spectral": SpectralOptions("reference"), "depth": "off"} | options
+    result = addon.render_through_lens(scene, lens=LENS, wavelengths_nm=NM, output_folder=folder, **options)
     return read_exr(result.radiance).frame()
 
 
@@ -82,12 +83,12 @@ def test_what_cycles_renders_in_rgb_keeps_its_colour(scene, tmp_path, space):
         film.node_tree.nodes["Principled BSDF"].inputs[name].default_value = value
     wall(scene, film)
     scene.render.resolution_x = scene.render.resolution_y = 8
-    capture = capture_grid(scene, LENS, NM)  # a film's colours are those of the angles that it is seen at
+    capture = capture_grid(scene, LENS, NM)  # a film's colours depend on the viewing angle
     match_camera_to_lens(scene.camera.data, LENS, capture.frame_px[1], capture.pitch_um)
     space()
     seen = to_rec709(radiance(scene, tmp_path, unfit="render")).mean(axis=(0, 1))
     own = rec709_from_working() @ picture(scene, tmp_path).mean(axis=(1, 2))
-    np.testing.assert_allclose(seen, own, rtol=0.03)  # what becomes spectra comes back so, in any space
+    np.testing.assert_allclose(seen, own, rtol=0.03)  # upsampling preserves colours in any space
 
 
 def test_a_scene_in_another_space_is_no_refusal(room, space):
@@ -108,7 +109,8 @@ def test_rec2020_is_turned_to_rec709_as_its_standard_has_it(scene):
 
 
 def test_what_lies_outside_rec709_is_cut_at_nothing(scene, tmp_path, space):
-    """Green of a wide space has less than no red: that is cut, for constants and for colours from nodes alike."""
+    """Green of a wide space has negative red, which is clipped to zero, for constants and for colours from nodes alike.
+    """
     space()
     nodes = bpy.data.materials.new("Nodes")
     nodes.use_nodes = True

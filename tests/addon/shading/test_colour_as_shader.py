@@ -1,4 +1,4 @@
-"""A colour linked where a shader belongs: Cycles lets it glow, and so does its spectrum."""
+"""A colour linked to a shader input: Cycles treats it as emission, and so does its spectrum."""
 
 import bpy
 import numpy as np
@@ -121,7 +121,7 @@ def test_an_assigned_emission_takes_its_place(scene, glowing, tmp_path):
 
 
 def test_it_glows_by_its_own_lamp_beside_others(scene, glowing, tmp_path):
-    """Or daylight would shine with the spectrum of the other light group."""
+    """Otherwise daylight would have the spectrum of the other light group."""
     onto_surface(glowing)
     set_world(scene)
     scene.world.lensfield.emission = "sodium-lp"

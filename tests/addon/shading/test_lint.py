@@ -1,4 +1,4 @@
-"""The linter: each verdict on a scene made by hand, and the biases that it names, measured."""
+"""The linter: each verdict on a scene built by hand, and measurements of the biases that it reports."""
 
 import json
 import os
@@ -15,6 +15,7 @@ from lensfield.addon.shading.lint import Finding, lint
 from lensfield.addon.shading.node_paths import constant_of
 from lensfield.addon.shading.node_rules import APPROXIMATED, REJECTED, SEPARATED, SUBSTITUTED, UPSAMPLED, VERDICTS
 from lensfield.addon.ui import lint_panel
+from lensfield.addon.ui.session import session
 from lensfield.engine.spectral.spectra import (
     BAND_NM,
     blackbody,
@@ -46,7 +47,7 @@ def painted(scene, node_type, name="Paint"):
 
 
 def fed(shader, socket, node_type, output=0):
-    """A new node that feeds a socket; returns it."""
+    """A new node linked to a socket; returns it."""
     tree = shader.id_data
     node = tree.nodes.new(node_type)
     tree.links.new(node.outputs[output], shader.inputs[socket])
@@ -54,13 +55,13 @@ def fed(shader, socket, node_type, output=0):
 
 
 def told(scene, block_type="material"):
-    """{(node, socket): verdict} of what is said of the data-blocks of a type."""
+    """{(node, socket): verdict} of the remarks on the data-blocks of a type."""
     return {(finding.node, finding.socket): finding.verdict for finding in lint(scene)
             if finding.block_type == block_type}
 
 
 def test_every_shader_node_of_this_blender_is_known():
-    """A node that a new Blender brings is rejected until someone has looked at what Cycles does with it."""
+    """A node of a new Blender is rejected until Cycles' treatment of it has been examined."""
     known = [node_rules.COLOURS, node_rules.ARITHMETIC, set(node_rules.SPECIAL), node_rules.FLOW, node_rules.STRUCTURE,
              closure_rules.CLOSURES, closure_rules.NOT_IN_CYCLES]
     assert sum(map(len, known)) == len(set.union(*known)), "a node has two rules"
@@ -78,7 +79,7 @@ def issubclass_of_node(name):
 def fits(tree, node_type):
     try:
         tree.nodes.remove(tree.nodes.new(node_type))
-    except RuntimeError:  # a node of other trees, or a base class
+    except RuntimeError:  # a node for other trees, or a base class
         return False
     return True
 
@@ -146,7 +147,7 @@ def test_shaders_as_they_come_are_substituted(scene, node_type):
     shader = painted(scene, node_type)
     found = told(scene)
     assert found[shader.name, ""] == SUBSTITUTED
-    # Scattering lengths differ for red, green and blue as they come.
+    # Scattering lengths differ for red, green and blue by default.
     assert set(found.values()) <= {SUBSTITUTED, APPROXIMATED} and (len(found) == 1 or "Subsurface" in node_type)
 
 
@@ -233,7 +234,7 @@ def test_groups_are_walked_and_named(scene):
         group.node_tree, group.label = inner, label
         mixer.id_data.links.new(group.outputs[0], mixer.inputs[index])
     fed(sky, "Colour", "ShaderNodeTexSky")
-    fed(sky, "Other", "ShaderNodeWavelength")  # which leads nowhere
+    fed(sky, "Other", "ShaderNodeWavelength")  # leads nowhere
     assert told(scene) == {("Mix Shader", ""): SUBSTITUTED, ("Plain > Diffuse BSDF", ""): SUBSTITUTED,
                            ("Coat > Diffuse BSDF", ""): UPSAMPLED, ("Sky Texture", "Color"): APPROXIMATED}
 
@@ -368,7 +369,7 @@ def test_findings_come_worst_first_and_once(scene):
 
 @pytest.fixture
 def filmed(scene, tmp_path):
-    """A .blend with a thin film, and one whose nodes are all in order."""
+    """A .blend with a thin film, and one whose nodes are all supported."""
     shader = painted(scene, "ShaderNodeBsdfPrincipled")
     good, bad = tmp_path / "good.blend", tmp_path / "bad.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(good))
@@ -392,7 +393,7 @@ def test_command_tells_findings_and_its_status_is_for_scripts(filmed, capsys):
     assert found["refusals"][0]["where"] == "Wall: material 'Paint' > Principled BSDF > Thin Film Thickness"
     assert first["verdict"] == REJECTED and first["object_names"] == ["Wall"]
     assert cli.main(["lint", "missing.blend"]) == 1
-    assert "missing.blend: scene is not there" in capsys.readouterr().err
+    assert "missing.blend: scene is missing" in capsys.readouterr().err
 
 
 def test_json_comes_without_what_blender_writes_beside_it(filmed, monkeypatch, capfd):
@@ -416,23 +417,23 @@ def test_panel_shows_what_check_scene_found_and_selects(scene):
     wall(scene, material("Plain", "ShaderNodeBsdfDiffuse")[0])
     painted(scene, "ShaderNodeBsdfPrincipled").inputs["Thin Film Thickness"].default_value = 400
     assert bpy.ops.lensfield.lint() == {"FINISHED"}
-    assert [finding.verdict for finding in lint_panel.checked["found"].findings].count(REJECTED) == 1
-    assert lint_panel.checked["scene"] == scene.session_uid
+    assert [finding.verdict for finding in session.check.found.findings].count(REJECTED) == 1
+    assert session.check.scene_uid == scene.session_uid
     assert bpy.ops.lensfield.select_object(finding=0) == {"FINISHED"}
     assert [obj.name for obj in scene.objects if obj.select_get()] == ["Wall.001"]
     layout = Layout()
-    lint_panel.draw_preflight(layout, lint_panel.checked["found"])
+    lint_panel.draw_preflight(layout, session.check.found)
     assert [icon for _, icon in layout.labels if icon != "BLANK1"] == [
-        "RENDER_STILL", "CANCEL", "INFO", "CANCEL", "INFO"]
-    said, finding = " ".join(text for text, _ in layout.labels), lint_panel.checked["found"].findings[0]
+        "RENDER_STILL", "CANCEL", *["INFO"] * 3, "CANCEL", "INFO"]  # remarks on view, light and distance
+    said, finding = " ".join(text for text, _ in layout.labels), session.check.found.findings[0]
     assert str(finding) in said and lint_panel.UNFIT in said
-    assert said.count(finding.text) == 2  # as why there is a render for each wavelength, and in its own line
+    assert said.count(finding.text) == 2  # as the reason for a render per wavelength, and in its own line
     icons = bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items.keys()
     assert {*lint_panel.ICONS.values(), "RESTRICT_SELECT_OFF", "VIEWZOOM", "INFO"} <= set(icons)
 
 
 class Layout:
-    """Keeps what is drawn: there is no panel without a window."""
+    """Records drawn items, because a panel requires a window."""
 
     def __init__(self):
         self.labels = []
@@ -456,7 +457,7 @@ class Layout:
     ("Specular Tint", {"Metallic": 1.0}, 0, 0), ("Specular Tint", {"Specular IOR Level": 0.0}, 0, 0),
     ("Coat Tint", {"Coat Weight": 1.0}, 0, 0), ("Base Color", {}, 0, 0)])
 def test_wavelengths_that_share_a_pass_are_apart_but_for_two_tints(scene, tmp_path, tint, changes, least, most):
-    """The darkest of three values of a tint in a pass, against that value alone; the brightest loses nothing."""
+    """For a tint, the darkest of three values in a pass, against that value alone; the brightest loses nothing."""
     shader = painted(scene, "ShaderNodeBsdfPrincipled")
     slanted(scene)
     for name, value in changes.items():
@@ -470,13 +471,13 @@ def test_wavelengths_that_share_a_pass_are_apart_but_for_two_tints(scene, tmp_pa
     assert_means(together[0], bright, noise=0.01)
     middle, slack = 1 + (least + most) / 2, (most - least) / 2
     assert_means(together[2], middle * dark, max(slack / middle, ROUNDING), noise=0.01)
-    assert told(scene).get((shader.name, tint)) is None  # it is grey now
+    assert told(scene).get((shader.name, tint)) is None  # now grey
     rendered(1, 0.5, 0.05)
     assert told(scene).get((shader.name, tint)) == (SEPARATED if most else None)
 
 
 def slanted(scene):
-    """Look at the wall askew, under an even sky; all pixels alike."""
+    """A slanted view of the wall, under a uniform sky; all pixels are equal."""
     set_world(scene)
     scene.camera.data.angle = 0.05
     bpy.data.objects["Wall"].rotation_euler.x = 0.9
@@ -505,7 +506,8 @@ GRID_NM = np.arange(BAND_NM[0], BAND_NM[1] + 1, 5.0)
 
 
 def upsampling_error(true_at):
-    """RMS from 400 to 700 nm of what becomes of a light by way of linear Rec. 709, of its mean, at equal luminance."""
+    """RMS error of a light converted through linear Rec. 709, 400 to 700 nm, relative to its mean, at equal luminance.
+    """
     true = true_at(GRID_NM)
     upsampled = emission_basis(GRID_NM) @ np.maximum(XYZ_TO_REC709 @ (colour_matching(GRID_NM).T @ true), 0)
     luminous = colour_matching(GRID_NM)[:, 1]
@@ -542,13 +544,13 @@ def test_bias_of_an_upsampled_sky(temperature_k, error):
 
 
 def test_bias_of_a_wavelength_node(scene, tmp_path):
-    """Its colours as Cycles has them; a quarter of the light is the most that is left near it."""
+    """With the colours of Cycles' node; at most a quarter of the light remains near its wavelength."""
     shader = painted(scene, "ShaderNodeEmission")
     node = fed(shader, "Color", "ShaderNodeWavelength")
     shares = []
     for wavelength_nm in (450.0, 500.0, 550.0, 589.0, 650.0):
         node.inputs["Wavelength"].default_value = wavelength_nm
-        light_at = emission_basis(GRID_NM) @ picture(scene, tmp_path, samples=1, pixels=4)[:, 0, 0]
+        light_at = emission_basis(GRID_NM) @ picture(scene, tmp_path, samples=1, columns=4, rows=4)[:, 0, 0]
         shares.append(light_at[np.abs(GRID_NM - wavelength_nm) <= 10].sum() / light_at.sum())
     assert max(shares) < 0.26 and min(shares) > 0.05
 
@@ -575,5 +577,5 @@ def test_bias_of_a_conductor_of_three_indices():
 
 
 def test_a_grey_stays_one_spectrum():
-    """So that grey tints do not count as coloured once they are spectra."""
+    """Grey tints must not count as coloured after conversion to spectra."""
     np.testing.assert_allclose(reflectance_basis(GRID_NM[4:-16]).sum(axis=1), 1, atol=1e-5)

@@ -1,4 +1,4 @@
-"""Colours become spectra: radiance against closed forms, with spectra evaluated by hand from their own files."""
+"""Colours become spectra: radiance against closed forms, with spectra evaluated by hand from their files."""
 
 import bpy
 import numpy as np
@@ -6,7 +6,7 @@ import pytest
 
 from lensfield.addon.job.bands import passes
 from lensfield.addon.scene.errors import SceneError
-from lensfield.engine.image.spectral_exr import read_exr
+from lensfield.engine.pictures.spectral_exr import read_exr
 from lensfield.engine.spectral.spectra import LIBRARY, emission_basis, reflectance_basis, white_density
 from noise import ROUNDING
 from small_scenes import (
@@ -24,7 +24,7 @@ from small_scenes import (
 NM = np.array(WAVELENGTHS_NM)
 FLAT = "380:1, 780:1"
 FLAT_DENSITY = 1 / 400  # unit integral over 380 to 780 nm
-PRECISION = 1e-3  # of what a lamp lights: 2e-4 are lost by the cosines of the pixels beside the axis
+PRECISION = 1e-3  # for surfaces lit by a lamp: the cosines of pixels next to the axis lose 2e-4
 
 
 def patch(name):
@@ -178,7 +178,7 @@ def test_assigned_spectrum_reaches_into_groups(scene, tmp_path):
 
 
 def in_group(painted, colour):
-    """The material with its shader inside a node group, which all materials share."""
+    """The material with its shader in a node group that all materials share."""
     group = bpy.data.node_groups.get("Paint group")
     if group is None:
         group = bpy.data.node_groups.new("Paint group", "ShaderNodeTree")
@@ -263,7 +263,7 @@ def test_world_override_of_the_view_layer_is_substituted(scene, tmp_path):
 
 
 def test_scattering_lengths_vary_with_wavelength_and_not_with_the_pass(scene, tmp_path):
-    """Each of 4 wavelengths at or beyond a channel's own must look the same whichever of R, G, B carries it."""
+    """Each of 4 wavelengths at or beyond a channel's own must look the same in any of R, G, B."""
     set_world(scene)
     scene.world.lensfield.emission = FLAT
     conductor, shader = metal("Metal")

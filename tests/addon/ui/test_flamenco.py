@@ -1,4 +1,4 @@
-"""Flamenco's job type: nothing of it without Flamenco's add-on; with it, chosen where its Manager has it, or saved."""
+"""Flamenco's job type: hidden without Flamenco's add-on; with it, selected if the Manager offers it, or saved."""
 
 import bpy
 import pytest
@@ -17,7 +17,7 @@ class FLAMENCO_OT_submit_job(bpy.types.Operator):
 
 @pytest.fixture
 def flamenco(scene):
-    """Its add-on; a function that tells it the job types of its Manager."""
+    """The add-on; a function that sets the job types of its Manager."""
     types = [("-", "Select a Job Type", "")]
     bpy.utils.register_class(FLAMENCO_OT_submit_job)
     bpy.types.Scene.flamenco_job_type = bpy.props.EnumProperty(items=lambda scene, context: types)
@@ -54,7 +54,7 @@ def test_its_script_is_saved(scene, flamenco, tmp_path):
         bpy.ops.lensfield.save_flamenco_job_type(filepath=str(path))
         assert path.read_text() == SCRIPT.read_text()
     path.write_text("mine")
-    with pytest.raises(RuntimeError, match="there already, and none that Lensfield has made"):
+    with pytest.raises(RuntimeError, match="an existing file that Lensfield did not write"):
         bpy.ops.lensfield.save_flamenco_job_type(filepath=str(path))
     assert path.read_text() == "mine"
     with pytest.raises(RuntimeError, match="as lensfield_render.js alone"):

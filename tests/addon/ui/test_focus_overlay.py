@@ -1,6 +1,4 @@
-"""The focus overlay: what is blurred by more than a pixel of the render is tinted, before and behind what is sharp."""
-
-import time
+"""The focus overlay: blur of more than a pixel of the render is tinted, in front of and behind the focus."""
 
 import bpy
 import numpy as np
@@ -8,8 +6,10 @@ import pytest
 
 from lensfield.addon.scene.focus import Focus
 from lensfield.addon.ui import focus_overlay, preview
+from lensfield.addon.ui.session import session
 from small_scenes import light, material, wall
 from snapshot import differences, snapshot
+from waiting import wait_until
 
 LENS = "sonnar-50mm-f1.5"
 
@@ -25,7 +25,7 @@ def test_near_far_and_sharp_are_told_apart():
 
 
 def test_the_colours_differ_in_lightness_and_from_blue_to_yellow():
-    """So that they are told apart whichever cone is missing: by luminance alone, too."""
+    """They are distinguishable with any type of colour blindness, and by luminance alone."""
     luminance = [np.dot([0.2126, 0.7152, 0.0722], np.power(colour, 2.2))
                  for colour in (focus_overlay.NEARER, focus_overlay.FARTHER)]
     assert luminance[0] > 2 * luminance[1]
@@ -33,7 +33,7 @@ def test_the_colours_differ_in_lightness_and_from_blue_to_yellow():
 
 @pytest.fixture
 def on(scene):
-    """A scene whose preview is on and there: a wall at 2 m, in focus, on its left; on its right one at 6 m."""
+    """A scene with an active preview: a wall at 2 m, in focus, on the left, and one at 6 m on the right."""
     light(scene, "POINT", 20.0)
     paint = material("Paint", "ShaderNodeBsdfDiffuse")[0]
     wall(scene, paint, 2.0).location.x = -5
@@ -45,21 +45,19 @@ def on(scene):
     bpy.context.view_layer.update()
     preview.start(scene)
     follow()
-    assert not preview.state["preview"].error
+    assert not session.preview.error
     yield scene
     preview.end()
 
 
-def follow(seconds=300):
-    deadline = time.monotonic() + seconds
-    while preview.tick() is not None and (preview.state["preview"].asked or not preview.state["preview"].fresh):
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
+def follow():
+    wait_until(lambda: preview.tick() is None or (
+        session.preview.fresh and not session.preview.asked))
 
 
 def tinted(scene):
-    """What is tinted to the left and to the right: two times red, green and blue, 0 for nothing."""
-    found = focus_overlay.focus_tints(scene, preview.state["preview"].depth)
+    """The tints on the left and on the right: two times red, green and blue, 0 without a tint."""
+    found = focus_overlay.focus_tints(scene, session.preview.depth)
     row = found[found.shape[0] // 2]
     return [tuple(round(float(part), 3) for part in one[:3] * (one[3] > 0))
             for one in (row[len(row) // 4], row[3 * len(row) // 4])]
@@ -71,30 +69,30 @@ def test_it_follows_the_rings_at_once_by_the_depth_that_is_kept(on):
     assert bpy.ops.lensfield.focus_overlay() == {"FINISHED"}
     assert not differences(before, snapshot()), "the file knows nothing of it"
     assert tinted(scene) == [nothing, focus_overlay.FARTHER]
-    same = focus_overlay.focus_tints(scene, preview.state["preview"].depth)
-    assert focus_overlay.focus_tints(scene, preview.state["preview"].depth) is same
+    same = focus_overlay.focus_tints(scene, session.preview.depth)
+    assert focus_overlay.focus_tints(scene, session.preview.depth) is same
     scene.camera.data.dof.focus_distance = 6.0
     bpy.context.view_layer.update()
-    assert preview.state["preview"].same_scene and not preview.state["preview"].fresh
+    assert session.preview.same_scene and not session.preview.fresh
     assert tinted(scene) == [focus_overlay.NEARER, nothing]
-    scene.camera.data.dof.aperture_fstop = 64.0  # it has f/22, or so
+    scene.camera.data.dof.aperture_fstop = 64.0  # limited to about f/22
     scene.render.resolution_percentage = 5
     assert tinted(scene) == [nothing, nothing]
     bpy.data.objects["Wall"].location.z -= 1
     bpy.context.view_layer.update()
-    assert not preview.state["preview"].same_scene, "what is kept is of another scene"
+    assert not session.preview.same_scene, "what is kept is of another scene"
 
 
 @pytest.mark.one_blender
 def test_it_goes_with_the_preview(on):
     assert bpy.ops.lensfield.focus_overlay.poll() and bpy.ops.lensfield.focus_overlay() == {"FINISHED"}
     preview.end()
-    assert not focus_overlay.state["on"] and not bpy.ops.lensfield.focus_overlay.poll()
+    assert not session.focus_overlay and not bpy.ops.lensfield.focus_overlay.poll()
 
 
 def test_it_waits_for_its_lens_only_as_it_is_switched_on(scene, monkeypatch):
     waits = []
-    monkeypatch.setattr(focus_overlay, "wait", lambda *_: waits.append(focus_overlay.state["on"]))
+    monkeypatch.setattr(focus_overlay, "wait", lambda *_: waits.append(session.focus_overlay))
     for _ in range(4):
         focus_overlay.switch(scene)
     assert waits == [True, True]
@@ -103,7 +101,7 @@ def test_it_waits_for_its_lens_only_as_it_is_switched_on(scene, monkeypatch):
 @pytest.mark.one_blender
 def test_without_a_lens_or_a_camera_there_is_none(on):
     focus_overlay.switch(on)
-    path = preview.state["preview"].depth
+    path = session.preview.depth
     assert focus_overlay.focus_tints(on, path) is not None and focus_overlay.focus_tints(on, None) is None
     on.lensfield.lens, on.lensfield.lens_file = "FILE", "/nowhere.toml"
     focus_overlay.switch(on)

@@ -1,4 +1,4 @@
-"""From an untouched scene to the picture: what the panel offers, foretells and mends."""
+"""From a new scene to the picture: the panel's options, predictions and fixes."""
 
 import bpy
 import numpy as np
@@ -10,15 +10,18 @@ from lensfield.addon.job.job import UNSAVED_FOLDER, folder_for
 from lensfield.addon.job.radiance import pass_bytes
 from lensfield.addon.job.remarks import ENOUGH_SAMPLES
 from lensfield.addon.scene.camera import capture_grid
-from lensfield.addon.ui import lens_worker, lint_panel, plan_line, window_render
+from lensfield.addon.ui import lens_worker, lint_panel, plan_line
 from lensfield.addon.ui.panels import draw_settings
 from lensfield.addon.ui.properties import DEFAULT_LENS, found_lens_items, offered_lenses, searched_lens_items
-from lensfield.engine import Lens, Options, SpectralImage
+from lensfield.addon.ui.session import LastRender, session
+from lensfield.engine import Options, load_lens
+from lensfield.engine.image.sampling import Sampling
 from lensfield.engine.library import bundled_names
 from lensfield.engine.plan.choose import make_plan
 from places import SAMPLE_SCENE
 from small_scenes import light, material, wall
 from varied_lenses import VARIED
+from waiting import LAST_RESORT_S
 
 
 @pytest.fixture
@@ -30,8 +33,8 @@ def plain(scene):
 
 
 def drawn(scene):
-    """The panel, once its lens is baked."""
-    lens_worker.lens_request(scene).future.result(timeout=300)
+    """The panel after its lens is baked."""
+    lens_worker.lens_request(scene).future.result(timeout=LAST_RESORT_S)
     layout = Layout()
     draw_settings(layout, scene)
     return layout
@@ -42,7 +45,7 @@ def told(scene):
 
 
 def test_the_default_lens_sees_a_new_files_view_from_afar(scene):
-    lens = Lens.load(scene.lensfield.lens)
+    lens = load_lens(scene.lensfield.lens)
     assert scene.lensfield.lens == DEFAULT_LENS
     new = bpy.data.cameras.new("New")
     assert lens.object_distance_mm == np.inf and lens.sensor_mm[0] == new.sensor_width
@@ -124,14 +127,14 @@ def test_many_samples_are_told_of_and_mended(plain):
 
 
 def settled(scene):
-    """The plan's line once the thread has worked it out."""
+    """The plan's line after the thread has computed it."""
     plan_text(scene)
-    plan_line._worker.submit(int).result(timeout=300)  # after what is being made
+    plan_line._worker.submit(int).result(timeout=LAST_RESORT_S)  # after pending work
     return plan_text(scene)
 
 
 def plan_text(scene):
-    return plan_line.plan_text(scene, Lens.load(scene.lensfield.lens))
+    return plan_line.plan_text(scene, load_lens(scene.lensfield.lens))
 
 
 def test_the_plan_line_follows_the_settings(plain):
@@ -146,7 +149,7 @@ def test_the_plan_line_follows_the_settings(plain):
 def test_the_plan_line_knows_what_a_check_has_found_until_the_settings_change(plain):
     plain.lensfield.tier = "REFERENCE"
     assert bpy.ops.lensfield.lint() == {"FINISHED"}
-    count = len(lint_panel.checked["found"].plan.bands)
+    count = len(session.check.found.plan.bands)
     assert plan_text(plain).startswith(f"{count} Cycles render")
     assert "other ones since" not in told(plain)
     plain.lensfield.wavelength_count = 7
@@ -179,11 +182,11 @@ def test_the_plan_line_tells_the_seconds_of_the_engine_and_the_memory_of_what_ta
     plain.lensfield.denoise = denoise
     text = settled(plain)
     settings = plain.lensfield
-    lens = Lens.load(settings.lens)
+    lens = load_lens(settings.lens)
     grid = capture_grid(plain, lens, settings.wavelengths_nm())
     cube = np.zeros((len(settings.wavelengths_nm()), *grid.shape_px), np.float32)
     plan = list(plan_line._plans.values())[-1][1].result()
-    assert plan == make_plan(Options(accuracy=0.01), lens, SpectralImage(cube, settings.wavelengths_nm(), grid))
+    assert plan == make_plan(Options(accuracy=0.01), lens, Sampling(grid, tuple(settings.wavelengths_nm())))
     pass_mb = 1e-6 * pass_bytes(cube[0].size, 1, denoise == "ON")
     memory_mb = 1e-6 * cube.nbytes + max(pass_mb, plan.memory_mb + 1e-6 * cube.nbytes)
     assert f"then {max(plan.seconds, 0.1):.1f} s for the lens; {memory_mb:.0f} MB beside the scene" in text
@@ -207,8 +210,7 @@ def test_the_picture_of_the_last_render_is_shown_and_told_of_by_name(plain, monk
     assert bpy.ops.lensfield.render() == {"FINISHED"}
     path = tmp_path / "Scene_0001_lens_image.exr"
     assert not bpy.ops.lensfield.show_picture.poll()
-    monkeypatch.setitem(window_render.state, "lens_image", path)
-    monkeypatch.setitem(window_render.state, "notice", (f"{path} in 2.0 s",))
+    monkeypatch.setattr(session, "last_render", LastRender("INFO", (f"{path} in 2.0 s",), path))
     assert "lensfield.show_picture" in drawn(plain).shown and str(tmp_path) not in told(plain).replace(" ", "")
     for _ in range(2):
         assert bpy.ops.lensfield.show_picture() == {"FINISHED"}
@@ -218,7 +220,7 @@ def test_the_picture_of_the_last_render_is_shown_and_told_of_by_name(plain, monk
 
 
 def test_another_file_has_nothing_of_the_last_ones_render(plain, monkeypatch):
-    monkeypatch.setitem(window_render.state, "notice", ("Scene_0001_lens_image.exr in 2.0 s",))
+    monkeypatch.setattr(session, "last_render", LastRender("INFO", ("Scene_0001_lens_image.exr in 2.0 s",)))
     assert "in 2.0 s" in told(plain)
     bpy.ops.wm.open_mainfile(filepath=str(SAMPLE_SCENE))
     assert "in 2.0 s" not in told(bpy.context.scene)

@@ -1,9 +1,8 @@
-"""The preview: on, shown, anew after a change, through another lens, and gone; followed by hand, as by its timer."""
+"""The preview: on, displayed, updated after a change, through another lens, and off; stepped as by its timer."""
 
 import os
 import shutil
 import signal
-import time
 from pathlib import Path
 
 import bpy
@@ -14,12 +13,14 @@ from layouts import Layout
 from lensfield import addon
 from lensfield.addon.scene import rings
 from lensfield.addon.scene.compositor import compositing_tree
-from lensfield.addon.ui import preview, window_render
+from lensfield.addon.ui import preview
 from lensfield.addon.ui.preview_overlay import frame_corners
 from lensfield.addon.ui.properties import lens_title
+from lensfield.addon.ui.session import session
 from lensfield.engine.library import PRESCRIPTIONS
 from small_scenes import light, material, wall
 from snapshot import differences, snapshot
+from waiting import wait_until
 
 
 @pytest.fixture
@@ -34,15 +35,12 @@ def ready_scene(scene):
 
 
 def on():
-    return preview.state["preview"]
+    return session.preview
 
 
-def follow(seconds=300):
-    """Tick until all is done and shown."""
-    deadline = time.monotonic() + seconds
-    while preview.tick() is not None and (on().asked or not on().fresh):
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
+def follow():
+    """Tick until everything is finished and displayed."""
+    wait_until(lambda: preview.tick() is None or (on().fresh and not on().asked))
 
 
 def shown():
@@ -52,7 +50,7 @@ def shown():
 
 
 def red(scene):
-    """The mean of red of what is shown."""
+    """The mean red value of the displayed picture."""
     pixels = np.empty(4 * np.prod(bpy.data.images[preview.NAME].size), np.float32)
     bpy.data.images[preview.NAME].pixels.foreach_get(pixels)
     return pixels[::4].mean()
@@ -74,7 +72,7 @@ def test_it_shows_the_scene_and_touches_nothing_of_it(ready_scene):
 
 
 def test_a_change_is_seen_by_itself_and_a_selection_is_none(ready_scene):
-    tree = compositing_tree(ready_scene)  # of which a first one makes Blender 4.5 tell of all objects
+    tree = compositing_tree(ready_scene)  # the first one makes Blender 4.5 report all objects as changed
     bpy.context.view_layer.update()
     preview.start(ready_scene)
     follow()
@@ -129,7 +127,7 @@ def test_in_the_cameras_view_another_lens_takes_no_render(ready_scene):
     preview.start(ready_scene)
     follow()
     kept = on().radiance.stat().st_mtime_ns
-    for lens in ("edmund-54852", "cooke-triplet-50mm"):  # the first draws on much more than the one of the render
+    for lens in ("edmund-54852", "cooke-triplet-50mm"):  # the first uses much more than the render's lens
         ready_scene.lensfield.lens = lens
         bpy.context.view_layer.update()
         follow()
@@ -155,7 +153,7 @@ def test_a_ring_that_is_turned_takes_no_render(ready_scene):
 
 @pytest.mark.one_blender
 def test_what_is_focused_on_is_seen_to_move(ready_scene):
-    """It turns the lens and changes the scene at once."""
+    """It refocuses the lens and changes the scene at the same time."""
     ready_scene.lensfield.view = "CAMERA"
     dof, obj = ready_scene.camera.data.dof, bpy.data.objects["Wall"]
     dof.use_dof, dof.focus_object = True, obj
@@ -204,7 +202,7 @@ def test_what_cannot_be_rendered_is_told_and_tried_again_when_it_has_changed(rea
 
 @pytest.mark.one_blender
 def test_a_lens_that_is_gone_is_told_and_seen_as_soon_as_it_is_back(ready_scene, tmp_path, monkeypatch):
-    """Where blades ask for its widest f-number, which is asked once for a file as it is."""
+    """With blades, which need its widest f-number, read once for each version of a file."""
     asked, iris_shows = [], rings.iris_shows
     monkeypatch.setattr(rings, "iris_shows", lambda *lens: asked.append(lens) or iris_shows(*lens))
     own, dof = tmp_path / "own.toml", ready_scene.camera.data.dof
@@ -228,7 +226,7 @@ def test_a_lens_that_is_gone_is_told_and_seen_as_soon_as_it_is_back(ready_scene,
 def test_a_file_that_takes_long_to_copy_is_refreshed_by_hand(ready_scene, monkeypatch):
     monkeypatch.setattr(preview, "LONGEST_COPY_S", 0.0)
     preview.start(ready_scene)
-    for _ in range(2):  # once may be chance
+    for _ in range(2):  # once may be coincidence
         preview.on_frame(ready_scene)
         follow()
     radiance = on().radiance.stat().st_mtime_ns
@@ -243,10 +241,10 @@ def test_a_file_that_takes_long_to_copy_is_refreshed_by_hand(ready_scene, monkey
 
 def test_it_waits_while_a_lens_render_is_under_way(ready_scene, monkeypatch):
     preview.start(ready_scene)
-    monkeypatch.setitem(window_render.state, "render", object())
+    monkeypatch.setattr(session, "render", object())
     preview.tick()
     assert not on().asked
-    monkeypatch.setitem(window_render.state, "render", None)
+    monkeypatch.setattr(session, "render", None)
     preview.tick()
     assert on().asked
 
@@ -261,7 +259,7 @@ def test_it_goes_off_with_its_file_its_scene_its_child_and_the_add_on(ready_scen
     os.kill(on().child._process.pid, signal.SIGKILL)
     follow()
     assert on() is None and "its process died, of signal 9" in shown()
-    Path(preview.state["why_off"].rsplit("its log is ")[1]).unlink()
+    Path(session.preview_failure.rsplit("its log is ")[1]).unlink()
     other = bpy.data.scenes.new("Other")
     other.camera = bpy.context.scene.camera
     preview.start(other)

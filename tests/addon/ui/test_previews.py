@@ -14,16 +14,17 @@ from lensfield import addon
 from lensfield.addon.scene.errors import SceneError
 from lensfield.addon.ui import lens_worker, previews, sheets
 from lensfield.addon.ui.panels import draw_settings
-from lensfield.engine import cache
-from lensfield.engine.errors import InputError
 from lensfield.engine.library import BUNDLED
+from lensfield.engine.runtime import cache
+from lensfield.engine.runtime.errors import InputError
+from waiting import LAST_RESORT_S
 
 RED, BLUE = (255, 0, 0), (0, 0, 255)
 
 
 @pytest.fixture
 def own_lens(scene, tmp_path):
-    """A lens of the user's own, chosen in the scene, that has no sheet yet; its path."""
+    """A user's lens, selected in the scene, that has no sheet yet; its path."""
     path = tmp_path / "own.npz"
     shutil.copy(BUNDLED / "edmund-54852.npz", path)
     scene.lensfield.lens = "FILE"
@@ -34,7 +35,7 @@ def own_lens(scene, tmp_path):
 
 @pytest.fixture
 def drawing(monkeypatch, tmp_path):
-    """Sheets are blank, and nothing is remembered of others; the f-numbers of the lenses whose were drawn."""
+    """Draws blank sheets with an empty cache; returns the f-numbers of the drawn lenses."""
     monkeypatch.setenv(cache.VARIABLE, str(tmp_path / "cache"))
     sheets.forget_sheets()
     drawn = []
@@ -48,11 +49,11 @@ def drawing(monkeypatch, tmp_path):
 
 
 def settle(scene):
-    """Draw the panel until its lens and its sheet are there."""
+    """Draw the panel until its lens and its sheet are ready."""
     drawn(scene)
-    lens_worker.lens_request(scene).future.result(timeout=300)
+    lens_worker.lens_request(scene).future.result(timeout=LAST_RESORT_S)
     drawn(scene)
-    sheets._worker.submit(int).result(timeout=300)
+    sheets._worker.submit(int).result(timeout=LAST_RESORT_S)
 
 
 def paint(path, *colours, size=(90, 60), changed_ns=0):
@@ -79,7 +80,7 @@ def drawn(scene, **layout):
 def test_sheets_of_packages_lie_beside_them(tmp_path):
     sheet = paint(tmp_path / "a lens.v2.png", RED)
     assert sheets.own_sheet(str(tmp_path / "a lens.v2.npz")) == sheet
-    assert sheets.own_sheet(str(tmp_path / "a lens.v2.toml")) is None  # it is turned
+    assert sheets.own_sheet(str(tmp_path / "a lens.v2.toml")) is None  # its rings are turned
     for nonsense in ("", ".", "/", "a\0"):
         assert sheets.own_sheet(nonsense) is None
 
@@ -117,7 +118,7 @@ def test_a_damaged_sheet_is_named(tmp_path, damage):
 
 
 def test_a_picture_of_another_kind_is_opened_by_no_reader_of_its_own(tmp_path, monkeypatch):
-    """EPS by its first bytes, which Pillow would hand to Ghostscript."""
+    """EPS by its first bytes, which Pillow would pass to Ghostscript."""
     path = tmp_path / "sheet.png"
     path.write_bytes(b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 90 60\n%%EndComments\n%%EOF\n")
     from PIL import EpsImagePlugin
@@ -150,7 +151,7 @@ def test_what_cannot_be_shown_is_read_again_when_it_has_changed(tmp_path, monkey
         with pytest.raises(SceneError, match="not readable"):
             previews.sheet_preview(path)
     assert len(read) == 1
-    paint(path, BLUE)  # at the same time, by its clock
+    paint(path, BLUE)  # with the same modification time
     assert preview_pixels(previews.sheet_preview(path))[0, 0].tolist() == [0, 0, 1, 1] and len(read) == 2
 
 

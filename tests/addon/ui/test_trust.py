@@ -1,4 +1,4 @@
-"""What a stranger's .blend names: shown, and touched by nothing that runs by itself, until the user trusts it."""
+"""Files named by an untrusted .blend: displayed, but not accessed automatically until the user trusts the file."""
 
 import os
 import shutil
@@ -18,15 +18,17 @@ from lensfield.addon.scene import trust
 from lensfield.addon.scene.compositor import compositor_state, lay_into_compositor
 from lensfield.addon.scene.compositor_watch import check, look_again
 from lensfield.addon.scene.fingerprint import scene_fingerprint
-from lensfield.addon.ui import lens_worker, lint_panel, preview, window_render
+from lensfield.addon.ui import lens_worker, preview, window_render
 from lensfield.addon.ui.panels import draw_settings
-from lensfield.engine.errors import InputError
-from lensfield.engine.image.spectral_exr import write_rgb_exr
+from lensfield.addon.ui.session import session
 from lensfield.engine.library import BUNDLED
+from lensfield.engine.pictures.spectral_exr import write_rgb_exr
+from lensfield.engine.runtime.errors import InputError
 from small_scenes import material
+from waiting import LAST_RESORT_S
 
 touched = []
-"""Names of all that is opened, listed, or looked for."""
+"""Names of all files that are opened, listed, or searched for."""
 
 
 def note(event, arguments):
@@ -44,7 +46,7 @@ def noted(look, path, *given, **named):
 
 @pytest.fixture
 def in_a_window(monkeypatch):
-    """As where nobody has asked for a render by a command; nothing is trusted."""
+    """Without a render requested by a command: nothing is trusted."""
     trust.forget_trust()
     monkeypatch.setattr(trust, "_is_asked_for", lambda: False)
     for look in (os.stat, os.lstat):
@@ -55,7 +57,7 @@ def in_a_window(monkeypatch):
 
 @pytest.fixture
 def stranger(scene, tmp_path, in_a_window):
-    """The scene of a .blend that names a lens, a spectrum and pictures, all of them elsewhere; the folder of these."""
+    """The scene of a .blend that names a lens, a spectrum and pictures, all elsewhere; and their folder."""
     away = tmp_path / "away"
     away.mkdir()
     shutil.copy(BUNDLED / "edmund-54852.npz", away / "lens.npz")
@@ -112,7 +114,7 @@ def test_nothing_that_it_names_is_touched(stranger):
 
 
 def test_a_fingerprint_opens_no_image(stranger):
-    """As it would by asking for some of their properties."""
+    """Reading some of an image's properties would open it."""
     assert scene_fingerprint(bpy.context.scene) and not bpy.data.images["lens.png"].has_data
 
 
@@ -129,7 +131,7 @@ def test_trusted_it_is_read(stranger):
     assert bpy.ops.lensfield.trust() == {"FINISHED"}
     assert not named_files() and not bpy.ops.lensfield.trust.poll()
     draw(scene)
-    assert lens_worker.lens_request(scene).future.result(timeout=300) is None
+    assert lens_worker.lens_request(scene).future.result(timeout=LAST_RESORT_S) is None
     assert "lensfield.render" in draw(scene).shown and touches(stranger)
 
 
@@ -148,7 +150,7 @@ def test_nor_is_anything_read_by_a_check_of_the_scene(stranger, lens):
     bpy.ops.mesh.primitive_plane_add()
     bpy.context.object.data.materials.append(bpy.data.materials["Paint"])
     bpy.ops.lensfield.lint()
-    refusals = lint_panel.checked["found"].refusals
+    refusals = session.check.found.refusals
     assert refusals and all("press Trust" in str(refusal) for refusal in refusals)
     assert not touches(stranger)
 
@@ -160,7 +162,7 @@ def test_what_the_user_chooses_is_trusted(stranger, tmp_path):
     scene.lensfield.lens_file = str(tmp_path / "chosen" / "lens.npz")
     scene.lensfield.output_folder = "//pictures/"
     bpy.data.materials["Paint"].lensfield.reflectance = "400:0.1, 700:0.9"
-    assert named_files() == {str(stranger): "output"}  # of the compositor
+    assert named_files() == {str(stranger): "output"}  # from the compositor
     bpy.ops.lensfield.remove_from_compositor()
     assert not named_files() and not touches(stranger)
     bpy.ops.wm.save_mainfile()

@@ -1,7 +1,10 @@
-"""One singlet as each program would write it: a stop, a lens of N-BK7 with an ellipsoid behind, f/10 at infinity."""
+"""One singlet as each program writes it: a stop, then a lens of N-BK7 with a rear ellipsoid, f/10 at infinity."""
 
-from lensfield.engine.bake.prescription import Surface
-from lensfield.engine.bake.prescriptions import read_prescription
+import json
+from copy import deepcopy
+
+from lensfield.engine.prescription.prescription import Surface
+from lensfield.engine.prescription.readers import read_prescription
 
 TOML = """
 format = "lensfield-prescription"
@@ -52,7 +55,7 @@ SURF 1
   TYPE STANDARD
   CURV 0.0 0 0 0 0 ""
   DISZ 2
-  DIAM 2.5 1 0 0 1 ""
+  DIAM 2.5 0 0 0 1 ""
 SURF 2
   TYPE STANDARD
   CURV 2.0E-2 0 0 0 0 ""
@@ -65,7 +68,7 @@ SURF 3
   CURV -2.0E-2 0 0 0 0 ""
   CONI -0.5
   DISZ 4.75E+1
-  DIAM 8.0 1 0 0 1 ""
+  DIAM 8.0 0 0 0 1 ""
 SURF 4
   TYPE STANDARD
   CURV 0.0 0 0 0 0 ""
@@ -108,9 +111,9 @@ title	US 1,234,567 Example 1
 [constants]
 Scaled	50
 [variable distances]
-Focal Length	49.0	48.5
+Focal Length	49.0	49.0
 Angle of View	28.0	27.0
-F-Number	10	10.5
+F-Number	9.8	9.8
 Image Height	24.4	24.4
 d0	Infinity	500
 d3	47.5	52.8
@@ -151,7 +154,7 @@ DEEPLENS = {
 
 LENTIL = {
     "0001": {"company": "Nobody", "product-name": "singlet", "patent-number": "US1234567", "year": 1920,
-             "focal-length-mm-patent": 50, "optical-elements-patent": [
+             "focal-length-mm-patent": 49, "optical-elements-patent": [
                  {"radius": 99999.0, "thickness": 2.0, "ior": None, "abbe": None, "material": "iris",
                   "housing-radius": 2.5, "lens-geometry": "spherical", "aspherical-equation": None},
                  {"radius": 50.0, "thickness": 4.0, "ior": 1.5168, "abbe": 64.2, "material": "BK7",
@@ -161,7 +164,7 @@ LENTIL = {
 
 
 def optiland_row(z, kind="Plane", material=None, **changes):
-    """A surface as Optiland writes it, of air behind unless told."""
+    """A surface as Optiland writes it, with air behind it by default."""
     geometry = {"type": kind, "cs": dict.fromkeys(("x", "y", "rx", "ry", "rz"), 0.0) | {"z": z}}
     geometry |= {name: changes.pop(name) for name in ("radius", "conic", "coefficients", "dy") if name in changes}
     geometry["cs"]["y"] = geometry.pop("dy", 0.0)
@@ -171,7 +174,7 @@ def optiland_row(z, kind="Plane", material=None, **changes):
 
 
 def optiland(**third):
-    """What Optiland's save_optiland_file writes of a singlet, with a third surface of a model glass, or another."""
+    """The output of Optiland's save_optiland_file for a singlet, whose third surface has a model or the given glass."""
     glass = {"type": "Material", "name": "N-BK7", "catalog": "schott", "reference": None}
     model = {"type": "AbbeMaterial", "index": 1.62, "abbe": 60.3}
     asphere = dict(kind="EvenAsphere", radius=-50.0, conic=-0.5, coefficients=[1e-4, -2e-6], material=model)
@@ -190,8 +193,28 @@ SURFACES = (Surface(thickness_mm=2.0, stop=True), Surface(50.0, 4.0, "SCHOTT N-B
             Surface(-50.0, 47.5, conic=-0.5))
 
 
+def prescriptions(count):
+    """(name, text) of a lens with so many surfaces, as each program writes it: one surface of the valid lens, repeated.
+    """
+    for name, text, surface in (
+            ("lens.toml", TOML, "[[surfaces]]\nthickness_mm = 1\n"),
+            ("lens.zmx", ZEMAX, "SURF 2\n  CURV 2.0E-2\n  DISZ 4.0\n"),
+            ("lens.seq", CODEV, "S     50.0 4.0 NBK7_SCHOTT\n"),
+            ("lens.dat", PBRT, "50\t4\t1.5168\t16\n"), ("lens.txt", OPTBENCH, "2\t50.0\t4.0\t1.5168\t16\t64.2\tBSC7\n"),
+            ("lens.lens", DOT_LENS, "  50.0000        4.0000       1.51680  64.20    16.000    1\n")):
+        first = surface.splitlines(keepends=True)[0]
+        before, _, after = text.partition(first)
+        yield name, before + surface * count + first + after
+    for name, contents, rows in (
+            ("optiland.json", of_optiland := optiland(), of_optiland["surface_group"]["surfaces"]),
+            ("deeplens.json", of_deeplens := deepcopy(DEEPLENS), of_deeplens["surfaces"]),
+            ("lentil.json", of_lentil := deepcopy(LENTIL), of_lentil["0001"]["optical-elements-patent"])):
+        rows[2:2] = [rows[1]] * count
+        yield name, json.dumps(contents)
+
+
 def changed(text, *pairs):
-    """A text with pieces of it replaced; each has to be there."""
+    """A text with some pieces replaced; each piece must occur in it."""
     for old, new in pairs:
         assert old in text, old
         text = text.replace(old, new)
@@ -199,7 +222,7 @@ def changed(text, *pairs):
 
 
 def reader_of(path, text):
-    """A function that reads the prescription of this text with some of it changed, as a file of this path."""
+    """A function that reads this prescription with some of its text changed, from a file at this path."""
     def read_changed(*pairs, field=None, encoding="utf-8"):
         path.write_bytes(changed(text, *pairs).encode(encoding))
         return read_prescription(path, field)

@@ -1,4 +1,4 @@
-"""Optiland as a witness: the same prescriptions by its tracer, through the places of the stop that we aim at."""
+"""Optiland as a reference: its tracer, on the same prescriptions, through the same points of the stop."""
 
 import numpy as np
 from optiland.coordinate_system import CoordinateSystem
@@ -7,11 +7,11 @@ from optiland.materials import IdealMaterial
 from optiland.optic import Optic
 from optiland.rays import RealRays
 
-AIM_TOLERANCE = 1e-10  # of the place on the stop, mm
+AIM_TOLERANCE = 1e-10  # mm on the stop
 
 
 class Asphere(EvenAsphere):
-    """Conic and even powers, which rays look for from the vertex plane: Optiland's own loses some of steep surfaces."""
+    """Conic and even powers, intersected from the vertex plane: Optiland's own asphere loses rays at steep surfaces."""
 
     def __init__(self, surface):
         self._curvature, self._conic, self._terms = 1 / surface.radius_mm, surface.conic, np.array(surface.aspheric)
@@ -45,7 +45,7 @@ class Asphere(EvenAsphere):
 
 
 def optic_of(system, wavelength_nm):
-    """Optiland's system at one wavelength, with the indices, stop and fields of a System of ours."""
+    """Optiland's system at one wavelength, with the indices, stop and fields of the engine's System."""
     prescription = system.prescription
     indices = system.indices_at([wavelength_nm])[:, 0]
     optic = Optic()

@@ -1,9 +1,9 @@
-"""rayoptics as a second witness: the same prescriptions by its tracer, aimed at the stop by scipy's root finder.
+"""rayoptics as a second reference: the same prescriptions by its tracer, aimed at the stop by scipy's root finder.
 
     python tests/engine/bake/rayoptics_witness.py PRESCRIPTION.toml > tests/data/edmund_chief_rays.csv
 
-prints chief rays, in the environment of `make test-bake`, for tests that have no rayoptics. Refractive indices are
-those of our glasses, for it is the tracing that is compared.
+prints chief rays, in the environment of `make test-bake`, for tests that run without rayoptics. Refractive indices are
+the engine's, because the comparison is about ray tracing.
 """
 
 import sys
@@ -16,15 +16,15 @@ from rayoptics.raytr.raytrace import trace_raw
 from rayoptics.seq.gap import Gap
 from scipy.optimize import root
 
-from lensfield.engine.bake.focus import build_system
-from lensfield.engine.bake.prescriptions import read_prescription
+from lensfield.engine.prescription.readers import read_prescription
+from lensfield.engine.rays.focus import build_system
 
 WAVELENGTHS_NM = (400.0, 486.1, 587.5618, 656.3, 700.0)
 HEIGHTS = 7
 
 
 def path_of(system, wavelength_nm, object_gap_mm):
-    """Interfaces, gaps and indices as rayoptics takes them, from a plane so far before the lens to the image plane."""
+    """Interfaces, gaps and indices for rayoptics, from a plane this far in front of the lens to the image plane."""
     prescription = system.prescription
     indices = [1.0, *system.indices_at([wavelength_nm])[:, 0], 1.0]
     profiles = [EvenPolynomial(), *(EvenPolynomial(c=1 / surface.radius_mm, cc=surface.conic,
@@ -37,15 +37,15 @@ def path_of(system, wavelength_nm, object_gap_mm):
 
 
 def focal_length_mm(system, wavelength_nm):
-    """By paraxial rays."""
+    """The paraxial focal length."""
     rays, _ = paraxial_trace(iter(path_of(system, wavelength_nm, 1.0)), 0, [1.0, 0.0], [0.0, 1.0])
     return -1 / rays[-1][1]
 
 
 def witness_ray(system, height_mm, wavelength_nm, x_mm, y_mm):
-    """Where the ray of a field height through a place of the stop lands (x, y), and its optical path.
+    """The landing point (x, y) and the optical path of a ray from a field height through a point of the stop.
 
-    The path is from the object point, or from the plane wave through the middle of the first surface.
+    The path starts at the object point, or at the plane wave through the middle of the first surface.
     """
     prescription, stop = system.prescription, system.prescription.stop_index + 1
     field, = system.fields_of([height_mm])

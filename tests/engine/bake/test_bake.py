@@ -1,13 +1,13 @@
-"""The whole of a bake: what it tells of itself, and how it breaks off."""
+"""A complete bake: its progress reports and its cancellation."""
 
 import numpy as np
 import pytest
 
 from lensfield.engine.bake import bake as module
 from lensfield.engine.bake.bake import _samples, bake
-from lensfield.engine.bake.prescriptions import read_prescription
 from lensfield.engine.bake.quality import QUALITIES
 from lensfield.engine.library import BUNDLED
+from lensfield.engine.prescription.readers import read_prescription
 
 TWO_NM = (450.0, 650.0)
 
@@ -20,14 +20,14 @@ def triplet():
 def test_too_few_heights_are_told_in_the_lenses_notes(triplet):
     few = bake(triplet, quality="preview", heights=5, wavelengths_nm=TWO_NM, samples=33)
     assert few.heights_mm.size == 5
-    assert few.notes.startswith(triplet.notes) and "Half way between two heights " in few.notes
+    assert few.notes.startswith(triplet.notes) and "Halfway between two heights, " in few.notes
     many = bake(triplet, quality="preview", wavelengths_nm=TWO_NM, samples=33)
     assert many.heights_mm.size > 9 and "Half way" not in many.notes
 
 
 def test_waves_taken_for_longer_ones_are_told_in_the_lenses_notes(triplet):
     lens = bake(triplet, quality="preview", heights=2, wavelengths_nm=TWO_NM, samples=5, pitch_um=100.0)
-    assert "Diffraction is that of waves up to 4.1 times as long." in lens.notes
+    assert "Diffraction is computed for wavelengths up to 4.1 times as long." in lens.notes
 
 
 def test_a_bake_that_is_cancelled_ends_with_the_psfs_in_work(triplet, monkeypatch):
@@ -38,7 +38,7 @@ def test_a_bake_that_is_cancelled_ends_with_the_psfs_in_work(triplet, monkeypatc
         return np.full((17, 17), 1 / 17**2)
 
     def progress(fraction, label):
-        if label == "Summing up PSFs":
+        if label == "Computing PSFs":
             raise KeyboardInterrupt
 
     monkeypatch.setattr(module, "point_spread", point_spread)

@@ -1,4 +1,4 @@
-"""`lensfield lens bake`, on Thorlabs' achromatic doublet AC254-050-A behind a stop: small requests, quickly done."""
+"""`lensfield lens bake`, on Thorlabs' achromatic doublet AC254-050-A behind a stop: small, fast requests."""
 
 import json
 import os
@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 import lensfield.commands.bake as command
-from lens_texts import DOT_LENS, OPTBENCH, changed
+from lens_texts import DOT_LENS, OPTBENCH, ZEMAX, changed
 from lenses import make_lens
 from lensfield import cli
-from lensfield.engine import Lens, LensError
-from lensfield.engine.bake.prescriptions import read_prescription
-from lensfield.engine.lens.readers.package import write_package
+from lensfield.engine import Lens, LensError, load_lens
+from lensfield.engine.lens_files.package import write_package
+from lensfield.engine.prescription.readers import read_prescription
 
 DOUBLET = """
 format = "lensfield-prescription"
@@ -62,7 +62,7 @@ def path(tmp_path):
 
 @pytest.fixture
 def asked(monkeypatch):
-    """What the baking is asked for, which is not done."""
+    """The bake that the command requests, without running it."""
     asked = []
 
     def bake(prescription, **request):
@@ -75,14 +75,14 @@ def asked(monkeypatch):
 
 @pytest.fixture(scope="module")
 def baked(tmp_path_factory):
-    """The lens of one bake with a good many of the options."""
+    """The lens from a single bake that sets many of the options."""
     folder = tmp_path_factory.mktemp("baked")
     (folder / "doublet.toml").write_text(DOUBLET)
     assert run(folder / "doublet.toml", "-o", folder / "new" / "lens.npz", "--heights", 3, "--wavelengths",
                "450,550,650", "--samples", 33, "--workers", 1, "--f-number", 10, "--field-height", 4, "--sensor",
                "6.4x4.8", "--name", "one of two lenses", "--glass", "N-SF10=SF10") == 0
     assert [file.name for file in (folder / "new").iterdir()] == ["lens.npz"]
-    return Lens.load(folder / "new" / "lens.npz")
+    return load_lens(folder / "new" / "lens.npz")
 
 
 def test_the_package_says_what_was_asked_for(baked):
@@ -118,7 +118,7 @@ def test_the_chief_ray_has_the_middle(baked):
 
 
 def test_illumination_falls_with_the_fourth_power_of_the_cosine(baked):
-    """But for the doublet's distortion and the cones that its field curvature widens: 2 %."""
+    """Except for the doublet's distortion and the cones that its field curvature widens: 2 %."""
     cosine = np.cos(np.arctan(baked.heights_mm / baked.efl_mm))
     np.testing.assert_allclose(baked.relative_illumination, np.broadcast_to(cosine**4, (3, 3)), atol=0.02)
     assert np.all(baked.relative_illumination[:, 0] == 1)
@@ -129,12 +129,12 @@ def test_the_glass_takes_some_blue(baked):
 
 
 def test_a_set_of_object_distances_has_one_focus(tmp_path, path, capfd):
-    """Focused at 20 m, infinity is blurred to a disc of EFL^2 / (20 m - EFL) / N: 15.7 um across."""
+    """Focused at 20 m, it blurs infinity to a disc of EFL^2 / (20 m - EFL) / N: 15.7 um across."""
     path.write_text(changed(DOUBLET, ("version = 1", "version = 1\nobject_distance_mm = 20000.0")))
     assert run(path, "-o", tmp_path / "lens.npz", "--object-distance", "20000,inf", "--heights", 2, "--field-angle", 1,
                "--wavelengths", 550, "--samples", 33, "--pitch", 1.5) == 0
     assert sorted(file.name for file in tmp_path.glob("*.npz")) == ["lens_20000mm.npz", "lens_inf.npz"]
-    near, far = (Lens.load(tmp_path / f"lens_{name}.npz") for name in ("20000mm", "inf"))
+    near, far = (load_lens(tmp_path / f"lens_{name}.npz") for name in ("20000mm", "inf"))
     assert (near.object_distance_mm, far.object_distance_mm) == (20000, np.inf)
     assert near.magnification == pytest.approx(-near.efl_mm / (20000 - near.efl_mm), rel=2e-3)
     assert far.magnification == 0 and far.efl_mm == near.efl_mm
@@ -154,14 +154,14 @@ def test_a_set_of_object_distances_has_one_focus(tmp_path, path, capfd):
 def test_two_threads_bake_what_one_does(tmp_path, path):
     for workers in (1, 2):
         assert run(path, "-o", tmp_path / f"{workers}.npz", *TINY, "--workers", workers) == 0
-    one, two = (Lens.load(tmp_path / f"{workers}.npz") for workers in (1, 2))
+    one, two = (load_lens(tmp_path / f"{workers}.npz") for workers in (1, 2))
     for field in fields(Lens):
         before, after = getattr(one, field.name), getattr(two, field.name)
         assert before == after if isinstance(before, str) else np.array_equal(before, after), field.name
 
 
 def test_a_bake_that_fails_says_nothing_else_as_its_process_ends(path, tmp_path):
-    """Nor do helpers of Python's that outlive it."""
+    """Python's helper processes, which outlive the bake, print nothing either."""
     path.write_text(changed(DOUBLET, ('focus = "best"', ""), (LAST, LAST + "semi_aperture_mm = 1.0\n")))
     command = [sys.executable, "-c", "from lensfield.cli import console; console()", "lens", "bake", path,
                "-o", tmp_path / "lens.npz", *TINY, "--f-number", 16, "--field-angle", 20]
@@ -171,7 +171,7 @@ def test_a_bake_that_fails_says_nothing_else_as_its_process_ends(path, tmp_path)
 
 
 def test_no_light_at_the_end_of_the_field_is_one_line_that_names_the_file(path, tmp_path, capfd):
-    """The chief ray gets through the stop at 20 degrees, and all light ends at the rim of the last surface."""
+    """The chief ray passes the stop at 20 degrees, and the rim of the last surface blocks all light."""
     path.write_text(changed(DOUBLET, ('focus = "best"', ""), (LAST, LAST + "semi_aperture_mm = 1.0\n")))
     assert run(path, "-o", tmp_path / "lens.npz", *TINY, "--f-number", 16, "--field-angle", 20, "--workers", 1) == 1
     out, err = capfd.readouterr()
@@ -223,7 +223,7 @@ def test_an_object_distance_keeps_the_focus(path, tmp_path, asked):
     prescription = asked[0].prescription
     assert (prescription.object_distance_mm, prescription.focus) == (500, "as given")
     assert prescription.surfaces[-1].thickness_mm == pytest.approx(43.4, abs=0.2)
-    assert Lens.load(tmp_path / "lens.npz").name == "hand-made"
+    assert load_lens(tmp_path / "lens.npz").name == "hand-made"
 
 
 def test_the_focus_ring_is_turned(path, tmp_path, asked, capsys):
@@ -293,7 +293,7 @@ def test_usage_errors_are_status_2(path, tmp_path, arguments, capsys):
     assert "usage" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("name, message", [("doublet.toml/lens.npz", "folder is not to be made"),
+@pytest.mark.parametrize("name, message", [("doublet.toml/lens.npz", "folder is impossible to create"),
                                            ("folder.npz", "file is a folder"), ("pipe.npz", "a device or pipe")])
 def test_a_file_that_cannot_be_written_is_refused_before_the_work(path, tmp_path, asked, capfd, name, message):
     (tmp_path / "folder.npz").mkdir()
@@ -308,7 +308,7 @@ def test_a_file_that_is_none_is_told_by_its_name(path, tmp_path, capfd, contents
     assert run(path, "-o", tmp_path / "lens.npz") == 1
     assert run(tmp_path / "no.zmx", "-o", tmp_path / "lens.npz") == 1
     first, second = capfd.readouterr().err.splitlines()
-    assert first.startswith(f"lensfield: {path}: ") and "no.zmx: prescription is not there" in second
+    assert first.startswith(f"lensfield: {path}: ") and "no.zmx: prescription is missing" in second
 
 
 def test_another_programs_prescription_becomes_ours(path, capsys):
@@ -319,7 +319,7 @@ def test_another_programs_prescription_becomes_ours(path, capsys):
     assert capsys.readouterr().out == f"{target}\n"
     lens = read_prescription(target)
     assert (lens.name, lens.aperture, lens.surfaces[1].glass) == ("a singlet", ("f_number", 8.0), "N-BK7")
-    assert replace(lens, name="seq", aperture=("f_number", 10.0)).with_glasses({"N-BK7": "1.5168/64.2"}) == (
+    assert replace(lens, name="seq", aperture=("f_number", 9.8)).with_glasses({"N-BK7": "1.5168/64.2"}) == (
         read_prescription(path.parent / "seq.txt"))
 
 
@@ -332,6 +332,39 @@ def test_a_prescription_is_not_written_over_another(path, capsys, output, messag
     assert message in capsys.readouterr().err and path.read_text() == before
 
 
+def convert(path, *arguments):
+    return cli.main(["lens", "convert", str(path), "-o", str(path.parent / "new.toml"), *arguments])
+
+
+def test_a_file_that_contradicts_itself_is_converted_on_request_alone(path, capsys):
+    lens = path.parent / "wrong.lens"
+    lens.write_text(changed(DOT_LENS, ("focal_length: 49.00", "focal_length: 60.0")))
+    assert convert(lens, "--field-height", "5") == 1 and not (path.parent / "new.toml").exists()
+    assert "focal length is 60 mm, and its surfaces give 49.04 mm" in capsys.readouterr().err
+    assert convert(lens, "--field-height", "5", "--allow-mismatch") == 0
+    assert "notes: " in capsys.readouterr().err
+    ours = read_prescription(path.parent / "new.toml")
+    assert ours.focal_length_mm is None and "The file's focal length is 60 mm, and its surfaces give" in ours.notes
+
+
+def test_another_glass_is_used_before_the_focal_length_is_compared(path, capsys):
+    """Crown replaced by dense flint is a different lens, to which the file's figure does not apply."""
+    (path.parent / "seq.txt").write_text(OPTBENCH)
+    assert convert(path.parent / "seq.txt", "--glass", "1.5168/64.2=1.7/30") == 1
+    assert "focal length is 49 mm, and its surfaces give 36." in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("arguments, semi_mm", [((), 7.5), (("--semi-diameters", "aperture"), 7.5),
+                                                (("--semi-diameters", "ignore"), np.inf)])
+def test_fixed_semi_diameters_on_the_command_line(path, capsys, arguments, semi_mm):
+    (path.parent / "lens.zmx").write_text(changed(ZEMAX, ("8.0 1 0 0 1 \"\"\n  FLAP 0 8.0 0", "7.5 1 0 0 1 \"\"")))
+    assert convert(path.parent / "lens.zmx", *arguments) == 0
+    assert read_prescription(path.parent / "new.toml").surfaces[1].semi_aperture_mm == semi_mm
+    assert "semi-diameters" in capsys.readouterr().err
+    assert convert(path, "--semi-diameters", "ignore") == 1
+    assert "only Zemax files have semi-diameters in addition to apertures: leave it out" in capsys.readouterr().err
+
+
 def check(*arguments):
     return cli.main(["lens", "check", *map(str, arguments)])
 
@@ -342,7 +375,7 @@ def test_prescriptions_are_checked_by_their_rays(path, capsys):
     text = changed(DOUBLET, ("focus =", "focal_length_mm = 80\nfocus ="))
     path.write_text(text)
     assert check(path) == 1
-    assert "error: focal_length_mm: 80 mm, and the surfaces make 50.1 mm" in capsys.readouterr().out
+    assert "error: focal_length_mm: 80 mm, and the surfaces give 50.1 mm" in capsys.readouterr().out
     assert check(path, "--json") == 1
     assert json.loads(capsys.readouterr().out)[0]["field"] == "focal_length_mm"
 
@@ -352,7 +385,7 @@ def test_a_field_for_a_file_that_tells_none(path, capsys):
     assert check(path.parent / "doublet.lens") == 1
     assert "give --field-angle or --field-height" in capsys.readouterr().err
     assert check(path.parent / "doublet.lens", "--field-height", 5) == 0
-    assert "they make 49.04 mm" in capsys.readouterr().out
+    assert "no findings" in capsys.readouterr().out
     write_package(make_lens(), path.parent / "lens.npz")
     assert check(path.parent / "lens.npz", "--field-height", 5) == 1
     assert "a lens package's field ends with its tables: leave it out" in capsys.readouterr().err

@@ -1,17 +1,18 @@
-"""Where field heights lie, how wide windows are, and wavefronts that fold at the exit pupil."""
+"""The choice of field heights, the widths of windows, and wavefronts that fold at the exit pupil."""
 
 import numpy as np
 import pytest
 
 from lensfield.engine.bake.diffraction import point_spread
-from lensfield.engine.bake.focus import build_system
-from lensfield.engine.bake.heights import even_heights_mm, telling_heights_mm
-from lensfield.engine.bake.prescriptions import read_prescription
+from lensfield.engine.bake.heights import adaptive_heights_mm
 from lensfield.engine.bake.quality import QUALITIES
-from lensfield.engine.bake.rays import HalfPupil, trace_pupil
 from lensfield.engine.bake.wavefront import trace_wavefronts
 from lensfield.engine.bake.window import needed_width_um, pitch_for_um
 from lensfield.engine.library import BUNDLED
+from lensfield.engine.prescription.readers import read_prescription
+from lensfield.engine.rays.field_heights import even_heights_mm
+from lensfield.engine.rays.focus import build_system
+from lensfield.engine.rays.rays import HalfPupil, trace_pupil
 from perfect_lens import perfect_wavefronts
 
 PREVIEW = QUALITIES["preview"]
@@ -35,7 +36,7 @@ def psfs_at(system, heights_mm):
 
 
 def errors_between(system, heights_mm):
-    """L1 of PSFs half way between two heights, interpolated."""
+    """L1 errors of PSFs interpolated half way between two heights."""
     psfs = psfs_at(system, heights_mm)
     between = psfs_at(system, (heights_mm[1:] + heights_mm[:-1]) / 2)
     return np.abs((psfs[1:] + psfs[:-1]) / 2 - between).sum(axis=(1, 2))
@@ -49,7 +50,7 @@ def test_even_heights_are_even_over_the_picture(triplet):
 
 
 def test_heights_lie_where_blur_changes(triplet):
-    heights_mm, _ = telling_heights_mm(triplet, [550.0], 0.0, COUNT, least=5)
+    heights_mm, _ = adaptive_heights_mm(triplet, [550.0], 0.0, COUNT, least=5)
     assert (heights_mm[0], heights_mm[-1], heights_mm.size) == (0, triplet.last_height_mm, COUNT)
     assert np.all(np.diff(heights_mm) > 0)
     assert errors_between(triplet, heights_mm).max() < 0.8 * errors_between(
@@ -57,19 +58,19 @@ def test_heights_lie_where_blur_changes(triplet):
 
 
 def test_there_are_as_many_heights_as_interpolation_needs(triplet):
-    """In the picture's mean; seen again in another window, by other sums."""
+    """On average over the picture, verified in a different window with different sums."""
     for tolerance in (0.1, 0.05):
-        heights_mm, error = telling_heights_mm(triplet, [550.0], tolerance, 99)
+        heights_mm, error = adaptive_heights_mm(triplet, [550.0], tolerance, 99)
         seen = np.average(errors_between(triplet, heights_mm), weights=np.diff(heights_mm))
         assert error <= tolerance and seen < 1.2 * tolerance and 9 < heights_mm.size < 40
-    coarse_mm, error = telling_heights_mm(triplet, [550.0], tolerance, 12)
+    coarse_mm, error = adaptive_heights_mm(triplet, [550.0], tolerance, 12)
     assert coarse_mm.size == 12 and error > tolerance
 
 
 @pytest.mark.parametrize("f_number", [4.0, 16.0])
 @pytest.mark.parametrize("quality", QUALITIES)
 def test_a_window_holds_what_airys_pattern_has_within(quality, f_number):
-    """Beyond a square of this half side lie 0.9 wavelength / (pi^2 NA half side)."""
+    """Outside a square of this half side, the share of the light is 0.9 wavelength / (pi^2 NA half side)."""
     width_um = needed_width_um(perfect_wavefronts(f_number, [0, 5]), QUALITIES[quality].sums)
     aperture = np.sin(np.arctan(0.5 / f_number))
     assert width_um == pytest.approx(2 * 0.9 * 0.55 / (np.pi**2 * aperture * 0.005), rel=0.05)
@@ -82,7 +83,7 @@ def test_defocus_widens_the_window_to_its_disc_and_less_than_all_of_airys_patter
 
 
 def test_light_that_coarse_sums_lack_widens_no_window():
-    """That of corners whose beams apertures cut far inside; the window grew to metres."""
+    """For corners whose beams are cut deeply by apertures; the window once grew to metres."""
     system = system_of_bundled("enna-lithagon-24mm")
     wavefronts = trace_wavefronts(system, [system.last_height_mm], [587.56], PREVIEW.pupil)
     rays_um = 2e3 * np.abs(wavefronts.spot_mm[:, 0, 0][:, wavefronts.one(0, 0).passing]).max()
@@ -90,7 +91,7 @@ def test_light_that_coarse_sums_lack_widens_no_window():
 
 
 def test_nothing_passes_beyond_the_rays():
-    """Where apertures leave a third of the stop, rays end at its rim; polynomials of edges do not."""
+    """Where apertures leave a third of the stop, the rays end at its rim, but polynomials of the edges continue."""
     system = system_of_bundled("sony-zeiss-55mm-f1.8")
     wavefronts = trace_wavefronts(system, [0.98 * system.last_height_mm], [450.0, 600.0], PREVIEW.pupil)
     for wavelength in range(2):
@@ -100,7 +101,7 @@ def test_nothing_passes_beyond_the_rays():
 
 
 def test_every_pitch_can_be_summed_up():
-    """Those too at which the pupil takes all the length of the transform, and a row more."""
+    """Including pitches at which the pupil fills the length of the transform, or exceeds it by a row."""
     perfect = perfect_wavefronts(2.8, [0]).one(0, 0)
     assert all(0.9 < point_spread(perfect, pitch_um, 65, PREVIEW.sums).sum() < 1.01 for pitch_um in range(2, 80))
 
@@ -120,7 +121,7 @@ def test_a_phone_whose_rays_cross_before_the_exit_pupil_has_psfs_nonetheless():
 
 
 def test_rays_that_come_close_before_the_exit_pupil_leave_their_light_where_it_was():
-    """At two thirds of the phone's picture some all but cross: more of them say the same."""
+    """At two thirds of the phone's field some rays almost cross; a denser grid of rays gives the same light."""
     phone, reference = system_of_bundled("apple-phone-4mm"), QUALITIES["reference"]
     height_mm = even_heights_mm(phone, 4)[2]
     few, many = (point_spread(trace_wavefronts(phone, [height_mm], [420.0], pupil).one(0, 0), 1.0, 61, reference.sums)

@@ -11,7 +11,7 @@ from lensfield.engine.bake.quality import QUALITIES
 from perfect_lens import EFL_MM, perfect_wavefronts
 
 UM = 0.55
-PROMISED = {"preview": 0.03, "standard": 0.01, "reference": 0.002}  # of the light in the wrong place
+PROMISED = {"preview": 0.03, "standard": 0.01, "reference": 0.002}  # share of the light in the wrong place
 FINE = Sums(degree=16, oversampling=4.0, repeat=4.0)
 
 
@@ -29,7 +29,7 @@ def radius_um(pitch_um, samples):
 
 
 def airy(f_number, pitch_um, samples):
-    """Airy's pattern, 1 in the middle, of the numerical aperture of the marginal ray."""
+    """The Airy pattern, 1 in the middle, for the numerical aperture of the marginal ray."""
     x = 2 * np.pi * aperture(f_number) / UM * radius_um(pitch_um, samples)
     return np.where(x == 0, 1.0, (2 * j1(x) / np.where(x == 0, 1, x)) ** 2)
 
@@ -50,7 +50,7 @@ def test_on_the_axis_it_is_airys_pattern(f_number):
 
 @pytest.mark.parametrize("quality", QUALITIES)
 def test_the_light_inside_is_that_of_airys_pattern(quality):
-    """Rayleigh: 1 - J0^2 - J1^2 of the light within a circle; beyond a square 0.9 of what is beyond its circle."""
+    """Rayleigh: 1 - J0^2 - J1^2 of the light is within a circle; outside a square is 0.9 of that outside its circle."""
     for pitch_um, samples in ((0.25, 101), (1.0, 201)):
         psf = psf_at(5.0, 0, pitch_um, samples, QUALITIES[quality].sums)
         ring = 1.21967 / 2 * UM / aperture(5.0) * 1.002
@@ -63,7 +63,7 @@ def test_the_light_inside_is_that_of_airys_pattern(quality):
 @pytest.mark.parametrize("f_number, pitch_um", [(4.0, 6.3), (2.0, 6.3)])
 @pytest.mark.parametrize("quality", QUALITIES)
 def test_samples_are_means_over_squares(quality, f_number, pitch_um):
-    """Of the fine samples within each, in a window that holds 99.4 % of the light."""
+    """Of the fine samples within each square, in a window that contains 99.4 % of the light."""
     ratio = 21
     coarse = psf_at(f_number, 0, pitch_um, 21, QUALITIES[quality].sums)
     fine = psf_at(f_number, 0, pitch_um / ratio, 21 * ratio)
@@ -72,7 +72,7 @@ def test_samples_are_means_over_squares(quality, f_number, pitch_um):
 
 @pytest.mark.parametrize("waves", [0.5, 1.0, 2.5])
 def test_defocus_dims_the_middle_by_the_sinc_of_its_waves(waves):
-    """Born and Wolf 8.8.2: along the axis light goes with the squared sinc of the waves at the pupil's edge."""
+    """Born and Wolf 8.8.2: axial intensity follows the squared sinc of the waves at the pupil's edge."""
     defocus_mm = waves * UM * 1e-3 / (1 - np.cos(np.arctan(0.5 / 20.0)))
     sharp = psf_at(20.0, 0, 0.5, 51)
     blurred = psf_at(20.0, 0, 0.5, 51, defocus_mm=defocus_mm)
@@ -81,7 +81,7 @@ def test_defocus_dims_the_middle_by_the_sinc_of_its_waves(waves):
 
 @pytest.mark.parametrize("angle_deg", [10, 20, 30, 40])
 def test_off_the_axis_it_is_as_wide_as_the_oblique_cone_makes_it(angle_deg):
-    """The cone narrows by cos^2 to the chief ray, and lies slantwise to the plane in the tangential direction."""
+    """The cone narrows by cos^2 towards the chief ray, and meets the plane obliquely in the tangential direction."""
     axis, psf = psf_at(8.0, 0, 0.25, 121), psf_at(8.0, angle_deg, 0.25, 121)
     cosine = np.cos(np.radians(angle_deg))
     assert half_width(psf[60]) / half_width(axis[60]) == pytest.approx(1 / cosine, rel=0.01)
@@ -102,14 +102,14 @@ def test_its_beam_is_as_wide_as_its_pupil_looks():
 
 
 def test_a_wavefront_between_wavelengths_is_that_of_its_own():
-    """Waves are counted anew, and paths stay."""
+    """Phases are recomputed, and paths stay the same."""
     blue, red = (perfect_wavefronts(8.0, [0, 20], nm) for nm in (450.0, 650.0))
     assert blue.at([500.0]).chief_height_mm[0, 1] == pytest.approx(EFL_MM * np.tan(np.radians(20)))
     np.testing.assert_allclose(blue.at([650.0]).path_mm, red.path_mm)
 
 
 def test_waves_taken_for_longer_ones_leave_the_light_where_rays_go():
-    """Defocused by 0.5 mm at f/2: a disc of 250 um, its edge blurred by less than a pixel of 25 um."""
+    """Defocused by 0.5 mm at f/2: a disc of 250 um, whose edge is blurred by less than a pixel of 25 um."""
     few, all_of_them = (psf_at(2.0, 0, 25.0, 15, Sums(12, 1.0, 1.5, fringes), defocus_mm=0.5)
                         for fringes in (12.0, np.inf))
     assert 1e-4 < np.abs(few - all_of_them).sum() < 0.05
@@ -117,7 +117,7 @@ def test_waves_taken_for_longer_ones_leave_the_light_where_rays_go():
 
 @pytest.mark.parametrize("fringes", [8.0, 10.0, 10.0000001, 12.0, 60.0])
 def test_few_parts_of_a_sample_still_tell_all_waves_apart(fringes):
-    """Down to one for each fringe; and where 60 are made 12."""
+    """Down to one part per fringe; and 60 fringes are reduced to 12."""
     psf = psf_at(5.0, 0, fringes * UM / (2 * aperture(5.0)), 15, Sums(12, 0.5, 1.0, 12.0))
     assert psf.sum() == pytest.approx(1, abs=0.02) and psf.max() == psf[7, 7]
 

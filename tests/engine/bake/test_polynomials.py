@@ -1,4 +1,4 @@
-"""Polynomials through what rays tell, against numpy's own."""
+"""Polynomials fitted to rays, against numpy's own fits."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ def test_what_a_polynomial_is_is_found(rays):
 
 
 def test_what_no_polynomial_follows_is_the_error_by_least_squares():
-    """Of a bend, against numpy's solution: its weighted root mean square."""
+    """For a kink, against numpy's solution: the weighted root mean square of the residual."""
     x, y = RANDOM.uniform(-1, 1, (2, 400))
     weight, values = RANDOM.uniform(0.5, 1, 400), np.abs(y - 0.2)
     terms = np.eye(28).reshape(28, DEGREE + 1, DEGREE // 2 + 1)
@@ -52,7 +52,7 @@ def test_what_no_polynomial_follows_is_the_error_by_least_squares():
 
 
 def test_terms_that_rays_tell_nothing_of_stay_small():
-    """Rays on a line across: no power of y is told by them."""
+    """Rays on a line across the pupil: they do not determine any power of y."""
     x = np.linspace(-1, 1, 50)
     found, error = fitted(x, np.full(50, 0.1), np.ones(50), [x**2], DEGREE)
     assert error < 1e-6 and np.abs(found).max() < 10

@@ -1,4 +1,4 @@
-"""The paper's lens, traced, against its maker's figures, a second tracer, and Huygens' sum done by hand."""
+"""The paper's lens, traced, against its maker's figures, a second tracer, and a Huygens sum computed by hand."""
 
 from dataclasses import replace
 
@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 from lensfield.engine import LensError
-from lensfield.engine.bake.bake import focused
 from lensfield.engine.bake.diffraction import point_spread
-from lensfield.engine.bake.focus import build_system
-from lensfield.engine.bake.prescriptions import read_prescription
 from lensfield.engine.bake.quality import QUALITIES
-from lensfield.engine.bake.rays import HalfPupil, trace_pupil
 from lensfield.engine.bake.wavefront import trace_wavefronts
 from lensfield.engine.library import BUNDLED
+from lensfield.engine.prescription.readers import read_prescription
+from lensfield.engine.rays.focus import build_system, focused
+from lensfield.engine.rays.rays import HalfPupil, trace_pupil
 from places import DATA
 
 CHIEF_RAYS = DATA / "edmund_chief_rays.csv"
@@ -31,7 +30,7 @@ def test_first_order_figures_are_the_makers(edmund):
 
 
 def test_chief_rays_are_those_of_a_second_tracer(edmund):
-    """rayoptics, by rayoptics_witness.py, at wavelengths between those that are traced."""
+    """From rayoptics, by rayoptics_witness.py, at wavelengths between the traced ones."""
     rows = np.loadtxt(CHIEF_RAYS, delimiter=",", comments=("#", "p"))
     traced = trace_wavefronts(edmund, rows[:, 0], 1e3 / np.linspace(1 / 0.39, 1 / 0.71, 7), HalfPupil(2, 5))
     found = traced.at([400.0, 486.1, 587.5618, 656.3, 700.0]).chief_height_mm
@@ -39,10 +38,10 @@ def test_chief_rays_are_those_of_a_second_tracer(edmund):
 
 
 def huygens_by_hand(system, height_mm, nm, offsets_mm):
-    """|sum over the pupil of exp(i k r)|^2 at places (v, u) about the chief ray's image point, in double precision.
+    """|sum over the pupil of exp(i k r)|^2 at positions (v, u) about the chief ray's image point, in double precision.
 
-    Rays are traced on a dense grid of the stop, and the spheres' true radii are taken: no splines, no plane waves,
-    no transform. Only the sphere that the sum runs over and the light of each ray are the same.
+    Rays are traced on a dense grid of the stop, and the spheres have their true radii: no splines, no plane waves, no
+    transform. Only the sphere of integration and the light of each ray are the same as in the engine.
     """
     pupil = HalfPupil(81, 161)
     rays = trace_pupil(system, [height_mm], [nm], pupil)
@@ -56,7 +55,7 @@ def huygens_by_hand(system, height_mm, nm, offsets_mm):
     points, path = about - back * direction, ray_path - back
 
     def cells(first, second):
-        """Areas of the grid's cells by their corners."""
+        """Areas of the grid's cells, from their corners."""
         (x1, x2), (y1, y2) = [(values[1:, 1:] - values[:-1, :-1], values[1:, :-1] - values[:-1, 1:])
                               for values in (first, second)]
         return np.abs(x1 * y2 - x2 * y1) / 2
@@ -66,7 +65,7 @@ def huygens_by_hand(system, height_mm, nm, offsets_mm):
 
     weight = np.sqrt(cells(points[0], points[1]) * cells(*source))
     points, path = middles(points), middles(path)
-    points *= sphere_mm / np.linalg.norm(points, axis=0)  # chords' middles lie a little inside
+    points *= sphere_mm / np.linalg.norm(points, axis=0)  # the middles of chords are slightly inside the sphere
     light = np.zeros((offsets_mm.size, offsets_mm.size))
     for row, v in enumerate(offsets_mm):
         for column, u in enumerate(offsets_mm):
@@ -86,9 +85,9 @@ def psf_of(system, height_mm, nm, pitch_um, samples, quality="reference", pupil=
 
 @pytest.mark.parametrize("height_mm", [0.0, 1.5, 2.4])
 def test_psfs_are_huygens_sum(edmund, height_mm):
-    """At 0.25 um, finer than the light's own detail; up to 2.4 mm nothing is cut off.
+    """At 0.25 um, finer than the detail of the light; up to 2.4 mm nothing is clipped.
 
-    A square's mean is the light in its middle and a 24th of the second differences.
+    The mean over a square is the light at its middle plus a 24th of the second differences.
     """
     psf = psf_of(edmund, height_mm, 550.0, 0.25, 33)
     points = huygens_by_hand(edmund, height_mm, 550.0, 0.25e-3 * (np.arange(35) - 17))
@@ -112,14 +111,14 @@ def test_more_rays_change_nothing(edmund):
 
 
 def test_the_window_of_the_sum_does_not_wrap(edmund):
-    """The same place of the image, in a window twice as wide, whose sum repeats twice as far away."""
+    """The same image position, in a window twice as wide, whose sum repeats at twice the distance."""
     narrow, wide = (psf_of(edmund, 2.5, 400.0, 1.4, samples) for samples in (65, 131))
     assert np.abs(wide[33:98, 33:98] - narrow).sum() < 2e-3
     assert wide.sum() > narrow.sum()
 
 
 def test_illumination_is_the_area_of_the_bundle_that_gets_through(edmund):
-    """Counted ray by ray on a dense grid, at 3 mm, where the edge of surface 9 cuts some off."""
+    """Counted ray by ray on a dense grid, at 3 mm, where the edge of surface 9 blocks some rays."""
     heights_mm = np.array([0.0, 3.0])
     rays = trace_pupil(edmund, heights_mm, [550.0], HalfPupil(201, 401))
     passing = np.all(rays.square_height_mm2 <= edmund.semi_apertures_mm[:, None, None, None, None]**2, axis=0)

@@ -1,14 +1,14 @@
-"""Rays and focal lengths by rayoptics, where `make test-bake` has it: spheres and aspheres, objects near and far."""
+"""Rays and focal lengths by rayoptics, if installed by `make test-bake`: spheres, aspheres, near and far objects."""
 
 import numpy as np
 import pytest
 
 pytest.importorskip("rayoptics", reason="the second witness of baking is rayoptics: make test-bake")
 
-from lensfield.engine.bake.focus import build_system  # noqa: E402
-from lensfield.engine.bake.prescriptions import read_prescription  # noqa: E402
-from lensfield.engine.bake.rays import HalfPupil, trace_pupil  # noqa: E402
 from lensfield.engine.library import BUNDLED  # noqa: E402
+from lensfield.engine.prescription.readers import read_prescription  # noqa: E402
+from lensfield.engine.rays.focus import build_system  # noqa: E402
+from lensfield.engine.rays.rays import HalfPupil, trace_pupil  # noqa: E402
 from rayoptics_witness import focal_length_mm, witness_ray  # noqa: E402
 
 NAMES = ("angenieux-50mm", "apple-phone-4mm", "edmund-54852", "kodak-petzval-100mm")
@@ -31,7 +31,7 @@ def test_focal_lengths(name):
 @pytest.mark.parametrize("share", [0.0, 0.5, 0.95])
 @pytest.mark.parametrize("wavelength_nm", [420.0, 650.0])
 def test_chief_rays_and_path_differences(name, share, wavelength_nm):
-    """As exactly as rays are aimed, 1e-9 mm on the stop; the path follows to its square."""
+    """As precise as the aim, 1e-9 mm on the stop; the path error is of second order."""
     system = system_of(name)
     height_mm = share * system.last_height_mm
     ours = trace_pupil(system, [height_mm], [wavelength_nm], PUPIL)

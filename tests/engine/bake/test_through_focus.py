@@ -11,16 +11,16 @@ from scipy.special import j1
 from lenses import make_lens
 from lensfield.engine import InputError, LensError
 from lensfield.engine.bake.diffraction import point_spread
-from lensfield.engine.bake.first_order import first_order_rays
-from lensfield.engine.bake.focus import build_system
-from lensfield.engine.bake.prescriptions import read_prescription
 from lensfield.engine.bake.quality import QUALITIES
-from lensfield.engine.bake.ray_table import ray_table
-from lensfield.engine.bake.rays import HalfPupil, trace_pupil
-from lensfield.engine.bake.system import system_of
 from lensfield.engine.bake.through_focus import landings_mm, lens_at_depth, psf_at_depth
 from lensfield.engine.bake.wavefront import trace_wavefronts
+from lensfield.engine.field.radial.first_order import first_order_rays
 from lensfield.engine.library import BUNDLED
+from lensfield.engine.prescription.readers import read_prescription
+from lensfield.engine.prescription.system import system_of
+from lensfield.engine.rays.focus import build_system
+from lensfield.engine.rays.ray_table import ray_table
+from lensfield.engine.rays.rays import HalfPupil, trace_pupil
 
 NM, F_NUMBER = 550.0, 2.0
 
@@ -36,7 +36,7 @@ def table_of(name):
 
 
 def baked(name, height_mm, depth_mm, pitch_um, samples):
-    """As a bake has it of an object at that depth, its rays traced from there."""
+    """The PSF from a bake with the object at that depth, with rays traced from there."""
     lens, taken = focused(name), QUALITIES["standard"]
     system = system_of(replace(lens.prescription, object_distance_mm=depth_mm - lens.entrance_pupil_mm))
     paraxial_mm = height_mm
@@ -52,7 +52,8 @@ def baked(name, height_mm, depth_mm, pitch_um, samples):
 @pytest.mark.parametrize("name, waves", [
     ("edmund-54852", -8), *product(("edmund-54852", "kodak-petzval-100mm", "nikkor-z-50mm-f1.8"), (0, 0.5, 2, 32))])
 def test_it_is_what_a_bake_has_of_an_object_there(name, waves, share):
-    """To 3 % of the light, for apertures' edges are fitted anew; to 5 % in the fringes of a disc of 100 samples."""
+    """To 3 % of the light, as the edges of apertures are fitted separately; to 5 % in the fringes of a 100-sample disc.
+    """
     lens, table = focused(name), table_of(name)
     pupil_mm = 2 * abs(lens.marginal_heights_mm[0])
     nearness = 1 / (lens.prescription.object_distance_mm + lens.entrance_pupil_mm) + 8e-6 * waves * NM / pupil_mm**2
@@ -67,7 +68,7 @@ def test_it_is_what_a_bake_has_of_an_object_there(name, waves, share):
 
 @pytest.mark.parametrize("name", ["nikkor-58mm-f1.4", "sony-zeiss-55mm-f1.8"])
 def test_it_holds_where_two_rays_meet_close_to_what_passes(name):
-    """Where Newton's method, by one derivative for all rays, lost a tenth of the light."""
+    """Newton's method with one derivative for all rays lost a tenth of the light here."""
     height_mm, depth_mm = 0.7 * table_of(name).last_height_mm, 2e4
     psf, truth = (of(height_mm, depth_mm, 10.0, 101) for of in (partial(psf_at_depth, table_of(name), NM),
                                                               partial(baked, name)))
@@ -94,10 +95,10 @@ def test_a_perfect_lens_in_focus_has_airys_pattern(distance_mm):
 
 @pytest.mark.parametrize("height_mm", [0.0, 1.5])
 def test_far_from_focus_it_is_the_disc_that_rays_make(height_mm):
-    """Of diameter D f q: the edge's fringes take up some of the light, and more than half of it is evenly spread."""
+    """The disc has diameter D f q. The fringes at its edge contain some of the light; more than half is uniform."""
     lens, table = perfect()
     waves, samples = 40, 129
-    disc_um = 8 * waves * NM * 1e-3 * F_NUMBER  # N lambda to the mm of path at the rim is 8 lambda N across
+    disc_um = 8 * waves * NM * 1e-3 * F_NUMBER  # N lambda per mm of path at the rim is 8 lambda N across
     depth_mm = 1 / (8e-6 * waves * NM / (lens.efl_mm / F_NUMBER)**2)
     pitch_um = 1.5 * disc_um / samples
     psf = psf_at_depth(table, NM, height_mm, depth_mm, pitch_um, samples)
@@ -111,7 +112,7 @@ def test_far_from_focus_it_is_the_disc_that_rays_make(height_mm):
 
 @pytest.mark.parametrize("depth_mm, share", [(250.0, 0.0), (120.0, 0.7), (np.inf, 0.4)])
 def test_rays_land_where_they_do(depth_mm, share):
-    """Of a point that is traced through the lens; the apertures stop those that they do."""
+    """For a point traced through the lens; the apertures stop the same rays."""
     lens, table = focused("edmund-54852"), table_of("edmund-54852")
     system = system_of(replace(lens.prescription, object_distance_mm=depth_mm - lens.entrance_pupil_mm))
     rng, stop = np.random.default_rng(4), HalfPupil(1, 60)

@@ -1,4 +1,4 @@
-"""Rays, first-order figures and glasses of bundled prescriptions, by Optiland, where `make test-bake` has it."""
+"""Rays, first-order figures and glasses of bundled prescriptions, by Optiland, if installed by `make test-bake`."""
 
 import numpy as np
 import pytest
@@ -7,11 +7,11 @@ pytest.importorskip("optiland", reason="the witness of baking is Optiland: make 
 
 from optiland.materials import AbbeMaterial, MaterialFile  # noqa: E402
 
-from lensfield.engine.bake.focus import build_system  # noqa: E402
-from lensfield.engine.bake.glasses import find_glass  # noqa: E402
-from lensfield.engine.bake.prescriptions import read_prescription  # noqa: E402
-from lensfield.engine.bake.rays import HalfPupil, trace_pupil  # noqa: E402
 from lensfield.engine.library import PRESCRIPTIONS  # noqa: E402
+from lensfield.engine.prescription.glasses import find_glass  # noqa: E402
+from lensfield.engine.prescription.readers import read_prescription  # noqa: E402
+from lensfield.engine.rays.focus import build_system  # noqa: E402
+from lensfield.engine.rays.rays import HalfPupil, trace_pupil  # noqa: E402
 from optiland_witness import optic_of, witness_rays  # noqa: E402
 from varied_lenses import VARIED  # noqa: E402
 
@@ -39,7 +39,7 @@ def test_first_order_figures(path):
 
 @lenses
 def test_rays(path):
-    """Rays that get through: as exactly as Optiland aims, 1e-10 mm on the stop; the path follows to its square."""
+    """Rays that pass: as precise as Optiland's aim, 1e-10 mm on the stop; the path error is of second order."""
     system = build_system(read_prescription(path))
     heights_mm = np.array([0.0, 0.5, 0.95]) * system.last_height_mm
     ours = trace_pupil(system, heights_mm, WAVELENGTHS_NM, PUPIL)

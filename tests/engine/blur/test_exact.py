@@ -1,4 +1,4 @@
-"""The exact operator against the plainest possible loop."""
+"""The exact operator against the simplest possible loop."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ RADIUS = 2
 
 
 def own_psf(row, column):
-    """A PSF that only this pixel has."""
+    """A PSF that is different for each pixel."""
     psf = 1 + np.arange(25.0).reshape(5, 5) * (row + 1) + (column % 3) * np.eye(5)
     return psf / psf.sum()
 

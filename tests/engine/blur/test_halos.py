@@ -1,4 +1,4 @@
-"""Halos: bright light has what trimming leaves out of PSFs, and other light costs nothing more."""
+"""Halos: highlights receive the light that trimming removes from PSFs, and other light costs nothing extra."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ import pytest
 from lenses import gaussian_psf, make_lens
 from lensfield.engine import Kept, Options, Report, SpectralImage, simulate
 from lensfield.engine.blur.halos import HIGHLIGHT, VISIBLE, highlights
-from lensfield.engine.field.psf_bank import PsfBank
+from lensfield.engine.field.radial.psf_bank import PsfBank
 from lensfield.engine.plan.choose import make_plan
 from lensfield.engine.plan.plan import Plan
 
@@ -34,7 +34,7 @@ def test_light_that_is_no_highlight_has_no_halo(brightest):
 
 @pytest.mark.parametrize("times, found", [(0.9, False), (1.1, True)])
 def test_a_highlight_has_a_halo_where_that_shows(times, found):
-    """Its section's mean is that of light of 1: so typical light is 1, and its halo VISIBLE of that, or not quite."""
+    """Its section's mean is that of light of 1: typical light is 1, and the halo is slightly above or below VISIBLE."""
     light, density = np.ones((1, 70, 100)), 1e-4
     light[0, 40, 69] = HIGHLIGHT + times * VISIBLE / density
     if not found:
@@ -81,8 +81,8 @@ def test_a_lamp_beside_the_frame_shines_into_it():
     cropped = replace(image, grid=replace(image.grid, overscan_px=(20, 20)))
     exact = simulate(cropped, HALOED, Options(method="exact")).cube[0]
     result = simulate(cropped, HALOED, Options(accuracy=0.01)).cube[0]
-    plan = make_plan(Options(accuracy=0.01), HALOED, cropped)
-    assert plan.psf_radius_px < 20 - 10 < plan.halo_radius_px  # from the lamp to the frame
+    plan = make_plan(Options(accuracy=0.01), HALOED, cropped.sampling)
+    assert plan.psf_radius_px < 20 - 10 < plan.halo_radius_px  # from the lamp to the edge of the frame
     beside, grey = exact[18:24, :2], np.median(exact)
     assert beside.max() > 1.5 * grey
     np.testing.assert_allclose(result[18:24, :2], beside, atol=0.2 * grey)

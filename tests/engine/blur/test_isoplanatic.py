@@ -1,28 +1,28 @@
-"""Sections of one PSF each against plain convolution and against the exact operator."""
+"""Sections with one PSF each, against plain convolution and against the exact operator."""
 
 import numpy as np
 import pytest
-from scipy.signal import fftconvolve
+from scipy.ndimage import convolve
 
 from blurring import blurred
 from lenses import placed_psfs
-from lensfield.engine import Lens
+from lensfield.engine import load_lens
 from lensfield.engine.blur.exact import ExactSections
 from lensfield.engine.blur.isoplanatic import IsoplanaticSections
-from lensfield.engine.memory import MemoryBudget
+from lensfield.engine.runtime.memory import MemoryBudget
 
 RADIUS = 3
 SHAPES = [(1, 1), (1, 9), (7, 1), (20, 33), (31, 17), (32, 32)]
 
 
 def one_psf(rows, columns):
-    """The same lopsided PSF everywhere."""
+    """The same asymmetric PSF everywhere."""
     psf = np.random.default_rng(7).random((2 * RADIUS + 1, 2 * RADIUS + 1))
     return np.broadcast_to(psf / psf.sum(), (len(rows), *psf.shape))
 
 
 def varying_psf(rows, columns, radius=RADIUS):
-    """A Gaussian whose width and place drift smoothly over the plane."""
+    """A Gaussian whose width and position vary smoothly over the plane."""
     offset = np.arange(-radius, radius + 1)
     sigma = 0.8 + 0.3 * np.sin(np.asarray(rows) / 40)[:, None, None]
     shift = 0.5 * np.cos(np.asarray(columns) / 30)[:, None, None]
@@ -48,6 +48,10 @@ def exactly(plane, psfs=varying_psf, radius=RADIUS):
     return blurred(plane, ExactSections(32, radius, psfs))
 
 
+def full_convolution(plane, psf):
+    return convolve(np.pad(plane, RADIUS), psf, mode="constant")
+
+
 def noise(shape):
     return np.random.default_rng(11).random(shape)
 
@@ -60,14 +64,14 @@ def relative_error(result, truth):
 @pytest.mark.parametrize("section_size", [1, 7, 16, 50])
 def test_an_isoplanatic_lens_is_a_plain_convolution(section_size, shape):
     plane = noise(shape)
-    truth = fftconvolve(plane, one_psf([0], [0])[0], mode="full")
+    truth = full_convolution(plane, one_psf([0], [0])[0])
     np.testing.assert_allclose(in_sections(plane, section_size, one_psf), truth, atol=1e-13)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_one_place_may_stand_for_all_sections(shape):
     plane, middle = noise(shape), [np.array([(n - 1) / 2]) for n in shape]
-    truth = fftconvolve(plane, varying_psf(*middle)[0], mode="full")
+    truth = full_convolution(plane, varying_psf(*middle)[0])
     one = IsoplanaticSections(7, 13, RADIUS, varying_psf, middle, MemoryBudget(0))
     np.testing.assert_allclose(blurred(plane, one), truth, atol=1e-13)
 
@@ -100,7 +104,7 @@ def test_a_larger_space_changes_nothing():
 
 @pytest.mark.parametrize("row, column", [(0, 0), (0, 3), (3, 0), (3, 3), (4, 4), (9, 11)])
 def test_a_point_in_a_section_corner_does_not_wrap_around(row, column):
-    radius = 6  # reaches further than a section of 4
+    radius = 6  # farther than a section of 4
     plane = np.zeros((10, 12))
     plane[row, column] = 5.0
     canvas = in_sections(plane, 4, lambda r, c: varying_psf(r, c, radius), radius)
@@ -123,13 +127,16 @@ def test_single_precision_serves_pictures_of_little_contrast():
     double, single = in_sections(plane, 16), in_sections(plane.astype(np.float32), 16, single_range=np.inf)
     assert single.dtype == np.float32
     np.testing.assert_allclose(single, double, atol=2e-6 * double.max())
-    assert np.abs(single - double).max() > 1e-10  # or it was none
+    assert np.abs(single - double).max() > 1e-10  # single precision was used
 
 
 @pytest.mark.parametrize("space_px", [None, 32, 128])
 def test_rounding_stays_within_reach_of_a_highlight_whatever_the_space(space_px):
-    """Bright light all over one section and all that it reaches, dim light beyond: single precision serves there, but
-    what a larger space holds beyond the reach of the PSF is nothing but the rounding of bright light."""
+    """Rounding of bright light in single precision is limited to the reach of the PSF, whatever the FFT size.
+
+    One section and everything within its reach are bright, and the light beyond is dim: single precision is sufficient
+    there. Beyond the PSF's reach, a larger FFT contains only rounding errors of the bright light.
+    """
     plane = np.full((16, 160), 1e-3, dtype=np.float32)
     plane[:, :64] = 1e6
     result = in_sections(plane, 16, one_psf, space_px=space_px, single_range=1e3)
@@ -149,16 +156,16 @@ def test_blurring_is_linear():
 
 
 def test_edmund_error_halves_with_the_section():
-    """On a corner of the frame, 1.4 to 1.9 mm from the axis."""
+    """In a corner of the frame, 1.4 to 1.9 mm from the axis."""
     plane = noise((48, 64)) - 0.5
-    psfs, radius = placed_psfs(Lens.load("edmund-54852"), 587.6, 6.25, (175, -185))
+    psfs, radius = placed_psfs(load_lens("edmund-54852"), 587.6, 6.25, (175, -185))
     truth = exactly(plane, psfs, radius)
     sixteen, eight, four = (relative_error(in_sections(plane, size, psfs, radius), truth) for size in (16, 8, 4))
     assert sixteen / eight == pytest.approx(2.0, abs=0.2) and eight / four == pytest.approx(2.0, abs=0.2)
 
 
 def counted(asked):
-    """`varying_psf`, with the places that it is asked for noted down."""
+    """`varying_psf`, which records the requested positions."""
     def psfs(rows, columns):
         asked.extend(zip(rows, columns, strict=True))
         return varying_psf(rows, columns)

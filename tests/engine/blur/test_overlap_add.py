@@ -18,7 +18,7 @@ def all_lit(shape, size, double=False):
 
 
 class Stamps:
-    """Spreads every pixel by the same stamp, in plain loops, and notes what it was asked for."""
+    """Spreads every pixel by the same stamp, in plain loops, and records its calls."""
 
     def __init__(self, section_size, stamp, extra_px=0):
         self.section_size, self.radius_px = section_size, len(stamp) // 2
@@ -145,7 +145,7 @@ def test_the_sum_is_the_same_to_the_last_bit_with_any_number_of_threads(monkeypa
     planes = noise((4, 33, 47)).astype(np.float32)
     results = []
     for threads in (1, 2, 3, 8):
-        monkeypatch.setattr("lensfield.engine.threads.thread_count", lambda threads=threads: threads)
+        monkeypatch.setattr("lensfield.engine.runtime.threads.thread_count", lambda threads=threads: threads)
         results.append(overlap_add(planes, Stamps(5, stamp(4)), all_lit((33, 47), 5)))
     for result in results[1:]:
         np.testing.assert_array_equal(result, results[0])

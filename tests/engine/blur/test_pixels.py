@@ -1,4 +1,4 @@
-"""Every pixel by its own PSF from a table of azimuths, against the operator that turns each one."""
+"""Per-pixel PSFs from a table of azimuths, against the operator that rotates each PSF."""
 
 from dataclasses import replace
 
@@ -15,9 +15,9 @@ from lenses import (
     marked_psf,
     points_image,
 )
-from lensfield.engine import Lens, Options, Report, SpectralImage, simulate
+from lensfield.engine import Options, Report, SpectralImage, load_lens, simulate
 
-LENSES = {"comatic": comatic_lens(), "lopsided": lopsided_lens(), "edmund": Lens.load("edmund-54852")}
+LENSES = {"comatic": comatic_lens(), "lopsided": lopsided_lens(), "edmund": load_lens("edmund-54852")}
 SHAPES = [(1, 1), (1, 9), (8, 10), (7, 10), (7, 9)]
 EXACT = Options(method="exact")
 
@@ -32,7 +32,7 @@ def undistorted(lens):
 
 
 def pixels(azimuths, precision="float64"):
-    """Whole PSFs, as the exact operator takes them."""
+    """Complete PSFs, as the exact operator uses them."""
     return Options(method="pixels", azimuths=azimuths, psf_energy=1.0, precision=precision)
 
 
@@ -49,9 +49,9 @@ def test_the_error_falls_as_azimuths_grow():
     image, lens = noise((31, 40)), LENSES["lopsided"]
     exact = simulate(image, lens, EXACT).cube
     errors = [distance_of_light(simulate(image, lens, pixels(azimuths)).cube, exact) for azimuths in (4, 16, 64)]
-    # Smooth PSFs would make it 16 each time, for the error of a chord goes with its square; pixels have edges.
+    # With smooth PSFs the factor would be 16, because the error of a chord falls with its square; pixels have edges.
     assert errors[0] > 5 * errors[1] > 25 * errors[2]
-    assert errors[0] > 1e-3  # or four azimuths were as good as all
+    assert errors[0] > 1e-3  # four azimuths are not enough
 
 
 @pytest.mark.parametrize("lens", LENSES)
@@ -59,7 +59,7 @@ def test_the_error_falls_as_azimuths_grow():
 def test_pixels_on_the_azimuths_of_the_table_are_exact_however_few_there_are(lens, shape):
     image, straight = noise(shape), undistorted(LENSES[lens])  # distortion would smear light off the diagonals
     row, column = (np.abs(2 * index - n + 1) for index, n in zip(np.indices(shape), shape, strict=True))
-    image.cube[0, (row != column) & (row != 0) & (column != 0)] = 0  # but the axes and the diagonals
+    image.cube[0, (row != column) & (row != 0) & (column != 0)] = 0  # black, except on the axes and the diagonals
     exact = simulate(image, straight, EXACT).cube
     np.testing.assert_allclose(simulate(image, straight, pixels(1)).cube, exact, atol=2e-7 * exact.max())
 
@@ -111,7 +111,8 @@ def test_light_is_never_negative(lens):
 
 @pytest.mark.parametrize("lens", LENSES)
 def test_dim_pixels_keep_single_precision_beside_a_highlight(lens):
-    """No FFT carries the rounding of bright light to dim places: every pixel is right to its own last digits."""
+    """Without an FFT, rounding of bright light does not spread to dim pixels: each is accurate to its own last digits.
+    """
     plane = np.full((50, 60), 1e-3)
     plane[20, 25] = 1e6
     image = SpectralImage(plane[None], 550.0, pitch_um=8.0)

@@ -1,12 +1,12 @@
-"""Sections whose nodes are those of the table of PSFs: each pixel has the same PSF as by the method of pixels."""
+"""Sections with the nodes of the PSF table: each pixel has the same PSF as in the pixels method."""
 
 import numpy as np
 import pytest
 
 from lenses import comatic_lens, distance_of_light, lopsided_lens
-from lensfield.engine import Lens, Options, Report, SpectralImage, simulate
+from lensfield.engine import Options, Report, SpectralImage, load_lens, simulate
 
-LENSES = {"comatic": comatic_lens(), "lopsided": lopsided_lens(), "edmund": Lens.load("edmund-54852")}
+LENSES = {"comatic": comatic_lens(), "lopsided": lopsided_lens(), "edmund": load_lens("edmund-54852")}
 EVERY_LENS = pytest.mark.parametrize("lens", LENSES.values(), ids=LENSES.keys())
 SHAPES = [(1, 1), (9, 13), (20, 13)]
 

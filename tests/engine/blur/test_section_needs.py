@@ -1,11 +1,11 @@
-"""What a picture requires, section by section: judged by hand, and held against every pixel and what it reaches."""
+"""The requirements of a picture, section by section: checked by hand, and against every pixel and its reach."""
 
 import numpy as np
 import pytest
 
 from blurring import needs_of
 from lenses import comatic_lens, distance_of_light, gaussian_psf, lopsided_lens, make_lens
-from lensfield.engine import Lens, Options, SpectralImage, simulate
+from lensfield.engine import Options, SpectralImage, load_lens, simulate
 from lensfield.engine.blur.polar_sections import PolarSections
 from lensfield.engine.blur.section_needs import section_needs
 from lensfield.engine.field.mirror_symmetry import Planes
@@ -56,7 +56,7 @@ def test_black_pixels_are_no_dim_ones():
 
 def test_a_highlight_needs_double_precision_for_the_dim_section_that_it_reaches():
     plane = np.full((30, 30), 1e-3)
-    plane[10:20, 10:20] = 1e6  # even in itself, as are its neighbours
+    plane[10:20, 10:20] = 1e6  # uniform, as are its neighbours
     needs = judged(plane)
     assert needs.lit.all() and sections(needs.double) == {(1, 1)}
 
@@ -64,7 +64,7 @@ def test_a_highlight_needs_double_precision_for_the_dim_section_that_it_reaches(
 @pytest.mark.parametrize("reach_px, double", [(0, False), (1, False), (10, False), (11, True), (20, True)])
 def test_a_dim_section_counts_as_far_as_light_reaches(reach_px, double):
     plane = np.full((10, 40), 1e6)
-    plane[:, 20:] = 1e-3  # ten pixels of bright light lie between section 0 and the dim ones
+    plane[:, 20:] = 1e-3  # ten pixels of bright light separate section 0 from the dim ones
     assert judged(plane, reach_px=reach_px).double[0, 0] == double
 
 
@@ -122,7 +122,7 @@ def test_a_step_between_sections_or_in_the_next_one_is_seen(column, flat):
 
 def test_a_step_counts_against_the_dimmest_in_reach():
     plane = np.exp(0.001 * np.arange(50))[None, :] * np.ones((50, 1))
-    # From section 2 the columns 10 to 39, with the step beyond them, are looked at: the dimmest is exp(0.01).
+    # Section 2 reads the columns 10 to 39, and the step beyond them: the dimmest value is exp(0.01).
     step = 0.001 * np.exp(0.0395 - 0.01)
     assert judged(plane, flat_slope=step * 1.001).flat[2, 2]
     assert not judged(plane, flat_slope=0.001).flat[2, 2]
@@ -130,9 +130,9 @@ def test_a_step_counts_against_the_dimmest_in_reach():
 
 @pytest.mark.parametrize("length", [41, 45, 49, 50])
 def test_even_light_that_ends_within_reach_is_not_flat(length):
-    """The last section may hold but a strip of the picture: from the one before it, black is in reach all the same."""
+    """The last section may be only a strip of the picture, so that black is within reach of the previous section."""
     needs = judged(np.ones((50, length)), reach_px=8, flat_slope=1e-3)
-    last_flat = (length - 8) // 10 - 1  # its last pixel is 8 px from the end, or more
+    last_flat = (length - 8) // 10 - 1  # its last pixel is at least 8 px from the end
     found = np.flatnonzero(needs.flat[2]).tolist()
     assert set(range(1, last_flat)) <= set(found) <= set(range(1, last_flat + 1))
 
@@ -155,7 +155,7 @@ def test_a_step_across_the_axis_is_seen(halves, extra):
 
 
 def patchy(shape, seed):
-    """Even light with steps of all sizes, black holes and a few highlights."""
+    """Uniform light with steps of all sizes, black holes and a few highlights."""
     rng = np.random.default_rng(seed)
     plane = np.kron(1 + 0.02 * rng.integers(0, 2, (3, 3)), np.ones((15, 15)))[:shape[0], :shape[1]].copy()
     for _ in range(rng.integers(0, 4)):
@@ -169,7 +169,7 @@ def reached(row, column, reach_px, shape):
 
 
 def section_of(shape, section_size, folded):
-    """Section row of each row, and section column of each column, of the whole picture."""
+    """Section row of each row, and section column of each column, of the full picture."""
     for n in shape:
         index = np.arange(n)
         yield (np.maximum(index - n // 2, n - 1 - index - n // 2) if folded else index) // section_size
@@ -179,7 +179,7 @@ def section_of(shape, section_size, folded):
 @pytest.mark.parametrize("shape", [(36, 40), (29, 31), (11, 40)])
 @pytest.mark.parametrize("section_size, reach_px", [(6, 3), (5, 5), (7, 9), (4, 1)])
 def test_no_pixel_is_promised_more_than_it_gets(shape, section_size, reach_px, folded):
-    """Pixel by pixel, over the whole picture, what the judgement of its section must hold."""
+    """Checks each pixel of the full picture against the requirements of its section."""
     slope = 0.01
     for seed in range(2):
         plane = patchy(shape, seed)
@@ -197,17 +197,17 @@ def test_no_pixel_is_promised_more_than_it_gets(shape, section_size, reach_px, f
                 dim = seen[seen > 0].min(initial=np.inf)
                 assert double[row, column] or plane[row, column] <= RANGE * dim
             elif plane[row, column]:
-                assert flat[window].all()  # all that its light reaches is written down
+                assert flat[window].all()  # everything that its light reaches is flat
 
 
 def leaning_lens():
-    """PSFs widen over the field and lean outwards, by a pixel of 16 um at 2 mm: even light thins by some 2 %."""
+    """PSFs widen over the field and lean outwards, by a pixel of 16 um at 2 mm: uniform light falls by about 2 %."""
     table = np.stack([np.roll(gaussian_psf(8 + h, 8, 8.0, 9), h, axis=0) for h in range(3)])
     return make_lens(np.stack([table, table]), heights_mm=np.linspace(0, 2, 3), psf_pitch_um=8.0)
 
 
 def mostly_even(centred):
-    """Even light with a patterned border, wide enough below and to the right to hold the axis off the middle."""
+    """Uniform light with a patterned border, wide enough below and to the right to place the axis off centre."""
     plane = np.ones((150, 160))
     noisy = np.random.default_rng(5).random(plane.shape)
     plane[140:], plane[:, 150:] = noisy[140:], noisy[:, 150:]
@@ -236,14 +236,14 @@ def test_where_psfs_lean_even_light_thins_as_the_exact_operator_says(even_pictur
     flat = simulate(image, lens, Options(section_size=16, flat_tolerance=1e-3)).cube
     middle = (0, slice(30, 110), slice(30, 120))
     assert 0.005 < 1 - exact[middle].mean() / E_AXIS < 0.03
-    np.testing.assert_allclose(flat[middle].mean(), exact[middle].mean(), rtol=1e-3)  # as was asked
+    np.testing.assert_allclose(flat[middle].mean(), exact[middle].mean(), rtol=1e-3)  # within the given tolerance
 
 
 @pytest.mark.parametrize("shape", [(96, 128), (97, 129)])
 def test_even_light_is_written_down_alike_whether_the_picture_is_folded_or_not(shape):
-    """PSFs lean outwards on either side of the axis: a sign forgotten across it would leave the light there 1 % up."""
+    """PSFs lean outwards on both sides of the axis: a missing sign would make the light there 1 % brighter."""
     lens, options = leaning_lens(), Options(section_size=8, flat_tolerance=1e-3, precision="float64")
-    centre = (shape[0] - 1) / 2, (shape[1] - 1) / 2 + 1e-7  # too little to change a picture, too much to fold it
+    centre = (shape[0] - 1) / 2, (shape[1] - 1) / 2 + 1e-7  # too little to change a picture, but it prevents folding
     folded, whole = (simulate(SpectralImage(np.ones((1, *shape)), 550.0, pitch_um=16.0, centre_px=where), lens, options)
                      for where in (None, centre))
     beside = (0, *(slice(n // 2 - 12, n // 2 + 13) for n in shape))
@@ -252,7 +252,7 @@ def test_even_light_is_written_down_alike_whether_the_picture_is_folded_or_not(s
 
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-3, 1e-4])
 def test_slowly_changing_light_is_flat_within_the_tolerance_or_filtered(tolerance):
-    """A gradient that one tolerance takes for even and another does not."""
+    """A gradient that is uniform for one tolerance and not for another."""
     lens = leaning_lens()
     x = np.linspace(0, 1, 220)
     for steepness in (0.03, 0.3, 3.0):
@@ -265,7 +265,7 @@ def test_slowly_changing_light_is_flat_within_the_tolerance_or_filtered(toleranc
 
 @pytest.fixture
 def spread(monkeypatch):
-    """The sections that are spread, one after another."""
+    """The sections that are spread, in order."""
     places = []
     original = PolarSections.spread
 
@@ -284,7 +284,7 @@ def test_flat_sections_are_not_filtered(spread):
     assert sorted(spread) == [(i, j) for i in range(7) for j in range(8)]
     spread.clear()
     simulate(image, lens, Options(section_size=32, flat_tolerance=1e-3))
-    # All but the border is flat, and its rim reaches into what is not.
+    # All but the border is flat, and the rim of the flat area reaches into the border.
     assert sorted(spread) == [(i, j) for i in range(7) for j in range(8) if not (2 <= i < 5 and 2 <= j < 6)]
 
 
@@ -296,8 +296,8 @@ def test_black_sections_are_not_filtered(spread):
 
 
 def test_the_papers_lens_shows_a_grey_wall_as_the_exact_operator_does():
-    """A lens whose PSFs really vary, 1.8 to 2.4 mm from its axis."""
-    lens = Lens.load("edmund-54852")
+    """A lens whose PSFs really vary, at 1.8 to 2.4 mm from its axis."""
+    lens = load_lens("edmund-54852")
     image = SpectralImage(np.ones((1, 48, 56)), 587.6, pitch_um=12.5, centre_px=(-100.0, 140.0))
     exact, filtered, flat = (simulate(image, lens, options).cube for options in (
         Options(method="exact"), Options(section_size=8), Options(section_size=8, flat_tolerance=1e-3)))
@@ -308,7 +308,7 @@ def test_the_papers_lens_shows_a_grey_wall_as_the_exact_operator_does():
 @pytest.mark.parametrize("lens, pitch_um", [(comatic_lens(), 25.0), (comatic_lens(), 8.0), (lopsided_lens(), 16.0)],
                          ids=["within a pixel", "over pixels", "off the meridional plane"])
 def test_even_light_is_what_the_exact_operator_makes_of_it_however_psfs_lean(lens, pitch_um):
-    """PSFs that lean by less than the pixel that they lie in take next to nothing out of it."""
+    """PSFs that lean by less than their pixel remove almost no light from it."""
     image = SpectralImage(np.ones((1, 56, 64)), 550.0, pitch_um=pitch_um, centre_px=(-20.0, -10.0))
     exact, filtered, flat = (simulate(image, lens, options).cube for options in (
         Options(method="exact"), Options(section_size=8), Options(section_size=8, flat_tolerance=1e-3)))

@@ -1,4 +1,4 @@
-"""Casting: layers of depth seen along rays, against first-order optics, and in C against numpy."""
+"""Casting: layers of depth along rays, against first-order optics, and C against numpy."""
 
 import tracemalloc
 
@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 
 from lenses import make_lens
-from lensfield.engine import threads
-from lensfield.engine.bake.first_order import first_order_rays
 from lensfield.engine.depth.cast import cast, casting_bytes
-from lensfield.engine.depth.pencils import Iris
-from lensfield.engine.image.depth_range import blur_px, entrance_pupil_diameter_mm, focus_nearness
+from lensfield.engine.depth.depth_range import blur_px
+from lensfield.engine.depth.iris import Iris
+from lensfield.engine.field.radial.first_order import first_order_rays
 from lensfield.engine.image.layers import Layer, LayeredRadiance
 from lensfield.engine.image.pixel_grid import FISHEYE, PixelGrid
 from lensfield.engine.kernels import available, running
+from lensfield.engine.lens.entrance_pupil import entrance_pupil_diameter_mm, focus_nearness
 from lensfield.engine.library.rays import lens_rays
+from lensfield.engine.runtime import threads
 from loops import using
 from varied_lenses import varied_lens
 
@@ -44,17 +45,36 @@ def planes(layers, lens, grid, rays=None, **options):
 
 
 def depth_of_blur(lens, wanted_px):
-    """A depth whose points blur to a disc so many pixels wide, nearer than focus where this is positive."""
+    """A depth whose points blur to a disc of this many pixels; positive values are nearer than focus."""
     return 1 / (focus_nearness(lens) + wanted_px / blur_px(lens, PITCH_UM, 1 / (1 + focus_nearness(lens))))
 
 
 def centroid_and_width(picture):
-    """Row, column, and the diameter of an even disc of the same second moment."""
+    """Row, column, and the diameter of a uniform disc with the same second moment."""
     rows, columns = np.indices(picture.shape)
     total = picture.sum()
     row, column = (picture * rows).sum() / total, (picture * columns).sum() / total
     square = (picture * ((rows - row) ** 2 + (columns - column) ** 2)).sum() / total
     return row, column, np.sqrt(8 * square)
+
+
+@pytest.mark.parametrize("side", ["above", "below", "left", "right"])
+def test_a_layer_goes_on_beyond_the_capture_where_it_ends_with_that_and_nowhere_else(lens, side):
+    """A strip along one side of a picture, blurred by 16 px in front of the focus.
+
+    Beyond three of its sides all rays meet its continuation, at its free end half of them do.
+    """
+    grid, width = PixelGrid((60, 80), PITCH_UM, centre_px=(22.0, 51.0)), 30
+    across, first = side in ("left", "right"), side in ("above", "left")
+    shape = (60, width) if across else (width, 80)
+    origin = (0, 0) if first else (0, 80 - width) if across else (60 - width, 0)
+    strip = layer(np.ones(shape), depth_of_blur(lens, 16.0), 3.0, origin_px=origin)
+    found = planes([strip, layer(np.zeros(grid.shape_px), FAR_MM)], lens, grid)[0].blurred
+    profile = found if across else found.T
+    profile = profile if first else profile[:, ::-1]
+    np.testing.assert_allclose(profile[:, :width - 10], 3.0, rtol=1e-5)
+    np.testing.assert_allclose(profile[:, width - 1:width + 1].mean(axis=1), 1.5, rtol=0.1)
+    assert not profile[:, width + 10:].any()
 
 
 @pytest.mark.parametrize("blur", [-24.0, 24.0])
@@ -67,7 +87,7 @@ def test_a_far_lamp_is_a_disc_of_the_size_and_at_the_place_of_first_order_optics
     row, column, width = centroid_and_width(plane.blurred)
     assert plane.blurred.sum() == pytest.approx(1, rel=0.02)
     assert (row + 12, column + 12) == pytest.approx(lit, abs=0.02 * 24)
-    assert np.sqrt(width**2 - 8 / 3) == pytest.approx(24, rel=0.02)  # less that of the square that rays look up
+    assert np.sqrt(width**2 - 8 / 3) == pytest.approx(24, rel=0.02)  # minus the square that each ray samples
     assert not plane.sharp.any()
 
 
@@ -77,14 +97,14 @@ def test_an_opaque_plane_is_as_bright_everywhere_also_at_the_borders_of_layers(l
     columns = np.indices(grid.shape_px)[1]
     parts = [layer((columns >= left) & (columns < left + 40), depth_mm, 3.0) for left in (0, 40, 80)]
     for plane in planes(parts, lens, grid):
-        mean = plane.blurred.mean(axis=0)  # a sixth of a pixel of half-covering alphas takes light from a disc
+        mean = plane.blurred.mean(axis=0)  # half-covering alphas remove the light of a sixth of a pixel from a disc
         assert mean.min() > 3 * (1 - 0.4 / abs(blur)) and mean.max() < 3.0001
         assert not plane.sharp.any() and plane.clear.min() == 1
 
 
 @pytest.mark.parametrize("nearer", [True, False])
 def test_what_is_in_focus_stays_with_the_pinhole_and_costs_nothing(lens, nearer):
-    """Before a world that nobody sees, or beside what is out of focus."""
+    """In front of a hidden world, or next to out-of-focus light."""
     grid = PixelGrid.around_frame((64, 96), PITCH_UM, (16, 16))
     light = np.random.default_rng(1).random((2, *grid.shape_px), np.float32)
     things = [layer(np.ones(grid.shape_px), IN_FOCUS_MM + lens.entrance_pupil_mm, light)]
@@ -99,7 +119,7 @@ def test_what_is_in_focus_stays_with_the_pinhole_and_costs_nothing(lens, nearer)
         assert plane.clear[:, 50:].min() == 1 and not plane.blurred[:, 50:].any()
         if nearer:
             assert plane.clear[19, 4] == 0 and plane.blurred[19, 4] == pytest.approx(5, rel=1e-5)
-            assert np.allclose(plane.blurred, 5 * (1 - plane.clear), atol=0.15)  # fewer rays meet what is bright
+            assert np.allclose(plane.blurred, 5 * (1 - plane.clear), atol=0.15)  # fewer rays meet bright pixels
         else:
             assert not plane.blurred.any() and plane.clear.min() == 1
 
@@ -118,7 +138,7 @@ def test_a_near_edge_dims_what_is_in_focus_as_its_disc_is_cut(lens):
 
 
 def test_what_is_half_in_focus_is_whole(lens):
-    """A plane through focus, seen by both ways, and none of what is behind it."""
+    """A plane through focus, rendered partly by each method, without light from behind it."""
     grid = PixelGrid.around_frame((48, 160), PITCH_UM, (16, 16))
     columns = np.indices(grid.shape_px)[1]
     depth_mm = depth_of_blur(lens, 6 * (columns - 96) / 96)
@@ -126,7 +146,7 @@ def test_what_is_half_in_focus_is_whole(lens):
     things = [layer(np.ones(grid.shape_px), depth_mm, 1.0), layer(np.ones(grid.shape_px), np.inf, 7.0 * texture)]
     for plane in planes(things, lens, grid, most_rays=512):
         seen = plane.sharp[16:-16, 16:-16] * plane.clear + plane.blurred
-        assert np.abs(seen - 1).max() < 0.03  # half a pixel of how the share of focus changes
+        assert np.abs(seen - 1).max() < 0.03  # the share of in-focus light changes over half a pixel
 
 
 @pytest.mark.parametrize("blur", [0.6, 1.2, 1.9])
@@ -164,19 +184,26 @@ GRIDS = [PixelGrid.around_frame((40, 52), PITCH_UM, (12, 9)), PixelGrid((1, 1), 
          PixelGrid((31, 33), PITCH_UM, projection=FISHEYE)]
 
 
+ROUNDING = 64 * 2.0**-24  # of float32 sums over 64 rays, each of light up to 1
+
+
 @pytest.mark.skipif(len(available()) < 2, reason="no library of the loops: no compiler")
 @pytest.mark.parametrize("grid", GRIDS, ids=lambda grid: f"{grid.shape_px}")
 @pytest.mark.parametrize("iris", [None, Iris(5, 20.0, 0.3)])
-def test_numpy_and_all_variants_give_the_same_bits(lens, grid, iris):
+def test_all_variants_give_the_same_bits_and_numpy_the_same_but_for_rounding(lens, grid, iris):
     scene, results = random_scene(lens, grid, 5), []
     for name in available():
         with using(name):
             assert running() == name
             results.append(planes(scene, lens, grid, most_rays=64, iris=iris))
-    for result in results[1:]:
-        for plane, expected in zip(result, results[0], strict=True):
-            assert np.array_equal(plane.blurred, expected.blurred) and np.array_equal(plane.clear, expected.clear)
-            assert np.isfinite(plane.blurred).all() and plane.clear.min() >= 0 and plane.clear.max() <= 1
+    by_numpy, expected, *others = results
+    for result in others:
+        for plane, same in zip(result, expected, strict=True):
+            assert np.array_equal(plane.blurred, same.blurred) and np.array_equal(plane.clear, same.clear)
+    for plane, close in zip(by_numpy, expected, strict=True):
+        np.testing.assert_allclose(plane.blurred, close.blurred, rtol=0, atol=ROUNDING)
+        np.testing.assert_allclose(plane.clear, close.clear, rtol=0, atol=ROUNDING)
+        assert np.isfinite(plane.blurred).all() and plane.clear.min() >= 0 and plane.clear.max() <= 1
 
 
 def test_threads_change_no_bit(lens, monkeypatch):
@@ -188,7 +215,7 @@ def test_threads_change_no_bit(lens, monkeypatch):
 
 
 def test_a_fisheye_shows_what_a_plane_capture_does(lens):
-    """Of an even scene with an edge, in pixels of the same sensor."""
+    """For a uniform scene with an edge, in pixels of the same sensor."""
     focal_mm, depth_mm = lens.capture_focal_length_mm, depth_of_blur(lens, -20.0)
     results = []
     for projection in ("plane", FISHEYE):
@@ -203,7 +230,7 @@ def test_a_fisheye_shows_what_a_plane_capture_does(lens):
 
 
 def test_more_rays_go_where_lamps_are(lens):
-    """The disc of one is evener, and what has none is as before to the last bit."""
+    """A lamp's disc is smoother, and areas without lamps are bit for bit the same."""
     grid = PixelGrid.around_frame((64, 192), PITCH_UM, (24, 24))
     alpha = np.zeros(grid.shape_px)
     alpha[56, 56] = 1
@@ -215,14 +242,28 @@ def test_more_rays_go_where_lamps_are(lens):
     assert np.array_equal(few[:, 120:], many[:, 120:])
 
 
+@pytest.mark.parametrize("size", [1e30, 1e37, 3e38])
+def test_the_brightest_floats_do_not_overflow(lens, size):
+    """Light scaled by a power of two scales the result by the same power, although its sums exceed float32."""
+    grid, power = PixelGrid((40, 52), PITCH_UM, (12.3, 30.7)), np.float32(2.0 ** np.floor(np.log2(size)))
+    scene = random_scene(lens, grid, 3)
+    bright = [Layer(each.cube * power, each.alpha, each.depth_mm, each.origin_px) for each in scene]
+    with np.errstate(all="raise"):
+        found = planes(bright, lens, grid, most_rays=256, most_of_lamps=1024)
+    for plane, expected in zip(found, planes(scene, lens, grid, most_rays=256, most_of_lamps=1024), strict=True):
+        assert expected.blurred.max() > 0.5
+        np.testing.assert_allclose(plane.blurred, power * expected.blurred, rtol=1e-5)
+        np.testing.assert_allclose(plane.clear, expected.clear, atol=1e-5)
+
+
 def test_a_lamp_in_the_corner_is_the_cats_eye_that_the_apertures_leave():
-    """Against rays from every pixel through random places of the stop, looked up one by one."""
+    """Against rays from every pixel through random points of the stop, looked up one by one."""
     lens, side = varied_lens("kodak-petzval-100mm"), 29
     rays, focal_mm = lens_rays(lens), lens.capture_focal_length_mm
     corner_mm = 0.85 * rays.last_height_mm / np.sqrt(2)
     pitch_mm = 2 * entrance_pupil_diameter_mm(lens) * focal_mm * 2e-4 / side
     middle = (side - 1) / 2
-    centre_px = middle + corner_mm / pitch_mm, middle - corner_mm / pitch_mm  # all is to the upper right of it
+    centre_px = middle + corner_mm / pitch_mm, middle - corner_mm / pitch_mm  # the lamp is to the upper right of it
     grid = PixelGrid((side, side), 1e3 * pitch_mm, centre_px)
     x_mm, y_mm = np.meshgrid(*grid.axes_mm())
     nearness = focus_nearness(lens) + 2e-4
@@ -237,7 +278,7 @@ def test_a_lamp_in_the_corner_is_the_cats_eye_that_the_apertures_leave():
     alpha = np.zeros(grid.shape_px)
     alpha[row, column] = 1
     at_x, at_y = (axis[index] for axis, index in zip(grid.axes_mm(), (column, row), strict=True))
-    # a pixel as bilinear interpolation widens it
+    # a pixel, widened by bilinear interpolation
     tent = np.prod([np.maximum(0, 1 - np.abs(place - at) / pitch_mm)
                     for place, at in zip(place_mm, (at_x, at_y), strict=True)], axis=0)
     light = found.weight * passing
@@ -255,7 +296,7 @@ def test_a_lamp_in_the_corner_is_the_cats_eye_that_the_apertures_leave():
 
 @pytest.mark.parametrize("count, rays", [(2, 256), (13, 1024)])
 def test_it_takes_the_memory_that_it_is_priced_at(lens, count, rays):
-    """Beside its loops' own, which is small. A lamp wants all the rays."""
+    """Excluding the loops' own memory, which is small. A lamp needs all of the rays."""
     grid, lamp = PixelGrid((480, 640), PITCH_UM), np.zeros((480, 640))
     lamp[240, 320] = 1
     parts = [layer(lamp, depth_of_blur(lens, 40.0), 1e6, count), layer(np.ones_like(lamp), FAR_MM, 1.0, count)]

@@ -1,4 +1,4 @@
-"""Layers of a picture: what is seen stays as it is, and what is hidden goes on as what is around it."""
+"""Layers of a picture: visible areas stay unchanged, and hidden areas continue their surroundings."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ def radiance_of(cube):
 
 
 def random_picture(seed, shape=(23, 34), slabs=4):
-    """Light, depth and slabs of blobs before one another."""
+    """Light, depth and slabs of overlapping blobs."""
     random = np.random.default_rng(seed)
     rows, columns = np.indices(shape)
     slab = np.full(shape, slabs - 1)
@@ -26,7 +26,7 @@ def random_picture(seed, shape=(23, 34), slabs=4):
 
 
 def whole(layer, grid, what):
-    """A plane of a layer on all of the picture."""
+    """A plane of a layer, on the full picture."""
     plane = np.zeros(grid.shape_px)
     plane[layer.place] = what(layer)
     return plane
@@ -65,7 +65,7 @@ def test_nothing_goes_on_where_something_farther_is_seen():
 
 
 def card_before(background_depth_mm, light, size=8):
-    """A black card at 500 mm in the middle of something, in 3 slabs: up to 1 m, up to 5 m, and beyond."""
+    """A black card at 500 mm in the middle of a background, in 3 slabs: up to 1 m, up to 5 m, and beyond."""
     depth_mm = np.broadcast_to(background_depth_mm, (40, 60)).astype(float).copy()
     cube = np.broadcast_to(light, (2, 40, 60)).astype(np.float32).copy()
     card = np.zeros((40, 60), bool)
@@ -84,7 +84,7 @@ def test_a_wall_goes_on_behind_a_card_as_bright_and_as_far():
 
 
 def test_of_two_things_behind_a_card_each_goes_on_as_far_as_it_is_nearer():
-    """A wall at 3 m on the left, the world on the right: they meet about the middle of the card."""
+    """A wall at 3 m on the left, the world on the right: they meet near the middle of the card."""
     layered, card = card_before(np.where(np.arange(60) < 30, 3000.0, np.inf), 1.0)
     wall = whole(layered.layers[1], layered.grid, lambda each: each.alpha)
     behind = wall[20, 22:38]
@@ -93,7 +93,7 @@ def test_of_two_things_behind_a_card_each_goes_on_as_far_as_it_is_nearer():
 
 
 def test_a_slanted_floor_goes_on_slanted():
-    """What is nearest to the edges of the card counts most, so that the floor's depth rises from one to the other."""
+    """The nearest edges of the card have the most weight, so the floor's depth rises from one edge to the other."""
     nearness = np.linspace(1 / 1200, 1 / 4000, 40)[:, None]
     layered, card = card_before(1 / nearness, 1.0)
     floor = 1 / layered.layers[1].depth_mm[:, 30]
@@ -111,7 +111,7 @@ def test_a_lamp_beside_a_card_does_not_become_as_large_as_what_is_hidden():
 
 def test_colours_beside_an_edge_which_are_mixed_tell_nothing():
     light = np.ones((40, 60))
-    light[11:29, 21:39] = 0.3  # a pixel around the card
+    light[11:29, 21:39] = 0.3  # a margin of a pixel around the card
     layered, card = card_before(3000.0, light)
     np.testing.assert_allclose(layered.layers[1].cube[:, card], 1, rtol=1e-5)
 
@@ -145,6 +145,6 @@ def test_filling_keeps_what_is_known_and_an_even_plane_even(shape):
 
 
 def test_filling_by_weights():
-    """One pixel of a weight of 1 and three of 1/3 around one that is not known."""
+    """One pixel with weight 1 and three with weight 1/3 around an unknown pixel."""
     plane = np.array([[1, 2], [2, 0]], np.float32)
     assert filled(plane, np.array([[1, 1 / 3], [1 / 3, 0]]))[1, 1] == pytest.approx((1 + 4 / 3) / (5 / 3))

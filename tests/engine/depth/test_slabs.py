@@ -1,16 +1,16 @@
-"""The planner of slabs: borders between things, none through what is whole, and margins by hand."""
+"""The planner of slabs: borders between objects and not through them, and margins computed by hand."""
 
 import numpy as np
 import pytest
 
 from lenses import make_lens
+from lensfield.engine.depth.depth_range import blur_per_nearness_px, blur_px
 from lensfield.engine.depth.slabs import DEEP_PX, SlabPlan, plan_slabs
-from lensfield.engine.image.depth_range import blur_per_nearness_px, blur_px
 from lensfield.engine.image.pixel_grid import FISHEYE, PixelGrid
 
 LENS = make_lens(efl_mm=100.0, magnification=-0.05, f_number_effective=2.2, object_distance_mm=2000.0,
                  entrance_pupil_mm=0.0, sensor_mm=(36.0, 24.0))
-"""45 mm wide, focused at 2 m."""
+"""The pupil is 45 mm wide; the focus is at 2 m."""
 PITCH_UM = 93.75
 FRAME = PixelGrid((96, 128), PITCH_UM)
 ROOM = PixelGrid((288, 384), PITCH_UM)
@@ -22,7 +22,7 @@ def plan(depth_mm, capture=None, lens=LENS, *, accuracy=0.01, overscan_px=(0, 0)
 
 
 def floor_mm(grid, height_mm=220.0):
-    """A floor below the camera, up to the horizon, and what is infinitely far above."""
+    """A floor below the camera, up to the horizon, and an infinitely distant sky."""
     _, y_mm = grid.axes_mm()
     with np.errstate(divide="ignore"):
         down = np.where(y_mm < 0, height_mm * LENS.capture_focal_length_mm / -y_mm, np.inf)
@@ -30,7 +30,7 @@ def floor_mm(grid, height_mm=220.0):
 
 
 def room_mm(seed=3):
-    """A floor before a wall with a window, a pillar, balls, leaves of grass, and lamps far and near."""
+    """A floor in front of a wall with a window, a pillar, balls, leaves of grass, and lamps near and far."""
     random = np.random.default_rng(seed)
     depth_mm = np.minimum(floor_mm(ROOM), 5500)
     rows, columns = np.indices(ROOM.shape_px)
@@ -46,7 +46,7 @@ def room_mm(seed=3):
 
 
 def kept_by(borders_mm, depth_mm):
-    """Of all jumps of blur by more than a pixel, how much has both sides between the same borders."""
+    """The share of all blur steps larger than a pixel that have both sides in the same slab."""
     blur, slab = blur_px(LENS, PITCH_UM, depth_mm), np.searchsorted(borders_mm, depth_mm)
     kept = total = 0.0
     for axis in (0, 1):
@@ -95,7 +95,7 @@ def test_a_card_before_a_wall_takes_one_border_between_them():
 
 
 def test_edges_of_what_is_bright_count_more():
-    """A card before a near wall, and a lamp before a far one: by two slabs one of them alone is cut off."""
+    """A card in front of a near wall, and a lamp in front of a far one: two slabs can separate only one of them."""
     depth_mm = np.where(np.arange(128) < 64, 2000.0, 20000.0) * np.ones((96, 1))
     depth_mm[20:60, 20:50], depth_mm[40:44, 100:104], depth_mm[:, 64] = 1500, 5000, np.nan
     light = np.where(depth_mm == 5000, 1000.0, 1.0)
@@ -106,7 +106,7 @@ def test_edges_of_what_is_bright_count_more():
 
 
 def test_a_border_keeps_off_what_it_would_graze():
-    """Between a lamp at 25 m and a wall at 30 m there are few pixels of blur."""
+    """Few pixels of blur separate a lamp at 25 m from a wall at 30 m."""
     depth_mm = np.full(FRAME.shape_px, 30000.0)
     depth_mm[30:60, 40:80] = 12000
     border_mm, = plan(depth_mm).borders_mm
@@ -126,7 +126,7 @@ def test_where_all_is_in_focus_nothing_is_needed():
 
 
 def test_a_little_out_of_focus_is_needed_by_the_accuracy():
-    """0.7 px of blur is a little more than the half that pixels hide."""
+    """0.7 px of blur is slightly more than the half pixel that pixels hide."""
     z_mm = 1 / (1 / 2000 + 0.7 / blur_per_nearness_px(LENS, PITCH_UM))
     assert not plan(np.full(FRAME.shape_px, z_mm), accuracy=0.1).needed
     assert plan(np.full(FRAME.shape_px, z_mm), accuracy=0.01).needed
@@ -210,7 +210,7 @@ def test_large_looks_are_looked_at_in_part():
 
 
 def margin_of(near_mm, distance_px, side, overscan_px=(0, 0)):
-    """Of a wall in focus, with something near, which begins so far beyond the frame on one side."""
+    """The plan for a wall in focus, with a near object that begins this far beyond the frame on one side."""
     capture = PixelGrid((96 + 80, 128 + 80), PITCH_UM, overscan_px=(40, 40))
     depth_mm = np.full(capture.shape_px, 2000.0)
     turned = np.moveaxis(depth_mm, {"rows": 0, "columns": 1}[side], 0)
@@ -220,13 +220,13 @@ def margin_of(near_mm, distance_px, side, overscan_px=(0, 0)):
 
 @pytest.mark.parametrize("side", ["rows", "columns"])
 def test_what_is_near_counts_beyond_the_frame_as_far_as_its_blur_reaches(side):
-    """At 1 m the blur is 24.3 px wide: a ray of 12.1 px beyond the frame comes in, and pixels' middles count."""
+    """At 1 m the blur is 24.3 px wide: a ray 12.1 px beyond the frame enters it, and the centres of pixels count."""
     radius_px = float(blur_px(LENS, PITCH_UM, 1000.0)) / 2
     assert 12 < radius_px < 12.5
     planned = margin_of(1000.0, 3, side)
     assert planned.needed and planned.slabs == 2
     rows, columns = planned.margin_px
-    assert (rows if side == "rows" else columns) == 13  # 11.5 px to the middle of the last, and a pixel more
+    assert (rows if side == "rows" else columns) == 13  # 11.5 px to the centre of the last pixel, and one more
     assert not margin_of(1000.0, 13, side).needed
     assert margin_of(1000.0, 13, side, overscan_px=(3, 3)).needed
 
@@ -234,7 +234,7 @@ def test_what_is_near_counts_beyond_the_frame_as_far_as_its_blur_reaches(side):
 def test_slabs_have_margins_of_their_own():
     near, far = margin_of(700.0, 0, "rows").margins_px
     assert near[0] > far[0]
-    assert margin_of(100.0, 0, "rows").margin_px == (40, 40)  # no more than was looked at
+    assert margin_of(100.0, 0, "rows").margin_px == (40, 40)  # the limit of the search
 
 
 def test_no_slab_has_less_than_is_needed_in_focus():
@@ -243,8 +243,10 @@ def test_no_slab_has_less_than_is_needed_in_focus():
 
 
 def test_a_fisheyes_borders_are_distances():
-    """Two shells about the camera: planar depths of the far one come as near as the near one is, where it is seen far
-    off the axis; a border at a distance parts them."""
+    """Two shells around the camera, which a border in distance separates.
+
+    Far off the axis, the far shell has planar depths as small as the near shell's.
+    """
     lens = make_lens(efl_mm=10.0, magnification=-0.005, f_number_effective=1.0, object_distance_mm=2000.0,
                      entrance_pupil_mm=0.0)
     grid = PixelGrid((200, 300), 100.0, projection=FISHEYE)
@@ -259,7 +261,7 @@ def test_a_fisheyes_borders_are_distances():
 
 
 def turned(focus_mm=2000.0, stopped=1.0):
-    """The lens focused elsewhere, all of it moved, and stopped down."""
+    """The lens focused elsewhere, moved as a unit, and stopped down."""
     focal_mm = 100.0 * focus_mm / (focus_mm - 100.0)  # |m| S
     return make_lens(efl_mm=100.0, magnification=-focal_mm / focus_mm, object_distance_mm=focus_mm,
                      f_number_effective=2.2 * stopped * focal_mm / 105.0, entrance_pupil_mm=0.0, sensor_mm=(36.0, 24.0))
@@ -269,12 +271,12 @@ def test_a_plan_for_several_focus_distances_and_stops_does_for_each():
     depth_mm, capture = room_mm(), PixelGrid.around_frame((96, 128), PITCH_UM, (96, 128))
     lenses = [turned(focus_mm, stopped) for focus_mm, stopped in ((1000.0, 1.0), (5000.0, 1.0), (2000.0, 4.0))]
     planned = plan(depth_mm, capture, lenses[0], others=lenses[1:])
-    assert planned == plan(depth_mm, capture, lenses[0], others=lenses[:0:-1])  # in whatever order
+    assert planned == plan(depth_mm, capture, lenses[0], others=lenses[:0:-1])  # in any order
     alone = [plan(depth_mm, capture, lens) for lens in lenses]
     assert planned.slabs >= max(one.slabs for one in alone)
     assert np.all(np.array(planned.margin_px) >= [one.margin_px for one in alone])
     near, far, stopped = (one.margin_px for one in alone)
-    assert near != far and stopped < far  # what decides is not the same for all
+    assert near != far and stopped < far  # the deciding settings differ
 
 
 def test_a_plan_is_needed_where_one_of_its_lenses_needs_it():

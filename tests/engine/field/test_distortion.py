@@ -1,4 +1,4 @@
-"""Distortion and relative illumination: the fits, their inverse, and where points go."""
+"""Distortion and relative illumination: the fits, their inverse, and the landing points of light."""
 
 import re
 
@@ -7,7 +7,13 @@ import pytest
 
 from lenses import make_lens
 from lensfield.engine import LensError
-from lensfield.engine.field.distortion import LARGEST_FOOTPRINT_PX, RIM_PX, FieldGeometry, fit_polynomial, footprints
+from lensfield.engine.field.radial.distortion import (
+    LARGEST_FOOTPRINT_PX,
+    RIM_PX,
+    FieldGeometry,
+    fit_polynomial,
+    footprints,
+)
 from lensfield.engine.image.pixel_grid import PixelGrid
 
 HEIGHTS_MM = np.linspace(0, 3, 21)
@@ -16,7 +22,7 @@ WILD = np.where(np.arange(21) % 2, 1.0, -1.0)
 
 
 def distorted(plane, source_centre_px, target_shape_px, target_centre_px, pitch_um, field):
-    """A plane distorted, in double precision, and the heights that its light came from."""
+    """A plane after distortion, in double precision, and the heights that its light came from."""
     framed, capture = np.pad(np.asarray(plane, dtype=float), RIM_PX), PixelGrid(plane.shape, pitch_um, source_centre_px)
     target = PixelGrid(target_shape_px, pitch_um, target_centre_px)
     areas, height_mm = footprints(capture.framed(RIM_PX), *target.axes_mm(), field)
@@ -66,7 +72,7 @@ def test_few_heights_lower_the_order(count, largest):
 
 
 def test_residual_is_the_largest_deviation():
-    # Six heights take order 4; what is left of an alternating table is the binomials' pattern, alike at its ends.
+    # Six heights allow order 4; the residual of an alternating table is the pattern of binomials, equal at both ends.
     values = np.array([1.0, -1, 1, -1, 1, -1])
     fit = fit_polynomial(np.linspace(0, 5, 6), values, 0, 1e-10)
     pattern = np.array([1, -5, 10, -10, 5, -1])
@@ -86,9 +92,9 @@ def test_height_on_the_axis_is_exactly_zero():
 
 def test_folding_distortion_is_an_error_that_names_the_height():
     with pytest.raises(LensError, match="hand-made: real_height_mm") as error:
-        geometry(lambda p: p - 0.5 * p**2)  # its slope, 1 - p, ends at 1 mm
+        geometry(lambda p: p - 0.4 * p**2)  # its slope, 1 - 0.8 p, reaches zero at 1.25 mm
     named = float(re.search(r"height of ([\d.]+) mm", str(error.value))[1])
-    assert named == pytest.approx(1.0, abs=2e-3)
+    assert named == pytest.approx(1.25, abs=2e-3)
     assert "550 nm" in str(error.value)
 
 
@@ -141,8 +147,8 @@ def test_pincushion_pushes_a_point_outwards(point, image):
 
 
 def test_cubic_barrel_lands_where_it_was_worked_out():
-    # real = p - p^3 / 20: 1 mm, 100 px, goes to 0.95 mm, 95 px. The slope there is 0.85: pixel 96 looks 1.18 px
-    # off, at 1.18 px, and across the radius 1 / 0.95 px.
+    # real = p - p^3 / 20: 1 mm, 100 px, goes to 0.95 mm, 95 px. The slope there is 0.85: pixel 96 samples 1.18 px
+    # farther, with a footprint of 1.18 px, and of 1 / 0.95 px across the radius.
     lit = lit_after(lambda p: p - 0.05 * p**3, [(100, 0)])
     assert set(lit) == {(95, 0)}
     assert lit[95, 0] == pytest.approx(0.85 * 0.95, abs=1e-3)
@@ -219,7 +225,7 @@ def test_a_stack_of_captures_is_averaged_plane_by_plane():
 
 
 def test_a_footprint_as_large_as_any_averages_its_square():
-    # 16 px of the capture to a pixel: pixel (0, 1) sees rows -8 to 8 and columns 8 to 24 about the axis.
+    # 16 px of the capture per pixel: pixel (0, 1) covers rows -8 to 8 and columns 8 to 24 about the axis.
     plane = np.random.default_rng(7).random((101, 101))
     result, _ = distorted(plane, (50, 50), (1, 2), (0, 0), 10.0, geometry(lambda p: p / LARGEST_FOOTPRINT_PX))
     weights = np.concatenate([[0.5], np.ones(LARGEST_FOOTPRINT_PX - 1), [0.5]]) / LARGEST_FOOTPRINT_PX
@@ -239,7 +245,7 @@ def test_far_outside_the_capture_all_is_black(scale):
     plane = np.ones((5, 7))
     result, _ = distorted(plane, (2, 3), (81, 81), (40, 40), 10.0, geometry(lambda p: scale * p))
     row, column = np.indices((81, 81)) - 40
-    # A footprint is a pixel wide at least, or that of 1 / scale.
+    # A footprint is at least a pixel wide, or 1 / scale.
     reach = np.maximum(1, 1 / scale) / 2
     outside = (np.abs(row) / scale > 2.5 + reach) | (np.abs(column) / scale > 3.5 + reach)
     inside = (np.abs(row) / scale < 2.5 - reach) & (np.abs(column) / scale < 3.5 - reach)

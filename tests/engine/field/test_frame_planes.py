@@ -1,15 +1,17 @@
 """Relative illumination and nearest samples, against the lens's tables and the engine's own distortion."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from lensfield.engine import Lens, Options, SpectralImage, simulate
-from lensfield.engine.field.distortion import FieldGeometry
+from lensfield.engine import Options, SpectralImage, load_lens, simulate
 from lensfield.engine.field.frame_planes import nearest_samples, relative_illumination
 from lensfield.engine.field.overscan import choose_capture
+from lensfield.engine.field.radial.distortion import FieldGeometry
 from lensfield.engine.image.irradiance import irradiance_per_radiance
-from lensfield.engine.image.pitch import fitting_pitch_um
 from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.lens.pinhole import fitting_pitch_um
 from varied_lenses import varied_lens
 
 FRAME = (91, 121)
@@ -19,25 +21,34 @@ def capture_of(lens, nm):
     return choose_capture(lens, PixelGrid(FRAME, fitting_pitch_um(lens, FRAME)), [nm], 5)
 
 
+@pytest.mark.parametrize("off_px", [(0.0, 0.0), (-7.0, 4.0)], ids=["centred", "off centre"])
 @pytest.mark.parametrize("name", ["edmund-54852", "muller-fisheye-25mm"])
-def test_nearest_samples_lie_where_the_lens_puts_them(name):
-    """Positions of the capture, looked up, differ by half a pixel at most from those that even footprints average."""
+def test_nearest_samples_lie_where_the_lens_puts_them(name, off_px):
+    """Look-ups in the capture differ by at most half a pixel from averages over uniform footprints.
+
+    This holds in rows and in columns, with their signs.
+    """
     lens, nm = varied_lens(name), 550.0
     capture = capture_of(lens, nm)
-    rows, columns = np.indices(capture.shape_px).astype(float)
+    capture = replace(capture, centre_px=tuple(np.add(capture.centre_px, off_px)))
+    indices = np.indices(capture.shape_px).astype(float)
     field = FieldGeometry(lens.at_wavelength(nm), lens.name)
-    x_mm, y_mm = capture.frame().axes_mm()
-    seen = [nearest_samples(plane, lens, capture, nm) for plane in (rows, columns)]
-    assert all(plane.shape == FRAME and np.all(plane == plane.round()) for plane in seen)
-    paraxial_mm = field.paraxial_height_mm(np.hypot(x_mm[None, :], y_mm[:, None]))
+    found = [nearest_samples(plane, lens, capture, nm) for plane in indices]
+    assert all(plane.shape == FRAME and np.all(plane == plane.round()) for plane in found)
+    down_px, right_px = (np.arange(n) - at for n, at in zip(FRAME, capture.frame().centre_px, strict=True))
+    radius_px = np.hypot(right_px[None, :], down_px[:, None])
+    paraxial_mm = field.paraxial_height_mm(radius_px * capture.pitch_um * 1e-3)
     if capture.projection == "equidistant":
         paraxial_mm = lens.capture_focal_length_mm * np.arctan(paraxial_mm / lens.capture_focal_length_mm)
-    radius_px = np.hypot(seen[0] - capture.centre_px[0], seen[1] - capture.centre_px[1])
-    assert np.abs(radius_px - paraxial_mm / (capture.pitch_um * 1e-3)).max() < 0.5 * np.sqrt(2) + 1e-6
+    scale = paraxial_mm / (capture.pitch_um * 1e-3) / np.maximum(radius_px, 1e-9)
+    for plane, offset_px, centre, count in zip(found, (down_px[:, None], right_px[None, :]), capture.centre_px,
+                                               capture.shape_px, strict=True):
+        expected = np.clip(centre + scale * offset_px, 0, count - 1)
+        assert np.abs(plane - expected)[radius_px > 0].max() < 0.5 + 1e-6
 
 
 def test_no_two_depths_are_mixed():
-    lens, nm = Lens.load("edmund-54852"), 550.0
+    lens, nm = load_lens("edmund-54852"), 550.0
     capture = capture_of(lens, nm)
     depth = np.where(np.indices(capture.shape_px).sum(axis=0) % 7 < 3, 2.0, 1e10)
     assert set(np.unique(nearest_samples(depth, lens, capture, nm))) == {2.0, 1e10}

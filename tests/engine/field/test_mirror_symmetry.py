@@ -1,12 +1,13 @@
-"""Folding onto a quadrant: the picture comes back, and the blur is that of the whole plane."""
+"""Folding onto a quadrant: unfolding restores the picture, and the blur equals that of the full plane."""
 
 import numpy as np
 import pytest
 
 from lenses import comatic_lens, distance_of_light, gaussian_psf, lopsided_lens, make_lens, marked_psf
 from lensfield.engine import Options, Report, SpectralImage, simulate
-from lensfield.engine.field.mirror_symmetry import Planes, mirror_symmetric
+from lensfield.engine.field.mirror_symmetry import Planes
 from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.lens.symmetry import mirror_symmetric
 
 SHAPES = [(1, 1), (4, 6), (5, 6), (4, 7), (5, 7), (1, 4)]
 
@@ -47,7 +48,7 @@ def test_a_rim_is_what_lies_beyond_the_axis_and_black_around_the_picture(shape):
     np.testing.assert_array_equal(wide[:, 2:-2, 2:-2], own)
     assert not wide[:, -2:].any() and not wide[:, :, -2:].any()
     wide = wide[:, :-2, :-2]
-    # Beyond the upper edge of the lower right quadrant lies the upper right one, upside down; middle lines but once.
+    # Beyond the upper edge of the lower right quadrant is the upper right one, upside down; middle lines occur once.
     rows, columns = (n % 2 for n in shape)
     np.testing.assert_array_equal(wide[0, 1::-1, 2:], own[1, rows:2 + rows])
     np.testing.assert_array_equal(wide[0, 2:, 1::-1], own[2, :, columns:2 + columns])
@@ -96,21 +97,21 @@ def test_noise_is_averaged_away():
     assert mended.sum() == pytest.approx(noisy.sum(), rel=1e-12)
 
 
-OFF_BY_NOTHING_PX = 1e-7  # of the axis: too little to change a picture, and too much for its quadrants to share optics
+OFF_BY_NOTHING_PX = 1e-7  # of the axis: too little to change a picture, but enough to prevent folding
 
 
 @pytest.mark.parametrize("options", [dict(method="pixels", azimuths=5), dict(section_size=8, azimuths=5),
                                      dict(section_size=16, azimuths=2, flat_tolerance=1e-3)], ids=str)
 @pytest.mark.parametrize("shape", [(40, 60), (41, 60), (40, 61), (41, 61)])
 def test_a_folded_picture_is_the_picture_unfolded(shape, options):
-    """Coma and distortion grow with the field, so that a quadrant flipped the wrong way would show."""
+    """Coma and distortion grow with the field, which exposes a quadrant flipped the wrong way."""
     lens, options = comatic_lens(), Options(**options, precision="float64")
     cube = np.random.default_rng(5).random((1, *shape))
     folded, whole = Report(), Report()
     centre = (shape[0] - 1) / 2, (shape[1] - 1) / 2 + OFF_BY_NOTHING_PX
     result = simulate(SpectralImage(cube, [550], pitch_um=30.0), lens, options, report=folded).cube
     expected = simulate(SpectralImage(cube, [550], pitch_um=30.0, centre_px=centre), lens, options, report=whole).cube
-    # On the axis itself, which direction is radial is a matter of rounding, and scales are told apart to 1e-5 there.
+    # On the axis, rounding decides which direction is radial, and scales there differ by up to 1e-5.
     np.testing.assert_allclose(result, expected, atol=1e-5 * expected.max())
     assert folded.lens_image.plan.folded and not whole.lens_image.plan.folded
 

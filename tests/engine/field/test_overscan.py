@@ -1,4 +1,4 @@
-"""Captures: how much more than the frame they show, and that a fisheye's serves as well as a plane's."""
+"""Captures: the overscan around the frame, and fisheye captures equivalent to plane ones."""
 
 from dataclasses import replace
 
@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from lenses import PIXEL_BY_PIXEL, gaussian_psf, lit_pixels, make_lens
-from lensfield.engine import Lens, Options, SpectralImage, simulate
-from lensfield.engine.field.overscan import LARGEST_PLANE, capture_radius, choose_capture, overscan_px, reach_px
-from lensfield.engine.field.psf_bank import psf_radius_px
+from lensfield.engine import Options, SpectralImage, load_lens, simulate
+from lensfield.engine.field.overscan import LARGEST_PLANE, choose_capture, overscan_px, reach_px
+from lensfield.engine.field.radial.capture import capture_radius
+from lensfield.engine.field.radial.psf_bank import psf_radius_px
 from lensfield.engine.image.pixel_grid import FISHEYE, PLANE, PixelGrid
 
 E_AXIS = np.pi / 16
@@ -28,7 +29,7 @@ def barrel(p):
 
 
 def fisheye(p):
-    """An equidistant lens of 2 mm: what stands at 56 degrees, 3 mm, lies at 1.97 mm."""
+    """An equidistant lens of 2 mm: a point at 56 degrees, 3 mm, lands at 1.97 mm."""
     return 2 * np.arctan(p / 2)
 
 
@@ -56,8 +57,8 @@ def test_overscan_for_barrel_is_set_by_the_corner():
 
 @pytest.mark.parametrize("scale", [0.3, 0.7, 1.0])
 def test_overscan_of_a_fisheye_capture_is_the_arc_of_the_edges_middle(scale):
-    # At real height r the light comes from r / scale, and lies at 2 mm times the angle: on an edge, farthest at its
-    # middle. Half a frame is 50 x 100 px of 10 um, and the PSFs reach 3 px.
+    # The light at real height r comes from r / scale, at 2 mm times the angle in the capture: on an edge, farthest at
+    # its middle. Half a frame is 50 x 100 px of 10 um, and the PSFs reach 3 px.
     frame = PixelGrid((100, 200), 10.0, projection=FISHEYE)
     overscan = overscan_px(lens_of(lambda p: scale * p, last_mm=6), frame, [550.0], 3)
     for margin, half in zip(overscan, (50, 100), strict=True):
@@ -77,7 +78,7 @@ def test_a_fisheye_is_chosen_beyond_twice_the_pixels_of_the_frame(scale, project
 
 def test_a_fisheye_capture_is_the_smaller_one_where_it_is_chosen():
     lens = lens_of(fisheye, last_mm=12)
-    # The corner, 2.41 mm from the axis, looks 2 mm tan(2.41 / 2) = 5.2 mm off: 2.16 times as far.
+    # The corner, 2.41 mm from the axis, samples 2 mm tan(2.41 / 2) = 5.2 mm: 2.16 times as far.
     frame = PixelGrid((320, 360), 10.0)
     chosen, plane = choose_capture(lens, frame, [550.0], 4), overscan_px(lens, frame, [550.0], 4)
     assert chosen.projection == FISHEYE
@@ -85,7 +86,7 @@ def test_a_fisheye_capture_is_the_smaller_one_where_it_is_chosen():
 
 
 def test_the_papers_lens_needs_no_fisheye():
-    lens = Lens.load("edmund-54852")
+    lens = load_lens("edmund-54852")
     frame = PixelGrid((576, 768), 6.25)
     assert choose_capture(lens, frame, lens.wavelengths_nm, psf_radius_px(lens, 6.25)).projection == PLANE
 
@@ -97,7 +98,7 @@ def fisheye_capture():
 @pytest.mark.parametrize("times", [0.8, 1.0, 1.3])
 @pytest.mark.parametrize("projection", [PLANE, FISHEYE])
 def test_a_capture_by_another_pinhole_is_seen_on_the_same_sensor(projection, times):
-    """As by the lens's own: to what bilinear look-ups in pixels of other sizes differ by."""
+    """The same as with the lens's own pinhole, within the error of bilinear look-ups in pixels of a different size."""
     lens = lens_of(lambda p: 0.97 * p, focal_mm=4.0)
     own = PixelGrid.around_frame((60, 80), 20.0, (60, 60), projection)
     other = replace(own, focal_mm=times * 4.0)
@@ -123,18 +124,18 @@ def test_a_fisheye_shows_an_angle_at_its_arc(angle_deg):
 
 
 def test_the_angle_is_that_seen_from_the_entrance_pupil():
-    # Object 95 mm from the first surface, the pupil 5 mm behind it, magnification -1/10: 10 mm of tangent.
+    # The object is 95 mm from the first surface, the pupil 5 mm behind it, magnification -1/10: 10 mm of tangent.
     lens = make_lens(magnification=-0.1, object_distance_mm=95.0, entrance_pupil_mm=5.0)
     assert capture_radius(fisheye_capture(), lens)(10.0)[0] == pytest.approx(10 * np.pi / 4)
 
 
 def scene(x_mm, y_mm):
-    """Smooth light of many directions, by paraxial image place."""
+    """Smooth light from many directions, by paraxial image position."""
     return 2 + np.sin(3 * x_mm + 1) * np.cos(4 * y_mm) + 0.5 * np.sin(5 * (x_mm + y_mm))
 
 
 def capture(lens, projection, shape, overscan, pitch_um, centre_px=None, light=scene):
-    """The scene as a camera of this projection shows it, its pixels sampled at their middles."""
+    """The scene as a camera with this projection captures it, sampled at the centres of its pixels."""
     grid = PixelGrid.around_frame(shape, pitch_um, overscan, projection)
     grid = replace(grid, centre_px=centre_px) if centre_px else grid
     x_mm, y_mm = grid.axes_mm()
@@ -154,7 +155,7 @@ def overscan_needed(lens, shape, pitch_um, projection=PLANE):
 
 
 def either_camera(lens, shape, pitch_um, options, centre_px=None, overscan=None):
-    """Pictures of the scene by a plane and by a fisheye camera."""
+    """Pictures of the scene by a plane camera and by a fisheye camera."""
     for projection in (PLANE, FISHEYE):
         margins = overscan or overscan_needed(lens, shape, pitch_um, projection)
         yield simulate(capture(lens, projection, shape, margins, pitch_um, centre_px), lens, options).cube[0]
@@ -163,8 +164,10 @@ def either_camera(lens, shape, pitch_um, options, centre_px=None, overscan=None)
 STEEPEST = 12
 """The scene's slopes along x and y add up to less than 5.5 + 6.5 per mm."""
 RESAMPLING = 0.0858 * 0.02 * STEEPEST * 1.1 * E_AXIS
-"""A box e px wide over pixels of even light shows a slope but for (e - 1)(2 - e) / 2 e px, 0.0858 at most, at the root
-of 2; the pixels are 20 um. A tenth more for curvature."""
+"""A box e px wide changes slopes of uniform light by at most (e - 1)(2 - e) / 2 e px: 0.0858 at e = sqrt(2).
+
+The pixels are 20 um. A tenth more for curvature.
+"""
 
 
 @pytest.mark.parametrize("shape", [(100, 120), (101, 121)])
@@ -185,7 +188,7 @@ def test_by_an_equidistant_lens_a_fisheye_capture_of_its_own_scale_comes_through
     lens, shape = lens_of(fisheye), (61, 81)
     image = capture(lens, FISHEYE, shape, (2, 2), 20.0)
     result = simulate(image, lens, PIXEL_BY_PIXEL)
-    # But for the fit of the distortion, which is good to 1e-5 of 3 mm.
+    # Except for the fit of the distortion, which is accurate to 1e-5 of 3 mm.
     np.testing.assert_allclose(result.cube, E_AXIS * image.frame().cube, atol=3e-5 * STEEPEST * E_AXIS, rtol=1e-6)
 
 
@@ -196,7 +199,8 @@ def test_an_axis_off_the_middle_serves_as_well():
 
 @pytest.mark.parametrize("x_px, y_px", [(40, 0), (0, 40), (-30, 20), (25, -35), (0, 0)])
 def test_a_point_of_a_fisheye_capture_lands_where_its_direction_does(x_px, y_px):
-    """A pixel at the arc 2 mm * angle stands for the height 2 mm * tan(angle), which this lens lays at 0.9 of it."""
+    """A pixel at the arc 2 mm * angle corresponds to the height 2 mm * tan(angle), which this lens maps to 0.9 of it.
+    """
     lens = lens_of(lambda p: 0.9 * p, last_mm=4)
     image = SpectralImage(np.zeros((1, 161, 161)), [550.0], pitch_um=20.0, projection=FISHEYE)
     image.cube[0, 80 - y_px, 80 + x_px] = 1
@@ -227,7 +231,7 @@ def test_a_picture_is_a_plane_whatever_its_capture_was():
                                             lambda p: p * (1 - 0.1 * p**2 + 0.012 * p**4)])
 @pytest.mark.parametrize("shape", [(40, 55)])
 def test_overscan_suffices(shape, real_height_mm, projection):
-    """Whatever lies beyond the overscan that is asked for, not a pixel of the frame changes by it."""
+    """Light beyond the requested overscan does not change any pixel of the frame."""
     lens = lens_of(real_height_mm, psf=gaussian_psf(40, 25, 12.5, 9), psf_pitch_um=12.5)
     pitch_um = 40.0
     needed = overscan_needed(lens, shape, pitch_um, projection)
@@ -262,7 +266,7 @@ def test_a_lens_focused_near_by_sees_a_fisheye_capture_by_its_own_angles():
 @pytest.mark.parametrize("projection", [PLANE, FISHEYE])
 @pytest.mark.parametrize("bend", [-0.02, 0.0, 0.02])
 def test_reach_is_how_far_a_point_lies_from_where_it_lands(bend, projection):
-    """It lands at p + bend p^3, in mm; a plane shows it at p, and a fisheye at f atan(p / f)."""
+    """It lands at p + bend p^3, in mm; a plane capture shows it at p, and a fisheye capture at f atan(p / f)."""
     lens = lens_of(lambda p: p + bend * p**3)
     grid = PixelGrid.around_frame((40, 60), 50.0, (10, 10), projection)
     p = np.linspace(0, 3, 100001)

@@ -5,8 +5,8 @@ import pytest
 from scipy.special import erf
 
 from lenses import gaussian_psf, make_lens, marked_psf
-from lensfield.engine import Lens
-from lensfield.engine.field.psf_bank import PsfBank, psf_radius_px
+from lensfield.engine import load_lens
+from lensfield.engine.field.radial.psf_bank import PsfBank, psf_radius_px
 from places import SHARED_DATA
 
 AZIMUTHS = (0.0, 0.3, np.pi / 4, np.pi / 2, 2.0, np.pi, -2.5)
@@ -19,7 +19,7 @@ def pixel_psf(psf, psf_pitch_um, pixel_pitch_um, azimuth_rad=0.0, height_mm=1.0)
 
 
 def offsets_px(pixels):
-    """x and y of every pixel from the middle one, y upwards."""
+    """x and y of every pixel relative to the middle one, y upwards."""
     offset = np.arange(len(pixels)) - len(pixels) // 2
     return offset[None, :], -offset[:, None]
 
@@ -59,7 +59,7 @@ def test_a_square_two_pixels_wide_covers_three_by_three():
 
 
 def test_samples_as_large_as_pixels_are_joined_by_straight_lines():
-    # A single lit sample is then a pyramid two samples wide: 3/4 of its profile lies in the middle pixel.
+    # A single lit sample is then a pyramid two samples wide: 3/4 of its profile is in the middle pixel.
     pixels = pixel_psf(marked_psf(0, 0, 5), 5.0, 5.0)
     np.testing.assert_allclose(middle(pixels, 1), np.outer([0.125, 0.75, 0.125], [0.125, 0.75, 0.125]), atol=1e-7)
 
@@ -71,7 +71,8 @@ def test_a_gaussian_is_integrated_over_the_pixels(pixel_pitch_um, azimuth):
     pixels = pixel_psf(gaussian_psf(sigma_um, sigma_um, psf_pitch_um, 41), psf_pitch_um, pixel_pitch_um, azimuth)
     edge = (np.arange(len(pixels) + 1) - len(pixels) / 2) * pixel_pitch_um
     profile = np.diff(erf(edge / (np.sqrt(2) * sigma_um))) / 2
-    # Samples are small squares joined by straight lines, which widens a Gaussian of 4 samples' sigma by 1 % at most.
+    # Samples are small squares joined by straight lines, which widens a Gaussian with a sigma of 4 samples by 1 % at
+    # most.
     np.testing.assert_allclose(pixels, np.outer(profile, profile), atol=0.025 * pixels.max())
 
 
@@ -123,7 +124,7 @@ def test_the_centroid_turns_with_the_azimuth_even_at_the_corner_of_the_window(pi
     pixels = pixel_psf(marked_psf(-8, -8, 16), 1.0, pixel_pitch_um, azimuth)
     cos, sin = np.cos(azimuth), np.sin(azimuth)
     x_px, y_px = (-8 * cos - 8 * sin) / pixel_pitch_um, (-8 * sin + 8 * cos) / pixel_pitch_um
-    # Half a pixel, for pixels know no better; and where they are small, the corner sample is joined to its inner side.
+    # Half a pixel, the precision of pixels; for small pixels, the corner sample is also interpolated inwards.
     assert np.abs(np.subtract(centroid_px(pixels), (x_px, y_px))).max() <= 0.5 + 0.5 / pixel_pitch_um
 
 
@@ -154,7 +155,7 @@ def test_psfs_between_heights_depend_on_the_nearest_two_only():
 def test_every_psf_sums_to_one_and_none_is_negative():
     rng = np.random.default_rng(1)
     psf = rng.random((16, 16))
-    lens = make_lens(psf / psf.sum() * 1.0005)  # within the tolerance of a lens: Eq. 9 puts it right
+    lens = make_lens(psf / psf.sum() * 1.0005)  # within the tolerance of a lens, and Eq. 9 normalises it
     pixels = PsfBank.of(lens.at_wavelength(550), 3.3).psfs(rng.uniform(0, 3, 50), rng.uniform(-np.pi, np.pi, 50))
     np.testing.assert_allclose(pixels.sum(axis=(1, 2)), 1, atol=1e-13)
     assert pixels.min() >= 0
@@ -185,16 +186,16 @@ def traced():
 
 
 def centroid_um(psf, pitch_um, window_um=np.inf):
-    """Outward and tangential centroid of what lies in a square window about the chief ray."""
+    """Outward and tangential centroid of the light in a square window about the chief ray."""
     offset_um = (np.arange(psf.shape[0]) - psf.shape[0] // 2) * pitch_um
-    inside = np.clip((window_um / 2 - np.abs(offset_um)) / pitch_um + 0.5, 0, 1)  # of samples at the edge a part
+    inside = np.clip((window_um / 2 - np.abs(offset_um)) / pitch_um + 0.5, 0, 1)  # a share of the samples at the edge
     psf = psf * inside[:, None] * inside
     return (psf.sum(axis=1) @ offset_um) / psf.sum(), (psf.sum(axis=0) @ offset_um) / psf.sum()
 
 
 def test_edmund_coma_points_outwards_where_another_baker_has_it(traced):
-    """Traced by hand before there was a baker, on 32 um windows whose samples were points."""
-    lens = Lens.load("edmund-54852")
+    """Traced by hand, independently of the baker, on 32 um windows whose samples were points."""
+    lens = load_lens("edmund-54852")
     for w, h in np.ndindex(7, 21):
         optics = lens.at_wavelength(1e3 * traced["wl_um"][w])
         position = np.interp(traced["hpar_mm"][h], optics.heights_mm, np.arange(optics.heights_mm.size))
@@ -206,14 +207,17 @@ def test_edmund_coma_points_outwards_where_another_baker_has_it(traced):
 
 
 def test_edmund_is_symmetric_about_the_meridional_plane():
-    lens = Lens.load("edmund-54852")
+    lens = load_lens("edmund-54852")
     tangential = [centroid_um(psf, lens.psf_pitch_um)[1] for psf in lens.psf.reshape(-1, *lens.psf.shape[2:])]
     assert np.abs(tangential).max() < 1e-4
 
 
 def rings_lens(pitch_um=2.0):
-    """On the axis a point. At 2 mm one sample in the middle with 0.9 of the light, four 3 samples off with 0.02 each,
-    and four in the corners of a 9 x 9 window, sqrt(32) samples off, with 0.005 each."""
+    """A point on the axis, and rings of samples at 2 mm.
+
+    At 2 mm, one sample in the middle has 0.9 of the light, four samples at a distance of 3 have 0.02 each, and four in
+    the corners of a 9 x 9 window, sqrt(32) samples away, have 0.005 each.
+    """
     rings = np.zeros((9, 9))
     rings[4, 4] = 0.9
     rings[[1, 7, 4, 4], [4, 4, 1, 7]] = 0.02
@@ -226,7 +230,7 @@ def rings_lens(pitch_um=2.0):
 @pytest.mark.parametrize("energy, samples, lost", [(0.5, 0, 0.1), (0.9, 0, 0.1), (0.91, 3, 0.02), (0.98, 3, 0.02),
                                                    (0.981, np.sqrt(32), 0.0), (1.0, np.sqrt(32), 0.0)])
 def test_each_psf_is_trimmed_to_the_least_circle_that_holds_the_energy(energy, samples, lost):
-    """Of the point on the axis nothing is lost, and a circle of no size holds it."""
+    """The point on the axis loses no light, and its circle has radius 0."""
     bank = PsfBank.of(rings_lens().at_wavelength(550), 4.0)  # samples of half a pixel
     np.testing.assert_allclose(bank.support_px(energy), [0, samples / 2], atol=0.5 / 4)
     trimmed = bank.trimmed(energy)
@@ -273,7 +277,7 @@ def test_no_light_is_lost_at_the_rim_of_the_radius(energy, pixel_pitch_um):
     bank = PsfBank.of(lens.at_wavelength(550), pixel_pitch_um).trimmed(energy)
     assert bank.radius_px <= psf_radius_px(lens, pixel_pitch_um)
     psfs = bank.at_table_heights(np.linspace(-np.pi, np.pi, 41))
-    # Their sums are those of the shares, not normalised afterwards.
+    # Their sums equal the shares, without later normalisation.
     np.testing.assert_allclose(psfs.sum(axis=(2, 3)), 1, atol=1e-13)
 
 
@@ -282,6 +286,6 @@ def test_all_heights_at_many_azimuths_are_those_one_by_one(pixel_pitch_um):
     table = np.stack([gaussian_psf(2 + h, 3, 1.0, 20) for h in range(4)])[None]
     lens = make_lens(table, wavelengths_nm=(550,), heights_mm=(0.0, 0.5, 1.5, 2.0), psf_pitch_um=1.0)
     bank = PsfBank.of(lens.at_wavelength(550), pixel_pitch_um)
-    azimuths = np.linspace(-4, 4, 57)  # more than are done at once
+    azimuths = np.linspace(-4, 4, 57)  # more than one batch
     one_by_one = np.stack([bank.psfs(lens.heights_mm, np.full(4, azimuth)) for azimuth in azimuths])
     np.testing.assert_allclose(bank.at_table_heights(azimuths), one_by_one, atol=1e-13)

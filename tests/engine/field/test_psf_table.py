@@ -1,4 +1,4 @@
-"""PSFs from a table over height and azimuth: what it holds, how they turn, and what lies between."""
+"""PSFs from a table over height and azimuth: its contents, rotation and interpolation."""
 
 from dataclasses import replace
 
@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from lenses import comatic_lens, gaussian_psf, lopsided_lens, make_lens, marked_psf
-from lensfield.engine import Lens
+from lensfield.engine import load_lens
 from lensfield.engine.field.mirror_symmetry import Planes
-from lensfield.engine.field.psf_bank import PsfBank
-from lensfield.engine.field.psf_table import PsfTable, PsfTables
+from lensfield.engine.field.radial.psf_bank import PsfBank
+from lensfield.engine.field.radial.psf_table import PsfTable, PsfTables
 from lensfield.engine.image.pixel_grid import PixelGrid
 
 PITCH_UM = 8.0
-LENSES = {"comatic": comatic_lens(), "lopsided": lopsided_lens(), "edmund": Lens.load("edmund-54852")}
+LENSES = {"comatic": comatic_lens(), "lopsided": lopsided_lens(), "edmund": load_lens("edmund-54852")}
 EVERY_LENS = pytest.mark.parametrize("lens", LENSES.values(), ids=LENSES.keys())
 
 
@@ -33,7 +33,7 @@ def bank(lens, nm=550.0, energy=1.0):
 
 
 def own_places(lens, azimuths, quadrant):
-    """All places that a table holds: heights and azimuths, clockwise from the right."""
+    """All nodes of a table: heights and azimuths, clockwise from the right."""
     steps = np.arange(2 * azimuths * (1 if quadrant else 4) + (1 if quadrant else 0))
     height, azimuth = np.meshgrid(lens.heights_mm, -np.pi / 4 / azimuths * steps, indexing="ij")
     return height.ravel(), azimuth.ravel()
@@ -74,7 +74,7 @@ def test_a_quarter_turn_turns_the_pixels_and_a_full_one_changes_nothing(lens, az
 
 
 def test_the_edges_of_a_quadrant_are_in_its_table():
-    """Pixels on the axes, as arctan2 gives them, signed zeros and all."""
+    """Pixels on the axes, with azimuths as arctan2 returns them, including signed zeros."""
     lens = LENSES["comatic"]
     x, y = np.array([1.0, 1.0, 0.0, 0.0, 0.0]), np.array([0.0, -0.0, -1.0, 0.0, -0.0])
     places = np.full(5, 1.3), np.arctan2(y, x)
@@ -92,7 +92,7 @@ def test_between_azimuths_it_is_the_mean_of_the_two(lens):
 
 @EVERY_LENS
 def test_between_heights_it_is_mixed_as_the_bank_mixes(lens):
-    heights = np.random.default_rng(1).uniform(0, 2 * lens.heights_mm[-1], 30)  # held beyond the last
+    heights = np.random.default_rng(1).uniform(0, 2 * lens.heights_mm[-1], 30)  # constant beyond the last height
     places = heights, np.full(30, -np.pi / 4)
     np.testing.assert_allclose(table(lens, 1).psfs(*places), bank(lens).psfs(*places), atol=1e-13)
 
@@ -116,7 +116,7 @@ def test_the_error_between_azimuths_falls_as_there_are_more_of_them(lens):
 
 
 def test_taps_are_only_those_that_some_psf_reaches():
-    lens = make_lens(gaussian_psf(3, 3, 1.0, 5), psf_pitch_um=1.0)  # within a pixel of 8 um
+    lens = make_lens(gaussian_psf(3, 3, 1.0, 5), psf_pitch_um=1.0)  # smaller than a pixel of 8 um
     polar = table(lens, 2)
     reached = bank(lens).psfs(*own_places(lens, 2, False)).any(axis=0)
     assert {(int(row), int(column)) for row, column in zip(polar.rows, polar.columns, strict=True)} == {
@@ -136,13 +136,13 @@ def test_how_many_are_asked_for_at_once_changes_nothing():
 @pytest.mark.parametrize("lowest_mm, highest_mm, fewer",
                          [(0, 0, True), (0.1, 0.3, True), (1.7, 5, False), (0, 5, False)])
 def test_taps_that_no_psf_reaches_at_these_heights_are_left_out(lowest_mm, highest_mm, fewer):
-    polar = table(LENSES["comatic"], 4, energy=0.99)  # which widens with the field
+    polar = table(LENSES["comatic"], 4, energy=0.99)  # widens with the field
     rng = np.random.default_rng(5)
     places = rng.uniform(lowest_mm, highest_mm, 50), rng.uniform(-np.pi, np.pi, 50)
-    rows, columns, psfs = polar.mixed(*places)
+    rows, columns, psfs = polar.mixed(places)
     assert (rows.size < 0.6 * polar.rows.size) == fewer
     whole = sum(weight[:, None, None] * polar.node_psfs(node)
-                for node, weight in zip(*polar.corners(*places), strict=True))
+                for node, weight in zip(*polar.corners(places), strict=True))
     np.testing.assert_array_equal(whole[:, rows, columns], psfs.T)
     whole[:, rows, columns] = 0
     assert not whole.any()
@@ -153,14 +153,14 @@ MANY_NM = tuple(np.linspace(400, 700, 9))
 
 @pytest.mark.parametrize("nm", MANY_NM)
 def test_mixing_between_wavelengths_is_the_table_of_the_mixed_lens(nm):
-    """Nine wavelengths of a lens of two: tables of the two serve them all."""
+    """Nine wavelengths of a lens with two: the tables of the two serve all nine."""
     sharp, soft = (np.tile(gaussian_psf(s, 0.7 * s, 2.5, 25), (11, 1, 1)) for s in (4, 8))
     lens = make_lens(np.stack([sharp, soft]))
     weight = (nm - 400) / 300
     mixed = replace(lens, psf=np.stack([(1 - weight) * sharp + weight * soft] * 2))
     np.testing.assert_allclose(
         table(lens, 3, nm=nm, wavelengths_nm=MANY_NM).psfs(*own_places(lens, 3, False)),
-        table(mixed, 3).psfs(*own_places(lens, 3, False)), atol=1e-8)  # the lens's own PSFs are float32
+        table(mixed, 3).psfs(*own_places(lens, 3, False)), atol=1e-8)  # the PSFs of the lens are float32
 
 
 @pytest.mark.parametrize("wavelengths_nm, made", [(MANY_NM, 2), ((400.0, 700.0), 2), ((450.0,), 1),
@@ -181,7 +181,7 @@ def test_as_few_tables_are_made_as_will_do(wavelengths_nm, made, monkeypatch):
 
 
 def test_wavelengths_of_which_one_alone_is_symmetric_mix_as_well():
-    """So that 45 degrees were turned at the one, and 90 at the other."""
+    """The table for one wavelength covers 45 degrees, and that for the other 90."""
     even, lean = (np.tile(psf, (11, 1, 1)) for psf in (gaussian_psf(4, 3, 2.5, 25), marked_psf(3, 5)))
     lens = make_lens(np.stack([even, lean]))
     places = own_places(lens, 3, False)
@@ -209,7 +209,7 @@ def test_single_precision_is_good_to_its_last_digits():
 def test_tables_do_not_depend_on_the_number_of_threads(monkeypatch):
     tables = []
     for threads in (1, 2, 5):
-        monkeypatch.setattr("lensfield.engine.threads.thread_count", lambda threads=threads: threads)
+        monkeypatch.setattr("lensfield.engine.runtime.threads.thread_count", lambda threads=threads: threads)
         tables.append(table(LENSES["comatic"], 4).table)
     np.testing.assert_array_equal(tables[0], tables[1])
     np.testing.assert_array_equal(tables[0], tables[2])
@@ -218,4 +218,4 @@ def test_tables_do_not_depend_on_the_number_of_threads(monkeypatch):
 @pytest.mark.parametrize("v, u", [(0, 0), (8, 0), (-3, 0), (6, 8), (0, 15)])
 def test_mean_distance_is_that_of_the_light_from_its_chief_ray(v, u):
     lens = make_lens(marked_psf(v, u, 33), psf_pitch_um=PITCH_UM / 2)
-    assert table(lens).mean_distance_px == pytest.approx(np.hypot(v, u) / 2, abs=0.5)  # it is a pixel's
+    assert table(lens).mean_distance_px == pytest.approx(np.hypot(v, u) / 2, abs=0.5)  # the distance of a pixel

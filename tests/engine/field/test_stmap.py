@@ -1,4 +1,4 @@
-"""STMaps: that warping by them is what the lens does, there and back, and what their numbers mean."""
+"""STMaps: warping with them equals the lens's distortion, in both directions, and the meaning of their values."""
 
 import numpy as np
 import pytest
@@ -9,12 +9,12 @@ from lensfield.cli import main
 from lensfield.engine import LensError, SpectralImage, simulate
 from lensfield.engine.field.stmap import distort_map, undistort_map
 from lensfield.engine.image.pixel_grid import PixelGrid
-from lensfield.engine.image.spectral_exr import read_parts
+from lensfield.engine.pictures.spectral_exr import read_parts
 from varied_lenses import VARIED, varied_lens
 
 
 def places_px(stmap):
-    """Row and column in the source, as OpenCV's remap counts them."""
+    """Row and column in the source, by the convention of OpenCV's remap."""
     rows, columns = stmap.shape[:2]
     return (1 - stmap[..., 1].astype(float)) * rows - 0.5, stmap[..., 0].astype(float) * columns - 0.5
 
@@ -37,8 +37,17 @@ def test_no_distortion_is_each_pixel_itself():
 def test_barrel_takes_its_corners_from_beyond_the_frame():
     lens = make_lens(real_height_mm=lambda nm, p: 0.8 * p)
     upper_left = distort_map(lens, PixelGrid((100, 100), 10.0), 550.0)[0, 0]
-    # 49.5 px left of the axis and above it lies what a pinhole has at 49.5 / 0.8.
+    # 49.5 px left of the axis and above it is the light that a pinhole has at 49.5 / 0.8.
     np.testing.assert_allclose(upper_left, [0.5 - 0.495 / 0.8, 0.5 + 0.495 / 0.8, 0], atol=1e-6)
+
+
+def test_distortion_is_about_the_axis_wherever_that_is():
+    """A pixel 13 px right of the axis and 9 above it shows the light that a pinhole has at 1 / 0.8 of that."""
+    lens = make_lens(real_height_mm=lambda nm, p: 0.8 * p)
+    stmap = distort_map(lens, PixelGrid((90, 70), 10.0, centre_px=(61.0, 22.0)), 550.0)
+    for right, up in ((0, 0), (13, 9)):
+        place = [(22.5 + right / 0.8) / 70, 1 - (61.5 - up / 0.8) / 90, 1]
+        np.testing.assert_allclose(stmap[61 - up, 22 + right], place, atol=1e-6)
 
 
 @pytest.mark.parametrize("name", VARIED)
@@ -67,7 +76,7 @@ def test_a_warped_picture_is_the_one_that_simulate_gives():
     from_row, from_column = places_px(stmap)
     inside = (from_row > 1) & (from_row < 118) & (from_column > 1) & (from_column < 158)  # beyond it is black
     assert inside.mean() > 0.8
-    np.testing.assert_allclose(warped(picture, stmap)[inside], expected[inside], atol=0.003)  # of boxes and bilinear
+    np.testing.assert_allclose(warped(picture, stmap)[inside], expected[inside], atol=0.003)  # boxes against bilinear
 
 
 def test_the_command_writes_both(tmp_path, capsys):

@@ -7,7 +7,7 @@ from lensfield.engine.image.irradiance import irradiance_per_radiance
 
 
 @pytest.mark.parametrize("transmittance, f_number, expected", [
-    (1.0, 0.5, np.pi),  # N = 0.5 is the whole hemisphere: NA = 1
+    (1.0, 0.5, np.pi),  # N = 0.5 is the full hemisphere: NA = 1
     (0.9, 2.0, 0.17671458676442586), (1.0, 1.775, 0.2492832893), (0.95, 1.8867924528301887, 0.2095874269),
 ])
 def test_irradiance_per_radiance_of_equation_2(transmittance, f_number, expected):

@@ -1,11 +1,11 @@
-"""Layers: how they lie in the capture, and what a pinhole sees of them."""
+"""Layers: their position in the capture, and the pinhole's view of them."""
 
 import numpy as np
 import pytest
 
-from lensfield.engine.errors import ImageError
 from lensfield.engine.image.layers import Layer, LayeredRadiance
 from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.runtime.errors import ImageError
 
 GRID = PixelGrid((4, 6), 10.0, overscan_px=(1, 1))
 
@@ -30,6 +30,17 @@ def test_a_pinhole_sees_the_nearest_first():
     assert np.array_equal(layered(near).flat_alpha()[1:3, 2:4], near.alpha)
 
 
+def test_flat_pictures_and_the_sampling_have_the_grid_and_the_pinhole_of_the_layers():
+    grid = PixelGrid((5, 8), 7.0, (1.0, 5.5), (1, 2))
+    radiance = LayeredRadiance((layer(np.ones(grid.shape_px), 4.0, 900.0),), [500, 600], grid, 50.0, 0.25)
+    flat, sampling = radiance.flat(), radiance.sampling
+    assert flat.exposure == 0.25 and flat.focal_mm == sampling.grid.focal_mm == 50.0
+    for picture in (flat, sampling):
+        assert list(picture.wavelengths_nm) == [500, 600]
+        assert picture.grid.shape_px == (5, 8) and picture.grid.centre_px == (1.0, 5.5)
+        assert picture.grid.pitch_um == 7.0 and picture.grid.overscan_px == (1, 2)
+
+
 def test_what_is_cropped_is_the_same_layer():
     alpha = np.zeros(GRID.shape_px)
     alpha[2, 1:4] = 0.5, 1, 0.5
@@ -41,7 +52,7 @@ def test_what_is_cropped_is_the_same_layer():
 
 @pytest.mark.parametrize("margin_px", [(0, 0), (1, 0), (0, 1), (1, 1)])
 def test_without_its_margin_it_shows_the_same(margin_px):
-    """Also where a layer ends in it, or lies in it as a whole."""
+    """Including layers that end in it or are completely inside it."""
     places = ((1, 1), (0, 0)), ((1, 6), (3, 0)), ((2, 2), (1, 2)), ((3, 2), (1, 4)), (GRID.shape_px, (0, 0))
     whole = layered(*(layer(np.full(shape_px, 0.5), light, 500.0 * light, origin_px)
                       for light, (shape_px, origin_px) in enumerate(places, 1)))

@@ -1,4 +1,6 @@
-"""Pixels that are no finite number: refused by name, or given the light of their neighbours."""
+"""NaN and infinite pixels: refused by name, or replaced by the light of their neighbours."""
+
+import sys
 
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ from lensfield.engine import ImageError, Options, Report, SpectralImage, simulat
 from lensfield.engine.image.nonfinite import clamp_fireflies, refuse_fireflies
 
 E_AXIS = np.pi / 16
-pytestmark = pytest.mark.filterwarnings("error")  # numbers that are none are told by an error, not on the console too
+pytestmark = pytest.mark.filterwarnings("error")  # NaN pixels raise an error, without numpy warnings
 
 
 def numbered(shape=(6, 8)):
@@ -72,7 +74,7 @@ def test_fireflies_side_by_side_do_not_light_one_another():
     plane = numbered()
     plane[2:5, 3:6] = np.inf
     mended, count = clamp_fireflies(plane)
-    # Row r and column c of the plane hold 8 r + c; the pixel in the middle has no finite neighbour.
+    # Row r and column c of the plane contain 8 r + c; the pixel in the middle has only non-finite neighbours.
     assert mended[2:5, 3:6].tolist() == [[26, 13, 30], [34, 0, 38], [44, 45, 46]]
     assert count == 9
 
@@ -80,6 +82,42 @@ def test_fireflies_side_by_side_do_not_light_one_another():
 def test_a_plane_of_nothing_but_fireflies_is_black():
     mended, count = clamp_fireflies(np.full((3, 4), np.nan, dtype=np.float32))
     assert count == 12 and not mended.any()
+
+
+def test_random_fireflies_take_what_a_look_at_each_one_finds():
+    rng = np.random.default_rng(4)
+    plane = rng.normal(size=(37, 52)).astype(np.float32)
+    plane[rng.random(plane.shape) < 0.4] = np.nan
+    plane[rng.random(plane.shape) < 0.1] = -np.inf
+    bad = ~np.isfinite(plane)
+    padded, expected = np.pad(np.where(bad, 0, plane), 1), plane.copy()
+    for row, column in np.argwhere(bad):
+        expected[row, column] = padded[row:row + 3, column:column + 3].max()
+    mended, count = clamp_fireflies(plane)
+    np.testing.assert_array_equal(mended, expected)
+    assert count == bad.sum() and mended.dtype == np.float32
+
+
+def test_no_line_runs_once_for_each_firefly():
+    """Counts executed lines of Python instead of seconds: a picture of NaN would otherwise take half an hour."""
+    def lines(count):
+        plane, ran = np.ones((40, 50), np.float32), 0
+        plane.ravel()[:count] = np.nan
+
+        def trace(frame, event, _):
+            nonlocal ran
+            ran += event == "line" and frame.f_code.co_name == "clamp_fireflies"
+            return trace
+
+        before = sys.gettrace()
+        sys.settrace(trace)
+        try:
+            clamp_fireflies(plane)
+        finally:
+            sys.settrace(before)
+        return ran
+
+    assert 0 < lines(1) == lines(2000)
 
 
 @pytest.mark.parametrize("options", [Options(section_size=32, fireflies="clamp"),

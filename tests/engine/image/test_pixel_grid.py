@@ -1,4 +1,4 @@
-"""PixelGrid: where pixels lie about the axis, and what frames, crops and rims of it are."""
+"""PixelGrid: positions of pixels about the axis, and its frames, crops and rims."""
 
 import numpy as np
 import pytest

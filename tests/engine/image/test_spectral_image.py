@@ -1,4 +1,4 @@
-"""SpectralImage: axes, the place of the optical axis, overscan, and what it refuses."""
+"""SpectralImage: axes, the position of the optical axis, overscan, and invalid values."""
 
 from dataclasses import replace
 
@@ -69,5 +69,5 @@ def test_a_grid_may_be_given_whole_and_must_fit():
     assert changed.grid == replace(grid, pitch_um=4.0, overscan_px=(0, 0))
     with pytest.raises(ImageError, match="grid is 5.0: expected a PixelGrid"):
         SpectralImage(np.zeros((1, 4, 6)), [500], 5.0)
-    with pytest.raises(ImageError, match=r"cube is 'of \(3, 6\) px': expected \(4, 6\)|expected \(4, 6\), as its grid"):
+    with pytest.raises(ImageError, match=r"cube is 'of \(3, 6\) px': expected \(4, 6\)|, as in its grid"):
         SpectralImage(np.zeros((1, 3, 6)), [500], grid)

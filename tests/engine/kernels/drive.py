@@ -1,8 +1,8 @@
-"""Drive the loops on random shapes, on every machine that can be had here: drive.py [ROUNDS [SEED]]
+"""Drive the loops with random shapes, on every available machine: drive.py [ROUNDS [SEED]]
 
-Each line is what driver.c tells: on this machine, under the sanitizers; and of the libraries that an extension brings,
-on other processors by QEMU and on Windows by Wine, where these and the cross compilers are installed. What comes out is
-to be the same everywhere, to the last bit.
+Each line is a report of driver.c: on this machine, under the sanitizers; and with the libraries in the extension, on
+other processors through QEMU and on Windows through Wine, where these and the cross compilers are installed. The
+results must be the same everywhere, to the last bit.
 """
 
 import os
@@ -17,7 +17,7 @@ from lensfield.engine.kernels import build
 DRIVER = Path(__file__).resolve().parent / "driver.c"
 FLAGS = ["-O2", "-Wall", "-Wextra", "-ffp-contract=off", f"-I{build.HERE}", DRIVER, "-lm"]
 SANITIZERS = ["-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
-WINE = shutil.which("wine64") or "/usr/lib/wine/wine64"  # Debian's is on no path
+WINE = shutil.which("wine64") or "/usr/lib/wine/wine64"  # Debian's is not in PATH
 MACHINES = {
     "a processor without AVX": ("linux-x64", ["qemu-x86_64", "-cpu", "Nehalem"]),
     "a processor with AVX2": ("linux-x64", ["qemu-x86_64", "-cpu", "Haswell"]),
@@ -28,7 +28,7 @@ MACHINES = {
 
 
 def sanitized(folder):
-    """The command of a driver with the loops in it, watched by the sanitizers."""
+    """The command of a driver that includes the loops, compiled with the sanitizers."""
     here = build.this_platform()
     command = build.compiler(here)
     subprocess.run([*command, *SANITIZERS, *build.objects(here, folder, SANITIZERS), *FLAGS, "-o", "driver"],
@@ -37,7 +37,7 @@ def sanitized(folder):
 
 
 def linked(folder, target, runner=()):
-    """The command of a driver that uses the library of a platform."""
+    """The command of a driver that uses a platform's library."""
     if runner and not shutil.which(runner[0]):
         raise build.CompilerMissing(f"{runner[0]} is not installed")
     library = build.build(folder, target).name
@@ -52,7 +52,7 @@ def main(rounds="100", seed="1"):
                   name: lambda folder, machine=machine: linked(folder, *machine) for name, machine in MACHINES.items()}
     bits, failed = set(), False
     for name, make in makers.items():
-        with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:  # where Wine's server may still write
+        with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:  # Wine's server may still write to it
             try:
                 command = make(Path(folder))
             except build.CompilerMissing as missing:

@@ -7,10 +7,10 @@ import pytest
 
 from lenses import comatic_lens, lopsided_lens
 from lensfield.engine.bake.diffraction import waves as numpy_waves
-from lensfield.engine.field.distortion import RIM_PX
-from lensfield.engine.field.distortion import footprints as numpy_footprints
-from lensfield.engine.field.psf_bank import PsfBank
-from lensfield.engine.field.psf_table import PsfTable, TurnedPsfs
+from lensfield.engine.field.radial.distortion import RIM_PX
+from lensfield.engine.field.radial.distortion import footprints as numpy_footprints
+from lensfield.engine.field.radial.psf_bank import PsfBank
+from lensfield.engine.field.radial.psf_table import PsfTable, TurnedPsfs
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.kernels import (
     NUMPY,
@@ -32,7 +32,7 @@ PITCH_UM = 8.0
 
 
 def in_every_variant(loop):
-    """What a loop gives, the same whatever runs it."""
+    """The result of a loop, which is the same in every variant."""
     results = []
     for name in available()[1:]:
         with using(name):
@@ -63,7 +63,7 @@ def test_turn_refuses_light_outside_of_the_square(v_px):
 FIELD = SimpleNamespace(paraxial_height_mm=lambda real_mm: real_mm,
                         paraxial_slope=lambda height_mm: 1 + 0.3 * height_mm,
                         paraxial_per_real=lambda real_mm, height_mm: 1 + 0.15 * height_mm)
-"""A lens that squeezes a capture ever more towards the edge; its curves are straight, as look-up takes them."""
+"""A lens that compresses a capture increasingly towards the edge; its curves are straight, like look-up tables."""
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 40), (33, 1), (30, 41)])
@@ -81,7 +81,7 @@ def test_footprints_average_as_numpy_does(shape, planes, centre_px):
     samples = 1 << 16
     curve_mm = np.arange(samples + 1) * far_px / samples * PITCH_UM * 1e-3
     geometry = RadialGeometry.of(centre_px, samples / far_px, 1 + 0.15 * curve_mm, 1 + 0.3 * curve_mm,
-                                 1 / (1 + curve_mm), last_px)  # no straight line, and yet right at the samples
+                                 1 / (1 + curve_mm), last_px)  # not a straight line, but exact at the samples
 
     def loop():
         out = np.full((planes, *shape), np.nan, np.float32)
@@ -90,8 +90,8 @@ def test_footprints_average_as_numpy_does(shape, planes, centre_px):
         footprints(geometry, captures, grid.centre_px, slice(half, None), out)
         return out
 
-    # Shares, products and sums are rounded to single precision: of up to 18 rows and columns, each an ulp at most
-    # on the mean.
+    # Shares, products and sums are rounded to single precision: up to 18 rows and columns, with an error of at most an
+    # ulp each on average.
     framed = np.pad(np.stack(captures), ((0, 0), (RIM_PX, RIM_PX), (RIM_PX, RIM_PX))).astype(np.float64)
     np.testing.assert_allclose(in_every_variant(loop), expected.average(framed) * factor, rtol=40 * EPSILON,
                                atol=40 * EPSILON)
@@ -103,11 +103,11 @@ def test_footprints_read_nothing_from_outside_whatever_the_curves_are():
     for _ in range(50):
         geometry = RadialGeometry.of((3.0, 4.0), 0.7, *random.choice(wild, (3, 30)), random.choice(wild))
         out = np.empty((1, 9, 9), np.float32)
-        footprints(geometry, [np.ones((5, 7), np.float32)], (2.0, 3.0), slice(None), out)  # a crash, if it did
+        footprints(geometry, [np.ones((5, 7), np.float32)], (2.0, 3.0), slice(None), out)  # may crash otherwise
 
 
 def random_psfs(heights, azimuths, side, random, quarter_turns=4):
-    """PSFs of so many azimuths in each quarter turn, which reach less far at some heights."""
+    """PSFs with so many azimuths in each quarter turn, and a smaller radius at some heights."""
     psfs = np.zeros((heights, azimuths, side, side), np.float32)
     for height, of_height in enumerate(psfs):
         reach = random.integers(0, side // 2 + 1) if height else side // 2
@@ -123,7 +123,7 @@ def packed_table(turned):
 
 
 def table_places(turned, centre_px, samples_per_px, heights):
-    """Of a curve of heights over the distance from the axis."""
+    """Table positions for a curve of heights over the distance from the axis."""
     return TablePlaces.of(centre_px, samples_per_px, heights, turned.heights_mm,
                           (turned.azimuths - 1) // turned.quarter_turns, turned.quarter_turns)
 
@@ -132,7 +132,7 @@ def spread_by_numpy(table, light, height_of_px, centre_px):
     planes, rows, columns = light.shape
     row, column = np.mgrid[:rows, :columns]
     down, right = row.ravel() - centre_px[0], column.ravel() - centre_px[1]
-    *taps, psfs = table.mixed(height_of_px(np.hypot(down, right)), np.arctan2(-down, right))
+    *taps, psfs = table.mixed((height_of_px(np.hypot(down, right)), np.arctan2(-down, right)))
     reach = 2 * table.radius_px
     out = np.zeros((planes, rows + reach, columns + reach))
     for psf, down, right in zip(psfs.astype(np.float64), *taps, strict=True):
@@ -151,7 +151,7 @@ def test_spread_mixes_and_lays_out_psfs_as_numpy_does(planes, shape, centre_px, 
     light = random.random((planes, *shape), np.float32)
     light[:, random.random(shape) < 0.3] = 0
     far_px = np.hypot(*shape) + 3
-    places = table_places(turned, centre_px, 30 / far_px, np.linspace(0, 3.2, 31))  # beyond the last height, too
+    places = table_places(turned, centre_px, 30 / far_px, np.linspace(0, 3.2, 31))  # including heights beyond the last
     packed = packed_table(turned)
     lit = np.ones((3, 4), bool)
 
@@ -164,8 +164,8 @@ def test_spread_mixes_and_lays_out_psfs_as_numpy_does(planes, shape, centre_px, 
         return out
 
     expected = spread_by_numpy(PsfTable(turned), light, lambda px: px * 3.2 / far_px, centre_px)
-    # Every pixel adds a rounding to each sum; where a place falls between the table's is right to single precision,
-    # which the PSFs' steps, up to 1 in a table of noise, amplify.
+    # Every pixel adds a rounding error to each sum. Positions between the table's nodes have single precision, and the
+    # steps of the PSFs, up to 1 in a table of noise, amplify their error.
     pixels = min(light[0].size, side**2)
     tolerance = (np.sqrt(pixels) + 4 + 40 * quarter_turns) * EPSILON
     np.testing.assert_allclose(in_every_variant(loop), expected, rtol=0, atol=tolerance * max(expected.max(), 1))
@@ -209,7 +209,7 @@ def test_places_of_a_picture_that_begins_lower_are_those_of_the_whole_one(rows):
 
 
 def test_heights_that_are_spaced_unevenly_are_met_exactly():
-    """Where a step of the curve passes a height of the table, both sides are right; and beyond the last it is held."""
+    """Both sides of a height are right where a step of the curve crosses it; beyond the last height it is constant."""
     heights = np.array([0.0, 1.0, 1.5, 5.0])
     square = np.zeros((4, 2, 2), np.float32)
     square[:, :, 0] = heights[:, None] ** 2  # a PSF of one pixel
@@ -232,7 +232,7 @@ def test_arrays_of_another_kind_are_refused():
     geometry = RadialGeometry.of((0.0, 0.0), 1.0, *np.ones((3, 5)))
     capture, out = np.ones((4, 4), np.float32), np.ones((1, 4, 4), np.float32)
     for wrong in (capture.astype(float), out):
-        with pytest.raises(ValueError, match="want up to four float32"):
+        with pytest.raises(ValueError, match="expected up to four float32"):
             footprints(geometry, [wrong], (0.0, 0.0), slice(None), out)
     for wrong in (out.astype(float), out[0], out[:, :, ::-1], out.swapaxes(1, 2), out[:, :, ::2]):
         with pytest.raises(ValueError, match="want float32"):
@@ -242,7 +242,7 @@ def test_arrays_of_another_kind_are_refused():
 
 
 def a_wavefront(rows, columns, limits):
-    """Polynomials of rows, and their places: terms fall off, as those of smooth wavefronts do."""
+    """Polynomials of rows, and their positions: terms decrease as in smooth wavefronts."""
     random = np.random.default_rng(5)
     path = random.normal(size=(rows, 9)) * 100 * 0.4 ** np.arange(9)
     edges = np.tile(random.normal(size=(1 + limits, 7)) * 0.3 ** np.arange(7), (rows, 1, 1))
@@ -253,7 +253,7 @@ def a_wavefront(rows, columns, limits):
 
 @pytest.mark.parametrize("rows, columns, limits", [(3, 8, 1), (50, 24, 3), (201, 104, 2)])
 def test_waves_are_those_of_numpy(rows, columns, limits):
-    """But for a cell or so at the rim, which rounding puts in or out."""
+    """Except for about one cell at the rim, which rounding includes or excludes."""
     wavefront = (*a_wavefront(rows, columns, limits), (-0.5, 1.0))
     results = []
 

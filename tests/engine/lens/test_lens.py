@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lenses import comatic_lens, make_lens, marked_psf
-from lensfield.engine import Lens, LensError, Options, SpectralImage, simulate
+from lensfield.engine import LensError, Options, SpectralImage, load_lens, simulate
 from lensfield.engine.image.pixel_grid import PROJECTIONS
 
 REFERENCE_NM = 587.6
@@ -14,7 +14,7 @@ REFERENCE_NM = 587.6
 
 @pytest.fixture(scope="module")
 def edmund():
-    return Lens.load("edmund-54852")
+    return load_lens("edmund-54852")
 
 
 def test_a_lens_cannot_be_changed():
@@ -174,5 +174,5 @@ def test_a_scaled_lens_gives_the_same_picture_on_a_pitch_scaled_alike(factor, me
 def test_a_scaled_lens_puts_as_much_light_on_every_square_metre():
     lens = make_lens(f_number_effective=2.0).scaled(7.0)
     image = SpectralImage(np.ones((1, 40, 40)), [550.0], pitch_um=70.0, overscan_px=(4, 4))
-    in_single_precision = 16 * np.finfo(np.float32).eps  # each pixel is a sum of shares and a product or two
+    in_single_precision = 16 * np.finfo(np.float32).eps  # each pixel is a sum of shares and one or two products
     np.testing.assert_allclose(simulate(image, lens).cube, np.pi / 16, rtol=in_single_precision)

@@ -1,4 +1,4 @@
-"""Seconds are told by the machine at hand, as it is; plans are chosen by work, which is the same on all of them."""
+"""Seconds are measured on the current machine; plans are chosen by work, which is the same on all machines."""
 
 import itertools
 from types import SimpleNamespace
@@ -17,7 +17,8 @@ LENS = comatic_lens()
 
 @pytest.fixture
 def machine(monkeypatch):
-    """A machine whose clock goes by what `pace` says: seconds for each look at it; and one that stands for waiting."""
+    """A simulated machine: its clock advances by `pace` seconds per reading, and by any waiting time that a test adds.
+    """
     state = SimpleNamespace(pace=1e-4, now=0.0)
     ticks = itertools.count()
 
@@ -32,7 +33,7 @@ def machine(monkeypatch):
 
 
 def test_a_burst_of_load_does_not_stay(machine):
-    machine.pace = 1.0  # while the first look is taken
+    machine.pace = 1.0  # during the first measurement
     busy = cost.machine_factor()
     machine.pace = 1e-4
     machine.now += 2 * cost.LOOK_AGAIN_S
@@ -73,7 +74,7 @@ def test_every_machine_chooses_the_same_plan(accuracy, shape, monkeypatch):
     radiance, plans = SpectralImage(np.ones((1, *shape)), [550.0], pitch_um=10.0), []
     for factor in (1e-9, 1.0, 1e9):
         monkeypatch.setattr(cost, "machine_factor", lambda factor=factor: factor)
-        plans.append(make_plan(Options(accuracy=accuracy), LENS, radiance))
+        plans.append(make_plan(Options(accuracy=accuracy), LENS, radiance.sampling))
     assert plans[0] == plans[1] == plans[2] and plans[2].seconds > 1e4 * plans[0].seconds
 
 
@@ -81,17 +82,17 @@ def test_the_seconds_of_a_plan_are_those_of_making_it_too(monkeypatch):
     radiance = SpectralImage(np.ones((1, 40, 50)), [550.0], pitch_um=10.0)
     clock = itertools.count(0.0, 7.0)
     monkeypatch.setattr("lensfield.engine.plan.choose.time", SimpleNamespace(perf_counter=lambda: next(clock)))
-    assert 7 <= make_plan(Options(), LENS, radiance).seconds < 14
+    assert 7 <= make_plan(Options(), LENS, radiance.sampling).seconds < 14
 
 
 def test_more_cores_wait_less_but_for_what_one_thread_does_alone(monkeypatch):
     monkeypatch.setattr(cost, "machine_factor", lambda: 1.0)
     radiance = SpectralImage(np.ones((2, 400, 500)), [450.0, 550.0], pitch_um=10.0)
-    plan = make_plan(Options(accuracy=0.01), LENS, radiance)
+    plan = make_plan(Options(accuracy=0.01), LENS, radiance.sampling)
     waited = []
     for cores in (1, 2, 4, 10**9):
         monkeypatch.setattr(cost, "thread_count", lambda cores=cores: cores)
-        waited.append(cost.seconds(workload(plan, LENS, radiance), plan))
+        waited.append(cost.seconds(workload(plan, LENS, radiance.sampling), plan))
     one, two, four, many = waited
     assert one - two == pytest.approx(2 * (two - four)) and 0 < many < four < two < one
 
@@ -99,8 +100,8 @@ def test_more_cores_wait_less_but_for_what_one_thread_does_alone(monkeypatch):
 @pytest.mark.parametrize("method", METHODS)
 def test_every_kind_of_work_has_a_price(method):
     radiance = SpectralImage(np.ones((1, 40, 50)), [550.0], pitch_um=10.0)
-    plan = make_plan(Options(method=method), LENS, radiance)
-    counts = cost.counts(workload(plan, LENS, radiance), plan)
+    plan = make_plan(Options(method=method), LENS, radiance.sampling)
+    counts = cost.counts(workload(plan, LENS, radiance.sampling), plan)
     assert counts.keys() <= set().union(*cost.NANOSECONDS.values()) and all(0 <= n < np.inf for n in counts.values())
 
 
@@ -111,6 +112,6 @@ def test_what_does_the_loops_chooses_no_other_plan(accuracy, monkeypatch):
         running = SimpleNamespace(NUMPY=kernels.NUMPY, running=lambda loops=loops: loops)
         monkeypatch.setattr(cost, "kernels", running)
         monkeypatch.setattr(cost, "machine_factor", lambda: 1e6)
-        plans.append(make_plan(Options(accuracy=accuracy), LENS, radiance))
+        plans.append(make_plan(Options(accuracy=accuracy), LENS, radiance.sampling))
     by_numpy, base, newest = plans
     assert by_numpy == base == newest and by_numpy.seconds > base.seconds > newest.seconds

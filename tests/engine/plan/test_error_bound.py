@@ -1,4 +1,4 @@
-"""Accuracy asked for by its result: the bound holds for every lens and scene, and is no looser than it must be."""
+"""Accuracy as a target: the bound holds for every lens and scene, and is no looser than necessary."""
 
 from itertools import pairwise
 
@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from lenses import gaussian_psf, make_lens
-from lensfield.engine import InputError, Lens, Options, Report, SpectralImage, simulate
-from lensfield.engine.field.distortion import FieldGeometry
+from lensfield.engine import InputError, Options, Report, SpectralImage, load_lens, simulate
 from lensfield.engine.field.mirror_symmetry import Planes
-from lensfield.engine.field.psf_bank import PsfBank
-from lensfield.engine.field.psf_table import PsfTable, PsfTables
+from lensfield.engine.field.radial.distortion import FieldGeometry
+from lensfield.engine.field.radial.error_bound import AzimuthErrors, azimuth_error
+from lensfield.engine.field.radial.psf_bank import PsfBank
+from lensfield.engine.field.radial.psf_table import PsfTable, PsfTables
 from lensfield.engine.plan import choose
 from lensfield.engine.plan.choose import make_plan, priced
-from lensfield.engine.plan.error_bound import AzimuthErrors, azimuth_error
 from varied_lenses import VARIED, varied_lens
 
 PITCH_UM = 20.0
@@ -21,7 +21,7 @@ WINDOW = 31
 
 
 def random_lens(seed, heights=7):
-    """PSFs of a few blobs that stretch and wander with the field and the wavelength, symmetric or not; distortion."""
+    """PSFs of a few blobs that stretch and move with the field and the wavelength, symmetric or not; distortion."""
     rng = np.random.default_rng(seed)
     offset = np.arange(WINDOW) - WINDOW // 2
     v, u = np.meshgrid(offset, offset, indexing="ij")
@@ -62,7 +62,7 @@ SCENES = (noise, points, bright_range, edges_and_sky)
 
 
 def error_over_light(options, lens, image, exact=None):
-    """Sum of |error| over the light that the picture was made of, and the plan."""
+    """Sum of |error| over the light of the original picture, and the plan."""
     report = Report()
     result = simulate(image, lens, options, report=report).cube.astype(float)
     exact = simulate(image, lens, Options(method="exact")).cube if exact is None else exact
@@ -99,7 +99,7 @@ def test_a_method_may_be_named_beside_an_accuracy(method):
 
 
 def worst_point(plan, lens, radiance, places=3000):
-    """The largest ||PSF used - PSF true||_1 found over the picture: the share of a point's light that is misplaced."""
+    """The largest ||PSF used - PSF true||_1 in the picture: the share of a point's light that is misplaced."""
     nm, pitch_um = radiance.wavelengths_nm[0], radiance.pitch_um
     whole, steps = Planes(radiance.grid, False), plan.method.azimuths
     tables = PsfTables(lens, [nm], whole, plan.trimmed, steps, np.float64)
@@ -118,41 +118,41 @@ def worst_point(plan, lens, radiance, places=3000):
 
 
 @pytest.mark.parametrize("accuracy", [0.1, 0.03, 0.01, 1e-3])
-@pytest.mark.parametrize("lens, pitch_um", [(Lens.load("edmund-54852"), 6.25), (Lens.load("edmund-54852"), 12.5),
+@pytest.mark.parametrize("lens, pitch_um", [(load_lens("edmund-54852"), 6.25), (load_lens("edmund-54852"), 12.5),
                                             (random_lens(0), PITCH_UM), (random_lens(1), PITCH_UM)],
                          ids=["edmund", "edmund coarse", "random", "random lopsided"])
 def test_the_bound_is_within_twice_the_worst_point(lens, pitch_um, accuracy):
     radiance = SpectralImage(np.zeros((1, int(2400 / pitch_um), int(3600 / pitch_um))), [587.6], pitch_um=pitch_um)
-    plan = make_plan(Options(accuracy=accuracy, method="pixels"), lens, radiance)
+    plan = make_plan(Options(accuracy=accuracy, method="pixels"), lens, radiance.sampling)
     worst = worst_point(plan, lens, radiance)
     assert worst <= plan.error_bound <= accuracy
-    if plan.method.azimuths > 2:  # the fewest may be more than are needed
-        assert plan.error_bound <= 2 * worst + accuracy / 12  # besides, the shares for flat light and rounding
+    if plan.method.azimuths > 2:  # the minimum may be more than necessary
+        assert plan.error_bound <= 2 * worst + accuracy / 12  # plus the shares for flat light and rounding
 
 
 @pytest.mark.parametrize("name", VARIED)
 def test_the_bound_is_within_twice_the_worst_point_of_every_bundled_lens(name):
     lens = varied_lens(name)
     radiance = SpectralImage(np.zeros((1, 480, 640)), [550.0], pitch_um=1e3 * lens.heights_mm[-1] / 400)
-    plan = make_plan(Options(accuracy=0.03, method="pixels"), lens, radiance)
+    plan = make_plan(Options(accuracy=0.03, method="pixels"), lens, radiance.sampling)
     worst = worst_point(plan, lens, radiance, places=200)
     assert worst <= plan.error_bound <= 0.03
-    if plan.method.azimuths > 2:  # the fewest may be more than are needed
+    if plan.method.azimuths > 2:  # the minimum may be more than necessary
         assert plan.error_bound <= 2 * worst
 
 
 def test_each_height_and_wavelength_is_trimmed_by_itself():
-    """A lens that is sharp but for the corners in violet: elsewhere hardly a pixel is left."""
+    """A lens that is sharp except in the corners in violet: elsewhere hardly a pixel remains."""
     table = np.stack([[gaussian_psf(40 if (w, h) == (0, 6) else 5, 5, 10.0, 31) for h in range(7)] for w in range(2)])
     lens = make_lens(table, heights_mm=np.linspace(0, 1, 7), psf_pitch_um=10.0)
     picture = np.zeros((1, 60, 76))
-    violet, red = (make_plan(Options(accuracy=0.01), lens, SpectralImage(picture, [nm], pitch_um=PITCH_UM))
+    violet, red = (make_plan(Options(accuracy=0.01), lens, SpectralImage(picture, [nm], pitch_um=PITCH_UM).sampling)
                    for nm in lens.wavelengths_nm)
     assert violet.psf_radius_px > red.psf_radius_px and red.taps < violet.taps < 20 < np.pi * violet.psf_radius_px**2
 
 
 def worst_between(bank, azimuths):
-    """The largest error of mixing at all heights and at eighths of all steps up to 45 degrees, or 90."""
+    """The largest interpolation error at all heights and at eighths of all steps up to 45 degrees, or 90."""
     worst, share = 0.0, np.arange(9)[:, None, None, None] / 8
     for step in range(azimuths if bank.mirror_symmetric else 2 * azimuths):
         psfs = bank.at_table_heights(-(step + np.arange(9) / 8) * np.pi / 4 / azimuths)
@@ -161,8 +161,8 @@ def worst_between(bank, azimuths):
 
 
 def test_the_error_between_azimuths_falls_with_their_number():
-    """By the square of the step on the whole; single samples that cross the edges of pixels keep it from doing so."""
-    bank = PsfBank.of(Lens.load("edmund-54852").at_wavelength(587.6), 6.25)
+    """Overall with the square of the step, except for single samples that cross the edges of pixels."""
+    bank = PsfBank.of(load_lens("edmund-54852").at_wavelength(587.6), 6.25)
     errors = [worst_between(bank, azimuths) for azimuths in (4, 8, 16, 32)]
     assert all(after < before / 1.4 for before, after in pairwise(errors))
     assert errors[-1] < errors[0] / 8
@@ -181,8 +181,8 @@ def test_a_look_at_some_azimuths_tells_of_all_at_every_wavelength(name, pitch_um
 
 
 def test_a_single_azimuth_that_stands_out_is_found():
-    """Of 512 steps one errs 25 times as much as the median, where a bright sample crosses the edge of a pixel."""
-    bank = PsfBank.of(Lens.load("edmund-54852").at_wavelength(587.6), 6.25)
+    """Of 512 steps, one has 25 times the median error, where a bright sample crosses the edge of a pixel."""
+    bank = PsfBank.of(load_lens("edmund-54852").at_wavelength(587.6), 6.25)
     errors = AzimuthErrors(bank, np.inf)
     every = errors.at(512, np.arange(512))
     assert every.max() > 20 * np.median(every)
@@ -190,7 +190,7 @@ def test_a_single_azimuth_that_stands_out_is_found():
 
 
 def test_an_error_that_is_too_much_is_not_looked_into():
-    errors = AzimuthErrors(PsfBank.of(Lens.load("edmund-54852").at_wavelength(587.6), 6.25), np.inf)
+    errors = AzimuthErrors(PsfBank.of(load_lens("edmund-54852").at_wavelength(587.6), 6.25), np.inf)
     whole = azimuth_error([errors], 4)
     assert whole / 2 < azimuth_error([errors], 4, enough=whole / 2) <= whole
 
@@ -205,7 +205,7 @@ def test_one_psf_for_all_is_one_convolution():
 
 @pytest.mark.parametrize("accuracy", [0.3, 0.2, 0.1, 0.05])
 def test_one_psf_for_all_is_chosen_only_where_it_serves(accuracy):
-    """A lens whose blur grows with the field: points all over the picture, in which one PSF is wrong in the corners."""
+    """A lens whose blur grows with the field, and points all over the picture: a single PSF is wrong in the corners."""
     heights = np.linspace(0, 2, 7)
     table = np.stack([gaussian_psf(8 + h, 8, 4.0, 31) for h in heights])
     lens = make_lens(np.stack([table, table]), heights_mm=heights, psf_pitch_um=4.0)
@@ -223,8 +223,8 @@ def test_what_cannot_be_had_otherwise_is_exact():
 
 def test_trimming_leaves_more_to_the_azimuths_before_the_exact_operator_is_taken(monkeypatch):
     image = SpectralImage(np.random.default_rng(1).random((60, 76)), [550], pitch_um=PITCH_UM)
-    wanted = make_plan(Options(accuracy=1e-3), random_lens(0), image)
-    monkeypatch.setattr(choose, "AZIMUTH_CHOICES", tuple(range(2, wanted.method.azimuths * 3 // 4)))
+    wanted = make_plan(Options(accuracy=1e-3), random_lens(0), image.sampling)
+    monkeypatch.setattr(choose, "STEP_CHOICES", tuple(range(2, wanted.method.azimuths * 3 // 4)))
     error, plan = error_over_light(Options(accuracy=1e-3), random_lens(0), image)
     assert 0 < plan.method.azimuths < wanted.method.azimuths and plan.psf_energy > wanted.psf_energy
     assert error <= plan.error_bound <= 1e-3
@@ -232,8 +232,8 @@ def test_trimming_leaves_more_to_the_azimuths_before_the_exact_operator_is_taken
 
 def test_saying_nothing_asks_for_one_hundredth():
     image = SpectralImage(np.ones((20, 24)), [550], pitch_um=PITCH_UM)
-    plan = make_plan(Options(), random_lens(0), image)
-    assert plan == make_plan(Options(accuracy=0.01), random_lens(0), image) or plan.error_bound <= 0.01
+    plan = make_plan(Options(), random_lens(0), image.sampling)
+    assert plan == make_plan(Options(accuracy=0.01), random_lens(0), image.sampling) or plan.error_bound <= 0.01
 
 
 def test_the_plan_predicts_more_time_for_more_light():
@@ -241,7 +241,8 @@ def test_the_plan_predicts_more_time_for_more_light():
     for cube, nm in ((np.ones((1, 50, 50)), [550]), (np.ones((1, 500, 500)), [550]),
                      (np.ones((9, 500, 500)), np.linspace(400, 700, 9))):
         image = SpectralImage(cube, nm, pitch_um=PITCH_UM)
-        plans.append(priced(make_plan(Options(), lens, image), lens, image))  # without the seconds of making it
+        plan = make_plan(Options(), lens, image.sampling)
+        plans.append(priced(plan, lens, image.sampling))  # without the time for creating it
     small, large, many = plans
     assert small.seconds < large.seconds < many.seconds and small.memory_mb < large.memory_mb
 

@@ -1,4 +1,4 @@
-"""Options, and the plan that their knobs come to."""
+"""Options, and the plan that follows from their advanced options."""
 
 import json
 from dataclasses import FrozenInstanceError, fields
@@ -7,18 +7,20 @@ import numpy as np
 import pytest
 
 from lenses import gaussian_psf, make_lens
-from lensfield.engine import ImageError, Options, SpectralImage
+from lensfield.engine import ImageError, Options
 from lensfield.engine.blur import METHODS
 from lensfield.engine.blur.isoplanatic import Paper
-from lensfield.engine.errors import InputError
+from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.image.sampling import Sampling
 from lensfield.engine.plan.choose import make_plan
 from lensfield.engine.plan.plan import Plan
+from lensfield.engine.runtime.errors import InputError
 
 BLURRED = make_lens(gaussian_psf(4, 4, 1.0, 64), psf_pitch_um=1.0)
 
 
 def picture(rows, columns, pitch_um, **facts):
-    return SpectralImage(np.ones((1, rows, columns)), [550.0], pitch_um=pitch_um, **facts)
+    return Sampling(PixelGrid((rows, columns), pitch_um, **facts), (550.0,))
 
 
 def test_options_cannot_be_changed():

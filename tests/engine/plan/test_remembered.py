@@ -1,4 +1,4 @@
-"""Plans that are remembered are those that would be made; whatever they follow from tells them apart."""
+"""Cached plans equal new ones, and everything that a plan depends on is part of the key."""
 
 import json
 from concurrent.futures import ThreadPoolExecutor
@@ -9,6 +9,8 @@ import pytest
 
 from lenses import comatic_lens, gaussian_psf, make_lens
 from lensfield.engine import Kept, Options, SpectralImage, simulate
+from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.image.sampling import Sampling
 from lensfield.engine.plan import choose, remembered
 from lensfield.engine.plan.choose import make_plan
 from lensfield.engine.plan.remembered import remembered_plan
@@ -19,9 +21,12 @@ ASKED = {"accuracy": Options(), "fine": Options(accuracy=1e-3), "double": Option
          "knobs": Options(section_size=8, psf_energy=1), "paper": Options(method="paper")}
 
 
-def picture(shape=(40, 50), wavelengths_nm=(450.0, 600.0), **facts):
-    return SpectralImage(np.ones((len(wavelengths_nm), *shape), np.float32), wavelengths_nm,
-                         **{"pitch_um": 20.0} | facts)
+def picture():
+    return SpectralImage(np.ones((2, 40, 50), np.float32), (450.0, 600.0), pitch_um=20.0)
+
+
+def sampling(shape=(40, 50), wavelengths_nm=(450.0, 600.0), **facts):
+    return Sampling(PixelGrid(shape, **{"pitch_um": 20.0} | facts), wavelengths_nm)
 
 
 @pytest.fixture
@@ -33,7 +38,7 @@ def folder(tmp_path, monkeypatch):
 
 @pytest.fixture
 def made(monkeypatch):
-    """The plans that are made and not recalled."""
+    """The plans that are computed instead of read from the cache."""
     plans = []
 
     def counted(*asked):
@@ -51,23 +56,23 @@ def forget_process():
 @pytest.mark.parametrize("asked", ASKED)
 @pytest.mark.parametrize("lens", [LENS, make_lens(gaussian_psf(4, 4, 1.0, 16), psf_pitch_um=10.0)])
 def test_a_remembered_plan_is_the_plan_that_was_made(asked, lens, folder, made):
-    first = remembered_plan(ASKED[asked], lens, picture())
-    again = remembered_plan(ASKED[asked], replace(lens), picture())
+    first = remembered_plan(ASKED[asked], lens, sampling())
+    again = remembered_plan(ASKED[asked], replace(lens), sampling())
     forget_process()
-    from_disk = remembered_plan(ASKED[asked], lens, picture())
-    assert len(made) == 1 and first == again == from_disk == make_plan(ASKED[asked], lens, picture())
+    from_disk = remembered_plan(ASKED[asked], lens, sampling())
+    assert len(made) == 1 and first == again == from_disk == make_plan(ASKED[asked], lens, sampling())
     assert from_disk.error_bound == first.error_bound and from_disk.memory_mb == first.memory_mb
     assert type(from_disk.method) is type(first.method) and from_disk.text and from_disk.seconds > 0
 
 
 def test_whatever_a_plan_follows_from_tells_it_from_others(folder, made):
-    others = [(Options(), LENS, radiance) for radiance in (
-        picture(), picture(shape=(41, 50)), picture(shape=(40, 51)), picture(pitch_um=19.0),
-        picture(centre_px=(19.0, 24.5)), picture(overscan_px=(2, 0)), picture(overscan_px=(0, 2)),
-        picture(wavelengths_nm=(450.0, 601.0)), picture(wavelengths_nm=(450.0,)), picture(projection="equidistant"))]
-    others += [(Options(accuracy=0.02), LENS, picture()), (Options(out_of_field="vignette"), LENS, picture()),
-               (Options(), replace(LENS, f_number_effective=4.0), picture()),
-               (Options(), make_lens(gaussian_psf(6, 6, 2.5, 25), heights_mm=LENS.heights_mm), picture())]
+    others = [(Options(), LENS, each) for each in (
+        sampling(), sampling(shape=(41, 50)), sampling(shape=(40, 51)), sampling(pitch_um=19.0),
+        sampling(centre_px=(19.0, 24.5)), sampling(overscan_px=(2, 0)), sampling(overscan_px=(0, 2)),
+        sampling(wavelengths_nm=(450.0, 601.0)), sampling(wavelengths_nm=(450.0,)), sampling(projection="equidistant"))]
+    others += [(Options(accuracy=0.02), LENS, sampling()), (Options(out_of_field="vignette"), LENS, sampling()),
+               (Options(), replace(LENS, f_number_effective=4.0), sampling()),
+               (Options(), make_lens(gaussian_psf(6, 6, 2.5, 25), heights_mm=LENS.heights_mm), sampling())]
     assert len({lens.name for _, lens, _ in others}) == 1
     for asked in others:
         remembered_plan(*asked)
@@ -78,26 +83,26 @@ def test_whatever_a_plan_follows_from_tells_it_from_others(folder, made):
 
 
 def test_plans_of_another_version_of_the_code_are_made_anew(folder, made, monkeypatch):
-    remembered_plan(Options(), LENS, picture())
+    remembered_plan(Options(), LENS, sampling())
     forget_process()
-    monkeypatch.setattr(remembered.cache, "code_version", lambda *rooms: "another")
-    remembered_plan(Options(), LENS, picture())
+    monkeypatch.setattr(remembered.cache, "build_identity", lambda: "another")
+    remembered_plan(Options(), LENS, sampling())
     assert len(made) == 2
 
 
 def test_a_damaged_file_is_made_anew(folder, made):
-    first = remembered_plan(Options(), LENS, picture())
+    first = remembered_plan(Options(), LENS, sampling())
     path, = (folder / "plans").iterdir()
     path.write_bytes(path.read_bytes().replace(b"azimuths", b"azimutts"))
     forget_process()
-    assert remembered_plan(Options(), LENS, picture()) == first and len(made) == 2
+    assert remembered_plan(Options(), LENS, sampling()) == first and len(made) == 2
     forget_process()
-    remembered_plan(Options(), LENS, picture())
+    remembered_plan(Options(), LENS, sampling())
     assert len(made) == 2
 
 
 def test_the_file_is_text_that_people_can_read(folder):
-    plan = remembered_plan(Options(), LENS, picture())
+    plan = remembered_plan(Options(), LENS, sampling())
     path, = (folder / "plans").iterdir()
     facts = json.loads(path.read_text().split("\n", 1)[1])
     assert facts["method"] == plan.method.name and facts["psf_radius_px"] == plan.psf_radius_px
@@ -106,7 +111,7 @@ def test_the_file_is_text_that_people_can_read(folder):
 def test_without_a_folder_the_process_remembers(folder, made):
     folder.write_text("in the way")
     for _ in range(2):
-        remembered_plan(Options(), LENS, picture())
+        remembered_plan(Options(), LENS, sampling())
     assert len(made) == 1
 
 
@@ -114,14 +119,14 @@ def test_the_process_remembers_so_many(folder, made, monkeypatch):
     monkeypatch.setattr(remembered, "MOST_IN_PROCESS", 2)
     folder.write_text("in the way")
     for rows in (30, 31, 32, 32, 31, 30):
-        remembered_plan(Options(section_size=8), LENS, picture(shape=(rows, 40)))
+        remembered_plan(Options(section_size=8), LENS, sampling(shape=(rows, 40)))
     assert len(made) == 4 and len(remembered._plans) == 2
 
 
 def test_off_is_off_in_the_process_too(made, monkeypatch):
     monkeypatch.setenv("LENSFIELD_CACHE", "off")
     for _ in range(2):
-        remembered_plan(Options(), LENS, picture())
+        remembered_plan(Options(), LENS, sampling())
     assert len(made) == 2
 
 
@@ -137,15 +142,15 @@ def test_simulate_remembers_and_a_cold_run_does_not(folder, made, monkeypatch):
 
 def test_seconds_are_those_of_now(folder, monkeypatch):
     monkeypatch.setattr(choose.cost, "machine_factor", lambda: 1e3)
-    slow = remembered_plan(Options(), LENS, picture())
+    slow = remembered_plan(Options(), LENS, sampling())
     for forget in (lambda: None, forget_process):
         forget()
         monkeypatch.setattr(choose.cost, "machine_factor", lambda: 1.0)
-        assert remembered_plan(Options(), LENS, picture()).seconds < slow.seconds / 100
+        assert remembered_plan(Options(), LENS, sampling()).seconds < slow.seconds / 100
 
 
 def test_threads_share_it(folder):
     shapes = [(rows, 40) for rows in range(30, 38)] * 4
     with ThreadPoolExecutor(8) as pool:
-        plans = list(pool.map(lambda shape: remembered_plan(Options(accuracy=0.1), LENS, picture(shape)), shapes))
-    assert plans == [make_plan(Options(accuracy=0.1), LENS, picture(shape)) for shape in shapes[:8]] * 4
+        plans = list(pool.map(lambda shape: remembered_plan(Options(accuracy=0.1), LENS, sampling(shape)), shapes))
+    assert plans == [make_plan(Options(accuracy=0.1), LENS, sampling(shape)) for shape in shapes[:8]] * 4

@@ -35,7 +35,7 @@ def test_a_light_of_a_colour_has_that_colour(rgb):
 
 @pytest.mark.parametrize("count, within", [(21, 0.011), (31, 0.005), (61, 0.0025)])
 def test_more_wavelengths_tell_the_primaries_better(count, within):
-    """As the guide has it, in Spectra: they are on the edge of the gamut, and come out a little beyond it."""
+    """As stated in the guide, under Spectra: they are on the edge of the gamut, and end up slightly beyond it."""
     nm = np.linspace(400, 700, count)
     seen = colour_of(emission_basis(nm).T, nm)
     np.testing.assert_allclose(seen, np.eye(3), atol=within)

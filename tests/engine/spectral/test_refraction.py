@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lensfield.engine.errors import InputError
+from lensfield.engine.runtime.errors import InputError
 from lensfield.engine.spectral import refraction
 from lensfield.engine.spectral.refraction import load_refraction, refraction_names
 
@@ -30,8 +30,8 @@ def read(folder, contents, name="material.yml"):
     return load_refraction(name, folder)
 
 
-# n_d or n_D as the makers and handbooks give them: Schott data sheets; CRC Handbook (quartz, calcite, sapphire,
-# fluorite and rock salt: ordinary ray at the sodium line; water at 20 C; ice Ih; diamond)
+# n_d or n_D from the makers and handbooks: Schott data sheets; CRC Handbook (quartz, calcite, sapphire, fluorite and
+# rock salt: ordinary ray at the sodium line; water at 20 C; ice Ih; diamond)
 @pytest.mark.parametrize("name, nm, n, within", [
     ("n-bk7", NM_D, 1.51680, 1e-5), ("f2", NM_D, 1.62004, 1e-5), ("sf10", NM_D, 1.72825, 1e-5),
     ("n-sf11", NM_D, 1.78472, 1e-5), ("n-fk51a", NM_D, 1.48656, 1e-5), ("fused-silica", NM_D, 1.45846, 1e-5),
@@ -82,7 +82,7 @@ def test_metals_shine_and_the_others_do_not():
     assert shiny == METALS
 
 
-# Each sum is done by hand at 0.5 or 1 um, with coefficients that make it short.
+# Each sum is computed by hand at 0.5 or 1 um, with coefficients that make it short.
 @pytest.mark.parametrize("number, coefficients, um, n", [
     (1, "0 1 0.5", 1.0, (1 + 1 / 0.75)**0.5), (1, "0.5 1 0.5 3 2", 1.0, (1.5 + 1 / 0.75 - 1)**0.5),
     (2, "0 1 0.5", 1.0, 3**0.5), (2, "0.25 1 0.04 0.6 2", 0.5, (1.25 + 0.25 / 0.21 - 0.15 / 1.75)**0.5),
@@ -99,8 +99,8 @@ def test_formulas_by_hand(tmp_path, number, coefficients, um, n):
     assert read(tmp_path, formula(number, coefficients)).n_at(um * 1000) == pytest.approx(n, rel=1e-12)
 
 
-# Of the database's own examples where a formula is rare: silicon at 2.4373 um (Edwards and Ochoa 1980 measured 3.4434)
-# and urea's extraordinary ray at 597 nm (Rosker 1985: 1.605)
+# Examples from the database, for rare formulas: silicon at 2.4373 um (Edwards and Ochoa 1980 measured 3.4434) and
+# urea's extraordinary ray at 597 nm (Rosker 1985: 1.605)
 @pytest.mark.parametrize("number, coefficients, span, nm, n", [
     (7, "3.41983 0.159906 -0.123109 1.26878E-6 -1.95104E-9", (2.4373, 25), 2437.3, 3.4434),
     (9, "2.51527 0.0240 0.0300 0.020 1.52 0.8771", (0.3, 1.06), 597, 1.605)])
@@ -156,7 +156,7 @@ def test_a_formula_that_has_no_number_somewhere_says_so_there(tmp_path):
 
 
 def nested(depth, entries=9):
-    """YAML of a few hundred bytes that means entries to the power of depth items."""
+    """YAML of a few hundred bytes that expands to entries to the power of depth items."""
     lines = ["a0: &a0 [x]"] + [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * entries)}]" for i in range(1, depth)]
     return "\n".join(lines) + f"\nREFERENCES: *a{depth - 1}\nDATA:\n  - type: *a{depth - 1}\n    data: *a{depth - 1}\n"
 

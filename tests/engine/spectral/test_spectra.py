@@ -1,4 +1,4 @@
-"""Spectra: reading them, densities, wavelength lists, and colours made into spectra."""
+"""Spectra: reading, densities, lists of wavelengths, and conversion of colours to spectra."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import trapezoid
 
-from lensfield.engine.errors import InputError
+from lensfield.engine.runtime.errors import InputError
 from lensfield.engine.spectral import spectra
 from lensfield.engine.spectral.refraction import load_refraction
 from lensfield.engine.spectral.spectra import (
@@ -139,7 +139,7 @@ def test_bad_text_is_an_input_error(text):
 @pytest.mark.parametrize("text", ["1" * 10**6, "1" * 60000, "1" * 30000 + "." + "1" * 30000, "1e" + "1" * 60000,
                                   "400:" + "1" * 60000 + "x", "~no-such-user/x", "~no-such-user", "[" + "1 " * 30000])
 def test_texts_of_a_million_digits_and_homes_of_nobody_are_told_at_once(text):
-    """None takes time that grows with its length squared: that would be hours."""
+    """None takes quadratic time in its length, which would be hours."""
     for read in (load_spectrum, load_refraction, parse_wavelengths):
         with pytest.raises(InputError) as error:
             read(text)
@@ -246,7 +246,7 @@ def chromaticity(spectrum):
     return tristimulus[:2] / tristimulus.sum()
 
 
-# CIE 015:2018: the chromaticities that the CIE gives beside the spectra (and for E, by definition)
+# CIE 015:2018: the chromaticities that the CIE states with the spectra (and for E, by definition)
 @pytest.mark.parametrize("name, x, y", [
     ("illuminant-a", 0.44758, 0.40745), ("illuminant-d50", 0.34567, 0.35850), ("illuminant-d55", 0.33243, 0.34744),
     ("illuminant-d65", 0.31272, 0.32903), ("illuminant-d75", 0.29903, 0.31488), ("illuminant-e", 1 / 3, 1 / 3),
@@ -281,12 +281,12 @@ def test_a_colour_made_into_a_reflectance_looks_the_same_under_d65(rgb):
 
 
 def test_the_curves_of_the_primaries_have_no_steps():
-    assert np.abs(np.diff(reflectance_basis(NM), axis=0)).max() < 0.2  # in 5 nm
+    assert np.abs(np.diff(reflectance_basis(NM), axis=0)).max() < 0.2  # over 5 nm
 
 
 @pytest.mark.parametrize("lamp", ["fluorescent-fl2", "fluorescent-fl11", "led-b3", "led-rgb1", "sodium-hp1"])
 def test_measured_natural_reflectances_look_right_under_lamps_when_made_from_their_colours(lamp):
-    # USGS samples that took no part in the fit; XYZ as parts of the Y of white
+    # USGS samples that were not part of the fit; XYZ as fractions of the Y of white
     d65, light, matching = load_spectrum("illuminant-d65").at(NM), load_spectrum(lamp).at(NM), colour_matching(NM)
     for name in ("brick-red", "concrete-grey", "grass-dry", "leaf-maple", "sand-beach", "snow-melting", "wood-pine"):
         measured = load_spectrum(name).at(NM)
@@ -337,15 +337,15 @@ def test_a_lamp_without_light_in_the_band_has_no_lumens_and_no_means():
 
 
 def test_band_means_of_a_flat_lamp_by_hand():
-    # 0.01 per nm from 500 to 600 nm; the hat about 550 of base 450 to 650 is 1/2 at 500 and 600: 0.75 of 100 nm under
-    # it, so 0.01 * 75 / 100. That about 450 falls from 1/2 at 500 to 0 at 550: 12.5 nm under it of its 50.
+    # 0.01 per nm from 500 to 600 nm; the hat about 550 of base 450 to 650 is 1/2 at 500 and 600, with an area of 0.75
+    # of 100 nm, so 0.01 * 75 / 100. The hat about 450 falls from 1/2 at 500 to 0 at 550: an area of 12.5 nm of its 50.
     means = load_spectrum("500:1, 600:1").band_means([450, 550, 650])
     np.testing.assert_allclose(means, [0.0025, 0.0075, 0.0025], rtol=1e-12)
 
 
 def test_band_means_of_a_ramp_by_hand():
-    # density (nm - 400) / 20000 from 400 to 600; of a straight line, a whole hat's mean is the value in its middle, a
-    # half hat's the value a third of the way in
+    # density (nm - 400) / 20000 from 400 to 600; for a straight line, the mean under a full hat is the value in its
+    # middle, and under a half hat the value a third of the way in
     ramp = load_spectrum("400:0, 600:1")
     np.testing.assert_allclose(ramp.band_means([440, 500, 560]), np.array([60, 100, 140]) / 20000, rtol=1e-12)
 

@@ -1,11 +1,11 @@
-"""How few wavelengths a scene takes: the linear estimate against light that bounces between known surfaces."""
+"""The number of wavelengths for a scene: the linear estimate against light that bounces between known surfaces."""
 
 from functools import cache
 
 import numpy as np
 import pytest
 
-from lensfield.engine.errors import InputError
+from lensfield.engine.runtime.errors import InputError
 from lensfield.engine.spectral.colour_difference import ciede2000, lab_from_xyz
 from lensfield.engine.spectral.spectra import (
     Spectrum,
@@ -25,8 +25,8 @@ from lensfield.engine.spectral.wavelength_choice import (
 OUTPUT_NM = np.linspace(400, 700, 31)
 FINE_NM = np.linspace(400, 700, 301)
 CHART = tuple(load_spectrum(name).at for name in library_names("reflectance") if name.startswith("chart"))
-SLACK = 1.15  # other light than was tried, the 95 of 100 not the same
-SUM_ROUNDING = OUTPUT_NM.size**2 * np.finfo(float).eps / NOISE_SHARE  # of a solution as ill as can be
+SLACK = 1.15  # for light other than the tested samples, and the quantile of 95 %
+SUM_ROUNDING = OUTPUT_NM.size**2 * np.finfo(float).eps / NOISE_SHARE  # of the worst-conditioned solution
 FEW = CHART[14], CHART[13], CHART[12]  # red, green, blue
 
 
@@ -63,14 +63,14 @@ def at(light, nm):
 
 
 def colour_errors(true, estimated, lamp, nm):
-    """CIEDE2000 beside a perfect white in the lamp's light."""
+    """CIEDE2000 relative to a perfect white in the lamp's light."""
     matching = lamp(nm)[:, None] * colour_matching(nm)
     white = matching.sum(axis=0)
     return ciede2000(lab_from_xyz(true @ matching, white), lab_from_xyz(np.maximum(estimated, 0) @ matching, white))
 
 
 def estimate_error(plan, light, lamp):
-    """The colour error that 95 % of these lights stay within, as estimated from the nodes of a plan."""
+    """The 95th percentile of the colour errors of these lights, as estimated from the nodes of a plan."""
     nm = plan.output_nm
     errors = colour_errors(at(light, nm), at(light, plan.nodes_nm) @ plan.weights.T, lamp, nm)
     return np.percentile(errors, 95)
@@ -124,7 +124,7 @@ def test_grey_counts_in_the_reference_too():
 def test_preview_takes_three_wavelengths(per_pass):
     plan = choose_wavelengths(CHART, [white_density], OUTPUT_NM, SpectralOptions("preview"), per_pass=per_pass)
     assert plan.nodes_nm.size == 3
-    assert plan.nodes_nm[0] < 490 < plan.nodes_nm[1] < 580 < plan.nodes_nm[2]  # one of each third of the visible
+    assert plan.nodes_nm[0] < 490 < plan.nodes_nm[1] < 580 < plan.nodes_nm[2]  # one in each third of the visible range
 
 
 @pytest.mark.parametrize("output_nm", [[550.0], [450.0, 650.0], [450.0, 550.0, 650.0]])
@@ -147,7 +147,7 @@ def test_uneven_wavelengths_are_foreseen(output_nm):
 @pytest.mark.parametrize("lamp", [white_density, flat, load_spectrum("illuminant-a").density_at,
                                   load_spectrum("led-rgb1").band_means], ids=["D65", "flat", "A", "LED"])
 def test_rooms_stay_within_what_was_predicted(factors, lamp):
-    """Light that goes round in rooms of these colours, worked out wavelength by wavelength."""
+    """Light that bounces in rooms of these colours, computed wavelength by wavelength."""
     plan = choose_wavelengths(factors, [lamp], OUTPUT_NM)
     assert plan.colour_error <= STANDARD_COLOUR_ERROR and plan.nodes_nm.size <= 12
     assert estimate_error(plan, rooms(factors), lamp) <= SLACK * plan.colour_error
@@ -155,14 +155,14 @@ def test_rooms_stay_within_what_was_predicted(factors, lamp):
 
 @pytest.mark.parametrize("limit", [0.1, 0.5, 2.0])
 def test_prediction_is_no_empty_promise(limit):
-    """Not so pessimistic that it says nothing: what is measured is at least a quarter of it."""
+    """The prediction is useful: the measured error is at least a quarter of it."""
     plan = choose_wavelengths(CHART, [white_density], OUTPUT_NM, SpectralOptions(colour_error=limit))
     assert limit / 10 < plan.colour_error <= limit
     assert plan.colour_error / 4 < estimate_error(plan, rooms(CHART), white_density) <= plan.colour_error
 
 
 def test_colours_of_textures_are_foreseen():
-    """Nodes compute colours that nobody knows before: what Rec. 709 colours become goes round in rooms."""
+    """Nodes compute colours that are unknown in advance: light bounces in rooms of random Rec. 709 colours."""
     painted = np.random.default_rng(8).random((40, 3))
     light = rooms(tuple(lambda nm, colour=colour: reflectance_basis(nm) @ colour for colour in painted))
     plan = choose_wavelengths([], [white_density], OUTPUT_NM, mixed_colours=True)
@@ -219,7 +219,7 @@ def test_errors_go_with_the_standard_tier_alone(tier, field):
 
 
 def test_the_light_of_a_single_line_is_foreseen_where_it_is():
-    """Sodium's pair lies between the wavelengths of any grid: the estimate has to be true there and nowhere else."""
+    """Sodium's pair is between the wavelengths of any grid: the estimate must be correct there and nowhere else."""
     lamp = line(589.3)
     plan = choose_wavelengths(CHART, [lamp.band_means], OUTPUT_NM)
     assert plan.nodes_nm.size == 3 and np.abs(plan.nodes_nm - 589.3).min() < 5
@@ -229,7 +229,7 @@ def test_the_light_of_a_single_line_is_foreseen_where_it_is():
 def test_understood_scenes_hardly_surprise_and_foreign_ones_do():
     plan = choose_wavelengths(CHART, [white_density], OUTPUT_NM)
     assert plan.surprise(at(rooms(CHART), plan.nodes_nm).T) < 2
-    comb = np.exp(-0.5 * ((FINE_NM - np.arange(410, 700, 13)[:, None]) / 8)**2)  # dyes of narrow bands
+    comb = np.exp(-0.5 * ((FINE_NM - np.arange(410, 700, 13)[:, None]) / 8)**2)  # narrow-band dyes
     assert plan.surprise(at(comb, plan.nodes_nm).T) > 10
     one_in_ten = np.concatenate([at(rooms(CHART), plan.nodes_nm), at(comb, plan.nodes_nm)])
     assert plan.surprise(one_in_ten.T) > 3
@@ -244,7 +244,7 @@ def test_surprise_does_not_depend_on_brightness_or_shape():
 
 
 def test_the_plan_is_the_same_each_time():
-    """But for the last digits: how a linear algebra library sums up depends on where in memory its arrays lie."""
+    """Except for the last digits: sums in a linear algebra library depend on the memory addresses of its arrays."""
     first, second = (choose_wavelengths(CHART, [white_density], OUTPUT_NM, mixed_colours=True) for _ in range(2))
     np.testing.assert_array_equal(first.nodes_nm, second.nodes_nm)
     np.testing.assert_allclose(first.weights, second.weights, atol=SUM_ROUNDING)

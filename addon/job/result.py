@@ -1,0 +1,110 @@
+"""The files and the report of a rendered frame."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+
+from ...engine import Report
+from ...engine.runtime.errors import InputError
+
+FRAME_FILES = {"radiance": "radiance.exr", "irradiance": "irradiance.exr", "lens_image": "lens_image.exr",
+               "depth": "depth.exr", "before": "before.png", "after": "after.png", "record": "report.json"}
+PINHOLE_FILES = "radiance", "before"
+"""The FRAME_FILES that a traced lens does not write: they show the view of a pinhole."""
+LENS_FILES = {name: f"{name}.exr" for name in ("relative_illumination", "stmap_distort", "stmap_undistort")}
+
+
+@dataclass(frozen=True)
+class Result:
+    """The files and the report of a job.
+
+    Attributes
+    ----------
+    radiance, irradiance : Path
+        Spectral EXRs. The radiance file also contains the capture's depth and, for a transparent film, its alpha.
+    lens_image : Path
+        A plain EXR: linear R, G and B, premultiplied by its alpha.
+    depth : Path
+        In metres, by the scene's Unit Scale, distorted like the lens image: nearest samples, 1e10 for the background.
+    before, after : Path
+        PNGs: the scene through a perfect pinhole and through the lens.
+    record : Path
+        JSON: the report and the frame's settings, which `record.py` reads back.
+    relative_illumination, stmap_distort, stmap_undistort : Path
+        Properties of the lens, one file for all frames; docs/stmap.md has the convention.
+    report : Report
+    """
+
+    radiance: Path
+    irradiance: Path
+    lens_image: Path
+    depth: Path
+    before: Path
+    after: Path
+    record: Path
+    relative_illumination: Path
+    stmap_distort: Path
+    stmap_undistort: Path
+    report: Report
+
+    @classmethod
+    def of(cls, scene, folder, frame):
+        """The Result of a frame of a scene in this folder; its report names the files."""
+        return cls.called(bpy.path.clean_name(scene.name), folder, frame)
+
+    @classmethod
+    def called(cls, stem, folder, frame):
+        """The Result of a frame whose file names start with `stem`."""
+        files = {name: folder / f"{stem}_{frame:04d}_{end}" for name, end in FRAME_FILES.items()} | {
+            name: folder / f"{stem}_{end}" for name, end in LENS_FILES.items()}
+        return cls(**files, report=Report(files={name: str(path) for name, path in files.items()}))
+
+    @classmethod
+    def beside(cls, path, name, folder=None):
+        """The Result of the frame whose `name` file, such as its radiance, is at `path`; with its files in `folder`, if
+        given.
+
+        Raises
+        ------
+        InputError
+            The file name does not match.
+        """
+        parts = re.fullmatch(rf"(.+)_(-?\d+)_{re.escape(FRAME_FILES[name])}", path.name)
+        result = parts and cls.called(parts[1], path.parent if folder is None else Path(folder), int(parts[2]))
+        if not result or getattr(result, name).name != path.name:
+            raise InputError(path, "file", "not named as by a render",
+                             f"expected one such as Scene_0001_{FRAME_FILES[name]}")
+        return result
+
+    @property
+    def pictures(self):
+        """The files of the frame, except its record."""
+        return tuple(getattr(self, name) for name in FRAME_FILES if name != "record")
+
+    @property
+    def files(self):
+        return tuple(getattr(self, name) for name in (*FRAME_FILES, *LENS_FILES))
+
+    @property
+    def told(self):
+        """The file, the time, the plan and the remarks: list of lines."""
+        seconds = sum(self.report.stages.values())
+        scene, file = self.report.scene, self.report.file
+        made_of = scene.scene_plan if scene else f"of the light in {file.radiance}"
+        return [f"{self.lens_image} in {seconds:.1f} s", made_of, *self.report.remarks()]
+
+
+def check_beside_frames(folder, *paths):
+    """Raise an InputError for a file in the output folder whose name is, or could become, a frame's.
+
+    Parameters
+    ----------
+    folder : Path
+    paths : Path or None
+    """
+    of_frame = re.compile(rf".+_-?\d+_({'|'.join(map(re.escape, FRAME_FILES.values()))})", re.IGNORECASE)
+    for path in filter(None, paths):
+        if path.resolve().parent == folder.resolve() and of_frame.fullmatch(path.name):
+            raise InputError(path, "file", "called as one of a frame", "give it another name or folder")

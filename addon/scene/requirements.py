@@ -1,0 +1,51 @@
+"""Requirements on a scene for any lens render: checked by the window, by preflight and by the render itself.
+
+The checks read settings only. They take microseconds, so a panel can run them each time it is drawn.
+"""
+
+from math import inf
+
+from .camera import check_camera, frame_px, render_region
+from .errors import SceneError
+from .still import camera_at
+
+LEAST_PX = 4  # Blender renders no smaller side, whatever the resolution says
+
+
+def check_scene(scene, *, frames=(), view_layer=None, view=None, **_):
+    """Raise a SceneError for the first reason why the scene cannot be rendered through a lens.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    frames : iterable of int
+        Frames to render: checks all cameras that markers bind to them. Without frames, the active camera.
+    view_layer, view, ... : by name
+        Fields of a RenderRequest; by default the scene's settings.
+    """
+    settings = scene.lensfield
+    cameras = dict.fromkeys(camera_at(scene, frame) for frame in frames) or [scene.camera]
+    for camera in cameras:
+        check_camera(scene, settings.view.lower() if view is None else view, camera)
+    if not 0 < scene.unit_settings.scale_length < inf:
+        raise SceneError(f"scene {scene.name!r}", "unit scale", f"{scene.unit_settings.scale_length:g}",
+                         "expected a positive number: set it in the scene properties, under Units")
+    rows, columns = frame_px(scene)
+    if min(rows, columns) < LEAST_PX:
+        raise SceneError(f"scene {scene.name!r}", "resolution", f"{columns} x {rows} px",
+                         f"expected at least {LEAST_PX} px on each side")
+    if scene.background_set:
+        raise SceneError(f"scene {scene.name!r}", "background set", scene.background_set.name,
+                         "link its collections into this scene instead")
+    _check_view_layers(scene, settings.view_layer if view_layer is None else view_layer)
+    render_region(scene)
+
+
+def _check_view_layers(scene, chosen):
+    names = [layer.name for layer in scene.view_layers]
+    if chosen and chosen not in names:
+        raise SceneError(f"scene {scene.name!r}", "view layer", chosen, f"expected {' or '.join(names)}")
+    on = [layer.name for layer in scene.view_layers if layer.use]
+    if not chosen and len(on) != 1:
+        raise SceneError(f"scene {scene.name!r}", "view layers for rendering", ", ".join(on) or "none",
+                         "choose one of them: View Layer in Lensfield's settings, or --view-layer")

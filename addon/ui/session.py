@@ -1,0 +1,93 @@
+"""The state of the window's session: what panels, timers and handlers share until Blender ends. No file contains it."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ..job.preflight import Preflight
+
+
+@dataclass(frozen=True)
+class LastRender:
+    """The outcome of the last render.
+
+    Attributes
+    ----------
+    icon : str
+        Blender's icon of the lines.
+    lines : tuple of str
+    lens_image : Path or None
+        The newest lens image.
+    """
+
+    icon: str = "INFO"
+    lines: tuple[str, ...] = ()
+    lens_image: Path | None = None
+
+
+@dataclass(frozen=True)
+class Check:
+    """The last scene check.
+
+    Attributes
+    ----------
+    scene_uid : int or None
+        The session_uid of the scene, which no other scene has until Blender ends; None before the first check.
+    settings : object
+        The settings that were checked.
+    found : Preflight
+    """
+
+    scene_uid: int | None = None
+    settings: Any = None
+    found: Preflight = Preflight()
+
+
+@dataclass
+class CameraOverlay:
+    """Drawings over the camera's view.
+
+    Attributes
+    ----------
+    handle : object
+        Of the draw handler; None without one.
+    texture : gpu.types.GPUTexture or None
+        Of the preview.
+    tints : (array, gpu.types.GPUTexture)
+        The last tints of the focus overlay, and their texture.
+    """
+
+    handle: Any = None
+    texture: Any = None
+    tints: tuple[Any, Any] = (None, None)
+
+
+@dataclass
+class Session:
+    """The state of one Blender process.
+
+    Attributes
+    ----------
+    render : WindowRender or None
+        The render that is running in the background.
+    last_render : LastRender
+    preview : Preview or None
+        The preview, while it is on.
+    preview_failure : str
+        Why the preview was switched off; "" if the user did.
+    focus_overlay : bool
+        Whether the focus overlay is on.
+    overlay : CameraOverlay
+    check : Check
+    """
+
+    render: Any = None
+    last_render: LastRender = LastRender()
+    preview: Any = None
+    preview_failure: str = ""
+    focus_overlay: bool = False
+    overlay: CameraOverlay = field(default_factory=CameraOverlay)
+    check: Check = Check()
+
+
+session = Session()

@@ -1,0 +1,69 @@
+"""Options of `lensfield render` that other commands have, too: the .blend, its settings, the frames, the farm."""
+
+from pathlib import Path
+
+from ..engine.runtime.setting import settings_of
+from ..engine.spectral.wavelength_choice import SpectralOptions
+from ..request import FOLLOWER_FIELDS, RING_FIELDS, RenderRequest
+from .arguments import (
+    add_engine_options,
+    add_iris,
+    add_rings,
+    add_settings,
+    add_untrusted,
+    check_limits,
+    scene_defaults,
+)
+from .sequence import parse_frames
+
+FRAME_LIMITS = -1048574, 1048574  # Blender's
+OWN_FRAMES = "scene"
+ELSEWHERE = "lens", *RING_FIELDS, "lens_quality"
+"""Fields whose options other commands have, too: `add_engine_options`, `add_rings`."""
+
+
+def add_frame_options(render):
+    """Which frames are rendered, and whether finished ones count."""
+    render.add_argument("--frames", metavar="SPEC",
+                        help="frames to render: 7, 1-250, 1-250:2, 1,5,10-20, or scene for its own range (default: the "
+                             "current one). Those that are there already, whole and by the same settings, are not "
+                             "rendered again, and processes that render into one folder share them; --report tells "
+                             "of each")
+    render.add_argument("--overwrite", action="store_true",
+                        help="render all of them anew, and nothing of what is left of a render that was stopped")
+    render.add_argument("--any-build", action="store_true",
+                        help="accept finished frames from other builds of Lensfield (default: render them again)")
+
+
+def add_farm_options(group):
+    """How frames become tasks of a farm."""
+    group.add_argument("--frames-per-task", type=int, default=1, metavar="N",
+                       help="so many frames share the start of Blender, and what the lens needs (default: 1)")
+    group.add_argument("--blender", metavar="EXE",
+                       help="the Blender of those machines, which has the extension (default: the lensfield command "
+                            "that is installed there)")
+
+
+def add_scene_options(render):
+    """The .blend, and the settings of its render."""
+    render.add_argument("scene", type=Path, metavar="SCENE.blend")
+    add_settings(render, SpectralOptions, settings_of(SpectralOptions), scene_defaults(SpectralOptions))
+    listed = [name for name, each in settings_of(RenderRequest).items()
+              if each.option is not None and name not in (*ELSEWHERE, *FOLLOWER_FIELDS)]
+    add_settings(render, RenderRequest, listed, scene_defaults(RenderRequest))
+    render.add_argument("--samples", type=int, help="Cycles samples per pixel (default: the scene's)")
+    render.add_argument("--resolution", metavar="WIDTHxHEIGHT", help="size in pixels (default: the scene's)")
+    add_engine_options(render, of_scene=True)
+    add_rings(render, camera=True)
+    add_iris(render, camera=True)
+    add_untrusted(render)
+
+
+def requested_frames(text):
+    """The frames of --frames, ascending; None for the scene's own."""
+    if text == OWN_FRAMES:
+        return None
+    frames = parse_frames(text)
+    for frame in frames:
+        check_limits("--frames", frame, FRAME_LIMITS)
+    return frames

@@ -1,0 +1,154 @@
+"""`--untrusted`: a command on files of unknown origin, in a process confined to some folders and limits.
+
+The command starts itself again through `confine.py`, which leaves it access to the program, to the scene's folder and
+`--root` (reading) and to `--output` (writing). It waits for the process up to the time limit. In the process,
+`engine/runtime/inputs.py` checks every named file first, so that a refusal is one line about a file and not a system
+error.
+"""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from ..engine import InputError
+from ..engine.runtime.cache import cache_folder
+from ..engine.runtime.files import make_folder, temporary_folder
+from ..engine.runtime.inputs import confine
+from ..engine.runtime.memory import available_bytes
+from .arguments import TIME_LIMIT_S, check_limits
+from .confine import landlock_version
+from .task import lensfield_in
+
+LONGEST_S = 1e7
+GIGABYTE = 1e9
+MEMORY_LIMITS_GB = 2.0, 1e6  # Blender alone needs 1.5 GB of address space
+GRACE_S = 5.0  # for the command to remove half-written files
+CONFINED = "LENSFIELD_CONFINED"
+PACKAGE = Path(__file__).resolve().parents[1]
+OF_SYSTEM = ("/usr", "/lib", "/lib32", "/lib64", "/bin", "/etc/ld.so.cache", "/etc/ld.so.conf", "/etc/ld.so.conf.d",
+             "/etc/fonts", "/etc/localtime", "/proc", "/sys", "/dev/zero", "/dev/random", "/dev/urandom")
+NOWHERE = "/dev/null"
+OPTIONS = "root", "time_limit", "memory_limit"
+
+
+def run(options, arguments):
+    """Run a command, confined if requested, and return its exit status.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Commands that can be confined have `confines`, which returns the scene or picture and the output folder.
+    arguments : list of str
+        The command line that was parsed into `options`.
+    """
+    if not getattr(options, "untrusted", False):
+        for name in OPTIONS:
+            if getattr(options, name, None) is not None:
+                raise InputError("options", "--" + name.replace("_", "-"), "without --untrusted", "give both")
+    elif hasattr(options, "confines") and not getattr(options, "scheduler", None):  # a cluster's workers confine tasks
+        if not os.environ.pop(CONFINED, ""):
+            return _supervise(options, arguments)
+        read, write = _folders(options)
+        work = tempfile.gettempdir()
+        confine([*read, *write, work, PACKAGE, *filter(None, [cache_folder()])], [*write, work])
+    return options.run(options)
+
+
+def _folders(options):
+    """The folders to read from and the folders to write to: two lists."""
+    first, output = options.confines(options)
+    return [first.absolute().parent, *map(Path.absolute, options.root or ())], [output.absolute()] if output else []
+
+
+def _supervise(options, arguments):
+    """Run the command again in a confined process, and return its exit status.
+
+    Raises
+    ------
+    InputError
+        --output is missing, or the process reached a limit.
+    """
+    time_s = TIME_LIMIT_S if options.time_limit is None else options.time_limit
+    check_limits("--time-limit", time_s, (1.0, LONGEST_S))
+    memory_gb = options.memory_limit
+    if memory_gb is None:
+        memory_gb = available_bytes() / GIGABYTE
+    else:
+        check_limits("--memory-limit", memory_gb, MEMORY_LIMITS_GB)
+    what, (read, write) = options.confines(options)[0], _folders(options)
+    for folder in write:
+        make_folder(folder)
+    if not landlock_version():
+        print("untrusted: this system cannot confine a process (Landlock): files that the scene names are checked, "
+              "and no others", file=sys.stderr)
+    with temporary_folder() as work:
+        limits = {"read": [*_program(), *read, NOWHERE], "write": [work, *write, NOWHERE],
+                  "memory_bytes": int(memory_gb * GIGABYTE), "cpu_s": int(time_s * (os.cpu_count() or 1)) + 1}
+        path = work / "limits.json"
+        path.write_text(json.dumps(limits, default=str), encoding="utf-8")
+        status = _wait(_start([str(path), *_command(), *arguments], work), what, time_s)
+    if status < 0:
+        raise InputError(what, "process", f"ended by {signal.Signals(-status).name}",
+                         f"it may have met the memory limit of {memory_gb:.3g} GB: --memory-limit")
+    return status
+
+
+def _program():
+    """The program's files and folders, and its cache."""
+    folders = {sys.prefix, sys.base_prefix, sys.exec_prefix, *filter(os.path.isabs, sys.path)}
+    if blender := _blender():
+        import bpy
+
+        folders |= {os.path.dirname(blender), *map(bpy.utils.resource_path, ("USER", "LOCAL", "SYSTEM"))}
+    return [*OF_SYSTEM, *sorted(filter(None, folders)), PACKAGE, *filter(None, [cache_folder()])]
+
+
+def _blender():
+    """The Blender executable of this process; "" for the wheel."""
+    bpy = sys.modules.get("bpy")
+    return bpy.app.binary_path if bpy else ""
+
+
+def _command():
+    first, *more = lensfield_in(_blender() or None)
+    return [first, "--disable-autoexec", *more] if _blender() else [first, *more]
+
+
+def _start(command, work):
+    """Start the process, with `work` as its temporary folder."""
+    if os.name == "posix":
+        command = [sys.executable, "-I", str(Path(__file__).with_name("confine.py")), *command]
+    else:
+        command = command[1:]
+    return subprocess.Popen(command, env=os.environ | {CONFINED: "1"} | dict.fromkeys(("TMPDIR", "TMP", "TEMP"),
+                                                                                     str(work)),
+                            start_new_session=sys.platform == "linux")  # elsewhere, Ctrl-C must reach it
+
+
+def _wait(process, what, time_s):
+    """The exit status of a process; raises an InputError at the time limit."""
+    try:
+        return process.wait(time_s)
+    except subprocess.TimeoutExpired:
+        process.terminate()
+        raise InputError(what, "time limit", f"{time_s:g} s", "reached: --time-limit") from None
+    finally:
+        _end(process)
+
+
+def _end(process):
+    """End the process and, on Linux, all processes that it started."""
+    try:
+        process.wait(GRACE_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+    if sys.platform == "linux":
+        try:
+            os.killpg(process.pid, signal.SIGKILL)
+        except ProcessLookupError:
+            pass

@@ -1,0 +1,70 @@
+"""capture_planes(): the planes that a lens images at each wavelength, for flat radiance and for layers."""
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from dataclasses import replace
+
+from ..image.layers import Radiance
+from ..image.nonfinite import clamp_fireflies, clamp_layers, refuse_fireflies
+from ..image.spectral_image import RADIANCE, SpectralImage
+from ..lens import Lens
+from ..rays.ray_table import RayTable
+from ..runtime.errors import ImageError
+from .cast import CastPlane, cast
+from .iris import Iris, opening
+
+
+def capture_planes(radiance: Radiance, lens: Lens, rays: Callable[[float], RayTable], *, fireflies: str,
+                   most_rays: int, most_of_lamps: int, iris: Iris | None, progress: Callable[[float], object],
+                   stage: Callable[[str], AbstractContextManager[object]]) -> Iterator[CastPlane]:
+    """Yield the planes of a capture, wavelength by wavelength. Flat radiance counts as in focus.
+
+    Parameters
+    ----------
+    radiance : SpectralImage or LayeredRadiance
+    lens : Lens
+    rays : callable (reach) -> RayTable
+        Called only for layers: traces the lens's rays, as far out as the iris reaches.
+    fireflies : "refuse" or "clamp"
+        See `Options`.
+    most_rays, most_of_lamps : int
+        See `cast`.
+    iris : Iris or None
+    progress : callable (fraction)
+        For layers it reports casting, which takes longest.
+    stage : callable (name) -> context manager
+        Times a stage.
+
+    Raises
+    ------
+    ImageError
+        If the image is not radiance, or a pixel is not finite.
+    """
+    if isinstance(radiance, SpectralImage) and radiance.quantity != RADIANCE:
+        raise ImageError("image", "quantity", radiance.quantity, f"a lens takes {RADIANCE}")
+    if fireflies == "refuse":
+        refuse_fireflies(radiance)
+    if isinstance(radiance, SpectralImage):
+        return _in_focus(radiance, fireflies == "clamp", progress)
+    layered, clamped = clamp_layers(radiance) if fireflies == "clamp" else (radiance, 0)
+    with stage("rays"):
+        table = rays(opening(iris, lens).reach)
+    planes = cast(layered, lens, table, most_rays=most_rays, most_of_lamps=most_of_lamps, iris=iris, progress=progress)
+    return _in_depth(planes, layered.wavelengths_nm.size, clamped, stage)
+
+
+def _in_focus(image, clamp, progress):
+    for number, plane in enumerate(image.cube, 1):
+        plane, clamped = clamp_fireflies(plane) if clamp else (plane, 0)
+        yield CastPlane(plane, clamped=clamped)
+        progress(number / len(image.cube))
+
+
+def _in_depth(planes, wavelengths, clamped, stage):
+    """The planes of layers; the first one counts the clamped pixels of all wavelengths."""
+    for _ in range(wavelengths):
+        with stage("casting"):
+            plane = replace(next(planes), clamped=clamped)
+        yield plane
+        del plane  # it refers to the memory of all planes of a group
+        clamped = 0

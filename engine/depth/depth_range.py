@@ -1,0 +1,186 @@
+"""Depth: the range of object distances for which lens data, computed for one object plane, are valid.
+
+Distances are measured from the entrance pupil, the position of the capture's camera, along the optical axis: all points
+of a plane that faces the camera have the same depth.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..image.pixel_grid import PLANE, PixelGrid
+from ..lens.entrance_pupil import entrance_pupil_diameter_mm, focus_nearness
+from ..lens.lens import Lens
+from ..runtime.errors import ImageError, InputError
+
+AUTO, OFF, TRACED = DEPTHS = "auto", "off", "traced"
+"""Depth in layers, if the lens data are not valid for the complete scene; off; or by rays traced through the lens."""
+SHARP_PX, BLURRED_PX = 0.5, 2.0  # blur that pixels hide, and blur that is visible
+BACKGROUND_MM = 1e12  # or more: renderers write a large number for the background, Cycles 1e10 m
+
+
+@dataclass(frozen=True)
+class DepthCheck:
+    """A picture's depths, compared with the range for which the lens data are valid.
+
+    Attributes
+    ----------
+    blur_um : float
+        Allowed diameter of the defocus blur on the sensor.
+    near_mm, far_mm : float
+        Range of depths with at most this blur; far_mm may be inf.
+    nearest_mm, farthest_mm : float
+        Range of depths in the picture; inf for the background.
+    outside_fraction : float
+        Fraction of the pixels whose depth is not between near_mm and far_mm.
+    """
+
+    blur_um: float
+    near_mm: float
+    far_mm: float
+    nearest_mm: float
+    farthest_mm: float
+    outside_fraction: float
+
+    @property
+    def text(self) -> str:
+        """One line for a report."""
+        return (f"{self.outside_fraction:.1%} of the frame is out of the lens data's depth, {_metres(self.near_mm)} to "
+                f"{_metres(self.far_mm)}, where defocus blurs by at most {self.blur_um:.3g} um; the scene is at "
+                f"{_metres(self.nearest_mm)} to {_metres(self.farthest_mm)}")
+
+
+def sharp_range_mm(lens: Lens, blur_um: float) -> tuple[float, float]:
+    """Nearest and farthest depths at which defocus blurs by at most `blur_um`.
+
+    A point at the depth s sends a cone of light through the entrance pupil of diameter D. The cone is D |s - S| / s
+    wide in the plane of focus at the distance S, and |m| times as wide on the sensor. With the lens's
+    `capture_focal_length_mm` f, which is |m| S, this is D |f / s - |m||; for focus at infinity, f D / s. The same holds
+    off the axis, for planes that face the pupil.
+
+    Parameters
+    ----------
+    lens : Lens
+    blur_um : float
+        Diameter of the blur on the sensor.
+
+    Returns
+    -------
+    near_mm, far_mm : float
+        From the entrance pupil; far_mm may be inf.
+
+    Raises
+    ------
+    InputError
+        If the blur is not a positive number.
+    """
+    if not 0 < blur_um < np.inf:
+        raise InputError("options", "blur", blur_um, "expected a positive number of micrometres")
+    pupil_mm, focal_mm = entrance_pupil_diameter_mm(lens), lens.capture_focal_length_mm
+    magnification = 0.0 if np.isinf(lens.object_distance_mm) else abs(lens.magnification)
+    blur_mm = 1e-3 * blur_um
+    beyond = magnification * pupil_mm - blur_mm  # the blur at infinity, minus the allowed blur
+    return focal_mm * pupil_mm / (magnification * pupil_mm + blur_mm), (
+        focal_mm * pupil_mm / beyond if beyond > 0 else np.inf)
+
+
+def blur_px(lens: Lens, pitch_um: float, depth_mm: ArrayLike) -> np.ndarray:
+    """Diameter of the defocus blur of points at these depths, signed: positive nearer than the plane of focus.
+
+    It is D f (1 / s - 1 / S), in the notation of `sharp_range_mm`. The difference in blur between two depths is
+    therefore independent of the focus distance.
+
+    Returns
+    -------
+    array, in pixels of this pitch
+    """
+    with np.errstate(divide="ignore"):
+        nearness = 1 / np.asarray(depth_mm, dtype=float)
+    return blur_per_nearness_px(lens, pitch_um) * (nearness - focus_nearness(lens))
+
+
+def blur_per_nearness_px(lens: Lens, pitch_um: float) -> float:
+    """D f in pixels times mm: the derivative of `blur_px` with respect to the inverse depth."""
+    return entrance_pupil_diameter_mm(lens) * lens.capture_focal_length_mm / (pitch_um * 1e-3)
+
+
+def focus_range_px(lens: Lens, pitch_um: float) -> tuple[float, float]:
+    """Largest blur for the in-focus PSFs alone, and smallest blur for rays alone, in pixels of this pitch.
+
+    A wave of defocus is a blur 8 lambda N wide. Up to a quarter of this, diffraction and aberrations are the same as in
+    focus. From a wave on, geometry determines the blur, and its rays also determine occlusion. The limits are at least
+    SHARP_PX and BLURRED_PX.
+    """
+    wave_px = 8e-3 * lens.reference_wavelength_nm * lens.f_number_effective / pitch_um
+    return max(wave_px / 4, SHARP_PX), max(wave_px, BLURRED_PX)
+
+
+def focus_share(blur: ArrayLike, range_px: tuple[float, float]) -> np.ndarray:
+    """The share of light with this blur that counts as in focus: from 1 to 0, smoothly over `focus_range_px`."""
+    sharp, blurred = range_px
+    t = np.clip((np.abs(blur) - sharp) / (blurred - sharp), 0, 1)
+    return 1 - t * t * (3 - 2 * t)
+
+
+def planar_depth_mm(depth_mm: ArrayLike, lens: Lens, capture: PixelGrid) -> np.ndarray:
+    """Depths along the optical axis, from the depth pass of Cycles.
+
+    The pass contains depths for a perspective camera, but distances from the camera for a panoramic one. At the angle t
+    from an equidistant camera's axis, the depth is the distance times cos t, and NaN beyond 90 degrees.
+
+    Parameters
+    ----------
+    depth_mm : array (row, column)
+    lens : Lens
+    capture : PixelGrid
+
+    Returns
+    -------
+    array (row, column), inf for the background
+    """
+    depth_mm = np.where(np.asarray(depth_mm) >= BACKGROUND_MM, np.inf, depth_mm)
+    if capture.projection == PLANE:
+        return depth_mm
+    x_mm, y_mm = capture.axes_mm()
+    angle = np.hypot(x_mm[None, :], y_mm[:, None]) / lens.capture_focal_length_mm
+    return depth_mm * np.where(angle <= np.pi / 2, np.cos(angle), np.nan)
+
+
+def check_depth(depth_mm: ArrayLike, lens: Lens, pitch_um: float, blur_um: float | None = None) -> DepthCheck:
+    """Compare a picture's depths with the range for which the lens's PSFs, computed for one object plane, are valid.
+
+    Parameters
+    ----------
+    depth_mm : array (row, column)
+        Depth of every pixel of the frame along the optical axis from the entrance pupil; see `planar_depth_mm`. Pixels
+        with NaN do not count.
+    lens : Lens
+    pitch_um : float
+        Pixel pitch.
+    blur_um : float, optional
+        Allowed diameter of the defocus blur; one pixel pitch by default.
+
+    Returns
+    -------
+    DepthCheck
+
+    Raises
+    ------
+    ImageError
+        If all pixels are NaN.
+    """
+    depth_mm = np.asarray(depth_mm, dtype=float)
+    seen = depth_mm[~np.isnan(depth_mm)]
+    if not seen.size:
+        raise ImageError("depth", "pixels", "empty", "expected at least one that has a depth")
+    seen = np.where(seen >= BACKGROUND_MM, np.inf, seen)
+    blur_um = float(pitch_um if blur_um is None else blur_um)
+    near_mm, far_mm = sharp_range_mm(lens, blur_um)
+    outside = (seen < near_mm) | (seen > far_mm)
+    return DepthCheck(blur_um, float(near_mm), float(far_mm), float(seen.min()), float(seen.max()),
+                      float(outside.mean()))
+
+
+def _metres(distance_mm):
+    return "infinity" if np.isinf(distance_mm) else f"{distance_mm * 1e-3:.3g} m"

@@ -1,0 +1,69 @@
+"""Captures for a rotationally symmetric lens: their radius for each field height, and their overscan."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...image.pixel_grid import PLANE, PixelGrid
+from ...lens import Lens
+from .distortion import CaptureRadius, FieldGeometry
+
+
+def capture_radius(capture: PixelGrid, lens: Lens) -> CaptureRadius | None:
+    """The radius of paraxial heights in a capture, as a function; None for a plane with the sensor's scale.
+
+    A fisheye capture is equidistant: it shows a ray at the angle t from the axis, as seen from the entrance pupil, at
+    f t from the middle, with the focal length f of its pinhole. A plane shows it at f tan t. Both have the same scale
+    on the axis.
+
+    Returns
+    -------
+    callable (paraxial_height_mm) -> (radius_mm, slope), or None
+    """
+    own_mm = lens.capture_focal_length_mm
+    scale = (capture.focal_mm or own_mm) / own_mm
+
+    def on_plane(paraxial_height_mm):
+        return scale * paraxial_height_mm, np.full_like(paraxial_height_mm, scale)
+
+    def on_fisheye(paraxial_height_mm):
+        tangent = paraxial_height_mm / own_mm
+        return scale * own_mm * np.arctan(tangent), scale / (1 + tangent**2)
+
+    if capture.projection != PLANE:
+        return on_fisheye
+    return None if scale == 1 else on_plane
+
+
+def reach_px(lens: Lens, capture: PixelGrid, wavelengths_nm: Sequence[float] | np.ndarray, psf_radius_px: int) -> int:
+    """See `overscan.reach_px`."""
+    radius = capture_radius(capture, lens)
+    real_mm = np.linspace(0, np.hypot(*capture.frame_px) / 2 * capture.pitch_um * 1e-3, 257)
+    moved_mm = 0.0
+    for wavelength_nm in wavelengths_nm:
+        shown_mm = FieldGeometry(lens.at_wavelength(wavelength_nm), lens.name).paraxial_height_mm(real_mm)
+        if radius:
+            shown_mm = radius(shown_mm)[0]
+        moved_mm = max(moved_mm, float(np.abs(shown_mm - real_mm).max()))
+    return int(np.ceil(moved_mm / (capture.pitch_um * 1e-3))) + psf_radius_px + 1
+
+
+def overscan_px(lens: Lens, capture: PixelGrid, wavelengths_nm: Sequence[float] | np.ndarray,
+                psf_radius_px: int) -> tuple[int, int]:
+    """See `overscan.overscan_px`."""
+    radius = capture_radius(capture, lens)
+    half = np.array(capture.frame_px) / 2 + psf_radius_px
+    side_mm = [np.linspace(0, extent, 65) * capture.pitch_um * 1e-3 for extent in half]
+    needed = half.copy()
+    for wavelength_nm in wavelengths_nm:
+        field = FieldGeometry(lens.at_wavelength(wavelength_nm), lens.name)
+        for axis in (0, 1):
+            edge_mm, along_mm = side_mm[axis][-1], side_mm[1 - axis]
+            real_mm = np.hypot(edge_mm, along_mm)
+            paraxial_mm = field.paraxial_height_mm(real_mm)
+            ratio = field.paraxial_per_real(real_mm, paraxial_mm)
+            if radius:
+                ratio = ratio * radius(paraxial_mm)[0] / np.maximum(paraxial_mm, np.finfo(float).tiny)
+            needed[axis] = max(needed[axis], half[axis] * ratio.max())
+    rows, columns = (int(np.ceil(needed[axis] - capture.frame_px[axis] / 2)) + 1 for axis in (0, 1))
+    return rows, columns

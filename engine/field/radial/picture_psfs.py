@@ -1,0 +1,122 @@
+"""The PSFs of a lens on a picture's pixels: their reach, the pixels that they cover, and their errors."""
+
+from collections.abc import Iterator, Sequence
+from functools import cached_property, partial
+
+import numpy as np
+
+from ...image.sampling import Sampling
+from ...lens.lens import Lens
+from ...runtime.errors import ImageError
+from ...runtime.threads import thread_pool
+from ..mirror_symmetry import Planes
+from .distortion import FieldGeometry
+from .error_bound import AzimuthErrors, azimuth_error, isoplanatic_error
+from .psf_bank import PlacedPsfs, PsfBank, psf_radius_px
+
+LARGEST_PSF_RADIUS_PX = 2048
+ISOPLANATIC_SAMPLES = 4  # azimuths to examine
+PLACES = 48  # samples along each side of a picture, for the shares of heights
+
+
+class PicturePsfs:
+    """The PSFs of a lens on the pixels of a picture, at the `telling_wavelengths`.
+
+    Parameters
+    ----------
+    lens : Lens
+    sampling : Sampling
+    most_energy : float
+        The largest fraction of a PSF that will be used.
+
+    Raises
+    ------
+    ImageError
+        If the pixel pitch is so small that PSFs exceed LARGEST_PSF_RADIUS_PX.
+    LensError
+        If a wavelength is outside the lens data, or the distortion folds the field.
+    """
+
+    def __init__(self, lens: Lens, sampling: Sampling, most_energy: float) -> None:
+        self.whole_radius_px = psf_radius_px(lens, sampling.grid.pitch_um)
+        if self.whole_radius_px > LARGEST_PSF_RADIUS_PX:
+            raise ImageError("image", "pitch_um", sampling.grid.pitch_um, f"a point spread function would reach "
+                             f"{self.whole_radius_px} px; at most {LARGEST_PSF_RADIUS_PX} are done")
+        self._optics = [lens.at_wavelength(nm) for nm in telling_wavelengths(lens, sampling)]
+        self._fields = [FieldGeometry(each, lens.name) for each in self._optics]
+        self._grid, self._most_energy, self._reaches = sampling.grid, most_energy, {}
+
+    @cached_property
+    def _banks(self):
+        """A PsfBank for each wavelength, trimmed to the largest energy in use: complete PSFs need much memory."""
+        with thread_pool() as pool:
+            return list(pool.map(lambda each: PsfBank.of(each, self._grid.pitch_um).trimmed(self._most_energy),
+                                 self._optics))
+
+    @cached_property
+    def mirror_symmetric(self) -> bool:
+        """Whether all PSFs are symmetric about the meridional plane."""
+        return all(bank.mirror_symmetric for bank in self._banks)
+
+    def reach(self, energy: float) -> tuple[int, float]:
+        """Radius in pixels of PSFs trimmed to this energy, and the mean number of pixels that they cover."""
+        if energy >= 1:
+            return self.whole_radius_px, _covered(self.whole_radius_px - 1)
+        if energy not in self._reaches:
+            self._reaches[energy] = self._reach(energy)
+        return self._reaches[energy]
+
+    def _reach(self, energy):
+        supports = [bank.support_px(energy) for bank in self._banks]
+        radius_px = max(bank.radius_within_px(support) for bank, support in zip(self._banks, supports, strict=True))
+        taps = np.mean([_covered(support + bank.sample_size_px / 2)
+                        for bank, support in zip(self._banks, supports, strict=True)], axis=0)
+        return radius_px, float(self._height_shares @ np.maximum(taps[:-1], taps[1:]))
+
+    def mixing(self, energy: float, planes: Planes) -> Iterator[AzimuthErrors]:
+        """Yield the errors of PSFs trimmed to this energy in these planes, wavelength by wavelength."""
+        for psfs in self._trimmed(energy, planes):
+            yield AzimuthErrors(psfs.bank, psfs.last_height_mm())
+
+    def mixing_error(self, wavelengths: list[AzimuthErrors], steps: int, enough: float = np.inf) -> float:
+        """Largest error of trimmed PSFs mixed from a table with these steps, or some error above `enough`."""
+        return azimuth_error(wavelengths, steps, enough)
+
+    def one_psf_error(self, energy: float, planes: Planes, enough: float) -> float:
+        """Largest error of the PSF in the middle of the planes for the complete field, or some error above `enough`."""
+        worst = 0.0
+        for psfs in self._trimmed(energy, planes):
+            middle = [np.array([(n - 1) / 2]) for n in psfs.planes.grid.shape_px]
+            worst = max(worst, isoplanatic_error(psfs.bank, psfs.psfs(*middle)[0], psfs.last_height_mm(),
+                                                 ISOPLANATIC_SAMPLES))
+            if worst > enough:
+                break
+        return worst
+
+    def _trimmed(self, energy, planes):
+        radius_px, _ = self.reach(energy)
+        for bank, field in zip(self._banks, self._fields, strict=True):
+            yield PlacedPsfs(partial(bank.trimmed, energy, radius_px), field, planes)
+
+    @cached_property
+    def _height_shares(self):
+        """Share of the picture between each height of the lens data and the next: array (height - 1,)."""
+        rows, columns = ((np.arange(PLACES) + 0.5) * n / PLACES - 0.5 for n in self._grid.frame().shape_px)
+        x_mm, y_mm = self._grid.frame().position_mm(rows[:, None], columns)
+        heights_mm = self._optics[0].heights_mm
+        interval = np.searchsorted(heights_mm[1:-1], self._fields[0].paraxial_height_mm(np.hypot(x_mm, y_mm)))
+        return np.bincount(interval.ravel(), minlength=heights_mm.size - 1) / interval.size
+
+
+def telling_wavelengths(lens: Lens, sampling: Sampling) -> Sequence[float] | np.ndarray:
+    """The wavelengths that determine the largest error: the picture's, or adjacent ones of the lens data if fewer.
+
+    Between wavelengths of the lens data, PSFs are mixtures, and so are their errors.
+    """
+    around = lens.wavelengths_around(sampling.wavelengths_nm)
+    return around if len(around) < len(sampling.wavelengths_nm) else sampling.wavelengths_nm
+
+
+def _covered(reach_px):
+    """Number of pixels that a PSF with this reach from the middle of a pixel covers."""
+    return np.pi * (reach_px + 0.5) ** 2

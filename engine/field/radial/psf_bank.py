@@ -1,0 +1,309 @@
+"""The PSF bank: PSFs of a lens on the sensor's pixel grid, at any place in the field."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from ... import kernels
+from ...lens.lens import Lens, MonochromaticLens
+from ...lens.symmetry import mirror_symmetric
+from ...runtime.memory import check_room
+from ..mirror_symmetry import Planes
+from .distortion import FieldGeometry
+
+BATCH_SAMPLES = 1 << 16  # PSF samples that are processed together, to fit in the processor's cache
+COPIES = 3  # of the samples of all PSFs, while a bank is computed
+RINGS = 4  # circles for trimming between adjacent samples
+
+
+@dataclass(frozen=True, eq=False)
+class PsfBank:
+    """Pixel PSFs of one lens at one wavelength: samples of light, to be turned and distributed over the pixels.
+
+    Attributes
+    ----------
+    heights_mm : array (height,)
+    samples : array (height, sample)
+        The light of each sample; unit sum for each height.
+    lost : array (height,)
+        The fraction of each PSF that was trimmed.
+    v_px, u_px : arrays (sample,)
+        Positions relative to the chief ray: outwards, and tangential.
+    sample_size_px : float
+        Side of a sample, which is a square.
+    radius_px : int
+        Largest reach of a PSF from the pixel of its chief ray, in any direction.
+    mirror_symmetric : bool
+        Whether the PSFs are symmetric about the meridional plane.
+    """
+
+    heights_mm: np.ndarray
+    samples: np.ndarray
+    lost: np.ndarray
+    v_px: np.ndarray
+    u_px: np.ndarray
+    sample_size_px: float
+    radius_px: int
+    mirror_symmetric: bool
+
+    @classmethod
+    def of(cls, optics: MonochromaticLens, pixel_pitch_um: float) -> "PsfBank":
+        """The bank of a MonochromaticLens on pixels of this pitch, with all of its PSFs.
+
+        Raises
+        ------
+        ImageError
+            If there is not enough memory for PSFs of this resolution.
+        """
+        psf, symmetric = mirror_symmetric(optics.psf)
+        window = psf.shape[-1]
+        steps = refinement(optics, pixel_pitch_um)
+        finest = psf.shape[0] * ((window - 1) * steps + 1) ** 2
+        check_room("point spread functions", COPIES * np.dtype(np.float64).itemsize * finest, "give larger pixels")
+        refined = _refine(psf, steps).reshape(psf.shape[0], -1)
+        sample_size_px = optics.psf_pitch_um / steps / pixel_pitch_um
+        offset_px = (np.arange((window - 1) * steps + 1) - window // 2 * steps) * sample_size_px
+        v_px, u_px = np.repeat(offset_px, offset_px.size), np.tile(offset_px, offset_px.size)
+        kept = refined.any(axis=0)
+        samples = np.compress(kept, refined, axis=1)
+        samples /= samples.sum(axis=1, keepdims=True)
+        return cls(optics.heights_mm, samples, np.zeros(len(samples)), v_px[kept], u_px[kept], sample_size_px,
+                   psf_radius_px(optics, pixel_pitch_um), symmetric)
+
+    def trimmed(self, energy: float, radius_px: int | None = None) -> "PsfBank":
+        """Trim each PSF to the smallest circle around the chief ray that contains this energy, and normalise (Eq. 9).
+
+        Parameters
+        ----------
+        energy : float
+            The fraction of every complete PSF that is used.
+        radius_px : int, optional
+            Radius of the bank, which limits the circles; by default the smallest sufficient one.
+        """
+        if energy >= 1:
+            return self
+        half_px = np.sqrt(0.5) * self.sample_size_px
+        support_px = self.support_px(energy)
+        if radius_px is None:
+            radius_px = self.radius_within_px(support_px)
+        support_px = np.minimum(support_px, radius_px - 0.5 - half_px)
+        within = self._distance_px <= support_px[:, None] * (1 + 1e-9)
+        kept = within.any(axis=0)
+        samples = np.compress(kept, self.samples, axis=1)
+        samples *= np.compress(kept, within, axis=1)
+        light = samples.sum(axis=1)
+        return replace(self, samples=samples / light[:, None], lost=1 - light * (1 - self.lost), v_px=self.v_px[kept],
+                       u_px=self.u_px[kept], radius_px=radius_px)
+
+    def halo(self, energy: float, wider_energy: float, radius_px: int) -> "PsfBank":
+        """PSFs trimmed to a wider energy minus PSFs trimmed to this energy: light around these, and the same amount
+        less inside. Their sums are zero."""
+        wide = self.trimmed(wider_energy, radius_px)
+        within = wide._distance_px <= wide.support_px(energy)[:, None] * (1 + 1e-9)
+        core = np.where(within, wide.samples, 0)
+        return replace(wide, samples=wide.samples - core / core.sum(axis=1, keepdims=True))
+
+    def support_px(self, energy: float) -> np.ndarray:
+        """Radii of the smallest circles around the chief ray that contain this fraction of each complete PSF, or all of
+        the PSF in the bank: array (height,)."""
+        rings, inside = self._enclosed
+        return rings[np.argmax(inside >= np.minimum(energy, inside[:, -1:]) - 1e-9, axis=1)]
+
+    def radius_within_px(self, support_px: np.ndarray) -> int:
+        """Largest reach of PSFs in circles of these radii from the pixel of their chief ray."""
+        return min(self.radius_px, int(np.ceil(support_px.max() + np.sqrt(0.5) * self.sample_size_px + 0.5)))
+
+    @cached_property
+    def _distance_px(self):
+        return np.hypot(self.v_px, self.u_px)
+
+    @cached_property
+    def _enclosed(self):
+        """Radii of circles, array (ring,), and the fraction of each complete PSF inside: array (height, ring)."""
+        ring = np.ceil(self._distance_px / self.sample_size_px * RINGS - 1e-6).astype(np.int32)
+        outwards = np.argsort(ring, kind="stable")
+        rings, first = np.unique(ring[outwards], return_index=True)
+        inside = np.cumsum(np.add.reduceat(np.take(self.samples, outwards, axis=1), first, axis=1), axis=1)
+        return rings * (self.sample_size_px / RINGS), inside / inside[:, -1:] * (1 - self.lost[:, None])
+
+    def brightest(self, count: int) -> "PsfBank":
+        """A bank of a single PSF, without unit sum, that represents the PSFs of all heights.
+
+        It has the maximum of each sample over the heights, and only the `count` samples with the largest errors at the
+        edges of pixels.
+        """
+        samples, distance_px = self.samples.max(axis=0), self._distance_px
+        crosses = distance_px > 0.5 - self.sample_size_px
+        chosen = np.argsort(samples * distance_px * crosses)[-count:]
+        radius_px = int(np.ceil(distance_px[chosen].max() + np.sqrt(0.5) * self.sample_size_px + 0.5))
+        return replace(self, heights_mm=self.heights_mm[-1:], samples=samples[None, chosen], lost=np.zeros(1),
+                       v_px=self.v_px[chosen], u_px=self.u_px[chosen], radius_px=radius_px)
+
+    @property
+    def nbytes(self) -> int:
+        return self.samples.nbytes + self.u_px.nbytes + self.v_px.nbytes
+
+    def psfs(self, paraxial_height_mm: np.ndarray, azimuth_rad: np.ndarray) -> np.ndarray:
+        """PSFs integrated over the pixels, for chief rays that meet pixel centres.
+
+        They are interpolated linearly in field height (section 2.2.3: PSFs, never OTFs), constant beyond the last
+        height, rotated to the azimuth, distributed over the pixels by area, and normalised (Eq. 9).
+
+        Parameters
+        ----------
+        paraxial_height_mm, azimuth_rad : arrays (n,)
+            Places in the field. The azimuth is measured from +x (right) towards +y (up).
+
+        Returns
+        -------
+        float64 array (n, row, column), odd square, unit sums, the chief ray in the middle, row 0 at the top
+        """
+        size = 2 * self.radius_px + 1
+        result = np.empty((len(paraxial_height_mm), size, size))
+        batch = max(1, BATCH_SAMPLES // self.v_px.size)
+        for start in range(0, len(result), batch):
+            part = slice(start, start + batch)
+            energy = self._at_heights(np.asarray(paraxial_height_mm)[part])
+            result[part] = self._share_out(energy, np.asarray(azimuth_rad)[part])
+        result /= result.sum(axis=(1, 2), keepdims=True)
+        return result
+
+    def at_table_heights(self, azimuth_rad: np.ndarray) -> np.ndarray:
+        """PSFs of all heights of the table at these azimuths: float64 array (azimuth, height, row, column), unit sums.
+
+        The heights share the geometry, so this is several times faster than `psfs`.
+        """
+        azimuth_rad, size, samples = np.asarray(azimuth_rad), 2 * self.radius_px + 1, self.v_px.size
+        if kernels.running() != kernels.NUMPY:
+            return np.moveaxis(kernels.turn(self._turnable, azimuth_rad, size), 3, 1)
+        result = np.empty((azimuth_rad.size, self.heights_mm.size, size * size))
+        step = max(1, BATCH_SAMPLES // 4 // samples)  # four pixels for each sample
+        for start in range(0, azimuth_rad.size, step):
+            part = result[start:start + step]
+            pixels, shares = (np.stack(four, axis=2).transpose(1, 0, 2)
+                              for four in self._shares(azimuth_rad[start:start + step]))
+            pixels = pixels + np.arange(len(part))[:, None] * size * size
+            onto_pixels = sparse.csc_matrix((shares.ravel(), pixels.ravel(), np.arange(samples + 1) * 4 * len(part)),
+                                            (len(part) * size * size, samples))
+            part[:] = (onto_pixels @ self.samples.T).reshape(len(part), size * size, -1).swapaxes(1, 2)
+        return result.reshape(*result.shape[:2], size, size)
+
+    @cached_property
+    def _turnable(self):
+        return kernels.TurnableSamples.of(self.samples, self.v_px, self.u_px, self.sample_size_px)
+
+    def _at_heights(self, height_mm):
+        position = np.interp(height_mm, self.heights_mm, np.arange(self.heights_mm.size))
+        below = np.minimum(position.astype(int), self.heights_mm.size - 2)
+        weight = (position - below)[:, None]
+        return (1 - weight) * self.samples[below] + weight * self.samples[below + 1]
+
+    def _share_out(self, energy, azimuth_rad):
+        """Distribute each sample, a small square of light, over the pixels that it covers."""
+        size = 2 * self.radius_px + 1
+        stack = np.arange(len(energy))[:, None] * size * size
+        pixels = np.zeros(len(energy) * size * size)
+        for index, share in zip(*self._shares(azimuth_rad), strict=True):
+            pixels += np.bincount((stack + index).ravel(), (energy * share).ravel(), minlength=pixels.size)
+        return pixels.reshape(-1, size, size)
+
+    def _shares(self, azimuth_rad):
+        """The four pixels that each sample covers, and its share in each of them: 4 arrays (azimuth, sample)."""
+        cos, sin = np.cos(azimuth_rad)[:, None], np.sin(azimuth_rad)[:, None]
+        right = self.v_px * cos + self.u_px * sin  # v runs outwards, along (cos, sin); u along (sin, -cos)
+        down = -self.v_px * sin + self.u_px * cos
+        # Squares as wide as the turned samples: at 0 and 45 degrees they tile the plane without gaps.
+        width = (np.abs(cos) + np.abs(sin)) * self.sample_size_px
+        row, in_row = self._split(down, width)
+        column, in_column = self._split(right, width)
+        size = 2 * self.radius_px + 1
+        first = row * size + column
+        return ((first, first + 1, first + size, first + size + 1),
+                (in_row * in_column, in_row * (1 - in_column),
+                 (1 - in_row) * in_column, (1 - in_row) * (1 - in_column)))
+
+    def _split(self, offset_px, width_px):
+        """First pixel that a square of `width_px` at this offset covers, and the square's share in it."""
+        start = offset_px - width_px / 2
+        pixel = np.floor(start + 0.5)
+        share = np.minimum((pixel + 0.5 - start) / width_px, 1)
+        return pixel.astype(int) + self.radius_px, share
+
+
+class PlacedPsfs:
+    """The PSFs of a lens at the pixels of a grid, by the height that their light comes from.
+
+    Parameters
+    ----------
+    make_bank : callable () -> PsfBank
+        Called for the first PSF, so never if PSFs come from a table.
+    field : FieldGeometry
+    planes : Planes
+        Pixels are rows and columns of one of these planes.
+    """
+
+    def __init__(self, make_bank: Callable[[], PsfBank], field: FieldGeometry, planes: Planes) -> None:
+        self.field, self.planes = field, planes
+        self._make_bank, self._grid = make_bank, planes.grid
+
+    @cached_property
+    def bank(self) -> PsfBank:
+        """The bank of all PSFs."""
+        return self._make_bank()
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the bank."""
+        return self.bank.nbytes
+
+    @property
+    def extent_mm(self) -> float:
+        """Distance from the axis that the lens data reach."""
+        return self.field.last_real_mm
+
+    def place(self, rows: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Places in the field where the light of these pixels comes from: (paraxial_height_mm, azimuth_rad)."""
+        x_mm, y_mm = self._grid.position_mm(rows, columns)
+        return self.field.paraxial_height_mm(np.hypot(x_mm, y_mm)), np.arctan2(y_mm, x_mm)
+
+    def psfs(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """PSFs of these pixels: float64 array (n, 2 radius_px + 1, 2 radius_px + 1)."""
+        return self.bank.psfs(*self.place(rows, columns))
+
+    def last_height_mm(self) -> float:
+        """The largest field height in the planes."""
+        rows, columns = self._grid.shape_px
+        return float(self.place(*np.meshgrid((0, rows - 1), (0, columns - 1)))[0].max())
+
+
+def psf_radius_px(lens: Lens | MonochromaticLens, pixel_pitch_um: float) -> int:
+    """Largest reach in pixels of the complete PSFs of a lens, at any azimuth, from the pixel of the chief ray.
+
+    It includes the width of a sample, a turned square, which may extend into the next pixel.
+    """
+    half_diagonal_um = np.hypot(1, 1) * (lens.psf.shape[-1] // 2) * lens.psf_pitch_um
+    sample_um = lens.psf_pitch_um / refinement(lens, pixel_pitch_um)
+    reach_um = half_diagonal_um + np.hypot(1, 1) / 2 * sample_um
+    return int(np.ceil(reach_um / pixel_pitch_um + 0.5))
+
+
+def refinement(optics: Lens | MonochromaticLens, pixel_pitch_um: float) -> int:
+    """Samples per sample of the table, in each direction: each may cover at most two pixels in a row."""
+    return int(np.ceil(2 * optics.psf_pitch_um / pixel_pitch_um - 1e-9))
+
+
+def _refine(psf, steps):
+    """PSFs with `steps` samples for each sample of the table, by linear interpolation along both axes."""
+    psf = psf.astype(np.float64)
+    for axis in (-1, -2) if steps > 1 else ():
+        psf = np.moveaxis(psf, axis, -1)
+        refined = np.empty((*psf.shape[:-1], (psf.shape[-1] - 1) * steps + 1))
+        refined[..., ::steps] = psf
+        rise = np.diff(psf) / steps
+        for step in range(1, steps):
+            refined[..., step::steps] = psf[..., :-1] + step * rise
+        psf = np.moveaxis(refined, -1, axis)
+    return psf

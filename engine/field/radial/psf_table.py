@@ -1,0 +1,312 @@
+"""PSFs tabulated over height and azimuth on the pixel grid, for mixing the PSF of any pixel quickly.
+
+Pixel PSFs are expensive because they are turned. Between two tabulated heights a PSF is a mixture (section 2.2.3), and
+nearly so between two close azimuths: a table of a few dozen azimuths contains all PSFs of a lens to 0.1 % of their
+light.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from ... import kernels
+from ...lens.lens import Lens
+from ...runtime.threads import thread_pool
+from ..mirror_symmetry import Planes
+from .psf_bank import PlacedPsfs, PsfBank
+
+PORTION = 16  # azimuths
+BATCH_VALUES = 1 << 18  # to fit in the processor's cache
+CURVE_SAMPLES = 1 << 12  # linear interpolation between them is accurate to 1e-8 of the field
+
+Place = tuple[np.ndarray, np.ndarray]
+"""Paraxial heights in mm and azimuths in radians: arrays (place,), from `PlacedPsfs.place`."""
+
+
+@dataclass(frozen=True, eq=False)
+class TurnedPsfs:
+    """PSFs at the heights of a lens, turned to the azimuths of a table, without mirrored azimuths and quarter turns.
+
+    Attributes
+    ----------
+    psfs : array (height, azimuth, pixel)
+        The turned PSFs, in squares of 2 radius_px + 1, each followed by a black pixel.
+    mirrored : bool
+        Whether the azimuths end at 45 degrees, both ends included, and are mirrored there; or at 90 without the end.
+    quarter_turns : int
+        Number of quarter turns, 1 or 4, of a table.
+    heights_mm : array (height,)
+    """
+
+    psfs: np.ndarray
+    mirrored: bool
+    quarter_turns: int
+    heights_mm: np.ndarray
+
+    @property
+    def side(self) -> int:
+        """Side of the squares, in pixels."""
+        return int(np.sqrt(self.psfs.shape[-1] - 1))
+
+    @property
+    def azimuths(self) -> int:
+        """Number of azimuths of a table: clockwise from 0, both ends included."""
+        return sum(self.psfs[0, own, 0].size for own, _ in self._parts)
+
+    @cached_property
+    def _parts(self):
+        """A table's azimuths in order: pairs of indices of turned PSFs, and indices of pixels in these."""
+        square = np.arange(self.side**2).reshape(self.side, self.side)
+        quarter = [(slice(None), square)]
+        if self.mirrored:  # about the diagonal
+            quarter.append((slice(-2, 0, -1), square.T))
+        parts = [(own, np.rot90(pixels, -turn)) for turn in range(self.quarter_turns) for own, pixels in quarter]
+        parts.append((slice(1), np.rot90(square, -self.quarter_turns)))
+        return [(own, np.append(pixels, square.size)) for own, pixels in parts]
+
+    def table(self) -> "PsfTable":
+        """The table in plain arrays."""
+        return PsfTable(self)
+
+    def packed(self) -> "PackedPsfs | None":
+        """The table for the compiled loops; None without these, and for double precision."""
+        return PackedPsfs(self) if self.psfs.dtype == np.float32 and kernels.running() != kernels.NUMPY else None
+
+    def unmirrored(self) -> "TurnedPsfs":
+        """The same PSFs with all azimuths of a quarter turn."""
+        if not self.mirrored:
+            return self
+        own, found_at = self._parts[1]
+        return replace(self, psfs=np.concatenate([self.psfs, self.psfs[:, own][..., found_at]], axis=1), mirrored=False)
+
+    def taps(self, heights: slice, pixels: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """These pixels of a table's PSFs of some heights: array (height, azimuth, tap)."""
+        psfs = self.psfs[heights]
+        if out is None:
+            out = np.empty((len(psfs), self.azimuths, pixels.size), psfs.dtype)
+        start = 0
+        for own, found_at in self._parts:
+            stop, found = start + psfs[0, own, 0].size, found_at[pixels]
+            for of_height, into in zip(psfs[:, own], out[:, start:stop], strict=True):
+                np.take(of_height, found, axis=1, out=into, mode="clip")  # the mode that needs no copy
+            start = stop
+        return out
+
+    def reached(self) -> np.ndarray:
+        """Whether any of a table's PSFs of a height reaches a pixel: bool array (height, pixel)."""
+        own = np.any(self.psfs, axis=1)
+        return np.any([own[:, found_at[:-1]] for _, found_at in self._parts], axis=0)
+
+    def mean_distance_px(self) -> float:
+        """Mean distance of light from the chief ray, at the height where it is largest."""
+        down, right = np.indices((self.side, self.side)).reshape(2, -1) - self.side // 2
+        return float((self.psfs[:, 0, :-1] @ np.hypot(down, right).astype(self.psfs.dtype)).max())
+
+    def offsets_px(self) -> np.ndarray:
+        """Mean offset of the light of a table's PSFs from the chief ray, downwards and to the right: array (height,
+        azimuth, 2)."""
+        own_px = np.indices((self.side, self.side)).reshape(2, -1).T - self.side // 2
+        places_px = np.concatenate([own_px[np.argsort(found_at[:-1])] for _, found_at in self._parts], axis=1)
+        every = self.psfs[..., :-1] @ places_px.astype(self.psfs.dtype)
+        return np.concatenate([every[:, own, 2 * k:2 * k + 2] for k, (own, _) in enumerate(self._parts)], axis=1)
+
+
+class PsfCells:
+    """The cells between the heights and azimuths of a table.
+
+    Attributes
+    ----------
+    heights_mm : array (height,)
+    azimuths : int
+        Number of azimuths, clockwise from 0, both ends included.
+    quarter_turns : int
+        Their range.
+    radius_px : int
+        Radius of the PSFs.
+    mean_distance_px : float
+        See `TurnedPsfs`.
+    """
+
+    def __init__(self, turned: TurnedPsfs) -> None:
+        self.heights_mm, self.azimuths, self.radius_px = turned.heights_mm, turned.azimuths, turned.side // 2
+        self.quarter_turns, self.mean_distance_px = turned.quarter_turns, turned.mean_distance_px()
+        self._offsets_px = turned.offsets_px().reshape(-1, 2)
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the PSFs."""
+        raise NotImplementedError
+
+    def corners(self, place: Place) -> tuple[np.ndarray, np.ndarray]:
+        """The four nodes of the table around places, and their weights: int and float arrays (4, place).
+
+        Nodes are numbered height by height. Weights are 0 to 1 and sum to 1.
+        """
+        paraxial_height_mm, azimuth_rad = place
+        heights, precision = self.heights_mm.size, self._offsets_px.dtype
+        height = np.interp(paraxial_height_mm, self.heights_mm, np.arange(heights))
+        azimuth = (-azimuth_rad % (2 * np.pi)) * ((self.azimuths - 1) / (np.pi / 2 * self.quarter_turns))
+        below = np.minimum(height.astype(np.intp), heights - 2)
+        before = np.minimum(azimuth.astype(np.intp), self.azimuths - 2)
+        up, on = (height - below).astype(precision), (azimuth - before).astype(precision)
+        first = below * self.azimuths + before
+        return (np.stack([first, first + 1, first + self.azimuths, first + self.azimuths + 1]),
+                np.stack([(1 - up) * (1 - on), (1 - up) * on, up * (1 - on), up * on]))
+
+    def mean_offsets_px(self, place: Place) -> np.ndarray:
+        """Mean offset of light from the chief ray, downwards and to the right: array (2, place)."""
+        nodes, weights = self.corners(place)
+        return np.einsum("kp,kpd->dp", weights, self._offsets_px[nodes])
+
+
+class PsfTable(PsfCells):
+    """PSFs at the heights of a lens and at evenly spaced azimuths, for one wavelength.
+
+    Attributes
+    ----------
+    table : array (height, azimuth, tap)
+    rows, columns : int arrays (tap,)
+        Positions of the taps in the square of 2 radius_px + 1: the pixels that any PSF reaches.
+    """
+
+    def __init__(self, turned: TurnedPsfs) -> None:
+        super().__init__(turned)
+        reached = turned.reached()
+        taps = np.flatnonzero(reached.any(axis=0))
+        self.rows, self.columns = np.divmod(taps, turned.side)
+        self._reached = reached[:, taps]
+        self.table = turned.taps(slice(None), taps)
+        self._by_node = self.table.reshape(-1, taps.size)
+
+    @property
+    def nbytes(self) -> int:
+        """See `PsfCells`."""
+        return self.table.nbytes
+
+    def mixed(self, place: Place) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """PSFs at these places: rows and columns of taps, and array (tap, place), contiguous for each tap.
+
+        Taps that no PSF reaches between the lowest and the highest of the places are left out.
+        """
+        nodes, weights = self.corners(place)
+        first, last = nodes.min(), nodes.max()
+        taps = np.flatnonzero(self._reached[first // self.azimuths:last // self.azimuths + 1].any(axis=0))
+        by_node, places = np.take(self._by_node[first:last + 1], taps, axis=1), nodes.shape[1]
+        psfs = np.empty((taps.size, places), by_node.dtype)
+        step = max(1, BATCH_VALUES // max(1, taps.size))
+        mixture, part = (np.empty((min(step, places), taps.size), by_node.dtype) for _ in range(2))
+        for start in range(0, places, step):
+            some = slice(start, min(start + step, places))
+            into, one = (buffer[:some.stop - start] for buffer in (mixture, part))
+            into[:] = 0
+            for node, weight in zip(nodes - first, weights, strict=True):
+                np.take(by_node, node[some], axis=0, out=one, mode="clip")  # the mode that needs no copy
+                one *= weight[some, None]
+                into += one
+            psfs[:, some] = into.T
+        return self.rows[taps], self.columns[taps], psfs
+
+    def node_psfs(self, nodes: Sequence[int] | np.ndarray) -> np.ndarray:
+        """The PSFs of these nodes: array (node, row, column), odd square, the chief ray in the middle."""
+        return self._squares(self.rows, self.columns, self._by_node[nodes])
+
+    def psfs(self, paraxial_height_mm: np.ndarray, azimuth_rad: np.ndarray) -> np.ndarray:
+        """PSFs at these places: array (place, row, column), odd square, the chief ray in the middle."""
+        rows, columns, taps = self.mixed((paraxial_height_mm, azimuth_rad))
+        return self._squares(rows, columns, taps.T)
+
+    def _squares(self, rows, columns, taps):
+        side = 2 * self.radius_px + 1
+        psfs = np.zeros((len(taps), side, side), self.table.dtype)
+        psfs[:, rows, columns] = taps
+        return psfs
+
+
+class PackedPsfs(PsfCells):
+    """The PSFs of a table, in pieces for the compiled loops.
+
+    Attributes
+    ----------
+    pieces : PackedTable
+    """
+
+    def __init__(self, turned: TurnedPsfs) -> None:
+        super().__init__(turned)
+        self.pieces = kernels.PackedTable.of(turned.reached(), turned.azimuths, turned.taps)
+
+    @property
+    def nbytes(self) -> int:
+        """See `PsfCells`."""
+        return self.pieces.nbytes
+
+    def places(self, psfs: PlacedPsfs) -> kernels.TablePlaces:
+        """Positions of the pixels of these PSFs' planes among the nodes."""
+        grid = psfs.planes.grid
+        distances_px = np.linspace(0, grid.farthest_px, CURVE_SAMPLES + 1)
+        return kernels.TablePlaces.of(
+            grid.centre_px, CURVE_SAMPLES / grid.farthest_px,
+            psfs.field.paraxial_height_mm(distances_px * grid.pitch_um * 1e-3), self.heights_mm,
+            (self.azimuths - 1) // self.quarter_turns, self.quarter_turns)
+
+    def spread(self, places: kernels.TablePlaces, first_row: int, light: np.ndarray, lit: np.ndarray,
+               section_px: int) -> np.ndarray:
+        """Spread the light of a row of sections, (plane, row, column), that starts at this row."""
+        return kernels.spread(self.pieces, places.lower(first_row), light, lit, section_px, slice(section_px))
+
+
+class PsfTables:
+    """The PSFs of a lens for tables. If the data have fewer wavelengths, PSFs are turned at these, then mixed.
+
+    Parameters
+    ----------
+    lens : Lens
+    wavelengths_nm : array
+        All wavelengths that will be used.
+    planes : Planes
+        The planes for their lookup: quadrants need a quarter of the table.
+    part : callable (PsfBank) -> PsfBank
+        Returns the part of the complete PSFs to turn, such as the trimmed ones.
+    azimuths : int
+        Steps from 0 to 45 degrees.
+    precision : dtype
+    """
+
+    def __init__(self, lens: Lens, wavelengths_nm: Sequence[float] | np.ndarray, planes: Planes,
+                 part: Callable[[PsfBank], PsfBank], azimuths: int, precision: str) -> None:
+        self._lens, self._pitch_um, self._part = lens, planes.picture.pitch_um, part
+        self._azimuths, self._quarter_turns, self._precision = azimuths, planes.quarter_turns, precision
+        self._made = lru_cache(maxsize=2)(self._make)  # wavelengths come in order
+        self._mix = len(lens.wavelengths_around(wavelengths_nm)) < len(wavelengths_nm)
+
+    def at_wavelength(self, wavelength_nm: float) -> TurnedPsfs:
+        """The PSFs for a table at this wavelength."""
+        if not self._mix:
+            return self._make(wavelength_nm)
+        below, weight = self._lens.wavelength_position(wavelength_nm)
+        turned = self._made(self._lens.wavelengths_nm[below])
+        if not weight:
+            return turned
+        above = self._made(self._lens.wavelengths_nm[below + 1])
+        if turned.mirrored != above.mirrored:
+            turned, above = turned.unmirrored(), above.unmirrored()
+        psfs = np.empty_like(turned.psfs)
+        for mixed, one, other in zip(psfs, turned.psfs, above.psfs, strict=True):  # by height, to save memory
+            np.multiply(one, 1 - weight, out=mixed)
+            mixed += weight * other
+        return replace(turned, psfs=psfs)
+
+    def _make(self, wavelength_nm):
+        """TurnedPsfs at one wavelength."""
+        bank = self._part(PsfBank.of(self._lens.at_wavelength(wavelength_nm), self._pitch_um))
+        own = self._azimuths + 1 if bank.mirror_symmetric else 2 * self._azimuths
+        psfs = np.zeros((bank.heights_mm.size, own, (2 * bank.radius_px + 1) ** 2 + 1), self._precision)
+
+        def turn(part):
+            turned = bank.at_table_heights(-np.arange(own)[part] * (np.pi / 4 / self._azimuths))
+            psfs[:, part, :-1] = turned.swapaxes(0, 1).reshape(psfs.shape[0], -1, psfs.shape[2] - 1)
+
+        with thread_pool() as pool:
+            list(pool.map(turn, (slice(first, first + PORTION) for first in range(0, own, PORTION))))
+        return TurnedPsfs(psfs, bank.mirror_symmetric, self._quarter_turns, bank.heights_mm)

@@ -1,0 +1,1 @@
+"""Inspection of a lens: checks of its data, curves, sheets."""

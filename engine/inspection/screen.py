@@ -1,0 +1,171 @@
+"""Checks of a prescription by its rays, to detect missing or mistyped figures."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from ..prescription.prescription import CLOSEST_FOCUS, Prescription
+from ..prescription.system import System, system_of
+from ..rays.field_heights import even_heights_mm
+from ..rays.focus import axial_contrast, build_system
+from ..rays.rays import HalfPupil, trace_pupil
+from ..rays.rings import at_position, widest_notes
+from ..runtime.errors import LensError
+from .checks import beyond_the_field
+from .finding import SEVERITIES, LensFinding
+
+FOCAL_LENGTH_TOLERANCE = 0.01
+LINES_PER_MM = 10.0  # of full frame: the coarsest frequency for which makers state contrast
+LEAST_CONTRAST = 0.4  # measured: 0.47 for the softest fast patent lens, 0.32 for the mildest loss of an asphere
+SOFT_FOCUS = "soft focus"  # in a lens's character: intentional softness
+THIRD_OF_A_STOP = 2 ** (1 / 6)  # as a ratio of f-numbers
+ROUNDING = 0.03  # of apertures in patents
+CHIEF_RAYS = 33
+COVERED = 1e-3  # of the sensor's half diagonal
+WANDERED = 1 / 150  # of the picture's diagonal: a visible disc; measured: up to 1 / 300 from rounding in patents
+FAN, CHIEF = HalfPupil(65, 1), HalfPupil(1, 1)
+COLOURS_NM = (430.0, 650.0)
+
+
+def check_prescription(prescription: Prescription) -> list[LensFinding]:
+    """Find errors in a prescription by tracing rays at each of its focus positions.
+
+    Parameters
+    ----------
+    prescription : Prescription
+
+    Returns
+    -------
+    list of LensFinding, errors first
+    """
+    findings = list(_findings(prescription))
+    return sorted(findings, key=lambda finding: SEVERITIES.index(finding.severity))
+
+
+def _findings(prescription):
+    built = lru_cache(None)(build_system)  # several checks need the same focus, whose search is the longest part
+    try:
+        system = built(next(_focus_positions(prescription))[0])
+        yield from _focal_length(prescription, system)
+        yield from _aperture(prescription, system)
+        yield from _sensor(system)
+        yield from _wandering(prescription, built)
+        yield from _wide_open_light(prescription)
+    except LensError as error:
+        yield _tracing_finding(error)
+        return
+    for focused, stated in _focus_positions(prescription):
+        try:
+            yield from _position(built(focused), stated)
+        except LensError as error:
+            yield _tracing_finding(error)
+
+
+def _focus_positions(prescription) -> Iterator[tuple[Prescription, bool]]:
+    """The lens at each focus position, and whether the prescription states its gaps.
+
+    A prescription without gaps for focusing yields its only stated position, and the closest focus, which is not
+    stated.
+    """
+    for number in range(len(prescription.focused_at_mm)):
+        yield at_position(prescription, number), True
+    if not prescription.focused_at_mm:
+        yield prescription, True
+        if np.isinf(prescription.object_distance_mm):
+            closest_mm = prescription.closest_focus_mm or CLOSEST_FOCUS * system_of(prescription).efl_mm
+            yield replace(prescription, object_distance_mm=closest_mm,
+                          focus="best" if prescription.focus == "as given" else prescription.focus), False
+
+
+def _focal_length(prescription, system):
+    nominal_mm = prescription.focal_length_mm
+    if nominal_mm is None:
+        yield LensFinding("note", "focal_length_mm", "missing", "give the nominal focal length to check the surfaces: "
+                          f"they give {system.efl_mm:.4g} mm")
+    elif abs(system.efl_mm / nominal_mm - 1) > FOCAL_LENGTH_TOLERANCE:
+        yield LensFinding("error", "focal_length_mm", f"{nominal_mm:g} mm, and the surfaces give "
+                          f"{system.efl_mm:.4g} mm", "expected the same within 1 %: look for a mistyped or scaled "
+                          "figure")
+
+
+def _aperture(prescription, system):
+    """Whether the surfaces transmit the bundle that the aperture specifies."""
+    rays = trace_pupil(system, [0.0], [system.prescription.reference_wavelength_nm], FAN)
+    reach = np.sqrt(rays.square_height_mm2[:, 0, 0, :, 0]) / system.semi_apertures_mm[:, None]
+    reach[:, rays.lost[0, 0, :, 0]] = np.inf
+    widest = float(np.interp(1.0, np.maximum.accumulate(reach.max(axis=0)), FAN.radii))
+    if widest < 1 - ROUNDING:
+        narrow = int(np.argmax(reach[:, -1])) + 1
+        kind, value = prescription.aperture
+        yield LensFinding("error" if widest * THIRD_OF_A_STOP < 1 else "note", f"aperture, {kind}",
+                          f"{value:g}, and {widest:.0%} of its width passes on the axis",
+                          f"surface {narrow} is the narrowest: check its radius and semi-aperture")
+
+
+def _wide_open_light(prescription):
+    """Whether the stop and the light on the axis agree with the f-number."""
+    for note in widest_notes(prescription):
+        yield LensFinding("note", "aperture", note.rstrip("."),
+                          "pictures follow the rays: give the size of the stop as the aperture, if you know it")
+
+
+def _sensor(system):
+    """Whether the image circle covers the sensor, in the colour in which it is smallest."""
+    if system.prescription.sensor_mm is None:
+        return
+    nm = sorted({*COLOURS_NM, system.prescription.reference_wavelength_nm})
+    covered_mm = trace_pupil(system, [system.last_height_mm], nm, CHIEF).chief_height_mm.min()
+    half_mm = max(system.prescription.sensor_mm) / 2
+    if covered_mm < (1 - COVERED) * half_mm:
+        yield LensFinding("error", "field", f"{covered_mm:.4g} mm high at its end, less than the {half_mm:.4g} mm to "
+                          "the sensor's side", "end the field later, or give a smaller sensor")
+    else:
+        yield from beyond_the_field(system.prescription.sensor_mm, covered_mm)
+
+
+def _wandering(prescription, built):
+    """Whether focusing leaves the image in place: the stated gaps then agree with the distance."""
+    shifts_mm = []
+    for focused, _ in _focus_positions(prescription) if prescription.focused_at_mm else ():
+        system = built(focused)
+        shifts_mm.append(system.prescription.surfaces[-1].thickness_mm - focused.surfaces[-1].thickness_mm)
+        off_mm = shifts_mm[-1] - shifts_mm[0]
+        if abs(2 * off_mm * system.marginal_slope) > WANDERED * 2 * system.last_height_mm:
+            yield LensFinding("warning", "focused_at_mm", f"{focused.object_distance_mm:g} mm, whose image is "
+                              f"{abs(off_mm):.3g} mm {'behind' if off_mm > 0 else 'before'} the first position's",
+                              "look for a mistyped thickness or distance: the image plane follows the image")
+
+
+def _position(system: System, stated: bool):
+    """Sharpness on the axis, and chief rays up to the field's end, at one focus position."""
+    focused = system.prescription
+    at = "at infinity" if system.object_at_infinity else f"at {focused.object_distance_mm:.4g} mm"
+    contrast = axial_contrast(system, LINES_PER_MM)
+    if contrast < LEAST_CONTRAST:
+        remedy = ("soft focus, as stated in its character" if SOFT_FOCUS in focused.character else
+                  "sharper farther away: the movement of its parts for focusing is not stated" if not stated else "")
+        yield LensFinding("note" if remedy else "error", "surfaces", f"contrast {contrast:.2f} at {LINES_PER_MM:g} "
+                          f"lines per mm of full frame on the axis, focused {at}",
+                          remedy or f"expected {LEAST_CONTRAST:g} or more: look for a missing aspheric term, gap or "
+                          "glass")
+    yield from _chief_rays(system, at)
+
+
+def _chief_rays(system: System, at: str):
+    heights_mm = even_heights_mm(system, CHIEF_RAYS)
+    rays = trace_pupil(system, heights_mm, [system.prescription.reference_wavelength_nm], CHIEF)
+    reach = np.sqrt(rays.square_height_mm2[:, 0, :, 0, 0]) / system.semi_apertures_mm[:, None]
+    clipped = np.argwhere(reach > 1)
+    if clipped.size:
+        surface, height = min(clipped, key=lambda at: at[1])
+        yield LensFinding("error", f"surface {surface + 1}, semi_aperture_mm",
+                          f"{system.semi_apertures_mm[surface]:g}, and blocks chief rays from an image height of "
+                          f"{rays.chief_height_mm[0, height]:.4g} mm, focused {at}",
+                          "check its radius and semi-aperture, or end the field at that height")
+
+
+def _tracing_finding(error):
+    """An error of tracing as a finding."""
+    return LensFinding("error", error.field, str(error.value), error.remedy)

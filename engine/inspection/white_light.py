@@ -1,0 +1,59 @@
+"""A lens in white light: its wavelengths as visible colours, and its PSFs with their lateral colour."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.fft import irfft, rfft
+
+from ..lens.lens import Lens
+from ..spectral.colour import REC709_LUMINANCE, XYZ_TO_REC709, encode_srgb
+from ..spectral.spectra import colour_matching, linear_weights
+from .curves import WHITE_NM, lateral_colour_um
+
+DIMMING = 0.4  # power of the eye's sensitivity, which darkens the ends of the spectrum to make them distinguishable
+DARKEST, LIGHTEST = 0.1, 0.3  # linear light and luminance that remain distinguishable and legible on white paper
+INVISIBLE = (0.35, 0.35, 0.35)
+
+
+def wavelength_colours(wavelengths_nm: ArrayLike) -> np.ndarray:
+    """Colours for wavelengths on white paper: sRGB array (wavelength, 3), grey outside the visible band."""
+    tristimulus = colour_matching(np.asarray(wavelengths_nm, dtype=float))
+    rec709 = tristimulus @ XYZ_TO_REC709.T
+    rec709 -= np.minimum(rec709.min(axis=1, keepdims=True), 0)  # adds enough white to bring it into the gamut
+    brightest = rec709.max(axis=1, keepdims=True)
+    sensitivity = tristimulus.sum(axis=1, keepdims=True) / colour_matching(WHITE_NM).sum(axis=1).max()
+    full = np.divide(rec709, brightest, out=np.zeros_like(rec709), where=brightest > 0)
+    luminance = (full @ REC709_LUMINANCE)[:, None]
+    ink = np.minimum(np.clip(sensitivity ** DIMMING, DARKEST, 1), LIGHTEST / np.maximum(luminance, LIGHTEST))
+    return np.where(brightest > 0, encode_srgb(full * ink), INVISIBLE)
+
+
+def white_psfs(lens: Lens, heights: Sequence[int] | np.ndarray) -> np.ndarray:
+    """PSFs in equal-energy white light, with lateral colour: each wavelength is at its chief ray.
+
+    Parameters
+    ----------
+    lens : Lens
+    heights : sequence of int
+        Indices of field heights.
+
+    Returns
+    -------
+    float64 array (height, v, u, 3)
+        Linear Rec. 709, with (1, 1, 1) as the total light of a PSF. The chief ray of the reference wavelength is at
+        `[n // 2, n // 2]` along v and u, with a different n for each.
+    """
+    moved = lateral_colour_um(lens, WHITE_NM)[:, heights] / lens.psf_pitch_um
+    reach = int(np.ceil(np.abs(moved).max())) + 1
+    rec709 = colour_matching(WHITE_NM) @ XYZ_TO_REC709.T
+    weights = linear_weights(lens.wavelengths_nm, WHITE_NM)[:, :, None] * (rec709 / rec709.sum(axis=0))[:, None]
+    steps = np.arange(-reach, reach + 1)
+    colours = []
+    for height, shifts in zip(heights, moved.T, strict=True):
+        shares = np.maximum(0, 1 - np.abs(steps[:, None] - shifts))  # of each wavelength, by its shift outwards
+        kernel = np.einsum("sn,nlc->lsc", shares, weights)
+        psf, length = lens.psf[:, height].astype(np.float64), lens.psf.shape[2] + len(steps) - 1
+        spread = np.einsum("lvu,lvc->vuc", rfft(psf, length, axis=1), rfft(kernel, length, axis=1))
+        colours.append(irfft(spread, length, axis=0))
+    return np.stack(colours)

@@ -1,0 +1,22 @@
+"""The pinhole camera equivalent to a lens: the pixel pitch of its picture on the lens's sensor."""
+
+
+import numpy as np
+
+from .lens import Lens
+
+
+def fitting_pitch_um(lens: Lens, frame_px: tuple[int, int]) -> float:
+    """Pixel pitch at which the frame, in rows and columns, exactly fits in the lens's sensor."""
+    return min(1e3 * lens.sensor_mm[0] / frame_px[1], 1e3 * lens.sensor_mm[1] / frame_px[0])
+
+
+def field_of_view_deg(focal_mm: float, side_mm: float) -> float:
+    """Field of view of a pinhole camera along a side of its sensor."""
+    return 2 * np.degrees(np.arctan(side_mm / (2 * focal_mm)))
+
+
+def fov_pitch_um(lens: Lens, columns: int, fov_deg: float) -> float:
+    """Pixel pitch of a pinhole picture of this horizontal field of view, in the lens's image plane."""
+    width_mm = 2 * np.tan(np.radians(fov_deg) / 2) * lens.capture_focal_length_mm
+    return 1e3 * width_mm / columns

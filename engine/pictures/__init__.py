@@ -1,0 +1,1 @@
+"""Picture files: spectral, layered and deep EXR, colour pictures, previews."""

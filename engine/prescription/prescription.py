@@ -1,0 +1,270 @@
+"""Prescription: the design of a lens as one frozen value, independent of the file format."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from ..runtime.errors import LensError
+from .glasses import LARGEST_INDEX, Glass
+
+APERTURES = ("stop", "entrance_pupil_diameter_mm", "f_number", "working_f_number", "object_na")
+FIELDS = ("angle_deg", "image_height_mm", "object_height_mm")
+FOCUSES = ("as given", "paraxial", "best", "field")
+HIGHEST_F_NUMBER = 22.0  # default of the aperture ring
+CLOSEST_FOCUS = 10  # default of the focus ring, in focal lengths
+LEAST_MM, LARGEST_MM = 1e-6, 1e12  # lengths: squares outside this range lose digits
+LEAST_F_NUMBER = 0.5  # light from a half space
+MOST_SURFACES, MOST_TERMS = 300, 100  # several times any lens's: more is damage, and takes minutes
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A surface of revolution, and the medium behind it.
+
+    Attributes
+    ----------
+    radius_mm : float
+        Radius of curvature, positive if the centre is on the image side; inf for a plane.
+    thickness_mm : float
+        Axial distance to the next surface, or to the image plane.
+    gaps_mm : tuple of float
+        Thickness at each of `Prescription.focused_at_mm` if it varies with focus, otherwise ().
+    glass : str
+        Medium behind: "" for air, one of `Prescription.glasses`, a catalogue glass ("N-BK7", "SCHOTT N-BK7"), or
+        "n/V", its index and Abbe number.
+    semi_aperture_mm : float
+        Light farther from the axis is blocked; inf if unknown.
+    conic : float
+    aspheric : tuple of float
+        Coefficients of r^2, r^4, r^6 ... in mm.
+    stop : bool
+        Whether it is the aperture stop.
+    odd_aspheric : tuple of float
+        Coefficients of r, r^3, r^5 ... in mm.
+    glass_figures : str
+        "n/V" next to the glass's name in the file, in case it is not in any catalogue; "" without one.
+    """
+
+    radius_mm: float = np.inf
+    thickness_mm: float = 0.0
+    glass: str = ""
+    semi_aperture_mm: float = np.inf
+    conic: float = 0.0
+    aspheric: tuple[float, ...] = ()
+    stop: bool = False
+    odd_aspheric: tuple[float, ...] = ()
+    glass_figures: str = ""
+    gaps_mm: tuple[float, ...] = ()
+
+    def scaled(self, factor: float) -> Self:
+        """The surface of a lens `factor` times as large."""
+        return replace(self, radius_mm=self.radius_mm * factor, thickness_mm=self.thickness_mm * factor,
+                       gaps_mm=tuple(gap * factor for gap in self.gaps_mm),
+                       semi_aperture_mm=self.semi_aperture_mm * factor,
+                       aspheric=tuple(a * factor ** (1 - 2 * n) for n, a in enumerate(self.aspheric, 1)),
+                       odd_aspheric=tuple(a * factor ** (-2 * n) for n, a in enumerate(self.odd_aspheric)))
+
+
+@dataclass(frozen=True)
+class Prescription:
+    """A rotationally symmetric lens of refracting surfaces.
+
+    Attributes
+    ----------
+    name, maker, story, source, notes : str
+        As in `Lens`.
+    title : str
+        Name in lists of lenses.
+    year : int or None
+        Year of its patent, or of its introduction if that is certain.
+    character : tuple of str
+        Search words for its effect on a picture.
+    surfaces : tuple of Surface
+        From the first to the last in front of the image plane.
+    glasses : tuple of Glass
+        Private glasses, which take precedence over catalogues.
+    object_distance_mm : float
+        From the object plane to the first surface; inf for a lens focused at infinity.
+    focused_at_mm : tuple of float
+        Object distances from the first surface, descending, for which surfaces have `gaps_mm`; () if the lens moves as
+        a unit to focus.
+    closest_focus_mm : float or None
+        The least object distance from the first surface; None if unknown.
+    aperture : (str, float)
+        Quantity that sets the size of the stop, one of `APERTURES`, and its value: "stop" with the stop's
+        semi-aperture in mm. It is the lens's widest aperture, except with `widest_stop_mm`.
+    widest_stop_mm : float or None
+        Semi-aperture of the widest stop for a lens that is stopped down; None if `aperture` is the widest.
+    highest_f_number : float
+        Limit of stopping down.
+    field : (str, float)
+        Quantity that ends the field, one of `FIELDS`, and its value; the image height is paraxial.
+    focal_length_mm : float or None
+        Nominal focal length; None if unknown.
+    sensor_mm : (float, float) or None
+        Width and height of the sensor it is designed for; None for the 4:3 rectangle that fills the field.
+    reference_wavelength_nm : float
+    focus : str
+        Position of the image plane: "as given" behind the last surface, at the "paraxial" focus, sharpest on the axis
+        ("best": highest mean MTF there at 20 and 30 line pairs per mm on full frame, in eye-weighted white), or least
+        mean square spot over the inner 70 % of the "field".
+    """
+
+    name: str
+    surfaces: tuple[Surface, ...]
+    aperture: tuple[str, float]
+    field: tuple[str, float]
+    object_distance_mm: float = np.inf
+    sensor_mm: tuple[float, float] | None = None
+    reference_wavelength_nm: float = 587.5618
+    focus: str = "as given"
+    maker: str = ""
+    story: str = ""
+    source: str = ""
+    notes: str = ""
+    title: str = ""
+    year: int | None = None
+    character: tuple[str, ...] = ()
+    focal_length_mm: float | None = None
+    focused_at_mm: tuple[float, ...] = ()
+    closest_focus_mm: float | None = None
+    highest_f_number: float = HIGHEST_F_NUMBER
+    glasses: tuple[Glass, ...] = ()
+    widest_stop_mm: float | None = None
+
+    def __post_init__(self):
+        _check(self)
+
+    @property
+    def stop_index(self) -> int:
+        """Index of the stop among the surfaces."""
+        return [surface.stop for surface in self.surfaces].index(True)
+
+    @property
+    def stop_rim(self) -> float:
+        """Semi-aperture of the widest stop over the current semi-aperture."""
+        kind, value = self.aperture
+        return self.widest_stop_mm / value if self.widest_stop_mm and kind == "stop" else 1.0
+
+    def scaled(self, factor: float) -> Self:
+        """A lens `factor` times as large, with the same f-number, angles and object distance.
+
+        Its focus ring's range and its nominal focal length are scaled, too.
+        """
+        kind, value = self.aperture
+        lengths = ("stop", "entrance_pupil_diameter_mm")
+        field_kind, field = self.field
+        return replace(self, surfaces=tuple(surface.scaled(factor) for surface in self.surfaces),
+                       aperture=(kind, value * factor if kind in lengths else value),
+                       field=(field_kind, field * factor if field_kind == "image_height_mm" else field),
+                       focused_at_mm=tuple(distance * factor for distance in self.focused_at_mm),
+                       closest_focus_mm=self.closest_focus_mm and self.closest_focus_mm * factor,
+                       focal_length_mm=self.focal_length_mm and self.focal_length_mm * factor,
+                       widest_stop_mm=self.widest_stop_mm and self.widest_stop_mm * factor)
+
+    def with_glasses(self, names: Mapping[str, str]) -> Self:
+        """The same lens with renamed glasses: `names` maps old names to new ones."""
+        return replace(self, surfaces=tuple(replace(surface, glass=names.get(surface.glass, surface.glass))
+                                            for surface in self.surfaces))
+
+
+def _check(prescription):
+    """Raise a LensError for the first invalid value."""
+    def refuse(field, value, remedy):
+        raise LensError(prescription.name or "prescription", field, value, remedy)
+
+    if not prescription.surfaces:
+        refuse("surfaces", "empty", "expected at least one")
+    if len(prescription.surfaces) > MOST_SURFACES:  # before the loops over surfaces
+        refuse("surfaces", len(prescription.surfaces), f"expected at most {MOST_SURFACES}")
+    stops = sum(surface.stop for surface in prescription.surfaces)
+    if stops != 1:
+        refuse("stop", f"at {stops} surfaces", "expected one surface to be the aperture stop")
+    for number, surface in enumerate(prescription.surfaces, 1):
+        _check_surface(surface, f"surface {number}", refuse)
+        if surface.gaps_mm and len(surface.gaps_mm) != len(prescription.focused_at_mm):
+            refuse(f"surface {number}, gaps", f"{len(surface.gaps_mm)} numbers",
+                   f"expected one for each of focused_at_mm, {len(prescription.focused_at_mm)}")
+    _check_rings(prescription, refuse)
+    _check_image_space(prescription, f"surface {len(prescription.surfaces)}", refuse)
+    _check_aperture_and_field(prescription, refuse)
+    if not prescription.object_distance_mm > 0:
+        refuse("object_distance_mm", prescription.object_distance_mm, "expected a positive number, or inf")
+    if prescription.sensor_mm and not all(0 < side < np.inf for side in prescription.sensor_mm):
+        refuse("sensor_mm", prescription.sensor_mm, "expected a positive width and height")
+    if prescription.year is not None and not 0 < prescription.year < 10000:
+        refuse("year", prescription.year, "expected a whole number, of four digits at most")
+    if prescription.focus not in FOCUSES:
+        refuse("focus", prescription.focus, f"expected one of {', '.join(FOCUSES)}")
+    if not 100 < prescription.reference_wavelength_nm < 1e5:
+        refuse("reference_wavelength_nm", prescription.reference_wavelength_nm, "expected nanometres")
+    for glass in prescription.glasses:
+        index, = glass.index_at([prescription.reference_wavelength_nm])
+        if not 1 < index < LARGEST_INDEX:
+            refuse(f"glass {glass.name}", f"of index {index:.4g} at {prescription.reference_wavelength_nm:g} nm",
+                   f"expected 1 to {LARGEST_INDEX:g}: its coefficients take micrometres, its range nanometres")
+
+
+def _check_aperture_and_field(prescription, refuse):
+    for field, kinds in (("aperture", APERTURES), ("field", FIELDS)):
+        kind, value = getattr(prescription, field)
+        if kind not in kinds:
+            refuse(field, kind, f"expected one of {', '.join(kinds)}")
+        if not (np.isfinite(value) and value > 0):
+            refuse(f"{field}, {kind}", value, "expected a positive number")
+        if kind == "angle_deg" and value >= 90:
+            refuse("field, angle_deg", value, "expected less than 90: a plane image cannot cover more")
+        if kind.endswith("f_number") and value < LEAST_F_NUMBER:
+            refuse(f"aperture, {kind}", value, f"no lens in air is below {LEAST_F_NUMBER}")
+        if kind == "object_na" and value >= 1:
+            refuse("aperture, object_na", value, "expected less than 1: the object is in air")
+        if kind in ("object_na", "object_height_mm") and np.isinf(prescription.object_distance_mm):
+            refuse(field, kind, "undefined for an object at infinity: give another of " + ", ".join(kinds))
+
+
+def _check_rings(prescription, refuse):
+    """Check the focus and aperture rings, and the nominal focal length."""
+    positions = prescription.focused_at_mm
+    if positions and (np.any(np.diff(positions) >= 0) or not positions[-1] > 0):
+        refuse("focused_at_mm", positions, "expected positive distances, the farthest first")
+    if positions and not any(surface.gaps_mm for surface in prescription.surfaces):
+        refuse("focused_at_mm", positions, "no surface has a thickness for each of these: expected at least one")
+    for name in ("closest_focus_mm", "focal_length_mm", "widest_stop_mm"):
+        value = getattr(prescription, name)
+        if value is not None and not 0 < value < np.inf:
+            refuse(name, value, "expected a positive number")
+    if not LEAST_F_NUMBER <= prescription.highest_f_number < np.inf:
+        refuse("highest_f_number", prescription.highest_f_number, f"expected at least {LEAST_F_NUMBER}")
+
+
+def _check_image_space(prescription, last, refuse):
+    """Check that the image plane is in air, and not within the lens."""
+    *before, surface = prescription.surfaces
+    if surface.glass:
+        refuse(f"{last}, glass", surface.glass, "expected air before the image plane")
+    behind_mm = surface.thickness_mm
+    for other in reversed(before):
+        if other.glass:
+            break
+        behind_mm += other.thickness_mm
+    if prescription.focus == "as given" and not behind_mm > 0:
+        refuse(f"{last}, thickness_mm", f"{surface.thickness_mm:.6g}",
+               "expected an image plane behind the lens: give its distance, or best or paraxial as the focus")
+
+
+def _check_surface(surface, name, refuse):
+    if not abs(surface.radius_mm) >= LEAST_MM:
+        refuse(f"{name}, radius_mm", surface.radius_mm, "expected a radius, or inf for a plane")
+    if not np.all(np.abs((surface.thickness_mm, *surface.gaps_mm)) <= LARGEST_MM):
+        refuse(f"{name}, thickness_mm", surface.gaps_mm or surface.thickness_mm,
+               f"expected a number of at most {LARGEST_MM:g}")
+    if not surface.semi_aperture_mm >= LEAST_MM:
+        refuse(f"{name}, semi_aperture_mm", surface.semi_aperture_mm, "expected a positive number")
+    terms = len(surface.aspheric) + len(surface.odd_aspheric)
+    if terms > MOST_TERMS:
+        refuse(f"{name}, aspheric", f"{terms} terms", f"expected at most {MOST_TERMS}")
+    shape = (surface.conic, *surface.aspheric, *surface.odd_aspheric)
+    if not np.all(np.isfinite(shape)):
+        refuse(f"{name}, aspheric", shape, "expected numbers")

@@ -1,0 +1,94 @@
+"""Readers of prescriptions: each file format becomes a `Prescription`."""
+
+from pathlib import Path
+
+from ...runtime import inputs
+from ...runtime.errors import LensError
+from ..prescription import Prescription
+from .codev import read_codev
+from .dot_lens import read_dot_lens
+from .json_files import read_json
+from .optbench import read_optbench
+from .pbrt import read_pbrt
+from .reading import AS_IT_IS, SEMI_DIAMETERS, Reading, ReadingOptions, checked
+from .toml import read_toml_file
+from .zemax import read_zemax
+
+READERS = {".toml": read_toml_file, ".zmx": read_zemax, ".seq": read_codev, ".dat": read_pbrt, ".lens": read_dot_lens,
+           ".json": read_json, ".txt": read_optbench}
+OF_SEVERAL = (".json", ".txt")  # several lenses, or a lens at several positions
+WITH_SEMI_DIAMETERS = (".zmx",)  # in addition to apertures
+DAMAGE = (ValueError, TypeError, IndexError, AttributeError, OverflowError, ZeroDivisionError, RecursionError)
+
+
+def read_prescription(path: str | Path, field: tuple[str, float] | None = None, which: str | None = None,
+                      semi_diameters: str | None = None, allow_mismatch: bool = False) -> Prescription:
+    """Read the prescription in a file.
+
+    Lensfield's .toml, Zemax .zmx, Code V .seq, pbrt .dat, Optical Bench .txt, .lens, and .json of Optiland, DeepLens
+    and lentil.
+
+    Parameters
+    ----------
+    path : path
+    field : (str, float) or None
+        End of the field, as `Prescription.field`, instead of the file's or for a file without one.
+    which : str or None
+        Number of the position (Optical Bench) or of the lens (lentil) in a file with several.
+    semi_diameters : str or None
+        Fixed semi-diameters of Zemax surfaces without CLAP or FLAP: "aperture" (the default) or "ignore".
+    allow_mismatch : bool
+        If the focal length or f-number in the file differs from its surfaces', report it in the notes instead of
+        raising an error.
+
+    Raises
+    ------
+    LensError
+        A file that is missing, damaged, inconsistent, or does not describe a centred lens of refracting surfaces.
+    """
+    reading = read_file(path, ReadingOptions(field, which, semi_diameters))
+    return checked(Path(path), reading, allow_mismatch)
+
+
+def read_file(path: str | Path, options: ReadingOptions = AS_IT_IS) -> Reading:
+    """Read a file, before `checked` compares its surfaces with the stated figures.
+
+    Raises
+    ------
+    LensError
+        As `read_prescription`.
+    """
+    path = Path(path)
+    inputs.check_input(path, "prescription", f"expected a file of kind {', '.join(READERS)}", error=LensError)
+    kind = path.suffix.lower()
+    if kind not in READERS:
+        raise LensError(path, "kind of file", path.suffix or "without a suffix", f"expected {', '.join(READERS)}")
+    _check_options(path, kind, options)
+    with inputs.reading(path):
+        return _read(path, kind, options)
+
+
+def _read(path, kind, options):
+    try:
+        return READERS[kind](path, options)
+    except LensError as error:
+        raise error.at(path) from None
+    except KeyError as error:
+        raise LensError(path, str(error.args[0]), "missing", "the file may be damaged, or of another version"
+                        ) from None
+    except DAMAGE as error:
+        text = " ".join(f"{type(error).__name__}: {error}".split())
+        raise LensError(path, "prescription", "damaged", text) from None
+
+
+def _check_options(path, kind, options):
+    """Reject options that do not apply to this kind of file."""
+    if options.which is not None and kind not in OF_SEVERAL:
+        raise LensError(path, "--which", options.which, "a file of this kind contains one lens: leave it out")
+    if options.semi_diameters is None:
+        return
+    if options.semi_diameters not in SEMI_DIAMETERS:
+        raise LensError(path, "--semi-diameters", options.semi_diameters, f"expected {' or '.join(SEMI_DIAMETERS)}")
+    if kind not in WITH_SEMI_DIAMETERS:
+        raise LensError(path, "--semi-diameters", options.semi_diameters,
+                        "only Zemax files have semi-diameters in addition to apertures: leave it out")

@@ -1,0 +1,214 @@
+"""Code V .seq: commands for the system, and after SO, S and SI for a surface."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ...runtime.errors import LensError
+from ...runtime.text import object_distance, read_text
+from ...runtime.unread import unread_names
+from ..glasses import best_name, name_in
+from ..prescription import Prescription, Surface
+from .field_and_aperture import field_end, in_mm, vignetting_note
+from .lines import Line
+from .private_glasses import private_glasses
+from .reading import Reading, ReadingOptions
+
+UNITS_MM = {"M": 1.0, "C": 10.0, "I": 25.4}
+APERTURES = {"EPD": "entrance_pupil_diameter_mm", "FNO": "working_f_number", "NAO": "object_na",
+             "NA": "working_f_number"}
+FIELDS = {"AN": "angle_deg", "OB": "object_height_mm", "IM": "image_height_mm"}
+REAL_IMAGE_HEIGHT = "RI"
+SURFACES = ("SO", "S", "SI")
+POWERS = {letter: 4 + 2 * number for number, letter in enumerate("ABCDEFGHJ")}  # of r; there is no I
+TILTS = ("XDE", "YDE", "ZDE", "ADE", "BDE", "CDE")
+VIGNETTING = ("VUX", "VLX", "VUY", "VLY")
+REFUSED = (dict.fromkeys(("SPS", "CYL", "XTO", "YTO", "AAS", "DIF", "GRT", "MFL"),
+                         "expected a conic or an asphere (ASP)")
+           | dict.fromkeys(("REX", "REY", "ELX", "ELY", "ADX", "ADY", "REG", "ELG", "CIG"),
+                           "expected circular apertures (CIR)")
+           | dict.fromkeys(("CUY", "CUX", "RDY", "RDX", "THI", "GLA", "RMD", "SCA"),  # which change earlier lines
+                           "expected radius, thickness and glass on the line of their surface"))
+OF_SURFACE = ("STO", "K", *POWERS, *TILTS, "CIR", *REFUSED)
+FIELD_COMMANDS = tuple(axis + kind for axis in "XY" for kind in (*FIELDS, REAL_IMAGE_HEIGHT))
+KNOWN_COMMANDS = ("RDM", "STO", "TITLE", "TIT", "DIM", "WL", "REF", "ZOO", *APERTURES, *VIGNETTING, *FIELD_COMMANDS)
+HARMLESS_COMMANDS = (  # remarks, weights, drawing, optimisation flags, and solves with saved results
+    "LEN", "RDM;LEN", "GO", "INI", "WTW", "WTF", "WTX", "WTY", "CLS", "SLB", "CCY", "THC", "GLC", "KC", "AC", "BC",
+    "CC", "DC", "CON", "ASP", "SPH", "IC", "CUF", "PIM", "DAR", "TEM", "PRE", "XDC", "YDC", "ZDC", "ADC", "BDC", "CDC",
+    "DER")
+QUOTED = re.compile(r"""('[^'\n]*')|"[^"\n]*"|![^\n]*""")
+
+
+def read_codev(path: Path, options: ReadingOptions) -> Reading:
+    """Read a .seq. CIR apertures block light; vignetting factors are ignored."""
+    system, rows, private = _commands(path)
+    glasses = {glass.glass.name: glass for glass in private_glasses(private)}
+    _check_ends(path, rows)
+    unit_mm, curvatures = _unit_mm(system), _has_curvatures(path, system, rows)
+    stop = _stop_number(system)
+    surfaces = [_surface(path, number, row, curvatures, stop, glasses) for number, row in enumerate(rows[1:-1], 1)]
+    defocus = rows[-1]["SI"].figure(2, 0.0)  # from the paraxial image plane to the actual one
+    surfaces[-1] = replace(surfaces[-1], thickness_mm=surfaces[-1].thickness_mm + defocus)
+    factors = [value for command in VIGNETTING if command in system for value in system[command].figures()]
+    used = [glass for name, glass in glasses.items() if name in {surface.glass for surface in surfaces}]
+    return Reading(Prescription(
+        name=_title(system) or path.stem, surfaces=tuple(surface.scaled(unit_mm) for surface in surfaces),
+        aperture=_aperture(path, system, unit_mm), field=options.field or _field(path, system, unit_mm),
+        object_distance_mm=object_distance(rows[0]["SO"].figure(2, 0.0) * unit_mm),
+        reference_wavelength_nm=_reference_nm(path, system), source=f"{path.name} (Code V)",
+        glasses=tuple(each.glass for each in used),
+        notes=" ".join(filter(None, (vignetting_note(factors, surfaces), _zoom_note(system),
+                                     *(each.note for each in used))))),
+        unread=unread_names(system, (*KNOWN_COMMANDS, *HARMLESS_COMMANDS)))
+
+
+def _commands(path):
+    """{command: its last line} of the system; a list of the same for surfaces; and lines of private glasses.
+
+    STO, CIR and refused commands may belong to a surface. PRV and END enclose private glasses.
+    """
+    system, rows, private, inside = {}, [], [], False
+    for words in _words(path):
+        command = words[0].upper()
+        if inside or command == "PRV":
+            inside = command != "END"
+            private += [Line(path, "PRV", tuple(words))] if inside and command != "PRV" else ()
+            continue
+        if command in SURFACES:
+            line = Line(path, f"surface {len(rows)}", tuple(words))
+            if not all(_is_number(word) or (command == "SO" and word.lower() == "inf") for word in words[1:3]):
+                raise line.refusal("expected a radius or curvature, a thickness, and a glass")
+            rows.append({command: line})
+        elif rows and command in OF_SURFACE and not (command == "STO" and len(words) > 1):
+            line = Line(path, f"surface {len(rows) - 1}", tuple(words))
+            if command in REFUSED:
+                raise line.refusal(REFUSED[command])
+            if command != "CIR" or _is_clear(line):  # an edge does not block light
+                rows[-1][command] = line
+        elif command not in REFUSED and not (command == "ZOO" and len(words) > 2):  # values that vary with zoom
+            system[command] = Line(path, "command", tuple(words))
+    return system, rows, private
+
+
+def _words(path):
+    """Commands as lists of words: without comments, with & lines joined, and split at ; outside titles."""
+    text = "\n".join(read_text(path).splitlines())
+    text = QUOTED.sub(lambda match: (match[1] or "").replace(";", ","), text)
+    lines = re.sub(r"&[ \t]*\n", " ", text).split("\n")
+    return [words for line in lines for words in map(str.split, line.split(";")) if words]
+
+
+def _is_number(word):
+    try:
+        return bool(np.isfinite(float(word)))
+    except ValueError:
+        return False
+
+
+def _is_clear(line):
+    """Whether a CIR is a clear aperture: without a qualifier or with CLR; EDG is the edge of the glass."""
+    kind = line.words[1].upper() if len(line.words) == 3 else "CLR"
+    if len(line.words) not in (2, 3) or kind not in ("CLR", "EDG") or not _is_number(line.words[-1]):
+        raise line.refusal("expected CIR and the radius of a clear aperture")
+    return kind == "CLR"
+
+
+def _check_ends(path, rows):
+    """Check that object and image exist, and are planes in air."""
+    kinds = [next(iter(row)) for row in rows]
+    if kinds != ["SO", *["S"] * (len(rows) - 2), "SI"] or len(rows) < 3:
+        raise LensError(path, "surfaces", f"{len(rows)}", "expected SO, S ... and SI")
+    for name, row in (("SO", rows[0]), ("SI", rows[-1])):
+        if row[name].figure(1, 0.0) or _glass(row[name], ()):
+            raise LensError(path, name, "not a plane in air", "expected a flat object and a flat image")
+
+
+def _unit_mm(system):
+    if "DIM" not in system:
+        return 1.0
+    unit = " ".join(system["DIM"].words[1:2])
+    if unit[:1].upper() not in UNITS_MM:
+        raise LensError(system["DIM"].path, "DIM", unit, f"expected one of {', '.join(UNITS_MM)}")
+    return UNITS_MM[unit[:1].upper()]
+
+
+def _has_curvatures(path, system, rows):
+    """Whether RDM selects curvatures instead of radii; without RDM, all surfaces must be planes."""
+    if "RDM" in system:
+        return " ".join(system["RDM"].words[1:2]).upper().startswith("N")
+    if any(line.figure(1, 0.0) for row in rows for line in list(row.values())[:1]):
+        raise LensError(path, "RDM", "missing", "expected RDM, for radii, or RDM N, for curvatures, first")
+    return False
+
+
+def _stop_number(system):
+    """The surface number of STO; None if STO is one of a surface's commands."""
+    match = re.fullmatch(r"[Ss](\d+)", " ".join(system["STO"].words[1:])) if "STO" in system else None
+    return int(match[1]) if match else None
+
+
+def _surface(path, number, row, curvatures, stop, private):
+    line = row["S"]
+    if any(row[tilt].figure(1) for tilt in TILTS if tilt in row):
+        raise LensError(path, f"surface {number}", "tilted or decentred", "expected a centred lens")
+    glass = _glass(line, private)
+    if glass.upper() == "REFL":
+        raise LensError(path, f"surface {number}", "a mirror", "expected refracting surfaces")
+    value = line.figure(1, 0.0)
+    terms = {power: row[letter].figure(1) for letter, power in POWERS.items() if letter in row}
+    last = max((power for power, term in terms.items() if term), default=0)
+    return Surface((1 / value if curvatures else value) if value else np.inf, line.figure(2, 0.0), glass,
+                   row["CIR"].figure(-1) if "CIR" in row else np.inf, row["K"].figure(1) if "K" in row else 0.0,
+                   tuple(terms.get(power, 0.0) for power in range(2, last + 1, 2)), "STO" in row or stop == number)
+
+
+def _glass(line, private):
+    """Lensfield's name of Code V's NBK7_SCHOTT, 1.5168:64.17, 517642 or 517.642; private glasses keep their names."""
+    token = "".join(line.words[3:4]).strip("'\"")
+    if token.upper() in private:
+        return token.upper()
+    if token.upper() in ("", "AIR"):
+        return ""
+    if ":" in token:
+        return token.replace(":", "/")
+    name, _, catalogue = token.partition("_")
+    return name_in(catalogue, name) if catalogue else best_name(name, [])
+
+
+def _title(system):
+    words = next((system[command].words[1:] for command in ("TITLE", "TIT") if command in system), ())
+    return " ".join(words).strip("'\"")
+
+
+def _aperture(path, system, unit_mm):
+    line = next((system[command] for command in system if command in APERTURES), None)
+    if line is None:
+        raise LensError(path, "aperture", "missing", f"expected one of {', '.join(APERTURES)}")
+    kind, value = APERTURES[line.words[0].upper()], line.figure(1)
+    if line.words[0].upper() == "NA":
+        return kind, 0.5 / value if value else 0.0
+    return kind, in_mm(kind, value, unit_mm)
+
+
+def _field(path, system, unit_mm):
+    """The field in the first kind that the file uses, such as XAN and YAN."""
+    kind = next((command[1:] for command in system
+                 if command[0] in "XY" and command[1:] in (*FIELDS, REAL_IMAGE_HEIGHT)), None)
+    x, y = (system[axis + kind].figures() if kind and axis + kind in system else () for axis in "XY")
+    return field_end(path, FIELDS.get(kind), x, y, unit_mm)
+
+
+def _reference_nm(path, system):
+    wavelengths = system["WL"].figures() if "WL" in system else []
+    reference = system["REF"].figure(1) if "REF" in system else 1
+    if reference not in range(1, len(wavelengths) + 1):
+        raise LensError(path, "REF", f"{reference:g}", "expected the number of one of the file's wavelengths, WL")
+    return wavelengths[int(reference) - 1]
+
+
+def _zoom_note(system):
+    if "ZOO" not in system or system["ZOO"].figure(1) <= 1:
+        return ""
+    return f"The first of the file's {system['ZOO'].figure(1):g} zoom positions is used."

@@ -1,0 +1,91 @@
+""".lens: a name, a focal length, and rows of radius, thickness, index, Abbe number, aperture and coating.
+
+The column `semi_ap` contains diameters in all known files, and is halved. The authors of the files dropped the designs'
+aspheric terms. Newer files have a seventh column, the type of the surface.
+"""
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from ...runtime.errors import LensError
+from ...runtime.text import read_text
+from ...runtime.unread import unread_names
+from ..prescription import LEAST_F_NUMBER, Prescription, Surface
+from .lines import Line, numbered
+from .reading import Reading, ReadingOptions
+
+ROW, COLUMNS = 5, 7  # required numbers and possible words per row: coatings are not modelled
+SPHERES = ("sph", "sphere", "spherical")
+KNOWN_HEADS = ("name", "focal_length", "surfaces")
+F_NUMBER = re.compile(r"(?<![\w-])f/?\s?(\d+(?:\.\d+)?)(?![\d.]*\s*(?:mm|cm))", re.IGNORECASE)
+HEADER_F_NUMBER = re.compile(r"^#.*\bsurfaces\b.*\bf/(\d+(?:\.\d+)?)", re.MULTILINE)
+HEADER_ROUNDING = 0.1  # one decimal, rounded up or down
+ZOOM = re.compile(r"\d\s*-\s*\d[\d.]*\s*mm|\bzoom\b|\bvario", re.IGNORECASE)
+NOTE = "Apertures are read as diameters, and surfaces as spheres: the file does not contain aspheres."
+
+
+def read_dot_lens(path: Path, options: ReadingOptions) -> Reading:
+    """Read a .lens. The image plane is at the best focus, because patents round thicknesses."""
+    if options.field is None:
+        raise LensError(path, "field", "missing",
+                        "a .lens does not state the end of the field: give --field-angle or --field-height")
+    text = read_text(path)
+    heads = {name.strip(): " ".join(value.split()) for name, value in
+             (line.split("#")[0].split(":", 1) for line in text.splitlines() if ":" in line.split("#")[0])}
+    surfaces = tuple(_surface(line) for line in numbered(path, (line.split("#")[0] for line in text.splitlines()))
+                     if ":" not in " ".join(line.words))
+    stops = [surface for surface in surfaces if surface.stop]
+    if len(stops) != 1:
+        raise LensError(path, "stop", f"{len(stops)} rows", "expected one row that begins with stop")
+    name, focal_mm = heads.get("name", path.stem), _focal_length_mm(path, heads)
+    f_number, f_number_note = _f_number(name, text)
+    zooms = focal_mm and ZOOM.search(f"{name} {path.stem}")
+    zoom = f"The file has one position of a zoom lens: {focal_mm:g} mm." if zooms else ""
+    patent = re.search(r"#\s*(.*\d.*)", text)
+    return Reading(Prescription(
+        name=name, surfaces=surfaces, field=options.field, focus="best", focal_length_mm=focal_mm,
+        aperture=("f_number", f_number) if f_number else ("stop", stops[0].semi_aperture_mm),
+        notes=" ".join(filter(None, (NOTE, zoom, f_number_note))),
+        source=" ".join(f"{patent[1] if patent else ''} ({path.name})".split())),
+        f_number, unread_names(heads, KNOWN_HEADS))
+
+
+def _focal_length_mm(path, heads):
+    """Focal length in the header, or None."""
+    if not heads.get("focal_length"):
+        return None
+    line = Line(path, "focal_length", (heads["focal_length"],))
+    if not 0 < line.figure(0) < np.inf:
+        raise line.refusal("expected a lens of a positive focal length, not an attachment to one")
+    return line.figure(0)
+
+
+def _f_number(name, text):
+    """The f-number and a note: the header's, which is rounded, or the more precise one in the name if it agrees.
+
+    In "Pentax-F 85mm", the letter is part of a series' name.
+    """
+    header = HEADER_F_NUMBER.search(text)
+    engraved = F_NUMBER.search(name)
+    values = [float(match[1]) if match else None for match in (header, engraved)]
+    of_header, of_name = (value if value and value >= LEAST_F_NUMBER else None for value in values)
+    if of_header is None or of_name is None:
+        return of_header or of_name, ""
+    used = of_name if abs(of_header - of_name) <= HEADER_ROUNDING + 1e-9 else of_header
+    if of_header == of_name:
+        return used, ""
+    return used, f"The name says f/{of_name:g}, the header f/{of_header:g}: f/{used:g} is used."
+
+
+def _surface(line):
+    if len(line.words) < ROW:
+        raise line.refusal("expected radius or stop, thickness, index, Abbe number, aperture")
+    if len(line.words) > COLUMNS or line.words[COLUMNS - 1:] and line.words[-1].lower() not in SPHERES:
+        raise line.refusal("expected a spherical surface: cylinders and toroids cannot be traced")
+    stop = line.words[0].lower() == "stop"
+    radius_mm = np.inf if stop else line.figure(0) or np.inf
+    index, abbe, diameter_mm = (line.figure(at) for at in (2, 3, 4))
+    glass = "" if index <= 1 else f"{index:.9g}/{abbe:.9g}" if abbe else f"{index:.9g}"
+    return Surface(radius_mm, line.figure(1), glass, diameter_mm / 2 or np.inf, stop=stop)

@@ -1,0 +1,72 @@
+"""lentil's database of lenses: a JSON file with numbered lenses, as typed from their patents."""
+
+from pathlib import Path
+
+import numpy as np
+
+from ...runtime.errors import LensError
+from ...runtime.unread import json_names, unread_names
+from ..prescription import Prescription, Surface
+from .reading import Reading, ReadingOptions
+
+ELEMENTS, ADJUSTED = "optical-elements-patent", "optical-elements-adjusted"
+PLANE_MM = 99_000  # planes have a radius of 99999 or 100000
+STOP = "iris"
+KNOWN_NAMES = (ELEMENTS, ADJUSTED, "company", "product-name", "patent-number", "year", "focal-length-mm-patent",
+               "radius", "thickness", "material", "ior", "abbe", "housing-radius", "lens-geometry",
+               "aspherical-equation")
+HARMLESS_NAMES = (  # remarks, and lentil's own results, whose f-stops are focal length over the iris
+    "notes", "notes-to-self", "commercial", "patent-location", "prime", "production-ready", "polynomial-optics",
+    "focal-length-mm-raytraced", "fstop", "max-fstop-aperture-radius", "lt-jacobian-fix-required")
+FIRST_POWER = 4  # of r in the aspheric terms: 4, 6, 8 and 10
+
+
+def read_lentil(path: Path, contents: dict, options: ReadingOptions) -> Reading:
+    """Read the lens with this number, with its adjusted elements instead of the patent's if there are any."""
+    entries = {key: entry for key, entry in contents.items() if isinstance(entry, dict) and ELEMENTS in entry}
+    which, field = options.which, options.field
+    if which is None and len(entries) == 1:
+        which, = entries
+    if which is None or which not in entries:
+        known = ", ".join(f"{key} {entry.get('company')} {entry.get('product-name')}" for key, entry in entries.items())
+        raise LensError(path, "--which", "missing" if which is None else which, f"expected one of {known}")
+    entry = entries[which]
+    rows = entry.get(ADJUSTED) or entry[ELEMENTS]
+    if field is None:
+        raise LensError(path, "field", "missing",
+                        "lentil does not state the end of the field: give --field-angle or --field-height")
+    surfaces = []
+    for number, row in enumerate(rows, 1):
+        surfaces.append(_surface(path, number, row, surfaces[-1].glass if surfaces else ""))
+    stops = [surface for surface in surfaces if surface.stop]
+    if len(stops) != 1:
+        raise LensError(path, f"{which}, stop", f"{len(stops)} elements", f"expected one of material {STOP}")
+    zooms = any(isinstance(row["thickness"], list) for row in rows)
+    labels = (entry.get("company"), entry.get("product-name"), entry.get("patent-number"), entry.get("year"))
+    stated = entry.get("focal-length-mm-patent")
+    return Reading(Prescription(
+        name=f"{entry.get('company')} {entry.get('product-name')}", surfaces=tuple(surfaces),
+        aperture=("stop", stops[0].semi_aperture_mm), field=field, focus="best",
+        focal_length_mm=float(stated) if stated else None,
+        source=" ".join(["lentil", which, *(str(word) for word in labels if word)]),
+        notes="The shortest of its zoom positions is used." if zooms else ""),
+        unread=unread_names(json_names(entry, HARMLESS_NAMES), KNOWN_NAMES))
+
+
+def _surface(path, number, row, glass_before):
+    shape, thickness = row["lens-geometry"], row["thickness"]
+    if shape not in ("spherical", "aspherical"):
+        raise LensError(path, f"surface {number}", shape, "expected spherical or aspherical")
+    terms = row.get("aspherical-equation") or []
+    radius_mm = float(row["radius"])
+    stop = row["material"] == STOP
+    return Surface(np.inf if abs(radius_mm) > PLANE_MM else radius_mm,
+                   float(thickness[0] if isinstance(thickness, list) else thickness),
+                   glass_before if stop else _glass(row), float(row["housing-radius"]), 0.0,
+                   (0.0,) * (FIRST_POWER // 2 - 1) + tuple(map(float, terms)) if terms else (), stop)
+
+
+def _glass(row):
+    if row["material"] == "air" or not row["ior"] or row["ior"] == 1:
+        return ""
+    return f"{row['ior']:.9g}/{row['abbe']:.6g}" if row["abbe"] else f"{row['ior']:.9g}"

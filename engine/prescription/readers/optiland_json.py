@@ -1,0 +1,102 @@
+"""Optiland JSON."""
+
+from pathlib import Path, PureWindowsPath
+
+import numpy as np
+
+from ...runtime.errors import LensError
+from ...runtime.text import object_distance
+from ...runtime.unread import json_names, unread_names
+from ..glasses import best_name
+from ..prescription import Prescription, Surface
+from .field_and_aperture import field_end, vignetting_note
+from .reading import Reading, ReadingOptions
+
+KNOWN_NAMES = ("name", "aperture", "type", "value", "fields", "field_definition", "field_type", "x", "y", "vx", "vy",
+               "telecentric", "surface_group", "surfaces", "geometry", "cs", "z", "rx", "ry", "rz", "reference_cs",
+               "radius", "conic", "coefficients", "material_post", "index", "abbe", "catalog", "filename", "reference",
+               "is_stop", "is_reflective", "interaction_model", "r_min", "r_max", "wavelengths", "is_primary")
+HARMLESS_NAMES = ("version", "material_pre", "robust_search", "min_wavelength", "max_wavelength", "unit", "weight",
+                  "polarization", "pickups", "solves", "tol", "max_iter", "thickness", "comment", "coating", "model",
+                  "object_space_telecentric", "ray_tracer", "ray_aiming_config",
+                  "match_policy", "bounds", "propagation_model")
+REFRACTIVE = "RefractiveReflectiveModel"
+SHAPES = ("Plane", "StandardGeometry", "EvenAsphere", "OddAsphere")
+APERTURES = {"EPD": "entrance_pupil_diameter_mm", "imageFNO": "f_number", "objectNA": "object_na"}
+FIELDS = {"AngleField": "angle_deg", "ObjectHeightField": "object_height_mm",
+          "ParaxialImageHeightField": "image_height_mm",
+          "angle": "angle_deg", "object_height": "object_height_mm"}  # names in older releases
+
+
+def read_optiland(path: Path, contents: dict, options: ReadingOptions) -> Reading:
+    """Read a lens written by `optiland.fileio.save_optiland_file`."""
+    rows = contents["surface_group"]["surfaces"]
+    _check_ends(path, rows)
+    places = [row["geometry"]["cs"]["z"] for row in rows]
+    surfaces = tuple(_surface(path, number, row, places[number + 1] - places[number])
+                     for number, row in enumerate(rows[1:-1], 1))
+    if contents["fields"].get("telecentric"):
+        raise LensError(path, "fields", "telecentric in object space", "expected rays to be aimed at the stop")
+    factors = [point.get(axis) for point in contents["fields"]["fields"] for axis in ("vx", "vy")]
+    return Reading(Prescription(
+        name=" ".join(str(contents.get("name") or path.stem).split()), surfaces=surfaces,
+        aperture=_aperture(path, contents["aperture"]), field=options.field or _field(path, contents["fields"]),
+        object_distance_mm=object_distance(places[1] - places[0]),
+        reference_wavelength_nm=_reference_nm(contents["wavelengths"]["wavelengths"]),
+        source=f"{path.name} (Optiland)", notes=vignetting_note(factors, surfaces)),
+        unread=unread_names(json_names(contents, HARMLESS_NAMES), KNOWN_NAMES))
+
+
+def _check_ends(path, rows):
+    """Check that object and image are planes, and that the object is in air."""
+    if len(rows) < 3 or any(np.isfinite(row["geometry"].get("radius", np.inf)) for row in (rows[0], rows[-1])):
+        raise LensError(path, "surface_group", "without a flat object and a flat image", "expected both, and a lens")
+    if _glass(path, 0, rows[0]["material_post"]):
+        raise LensError(path, "object", "in glass", "expected air in front of the lens")
+
+
+def _surface(path, number, row, thickness_mm):
+    shape, aperture, interaction = row["geometry"], row.get("aperture"), row.get("interaction_model", {})
+    mirror = interaction.get("is_reflective") or row.get("is_reflective")  # of older releases
+    if interaction.get("type", REFRACTIVE) != REFRACTIVE or mirror:
+        raise LensError(path, f"surface {number}", "not a refracting surface", "expected refracting surfaces")
+    if shape["type"] not in SHAPES:
+        raise LensError(path, f"surface {number}", shape["type"], f"expected one of {', '.join(SHAPES)}")
+    if any(shape["cs"][key] for key in ("x", "y", "rx", "ry", "rz")):
+        raise LensError(path, f"surface {number}", "tilted or decentred", "expected a centred lens")
+    if aperture and (aperture["type"] != "RadialAperture" or aperture.get("r_min")):
+        raise LensError(path, f"surface {number}, aperture", aperture["type"], "expected a circle, a RadialAperture")
+    terms = tuple(shape.get("coefficients", ()))
+    even, odd = (terms[1::2], terms[::2]) if shape["type"] == "OddAsphere" else (terms, ())
+    return Surface(shape.get("radius", np.inf), thickness_mm, _glass(path, number, row["material_post"]),
+                   aperture["r_max"] if aperture else np.inf, shape.get("conic", 0.0), even, row["is_stop"], odd)
+
+
+def _glass(path, number, material):
+    if material["type"] == "Material":
+        catalogue = material.get("catalog") or material.get("reference")
+        return best_name(material["name"], [catalogue or PureWindowsPath(material.get("filename") or "").parent.name])
+    if material["type"] == "AbbeMaterial":
+        return f"{material['index']:.9g}/{material['abbe']:.9g}"
+    if material["type"] == "IdealMaterial":
+        return "" if material["index"] == 1 else f"{material['index']:.9g}"
+    raise LensError(path, f"surface {number}, glass", material["type"], "expected a catalogue glass or AbbeMaterial")
+
+
+def _field(path, fields):
+    x, y = ([point[axis] for point in fields["fields"]] for axis in ("x", "y"))
+    kind = fields.get("field_definition", fields).get("field_type")
+    return field_end(path, FIELDS.get(kind), x, y)
+
+
+def _aperture(path, aperture):
+    if aperture["type"] == "float_by_stop_size":
+        return "stop", aperture["value"] / 2
+    if aperture["type"] not in APERTURES:
+        raise LensError(path, "aperture", aperture["type"], f"expected float_by_stop_size, {', '.join(APERTURES)}")
+    return APERTURES[aperture["type"]], aperture["value"]
+
+
+def _reference_nm(wavelengths):
+    """The primary wavelength, or the first."""
+    return 1e3 * next((row for row in wavelengths if row["is_primary"]), wavelengths[0])["value"]

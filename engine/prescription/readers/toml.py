@@ -1,0 +1,218 @@
+"""Reader and writer of Lensfield prescriptions: TOML with the fields of `Prescription` and a table per surface."""
+
+import json
+import textwrap
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...runtime.errors import LensError
+from ...runtime.toml_fields import TomlTable, read_toml
+from ...spectral.dispersion import FORMULAS
+from ...spectral.refraction import Formula
+from ..glasses import Glass
+from ..prescription import APERTURES, FIELDS, Prescription, Surface
+from .reading import Reading, ReadingOptions
+
+FORMAT, VERSION = "lensfield-prescription", 1
+TEXTS = ("name", "title", "maker", "story", "source", "notes", "focus")
+NUMBERS = ("object_distance_mm", "reference_wavelength_nm", "highest_f_number")
+OF_THE_LENS = ("focal_length_mm", "closest_focus_mm")  # numbers that `scale` does not change; sensor_mm neither
+FIELDS_OF_FILE = ("format", "version", "scale", "aperture", "field", "sensor_mm", "surfaces", "year", "character",
+                  "focused_at_mm", "glasses", *TEXTS, *NUMBERS, *OF_THE_LENS)
+SURFACE_NUMBERS = ("radius_mm", "semi_aperture_mm", "conic")
+FIELDS_OF_GLASS = ("formula", "coefficients", "range_nm")
+EVERYWHERE_NM = (0.0, np.inf)
+FIELDS_OF_SURFACE = (*SURFACE_NUMBERS, "thickness_mm", "glass", "aspheric", "stop")
+HIGHEST_POWER = 40
+WRITTEN = ("name", "title", "maker", "year", "focal_length_mm", "character", "story", "source", "notes", "aperture",
+           "highest_f_number", "field", "sensor_mm", "focus", "object_distance_mm", "focused_at_mm", "closest_focus_mm",
+           "reference_wavelength_nm")
+DEFAULTS = {field.name: field.default for value in (Prescription, Surface) for field in fields(value)}
+WIDTH = 105  # of a line of text, without the field's name
+
+
+def read_lensfield(path: Path, field: tuple[str, float] | None = None) -> Prescription:
+    """Read a Lensfield prescription."""
+    table = read_toml(path, FORMAT, VERSION)
+    _check_known(table, FIELDS_OF_FILE)
+    scale = table.number("scale", 1.0)
+    if not 0 < scale < np.inf:
+        raise table.refusal("scale", "expected a positive number")
+    facts = {name: _line(table, name) for name in TEXTS if name in table}
+    facts |= {name: table.number(name) for name in NUMBERS if name in table}
+    if "focused_at_mm" in table:  # the file's thicknesses are for the first of these
+        facts["focused_at_mm"] = tuple(table.numbers("focused_at_mm"))
+        facts = {"object_distance_mm": facts["focused_at_mm"][0]} | facts
+    prescription = Prescription(
+        **{"name": path.stem} | facts, surfaces=_surfaces(table), aperture=_figure(table, "aperture", APERTURES),
+        field=field or _figure(table, "field", FIELDS), year=_year(table), character=_character(table),
+        glasses=_glasses(table))
+    prescription = prescription if scale == 1 else prescription.scaled(scale)
+    of_the_lens: dict[str, Any] = {name: table.number(name) for name in OF_THE_LENS if name in table}
+    of_the_lens |= {"field": field} if field else {}  # the requested field is not scaled
+    return replace(prescription, sensor_mm=_sensor_mm(table), **of_the_lens)
+
+
+def read_toml_file(path: Path, options: ReadingOptions) -> Reading:
+    """Read a Lensfield prescription; unknown names in it are errors."""
+    return Reading(read_lensfield(path, options.field), ours=True)
+
+
+def _year(table):
+    year = table.values.get("year")
+    if year is not None and (isinstance(year, bool) or not isinstance(year, int) or not 0 < year < 10000):
+        raise table.refusal("year", "expected a whole number, of four digits at most")
+    return year
+
+
+def _character(table):
+    words = table.values.get("character", [])
+    if not isinstance(words, list) or not all(isinstance(word, str) for word in words):
+        raise table.refusal("character", "expected a list of words")
+    return tuple(words)
+
+
+def _sensor_mm(table):
+    if "sensor_mm" not in table:
+        return None
+    width, height = table.numbers("sensor_mm", 2)
+    return width, height
+
+
+def _check_known(table, known: Sequence[str]):
+    for name in table.values:
+        if name not in known:
+            raise LensError(table.path, f"{table.place}{name}", "unknown", f"expected {', '.join(known)}")
+
+
+def _line(table, name):
+    """Text with line ends and repeated spaces collapsed to a single space."""
+    return " ".join(table.text(name, "").split())
+
+
+def _glasses(table):
+    """Private glasses of the prescription, from a table of tables by name."""
+    rows = table.values.get("glasses", {})
+    if not isinstance(rows, dict) or not all(name.strip() and name.isprintable() and isinstance(row, dict)
+                                             for name, row in rows.items()):
+        raise table.refusal("glasses", "expected tables by name, such as [glasses.MINE]")
+    return tuple(Glass(" ".join(name.split()), _formula(TomlTable(table.path, row, f"glass {name}, ")))
+                 for name, row in rows.items())
+
+
+def _formula(table):
+    _check_known(table, FIELDS_OF_GLASS)
+    number = table.number("formula")
+    if number not in FORMULAS:
+        raise table.refusal("formula", "expected 1 to 9, as refractiveindex.info numbers dispersion formulas")
+    coefficients, most = table.numbers("coefficients"), FORMULAS[int(number)].most_coefficients
+    if len(coefficients) > most:
+        raise table.refusal("coefficients", f"expected at most {most} for formula {number:g}")
+    first, last = table.numbers("range_nm", 2) if "range_nm" in table else EVERYWHERE_NM
+    if not 0 <= first < last:
+        raise table.refusal("range_nm", "expected two ascending nanometres")
+    return Formula(int(number), tuple(coefficients), (first, last))
+
+
+def _surfaces(table):
+    rows = table.values.get("surfaces")
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise table.refusal("surfaces", "expected a list of [[surfaces]]")
+    return tuple(_surface(TomlTable(table.path, row, f"surface {number}, ")) for number, row in enumerate(rows, 1))
+
+
+def _surface(table):
+    _check_known(table, FIELDS_OF_SURFACE)
+    numbers = {name: table.number(name) for name in SURFACE_NUMBERS if name in table}
+    if isinstance(table.values.get("thickness_mm"), list):
+        numbers["gaps_mm"] = tuple(table.numbers("thickness_mm"))
+        numbers["thickness_mm"] = numbers["gaps_mm"][0]
+    elif "thickness_mm" in table:
+        numbers["thickness_mm"] = table.number("thickness_mm")
+    even, odd = _aspheric(table)
+    return Surface(**numbers, glass=_line(table, "glass"), stop=table.flag("stop"), aspheric=even, odd_aspheric=odd)
+
+
+def _aspheric(table):
+    """Coefficients of r^2, r^4 ... and of r, r^3 ... from a table of powers."""
+    terms = table.values.get("aspheric", {})
+    if not isinstance(terms, dict) or not all(key.isdecimal() and int(key) in range(1, HIGHEST_POWER + 1)
+                                              for key in terms):
+        raise table.refusal("aspheric", "expected a table of powers, such as {4 = 1e-3, 6 = -2e-5}")
+    powers = TomlTable(table.path, terms, f"{table.place}aspheric, ")
+    coefficients = {int(key): powers.number(key) for key in terms}
+
+    def series(first):
+        last = max((power for power in coefficients if power % 2 == first % 2), default=0)
+        return tuple(coefficients.get(power, 0.0) for power in range(first, last + 1, 2))
+
+    return series(2), series(1)
+
+
+def _figure(table, name, kinds):
+    """The single entry of a table such as {f_number = 2.0}."""
+    figure = table.values.get(name)
+    if not isinstance(figure, dict) or len(figure) != 1 or not figure.keys() <= set(kinds):
+        raise table.refusal(name, f"expected a table with one of {', '.join(kinds)}")
+    kind, = figure
+    return kind, TomlTable(table.path, figure, f"{name}, ").number(kind)
+
+
+def write_prescription(prescription: Prescription) -> str:
+    """The text of a prescription, with a line per surface; reading it returns an equal prescription.
+
+    Default values are left out. In texts, unprintable characters become spaces and repeated spaces are collapsed, as in
+    reading. `glass_figures` are not written.
+    """
+    first_mm = prescription.focused_at_mm[0] if prescription.focused_at_mm else np.inf
+    facts = vars(prescription) | {name: dict([getattr(prescription, name)]) for name in ("aperture", "field")}
+    lines = [f'format = "{FORMAT}"', f"version = {VERSION}",
+             *_pairs({name: facts[name] for name in WRITTEN}, DEFAULTS | {"object_distance_mm": first_mm})]
+    rows = (f"  {{ {', '.join(_pairs(_fields_of(surface), DEFAULTS))} }}" for surface in prescription.surfaces)
+    glasses = (line for glass in prescription.glasses for line in _glass_lines(glass))
+    return "\n".join([*lines, "surfaces = [", ",\n".join(rows), "]", *glasses, ""])
+
+
+def _fields_of(surface):
+    """The fields of a surface's table."""
+    powers = sorted([*zip(range(2, HIGHEST_POWER + 1, 2), surface.aspheric, strict=False),
+                     *zip(range(1, HIGHEST_POWER, 2), surface.odd_aspheric, strict=False)])
+    last = (2 * len(surface.aspheric), 2 * len(surface.odd_aspheric) - 1)  # written even if 0: the terms are counted
+    return {"radius_mm": surface.radius_mm, "thickness_mm": surface.gaps_mm or surface.thickness_mm,
+            "glass": surface.glass, "semi_aperture_mm": surface.semi_aperture_mm, "stop": surface.stop,
+            "conic": surface.conic, "aspheric": {power: term for power, term in powers if term or power in last} or ()}
+
+
+def _glass_lines(glass):
+    """Lines of the table of a private glass."""
+    formula = glass.dispersion
+    facts = {"formula": formula.number, "coefficients": formula.coefficients, "range_nm": formula.range_nm}
+    return ["", f"[glasses.{json.dumps(glass.name, ensure_ascii=False)}]", *_pairs(facts, {"range_nm": EVERYWHERE_NM})]
+
+
+def _pairs(values, defaults):
+    """`name = value` for each value that differs from its default."""
+    return [f"{name} = {_written(value)}" for name, value in values.items() if value != defaults.get(name)]
+
+
+def _written(value):
+    """TOML text of a string, flag, number, array or table."""
+    if isinstance(value, str):
+        return _written_text(" ".join("".join(letter if letter.isprintable() else " " for letter in value).split()))
+    if isinstance(value, dict):
+        return f"{{ {', '.join(_pairs(value, {}))} }}"
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(_written, value))}]"
+    return str(value).lower() if isinstance(value, bool) else repr(float(value)).removesuffix(".0")
+
+
+def _written_text(text):
+    """Quoted text on one line, or on several if it is long."""
+    quoted = json.dumps(text, ensure_ascii=False)
+    if len(quoted) <= WIDTH:
+        return quoted
+    return f'"""{textwrap.fill(quoted[1:-1], WIDTH, break_long_words=False, break_on_hyphens=False)}"""'

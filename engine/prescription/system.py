@@ -1,0 +1,120 @@
+"""A prescription prepared for tracing: glasses, stop, first-order figures, fields."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..runtime.errors import LensError
+from .glasses import Glass, find_glass
+from .paraxial import FirstOrder, first_order
+from .prescription import Prescription
+
+
+@dataclass(frozen=True, eq=False)
+class System(FirstOrder):
+    """A lens ready to trace: prescription, glasses and first-order figures.
+
+    Attributes
+    ----------
+    prescription : Prescription
+        Its aperture is the stop's size, its last thickness the distance to the image plane.
+    glasses : tuple of Glass
+        Behind each surface.
+    last_height_mm : float
+        Paraxial image height at the end of the field.
+    """
+
+    prescription: Prescription
+    glasses: tuple[Glass, ...]
+    last_height_mm: float
+
+    @property
+    def object_at_infinity(self) -> bool:
+        """Whether fields are angles rather than heights."""
+        return bool(np.isinf(self.prescription.object_distance_mm))
+
+    @property
+    def semi_apertures_mm(self) -> np.ndarray:
+        """Semi-aperture of each surface: array, inf for unlimited ones and for the stop."""
+        sizes = np.array([surface.semi_aperture_mm for surface in self.prescription.surfaces])
+        sizes[self.prescription.stop_index] = np.inf
+        return sizes
+
+    @property
+    def exit_pupil_distance_mm(self) -> float:
+        """From the image plane to the exit pupil, positive along the light."""
+        return self.exit_pupil_mm - self.prescription.surfaces[-1].thickness_mm
+
+    def fields_of(self, heights_mm: Sequence[float] | np.ndarray) -> np.ndarray:
+        """Fields of paraxial image heights: angles in radians, or object heights in mm."""
+        heights_mm = np.asarray(heights_mm, dtype=float)
+        if self.object_at_infinity:
+            return np.arctan(heights_mm / self.efl_mm)
+        return heights_mm / self.magnification
+
+    def heights_of(self, fields: np.ndarray) -> np.ndarray:
+        """Paraxial image heights in mm of angles in radians, or of object heights in mm."""
+        if self.object_at_infinity:
+            return self.efl_mm * np.tan(fields)
+        return self.magnification * fields
+
+    def indices_at(self, wavelengths_nm: Sequence[float] | np.ndarray) -> np.ndarray:
+        """Refractive indices in front of each surface and behind the last: array (surface + 1, wavelength).
+
+        Raises
+        ------
+        LensError
+            A wavelength outside the range of a glass.
+        """
+        return _indices(self.prescription, self.glasses, wavelengths_nm)
+
+    def transmittance(self, wavelengths_nm: Sequence[float] | np.ndarray) -> np.ndarray:
+        """T of the bulk glass along the axis: array (wavelength,), without losses of model glasses and coatings."""
+        nm = np.asarray(wavelengths_nm, dtype=float)
+        depth = sum(4 * np.pi * glass.extinction_at(nm) * abs(surface.thickness_mm) / (nm * 1e-6)
+                    for glass, surface in zip(self.glasses, self.prescription.surfaces, strict=True))
+        return np.exp(-depth)
+
+
+def system_of(prescription: Prescription) -> System:
+    """System of a prescription, with the image plane at the last thickness.
+
+    Raises
+    ------
+    LensError
+        A glass that is not in any catalogue, or a lens without power.
+    """
+    private = {glass.name: glass for glass in prescription.glasses}
+    glasses = tuple(private.get(surface.glass) or find_glass(surface.glass, prescription.name,
+                                                             f"surface {number}, glass", surface.glass_figures)
+                    for number, surface in enumerate(prescription.surfaces, 1))
+    indices = _indices(prescription, glasses, [prescription.reference_wavelength_nm])
+    figures = first_order(prescription, indices[:, 0])
+    prescription = replace(prescription, aperture=("stop", figures.stop_semi_aperture_mm))
+    return System(**vars(figures), prescription=prescription, glasses=glasses,
+                  last_height_mm=_last_height_mm(prescription, figures))
+
+
+def _indices(prescription, glasses, wavelengths_nm):
+    nm = np.asarray(wavelengths_nm, dtype=float)
+    indices = np.stack([np.ones_like(nm), *(glass.index_at(nm) for glass in glasses)])
+    unknown = np.argwhere(np.isnan(indices))
+    if unknown.size:
+        surface, wavelength = unknown[0]
+        raise LensError(prescription.name, f"surface {surface}, glass", glasses[surface - 1].name,
+                        f"not known at {nm[wavelength]:g} nm: give other wavelengths, or another glass")
+    return indices
+
+
+def _last_height_mm(prescription, figures):
+    """Paraxial image height at the end of the field."""
+    kind, value = prescription.field
+    if kind == "image_height_mm":
+        return value
+    if kind == "object_height_mm":
+        return abs(figures.magnification) * value
+    tangent = np.tan(np.radians(value))
+    if np.isinf(prescription.object_distance_mm):
+        return figures.efl_mm * tangent
+    return abs(figures.magnification) * tangent * (prescription.object_distance_mm + figures.entrance_pupil_mm)

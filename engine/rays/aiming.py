@@ -1,0 +1,173 @@
+"""Ray aiming: slopes at points of the stop for rays that come from an object point, or go to an image point.
+
+Rays start on the stop rather than on the object, so every ray reaches the front of a wide-angle lens. The two unknown
+slopes are solved for all rays at once by Broyden's method (Mathematics of Computation 19, 577, 1965).
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ..prescription.system import System
+from .trace import start_on_stop, trace_to_image, trace_to_object
+
+SLOPES = np.linspace(0, 3.0, 401)  # at the stop, searched for chief rays
+NEWTON_STEPS = 4  # for chief rays, from a good first guess
+SLOPE_STEP = 1e-6  # for derivatives with respect to slope
+PLACE_STEP = 1e-3  # and with respect to position, in semi-apertures of the stop
+STEPS = 16
+LONGEST_STEP = 0.2  # in slope
+CONVERGED, AIMED = 2e-13, 1e-10  # error at the object point
+
+
+def aim(system: System, indices: np.ndarray, fields: np.ndarray, x_mm: np.ndarray, y_mm: np.ndarray
+        ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Slopes at the stop of rays from object points.
+
+    Parameters
+    ----------
+    system : System
+    indices : array (surface + 1, wavelength)
+    fields : array (field,)
+        Angles in radians, or object heights in mm.
+    x_mm, y_mm : arrays (ray,)
+        Points of the stop.
+
+    Returns
+    -------
+    slope_x, slope_y : arrays (wavelength, field, ray)
+    aimed : bool array (wavelength, field, ray)
+        Rays that do come from the object point.
+    """
+    return _aimed(system, indices, _miss, _fields_reached(system, indices), fields, x_mm, y_mm)
+
+
+def aim_at_image(system: System, indices: np.ndarray, heights_mm: np.ndarray, x_mm: np.ndarray, y_mm: np.ndarray
+                 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """As `aim`, for rays to points of the image plane at heights along +y: array (height,)."""
+    return _aimed(system, indices, _miss_image, _heights_reached_mm(system, indices), heights_mm, x_mm, y_mm)
+
+
+def _aimed(system, indices, miss, reached, targets, x_mm, y_mm):
+    """Slopes at which `miss` vanishes, and whether it does. Chief rays come first, interpolated between `SLOPES`."""
+    def of_wavelength(indices, reached):
+        def missed(*rays):
+            return miss(system, indices, *rays)
+
+        chief = _first_guess(reached, np.abs(targets))[:, None]
+        for _ in range(NEWTON_STEPS):
+            here, ahead = (missed(targets[:, None], 0.0, 0.0, 0.0, slope)[1] for slope in (chief, chief + SLOPE_STEP))
+            chief = chief - here * SLOPE_STEP / (ahead - here)
+        return _broyden(missed, targets[:, None], x_mm, y_mm, chief, PLACE_STEP * system.stop_semi_aperture_mm)
+
+    with np.errstate(all="ignore"):  # one wavelength at a time fits in the processor's cache
+        return tuple(map(np.stack, zip(*map(of_wavelength, indices.T, reached), strict=True)))
+
+
+def _first_guess(reached, targets):
+    """Slopes of chief rays by interpolation between `SLOPES`, up to where the field folds back; NaN beyond."""
+    rises = np.diff(reached) > 0
+    last = SLOPES.size if rises.all() else int(np.argmin(rises)) + 1
+    return np.interp(targets, reached[:last], SLOPES[:last], right=np.nan)
+
+
+def _fields_reached(system, indices):
+    """Fields of chief rays with `SLOPES`: angles in radians or object heights in mm, array (wavelength, slope)."""
+    on_stop = start_on_stop(system.prescription, 0.0, 0.0, 0.0, SLOPES[None])
+    with np.errstate(all="ignore"):
+        position, direction, _, _ = trace_to_object(system.prescription, indices[:, :, None], *on_stop)
+        if system.object_at_infinity:
+            fields = np.arctan2(direction[1], direction[2])
+        else:
+            back_mm = (system.prescription.object_distance_mm + position[2]) / direction[2]
+            fields = back_mm * direction[1] - position[1]
+    return np.broadcast_to(fields, (indices.shape[1], SLOPES.size))
+
+
+def _heights_reached_mm(system, indices):
+    """Image heights of chief rays with `SLOPES`: array (wavelength, slope)."""
+    with np.errstate(all="ignore"):
+        return trace_to_image(system.prescription, indices[:, :, None],
+                              *start_on_stop(system.prescription, 0.0, 0.0, 0.0, SLOPES[None]))[0][1]
+
+
+def _miss(system, indices, fields, x_mm, y_mm, slope_x, slope_y):
+    """Errors of rays at their object points, as angles along x and y: array (2, ...)."""
+    position, direction = start_on_stop(system.prescription, x_mm, y_mm, slope_x, slope_y)
+    position, direction, _, _ = trace_to_object(system.prescription, indices, position, direction)
+    if system.object_at_infinity:
+        return np.stack(np.broadcast_arrays(
+            direction[0], direction[1] * np.cos(fields) - direction[2] * np.sin(fields)))
+    distance_mm = system.prescription.object_distance_mm
+    back_mm = (distance_mm + position[2]) / direction[2]
+    x, y = position[:2] - back_mm * direction[:2]
+    return np.stack(np.broadcast_arrays(x, y - fields)) / -distance_mm
+
+
+def _miss_image(system, indices, heights_mm, x_mm, y_mm, slope_x, slope_y):
+    """Errors of rays at their image points, in focal lengths along x and y: array (2, ...)."""
+    on_stop = start_on_stop(system.prescription, x_mm, y_mm, slope_x, slope_y)
+    x, y = trace_to_image(system.prescription, indices, *on_stop)[0][:2]
+    return np.stack(np.broadcast_arrays(x, y - heights_mm)) / system.efl_mm
+
+
+def _broyden(miss, targets, x_mm, y_mm, chief, step_mm):
+    """Slopes (x, y) at which `miss` vanishes, and whether it does: arrays (field, ray)."""
+    middle = miss(targets, 0.0, 0.0, 0.0, chief)
+    by_slope_x = (miss(targets, 0.0, 0.0, SLOPE_STEP, chief) - middle)[0] / SLOPE_STEP
+    by_slope_y = (miss(targets, 0.0, 0.0, 0.0, chief + SLOPE_STEP) - middle)[1] / SLOPE_STEP
+    by_x = (miss(targets, step_mm, 0.0, 0.0, chief) - middle)[0] / step_mm
+    by_y = (miss(targets, 0.0, step_mm, 0.0, chief) - middle)[1] / step_mm
+    guess = np.stack(np.broadcast_arrays(-x_mm * by_x / by_slope_x, chief - y_mm * by_y / by_slope_y))
+    zero = np.zeros_like(guess[0])
+    inverse = np.array([[1 / by_slope_x + zero, zero], [zero, 1 / by_slope_y + zero]])  # of the Jacobian
+    rays = (np.broadcast_to(each, zero.shape).ravel() for each in (targets, x_mm, y_mm))
+    slopes, error = broyden_steps(miss, tuple(rays), guess.reshape(2, -1), inverse.reshape(2, 2, -1))
+    return *slopes.reshape(guess.shape), (error < AIMED).reshape(zero.shape)
+
+
+def broyden_steps(miss: Callable[..., np.ndarray], rays: Sequence[np.ndarray], slopes: np.ndarray, inverse: np.ndarray
+                  ) -> tuple[np.ndarray, np.ndarray]:
+    """Solve two equations per ray by Broyden's method. Each ray iterates until it converges.
+
+    Parameters
+    ----------
+    miss : function (*rays, x, y)
+        Residual, array (2, ray), of the parameters `rays` and the unknowns x and y.
+    rays : sequence of arrays (ray,)
+    slopes : array (2, ray)
+        First guess of the unknowns.
+    inverse : array (2, 2, ray)
+        Estimate of the inverse Jacobian.
+
+    Returns
+    -------
+    slopes : array (2, ray)
+    error : array (ray,)
+        Largest absolute residual.
+    """
+    slopes, active, here = slopes.copy(), np.arange(slopes.shape[1]), slopes
+    missed = miss(*rays, *here)
+    error = np.abs(missed).max(axis=0)
+    for _ in range(STEPS):
+        far = error[active] > CONVERGED
+        if not far.any():
+            break
+        active, rays, here = active[far], [each[far] for each in rays], here[:, far]
+        missed, inverse = missed[:, far], inverse[..., far]
+        step = -_times(inverse, missed)
+        step *= np.minimum(1, LONGEST_STEP / np.maximum(np.hypot(*step), 1e-30))
+        here = here + step
+        missed_next = miss(*rays, *here)
+        change = _times(inverse, missed_next - missed)
+        along = np.sum(step * change, axis=0)
+        gain = (step - change) / np.where(np.abs(along) < 1e-300, np.inf, along)
+        inverse = inverse + gain[:, None] * np.sum(step[:, None] * inverse, axis=0)
+        missed = missed_next
+        slopes[:, active], error[active] = here, np.abs(missed).max(axis=0)
+    return slopes, error
+
+
+def _times(matrix, vector):
+    """Products of 2 x 2 matrices and vectors, one per ray."""
+    return np.sum(matrix * vector, axis=1)

@@ -1,0 +1,125 @@
+"""Contrast of fine lines on the axis, including diffraction, in many image planes.
+
+A bundle on the axis is a function of its rays' direction cosine alone. Its optical transfer function is the
+autocorrelation of the pupil over these cosines, shifted by wavelength times frequency. Another image plane only adds a
+phase.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import BSpline, make_interp_spline
+
+from ..prescription.system import System
+from ..runtime.errors import LensError
+from ..spectral.spectra import colour_matching
+from .pupil import gauss_legendre
+from .rays import HalfPupil, trace_pupil
+
+FAN = HalfPupil(33, 1)
+DEGREE = 5  # of the splines through its rays
+RADII, AZIMUTHS = 32, 12  # quadrature over a quarter of the pupil
+
+
+@dataclass(frozen=True, eq=False)
+class AxialBundle:
+    """Light of one wavelength that converges to the axial image point.
+
+    Attributes
+    ----------
+    wavelength_nm : float
+    aperture : float
+        Numerical aperture: direction cosine of the outermost rays that pass.
+    path_mm : BSpline
+        Optical path of the plane waves at the centre of the image plane, as a function of the direction cosine.
+    light : BSpline
+        Light per area of direction cosines, as a function of the squared direction cosine.
+    crossings_mm : array
+        Distances from the image plane at which rays cross the axis.
+    """
+
+    wavelength_nm: float
+    aperture: float
+    path_mm: BSpline
+    light: BSpline
+    crossings_mm: np.ndarray
+
+    @property
+    def cutoff_lp_mm(self) -> float:
+        """Diffraction cutoff: the frequency at which contrast vanishes."""
+        return 2e6 * self.aperture / self.wavelength_nm
+
+    def contrast(self, lp_mm: float, shifts_mm: Sequence[float] | np.ndarray) -> np.ndarray:
+        """MTF at a frequency in image planes shifted back from the lens's image plane: array (shift,).
+
+        Negative where contrast is reversed, and 0 beyond the diffraction cutoff.
+        """
+        shift = lp_mm * self.wavelength_nm * 1e-6
+        near, far, areas = _overlap(self.aperture, shift)
+        weights = areas * np.sqrt(np.prod([np.maximum(self.light(cosine**2), 0) for cosine in (near, far)], axis=0))
+        wave_number = 2e6 * np.pi / self.wavelength_nm
+        phase = wave_number * (self.path_mm(far) - self.path_mm(near))
+        change = wave_number * (np.sqrt(1 - far**2) - np.sqrt(1 - near**2))
+        _, distances, all_areas = _overlap(self.aperture, 0.0)
+        light = np.sum(all_areas * np.maximum(self.light(distances**2), 0))
+        return np.cos(phase + np.multiply.outer(shifts_mm, change)) @ weights / light
+
+
+def trace_axial_bundles(system: System, wavelengths_nm: Sequence[float] | np.ndarray) -> list[AxialBundle]:
+    """Trace the axial bundle at each wavelength.
+
+    Raises
+    ------
+    LensError
+        No light gets through.
+    """
+    rays = trace_pupil(system, [0.0], wavelengths_nm, FAN)
+    semi_apertures_mm = system.semi_apertures_mm[:, None, None]
+    extents = np.sqrt(rays.square_height_mm2[:, :, 0, :, 0]) / semi_apertures_mm
+    extents[system.prescription.stop_index] = FAN.radii
+    cosine, height_mm, source = (np.where(rays.lost, np.nan, values[1])[:, 0, :, 0]
+                                 for values in (rays.direction, rays.position_mm, rays.source))
+    return [_bundle(system, *each) for each in zip(rays.wavelengths_nm, cosine, height_mm, source, extents.max(axis=0),
+                                                   strict=True)]
+
+
+def white_mtf(bundles: Sequence[AxialBundle], lp_mm: float, shifts_mm: Sequence[float] | np.ndarray) -> np.ndarray:
+    """Contrast in equal-energy light of these wavelengths, weighted by the eye's response: array (shift,)."""
+    eye_response = colour_matching([bundle.wavelength_nm for bundle in bundles])[:, 1]
+    eye_response = eye_response if eye_response.any() else np.ones(len(bundles))
+    return np.average([bundle.contrast(lp_mm, shifts_mm) for bundle in bundles], axis=0, weights=eye_response)
+
+
+def _bundle(system, wavelength_nm, cosine, height_mm, source, extent):
+    """Bundle from a fan of rays. `extent` is 1 for a ray that touches the edge of an aperture."""
+    side = np.sign(cosine[1])
+    cosine, height_mm = side * cosine, side * height_mm
+    rises = np.append(True, np.diff(cosine) > 0)  # NaN, for lost rays, does not
+    count = cosine.size if rises.all() else int(np.argmin(rises))
+    if count < 2:
+        raise LensError(system.prescription.name, "field height", "0 mm", "no light but the chief ray "
+                        f"gets through here at {wavelength_nm:g} nm: check shapes and apertures of the surfaces")
+    cosine, height_mm, source, extent = (values[:count] for values in (cosine, height_mm, source, extent))
+    degree = min(DEGREE, count - 1)
+    passing = slice(1, max(2, int(np.sum(extent <= 1))))
+    slope = cosine / np.sqrt(1 - cosine**2)
+    return AxialBundle(
+        wavelength_nm=float(wavelength_nm), aperture=np.interp(1.0, np.maximum.accumulate(extent), cosine),
+        path_mm=make_interp_spline(cosine, -height_mm, k=degree).antiderivative(),
+        light=make_interp_spline(cosine**2, source**2, k=degree).derivative(),
+        crossings_mm=-height_mm[passing] / slope[passing])
+
+
+def _overlap(aperture, shift):
+    """Samples of a quarter of two discs' overlap: distances from each centre, and relative areas: arrays (place,)."""
+    nodes, weights = gauss_legendre(RADII)
+    turns, turn_weights = gauss_legendre(AZIMUTHS)
+    azimuth = (turns[:, None] + 1) * np.pi / 4
+    up, across = np.sin(azimuth), np.cos(azimuth)
+    edge = np.sqrt(np.maximum(aperture**2 - (shift / 2 * across)**2, 0)) - shift / 2 * up
+    edge = np.maximum(edge, 0)
+    radius = edge * (nodes + 1) / 2
+    areas = radius * edge * weights / 2 * turn_weights[:, None]
+    near, far = (np.hypot(radius * across, radius * up + side * shift / 2) for side in (-1, 1))
+    return near.ravel(), far.ravel(), areas.ravel()

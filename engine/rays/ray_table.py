@@ -1,0 +1,391 @@
+"""A table of a lens's rays, from points of the sensor through points of the stop, out to the object.
+
+The sensor sees points of the scene at any depth along these rays, which determines blur by depth and occlusion by near
+objects.
+
+The lens is rotationally symmetric, so the table covers the height of the sensor point and half of the stop. Cubic
+splines, with coefficients at equal distances for the compiled loops, interpolate between its rays. Heights and stop
+radii are sines of equal angles, relative to the last: they are densest where rays change most, towards the picture's
+corners and the rim of a fast stop. Lost rays are extrapolated from the traced ones, so splines have no edge.
+
+Two rays may connect one point of the sensor with one point of the stop. Beyond the rays that pass, the two merge and
+vanish: close to this, rays change like a square root, and more radii are traced.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+from scipy import sparse
+from scipy.ndimage import binary_dilation
+from scipy.sparse.linalg import splu
+
+from ..prescription.prescription import Prescription
+from ..prescription.system import System
+from ..runtime.errors import LensError
+from ..runtime.values import Value
+from .aiming import aim_at_image
+from .focus import build_system
+from .pupil import area_ratio, polynomial_weights
+from .rays import HalfPupil, trace_pupil
+from .trace import trace_both_ways
+
+WAVELENGTHS_NM = (400.0, 417.1, 469.5, 555.9, 653.2, 700.0)  # least oscillation of polynomials over the wave number
+HEIGHTS, PUPIL = 33, HalfPupil(17, 33, close_at_rim=True)
+FINER_PUPIL, FINE_UM = HalfPupil(33, 33, close_at_rim=True), 1.0  # used if the spline error on the sensor exceeds this
+MISSED = 5 / 384  # largest error of cubic splines, relative to fourth differences
+TRUSTED = -0.3  # least margin of blocked rays that are used to extrapolate; rays with less nearly graze a surface
+LOST = -1.0  # margin of a ray that does not reach the sensor for other reasons than apertures
+ORDER = 4  # of the differences that extrapolation minimizes; they vanish for cubic polynomials
+FAINT = 1e-5  # weight of first differences relative to these, in case too few rays are known
+RIM_RADII, RIM_AZIMUTHS = 48, 64  # samples for the integral of light over half of the stop
+EVEN, ODD, FREE = (1, 0, -1), (1, 0, 1), (1, -4, 6, -4, 1)  # sums of coefficients that vanish at an end of splines
+
+
+@dataclass(frozen=True, eq=False)
+class SensorRays:
+    """Rays from points of the sensor: arrays (..., ray), in the sensor's axes.
+
+    Attributes
+    ----------
+    entrance_mm : array (2, ...)
+        Position on the plane of the entrance pupil, whose centre is the pinhole of a camera without the lens.
+    direction : array (3, ...)
+        Direction cosines in front of the lens, along the light: at a depth z in front of the plane a ray is at
+        `entrance_mm - z * direction[:2] / direction[2]`.
+    margin : array
+        Positive if the ray passes: the least 1 - (r / semi-aperture)^2 over the surfaces and the stop.
+    surface_margin : array
+        The margin over the surfaces without the stop: smooth where the limit changes between the stop's rim and a
+        surface.
+    path_mm : array
+        Optical path from the plane to the sensor, minus the path along the axis at this wavelength.
+    weight : array
+        Light: projected solid angle at the sensor per unit of the stop's area, in squared semi-apertures. Its sum over
+        the passing rays is irradiance over radiance, without the glass's transmittance.
+    """
+
+    entrance_mm: np.ndarray
+    direction: np.ndarray
+    margin: np.ndarray
+    surface_margin: np.ndarray
+    path_mm: np.ndarray
+    weight: np.ndarray
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RayTable(Value):
+    """Rays of a lens by wavelength, sensor point and stop point.
+
+    Attributes
+    ----------
+    name : str
+        Name of the lens.
+    wavelengths_nm : array (wavelength,)
+    last_height_mm : float
+        From the axis to the last sensor point: the end of the lens's field.
+    entrance_pupil_mm : float
+        From the first surface to the plane of the entrance pupil, towards the image.
+    reach : float
+        From the axis to the outermost point in the plane of the stop, in semi-apertures: more than 1 for an iris whose
+        corners exceed the round stop.
+    coefficients : float32 array (wavelength, height, radius, azimuth, quantity)
+        Coefficients of cubic B-splines at equal distances, with one more than the rays at either end. Variables:
+        s = 2 / pi arcsin(share) from 0 to 1, for the shares of the last height and of the reach, and the azimuth from
+        +y, the side of the sensor point, through +x to -y. Quantities: the foot (x, y), the ray's closest point to the
+        centre of the entrance pupil, which unlike the crossing with the pupil plane stays close to it at any angle;
+        p of the direction in front of the lens (x, y), whose cosines are (2 p, 1 - p^2) / (1 + p^2), as accurate near
+        90 degrees as on the axis; the margin at the surfaces; the optical path from the foot; and the weight.
+    """
+
+    name: str
+    wavelengths_nm: np.ndarray
+    last_height_mm: float
+    entrance_pupil_mm: float
+    coefficients: np.ndarray
+    reach: float = 1.0
+
+    def at(self, wavelengths_nm: Sequence[float] | np.ndarray) -> "RayTable":
+        """The table at other wavelengths, interpolated by a polynomial over the wave number.
+
+        Raises
+        ------
+        LensError
+            A wavelength outside the table's range.
+        """
+        wavelengths_nm, (first, last) = np.asarray(wavelengths_nm, dtype=float), self.wavelengths_nm[[0, -1]]
+        if np.any((wavelengths_nm < first) | (wavelengths_nm > last)):
+            raise LensError(self.name, "wavelengths", wavelengths_nm.tolist(),
+                            f"the ray table covers {first:g} to {last:g} nm: trace one for these wavelengths")
+        weights = polynomial_weights(1e3 / self.wavelengths_nm, 1e3 / wavelengths_nm).astype(np.float32)
+        return replace(self, wavelengths_nm=wavelengths_nm, coefficients=np.tensordot(weights, self.coefficients, 1))
+
+    def near(self, wavelengths_nm: Sequence[float] | np.ndarray) -> "RayTable":
+        """As `at`, but holds the table's first and last wavelengths outside its range."""
+        return self.at(np.clip(wavelengths_nm, *self.wavelengths_nm[[0, -1]]))
+
+    def rays(self, wavelength: int | np.ndarray, place_mm: np.ndarray, stop: np.ndarray) -> SensorRays:
+        """Rays from points of the sensor through points of the stop.
+
+        Parameters
+        ----------
+        wavelength : int or array of int
+            Index into the table's wavelengths.
+        place_mm : array (2, ...)
+            Sensor points: x and y from the axis in the image as formed by the lens, upside down.
+        stop : array (2, ...)
+            Stop points: from the axis, in semi-apertures.
+
+        Raises
+        ------
+        LensError
+            A sensor point beyond the table's last height.
+        """
+        (x_mm, y_mm), (stop_x, stop_y) = np.asarray(place_mm, dtype=float), np.asarray(stop, dtype=float)
+        height_mm, turned, radius = np.hypot(x_mm, y_mm), np.arctan2(x_mm, y_mm), np.hypot(stop_x, stop_y)
+        if np.any(height_mm > self.last_height_mm * (1 + 1e-9)):
+            raise LensError(self.name, "sensor place", f"{height_mm.max():.4g} mm from the axis",
+                            f"the lens's field ends at {self.last_height_mm:.4g} mm")
+        azimuth = np.remainder(np.arctan2(stop_x, stop_y) - turned + np.pi, 2 * np.pi) - np.pi
+        values = self._between(wavelength, _even(height_mm / self.last_height_mm), _even(radius / self.reach),
+                               np.abs(azimuth) / np.pi)
+        return _sensor_rays(values, np.sign(azimuth), turned, radius)
+
+    def bundles(self, heights_mm: np.ndarray, stop: np.ndarray) -> SensorRays:
+        """Rays from sensor points on +y through the same stop points, at all wavelengths.
+
+        As `rays`, but much faster for many rays.
+
+        Parameters
+        ----------
+        heights_mm : array (height,)
+        stop : array (2, ray)
+
+        Returns
+        -------
+        SensorRays
+            Arrays (wavelength, height, ray).
+        """
+        counts, (x, y) = self.coefficients.shape[1:4], stop
+        radius, azimuth = np.hypot(x, y), np.arctan2(x, y)
+        by_height, by_radius, by_azimuth = (
+            _splines(share, count) for share, count in zip(
+                (_even(heights_mm / self.last_height_mm), _even(radius / self.reach), np.abs(azimuth) / np.pi), counts,
+                strict=True))
+        over_stop = sparse.csr_matrix(
+            ((by_radius[1][:, :, None] * by_azimuth[1][:, None, :]).ravel(),
+             (by_radius[0][:, :, None] * counts[2] + by_azimuth[0][:, None, :]).ravel(),
+             np.arange(0, 16 * radius.size + 1, 16)), shape=(radius.size, counts[1] * counts[2]))
+        values = np.empty((self.coefficients.shape[-1], len(self.wavelengths_nm), len(heights_mm), radius.size))
+        for number, table in enumerate(self.coefficients):
+            at_heights = np.einsum("ht,htraq->raqh", by_height[1], table[by_height[0]], optimize=True)
+            over_stop_values = over_stop @ at_heights.reshape(counts[1] * counts[2], -1)
+            values[:, number] = over_stop_values.reshape(radius.size, len(values), -1).transpose(1, 2, 0)
+        return _sensor_rays(values, np.sign(azimuth), np.zeros_like(radius), radius)
+
+    def irradiance_per_radiance(self, heights_mm: np.ndarray) -> np.ndarray:
+        """Irradiance at sensor points under uniform radiance, without the glass's transmittance.
+
+        Sums the light of all passing rays along radii of the stop. Their margin is nearly linear in the squared
+        radius, so a rim between two samples is interpolated.
+
+        Parameters
+        ----------
+        heights_mm : array (height,)
+            From the axis.
+
+        Returns
+        -------
+        array (wavelength, height)
+            In sr.
+        """
+        square, azimuth = np.linspace(0, 1, RIM_RADII + 1), np.pi * (np.arange(RIM_AZIMUTHS) + 0.5) / RIM_AZIMUTHS
+        radius, azimuth = np.meshgrid(np.sqrt(square), azimuth, indexing="ij")
+        rays = self.bundles(heights_mm, np.stack([radius * np.sin(azimuth), radius * np.cos(azimuth)]).reshape(2, -1))
+        margin, weight = (each.reshape(*each.shape[:2], *radius.shape) for each in (rays.margin, rays.weight))
+        lit, both, light = (values[..., :-1, :] + values[..., 1:, :]
+                            for values in (np.maximum(margin, 0), np.abs(margin), weight))
+        return np.pi * (lit / np.maximum(both, 1e-30) * light / 2).mean(axis=(-2, -1))
+
+    def _between(self, wavelength, *shares):
+        """Quantities at positions from 0 to 1 of height, radius and azimuth: array (quantity, ...)."""
+        wavelength, *shares = np.broadcast_arrays(wavelength, *shares)
+        first, weights = zip(*(_cubic(share * (count - 3), count) for share, count in
+                               zip(shares, self.coefficients.shape[1:4], strict=True)), strict=True)
+        total = np.zeros((*wavelength.shape, self.coefficients.shape[-1]))
+        for taps in product(range(4), repeat=3):
+            weight = np.prod([each[tap] for each, tap in zip(weights, taps, strict=True)], axis=0)
+            places = tuple(each + tap for each, tap in zip(first, taps, strict=True))
+            total += weight[..., None] * self.coefficients[wavelength, *places]
+        return np.moveaxis(total, -1, 0)
+
+
+def ray_table(prescription: Prescription,
+              wavelengths_nm: Sequence[float] | np.ndarray = WAVELENGTHS_NM, reach: float = 1.0) -> RayTable:
+    """Trace the ray table of a lens, at its focus and widest stop.
+
+    A smaller stop has the same rays, at scaled stop points.
+
+    Parameters
+    ----------
+    prescription : Prescription
+    wavelengths_nm : sequence of float
+        Wavelengths to trace; `RayTable.at` interpolates between them.
+    reach : float
+        `RayTable.reach`.
+
+    Raises
+    ------
+    LensError
+        A prescription that cannot be traced.
+    """
+    system, wavelengths_nm = build_system(prescription), np.asarray(wavelengths_nm, dtype=float)
+    ends = trace_pupil(system, [system.last_height_mm], wavelengths_nm, HalfPupil(1, 1))
+    last_height_mm = float(ends.chief_height_mm.max())
+    heights_mm = last_height_mm * np.sin(np.pi / 2 * np.linspace(0, 1, HEIGHTS))
+    values = _trace(system, heights_mm, wavelengths_nm, PUPIL, reach)
+    if _missed_um(values, system) > FINE_UM:
+        values = _trace(system, heights_mm, wavelengths_nm, FINER_PUPIL, reach)
+    return RayTable(prescription.name, wavelengths_nm, last_height_mm, system.entrance_pupil_mm,
+                    spline_coefficients(values).astype(np.float32), reach)
+
+
+def _trace(system: System, heights_mm, wavelengths_nm, pupil, reach):
+    """Quantities of the table's rays: array (quantity, wavelength, height, radius, azimuth)."""
+    indices = system.indices_at(wavelengths_nm)
+    x_mm, y_mm = (reach * system.stop_semi_aperture_mm * place.ravel() for place in (pupil.x, pupil.y))
+    slope_x, slope_y, aimed = aim_at_image(system, indices, heights_mm, x_mm, y_mm)
+    with np.errstate(invalid="ignore"):
+        traced = trace_both_ways(system.prescription, indices[:, :, None, None], x_mm, y_mm, slope_x, slope_y)
+        before, behind = traced.before, traced.direction
+        about = traced.entry - np.reshape([0.0, 0.0, system.entrance_pupil_mm], (3, 1, 1, 1))
+        from_foot_mm = np.sum(about * before, axis=0)
+        path_mm = from_foot_mm + traced.path_mm
+        margin = 1 - np.max([square / semi_mm**2 for square, semi_mm in
+                             zip(traced.square_mm2, system.semi_apertures_mm, strict=True)], axis=0)
+    known = aimed & np.isfinite(path_mm)
+    _check_chief_rays(system, heights_mm, wavelengths_nm, known)
+    values = np.stack([*(about - from_foot_mm * before)[:2], *before[:2] / (1 + before[2]),
+                       path_mm - path_mm[:, :1, :1], *behind[:2]])
+    shape = (*known.shape[:2], *pupil.shape)
+    known, margin, values = known.reshape(shape), margin.reshape(shape), values.reshape(-1, *shape)
+    *entrance, path_mm, cosine_x, cosine_y = _continued(values, _trusted(known, np.nan_to_num(margin)))
+    beyond, = _continued(margin[None], known)
+    margin = np.where(known, margin, np.where(beyond < 0, beyond, LOST))
+    within = np.minimum.accumulate(margin, axis=-2)  # beyond a lost ray no ray passes again
+    margin = _bounded(np.where(known, margin, within))
+    weight = np.abs(area_ratio(pupil, np.array([cosine_x, cosine_y]))) / reach**2
+    return np.stack([*entrance, margin, path_mm, weight])
+
+
+def _bounded(margin):
+    """Compress margins below half of LOST so that none is less than LOST: splines between larger ones would overshoot
+    and let blocked rays pass."""
+    half = LOST / 2
+    return np.where(margin < half, LOST - half**2 / np.minimum(margin, half), margin)
+
+
+def _missed_um(values, system):
+    """Bound of the splines' error over the radius for passing rays, as a distance on the sensor."""
+    *_, p_x, p_y, margin, _, _ = values
+    differences = np.hypot(*np.diff([p_x, p_y], 4, axis=-2))
+    return MISSED * np.max(differences, where=margin[..., 2:-2, :] > 0, initial=0) * 2 * system.efl_mm * 1e3
+
+
+def _trusted(known, margin):
+    """Rays to extrapolate from: passing rays, and blocked rays that are neither far out nor next to lost ones."""
+    near_lost = binary_dilation(~known, np.ones((1, 1, 3, 3)))
+    return known & ((margin > 0) | (margin > TRUSTED) & ~near_lost)
+
+
+def _check_chief_rays(system, heights_mm, wavelengths_nm, known):
+    lost = np.argwhere(~known[:, :, 0])
+    if lost.size:
+        wavelength, height = lost[0]
+        raise LensError(system.prescription.name, "sensor place", f"{heights_mm[height]:.4g} mm from the axis",
+                        f"no ray gets there through the middle of the stop at {wavelengths_nm[wavelength]:g} nm: "
+                        "reduce the field")
+
+
+def _continued(values, known):
+    """Values (quantity, ..., radius, azimuth), with the unknown ones chosen to minimize differences."""
+    values = values.copy()
+    differences = _differences(*known.shape[-2:])
+    for place in np.argwhere(~known.all(axis=(-2, -1))):
+        traced, index = known[*place].ravel(), (slice(None), *place)
+        missing, given = differences[:, ~traced], differences[:, traced]
+        rows = values[index].reshape(len(values), -1)
+        rows[:, ~traced] = splu((missing.T @ missing).tocsc()).solve(-(missing.T @ (given @ rows[:, traced].T))).T
+        values[index] = rows.reshape(len(values), *known.shape[-2:])
+    return values
+
+
+def _differences(radii, azimuths):
+    """Sparse matrix of differences over radii and azimuths."""
+    def over(count, order):
+        return sparse.csr_matrix(np.diff(np.eye(count), order, axis=0))
+
+    return sparse.vstack([faint * each for order, faint in ((ORDER, 1.0), (1, FAINT)) for each in
+                          (sparse.kron(over(radii, order), sparse.eye(azimuths)),
+                           sparse.kron(sparse.eye(radii), over(azimuths, order)))]).tocsc()
+
+
+def spline_coefficients(values: np.ndarray) -> np.ndarray:
+    """`RayTable.coefficients` of values (quantity, wavelength, height, radius, azimuth) at the table's rays."""
+    heights, radii, azimuths = values.shape[2:]
+    by_height, by_radius = _spline(heights, FREE, FREE), _spline(radii, FREE, EVEN)
+    around = {symmetry: _spline(azimuths, symmetry, symmetry) for symmetry in (EVEN, ODD)}
+    return np.stack([np.einsum("ih,jr,ka,whra->wijk", by_height, by_radius, around[symmetry], each, optimize=True)
+                     for each, symmetry in zip(values, (ODD, EVEN, ODD, EVEN, EVEN, EVEN, EVEN), strict=True)], axis=-1)
+
+
+def _spline(count, start, end):
+    """Matrix from values at equal distances to coefficients (count + 2), with vanishing sums at both ends."""
+    rows = np.zeros((count + 2, count + 2))
+    for node in range(count):
+        rows[node, node:node + 3] = 1 / 6, 4 / 6, 1 / 6
+    rows[-2, :len(start)], rows[-1, -len(end):] = start, end
+    return np.linalg.inv(rows)[:, :count]
+
+
+def _even(share):
+    """Position from 0 to 1, linear in the table's index, of a share of the last height or radius."""
+    return 2 / np.pi * np.arcsin(np.minimum(share, 1))
+
+
+def _cubic(place, count):
+    """Index of the first of the four coefficients that contribute at a place, and their weights.
+
+    Places are in units of the coefficients' distance, from the second coefficient.
+    """
+    first = np.clip(np.floor(place).astype(int), 0, count - 4)
+    t = place - first
+    return first, ((1 - t)**3 / 6, 2 / 3 - t**2 + t**3 / 2, 2 / 3 - (1 - t)**2 + (1 - t)**3 / 2, t**3 / 6)
+
+
+def _splines(share, count):
+    """Indices and weights of the four coefficients that contribute at positions from 0 to 1: arrays (place, 4)."""
+    first, weights = _cubic(share * (count - 3), count)
+    return first[:, None] + np.arange(4), np.stack(weights, axis=-1)
+
+
+def _sensor_rays(values, side, turned, radius):
+    """SensorRays from the table's quantities.
+
+    `side` is the sign of the stop point's side of the sensor point's meridional plane, which is turned from +y.
+    """
+    foot_x, foot_y, p_x, p_y, margin, path_mm, weight = values
+    foot_mm, p = _turned(foot_x * side, foot_y, turned), _turned(p_x * side, p_y, turned)
+    square = np.sum(p**2, axis=0)
+    direction = np.stack([*(2 * p), 1 - square]) / (1 + square)
+    # from the foot, which is perpendicular to the ray, to the plane
+    way_mm = np.sum(foot_mm * direction[:2], axis=0) / direction[2]**2
+    return SensorRays(foot_mm + way_mm * direction[:2], direction, np.minimum(margin, 1 - radius**2), margin,
+                      path_mm - way_mm, weight)
+
+
+def _turned(x, y, azimuth):
+    """Vectors (2, ...) in the sensor's axes, from components along the tangent and away from the axis."""
+    sine, cosine = np.sin(azimuth), np.cos(azimuth)
+    return np.stack([x * cosine + y * sine, y * cosine - x * sine])

@@ -1,0 +1,267 @@
+"""The focus ring and the aperture ring: a lens set to a focus distance and an f-number."""
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from scipy.optimize import brentq
+
+from ..prescription.prescription import CLOSEST_FOCUS, Prescription
+from ..prescription.system import system_of
+from ..runtime.errors import LensError
+from .axial_light import aperture_notes
+from .focus import focused
+
+SLACK = 1e-4  # relative tolerance of ring values: smaller differences are rounding
+PUPIL_STEPS, PUPIL_SETTLED = 20, 1e-9  # iterations for the entrance pupil of an internal-focus lens; per focal length
+
+MOST = 1e300  # limit of every number except a distance
+NEAREST_MM, SMALLEST_STOP = 1e-3, 1e9  # a focus distance and an f-number beyond the range of any lens
+SIZE_STEPS = 4  # iterations until a scaled lens has the requested focus distance
+
+
+@dataclass(frozen=True)
+class Rings:
+    """Requested ring settings.
+
+    Attributes
+    ----------
+    focus_mm : float or None
+        Focus distance from the entrance pupil, which is at the position of the camera; None for the prescription's
+        object distance, usually infinity.
+    f_number : float or None
+        Focal length over the entrance pupil's diameter, both for infinity, as engraved; None for the widest.
+    focused_wide_open : bool
+        Whether the image plane is at the best focus of the widest aperture, as if focused before stopping down;
+        otherwise at the best focus of the f-number.
+    size : float
+        Scale that is applied to the lens afterwards. Distances in messages are scaled, too.
+
+    Raises
+    ------
+    LensError
+        A value that is not positive, or an infinite f-number or size.
+    """
+
+    focus_mm: float | None = None
+    f_number: float | None = None
+    focused_wide_open: bool = False
+    size: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name, most in (("focus_mm", np.inf), ("f_number", MOST), ("size", MOST)):
+            value = getattr(self, name)
+            if value is not None and not 0 < value <= most:
+                raise LensError("rings", name, value, "expected a positive number")
+
+
+AT_REST = Rings()
+
+
+@dataclass(frozen=True)
+class TurnedLens:
+    """A lens at ring settings within its range.
+
+    Attributes
+    ----------
+    prescription : Prescription
+        Without moving parts: image plane, stop and image height are fixed in mm.
+    focus_mm, f_number : float
+        The actual settings, defined as in `Rings`.
+    words : tuple of str
+        A warning for each request that the lens cannot meet.
+    """
+
+    prescription: Prescription
+    focus_mm: float
+    f_number: float
+    words: tuple[str, ...]
+
+
+def turned(prescription: Prescription, rings: Rings = AT_REST) -> TurnedLens:
+    """Set a prescription to a focus distance and an f-number, clamped to the lens's range.
+
+    The stop's size is computed for infinity and does not change with focus. Variable gaps of the prescription are
+    interpolated linearly over the magnification, between the positions for which they are given. Without variable
+    gaps, the lens moves as a unit.
+
+    Raises
+    ------
+    LensError
+        The lens forms no image of an object at this distance.
+    """
+    widest_stop, far = _wide_open(prescription)
+    f_number, stop_warnings = _f_number(prescription, far, rings.f_number)
+    stop = "stop", widest_stop.aperture[1] * far.f_number / f_number
+    lens, focus_warnings = widest_stop, ()
+    if rings.focus_mm is not None:
+        lens, focus_warnings = _focused_on(widest_stop, far, rings)
+    if rings.focused_wide_open:
+        lens = replace(focused(lens), aperture=stop)
+    else:
+        lens = focused(replace(lens, aperture=stop))
+    surfaces = tuple(replace(surface, gaps_mm=()) for surface in lens.surfaces)
+    lens = replace(lens, surfaces=surfaces, focused_at_mm=(), widest_stop_mm=widest_stop.aperture[1],
+                    notes=_noted(prescription.notes, aperture_notes(far.prescription)))
+    return TurnedLens(lens, _focus_mm(lens), f_number, stop_warnings + focus_warnings)
+
+
+def widest_notes(prescription: Prescription) -> tuple[str, ...]:
+    """`aperture_notes` of a prescription as it is in its file."""
+    return aperture_notes(_wide_open(prescription)[1].prescription)
+
+
+def _noted(notes, more):
+    """Notes, with the sentences appended that they do not contain yet."""
+    return " ".join(filter(None, (notes, *(line for line in more if line not in notes))))
+
+
+def ring_ends(prescription: Prescription) -> tuple[Rings, Rings]:
+    """Limits of the rings: farthest focus and widest aperture, closest focus and highest f-number."""
+    farthest = turned(prescription, Rings(np.inf))
+    closest = turned(prescription, Rings(NEAREST_MM, SMALLEST_STOP))
+    return Rings(farthest.focus_mm, farthest.f_number), Rings(closest.focus_mm, closest.f_number)
+
+
+def is_stopped_down(prescription: Prescription, rings: Rings) -> bool:
+    """Whether the f-number is higher than the lens's lowest, so that its iris blocks light."""
+    if rings.f_number is None:
+        return False
+    _, far = _wide_open(prescription)
+    return _f_number(prescription, far, rings.f_number)[0] > far.f_number * (1 + SLACK)
+
+
+def capture_focal_length_mm(prescription: Prescription, rings: Rings = AT_REST) -> float:
+    """`Lens.capture_focal_length_mm` without baking: focal length of the pinhole camera with this view."""
+    system = system_of(turned(prescription, rings).prescription)
+    if system.object_at_infinity:
+        return system.efl_mm
+    return abs(system.magnification) * (system.prescription.object_distance_mm + system.entrance_pupil_mm)
+
+
+def resized_rings(prescription: Prescription, rings: Rings, focal_mm: float) -> Rings:
+    """Settings of a lens that is scaled to a capture focal length, with `size` and with the focus before scaling.
+
+    Iterative: the focus distance scales with the lens, and the size depends slightly on the focus.
+    """
+    resized = rings
+    if rings.focus_mm is None or np.isinf(rings.focus_mm):
+        return rings
+    for _ in range(SIZE_STEPS):
+        size = focal_mm / capture_focal_length_mm(prescription, resized)
+        resized = replace(rings, focus_mm=rings.focus_mm / size, size=size)
+    return resized
+
+
+def _wide_open(prescription):
+    """The prescription with its widest stop and its image height in mm, and its system focused at infinity."""
+    system = system_of(prescription)
+    widest_stop = replace(prescription, aperture=("stop", system.stop_semi_aperture_mm),
+                          field=("image_height_mm", system.last_height_mm))
+    return widest_stop, system_of(replace(_moved(widest_stop, 0.0), object_distance_mm=np.inf))
+
+
+def _f_number(prescription, far, requested):
+    """The f-number within the lens's range, and a warning if it is not the requested one."""
+    last = max(far.f_number, prescription.highest_f_number)
+    if requested is None:
+        return far.f_number, ()
+    if far.f_number * (1 - SLACK) <= requested <= last * (1 + SLACK):
+        return float(np.clip(requested, far.f_number, last)), ()
+    end = far.f_number if requested < far.f_number else last
+    if last == far.f_number:
+        return end, (f"f/{requested:.4g}: this lens only has f/{end:.3g}",)
+    return end, (f"f/{requested:.4g}: this lens goes from f/{far.f_number:.3g} to f/{last:.3g}: set to f/{end:.3g}",)
+
+
+def _focused_on(lens, far, rings):
+    """The lens focused at a distance within its range, and a warning if that is not the requested one.
+
+    Iterative, because distances are measured from the entrance pupil, which moves in an internal-focus lens.
+    """
+    farthest_mm, closest_mm = _range_mm(lens, far)
+    pupil_mm = far.entrance_pupil_mm
+    for _ in range(PUPIL_STEPS):
+        distance_mm = float(np.clip(rings.focus_mm - pupil_mm, closest_mm, farthest_mm))
+        moved = replace(_moved(lens, _reduction(lens, distance_mm)), object_distance_mm=distance_mm)
+        before_mm, pupil_mm = pupil_mm, system_of(moved).entrance_pupil_mm
+        if abs(pupil_mm - before_mm) <= PUPIL_SETTLED * far.efl_mm:
+            break
+    moved = _with_image_plane(moved, lens)
+    reached_mm = distance_mm + pupil_mm
+    if np.isclose(reached_mm, rings.focus_mm, rtol=SLACK):
+        return moved, ()
+    limit = "closer" if reached_mm > rings.focus_mm else "farther"
+    requested, reached = (in_metres(rings.size * each_mm) for each_mm in (rings.focus_mm, reached_mm))
+    return moved, (f"focus at {requested}: this lens focuses no {limit} than {reached}: focused there",)
+
+
+def _with_image_plane(moved, lens):
+    """Keep the distance of a given image plane from the paraxial image, the designer's choice; others are computed."""
+    if lens.focus != "as given":
+        return moved
+    shift_mm = lens.surfaces[-1].thickness_mm - system_of(lens).image_distance_mm
+    *before, last = moved.surfaces
+    return replace(moved, surfaces=(*before, replace(last, thickness_mm=system_of(moved).image_distance_mm + shift_mm)))
+
+
+def _range_mm(lens, far):
+    """The farthest and the closest object distance from the first surface."""
+    if lens.focused_at_mm:
+        return lens.focused_at_mm[0], max(lens.focused_at_mm[-1], lens.closest_focus_mm or 0.0)
+    return np.inf, lens.closest_focus_mm or CLOSEST_FOCUS * far.efl_mm
+
+
+def _reduction(lens, distance_mm):
+    """Absolute magnification of an object distance: with the gaps interpolated for it, the lens has it."""
+    if not lens.focused_at_mm:
+        return 0.0
+    ends = _reductions(lens)
+
+    def excess(reduction):
+        moved = replace(_moved(lens, reduction), object_distance_mm=distance_mm)
+        return -system_of(moved).magnification - reduction
+
+    if excess(ends[0]) <= 0 or excess(ends[-1]) >= 0:  # at an end, except for rounding
+        return ends[0] if excess(ends[0]) <= 0 else ends[-1]
+    return brentq(excess, ends[0], ends[-1], xtol=1e-12)
+
+
+@lru_cache(maxsize=8)  # used in each step of a search
+def _reductions(lens):
+    """Absolute magnifications at the positions for which gaps are given: ascending."""
+    reductions = [-system_of(at_position(lens, number)).magnification for number in range(len(lens.focused_at_mm))]
+    if not np.all(np.diff(reductions) > 0):
+        raise LensError(lens.name, "focused_at_mm", lens.focused_at_mm,
+                        "magnifications do not rise with them: one of the thicknesses may be wrong")
+    return reductions
+
+
+def at_position(lens: Prescription, number: int) -> Prescription:
+    """The lens at one of the distances for which its gaps are given."""
+    surfaces = tuple(replace(surface, thickness_mm=surface.gaps_mm[number]) if surface.gaps_mm else surface
+                     for surface in lens.surfaces)
+    return replace(lens, surfaces=surfaces, object_distance_mm=lens.focused_at_mm[number])
+
+
+def _moved(lens, reduction):
+    """The lens with its gaps interpolated at a magnification."""
+    if not lens.focused_at_mm:
+        return lens
+    ends = _reductions(lens)
+
+    def interpolated(surface):
+        if not surface.gaps_mm:
+            return surface
+        return replace(surface, thickness_mm=float(np.interp(reduction, ends, surface.gaps_mm)))
+
+    return replace(lens, surfaces=tuple(map(interpolated, lens.surfaces)))
+
+
+def _focus_mm(lens):
+    return lens.object_distance_mm + system_of(lens).entrance_pupil_mm
+
+
+def in_metres(distance_mm: float) -> str:
+    """Text of a focus distance, in metres."""
+    return "infinity" if np.isinf(distance_mm) else f"{distance_mm * 1e-3:.3g} m"

@@ -1,0 +1,112 @@
+"""Sequential ray tracing from the stop: backwards to the object and forwards to the image plane.
+
+`indices` are arrays (surface + 1, ...) that broadcast against the rays. Squared heights are lists with an array per
+surface.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..prescription.prescription import Prescription
+from ..prescription.surfaces import distance_to, refracted, sag_and_slope, unit_normal
+
+
+def start_on_stop(prescription: Prescription, x_mm: np.ndarray, y_mm: np.ndarray, slope_x: np.ndarray,
+                  slope_y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Position and direction (3, ...) of rays at points of the stop, with slopes dx/dz and dy/dz in front of it."""
+    x_mm, y_mm, slope_x, slope_y = np.broadcast_arrays(x_mm, y_mm, slope_x, slope_y)
+    sag_mm, _ = sag_and_slope(prescription.surfaces[prescription.stop_index], x_mm**2 + y_mm**2)
+    direction = np.stack([slope_x, slope_y, np.ones_like(slope_x)])
+    return np.stack([x_mm, y_mm, sag_mm]), direction / np.sqrt(1 + slope_x**2 + slope_y**2)
+
+
+def trace_to_object(prescription: Prescription, indices: np.ndarray, position: np.ndarray, direction: np.ndarray
+                    ) -> tuple[np.ndarray, np.ndarray, np.ndarray | float, list[np.ndarray]]:
+    """Trace rays from the stop back to the first surface.
+
+    Returns
+    -------
+    position, direction : arrays (3, ...)
+        Position on the first surface (on the stop if the stop is first), and direction in front of it, along the
+        light.
+    path_mm : array
+        Optical path from the first surface to the stop.
+    square_mm2 : list of arrays
+        Squared heights at the surfaces in front of the stop.
+    """
+    return _back(prescription, indices, position, direction, prescription.stop_index)
+
+
+def trace_from_image(prescription: Prescription, indices: np.ndarray, position: np.ndarray, direction: np.ndarray
+                     ) -> tuple[np.ndarray, np.ndarray, np.ndarray | float, list[np.ndarray]]:
+    """Trace rays from the image plane back through all surfaces; returns as `trace_to_object`."""
+    return _back(prescription, indices, position, direction, len(prescription.surfaces))
+
+
+def _back(prescription, indices, position, direction, number):
+    """Trace rays, given relative to the vertex of surface `number` or to the image plane, back through the surfaces
+    in front of it."""
+    path_mm, square_mm2, backwards = 0.0, [], -direction
+    for before in range(number - 1, -1, -1):
+        surface = prescription.surfaces[before]
+        position, backwards, section_mm = _through(surface, _moved(position, surface.thickness_mm), backwards,
+                                            indices[before + 1], indices[before])
+        path_mm = path_mm + section_mm
+        square_mm2.insert(0, position[0]**2 + position[1]**2)
+    return position, -backwards, path_mm, square_mm2
+
+
+def trace_to_image(prescription: Prescription, indices: np.ndarray, position: np.ndarray, direction: np.ndarray
+                   ) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[np.ndarray]]:
+    """Trace rays from the stop, before refraction there, to the image plane.
+
+    Returns as `trace_to_object`, with squared heights at the stop and the surfaces behind it.
+    """
+    stop = prescription.stop_index
+    direction = refracted(direction, unit_normal(prescription.surfaces[stop], position),
+                          indices[stop] / indices[stop + 1])
+    path_mm, square_mm2 = 0.0, [position[0]**2 + position[1]**2]
+    for number in range(stop + 1, len(prescription.surfaces)):
+        gap_mm = prescription.surfaces[number - 1].thickness_mm
+        position, direction, section_mm = _through(prescription.surfaces[number], _moved(position, -gap_mm), direction,
+                                            indices[number], indices[number + 1])
+        path_mm = path_mm + section_mm
+        square_mm2.append(position[0]**2 + position[1]**2)
+    to_image_mm = (prescription.surfaces[-1].thickness_mm - position[2]) / direction[2]
+    return position + to_image_mm * direction, direction, path_mm + indices[-1] * to_image_mm, square_mm2
+
+
+class BothWays(NamedTuple):
+    """Rays traced from the stop in both directions, by `trace_to_object` and `trace_to_image`.
+
+    `path_mm` is the optical path from `entry` to the image plane, `square_mm2` an array (surface, ...).
+    """
+
+    entry: np.ndarray
+    before: np.ndarray
+    position: np.ndarray
+    direction: np.ndarray
+    path_mm: np.ndarray
+    square_mm2: np.ndarray
+
+
+def trace_both_ways(prescription: Prescription, indices: np.ndarray, x_mm: np.ndarray, y_mm: np.ndarray,
+                    slope_x: np.ndarray, slope_y: np.ndarray) -> BothWays:
+    """Trace rays through points of the stop, back to the first surface and on to the image plane."""
+    on_stop = start_on_stop(prescription, x_mm, y_mm, slope_x, slope_y)
+    entry, before, front_mm, front_mm2 = trace_to_object(prescription, indices, *on_stop)
+    position, direction, rear_mm, rear_mm2 = trace_to_image(prescription, indices, *on_stop)
+    return BothWays(entry, before, position, direction, front_mm + rear_mm, np.stack([*front_mm2, *rear_mm2]))
+
+
+def _through(surface, position, direction, before, behind):
+    """Propagate rays to a surface and refract them there: position, direction, and optical path."""
+    distance_mm = distance_to(surface, position, direction)
+    position = position + distance_mm * direction
+    return position, refracted(direction, unit_normal(surface, position), before / behind), before * distance_mm
+
+
+def _moved(position, along_mm):
+    """Positions relative to a vertex that is `along_mm` in front of the previous one."""
+    return position + np.reshape([0.0, 0.0, along_mm], (3, *(1,) * (position.ndim - 1)))

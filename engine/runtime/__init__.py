@@ -1,0 +1,1 @@
+"""Used by every room: errors, files and locks, checked input, memory, threads, frozen values."""

@@ -1,0 +1,30 @@
+"""The engine's threads: one for each core that the process may use."""
+
+import os
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from functools import lru_cache
+
+
+def thread_count() -> int:
+    """Number of cores that the process may use, as restricted by taskset or a batch system."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+@contextmanager
+def thread_pool() -> Iterator[ThreadPoolExecutor]:
+    """A pool of `thread_count` threads, for a `with` block. numpy and scipy.fft run in parallel in them.
+
+    Every call yields the same pool, because threads have a cost: the C library reserves the memory that a thread has
+    freed for that thread. Work that runs in the pool must therefore not submit to it and wait.
+    """
+    yield _pool(os.getpid(), thread_count())
+
+
+@lru_cache(maxsize=1)
+def _pool(process_id, count):
+    """The pool of one process: a forked process does not inherit its parent's threads."""
+    return ThreadPoolExecutor(count, "Lensfield")

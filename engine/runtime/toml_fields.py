@@ -1,0 +1,107 @@
+"""TOML files, read field by field: errors name the field that is missing or of the wrong type."""
+
+import re
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from .errors import LensError
+from .text import read_text
+
+LONGEST_FILE = 2**20  # characters: a typical file has a few thousand
+ENDLESS_KEY = re.compile(r"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+){16}""")
+"""No legitimate key has 16 parts, and a key of thousands takes gigabytes to parse."""
+
+
+@dataclass(frozen=True)
+class TomlTable:
+    """A table of a TOML file. Its methods raise a LensError for a field of the wrong type.
+
+    Attributes
+    ----------
+    path : Path
+    values : dict
+    place : str
+        Its place in the file, as a prefix for field names in errors; such as "surface 3, ".
+    """
+
+    path: Path
+    values: dict[str, Any]
+    place: str = ""
+
+    def __contains__(self, field: str) -> bool:
+        return field in self.values
+
+    def refusal(self, field: str, remedy: str) -> LensError:
+        """The error to raise for a field."""
+        return LensError(self.path, self.place + field, self.values.get(field, "missing"), remedy)
+
+    def text(self, field: str, default: str | None = None) -> str:
+        """A string. Without a default, it must not be blank."""
+        value = self.values.get(field, default)
+        if not isinstance(value, str) or (default is None and not value.strip()):
+            raise self.refusal(field, "expected a text")
+        return value
+
+    def choice(self, field: str, choices: Sequence[str]) -> str:
+        """One of the given strings."""
+        value = self.values.get(field)
+        if not isinstance(value, str) or value not in choices:
+            raise self.refusal(field, f"expected {' or '.join(choices)}")
+        return value
+
+    def number(self, field: str, default: float | None = None) -> float:
+        """A number, which may be infinite."""
+        value = _as_float(self.values.get(field, default))
+        if value is None:
+            raise self.refusal(field, "expected a number")
+        return value
+
+    def numbers(self, field: str, count: int | None = None) -> list[float]:
+        """A list of numbers, of the given length if there is one."""
+        values = self.values.get(field)
+        if not isinstance(values, list) or not values or count not in (None, len(values)):
+            raise self.refusal(field, f"expected {'a list of' if count is None else count} numbers in brackets")
+        return [TomlTable(self.path, {field: value}, self.place).number(field) for value in values]
+
+    def flag(self, field: str) -> bool:
+        """A boolean; False if it is missing."""
+        value = self.values.get(field, False)
+        if not isinstance(value, bool):
+            raise self.refusal(field, "expected true or false")
+        return value
+
+
+def _as_float(value):
+    """The value as a float; None for booleans, NaN, integers too large for a float, and anything else."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value:
+        return None
+    try:
+        return float(value)
+    except OverflowError:
+        return None
+
+
+def read_toml(path: Path, kind: str, version: int) -> TomlTable:
+    """The fields of a TOML file that begins with this `format` and `version`.
+
+    Raises
+    ------
+    LensError
+        The file is not TOML, or has another format or version.
+    """
+    text = read_text(path)
+    if len(text) > LONGEST_FILE:
+        raise LensError(path, "TOML", f"{len(text)} characters", f"expected at most {LONGEST_FILE}")
+    if endless := ENDLESS_KEY.search(text):
+        raise LensError(path, "TOML", endless[0], "expected keys of at most 16 parts")
+    try:
+        table = TomlTable(path, tomllib.loads(text))
+    except (ValueError, RecursionError) as error:
+        raise LensError(path, "TOML", "not readable", " ".join(str(error).split())) from None
+    table.choice("format", [kind])
+    if table.values.get("version") != version:
+        raise table.refusal("version", f"expected {version}")
+    return table

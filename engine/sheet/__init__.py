@@ -1,1 +1,0 @@
-"""A lens on one sheet of paper."""

@@ -1,0 +1,86 @@
+"""Cache of the data that frames of an animation share: the plan, and a channel for each wavelength."""
+
+import math
+from collections.abc import Iterator
+
+from .. import kernels
+from ..depth.cast import casting_bytes
+from ..field.field_map import field_map
+from ..image.layers import Radiance
+from ..image.sampling import Sampling
+from ..lens import Lens
+from ..plan.choose import make_plan
+from ..plan.cost import in_process
+from ..plan.options import Options
+from ..plan.plan import Plan
+from ..plan.remembered import remembered_plan
+from ..runtime.memory import MemoryBudget
+from ..runtime.scratch import SAMPLE_BYTES, in_file
+from .channel import Channel
+
+
+class Kept:
+    """Cache of plans, PSFs, OTFs and footprints. Pass the same one with every frame of an animation.
+
+    Parameters
+    ----------
+    limit_mb : float
+        Memory for the cache; data beyond this are computed again for each frame.
+    remember : bool
+        Whether the plan may come from the cache of earlier plans, in the process and on disk; False for measurements.
+
+    Notes
+    -----
+    Not thread-safe: use a separate one in each thread.
+    """
+
+    def __init__(self, limit_mb: float = 1024, *, remember: bool = True) -> None:
+        self._limit_bytes, self._make_plan = limit_mb * 1e6, remembered_plan if remember else make_plan
+        self._plans: dict[tuple, Plan] = {}
+        self._channels: dict[float, Channel] = {}
+        self._memory = MemoryBudget(0)
+        self._of: tuple | None = None
+
+    def plan(self, options: Options, lens: Lens, radiance: Radiance,
+             in_place: bool = False) -> Plan:
+        """The plan for a picture; the same for pictures of the same sampling.
+
+        With `in_place`, the irradiance overwrites the radiance in its memory.
+
+        Raises
+        ------
+        ImageError, InputError, LensError
+            As `make_plan`, and if there is not enough memory.
+        """
+        sampling, casting = radiance.sampling, casting_bytes(radiance, options.most_of_lamps)
+        spared = in_place or in_file(radiance.light)
+        irradiance = 0 if spared else SAMPLE_BYTES * len(sampling.wavelengths_nm) * math.prod(sampling.grid.frame_px)
+        key = options, lens, sampling, irradiance + casting
+        if key not in self._plans:
+            self._plans = {key: in_process(self._make_plan(options, lens, sampling), irradiance + casting)}
+        return self._plans[key]
+
+    def channels(self, lens: Lens, sampling: Sampling, plan: Plan) -> Iterator[Channel]:
+        """Yield the channel of each wavelength, in order."""
+        of = lens, sampling, plan, kernels.running()
+        if of != self._of:  # the cached channels no longer apply
+            self._of, self._memory, self._channels = of, MemoryBudget(self._limit_bytes), {}
+        fine, field = sampling.finer(plan.supersampling), field_map(lens)
+
+        def tables(part, method):
+            return field.node_psfs(fine, plan.planes(fine.grid), part, method.azimuths, plan.precision)
+
+        psfs = tables(plan.trimmed, plan.method) if plan.method.azimuths else None
+        halos = tables(plan.halo, plan.halo_method) if plan.halo_density else None
+        for wavelength_nm in sampling.wavelengths_nm:
+            yield self._channel(field, wavelength_nm, fine.grid, plan, psfs, halos)
+
+    def _channel(self, field, wavelength_nm, grid, plan, psfs, halos):
+        channel = self._channels.get(wavelength_nm)
+        if channel is None:
+            table = plan.method.table(psfs.at_wavelength(wavelength_nm)) if psfs else None
+            make_halos = (lambda: plan.halo_method.table(halos.at_wavelength(wavelength_nm))) if halos else None
+            channel = Channel(field.at_wavelength(wavelength_nm), grid, plan, table, self._memory, make_halos)
+            if channel.kept:
+                self._channels[wavelength_nm] = channel
+        return channel

@@ -1,0 +1,127 @@
+"""Report: the facts of a run, the time of each stage, and the energy of the light."""
+
+import json
+import re
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ..runtime.build_identity import build_identity, software
+from ..runtime.files import atomic_path
+from ..runtime.values import plain
+from .report_parts import FileFacts, LensImageFacts, Part, Parts, SceneFacts
+
+FIGURE = re.compile(r"\d[\d.]*")
+
+
+def together(reports: dict[int, "Report"], earlier: dict[int, dict] | None = None) -> "Report":
+    """Combine reports of frames to one of their sequence: total seconds, each frame's report, and earlier reports."""
+    stages: Counter[str] = Counter()
+    for report in reports.values():
+        stages.update(report.stages)
+    return Report(dict(stages), frames=dict(reports), earlier=earlier or {})
+
+
+@dataclass
+class Report:
+    """The facts of a run, collected while it proceeds.
+
+    Attributes
+    ----------
+    stages : dict of str: float
+        Seconds of each stage, without the stages inside it.
+    parts : Parts
+        Facts about the scene or the file, about the lens image, and so on.
+    files : dict of str: str
+        Paths of the files written, by kind.
+    frames : dict of int: Report
+        For a sequence, the reports by frame number; the sequence has no other facts.
+    earlier : dict of int: dict
+        For a sequence, the reports of frames that an earlier run rendered, as read from JSON.
+    """
+
+    stages: dict[str, float] = field(default_factory=dict)
+    parts: Parts = field(default_factory=Parts)
+    files: dict[str, str] = field(default_factory=dict)
+    frames: dict[int, "Report"] = field(default_factory=dict)
+    earlier: dict[int, dict] = field(default_factory=dict)
+    _started: list[float] = field(default_factory=list, repr=False)
+
+    @property
+    def lens_image(self) -> LensImageFacts | None:
+        """Facts from `simulate`."""
+        return self.parts.of(LensImageFacts)
+
+    @property
+    def scene(self) -> SceneFacts | None:
+        """Facts about the scene, if the light is from one."""
+        return self.parts.of(SceneFacts)
+
+    @property
+    def file(self) -> FileFacts | None:
+        """Facts about the file, if the light is from one."""
+        return self.parts.of(FileFacts)
+
+    def add(self, part: Part) -> None:
+        """Add a part; it replaces an existing part of its type."""
+        self.parts.put(part)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Time a stage. Stages may be nested and repeated."""
+        self._started.append(0.0)
+        begin = time.perf_counter()
+        try:
+            yield
+        finally:
+            elapsed = time.perf_counter() - begin
+            inside = self._started.pop()
+            if self._started:
+                self._started[-1] += elapsed
+            self.stages[name] = self.stages.get(name, 0.0) + elapsed - inside
+
+    def remarks(self) -> list[str]:
+        """Remarks for the user, one line each. Remarks of frames that differ only in their figures are combined."""
+        alike: dict[str, list[tuple[int, str]]] = {}
+        for number, report in self.frames.items():
+            for line in report._own_remarks():
+                alike.setdefault(FIGURE.sub("", line), []).append((number, line))
+        return [*self._own_remarks(), *(self._remark_of_frames(lines) for lines in alike.values())]
+
+    def _remark_of_frames(self, lines):
+        (number, first), *others = lines
+        if len(lines) == len(self.frames) and all(line == first for _, line in others):
+            return first
+        return f"frame {number}: {first}{f' ({len(others)} more much alike)' if others else ''}"
+
+    def _own_remarks(self):
+        for part in self.parts:
+            yield from part.remarks(self.parts)
+
+    def as_dict(self) -> dict:
+        """The report as values for JSON."""
+        facts: dict[str, Any] = {"build": build_identity(), "stages_s": dict(self.stages),
+                                 "total_s": sum(self.stages.values())}
+        for part in self.parts:
+            facts |= part.as_dict()
+        if self.files:
+            facts["files"] = dict(self.files)
+        frames = {number: {"frame": number} | report.as_dict() for number, report in self.frames.items()}
+        frames |= {number: {"frame": number, "earlier": True} | report for number, report in self.earlier.items()}
+        if frames:
+            each = [frames[number] for number in sorted(frames)]
+            facts |= {name: each[0][name] for name in ("lens", "plan") if name in each[0]}
+            beyond = [frame["out_of_field_fraction"] for frame in each if "out_of_field_fraction" in frame]
+            facts |= {"out_of_field_fraction": max(beyond)} if beyond else {}
+            facts["frames"] = each
+        return plain(facts)
+
+    def write(self, path: Path) -> None:
+        """Write the report as JSON, atomically."""
+        with atomic_path(path) as temporary:
+            facts = {"software": software()} | self.as_dict()
+            temporary.write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")

@@ -1,1 +1,0 @@
-"""Error against time and memory, measured and drawn."""

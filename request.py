@@ -1,0 +1,162 @@
+"""The settings of a render, each defined once, at its field.
+
+A scene's panel fills in a request; the command line and Python replace its fields. Blender's properties, the options
+of `lensfield render`, the arguments of a render in the background and the record of a finished frame follow from the
+fields (`engine/runtime/setting.py`). To add a setting, add its field here and obey it in the render.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import inf
+from pathlib import Path
+
+from .engine import Lens, Options
+from .engine.bake.quality import QUALITIES
+from .engine.depth.depth_range import AUTO, OFF, TRACED
+from .engine.depth.iris import Iris
+from .engine.field.overscan import VIEWS
+from .engine.runtime.setting import check_choices, documented, option_of, setting, settings_of
+from .engine.spectral.spectra import parse_wavelengths
+from .engine.spectral.wavelength_choice import IMAGE_WAVELENGTHS, SpectralOptions
+
+CAMERA = "camera"
+BY_SCENE, ON = "scene", "on"
+RING_FIELDS = "focus", "f_number", "focused_wide_open"
+FOLLOWER_FIELDS = "picture", "state", "source"
+"""Fields that a program sets when it starts a render and monitors it."""
+
+
+@documented
+@dataclass(frozen=True, kw_only=True)
+class RenderRequest:
+    """The settings of a render through a lens, for one frame of a scene.
+
+    Raises
+    ------
+    InputError
+        If a value is not one of its setting's choices.
+    """
+
+    lens: Lens | str | Path = setting(
+        "", name="Lens", metavar="NAME|FILE", recorded=False,
+        text="A bundled lens, a lens package, or a prescription")
+    view: str = setting(
+        VIEWS[0], name="View", text="Field of view of the lens image", panel="", recorded=False,
+        choices={VIEWS[0]: ("The Lens's", "What the lens sees on its own sensor; Match Camera to Lens shows it "
+                                          "beforehand"),
+                 VIEWS[1]: ("The Camera's", "What the scene's camera sees. The lens is scaled to it, and its blur with "
+                                            "it; so is the focus distance of a lens at rest")})
+    depth: str = setting(
+        AUTO, name="Depth", text="How out-of-focus light is blurred", panel="",
+        choices={AUTO: ("As Needed", "In layers of depth that are rendered one by one, if the scene is deeper than "
+                                     "the depth of field"),
+                 OFF: ("Off", "Not at all: everything is as sharp as in focus"),
+                 TRACED: ("Traced Lens", "Cycles traces rays through the lens itself: slow and without diffraction, "
+                                         "but correct for glass, mirrors and volumes, too. Needs a prescription")})
+    focus: float | str | None = setting(
+        None, name="Focus", metavar="DISTANCE", recorded=False,
+        text="Focus distance from the camera, which is at the entrance pupil: 1.2m, 80cm, 500mm or inf (in Python, a "
+             "number in mm)",
+        unset="the camera's if its Depth of Field is on, else the prescription's, mostly infinity; camera: the "
+              "camera's in any case")
+    f_number: float | None = setting(
+        None, name="F-Number", kind=float, metavar="N", recorded=False, text="F-number of the lens",
+        unset="the camera's F-Stop if its Depth of Field is on, else the widest")
+    focused_wide_open: bool = setting(
+        False, name="Focused Wide Open", kind=bool, panel="", recorded=False,
+        text="Focus at the widest aperture, then stop down, as with a rangefinder: a lens whose focus shifts with its "
+             "f-stop is a little out of focus. Otherwise it is focused at its f-stop")
+    lens_quality: str | None = setting(
+        None, name="Lens Quality", text="How finely a prescription is baked", unset="as the tier", recorded=False,
+        choices={quality: (quality.title(), "") for quality in QUALITIES})
+    iris: Iris | None = setting(
+        None, name="Iris", option=None,
+        text="Blades that stop the lens down, for out-of-focus light; by default those of the camera's Aperture if its "
+             "Depth of Field is on")
+    wavelengths_nm: tuple[float, ...] = setting(
+        tuple(parse_wavelengths(IMAGE_WAVELENGTHS).tolist()), name="Wavelengths", option="wavelengths", metavar="SPEC",
+        text="Ascending wavelengths of the lens image in nm: first:last:number, or a list such as 450,550,650 (in "
+             "Python, a sequence)")
+    spectral: SpectralOptions = setting(
+        SpectralOptions(), name="Spectra", option=None,
+        text="Accuracy of the spectra, and so how many wavelengths Cycles renders")
+    options: Options = setting(Options(), name="Options", option=None, text="Accuracy of the lens image")
+    unfit: str = setting(
+        "refuse", name="Unfit Nodes", panel="wavelengths",
+        text="Nodes that Cycles renders in red, green and blue only; Check Scene and lensfield lint list them",
+        choices={"refuse": ("Refuse", "Stop with an error that names the first"),
+                 "render": ("Render Anyway", "Upsample the colours that Cycles gives them, as other colours are. "
+                                             "Beyond Preview each wavelength then takes a render")})
+    denoise: str = setting(
+        BY_SCENE, name="Denoise", panel="quality",
+        text="Let Cycles denoise its passes. It shifts means by up to 1 %, of dim wavelengths by more",
+        choices={BY_SCENE: ("As the Scene", "As Cycles' own Denoise is set; but never in Reference"),
+                 ON: ("On", "Whatever the scene says"),
+                 OFF: ("Off", "Whatever the scene says")})
+    view_layer: str = setting(
+        "", name="View Layer", text="View layer to render. Empty: the one that is enabled for rendering",
+        metavar="NAME", panel="")
+    room: float = setting(
+        0.0, name="Room", kind=float, metavar="FRACTION",
+        text="Capture at least this part of the picture's longer side beyond each of its edges, so that lensfield "
+             "apply can use lenses with more distortion")
+    output_folder: Path | None = setting(
+        None, name="Output", kind=Path, option="output", metavar="DIR", subtype="DIR_PATH", panel="",
+        panel_default="//lensfield/", recorded=False, text="Folder for the spectral EXRs and the pictures")
+    to_compositor: bool = setting(
+        False, name="To Compositor", kind=bool, option=None, panel="", panel_default=True, recorded=False,
+        text="Add the lens image to the scene's compositor when it is finished")
+    picture: Path | None = setting(
+        None, name="Picture", kind=Path, metavar="FILE.png", recorded=False,
+        text="After each pass, write the light so far to this file, as a perfect pinhole sees it")
+    state: str = setting(
+        "", name="Scene State", option="scene-state", metavar="TEXT", recorded=False, unset="its fingerprint",
+        text="The scene's state that records of frames contain")
+    source: str = setting(
+        "", name="Scene Source", option="scene-source", metavar="TEXT", recorded=False,
+        text="Digest of the files that the scene was opened from and still matches (source_digest): finished passes "
+             "are then stored next to the output until the frame is finished, and a render that was stopped resumes "
+             "from them. Empty: none are stored")
+
+    def __post_init__(self) -> None:
+        check_choices(self)
+
+
+def to_arguments(**given: object) -> list[str]:
+    """Arguments of `lensfield` that set fields of a RenderRequest.
+
+    Parameters
+    ----------
+    given : by name
+        Values of fields; fields with None are omitted. `iris` may be None for a round stop.
+
+    Returns
+    -------
+    list of str
+    """
+    return [word for name, value in given.items() for word in _arguments(name, value)]
+
+
+def _arguments(name: str, value: object) -> Iterator[str]:
+    if name == "iris":
+        value = value or Iris()
+    if isinstance(value, Options | SpectralOptions | Iris):
+        yield from (word for field in settings_of(value) for word in _option(value, field, getattr(value, field)))
+    else:
+        yield from _option(RenderRequest, name, value)
+
+
+def _option(owner: object, name: str, value: object) -> Iterator[str]:
+    option = option_of(name, settings_of(owner)[name])
+    if isinstance(value, bool):
+        yield f"--{option}" if value else f"--no-{option}"
+    elif value is not None:
+        yield f"--{option}={_text(name, value)}"
+
+
+def _text(name: str, value: object) -> str:
+    if name == "focus" and isinstance(value, int | float):
+        return "inf" if value == inf else f"{float(value)!r}mm"
+    if isinstance(value, float):
+        return repr(value)
+    return ",".join(f"{each!r}" for each in value) if isinstance(value, tuple) else str(value)

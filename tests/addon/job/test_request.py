@@ -1,0 +1,51 @@
+"""The render request of a scene: settings, fields given in their place, and the record of a frame."""
+
+from pathlib import Path
+
+import pytest
+
+from lensfield.addon.job.job import job_of
+from lensfield.addon.job.record import recorded_fields
+from lensfield.addon.ui.properties import SETTINGS, LensfieldSettings
+from lensfield.engine import Options
+from lensfield.engine.runtime.setting import settings_of
+from lensfield.request import RenderRequest
+
+
+@pytest.mark.parametrize("name", SETTINGS)
+def test_a_property_has_the_texts_and_the_choices_of_its_setting(name):
+    prop, each = LensfieldSettings.bl_rna.properties[name], SETTINGS[name]
+    assert (prop.name, prop.description) == (each.name, each.text)
+    if each.choices:
+        offered = {item.identifier.lower(): (item.name, item.description) for item in prop.enum_items}
+        assert {value: texts for value, texts in each.choices.items() if value in offered}.items() <= offered.items()
+        assert set(each.choices) - set(offered) <= {"auto"}
+    elif each.limits and each.kind is int:
+        assert prop.hard_min == each.limits[0]
+
+
+def test_new_settings_are_the_defaults_of_a_request(scene):
+    request, unset = scene.lensfield.to_request(), RenderRequest()
+    elsewhere = {"lens", "options", "output_folder", "to_compositor"}  # the panel has different defaults for these
+    for name in settings_of(RenderRequest):
+        assert name in elsewhere or getattr(request, name) == getattr(unset, name), name
+    assert request.lens == "tessar-50mm" and request.to_compositor and request.options == Options(accuracy=0.01)
+
+
+def test_given_fields_replace_settings_and_none_does_not(scene, tmp_path):
+    scene.lensfield.view, scene.lensfield.unfit, scene.lensfield.wavelength_list = "CAMERA", "RENDER", "no number"
+    scene.lensfield.wavelength_mode = "LIST"
+    request = scene.lensfield.to_request(view="lens", unfit=None, wavelengths_nm=[450, 550], output_folder=tmp_path)
+    assert (request.view, request.unfit, request.wavelengths_nm) == ("lens", "render", (450.0, 550.0))
+    assert request.output_folder == Path(tmp_path).resolve()
+    with pytest.raises(TypeError, match="sharpness"):
+        scene.lensfield.to_request(sharpness=1, wavelengths_nm=[550])
+
+
+def test_a_record_contains_the_fields_on_which_a_frame_depends(scene):
+    job = job_of(scene, lens="edmund-54852", wavelengths_nm=[450, 550], view="camera", room=0.25, source="digest")
+    record = recorded_fields(job)
+    marked = {name for name, each in settings_of(RenderRequest).items() if each.recorded}
+    assert record.keys() == marked | {"lens", "lens_digest", "clamp", "settings"}
+    assert (record["room"], record["wavelengths_nm"], record["denoise"]) == (0.25, [450.0, 550.0], "off")
+    assert record["lens_digest"] == job.lens.digest.hex() and record["options"]["accuracy"] == 0.01

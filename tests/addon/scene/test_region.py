@@ -1,0 +1,62 @@
+"""The render region: its pixels in a frame that is not square, and the part of a capture that can light them."""
+
+import pytest
+
+from lenses import gaussian_psf, make_lens
+from lensfield.addon.scene.camera import captured_region, render_region
+from lensfield.addon.scene.render_state import guard_region
+from lensfield.addon.scene.undo import Journal
+from lensfield.engine.field.radial.psf_bank import psf_radius_px
+from lensfield.engine.image.pixel_grid import PixelGrid
+from small_scenes import set_region
+
+SHAPE_PX, PITCH_UM = (36, 48), 10.0
+
+
+def test_rows_count_from_above_and_columns_from_the_left(scene):
+    set_region(scene, left=1 / 4, right=1 / 2, bottom=1 / 6, top=3 / 4)
+    assert render_region(scene) == (slice(9, 30), slice(12, 24))
+
+
+def test_no_region_is_none(scene):
+    set_region(scene, 0.25, 0.5, 0.25, 0.5)
+    scene.render.use_border = False
+    assert render_region(scene) is None
+
+
+@pytest.mark.parametrize("region", [(slice(9, 30), slice(12, 24)), (slice(0, 7), slice(30, 48)),
+                                    (slice(35, 36), slice(0, 1)), (slice(0, 36), slice(5, 47))], ids=str)
+def test_blender_is_given_the_region_that_it_is_read_as(scene, region):
+    """Even though thirty-sixths are not exact in binary."""
+    with Journal() as journal:
+        guard_region(scene.render, region, SHAPE_PX, journal)
+        assert render_region(scene) == region
+
+
+def reach_of(found, region, capture):
+    """Margin of a part of a capture around a region of its frame, equal on all four sides."""
+    (above, below), (left, right) = (
+        (part.start + overscan - wider.start, wider.stop - part.stop - overscan)
+        for part, wider, overscan in zip(region, found, capture.overscan_px, strict=True))
+    assert above == below == left == right
+    return above
+
+
+@pytest.mark.parametrize("heights, room, least, most", [
+    (1.0, 0.0, 5, 6), (1.0, 0.25, 12, 12), (0.9, 0.0, 9, 9)], ids=["PSFs", "room", "distortion"])
+def test_what_can_light_a_region_lies_around_it_as_far_as_the_lens_reaches(heights, room, least, most):
+    """The margin is the sum of three terms.
+
+    4 px for the PSFs, one more, and another for rounding; a quarter of the frame's 48 columns; and the shift of the
+    corner by distortion, 30 px from the axis: 30 / 0.9 - 30, rounded up.
+    """
+    lens = make_lens(gaussian_psf(5, 8, 2.5, 17), lambda nm, height_mm: heights * height_mm)
+    assert psf_radius_px(lens, PITCH_UM) == 4
+    capture, region = PixelGrid.around_frame(SHAPE_PX, PITCH_UM, (14, 17)), (slice(9, 20), slice(24, 30))
+    assert least <= reach_of(captured_region(region, lens, [550.0], capture, room), region, capture) <= most
+
+
+def test_what_can_light_a_region_ends_with_the_capture():
+    lens = make_lens(gaussian_psf(5, 8, 2.5, 17))
+    capture = PixelGrid.around_frame(SHAPE_PX, PITCH_UM, (2, 1))
+    assert captured_region((slice(1, 36), slice(0, 47)), lens, [550.0], capture, 0.1) == (slice(0, 40), slice(0, 50))

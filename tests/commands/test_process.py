@@ -1,0 +1,77 @@
+"""The command's process: lines that it serves, and signals at any moment."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from lensfield.commands.messages import read_message
+from signalled import signalled
+
+SERVE = [sys.executable, "-c", "from lensfield.cli import console; console()", "serve"]
+
+@pytest.fixture(scope="module")
+def server():
+    with subprocess.Popen(SERVE, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
+        yield process
+        process.stdin.close()
+        assert process.wait() == 130
+
+
+def answers(process, line):
+    """The server's response to a line, before it responds to the next one."""
+    process.stdin.write(line + b"\n" + json.dumps(["--version"]).encode() + b"\n")
+    process.stdin.flush()
+    found = []
+    while found[-1:] != [{"status": 0}]:
+        said = process.stdout.readline()
+        assert said, "the server has ended"
+        found += filter(None, [read_message(said.decode())])
+    return found[:-1]
+
+
+@pytest.mark.parametrize("line, error", [
+    (b"", "line is empty"), (b"apply a.exr", "line is apply a.exr"), (b"[", "line is ["), (b"{}", "line is {}"),
+    (b'"lens"', "line is"), (b"null", "line is null"), (b"NaN", "line is NaN"), (b"[NaN]", "line is [NaN]"),
+    (b"-Infinity", "line is -Infinity"), (b'["lens", 1]', "line is"), (b'["lens", null]', "line is"),
+    (b'["lens", ["list"]]', "line is"), (b"9" * 10**5, "line is 999"), (b"[" * 10**5, "line is [[["),
+    (b'["' + b"n" * 3 * 10**6 + b'"]', "line is over 1048576 bytes"), (b"\xff\xfe[]", "line is not in UTF-8"),
+    (b"\0", "line is ?"), (rb'["lens", "info", "a\u0000b"]', "argument 2 is a?b"),
+    (rb'["lens", "info", "\ud800"]', "argument 2 is ?"), (b'["serve"]', "command is serve")])
+def test_a_malformed_line_is_answered_by_one_line_and_the_process_goes_on(server, line, error):
+    answer, = answers(server, line)
+    assert answer["status"] == 2 and answer["error"].startswith(f"serve: {error}") and answer["error"].isprintable()
+
+
+@pytest.mark.parametrize("arguments, status", [
+    ([], 2), (["engrave"], 2), (["lens"], 2), (["lens", "info"], 2), (["filter", "--width", "nan"], 2),
+    (["lens", "info", "n" * 10**5], 1), (["lens", "list", "--end-with-stdin"], 2)])
+def test_a_command_that_is_none_is_answered_by_its_status(server, arguments, status):
+    assert answers(server, json.dumps(arguments).encode()) == [{"status": status}]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="Windows ends a process by Ctrl-C itself")
+@pytest.mark.parametrize("count", [1, 2, 3, 10, 40, 100, 200, 300, 400, 500, 600])
+def test_ctrl_c_amid_imports_ends_the_command_without_a_traceback(count):
+    done = signalled(count)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "\nlensfield: cancelled\n")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="Windows ends a process by Ctrl-C itself")
+def test_nothing_large_is_imported_before_signals_are_handled():
+    code = "import sys; before = set(sys.modules); import lensfield.cli; print(*sorted(set(sys.modules) - before))"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert {name.split(".")[0] for name in loaded} <= {
+        "lensfield", "signal", "enum", "types", "operator", "_operator", "functools", "collections", "_collections",
+        "keyword", "reprlib", "_functools", "itertools", "threading", "_weakrefset", "contextlib"}
+    assert not [name for name in loaded if name.startswith(("lensfield.engine", "lensfield.commands"))]
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="no SIGHUP on this system")
+def test_nohup_keeps_a_command_at_work():
+    done = signalled(1, signal_name="SIGHUP", preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN))
+    assert done.returncode == 0 and "edmund-54852" in done.stdout
+    assert signalled(1, signal_name="SIGHUP").returncode == 130

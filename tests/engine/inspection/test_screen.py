@@ -1,0 +1,129 @@
+"""Prescriptions judged by their rays: a good one damaged in various ways, and the complete library."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lensfield.engine.bake.bake import bake
+from lensfield.engine.inspection.checks import check_lens
+from lensfield.engine.inspection.screen import check_prescription
+from lensfield.engine.library import BUNDLED, bundled_lenses
+from lensfield.engine.prescription.readers.toml import read_lensfield
+from lensfield.engine.rays.focus import build_system
+from lensfield.engine.rays.rays import HalfPupil, trace_pupil
+from varied_lenses import library_sample
+
+GOOD = read_lensfield(BUNDLED / "prescriptions" / "nikkor-z-50mm-f1.8.toml")  # has aspheres and moving parts
+FRONT_ASPHERE, REAR_ASPHERE, GAP, LAST = 6, 17, 19, 26
+
+
+def damaged(number, **changes):
+    """The good lens with one of its surfaces, counted from 1, changed."""
+    surfaces = list(GOOD.surfaces)
+    surfaces[number - 1] = replace(surfaces[number - 1], **changes)
+    return replace(GOOD, surfaces=tuple(surfaces))
+
+
+def told(prescription):
+    return [(finding.severity, finding.field) for finding in check_prescription(prescription)]
+
+
+def test_nothing_is_told_of_a_good_lens():
+    assert not check_prescription(GOOD)
+
+
+@pytest.mark.parametrize("factor, severities", [(0.98, ["error"]), (0.992, []), (1.008, []), (1.02, ["error"])])
+def test_the_focal_length_is_that_of_the_name(factor, severities):
+    findings = check_prescription(replace(GOOD, focal_length_mm=factor * 51.601))
+    assert [(finding.severity, finding.field) for finding in findings] == [
+        (severity, "focal_length_mm") for severity in severities]
+    assert all("the surfaces give 51.6 mm" in finding.value for finding in findings)
+
+
+def test_without_a_name_the_focal_length_is_a_note():
+    finding, = check_prescription(replace(GOOD, focal_length_mm=None))
+    assert finding.severity == "note" and "they give 51.6 mm" in finding.remedy
+
+
+@pytest.mark.parametrize("number", [FRONT_ASPHERE, REAR_ASPHERE])
+def test_a_lost_asphere_shows_on_the_axis(number):
+    assert GOOD.surfaces[number - 1].aspheric
+    findings = [finding for finding in check_prescription(damaged(number, aspheric=())) if finding.severity == "error"]
+    assert [finding.field for finding in findings] == ["surfaces"] * 2
+    assert "focused at infinity" in findings[0].value and "focused at 307.7 mm" in findings[1].value
+
+
+def test_a_wrong_glass_shows_in_white_light():
+    crown = 1 + [surface.glass for surface in GOOD.surfaces].index("1.59319/67.9")
+    assert ("error", "surfaces") in told(damaged(crown, glass="1.59319/30"))
+
+
+def test_a_lens_may_be_meant_to_be_soft():
+    soft = replace(damaged(REAR_ASPHERE, aspheric=()), character=("portrait", "soft focus"))
+    assert "error" not in dict(told(soft))
+    assert "soft focus, as stated in its character" in {finding.remedy for finding in check_prescription(soft)}
+
+
+@pytest.mark.parametrize("share, severity", [(0.95, "note"), (0.8, "error")])
+def test_an_aperture_that_stops_the_stops_own_light(share, severity):
+    rim = trace_pupil(build_system(GOOD), [0.0], [GOOD.reference_wavelength_nm], HalfPupil(2, 1)).square_height_mm2
+    narrowed = damaged(1, semi_aperture_mm=share * np.sqrt(rim[0, 0, 0, -1, 0]))
+    finding = next(finding for finding in check_prescription(narrowed) if finding.field.startswith("aperture"))
+    told_share = float(re.search(r"(\d+)% of its width", finding.value)[1]) / 100
+    assert finding.severity == severity and told_share == pytest.approx(share, abs=0.02), "by the pupil's aberration"
+    assert "surface 1 is the narrowest" in finding.remedy
+
+
+def test_an_aperture_in_the_way_of_chief_rays():
+    findings = check_prescription(damaged(LAST, semi_aperture_mm=15.0))
+    assert [(finding.severity, finding.field) for finding in findings] == [
+        ("error", f"surface {LAST}, semi_aperture_mm")] * 2, "at both distances"
+    assert "15, and blocks chief rays from an image height of 1" in findings[0].value
+
+
+def test_a_field_that_ends_before_the_corners_or_before_the_sides():
+    assert told(replace(GOOD, field=("image_height_mm", 21.0))) == [("note", "sensor_mm")]
+    assert told(replace(GOOD, field=("image_height_mm", 15.0))) == [("error", "field")]
+
+
+def test_a_mistyped_gap_moves_the_image():
+    far, near = GOOD.surfaces[GAP - 1].gaps_mm
+    assert told(damaged(GAP, gaps_mm=(far, near - 2.0))) == [("warning", "focused_at_mm")]
+
+
+def test_what_has_no_image_is_told_and_no_more():
+    as_a_whole = tuple(replace(surface, gaps_mm=()) for surface in GOOD.surfaces)
+    stuck = replace(GOOD, focused_at_mm=(), surfaces=as_a_whole)
+    assert told(replace(stuck, closest_focus_mm=5.0)) == [("error", "object_distance_mm")]
+    assert told(damaged(1, glass="UNOBTAINIUM")) == [("error", "surface 1, glass")]
+
+
+def test_fast_lenses_that_move_as_a_whole_may_be_soft_when_near():
+    as_a_whole = tuple(replace(surface, gaps_mm=()) for surface in GOOD.surfaces)
+    findings = check_prescription(replace(GOOD, focused_at_mm=(), surfaces=as_a_whole, closest_focus_mm=45.0))
+    assert [finding.severity for finding in findings] == ["note"] and "sharper farther away" in findings[0].remedy
+
+
+@pytest.mark.parametrize("name", library_sample())
+def test_the_library_is_what_it_says(name):
+    lens = bundled_lenses()[name]
+    assert lens.name == name
+    assert all((lens.title, lens.maker, lens.story, lens.source, lens.character, lens.sensor_mm, lens.focal_length_mm))
+    assert lens.year is None or f"({lens.year})" in lens.title
+    findings = check_prescription(lens)
+    assert not [finding for finding in findings if finding.severity == "error"]
+    assert {finding.field for finding in findings if finding.severity == "warning"} <= {"sensor_mm"}
+
+
+@pytest.mark.parametrize("name", ["olympus-fisheye-8mm", "pentax-fisheye-17mm"])
+def test_what_is_fitted_to_fisheyes_does_not_fold(name):
+    """For the engine's polynomials over paraxial heights, which are infinite at a right angle."""
+    lens = bake(read_lensfield(BUNDLED / "prescriptions" / f"{name}.toml"), quality="preview", samples=17, pitch_um=4.0)
+    assert "error" not in {finding.severity for finding in check_lens(lens) if not finding.field.startswith("psf")}
+
+
+def test_the_library_is_large_and_its_titles_differ():
+    assert len(bundled_lenses()) >= 60
+    assert len({lens.title for lens in bundled_lenses().values()}) == len(bundled_lenses())

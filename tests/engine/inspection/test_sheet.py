@@ -1,0 +1,179 @@
+"""The lens sheet: its drawings, and its command."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from lenses import comatic_lens, gaussian_psf, make_lens, marked_psf
+from lensfield import cli
+from lensfield.engine import InputError, LensError, load_lens
+from lensfield.engine.inspection import sheet as sheet_module
+from lensfield.engine.inspection.psf_map import hidden_share, tile
+from lensfield.engine.inspection.sheet import write_lens_plot
+from lensfield.engine.inspection.style import degree_labels
+from lensfield.engine.lens_files.package import write_package
+
+SIDE_PX = 1680
+HEAVIEST_BYTES = 170_000
+
+
+def pixels(path):
+    with Image.open(path) as picture:
+        assert picture.format == "PNG"
+        return np.asarray(picture.convert("RGB"))
+
+
+def part(sheet, left, bottom, width, height):
+    """Pixels of a region given in inches of a sheet of 12 x 12, as `lens_plot` gives them."""
+    rows, columns = (slice(*(int(SIDE_PX / 12 * end) for end in ends))
+                     for ends in ((12 - bottom - height, 12 - bottom), (left, left + width)))
+    return sheet[rows, columns]
+
+
+def run(*arguments):
+    return cli.main(["lens", "plot", *map(str, arguments)])
+
+
+@pytest.fixture(scope="module")
+def sheet(tmp_path_factory):
+    path = tmp_path_factory.mktemp("sheet") / "sheet.png"
+    write_lens_plot(comatic_lens(), path)
+    return pixels(path)
+
+
+@pytest.fixture
+def lens_file(tmp_path):
+    path = tmp_path / "own lens.npz"
+    write_package(make_lens(gaussian_psf(4, 6, 2.5, 17)), path)
+    return path
+
+
+def test_a_sheet_is_white_paper_with_something_in_every_panel(sheet):
+    assert sheet.shape == (SIDE_PX, SIDE_PX, 3)
+    assert np.all(sheet[0] == 255) and np.all(sheet[:, -1] == 255) and 0.5 < np.mean(sheet == 255) < 0.95
+    for place in ((6.85, 7.15, 4.4, 2.9), (6.85, 3.9, 4.4, 2.4), (1.05, 0.95, 4.9, 1.8), (6.85, 0.95, 4.4, 1.8)):
+        assert 0.01 < np.mean(part(sheet, *place).min(axis=-1) < 128) < 0.5
+    assert np.mean(part(sheet, 1.05, 7.0, 4.5, 2.5).max(axis=-1) < 32) > 0.2  # the dark background of the tiles
+
+
+def test_the_row_in_white_light_shows_lateral_colour(sheet, tmp_path):
+    def coloured_px(sheet):
+        return (np.ptp(part(sheet, 1.05, 6.0, 4.5, 1.6).astype(int), axis=-1) > 100).sum()
+
+    lens = make_lens(gaussian_psf(4, 4, 2.5, 17), lambda nm, p: p * (1 + 2e-5 * (nm - 550)))
+    write_lens_plot(lens, tmp_path / "coloured.png")
+    assert coloured_px(pixels(tmp_path / "coloured.png")) > 10 * coloured_px(sheet) + 1000
+
+
+def test_a_tile_has_outwards_to_the_right_and_keeps_shape_and_light():
+    placed = tile(marked_psf(6, 3), 2.5, 40.0, 128)
+    row, column = (np.average(np.arange(128) + 0.5, weights=placed.sum(axis=axis)) for axis in (1, 0))
+    um_per_px = 80 / 128
+    assert (column - 64) * um_per_px == pytest.approx(15.0, abs=0.1)
+    assert (row - 64) * um_per_px == pytest.approx(7.5, abs=0.1)
+    coarse, fine = (tile(gaussian_psf(3, 6, 1.0, 101), 1.0, 40.0, n) for n in (32, 256))
+    assert coarse.sum() * (80 / 32)**2 == pytest.approx(1, abs=1e-3) == fine.sum() * (80 / 256)**2
+    row, column = (np.sqrt(np.average(((np.arange(256) + 0.5) / 3.2 - 40)**2, weights=fine.sum(axis=axis)))
+                   for axis in (1, 0))
+    assert (row, column) == (pytest.approx(6, rel=0.02), pytest.approx(3, rel=0.03))
+
+
+@pytest.mark.parametrize("lens", [
+    make_lens(wavelengths_nm=(900.0,), heights_mm=(0.0, 2.0), name="$x^{ no formula", maker="m" * 300),
+    make_lens(gaussian_psf(3, 3, 2.5, 8), lambda nm, p: 2 * np.arctan(p / 2), object_distance_mm=np.inf,
+              heights_mm=2 * np.tan(np.radians(np.linspace(0, 75, 60))), name="a_name_without_a_space" * 10,
+              story="A fisheye that sees nearly all. " * 20, wavelengths_nm=np.linspace(400, 700, 31))],
+    ids=["one wavelength", "fisheye of 150 degrees"])
+def test_unusual_lenses_have_sheets(lens, tmp_path):
+    write_lens_plot(lens, tmp_path / "sheet.png", [10.0])
+    assert pixels(tmp_path / "sheet.png").std() > 10
+
+
+def test_a_header_of_many_digits_is_not_cut(tmp_path):
+    lens = make_lens(name="W" * 50, story="WIDE WORDS " * 40, sensor_mm=(4.7654, 3.5741), object_distance_mm=123456.7,
+                     reference_wavelength_nm=546.0739, maker="M" * 60)
+    write_lens_plot(lens, tmp_path / "sheet.png", [10.0])
+    assert part(pixels(tmp_path / "sheet.png"), 12 - 0.28, 10.8, 0.28, 1.2).min() == 255
+
+
+@pytest.mark.parametrize("degrees, labels", [
+    ([0, 0.6, 1.2, 1.8], ["0.0°", "0.6°", "1.2°", "1.8°"]), ([0, 13.7, 28.1], ["0°", "14°", "28°"]),
+    ([0, 0.04, 0.09], ["0.00°", "0.04°", "0.09°"]), ([7.3], ["7°"])])
+def test_angles_have_the_decimals_that_tell_them_apart(degrees, labels):
+    assert degree_labels(np.array(degrees, dtype=float)) == labels
+
+
+def test_light_that_the_tiles_do_not_show_is_told():
+    """A hundredth of the light in a faint haze, a fiftieth in one sample beyond the tile that frames most PSFs."""
+    psfs = np.zeros((1, 20, 41, 41))
+    psfs[..., 20, 20] = 1.0
+    assert hidden_share(psfs, 1.0) == 0.0
+    psfs[0, 0] = 0.01 / (41 * 41 - 1)
+    psfs[0, 0, 20, 20] = 0.99
+    assert hidden_share(psfs, 1.0) == pytest.approx(0.01)
+    psfs[0, 1, 20, 20], psfs[0, 1, 20, 39] = 0.98, 0.02
+    assert hidden_share(psfs, 1.0) == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize("frequencies", [[], [1.0] * 6])
+def test_one_to_five_frequencies(frequencies, tmp_path):
+    with pytest.raises(InputError, match="frequencies is . of them: expected 1 to 5"):
+        write_lens_plot(make_lens(), tmp_path / "sheet.png", frequencies)
+
+
+def test_a_lens_that_folds_the_picture_has_no_sheet(tmp_path):
+    with pytest.raises(LensError, match="real_height_mm is falling"):
+        write_lens_plot(make_lens(real_height_mm=lambda nm, p: p * (1 - 0.2 * p**2)), tmp_path / "sheet.png")
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_command_puts_the_sheet_beside_the_file(lens_file, capsys):
+    assert run(lens_file) == 0
+    path = lens_file.with_suffix(".png")
+    assert capsys.readouterr().out == f"{path}\n" and pixels(path).std() > 10
+    assert {item.name for item in lens_file.parent.iterdir()} == {lens_file.name, path.name}
+
+
+def test_the_command_draws_a_bundled_lens_here(tmp_path, monkeypatch, capsys):
+    drawn = []
+    monkeypatch.setattr(sheet_module, "write_lens_plot", lambda *arguments: drawn.append(arguments))
+    monkeypatch.chdir(tmp_path)
+    assert run("edmund-54852", "--frequencies", "40, 80") == 0
+    assert capsys.readouterr().out == "edmund-54852.png\n"
+    assert drawn == [(load_lens("edmund-54852"), Path("edmund-54852.png"), [40.0, 80.0])]
+
+
+def test_the_command_draws_what_is_out_of_focus(lens_file, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(sheet_module, "write_lens_plot", lambda *arguments: drawn.append(arguments))
+    assert run(lens_file, "--depth", "40cm") == 0
+    (lens, _, _), here = drawn[0], load_lens(lens_file)
+    assert lens.name == "hand-made, points at 0.4 m" and np.array_equal(lens.heights_mm, here.heights_mm)
+    assert lens.psf_pitch_um * lens.psf.shape[-1] > 3 * here.psf_pitch_um * here.psf.shape[-1]
+
+
+@pytest.mark.parametrize("arguments, message", [
+    (("edmund-54852", "--depth", "40"), "options: --depth is 40: expected a distance with its unit, such as 1.2m"),
+    (("no-such-lens",), "no-such-lens: lens is missing"),
+    (("edmund-54852", "--frequencies", "20;50"), "options: --frequencies is 20;50: expected cycles per mm such as"),
+    (("edmund-54852", "--frequencies", "20,2000"), "edmund-54852: frequency is 2000 cycles/mm: expected more than 0"),
+    (("edmund-54852", "-o", "sheet.jpg"), "sheet.jpg: kind of file is .jpg: expected a .png"),
+    (("edmund-54852", "-o", "a-file/sheet.png"), "a-file: folder is impossible to create"),
+    ((".",), ".: lens is a folder")])
+def test_bad_input_is_one_line(arguments, message, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a-file").touch()
+    assert run(*arguments) == 1
+    printed = capsys.readouterr().err
+    assert message in printed and printed.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["a-file"]
+
+
+def test_without_matplotlib_one_line_says_how_to_get_it(lens_file, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    assert run(lens_file) == 1
+    assert capsys.readouterr().err == "lensfield: matplotlib: module is not installed: pip install lensfield[plots]\n"
+    assert not lens_file.with_suffix(".png").exists()

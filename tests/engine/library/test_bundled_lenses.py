@@ -1,0 +1,74 @@
+"""The bundled lenses: small files, documented, valid, and ready to use."""
+
+import numpy as np
+import pytest
+
+from lensfield.engine import Options, Rings, SpectralImage, load_lens, simulate
+from lensfield.engine.inspection.checks import check_lens
+from lensfield.engine.library import PRESCRIPTIONS, bundled_lenses, bundled_names, find_bundled
+from varied_lenses import VARIED, library_sample, varied_lens
+
+
+@pytest.fixture(scope="module", params=VARIED)
+def lens(request):
+    """Lenses of the library, each loaded once for all tests."""
+    return varied_lens(request.param)
+
+
+def test_the_library_is_small():
+    sizes = [path.stat().st_size for path in PRESCRIPTIONS.iterdir()]
+    assert max(sizes) <= 8e3 and sum(sizes) <= 300e3
+
+
+@pytest.mark.parametrize("name", library_sample())
+def test_each_is_told_about(name):
+    told = bundled_lenses()[name]
+    assert told.name == name and set(VARIED) <= set(bundled_names())
+    assert told.maker and min(map(len, (told.title, told.story, told.source))) > 10
+    assert told.focal_length_mm and told.sensor_mm and told.character
+
+
+def test_they_are_found_by_what_is_told_of_them():
+    assert {"angenieux-50mm", "cooke-triplet-50mm", "tessar-50mm"} <= set(find_bundled(["50mm"]))
+    assert set(find_bundled(["NIKON", "28"])) >= {"nikkor-28mm"}
+    assert "kodak-petzval-100mm" in find_bundled(["swirl"]) and "nikkor-28mm" not in find_bundled(["swirl"])
+    assert find_bundled(["swirl", "no such word"]) == {} and len(find_bundled([])) == len(bundled_names())
+
+
+def test_each_holds_the_light_and_is_without_errors(lens):
+    assert lens.enclosed_energy.min() >= 0.995
+    assert lens.mirror_symmetric
+    assert [str(finding) for finding in check_lens(lens) if finding.severity == "error"] == []
+
+
+def test_each_covers_its_sensor_but_for_the_outermost_corners(lens):
+    x_mm, y_mm = np.meshgrid(*((np.arange(400) + 0.5) / 400 * side / 2 for side in lens.sensor_mm))
+    last_mm = lens.at_wavelength(550).real_height_mm[-1]
+    assert np.mean(np.hypot(x_mm, y_mm) <= last_mm) > 0.97
+
+
+def test_each_makes_a_picture(lens):
+    radiance = SpectralImage(np.ones((2, 60, 80)), [450, 620], pitch_um=lens.sensor_mm[0] * 1e3 / 80)
+    irradiance = simulate(radiance, lens, Options(accuracy=0.03)).cube
+    assert np.all(np.isfinite(irradiance)) and np.all(irradiance[:, 15:45, 20:60] > 0)
+    blue = lens.at_wavelength(450)
+    expected = np.pi / (4 * lens.f_number_effective**2) * blue.transmittance * blue.point_flux[0]
+    assert irradiance[0, 30, 40] == pytest.approx(expected, rel=0.03)
+
+
+def test_the_fisheye_is_close_to_the_papers_second_lens():
+    """f = 25.25 mm, f/4, 140 degrees, -56.6 % (section 4 of the paper)."""
+    lens = varied_lens("muller-fisheye-25mm")
+    optics = lens.at_wavelength(587.6)
+    assert lens.efl_mm == pytest.approx(25.25, abs=0.01)
+    assert lens.f_number_effective == pytest.approx(4, rel=0.02)
+    assert np.degrees(np.arctan(lens.heights_mm[-1] / lens.efl_mm)) == pytest.approx(70, abs=0.01)
+    assert 100 * (optics.real_height_mm[-1] / optics.heights_mm[-1] - 1) == pytest.approx(-56.6, abs=1.5)
+
+
+def test_stopping_down_sharpens_and_dims():
+    wide = varied_lens("angenieux-50mm")
+    closed = load_lens("angenieux-50mm", Rings(f_number=4.0), quality="preview")
+    assert wide.efl_mm == pytest.approx(closed.efl_mm, rel=1e-6)
+    assert wide.f_number_effective < 1.3 and closed.f_number_effective == pytest.approx(4, rel=0.02)
+    assert closed.psf_pitch_um * closed.psf.shape[-1] < 0.7 * wide.psf_pitch_um * wide.psf.shape[-1]

@@ -1,0 +1,166 @@
+"""Resolving a lens name or path, and lenses baked on first use: once, then cached."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lens_texts import TOML, changed
+from lensfield.cli import main
+from lensfield.engine import LensError
+from lensfield.engine.lens_files.package import write_package
+from lensfield.engine.library import Rings, baked, cannot_be, has_rings, load_lens, prescription_of
+from lensfield.engine.runtime import cache
+
+NEAR = Rings(1500.0, 16.0)
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """An empty cache folder; bakes have three wavelengths, to be fast: caching does not depend on their number."""
+    monkeypatch.setattr(baked, "WAVELENGTHS_NM", (450, 550, 650))
+    monkeypatch.setenv("LENSFIELD_CACHE", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+@pytest.fixture
+def bakes(monkeypatch):
+    """The prescriptions that are baked instead of read from the cache."""
+    seen, bake = [], baked.bake
+
+    def counted(prescription, **asked):
+        seen.append(prescription)
+        return bake(prescription, **asked)
+
+    monkeypatch.setattr(baked, "bake", counted)
+    return seen
+
+
+@pytest.fixture
+def singlet(tmp_path):
+    path = tmp_path / "singlet.toml"
+    path.write_text(changed(TOML, ("version = 1", "version = 1\nfocus = 'best'\nstory = 'mine'")))
+    return path
+
+
+def test_what_was_baked_once_comes_back_to_the_last_bit(folder, bakes, singlet):
+    first, again = (load_lens(singlet, NEAR, "preview") for _ in range(2))
+    assert first == again and len(bakes) == 1
+    assert cache.size_bytes("lenses")[0] == 1
+
+
+def test_whatever_a_lens_depends_on_tells_it_apart(folder, bakes, singlet):
+    asked = [(NEAR, "preview"), (Rings(1600.0, 16.0), "preview"), (Rings(1500.0, 11.0), "preview"),
+             (Rings(1500.0, 16.0, True), "preview"), (NEAR, "standard"), (Rings(), "preview")]
+    first, *others = (load_lens(singlet, *each) for each in asked)
+    assert len(bakes) == len(asked) and first not in others
+
+
+def test_another_prescription_of_the_same_name_is_another_lens(folder, bakes, singlet):
+    load_lens(singlet, NEAR, "preview")
+    singlet.write_text(singlet.read_text().replace("radius_mm = 50.0", "radius_mm = 51.0"))
+    load_lens(singlet, NEAR, "preview")
+    assert len(bakes) == 2
+
+
+def test_another_version_of_the_code_bakes_anew(folder, bakes, singlet, monkeypatch):
+    load_lens(singlet, NEAR, "preview")
+    monkeypatch.setattr(cache, "build_identity", lambda: "another")
+    load_lens(singlet, NEAR, "preview")
+    assert len(bakes) == 2
+
+
+def test_a_damaged_file_and_a_folder_that_is_off_only_take_time(folder, bakes, singlet, monkeypatch):
+    lens = load_lens(singlet, NEAR, "preview")
+    path, = (folder / "lenses").iterdir()
+    path.write_bytes(path.read_bytes()[:-1])
+    assert load_lens(singlet, NEAR, "preview") == lens
+    monkeypatch.setenv("LENSFIELD_CACHE", "off")
+    assert load_lens(singlet, NEAR, "preview") == lens and len(bakes) == 3
+
+
+def test_python_turns_rings_by_words(singlet):
+    lens = load_lens(singlet, Rings(focus_mm=1500, f_number=16.0), quality="preview")
+    assert lens == load_lens(singlet, NEAR, "preview")
+    assert lens.object_distance_mm + lens.entrance_pupil_mm == pytest.approx(1500)
+    with pytest.raises(LensError, match="quality is best: expected preview, standard, reference"):
+        load_lens(singlet, quality="best")
+
+
+def test_a_package_has_no_rings(tmp_path, singlet):
+    path = tmp_path / "fixed.npz"
+    write_package(load_lens("edmund-54852"), path)
+    assert load_lens(path) == replace(load_lens("edmund-54852"), prescription=None) and not has_rings(path)
+    with pytest.raises(LensError, match="fixed.npz: focus and f-number is fixed: a package is baked for one of each"):
+        load_lens(path, NEAR)
+
+
+def test_the_bundled_package_is_what_its_prescription_gives():
+    """Within rounding: another machine's linear algebra fits the wavefront."""
+    package, baked_now = load_lens("edmund-54852"), baked.baked_lens(prescription_of("edmund-54852"))
+    for name in ("heights_mm", "real_height_mm", "relative_illumination", "wavelengths_nm", "transmittance"):
+        np.testing.assert_allclose(getattr(package, name), getattr(baked_now, name), rtol=1e-5, atol=1e-7)
+    assert package.psf_pitch_um == baked_now.psf_pitch_um and package.notes == baked_now.notes
+    assert np.abs(package.psf - baked_now.psf).sum(axis=(2, 3)).max() < 1e-3
+
+
+def test_errors_tell_the_file(tmp_path):
+    path = tmp_path / "unknown.toml"
+    path.write_text(changed(TOML, ("SCHOTT N-BK7", "NO-SUCH-GLASS")))
+    with pytest.raises(LensError, match="unknown.toml: surface 2, glass is NO-SUCH-GLASS"):
+        load_lens(path)
+    for text in ("format = 'lensfield-prescription'", "", "\0"):
+        path.write_text(text)
+        with pytest.raises(LensError, match="unknown.toml"):
+            load_lens(path)
+
+
+def test_what_cannot_be_is_told_without_baking(bakes):
+    assert cannot_be("tessar-50mm", Rings(f_number=2.0)) == ("f/2: this lens goes from f/5.5 to f/22: set to f/5.5",)
+    assert cannot_be("tessar-50mm", NEAR) == () and bakes == []
+    assert prescription_of("tessar-50mm").name == "tessar-50mm" and has_rings("tessar-50mm")
+
+
+@pytest.mark.parametrize("text, told", [("1.2m", "1200"), ("120 cm", "1200"), ("1200mm", "1200"), ("INF", "infinity")])
+def test_the_command_turns_rings(text, told, folder, singlet, capsys):
+    assert main(["lens", "info", str(singlet), "--focus", text, "--f-number", "16", "--lens-quality", "preview"]) == 0
+    lens = load_lens(singlet, Rings(float(told.replace("infinity", "inf")), 16.0), "preview")
+    distance = "infinity" if told == "infinity" else f"{lens.object_distance_mm:g} mm"
+    assert f"object distance          {distance}" in capsys.readouterr().out
+
+
+def test_the_command_tells_how_far_rings_go(folder, singlet, capsys):
+    assert main(["lens", "info", str(singlet), "--lens-quality", "preview"]) == 0
+    assert "focus ring               infinity to 0.4" in (text := capsys.readouterr().out) and "to f/22" in text
+    assert main(["lens", "info", str(singlet), "--lens-quality", "preview", "--json"]) == 0
+    far, near = json.loads(capsys.readouterr().out)["rings"]
+    assert far["focus_mm"] is None and near["f_number"] == 22.0
+
+
+def test_the_command_tells_what_cannot_be(folder, singlet, capsys):
+    assert main(["lens", "info", str(singlet), "--focus", "1cm", "--lens-quality", "preview"]) == 0
+    assert "lens: focus at 0.01 m: this lens focuses no closer than" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("text", ["1200", "1.2 miles", "m", "-1m", "0mm", "nanm", "camera"])
+def test_no_distance(text, singlet, capsys):
+    assert main(["lens", "info", str(singlet), f"--focus={text}"]) == 1
+    assert "--focus is" in capsys.readouterr().err
+
+
+def test_the_command_tells_and_empties_the_cache(folder, singlet, capsys):
+    load_lens(singlet, NEAR, "preview")
+    assert main(["lens", "cache"]) == 0 and ": 1 baked lenses, " in capsys.readouterr().out
+    assert main(["lens", "cache", "--clear"]) == 0 and ": 0 baked lenses, 0.0 MB" in capsys.readouterr().out
+    assert main(["lens", "cache"]) == 0 and str(folder) in capsys.readouterr().out
+
+
+def test_the_command_lists_lenses_by_words(capsys):
+    assert main(["lens", "list", "swirl", "100mm"]) == 0
+    assert capsys.readouterr().out.startswith("kodak-petzval-100mm")
+
+
+def test_a_lens_turned_by_rings_is_a_lens_like_others(singlet):
+    lens = load_lens(singlet, NEAR, "preview")
+    assert replace(lens) == lens and lens.story == "mine" and lens.mirror_symmetric

@@ -1,0 +1,124 @@
+"""EXR files with false size claims and invalid names: refused before memory is allocated."""
+
+import struct
+
+import numpy as np
+import OpenEXR
+import pytest
+
+from lensfield.engine import ImageError
+from lensfield.engine.pictures import spectral_exr
+from lensfield.engine.pictures.rgb_picture import read_rgb_exr
+from lensfield.engine.pictures.spectral_exr import is_spectral, read_exr, read_parts, write_exr
+from rgb_files import colours, window
+
+
+def patched(path, attribute, corners):
+    """A file with one of its windows replaced: left, top, right, bottom."""
+    data, mark = path.read_bytes(), attribute.encode() + b"\0box2i\0"
+    at = data.index(mark) + len(mark) + 4
+    path.write_bytes(data[:at] + struct.pack("<4i", *corners) + data[at + 16:])
+    return path
+
+
+def error_of(read, path):
+    with pytest.raises(ImageError) as error:
+        read(path)
+    assert str(error.value).isprintable() and path.name in str(error.value)
+    return str(error.value)
+
+
+@pytest.fixture
+def nothing_is_decoded(monkeypatch):
+    """Fails the test if pixels are decoded."""
+
+    class File(OpenEXR.File):
+        def __init__(self, name, *, header_only=False, **named):
+            assert header_only, "pixels were asked for"
+            super().__init__(name, header_only=True, **named)
+
+    monkeypatch.setattr(OpenEXR, "File", File)
+
+
+def test_a_small_picture_in_a_display_window_without_end_is_told(tmp_path, nothing_is_decoded):
+    path = tmp_path / "small.exr"
+    with pytest.MonkeyPatch.context() as as_it_was:
+        as_it_was.setattr(OpenEXR, "File", OpenEXR.File.__mro__[1])
+        colours(path, (1, 1, 1), displayWindow=window(0, 0, 10000, 10000))
+    assert path.stat().st_size < 1000
+    assert "displayWindow is of 100 million px: expected at most 64 times the " in error_of(read_rgb_exr, path)
+
+
+def test_a_trimmed_picture_in_a_frame_of_today_is_read(tmp_path):
+    picture = read_rgb_exr(colours(tmp_path / "trimmed.exr", (1, 2, 3), (1, 1), displayWindow=window(0, 0, 400, 300)))
+    assert picture.frame_px == (300, 400) and picture.rec709.sum() == 6
+
+
+@pytest.mark.parametrize("corners", [(0, 0, 9999, 9999), (-2**30, 0, 2**30 - 1, 0), (0, 0, 2**31 - 2, 2**31 - 2),
+                                     (5, 5, 4, 4), (0, 0, 23, 17 * 10**6)], ids=str)
+@pytest.mark.parametrize("attribute", ["dataWindow", "displayWindow"])
+def test_windows_that_the_file_cannot_fill_are_told(tmp_path, attribute, corners):
+    path = patched(colours(tmp_path / "small.exr", (1, 1, 1)), attribute, corners)
+    error_of(read_rgb_exr, path)
+
+
+def test_what_memory_does_not_hold_is_told_with_both_sizes(tmp_path, monkeypatch):
+    path = colours(tmp_path / "large.exr", (1, 1, 1), (1000, 1000))
+    monkeypatch.setattr("lensfield.engine.runtime.memory.available_bytes", lambda: 10**7)
+    assert "size is 0.016 GB in memory: 0.01 GB are free" in error_of(read_rgb_exr, path)
+    assert read_parts(path, header_only=True)  # reading the header is allowed
+
+
+@pytest.mark.parametrize("name", [b"\xff", b"M\xfcller", b"\xc3"])
+def test_channel_names_that_are_not_utf_8_are_told(tmp_path, name):
+    path = tmp_path / "named.exr"
+    data = colours(path, (1, 1, 1), prefix="x" * len(name)).read_bytes()
+    path.write_bytes(data.replace(b"x" * len(name), name))
+    for read in (is_spectral, read_rgb_exr, read_exr):
+        assert "header is not in UTF-8" in error_of(read, path)
+
+
+def spectral(path, lens):
+    with OpenEXR.File({"type": OpenEXR.scanlineimage, "lensfield:lens": lens, "lensfield:quantity": "irradiance",
+                       "lensfield:pitchUm": 5.0}, {"S0.550,000000nm": np.ones((4, 4), np.float32)}) as file:
+        file.write(str(path))
+    return path
+
+
+def test_a_header_cannot_steer_a_terminal(tmp_path):
+    image = read_exr(spectral(tmp_path / "lens.exr", "\x1b]0;owned\x07a\nlens"))
+    assert image.lens_name == "?]0;owned?a lens"
+    path = colours(tmp_path / "channels.exr", (1, 1, 1), prefix="\x1b[31mlayer.")
+    assert read_rgb_exr(path).layer == "?[31mlayer"
+
+
+def test_texts_that_are_numbers_are_told(tmp_path):
+    assert "lens_name is 5.0: expected a text" in error_of(read_exr, spectral(tmp_path / "lens.exr", 5.0))
+
+
+def test_layers_may_not_lie_without_end_beyond_the_frame(tmp_path):
+    plane = np.ones((4, 4), np.float32)
+    names = {"radiance": (0, 0), "layer.1": (10**6, 10**6)}
+    parts = [OpenEXR.Part({"type": OpenEXR.scanlineimage, "displayWindow": window(0, 0, 4, 4), "lensfield:pitchUm": 5.0,
+                           "dataWindow": window(*origin, 4, 4)},
+                          {"S0.550,000000nm": plane, "A": plane, "Z": plane}, name) for name, origin in names.items()]
+    with OpenEXR.File(parts) as file:
+        file.write(str(tmp_path / "layers.exr"))
+    assert "px beyond a frame" in error_of(spectral_exr.read_with_layers, tmp_path / "layers.exr")
+
+
+def test_what_is_farther_than_numbers_tell_is_infinitely_far(tmp_path, recwarn):
+    plane = np.ones((4, 4), np.float32)
+    parts = [OpenEXR.Part({"type": OpenEXR.scanlineimage, "lensfield:pitchUm": 5.0},
+                          {"S0.550,000000nm": plane, "A": plane, "Z": 3e38 * plane}, name)
+             for name in ("radiance", "layer.1")]
+    with OpenEXR.File(parts) as file:
+        file.write(str(tmp_path / "layers.exr"))
+    layered = spectral_exr.read_with_layers(tmp_path / "layers.exr")[2]
+    assert np.isinf(layered.layers[0].depth_mm).all() and not recwarn.list
+
+
+def test_a_file_of_ours_is_read_as_before(tmp_path):
+    image = read_exr(spectral(tmp_path / "lens.exr", "Größe ½"))
+    write_exr(image, tmp_path / "again.exr")
+    assert read_exr(tmp_path / "again.exr").lens_name == "Größe ½"

@@ -1,0 +1,214 @@
+"""JSON prescriptions of Optiland, DeepLens and lentil, and how the reader distinguishes them."""
+
+import copy
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lens_texts import DEEPLENS, LENTIL, SURFACES, optiland
+from lensfield.engine import LensError
+from lensfield.engine.prescription.prescription import Surface
+from lensfield.engine.prescription.readers import read_prescription
+from lensfield.engine.rays.focus import build_system
+
+FIELD = ("image_height_mm", 12.0)
+BENT = replace(SURFACES[2], semi_aperture_mm=8.0, aspheric=(0.0, 1e-6, -2e-9))
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Read these contents as a file."""
+    def read_contents(contents, *arguments):
+        (tmp_path / "lens.json").write_text(json.dumps(contents))
+        return read_prescription(tmp_path / "lens.json", *arguments)
+
+    return read_contents
+
+
+def test_optiland(read):
+    lens = read(optiland())
+    assert lens.surfaces == (SURFACES[0], SURFACES[1],
+                             Surface(-50.0, 2.0, "1.62/60.3", conic=-0.5, aspheric=(1e-4, -2e-6)),
+                             Surface(thickness_mm=45.0))
+    assert (lens.name, lens.aperture, lens.field) == ("singlet", ("entrance_pupil_diameter_mm", 5.0),
+                                                      ("angle_deg", 14.0))
+    assert lens.reference_wavelength_nm == pytest.approx(546.1) and np.isinf(lens.object_distance_mm)
+
+
+def test_what_optiland_itself_writes(tmp_path):
+    """Checks that the text in these tests is what Optiland writes."""
+    pytest.importorskip("optiland", reason="Optiland, a witness, is in the environment of make test-bake")
+    from optiland.fileio import save_optiland_file
+    from optiland.materials import AbbeMaterial, Material
+    from optiland.optic import Optic
+    from optiland.physical_apertures import RadialAperture
+
+    optic = Optic(name="singlet")
+    optic.surfaces.add(index=0, thickness=np.inf)
+    optic.surfaces.add(index=1, thickness=2.0, is_stop=True)
+    optic.surfaces.add(index=2, radius=50.0, thickness=4.0, material=Material("N-BK7", catalog="schott"),
+                       aperture=RadialAperture(r_max=8.0))
+    optic.surfaces.add(index=3, radius=-50.0, thickness=2.0, conic=-0.5, surface_type="even_asphere",
+                       coefficients=[1e-4, -2e-6], material=AbbeMaterial(1.62, 60.3, model="buchdahl"))
+    optic.surfaces.add(index=4, thickness=45.0)
+    optic.surfaces.add(index=5)
+    optic.set_aperture("EPD", 5.0)
+    optic.fields.set_type("angle")
+    for x, y in ((0, 0), (0, 14), (6, 8)):
+        optic.fields.add(x=x, y=y)
+    optic.wavelengths.add(0.4861)
+    optic.wavelengths.add(0.5461, is_primary=True)
+    save_optiland_file(optic, str(tmp_path / "theirs.json"))
+    (tmp_path / "ours.json").write_text(json.dumps(optiland()))
+    theirs, ours = (read_prescription(tmp_path / f"{name}.json") for name in ("theirs", "ours"))
+    assert replace(theirs, source="") == replace(ours, source="")
+
+
+def test_an_odd_asphere_of_optiland(read):
+    lens = read(optiland(kind="OddAsphere", coefficients=[0.0, 1e-4, 2e-5, 3e-6, 4e-7]))
+    assert (lens.surfaces[2].aspheric, lens.surfaces[2].odd_aspheric) == ((1e-4, 3e-6), (0.0, 2e-5, 4e-7))
+
+
+def test_what_older_releases_of_optiland_wrote(read):
+    """Older releases stored fields and mirrors elsewhere, and identified a glass by its file only."""
+    contents = optiland()
+    contents["fields"]["field_type"] = "angle"
+    del contents["fields"]["field_definition"]
+    rows = contents["surface_group"]["surfaces"]
+    rows[2]["material_post"] = {"type": "Material", "name": "SK16", "filename": "C:\\a\\glass\\hikari\\SK16.yml"}
+    for row in rows:
+        del row["interaction_model"]
+        row["is_reflective"] = False
+    lens = read(contents)
+    assert lens.field == ("angle_deg", 14.0) and lens.surfaces[1].glass == "HIKARI SK16"
+    rows[3]["is_reflective"] = True
+    with pytest.raises(LensError, match="surface 3 is not a refracting surface"):
+        read(contents)
+
+
+def test_a_name_that_is_missing_is_told(read):
+    contents = optiland()
+    del contents["wavelengths"]
+    with pytest.raises(LensError, match="wavelengths is missing: the file may be damaged, or of another version"):
+        read(contents)
+
+
+def test_an_index_without_dispersion_is_the_name_of_its_glass(read):
+    assert read(optiland(material={"type": "IdealMaterial", "index": 1.5})).surfaces[2].glass == "1.5"
+
+
+@pytest.mark.parametrize("third, message", [
+    (dict(interaction_model={"type": "RefractiveReflectiveModel", "is_reflective": True}),
+     "surface 3 is not a refracting surface"),
+    (dict(interaction_model={"type": "ThinLensInteractionModel"}), "surface 3 is not a refracting surface"),
+    (dict(kind="BiconicGeometry"), "surface 3 is BiconicGeometry: expected one of"),
+    (dict(dy=0.5), "surface 3 is tilted or decentred"),
+    (dict(material={"type": "Mirror"}), "surface 3, glass is Mirror: expected a catalogue glass"),
+    (dict(aperture={"type": "RadialAperture", "r_max": 8.0, "r_min": 1.0}),
+     "surface 3, aperture is RadialAperture: expected a circle")], ids=lambda value: None)
+def test_what_is_no_centred_refracting_surface_of_optiland_is_refused(read, third, message):
+    with pytest.raises(LensError, match=message):
+        read(optiland(**third))
+
+
+def deeplens(number=0, **changes):
+    """DeepLens' singlet with one surface changed, without the figures that no longer apply."""
+    contents = {name: value for name, value in copy.deepcopy(DEEPLENS).items() if name not in ("foclen", "fnum")}
+    contents["surfaces"][number] |= changes
+    return contents
+
+
+def test_deeplens(read):
+    lens = read(DEEPLENS)
+    assert lens.surfaces == (SURFACES[0].__class__(thickness_mm=2.0, semi_aperture_mm=2.5, stop=True),
+                             Surface(50.0, 4.0, "N-BK7", 8.0), BENT)
+    assert (lens.aperture, lens.field, lens.sensor_mm) == (("stop", 2.5), ("image_height_mm", 12.2), (20.0, 14.0))
+    assert lens.focus == "as given" and "a singlet" in lens.source
+    assert build_system(lens).efl_mm == pytest.approx(49.0, abs=0.1)
+
+
+@pytest.mark.parametrize("doe", ["Grating", "Binary2"])
+def test_a_diffractive_element_of_deeplens_is_rejected(read, doe):
+    with pytest.raises(LensError, match=f"DOE is {doe}: expected refracting surfaces"):
+        read(DEEPLENS | {"DOE": {"type": doe, "d": 8.3, "order2": 0.0}})
+    with pytest.raises(LensError, match="surface 2, diffraction is on: expected refracting surfaces"):
+        read(deeplens(1, diffraction=True))
+    assert read(deeplens(1, diffraction=False)).surfaces[1] == read(DEEPLENS).surfaces[1]
+
+
+@pytest.mark.parametrize("changes, aspheric", [
+    (dict(use_ai2=False), (0.0, 0.0, 1e-6, -2e-9)), (dict(use_ai2=True), (0.0, 1e-6, -2e-9)),
+    (dict(ai=None, ai4=1e-6, ai8=-2e-9), (0.0, 1e-6, 0.0, -2e-9)), (dict(ai=None), ())])
+def test_aspheres_of_deeplens_begin_where_the_file_says(read, changes, aspheric):
+    assert read(deeplens(2, **changes)).surfaces[2].aspheric == aspheric
+
+
+def test_a_radius_of_0_is_a_plane_to_deeplens(read):
+    assert np.isinf(read(deeplens(1, roc=0.0)).surfaces[1].radius_mm)
+
+
+@pytest.mark.parametrize("material, glass", [("1.62041/60.3", "1.62041/60.3"), ("pmma", "1.4918/57.44"), ("air", ""),
+                                             ("H-K51", "H-K51"), (None, "")])
+def test_glasses_of_deeplens(read, material, glass):
+    assert read(deeplens(1, mat2=material)).surfaces[1].glass == glass
+
+
+@pytest.mark.parametrize("contents, message", [
+    (deeplens(1, type="Fresnel"), "surface 2 is Fresnel: expected one of Spheric, Aspheric, Plane, Aperture, Stop"),
+    (deeplens(0, type="Plane"), "stop is missing: expected a surface of type Aperture or Stop"),
+    ({name: value for name, value in DEEPLENS.items() if name != "d_sensor"}, "surface 3, d_next is missing"),
+    (deeplens(1, roc=None), "prescription is damaged"),
+    (deeplens(1, r=-1), "surface 2, semi_aperture_mm is -1.0"),
+    ({"lenses": []}, "surface_group is missing: expected a file of Optiland's"), ([], "surface_group is missing")],
+    ids=lambda value: None)
+def test_what_is_no_lens_of_deeplens_is_told(read, contents, message):
+    with pytest.raises(LensError, match=message):
+        read(contents)
+
+
+def test_lentil(read):
+    lens = read(LENTIL, FIELD)
+    assert lens.surfaces == (Surface(thickness_mm=2.0, semi_aperture_mm=2.5, stop=True),
+                             Surface(50.0, 4.0, "1.5168/64.2", 8.0),
+                             Surface(-50.0, 47.5, "", 8.0, aspheric=(0.0, 1e-6, -2e-9, 0.0, 0.0)))
+    assert (lens.name, lens.aperture, lens.focus) == ("Nobody singlet", ("stop", 2.5), "best")
+    assert "US1234567 1920" in lens.source and "zoom positions" in lens.notes
+
+
+def test_an_iris_of_lentil_between_the_surfaces_of_a_lens_stands_in_its_glass(read):
+    entry = copy.deepcopy(LENTIL["0001"])
+    rows = entry["optical-elements-patent"]
+    rows[0], rows[1] = rows[1], rows[0]
+    assert [surface.glass for surface in read({"7": entry}, FIELD).surfaces] == ["1.5168/64.2", "1.5168/64.2", ""]
+
+
+def test_elements_of_lentil_that_were_adjusted_are_taken(read):
+    entry = copy.deepcopy(LENTIL["0001"])
+    adjusted = copy.deepcopy(entry["optical-elements-patent"])
+    adjusted[1]["radius"] = 50.5
+    assert read({"7": entry | {"optical-elements-adjusted": adjusted}}, FIELD).surfaces[1].radius_mm == 50.5
+    assert read({"7": entry | {"optical-elements-adjusted": []}}, FIELD).surfaces[1].radius_mm == 50.0
+
+
+def test_of_several_lenses_of_lentil_one_is_named(read):
+    other = LENTIL["0001"] | {"product-name": "other"}
+    both = LENTIL | {"0002": other}
+    assert read(both, FIELD, "0002").name == "Nobody other"
+    with pytest.raises(LensError, match="--which is missing: expected one of 0001 Nobody singlet, 0002 Nobody other"):
+        read(both, FIELD)
+    with pytest.raises(LensError, match="--which is 3: expected one of 0001 "):
+        read(both, FIELD, "3")
+    for contents in (DEEPLENS, optiland()):
+        with pytest.raises(LensError, match="--which is 2: the file contains one lens"):
+            read(contents, FIELD, "2")
+
+
+def test_a_lens_of_lentil_needs_a_field_and_round_surfaces(read):
+    with pytest.raises(LensError, match="field is missing: lentil does not state .*--field-angle"):
+        read(LENTIL)
+    bent = copy.deepcopy(LENTIL)
+    bent["0001"]["optical-elements-patent"][1]["lens-geometry"] = "cyl-y"
+    with pytest.raises(LensError, match="surface 2 is cyl-y: expected spherical or aspherical"):
+        read(bent, FIELD)

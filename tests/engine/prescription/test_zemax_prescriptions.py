@@ -1,0 +1,273 @@
+"""Zemax .zmx prescriptions: the fields read, their units, and refused content."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lens_texts import SURFACES, ZEMAX, reader_of
+from lensfield.engine import LensError
+from lensfield.engine.bake.bake import bake
+from lensfield.engine.prescription.prescription import Prescription, Surface
+from lensfield.engine.prescription.readers import read_prescription
+from lensfield.engine.rays.focus import build_system
+
+SINGLET = Prescription("singlet", SURFACES, ("entrance_pupil_diameter_mm", 5.0), ("angle_deg", 14.0),
+                       reference_wavelength_nm=587.5618, source="lens.ZMX (Zemax)")
+GLASS = "GLAS N-BK7 0 0 1.5 40 0 0 0 0 0 0"
+NEAR = ("DISZ INFINITY", "DISZ 250")
+BREAK = "SURF 4\n  TYPE COORDBRK\n  {}\n  CURV 0\n  DISZ 0\n"
+LAST = "DISZ 4.75E+1\n"
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Read the singlet's file with parts of it changed."""
+    return reader_of(tmp_path / "lens.ZMX", ZEMAX)
+
+
+def test_a_singlet(read):
+    lens = read()
+    assert replace(lens, reference_wavelength_nm=587.5618) == SINGLET
+    assert lens.reference_wavelength_nm == pytest.approx(587.5618)
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-8-sig", "latin-1", "utf-16-le"])
+def test_encodings(read, encoding):
+    text = ("NAME singlet", "NAME Schärfe")
+    assert replace(read(text, encoding=encoding), name="singlet", reference_wavelength_nm=587.5618) == SINGLET
+    assert read(text, encoding=encoding).name == "Schärfe"
+
+
+def test_a_letter_of_latin_1_at_the_end_of_a_long_file_adds_no_surfaces(read):
+    """Decoding as UTF-8 fails after thousands of bytes, and reading starts again."""
+    long = ("BLNK\n", "BLNK\n" * 4000 + "NOTE 0 für\n")
+    assert read(long, encoding="latin-1").surfaces == SURFACES
+
+
+def test_decimal_commas(read):
+    numbers = ("5.0E+0", "1.4E+1", "2.0E-2", "4.75E+1", "8.0 0", "-0.5")
+    commas = [(number, number.replace(".", ",")) for number in numbers]
+    assert replace(read(*commas, ("NAME singlet", "NAME f 1,8")), name="singlet",
+                   reference_wavelength_nm=587.5618) == SINGLET
+    assert read(("NAME singlet", "NAME f 1,8")).name == "f 1,8"
+
+
+@pytest.mark.parametrize("unit, mm", [("CM", 10.0), ("IN", 25.4), ("INCH", 25.4), ("METER", 1000.0)])
+def test_units(read, unit, mm):
+    asphere = ("TYPE STANDARD\n  CURV -2.0E-2", "TYPE EVENASPH\n  PARM 1 1e-3\n  PARM 2 2e-5\n  CURV -2.0E-2")
+    lens = read(("UNIT MM", f"UNIT {unit}"), NEAR, ("FTYP 0", "FTYP 1"), asphere)
+    front, back = lens.surfaces[1:]
+    assert (front.radius_mm, front.thickness_mm, front.semi_aperture_mm) == pytest.approx((50 * mm, 4 * mm, 8 * mm))
+    assert back.aspheric[:2] == pytest.approx((1e-3 / mm, 2e-5 / mm**3)) and back.conic == -0.5
+    assert lens.aperture == ("entrance_pupil_diameter_mm", pytest.approx(5 * mm))
+    assert lens.field == ("object_height_mm", pytest.approx(14 * mm))
+    assert lens.object_distance_mm == pytest.approx(250 * mm)
+
+
+@pytest.mark.parametrize("line, aperture", [
+    ("ENPD 4.0", ("entrance_pupil_diameter_mm", 4.0)), ("FNUM 1.8 0", ("f_number", 1.8)),
+    ("FNUM 1.8 1", ("working_f_number", 1.8)), ("OBNA 0.1 0", ("object_na", 0.1)), ("FLOA", ("stop", 2.5)),
+    ("FNUM 1.2", ("f_number", 1.2)), ("OBNA 0.1", ("object_na", 0.1))])
+def test_apertures(read, line, aperture):
+    assert read(("ENPD 5.0E+0", line), NEAR).aperture == aperture
+
+
+@pytest.mark.parametrize("kind, field", [
+    (0, ("angle_deg", 14.0)), (1, ("object_height_mm", 14.0)), (2, ("image_height_mm", 14.0)),
+    (3, ("image_height_mm", 14.0))])
+def test_fields(read, kind, field):
+    lens = read(("FTYP 0", f"FTYP {kind}"), NEAR)
+    assert lens.field == field
+    assert ("real image height" in lens.notes) == (kind == 3)
+
+
+def test_the_field_ends_at_its_farthest_point(read):
+    """For angles in two planes, by their tangents; points beyond the number in FTYP do not count."""
+    points = [("XFLN 0 0 0 0", "XFLN -20 0 0 0"), ("YFLN 0 1.4E+1 0 0", "YFLN 15 -16 80 0")]
+    corner = np.degrees(np.arctan(np.hypot(np.tan(np.radians(20)), np.tan(np.radians(15)))))
+    assert read(*points).field == ("angle_deg", pytest.approx(corner))
+    assert read(*points, ("FTYP 0", "FTYP 2")).field == ("image_height_mm", 25.0)
+    assert read(*points, ("FTYP 0", "FTYP 4"), field=("angle_deg", 9.0)).field == ("angle_deg", 9.0)
+    old = [("FTYP 0 0 2 3 0 0 0", "FTYP 0 0"), ("XFLN 0 0 0 0\n", ""), ("YFLN 0 1.4E+1 0 0", "YFLD 0 14\nYFLN 0 14")]
+    assert read(*old).field == ("angle_deg", 14.0)
+
+
+def test_fewer_vignetting_factors_than_fields_take_no_field_away(read):
+    lens = read(("VCYN 0 0 0 0", "VCYN 0.1"))
+    assert lens.field == ("angle_deg", 14.0)
+    assert lens.notes == "The file's vignetting factors are not used: its apertures vignette."
+    bare = "8.0 1 0 0 1 \"\"\n  FLAP 0 8.0 0", "8.0 0"
+    assert "there is no vignetting" in read(("VCYN 0 0 0 0", "VCYN 0 0.1"), bare).notes
+
+
+@pytest.mark.parametrize("text, distance_mm", [("INFINITY", np.inf), ("1.0E+10", np.inf), ("120", 120.0)])
+def test_object_distances(read, text, distance_mm):
+    assert read(("DISZ INFINITY", f"DISZ {text}")).object_distance_mm == distance_mm
+
+
+def test_the_reference_wavelength(read):
+    assert read(("PWAV 2", "PWAV 3")).reference_wavelength_nm == pytest.approx(656.27)
+    new = "WAVM 1 4.8613E-1 1\nWAVM 2 5.875618E-1 1\nWAVM 3 6.5627E-1 1\nWAVM 4 5.5E-1 1"
+    old = (new, "WAVL 4.8613E-1 5.875618E-1 6.5627E-1")
+    assert read(old).reference_wavelength_nm == pytest.approx(587.5618)
+    assert read(old, ("PWAV 2", "PWAV 1")).reference_wavelength_nm == pytest.approx(486.13)
+
+
+@pytest.mark.parametrize("line, glass", [
+    ("GLAS ___BLANK 1 0 1.51680001 6.417E+1 0 0 0", "1.51680001/64.17"), ("GLAS 517642 0 0 1.5 40", "1.517/64.2"),
+    ("GLAS n-bk7 0 0 1.5 40", "SCHOTT N-BK7"), ("GLAS LAK10C 0 0 1.5 40", "LAK10C"), ("GLAS S-LAL8 0 0", "S-LAL8"),
+    ("GLAS ___BLANK 2 1 1.5 40", "___BLANK")])
+def test_glasses(read, line, glass):
+    assert read((GLASS, line)).surfaces[1].glass == glass
+
+
+@pytest.mark.parametrize("line", ["GLAS LAK10C 0 0 1.5 40", "GLAS ___BLANK 2 1 1.5 40"])
+def test_the_index_beside_a_name_is_no_glass(read, line):
+    """Zemax writes 1.5 and 40 after every glass name, whatever the glass."""
+    with pytest.raises(LensError, match="surface 2, glass is .*: in no glass catalogue"):
+        build_system(read((GLASS, line)))
+
+
+def test_what_a_file_tells_of_a_glass_that_no_catalogue_has_is_offered(read):
+    lens = read((GLASS, "GLAS RXGLASS 0 0 1.6511 55.89 0 0"))
+    assert lens.surfaces[1].glass_figures == "1.6511/55.89"
+    with pytest.raises(LensError, match="or its index and Abbe number as n/V, such as the file's 1.6511/55.89"):
+        build_system(lens)
+
+
+def test_a_file_of_several_configurations_says_which_is_taken(read):
+    text = ("MNUM 1 1\n", "MNUM 3 2\nTHIC 2 1 1 4.0 0\nTHIC 2 2 1 5.0 0\nTHIC 2 3 1 6.0 0\n")
+    assert read(text).notes == "The file's configuration 2 of 3 is used, in which it was saved."
+    assert read().notes == ""
+
+
+@pytest.mark.parametrize("makers, glass", [("HIKARI SCHOTT", "HIKARI SF10"), ("SCHOTT HIKARI", "SCHOTT SF10"),
+                                           ("RXGLASS SCHOTT", "SCHOTT SF10"), ("OHARA", "SF10"), ("RXGLASS", "SF10")])
+def test_the_files_catalogues_come_first(read, makers, glass):
+    assert read(("GCAT SCHOTT", f"GCAT {makers}"), (GLASS, "GLAS SF10 0 0 1.5 40")).surfaces[1].glass == glass
+
+
+def test_an_even_asphere_has_all_its_terms(read):
+    terms = tuple(float(f"{number}e-{2 * number}") for number in range(1, 9))
+    lines = "".join(f"  PARM {number} {term:.15E}\n" for number, term in enumerate(terms, 1))
+    lens = read(("TYPE STANDARD\n  CURV -2.0E-2", f"TYPE EVENASPH\n{lines}  CURV -2.0E-2"))
+    assert lens.surfaces[2] == replace(SURFACES[2], aspheric=terms)
+    plain = read(("TYPE STANDARD\n  CURV -2.0E-2", "TYPE EVENASPH\n  PARM 1 0\n  CURV -2.0E-2"))
+    assert plain.surfaces == SURFACES
+
+
+def test_an_odd_asphere_has_all_its_terms(read):
+    terms = tuple(float(f"{number}e-{2 * number}") for number in range(1, 9))
+    lines = "".join(f"  PARM {number} {term:.15E}\n" for number, term in enumerate(terms, 1))
+    lens = read(("TYPE STANDARD\n  CURV -2.0E-2", f"TYPE ODDASPHE\n{lines}  CURV -2.0E-2"))
+    assert lens.surfaces[2] == replace(SURFACES[2], aspheric=terms[1::2], odd_aspheric=terms[::2])
+
+
+def test_circular_apertures_stop_light_and_automatic_semi_diameters_do_not(read):
+    assert [surface.semi_aperture_mm for surface in read().surfaces] == [np.inf, 8.0, np.inf]
+    assert read(("FLAP 0 8.0 0", "CLAP 0 7.0 0")).surfaces[1].semi_aperture_mm == 7.0
+    assert read(("FLAP 0 8.0 0", "OBDC 0 0\n  CLAP 0 7.0 0")).surfaces[1].semi_aperture_mm == 7.0
+
+
+def sizes(lens):
+    return [surface.semi_aperture_mm for surface in lens.surfaces]
+
+
+BARE = ("8.0 1 0 0 1 \"\"\n  FLAP 0 8.0 0", "8.0 0 0 0 1 \"\"")  # no surface has an aperture
+
+
+@pytest.mark.parametrize("words, semi_mm", [
+    ("7.5 1 0 0 1 \"\"", 7.5), ("7.5 0 0 0 1 \"\"", np.inf), ("0 1 0 0 1 \"\"", np.inf),
+    ("7.5 3 0 0 1 \"\"", np.inf), ("7.5", 7.5), ("7.5 2 3 0 1 \"\"", 7.5),
+    ("7.5 2 1 0 1 \"\"", np.inf), ("7.5 2 2 0 1 \"\"", np.inf),
+    ("7.5 2 9 0 1 \"\"", np.inf)])
+def test_a_fixed_semi_diameter_is_a_clear_aperture(read, words, semi_mm):
+    """Surface 3 has a fixed one, surface 1 an automatic one; a pickup of its own value is not an aperture."""
+    third = "DISZ 4.75E+1\n  DIAM 8.0 0", "DISZ 4.75E+1\n  DIAM 7.5 1"
+    lens = read(("8.0 1 0 0 1 \"\"\n  FLAP 0 8.0 0", words), third, ("UNIT MM", "UNIT CM"))
+    assert sizes(lens) == pytest.approx([np.inf, 10 * semi_mm, 75.0])
+    count = 1 + int(np.isfinite(semi_mm))
+    surfaces = f"{count} surface{'s' * (count > 1)}"
+    assert f"The fixed semi-diameters, without CLAP or FLAP, of {surfaces} are used as clear apertures" in lens.notes
+
+
+def test_semi_diameters_may_be_ignored(read, tmp_path):
+    fixed = BARE[0], "7.5 1 0 0 1 \"\""
+    read(fixed)
+    lens = read_prescription(tmp_path / "lens.ZMX", semi_diameters="ignore")
+    assert sizes(lens) == 3 * [np.inf] and "of 1 surface are ignored." in lens.notes
+    assert read(BARE).notes == "", "automatic ones need no word"
+    with pytest.raises(LensError, match="--semi-diameters is maybe: expected aperture or ignore"):
+        read_prescription(tmp_path / "lens.ZMX", semi_diameters="maybe")
+
+
+def test_an_aperture_goes_before_a_semi_diameter(read):
+    lens = read(("FLAP 0 8.0 0", "CLAP 0 7.0 0"))
+    assert sizes(lens) == [np.inf, 7.0, np.inf] and lens.notes == ""
+
+
+def test_light_at_the_edge_is_that_of_the_same_lens_with_apertures(read):
+    """Vignetting by fixed semi-diameters; without them the edge is as bright as without vignetting."""
+    fixed = "DISZ 4.75E+1\n  DIAM 8.0 0", "DISZ 4.75E+1\n  DIAM 2.6 1"
+    aperture = "DISZ 4.75E+1\n  DIAM 8.0 0", "DISZ 4.75E+1\n  CLAP 0 2.6 0\n  DIAM 8.0 0"
+    bright = [bake(read(BARE, *changes), quality="preview", heights=3, wavelengths_nm=[550.0],
+                   samples=17, pitch_um=4.0).relative_illumination[0, -1] for changes in ([fixed], [aperture], [])]
+    assert bright[0] == bright[1] < 0.95 * bright[2]
+
+
+@pytest.mark.parametrize("figures", ["", "  PARM 1 0\n  PARM 2 0.0\n", "  PARM 5 30\n  PARM 6 1\n"])
+def test_a_coordinate_break_that_breaks_nothing_is_a_plane(read, figures):
+    plane = f"SURF 3\n  TYPE COORDBRK\n{figures}  CURV 0\n  DISZ 2.5\nSURF 4\n"
+    lens = read(("DISZ 4.0\n", "DISZ 1.5\n"), ("SURF 3\n", plane))
+    assert lens.surfaces[2] == Surface(thickness_mm=2.5, glass="SCHOTT N-BK7")
+    assert build_system(lens).efl_mm == pytest.approx(build_system(read()).efl_mm, rel=1e-12)
+
+
+@pytest.mark.parametrize("air, reported", [("2.0E+1 1 0", False), ("20 1", False), ("50 1 0", True), ("20 0 0", True)])
+def test_an_unusual_temperature_is_reported(read, air, reported):
+    assert ("temperature and pressure" in read(("UNIT MM", f"ENVD {air}\nUNIT MM")).notes) == reported
+
+
+@pytest.mark.parametrize("old, new, message", [
+    (GLASS, "GLAS MIRROR 0 0 1.5 40", "surface 2 is a mirror: expected refracting surfaces"),
+    (LAST, f"DISZ 47.5\n{BREAK.format('PARM 3 1e-3')}", "surface 4 is tilted or decentred"),
+    (LAST, f"DISZ 47.5\n{BREAK.format('PARM 1 0.5')}", "surface 4 is tilted or decentred"),
+    (GLASS, f"{GLASS}\n  SCBD 1 0 0 0 0 2.5 0 0", "surface 2 is tilted or decentred"),
+    ("TYPE STANDARD\n  CURV 2.0E-2", "TYPE EVENASPH\n  PARM 9 1e-9\n  CURV 2.0E-2", "surface 2, PARM is 9: expected"),
+    ("TYPE STANDARD\n  CURV 2.0E-2", "TYPE TOROIDAL\n  CURV 2.0E-2", "surface 2 is TOROIDAL: expected one of"),
+    ("TYPE STANDARD\n  CURV 2.0E-2", "TYPE GRID_SAG\n  CURV 2.0E-2", "surface 2 is GRID_SAG: expected one of"),
+    ("FLAP 0 8.0 0", "CLAP 0 8.0 0\n  OBDC 0 1.0", "surface 2, aperture is decentred or annular"),
+    ("FLAP 0 8.0 0", "CLAP 1 8.0 0", "surface 2, aperture is decentred or annular"),
+    ("FLAP 0 8.0 0", "SQAP 4 3 0", "surface 2, aperture is SQAP: expected a circle"),
+    ("FLAP 0 8.0 0", "OBSC 0 3 0", "surface 2, aperture is OBSC: expected a circle"),
+    ("FLAP 0 8.0 0", "FLAP 0 x 0", "line 34 is FLAP 0 x 0: expected a number as word 3"),
+    ("  STOP\n", "", "stop is at 0 surfaces"),
+    ("SURF 3\n", "SURF 3\n  STOP\n", "stop is at 2 surfaces"),
+    (GLASS, f"{GLASS}\nMODE NSC", "line 33 is MODE NSC: expected a sequential lens, MODE SEQ"),
+    ("UNIT MM", "UNIT FT", "UNIT is FT: expected one of MM, CM, IN"),
+    ("ENPD 5.0E+0\n", "", "aperture is missing: expected ENPD, FNUM, OBNA or FLOA"),
+    ("ENPD 5.0E+0", "OBNA 5 1", "line 6 is OBNA 5 1: expected ENPD, FNUM, OBNA with 0"),
+    ("ENPD 5.0E+0", "ENPD 0", "aperture, entrance_pupil_diameter_mm is 0.0: expected a positive number"),
+    ("FTYP 0 0", "FTYP 4 0", "field is of an unknown kind: give --field-angle or --field-height"),
+    ("YFLN 0 1.4E+1", "YFLN 0 0", "field is only on the axis: give --field-angle"),
+    ("FTYP 0 0", "FTYP 0 1", "FTYP is telecentric in object space"),
+    ("FTYP 0 0", "FTYP 1 0", "field is object_height_mm: undefined for an object at infinity"),
+    ("PWAV 2", "PWAV 7", "PWAV is 7: expected the number of one of the file's wavelengths"),
+    ("DISZ INFINITY", "DISZ -5", "object_distance_mm is -5.0: expected a positive number"),
+    ("DISZ INFINITY", "DISZ nan", "object_distance_mm is nan: expected a positive number"),
+    ("DISZ INFINITY", "DISZ 9\n  GLAS SEAWATER 0 0", "object is in SEAWATER: expected air"),
+    (LAST, f"{LAST}  GLAS F2 0 0\n", "surface 3, glass is SCHOTT F2: expected air before the image plane"),
+    ("CURV 0.0 0 0 0 0 \"\"\n  DISZ 0", "CURV 0.01\n  DISZ 0", "image is not a plane: expected a flat object"),
+    ("CURV 2.0E-2 0 0 0 0 \"\"\n", "", "surface 2 is without CURV or DISZ: the file may be cut off"),
+    ("CURV 2.0E-2", "CURV nan", "surface 2, radius_mm is nan")])
+def test_what_is_no_lens_that_we_can_trace_is_told_by_its_place(read, old, new, message):
+    with pytest.raises(LensError) as error:
+        read((old, new))
+    assert f"lens.ZMX: {message}" in str(error.value)
+
+
+@pytest.mark.parametrize("marker", ["SURF 4", "SURF 3", "SURF 2", "  DISZ 0\n  DIAM 1.2E+1", "SURF 1", "SURF 0"])
+def test_a_file_that_is_cut_off_is_no_shorter_lens(read, marker):
+    with pytest.raises(LensError):
+        read((ZEMAX[ZEMAX.index(marker):], ""))

@@ -1,0 +1,101 @@
+"""Rays through a lens traced from the sensor, against rays through the same lens traced from its stop."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from lensfield.engine.library import prescription_of
+from lensfield.engine.prescription.prescription import Prescription, Surface
+from lensfield.engine.prescription.surfaces import sag_and_slope
+from lensfield.engine.rays.aiming import aim_at_image
+from lensfield.engine.rays.focus import build_system
+from lensfield.engine.rays.from_sensor import lens_from_sensor
+from lensfield.engine.rays.rings import Rings, turned
+from lensfield.engine.rays.trace import trace_both_ways
+
+NM = 550.0
+RAYS, HEIGHTS = 4000, 9
+LOST = 3e-3  # rays that return to another sheet of a phone lens's aspheres, at its last height
+lenses = pytest.mark.parametrize("name, f_number", [
+    ("kodak-petzval-100mm", None), ("kodak-petzval-100mm", 16.0), ("nikkor-58mm-f1.4", None),
+    ("nikkor-58mm-f1.4", 11.0), ("apple-phone-4mm", None), ("zeiss-distagon-25mm", None), ("edmund-54852", None)])
+
+
+@cache
+def lens(name, f_number):
+    prescription = turned(prescription_of(name), Rings(None, f_number)).prescription
+    farthest_mm = 0.9 * build_system(prescription).last_height_mm
+    return prescription, lens_from_sensor(prescription, NM, farthest_mm)
+
+
+def rays_from_the_stop(prescription, farthest_mm):
+    """Rays through random points of the stop that pass the lens.
+
+    Returns their landing points (2, ray), and their crossings of the plane of the rear vertex (2, ray).
+    """
+    system, rng = build_system(prescription), np.random.default_rng(1)
+    radius, azimuth = np.sqrt(rng.uniform(0, 1, RAYS)), rng.uniform(0, np.pi, RAYS)
+    x_mm, y_mm = (system.stop_semi_aperture_mm * radius * turn(azimuth) for turn in (np.sin, np.cos))
+    indices = system.indices_at([NM])
+    slope_x, slope_y, aimed = aim_at_image(system, indices, np.linspace(0, farthest_mm, HEIGHTS), x_mm, y_mm)
+    with np.errstate(invalid="ignore"):
+        traced = trace_both_ways(system.prescription, indices[:, :, None, None], x_mm, y_mm, slope_x, slope_y)
+        through = aimed & np.isfinite(traced.path_mm)
+        for square, semi_mm in zip(traced.square_mm2, system.semi_apertures_mm, strict=True):
+            through &= square <= semi_mm**2
+    landed, direction = traced.position[:2, through], traced.direction[:, through]
+    return landed, landed - direction[:2] / direction[2] * system.prescription.surfaces[-1].thickness_mm
+
+
+@lenses
+def test_every_ray_that_gets_through_is_aimed_at(name, f_number):
+    prescription, found = lens(name, f_number)
+    landed, there = rays_from_the_stop(prescription, found.bin_mm * found.low_mm.size)
+    height = np.hypot(*landed)
+    out = np.where(height > 0, landed / np.maximum(height, 1e-12), [[0.0], [1.0]])
+    along, across = np.sum(there * out, axis=0), there[0] * out[1] - there[1] * out[0]
+    bins = np.minimum((height / found.bin_mm).astype(int), found.low_mm.size - 1)
+    along -= found.to_pupil * height
+    assert height.size > RAYS
+    aimed = (found.low_mm[bins] <= along) & (along <= found.high_mm[bins]) & (np.abs(across) <= found.half_mm[bins])
+    assert np.mean(~aimed) < LOST
+    middle = bins == bins[np.argmin(np.abs(height - height.max() / 2))]  # where the rays rarely aim elsewhere
+    assert np.ptp(along[middle]) > 0.7 * np.ptp([found.low_mm[bins][middle], found.high_mm[bins][middle]])
+
+
+def test_surfaces_come_in_the_order_of_the_rays_and_the_other_way_round():
+    prescription, found = lens("apple-phone-4mm", None)
+    last = prescription.surfaces[-1]
+    assert found.apart_mm[0] == last.thickness_mm and found.conic[-1] == prescription.surfaces[0].conic
+    assert found.semi_aperture_mm.min() == pytest.approx(build_system(prescription).stop_semi_aperture_mm, rel=0.5)
+    np.testing.assert_allclose(np.prod(found.index_ratio), 1)  # from air to air
+
+
+@pytest.mark.parametrize("odd", [(), (2e-4, 0.0, -3e-6)])
+def test_terms_are_those_of_the_surface_itself(odd):
+    bent = Surface(30.0, 4.0, "1.6/50", 8.0, conic=-0.5, aspheric=(1e-4, -2e-6), odd_aspheric=odd, stop=True)
+    lens = Prescription("bent", (bent, Surface(-40.0, 30.0)), ("stop", 5.0), ("image_height_mm", 5.0), focus="paraxial")
+    found = lens_from_sensor(lens, 587.5618, 5.0)
+    r = np.linspace(0.1, 7, 20)
+    powers = found.first_power + found.power_step * np.arange(found.terms.shape[1])
+    conic = found.curvature_per_mm[-1] * r**2 / (
+        1 + np.sqrt(1 - (1 + found.conic[-1]) * found.curvature_per_mm[-1]**2 * r**2))
+    sag = conic + (r[:, None] ** powers) @ found.terms[-1]
+    np.testing.assert_allclose(sag, -sag_and_slope(bent, r**2)[0], rtol=1e-12)
+    assert not found.terms[0].any()
+
+
+def test_beyond_what_a_lens_can_light_there_are_no_rays():
+    prescription, _ = lens("olympus-fisheye-8mm", None)
+    found = lens_from_sensor(prescription, NM, 30.0)
+    assert found.half_mm[0] > 0 and found.half_mm[-1] == found.low_mm[-1] == found.high_mm[-1] == 0
+
+
+def test_a_lens_without_apertures_but_its_stop_is_searched_as_far_as_it_takes():
+    prescription, known = lens("zeiss-distagon-25mm", None)
+    bare = replace(prescription, surfaces=tuple(replace(surface, semi_aperture_mm=np.inf)
+                                                for surface in prescription.surfaces))
+    found = lens_from_sensor(bare, NM, 5.0)
+    np.testing.assert_allclose(found.half_mm[0], known.half_mm[0], rtol=0.1)

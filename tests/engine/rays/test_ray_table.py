@@ -1,0 +1,245 @@
+"""The ray table against the lens: points in space are traced through the lens, and the table returns the same rays."""
+
+import pickle
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.integrate import trapezoid
+
+from lensfield.engine import LensError
+from lensfield.engine.library import BUNDLED
+from lensfield.engine.prescription.prescription import Prescription, Surface
+from lensfield.engine.prescription.readers import read_prescription
+from lensfield.engine.prescription.system import system_of
+from lensfield.engine.rays.aiming import aim_at_image
+from lensfield.engine.rays.focus import build_system
+from lensfield.engine.rays.pupil import PupilQuadrature
+from lensfield.engine.rays.ray_table import FINER_PUPIL, ray_table
+from lensfield.engine.rays.rays import HalfPupil, trace_pupil
+
+NEAR = "tessar-50mm at 0.5 m"
+lenses = pytest.mark.parametrize("name", ["angenieux-50mm", "apple-phone-4mm", "cooke-triplet-50mm", "edmund-54852",
+                                          "kodak-petzval-100mm", "muller-fisheye-25mm", "nikkor-28mm",
+                                          "pentax-fisheye-17mm", "tessar-50mm", NEAR])
+WAVELENGTHS_NM = (450.0, 550.0, 650.0)
+
+
+@cache
+def focused(name):
+    """The focused prescription: by its own focusing, or a Tessar moved towards the scene."""
+    if name == NEAR:
+        name, near = "tessar-50mm", {"object_distance_mm": 500.0, "field": ("image_height_mm", 20.0)}
+    else:
+        near = {}
+    return build_system(replace(read_prescription(BUNDLED / "prescriptions" / f"{name}.toml"), **near)).prescription
+
+
+@cache
+def table_of(name):
+    return ray_table(focused(name))
+
+
+def random_stop(count, seed=1):
+    """Points spread evenly over one half of the stop, the first at its centre."""
+    rng, stop = np.random.default_rng(seed), HalfPupil(1, count)
+    radius, azimuth = np.sqrt(rng.uniform(0, 1, count)), rng.uniform(0, np.pi, count)
+    radius[0] = 0
+    stop.x, stop.y = radius * np.sin(azimuth)[None], radius * np.cos(azimuth)[None]
+    return stop
+
+
+def points_seen(name, distance_mm):
+    """A system with objects this far from the first surface, and paraxial image heights within the table's field."""
+    system, table = system_of(replace(focused(name), object_distance_mm=distance_mm)), table_of(name)
+    edge = table.rays(0, np.array([0.0, table.last_height_mm]), np.zeros(2)).direction
+    return system, np.linspace(0.05, 0.95, 8) * system.heights_of(-distance_mm * edge[1] / edge[2])
+
+
+def scales(system, heights_mm):
+    """Scales of the picture, in mm on the sensor per mm of the object, across the field and along it."""
+    before, here, after = (trace_pupil(system, heights_mm * share, WAVELENGTHS_NM, HalfPupil(1, 1)).chief_height_mm
+                           for share in (0.999, 1, 1.001))
+    points_mm = system.fields_of(heights_mm)
+    return (here / points_mm)[..., None, None], ((after - before) / (0.002 * points_mm))[..., None, None]
+
+
+def points_and_table(name, distance_mm):
+    """A system with objects at a distance, some points, their rays, those that the table covers, and the table's rays.
+    """
+    (system, heights_mm), stop, table = points_seen(name, distance_mm), random_stop(400), table_of(name)
+    true = trace_pupil(system, heights_mm, WAVELENGTHS_NM, stop)
+    reached = ~true.lost & (np.hypot(*true.position_mm) <= table.last_height_mm)
+    found = table.at(WAVELENGTHS_NM).rays(np.arange(3)[:, None, None, None], np.where(reached, true.position_mm, 0.0),
+                                          np.stack([stop.x, stop.y]))
+    return system, system.fields_of(heights_mm)[:, None, None], true, reached, found
+
+
+def through(system, rays):
+    return np.all(rays.square_height_mm2 <= system.semi_apertures_mm.reshape(-1, 1, 1, 1, 1)**2, axis=0)
+
+
+def missed_um(system, points_mm, found):
+    """The distance by which rays miss the points, measured on the sensor."""
+    depth_mm = system.prescription.object_distance_mm + system.entrance_pupil_mm
+    x, y = found.entrance_mm - depth_mm * found.direction[:2] / found.direction[2]
+    across, along = scales(system, system.heights_of(points_mm[:, 0, 0]))
+    return 1e3 * np.hypot(across * x, along * (y - points_mm))
+
+
+@lenses
+@pytest.mark.parametrize("focal_lengths", [10, 200])
+def test_it_has_the_rays_that_points_of_space_send_through_the_lens(name, focal_lengths):
+    """To 0.04 um on the sensor and 0.05 waves; at their rims, steep aspheres leave 1 um, less than a phone's pixel."""
+    distance_mm = focal_lengths * system_of(focused(name)).efl_mm
+    system, points_mm, true, reached, found = points_and_table(name, distance_mm)
+    passing = reached & through(system, true)
+    assert 0.1 < passing.mean() and np.mean(((found.margin > 0) != passing)[reached]) < 0.003
+
+    off_um = missed_um(system, points_mm, found)[passing]
+    assert np.quantile(off_um, 0.99) < 0.04 and off_um.max() < (1.0 if "phone" in name else 0.1)
+
+    depth_mm = distance_mm + system.entrance_pupil_mm
+    to_entrance_mm = np.sqrt(found.entrance_mm[0]**2 + (found.entrance_mm[1] - points_mm)**2 + depth_mm**2)
+    path_mm = to_entrance_mm + found.path_mm - true.path_mm
+    waves = np.abs(path_mm - path_mm[..., :1]) * 1e6 / np.reshape(WAVELENGTHS_NM, (3, 1, 1, 1))
+    assert waves[passing].max() < 0.05
+
+
+@pytest.mark.parametrize("name", ["nikkor-58mm-f1.4", "sony-zeiss-55mm-f1.8"])
+def test_where_two_rays_meet_close_to_what_passes_it_is_traced_more_finely(name):
+    """Of two rays through the same points, the lens passes one, and the table contains that one."""
+    system, points_mm, true, reached, found = points_and_table(name, 200 * system_of(focused(name)).efl_mm)
+    passing, off_um = reached & through(system, true), missed_um(system, points_mm, found)
+    assert table_of(name).coefficients.shape[2] == FINER_PUPIL.radii.size + 2 > table_of(NEAR).coefficients.shape[2]
+    assert np.quantile(off_um[passing], 0.99) < 1.0 and np.mean(off_um[passing] > 2.0) < 0.01
+    other = reached & ~passing & (off_um > 300)
+    assert other.any() and not np.any((found.margin <= 0) & passing & (off_um > 300))
+
+
+@pytest.mark.parametrize("name", ["nikkor-58mm-f1.4", "sony-zeiss-55mm-f1.8", "voigtlander-nokton-50mm-f1"])
+def test_nothing_comes_to_pass_beyond_what_is_lost(name):
+    """Splines between values far beyond the rims do not oscillate: uniform light falls off steadily at all wavelengths.
+    """
+    table = table_of(name)
+    light = table.near(np.arange(405, 700, 7.0)).irradiance_per_radiance(np.linspace(0, table.last_height_mm, 129))
+    steps = np.diff(light, axis=1) / light[:, :1]
+    assert steps.max() < 0.002 and np.diff(steps, axis=1).max() < 0.005
+
+
+@lenses
+def test_its_weights_keep_the_light(name):
+    """A small stop accepts as much light from a part of the scene as reaches its sensor position, by chief rays."""
+    lens = focused(name)
+    system = build_system(replace(lens, aperture=("stop", 0.005 / abs(build_system(lens).marginal_slope)
+                                                  * lens.aperture[1])))
+    fields = np.linspace(0.05, 0.95, 7) * system.fields_of([system.last_height_mm])
+    taken_in, here_mm = light_taken_in(system, fields)
+    before_mm, after_mm = (light_taken_in(system, fields * share)[1] for share in (0.999, 1.001))
+    part = np.sin(fields) if system.object_at_infinity else fields
+    irradiance = taken_in * part / here_mm * 0.002 * fields / (after_mm - before_mm)
+    table, stop = ray_table(system.prescription, [550.0]), HalfPupil(17, 33)
+    rays = table.rays(0, np.stack([0 * here_mm, here_mm])[..., None, None], np.stack([stop.x, stop.y]))
+    summed = [trapezoid(trapezoid(stop.radii[:, None] * each, stop.azimuths), stop.radii) for each in rays.weight]
+    np.testing.assert_allclose(np.array(summed) * 2, np.abs(irradiance), rtol=1e-3)
+
+
+def light_taken_in(system, fields):
+    """Light of unit radiance that the full stop accepts from field points, and where their chief rays land."""
+    stop = HalfPupil(9, 13)
+    rays = trace_pupil(system, system.heights_of(fields), [550.0], stop)
+    quadrature = PupilQuadrature(stop, 12, 16)
+    areas = np.abs(quadrature.splines.jacobian(*rays.source[:, 0])) * quadrature.cells
+    return 2 * areas.sum(axis=(1, 2)), rays.chief_height_mm[0]
+
+
+def hyperbola():
+    """Flat in front, at its stop, with a rear hyperboloid of conic -n^2: all axial rays meet."""
+    surfaces = (Surface(thickness_mm=8.0, glass="1.5/60", stop=True), Surface(-10.0, 20.0, conic=-2.25))
+    return Prescription("hyperbola", surfaces, ("f_number", 2.0), ("angle_deg", 5.0), reference_wavelength_nm=587.5618)
+
+
+def test_from_the_focus_of_a_perfect_lens_rays_go_out_straight_and_alike():
+    table = ray_table(hyperbola(), [587.5618])
+    stop = random_stop(100)
+    rays = table.rays(0, np.zeros(2), np.stack([stop.x, stop.y]))
+    np.testing.assert_allclose(rays.entrance_mm, 5 * np.stack([stop.x, stop.y]), atol=1e-5)
+    np.testing.assert_allclose(rays.direction[:2], 0, atol=1e-7)
+    np.testing.assert_allclose(rays.path_mm, 0, atol=1e-6)
+    assert np.all(rays.margin >= -1e-12)
+
+
+def test_it_turns_with_the_sensor_place_and_has_a_mirror_image():
+    table, rng = table_of("angenieux-50mm"), np.random.default_rng(2)
+    stop, height_mm, turn = rng.uniform(-0.7, 0.7, (2, 50)), rng.uniform(0, 14, 50), rng.uniform(-4, 4, 50)
+    upright = table.rays(2, np.stack([0 * height_mm, height_mm]), stop)
+
+    def turned(vector):
+        x, y = vector
+        return np.stack([x * np.cos(turn) + y * np.sin(turn), y * np.cos(turn) - x * np.sin(turn)])
+
+    rays = table.rays(2, turned(np.stack([0 * height_mm, height_mm])), turned(stop))
+    mirrored = table.rays(2, np.stack([0 * height_mm, height_mm]), stop * [[-1], [1]])
+    for other, moved in ((rays, turned), (mirrored, lambda vector: vector * [[-1], [1]])):
+        np.testing.assert_allclose(other.entrance_mm, moved(upright.entrance_mm), atol=1e-11)
+        np.testing.assert_allclose(other.direction[:2], moved(upright.direction[:2]), atol=1e-13)
+        for name in ("margin", "path_mm", "weight"):
+            np.testing.assert_allclose(getattr(other, name), getattr(upright, name), rtol=1e-9, atol=1e-12)
+
+
+def test_a_smaller_stop_has_a_part_of_its_rays():
+    lens = focused("cooke-triplet-50mm")
+    kind, size = lens.aperture
+    small, stop = ray_table(replace(lens, aperture=(kind, size / 2))), random_stop(50)
+    place_mm, stop = np.array([[0.0], [12.0]]), np.stack([stop.x, stop.y])[:, 0]
+    wide, small = table_of("cooke-triplet-50mm").rays(1, place_mm, stop / 2), small.rays(1, place_mm, stop)
+    np.testing.assert_allclose(wide.entrance_mm, small.entrance_mm, atol=1e-4)
+    np.testing.assert_allclose(4 * small.weight, wide.weight, rtol=1e-3)
+
+
+def test_where_no_ray_gets_its_margin_says_so():
+    """Without surface apertures, only rays that miss a surface are lost, to half the spacing of the table's rays."""
+    lens = focused("angenieux-50mm")
+    open_lens = replace(lens, aperture=(lens.aperture[0], 1.2 * lens.aperture[1]),
+                        surfaces=tuple(replace(each, semi_aperture_mm=np.inf) for each in lens.surfaces))
+    system, table, stop = build_system(open_lens), ray_table(open_lens, [550.0]), random_stop(600)
+    heights_mm = np.linspace(0.3, 0.99, 6) * table.last_height_mm
+    places = (system.stop_semi_aperture_mm * each[0] for each in (stop.x, stop.y))
+    aimed = aim_at_image(system, system.indices_at([550.0]), heights_mm, *places)[2][0]
+    found = table.rays(0, np.stack([0 * heights_mm, heights_mm])[..., None], np.stack([stop.x, stop.y]))
+    assert 0.03 < np.mean(~aimed) and np.mean(aimed != (found.margin > 0)) < 0.025
+    assert np.all(np.isfinite(found.entrance_mm)) and np.all(np.isfinite(found.direction))
+
+
+def test_it_ends_with_the_field_and_says_where():
+    with pytest.raises(LensError, match="tessar-50mm: sensor place is 30 mm from the axis: the lens's field ends at"):
+        table_of("tessar-50mm").rays(0, np.array([0.0, 30.0]), np.zeros(2))
+
+
+def test_it_tells_nothing_of_wavelengths_beyond_its_own():
+    with pytest.raises(LensError, match=r"tessar-50mm: wavelengths is \[550.0, 701.0\]: .* covers 400 to 700 nm"):
+        table_of("tessar-50mm").at([550.0, 701.0])
+
+
+def test_it_is_a_value():
+    table = table_of("tessar-50mm")
+    again = pickle.loads(pickle.dumps(table))
+    assert again == table and hash(again) == hash(table) and again != table.at(WAVELENGTHS_NM)
+    assert not table.coefficients.flags.writeable and "tessar" in repr(table)
+
+
+@lenses
+def test_bundles_are_the_same_rays(name):
+    rng = np.random.default_rng(3)
+    table = table_of(name)
+    radius, azimuth = np.sqrt(rng.random(50)), 2 * np.pi * rng.random(50)
+    stop = np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth)])
+    heights_mm = np.linspace(0, table.last_height_mm, 7)
+    bundles = table.bundles(heights_mm, stop)
+    places_mm = np.stack([0 * heights_mm, heights_mm])[:, :, None]
+    rays = table.rays(np.arange(len(table.wavelengths_nm))[:, None, None], places_mm, stop[:, None])
+    for name in ("entrance_mm", "direction", "margin", "path_mm", "weight"):
+        one, other = getattr(bundles, name), getattr(rays, name)
+        assert one.shape == other.shape
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9 * np.abs(other).max())

@@ -1,0 +1,117 @@
+"""Rays against closed forms: perfect singlets, first-order optics, and the required starting points of rays."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lensfield.engine import LensError
+from lensfield.engine.library import bundled_lenses
+from lensfield.engine.prescription import glasses
+from lensfield.engine.prescription.prescription import Prescription, Surface
+from lensfield.engine.prescription.surfaces import refracted
+from lensfield.engine.prescription.system import system_of
+from lensfield.engine.rays.focus import build_system
+from lensfield.engine.rays.rays import HalfPupil, trace_pupil
+from varied_lenses import library_sample
+
+INDEX = 1.5
+PUPIL = HalfPupil(7, 9)
+
+
+def hyperbola(focal_mm=20.0, f_number=1.5):
+    """Flat in front, with a rear hyperboloid of conic -n^2: every axial ray meets at its focus."""
+    surfaces = (Surface(thickness_mm=8.0, glass="1.5/1e9", stop=True),
+                Surface(-(INDEX - 1) * focal_mm, focal_mm, conic=-INDEX**2))
+    return Prescription("hyperbola", surfaces, ("f_number", f_number), ("angle_deg", 5.0))
+
+
+@pytest.fixture(autouse=True)
+def one_index(monkeypatch):
+    """Glass without dispersion."""
+    monkeypatch.setattr(glasses.ModelGlass, "at", lambda glass, nm: np.full(np.shape(nm), glass.index))
+    monkeypatch.setattr(glasses, "MODEL_GLASS", re.compile(r"([\d.]+)/([\d.e]+)"))
+
+
+def test_a_hyperboloid_unites_all_rays_of_the_axis_over_the_same_path():
+    rays = trace_pupil(build_system(hyperbola()), [0.0], [550.0], PUPIL)
+    assert not rays.lost.any()
+    np.testing.assert_allclose(rays.position_mm, 0, atol=1e-11)
+    np.testing.assert_allclose(rays.path_mm, rays.path_mm[0, 0, 0, 0], rtol=0, atol=1e-11)
+
+
+def test_first_order_figures_of_a_plano_convex_lens():
+    system = system_of(hyperbola())
+    assert system.efl_mm == pytest.approx(20.0, rel=1e-12) and system.image_distance_mm == pytest.approx(20.0)
+    assert system.entrance_pupil_mm == 0 and system.front_focus_mm == pytest.approx(20.0 - 8.0 / INDEX)
+    assert system.exit_pupil_mm == pytest.approx(1 / ((INDEX - 1) / 20.0 / (INDEX - 1) - INDEX / 8.0))
+    assert system.stop_semi_aperture_mm == pytest.approx(20.0 / 1.5 / 2)
+    np.testing.assert_allclose(system.marginal_heights_mm, system.stop_semi_aperture_mm)
+
+
+@pytest.mark.parametrize("distance_mm", [60.0, 400.0])
+def test_near_objects_have_the_magnification_of_newton(distance_mm):
+    system = build_system(replace(hyperbola(f_number=8.0), object_distance_mm=distance_mm, focus="paraxial",
+                                  field=("image_height_mm", 2.0)))
+    from_focus_mm = distance_mm - system.front_focus_mm
+    assert system.magnification == pytest.approx(-20.0 / from_focus_mm, rel=1e-12)
+    assert system.image_distance_mm - 20.0 == pytest.approx(20.0**2 / from_focus_mm, rel=1e-12)
+
+
+@pytest.mark.parametrize("aperture, semi_mm", [
+    (("entrance_pupil_diameter_mm", 6.0), 3.0), (("f_number", 4.0), 2.5), (("stop", 1.7), 1.7)])
+def test_the_stop_is_as_large_as_the_aperture_asks(aperture, semi_mm):
+    lens = replace(hyperbola(), aperture=aperture)
+    assert system_of(lens).stop_semi_aperture_mm == pytest.approx(semi_mm, rel=1e-12)
+    assert system_of(replace(lens, object_distance_mm=100.0)).stop_semi_aperture_mm == pytest.approx(semi_mm, rel=1e-12)
+
+
+def test_apertures_of_near_objects():
+    near = replace(hyperbola(), object_distance_mm=100.0)
+    assert system_of(replace(near, aperture=("object_na", 0.03))).stop_semi_aperture_mm == pytest.approx(
+        100 * np.tan(np.arcsin(0.03)), rel=1e-12)
+    working = system_of(replace(near, aperture=("working_f_number", 4.0)))
+    assert abs(working.marginal_slope) == pytest.approx(1 / 8, rel=1e-12)
+
+
+def test_snells_law():
+    angle = np.linspace(0, 0.7, 8)
+    direction = np.stack([np.sin(angle), 0 * angle, np.cos(angle)])
+    normal = np.broadcast_to(np.array([[0.0], [0.0], [1.0]]), direction.shape)
+    inside = refracted(direction, normal, 1 / INDEX)
+    np.testing.assert_allclose(INDEX * inside[0], np.sin(angle), atol=1e-15)
+    np.testing.assert_allclose(np.sum(inside**2, axis=0), 1, atol=1e-15)
+    np.testing.assert_allclose(refracted(inside, normal, INDEX), direction, atol=1e-15)
+    with np.errstate(invalid="ignore"):
+        assert np.isnan(refracted(direction, normal, 3.0)[:, -1]).all(), "total reflection"
+
+
+@pytest.mark.parametrize("name", library_sample())
+def test_paths_and_places_agree_as_fermat_has_it(name):
+    """The slope of a wavefront is the ray: the path's derivative over the beam gives the landing point, to first order.
+    """
+    system = system_of(bundled_lenses()[name])
+    rays = trace_pupil(system, np.array([0.3, 0.8]) * system.last_height_mm, [550.0], HalfPupil(2, 3))
+    step = HalfPupil(1, 1)
+    step.x, step.y = np.array([[0.0, 1e-5]]), np.array([[0.0, 0.0]])
+    beside = trace_pupil(system, np.array([0.3, 0.8]) * system.last_height_mm, [550.0], step)
+    moved = beside.position_mm[..., 1] - beside.position_mm[..., 0]
+    along = np.sum(moved * (beside.direction[:2, ..., 1] + beside.direction[:2, ..., 0]) / 2, axis=0)
+    path_mm = beside.path_mm[..., 1] - beside.path_mm[..., 0]
+    np.testing.assert_allclose(path_mm, along, rtol=0, atol=2e-11)
+    assert not rays.lost[..., 0, :].any()
+
+
+def test_a_field_that_no_ray_reaches_ends_the_bake_by_name():
+    lens = replace(hyperbola(), field=("angle_deg", 89.0))
+    with pytest.raises(LensError, match="hyperbola: field height is .* no ray gets through the middle of the stop"):
+        system = system_of(lens)
+        trace_pupil(system, [system.last_height_mm], [550.0], PUPIL)
+
+
+def test_a_glass_that_is_not_known_at_a_wavelength_is_named():
+    lens = replace(hyperbola(), surfaces=(replace(hyperbola().surfaces[0], glass="SCHOTT N-BK7"),
+                                          hyperbola().surfaces[1]))
+    with pytest.raises(LensError, match="surface 1, glass is SCHOTT N-BK7: not known at 200 nm"):
+        trace_pupil(system_of(lens), [0.0], [200.0], PUPIL)

@@ -1,0 +1,97 @@
+"""Prices of work: excessive memory is refused before the start, with the number; absent or excessive light is reported.
+"""
+
+import numpy as np
+import pytest
+
+from lensfield.engine import ImageError, Kept, Options, Report, SpectralImage, load_lens, simulate
+from lensfield.engine.pictures.preview import encode_srgb, write_png
+from lensfield.engine.pictures.spectral_exr import read_with_planes, write_exr
+from lensfield.engine.plan import cost
+from lensfield.engine.runtime import memory
+
+LENS = load_lens("edmund-54852")
+
+
+def picture(cube=None, **changes):
+    cube = np.ones((2, 40, 60), np.float32) if cube is None else cube
+    return SpectralImage(**dict(cube=cube, wavelengths_nm=[500.0, 600.0], pitch_um=20.0) | changes)
+
+
+@pytest.fixture
+def one_gigabyte(monkeypatch):
+    monkeypatch.setattr(memory, "available_bytes", lambda: 10**9)
+
+
+@pytest.mark.parametrize("options, changes", [
+    (Options(azimuths=100_000), {}),
+    (Options(method="pixels", azimuths=1000), {"pitch_um": 0.5}),
+    (Options(azimuths=4, psf_energy=0.9), {"cube": np.broadcast_to(np.float32(1), (2, 12_000, 12_000)),
+                                           "pitch_um": 0.3}),
+], ids=["azimuths", "pitch", "size"])
+def test_what_there_is_no_memory_for_is_refused_with_the_number(one_gigabyte, options, changes):
+    with pytest.raises(ImageError, match=r"^image: size is [\d.]+ GB in memory: 1 GB are free: give a smaller picture"):
+        Kept().plan(options, LENS, picture(**changes))
+    with pytest.raises(ImageError, match="in memory"):
+        simulate(picture(**changes), LENS, options)
+
+
+def test_pixels_so_small_that_psfs_alone_take_more_are_refused_before_these_are_made(one_gigabyte):
+    with pytest.raises(ImageError, match=r"^point spread functions: size is [\d.]+ GB in memory: .*larger pixels"):
+        Kept().plan(Options(), LENS, picture(pitch_um=0.05))
+
+
+def test_what_there_is_memory_for_is_not(one_gigabyte):
+    assert simulate(picture(), LENS).cube.shape == (2, 40, 60)
+
+
+def test_the_peak_is_what_is_there_and_what_is_to_come(monkeypatch):
+    monkeypatch.setattr(cost, "taken_bytes", lambda: 10**8)
+    plan = Kept().plan(Options(), LENS, picture())
+    assert plan.peak_mb == pytest.approx(100 + plan.memory_mb + 2 * 40 * 60 * 4e-6)
+    assert f"{plan.peak_mb:.0f} MB" in plan.text
+
+
+def test_memory_that_is_taken_is_told(monkeypatch):
+    before = memory.taken_bytes()
+    if not before:
+        pytest.skip("this system does not tell")
+    held = np.ones(2**25)
+    assert memory.taken_bytes() - before == pytest.approx(held.nbytes, rel=0.1)
+
+
+def test_each_plane_of_a_file_is_in_memory_once(tmp_path):
+    write_exr(picture(), tmp_path / "picture.exr", {"Z": np.ones((40, 60), np.float32)})
+    image, planes = read_with_planes(tmp_path / "picture.exr")
+    assert sum(np.shares_memory(plane, image.cube) for plane in planes.values()) == len(image.cube)
+
+
+@pytest.mark.parametrize("rows", [1, 63, 64, 65, 200])
+def test_a_picture_that_is_encoded_by_rows_is_what_it_is_at_once(tmp_path, rows):
+    from PIL import Image
+
+    rec709 = np.random.default_rng(1).random((rows, 30, 3), np.float32) * 3 - 1
+    write_png(rec709, tmp_path / "picture.png", 0.7)
+    with Image.open(tmp_path / "picture.png") as written:
+        np.testing.assert_array_equal(written, np.round(encode_srgb(rec709 * 0.7) * 255).astype(np.uint8))
+
+
+@pytest.mark.parametrize("cube, word", [
+    (np.where(np.arange(60) < 6, -1, 1) * np.ones((2, 40, 1)), "11.1% of the radiance is negative, as no light is"),
+    (np.full((2, 40, 60), 2e36), "radiance of up to 2e+36 W m^-2 sr^-1 nm^-1 comes near to what files"),
+    (np.ones((2, 40, 60)), None)], ids=["negative", "bright", "light"])
+def test_light_that_is_none_or_too_much_gets_a_word(cube, word):
+    report = Report()
+    simulate(picture(cube), LENS, report=report)
+    told = [line for line in report.remarks() if "radiance" in line]
+    assert [line.startswith(word) for line in told] == [True] if word else not told
+
+
+def test_irradiance_in_the_place_of_its_radiance_takes_no_memory(monkeypatch):
+    monkeypatch.setattr(cost, "taken_bytes", lambda: 0)
+    image, reports = picture(), [Report(), Report()]
+    simulate(image, LENS, report=reports[0])
+    frame = tuple(slice(n, n + side) for n, side in zip(image.overscan_px, image.frame_px, strict=True))
+    simulate(image, LENS, report=reports[1], out=image.cube[(slice(None), *frame)])
+    apart, in_place = (report.lens_image.plan.peak_mb for report in reports)
+    assert apart - in_place == pytest.approx(4e-6 * image.wavelengths_nm.size * np.prod(image.frame_px))

@@ -1,0 +1,158 @@
+"""Supersampling against closed forms, and against pictures provided in finer pixels."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.special import ndtr
+
+from lenses import comatic_lens, distance_of_light, gaussian_psf, make_lens, points_image
+from lensfield.engine import InputError, Kept, Options, Report, SpectralImage, simulate
+from lensfield.engine.field.field_map import field_map
+from lensfield.engine.image.pixel_grid import FISHEYE, PixelGrid
+from lensfield.engine.plan.choose import make_plan, priced, workload
+from lensfield.engine.plan.cost import nanoseconds
+from lensfield.engine.runtime.memory import MemoryBudget
+from lensfield.engine.simulation.channel import Channel
+
+SIGMA_PX = 0.2
+FINE = make_lens(gaussian_psf(1.0, 1.0, 0.1, 81), psf_pitch_um=0.1)  # on pixels of 5 um
+PIXELS = np.arange(-5, 6)
+SAMPLING = 1e-3  # of the light: samples of sigma / 10 widen the Gaussian by w^2 / 12, and 4 edges let 0.4 sigma pass
+
+
+def parts_of_a_pixel(times):
+    """Light of a row of points, so many per pixel, that reaches the pixel and its neighbours through a Gaussian."""
+    places = (np.arange(times) + 0.5) / times - 0.5
+    edges = PIXELS[:, None] - places
+    return (ndtr((edges + 0.5) / SIGMA_PX) - ndtr((edges - 0.5) / SIGMA_PX)).mean(axis=1)
+
+
+def even_pixel():
+    """The same for a uniformly lit pixel: the limit for many points."""
+    def twice_integrated(x):
+        return x * ndtr(x / SIGMA_PX) + SIGMA_PX * np.exp(-(x / SIGMA_PX)**2 / 2) / np.sqrt(2 * np.pi)
+
+    return twice_integrated(PIXELS + 1) - 2 * twice_integrated(PIXELS) + twice_integrated(PIXELS - 1)
+
+
+def image_of_a_point(times):
+    image = points_image([(0, 0)], shape=(11, 11))
+    result = simulate(image, FINE, Options(method="exact", supersampling=times)).cube[0]
+    return result / result.sum(dtype=float)
+
+
+@pytest.mark.parametrize("times", [1, 2, 5])
+def test_a_bright_pixel_is_a_lattice_of_points(times):
+    expected = np.outer(parts_of_a_pixel(times), parts_of_a_pixel(times))
+    assert distance_of_light(image_of_a_point(times), expected) < SAMPLING
+
+
+@pytest.mark.parametrize("times", [1, 3, 8])
+def test_it_tends_to_an_even_square_with_the_square_of_their_number(times):
+    """The midpoint rule has an error of at most h^2 / 24 times the integral of the second derivative.
+
+    Over all pixels together this is 4 times the Gaussian's peak, both down and across.
+    """
+    bound = 2 / (24 * times**2) * 4 / (SIGMA_PX * np.sqrt(2 * np.pi))
+    assert distance_of_light(image_of_a_point(times), np.outer(even_pixel(), even_pixel())) < bound + SAMPLING
+
+
+def test_without_it_light_stays_in_its_pixel_that_should_not():
+    assert image_of_a_point(1)[5, 5] == pytest.approx((2 * ndtr(0.5 / SIGMA_PX) - 1)**2, abs=SAMPLING)
+    assert np.outer(even_pixel(), even_pixel())[5, 5] < 0.75 < 0.97 < image_of_a_point(1)[5, 5]
+
+
+def in_finer_pixels(image, times):
+    """The same radiance in finer pixels: the axis, given in half pixels of the original from the edge, stays."""
+    centre = [times * centre + (times - 1) / 2 for centre in image.centre_px]
+    return SpectralImage(np.kron(image.cube, np.ones((1, times, times))), image.wavelengths_nm,
+                         pitch_um=image.pitch_um / times, centre_px=centre, projection=image.projection,
+                         overscan_px=[times * n for n in image.overscan_px])
+
+
+@pytest.mark.parametrize("times", [2, 3])
+@pytest.mark.parametrize("shape, facts", [
+    ((40, 51), {}), ((40, 51), dict(overscan_px=(7, 8))), ((30, 41), dict(centre_px=(3.25, -8.5), overscan_px=(2, 0))),
+    ((1, 30), {}), ((1, 1), {}), ((36, 36), dict(projection=FISHEYE, overscan_px=(3, 3)))], ids=str)
+@pytest.mark.parametrize("asked", [{}, dict(method="pixels", azimuths=8), dict(section_size=16)], ids=str)
+def test_it_is_the_picture_in_finer_pixels_averaged(times, shape, facts, asked):
+    cube = np.random.default_rng(3).random((2, *shape)) ** 8  # some bright pixels among dark ones
+    image, lens = SpectralImage(cube, [450, 600], pitch_um=20.0, **facts), comatic_lens()
+    result = simulate(image, lens, Options(supersampling=times, **asked))
+    fine = simulate(in_finer_pixels(image, times), lens, Options(**asked))
+    rows, columns = result.frame_px
+    expected = fine.cube.reshape(2, rows, times, columns, times).mean(axis=(2, 4), dtype=float)
+    np.testing.assert_allclose(result.cube, expected, atol=1e-6 * expected.max(), rtol=0)
+    assert result.grid == SpectralImage(image.cube, [450, 600], pitch_um=20.0,
+                                        grid=PixelGrid(shape, 20.0, **facts | dict(projection="plane"))).frame().grid
+
+
+def test_1_is_the_picture_in_its_own_pixels_bit_for_bit():
+    image, lens = points_image([(3, 4), (-9, 2), (0, 0)]), comatic_lens()
+    plan = make_plan(Options(method="paper"), lens, image.sampling)
+    channel = Channel(field_map(lens).at_wavelength(550.0), image.grid, plan, None, MemoryBudget(0))
+    blurred, radius = channel.blur(channel.ideal_irradiance(image.cube[0])), plan.psf_radius_px
+    result = simulate(image, lens, Options(method="paper", supersampling=1)).cube[0]
+    np.testing.assert_array_equal(result, blurred[radius:-radius, radius:-radius].astype(np.float32))
+
+
+def test_the_light_is_kept_and_told_in_watts():
+    image, report = points_image([(3, 4), (-9, 2), (0, 0)]), Report()
+    result = simulate(image, FINE, Options(supersampling=3), report=report)
+    energy = report.lens_image.energy
+    in_w = np.pi / 16 * 3 * 5e-6**2  # Eq. 2 of three pixels of radiance 1
+    assert energy.in_w_per_nm == pytest.approx(in_w, rel=1e-6)
+    assert energy.out_w_per_nm == pytest.approx(in_w, rel=1e-6)
+    assert energy.in_frame_w_per_nm == pytest.approx(result.cube.sum(dtype=float) * 5e-6**2, rel=1e-6)
+    assert energy.in_frame_w_per_nm == pytest.approx(in_w, rel=1e-6)
+
+
+def test_frames_of_an_animation_share_it_and_may_take_their_radiances_place():
+    first, second = points_image([(3, 4)]), points_image([(-9, 2)])
+    options, kept = Options(supersampling=2), Kept()
+    alone = simulate(second, FINE, options).cube
+    simulate(first, FINE, options, kept=kept)
+    simulate(second, FINE, options, kept=kept, out=second.cube)
+    np.testing.assert_array_equal(second.cube, alone)
+
+
+def test_pixels_that_are_not_finite_are_mended_as_they_are():
+    image = points_image([(3, 4)])
+    image.cube[0, 10, 10] = np.nan
+    report = Report()
+    simulate(image, FINE, Options(supersampling=2, fireflies="clamp"), report=report)
+    assert report.lens_image.fireflies_clamped == 1
+
+
+@pytest.mark.parametrize("asked", [{}, dict(method="pixels"), dict(section_size=16)], ids=str)
+def test_its_plan_is_that_of_the_picture_in_finer_pixels(asked):
+    image, lens = points_image([(0, 0)], overscan_px=(6, 4)), comatic_lens()
+    plan = make_plan(Options(supersampling=3, **asked), lens, image.sampling)
+    fine = make_plan(Options(**asked), lens, in_finer_pixels(image, 3).sampling)
+    assert replace(plan, supersampling=1) == fine and plan.error_bound == fine.error_bound
+    assert plan.memory_mb == pytest.approx(fine.memory_mb + 9 * image.cube.nbytes / 1e6)
+    assert priced(plan, lens, image.sampling).memory_mb == plan.memory_mb  # like cached plans
+    works = workload(plan, lens, image.sampling), workload(fine, lens, in_finer_pixels(image, 3).sampling)
+    assert nanoseconds(works[0], plan) == pytest.approx(nanoseconds(works[1], fine))
+
+
+def test_the_plan_tells_it():
+    plan = make_plan(Options(supersampling=4), FINE, points_image([(0, 0)]).sampling)
+    own = make_plan(Options(), FINE, points_image([(0, 0)]).sampling)
+    assert "each pixel 4 x 4" in plan.text and "each pixel" not in own.text
+    assert plan.as_dict()["supersampling"] == 4
+    assert plan.memory_mb > 4 * own.memory_mb and plan.error_bound <= 0.01
+    assert plan.psf_radius_px > plan.reach_px >= plan.psf_radius_px / 4
+
+
+def test_pixels_too_fine_for_the_psfs_are_told_by_the_option():
+    wide = make_lens(gaussian_psf(900, 900, 100, 81), psf_pitch_um=100)
+    with pytest.raises(InputError, match=r"options: supersampling is 9: a point spread function would reach \d+ px"):
+        simulate(points_image([(0, 0)], shape=(9, 9), pitch_um=20.0), wide, Options(supersampling=9, psf_energy=1))
+
+
+@pytest.mark.parametrize("value", [0, -1, 17, 1.5, True, None, "2", float("nan")])
+def test_only_whole_numbers_from_1_to_16_are_taken(value):
+    with pytest.raises(InputError, match="supersampling is .*: expected a whole number, from 1 to 16"):
+        Options(supersampling=value)

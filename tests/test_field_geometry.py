@@ -1,0 +1,67 @@
+"""Only the field map uses the geometry of a rotationally symmetric lens, checked in the source code."""
+
+import ast
+import re
+
+import pytest
+
+from test_architecture import MODULES, imports
+
+GEOMETRY = re.compile("height_mm|heights_mm|azimuth|hypot", re.IGNORECASE)
+BEHIND_THE_FIELD_MAP = "engine.field.radial"
+TABLES_OVER_HEIGHTS = ("engine.prescription", "engine.lens", "engine.lens_files", "engine.rays", "engine.bake",
+                       "engine.inspection")
+"""Modules that make, read or check the data of rotationally symmetric lenses, which are tables over heights."""
+COMPILED = "engine.kernels"
+"""The loops, which the radial field calls."""
+OTHER_GEOMETRY = {
+    "engine.image.pixel_grid": "the corner of a grid",
+    "engine.depth.depth_range": "the projection of a fisheye capture",
+    "engine.depth.slabs": "the projection of a fisheye capture; distances from the frame",
+    "engine.depth.iris": "blades around the stop",
+    "engine.spectral.colour_difference": "chroma",
+    "addon.scene.depth": "the projection of a fisheye capture",
+}
+KNOB = re.compile("azimuths", re.IGNORECASE)
+KNOB_ROOMS = "engine.blur", "engine.plan", "engine.simulation", "addon.ui"
+"""Rooms that name the option `azimuths`: the steps of the table of PSFs."""
+
+
+def identifiers(tree):
+    """Every name that a module defines, uses or imports."""
+    for node in ast.walk(tree):
+        for part in ("id", "attr", "arg", "name", "asname"):
+            if isinstance(name := getattr(node, part, None), str):
+                yield name
+
+
+def within(module, rooms):
+    return any(module == room or module.startswith(f"{room}.") for room in rooms)
+
+
+def may_name(module, identifier):
+    return (within(module, (BEHIND_THE_FIELD_MAP, *TABLES_OVER_HEIGHTS, COMPILED)) or module in OTHER_GEOMETRY
+            or bool(KNOB.fullmatch(identifier) and within(module, KNOB_ROOMS)))
+
+
+def named_geometry(module):
+    tree = ast.parse(MODULES[module].read_text(encoding="utf-8"))
+    return {name for name in identifiers(tree) if GEOMETRY.search(name)}
+
+
+def test_heights_and_azimuths_are_named_behind_the_field_map_alone():
+    outside = [f"{module} names {name}" for module in MODULES for name in sorted(named_geometry(module))
+               if not may_name(module, name)]
+    assert not outside
+
+
+def test_the_radial_field_is_imported_by_the_field_map_and_by_checks_of_lens_data_alone():
+    outside = [f"{module} imports {other}" for module in MODULES for other, relative in imports(module)
+               if relative and within(other, [BEHIND_THE_FIELD_MAP])
+               and not within(module, ("engine.field", "engine.inspection"))]
+    assert not outside
+
+
+@pytest.mark.parametrize("module", OTHER_GEOMETRY)
+def test_every_exception_is_still_needed(module):
+    assert named_geometry(module)

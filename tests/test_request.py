@@ -1,0 +1,68 @@
+"""The render request: the consequences of its fields, without Blender."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from lensfield.cli import _parser
+from lensfield.commands.arguments import asked_iris, given_fields, given_settings
+from lensfield.engine import InputError, Options
+from lensfield.engine.depth.iris import Iris
+from lensfield.engine.runtime.setting import option_of, settings_of
+from lensfield.engine.spectral.wavelength_choice import SpectralOptions
+from lensfield.request import RenderRequest, to_arguments
+
+VALUES = {"lens": "tessar-50mm", "focus": 812.5, "f_number": 2.8, "wavelengths_nm": (450.0, 550.25, 650.0),
+          "room": 0.125, "view_layer": "-Fog, far", "output_folder": Path("/renders"), "picture": Path("/so_far.png"),
+          "state": "abc", "source": "def", "lens_quality": "reference", "focused_wide_open": True}
+ENGINE_VALUES = {"accuracy": 0.05, "section_size": 8, "azimuths": 6, "psf_energy": 0.99, "flat_tolerance": 0.001,
+                 "supersampling": 2, "colour_error": 0.5, "sensor_error": 0.01}
+
+
+def parsed(*arguments):
+    return _parser().parse_args(["render", "scene.blend", *arguments])
+
+
+def values_of(owner, name):
+    """Different values of a setting: all of its choices, or an example."""
+    each = settings_of(owner)[name]
+    return list(each.choices) or [(VALUES | ENGINE_VALUES)[name]]
+
+
+@pytest.mark.parametrize("name", [name for name, each in settings_of(RenderRequest).items() if each.option is not None])
+def test_each_field_passes_through_the_command_line(name):
+    for value in values_of(RenderRequest, name):
+        given = given_fields(parsed(*to_arguments(**{name: value})))
+        assert given.keys() == {name}
+        assert (tuple(given[name]) if name == "wavelengths_nm" else given[name]) == value
+
+
+@pytest.mark.parametrize("owner, name", [(owner, name) for owner in (Options, SpectralOptions)
+                                         for name in settings_of(owner)])
+def test_each_engine_option_passes_through_the_command_line(owner, name):
+    for value in values_of(owner, name):
+        given = given_settings(parsed(f"--{option_of(name, settings_of(owner)[name])}={value}"), owner)
+        assert given == {name: value}
+
+
+def test_options_and_iris_pass_through_the_command_line():
+    options, spectral = Options(accuracy=0.05, out_of_field="vignette"), SpectralOptions(colour_error=0.5)
+    words = parsed(*to_arguments(options=options, spectral=spectral, iris=Iris(5, -12.5, 0.25)))
+    assert Options(**given_settings(words, Options)) == options
+    assert SpectralOptions(**given_settings(words, SpectralOptions)) == spectral
+    assert asked_iris(words) == Iris(5, -12.5, 0.25)
+
+
+def test_a_request_compares_by_its_fields_and_is_refused_with_a_value_that_is_no_choice():
+    assert RenderRequest() == RenderRequest() != replace(RenderRequest(), unfit="render")
+    for name, each in settings_of(RenderRequest).items():
+        if each.choices:
+            with pytest.raises(InputError, match=f"options: {name} is maybe: expected {next(iter(each.choices))} or"):
+                RenderRequest(**{name: "maybe"})
+
+
+def test_every_field_has_a_label_and_a_text_that_the_docstring_shows():
+    for name, each in settings_of(RenderRequest).items():
+        assert each.name and each.text and not each.text.endswith(".")
+        assert f"    {name}\n        {each.text}." in RenderRequest.__doc__
