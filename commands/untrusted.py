@@ -11,12 +11,11 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 
 from ..engine import InputError
 from ..engine.runtime.cache import cache_folder
-from ..engine.runtime.files import make_folder, temporary_folder
+from ..engine.runtime.files import make_folder, temporary_folder, temporary_root
 from ..engine.runtime.inputs import confine
 from ..engine.runtime.memory import available_bytes
 from .arguments import TIME_LIMIT_S, check_limits
@@ -53,7 +52,7 @@ def run(options, arguments):
         if not os.environ.pop(CONFINED, ""):
             return _supervise(options, arguments)
         read, write = _folders(options)
-        work = tempfile.gettempdir()
+        work = temporary_root()
         confine([*read, *write, work, PACKAGE, *filter(None, [cache_folder()])], [*write, work])
     return options.run(options)
 

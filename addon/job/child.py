@@ -19,7 +19,7 @@ from ...engine.spectral.wavelength_choice import SpectralOptions
 from ...request import ON, to_arguments
 from ..scene.errors import SceneError
 from ..scene.rings import ring_fields
-from .job import UNSAVED_FOLDER, folder_for
+from .job import folder_for, unsaved_folder
 from .refilter import applied_fields
 from .session import write_session
 
@@ -93,7 +93,7 @@ def render_command(copy, *more, **given):
 def _render_copy(copy):
     """The arguments of `lensfield` that render a copy as if it were the file, and report progress."""
     return ["render", str(copy), "--session", str(Path(copy).with_name(SESSION)), "--beside",
-            os.path.dirname(bpy.data.filepath) or str(UNSAVED_FOLDER), "--progress", "lines"]
+            os.path.dirname(bpy.data.filepath) or str(unsaved_folder()), "--progress", "lines"]
 
 
 def apply_command(radiance, scene):

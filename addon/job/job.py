@@ -2,7 +2,6 @@
 
 import ntpath
 import os
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import numpy as np
 from ...engine import Lens
 from ...engine.depth.depth_range import OFF, TRACED
 from ...engine.runtime.errors import InputError
+from ...engine.runtime.files import temporary_root
 from ...engine.runtime.inputs import note_who_names
 from ...engine.spectral.wavelength_choice import REFERENCE
 from ...request import BY_SCENE, ON, RING_FIELDS, RenderRequest
@@ -19,9 +19,6 @@ from ..scene.rings import scene_iris, scene_lens
 from ..scene.trust import check_output
 from ..shading.assigned import LOADERS
 from .record import picture_settings
-
-UNSAVED_FOLDER = Path(tempfile.gettempdir()) / f"lensfield_unsaved_{os.getpid()}"
-"""Replaces the .blend's folder until the .blend is saved; it outlives Blender, as pictures should."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,11 +96,16 @@ def denoises(scene, request):
 
 def folder_for(scene, output_folder=None):
     """The folder to write to: the given one, or the one in the settings. // is the .blend's folder or, until the .blend
-    is saved, `UNSAVED_FOLDER`."""
+    is saved, `unsaved_folder()`."""
     folder = _native(scene.lensfield.output_folder) if output_folder is None else str(output_folder)
     if is_temporary(folder):
-        return UNSAVED_FOLDER / folder.removeprefix("//")
+        return unsaved_folder() / folder.removeprefix("//")
     return Path(bpy.path.abspath(folder)).resolve()
+
+
+def unsaved_folder():
+    """Replaces the .blend's folder until the .blend is saved. It outlives Blender, as pictures should."""
+    return temporary_root() / f"lensfield_unsaved_{os.getpid()}"
 
 
 def _native(folder):

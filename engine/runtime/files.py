@@ -371,6 +371,12 @@ def temporary_folder() -> Iterator[Path]:
         yield folder
 
 
+def temporary_root() -> Path:
+    """The system's folder for temporary files, found without leaving Python's probe in it if the process is stopped."""
+    with uninterrupted():
+        return Path(tempfile.gettempdir())
+
+
 def _new_folder():
     try:
         parent = tempfile.gettempdir()

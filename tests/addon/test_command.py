@@ -186,6 +186,13 @@ def test_a_signal_amid_blenders_imports_leaves_nothing(tmp_path, stop, count):
     assert (done.returncode, done.stderr) == (130, "\nlensfield: cancelled\n") and not list(tmp_path.iterdir())
 
 
+def test_imports_leave_the_choice_of_the_temporary_folder_to_later():
+    """Choosing it writes a probe, which a signal amid the imports could leave behind."""
+    done = subprocess.run([sys.executable, "-c", "import tempfile, lensfield.addon; print(tempfile.tempdir)"],
+                          capture_output=True, text=True)
+    assert (done.stdout, done.stderr) == ("None\n", "")
+
+
 def test_blender_command_is_the_same_command(blend, tmp_path, monkeypatch):
     registered = {}
     monkeypatch.setattr(bpy.utils, "register_cli_command", registered.__setitem__)

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from lensfield.addon.job import child
-from lensfield.addon.job.job import UNSAVED_FOLDER, look_beside
+from lensfield.addon.job.job import look_beside, unsaved_folder
 from lensfield.commands.child import Child
 from small_scenes import light, material, wall
 from snapshot import differences, snapshot
@@ -68,7 +68,7 @@ def test_simulations_cached_on_disk_are_found_beside_the_copy(scene, tmp_path):
 def test_a_file_never_saved_has_a_copy_too(scene, tmp_path):
     assert child.save_copy(tmp_path).is_file()
     command = child.render_command("copy.blend", picture="picture.png")
-    assert not bpy.data.filepath and command[command.index("--beside") + 1] == str(UNSAVED_FOLDER)
+    assert not bpy.data.filepath and command[command.index("--beside") + 1] == str(unsaved_folder())
 
 
 def test_blender_itself_is_started_with_this_add_on(scene, monkeypatch):

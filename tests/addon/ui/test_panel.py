@@ -6,7 +6,7 @@ import pytest
 from bpy_extras.object_utils import world_to_camera_view
 
 from layouts import Layout
-from lensfield.addon.job.job import UNSAVED_FOLDER, folder_for
+from lensfield.addon.job.job import folder_for, unsaved_folder
 from lensfield.addon.job.radiance import pass_bytes
 from lensfield.addon.job.remarks import ENOUGH_SAMPLES
 from lensfield.addon.scene.camera import capture_grid
@@ -198,10 +198,10 @@ def test_what_cannot_be_planned_is_told_in_its_place(plain):
 
 
 def test_a_file_that_is_not_saved_renders_to_a_temporary_folder(plain):
-    assert not bpy.data.filepath and str(UNSAVED_FOLDER) in told(plain).replace(" ", "")
+    assert not bpy.data.filepath and str(unsaved_folder()) in told(plain).replace(" ", "")
     plain.lensfield.tier, plain.cycles.samples = "PREVIEW", 1
     assert bpy.ops.lensfield.render() == {"FINISHED"}
-    assert folder_for(plain) == UNSAVED_FOLDER / "lensfield"
+    assert folder_for(plain) == unsaved_folder() / "lensfield"
     assert (folder_for(plain) / "Scene_0001_lens_image.exr").is_file()
 
 
@@ -233,4 +233,4 @@ def test_a_lens_of_another_size_is_told_of_in_few_words(plain):
 
 def test_once_saved_pictures_go_beside_the_file(plain, tmp_path):
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "saved.blend"))
-    assert folder_for(plain) == tmp_path / "lensfield" and str(UNSAVED_FOLDER) not in told(plain)
+    assert folder_for(plain) == tmp_path / "lensfield" and str(unsaved_folder()) not in told(plain)
