@@ -98,7 +98,7 @@ test-blender: $(READY) kernels
 
 test-numpy: $(READY) kernels  # what machines do that have no library of the compiled loops
 	LENSFIELD_KERNELS=numpy $(VENV)/bin/python -m pytest -q tests/engine/blur tests/engine/field \
-	    tests/engine/simulation/test_simulate.py tests/engine/simulation/test_kept.py
+	    tests/engine/simulation/test_simulate.py tests/engine/simulation/test_channel_cache.py
 
 ci: ci-5.0.1 test-engine ci-5.2.3 ci-4.5.15 ci-5.1.2 test-kernels test-numpy test-bake test-farm  # the longest first
 

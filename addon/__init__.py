@@ -2,15 +2,15 @@
 
 import bpy
 
-from ..engine.runtime.cache import keep_in
+from ..engine.runtime.cache import set_cache_folder
 from ..request import RenderRequest
 from .job.animation import Animation, render_animation
 from .job.child import sweep
-from .job.job import check_output_folder, folder_for, look_beside
+from .job.job import check_output_folder, folder_for, set_blend_folder
 from .job.preflight import preflight
 from .job.refilter import apply_lens
-from .job.render import kept, render_through_lens
-from .job.result import check_beside_frames
+from .job.render import render_through_lens, shared_cache
+from .job.result import check_next_to_frames
 from .job.session import take_session
 from .job.source import source_digest
 from .scene.compositor_watch import start_watching, stop_watching
@@ -36,8 +36,8 @@ from .ui import (
 from .ui.keys import register_keys, unregister_keys
 from .ui.previews import forget_previews
 
-__all__ = ["Animation", "RenderRequest", "apply_lens", "check_beside_frames", "check_output_folder", "folder_for",
-           "look_beside", "preflight", "register", "render_animation", "render_through_lens", "source_digest",
+__all__ = ["Animation", "RenderRequest", "apply_lens", "check_next_to_frames", "check_output_folder", "folder_for",
+           "set_blend_folder", "preflight", "register", "render_animation", "render_through_lens", "source_digest",
            "take_session", "unregister"]
 
 _MODULES = (properties, operators, animation, another_lens, preview, compositor_panel, panels, lint_panel,
@@ -48,7 +48,7 @@ _register_classes, _unregister_classes = bpy.utils.register_classes_factory(
 
 def register():
     """Register classes and properties, and remove files that a killed Blender left behind."""
-    _remember_in_own_folder()
+    _set_cache_folder()
     _register_classes()
     properties.register_pointers()
     register_keys()
@@ -57,11 +57,11 @@ def register():
     bpy.app.handlers.load_post.append(window_render.forget_last)
 
 
-def _remember_in_own_folder():
+def _set_cache_folder():
     """Put the engine's cache into the folder that Blender reserves for an extension, if this is one."""
     package = __package__.rpartition(".")[0]
     if package.startswith("bl_ext."):
-        keep_in(bpy.utils.extension_path_user(package, path="cache"))
+        set_cache_folder(bpy.utils.extension_path_user(package, path="cache"))
 
 
 def unregister():
@@ -74,7 +74,7 @@ def unregister():
     unregister_keys()
     properties.unregister_pointers()
     _unregister_classes()
-    kept.cache_clear()
+    shared_cache.cache_clear()
     lens_worker.forget_requests()
     sheets.forget_sheets()
     forget_lenses()

@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from lensfield.engine import Kept, Lens, SpectralImage
+from lensfield.engine import ChannelCache, Lens, SpectralImage
 from lensfield.engine.field.mirror_symmetry import Planes
 from lensfield.engine.field.radial.distortion import FieldGeometry
 from lensfield.engine.field.radial.psf_bank import PlacedPsfs, PsfBank
@@ -52,6 +52,6 @@ class PointImages:
 
 def point_images(lens: Lens, radiance: SpectralImage, plan: Plan) -> list[PointImages]:
     """Point images for a picture without overscan, at each wavelength. Pixels count as dim and get no halos."""
-    channels = Kept(0).channels(lens, radiance.sampling, replace(plan, halo_energy=None, halo_radius_px=0))
+    channels = ChannelCache(0).channels(lens, radiance.sampling, replace(plan, halo_energy=None, halo_radius_px=0))
     return [PointImages(lens, nm, radiance.grid, channel, plan.psf_radius_px)
             for channel, nm in zip(channels, radiance.wavelengths_nm, strict=True)]

@@ -9,15 +9,15 @@ from .arguments import (
     add_iris,
     add_rings,
     add_untrusted,
-    asked_iris,
     check_outputs,
     engine_options,
     given_fields,
+    iris_option,
     output_given,
 )
 from .blend import import_addon
-from .followed import add_followed, messages, progress
 from .outcome import finish
+from .progress import add_progress_options, messages, progress
 
 
 def add(commands):
@@ -37,7 +37,7 @@ def add(commands):
     add_engine_options(apply)
     add_rings(apply)
     add_iris(apply)
-    add_followed(apply.add_argument_group("for programs that start this one and follow it"))
+    add_progress_options(apply.add_argument_group("for programs that start this one and follow it"))
     add_untrusted(apply)
     apply.set_defaults(run=_apply, confines=_folders)
 
@@ -50,11 +50,11 @@ def _folders(options):
 def _apply(options):
     check_outputs([(options.report, ".json")], [options.radiance, options.lens])
     with messages(options) as write:
-        given = given_fields(options) | {"options": engine_options(options), "iris": asked_iris(options)}
+        given = given_fields(options) | {"options": engine_options(options), "iris": iris_option(options)}
         addon = import_addon()
-        addon.check_beside_frames(options.output or options.radiance.parent, options.report)
+        addon.check_next_to_frames(options.output or options.radiance.parent, options.report)
         with progress(options, write) as tell:
             result = addon.apply_lens(options.radiance, progress=tell, **given)
         print(f"plan: {result.report.lens_image.plan.text}")
         finish(options, result.report, result.files)
-        write(lens_image=str(result.lens_image), told=result.told)
+        write(lens_image=str(result.lens_image), messages=result.messages)

@@ -6,10 +6,10 @@ from pathlib import Path
 
 from ..engine import InputError, Options
 from ..engine.depth.iris import Iris
-from ..engine.library import ALL_LENSES, cannot_be, has_rings, iris_shows, load_lens
+from ..engine.library import ALL_LENSES, clamped_rings, has_rings, iris_is_visible, load_lens
 from ..engine.plan.options import KNOBS
 from ..engine.rays.rings import Rings
-from ..engine.runtime.files import check_ours, check_target, identity
+from ..engine.runtime.files import check_target, check_written_by_lensfield, identity
 from ..engine.runtime.setting import option_of, settings_of
 from ..engine.spectral.spectra import parse_wavelengths
 from ..request import CAMERA, RING_FIELDS, RenderRequest
@@ -89,7 +89,7 @@ def add_iris(command, camera=False):
     add_settings(group, Iris, settings_of(Iris), unset)
 
 
-def asked_iris(options):
+def iris_option(options):
     """The Iris of the command line, or None if it is not given."""
     given = given_settings(options, Iris)
     for name, value in given.items() if "blades" not in given else ():
@@ -99,8 +99,8 @@ def asked_iris(options):
 
 def shown_iris(options):
     """The Iris of the command line if the lens is stopped down; None for a round stop."""
-    iris = asked_iris(options)
-    return iris if iris and iris_shows(options.lens, asked_rings(options)) else None
+    iris = iris_option(options)
+    return iris if iris and iris_is_visible(options.lens, rings_option(options)) else None
 
 
 def distance_mm(text, option="--focus"):
@@ -128,7 +128,7 @@ PARSERS = {"focus": _focus, "wavelengths_nm": parse_wavelengths, "output_folder"
 """Functions that parse option texts into values of fields; they raise InputError for invalid texts."""
 
 
-def asked_rings(options):
+def rings_option(options):
     """The Rings of the command line: focus and f-stop."""
     return Rings(None if options.focus is None else distance_mm(options.focus), options.f_number,
                  bool(options.focused_wide_open))
@@ -136,10 +136,10 @@ def asked_rings(options):
 
 def chosen_lens(options):
     """The lens of the command line, at its focus and f-stop; prints notes on values that the lens cannot reach."""
-    rings = asked_rings(options)
+    rings = rings_option(options)
     with progress_bar() as tell:
         lens = load_lens(options.lens, rings, options.lens_quality or "standard", tell)
-    for line in cannot_be(options.lens, rings) if has_rings(options.lens) else ():
+    for line in clamped_rings(options.lens, rings) if has_rings(options.lens) else ():
         print(f"lens: {line}")
     return lens
 
@@ -179,11 +179,11 @@ def check_outputs(outputs, inputs=()):
             continue
         if path.suffix.lower() != suffix:
             raise InputError(path, "kind of file", path.suffix or "without a suffix", f"expected a {suffix}")
-        check_target(path, own=True)
+        check_target(path, overwrite=True)
         if (file := identity(path)) in taken:
             raise InputError(path, "file", taken[file], "give every output a name of its own")
         taken[file] = "named twice"
-        check_ours(path)
+        check_written_by_lensfield(path)
 
 
 def sides_mm(text):

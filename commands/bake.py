@@ -123,7 +123,7 @@ def _print_notes(options, prescription):
 
 def _asked_for(options):
     """The file's prescription, with the changes of the command line."""
-    reading_options = ReadingOptions(told_field(options), options.which, options.semi_diameters)
+    reading_options = ReadingOptions(field_option(options), options.which, options.semi_diameters)
     if str(options.prescription) in bundled_names() and reading_options[1:] == (None, None):
         return _with_overrides(_with_glasses(prescription_of(options.prescription, reading_options.field), options),
                                options)
@@ -157,7 +157,7 @@ def _errors_of(path):
         raise LensError(path, error.field, error.value, remedy) from None
 
 
-def told_field(options):
+def field_option(options):
     """The end of the field on the command line, as (kind, value), or None."""
     if options.field_angle is not None:
         return "angle_deg", options.field_angle

@@ -33,17 +33,17 @@ class Child:
 
     Attributes
     ----------
-    told : dict
-        The latest value of each fact in its messages: fraction and label, lens_image; at the end told, or error.
+    status : dict
+        The latest value of each fact in its messages: fraction and label, lens_image; at the end messages, or error.
     lens_images : list of str
         Lens images of the finished frames, in the order reported.
-    told_s : float
+    status_s : float
         Time of the latest message, by time.monotonic().
     log : Path
     """
 
     def __init__(self, command, folder, hear=None):
-        self._hear, self.told, self.lens_images, self.told_s = hear, {}, [], time.monotonic()
+        self._hear, self.status, self.lens_images, self.status_s = hear, {}, [], time.monotonic()
         self.log = Path(folder) / "render.log"
         self._log = open(self.log, "a", buffering=1, encoding="utf-8")
         self._process = subprocess.Popen(
@@ -60,14 +60,14 @@ class Child:
                 with suppress(OSError):  # on a full disk, continue to receive messages
                     self._log.write(line)
             else:
-                self.told, self.told_s = self.told | facts, time.monotonic()
+                self.status, self.status_s = self.status | facts, time.monotonic()
                 self.lens_images += [facts["lens_image"]] if "lens_image" in facts else []
                 if self._hear:
                     self._hear(facts)
 
     def ask(self, arguments):
         """Let `lensfield serve` run a command; it reports a status at the end."""
-        self.told = {}
+        self.status = {}
         with suppress(OSError):  # the process has ended, which `ended` shows
             print(json.dumps(arguments), file=self._process.stdin, flush=True)
 
@@ -111,9 +111,9 @@ class Child:
         lines = [line.strip() for line in self.log.read_text(encoding="utf-8", errors="replace").split("\n")]
         last = next((line for line in reversed(lines) if line and not line.startswith(CRASH)), "it said nothing")
         code = self._process.returncode
-        return f"{f'signal {-code}' if code < 0 else f'exit status {code}'}: {last}", self._kept_log()
+        return f"{f'signal {-code}' if code < 0 else f'exit status {code}'}: {last}", self._saved_log()
 
-    def _kept_log(self):
+    def _saved_log(self):
         """Copy the log and Blender's crash reports to a lasting file; returns its path, or why copying failed."""
         kept = tempfile.NamedTemporaryFile(prefix="lensfield-", suffix=".log", delete=False)
         try:

@@ -161,7 +161,7 @@ def render_frames(arguments, frames, blender, topic):
                     return {"frames": []}
         finally:
             child.end()
-        if "error" not in child.told and "told" not in child.told:
+        if "error" not in child.status and "messages" not in child.status:
             why, log = child.death()
             raise RuntimeError(f"{why} (log: {log} on {socket.gethostname()})")
-    return {"frames": sorted(there.items())} | ({"error": child.told["error"]} if "error" in child.told else {})
+    return {"frames": sorted(there.items())} | ({"error": child.status["error"]} if "error" in child.status else {})

@@ -11,7 +11,7 @@ from ..engine.runtime.files import atomic_path
 from .arguments import check_outputs
 from .render_options import add_farm_options, add_frame_options, add_scene_options
 from .sequence import frames_text
-from .task import found_anywhere, frames_by_task, scene_path, task_arguments
+from .task import frames_by_task, resolved_anywhere, scene_path, task_arguments
 
 LONGEST_NAME = 100  # Open Job Description allows 128
 OPENS = "{{"  # starts a reference in Open Job Description, which cannot escape it
@@ -43,7 +43,7 @@ def _write_openjd(options):
     check_outputs([(template, ".yaml"), (values, ".yaml")], [options.scene, *filter(None, [options.lens])])
     paths = {"scene": scene_path(options)} | {
         name: str(path) for name in ("lens", "output")
-        if (path := getattr(options, name)) and (path := found_anywhere(path)) and Path(path).is_absolute()}
+        if (path := getattr(options, name)) and (path := resolved_anywhere(path)) and Path(path).is_absolute()}
     _write(template, _template(options, paths))
     _write(values, {"parameterValues": [{"name": PATHS[name][0], "value": path} for name, path in paths.items()]})
     print(template, values, sep="\n")

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from ..engine import ImageError, InputError, Kept, Report, simulate
+from ..engine import ChannelCache, ImageError, InputError, Report, simulate
 from ..engine.depth.depth_range import AUTO, OFF
 from ..engine.depth.iris import opening
 from ..engine.depth.slabs import plan_slabs
 from ..engine.field.overscan import overscan_px
-from ..engine.pictures.told import DEPTH_KINDS
+from ..engine.pictures.file_depth import DEPTH_KINDS
 from ..engine.runtime.build_identity import is_accepted, other_builds_line
-from ..engine.runtime.locks import Busy, only_maker
+from ..engine.runtime.locks import Busy, only_writer
 from ..engine.simulation.report import FIGURE, together
 from ..engine.simulation.report_parts import FileFacts
 from ..engine.spectral.wavelength_choice import RGB_WAVELENGTHS
@@ -29,7 +29,7 @@ from .arguments import (
     engine_options,
     shown_iris,
 )
-from .made import build_of, forget_made, made_by, note_made, when_noted
+from .frame_records import record_frame, record_stamp, recorded_build, remove_record, request_facts
 from .outcome import finish
 from .reading import read_picture
 from .sequence import find_shots
@@ -99,9 +99,9 @@ def _filter(options):
 
 def _filter_sequence(options, lens, chosen, shots):
     """Filter the missing frames, except those that other processes are filtering; returns the report of all."""
-    by, first, reports = made_by(options, lens, chosen), shots[0], {}
-    noted = {shot: when_noted(shot) for shot in shots}  # before the check whether the frames are complete
-    builds = {} if options.overwrite else {shot: build_of(shot, first, by) for shot in shots}
+    by, first, reports = request_facts(options, lens, chosen), shots[0], {}
+    noted = {shot: record_stamp(shot) for shot in shots}  # before the check whether the frames are complete
+    builds = {} if options.overwrite else {shot: recorded_build(shot, first, by) for shot in shots}
     pending = [shot for shot in shots if not is_accepted(builds.get(shot), options.any_build)]
     for line in other_builds_line(builds.values(), options.any_build, "filtered"):
         print(line, flush=True)
@@ -112,11 +112,12 @@ def _filter_sequence(options, lens, chosen, shots):
 
     def is_left(shot):
         try:
-            with only_maker(shot.output):
-                if when_noted(shot) == noted[shot] or not is_accepted(build_of(shot, first, by), options.any_build):
-                    forget_made(shot)
+            with only_writer(shot.output):
+                build = recorded_build(shot, first, by)
+                if record_stamp(shot) == noted[shot] or not is_accepted(build, options.any_build):
+                    remove_record(shot)
                     reports[shot.frame] = run.put_through(shot)
-                    note_made(shot, first, by)
+                    record_frame(shot, first, by)
                     print(*shot.targets, sep="\n", flush=True)
         except Busy:
             return True
@@ -139,8 +140,8 @@ class _Run:
     def __init__(self, options, lens, chosen, first, number):
         self._options, self._lens, self._chosen, self._first, self._number = options, lens, chosen, first, number
         self._iris = shown_iris(options)
-        self._kept = Kept() if number > 1 else Kept(limit_mb=0)
-        self._exposure, self._told, self._done = None, set(), 0
+        self._cache = ChannelCache() if number > 1 else ChannelCache(limit_mb=0)
+        self._exposure, self._reported, self._finished = None, set(), 0
 
     def put_through(self, shot):
         """Filter one picture, write the result, and return its report."""
@@ -152,10 +153,10 @@ class _Run:
                 seen = read_picture(shot.radiance, self._options, self._lens)
             radiance = seen.radiance
             with report.stage("plan"):
-                plan = self._kept.plan(self._chosen, self._lens, radiance)
+                plan = self._cache.plan(self._chosen, self._lens, radiance)
                 needed = overscan_px(self._lens, radiance.grid, radiance.wavelengths_nm, plan.reach_px)
                 slabs = self._slabs(seen, needed)
-                self._tell(seen, plan, slabs)
+                self._report(seen, plan, slabs)
             report.add(self._facts(shot, seen, needed, slabs))
             if slabs and slabs.needed:
                 with report.stage("layers of depth"):
@@ -168,7 +169,7 @@ class _Run:
         if shot.preview:
             with report.stage("write preview"):
                 self._write_preview(irradiance, shot)
-        self._done += 1
+        self._finished += 1
         return report
 
     def _slabs(self, seen, needed_px):
@@ -193,7 +194,7 @@ class _Run:
                 words.append(f"{seen.depth.unknown:.1%} of the pixels tell no depth: taken for infinitely far")
         return replace(facts, depth=slabs.check, layers="; ".join(words))
 
-    def _tell(self, seen, plan, slabs):
+    def _report(self, seen, plan, slabs):
         """Print how a picture is interpreted, and its plan; in a sequence, only lines that differ from earlier ones."""
         lines = [f"plan: {plan.text}"]
         if seen.picture:
@@ -205,16 +206,16 @@ class _Run:
                 if slabs.needed else slabs.text))
         for line in lines:
             kind = FIGURE.sub("", line) if line.startswith("depth") else line  # its figures differ in each frame
-            if kind not in self._told:
+            if kind not in self._reported:
                 print(line, flush=True)
-            self._told.add(kind)
+            self._reported.add(kind)
 
     def _through_lens(self, shot, radiance, report):
         label = f"Through {self._lens.name}" if shot.frame is None else f"Frame {shot.frame} through {self._lens.name}"
         with progress_bar() as tell:
-            tell(self._done / self._number, label)
-            return simulate(radiance, self._lens, self._chosen, iris=self._iris, report=report, kept=self._kept,
-                            progress=lambda done: tell((self._done + done) / self._number, label))
+            tell(self._finished / self._number, label)
+            return simulate(radiance, self._lens, self._chosen, iris=self._iris, report=report, cache=self._cache,
+                            progress=lambda done: tell((self._finished + done) / self._number, label))
 
     def _write_preview(self, irradiance, shot):
         from ..engine.pictures.preview import auto_exposure, to_rec709, write_png

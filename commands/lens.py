@@ -25,7 +25,7 @@ from ..engine.pictures.spectral_exr import write_rgb_exr
 from ..engine.rays.rings import in_metres, ring_ends
 from ..engine.runtime import cache
 from ..engine.runtime.files import atomic_path
-from ..engine.runtime.values import plain
+from ..engine.runtime.values import json_value
 from ..engine.spectral.spectra import parse_wavelengths
 from . import bake
 from .arguments import LENSES, add_rings, check_outputs, chosen_lens, distance_mm, resolution, sides_mm
@@ -66,7 +66,7 @@ def _add_cache(lens):
 
 def _cache(options):
     if options.clear:
-        cache.forget(baked.KIND)
+        cache.clear(baked.KIND)
     number, size = cache.size_bytes(baked.KIND)
     print(f"{cache.cache_folder() or 'nothing is kept'}: {number} baked lenses, {size / 1e6:.1f} MB of at most "
           f"{baked.MOST_BYTES / 1e6:.0f} MB")
@@ -76,7 +76,7 @@ def _info(options):
     info = lens_info(chosen_lens(options))
     ends = ring_ends(prescription_of(options.lens)) if has_rings(options.lens) else ()
     if options.json:
-        print(json.dumps(info | {"rings": plain([asdict(end) for end in ends])}, indent=2))
+        print(json.dumps(info | {"rings": json_value([asdict(end) for end in ends])}, indent=2))
         return
     print(lens_text(info))
     if ends:
@@ -109,7 +109,7 @@ def _check(options):
 
 def _findings(options):
     """Findings on a prescription, from its rays, or on a lens package, from its tables."""
-    field = bake.told_field(options)
+    field = bake.field_option(options)
     if has_rings(options.lens):
         return check_prescription(prescription_as_stated(options.lens, field))
     if field is not None:

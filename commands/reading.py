@@ -10,7 +10,7 @@ from ..engine.depth.depth_range import OFF
 from ..engine.depth.slabs import SlabPlan
 from ..engine.image.layers import LayeredRadiance
 from ..engine.lens.pinhole import field_of_view_deg, fitting_pitch_um, fov_pitch_um
-from ..engine.pictures.told import ToldDepth, deep_in_mm, layers_of_deep, layers_of_flat, told_depth
+from ..engine.pictures.file_depth import FileDepth, deep_in_mm, file_depth, layers_of_deep, layers_of_flat
 from ..engine.simulation.report_parts import Upsampling
 from ..engine.spectral.spectra import parse_wavelengths
 from ..engine.spectral.wavelength_choice import RGB_WAVELENGTHS
@@ -20,7 +20,7 @@ RGB_ONLY = ("wavelengths", "layer", "fov", "focal_mm", "sensor_width_mm")
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class PictureAsRead:
     """A picture that was read.
 
     Attributes
@@ -30,7 +30,7 @@ class Seen:
         How it was interpreted, if it was in RGB.
     channel : str
         The depth channel.
-    depth : ToldDepth, optional
+    depth : FileDepth, optional
         None if the file lacks depth, or depth is off.
     layers : callable (SlabPlan), optional
         Splits it into layers by its depth.
@@ -41,7 +41,7 @@ class Seen:
     radiance: SpectralImage
     picture: Upsampling | None = None
     channel: str = ""
-    depth: ToldDepth | None = None
+    depth: FileDepth | None = None
     layers: Callable[[SlabPlan], LayeredRadiance] | None = None
     guessed: str = ""
 
@@ -51,7 +51,7 @@ def read_picture(path, options, lens):
 
     Returns
     -------
-    Seen
+    PictureAsRead
     """
     from ..engine.pictures.deep_exr import read_deep_exr
     from ..engine.pictures.rgb_picture import rgb_of
@@ -64,7 +64,7 @@ def read_picture(path, options, lens):
         return _deep(deep, options, lens)
     parts = read_parts(path)
     picture = rgb_of(parts, path, options.layer)
-    seen = Seen(*_upsampled(picture, options, lens))
+    seen = PictureAsRead(*_upsampled(picture, options, lens))
     return _with_depth(seen, parts, options, lens, picture) if options.depth != OFF else seen
 
 
@@ -76,9 +76,9 @@ def _spectral(path, options, lens):
             raise ImageError(path, f"--{name.replace('_', '-')}", value,
                              "leave it out: it is for RGB files, and this one is spectral")
     if options.depth == OFF:
-        return Seen(read_with_planes(path, options.pitch_um, options.output.parent)[0])
+        return PictureAsRead(read_with_planes(path, options.pitch_um, options.output.parent)[0])
     radiance, planes, layered = read_with_layers(path, options.pitch_um, options.output.parent)
-    seen = _with_depth(Seen(radiance), [({}, planes)], options, lens)
+    seen = _with_depth(PictureAsRead(radiance), [({}, planes)], options, lens)
     return replace(seen, layers=lambda plan: layered, guessed="") if layered and seen.depth else seen
 
 
@@ -93,7 +93,7 @@ def _with_depth(seen, parts, options, lens, picture=None):
     channel, header, plane = found
     if picture:
         plane = lay_out(plane, parts[0][0] | header, picture.overscan_px, empty=np.inf)
-    depth = told_depth(plane, lens, seen.radiance.grid, MM[options.depth_unit], options.depth_is)
+    depth = file_depth(plane, lens, seen.radiance.grid, MM[options.depth_unit], options.depth_is)
     return replace(seen, channel=channel, depth=depth, guessed="what near things hide is not in the picture",
                    layers=lambda plan: layers_of_flat(seen.radiance, depth, plan))
 
@@ -102,14 +102,14 @@ def _deep(deep, options, lens):
     flat, = deep.slabs(np.zeros(deep.pixel.size, int), 1)
     radiance, facts = _upsampled(flat[0], options, lens)
     if options.depth == OFF:
-        return Seen(radiance, facts)
+        return PictureAsRead(radiance, facts)
     deep = deep_in_mm(deep, lens, radiance.grid, MM[options.depth_unit], options.depth_is)
     planar_mm = deep.first_depth()
 
     def light(picture):
         return _upsampled(picture, options, lens)[0]
 
-    return Seen(radiance, facts, f"{deep.layer}.Z".lstrip("."), ToldDepth(planar_mm, planar_mm, 0.0),
+    return PictureAsRead(radiance, facts, f"{deep.layer}.Z".lstrip("."), FileDepth(planar_mm, planar_mm, 0.0),
                 lambda plan: layers_of_deep(radiance, deep, plan, light),
                 "where the file holds nothing behind what is near")
 

@@ -7,17 +7,17 @@ from ..engine.spectral.wavelength_choice import SpectralOptions
 from ..request import FOLLOWER_FIELDS, RenderRequest
 from .arguments import (
     add_settings,
-    asked_iris,
     check_limits,
     check_outputs,
     given_fields,
     given_settings,
+    iris_option,
     output_given,
     resolution,
 )
 from .blend import open_scene
-from .followed import add_followed, messages, progress
 from .outcome import finish
+from .progress import add_progress_options, messages, progress
 from .render_options import (
     add_farm_options,
     add_frame_options,
@@ -47,7 +47,7 @@ def add(commands):
 
 
 def _add_followed(group):
-    add_followed(group)
+    add_progress_options(group)
     add_settings(group, RenderRequest, FOLLOWER_FIELDS)
     group.add_argument("--beside", type=Path, metavar="DIR",
                        help="where paths in the scene's Lensfield settings start from, if SCENE is a copy of a .blend "
@@ -72,7 +72,7 @@ def _render(options):
         else:
             report, told = _render_here(options, write)
         finish(options, report, [])
-        write(told=told)
+        write(messages=told)
 
 
 def _render_here(options, write):
@@ -82,22 +82,22 @@ def _render_here(options, write):
     scene, given = scene_and_fields(options)
     given["source"] = _source(options, scene)
     if options.beside:
-        from ..addon import look_beside
+        from ..addon import set_blend_folder
 
-        look_beside(options.beside.resolve())
+        set_blend_folder(options.beside.resolve())
     if options.session:
         from ..addon import take_session
 
         take_session(options.session)
-    _check_beside_frames(options, scene)
+    _check_next_to_frames(options, scene)
     print(f"output: {_output_folder(options, scene)}", flush=True)
     return (_render_one if options.frames is None else _render_frames)(options, scene, given, write)
 
 
-def _check_beside_frames(options, scene):
-    from ..addon import check_beside_frames
+def _check_next_to_frames(options, scene):
+    from ..addon import check_next_to_frames
 
-    check_beside_frames(_output_folder(options, scene), options.report, options.picture)
+    check_next_to_frames(_output_folder(options, scene), options.report, options.picture)
 
 
 def _output_folder(options, scene):
@@ -126,8 +126,8 @@ def _render_one(options, scene, given, write):
 
     with progress(options, write) as tell:
         result = addon.render_through_lens(scene, progress=tell, **given)
-    _tell_frame(result, set(), write)
-    return result.report, result.told
+    _report_frame(result, set(), write)
+    return result.report, result.messages
 
 
 def _render_frames(options, scene, given, write):
@@ -148,14 +148,14 @@ def _render_frames(options, scene, given, write):
         with progress(options, write) as tell:
             result = animation.render(frame, tell)
         if result:
-            _tell_frame(result, known, write, frame=frame)
+            _report_frame(result, known, write, frame=frame)
         elif frame in animation.current:
             write(lens_image=str(animation.current[frame]), frame=frame)
     print(*animation.summary, sep="\n")
-    return animation.report, animation.told
+    return animation.report, animation.messages
 
 
-def _tell_frame(result, known, write, **facts):
+def _report_frame(result, known, write, **facts):
     """Tell of a frame that is done: its plans and its files, but for the lines that are known."""
     filtered = result.report.lens_image
     for line in (f"scene: {result.report.scene.scene_plan}", *([f"plan: {filtered.plan.text}"] if filtered else ()),
@@ -175,7 +175,7 @@ def scene_and_fields(options):
         given["spectral"] = scene.lensfield.to_spectral_options(**spectral)
     if engine or options.tier:
         given["options"] = scene.lensfield.to_options(options.tier, **engine)
-    return scene, given | {"iris": asked_iris(options)}
+    return scene, given | {"iris": iris_option(options)}
 
 
 def _open_scene(options):

@@ -47,11 +47,11 @@ def arguments_of(name, value):
     option = name.replace("_", "-")
     if isinstance(value, bool):
         return [f"--{option}" if value else f"--no-{option}"]
-    return [f"--{option}={found_anywhere(one) if name in PATHS else one}"
+    return [f"--{option}={resolved_anywhere(one) if name in PATHS else one}"
             for one in (value if isinstance(value, list) else [value])]
 
 
-def found_anywhere(path):
+def resolved_anywhere(path):
     """A path that is the same in every folder; the name of a bundled lens stays."""
     return os.path.abspath(path) if isinstance(path, Path) or os.path.isfile(path) else path
 

@@ -9,9 +9,9 @@ from .library import load_lens
 from .plan.options import Options
 from .rays.rings import Rings
 from .runtime.errors import ImageError, InputError, LensError
-from .simulation.kept import Kept
+from .simulation.channel_cache import ChannelCache
 from .simulation.report import Report
 from .simulation.simulate import simulate
 
-__all__ = ["ImageError", "InputError", "Kept", "Lens", "LensError", "Options", "Report", "Rings", "SpectralImage",
-           "load_lens", "simulate"]
+__all__ = ["ChannelCache", "ImageError", "InputError", "Lens", "LensError", "Options", "Report", "Rings",
+           "SpectralImage", "load_lens", "simulate"]

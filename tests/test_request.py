@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from lensfield.cli import _parser
-from lensfield.commands.arguments import asked_iris, given_fields, given_settings
+from lensfield.commands.arguments import given_fields, given_settings, iris_option
 from lensfield.engine import InputError, Options
 from lensfield.engine.depth.iris import Iris
 from lensfield.engine.runtime.setting import option_of, settings_of
@@ -51,7 +51,7 @@ def test_options_and_iris_pass_through_the_command_line():
     words = parsed(*to_arguments(options=options, spectral=spectral, iris=Iris(5, -12.5, 0.25)))
     assert Options(**given_settings(words, Options)) == options
     assert SpectralOptions(**given_settings(words, SpectralOptions)) == spectral
-    assert asked_iris(words) == Iris(5, -12.5, 0.25)
+    assert iris_option(words) == Iris(5, -12.5, 0.25)
 
 
 def test_a_request_compares_by_its_fields_and_is_refused_with_a_value_that_is_no_choice():

@@ -99,7 +99,7 @@ class Bench:
                  samples, self.first_seed + seed)
         path = self.folder / f"{self.name}_{what}_{nm:.0f}_{samples}_{seed}_{digest_of(facts).hex()[:16]}.npy"
         if not path.is_file():
-            with atomic_path(path, own=True) as temporary:
+            with atomic_path(path, overwrite=True) as temporary:
                 np.save(temporary, make())
         return np.load(path).astype(float)
 

@@ -7,15 +7,15 @@ from ...engine.depth.depth_range import TRACED
 from ...engine.runtime.build_identity import is_accepted, other_builds_line
 from ...engine.runtime.errors import InputError, one_line
 from ...engine.runtime.files import stamp_of
-from ...engine.runtime.locks import Busy, only_maker
+from ...engine.runtime.locks import Busy, only_writer
 from ...engine.simulation.report import together
 from ..scene.compositor import fingerprint_anew, lay_into_compositor
 from ..scene.errors import SceneError
 from ..scene.fingerprint import comparable
+from ..scene.motion import moving, rings_animated
 from ..scene.requirements import check_scene
-from ..scene.still import moving, rings_animated
+from .finished_passes import remove_passes
 from .job import check_output_folder, folder_for
-from .kept_passes import forget_passes
 from .one_capture import OneCapture
 from .record import read_record
 from .render import job_of_frame, render_steps, run
@@ -67,7 +67,7 @@ class Animation:
 
     def __init__(self, scene, frames=None, *, overwrite=False, any_build=False, wait=False, state=None, **given):
         self._scene, self._any_build, self._wait = scene, any_build, wait
-        self._frames = list(own_frames(scene) if frames is None else frames)
+        self._frames = list(frames_of(scene) if frames is None else frames)
         check_scene(scene, frames=self._frames, **given)
         self._given = given | {"state": state or fingerprint_anew(scene)}
         if given.get("output_folder") is None:
@@ -127,7 +127,7 @@ class Animation:
         result = self._result(frame)
         self.elsewhere = [other for other in self.elsewhere if other != frame]
         try:
-            with _named(frame), only_maker(result.record):
+            with _named(frame), only_writer(result.record):
                 if stamp_of(result.record) != self._stamps[frame] and self._find(frame):
                     return None
                 self.results[frame] = self._render_alone(frame, tell)
@@ -148,7 +148,7 @@ class Animation:
     def _forget_passes(self):
         """Remove the stored passes of all frames together, as some may come from a shared capture."""
         for frame in self._frames:
-            forget_passes(self._scene, self._folder, frame)
+            remove_passes(self._scene, self._folder, frame)
 
     def _why_apart(self):
         """Why each frame needs its own capture, in words; "" if one capture serves all."""
@@ -204,7 +204,7 @@ class Animation:
         return lines
 
     @property
-    def told(self):
+    def messages(self):
         """The summary, the plans and the remarks: list of lines."""
         plans = dict.fromkeys(result.report.scene.scene_plan for result in self.results.values())
         return [*self.summary, *plans, *self.report.remarks()]
@@ -233,7 +233,7 @@ def render_animation(scene, frames=None, *, overwrite=False, any_build=False, pr
     return animation
 
 
-def own_frames(scene):
+def frames_of(scene):
     """The frames of a scene's own range and step."""
     return range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
 

@@ -31,15 +31,15 @@ SESSION = "session.npz"  # next to the copy
 
 def work_folder():
     """A temporary folder for a copy and its child; its name marks it as this process's."""
-    return tempfile.TemporaryDirectory(prefix=work_prefix(), dir=_beside_blenders_own(), ignore_cleanup_errors=True)
+    return tempfile.TemporaryDirectory(prefix=work_prefix(), dir=_temporary_parent(), ignore_cleanup_errors=True)
 
 
 def sweep():
     """Remove the work folders of processes that were killed."""
-    remove_left_work(_beside_blenders_own())
+    remove_left_work(_temporary_parent())
 
 
-def _beside_blenders_own():
+def _temporary_parent():
     return Path(bpy.app.tempdir).parent  # Blender empties its own folder when it loads the factory settings
 
 

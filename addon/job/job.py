@@ -130,7 +130,7 @@ def check_output_folder(scene):
         check_output(bpy.path.abspath(_native(folder)))
 
 
-def look_beside(folder):
+def set_blend_folder(folder):
     """Resolve relative paths from `folder`, where the .blend that this one is a copy of is stored.
 
     This covers Lensfield's settings and the bakes of geometry nodes: Blender adapts all other paths when it saves a

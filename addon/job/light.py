@@ -5,7 +5,7 @@ import numpy as np
 from ...engine.pictures.spectral_exr import read_parts
 from ...engine.runtime.errors import ImageError
 from ...engine.runtime.files import file_status, why_no_room
-from ...engine.runtime.scratch import let_go, new_array
+from ...engine.runtime.scratch import new_array, release_memory
 from ..scene.errors import SceneError
 from ..scene.units import depth_pass_m
 from .bands import CHANNELS
@@ -96,7 +96,7 @@ class GatheredLight:
                               for name in self._light_passes])
             light[0] -= light[1:].sum(axis=0)  # leaves the light outside Lensfield's groups
             self.cube[:, rows] += np.tensordot(shares, light, axes=2)
-        let_go(self.cube)
+        release_memory(self.cube)
 
     def radiance(self):
         """The sum of all passes: array (wavelength, row, column). Negative estimates become 0."""

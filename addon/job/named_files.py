@@ -4,7 +4,7 @@ import bpy
 
 from ..scene.compositor import picture_folder
 from ..scene.errors import SceneError
-from ..scene.trust import REMEDY, is_trusted, lies_beside, trust, trusts_all
+from ..scene.trust import REMEDY, is_near_blend, is_trusted, trust, trusts_all
 from ..shading.assigned import named_spectra
 
 FROM_FILE = "FILE"  # the setting for a lens that is not from the library
@@ -24,7 +24,7 @@ def named_files():
         if settings.lens == FROM_FILE and settings.lens_file:
             named[bpy.path.abspath(settings.lens_file)] = "lens"
         for folder in filter(None, (bpy.path.abspath(settings.output_folder), picture_folder(scene))):
-            if not lies_beside(folder):
+            if not is_near_blend(folder):
                 named[folder] = "output"
     named |= dict.fromkeys(named_spectra(), "spectrum")
     return {path: kind for path, kind in named.items() if not is_trusted(path)}

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.ndimage import affine_transform
 
-from ...engine import Kept, SpectralImage, simulate
+from ...engine import ChannelCache, SpectralImage, simulate
 from ...engine.field.frame_planes import nearest_samples, relative_illumination
 from ...engine.field.stmap import distort_map, undistort_map
 from ...engine.image.irradiance import irradiance_per_radiance
@@ -144,8 +144,8 @@ def alpha_through_lens(captured, lens, options, iris=None):
     if captured.layers:
         covering = replace(captured.layers, wavelengths_nm=nm, layers=[
             replace(layer, cube=shining(layer.alpha)) for layer in captured.layers.layers])
-    kept = Kept()
-    planes = [simulate(light, lens, options, iris=iris, kept=kept).cube for light in (covering, even)]
+    kept = ChannelCache()
+    planes = [simulate(light, lens, options, iris=iris, cache=kept).cube for light in (covering, even)]
     weights = np.maximum(rec709_weights(nm) @ REC709_LUMINANCE, np.finfo(float).tiny)
     covered, whole = (np.tensordot(weights / weights.sum(), plane, axes=1) for plane in planes)
     return np.clip(np.divide(covered, whole, out=np.ones_like(whole), where=whole > 0), 0, 1)

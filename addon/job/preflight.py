@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from ...engine.depth.depth_range import AUTO
 from ...engine.depth.slabs import SlabPlan
 from ...engine.runtime.errors import InputError
-from ...engine.runtime.files import nearest_there
-from ..scene.depth import seen_depth_mm
+from ...engine.runtime.files import nearest_existing
+from ..scene.depth import visible_depth_mm
 from ..scene.render_state import go_to_frame, turn_on_layer
 from ..scene.requirements import check_scene
 from ..scene.undo import Journal
@@ -78,7 +78,7 @@ def preflight(scene, *, frame=None, **given):
                 grid = job_grid(scene, job)
                 remarks += tuple(empty_reasons(scene, job.lens, grid).before_render(scene.render.film_transparent))
                 if not job.traced:
-                    depth_mm = seen_depth_mm(scene, job.lens, looked_at(grid))
+                    depth_mm = visible_depth_mm(scene, job.lens, looked_at(grid))
                     slabs = plan_by(depth_mm, scene, job, grid, tinting_objects(scene))[0]
                     remarks += (*depth_remarks(job, slabs), *scale_remarks(depth_mm, job.lens, grid.pitch_um),
                                 *unlayered_remarks(scene, job, grid))
@@ -102,7 +102,7 @@ def _noted(refusals):
 
 def _check_files(scene, job):
     """Do the work of `check_files`, without creating the folder."""
-    there = nearest_there(job.output_folder)
+    there = nearest_existing(job.output_folder)
     if not there.is_dir() or not os.access(there, os.W_OK):
         raise InputError(job.output_folder, "folder", "not to be made", f"{there} is no folder that can be written to")
     if there == job.output_folder:

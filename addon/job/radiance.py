@@ -13,7 +13,7 @@ from ...engine.image.pixel_grid import PixelGrid
 from ...engine.pictures.preview import auto_exposure, to_rec709, write_png
 from ...engine.runtime.files import temporary_folder
 from ...engine.runtime.memory import check_room, taken_bytes
-from ...engine.runtime.scratch import SAMPLE_BYTES, beside, check_disk, folder_if_large
+from ...engine.runtime.scratch import SAMPLE_BYTES, check_disk, folder_if_large, zeros_stored_like
 from ...engine.simulation.report_parts import SceneFacts
 from ...engine.spectral.wavelength_choice import FOREIGN_SURPRISE
 from ..scene.camera import capture_grid, captured_region, frame_px, pitch_um, render_region
@@ -22,12 +22,12 @@ from ..scene.traced_camera import trace_lens
 from ..scene.undo import Journal
 from ..scene.units import M_TO_MM, metres_per_unit
 from .empty_frame import empty_reasons
-from .kept_passes import KeptPasses, alone_with_passes
+from .finished_passes import FinishedPasses, alone_with_passes
 from .layering import layered_radiance
 from .light import GatheredLight
 from .remarks import colour_remarks, scale_remarks, scene_remarks, unlayered_remarks
 from .scene_plan import plan_scene
-from .slabs import cut_steps, whole_slab
+from .slabs import cut_steps, single_slab
 from .steps import RenderPass, Work
 from .targets import check_files
 
@@ -156,7 +156,7 @@ def capture(scene, job, result, share):
         room_for_capture(scene, job, grid, plan)
         check_files(scene, result.files)
         yield from alone_with_passes(scene, job, alone)
-        passes = KeptPasses(scene, job, 4 * job.wavelengths_nm.size * math.prod(grid.shape_px))
+        passes = FinishedPasses(scene, job, 4 * job.wavelengths_nm.size * math.prod(grid.shape_px))
         names = groups.part(rendered_layer(scene), journal)
         region = render_region(scene)
         rendered = region or tuple(slice(0, n) for n in grid.shape_px)
@@ -168,7 +168,7 @@ def capture(scene, job, result, share):
             substitution.set_wavelengths(plan.bands[0], plan.dispersive)
             cut = yield from cut_steps(scene, job, grid, rendered, plan.tinting, passes, folder / "look.exr",
                                        0.0, LOOK_SHARE * share)
-        capture_px, slabs = (cut.capture, cut.slabs) if cut else (grid, (whole_slab(scene, rendered),))
+        capture_px, slabs = (cut.capture, cut.slabs) if cut else (grid, (single_slab(scene, rendered),))
         guard_render_state(scene, job, capture_px, folder / "pass.exr", journal)
         needed_bytes, scratch = room_for_capture(scene, job, capture_px, plan, slabs)
         peak_mb = (taken_bytes() + needed_bytes) / MEGABYTE
@@ -229,7 +229,7 @@ def _placed(planes, region, grid):
     """Planes (..., row, column) of a region, padded with zeros to the complete capture."""
     if planes.shape[-2:] == grid.shape_px:
         return planes
-    whole = beside(planes, (*planes.shape[:-2], *grid.shape_px))
+    whole = zeros_stored_like(planes, (*planes.shape[:-2], *grid.shape_px))
     whole[(..., *region)] = planes
     return whole
 

@@ -7,14 +7,14 @@ renders damaged or outdated frames again.
 import json
 from dataclasses import asdict, is_dataclass
 
-from ...engine.pictures.whole import has_header
+from ...engine.pictures.header_check import has_header
 from ...engine.runtime.build_identity import software
 from ...engine.runtime.files import atomic_path, file_status
 from ...engine.runtime.setting import settings_of
-from ...engine.runtime.values import plain
+from ...engine.runtime.values import json_value
 from ..scene.units import metres_per_unit
 
-OF_NO_ACCOUNT = ("name", "device", "preview", "use_preview", "debug", "denoising_use_gpu", "use_auto_tile",
+IRRELEVANT = ("name", "device", "preview", "use_preview", "debug", "denoising_use_gpu", "use_auto_tile",
                  "tile_size", "bake_type")
 """Prefixes of Cycles settings that do not affect a final picture."""
 OF_ACCOUNT = ("resolution_", "pixel_aspect_", "film_transparent", "use_border", "border_", "use_motion_blur",
@@ -24,9 +24,9 @@ OF_ACCOUNT = ("resolution_", "pixel_aspect_", "film_transparent", "use_border", 
 
 def picture_settings(scene):
     """The scene's render settings that affect a picture: a dict of JSON types."""
-    cycles = {name: value for name, value in _values(scene.cycles) if not name.startswith(OF_NO_ACCOUNT)}
+    cycles = {name: value for name, value in _values(scene.cycles) if not name.startswith(IRRELEVANT)}
     render = {name: value for name, value in _values(scene.render) if name.startswith(OF_ACCOUNT)}
-    return plain(cycles | render | {"metres_per_unit": metres_per_unit(scene)})
+    return json_value(cycles | render | {"metres_per_unit": metres_per_unit(scene)})
 
 
 def write_record(job, result):
@@ -57,7 +57,7 @@ def recorded_fields(job):
     """The fields of a job that affect its picture, in JSON types."""
     fields = {name: getattr(job, name) for name, each in settings_of(job).items() if each.recorded}
     values = {name: asdict(value) if is_dataclass(value) else value for name, value in fields.items()}
-    return plain(values | {"lens": job.lens.name, "lens_digest": job.lens.digest.hex(), "clamp": job.clamp,
+    return json_value(values | {"lens": job.lens.name, "lens_digest": job.lens.digest.hex(), "clamp": job.clamp,
                            "settings": job.settings})
 
 

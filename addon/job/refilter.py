@@ -16,7 +16,7 @@ from ...engine.field.field_map import field_map
 from ...engine.field.overscan import overscan_px
 from ...engine.image.layers import covered
 from ...engine.lens.pinhole import fitting_pitch_um
-from ...engine.library import cannot_be, has_rings, iris_shows, prescription_of
+from ...engine.library import clamped_rings, has_rings, iris_is_visible, prescription_of
 from ...engine.pictures.spectral_exr import read_parts, read_with_layers, read_with_planes
 from ...engine.rays.rings import Rings, resized_rings
 from ...engine.runtime.errors import absence
@@ -71,7 +71,7 @@ def apply_lens(radiance, *, progress=None, **given):
     return run(_steps(Path(radiance), RenderRequest(**given)), progress)
 
 
-def kept_radiance(scene):
+def saved_radiance(scene):
     """The radiance file of a scene's render, for its current frame and by its settings.
 
     Raises
@@ -103,7 +103,7 @@ def _steps(path, request):
     if request.depth not in APPLIED_DEPTHS:
         raise InputError("options", "depth", request.depth, f"expected {' or '.join(APPLIED_DEPTHS)}")
     lens, iris, rings = request.lens, request.iris, _rings(request)
-    result = replace(Result.beside(path, "radiance", request.output_folder), radiance=path)
+    result = replace(Result.from_file(path, "radiance", request.output_folder), radiance=path)
     result.report.files["radiance"] = str(path)
     for file in (file for file in result.files if file != path):
         check_target(file)
@@ -112,7 +112,7 @@ def _steps(path, request):
                               0.0)
     words = ()
     if not isinstance(lens, Lens):
-        iris = iris if iris_shows(lens, rings) else None
+        iris = iris if iris_is_visible(lens, rings) else None
         lens, words = yield Work(lambda tell: _turned(request, rings, captured), "Baking the lens", 0.05)
     lens, captured, warning = _fitted(lens, captured, request.view, path)
     if captured.layers and not lens.prescription:
@@ -152,7 +152,7 @@ def _turned(request, rings, captured):
         return load_lens(lens, rings), ()
     if request.view == CAMERA:
         rings = resized_rings(prescription_of(lens), rings, captured.radiance.focal_mm)
-    return load_lens(lens, rings, request.lens_quality or STANDARD), cannot_be(lens, rings)
+    return load_lens(lens, rings, request.lens_quality or STANDARD), clamped_rings(lens, rings)
 
 
 def _fitted(lens, captured, view, path):

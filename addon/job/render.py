@@ -5,19 +5,19 @@ from functools import cache
 
 import bpy
 
-from ...engine import Kept, simulate
+from ...engine import ChannelCache, simulate
 from ...engine.image.spectral_image import IRRADIANCE
 from ...engine.pictures.spectral_exr import write_exr
 from ...engine.runtime.files import discard
-from ...engine.runtime.locks import only_maker
+from ...engine.runtime.locks import only_writer
 from ..scene.compositor import fingerprint_anew, lay_into_compositor
 from ..scene.errors import SceneError
 from ..scene.render_state import go_to_frame
 from ..scene.requirements import check_scene
 from ..scene.undo import Journal
 from ..scene.watch import samples_watched
+from .finished_passes import remove_passes
 from .job import check_output_folder, job_of
-from .kept_passes import forget_passes
 from .pictures import write_film_pictures, write_pictures, write_radiance
 from .radiance import capture
 from .record import write_record
@@ -29,10 +29,10 @@ RENDER_SHARE = 0.85  # of the progress bar; the rest is the engine's and the fil
 
 
 @cache
-def kept():
+def shared_cache():
     """The cache that a session's lens renders share. The next frame, or the same one with other light, reuses the point
     spread functions of the same lens on the same grid."""
-    return Kept()
+    return ChannelCache()
 
 
 def render_through_lens(scene, *, frame=None, progress=None, **given):
@@ -64,7 +64,7 @@ def render_through_lens(scene, *, frame=None, progress=None, **given):
     """
     given["state"] = given.get("state") or fingerprint_anew(scene)
     job = job_of_frame(scene, scene.frame_current if frame is None else frame, **given)
-    with only_maker(Result.of(scene, job.output_folder, job.frame).record):
+    with only_writer(Result.of(scene, job.output_folder, job.frame).record):
         return run(render_steps(scene, job), progress)
 
 
@@ -131,7 +131,7 @@ def render_steps(scene, job, one=None):
         yield from lens_steps(captured, job.lens, job.options, job.iris, result, RENDER_SHARE + 0.02)
     write_record(job, result)
     if one is None:
-        forget_passes(scene, job.output_folder, job.frame)
+        remove_passes(scene, job.output_folder, job.frame)
     if job.to_compositor:
         lay_into_compositor(scene, result.lens_image, fingerprint=job.state)
     return result
@@ -142,7 +142,7 @@ def lens_steps(captured, lens, options, iris, result, done):
     report = result.report
     discard(result.record)  # the files that it describes are about to change
     irradiance = yield Work(lambda tell: simulate(captured.layers or captured.radiance, lens, options, iris=iris,
-                                                  progress=tell, report=report, kept=kept()),
+                                                  progress=tell, report=report, cache=shared_cache()),
                             f"Through {lens.name}", done, 0.98 - done)
     irradiance = replace(irradiance, cube=captured.cut(irradiance.cube))
     yield from _file_steps(irradiance, result,

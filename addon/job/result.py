@@ -62,7 +62,7 @@ class Result:
         return cls(**files, report=Report(files={name: str(path) for name, path in files.items()}))
 
     @classmethod
-    def beside(cls, path, name, folder=None):
+    def from_file(cls, path, name, folder=None):
         """The Result of the frame whose `name` file, such as its radiance, is at `path`; with its files in `folder`, if
         given.
 
@@ -88,7 +88,7 @@ class Result:
         return tuple(getattr(self, name) for name in (*FRAME_FILES, *LENS_FILES))
 
     @property
-    def told(self):
+    def messages(self):
         """The file, the time, the plan and the remarks: list of lines."""
         seconds = sum(self.report.stages.values())
         scene, file = self.report.scene, self.report.file
@@ -96,7 +96,7 @@ class Result:
         return [f"{self.lens_image} in {seconds:.1f} s", made_of, *self.report.remarks()]
 
 
-def check_beside_frames(folder, *paths):
+def check_next_to_frames(folder, *paths):
     """Raise an InputError for a file in the output folder whose name is, or could become, a frame's.
 
     Parameters

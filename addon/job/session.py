@@ -38,7 +38,7 @@ def write_session(path):
     facts = {"images": [(image.name, image.is_float) for image in images], "devices": _devices()}
     stream = BytesIO()  # numpy does not close a file that it cannot write completely
     np.savez(stream, *map(_pixels, images), facts=json.dumps(facts))
-    with atomic_path(path, own=True) as temporary, stream.getbuffer() as held:
+    with atomic_path(path, overwrite=True) as temporary, stream.getbuffer() as held:
         temporary.write_bytes(held)
 
 

@@ -11,7 +11,7 @@ from ...engine.depth.depth_range import BACKGROUND_MM, blur_per_nearness_px, pla
 from ...engine.depth.iris import opening
 from ...engine.depth.slabs import MOST_SLABS, SlabPlan, plan_slabs
 from ...engine.image.pixel_grid import PixelGrid
-from ..scene.bodies import whole_depths_mm
+from ..scene.bodies import uncut_depths_mm
 from ..scene.render_state import guard_render_state, rendered_layer
 from ..scene.undo import Journal
 from ..scene.units import M_TO_MM, depth_pass_m, metres_per_unit
@@ -89,7 +89,7 @@ def cut_steps(scene, job, grid, region, tinting, passes, path, done, share):
         The rendered part of `grid`.
     tinting : collection of str
         As in `plan_by`.
-    passes : KeptPasses
+    passes : FinishedPasses
     path : Path
         A file to render to.
     done, share : float
@@ -108,9 +108,9 @@ def cut_steps(scene, job, grid, region, tinting, passes, path, done, share):
         planes = yield from passes.planes(RenderPass(scene, "Looking at depth", done, share), path, {name, *colours},
                                           "look")
     depth_mm = depth_pass_m(planes[name], metres_per_unit(scene)) * np.float32(M_TO_MM)
-    plan, *whole_mm = plan_by(planar_depth_mm(depth_mm, job.lens, look), scene, job, grid, tinting,
+    plan, *uncut_mm = plan_by(planar_depth_mm(depth_mm, job.lens, look), scene, job, grid, tinting,
                               np.mean([planes[colour] for colour in colours], axis=0))
-    return _cut(scene, job.lens, plan, grid, region, *whole_mm) if plan.needed else None
+    return _cut(scene, job.lens, plan, grid, region, *uncut_mm) if plan.needed else None
 
 
 def looked_at(grid):
@@ -134,11 +134,11 @@ def plan_by(depth_mm, scene, job, grid, tinting, light=None):
     light : array (row, column), optional
         At the same pixels: edges of lamps have more weight.
     """
-    volumes_mm, bodies_mm = whole_depths_mm(scene, job.lens, looked_at(grid), tinting)
+    volumes_mm, bodies_mm = uncut_depths_mm(scene, job.lens, looked_at(grid), tinting)
     plan = plan_slabs(depth_mm, looked_at(grid), job.lens, overscan_px=grid.overscan_px, others=job.others, light=light,
                       reach=max(opening(job.iris, lens).reach for lens in (job.lens, *job.others)),
                       most_slabs=PREVIEW_SLABS if job.spectral.tier == "preview" else MOST_SLABS,
-                      accuracy=job.options.depth_accuracy, whole_mm=volumes_mm, bodies_mm=bodies_mm)
+                      accuracy=job.options.depth_accuracy, uncut_mm=volumes_mm, bodies_mm=bodies_mm)
     return plan, volumes_mm, bodies_mm
 
 
@@ -170,7 +170,7 @@ def _far_mm(border_mm, volumes_mm, bodies_mm, overlap_per_mm):
     return min([max(ends_mm, default=border_mm), *volumes_begin_mm])
 
 
-def whole_slab(scene, region):
+def single_slab(scene, region):
     """The slab of everything that the camera sees in this region of the capture."""
     return Slab(*_clipping_m(scene), region, scene.render.film_transparent, False)
 

@@ -17,7 +17,7 @@ from .units import mm_per_unit
 EVERYWHERE_MM = 0.0, np.inf
 
 
-def whole_depths_mm(scene, lens, capture, tinting):
+def uncut_depths_mm(scene, lens, capture, tinting):
     """Depths of the volumes and of the closed bodies in a capture's view, as its camera clips; a holdout counts as a
     volume that is everywhere.
 

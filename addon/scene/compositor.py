@@ -14,7 +14,7 @@ import bpy
 
 from .errors import SceneError
 from .fingerprint import action_curves, comparable, forget_all, scene_fingerprint
-from .trust import is_trusted, lies_beside, trust
+from .trust import is_near_blend, is_trusted, trust
 from .units import metres_per_unit
 from .working_space import REC709
 
@@ -56,20 +56,20 @@ def lay_into_compositor(scene, *image_paths, fingerprint=None):
     """
     new_frames = [_stem_and_frame(path)[1] for path in image_paths]
     trust(Path(image_paths[0]).parent)
-    tree, made_tree = _own_tree(scene)
+    tree, created_tree = _scene_tree(scene)
     node = _lensfield_node(tree)
     if node is None:
         node = tree.nodes.new("CompositorNodeGroup")
         node.node_tree = _new_group()
         node.name, node.width = NAME, WIDTH
-        made_layers = _take_over_links(scene, tree, node)
-        _put(node.node_tree, made_tree=made_tree, made_layers=made_layers)
+        created_layers = _take_over_links(scene, tree, node)
+        _put(node.node_tree, created_tree=created_tree, created_layers=created_layers)
     elif any(_lensfield_node(other) and _lensfield_node(other).node_tree == node.node_tree
              for other in _trees_of_others(scene)):
         state = _state(node.node_tree)
         node.node_tree = _new_group()  # this scene is a copy, which must not change the picture of the other
-        _put(node.node_tree, made_tree=state["made_tree"], made_layers=state["made_layers"])
-    if not _is_whole(node.node_tree) or DEPTH_IN_UNITS not in node.node_tree.nodes:
+        _put(node.node_tree, created_tree=state["created_tree"], created_layers=state["created_layers"])
+    if not _is_intact(node.node_tree) or DEPTH_IN_UNITS not in node.node_tree.nodes:
         _build(node.node_tree)
         _feed(scene, tree, node)
     group, state = node.node_tree, _state(node.node_tree)
@@ -100,12 +100,12 @@ def remove_from_compositor(scene):
         if source and name in TAKEN_OVER:
             tree.links.new(source, target)
     tree.nodes.remove(node)
-    layers = tree.nodes.get(state["made_layers"])
+    layers = tree.nodes.get(state["created_layers"])
     if layers:
         tree.nodes.remove(layers)
-    if state["made_tree"] and all(node.bl_idname == "NodeGroupOutput" for node in tree.nodes):
+    if state["created_tree"] and all(node.bl_idname == "NodeGroupOutput" for node in tree.nodes):
         bpy.data.node_groups.remove(tree)
-    elif state["made_tree"] and not hasattr(scene, "compositing_node_group"):
+    elif state["created_tree"] and not hasattr(scene, "compositing_node_group"):
         scene.use_nodes = False
     if not group.users:
         _remove_group(group)
@@ -114,7 +114,7 @@ def remove_from_compositor(scene):
 
 def refresh(scene):
     """Switch to the lens image at the frames that have a current one, and label the node to match."""
-    node = _own_node(scene)
+    node = _scene_node(scene)
     if node:
         _switch(node.node_tree, _shown_by_frame(node))
         _label(scene, node)
@@ -123,7 +123,7 @@ def refresh(scene):
 def rewrite_switches(scene):
     """Do the work of `refresh` on a render thread: overwrite the values of the existing keyframes, without freeing or
     allocating memory. The next `refresh` notifies Blender."""
-    node = _own_node(scene)
+    node = _scene_node(scene)
     keys = node and _switch_keys(_shown_by_frame(node))
     if not keys or keys == _keys(node.node_tree):
         return
@@ -135,7 +135,7 @@ def rewrite_switches(scene):
 
 def relabel(scene):
     """Update the node's label, unless that requires a new fingerprint of the scene."""
-    node = _own_node(scene)
+    node = _scene_node(scene)
     if node and scene.session_uid in _taken:
         _label(scene, node)
 
@@ -146,10 +146,10 @@ def _label(scene, node):
         node.label = label
 
 
-def _own_node(scene):
+def _scene_node(scene):
     """The scene's Lensfield node if it may be changed here and shows the scene's own lens images, else None."""
     node = _node(scene)
-    if node is None or not _is_whole(node.node_tree) or _owner(node.node_tree) != scene:
+    if node is None or not _is_intact(node.node_tree) or _owner(node.node_tree) != scene:
         return None
     if node.id_data.library or node.node_tree.library or not _may_look(node.node_tree):
         return None
@@ -240,14 +240,14 @@ def _verdict(node, frame, state):
 def picture_folder(scene):
     """The folder of the files that the scene's Lensfield node shows; "" without a node."""
     node = _node(scene)
-    whole = node and _is_whole(node.node_tree)
+    whole = node and _is_intact(node.node_tree)
     return os.path.dirname(bpy.path.abspath(_image_path(node.node_tree, 1))) if whole else ""
 
 
 def _may_look(group):
     """Whether the files of a group may be accessed: those in a trusted folder, or in the .blend's own."""
     folder = os.path.dirname(bpy.path.abspath(_image_path(group, 1)))
-    return not folder or lies_beside(folder) or is_trusted(folder)
+    return not folder or is_near_blend(folder) or is_trusted(folder)
 
 
 def lens_image(scene):
@@ -309,7 +309,7 @@ def _image_path(group, frame):
 def _state(group):
     """The state that a Lensfield group stores: the scene's fingerprint at each frame's render, the scene's key, whether
     the tree was created for it, and the name of a Render Layers node that was."""
-    empty = {"frames": {}, "scene": "", "made_tree": False, "made_layers": ""}
+    empty = {"frames": {}, "scene": "", "created_tree": False, "created_layers": ""}
     try:
         told = json.loads(group.get(STATE, "{}"))
     except (TypeError, ValueError, RecursionError):  # the file may be untrusted
@@ -328,7 +328,7 @@ def _put(group, **facts):
     group[STATE] = json.dumps(_state(group) | facts)
 
 
-def _own_tree(scene):
+def _scene_tree(scene):
     """The scene's compositing tree, copied if other scenes share it, as each has its own picture; and whether it is new
     or was not in use."""
     made = not _tree(scene) or not getattr(scene, "use_nodes", True)
@@ -366,7 +366,7 @@ def _owner(group):
     return next(scene for scene in bpy.data.scenes if (node := _node(scene)) and node.node_tree == group)
 
 
-def _own_layers(scene, tree):
+def _scene_layers(scene, tree):
     return [n for n in tree.nodes if n.bl_idname == "CompositorNodeRLayers" and n.scene == scene and not n.mute]
 
 
@@ -377,7 +377,7 @@ def _new_group():
     return group
 
 
-def _is_whole(group):
+def _is_intact(group):
     return all(name in group.nodes for name in (*SWITCHED, *STILLS, *(f"{name} Switch" for name in SWITCHED)))
 
 
@@ -544,7 +544,7 @@ def _remove_group(group):
 def _take_over_links(scene, tree, node):
     """Take over the links of the scene's own Render Layers nodes, else feed the tree's output; returns the name of a
     Render Layers node, if one had to be created."""
-    layers = _own_layers(scene, tree)
+    layers = _scene_layers(scene, tree)
     for name in TAKEN_OVER:
         for target in [link.to_socket for n in layers if name in n.outputs for link in n.outputs[name].links]:
             tree.links.new(node.outputs[name], target)
@@ -561,7 +561,7 @@ def _take_over_links(scene, tree, node):
 
 def _feed(scene, tree, node):
     """Feed the plain render to the node; returns the name of the Render Layers node, if it had to be created."""
-    layers, made = next(iter(_own_layers(scene, tree)), None), ""
+    layers, made = next(iter(_scene_layers(scene, tree)), None), ""
     if layers is None:
         layers = tree.nodes.new("CompositorNodeRLayers")
         layers.scene, made = scene, layers.name

@@ -101,7 +101,7 @@ class View:
         return None
 
 
-def seen_depth_mm(scene, lens, capture):
+def visible_depth_mm(scene, lens, capture):
     """Depths along the optical axis, in mm, of points all over a capture.
 
     Objects are as the viewport shows them; rays pass through objects that the render does not show.

@@ -213,7 +213,7 @@ class _Walk:
     """A digest of a struct, and of all structs that it owns."""
 
     def __init__(self, animated=frozenset()):
-        self._parts, self._animated, self._seen = [], animated, set()
+        self._parts, self._animated, self._visited = [], animated, set()
 
     def digest(self):
         return blake2b(";".join(self._parts).encode(errors="surrogateescape"), digest_size=12).hexdigest()
@@ -226,9 +226,9 @@ class _Walk:
     def struct(self, struct, path, block):
         """Add a struct at a path in a data-block."""
         key = struct.as_pointer(), struct.rna_type.identifier
-        if key in self._seen:
+        if key in self._visited:
             return
-        self._seen.add(key)
+        self._visited.add(key)
         self._parts.append(key[1])
         for name, kind in _fields_of(struct):
             inner = f"{path}.{name}" if path else name

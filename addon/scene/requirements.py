@@ -7,7 +7,7 @@ from math import inf
 
 from .camera import check_camera, frame_px, render_region
 from .errors import SceneError
-from .still import camera_at
+from .motion import camera_at
 
 LEAST_PX = 4  # Blender renders no smaller side, whatever the resolution says
 

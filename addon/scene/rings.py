@@ -7,7 +7,7 @@ from mathutils import Vector
 
 from ...engine import Lens
 from ...engine.depth.iris import Iris
-from ...engine.library import cannot_be, has_rings, iris_shows, prescription_of
+from ...engine.library import clamped_rings, has_rings, iris_is_visible, prescription_of
 from ...engine.rays.rings import AT_REST, Rings, resized_rings
 from ...engine.runtime.errors import InputError
 from ...engine.runtime.files import stamp_of
@@ -75,10 +75,10 @@ def scene_iris(scene, lens, iris=None, **asked) -> Iris | None:
 
 @lru_cache(maxsize=MOST_ANSWERS)
 def _iris_shows(lens, changed, rings):
-    """The value of `iris_shows`, or its error, cached while the lens's file is the same: a preview needs it many times
-    a second."""
+    """The value of `iris_is_visible`, or its error, cached while the lens's file is unchanged: a preview needs it many
+    times a second."""
     try:
-        return iris_shows(lens, rings)
+        return iris_is_visible(lens, rings)
     except InputError as error:
         return error
 
@@ -124,7 +124,7 @@ def scene_lens(scene, lens, view, quality, **asked):
         return *lens_for_view(scene, load_lens(lens), view), (FIXED,) * (rings != AT_REST)
     if view == CAMERA and scene.camera and scene.camera.type == "CAMERA":
         rings = resized_rings(prescription_of(lens), rings, scene.camera.data.lens)
-    return *lens_for_view(scene, load_lens(lens, rings, quality), view), cannot_be(lens, rings)
+    return *lens_for_view(scene, load_lens(lens, rings, quality), view), clamped_rings(lens, rings)
 
 
 def _as_set(number):

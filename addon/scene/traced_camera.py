@@ -93,13 +93,13 @@ def shader_text(lens: FromSensor, film, unit_mm):
     numbers = {
         "BINS": lens.low_mm.size, "BIN_MM": lens.bin_mm, "TO_PUPIL": lens.to_pupil, "LOW": lens.low_mm,
         "HIGH": lens.high_mm, "HALF": lens.half_mm, "CENTRE_X": x_mm, "CENTRE_Y": y_mm, "WIDTH": columns * pitch_mm,
-        "HEIGHT": rows * pitch_mm, "ENTRANCE_PUPIL": lens.entrance_pupil_mm, "COUNT": lens.apart_mm.size,
-        "APART": lens.apart_mm, "CURVATURE": lens.curvature_per_mm, "CONIC": lens.conic,
+        "HEIGHT": rows * pitch_mm, "ENTRANCE_PUPIL": lens.entrance_pupil_mm, "COUNT": lens.gap_mm.size,
+        "APART": lens.gap_mm, "CURVATURE": lens.curvature_per_mm, "CONIC": lens.conic,
         "SEMI": np.minimum(lens.semi_aperture_mm, WIDE_MM), "ETA": lens.index_ratio,
         "ABSORPTION": lens.absorption_per_mm, "ASPHERIC": lens.terms, "TERMS": lens.terms.size,
         "BENT": lens.terms.any(axis=1).astype(int), "TERMS_EACH": lens.terms.shape[1],
         "FIRST_POWER": lens.first_power, "POWER_STEP": lens.power_step,
-        "NEWTON_STEPS": NEWTON_STEPS, "GOOD_MM": GOOD_SHARE * lens.apart_mm.sum(), "LEAST_SQUARE": LEAST_SQUARE,
+        "NEWTON_STEPS": NEWTON_STEPS, "GOOD_MM": GOOD_SHARE * lens.gap_mm.sum(), "LEAST_SQUARE": LEAST_SQUARE,
         "UNIT_MM": unit_mm}
     definitions = "".join(f"#define {name} {', '.join(map(repr, np.ravel(value).tolist()))}\n"
                           for name, value in numbers.items())

@@ -28,7 +28,7 @@ def trust(path):
 
 def trusts_all():
     """Whether all paths in the .blend are trusted."""
-    return _is_asked_for() or _runs_scripts()
+    return _user_must_confirm() or _runs_scripts()
 
 
 def is_trusted(path):
@@ -66,7 +66,7 @@ def check_output(folder):
         raise SceneError("scene settings", "output folder", folder, OUTSIDE)
 
 
-def lies_beside(path):
+def is_near_blend(path):
     """Whether a path, as written, is in the folder of the .blend, or below it."""
     folder = os.path.dirname(bpy.data.filepath)
     if not folder:
@@ -76,7 +76,7 @@ def lies_beside(path):
 
 def _is_chosen(path):
     """Whether the user named a path: in this session, or in a window by letting the .blend run scripts."""
-    return _key(path) in _trusted or (_runs_scripts() and not _is_asked_for())
+    return _key(path) in _trusted or (_runs_scripts() and not _user_must_confirm())
 
 
 def forget_trust():
@@ -84,7 +84,7 @@ def forget_trust():
     _trusted.clear()
 
 
-def _is_asked_for():
+def _user_must_confirm():
     """Whether the user named the .blend in a command: in the background, Blender draws no panels."""
     return bpy.app.background
 

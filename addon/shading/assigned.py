@@ -7,7 +7,7 @@ import bpy
 
 from ...engine.runtime.errors import InputError
 from ...engine.spectral.refraction import load_refraction, refraction_names
-from ...engine.spectral.spectra import BAND_NM, load_spectrum, names_own_file
+from ...engine.spectral.spectra import BAND_NM, is_user_file, load_spectrum
 from ..scene.errors import SceneError
 from ..scene.trust import check_trusted
 
@@ -91,7 +91,7 @@ def named_spectra():
 def spectrum_path(data_block, field):
     """The path of the file that a field of a data-block names; "" for a library name, pairs, or an empty field."""
     text = getattr(data_block.lensfield, field).strip()
-    if not text or not (text not in _refractions() if field == "refraction" else names_own_file(text)):
+    if not text or not (text not in _refractions() if field == "refraction" else is_user_file(text)):
         return ""
     return os.path.join(_folder(data_block), bpy.path.abspath(text, library=data_block.library))
 

@@ -53,7 +53,7 @@ class Lamps:
     """The lamps of a scene; emitters with the same spectrum share one Lamp."""
 
     def __init__(self, spectra, output_nm):
-        self._spectra, self._output_nm, self._made = spectra, output_nm, {}
+        self._spectra, self._output_nm, self._lamps = spectra, output_nm, {}
         self.daylight = Lamp("daylight D65", load_spectrum("illuminant-d65"))
         self.flat = Lamp("several spectra", Spectrum(np.array(BAND_NM), np.ones(2)))
 
@@ -68,7 +68,7 @@ class Lamps:
         return self._lamp(temperature_k, f"blackbody of {temperature_k:g} K", blackbody(temperature_k))
 
     def _lamp(self, key, name, spectrum):
-        return self._made.setdefault(key, Lamp(name, spectrum))
+        return self._lamps.setdefault(key, Lamp(name, spectrum))
 
     def shared_density_at(self, lamp, wavelengths_nm):
         """Spectral density per nm of a lamp that shares its group, also between the wavelengths of the picture.

@@ -141,8 +141,8 @@ class _Walk:
         self._block = block
         self._emission = given.get("emission")
         self._assigned = Assigned(reflectance=given.get("reflectance"), refraction=given.get("refraction"))
-        self._found = {}  # an ordered set
-        self._seen = set()
+        self._findings = {}  # an ordered set
+        self._visited = set()
         self._pending = []
 
     def findings(self, output):
@@ -153,26 +153,26 @@ class _Walk:
             socket, groups, how = self._pending.pop()
             source, groups, _ = source_of(socket, groups)
             key = source and (groups, source.node, source.identifier, how)
-            if source and key not in self._seen:
-                self._seen.add(key)
+            if source and key not in self._visited:
+                self._visited.add(key)
                 self._visit(source, groups, how)
-        return list(self._found)
+        return list(self._findings)
 
     def _visit(self, source, groups, how):
         node = source.node
         if node.bl_idname in FLOW:
             self._go_on((socket for socket in node.inputs if _may_carry(socket, how)), groups, how)
         elif node.bl_idname == "ShaderNodeGroup":
-            self._tell(node, groups, None, REJECTED, BROKEN_GROUP)
+            self._add(node, groups, None, REJECTED, BROKEN_GROUP)
         elif is_shader(node):
             self._closure(node, groups)
         elif how == SHADER:
-            self._tell(node, groups, source, APPROXIMATED, COLOUR_AS_SHADER)
+            self._add(node, groups, source, APPROXIMATED, COLOUR_AS_SHADER)
             if not self._emission:
                 self._visit(source, groups, EMISSION)
         else:
             judged = judge_value(source, how)
-            self._tell(node, groups, source, judged.verdict, judged.text)
+            self._add(node, groups, source, judged.verdict, judged.text)
             self._go_on(colour_inputs(node), groups, how)
 
     def _closure(self, node, groups):
@@ -181,7 +181,7 @@ class _Walk:
 
         whole = None
         for socket, verdict, text in closure_findings(node, value_of):
-            self._tell(node, groups, socket, verdict, text)
+            self._add(node, groups, socket, verdict, text)
             whole = whole or socket is None
         if whole:
             return
@@ -190,9 +190,9 @@ class _Walk:
                     and not is_idle(node, socket, value_of)]
         known = {self._known_input(node, socket, groups, value_of) for socket in coloured} - {None}
         if known or not coloured:
-            self._tell(node, groups, None, SUBSTITUTED, ", ".join(sorted(known)) or COLOURLESS)
+            self._add(node, groups, None, SUBSTITUTED, ", ".join(sorted(known)) or COLOURLESS)
         else:
-            self._tell(node, groups, None, UPSAMPLED, "its colours are computed by nodes")
+            self._add(node, groups, None, UPSAMPLED, "its colours are computed by nodes")
 
     def _known_input(self, node, socket, groups, value_of):
         """How a closure's input becomes spectral, as text; None if nodes compute it, which are then judged."""
@@ -206,7 +206,7 @@ class _Walk:
             value = value_of(socket)
             approximated = (APPROXIMATED, LENGTHS) if value is None else channels_finding(socket, value)
             if approximated:
-                self._tell(node, groups, socket, *approximated)
+                self._add(node, groups, socket, *approximated)
         if source_of(socket, groups)[0] is None:
             return CONSTANTS
         self._go_on([socket], groups, how)
@@ -228,9 +228,9 @@ class _Walk:
     def _go_on(self, sockets, groups, how):
         self._pending += [(socket, groups, how) for socket in sockets]
 
-    def _tell(self, node, groups, socket, verdict, text):
+    def _add(self, node, groups, socket, verdict, text):
         path = " > ".join([*(group.label or group.node_tree.name for group in groups), node.label or node.name])
-        self._found[path, socket.name if socket else "", verdict, text] = None
+        self._findings[path, socket.name if socket else "", verdict, text] = None
 
 
 def _may_carry(socket, how):

@@ -2,7 +2,7 @@
 
 import bpy
 
-from ..job.animation import own_frames, render_animation
+from ..job.animation import frames_of, render_animation
 from . import window_render
 from .flamenco import draw_flamenco
 from .lens_worker import quality_at_hand
@@ -56,7 +56,7 @@ class LENSFIELD_MT_animation(bpy.types.Menu):
 
 def draw_animation(layout, scene):
     """Draw the animation's button, with the number of frames, and the menu of alternatives."""
-    frames = own_frames(scene)
+    frames = frames_of(scene)
     row = layout.row(align=True)
     row.operator("lensfield.render_animation", icon="RENDER_ANIMATION",
                  text=f"Render Animation ({len(frames)} frame{'s' * (len(frames) != 1)})")

@@ -17,7 +17,7 @@ SCRIPT = Path(__file__).with_name("lensfield_render.js")
 JOB_TYPE = SCRIPT.stem.replace("_", "-")  # the Manager's name for it
 
 
-def is_there():
+def is_installed_in():
     """Whether Flamenco's add-on is enabled."""
     return hasattr(bpy.types, "FLAMENCO_OT_submit_job") and hasattr(bpy.types.Scene, "flamenco_job_type")
 
@@ -30,7 +30,7 @@ class LENSFIELD_OT_flamenco_job_type(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
-        return is_there()
+        return is_installed_in()
 
     def execute(self, context):
         try:
@@ -72,7 +72,7 @@ class LENSFIELD_OT_save_flamenco_job_type(ExportHelper, bpy.types.Operator):
 
 def draw_flamenco(layout):
     """Draw the operators for Flamenco, if its add-on is enabled."""
-    if is_there():
+    if is_installed_in():
         layout.separator()
         layout.operator("lensfield.flamenco_job_type", icon="NETWORK_DRIVE")
         layout.operator("lensfield.save_flamenco_job_type", icon="FILE_SCRIPT")

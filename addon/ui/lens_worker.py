@@ -81,7 +81,7 @@ def lens_request(scene):
     return request
 
 
-def asked_lens(scene):
+def requested_lens(scene):
     """The lens of a scene's settings, unscaled; None until it is baked.
 
     Raises
@@ -96,7 +96,7 @@ def asked_lens(scene):
 
 
 def lens_now(scene, quality=None):
-    """Like `asked_lens`, for operators: blocks until the lens is baked, at the given quality or the scene's.
+    """Like `requested_lens`, for operators: blocks until the lens is baked, at the given quality or the scene's.
 
     Raises
     ------
@@ -150,7 +150,7 @@ def _answer(request):
         request.known.set()
         asked = name, request.facts.rings, quality
         if loaded_lens(*asked) is None:
-            _wait_until_still(request)
+            _wait_until_settled(request)
         lens = load_lens(*asked, request.tell)
         hash(lens)  # slow, and needed to look up plans: compute it in this thread
         request.lens = lens
@@ -167,7 +167,7 @@ def _answer(request):
         request.known.set()
 
 
-def _wait_until_still(request):
+def _wait_until_settled(request):
     """Wait STILL_S for a newer request, and until the preview is idle, so that it has the processor for itself.
 
     Raises
@@ -183,4 +183,4 @@ def _wait_until_still(request):
 
 
 def _preview_is_at_work():
-    return session.preview is not None and bool(session.preview.asked)
+    return session.preview is not None and bool(session.preview.job)

@@ -9,7 +9,7 @@ from ..shading.lint import counts_text
 from ..shading.node_rules import APPROXIMATED, REJECTED, SEPARATED
 from .operators import nothing_renders
 from .session import Check, session
-from .wrapped import draw_wrapped
+from .text_wrap import draw_wrapped
 
 ICONS = {REJECTED: "CANCEL", SEPARATED: "MOD_ARRAY", APPROXIMATED: "ERROR"}
 """Icons of the verdicts with a line for each finding in the panel; the others are only counted."""
@@ -75,7 +75,7 @@ def draw_check(layout, scene):
         return
     if session.check.settings != checked_settings(scene):
         draw_wrapped(layout.column(align=True), "The settings are other ones since", "INFO")
-    draw_preflight(layout, session.check.found)
+    draw_preflight(layout, session.check.result)
 
 
 def checked_settings(scene):
@@ -106,7 +106,7 @@ def _draw_findings(layout, findings):
     column = layout.column(align=True)
     for index, finding in told[:MOST_LINES]:
         row = column.row()
-        draw_wrapped(row.column(align=True), str(finding), ICONS[finding.verdict], beside=bool(finding.object_names))
+        draw_wrapped(row.column(align=True), str(finding), ICONS[finding.verdict], reserved=bool(finding.object_names))
         if finding.object_names:
             row.operator("lensfield.select_object", text="", icon="RESTRICT_SELECT_OFF").finding = index
     if len(told) > MOST_LINES:
@@ -115,7 +115,7 @@ def _draw_findings(layout, findings):
 
 
 def _finding(index):
-    findings = session.check.found.findings
+    findings = session.check.result.findings
     return findings[index] if 0 <= index < len(findings) else None
 
 

@@ -13,7 +13,7 @@ from .lens_worker import lens_now, quality_at_hand
 from .previews import SHEET_MARK, load_sheet
 from .properties import searched_lens_items
 from .session import session
-from .sheets import draw_sheet, own_sheet
+from .sheets import draw_sheet, stored_sheet
 
 
 def nothing_renders():
@@ -38,7 +38,7 @@ class LensRender:
         except (InputError, OSError) as error:
             self.report({"ERROR"}, one_line(error))
             return {"CANCELLED"}
-        self.report({"INFO"}, "; ".join(rendered.told))
+        self.report({"INFO"}, "; ".join(rendered.messages))
         return {"FINISHED"}
 
     def invoke(self, context, event):
@@ -198,7 +198,7 @@ class LENSFIELD_OT_show_sheet(bpy.types.Operator):
 
     def execute(self, context):
         try:
-            own = own_sheet(context.scene.lensfield.lens_name_or_path())
+            own = stored_sheet(context.scene.lensfield.lens_name_or_path())
             path = own or draw_sheet(lens_now(context.scene))
             image = load_sheet(path)
         except (InputError, OSError, RuntimeError) as error:

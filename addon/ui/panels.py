@@ -21,16 +21,16 @@ from ..scene.rings import FEWEST_BLADES
 from .animation import draw_animation
 from .another_lens import draw_another_lens
 from .compositor_panel import draw_compositor, draw_shown
-from .lens_worker import asked_lens, lens_request
+from .lens_worker import lens_request, requested_lens
 from .lint_panel import draw_check
 from .plan_line import plan_text
 from .preview import draw_preview
 from .previews import growing_preview, sheet_preview
 from .properties import SETTINGS
 from .session import session
-from .sheets import drawn_sheet, own_sheet
-from .trusting import draw_named_files
-from .wrapped import PANEL_MARGINS, draw_wrapped, region_widgets
+from .sheets import drawn_sheet, stored_sheet
+from .text_wrap import PANEL_MARGINS, draw_wrapped, region_widgets
+from .trust_panel import draw_named_files
 
 LENS_PICTURE, OFFERED_PICTURE = 6, 8  # widgets
 
@@ -42,7 +42,7 @@ def draw_settings(layout, scene):
     if named := named_files():
         draw_named_files(layout, named)
         if scene.lensfield.lens == FROM_FILE:
-            layout.prop(scene.lensfield, "found_lens", text="Other Lens")
+            layout.prop(scene.lensfield, "matching_lens", text="Other Lens")
         if session.render:
             _draw_under_way(layout, layout.row(align=True), session.render)
         return
@@ -63,10 +63,10 @@ def _draw_lens(layout, scene):
     """Draw the lens: its picture, its name, the search words, and its file."""
     settings = scene.lensfield
     if settings.lens != FROM_FILE:
-        layout.template_icon_view(settings, "found_lens", show_labels=True, scale=LENS_PICTURE,
+        layout.template_icon_view(settings, "matching_lens", show_labels=True, scale=LENS_PICTURE,
                                   scale_popup=OFFERED_PICTURE)
     row = layout.row(align=True)
-    row.prop(settings, "found_lens", text="")
+    row.prop(settings, "matching_lens", text="")
     row.operator("lensfield.search_lens", text="", icon="VIEWZOOM")
     layout.prop(settings, "lens_words")
     if settings.lens == FROM_FILE:
@@ -153,7 +153,7 @@ def _draw_plan(layout, scene):
         if scene.camera:
             check_scene(scene)
         if scene.camera and scene.lensfield.lens_text():
-            lens, request = asked_lens(scene), lens_request(scene)
+            lens, request = requested_lens(scene), lens_request(scene)
             if lens is None:
                 column.progress(factor=request.fraction, text=request.label)
             else:
@@ -188,7 +188,7 @@ def _draw_render(layout, scene):
 def _draw_last(layout):
     """Draw the picture of the last render and its report, with file names instead of complete paths."""
     image = session.last_render.lens_image
-    if image and (picture := Result.beside(image, "lens_image").after).is_file():
+    if image and (picture := Result.from_file(image, "lens_image").after).is_file():
         _draw_picture(layout, picture)
         layout.operator("lensfield.show_picture", icon="IMAGE_DATA")
     column = layout.column(align=True)
@@ -230,9 +230,9 @@ def _draw_sheet(layout, scene):
 def _sheet(scene):
     """The file of the lens sheet; None until it is drawn."""
     name = scene.lensfield.lens_name_or_path()
-    if not name or (own := own_sheet(name)):
+    if not name or (own := stored_sheet(name)):
         return name and own
-    lens = asked_lens(scene)
+    lens = requested_lens(scene)
     return lens and drawn_sheet(lens)
 
 

@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 import bpy
 
 from ...engine.image.sampling import Sampling
-from ...engine.plan.remembered import remembered_plan
+from ...engine.plan.plan_cache import cached_plan
 from ..job.bands import pass_count
 from ..job.job import denoises
 from ..job.radiance import pass_bytes
@@ -53,8 +53,8 @@ def _renders(scene, wavelengths):
     """The number of Cycles renders as text: exact after a scene check, otherwise a range."""
     most, tier = pass_count(wavelengths), scene.lensfield.tier
     check = session.check
-    if check.scene_uid == scene.session_uid and check.found.plan and check.settings == checked_settings(scene):
-        known, slabs = len(check.found.plan.bands), check.found.slabs
+    if check.scene_uid == scene.session_uid and check.result.plan and check.settings == checked_settings(scene):
+        known, slabs = len(check.result.plan.bands), check.result.slabs
         return f"{known} Cycles render{'s' * (known > 1)}" + (f" in {slabs.slabs} slabs of depth" if slabs else "")
     if tier == "PREVIEW" or most == 1:
         return "1 Cycles render"
@@ -69,14 +69,14 @@ def _planned(options, lens, frame_shape_px, wavelengths_nm):
         grid = frame_capture(lens, frame_shape_px, wavelengths_nm)
         if len(_plans) == MOST_PLANS:
             _plans.pop(next(iter(_plans)))[1].cancel()  # dragging a slider requests many
-        plan = _worker.submit(remembered_plan, options, lens, Sampling(grid, wavelengths_nm))
+        plan = _worker.submit(cached_plan, options, lens, Sampling(grid, wavelengths_nm))
         _plans[asked] = grid.shape_px, plan
         if not bpy.app.background:
-            bpy.app.timers.register(lambda: _redraw_when_done(plan), first_interval=TICK_S)
+            bpy.app.timers.register(lambda: _redraw_when_ready(plan), first_interval=TICK_S)
     return _plans[asked]
 
 
-def _redraw_when_done(plan):
+def _redraw_when_ready(plan):
     if not plan.done():
         return TICK_S
     for area in areas("PROPERTIES", "VIEW_3D"):

@@ -26,7 +26,7 @@ from ..scene.rings import rings_for, scene_iris
 from . import focus_overlay, preview_overlay, window_render
 from .properties import lens_title
 from .session import session
-from .wrapped import draw_wrapped
+from .text_wrap import draw_wrapped
 
 NAME = "Lensfield Preview"  # image name
 TICK_S = 0.1
@@ -48,13 +48,13 @@ class Preview:
     changed_s: float | None = 0.0  # time.monotonic() of the last change of the scene; None if unchanged since rendered
     other_s: float | None = None  # the same, without changes of the lens or of its focus and f-stop
     by_hand: bool = False  # the user has requested a refresh
-    asked: tuple = ()  # the child's current job: a name, and the lens's key
-    asked_s: float = 0.0
+    job: tuple = ()  # the child's current job: a name, and the lens's key
+    started_s: float = 0.0
     copies_s: tuple = ()  # seconds for each of the last two copies
     tangents: tuple = ()  # half the captured view, horizontally and vertically
     lens: tuple = ()  # the key of the last lens that was applied or tried
     radiance: Path | None = None
-    told: list = field(default_factory=list)
+    facts: list = field(default_factory=list)
     error: str = ""
 
     @property
@@ -79,7 +79,7 @@ class Preview:
     @property
     def depth(self):
         """The path of its depth file, which may not exist yet."""
-        return Result.beside(self.radiance, "radiance").depth if self.radiance else None
+        return Result.from_file(self.radiance, "radiance").depth if self.radiance else None
 
 
 def start(scene):
@@ -141,10 +141,10 @@ def tick():
         preview.child.end()
         switch_off("its process died, of {}; its log is {}".format(*preview.child.death()))
         return None
-    if preview.asked and "status" in preview.child.told:
+    if preview.job and "status" in preview.child.status:
         _take_in(preview, scene)
         _redraw()
-    if not preview.asked and _may_work(scene):
+    if not preview.job and _may_work(scene):
         _ask_next(preview, scene)
     return TICK_S
 
@@ -176,7 +176,7 @@ def _ask_next(preview, scene):
         key = lens_key(scene)
     except InputError as error:
         preview.lens = ()  # so that the next valid lens is applied
-        _tell_error(preview, error)
+        _show_error(preview, error)
         return
     if key != preview.lens and preview.radiance:
         preview.changed_s = preview.other_s  # choosing a lens does not count as a change of the scene
@@ -194,20 +194,20 @@ def _ask_render(preview, scene, key):
         preview.copies_s = (*preview.copies_s[-1:], time.monotonic() - begin_s)
         preview.tangents = shown_tangents(scene, key)
     except InputError as error:
-        _tell_error(preview, error)
+        _show_error(preview, error)
         return
     _ask(preview, "render", key, preview_arguments(scene, key, copy=copy, size=size_px(scene), samples=SAMPLES))
-    preview.asked_s = begin_s
+    preview.started_s = begin_s
 
 
-def _tell_error(preview, error):
+def _show_error(preview, error):
     if preview.error != str(error):
         preview.error = str(error)
         _redraw()
 
 
 def _ask(preview, what, key, arguments):
-    preview.asked, preview.lens, preview.asked_s = (what, key), key, time.monotonic()
+    preview.job, preview.lens, preview.started_s = (what, key), key, time.monotonic()
     preview.child.ask(arguments)
 
 
@@ -219,13 +219,13 @@ def size_px(scene):
 
 
 def _take_in(preview, scene):
-    (what, key), told = preview.asked, preview.child.told
-    preview.asked, preview.error = (), ""
+    (what, key), told = preview.job, preview.child.status
+    preview.job, preview.error = (), ""
     if told["status"] == 0:
         image_path = Path(told["lens_image"])
         _show(preview, scene, image_path)
-        preview.radiance = Result.beside(image_path, "lens_image").radiance
-        preview.told = _facts(scene, time.monotonic() - preview.asked_s, key[0])
+        preview.radiance = Result.from_file(image_path, "lens_image").radiance
+        preview.facts = _facts(scene, time.monotonic() - preview.started_s, key[0])
     if what == "lens" and (told["status"] or not _in_view(preview, scene)):
         preview.changed_s = 0.0  # the lens shows parts of the scene that were not captured: render again
     elif told["status"]:
@@ -331,11 +331,11 @@ def draw_preview(layout):
 
 def _status(preview):
     """Lines about the current picture and the running job."""
-    yield from preview.told
+    yield from preview.facts
     if preview.error:
         yield preview.error
-    if preview.asked:
-        yield "Rendering" if preview.asked[0] == "render" else "Changing the lens"
+    if preview.job:
+        yield "Rendering" if preview.job[0] == "render" else "Changing the lens"
     elif preview.slow and not preview.fresh:
         yield f"Out of date. Copying this file takes {preview.copies_s[-1]:.1f} s: refresh it by hand"
 

@@ -118,20 +118,20 @@ def _searched_lenses():
     return [(name, told.get(name, title), *rest) for name, title, *rest in offered_lenses()]
 
 
-def found_lens_items(self, context):
+def matching_lens_items(self, context):
     """Like `lens_items`, filtered to lenses that match every word; the chosen lens is always included."""
-    return _found_lenses(self.lens_words, self.lens)
+    return _matching_lenses(self.lens_words, self.lens)
 
 
 @lru_cache(maxsize=8)
-def _found_lenses(words, chosen):
+def _matching_lenses(words, chosen):
     found = {chosen, *find_bundled(words.split())} | ({FROM_FILE} if not words.strip() else set())
     return [item for item in offered_lenses() if item[0] in found]
 
 
 def forget_items():
     """Clear the cached items, which refer to icons."""
-    for items in (offered_lenses, _searched_lenses, _found_lenses):
+    for items in (offered_lenses, _searched_lenses, _matching_lenses):
         items.cache_clear()
 
 
@@ -195,7 +195,7 @@ class LensfieldSettings(bpy.types.PropertyGroup):
     lens_words: StringProperty(
         name="Find", description="Words that are told of a lens, such as zeiss, 1936, 50mm, swirl or soft: you choose "
                                  "among the lenses of which all of them are told")
-    found_lens: EnumProperty(name="Lens", description="Lens to render through", items=found_lens_items,
+    matching_lens: EnumProperty(name="Lens", description="Lens to render through", items=matching_lens_items,
                              get=lambda self: _lasting_number(self.lens), set=_choose_lens)
     lens_file: StringProperty(name="Lens File", description=OWN_LENS, subtype="FILE_PATH", options=BLEND_RELATIVE,
                               update=_choose_path("lens_file"))

@@ -40,7 +40,7 @@ class Check:
 
     scene_uid: int | None = None
     settings: Any = None
-    found: Preflight = Preflight()
+    result: Preflight = Preflight()
 
 
 @dataclass

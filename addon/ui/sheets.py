@@ -25,7 +25,7 @@ _worker = ThreadPoolExecutor(1, "Lensfield sheet")
 _sheets = {}  # Futures of the files by the lens's digest, newest last
 
 
-def own_sheet(name_or_path):
+def stored_sheet(name_or_path):
     """The path of the sheet next to a lens package, or None."""
     path = Path(os.path.splitext(name_or_path)[0] + ".png")
     return path if not has_rings(name_or_path) and path.is_file() else None
@@ -92,11 +92,11 @@ def _tick():
 def _drawn(lens, folder):
     """Draw a sheet into a folder, or take it from the cache, and return its path."""
     path = Path(folder, f"Lens Sheet {lens.digest.hex()[:8]}.png")
-    known = cache.recall(KIND, lens.digest)
+    known = cache.load(KIND, lens.digest)
     if known is not None:
-        with atomic_path(path, own=True) as temporary:
+        with atomic_path(path, overwrite=True) as temporary:
             temporary.write_bytes(known)
         return path
     write_lens_plot(lens, path)
-    cache.remember(KIND, lens.digest, path.read_bytes(), MOST_BYTES)
+    cache.store(KIND, lens.digest, path.read_bytes(), MOST_BYTES)
     return path

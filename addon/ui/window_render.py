@@ -15,12 +15,12 @@ from bpy.app.handlers import persistent
 from ...commands.child import Child
 from ...commands.messages import duration, time_left
 from ...engine.runtime.errors import InputError
-from ..job.animation import own_frames
+from ..job.animation import frames_of
 from ..job.child import apply_command, render_command, save_copy, work_folder
+from ..job.finished_passes import passes_left
 from ..job.job import check_output_folder, job_of
-from ..job.kept_passes import passes_left
 from ..job.named_files import check_named_files
-from ..job.refilter import kept_radiance
+from ..job.refilter import saved_radiance
 from ..job.scene_plan import check_job
 from ..job.session import lost_images
 from ..job.source import window_digest
@@ -62,15 +62,15 @@ class WindowRender:
 
     @property
     def fraction(self):
-        return self.child.told.get("fraction", 0.0)
+        return self.child.status.get("fraction", 0.0)
 
     @property
     def label(self):
         """The scene, the stage, the elapsed time, and the remaining time if it can be estimated."""
         now_s = time.monotonic()
-        label = (f"{self.scene_name}: {self.child.told.get('label', 'Starting Blender in the background')}, "
+        label = (f"{self.scene_name}: {self.child.status.get('label', 'Starting Blender in the background')}, "
                  f"{duration(now_s - self.started_s)}")
-        left = time_left(self.fraction, self.child.told_s - self.started_s, now_s - self.child.told_s)
+        left = time_left(self.fraction, self.child.status_s - self.started_s, now_s - self.child.status_s)
         return f"{label}, about {left}" if left else label
 
 
@@ -98,7 +98,7 @@ def start(scene, *frames, lens_quality=None):
     """
     check_named_files()
     check_output_folder(scene)
-    check_scene(scene, frames=own_frames(scene) if frames else ())
+    check_scene(scene, frames=frames_of(scene) if frames else ())
     job = job_of(scene, lens_quality=lens_quality)
     check_job(scene, job)
     bpy.context.view_layer.update()  # so that the fingerprint includes the latest changes
@@ -121,7 +121,7 @@ def start_again(scene):
         The radiance does not exist, or does not fit the scene.
     """
     check_named_files()
-    radiance = kept_radiance(scene)
+    radiance = saved_radiance(scene)
     _follow(scene, lambda folder: apply_command(radiance, scene), [], laid_fingerprint(scene))
 
 
@@ -179,14 +179,14 @@ def _finish(render):
     """Process the output of a render whose process has ended, and report the result."""
     session.render = None
     render.child.end()
-    told = render.child.told
+    told = render.child.status
     _lay(render)
     newest = next(map(Path, reversed(render.child.lens_images)), None)
     if render.to_compositor and render.child.lens_images and _scene(render) is None:
         render.remarks.append(f"scene {render.scene_name!r} is no longer open: its compositor is as it was")
     with render.folder:
-        if "told" in told:
-            _notify("INFO", told["told"] + render.remarks, newest)
+        if "messages" in told:
+            _notify("INFO", told["messages"] + render.remarks, newest)
         elif "error" in told:
             _notify("ERROR", [told["error"], *_left(render)], newest)
         else:

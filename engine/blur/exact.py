@@ -34,7 +34,7 @@ class Exact(Method):
     def counts(self, work: Workload) -> dict[str, float]:
         return {"turned sample": work.pixels * work.samples}
 
-    def kept_values(self, work: Workload) -> float:
+    def cached_values(self, work: Workload) -> float:
         return 0
 
     def spreader(self, psfs: PlacedPsfs, table: Table | None, psf_radius_px: int,

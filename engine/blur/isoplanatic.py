@@ -48,7 +48,7 @@ class Paper(Method):
         return transform_counts(work, self.section_size, self.space_px, down * across, down * across) | {
             "turned sample": down * across * work.samples, "step": down}
 
-    def kept_values(self, work: Workload) -> float:
+    def cached_values(self, work: Workload) -> float:
         return 2 * work.sections(self.section_size)[1] * spectrum_values(self.space_px)
 
     def spreader(self, psfs: PlacedPsfs, table: Table | None, psf_radius_px: int,
@@ -80,7 +80,7 @@ class OnePsf(Method):
         return transform_counts(work, self.section_size, self.space_px, down * across, 1) | {
             "turned sample": work.samples, "step": down}
 
-    def kept_values(self, work: Workload) -> float:
+    def cached_values(self, work: Workload) -> float:
         return 2 * spectrum_values(self.space_px)
 
     def spreader(self, psfs: PlacedPsfs, table: Table | None, psf_radius_px: int,
@@ -109,7 +109,7 @@ class IsoplanaticSections:
         self.section_size, self.space_px, self.radius_px = section_size, space_px, psf_radius_px
         self._psfs, self._memory = psfs, memory
         self._rows, self._columns = places
-        self._otfs, self._kept = {}, set()
+        self._otfs, self._cached = {}, set()
 
     def prepare(self, rows: np.ndarray, needs: SectionNeeds, pool: Executor) -> None:
         """Compute the OTFs that the lit sections of these rows need."""
@@ -119,7 +119,7 @@ class IsoplanaticSections:
                 if lit.any():
                     nodes = wanted.setdefault((self._node(self._rows, i), precision), set())
                     nodes.update(self._node(self._columns, j) for j in np.flatnonzero(lit))
-        self._otfs = {key: otfs for key, otfs in self._otfs.items() if key in wanted or key in self._kept}
+        self._otfs = {key: otfs for key, otfs in self._otfs.items() if key in wanted or key in self._cached}
         list(pool.map(self._make_otfs, wanted, wanted.values()))
 
     @staticmethod
@@ -132,8 +132,8 @@ class IsoplanaticSections:
         side = self.space_px
         otfs, made = self._otfs.setdefault(key, (np.empty((self._columns.size, side, side // 2 + 1), precision),
                                                  np.zeros(self._columns.size, dtype=bool)))
-        if key not in self._kept and self._memory.take(otfs.nbytes):
-            self._kept.add(key)
+        if key not in self._cached and self._memory.take(otfs.nbytes):
+            self._cached.add(key)
         missing = [node for node in sorted(nodes) if not made[node]]
         if missing:
             psfs = self._psfs(np.full(len(missing), self._rows[row]), self._columns[missing])

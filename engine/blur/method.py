@@ -140,7 +140,7 @@ class Method(ABC):
         """The amount of each kind of work: a dict with names of `cost.NANOSECONDS`."""
 
     @abstractmethod
-    def kept_values(self, work: Workload) -> float:
+    def cached_values(self, work: Workload) -> float:
         """Number of real values that it holds in addition to the picture and the table of PSFs."""
 
     def table(self, psfs: NodePsfs) -> Cells:

@@ -51,7 +51,7 @@ class Pixels(Method):
         runs = apart / max(self.section_size**2, RUN_VALUES / work.covered)
         return {"tap": work.pixels * work.taps, "mixed tap": apart * work.taps, "tap of a run": runs * work.taps}
 
-    def kept_values(self, work: Workload) -> float:
+    def cached_values(self, work: Workload) -> float:
         return RUN_VALUES * 3 / 2
 
     def table(self, psfs: NodePsfs) -> Cells:

@@ -65,7 +65,7 @@ class Sections(Method):
         weighed, nodes = work.layout.nodes_around(self.azimuths, work.planes, self.section_size)
         return transform_counts(work, self.section_size, self.space_px, weighed, nodes) | {"step": down * across}
 
-    def kept_values(self, work: Workload) -> float:
+    def cached_values(self, work: Workload) -> float:
         nodes = work.layout.nodes_around(self.azimuths, work.planes, self.section_size)[1]
         return nodes / 2 * spectrum_values(self.space_px)
 
@@ -93,7 +93,7 @@ class PolarSections:
                  memory: MemoryBudget) -> None:
         self.section_size, self.space_px, self.radius_px = section_size, space_px, psf_radius_px
         self._table, self._place, self._memory = table, place, memory
-        self._otfs, self._kept = {}, set()
+        self._otfs, self._cached = {}, set()
         self._nodes = {}
 
     def prepare(self, rows: np.ndarray, needs: SectionNeeds, pool: Executor) -> None:
@@ -104,7 +104,7 @@ class PolarSections:
         for i, j in sections:
             wanted[np.complex128 if needs.double[i, j] else np.complex64].update(self._nodes[i, j][0])
         keys = {(node, precision) for precision, nodes in wanted.items() for node in nodes}
-        self._otfs = {key: otf for key, otf in self._otfs.items() if key in keys or key in self._kept}
+        self._otfs = {key: otf for key, otf in self._otfs.items() if key in keys or key in self._cached}
         for precision, nodes in wanted.items():
             self._make_otfs([node for node in sorted(nodes) if (node, precision) not in self._otfs], precision, pool)
 
@@ -120,7 +120,7 @@ class PolarSections:
             for node, otf in zip(batch, otfs, strict=True):
                 self._otfs[node, precision] = otf
                 if self._memory.take(otf.nbytes):
-                    self._kept.add((node, precision))
+                    self._cached.add((node, precision))
 
     def _nodes_around(self, i, j):
         """Nodes around section (i, j), and their weights in its pixels: arrays (node,) and (node, row, column)."""
@@ -141,9 +141,9 @@ class PolarSections:
         lit = size + 2 * self.radius_px  # the rest is rounding
         for j in columns:
             spectrum = self._filtered(band[:, None, :, j * size:(j + 1) * size], *self._nodes[i, j])
-            if (i, j) not in self._kept:
+            if (i, j) not in self._cached:
                 if self._memory.take(self._nodes[i, j][1].nbytes):
-                    self._kept.add((i, j))
+                    self._cached.add((i, j))
                 else:
                     del self._nodes[i, j]
             yield j * size, fft.irfft2(spectrum, (side, side), overwrite_x=True)[:, :lit, :lit]

@@ -17,7 +17,7 @@ from ..runtime.scratch import SAMPLE_BYTES
 from ..runtime.threads import thread_pool
 from .iris import Iris, opening
 from .meetings import TILE_PX, plan_meetings, values_of_blocks
-from .seen import Seen, seen
+from .prepared_layer import PreparedLayer, prepare_layer
 
 FAINT = 1e-3  # of a picture's mean radiance
 SEEN, READY = 3, 10  # planes in memory of a prepared layer, and during its preparation
@@ -89,7 +89,7 @@ def cast(layered: LayeredRadiance, lens: Lens, rays: RayTable, *, most_rays: int
     stop = opening(iris, lens)
     pixel_rays = field_map(lens).pixel_rays(rays, sensor)
     ends = pixel_rays.sample(wavelengths_nm[[0, -1]], focal_mm, 256, stop.reach)
-    layers = [one for layer in layered.layers if (one := seen(layer, capture, lens, ends))]
+    layers = [one for layer in layered.layers if (one := prepare_layer(layer, capture, lens, ends))]
     fisheye = _per_focal(capture, focal_mm)
     meetings = plan_meetings(layers, ends, sensor, fisheye, most_rays, most_of_lamps or most_rays)
     shares = _sharp_shares(layers, capture.shape_px)
@@ -104,7 +104,7 @@ def cast(layered: LayeredRadiance, lens: Lens, rays: RayTable, *, most_rays: int
                 *pixel_rays.packed(wavelengths_nm[group], focal_mm, needed, stop.reach),
                 sensor.centre_px, fisheye,
                 stop.iris.directions, stop.shape, tuple(layer.of(group, scale) for layer in layers),
-                tuple(scale * FAINT * float(abs(plane.mean(dtype=np.float64))) for plane in sharp), meetings.found,
+                tuple(scale * FAINT * float(abs(plane.mean(dtype=np.float64))) for plane in sharp), meetings.kinds,
                 meetings.eights, TILE_PX)
             for done in _filled_rows(casting, blurred, clear):
                 progress((first + done * len(sharp)) / count)
@@ -162,7 +162,7 @@ def _sharp_shares(layers, shape_px):
     return shares
 
 
-def _sharp(layers: list[Seen], shares, index, shape_px):
+def _sharp(layers: list[PreparedLayer], shares, index, shape_px):
     """In-focus light at a wavelength, as the pinhole sees it."""
     sharp = np.zeros(shape_px, np.float32)
     for layer, share in zip(layers, shares, strict=True):

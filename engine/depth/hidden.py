@@ -10,7 +10,7 @@ from ..image.spectral_image import SpectralImage
 
 SEEN = 1e-3  # share of a layer that is visible through nearer layers; less counts as hidden
 BRIGHT = 4.0  # times the median of a picture's light; brighter pixels count less
-BESIDE = np.ones((3, 3), bool)
+NEIGHBOURS = np.ones((3, 3), bool)
 
 
 def layers_of_picture(radiance: SpectralImage, depth_mm: np.ndarray, slab: np.ndarray, slabs: int) -> LayeredRadiance:
@@ -78,7 +78,7 @@ def _finite(plane):
 
 def _continued(light, alpha, depth_mm, hidden, usual):
     """A layer that continues where it is hidden, cropped to the covered area."""
-    beside = binary_dilation(hidden, BESIDE)  # colours at its edge are mixed with the nearer layer's
+    beside = binary_dilation(hidden, NEIGHBOURS)  # colours at its edge are mixed with the nearer layer's
     weight = np.where(hidden if beside.all() else beside, 0, usual)
     into = hidden & bool(weight.any())
     if into.any():

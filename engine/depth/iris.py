@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.optimize import brentq
 
-from ..image.pixel_grid import is_whole
+from ..image.pixel_grid import is_integer
 from ..lens import Lens
 from ..runtime.errors import InputError
 from ..runtime.setting import setting
@@ -48,7 +48,7 @@ class Iris:
              "picture the same light, for any value")
 
     def __post_init__(self) -> None:
-        if not is_whole(self.blades) or (self.blades and not 3 <= self.blades <= MOST_BLADES):
+        if not is_integer(self.blades) or (self.blades and not 3 <= self.blades <= MOST_BLADES):
             raise InputError("iris", "blades", self.blades, f"expected 3 to {MOST_BLADES}, or 0 for a round stop")
         if not 0 <= self.roundness <= 1:
             raise InputError("iris", "roundness", self.roundness, "expected 0, straight blades, to 1, a circle")

@@ -11,7 +11,7 @@ import numpy as np
 from ..field.field_map import RaySample, Tiles
 from ..image.pixel_grid import PixelGrid
 from ..kernels import MEETING
-from .seen import Seen
+from .prepared_layer import PreparedLayer
 
 TILE_PX, BLOCK_PX = 16, 8
 QUANTITIES = 6  # with extremes in the lookup
@@ -26,17 +26,17 @@ STEPS_PX = (0.25, 1.0, 4.0)  # largest differences in blur for 0, 1 and 2 steps 
 class Meetings:
     """Arrays (tile row, tile column, layer) of MEETING, and (tile row, tile column) of the number of eights of rays."""
 
-    found: np.ndarray
+    kinds: np.ndarray
     eights: np.ndarray
 
 
-def plan_meetings(layers: list[Seen], rays: RaySample, sensor: PixelGrid, per_focal: float, most_rays: int,
+def plan_meetings(layers: list[PreparedLayer], rays: RaySample, sensor: PixelGrid, per_focal: float, most_rays: int,
                   most_of_lamps: int) -> Meetings:
     """Find the layers that the tiles of a sensor meet.
 
     Parameters
     ----------
-    layers : list of Seen
+    layers : list of PreparedLayer
         The nearest first.
     rays : RaySample
         Rays at the wavelengths that differ most.

@@ -96,7 +96,7 @@ def plan_slabs(depth_mm: ArrayLike, capture: PixelGrid, lens: Lens, *, accuracy:
                overscan_px: Sequence[int], light: ArrayLike | None = None, others: Sequence[Lens] = (),
                reach: float = 1.0,
                most_slabs: int = MOST_SLABS,
-               whole_mm: Sequence[tuple[float, float]] = (),
+               uncut_mm: Sequence[tuple[float, float]] = (),
                bodies_mm: Sequence[tuple[float, float]] = ()) -> SlabPlan:
     """Plan the slabs of a capture from one look at depth: as few as keep the hidden light within the accuracy.
 
@@ -119,7 +119,7 @@ def plan_slabs(depth_mm: ArrayLike, capture: PixelGrid, lens: Lens, *, accuracy:
     reach : float
         `Opening.reach` of the iris: the radius of the blur relative to that of a round stop.
     most_slabs : int
-    whole_mm : sequence of (near_mm, far_mm)
+    uncut_mm : sequence of (near_mm, far_mm)
         Ranges without borders, as a camera clips: volumes.
     bodies_mm : sequence of (near_mm, far_mm)
         Further ranges without borders, if blur differs by at most DEEP_PX across one: closed bodies, whose dark inside
@@ -138,7 +138,7 @@ def plan_slabs(depth_mm: ArrayLike, capture: PixelGrid, lens: Lens, *, accuracy:
               for one in lenses]
     if np.all(np.array(shares) >= 1 - accuracy):
         return SlabPlan(False, (), (look.least_px,), 0.0, 0.0, check)
-    whole = look.places(whole_mm) + [body for body in look.places(bodies_mm) if np.ptp(body) <= DEEP_PX]
+    whole = look.places(uncut_mm) + [body for body in look.places(bodies_mm) if np.ptp(body) <= DEEP_PX]
     edges = _edges(look)
     borders, hidden = _cut(edges, whole, most_slabs, accuracy)
     behind = BEHIND_PX * edges.jump_px2.sum() / (edges.surfaces.size * edges.pixel_px2)

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..runtime.errors import ImageError
-from ..runtime.scratch import beside
-from .pixel_grid import PixelGrid, is_whole
+from ..runtime.scratch import zeros_stored_like
+from .pixel_grid import PixelGrid, is_integer
 from .sampling import Sampling
 from .spectral_image import SpectralImage, check_capture
 
@@ -47,7 +47,7 @@ class Layer:
         if self.cube.ndim != 3 or not self.cube.shape[1:] == self.alpha.shape == self.depth_mm.shape:
             raise ImageError("layer", "planes", f"of {self.cube.shape}, {self.alpha.shape} and {self.depth_mm.shape}",
                              "expected radiance (wavelength, row, column), alpha and depth of the same pixels")
-        if np.shape(self.origin_px) != (2,) or not all(map(is_whole, self.origin_px)):
+        if np.shape(self.origin_px) != (2,) or not all(map(is_integer, self.origin_px)):
             raise ImageError("layer", "origin_px", self.origin_px, "expected a row and a column")
         object.__setattr__(self, "alpha", checked_alpha(self.alpha, "layer"))
         self._check_depth()
@@ -156,7 +156,7 @@ class LayeredRadiance:
 
     def flat(self) -> SpectralImage:
         """The radiance of all layers combined, as visible to the pinhole; stored in a file if the layers are."""
-        cube = beside(self.layers[0].cube, (self.wavelengths_nm.size, *self.grid.shape_px))
+        cube = zeros_stored_like(self.layers[0].cube, (self.wavelengths_nm.size, *self.grid.shape_px))
         for layer in reversed(self.layers):
             part = cube[:, *layer.place]
             part *= 1 - layer.alpha

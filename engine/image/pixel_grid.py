@@ -47,7 +47,7 @@ class PixelGrid:
 
     def __post_init__(self) -> None:
         for name in ("shape_px", "overscan_px"):
-            if np.shape(getattr(self, name)) != (2,) or not all(is_whole(n) for n in getattr(self, name)):
+            if np.shape(getattr(self, name)) != (2,) or not all(is_integer(n) for n in getattr(self, name)):
                 raise ImageError("image", name, getattr(self, name), "expected whole numbers of rows and columns")
         (rows, columns), overscan = (tuple(int(n) for n in pair) for pair in (self.shape_px, self.overscan_px))
         centre = ((rows - 1) / 2, (columns - 1) / 2) if self.centre_px is None else self.centre_px
@@ -131,7 +131,7 @@ class PixelGrid:
         return self.position_mm(np.arange(self.shape_px[0]), np.arange(self.shape_px[1]))
 
 
-def is_whole(value: object) -> bool:
+def is_integer(value: object) -> bool:
     """Whether a value is an integer, of any numeric type."""
     return _is_number(value) and bool(np.isfinite(value)) and value == int(value)
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..lens.lens import Lens
-from ..runtime.values import plain
+from ..runtime.values import json_value
 from .curves import lateral_colour_um, reference_nm
 
 FRAUNHOFER_F_NM, FRAUNHOFER_C_NM = 486.1, 656.3
@@ -27,12 +27,12 @@ def lens_info(lens: Lens) -> dict:
     return {
         "name": lens.name, "maker": lens.maker, "story": lens.story, "source": lens.source, "notes": lens.notes,
         "efl_mm": lens.efl_mm, "magnification": lens.magnification, "f_number_effective": lens.f_number_effective,
-        "object_distance_mm": plain(lens.object_distance_mm), "entrance_pupil_mm": lens.entrance_pupil_mm,
+        "object_distance_mm": json_value(lens.object_distance_mm), "entrance_pupil_mm": lens.entrance_pupil_mm,
         "capture_focal_length_mm": lens.capture_focal_length_mm, "sensor_mm": list(lens.sensor_mm),
         "reference_wavelength_nm": lens.reference_wavelength_nm,
         "wavelengths_nm": lens.wavelengths_nm.tolist(), "heights_mm": lens.heights_mm.tolist(),
         "psf_samples": list(lens.psf.shape[2:]), "psf_pitch_um": lens.psf_pitch_um,
-        "least_enclosed_energy": plain(lens.enclosed_energy.min()),
+        "least_enclosed_energy": json_value(lens.enclosed_energy.min()),
         "lateral_colour_between_nm": [float(short), float(long)],
         "heights": [
             {"height_mm": float(height), "real_height_mm": float(real), "distortion_percent": float(distortion),

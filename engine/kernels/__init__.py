@@ -4,13 +4,13 @@ Check `running` before calling `turn`, `footprints`, `spread`, `waves` or `cast`
 missing.
 """
 
-from .cast import MEETING, SEQUENCES, TOGETHER, Casting, SeenLayer, cast, rays_shape
+from .cast import MEETING, SEQUENCES, TOGETHER, Casting, LayerArrays, cast, rays_shape
 from .footprints import RadialGeometry, footprints
 from .library import NUMPY, available, running
 from .spreading import PackedTable, TablePlaces, spread
 from .turning import TurnableSamples, turn
 from .waves import waves
 
-__all__ = ["MEETING", "NUMPY", "SEQUENCES", "TOGETHER", "Casting", "PackedTable", "RadialGeometry", "SeenLayer",
+__all__ = ["MEETING", "NUMPY", "SEQUENCES", "TOGETHER", "Casting", "PackedTable", "RadialGeometry", "LayerArrays",
            "TablePlaces", "TurnableSamples", "available", "cast", "footprints", "rays_shape", "running", "spread",
            "turn", "waves"]

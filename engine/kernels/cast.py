@@ -16,7 +16,7 @@ MEETING = np.dtype(STRUCTURES["meeting"])
 
 
 @dataclass(frozen=True, eq=False)
-class SeenLayer:
+class LayerArrays:
     """A layer of a capture, prepared for look-up by rays.
 
     Attributes
@@ -58,7 +58,7 @@ class Casting:
         The directions that an iris's blades face; empty without an iris.
     blade_shape : (float, float, float)
         Margin, bend and slope: a ray passes if margin - bend r^2 - slope (position . direction) > 0 for all blades.
-    layers : tuple of SeenLayer
+    layers : tuple of LayerArrays
         The nearest first.
     faint : tuple of float
         For each wavelength, radiance that is negligible compared with the visible radiance.
@@ -76,7 +76,7 @@ class Casting:
     per_focal: float
     blades: np.ndarray
     blade_shape: tuple[float, float, float]
-    layers: tuple[SeenLayer, ...]
+    layers: tuple[LayerArrays, ...]
     faint: tuple[float, ...]
     meetings: np.ndarray
     eights: np.ndarray

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .cast import QUANTITIES, STOP, Casting, SeenLayer
+from .cast import QUANTITIES, STOP, Casting, LayerArrays
 
 BLOCKED = np.float32(2e-3)  # a ray with a smaller share of its light left ends
 PORTION = 8  # eights of rays that are processed together
@@ -96,7 +96,7 @@ def _moved(places, depth, per_focal):
     return x, y
 
 
-def _meet(layer: SeenLayer, places, meeting, per_focal):
+def _meet(layer: LayerArrays, places, meeting, per_focal):
     """The inverse depth at which rays meet a layer, and the focus share there."""
     depth, share = (np.full(places[0].shape, meeting[name]) for name in ("inverse_depth", "share"))
     row, column = (np.float32(each) + np.float32(0.5) for each in layer.axis_px)
@@ -108,7 +108,7 @@ def _meet(layer: SeenLayer, places, meeting, per_focal):
     return depth, share
 
 
-def _looked_up(layer: SeenLayer, places, covered, opaque):
+def _looked_up(layer: LayerArrays, places, covered, opaque):
     """Alpha and radiance of a layer where rays meet it; 0 for rays that miss it."""
     x, y = np.float32(layer.axis_px[1]) + places[0], np.float32(layer.axis_px[0]) - places[1]
     top, bottom, left, right = layer.bounds_px

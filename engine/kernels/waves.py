@@ -8,7 +8,7 @@ from .declarations import STRUCTURES
 from .library import address, check, chosen, picture
 
 WAVEFRONT = STRUCTURES["wavefront"]
-BESIDE = 16  # margin at the ends of a row of limits
+PADDING = 16  # margin at the ends of a row of limits
 
 
 def waves(path: np.ndarray, edges: np.ndarray, x: np.ndarray, y: np.ndarray, densities: tuple[float, float],
@@ -43,7 +43,7 @@ def waves(path: np.ndarray, edges: np.ndarray, x: np.ndarray, y: np.ndarray, den
     edges = np.ascontiguousarray(edges, dtype=np.float32)
     if path.shape[0] != y.size or edges.shape[0] != y.size:
         raise ValueError(f"polynomials of {path.shape[0]} and {edges.shape[0]} rows, expected {y.size}")
-    light, work = np.zeros(2), np.empty(3 * (x.size + BESIDE), np.float32)
+    light, work = np.zeros(2), np.empty(3 * (x.size + PADDING), np.float32)
     wavefront = WAVEFRONT(*(address(array, np.float64) for array in (across, up, path)), address(edges, np.float32),
                           y.size, x.size, path.shape[1], edges.shape[2], edges.shape[1] - 1, *densities)
     check(loops.lf_waves(variant, byref(wavefront), byref(picture(out)), address(light, np.float64),

@@ -88,12 +88,12 @@ def _package_lens(package, name_or_path):
     return replace(lens, prescription=turned(prescription_of(name_or_path)).prescription)
 
 
-def cannot_be(name_or_path: str | PathLike[str], rings: Rings) -> tuple[str, ...]:
+def clamped_rings(name_or_path: str | PathLike[str], rings: Rings) -> tuple[str, ...]:
     """A line for each ring whose requested value is out of range, with the value that replaces it."""
     return turned(prescription_of(name_or_path), rings).words
 
 
-def iris_shows(name_or_path: str | PathLike[str], rings: Rings) -> bool:
+def iris_is_visible(name_or_path: str | PathLike[str], rings: Rings) -> bool:
     """Whether a lens is stopped down below its widest aperture, which makes the shape of its iris visible."""
     return has_rings(name_or_path) and is_stopped_down(prescription_of(name_or_path), rings)
 

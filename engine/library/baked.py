@@ -32,8 +32,8 @@ def baked_lens(prescription: Prescription, rings: Rings = AT_REST, quality: str 
         raise LensError(prescription.name, "quality", quality, f"expected {', '.join(QUALITIES)}")
     fixed = turned(prescription, rings).prescription
     key = digest_of((fixed, quality))
-    package = cache.recall(KIND, key)
+    package = cache.load(KIND, key)
     if package is None:
         package = package_bytes(bake(fixed, quality=quality, wavelengths_nm=WAVELENGTHS_NM, progress=progress))
-        cache.remember(KIND, key, package, MOST_BYTES)
+        cache.store(KIND, key, package, MOST_BYTES)
     return replace(read_package(BytesIO(package)), prescription=fixed)

@@ -41,12 +41,12 @@ def lens_rays(lens: Lens, reach: float = 1.0) -> RayTable:
 
 def _traced(prescription: Prescription, reach: float) -> RayTable:
     key = digest_of((prescription, reach))
-    archive_bytes = cache.recall(KIND, key)
+    archive_bytes = cache.load(KIND, key)
     if archive_bytes is None:
         table, stream = ray_table(prescription, reach=reach), BytesIO()
         np.savez(stream, **{name: getattr(table, name) for name in ARRAYS})
         archive_bytes = stream.getvalue()
-        cache.remember(KIND, key, archive_bytes, MOST_BYTES)
+        cache.store(KIND, key, archive_bytes, MOST_BYTES)
     with np.load(BytesIO(archive_bytes), allow_pickle=False) as archive:
         arrays = {name: archive[name] for name in ARRAYS}
     return RayTable(prescription.name, arrays["wavelengths_nm"], float(arrays["last_height_mm"]),

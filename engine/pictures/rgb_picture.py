@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from ..image.spectral_image import SpectralImage
 from ..runtime.errors import ImageError, InputError
 from ..runtime.files import AnyPath
-from ..runtime.scratch import folder_if_large, let_go, new_array
+from ..runtime.scratch import folder_if_large, new_array, release_memory
 from ..runtime.values import Value
 from ..spectral.colour import light_basis
 from ..spectral.spectra import BAND_NM
@@ -216,6 +216,6 @@ def upsample(picture: RgbPicture, wavelengths_nm: ArrayLike, pitch_um: float,
             clipped -= plane[negative].sum(dtype=np.float64)
             plane[negative] = 0
             positive += plane.sum(dtype=np.float64, where=np.isfinite(plane))
-    let_go(cube)
+    release_memory(cube)
     image = SpectralImage(cube, wavelengths_nm, pitch_um=pitch_um, overscan_px=picture.overscan_px)
     return image, clipped / positive if positive else 0.0

@@ -25,7 +25,7 @@ from ..runtime.errors import ImageError, printable
 from ..runtime.files import AnyPath, atomic_path
 from ..runtime.inputs import check_input
 from ..runtime.memory import check_room
-from ..runtime.scratch import is_large, let_go, new_array
+from ..runtime.scratch import is_large, new_array, release_memory
 from ..runtime.threads import thread_count
 from .preview import to_rec709
 
@@ -75,7 +75,7 @@ def write_exr(image: SpectralImage, path: str | os.PathLike, other_planes: dict[
     planes |= other_planes or {}
     _write([(_header(image), planes), *(_layer_parts(layered, path) if layered else ())], path)
     for cube in (image.cube, *(layer.cube for layer in (layered.layers if layered else ()))):
-        let_go(cube)
+        release_memory(cube)
 
 
 def _spectral_planes(cube, wavelengths_nm, path):
@@ -264,7 +264,7 @@ def _read_by_blocks(path, header, scratch, channels, names):
                     plane[first:last] = np.frombuffer(samples, types[name][1]).reshape(last - first, columns)
     except (OSError, RuntimeError, ValueError, TypeError, KeyError) as error:
         raise ImageError(path, "file", "not readable", f"expected an EXR picture ({error})") from None
-    let_go(cube)
+    release_memory(cube)
     return cube
 
 

@@ -120,7 +120,7 @@ def _alone_and_shared(work, plan, loops, slowness=1.0):
 def memory_mb(work: Workload, plan: Plan) -> float:
     """Memory in addition to radiance and irradiance, with one wavelength processed at a time."""
     table = work.layout.nodes(plan.method.azimuths, work.planes) * work.taps
-    values = PICTURES * work.pixels + TABLES * table + plan.method.kept_values(work)
+    values = PICTURES * work.pixels + TABLES * table + plan.method.cached_values(work)
     return values * np.dtype(plan.precision).itemsize / MEGABYTE
 
 

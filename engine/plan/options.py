@@ -112,15 +112,15 @@ class Options:
     def __post_init__(self) -> None:
         for field in ("section_size", "azimuths"):
             if getattr(self, field) is not None:
-                self._check_whole(field, np.inf, "1 or more")
-        self._check_whole("supersampling", MOST_SUPERSAMPLING, f"from 1 to {MOST_SUPERSAMPLING}")
+                self._check_integer(field, np.inf, "1 or more")
+        self._check_integer("supersampling", MOST_SUPERSAMPLING, f"from 1 to {MOST_SUPERSAMPLING}")
         self._check_number("accuracy", "expected a number above 0 and below 2, such as 0.01", 0, 2)
         self._check_number("psf_energy", "expected a number above 0 and up to 1, such as 0.999", 0, 1 + 1e-12)
         self._check_number("flat_tolerance", "expected a number of 0 or more and below 1", -1e-300, 1)
         check_choices(self)
         self._check_contradictions()
 
-    def _check_whole(self, field, most, which):
+    def _check_integer(self, field, most, which):
         value = getattr(self, field)
         if isinstance(value, bool) or not isinstance(value, Integral) or not 1 <= value <= most:
             raise InputError("options", field, value, f"expected a whole number, {which}")

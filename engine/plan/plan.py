@@ -9,7 +9,7 @@ from ..blur.pixels import Pixels
 from ..field.field_map import PsfSet
 from ..field.mirror_symmetry import Planes
 from ..image.pixel_grid import PixelGrid
-from ..runtime.values import plain
+from ..runtime.values import json_value
 
 HALO_STEPS = 8
 
@@ -106,7 +106,7 @@ class Plan:
     def as_dict(self) -> dict:
         """The plan as values for JSON, with None for inf."""
         facts = asdict(self) | {"method": self.method.name} | asdict(self.method) | {"azimuths": self.method.azimuths}
-        return plain(facts)
+        return json_value(facts)
 
     @property
     def text(self) -> str:

@@ -27,7 +27,7 @@ class FromSensor:
 
     Attributes
     ----------
-    apart_mm : array (surface,)
+    gap_mm : array (surface,)
         Distance to this vertex from the previous one, or from the sensor.
     curvature_per_mm, conic : arrays (surface,)
     terms : array (surface, term)
@@ -51,7 +51,7 @@ class FromSensor:
         across; 0 if no light gets through.
     """
 
-    apart_mm: np.ndarray
+    gap_mm: np.ndarray
     curvature_per_mm: np.ndarray
     conic: np.ndarray
     terms: np.ndarray
@@ -91,7 +91,7 @@ def lens_from_sensor(prescription: Prescription, wavelength_nm: float, farthest_
     to_pupil = 1 / (1 - surfaces[0].thickness_mm / system.exit_pupil_mm)
     low, high, half = _rectangles(system, indices, np.linspace(0, farthest_mm, BINS + 1), to_pupil)
     return FromSensor(
-        apart_mm=np.array([surface.thickness_mm for surface in surfaces]),
+        gap_mm=np.array([surface.thickness_mm for surface in surfaces]),
         curvature_per_mm=np.array([-1 / surface.radius_mm for surface in surfaces]),
         conic=np.array([surface.conic for surface in surfaces]),
         terms=terms, first_power=first_power, power_step=power_step,

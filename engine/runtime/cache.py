@@ -20,7 +20,7 @@ VARIABLE, OFF = "LENSFIELD_CACHE", "off"
 _configured: dict[str, Path] = {}
 
 
-def keep_in(folder: AnyPath) -> None:
+def set_cache_folder(folder: AnyPath) -> None:
     """Use this folder instead of the user's cache folder. The environment variable LENSFIELD_CACHE takes precedence."""
     _configured["folder"] = Path(folder)
 
@@ -38,7 +38,7 @@ def is_off() -> bool:
     return os.environ.get(VARIABLE, "").lower() == OFF
 
 
-def recall(kind: str, key: bytes) -> bytes | None:
+def load(kind: str, key: bytes) -> bytes | None:
     """The cached content of this kind and key; None if it is missing or damaged."""
     folder = cache_folder()
     if folder is None:
@@ -53,7 +53,7 @@ def recall(kind: str, key: bytes) -> bytes | None:
     return content if seal == _seal(content) else None
 
 
-def remember(kind: str, key: bytes, content: bytes, most_bytes: int) -> None:
+def store(kind: str, key: bytes, content: bytes, most_bytes: int) -> None:
     """Cache some content, and limit the size of this kind to `most_bytes`.
 
     The key identifies everything that the content depends on, except the code: entries of another build of Lensfield
@@ -63,9 +63,9 @@ def remember(kind: str, key: bytes, content: bytes, most_bytes: int) -> None:
     if folder is None:
         return
     with suppress(OSError, InputError):
-        with atomic_path(_path(folder, kind, key), own=True) as temporary:
+        with atomic_path(_path(folder, kind, key), overwrite=True) as temporary:
             temporary.write_bytes(_seal(content) + b"\n" + content)
-        _forget_oldest(kind, most_bytes)
+        _remove_oldest(kind, most_bytes)
 
 
 def size_bytes(kind: str) -> tuple[int, int]:
@@ -74,16 +74,16 @@ def size_bytes(kind: str) -> tuple[int, int]:
     return len(sizes), sum(sizes)
 
 
-def forget(kind: str) -> None:
+def clear(kind: str) -> None:
     """Remove all entries of a kind."""
-    _forget_oldest(kind, 0)
+    _remove_oldest(kind, 0)
 
 
 def _path(folder, kind, key):
     return folder / kind / hashlib.sha256(build_identity().encode() + key).hexdigest()
 
 
-def _forget_oldest(kind, most_bytes):
+def _remove_oldest(kind, most_bytes):
     total_bytes = 0
     for path, status in sorted(_entries(kind), key=lambda each: -each[1].st_mtime_ns):
         total_bytes += status.st_size

@@ -94,7 +94,7 @@ def _repeat(attempt):
     return attempt()
 
 
-def nearest_there(path: AnyPath) -> Path:
+def nearest_existing(path: AnyPath) -> Path:
     """The path, or its nearest parent that exists."""
     return next(place for place in (Path(path), *Path(path).absolute().parents) if os.path.exists(place))
 
@@ -113,13 +113,13 @@ def hidden_folder(folder: AnyPath) -> Path:
     return hidden
 
 
-def check_target(path: AnyPath, own: bool = False) -> None:
+def check_target(path: AnyPath, overwrite: bool = False) -> None:
     """Raise an InputError if a file cannot or should not be written, before the work on its contents begins.
 
     Parameters
     ----------
     path : path
-    own : bool
+    overwrite : bool
         Whether to overwrite any existing file, for folders that contain only Lensfield's files. By default an existing
         file must have been written by Lensfield: the user's files are never overwritten.
     """
@@ -129,8 +129,8 @@ def check_target(path: AnyPath, own: bool = False) -> None:
         raise InputError(named, "file", "a folder", "give the name of a file to write")
     if not stat.S_ISREG(mode):
         raise InputError(named, "file", "a device or pipe", "give the name of a file to write")
-    if not own:
-        check_ours(named)
+    if not overwrite:
+        check_written_by_lensfield(named)
     folder = path.parent
     try:
         with _creating:
@@ -155,7 +155,7 @@ def _resolved(path: AnyPath) -> tuple[Path, int]:
         raise InputError(path, "file", "not accessible", explain(error)) from None
 
 
-def check_ours(path: AnyPath) -> None:
+def check_written_by_lensfield(path: AnyPath) -> None:
     """Raise an InputError for an existing file that was not written by Lensfield, because it is the user's."""
     if not _is_ours(path):
         raise InputError(path, "file", "an existing file that Lensfield did not write",
@@ -193,17 +193,17 @@ def identity(path: AnyPath) -> tuple[int, int] | tuple[int, int, str]:
 
 
 @contextmanager
-def atomic_path(path: AnyPath, own: bool = False) -> Iterator[Path]:
+def atomic_path(path: AnyPath, overwrite: bool = False) -> Iterator[Path]:
     """A temporary path next to `path`. It replaces `path` if the block succeeds, and is removed if the block fails.
 
-    `own` is as for `check_target`.
+    `overwrite` is as for `check_target`.
 
     Raises
     ------
     InputError
         The system reports an error in the block or while the file is flushed, such as a full disk.
     """
-    check_target(path, own)
+    check_target(path, overwrite)
     named, path = path, Path(path).resolve()  # a link stays, and its target is replaced
     try:
         with _pending_path(lambda: create_in(path.parent, lambda: _half_written(path))) as temporary:
@@ -259,7 +259,7 @@ def file_status(path: AnyPath) -> os.stat_result | None:
 
 def move(source: AnyPath, path: AnyPath) -> None:
     """Move a file to a folder of Lensfield's, even from another disk. It appears complete or not at all."""
-    with atomic_path(path, own=True) as temporary:
+    with atomic_path(path, overwrite=True) as temporary:
         try:
             os.replace(source, temporary)
         except OSError:
@@ -360,7 +360,7 @@ def _was_killed(name, prefix):
 
 
 def work_prefix() -> str:
-    """The prefix of this process's temporary folders, which identifies them as its own."""
+    """The prefix of this process's temporary folders, which identifies them as its overwrite."""
     return WORK + _owner()
 
 
@@ -424,7 +424,7 @@ def remove_pending() -> list[Path]:
     return [folder for folder in list(_resumable) if any(map(file_status, matching(folder, "**/[!.]*")))]
 
 
-def note_going_on(folder: AnyPath) -> None:
+def note_resumable(folder: AnyPath) -> None:
     """Report this folder, if the process is stopped, as containing work for the next process to resume."""
     _resumable.add(Path(folder))
 

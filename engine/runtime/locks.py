@@ -28,7 +28,7 @@ class Busy(InputError):
 
 
 @contextmanager
-def only_maker(path: AnyPath) -> Iterator[None]:
+def only_writer(path: AnyPath) -> Iterator[None]:
     """Make this process the only writer of a file for the duration of the block.
 
     The operating system locks a file in the hidden folder next to it, and releases the lock when the process ends or is

@@ -13,7 +13,7 @@ import tempfile
 import numpy as np
 
 from .errors import InputError, explain
-from .files import AnyPath, fill, nearest_there
+from .files import AnyPath, fill, nearest_existing
 from .memory import available_bytes
 
 MOST = 0.25  # of the free memory, for one picture
@@ -37,7 +37,7 @@ def folder_if_large(shape: tuple[int, ...], folder: AnyPath | None) -> AnyPath |
 def check_disk(folder: AnyPath, size_bytes: float) -> None:
     """Raise an InputError if a folder, existing or not, lacks the disk space for scratch files of this size."""
     try:
-        free_bytes = shutil.disk_usage(nearest_there(folder)).free
+        free_bytes = shutil.disk_usage(nearest_existing(folder)).free
     except OSError as error:
         raise InputError(folder, "folder", "not accessible", explain(error)) from None
     if size_bytes > free_bytes:
@@ -57,7 +57,7 @@ def new_array(shape: tuple[int, ...], folder: AnyPath | None) -> np.ndarray:
     return np.zeros(shape, np.float32) if folder is None else _in_file(shape, folder)
 
 
-def beside(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+def zeros_stored_like(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """A new float32 array of zeros, stored like another: in memory, or in a file in the same folder."""
     mapped = _mapped(array)
     return np.zeros(shape, np.float32) if mapped is None else _in_file(shape, mapped.folder)
@@ -68,7 +68,7 @@ def in_file(array: np.ndarray) -> bool:
     return _mapped(array) is not None
 
 
-def let_go(array: np.ndarray) -> None:
+def release_memory(array: np.ndarray) -> None:
     """Release the memory of an array that is stored in a file, until it is used again."""
     mapped = _mapped(array)
     if mapped is not None and hasattr(mmap, "MADV_DONTNEED"):

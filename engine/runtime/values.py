@@ -77,14 +77,14 @@ def digest_of(value: Any) -> bytes:
     return digest.digest()
 
 
-def plain(value: Any) -> Any:
+def json_value(value: Any) -> Any:
     """A value converted to JSON types: lists for tuples and arrays, None for numbers that are not finite."""
     if isinstance(value, dict):
-        return {name: plain(each) for name, each in value.items()}
+        return {name: json_value(each) for name, each in value.items()}
     if isinstance(value, list | tuple | np.ndarray):
-        return [plain(each) for each in value]
+        return [json_value(each) for each in value]
     if isinstance(value, np.generic):
-        return plain(value.item())
+        return json_value(value.item())
     return None if isinstance(value, float) and not np.isfinite(value) else value
 
 

@@ -26,7 +26,7 @@ class Channel:
     table : Cells or None
         Table of the PSFs at this wavelength, if the plan needs one.
     memory : MemoryBudget
-        For data that the next picture reuses; `kept` is whether there is enough for the channel itself.
+        For data that the next picture reuses; `cached` is whether there is enough for the channel itself.
     make_halos : callable () -> Cells, optional
         Returns the table of halos. It is called for pictures with highlights; None if the plan has no halos.
     """
@@ -36,8 +36,8 @@ class Channel:
         self.field, self.planes = field, plan.planes(capture)
         self._plan, self._table = plan, table
         self._psfs = field.psfs(plan.trimmed, self.planes)
-        self.kept = memory.take(field.nbytes + (table.nbytes if table else self._psfs.nbytes))
-        memory = memory if self.kept else MemoryBudget(0)
+        self.cached = memory.take(field.nbytes + (table.nbytes if table else self._psfs.nbytes))
+        memory = memory if self.cached else MemoryBudget(0)
         self._ideal = field.ideal_image(capture, self.planes, memory=memory,
                                         vignette=plan.out_of_field == "vignette", precision=plan.precision)
         self._spreader = plan.method.spreader(self._psfs, table, plan.psf_radius_px, memory)

@@ -12,7 +12,7 @@ from typing import Any
 
 from ..runtime.build_identity import build_identity, software
 from ..runtime.files import atomic_path
-from ..runtime.values import plain
+from ..runtime.values import json_value
 from .report_parts import FileFacts, LensImageFacts, Part, Parts, SceneFacts
 
 FIGURE = re.compile(r"\d[\d.]*")
@@ -88,9 +88,9 @@ class Report:
         """Remarks for the user, one line each. Remarks of frames that differ only in their figures are combined."""
         alike: dict[str, list[tuple[int, str]]] = {}
         for number, report in self.frames.items():
-            for line in report._own_remarks():
+            for line in report._common_remarks():
                 alike.setdefault(FIGURE.sub("", line), []).append((number, line))
-        return [*self._own_remarks(), *(self._remark_of_frames(lines) for lines in alike.values())]
+        return [*self._common_remarks(), *(self._remark_of_frames(lines) for lines in alike.values())]
 
     def _remark_of_frames(self, lines):
         (number, first), *others = lines
@@ -98,7 +98,7 @@ class Report:
             return first
         return f"frame {number}: {first}{f' ({len(others)} more much alike)' if others else ''}"
 
-    def _own_remarks(self):
+    def _common_remarks(self):
         for part in self.parts:
             yield from part.remarks(self.parts)
 
@@ -118,7 +118,7 @@ class Report:
             beyond = [frame["out_of_field_fraction"] for frame in each if "out_of_field_fraction" in frame]
             facts |= {"out_of_field_fraction": max(beyond)} if beyond else {}
             facts["frames"] = each
-        return plain(facts)
+        return json_value(facts)
 
     def write(self, path: Path) -> None:
         """Write the report as JSON, atomically."""

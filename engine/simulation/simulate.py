@@ -17,8 +17,8 @@ from ..lens import Lens
 from ..library.rays import lens_rays
 from ..plan.options import Options
 from ..runtime.errors import ImageError
-from ..runtime.scratch import beside
-from .kept import Kept
+from ..runtime.scratch import zeros_stored_like
+from .channel_cache import ChannelCache
 from .report import Report
 from .report_parts import DistortionFit, Energy, IlluminationFit, LensImageFacts, WavelengthFacts
 
@@ -27,7 +27,7 @@ BY_RESULT = Options()
 
 def simulate(radiance: Radiance, lens: Lens, options: Options = BY_RESULT, *,
              iris: Iris | None = None, progress: Callable[[float], None] | None = None, report: Report | None = None,
-             kept: Kept | None = None, out: np.ndarray | None = None) -> SpectralImage:
+             cache: ChannelCache | None = None, out: np.ndarray | None = None) -> SpectralImage:
     """Compute the spectral irradiance on the sensor behind a lens.
 
     Parameters
@@ -44,7 +44,7 @@ def simulate(radiance: Radiance, lens: Lens, options: Options = BY_RESULT, *,
         Called after each wavelength; for layers while they are cast, before they are filtered.
     report : Report, optional
         Collects stage times, the plan, the fits and the energy.
-    kept : Kept, optional
+    cache : ChannelCache, optional
         Caches the data that frames of an animation share.
     out : float32 array (wavelength, row, column) of the frame, optional
         Array for the irradiance. It may be part of `radiance.cube`, because wavelengths are processed in order.
@@ -59,19 +59,19 @@ def simulate(radiance: Radiance, lens: Lens, options: Options = BY_RESULT, *,
     LensError, ImageError
         If a wavelength is outside the lens data, the distortion folds the field, or pixels are not finite.
     """
-    report, kept, sampling = report or Report(), kept or Kept(limit_mb=0), radiance.sampling
+    report, cache, sampling = report or Report(), cache or ChannelCache(limit_mb=0), radiance.sampling
     views = capture_planes(radiance, lens, partial(lens_rays, lens), fireflies=options.fireflies,
                            most_rays=options.most_rays, most_of_lamps=options.most_of_lamps, iris=iris,
                            stage=report.stage, progress=progress or (lambda fraction: None))
     with report.stage("plan"):
-        plan = kept.plan(options, lens, radiance, out is not None and np.may_share_memory(out, radiance.light))
+        plan = cache.plan(options, lens, radiance, out is not None and np.may_share_memory(out, radiance.light))
     shape = (len(sampling.wavelengths_nm), *sampling.grid.frame_px)
-    irradiance = beside(radiance.light, shape) if out is None else out
+    irradiance = zeros_stored_like(radiance.light, shape) if out is None else out
     if irradiance.shape != shape or irradiance.dtype != np.float32:
         raise ImageError("out", "array", f"{irradiance.dtype} of {irradiance.shape}", f"expected float32 of {shape}")
     fine, tally = plan.supersampling, _Tally(sampling, plan.supersampling)
     frame_px = sampling.grid.finer(fine).frame_px
-    channels = kept.channels(lens, sampling, plan)
+    channels = cache.channels(lens, sampling, plan)
     for index, view in enumerate(views):
         tally.see(view.sharp)
         with report.stage("lens data"):

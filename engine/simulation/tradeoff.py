@@ -25,7 +25,7 @@ from ..plan.options import Options
 from ..runtime.errors import ImageError
 from ..runtime.files import atomic_path
 from ..spectral.spectra import blackbody, library_names, load_spectrum
-from .kept import Kept
+from .channel_cache import ChannelCache
 from .report import Report
 from .simulate import simulate
 
@@ -280,7 +280,7 @@ def _against_most_wavelengths(name, spectral, lens, rounds, tell):
 def _traced_row(radiance, lens, options):
     """Irradiance, and a Row with the plan and the peak memory."""
     report = Report()
-    result, peak_mb = _traced(lambda: simulate(radiance, lens, options, report=report, kept=_nothing()))
+    result, peak_mb = _traced(lambda: simulate(radiance, lens, options, report=report, cache=_nothing()))
     return result, _row_of_plan(report.lens_image.plan, options, radiance.wavelengths_nm.size, peak_mb)
 
 
@@ -306,14 +306,14 @@ def _best_seconds(name, work, rounds, tell):
         for index, (radiance, lens, options) in enumerate(work):
             tell(f"{name}: time, round {turn} of {rounds}", radiance.wavelengths_nm.size)
             begin = time.perf_counter()
-            simulate(radiance, lens, options, kept=_nothing())
+            simulate(radiance, lens, options, cache=_nothing())
             best[index] = min(best[index], time.perf_counter() - begin)
     return best.tolist()
 
 
 def _nothing():
     """The cache of a cold run: without memory and without earlier plans."""
-    return Kept(limit_mb=0, remember=False)
+    return ChannelCache(limit_mb=0, cache_plans=False)
 
 
 def _with_times(rows, seconds):

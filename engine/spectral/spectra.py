@@ -145,7 +145,7 @@ def load_spectrum(text: str, folder: str | os.PathLike = ".") -> Spectrum:
     return Spectrum(*read_spectrum_text(text, folder))
 
 
-def names_own_file(text: str) -> bool:
+def is_user_file(text: str) -> bool:
     """Whether a text for `load_spectrum` is the path of a user's file."""
     return text.strip() not in _library() and not are_pairs(text.strip())
 

@@ -56,7 +56,7 @@ def test_a_worker_that_is_killed_loses_nothing_and_leaves_nothing(blend, serial,
     assert client.returncode == 0, errors
     facts = [json.loads(line.partition("> ")[2]) for line in told.splitlines()]
     assert {fact["frame"] for fact in facts if "frame" in fact} == {1, 2}
-    assert facts[-1]["told"] == ["2 frames there"]
+    assert facts[-1]["messages"] == ["2 frames there"]
     assert [frame["frame"] for frame in json.loads(report.read_text())["frames"]] == [1, 2]
     assert differing(serial, folder) == []
 

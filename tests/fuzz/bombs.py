@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import OpenEXR
-from formats import FIELD, Format, read_as_filter_does, read_package_whole
+from formats import FIELD, Format, read_as_filter_does, read_full_package
 from mutants import members_of, npy, packed
 
 from lens_texts import prescriptions
@@ -37,7 +37,7 @@ def bombs(folder):
         return folder / name
 
     for what, data in packages():
-        yield what, written("lens.npz", data), read_package_whole
+        yield what, written("lens.npz", data), read_full_package
     yield "lens.toml whose key has 30,000 parts", written("lens.toml", ".".join("a" * 30000) + " = 1"), prescription
     yield "lens.toml nested 100,000 deep", written("lens.toml", "a = " + "[" * 10**5), prescription
     yield "lens.json nested 100,000 deep", written("lens.json", '{"a":' * 10**5), prescription
@@ -82,10 +82,10 @@ def with_member(members, name, shape, size):
 
 
 def mat_bytes():
-    from test_iset_mat import told_as
+    from test_iset_mat import with_stated_size
 
     with tempfile.TemporaryDirectory() as folder:
-        return told_as(Path(folder) / "optics.mat", 2**31).read_bytes()
+        return with_stated_size(Path(folder) / "optics.mat", 2**31).read_bytes()
 
 
 def prescription(path):

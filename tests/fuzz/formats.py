@@ -72,7 +72,7 @@ class Format:
 
 def formats(folder: Path) -> Iterator[tuple[str, Format]]:
     """(name, Format) of all kinds; valid files are written to a folder."""
-    yield "lens package", Format(_packages(), read_package_whole, damaged_package)
+    yield "lens package", Format(_packages(), read_full_package, damaged_package)
     yield from _imports(folder)
     yield from _prescriptions()
     for name, sounds in _pictures(folder).items():
@@ -104,7 +104,7 @@ def _packages():
     return [_one("lens.npz", package_bytes(lens)) for lens in lenses]
 
 
-def read_package_whole(path):
+def read_full_package(path):
     lens = read_package(path)
     return lens_text(lens_info(lens))
 

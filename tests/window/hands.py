@@ -152,7 +152,7 @@ def preview_is_fresh():
     preview = preview_under_way()
     assert preview and not preview.error, preview and preview.error
     key = sys.modules[f"{MODULE}.addon.ui.preview"].lens_key(bpy.context.scene)
-    return preview.picture.is_file() and preview.fresh and not preview.asked and preview.lens == key
+    return preview.picture.is_file() and preview.fresh and not preview.job and preview.lens == key
 
 
 def session():

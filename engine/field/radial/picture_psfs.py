@@ -38,10 +38,10 @@ class PicturePsfs:
     """
 
     def __init__(self, lens: Lens, sampling: Sampling, most_energy: float) -> None:
-        self.whole_radius_px = psf_radius_px(lens, sampling.grid.pitch_um)
-        if self.whole_radius_px > LARGEST_PSF_RADIUS_PX:
+        self.full_radius_px = psf_radius_px(lens, sampling.grid.pitch_um)
+        if self.full_radius_px > LARGEST_PSF_RADIUS_PX:
             raise ImageError("image", "pitch_um", sampling.grid.pitch_um, f"a point spread function would reach "
-                             f"{self.whole_radius_px} px; at most {LARGEST_PSF_RADIUS_PX} are done")
+                             f"{self.full_radius_px} px; at most {LARGEST_PSF_RADIUS_PX} are done")
         self._optics = [lens.at_wavelength(nm) for nm in telling_wavelengths(lens, sampling)]
         self._fields = [FieldGeometry(each, lens.name) for each in self._optics]
         self._grid, self._most_energy, self._reaches = sampling.grid, most_energy, {}
@@ -61,7 +61,7 @@ class PicturePsfs:
     def reach(self, energy: float) -> tuple[int, float]:
         """Radius in pixels of PSFs trimmed to this energy, and the mean number of pixels that they cover."""
         if energy >= 1:
-            return self.whole_radius_px, _covered(self.whole_radius_px - 1)
+            return self.full_radius_px, _covered(self.full_radius_px - 1)
         if energy not in self._reaches:
             self._reaches[energy] = self._reach(energy)
         return self._reaches[energy]

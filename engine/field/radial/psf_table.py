@@ -78,8 +78,9 @@ class TurnedPsfs:
         """The same PSFs with all azimuths of a quarter turn."""
         if not self.mirrored:
             return self
-        own, found_at = self._parts[1]
-        return replace(self, psfs=np.concatenate([self.psfs, self.psfs[:, own][..., found_at]], axis=1), mirrored=False)
+        own, lookup_index = self._parts[1]
+        psfs = np.concatenate([self.psfs, self.psfs[:, own][..., lookup_index]], axis=1)
+        return replace(self, psfs=psfs, mirrored=False)
 
     def taps(self, heights: slice, pixels: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """These pixels of a table's PSFs of some heights: array (height, azimuth, tap)."""
@@ -87,8 +88,8 @@ class TurnedPsfs:
         if out is None:
             out = np.empty((len(psfs), self.azimuths, pixels.size), psfs.dtype)
         start = 0
-        for own, found_at in self._parts:
-            stop, found = start + psfs[0, own, 0].size, found_at[pixels]
+        for own, lookup_index in self._parts:
+            stop, found = start + psfs[0, own, 0].size, lookup_index[pixels]
             for of_height, into in zip(psfs[:, own], out[:, start:stop], strict=True):
                 np.take(of_height, found, axis=1, out=into, mode="clip")  # the mode that needs no copy
             start = stop
@@ -97,7 +98,7 @@ class TurnedPsfs:
     def reached(self) -> np.ndarray:
         """Whether any of a table's PSFs of a height reaches a pixel: bool array (height, pixel)."""
         own = np.any(self.psfs, axis=1)
-        return np.any([own[:, found_at[:-1]] for _, found_at in self._parts], axis=0)
+        return np.any([own[:, lookup_index[:-1]] for _, lookup_index in self._parts], axis=0)
 
     def mean_distance_px(self) -> float:
         """Mean distance of light from the chief ray, at the height where it is largest."""
@@ -108,7 +109,7 @@ class TurnedPsfs:
         """Mean offset of the light of a table's PSFs from the chief ray, downwards and to the right: array (height,
         azimuth, 2)."""
         own_px = np.indices((self.side, self.side)).reshape(2, -1).T - self.side // 2
-        places_px = np.concatenate([own_px[np.argsort(found_at[:-1])] for _, found_at in self._parts], axis=1)
+        places_px = np.concatenate([own_px[np.argsort(lookup_index[:-1])] for _, lookup_index in self._parts], axis=1)
         every = self.psfs[..., :-1] @ places_px.astype(self.psfs.dtype)
         return np.concatenate([every[:, own, 2 * k:2 * k + 2] for k, (own, _) in enumerate(self._parts)], axis=1)
 
@@ -277,7 +278,7 @@ class PsfTables:
                  part: Callable[[PsfBank], PsfBank], azimuths: int, precision: str) -> None:
         self._lens, self._pitch_um, self._part = lens, planes.picture.pitch_um, part
         self._azimuths, self._quarter_turns, self._precision = azimuths, planes.quarter_turns, precision
-        self._made = lru_cache(maxsize=2)(self._make)  # wavelengths come in order
+        self._turned = lru_cache(maxsize=2)(self._make)  # wavelengths come in order
         self._mix = len(lens.wavelengths_around(wavelengths_nm)) < len(wavelengths_nm)
 
     def at_wavelength(self, wavelength_nm: float) -> TurnedPsfs:
@@ -285,10 +286,10 @@ class PsfTables:
         if not self._mix:
             return self._make(wavelength_nm)
         below, weight = self._lens.wavelength_position(wavelength_nm)
-        turned = self._made(self._lens.wavelengths_nm[below])
+        turned = self._turned(self._lens.wavelengths_nm[below])
         if not weight:
             return turned
-        above = self._made(self._lens.wavelengths_nm[below + 1])
+        above = self._turned(self._lens.wavelengths_nm[below + 1])
         if turned.mirrored != above.mirrored:
             turned, above = turned.unmirrored(), above.unmirrored()
         psfs = np.empty_like(turned.psfs)

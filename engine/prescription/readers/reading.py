@@ -66,14 +66,14 @@ class Reading:
         Stated in the file.
     unread : tuple of str
         Names in the file that the reader neither uses nor lists as harmless.
-    ours : bool
+    native : bool
         Whether the file is in Lensfield's format: its glasses and notes then stay as written.
     """
 
     prescription: Prescription
     f_number: float | None = None
     unread: tuple[str, ...] = ()
-    ours: bool = False
+    native: bool = False
 
 
 def checked(path: Path, reading: Reading, allow_mismatch: bool = False) -> Prescription:
@@ -93,7 +93,7 @@ def checked(path: Path, reading: Reading, allow_mismatch: bool = False) -> Presc
         The stated focal length or f-number differs from the surfaces' by more than 1 %; an f-number that sets the
         stop, by more than a third of a stop.
     """
-    prescription, renamed = (reading.prescription, []) if reading.ours else _with_successors(reading.prescription)
+    prescription, renamed = (reading.prescription, []) if reading.native else _with_successors(reading.prescription)
     stated = bool(prescription.focal_length_mm or reading.f_number)
     traced = _traced(path, prescription, stated)
     mismatches = [] if traced is None else list(_mismatches(prescription, reading.f_number, traced))
@@ -104,7 +104,7 @@ def checked(path: Path, reading: Reading, allow_mismatch: bool = False) -> Presc
     notes = [*renamed, unread_note(reading.unread), *_notes(reading.f_number, stated, traced)]
     differences = [f"The file's {field} is {values}." for field, values in mismatches]
     return replace(prescription, notes=" ".join(filter(None, (
-        prescription.notes, *differences, *(() if reading.ours else notes)))))
+        prescription.notes, *differences, *(() if reading.native else notes)))))
 
 
 def _notes(f_number, stated, traced):

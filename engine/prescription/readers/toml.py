@@ -59,7 +59,7 @@ def read_lensfield(path: Path, field: tuple[str, float] | None = None) -> Prescr
 
 def read_toml_file(path: Path, options: ReadingOptions) -> Reading:
     """Read a Lensfield prescription; unknown names in it are errors."""
-    return Reading(read_lensfield(path, options.field), ours=True)
+    return Reading(read_lensfield(path, options.field), native=True)
 
 
 def _year(table):

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from lensfield.addon.job import child
-from lensfield.addon.job.job import look_beside, unsaved_folder
+from lensfield.addon.job.job import set_blend_folder, unsaved_folder
 from lensfield.commands.child import Child
 from small_scenes import light, material, wall
 from snapshot import differences, snapshot
@@ -60,7 +60,7 @@ def test_simulations_cached_on_disk_are_found_beside_the_copy(scene, tmp_path):
         copy = child.save_copy(elsewhere)
         assert (copy.parent / "blendcache_scene" / "0001.bphys").read_text() == "cloth"
         bpy.ops.wm.open_mainfile(filepath=str(copy))
-        look_beside(tmp_path / "own")
+        set_blend_folder(tmp_path / "own")
         assert bpy.data.objects["Wall"].modifiers["Nodes"].bake_directory == str(tmp_path / "own" / "bakes")
     assert (caches / "0001.bphys").read_text() == "cloth"
 
@@ -96,7 +96,7 @@ def coloured_scene(scene, tmp_path):
 
 
 def test_what_a_killed_process_left_is_swept_away(tmp_path, monkeypatch):
-    monkeypatch.setattr(child, "_beside_blenders_own", lambda: tmp_path)
+    monkeypatch.setattr(child, "_temporary_parent", lambda: tmp_path)
     dead = subprocess.Popen([sys.executable, "-c", ""])
     dead.wait()
     with child.work_folder() as own:
@@ -118,7 +118,7 @@ def test_a_child_tells_how_far_it_is_and_shows_a_growing_picture(coloured_scene,
     render, seen, pictures = started(tmp_path), [], set()
 
     def look():
-        seen.append((render.told.get("fraction", 0.0), render.told.get("label")))
+        seen.append((render.status.get("fraction", 0.0), render.status.get("label")))
         if (tmp_path / "picture.png").is_file():
             pictures.add((tmp_path / "picture.png").read_bytes())
         return render.ended
@@ -129,7 +129,7 @@ def test_a_child_tells_how_far_it_is_and_shows_a_growing_picture(coloured_scene,
     labels = list(dict.fromkeys(label for _, label in seen if label))
     passes = (label.partition(":")[0].partition(",")[0] for label in labels if label.startswith("Pass"))
     assert list(dict.fromkeys(passes)) == ["Pass 1 of 2", "Pass 2 of 2"]
-    assert render.told["lens_image"] == str(tmp_path / "out" / "Scene_0001_lens_image.exr")
+    assert render.status["lens_image"] == str(tmp_path / "out" / "Scene_0001_lens_image.exr")
     assert len(pictures) == 2
     with Image.open(tmp_path / "picture.png") as picture:
         assert picture.size == (200, 150) and np.ptp(np.array(picture)) > 50
@@ -140,7 +140,7 @@ def test_bad_input_is_told_in_one_line(coloured_scene, tmp_path):
     render = started(tmp_path)
     wait_until(lambda: render.ended)
     render.end()
-    assert render.told["error"].startswith("camera 'Camera': type is ORTHO: ")
+    assert render.status["error"].startswith("camera 'Camera': type is ORTHO: ")
 
 
 LEAVE_IT = """
@@ -148,7 +148,7 @@ import os, sys
 import bpy
 from lensfield.commands.child import Child
 child = Child([sys.executable, *sys.argv[2:]], sys.argv[1])
-while "fraction" not in child.told: pass
+while "fraction" not in child.status: pass
 print(child._process.pid, flush=True)
 os.kill(os.getpid(), 9)
 """

@@ -114,7 +114,7 @@ def edge_by_snell(index):
     return (x_mm + half_mm) / PITCH_MM
 
 
-def edges_seen(picture):
+def visible_edges(picture):
     """The edge's column in a picture, for each wavelength, from the value of the pixel that the edge divides."""
     found = []
     for line in picture.mean(axis=1):
@@ -143,7 +143,7 @@ def test_each_wavelength_goes_where_snell_sends_it(small, tmp_path, node_type):
     assert "'Prism' of 'Glass' is in view and disperses" in facts["scene_plan"]
     expected = [edge_by_snell(index) for index in schott_sf10(NM)]
     assert np.ptp(expected) > 3
-    np.testing.assert_allclose(edges_seen(picture), expected, atol=PIXEL)
+    np.testing.assert_allclose(visible_edges(picture), expected, atol=PIXEL)
 
 
 def test_bare_edge_is_where_the_camera_sees_it(small, tmp_path):
@@ -151,7 +151,7 @@ def test_bare_edge_is_where_the_camera_sees_it(small, tmp_path):
     small.cycles.samples = SAMPLES
     bright_half(small).location.x = 0.5 - 10
     expected = COLUMNS / 2 + 0.5 / -WALL_M * lens().capture_focal_length_mm / PITCH_MM
-    np.testing.assert_allclose(edges_seen(rendered(small, tmp_path)[0]), expected, atol=PIXEL)
+    np.testing.assert_allclose(visible_edges(rendered(small, tmp_path)[0]), expected, atol=PIXEL)
 
 
 @pytest.mark.parametrize("tier", ["standard", "reference"])
@@ -168,7 +168,7 @@ def test_preview_sees_all_wavelengths_by_the_d_line(small, tmp_path):
     prism(small, glass())
     picture, facts = rendered(small, tmp_path, tier="preview")
     assert facts["passes"] == 1
-    np.testing.assert_allclose(edges_seen(picture), edge_by_snell(schott_sf10(587.5618)), atol=PIXEL)
+    np.testing.assert_allclose(visible_edges(picture), edge_by_snell(schott_sf10(587.5618)), atol=PIXEL)
 
 
 def behind_the_camera(obj):
@@ -213,7 +213,7 @@ def test_an_index_without_a_name_does_not_disperse(small, tmp_path):
     prism(small, plain)
     picture, facts = rendered(small, tmp_path)
     assert facts["passes"] == 1
-    np.testing.assert_allclose(edges_seen(picture), edge_by_snell(1.65), atol=PIXEL)
+    np.testing.assert_allclose(visible_edges(picture), edge_by_snell(1.65), atol=PIXEL)
 
 
 def test_refraction_takes_the_place_of_an_index_by_nodes(small, tmp_path):
@@ -226,7 +226,7 @@ def test_refraction_takes_the_place_of_an_index_by_nodes(small, tmp_path):
     crown.node_tree.links.new(value.outputs[0], shader.inputs["IOR"])
     prism(small, crown)
     expected = [edge_by_snell(index) for index in schott_sf10(NM)]
-    np.testing.assert_allclose(edges_seen(rendered(small, tmp_path)[0]), expected, atol=PIXEL)
+    np.testing.assert_allclose(visible_edges(rendered(small, tmp_path)[0]), expected, atol=PIXEL)
 
 
 def test_wavelength_beyond_what_is_known_of_the_glass_is_named(small, tmp_path):

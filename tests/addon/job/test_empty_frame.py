@@ -65,7 +65,7 @@ def foreseen(scene):
 
 def reported(scene, **asked):
     result = addon.render_through_lens(scene, spectral=SpectralOptions("preview"), depth="off", **asked)
-    return [line for line in result.told if line.startswith("Empty Frame")]
+    return [line for line in result.messages if line.startswith("Empty Frame")]
 
 
 @pytest.mark.parametrize("change, reason", BLACK, ids=lambda value: getattr(value, "__name__", ""))
@@ -143,7 +143,7 @@ def test_a_render_region_counts_alone(lit):
 def test_each_frame_of_one_capture_has_it(lit):
     unlit(lit)
     made = addon.render_animation(lit, frames=(1, 2), lens="tessar-50mm", spectral=SpectralOptions("preview"))
-    assert sum("no lamp" in line for line in made.told) == 1
+    assert sum("no lamp" in line for line in made.messages) == 1
 
 
 def test_the_command_prints_it(lit, tmp_path, capsys):

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from full_disk import room_for
-from lensfield.addon.job import kept_passes, light
+from lensfield.addon.job import finished_passes, light
 from lensfield.addon.job.render import render_through_lens
 from lensfield.addon.job.session import write_session
 from lensfield.commands.child import Child
@@ -51,7 +51,7 @@ def test_a_work_folder_that_goes_away_is_told(scene, tmp_path, work, monkeypatch
         return read(path, needed)
 
     read = light.read_pass
-    monkeypatch.setattr(kept_passes, "read_pass", gone)
+    monkeypatch.setattr(finished_passes, "read_pass", gone)
     with pytest.raises(InputError, match=r"look\.exr: render pass is not written whole: No such file or directory$"):
         render(scene, tmp_path)
     assert not list(work.iterdir())
@@ -71,12 +71,12 @@ def test_no_room_for_a_picture_leaves_none_of_its_name(scene, tmp_path, work):
 
 
 def test_a_child_is_heard_when_its_log_has_no_room(tmp_path, work):
-    code = r"""print("x" * 100_000, flush=True); print('lensfield> {"told": ["all"]}'); raise SystemExit(3)"""
+    code = r"""print("x" * 100_000, flush=True); print('lensfield> {"messages": ["all"]}'); raise SystemExit(3)"""
     with room_for(1_000):
         heard = Child([sys.executable, "-c", code], tmp_path)
         heard._process.wait(LAST_RESORT_S)
         heard.end()
-        assert heard.told["told"] == ["all"]
+        assert heard.status["messages"] == ["all"]
         why, log = heard.death()
     assert why.startswith("exit status 3: ") and Path(log).stat().st_size == 1_000
     Path(log).unlink()

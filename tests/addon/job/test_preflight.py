@@ -277,7 +277,7 @@ def test_a_traced_lens_takes_no_look_at_depth(scene, tmp_path, monkeypatch):
     def look(*_):
         pytest.fail("nothing is cut")
 
-    for name in ("seen_depth_mm", "plan_by", "unlayered_remarks"):
+    for name in ("visible_depth_mm", "plan_by", "unlayered_remarks"):
         monkeypatch.setattr(before_a_render, name, look)
     set_world(scene)
     found = preflight(scene, output_folder=tmp_path, lens="tessar-50mm", depth="traced")

@@ -107,16 +107,16 @@ def test_a_picture_that_memory_is_not_for_gives_the_same_files(window, tmp_path,
 def test_a_kept_field_of_view_is_told_for_what_it_is(window, tmp_path):
     kept = rendered(window, tmp_path, "tessar-50mm")
     result = apply_lens(kept.radiance, "nikkor-28mm")
-    (warning,) = (line for line in result.told if "sensor" in line)
+    (warning,) = (line for line in result.messages if "sensor" in line)
     assert "nikkor-28mm, is that of a sensor of 18.3 x 13.7 mm, in place of its own of 36 x 24 mm" in warning
     tessar, nikkor = (load_lens(name, quality="preview") for name in ("tessar-50mm", "nikkor-28mm"))
     image = read_exr(result.irradiance)
     assert np.isclose(image.pitch_um / nikkor.capture_focal_length_mm,
                       read_exr(kept.radiance).pitch_um / tessar.capture_focal_length_mm)
-    assert json.loads(result.record.read_text())["radiance"] == str(kept.radiance) in result.told[1]
+    assert json.loads(result.record.read_text())["radiance"] == str(kept.radiance) in result.messages[1]
     scaled = apply_lens(kept.radiance, "nikkor-28mm", tmp_path / "scaled", view="camera")
     assert np.allclose(read_exr(scaled.irradiance).cube, image.cube, rtol=1e-4)
-    assert "nikkor-28mm made 1.75 times as large" in "".join(scaled.told)
+    assert "nikkor-28mm made 1.75 times as large" in "".join(scaled.messages)
 
 
 def test_what_needs_more_than_was_captured_is_refused_and_nothing_is_touched(window, tmp_path):

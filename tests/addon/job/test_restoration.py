@@ -241,7 +241,7 @@ def test_only_the_compositor_changes_where_it_is_asked_for(rich_scene, tmp_path)
 
 def test_random_failure_inside_the_render_still_restores(rich_scene, tmp_path, monkeypatch):
     before = snapshot()
-    monkeypatch.setattr("lensfield.addon.job.kept_passes.read_pass", lambda *_: 1 / 0)
+    monkeypatch.setattr("lensfield.addon.job.finished_passes.read_pass", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         run(render_steps(rich_scene, job(tmp_path)))
     assert not differences(before, snapshot())

@@ -345,7 +345,7 @@ def test_a_background_set_is_refused(scene, tmp_path):
 
 def test_what_no_render_shows_does_not_stop_one(scene, tmp_path):
     flat_world(scene)
-    kept = painted("Kept", "no-such-paint")
+    kept = painted("ChannelCache", "no-such-paint")
     kept.use_fake_user = True
     wall(scene, painted("Paint", "chart-20-neutral-8"))
     assert rendered(scene, tmp_path)[0].min() > 0

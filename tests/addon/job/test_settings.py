@@ -8,7 +8,7 @@ import pytest
 
 from layouts import Layout
 from lensfield import addon
-from lensfield.addon.job.render import kept
+from lensfield.addon.job.render import shared_cache
 from lensfield.addon.scene.lens_cache import load_lens
 from lensfield.addon.ui.panels import draw_settings
 from lensfield.addon.ui.properties import LensfieldSettings, offered_lenses
@@ -17,7 +17,7 @@ from lensfield.engine.blur import METHODS
 from lensfield.engine.library import BUNDLED
 from lensfield.engine.pictures.spectral_exr import read_exr
 from lensfield.engine.plan.options import DEFAULT_ACCURACY
-from lensfield.engine.simulation import kept as keeping
+from lensfield.engine.simulation import channel_cache
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 from places import SAMPLE_SCENE
 from small_scenes import WAVELENGTHS_NM, light, material, render, set_world, wall
@@ -90,7 +90,7 @@ def test_panels_show_what_counts(scene, settings, shown):
     either = {"accuracy", "method", "section_size", "azimuths"}
     assert either & set(layout.shown) == shown
     assert ("supersampling" in layout.shown) == (settings.get("tier") == "RESULT")
-    assert {"found_lens", "tier", "out_of_field", "fireflies", "lensfield.render"} <= set(layout.shown)
+    assert {"matching_lens", "tier", "out_of_field", "fireflies", "lensfield.render"} <= set(layout.shown)
 
 
 def test_a_file_that_knows_no_accuracy_takes_the_default():
@@ -118,11 +118,11 @@ def test_a_render_by_accuracy_keeps_what_it_promises(scene, tmp_path):
 @pytest.mark.parametrize("options", [
     Options(), Options(method="paper", section_size=16), Options(method="pixels", azimuths=8)], ids=repr)
 def test_later_renders_share_the_lens_and_come_out_the_same(scene, tmp_path, monkeypatch, options):
-    kept.cache_clear()
+    shared_cache.cache_clear()
     lit_scene(scene)
     first = render(scene, tmp_path / "first", options=options)
     made = []
-    monkeypatch.setattr(keeping, "Channel", lambda *arguments, **_: made.append(arguments))
+    monkeypatch.setattr(channel_cache, "Channel", lambda *arguments, **_: made.append(arguments))
     again = render(scene, tmp_path / "again", options=options)
     set_world(scene, strength=0.3)
     other = render(scene, tmp_path / "other", options=options)
@@ -145,10 +145,10 @@ def test_another_lens_file_of_the_same_name_is_read_anew(tmp_path):
 
 def test_what_is_kept_is_freed_with_the_addon(scene, tmp_path):
     render(scene, tmp_path, WAVELENGTHS_NM[:1])
-    assert kept.cache_info().currsize == 1
+    assert shared_cache.cache_info().currsize == 1
     addon.unregister()
     try:
-        assert kept.cache_info().currsize == 0
+        assert shared_cache.cache_info().currsize == 0
     finally:
         addon.register()
 

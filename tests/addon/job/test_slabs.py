@@ -10,7 +10,7 @@ from PIL import Image
 
 from lensfield import addon
 from lensfield.addon.job import slabs
-from lensfield.addon.scene.bodies import EVERYWHERE_MM, whole_depths_mm
+from lensfield.addon.scene.bodies import EVERYWHERE_MM, uncut_depths_mm
 from lensfield.addon.scene.camera import capture_grid
 from lensfield.engine import InputError, load_lens
 from lensfield.engine.image.pixel_grid import FISHEYE
@@ -88,7 +88,7 @@ def assert_alike(whole, flat, rtol=0.003, noise=0.3):
     assert_means(flat[lit], whole[lit], rtol=rtol, noise=noise)
 
 
-def assert_seen_as_one(whole, flat):
+def assert_same_as_single(whole, flat):
     """Compares the means; and every pixel in areas of a single, uniform surface."""
     assert_alike(whole, flat)
     around = np.stack([whole[:, down:whole.shape[1] - 2 + down, across:whole.shape[2] - 2 + across]
@@ -100,7 +100,7 @@ def assert_seen_as_one(whole, flat):
 
 def test_slabs_together_are_what_one_render_shows(deep, cut, tmp_path):
     whole, flat, layered = both(deep, tmp_path)
-    assert_seen_as_one(whole, flat)
+    assert_same_as_single(whole, flat)
     assert len(layered.layers) == len(CUT_MM) + 2  # plus the sky
     assert layered.focal_mm == read_exr(tmp_path / "auto" / "Scene_0001_radiance.exr").focal_mm
 
@@ -244,7 +244,7 @@ def test_slabs_go_together_with(deep, cut, tmp_path, change, rtol):
 def test_slabs_go_together_with_the_cameras_own_clipping(deep, cut, tmp_path):
     own_clipping(deep)
     whole, flat, layered = both(deep, tmp_path)
-    assert_seen_as_one(whole, flat)
+    assert_same_as_single(whole, flat)
     depths_mm = [layer.depth_mm[layer.alpha > 0] for layer in layered.layers[:-1]]
     assert min(depth.min() for depth in depths_mm) >= 60 and max(depth.max() for depth in depths_mm) < 2000
 
@@ -258,7 +258,7 @@ def test_slabs_go_together_with_fisheyes(deep, cut, tmp_path):
     """Fisheye cameras clip by distance."""
     whole, flat, layered = both(deep, tmp_path, lens="muller-fisheye-25mm", lens_quality="preview")
     assert layered.grid.projection == FISHEYE
-    assert_seen_as_one(whole, flat)
+    assert_same_as_single(whole, flat)
 
 
 @pytest.mark.one_blender
@@ -361,20 +361,20 @@ def fog(scene):
 def test_bodies_and_volumes_stay_whole(deep):
     lens = load_lens(LENS)
     grid = capture_grid(deep, lens, WAVELENGTHS_NM)
-    assert whole_depths_mm(deep, lens, grid, ()) == ([], [])  # squares are not bodies
+    assert uncut_depths_mm(deep, lens, grid, ()) == ([], [])  # squares are not bodies
     bpy.ops.mesh.primitive_uv_sphere_add(radius=0.1, location=(0.1, 0, -1))
     bpy.ops.mesh.primitive_cube_add(size=0.1, location=(0, 0, 1))  # behind the camera
     bpy.ops.mesh.primitive_cube_add(size=30, location=(0, 0, 0))  # a room
     fog(deep)
-    (volume,), (body,) = whole_depths_mm(deep, lens, grid, ())
+    (volume,), (body,) = uncut_depths_mm(deep, lens, grid, ())
     np.testing.assert_allclose(volume, (200, 400), rtol=1e-5)
-    (volume,), _ = whole_depths_mm(deep, lens, grid, {bpy.context.object.name})
+    (volume,), _ = uncut_depths_mm(deep, lens, grid, {bpy.context.object.name})
     np.testing.assert_allclose(volume, (200, np.inf), rtol=1e-5)
     np.testing.assert_allclose(body, (900, 1100), rtol=1e-5)
     tree = deep.world.node_tree
     tree.links.new(tree.nodes.new("ShaderNodeVolumeScatter").outputs[0],
                    tree.get_output_node("CYCLES").inputs["Volume"])
-    assert whole_depths_mm(deep, lens, grid, ())[0][0] == EVERYWHERE_MM
+    assert uncut_depths_mm(deep, lens, grid, ())[0][0] == EVERYWHERE_MM
 
 
 def red_fog(scene):
@@ -445,7 +445,7 @@ def test_what_holds_out_hides_what_is_behind_it(deep, tmp_path, hold_out):
     hold_out(deep)
     whole, flat, layered = both(deep, tmp_path)
     assert len(layered.layers) == 1
-    assert_seen_as_one(whole, flat)
+    assert_same_as_single(whole, flat)
 
 
 @pytest.mark.one_blender

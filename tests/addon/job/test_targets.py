@@ -96,10 +96,10 @@ def test_a_picture_that_the_compositor_alone_shows_is_made_anew(plain):
                                            ("Scene_0001_after.png", True), ("report.json", False),
                                            ("Scene_report.json", False)])
 def test_a_report_is_not_called_as_a_file_of_a_frame(tmp_path, name, refused):
-    addon.check_beside_frames(tmp_path / "elsewhere", tmp_path / name)
+    addon.check_next_to_frames(tmp_path / "elsewhere", tmp_path / name)
     if not refused:
-        addon.check_beside_frames(tmp_path, tmp_path / name)
+        addon.check_next_to_frames(tmp_path, tmp_path / name)
         return
     with pytest.raises(InputError, match="file is called as one of a frame: give it another name or folder"):
-        addon.check_beside_frames(tmp_path, None, tmp_path / name)
+        addon.check_next_to_frames(tmp_path, None, tmp_path / name)
 

@@ -145,7 +145,7 @@ def test_a_missing_file_gives_the_plain_render_and_is_told(scene, tmp_path):
 
 
 @pytest.mark.parametrize("state", ["x", "[1]", "[" * 10**5, "5", '{"frames": 5}', '{"frames": {"x": 1, "1e9": 2}}', 5,
-                                   '{"scene": 1, "made_layers": [], "frames": null}', b"\xff"])
+                                   '{"scene": 1, "created_layers": [], "frames": null}', b"\xff"])
 def test_a_strangers_file_may_hold_anything_in_place_of_what_the_node_knows(scene, tmp_path, state):
     lay(scene, tmp_path)
     lensfield_nodes(scene)[0].node_tree[STATE] = state

@@ -14,7 +14,7 @@ from lensfield.addon.job.render import job_of_frame
 from lensfield.addon.scene import rings
 from lensfield.addon.scene.rings import scene_iris, scene_lens
 from lensfield.cli import _parser
-from lensfield.commands.arguments import asked_iris
+from lensfield.commands.arguments import iris_option
 from lensfield.engine import InputError, load_lens, simulate
 from lensfield.engine.depth.iris import Iris, opening
 from lensfield.engine.image.layers import Layer, LayeredRadiance
@@ -41,8 +41,8 @@ def blades(scene):
 
 def test_a_damaged_prescription_is_read_again_when_it_has_changed(scene, blades, tmp_path, monkeypatch):
     """A preview reads it many times a second."""
-    path, asked, shows = tmp_path / "own.toml", [], rings.iris_shows
-    monkeypatch.setattr(rings, "iris_shows", lambda *of: asked.append(of) or shows(*of))
+    path, asked, shows = tmp_path / "own.toml", [], rings.iris_is_visible
+    monkeypatch.setattr(rings, "iris_is_visible", lambda *of: asked.append(of) or shows(*of))
     path.write_text("title = ")
     for _ in range(3):
         with pytest.raises(InputError, match="own.toml"):
@@ -95,13 +95,13 @@ def test_what_a_stretched_aperture_would_do_is_left_out_and_told(scene, blades):
 @pytest.mark.parametrize("iris", [None, Iris(5), Iris(9, -12.5, 0.5), Iris(6, 1e-7, 1.0)])
 def test_the_command_takes_blades_as_they_are(iris):
     told = _parser().parse_args(["apply", "Scene_0001_radiance.exr", "--lens", LENS, *to_arguments(iris=iris)])
-    assert asked_iris(told) == (iris or Iris(0))
+    assert iris_option(told) == (iris or Iris(0))
 
 
 def test_the_command_wants_blades_to_turn():
     for words in (["--iris-rotation", "5"], ["--iris-roundness", "0.5"]):
         with pytest.raises(InputError, match="give --iris-blades"):
-            asked_iris(_parser().parse_args(["apply", "Scene_0001_radiance.exr", "--lens", LENS, *words]))
+            iris_option(_parser().parse_args(["apply", "Scene_0001_radiance.exr", "--lens", LENS, *words]))
 
 
 @pytest.mark.parametrize("values, message", [

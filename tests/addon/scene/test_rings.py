@@ -11,7 +11,7 @@ from lensfield import addon
 from lensfield.addon.job.render import job_of_frame
 from lensfield.addon.scene.rings import FIXED, ring_fields, rings_for, scene_lens, scene_rings
 from lensfield.cli import _parser
-from lensfield.commands.arguments import asked_rings
+from lensfield.commands.arguments import rings_option
 from lensfield.commands.render import scene_and_fields
 from lensfield.engine import load_lens
 from lensfield.engine.lens_files.package import write_package
@@ -118,7 +118,7 @@ def test_keyframes_turn_rings(scene, dof):
 def test_the_command_takes_rings_as_they_are(rings):
     words = to_arguments(**ring_fields(rings))
     options = _parser().parse_args(["apply", "Scene_0001_radiance.exr", "--lens", LENS, *words])
-    assert asked_rings(options) == rings
+    assert rings_option(options) == rings
 
 
 @pytest.mark.parametrize("words, asked", [

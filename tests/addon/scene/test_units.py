@@ -9,9 +9,9 @@ from lensfield import addon
 from lensfield.addon.job.record import picture_settings
 from lensfield.addon.job.slabs import looked_at
 from lensfield.addon.job.unlayered import MIRRORED, unlayered
-from lensfield.addon.scene.bodies import whole_depths_mm
+from lensfield.addon.scene.bodies import uncut_depths_mm
 from lensfield.addon.scene.camera import aim_camera, capture_grid
-from lensfield.addon.scene.depth import seen_depth_mm
+from lensfield.addon.scene.depth import visible_depth_mm
 from lensfield.addon.scene.fingerprint import settings_digest
 from lensfield.addon.scene.rings import scene_rings
 from lensfield.addon.scene.units import metres_per_unit
@@ -113,9 +113,9 @@ def test_rays_into_the_scene_count_in_metres(scene, unit_m):
     bpy.context.view_layer.update()
     fast = SMALL.scaled(10)
     grid = capture_grid(scene, fast, [550.0])
-    depth_mm = seen_depth_mm(scene, fast, grid)
+    depth_mm = visible_depth_mm(scene, fast, grid)
     assert np.nanmin(depth_mm) == pytest.approx(450, rel=1e-4) and np.nanmax(depth_mm) == pytest.approx(1000, rel=1e-4)
-    assert whole_depths_mm(scene, fast, looked_at(grid), ()) == ([], [pytest.approx((450, 550), rel=1e-4)])
+    assert uncut_depths_mm(scene, fast, looked_at(grid), ()) == ([], [pytest.approx((450, 550), rel=1e-4)])
     assert unlayered(scene, fast, grid)[MIRRORED].share > 0.3
 
 

@@ -417,15 +417,15 @@ def test_panel_shows_what_check_scene_found_and_selects(scene):
     wall(scene, material("Plain", "ShaderNodeBsdfDiffuse")[0])
     painted(scene, "ShaderNodeBsdfPrincipled").inputs["Thin Film Thickness"].default_value = 400
     assert bpy.ops.lensfield.lint() == {"FINISHED"}
-    assert [finding.verdict for finding in session.check.found.findings].count(REJECTED) == 1
+    assert [finding.verdict for finding in session.check.result.findings].count(REJECTED) == 1
     assert session.check.scene_uid == scene.session_uid
     assert bpy.ops.lensfield.select_object(finding=0) == {"FINISHED"}
     assert [obj.name for obj in scene.objects if obj.select_get()] == ["Wall.001"]
     layout = Layout()
-    lint_panel.draw_preflight(layout, session.check.found)
+    lint_panel.draw_preflight(layout, session.check.result)
     assert [icon for _, icon in layout.labels if icon != "BLANK1"] == [
         "RENDER_STILL", "CANCEL", *["INFO"] * 3, "CANCEL", "INFO"]  # remarks on view, light and distance
-    said, finding = " ".join(text for text, _ in layout.labels), session.check.found.findings[0]
+    said, finding = " ".join(text for text, _ in layout.labels), session.check.result.findings[0]
     assert str(finding) in said and lint_panel.UNFIT in said
     assert said.count(finding.text) == 2  # as the reason for a render per wavelength, and in its own line
     icons = bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items.keys()

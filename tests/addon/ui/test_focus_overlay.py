@@ -52,7 +52,7 @@ def on(scene):
 
 def follow():
     wait_until(lambda: preview.tick() is None or (
-        session.preview.fresh and not session.preview.asked))
+        session.preview.fresh and not session.preview.job))
 
 
 def tinted(scene):

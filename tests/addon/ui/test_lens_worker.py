@@ -64,11 +64,11 @@ def told(scene):
 
 def answered(scene):
     lens_worker.lens_request(scene).future.result(LAST_RESORT_S)
-    return lens_worker.asked_lens(scene)
+    return lens_worker.requested_lens(scene)
 
 
 def test_a_panel_is_drawn_while_its_lens_is_baked(scene, oven):
-    assert lens_worker.asked_lens(scene) is None and oven.entered.wait(LAST_RESORT_S)
+    assert lens_worker.requested_lens(scene) is None and oven.entered.wait(LAST_RESORT_S)
     assert lens_worker.BAKING in told(scene) and "wide open at f/5.5, focused far away" in told(scene)
     assert lens_worker.lens_request(scene).fraction == 0.4
     oven.opened.set()
@@ -81,7 +81,7 @@ def test_only_the_newest_question_is_answered(scene, oven):
     first = lens_worker.lens_request(scene)
     assert oven.entered.wait(LAST_RESORT_S)
     turn(scene, 11)
-    assert lens_worker.asked_lens(scene) is None
+    assert lens_worker.requested_lens(scene) is None
     first.future.result(LAST_RESORT_S)  # it finishes although its oven is shut
     oven.opened.set()
     assert first.lens is None and answered(scene).name == "tessar-50mm at f/11.0"
@@ -101,7 +101,7 @@ def test_an_old_answer_is_not_shown_for_a_new_question(scene, oven):
     assert answered(scene)
     oven.opened.clear()
     turn(scene, 16)
-    assert lens_worker.asked_lens(scene) is None and "at f/16, focused" in told(scene)
+    assert lens_worker.requested_lens(scene) is None and "at f/16, focused" in told(scene)
 
 
 @pytest.mark.parametrize("error, line", [

@@ -12,7 +12,7 @@ from lensfield.addon.job.remarks import ENOUGH_SAMPLES
 from lensfield.addon.scene.camera import capture_grid
 from lensfield.addon.ui import lens_worker, lint_panel, plan_line
 from lensfield.addon.ui.panels import draw_settings
-from lensfield.addon.ui.properties import DEFAULT_LENS, found_lens_items, offered_lenses, searched_lens_items
+from lensfield.addon.ui.properties import DEFAULT_LENS, matching_lens_items, offered_lenses, searched_lens_items
 from lensfield.addon.ui.session import LastRender, session
 from lensfield.engine import Options, load_lens
 from lensfield.engine.image.sampling import Sampling
@@ -61,15 +61,15 @@ def test_lenses_go_by_their_titles():
                                           ("no such lens", set())])
 def test_words_find_lenses_to_choose_from(scene, words, found):
     scene.lensfield.lens, scene.lensfield.lens_words = "nikkor-28mm", words
-    assert {name for name, *_ in found_lens_items(scene.lensfield, None)} == found | {"nikkor-28mm"}
+    assert {name for name, *_ in matching_lens_items(scene.lensfield, None)} == found | {"nikkor-28mm"}
     for name in found:
-        scene.lensfield.found_lens = name
-        assert scene.lensfield.lens == scene.lensfield.found_lens == name
+        scene.lensfield.matching_lens = name
+        assert scene.lensfield.lens == scene.lensfield.matching_lens == name
 
 
 def test_without_words_all_lenses_are_to_choose_from(scene):
-    assert found_lens_items(scene.lensfield, None) == offered_lenses()
-    scene.lensfield.found_lens = "FILE"
+    assert matching_lens_items(scene.lensfield, None) == offered_lenses()
+    scene.lensfield.matching_lens = "FILE"
     assert scene.lensfield.lens == "FILE"
 
 
@@ -149,7 +149,7 @@ def test_the_plan_line_follows_the_settings(plain):
 def test_the_plan_line_knows_what_a_check_has_found_until_the_settings_change(plain):
     plain.lensfield.tier = "REFERENCE"
     assert bpy.ops.lensfield.lint() == {"FINISHED"}
-    count = len(session.check.found.plan.bands)
+    count = len(session.check.result.plan.bands)
     assert plan_text(plain).startswith(f"{count} Cycles render")
     assert "other ones since" not in told(plain)
     plain.lensfield.wavelength_count = 7

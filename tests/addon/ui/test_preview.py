@@ -40,7 +40,7 @@ def on():
 
 def follow():
     """Tick until everything is finished and displayed."""
-    wait_until(lambda: preview.tick() is None or (on().fresh and not on().asked))
+    wait_until(lambda: preview.tick() is None or (on().fresh and not on().job))
 
 
 def shown():
@@ -99,10 +99,10 @@ def test_changes_do_not_pile_up(ready_scene):
         bpy.data.lights["Light"].energy *= 1.01
         bpy.context.view_layer.update()
         preview.tick()
-    asked = on().asked_s
-    assert on().asked[0] == "render" and not on().fresh
+    asked = on().job_s
+    assert on().job[0] == "render" and not on().fresh
     follow()
-    assert on().asked_s > asked and on().fresh
+    assert on().job_s > asked and on().fresh
 
 
 @pytest.mark.one_blender
@@ -113,10 +113,10 @@ def test_another_lens_is_seen_at_once_and_then_by_its_own_view(ready_scene):
     ready_scene.lensfield.lens = "nikkor-28mm"
     bpy.context.view_layer.update()
     preview.tick()
-    assert on().asked[0] == "lens"
-    while on().asked[0] == "lens":
+    assert on().job[0] == "lens"
+    while on().job[0] == "lens":
         preview.tick()
-    assert red(ready_scene) != shown_first and "Nikkor 28 mm" in shown() and on().asked[0] == "render"
+    assert red(ready_scene) != shown_first and "Nikkor 28 mm" in shown() and on().job[0] == "render"
     follow()
     assert on().tangents[0] > 1.5 * narrow[0]
 
@@ -203,8 +203,8 @@ def test_what_cannot_be_rendered_is_told_and_tried_again_when_it_has_changed(rea
 @pytest.mark.one_blender
 def test_a_lens_that_is_gone_is_told_and_seen_as_soon_as_it_is_back(ready_scene, tmp_path, monkeypatch):
     """With blades, which need its widest f-number, read once for each version of a file."""
-    asked, iris_shows = [], rings.iris_shows
-    monkeypatch.setattr(rings, "iris_shows", lambda *lens: asked.append(lens) or iris_shows(*lens))
+    asked, iris_is_visible = [], rings.iris_is_visible
+    monkeypatch.setattr(rings, "iris_is_visible", lambda *lens: asked.append(lens) or iris_is_visible(*lens))
     own, dof = tmp_path / "own.toml", ready_scene.camera.data.dof
     shutil.copy(PRESCRIPTIONS / "tessar-50mm.toml", own)
     ready_scene.lensfield.lens, ready_scene.lensfield.lens_file = "FILE", str(own)
@@ -233,7 +233,7 @@ def test_a_file_that_takes_long_to_copy_is_refreshed_by_hand(ready_scene, monkey
     preview.on_frame(ready_scene)
     on().changed_s = 0.0
     preview.tick()
-    assert not on().asked and "refresh it by hand" in shown()
+    assert not on().job and "refresh it by hand" in shown()
     assert bpy.ops.lensfield.refresh_preview() == {"FINISHED"}
     follow()
     assert on().radiance.stat().st_mtime_ns > radiance
@@ -243,10 +243,10 @@ def test_it_waits_while_a_lens_render_is_under_way(ready_scene, monkeypatch):
     preview.start(ready_scene)
     monkeypatch.setattr(session, "render", object())
     preview.tick()
-    assert not on().asked
+    assert not on().job
     monkeypatch.setattr(session, "render", None)
     preview.tick()
-    assert on().asked
+    assert on().job
 
 
 def test_it_goes_off_with_its_file_its_scene_its_child_and_the_add_on(ready_scene):

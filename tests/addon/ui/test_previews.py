@@ -79,10 +79,10 @@ def drawn(scene, **layout):
 
 def test_sheets_of_packages_lie_beside_them(tmp_path):
     sheet = paint(tmp_path / "a lens.v2.png", RED)
-    assert sheets.own_sheet(str(tmp_path / "a lens.v2.npz")) == sheet
-    assert sheets.own_sheet(str(tmp_path / "a lens.v2.toml")) is None  # its rings are turned
+    assert sheets.stored_sheet(str(tmp_path / "a lens.v2.npz")) == sheet
+    assert sheets.stored_sheet(str(tmp_path / "a lens.v2.toml")) is None  # its rings are turned
     for nonsense in ("", ".", "/", "a\0"):
-        assert sheets.own_sheet(nonsense) is None
+        assert sheets.stored_sheet(nonsense) is None
 
 
 def test_a_preview_stands_upright_and_keeps_its_shape(tmp_path):

@@ -48,7 +48,7 @@ def noted(look, path, *given, **named):
 def in_a_window(monkeypatch):
     """Without a render requested by a command: nothing is trusted."""
     trust.forget_trust()
-    monkeypatch.setattr(trust, "_is_asked_for", lambda: False)
+    monkeypatch.setattr(trust, "_user_must_confirm", lambda: False)
     for look in (os.stat, os.lstat):
         monkeypatch.setattr(os, look.__name__, partial(noted, look))
     yield
@@ -122,7 +122,7 @@ def test_its_paths_are_shown_with_one_button(stranger):
     layout = draw(bpy.context.scene)
     told = " ".join(layout.labels)
     assert all(str(stranger / name) in told.replace(" ", "") or name in told for name in ("lens.npz", "paint.spd"))
-    assert layout.shown == ["lensfield.trust", "found_lens"]
+    assert layout.shown == ["lensfield.trust", "matching_lens"]
     assert set(named_files().values()) == {"lens", "spectrum", "output"}
 
 
@@ -150,7 +150,7 @@ def test_nor_is_anything_read_by_a_check_of_the_scene(stranger, lens):
     bpy.ops.mesh.primitive_plane_add()
     bpy.context.object.data.materials.append(bpy.data.materials["Paint"])
     bpy.ops.lensfield.lint()
-    refusals = session.check.found.refusals
+    refusals = session.check.result.refusals
     assert refusals and all("press Trust" in str(refusal) for refusal in refusals)
     assert not touches(stranger)
 
@@ -212,12 +212,12 @@ def test_a_file_that_may_run_scripts_is_trusted(stranger, monkeypatch):
     ("\\\\server\\share", False)])
 def test_what_lies_beside_the_blend(scene, tmp_path, path, beside):
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "own.blend"))
-    assert trust.lies_beside(bpy.path.abspath(path)) == beside
+    assert trust.is_near_blend(bpy.path.abspath(path)) == beside
 
 
 @pytest.mark.parametrize("path, beside", [("//lensfield/", True), ("//../b", False), ("/b", False)])
 def test_what_lies_beside_a_file_that_is_nowhere_yet(scene, path, beside):
-    assert trust.lies_beside(bpy.path.abspath(path)) == beside
+    assert trust.is_near_blend(bpy.path.abspath(path)) == beside
 
 
 def test_a_new_file_names_nothing(scene, in_a_window):

@@ -55,7 +55,7 @@ def start():
 
 def in_a_pass(render):
     """During the samples of a pass, which it also reports."""
-    return render.child.told.get("label", "").startswith("Pass 1") and render.fraction > 0
+    return render.child.status.get("label", "").startswith("Pass 1") and render.fraction > 0
 
 
 def shown(scene):
@@ -115,7 +115,7 @@ def test_the_panel_shows_the_render_and_what_became_of_it(endless_scene):
     start()
     follow(in_a_pass)
     panel = shown(endless_scene)
-    assert {"lensfield.cancel", "found_lens"} <= set(panel.shown)
+    assert {"lensfield.cancel", "matching_lens"} <= set(panel.shown)
     assert "Scene: Pass 1 of 1" in " ".join(panel.labels)
     assert bpy.ops.lensfield.cancel() == {"FINISHED"}
     assert "Cancelled" in shown(endless_scene).labels
@@ -251,9 +251,9 @@ def test_the_add_on_takes_its_render_along(endless_scene):
 
 
 def test_the_label_tells_the_time_left(monkeypatch):
-    child = SimpleNamespace(told={"fraction": 0.25, "label": "Pass 1 of 3"}, told_s=30.0)
+    child = SimpleNamespace(status={"fraction": 0.25, "label": "Pass 1 of 3"}, status_s=30.0)
     render = window_render.WindowRender(child, None, "Scene", 1, True, [], started_s=10.0)
     monkeypatch.setattr(window_render.time, "monotonic", lambda: 40.0)
     assert render.label == "Scene: Pass 1 of 3, 30 s, about 50 s left"
-    child.told = {}
+    child.status = {}
     assert render.label == "Scene: Starting Blender in the background, 30 s"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lenses import gaussian_psf, make_lens
-from lensfield.engine import Kept, Options, Report, SpectralImage, simulate
+from lensfield.engine import ChannelCache, Options, Report, SpectralImage, simulate
 from lensfield.engine.blur.halos import HIGHLIGHT, VISIBLE, highlights
 from lensfield.engine.field.radial.psf_bank import PsfBank
 from lensfield.engine.plan.choose import make_plan
@@ -89,8 +89,8 @@ def test_a_lamp_beside_the_frame_shines_into_it():
 
 
 def test_frames_share_the_halos_that_they_have():
-    kept, options = Kept(), Options(accuracy=0.01)
+    kept, options = ChannelCache(), Options(accuracy=0.01)
     dark, bright = lamp(0.2), lamp(20000)
-    frames = [simulate(image, HALOED, options, kept=kept).cube for image in (dark, bright, dark, bright)]
+    frames = [simulate(image, HALOED, options, cache=kept).cube for image in (dark, bright, dark, bright)]
     for image, frame in zip((dark, bright, dark, bright), frames, strict=True):
         np.testing.assert_array_equal(frame, simulate(image, HALOED, options).cube)

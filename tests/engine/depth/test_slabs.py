@@ -172,7 +172,7 @@ def test_looks_of_few_pixels(shape):
 
 
 @pytest.mark.parametrize("seed", range(6))
-@pytest.mark.parametrize("name", ["whole_mm", "bodies_mm"])
+@pytest.mark.parametrize("name", ["uncut_mm", "bodies_mm"])
 def test_no_border_is_inside_what_is_whole(seed, name):
     random, depth_mm = np.random.default_rng(seed), room_mm(seed)
     near_mm = random.uniform(600, 6000, 6)
@@ -188,12 +188,12 @@ def test_a_deep_body_may_be_cut_and_a_volume_never():
     depth_mm = room_mm()
     free = plan(depth_mm).borders_mm
     assert plan(depth_mm, bodies_mm=[(500, 20000)]).borders_mm == pytest.approx(free, rel=0.05)
-    assert all(border >= 20000 * (1 - 1e-9) for border in plan(depth_mm, whole_mm=[(0, 20000)]).borders_mm)
+    assert all(border >= 20000 * (1 - 1e-9) for border in plan(depth_mm, uncut_mm=[(0, 20000)]).borders_mm)
 
 
 @pytest.mark.parametrize("world", [(0, np.inf), (-1000, np.inf)])
 def test_a_volume_of_the_world_takes_one_slab(world):
-    assert plan(room_mm(), whole_mm=[world]).slabs == 1
+    assert plan(room_mm(), uncut_mm=[world]).slabs == 1
 
 
 def test_a_coarse_look_plans_as_a_fine_one_does():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lenses import comatic_lens, lopsided_lens
-from lensfield.engine import Kept, Options, Report, SpectralImage, simulate
+from lensfield.engine import ChannelCache, Options, Report, SpectralImage, simulate
 from lensfield.engine.image.pixel_grid import FISHEYE
 from lensfield.engine.kernels import NUMPY, available
 from loops import using
@@ -97,18 +97,18 @@ def test_pictures_by_every_bundled_lens_agree(name, accuracy):
 def test_kept_frames_are_those_that_are_made_anew(limit_mb):
     for name in available():
         with using(name):
-            kept = Kept(limit_mb=limit_mb)
+            kept = ChannelCache(limit_mb=limit_mb)
             for seed in (0, 1, 0):
                 radiance = noise(seed=seed, wavelengths_nm=(450.0, 600.0))
-                np.testing.assert_array_equal(simulate(radiance, COMATIC, PIXELS, kept=kept).cube,
+                np.testing.assert_array_equal(simulate(radiance, COMATIC, PIXELS, cache=kept).cube,
                                               simulate(radiance, COMATIC, PIXELS).cube)
 
 
 def test_other_loops_than_those_of_the_frame_before_may_do_the_next():
-    kept, radiance = Kept(), noise()
+    kept, radiance = ChannelCache(), noise()
     for name in (*available(), *reversed(available())):
         with using(name):
-            np.testing.assert_array_equal(simulate(radiance, COMATIC, PIXELS, kept=kept).cube,
+            np.testing.assert_array_equal(simulate(radiance, COMATIC, PIXELS, cache=kept).cube,
                                           simulate(radiance, COMATIC, PIXELS).cube)
 
 

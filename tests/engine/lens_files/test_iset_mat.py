@@ -148,7 +148,7 @@ def test_scipys_reader_stays_in_the_child():
         "iset_mat_child.py"}
 
 
-def told_as(path, size):
+def with_stated_size(path, size):
     """A file with one compressed variable that declares this many bytes."""
     body = zlib.compress(struct.pack("<II", 14, size) + bytes(2**20))
     path.write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\0\1IM" + struct.pack("<II", 15, len(body)) + body)
@@ -158,7 +158,7 @@ def told_as(path, size):
 def test_a_bomb_is_told_by_its_size_without_being_decoded(tmp_path, monkeypatch):
     monkeypatch.setattr(iset_mat, "_run_child", lambda *_: pytest.fail("decoded"))
     with pytest.raises(LensError, match="2147 MB according to its tags: expected at most 17 MB"):
-        read_iset_mat(told_as(tmp_path / "optics.mat", 2**31))
+        read_iset_mat(with_stated_size(tmp_path / "optics.mat", 2**31))
 
 
 @pytest.mark.parametrize("compress", [False, True])

@@ -10,7 +10,7 @@ from lens_texts import TOML, changed
 from lensfield.cli import main
 from lensfield.engine import LensError
 from lensfield.engine.lens_files.package import write_package
-from lensfield.engine.library import Rings, baked, cannot_be, has_rings, load_lens, prescription_of
+from lensfield.engine.library import Rings, baked, clamped_rings, has_rings, load_lens, prescription_of
 from lensfield.engine.runtime import cache
 
 NEAR = Rings(1500.0, 16.0)
@@ -117,8 +117,9 @@ def test_errors_tell_the_file(tmp_path):
 
 
 def test_what_cannot_be_is_told_without_baking(bakes):
-    assert cannot_be("tessar-50mm", Rings(f_number=2.0)) == ("f/2: this lens goes from f/5.5 to f/22: set to f/5.5",)
-    assert cannot_be("tessar-50mm", NEAR) == () and bakes == []
+    clamped = clamped_rings("tessar-50mm", Rings(f_number=2.0))
+    assert clamped == ("f/2: this lens goes from f/5.5 to f/22: set to f/5.5",)
+    assert clamped_rings("tessar-50mm", NEAR) == () and bakes == []
     assert prescription_of("tessar-50mm").name == "tessar-50mm" and has_rings("tessar-50mm")
 
 

@@ -68,7 +68,7 @@ def test_every_ray_that_gets_through_is_aimed_at(name, f_number):
 def test_surfaces_come_in_the_order_of_the_rays_and_the_other_way_round():
     prescription, found = lens("apple-phone-4mm", None)
     last = prescription.surfaces[-1]
-    assert found.apart_mm[0] == last.thickness_mm and found.conic[-1] == prescription.surfaces[0].conic
+    assert found.gap_mm[0] == last.thickness_mm and found.conic[-1] == prescription.surfaces[0].conic
     assert found.semi_aperture_mm.min() == pytest.approx(build_system(prescription).stop_semi_aperture_mm, rel=0.5)
     np.testing.assert_allclose(np.prod(found.index_ratio), 1)  # from air to air
 

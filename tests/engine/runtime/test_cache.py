@@ -26,76 +26,76 @@ def only_file(folder):
 
 def test_it_comes_back_by_its_kind_and_key_alone(folder):
     for content in (b"", b"a\nb\n", bytes(range(256))):
-        cache.remember("kind", KEY, content, 2000)
-        assert cache.recall("kind", KEY) == content
-    assert cache.recall("kind", OTHER) is None and cache.recall("other", KEY) is None
+        cache.store("kind", KEY, content, 2000)
+        assert cache.load("kind", KEY) == content
+    assert cache.load("kind", OTHER) is None and cache.load("other", KEY) is None
 
 
 @pytest.mark.parametrize("damage", [lambda whole: b"", lambda whole: whole[:-1], lambda whole: whole + b" ",
                                     lambda whole: whole[:70] + b"X" + whole[71:], lambda whole: b"an older kind\n{}",
                                     lambda whole: bytes(1000)])
 def test_what_is_damaged_is_as_if_it_were_not_there(folder, damage):
-    cache.remember("kind", KEY, b"0123456789", 2000)
+    cache.store("kind", KEY, b"0123456789", 2000)
     only_file(folder).write_bytes(damage(only_file(folder).read_bytes()))
-    assert cache.recall("kind", KEY) is None
-    cache.remember("kind", KEY, b"0123456789", 2000)
-    assert cache.recall("kind", KEY) == b"0123456789"
+    assert cache.load("kind", KEY) is None
+    cache.store("kind", KEY, b"0123456789", 2000)
+    assert cache.load("kind", KEY) == b"0123456789"
 
 
 def test_the_oldest_go_and_what_is_of_use_is_not_old(folder):
     keys = [bytes([number] * 32) for number in range(6)]
     most = 4 * (64 + 1 + len(b"some"))
     for age, key in enumerate(keys[:4]):
-        cache.remember("kind", key, b"some", most)
+        cache.store("kind", key, b"some", most)
         os.utime(cache._path(folder, "kind", key), (1e9 + age, 1e9 + age))
-    assert cache.recall("kind", keys[0])
+    assert cache.load("kind", keys[0])
     for key in keys[4:]:
-        cache.remember("kind", key, b"some", most)
-    assert [cache.recall("kind", key) is not None for key in keys] == [True, False, False, True, True, True]
+        cache.store("kind", key, b"some", most)
+    assert [cache.load("kind", key) is not None for key in keys] == [True, False, False, True, True, True]
 
 
 def test_it_tells_its_size_and_forgets(folder):
     assert cache.size_bytes("kind") == (0, 0)
-    cache.forget("kind")
-    cache.remember("kind", KEY, b"some", 2000)
-    cache.remember("other", KEY, b"some", 2000)
+    cache.clear("kind")
+    cache.store("kind", KEY, b"some", 2000)
+    cache.store("other", KEY, b"some", 2000)
     assert cache.size_bytes("kind") == (1, only_file(folder).stat().st_size)
-    cache.forget("kind")
-    assert cache.recall("kind", KEY) is None and cache.recall("other", KEY)
+    cache.clear("kind")
+    assert cache.load("kind", KEY) is None and cache.load("other", KEY)
 
 
 @pytest.mark.parametrize("name", ["tessar.npz", "notes", 63 * "0", 64 * "g"])
 def test_others_files_in_the_folder_are_not_ours_to_forget(folder, name):
     """Users may name a folder that already contains such files."""
-    cache.remember("kind", KEY, b"some", 2000)
+    cache.store("kind", KEY, b"some", 2000)
     (folder / "kind" / name).write_bytes(bytes(5000))
-    cache.remember("kind", OTHER, b"some", 2000)
+    cache.store("kind", OTHER, b"some", 2000)
     assert cache.size_bytes("kind")[0] == 2
-    cache.forget("kind")
+    cache.clear("kind")
     assert [path.name for path in (folder / "kind").iterdir()] == [name]
 
 
 def test_what_is_larger_than_all_that_is_kept_is_not(folder):
-    cache.remember("kind", KEY, bytes(1000), 500)
+    cache.store("kind", KEY, bytes(1000), 500)
     assert cache.size_bytes("kind") == (0, 0)
 
 
 def test_another_build_finds_nothing_and_leaves_what_is_there(folder, monkeypatch):
-    cache.remember("kind", KEY, b"some", 2000)
+    cache.store("kind", KEY, b"some", 2000)
     with monkeypatch.context() as patched:
         patched.setattr(cache, "build_identity", lambda: "another")
-        assert cache.recall("kind", KEY) is None
-        cache.remember("kind", KEY, b"other", 2000)
-        assert cache.recall("kind", KEY) == b"other"
-    assert cache.recall("kind", KEY) == b"some"
+        assert cache.load("kind", KEY) is None
+        cache.store("kind", KEY, b"other", 2000)
+        assert cache.load("kind", KEY) == b"other"
+    assert cache.load("kind", KEY) == b"some"
 
 
 @pytest.mark.parametrize("word", ["off", "OFF"])
 def test_it_can_be_turned_off(word, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("LENSFIELD_CACHE", word)
-    cache.remember("kind", KEY, b"some", 2000)
-    assert cache.recall("kind", KEY) is None and not list(tmp_path.iterdir())
+    cache.store("kind", KEY, b"some", 2000)
+    assert cache.load("kind", KEY) is None and not list(tmp_path.iterdir())
 
 
 def a_file(path):
@@ -116,16 +116,16 @@ def test_where_nothing_can_be_written_nothing_is_remembered_and_all_goes_on(fold
         there(folder)
     except (OSError, NotImplementedError):
         pytest.skip("a system without links")
-    cache.remember("kind", KEY, b"some", 2000)
-    assert cache.recall("kind", KEY) is None
+    cache.store("kind", KEY, b"some", 2000)
+    assert cache.load("kind", KEY) is None
 
 
 def test_a_folder_that_is_read_only_still_tells(folder):
-    cache.remember("kind", KEY, b"some", 2000)
+    cache.store("kind", KEY, b"some", 2000)
     (folder / "kind").chmod(0o555)
     try:
-        cache.remember("kind", OTHER, b"some", 2000)  # root may write there
-        assert cache.recall("kind", KEY) == b"some"
+        cache.store("kind", OTHER, b"some", 2000)  # root may write there
+        assert cache.load("kind", KEY) == b"some"
     finally:
         (folder / "kind").chmod(0o755)
 
@@ -137,16 +137,16 @@ def test_a_full_disk_leaves_nothing_half_written(folder, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Path, "write_bytes", full)
-    cache.remember("kind", KEY, b"some", 2000)
-    assert cache.recall("kind", KEY) is None and not list((folder / "kind").iterdir())
+    cache.store("kind", KEY, b"some", 2000)
+    assert cache.load("kind", KEY) is None and not list((folder / "kind").iterdir())
 
 
 WRITE_AND_READ = """
 from lensfield.engine.runtime import cache
 for turn in range(100):
     key = content = bytes([turn % 5] * 32)
-    cache.remember("kind", key, 100 * content, 10000)
-    assert cache.recall("kind", key) in (None, 100 * content)  # another process may think it the oldest
+    cache.store("kind", key, 100 * content, 10000)
+    assert cache.load("kind", key) in (None, 100 * content)  # another process may think it the oldest
 """
 
 
@@ -158,7 +158,7 @@ def test_processes_share_it(folder):
 def test_the_program_may_name_a_folder_and_the_environment_goes_first(tmp_path, monkeypatch):
     monkeypatch.setattr(cache, "_configured", {})
     monkeypatch.delenv("LENSFIELD_CACHE")
-    cache.keep_in(tmp_path / "own")
+    cache.set_cache_folder(tmp_path / "own")
     assert cache.cache_folder() == tmp_path / "own"
     monkeypatch.setenv("LENSFIELD_CACHE", str(tmp_path / "asked"))
     assert cache.cache_folder() == tmp_path / "asked"

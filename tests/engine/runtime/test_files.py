@@ -41,8 +41,8 @@ def new_process(monkeypatch):
     monkeypatch.setattr(files, "_swept", set())
 
 
-def write(path, own=True):
-    with atomic_path(path, own) as temporary:
+def write(path, overwrite=True):
+    with atomic_path(path, overwrite) as temporary:
         temporary.write_text("whole")
 
 
@@ -237,11 +237,11 @@ for turn in range(400):
             pass
     if turn % 8 == 0:
         check_target(own_file)
-        with atomic_path(own_file, own=True) as temporary:
+        with atomic_path(own_file, overwrite=True) as temporary:
             temporary.write_text(own)
         assert own in [path.stem for path in matching(folder, "[!.]*.txt")]
         own_file.unlink()
-        with locks.only_maker(Path(sys.argv[1], f"{own}.exr")):
+        with locks.only_writer(Path(sys.argv[1], f"{own}.exr")):
             pass
 """
 
@@ -333,7 +333,7 @@ FOREIGN = b"a picture of somebody's own"
 def test_nobodys_own_file_is_overwritten(tmp_path):
     path = tmp_path / "picture.exr"
     path.write_bytes(FOREIGN)
-    for attempt in (check_target, partial(write, own=False)):
+    for attempt in (check_target, partial(write, overwrite=False)):
         with pytest.raises(InputError, match="picture.exr: file is an existing file that Lensfield did not write"):
             attempt(path)
     assert path.read_bytes() == FOREIGN and list(tmp_path.iterdir()) == [path]
@@ -360,7 +360,7 @@ def test_nor_is_one_that_nobody_may_read(tmp_path, monkeypatch):
                          ids=["empty", "zeros, of a disk that lost its power", "ours"])
 def test_what_is_nobodys_or_ours_is(tmp_path, there):
     (tmp_path / "picture.exr").write_bytes(there)
-    write(tmp_path / "picture.exr", own=False)
+    write(tmp_path / "picture.exr", overwrite=False)
     assert (tmp_path / "picture.exr").read_text() == "whole"
 
 

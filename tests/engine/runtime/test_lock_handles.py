@@ -9,7 +9,7 @@ import pytest
 
 from lensfield.engine.runtime import locks
 from lensfield.engine.runtime.files import HIDDEN
-from lensfield.engine.runtime.locks import Busy, only_maker
+from lensfield.engine.runtime.locks import Busy, only_writer
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems list handles elsewhere")
 FOLDER = "/proc/self/fd"
@@ -24,23 +24,23 @@ def all_are_closed():
 
 def test_a_lock_that_is_let_go(all_are_closed, tmp_path):
     for _ in range(3):
-        with only_maker(tmp_path / "made.exr"):
+        with only_writer(tmp_path / "made.exr"):
             pass
 
 
 def test_a_lock_whose_maker_fails(all_are_closed, tmp_path):
-    with pytest.raises(ZeroDivisionError), only_maker(tmp_path / "made.exr"):
+    with pytest.raises(ZeroDivisionError), only_writer(tmp_path / "made.exr"):
         raise ZeroDivisionError
 
 
 def test_a_lock_that_another_process_holds(tmp_path):
-    code = (f"import sys; from lensfield.engine.runtime.locks import only_maker\n"
-            f"with only_maker({str(tmp_path / 'made.exr')!r}): print(flush=True), sys.stdin.read()")
+    code = (f"import sys; from lensfield.engine.runtime.locks import only_writer\n"
+            f"with only_writer({str(tmp_path / 'made.exr')!r}): print(flush=True), sys.stdin.read()")
     with subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         process.stdout.readline()
         before = sorted(os.listdir(FOLDER))
         for _ in range(3):
-            with pytest.raises(Busy), only_maker(tmp_path / "made.exr"):
+            with pytest.raises(Busy), only_writer(tmp_path / "made.exr"):
                 pass
         assert sorted(os.listdir(FOLDER)) == before
 
@@ -55,7 +55,7 @@ def test_a_lock_that_is_removed_as_it_is_opened(all_are_closed, tmp_path, monkey
             (tmp_path / HIDDEN / "made.exr.lock").unlink()
 
     monkeypatch.setattr(locks, "_lock", removed_first)
-    with only_maker(tmp_path / "made.exr"):
+    with only_writer(tmp_path / "made.exr"):
         assert len(tries) == 4
 
 
@@ -67,8 +67,8 @@ def test_a_lock_that_cannot_be_had(all_are_closed, tmp_path, monkeypatch, number
 
     monkeypatch.setattr(locks, "_lock", fail)
     if number == errno.ENOLCK:
-        with only_maker(tmp_path / "made.exr"):
+        with only_writer(tmp_path / "made.exr"):
             pass
     else:
-        with pytest.raises(OSError, match="no lock"), only_maker(tmp_path / "made.exr"):
+        with pytest.raises(OSError, match="no lock"), only_writer(tmp_path / "made.exr"):
             pass

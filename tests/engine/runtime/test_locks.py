@@ -11,12 +11,12 @@ import pytest
 from lensfield.engine.runtime import locks
 from lensfield.engine.runtime.errors import InputError
 from lensfield.engine.runtime.files import HIDDEN
-from lensfield.engine.runtime.locks import Busy, only_maker
+from lensfield.engine.runtime.locks import Busy, only_writer
 
 HOLD = """
 import os, sys, time
-from lensfield.engine.runtime.locks import only_maker
-with only_maker(sys.argv[1]):
+from lensfield.engine.runtime.locks import only_writer
+with only_writer(sys.argv[1]):
     if len(sys.argv) > 2 and not os.fork():
         time.sleep(600)
     print("held", flush=True)
@@ -48,15 +48,15 @@ def holder(tmp_path):
 def test_one_at_a_time(holder, tmp_path):
     process = holder()
     with pytest.raises(Busy, match="made.exr: file is being written by another process: wait for it, or give another"):
-        with only_maker(tmp_path / "made.exr"):
+        with only_writer(tmp_path / "made.exr"):
             pass
-    with only_maker(tmp_path / "another.exr"):
+    with only_writer(tmp_path / "another.exr"):
         pass
     process.stdin.close()
     process.wait()
     assert not list(tmp_path.iterdir())
-    with only_maker(tmp_path / "made.exr"):
-        with pytest.raises(Busy), only_maker(tmp_path / "made.exr"):
+    with only_writer(tmp_path / "made.exr"):
+        with pytest.raises(Busy), only_writer(tmp_path / "made.exr"):
             pass
     assert not list(tmp_path.iterdir())
 
@@ -69,7 +69,7 @@ def test_a_holder_that_is_killed_holds_no_more(holder, tmp_path, more):
     process.kill()
     process.wait()
     assert list((tmp_path / HIDDEN).iterdir())
-    with only_maker(tmp_path / "made.exr"):
+    with only_writer(tmp_path / "made.exr"):
         pass
     assert not list(tmp_path.iterdir())
     if more:
@@ -87,7 +87,7 @@ def test_a_lock_that_is_removed_as_it_is_opened_is_no_lock(tmp_path, monkeypatch
             (tmp_path / HIDDEN / "made.exr.lock").unlink()
 
     monkeypatch.setattr(locks, "_lock", removed_first)
-    with only_maker(tmp_path / "made.exr"):
+    with only_writer(tmp_path / "made.exr"):
         assert len(tries) == 2 and (tmp_path / HIDDEN / "made.exr.lock").is_file()
 
 
@@ -96,7 +96,7 @@ def test_a_folder_without_locks_does_without(tmp_path, monkeypatch):
         raise OSError(errno.ENOLCK, "No locks available")
 
     monkeypatch.setattr(locks, "_lock", none)
-    with only_maker(tmp_path / "made.exr"):
+    with only_writer(tmp_path / "made.exr"):
         pass
     assert not list(tmp_path.iterdir())
 
@@ -104,7 +104,7 @@ def test_a_folder_without_locks_does_without(tmp_path, monkeypatch):
 def test_a_link_in_the_place_of_a_lock_is_not_followed(tmp_path):
     (tmp_path / HIDDEN).mkdir()
     (tmp_path / HIDDEN / "made.exr.lock").symlink_to(tmp_path / "precious")
-    with pytest.raises(InputError, match="not writable"), only_maker(tmp_path / "made.exr"):
+    with pytest.raises(InputError, match="not writable"), only_writer(tmp_path / "made.exr"):
         pass
     assert not (tmp_path / "precious").exists()
 
@@ -112,11 +112,11 @@ def test_a_link_in_the_place_of_a_lock_is_not_followed(tmp_path):
 def test_many_processes_never_hold_it_together(tmp_path):
     code = f"""
 import os, random, sys, time
-from lensfield.engine.runtime.locks import Busy, only_maker
+from lensfield.engine.runtime.locks import Busy, only_writer
 held = 0
 while held < 20:
     try:
-        with only_maker({str(tmp_path / 'made.exr')!r}):
+        with only_writer({str(tmp_path / 'made.exr')!r}):
             os.close(os.open({str(tmp_path / 'inside')!r}, os.O_CREAT | os.O_EXCL))
             time.sleep(random.random() / 1000)
             os.unlink({str(tmp_path / 'inside')!r})

@@ -5,7 +5,7 @@ import OpenEXR
 import pytest
 
 from full_disk import room_for
-from lensfield.engine import ImageError, InputError, Kept, Options, SpectralImage, load_lens, simulate
+from lensfield.engine import ChannelCache, ImageError, InputError, Options, SpectralImage, load_lens, simulate
 from lensfield.engine.image.layers import Layer, LayeredRadiance
 from lensfield.engine.pictures.spectral_exr import read_with_layers, read_with_planes, write_exr
 from lensfield.engine.plan import cost
@@ -113,7 +113,7 @@ def test_the_price_counts_memory_alone(tmp_path, nothing_free, monkeypatch):
     monkeypatch.setattr(cost, "taken_bytes", lambda: 10**8)
     write_exr(picture(70, 40), tmp_path / "picture.exr")
     image = read_with_layers(tmp_path / "picture.exr", scratch=tmp_path)[0]
-    plan = Kept().plan(Options(), LENS, image)
+    plan = ChannelCache().plan(Options(), LENS, image)
     assert plan.peak_mb == pytest.approx(100 + plan.memory_mb)
 
 
@@ -124,7 +124,7 @@ def test_an_array_is_let_go_and_still_holds_what_it_held(tmp_path, nothing_free)
     array = scratch.new_array((2**24,), tmp_path)
     array[:] = 7
     assert memory.taken_bytes() - before > array.nbytes / 2
-    scratch.let_go(array)
+    scratch.release_memory(array)
     assert memory.taken_bytes() - before < array.nbytes / 2
     assert np.all(array == 7)
 

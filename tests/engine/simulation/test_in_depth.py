@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lenses import make_lens, tinted
-from lensfield.engine import Kept, Options, Report, SpectralImage, simulate
+from lensfield.engine import ChannelCache, Options, Report, SpectralImage, simulate
 from lensfield.engine.depth.depth_range import blur_per_nearness_px, blur_px
 from lensfield.engine.image.layers import Layer, LayeredRadiance
 from lensfield.engine.image.pixel_grid import FISHEYE, PixelGrid
@@ -173,10 +173,10 @@ def test_progress_goes_on_to_the_end(lens, depth_mm):
 
 
 def test_frames_share_what_is_kept(lens):
-    grid, kept = grid_of(lens), Kept()
+    grid, kept = grid_of(lens), ChannelCache()
     scene = layered(grid, lens, layer(grid, texture(grid), 700.0))
-    first = simulate(scene, lens, kept=kept).cube
-    assert np.array_equal(first, simulate(scene, lens, kept=kept).cube)
+    first = simulate(scene, lens, cache=kept).cube
+    assert np.array_equal(first, simulate(scene, lens, cache=kept).cube)
     assert np.array_equal(first, simulate(scene, lens).cube)
 
 

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from lensfield.engine import ImageError, Kept, Options, Report, SpectralImage, load_lens, simulate
+from lensfield.engine import ChannelCache, ImageError, Options, Report, SpectralImage, load_lens, simulate
 from lensfield.engine.pictures.preview import encode_srgb, write_png
 from lensfield.engine.pictures.spectral_exr import read_with_planes, write_exr
 from lensfield.engine.plan import cost
@@ -31,14 +31,14 @@ def one_gigabyte(monkeypatch):
 ], ids=["azimuths", "pitch", "size"])
 def test_what_there_is_no_memory_for_is_refused_with_the_number(one_gigabyte, options, changes):
     with pytest.raises(ImageError, match=r"^image: size is [\d.]+ GB in memory: 1 GB are free: give a smaller picture"):
-        Kept().plan(options, LENS, picture(**changes))
+        ChannelCache().plan(options, LENS, picture(**changes))
     with pytest.raises(ImageError, match="in memory"):
         simulate(picture(**changes), LENS, options)
 
 
 def test_pixels_so_small_that_psfs_alone_take_more_are_refused_before_these_are_made(one_gigabyte):
     with pytest.raises(ImageError, match=r"^point spread functions: size is [\d.]+ GB in memory: .*larger pixels"):
-        Kept().plan(Options(), LENS, picture(pitch_um=0.05))
+        ChannelCache().plan(Options(), LENS, picture(pitch_um=0.05))
 
 
 def test_what_there_is_memory_for_is_not(one_gigabyte):
@@ -47,7 +47,7 @@ def test_what_there_is_memory_for_is_not(one_gigabyte):
 
 def test_the_peak_is_what_is_there_and_what_is_to_come(monkeypatch):
     monkeypatch.setattr(cost, "taken_bytes", lambda: 10**8)
-    plan = Kept().plan(Options(), LENS, picture())
+    plan = ChannelCache().plan(Options(), LENS, picture())
     assert plan.peak_mb == pytest.approx(100 + plan.memory_mb + 2 * 40 * 60 * 4e-6)
     assert f"{plan.peak_mb:.0f} MB" in plan.text
 

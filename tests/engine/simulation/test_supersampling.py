@@ -7,7 +7,7 @@ import pytest
 from scipy.special import ndtr
 
 from lenses import comatic_lens, distance_of_light, gaussian_psf, make_lens, points_image
-from lensfield.engine import InputError, Kept, Options, Report, SpectralImage, simulate
+from lensfield.engine import ChannelCache, InputError, Options, Report, SpectralImage, simulate
 from lensfield.engine.field.field_map import field_map
 from lensfield.engine.image.pixel_grid import FISHEYE, PixelGrid
 from lensfield.engine.plan.choose import make_plan, priced, workload
@@ -110,10 +110,10 @@ def test_the_light_is_kept_and_told_in_watts():
 
 def test_frames_of_an_animation_share_it_and_may_take_their_radiances_place():
     first, second = points_image([(3, 4)]), points_image([(-9, 2)])
-    options, kept = Options(supersampling=2), Kept()
+    options, kept = Options(supersampling=2), ChannelCache()
     alone = simulate(second, FINE, options).cube
-    simulate(first, FINE, options, kept=kept)
-    simulate(second, FINE, options, kept=kept, out=second.cube)
+    simulate(first, FINE, options, cache=kept)
+    simulate(second, FINE, options, cache=kept, out=second.cube)
     np.testing.assert_array_equal(second.cube, alone)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lenses import comatic_lens, gaussian_psf, lopsided_lens, make_lens
-from lensfield.engine import Kept, Options, SpectralImage, load_lens, simulate
+from lensfield.engine import ChannelCache, Options, SpectralImage, load_lens, simulate
 from lensfield.engine.field.radial.distortion import FieldGeometry
 from lensfield.engine.field.radial.psf_bank import PsfBank
 from lensfield.engine.runtime.memory import MemoryBudget
@@ -27,21 +27,21 @@ def frame(seed=0, shape=(14, 19), wavelengths_nm=NM, pitch_um=20.0, **facts):
 
 def check(radiance, lens, options, kept):
     """Checks that a picture is bit for bit the same as without the cache."""
-    np.testing.assert_array_equal(simulate(radiance, lens, options, kept=kept).cube,
+    np.testing.assert_array_equal(simulate(radiance, lens, options, cache=kept).cube,
                                   simulate(radiance, lens, options).cube)
 
 
 @pytest.mark.parametrize("method, lens", [*((method, LENS) for method in METHODS), ("sections", LOPSIDED),
                                           ("pixels", LOPSIDED), ("paper", LOPSIDED)])
 def test_every_frame_is_what_it_is_alone(method, lens):
-    kept = Kept()
+    kept = ChannelCache()
     for seed in (0, 1, 0):
         check(frame(seed), lens, METHODS[method], kept)
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_frames_lit_in_other_places_are_what_they_are_alone(method):
-    kept = Kept()
+    kept = ChannelCache()
     for place in (slice(0, 5), slice(8, 14), slice(0, 14), slice(5, 6)):
         radiance = frame()
         radiance.cube[:, place] = 0
@@ -53,14 +53,14 @@ def test_frames_lit_in_other_places_are_what_they_are_alone(method):
 @pytest.mark.parametrize("limit_mb", [0, 1e-6, 0.05])
 @pytest.mark.parametrize("method", ["sections", "pixels"])
 def test_no_memory_or_little_gives_the_same_pictures(method, limit_mb):
-    kept = Kept(limit_mb=limit_mb)
+    kept = ChannelCache(limit_mb=limit_mb)
     for seed in (0, 1, 2):
         check(frame(seed), LENS, METHODS[method], kept)
 
 
 @pytest.mark.parametrize("method", ["sections", "pixels"])
 def test_a_change_of_anything_is_seen(method):
-    kept, options = Kept(), METHODS[method]
+    kept, options = ChannelCache(), METHODS[method]
     for radiance in (frame(), frame(shape=(15, 19)), frame(shape=(14, 18)), frame(pitch_um=25.0),
                      frame(centre_px=(10.0, 20.0)), frame(centre_px=(10.0, 21.0)), frame(overscan_px=(3, 4)),
                      frame(overscan_px=(4, 3)), frame(projection="equidistant"), frame(wavelengths_nm=(450.0,)),
@@ -70,7 +70,7 @@ def test_a_change_of_anything_is_seen(method):
 
 @pytest.mark.parametrize("method", ["sections", "pixels"])
 def test_another_lens_is_not_taken_for_the_first_though_it_has_its_name(method):
-    kept, options = Kept(), METHODS[method]
+    kept, options = ChannelCache(), METHODS[method]
     other = replace(LENS, f_number_effective=4.0)
     blurred = make_lens(gaussian_psf(6, 6, 2.5, 25), heights_mm=LENS.heights_mm)
     for lens in (LENS, other, blurred, LOPSIDED, LENS):
@@ -78,7 +78,7 @@ def test_another_lens_is_not_taken_for_the_first_though_it_has_its_name(method):
 
 
 def test_another_plan_is_not_taken_for_the_first():
-    kept = Kept()
+    kept = ChannelCache()
     changes = ({}, {"out_of_field": "vignette"}, {"section_size": 9}, {"azimuths": 7}, {"precision": "float64"},
                {"psf_energy": 0.9}, {"method": "paper"}, {"method": "paper", "section_size": 9})
     for options in (*METHODS.values(), *(Options(**{"section_size": 8} | change) for change in changes)):
@@ -86,7 +86,7 @@ def test_another_plan_is_not_taken_for_the_first():
 
 
 def test_fireflies_of_one_frame_do_not_stay_for_the_next():
-    kept, options = Kept(), Options(section_size=8, fireflies="clamp")
+    kept, options = ChannelCache(), Options(section_size=8, fireflies="clamp")
     for seed in (0, 1):
         radiance = frame(seed)
         radiance.cube[seed, 4, 5] = np.nan
@@ -115,29 +115,29 @@ def made(monkeypatch):
 
 @pytest.mark.parametrize("method", ["sections", "double", "pixels", "paper"])
 def test_the_second_frame_makes_no_psf_and_no_fit(method, made):
-    kept = Kept()
-    simulate(frame(0), LENS, METHODS[method], kept=kept)
+    kept = ChannelCache()
+    simulate(frame(0), LENS, METHODS[method], cache=kept)
     assert made["psfs"] > 0 and made["fields"] > 0
     made.update(psfs=0, fields=0)
-    simulate(frame(1), LENS, METHODS[method], kept=kept)
+    simulate(frame(1), LENS, METHODS[method], cache=kept)
     assert made == {"psfs": 0, "fields": 0}
 
 
 def test_a_lens_that_is_loaded_anew_is_the_lens_that_was_kept(made):
-    kept = Kept()
-    simulate(frame(0), LENS, METHODS["sections"], kept=kept)
+    kept = ChannelCache()
+    simulate(frame(0), LENS, METHODS["sections"], cache=kept)
     made.update(psfs=0, fields=0)
-    simulate(frame(1), replace(LENS), METHODS["sections"], kept=kept)
+    simulate(frame(1), replace(LENS), METHODS["sections"], cache=kept)
     assert made == {"psfs": 0, "fields": 0}
 
 
 @pytest.mark.parametrize("method", ["sections", "pixels"])
 def test_with_no_memory_everything_is_made_again(method, made):
-    kept = Kept(limit_mb=0)
-    simulate(frame(0), LENS, METHODS[method], kept=kept)
+    kept = ChannelCache(limit_mb=0)
+    simulate(frame(0), LENS, METHODS[method], cache=kept)
     first = dict(made)
     made.update(psfs=0, fields=0)
-    simulate(frame(1), LENS, METHODS[method], kept=kept)
+    simulate(frame(1), LENS, METHODS[method], cache=kept)
     assert made["fields"] >= len(NM) and first["fields"] >= made["fields"]
 
 
@@ -157,16 +157,16 @@ def taken(monkeypatch):
 
 
 def test_with_little_memory_part_is_kept_and_part_made_again(made, taken):
-    whole = Kept()
-    simulate(frame(0), LENS, METHODS["sections"], kept=whole)
-    kept = Kept(limit_mb=sum(taken) * 0.5e-6)
+    whole = ChannelCache()
+    simulate(frame(0), LENS, METHODS["sections"], cache=whole)
+    kept = ChannelCache(limit_mb=sum(taken) * 0.5e-6)
     for each in (whole, kept):
-        simulate(frame(0), LENS, METHODS["sections"], kept=each)
+        simulate(frame(0), LENS, METHODS["sections"], cache=each)
     made.update(psfs=0, fields=0)
-    simulate(frame(1), LENS, METHODS["sections"], kept=kept)
+    simulate(frame(1), LENS, METHODS["sections"], cache=kept)
     assert made["fields"] + made["psfs"] > 0
     made.update(psfs=0, fields=0)
-    simulate(frame(1), LENS, METHODS["sections"], kept=whole)
+    simulate(frame(1), LENS, METHODS["sections"], cache=whole)
     assert made["fields"] + made["psfs"] == 0
 
 
@@ -181,13 +181,13 @@ def test_memory_is_given_until_it_is_gone(size, taken):
 @pytest.mark.parametrize("limit_mb", [0, 0.2, 1])
 def test_what_is_kept_stays_within_the_memory_allowed_however_many_frames_there_are(method, limit_mb, taken):
     """Light that moves over the picture lights different sections in each frame."""
-    kept = Kept(limit_mb=limit_mb)
+    kept = ChannelCache(limit_mb=limit_mb)
     options = Options(method="pixels", azimuths=2) if method == "pixels" else METHODS[method]
     for start in range(0, 60, 15):
         radiance = frame(shape=(14, 60), wavelengths_nm=(500.0, 600.0))
         radiance.cube[:, :, :start] = 0
         radiance.cube[:, :, start + 20:] = 0
-        simulate(radiance, LENS, options, kept=kept)
+        simulate(radiance, LENS, options, cache=kept)
     assert sum(taken) <= limit_mb * 1e6
     assert limit_mb == 0 or sum(taken) > 0
 
@@ -196,11 +196,11 @@ def test_next_to_nothing_is_held_where_nothing_may_be_kept():
     """Including tables of PSFs, which channels do not count."""
     lens = load_lens("edmund-54852")
     radiance = frame(shape=(60, 80), wavelengths_nm=(450.0, 500.0, 550.0, 600.0), pitch_um=6.25)
-    kept = Kept(limit_mb=0)
-    simulate(radiance, lens, Options(method="pixels", azimuths=32), kept=kept)  # loads modules and fills caches
+    kept = ChannelCache(limit_mb=0)
+    simulate(radiance, lens, Options(method="pixels", azimuths=32), cache=kept)  # loads modules and fills caches
     tracemalloc.start()
     try:
-        simulate(radiance, lens, Options(method="pixels", azimuths=33), kept=kept)
+        simulate(radiance, lens, Options(method="pixels", azimuths=33), cache=kept)
         gc.collect()
         held, peak = tracemalloc.get_traced_memory()
     finally:
@@ -210,11 +210,11 @@ def test_next_to_nothing_is_held_where_nothing_may_be_kept():
 
 def test_what_channels_hold_is_counted(taken):
     """Footprints, PSFs and tables; all other data are as small as a few curves."""
-    kept, radiance = Kept(), frame(shape=(240, 320), wavelengths_nm=(450.0,), pitch_um=10.0)
+    kept, radiance = ChannelCache(), frame(shape=(240, 320), wavelengths_nm=(450.0,), pitch_um=10.0)
     tracemalloc.start()
     try:
         before, _ = tracemalloc.get_traced_memory()
-        simulate(radiance, LENS, METHODS["pixels"], kept=kept)
+        simulate(radiance, LENS, METHODS["pixels"], cache=kept)
         gc.collect()
         held = tracemalloc.get_traced_memory()[0] - before
     finally:

@@ -13,20 +13,20 @@ from ..plan.choose import make_plan
 from ..plan.cost import in_process
 from ..plan.options import Options
 from ..plan.plan import Plan
-from ..plan.remembered import remembered_plan
+from ..plan.plan_cache import cached_plan
 from ..runtime.memory import MemoryBudget
 from ..runtime.scratch import SAMPLE_BYTES, in_file
 from .channel import Channel
 
 
-class Kept:
+class ChannelCache:
     """Cache of plans, PSFs, OTFs and footprints. Pass the same one with every frame of an animation.
 
     Parameters
     ----------
     limit_mb : float
         Memory for the cache; data beyond this are computed again for each frame.
-    remember : bool
+    cache_plans : bool
         Whether the plan may come from the cache of earlier plans, in the process and on disk; False for measurements.
 
     Notes
@@ -34,8 +34,8 @@ class Kept:
     Not thread-safe: use a separate one in each thread.
     """
 
-    def __init__(self, limit_mb: float = 1024, *, remember: bool = True) -> None:
-        self._limit_bytes, self._make_plan = limit_mb * 1e6, remembered_plan if remember else make_plan
+    def __init__(self, limit_mb: float = 1024, *, cache_plans: bool = True) -> None:
+        self._limit_bytes, self._make_plan = limit_mb * 1e6, cached_plan if cache_plans else make_plan
         self._plans: dict[tuple, Plan] = {}
         self._channels: dict[float, Channel] = {}
         self._memory = MemoryBudget(0)
@@ -81,6 +81,6 @@ class Kept:
             table = plan.method.table(psfs.at_wavelength(wavelength_nm)) if psfs else None
             make_halos = (lambda: plan.halo_method.table(halos.at_wavelength(wavelength_nm))) if halos else None
             channel = Channel(field.at_wavelength(wavelength_nm), grid, plan, table, self._memory, make_halos)
-            if channel.kept:
+            if channel.cached:
                 self._channels[wavelength_nm] = channel
         return channel

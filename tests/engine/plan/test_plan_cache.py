@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from lenses import comatic_lens, gaussian_psf, make_lens
-from lensfield.engine import Kept, Options, SpectralImage, simulate
+from lensfield.engine import ChannelCache, Options, SpectralImage, simulate
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.image.sampling import Sampling
-from lensfield.engine.plan import choose, remembered
+from lensfield.engine.plan import choose, plan_cache
 from lensfield.engine.plan.choose import make_plan
-from lensfield.engine.plan.remembered import remembered_plan
+from lensfield.engine.plan.plan_cache import cached_plan
 
 LENS = comatic_lens()
 ASKED = {"accuracy": Options(), "fine": Options(accuracy=1e-3), "double": Options(accuracy=2e-5),
@@ -32,7 +32,7 @@ def sampling(shape=(40, 50), wavelengths_nm=(450.0, 600.0), **facts):
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     monkeypatch.setenv("LENSFIELD_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(remembered, "_plans", {})
+    monkeypatch.setattr(plan_cache, "_plans", {})
     return tmp_path / "cache"
 
 
@@ -45,21 +45,21 @@ def made(monkeypatch):
         plans.append(make_plan(*asked))
         return plans[-1]
 
-    monkeypatch.setattr(remembered, "make_plan", counted)
+    monkeypatch.setattr(plan_cache, "make_plan", counted)
     return plans
 
 
 def forget_process():
-    remembered._plans.clear()
+    plan_cache._plans.clear()
 
 
 @pytest.mark.parametrize("asked", ASKED)
 @pytest.mark.parametrize("lens", [LENS, make_lens(gaussian_psf(4, 4, 1.0, 16), psf_pitch_um=10.0)])
-def test_a_remembered_plan_is_the_plan_that_was_made(asked, lens, folder, made):
-    first = remembered_plan(ASKED[asked], lens, sampling())
-    again = remembered_plan(ASKED[asked], replace(lens), sampling())
+def test_a_cached_plan_is_the_plan_that_was_made(asked, lens, folder, made):
+    first = cached_plan(ASKED[asked], lens, sampling())
+    again = cached_plan(ASKED[asked], replace(lens), sampling())
     forget_process()
-    from_disk = remembered_plan(ASKED[asked], lens, sampling())
+    from_disk = cached_plan(ASKED[asked], lens, sampling())
     assert len(made) == 1 and first == again == from_disk == make_plan(ASKED[asked], lens, sampling())
     assert from_disk.error_bound == first.error_bound and from_disk.memory_mb == first.memory_mb
     assert type(from_disk.method) is type(first.method) and from_disk.text and from_disk.seconds > 0
@@ -75,34 +75,34 @@ def test_whatever_a_plan_follows_from_tells_it_from_others(folder, made):
                (Options(), make_lens(gaussian_psf(6, 6, 2.5, 25), heights_mm=LENS.heights_mm), sampling())]
     assert len({lens.name for _, lens, _ in others}) == 1
     for asked in others:
-        remembered_plan(*asked)
+        cached_plan(*asked)
     forget_process()
     for asked in others:
-        assert remembered_plan(*asked) == make_plan(*asked)
+        assert cached_plan(*asked) == make_plan(*asked)
     assert len(made) == len(others) == len(list((folder / "plans").iterdir()))
 
 
 def test_plans_of_another_version_of_the_code_are_made_anew(folder, made, monkeypatch):
-    remembered_plan(Options(), LENS, sampling())
+    cached_plan(Options(), LENS, sampling())
     forget_process()
-    monkeypatch.setattr(remembered.cache, "build_identity", lambda: "another")
-    remembered_plan(Options(), LENS, sampling())
+    monkeypatch.setattr(plan_cache.cache, "build_identity", lambda: "another")
+    cached_plan(Options(), LENS, sampling())
     assert len(made) == 2
 
 
 def test_a_damaged_file_is_made_anew(folder, made):
-    first = remembered_plan(Options(), LENS, sampling())
+    first = cached_plan(Options(), LENS, sampling())
     path, = (folder / "plans").iterdir()
     path.write_bytes(path.read_bytes().replace(b"azimuths", b"azimutts"))
     forget_process()
-    assert remembered_plan(Options(), LENS, sampling()) == first and len(made) == 2
+    assert cached_plan(Options(), LENS, sampling()) == first and len(made) == 2
     forget_process()
-    remembered_plan(Options(), LENS, sampling())
+    cached_plan(Options(), LENS, sampling())
     assert len(made) == 2
 
 
 def test_the_file_is_text_that_people_can_read(folder):
-    plan = remembered_plan(Options(), LENS, sampling())
+    plan = cached_plan(Options(), LENS, sampling())
     path, = (folder / "plans").iterdir()
     facts = json.loads(path.read_text().split("\n", 1)[1])
     assert facts["method"] == plan.method.name and facts["psf_radius_px"] == plan.psf_radius_px
@@ -111,30 +111,30 @@ def test_the_file_is_text_that_people_can_read(folder):
 def test_without_a_folder_the_process_remembers(folder, made):
     folder.write_text("in the way")
     for _ in range(2):
-        remembered_plan(Options(), LENS, sampling())
+        cached_plan(Options(), LENS, sampling())
     assert len(made) == 1
 
 
 def test_the_process_remembers_so_many(folder, made, monkeypatch):
-    monkeypatch.setattr(remembered, "MOST_IN_PROCESS", 2)
+    monkeypatch.setattr(plan_cache, "MOST_IN_PROCESS", 2)
     folder.write_text("in the way")
     for rows in (30, 31, 32, 32, 31, 30):
-        remembered_plan(Options(section_size=8), LENS, sampling(shape=(rows, 40)))
-    assert len(made) == 4 and len(remembered._plans) == 2
+        cached_plan(Options(section_size=8), LENS, sampling(shape=(rows, 40)))
+    assert len(made) == 4 and len(plan_cache._plans) == 2
 
 
 def test_off_is_off_in_the_process_too(made, monkeypatch):
     monkeypatch.setenv("LENSFIELD_CACHE", "off")
     for _ in range(2):
-        remembered_plan(Options(), LENS, sampling())
+        cached_plan(Options(), LENS, sampling())
     assert len(made) == 2
 
 
 def test_simulate_remembers_and_a_cold_run_does_not(folder, made, monkeypatch):
     calls = []
     monkeypatch.setattr(choose._Planner, "best", lambda self, best=choose._Planner.best: calls.append(1) or best(self))
-    pictures = [simulate(picture(), LENS, kept=kept).cube
-                for kept in (None, None, Kept(), Kept(limit_mb=0, remember=False))]
+    pictures = [simulate(picture(), LENS, cache=kept).cube
+                for kept in (None, None, ChannelCache(), ChannelCache(limit_mb=0, cache_plans=False))]
     assert len(made) == 1 and len(calls) == 2
     for each in pictures[1:]:
         np.testing.assert_array_equal(each, pictures[0])
@@ -142,15 +142,15 @@ def test_simulate_remembers_and_a_cold_run_does_not(folder, made, monkeypatch):
 
 def test_seconds_are_those_of_now(folder, monkeypatch):
     monkeypatch.setattr(choose.cost, "machine_factor", lambda: 1e3)
-    slow = remembered_plan(Options(), LENS, sampling())
+    slow = cached_plan(Options(), LENS, sampling())
     for forget in (lambda: None, forget_process):
         forget()
         monkeypatch.setattr(choose.cost, "machine_factor", lambda: 1.0)
-        assert remembered_plan(Options(), LENS, sampling()).seconds < slow.seconds / 100
+        assert cached_plan(Options(), LENS, sampling()).seconds < slow.seconds / 100
 
 
 def test_threads_share_it(folder):
     shapes = [(rows, 40) for rows in range(30, 38)] * 4
     with ThreadPoolExecutor(8) as pool:
-        plans = list(pool.map(lambda shape: remembered_plan(Options(accuracy=0.1), LENS, sampling(shape)), shapes))
+        plans = list(pool.map(lambda shape: cached_plan(Options(accuracy=0.1), LENS, sampling(shape)), shapes))
     assert plans == [make_plan(Options(accuracy=0.1), LENS, sampling(shape)) for shape in shapes[:8]] * 4

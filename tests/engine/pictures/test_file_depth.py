@@ -11,7 +11,7 @@ from lensfield.engine.depth.slabs import SlabPlan
 from lensfield.engine.image.pixel_grid import FISHEYE, PixelGrid
 from lensfield.engine.image.spectral_image import SpectralImage
 from lensfield.engine.pictures.deep_exr import DeepPicture
-from lensfield.engine.pictures.told import deep_in_mm, layers_of_deep, layers_of_flat, told_depth
+from lensfield.engine.pictures.file_depth import deep_in_mm, file_depth, layers_of_deep, layers_of_flat
 
 LENS = make_lens()
 GRID = PixelGrid((30, 40), 200.0, centre_px=(12.0, 25.0))
@@ -29,7 +29,7 @@ def slants():
 
 @pytest.mark.parametrize("unit_mm", [1.0, 10.0, 1000.0])
 def test_a_wall_facing_the_camera_in_distances(unit_mm):
-    told = told_depth(3000 / unit_mm * slants(), LENS, GRID, unit_mm, "distance")
+    told = file_depth(3000 / unit_mm * slants(), LENS, GRID, unit_mm, "distance")
     np.testing.assert_allclose(told.planar_mm, 3000, rtol=1e-6)
     np.testing.assert_array_equal(told.clip_mm, told.planar_mm)
     assert told.unknown == 0
@@ -44,20 +44,20 @@ def test_what_filters_have_mixed_at_an_edge_is_told_by_blur_in_pixels_whatever_t
         near_mm, far_mm = 200.0, 1 / (1 / 200.0 - apart_px / per_nearness)
         columns = np.full(40, far_mm)
         columns[:15], columns[15] = near_mm, 0.75 * near_mm + 0.25 * far_mm
-        told = told_depth(np.tile(columns / unit_mm, (30, 1)), LENS, grid, unit_mm)
+        told = file_depth(np.tile(columns / unit_mm, (30, 1)), LENS, grid, unit_mm)
         between = near_mm if mixed else columns[15]
         np.testing.assert_allclose(told.planar_mm, np.where(np.arange(40) == 15, between, columns) * np.ones((30, 1)),
                                    rtol=1e-5)
 
 
 def test_what_is_nothing_is_infinitely_far_by_distance_too():
-    told = told_depth(np.where(np.arange(40) < 20, 1e10, 3.0) * np.ones((30, 1)), LENS, GRID, 1000.0, "distance")
+    told = file_depth(np.where(np.arange(40) < 20, 1e10, 3.0) * np.ones((30, 1)), LENS, GRID, 1000.0, "distance")
     assert np.all(np.isinf(told.planar_mm[:, :20])) and np.all(np.isfinite(told.planar_mm[:, 20:]))
 
 
 def test_a_fisheyes_depth_is_a_distance_and_none_behind_the_camera():
     grid = PixelGrid((3, 201), 200.0, projection=FISHEYE)
-    told = told_depth(np.full(grid.shape_px, 2.0, np.float32), LENS, grid, 1000.0)
+    told = file_depth(np.full(grid.shape_px, 2.0, np.float32), LENS, grid, 1000.0)
     angle = np.abs(np.arange(201) - 100) * 0.2 / 10.5
     np.testing.assert_array_equal(told.clip_mm, 2000)
     np.testing.assert_allclose(told.planar_mm[1, angle < 1.5], 2000 * np.cos(angle[angle < 1.5]), rtol=1e-5)
@@ -69,7 +69,7 @@ def test_a_fisheyes_depth_is_a_distance_and_none_behind_the_camera():
 
 def test_a_pixel_on_a_border_is_behind_it():
     radiance = SpectralImage(np.ones((1, 1, 3)), [550.0], pitch_um=200.0)
-    told = told_depth(np.float32([[1, 2, 3]]), LENS, radiance.grid, 1000.0)
+    told = file_depth(np.float32([[1, 2, 3]]), LENS, radiance.grid, 1000.0)
     near, far = layers_of_flat(radiance, told, slabs_at(2000.0)).layers
     assert near.alpha.shape == (1, 1) and far.depth_mm[0, 1:].tolist() == [2000, 3000]
 

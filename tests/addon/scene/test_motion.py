@@ -3,7 +3,7 @@
 import bpy
 import pytest
 
-from lensfield.addon.scene.still import moving, rings_animated
+from lensfield.addon.scene.motion import moving, rings_animated
 from small_scenes import keyframe_world, light, material, wall
 
 FRAMES = 1, 2, 5

@@ -4,7 +4,7 @@ import numpy as np
 
 from lenses import make_lens
 from lensfield.addon.scene.camera import frame_capture, view_tangents
-from lensfield.addon.scene.depth import seen_depth_mm
+from lensfield.addon.scene.depth import visible_depth_mm
 from lensfield.engine.image.pixel_grid import PixelGrid
 from small_scenes import material, wall
 
@@ -20,7 +20,7 @@ def test_depth_is_planar_and_row_0_is_at_the_top(scene):
     painted = wall(scene, paint, 2.0, 1.0)
     painted.scale = x_m, y_m, 1.0
     painted.location.x, painted.location.y = -x_m / 3, y_m / 2
-    found = seen_depth_mm(scene, lens, frame)
+    found = visible_depth_mm(scene, lens, frame)
     rows, columns = found.shape
     assert columns == 24 and rows == 18
     near = np.zeros(found.shape, bool)

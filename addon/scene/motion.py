@@ -125,16 +125,16 @@ def _animated_paths(block, times, still):
     if animation is None:
         return
     for driver in animation.drivers:
-        if not _still_driver(driver.driver, still):
+        if not _is_constant_driver(driver.driver, still):
             yield driver.data_path
     for strip in (strip for track in animation.nla_tracks for strip in track.strips if not track.mute):
         yield from (curve.data_path for curve in action_curves(strip.action)) if strip.action else [strip.name]
-    for curve in _own_curves(animation):
+    for curve in _action_curves(animation):
         if times is None or len({curve.evaluate(time) for time in times}) > 1:
             yield curve.data_path
 
 
-def _own_curves(animation):
+def _action_curves(animation):
     """F-curves of a data-block in its action: since Blender has slots, other data-blocks may share the action."""
     action, slot = animation.action, getattr(animation, "action_slot", None)
     if action is None or slot is None:
@@ -143,7 +143,7 @@ def _own_curves(animation):
     return [curve for bag in bags if bag for curve in bag.fcurves]
 
 
-def _still_driver(driver, still):
+def _is_constant_driver(driver, still):
     """Whether a driver depends only on values that do not change."""
     if driver.type == "SCRIPTED" and (not driver.is_simple_expression or re.search(r"\bframe\b", driver.expression)):
         return False

@@ -11,7 +11,7 @@ import kill
 import pytest
 
 from lensfield import addon
-from lensfield.addon.job import kept_passes, source
+from lensfield.addon.job import finished_passes, source
 from lensfield.addon.job.render import job_of_frame, render_steps, run
 from lensfield.addon.job.result import Result
 from lensfield.addon.job.steps import RenderPass
@@ -152,8 +152,8 @@ def test_a_damaged_pass_is_rendered_again(deep, tmp_path, damage):
 def test_nothing_is_kept_where_nobody_vouches_for_the_files_or_the_disk_has_no_room(deep, tmp_path, monkeypatch):
     stopped(deep, tmp_path / "one", 6, source="")
     assert not passes(tmp_path / "one")
-    usage = kept_passes.shutil.disk_usage(tmp_path)
-    monkeypatch.setattr(kept_passes.shutil, "disk_usage", lambda _: usage._replace(free=50000))
+    usage = finished_passes.shutil.disk_usage(tmp_path)
+    monkeypatch.setattr(finished_passes.shutil, "disk_usage", lambda _: usage._replace(free=50000))
     stopped(deep, tmp_path / "one", 6)
     assert not passes(tmp_path / "one")
 
@@ -188,11 +188,11 @@ def test_links_in_a_strangers_folder_lead_nowhere(deep, tmp_path, link):
 def test_what_was_kept_is_told(deep, tmp_path):
     stopped(deep, tmp_path / "one", 6)
     folder, = {path.parents[1] for path in passes(tmp_path / "one")}
-    assert kept_passes.passes_left(deep, tmp_path / "one") == [
+    assert finished_passes.passes_left(deep, tmp_path / "one") == [
         f"3 finished passes are kept in {folder}: a render goes on from there, unless the file changes"]
     result = run(render_steps(deep, job_in(deep, tmp_path / "one")))
-    assert [line for line in result.told if "passes were there from before" in line]
-    assert not kept_passes.passes_left(deep, tmp_path / "one") and not (tmp_path / "one" / ".lensfield").exists()
+    assert [line for line in result.messages if "passes were there from before" in line]
+    assert not finished_passes.passes_left(deep, tmp_path / "one") and not (tmp_path / "one" / ".lensfield").exists()
 
 
 def test_one_capture_of_a_rack_is_kept_until_its_last_frame_is_there(deep, tmp_path, monkeypatch):
@@ -289,8 +289,8 @@ class another:
     """A process that writes a file, and is killed at the end."""
 
     def __init__(self, path):
-        code = (f"from lensfield.engine.runtime.locks import only_maker\n"
-                f"with only_maker({str(path)!r}):\n    print('held', flush=True)\n    input()")
+        code = (f"from lensfield.engine.runtime.locks import only_writer\n"
+                f"with only_writer({str(path)!r}):\n    print('held', flush=True)\n    input()")
         self._process = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
                                          text=True)
 
@@ -319,4 +319,4 @@ def test_a_link_in_place_of_the_hidden_folder_holds_no_passes(deep, tmp_path):
     """The report at the end of a render looks there, too."""
     (tmp_path / "precious").mkdir()
     (tmp_path / ".lensfield").symlink_to(tmp_path / "precious")
-    assert kept_passes.passes_left(deep, tmp_path) == []
+    assert finished_passes.passes_left(deep, tmp_path) == []

@@ -21,7 +21,7 @@ DEPTH_KINDS = "z", "distance"
 
 
 @dataclass(frozen=True, eq=False)
-class ToldDepth:
+class FileDepth:
     """Depth of each pixel of a picture.
 
     Attributes
@@ -39,7 +39,7 @@ class ToldDepth:
     unknown: float
 
 
-def told_depth(plane: np.ndarray, lens: Lens, capture: PixelGrid, unit_mm: float, kind: str = "z") -> ToldDepth:
+def file_depth(plane: np.ndarray, lens: Lens, capture: PixelGrid, unit_mm: float, kind: str = "z") -> FileDepth:
     """Depth from a file's channel.
 
     Parameters
@@ -59,7 +59,7 @@ def told_depth(plane: np.ndarray, lens: Lens, capture: PixelGrid, unit_mm: float
     clip_mm = depth_in_mm(numbers, unit_mm)
     if capture.projection == PLANE:
         clip_mm = clip_mm / along_axis(lens, capture, kind)
-    return ToldDepth(planar_depth_mm(clip_mm, lens, capture).astype(np.float32), clip_mm, unknown)
+    return FileDepth(planar_depth_mm(clip_mm, lens, capture).astype(np.float32), clip_mm, unknown)
 
 
 def along_axis(lens: Lens, capture: PixelGrid, kind: str) -> np.ndarray:
@@ -71,7 +71,7 @@ def along_axis(lens: Lens, capture: PixelGrid, kind: str) -> np.ndarray:
     return np.sqrt(1 + x_mm**2 + y_mm[:, None]**2).astype(np.float32)
 
 
-def layers_of_flat(radiance: SpectralImage, depth: ToldDepth, plan: SlabPlan) -> LayeredRadiance:
+def layers_of_flat(radiance: SpectralImage, depth: FileDepth, plan: SlabPlan) -> LayeredRadiance:
     """A picture and its depth as the layers of a plan. Hidden surfaces are guessed (`hidden`)."""
     slab = np.searchsorted(plan.borders_mm, depth.clip_mm, side="right")
     return layers_of_picture(radiance, np.where(np.isnan(depth.planar_mm), np.inf, depth.planar_mm), slab, plan.slabs)

@@ -16,23 +16,23 @@ KIND, MOST_BYTES, MOST_IN_PROCESS = "plans", 2**20, 64
 _plans: dict[bytes, Plan] = {}
 
 
-def remembered_plan(options: Options, lens: Lens, sampling: Sampling) -> Plan:
+def cached_plan(options: Options, lens: Lens, sampling: Sampling) -> Plan:
     """The result of `make_plan`, cached for each sampling; its seconds are always predicted anew."""
     if cache.is_off():
         return make_plan(options, lens, sampling)
     key = digest_of((options, lens.digest.hex(), sampling.grid, sampling.wavelengths_nm))
-    found = _plans.get(key) or _recalled(key)
+    found = _plans.get(key) or _loaded(key)
     plan = priced(found, lens, sampling) if found else make_plan(options, lens, sampling)
     if not found:
-        cache.remember(KIND, key, _as_text(plan), MOST_BYTES)
+        cache.store(KIND, key, _as_text(plan), MOST_BYTES)
     _plans[key] = plan
     for oldest in list(_plans)[:-MOST_IN_PROCESS]:
         _plans.pop(oldest, None)  # another thread may have removed it
     return plan
 
 
-def _recalled(key):
-    content = cache.recall(KIND, key)
+def _loaded(key):
+    content = cache.load(KIND, key)
     return None if content is None else _from_text(content)
 
 

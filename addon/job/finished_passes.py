@@ -14,9 +14,9 @@ import bpy
 
 from ...engine.runtime.build_identity import build_identity
 from ...engine.runtime.errors import InputError
-from ...engine.runtime.files import discard, hidden_folder, matching, move, note_going_on, remove
-from ...engine.runtime.locks import Busy, only_maker
-from ...engine.runtime.values import plain
+from ...engine.runtime.files import discard, hidden_folder, matching, move, note_resumable, remove
+from ...engine.runtime.locks import Busy, only_writer
+from ...engine.runtime.values import json_value
 from .light import read_pass
 from .record import recorded_fields
 from .steps import Work
@@ -25,7 +25,7 @@ LEFT_FREE = 3  # in units of the radiance's size: disk space for the frame's own
 WAIT_S = 0.5
 
 
-class KeptPasses:
+class FinishedPasses:
     """The passes of one capture.
 
     Parameters
@@ -39,14 +39,14 @@ class KeptPasses:
 
     def __init__(self, scene, job, radiance_bytes):
         self._folder, self._left_free_bytes = None, LEFT_FREE * radiance_bytes
-        self._found, self._made = 0, 0
+        self._reused, self._rendered = 0, 0
         of_frame = passes_folder(scene, job.output_folder, job.frame)
         if job.source and not of_frame.is_symlink():  # an untrusted folder may contain links
             self._folder = of_frame / _digest(_facts(job))
             for other in matching(of_frame, "*"):
                 if other != self._folder or other.is_symlink():  # passes of another request
                     remove(other)
-            note_going_on(of_frame)
+            note_resumable(of_frame)
 
     def planes(self, step, path, needed, *facts):
         """Steps that render a pass, unless it is on disk; returns its planes by name.
@@ -65,12 +65,12 @@ class KeptPasses:
         if kept and kept.is_file():
             planes = yield Work(lambda tell: _read(kept, needed), f"{step.label}, kept", step.fraction)
             if planes:
-                self._found += 1
+                self._reused += 1
                 return planes
         for old in filter(None, (path, kept)):
             discard(old)
         yield step
-        self._made += 1
+        self._rendered += 1
         return (yield Work(lambda tell: self._keep(path, needed, kept), "Gathering light", step.fraction + step.share))
 
     def _keep(self, path, needed, kept):
@@ -83,8 +83,8 @@ class KeptPasses:
     @property
     def remarks(self):
         """Remarks for the report: list of lines."""
-        count = self._found + self._made
-        return [f"{self._found} of {count} passes were there from before the render was stopped"] * bool(self._found)
+        count = self._reused + self._rendered
+        return [f"{self._reused} of {count} passes were there from before the render was stopped"] * bool(self._reused)
 
 
 def _read(kept, needed):
@@ -101,7 +101,7 @@ def _facts(job):
 
 
 def _digest(facts):
-    return blake2b(json.dumps(plain(facts)).encode(), digest_size=10).hexdigest()
+    return blake2b(json.dumps(json_value(facts)).encode(), digest_size=10).hexdigest()
 
 
 def alone_with_passes(scene, job, stack):
@@ -115,7 +115,7 @@ def alone_with_passes(scene, job, stack):
     """
     while job.source:
         try:
-            stack.enter_context(only_maker(job.output_folder / _name(scene, job.frame)))
+            stack.enter_context(only_writer(job.output_folder / _name(scene, job.frame)))
             return
         except Busy:
             yield Work(lambda tell: time.sleep(WAIT_S), "Waiting for another process, which captures the same", 0.0)
@@ -130,7 +130,7 @@ def _name(scene, frame):
     return f"{bpy.path.clean_name(scene.name)}_{frame:04d}_passes"
 
 
-def forget_passes(scene, folder, frame):
+def remove_passes(scene, folder, frame):
     """Remove the passes of a frame whose files are complete."""
     remove(passes_folder(scene, folder, frame))
 

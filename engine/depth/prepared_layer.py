@@ -9,7 +9,7 @@ from scipy.ndimage import maximum_filter
 from ..field.field_map import RaySample
 from ..image.layers import Layer
 from ..image.pixel_grid import PixelGrid
-from ..kernels import SeenLayer
+from ..kernels import LayerArrays
 from ..lens import Lens
 from ..lens.entrance_pupil import focus_nearness
 from .depth_range import blur_per_nearness_px, focus_range_px, focus_share
@@ -18,7 +18,7 @@ NEAREST_MM = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class PreparedLayer:
     """A prepared layer, which is not empty.
 
     Attributes
@@ -56,7 +56,7 @@ class Seen:
         light = self.layer.cube[wavelengths]
         return max(float(light.max()), -float(light.min()))
 
-    def of(self, wavelengths: slice, scale: float = 1.0) -> SeenLayer:
+    def of(self, wavelengths: slice, scale: float = 1.0) -> LayerArrays:
         """The layer at some of the wavelengths, with its light multiplied by `scale`."""
         rows, columns = self.layer.alpha.shape
         above, below, before, behind = self.goes_on
@@ -65,7 +65,7 @@ class Seen:
         light = self.layer.cube[wavelengths]
         light, alpha = (_two_wide(each) for each in (light if scale == 1 else light * np.float32(scale),
                                                      self.layer.alpha))
-        return SeenLayer(light, alpha, _two_wide(self.depth, 0), self.axis_px, bounds)
+        return LayerArrays(light, alpha, _two_wide(self.depth, 0), self.axis_px, bounds)
 
 
 def _two_wide(pixels, rows=-2):
@@ -76,7 +76,7 @@ def _two_wide(pixels, rows=-2):
     return np.ascontiguousarray(np.pad(pixels, short, mode="edge") if np.any(short) else pixels)
 
 
-def seen(layer: Layer, capture: PixelGrid, lens: Lens, rays: RaySample) -> Seen | None:
+def prepare_layer(layer: Layer, capture: PixelGrid, lens: Lens, rays: RaySample) -> PreparedLayer | None:
     """Prepare a layer; None for an empty one. `rays` are at the wavelengths that differ most."""
     known = (layer.alpha > 0) & (layer.depth_mm > 0)
     if not known.any():
@@ -88,7 +88,7 @@ def seen(layer: Layer, capture: PixelGrid, lens: Lens, rays: RaySample) -> Seen 
     share = focus_share(blur_px, focus_range_px(lens, capture.pitch_um))
     around_px = rays.fringe_px(float(nearness.max())) + 1
     share[maximum_filter(layer.alpha, 2 * around_px + 1) == 0] = -1
-    return Seen(layer, np.stack([nearness, share], axis=-1, dtype=np.float32), capture)
+    return PreparedLayer(layer, np.stack([nearness, share], axis=-1, dtype=np.float32), capture)
 
 
 def filled(values: np.ndarray, known: np.ndarray) -> np.ndarray:

@@ -4,24 +4,24 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 
-from ..engine.pictures.whole import has_header
+from ..engine.pictures.header_check import has_header
 from ..engine.runtime.build_identity import build_identity
 from ..engine.runtime.files import atomic_path, discard, file_status, hidden_folder, stamp_of
-from ..engine.runtime.values import plain
+from ..engine.runtime.values import json_value
 from .sequence import Shot
 
-OF_NO_ACCOUNT = ("radiance", "output", "preview", "frames", "report", "overwrite", "any_build", "lens", "untrusted",
+IRRELEVANT = ("radiance", "output", "preview", "frames", "report", "overwrite", "any_build", "lens", "untrusted",
                  "root", "time_limit", "memory_limit")
 
 
-def made_by(options, lens, chosen):
+def request_facts(options, lens, chosen):
     """Everything that the frames of a command line depend on, except their files, as JSON values."""
     asked = {name: value if value is None else str(value) for name, value in vars(options).items()
-             if name not in OF_NO_ACCOUNT and not callable(value)}
-    return plain({"asked": asked, "options": asdict(chosen), "lens": lens.digest.hex()})
+             if name not in IRRELEVANT and not callable(value)}
+    return json_value({"asked": asked, "options": asdict(chosen), "lens": lens.digest.hex()})
 
 
-def build_of(shot: Shot, first: Shot, by):
+def recorded_build(shot: Shot, first: Shot, by):
     """The identity of the build that finished a frame; None unless all of its files exist with their recorded sizes
     and their headers, and come from the present picture and the same settings.
 
@@ -31,7 +31,7 @@ def build_of(shot: Shot, first: Shot, by):
     first : Shot
         The frame that sets the exposure of the previews.
     by : dict
-        From `made_by`.
+        From `request_facts`.
     """
     try:
         record = json.loads(_record(shot).read_text(encoding="utf-8"))
@@ -42,18 +42,18 @@ def build_of(shot: Shot, first: Shot, by):
     return build if finished else None
 
 
-def note_made(shot, first, by):
+def record_frame(shot, first, by):
     """Record that a frame is finished."""
-    with atomic_path(_record(shot), own=True) as temporary:
+    with atomic_path(_record(shot), overwrite=True) as temporary:
         temporary.write_text(json.dumps({"build": build_identity()} | _facts(shot, first, by)) + "\n", encoding="utf-8")
 
 
-def when_noted(shot):
+def record_stamp(shot):
     """A stamp that changes when the frame is filtered again; None without a record."""
     return stamp_of(_record(shot))
 
 
-def forget_made(shot):
+def remove_record(shot):
     """Remove the record of a frame that is about to be filtered again."""
     discard(_record(shot))
 
@@ -64,10 +64,10 @@ def _record(shot):
 
 def _facts(shot, first, by):
     read = [shot.radiance, *([first.radiance] if shot.preview else [])]
-    return {"by": by, "of": [_told(path, path.stat().st_mtime_ns) for path in read],
-            "files": [_told(path) for path in shot.targets]}
+    return {"by": by, "of": [_identity(path, path.stat().st_mtime_ns) for path in read],
+            "files": [_identity(path) for path in shot.targets]}
 
 
-def _told(path: Path, *more):
+def _identity(path: Path, *more):
     status = file_status(path)
     return [path.name, status and status.st_size, *more]

@@ -9,7 +9,7 @@ from .outcome import FAILURES
 from .terminal import progress_bar, quiet
 
 
-def add_followed(group):
+def add_progress_options(group):
     """Add the arguments for programs that start a command and follow it."""
     group.add_argument("--progress", choices=("bar", "lines", *FARM_LOGS), default="bar",
                        help="a bar, on a terminal; or lines on standard output (commands/messages.py says which); or "
