@@ -30,7 +30,7 @@ from .ui import (
     properties,
     sheets,
     spectra_panels,
-    trusting,
+    trust_panel,
     window_render,
 )
 from .ui.keys import register_keys, unregister_keys
@@ -41,7 +41,7 @@ __all__ = ["Animation", "RenderRequest", "apply_lens", "check_next_to_frames", "
            "take_session", "unregister"]
 
 _MODULES = (properties, operators, animation, another_lens, preview, compositor_panel, panels, lint_panel,
-            spectra_panels, trusting, flamenco)
+            spectra_panels, trust_panel, flamenco)
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(
     [cls for module in _MODULES for cls in module.classes])
 
