@@ -1,8 +1,8 @@
 # make demo        render the sample scene and put it through a real lens
 # make test        all tests, those of Blender even if those of the engine fail; BPY=4.5.15 runs the Blender tests on
 #                  another Blender, SEED=n (any integer) renders with other noise; TESTS=tests/addon/scene runs some of
-#                  the Blender tests alone; ALL_LENSES=yes runs over each bundled lens what otherwise runs over a sample of
-#                  12, which SEED chooses
+#                  the Blender tests alone; ALL_CASES=yes runs all cases of the tests that otherwise run a sample of them, which
+#                  SEED chooses
 # make kernels     the engine's loops in C again, where their sources are newer (what tests or measures the engine does so, too);
 #                  LENSFIELD_KERNELS=numpy, base, avx2 or avx512 chooses what does the loops
 # make -k -j2 -O ci  what .ci/run runs after make lint: all tests, those of Blender on four Blenders; two at once, each with
@@ -38,7 +38,7 @@
 
 BPY ?= 5.0.1
 export SEED ?= 0
-export ALL_LENSES ?=
+export ALL_CASES ?=
 unexport PYTHONDONTWRITEBYTECODE  # the tests start hundreds of Pythons: without bytecode each compiles all modules again
 VENV = $(if $(filter 5.0.1,$(BPY)),.venv,.venv-$(BPY))
 READY = $(VENV)/.ready

@@ -1,26 +1,15 @@
-"""Bundled lenses for tests that every lens must pass: eight of different kinds, and a random sample."""
+"""Bundled lenses for tests: eight of different kinds."""
 
-import os
-import random
 from dataclasses import replace
 from functools import lru_cache
 
 from lenses import tinted
 from lensfield.engine.bake.bake import bake
-from lensfield.engine.library import bundled_names, load_lens, prescription_of
+from lensfield.engine.library import load_lens, prescription_of
 from lensfield.engine.rays.rings import turned
-from seed import SEED
 
 VARIED = ("angenieux-50mm", "apple-phone-4mm", "cooke-triplet-50mm", "edmund-54852", "kodak-petzval-100mm",
           "muller-fisheye-25mm", "nikkor-28mm", "tessar-50mm")
-SAMPLE_SIZE = 12
-
-
-def library_sample():
-    """Names of `SAMPLE_SIZE` bundled lenses, which SEED chooses; all names with ALL_LENSES=yes."""
-    if os.environ.get("ALL_LENSES"):
-        return bundled_names()
-    return sorted(random.Random(SEED).sample(bundled_names(), min(SAMPLE_SIZE, len(bundled_names()))))
 
 
 @lru_cache

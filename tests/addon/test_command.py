@@ -154,6 +154,7 @@ def processor_s(process):
     return (int(figures[11]) + int(figures[12])) / os.sysconf("SC_CLK_TCK")
 
 
+@pytest.mark.sample(1)
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems state processor time elsewhere")
 @pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_render_can_be_stopped_and_leaves_nothing_but_its_look_at_depth(blend, tmp_path, stop):
@@ -178,6 +179,7 @@ def test_a_render_can_be_stopped_and_leaves_nothing_but_its_look_at_depth(blend,
     assert not list(temporary.iterdir()) and [path.parents[1] for path in left] == [kept]
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize("stop", ["SIGINT", "SIGTERM", "SIGHUP"])
 @pytest.mark.parametrize("count", [1, 2, 40])
 def test_a_signal_amid_blenders_imports_leaves_nothing(tmp_path, stop, count):

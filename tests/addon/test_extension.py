@@ -100,6 +100,7 @@ def build_extension(monkeypatch):
     return module
 
 
+@pytest.mark.sample(1)
 @pytest.mark.one_blender
 @pytest.mark.parametrize("platform", ["linux-x64", "windows-x64", "macos-arm64"])
 def test_a_zip_gets_the_loops_of_its_own_platform_alone(platform, build_extension, tmp_path):

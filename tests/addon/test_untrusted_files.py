@@ -288,6 +288,7 @@ def untrusted(job, tmp_path, capfd):
     return run
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("kind", ["image", "library", "link"])
 def test_untrusted_work_reads_below_its_folders_only(paint, job, tmp_path, untrusted, kind):
     away = tmp_path / "away"
@@ -328,8 +329,8 @@ def test_an_import_node_is_not_untrusted_work(paint, job, untrusted):
 def test_an_endless_render_meets_the_time_limit(paint, job, untrusted):
     """With 2^24 samples for each of four million pixels: years of work on any machine."""
     saved(job)
-    status, said = untrusted("render", "--samples", 1 << 24, "--resolution", "2000x2000", "--time-limit", 20)
-    assert status == 1 and said.splitlines()[-1].endswith("scene.blend: time limit is 20 s: reached: --time-limit")
+    status, said = untrusted("render", "--samples", 1 << 24, "--resolution", "2000x2000", "--time-limit", 5)
+    assert status == 1 and said.splitlines()[-1].endswith("scene.blend: time limit is 5 s: reached: --time-limit")
 
 
 @pytest.mark.skipif(sys.platform == "darwin", reason="macOS does not keep this limit")

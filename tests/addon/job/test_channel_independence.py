@@ -106,6 +106,7 @@ NOISY_KINDS = [
 ]
 
 
+@pytest.mark.sample(5)
 @pytest.mark.parametrize("kind", EXACT_KINDS, ids=lambda kind: kind.name)
 def test_company_of_a_wavelength_changes_no_pixel(scene, tmp_path, kind):
     furnish(scene, kind)
@@ -115,6 +116,7 @@ def test_company_of_a_wavelength_changes_no_pixel(scene, tmp_path, kind):
         np.testing.assert_allclose(planes, alone, rtol=EXACT, atol=EXACT * alone.mean())
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize("kind", NOISY_KINDS, ids=lambda kind: kind.name)
 def test_company_of_a_wavelength_changes_nothing_but_the_noise(scene, tmp_path, kind):
     furnish(scene, kind)

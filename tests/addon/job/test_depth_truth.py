@@ -72,6 +72,7 @@ def test_a_body_that_is_cut_shows_no_dark_inside(bench):
     assert_alike(*both(bench, body_scene(bench.lens)), block_px=4, limit=0.05)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("distance_m", [depth_truth.LAMPS_M[0], depth_truth.LAMPS_M[-1]])
 def test_lamps_are_where_rays_show_them_and_as_wide(bench, distance_m):
     scene, ideal_mm = lamp_scene(bench.lens, bench.frame.pitch_um * 1e-3, distance_m)

@@ -94,6 +94,7 @@ def scatter(scene):
                                     scene.world.node_tree.nodes["World Output"].inputs["Volume"])
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("change", [
     lambda scene: setattr(scene.lensfield, "denoise", "ON"), blur, scatter,
     lambda scene: setattr(scene.cycles, "use_adaptive_sampling", True),
@@ -139,6 +140,7 @@ def test_passes_of_anything_else_are_not_taken(deep, tmp_path, change):
     assert len(passes(tmp_path / "one")) == 3 and not there & set(passes(tmp_path / "one"))
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("damage", [lambda path: os.truncate(path, path.stat().st_size // 2),
                                     lambda path: path.write_bytes(b""), Path.unlink])
 def test_a_damaged_pass_is_rendered_again(deep, tmp_path, damage):
@@ -261,6 +263,7 @@ def test_a_frame_that_another_process_renders_is_left_to_it(deep, tmp_path):
     assert list(addon.render_animation(deep, [1, 2], output_folder=tmp_path, **ASKED).results) == [1]
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("overwrite", [False, True])
 def test_a_frame_that_another_process_has_made_meanwhile_is_there(deep, tmp_path, overwrite):
     asked = ASKED | {"output_folder": tmp_path}
@@ -272,6 +275,7 @@ def test_a_frame_that_another_process_has_made_meanwhile_is_there(deep, tmp_path
     assert list(animation.earlier) == [1, 2] or list(animation.earlier) == [2, 1]
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("wait, turns", [(False, [1, 2, 1]), (True, [1, 2, 1, 1])])
 def test_a_frame_that_was_left_and_is_not_made_is_made_at_the_end(deep, tmp_path, wait, turns):
     animation, made = addon.Animation(deep, [1, 2], output_folder=tmp_path, wait=wait, **ASKED), []

@@ -54,6 +54,7 @@ def test_a_grey_sample_is_clamped_as_in_cycles(scene, tmp_path, name, panes, tie
     assert_means(radiance(scene, tmp_path / "clamped", tier), 2.0 * white, EDGES)
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("tint", [(1.0, 0.5, 0.1), (0.1, 0.4, 1.0), (0.2, 0.9, 0.3)])
 @pytest.mark.parametrize("tier", ["preview", "standard"])
 def test_a_clamped_light_keeps_its_colour(scene, tmp_path, tint, tier):
@@ -176,6 +177,7 @@ REGION = slice(6, 24), slice(8, 36)  # of 36 rows and 48 columns: not centred in
 BORDER = dict(left=8.5 / 48, right=36.5 / 48, bottom=12.5 / 36, top=30.5 / 36)  # Blender rounds the halves down
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("lens", [
     "edmund-54852", *(pytest.param(name, marks=pytest.mark.one_blender) for name in ("muller-fisheye-25mm",
                                                                                     "nikkor-28mm"))])

@@ -160,6 +160,7 @@ SCENES = {
     "the camera's view": lensfield(view="CAMERA")}
 
 
+@pytest.mark.sample(30)
 @pytest.mark.parametrize("tier", [pytest.param("preview", marks=pytest.mark.one_blender), "standard",
                                   pytest.param("reference", marks=pytest.mark.one_blender)])
 @pytest.mark.parametrize("name", SCENES)
@@ -234,6 +235,7 @@ REMARKS = [
     (set_on("render", use_simplify=True), "reference", None)]
 
 
+@pytest.mark.sample(6)
 @pytest.mark.parametrize("change, tier, expected", REMARKS, ids=lambda value: value if isinstance(value, str) else "")
 def test_what_does_not_hold_is_told_before_and_after_and_nothing_else(scene, tmp_path, change, tier, expected):
     scene.lensfield.lens = "tessar-50mm"  # in focus to infinity

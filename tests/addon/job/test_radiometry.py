@@ -216,6 +216,7 @@ LUMENS = [dict(spectrum=FLAT), dict(spectrum="sodium-lp"), dict(spectrum=""), di
           dict(spectrum="illuminant-a", color=(0.1, 0.2, 0.9))]
 
 
+@pytest.mark.sample(2)
 @pytest.mark.one_blender
 @pytest.mark.parametrize("properties", LUMENS, ids=str)
 def test_lumens_of_a_point(scene, wall_at, tmp_path, properties):

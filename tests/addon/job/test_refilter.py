@@ -45,6 +45,7 @@ def blocks(path):
     return image, image.cube.reshape(len(image.cube), rows, 12, columns, 12).transpose(0, 1, 3, 2, 4)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("first, second", [("tessar-50mm", "cooke-triplet-50mm"), ("edmund-54852", "nikkor-28mm")])
 def test_in_the_cameras_view_it_is_a_fresh_render_through_that_lens(window, tmp_path, first, second):
     """For any size of either lens."""

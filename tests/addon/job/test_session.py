@@ -68,6 +68,7 @@ def test_the_devices_chosen_are_taken_along(scene, tmp_path):
         preferences.compute_device_type = before
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("source", ["New", "File"])
 def test_a_window_s_render_shows_the_paint(painted, scene, tmp_path, source):
     """Emission by colours that exist only in memory has their brightness, to 2 % of their spectra."""

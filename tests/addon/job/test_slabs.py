@@ -232,6 +232,7 @@ def panes(scene):
     scene.cycles.samples = 1024
 
 
+@pytest.mark.sample(2)
 @pytest.mark.one_blender
 @pytest.mark.parametrize("change, rtol", [(lamps, 0.01), (motion, 0.01), (transparent_film, 0.003), (panes, 0.01)])
 def test_slabs_go_together_with(deep, cut, tmp_path, change, rtol):

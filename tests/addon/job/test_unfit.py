@@ -52,6 +52,7 @@ def difference(colour, other):
     return float(ciede2000(*(lab_from_xyz(value, WHITE) for value in xyz))[0])
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize("tier", TIERS)
 @pytest.mark.parametrize("thickness_nm", [100.0, 200.0, 330.0, 450.0])
 def test_thin_film_has_the_colours_of_cycles(bubble, tmp_path, tier, thickness_nm):

@@ -179,6 +179,7 @@ def test_remarks_name_the_share_the_objects_and_the_remedy(scene, tmp_path, has_
     assert ("Traced Lens" in told) == has_rays
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("asked_depth, told", [("auto", 1), ("off", 0), ("traced", 0)])
 def test_they_are_told_before_a_render_that_takes_depths_by_pixel(scene, tmp_path, asked_depth, told):
     room(scene, shader("ShaderNodeBsdfGlass"))

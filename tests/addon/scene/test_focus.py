@@ -27,6 +27,7 @@ def turn(scene):
     return turned
 
 
+@pytest.mark.sample(2)
 @pytest.mark.one_blender
 @pytest.mark.parametrize("lens, focus_m, f_number, view", [
     ("sonnar-50mm-f1.5", 1.5, 2.8, "LENS"), ("sonnar-50mm-f1.5", 3.0, 1.5, "CAMERA"),

@@ -142,6 +142,7 @@ def cycles_bokeh(scene, lens, depth_mm, folder, corner):
     return planes["R"]
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("depth_mm", [700.0, 10000.0])
 def test_blades_are_turned_as_those_of_cycles(scene, blades, tmp_path, depth_mm):
     """In front of the focus and behind it: triangles agree, and would not if they were rotated or mirrored."""

@@ -234,7 +234,7 @@ def test_scripts_on_each_frame_may_do_anything(rack):
 
     bpy.app.handlers.frame_change_pre.append(script)
     try:
-        assert "test_still, works on each frame" in moving(rack, FRAMES)
+        assert "test_motion, works on each frame" in moving(rack, FRAMES)
     finally:
         bpy.app.handlers.frame_change_pre.remove(script)
 

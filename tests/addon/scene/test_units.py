@@ -65,6 +65,7 @@ def metre_picture(request, tmp_path_factory):
     return {}
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("depth", ["auto", "traced"])
 @pytest.mark.parametrize("unit_m", SCALES)
 def test_the_same_things_in_other_units_give_the_same_picture(scene, tmp_path, metre_picture, unit_m, depth):

@@ -139,6 +139,7 @@ def test_two_scenes_have_a_question_each(scene, oven):
     assert not first.dropped.is_set()
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("name", ["edmund-54852", "muller-fisheye-25mm", "nikkor-28mm", "tessar-50mm"])
 @pytest.mark.one_blender
 @pytest.mark.parametrize("rings", [Rings(), Rings(2000.0, 8.0)])

@@ -89,6 +89,7 @@ def test_each_bundled_lens_has_its_picture():
             assert picture.size == (256, 192)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("lens", [DEFAULT_LENS, "edmund-54852", "kodak-petzval-100mm"])
 def test_a_scene_without_a_camera_gets_one_that_sees_all(scene, lens):
     scene.lensfield.lens = lens

@@ -99,10 +99,10 @@ def test_changes_do_not_pile_up(ready_scene):
         bpy.data.lights["Light"].energy *= 1.01
         bpy.context.view_layer.update()
         preview.tick()
-    asked = on().job_s
+    asked = on().started_s
     assert on().job[0] == "render" and not on().fresh
     follow()
-    assert on().job_s > asked and on().fresh
+    assert on().started_s > asked and on().fresh
 
 
 @pytest.mark.one_blender

@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 
 from lensfield.engine import LensError
-from lensfield.engine.library import bundled_lenses
+from lensfield.engine.library import bundled_lenses, bundled_names
 from lensfield.engine.prescription import glasses
 from lensfield.engine.prescription.prescription import Prescription, Surface
 from lensfield.engine.prescription.surfaces import refracted
 from lensfield.engine.prescription.system import system_of
 from lensfield.engine.rays.focus import build_system
 from lensfield.engine.rays.rays import HalfPupil, trace_pupil
-from varied_lenses import library_sample
 
 INDEX = 1.5
 PUPIL = HalfPupil(7, 9)
@@ -87,7 +86,8 @@ def test_snells_law():
         assert np.isnan(refracted(direction, normal, 3.0)[:, -1]).all(), "total reflection"
 
 
-@pytest.mark.parametrize("name", library_sample())
+@pytest.mark.sample(12)
+@pytest.mark.parametrize("name", bundled_names())
 def test_paths_and_places_agree_as_fermat_has_it(name):
     """The slope of a wavefront is the ray: the path's derivative over the beam gives the landing point, to first order.
     """
