@@ -42,64 +42,64 @@ class RenderRequest:
         text="A bundled lens, a lens package, or a prescription")
     view: str = setting(
         VIEWS[0], name="View", text="Field of view of the lens image", panel="", recorded=False,
-        choices={VIEWS[0]: ("The Lens's", "What the lens sees on its own sensor; Match Camera to Lens shows it "
-                                          "beforehand"),
-                 VIEWS[1]: ("The Camera's", "What the scene's camera sees. The lens is scaled to it, and its blur with "
-                                            "it; so is the focus distance of a lens at rest")})
+        choices={VIEWS[0]: ("The Lens's", "The view of the lens on its own sensor; Match Camera to Lens previews "
+                                          "it"),
+                 VIEWS[1]: ("The Camera's", "The view of the scene's camera. The lens and its blur are scaled to it, "
+                                            "and its default focus distance, too")})
     depth: str = setting(
         AUTO, name="Depth", text="How out-of-focus light is blurred", panel="",
-        choices={AUTO: ("As Needed", "In layers of depth that are rendered one by one, if the scene is deeper than "
-                                     "the depth of field"),
-                 OFF: ("Off", "Not at all: everything is as sharp as in focus"),
+        choices={AUTO: ("As Needed", "In separately rendered layers of depth, if the scene is deeper than the "
+                                     "depth of field"),
+                 OFF: ("Off", "Without defocus: everything is as sharp as in focus"),
                  TRACED: ("Traced Lens", "Cycles traces rays through the lens itself: slow and without diffraction, "
-                                         "but correct for glass, mirrors and volumes, too. Needs a prescription")})
+                                         "but also correct for glass, mirrors and volumes. Needs a prescription")})
     focus: float | str | None = setting(
         None, name="Focus", metavar="DISTANCE", recorded=False,
         text="Focus distance from the camera, which is at the entrance pupil: 1.2m, 80cm, 500mm or inf (in Python, a "
              "number in mm)",
-        unset="the camera's if its Depth of Field is on, else the prescription's, mostly infinity; camera: the "
-              "camera's in any case")
+        unset="the camera's if its Depth of Field is on, otherwise the prescription's, usually infinity; camera: "
+              "always the camera's")
     f_number: float | None = setting(
         None, name="F-Number", kind=float, metavar="N", recorded=False, text="F-number of the lens",
-        unset="the camera's F-Stop if its Depth of Field is on, else the widest")
+        unset="the camera's F-Stop if its Depth of Field is on, otherwise the widest")
     focused_wide_open: bool = setting(
         False, name="Focused Wide Open", kind=bool, panel="", recorded=False,
-        text="Focus at the widest aperture, then stop down, as with a rangefinder: a lens whose focus shifts with its "
-             "f-stop is a little out of focus. Otherwise it is focused at its f-stop")
+        text="Focus at the widest aperture, then stop down, as with a rangefinder: a lens with focus shift is then "
+             "slightly out of focus. Otherwise, focus at the f-stop in use")
     lens_quality: str | None = setting(
-        None, name="Lens Quality", text="How finely a prescription is baked", unset="as the tier", recorded=False,
-        choices={quality: (quality.title(), "") for quality in QUALITIES})
+        None, name="Lens Quality", text="Sampling of the bake of a prescription", unset="the tier's",
+        recorded=False, choices={quality: (quality.title(), "") for quality in QUALITIES})
     iris: Iris | None = setting(
         None, name="Iris", option=None,
-        text="Blades that stop the lens down, for out-of-focus light; by default those of the camera's Aperture if its "
-             "Depth of Field is on")
+        text="Blades that shape out-of-focus light when the lens is stopped down; by default the blades of the "
+             "camera's Aperture if its Depth of Field is on")
     wavelengths_nm: tuple[float, ...] = setting(
         tuple(parse_wavelengths(IMAGE_WAVELENGTHS).tolist()), name="Wavelengths", option="wavelengths", metavar="SPEC",
         text="Ascending wavelengths of the lens image in nm: first:last:number, or a list such as 450,550,650 (in "
              "Python, a sequence)")
     spectral: SpectralOptions = setting(
         SpectralOptions(), name="Spectra", option=None,
-        text="Accuracy of the spectra, and so how many wavelengths Cycles renders")
+        text="Accuracy of the spectra, which determines how many wavelengths Cycles renders")
     options: Options = setting(Options(), name="Options", option=None, text="Accuracy of the lens image")
     unfit: str = setting(
         "refuse", name="Unfit Nodes", panel="wavelengths",
         text="Nodes that Cycles renders in red, green and blue only; Check Scene and lensfield lint list them",
         choices={"refuse": ("Refuse", "Stop with an error that names the first"),
-                 "render": ("Render Anyway", "Upsample the colours that Cycles gives them, as other colours are. "
-                                             "Beyond Preview each wavelength then takes a render")})
+                 "render": ("Render Anyway", "Upsample the colours that Cycles renders for them, like other colours. "
+                                             "Above Preview, each wavelength then takes a render")})
     denoise: str = setting(
         BY_SCENE, name="Denoise", panel="quality",
-        text="Let Cycles denoise its passes. It shifts means by up to 1 %, of dim wavelengths by more",
-        choices={BY_SCENE: ("As the Scene", "As Cycles' own Denoise is set; but never in Reference"),
-                 ON: ("On", "Whatever the scene says"),
-                 OFF: ("Off", "Whatever the scene says")})
+        text="Let Cycles denoise its passes. This shifts means by up to 1 %, by more for dim wavelengths",
+        choices={BY_SCENE: ("As the Scene", "Follow the Denoise setting of Cycles, but never denoise in Reference"),
+                 ON: ("On", "Denoise, regardless of the scene"),
+                 OFF: ("Off", "Do not denoise, regardless of the scene")})
     view_layer: str = setting(
-        "", name="View Layer", text="View layer to render. Empty: the one that is enabled for rendering",
+        "", name="View Layer", text="View layer to render. Empty: the one enabled for rendering",
         metavar="NAME", panel="")
     room: float = setting(
         0.0, name="Room", kind=float, metavar="FRACTION",
-        text="Capture at least this part of the picture's longer side beyond each of its edges, so that lensfield "
-             "apply can use lenses with more distortion")
+        text="Minimum margin to capture beyond each edge, as a fraction of the picture's longer side, so that "
+             "lensfield apply can use lenses with more distortion")
     output_folder: Path | None = setting(
         None, name="Output", kind=Path, option="output", metavar="DIR", subtype="DIR_PATH", panel="",
         panel_default="//lensfield/", recorded=False, text="Folder for the spectral EXRs and the pictures")
@@ -108,15 +108,15 @@ class RenderRequest:
         text="Add the lens image to the scene's compositor when it is finished")
     picture: Path | None = setting(
         None, name="Picture", kind=Path, metavar="FILE.png", recorded=False,
-        text="After each pass, write the light so far to this file, as a perfect pinhole sees it")
+        text="After each pass, write the light so far to this file, as seen through a perfect pinhole")
     state: str = setting(
         "", name="Scene State", option="scene-state", metavar="TEXT", recorded=False, unset="its fingerprint",
-        text="The scene's state that records of frames contain")
+        text="State of the scene to store in the records of frames")
     source: str = setting(
         "", name="Scene Source", option="scene-source", metavar="TEXT", recorded=False,
         text="Digest of the files that the scene was opened from and still matches (source_digest): finished passes "
-             "are then stored next to the output until the frame is finished, and a render that was stopped resumes "
-             "from them. Empty: none are stored")
+             "are then stored next to the output until the frame is finished, so that an interrupted render can "
+             "resume. Empty: none are stored")
 
     def __post_init__(self) -> None:
         check_choices(self)

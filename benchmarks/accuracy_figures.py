@@ -34,8 +34,8 @@ def equal_error(lens):
         print(f"one PSF in each {size} px: {seconds:.3f} s, {error:.1e}", flush=True)
     for accuracy in ACCURACIES:
         seconds, error, plan = measured(Options(accuracy=accuracy))
-        print(f"accuracy {accuracy:g}: {seconds:.3f} s, {error:.1e}; the paper's time / this: {paper_s / seconds:.1f}, "
-              f"at equal error {seconds_at(error, sections) / seconds:.0f}; {plan.text}", flush=True)
+        print(f"accuracy {accuracy:g}: {seconds:.3f} s, {error:.1e}; {paper_s / seconds:.1f} times faster than the "
+              f"paper, {seconds_at(error, sections) / seconds:.0f} times at equal error; {plan.text}", flush=True)
 
 
 def seconds_at(error, sections):
@@ -51,7 +51,7 @@ def conserved_light(lens):
         report = Report()
         simulate(checkerboard(), lens, options, report=report)
         energy = report.lens_image.energy
-        print(f"light after the blur over light before it, less 1, by {name}: "
+        print(f"relative change of the light by the blur, {name}: "
               f"{energy.out_w_per_nm / energy.in_w_per_nm - 1:+.0e}")
 
 
@@ -61,7 +61,7 @@ def uniform_light(lens, rows=576, columns=768, overscan_px=60):
     image = SpectralImage(np.ones(shape), [NM], pitch_um=SENSOR_UM / columns, overscan_px=(overscan_px,) * 2)
     middle = simulate(image, lens).cube[0, rows // 2 - 1:rows // 2 + 1, columns // 2 - 1:columns // 2 + 1]
     per_radiance = irradiance_per_radiance(1.0, lens.f_number_effective)
-    print(f"uniform light on the axis, over Eq. 2: {middle.mean() / per_radiance:.4f}")
+    print(f"uniform light on the axis, relative to Eq. 2: {middle.mean() / per_radiance:.4f}")
 
 
 def main():

@@ -49,7 +49,7 @@ def main(frames=4):
             begin_s = time.monotonic()
             render(f"workers{workers}", "--scheduler", address)
             clock_s.append(time.monotonic() - begin_s)
-    print("1 worker: {:.1f} s, 2 workers: {:.1f} s by the clock".format(*clock_s), end="")
+    print("wall-clock time with 1 worker: {:.1f} s, with 2 workers: {:.1f} s".format(*clock_s), end="")
     print(f", {clock_s[0] / clock_s[1]:.2f} times as fast; load {os.getloadavg()[1]:.1f} on {os.cpu_count()} cores")
 
 

@@ -31,14 +31,15 @@ def main(slabs=4.0, machines=100.0, cores=32.0, dollars=0.04):
     seconds = film.pop("cycles_s") * slabs + film.pop("lens_s")
     for name, size in sorted(film.items(), key=lambda each: -each[1]):
         if size >= GIGA / 100:
-            print(f"{name:<16}{size / GIGA:8.2f} GB a frame{size * FRAMES / TERA:8.1f} TB in all")
+            print(f"{name:<16}{size / GIGA:8.2f} GB per frame{size * FRAMES / TERA:8.1f} TB in total")
     total, passes = sum(film.values()), PASSES * slabs * PASS_BYTES * FILM_PX
-    print(f"{'all':<16}{total / GIGA:8.2f} GB a frame{total * FRAMES / TERA:8.1f} TB in all")
-    print(f"passes of a frame in work: {passes / GIGA:.2f} GB; {passes * machines / TERA:.2f} TB of all machines")
+    print(f"{'all':<16}{total / GIGA:8.2f} GB per frame{total * FRAMES / TERA:8.1f} TB in total")
+    print(f"passes of a frame in progress: {passes / GIGA:.2f} GB; {passes * machines / TERA:.2f} TB on all machines")
     hours, frame_s = seconds * FRAMES / HOUR_S, seconds / cores
-    print(f"{seconds / HOUR_S:.2f} core hours a frame, {hours:,.0f} in all: ${hours * dollars:,.0f} at ${dollars} each")
+    print(f"{seconds / HOUR_S:.2f} core hours per frame, {hours:,.0f} in total: ${hours * dollars:,.0f} at "
+          f"${dollars} each")
     written = machines * (total + passes) / frame_s
-    print(f"{machines:g} machines of {cores:g} cores: {frame_s / 60:.1f} min a frame, "
+    print(f"{machines:g} machines of {cores:g} cores: {frame_s / 60:.1f} min per frame, "
           f"{frame_s * FRAMES / machines / DAY_S:.1f} days, {written / GIGA:.2f} GB/s written")
 
 

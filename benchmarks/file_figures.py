@@ -61,7 +61,7 @@ def main(folders):
                 planes = read_parts(path)[0][1]
                 measure_exr(planes, copy)
                 if path.name.endswith("radiance.exr"):
-                    print("  its lower half black")
+                    print("  with its lower half black")
                     measure_exr({name: np.where(np.arange(len(plane))[:, None] < len(plane) // 2, plane, 0)
                                  for name, plane in planes.items()}, copy)
 

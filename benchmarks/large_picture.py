@@ -45,7 +45,7 @@ def main():
         used = resource.getrusage(resource.RUSAGE_CHILDREN)
         predicted_mb = json.loads(Path(folder, "report.json").read_text())["plan"]["peak_mb"]
     print(f"{width} x {height}, {wavelengths} wavelengths, {4e-9 * width * height * wavelengths:.2f} GB: "
-          f"{time.perf_counter() - begin:.0f} s, {used.ru_utime + used.ru_stime:.0f} of the processor, "
+          f"{time.perf_counter() - begin:.0f} s, {used.ru_utime + used.ru_stime:.0f} processor s, "
           f"predicted {predicted_mb:.0f} MB, peak {peak_bytes / 1e6:.0f} MB")
 
 

@@ -99,7 +99,7 @@ def seconds(lens, rays, pitch_um, waves):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("cases", nargs="*", default=CASES, metavar="LENS:WIDTH_MM:PIXELS[:F,...]",
-                        help="turned to 2 m where f-numbers are given (default: %(default)s)")
+                        help="focused at 2 m if f-numbers are given (default: %(default)s)")
     print(machine())
     for case in parser.parse_args().cases:
         name, width_mm, pixels, *stops = case.split(":")

@@ -98,8 +98,8 @@ def band_overhead():
                 bpy.ops.render.render(write_still=True)
             seconds.append(time.perf_counter() - begin)
     print(f"a million triangles, {len(passes)} passes of 3 wavelengths, 64 x 48 px, 1 sample: the first "
-          f"{passes[0]:.2f} s, each other {np.median(passes[1:]):.3f} s (asked: at most 0.05 s); a plain render again, "
-          f"nothing changed: {np.median(seconds[1:]):.3f} s")
+          f"{passes[0]:.2f} s, each other {np.median(passes[1:]):.3f} s (target: at most 0.05 s); a plain render of "
+          f"the unchanged scene: {np.median(seconds[1:]):.3f} s")
 
 
 def sample_scene(width, height, samples):
@@ -113,8 +113,8 @@ def sample_scene(width, height, samples):
 
 def tiers():
     wavelengths_nm = np.linspace(400, 700, 31)
-    print("the sample scene, 192 x 144 px, 64 samples, 31 wavelengths asked for; colours and three sensor bands of "
-          f"{BLOCK_PX} x {BLOCK_PX} px means against every wavelength rendered")
+    print("the sample scene, 192 x 144 px, 64 samples, 31 wavelengths; colours and three sensor bands of means "
+          f"over {BLOCK_PX} x {BLOCK_PX} px, compared with a render of every wavelength")
     truth = None
     for name, spectral in (("reference", SpectralOptions("reference")), ("preview", SpectralOptions("preview")),
                            ("standard", SpectralOptions()), ("colour error 2", SpectralOptions(colour_error=2)),
@@ -154,7 +154,8 @@ def spectral_error(truth, blocks):
 def full_frame(samples):
     passes, rest, report, _ = timed(sample_scene(1920, 1080, samples), np.linspace(400, 700, 12))
     print(f"the sample scene, 1920 x 1080 px, {samples} samples, 12 wavelengths: Cycles {sum(passes):.0f} s in "
-          f"{len(passes)} passes, all else {rest:.1f} s: {rest / sum(passes):.1%} (asked: at most 10 % at 64 samples); "
+          f"{len(passes)} passes, the rest {rest:.1f} s: {rest / sum(passes):.1%} (target: at most 10 % at 64 "
+          "samples); "
           + ", ".join(f"{stage} {seconds:.1f} s" for stage, seconds in report.stages.items()
                       if stage != "multispectral render"))
 

@@ -20,10 +20,10 @@ HEAD = """# The lenses
 prescription, `engine/library/prescriptions/NAME.toml`. Figures are from the patents listed; each file's notes name its
 transcriber and list its assumptions. Notes on apertures, computed from rays on the axis, report differences of more
 than 3 % from the f-number, or of the stop from the file's (`engine/rays/axial_light.py`). Lenses are named after the
-designs in the files. The manufacturers are not involved in this project, and the lenses that they sold may differ from
+designs in the files. The manufacturers are not involved in this project, and their production lenses may differ from
 the patents.
 
-    lensfield lens list portrait 85mm      # by name, maker, year, focal length, character
+    lensfield lens list portrait 85mm      # by name, maker, year, focal length or character
     lensfield lens check nikkor-85mm-f1.4  # check its figures
 
 `docs/lenses.py` generates this page.

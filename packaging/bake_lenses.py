@@ -20,7 +20,7 @@ def main():
             lens = baked_lens(prescription_of(path.stem), progress=report)
         write_package(replace(lens, point_flux=np.ones(())), path)
         print(f"{path.name}: {path.stat().st_size / 1e6:.2f} MB, pitch {lens.psf_pitch_um:g} um, at least "
-              f"{lens.enclosed_energy.min():.2%} of the light inside")
+              f"{lens.enclosed_energy.min():.2%} of the light in the window")
 
 
 if __name__ == "__main__":

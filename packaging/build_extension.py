@@ -75,7 +75,7 @@ def main(arguments):
         for platform in arguments[1:] or PLATFORMS:
             build(output, platform)
     except kernels.CompilerMissing as missing:
-        sys.exit(f"lensfield: cannot build the zip without loops in C: {missing}")
+        sys.exit(f"lensfield: cannot build the zip without the C loops: {missing}")
 
 
 if __name__ == "__main__":

@@ -120,7 +120,7 @@ def _notes(notes, wavefronts: Wavefronts, between, pitch_um, quality: Quality):
                 for height in range(wavefronts.chief_height_mm.shape[1]))
     lines = [notes] if notes else []
     if times > 1:
-        lines.append(f"Diffraction is computed for wavelengths up to {times:.2g} times as long.")
+        lines.append(f"Diffraction is computed with wavelengths lengthened by a factor of up to {times:.2g}.")
     if between > quality.between:
         lines.append(f"Halfway between two heights, {100 * between:.2g} % of the light is misplaced.")
     return "\n".join(lines)
@@ -149,7 +149,7 @@ def _illumination(system, heights_mm, traced: Wavefronts, wavelengths_nm, qualit
     dark = np.argwhere(area <= 0)
     if dark.size:
         raise LensError(system.prescription.name, "field height", f"{heights_mm[dark[0, 1]]:.4g} mm",
-                        "no light gets through the apertures here: reduce the field")
+                        "no light passes the apertures here: reduce the field")
     flux = (source_area * _beam_per_image(system, heights_mm)
             * _image_per_real(system, heights_mm, traced.wavelengths_nm))
     return polynomial_weights(1e3 / traced.wavelengths_nm, 1e3 / wavelengths_nm) @ np.stack([area, flux])

@@ -78,7 +78,7 @@ def point_spread(wavefront: Wavefront, pitch_um: float, samples: int, sums: Sums
         return np.zeros((samples, samples))
     fit = _fit(wavefront, sums.degree)
     if not fit.error_waves < WORST_FIT_WAVES:
-        raise LensError("PSF", "wavefront", f"{fit.error_waves:.2g} waves from smooth",
+        raise LensError("PSF", "wavefront", f"{fit.error_waves:.2g} waves from a smooth fit",
                         "reduce the field, or choose a finer quality")
     times = lengthening(wavefront, pitch_um, sums)
     if times > LONGEST:

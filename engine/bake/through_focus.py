@@ -66,7 +66,7 @@ def psf_at_depth(rays: RayTable, wavelength_nm: float, height_mm: float, depth_m
     psf = _summed(wavefront, spread_mm, pitch_um, samples, fineness)
     light = psf.sum()
     if not light > 0:
-        raise InputError("options", "height", f"{height_mm:g} mm", "no light gets through the lens to this height")
+        raise InputError("options", "height", f"{height_mm:g} mm", "no light reaches this height through the lens")
     return psf / light
 
 
@@ -188,8 +188,8 @@ def _landings_mm(rays, wavelength, height_mm, depth_mm, stop):
     heights_mm = np.array([height_mm, height_mm - step_mm, min(height_mm + step_mm, rays.last_height_mm)])
     chief = rays.rays(wavelength, np.stack([0 * heights_mm, heights_mm]), np.zeros((2, 1)))
     if chief.direction[2].min() < np.cos(STEEPEST):
-        raise InputError("options", "height", f"{height_mm:g} mm", "its rays come from the side, where points have "
-                                                                   "no depth: set a height closer to the axis")
+        raise InputError("options", "height", f"{height_mm:g} mm", "its rays arrive from the side, where points "
+                                                                   "have no depth: set a height closer to the axis")
     here, before, after = _crossing_mm(chief, depth_mm)[1]
     along = (after - before) / (heights_mm[2] - heights_mm[1])
     across = here / height_mm if height_mm > step_mm else along

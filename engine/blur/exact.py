@@ -29,7 +29,7 @@ class Exact(Method):
 
     @property
     def text(self) -> str:
-        return "every pixel's own PSF"
+        return "a PSF for every pixel, without a table"
 
     def counts(self, work: Workload) -> dict[str, float]:
         return {"turned sample": work.pixels * work.samples}

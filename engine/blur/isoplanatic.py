@@ -40,7 +40,7 @@ class Paper(Method):
 
     @property
     def text(self) -> str:
-        text = f"{self.section_size} px sections of one PSF each"
+        text = f"{self.section_size} px sections with one PSF each"
         return f"{text}, as in the paper" if self.section_size == PAPER_SECTION else text
 
     def counts(self, work: Workload) -> dict[str, float]:

@@ -123,7 +123,7 @@ class Method(ABC):
     @classmethod
     def by_knobs(cls, section_size: int | None, steps: int | None, psf_radius_px: int, most_px: int) -> "Method":
         """The method with these knobs, or its defaults for None; with sections up to most_px."""
-        raise NotImplementedError(f"only an accuracy chooses {cls.name}")
+        raise NotImplementedError(f"{cls.name} is available only for a target accuracy")
 
     @classmethod
     def choices(cls, steps: int, psf_radius_px: int, most_px: int) -> Iterable["Method"]:

@@ -41,7 +41,7 @@ def capture_planes(radiance: Radiance, lens: Lens, rays: Callable[[float], RayTa
         If the image is not radiance, or a pixel is not finite.
     """
     if isinstance(radiance, SpectralImage) and radiance.quantity != RADIANCE:
-        raise ImageError("image", "quantity", radiance.quantity, f"a lens takes {RADIANCE}")
+        raise ImageError("image", "quantity", radiance.quantity, f"expected {RADIANCE}")
     if fireflies == "refuse":
         refuse_fireflies(radiance)
     if isinstance(radiance, SpectralImage):

@@ -46,9 +46,9 @@ class DepthCheck:
     @property
     def text(self) -> str:
         """One line for a report."""
-        return (f"{self.outside_fraction:.1%} of the frame is out of the lens data's depth, {_metres(self.near_mm)} to "
-                f"{_metres(self.far_mm)}, where defocus blurs by at most {self.blur_um:.3g} um; the scene is at "
-                f"{_metres(self.nearest_mm)} to {_metres(self.farthest_mm)}")
+        return (f"{self.outside_fraction:.1%} of the frame is outside the lens data's depth range, "
+                f"{_metres(self.near_mm)} to {_metres(self.far_mm)}, where defocus blurs by at most {self.blur_um:.3g} "
+                f"um; the scene spans {_metres(self.nearest_mm)} to {_metres(self.farthest_mm)}")
 
 
 def sharp_range_mm(lens: Lens, blur_um: float) -> tuple[float, float]:
@@ -173,7 +173,7 @@ def check_depth(depth_mm: ArrayLike, lens: Lens, pitch_um: float, blur_um: float
     depth_mm = np.asarray(depth_mm, dtype=float)
     seen = depth_mm[~np.isnan(depth_mm)]
     if not seen.size:
-        raise ImageError("depth", "pixels", "empty", "expected at least one that has a depth")
+        raise ImageError("depth", "pixels", "empty", "expected at least one pixel with a depth")
     seen = np.where(seen >= BACKGROUND_MM, np.inf, seen)
     blur_um = float(pitch_um if blur_um is None else blur_um)
     near_mm, far_mm = sharp_range_mm(lens, blur_um)

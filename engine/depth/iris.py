@@ -36,7 +36,7 @@ class Iris:
     """
 
     blades: int = setting(
-        0, name="Blades", kind=int, option="iris-blades", metavar="N", text="Blades of the iris; 0 for a round stop",
+        0, name="Blades", kind=int, option="iris-blades", metavar="N", text="Number of iris blades; 0 for a round stop",
         unset="0")
     rotation_deg: float = setting(
         0.0, name="Rotation", kind=float, option="iris-rotation", metavar="DEG", unset="0",
@@ -44,16 +44,16 @@ class Iris:
     roundness: float = setting(
         0.0, name="Roundness", kind=float, option="iris-roundness", metavar="0..1", unset="0", limits=(0.0, 1.0),
         subtype="FACTOR",
-        text="From straight blades to a circle, if the lens is stopped down. The opening has the same area, and the "
-             "picture the same light, for any value")
+        text="Shape of the opening when the lens is stopped down, from straight blades to a circle. The area of the "
+             "opening, and so the exposure, stays the same")
 
     def __post_init__(self) -> None:
         if not is_integer(self.blades) or (self.blades and not 3 <= self.blades <= MOST_BLADES):
             raise InputError("iris", "blades", self.blades, f"expected 3 to {MOST_BLADES}, or 0 for a round stop")
         if not 0 <= self.roundness <= 1:
-            raise InputError("iris", "roundness", self.roundness, "expected 0, straight blades, to 1, a circle")
+            raise InputError("iris", "roundness", self.roundness, "expected 0 (straight blades) to 1 (a circle)")
         if not np.isfinite(self.rotation_deg):
-            raise InputError("iris", "rotation", self.rotation_deg, "expected degrees")
+            raise InputError("iris", "rotation", self.rotation_deg, "expected a finite number of degrees")
 
     @property
     def directions(self) -> np.ndarray:

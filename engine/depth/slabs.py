@@ -82,13 +82,13 @@ class SlabPlan:
     @property
     def cut_text(self) -> str:
         """The slabs, and the light that remains hidden, in words."""
-        return f"{self.slabs_text}; {self.hidden:.2g} of the light comes from what stays hidden behind edges"
+        return f"{self.slabs_text}; {self.hidden:.2g} of the light comes from surfaces that remain hidden behind edges"
 
     @property
     def text(self) -> str:
         """One line for a report."""
         if not self.needed or self.check is None:
-            return "the lens data hold for all depths of the scene"
+            return "the lens data apply to all depths of the scene"
         return f"{self.check.text}: {self.cut_text}"
 
 

@@ -24,8 +24,8 @@ def _refuse(cube, wavelengths_nm, origin_px):
         row, column = wrong[0]
         place = f"pixel at row {row + origin_px[0]}, column {column + origin_px[1]}, {wavelength_nm:g} nm"
         raise ImageError("image", place, str(plane[row, column]),
-                         f"every value must be finite; {len(wrong)} of {plane.size} at this wavelength are not; "
-                         "'clamp' for fireflies replaces them")
+                         f"{len(wrong)} of {plane.size} values at this wavelength are not finite: set fireflies to "
+                         "'clamp' to replace them")
 
 
 def _all_finite(plane):

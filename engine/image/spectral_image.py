@@ -85,7 +85,7 @@ class SpectralImage:
         if f_number_effective is not None and not is_positive(f_number_effective):
             raise ImageError("image", "f_number_effective", f_number_effective, "expected a positive number")
         if not isinstance(lens_name, str):
-            raise ImageError("image", "lens_name", lens_name, "expected a text")
+            raise ImageError("image", "lens_name", lens_name, "expected a string")
         if quantity not in UNITS:
             raise ImageError("image", "quantity", quantity, f"expected one of {', '.join(UNITS)}")
         parts = {"pitch_um": pitch_um, "centre_px": centre_px, "overscan_px": overscan_px, "projection": projection}
@@ -153,4 +153,4 @@ def check_capture(where: str, wavelengths_nm: np.ndarray, focal_mm: float | None
     if focal_mm is not None and not is_positive(focal_mm):
         raise ImageError(where, "focal_mm", focal_mm, "expected a positive number")
     if exposure != 0 and not is_positive(exposure):
-        raise ImageError(where, "exposure", exposure, "expected a number of at least 0")
+        raise ImageError(where, "exposure", exposure, "expected 0 or more")

@@ -63,10 +63,10 @@ def _wavelength_range(lens):
         return  # reported as a wrong unit
     if low > VISIBLE_NM[0] or high < VISIBLE_NM[1]:
         yield LensFinding("note", "wavelengths_nm", f"{low:g} to {high:g} nm",
-                          "scenes can be filtered only at these wavelengths; true colours need 400 to 700 nm")
+                          "scenes can be filtered only at these wavelengths; accurate colours need 400 to 700 nm")
     if not low <= lens.reference_wavelength_nm <= high:
         yield LensFinding("note", "reference_wavelength_nm", f"{lens.reference_wavelength_nm:g} nm",
-                          f"it is outside the lens data, {low:g} to {high:g} nm")
+                          f"outside the lens data, {low:g} to {high:g} nm")
 
 
 def _wavelength_gaps(lens):

@@ -74,5 +74,6 @@ def table_summary(lens: Lens) -> str:
     wavelength, height = divmod(int(lens.enclosed_energy.argmin()), lens.heights_mm.size)
     return (f"f = {lens.efl_mm:.5g} mm, f/{lens.f_number_effective:.3g}, {lens.heights_mm.size} heights to "
             f"{lens.heights_mm[-1]:.4g} mm x {lens.wavelengths_nm.size} wavelengths; PSFs of {lens.psf.shape[-1]} x "
-            f"{lens.psf.shape[-1]} samples of {lens.psf_pitch_um:g} um hold {lens.enclosed_energy.min():.2%} of the "
-            f"light or more (the least at {lens.heights_mm[height]:.4g} mm, {lens.wavelengths_nm[wavelength]:g} nm)")
+            f"{lens.psf.shape[-1]} samples of {lens.psf_pitch_um:g} um contain at least "
+            f"{lens.enclosed_energy.min():.2%} of the light (minimum at {lens.heights_mm[height]:.4g} mm, "
+            f"{lens.wavelengths_nm[wavelength]:g} nm)")

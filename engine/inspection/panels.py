@@ -95,7 +95,7 @@ def draw_lateral_colour(panel: "Axes", lens: Lens, field: Field) -> None:
     panel.axhspan(-airy_um, airy_um, color=AIRY_COLOUR, linewidth=0, zorder=0, label="Airy disk")
     for colour, curve in zip(colours, curves, strict=True):
         panel.plot(field.optics.real_height_mm, curve, color=colour, linewidth=1.8)
-    _dress(panel, lens, field, f"Lateral colour in µm, against {lens.reference_wavelength_nm:.4g} nm")
+    _dress(panel, lens, field, f"Lateral colour in µm, relative to {lens.reference_wavelength_nm:.4g} nm")
     panel.legend(loc="lower left", fontsize=SMALL, frameon=False)
     _label_ends(panel, curves[:, -1], [f"{one:.4g} nm" for one in nm], colours)
 

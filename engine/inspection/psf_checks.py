@@ -33,7 +33,7 @@ def _pitch(lens):
     elif pitch_um > nyquist_um:
         yield LensFinding("note", "psf_pitch_um", f"{pitch_um:g} um, where {nyquist_um:.3g} um resolves all detail "
                           f"at {shortest_nm:g} nm",
-                          "finer detail is lost, which matters only for pixels as small as these")
+                          "finer detail is lost, which matters only for pixels this small")
 
 
 def _centring(lens):
@@ -218,7 +218,7 @@ def _gaps(lens, errors, first, axis):
     yield from graded(errors[worst], GAP_NOTE, GAP_WARNING, "psf",
                       f"{errors[worst]:.2f} in L1 from interpolation between the adjacent {axis}, "
                       f"{place(lens, *np.add(worst, first))}",
-                      f"PSFs are interpolated between {axis} and are usually off by a third to half of that: give more "
+                      f"PSFs between {axis} are interpolated, usually with a third to half of this error: give more "
                       f"{axis} near it")
 
 

@@ -108,7 +108,7 @@ def _wide_open_light(prescription):
     """Whether the stop and the light on the axis agree with the f-number."""
     for note in widest_notes(prescription):
         yield LensFinding("note", "aperture", note.rstrip("."),
-                          "pictures follow the rays: give the size of the stop as the aperture, if you know it")
+                          "pictures follow the traced rays: give the size of the stop as the aperture, if you know it")
 
 
 def _sensor(system):
@@ -120,7 +120,7 @@ def _sensor(system):
     half_mm = max(system.prescription.sensor_mm) / 2
     if covered_mm < (1 - COVERED) * half_mm:
         yield LensFinding("error", "field", f"{covered_mm:.4g} mm high at its end, less than the {half_mm:.4g} mm to "
-                          "the sensor's side", "end the field later, or give a smaller sensor")
+                          "the sensor's edge", "end the field later, or give a smaller sensor")
     else:
         yield from beyond_the_field(system.prescription.sensor_mm, covered_mm)
 
@@ -145,9 +145,9 @@ def _position(system: System, stated: bool):
     contrast = axial_contrast(system, LINES_PER_MM)
     if contrast < LEAST_CONTRAST:
         remedy = ("soft focus, as stated in its character" if SOFT_FOCUS in focused.character else
-                  "sharper farther away: the movement of its parts for focusing is not stated" if not stated else "")
+                  "sharper farther away: the file does not state how its parts move for focusing" if not stated else "")
         yield LensFinding("note" if remedy else "error", "surfaces", f"contrast {contrast:.2f} at {LINES_PER_MM:g} "
-                          f"lines per mm of full frame on the axis, focused {at}",
+                          f"lines per mm (at full-frame size) on the axis, focused {at}",
                           remedy or f"expected {LEAST_CONTRAST:g} or more: look for a missing aspheric term, gap or "
                           "glass")
     yield from _chief_rays(system, at)

@@ -159,8 +159,8 @@ exports:
 def without(problem: Exception) -> str:
     """A message about the consequence of a failure of `build`."""
     if isinstance(problem, subprocess.CalledProcessError):
-        problem = CompilerMissing(f"{problem.cmd[0]} cannot compile them")
-    return f"without loops in C, numpy is used instead: {problem}"
+        problem = CompilerMissing(f"{problem.cmd[0]} cannot compile the C loops")
+    return f"the C loops are unavailable, so numpy is used: {problem}"
 
 
 def main(arguments: list[str]) -> int:

@@ -73,8 +73,8 @@ def _capture(captures, centre_px):
     """Views of a capture as a structure for the loop."""
     if len(captures) > 4 or any(view.dtype != np.float32 or view.ndim != 2 or view.shape != captures[0].shape
                                 or any(step % 4 for step in view.strides) for view in captures):
-        raise ValueError(f"captures of {[(str(view.dtype), view.shape) for view in captures]}, expected up to four "
-                         "float32 (row, column) of one shape")
+        raise ValueError(f"captures are {[(str(view.dtype), view.shape) for view in captures]}: expected up to four "
+                         "float32 arrays (row, column) of the same shape")
     addresses = (view.ctypes.data for view in captures)
     rows, columns = ([view.strides[axis] // 4 for view in captures] for axis in (0, 1))
     structure = CAPTURE(planes=len(captures), rows=captures[0].shape[0], columns=captures[0].shape[1],

@@ -17,7 +17,7 @@ from .declarations import FUNCTIONS, NUMBERS, STRUCTURES
 ABI = NUMBERS["ABI"]
 NUMPY = "numpy"
 VARIABLE = "LENSFIELD_KERNELS"
-PROBLEMS = {1: "a sample lies outside of the square", 2: "sizes that cannot be"}
+PROBLEMS = {1: "a sample is outside the square", 2: "invalid sizes"}
 
 
 @dataclass(frozen=True)
@@ -41,10 +41,10 @@ def loaded() -> Library | None:
         fits = loops.lf_abi() == ABI and sources_digest() in ("", loops.lf_sources().decode())
     except (OSError, AttributeError) as problem:
         if path.exists():
-            _tell(path, f"cannot be loaded ({problem}): numpy does its work")
+            _tell(path, f"cannot be loaded ({problem}): numpy is used instead")
         return None
     if not fits:
-        _tell(path, "was made from other sources: numpy does its work until engine/kernels/build.py is run")
+        _tell(path, "was built from other sources: numpy is used until you run engine/kernels/build.py")
         return None
     variants = {}
     while name := loops.lf_variant(number := len(variants)):
@@ -63,7 +63,7 @@ def _refuse_part(path):
     if content[:4] == b"\x7fELF":
         table, size, count = struct.unpack_from("<40xQ10xHH", content.ljust(64, b"\0"))
         if len(content) < table + size * count:
-            raise OSError("a part of it is missing")
+            raise OSError("the file is truncated")
 
 
 def _tell(path, text):
@@ -94,7 +94,7 @@ def running() -> str:
 def chosen() -> tuple[ctypes.CDLL, int]:
     """The library's functions, and the index of the variant that is `running`, which must not be numpy."""
     library = loaded()
-    assert library, "there is no library: ask running() before"
+    assert library, "no library is loaded: check running() first"
     return library.loops, library.variants[running()]
 
 
@@ -113,8 +113,8 @@ def address(array: np.ndarray, dtype: DTypeLike, shape: tuple[int, ...] | None =
     """
     fits = array.dtype == dtype and array.flags.c_contiguous and array.flags.aligned
     if not fits or shape not in (None, array.shape):
-        raise ValueError(f"a {array.dtype} array of shape {array.shape} and strides {array.strides}, where the loops "
-                         f"want {np.dtype(dtype)} without gaps" + (f" of shape {shape}" if shape else ""))
+        raise ValueError(f"{array.dtype} array of shape {array.shape} and strides {array.strides}: expected contiguous "
+                         f"{np.dtype(dtype)}" + (f" of shape {shape}" if shape else ""))
     return array.ctypes.data
 
 
@@ -127,6 +127,6 @@ def picture(array: np.ndarray) -> ctypes.Structure:
     """
     fits = array.ndim == 3 and array.dtype == np.float32 and array.flags.aligned
     if not fits or (array.strides[2] != 4 and array.shape[2] > 1 and array.size):
-        raise ValueError(f"a {array.dtype} array of shape {array.shape} and strides {array.strides}, where the loops "
-                         "want float32 (plane, row, column) with rows in one piece")
+        raise ValueError(f"{array.dtype} array of shape {array.shape} and strides {array.strides}: expected float32 "
+                         "(plane, row, column) with contiguous rows")
     return STRUCTURES["picture"](array.ctypes.data, *array.shape, array.strides[0] // 4, array.strides[1] // 4)

@@ -42,7 +42,7 @@ def waves(path: np.ndarray, edges: np.ndarray, x: np.ndarray, y: np.ndarray, den
     across, up, path = (np.ascontiguousarray(array, dtype=np.float64) for array in (2 * x**2 - 1, y, path))
     edges = np.ascontiguousarray(edges, dtype=np.float32)
     if path.shape[0] != y.size or edges.shape[0] != y.size:
-        raise ValueError(f"polynomials of {path.shape[0]} and {edges.shape[0]} rows, expected {y.size}")
+        raise ValueError(f"polynomials of {path.shape[0]} and {edges.shape[0]} rows: expected {y.size}")
     light, work = np.zeros(2), np.empty(3 * (x.size + PADDING), np.float32)
     wavefront = WAVEFRONT(*(address(array, np.float64) for array in (across, up, path)), address(edges, np.float32),
                           y.size, x.size, path.shape[1], edges.shape[2], edges.shape[1] - 1, *densities)

@@ -246,7 +246,7 @@ def _check(lens):
 def _check_kinds(lens):
     for name in TEXTS:
         if not isinstance(getattr(lens, name), str):
-            raise LensError("lens", name, getattr(lens, name), "expected a text")
+            raise LensError("lens", name, getattr(lens, name), "expected a string")
     for name in NUMBERS:
         if not _is_number(getattr(lens, name)):
             raise LensError(lens.name, name, getattr(lens, name), "expected a number")
@@ -305,7 +305,7 @@ def _check_tables(lens):
     if lens.wavelengths_nm[0] <= 0:
         raise LensError(lens.name, "wavelengths_nm", lens.wavelengths_nm.tolist(), "expected positive nanometres")
     if lens.heights_mm[0] != 0:
-        raise LensError(lens.name, "heights_mm", f"{lens.heights_mm[0]} first", "expected the axis, 0, first")
+        raise LensError(lens.name, "heights_mm", f"{lens.heights_mm[0]} first", "expected 0, the axis, first")
     _check_real_heights(lens)
     for name in ("relative_illumination", "point_flux"):
         table = getattr(lens, name)
@@ -338,8 +338,8 @@ def _check_psfs(lens):
     sums = lens.psf.sum(axis=(2, 3), dtype=np.float64)
     worst = np.unravel_index(np.argmax(np.abs(sums - 1)), sums.shape)
     if abs(sums[worst] - 1) > UNIT_SUM_TOLERANCE:
-        raise LensError(lens.name, "psf", f"{sums[worst]:g} in sum at wavelength {worst[0]}, height {worst[1]}",
-                        "expected unit sums")
+        raise LensError(lens.name, "psf", f"{sums[worst]:g} in total at wavelength {worst[0]}, height {worst[1]}",
+                        "expected PSFs that sum to 1")
 
 
 def _normalised(psf):

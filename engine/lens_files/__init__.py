@@ -11,7 +11,7 @@ from .export import DESCRIPTION, read_export
 from .iset import find_parameter_file, is_parameter_file, read_iset
 from .iset_mat import read_iset_mat
 
-IMPORT_FIRST = "`lensfield lens import` makes a lens package of another program's export"
+IMPORT_FIRST = "`lensfield lens import` converts another program's export to a lens package"
 IMPORTABLE = f"an ISET bundle (ISETPARMS.TXT), an export folder ({DESCRIPTION}) or an ISETCam .mat"
 
 

@@ -108,7 +108,7 @@ def _run_child(path, target, memory_bytes):
     try:
         reader = subprocess.run(command, env=environment, capture_output=True, timeout=TIMEOUT_S)
     except subprocess.TimeoutExpired:
-        raise LensError(path, ".mat file", f"not read in {TIMEOUT_S} s", "save it again from MATLAB") from None
+        raise LensError(path, ".mat file", f"still unread after {TIMEOUT_S} s", "save it again from MATLAB") from None
     if reader.returncode:
         raise _refusal(path, reader.stderr)
 
@@ -125,7 +125,7 @@ def _check_kind(path):
     with open_input(path) as stream:
         head = stream.read(520)
     if head.startswith(b"MATLAB 7.3") or HDF5 in (head[:8], head[512:]):
-        raise LensError(path, ".mat file", "of version 7.3", "save it from MATLAB with the option -v7")
+        raise LensError(path, ".mat file", "version 7.3", "save it from MATLAB with the option -v7")
 
 
 def _text(parts, name):

@@ -61,7 +61,7 @@ def _lens_of(path, contents):
     missing = [name for name in (*ARRAYS, "psf_amplitude") if name not in contents]
     missing += [name for name in SCALARS if name not in header]
     if missing:
-        raise LensError(path, missing[0], "missing", f"expected it in a lens package of version {VERSION}")
+        raise LensError(path, missing[0], "missing", f"required in a lens package of version {VERSION}")
     try:
         return Lens(**{name: header[name] for name in SCALARS}, **{name: contents[name] for name in ARRAYS},
                     **{name: contents[name] for name in ADDED if name in contents},
@@ -91,7 +91,7 @@ def _amplitudes(psf):
 def _psfs(amplitudes):
     """PSFs of unit sum from `_amplitudes`."""
     if amplitudes.dtype != np.uint16 or amplitudes.ndim != 4 or not np.all(amplitudes.any(axis=(2, 3))):
-        raise ValueError("psf_amplitude: expected 16-bit amplitudes (wavelength, height, v, u), none of them all zero")
+        raise ValueError("psf_amplitude: expected 16-bit amplitudes (wavelength, height, v, u), with light in each PSF")
     rows, columns = amplitudes.shape[2:]
     if columns < rows and columns == rows // 2 + 1:
         amplitudes = np.concatenate([amplitudes[..., :0:-1], amplitudes], axis=-1)

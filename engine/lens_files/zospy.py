@@ -64,7 +64,7 @@ def _pitch_um(values, y_um, x_um, path):
     steps = np.abs(np.concatenate([np.diff(y_um), np.diff(x_um)]))
     pitch_um = float(steps.mean())
     if not np.all(np.abs(steps - pitch_um) <= 1e-3 * pitch_um):  # also catches NaN
-        raise LensError(path, "labels", "unevenly spaced", "expected y and x in um, of one spacing")
+        raise LensError(path, "labels", "unevenly spaced", "expected y and x in um, evenly spaced")
     return pitch_um
 
 

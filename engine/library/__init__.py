@@ -112,7 +112,7 @@ def package_path(name_or_path: str | PathLike[str]) -> Path | None:
     check_input(name_or_path, "lens", IMPORT_FIRST if os.path.isdir(path) else
                 f"give a lens package, a prescription or the name of a bundled lens: {ALL_LENSES}", error=LensError)
     if is_import(path):
-        raise LensError(path, "lens data", "another program's", IMPORT_FIRST)
+        raise LensError(path, "lens data", "in another program's format", IMPORT_FIRST)
     if path.suffix.lower() != ".npz" and not has_rings(path):
         raise LensError(path, "kind of file", path.suffix or "without a suffix",
                         f"expected a .npz lens package or a prescription ({', '.join(READERS)}); {IMPORT_FIRST}")

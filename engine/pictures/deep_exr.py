@@ -121,7 +121,7 @@ def read_deep_exr(path: str | os.PathLike, layer: str | None = None) -> DeepPict
     parts = [(header, channels) for header, channels in read_parts(path) if header["type"] in DEEP]
     names = [str(header.get("name", "")) for header, _ in parts]
     if layer is not None and layer not in names:
-        raise ImageError(path, "layers", ", ".join(names), f"no layer is called {layer!r}")
+        raise ImageError(path, "layers", ", ".join(names), f"no layer is named {layer!r}")
     number = 0 if layer is None else names.index(layer)
     header, channels = parts[number]
     missing = [name for name in (*COLOURS, "A", "Z") if name not in channels]

@@ -56,7 +56,7 @@ def depth_channel(parts: list[tuple[dict, dict]], layer: str = "",
         return None
     if len(matches) != 1:
         raise ImageError("image", "depth", ", ".join(matches or candidates) or "missing",
-                         f"expected one channel called {wanted}" if wanted else "name one of them as the depth")
+                         f"expected one channel named {wanted}" if wanted else "name one of them as the depth")
     return matches[0], *candidates[matches[0]]
 
 

@@ -135,7 +135,7 @@ def _choose(layers, wanted):
         raise ImageError("image", "layers", ", ".join(main), "name one of them as the picture's layer")
     if wanted not in layers:
         names = ", ".join(name or "without a name" for name in layers)
-        raise ImageError("image", "layers", names, f"no layer is called {wanted!r}")
+        raise ImageError("image", "layers", names, f"no layer is named {wanted!r}")
     return wanted
 
 
@@ -145,7 +145,7 @@ def overscan_of(header: dict) -> tuple[int, int]:
     overscan = max(0, -top, bottom - frame[0]), max(0, -left, right - frame[1])
     if max(frame) > LARGEST_FRAME_PX or any(margin > n for margin, n in zip(overscan, frame, strict=True)):
         raise ImageError("image", "dataWindow", f"{overscan} px beyond a display window of {frame}",
-                         f"expected at most as much overscan as frame, and a frame of at most {LARGEST_FRAME_PX} px")
+                         f"expected overscan no larger than the frame, and a frame of at most {LARGEST_FRAME_PX} px")
     aspect = header.get("pixelAspectRatio", 1.0)
     if abs(aspect - 1) > 1e-4:
         raise ImageError("image", "pixelAspectRatio", float(aspect), "expected square pixels")

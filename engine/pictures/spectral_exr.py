@@ -165,7 +165,7 @@ def _check_written(path, parts):
     except ImageError:
         channels = []
     if channels != [set(part.channels) for part in parts]:
-        raise OSError("the file's headers differ from the data that were written")
+        raise OSError("the file's headers differ from the written data")
 
 
 @contextmanager
@@ -278,7 +278,7 @@ def _layered(image, parts, path):
     overscan = np.max([image.overscan_px, *margins], axis=0)
     if np.any(overscan > frame_px):
         raise ImageError(path, "layers", f"{overscan.tolist()} px beyond a frame of {frame_px.tolist()}",
-                         "expected at most as much overscan as frame")
+                         "expected overscan no larger than the frame")
     grid = replace(image.grid, shape_px=frame_px + 2 * overscan, overscan_px=overscan,
                    centre_px=image.centre_px + first[0] + overscan)
     try:
@@ -359,9 +359,9 @@ def read_parts(path: str | os.PathLike, header_only: bool = False) -> list[tuple
                                                            for name, channel in part.channels.items()})
                          for part in file.parts]
         if len(parts) < max(len(headers), 1):  # OpenEXR omits parts that it cannot read
-            raise ValueError("it ends too early")
+            raise ValueError("the file is truncated")
     except UnicodeDecodeError:
-        raise ImageError(path, "header", "not in UTF-8", "write it again with other names of layers and attributes"
+        raise ImageError(path, "header", "not in UTF-8", "save it again with other layer and attribute names"
                          ) from None
     except ImageError:
         raise

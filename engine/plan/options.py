@@ -72,7 +72,7 @@ class Options:
         subtype="FACTOR", panel="", panel_default=DEFAULT_ACCURACY, metavar="FRACTION",
         unset=f"{DEFAULT_ACCURACY:g}",
         text="Largest fraction of any point's light that may land in the wrong place: 0.01 keeps at least 99 % of it "
-             "where the lens puts it. Smaller is slower")
+             "where the lens puts it. Smaller values are slower")
     method: str = setting(
         AUTO, name="Method", text="How the lens's blur is applied", panel="", panel_default=BY_KNOBS,
         choices={AUTO: ("Automatic", "The fastest that is accurate enough")} | {
@@ -80,21 +80,21 @@ class Options:
     section_size: int | None = setting(
         None, name="Section Size", kind=int, limits=(1, np.inf), soft_limits=(1, 256), subtype="PIXEL", metavar="PX",
         panel="", panel_default=SECTION_SIZE,
-        text="Side of the sections. With the paper's method smaller is more accurate and slower; otherwise it affects "
-             "speed only")
+        text="Side length of the sections. With the paper's method, smaller sections are more accurate and slower; "
+             "otherwise the size affects only speed")
     azimuths: int | None = setting(
         None, name="Azimuths", kind=int, limits=(1, np.inf), soft_limits=(1, 256), metavar="N",
         panel="", panel_default=AZIMUTHS,
-        text="Steps of the PSF table from 0 to 45 degrees. More is more accurate and takes more time and memory")
+        text="Steps of the PSF table from 0 to 45 degrees. More steps are more accurate and take more time and memory")
     psf_energy: float | None = setting(
         None, name="PSF Energy", kind=float, metavar="FRACTION",
-        text="Fraction of each PSF that is used, in a circle around the chief ray")
+        text="Fraction of each PSF to use, in a circle around the chief ray")
     flat_tolerance: float | None = setting(
         None, name="Flat Tolerance", kind=float, metavar="FRACTION",
-        text="Relative error up to which sections in even light are not filtered")
+        text="Largest relative error from leaving sections in uniform light unfiltered")
     precision: str | None = setting(
         None, name="Precision", text="Floating-point precision of the filtering",
-        choices={AUTO: ("Automatic", "Double where the range of light needs it"), "float32": ("Single", "Single"),
+        choices={AUTO: ("Automatic", "Double where the dynamic range requires it"), "float32": ("Single", "Single"),
                  "float64": ("Double", "Double")})
     out_of_field: str = setting(
         "hold", name="Out of Field", text="Pixels beyond the last field height of the lens data", panel="quality",
@@ -103,11 +103,11 @@ class Options:
     fireflies: str = setting(
         "refuse", name="Fireflies", text="NaN and infinite pixels", panel="quality",
         choices={"refuse": ("Refuse", "Stop with an error that names the first"),
-                 "clamp": ("Clamp", "Use the brightest of their neighbours")})
+                 "clamp": ("Clamp", "Replace them with their brightest neighbour")})
     supersampling: int = setting(
         1, name="Supersampling", kind=int, limits=(1, MOST_SUPERSAMPLING), metavar="N", panel="",
-        text="Filter the picture in N x N pixels for each one, for lens blur finer than a pixel. Takes the time and "
-             "memory of a picture that much larger")
+        text="Divide each pixel into N x N for filtering, for lens blur finer than a pixel. Takes the time and memory "
+             "of a picture with that many pixels")
 
     def __post_init__(self) -> None:
         for field in ("section_size", "azimuths"):
@@ -116,7 +116,7 @@ class Options:
         self._check_integer("supersampling", MOST_SUPERSAMPLING, f"from 1 to {MOST_SUPERSAMPLING}")
         self._check_number("accuracy", "expected a number above 0 and below 2, such as 0.01", 0, 2)
         self._check_number("psf_energy", "expected a number above 0 and up to 1, such as 0.999", 0, 1 + 1e-12)
-        self._check_number("flat_tolerance", "expected a number of 0 or more and below 1", -1e-300, 1)
+        self._check_number("flat_tolerance", "expected a number from 0 to below 1", -1e-300, 1)
         check_choices(self)
         self._check_contradictions()
 
@@ -136,8 +136,8 @@ class Options:
         method = METHODS[self.method if self.method != AUTO else BY_KNOBS]
         if self.accuracy is not None and not method.by_accuracy:
             raise InputError("options", "accuracy", self.accuracy,
-                             f"leave it out: the method {self.method!r} goes by its knobs")
-        reason = f"the method is {self.method!r}" if self.accuracy is None else "an accuracy chooses it"
+                             f"leave it out: the method {self.method!r} uses its own settings")
+        reason = f"the method is {self.method!r}" if self.accuracy is None else "the accuracy determines it"
         for field in self.knobs:
             if self.accuracy is not None or field not in method.knobs:
                 raise InputError("options", field, getattr(self, field), f"leave it out: {reason}")

@@ -113,7 +113,7 @@ class Plan:
         """The plan in one line: the method; for a requested accuracy also bound, time and memory."""
         way = f"{self.method.text}, {'double' if self.precision == 'float64' else 'single'} precision"
         if self.supersampling > 1:
-            way += f", each pixel {self.supersampling} x {self.supersampling}"
+            way += f", {self.supersampling} x {self.supersampling} per pixel"
         if self.error_bound is None:
             return way
         return (f"{way}: at most {100 * self.error_bound:.2g} % of any point's light misplaced; "

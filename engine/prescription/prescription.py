@@ -251,7 +251,7 @@ def _check_image_space(prescription, last, refuse):
         behind_mm += other.thickness_mm
     if prescription.focus == "as given" and not behind_mm > 0:
         refuse(f"{last}, thickness_mm", f"{surface.thickness_mm:.6g}",
-               "expected an image plane behind the lens: give its distance, or best or paraxial as the focus")
+               "expected an image plane behind the lens: give its distance, or set focus to best or paraxial")
 
 
 def _check_surface(surface, name, refuse):

@@ -98,8 +98,8 @@ def _bundle(system, wavelength_nm, cosine, height_mm, source, extent):
     rises = np.append(True, np.diff(cosine) > 0)  # NaN, for lost rays, does not
     count = cosine.size if rises.all() else int(np.argmin(rises))
     if count < 2:
-        raise LensError(system.prescription.name, "field height", "0 mm", "no light but the chief ray "
-                        f"gets through here at {wavelength_nm:g} nm: check shapes and apertures of the surfaces")
+        raise LensError(system.prescription.name, "field height", "0 mm", "only the chief ray gets "
+                        f"through here at {wavelength_nm:g} nm: check the surfaces' shapes and apertures")
     cosine, height_mm, source, extent = (values[:count] for values in (cosine, height_mm, source, extent))
     degree = min(DEGREE, count - 1)
     passing = slice(1, max(2, int(np.sum(extent <= 1))))

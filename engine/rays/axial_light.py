@@ -50,14 +50,14 @@ def aperture_notes(far: Prescription) -> tuple[str, ...]:
     system, notes = system_of(far), []
     stop_mm, file_mm = system.stop_semi_aperture_mm, far.surfaces[far.stop_index].semi_aperture_mm
     if np.isfinite(file_mm) and abs(stop_mm / file_mm - 1) > TOLERANCE:
-        notes.append(f"f/{system.f_number:.3g} takes a stop of {2 * stop_mm:.4g} mm, where the file has "
-                     f"{2 * file_mm:.4g} mm: the light through it is {(stop_mm / file_mm) ** 2:.0%} of the file's.")
+        notes.append(f"f/{system.f_number:.3g} needs a stop of {2 * stop_mm:.4g} mm, which passes "
+                     f"{(stop_mm / file_mm) ** 2:.0%} of the light of the file's {2 * file_mm:.4g} mm stop.")
     try:
         traced = axial_f_number(system)
     except LensError:  # no light gets through the lens: baking reports this
         return tuple(notes)
     if abs(traced / system.f_number - 1) > TOLERANCE:
         light = (system.f_number / traced) ** 2
-        notes.append(f"On the axis, rays through its rims carry the light of f/{traced:.3g}: {light:.0%} of "
+        notes.append(f"On the axis, traced rays give f/{traced:.3g}: {light:.0%} of the light of "
                      f"f/{system.f_number:.3g}.")
     return tuple(notes)

@@ -79,7 +79,7 @@ def _check_object(system):
     """Check that the lens forms a real image of its object."""
     if system.magnification > 0 or not np.isfinite(system.magnification):
         raise LensError(system.prescription.name, "object_distance_mm", system.prescription.object_distance_mm,
-                        "the lens forms no real image of it: expected more than "
+                        "the lens forms no real image of this object: expected more than "
                         f"{system.front_focus_mm:.4g} mm, its front focal point")
 
 
@@ -91,7 +91,7 @@ def _check_focus(system):
         where = "focus" if system.object_at_infinity else "object_distance_mm"
         raise LensError(system.prescription.name, where, getattr(system.prescription, where),
                         f"the image is {abs(shift_mm):.3g} mm {'behind' if shift_mm > 0 else 'in front of'} the image "
-                        f"plane, and a point becomes a disc of {blur_mm:.3g} mm: focus on it, or go farther away")
+                        f"plane, and a point becomes a disc of {blur_mm:.3g} mm: refocus, or move farther away")
 
 
 def _focused_at(system, distance_mm):
@@ -154,7 +154,7 @@ def _field_shift_mm(system):
     dark = np.argwhere(light.sum(axis=(2, 3)) == 0)
     if dark.size:
         raise LensError(system.prescription.name, "field height", f"{heights_mm[dark[0, 1]]:.4g} mm",
-                        "no light to focus by gets through here: reduce the field")
+                        "no light for focusing passes here: reduce the field")
     light = light / light.sum(axis=(2, 3), keepdims=True)
     passing = light > 0
     place, slope = (np.where(passing, values, 0.0) for values in

@@ -117,7 +117,7 @@ class RayTable(Value):
         wavelengths_nm, (first, last) = np.asarray(wavelengths_nm, dtype=float), self.wavelengths_nm[[0, -1]]
         if np.any((wavelengths_nm < first) | (wavelengths_nm > last)):
             raise LensError(self.name, "wavelengths", wavelengths_nm.tolist(),
-                            f"the ray table covers {first:g} to {last:g} nm: trace one for these wavelengths")
+                            f"the ray table covers {first:g} to {last:g} nm: trace a table for these wavelengths")
         weights = polynomial_weights(1e3 / self.wavelengths_nm, 1e3 / wavelengths_nm).astype(np.float32)
         return replace(self, wavelengths_nm=wavelengths_nm, coefficients=np.tensordot(weights, self.coefficients, 1))
 
@@ -145,7 +145,7 @@ class RayTable(Value):
         (x_mm, y_mm), (stop_x, stop_y) = np.asarray(place_mm, dtype=float), np.asarray(stop, dtype=float)
         height_mm, turned, radius = np.hypot(x_mm, y_mm), np.arctan2(x_mm, y_mm), np.hypot(stop_x, stop_y)
         if np.any(height_mm > self.last_height_mm * (1 + 1e-9)):
-            raise LensError(self.name, "sensor place", f"{height_mm.max():.4g} mm from the axis",
+            raise LensError(self.name, "sensor position", f"{height_mm.max():.4g} mm from the axis",
                             f"the lens's field ends at {self.last_height_mm:.4g} mm")
         azimuth = np.remainder(np.arctan2(stop_x, stop_y) - turned + np.pi, 2 * np.pi) - np.pi
         values = self._between(wavelength, _even(height_mm / self.last_height_mm), _even(radius / self.reach),
@@ -303,8 +303,8 @@ def _check_chief_rays(system, heights_mm, wavelengths_nm, known):
     lost = np.argwhere(~known[:, :, 0])
     if lost.size:
         wavelength, height = lost[0]
-        raise LensError(system.prescription.name, "sensor place", f"{heights_mm[height]:.4g} mm from the axis",
-                        f"no ray gets there through the middle of the stop at {wavelengths_nm[wavelength]:g} nm: "
+        raise LensError(system.prescription.name, "sensor position", f"{heights_mm[height]:.4g} mm from the axis",
+                        f"no ray through the middle of the stop reaches it at {wavelengths_nm[wavelength]:g} nm: "
                         "reduce the field")
 
 

@@ -170,8 +170,8 @@ def _f_number(prescription, far, requested):
         return float(np.clip(requested, far.f_number, last)), ()
     end = far.f_number if requested < far.f_number else last
     if last == far.f_number:
-        return end, (f"f/{requested:.4g}: this lens only has f/{end:.3g}",)
-    return end, (f"f/{requested:.4g}: this lens goes from f/{far.f_number:.3g} to f/{last:.3g}: set to f/{end:.3g}",)
+        return end, (f"f/{requested:.4g}: this lens has only f/{end:.3g}",)
+    return end, (f"f/{requested:.4g}: this lens's range is f/{far.f_number:.3g} to f/{last:.3g}: set to f/{end:.3g}",)
 
 
 def _focused_on(lens, far, rings):
@@ -193,7 +193,7 @@ def _focused_on(lens, far, rings):
         return moved, ()
     limit = "closer" if reached_mm > rings.focus_mm else "farther"
     requested, reached = (in_metres(rings.size * each_mm) for each_mm in (rings.focus_mm, reached_mm))
-    return moved, (f"focus at {requested}: this lens focuses no {limit} than {reached}: focused there",)
+    return moved, (f"focus at {requested}: this lens focuses no {limit} than {reached}: set to that",)
 
 
 def _with_image_plane(moved, lens):
@@ -233,7 +233,7 @@ def _reductions(lens):
     reductions = [-system_of(at_position(lens, number)).magnification for number in range(len(lens.focused_at_mm))]
     if not np.all(np.diff(reductions) > 0):
         raise LensError(lens.name, "focused_at_mm", lens.focused_at_mm,
-                        "magnifications do not rise with them: one of the thicknesses may be wrong")
+                        "expected magnifications that rise in this order: one of the thicknesses may be wrong")
     return reductions
 
 

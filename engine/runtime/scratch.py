@@ -41,9 +41,9 @@ def check_disk(folder: AnyPath, size_bytes: float) -> None:
     except OSError as error:
         raise InputError(folder, "folder", "not accessible", explain(error)) from None
     if size_bytes > free_bytes:
-        raise InputError(folder, "scratch", f"of {size_bytes / 1e9:.3g} GB",
-                         f"{free_bytes / 1e9:.3g} GB are free there: give another folder, a smaller picture or fewer "
-                         "wavelengths")
+        raise InputError(folder, "scratch", f"{size_bytes / 1e9:.3g} GB",
+                         f"only {free_bytes / 1e9:.3g} GB are free there: give another folder, a smaller picture or "
+                         "fewer wavelengths")
 
 
 def new_array(shape: tuple[int, ...], folder: AnyPath | None) -> np.ndarray:

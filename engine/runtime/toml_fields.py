@@ -42,7 +42,7 @@ class TomlTable:
         """A string. Without a default, it must not be blank."""
         value = self.values.get(field, default)
         if not isinstance(value, str) or (default is None and not value.strip()):
-            raise self.refusal(field, "expected a text")
+            raise self.refusal(field, "expected a string")
         return value
 
     def choice(self, field: str, choices: Sequence[str]) -> str:

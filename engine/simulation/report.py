@@ -96,7 +96,7 @@ class Report:
         (number, first), *others = lines
         if len(lines) == len(self.frames) and all(line == first for _, line in others):
             return first
-        return f"frame {number}: {first}{f' ({len(others)} more much alike)' if others else ''}"
+        return f"frame {number}: {first}{f' ({len(others)} similar)' if others else ''}"
 
     def _common_remarks(self):
         for part in self.parts:

@@ -118,17 +118,17 @@ class LensImageFacts(Part):
 
     def remarks(self, parts: Parts) -> Iterator[str]:
         if self.out_of_field_fraction:
-            yield (f"{self.out_of_field_fraction:.1%} of the frame lies beyond the lens data: "
+            yield (f"{self.out_of_field_fraction:.1%} of the frame is outside the lens data: "
                    f"{self.plan.out_of_field}")
         if not self.energy.in_frame_w_per_nm and not parts.of(SceneFacts):  # their remarks state the reason
             yield ("the lens image is black: " + ("no light reaches the frame" if self.energy.in_w_per_nm else
                                                   "the radiance is zero everywhere"))
         if self.negative_light_fraction > NEGATIVE_TOLD:
-            yield (f"{self.negative_light_fraction:.1%} of the radiance is negative, as no light is: filtered as it "
-                   "comes")
+            yield (f"{self.negative_light_fraction:.1%} of the radiance is negative, which is not physical: filtered "
+                   "unchanged")
         if self.brightest > MOST_BRIGHT:
-            yield (f"radiance of up to {self.brightest:.2g} W m^-2 sr^-1 nm^-1 comes near to what files of single "
-                   "precision hold: its colours may be infinite; give it in other units")
+            yield (f"radiance of up to {self.brightest:.2g} W m^-2 sr^-1 nm^-1 is close to the limit of "
+                   "single-precision files: colours may be infinite; use other units")
 
     def as_dict(self) -> dict[str, Any]:
         return super().as_dict() | {"plan": self.plan.as_dict()}
@@ -191,7 +191,7 @@ class SceneFacts(Part):
 
     def remarks(self, parts: Parts) -> Iterator[str]:
         if self.foreign_spectra:
-            yield "the scene holds spectra that its plan did not foresee: take the Reference tier"
+            yield "the scene contains spectra that the plan did not predict: use the Reference tier"
         if self.lens_warning:
             yield self.lens_warning
         yield from self.scene_remarks
@@ -256,11 +256,11 @@ class FileFacts(Part):
         image = parts.of(LensImageFacts)
         if image and any(needed > there for needed, there in
                          zip(self.overscan_needed_px, image.overscan_px, strict=True)):
-            yield ("the border lacks light from beyond the frame: of overscan on each side the lens needs {1} x {0} "
-                   "px, the picture has {3} x {2}".format(*self.overscan_needed_px, *image.overscan_px))
+            yield ("the border lacks light from outside the frame: the lens needs {1} x {0} px of overscan on each "
+                   "side, the picture has {3} x {2}".format(*self.overscan_needed_px, *image.overscan_px))
         if self.picture and self.picture.negative_fraction > NEGATIVE_TOLD:
-            yield (f"{self.picture.negative_fraction:.1%} of the light would be negative, in colours too pure for "
-                   "these wavelengths: left out")
+            yield (f"{self.picture.negative_fraction:.1%} of the light would be negative, because colours are too "
+                   "pure for these wavelengths: set to 0")
 
     def as_dict(self) -> dict[str, Any]:
         return super().as_dict() | {"depth": _depth_facts(self.depth)}

@@ -245,12 +245,12 @@ def _teller(progress, steps):
 def _against_exact(name, radiance, lens, chosen, rounds, tell):
     """Rows of a picture, starting with the exact operator, which runs once for both time and memory."""
     planes = radiance.wavelengths_nm.size
-    tell(f"{name}: {EXACT} takes long", EXACT_STEPS * planes)
+    tell(f"{name}: {EXACT} (slow)", EXACT_STEPS * planes)
     begin = time.perf_counter()
     exact, row = _traced_row(radiance, lens, Options(method="exact"))
     seconds = time.perf_counter() - begin
     if not exact.cube.any():
-        raise ImageError(name, "radiance", "black", "a picture without light has no relative error")
+        raise ImageError(name, "radiance", "black", "expected a picture with light, because errors are relative")
     rows = [replace(row, image=name, curve="exact", against=EXACT)]
     for number, (curve, options) in enumerate(chosen, 1):
         tell(f"{name}: error and memory, {number} of {len(chosen)}", planes)

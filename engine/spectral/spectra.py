@@ -100,7 +100,7 @@ class Spectrum(Value):
         power = self._hat_integrals(np.array(BAND_NM)).sum()
         if not power > 0:
             raise InputError("spectrum", "light between {:g} and {:g} nm".format(*BAND_NM), "none",
-                             "a light needs power over more than a single wavelength of that band")
+                             "a light needs power at more than one wavelength in that band")
         return power
 
     def _hat_integrals(self, nm):

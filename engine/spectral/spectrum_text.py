@@ -106,6 +106,6 @@ def check_spectrum(where: object, wavelengths: np.ndarray, values: np.ndarray) -
         raise InputError(where, "spectrum", f"of {np.shape(wavelengths)} wavelengths and {np.shape(values)} values",
                          "expected a value at each wavelength")
     if not np.all(np.isfinite(values)) or np.any(values < 0):
-        raise InputError(where, "spectrum", f"{values.min():g} at the least", "expected finite values of 0 or more")
+        raise InputError(where, "spectrum", f"{values.min():g} at its minimum", "expected finite values of 0 or more")
     if not np.all(np.isfinite(wavelengths)) or np.any(wavelengths <= 0) or np.any(np.diff(wavelengths) <= 0):
         raise InputError(where, "wavelengths", "not ascending", "expected positive nm in ascending order")

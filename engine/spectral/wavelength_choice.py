@@ -55,22 +55,22 @@ class SpectralOptions:
     """
 
     tier: str = setting(
-        "standard", name="Quality", text="Accuracy of colours and blur, and so render time",
+        "standard", name="Quality", text="Accuracy of colours and blur; higher tiers take longer",
         panel="",
-        choices={"preview": ("Preview", "A single Cycles render of three wavelengths, from which all others follow "
-                                        "roughly: pure reds, greens and blues to 2 %. Up to 10 % of a point's light "
+        choices={"preview": ("Preview", "One Cycles render of three wavelengths; the others are roughly estimated "
+                                        "from these, pure reds, greens and blues to 2 %. Up to 10 % of a point's light "
                                         "may land in the wrong place"),
-                 "standard": ("Standard", "Cycles renders as many wavelengths as keep colour errors barely visible, "
-                                          "often 6 to 12, and all others follow from them. Up to 1 % of a point's "
+                 "standard": ("Standard", "Cycles renders enough wavelengths to keep colour errors barely visible, "
+                                          "often 6 to 12; the others are estimated from these. Up to 1 % of a point's "
                                           "light may land in the wrong place"),
-                 REFERENCE: ("Reference", "For measurements: each wavelength is rendered, without clamps or "
+                 REFERENCE: ("Reference", "For measurements: Cycles renders each wavelength, without clamping or "
                                           "denoising. Up to 0.1 % of a point's light may land in the wrong place")})
     colour_error: float | None = setting(
         None, name="Colour Error", kind=float, limits=(0.001, np.inf), soft_limits=(0.05, 5.0), precision=2,
         panel="", panel_default=STANDARD_COLOUR_ERROR, metavar="DELTA_E",
         unset=f"{STANDARD_COLOUR_ERROR:g} in standard",
         text="Limit on the CIEDE2000 difference of 95 % of the scene's possible colours: 1 is just visible. Smaller "
-             "takes more Cycles passes")
+             "limits take more Cycles passes")
     sensor_error: float | None = setting(
         None, name="Sensor Error", kind=float, metavar="FRACTION",
         text="Limit on the relative RMS error of three broad sensor bands")

@@ -77,9 +77,9 @@ def test_filter_writes_the_frame_a_picture_and_a_report(radiance, tmp_path, caps
     ({"--lens": "no-such-lens"}, "no-such-lens: lens is missing"),
     ({"--section-size": "0"}, "options: section_size is 0"),
     ({"--accuracy": "-1"}, "options: accuracy is -1.0: expected a number above 0"),
-    ({"--accuracy": "0.01", "--azimuths": "3"}, "options: azimuths is 3: leave it out: an accuracy chooses it"),
+    ({"--accuracy": "0.01", "--azimuths": "3"}, "options: azimuths is 3: leave it out: the accuracy determines it"),
     ({"--accuracy": "0.01", "--method": "exact"},
-     "options: accuracy is 0.01: leave it out: the method 'exact' goes by its knobs"),
+     "options: accuracy is 0.01: leave it out: the method 'exact' uses its own settings"),
     ({"--method": "pixels", "--section-size": "16"}, "section_size is 16: leave it out: the method is 'pixels'"),
     ({"--psf-energy": "2"}, "options: psf_energy is 2.0: expected a number above 0 and up to 1"),
     ({"--pitch-um": "-1"}, "pitch_um is -1.0: expected a positive number")])
@@ -110,9 +110,9 @@ def test_the_command_line_says_what_the_options_say(arguments, options):
     ({}, "32 px sections between 11 azimuths, single precision"),
     ({"method": Pixels(32, 8), "precision": "float64"}, "a PSF for every pixel, from 8 azimuths, double precision"),
     ({"method": Paper(16, 64), "precision": "float64"},
-     "16 px sections of one PSF each, as in the paper, double precision"),
+     "16 px sections with one PSF each, as in the paper, double precision"),
     ({"method": OnePsf(32, 64)}, "one PSF for the picture, single precision"),
-    ({"method": Exact(), "precision": "float64"}, "every pixel's own PSF, double precision"),
+    ({"method": Exact(), "precision": "float64"}, "a PSF for every pixel, without a table, double precision"),
     ({"error_bound": 0.0083, "seconds": 0.42, "memory_mb": 310.2},
      "32 px sections between 11 azimuths, single precision: at most 0.83 % of any point's light misplaced; "
      "about 0.4 s, 310 MB")], ids=str)
@@ -142,7 +142,7 @@ def test_the_plan_that_is_told_is_the_one_that_is_done(radiance, tmp_path, capsy
 def test_light_beyond_the_lens_data_is_told_with_what_became_of_it(tmp_path, capsys):
     write_exr(SpectralImage(np.ones((1, 36, 48)), [550], pitch_um=200.0), tmp_path / "wide.exr")
     assert run("filter", tmp_path / "wide.exr", "--lens", "edmund-54852", "--output", tmp_path / "out.exr") == 0
-    assert "of the frame lies beyond the lens data: hold" in capsys.readouterr().out
+    assert "of the frame is outside the lens data: hold" in capsys.readouterr().out
 
 
 @pytest.fixture

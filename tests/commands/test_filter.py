@@ -106,7 +106,7 @@ def test_one_of_several_view_layers_has_to_be_named(tmp_path, capsys):
     line = failure(capsys, "filter", path, *QUICK, "--output", tmp_path / "out.exr")
     assert "two.exr: layers is Near.Combined, Far.Combined: name one of them" in line
     assert np.all(read_rgb_exr(path, "Far.Combined").rec709 == 2)
-    with pytest.raises(ImageError, match="layers is .*no layer is called 'Fur'"):
+    with pytest.raises(ImageError, match="layers is .*no layer is named 'Fur'"):
         read_rgb_exr(path, "Fur")
 
 
@@ -181,7 +181,7 @@ def test_the_lens_says_how_much_overscan_it_needs(tmp_path, capsys):
 
     bare, told = filtered((0, 0))
     words = told.split("the lens needs ")[1].split()
-    assert " ".join(words[3:]).startswith("px, the picture has 0 x 0")
+    assert " ".join(words[3:]).startswith("px of overscan on each side, the picture has 0 x 0")
     whole, told = filtered((int(words[0]), int(words[2])))
     assert "the lens needs" not in told
     assert whole.shape == bare.shape == (36, 48, 3)
@@ -213,7 +213,7 @@ def test_a_tall_picture_fits_the_sensor_by_its_height(tmp_path):
     (("--focal-mm", -1, "--sensor-width-mm", 36), "--focal-mm is -1.0"),
     (("--wavelengths", "500,300"), "wavelengths is"), (("--wavelengths", "300,500"), "wavelength is 300 nm"),
     (("--wavelengths", "390,500"), "the lens data spans 400 to"), (("--pitch-um", 0), "a.exr: pitch_um is 0.0"),
-    (("--layer", "x"), "a.exr: layers is without a name: no layer is called 'x'"),
+    (("--layer", "x"), "a.exr: layers is without a name: no layer is named 'x'"),
     (("--frames", "1-2"), "--frames is 1-2: ")], ids=str)
 def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, capsys, arguments, message):
     source = colours(tmp_path / "a.exr", (1, 1, 1))

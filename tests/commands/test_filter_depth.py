@@ -103,7 +103,7 @@ def test_all_in_focus_is_as_without_depth(tmp_path, capsys):
     source = flat_exr(tmp_path / "a.exr", np.full((ROWS, COLUMNS), 2.0))
     through, told, report = filtered(capsys, source)
     np.testing.assert_array_equal(through, filtered(capsys, source, "--depth", "off")[0])
-    assert "depth: Z: the lens data hold for all depths of the scene" in told and not report["layers"]
+    assert "depth: Z: the lens data apply to all depths of the scene" in told and not report["layers"]
 
 
 @pytest.mark.parametrize("write, options", [

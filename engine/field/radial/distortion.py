@@ -105,7 +105,7 @@ class FieldGeometry:
         if np.any(steps <= 0):
             turn = self._paraxial_mm[np.argmax(steps <= 0)]
             raise LensError(lens_name, "real_height_mm", f"falling at a paraxial height of {turn:.4g} mm",
-                            f"distortion must be monotonic over the field used (at {optics.wavelength_nm:g} nm)")
+                            f"distortion must be monotonic over the field in use (at {optics.wavelength_nm:g} nm)")
         self.last_real_mm = float(self._real_mm[-1])
         self._magnification_on_axis = self._real_mm[1] / self._paraxial_mm[1]
         self._magnification_at_edge = float(self.distortion.derivative(heights[-1]))

@@ -41,7 +41,7 @@ class PicturePsfs:
         self.full_radius_px = psf_radius_px(lens, sampling.grid.pitch_um)
         if self.full_radius_px > LARGEST_PSF_RADIUS_PX:
             raise ImageError("image", "pitch_um", sampling.grid.pitch_um, f"a point spread function would reach "
-                             f"{self.full_radius_px} px; at most {LARGEST_PSF_RADIUS_PX} are done")
+                             f"{self.full_radius_px} px; at most {LARGEST_PSF_RADIUS_PX} px are supported")
         self._optics = [lens.at_wavelength(nm) for nm in telling_wavelengths(lens, sampling)]
         self._fields = [FieldGeometry(each, lens.name) for each in self._optics]
         self._grid, self._most_energy, self._reaches = sampling.grid, most_energy, {}

@@ -74,7 +74,7 @@ def _read(path, kind, options):
     except LensError as error:
         raise error.at(path) from None
     except KeyError as error:
-        raise LensError(path, str(error.args[0]), "missing", "the file may be damaged, or of another version"
+        raise LensError(path, str(error.args[0]), "missing", "the file may be damaged, or have another version"
                         ) from None
     except DAMAGE as error:
         text = " ".join(f"{type(error).__name__}: {error}".split())

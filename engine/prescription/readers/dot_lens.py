@@ -58,7 +58,7 @@ def _focal_length_mm(path, heads):
         return None
     line = Line(path, "focal_length", (heads["focal_length"],))
     if not 0 < line.figure(0) < np.inf:
-        raise line.refusal("expected a lens of a positive focal length, not an attachment to one")
+        raise line.refusal("expected a lens with a positive focal length, not an attachment")
     return line.figure(0)
 
 

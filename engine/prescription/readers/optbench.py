@@ -40,7 +40,7 @@ def read_optbench(path: Path, options: ReadingOptions) -> Reading:
     sections, which, field = _sections(path), options.which, options.field
     for name in ("variable distances", "lens data"):
         if not sections.get(name):
-            raise LensError(path, f"[{name}]", "missing", "expected a text of PhotonsToPhotos' Optical Bench")
+            raise LensError(path, f"[{name}]", "missing", "expected a text file of PhotonsToPhotos' Optical Bench")
     variables = {line.words[0]: line for name in ("constants", "variable distances") for line in sections.get(name, ())}
     count = len(variables["d0"].words) - 1 if "d0" in variables else 1
     column = _column(path, variables, count, which)

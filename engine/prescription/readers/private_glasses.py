@@ -63,7 +63,7 @@ def _fitted(name, line, nm, indices):
         raise LensError(line.path, f"private glass {name}", f"{residual:.2g} off a smooth curve",
                         "expected indices that fall slowly with wavelength: one may be mistyped")
     within = nm.min() <= VISIBLE_NM[0] and nm.max() >= VISIBLE_NM[1]
-    note = "" if within else (f"The indices of {name}, which the file has from {nm.min():g} to {nm.max():g} nm, are "
+    note = "" if within else (f"The indices of {name}, which the file gives for {nm.min():g} to {nm.max():g} nm, are "
                               "extrapolated over the visible range.")
     known_nm = (min(nm.min(), VISIBLE_NM[0]), max(nm.max(), VISIBLE_NM[1]))
     return PrivateGlass(Glass(name, _series(powers, coefficients, known_nm)), note)

@@ -197,7 +197,7 @@ def _aperture(path, system, rows, unit_mm):
     if "FLOA" in system:
         sizes = [row["DIAM"] for row in rows if "STOP" in row]
         if len(sizes) != 1 or not sizes[0]:
-            raise LensError(path, "FLOA", "without the size of a stop", "expected DIAM at the surface with STOP")
+            raise LensError(path, "FLOA", "without a stop size", "expected DIAM at the surface with STOP")
         return "stop", sizes[0][-1].figure(1) * unit_mm  # DIAM is the semi-diameter
     line = next((system[operand][-1] for operand in system if operand in ("ENPD", "FNUM", "OBNA")), None)
     if line is None:
@@ -263,5 +263,5 @@ def _notes(system, surfaces, options, sizes):
     return " ".join(filter(None, (
         _semi_diameter_note(options, sizes), _air_note(system), vignetting_note(factors, surfaces),
         real and "The file's real image height is used as a paraxial one.",
-        configurations > 1 and f"The file's configuration {current:g} of {configurations:g} is used, in which it was "
-                               "saved.")))
+        configurations > 1 and f"Configuration {current:g} of {configurations:g} is used, the active one when the "
+                               "file was saved.")))

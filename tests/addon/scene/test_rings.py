@@ -89,9 +89,9 @@ def test_the_lens_is_in_focus_where_the_camera_is(scene, dof, view):
 
 def test_what_the_lens_cannot_is_told(scene, dof):
     dof.aperture_fstop = 1.4
-    assert "f/1.4: this lens goes from f/5.5 to f/22: set to f/5.5" in scene_lens(scene, LENS, "lens", "preview")[2]
+    assert "f/1.4: this lens's range is f/5.5 to f/22: set to f/5.5" in scene_lens(scene, LENS, "lens", "preview")[2]
     found = addon.preflight(scene, lens=LENS, wavelengths_nm=WAVELENGTHS_NM, lens_quality="preview")
-    assert any("f/1.4: this lens goes from" in str(remark) for remark in found.remarks)
+    assert any("f/1.4: this lens's range is" in str(remark) for remark in found.remarks)
 
 
 def test_a_package_stays_as_it_is_and_says_so(scene, dof, tmp_path):

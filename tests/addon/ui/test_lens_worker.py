@@ -176,4 +176,4 @@ def test_the_rings_of_the_camera_are_in_the_panel(scene):
 def test_what_a_lens_cannot_be_turned_to_is_told(scene):
     turn(scene, 2)
     scene.camera.data.dof.focus_distance = 0.1
-    assert "f/2: this lens goes from f/5.5" in told(scene) and "focuses no closer than" in told(scene)
+    assert "f/2: this lens's range is f/5.5" in told(scene) and "focuses no closer than" in told(scene)

@@ -27,7 +27,7 @@ def test_too_few_heights_are_told_in_the_lenses_notes(triplet):
 
 def test_waves_taken_for_longer_ones_are_told_in_the_lenses_notes(triplet):
     lens = bake(triplet, quality="preview", heights=2, wavelengths_nm=TWO_NM, samples=5, pitch_um=100.0)
-    assert "Diffraction is computed for wavelengths up to 4.1 times as long." in lens.notes
+    assert "Diffraction is computed with wavelengths lengthened by a factor of up to 4.1." in lens.notes
 
 
 def test_a_bake_that_is_cancelled_ends_with_the_psfs_in_work(triplet, monkeypatch):

@@ -158,7 +158,7 @@ def test_a_depth_is_a_distance(depth_mm):
 
 def test_where_a_lens_looks_sideways_nothing_has_a_depth():
     table = first_order_rays(make_lens(efl_mm=0.1, magnification=0.0, object_distance_mm=np.inf))
-    with pytest.raises(InputError, match="height is 2 mm: its rays come from the side"):
+    with pytest.raises(InputError, match="height is 2 mm: its rays arrive from the side"):
         psf_at_depth(table, NM, 2.0, 1e3, 2.0, 65)
     assert psf_at_depth(table, NM, 0.1, 1e3, 2.0, 65).sum() == pytest.approx(1)
 

@@ -123,8 +123,8 @@ def test_the_background_is_in_focus_for_a_lens_at_infinity_only():
 
 def test_the_text_tells_fraction_and_distances_in_one_line():
     text = check_depth([[900.0, 1000.0, 1000.0, 1e13]], thin_lens(50, 10, 1000), 20.0).text
-    assert text == ("50.0% of the frame is out of the lens data's depth, 0.963 m to 1.04 m, where defocus blurs by at "
-                    "most 20 um; the scene is at 0.9 m to infinity")
+    assert text == ("50.0% of the frame is outside the lens data's depth range, 0.963 m to 1.04 m, where defocus blurs "
+                    "by at most 20 um; the scene spans 0.9 m to infinity")
 
 
 def test_pixels_without_a_depth_do_not_count():

@@ -122,7 +122,7 @@ def test_a_plane_out_of_focus_takes_one_slab(z_mm):
 def test_where_all_is_in_focus_nothing_is_needed():
     planned = plan(np.full(FRAME.shape_px, 2001.0))
     assert not planned.needed and planned.slabs == 1 and planned.margins_px == ((0, 0),)
-    assert planned.text == "the lens data hold for all depths of the scene"
+    assert planned.text == "the lens data apply to all depths of the scene"
 
 
 def test_a_little_out_of_focus_is_needed_by_the_accuracy():

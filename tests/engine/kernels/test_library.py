@@ -84,7 +84,7 @@ def test_without_a_library_numpy_runs(found_anew, monkeypatch, tmp_path, recwarn
 @pytest.mark.parametrize("what, value", [("sources_digest", lambda: "of other sources"), ("ABI", 0)])
 def test_a_library_of_other_sources_is_not_used(what, value, found_anew, monkeypatch):
     monkeypatch.setattr(library, what, value)
-    with pytest.warns(RuntimeWarning, match="made from other sources: numpy does its work"):
+    with pytest.warns(RuntimeWarning, match="built from other sources: numpy is used"):
         assert available() == ("numpy",)
 
 
@@ -134,11 +134,11 @@ def test_a_build_is_up_to_date_until_its_sources_change(made, tmp_path, monkeypa
 
 
 @pytest.mark.parametrize("compiler, problem", [("/no/where/cc -O2", "/no/where/cc -O2 is not installed"),
-                                               ("false", "false cannot compile them")])
+                                               ("false", "false cannot compile the C loops")])
 def test_a_missing_compiler_is_one_line(compiler, problem, monkeypatch, tmp_path, capfd):
     monkeypatch.setenv("CC", compiler)
     assert build.main([str(tmp_path)]) == 1
-    assert capfd.readouterr().err == f"lensfield: without loops in C, numpy is used instead: {problem}\n"
+    assert capfd.readouterr().err == f"lensfield: the C loops are unavailable, so numpy is used: {problem}\n"
     assert not list(tmp_path.iterdir())
 
 

@@ -235,7 +235,7 @@ def test_arrays_of_another_kind_are_refused():
         with pytest.raises(ValueError, match="expected up to four float32"):
             footprints(geometry, [wrong], (0.0, 0.0), slice(None), out)
     for wrong in (out.astype(float), out[0], out[:, :, ::-1], out.swapaxes(1, 2), out[:, :, ::2]):
-        with pytest.raises(ValueError, match="want float32"):
+        with pytest.raises(ValueError, match="expected float32"):
             footprints(geometry, [capture], (0.0, 0.0), slice(None), wrong)
     with pytest.raises(ValueError, match="sizes"):
         footprints(geometry, [capture, capture], (0.0, 0.0), slice(None), out)

@@ -105,7 +105,7 @@ def test_other_structures_are_refused(tmp_path):
                                   b" " * 512 + b"\x89HDF\r\n\x1a\n"], ids=["text", "hdf5", "hdf5 after a block"])
 def test_version_7_3_says_how_to_save(tmp_path, head):
     (tmp_path / "optics.mat").write_bytes(head + bytes(600))
-    with pytest.raises(LensError, match="of version 7.3: save it from MATLAB with the option -v7"):
+    with pytest.raises(LensError, match="is version 7.3: save it from MATLAB with the option -v7"):
         read_iset_mat(tmp_path / "optics.mat")
 
 
@@ -131,7 +131,7 @@ def test_damaged_files_are_told_in_one_line(tmp_path, lens):
 @pytest.mark.parametrize("program, said, timeout_s", [
     ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", "its reader crashed", LAST_RESORT_S),
     ("import sys; sys.exit('what is\\nwrong')", "wrong", LAST_RESORT_S),
-    ("import threading; threading.Event().wait()", "not read in", 0.1)], ids=["crash", "message", "hang"])
+    ("import threading; threading.Event().wait()", "still unread after", 0.1)], ids=["crash", "message", "hang"])
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no such signals")
 def test_a_child_that_crashes_or_hangs_is_a_lens_error(tmp_path, lens, monkeypatch, program, said, timeout_s):
     (tmp_path / "child.py").write_text(program)

@@ -118,7 +118,7 @@ def test_errors_tell_the_file(tmp_path):
 
 def test_what_cannot_be_is_told_without_baking(bakes):
     clamped = clamped_rings("tessar-50mm", Rings(f_number=2.0))
-    assert clamped == ("f/2: this lens goes from f/5.5 to f/22: set to f/5.5",)
+    assert clamped == ("f/2: this lens's range is f/5.5 to f/22: set to f/5.5",)
     assert clamped_rings("tessar-50mm", NEAR) == () and bakes == []
     assert prescription_of("tessar-50mm").name == "tessar-50mm" and has_rings("tessar-50mm")
 

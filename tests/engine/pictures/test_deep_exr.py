@@ -117,7 +117,7 @@ def test_what_is_missing_is_named(tmp_path):
     with pytest.raises(ImageError, match="deep.exr: channels is B, G, R, Z: expected A in deep pixels"):
         read_deep_exr(path)
     path = deep_exr(tmp_path / "other.exr", PIXELS)
-    with pytest.raises(ImageError, match="layers is rgba.left: no layer is called 'right'"):
+    with pytest.raises(ImageError, match="layers is rgba.left: no layer is named 'right'"):
         read_deep_exr(path, "right")
 
 

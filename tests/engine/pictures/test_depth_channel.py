@@ -56,9 +56,9 @@ def test_of_several_that_are_as_near_one_has_to_be_named():
     with pytest.raises(ImageError, match="depth is A.Depth.Z, B.Depth.Z: name one of them"):
         depth_channel(parts)
     assert depth_channel(parts, wanted="b.depth.z")[0] == "B.Depth.Z"
-    with pytest.raises(ImageError, match="expected one channel called C.Z"):
+    with pytest.raises(ImageError, match="expected one channel named C.Z"):
         depth_channel(parts, wanted="C.Z")
-    with pytest.raises(ImageError, match="depth is missing: expected one channel called Z"):
+    with pytest.raises(ImageError, match="depth is missing: expected one channel named Z"):
         depth_channel(parts_of(*RGBA), wanted="Z")
 
 

@@ -93,7 +93,7 @@ def test_a_header_cannot_steer_a_terminal(tmp_path):
 
 
 def test_texts_that_are_numbers_are_told(tmp_path):
-    assert "lens_name is 5.0: expected a text" in error_of(read_exr, spectral(tmp_path / "lens.exr", 5.0))
+    assert "lens_name is 5.0: expected a string" in error_of(read_exr, spectral(tmp_path / "lens.exr", 5.0))
 
 
 def test_layers_may_not_lie_without_end_beyond_the_frame(tmp_path):

@@ -70,9 +70,9 @@ def test_what_goes_together_is_taken(options):
 
 
 @pytest.mark.parametrize("options, field, reason", [
-    *(({"accuracy": 0.01, knob: value}, knob, "leave it out: an accuracy chooses it") for knob, value in (
+    *(({"accuracy": 0.01, knob: value}, knob, "leave it out: the accuracy determines it") for knob, value in (
         ("section_size", 32), ("azimuths", 32), ("psf_energy", 0.99), ("flat_tolerance", 0.0), ("precision", "auto"))),
-    *(({"accuracy": 0.01, "method": method}, "accuracy", f"the method {method!r} goes by its knobs")
+    *(({"accuracy": 0.01, "method": method}, "accuracy", f"the method {method!r} uses its own settings")
       for method in ("paper", "exact")),
     *(({"method": method, knob: value}, knob, f"leave it out: the method is {method!r}") for method, knob, value in (
         ("pixels", "section_size", 32), ("paper", "azimuths", 4), ("paper", "flat_tolerance", 1e-3),

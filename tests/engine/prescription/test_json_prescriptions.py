@@ -91,7 +91,7 @@ def test_what_older_releases_of_optiland_wrote(read):
 def test_a_name_that_is_missing_is_told(read):
     contents = optiland()
     del contents["wavelengths"]
-    with pytest.raises(LensError, match="wavelengths is missing: the file may be damaged, or of another version"):
+    with pytest.raises(LensError, match="wavelengths is missing: the file may be damaged, or have another version"):
         read(contents)
 
 

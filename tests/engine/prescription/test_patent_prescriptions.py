@@ -103,7 +103,7 @@ def test_a_fisheye_ends_before_a_right_angle(optbench):
 
 
 @pytest.mark.parametrize("old, new, message", [
-    ("[lens data]", "[lenses]", r"\[lens data\] is missing: expected a text of PhotonsToPhotos' Optical Bench"),
+    ("[lens data]", "[lenses]", r"\[lens data\] is missing: expected a text file of PhotonsToPhotos' Optical Bench"),
     ("[variable distances]", "[distances]", r"\[variable distances\] is missing"),
     ("1\tAS", "1\tInfinity", "AS is in 0 rows: expected one row to be the aperture stop"),
     ("2\t50.0", "2\tfifty", "line 15 is 2 fifty 4.0 1.5168 16 64.2: expected a number as word 2"),
@@ -157,7 +157,7 @@ def test_one_position_of_a_zoom_is_reported(dot_lens, name):
 
 
 def test_an_attachment_of_a_dot_lens_is_no_lens(dot_lens):
-    with pytest.raises(LensError, match="focal_length is inf: expected a lens of a positive focal length"):
+    with pytest.raises(LensError, match="focal_length is inf: expected a lens with a positive focal length"):
         dot_lens(("focal_length: 49.00", "focal_length: inf"), field=FIELD)
 
 

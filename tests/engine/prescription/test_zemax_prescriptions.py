@@ -138,7 +138,7 @@ def test_what_a_file_tells_of_a_glass_that_no_catalogue_has_is_offered(read):
 
 def test_a_file_of_several_configurations_says_which_is_taken(read):
     text = ("MNUM 1 1\n", "MNUM 3 2\nTHIC 2 1 1 4.0 0\nTHIC 2 2 1 5.0 0\nTHIC 2 3 1 6.0 0\n")
-    assert read(text).notes == "The file's configuration 2 of 3 is used, in which it was saved."
+    assert read(text).notes == "Configuration 2 of 3 is used, the active one when the file was saved."
     assert read().notes == ""
 
 

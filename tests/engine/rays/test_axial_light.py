@@ -41,13 +41,13 @@ def test_a_rim_before_the_stop_limits_it_where_it_is_wider():
 
 def test_a_rim_that_takes_light_is_noted_with_the_share_that_is_left():
     note, = widest_notes(thin_lens(16.0))
-    assert "the light of f/3.12: 64% of f/2.5" in note
+    assert "f/3.12: 64% of the light of f/2.5" in note
     assert not widest_notes(thin_lens(19.7)), "1.5 %, within the tolerance"
 
 
 def test_a_stop_that_is_opened_beyond_the_files_is_noted():
     note, = widest_notes(thin_lens(stop_rim_mm=18.5))
-    assert "f/2.5 takes a stop of 40 mm, where the file has 37 mm: the light through it is 117% of the file's" in note
+    assert "f/2.5 needs a stop of 40 mm, which passes 117% of the light of the file's 37 mm stop" in note
     assert not widest_notes(thin_lens(stop_rim_mm=20.2)) and not widest_notes(thin_lens(aperture=("stop", 20.0)))
 
 
@@ -77,7 +77,8 @@ surfaces = [
 '''
     (tmp_path / "own.toml").write_text(text)
     told = load_lens(tmp_path / "own.toml", quality="preview").notes
-    assert "f/5 takes a stop of 20 mm, where the file has 18 mm" in told and "the light of f/5.26: 90% of f/5" in told
+    assert "f/5 needs a stop of 20 mm, which passes 123% of the light of the file's 18 mm stop" in told
+    assert "f/5.26: 90% of the light of f/5" in told
     found = [str(finding) for finding in check_prescription(prescription_of(tmp_path / "own.toml"))]
     assert sum(line.startswith("note: aperture: ") for line in found) == 2
 

@@ -213,7 +213,7 @@ def test_where_no_ray_gets_its_margin_says_so():
 
 
 def test_it_ends_with_the_field_and_says_where():
-    with pytest.raises(LensError, match="tessar-50mm: sensor place is 30 mm from the axis: the lens's field ends at"):
+    with pytest.raises(LensError, match="tessar-50mm: sensor position is 30 mm from the axis: the lens's field ends"):
         table_of("tessar-50mm").rays(0, np.array([0.0, 30.0]), np.zeros(2))
 
 

@@ -68,11 +68,11 @@ def test_what_is_out_of_reach_is_told_and_set_to_what_the_lens_has():
     lens = bundled_lenses()["tessar-50mm"]
     wide = turned(lens, Rings(f_number=2.0))
     assert wide.f_number == pytest.approx(5.5) and wide.prescription == turned(lens).prescription
-    assert wide.words == ("f/2: this lens goes from f/5.5 to f/22: set to f/5.5",)
+    assert wide.words == ("f/2: this lens's range is f/5.5 to f/22: set to f/5.5",)
     assert turned(lens, Rings(f_number=64.0)).f_number == 22.0
     near = turned(lens, Rings(100.0, 8.0))
     assert near.prescription.object_distance_mm == pytest.approx(499.766, abs=0.01), "ten focal lengths"
-    assert near.words == ("focus at 0.1 m: this lens focuses no closer than 0.504 m: focused there",)
+    assert near.words == ("focus at 0.1 m: this lens focuses no closer than 0.504 m: set to that",)
     closer = turned(replace(lens, closest_focus_mm=80.0), Rings(100.0))
     assert closer.words == () and closer.focus_mm == pytest.approx(100.0)
     assert turned(lens, Rings(f_number=5.4998)).words == (), "what is engraved is rounded"
@@ -89,7 +89,7 @@ def test_the_iris_is_in_the_way_beyond_the_widest_stop_alone(name):
 
 def test_a_lens_of_one_stop_says_so():
     lens = bundled_lenses()["apple-phone-4mm"]
-    assert turned(lens, Rings(f_number=4.0)).words == ("f/4: this lens only has f/1.8",)
+    assert turned(lens, Rings(f_number=4.0)).words == ("f/4: this lens has only f/1.8",)
 
 
 def test_a_lens_that_is_made_larger_is_focused_where_it_is_asked_to_be():
@@ -192,7 +192,7 @@ def test_positions_that_cannot_be_are_told():
     lens, _ = moving_pair()
     turned_round = replace(lens, surfaces=tuple(replace(each, gaps_mm=(20.0, 80.0, 20.0) if each.gaps_mm else ())
                                                 for each in lens.surfaces), focused_at_mm=(np.inf, 400.0, 390.0))
-    with pytest.raises(LensError, match="focused_at_mm is .*: magnifications do not rise with them"):
+    with pytest.raises(LensError, match="focused_at_mm is .*: expected magnifications that rise in this order"):
         turned(turned_round, Rings(500.0))
 
 

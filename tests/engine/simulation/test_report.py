@@ -98,20 +98,20 @@ def scene_facts(outside=0.0, **changes):
 
 @pytest.mark.parametrize("facts, remark", [
     ([scene_facts()], None),
-    ([scene_facts(foreign_spectra=True)], "spectra that its plan did not foresee"),
+    ([scene_facts(foreign_spectra=True)], "spectra that the plan did not predict"),
     ([scene_facts(lens_warning="twice as large")], "twice as large"),
-    ([scene_facts(outside=0.25)], "25.0% of the frame is out of the lens data's depth, 1 m to infinity"),
+    ([scene_facts(outside=0.25)], "25.0% of the frame is outside the lens data's depth range, 1 m to infinity"),
     ([scene_facts(outside=0.25, layers="3 slabs, cut at 1, 2 m")], "3 slabs, cut at 1, 2 m"),
-    ([replace(file_facts(), depth=scene_facts(outside=0.25).depth)], "25.0% of the frame is out of the lens"),
+    ([replace(file_facts(), depth=scene_facts(outside=0.25).depth)], "25.0% of the frame is outside the lens data's"),
     ([replace(file_facts(), depth=scene_facts(outside=0.25).depth, layers="cut at 1 m")], "cut at 1 m"),
     ([image_facts()], None),
-    ([image_facts(out_of_field_fraction=0.125)], "12.5% of the frame lies beyond the lens data: hold"),
+    ([image_facts(out_of_field_fraction=0.125)], "12.5% of the frame is outside the lens data: hold"),
     ([image_facts(energy=Energy(0.0, 0.0, 0.0))], "black: the radiance is zero everywhere"),
     ([image_facts(energy=Energy(1.0, 1.0, 0.0))], "black: no light reaches the frame"),
     ([image_facts(energy=Energy(0.0, 0.0, 0.0)), scene_facts()], None),
     ([image_facts(), file_facts((3, 8))], None),
-    ([image_facts(), file_facts((4, 8))], "needs 8 x 4 px, the picture has 8 x 3"),
-    ([image_facts(), file_facts((3, 9))], "needs 9 x 3 px, the picture has 8 x 3"),
+    ([image_facts(), file_facts((4, 8))], "needs 8 x 4 px of overscan on each side, the picture has 8 x 3"),
+    ([image_facts(), file_facts((3, 9))], "needs 9 x 3 px of overscan on each side, the picture has 8 x 3"),
     ([file_facts(negative=0.0009)], None),
     ([file_facts(negative=0.0011)], "0.1% of the light would be negative")], ids=str)
 def test_a_remark_is_made_of_each_loss_and_of_nothing_else(facts, remark):
@@ -123,7 +123,7 @@ def test_a_sequence_makes_the_remarks_of_its_frames_once():
     frames = {number: Report(parts=Parts([image_facts(out_of_field_fraction=fraction)]))
               for number, fraction in ((1, 0.1), (2, 0.1), (3, 0.2))}
     report = Report(frames=frames)
-    assert report.remarks() == ["frame 1: 10.0% of the frame lies beyond the lens data: hold (2 more much alike)"]
+    assert report.remarks() == ["frame 1: 10.0% of the frame is outside the lens data: hold (2 similar)"]
     assert Report(frames={n: frames[1] for n in (1, 2)}).remarks() == frames[1].remarks()
     assert Report(frames=frames | {1: Report()}).remarks()[0].startswith("frame 2: 10.0% ")
     assert Report(frames={1: frames[1], 2: Report()}).remarks()[0].endswith("hold")
