@@ -83,6 +83,7 @@ def psf_of(system, height_mm, nm, pitch_um, samples, quality="reference", pupil=
     return point_spread(wavefronts.one(0, 0), pitch_um, samples, quality.sums)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("height_mm", [0.0, 1.5, 2.4])
 def test_psfs_are_huygens_sum(edmund, height_mm):
     """At 0.25 um, finer than the detail of the light; up to 2.4 mm nothing is clipped.

@@ -48,6 +48,7 @@ def baked(name, height_mm, depth_mm, pitch_um, samples):
     return psf / psf.sum()
 
 
+@pytest.mark.sample(13)
 @pytest.mark.parametrize("share", [0.0, 0.5, 0.9])
 @pytest.mark.parametrize("name, waves", [
     ("edmund-54852", -8), *product(("edmund-54852", "kodak-petzval-100mm", "nikkor-z-50mm-f1.8"), (0, 0.5, 2, 32))])
@@ -66,6 +67,7 @@ def test_it_is_what_a_bake_has_of_an_object_there(name, waves, share):
     assert not share or np.abs(psf[::-1] - truth).sum() > 0.05
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["nikkor-58mm-f1.4", "sony-zeiss-55mm-f1.8"])
 def test_it_holds_where_two_rays_meet_close_to_what_passes(name):
     """Newton's method with one derivative for all rays lost a tenth of the light here."""

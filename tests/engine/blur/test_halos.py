@@ -56,6 +56,7 @@ def test_a_trimmed_psf_and_its_halo_are_the_wider_one(energy, wider):
     np.testing.assert_allclose(together, wide.at_table_heights(azimuths), atol=1e-13)
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("method", ["pixels", "sections"])
 @pytest.mark.parametrize("centre_px", [None, (30, 50.5)], ids=["folded", "off centre"])
 def test_a_lamp_keeps_its_halo(centre_px, method, monkeypatch):

@@ -187,6 +187,7 @@ GRIDS = [PixelGrid.around_frame((40, 52), PITCH_UM, (12, 9)), PixelGrid((1, 1), 
 ROUNDING = 64 * 2.0**-24  # of float32 sums over 64 rays, each of light up to 1
 
 
+@pytest.mark.sample(5)
 @pytest.mark.skipif(len(available()) < 2, reason="no library of the loops: no compiler")
 @pytest.mark.parametrize("grid", GRIDS, ids=lambda grid: f"{grid.shape_px}")
 @pytest.mark.parametrize("iris", [None, Iris(5, 20.0, 0.3)])

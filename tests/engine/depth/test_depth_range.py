@@ -49,6 +49,7 @@ def test_the_pupil_of_a_lens_in_focus_at_infinity_is_its_focal_length_over_its_f
     assert entrance_pupil_diameter_mm(FAR_LENS) == pytest.approx(10.0)
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("name, paraxial_mm", [
     ("edmund-54852", 3.381), ("muller-fisheye-25mm", 6.313), ("cooke-triplet-50mm", 10.004), ("nikkor-28mm", 9.900),
     ("apple-phone-4mm", 2.280), ("angenieux-50mm", 45.427)])

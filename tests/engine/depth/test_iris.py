@@ -43,6 +43,7 @@ def even_places(reach, count=1200):
     return np.stack(np.meshgrid(axis, axis)), (2 * reach / count) ** 2
 
 
+@pytest.mark.sample(10)
 @pytest.mark.parametrize("iris", IRISES)
 @pytest.mark.parametrize("rim", [1.0, 1.004, 1.03, 2.0, np.inf])
 def test_an_opening_has_the_area_of_the_round_stop(iris, rim):
@@ -128,6 +129,7 @@ def lens():
     return make_lens(object_distance_mm=700.0, magnification=-0.05, transmittance=0.7)
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("blur", [-BLUR_PX, BLUR_PX])
 @pytest.mark.parametrize("iris", STRAIGHT)
 def test_the_disc_of_a_lamp_is_the_polygon_of_the_circles_light(lens, blur, iris):
@@ -144,6 +146,7 @@ def test_the_disc_of_a_lamp_is_the_polygon_of_the_circles_light(lens, blur, iris
     assert all(np.abs(disc - other).sum() / expected.sum() > 1.5 * off for other in others)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name, f_number", [("nikkor-58mm-f1.4", 4.0), ("tessar-50mm", 8.0)])
 def test_rays_through_the_glass_bring_as_much_light_through_blades_as_through_the_round_stop(name, f_number):
     """On the axis, by the weights of traced rays: blades only redistribute them over the pupil."""

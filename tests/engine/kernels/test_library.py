@@ -101,6 +101,7 @@ def test_what_is_no_library_is_told(found_anew, monkeypatch, tmp_path):
         assert available() == ("numpy",)
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("part", [0.1, 0.5, 0.97, 0.9999])
 def test_a_part_of_a_library_is_told_in_one_line(part, made, tmp_path):
     """In a separate process, because loading half a library crashes it on Linux."""

@@ -58,6 +58,7 @@ def test_the_ways_of_first_order_rays_from_the_point_in_focus_are_alike(distance
     assert np.ptp(way_mm) < 2e-5 * np.abs(way_mm).max() + 1e-5 and np.isfinite(tangent).all()
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", VARIED[:3])
 def test_a_lens_knows_its_prescription_and_so_its_rays(name):
     lens = varied_lens(name)
@@ -95,6 +96,7 @@ def test_a_package_has_no_prescription_unless_it_is_a_bundled_one(tmp_path):
     assert read_package(tmp_path / "mine.npz").prescription is None
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["sonnar-50mm-f1.5", "nikkor-28mm"])
 def test_even_radiance_is_as_bright_by_psfs_as_by_rays(name):
     """Although they are independent: the only loss is the light outside a PSF's window, half a hundredth.

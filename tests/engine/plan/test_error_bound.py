@@ -70,6 +70,7 @@ def error_over_light(options, lens, image, exact=None):
     return np.abs(result - exact).sum() / light, report.lens_image.plan
 
 
+@pytest.mark.sample(6)
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("seed", range(4))
 def test_no_scene_is_wrong_by_more_than_the_bound(seed, scene):
@@ -117,6 +118,7 @@ def worst_point(plan, lens, radiance, places=3000):
     return float(np.abs(used - bank.psfs(*where)).sum(axis=(1, 2)).max())
 
 
+@pytest.mark.sample(6)
 @pytest.mark.parametrize("accuracy", [0.1, 0.03, 0.01, 1e-3])
 @pytest.mark.parametrize("lens, pitch_um", [(load_lens("edmund-54852"), 6.25), (load_lens("edmund-54852"), 12.5),
                                             (random_lens(0), PITCH_UM), (random_lens(1), PITCH_UM)],
@@ -168,6 +170,7 @@ def test_the_error_between_azimuths_falls_with_their_number():
     assert errors[-1] < errors[0] / 8
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize("azimuths", [3, 45])
 @pytest.mark.parametrize("name, pitch_um", [("edmund-54852", 3.0), ("edmund-54852", 6.25), ("edmund-54852", 12.0),
                                             ("cooke-triplet-50mm", 94.7), ("tessar-50mm", 46.9),

@@ -89,6 +89,7 @@ def missed_um(system, points_mm, found):
 
 
 @lenses
+@pytest.mark.sample(7)
 @pytest.mark.parametrize("focal_lengths", [10, 200])
 def test_it_has_the_rays_that_points_of_space_send_through_the_lens(name, focal_lengths):
     """To 0.04 um on the sensor and 0.05 waves; at their rims, steep aspheres leave 1 um, less than a phone's pixel."""
@@ -107,6 +108,7 @@ def test_it_has_the_rays_that_points_of_space_send_through_the_lens(name, focal_
     assert waves[passing].max() < 0.05
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["nikkor-58mm-f1.4", "sony-zeiss-55mm-f1.8"])
 def test_where_two_rays_meet_close_to_what_passes_it_is_traced_more_finely(name):
     """Of two rays through the same points, the lens passes one, and the table contains that one."""
@@ -118,6 +120,7 @@ def test_where_two_rays_meet_close_to_what_passes_it_is_traced_more_finely(name)
     assert other.any() and not np.any((found.margin <= 0) & passing & (off_um > 300))
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["nikkor-58mm-f1.4", "sony-zeiss-55mm-f1.8", "voigtlander-nokton-50mm-f1"])
 def test_nothing_comes_to_pass_beyond_what_is_lost(name):
     """Splines between values far beyond the rims do not oscillate: uniform light falls off steadily at all wavelengths.

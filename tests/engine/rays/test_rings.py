@@ -35,6 +35,7 @@ def test_at_rest_a_lens_is_as_its_prescription_has_it(name):
     assert turned(there.prescription).prescription == there.prescription, "turned once, it stays"
 
 
+@pytest.mark.sample(8)
 @pytest.mark.parametrize("name", VARIED)
 @pytest.mark.parametrize("focus_mm", [3000.0, 1234.5, np.inf])
 def test_the_focus_is_at_the_distance_from_the_entrance_pupil(name, focus_mm):
@@ -209,6 +210,7 @@ def axial_rms_um(prescription):
     return 1e3 * np.sqrt(np.sum(light * np.sum(rays.position_mm**2, axis=0)) / np.sum(light))
 
 
+@pytest.mark.sample(5)
 @pytest.mark.parametrize("name", INSIDE)
 def test_modern_lenses_are_sharp_near_by_and_between_by_their_own_gaps(name):
     """To 1/2500 of the diagonal, with 1/1500 as the usual circle of confusion; many are not sharp if moved as a unit.

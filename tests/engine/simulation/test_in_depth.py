@@ -57,6 +57,7 @@ def differ(one, other):
     return np.abs(one - other).max() / other.mean(), np.abs(one - other).mean() / other.mean()
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("options", [Options(), ROUGH, Options(supersampling=2), Options(out_of_field="vignette")])
 def test_what_is_in_focus_is_as_without_layers(lens, options):
     grid = grid_of(lens)
