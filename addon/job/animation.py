@@ -137,7 +137,7 @@ class Animation:
 
     def _render_alone(self, frame, tell):
         if not self._apart and self._one is None:
-            tell(0.0, "Turning the lens as in all frames")
+            tell(0.0, "Preparing the lens for all frames")
             self._one = OneCapture(self._scene, self._frames, **self._given)
         job = job_of_frame(self._scene, frame, **self._given)
         return run(render_steps(self._scene, job, self._one if self._one and self._one.holds(job) else None), tell)
@@ -158,9 +158,9 @@ class Animation:
 
     def _planned(self):
         if not self._apart:
-            return f"{len(self.pending)} frames from one capture: nothing but focus and f-stop changes"
+            return f"{len(self.pending)} frames from one capture: only focus and f-stop change"
         if len(self.pending) > 1 and rings_animated(self._scene):
-            return f"each frame is captured by itself: {self._apart}"
+            return f"each frame is captured separately: {self._apart}"
         return ""
 
     @property
@@ -182,7 +182,7 @@ class Animation:
     @property
     def beforehand(self):
         """How many frames are finished and how many are pending, before the render: list of lines."""
-        there = f"{len(self.earlier)} of {len(self._frames)} frames are there already: {len(self.pending)} to render"
+        there = f"{len(self.earlier)} of {len(self._frames)} frames are finished: {len(self.pending)} to render"
         return [*self._other_builds, *[there] * bool(self.earlier), *filter(None, [self.plan])]
 
     @property
@@ -194,13 +194,14 @@ class Animation:
         """Counts of rendered, finished, outdated and other processes' frames: list of lines."""
         seconds, frames = sum(self.report.stages.values()), len(self.results)
         rendered = f"{frames} frame{'s' * (frames != 1)} in {seconds:.1f} s" if frames else "nothing to render"
-        earlier = f"; {len(self.earlier)} there already" if self.earlier else ""
+        earlier = f"; {len(self.earlier)} already finished" if self.earlier else ""
         lines = [f"{rendered}{earlier}, in {self._folder}", *filter(None, [self.plan]), *self._other_builds]
         if self.elsewhere:
-            lines.append(f"left to other processes: {len(self.elsewhere)} of the frames, from {self.elsewhere[0]} on")
+            lines.append(f"left to other processes: {len(self.elsewhere)} of the frames, from frame "
+                         f"{self.elsewhere[0]} on")
         if self.outdated:
-            lines.append(f"{len(self.outdated)} of the frames there already, from {self.outdated[0]} on, are of the "
-                         "scene before it was changed: Overwrite (--overwrite) renders them anew")
+            lines.append(f"the scene has changed since {len(self.outdated)} of the finished frames, from frame "
+                         f"{self.outdated[0]} on: Overwrite (--overwrite) renders them again")
         return lines
 
     @property
@@ -248,4 +249,4 @@ def _named(frame):
     except OSError as error:
         raise SceneError(f"frame {frame}", "render", "stopped", one_line(error)) from None
     except MemoryError as error:
-        raise SceneError(f"frame {frame}", "render", "stopped", str(error) or "no memory left") from None
+        raise SceneError(f"frame {frame}", "render", "stopped", str(error) or "out of memory") from None

@@ -60,7 +60,7 @@ def save_copy(folder):
     try:
         bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True, relative_remap=True, compress=False)
     except RuntimeError as error:
-        raise SceneError(path, "copy of the file", "not to be saved", str(error).strip()) from None
+        raise SceneError(path, "copy of the file", "not saved", str(error).strip()) from None
     write_session(path.with_name(SESSION))
     caches = Path(bpy.data.filepath).parent / f"blendcache_{path.stem}"  # Blender's name for it
     if bpy.data.filepath and caches.is_dir():
@@ -72,8 +72,8 @@ def _link(path, folder):
     try:
         path.symlink_to(folder, target_is_directory=True)
     except OSError as error:  # some systems require a privilege for links
-        raise SceneError(folder, "simulation caches", "not to be linked",
-                         f"bake them into the file instead ({error.strerror})") from None
+        raise SceneError(folder, "folder of simulation caches", "not linkable",
+                         f"bake the simulations into the file instead ({error.strerror})") from None
 
 
 def render_command(copy, *more, **given):

@@ -16,7 +16,7 @@ from .remarks import Remark
 
 BLACK, TRANSPARENT = "black", "transparent"
 AROUND = [Vector(sign * np.eye(3)[axis]) for axis in range(3) for sign in (-1, 1)]
-UNKNOWN = Remark("Empty Frame", BLACK, "no cause found in the scene's settings", "compare with a render by F12")
+UNKNOWN = Remark("Empty Frame", BLACK, "no cause found in the scene's settings", "compare with an F12 render")
 
 
 @dataclass(frozen=True)
@@ -80,8 +80,8 @@ def empty_reasons(scene, lens, capture):
     sky = bool(world) and (shines(world) or has_volume(world))
     unseen = _unseen(scene, [each for each in instances if each.obj.type in SHADED_TYPES], lens, capture)
     if not lights and not sky:
-        return EmptyReasons(("no light: no lamp, no material that emits, and a black world",
-                             "add a light, or give the world a color and strength"), unseen, sky)
+        return EmptyReasons(("no light: no lamp or emissive material, and a black world",
+                             "add a light, or set the world's Color and Strength"), unseen, sky)
     return EmptyReasons(None if unseen else _inside(scene, lens, capture, lights), unseen, sky)
 
 
@@ -90,7 +90,7 @@ def _unseen(scene, shaded, lens, capture):
     if not shaded:
         count = sum(obj.type in SHADED_TYPES for obj in scene.objects)
         return (f"all objects ({count}) are hidden from renders" if count else "the scene has no objects to render",
-                "enable Renders in their visibility, or their collections" if count else "add objects")
+                "enable Renders for them and their collections" if count else "add objects")
     visible = [each for each in shaded if each.obj.visible_camera]
     if not visible:
         return "all objects are hidden from the camera", "enable Camera in their Ray Visibility"
@@ -125,5 +125,5 @@ def _inside(scene, lens, capture, lights):
         middle = light.box.mean(axis=0)
         if np.all((corners.min(axis=0) <= middle) & (middle <= corners.max(axis=0))):
             return None
-    return (f"the camera is inside {hit.obj.original.name!r}, a closed mesh without a light in it",
+    return (f"the camera is inside {hit.obj.original.name!r}, a closed mesh that contains no light",
             "move the camera out, or hide the mesh from renders")

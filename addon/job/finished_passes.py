@@ -63,7 +63,7 @@ class FinishedPasses:
         """
         kept = self._folder and self._folder / f"{_digest(facts)}.exr"
         if kept and kept.is_file():
-            planes = yield Work(lambda tell: _read(kept, needed), f"{step.label}, kept", step.fraction)
+            planes = yield Work(lambda tell: _read(kept, needed), f"{step.label}, reused", step.fraction)
             if planes:
                 self._reused += 1
                 return planes
@@ -71,7 +71,7 @@ class FinishedPasses:
             discard(old)
         yield step
         self._rendered += 1
-        return (yield Work(lambda tell: self._keep(path, needed, kept), "Gathering light", step.fraction + step.share))
+        return (yield Work(lambda tell: self._keep(path, needed, kept), "Reading the pass", step.fraction + step.share))
 
     def _keep(self, path, needed, kept):
         planes = read_pass(path, needed)
@@ -84,7 +84,7 @@ class FinishedPasses:
     def remarks(self):
         """Remarks for the report: list of lines."""
         count = self._reused + self._rendered
-        return [f"{self._reused} of {count} passes were there from before the render was stopped"] * bool(self._reused)
+        return [f"reused {self._reused} of {count} passes from an interrupted render"] * bool(self._reused)
 
 
 def _read(kept, needed):
@@ -118,7 +118,7 @@ def alone_with_passes(scene, job, stack):
             stack.enter_context(only_writer(job.output_folder / _name(scene, job.frame)))
             return
         except Busy:
-            yield Work(lambda tell: time.sleep(WAIT_S), "Waiting for another process, which captures the same", 0.0)
+            yield Work(lambda tell: time.sleep(WAIT_S), "Waiting for another process to capture the frame", 0.0)
 
 
 def passes_folder(scene, folder, frame):
@@ -143,5 +143,5 @@ def passes_left(scene, folder):
         return []
     folders = matching(hidden, f"{bpy.path.clean_name(scene.name)}_*_passes")
     counts = {kept: len(matching(kept, "*/[!.]*.exr")) for kept in folders}
-    return [f"{count} finished pass{'es are' if count > 1 else ' is'} kept in {kept}: a render goes on from there, "
-            "unless the file changes" for kept, count in counts.items() if count]
+    return [f"{count} finished pass{'es are' if count > 1 else ' is'} stored in {kept}: the next render continues "
+            "from there unless the file changes" for kept, count in counts.items() if count]

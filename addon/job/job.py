@@ -122,10 +122,10 @@ def check_output_folder(scene):
     """Raise an InputError unless the settings name a folder to write to: below the .blend's, or chosen by the user."""
     folder = scene.lensfield.output_folder
     if not folder.strip():
-        raise InputError("scene settings", "output folder", "empty", "give a folder for the files")
+        raise InputError("scene settings", "output folder", "empty", "choose a folder for the files")
     if folder.startswith("~") or (os.name != "nt" and ntpath.splitdrive(folder)[0][1:2] == ":"):
         raise InputError("scene settings", "output folder", folder,
-                         "no folder of this system: give --output, or write the path out in the panel")
+                         "not a full path on this system: use --output, or enter the full path in the panel")
     if not is_temporary(folder):
         check_output(bpy.path.abspath(_native(folder)))
 

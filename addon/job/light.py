@@ -75,7 +75,8 @@ class GatheredLight:
         alpha, _, *combined = self.planes[:2 + len(CHANNELS)]
         shape_px = tuple(part.stop - part.start for part in self.slab.region)
         if planes[alpha].shape != shape_px:
-            raise SceneError("Cycles", "render pass", f"of {planes[alpha].shape} px", f"expected {shape_px}")
+            raise SceneError("Cycles", "render pass", "{1} x {0} px".format(*planes[alpha].shape),
+                             "expected {1} x {0} px".format(*shape_px))
         if self.cube is None:
             if self.slab.narrows:
                 held = np.any([planes[name] != 0 for name in (alpha, *combined)], axis=0)
@@ -116,7 +117,7 @@ def read_pass(path, needed):
     if not planes.keys() >= set(needed):
         status = file_status(path)
         why = why_no_room(path.parent, (status.st_size if status else 0) + MORE_BYTES)
-        raise SceneError(path, "render pass", "not written whole", why or "see Blender's messages above")
+        raise SceneError(path, "render pass", "incomplete", why or "see Blender's messages above")
     return planes
 
 

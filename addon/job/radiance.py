@@ -185,7 +185,7 @@ def capture(scene, job, result, share):
             for number, light in enumerate(lights, 1):
                 if not light.is_spare(lights):
                     show_slab(scene, light.slab, capture_px, journal)
-                    of_slabs = f", {number} of {len(lights)} in depth" if cut else ""
+                    of_slabs = f", slab {number} of {len(lights)}" if cut else ""
                     label = f"Pass {index + 1} of {len(plan.bands)}{of_slabs}: {_span(band)} nm"
                     light.add(index, (yield from passes.planes(RenderPass(scene, label, done, step),
                                                                folder / "pass.exr", light.planes, *band,
@@ -193,7 +193,7 @@ def capture(scene, job, result, share):
                 done += step
             if job.picture:
                 yield Work(lambda tell, index=index: _show(index, plan, lights, capture_px, job.picture),
-                           "Showing it so far", done)
+                           "Updating the picture", done)
     lights = [light for light in lights if not light.is_spare(lights)]
     margin = [there - n for there, n in zip(capture_px.overscan_px, grid.overscan_px, strict=True)]
     inside = tuple(slice(rim, rim + n) for rim, n in zip(margin, grid.shape_px, strict=True))

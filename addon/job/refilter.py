@@ -82,12 +82,12 @@ def saved_radiance(scene):
     check_output_folder(scene)
     path = Result.of(scene, folder_for(scene), scene.frame_current).radiance
     if not file_status(path):
-        raise InputError(path, "light of a render", absence(path), "render through the lens first")
+        raise InputError(path, "radiance file", absence(path), "render through the lens first")
     (left, top), (right, bottom) = read_parts(path, header_only=True)[0][0]["displayWindow"]
     size, rows_columns = (bottom - top + 1, right - left + 1), frame_px(scene)
     if size != rows_columns:
         raise InputError(path, "size", "{1} x {0} px".format(*size),
-                         "the scene's is {1} x {0} px now: render again".format(*rows_columns))
+                         "the scene's resolution is now {1} x {0} px: render again".format(*rows_columns))
     return path
 
 
@@ -130,7 +130,7 @@ def _steps(path, request):
 def _rings(request):
     """The Rings for a lens that is given by name or path."""
     if request.focus == CAMERA:
-        raise InputError("options", "focus", CAMERA, "expected a distance: the light of a render has no camera")
+        raise InputError("options", "focus", CAMERA, "expected a distance: a radiance file has no camera")
     return Rings(request.focus, request.f_number, request.focused_wide_open)
 
 
@@ -141,7 +141,7 @@ def _read(path, depth, folder):
     else:
         radiance, planes = read_with_planes(path, scratch=folder)
     if radiance.focal_mm is None or "Z" not in planes:
-        raise ImageError(path, "lensfield:focalMm", "missing", "it is of an older Lensfield: render again")
+        raise ImageError(path, "lensfield:focalMm", "missing", "an older Lensfield wrote the file: render again")
     return Captured(radiance, planes["Z"], planes.get("A"), planes.get(REGION), layers)
 
 
@@ -176,8 +176,8 @@ def _sensor_warning(lens, radiance):
         return ""
     rows_mm, columns_mm = (n * radiance.pitch_um * 1e-3 for n in radiance.frame_px)
     covered = field_map(lens).covered_diagonal((columns_mm, rows_mm))
-    return (f"the kept picture's view, through {lens.name}, is that of a sensor of {columns_mm:.3g} x {rows_mm:.3g} "
-            f"mm, in place of its own of {lens.sensor_mm[0]:.3g} x {lens.sensor_mm[1]:.3g} mm; its field covers "
+    return (f"with {lens.name}, the captured view takes a sensor of {columns_mm:.3g} x {rows_mm:.3g} mm instead of the "
+            f"lens's own {lens.sensor_mm[0]:.3g} x {lens.sensor_mm[1]:.3g} mm; its field covers "
             f"{covered:.0%} of the frame's diagonal; render again for the lens's own view")
 
 
@@ -187,7 +187,7 @@ def _check_overscan(lens, radiance, path):
     needed = overscan_px(lens, grid, nm, 0)
     if any(least > there for least, there in zip(needed, grid.overscan_px, strict=True)):
         raise ImageError(path, "overscan", "{1} x {0} px".format(*grid.overscan_px),
-                         "{name} draws in {1} x {0} px from beyond the frame: render again through it".format(
+                         "{name} needs {1} x {0} px beyond the frame: render again through it".format(
                              *needed, name=lens.name))
 
 
@@ -200,7 +200,7 @@ def _check_region(lens, captured, path):
     region = [_moved(side, -overscan) for side, overscan in zip(sides, grid.overscan_px, strict=True)]
     if not captured.region[captured_region(region, lens, captured.radiance.wavelengths_nm, grid)].all():
         raise ImageError(path, "render region", "{1} x {0} px".format(*(side.stop - side.start for side in sides)),
-                         f"{lens.name} draws in more from around it than there is: render again through it")
+                         f"{lens.name} needs more light from around it than was captured: render again through it")
 
 
 def _blur_warning(lens, captured, iris):
@@ -213,8 +213,7 @@ def _blur_warning(lens, captured, iris):
             lacking += [blurs.max() - beyond for beyond, blurs in ends if beyond >= 0 and blurs.any()]
     if max(lacking) < 1:
         return ""
-    return (f"blur through {lens.name} would bring in light from {max(lacking):.0f} px farther out than was captured: "
-            "render again")
+    return (f"the blur of {lens.name} needs light from {max(lacking):.0f} px beyond the captured area: render again")
 
 
 def _shown(captured):
@@ -238,7 +237,7 @@ def _moved(side, px):
 
 def _layers_text(captured):
     count = len(captured.layers.layers) if captured.layers else 0
-    return f"blurred by depth, in {count} layer{'s' * (count > 1)} as they were captured" if count else ""
+    return f"blurred by depth, in {count} captured layer{'s' * (count > 1)}" if count else ""
 
 
 def _facts(lens, captured, warning, result):

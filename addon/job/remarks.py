@@ -24,11 +24,11 @@ SAME_VIEW = 0.02
 SAME_RATIO = 1e-3
 DEPTH_TOLD = 0.01  # of the picture
 UNLAYERED = {  # its name, its part of the picture, and the effect on that part
-    REFRACTED: ("Glass", "is seen through it", "is blurred as if it were on it"),
-    MIRRORED: ("Mirrors", "is reflected", "is blurred as if it were on them"),
-    VOLUME: ("Volumes", "has light from within", "is blurred as what lies behind it")}
-ROUND_BLUR = "of tables alone: what is out of focus is blurred in round discs, by pupil and focal length"
-PANES = "take thin panes out of the camera's view (Object > Visibility > Ray Visibility > Camera), tint and all"
+    REFRACTED: ("Glass", "is visible through it", "is blurred as if on its surface"),
+    MIRRORED: ("Mirrors", "is reflected in them", "is blurred as if on their surface"),
+    VOLUME: ("Volumes", "contains their light", "is blurred like the surface behind them")}
+ROUND_BLUR = "a package without rays; out-of-focus light becomes round discs, by pupil and focal length"
+PANES = "hide thin panes, including their tint, from the camera (Object > Visibility > Ray Visibility > Camera)"
 
 
 @dataclass(frozen=True)
@@ -65,10 +65,10 @@ def depth_remarks(job, slabs):
     check = slabs.check
     if check is None or check.outside_fraction < DEPTH_TOLD:
         return []
-    apart = (f"about {check.outside_fraction:.0%} of the picture is not at {in_metres(check.near_mm)} to "
-             f"{in_metres(check.far_mm)}")
+    apart = (f"about {check.outside_fraction:.0%} of the picture is outside the in-focus range of "
+             f"{in_metres(check.near_mm)} to {in_metres(check.far_mm)}")
     if job.depth == OFF:
-        return [Remark("Depth", "", f"{apart}, and comes out as sharp", "focus by the camera's Depth of Field")]
+        return [Remark("Depth", "", f"{apart}, and stays sharp", "focus with the camera's Depth of Field")]
     return [Remark("Depth", "", f"{apart}: {slabs.cut_text}")] if slabs.needed else []
 
 
@@ -81,8 +81,8 @@ def colour_remarks(plan):
     way = f"through an optical depth of {power:.2g}" if apart[0].volume else f"after {power:g} crossings"
     return [Remark("Saturated Colours", ", ".join(each.place for each in apart[:MOST_NAMED])
                    + f" (and {more} more)" * (more > 0),
-                   f"up to a CIEDE2000 of {difference:.1f} from an RGB render {way}: spectra lose more light than red, "
-                   "green and blue do; physics, not an error")]
+                   f"up to CIEDE2000 {difference:.1f} from an RGB render {way}: spectra absorb more light than RGB "
+                   "values; physics, not an error")]
 
 
 def scale_remarks(depth_mm, lens, pitch_um):
@@ -103,8 +103,8 @@ def scale_remarks(depth_mm, lens, pitch_um):
     beyond_mm = blur_per_nearness_px(lens, pitch_um)
     if seen_mm.size < DEPTH_TOLD * max(known, 1) or np.mean(seen_mm < beyond_mm) > DEPTH_TOLD:
         return []
-    return [Remark("Unit Scale", "", f"what the picture shows is mostly {in_metres(float(np.median(seen_mm)))} away; "
-                   f"beyond {in_metres(beyond_mm)} this lens shows no blur, wherever it is focused",
+    return [Remark("Unit Scale", "", f"most of the picture is about {in_metres(float(np.median(seen_mm)))} away; "
+                   f"beyond {in_metres(beyond_mm)} this lens shows no blur at any focus distance",
                    "if the scene is meant to be smaller, set Unit Scale in the scene properties")]
 
 
@@ -112,8 +112,8 @@ def unlayered_remarks(scene, job, capture):
     """Remarks on content that layers of depth would blur for a wrong distance, or not as the lens does, estimated
     before the render: generator."""
     if job.depth == AUTO and not job.lens.prescription:
-        yield Remark("Lens", job.lens.name, ROUND_BLUR, "a prescription has rays")
-    traced = ["Depth: Traced Lens renders it as it is"] if job.lens.prescription else []
+        yield Remark("Lens", job.lens.name, ROUND_BLUR, "use a prescription for the lens's own blur")
+    traced = ["Depth: Traced Lens renders it correctly"] if job.lens.prescription else []
     for kind, found in unlayered(scene, job.lens, capture).items() if job.depth == AUTO else ():
         if found.share < DEPTH_TOLD:
             continue
@@ -128,23 +128,23 @@ def _of_engine(scene, job):
     engine, cycles = scene.render.engine, scene.cycles
     if engine != "CYCLES":
         yield Remark("Render Engine", ENGINES.get(engine, engine), "Cycles renders instead",
-                     "look at the scene in Cycles first")
+                     "check the scene in Cycles first")
     samples = next((layer.samples for layer in scene.view_layers if layer.use and layer.samples), cycles.samples)
     if samples >= MANY_SAMPLES:
         until = f", until the noise is below {cycles.adaptive_threshold:.2g}" if cycles.use_adaptive_sampling else ""
-        yield Remark("Samples", str(samples), f"up to so many in each render{until}",
-                     f"{ENOUGH_SAMPLES}{'' if job.denoises else ' with Denoise on'} do for most pictures, up to "
+        yield Remark("Samples", str(samples), f"maximum per render{until}",
+                     f"{ENOUGH_SAMPLES}{'' if job.denoises else ' with Denoise on'} suffice for most pictures, up to "
                      f"{samples // ENOUGH_SAMPLES} times as fast")
     if cycles.time_limit:
-        yield Remark("Time Limit", f"{cycles.time_limit:g} s", "holds for each render")
+        yield Remark("Time Limit", f"{cycles.time_limit:g} s", "applies to each render")
 
 
 def _of_traced_lens(scene, job):
     if not job.traced:
         return
-    yield Remark("Depth", "Traced Lens", "rays alone, no diffraction; the scene's light is not kept for another lens")
+    yield Remark("Depth", "Traced Lens", "rays only, no diffraction; the scene's light is not stored for other lenses")
     if not traces_on_device(scene):
-        yield Remark("Device", "GPU Compute", "the CPU renders instead", "of GPUs only OptiX traces lenses")
+        yield Remark("Device", "GPU Compute", "the CPU renders instead", "only OptiX traces lenses on the GPU")
 
 
 def _of_reference(scene, job):
@@ -154,9 +154,9 @@ def _of_reference(scene, job):
         return
     for name, value in (("Clamp Direct", cycles.sample_clamp_direct), ("Clamp Indirect", cycles.sample_clamp_indirect)):
         if value:
-            yield Remark(name, f"{value:g}", "left out in Reference")
+            yield Remark(name, f"{value:g}", "ignored in Reference")
     if cycles.use_denoising and not job.denoises:
-        yield Remark("Denoise", "", "left out in Reference", "Lensfield's own Denoise turns it on")
+        yield Remark("Denoise", "", "ignored in Reference", "turn on Lensfield's own Denoise")
 
 
 def _of_camera(scene, job):
@@ -166,16 +166,16 @@ def _of_camera(scene, job):
     for word in job.ring_words:
         yield Remark("Focus and F-Stop", "", word)
     if camera.dof.use_dof and abs(camera.dof.aperture_ratio - 1) > SAME_RATIO:
-        yield Remark("Aperture Ratio", f"{camera.dof.aperture_ratio:.3g}", "left out")
+        yield Remark("Aperture Ratio", f"{camera.dof.aperture_ratio:.3g}", "ignored")
     if job.traced and job.iris:
         yield Remark("Iris Blades", str(job.iris.blades),
-                     "left out by the traced lens: its stop is round, of the same area")
+                     "ignored by the traced lens: its stop is round, with the same area")
     if camera.type != "PERSP":  # refused, or set by Match Camera to Lens
         return
     matching_mm = matching_focal_length_mm(scene, job.lens)
     if abs(matching_mm / camera.lens - 1) > SAME_VIEW:
-        yield Remark("Focal Length", f"{camera.lens:.3g} mm", f"the lens shows what {matching_mm:.3g} mm would",
-                     "Match Camera to Lens, or set View to The Camera's")
+        yield Remark("Focal Length", f"{camera.lens:.3g} mm", f"the lens's view matches {matching_mm:.3g} mm",
+                     "press Match Camera to Lens, or set View to The Camera's")
 
 
 def _of_pixels(scene):
@@ -183,19 +183,19 @@ def _of_pixels(scene):
     kind, width_px = BLENDERS_FILTER
     if cycles.pixel_filter_type not in (kind, "BOX") or cycles.filter_width not in (width_px, 1.0):
         yield Remark("Pixel Filter", f"{cycles.filter_width:.3g} px",
-                     "left out; a pixel averages the light on its own square")
+                     "ignored; each pixel averages the light over its own square")
 
 
 def _left_out(scene):
     render, sequences = scene.render, scene.sequence_editor
     if render.use_border and render.use_crop_to_border:
-        yield Remark("Crop to Render Region", "", "left out; the picture keeps its size, black outside the region")
+        yield Remark("Crop to Render Region", "", "ignored; the picture keeps its size and is black outside the region")
     if render.use_multiview:
-        yield Remark("Stereoscopy", "", "left out; one picture, from the camera itself")
+        yield Remark("Stereoscopy", "", "ignored; one picture, from the camera itself")
     if render.use_freestyle:
-        yield Remark("Freestyle", "", "left out; no lines")
+        yield Remark("Freestyle", "", "ignored; no lines")
     if render.use_sequencer and sequences and len(sequences.strips):
-        yield Remark("Sequencer", "", "left out; the scene itself is rendered")
+        yield Remark("Sequencer", "", "ignored; the scene itself is rendered")
     if passes := unreplaced_passes(scene):
-        yield Remark("Compositor", ", ".join(passes), "as the camera sees it; the lens has Image, Alpha and Depth",
-                     "warp others by the Lensfield node's STMap Distort")
+        yield Remark("Compositor", ", ".join(passes), "not distorted; only Image, Alpha and Depth go through the lens",
+                     "warp others with STMap Distort from the Lensfield node")

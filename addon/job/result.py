@@ -74,8 +74,8 @@ class Result:
         parts = re.fullmatch(rf"(.+)_(-?\d+)_{re.escape(FRAME_FILES[name])}", path.name)
         result = parts and cls.called(parts[1], path.parent if folder is None else Path(folder), int(parts[2]))
         if not result or getattr(result, name).name != path.name:
-            raise InputError(path, "file", "not named as by a render",
-                             f"expected one such as Scene_0001_{FRAME_FILES[name]}")
+            raise InputError(path, "file", "not named like a rendered frame",
+                             f"expected a name such as Scene_0001_{FRAME_FILES[name]}")
         return result
 
     @property
@@ -92,7 +92,7 @@ class Result:
         """The file, the time, the plan and the remarks: list of lines."""
         seconds = sum(self.report.stages.values())
         scene, file = self.report.scene, self.report.file
-        made_of = scene.scene_plan if scene else f"of the light in {file.radiance}"
+        made_of = scene.scene_plan if scene else f"from the light in {file.radiance}"
         return [f"{self.lens_image} in {seconds:.1f} s", made_of, *self.report.remarks()]
 
 
@@ -107,4 +107,4 @@ def check_next_to_frames(folder, *paths):
     of_frame = re.compile(rf".+_-?\d+_({'|'.join(map(re.escape, FRAME_FILES.values()))})", re.IGNORECASE)
     for path in filter(None, paths):
         if path.resolve().parent == folder.resolve() and of_frame.fullmatch(path.name):
-            raise InputError(path, "file", "called as one of a frame", "give it another name or folder")
+            raise InputError(path, "file", "named like a rendered frame", "choose another name or folder")

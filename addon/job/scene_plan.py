@@ -114,7 +114,7 @@ def check_job(scene, job):
         job.lens.at_wavelength(nm)
         if not BAND_NM[0] <= nm <= BAND_NM[1]:
             raise InputError("options", "wavelength", f"{nm:g} nm",
-                             "colours and lights of a scene reach from {:g} to {:g} nm".format(*BAND_NM))
+                             "the colours and lights of a scene cover {:g} to {:g} nm".format(*BAND_NM))
     check_sources(scene)
 
 
@@ -139,7 +139,7 @@ def plan_scene(scene, job, grid, journal):
                       key=lambda each: each.rgb_difference[0], reverse=True)
     coupled = [str(finding) for finding in of_nodes if finding.verdict in (REJECTED, SEPARATED)]
     apart = "" if job.spectral.tier == "preview" else glass or next(iter(coupled), "")
-    apart = "rays through the lens are of one wavelength" if job.traced else apart
+    apart = "each traced ray has one wavelength" if job.traced else apart
     per_pass = 1 if apart else WAVELENGTHS_PER_PASS
     lamps = Lamps(spectra, job.wavelengths_nm)
     groups = LightGroups(shining, lamps, together=job.denoises)
@@ -160,8 +160,8 @@ def _refusals(rejected):
     if rejected:
         others = f" (and {len(rejected) - 1} more)" if len(rejected) > 1 else ""
         yield SceneError(rejected[0].place, "node", "rejected",
-                         f"{rejected[0].text}{others}; Check Scene and `lensfield lint` list all; or have unfit nodes "
-                         "rendered as Cycles does, in RGB")
+                         f"{rejected[0].text}{others}; Check Scene and `lensfield lint` list all; or set Unfit Nodes "
+                         "to Render Anyway (--unfit render)")
 
 
 def _survey(scene, spectra, job, grid):

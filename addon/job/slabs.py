@@ -105,7 +105,7 @@ def cut_steps(scene, job, grid, region, tinting, passes, path, done, share):
         layer = rendered_layer(scene)
         journal.set(layer, "samples", 0)  # no override of the scene's samples
         name, colours = depth_pass(layer.name), [f"{layer.name}.Combined.{channel}" for channel in "RGB"]
-        planes = yield from passes.planes(RenderPass(scene, "Looking at depth", done, share), path, {name, *colours},
+        planes = yield from passes.planes(RenderPass(scene, "Rendering depth", done, share), path, {name, *colours},
                                           "look")
     depth_mm = depth_pass_m(planes[name], metres_per_unit(scene)) * np.float32(M_TO_MM)
     plan, *uncut_mm = plan_by(planar_depth_mm(depth_mm, job.lens, look), scene, job, grid, tinting,

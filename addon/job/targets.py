@@ -23,10 +23,10 @@ def check_files(scene, files):
     sources = {identity(path) for path in _sources(scene) if os.path.isfile(path)}
     for path in files:
         if not is_below(path, path.parent):
-            raise InputError(path, "file", "a link out of its folder", "remove it")
+            raise InputError(path, "file", "a link that leaves its folder", "remove it")
         check_target(path)
         if identity(path) in sources:
-            raise SceneError(path, "file", "what the scene itself is made from", "choose another output folder")
+            raise SceneError(path, "file", "an input of the scene", "choose another output folder")
 
 
 def _sources(scene):

@@ -26,8 +26,8 @@ WHOLE_SPHERE = 2 * np.pi  # a field of view that cuts nothing off
 FIT_SAMPLES = 257
 MOST_ROOM = 1.0
 LEAST_VOLUME = 1e-6  # spanned by a camera's unit axes: 0 if its scale along one axis is 0
-TO_PERSPECTIVE = ("a lens sees in perspective: choose Perspective for the Type in the camera's properties, then Match "
-                  "Camera to Lens to frame by")
+TO_PERSPECTIVE = ("expected a perspective camera: set Type to Perspective in the camera's properties, then press Match "
+                  "Camera to Lens")
 
 
 def frame_px(scene):
@@ -169,13 +169,13 @@ def check_camera(scene, view="lens", camera=None):
         raise SceneError(where, "type", camera.data.type, TO_PERSPECTIVE)
     if camera.data.shift_x or camera.data.shift_y:
         raise SceneError(where, "shift", f"{camera.data.shift_x:g}, {camera.data.shift_y:g}",
-                         "the lens stands centred: set the shift to 0")
+                         "set the shift to 0: the lens is always centred")
     if view == "camera":
         _check_view(camera.data, where)
     _check_pose(camera, where)
     if not camera.data.clip_start < camera.data.clip_end:
         raise SceneError(where, "clipping", f"{camera.data.clip_start:g} to {camera.data.clip_end:g}",
-                         "the camera sees nothing: set Clip End beyond Clip Start")
+                         "set Clip End beyond Clip Start: the camera sees nothing otherwise")
     if scene.render.pixel_aspect_x != scene.render.pixel_aspect_y:
         raise SceneError(f"scene {scene.name!r}", "pixel aspect",
                          f"{scene.render.pixel_aspect_x:g}:{scene.render.pixel_aspect_y:g}",
@@ -315,8 +315,8 @@ def size_warning(lens, adapted, factor):
     """The consequences of scaling a lens to its new sensor, in one line."""
     covered = field_map(adapted).covered_diagonal(adapted.sensor_mm)
     focus = in_metres(adapted.object_distance_mm)
-    return (f"{lens.name} made {factor:.3g} times as large: f = {adapted.efl_mm:.3g} mm, focused at {focus}; its field "
-            f"covers {covered:.0%} of the frame's diagonal; all its blur scales alike, though diffraction would not")
+    return (f"{lens.name} scaled by {factor:.3g}: f = {adapted.efl_mm:.3g} mm, focused at {focus}; its field "
+            f"covers {covered:.0%} of the frame's diagonal; all blur scales with it, though diffraction would not")
 
 
 def _make_perspective(camera, focal_length_mm, width_mm):

@@ -220,16 +220,16 @@ def _verdict(node, frame, state):
     scene = _owner(node.node_tree)
     shows = scene.lensfield.compositor_shows
     if shows == "NEVER":
-        return False, "as the settings say", "INFO"
+        return False, "set in Compositor Shows", "INFO"
     if frame not in state["frames"]:
         return False, f"frame {frame} has no lens image", "INFO"
     if int(frame) < 0:
-        return False, "image sequences have no frames below 0", "ERROR"
+        return False, "image sequences have no negative frames", "ERROR"
     path = bpy.path.abspath(_image_path(node.node_tree, int(frame)))
     if not _may_look(node.node_tree):
         return False, f"{os.path.dirname(path)} is not trusted", "ERROR"
     if not os.path.isfile(path):
-        return False, f"{os.path.basename(path)} is not there", "ERROR"
+        return False, f"{os.path.basename(path)} is missing", "ERROR"
     rendered = state["frames"][frame]
     ours = state["scene"] == scene.lensfield.compositor_key  # else the node is from another file, of unknown state
     if ours and comparable(rendered) and rendered != fingerprint_now(scene):
@@ -289,7 +289,8 @@ def unreplaced_passes(scene):
 def _stem_and_frame(path):
     match = LENS_IMAGE.fullmatch(Path(path).name)
     if match is None:
-        raise SceneError(path, "lens image", "without a frame", "expected a name such as Scene_0001_lens_image.exr")
+        raise SceneError(path, "lens image", "without a frame number",
+                         "expected a name such as Scene_0001_lens_image.exr")
     return match[1], int(match[2])
 
 

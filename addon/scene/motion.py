@@ -43,13 +43,13 @@ def _movements(scene, frames):
     if len(cameras) > 1:
         yield "markers change the camera"
     if scene.cycles.use_animated_seed:
-        yield "the noise's seed is animated"
+        yield "the noise seed is animated"
     world = scene.rigidbody_world
     if world and world.enabled and world.collection and world.collection.objects:
-        yield "there are rigid bodies"
+        yield "the scene has rigid bodies"
     for script in (str(handler.__module__) for name in HANDLERS for handler in getattr(bpy.app.handlers, name)):
         if not script.startswith(OWN):
-            yield f"a script, {script}, works on each frame"
+            yield f"the script {script} runs on each frame"
     blocks = blocks_of(scene)
     unseen = _unseen(blocks, cameras)
     still, times = blocks - unseen, _times(scene, frames)
@@ -102,7 +102,7 @@ def _why_moving(block, times, still):
     if block.id_type == "NODETREE":
         return _with_time(block.nodes)
     if block.id_type == "IMAGE" and block.source in MOVING_IMAGES:
-        return "is a film"
+        return "is a movie or sequence"
     if block.id_type == "VOLUME" and block.is_sequence:
         return "is a sequence"
     return None

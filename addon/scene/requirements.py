@@ -48,4 +48,4 @@ def _check_view_layers(scene, chosen):
     on = [layer.name for layer in scene.view_layers if layer.use]
     if not chosen and len(on) != 1:
         raise SceneError(f"scene {scene.name!r}", "view layers for rendering", ", ".join(on) or "none",
-                         "choose one of them: View Layer in Lensfield's settings, or --view-layer")
+                         "choose one with View Layer in Lensfield's settings, or with --view-layer")

@@ -19,7 +19,7 @@ CAMERA = "camera"
 FEWEST_BLADES = 3
 MOST_ANSWERS = 64
 LEAST = 1e-3  # distance in mm, and f-number: Blender allows 0, and lenses are then clamped to their own range
-FIXED = "the lens is a package, which holds for one focus and one f-number: those of the camera are left out"
+FIXED = "the lens is a package, valid for one focus and one f-number: the camera's are ignored"
 
 
 def scene_rings(scene, focus=None, f_number=None, focused_wide_open=None) -> Rings:

@@ -26,11 +26,11 @@ WIDE_MM = 1e9  # for an infinite semi-aperture
 def check_traceable(lens):
     """Raise an InputError unless this Blender can trace rays through this lens."""
     if not _cycles.with_osl:
-        raise InputError("Blender", "OSL", "left out of this build",
-                         "a traced lens needs it: take Blender from blender.org, or choose another depth")
+        raise InputError("Blender", "OSL", "missing from this build",
+                         "a traced lens needs it: use Blender from blender.org, or choose another Depth")
     if lens.prescription is None:
-        raise LensError(lens.name, "surfaces", "not told by a package",
-                        "a traced lens needs them: give the lens's prescription, or choose another depth")
+        raise LensError(lens.name, "surface data", "not in the package",
+                        "a traced lens needs it: use the lens's prescription, or choose another Depth")
 
 
 def traces_on_device(scene):
@@ -82,7 +82,7 @@ def _compiled(text):
         source, compiled = folder / "lens.osl", folder / "lens.oso"
         source.write_text(text, encoding="utf-8")
         if not _cycles.osl_compile(str(source), str(compiled)):
-            raise InputError("traced lens", "camera shader", "refused", "see the compiler's messages above")
+            raise InputError("traced lens", "camera shader", "not compiled", "see the compiler's messages above")
         return compiled.read_text(encoding="utf-8")
 
 

@@ -13,9 +13,9 @@ import bpy
 from ...engine.runtime.inputs import is_below, note_who_names
 from .errors import SceneError
 
-REMEDY = "it came with the .blend: look at its path, and press Trust in the Lensfield panel"
+REMEDY = "the path comes from the .blend: check it, then press Trust in the Lensfield panel"
 
-OUTSIDE = "outside the .blend's folder, by its path or through a link: choose it with --output, or in the panel"
+OUTSIDE = "outside the .blend's folder, directly or through a link: choose it with --output, or in the panel"
 
 _trusted = set()  # files and folders; until Blender exits
 
@@ -49,7 +49,8 @@ def check_trusted(path, where, field, expected):
     """
     if not is_trusted(path):
         raise SceneError(where, field, str(path), REMEDY)
-    note_who_names(path, None if _is_chosen(path) else f"the .blend names it, so it is not quoted here: {expected}")
+    unquoted = f"the .blend names the file, so its content is not quoted: {expected}"
+    note_who_names(path, None if _is_chosen(path) else unquoted)
 
 
 def check_output(folder):

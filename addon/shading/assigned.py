@@ -13,7 +13,7 @@ from ..scene.trust import check_trusted
 
 LOADERS = {"reflectance": load_spectrum, "emission": load_spectrum, "refraction": load_refraction}
 EXPECTED = dict.fromkeys(("reflectance", "emission"), "expected two columns, wavelength in nm and value") | {
-    "refraction": "expected a YAML file of refractiveindex.info"}
+    "refraction": "expected a YAML file from refractiveindex.info"}
 WORDS = {"reflectance": "reflectance spectrum", "emission": "emission spectrum", "refraction": "refraction"}
 
 

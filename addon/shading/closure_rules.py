@@ -17,18 +17,19 @@ CLOSURES = {f"ShaderNode{name}" for name in (
 NOT_IN_CYCLES = {"ShaderNodeEeveeSpecular"}
 """Closures that Cycles does not support and renders black."""
 
-THIN_FILM = "Cycles gives a film fixed curves of red, green and blue, whatever the wavelengths: set its thickness to 0"
-TINT = "coloured: all wavelengths of a pass lose below it what it reflects of the brightest; a saturated one takes"
-SPECULAR_TINT = f"{TINT} 4 % at an IOR of 1.5 and 17 % at 2.5 from the others"
-SHEEN_TINT = f"{TINT} 2 to 20 % from the others at a sheen roughness of 0.5, 34 to 50 % at 1, the more the more askew"
-MELANIN = "melanin absorbs by fixed figures of red, green and blue: choose Direct Coloring or Absorption Coefficient"
-FIRE = ("the blackbody of a volume is RGB, whatever the wavelengths: set its intensity to 0, and use Emission Strength "
+THIN_FILM = "Cycles gives thin films fixed curves for red, green and blue at every wavelength: set the thickness to 0"
+TINT = ("coloured: at every wavelength of a pass, the layers below lose the most that the tint reflects at any; a "
+        "saturated tint takes")
+SPECULAR_TINT = f"{TINT} 4 % from the other wavelengths at an IOR of 1.5, 17 % at 2.5"
+SHEEN_TINT = (f"{TINT} 2 to 20 % from the other wavelengths at a sheen roughness of 0.5, 34 to 50 % at 1, most at "
+              "grazing angles")
+MELANIN = "melanin absorbs by fixed values for red, green and blue: choose Direct Coloring or Absorption Coefficient"
+FIRE = ("the blackbody of a volume is RGB at every wavelength: set its intensity to 0, and use Emission Strength "
         "with an assigned emission")
-VOLUME_COLOUR = ("multiplies by the RGB of an attribute, whatever the wavelengths: empty it, and link an Attribute "
-                 "node to Color")
-INDICES = ("values for red, green and blue, with straight lines between: gold's reflectance is off by -0.05 to +0.08; "
+VOLUME_COLOUR = "multiplies every wavelength by an attribute's RGB: clear it, and link an Attribute node to Color"
+INDICES = ("values for red, green and blue, linearly interpolated: gold's reflectance is off by -0.05 to +0.08; "
            "assign a metal's refraction")
-LENGTHS = "values for red, green and blue, with straight lines between and held beyond: nothing more is known"
+LENGTHS = "values for red, green and blue, linearly interpolated, and constant beyond: the scene contains no more data"
 
 
 def closure_findings(node, value_of):

@@ -23,10 +23,10 @@ from .substitution import Assigned
 SHADER = "shader"
 
 BROKEN_GROUP = "its node tree is missing or has no output: Cycles renders black"
-COLOUR_AS_SHADER = "a colour where a shader belongs: it glows, as in Cycles, upsampled as light, of white under D65"
-DRAWN = "Blender draws it over the picture in RGB, whatever the wavelengths: hide it from renders"
+COLOUR_AS_SHADER = "a colour linked to a shader input: it emits light, as in Cycles, upsampled with D65 as white"
+DRAWN = "Blender draws it over the picture in RGB: hide it from renders"
 CONSTANTS = "constant colours become spectra"
-COLOURLESS = "has no colour of its own, the same at all wavelengths"
+COLOURLESS = "colourless, the same at all wavelengths"
 
 
 @dataclass(frozen=True)
@@ -106,10 +106,10 @@ def _of_scene(scene):
     """Findings about the scene itself."""
     if scene.background_set:
         yield Finding((), "scene", scene.name, "", "background set", REJECTED,
-                      f"{scene.background_set.name!r} is not looked into: link its collections into this scene instead")
+                      f"{scene.background_set.name!r} is not checked: link its collections into this scene instead")
     if working_space() != REC709:
         yield Finding((), "scene", scene.name, "", "working colour space", APPROXIMATED,
-                      f"{working_space()}: colours of it that lie outside Rec. 709 come out less saturated")
+                      f"{working_space()}: its colours outside Rec. 709 become less saturated")
 
 
 def _judged(block, spectra):
@@ -128,10 +128,10 @@ def _judged(block, spectra):
 
 def _light_colour(light, given):
     if given.get("emission"):
-        return "", SUBSTITUTED, "shines with its assigned emission"
+        return "", SUBSTITUTED, "uses its assigned emission"
     if light.use_temperature:
         return "Temperature", SUBSTITUTED, "Planck's law"
-    return "Color", SUBSTITUTED, "becomes a spectrum, of white under D65"
+    return "Color", SUBSTITUTED, "becomes a spectrum, with D65 as white"
 
 
 class _Walk:
@@ -199,7 +199,7 @@ class _Walk:
         how = kind(node, socket)
         assigned = self._assigned_to(node, socket, how)
         if assigned:
-            return f"{socket.name} is the assigned {assigned}"
+            return f"{socket.name} uses the assigned {assigned}"
         if how == EMISSION and self._is_thermal(socket):
             return f"{socket.name} is a blackbody by Planck's law"
         if how == CHANNELS:

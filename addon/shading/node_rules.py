@@ -13,21 +13,21 @@ REJECTED, SEPARATED, APPROXIMATED, UPSAMPLED, SUBSTITUTED = VERDICTS = (
     "rejected", "separated", "approximated", "upsampled", "substituted")
 """Worst first. Separated nodes are correct if each wavelength is rendered separately."""
 
-AS = {REFLECTANCE: "a reflectance", EMISSION: "light, of white under D65",
-      CHANNELS: "values for red, green and blue with straight lines between"}
-UNKNOWN = "not known to Lensfield: whether its colours can be made spectra, nobody has looked"
-NO_EFFECT = "Cycles does not know this node and renders as if it were not there"
+AS = {REFLECTANCE: "a reflectance", EMISSION: "light, with D65 as white",
+      CHANNELS: "values for red, green and blue, linearly interpolated"}
+UNKNOWN = "unknown node: Lensfield has no rule to convert its colours to spectra"
+NO_EFFECT = "Cycles does not support this node and ignores it"
 
-BLACKBODY_BIAS = ("not a constant straight into what shines, so its RGB is upsampled, which is not Planck's law: off "
-                  "by 24 % rms at 2856 K, 9 % at 4000 K")
-SKY_BIAS = ("its RGB is upsampled as light, not the sky's own spectrum: off from CIE daylight by 10 % rms at 12000 K, "
-            "14 % at 20000 K; assign the world an emission where that matters")
-WAVELENGTH_BIAS = ("its RGB becomes a broad band: at most a quarter of it lies within 10 nm of the wavelength; assign "
+BLACKBODY_BIAS = ("not a constant linked directly to an emitter, so its RGB is upsampled instead of following Planck's "
+                  "law: off by 24 % rms at 2856 K, 9 % at 4000 K")
+SKY_BIAS = ("its RGB is upsampled as light, not by the sky's own spectrum: off from CIE daylight by 10 % rms at "
+            "12000 K, 14 % at 20000 K; assign the world an emission if that matters")
+WAVELENGTH_BIAS = ("its RGB becomes a broad band: at most a quarter of it is within 10 nm of the wavelength; assign "
                    "an emission such as 588:0, 589:1, 590:0")
-SCRIPT_BIAS = "its colours are taken for RGB and upsampled, whatever the script means by them"
-NON_COLOUR_BIAS = ("its Non-Color values are taken for linear Rec. 709: right for reflectances stored as numbers; a "
-                   "picture made for screens means 0.21 by its 0.5")
-WIDE_BIAS = "what lies outside Rec. 709 in its colour space comes out negative and is cut at 0"
+SCRIPT_BIAS = "its colours are treated as RGB and upsampled, whatever they mean in the script"
+NON_COLOUR_BIAS = ("its Non-Color values are treated as linear Rec. 709: correct for reflectance data; in an "
+                   "sRGB-encoded image, 0.5 means 0.21")
+WIDE_BIAS = "its colours outside Rec. 709 become negative and are clipped at 0"
 WIDE_SPACES = ("ACES", "P3", "2020", "2100", "XYZ")
 
 COLOURS = {f"ShaderNode{name}" for name in (
@@ -88,7 +88,7 @@ def judge_value(output, kind):
         return Verdict(APPROXIMATED, NON_COLOUR_BIAS)
     if any(name in space for name in WIDE_SPACES):
         return Verdict(APPROXIMATED, WIDE_BIAS)
-    what = "a grey of flat spectrum" if output.type == "VALUE" and kind == REFLECTANCE else "computed in RGB"
+    what = "a grey with a flat spectrum" if output.type == "VALUE" and kind == REFLECTANCE else "computed in RGB"
     return Verdict(UPSAMPLED, f"{what}, then upsampled as {AS[kind]}")
 
 

@@ -151,7 +151,8 @@ class Substitution:
         stand_in.use_temperature = False
         if light.lensfield.power_unit == "LUMEN":
             if not any(tint):
-                raise SceneError(f"light {light.name!r}", "color", "black", "no lumens come of it: choose another")
+                raise SceneError(f"light {light.name!r}", "color", "black",
+                                 "choose another colour: black emits no lumens")
             give_lumens(stand_in, light.lensfield.lumens, emission or lamp or self._lamps.daylight, tint)
         self._substitute_tree(stand_in.node_tree, assigned)
 

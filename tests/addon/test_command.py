@@ -212,7 +212,7 @@ def test_a_kept_picture_takes_another_lens(blend, tmp_path):
     radiance = tmp_path / "out" / "Scene_0001_radiance.exr"
     done = lensfield("apply", radiance, "--lens", "nikkor-28mm", "--lens-quality", "preview",
                      "--report", tmp_path / "report.json")
-    assert done.returncode == 0 and "is that of a sensor of 18.3 x 13.7 mm" in done.stdout, done.stderr
+    assert done.returncode == 0 and "takes a sensor of 18.3 x 13.7 mm" in done.stdout, done.stderr
     assert json.loads((tmp_path / "report.json").read_text())["radiance"] == str(radiance)
     assert read_exr(tmp_path / "out" / "Scene_0001_irradiance.exr").lens_name == "nikkor-28mm"
 
@@ -228,4 +228,4 @@ def test_one_process_serves_command_after_command(tmp_path):
             assert next(facts for facts in map(read_message, told) if facts) == {"status": status}
         process.stdin.close()
         assert process.wait(LAST_RESORT_S) == cli.CANCELLED
-        assert "not named as by a render" in process.stderr.read()
+        assert "not named like a rendered frame" in process.stderr.read()

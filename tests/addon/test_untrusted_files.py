@@ -253,7 +253,7 @@ def test_a_link_among_the_frames_is_not_written_through(paint, job, tmp_path, ca
     (job / "lensfield" / "Scene_0001_before.png").symlink_to(tmp_path / "away.png")
     for command in ("lint", "render"):
         status, said = lensfield(capfd, command, blend, *LENS)
-        assert status == 1 and "Scene_0001_before.png: file is a link out of its folder: remove it" in said
+        assert status == 1 and "Scene_0001_before.png: file is a link that leaves its folder: remove it" in said
     assert not (tmp_path / "away.png").exists()
 
 
@@ -273,7 +273,7 @@ def test_no_first_line_of_a_file_comes_into_the_log(paint, job, tmp_path, capfd,
     blend = saved(job)
     for command in ("lint", "render"):
         status, said = lensfield(capfd, command, blend, *given)
-        assert status == 1 and "not valid: the .blend names it, so it is not quoted here" in said
+        assert status == 1 and "not valid: the .blend names the file, so its content is not quoted" in said
         assert "salt" not in said and "root:" not in said
     status, said = lensfield(capfd, "lint", blend, "--lens", named)
     assert "not quoted" not in said if field == "lens" else "salt" not in said

@@ -348,7 +348,7 @@ def what_counts():
     bpy.context.scene.cycles.samples = 1
     yield from until(lambda: node_label() == "Lensfield: lens image")
     lens_image_path().unlink()
-    yield from until(lambda: "is not there" in node_label())
+    yield from until(lambda: "is missing" in node_label())
     shoot("gone")
     assert not alike((yield from render_in_blender()), lens_image)
 
@@ -402,7 +402,7 @@ def moved_folder():
     yield 1
     yield from show_tab()
     shoot("deleted")
-    assert alike((yield from render_in_blender()), plain) and "is not there" in node_label()
+    assert alike((yield from render_in_blender()), plain) and "is missing" in node_label()
 
 
 def stranger():

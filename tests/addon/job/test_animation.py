@@ -83,7 +83,7 @@ def test_frames_that_are_there_are_not_rendered_again(moving_scene, tmp_path):
     animation = addon.render_animation(moving_scene, range(2, 7, 2))
     assert made(animation) == [6] and list(animation.earlier) == [2, 4]
     assert {path: path.stat().st_mtime_ns for path in stamps} == stamps
-    assert animation.summary[0].endswith(f"; 2 there already, in {folder}") and len(animation.summary) == 1
+    assert animation.summary[0].endswith(f"; 2 already finished, in {folder}") and len(animation.summary) == 1
     report = animation.report.as_dict()
     assert [(frame["frame"], frame.get("earlier", False)) for frame in report["frames"]] == [
         (2, True), (4, True), (6, False)]
@@ -91,7 +91,7 @@ def test_frames_that_are_there_are_not_rendered_again(moving_scene, tmp_path):
     assert report["total_s"] == pytest.approx(report["frames"][2]["total_s"]) and report["lens"] == "tessar-50mm"
     assert made(addon.render_animation(moving_scene, [2, 4], overwrite=True)) == [2, 4]
     assert not made(nothing := addon.render_animation(moving_scene))
-    assert nothing.summary == [f"nothing to render; 3 there already, in {folder}"]
+    assert nothing.summary == [f"nothing to render; 3 already finished, in {folder}"]
 
 
 def built_by(path, build):
@@ -192,7 +192,7 @@ def test_what_changes_no_picture_makes_no_other_frames(moving_scene):
 
 
 def outdated_told(animation):
-    return [line for line in animation.summary if "of the scene before it was changed" in line]
+    return [line for line in animation.summary if "the scene has changed since" in line]
 
 
 def test_frames_of_the_scene_before_it_was_changed_are_told(moving_scene):
@@ -206,8 +206,8 @@ def test_frames_of_the_scene_before_it_was_changed_are_told(moving_scene):
     set_world(scene, (1, 0.5, 0.5))
     animation = addon.render_animation(scene)
     assert made(animation) == [6] and animation.outdated == [2, 4] and not animation.current
-    assert outdated_told(animation) == ["2 of the frames there already, from 2 on, are of the scene before it was "
-                                        "changed: Overwrite (--overwrite) renders them anew"]
+    assert outdated_told(animation) == ["the scene has changed since 2 of the finished frames, from frame 2 on: "
+                                        "Overwrite (--overwrite) renders them again"]
     addon.render_animation(scene, overwrite=True)
     assert not outdated_told(addon.Animation(scene)) and len(addon.Animation(scene).current) == 3
 
@@ -233,7 +233,7 @@ def test_cameras_of_markers_and_keyframed_settings_are_those_of_each_frame(movin
             moving_scene.keyframe_insert(path, frame=frame)
     results = addon.render_animation(moving_scene, [2, 4]).results.values()
     first, second = (result.report.scene.lens_warning for result in results)
-    factor = [float(text.split(" made ")[1].split(" times")[0]) for text in (first, second)]
+    factor = [float(text.split(" scaled by ")[1].split(":")[0]) for text in (first, second)]
     assert factor[1] == pytest.approx(2 * factor[0], rel=1e-2)
     records = [json.loads(result.record.read_text()) for result in results]
     assert [record["job"]["options"]["accuracy"] for record in records] == [0.02, 0.05]
@@ -338,7 +338,7 @@ def test_the_command_resumes_after_it_was_stopped(moving_scene, tmp_path):
     done = lensfield(blend, "--frames", f"2-{last}", "--report", tmp_path / "report.json")
     assert done.returncode == 0, done.stderr
     assert {path: path.stat().st_mtime_ns for path in stamps} == stamps
-    assert "1 frame in " in done.stdout and f"; {len(there)} there already" in done.stdout
+    assert "1 frame in " in done.stdout and f"; {len(there)} already finished" in done.stdout
     assert [Path(line).name for line in done.stdout.splitlines() if line.startswith(str(folder))] == [
         f"Scene_{last:04d}_{name}" for name in NAMES] + [f"Scene_{end}" for end in LENS_FILES.values()]
     frames = json.loads((tmp_path / "report.json").read_text())["frames"]

@@ -52,11 +52,11 @@ def boxed_in(scene):
     scene.objects["Light"].location = 2, 1, 0
 
 
-BLACK = [(unlit, "no light: no lamp, no material that emits, and a black world"), (lamp_of_no_power, "no light: "),
+BLACK = [(unlit, "no light: no lamp or emissive material, and a black world"), (lamp_of_no_power, "no light: "),
          (hidden, "all objects (1) are hidden from renders"), (away, "no object is in the camera's view"),
          (clipped, "all objects in view are outside the camera's clip range, 0.001 to 0.5 m"),
          (not_for_the_camera, "all objects are hidden from the camera"),
-         (boxed_in, "the camera is inside 'Box', a closed mesh without a light in it")]
+         (boxed_in, "the camera is inside 'Box', a closed mesh that contains no light")]
 
 
 def foreseen(scene):
@@ -128,7 +128,7 @@ def test_a_black_frame_without_a_known_reason_says_so(lit):
     """A lamp behind the wall."""
     lit.objects["Light"].location = 0, 0, -2
     assert foreseen(lit) == []
-    assert reported(lit) == ["Empty Frame black: no cause found in the scene's settings; compare with a render by F12"]
+    assert reported(lit) == ["Empty Frame black: no cause found in the scene's settings; compare with an F12 render"]
 
 
 def test_a_render_region_counts_alone(lit):

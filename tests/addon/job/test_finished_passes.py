@@ -115,7 +115,7 @@ def test_who_would_capture_the_same_waits_and_finds_it(deep, tmp_path):
     stopped(deep, tmp_path / "one", 6)
     with another(tmp_path / "one" / "Scene_0001_passes"):
         steps = render_steps(deep, job_in(deep, tmp_path / "one"))
-        assert [next(steps).label for _ in range(2)] == ["Waiting for another process, which captures the same"] * 2
+        assert [next(steps).label for _ in range(2)] == ["Waiting for another process to capture the frame"] * 2
         steps.close()
     assert whole(deep, tmp_path / "one") == renders - 3
 
@@ -191,9 +191,9 @@ def test_what_was_kept_is_told(deep, tmp_path):
     stopped(deep, tmp_path / "one", 6)
     folder, = {path.parents[1] for path in passes(tmp_path / "one")}
     assert finished_passes.passes_left(deep, tmp_path / "one") == [
-        f"3 finished passes are kept in {folder}: a render goes on from there, unless the file changes"]
+        f"3 finished passes are stored in {folder}: the next render continues from there unless the file changes"]
     result = run(render_steps(deep, job_in(deep, tmp_path / "one")))
-    assert [line for line in result.messages if "passes were there from before" in line]
+    assert [line for line in result.messages if "passes from an interrupted render" in line]
     assert not finished_passes.passes_left(deep, tmp_path / "one") and not (tmp_path / "one" / ".lensfield").exists()
 
 
@@ -259,7 +259,7 @@ def test_a_frame_that_another_process_renders_is_left_to_it(deep, tmp_path):
             addon.render_through_lens(deep, output_folder=tmp_path, frame=1, **ASKED)
         animation = addon.render_animation(deep, [1, 2], output_folder=tmp_path, **ASKED)
         assert list(animation.results) == [2] and animation.elsewhere == [1]
-        assert "left to other processes: 1 of the frames, from 1 on" in animation.summary
+        assert "left to other processes: 1 of the frames, from frame 1 on" in animation.summary
     assert list(addon.render_animation(deep, [1, 2], output_folder=tmp_path, **ASKED).results) == [1]
 
 

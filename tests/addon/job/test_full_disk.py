@@ -52,7 +52,7 @@ def test_a_work_folder_that_goes_away_is_told(scene, tmp_path, work, monkeypatch
 
     read = light.read_pass
     monkeypatch.setattr(finished_passes, "read_pass", gone)
-    with pytest.raises(InputError, match=r"look\.exr: render pass is not written whole: No such file or directory$"):
+    with pytest.raises(InputError, match=r"look\.exr: render pass is incomplete: No such file or directory$"):
         render(scene, tmp_path)
     assert not list(work.iterdir())
 

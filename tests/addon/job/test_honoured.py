@@ -118,7 +118,7 @@ def test_reference_goes_without_clamps_and_says_so(scene, tmp_path):
     scene.cycles.sample_clamp_direct = 2.0
     result = render(scene, tmp_path, spectral=SpectralOptions("reference"))
     assert_means(read_exr(result.radiance).cube, 8.0 * white_density(np.array(WAVELENGTHS_NM)))
-    assert "Clamp Direct 2: left out in Reference" in result.report.remarks()
+    assert "Clamp Direct 2: ignored in Reference" in result.report.remarks()
 
 
 @pytest.mark.parametrize("tier", ["standard", "reference"])
@@ -249,7 +249,7 @@ def test_a_lens_that_reaches_beyond_what_was_captured_of_a_region_is_refused(sce
     part = addon.render_through_lens(scene, lens="tessar-50mm", room=0.4, **rest)
     addon.apply_lens(part.radiance, output_folder=tmp_path / "roomy", **fisheye)
     part = addon.render_through_lens(scene, lens="tessar-50mm", **rest)
-    with pytest.raises(ImageError, match="render region is .* draws in more from around it"):
+    with pytest.raises(ImageError, match="render region is .* needs more light from around it"):
         addon.apply_lens(part.radiance, output_folder=tmp_path / "again", **fisheye)
 
 

@@ -73,13 +73,13 @@ def test_panes_are_powers_of_spectra_here_and_of_rgb_in_cycles(panes, tmp_path, 
 
 
 def test_saturated_glass_is_named_before_and_after(panes, tmp_path, capsys):
-    expected = "Saturated Colours 'Pane 0' (and 6 more) of 'Green Glass': up to a CIEDE2000 of "
+    expected = "Saturated Colours 'Pane 0' (and 6 more) of 'Green Glass': up to CIEDE2000 "
     remarks = preflight(panes, output_folder=tmp_path).remarks
     remark, = (str(each) for each in remarks if each.what == "Saturated Colours")
     assert remark.startswith(expected) and "an RGB render after" in remark
     _, report = seen(panes, tmp_path, "standard")
     assert remark in report.remarks()
-    assert report.scene.rgb_difference == pytest.approx(float(remark.split("CIEDE2000 of ")[1].split()[0]), abs=0.05)
+    assert report.scene.rgb_difference == pytest.approx(float(remark.split("CIEDE2000 ")[1].split()[0]), abs=0.05)
     blend = str(tmp_path / "panes.blend")
     bpy.ops.wm.save_as_mainfile(filepath=blend)
     assert cli.main(["lint", blend, "--output", str(tmp_path / "out")]) == 0

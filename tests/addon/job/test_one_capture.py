@@ -94,7 +94,7 @@ def test_one_capture_serves_all_frames(rack, captures, tmp_path):
     animation = addon.render_animation(rack, FRAMES, output_folder=tmp_path, **ASKED)
     assert not differences(before, snapshot())
     assert len(captures) == 1 and list(animation.results) == list(FRAMES)
-    assert animation.plan == "4 frames from one capture: nothing but focus and f-stop changes"
+    assert animation.plan == "4 frames from one capture: only focus and f-stop change"
     assert animation.plan in animation.summary
     results = animation.results.values()
     assert len({os.stat(result.radiance).st_ino for result in results}) == 1
@@ -202,7 +202,7 @@ def test_what_moves_is_captured_frame_by_frame(rack, captures, tmp_path):
         near.location.x = x_m
         near.keyframe_insert("location", frame=frame)
     animation = addon.render_animation(rack, FRAMES[:2], output_folder=tmp_path, **ASKED)
-    assert animation.plan == "each frame is captured by itself: object 'Near' is animated" and not captures
+    assert animation.plan == "each frame is captured separately: object 'Near' is animated" and not captures
     assert len({os.stat(result.radiance).st_ino for result in animation.results.values()}) == 2
     rack.camera.data.animation_data_clear()
     assert addon.Animation(rack, FRAMES, output_folder=tmp_path, **ASKED).plan == ""
@@ -217,7 +217,7 @@ def test_frames_that_ask_for_other_pictures_are_captured_by_themselves(rack, tmp
                   replace(job, settings=job.settings | {"samples": 3})):
         assert not one.holds(other)
     assert addon.Animation(rack, FRAMES, **asked, depth="traced").plan == (
-        "each frame is captured by itself: the lens is traced")
+        "each frame is captured separately: the lens is traced")
 
 
 @pytest.mark.one_blender
@@ -231,7 +231,7 @@ def test_the_command_says_it_first(rack, tmp_path):
     assert done.returncode == 0, done.stderr
     output, first, *_ = done.stdout.splitlines()
     assert output == f"output: {tmp_path}"
-    assert first == "2 frames from one capture: nothing but focus and f-stop changes"
+    assert first == "2 frames from one capture: only focus and f-stop change"
     assert (tmp_path / "Scene_0001_radiance.exr").samefile(tmp_path / "Scene_0003_radiance.exr")
 
 

@@ -109,7 +109,7 @@ def test_a_kept_field_of_view_is_told_for_what_it_is(window, tmp_path):
     kept = rendered(window, tmp_path, "tessar-50mm")
     result = apply_lens(kept.radiance, "nikkor-28mm")
     (warning,) = (line for line in result.messages if "sensor" in line)
-    assert "nikkor-28mm, is that of a sensor of 18.3 x 13.7 mm, in place of its own of 36 x 24 mm" in warning
+    assert "the captured view takes a sensor of 18.3 x 13.7 mm instead of the lens's own 36 x 24 mm" in warning
     tessar, nikkor = (load_lens(name, quality="preview") for name in ("tessar-50mm", "nikkor-28mm"))
     image = read_exr(result.irradiance)
     assert np.isclose(image.pitch_um / nikkor.capture_focal_length_mm,
@@ -117,15 +117,15 @@ def test_a_kept_field_of_view_is_told_for_what_it_is(window, tmp_path):
     assert json.loads(result.record.read_text())["radiance"] == str(kept.radiance) in result.messages[1]
     scaled = apply_lens(kept.radiance, "nikkor-28mm", tmp_path / "scaled", view="camera")
     assert np.allclose(read_exr(scaled.irradiance).cube, image.cube, rtol=1e-4)
-    assert "nikkor-28mm made 1.75 times as large" in "".join(scaled.messages)
+    assert "nikkor-28mm scaled by 1.75" in "".join(scaled.messages)
 
 
 def test_what_needs_more_than_was_captured_is_refused_and_nothing_is_touched(window, tmp_path):
     window.render.resolution_x, window.render.resolution_y, window.cycles.samples = 192, 144, 1
     kept = rendered(window, tmp_path, "tessar-50mm")
     before = [path.read_bytes() for path in kept.files]
-    with pytest.raises(ImageError, match=r"_radiance.exr: overscan is \d+ x \d+ px: edmund-54852 draws in \d+ x \d+ px "
-                                         "from beyond the frame: render again through it"):
+    with pytest.raises(ImageError, match=r"_radiance.exr: overscan is \d+ x \d+ px: edmund-54852 needs \d+ x \d+ px "
+                                         "beyond the frame: render again through it"):
         apply_lens(kept.radiance, "edmund-54852")
     assert [path.read_bytes() for path in kept.files] == before
 

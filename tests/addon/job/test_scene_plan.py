@@ -373,7 +373,7 @@ def test_the_cameras_view_is_that_of_the_frame(scene, tmp_path):
     scene.frame_set(1)
     result = addon.render_through_lens(scene, lens=lens(), wavelengths_nm=[550], output_folder=tmp_path, view="camera",
                                        frame=10)
-    times = f"made {70 / lens().capture_focal_length_mm:.3g} times as large"
+    times = f"scaled by {70 / lens().capture_focal_length_mm:.3g}"
     assert times in result.report.scene.lens_warning and scene.frame_current == 1
 
 

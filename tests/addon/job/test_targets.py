@@ -82,7 +82,7 @@ def test_a_scene_is_not_overwritten_by_its_own_picture(plain, tmp_path, use):
         path.write_text(f"# {MARK}\n400 0.1\n700 0.9\n")
         of_wall.lensfield.reflectance = str(path)
     before = path.read_bytes()
-    with pytest.raises(InputError, match=f"{path.name}: file is what the scene itself is made from: choose another o"):
+    with pytest.raises(InputError, match=f"{path.name}: file is an input of the scene: choose another output folder"):
         addon.render_through_lens(plain, **ASKED)
     assert path.read_bytes() == before
 
@@ -100,6 +100,6 @@ def test_a_report_is_not_called_as_a_file_of_a_frame(tmp_path, name, refused):
     if not refused:
         addon.check_next_to_frames(tmp_path, tmp_path / name)
         return
-    with pytest.raises(InputError, match="file is called as one of a frame: give it another name or folder"):
+    with pytest.raises(InputError, match="file is named like a rendered frame: choose another name or folder"):
         addon.check_next_to_frames(tmp_path, None, tmp_path / name)
 

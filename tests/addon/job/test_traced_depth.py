@@ -48,7 +48,7 @@ def test_each_wavelength_is_traced_for_itself(scene, tmp_path):
     nm = 400.0, 550.0, 700.0
     result = traced(scene, tmp_path, nm)
     even = irradiance(result).mean(axis=(1, 2))
-    assert result.report.scene.passes == 3 and "of one wavelength" in result.report.scene.scene_plan
+    assert result.report.scene.passes == 3 and "one wavelength" in result.report.scene.scene_plan
     layers = render_through_lens(scene, lens=LENS, wavelengths_nm=nm, output_folder=tmp_path)
     assert_means(irradiance(result), irradiance(layers).mean(axis=(1, 2)), 0.01, noise=0.03)
     assert even[1] / even[0] != pytest.approx(1, abs=0.01)  # otherwise the test could not distinguish them
@@ -136,7 +136,7 @@ def test_what_is_out_of_focus_is_as_wide_as_first_order_optics_have_it(scene, tm
 
 def test_a_package_is_refused_in_one_line(lamp, tmp_path):
     lens = replace(load_lens(LENS), prescription=None)
-    with pytest.raises(InputError, match="edmund-54852: surfaces is not told by a package: .* prescription, or choose"):
+    with pytest.raises(InputError, match="edmund-54852: surface data is not in the package: .* prescription, or"):
         traced(lamp, tmp_path, lens=lens)
 
 

@@ -200,7 +200,7 @@ def test_a_pane_in_focus_hides_what_is_not(scene, tmp_path):
     scene.lensfield.lens = "sonnar-50mm-f1.5"
     found = preflight(scene, output_folder=tmp_path, lens_quality="preview")
     told, = (str(remark) for remark in found.remarks if remark.what == "Glass")
-    assert told.startswith("Glass 'Pane': about 100% of the picture is seen through it") and found.slabs is None
+    assert told.startswith("Glass 'Pane': about 100% of the picture is visible through it") and found.slabs is None
 
 
 def test_the_report_tells_them_too(scene, tmp_path):

@@ -105,7 +105,7 @@ def test_overscan_covers_barrel_distortion_at_the_corner(scene):
 
 
 @pytest.mark.parametrize("attribute, value, message", [
-    ("type", "ORTHO", "camera 'Camera': type is ORTHO: .*choose Perspective"),
+    ("type", "ORTHO", "camera 'Camera': type is ORTHO: .*set Type to Perspective"),
     ("shift_x", 0.1, "camera 'Camera': shift is 0.1")])
 def test_unfit_camera_is_refused_by_name(scene, tmp_path, attribute, value, message):
     setattr(scene.camera.data, attribute, value)
@@ -294,7 +294,7 @@ def test_the_warning_tells_what_an_adapted_lens_is(scene):
     factor = 35 / (0.0239542 * 254.058)  # |m| times the object's distance from the entrance pupil
     assert factor == pytest.approx(5.751, abs=1e-3)
     # 250 mm is 1.44 m. 3 mm minus 8.4 % are 15.80 mm of the 20.65 mm of half the diagonal of 36 x 20.25 mm.
-    assert "5.75 times as large: f = 34.5 mm, focused at 1.44 m" in warning
+    assert "scaled by 5.75: f = 34.5 mm, focused at 1.44 m" in warning
     assert "covers 77% of the frame's diagonal" in warning and "\n" not in warning
 
 
@@ -305,7 +305,7 @@ def test_a_lens_focused_at_infinity_is_adapted_by_its_focal_length(scene):
 
 
 def test_a_lens_is_not_adapted_to_a_fisheye(scene, wide):
-    with pytest.raises(SceneError, match="camera 'Camera': type is PANO: .*choose Perspective"):
+    with pytest.raises(SceneError, match="camera 'Camera': type is PANO: .*set Type to Perspective"):
         lens_for_view(scene, LENS, "camera")
 
 

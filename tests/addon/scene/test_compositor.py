@@ -140,8 +140,8 @@ def test_a_missing_file_gives_the_plain_render_and_is_told(scene, tmp_path):
     path, = lay(scene, tmp_path)
     path.unlink()
     assert not shows_lens_image(scene, tmp_path)
-    assert compositor_state(scene) == ("plain render, Scene_0001_lens_image.exr is not there", "ERROR")
-    assert lensfield_nodes(scene)[0].label == "Lensfield: plain render, Scene_0001_lens_image.exr is not there"
+    assert compositor_state(scene) == ("plain render, Scene_0001_lens_image.exr is missing", "ERROR")
+    assert lensfield_nodes(scene)[0].label == "Lensfield: plain render, Scene_0001_lens_image.exr is missing"
 
 
 @pytest.mark.parametrize("state", ["x", "[1]", "[" * 10**5, "5", '{"frames": 5}', '{"frames": {"x": 1, "1e9": 2}}', 5,

@@ -89,7 +89,7 @@ def test_what_a_stretched_aperture_would_do_is_left_out_and_told(scene, blades):
     asked = {"lens": LENS, "wavelengths_nm": [550], "lens_quality": "preview"}
     assert not any("Aperture" in str(remark) for remark in addon.preflight(scene, **asked).remarks)
     blades.aperture_ratio = 2.0
-    assert "Aperture Ratio 2: left out" in map(str, addon.preflight(scene, **asked).remarks)
+    assert "Aperture Ratio 2: ignored" in map(str, addon.preflight(scene, **asked).remarks)
 
 
 @pytest.mark.parametrize("iris", [None, Iris(5), Iris(9, -12.5, 0.5), Iris(6, 1e-7, 1.0)])

@@ -201,7 +201,7 @@ def particles(scene):
     (lambda scene: keyframe_world(scene, 1, 5), "world 'World' is animated"),
     (lambda scene: keyframe(scene, "cycles.samples", 16, 32), "scene 'Scene' is animated"),
     (lambda scene: keyframe(scene, "lensfield.accuracy", 0.1, 0.2), "scene 'Scene' is animated"),
-    (lambda scene: setattr(scene.cycles, "use_animated_seed", True), "the noise's seed is animated"),
+    (lambda scene: setattr(scene.cycles, "use_animated_seed", True), "the noise seed is animated"),
     (lambda scene: driven(scene, "frame"), "object 'Wall' is animated"),
     (lambda scene: driven(scene, "bpy.context.scene.frame_current"), "object 'Wall' is animated"),
     (lambda scene: driven_by(scene, scene.camera.data, "dof.focus_distance"), "object 'Wall' is animated"),
@@ -211,11 +211,11 @@ def particles(scene):
     (lambda scene: scene.objects["Wall"].modifiers.new("Wave", "WAVE"), "object 'Wall' has 'Wave'"),
     (lambda scene: scene.objects["Wall"].modifiers.new("Cloth", "CLOTH"), "object 'Wall' has 'Cloth'"),
     (particles, "object 'Wall' has 'Dust'"),
-    (rigid_bodies, "there are rigid bodies"),
+    (rigid_bodies, "the scene has rigid bodies"),
     (simulation_node, "has 'Scene Time'"),
     (lambda scene: simulation_node(scene, "GeometryNodeSimulationInput"), "has 'Simulation Input'"),
     (attribute, "material 'Paint' has 'Attribute'"),
-    (film, "image 'Film' is a film"),
+    (film, "image 'Film' is a movie or sequence"),
     (lambda scene: moving_parent(scene, scene.objects["Wall"]), "object 'Parent' is animated"),
     (lambda scene: moving_parent(scene, scene.camera), "object 'Parent' is animated"),
     (follows_focus, "object 'Focus' is animated"), (textured_by_focus, "object 'Focus' is animated"),
@@ -234,7 +234,7 @@ def test_scripts_on_each_frame_may_do_anything(rack):
 
     bpy.app.handlers.frame_change_pre.append(script)
     try:
-        assert "test_motion, works on each frame" in moving(rack, FRAMES)
+        assert "test_motion runs on each frame" in moving(rack, FRAMES)
     finally:
         bpy.app.handlers.frame_change_pre.remove(script)
 

@@ -29,7 +29,7 @@ def setting(path, value):
 
 
 UNFIT = {
-    "camera 'Camera': type is ORTHO: a lens sees in perspective": setting("camera.data.type", "ORTHO"),
+    "camera 'Camera': type is ORTHO: expected a perspective camera": setting("camera.data.type", "ORTHO"),
     "camera 'Camera': panorama type is": setting("camera.data.type", "PANO"),
     "camera 'Camera': shift is 0, 0.25: ": setting("camera.data.shift_y", 0.25),
     "camera 'Camera': scale is 1, 0, 1: ": setting("camera.scale", (1.0, 0.0, 1.0)),

@@ -215,7 +215,7 @@ def test_a_node_of_somebody_elses_is_rejected_as_unknown(scene):
         node.node_tree = tree
         shader.id_data.links.new(node.outputs[0], shader.inputs["Color"])
         finding = lint(scene)[0]
-        assert finding.verdict == REJECTED and finding.node == node.name and "not known" in finding.text
+        assert finding.verdict == REJECTED and finding.node == node.name and "unknown" in finding.text
     finally:
         bpy.utils.unregister_class(Other)
 

@@ -80,7 +80,7 @@ def test_a_cancelled_animation_keeps_its_frames_and_goes_on_from_them(moving_sce
     assert lens_image(moving_scene)
     start()
     follow()
-    assert notice().startswith("1 frame in ") and "; 2 there already" in notice()
+    assert notice().startswith("1 frame in ") and "; 2 already finished" in notice()
     assert [frame_file(tmp_path, frame, "report.json").stat().st_mtime_ns for frame in (1, 2)] == stamps
     start("--overwrite")
     follow()
@@ -107,13 +107,13 @@ def test_frames_of_the_scene_before_an_edit_are_told_and_not_laid(moving_scene, 
     bpy.ops.wm.save_mainfile()
     render = start()
     follow()
-    assert notice() == f"nothing to render; 2 there already, in {tmp_path / 'lensfield'}" and len(render.laid) == 2
+    assert notice() == f"nothing to render; 2 already finished, in {tmp_path / 'lensfield'}" and len(render.laid) == 2
     set_world(moving_scene, (1, 0.5, 0.5))
     frame_file(tmp_path, 2).unlink()
     render = start()
     follow()
     assert notice().startswith("1 frame in ") and [Path(path) for path in render.laid] == [frame_file(tmp_path, 2)]
-    assert "1 of the frames there already, from 1 on, are of the scene before it was changed: Overwrite" in notice()
+    assert "the scene has changed since 1 of the finished frames, from frame 1 on: Overwrite" in notice()
 
 
 @pytest.mark.one_blender

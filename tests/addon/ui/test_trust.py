@@ -138,7 +138,7 @@ def test_trusted_it_is_read(stranger):
 @pytest.mark.parametrize("start", [lambda scene: window_render.start(scene), window_render.start_again, preview.start],
                          ids=["render", "apply", "preview"])
 def test_nothing_is_started_before(stranger, start):
-    with pytest.raises(InputError, match="it came with the .blend: look at its path, and press Trust"):
+    with pytest.raises(InputError, match="the path comes from the .blend: check it, then press Trust"):
         start(bpy.context.scene)
     assert not touches(stranger)
 

@@ -88,7 +88,7 @@ def test_the_window_gets_what_a_script_gets_and_the_scene_only_its_compositor(re
 @pytest.mark.one_blender
 def test_another_lens_is_applied_in_the_background_too(ready_scene, tmp_path):
     ready_scene.lensfield.lens = "tessar-50mm"
-    with pytest.raises(RuntimeError, match="Scene_0001_radiance.exr: light of a render is missing: render through"):
+    with pytest.raises(RuntimeError, match="Scene_0001_radiance.exr: radiance file is missing: render through"):
         bpy.ops.lensfield.apply_lens()
     assert bpy.ops.lensfield.render() == {"FINISHED"}
     radiance = tmp_path / "lensfield" / "Scene_0001_radiance.exr"
@@ -98,14 +98,14 @@ def test_another_lens_is_applied_in_the_background_too(ready_scene, tmp_path):
     window_render.start_again(ready_scene)
     assert not [line for line in differences(before, snapshot()) if "('images'" not in line]  # images load on access
     follow()
-    assert "of the light in" in notice() and "cooke-triplet-50mm made" in notice()
+    assert "from the light in" in notice() and "cooke-triplet-50mm scaled" in notice()
     assert radiance.stat().st_mtime_ns == kept
     pixels = read_exr(radiance.with_name("Scene_0001_irradiance.exr"))
     assert pixels.lens_name.startswith("cooke-triplet-50mm")
     assert bpy.ops.lensfield.apply_lens() == {"FINISHED"}
     assert np.array_equal(pixels.cube, read_exr(radiance.with_name("Scene_0001_irradiance.exr")).cube)
     ready_scene.render.resolution_x = 60
-    with pytest.raises(InputError, match="size is 48 x 36 px: the scene's is 60 x 36 px now: render again"):
+    with pytest.raises(InputError, match="size is 48 x 36 px: the scene's resolution is now 60 x 36 px: render again"):
         window_render.start_again(ready_scene)
 
 
@@ -143,7 +143,7 @@ def test_passes_of_a_file_that_is_saved_are_kept_and_told(endless_scene, tmp_pat
     assert bpy.ops.lensfield.cancel() == {"FINISHED"}
     kept = tmp_path / "lensfield" / ".lensfield" / "Scene_0001_passes"
     assert notice().startswith("Cancelled\n")
-    assert f"kept in {kept}: a render goes on from there, unless the file changes" in notice()
+    assert f"stored in {kept}: the next render continues from there unless the file changes" in notice()
     assert not list(kept.parent.glob("*.lock"))
 
 
