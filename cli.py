@@ -170,7 +170,7 @@ def _end_unread():
 
 
 def _cancel():
-    kept = "".join(f"; finished passes are kept in {folder}" for folder in _remove_pending())
+    kept = "".join(f"; finished passes are stored in {folder}" for folder in _remove_pending())
     with suppress(OSError):  # standard error may be closed
         print(f"\nlensfield: cancelled{kept}", file=sys.stderr)
     _leave(CANCELLED)

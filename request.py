@@ -42,15 +42,15 @@ class RenderRequest:
         text="A bundled lens, a lens package, or a prescription")
     view: str = setting(
         VIEWS[0], name="View", text="Field of view of the lens image", panel="", recorded=False,
-        choices={VIEWS[0]: ("The Lens's", "The view of the lens on its own sensor; Match Camera to Lens previews "
-                                          "it"),
-                 VIEWS[1]: ("The Camera's", "The view of the scene's camera. The lens and its blur are scaled to it, "
-                                            "and its default focus distance, too")})
+        choices={VIEWS[0]: ("The Lens's", "The lens's field of view on its own sensor; Match Camera to Lens "
+                                          "shows it beforehand"),
+                 VIEWS[1]: ("The Camera's", "The field of view of the scene's camera. The lens and its blur are scaled "
+                                            "to it, as is the focus distance if the camera does not set it")})
     depth: str = setting(
         AUTO, name="Depth", text="How out-of-focus light is blurred", panel="",
-        choices={AUTO: ("As Needed", "In separately rendered layers of depth, if the scene is deeper than the "
-                                     "depth of field"),
-                 OFF: ("Off", "Without defocus: everything is as sharp as in focus"),
+        choices={AUTO: ("As Needed", "In layers of depth that are rendered separately, if the scene is deeper than "
+                                     "the depth of field"),
+                 OFF: ("Off", "Not at all: everything is as sharp as in focus"),
                  TRACED: ("Traced Lens", "Cycles traces rays through the lens itself: slow and without diffraction, "
                                          "but also correct for glass, mirrors and volumes. Needs a prescription")})
     focus: float | str | None = setting(
@@ -67,8 +67,8 @@ class RenderRequest:
         text="Focus at the widest aperture, then stop down, as with a rangefinder: a lens with focus shift is then "
              "slightly out of focus. Otherwise, focus at the f-stop in use")
     lens_quality: str | None = setting(
-        None, name="Lens Quality", text="Sampling of the bake of a prescription", unset="the tier's",
-        recorded=False, choices={quality: (quality.title(), "") for quality in QUALITIES})
+        None, name="Lens Quality", text="Quality at which a prescription is baked", unset="the tier's", recorded=False,
+        choices={quality: (quality.title(), "") for quality in QUALITIES})
     iris: Iris | None = setting(
         None, name="Iris", option=None,
         text="Blades that shape out-of-focus light when the lens is stopped down; by default the blades of the "

@@ -22,22 +22,23 @@ from .progress import add_progress_options, messages, progress
 
 def add(commands):
     apply = commands.add_parser(
-        "apply", help="put the light that a render has kept through another lens",
-        description="Put the light that lensfield render has kept through another lens, or by other options, without "
-                    "rendering again. The picture keeps its field of view, and you are told what that is through the "
-                    "lens. All files that follow from the light are made anew.")
-    apply.add_argument("radiance", type=Path, metavar="SCENE_0001_radiance.exr")
+        "apply", help="apply another lens to a finished render",
+        description="Apply another lens, or other options, to the stored light of a render, without rendering again. "
+                    "The picture keeps its field of view, and the output states the lens's sensor size or scale. All "
+                    "files that depend on the lens are written again.")
+    apply.add_argument("radiance", type=Path, metavar="SCENE_0001_radiance.exr", help="radiance file of the render")
     apply.add_argument("--view", choices=VIEWS, default=VIEWS[0],
-                       help="how the lens takes the kept field of view: as large as it is, on another sensor; or made "
-                            "as large as that takes on the sensor that was rendered for. The picture is the same")
+                       help="how the lens covers the picture's field of view: in its own size, on another sensor size "
+                            "(lens), or scaled to the render's sensor (camera). The picture is the same (default: "
+                            f"{VIEWS[0]})")
     apply.add_argument("--depth", choices=(AUTO, OFF), default=AUTO,
-                       help="whether what is out of focus is blurred, where the light was kept in layers of depth: "
-                            "then any focus and f-stop is as if it had been rendered so (default: auto)")
-    apply.add_argument("--output", type=Path, metavar="DIR", help="(default: beside the radiance)")
+                       help="auto: blur out-of-focus light if the file has layers of depth; any focus and f-stop then "
+                            "looks as if rendered with it. off: everything is as sharp as in focus (default: auto)")
+    apply.add_argument("--output", type=Path, metavar="DIR", help="output folder (default: the radiance file's)")
     add_engine_options(apply)
     add_rings(apply)
     add_iris(apply)
-    add_progress_options(apply.add_argument_group("for programs that start this one and follow it"))
+    add_progress_options(apply.add_argument_group("for programs that run this command"))
     add_untrusted(apply)
     apply.set_defaults(run=_apply, confines=_folders)
 

@@ -18,7 +18,7 @@ from .terminal import progress_bar
 RESOLUTION_LIMITS = (4, 65536)
 LENSES = "a bundled lens, a lens package, or a prescription"
 TIME_LIMIT_S = 3600.0
-WITHOUT_CAMERA = {"focus": "the prescription's, mostly infinity", "f_number": "the widest",
+WITHOUT_CAMERA = {"focus": "the prescription's, usually infinity", "f_number": "the widest",
                   "lens_quality": "standard"}
 """Default rings in commands without a scene, as text."""
 MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
@@ -68,23 +68,23 @@ def add_engine_options(command, of_scene=False):
     command.add_argument("--lens", required=not of_scene, metavar="NAME|FILE", help=f"{LENSES} ({ALL_LENSES})")
     add_settings(command, Options, ["out_of_field", "fireflies"], unset)
     command.add_argument("--report", type=Path, metavar="FILE.json",
-                         help="write stages with seconds, the plan, and energy in and out")
+                         help="write a report: the seconds of each stage, the plan, and the light in and out")
     add_settings(command.add_argument_group("accuracy"), Options, ["accuracy", "method", "supersampling"], unset)
-    advanced = command.add_argument_group("advanced options", "each turns the choice by accuracy off")
+    advanced = command.add_argument_group("advanced options", "giving any of them disables the choice by accuracy")
     add_settings(advanced, Options, KNOBS)
 
 
 def add_rings(command, camera=False):
     """Add options for focus, f-stop and lens quality; with `camera`, the scene's camera sets the defaults."""
-    group = command.add_argument_group("rings", "of a lens of which there is a prescription; it is baked and kept in "
-                                                "your cache folder (lensfield lens cache)")
+    group = command.add_argument_group("rings", "for lenses with a prescription; the lens is baked and cached "
+                                                "(lensfield lens cache)")
     add_settings(group, RenderRequest, [*RING_FIELDS, "lens_quality"], None if camera else WITHOUT_CAMERA)
 
 
 def add_iris(command, camera=False):
     """Add options for the blades of the lens's iris."""
-    group = command.add_argument_group("iris", "of a lens that is stopped down below its widest, for what is out of "
-                                               "focus; its opening has the round stop's area")
+    group = command.add_argument_group("iris", "for out-of-focus light through a lens that is stopped down; the "
+                                               "opening has the round stop's area")
     unset = {"blades": "the camera's Aperture if its Depth of Field is on"} if camera else None
     add_settings(group, Iris, settings_of(Iris), unset)
 
@@ -93,7 +93,7 @@ def iris_option(options):
     """The Iris of the command line, or None if it is not given."""
     given = given_settings(options, Iris)
     for name, value in given.items() if "blades" not in given else ():
-        raise InputError("options", f"--{option_of(name, settings_of(Iris)[name])}", value, "give --iris-blades, too")
+        raise InputError("options", f"--{option_of(name, settings_of(Iris)[name])}", value, "also give --iris-blades")
     return Iris(**given) if given else None
 
 
@@ -178,10 +178,10 @@ def check_outputs(outputs, inputs=()):
         if path is None:
             continue
         if path.suffix.lower() != suffix:
-            raise InputError(path, "kind of file", path.suffix or "without a suffix", f"expected a {suffix}")
+            raise InputError(path, "suffix", path.suffix or "missing", f"expected {suffix}")
         check_target(path, overwrite=True)
         if (file := identity(path)) in taken:
-            raise InputError(path, "file", taken[file], "give every output a name of its own")
+            raise InputError(path, "file", taken[file], "use a different name for each output")
         taken[file] = "named twice"
         check_written_by_lensfield(path)
 
@@ -205,18 +205,18 @@ def add_untrusted(command):
     """Add arguments for commands that read untrusted .blend files or pictures."""
     group = command.add_argument_group("untrusted files", "for farms and services (docs/farm.md)")
     group.add_argument("--untrusted", action="store_true",
-                       help="read files below the folder of the scene or picture and --root only, write below --output "
-                            "only, run no scripts of the .blend, and stop at the limits")
+                       help="read only below the folder of the scene or picture and below --root, write only below "
+                            "--output, run no scripts of the .blend, and stop at the limits")
     group.add_argument("--root", type=Path, action="append", metavar="DIR",
-                       help="with --untrusted: another folder to read from; may be given several times")
+                       help="with --untrusted: another folder to read from; can be repeated")
     group.add_argument("--time-limit", type=float, metavar="SECONDS",
-                       help=f"with --untrusted (default: {TIME_LIMIT_S:g})")
+                       help=f"with --untrusted: stop after this time (default: {TIME_LIMIT_S:g})")
     group.add_argument("--memory-limit", type=float, metavar="GB",
-                       help="with --untrusted: of addresses, not on Windows (default: the memory that is free)")
+                       help="with --untrusted: limit on address space; not on Windows (default: the free memory)")
 
 
 def output_given(options):
     """The folder of --output; raises an InputError without it."""
     if options.output is None:
-        raise InputError("options", "--output", "not given", "--untrusted writes below it only")
+        raise InputError("options", "--output", "not given", "required, because --untrusted writes only below it")
     return options.output

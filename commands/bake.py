@@ -27,32 +27,33 @@ from .terminal import progress_bar
 
 
 def add(commands):
-    bake = commands.add_parser("bake", help="trace a prescription to a lens package")
+    bake = commands.add_parser("bake", help="trace a prescription and write a lens package")
     _add_file(bake)
-    bake.add_argument("-o", "--output", type=Path, required=True, metavar="X.npz")
+    bake.add_argument("-o", "--output", type=Path, required=True, metavar="X.npz", help="lens package to write")
     bake.add_argument("--quality", choices=QUALITIES, default="standard",
-                      help="how finely heights, rays and sums lie (default %(default)s)")
+                      help="density of field heights, rays and PSF sums (default: %(default)s)")
     bake.add_argument("--heights", type=int, metavar="N",
-                      help="field heights, closest where blur changes fastest (default: as the quality needs, up to "
-                           + ", ".join(f"{each.most_heights} of {name}" for name, each in QUALITIES.items()) + ")")
+                      help="number of field heights, closest where blur changes fastest (default: by quality, up to "
+                           + ", ".join(f"{each.most_heights} for {name}" for name, each in QUALITIES.items()) + ")")
     bake.add_argument("--wavelengths", default=WAVELENGTHS, metavar="SPEC",
-                      help="nm: first:last:number, or a list (default %(default)s)")
+                      help="in nm: first:last:number, or a list (default: %(default)s)")
     bake.add_argument("--pitch", type=float, metavar="UM",
-                      help="of the PSF samples (default: the finest that keeps 99.5 %% of the light inside)")
+                      help="pitch of the PSF samples (default: the finest that keeps 99.5 %% of the light inside)")
     bake.add_argument("--samples", type=int, metavar="N",
-                      help=f"of each PSF, odd (default: {LEAST_SAMPLES} to {MOST_SAMPLES}, as a picture's pixels need)")
+                      help=f"samples across each PSF, odd (default: {LEAST_SAMPLES} to {MOST_SAMPLES}, by the pixels "
+                           "of a picture)")
     bake.add_argument("--focus", metavar="DISTANCE",
-                      help="turn the focus ring: 1.2m, 80cm, 500mm or inf, from the entrance pupil")
+                      help="focus distance from the entrance pupil: 1.2m, 80cm, 500mm or inf")
     bake.add_argument("--object-distance", metavar="MM[,MM...]",
-                      help="from the object to the first surface, or inf; the focus stays. Several make a set: one "
-                           "package each, called after its distance")
-    _add_overrides(bake.add_argument_group("in place of what the file says"))
-    bake.add_argument("--workers", type=int, metavar="N", help="threads (default: one on each core)")
+                      help="distance from the object to the first surface, or inf; the focus stays the same. Several "
+                           "distances write one package each, named after its distance")
+    _add_overrides(bake.add_argument_group("overrides", "replace values of the file"))
+    bake.add_argument("--workers", type=int, metavar="N", help="number of threads (default: one for each core)")
     bake.set_defaults(run=_bake)
-    convert = commands.add_parser("convert", help="another program's prescription to Lensfield's .toml")
+    convert = commands.add_parser("convert", help="convert another program's prescription to Lensfield's .toml")
     _add_file(convert)
-    convert.add_argument("-o", "--output", type=Path, required=True, metavar="X.toml")
-    _add_overrides(convert.add_argument_group("in place of what the file says"))
+    convert.add_argument("-o", "--output", type=Path, required=True, metavar="X.toml", help="prescription to write")
+    _add_overrides(convert.add_argument_group("overrides", "replace values of the file"))
     convert.set_defaults(run=_convert)
 
 
@@ -61,31 +62,32 @@ def _add_file(command):
                          help="a bundled lens, Lensfield .toml, Zemax .zmx, Code V .seq, pbrt .dat, Optical Bench "
                               ".txt, .lens, or .json of Optiland, DeepLens or lentil")
     command.add_argument("--which", metavar="NUMBER",
-                         help="of a file that holds several: the position of zoom and focus (Optical Bench; default: "
-                              "the first for infinity), or the lens (lentil)")
+                         help="selects one of several in a file: the position of zoom and focus (Optical Bench; "
+                              "default: the first for infinity), or the lens (lentil)")
     command.add_argument("--semi-diameters", choices=SEMI_DIAMETERS,
-                         help="fixed semi-diameters of Zemax surfaces without CLAP or FLAP are clear apertures, or "
-                              f"stop no light (default: {SEMI_DIAMETERS[0]})")
+                         help="whether fixed semi-diameters of Zemax surfaces without CLAP or FLAP are clear apertures "
+                              f"or stop no light (default: {SEMI_DIAMETERS[0]})")
     command.add_argument("--allow-mismatch", action="store_true",
-                         help="accept a file that states another focal length or f-number than its surfaces give; the "
-                              "lens's notes have both")
+                         help="accept a file whose stated focal length or f-number differs from its surfaces'; the "
+                              "lens's notes then give both")
 
 
 def _add_overrides(group):
     add_field(group)
     group.add_argument("--f-number", type=float, metavar="N", help="set the stop to this f-number")
-    group.add_argument("--image-plane", choices=FOCUSES, help="where it lies")
+    group.add_argument("--image-plane", choices=FOCUSES, help="position of the image plane")
     group.add_argument("--glass", action="append", default=[], metavar="OLD=NEW",
-                       help="another name, or n/V, for a glass of the file; may be repeated")
-    group.add_argument("--sensor", metavar="WIDTHxHEIGHT", help="mm")
-    group.add_argument("--name", help="what the lens is called")
+                       help="another name, or n/V, for a glass of the file; can be repeated")
+    group.add_argument("--sensor", metavar="WIDTHxHEIGHT", help="sensor size in mm")
+    group.add_argument("--name", help="name of the lens")
 
 
 def add_field(command):
     """Add the options for the end of the field, for prescriptions that do not state it."""
     field = command.add_mutually_exclusive_group()
-    field.add_argument("--field-angle", type=float, metavar="DEG", help="half angle where the field ends")
-    field.add_argument("--field-height", type=float, metavar="MM", help="paraxial image height where it ends")
+    field.add_argument("--field-angle", type=float, metavar="DEG", help="half angle at the edge of the field")
+    field.add_argument("--field-height", type=float, metavar="MM",
+                       help="paraxial image height at the edge of the field")
 
 
 def _bake(options):
@@ -206,7 +208,7 @@ def _distances_mm(text):
     try:
         distances_mm = [float(word) for word in text.split(",")]
     except ValueError:
-        raise InputError("options", "--object-distance", text, "expected mm, or inf") from None
+        raise InputError("options", "--object-distance", text, "expected distances in mm, or inf") from None
     if len({f"{distance:g}" for distance in distances_mm}) < len(distances_mm):  # file names contain these
-        raise InputError("options", "--object-distance", text, "expected each of them once")
+        raise InputError("options", "--object-distance", text, "expected each distance once")
     return distances_mm

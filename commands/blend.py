@@ -15,7 +15,7 @@ def import_addon():
                 import bpy  # noqa: F401
             from .. import addon
     except ImportError as error:
-        raise InputError("bpy", "module", "not there", f"install Blender's Python wheel ({error})") from None
+        raise InputError("bpy", "module", "not installed", f"install Blender's Python wheel ({error})") from None
     return addon
 
 

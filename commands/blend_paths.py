@@ -79,8 +79,8 @@ def _check_one(blend):
         elif structure in TEXTS and _is_special(path):
             check_named(path, "file of a node", blend)
         elif structure in NODES and is_confined() and text.startswith(IMPORT_NODE):
-            raise InputError(blend, "node", text, "--untrusted renders no import nodes, whose path may be computed: "
-                                                  "apply the modifier")
+            raise InputError(blend, "node", text, "--untrusted refuses import nodes, because their path may be "
+                                                  "computed: apply the modifier")
     for folder in folders:
         for above, _, names in os.walk(folder):
             for name in names:

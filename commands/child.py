@@ -109,7 +109,7 @@ class Child:
     def death(self):
         """Why the process ended without reporting success or an error, and a lasting copy of its log: two texts."""
         lines = [line.strip() for line in self.log.read_text(encoding="utf-8", errors="replace").split("\n")]
-        last = next((line for line in reversed(lines) if line and not line.startswith(CRASH)), "it said nothing")
+        last = next((line for line in reversed(lines) if line and not line.startswith(CRASH)), "no output")
         code = self._process.returncode
         return f"{f'signal {-code}' if code < 0 else f'exit status {code}'}: {last}", self._saved_log()
 

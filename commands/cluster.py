@@ -23,8 +23,8 @@ from .terminal import progress_bar
 
 RETRIES = 2  # of a task whose render has crashed: another machine may have, for example, more memory
 LOOK_S = 0.5  # between two checks whether a task has been cancelled
-NO_MODULE = "install it: pip install lensfield[farm]"
-FOR_WINDOWS = "picture", "beside", "scene_state", "scene_source", "session"
+NO_MODULE = "pip install lensfield[farm]"
+FOR_WINDOWS = "picture", "blend_folder", "scene_state", "scene_source", "session"
 """Options of `lensfield render` for programs that follow a render on this machine."""
 
 
@@ -39,7 +39,7 @@ def render_on_cluster(options, write):
     for name in FOR_WINDOWS:
         if getattr(options, name) is not None:
             raise InputError("options", "--" + name.replace("_", "-"), str(getattr(options, name)),
-                             "leave it out with --scheduler")
+                             "not possible with --scheduler: leave it out")
     tasks = frames_by_task(options)
     arguments = ["render", scene_path(options), *task_arguments(options), "--wait", "--progress=lines",
                  "--end-with-stdin"]
@@ -56,12 +56,12 @@ def render_on_cluster(options, write):
                 print(f"{_named(lost)}: {told['error']}", flush=True)
     if failures:
         first = next(iter(failures.values()))
-        raise InputError(_named(failures), "render", "not done",
-                         f"{len(images)} of {sum(map(len, tasks))} frames are there: {first}")
-    told = [f"{len(images)} frame{'s' * (len(images) != 1)} there"]
+        raise InputError(_named(failures), "render", "incomplete",
+                         f"{len(images)} of {sum(map(len, tasks))} frames are finished: {first}")
+    told = [f"{len(images)} frame{'s' * (len(images) != 1)} finished"]
     if older := sorted({frame for task in tasks for frame in task} - images.keys()):
-        told.append(f"{len(older)} of the frames that are there, from {older[0]} on, are of the scene before it was "
-                    "changed: --overwrite renders them anew")
+        told.append(f"the scene has changed since {len(older)} of the finished frames, from frame {older[0]} on: "
+                    "--overwrite renders them again")
     print(*told, sep="\n")
     return together({}, {frame: _record(image) for frame, image in images.items()} if options.report else {}), told
 
@@ -78,11 +78,11 @@ def _client(address):
     try:
         from distributed import Client
     except ImportError:
-        raise InputError("distributed", "module", "not there", NO_MODULE) from None
+        raise InputError("distributed", "module", "not installed", NO_MODULE) from None
     try:
         client = Client(address, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
-        raise InputError("options", "--scheduler", address, f"no scheduler answers there: {error}") from None
+        raise InputError("options", "--scheduler", address, f"no scheduler answers at this address: {error}") from None
     for worker, threads in client.nthreads().items():
         if threads > 1:
             print(f"{worker} renders {threads} tasks at once: start workers with --nthreads 1", flush=True)
@@ -108,7 +108,7 @@ def _done(client, tasks, arguments, blender, tell):
         elif news.key in futures:
             _, frames = futures.pop(news.key)
             shares[frames_text(frames)] = len(frames)
-            tell(min(sum(shares.values()) / total, 1.0), f"frames {frames_text(frames)}: done")
+            tell(min(sum(shares.values()) / total, 1.0), f"frames {frames_text(frames)}: finished")
             yield frames, _outcome(news)
 
 

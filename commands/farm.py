@@ -20,17 +20,17 @@ PATHS = {"scene": ("Scene", "FILE", "IN"), "lens": ("Lens", "FILE", "IN"), "outp
 
 
 def add(commands):
-    farm = commands.add_parser("farm", help="a render as a job for render farms",
-                               description="Write a render as a job for render farms. Its tasks are `lensfield render` "
-                                           "of a few frames each; each of these can be stopped and begun anew.")
+    farm = commands.add_parser("farm", help="write a render as a job for render farms",
+                               description="Write a render as a job for render farms. Each task runs `lensfield "
+                                           "render` on a few frames, and can be stopped and restarted.")
     kinds = farm.add_subparsers(required=True, metavar="KIND")
-    openjd = kinds.add_parser("openjd", help="a job of Open Job Description, as for AWS Deadline Cloud",
-                              description="Write a job of Open Job Description, as for AWS Deadline Cloud: a folder "
+    openjd = kinds.add_parser("openjd", help="an Open Job Description job, as for AWS Deadline Cloud",
+                              description="Write an Open Job Description job, as for AWS Deadline Cloud: a folder "
                                           "with template.yaml, and parameter_values.yaml for this .blend.")
     add_scene_options(openjd)
     add_frame_options(openjd)
     add_farm_options(openjd)
-    openjd.add_argument("--job", type=Path, required=True, metavar="DIR", help="the folder to write the job into")
+    openjd.add_argument("--job", type=Path, required=True, metavar="DIR", help="folder to write the job to")
     openjd.set_defaults(run=_write_openjd)
 
 
@@ -38,7 +38,7 @@ def _write_openjd(options):
     if options.output is None:
         raise InputError("options", "--output", "not given", "give the folder for the pictures")
     if options.report:
-        raise InputError("options", "--report", str(options.report), "leave it out: each frame has its own")
+        raise InputError("options", "--report", str(options.report), "leave it out: each frame has its own report")
     template, values = options.job / "template.yaml", options.job / "parameter_values.yaml"
     check_outputs([(template, ".yaml"), (values, ".yaml")], [options.scene, *filter(None, [options.lens])])
     paths = {"scene": scene_path(options)} | {
@@ -81,7 +81,7 @@ def _template(options, paths):
 def _literal(text):
     """The text, which Open Job Description does not change; raises an InputError if it contains a reference."""
     if OPENS in text:
-        raise InputError("options", "text", text, f"Open Job Description has no way to write {OPENS}")
+        raise InputError("options", "text", text, f"Open Job Description cannot contain {OPENS}")
     return text
 
 

@@ -41,36 +41,38 @@ CAMERA_FIGURES = {"--pitch-um": ("pitch_um",), "--fov": ("fov",), "--focal-mm": 
 
 def add(commands):
     filter_ = commands.add_parser(
-        "filter", help="put an EXR, spectral radiance or any renderer's RGB, or a sequence of them through a lens")
+        "filter", help="put an EXR or a sequence of them through a lens: spectral radiance, or any renderer's RGB")
     filter_.add_argument("radiance", type=Path, metavar="RADIANCE.exr",
-                         help="for a sequence with the number of the frame as ####, or as %%04d")
+                         help="picture to filter; in the name of a sequence, #### or %%04d is the frame number")
     filter_.add_argument("--frames", metavar="SPEC",
-                         help="of a sequence: 7, 1-50, 1-50:2 or 1,5,10-20 (default: all that there are)")
+                         help="frames of a sequence: 7, 1-50, 1-50:2 or 1,5,10-20 (default: all existing frames)")
     filter_.add_argument("--overwrite", action="store_true",
-                         help="filter all of a sequence anew: else frames that are there, whole and of the same "
-                              "pictures and settings, stay as they are")
+                         help="filter all frames of a sequence again (default: skip complete frames with the same "
+                              "pictures and settings)")
     filter_.add_argument("--any-build", action="store_true",
                          help="accept finished frames from other builds of Lensfield (default: filter them again)")
-    filter_.add_argument("--output", type=Path, required=True, metavar="IRRADIANCE.exr")
+    filter_.add_argument("--output", type=Path, required=True, metavar="IRRADIANCE.exr",
+                         help="irradiance to write; for a sequence, with #### or %%04d")
     filter_.add_argument("--preview", type=Path, metavar="FILE.png",
-                         help="also write an sRGB picture; those of a sequence are exposed as its first")
-    filter_.add_argument("--pitch-um", type=float, help="pixel pitch at the sensor, for a file that does not tell it")
-    rgb = filter_.add_argument_group("RGB pictures", "upsampled as light; without camera figures, taken to show just "
-                                                     "the lens's field, as after matching the camera to the lens")
-    rgb.add_argument("--wavelengths", metavar="SPEC", help="nm: first:last:number, or a list such as 450,550,650 "
-                                                           f"(default {RGB_WAVELENGTHS})")
-    rgb.add_argument("--layer", metavar="NAME", help="the layer that is the picture, such as ViewLayer.Combined")
+                         help="also write an sRGB picture; all frames of a sequence have the exposure of the first")
+    filter_.add_argument("--pitch-um", type=float, help="pixel pitch at the sensor, for a file that does not state it")
+    rgb = filter_.add_argument_group("RGB pictures", "upsampled as light; without camera figures, taken to cover "
+                                                     "exactly the lens's field, as after Match Camera to Lens")
+    rgb.add_argument("--wavelengths", metavar="SPEC", help="in nm: first:last:number, or a list such as 450,550,650 "
+                                                           f"(default: {RGB_WAVELENGTHS})")
+    rgb.add_argument("--layer", metavar="NAME", help="layer with the picture, such as ViewLayer.Combined")
     rgb.add_argument("--fov", type=float, metavar="DEGREES", help="horizontal field of view of the rendering camera")
-    rgb.add_argument("--focal-mm", type=float, metavar="F", help="its focal length; with --sensor-width-mm")
-    rgb.add_argument("--sensor-width-mm", type=float, metavar="W")
-    depth = filter_.add_argument_group("depth", "of a file that has a channel of it, such as Z, or is deep: what is "
-                                                "out of focus is blurred, and what near things hide is guessed")
+    rgb.add_argument("--focal-mm", type=float, metavar="F", help="focal length of the camera; with --sensor-width-mm")
+    rgb.add_argument("--sensor-width-mm", type=float, metavar="W", help="sensor width of the camera; with --focal-mm")
+    depth = filter_.add_argument_group("depth", "for files with a depth channel, such as Z, or with deep samples: "
+                                                "out-of-focus light is blurred, and hidden surfaces are guessed")
     depth.add_argument("--depth", choices=(AUTO, OFF), default=AUTO,
-                       help="off: all is as sharp as in focus (default auto)")
-    depth.add_argument("--depth-channel", metavar="NAME", help="which of several, such as ViewLayer.Depth.Z")
-    depth.add_argument("--depth-unit", choices=MM, default="m", help="of its numbers (default m)")
+                       help="off: everything is as sharp as in focus (default: auto)")
+    depth.add_argument("--depth-channel", metavar="NAME",
+                       help="one of several depth channels, such as ViewLayer.Depth.Z")
+    depth.add_argument("--depth-unit", choices=MM, default="m", help="unit of the depth values (default: m)")
     depth.add_argument("--depth-is", choices=DEPTH_KINDS, default="z",
-                       help="along the camera's axis, or the distance from the camera (default z)")
+                       help="z: depth along the camera's axis; distance: distance from the camera (default: z)")
     add_engine_options(filter_)
     add_rings(filter_)
     add_iris(filter_)
@@ -106,7 +108,7 @@ def _filter_sequence(options, lens, chosen, shots):
     for line in other_builds_line(builds.values(), options.any_build, "filtered"):
         print(line, flush=True)
     if len(pending) < len(shots):
-        print(f"{len(shots) - len(pending)} of {len(shots)} frames are there already: {len(pending)} to filter",
+        print(f"{len(shots) - len(pending)} of {len(shots)} frames are finished: {len(pending)} to filter",
               flush=True)
     run = _Run(options, lens, chosen, first, len(pending))
 
@@ -130,7 +132,7 @@ def _filter_sequence(options, lens, chosen, shots):
     # the second attempt takes over frames of processes that were stopped in the meantime
     left = [shot for shot in [shot for shot in pending if is_left(shot)] if is_left(shot)]
     if left:
-        print(f"left to other processes: {len(left)} of the frames, from {left[0].frame} on", flush=True)
+        print(f"left to other processes: {len(left)} of the frames, from frame {left[0].frame} on", flush=True)
     return together(reports, {shot.frame: {} for shot in shots if shot.frame not in reports})
 
 
@@ -185,13 +187,14 @@ class _Run:
             return facts
         words = []
         if slabs.needed:
-            words.append(f"depth is that of {seen.channel}")
+            words.append(f"depth from channel {seen.channel}")
             if seen.guessed:
-                words.append(f"{seen.guessed}, up to {slabs.behind:.2g} of the light: guessed from what is around it")
+                words.append(f"{seen.guessed}, up to {slabs.behind:.2g} of the light, are guessed from their "
+                             "surroundings")
             if self._lens.prescription is None:
-                words.append("the lens data tell no rays: what is out of focus is blurred by circles of first order")
+                words.append("the lens data contain no rays: out-of-focus light is blurred by first-order circles")
             if seen.depth.unknown:
-                words.append(f"{seen.depth.unknown:.1%} of the pixels tell no depth: taken for infinitely far")
+                words.append(f"{seen.depth.unknown:.1%} of the pixels have no depth and count as infinitely far")
         return replace(facts, depth=slabs.check, layers="; ".join(words))
 
     def _report(self, seen, plan, slabs):
@@ -202,7 +205,7 @@ class _Run:
                             "wavelengths, {:.1f} x {:.1f} degrees".format(*seen.picture.fov_deg))
         if slabs:
             lines.append(f"depth: {seen.channel}: " + (
-                f"{slabs.check.text}: {slabs.slabs_text if seen.guessed else 'in the layers that the file holds'}"
+                f"{slabs.check.text}: {slabs.slabs_text if seen.guessed else 'in the layers of the file'}"
                 if slabs.needed else slabs.text))
         for line in lines:
             kind = FIGURE.sub("", line) if line.startswith("depth") else line  # its figures differ in each frame
@@ -241,7 +244,7 @@ def _check_view(options):
     given = [option for option, names in CAMERA_FIGURES.items()
              if any(getattr(options, name) is not None for name in names)]
     if len(given) > 1:
-        raise InputError("options", given[1], "beside " + given[0], "give the one or the other")
+        raise InputError("options", given[1], f"combined with {given[0]}", "give only one of them")
     if (options.focal_mm is None) != (options.sensor_width_mm is None):
         missing = "--focal-mm" if options.focal_mm is None else "--sensor-width-mm"
-        raise InputError("options", missing, "missing", "focal length and sensor width tell the view together")
+        raise InputError("options", missing, "missing", "the field of view needs both focal length and sensor width")

@@ -34,15 +34,16 @@ MACRO_SUFFIXES = {"zemax": ".zpl", "codev": ".seq", "zospy": ".py"}
 
 
 def add(commands):
-    lens = commands.add_parser("lens", help="about lenses").add_subparsers(required=True, metavar="COMMAND")
-    info = lens.add_parser("info", help="first-order data, distortion, relative illumination, lateral colour")
+    command = commands.add_parser("lens", help="list, inspect, check, plot, bake and convert lenses")
+    lens = command.add_subparsers(required=True, metavar="COMMAND")
+    info = lens.add_parser("info", help="print first-order data, distortion, relative illumination and lateral colour")
     info.add_argument("lens", metavar="NAME|FILE", help=LENSES)
-    info.add_argument("--json", action="store_true", help="as JSON")
+    info.add_argument("--json", action="store_true", help="print JSON")
     add_rings(info)
     info.set_defaults(run=_info)
-    listing = lens.add_parser("list", help="names, titles and makers of the bundled lenses")
+    listing = lens.add_parser("list", help="list the bundled lenses: names, titles and makers")
     listing.add_argument("words", nargs="*", metavar="WORD",
-                         help="of which all are to be told of them: maker, year, 50mm, swirl ...")
+                         help="list only lenses that match every word: maker, year, 50mm, swirl ...")
     listing.set_defaults(run=_list)
     _add_cache(lens)
     _add_check(lens)
@@ -59,8 +60,8 @@ def _list(options):
 
 
 def _add_cache(lens):
-    kept = lens.add_parser("cache", help="what is kept of lenses that have been baked: where, how many, how large")
-    kept.add_argument("--clear", action="store_true", help="forget them: they are baked anew when they are used")
+    kept = lens.add_parser("cache", help="show the cache of baked lenses: folder, number and size")
+    kept.add_argument("--clear", action="store_true", help="empty the cache; lenses are baked again when needed")
     kept.set_defaults(run=_cache)
 
 
@@ -68,7 +69,7 @@ def _cache(options):
     if options.clear:
         cache.clear(baked.KIND)
     number, size = cache.size_bytes(baked.KIND)
-    print(f"{cache.cache_folder() or 'nothing is kept'}: {number} baked lenses, {size / 1e6:.1f} MB of at most "
+    print(f"{cache.cache_folder() or 'no cache'}: {number} baked lenses, {size / 1e6:.1f} MB of at most "
           f"{baked.MOST_BYTES / 1e6:.0f} MB")
 
 
@@ -86,11 +87,11 @@ def _info(options):
 
 
 def _add_check(lens):
-    check = lens.add_parser("check", help="what is suspicious or harmful in lens data or in a prescription's rays; "
-                                          "exit status 1 for an error")
+    check = lens.add_parser("check", help="check lens data, or a prescription's rays, for anything suspicious or "
+                                          "harmful; exit status 1 for an error")
     check.add_argument("lens", metavar="NAME|FILE", help=LENSES)
     bake.add_field(check)
-    check.add_argument("--json", action="store_true", help="as JSON")
+    check.add_argument("--json", action="store_true", help="print JSON")
     check.set_defaults(run=_check)
 
 
@@ -113,21 +114,23 @@ def _findings(options):
     if has_rings(options.lens):
         return check_prescription(prescription_as_stated(options.lens, field))
     if field is not None:
-        raise InputError("options", *field, "a lens package's field ends with its tables: leave it out")
+        raise InputError("options", *field, "the tables of a lens package define its field: leave it out")
     return check_lens(load_lens(options.lens))
 
 
 def _add_plot(lens):
-    plot = lens.add_parser("plot", help="a lens on one sheet: PSFs, distortion, MTF, relative illumination, colour")
+    plot = lens.add_parser("plot", help="plot a lens on one sheet: PSFs, distortion, MTF, relative illumination and "
+                                        "colour")
     plot.add_argument("lens", metavar="NAME|FILE", help=LENSES)
     plot.add_argument("-o", "--output", type=Path, metavar="SHEET.png",
-                      help="what to write (default: beside the file, under its name; for a bundled lens NAME.png here)")
+                      help="file to write (default: next to the lens file, with its name; for a bundled lens, NAME.png "
+                           "here)")
     plot.add_argument("--frequencies", metavar="LIST",
-                      help="of the MTF, in cycles per mm, such as 20,50,100 (default: up to a tenth of what "
-                           "diffraction lets through)")
+                      help="frequencies of the MTF in cycles per mm, such as 20,50,100 (default: up to a tenth of the "
+                           "diffraction limit)")
     plot.add_argument("--depth", metavar="DISTANCE",
-                      help="PSFs and MTF of points that far from the camera, out of focus, by diffraction: 2.5m, 80cm, "
-                           "inf")
+                      help="PSFs and MTF of out-of-focus points at this distance from the camera, by diffraction: "
+                           "2.5m, 80cm or inf")
     add_rings(plot)
     plot.set_defaults(run=_plot)
 
@@ -157,12 +160,14 @@ def _frequencies(text):
 
 
 def _add_stmap(lens):
-    stmap = lens.add_parser("stmap", help="its distortion as a pair of STMaps, for compositors")
+    stmap = lens.add_parser("stmap", help="write the distortion as a pair of STMaps for compositors")
     stmap.add_argument("lens", metavar="NAME|FILE", help=LENSES)
-    stmap.add_argument("--resolution", required=True, metavar="WIDTHxHEIGHT", help="of the picture, laid on the sensor")
-    stmap.add_argument("--wavelength", type=float, metavar="NM", help="(default: the lens's reference wavelength)")
+    stmap.add_argument("--resolution", required=True, metavar="WIDTHxHEIGHT",
+                       help="size in pixels of the picture on the sensor")
+    stmap.add_argument("--wavelength", type=float, metavar="NM",
+                       help="wavelength in nm (default: the lens's reference wavelength)")
     stmap.add_argument("--output", type=Path, required=True, metavar="DIR",
-                       help="where LENS_distort.exr and LENS_undistort.exr go")
+                       help="folder for LENS_distort.exr and LENS_undistort.exr")
     add_rings(stmap)
     stmap.set_defaults(run=_stmap)
 
@@ -181,22 +186,22 @@ def _stmap(options):
 
 
 def _add_export_macro(lens):
-    macro = lens.add_parser("export-macro", help="a macro that exports a lens from Zemax, Code V or zospy")
+    macro = lens.add_parser("export-macro", help="write a macro that exports a lens from Zemax, Code V or zospy")
     macro.add_argument("program", choices=PROGRAMS)
-    macro.add_argument("-o", "--output", type=Path, metavar="FILE", help="what to write (default: standard output)")
+    macro.add_argument("-o", "--output", type=Path, metavar="FILE", help="file to write (default: standard output)")
     macro.add_argument("--heights", type=int, default=ExportOptions.heights, metavar="N",
-                       help="field heights from the axis to the last (default %(default)s)")
+                       help="number of field heights from the axis to the last (default: %(default)s)")
     macro.add_argument("--last-height", type=float, metavar="MM",
                        help="paraxial image height of the last field (default: the lens's outermost field)")
     macro.add_argument("--wavelengths", default=WAVELENGTHS, metavar="NM",
-                       help="first:last:number, or a list (default %(default)s)")
+                       help="in nm: first:last:number, or a list (default: %(default)s)")
     macro.add_argument("--psf-samples", type=int, default=ExportOptions.psf_samples, metavar="N",
-                       help="along each side of a PSF, a power of two (default %(default)s)")
+                       help="samples along each side of a PSF, a power of two (default: %(default)s)")
     macro.add_argument("--psf-pitch-um", type=float, default=ExportOptions.psf_pitch_um, metavar="UM",
-                       help="distance between PSF samples (default %(default)s)")
+                       help="distance between PSF samples (default: %(default)s)")
     macro.add_argument("--pupil-samples", type=int, default=ExportOptions.pupil_samples, metavar="N",
-                       help="across the pupil, a power of two (default %(default)s)")
-    macro.add_argument("--sensor", metavar="WxH", help="sides of the sensor in mm (default: 4:3, to the last height)")
+                       help="samples across the pupil, a power of two (default: %(default)s)")
+    macro.add_argument("--sensor", metavar="WxH", help="sensor size in mm (default: 4:3, up to the last height)")
     macro.set_defaults(run=_export_macro)
 
 
@@ -214,12 +219,12 @@ def _export_macro(options):
 
 
 def _add_import(lens):
-    command = lens.add_parser("import", help="another program's export to a lens package")
+    command = lens.add_parser("import", help="convert another program's export to a lens package")
     command.add_argument("path", type=Path, metavar="PATH",
-                         help="an ISET bundle (its folder or ISETPARMS.TXT), a folder that a macro of export-macro has "
-                              "written (or its lens.toml), or an ISETCam .mat")
-    command.add_argument("-o", "--output", type=Path, required=True, metavar="X.npz")
-    command.add_argument("--name", help="of the lens (default: what the files call it)")
+                         help="an ISET bundle (its folder or ISETPARMS.TXT), a folder written by a macro of "
+                              "export-macro (or its lens.toml), or an ISETCam .mat")
+    command.add_argument("-o", "--output", type=Path, required=True, metavar="X.npz", help="lens package to write")
+    command.add_argument("--name", help="name of the lens (default: the name in the files)")
     command.set_defaults(run=_import)
 
 

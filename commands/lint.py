@@ -11,12 +11,12 @@ from .terminal import quiet
 
 def add(commands):
     lint = commands.add_parser(
-        "lint", help="what a render would make of a .blend; exit status 1 where it would be refused",
-        description="Tell whether `lensfield render` with the same options would be refused (exit status 1), which "
-                    "wavelengths it would render, and what becomes of the scene's settings and of each node's colours.")
+        "lint", help="check how a .blend would be rendered; exit status 1 if it would be refused",
+        description="Report whether `lensfield render` with the same options would be refused (exit status 1), which "
+                    "wavelengths it would render, and how it handles the scene's settings and each node's colours.")
     add_scene_options(lint)
-    lint.add_argument("--frame", type=int, help="frame to look at (default: the scene's current one)")
-    lint.add_argument("--json", action="store_true", help="as JSON")
+    lint.add_argument("--frame", type=int, help="frame to check (default: the scene's current frame)")
+    lint.add_argument("--json", action="store_true", help="print JSON")
     lint.set_defaults(run=_lint, confines=_folders)
 
 

@@ -19,9 +19,9 @@ class _Version(argparse.Action):
 
 def command_parser(main, version):
     """The parser for a version of Lensfield; `serve` runs commands through `main(arguments)`."""
-    parser = argparse.ArgumentParser(prog="lensfield", description="Blender scenes through real lenses.")
+    parser = argparse.ArgumentParser(prog="lensfield", description="Render Blender scenes through real lenses.")
     parser.add_argument("--version", action=_Version, const=version, nargs=0,
-                        help="the version, the build, and which inner loops run")
+                        help="print the version, the build, and whether the inner loops run in C or numpy")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     for command in (render, apply, filter, tradeoff, lens, lint, farm):
         command.add(commands)

@@ -12,11 +12,11 @@ from .terminal import progress_bar, quiet
 def add_progress_options(group):
     """Add the arguments for programs that start a command and follow it."""
     group.add_argument("--progress", choices=("bar", "lines", *FARM_LOGS), default="bar",
-                       help="a bar, on a terminal; or lines on standard output (commands/messages.py says which); or "
-                            "those that a farm reads: then end, too, as soon as nobody reads standard output")
+                       help="bar: a bar, on a terminal; lines: messages on standard output (commands/messages.py); "
+                            "openjd, flamenco: messages for these farms, ending when standard output loses its reader "
+                            "(default: bar)")
     group.add_argument("--end-with-stdin", action="store_true",
-                       help="end as soon as standard input closes, as it does when its writer ends, and leave nothing "
-                            "half-written")
+                       help="end as soon as standard input closes, as when its writer ends, without half-written files")
 
 
 @contextmanager

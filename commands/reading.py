@@ -74,7 +74,7 @@ def _spectral(path, options, lens):
     for name in RGB_ONLY:
         if (value := getattr(options, name)) is not None:
             raise ImageError(path, f"--{name.replace('_', '-')}", value,
-                             "leave it out: it is for RGB files, and this one is spectral")
+                             "leave it out: it applies to RGB files, and this file is spectral")
     if options.depth == OFF:
         return PictureAsRead(read_with_planes(path, options.pitch_um, options.output.parent)[0])
     radiance, planes, layered = read_with_layers(path, options.pitch_um, options.output.parent)
@@ -94,7 +94,7 @@ def _with_depth(seen, parts, options, lens, picture=None):
     if picture:
         plane = lay_out(plane, parts[0][0] | header, picture.overscan_px, empty=np.inf)
     depth = file_depth(plane, lens, seen.radiance.grid, MM[options.depth_unit], options.depth_is)
-    return replace(seen, channel=channel, depth=depth, guessed="what near things hide is not in the picture",
+    return replace(seen, channel=channel, depth=depth, guessed="surfaces hidden by near objects",
                    layers=lambda plan: layers_of_flat(seen.radiance, depth, plan))
 
 
@@ -111,7 +111,7 @@ def _deep(deep, options, lens):
 
     return PictureAsRead(radiance, facts, f"{deep.layer}.Z".lstrip("."), FileDepth(planar_mm, planar_mm, 0.0),
                 lambda plan: layers_of_deep(radiance, deep, plan, light),
-                "where the file holds nothing behind what is near")
+                "hidden surfaces that the file lacks")
 
 
 def _upsampled(picture, options, lens):

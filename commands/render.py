@@ -30,18 +30,19 @@ SAMPLE_LIMITS = 1, 1 << 24  # Blender's
 
 def add(commands):
     render = commands.add_parser(
-        "render", help="render a .blend multispectrally and put it through a lens",
-        description="Render a .blend multispectrally and put it through a lens. What is not said here is as the "
-                    "scene's own Lensfield settings have it; so are all that stand together (tier and errors; "
-                    "accuracy, method and knobs) where none of them is said.")
+        "render", help="render a .blend multispectrally and through a lens",
+        description="Render a .blend multispectrally and through a lens. Options that you leave out come from the "
+                    "scene's Lensfield settings; options that belong together (tier and errors; accuracy, method "
+                    "and advanced options) only if you leave out all of them.")
     add_scene_options(render)
     add_frame_options(render)
     render.add_argument("--wait", action="store_true",
-                        help="end only when all frames are there, those that other processes are at, too")
-    _add_followed(render.add_argument_group("for programs that start this one and follow it"))
-    cluster = render.add_argument_group("on other machines", "which find the .blend and all folders by the same paths")
+                        help="end only when all frames are finished, including those of other processes")
+    _add_followed(render.add_argument_group("for programs that run this command"))
+    cluster = render.add_argument_group("on other machines",
+                                        "which must find the .blend and all folders at the same paths")
     cluster.add_argument("--scheduler", metavar="ADDRESS",
-                         help="have the workers of a Dask cluster render the frames, such as tcp://10.0.0.1:8786")
+                         help="render on the workers of this Dask cluster, such as tcp://10.0.0.1:8786")
     add_farm_options(cluster)
     render.set_defaults(run=_render, confines=_folders)
 
@@ -49,11 +50,11 @@ def add(commands):
 def _add_followed(group):
     add_progress_options(group)
     add_settings(group, RenderRequest, FOLLOWER_FIELDS)
-    group.add_argument("--beside", type=Path, metavar="DIR",
-                       help="where paths in the scene's Lensfield settings start from, if SCENE is a copy of a .blend "
-                            "that lies there")
+    group.add_argument("--blend-folder", type=Path, metavar="DIR",
+                       help="folder of the original .blend, for the // paths of the scene's Lensfield settings, if "
+                            "SCENE is a copy of it elsewhere")
     group.add_argument("--session", type=Path, metavar="FILE.npz",
-                       help="what the window has that a copy of its file has not (addon/job/session.py)")
+                       help="state of the Blender window that the copied file lacks (addon/job/session.py)")
 
 
 def _folders(options):
@@ -81,10 +82,10 @@ def _render_here(options, write):
         requested_frames(options.frames)
     scene, given = scene_and_fields(options)
     given["source"] = _source(options, scene)
-    if options.beside:
+    if options.blend_folder:
         from ..addon import set_blend_folder
 
-        set_blend_folder(options.beside.resolve())
+        set_blend_folder(options.blend_folder.resolve())
     if options.session:
         from ..addon import take_session
 
@@ -136,7 +137,7 @@ def _render_frames(options, scene, given, write):
 
     frames = requested_frames(options.frames)
     with progress(options, write) as tell:
-        tell(0.0, "Looking for frames that are there already")
+        tell(0.0, "Looking for finished frames")
         animation = addon.Animation(scene, frames, overwrite=options.overwrite, any_build=options.any_build,
                                     wait=options.wait, **given)
     for frame, path in animation.current.items():

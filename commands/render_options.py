@@ -25,12 +25,11 @@ ELSEWHERE = "lens", *RING_FIELDS, "lens_quality"
 def add_frame_options(render):
     """Which frames are rendered, and whether finished ones count."""
     render.add_argument("--frames", metavar="SPEC",
-                        help="frames to render: 7, 1-250, 1-250:2, 1,5,10-20, or scene for its own range (default: the "
-                             "current one). Those that are there already, whole and by the same settings, are not "
-                             "rendered again, and processes that render into one folder share them; --report tells "
-                             "of each")
+                        help="frames to render: 7, 1-250, 1-250:2, 1,5,10-20, or scene for the scene's range (default: "
+                             "the current frame). Complete frames with the same settings are skipped, and processes "
+                             "that render into one folder share the frames; --report covers each frame")
     render.add_argument("--overwrite", action="store_true",
-                        help="render all of them anew, and nothing of what is left of a render that was stopped")
+                        help="render all frames again, and ignore the finished passes of interrupted renders")
     render.add_argument("--any-build", action="store_true",
                         help="accept finished frames from other builds of Lensfield (default: render them again)")
 
@@ -38,15 +37,16 @@ def add_frame_options(render):
 def add_farm_options(group):
     """How frames become tasks of a farm."""
     group.add_argument("--frames-per-task", type=int, default=1, metavar="N",
-                       help="so many frames share the start of Blender, and what the lens needs (default: 1)")
+                       help="frames in each task; they share the start of Blender and the preparation of the lens "
+                            "(default: 1)")
     group.add_argument("--blender", metavar="EXE",
-                       help="the Blender of those machines, which has the extension (default: the lensfield command "
-                            "that is installed there)")
+                       help="Blender on those machines, with the extension (default: the lensfield command installed "
+                            "there)")
 
 
 def add_scene_options(render):
     """The .blend, and the settings of its render."""
-    render.add_argument("scene", type=Path, metavar="SCENE.blend")
+    render.add_argument("scene", type=Path, metavar="SCENE.blend", help="file to render")
     add_settings(render, SpectralOptions, settings_of(SpectralOptions), scene_defaults(SpectralOptions))
     listed = [name for name, each in settings_of(RenderRequest).items()
               if each.option is not None and name not in (*ELSEWHERE, *FOLLOWER_FIELDS)]

@@ -80,12 +80,12 @@ def find_shots(radiance, output, preview=None, frames=None):
     """
     if file_status(radiance) or not NUMBER.search(radiance.name):
         if frames is not None:
-            raise InputError("options", "--frames", frames, f"{radiance} is no sequence such as shot_####.exr")
+            raise InputError("options", "--frames", frames, f"{radiance} is not a sequence such as shot_####.exr")
         shots = [Shot(radiance, output, preview)]
     else:
         for path in filter(None, (radiance, output, preview)):
             if len(NUMBER.findall(path.name)) != 1:
-                raise InputError(path, "name", path.name, "expected one run of # or %04d for the number of the frame")
+                raise InputError(path, "name", path.name, "expected one run of # or %04d for the frame number")
         numbers = _numbers(radiance) if frames is None else _chosen(radiance, frames)
         shots = [Shot(*(path and _of_frame(path, number) for path in (radiance, output, preview)), number)
                  for number in numbers]
@@ -107,7 +107,7 @@ def _numbers(pattern):
     numbers = [int(found[1]) for path in files if (found := name.fullmatch(path.name)) and path.is_file()]
     numbers = sorted({number for number in numbers if _of_frame(pattern, number).is_file()})  # 007 does not match ##
     if not numbers:
-        raise InputError(pattern, "file", absence(pattern), "no frame of this sequence was found")
+        raise InputError(pattern, "file", absence(pattern), "no frame of this sequence exists")
     return numbers
 
 
@@ -117,5 +117,5 @@ def _chosen(pattern, frames):
     missing = [str(number) for number in asked if number not in there]
     if missing:
         named = ", ".join(missing[:MOST_NAMED]) + (", ..." if len(missing) > MOST_NAMED else "")
-        raise InputError(pattern, f"{len(missing)} of {len(asked)} frames", named, "not there")
+        raise InputError(pattern, "--frames", frames, f"missing {len(missing)} of {len(asked)} frames: {named}")
     return asked

@@ -16,15 +16,15 @@ from .messages import message_lines
 from .task import arguments_of
 from .untrusted import OPTIONS
 
-EXPECTED = 'expected a JSON list of texts, such as ["lens", "info", "tessar-50mm"]'
+EXPECTED = 'expected a JSON list of strings, such as ["lens", "info", "tessar-50mm"]'
 USAGE_ERROR = 2
 
 
 def add(commands, main):
     """Add the command; `main(arguments)` runs the requested commands."""
-    serve = commands.add_parser("serve", help="run the commands that come by standard input, for programs",
-                                description="Run the commands that come by standard input: lines of a JSON list of "
-                                            "arguments each. End as soon as standard input does.")
+    serve = commands.add_parser("serve", help="run commands from standard input, for other programs",
+                                description="Run commands from standard input, each a line with a JSON list of "
+                                            "arguments. End as soon as standard input closes.")
     add_untrusted(serve)
     lines = SimpleQueue()
     serve.set_defaults(run=lambda options: _serve(lines, main, _limits(options)), end_with_stdin=True, hear=lines.put)
@@ -78,7 +78,7 @@ def _arguments(line):
         raise InputError("serve", "line", line.decode().strip(), EXPECTED)
     for number, each in enumerate(arguments):
         if not _can_be_argument(each):
-            raise InputError("serve", f"argument {number}", each, "expected a text that the system can encode")
+            raise InputError("serve", f"argument {number}", each, "expected a string that the system can encode")
     if arguments[:1] == ["serve"]:
         raise InputError("serve", "command", "serve", "expected another command")
     return arguments

@@ -1,4 +1,4 @@
-"""A task of a farm: `lensfield render` of a few frames, whatever the farm. It ends well when they are all there."""
+"""A task of any farm: `lensfield render` on a few frames. It succeeds when all of them are finished."""
 
 import os
 import sys
@@ -19,7 +19,7 @@ PACKAGE = __package__.rpartition(".")[0]
 def frames_by_task(options):
     """The frames of each task, in order: list of list of int."""
     if options.frames in (None, OWN_FRAMES):
-        raise InputError("options", "--frames", options.frames or "not given", "give their numbers, such as 1-250")
+        raise InputError("options", "--frames", options.frames or "not given", "give frame numbers, such as 1-250")
     frames, count = requested_frames(options.frames), options.frames_per_task
     check_limits("--frames-per-task", count, (1, MOST_FRAMES))
     return [frames[first:first + count] for first in range(0, len(frames), count)]

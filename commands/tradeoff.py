@@ -13,13 +13,13 @@ def add(commands):
     tradeoff.add_argument("--image", type=Path, metavar="RADIANCE.exr",
                           help="measure on this picture (default: points, a checkerboard and a colour chart)")
     tradeoff.add_argument("--size", metavar="WIDTHxHEIGHT",
-                          help="pixels (default 384x288, or the whole image): the exact operator takes half a minute "
-                               "for 384x288 and longer in proportion, for each wavelength of an image")
-    tradeoff.add_argument("--pitch-um", type=float, help="pixel pitch at the sensor (default: what the image says, or "
-                                                         "what lays the size on the width of the lens's sensor)")
-    tradeoff.add_argument("--quick", action="store_true", help="fewer settings, each timed once")
+                          help="size in pixels (default: 384x288, or the complete image): the exact operator takes "
+                               "half a minute for each wavelength of 384x288, and proportionally longer for more")
+    tradeoff.add_argument("--pitch-um", type=float, help="pixel pitch at the sensor (default: the image's, or the "
+                                                         "pitch at which the size spans the lens's sensor width)")
+    tradeoff.add_argument("--quick", action="store_true", help="measure fewer settings, each timed once")
     tradeoff.add_argument("--output", type=Path, required=True, metavar="DIR",
-                          help="where tradeoff.csv and tradeoff.png go")
+                          help="folder for tradeoff.csv and tradeoff.png")
     add_rings(tradeoff)
     tradeoff.set_defaults(run=_tradeoff)
 

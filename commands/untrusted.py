@@ -47,7 +47,7 @@ def run(options, arguments):
     if not getattr(options, "untrusted", False):
         for name in OPTIONS:
             if getattr(options, name, None) is not None:
-                raise InputError("options", "--" + name.replace("_", "-"), "without --untrusted", "give both")
+                raise InputError("options", "--" + name.replace("_", "-"), "given without --untrusted", "give both")
     elif hasattr(options, "confines") and not getattr(options, "scheduler", None):  # a cluster's workers confine tasks
         if not os.environ.pop(CONFINED, ""):
             return _supervise(options, arguments)
@@ -82,8 +82,8 @@ def _supervise(options, arguments):
     for folder in write:
         make_folder(folder)
     if not landlock_version():
-        print("untrusted: this system cannot confine a process (Landlock): files that the scene names are checked, "
-              "and no others", file=sys.stderr)
+        print("untrusted: this system cannot confine a process (Landlock): only files that the scene names are "
+              "checked", file=sys.stderr)
     with temporary_folder() as work:
         limits = {"read": [*_program(), *read, NOWHERE], "write": [work, *write, NOWHERE],
                   "memory_bytes": int(memory_gb * GIGABYTE), "cpu_s": int(time_s * (os.cpu_count() or 1)) + 1}
@@ -92,7 +92,7 @@ def _supervise(options, arguments):
         status = _wait(_start([str(path), *_command(), *arguments], work), what, time_s)
     if status < 0:
         raise InputError(what, "process", f"ended by {signal.Signals(-status).name}",
-                         f"it may have met the memory limit of {memory_gb:.3g} GB: --memory-limit")
+                         f"it may have reached the memory limit of {memory_gb:.3g} GB: --memory-limit")
     return status
 
 
@@ -134,7 +134,7 @@ def _wait(process, what, time_s):
         return process.wait(time_s)
     except subprocess.TimeoutExpired:
         process.terminate()
-        raise InputError(what, "time limit", f"{time_s:g} s", "reached: --time-limit") from None
+        raise InputError(what, "time limit", f"{time_s:g} s", "exceeded: --time-limit") from None
     finally:
         _end(process)
 

@@ -92,7 +92,7 @@ def render_command(copy, *more, **given):
 
 def _render_copy(copy):
     """The arguments of `lensfield` that render a copy as if it were the file, and report progress."""
-    return ["render", str(copy), "--session", str(Path(copy).with_name(SESSION)), "--beside",
+    return ["render", str(copy), "--session", str(Path(copy).with_name(SESSION)), "--blend-folder",
             os.path.dirname(bpy.data.filepath) or str(unsaved_folder()), "--progress", "lines"]
 
 

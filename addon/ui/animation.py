@@ -10,13 +10,13 @@ from .operators import LensRender
 
 
 class LENSFIELD_OT_render_animation(LensRender, bpy.types.Operator):
-    """Render the scene's frame range through the lens. Frames that are there already, whole and by the same settings,
-    stay as they are. In a window this goes on in the background, and you can go on working"""
+    """Render the scene's frame range through the lens. Complete frames with the same settings are skipped. In a window,
+    this runs in the background and you can keep working"""
 
     bl_idname = "lensfield.render_animation"
     bl_label = "Render Animation through Lens"
 
-    overwrite: bpy.props.BoolProperty(name="Overwrite", description="Render frames anew that are there already",
+    overwrite: bpy.props.BoolProperty(name="Overwrite", description="Render existing frames again",
                                       options={"SKIP_SAVE"})
     any_build: bpy.props.BoolProperty(
         name="Accept Other Builds", options={"SKIP_SAVE"},
@@ -25,9 +25,9 @@ class LENSFIELD_OT_render_animation(LensRender, bpy.types.Operator):
     @classmethod
     def description(cls, context, properties):
         if properties.overwrite:
-            return "Render all of the scene's frame range, whatever is there already"
+            return "Render the scene's complete frame range, including existing frames"
         if properties.any_build:
-            return "Render the missing frames, and accept finished ones from other builds of Lensfield"
+            return "Render the missing frames, and accept finished frames from other builds of Lensfield"
         return ""
 
     def render(self, scene):
@@ -43,14 +43,14 @@ class LENSFIELD_OT_render_animation(LensRender, bpy.types.Operator):
 
 
 class LENSFIELD_MT_animation(bpy.types.Menu):
-    """How else the animation can be rendered"""
+    """Other ways to render the animation"""
 
     bl_label = "Animation through Lens"
 
     def draw(self, context):
         self.layout.operator_context = "INVOKE_DEFAULT"
-        self.layout.operator("lensfield.render_animation", text="Overwrite Frames That Are There").overwrite = True
-        self.layout.operator("lensfield.render_animation", text="Accept Frames of Other Builds").any_build = True
+        self.layout.operator("lensfield.render_animation", text="Overwrite Existing Frames").overwrite = True
+        self.layout.operator("lensfield.render_animation", text="Accept Frames from Other Builds").any_build = True
         draw_flamenco(self.layout)
 
 

@@ -14,8 +14,8 @@ def draw_another_lens(layout):
 
 
 class LENSFIELD_OT_apply_lens(LensRender, bpy.types.Operator):
-    """Put the light that the last render of this frame has kept through the lens and by the quality that are chosen
-    now, without rendering again. The picture keeps its field of view: you are told what that is through the lens"""
+    """Apply the current lens and quality to the stored light of this frame's last render, without rendering again. The
+    picture keeps its field of view, and Last Render reports the lens's sensor size or scale"""
 
     bl_idname = "lensfield.apply_lens"
     bl_label = "Apply to Last Render"

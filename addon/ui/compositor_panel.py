@@ -7,7 +7,7 @@ from .text_wrap import draw_wrapped
 
 
 class LENSFIELD_OT_remove_from_compositor(bpy.types.Operator):
-    """Take the Lensfield node out of the compositor: what it was put between is linked as before. Files stay"""
+    """Remove the Lensfield node from the compositor and restore the previous links. Files are kept"""
 
     bl_idname = "lensfield.remove_from_compositor"
     bl_label = "Remove from Compositor"

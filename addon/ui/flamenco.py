@@ -23,7 +23,7 @@ def is_installed_in():
 
 
 class LENSFIELD_OT_flamenco_job_type(bpy.types.Operator):
-    """Have Flamenco's panel, in the Output properties, submit this scene through its lens"""
+    """Set Flamenco's panel, in the Output properties, to render this scene through its lens"""
 
     bl_idname = "lensfield.flamenco_job_type"
     bl_label = "Choose Flamenco Job Type"
@@ -36,15 +36,15 @@ class LENSFIELD_OT_flamenco_job_type(bpy.types.Operator):
         try:
             context.scene.flamenco_job_type = JOB_TYPE
         except TypeError:  # not one of the add-on's job types
-            self.report({"ERROR"}, "Flamenco's Manager has no Lensfield job type: save it into the Manager's folder "
-                                   "scripts, restart the Manager, and press Refresh from Manager in Flamenco's panel")
+            self.report({"ERROR"}, "Flamenco's Manager has no Lensfield job type: save it to the Manager's scripts "
+                                   "folder, restart the Manager, and press Refresh from Manager in Flamenco's panel")
             return {"CANCELLED"}
-        self.report({"INFO"}, "Now submit it in the Output properties, under Flamenco")
+        self.report({"INFO"}, "Job type chosen: submit the job in the Output properties, under Flamenco")
         return {"FINISHED"}
 
 
 class LENSFIELD_OT_save_flamenco_job_type(ExportHelper, bpy.types.Operator):
-    """Save the script of Lensfield's job type, for the folder scripts beside flamenco-manager"""
+    """Save the script of Lensfield's job type; it belongs in the scripts folder next to flamenco-manager"""
 
     bl_idname = "lensfield.save_flamenco_job_type"
     bl_label = "Save Flamenco Job Type"
@@ -58,8 +58,8 @@ class LENSFIELD_OT_save_flamenco_job_type(ExportHelper, bpy.types.Operator):
 
     def execute(self, context):
         if Path(self.filepath).name != SCRIPT.name:
-            self.report({"ERROR"}, f"{self.filepath}: name is {Path(self.filepath).name}: the Manager knows it as "
-                                   f"{SCRIPT.name} alone")
+            self.report({"ERROR"}, f"{self.filepath}: name is {Path(self.filepath).name}: expected {SCRIPT.name}, "
+                                   "the name that the Manager knows")
             return {"CANCELLED"}
         try:
             with atomic_path(self.filepath) as temporary:

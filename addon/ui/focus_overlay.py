@@ -21,7 +21,7 @@ NEARER, FARTHER = (0.90, 0.60, 0.0), (0.0, 0.45, 0.70)
 SHARP_PX = 1.0
 FAINTEST, STRONGEST = 0.25, 0.6  # opacity at SHARP_PX, and its limit for large blur
 LONGEST_S = 0.5  # wait for the lens, so that the first redraw can already show tints
-LEGEND = "Blurred by over a pixel: orange nearer, blue farther"
+LEGEND = "Blurred by more than a pixel: orange nearer, blue farther"
 
 _worker = ThreadPoolExecutor(1, "Lensfield focus")
 

@@ -162,7 +162,7 @@ def _answer(request):
         if request.dropped.is_set():  # for example because Blender is quitting
             return
         traceback.print_exc()
-        request.error = LensError(name, "lens", f"not to be had, of {type(error).__name__}", str(error))
+        request.error = LensError(name, "lens", f"not available ({type(error).__name__})", str(error))
     finally:
         request.known.set()
 

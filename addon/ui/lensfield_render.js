@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
-// Made by Lensfield: its job type for Flamenco 3.8 and later. Frames of a .blend, each through its lens. Put it into the folder
-// `scripts` beside flamenco-manager. All else is as the .blend's own Lensfield settings say.
+// Made by Lensfield: its job type for Flamenco 3.8 and later. Renders frames of a .blend through its lens. Put this
+// file into the folder `scripts` next to flamenco-manager. All other settings are the .blend's own Lensfield settings.
 
 const JOB_TYPE = {
     label: "Lensfield Render",
@@ -12,12 +12,12 @@ const JOB_TYPE = {
           evalInfo: { showLinkButton: true, description: "Scene frame range" },
           description: "Frames to render, such as 47, or 1-30, or 3, 5-10" },
         { key: "chunk_size", type: "int32", default: 1, propargs: { min: 1 }, visible: "submission",
-          description: "Frames of one task: they share the start of Blender, and what the lens needs" },
+          description: "Frames in each task; they share the start of Blender and the preparation of the lens" },
         { key: "output_folder", type: "string", subtype: "dir_path", required: true,
           eval: "str(abspath(C.scene.lensfield.output_folder))",
-          description: "Folder for the pictures, which every worker finds by this path" },
+          description: "Folder for the pictures; every worker must find it at this path" },
         { key: "overwrite", type: "bool", default: false,
-          description: "Render frames anew that are there already" },
+          description: "Render existing frames again" },
         { key: "any_build", type: "bool", default: false,
           description: "Accept finished frames from other builds of Lensfield" },
         { key: "lens", type: "string", required: true, visible: "hidden",
@@ -35,7 +35,7 @@ function compileJob(job) {
     }
 }
 
-// One argument each, in no shell: paths may hold anything.
+// Separate arguments, without a shell: paths may contain any characters.
 function renderCommand(settings, chunk) {
     const args = [
         `--frames=${chunk}`, "--wait", "--progress=flamenco", `--output=${settings.output_folder}`,

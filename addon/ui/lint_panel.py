@@ -14,11 +14,11 @@ from .text_wrap import draw_wrapped
 ICONS = {REJECTED: "CANCEL", SEPARATED: "MOD_ARRAY", APPROXIMATED: "ERROR"}
 """Icons of the verdicts with a line for each finding in the panel; the others are only counted."""
 MOST_LINES = 40  # more would not fit into a panel
-UNFIT = "Refused for the nodes rejected below, unless Unfit Nodes are rendered anyway, in Wavelengths and Spectra"
+UNFIT = "Refused because of the rejected nodes below; Wavelengths and Spectra > Unfit Nodes can render them anyway"
 
 
 class LENSFIELD_OT_lint(bpy.types.Operator):
-    """Tell whether the scene can be rendered, in how many Cycles renders, and what becomes of its settings and nodes"""
+    """Check whether the scene can be rendered, in how many Cycles passes, and how its settings and nodes are handled"""
 
     bl_idname = "lensfield.lint"
     bl_label = "Check Scene"
@@ -36,7 +36,7 @@ class LENSFIELD_OT_lint(bpy.types.Operator):
 
 
 class LENSFIELD_OT_select_object(bpy.types.Operator):
-    """Select the objects that a finding is about"""
+    """Select the objects that this line is about"""
 
     bl_idname = "lensfield.select_object"
     bl_label = "Select Objects"
@@ -55,12 +55,12 @@ class LENSFIELD_OT_select_object(bpy.types.Operator):
     def execute(self, context):
         finding = _finding(self.finding)
         if finding is None:
-            self.report({"WARNING"}, "check the scene first")
+            self.report({"WARNING"}, "Check the scene first")
             return {"CANCELLED"}
         names = finding.object_names
         found = [obj for obj in context.view_layer.objects if obj.name in names and obj.visible_get()]
         if not found:
-            self.report({"WARNING"}, "none of its objects is visible here: " + ", ".join(names))
+            self.report({"WARNING"}, "None of these objects is visible here: " + ", ".join(names))
             return {"CANCELLED"}
         for obj in context.view_layer.objects:
             obj.select_set(obj in found)
@@ -74,7 +74,7 @@ def draw_check(layout, scene):
     if session.check.scene_uid != scene.session_uid:
         return
     if session.check.settings != checked_settings(scene):
-        draw_wrapped(layout.column(align=True), "The settings are other ones since", "INFO")
+        draw_wrapped(layout.column(align=True), "Settings have changed since this check", "INFO")
     draw_preflight(layout, session.check.result)
 
 
@@ -110,7 +110,7 @@ def _draw_findings(layout, findings):
         if finding.object_names:
             row.operator("lensfield.select_object", text="", icon="RESTRICT_SELECT_OFF").finding = index
     if len(told) > MOST_LINES:
-        column.label(text=f"{len(told) - MOST_LINES} more: lensfield lint tells them")
+        column.label(text=f"{len(told) - MOST_LINES} more: lensfield lint lists all of them")
     layout.label(text=counts_text(findings), icon="INFO")
 
 

@@ -28,7 +28,7 @@ class LensRender:
     @classmethod
     def poll(cls, context):
         if session.render:
-            cls.poll_message_set("A lens render is under way: wait for it, or cancel it")
+            cls.poll_message_set("A lens render is in progress: wait for it, or cancel it")
             return False
         return nothing_renders()
 
@@ -53,8 +53,8 @@ class LensRender:
 
 
 class LENSFIELD_OT_render(LensRender, bpy.types.Operator):
-    """Render the scene as it is now at every wavelength, and put it through the lens. In a window this goes on in the
-    background, and you can go on working"""
+    """Render the scene in its current state, at all wavelengths, through the lens. In a window, this runs in the
+    background and you can keep working"""
 
     bl_idname = "lensfield.render"
     bl_label = "Render through Lens"
@@ -69,8 +69,8 @@ class LENSFIELD_OT_render(LensRender, bpy.types.Operator):
 
 
 class LENSFIELD_OT_cancel(bpy.types.Operator):
-    """Stop the lens render under way. Esc does so too while the mouse is over the properties, the sidebar or an image
-    editor, and nothing else there waits for Esc"""
+    """Cancel the lens render in progress. Esc also cancels it with the mouse over the properties, the sidebar or an
+    Image Editor, unless something else there uses Esc"""
 
     bl_idname = "lensfield.cancel"
     bl_label = "Cancel Lens Render"
@@ -87,12 +87,12 @@ class LENSFIELD_OT_cancel(bpy.types.Operator):
 
     def execute(self, context):
         window_render.cancel()
-        self.report({"INFO"}, "The lens render is cancelled")
+        self.report({"INFO"}, "Lens render cancelled")
         return {"FINISHED"}
 
 
 class LENSFIELD_OT_match_camera(bpy.types.Operator):
-    """Give the scene's camera the field of view of the lens, to frame the picture by"""
+    """Give the scene's camera the lens's field of view, so that you frame what you will render"""
 
     bl_idname = "lensfield.match_camera"
     bl_label = "Match Camera to Lens"
@@ -115,8 +115,8 @@ def _match(scene):
 
 
 class LENSFIELD_OT_add_camera(bpy.types.Operator):
-    """Add a camera with the view of the lens, where it sees all there is: from where you look at it, if this is a 3D
-    view"""
+    """Add a camera with the lens's field of view, placed to show the complete scene; in a 3D view, from your viewing
+    direction"""
 
     bl_idname = "lensfield.add_camera"
     bl_label = "Add Camera"
@@ -139,7 +139,7 @@ class LENSFIELD_OT_add_camera(bpy.types.Operator):
 
 
 class LENSFIELD_OT_sensible_samples(bpy.types.Operator):
-    """Set the scene's samples to a number that does for most pictures, with Cycles' Denoise on"""
+    """Set the scene's samples to a number that suits most pictures, and enable Cycles' Denoise"""
 
     bl_idname = "lensfield.sensible_samples"
     bl_label = f"Use {ENOUGH_SAMPLES}, Denoised"
@@ -151,7 +151,7 @@ class LENSFIELD_OT_sensible_samples(bpy.types.Operator):
 
 
 class LENSFIELD_OT_search_lens(bpy.types.Operator):
-    """Find a lens by what is told of it: name, maker, year, 50mm, or words such as swirl and soft"""
+    """Find a lens by name, maker, year, focal length (50mm), or words such as swirl and soft"""
 
     bl_idname = "lensfield.search_lens"
     bl_label = "Search Lens"
@@ -170,7 +170,7 @@ class LENSFIELD_OT_search_lens(bpy.types.Operator):
 
 
 class LENSFIELD_OT_show_picture(bpy.types.Operator):
-    """Show the lens image of the last render in an image editor: one that is empty, or a new window"""
+    """Show the lens image of the last render in a free Image Editor, or in a new window"""
 
     bl_idname = "lensfield.show_picture"
     bl_label = "Show Picture"
@@ -186,8 +186,8 @@ class LENSFIELD_OT_show_picture(bpy.types.Operator):
 
 
 class LENSFIELD_OT_show_sheet(bpy.types.Operator):
-    """Open the sheet of the lens, as it is turned, at full size: point spread functions, distortion, sharpness, light
-    and colour"""
+    """Show the lens sheet at the current focus and f-stop, at full size: point spread functions, distortion, sharpness,
+    light and colour"""
 
     bl_idname = "lensfield.show_sheet"
     bl_label = "Show Lens Sheet"
@@ -212,7 +212,7 @@ class LENSFIELD_OT_show_sheet(bpy.types.Operator):
 def _present(operator, context, path, image):
     """Show an image of this file; in background mode, report its name."""
     if bpy.app.background:
-        operator.report({"INFO"}, f"{path} is loaded as the image {image.name!r}")
+        operator.report({"INFO"}, f"{path} loaded as image {image.name!r}")
     else:
         _show_at_full_size(context, image)
     return {"FINISHED"}

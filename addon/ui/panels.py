@@ -81,7 +81,7 @@ def _draw_rings(layout, scene):
     dof = camera.data.dof
     row = layout.row()
     row.use_property_split = False  # to leave room for the long label
-    row.prop(dof, "use_dof", text="Focus and F-Stop by the Camera")
+    row.prop(dof, "use_dof", text="Focus and F-Stop from Camera")
     if dof.use_dof:
         column = layout.column(align=True)
         column.prop(dof, "focus_object", text="Focus on")
@@ -117,23 +117,23 @@ def _draw_camera(layout, scene):
     for word in facts.words:
         draw_wrapped(column, word, "INFO")
     if factor != 1:
-        draw_wrapped(column, f"Made {factor:.3g} times as large as it is, blur and all", "INFO")
+        draw_wrapped(column, f"Lens and blur scaled {factor:.3g}\u00d7 to fit the camera's field of view", "INFO")
     elif not _sees_alike(scene, facts):
-        draw_wrapped(column, "Your camera frames another view", "INFO")
+        draw_wrapped(column, "Your camera has a different field of view", "INFO")
         column.operator("lensfield.match_camera", icon="CAMERA_DATA")
 
 
 def _lens_text(scene, facts, factor, sensor_mm):
     """Focal length, sensor size, focus and f-stop of a lens scaled by `factor`, with their limits, as text."""
-    focus = "far away" if isinf(facts.focus_mm) else f"at {facts.focus_mm * factor * 1e-3:.3g} m"
-    text = "{:.3g} mm on {:.3g} x {:.3g} mm".format(facts.efl_mm * factor, *sensor_mm)
+    focus = "at infinity" if isinf(facts.focus_mm) else f"at {facts.focus_mm * factor * 1e-3:.3g} m"
+    text = "{:.3g} mm on {:.3g} \u00d7 {:.3g} mm".format(facts.efl_mm * factor, *sensor_mm)
     if facts.reach is None:
         return f"{text}, fixed at f/{facts.f_number:.3g}, focused {focus}"
     widest, highest, closest_mm = facts.reach
     if not scene.camera.data.dof.use_dof:
         return f"{text}, wide open at f/{facts.f_number:.3g}, focused {focus}"
     stops = f"f/{widest:.3g} to f/{highest:.3g}" if highest > widest else f"f/{widest:.3g} only"
-    return (f"{text} at f/{facts.f_number:.3g}, focused {focus}; it has {stops}, and focuses down to "
+    return (f"{text} at f/{facts.f_number:.3g}, focused {focus}; range {stops}, closest focus "
             f"{closest_mm * factor * 1e-3:.3g} m")
 
 
@@ -162,7 +162,7 @@ def _draw_plan(layout, scene):
         draw_wrapped(column, str(error), "ERROR")
         return
     if scene.cycles.samples >= MANY_SAMPLES:
-        draw_wrapped(column, f"{scene.cycles.samples} samples in each render may take hours", "ERROR")
+        draw_wrapped(column, f"{scene.cycles.samples} samples in each pass may take hours", "ERROR")
         column.operator("lensfield.sensible_samples", icon="LIGHT_DATA")
 
 
@@ -221,7 +221,7 @@ def _draw_sheet(layout, scene):
         draw_wrapped(layout, str(error), "ERROR")
         return
     if preview is None:
-        draw_wrapped(layout, "It is drawn as soon as the lens is baked", "INFO")
+        draw_wrapped(layout, "The sheet appears once the lens is baked", "INFO")
         return
     layout.template_icon(icon_value=preview.icon_id, scale=_picture_scale())
     layout.operator("lensfield.show_sheet", icon="IMAGE_DATA")
@@ -280,11 +280,11 @@ def _draw_output(layout, scene):
     settings = scene.lensfield
     layout.prop(settings, "output_folder")
     if is_temporary(settings.output_folder):
-        draw_wrapped(layout.column(align=True), f"Not saved yet: pictures go to {folder_for(scene)}", "INFO")
+        draw_wrapped(layout.column(align=True), f"File not saved: pictures go to {folder_for(scene)}", "INFO")
     facts = lens_request(scene).facts if settings.lens_text() else None
     if facts:
         frame = frame_px(scene)
-        layout.label(text=f"{frame[1]} x {frame[0]} px of {pitch_um(facts, frame):.2f} \u00b5m")
+        layout.label(text=f"{frame[1]} \u00d7 {frame[0]} px, pixel pitch {pitch_um(facts, frame):.2f} \u00b5m")
     layout.prop_search(settings, "view_layer", scene, "view_layers")
     draw_compositor(layout, scene)
 

@@ -37,8 +37,9 @@ def plan_text(scene, lens):
     lens = lens_for_view(scene, lens, request.view)[0]
     (rows, columns), future = _planned(request.options, lens, frame_px(scene), wavelengths_nm)
     samples = scene.cycles.samples
-    text = (f"{_renders(scene, len(wavelengths_nm))} of {columns} x {rows} px, {samples} sample{'s' * (samples > 1)}; "
-            f"{len(wavelengths_nm)} wavelengths")
+    text = (f"{_passes(scene, len(wavelengths_nm))} \u00b7 {columns} \u00d7 {rows} \u00b7 "
+            f"{samples} sample{'s' * (samples > 1)} \u00b7 "
+            f"{len(wavelengths_nm)} wavelength{'s' * (len(wavelengths_nm) > 1)}")
     if not future.done() or future.exception():  # the plan is not ready, or not possible
         return text
     plan = future.result()
@@ -46,19 +47,19 @@ def plan_text(scene, lens):
     pass_mb = 1e-6 * pass_bytes(rows * columns, 1, denoises(scene, request))
     memory_mb = light_mb + max(pass_mb, plan.memory_mb + light_mb)  # radiance, then also irradiance
     memory = f"{memory_mb / 1e3:.1f} GB" if memory_mb >= 1e3 else f"{memory_mb:.0f} MB"
-    return f"{text}; then {max(plan.seconds, 0.1):.1f} s for the lens; {memory} beside the scene"
+    return f"{text}; Lens: {max(plan.seconds, 0.1):.1f} s, {memory}"
 
 
-def _renders(scene, wavelengths):
-    """The number of Cycles renders as text: exact after a scene check, otherwise a range."""
+def _passes(scene, wavelengths):
+    """The number of Cycles passes as text: exact after a scene check, otherwise a range."""
     most, tier = pass_count(wavelengths), scene.lensfield.tier
     check = session.check
     if check.scene_uid == scene.session_uid and check.result.plan and check.settings == checked_settings(scene):
         known, slabs = len(check.result.plan.bands), check.result.slabs
-        return f"{known} Cycles render{'s' * (known > 1)}" + (f" in {slabs.slabs} slabs of depth" if slabs else "")
+        return f"{known} Cycles pass{'es' * (known > 1)}" + (f" in {slabs.slabs} slabs of depth" if slabs else "")
     if tier == "PREVIEW" or most == 1:
-        return "1 Cycles render"
-    return f"{most} or more Cycles renders" if tier == "REFERENCE" else f"1 to {most} Cycles renders"
+        return "1 Cycles pass"
+    return f"{most} or more Cycles passes" if tier == "REFERENCE" else f"Up to {most} Cycles passes"
 
 
 def _planned(options, lens, frame_shape_px, wavelengths_nm):

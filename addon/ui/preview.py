@@ -135,11 +135,11 @@ def tick():
     preview = session.preview
     scene = next((each for each in bpy.data.scenes if each.session_uid == preview.scene_uid), None)
     if scene is None:
-        switch_off("its scene is gone")
+        switch_off("its scene no longer exists")
         return None
     if preview.child.ended:
         preview.child.end()
-        switch_off("its process died, of {}; its log is {}".format(*preview.child.death()))
+        switch_off("its process ended unexpectedly ({}); log: {}".format(*preview.child.death()))
         return None
     if preview.job and "status" in preview.child.status:
         _take_in(preview, scene)
@@ -229,7 +229,7 @@ def _take_in(preview, scene):
     if what == "lens" and (told["status"] or not _in_view(preview, scene)):
         preview.changed_s = 0.0  # the lens shows parts of the scene that were not captured: render again
     elif told["status"]:
-        preview.error = told.get("error", "see the console")
+        preview.error = told.get("error", "Failed: see the console")
 
 
 def _in_view(preview, scene):
@@ -242,7 +242,7 @@ def _in_view(preview, scene):
 
 def _facts(scene, seconds, lens):
     """Size, samples, time and lens of the preview: list of lines."""
-    return ["{} x {} px, {} samples, {:.1f} s".format(*size_px(scene), SAMPLES, seconds),
+    return ["{} \u00d7 {} px, {} samples, {:.1f} s".format(*size_px(scene), SAMPLES, seconds),
             lens_title(lens)]
 
 
@@ -318,7 +318,7 @@ def draw_preview(layout):
     row.operator("lensfield.preview", icon="HIDE_OFF" if preview else "HIDE_ON", depress=preview is not None)
     if preview is None:
         if session.preview_failure:
-            draw_wrapped(layout, f"The preview went off: {session.preview_failure}", "ERROR")
+            draw_wrapped(layout, f"Preview switched off: {session.preview_failure}", "ERROR")
         return
     if preview.slow:
         row.operator("lensfield.refresh_preview", text="", icon="FILE_REFRESH")
@@ -335,14 +335,14 @@ def _status(preview):
     if preview.error:
         yield preview.error
     if preview.job:
-        yield "Rendering" if preview.job[0] == "render" else "Changing the lens"
+        yield "Rendering" if preview.job[0] == "render" else "Applying the lens"
     elif preview.slow and not preview.fresh:
-        yield f"Out of date. Copying this file takes {preview.copies_s[-1]:.1f} s: refresh it by hand"
+        yield f"Out of date: refresh it manually, because copying this file takes {preview.copies_s[-1]:.1f} s"
 
 
 class LENSFIELD_OT_preview(bpy.types.Operator):
-    """Show the camera's view through the lens: small, in the camera's view of the 3D viewport and in image editors, and
-    anew by itself as the scene or the lens changes. It is rendered in the background, on a copy"""
+    """Show a small version of the lens image in the camera's view of the 3D viewport and in Image Editors, rendered in
+    the background from a copy of the file and updated when the scene or the lens changes"""
 
     bl_idname = "lensfield.preview"
     bl_label = "Preview"
@@ -360,7 +360,7 @@ class LENSFIELD_OT_preview(bpy.types.Operator):
 
 
 class LENSFIELD_OT_refresh_preview(bpy.types.Operator):
-    """Copy the file and render the preview anew"""
+    """Copy the file and render the preview again"""
 
     bl_idname = "lensfield.refresh_preview"
     bl_label = "Refresh Preview"
@@ -375,8 +375,8 @@ class LENSFIELD_OT_refresh_preview(bpy.types.Operator):
 
 
 class LENSFIELD_OT_focus_overlay(bpy.types.Operator):
-    """Tint what is out of focus in the camera's view: orange what is nearer, blue what is farther. It follows the focus
-    distance and the F-Stop while they are dragged, by the depth that the preview has"""
+    """Tint out-of-focus parts of the camera's view: orange if nearer, blue if farther. The tint uses the preview's
+    depth and follows Focus Distance and F-Stop while you drag them"""
 
     bl_idname = "lensfield.focus_overlay"
     bl_label = "Focus Overlay"

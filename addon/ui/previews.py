@@ -121,7 +121,7 @@ def open_png(path):
         with picture:
             if picture.width * picture.height > MOST_PIXELS:
                 raise SceneError(path, "size", "{} x {} px".format(*picture.size),
-                                 f"pictures of up to {MOST_PIXELS // 10**6} million pixels are shown")
+                                 f"expected at most {MOST_PIXELS // 10**6} million pixels")
             yield picture
     except SceneError:
         raise
@@ -130,4 +130,4 @@ def open_png(path):
 
 
 def _unreadable(path):
-    return SceneError(path, "picture", "not readable", "expected a PNG: lensfield lens plot draws a lens's sheet anew")
+    return SceneError(path, "picture", "not readable", "expected a PNG; lensfield lens plot draws a lens's sheet again")

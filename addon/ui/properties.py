@@ -35,7 +35,7 @@ NOT_OFFERED = {"method": AUTO}
 """Choices without an item: the user sets an accuracy instead."""
 MORE_ITEMS = {"tier": [("RESULT", "Custom", "Set the accuracy of colours and blur, or the size of sections")]}
 """Items that only the panel has."""
-OWN_LENS = f"A prescription of your own ({', '.join(READERS)}), which has rings to turn, or a lens package (.npz)"
+OWN_LENS = f"Your own prescription ({', '.join(READERS)}), with adjustable focus and f-stop, or a lens package (.npz)"
 BLEND_RELATIVE = {"PATH_SUPPORTS_BLEND_RELATIVE"}  # paths that start with // are relative to the .blend
 
 
@@ -52,7 +52,7 @@ def _spectrum_property(name, description, names, form):
 
 def _emission():
     return _spectrum_property(
-        "Emission", "Spectrum in place of the colour of the light; only its shape counts, the strength stays",
+        "Emission", "Spectrum that replaces the colour of the light; only its shape matters, the strength is unchanged",
         lambda: library_names("light"), "a two-column file (nm, value), or pairs such as 400:0.1, 700:0.2")
 
 
@@ -68,22 +68,22 @@ class LensfieldLightSpectra(bpy.types.PropertyGroup):
     emission: _emission()
     power_unit: EnumProperty(
         name="Power", default="WATT",
-        items=[("WATT", "Watts", "The light's own Power, given off between 380 and 780 nm (of a sun, per m\u00b2)"),
-               ("LUMEN", "Lumens", "Luminous flux, as lamps are sold by (of a sun, lux), in place of its Power")])
+        items=[("WATT", "Watts", "The light's own Power, emitted between 380 and 780 nm (for a sun, per m\u00b2)"),
+               ("LUMEN", "Lumens", "Luminous flux, as printed on a lamp's package, instead of Power (for a sun, lux)")])
     lumens: FloatProperty(name="Lumens", default=800, min=0, soft_max=1e5,
-                          description="Luminous flux in lumens; of a sun, illuminance in lux")
+                          description="Luminous flux in lumens; for a sun, illuminance in lux")
 
 
 class LensfieldMaterialSpectra(bpy.types.PropertyGroup):
     """Spectra of a material."""
 
     reflectance: _spectrum_property(
-        "Reflectance", "Spectral reflectance in place of the base colour. Empty: the colour is upsampled",
+        "Reflectance", "Spectral reflectance that replaces the base colour (if empty, the colour is upsampled)",
         lambda: library_names("reflectance"), "a two-column file (nm, value), or pairs such as 400:0.1, 700:0.2")
     emission: _emission()
     refraction: _spectrum_property(
-        "Refraction", "What the material is made of, by its refractive index. Glass takes it in place of its IOR and "
-        "disperses; metals reflect by it where no reflectance is given", refraction_names,
+        "Refraction", "Substance that sets the refractive index. Glass uses it instead of its IOR, and disperses; "
+        "metals without a reflectance reflect by it", refraction_names,
         "or a file of refractiveindex.info (.yml)")
 
 
@@ -193,8 +193,8 @@ class LensfieldSettings(bpy.types.PropertyGroup):
         name="Lens", description="Lens to render through", default=_lasting_number(DEFAULT_LENS),
         items=lens_items)
     lens_words: StringProperty(
-        name="Find", description="Words that are told of a lens, such as zeiss, 1936, 50mm, swirl or soft: you choose "
-                                 "among the lenses of which all of them are told")
+        name="Find", description="Filter the list to lenses that match every word, such as zeiss, 1936, 50mm, swirl or "
+                                 "soft")
     matching_lens: EnumProperty(name="Lens", description="Lens to render through", items=matching_lens_items,
                              get=lambda self: _lasting_number(self.lens), set=_choose_lens)
     lens_file: StringProperty(name="Lens File", description=OWN_LENS, subtype="FILE_PATH", options=BLEND_RELATIVE,
@@ -202,27 +202,27 @@ class LensfieldSettings(bpy.types.PropertyGroup):
     iris_roundness: _property("iris_roundness", settings_of(Iris)["roundness"])
     wavelength_mode: EnumProperty(
         name="Wavelengths", default="RANGE",
-        items=[("RANGE", "Range", "Evenly spaced wavelengths"), ("LIST", "List", "Wavelengths one by one")])
+        items=[("RANGE", "Range", "Evenly spaced wavelengths"), ("LIST", "List", "Individual wavelengths")])
     wavelength_first_nm: FloatProperty(name="First", description="Shortest wavelength in nm", default=FIRST_NM, min=1,
                                        precision=1)
     wavelength_last_nm: FloatProperty(name="Last", description="Longest wavelength in nm", default=LAST_NM, min=1,
                                       precision=1)
     wavelength_count: IntProperty(name="Number", default=NUMBER, min=1, soft_max=61,
-                                  description="Number of wavelengths of the lens image. How many of them are "
-                                              "rendered is up to the spectra, below")
+                                  description="Number of wavelengths of the lens image. The quality and the scene's "
+                                              "spectra determine how many of them Cycles renders")
     wavelength_list: StringProperty(name="List", description="Ascending wavelengths in nm, such as 450, 550, 650",
                                     default="450, 550, 650")
     quality: EnumProperty(
-        name="Blur", default="ACCURACY", description="How true the lens's blur is to be",
-        items=[("ACCURACY", "By Result", "Say how accurate the picture has to be; the quickest way there is chosen"),
-               ("KNOBS", "By Section Size", "Choose how it is done: the method, and the size of its sections")])
+        name="Blur", default="ACCURACY", description="Accuracy of the lens's blur",
+        items=[("ACCURACY", "By Result", "Set the accuracy of the picture; the fastest method that reaches it is used"),
+               ("KNOBS", "By Section Size", "Set the method and the size of its sections")])
     compositor_shows: EnumProperty(
         name="Compositor Shows", default="FRESH", update=lambda settings, context: refresh(settings.id_data),
-        description="What the Lensfield node of the compositor hands on",
-        items=[("FRESH", "Lens Image if Up to Date", "The lens image at frames that have one, unless the scene has "
-                                                     "changed since; else the plain render"),
+        description="Output of the Lensfield node in the compositor",
+        items=[("FRESH", "Lens Image if Up to Date", "The lens image at frames that have one, unless the scene "
+                                                     "has changed since; otherwise, the plain render"),
                ("ALWAYS", "Lens Image if Any", "The lens image at frames that have one, even if the scene has changed"),
-               ("NEVER", "Plain Render", "What the node is given")])
+               ("NEVER", "Plain Render", "The node's input")])
     compositor_key: StringProperty(options={"HIDDEN"})  # distinguishes the scene's lens images from other files' images
 
     def lens_name_or_path(self):

@@ -7,13 +7,13 @@ from .text_wrap import draw_wrapped
 from .window_render import redraw_panels
 
 MOST_SHOWN = 20
-WORDS = {"lens": "Lens", "spectrum": "Spectrum", "output": "Pictures in"}
+WORDS = {"lens": "Lens", "spectrum": "Spectrum", "output": "Output folder"}
 
 
 def draw_named_files(layout, named):
     """Draw the paths that a .blend names, and the button that trusts them."""
     column = layout.column(align=True)
-    draw_wrapped(column, "This file names other files. Nothing is read or rendered until you trust them:", "ERROR")
+    draw_wrapped(column, "This file refers to other files. Nothing is read or rendered until you trust them:", "ERROR")
     for path, kind in list(named.items())[:MOST_SHOWN]:
         draw_wrapped(column, f"{WORDS[kind]}: {path}")
     if len(named) > MOST_SHOWN:
@@ -22,8 +22,8 @@ def draw_named_files(layout, named):
 
 
 class LENSFIELD_OT_trust(bpy.types.Operator):
-    """Let Lensfield read the lens and the spectra that this file names, and write where it says, until Blender ends.
-    Files that may run scripts by themselves (Preferences, Save & Load, Auto Run Python Scripts) are trusted already"""
+    """Let Lensfield read the lens and spectra that this file refers to, and write to its output folder, until Blender
+    closes. Files that Blender lets run scripts (Preferences > Save & Load > Auto Run Python Scripts) are trusted"""
 
     bl_idname = "lensfield.trust"
     bl_label = "Trust"

@@ -103,7 +103,7 @@ def start(scene, *frames, lens_quality=None):
     check_job(scene, job)
     bpy.context.view_layer.update()  # so that the fingerprint includes the latest changes
     forget_fingerprints()
-    remarks = [f"image {name!r} has unsaved pixels, which are not in the picture: save or pack it"
+    remarks = [f"image {name!r} has unsaved pixels that the render does not include: save or pack it"
                for name in lost_images()]
     state_now, source = fingerprint_now(scene), window_digest(scene)
     _follow(scene, lambda folder: render_command(save_copy(folder), *frames, picture=Path(folder) / PICTURE,
@@ -183,14 +183,14 @@ def _finish(render):
     _lay(render)
     newest = next(map(Path, reversed(render.child.lens_images)), None)
     if render.to_compositor and render.child.lens_images and _scene(render) is None:
-        render.remarks.append(f"scene {render.scene_name!r} is no longer open: its compositor is as it was")
+        render.remarks.append(f"scene {render.scene_name!r} is no longer open: its compositor is unchanged")
     with render.folder:
         if "messages" in told:
             _notify("INFO", told["messages"] + render.remarks, newest)
         elif "error" in told:
             _notify("ERROR", [told["error"], *_left(render)], newest)
         else:
-            died = "the process of the render died, of {}; its log is {}".format(*render.child.death())
+            died = "the render process ended unexpectedly ({}); log: {}".format(*render.child.death())
             _notify("ERROR", [died, *_left(render)], newest)
 
 
@@ -200,7 +200,7 @@ def _left(render):
     passes = passes_left(scene, render.output_folder) if scene and render.output_folder else []
     count = len(render.child.lens_images) if render.animation else 0
     frames = "1 frame is" if count == 1 else f"{count} frames are"
-    return [f"{frames} there; the next animation goes on from there"] * bool(count) + passes
+    return [f"{frames} finished; Render Animation continues with the others"] * bool(count) + passes
 
 
 def _scene(render):
@@ -223,7 +223,7 @@ def _lay(render):
     try:
         lay_into_compositor(scene, *map(Path, new), fingerprint=render.fingerprint)
     except (InputError, RuntimeError) as error:  # Blender raises RuntimeError if, for example, the tree is linked
-        remark = f"not laid into the compositor: {str(error).strip()}"
+        remark = f"lens image not added to the compositor: {str(error).strip()}"
         if remark not in render.remarks:
             render.remarks.append(remark)
         return

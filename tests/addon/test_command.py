@@ -116,7 +116,7 @@ def test_a_copy_elsewhere_finds_what_lies_beside_the_original(scene, tmp_path):
     arguments = "render", elsewhere / "copy.blend", "--wavelengths", "450,550"
     done = lensfield(*arguments)
     assert done.returncode == 1 and "own.npz: lens is missing" in done.stderr
-    done = lensfield(*arguments, "--beside", tmp_path)
+    done = lensfield(*arguments, "--blend-folder", tmp_path)
     assert done.returncode == 0, done.stderr
     cube = read_exr(tmp_path / "lensfield" / "Scene_0001_irradiance.exr").cube
     assert cube[1].min() > 100 * cube[0].max()
@@ -174,7 +174,7 @@ def test_a_render_can_be_stopped_and_leaves_nothing_but_its_look_at_depth(blend,
         assert process.wait(LAST_RESORT_S) == 130
     finally:
         process.kill()
-    assert process.stderr.read().strip() == f"lensfield: cancelled; finished passes are kept in {kept}"
+    assert process.stderr.read().strip() == f"lensfield: cancelled; finished passes are stored in {kept}"
     left = [path for path in (tmp_path / "out").rglob("*") if path.is_file()]
     assert not list(temporary.iterdir()) and [path.parents[1] for path in left] == [kept]
 

@@ -311,7 +311,7 @@ def test_untrusted_work_needs_its_output_and_runs_no_scripts(paint, job, tmp_pat
     driver.expression = f"__import__('pathlib').Path({str(tmp_path / 'ran')!r}).touch() or 0"
     saved(job)
     status, said = lensfield(capfd, "render", job / "scene.blend", *LENS, "--untrusted")
-    assert status == 1 and "--output is not given: --untrusted writes below it only" in said
+    assert status == 1 and "--output is not given: required, because --untrusted writes only below it" in said
     status, said = untrusted("render", "--report", tmp_path / "report.json")
     assert status == 1 and "report.json: file is outside --output" in said
     status, said = untrusted("render")
@@ -323,14 +323,14 @@ def test_an_import_node_is_not_untrusted_work(paint, job, untrusted):
     import_node(paint, job)
     saved(job)
     status, said = untrusted("lint")
-    assert status == 1 and "node is GeometryNodeImportPLY: --untrusted renders no import nodes" in said
+    assert status == 1 and "node is GeometryNodeImportPLY: --untrusted refuses import nodes" in said
 
 
 def test_an_endless_render_meets_the_time_limit(paint, job, untrusted):
     """With 2^24 samples for each of four million pixels: years of work on any machine."""
     saved(job)
     status, said = untrusted("render", "--samples", 1 << 24, "--resolution", "2000x2000", "--time-limit", 5)
-    assert status == 1 and said.splitlines()[-1].endswith("scene.blend: time limit is 5 s: reached: --time-limit")
+    assert status == 1 and said.splitlines()[-1].endswith("scene.blend: time limit is 5 s: exceeded: --time-limit")
 
 
 @pytest.mark.skipif(sys.platform == "darwin", reason="macOS does not keep this limit")
@@ -341,7 +341,7 @@ def test_a_memory_bomb_meets_the_memory_limit(paint, job, untrusted):
     saved(job)
     status, said = untrusted("render", "--memory-limit", 2.5)
     assert status == 1 and said.splitlines()[-1].endswith(
-        "it may have met the memory limit of 2.5 GB: --memory-limit")
+        "it may have reached the memory limit of 2.5 GB: --memory-limit")
 
 
 @pytest.mark.skipif(not landlock_version(), reason="this system has no Landlock")

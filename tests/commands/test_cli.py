@@ -166,15 +166,15 @@ RENDER = "render", "t.blend", "--lens", "edmund-54852", "--output", "folder"
 @pytest.mark.parametrize("arguments, message", [
     ((*FILTER, "--output", "x.exr"), "x.exr: file is one of the inputs"),
     ((*FILTER, "--output", "folder/../x.exr"), "x.exr: file is one of the inputs"),
-    ((*FILTER, "--output", "my.npz"), "my.npz: kind of file is .npz: expected a .exr"),
+    ((*FILTER, "--output", "my.npz"), "my.npz: suffix is .npz: expected .exr"),
     ((*FILTER, "--output", "hard.exr"), "hard.exr: file is one of the inputs"),
     ((*FILTER, "--output", "out.exr", "--preview", "link.png"), "link.png: file is one of the inputs"),
-    ((*FILTER, "--output", "out.exr", "--report", "x.exr"), "x.exr: kind of file is .exr: expected a .json"),
-    ((*FILTER, "--output", "out.exr", "--report", "blend.txt"), "kind of file is .txt: expected a .json"),
-    ((*RENDER, "--report", "t.blend"), "t.blend: kind of file is .blend: expected a .json"),
+    ((*FILTER, "--output", "out.exr", "--report", "x.exr"), "x.exr: suffix is .exr: expected .json"),
+    ((*FILTER, "--output", "out.exr", "--report", "blend.txt"), "suffix is .txt: expected .json"),
+    ((*RENDER, "--report", "t.blend"), "t.blend: suffix is .blend: expected .json"),
     ((*RENDER, "--report", "blend.json"), "blend.json: file is one of the inputs"),
-    (("lens", "plot", "my.npz", "-o", "my.npz"), "my.npz: kind of file is .npz: expected a .png"),
-    (("lens", "export-macro", "zemax", "-o", "my.npz"), "my.npz: kind of file is .npz: expected a .zpl"),
+    (("lens", "plot", "my.npz", "-o", "my.npz"), "my.npz: suffix is .npz: expected .png"),
+    (("lens", "export-macro", "zemax", "-o", "my.npz"), "my.npz: suffix is .npz: expected .zpl"),
     (("lens", "import", "my.npz", "-o", "my.npz"), "my.npz: file is one of the inputs")],
     ids=lambda value: " ".join(value) if isinstance(value, tuple) else "")
 def test_no_output_may_be_an_input_or_of_another_kind(inputs, capsys, arguments, message):
@@ -189,7 +189,7 @@ def test_no_output_may_be_another_one(tmp_path, monkeypatch, one, other):
     monkeypatch.chdir(tmp_path)
     Path("there.exr").touch()
     os.link("there.exr", "too.exr")
-    with pytest.raises(InputError, match="named twice: give every output a name of its own"):
+    with pytest.raises(InputError, match="named twice: use a different name for each output"):
         check_outputs([(Path(one), ".exr"), (None, ".png"), (Path(other), ".exr")])
 
 

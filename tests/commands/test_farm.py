@@ -66,7 +66,7 @@ def test_a_job_has_its_paths_as_parameters(blend):
 
 
 @pytest.mark.parametrize("more, why", [
-    (("--view-layer", "{{Param.Scene}}"), "no way to write {{"), (("--frames", "scene"), "give their numbers"),
+    (("--view-layer", "{{Param.Scene}}"), "cannot contain {{"), (("--frames", "scene"), "give frame numbers"),
     (("--report", "report.json"), "each frame has its own"), (("--frames-per-task", "0"), "expected 1 to")])
 def test_what_cannot_be_a_job_is_told(blend, capsys, more, why):
     assert write_job(blend, *more) == 1

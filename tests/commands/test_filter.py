@@ -209,7 +209,7 @@ def test_a_tall_picture_fits_the_sensor_by_its_height(tmp_path):
 @pytest.mark.parametrize("arguments, message", [
     (("--fov", 180), "--fov is 180.0"), (("--fov", "nan"), "--fov is nan"),
     (("--focal-mm", 50), "--sensor-width-mm is missing"), (("--sensor-width-mm", 36), "--focal-mm is missing"),
-    (("--fov", 40, "--pitch-um", 5), "--fov is beside --pitch-um"),
+    (("--fov", 40, "--pitch-um", 5), "--fov is combined with --pitch-um"),
     (("--focal-mm", -1, "--sensor-width-mm", 36), "--focal-mm is -1.0"),
     (("--wavelengths", "500,300"), "wavelengths is"), (("--wavelengths", "300,500"), "wavelength is 300 nm"),
     (("--wavelengths", "390,500"), "the lens data spans 400 to"), (("--pitch-um", 0), "a.exr: pitch_um is 0.0"),
@@ -228,7 +228,7 @@ def test_what_is_for_rgb_is_refused_with_a_spectral_file(tmp_path, capsys, argum
     write_exr(SpectralImage(np.ones((1, 6, 8)), [550], pitch_um=200.0), source)
     assert is_spectral(source)
     line = failure(capsys, "filter", source, "--lens", "edmund-54852", *arguments, "--output", tmp_path / "out.exr")
-    assert f"spectral.exr: {arguments[0]} is " in line and "this one is spectral" in line
+    assert f"spectral.exr: {arguments[0]} is " in line and "this file is spectral" in line
 
 
 def test_pixels_that_are_not_finite_go_the_way_of_spectral_ones(tmp_path, capsys):
@@ -341,10 +341,10 @@ def test_a_file_of_just_that_name_is_no_sequence(tmp_path):
     ("shot_####.exr", {"--preview": "p.png"}, "p.png: name is p.png: expected one run of #"),
     ("shot_####.exr", {"--output": "#_#.exr"}, "name is #_#.exr: expected one run of #"),
     ("shot_####.exr", {"--output": "shot_####.exr"}, "shot_0001.exr: file is one of the inputs"),
-    ("shot_####.exr", {"--preview": "o_####.exr"}, "o_0001.exr: kind of file is .exr: expected a .png"),
-    ("shot_####.exr", {"--frames": "1-4"}, "shot_####.exr: 2 of 4 frames is 3, 4: not there"),
-    ("shot_####.exr", {"--frames": "1-40"}, "38 of 40 frames is 3, 4, 5, 6, 7, ...: not there"),
-    ("shot_####.exr", {"--frames": "1-9:2,20"}, "5 of 6 frames is 3, 5, 7, 9, 20: not there"),
+    ("shot_####.exr", {"--preview": "o_####.exr"}, "o_0001.exr: suffix is .exr: expected .png"),
+    ("shot_####.exr", {"--frames": "1-4"}, "shot_####.exr: --frames is 1-4: missing 2 of 4 frames: 3, 4"),
+    ("shot_####.exr", {"--frames": "1-40"}, "missing 38 of 40 frames: 3, 4, 5, 6, 7, ..."),
+    ("shot_####.exr", {"--frames": "1-9:2,20"}, "missing 5 of 6 frames: 3, 5, 7, 9, 20"),
     ("shot_####.exr", {"--frames": f"0-{10 ** 30}"}, "000: expected a range"),
     ("shot_####.exr", {"--frames": f"0-{10 ** 12}"}, f"--frames is 0-{10 ** 12}: expected no more than 2097152 frames"),
     ("shut_####.exr", {"--frames": "1-4"}, "shut_####.exr: file is missing: no frame"),
@@ -417,7 +417,7 @@ def test_frames_of_a_sequence_that_are_there_are_not_filtered_again(tmp_path, ca
     capsys.readouterr()
     assert made_again(tmp_path, "--report", tmp_path / "report.json") == [3]
     told = capsys.readouterr().out
-    assert told.startswith("2 of 3 frames are there already: 1 to filter\n")
+    assert told.startswith("2 of 3 frames are finished: 1 to filter\n")
     assert "out_0003.exr" in told and "out_0002.exr" not in told
     frames = json.loads((tmp_path / "report.json").read_text())["frames"]
     assert [(frame["frame"], frame.get("earlier", False)) for frame in frames] == [(1, True), (2, True), (3, False)]

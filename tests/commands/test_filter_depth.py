@@ -85,9 +85,9 @@ def test_a_picture_with_depth_is_blurred_by_it_and_what_is_guessed_is_told(tmp_p
     deep, told, report = filtered(capsys, source)
     flat, silent, without = filtered(capsys, source, "--depth", "off")
     assert sharpness(deep) < 0.7 * sharpness(flat)
-    assert "depth: Z: " in told and "3 slabs, cut at" in told and "guessed from what is around it" in told
+    assert "depth: Z: " in told and "3 slabs, cut at" in told and "guessed from their surroundings" in told
     assert "depth:" not in silent and "guessed" not in silent
-    assert report["layers"].startswith("depth is that of Z; ") and report["depth"]["nearest_mm"] == pytest.approx(900)
+    assert report["layers"].startswith("depth from channel Z; ") and report["depth"]["nearest_mm"] == pytest.approx(900)
     assert not without["layers"] and without["depth"] is None
 
 
@@ -131,7 +131,7 @@ def test_half_precision_and_what_lies_at_its_end(tmp_path, capsys, wanted):
 
 def test_pixels_that_tell_no_depth_are_told(tmp_path, capsys):
     _, told, _ = filtered(capsys, flat_exr(tmp_path / "a.exr", np.where(scene_m() > 1e9, 0, scene_m())))
-    assert "25.0% of the pixels tell no depth: taken for infinitely far" in told
+    assert "25.0% of the pixels have no depth and count as infinitely far" in told
 
 
 def test_depth_of_another_window_lies_where_it_is(tmp_path, capsys):
@@ -164,7 +164,7 @@ def test_a_package_has_no_rays_and_says_so(tmp_path, capsys):
     package = tmp_path / "lens.npz"
     write_package(load_lens(LENS[1], Rings(focus_mm=2000), quality="preview"), package)
     assert run("filter", source, "--lens", package, "--wavelengths", "550", "--output", tmp_path / "out.exr") == 0
-    assert "blurred by circles of first order" in capsys.readouterr().out
+    assert "blurred by first-order circles" in capsys.readouterr().out
 
 
 def test_a_sequence_tells_once_what_changes_by_figures_alone(tmp_path, capsys):
@@ -221,7 +221,7 @@ def test_layers_that_a_file_holds_are_taken_as_they_are(tmp_path, capsys):
     output = tmp_path / "out.exr"
     assert run("filter", tmp_path / "a.exr", *LENS, "--output", output) == 0
     told = capsys.readouterr().out
-    assert "in the layers that the file holds" in told and "guessed" not in told
+    assert "in the layers of the file" in told and "guessed" not in told
     lens = load_lens(LENS[1], Rings(focus_mm=2000), quality="preview")
     np.testing.assert_array_equal(read_exr(output).cube, simulate(layered, lens).cube)
 

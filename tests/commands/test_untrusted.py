@@ -62,8 +62,8 @@ def test_all_outputs_are_below_one_folder(picture, tmp_path, capfd):
 
 
 @pytest.mark.parametrize("more, message", [
-    (("--root", "x"), "--root is without --untrusted: give both"),
-    (("--time-limit", "5"), "--time-limit is without --untrusted: give both"),
+    (("--root", "x"), "--root is given without --untrusted: give both"),
+    (("--time-limit", "5"), "--time-limit is given without --untrusted: give both"),
     (("--untrusted", "--memory-limit", "0.1"), "--memory-limit is 0.1: expected 2.0 to"),
     (("--untrusted", "--time-limit", "0"), "--time-limit is 0.0: expected 1.0 to")])
 def test_limits_are_checked(picture, tmp_path, capfd, more, message):
@@ -101,7 +101,7 @@ def test_tasks_of_farms_are_confined_by_the_same_limits(tmp_path, monkeypatch):
 def test_a_process_that_never_ends_is_ended():
     process = subprocess.Popen([sys.executable, "-c", "import signal; signal.pause()"],
                                start_new_session=sys.platform == "linux")
-    with pytest.raises(InputError, match="^scene.blend: time limit is 0.5 s: reached: --time-limit$"):
+    with pytest.raises(InputError, match="^scene.blend: time limit is 0.5 s: exceeded: --time-limit$"):
         untrusted._wait(process, "scene.blend", 0.5)
     assert process.returncode == -signal.SIGTERM
 

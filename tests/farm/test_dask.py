@@ -56,7 +56,7 @@ def test_a_worker_that_is_killed_loses_nothing_and_leaves_nothing(blend, serial,
     assert client.returncode == 0, errors
     facts = [json.loads(line.partition("> ")[2]) for line in told.splitlines()]
     assert {fact["frame"] for fact in facts if "frame" in fact} == {1, 2}
-    assert facts[-1]["messages"] == ["2 frames there"]
+    assert facts[-1]["messages"] == ["2 frames finished"]
     assert [frame["frame"] for frame in json.loads(report.read_text())["frames"]] == [1, 2]
     assert differing(serial, folder) == []
 
@@ -75,14 +75,14 @@ def test_frames_that_fail_are_told(blend, scheduler, tmp_path):
                           capture_output=True, text=True)
     assert told.returncode == 1
     assert told.stdout.startswith("frames 1-2: ") and "none such" in told.stdout
-    assert told.stderr.startswith("lensfield: frames 1-2: render is not done: 0 of 2 frames are there: ")
+    assert told.stderr.startswith("lensfield: frames 1-2: render is incomplete: 0 of 2 frames are finished: ")
     assert told.stderr.count("\n") == 1
 
 
 @pytest.mark.parametrize("more, why", [
-    (("--scheduler", "tcp://127.0.0.1:1"), "--scheduler is tcp://127.0.0.1:1: no scheduler answers there"),
-    (("--frames", "scene"), "--frames is scene: give their numbers"),
-    (("--picture", "so_far.png"), "--picture is so_far.png: leave it out"),
+    (("--scheduler", "tcp://127.0.0.1:1"), "--scheduler is tcp://127.0.0.1:1: no scheduler answers at this address"),
+    (("--frames", "scene"), "--frames is scene: give frame numbers"),
+    (("--picture", "so_far.png"), "--picture is so_far.png: not possible with --scheduler"),
     (("--frames-per-task", "0"), "--frames-per-task is 0: expected 1 to")])
 def test_what_cannot_be_is_told_in_one_line(blend, tmp_path, more, why):
     told = subprocess.run(command(blend, tmp_path, "tcp://127.0.0.1:1", *more), capture_output=True, text=True,

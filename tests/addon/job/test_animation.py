@@ -327,8 +327,8 @@ def test_the_command_resumes_after_it_was_stopped(moving_scene, tmp_path):
     _, told = process.communicate(timeout=LAST_RESORT_S)
     assert process.returncode == 130
     kept = {path.parents[1] for path in folder.glob(".lensfield/*/*/[!.]*.exr")}
-    assert told.endswith("".join(["lensfield: cancelled", *(f"; finished passes are kept in {path}" for path in kept)])
-                         + "\n")
+    stored = "".join(f"; finished passes are stored in {path}" for path in kept)
+    assert told.endswith(f"lensfield: cancelled{stored}\n")
     there = {name[:10] for name in files(folder) if name.endswith("report.json")}
     assert {"Scene_0002", "Scene_0003"} <= there
     assert {name for name in files(folder) if name.startswith(".")} <= {".lensfield"}  # passes of the next frame

@@ -68,7 +68,7 @@ def test_simulations_cached_on_disk_are_found_beside_the_copy(scene, tmp_path):
 def test_a_file_never_saved_has_a_copy_too(scene, tmp_path):
     assert child.save_copy(tmp_path).is_file()
     command = child.render_command("copy.blend", picture="picture.png")
-    assert not bpy.data.filepath and command[command.index("--beside") + 1] == str(unsaved_folder())
+    assert not bpy.data.filepath and command[command.index("--blend-folder") + 1] == str(unsaved_folder())
 
 
 def test_blender_itself_is_started_with_this_add_on(scene, monkeypatch):
@@ -178,5 +178,5 @@ def test_nothing_of_a_dead_child_runs_on(tmp_path):
     wait_until(lambda: render.ended)
     render.end()
     why, log = render.death()
-    assert why == "exit status 3: it said nothing"
+    assert why == "exit status 3: no output"
     Path(log).unlink()

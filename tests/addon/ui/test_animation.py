@@ -74,7 +74,7 @@ def test_a_cancelled_animation_keeps_its_frames_and_goes_on_from_them(moving_sce
     start()
     follow(lambda render: render and len(render.child.lens_images) == 2)
     assert bpy.ops.lensfield.cancel() == {"FINISHED"}
-    assert notice() == "Cancelled\n2 frames are there; the next animation goes on from there"
+    assert notice() == "Cancelled\n2 frames are finished; Render Animation continues with the others"
     assert not frame_file(tmp_path, 3).exists() and not list(tmp_path.glob("lensfield/.*"))
     stamps = [frame_file(tmp_path, frame, "report.json").stat().st_mtime_ns for frame in (1, 2)]
     assert lens_image(moving_scene)
@@ -95,7 +95,7 @@ def test_a_compositor_that_refuses_frames_does_not_stop_them(moving_scene, monke
     start()
     follow()
     assert notice().startswith("3 frames in ")
-    assert notice().count("not laid into the compositor: tree: owner is library.blend: make it local") == 1
+    assert notice().count("lens image not added to the compositor: tree: owner is library.blend: make it local") == 1
 
 
 @pytest.mark.one_blender
@@ -125,7 +125,7 @@ def test_an_error_names_the_frame_and_says_what_is_left(moving_scene):
     start()
     follow()
     assert session.last_render.lines[0].startswith("frame 2: camera 'Camera': shift is 0.5, 0: ")
-    assert session.last_render.lines[1] == "1 frame is there; the next animation goes on from there"
+    assert session.last_render.lines[1] == "1 frame is finished; Render Animation continues with the others"
     assert session.last_render.icon == "ERROR"
 
 

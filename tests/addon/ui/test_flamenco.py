@@ -57,5 +57,5 @@ def test_its_script_is_saved(scene, flamenco, tmp_path):
     with pytest.raises(RuntimeError, match="an existing file that Lensfield did not write"):
         bpy.ops.lensfield.save_flamenco_job_type(filepath=str(path))
     assert path.read_text() == "mine"
-    with pytest.raises(RuntimeError, match="as lensfield_render.js alone"):
+    with pytest.raises(RuntimeError, match="expected lensfield_render.js, the name"):
         bpy.ops.lensfield.save_flamenco_job_type(filepath=str(path.with_name("mine.js")))

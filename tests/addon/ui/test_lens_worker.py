@@ -69,7 +69,7 @@ def answered(scene):
 
 def test_a_panel_is_drawn_while_its_lens_is_baked(scene, oven):
     assert lens_worker.requested_lens(scene) is None and oven.entered.wait(LAST_RESORT_S)
-    assert lens_worker.BAKING in told(scene) and "wide open at f/5.5, focused far away" in told(scene)
+    assert lens_worker.BAKING in told(scene) and "wide open at f/5.5, focused at infinity" in told(scene)
     assert lens_worker.lens_request(scene).fraction == 0.4
     oven.opened.set()
     assert answered(scene) is not None and lens_worker.BAKING not in told(scene)
@@ -91,7 +91,7 @@ def test_a_ring_that_is_still_turning_bakes_nothing(scene, oven, monkeypatch):
     monkeypatch.setattr(lens_worker, "STILL_S", LAST_RESORT_S)
     for f_number in (8, 9, 10):
         turn(scene, f_number)
-        assert f"at f/{f_number}, focused at 10 m; it has f/5.5 to f/22" in told(scene)
+        assert f"at f/{f_number}, focused at 10 m; range f/5.5 to f/22" in told(scene)
     assert not oven.asked
 
 
@@ -106,7 +106,7 @@ def test_an_old_answer_is_not_shown_for_a_new_question(scene, oven):
 
 @pytest.mark.parametrize("error, line", [
     (LensError("tessar-50mm", "field height", "9 mm", "end the field earlier"), "field height is 9 mm"),
-    (FloatingPointError("overflow"), "not to be had, of FloatingPointError: overflow")])
+    (FloatingPointError("overflow"), "not available (FloatingPointError): overflow")])
 def test_a_bake_that_fails_tells_its_line(scene, oven, error, line):
     oven.error = error
     oven.opened.set()

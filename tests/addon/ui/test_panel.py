@@ -99,7 +99,7 @@ def test_a_scene_without_a_camera_gets_one_that_sees_all(scene, lens):
     assert "lensfield.add_camera" in drawn(scene).shown
     assert bpy.ops.lensfield.add_camera() == {"FINISHED"}
     bpy.context.view_layer.update()
-    assert "lensfield.add_camera" not in drawn(scene).shown and "another view" not in told(scene)
+    assert "lensfield.add_camera" not in drawn(scene).shown and "different field of view" not in told(scene)
     for obj in (obj for obj in scene.objects if obj.type == "MESH"):
         for vertex in obj.data.vertices:
             x, y, z = world_to_camera_view(scene, scene.camera, obj.matrix_world @ vertex.co)
@@ -114,9 +114,9 @@ def test_an_empty_scene_gets_a_camera_too(scene):
 
 def test_a_camera_that_frames_another_view_is_told_of(scene):
     scene.camera.data.type, scene.camera.data.lens = "PERSP", 90
-    assert "another view" in told(scene)
+    assert "different field of view" in told(scene)
     assert bpy.ops.lensfield.match_camera() == {"FINISHED"}
-    assert "another view" not in told(scene)
+    assert "different field of view" not in told(scene)
 
 
 def test_many_samples_are_told_of_and_mended(plain):
@@ -140,21 +140,21 @@ def plan_text(scene):
 
 def test_the_plan_line_follows_the_settings(plain):
     plain.lensfield.wavelength_mode, plain.lensfield.wavelength_list = "LIST", "450, 500, 550, 600, 650"
-    assert "1 to 2 Cycles renders of" in settled(plain) and "5 wavelengths" in settled(plain)
+    assert "Up to 2 Cycles passes \u00b7 " in settled(plain) and "5 wavelengths" in settled(plain)
     plain.lensfield.tier = "PREVIEW"
-    assert settled(plain).startswith("1 Cycles render of")
+    assert settled(plain).startswith("1 Cycles pass \u00b7 ")
     plain.lensfield.tier = "REFERENCE"
-    assert settled(plain).startswith("2 or more Cycles renders")
+    assert settled(plain).startswith("2 or more Cycles passes")
 
 
 def test_the_plan_line_knows_what_a_check_has_found_until_the_settings_change(plain):
     plain.lensfield.tier = "REFERENCE"
     assert bpy.ops.lensfield.lint() == {"FINISHED"}
     count = len(session.check.result.plan.bands)
-    assert plan_text(plain).startswith(f"{count} Cycles render")
-    assert "other ones since" not in told(plain)
+    assert plan_text(plain).startswith(f"{count} Cycles pass")
+    assert "changed since this check" not in told(plain)
     plain.lensfield.wavelength_count = 7
-    assert plan_text(plain).startswith("3 or more") and "other ones since" in told(plain)
+    assert plan_text(plain).startswith("3 or more") and "changed since this check" in told(plain)
 
 
 def stopped_down(scene):
@@ -173,9 +173,9 @@ def test_a_check_is_an_old_one_where_the_number_of_slabs_may_be_another(plain, c
 
     plain.lensfield.tier = "RESULT"
     assert bpy.ops.lensfield.lint() == {"FINISHED"}
-    assert "other ones since" not in told()
+    assert "changed since this check" not in told()
     change(plain)
-    assert "other ones since" in told()
+    assert "changed since this check" in told()
 
 
 @pytest.mark.parametrize("denoise", ["OFF", "ON"])
@@ -190,7 +190,7 @@ def test_the_plan_line_tells_the_seconds_of_the_engine_and_the_memory_of_what_ta
     assert plan == make_plan(Options(accuracy=0.01), lens, Sampling(grid, tuple(settings.wavelengths_nm())))
     pass_mb = 1e-6 * pass_bytes(cube[0].size, 1, denoise == "ON")
     memory_mb = 1e-6 * cube.nbytes + max(pass_mb, plan.memory_mb + 1e-6 * cube.nbytes)
-    assert f"then {max(plan.seconds, 0.1):.1f} s for the lens; {memory_mb:.0f} MB beside the scene" in text
+    assert f"; Lens: {max(plan.seconds, 0.1):.1f} s, {memory_mb:.0f} MB" in text
 
 
 def test_what_cannot_be_planned_is_told_in_its_place(plain):
@@ -229,7 +229,7 @@ def test_another_file_has_nothing_of_the_last_ones_render(plain, monkeypatch):
 
 def test_a_lens_of_another_size_is_told_of_in_few_words(plain):
     plain.camera.data.type, plain.camera.data.lens, plain.lensfield.view = "PERSP", 25, "CAMERA"
-    assert "Made 0.5 times as large as it is" in told(plain)
+    assert "Lens and blur scaled 0.5\u00d7" in told(plain)
 
 
 def test_once_saved_pictures_go_beside_the_file(plain, tmp_path):

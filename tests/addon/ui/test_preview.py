@@ -63,7 +63,7 @@ def test_it_shows_the_scene_and_touches_nothing_of_it(ready_scene):
     assert not [line for line in differences(before, snapshot()) if preview.NAME not in line]
     assert tuple(bpy.data.images[preview.NAME].size) == (320, 240) and red(ready_scene) > 0
     assert on().picture.is_file() and not on().error
-    assert "320 x 240 px, 4 samples" in shown() and "Zeiss Tessar" in shown()
+    assert "320 \u00d7 240 px, 4 samples" in shown() and "Zeiss Tessar" in shown()
     child, folder = on().child, Path(on().folder.name)
     assert bpy.ops.lensfield.preview() == {"FINISHED"}
     assert child.ended and not folder.exists() and not bpy.app.timers.is_registered(preview.tick)
@@ -233,7 +233,7 @@ def test_a_file_that_takes_long_to_copy_is_refreshed_by_hand(ready_scene, monkey
     preview.on_frame(ready_scene)
     on().changed_s = 0.0
     preview.tick()
-    assert not on().job and "refresh it by hand" in shown()
+    assert not on().job and "refresh it manually" in shown()
     assert bpy.ops.lensfield.refresh_preview() == {"FINISHED"}
     follow()
     assert on().radiance.stat().st_mtime_ns > radiance
@@ -258,14 +258,14 @@ def test_it_goes_off_with_its_file_its_scene_its_child_and_the_add_on(ready_scen
     preview.start(bpy.context.scene)
     os.kill(on().child._process.pid, signal.SIGKILL)
     follow()
-    assert on() is None and "its process died, of signal 9" in shown()
-    Path(session.preview_failure.rsplit("its log is ")[1]).unlink()
+    assert on() is None and "its process ended unexpectedly (signal 9" in shown()
+    Path(session.preview_failure.rsplit("log: ")[1]).unlink()
     other = bpy.data.scenes.new("Other")
     other.camera = bpy.context.scene.camera
     preview.start(other)
     bpy.data.scenes.remove(other)
     follow()
-    assert on() is None and "its scene is gone" in shown()
+    assert on() is None and "its scene no longer exists" in shown()
     preview.start(bpy.context.scene)
     child = on().child
     addon.unregister()

@@ -136,7 +136,7 @@ def test_a_huge_picture_is_not_decoded(tmp_path, monkeypatch, scene, show):
     Image.new("1", (13300, 13300)).save(path)
     assert path.stat().st_size < 100_000
     monkeypatch.setattr(PngImagePlugin.PngImageFile, "load", None)
-    with pytest.raises(SceneError, match="sheet.png: size is 13300 x 13300 px: pictures of up to 40 million pixels"):
+    with pytest.raises(SceneError, match="sheet.png: size is 13300 x 13300 px: expected at most 40 million pixels"):
         show(path)
     assert not bpy.data.images
 
@@ -163,7 +163,7 @@ def test_a_folded_sheet_takes_no_room(scene):
 def test_the_panel_draws_a_sheet_that_is_not_there(scene, own_lens, drawing):
     layout = drawn(scene)
     assert not {"picture", "lensfield.show_sheet"} & set(layout.shown)
-    assert "drawn as soon as the lens is baked" in " ".join(layout.labels)
+    assert "appears once the lens is baked" in " ".join(layout.labels)
     settle(scene)
     assert {"picture", "lensfield.show_sheet"} <= set(drawn(scene).shown) and len(drawing) == 1
     assert not own_lens.with_suffix(".png").exists()

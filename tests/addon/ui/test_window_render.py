@@ -158,7 +158,7 @@ def test_cancelling_kills_a_child_that_does_not_end_within_its_grace(endless_sce
 
 def test_there_is_one_render_at_a_time(endless_scene):
     start()
-    with pytest.raises(RuntimeError, match="A lens render is under way: wait for it, or cancel it"):
+    with pytest.raises(RuntimeError, match="A lens render is in progress: wait for it, or cancel it"):
         bpy.ops.lensfield.render()
     window_render.end()
     assert bpy.ops.lensfield.render.poll() and not bpy.ops.lensfield.cancel.poll()
@@ -170,8 +170,8 @@ def test_a_child_that_dies_leaves_a_line_and_its_log(endless_scene):
     follow(in_a_pass)
     os.kill(render.child._process.pid, signal.SIGABRT)
     follow()
-    assert notice().startswith("the process of the render died, of signal 6: ")
-    log = Path(notice().rsplit("its log is ")[1])
+    assert notice().startswith("the render process ended unexpectedly (signal 6: ")
+    log = Path(notice().rsplit("log: ")[1])
     assert log.read_text() and not Path(render.folder.name).exists()
     log.unlink()
     assert bpy.ops.lensfield.render.poll()

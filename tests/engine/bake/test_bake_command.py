@@ -265,9 +265,9 @@ def test_the_request_and_its_defaults(path, tmp_path, asked):
     ("--glass N-SF10=LAK10C", "doublet.toml: surface 3, glass is LAK10C: in no glass catalogue: perhaps "),
     ("--glass N-SF10=1.72", "doublet.toml: surface 3, glass is 1.72: an index without dispersion: give its Abbe number "
                             "too, as 1.72/V (--glass OLD=NEW)"),
-    ("--object-distance far", "options: --object-distance is far: expected mm, or inf"),
-    ("--object-distance 5,,6", "options: --object-distance is 5,,6: expected mm, or inf"),
-    ("--object-distance 500,500", "options: --object-distance is 500,500: expected each of them once"),
+    ("--object-distance far", "options: --object-distance is far: expected distances in mm, or inf"),
+    ("--object-distance 5,,6", "options: --object-distance is 5,,6: expected distances in mm, or inf"),
+    ("--object-distance 500,500", "options: --object-distance is 500,500: expected each distance once"),
     ("--object-distance 0", "doublet.toml: object_distance_mm is 0.0: expected a positive number, or inf"),
     ("--object-distance nan", "doublet.toml: object_distance_mm is nan: expected a positive number, or inf"),
     ("--wavelengths 650,450", "options: wavelengths is 650,450: expected first:last:number"),
@@ -277,8 +277,8 @@ def test_the_request_and_its_defaults(path, tmp_path, asked):
     ("--pitch nan", "doublet.toml: pitch is nan: expected a positive number of um"),
     ("--workers 0", "options: --workers is 0: expected at least 1"),
     ("--workers -3", "options: --workers is -3: expected at least 1"),
-    ("-o lens.png", "lens.png: kind of file is .png: expected a .npz"),
-    ("-o lens", "lens: kind of file is without a suffix: expected a .npz")])
+    ("-o lens.png", "lens.png: suffix is .png: expected .npz"),
+    ("-o lens", "lens: suffix is missing: expected .npz")])
 def test_bad_values_are_one_line_and_leave_nothing(path, tmp_path, capfd, arguments, message):
     assert run(path, "-o", tmp_path / "lens.npz", *arguments.split()) == 1
     out, err = capfd.readouterr()
@@ -324,8 +324,8 @@ def test_another_programs_prescription_becomes_ours(path, capsys):
 
 
 @pytest.mark.parametrize("output, message", [
-    ("lens.txt", "kind of file is .txt: expected a .toml"),
-    ("doublet.toml", "file is one of the inputs: give every output a name of its own")])
+    ("lens.txt", "suffix is .txt: expected .toml"),
+    ("doublet.toml", "file is one of the inputs: use a different name for each output")])
 def test_a_prescription_is_not_written_over_another(path, capsys, output, message):
     before = path.read_text()
     assert cli.main(["lens", "convert", str(path), "-o", str(path.parent / output)]) == 1
@@ -388,4 +388,4 @@ def test_a_field_for_a_file_that_tells_none(path, capsys):
     assert "no findings" in capsys.readouterr().out
     write_package(make_lens(), path.parent / "lens.npz")
     assert check(path.parent / "lens.npz", "--field-height", 5) == 1
-    assert "a lens package's field ends with its tables: leave it out" in capsys.readouterr().err
+    assert "the tables of a lens package define its field: leave it out" in capsys.readouterr().err

@@ -160,7 +160,7 @@ def test_the_command_draws_what_is_out_of_focus(lens_file, monkeypatch):
     (("no-such-lens",), "no-such-lens: lens is missing"),
     (("edmund-54852", "--frequencies", "20;50"), "options: --frequencies is 20;50: expected cycles per mm such as"),
     (("edmund-54852", "--frequencies", "20,2000"), "edmund-54852: frequency is 2000 cycles/mm: expected more than 0"),
-    (("edmund-54852", "-o", "sheet.jpg"), "sheet.jpg: kind of file is .jpg: expected a .png"),
+    (("edmund-54852", "-o", "sheet.jpg"), "sheet.jpg: suffix is .jpg: expected .png"),
     (("edmund-54852", "-o", "a-file/sheet.png"), "a-file: folder is impossible to create"),
     ((".",), ".: lens is a folder")])
 def test_bad_input_is_one_line(arguments, message, tmp_path, monkeypatch, capsys):

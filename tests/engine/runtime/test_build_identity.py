@@ -139,13 +139,13 @@ def test_frames_and_caches_of_another_build_are_not_used(package, tmp_path):
         plans = set((tmp_path / "cache/plans").iterdir())
         assert lensfield(tmp_path, package, "--any-build").splitlines()[:2] == [
             "2 of 2 frames come from another build of Lensfield: accepted by --any-build",
-            "2 of 2 frames are there already: 0 to filter"]
+            "2 of 2 frames are finished: 0 to filter"]
         assert np.array_equal(read_exr(tmp_path / "out_0001.exr").cube, first)
         told = lensfield(tmp_path, package)
         assert told.startswith("2 of 2 frames come from another build of Lensfield: filtered again")
         np.testing.assert_allclose(read_exr(tmp_path / "out_0001.exr").cube, 2 * first, rtol=1e-6)
         assert set((tmp_path / "cache/plans").iterdir()) > plans
-        assert "2 of 2 frames are there already" in (again := lensfield(tmp_path, package))
+        assert "2 of 2 frames are finished" in (again := lensfield(tmp_path, package))
         assert "another build" not in again
     finally:
         source.write_text(ours, encoding="utf-8")
