@@ -170,9 +170,9 @@ def _end_unread():
 
 
 def _cancel():
-    kept = "".join(f"; finished passes are stored in {folder}" for folder in _remove_pending())
+    passes_text = "".join(f"; finished passes are stored in {folder}" for folder in _remove_pending())
     with suppress(OSError):  # standard error may be closed
-        print(f"\nlensfield: cancelled{kept}", file=sys.stderr)
+        print(f"\nlensfield: cancelled{passes_text}", file=sys.stderr)
     _leave(CANCELLED)
 
 

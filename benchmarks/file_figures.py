@@ -22,7 +22,7 @@ PNG_LEVELS = 0, 1, 3, 6, 9
 TIMES = 3
 
 
-def tell(what, written, path, read):
+def print_row(what, written, path, read):
     print(f"  {what:<13}{written[0]:8.2f}{written[1]:8.2f}{read[0]:8.2f}{read[1]:8.2f}{path.stat().st_size / 1e6:9.2f}",
           flush=True)
 
@@ -36,7 +36,7 @@ def measure_exr(planes, copy):
             with exr_threads(), OpenEXR.File(header, dict(planes)) as file:
                 file.write(str(copy))
 
-        tell(name, least_s(write, TIMES), copy, least_s(lambda: read_parts(copy), TIMES))
+        print_row(name, least_s(write, TIMES), copy, least_s(lambda: read_parts(copy), TIMES))
 
 
 def measure_png(original, copy):
@@ -44,8 +44,8 @@ def measure_png(original, copy):
     picture = Image.open(original)
     picture.load()
     for level in PNG_LEVELS:
-        tell(f"PNG, level {level}", least_s(lambda level=level: picture.save(copy, compress_level=level), TIMES), copy,
-             least_s(lambda: Image.open(copy).load(), TIMES))
+        print_row(f"PNG, level {level}", least_s(lambda level=level: picture.save(copy, compress_level=level), TIMES),
+                  copy, least_s(lambda: Image.open(copy).load(), TIMES))
 
 
 def main(folders):

@@ -51,7 +51,7 @@ def timed(scene, wavelengths_nm, spectral=STANDARD):
                     answer = None
                     passes.append(time.perf_counter() - started)
                 else:
-                    answer = step.call(lambda done: None)
+                    answer = step.call(lambda fraction: None)
         except StopIteration as end:
             result = end.value
         rest = time.perf_counter() - begin - sum(passes)

@@ -39,11 +39,11 @@ def cold_run(radiance: SpectralImage, lens: Lens, options: Options, frames: int 
              out: np.ndarray | None = None) -> Run:
     """Filter a picture `frames` times, from a cold start."""
     lens, report = replace(lens), Report()
-    kept = ChannelCache() if frames > 1 else None
+    cache = ChannelCache() if frames > 1 else None
     seconds = []
     for _ in range(frames):
         begin_s, begin_processor_s = time.perf_counter(), time.process_time()
-        result = simulate(radiance, lens, options, report=report, cache=kept, out=out)
+        result = simulate(radiance, lens, options, report=report, cache=cache, out=out)
         seconds.append((time.process_time() - begin_processor_s, time.perf_counter() - begin_s))
     return Run(result, report, *seconds[0], seconds[-1][0])
 

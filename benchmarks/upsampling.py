@@ -53,10 +53,10 @@ def print_table(title, samples, others):
     rgb = samples @ to_rec709()
     samples = samples[(rgb.min(axis=1) >= 0) & (rgb.max(axis=1) <= 1)]
     print(f"\n| {title}, {len(samples)} in gamut | RMS | {' | '.join(LAMPS)} |\n|---|---|{'---|' * len(LAMPS)}")
-    for name, made in upsampled(samples, others).items():
-        under = (differences(samples, made, colour.SDS_ILLUMINANTS[lamp][NM]) for lamp in LAMPS)
-        cells = (f"{np.median(found):.2f} / {np.percentile(found, 95):.2f}" for found in under)
-        print(f"| {name} | {np.sqrt(np.mean((made - samples)**2)):.3f} | {' | '.join(cells)} |")
+    for name, spectra in upsampled(samples, others).items():
+        under = (differences(samples, spectra, colour.SDS_ILLUMINANTS[lamp][NM]) for lamp in LAMPS)
+        cells = (f"{np.median(delta_e):.2f} / {np.percentile(delta_e, 95):.2f}" for delta_e in under)
+        print(f"| {name} | {np.sqrt(np.mean((spectra - samples)**2)):.3f} | {' | '.join(cells)} |")
 
 
 def print_few_wavelengths(samples):
@@ -73,9 +73,9 @@ def print_few_wavelengths(samples):
         for count in FEW:
             nm = np.linspace(400, 700, count)
             curves = np.stack([np.interp(nm, NM, curve) for curve in basis.T], axis=-1) * white_density(nm)[:, None]
-            seen = picture(SpectralImage((curves @ rgb.T)[:, None], nm, pitch_um=1))[0].astype(float)
-            found = colour.delta_E(lab(seen @ primaries.T, white), lab(rgb @ primaries.T, white), method="CIE 2000")
-            cells.append(f"{np.median(found):.2f} / {np.percentile(found, 95):.2f}")
+            image = picture(SpectralImage((curves @ rgb.T)[:, None], nm, pitch_um=1))[0].astype(float)
+            delta_e = colour.delta_E(lab(image @ primaries.T, white), lab(rgb @ primaries.T, white), method="CIE 2000")
+            cells.append(f"{np.median(delta_e):.2f} / {np.percentile(delta_e, 95):.2f}")
         print(f"| {name} | {' | '.join(cells)} |")
 
 

@@ -54,8 +54,8 @@ def _apply(options):
         given = given_fields(options) | {"options": engine_options(options), "iris": iris_option(options)}
         addon = import_addon()
         addon.check_next_to_frames(options.output or options.radiance.parent, options.report)
-        with progress(options, write) as tell:
-            result = addon.apply_lens(options.radiance, progress=tell, **given)
+        with progress(options, write) as on_progress:
+            result = addon.apply_lens(options.radiance, progress=on_progress, **given)
         print(f"plan: {result.report.lens_image.plan.text}")
         finish(options, result.report, result.files)
         write(lens_image=str(result.lens_image), messages=result.messages)

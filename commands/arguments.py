@@ -110,13 +110,13 @@ def distance_mm(text, option="--focus"):
     try:
         if not unit and word not in ("inf", "infinity"):
             raise ValueError
-        asked_mm = float(word.removesuffix(unit)) * MM.get(unit, 1.0)
-        if not asked_mm > 0:
+        length_mm = float(word.removesuffix(unit)) * MM.get(unit, 1.0)
+        if not length_mm > 0:
             raise ValueError
     except ValueError:
         raise InputError("options", option, text,
                          "expected a distance with its unit, such as 1.2m, or inf") from None
-    return asked_mm
+    return length_mm
 
 
 def _focus(text):
@@ -137,8 +137,8 @@ def rings_option(options):
 def chosen_lens(options):
     """The lens of the command line, at its focus and f-stop; prints notes on values that the lens cannot reach."""
     rings = rings_option(options)
-    with progress_bar() as tell:
-        lens = load_lens(options.lens, rings, options.lens_quality or "standard", tell)
+    with progress_bar() as on_progress:
+        lens = load_lens(options.lens, rings, options.lens_quality or "standard", on_progress)
     for line in clamped_rings(options.lens, rings) if has_rings(options.lens) else ():
         print(f"lens: {line}")
     return lens

@@ -94,21 +94,22 @@ def _bake(options):
     wavelengths_nm = parse_wavelengths(options.wavelengths)
     _check(options)
     with _errors_of(options.prescription):
-        prescription = _asked_for(options)
+        prescription = _requested_prescription(options)
         targets = _targets(_focused(prescription, options), options)
     _print_notes(options, prescription)
     check_outputs([(path, ".npz") for path in targets], [options.prescription])
     for path, single in targets.items():
-        with _errors_of(options.prescription), progress_bar() as tell:
+        with _errors_of(options.prescription), progress_bar() as on_progress:
             lens = bake_lens(single, quality=options.quality, heights=options.heights, wavelengths_nm=wavelengths_nm,
-                             pitch_um=options.pitch, samples=options.samples, workers=options.workers, progress=tell)
+                             pitch_um=options.pitch, samples=options.samples, workers=options.workers,
+                             progress=on_progress)
         write_package(lens, path)
         print(f"{path}\n  {table_summary(lens)}")
 
 
 def _convert(options):
     with _errors_of(options.prescription):
-        prescription = _asked_for(options)
+        prescription = _requested_prescription(options)
     text = write_prescription(prescription)
     check_outputs([(options.output, ".toml")], [options.prescription])
     with atomic_path(options.output) as temporary:
@@ -123,7 +124,7 @@ def _print_notes(options, prescription):
         print(f"notes: {prescription.notes}", file=sys.stderr)
 
 
-def _asked_for(options):
+def _requested_prescription(options):
     """The file's prescription, with the changes of the command line."""
     reading_options = ReadingOptions(field_option(options), options.which, options.semi_diameters)
     if str(options.prescription) in bundled_names() and reading_options[1:] == (None, None):
@@ -138,10 +139,10 @@ def _focused(prescription, options):
     """The prescription, focused as `--focus` requests; prints notes on values that the lens cannot reach."""
     if options.focus is None:
         return prescription
-    there = turned(prescription, Rings(distance_mm(options.focus)))
-    for line in there.words:
+    lens = turned(prescription, Rings(distance_mm(options.focus)))
+    for line in lens.words:
         print(f"lens: {line}")
-    return there.prescription
+    return lens.prescription
 
 
 def _check(options):

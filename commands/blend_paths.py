@@ -133,8 +133,8 @@ class _Layout:
         return not packed and not (values and int.from_bytes(self.bytes_of(one, field), "little") in values)
 
     def text(self, one):
-        found = next((value for name in FIELDS[self.name] if (value := self.bytes_of(one, name))), b"")
-        text = os.fsdecode(found.partition(b"\0")[0])
+        raw = next((value for name in FIELDS[self.name] if (value := self.bytes_of(one, name))), b"")
+        text = os.fsdecode(raw.partition(b"\0")[0])
         return "" if text.startswith("<") else text  # Blender's built-in font
 
     def bytes_of(self, one, name):
@@ -240,12 +240,12 @@ class _Description:
         self._data, self._at, self._order = data, 0, order
 
     def texts(self, mark):
-        found = []
+        strings = []
         for _ in range(self.count(mark)):
             end = self._data.index(b"\0", self._at)
-            found.append(self._data[self._at:end].decode("ascii"))
+            strings.append(self._data[self._at:end].decode("ascii"))
             self._at = end + 1
-        return found
+        return strings
 
     def count(self, mark):
         self._at = -(-self._at // 4) * 4

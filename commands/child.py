@@ -115,12 +115,12 @@ class Child:
 
     def _saved_log(self):
         """Copy the log and Blender's crash reports to a lasting file; returns its path, or why copying failed."""
-        kept = tempfile.NamedTemporaryFile(prefix="lensfield-", suffix=".log", delete=False)
+        copy = tempfile.NamedTemporaryFile(prefix="lensfield-", suffix=".log", delete=False)
         try:
-            with kept:
+            with copy:
                 for path in (self.log, *self.log.parent.glob("*.crash.txt")):
-                    kept.write(path.read_bytes())
+                    copy.write(path.read_bytes())
         except OSError as error:
-            os.unlink(kept.name)
+            os.unlink(copy.name)
             return f"lost ({error.strerror})"
-        return kept.name
+        return copy.name

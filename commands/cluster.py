@@ -45,25 +45,25 @@ def render_on_cluster(options, write):
                  "--end-with-stdin"]
     images, failures = {}, {}
     with _client(options.scheduler) as client, progress_bar() as bar:
-        tell = bar if options.progress == "bar" else paced(write)
-        for frames, told in _done(client, tasks, arguments, options.blender, tell):
-            for frame, image in told["frames"]:
+        on_progress = bar if options.progress == "bar" else paced(write)
+        for frames, outcome in _finished_tasks(client, tasks, arguments, options.blender, on_progress):
+            for frame, image in outcome["frames"]:
                 images[frame] = image
                 print(f"frame {frame}: {image}", flush=True)
                 write(lens_image=image, frame=frame)
-            if "error" in told and (lost := [frame for frame in frames if frame not in images]):
-                failures |= dict.fromkeys(lost, told["error"])
-                print(f"{_named(lost)}: {told['error']}", flush=True)
+            if "error" in outcome and (lost := [frame for frame in frames if frame not in images]):
+                failures |= dict.fromkeys(lost, outcome["error"])
+                print(f"{_named(lost)}: {outcome['error']}", flush=True)
     if failures:
         first = next(iter(failures.values()))
         raise InputError(_named(failures), "render", "incomplete",
                          f"{len(images)} of {sum(map(len, tasks))} frames are finished: {first}")
-    told = [f"{len(images)} frame{'s' * (len(images) != 1)} finished"]
+    remarks = [f"{len(images)} frame{'s' * (len(images) != 1)} finished"]
     if older := sorted({frame for task in tasks for frame in task} - images.keys()):
-        told.append(f"the scene has changed since {len(older)} of the finished frames, from frame {older[0]} on: "
-                    "--overwrite renders them again")
-    print(*told, sep="\n")
-    return together({}, {frame: _record(image) for frame, image in images.items()} if options.report else {}), told
+        remarks.append(f"the scene has changed since {len(older)} of the finished frames, from frame {older[0]} on: "
+                       "--overwrite renders them again")
+    print(*remarks, sep="\n")
+    return together({}, {frame: _record(image) for frame, image in images.items()} if options.report else {}), remarks
 
 
 def _named(frames):
@@ -89,7 +89,7 @@ def _client(address):
     return client
 
 
-def _done(client, tasks, arguments, blender, tell):
+def _finished_tasks(client, tasks, arguments, blender, on_progress):
     """Yield each task when it ends: (frames, result of `render_frames`)."""
     heard, run = SimpleQueue(), uuid.uuid4().hex
     client.subscribe_topic(run, lambda event: heard.put(event[1]))
@@ -104,11 +104,11 @@ def _done(client, tasks, arguments, blender, tell):
         news = heard.get()
         if isinstance(news, dict):
             shares[news["frames"]] = news["fraction"] * news["count"]
-            tell(min(sum(shares.values()) / total, 1.0), news["label"])
+            on_progress(min(sum(shares.values()) / total, 1.0), news["label"])
         elif news.key in futures:
             _, frames = futures.pop(news.key)
             shares[frames_text(frames)] = len(frames)
-            tell(min(sum(shares.values()) / total, 1.0), f"frames {frames_text(frames)}: finished")
+            on_progress(min(sum(shares.values()) / total, 1.0), f"frames {frames_text(frames)}: finished")
             yield frames, _outcome(news)
 
 
@@ -143,15 +143,16 @@ def render_frames(arguments, frames, blender, topic):
     """
     from distributed import get_worker
 
-    worker, there, text = get_worker(), {}, frames_text(frames)
+    worker, images, text = get_worker(), {}, frames_text(frames)
     key = worker.get_current_task()
-    tell = paced(lambda **facts: worker.log_event(topic, facts | {"frames": text, "count": len(frames)}), 1.0, 1.0)
+    on_progress = paced(lambda **facts: worker.log_event(topic, facts | {"frames": text, "count": len(frames)}),
+                        1.0, 1.0)
 
     def hear(facts):
         if "fraction" in facts:
-            tell(facts["fraction"], facts["label"])
+            on_progress(facts["fraction"], facts["label"])
         if "frame" in facts:
-            there[facts["frame"]] = facts["lens_image"]
+            images[facts["frame"]] = facts["lens_image"]
 
     with temporary_folder() as folder:
         child = Child([*lensfield_in(blender), *arguments, f"--frames={text}"], folder, hear)
@@ -164,4 +165,4 @@ def render_frames(arguments, frames, blender, topic):
         if "error" not in child.status and "messages" not in child.status:
             why, log = child.death()
             raise RuntimeError(f"{why} (log: {log} on {socket.gethostname()})")
-    return {"frames": sorted(there.items())} | ({"error": child.status["error"]} if "error" in child.status else {})
+    return {"frames": sorted(images.items())} | ({"error": child.status["error"]} if "error" in child.status else {})

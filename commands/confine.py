@@ -84,11 +84,11 @@ def _allow(rules, path, rights):
 
 def _call(number, *arguments):
     libc = ctypes.CDLL(None, use_errno=True)
-    found = libc.syscall(ctypes.c_long(number), *arguments)
-    if found < 0:
+    result = libc.syscall(ctypes.c_long(number), *arguments)
+    if result < 0:
         error = ctypes.get_errno()
         raise OSError(error, os.strerror(error))
-    return found
+    return result
 
 
 if __name__ == "__main__":

@@ -152,17 +152,17 @@ class _Run:
         report = Report()
         try:
             with report.stage("read radiance"), quiet(1, 2):  # the EXR library prints long messages about damage
-                seen = read_picture(shot.radiance, self._options, self._lens)
-            radiance = seen.radiance
+                source = read_picture(shot.radiance, self._options, self._lens)
+            radiance = source.radiance
             with report.stage("plan"):
                 plan = self._cache.plan(self._chosen, self._lens, radiance)
                 needed = overscan_px(self._lens, radiance.grid, radiance.wavelengths_nm, plan.reach_px)
-                slabs = self._slabs(seen, needed)
-                self._report(seen, plan, slabs)
-            report.add(self._facts(shot, seen, needed, slabs))
+                slabs = self._slabs(source, needed)
+                self._report(source, plan, slabs)
+            report.add(self._facts(shot, source, needed, slabs))
             if slabs and slabs.needed:
                 with report.stage("layers of depth"):
-                    radiance = seen.layers(slabs)
+                    radiance = source.layers(slabs)
             irradiance = self._through_lens(shot, radiance, report)
         except ImageError as error:
             raise error.at(shot.radiance) from None
@@ -174,38 +174,38 @@ class _Run:
         self._finished += 1
         return report
 
-    def _slabs(self, seen, needed_px):
+    def _slabs(self, source, needed_px):
         """The plan of slabs from the depth in a file; None without depth."""
-        return seen.depth and plan_slabs(seen.depth.planar_mm, seen.radiance.grid, self._lens, overscan_px=needed_px,
-                                         light=seen.radiance.cube.mean(axis=0),
-                                         reach=opening(self._iris, self._lens).reach,
-                                         accuracy=self._chosen.depth_accuracy)
+        return source.depth and plan_slabs(source.depth.planar_mm, source.radiance.grid, self._lens,
+                                           overscan_px=needed_px, light=source.radiance.cube.mean(axis=0),
+                                           reach=opening(self._iris, self._lens).reach,
+                                           accuracy=self._chosen.depth_accuracy)
 
-    def _facts(self, shot, seen, needed_px, slabs):
-        facts = FileFacts(str(shot.radiance), needed_px, seen.picture)
+    def _facts(self, shot, source, needed_px, slabs):
+        facts = FileFacts(str(shot.radiance), needed_px, source.picture)
         if slabs is None:
             return facts
         words = []
         if slabs.needed:
-            words.append(f"depth from channel {seen.channel}")
-            if seen.guessed:
-                words.append(f"{seen.guessed}, up to {slabs.behind:.2g} of the light, are guessed from their "
+            words.append(f"depth from channel {source.channel}")
+            if source.guessed:
+                words.append(f"{source.guessed}, up to {slabs.behind:.2g} of the light, are guessed from their "
                              "surroundings")
             if self._lens.prescription is None:
                 words.append("the lens data contain no rays: out-of-focus light is blurred by first-order circles")
-            if seen.depth.unknown:
-                words.append(f"{seen.depth.unknown:.1%} of the pixels have no depth and count as infinitely far")
+            if source.depth.unknown:
+                words.append(f"{source.depth.unknown:.1%} of the pixels have no depth and count as infinitely far")
         return replace(facts, depth=slabs.check, layers="; ".join(words))
 
-    def _report(self, seen, plan, slabs):
+    def _report(self, source, plan, slabs):
         """Print how a picture is interpreted, and its plan; in a sequence, only lines that differ from earlier ones."""
         lines = [f"plan: {plan.text}"]
-        if seen.picture:
-            lines.insert(0, f"picture: {seen.picture.layer}, upsampled to {len(seen.picture.wavelengths_nm)} "
-                            "wavelengths, {:.1f} x {:.1f} degrees".format(*seen.picture.fov_deg))
+        if source.picture:
+            lines.insert(0, f"picture: {source.picture.layer}, upsampled to {len(source.picture.wavelengths_nm)} "
+                            "wavelengths, {:.1f} x {:.1f} degrees".format(*source.picture.fov_deg))
         if slabs:
-            lines.append(f"depth: {seen.channel}: " + (
-                f"{slabs.check.text}: {slabs.slabs_text if seen.guessed else 'in the layers of the file'}"
+            lines.append(f"depth: {source.channel}: " + (
+                f"{slabs.check.text}: {slabs.slabs_text if source.guessed else 'in the layers of the file'}"
                 if slabs.needed else slabs.text))
         for line in lines:
             kind = FIGURE.sub("", line) if line.startswith("depth") else line  # its figures differ in each frame
@@ -215,10 +215,10 @@ class _Run:
 
     def _through_lens(self, shot, radiance, report):
         label = f"Through {self._lens.name}" if shot.frame is None else f"Frame {shot.frame} through {self._lens.name}"
-        with progress_bar() as tell:
-            tell(self._finished / self._number, label)
+        with progress_bar() as on_progress:
+            on_progress(self._finished / self._number, label)
             return simulate(radiance, self._lens, self._chosen, iris=self._iris, report=report, cache=self._cache,
-                            progress=lambda done: tell((self._finished + done) / self._number, label))
+                            progress=lambda fraction: on_progress((self._finished + fraction) / self._number, label))
 
     def _write_preview(self, irradiance, shot):
         from ..engine.pictures.preview import auto_exposure, to_rec709, write_png

@@ -16,9 +16,9 @@ IRRELEVANT = ("radiance", "output", "preview", "frames", "report", "overwrite", 
 
 def request_facts(options, lens, chosen):
     """Everything that the frames of a command line depend on, except their files, as JSON values."""
-    asked = {name: value if value is None else str(value) for name, value in vars(options).items()
-             if name not in IRRELEVANT and not callable(value)}
-    return json_value({"asked": asked, "options": asdict(chosen), "lens": lens.digest.hex()})
+    arguments = {name: value if value is None else str(value) for name, value in vars(options).items()
+                 if name not in IRRELEVANT and not callable(value)}
+    return json_value({"asked": arguments, "options": asdict(chosen), "lens": lens.digest.hex()})
 
 
 def recorded_build(shot: Shot, first: Shot, by):

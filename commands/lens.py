@@ -60,9 +60,9 @@ def _list(options):
 
 
 def _add_cache(lens):
-    kept = lens.add_parser("cache", help="show the cache of baked lenses: folder, number and size")
-    kept.add_argument("--clear", action="store_true", help="empty the cache; lenses are baked again when needed")
-    kept.set_defaults(run=_cache)
+    cache = lens.add_parser("cache", help="show the cache of baked lenses: folder, number and size")
+    cache.add_argument("--clear", action="store_true", help="empty the cache; lenses are baked again when needed")
+    cache.set_defaults(run=_cache)
 
 
 def _cache(options):

@@ -34,24 +34,24 @@ def _lint(options):
     from ..addon.shading.lint import counts_text
 
     with quiet(1):  # Cycles lists missing devices on standard output, which must contain only JSON
-        found = preflight(scene, frame=options.frame, **given)
+        result = preflight(scene, frame=options.frame, **given)
     if options.json:
         print(json.dumps({
-            "plan": found.plan.text if found.plan else None,
+            "plan": result.plan.text if result.plan else None,
             "refusals": [{"where": each.where, "field": each.field, "value": str(each.value), "remedy": each.remedy}
-                         for each in found.refusals],
-            "remarks": [asdict(remark) for remark in found.remarks],
-            "nodes": [asdict(finding) for finding in found.findings]}, indent=2))
-        return int(bool(found.refusals))
-    for finding in found.findings:
+                         for each in result.refusals],
+            "remarks": [asdict(remark) for remark in result.remarks],
+            "nodes": [asdict(finding) for finding in result.findings]}, indent=2))
+        return int(bool(result.refusals))
+    for finding in result.findings:
         print(finding)
-    print(counts_text(found.findings))
-    for remark in found.remarks:
+    print(counts_text(result.findings))
+    for remark in result.remarks:
         print(remark)
-    if found.plan:
-        print(f"scene: {found.plan.text}")
-    if not found.refusals:
+    if result.plan:
+        print(f"scene: {result.plan.text}")
+    if not result.refusals:
         print(f"output: {folder_for(scene, given.get('output_folder'))}")
-    for refusal in found.refusals:
+    for refusal in result.refusals:
         print(f"refused: {refusal}")
-    return int(bool(found.refusals))
+    return int(bool(result.refusals))

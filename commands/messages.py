@@ -46,13 +46,13 @@ def paced(write, pace_s=PACE_S, new_label_s=0.0):
     """
     last = {"label": None, "s": 0.0}
 
-    def tell(fraction, label):
+    def on_progress(fraction, label):
         now = time.monotonic()
         if now - last["s"] >= (pace_s if label == last["label"] else new_label_s):
             last.update(label=label, s=now)
             write(fraction=fraction, label=label)
 
-    return tell
+    return on_progress
 
 
 def time_left(fraction, spent_s, since_s=0.0):

@@ -42,5 +42,5 @@ def progress(options, write):
         with quiet(1):
             yield paced(write, PACE_S, PACE_S)
     else:
-        with progress_bar() as tell, quiet(1):
-            yield tell
+        with progress_bar() as on_progress, quiet(1):
+            yield on_progress

@@ -64,8 +64,8 @@ def read_picture(path, options, lens):
         return _deep(deep, options, lens)
     parts = read_parts(path)
     picture = rgb_of(parts, path, options.layer)
-    seen = PictureAsRead(*_upsampled(picture, options, lens))
-    return _with_depth(seen, parts, options, lens, picture) if options.depth != OFF else seen
+    source = PictureAsRead(*_upsampled(picture, options, lens))
+    return _with_depth(source, parts, options, lens, picture) if options.depth != OFF else source
 
 
 def _spectral(path, options, lens):
@@ -78,24 +78,24 @@ def _spectral(path, options, lens):
     if options.depth == OFF:
         return PictureAsRead(read_with_planes(path, options.pitch_um, options.output.parent)[0])
     radiance, planes, layered = read_with_layers(path, options.pitch_um, options.output.parent)
-    seen = _with_depth(PictureAsRead(radiance), [({}, planes)], options, lens)
-    return replace(seen, layers=lambda plan: layered, guessed="") if layered and seen.depth else seen
+    source = _with_depth(PictureAsRead(radiance), [({}, planes)], options, lens)
+    return replace(source, layers=lambda plan: layered, guessed="") if layered and source.depth else source
 
 
-def _with_depth(seen, parts, options, lens, picture=None):
+def _with_depth(source, parts, options, lens, picture=None):
     """The picture with the depth in its file, if any."""
     from ..engine.pictures.depth_channel import depth_channel
     from ..engine.pictures.rgb_picture import lay_out
 
-    found = depth_channel(parts, picture.layer if picture else "", options.depth_channel)
-    if found is None:
-        return seen
-    channel, header, plane = found
+    match = depth_channel(parts, picture.layer if picture else "", options.depth_channel)
+    if match is None:
+        return source
+    channel, header, plane = match
     if picture:
         plane = lay_out(plane, parts[0][0] | header, picture.overscan_px, empty=np.inf)
-    depth = file_depth(plane, lens, seen.radiance.grid, MM[options.depth_unit], options.depth_is)
-    return replace(seen, channel=channel, depth=depth, guessed="surfaces hidden by near objects",
-                   layers=lambda plan: layers_of_flat(seen.radiance, depth, plan))
+    depth = file_depth(plane, lens, source.radiance.grid, MM[options.depth_unit], options.depth_is)
+    return replace(source, channel=channel, depth=depth, guessed="surfaces hidden by near objects",
+                   layers=lambda plan: layers_of_flat(source.radiance, depth, plan))
 
 
 def _deep(deep, options, lens):

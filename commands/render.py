@@ -69,11 +69,11 @@ def _render(options):
         if options.scheduler:
             from .cluster import render_on_cluster
 
-            report, told = render_on_cluster(options, write)
+            report, remarks = render_on_cluster(options, write)
         else:
-            report, told = _render_here(options, write)
+            report, remarks = _render_here(options, write)
         finish(options, report, [])
-        write(messages=told)
+        write(messages=remarks)
 
 
 def _render_here(options, write):
@@ -125,8 +125,8 @@ def _render_one(options, scene, given, write):
     """Render the current frame; its report, and what to tell of it."""
     from .. import addon
 
-    with progress(options, write) as tell:
-        result = addon.render_through_lens(scene, progress=tell, **given)
+    with progress(options, write) as on_progress:
+        result = addon.render_through_lens(scene, progress=on_progress, **given)
     _report_frame(result, set(), write)
     return result.report, result.messages
 
@@ -136,8 +136,8 @@ def _render_frames(options, scene, given, write):
     from .. import addon
 
     frames = requested_frames(options.frames)
-    with progress(options, write) as tell:
-        tell(0.0, "Looking for finished frames")
+    with progress(options, write) as on_progress:
+        on_progress(0.0, "Looking for finished frames")
         animation = addon.Animation(scene, frames, overwrite=options.overwrite, any_build=options.any_build,
                                     wait=options.wait, **given)
     for frame, path in animation.current.items():
@@ -146,8 +146,8 @@ def _render_frames(options, scene, given, write):
         print(line, flush=True)
     known = set()
     for frame in animation.turns:
-        with progress(options, write) as tell:
-            result = animation.render(frame, tell)
+        with progress(options, write) as on_progress:
+            result = animation.render(frame, on_progress)
         if result:
             _report_frame(result, known, write, frame=frame)
         elif frame in animation.current:

@@ -104,7 +104,7 @@ def _numbers(pattern):
     match = NUMBER.search(pattern.name)
     name = re.compile(re.escape(pattern.name[:match.start()]) + r"(-?\d+)" + re.escape(pattern.name[match.end():]))
     files = pattern.parent.iterdir() if pattern.parent.is_dir() else ()
-    numbers = [int(found[1]) for path in files if (found := name.fullmatch(path.name)) and path.is_file()]
+    numbers = [int(matched[1]) for path in files if (matched := name.fullmatch(path.name)) and path.is_file()]
     numbers = sorted({number for number in numbers if _of_frame(pattern, number).is_file()})  # 007 does not match ##
     if not numbers:
         raise InputError(pattern, "file", absence(pattern), "no frame of this sequence exists")
@@ -113,9 +113,9 @@ def _numbers(pattern):
 
 def _chosen(pattern, frames):
     """The requested frames; raises an InputError if any is missing."""
-    asked, there = parse_frames(frames), set(_numbers(pattern))
-    missing = [str(number) for number in asked if number not in there]
+    requested, existing = parse_frames(frames), set(_numbers(pattern))
+    missing = [str(number) for number in requested if number not in existing]
     if missing:
         named = ", ".join(missing[:MOST_NAMED]) + (", ..." if len(missing) > MOST_NAMED else "")
-        raise InputError(pattern, "--frames", frames, f"missing {len(missing)} of {len(asked)} frames: {named}")
-    return asked
+        raise InputError(pattern, "--frames", frames, f"missing {len(missing)} of {len(requested)} frames: {named}")
+    return requested

@@ -21,8 +21,8 @@ def progress_bar():
 
     def draw(fraction, label):
         first[:] = first or (fraction, time.monotonic())
-        done = (fraction - first[0]) / (1 - first[0]) if first[0] < 1 else 1.0
-        left, filled = time_left(done, time.monotonic() - first[1]), round(BAR_CELLS * fraction)
+        completed = (fraction - first[0]) / (1 - first[0]) if first[0] < 1 else 1.0
+        left, filled = time_left(completed, time.monotonic() - first[1]), round(BAR_CELLS * fraction)
         print(f"\r[{'#' * filled}{'.' * (BAR_CELLS - filled)}] {fraction:4.0%}  {left:<11} {label:<36.36}", end="",
               file=sys.stderr, flush=True)
 
@@ -37,7 +37,7 @@ def quiet(*descriptors):
     """Suppress output to these descriptors (1: standard output, 2: standard error), such as messages of Blender's and
     OpenEXR's C++ code."""
     sys.stdout.flush()
-    kept = [(number, os.dup(number)) for number in descriptors]
+    saved = [(number, os.dup(number)) for number in descriptors]
     with open(os.devnull, "w") as nowhere:
         for number in descriptors:
             os.dup2(nowhere.fileno(), number)
@@ -45,6 +45,6 @@ def quiet(*descriptors):
         yield
     finally:
         sys.stdout.flush()
-        for number, original in kept:
+        for number, original in saved:
             os.dup2(original, number)
             os.close(original)

@@ -35,8 +35,8 @@ def _tradeoff(options):
     pictures, spectral = _tradeoff_pictures(options, lens)
     check_outputs([(table, ".csv"), (plot, ".png")], filter(None, (options.lens, options.image)))
     try:
-        with progress_bar() as tell:
-            rows = measure(lens, pictures, spectral, quick=options.quick, progress=tell)
+        with progress_bar() as on_progress:
+            rows = measure(lens, pictures, spectral, quick=options.quick, progress=on_progress)
     except ImageError as error:
         raise error.at(options.image or error.where) from None
     write_table(rows, table)

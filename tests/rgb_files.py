@@ -22,10 +22,10 @@ def planes_exr(path, channels, **header):
 
 def parts_exr(path, parts):
     """A multi-part file, from the channels of each part and the value of each channel."""
-    made = [OpenEXR.Part({"type": OpenEXR.scanlineimage},
-                         {f"{name}.{channel}": np.full((6, 8), value, dtype=np.float16)
-                          for channel, value in channels.items()}, name) for name, channels in parts.items()]
-    with OpenEXR.File(made) as file:
+    exr_parts = [OpenEXR.Part({"type": OpenEXR.scanlineimage},
+                              {f"{name}.{channel}": np.full((6, 8), value, dtype=np.float16)
+                               for channel, value in channels.items()}, name) for name, channels in parts.items()]
+    with OpenEXR.File(exr_parts) as file:
         file.write(str(path))
     return path
 

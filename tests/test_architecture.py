@@ -95,36 +95,36 @@ def imports(name):
 def room(name):
     """The room of a module: the longest name in the table that the module's name starts with."""
     parts = name.split(".")
-    return next(found for count in range(len(parts), -1, -1)
-                if (found := ".".join(parts[:count])) in FLOORS)
+    return next(prefix for count in range(len(parts), -1, -1)
+                if (prefix := ".".join(parts[:count])) in FLOORS)
 
 
 def allowed(name, other):
-    own, used = room(name), room(other)
-    return own == used or used in FLOORS[own] or ("engine" in FLOORS[own] and other.startswith("engine"))
+    floor, used = room(name), room(other)
+    return floor == used or used in FLOORS[floor] or ("engine" in FLOORS[floor] and other.startswith("engine"))
 
 
-def test_every_import_goes_down_to_a_floor_that_the_table_names():
+def test_every_import_goes_to_a_lower_floor_of_the_table():
     upwards = [f"{name or 'lensfield'} imports {other or 'lensfield'}" for name in MODULES
                for other, relative in imports(name)
                if relative and not allowed(name, other)]
     assert not upwards
 
 
-def test_the_table_has_no_circles_and_no_rooms_that_are_not_there():
+def test_the_table_has_no_cycles_and_no_missing_rooms():
     order = list(FLOORS)
-    for own, used in FLOORS.items():
-        assert all(other in FLOORS for other in used) and any(room(name) == own for name in MODULES)
-    seen, left = set(), {own: {other for other in used if other != own} for own, used in FLOORS.items()}
+    for floor, used in FLOORS.items():
+        assert all(other in FLOORS for other in used) and any(room(name) == floor for name in MODULES)
+    placed, left = set(), {floor: {other for other in used if other != floor} for floor, used in FLOORS.items()}
     left["cli"].discard("")  # the version number
     while left:
-        ready = [own for own in order if own in left and left[own] <= seen]
+        ready = [floor for floor in order if floor in left and left[floor] <= placed]
         assert ready, f"a circle among {sorted(left)}"
-        seen.update(ready)
-        left = {own: used for own, used in left.items() if own not in ready}
+        placed.update(ready)
+        left = {floor: used for floor, used in left.items() if floor not in ready}
 
 
-def test_the_engine_knows_no_blender_and_no_library_that_it_does_not_declare():
+def test_the_engine_imports_neither_blender_nor_undeclared_libraries():
     known = sys.stdlib_module_names | ENGINE_LIBRARIES
     unknown = [f"{name} imports {other}" for name in MODULES if name.startswith("engine")
                for other, relative in imports(name) if not relative and other.split(".")[0] not in known]
@@ -144,12 +144,12 @@ def test_every_folder_of_code_is_installed():
 
 
 @pytest.mark.parametrize("module", ["lensfield.engine", "lensfield.cli"])
-def test_engine_and_command_load_no_blender(module):
+def test_engine_and_command_do_not_load_blender(module):
     code = f"import sys, {module}; sys.exit('bpy' in sys.modules or 'lensfield.addon' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0
 
 
-def test_package_and_extension_have_one_version():
+def test_package_and_extension_have_the_same_version():
     """`__version__` is the source: the package reads it, and the manifest, which cannot read it, repeats it."""
     package = tomllib.loads((ROOT / "pyproject.toml").read_text())
     extension = tomllib.loads((ROOT / "blender_manifest.toml").read_text())
@@ -182,7 +182,7 @@ def taken(function):
     return [*given.posonlyargs, *given.args, *given.kwonlyargs, *filter(None, (given.vararg, given.kwarg))]
 
 
-def test_public_functions_of_the_engine_say_what_they_take_and_give():
+def test_public_functions_of_the_engine_have_type_annotations():
     """`make lint` needs the types of all arguments and results."""
     silent = [f"{module}.{name}" for module, path in MODULES.items()
               if module.startswith("engine")

@@ -49,13 +49,13 @@ def named_geometry(module):
     return {name for name in identifiers(tree) if GEOMETRY.search(name)}
 
 
-def test_heights_and_azimuths_are_named_behind_the_field_map_alone():
+def test_only_modules_behind_the_field_map_name_heights_and_azimuths():
     outside = [f"{module} names {name}" for module in MODULES for name in sorted(named_geometry(module))
                if not may_name(module, name)]
     assert not outside
 
 
-def test_the_radial_field_is_imported_by_the_field_map_and_by_checks_of_lens_data_alone():
+def test_only_the_field_map_and_lens_data_checks_import_the_radial_field():
     outside = [f"{module} imports {other}" for module in MODULES for other, relative in imports(module)
                if relative and within(other, [BEHIND_THE_FIELD_MAP])
                and not within(module, ("engine.field", "engine.inspection"))]
@@ -63,5 +63,5 @@ def test_the_radial_field_is_imported_by_the_field_map_and_by_checks_of_lens_dat
 
 
 @pytest.mark.parametrize("module", OTHER_GEOMETRY)
-def test_every_exception_is_still_needed(module):
+def test_every_exception_is_needed(module):
     assert named_geometry(module)

@@ -19,13 +19,13 @@ def run_with_fake_make(folder, command, failing):
                     f'case " {" ".join(failing)} " in *" $target "*) exit 1;; esac\n')
     fake.chmod(0o755)
     surrounding = {name: value for name, value in os.environ.items() if not name.startswith(("MAKE", "MFLAGS"))}
-    done = subprocess.run(command(fake), cwd=ROOT, capture_output=True, text=True,
-                          env=surrounding | {"SEED": "-5", "PATH": f"{folder}{os.pathsep}{os.environ['PATH']}"})
-    return done.returncode, done.stdout, targets.read_text().splitlines()
+    completed = subprocess.run(command(fake), cwd=ROOT, capture_output=True, text=True,
+                               env=surrounding | {"SEED": "-5", "PATH": f"{folder}{os.pathsep}{os.environ['PATH']}"})
+    return completed.returncode, completed.stdout, targets.read_text().splitlines()
 
 
 @pytest.mark.parametrize("failing", [[], PARTS[:1], PARTS[1:], PARTS])
-def test_blenders_tests_run_even_if_the_engines_fail_and_both_are_reported(tmp_path, failing):
+def test_blender_tests_run_even_if_engine_tests_fail_and_both_are_reported(tmp_path, failing):
     status, output, targets = run_with_fake_make(tmp_path, lambda fake: [
         shutil.which("make"), "test", f"MAKE={fake}", "BPY=5.0.1", "--assume-old=.venv/.ready", "--assume-old=kernels"],
         failing)

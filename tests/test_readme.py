@@ -32,7 +32,7 @@ def anchors(page):
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_links_lead_somewhere(page):
+def test_links_have_targets(page):
     for link in filter(None, (target for pair in LINK.findall(text(page)) for target in pair)):
         if not link.startswith("http"):
             path, _, anchor = link.partition("#")
@@ -42,7 +42,7 @@ def test_links_lead_somewhere(page):
 
 
 @pytest.mark.parametrize("page", OF_TODAY)
-def test_paths_are_there(page):
+def test_paths_exist(page):
     assert not [path for path in PATH.findall(text(page))
                 if not PLACEHOLDER.search(path) and not list(ROOT.glob(path.rstrip("/")))]
 
@@ -55,7 +55,7 @@ def words_of_the_code():
 
 
 @pytest.mark.parametrize("page", ["CONTRIBUTING.md", "docs/architecture.md"])
-def test_names_are_those_of_the_code(page):
+def test_names_exist_in_the_code(page):
     """A name in backticks, with or without arguments, is a function, a field or a module."""
     names = {span.partition("(")[0] for span in SPAN.findall(text(page))}
     names = {name for name in names if name.replace(".", "").isidentifier() and not PLACEHOLDER.search(name)}
@@ -64,13 +64,13 @@ def test_names_are_those_of_the_code(page):
 
 
 @pytest.mark.parametrize("page", OF_TODAY)
-def test_targets_of_make_are_there(page):
+def test_make_targets_exist(page):
     targets = set(re.search(r"\.PHONY:((?:\\\n|.)*)", text("Makefile"))[1].replace("\\", "").split())
     code = [*CODE_LINE.findall(text(page)), *SPAN.findall(text(page))]
     assert {word for line in code for word in re.findall(r"\bmake ([a-z][a-z-]*)", line.partition(" # ")[0])} <= targets
 
 
-def test_command_lines_are_understood():
+def test_command_lines_are_valid():
     lines = [re.sub(r"\s+#\s.*|\s…", "", line) for page in PAGES for line in CODE_LINE.findall(text(page))]
     lines = [line for line in lines if re.match(r"(\S+/bin/)?lensfield ", line)]
     assert len(lines) > 12
@@ -78,14 +78,14 @@ def test_command_lines_are_understood():
         cli._parser().parse_args(shlex.split(line)[1:])
 
 
-def test_the_python_of_the_readme_runs(capsys):
+def test_the_python_code_in_the_readme_runs(capsys):
     for code in re.findall(r"(?s)```python\n(.*?)```", text("README.md")):
         exec(compile(code, "README.md", "exec"), {})
     assert capsys.readouterr().out.startswith("(3, 240, 320)")
 
 
 @pytest.mark.parametrize("page", OF_TODAY)
-def test_named_commands_are_there(page, capsys):
+def test_named_commands_exist(page, capsys):
     for span in SPAN.findall(text(page)):
         if named := re.match(r"lensfield ([a-z -]*[a-z])\b", span):
             with pytest.raises(SystemExit) as stop:

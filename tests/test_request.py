@@ -54,7 +54,7 @@ def test_options_and_iris_pass_through_the_command_line():
     assert iris_option(words) == Iris(5, -12.5, 0.25)
 
 
-def test_a_request_compares_by_its_fields_and_is_refused_with_a_value_that_is_no_choice():
+def test_a_request_compares_by_its_fields_and_refuses_unknown_choices():
     assert RenderRequest() == RenderRequest() != replace(RenderRequest(), unfit="render")
     for name, each in settings_of(RenderRequest).items():
         if each.choices:
@@ -62,7 +62,7 @@ def test_a_request_compares_by_its_fields_and_is_refused_with_a_value_that_is_no
                 RenderRequest(**{name: "maybe"})
 
 
-def test_every_field_has_a_label_and_a_text_that_the_docstring_shows():
+def test_every_field_has_a_label_and_a_documented_text():
     for name, each in settings_of(RenderRequest).items():
         assert each.name and each.text and not each.text.endswith(".")
         assert f"    {name}\n        {each.text}." in RenderRequest.__doc__

@@ -13,7 +13,7 @@ LAST_RESORT_S = 1800.0
 def wait_until(holds, pause_s=0.02):
     """Wait until a function returns something true; return that."""
     end_s = time.monotonic() + LAST_RESORT_S
-    while not (found := holds()):
+    while not (result := holds()):
         assert time.monotonic() < end_s, "a hang: the last resort of tests/waiting.py has ended it"
         time.sleep(pause_s)
-    return found
+    return result

@@ -120,7 +120,7 @@ class Animation:
         """Render a frame in its turn; its Result, or None if another process has rendered it or is rendering it."""
         number, count = self.pending.index(frame), len(self.pending)
 
-        def tell(fraction, label):
+        def on_progress(fraction, label):
             if progress:
                 progress((number + fraction) / count, f"Frame {frame}, {number + 1} of {count}: {label}")
 
@@ -130,17 +130,18 @@ class Animation:
             with _named(frame), only_writer(result.record):
                 if stamp_of(result.record) != self._stamps[frame] and self._find(frame):
                     return None
-                self.results[frame] = self._render_alone(frame, tell)
+                self.results[frame] = self._render_alone(frame, on_progress)
         except Busy:
             self.elsewhere.append(frame)
         return self.results.get(frame)
 
-    def _render_alone(self, frame, tell):
+    def _render_alone(self, frame, on_progress):
         if not self._apart and self._one is None:
-            tell(0.0, "Preparing the lens for all frames")
+            on_progress(0.0, "Preparing the lens for all frames")
             self._one = OneCapture(self._scene, self._frames, **self._given)
         job = job_of_frame(self._scene, frame, **self._given)
-        return run(render_steps(self._scene, job, self._one if self._one and self._one.holds(job) else None), tell)
+        one = self._one if self._one and self._one.holds(job) else None
+        return run(render_steps(self._scene, job, one), on_progress)
 
     def _result(self, frame):
         return Result.of(self._scene, self._folder, frame)
@@ -182,8 +183,8 @@ class Animation:
     @property
     def beforehand(self):
         """How many frames are finished and how many are pending, before the render: list of lines."""
-        there = f"{len(self.earlier)} of {len(self._frames)} frames are finished: {len(self.pending)} to render"
-        return [*self._other_builds, *[there] * bool(self.earlier), *filter(None, [self.plan])]
+        finished = f"{len(self.earlier)} of {len(self._frames)} frames are finished: {len(self.pending)} to render"
+        return [*self._other_builds, *[finished] * bool(self.earlier), *filter(None, [self.plan])]
 
     @property
     def _other_builds(self):

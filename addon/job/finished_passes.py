@@ -61,23 +61,23 @@ class FinishedPasses:
         facts : values
             The values that distinguish it from the capture's other passes.
         """
-        kept = self._folder and self._folder / f"{_digest(facts)}.exr"
-        if kept and kept.is_file():
-            planes = yield Work(lambda tell: _read(kept, needed), f"{step.label}, reused", step.fraction)
+        stored = self._folder and self._folder / f"{_digest(facts)}.exr"
+        if stored and stored.is_file():
+            planes = yield Work(lambda _: _read(stored, needed), f"{step.label}, reused", step.fraction)
             if planes:
                 self._reused += 1
                 return planes
-        for old in filter(None, (path, kept)):
+        for old in filter(None, (path, stored)):
             discard(old)
         yield step
         self._rendered += 1
-        return (yield Work(lambda tell: self._keep(path, needed, kept), "Reading the pass", step.fraction + step.share))
+        return (yield Work(lambda _: self._keep(path, needed, stored), "Reading the pass", step.fraction + step.share))
 
-    def _keep(self, path, needed, kept):
+    def _keep(self, path, needed, stored):
         planes = read_pass(path, needed)
         with suppress(OSError, InputError):  # the render does not depend on the stored pass
-            if kept and shutil.disk_usage(self._folder.parents[2]).free - path.stat().st_size > self._left_free_bytes:
-                move(path, kept)
+            if stored and shutil.disk_usage(self._folder.parents[2]).free - path.stat().st_size > self._left_free_bytes:
+                move(path, stored)
         return planes
 
     @property
@@ -87,10 +87,10 @@ class FinishedPasses:
         return [f"reused {self._reused} of {count} passes from an interrupted render"] * bool(self._reused)
 
 
-def _read(kept, needed):
+def _read(stored, needed):
     """The planes of a stored pass; None if the file is damaged."""
     try:
-        return read_pass(kept, needed)
+        return read_pass(stored, needed)
     except (OSError, InputError):
         return None
 
@@ -118,7 +118,7 @@ def alone_with_passes(scene, job, stack):
             stack.enter_context(only_writer(job.output_folder / _name(scene, job.frame)))
             return
         except Busy:
-            yield Work(lambda tell: time.sleep(WAIT_S), "Waiting for another process to capture the frame", 0.0)
+            yield Work(lambda _: time.sleep(WAIT_S), "Waiting for another process to capture the frame", 0.0)
 
 
 def passes_folder(scene, folder, frame):
@@ -142,6 +142,6 @@ def passes_left(scene, folder):
     except InputError:  # a link, which the render itself has reported
         return []
     folders = matching(hidden, f"{bpy.path.clean_name(scene.name)}_*_passes")
-    counts = {kept: len(matching(kept, "*/[!.]*.exr")) for kept in folders}
-    return [f"{count} finished pass{'es are' if count > 1 else ' is'} stored in {kept}: the next render continues "
-            "from there unless the file changes" for kept, count in counts.items() if count]
+    counts = {stored: len(matching(stored, "*/[!.]*.exr")) for stored in folders}
+    return [f"{count} finished pass{'es are' if count > 1 else ' is'} stored in {stored}: the next render continues "
+            "from there unless the file changes" for stored, count in counts.items() if count]

@@ -58,8 +58,8 @@ class GatheredLight:
 
     def covers(self, region):
         """Whether it is opaque all over a region of the capture."""
-        part = tuple(slice(asked.start - own.start, asked.stop - own.start)
-                     for asked, own in zip(region, self.slab.region, strict=True))
+        part = tuple(slice(requested.start - available.start, requested.stop - available.start)
+                     for requested, available in zip(region, self.slab.region, strict=True))
         return self.alpha is not None and all(
             side.start >= 0 and side.stop <= n for side, n in zip(part, self.alpha.shape, strict=True)
         ) and bool(np.all(self.alpha[part] == 1))

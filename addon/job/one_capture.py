@@ -43,7 +43,7 @@ class OneCapture:
         if job.traced or _but_for_lens(job) != _but_for_lens(self._job):
             return False
         grid = self._captured and self._captured.radiance.grid
-        return grid is None or all(least <= there for least, there in zip(
+        return grid is None or all(least <= available for least, available in zip(
             overscan_px(job.lens, grid, job.wavelengths_nm, 0), grid.overscan_px, strict=True))
 
     def capture(self, scene, job, result, share):
@@ -51,8 +51,8 @@ class OneCapture:
         if self._captured is None:
             captured = yield from capture(scene, replace(self._job, picture=job.picture), result, share)
             radiance = captured.radiance
-            seen = replace(radiance, grid=replace(radiance.grid, focal_mm=radiance.focal_mm))  # for all lenses
-            self._captured, self._facts = replace(captured, radiance=seen), result.report.scene
+            shared = replace(radiance, grid=replace(radiance.grid, focal_mm=radiance.focal_mm))  # for all lenses
+            self._captured, self._facts = replace(captured, radiance=shared), result.report.scene
         result.report.add(replace(
             self._facts, depth=self._captured.depth_check(job.lens), lens_warning=job.lens_warning,
             scene_remarks=(*_remarks(scene, job), *self._captured.remarks, *self._captured.scale_remarks(job.lens))))

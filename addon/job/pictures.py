@@ -22,8 +22,8 @@ ALPHA_WAVELENGTHS = 3  # out of the job's: blur differs between wavelengths, but
 
 def write_radiance(captured, path):
     """Write the radiance, with the capture's depth, alpha, region and layers: the input for another lens."""
-    beside = {"Z": captured.depth_m, "A": captured.alpha, REGION: captured.region}
-    write_exr(captured.radiance, path, {name: plane for name, plane in beside.items() if plane is not None},
+    planes = {"Z": captured.depth_m, "A": captured.alpha, REGION: captured.region}
+    write_exr(captured.radiance, path, {name: plane for name, plane in planes.items() if plane is not None},
               captured.layers)
 
 
@@ -54,8 +54,8 @@ def write_pictures(captured, irradiance, lens, options, iris, result):
 
 def pinhole_view(captured, lens):
     """The frame through a pinhole with the lens's focal length, in linear Rec. 709: array (row, column, 3)."""
-    radiance, own_mm = captured.radiance, lens.capture_focal_length_mm
-    scale = (radiance.grid.focal_mm or own_mm) / own_mm
+    radiance, lens_focal_mm = captured.radiance, lens.capture_focal_length_mm
+    scale = (radiance.grid.focal_mm or lens_focal_mm) / lens_focal_mm
     planes = np.moveaxis(to_rec709(radiance if scale != 1 else radiance.frame()), -1, 0)
     if scale != 1:
         frame = radiance.grid.frame()
@@ -144,8 +144,8 @@ def alpha_through_lens(captured, lens, options, iris=None):
     if captured.layers:
         covering = replace(captured.layers, wavelengths_nm=nm, layers=[
             replace(layer, cube=shining(layer.alpha)) for layer in captured.layers.layers])
-    kept = ChannelCache()
-    planes = [simulate(light, lens, options, iris=iris, cache=kept).cube for light in (covering, even)]
+    cache = ChannelCache()
+    planes = [simulate(light, lens, options, iris=iris, cache=cache).cube for light in (covering, even)]
     weights = np.maximum(rec709_weights(nm) @ REC709_LUMINANCE, np.finfo(float).tiny)
-    covered, whole = (np.tensordot(weights / weights.sum(), plane, axes=1) for plane in planes)
-    return np.clip(np.divide(covered, whole, out=np.ones_like(whole), where=whole > 0), 0, 1)
+    covered, total = (np.tensordot(weights / weights.sum(), plane, axes=1) for plane in planes)
+    return np.clip(np.divide(covered, total, out=np.ones_like(total), where=total > 0), 0, 1)

@@ -102,8 +102,8 @@ def _noted(refusals):
 
 def _check_files(scene, job):
     """Do the work of `check_files`, without creating the folder."""
-    there = nearest_existing(job.output_folder)
-    if not there.is_dir() or not os.access(there, os.W_OK):
-        raise InputError(job.output_folder, "folder", "not writable", f"{there} is not a folder with write permission")
-    if there == job.output_folder:
+    folder = nearest_existing(job.output_folder)
+    if not folder.is_dir() or not os.access(folder, os.W_OK):
+        raise InputError(job.output_folder, "folder", "not writable", f"{folder} is not a folder with write permission")
+    if folder == job.output_folder:
         check_files(scene, Result.of(scene, job.output_folder, job.frame).files)

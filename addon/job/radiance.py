@@ -175,7 +175,7 @@ def capture(scene, job, result, share):
         lights = [GatheredLight(plan, rendered_layer(scene).name, names, slab, scratch, metres_per_unit(scene))
                   for slab in slabs]
         clamps = clamps_of(scene)
-        done, step = LOOK_SHARE * share, (1 - LOOK_SHARE) * share / (len(plan.bands) * len(lights))
+        fraction, step = LOOK_SHARE * share, (1 - LOOK_SHARE) * share / (len(plan.bands) * len(lights))
         for index, band in enumerate(plan.bands):
             substitution.set_wavelengths(band, plan.dispersive)
             for name, clamp in clamps.items():
@@ -187,21 +187,21 @@ def capture(scene, job, result, share):
                     show_slab(scene, light.slab, capture_px, journal)
                     of_slabs = f", slab {number} of {len(lights)}" if cut else ""
                     label = f"Pass {index + 1} of {len(plan.bands)}{of_slabs}: {_span(band)} nm"
-                    light.add(index, (yield from passes.planes(RenderPass(scene, label, done, step),
+                    light.add(index, (yield from passes.planes(RenderPass(scene, label, fraction, step),
                                                                folder / "pass.exr", light.planes, *band,
                                                                *light.slab.facts)))
-                done += step
+                fraction += step
             if job.picture:
-                yield Work(lambda tell, index=index: _show(index, plan, lights, capture_px, job.picture),
-                           "Updating the picture", done)
+                yield Work(lambda _, index=index: _show(index, plan, lights, capture_px, job.picture),
+                           "Updating the picture", fraction)
     lights = [light for light in lights if not light.is_spare(lights)]
-    margin = [there - n for there, n in zip(capture_px.overscan_px, grid.overscan_px, strict=True)]
+    margin = [overscan - n for overscan, n in zip(capture_px.overscan_px, grid.overscan_px, strict=True)]
     inside = tuple(slice(rim, rim + n) for rim, n in zip(margin, grid.shape_px, strict=True))
     depth_mm = planar_depth_mm(_nearest_m(lights, capture_px) * M_TO_MM, job.lens, capture_px)[inside]
     layers = layered_radiance(lights, job.lens, capture_px, job.wavelengths_nm, exposure, job.others) if cut else None
     if cut:
-        seen = layers.cropped(margin)
-        radiance, alpha = seen.flat(), seen.flat_alpha()
+        cropped = layers.cropped(margin)
+        radiance, alpha = cropped.flat(), cropped.flat_alpha()
     else:
         cube, alpha = (_placed(planes, rendered, grid) for planes in (lights[0].radiance(), lights[0].alpha))
         radiance = SpectralImage(cube, job.wavelengths_nm, grid, focal_mm=job.lens.capture_focal_length_mm,
@@ -229,9 +229,9 @@ def _placed(planes, region, grid):
     """Planes (..., row, column) of a region, padded with zeros to the complete capture."""
     if planes.shape[-2:] == grid.shape_px:
         return planes
-    whole = zeros_stored_like(planes, (*planes.shape[:-2], *grid.shape_px))
-    whole[(..., *region)] = planes
-    return whole
+    padded = zeros_stored_like(planes, (*planes.shape[:-2], *grid.shape_px))
+    padded[(..., *region)] = planes
+    return padded
 
 
 def _show(index, plan, lights, capture_px, path):
@@ -239,8 +239,8 @@ def _show(index, plan, lights, capture_px, path):
     layers = [Layer(light.cube, light.alpha, light.depth_m * M_TO_MM, tuple(side.start for side in light.slab.region))
               for light in lights if not light.is_spare(lights)]
     radiance = LayeredRadiance(layers, plan.choice.output_nm, capture_px).cropped(capture_px.overscan_px).flat()
-    whole = index + 1 == len(plan.bands)
-    picture = to_rec709(radiance) if whole else np.stack([radiance.cube.mean(axis=0)] * 3, axis=-1)
+    complete = index + 1 == len(plan.bands)
+    picture = to_rec709(radiance) if complete else np.stack([radiance.cube.mean(axis=0)] * 3, axis=-1)
     write_png(picture, path, auto_exposure(picture))
 
 

@@ -108,12 +108,12 @@ def _steps(path, request):
     for file in (file for file in result.files if file != path):
         check_target(file)
     with result.report.stage("read radiance"):
-        captured = yield Work(lambda tell: _read(path, request.depth, result.irradiance.parent), "Reading radiance",
+        captured = yield Work(lambda _: _read(path, request.depth, result.irradiance.parent), "Reading radiance",
                               0.0)
     words = ()
     if not isinstance(lens, Lens):
         iris = iris if iris_is_visible(lens, rings) else None
-        lens, words = yield Work(lambda tell: _turned(request, rings, captured), "Baking the lens", 0.05)
+        lens, words = yield Work(lambda _: _turned(request, rings, captured), "Baking the lens", 0.05)
     lens, captured, warning = _fitted(lens, captured, request.view, path)
     if captured.layers and not lens.prescription:
         words = *words, f"{lens.name}: {ROUND_BLUR}"
@@ -185,7 +185,7 @@ def _check_overscan(lens, radiance, path):
     """Raise an ImageError if the capture's overscan is too small, so that part of a lens's frame would stay black."""
     grid, nm = radiance.grid, radiance.wavelengths_nm
     needed = overscan_px(lens, grid, nm, 0)
-    if any(least > there for least, there in zip(needed, grid.overscan_px, strict=True)):
+    if any(least > available for least, available in zip(needed, grid.overscan_px, strict=True)):
         raise ImageError(path, "overscan", "{1} x {0} px".format(*grid.overscan_px),
                          "{name} needs {1} x {0} px beyond the frame: render again through it".format(
                              *needed, name=lens.name))
@@ -208,8 +208,8 @@ def _blur_warning(lens, captured, iris):
     layers, lacking, reach = captured.layers, [0.0], opening(iris, lens).reach / 2
     for layer in layers.layers if layers else ():
         blur = np.where(layer.alpha > 0, np.abs(blur_px(lens, layers.grid.pitch_um, layer.depth_mm)) * reach, 0)
-        for axis, (there, shown) in enumerate(zip(layer.place, _shown(captured), strict=True)):
-            ends = (shown.start - there.start, blur.take(0, axis)), (there.stop - shown.stop, blur.take(-1, axis))
+        for axis, (place, shown) in enumerate(zip(layer.place, _shown(captured), strict=True)):
+            ends = (shown.start - place.start, blur.take(0, axis)), (place.stop - shown.stop, blur.take(-1, axis))
             lacking += [blurs.max() - beyond for beyond, blurs in ends if beyond >= 0 and blurs.any()]
     if max(lacking) < 1:
         return ""

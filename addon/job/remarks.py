@@ -22,7 +22,7 @@ ENGINES = {"BLENDER_EEVEE": "EEVEE", "BLENDER_EEVEE_NEXT": "EEVEE", "BLENDER_WOR
 BLENDERS_FILTER = "BLACKMAN_HARRIS", 1.5  # a new scene's pixel filter and its width
 SAME_VIEW = 0.02
 SAME_RATIO = 1e-3
-DEPTH_TOLD = 0.01  # of the picture
+REMARK_SHARE = 0.01  # of the picture
 UNLAYERED = {  # its name, its part of the picture, and the effect on that part
     REFRACTED: ("Glass", "is visible through it", "is blurred as if on its surface"),
     MIRRORED: ("Mirrors", "is reflected in them", "is blurred as if on their surface"),
@@ -63,7 +63,7 @@ def scene_remarks(scene, job):
 def depth_remarks(job, slabs):
     """Remarks on depths at which the lens data do not hold, by a SlabPlan from before the render: list of Remark."""
     check = slabs.check
-    if check is None or check.outside_fraction < DEPTH_TOLD:
+    if check is None or check.outside_fraction < REMARK_SHARE:
         return []
     apart = (f"about {check.outside_fraction:.0%} of the picture is outside the in-focus range of "
              f"{in_metres(check.near_mm)} to {in_metres(check.far_mm)}")
@@ -98,12 +98,12 @@ def scale_remarks(depth_mm, lens, pitch_um):
     lens : Lens
     pitch_um : float
     """
-    seen_mm = np.asarray(depth_mm)[np.isfinite(depth_mm)]
+    finite_mm = np.asarray(depth_mm)[np.isfinite(depth_mm)]
     known = np.count_nonzero(~np.isnan(depth_mm))
     beyond_mm = blur_per_nearness_px(lens, pitch_um)
-    if seen_mm.size < DEPTH_TOLD * max(known, 1) or np.mean(seen_mm < beyond_mm) > DEPTH_TOLD:
+    if finite_mm.size < REMARK_SHARE * max(known, 1) or np.mean(finite_mm < beyond_mm) > REMARK_SHARE:
         return []
-    return [Remark("Unit Scale", "", f"most of the picture is about {in_metres(float(np.median(seen_mm)))} away; "
+    return [Remark("Unit Scale", "", f"most of the picture is about {in_metres(float(np.median(finite_mm)))} away; "
                    f"beyond {in_metres(beyond_mm)} this lens shows no blur at any focus distance",
                    "if the scene is meant to be smaller, set Unit Scale in the scene properties")]
 
@@ -114,13 +114,13 @@ def unlayered_remarks(scene, job, capture):
     if job.depth == AUTO and not job.lens.prescription:
         yield Remark("Lens", job.lens.name, ROUND_BLUR, "use a prescription for the lens's own blur")
     traced = ["Depth: Traced Lens renders it correctly"] if job.lens.prescription else []
-    for kind, found in unlayered(scene, job.lens, capture).items() if job.depth == AUTO else ():
-        if found.share < DEPTH_TOLD:
+    for kind, content in unlayered(scene, job.lens, capture).items() if job.depth == AUTO else ():
+        if content.share < REMARK_SHARE:
             continue
         what, part, becomes = UNLAYERED[kind]
-        more = f" (and {len(found.names) - 1} more)" if len(found.names) > 1 else ""
-        yield Remark(what, repr(found.names[0]) + more if found.names else "of the world",
-                     f"about {found.share:.0%} of the picture {part}, and {becomes}",
+        more = f" (and {len(content.names) - 1} more)" if len(content.names) > 1 else ""
+        yield Remark(what, repr(content.names[0]) + more if content.names else "of the world",
+                     f"about {content.share:.0%} of the picture {part}, and {becomes}",
                      ", or ".join(traced + [PANES] * (kind == REFRACTED)))
 
 

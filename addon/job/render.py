@@ -80,15 +80,15 @@ def job_of_frame(scene, frame, **given):
 
 def run(steps, progress=None):
     """Run the steps one after the other; returns the generator's result."""
-    tell = progress or (lambda fraction, label: None)
+    on_progress = progress or (lambda fraction, label: None)
 
-    def within_step(done):
-        tell(step.fraction + step.share * done, step.label)
+    def within_step(fraction):
+        on_progress(step.fraction + step.share * fraction, step.label)
 
     try:
         step = next(steps)
         while True:
-            tell(step.fraction, step.label)
+            on_progress(step.fraction, step.label)
             if isinstance(step, RenderPass):
                 answer = None
                 with samples_watched(within_step):
@@ -97,7 +97,7 @@ def run(steps, progress=None):
                 answer = step.call(within_step)
             step = steps.send(answer)
     except StopIteration as end:
-        tell(1.0, "done")
+        on_progress(1.0, "done")
         return end.value
     finally:
         steps.close()
@@ -126,7 +126,7 @@ def render_steps(scene, job, one=None):
     if job.traced:
         yield from _film_steps(captured, job.lens, result)
     else:
-        yield Work(_timed(report, "write radiance", lambda tell: write_by(captured, result.radiance)),
+        yield Work(_timed(report, "write radiance", lambda _: write_by(captured, result.radiance)),
                    "Writing radiance", RENDER_SHARE)
         yield from lens_steps(captured, job.lens, job.options, job.iris, result, RENDER_SHARE + 0.02)
     write_record(job, result)
@@ -137,13 +137,13 @@ def render_steps(scene, job, one=None):
     return result
 
 
-def lens_steps(captured, lens, options, iris, result, done):
-    """Steps that put a Captured through a lens and write the resulting files; `done` is the job's fraction so far."""
+def lens_steps(captured, lens, options, iris, result, fraction):
+    """Steps that put a Captured through a lens and write the resulting files; `fraction` is that of the job so far."""
     report = result.report
     discard(result.record)  # the files that it describes are about to change
-    irradiance = yield Work(lambda tell: simulate(captured.layers or captured.radiance, lens, options, iris=iris,
-                                                  progress=tell, report=report, cache=shared_cache()),
-                            f"Through {lens.name}", done, 0.98 - done)
+    irradiance = yield Work(lambda on_progress: simulate(captured.layers or captured.radiance, lens, options, iris=iris,
+                                                         progress=on_progress, report=report, cache=shared_cache()),
+                            f"Through {lens.name}", fraction, 0.98 - fraction)
     irradiance = replace(irradiance, cube=captured.cut(irradiance.cube))
     yield from _file_steps(irradiance, result,
                            lambda: write_pictures(captured, irradiance, lens, options, iris, result))
@@ -161,15 +161,15 @@ def _film_steps(film, lens, result):
 
 def _file_steps(irradiance, result, write_its_pictures):
     report = result.report
-    yield Work(_timed(report, "write irradiance", lambda tell: write_exr(irradiance, result.irradiance)),
+    yield Work(_timed(report, "write irradiance", lambda _: write_exr(irradiance, result.irradiance)),
                "Writing irradiance", 0.98)
-    yield Work(_timed(report, "write pictures", lambda tell: write_its_pictures()), "Writing pictures", 0.99)
+    yield Work(_timed(report, "write pictures", lambda _: write_its_pictures()), "Writing pictures", 0.99)
 
 
 def _timed(report, stage, call):
-    def timed(tell):
+    def timed(on_progress):
         with report.stage(stage):
-            return call(tell)
+            return call(on_progress)
 
     return timed
 

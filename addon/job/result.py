@@ -92,8 +92,8 @@ class Result:
         """The file, the time, the plan and the remarks: list of lines."""
         seconds = sum(self.report.stages.values())
         scene, file = self.report.scene, self.report.file
-        made_of = scene.scene_plan if scene else f"from the light in {file.radiance}"
-        return [f"{self.lens_image} in {seconds:.1f} s", made_of, *self.report.remarks()]
+        source = scene.scene_plan if scene else f"from the light in {file.radiance}"
+        return [f"{self.lens_image} in {seconds:.1f} s", source, *self.report.remarks()]
 
 
 def check_next_to_frames(folder, *paths):

@@ -55,8 +55,8 @@ class Slab:
 
     def within(self, part):
         """The slab, limited to this part of its region."""
-        return replace(self, region=tuple(slice(whole.start + kept.start, whole.start + kept.stop)
-                                          for whole, kept in zip(self.region, part, strict=True)))
+        return replace(self, region=tuple(slice(outer.start + inner.start, outer.start + inner.stop)
+                                          for outer, inner in zip(self.region, part, strict=True)))
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class Cut:
     slabs: tuple[Slab, ...]
 
 
-def cut_steps(scene, job, grid, region, tinting, passes, path, done, share):
+def cut_steps(scene, job, grid, region, tinting, passes, path, fraction, share):
     """Steps of the depth pre-pass; returns the Cut, or None if the lens data hold at every depth in the scene.
 
     Parameters
@@ -92,7 +92,7 @@ def cut_steps(scene, job, grid, region, tinting, passes, path, done, share):
     passes : FinishedPasses
     path : Path
         A file to render to.
-    done, share : float
+    fraction, share : float
         Fractions of the complete job: before this, and of this.
     """
     widest = looked_at(grid)
@@ -105,8 +105,8 @@ def cut_steps(scene, job, grid, region, tinting, passes, path, done, share):
         layer = rendered_layer(scene)
         journal.set(layer, "samples", 0)  # no override of the scene's samples
         name, colours = depth_pass(layer.name), [f"{layer.name}.Combined.{channel}" for channel in "RGB"]
-        planes = yield from passes.planes(RenderPass(scene, "Rendering depth", done, share), path, {name, *colours},
-                                          "look")
+        planes = yield from passes.planes(RenderPass(scene, "Rendering depth", fraction, share), path,
+                                          {name, *colours}, "look")
     depth_mm = depth_pass_m(planes[name], metres_per_unit(scene)) * np.float32(M_TO_MM)
     plan, *uncut_mm = plan_by(planar_depth_mm(depth_mm, job.lens, look), scene, job, grid, tinting,
                               np.mean([planes[colour] for colour in colours], axis=0))

@@ -68,22 +68,22 @@ def window_digest(scene):
 def _others(scene):
     """Files that the scene's data-blocks name, and cache files: dict of Path to data-block, or to None for a cache."""
     blocks = [block for block in blocks_of(scene) if not getattr(block, "packed_file", None)]
-    found = {Path(bpy.path.abspath(library.filepath)): library for library in bpy.data.libraries}
+    files = {Path(bpy.path.abspath(library.filepath)): library for library in bpy.data.libraries}
     for block, paths in bpy.data.file_path_map(subset=blocks).items():
-        found |= {Path(bpy.path.abspath(path, library=block.library)): block for path in (*paths, *_spectra(block))}
+        files |= {Path(bpy.path.abspath(path, library=block.library)): block for path in (*paths, *_spectra(block))}
     for folder in _cache_folders(blocks):
-        found |= {Path(above, name): None for above, _, names in os.walk(folder) for name in names}
-    return found
+        files |= {Path(above, name): None for above, _, names in os.walk(folder) for name in names}
+    return files
 
 
 def _all_alike(paths):
     """The files with all frames and tiles of their sequences: set of Path."""
-    found, alike = set(paths), {}
-    for path in found:
+    files, alike = set(paths), {}
+    for path in files:
         alike.setdefault(path.parent, set()).add(_numbered(path))
     for folder, names in alike.items():
-        found |= {path for path in (folder.iterdir() if folder.is_dir() else ()) if _numbered(path) in names}
-    return found
+        files |= {path for path in (folder.iterdir() if folder.is_dir() else ()) if _numbered(path) in names}
+    return files
 
 
 def _is_sequence(block):

@@ -22,7 +22,7 @@ SHOWN = 0.1  # least share of a surface's light for a lobe to count
 MOST_SURFACES = 16  # that a ray passes through
 BLUR_PX = 1.0  # least difference in blur between two depths for it to count
 BENDING = 0.5  # refractive index of glass, minus 1
-SEEN_AS = {REFRACTED: "visible_transmission", MIRRORED: "visible_glossy"}
+VISIBILITY = {REFRACTED: "visible_transmission", MIRRORED: "visible_glossy"}
 
 
 @dataclass(frozen=True)
@@ -58,16 +58,16 @@ def unlayered(scene, lens, capture):
     look = _Look(scene, lens, capture)
     boxes, volumes = look.candidates()
     rays = np.flatnonzero(np.isfinite([*boxes, *(entered_m for _, entered_m in volumes)]).any(axis=0))
-    seen = look.view.look(look.along, rays)
-    share, cast = rays.size / len(look.view.directions) / max(len(seen), 1), rays[:len(seen)]
-    depths_m = np.array([depth_m for depth_m, *_ in seen])
-    found = [(kind, name, ray) for ray, (_, kind, name) in zip(cast, seen, strict=True)]
-    found += [(VOLUME, name, ray) for name, entered_m in volumes
-              for ray in cast[look.is_elsewhere(look.view.cosines[cast] * entered_m[cast], depths_m)]]
-    return {kind: Unlayered(share * len({ray for of_kind, _, ray in found if of_kind == kind}),
+    results = look.view.look(look.along, rays)
+    share, cast = rays.size / len(look.view.directions) / max(len(results), 1), rays[:len(results)]
+    depths_m = np.array([depth_m for depth_m, *_ in results])
+    content = [(kind, name, ray) for ray, (_, kind, name) in zip(cast, results, strict=True)]
+    content += [(VOLUME, name, ray) for name, entered_m in volumes
+                for ray in cast[look.is_elsewhere(look.view.cosines[cast] * entered_m[cast], depths_m)]]
+    return {kind: Unlayered(share * len({ray for of_kind, _, ray in content if of_kind == kind}),
                             tuple(name for name, _ in Counter(
-                                name for of_kind, name, _ in found if of_kind == kind and name).most_common()))
-            for kind in dict.fromkeys(kind for kind, *_ in found) if kind}
+                                name for of_kind, name, _ in content if of_kind == kind and name).most_common()))
+            for kind in dict.fromkeys(kind for kind, *_ in content) if kind}
 
 
 class _Look:
@@ -102,8 +102,8 @@ class _Look:
         distance_m = max((hit.place - self.view.origin).length * self.view.unit_m, BEYOND_M)
         lobe = self._picture(hit, distance_m)
         apart = abs(1 / distance_m - _nearness(distance_m, *self._beyond(hit, direction, lobe.way))) if lobe else 0.0
-        told = apart * self._blur_px_m / cosine <= BLUR_PX
-        return distance_m * cosine, *(("", "") if told else (lobe.way, hit.obj.original.name))
+        negligible = apart * self._blur_px_m / cosine <= BLUR_PX
+        return distance_m * cosine, *(("", "") if negligible else (lobe.way, hit.obj.original.name))
 
     def is_elsewhere(self, first_m, depths_m):
         """Whether content that begins at `first_m`, in front of a pixel's depth, has a different blur."""
@@ -155,7 +155,7 @@ class _Look:
             power = BENDING * self._curvature_per_m(hit)
         place = hit.place
         for _ in range(MOST_SURFACES):
-            further = self.view.first(place + direction * self.view.beyond_units, direction, SEEN_AS[way])
+            further = self.view.first(place + direction * self.view.beyond_units, direction, VISIBILITY[way])
             if further is None:
                 return np.inf, power
             place = further.place

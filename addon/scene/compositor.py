@@ -240,8 +240,8 @@ def _verdict(node, frame, state):
 def picture_folder(scene):
     """The folder of the files that the scene's Lensfield node shows; "" without a node."""
     node = _node(scene)
-    whole = node and _is_intact(node.node_tree)
-    return os.path.dirname(bpy.path.abspath(_image_path(node.node_tree, 1))) if whole else ""
+    intact = node and _is_intact(node.node_tree)
+    return os.path.dirname(bpy.path.abspath(_image_path(node.node_tree, 1))) if intact else ""
 
 
 def _may_look(group):
@@ -312,11 +312,11 @@ def _state(group):
     the tree was created for it, and the name of a Render Layers node that was."""
     empty = {"frames": {}, "scene": "", "created_tree": False, "created_layers": ""}
     try:
-        told = json.loads(group.get(STATE, "{}"))
+        stored = json.loads(group.get(STATE, "{}"))
     except (TypeError, ValueError, RecursionError):  # the file may be untrusted
         return empty
-    told = told if isinstance(told, dict) else {}
-    held = {name: told[name] for name, value in empty.items() if isinstance(told.get(name), type(value))}
+    stored = stored if isinstance(stored, dict) else {}
+    held = {name: stored[name] for name, value in empty.items() if isinstance(stored.get(name), type(value))}
     frames = {frame: of for frame, of in held.get("frames", {}).items() if _is_frame(frame) and isinstance(of, str)}
     return empty | held | {"frames": frames}
 
@@ -332,7 +332,7 @@ def _put(group, **facts):
 def _scene_tree(scene):
     """The scene's compositing tree, copied if other scenes share it, as each has its own picture; and whether it is new
     or was not in use."""
-    made = not _tree(scene) or not getattr(scene, "use_nodes", True)
+    created = not _tree(scene) or not getattr(scene, "use_nodes", True)
     tree = compositing_tree(scene)
     sharing = [other for other in bpy.data.scenes if other != scene and _tree(other) == tree]
     if sharing:
@@ -340,7 +340,7 @@ def _scene_tree(scene):
         for node in tree.nodes:
             if node.bl_idname == "CompositorNodeRLayers" and node.scene in sharing:
                 node.scene = scene
-    return tree, made
+    return tree, created
 
 
 def _trees_of_others(scene):
@@ -392,8 +392,8 @@ def _build(group):
             socket.default_value, socket.hide_value = BACKGROUND_M, True
     for name, kind in OUTPUTS.items():
         group.interface.new_socket(name=name, in_out="OUTPUT", socket_type=f"NodeSocket{kind}")
-    plain, out = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
-    plain.location.x, out.location.x = -300, 600
+    group_input, group_output = group.nodes.new("NodeGroupInput"), group.nodes.new("NodeGroupOutput")
+    group_input.location.x, group_output.location.x = -300, 600
     for row, name in enumerate((*SWITCHED, *STILLS)):
         source = group.nodes.new("CompositorNodeImage")
         source.name = source.label = name
@@ -402,10 +402,10 @@ def _build(group):
         if name == "Depth":
             picture = _add_units(group, picture)
         if name in SWITCHED:
-            picture = _add_switch(group, name, plain.outputs[name], picture)
-        _link(group, picture, out.inputs[name])
+            picture = _add_switch(group, name, group_input.outputs[name], picture)
+        _link(group, picture, group_output.inputs[name])
         if name == "Image":
-            _link(group, picture, out.inputs["Alpha"], "Alpha")
+            _link(group, picture, group_output.inputs["Alpha"], "Alpha")
 
 
 def _add_scale(group, source):
@@ -498,10 +498,10 @@ def _load(group, path, scene_name):
     folder, name = os.path.split(path)
     stem, frame = _stem_and_frame(name)
     for name, ending in (SWITCHED | STILLS).items():
-        beside = f"{stem}{frame:04d}_{ending}.exr" if name in SWITCHED else f"{stem}{ending}.exr"
-        beside = os.path.join(folder, beside)
-        if os.path.isfile(bpy.path.abspath(beside)):
-            _show(group.nodes[name], beside, f"{NAME} {scene_name}{'' if name == 'Image' else f' {name}'}", name)
+        sibling = f"{stem}{frame:04d}_{ending}.exr" if name in SWITCHED else f"{stem}{ending}.exr"
+        sibling = os.path.join(folder, sibling)
+        if os.path.isfile(bpy.path.abspath(sibling)):
+            _show(group.nodes[name], sibling, f"{NAME} {scene_name}{'' if name == 'Image' else f' {name}'}", name)
         if name in SWITCHED:
             _follow(group.nodes[name], _state(group)["frames"])
 
@@ -554,20 +554,20 @@ def _take_over_links(scene, tree, node):
     if output and not any(out.is_linked for out in node.outputs):
         tree.links.new(node.outputs["Image"], output.inputs[0])
         node.location = output.location.x - 300, output.location.y
-    made = _feed(scene, tree, node)
+    created = _feed(scene, tree, node)
     if layers:
         node.location = layers[0].location.x + 300, layers[0].location.y - 100
-    return made
+    return created
 
 
 def _feed(scene, tree, node):
     """Feed the plain render to the node; returns the name of the Render Layers node, if it had to be created."""
-    layers, made = next(iter(_scene_layers(scene, tree)), None), ""
+    layers, created = next(iter(_scene_layers(scene, tree)), None), ""
     if layers is None:
         layers = tree.nodes.new("CompositorNodeRLayers")
-        layers.scene, made = scene, layers.name
+        layers.scene, created = scene, layers.name
         layers.location = node.location.x - 300, node.location.y
     for name in SWITCHED:
         if name in layers.outputs and layers.outputs[name].enabled:
             tree.links.new(layers.outputs[name], node.inputs[name])
-    return made
+    return created

@@ -89,13 +89,13 @@ class View:
             answers.append(answer(ray, Vector(self.directions[ray])))
         return answers
 
-    def first(self, start, direction, seen_as="visible_camera"):
+    def first(self, start, direction, visibility="visible_camera"):
         """The first Hit of a ray on an object that a render shows to rays of this kind; None without one."""
         for _ in range(MOST_UNSEEN):
             hit, place, normal, face, obj, matrix = self._scene.ray_cast(self._depsgraph, start, direction)
             if not hit:
                 return None
-            if not obj.original.hide_render and getattr(obj.original, seen_as):
+            if not obj.original.hide_render and getattr(obj.original, visibility):
                 return Hit(place, normal, face, obj, matrix)
             start = place + direction * self.beyond_units
         return None

@@ -131,13 +131,13 @@ def blocks_of(scene):
             uses.setdefault(user, []).append(block)
     waiting = [*scene.objects, *scene.collection.children_recursive,
                *filter(None, (scene.world, *(layer.material_override for layer in scene.view_layers)))]
-    found = set(waiting)
+    blocks = set(waiting)
     while waiting:
         for block in uses.get(waiting.pop(), ()):
-            if block not in found and block.id_type not in ("SCENE", "TEXT", "LIBRARY"):
-                found.add(block)
+            if block not in blocks and block.id_type not in ("SCENE", "TEXT", "LIBRARY"):
+                blocks.add(block)
                 waiting.append(block)
-    return found
+    return blocks
 
 
 def _digest(block):
@@ -167,8 +167,8 @@ def _file_digests(blocks):
         getattr(block, "packed_file", None) or getattr(block, "is_dirty", False)))}
     for block, paths in bpy.data.file_path_map(subset=outside).items() if outside else ():
         for path in paths:
-            found = bpy.path.abspath(path, library=block.library)
-            yield f"{block.id_type} {block.name_full} {file_digest(found, stamp_of(found)) if _is_local(found) else ''}"
+            file = bpy.path.abspath(path, library=block.library)
+            yield f"{block.id_type} {block.name_full} {file_digest(file, stamp_of(file)) if _is_local(file) else ''}"
 
 
 def _is_local(path):

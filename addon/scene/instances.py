@@ -63,8 +63,8 @@ def rendered_blocks(scene):
     users.pop(None, None)
     for appearance, _, _, materials in _rendered(scene):
         obj = appearance.original
-        own = {obj.data} if obj.type in {"LIGHT", *DRAWN_TYPES} else ()
-        for block in (*materials, *own):
+        obj_data = {obj.data} if obj.type in {"LIGHT", *DRAWN_TYPES} else ()
+        for block in (*materials, *obj_data):
             users.setdefault(block, set()).add(obj.name)
     return {block: tuple(sorted(names)) for block, names in users.items()}
 
@@ -228,5 +228,5 @@ def _named_in_tree(tree, socket_type):
 
 def _world_matrix(obj):
     """The world matrix of an object, evaluated or not."""
-    own = obj.matrix_basis
-    return _world_matrix(obj.parent) @ obj.matrix_parent_inverse @ own if obj.parent else own
+    basis = obj.matrix_basis
+    return _world_matrix(obj.parent) @ obj.matrix_parent_inverse @ basis if obj.parent else basis

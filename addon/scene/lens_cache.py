@@ -19,11 +19,11 @@ _lock = Lock()  # a thread may bake a lens while the window requests another
 def load_lens(name_or_path: str | os.PathLike, rings: Rings = AT_REST, quality: str = "standard",
               progress: Callable[[float, str], object] = lambda fraction, label: None) -> Lens:
     """The lens of `library.load_lens`: the same value as before unless the file has changed."""
-    asked = str(name_or_path), stamp_of(name_or_path), rings, quality
-    lens = _lenses.get(asked) or library.load_lens(name_or_path, rings, quality, progress)
+    key = str(name_or_path), stamp_of(name_or_path), rings, quality
+    lens = _lenses.get(key) or library.load_lens(name_or_path, rings, quality, progress)
     with _lock:
-        _lenses.pop(asked, None)
-        _lenses[asked] = lens
+        _lenses.pop(key, None)
+        _lenses[key] = lens
         if len(_lenses) > MOST_LENSES:
             _lenses.pop(next(iter(_lenses)))
     return lens

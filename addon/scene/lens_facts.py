@@ -69,13 +69,13 @@ def _facts(path, changed, rings, focal_mm):
     prescription = prescription_of(path)
     if focal_mm is not None:
         rings = resized_rings(prescription, rings, focal_mm)
-    there = turned(prescription, rings)
-    system = system_of(there.prescription)
-    pupil_mm = there.prescription.object_distance_mm + system.entrance_pupil_mm
+    lens = turned(prescription, rings)
+    system = system_of(lens.prescription)
+    pupil_mm = lens.prescription.object_distance_mm + system.entrance_pupil_mm
     return LensFacts(
         rings, system.efl_mm, system.efl_mm if system.object_at_infinity else abs(system.magnification) * pupil_mm,
-        there.prescription.sensor_mm or four_by_three(image_radius_mm(system)), there.f_number, there.focus_mm,
-        _reach(path, changed), there.words)
+        lens.prescription.sensor_mm or four_by_three(image_radius_mm(system)), lens.f_number, lens.focus_mm,
+        _reach(path, changed), lens.words)
 
 
 @lru_cache(maxsize=MOST_FACTS)

@@ -15,7 +15,7 @@ MOVING_CONSTRAINTS = {"CAMERA_SOLVER", "FOLLOW_TRACK", "OBJECT_SOLVER", "TRANSFO
 MOVING_NODES = {"GeometryNodeBake", "GeometryNodeCameraInfo", "GeometryNodeInputSceneTime",
                 "GeometryNodeSimulationInput"}  # Camera Info outputs the focus distance
 MOVING_IMAGES = {"MOVIE", "SEQUENCE"}
-OWN = __package__.removesuffix("addon.scene")
+PACKAGE = __package__.removesuffix("addon.scene")
 OF_NO_PICTURE = {"COLLECTION", "SCENE", "SCREEN", "WINDOWMANAGER", "WORKSPACE"}  # users that do not render an object
 
 
@@ -48,14 +48,14 @@ def _movements(scene, frames):
     if world and world.enabled and world.collection and world.collection.objects:
         yield "the scene has rigid bodies"
     for script in (str(handler.__module__) for name in HANDLERS for handler in getattr(bpy.app.handlers, name)):
-        if not script.startswith(OWN):
+        if not script.startswith(PACKAGE):
             yield f"the script {script} runs on each frame"
     blocks = blocks_of(scene)
     unseen = _unseen(blocks, cameras)
-    still, times = blocks - unseen, _times(scene, frames)
-    for block in sorted(still, key=lambda each: (each.id_type, each.name_full)) + [scene]:
+    checked, times = blocks - unseen, _times(scene, frames)
+    for block in sorted(checked, key=lambda each: (each.id_type, each.name_full)) + [scene]:
         for part in filter(None, (block, getattr(block, "node_tree", None))):
-            if why := _why_moving(part, times, still):
+            if why := _why_moving(part, times, checked):
                 yield f"{block.rna_type.name.lower()} {block.name!r} {why}"
 
 
@@ -89,10 +89,10 @@ def _times(scene, frames):
     return sorted({frame + part * shutter for frame in frames for part in (-1, -0.5, 0, 0.5, 1)})
 
 
-def _why_moving(block, times, still):
+def _why_moving(block, times, checked):
     """Why a data-block may change, in words; None if it does not."""
     allowed = {"CAMERA": RINGS, "SCENE": SCENES_RINGS}.get(block.id_type, ())
-    if any(not path.startswith(allowed) for path in _animated_paths(block, times, still)):
+    if any(not path.startswith(allowed) for path in _animated_paths(block, times, checked)):
         return "is animated"
     if block.id_type == "OBJECT":
         bones = block.pose.bones if block.pose else ()
@@ -119,13 +119,13 @@ def _with_time(nodes):
     return None
 
 
-def _animated_paths(block, times, still):
+def _animated_paths(block, times, checked):
     """Paths that keyframes and drivers set, unless their values are the same at all times."""
     animation = getattr(block, "animation_data", None)
     if animation is None:
         return
     for driver in animation.drivers:
-        if not _is_constant_driver(driver.driver, still):
+        if not _is_constant_driver(driver.driver, checked):
             yield driver.data_path
     for strip in (strip for track in animation.nla_tracks for strip in track.strips if not track.mute):
         yield from (curve.data_path for curve in action_curves(strip.action)) if strip.action else [strip.name]
@@ -143,10 +143,10 @@ def _action_curves(animation):
     return [curve for bag in bags if bag for curve in bag.fcurves]
 
 
-def _is_constant_driver(driver, still):
+def _is_constant_driver(driver, checked):
     """Whether a driver depends only on values that do not change."""
     if driver.type == "SCRIPTED" and (not driver.is_simple_expression or re.search(r"\bframe\b", driver.expression)):
         return False
-    return all(variable.type != "CONTEXT_PROP" and all(target.id in still and RINGS not in target.data_path
+    return all(variable.type != "CONTEXT_PROP" and all(target.id in checked and RINGS not in target.data_path
                                                        for target in variable.targets)
                for variable in driver.variables)

@@ -77,11 +77,11 @@ def show_slab(scene, slab, capture, journal):
     """Limit the render of a guarded scene to a slab: its depths, and its region of the capture."""
     unit_m = metres_per_unit(scene)
     scene.camera.data.clip_start, scene.camera.data.clip_end = slab.near_m / unit_m, slab.far_m / unit_m
-    whole = slab.region == tuple(slice(0, n) for n in capture.shape_px)
-    for name, value in (("film_transparent", slab.transparent), ("use_border", not whole),
-                        ("use_crop_to_border", not whole)):
+    full = slab.region == tuple(slice(0, n) for n in capture.shape_px)
+    for name, value in (("film_transparent", slab.transparent), ("use_border", not full),
+                        ("use_crop_to_border", not full)):
         journal.set(scene.render, name, value)
-    if not whole:
+    if not full:
         guard_region(scene.render, slab.region, capture.shape_px, journal)
 
 

@@ -45,7 +45,7 @@ def scene_rings(scene, focus=None, f_number=None, focused_wide_open=None) -> Rin
     return Rings(None if focus == CAMERA else focus, f_number, focused_wide_open)
 
 
-def scene_iris(scene, lens, iris=None, **asked) -> Iris | None:
+def scene_iris(scene, lens, iris=None, **overrides) -> Iris | None:
     """The blades of a scene's lens: the given ones, else the camera's if its depth of field is on.
 
     Parameters
@@ -54,7 +54,7 @@ def scene_iris(scene, lens, iris=None, **asked) -> Iris | None:
     lens : Lens, or a name or path for `load_lens`
         A Lens is already stopped down: only given blades apply.
     iris : Iris, optional
-    asked : by name
+    overrides : by name
         Arguments of `scene_rings`.
 
     Returns
@@ -67,7 +67,7 @@ def scene_iris(scene, lens, iris=None, **asked) -> Iris | None:
     iris = _camera_iris(scene) if iris is None else iris
     if not iris or not iris.blades:
         return None
-    shows = _iris_shows(str(lens), stamp_of(lens), scene_rings(scene, **asked))
+    shows = _iris_shows(str(lens), stamp_of(lens), scene_rings(scene, **overrides))
     if isinstance(shows, InputError):
         raise shows.with_traceback(None)  # the traceback would grow each time
     return iris if shows else None
@@ -92,7 +92,7 @@ def _camera_iris(scene):
                 _as_set(scene.lensfield.iris_roundness))
 
 
-def scene_lens(scene, lens, view, quality, **asked):
+def scene_lens(scene, lens, view, quality, **overrides):
     """The lens for a scene: with its camera's focus and f-stop, and with its own view or the camera's.
 
     Parameters
@@ -102,7 +102,7 @@ def scene_lens(scene, lens, view, quality, **asked):
     view : "lens" or "camera"
     quality : str
         How finely a prescription is baked.
-    asked : by name
+    overrides : by name
         Arguments of `scene_rings`.
 
     Returns
@@ -119,7 +119,7 @@ def scene_lens(scene, lens, view, quality, **asked):
     """
     if isinstance(lens, Lens):
         return *lens_for_view(scene, lens, view), ()
-    rings = scene_rings(scene, **asked)
+    rings = scene_rings(scene, **overrides)
     if not has_rings(lens):
         return *lens_for_view(scene, load_lens(lens), view), (FIXED,) * (rings != AT_REST)
     if view == CAMERA and scene.camera and scene.camera.type == "CAMERA":
@@ -141,9 +141,9 @@ def _focus_mm(scene):
     target = dof.focus_object.matrix_world
     if dof.focus_object.type == "ARMATURE" and (bone := dof.focus_object.pose.bones.get(dof.focus_subtarget)):
         target = target @ bone.matrix
-    own = camera.matrix_world.normalized()
-    away = own.translation - target.translation
-    return max(abs(Vector(own.col[2][:3]).dot(away)) * unit_mm, LEAST)
+    camera_matrix = camera.matrix_world.normalized()
+    away = camera_matrix.translation - target.translation
+    return max(abs(Vector(camera_matrix.col[2][:3]).dot(away)) * unit_mm, LEAST)
 
 
 def rings_for(scene, lens):

@@ -48,8 +48,8 @@ class AssignedSpectra:
 
     def errors(self, data_blocks):
         """All errors of these data-blocks."""
-        found = [self.error_of(block, field) for block in data_blocks for field in fields_of(block)]
-        return [error for error in found if error]
+        field_errors = [self.error_of(block, field) for block in data_blocks for field in fields_of(block)]
+        return [error for error in field_errors if error]
 
     def _outcome(self, data_block, field):
         text = getattr(data_block.lensfield, field).strip()

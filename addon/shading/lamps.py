@@ -122,9 +122,9 @@ class LightGroups:
         self._mixed = _mixed_blocks(of_owner)
         owners = {}
         for owner, blocks in of_owner.items():
-            own = set().union(*blocks.values())
-            if own:
-                lamp = lamps.flat if self._mixed & set(blocks) else own.pop()
+            owner_lamps = set().union(*blocks.values())
+            if owner_lamps:
+                lamp = lamps.flat if self._mixed & set(blocks) else owner_lamps.pop()
                 owners.setdefault(lamp, []).append(owner)
         order = sorted(owners, key=lambda lamp: (lamp is not lamps.flat, not lamp.spiky, -len(owners[lamp]), lamp.name))
         most = 1 if together else MOST_GROUPS
@@ -165,10 +165,10 @@ def _mixed_blocks(of_owner):
     while True:
         owners = [blocks for blocks in of_owner.values()
                   if len(set().union(*blocks.values())) > 1 or mixed & set(blocks)]
-        found = {block for blocks in owners for block in _glowing(blocks)}
-        if found == mixed:
+        glowing = {block for blocks in owners for block in _glowing(blocks)}
+        if glowing == mixed:
             return mixed
-        mixed = found
+        mixed = glowing
 
 
 def _glowing(blocks):

@@ -117,13 +117,13 @@ def _judged(block, spectra):
     if block.id_type in DRAWN_TYPES | {"GREASEPENCIL_V3"}:
         return [("", "", REJECTED, DRAWN)]
     given = {field: spectra.of(block, field) for field in fields_of(block)}
-    found = [("", error.field, REJECTED, f"{error.value}: {error.remedy}") for error in spectra.errors([block])]
+    findings = [("", error.field, REJECTED, f"{error.value}: {error.remedy}") for error in spectra.errors([block])]
     if isinstance(block, bpy.types.Light):
-        found.append(("", *_light_colour(block, given)))
+        findings.append(("", *_light_colour(block, given)))
     if not uses_nodes(block):
-        return found if isinstance(block, bpy.types.Light) else [*found, ("", "Color", SUBSTITUTED, CONSTANTS)]
+        return findings if isinstance(block, bpy.types.Light) else [*findings, ("", "Color", SUBSTITUTED, CONSTANTS)]
     output = cycles_output(block)
-    return [*found, *_Walk(block, given).findings(output)] if output else found
+    return [*findings, *_Walk(block, given).findings(output)] if output else findings
 
 
 def _light_colour(light, given):
@@ -179,11 +179,11 @@ class _Walk:
         def value_of(socket):
             return constant_of(socket, groups)
 
-        whole = None
+        entire_node = None
         for socket, verdict, text in closure_findings(node, value_of):
             self._add(node, groups, socket, verdict, text)
-            whole = whole or socket is None
-        if whole:
+            entire_node = entire_node or socket is None
+        if entire_node:
             return
         self._go_on((socket for socket in node.inputs if socket.type == "SHADER"), groups, SHADER)
         coloured = [socket for socket in node.inputs if kind(node, socket) not in (None, INDEX)

@@ -27,7 +27,7 @@ def luminous_efficacy(lamp, tint=(1.0, 1.0, 1.0)):
     """Lumens behind a filter of this colour (in the working space) per watt of a lamp before it."""
     nm = np.arange(BAND_NM[0], BAND_NM[1] + 1)
     passed = np.maximum(colour_basis(nm) @ np.array(tint), 0)
-    own = lamp.density_at(nm)
+    light = lamp.density_at(nm)
     step_nm = np.where((nm == nm[0]) | (nm == nm[-1]), 0.5, 1.0)  # the trapezoidal rule
-    behind = Spectrum(nm, own * passed).luminous_flux_per_watt() * (own * passed @ step_nm) / (own @ step_nm)
+    behind = Spectrum(nm, light * passed).luminous_flux_per_watt() * (light * passed @ step_nm) / (light @ step_nm)
     return behind if passed.min() < 1 else lamp.spectrum.luminous_flux_per_watt()

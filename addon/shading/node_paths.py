@@ -53,12 +53,12 @@ def source_of(socket, groups=()):
 
 def constant_of(socket, groups=()):
     """The constant value of an input, a number or a tuple as its type requires; None if nodes compute it."""
-    source, _, own = source_of(socket, groups)
+    source, _, holder = source_of(socket, groups)
     if source is not None:
         if source.node.bl_idname not in CONSTANT_NODES:
             return None
-        own = source
-    value = own.default_value
+        holder = source
+    value = holder.default_value
     values = tuple(value) if hasattr(value, "__len__") else (value,) * 3
     return values if socket.type in ("RGBA", "VECTOR") else sum(values[:3]) / len(values[:3])
 

@@ -79,15 +79,15 @@ def repeated_colours(scene, world, spectra):
             names.setdefault(material, set()).add(instance.obj.name)
             if has_volume(material):
                 extents[material] = max(_extent(instance), extents.get(material, 0.0))
-    found = []
+    colours = []
     for material, of_objects in names.items():
         extent = extents.get(material)
         place = material.name, tuple(sorted(of_objects))
-        found += [RepeatedIn(*place, colour, False) for colour in _of_surface(material, scene.cycles, spectra)]
-        found += [RepeatedIn(*place, colour, True) for colour in _of_volume(material, extent)]
+        colours += [RepeatedIn(*place, colour, False) for colour in _of_surface(material, scene.cycles, spectra)]
+        colours += [RepeatedIn(*place, colour, True) for colour in _of_volume(material, extent)]
     if world:
-        found += [RepeatedIn(world.name, (), colour, True) for colour in _of_volume(world, np.inf)]
-    return found
+        colours += [RepeatedIn(world.name, (), colour, True) for colour in _of_volume(world, np.inf)]
+    return colours
 
 
 def _extent(instance):

@@ -249,8 +249,8 @@ class Substitution:
         if constant is None:
             self.mixed_colours = True
             colour = self._upsampled(tree, colour_basis, feeding(socket))
-            own = group is lamp and np.all(tint == 1)
-            return colour if own else multiplied(tree, colour, self._glow(tree, light_at))
+            unchanged = group is lamp and np.all(tint == 1)
+            return colour if unchanged else multiplied(tree, colour, self._glow(tree, light_at))
         colour = np.array(constant[:3])
         return self._glow(tree, lambda nm: light_at(nm) * np.maximum(colour_basis(nm) @ colour, 0))
 

@@ -90,5 +90,5 @@ def _facts_at_rest(lens, changed):
 def forget():
     """Clear the caches and switch the overlay off."""
     session.focus_overlay = False
-    for kept in (_tints, _depth_m, _facts_at_rest):
-        kept.cache_clear()
+    for cached in (_tints, _depth_m, _facts_at_rest):
+        cached.cache_clear()

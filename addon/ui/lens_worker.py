@@ -62,7 +62,7 @@ class Request:
         """The current step, for the panel."""
         return BAKING if self.facts and self.facts.reach else READING
 
-    def tell(self, fraction, label):
+    def on_progress(self, fraction, label):
         """Record the progress of the bake; raises Dropped if the request is obsolete."""
         if self.dropped.is_set():
             raise Dropped
@@ -103,8 +103,8 @@ def lens_now(scene, quality=None):
     InputError
         The lens is not available.
     """
-    name, _, rings, focal_mm, asked = lens_request(scene).question
-    return load_lens(name, lens_facts(name, rings, focal_mm).rings, quality or asked)
+    name, _, rings, focal_mm, requested_quality = lens_request(scene).question
+    return load_lens(name, lens_facts(name, rings, focal_mm).rings, quality or requested_quality)
 
 
 def quality_at_hand(scene):
@@ -124,8 +124,8 @@ def forget_requests():
 
 
 def _ask(scene, question):
-    there = {each.session_uid for each in bpy.data.scenes} - {scene.session_uid}
-    for uid in set(_requests) - there:
+    other_uids = {each.session_uid for each in bpy.data.scenes} - {scene.session_uid}
+    for uid in set(_requests) - other_uids:
         _requests.pop(uid).dropped.set()
     request = _requests[scene.session_uid] = Request(question)
     request.future = _worker.submit(_answer, request)
@@ -137,9 +137,9 @@ def _ask(scene, question):
 
 def _tick():
     """Redraw the panels while lenses are being baked; returns seconds until the next call, or None."""
-    done = all(request.future.done() for request in _requests.values())
+    finished = all(request.future.done() for request in _requests.values())
     window_render.redraw_panels()
-    return None if done else TICK_S
+    return None if finished else TICK_S
 
 
 def _answer(request):
@@ -148,10 +148,10 @@ def _answer(request):
     try:
         request.facts = lens_facts(name, rings, focal_mm)
         request.known.set()
-        asked = name, request.facts.rings, quality
-        if loaded_lens(*asked) is None:
+        arguments = name, request.facts.rings, quality
+        if loaded_lens(*arguments) is None:
             _wait_until_settled(request)
-        lens = load_lens(*asked, request.tell)
+        lens = load_lens(*arguments, request.on_progress)
         hash(lens)  # slow, and needed to look up plans: compute it in this thread
         request.lens = lens
     except Dropped:

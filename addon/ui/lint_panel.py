@@ -28,10 +28,10 @@ class LENSFIELD_OT_lint(bpy.types.Operator):
         return nothing_renders()
 
     def execute(self, context):
-        found = preflight(context.scene)
-        session.check = Check(context.scene.session_uid, checked_settings(context.scene), found)
-        first = found.refusals[0] if found.refusals else found.plan.text
-        self.report({"INFO"}, f"{counts_text(found.findings)}. {first}")
+        result = preflight(context.scene)
+        session.check = Check(context.scene.session_uid, checked_settings(context.scene), result)
+        first = result.refusals[0] if result.refusals else result.plan.text
+        self.report({"INFO"}, f"{counts_text(result.findings)}. {first}")
         return {"FINISHED"}
 
 
@@ -58,13 +58,13 @@ class LENSFIELD_OT_select_object(bpy.types.Operator):
             self.report({"WARNING"}, "Check the scene first")
             return {"CANCELLED"}
         names = finding.object_names
-        found = [obj for obj in context.view_layer.objects if obj.name in names and obj.visible_get()]
-        if not found:
+        visible = [obj for obj in context.view_layer.objects if obj.name in names and obj.visible_get()]
+        if not visible:
             self.report({"WARNING"}, "None of these objects is visible here: " + ", ".join(names))
             return {"CANCELLED"}
         for obj in context.view_layer.objects:
-            obj.select_set(obj in found)
-        context.view_layer.objects.active = found[0]
+            obj.select_set(obj in visible)
+        context.view_layer.objects.active = visible[0]
         return {"FINISHED"}
 
 
@@ -88,29 +88,29 @@ def checked_settings(scene):
     return request, rings_for(scene, lens), scene.frame_current
 
 
-def draw_preflight(layout, found):
+def draw_preflight(layout, result):
     """Draw the result of a check: the plan, the refusals, the remarks on settings, and the findings on nodes."""
     column = layout.column(align=True)
-    if found.plan:
-        draw_wrapped(column, found.plan.text, "RENDER_STILL")
-    listed = {finding.place for finding in found.findings}
-    for refusal in found.refusals:
+    if result.plan:
+        draw_wrapped(column, result.plan.text, "RENDER_STILL")
+    listed = {finding.place for finding in result.findings}
+    for refusal in result.refusals:
         draw_wrapped(column, UNFIT if refusal.where in listed else str(refusal), "CANCEL")
-    for remark in found.remarks:
+    for remark in result.remarks:
         draw_wrapped(column, str(remark), "INFO")
-    _draw_findings(layout, found.findings)
+    _draw_findings(layout, result.findings)
 
 
 def _draw_findings(layout, findings):
-    told = [(index, finding) for index, finding in enumerate(findings) if finding.verdict in ICONS]
+    shown = [(index, finding) for index, finding in enumerate(findings) if finding.verdict in ICONS]
     column = layout.column(align=True)
-    for index, finding in told[:MOST_LINES]:
+    for index, finding in shown[:MOST_LINES]:
         row = column.row()
         draw_wrapped(row.column(align=True), str(finding), ICONS[finding.verdict], reserved=bool(finding.object_names))
         if finding.object_names:
             row.operator("lensfield.select_object", text="", icon="RESTRICT_SELECT_OFF").finding = index
-    if len(told) > MOST_LINES:
-        column.label(text=f"{len(told) - MOST_LINES} more: lensfield lint lists all of them")
+    if len(shown) > MOST_LINES:
+        column.label(text=f"{len(shown) - MOST_LINES} more: lensfield lint lists all of them")
     layout.label(text=counts_text(findings), icon="INFO")
 
 

@@ -198,13 +198,13 @@ class LENSFIELD_OT_show_sheet(bpy.types.Operator):
 
     def execute(self, context):
         try:
-            own = stored_sheet(context.scene.lensfield.lens_name_or_path())
-            path = own or draw_sheet(lens_now(context.scene))
+            stored = stored_sheet(context.scene.lensfield.lens_name_or_path())
+            path = stored or draw_sheet(lens_now(context.scene))
             image = load_sheet(path)
         except (InputError, OSError, RuntimeError) as error:
             self.report({"ERROR"}, one_line(error))
             return {"CANCELLED"}
-        if not own:
+        if not stored:
             image.pack()  # its file is temporary
         return _present(self, context, path, image)
 

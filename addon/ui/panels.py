@@ -230,8 +230,8 @@ def _draw_sheet(layout, scene):
 def _sheet(scene):
     """The file of the lens sheet; None until it is drawn."""
     name = scene.lensfield.lens_name_or_path()
-    if not name or (own := stored_sheet(name)):
-        return name and own
+    if not name or (stored := stored_sheet(name)):
+        return name and stored
     lens = requested_lens(scene)
     return lens and drawn_sheet(lens)
 

@@ -65,16 +65,16 @@ def _passes(scene, wavelengths):
 def _planned(options, lens, frame_shape_px, wavelengths_nm):
     """Rows and columns of the capture, and a Future of the engine's plan, both cached because panels are drawn many
     times a second."""
-    asked = options, lens, frame_shape_px, wavelengths_nm
-    if asked not in _plans:
+    key = options, lens, frame_shape_px, wavelengths_nm
+    if key not in _plans:
         grid = frame_capture(lens, frame_shape_px, wavelengths_nm)
         if len(_plans) == MOST_PLANS:
             _plans.pop(next(iter(_plans)))[1].cancel()  # dragging a slider requests many
         plan = _worker.submit(cached_plan, options, lens, Sampling(grid, wavelengths_nm))
-        _plans[asked] = grid.shape_px, plan
+        _plans[key] = grid.shape_px, plan
         if not bpy.app.background:
             bpy.app.timers.register(lambda: _redraw_when_ready(plan), first_interval=TICK_S)
-    return _plans[asked]
+    return _plans[key]
 
 
 def _redraw_when_ready(plan):

@@ -219,17 +219,17 @@ def size_px(scene):
 
 
 def _take_in(preview, scene):
-    (what, key), told = preview.job, preview.child.status
+    (what, key), outcome = preview.job, preview.child.status
     preview.job, preview.error = (), ""
-    if told["status"] == 0:
-        image_path = Path(told["lens_image"])
+    if outcome["status"] == 0:
+        image_path = Path(outcome["lens_image"])
         _show(preview, scene, image_path)
         preview.radiance = Result.from_file(image_path, "lens_image").radiance
         preview.facts = _facts(scene, time.monotonic() - preview.started_s, key[0])
-    if what == "lens" and (told["status"] or not _in_view(preview, scene)):
+    if what == "lens" and (outcome["status"] or not _in_view(preview, scene)):
         preview.changed_s = 0.0  # the lens shows parts of the scene that were not captured: render again
-    elif told["status"]:
-        preview.error = told.get("error", "Failed: see the console")
+    elif outcome["status"]:
+        preview.error = outcome.get("error", "Failed: see the console")
 
 
 def _in_view(preview, scene):

@@ -17,7 +17,7 @@ SHEET_MARK = "lensfield_sheet"
 
 MOST_PIXELS = 40_000_000  # of a file: 8K, at 4 bytes each while it is read
 
-_seen = {}  # for each preview: its file with the file's stamp, and the error if it was not readable
+_loaded = {}  # for each preview: its file with the file's stamp, and the error if it was not readable
 
 
 def sheet_preview(path):
@@ -46,7 +46,7 @@ def growing_preview(path):
 
 def _preview(name, path):
     previews, file = _previews(), (str(path), stamp_of(path))
-    if _seen.get(name, ())[:1] != (file,):
+    if _loaded.get(name, ())[:1] != (file,):
         try:
             pixels, error = _read(path), None
         except SceneError as refusal:
@@ -54,9 +54,9 @@ def _preview(name, path):
         preview = previews.get(name) or previews.new(name)
         preview.image_size = pixels.shape[1::-1]
         preview.image_pixels_float.foreach_set(pixels[::-1].ravel())  # bottom row first
-        _seen[name] = file, error
-    if _seen[name][1]:
-        raise _seen[name][1].with_traceback(None)  # the traceback would grow with each redraw
+        _loaded[name] = file, error
+    if _loaded[name][1]:
+        raise _loaded[name][1].with_traceback(None)  # the traceback would grow with each redraw
     return previews[name]
 
 
@@ -86,7 +86,7 @@ def forget_previews():
     if _previews.cache_info().currsize:
         bpy.utils.previews.remove(_previews())
     _previews.cache_clear()
-    _seen.clear()
+    _loaded.clear()
 
 
 @cache

@@ -102,8 +102,8 @@ def offered_lenses():
     """The lenses to choose from: list of (identifier, name, description, icon, number)."""
     bundled = [(name, lens.title, f"{lens.maker}: {', '.join(lens.character)}. {lens.story}",
                 lens_picture(name) or "CAMERA_DATA", _lasting_number(name)) for name, lens in bundled_lenses().items()]
-    own = FROM_FILE, "From File", OWN_LENS, "FILE_FOLDER", _lasting_number(FROM_FILE)
-    return [*bundled, own]
+    from_file = FROM_FILE, "From File", OWN_LENS, "FILE_FOLDER", _lasting_number(FROM_FILE)
+    return [*bundled, from_file]
 
 
 def searched_lens_items(self, context):
@@ -113,9 +113,9 @@ def searched_lens_items(self, context):
 
 @cache
 def _searched_lenses():
-    told = {name: ", ".join((lens.title, f"{lens.focal_length_mm:g}mm", lens.maker, *lens.character))
-            for name, lens in bundled_lenses().items()}
-    return [(name, told.get(name, title), *rest) for name, title, *rest in offered_lenses()]
+    search_texts = {name: ", ".join((lens.title, f"{lens.focal_length_mm:g}mm", lens.maker, *lens.character))
+                    for name, lens in bundled_lenses().items()}
+    return [(name, search_texts.get(name, title), *rest) for name, title, *rest in offered_lenses()]
 
 
 def matching_lens_items(self, context):
@@ -125,8 +125,8 @@ def matching_lens_items(self, context):
 
 @lru_cache(maxsize=8)
 def _matching_lenses(words, chosen):
-    found = {chosen, *find_bundled(words.split())} | ({FROM_FILE} if not words.strip() else set())
-    return [item for item in offered_lenses() if item[0] in found]
+    matches = {chosen, *find_bundled(words.split())} | ({FROM_FILE} if not words.strip() else set())
+    return [item for item in offered_lenses() if item[0] in matches]
 
 
 def forget_items():
@@ -136,7 +136,7 @@ def forget_items():
 
 
 def _choose_lens(settings, number):
-    settings.lens = next(name for name, *_, own in offered_lenses() if own == number)
+    settings.lens = next(name for name, *_, lens_number in offered_lenses() if lens_number == number)
 
 
 def _choose_path(field):
@@ -287,9 +287,9 @@ class LensfieldSettings(bpy.types.PropertyGroup):
         Accuracy, method and knobs belong together: if one of them is given, none is taken from the settings or from
         the tier.
         """
-        asked = {} if given.keys() & {"accuracy", "method", *KNOBS} else self._blur(tier or self.value_of("tier"))
+        blur = {} if given.keys() & {"accuracy", "method", *KNOBS} else self._blur(tier or self.value_of("tier"))
         listed = {name: self.value_of(name) for name, each in settings_of(Options).items() if each.panel}
-        return Options(**asked | listed | given)
+        return Options(**blur | listed | given)
 
     def _blur(self, tier):
         if tier in TIER_ACCURACY:

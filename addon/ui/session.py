@@ -35,7 +35,7 @@ class Check:
         The session_uid of the scene, which no other scene has until Blender ends; None before the first check.
     settings : object
         The settings that were checked.
-    found : Preflight
+    result : Preflight
     """
 
     scene_uid: int | None = None

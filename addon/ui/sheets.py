@@ -83,10 +83,10 @@ def _draw_soon(lens):
 
 
 def _tick():
-    done = all(drawing.done() for drawing in _sheets.values())
-    if done:
+    finished = all(drawing.done() for drawing in _sheets.values())
+    if finished:
         window_render.redraw_panels()
-    return None if done else TICK_S
+    return None if finished else TICK_S
 
 
 def _drawn(lens, folder):

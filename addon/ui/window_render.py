@@ -179,16 +179,16 @@ def _finish(render):
     """Process the output of a render whose process has ended, and report the result."""
     session.render = None
     render.child.end()
-    told = render.child.status
+    outcome = render.child.status
     _lay(render)
     newest = next(map(Path, reversed(render.child.lens_images)), None)
     if render.to_compositor and render.child.lens_images and _scene(render) is None:
         render.remarks.append(f"scene {render.scene_name!r} is no longer open: its compositor is unchanged")
     with render.folder:
-        if "messages" in told:
-            _notify("INFO", told["messages"] + render.remarks, newest)
-        elif "error" in told:
-            _notify("ERROR", [told["error"], *_left(render)], newest)
+        if "messages" in outcome:
+            _notify("INFO", outcome["messages"] + render.remarks, newest)
+        elif "error" in outcome:
+            _notify("ERROR", [outcome["error"], *_left(render)], newest)
         else:
             died = "the render process ended unexpectedly ({}); log: {}".format(*render.child.death())
             _notify("ERROR", [died, *_left(render)], newest)

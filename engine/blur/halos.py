@@ -31,12 +31,12 @@ def highlights(light: np.ndarray, section_size: int, density: float) -> tuple[np
         return None
     pixels = np.outer(*(np.diff(start, append=n) for start, n in zip(starts, light.shape[1:], strict=True)))
     typical = np.median((sums / pixels)[sums > 0])
-    bright, own = np.zeros(sums.shape[1:], dtype=bool), None
+    bright, halo_light = np.zeros(sums.shape[1:], dtype=bool), None
     for plane, i, j in np.argwhere(sums * density > VISIBLE * typical):
         inside = (plane, slice(starts[0][i], starts[0][i] + section_size),
                   slice(starts[1][j], starts[1][j] + section_size))
         excess = np.maximum(light[inside] - light.dtype.type(HIGHLIGHT * typical), 0)
         if excess.sum(dtype=np.float64) * density > VISIBLE * typical:
-            own = np.zeros_like(light) if own is None else own
-            own[inside], bright[i, j] = excess, True
-    return None if own is None else (own, bright)
+            halo_light = np.zeros_like(light) if halo_light is None else halo_light
+            halo_light[inside], bright[i, j] = excess, True
+    return None if halo_light is None else (halo_light, bright)

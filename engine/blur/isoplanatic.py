@@ -130,16 +130,16 @@ class IsoplanaticSections:
     def _make_otfs(self, key, nodes):
         row, precision = key
         side = self.space_px
-        otfs, made = self._otfs.setdefault(key, (np.empty((self._columns.size, side, side // 2 + 1), precision),
-                                                 np.zeros(self._columns.size, dtype=bool)))
+        otfs, ready = self._otfs.setdefault(key, (np.empty((self._columns.size, side, side // 2 + 1), precision),
+                                                  np.zeros(self._columns.size, dtype=bool)))
         if key not in self._cached and self._memory.take(otfs.nbytes):
             self._cached.add(key)
-        missing = [node for node in sorted(nodes) if not made[node]]
+        missing = [node for node in sorted(nodes) if not ready[node]]
         if missing:
             psfs = self._psfs(np.full(len(missing), self._rows[row]), self._columns[missing])
             real = np.float32 if precision == np.complex64 else np.float64
             otfs[missing] = fft.rfft2(psfs.astype(real, copy=False), (side, side))
-            made[missing] = True
+            ready[missing] = True
 
     def spread(self, i: int, columns: np.ndarray, band: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
         """See `Spreader`."""

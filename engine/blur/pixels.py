@@ -116,7 +116,7 @@ class PixelSections:
         size = self.section_size
         row, column = np.mgrid[i * size:(i + 1) * size, left * size:right * size]
         *taps, psfs = self._table.mixed(self._place(row.ravel(), column.ravel()))
-        made = *taps, psfs.reshape(-1, *row.shape)
+        result = *taps, psfs.reshape(-1, *row.shape)
         if self._memory.take(psfs.nbytes):
-            self._psfs[key] = made
-        return made
+            self._psfs[key] = result
+        return result

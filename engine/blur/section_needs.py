@@ -59,7 +59,7 @@ def section_needs(light: np.ndarray, planes: Planes, section_size: int, reach_px
     flat_slope : float
         Light is flat if it changes by at most this between adjacent pixels, relative to the dimmest pixel in reach.
     """
-    found = _extremes(light, planes, section_size, steps=flat_slope > 0)
+    extremes = _extremes(light, planes, section_size, steps=flat_slope > 0)
     sections = -(-reach_px // section_size)
 
     def around(table, extreme, outside):
@@ -67,10 +67,10 @@ def section_needs(light: np.ndarray, planes: Planes, section_size: int, reach_px
         inside = tuple(slice(sections, sections + n) for n in table.shape)
         return extreme(padded, 2 * sections + 1)[inside]
 
-    lit, flat = found.brightest > 0, np.zeros(found.brightest.shape, dtype=bool)
-    double = _beyond_single(found.brightest, around(found.dimmest, minimum_filter, np.inf), single_range)
+    lit, flat = extremes.brightest > 0, np.zeros(extremes.brightest.shape, dtype=bool)
+    double = _beyond_single(extremes.brightest, around(extremes.dimmest, minimum_filter, np.inf), single_range)
     if flat_slope:
-        steepest, dimmest = around(found.slope, maximum_filter, np.inf), around(found.least, minimum_filter, 0)
+        steepest, dimmest = around(extremes.slope, maximum_filter, np.inf), around(extremes.least, minimum_filter, 0)
         flat = lit & (steepest <= flat_slope * dimmest)
         lit = lit & ~around(flat, minimum_filter, False)
     return SectionNeeds(lit, lit & double, flat)
@@ -79,27 +79,27 @@ def section_needs(light: np.ndarray, planes: Planes, section_size: int, reach_px
 def _extremes(light, planes, section_size, steps):
     """The extremes of every section; with slopes if `steps`."""
     shape = tuple(-(-n // section_size) for n in light.shape[1:])
-    found = _Extremes(*(np.empty(shape) for _ in range(4)))
+    extremes = _Extremes(*(np.empty(shape) for _ in range(4)))
 
     def measure(i):
         rows = np.abs(light[:, i * section_size:(i + 1) * section_size + 1])
         band = rows[:, :section_size]
-        found.brightest[i] = _by_section(np.maximum, band.max(axis=(0, 1)), section_size)
+        extremes.brightest[i] = _by_section(np.maximum, band.max(axis=(0, 1)), section_size)
         lowest = band.min(axis=(0, 1))
-        found.least[i] = _by_section(np.minimum, lowest, section_size)
+        extremes.least[i] = _by_section(np.minimum, lowest, section_size)
         if lowest.min() == 0:
             lowest = np.where(band > 0, band, np.inf).min(axis=(0, 1))
-        found.dimmest[i] = _by_section(np.minimum, lowest, section_size)
+        extremes.dimmest[i] = _by_section(np.minimum, lowest, section_size)
         if steps:
-            found.slope[i] = _by_section(np.maximum, _steepest(rows, planes, first=i == 0), section_size)
+            extremes.slope[i] = _by_section(np.maximum, _steepest(rows, planes, first=i == 0), section_size)
 
     with thread_pool() as pool:
         list(pool.map(measure, range(shape[0])))
     for axis, n in enumerate(light.shape[1:]):
         if n % section_size:  # the last section is partly black, also in reach of the one before it
             last = (slice(None),) * axis + (-1,)
-            found.slope[last], found.least[last] = np.inf, 0
-    return found
+            extremes.slope[last], extremes.least[last] = np.inf, 0
+    return extremes
 
 
 def _beyond_single(brightest, dimmest, single_range):

@@ -20,10 +20,10 @@ from .meetings import TILE_PX, plan_meetings, values_of_blocks
 from .prepared_layer import PreparedLayer, prepare_layer
 
 FAINT = 1e-3  # of a picture's mean radiance
-SEEN, READY = 3, 10  # planes in memory of a prepared layer, and during its preparation
+LAYER_PLANES, PREPARING_PLANES = 3, 10  # planes in memory of a prepared layer, and during its preparation
 SUMMABLE = 2.0**88  # radiance whose sums over rays stay within float32
 DIMMED = 2.0**-40  # brighter light is multiplied by this first; for a power of two, this is exact
-TOLD, OF_TABLE = 6, 1.2e7  # planes, and additional values, for the irradiance of a wavelength's rays
+RAY_PLANES, TABLE_VALUES = 6, 1.2e7  # planes, and additional values, for the irradiance of a wavelength's rays
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,8 +106,8 @@ def cast(layered: LayeredRadiance, lens: Lens, rays: RayTable, *, most_rays: int
                 stop.iris.directions, stop.shape, tuple(layer.of(group, scale) for layer in layers),
                 tuple(scale * FAINT * float(abs(plane.mean(dtype=np.float64))) for plane in sharp), meetings.kinds,
                 meetings.eights, TILE_PX)
-            for done in _filled_rows(casting, blurred, clear):
-                progress((first + done * len(sharp)) / count)
+            for completed in _filled_rows(casting, blurred, clear):
+                progress((first + completed * len(sharp)) / count)
             del casting
             if scale != 1:
                 blurred /= np.float32(scale)
@@ -130,9 +130,9 @@ def casting_bytes(layered: Radiance, most_of_lamps: int) -> float:
     layers_px = [layer.alpha.size for layer in layered.layers]
     together = min(kernels.TOGETHER, layered.wavelengths_nm.size)
     rays = 2 * packed_ray_values(most_of_lamps, together)  # twice as many while they are packed
-    group = together * (capture_px + 2 * frame_px) + max(rays, OF_TABLE + TOLD * frame_px)
-    looked_up = max(READY * pixels + values_of_blocks(pixels) for pixels in layers_px)
-    return SAMPLE_BYTES * (capture_px + SEEN * sum(layers_px) + max(group, looked_up))
+    group = together * (capture_px + 2 * frame_px) + max(rays, TABLE_VALUES + RAY_PLANES * frame_px)
+    looked_up = max(PREPARING_PLANES * pixels + values_of_blocks(pixels) for pixels in layers_px)
+    return SAMPLE_BYTES * (capture_px + LAYER_PLANES * sum(layers_px) + max(group, looked_up))
 
 
 def _per_focal(capture, focal_mm):
@@ -145,8 +145,8 @@ def _filled_rows(casting, blurred, clear):
     loop = numpy_cast if kernels.running() == kernels.NUMPY else kernels.cast
     rows = len(casting.eights)
     with thread_pool() as pool:
-        for done, _ in enumerate(pool.map(lambda row: loop(casting, row, blurred, clear), range(rows)), 1):
-            yield done / rows
+        for completed, _ in enumerate(pool.map(lambda row: loop(casting, row, blurred, clear), range(rows)), 1):
+            yield completed / rows
 
 
 def _sharp_shares(layers, shape_px):

@@ -171,14 +171,14 @@ def check_depth(depth_mm: ArrayLike, lens: Lens, pitch_um: float, blur_um: float
         If all pixels are NaN.
     """
     depth_mm = np.asarray(depth_mm, dtype=float)
-    seen = depth_mm[~np.isnan(depth_mm)]
-    if not seen.size:
+    known_mm = depth_mm[~np.isnan(depth_mm)]
+    if not known_mm.size:
         raise ImageError("depth", "pixels", "empty", "expected at least one pixel with a depth")
-    seen = np.where(seen >= BACKGROUND_MM, np.inf, seen)
+    known_mm = np.where(known_mm >= BACKGROUND_MM, np.inf, known_mm)
     blur_um = float(pitch_um if blur_um is None else blur_um)
     near_mm, far_mm = sharp_range_mm(lens, blur_um)
-    outside = (seen < near_mm) | (seen > far_mm)
-    return DepthCheck(blur_um, float(near_mm), float(far_mm), float(seen.min()), float(seen.max()),
+    outside = (known_mm < near_mm) | (known_mm > far_mm)
+    return DepthCheck(blur_um, float(near_mm), float(far_mm), float(known_mm.min()), float(known_mm.max()),
                       float(outside.mean()))
 
 

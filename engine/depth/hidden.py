@@ -8,7 +8,7 @@ from scipy.ndimage import binary_dilation
 from ..image.layers import Layer, LayeredRadiance, covered
 from ..image.spectral_image import SpectralImage
 
-SEEN = 1e-3  # share of a layer that is visible through nearer layers; less counts as hidden
+VISIBLE_SHARE = 1e-3  # share of a layer that is visible through nearer layers; less counts as hidden
 BRIGHT = 4.0  # times the median of a picture's light; brighter pixels count less
 NEIGHBOURS = np.ones((3, 3), bool)
 
@@ -30,10 +30,10 @@ def layers_of_picture(radiance: SpectralImage, depth_mm: np.ndarray, slab: np.nd
     LayeredRadiance
         Its `flat()` is the picture.
     """
-    there = [slab == number for number in range(slabs)]
-    return with_hidden(radiance, [each.astype(np.float32) for each in there],
-                       [np.where(each, depth_mm, np.inf) for each in there],
-                       lambda number: (plane * there[number] for plane in radiance.cube))
+    masks = [slab == number for number in range(slabs)]
+    return with_hidden(radiance, [each.astype(np.float32) for each in masks],
+                       [np.where(each, depth_mm, np.inf) for each in masks],
+                       lambda number: (plane * masks[number] for plane in radiance.cube))
 
 
 def with_hidden(radiance: SpectralImage, alphas: Sequence[np.ndarray], depths_mm: Sequence[np.ndarray],
@@ -55,7 +55,7 @@ def with_hidden(radiance: SpectralImage, alphas: Sequence[np.ndarray], depths_mm
     layers: list[Layer] = []
     clear = np.ones(radiance.grid.shape_px, np.float32)  # share that nearer layers do not cover
     for number, (alpha, depth_mm) in enumerate(zip(alphas, depths_mm, strict=True)):
-        hidden = (clear <= SEEN) & ~np.any([farther > 0 for farther in alphas[number:]], axis=0)
+        hidden = (clear <= VISIBLE_SHARE) & ~np.any([farther > 0 for farther in alphas[number:]], axis=0)
         if number == len(alphas) - 1:
             depth_mm = np.where(alpha > 0, depth_mm, np.inf)
             alpha = np.ones_like(alpha)
@@ -78,8 +78,8 @@ def _finite(plane):
 
 def _continued(light, alpha, depth_mm, hidden, usual):
     """A layer that continues where it is hidden, cropped to the covered area."""
-    beside = binary_dilation(hidden, NEIGHBOURS)  # colours at its edge are mixed with the nearer layer's
-    weight = np.where(hidden if beside.all() else beside, 0, usual)
+    dilated = binary_dilation(hidden, NEIGHBOURS)  # colours at its edge are mixed with the nearer layer's
+    weight = np.where(hidden if dilated.all() else dilated, 0, usual)
     into = hidden & bool(weight.any())
     if into.any():
         share = filled(alpha, weight)
@@ -90,8 +90,8 @@ def _continued(light, alpha, depth_mm, hidden, usual):
             depth_mm[into] = share[into] / nearness
     rows, columns = covered(alpha)
     if into.any():
-        whole = np.where(into, share, 1)
-        light = (np.where(into, filled(_finite(plane) * usual, weight) / whole, plane) for plane in light)
+        divisor = np.where(into, share, 1)
+        light = (np.where(into, filled(_finite(plane) * usual, weight) / divisor, plane) for plane in light)
     planes = [plane[rows, columns] for plane in light]
     return Layer(np.array(planes), alpha[rows, columns].copy(), depth_mm[rows, columns].copy(),
                  (rows.start, columns.start))
@@ -127,6 +127,6 @@ def _halved(plane):
 def _doubled(plane):
     """Two rows for each: three quarters of the row and a quarter of its neighbour."""
     wide = np.pad(plane, [(1, 1), (0, 0)], mode="edge")
-    own = np.float32(0.75) * plane
-    return np.stack([own + np.float32(0.25) * wide[:-2], own + np.float32(0.25) * wide[2:]], axis=1).reshape(
+    centre = np.float32(0.75) * plane
+    return np.stack([centre + np.float32(0.25) * wide[:-2], centre + np.float32(0.25) * wide[2:]], axis=1).reshape(
         -1, plane.shape[1])

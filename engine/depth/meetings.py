@@ -48,17 +48,17 @@ def plan_meetings(layers: list[PreparedLayer], rays: RaySample, sensor: PixelGri
     """
     tiles = _tiles(sensor)
     shape = tiles.right.shape
-    found = np.zeros((*shape, len(layers)), MEETING)
-    seen_through, focus_behind = np.ones((2, *shape), bool)  # not all covered; not all covered in focus
+    meetings = np.zeros((*shape, len(layers)), MEETING)
+    uncovered, focus_behind = np.ones((2, *shape), bool)  # not all covered; not all covered in focus
     blurred = np.zeros(shape, bool)
     spread, peak, even = (np.zeros(shape) for _ in range(3))
-    for here, layer in zip(np.moveaxis(found, -1, 0), layers, strict=True):
+    for here, layer in zip(np.moveaxis(meetings, -1, 0), layers, strict=True):
         blocks, reach = _Blocks(layer), rays.reach(layer.depth[..., 0], layer.axis_px, per_focal, tiles)
         least, most = np.full(shape, reach.least), np.full(shape, reach.most)
         for _ in range(2):  # the first look narrows the range of depths for the second
             look = blocks.look(*reach.bounds_px(least, most))
             least, most = look.least, look.most
-        met = look.met & (seen_through | (focus_behind & (look.sharpest > 0)))
+        met = look.met & (uncovered | (focus_behind & (look.sharpest > 0)))
         here["inverse_depth"] = (least + most) / 2
         here["share"] = (look.sharpest + look.dullest) / 2
         steps = np.maximum(np.searchsorted(STEPS_PX, reach.blur_px(most - least)), look.clearest < OPAQUE)
@@ -70,12 +70,12 @@ def plan_meetings(layers: list[PreparedLayer], rays: RaySample, sensor: PixelGri
         spread = np.maximum(spread, np.where(dull, 2 * reach.radius_px(least, most), 0))
         peak = np.maximum(peak, np.where(dull, look.brightest, 0))
         even += np.where(met, look.mean_light, 0)
-        seen_through &= ~met | (look.clearest < OPAQUE)
+        uncovered &= ~met | (look.clearest < OPAQUE)
         focus_behind &= ~met | (look.clearest * look.dullest < OPAQUE)
     count = 2 ** np.ceil(2 * np.log2(np.maximum(spread / STRIDE_PX, 1)))
     stands_out = np.clip(peak / np.maximum(even, 1e-30) / BRIGHT, 1, MOST_TIMES)
     count = np.clip(count, FEWEST_RAYS, most_rays) * 2 ** np.round(np.log2(stands_out))
-    return Meetings(found, np.where(blurred, np.minimum(count, most_of_lamps) // 8, 0).astype(np.int64))
+    return Meetings(meetings, np.where(blurred, np.minimum(count, most_of_lamps) // 8, 0).astype(np.int64))
 
 
 def _tiles(sensor):
@@ -115,11 +115,11 @@ class _Blocks:
 
     def look(self, *bounds_px):
         """The extremes between top, bottom, left and right: arrays (tile row, tile column)."""
-        inside, whole, ends = True, True, []
+        inside, contained, ends = True, True, []
         for first, last, on_before, on_behind, count in zip(bounds_px[::2], bounds_px[1::2], self._goes_on[::2],
                                                             self._goes_on[1::2], self._shape, strict=True):
             inside &= (on_before | (last > -1)) & (on_behind | (first < count))
-            whole &= (on_before | (first >= 0)) & (on_behind | (last <= count - 1))
+            contained &= (on_before | (first >= 0)) & (on_behind | (last <= count - 1))
             ends += [np.clip(each, 0, count - 1).astype(int) // BLOCK_PX for each in (first, last)]
         top, bottom, left, right = ends
         tall, wide = (np.log2(last - first + 1).astype(int) for first, last in ((top, bottom), (left, right)))
@@ -131,7 +131,7 @@ class _Blocks:
         met = inside & (most > -np.inf)
         least, most, dullest, sharpest = (np.where(met, each, 0)
                                           for each in (-minus_least, most, -minus_dullest, sharpest))
-        return _Look(met, least, most, dullest, sharpest, np.where(whole, -minus_clearest, 0), brightest,
+        return _Look(met, least, most, dullest, sharpest, np.where(contained, -minus_clearest, 0), brightest,
                      sums / ((bottom + 1 - top) * (right + 1 - left) * BLOCK_PX**2))
 
 

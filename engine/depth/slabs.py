@@ -138,9 +138,9 @@ def plan_slabs(depth_mm: ArrayLike, capture: PixelGrid, lens: Lens, *, accuracy:
               for one in lenses]
     if np.all(np.array(shares) >= 1 - accuracy):
         return SlabPlan(False, (), (look.least_px,), 0.0, 0.0, check)
-    whole = look.places(uncut_mm) + [body for body in look.places(bodies_mm) if np.ptp(body) <= DEEP_PX]
+    uncut = look.places(uncut_mm) + [body for body in look.places(bodies_mm) if np.ptp(body) <= DEEP_PX]
     edges = _edges(look)
-    borders, hidden = _cut(edges, whole, most_slabs, accuracy)
+    borders, hidden = _cut(edges, uncut, most_slabs, accuracy)
     behind = BEHIND_PX * edges.jump_px2.sum() / (edges.surfaces.size * edges.pixel_px2)
     ends = (np.inf, *borders, 0.0)
     margins = tuple(look.margin_px(near, far) for near, far in zip(ends[:-1], ends[1:], strict=True))
@@ -286,20 +286,20 @@ def _jumps(place, reaching, weight, length_px):
     step = np.diff(place)
     straight = np.pad(step, ((0, 0), (1, 1)), constant_values=np.nan)
     jump = np.fmin(np.fmin(np.abs(step - straight[:, :-2]), np.abs(step - straight[:, 2:])), np.abs(step))
-    there = (jump > JUMP_PX) & (reaching[:, :-1] | reaching[:, 1:])
-    ends = place[:, :-1][there], place[:, 1:][there]
-    weight = (weight[:, :-1] + weight[:, 1:])[there] / 2
-    return np.minimum(*ends), np.maximum(*ends), jump[there] * weight * length_px
+    is_jump = (jump > JUMP_PX) & (reaching[:, :-1] | reaching[:, 1:])
+    ends = place[:, :-1][is_jump], place[:, 1:][is_jump]
+    weight = (weight[:, :-1] + weight[:, 1:])[is_jump] / 2
+    return np.minimum(*ends), np.maximum(*ends), jump[is_jump] * weight * length_px
 
 
-def _cut(edges, whole, most_slabs, accuracy):
+def _cut(edges, uncut, most_slabs, accuracy):
     """Places of the borders, descending, and the fraction of the jumps that remains, including the cost of borders.
 
     By dynamic programming: the best cut up to a place into n slabs extends a best cut up to a farther place into n - 1.
     """
-    candidates = _candidates(edges, whole)
+    candidates = _candidates(edges, uncut)
     inside, close = _costs(edges, candidates)
-    for near, far in whole:
+    for near, far in uncut:
         close[(far < candidates) & (candidates < near)] = np.inf
     step = inside + np.concatenate([[np.inf], close, [0.0]])
     cost, ways, totals = np.append(0.0, np.full(len(step) - 1, np.inf)), [], []
@@ -316,13 +316,13 @@ def _cut(edges, whole, most_slabs, accuracy):
     return [float(candidates[node - 1]) for node in nodes[1:-1]], left
 
 
-def _candidates(edges, whole):
+def _candidates(edges, uncut):
     """Candidates for borders, ascending: in the widest gaps between ends of jumps, in a geometric sequence, and at the
     ends of ranges that must not be cut."""
     ends = np.concatenate([edges.far, edges.near])
     order = np.argsort(ends)
     ends, weight = ends[order], np.cumsum(np.tile(edges.jump_px2, 2)[order])
-    places = [np.multiply(beside, (1 + OUTSIDE, 1 - OUTSIDE)) for beside in whole]
+    places = [np.multiply(span, (1 + OUTSIDE, 1 - OUTSIDE)) for span in uncut]
     if ends.size:
         gaps = np.diff(ends)
         windows = np.unique(np.searchsorted(weight[:-1], np.arange(CANDIDATES) / CANDIDATES * weight[-1]))

@@ -41,10 +41,10 @@ def loaded() -> Library | None:
         fits = loops.lf_abi() == ABI and sources_digest() in ("", loops.lf_sources().decode())
     except (OSError, AttributeError) as problem:
         if path.exists():
-            _tell(path, f"cannot be loaded ({problem}): numpy is used instead")
+            _warn(path, f"cannot be loaded ({problem}): numpy is used instead")
         return None
     if not fits:
-        _tell(path, "was built from other sources: numpy is used until you run engine/kernels/build.py")
+        _warn(path, "was built from other sources: numpy is used until you run engine/kernels/build.py")
         return None
     variants = {}
     while name := loops.lf_variant(number := len(variants)):
@@ -66,7 +66,7 @@ def _refuse_part(path):
             raise OSError("the file is truncated")
 
 
-def _tell(path, text):
+def _warn(path, text):
     """Warn in one line, without a line of code."""
     warnings.warn_explicit(text, RuntimeWarning, str(path), 0)
 
@@ -85,10 +85,10 @@ def running() -> str:
     InputError
         If this is not available.
     """
-    asked = os.environ.get(VARIABLE)
-    if asked and asked not in available():
-        raise InputError("environment", VARIABLE, asked, f"this machine has {', '.join(available())}")
-    return asked or available()[-1]
+    requested = os.environ.get(VARIABLE)
+    if requested and requested not in available():
+        raise InputError("environment", VARIABLE, requested, f"this machine has {', '.join(available())}")
+    return requested or available()[-1]
 
 
 def chosen() -> tuple[ctypes.CDLL, int]:

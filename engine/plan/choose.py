@@ -119,12 +119,12 @@ class _Planner:
 
     def best(self) -> Plan:
         """The plan; with the exact operator if no other method is accurate enough."""
-        asked = self._options.method
-        if asked == AUTO:
+        method = self._options.method
+        if method == AUTO:
             error = self._isoplanatic_error()
             if error <= self._enough:
                 return self._cheapest([OnePsf], ONE_PSF_TRIM_SHARE, 0, error)
-        ways = [way for way in METHODS.values() if way.by_accuracy and asked in (AUTO, way.name)]
+        ways = [way for way in METHODS.values() if way.by_accuracy and method in (AUTO, way.name)]
         too_much = 1.0
         for share in self._shares(ways):
             steps, error = self._steps(share) if share < too_much else (0, 0.0)

@@ -63,7 +63,7 @@ def machine_factor() -> float:
     now_s = time.monotonic()
     if not _looks or now_s - _looks[-1][0] > LOOK_AGAIN_S:
         _looks = (*_looks[1 - LOOKS:], (now_s, _look()))
-    return min(found for _, found in _looks)
+    return min(factor for _, factor in _looks)
 
 
 def _look():
@@ -88,9 +88,9 @@ def counts(work: Workload, plan: Plan) -> dict[str, float]:
               "window sample": psfs * work.window_samples * (1 + (work.tables if steps else 0)),
               "table sample": turned * work.samples, "table tap": work.layout.nodes(steps, work.planes) * work.taps,
               "table pixel": turned * psfs * (2 * work.psf_radius_px) ** 2}
-    own = plan.method.counts(work)
+    method_counts = plan.method.counts(work)
     slowness = DOUBLE_SLOWNESS if plan.single_range == 0 else 1.0
-    return common | {name: count * (slowness if name in OF_SPECTRA else 1.0) for name, count in own.items()}
+    return common | {name: count * (slowness if name in OF_SPECTRA else 1.0) for name, count in method_counts.items()}
 
 
 def nanoseconds(work: Workload, plan: Plan) -> float:
@@ -111,10 +111,10 @@ def seconds(work: Workload, plan: Plan) -> float:
 
 def _alone_and_shared(work, plan, loops, slowness=1.0):
     """Nanoseconds of a single thread, and shared by all threads. Compiled loops support only single precision."""
-    own = NANOSECONDS[loops if plan.precision == "float32" else kernels.NUMPY]
-    done = counts(work, plan)
-    return [sum(of_one[thread] * done.get(name, 0) * (slowness if name in LOOPS else 1.0)
-                for name, of_one in own.items()) for thread in range(2)]
+    nanoseconds = NANOSECONDS[loops if plan.precision == "float32" else kernels.NUMPY]
+    amounts = counts(work, plan)
+    return [sum(of_one[thread] * amounts.get(name, 0) * (slowness if name in LOOPS else 1.0)
+                for name, of_one in nanoseconds.items()) for thread in range(2)]
 
 
 def memory_mb(work: Workload, plan: Plan) -> float:
@@ -124,7 +124,7 @@ def memory_mb(work: Workload, plan: Plan) -> float:
     return values * np.dtype(plan.precision).itemsize / MEGABYTE
 
 
-def in_process(plan: Plan, beside_bytes: float) -> Plan:
+def in_process(plan: Plan, extra_bytes: float) -> Plan:
     """A plan with the predicted peak memory of this process: in use now, for filtering, and for other data.
 
     Raises
@@ -132,6 +132,6 @@ def in_process(plan: Plan, beside_bytes: float) -> Plan:
     ImageError
         If there is not enough memory.
     """
-    to_come = plan.memory_mb * MEGABYTE + beside_bytes
+    to_come = plan.memory_mb * MEGABYTE + extra_bytes
     check_room("image", to_come, "give a smaller picture, larger pixels, a lower accuracy or fewer azimuths")
     return replace(plan, peak_mb=(taken_bytes() + to_come) / MEGABYTE)

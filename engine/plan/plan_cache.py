@@ -21,9 +21,9 @@ def cached_plan(options: Options, lens: Lens, sampling: Sampling) -> Plan:
     if cache.is_off():
         return make_plan(options, lens, sampling)
     key = digest_of((options, lens.digest.hex(), sampling.grid, sampling.wavelengths_nm))
-    found = _plans.get(key) or _loaded(key)
-    plan = priced(found, lens, sampling) if found else make_plan(options, lens, sampling)
-    if not found:
+    cached = _plans.get(key) or _loaded(key)
+    plan = priced(cached, lens, sampling) if cached else make_plan(options, lens, sampling)
+    if not cached:
         cache.store(KIND, key, _as_text(plan), MOST_BYTES)
     _plans[key] = plan
     for oldest in list(_plans)[:-MOST_IN_PROCESS]:

@@ -83,8 +83,8 @@ class Channel:
             mask, values = (planes.join(part) for part in even)
             rows, columns = (slice(radius, radius + n) for n in mask.shape)
             np.copyto(blurred[rows, columns], values, where=mask)
-        if self._make_halos and (found := highlights(ideal, size, plan.halo_density)):
-            blurred = self._with_halos(blurred, *found)
+        if self._make_halos and (halos := highlights(ideal, size, plan.halo_density)):
+            blurred = self._with_halos(blurred, *halos)
         if dark >= 0:
             np.maximum(blurred, 0, out=blurred)  # weights are not negative: values below zero are the FFT's rounding
         return blurred

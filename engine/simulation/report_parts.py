@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 from ..depth.depth_range import DepthCheck
 from ..plan.plan import Plan
 
-NEGATIVE_TOLD = 1e-3  # of the light
+NEGATIVE_LIMIT = 1e-3  # of the light
 MOST_BRIGHT = 1e35  # W m^-2 sr^-1 nm^-1; colours of such light are within 1e3 of the largest float32
 
 
@@ -123,7 +123,7 @@ class LensImageFacts(Part):
         if not self.energy.in_frame_w_per_nm and not parts.of(SceneFacts):  # their remarks state the reason
             yield ("the lens image is black: " + ("no light reaches the frame" if self.energy.in_w_per_nm else
                                                   "the radiance is zero everywhere"))
-        if self.negative_light_fraction > NEGATIVE_TOLD:
+        if self.negative_light_fraction > NEGATIVE_LIMIT:
             yield (f"{self.negative_light_fraction:.1%} of the radiance is negative, which is not physical: filtered "
                    "unchanged")
         if self.brightest > MOST_BRIGHT:
@@ -254,11 +254,11 @@ class FileFacts(Part):
             yield self.lens_warning
         yield from _depth_remarks(self.depth, self.layers)
         image = parts.of(LensImageFacts)
-        if image and any(needed > there for needed, there in
+        if image and any(needed > available for needed, available in
                          zip(self.overscan_needed_px, image.overscan_px, strict=True)):
             yield ("the border lacks light from outside the frame: the lens needs {1} x {0} px of overscan on each "
                    "side, the picture has {3} x {2}".format(*self.overscan_needed_px, *image.overscan_px))
-        if self.picture and self.picture.negative_fraction > NEGATIVE_TOLD:
+        if self.picture and self.picture.negative_fraction > NEGATIVE_LIMIT:
             yield (f"{self.picture.negative_fraction:.1%} of the light would be negative, because colours are too "
                    "pure for these wavelengths: set to 0")
 

@@ -98,8 +98,8 @@ def simulate(radiance: Radiance, lens: Lens, options: Options = BY_RESULT, *,
 
 def _frame(blurred, frame_px):
     """The frame of a picture that has the same margin on opposite sides."""
-    return blurred[tuple(slice((there - n) // 2, (there + n) // 2)
-                         for there, n in zip(blurred.shape, frame_px, strict=True))]
+    return blurred[tuple(slice((length - n) // 2, (length + n) // 2)
+                         for length, n in zip(blurred.shape, frame_px, strict=True))]
 
 
 class _Tally:
@@ -120,8 +120,8 @@ class _Tally:
 
     def add(self, field, light, blurred, frame, out_of_focus, clamped):
         """Add the results of a wavelength. Out-of-focus light is counted in the frame only."""
-        beside = 0.0 if out_of_focus is None else out_of_focus.sum(dtype=np.float64)
-        self._flux += (light / self._parts + beside, blurred.sum(dtype=np.float64) / self._parts + beside,
+        unfocused = 0.0 if out_of_focus is None else out_of_focus.sum(dtype=np.float64)
+        self._flux += (light / self._parts + unfocused, blurred.sum(dtype=np.float64) / self._parts + unfocused,
                        frame.sum(dtype=np.float64))
         self._clamped += clamped
         self._out_of_field = max(self._out_of_field, field.share_beyond(self._frame))

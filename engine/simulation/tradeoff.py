@@ -218,34 +218,35 @@ def measure(lens: Lens, pictures: Pictures, spectral: ByWavelengths, *, quick: b
     """
     chosen, rounds = settings(quick), 1 if quick else ROUNDS
     counts = {name: sorted(thinned, reverse=True)[::2 if quick else 1] for name, thinned in spectral.items()}
-    tell = _teller(progress, sum(
+    on_progress = _progress_reporter(progress, sum(
         (EXACT_STEPS + len(chosen) * (1 + rounds)) * radiance.wavelengths_nm.size for radiance in pictures.values())
-        + sum((sum(own) + own[0]) * (1 + rounds) for own in counts.values()))
+        + sum((sum(numbers) + numbers[0]) * (1 + rounds) for numbers in counts.values()))
     rows = []
     for name, radiance in pictures.items():
-        rows += _against_exact(name, radiance, lens, chosen, rounds, tell)
-    for name, own in counts.items():
-        rows += _against_most_wavelengths(name, {count: spectral[name][count] for count in own}, lens, rounds, tell)
+        rows += _against_exact(name, radiance, lens, chosen, rounds, on_progress)
+    for name, numbers in counts.items():
+        thinned = {count: spectral[name][count] for count in numbers}
+        rows += _against_most_wavelengths(name, thinned, lens, rounds, on_progress)
     return rows
 
 
-def _teller(progress, steps):
+def _progress_reporter(progress, steps):
     """A function (label, number of steps) to call before each part of the work, which reports progress."""
-    done = 0
+    completed = 0
 
-    def tell(label, own=1):
-        nonlocal done
+    def on_progress(label, step_count=1):
+        nonlocal completed
         if progress:
-            progress(min(1.0, done / steps), label)
-        done += own
+            progress(min(1.0, completed / steps), label)
+        completed += step_count
 
-    return tell
+    return on_progress
 
 
-def _against_exact(name, radiance, lens, chosen, rounds, tell):
+def _against_exact(name, radiance, lens, chosen, rounds, on_progress):
     """Rows of a picture, starting with the exact operator, which runs once for both time and memory."""
     planes = radiance.wavelengths_nm.size
-    tell(f"{name}: {EXACT} (slow)", EXACT_STEPS * planes)
+    on_progress(f"{name}: {EXACT} (slow)", EXACT_STEPS * planes)
     begin = time.perf_counter()
     exact, row = _traced_row(radiance, lens, Options(method="exact"))
     seconds = time.perf_counter() - begin
@@ -253,14 +254,14 @@ def _against_exact(name, radiance, lens, chosen, rounds, tell):
         raise ImageError(name, "radiance", "black", "expected a picture with light, because errors are relative")
     rows = [replace(row, image=name, curve="exact", against=EXACT)]
     for number, (curve, options) in enumerate(chosen, 1):
-        tell(f"{name}: error and memory, {number} of {len(chosen)}", planes)
+        on_progress(f"{name}: error and memory, {number} of {len(chosen)}", planes)
         result, row = _traced_row(radiance, lens, options)
         rows.append(replace(row, image=name, curve=curve, against=EXACT, **errors(result.cube, exact.cube)))
     work = [(radiance, lens, options) for _, options in chosen]
-    return _with_times(rows, [seconds, *_best_seconds(name, work, rounds, tell)])
+    return _with_times(rows, [seconds, *_best_seconds(name, work, rounds, on_progress)])
 
 
-def _against_most_wavelengths(name, spectral, lens, rounds, tell):
+def _against_most_wavelengths(name, spectral, lens, rounds, on_progress):
     """Rows of one picture at several numbers of wavelengths, descending."""
     most = max(spectral)
     against = f"{most} wavelengths in Rec. 709"
@@ -268,13 +269,13 @@ def _against_most_wavelengths(name, spectral, lens, rounds, tell):
     chosen += [(AS_WRITTEN, Options(method="paper"), most)]
     rows, best = [], None
     for curve, options, count in chosen:
-        tell(f"{name}: error and memory, {count} wavelengths", count)
+        on_progress(f"{name}: error and memory, {count} wavelengths", count)
         result, row = _traced_row(spectral[count], lens, options)
         picture = to_rec709(result)
         best = picture if best is None else best
         rows.append(replace(row, image=name, curve=curve, against=against, **errors(picture, best)))
     work = [(spectral[count], lens, options) for _, options, count in chosen]
-    return _with_times(rows, _best_seconds(name, work, rounds, tell))
+    return _with_times(rows, _best_seconds(name, work, rounds, on_progress))
 
 
 def _traced_row(radiance, lens, options):
@@ -296,7 +297,7 @@ def _row_of_plan(plan, options, wavelengths, peak_mb):
         predicted_bound=plan.error_bound, against="")
 
 
-def _best_seconds(name, work, rounds, tell):
+def _best_seconds(name, work, rounds, on_progress):
     """The minimum wall time of each of several simulations (radiance, lens, options).
 
     They take turns, so a short load on the machine does not affect all runs of one of them.
@@ -304,7 +305,7 @@ def _best_seconds(name, work, rounds, tell):
     best = np.full(len(work), np.inf)
     for turn in range(1, rounds + 1):
         for index, (radiance, lens, options) in enumerate(work):
-            tell(f"{name}: time, round {turn} of {rounds}", radiance.wavelengths_nm.size)
+            on_progress(f"{name}: time, round {turn} of {rounds}", radiance.wavelengths_nm.size)
             begin = time.perf_counter()
             simulate(radiance, lens, options, cache=_nothing())
             best[index] = min(best[index], time.perf_counter() - begin)
@@ -318,8 +319,9 @@ def _nothing():
 
 def _with_times(rows, seconds):
     """The rows with their times, also relative to the row of the paper's method."""
-    paper_s = next(own for row, own in zip(rows, seconds, strict=True) if row.curve == AS_WRITTEN)
-    return [replace(row, seconds=own, seconds_over_paper=own / paper_s) for row, own in zip(rows, seconds, strict=True)]
+    paper_s = next(time_s for row, time_s in zip(rows, seconds, strict=True) if row.curve == AS_WRITTEN)
+    return [replace(row, seconds=time_s, seconds_over_paper=time_s / paper_s)
+            for row, time_s in zip(rows, seconds, strict=True)]
 
 
 def _traced(work):

@@ -39,9 +39,9 @@ def material(name, node_type, colour=(0.8, 0.8, 0.8)):
     return new, shader
 
 
-def paint_by_nodes(name, colour, own=(0, 0, 0)):
-    """A diffuse material with a colour from a node; returns it and the link. `own` is the socket's colour."""
-    painted, shader = material(name, "ShaderNodeBsdfDiffuse", own)
+def paint_by_nodes(name, colour, socket_colour=(0, 0, 0)):
+    """A diffuse material with a colour from a node; returns it and the link."""
+    painted, shader = material(name, "ShaderNodeBsdfDiffuse", socket_colour)
     source = painted.node_tree.nodes.new("ShaderNodeRGB")
     source.outputs[0].default_value = (*colour, 1)
     return painted, painted.node_tree.links.new(source.outputs[0], shader.inputs["Color"])

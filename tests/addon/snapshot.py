@@ -26,10 +26,10 @@ def snapshot():
 
 def differences(before, after):
     """Names of the differences, for a readable message."""
-    found = [f"{key} {'gone' if key in before else 'new'}" for key in before.keys() ^ after.keys()]
+    changes = [f"{key} {'gone' if key in before else 'new'}" for key in before.keys() ^ after.keys()]
     for key in before.keys() & after.keys():
-        found += [f"{key} {path}: {old} -> {new}" for path, old, new in _differ(before[key], after[key], "")]
-    return found
+        changes += [f"{key} {path}: {old} -> {new}" for path, old, new in _differ(before[key], after[key], "")]
+    return changes
 
 
 def _differ(old, new, path):
@@ -40,34 +40,34 @@ def _differ(old, new, path):
         yield path, old, new
 
 
-def _struct(struct, seen):
+def _struct(struct, visited):
     values = {}
     for prop in struct.bl_rna.properties:
         if prop.identifier not in SKIPPED | GEOMETRY:
-            values[prop.identifier] = _value(struct, prop, seen)
+            values[prop.identifier] = _value(struct, prop, visited)
     if isinstance(struct, bpy.types.ID):
         values["custom"] = {key: repr(struct[key]) for key in struct.keys()}
         values["users"] = struct.users
     return values
 
 
-def _value(struct, prop, seen):
+def _value(struct, prop, visited):
     try:
         value = getattr(struct, prop.identifier)
     except (AttributeError, RuntimeError):
         return None
     if prop.type == "COLLECTION":
-        return _collection(prop, value, seen)
+        return _collection(prop, value, visited)
     if prop.type != "POINTER":
-        return _plain(value)
+        return _copy(value)
     if value is None:
         return None
     embedded = isinstance(value, bpy.types.NodeTree) and value.name_full not in bpy.data.node_groups
     if isinstance(value, bpy.types.ID) and not embedded:
         return value.name_full
-    if _identity(value) in seen:
+    if _identity(value) in visited:
         return "seen"
-    return _struct(value, seen | {_identity(value)})
+    return _struct(value, visited | {_identity(value)})
 
 
 def _identity(struct):
@@ -75,14 +75,14 @@ def _identity(struct):
     return struct.bl_rna.identifier, struct.as_pointer()
 
 
-def _plain(value):
+def _copy(value):
     """A copy outside Blender's memory, also of vectors and matrices."""
     if isinstance(value, (str, bytes)) or not hasattr(value, "__len__"):
         return value
-    return sorted(value) if isinstance(value, set) else tuple(_plain(item) for item in value)
+    return sorted(value) if isinstance(value, set) else tuple(_copy(item) for item in value)
 
 
-def _collection(prop, items, seen):
+def _collection(prop, items, visited):
     if prop.identifier == "links":
         return sorted((link.from_node.name, link.from_socket.identifier, link.to_node.name, link.to_socket.identifier)
                       for link in items)
@@ -90,6 +90,6 @@ def _collection(prop, items, seen):
     for index, item in enumerate(items):
         if item is None or isinstance(item, bpy.types.ID):
             values[index] = item and item.name_full
-        elif _identity(item) not in seen:
-            values[index] = _struct(item, seen | {_identity(item)})
+        elif _identity(item) not in visited:
+            values[index] = _struct(item, visited | {_identity(item)})
     return values

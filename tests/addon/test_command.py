@@ -38,7 +38,7 @@ def lensfield(*arguments):
     return subprocess.run(command, capture_output=True, text=True, timeout=LAST_RESORT_S)
 
 
-def test_a_scene_that_is_rendered_runs_none_of_its_scripts(blend, tmp_path):
+def test_rendering_runs_no_scripts_of_the_scene(blend, tmp_path):
     """Its lens file is still read, because rendering a scene implies its lens."""
     script, ran = bpy.data.texts.new("stranger.py"), tmp_path / "ran"
     script.write(f"open({str(ran)!r}, 'w').close()")
@@ -46,19 +46,19 @@ def test_a_scene_that_is_rendered_runs_none_of_its_scripts(blend, tmp_path):
     shutil.copy(BUNDLED / "edmund-54852.npz", tmp_path / "lens.npz")
     bpy.context.scene.lensfield.lens, bpy.context.scene.lensfield.lens_file = "FILE", "//lens.npz"
     bpy.ops.wm.save_as_mainfile(filepath=str(blend))
-    done = lensfield("lint", blend)
-    assert "refused" not in done.stdout and done.returncode == 0, done.stderr
+    completed = lensfield("lint", blend)
+    assert "refused" not in completed.stdout and completed.returncode == 0, completed.stderr
     assert not ran.exists()
 
 
 def test_render_then_filter_agree(blend, tmp_path):
     out = tmp_path / "out put"
-    done = lensfield("render", blend, "--lens", "edmund-54852", "--wavelengths", "450:650:3", "--section-size", 16,
-                     "--frames", 2, "--output", out, "--report", tmp_path / "report.json")
-    assert done.returncode == 0, done.stderr
-    printed = [Path(line) for line in done.stdout.splitlines() if line.startswith(str(out))]
+    completed = lensfield("render", blend, "--lens", "edmund-54852", "--wavelengths", "450:650:3", "--section-size", 16,
+                          "--frames", 2, "--output", out, "--report", tmp_path / "report.json")
+    assert completed.returncode == 0, completed.stderr
+    printed = [Path(line) for line in completed.stdout.splitlines() if line.startswith(str(out))]
     assert len(printed) == 10 and all(path.is_file() for path in printed)
-    output, scene, plan = done.stdout.splitlines()[:3]
+    output, scene, plan = completed.stdout.splitlines()[:3]
     assert output == f"output: {out}"
     assert scene == "scene: 1 Cycles render at 550 nm: all surfaces are grey"
     assert plan.startswith("plan: 16 px sections between 32 azimuths, ")
@@ -69,16 +69,16 @@ def test_render_then_filter_agree(blend, tmp_path):
     assert frame["energy"]["out_w_per_nm"] == pytest.approx(frame["energy"]["in_w_per_nm"], rel=1e-12)
 
     radiance = out / "Scene_0002_radiance.exr"
-    done = lensfield("filter", radiance, "--lens", "edmund-54852", "--section-size", 16,
-                     "--output", tmp_path / "again.exr", "--preview", tmp_path / "again.png")
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines()[0] == plan
+    completed = lensfield("filter", radiance, "--lens", "edmund-54852", "--section-size", 16,
+                          "--output", tmp_path / "again.exr", "--preview", tmp_path / "again.png")
+    assert completed.returncode == 0, completed.stderr
+    assert completed.stdout.splitlines()[0] == plan
     again, first = read_exr(tmp_path / "again.exr"), read_exr(out / "Scene_0002_irradiance.exr")
     assert np.array_equal(again.cube, first.cube)
     assert (tmp_path / "again.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_what_the_command_line_leaves_out_is_as_the_scene_says(scene, tmp_path):
+def test_the_command_line_defaults_to_the_scenes_settings(scene, tmp_path):
     light(scene, "POINT", 20.0, color=(1, 0.5, 0.2))
     wall(scene, material("Paint", "ShaderNodeBsdfDiffuse", (0.7, 0.3, 0.05))[0])
     for name, value in {"lens": "nikkor-28mm", "wavelength_mode": "LIST", "wavelength_list": "480, 530, 640",
@@ -88,20 +88,20 @@ def test_what_the_command_line_leaves_out_is_as_the_scene_says(scene, tmp_path):
     blend = tmp_path / "scene.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(blend))
     assert bpy.ops.lensfield.render() == {"FINISHED"}
-    own = read_exr(tmp_path / "pictures" / "Scene_0001_irradiance.exr")
-    done = lensfield("render", blend, "--output", tmp_path / "same")
-    assert done.returncode == 0, done.stderr
+    expected = read_exr(tmp_path / "pictures" / "Scene_0001_irradiance.exr")
+    completed = lensfield("render", blend, "--output", tmp_path / "same")
+    assert completed.returncode == 0, completed.stderr
     same = read_exr(tmp_path / "same" / "Scene_0001_irradiance.exr")
-    assert np.array_equal(same.cube, own.cube) and same.grid == own.grid
-    done = lensfield("render", blend, "--wavelengths", "480,640", "--accuracy", "0.1", "--report",
-                     tmp_path / "report.json")
-    assert done.returncode == 0, done.stderr
+    assert np.array_equal(same.cube, expected.cube) and same.grid == expected.grid
+    completed = lensfield("render", blend, "--wavelengths", "480,640", "--accuracy", "0.1", "--report",
+                          tmp_path / "report.json")
+    assert completed.returncode == 0, completed.stderr
     report = json.loads((tmp_path / "report.json").read_text())
     assert report["rendered_nm"] == [480, 640] and report["plan"]["method"] != "paper"
-    assert not np.array_equal(read_exr(tmp_path / "pictures" / "Scene_0001_irradiance.exr").cube, own.cube)
+    assert not np.array_equal(read_exr(tmp_path / "pictures" / "Scene_0001_irradiance.exr").cube, expected.cube)
 
 
-def test_a_copy_elsewhere_finds_what_lies_beside_the_original(scene, tmp_path):
+def test_a_copy_elsewhere_finds_files_next_to_the_original(scene, tmp_path):
     """A spectrum, a user's lens, and the folder for the pictures."""
     set_world(scene)
     scene.world.lensfield.emission = "green.txt"
@@ -114,10 +114,10 @@ def test_a_copy_elsewhere_finds_what_lies_beside_the_original(scene, tmp_path):
     elsewhere.mkdir()
     bpy.ops.wm.save_as_mainfile(filepath=str(elsewhere / "copy.blend"))
     arguments = "render", elsewhere / "copy.blend", "--wavelengths", "450,550"
-    done = lensfield(*arguments)
-    assert done.returncode == 1 and "own.npz: lens is missing" in done.stderr
-    done = lensfield(*arguments, "--blend-folder", tmp_path)
-    assert done.returncode == 0, done.stderr
+    completed = lensfield(*arguments)
+    assert completed.returncode == 1 and "own.npz: lens is missing" in completed.stderr
+    completed = lensfield(*arguments, "--blend-folder", tmp_path)
+    assert completed.returncode == 0, completed.stderr
     cube = read_exr(tmp_path / "lensfield" / "Scene_0001_irradiance.exr").cube
     assert cube[1].min() > 100 * cube[0].max()
     assert [path.name for path in elsewhere.iterdir()] == ["copy.blend"]
@@ -137,7 +137,7 @@ def test_a_copy_elsewhere_finds_what_lies_beside_the_original(scene, tmp_path):
     ({"--focus": "1.2"}, "options: --focus is 1.2: expected a distance with its unit, such as 1.2m, or inf"),
     ({"--frames": "5-1"}, "options: --frames is 5-1: expected a range such as 1-50"),
     ({"--resolution": "99999999999x24"}, "options: --resolution is 99999999999x24: expected WIDTHxHEIGHT")])
-def test_bad_input_is_one_line_and_leaves_nothing(blend, tmp_path, capsys, monkeypatch, changes, message):
+def test_bad_input_prints_one_line_and_leaves_no_files(blend, tmp_path, capsys, monkeypatch, changes, message):
     monkeypatch.chdir(tmp_path)
     Path("garbage.blend").write_bytes(b"not a blend file")
     arguments = {"--lens": "edmund-54852", "--wavelengths": "550", "--output": "out"} | changes
@@ -157,9 +157,9 @@ def processor_s(process):
 @pytest.mark.sample(1)
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems state processor time elsewhere")
 @pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_render_can_be_stopped_and_leaves_nothing_but_its_look_at_depth(blend, tmp_path, stop):
+def test_a_stopped_render_leaves_only_its_depth_samples(blend, tmp_path, stop):
     """During a Cycles pass that would take minutes."""
-    temporary, kept = tmp_path / "temporary", tmp_path / "out" / ".lensfield" / "Scene_0001_passes"
+    temporary, passes = tmp_path / "temporary", tmp_path / "out" / ".lensfield" / "Scene_0001_passes"
     temporary.mkdir()
     process = subprocess.Popen(
         [sys.executable, "-c", "from lensfield.cli import console; console()", "render", str(blend), "--lens",
@@ -167,35 +167,35 @@ def test_a_render_can_be_stopped_and_leaves_nothing_but_its_look_at_depth(blend,
          "--output", str(tmp_path / "out")], stderr=subprocess.PIPE, text=True, preexec_fn=heed_hangups,
         env=os.environ | {"TMPDIR": str(temporary)})
     try:
-        wait_until(lambda: list(kept.glob("*/[!.]*")))  # the depth samples; the pass comes next
+        wait_until(lambda: list(passes.glob("*/[!.]*")))  # the depth samples; the pass comes next
         begin_s = processor_s(process)
         wait_until(lambda: processor_s(process) > begin_s + 1)
         process.send_signal(stop)
         assert process.wait(LAST_RESORT_S) == 130
     finally:
         process.kill()
-    assert process.stderr.read().strip() == f"lensfield: cancelled; finished passes are stored in {kept}"
+    assert process.stderr.read().strip() == f"lensfield: cancelled; finished passes are stored in {passes}"
     left = [path for path in (tmp_path / "out").rglob("*") if path.is_file()]
-    assert not list(temporary.iterdir()) and [path.parents[1] for path in left] == [kept]
+    assert not list(temporary.iterdir()) and [path.parents[1] for path in left] == [passes]
 
 
 @pytest.mark.sample(3)
 @pytest.mark.parametrize("stop", ["SIGINT", "SIGTERM", "SIGHUP"])
 @pytest.mark.parametrize("count", [1, 2, 40])
-def test_a_signal_amid_blenders_imports_leaves_nothing(tmp_path, stop, count):
+def test_a_signal_during_blenders_imports_leaves_no_files(tmp_path, stop, count):
     """Blender has created its temporary folder by then, or is about to."""
-    done = signalled(count, "bpy", ["lint", SAMPLE_SCENE], stop, env=os.environ | {"TMPDIR": str(tmp_path)})
-    assert (done.returncode, done.stderr) == (130, "\nlensfield: cancelled\n") and not list(tmp_path.iterdir())
+    process = signalled(count, "bpy", ["lint", SAMPLE_SCENE], stop, env=os.environ | {"TMPDIR": str(tmp_path)})
+    assert (process.returncode, process.stderr) == (130, "\nlensfield: cancelled\n") and not list(tmp_path.iterdir())
 
 
-def test_imports_leave_the_choice_of_the_temporary_folder_to_later():
+def test_imports_do_not_choose_the_temporary_folder():
     """Choosing it writes a probe, which a signal amid the imports could leave behind."""
-    done = subprocess.run([sys.executable, "-c", "import tempfile, lensfield.addon; print(tempfile.tempdir)"],
-                          capture_output=True, text=True)
-    assert (done.stdout, done.stderr) == ("None\n", "")
+    completed = subprocess.run([sys.executable, "-c", "import tempfile, lensfield.addon; print(tempfile.tempdir)"],
+                               capture_output=True, text=True)
+    assert (completed.stdout, completed.stderr) == ("None\n", "")
 
 
-def test_blender_command_is_the_same_command(blend, tmp_path, monkeypatch):
+def test_blenders_command_line_runs_the_same_command(blend, tmp_path, monkeypatch):
     registered = {}
     monkeypatch.setattr(bpy.utils, "register_cli_command", registered.__setitem__)
     monkeypatch.setattr(addon, "register", lambda: None)  # it is already registered
@@ -206,26 +206,26 @@ def test_blender_command_is_the_same_command(blend, tmp_path, monkeypatch):
     assert len(list((tmp_path / "out").iterdir())) == 10
 
 
-def test_a_kept_picture_takes_another_lens(blend, tmp_path):
-    done = lensfield("render", blend, "--lens", "tessar-50mm", "--wavelengths", 550, "--output", tmp_path / "out")
-    assert done.returncode == 0, done.stderr
+def test_another_lens_can_be_applied_to_a_saved_picture(blend, tmp_path):
+    completed = lensfield("render", blend, "--lens", "tessar-50mm", "--wavelengths", 550, "--output", tmp_path / "out")
+    assert completed.returncode == 0, completed.stderr
     radiance = tmp_path / "out" / "Scene_0001_radiance.exr"
-    done = lensfield("apply", radiance, "--lens", "nikkor-28mm", "--lens-quality", "preview",
-                     "--report", tmp_path / "report.json")
-    assert done.returncode == 0 and "takes a sensor of 18.3 x 13.7 mm" in done.stdout, done.stderr
+    completed = lensfield("apply", radiance, "--lens", "nikkor-28mm", "--lens-quality", "preview",
+                          "--report", tmp_path / "report.json")
+    assert completed.returncode == 0 and "takes a sensor of 18.3 x 13.7 mm" in completed.stdout, completed.stderr
     assert json.loads((tmp_path / "report.json").read_text())["radiance"] == str(radiance)
     assert read_exr(tmp_path / "out" / "Scene_0001_irradiance.exr").lens_name == "nikkor-28mm"
 
 
-def test_one_process_serves_command_after_command(tmp_path):
+def test_one_process_serves_successive_commands(tmp_path):
     lines = [json.dumps(["lens", "info", "tessar-50mm"]), json.dumps(["apply", "gone.exr", "--lens", "tessar-50mm"])]
     command = [sys.executable, "-c", "from lensfield.cli import console; console()", "serve"]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
                           text=True) as process:
         for line, status in zip(lines, (0, 1), strict=True):
             print(line, file=process.stdin, flush=True)
-            told = iter(process.stdout.readline, "")
-            assert next(facts for facts in map(read_message, told) if facts) == {"status": status}
+            output = iter(process.stdout.readline, "")
+            assert next(facts for facts in map(read_message, output) if facts) == {"status": status}
         process.stdin.close()
         assert process.wait(LAST_RESORT_S) == cli.CANCELLED
         assert "not named like a rendered frame" in process.stderr.read()

@@ -48,13 +48,13 @@ def package(tmp_path_factory):
 
 
 def test_manifest_is_valid():
-    done = subprocess.run([sys.executable, TOOL, "validate", ROOT], capture_output=True, text=True)
-    assert done.returncode == 0, done.stdout + done.stderr
+    completed = subprocess.run([sys.executable, TOOL, "validate", ROOT], capture_output=True, text=True)
+    assert completed.returncode == 0, completed.stdout + completed.stderr
 
 
-def test_package_is_valid_and_holds_what_runs(package):
-    done = subprocess.run([sys.executable, TOOL, "validate", package], capture_output=True, text=True)
-    assert done.returncode == 0, done.stdout + done.stderr
+def test_package_is_valid_and_contains_the_runtime_files(package):
+    completed = subprocess.run([sys.executable, TOOL, "validate", package], capture_output=True, text=True)
+    assert completed.returncode == 0, completed.stdout + completed.stderr
     names = zipfile.ZipFile(package).namelist()
     assert {"blender_manifest.toml", "__init__.py", "cli.py", "request.py", "commands/render.py",
             "engine/simulation/simulate.py",
@@ -68,7 +68,7 @@ def test_package_is_valid_and_holds_what_runs(package):
     assert not [name for name in names if name.startswith(left_out)]
 
 
-def test_what_lies_in_the_tree_and_does_not_belong_stays_out(tmp_path):
+def test_unrelated_files_in_the_tree_are_not_packaged(tmp_path):
     tree, belongs = tmp_path / "tree", {"blender_manifest.toml", "__init__.py", "addon/ui/panels.py", "LICENSE"}
     for name in (*belongs, "pictures/addon/frame.exr", "notes.txt", ".git/config",
                  "addon/.swp", "addon/ui/__pycache__/panels.pyc", "lensfield.egg-info/PKG-INFO", "tests/addon/test.py"):
@@ -82,9 +82,9 @@ def test_what_lies_in_the_tree_and_does_not_belong_stays_out(tmp_path):
 
 def test_package_installs_enables_and_renders(package, tmp_path):
     environment = os.environ | {"BLENDER_USER_RESOURCES": str(tmp_path / "user"), "LENSFIELD_CACHE": ""}
-    done = subprocess.run([sys.executable, "-c", USE_INSTALLED, package, str(tmp_path / "user"), tmp_path / "out"],
-                          capture_output=True, text=True, timeout=LAST_RESORT_S, env=environment, cwd=tmp_path)
-    assert done.returncode == 0 and "installed and used" in done.stdout, done.stdout + done.stderr
+    completed = subprocess.run([sys.executable, "-c", USE_INSTALLED, package, str(tmp_path / "user"), tmp_path / "out"],
+                               capture_output=True, text=True, timeout=LAST_RESORT_S, env=environment, cwd=tmp_path)
+    assert completed.returncode == 0 and "installed and used" in completed.stdout, completed.stdout + completed.stderr
     assert (tmp_path / "out" / "Scene_0001_lens_image.exr").is_file()
     plans = tmp_path / "user" / "extensions" / ".user" / "user_default" / "lensfield" / "cache" / "plans"
     assert list(plans.iterdir())
@@ -103,7 +103,7 @@ def build_extension(monkeypatch):
 @pytest.mark.sample(1)
 @pytest.mark.one_blender
 @pytest.mark.parametrize("platform", ["linux-x64", "windows-x64", "macos-arm64"])
-def test_a_zip_gets_the_loops_of_its_own_platform_alone(platform, build_extension, tmp_path):
+def test_a_zip_contains_only_its_platforms_kernels(platform, build_extension, tmp_path):
     try:
         build_extension.stage(tmp_path / "lensfield", platform)
     except kernels.CompilerMissing as missing:
@@ -111,7 +111,7 @@ def test_a_zip_gets_the_loops_of_its_own_platform_alone(platform, build_extensio
     assert [path.name for path in tmp_path.rglob("kernels-*")] == [kernels.library_name(platform)]
 
 
-def test_no_zip_is_made_without_its_loops(build_extension, monkeypatch, tmp_path):
+def test_no_zip_is_built_without_its_kernels(build_extension, monkeypatch, tmp_path):
     monkeypatch.setattr(shutil, "which", lambda name: None)
     with pytest.raises(SystemExit, match="without the C loops: x86_64-w64-mingw32-gcc is not installed"):
         build_extension.main([str(tmp_path), "windows-x64"])

@@ -21,7 +21,7 @@ def half_a_sky(scene):
     return scene
 
 
-def test_pixels_tell_how_means_differ_between_seeds(half_a_sky, tmp_path):
+def test_pixel_variance_predicts_how_means_differ_between_seeds(half_a_sky, tmp_path):
     first = half_a_sky.cycles.seed
     means, by_pixels = [], []
     for half_a_sky.cycles.seed in range(first, first + SEEDS):
@@ -33,7 +33,7 @@ def test_pixels_tell_how_means_differ_between_seeds(half_a_sky, tmp_path):
     assert least < ratio < most
 
 
-def test_what_is_off_by_more_than_the_noise_is_seen(half_a_sky, tmp_path):
+def test_an_error_above_the_noise_is_detected(half_a_sky, tmp_path):
     red = picture(half_a_sky, tmp_path, samples=256)[0].astype(float)
     noise = five_sigma(red)
     assert 0 < noise < 0.1 * red.mean()

@@ -128,13 +128,13 @@ NAMING = {"image": lambda paint, job: image_node(paint, "//file"), "library": li
           "shader script": file_node("ShaderNodeScript"), "file of a node": import_node}
 
 
-@pytest.mark.parametrize("made", ["pipe", "device"])
+@pytest.mark.parametrize("special_file", ["pipe", "device"])
 @pytest.mark.parametrize("kind", NAMING)
-def test_a_pipe_or_device_is_refused_before_blender_opens_it(paint, job, capfd, kind, made):
+def test_a_pipe_or_device_is_rejected_before_blender_opens_it(paint, job, capfd, kind, special_file):
     NAMING[kind](paint, job)
     blend, file = saved(job), job / "file"
     file.unlink(missing_ok=True)
-    os.mkfifo(file) if made == "pipe" else file.symlink_to("/dev/zero")
+    os.mkfifo(file) if special_file == "pipe" else file.symlink_to("/dev/zero")
     status, said = lensfield(capfd, "lint", blend, *LENS)
     assert status == 1 and f"{file}: {kind} is a device or pipe: {blend} names it: expected a regular file" in said
 
@@ -142,7 +142,7 @@ def test_a_pipe_or_device_is_refused_before_blender_opens_it(paint, job, capfd, 
 @pytest.mark.parametrize("command", ["lint", "render"])
 @pytest.mark.parametrize("source, named, number", [("SEQUENCE", "//tex0001.png", "0007"), ("TILED", "//tex<UDIM>.png",
                                                                                          "1002")])
-def test_so_are_those_among_frames_and_tiles(paint, job, capfd, command, source, named, number):
+def test_pipes_among_frames_and_tiles_are_rejected(paint, job, capfd, command, source, named, number):
     image_node(paint, named, source)
     blend = saved(job)
     os.mkfifo(job / f"tex{number}.png")
@@ -150,7 +150,7 @@ def test_so_are_those_among_frames_and_tiles(paint, job, capfd, command, source,
     assert status == 1 and f"tex{number}.png: image is a device or pipe: image 'Picture' names it" in said
 
 
-def test_so_are_caches_of_simulations(paint, job, capfd):
+def test_pipes_among_simulation_caches_are_rejected(paint, job, capfd):
     blend = saved(job)
     (job / "blendcache_scene").mkdir()
     os.mkfifo(job / "blendcache_scene" / "0001.bphys")
@@ -158,14 +158,14 @@ def test_so_are_caches_of_simulations(paint, job, capfd):
     assert status == 1 and "0001.bphys: cache is a device or pipe" in said
 
 
-def test_so_is_the_scene_itself(job, capfd):
+def test_a_scene_that_is_a_pipe_is_rejected(job, capfd):
     os.mkfifo(job / "scene.blend")
     for command in ("lint", "render"):
         status, said = lensfield(capfd, command, job / "scene.blend", *LENS)
         assert status == 1 and "scene.blend: scene is a device or pipe: expected a .blend file" in said
 
 
-def test_so_is_a_library_of_a_library(paint, job, capfd):
+def test_a_pipe_linked_through_a_library_is_rejected(paint, job, capfd):
     library(paint, job)
     middle = saved(job).rename(job / "middle.blend")
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
@@ -179,7 +179,7 @@ def test_so_is_a_library_of_a_library(paint, job, capfd):
     assert status == 1 and f"{job / 'file'}: library is a device or pipe: {middle} names it" in said
 
 
-def test_a_window_refuses_them_by_its_own_check(paint, job):
+def test_a_window_also_rejects_pipes(paint, job):
     """Blender has opened the file, but reads its images only for display."""
     image_node(paint, str(job / "file"))
     os.mkfifo(job / "file")
@@ -190,7 +190,7 @@ def test_a_window_refuses_them_by_its_own_check(paint, job):
     assert any("image is a device or pipe" in str(each) for each in refusals)
 
 
-def test_a_file_of_a_terabyte_is_refused(paint, job, capfd):
+def test_a_file_of_a_terabyte_is_rejected(paint, job, capfd):
     image_node(paint, "//file")
     blend = saved(job)
     with open(job / "file", "wb") as file:
@@ -200,7 +200,7 @@ def test_a_file_of_a_terabyte_is_refused(paint, job, capfd):
 
 
 @pytest.mark.parametrize("compress", [True, False])
-def test_a_missing_texture_is_no_pipe(paint, job, capfd, compress):
+def test_a_missing_texture_is_not_rejected(paint, job, capfd, compress):
     image_node(paint, "//file")
     bpy.ops.wm.save_as_mainfile(filepath=str(job / "scene.blend"), compress=compress)
     status, said = lensfield(capfd, "lint", job / "scene.blend", *LENS)
@@ -209,7 +209,7 @@ def test_a_missing_texture_is_no_pipe(paint, job, capfd, compress):
 
 @pytest.mark.parametrize("damage", [lambda data: data[:len(data) // 2], lambda data: b"BLENDER" + data[60:],
                                     lambda data: data.replace(b"DNA1", b"DNA2"), lambda _: b"", lambda _: b"text"])
-def test_a_damaged_blend_is_one_line(paint, job, capfd, damage):
+def test_a_damaged_blend_is_reported_in_one_line(paint, job, capfd, damage):
     bpy.ops.wm.save_as_mainfile(filepath=str(job / "scene.blend"), compress=False)
     (job / "scene.blend").write_bytes(damage((job / "scene.blend").read_bytes()))
     status, said = lensfield(capfd, "lint", job / "scene.blend", *LENS)
@@ -219,7 +219,7 @@ def test_a_damaged_blend_is_one_line(paint, job, capfd, damage):
 
 @pytest.mark.parametrize("folder", ["/", "//..", "//../", "//a/../../b", "//link/", "//link/below", "/tmp", "~/x", "~",
                                     "C:\\renders\\", "\\\\server\\share", "//..\\..\\x", "renders"])
-def test_a_blend_does_not_say_where_else_to_write(paint, job, tmp_path, monkeypatch, capfd, folder):
+def test_a_blend_cannot_write_outside_its_folder(paint, job, tmp_path, monkeypatch, capfd, folder):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "away").mkdir()
     (job / "link").symlink_to(tmp_path / "away")
@@ -228,26 +228,26 @@ def test_a_blend_does_not_say_where_else_to_write(paint, job, tmp_path, monkeypa
     for command in (("lint",), ("render",), ("render", "--frames", "1-2")):
         status, said = lensfield(capfd, command[0], blend, *command[1:], *LENS)
         assert status == 1 and "scene settings: output folder is " in said and "--output" in said, said
-    there = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*")}
-    assert there == {"away", "job", "job/link", "job/scene.blend"}
+    paths = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*")}
+    assert paths == {"away", "job", "job/link", "job/scene.blend"}
 
 
 @pytest.mark.parametrize("folder, name", [("//", "."), ("//renders/shot", "renders/shot"),
                                           ("//renders\\shot\\", "renders/shot"), ("//a/../b", "b")])
-def test_below_its_own_folder_it_does(paint, job, capfd, folder, name):
+def test_a_blend_can_write_below_its_folder(paint, job, capfd, folder, name):
     bpy.context.scene.lensfield.output_folder = folder
     status, said = lensfield(capfd, "lint", saved(job), *LENS)
     assert status == 0 and f"output: {(job / name).resolve()}\n" in said
 
 
-def test_one_line_says_where_a_render_writes(paint, job, tmp_path, capfd):
+def test_one_line_states_the_output_folder(paint, job, tmp_path, capfd):
     bpy.context.scene.lensfield.output_folder = "/"
     status, said = lensfield(capfd, "render", saved(job), *LENS, "--output", tmp_path / "out")
     assert status == 0 and said.count("output: ") == 1 and f"output: {tmp_path / 'out'}\n" in said
     assert (tmp_path / "out" / "Scene_0001_lens_image.exr").is_file()
 
 
-def test_a_link_among_the_frames_is_not_written_through(paint, job, tmp_path, capfd):
+def test_output_does_not_follow_a_link(paint, job, tmp_path, capfd):
     blend = saved(job)
     (job / "lensfield").mkdir()
     (job / "lensfield" / "Scene_0001_before.png").symlink_to(tmp_path / "away.png")
@@ -259,7 +259,7 @@ def test_a_link_among_the_frames_is_not_written_through(paint, job, tmp_path, ca
 
 @pytest.mark.parametrize("link", [True, False])
 @pytest.mark.parametrize("field", ["lens", "reflectance"])
-def test_no_first_line_of_a_file_comes_into_the_log(paint, job, tmp_path, capfd, field, link):
+def test_file_contents_are_not_quoted_in_the_log(paint, job, tmp_path, capfd, field, link):
     secret = tmp_path / "shadow.toml"
     secret.write_text(SECRET)
     named = job / "own.toml" if link else secret
@@ -290,7 +290,7 @@ def untrusted(job, tmp_path, capfd):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("kind", ["image", "library", "link"])
-def test_untrusted_work_reads_below_its_folders_only(paint, job, tmp_path, untrusted, kind):
+def test_untrusted_jobs_read_only_below_their_folders(paint, job, tmp_path, untrusted, kind):
     away = tmp_path / "away"
     away.mkdir()
     if kind == "library":
@@ -306,7 +306,7 @@ def test_untrusted_work_reads_below_its_folders_only(paint, job, tmp_path, untru
     assert status == 0, said
 
 
-def test_untrusted_work_needs_its_output_and_runs_no_scripts(paint, job, tmp_path, capfd, untrusted):
+def test_untrusted_jobs_require_output_and_run_no_scripts(paint, job, tmp_path, capfd, untrusted):
     driver = bpy.context.scene.camera.driver_add("location", 0).driver
     driver.expression = f"__import__('pathlib').Path({str(tmp_path / 'ran')!r}).touch() or 0"
     saved(job)
@@ -319,14 +319,14 @@ def test_untrusted_work_needs_its_output_and_runs_no_scripts(paint, job, tmp_pat
     assert not (tmp_path / "ran").exists()
 
 
-def test_an_import_node_is_not_untrusted_work(paint, job, untrusted):
+def test_untrusted_jobs_reject_import_nodes(paint, job, untrusted):
     import_node(paint, job)
     saved(job)
     status, said = untrusted("lint")
     assert status == 1 and "node is GeometryNodeImportPLY: --untrusted refuses import nodes" in said
 
 
-def test_an_endless_render_meets_the_time_limit(paint, job, untrusted):
+def test_an_endless_render_stops_at_the_time_limit(paint, job, untrusted):
     """With 2^24 samples for each of four million pixels: years of work on any machine."""
     saved(job)
     status, said = untrusted("render", "--samples", 1 << 24, "--resolution", "2000x2000", "--time-limit", 5)
@@ -334,7 +334,7 @@ def test_an_endless_render_meets_the_time_limit(paint, job, untrusted):
 
 
 @pytest.mark.skipif(sys.platform == "darwin", reason="macOS does not keep this limit")
-def test_a_memory_bomb_meets_the_memory_limit(paint, job, untrusted):
+def test_a_memory_bomb_stops_at_the_memory_limit(paint, job, untrusted):
     bpy.context.scene.objects[-1].modifiers.new("Bomb", "SUBSURF").levels = 0
     bpy.context.scene.objects[-1].modifiers["Bomb"].render_levels = 11
     bpy.context.scene.objects[-1].modifiers["Bomb"].subdivision_type = "SIMPLE"
@@ -345,7 +345,7 @@ def test_a_memory_bomb_meets_the_memory_limit(paint, job, untrusted):
 
 
 @pytest.mark.skipif(not landlock_version(), reason="this system has no Landlock")
-def test_the_system_itself_confines_untrusted_work(tmp_path):
+def test_the_operating_system_confines_untrusted_jobs(tmp_path):
     """Whatever a damaged .blend does to Blender."""
     for name in ("read", "write", "away"):
         (tmp_path / name).mkdir()
@@ -364,8 +364,8 @@ def test_the_system_itself_confines_untrusted_work(tmp_path):
     limits.write_text(json.dumps({
         "read": [*OF_SYSTEM, sys.prefix, sys.base_prefix, str(tmp_path / "read")], "write": [str(tmp_path / "write")],
         "memory_bytes": 4 * 10**9, "cpu_s": 60}))
-    done = subprocess.run([sys.executable, "-I", confine.__file__, str(limits), sys.executable, "-c", code],
-                          capture_output=True, text=True)
+    completed = subprocess.run([sys.executable, "-I", confine.__file__, str(limits), sys.executable, "-c", code],
+                               capture_output=True, text=True)
     connected = ["PermissionError" if landlock_version() >= confine.TCP_SINCE else "ConnectionRefusedError"]
     signalled = ["denied" if landlock_version() >= confine.SCOPES_SINCE else "signalled"]
-    assert done.stdout.split() == ["open", "open", *["denied"] * 4, *connected, *signalled], done.stderr
+    assert completed.stdout.split() == ["open", "open", *["denied"] * 4, *connected, *signalled], completed.stderr

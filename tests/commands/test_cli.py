@@ -52,13 +52,13 @@ def test_lens_info_as_json_has_the_first_order_data(capsys):
     assert abs(last["lateral_colour_um"]) == pytest.approx(13.8, abs=0.3)
 
 
-def test_lens_info_to_read_shows_the_same_figures(capsys):
+def test_lens_info_as_text_shows_the_same_figures(capsys):
     assert run("lens", "info", "edmund-54852") == 0
     page = capsys.readouterr().out
     assert all(text in page for text in ("6.00003 mm", "-0.023954", "-8.40 %", "1.0369", "-13.78 um", "Edmund Optics"))
 
 
-def test_filter_writes_the_frame_a_picture_and_a_report(radiance, tmp_path, capsys):
+def test_filter_writes_the_frame_a_preview_and_a_report(radiance, tmp_path, capsys):
     assert run("filter", radiance, "--lens", "edmund-54852", "--method", "paper", "--section-size", 8,
                "--output", tmp_path / "out" / "irradiance.exr", "--preview", tmp_path / "out" / "picture.png",
                "--report", tmp_path / "report.json") == 0
@@ -83,7 +83,7 @@ def test_filter_writes_the_frame_a_picture_and_a_report(radiance, tmp_path, caps
     ({"--method": "pixels", "--section-size": "16"}, "section_size is 16: leave it out: the method is 'pixels'"),
     ({"--psf-energy": "2"}, "options: psf_energy is 2.0: expected a number above 0 and up to 1"),
     ({"--pitch-um": "-1"}, "pitch_um is -1.0: expected a positive number")])
-def test_bad_input_is_one_line_and_leaves_nothing(radiance, tmp_path, capsys, changes, message):
+def test_bad_input_is_a_one_line_error_and_leaves_no_files(radiance, tmp_path, capsys, changes, message):
     arguments = {"--lens": "edmund-54852", "--output": str(tmp_path / "irradiance.exr")} | changes
     source = arguments.pop("radiance", str(radiance))
     assert run("filter", source, *(word for pair in arguments.items() for word in pair)) == 1
@@ -101,7 +101,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(radiance, tmp_path, capsys, ch
     ("--method pixels --azimuths 16", Options(method="pixels", azimuths=16)),
     ("--method paper --out-of-field vignette --fireflies clamp",
      Options(method="paper", out_of_field="vignette", fireflies="clamp"))])
-def test_the_command_line_says_what_the_options_say(arguments, options):
+def test_the_command_line_sets_the_options(arguments, options):
     line = f"filter in.exr --lens edmund-54852 --output out.exr {arguments}".split()
     assert engine_options(cli._parser().parse_args(line)) == options
 
@@ -116,11 +116,11 @@ def test_the_command_line_says_what_the_options_say(arguments, options):
     ({"error_bound": 0.0083, "seconds": 0.42, "memory_mb": 310.2},
      "32 px sections between 11 azimuths, single precision: at most 0.83 % of any point's light misplaced; "
      "about 0.4 s, 310 MB")], ids=str)
-def test_a_plan_is_told_in_one_line(changes, text):
+def test_a_plan_is_described_in_one_line(changes, text):
     assert replace(PLAN, **changes).text == text
 
 
-def test_the_plan_is_told_before_the_work(radiance, tmp_path, capsys, monkeypatch):
+def test_the_plan_is_printed_before_the_work(radiance, tmp_path, capsys, monkeypatch):
     def refuse(*_, **__):
         raise MemoryError("no room for it")
 
@@ -130,16 +130,16 @@ def test_the_plan_is_told_before_the_work(radiance, tmp_path, capsys, monkeypatc
     assert capsys.readouterr().out.startswith("plan: 8 px sections between 32 azimuths, ")
 
 
-def test_the_plan_that_is_told_is_the_one_that_is_done(radiance, tmp_path, capsys):
+def test_the_printed_plan_is_executed(radiance, tmp_path, capsys):
     assert run("filter", radiance, "--lens", "edmund-54852", "--accuracy", "0.05", "--output", tmp_path / "out.exr",
                "--report", tmp_path / "report.json") == 0
     plan = json.loads((tmp_path / "report.json").read_text())["plan"]
-    told = capsys.readouterr().out.splitlines()[0]
-    assert told.startswith("plan: ") and f"at most {100 * plan['error_bound']:.2g} % of" in told
-    assert plan["azimuths"] == 0 or f" {plan['azimuths']} azimuths" in told
+    printed = capsys.readouterr().out.splitlines()[0]
+    assert printed.startswith("plan: ") and f"at most {100 * plan['error_bound']:.2g} % of" in printed
+    assert plan["azimuths"] == 0 or f" {plan['azimuths']} azimuths" in printed
 
 
-def test_light_beyond_the_lens_data_is_told_with_what_became_of_it(tmp_path, capsys):
+def test_light_beyond_the_lens_data_is_reported_with_its_treatment(tmp_path, capsys):
     write_exr(SpectralImage(np.ones((1, 36, 48)), [550], pitch_um=200.0), tmp_path / "wide.exr")
     assert run("filter", tmp_path / "wide.exr", "--lens", "edmund-54852", "--output", tmp_path / "out.exr") == 0
     assert "of the frame is outside the lens data: hold" in capsys.readouterr().out
@@ -185,7 +185,7 @@ def test_no_output_may_be_an_input_or_of_another_kind(inputs, capsys, arguments,
 
 
 @pytest.mark.parametrize("one, other", [("a.exr", "./a.exr"), ("a.exr", "A.EXR"), ("there.exr", "too.exr")])
-def test_no_output_may_be_another_one(tmp_path, monkeypatch, one, other):
+def test_no_two_outputs_may_be_the_same_file(tmp_path, monkeypatch, one, other):
     monkeypatch.chdir(tmp_path)
     Path("there.exr").touch()
     os.link("there.exr", "too.exr")
@@ -193,7 +193,7 @@ def test_no_output_may_be_another_one(tmp_path, monkeypatch, one, other):
         check_outputs([(Path(one), ".exr"), (None, ".png"), (Path(other), ".exr")])
 
 
-def test_a_link_is_written_through_and_a_pipe_is_left_alone(radiance, tmp_path, capsys):
+def test_a_link_is_followed_and_a_pipe_is_refused(radiance, tmp_path, capsys):
     (tmp_path / "link.exr").symlink_to(tmp_path / "target.exr")
     assert run("filter", radiance, "--lens", "edmund-54852", "--output", tmp_path / "link.exr") == 0
     assert (tmp_path / "link.exr").is_symlink() and read_exr(tmp_path / "target.exr").lens_name == "edmund-54852"
@@ -202,7 +202,7 @@ def test_a_link_is_written_through_and_a_pipe_is_left_alone(radiance, tmp_path, 
     assert "a device or pipe" in capsys.readouterr().err
 
 
-def test_links_to_nowhere_are_one_line(radiance, tmp_path, capsys):
+def test_a_link_loop_is_an_error_and_a_dangling_link_is_followed(radiance, tmp_path, capsys):
     (tmp_path / "loop.exr").symlink_to(tmp_path / "loop.exr")
     assert run("filter", radiance, "--lens", "edmund-54852", "--output", tmp_path / "loop.exr") == 1
     assert "loop.exr: file is not accessible: Too many levels of symbolic links: remove the" in capsys.readouterr().err
@@ -219,7 +219,7 @@ def test_links_to_nowhere_are_one_line(radiance, tmp_path, capsys):
     "lens info {0}.toml", "lens plot edmund-54852 -o {0}.png", "lens stmap edmund-54852 --resolution 12x9 --output {0}",
     "lens convert {0}.zmx -o out.toml", "lens import {0} -o out.npz", "lens export-macro zemax -o {0}.zpl",
     "farm openjd {0}.blend --job job --output out"])
-def test_a_name_of_300_characters_is_one_line_with_a_remedy(radiance, tmp_path, capsys, monkeypatch, line):
+def test_a_name_of_300_characters_is_a_one_line_error_with_a_remedy(radiance, tmp_path, capsys, monkeypatch, line):
     monkeypatch.chdir(tmp_path)
     Path("in.exr").write_bytes(radiance.read_bytes())
     assert run(*line.format("n" * 300).split()) == 1
@@ -236,7 +236,7 @@ def test_closed_standard_streams_do_no_harm(tmp_path):
 
 @pytest.mark.parametrize("arguments", ["lens info edmund-54852", "lens list", "lens check edmund-54852", "--help",
                                        "lens export-macro zemax", "--version"])
-def test_who_reads_the_first_lines_and_goes_is_told_no_error(arguments):
+def test_a_closed_pipe_causes_no_error_message(arguments):
     """As with `lensfield lens info edmund-54852 | head`."""
     command = [sys.executable, "-c", "from lensfield.cli import console; console()", *arguments.split()]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
@@ -247,14 +247,14 @@ def test_who_reads_the_first_lines_and_goes_is_told_no_error(arguments):
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no /dev/full on this system")
 @pytest.mark.parametrize("arguments", ["lens info edmund-54852", "lens list", "--help", "--version"])
-def test_standard_output_on_a_full_disk_is_told_in_one_line(arguments):
+def test_standard_output_on_a_full_disk_is_a_one_line_error(arguments):
     command = [sys.executable, "-c", "from lensfield.cli import console; console()", *arguments.split()]
     with open("/dev/full", "w") as full:
-        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
-    assert (done.returncode, done.stderr) == (1, "lensfield: standard output: No space left on device\n")
+        completed = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert (completed.returncode, completed.stderr) == (1, "lensfield: standard output: No space left on device\n")
 
 
-def test_dark_pixels_that_are_not_numbers_are_named(tmp_path, capsys):
+def test_nan_pixels_in_a_black_picture_are_named(tmp_path, capsys):
     cube = np.zeros((1, 4, 6))
     cube[0, 2, 5] = np.nan
     write_exr(SpectralImage(cube, [550], pitch_um=6.0), tmp_path / "nan.exr")

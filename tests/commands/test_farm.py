@@ -21,17 +21,17 @@ def blend(tmp_path):
     return path
 
 
-@pytest.mark.parametrize("asked", [
+@pytest.mark.parametrize("arguments", [
     [], ["--denoise", "on"], ["--no-focused-wide-open"], ["--overwrite", "--room", "0.1"], [f"--view-layer={AWKWARD}"],
     ["--focus", "1.2m", "--f-number", "4", "--focused-wide-open", "--lens", "tessar-50mm"],
     ["--iris-blades", "5", "--iris-rotation", "-30", "--wavelengths", "400:700:31", "--tier", "standard"],
     ["--method", "exact", "--precision", "float64", "--supersampling", "2", "--resolution", "64x48", "--samples", "1"]])
-def test_what_is_asked_for_reaches_the_tasks(blend, asked):
-    options = parsed(blend, *asked)
+def test_options_reach_the_tasks(blend, arguments):
+    options = parsed(blend, *arguments)
     assert parsed(blend, *task_arguments(options)) == options
 
 
-def test_paths_reach_the_tasks_as_they_are_found_from_anywhere(tmp_path, monkeypatch):
+def test_paths_reach_the_tasks_as_absolute_paths(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     lens = tmp_path / "my lens.toml"
     lens.write_text("")
@@ -39,7 +39,7 @@ def test_paths_reach_the_tasks_as_they_are_found_from_anywhere(tmp_path, monkeyp
         f"--output={tmp_path / 'out'}", f"--lens={lens}"]
 
 
-def test_frames_are_shared_out_in_order():
+def test_frames_are_divided_among_tasks_in_order():
     options = parsed("scene.blend", "--frames=-2-3,7,9-10", "--frames-per-task", "4")
     tasks = frames_by_task(options)
     assert tasks == [[-2, -1, 0, 1], [2, 3, 7, 9], [10]]
@@ -68,13 +68,13 @@ def test_a_job_has_its_paths_as_parameters(blend):
 @pytest.mark.parametrize("more, why", [
     (("--view-layer", "{{Param.Scene}}"), "cannot contain {{"), (("--frames", "scene"), "give frame numbers"),
     (("--report", "report.json"), "each frame has its own"), (("--frames-per-task", "0"), "expected 1 to")])
-def test_what_cannot_be_a_job_is_told(blend, capsys, more, why):
+def test_an_impossible_job_is_an_error(blend, capsys, more, why):
     assert write_job(blend, *more) == 1
     assert why in capsys.readouterr().err
     assert not [*blend.parent.glob("job/*")]
 
 
-def test_a_job_is_written_over_its_own_files_alone(blend, capsys):
+def test_a_job_overwrites_only_files_of_lensfield(blend, capsys):
     assert write_job(blend) == write_job(blend) == 0
     template = blend.parent / "job" / "template.yaml"
     template.write_text("mine")
@@ -82,7 +82,7 @@ def test_a_job_is_written_over_its_own_files_alone(blend, capsys):
     assert "an existing file that Lensfield did not write" in capsys.readouterr().err and template.read_text() == "mine"
 
 
-def test_a_job_is_never_written_over_what_it_is_made_of(blend, capsys):
+def test_a_job_never_overwrites_its_inputs(blend, capsys):
     (blend.parent / "job").mkdir()
     lens = blend.parent / "job" / "template.yaml"
     lens.write_text("mine")

@@ -33,7 +33,7 @@ def picture(rgb):
     return RgbPicture(np.asarray(rgb, dtype=np.float32).reshape(1, -1, 3), (0, 0), "")
 
 
-def seen(rgb, wavelengths_nm=NINE_NM):
+def image_colours(rgb, wavelengths_nm=NINE_NM):
     """Colours after a lens without blur and absorption."""
     radiance, _ = upsample(picture(rgb), wavelengths_nm, pitch_um=5.0)
     return to_rec709(simulate(radiance, make_lens(), Options(method="exact")))[0]
@@ -41,24 +41,24 @@ def seen(rgb, wavelengths_nm=NINE_NM):
 
 @pytest.mark.parametrize("wavelengths_nm", [[550.0], [450.0, 650.0], NINE_NM], ids=len)
 def test_white_stays_white_at_any_number_of_wavelengths(wavelengths_nm):
-    np.testing.assert_allclose(seen([1, 1, 1], np.array(wavelengths_nm)), [[1, 1, 1]], atol=2e-5)
+    np.testing.assert_allclose(image_colours([1, 1, 1], np.array(wavelengths_nm)), [[1, 1, 1]], atol=2e-5)
 
 
 def test_nine_wavelengths_keep_colours():
     """The remaining error is from light clipped at zero; without correction, random colours have an error of 0.036 RMS.
     """
     random = np.random.default_rng(5).random((200, 3))
-    assert np.sqrt(np.mean((seen(random) - random) ** 2)) < 0.006
-    np.testing.assert_allclose(seen([[0.8, 0.2, 0.1], [0.1, 0.5, 0.2], [0.2, 0.3, 0.6]]),
+    assert np.sqrt(np.mean((image_colours(random) - random) ** 2)) < 0.006
+    np.testing.assert_allclose(image_colours([[0.8, 0.2, 0.1], [0.1, 0.5, 0.2], [0.2, 0.3, 0.6]]),
                                [[0.8, 0.2, 0.1], [0.1, 0.5, 0.2], [0.2, 0.3, 0.6]], atol=1e-3)
-    np.testing.assert_allclose(seen(np.eye(3)), np.eye(3), atol=0.09)
+    np.testing.assert_allclose(image_colours(np.eye(3)), np.eye(3), atol=0.09)
 
 
 def test_sixteen_wavelengths_keep_the_primaries():
-    np.testing.assert_allclose(seen(np.eye(3), np.linspace(400, 700, 16)), np.eye(3), atol=0.015)
+    np.testing.assert_allclose(image_colours(np.eye(3), np.linspace(400, 700, 16)), np.eye(3), atol=0.015)
 
 
-def test_colours_are_not_mended_where_wavelengths_cannot_tell_them_apart():
+def test_colours_are_not_corrected_where_wavelengths_cannot_resolve_them():
     near = np.array([640.0, 650.0, 660.0])
     np.testing.assert_array_equal(light_basis(near), emission_basis(near))
 
@@ -67,7 +67,7 @@ def test_white_has_the_spectrum_of_blenders_white():
     np.testing.assert_allclose(light_basis(NINE_NM).sum(axis=1), emission_basis(NINE_NM).sum(axis=1), rtol=2e-5)
 
 
-def test_a_white_picture_is_white_on_the_axis_but_for_the_glass(tmp_path, capsys):
+def test_a_white_picture_is_white_on_the_axis_except_for_the_glass(tmp_path, capsys):
     """The guide, Watts and lumens: 0.4 % of green and 2 % of violet, and 0.1 % of blur."""
     source = colours(tmp_path / "white.exr", (1, 1, 1), (48, 64))
     assert run("filter", source, "--lens", "edmund-54852", "--output", tmp_path / "out.exr") == 0
@@ -89,19 +89,19 @@ def test_blenders_multi_part_file_gives_its_combined_pass(tmp_path):
 
 @pytest.mark.parametrize("prefix", ["ViewLayer.Combined.", "Combined.", "rgba.", "left.beauty.", "Ci."])
 @pytest.mark.parametrize("kind", [np.float16, np.float32])
-def test_a_layer_of_a_single_part_is_found(tmp_path, prefix, kind):
+def test_a_layer_in_a_single_part_is_recognised(tmp_path, prefix, kind):
     read = read_rgb_exr(colours(tmp_path / "layer.exr", (0.25, 0.5, 0.75), prefix=prefix, kind=kind))
     assert read.layer == prefix[:-1]
     np.testing.assert_array_equal(read.rec709[0, 0], [0.25, 0.5, 0.75])
 
 
-def test_the_picture_without_a_name_comes_before_its_passes(tmp_path):
+def test_an_unnamed_picture_takes_precedence_over_passes(tmp_path):
     plane = np.ones((6, 8), dtype=np.float32)
     channels = {name: plane * 0.5 for name in "RGB"} | {f"rgba.{name}": plane * 0.25 for name in "RGB"}
     assert np.all(read_rgb_exr(planes_exr(tmp_path / "both.exr", channels)).rec709 == 0.5)
 
 
-def test_one_of_several_view_layers_has_to_be_named(tmp_path, capsys):
+def test_one_of_several_view_layers_must_be_named(tmp_path, capsys):
     path = parts_exr(tmp_path / "two.exr", {"Near.Combined": dict(R=1, G=1, B=1), "Far.Combined": dict(R=2, G=2, B=2)})
     line = failure(capsys, "filter", path, *QUICK, "--output", tmp_path / "out.exr")
     assert "two.exr: layers is Near.Combined, Far.Combined: name one of them" in line
@@ -117,7 +117,7 @@ def test_a_grey_picture_is_grey(tmp_path, name):
 
 
 @pytest.mark.parametrize("names", ["Z", "XYZ", "UV", ("Y", "RY", "BY"), ("Normal.X", "Normal.Y", "Normal.Z")], ids=str)
-def test_what_is_no_picture_is_an_error_that_names_the_channels(tmp_path, names):
+def test_a_file_without_a_picture_is_an_error_that_names_the_channels(tmp_path, names):
     path = planes_exr(tmp_path / "data.exr", {name: np.zeros((6, 8), dtype=np.float32) for name in names})
     with pytest.raises(ImageError, match=f"data.exr: channels is {', '.join(sorted(names))}: expected R, G and B"):
         read_rgb_exr(path)
@@ -125,14 +125,14 @@ def test_what_is_no_picture_is_an_error_that_names_the_channels(tmp_path, names)
 
 @pytest.mark.parametrize("header", [{"chromaticities": ACESCG}, {"colorInteropID": "lin_ap1_scene"},
                                     {"chromaticities": ACESCG, "colorInteropID": "lin_rec709_scene"}], ids=str)
-def test_acescg_comes_out_as_worked_out_by_hand(tmp_path, header):
+def test_acescg_is_converted_as_calculated_by_hand(tmp_path, header):
     np.testing.assert_allclose(read_rgb_exr(colours(tmp_path / "a.exr", ACESCG_COLOUR, **header)).rec709[3, 4],
                                IN_REC709, atol=1e-5)
     np.testing.assert_allclose(read_rgb_exr(colours(tmp_path / "white.exr", (1, 1, 1), **header)).rec709[3, 4],
                                (1, 1, 1), atol=2e-6)
 
 
-def test_rec2020_comes_out_by_the_itus_matrix(tmp_path):
+def test_rec2020_is_converted_by_the_itus_matrix(tmp_path):
     """ITU-R BT.2407: 1.6605 a - 0.5876 b - 0.0728 c; -0.1246 a + 1.1329 b - 0.0083 c; and
     -0.0182 a - 0.1006 b + 1.1187 c."""
     path = colours(tmp_path / "a.exr", (0.5, 0.2, 0.1), colorInteropID="lin_rec2020_scene")
@@ -141,7 +141,7 @@ def test_rec2020_comes_out_by_the_itus_matrix(tmp_path):
 
 @pytest.mark.parametrize("header", [{}, {"colorInteropID": "lin_rec709_scene"}, {"colorInteropID": "unknown"},
                                     {"chromaticities": (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)}], ids=str)
-def test_rec709_stays_to_the_last_digit(tmp_path, header):
+def test_rec709_is_unchanged(tmp_path, header):
     rgb = np.random.default_rng(1).random((6, 8, 3)).astype(np.float32)
     np.testing.assert_array_equal(read_rgb_exr(colours(tmp_path / "a.exr", rgb, **header)).rec709, rgb)
 
@@ -151,7 +151,7 @@ def test_rec709_stays_to_the_last_digit(tmp_path, header):
     ({"chromaticities": (0.3, 0.3) * 4}, "chromaticities"), ({"chromaticities": (0.0,) * 8}, "chromaticities"),
     ({"chromaticities": (float("nan"),) * 8}, "chromaticities"), ({"pixelAspectRatio": 2.0}, "pixelAspectRatio"),
     ({"displayWindow": window(9000, 9000, 4, 3)}, "dataWindow")], ids=str)
-def test_a_header_that_cannot_be_used_is_named_with_its_file(tmp_path, capsys, header, field):
+def test_an_unsupported_header_is_an_error_that_names_the_file(tmp_path, capsys, header, field):
     path = colours(tmp_path / "odd.exr", (1, 1, 1), **header)
     assert f"odd.exr: {field} is " in failure(capsys, "filter", path, *QUICK, "--output", tmp_path / "out.exr")
     assert list(tmp_path.iterdir()) == [path]
@@ -170,7 +170,7 @@ def test_the_frame_is_the_display_window(tmp_path, display, overscan, first):
     assert np.count_nonzero(read.rec709) == rgb.size
 
 
-def test_the_lens_says_how_much_overscan_it_needs(tmp_path, capsys):
+def test_the_required_overscan_is_printed(tmp_path, capsys):
     """A lens with barrel distortion: the frame without overscan, and again with the overscan that it requires."""
     def filtered(margin):
         path = colours(tmp_path / "a.exr", (1, 1, 1), (36 + 2 * margin[1], 48 + 2 * margin[0]),
@@ -179,19 +179,19 @@ def test_the_lens_says_how_much_overscan_it_needs(tmp_path, capsys):
         assert run("filter", path, *QUICK, "--output", tmp_path / "out.exr") == 0
         return to_rec709(read_exr(tmp_path / "out.exr")), capsys.readouterr().out
 
-    bare, told = filtered((0, 0))
-    words = told.split("the lens needs ")[1].split()
+    bare, printed = filtered((0, 0))
+    words = printed.split("the lens needs ")[1].split()
     assert " ".join(words[3:]).startswith("px of overscan on each side, the picture has 0 x 0")
-    whole, told = filtered((int(words[0]), int(words[2])))
-    assert "the lens needs" not in told
-    assert whole.shape == bare.shape == (36, 48, 3)
-    assert bare[0, 0, 1] < 0.5 < 0.98 < whole[0, 0, 1]
+    overscanned, printed = filtered((int(words[0]), int(words[2])))
+    assert "the lens needs" not in printed
+    assert overscanned.shape == bare.shape == (36, 48, 3)
+    assert bare[0, 0, 1] < 0.5 < 0.98 < overscanned[0, 0, 1]
 
 
 @pytest.mark.parametrize("view, pitch_um", [
     ((), 4800 / 24), (("--pitch-um", 150), 150.0),
     (("--focal-mm", 50, "--sensor-width-mm", 36), None), (("--fov", 39.597752), None)], ids=str)
-def test_the_cameras_figures_give_the_pitch(tmp_path, view, pitch_um):
+def test_the_camera_settings_give_the_pitch(tmp_path, view, pitch_um):
     """36 mm behind 50 mm is 39.597752 degrees, and 36 / 50 of the lens's focal length on its sensor."""
     lens = load_lens("edmund-54852")
     source = colours(tmp_path / "a.exr", (1, 1, 1))
@@ -215,7 +215,7 @@ def test_a_tall_picture_fits_the_sensor_by_its_height(tmp_path):
     (("--wavelengths", "390,500"), "the lens data spans 400 to"), (("--pitch-um", 0), "a.exr: pitch_um is 0.0"),
     (("--layer", "x"), "a.exr: layers is without a name: no layer is named 'x'"),
     (("--frames", "1-2"), "--frames is 1-2: ")], ids=str)
-def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, capsys, arguments, message):
+def test_bad_input_is_a_one_line_error_and_leaves_no_files(tmp_path, capsys, arguments, message):
     source = colours(tmp_path / "a.exr", (1, 1, 1))
     assert message in failure(capsys, "filter", source, *QUICK, *arguments, "--output", tmp_path / "out.exr")
     assert list(tmp_path.iterdir()) == [source]
@@ -223,7 +223,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, capsys, arguments, m
 
 @pytest.mark.parametrize("arguments", [("--wavelengths", "400:700:9"), ("--fov", "40"), ("--layer", "RGB"),
                                        ("--focal-mm", "50", "--sensor-width-mm", "36")], ids=str)
-def test_what_is_for_rgb_is_refused_with_a_spectral_file(tmp_path, capsys, arguments):
+def test_rgb_options_are_refused_for_a_spectral_file(tmp_path, capsys, arguments):
     source = tmp_path / "spectral.exr"
     write_exr(SpectralImage(np.ones((1, 6, 8)), [550], pitch_um=200.0), source)
     assert is_spectral(source)
@@ -231,7 +231,7 @@ def test_what_is_for_rgb_is_refused_with_a_spectral_file(tmp_path, capsys, argum
     assert f"spectral.exr: {arguments[0]} is " in line and "this file is spectral" in line
 
 
-def test_pixels_that_are_not_finite_go_the_way_of_spectral_ones(tmp_path, capsys):
+def test_non_finite_rgb_pixels_are_treated_like_spectral_ones(tmp_path, capsys):
     rgb = np.ones((18, 24, 3))
     rgb[5, 7, 0] = 1e6  # beyond the range of half precision
     with np.errstate(over="ignore"):
@@ -245,14 +245,14 @@ def test_pixels_that_are_not_finite_go_the_way_of_spectral_ones(tmp_path, capsys
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_no_value_that_is_not_finite_is_lost(value):
+def test_non_finite_values_survive_upsampling(value):
     radiance, _ = upsample(picture([[value, 0.5, 0.5], [1, 1, 1]]), NINE_NM, 5.0)
     assert not np.isfinite(radiance.cube[:, 0, 0]).any() and np.isfinite(radiance.cube[:, 0, 1]).all()
     with pytest.raises(ImageError, match="pixel at row 0, column 0"):
         refuse_fireflies(radiance)
 
 
-def test_no_light_is_negative_and_what_was_is_told(tmp_path, capsys):
+def test_negative_light_is_clipped_and_reported(tmp_path, capsys):
     """Green of ACEScg is outside Rec. 709: its red is -0.62."""
     radiance, negative = upsample(picture([-0.62, 1.14, -0.13]), NINE_NM, 5.0)
     assert radiance.cube.min() == 0 and negative > 0.1
@@ -270,7 +270,7 @@ def sequence(tmp_path, frames, name="shot_{:04d}.exr", **header):
         colours(tmp_path / name.format(number), rgb, **header)
 
 
-def test_a_sequence_is_its_frames_bit_for_bit(tmp_path):
+def test_a_sequence_equals_its_single_frames_bit_for_bit(tmp_path):
     sequence(tmp_path, (3, 8, 12))
     colours(tmp_path / "shot_0009.exr", (1, 1, 1), (12, 20))  # one of another size, in between
     lens = ("--lens", "edmund-54852", "--wavelengths", "450,650")
@@ -290,7 +290,7 @@ def test_a_sequence_is_its_frames_bit_for_bit(tmp_path):
     assert frames[2]["frame_px"] == [12, 20]
 
 
-def test_previews_of_a_sequence_are_exposed_as_its_first(tmp_path):
+def test_previews_of_a_sequence_share_the_exposure_of_the_first(tmp_path):
     for number, level in ((1, 0.2), (2, 0.1)):
         colours(tmp_path / f"a.{number}.exr", (level,) * 3)
     assert run("filter", tmp_path / "a.#.exr", *QUICK, "--output", tmp_path / "o.#.exr", "--preview",
@@ -301,7 +301,7 @@ def test_previews_of_a_sequence_are_exposed_as_its_first(tmp_path):
     assert shown.max() < 190  # half the light of the first, which is just below white
 
 
-def test_spectral_sequences_go_the_same_way(tmp_path):
+def test_spectral_sequences_are_filtered_too(tmp_path):
     for number in (1, 2):
         write_exr(SpectralImage(np.full((1, 12, 16), number), [550], pitch_um=200.0), tmp_path / f"r{number}.exr")
     assert run("filter", tmp_path / "r%d.exr", "--lens", "edmund-54852", "--output", tmp_path / "i#.exr") == 0
@@ -310,7 +310,7 @@ def test_spectral_sequences_go_the_same_way(tmp_path):
 
 
 @pytest.mark.parametrize("pattern", ["shot_####.exr", "shot_%04d.exr"])
-def test_frames_are_found_by_their_numbers(tmp_path, pattern):
+def test_frames_are_matched_by_number(tmp_path, pattern):
     sequence(tmp_path, (10, 9, 12345))
     for other in ("shot_7.exr", "shot_00011.exr", "shot_0011.exr.bak", "shot_0011_a.exr", "shot_.exr"):
         (tmp_path / other).touch()
@@ -321,7 +321,7 @@ def test_frames_are_found_by_their_numbers(tmp_path, pattern):
     assert [shot.frame for shot in find_shots(tmp_path / pattern, tmp_path / "o_#.exr", frames="10")] == [10]
 
 
-def test_frames_are_named_in_one_way():
+def test_frame_ranges_are_parsed():
     texts = {"7": [7], "1-4": [1, 2, 3, 4], "1-10:4": [1, 5, 9], "5, 1,3-4,4": [1, 3, 4, 5], "-2--1": [-2, -1],
              "-3-3:3": [-3, 0, 3]}
     assert {text: parse_frames(text) for text in texts} == texts
@@ -330,7 +330,7 @@ def test_frames_are_named_in_one_way():
             parse_frames(text)
 
 
-def test_a_file_of_just_that_name_is_no_sequence(tmp_path):
+def test_an_existing_file_with_a_pattern_name_is_not_a_sequence(tmp_path):
     path = colours(tmp_path / "take#3.exr", (1, 1, 1))
     shot, = find_shots(path, tmp_path / "out.exr")
     assert shot.frame is None and shot.radiance == path
@@ -352,7 +352,7 @@ def test_a_file_of_just_that_name_is_no_sequence(tmp_path):
     ("shot_####.exr", {"--frames": "some"}, "--frames is some: expected a range"),
     ("shut_####.exr", {}, "shut_####.exr: file is missing: no frame"),
     ("none/shot_####.exr", {}, "shot_####.exr: file is missing: no frame")], ids=str)
-def test_a_sequence_that_cannot_be_done_is_one_line_before_any_work(tmp_path, capsys, source, changes, message):
+def test_an_impossible_sequence_is_a_one_line_error_before_any_work(tmp_path, capsys, source, changes, message):
     sequence(tmp_path, (1, 2))
     arguments = {"--output": "o_####.exr"} | changes
     names = [str(tmp_path / value) if "." in value else value for value in arguments.values()]
@@ -362,7 +362,7 @@ def test_a_sequence_that_cannot_be_done_is_one_line_before_any_work(tmp_path, ca
     assert sorted(path.name for path in tmp_path.iterdir()) == ["shot_0001.exr", "shot_0002.exr"]
 
 
-def test_an_error_names_the_frame_and_earlier_ones_stay(tmp_path, capsys):
+def test_an_error_names_the_frame_and_leaves_earlier_ones(tmp_path, capsys):
     sequence(tmp_path, (1, 2))
     (tmp_path / "shot_0002.exr").write_bytes(b"half a file")
     line = failure(capsys, "filter", tmp_path / "shot_####.exr", *QUICK, "--output", tmp_path / "o_####.exr")
@@ -375,7 +375,7 @@ def test_wavelengths_out_of_range_are_an_input_error():
         upsample(picture([1, 1, 1]), [800.0], 5.0)
 
 
-def test_supersampling_is_passed_on_and_told(tmp_path, capsys):
+def test_supersampling_is_applied_and_reported(tmp_path, capsys):
     """The overscan that the lens needs is counted in the picture's own pixels."""
     lens, (source, out) = load_lens("edmund-54852"), (tmp_path / name for name in ("light.exr", "out.exr"))
     image = SpectralImage(np.random.default_rng(0).random((2, 40, 50)), [500, 600], pitch_um=50.0, overscan_px=(5, 5))
@@ -402,7 +402,7 @@ def filter_sequence(folder, *more, output="out_####.exr", preview="p_####.png"):
                folder / preview, *more)
 
 
-def made_again(folder, *more):
+def rewritten_frames(folder, *more):
     """Frames that are written when the command runs again."""
     paths = sorted([*folder.glob("out_*"), *folder.glob("p_*")])
     stamps = {path: path.stat().st_mtime_ns for path in paths if path.is_file()}
@@ -411,18 +411,18 @@ def made_again(folder, *more):
                    if stamps.get(path) != path.stat().st_mtime_ns})
 
 
-def test_frames_of_a_sequence_that_are_there_are_not_filtered_again(tmp_path, capsys):
+def test_existing_frames_of_a_sequence_are_not_filtered_again(tmp_path, capsys):
     sequence(tmp_path, (1, 2, 3))
-    assert made_again(tmp_path, "--frames", "1-2") == [1, 2]
+    assert rewritten_frames(tmp_path, "--frames", "1-2") == [1, 2]
     capsys.readouterr()
-    assert made_again(tmp_path, "--report", tmp_path / "report.json") == [3]
-    told = capsys.readouterr().out
-    assert told.startswith("2 of 3 frames are finished: 1 to filter\n")
-    assert "out_0003.exr" in told and "out_0002.exr" not in told
+    assert rewritten_frames(tmp_path, "--report", tmp_path / "report.json") == [3]
+    printed = capsys.readouterr().out
+    assert printed.startswith("2 of 3 frames are finished: 1 to filter\n")
+    assert "out_0003.exr" in printed and "out_0002.exr" not in printed
     frames = json.loads((tmp_path / "report.json").read_text())["frames"]
     assert [(frame["frame"], frame.get("earlier", False)) for frame in frames] == [(1, True), (2, True), (3, False)]
-    assert made_again(tmp_path) == []
-    assert made_again(tmp_path, "--overwrite") == [1, 2, 3]
+    assert rewritten_frames(tmp_path) == []
+    assert rewritten_frames(tmp_path, "--overwrite") == [1, 2, 3]
     assert run("filter", tmp_path / "shot_####.exr", *QUICK, "--output", tmp_path / "all_####.exr", "--preview",
                tmp_path / "all_####.png") == 0
     for number in (1, 2, 3):
@@ -439,37 +439,37 @@ def test_frames_of_a_sequence_that_are_there_are_not_filtered_again(tmp_path, ca
     (lambda folder: (folder / ".lensfield" / "out_0002.exr.json").write_text("[}"), [2]),
     (lambda folder: sequence(folder, [2]), [2]), (lambda folder: os.utime(folder / "shot_0002.exr", ns=(5, 5)), [2]),
     (lambda folder: sequence(folder, [1]), [1, 2])])  # the first, whose exposure the previews use
-def test_what_is_damaged_or_of_another_picture_is_filtered_again(tmp_path, damage, again):
+def test_damaged_or_outdated_frames_are_filtered_again(tmp_path, damage, again):
     sequence(tmp_path, (1, 2))
     filter_sequence(tmp_path)
     damage(tmp_path)
-    assert made_again(tmp_path) == again
+    assert rewritten_frames(tmp_path) == again
 
 
 @pytest.mark.parametrize("more", [("--section-size", 16), ("--lens", "tessar-50mm"), ("--wavelengths", "450,550"),
                                   ("--fov", 30), ("--out-of-field", "vignette")])
-def test_other_settings_filter_all_again(tmp_path, more):
+def test_changed_settings_filter_all_frames_again(tmp_path, more):
     sequence(tmp_path, (1, 2))
     filter_sequence(tmp_path)
-    assert made_again(tmp_path, *more) == [1, 2] and made_again(tmp_path, *more) == []
+    assert rewritten_frames(tmp_path, *more) == [1, 2] and rewritten_frames(tmp_path, *more) == []
 
 
-def test_a_frame_that_was_not_ended_is_not_there(tmp_path, monkeypatch):
+def test_an_unfinished_frame_is_filtered_again(tmp_path, monkeypatch):
     sequence(tmp_path, (1, 2))
     filter_sequence(tmp_path)
     monkeypatch.setattr("lensfield.engine.pictures.preview.write_png", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         filter_sequence(tmp_path, "--overwrite")
     monkeypatch.undo()
-    assert made_again(tmp_path) == [1]
+    assert rewritten_frames(tmp_path) == [1]
 
 
-def test_a_link_in_the_place_of_a_record_is_not_followed(tmp_path):
+def test_a_link_in_place_of_a_record_is_not_followed(tmp_path):
     sequence(tmp_path, (1,))
     (tmp_path / ".lensfield").mkdir()
     (tmp_path / "precious").write_text("precious")
     (tmp_path / ".lensfield" / "out_0001.exr.json").symlink_to(tmp_path / "precious")
-    assert made_again(tmp_path) == [1] and made_again(tmp_path) == []
+    assert rewritten_frames(tmp_path) == [1] and rewritten_frames(tmp_path) == []
     assert (tmp_path / "precious").read_text() == "precious"
 
 
@@ -485,9 +485,9 @@ sys.exit(main(["filter", {str(tmp_path / "shot_####.exr")!r}, *{[*map(str, QUICK
                {str(tmp_path / "out_####.exr")!r}, "--preview", {str(tmp_path / "p_####.png")!r}]))
 """
     processes = [subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) for _ in range(4)]
-    told = [process.communicate()[0] for process in processes]
+    outputs = [process.communicate()[0] for process in processes]
     assert not any(process.returncode for process in processes)
-    written = [line for text in told for line in text.splitlines() if line.endswith(".exr")]
+    written = [line for text in outputs for line in text.splitlines() if line.endswith(".exr")]
     assert sorted(written) == [str(tmp_path / f"out_{number:04d}.exr") for number in range(1, 13)]
     for number in range(1, 13):
         for name, end in (("out", "exr"), ("p", "png")):

@@ -80,30 +80,30 @@ def sharpness(cube):
     return np.abs(np.diff(rows, axis=0)).mean() + np.abs(np.diff(rows, axis=1)).mean()
 
 
-def test_a_picture_with_depth_is_blurred_by_it_and_what_is_guessed_is_told(tmp_path, capsys):
+def test_depth_blurs_a_picture_and_guesses_are_reported(tmp_path, capsys):
     source = flat_exr(tmp_path / "a.exr")
-    deep, told, report = filtered(capsys, source)
+    deep, printed, report = filtered(capsys, source)
     flat, silent, without = filtered(capsys, source, "--depth", "off")
     assert sharpness(deep) < 0.7 * sharpness(flat)
-    assert "depth: Z: " in told and "3 slabs, cut at" in told and "guessed from their surroundings" in told
+    assert "depth: Z: " in printed and "3 slabs, cut at" in printed and "guessed from their surroundings" in printed
     assert "depth:" not in silent and "guessed" not in silent
     assert report["layers"].startswith("depth from channel Z; ") and report["depth"]["nearest_mm"] == pytest.approx(900)
     assert not without["layers"] and without["depth"] is None
 
 
-def test_a_picture_without_depth_is_as_ever(tmp_path, capsys):
+def test_a_picture_without_depth_is_filtered_as_flat(tmp_path, capsys):
     bare = colours(tmp_path / "bare.exr", picture())
     with_depth = flat_exr(tmp_path / "a.exr")
-    plain, told, report = filtered(capsys, bare)
-    np.testing.assert_array_equal(plain, filtered(capsys, with_depth, "--depth", "off")[0])
-    assert "depth:" not in told and report["depth"] is None
+    flat, printed, report = filtered(capsys, bare)
+    np.testing.assert_array_equal(flat, filtered(capsys, with_depth, "--depth", "off")[0])
+    assert "depth:" not in printed and report["depth"] is None
 
 
-def test_all_in_focus_is_as_without_depth(tmp_path, capsys):
+def test_a_scene_in_focus_is_filtered_as_without_depth(tmp_path, capsys):
     source = flat_exr(tmp_path / "a.exr", np.full((ROWS, COLUMNS), 2.0))
-    through, told, report = filtered(capsys, source)
+    through, printed, report = filtered(capsys, source)
     np.testing.assert_array_equal(through, filtered(capsys, source, "--depth", "off")[0])
-    assert "depth: Z: the lens data apply to all depths of the scene" in told and not report["layers"]
+    assert "depth: Z: the lens data apply to all depths of the scene" in printed and not report["layers"]
 
 
 @pytest.mark.parametrize("write, options", [
@@ -112,13 +112,13 @@ def test_all_in_focus_is_as_without_depth(tmp_path, capsys):
     (lambda path: flat_exr(path, np.where(scene_m() > 1e9, 0, scene_m())), ()),
     (lambda path: flat_exr(path, np.where(scene_m() > 1e9, np.nan, scene_m())), ()),
     (lambda path: flat_exr(path, scene_m() * 100), ("--depth-unit", "cm"))], ids=range(7))
-def test_the_same_depth_told_otherwise_gives_the_same(tmp_path, capsys, wanted, write, options):
+def test_equivalent_depth_channels_give_the_same_result(tmp_path, capsys, wanted, write, options):
     through, _, report = filtered(capsys, write(tmp_path / "a.exr"), *options)
     np.testing.assert_allclose(through, wanted, rtol=1e-4)
     assert report["layers"]
 
 
-def test_half_precision_and_what_lies_at_its_end(tmp_path, capsys, wanted):
+def test_half_precision_depth_may_have_empty_pixels(tmp_path, capsys, wanted):
     """65504 is an empty pixel, and so is infinity.
 
     In half precision 0.9 m has an error of 0.02 %, so a few rays meet another pixel.
@@ -129,29 +129,29 @@ def test_half_precision_and_what_lies_at_its_end(tmp_path, capsys, wanted):
         assert np.abs(through - wanted).sum() < 0.005 * wanted.sum()
 
 
-def test_pixels_that_tell_no_depth_are_told(tmp_path, capsys):
-    _, told, _ = filtered(capsys, flat_exr(tmp_path / "a.exr", np.where(scene_m() > 1e9, 0, scene_m())))
-    assert "25.0% of the pixels have no depth and count as infinitely far" in told
+def test_pixels_without_depth_are_reported(tmp_path, capsys):
+    _, printed, _ = filtered(capsys, flat_exr(tmp_path / "a.exr", np.where(scene_m() > 1e9, 0, scene_m())))
+    assert "25.0% of the pixels have no depth and count as infinitely far" in printed
 
 
-def test_depth_of_another_window_lies_where_it_is(tmp_path, capsys):
+def test_depth_in_another_data_window_is_placed_correctly(tmp_path, capsys):
     """Like Beachball in OpenEXR's example images: parts have different data windows, in one display window."""
     window = (np.array([20, 15], np.int32), np.array([33, 27], np.int32))
-    whole = (np.array([0, 0], np.int32), np.array([COLUMNS - 1, ROWS - 1], np.int32))
-    parts = [OpenEXR.Part({"type": OpenEXR.scanlineimage, "displayWindow": whole, "dataWindow": window}, channels, name)
-             for name, window, channels in (("rgba_left", whole, planes(picture())),
+    frame = (np.array([0, 0], np.int32), np.array([COLUMNS - 1, ROWS - 1], np.int32))
+    parts = [OpenEXR.Part({"type": OpenEXR.scanlineimage, "displayWindow": frame, "dataWindow": window}, channels, name)
+             for name, window, channels in (("rgba_left", frame, planes(picture())),
                                             ("depth_left", window, {"Z": np.full((13, 14), 0.9, np.float32)}))]
     with OpenEXR.File(parts) as file:
         file.write(str(tmp_path / "a.exr"))
-    through, told, _ = filtered(capsys, tmp_path / "a.exr")
+    through, printed, _ = filtered(capsys, tmp_path / "a.exr")
     depth = np.full((ROWS, COLUMNS), np.inf)
     depth[15:28, 20:34] = 0.9
     wanted, _, _ = filtered(capsys, flat_exr(tmp_path / "wanted.exr", depth))
     np.testing.assert_allclose(through, wanted, rtol=1e-5)
-    assert "depth: depth_left.Z: " in told
+    assert "depth: depth_left.Z: " in printed
 
 
-def test_several_depths_have_to_be_told_apart(tmp_path, capsys):
+def test_an_ambiguous_depth_must_be_named(tmp_path, capsys):
     source = parts_exr(tmp_path / "two.exr", {"Combined": dict(R=1, G=1, B=1), "A.Depth": dict(Z=1),
                                               "B.Depth": dict(Z=2)})
     line = failure(capsys, "filter", source, *QUICK, "--output", tmp_path / "out.exr")
@@ -159,7 +159,7 @@ def test_several_depths_have_to_be_told_apart(tmp_path, capsys):
     assert run("filter", source, *QUICK, "--depth-channel", "B.Depth.Z", "--output", tmp_path / "out.exr") == 0
 
 
-def test_a_package_has_no_rays_and_says_so(tmp_path, capsys):
+def test_a_package_reports_that_it_has_no_rays(tmp_path, capsys):
     source = flat_exr(tmp_path / "a.exr")
     package = tmp_path / "lens.npz"
     write_package(load_lens(LENS[1], Rings(focus_mm=2000), quality="preview"), package)
@@ -167,12 +167,12 @@ def test_a_package_has_no_rays_and_says_so(tmp_path, capsys):
     assert "blurred by first-order circles" in capsys.readouterr().out
 
 
-def test_a_sequence_tells_once_what_changes_by_figures_alone(tmp_path, capsys):
+def test_a_sequence_prints_messages_that_differ_only_in_figures_once(tmp_path, capsys):
     for frame, near in ((1, 0.9), (2, 0.8)):
         flat_exr(tmp_path / f"shot_{frame:02d}.exr", np.where(scene_m() < 1, near, scene_m()))
     assert run("filter", tmp_path / "shot_##.exr", *QUICK, "--output", tmp_path / "out_##.exr") == 0
-    told = capsys.readouterr().out
-    assert told.count("depth: Z: ") == 1 and told.count("guessed from") == 1
+    printed = capsys.readouterr().out
+    assert printed.count("depth: Z: ") == 1 and printed.count("guessed from") == 1
 
 
 def deep_exr(path):
@@ -191,16 +191,16 @@ def deep_exr(path):
     return path
 
 
-def test_a_deep_picture_holds_what_is_hidden(tmp_path, capsys):
+def test_a_deep_picture_contains_hidden_surfaces(tmp_path, capsys):
     source = deep_exr(tmp_path / "deep.exr")
-    deep, told, report = filtered(capsys, source)
+    deep, printed, report = filtered(capsys, source)
     flat, _, _ = filtered(capsys, source, "--depth", "off")
     assert deep.shape == flat.shape == (3, ROWS, COLUMNS)
     assert sharpness(deep) < 0.7 * sharpness(flat)
-    assert "2 slabs" in told and report["layers"]
+    assert "2 slabs" in printed and report["layers"]
 
 
-def test_fireflies_beside_what_hides_are_clamped_or_named(tmp_path, capsys):
+def test_fireflies_next_to_an_occluder_are_clamped_or_named(tmp_path, capsys):
     rgb = picture()
     rgb[20, 36] = np.nan
     source = planes_exr(tmp_path / "a.exr", planes(rgb) | {"Z": scene_m()})
@@ -209,7 +209,7 @@ def test_fireflies_beside_what_hides_are_clamped_or_named(tmp_path, capsys):
     assert np.all(np.isfinite(clamped)) and report["fireflies_clamped"] == 3
 
 
-def test_layers_that_a_file_holds_are_taken_as_they_are(tmp_path, capsys):
+def test_layers_in_a_file_are_used_unchanged(tmp_path, capsys):
     """Layers cached by a render: nothing is estimated."""
     grid = PixelGrid((ROWS, COLUMNS), 36e3 / COLUMNS)
     depth_mm = np.where(scene_m() > 1e9, np.inf, 1e3 * scene_m())
@@ -220,13 +220,13 @@ def test_layers_that_a_file_holds_are_taken_as_they_are(tmp_path, capsys):
     write_exr(radiance, tmp_path / "a.exr", {"Z": scene_m()}, layered)
     output = tmp_path / "out.exr"
     assert run("filter", tmp_path / "a.exr", *LENS, "--output", output) == 0
-    told = capsys.readouterr().out
-    assert "in the layers of the file" in told and "guessed" not in told
+    printed = capsys.readouterr().out
+    assert "in the layers of the file" in printed and "guessed" not in printed
     lens = load_lens(LENS[1], Rings(focus_mm=2000), quality="preview")
     np.testing.assert_array_equal(read_exr(output).cube, simulate(layered, lens).cube)
 
 
-def test_blades_shape_what_is_out_of_focus_of_a_lens_that_is_stopped_down(tmp_path, capsys):
+def test_blades_shape_the_blur_of_a_stopped_down_lens(tmp_path, capsys):
     source, blades = flat_exr(tmp_path / "a.exr"), ("--iris-blades", "3")
     for f_number, shows in (("2", False), ("2.5", True)):
         cube, bladed = (filtered(capsys, source, "--f-number", f_number, *words)[0] for words in ((), blades))

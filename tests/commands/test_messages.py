@@ -19,28 +19,28 @@ print("afterwards")
 """
 
 
-def test_messages_are_whole_whatever_else_is_written():
-    done = subprocess.run([sys.executable, "-c", SPEAKER], capture_output=True, text=True, check=True)
-    lines = done.stdout.splitlines()
+def test_messages_are_intact_among_other_output():
+    completed = subprocess.run([sys.executable, "-c", SPEAKER], capture_output=True, text=True, check=True)
+    lines = completed.stdout.splitlines()
     assert [messages.read_message(line) for line in lines] == [
         {"fraction": 0.5, "label": "Pass 1 of 2: 450 nm \u00b5"}, None]
     assert lines[0].startswith("Blender says hello") and lines[1] == "afterwards"
-    assert "chatter amid" in done.stderr and "a library prints" in done.stderr
+    assert "chatter amid" in completed.stderr and "a library prints" in completed.stderr
 
 
 @pytest.mark.parametrize("line", ["", "Fra:1 Mem:12M", "lensfield> ", "lensfield> {broken", "lensfield> [1]", "{}"])
-def test_what_is_no_message_is_passed_over(line):
+def test_other_lines_are_ignored(line):
     assert messages.read_message(line) is None
 
 
-def test_samples_are_told_at_a_pace_and_labels_at_once(monkeypatch):
+def test_fractions_are_throttled_and_labels_sent_at_once(monkeypatch):
     now = iter([10.0, 10.01, 10.05, 10.12, 10.13])
     monkeypatch.setattr(messages.time, "monotonic", lambda: next(now))
-    told = []
-    tell = messages.paced(lambda **facts: told.append((facts["fraction"], facts["label"])))
+    sent = []
+    report = messages.paced(lambda **facts: sent.append((facts["fraction"], facts["label"])))
     for fraction, label in ((0.0, "a"), (0.1, "a"), (0.2, "a"), (0.3, "a"), (0.4, "b")):
-        tell(fraction, label)
-    assert told == [(0.0, "a"), (0.3, "a"), (0.4, "b")]
+        report(fraction, label)
+    assert sent == [(0.0, "a"), (0.3, "a"), (0.4, "b")]
 
 
 def test_durations_are_short():
@@ -48,7 +48,7 @@ def test_durations_are_short():
     assert texts == ["0 s", "89 s", "2 min", "67 min", "2.2 h"]
 
 
-def test_what_is_left_goes_by_what_was_measured():
+def test_the_time_left_follows_from_measured_progress():
     assert messages.time_left(0.25, 20.0) == "60 s left" and messages.time_left(0.25, 20.0, 10.0) == "50 s left"
     assert messages.time_left(1 / 31, 2.0) == "60 s left"  # by the first of 31 wavelengths
     assert messages.time_left(0.0, 20.0) == messages.time_left(0.02, 20.0) == ""

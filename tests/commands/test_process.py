@@ -25,12 +25,12 @@ def answers(process, line):
     """The server's response to a line, before it responds to the next one."""
     process.stdin.write(line + b"\n" + json.dumps(["--version"]).encode() + b"\n")
     process.stdin.flush()
-    found = []
-    while found[-1:] != [{"status": 0}]:
-        said = process.stdout.readline()
-        assert said, "the server has ended"
-        found += filter(None, [read_message(said.decode())])
-    return found[:-1]
+    messages = []
+    while messages[-1:] != [{"status": 0}]:
+        response = process.stdout.readline()
+        assert response, "the server has ended"
+        messages += filter(None, [read_message(response.decode())])
+    return messages[:-1]
 
 
 @pytest.mark.parametrize("line, error", [
@@ -41,7 +41,7 @@ def answers(process, line):
     (b'["' + b"n" * 3 * 10**6 + b'"]', "line is over 1048576 bytes"), (b"\xff\xfe[]", "line is not in UTF-8"),
     (b"\0", "line is ?"), (rb'["lens", "info", "a\u0000b"]', "argument 2 is a?b"),
     (rb'["lens", "info", "\ud800"]', "argument 2 is ?"), (b'["serve"]', "command is serve")])
-def test_a_malformed_line_is_answered_by_one_line_and_the_process_goes_on(server, line, error):
+def test_a_malformed_line_gets_an_error_and_the_process_continues(server, line, error):
     answer, = answers(server, line)
     assert answer["status"] == 2 and answer["error"].startswith(f"serve: {error}") and answer["error"].isprintable()
 
@@ -49,15 +49,15 @@ def test_a_malformed_line_is_answered_by_one_line_and_the_process_goes_on(server
 @pytest.mark.parametrize("arguments, status", [
     ([], 2), (["engrave"], 2), (["lens"], 2), (["lens", "info"], 2), (["filter", "--width", "nan"], 2),
     (["lens", "info", "n" * 10**5], 1), (["lens", "list", "--end-with-stdin"], 2)])
-def test_a_command_that_is_none_is_answered_by_its_status(server, arguments, status):
+def test_an_invalid_command_returns_its_status(server, arguments, status):
     assert answers(server, json.dumps(arguments).encode()) == [{"status": status}]
 
 
 @pytest.mark.skipif(os.name != "posix", reason="Windows ends a process by Ctrl-C itself")
 @pytest.mark.parametrize("count", [1, 2, 3, 10, 40, 100, 200, 300, 400, 500, 600])
-def test_ctrl_c_amid_imports_ends_the_command_without_a_traceback(count):
-    done = signalled(count)
-    assert (done.returncode, done.stdout, done.stderr) == (130, "", "\nlensfield: cancelled\n")
+def test_ctrl_c_during_imports_ends_the_command_without_a_traceback(count):
+    completed = signalled(count)
+    assert (completed.returncode, completed.stdout, completed.stderr) == (130, "", "\nlensfield: cancelled\n")
 
 
 @pytest.mark.skipif(os.name != "posix", reason="Windows ends a process by Ctrl-C itself")
@@ -71,7 +71,7 @@ def test_nothing_large_is_imported_before_signals_are_handled():
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="no SIGHUP on this system")
-def test_nohup_keeps_a_command_at_work():
-    done = signalled(1, signal_name="SIGHUP", preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN))
-    assert done.returncode == 0 and "edmund-54852" in done.stdout
+def test_nohup_keeps_a_command_running():
+    completed = signalled(1, signal_name="SIGHUP", preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN))
+    assert completed.returncode == 0 and "edmund-54852" in completed.stdout
     assert signalled(1, signal_name="SIGHUP").returncode == 130

@@ -36,28 +36,28 @@ def filtered(capfd, picture, output, *more):
     return status, "".join(capfd.readouterr())
 
 
-def test_a_picture_comes_out_the_same(picture, tmp_path, capfd):
-    status, said = filtered(capfd, picture, tmp_path / "out" / "confined.exr")
-    assert status == 0, said
+def test_a_confined_process_gives_the_same_picture(picture, tmp_path, capfd):
+    status, printed = filtered(capfd, picture, tmp_path / "out" / "confined.exr")
+    assert status == 0, printed
     assert main(["filter", str(picture), "--output", str(tmp_path / "free.exr"), *QUICK]) == 0
     assert (tmp_path / "out" / "confined.exr").read_bytes() == (tmp_path / "free.exr").read_bytes()
 
 
-def test_links_lead_nowhere_else(picture, tmp_path, capfd):
+def test_links_outside_the_folder_are_refused(picture, tmp_path, capfd):
     (tmp_path / "away").mkdir()
     away = shutil.move(picture, tmp_path / "away" / "picture.exr")
     picture.symlink_to(away)
-    status, said = filtered(capfd, picture, tmp_path / "out" / "picture.exr")
-    assert status == 1 and "picture.exr: file is outside the scene's folder and --root" in said
+    status, printed = filtered(capfd, picture, tmp_path / "out" / "picture.exr")
+    assert status == 1 and "picture.exr: file is outside the scene's folder and --root" in printed
     assert filtered(capfd, picture, tmp_path / "out" / "picture.exr", "--root", away.parent)[0] == 0
 
 
-def test_all_outputs_are_below_one_folder(picture, tmp_path, capfd):
+def test_outputs_outside_the_output_folder_are_refused(picture, tmp_path, capfd):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "link.png").symlink_to(tmp_path / "away.png")
     for preview in (tmp_path / "out" / "link.png", tmp_path / "away.png"):
-        status, said = filtered(capfd, picture, tmp_path / "out" / "picture.exr", "--preview", preview)
-        assert status == 1 and "file is outside --output: --untrusted writes files below --output only" in said
+        status, printed = filtered(capfd, picture, tmp_path / "out" / "picture.exr", "--preview", preview)
+        assert status == 1 and "file is outside --output: --untrusted writes files below --output only" in printed
     assert not (tmp_path / "away.png").exists() and not list((tmp_path / "out").glob("*.exr"))
 
 
@@ -86,11 +86,11 @@ def test_serve_confines_each_of_its_commands(picture, tmp_path):
                 pass
             statuses.append(facts["status"])
         served.stdin.close()
-        said = served.stderr.read()
-    assert statuses == [0, 0, 1, 2] and "report.json: file is outside --output" in said
+        printed = served.stderr.read()
+    assert statuses == [0, 0, 1, 2] and "report.json: file is outside --output" in printed
 
 
-def test_tasks_of_farms_are_confined_by_the_same_limits(tmp_path, monkeypatch):
+def test_farm_tasks_have_the_same_limits(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     options = _parser().parse_args(["render", "scene.blend", "--untrusted", "--root", "a", "--root", "/b",
                                     "--time-limit", "60", "--output", "out"])
@@ -98,7 +98,7 @@ def test_tasks_of_farms_are_confined_by_the_same_limits(tmp_path, monkeypatch):
                                        "--root=/b", "--time-limit=60.0"]
 
 
-def test_a_process_that_never_ends_is_ended():
+def test_a_process_that_never_ends_is_terminated():
     process = subprocess.Popen([sys.executable, "-c", "import signal; signal.pause()"],
                                start_new_session=sys.platform == "linux")
     with pytest.raises(InputError, match="^scene.blend: time limit is 0.5 s: exceeded: --time-limit$"):
@@ -107,7 +107,7 @@ def test_a_process_that_never_ends_is_ended():
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="others let the process go on until its own limits")
-def test_what_starts_it_takes_it_along(tmp_path):
+def test_killing_the_starter_ends_the_confined_process(tmp_path):
     """When killed, it leaves no running process: the pipe ends when all its holders have ended."""
     limits = tmp_path / "limits.json"
     limits.write_text(json.dumps({"read": ["/"], "write": [], "memory_bytes": 4 * 10**9, "cpu_s": 600}))
@@ -125,12 +125,12 @@ def test_what_starts_it_takes_it_along(tmp_path):
 def test_memory_is_limited(tmp_path):
     limits = tmp_path / "limits.json"
     limits.write_text(json.dumps({"read": ["/"], "write": [], "memory_bytes": 2 * 10**9, "cpu_s": 600}))
-    done = subprocess.run([sys.executable, "-I", confine.__file__, str(limits), sys.executable, "-c",
-                           "bytearray(10**9); bytearray(3 * 10**9)"], capture_output=True, text=True)
-    assert done.returncode == 1 and done.stderr.endswith("MemoryError\n")
+    completed = subprocess.run([sys.executable, "-I", confine.__file__, str(limits), sys.executable, "-c",
+                                "bytearray(10**9); bytearray(3 * 10**9)"], capture_output=True, text=True)
+    assert completed.returncode == 1 and completed.stderr.endswith("MemoryError\n")
 
 
-def test_a_system_without_landlock_says_so(picture, tmp_path, capfd, monkeypatch):
+def test_a_system_without_landlock_is_reported(picture, tmp_path, capfd, monkeypatch):
     monkeypatch.setattr(untrusted, "landlock_version", lambda: 0)
-    status, said = filtered(capfd, picture, tmp_path / "out" / "picture.exr")
-    assert status == 0 and "untrusted: this system cannot confine a process (Landlock)" in said
+    status, printed = filtered(capfd, picture, tmp_path / "out" / "picture.exr")
+    assert status == 0 and "untrusted: this system cannot confine a process (Landlock)" in printed

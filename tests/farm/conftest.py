@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from places import ROOT
-from small_farm import ASKED, LENSFIELD
+from small_farm import LENSFIELD, OPTIONS
 
 SAVE = """
 import os, sys
@@ -34,5 +34,5 @@ def blend(tmp_path_factory):
 def serial(blend):
     """The folder of the reference render, on this machine alone."""
     folder = blend.with_name("serial")
-    subprocess.run([*LENSFIELD, "render", blend, *ASKED, "--output", folder], check=True, capture_output=True)
+    subprocess.run([*LENSFIELD, "render", blend, *OPTIONS, "--output", folder], check=True, capture_output=True)
     return folder

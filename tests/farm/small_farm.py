@@ -4,7 +4,7 @@ import sys
 from pathlib import Path
 
 LENSFIELD = [sys.executable, "-c", "from lensfield.cli import console; console()"]
-ASKED = ["--frames", "1-2", "--lens-quality", "preview", "--resolution", "64x48", "--samples", "128"]
+OPTIONS = ["--frames", "1-2", "--lens-quality", "preview", "--resolution", "64x48", "--samples", "128"]
 
 
 def passes(folder):

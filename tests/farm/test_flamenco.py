@@ -58,10 +58,10 @@ sys.exit(task.wait())
 def in_node(code):
     if not shutil.which("node"):
         pytest.skip("there is no Node to run the script in")
-    told = subprocess.run(["node", "-e", f'"use strict";{MANAGER}\n{SCRIPT.read_text()}\n{code}'], capture_output=True,
+    node = subprocess.run(["node", "-e", f'"use strict";{MANAGER}\n{SCRIPT.read_text()}\n{code}'], capture_output=True,
                           text=True)
-    assert told.returncode == 0, told.stderr
-    return json.loads(told.stdout)
+    assert node.returncode == 0, node.stderr
+    return json.loads(node.stdout)
 
 
 def compiled(**settings):
@@ -88,7 +88,7 @@ def test_chunks_of_frames_become_tasks(frames, size, chunks):
                                        for part in chunk.split(","))
 
 
-def test_what_users_name_goes_through_as_it_is():
+def test_paths_with_special_characters_are_preserved():
     folder, lens, blend = "/ö d/'q\" $x `y`;", "/lenses/my lens.toml", "/-s {z}/scène.blend"
     task, = compiled(output_folder=folder, lens=lens, blendfile=blend, overwrite=True)
     parameters = task["commands"][0]["parameters"]
@@ -96,14 +96,14 @@ def test_what_users_name_goes_through_as_it_is():
     assert {f"--output={folder}", f"--lens={lens}", "--overwrite"} < set(parameters["args"])
 
 
-def test_the_command_line_takes_what_the_script_asks(capsys, tmp_path):
+def test_the_command_line_accepts_the_scripts_arguments(capsys, tmp_path):
     parameters = compiled(overwrite=True)[0]["commands"][0]["parameters"]
     assert parameters["argsBefore"][:3] == ["--background", "--command", "lensfield"]
     assert main([*parameters["argsBefore"][3:], str(tmp_path / "none.blend"), *parameters["args"]]) == 1
     assert "none.blend: scene is missing" in capsys.readouterr().err
 
 
-def test_settings_are_those_that_flamenco_knows():
+def test_job_settings_are_valid_in_flamenco():
     job_type = in_node("console.log(JSON.stringify(JOB_TYPE))")
     for setting in job_type["settings"]:
         assert setting["type"] in ("string", "int32", "float", "bool")
@@ -111,7 +111,7 @@ def test_settings_are_those_that_flamenco_knows():
         compile(setting.get("eval", "None"), setting["key"], "eval")
 
 
-def test_a_task_whose_worker_is_killed_loses_nothing_and_leaves_nothing(blend, serial, tmp_path):
+def test_a_task_with_a_killed_worker_loses_no_frames_and_leaves_no_files(blend, serial, tmp_path):
     """The worker reads Blender's output, and provides no input."""
     blender, folder = tmp_path / "blender", tmp_path / "ö out"
     blender.write_text(f"#!/bin/sh\nshift 3\nexec {shlex.join(LENSFIELD)} \"$@\"\n")
@@ -127,9 +127,9 @@ def test_a_task_whose_worker_is_killed_loses_nothing_and_leaves_nothing(blend, s
     wait_until(lambda: not renders(folder))
     assert passes(folder) or (folder / "Scene_0001_report.json").exists()  # its passes go with the frame's end
     assert not (folder / "Scene_0002_report.json").exists()
-    told = subprocess.run(command, capture_output=True, text=True)
-    assert told.returncode == 0, told.stdout
+    completed = subprocess.run(command, capture_output=True, text=True)
+    assert completed.returncode == 0, completed.stdout
     assert differing(serial, folder) == []
-    saved = [line for line in told.stdout.splitlines() if "Saved: '" in line]
+    saved = [line for line in completed.stdout.splitlines() if "Saved: '" in line]
     assert saved == [f"Saved: '{folder / f'Scene_{frame:04d}_after.png'}'" for frame in (1, 2)]
-    assert len([line for line in told.stdout.splitlines() if line.startswith("Time: ")]) == 2
+    assert len([line for line in completed.stdout.splitlines() if line.startswith("Time: ")]) == 2

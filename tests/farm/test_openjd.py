@@ -11,7 +11,7 @@ import yaml
 from kill import differing
 
 from lensfield.cli import main
-from small_farm import ASKED, LENSFIELD, passes, renders
+from small_farm import LENSFIELD, OPTIONS, passes, renders
 from waiting import wait_until
 
 pytest.importorskip("openjd.cli", reason="openjd-cli is not installed: make test-farm")
@@ -30,7 +30,7 @@ def on_path(tmp_path, monkeypatch):
 
 def write_job(blend, folder, *more):
     """A job that renders into `folder`, as arguments for openjd."""
-    assert main(["farm", "openjd", str(blend), *ASKED, "--output", str(folder), "--job", str(folder.parent / "job"),
+    assert main(["farm", "openjd", str(blend), *OPTIONS, "--output", str(folder), "--job", str(folder.parent / "job"),
                  *more]) == 0
     template, values = (folder.parent / "job" / f"{name}.yaml" for name in ("template", "parameter_values"))
     values = yaml.safe_load(values.read_text(encoding="utf-8"))["parameterValues"]
@@ -43,13 +43,13 @@ def run(*words):
 
 @pytest.mark.parametrize("more", [(), ("--frames-per-task", "3"), ("--frames", "1-10000:2,7"),
                                   ("--blender", "/opt/blender 5/blender", "--view-layer", "-é \"'")])
-def test_openjd_takes_the_job(blend, tmp_path, more):
+def test_openjd_accepts_the_job(blend, tmp_path, more):
     template, *_ = write_job(blend, tmp_path / "ö out", *more)
     checked = run("check", template)
     assert checked.returncode == 0, checked.stdout + checked.stderr
 
 
-def test_a_job_whose_worker_is_killed_loses_nothing_and_leaves_nothing(blend, serial, tmp_path, on_path):
+def test_a_job_with_a_killed_worker_loses_no_frames_and_leaves_no_files(blend, serial, tmp_path, on_path):
     folder = tmp_path / "ö out"
     job = write_job(blend, folder)
     worker = subprocess.Popen([OPENJD, "run", *job], stdout=subprocess.PIPE, stdin=subprocess.DEVNULL)
@@ -58,13 +58,13 @@ def test_a_job_whose_worker_is_killed_loses_nothing_and_leaves_nothing(blend, se
     worker.communicate()
     wait_until(lambda: not renders(folder))
     assert passes(folder) and not (folder / "Scene_0002_report.json").exists()
-    told = run("run", *job)
-    assert told.returncode == 0, told.stdout + told.stderr
-    assert "openjd_progress: " in told.stdout and "openjd_status: Frame 2, 1 of 1: " in told.stdout
+    completed = run("run", *job)
+    assert completed.returncode == 0, completed.stdout + completed.stderr
+    assert "openjd_progress: " in completed.stdout and "openjd_status: Frame 2, 1 of 1: " in completed.stdout
     assert differing(serial, folder) == []
 
 
-def test_a_job_tells_why_it_failed(blend, tmp_path, on_path):
-    told = run("run", *write_job(blend, tmp_path / "out", "--frames-per-task", "2", "--view-layer", "none such"))
-    assert told.returncode == 1
-    assert "openjd_fail: " in told.stdout and "none such" in told.stdout
+def test_a_failed_job_reports_the_reason(blend, tmp_path, on_path):
+    completed = run("run", *write_job(blend, tmp_path / "out", "--frames-per-task", "2", "--view-layer", "none such"))
+    assert completed.returncode == 1
+    assert "openjd_fail: " in completed.stdout and "none such" in completed.stdout

@@ -187,18 +187,18 @@ def _layered():
                            49.5)
 
 
-def _asked():
+def _filter_options():
     """The arguments of `lensfield filter`, with its defaults."""
     parser = argparse.ArgumentParser()
     filter.add(parser.add_subparsers())
     return parser.parse_args(["filter", "rgb.exr", "--lens", "any", "--output", "any.exr"])
 
 
-LAYERED, AS_ASKED = _layered(), _asked()
+LAYERED, FILTER_OPTIONS = _layered(), _filter_options()
 
 
 def read_as_filter_does(path):
-    return read_picture(path, AS_ASKED, LENS).depth
+    return read_picture(path, FILTER_OPTIONS, LENS).depth
 
 
 # Spectra

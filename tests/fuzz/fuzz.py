@@ -39,7 +39,7 @@ MEMORY_BYTES, MORE_UNITS, BASELINE_UNITS = 600 * 2**20, 700, 20_000
 UNIT_OF_WORK = "[[surfaces]]\nthickness_mm = 1.5\n" * 300  # in pure Python, like most of the readers
 HANG = "hang: "
 LONGEST_MESSAGE = 900
-READ, TOLD = "read", "told"
+READ, REJECTED = "read", "rejected"
 
 
 def main():
@@ -47,7 +47,7 @@ def main():
     parser.add_argument("--count", type=int, default=1500, help="mutants of each format (default %(default)s)")
     parser.add_argument("--seed", type=int, default=int(os.environ.get("SEED", 0)))
     parser.add_argument("--only", help="formats with this in their names")
-    parser.add_argument("--number", type=int, help="this mutant alone, whose outcome is told at length")
+    parser.add_argument("--number", type=int, help="this mutant alone, whose outcome is printed in full")
     options = parser.parse_args()
     iset_mat._run_child = forked_child  # starting a new interpreter for each file would take twenty times as long
     print(f"seed {options.seed}, {options.count} mutants of each format", flush=True)
@@ -72,14 +72,15 @@ def fuzzed(name, kind, options, folder):
         what = outcome.partition(": ")[0]
         outcomes[what] += 1
         longest_s, most_bytes = max(longest_s, taken_s), max(most_bytes, taken_bytes)
-        if what not in (READ, TOLD):
+        if what not in (READ, REJECTED):
             findings.append(f"  number {number}: {outcome}")
         elif options.number is not None:
             print(outcome)
-    found = sum(outcomes.values()) - outcomes[READ] - outcomes[TOLD]
-    print(f"{name:<26} {outcomes[READ]:5} read {outcomes[TOLD]:5} told {found:3} findings   at most {longest_s:5.2f} s "
-          f"and {most_bytes / 2**20:3.0f} MB   ({time.monotonic() - begun:.0f} s)", *findings, sep="\n", flush=True)
-    return found
+    count = sum(outcomes.values()) - outcomes[READ] - outcomes[REJECTED]
+    print(f"{name:<26} {outcomes[READ]:5} read {outcomes[REJECTED]:5} rejected {count:3} findings   "
+          f"at most {longest_s:5.2f} s and {most_bytes / 2**20:3.0f} MB   ({time.monotonic() - begun:.0f} s)",
+          *findings, sep="\n", flush=True)
+    return count
 
 
 def mutant(kind, sound, random):
@@ -128,14 +129,14 @@ def read_apart(kind, files, folder, limit_s):
         work_in_child(kind, folder / entry, limit_s, send)
     os.close(send)
     with open(receive, "rb") as stream:
-        told = stream.read().decode("utf-8", "replace")
+        report = stream.read().decode("utf-8", "replace")
     _, status, usage = os.wait4(child, 0)
     taken_s = usage.ru_utime + usage.ru_stime
     if os.WIFSIGNALED(status):
         number = os.WTERMSIG(status)
         hung = number in (signal.SIGPROF, signal.SIGALRM, signal.SIGXCPU)
         return f"{HANG}over {limit_s:.1f} s" if hung else f"signal: {signal.Signals(number).name}", taken_s, 0
-    taken, _, outcome = told.partition(" ")
+    taken, _, outcome = report.partition(" ")
     if taken_s > limit_s:  # including a reader's own children
         outcome = f"{HANG}{taken_s:.1f} s"
     return outcome, taken_s, int(taken)
@@ -171,7 +172,7 @@ def outcome_of(kind, path):
     except InputError as error:
         text = str(error)
         sound = text.isprintable() and len(text) <= LONGEST_MESSAGE
-        return f"{TOLD}: {text}" if sound else f"message: {len(text)} characters: {text[:300]!r}"
+        return f"{REJECTED}: {text}" if sound else f"message: {len(text)} characters: {text[:300]!r}"
     except BaseException as error:
         where = traceback.extract_tb(error.__traceback__)[-5:]
         steps = " < ".join(f"{Path(step.filename).name}:{step.lineno}" for step in reversed(where))

@@ -67,10 +67,10 @@ def _word_replaced(data, random):
 
 
 def _number_replaced(data, random):
-    found = list(NUMBER.finditer(data))
-    if not found:
+    matches = list(NUMBER.finditer(data))
+    if not matches:
         return data
-    match = found[random.integers(len(found))]
+    match = matches[random.integers(len(matches))]
     return data[:match.start()] + _pick(SHARDS[:10] + [b"1e5", b"100000", b"1e9", b"-3"], random) + data[match.end():]
 
 
@@ -153,9 +153,9 @@ def _array_hurt(data, random):
     if kind == 0:
         members[name] = damaged(members[name], random)
     elif kind == 1:
-        told = {"descr": _pick(["<f8", "<u2", "|O", "<U9", "<c16", "|V8", [("a", "<f8")], "<M8[s]", "|b1"], random),
-                "fortran_order": bool(random.integers(2)), "shape": _pick([*SHAPES, array.shape[::-1]], random)}
-        text = _pick([repr(told), "(" * 5000, "{" * 5000, "-" * 5000 + "1", "{'descr': '<f8'}"], random).encode()
+        header = {"descr": _pick(["<f8", "<u2", "|O", "<U9", "<c16", "|V8", [("a", "<f8")], "<M8[s]", "|b1"], random),
+                  "fortran_order": bool(random.integers(2)), "shape": _pick([*SHAPES, array.shape[::-1]], random)}
+        text = _pick([repr(header), "(" * 5000, "{" * 5000, "-" * 5000 + "1", "{'descr': '<f8'}"], random).encode()
         members[name] = b"\x93NUMPY\1\0" + struct.pack("<H", len(text) % 2**16) + text + members[name][128:]
     else:
         members[name] = npy(_other_array(array, random))

@@ -12,12 +12,12 @@ PROGRAM = ROOT / "tests/fuzz/fuzz.py"
 
 
 def said(*options):
-    done = subprocess.run([sys.executable, PROGRAM, "--seed", str(SEED), *options], capture_output=True, text=True)
-    return done.returncode, done.stdout + done.stderr
+    run = subprocess.run([sys.executable, PROGRAM, "--seed", str(SEED), *options], capture_output=True, text=True)
+    return run.returncode, run.stdout + run.stderr
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems neither fork nor limit so")
-def test_damaged_files_are_read_or_told():
+def test_damaged_files_are_read_or_rejected():
     status, text = said("--count", "12")
     assert status == 0, text
     kinds = [line for line in text.splitlines() if " read " in line]
@@ -25,9 +25,9 @@ def test_damaged_files_are_read_or_told():
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems neither fork nor limit so")
-def test_small_files_that_mean_to_cost_much_do_not():
-    done = subprocess.run([sys.executable, ROOT / "tests/fuzz/bombs.py"], capture_output=True, text=True)
-    assert done.returncode == 0, done.stdout + done.stderr
+def test_small_hostile_files_stay_cheap():
+    run = subprocess.run([sys.executable, ROOT / "tests/fuzz/bombs.py"], capture_output=True, text=True)
+    assert run.returncode == 0, run.stdout + run.stderr
 
 
 FAULTS = {"an error of Python's": ("raise KeyError('x')", "KeyError"),
@@ -39,7 +39,7 @@ FAULTS = {"an error of Python's": ("raise KeyError('x')", "KeyError"),
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems neither fork nor limit so")
 @pytest.mark.parametrize("statement, outcome", FAULTS.values(), ids=FAULTS)
-def test_each_fault_is_a_finding(statement, outcome):
+def test_each_fault_is_reported_as_a_finding(statement, outcome):
     """The reader of wavelengths is replaced by this statement for all damaged files.
 
     The seed is fixed: with some seeds, damage turns one sound file into the other.
@@ -63,5 +63,5 @@ def test_each_fault_is_a_finding(statement, outcome):
 
         every, fuzz.formats, fuzz.MORE_UNITS = fuzz.formats, formats, 100
         fuzz.main()"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert done.returncode == 1 and outcome in done.stdout and "3 findings" in done.stdout, done.stdout + done.stderr
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert run.returncode == 1 and outcome in run.stdout and "3 findings" in run.stdout, run.stdout + run.stderr

@@ -102,28 +102,28 @@ def main(kills=50, seed=1):
 
     addon.register()
     chance, work = random.Random(seed), Path(tempfile.mkdtemp(prefix="lensfield-kills-"))
-    blend, whole, folder = work / "scene.blend", work / "whole", work / "killed"
+    blend, reference, folder = work / "scene.blend", work / "whole", work / "killed"
     save_scene(blend, SAMPLES)
     undisturbed(blend, folder)  # bakes the lens
     shutil.rmtree(folder)
-    opening_s, rendering_s = undisturbed(blend, whole)
+    opening_s, rendering_s = undisturbed(blend, reference)
     print(f"undisturbed: {opening_s:.1f} s until the first frame begins, {rendering_s:.1f} s to render it", flush=True)
-    done = ended = 0
-    while done < kills or not ended:
+    count = ended = 0
+    while count < kills or not ended:
         begun = chance.random() >= EARLY
-        seconds = chance.random() * (rendering_s if begun else opening_s) if done < kills else LAST_RESORT_S
+        seconds = chance.random() * (rendering_s if begun else opening_s) if count < kills else LAST_RESORT_S
         if killed(start(blend, folder), begun, seconds):
-            done += 1
-            kept = len(list(folder.glob(".lensfield/*_passes/*/[!.]*.exr")))
-            print(f"{done}: after {seconds:.1f} s{' of rendering' * begun}, {kept} passes kept", flush=True)
+            count += 1
+            pass_count = len(list(folder.glob(".lensfield/*_passes/*/[!.]*.exr")))
+            print(f"{count}: after {seconds:.1f} s{' of rendering' * begun}, {pass_count} passes kept", flush=True)
             continue
         ended += 1
-        if found := differing(whole, folder):
-            print(f"other than undisturbed, with seed {seed}: {', '.join(found)}; see {work}")
+        if names := differing(reference, folder):
+            print(f"other than undisturbed, with seed {seed}: {', '.join(names)}; see {work}")
             return 1
         shutil.rmtree(folder)
     shutil.rmtree(work)
-    print(f"{done} kills, {ended} renders that came to their end: each byte as undisturbed, and nothing else left")
+    print(f"{count} kills, {ended} renders that came to their end: each byte as undisturbed, and nothing else left")
     return 0
 
 

@@ -71,7 +71,7 @@ def renders(count):
                                       output_folder=folder)
             return os.getpid()
 
-        return told("renders", count, render)
+        return is_stable("renders", count, render)
 
 
 def previews(count):
@@ -90,7 +90,7 @@ def previews(count):
             raise SystemExit(f"preview {number}: {session}")
         return session.preview.child._process.pid
 
-    sound = told("previews", count, show, ("the process that renders", "Blender"))
+    sound = is_stable("previews", count, show, ("the process that renders", "Blender"))
     preview.end()
     return sound
 
@@ -101,20 +101,20 @@ def registers(count):
         addon.register()
         return os.getpid()
 
-    return told("register, unregister", count, register)
+    return is_stable("register, unregister", count, register)
 
 
-def told(what, count, run, names=("Blender",)):
+def is_stable(what, count, run, names=("Blender",)):
     """Run it so often, and print the memory and the remains; returns whether memory is constant and nothing remains."""
     megabytes = {name: [] for name in names}
     with quiet(1):  # suppresses Blender's messages about saved copies
         for number in range(count):
             process = run(number)
             if number == count // 5:
-                before = beside(process)
+                before = remains(process)
             for name, held in megabytes.items():
                 held.append(resident_mb(os.getpid() if name == "Blender" else process))
-    left = {name: after - before[name] for name, after in beside(process).items() if after > before[name]}
+    left = {name: after - before[name] for name, after in remains(process).items() if after > before[name]}
     sound = not left
     for name, held in megabytes.items():
         fifth = max(1, count // 5)
@@ -130,12 +130,12 @@ def resident_mb(process):
     return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
-def beside(process):
+def remains(process):
     """Counts of possible remains of this process, and of the one that renders."""
-    own = {os.getpid(), process}
+    processes = {os.getpid(), process}
     handlers = (getattr(bpy.app.handlers, name) for name in dir(bpy.app.handlers) if not name.startswith("_"))
-    return {"threads": sum(len(os.listdir(f"/proc/{each}/task")) for each in own),
-            "open files": sum(len(os.listdir(f"/proc/{each}/fd")) for each in own),
+    return {"threads": sum(len(os.listdir(f"/proc/{each}/task")) for each in processes),
+            "open files": sum(len(os.listdir(f"/proc/{each}/fd")) for each in processes),
             "processes": len(Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()),
             "data blocks": sum(len(data) for data in vars_of_data()),
             "handlers": sum(len(each) for each in handlers if isinstance(each, list)),

@@ -24,19 +24,19 @@ def main(processes=4, frames=8):
     kill.save_scene(blend, SAMPLES)
     *others, last = (kill.start(blend, shared, spec) for _ in range(processes))
     was_at_work = kill.killed(last, True, random.random())
-    told = [process.communicate() for process in others]
+    outputs = [process.communicate() for process in others]
     if any(process.returncode for process in others):
-        print(*(errors for _, errors in told), sep="\n")
+        print(*(errors for _, errors in outputs), sep="\n")
         return 1
     print(f"one of {processes} processes was killed {'at work' if was_at_work else 'when it had ended'}; the others "
-          f"rendered {', '.join(str(out.count('lens_image.exr')) for out, _ in told)} of {frames} frames")
+          f"rendered {', '.join(str(out.count('lens_image.exr')) for out, _ in outputs)} of {frames} frames")
     kill.undisturbed(blend, shared, spec)  # renders any remaining frames
     kill.undisturbed(blend, alone, spec)
-    found = kill.differing(alone, shared)
-    print(f"other than of one process: {', '.join(found)}; see {work}" if found else "each byte as of one process")
-    if not found:
+    names = kill.differing(alone, shared)
+    print(f"other than of one process: {', '.join(names)}; see {work}" if names else "each byte as of one process")
+    if not names:
         shutil.rmtree(work)
-    return bool(found)
+    return bool(names)
 
 
 if __name__ == "__main__":

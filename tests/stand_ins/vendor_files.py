@@ -64,8 +64,8 @@ def huygens_listing(values, pitch_um, wavelength_nm, y_mm, comma=False, leave_ou
         "Strehl ratio: 0.486", "Pupil grid size: 32 by 32", f"Image grid size: {n} by {n}",
         f"Center point is: {n // 2 + 1}, {n // 2 + 1}", f"Center coordinates: 0.00000000E+000, {y_mm:.8E}{units}",
         "Values are relative intensity.", ""]
-    kept = [line for line in header if not any(line.startswith(start) for start in leave_out)]
-    text = "\n".join(kept) + "\n"
+    lines = [line for line in header if not any(line.startswith(start) for start in leave_out)]
+    text = "\n".join(lines) + "\n"
     return (_with_commas(text) if comma else text) + matrix_text(values[::-1], comma=comma)
 
 
@@ -158,8 +158,8 @@ def code_v_bundle(folder, lens, base="rtLENS"):
     return folder / f"{base}_ISETPARMS.TXT"
 
 
-def export_folder(folder, lens, program="zemax", image_side="+y", told=(), **changes):
-    """An export folder with plain tables; returns its lens.toml. `told` replaces fields, and None omits them."""
+def export_folder(folder, lens, program="zemax", image_side="+y", overrides=(), **changes):
+    """An export folder with plain tables; returns its lens.toml. `overrides` replaces fields; None omits them."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "real_height.txt").write_text(table_text((-1 if image_side == "-y" else 1) * lens.real_height_mm))
     (folder / "ri.txt").write_text(table_text(lens.relative_illumination))
@@ -179,7 +179,7 @@ def export_folder(folder, lens, program="zemax", image_side="+y", told=(), **cha
               **{field: getattr(lens, field) for field in (
                   "efl_mm", "magnification", "f_number_effective", "entrance_pupil_mm", "object_distance_mm",
                   "reference_wavelength_nm")}}
-    write_description(folder / "lens.toml", fields | changes | dict(told))
+    write_description(folder / "lens.toml", fields | changes | dict(overrides))
     return folder / "lens.toml"
 
 

@@ -24,7 +24,7 @@ SAMPLE = Path(__file__).resolve().parents[2] / "sample_scenes" / "evening_chess.
 DRAW_S = 0.4  # for Blender to draw changes
 
 
-def tell(wrong="", status=0, gone=()):
+def report(wrong="", status=0, gone=()):
     """Report to the driver: the error, Blender's exit status, and the processes and paths that must disappear."""
     (FOLDER / "told.json").write_text(json.dumps({"wrong": wrong, "status": status, "gone": gone}), encoding="utf-8")
 
@@ -50,8 +50,8 @@ def region(area, kind="WINDOW"):
 @contextmanager
 def over(area_type="VIEW_3D", window=None):
     """Operators are called in this area's context, as from a button in it."""
-    there = area(area_type, window)
-    with bpy.context.temp_override(window=window or main_window(), area=there, region=region(there)):
+    place = area(area_type, window)
+    with bpy.context.temp_override(window=window or main_window(), area=place, region=region(place)):
         yield
 
 
@@ -103,10 +103,10 @@ def open_sample(samples=4, percentage=25, **settings):
 
 def show_tab():
     """Open the Lensfield tab of the sidebar."""
-    there = area("VIEW_3D")
-    there.spaces.active.show_region_ui = True
+    viewport = area("VIEW_3D")
+    viewport.spaces.active.show_region_ui = True
     yield DRAW_S
-    region(there, "UI").active_panel_category = "Lensfield"
+    region(viewport, "UI").active_panel_category = "Lensfield"
 
 
 def choose_petzval():

@@ -25,7 +25,7 @@ def take(step):
         line = traceback.extract_tb(error.__traceback__)[-1]
         wrong = f"{Path(line.filename).name}:{line.lineno}: {line.line if isinstance(error, AssertionError) else error}"
     hands.shoot("failed" if wrong else "end")
-    hands.tell(wrong, gone=gone)
+    hands.report(wrong, gone=gone)
     bpy.ops.wm.quit_blender()
     return None
 

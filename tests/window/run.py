@@ -63,27 +63,27 @@ def take(step, blender, package, folder, environment):
         os.killpg(process.pid, signal.SIGKILL)
         return f"not done within {STEP_S} s"
     try:
-        told = json.loads((place / "told.json").read_text(encoding="utf-8"))
+        report = json.loads((place / "told.json").read_text(encoding="utf-8"))
     except FileNotFoundError:
         return f"Blender ended by itself, with exit status {status}"
-    if told["wrong"]:
-        return told["wrong"]
-    if status != told["status"]:
-        return f"Blender's exit status is {status}, not {told['status']}"
-    return left_over(told["gone"])
+    if report["wrong"]:
+        return report["wrong"]
+    if status != report["status"]:
+        return f"Blender's exit status is {status}, not {report['status']}"
+    return left_over(report["gone"])
 
 
 def left_over(things):
     """Names the processes and files that should disappear but do not; empty if all disappear."""
     deadline = time.monotonic() + LAST_RESORT_S
-    while left := [thing for thing in things if there_is(thing)]:
+    while left := [thing for thing in things if exists(thing)]:
         if time.monotonic() > deadline:
             return f"still there: {', '.join(map(str, left))}"
         time.sleep(0.05)
     return ""
 
 
-def there_is(thing):
+def exists(thing):
     """Whether this file exists, or a process with this id is running."""
     if isinstance(thing, str):
         return os.path.exists(thing)

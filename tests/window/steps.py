@@ -39,11 +39,11 @@ from hands import (
     render_in_blender,
     render_window,
     rendering,
+    report,
     shoot,
     show_tab,
     start,
     start_endless,
-    tell,
     trust,
     turn,
     until,
@@ -214,13 +214,13 @@ def animation():
     bpy.ops.wm.save_mainfile()
     yield from start("render_animation")
     yield from until(lens_image_path().is_file)
-    made_s = lens_image_path().stat().st_mtime
+    rendered_s = lens_image_path().stat().st_mtime
     shoot("amid")
     yield from press("ESC", area("PROPERTIES"))
     assert not rendering()
     yield from render("render_animation")
     shoot("rendered")
-    assert lens_image_path().stat().st_mtime == made_s
+    assert lens_image_path().stat().st_mtime == rendered_s
     pictures = []
     for frame in (1, 2, 3):
         scene.frame_set(frame)
@@ -283,18 +283,18 @@ def other_windows():
         bpy.ops.wm.window_new()
     yield 1
     window = newest_window()
-    there = max(window.screen.areas, key=lambda area: area.width * area.height)
-    yield from press("Z", there, window, ctrl=True)
+    place = max(window.screen.areas, key=lambda area: area.width * area.height)
+    yield from press("Z", place, window, ctrl=True)
     assert bpy.context.scene.name == "Scene" and rendering()
-    yield from press("S", there, window, ctrl=True)
+    yield from press("S", place, window, ctrl=True)
     yield from until(lambda: not bpy.data.is_dirty)
     assert rendering()
     shoot("second")
     close_other_windows()
     window = yield from render_window()
-    there = area("IMAGE_EDITOR", window)
-    yield from press("S", there, window, ctrl=True)
-    yield from press("Z", there, window, ctrl=True)  # ends Blender's own render
+    place = area("IMAGE_EDITOR", window)
+    yield from press("S", place, window, ctrl=True)
+    yield from press("Z", place, window, ctrl=True)  # ends Blender's own render
     assert rendering() and bpy.context.scene.render.engine == "CYCLES"
     shoot("render-window")
     close_other_windows()
@@ -307,12 +307,12 @@ def other_windows():
 def compositor():
     """The lens image if it is valid, otherwise the plain render; after its removal, everything is restored."""
     yield from open_sample()
-    plain = yield from render_in_blender()
+    blender_image = yield from render_in_blender()
     lens_image = yield from render()
     scene = bpy.context.scene
     assert alike((yield from render_in_blender()), lens_image)
     scene.frame_set(2)
-    assert alike((yield from render_in_blender()), plain) and "frame 2 has no lens image" in node_label()
+    assert alike((yield from render_in_blender()), blender_image) and "frame 2 has no lens image" in node_label()
     scene.frame_set(1)
     assert alike((yield from render_in_blender()), lens_image)
     bpy.data.objects["Vase"].location.x += 0.01
@@ -320,13 +320,13 @@ def compositor():
     yield 1
     shoot("changed")
     changed = yield from render_in_blender()
-    assert not alike(changed, lens_image) and not alike(changed, plain) and "has changed since" in node_label()
+    assert not alike(changed, lens_image) and not alike(changed, blender_image) and "has changed since" in node_label()
     yield from press("Z", region(area("VIEW_3D")), across=0.3, ctrl=True)
     yield 1
     assert alike((yield from render_in_blender()), lens_image)
     with over():
         assert bpy.ops.lensfield.remove_from_compositor() == {"FINISHED"}
-    assert alike((yield from render_in_blender()), plain) and node_label() is None
+    assert alike((yield from render_in_blender()), blender_image) and node_label() is None
 
 
 def what_counts():
@@ -387,7 +387,7 @@ def stale():
 def moved_folder():
     """Saved, moved and opened at the new place, the lens image still works; its missing file is reported."""
     yield from open_sample()
-    plain = yield from render_in_blender()
+    blender_image = yield from render_in_blender()
     lens_image = yield from render()
     bpy.ops.wm.save_mainfile()
     moved = FOLDER / "moved"
@@ -402,7 +402,7 @@ def moved_folder():
     yield 1
     yield from show_tab()
     shoot("deleted")
-    assert alike((yield from render_in_blender()), plain) and "is missing" in node_label()
+    assert alike((yield from render_in_blender()), blender_image) and "is missing" in node_label()
 
 
 def stranger():
@@ -414,9 +414,9 @@ def stranger():
     settings.lens, settings.lens_file = "FILE", str(FOLDER / "l.npz")
     bpy.ops.wm.save_mainfile()
     trust().forget_trust()
-    asked, shown = drawn("draw_named_files"), drawn("_draw_lens")
+    prompted, shown = drawn("draw_named_files"), drawn("_draw_lens")
     bpy.ops.wm.revert_mainfile()
-    yield from until(lambda: asked == {"PROPERTIES", "VIEW_3D"})
+    yield from until(lambda: prompted == {"PROPERTIES", "VIEW_3D"})
     yield DRAW_S
     shoot("asked")
     assert not shown
@@ -439,7 +439,7 @@ def killed():
     """Blender is killed during a render, which then ends by itself."""
     yield from start_endless()
     (FOLDER.parent / "left").write_text(rendering().folder.name)
-    tell(status=-signal.SIGKILL, gone=[child()])
+    report(status=-signal.SIGKILL, gone=[child()])
     os.kill(os.getpid(), signal.SIGKILL)
 
 

@@ -20,15 +20,15 @@ def capture_radius(capture: PixelGrid, lens: Lens) -> CaptureRadius | None:
     -------
     callable (paraxial_height_mm) -> (radius_mm, slope), or None
     """
-    own_mm = lens.capture_focal_length_mm
-    scale = (capture.focal_mm or own_mm) / own_mm
+    lens_focal_mm = lens.capture_focal_length_mm
+    scale = (capture.focal_mm or lens_focal_mm) / lens_focal_mm
 
     def on_plane(paraxial_height_mm):
         return scale * paraxial_height_mm, np.full_like(paraxial_height_mm, scale)
 
     def on_fisheye(paraxial_height_mm):
-        tangent = paraxial_height_mm / own_mm
-        return scale * own_mm * np.arctan(tangent), scale / (1 + tangent**2)
+        tangent = paraxial_height_mm / lens_focal_mm
+        return scale * lens_focal_mm * np.arctan(tangent), scale / (1 + tangent**2)
 
     if capture.projection != PLANE:
         return on_fisheye

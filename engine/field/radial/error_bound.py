@@ -84,9 +84,9 @@ def azimuth_error(wavelengths: list[AzimuthErrors], azimuths: int, enough: float
         then[:, np.linspace(0, steps.size - 1, EVEN_STEPS).round().astype(int)] = True
         worst = 0.0
         for look in (first, then & ~first):
-            found = pool.map(lambda each, looked: MISSED * each.at(azimuths, steps[looked]) + each.trimmed,
-                             wavelengths, look)
-            worst = max(worst, max(errors.max(initial=0.0) for errors in found))
+            results = pool.map(lambda each, looked: MISSED * each.at(azimuths, steps[looked]) + each.trimmed,
+                               wavelengths, look)
+            worst = max(worst, max(errors.max(initial=0.0) for errors in results))
             if worst > enough:
                 break
     return float(worst)

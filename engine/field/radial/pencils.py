@@ -182,11 +182,11 @@ def pencils(rays: RayTable, wavelengths_nm: np.ndarray, sensor: PixelGrid, focal
     last_px = min(sensor.farthest_px, rays.last_height_mm / pitch_mm)
     heights_mm = np.linspace(0, last_px * pitch_mm, HEIGHTS)
     stop = reach * stop_places(count, sequence)
-    found = rays.near(wavelengths_nm).bundles(heights_mm, -stop)  # the image on the sensor is inverted
-    tangent = found.direction[:2] / np.maximum(found.direction[2], LEAST_COSINE)
+    bundles = rays.near(wavelengths_nm).bundles(heights_mm, -stop)  # the image on the sensor is inverted
+    tangent = bundles.direction[:2] / np.maximum(bundles.direction[2], LEAST_COSINE)
     to_px = focal_mm / pitch_mm
-    margin = np.minimum(found.surface_margin, reach**2 - np.sum(stop**2, axis=0))
-    quantities = stop, tangent[::-1] * to_px, -found.entrance_mm[::-1] * to_px, margin, found.weight
+    margin = np.minimum(bundles.surface_margin, reach**2 - np.sum(stop**2, axis=0))
+    quantities = stop, tangent[::-1] * to_px, -bundles.entrance_mm[::-1] * to_px, margin, bundles.weight
     return Pencils(last_px, *(each.astype(np.float32) for each in quantities))
 
 

@@ -67,10 +67,10 @@ class PsfBank:
         sample_size_px = optics.psf_pitch_um / steps / pixel_pitch_um
         offset_px = (np.arange((window - 1) * steps + 1) - window // 2 * steps) * sample_size_px
         v_px, u_px = np.repeat(offset_px, offset_px.size), np.tile(offset_px, offset_px.size)
-        kept = refined.any(axis=0)
-        samples = np.compress(kept, refined, axis=1)
+        used = refined.any(axis=0)
+        samples = np.compress(used, refined, axis=1)
         samples /= samples.sum(axis=1, keepdims=True)
-        return cls(optics.heights_mm, samples, np.zeros(len(samples)), v_px[kept], u_px[kept], sample_size_px,
+        return cls(optics.heights_mm, samples, np.zeros(len(samples)), v_px[used], u_px[used], sample_size_px,
                    psf_radius_px(optics, pixel_pitch_um), symmetric)
 
     def trimmed(self, energy: float, radius_px: int | None = None) -> "PsfBank":
@@ -91,12 +91,12 @@ class PsfBank:
             radius_px = self.radius_within_px(support_px)
         support_px = np.minimum(support_px, radius_px - 0.5 - half_px)
         within = self._distance_px <= support_px[:, None] * (1 + 1e-9)
-        kept = within.any(axis=0)
-        samples = np.compress(kept, self.samples, axis=1)
-        samples *= np.compress(kept, within, axis=1)
+        used = within.any(axis=0)
+        samples = np.compress(used, self.samples, axis=1)
+        samples *= np.compress(used, within, axis=1)
         light = samples.sum(axis=1)
-        return replace(self, samples=samples / light[:, None], lost=1 - light * (1 - self.lost), v_px=self.v_px[kept],
-                       u_px=self.u_px[kept], radius_px=radius_px)
+        return replace(self, samples=samples / light[:, None], lost=1 - light * (1 - self.lost), v_px=self.v_px[used],
+                       u_px=self.u_px[used], radius_px=radius_px)
 
     def halo(self, energy: float, wider_energy: float, radius_px: int) -> "PsfBank":
         """PSFs trimmed to a wider energy minus PSFs trimmed to this energy: light around these, and the same amount

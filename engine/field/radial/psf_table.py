@@ -53,7 +53,7 @@ class TurnedPsfs:
     @property
     def azimuths(self) -> int:
         """Number of azimuths of a table: clockwise from 0, both ends included."""
-        return sum(self.psfs[0, own, 0].size for own, _ in self._parts)
+        return sum(self.psfs[0, turned, 0].size for turned, _ in self._parts)
 
     @cached_property
     def _parts(self):
@@ -62,9 +62,9 @@ class TurnedPsfs:
         quarter = [(slice(None), square)]
         if self.mirrored:  # about the diagonal
             quarter.append((slice(-2, 0, -1), square.T))
-        parts = [(own, np.rot90(pixels, -turn)) for turn in range(self.quarter_turns) for own, pixels in quarter]
+        parts = [(turned, np.rot90(pixels, -turn)) for turn in range(self.quarter_turns) for turned, pixels in quarter]
         parts.append((slice(1), np.rot90(square, -self.quarter_turns)))
-        return [(own, np.append(pixels, square.size)) for own, pixels in parts]
+        return [(turned, np.append(pixels, square.size)) for turned, pixels in parts]
 
     def table(self) -> "PsfTable":
         """The table in plain arrays."""
@@ -78,8 +78,8 @@ class TurnedPsfs:
         """The same PSFs with all azimuths of a quarter turn."""
         if not self.mirrored:
             return self
-        own, lookup_index = self._parts[1]
-        psfs = np.concatenate([self.psfs, self.psfs[:, own][..., lookup_index]], axis=1)
+        turned, lookup_index = self._parts[1]
+        psfs = np.concatenate([self.psfs, self.psfs[:, turned][..., lookup_index]], axis=1)
         return replace(self, psfs=psfs, mirrored=False)
 
     def taps(self, heights: slice, pixels: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
@@ -88,17 +88,17 @@ class TurnedPsfs:
         if out is None:
             out = np.empty((len(psfs), self.azimuths, pixels.size), psfs.dtype)
         start = 0
-        for own, lookup_index in self._parts:
-            stop, found = start + psfs[0, own, 0].size, lookup_index[pixels]
-            for of_height, into in zip(psfs[:, own], out[:, start:stop], strict=True):
-                np.take(of_height, found, axis=1, out=into, mode="clip")  # the mode that needs no copy
+        for turned, lookup_index in self._parts:
+            stop, indices = start + psfs[0, turned, 0].size, lookup_index[pixels]
+            for of_height, into in zip(psfs[:, turned], out[:, start:stop], strict=True):
+                np.take(of_height, indices, axis=1, out=into, mode="clip")  # the mode that needs no copy
             start = stop
         return out
 
     def reached(self) -> np.ndarray:
         """Whether any of a table's PSFs of a height reaches a pixel: bool array (height, pixel)."""
-        own = np.any(self.psfs, axis=1)
-        return np.any([own[:, lookup_index[:-1]] for _, lookup_index in self._parts], axis=0)
+        lit = np.any(self.psfs, axis=1)
+        return np.any([lit[:, lookup_index[:-1]] for _, lookup_index in self._parts], axis=0)
 
     def mean_distance_px(self) -> float:
         """Mean distance of light from the chief ray, at the height where it is largest."""
@@ -108,10 +108,10 @@ class TurnedPsfs:
     def offsets_px(self) -> np.ndarray:
         """Mean offset of the light of a table's PSFs from the chief ray, downwards and to the right: array (height,
         azimuth, 2)."""
-        own_px = np.indices((self.side, self.side)).reshape(2, -1).T - self.side // 2
-        places_px = np.concatenate([own_px[np.argsort(lookup_index[:-1])] for _, lookup_index in self._parts], axis=1)
+        grid_px = np.indices((self.side, self.side)).reshape(2, -1).T - self.side // 2
+        places_px = np.concatenate([grid_px[np.argsort(lookup_index[:-1])] for _, lookup_index in self._parts], axis=1)
         every = self.psfs[..., :-1] @ places_px.astype(self.psfs.dtype)
-        return np.concatenate([every[:, own, 2 * k:2 * k + 2] for k, (own, _) in enumerate(self._parts)], axis=1)
+        return np.concatenate([every[:, turned, 2 * k:2 * k + 2] for k, (turned, _) in enumerate(self._parts)], axis=1)
 
 
 class PsfCells:
@@ -301,13 +301,13 @@ class PsfTables:
     def _make(self, wavelength_nm):
         """TurnedPsfs at one wavelength."""
         bank = self._part(PsfBank.of(self._lens.at_wavelength(wavelength_nm), self._pitch_um))
-        own = self._azimuths + 1 if bank.mirror_symmetric else 2 * self._azimuths
-        psfs = np.zeros((bank.heights_mm.size, own, (2 * bank.radius_px + 1) ** 2 + 1), self._precision)
+        azimuths = self._azimuths + 1 if bank.mirror_symmetric else 2 * self._azimuths
+        psfs = np.zeros((bank.heights_mm.size, azimuths, (2 * bank.radius_px + 1) ** 2 + 1), self._precision)
 
         def turn(part):
-            turned = bank.at_table_heights(-np.arange(own)[part] * (np.pi / 4 / self._azimuths))
+            turned = bank.at_table_heights(-np.arange(azimuths)[part] * (np.pi / 4 / self._azimuths))
             psfs[:, part, :-1] = turned.swapaxes(0, 1).reshape(psfs.shape[0], -1, psfs.shape[2] - 1)
 
         with thread_pool() as pool:
-            list(pool.map(turn, (slice(first, first + PORTION) for first in range(0, own, PORTION))))
+            list(pool.map(turn, (slice(first, first + PORTION) for first in range(0, azimuths, PORTION))))
         return TurnedPsfs(psfs, bank.mirror_symmetric, self._quarter_turns, bank.heights_mm)

@@ -51,7 +51,7 @@ def level(folder, frame):
     return cube[cube > 0].mean()
 
 
-def made(animation):
+def rendered_frames(animation):
     return list(animation.results)
 
 
@@ -60,28 +60,28 @@ def files(folder):
     return {path.name for path in folder.iterdir()} - {f"Scene_{end}" for end in LENS_FILES.values()}
 
 
-def test_the_scenes_own_frames_are_rendered_as_one_by_one(moving_scene, tmp_path):
-    before, told = snapshot(), []
-    animation = addon.render_animation(moving_scene, progress=lambda *facts: told.append(facts))
+def test_frames_of_an_animation_equal_single_renders(moving_scene, tmp_path):
+    before, progress = snapshot(), []
+    animation = addon.render_animation(moving_scene, progress=lambda *facts: progress.append(facts))
     assert not differences(before, snapshot())
-    assert made(animation) == [2, 4, 6] and not animation.earlier
+    assert rendered_frames(animation) == [2, 4, 6] and not animation.earlier
     folder = tmp_path / "lensfield"
     assert files(folder) == {f"Scene_{frame:04d}_{name}" for frame in (2, 4, 6) for name in NAMES}
     levels = [level(folder, frame) for frame in (2, 4, 6)]
     np.testing.assert_allclose(np.array(levels) / levels[0], (1, 2, 3), rtol=1e-5)
     single = addon.render_through_lens(moving_scene, output_folder=tmp_path / "one", frame=4)
     assert np.array_equal(read_exr(single.irradiance).cube, read_exr(folder / single.irradiance.name).cube)
-    fractions = [fraction for fraction, _ in told]
+    fractions = [fraction for fraction, _ in progress]
     assert fractions == sorted(fractions) and fractions[-1] == 1
-    assert {label.split(":")[0] for _, label in told} == {f"Frame {2 * n}, {n} of 3" for n in (1, 2, 3)}
+    assert {label.split(":")[0] for _, label in progress} == {f"Frame {2 * n}, {n} of 3" for n in (1, 2, 3)}
 
 
-def test_frames_that_are_there_are_not_rendered_again(moving_scene, tmp_path):
+def test_existing_frames_are_not_rendered_again(moving_scene, tmp_path):
     folder = tmp_path / "lensfield"
     addon.render_animation(moving_scene, [2, 4])
     stamps = {path: path.stat().st_mtime_ns for path in folder.glob("Scene_000[24]*")}
     animation = addon.render_animation(moving_scene, range(2, 7, 2))
-    assert made(animation) == [6] and list(animation.earlier) == [2, 4]
+    assert rendered_frames(animation) == [6] and list(animation.earlier) == [2, 4]
     assert {path: path.stat().st_mtime_ns for path in stamps} == stamps
     assert animation.summary[0].endswith(f"; 2 already finished, in {folder}") and len(animation.summary) == 1
     report = animation.report.as_dict()
@@ -89,8 +89,8 @@ def test_frames_that_are_there_are_not_rendered_again(moving_scene, tmp_path):
         (2, True), (4, True), (6, False)]
     assert all({"stages_s", "energy", "plan", "passes"} <= frame.keys() for frame in report["frames"])
     assert report["total_s"] == pytest.approx(report["frames"][2]["total_s"]) and report["lens"] == "tessar-50mm"
-    assert made(addon.render_animation(moving_scene, [2, 4], overwrite=True)) == [2, 4]
-    assert not made(nothing := addon.render_animation(moving_scene))
+    assert rendered_frames(addon.render_animation(moving_scene, [2, 4], overwrite=True)) == [2, 4]
+    assert not rendered_frames(nothing := addon.render_animation(moving_scene))
     assert nothing.summary == [f"nothing to render; 3 already finished, in {folder}"]
 
 
@@ -109,10 +109,10 @@ def test_frames_of_another_build_are_rendered_again_or_accepted(moving_scene, tm
     built_by(record, build)
     accepted = addon.render_animation(moving_scene, [2, 4], any_build=True)
     line = "1 of 2 frames come from another build of Lensfield: "
-    assert not made(accepted) and list(accepted.earlier) == [2, 4]
+    assert not rendered_frames(accepted) and list(accepted.earlier) == [2, 4]
     assert all(line + "accepted by --any-build" in lines for lines in (accepted.summary, accepted.beforehand))
     again = addon.render_animation(moving_scene, [2, 4])
-    assert made(again) == [2] and any(each.startswith(line + "rendered again") for each in again.beforehand)
+    assert rendered_frames(again) == [2] and any(each.startswith(line + "rendered again") for each in again.beforehand)
     assert json.loads(record.read_text())["build"] == ours
     assert not any("another build" in each for each in addon.render_animation(moving_scene, [2, 4]).summary)
 
@@ -135,18 +135,18 @@ DAMAGES = [
     lambda folder: (folder / "Scene_0002_report.json").write_bytes(b"\xff\xfe")]
 
 
-def test_what_is_damaged_is_made_again(moving_scene, tmp_path):
+def test_damaged_frames_are_rendered_again(moving_scene, tmp_path):
     addon.render_animation(moving_scene, [2, 4])
-    folder, whole = tmp_path / "lensfield", tmp_path / "whole"
-    shutil.copytree(folder, whole)
+    folder, intact = tmp_path / "lensfield", tmp_path / "whole"
+    shutil.copytree(folder, intact)
     for number, damage in enumerate(DAMAGES):
         damage(folder)
         assert addon.Animation(moving_scene, [2, 4]).pending == [2], number
-        shutil.copytree(whole, folder, dirs_exist_ok=True)
+        shutil.copytree(intact, folder, dirs_exist_ok=True)
     assert not addon.Animation(moving_scene, [2, 4]).pending
 
 
-def test_what_is_of_the_lens_alone_is_written_once_for_all_frames(moving_scene, tmp_path):
+def test_files_of_the_lens_are_written_once_for_all_frames(moving_scene, tmp_path):
     paths = [tmp_path / "lensfield" / f"Scene_{name}.exr" for name in LENS_FILES]
 
     def written(frame):
@@ -177,13 +177,13 @@ def darken(scene):
     lambda scene: setattr(scene.lensfield, "tier", "REFERENCE"),
     lambda scene: setattr(scene.lensfield, "tier", "RESULT"),
     lambda scene: setattr(scene.lensfield, "denoise", "ON")])
-def test_other_settings_make_other_frames(moving_scene, change):
+def test_frames_are_rendered_again_after_a_change_of_settings(moving_scene, change):
     addon.render_animation(moving_scene, [2], lens_quality="preview")
     change(moving_scene)
     assert addon.Animation(moving_scene, [2], lens_quality="preview").pending == [2]
 
 
-def test_what_changes_no_picture_makes_no_other_frames(moving_scene):
+def test_settings_without_effect_on_the_picture_leave_frames_up_to_date(moving_scene):
     addon.render_animation(moving_scene, [2])
     moving_scene.cycles.preview_samples, moving_scene.render.filepath = 3, "//elsewhere"
     moving_scene.cycles.device, moving_scene.frame_end = "GPU", 100
@@ -191,35 +191,35 @@ def test_what_changes_no_picture_makes_no_other_frames(moving_scene):
     assert not addon.Animation(moving_scene, [2]).pending
 
 
-def outdated_told(animation):
+def outdated_lines(animation):
     return [line for line in animation.summary if "the scene has changed since" in line]
 
 
-def test_frames_of_the_scene_before_it_was_changed_are_told(moving_scene):
+def test_frames_older_than_a_change_of_the_scene_are_reported(moving_scene):
     addon.render_animation(moving_scene, [2, 4])
     moving_scene.frame_set(5)
     bpy.ops.wm.save_mainfile()
-    assert not outdated_told(addon.Animation(moving_scene))
+    assert not outdated_lines(addon.Animation(moving_scene))
     bpy.ops.wm.revert_mainfile()
     scene = bpy.context.scene
-    assert not outdated_told(addon.Animation(scene))
+    assert not outdated_lines(addon.Animation(scene))
     set_world(scene, (1, 0.5, 0.5))
     animation = addon.render_animation(scene)
-    assert made(animation) == [6] and animation.outdated == [2, 4] and not animation.current
-    assert outdated_told(animation) == ["the scene has changed since 2 of the finished frames, from frame 2 on: "
-                                        "Overwrite (--overwrite) renders them again"]
+    assert rendered_frames(animation) == [6] and animation.outdated == [2, 4] and not animation.current
+    assert outdated_lines(animation) == ["the scene has changed since 2 of the finished frames, from frame 2 on: "
+                                         "Overwrite (--overwrite) renders them again"]
     addon.render_animation(scene, overwrite=True)
-    assert not outdated_told(addon.Animation(scene)) and len(addon.Animation(scene).current) == 3
+    assert not outdated_lines(addon.Animation(scene)) and len(addon.Animation(scene).current) == 3
 
 
-def test_a_single_render_leaves_frames_that_an_animation_knows(moving_scene):
+def test_an_animation_recognises_frames_of_single_renders(moving_scene):
     addon.render_through_lens(moving_scene, frame=4)
     assert addon.Animation(moving_scene, [2, 4]).pending == [2]
     addon.render_through_lens(moving_scene, frame=4, wavelengths_nm=[450.0])
     assert addon.Animation(moving_scene, [2, 4]).pending == [2, 4]
 
 
-def test_cameras_of_markers_and_keyframed_settings_are_those_of_each_frame(moving_scene, tmp_path):
+def test_each_frame_uses_its_marker_camera_and_keyframed_settings(moving_scene, tmp_path):
     other = bpy.data.objects.new("Other", bpy.data.cameras.new("Other"))
     moving_scene.collection.objects.link(other)
     for name, frame, camera in (("A", 1, moving_scene.camera), ("B", 4, other)):
@@ -257,7 +257,7 @@ def test_noise_is_the_same_in_each_frame_unless_the_scene_animates_its_seed(scen
     assert np.array_equal(first, second) != animated
 
 
-def test_an_error_names_its_frame_and_leaves_those_before(moving_scene, tmp_path):
+def test_an_error_names_its_frame_and_leaves_earlier_frames(moving_scene, tmp_path):
     camera = moving_scene.camera.data
     for frame, shift in ((5, 0.5), (4, 0.0)):
         camera.shift_x = shift
@@ -270,7 +270,7 @@ def test_an_error_names_its_frame_and_leaves_those_before(moving_scene, tmp_path
     assert addon.Animation(moving_scene).pending == [6]
 
 
-def test_a_full_disk_is_told_with_its_frame_and_leaves_nothing_half_written(moving_scene, tmp_path, monkeypatch):
+def test_a_full_disk_is_reported_with_its_frame_and_leaves_no_partial_files(moving_scene, tmp_path, monkeypatch):
     written = []
 
     def write_or_fail(*arguments):
@@ -288,7 +288,7 @@ def test_a_full_disk_is_told_with_its_frame_and_leaves_nothing_half_written(movi
     assert not [name for name in files(tmp_path / "lensfield") if name.startswith(".")]
 
 
-def test_a_frame_that_is_being_made_again_is_no_longer_there(moving_scene, monkeypatch):
+def test_a_frame_being_rendered_again_counts_as_missing(moving_scene, monkeypatch):
     """If it is stopped while writing files, the old files no longer have a record."""
     addon.render_animation(moving_scene, [2])
 
@@ -301,7 +301,7 @@ def test_a_frame_that_is_being_made_again_is_no_longer_there(moving_scene, monke
     assert addon.Animation(moving_scene, [2]).pending == [2]
 
 
-def test_frames_that_are_missing_are_not_evaluated_to_be_found(moving_scene, monkeypatch):
+def test_missing_frames_are_detected_without_evaluating_them(moving_scene, monkeypatch):
     monkeypatch.setattr(animation_module, "job_of_frame", None)
     assert addon.Animation(moving_scene, range(100)).pending == list(range(100))
 
@@ -324,25 +324,25 @@ def test_the_command_resumes_after_it_was_stopped(moving_scene, tmp_path):
     wait_until(lambda: (folder / "Scene_0003_report.json").is_file() or process.poll() is not None)
     assert process.poll() is None
     process.send_signal(signal.SIGINT)
-    _, told = process.communicate(timeout=LAST_RESORT_S)
+    _, stderr = process.communicate(timeout=LAST_RESORT_S)
     assert process.returncode == 130
-    kept = {path.parents[1] for path in folder.glob(".lensfield/*/*/[!.]*.exr")}
-    stored = "".join(f"; finished passes are stored in {path}" for path in kept)
-    assert told.endswith(f"lensfield: cancelled{stored}\n")
-    there = {name[:10] for name in files(folder) if name.endswith("report.json")}
-    assert {"Scene_0002", "Scene_0003"} <= there
+    caches = {path.parents[1] for path in folder.glob(".lensfield/*/*/[!.]*.exr")}
+    stored = "".join(f"; finished passes are stored in {path}" for path in caches)
+    assert stderr.endswith(f"lensfield: cancelled{stored}\n")
+    finished = {name[:10] for name in files(folder) if name.endswith("report.json")}
+    assert {"Scene_0002", "Scene_0003"} <= finished
     assert {name for name in files(folder) if name.startswith(".")} <= {".lensfield"}  # passes of the next frame
     assert not list(folder.glob(".lensfield/*.lock"))
     stamps = {path: path.stat().st_mtime_ns for path in folder.glob("Scene_000[23]_*")}
-    last = len(there) + 2  # which does not exist yet
-    done = lensfield(blend, "--frames", f"2-{last}", "--report", tmp_path / "report.json")
-    assert done.returncode == 0, done.stderr
+    last = len(finished) + 2  # which does not exist yet
+    result = lensfield(blend, "--frames", f"2-{last}", "--report", tmp_path / "report.json")
+    assert result.returncode == 0, result.stderr
     assert {path: path.stat().st_mtime_ns for path in stamps} == stamps
-    assert "1 frame in " in done.stdout and f"; {len(there)} already finished" in done.stdout
-    assert [Path(line).name for line in done.stdout.splitlines() if line.startswith(str(folder))] == [
+    assert "1 frame in " in result.stdout and f"; {len(finished)} already finished" in result.stdout
+    assert [Path(line).name for line in result.stdout.splitlines() if line.startswith(str(folder))] == [
         f"Scene_{last:04d}_{name}" for name in NAMES] + [f"Scene_{end}" for end in LENS_FILES.values()]
     frames = json.loads((tmp_path / "report.json").read_text())["frames"]
     assert [frame["frame"] for frame in frames] == list(range(2, last + 1))
-    done = lensfield(blend, "--frames", "scene")
-    assert f"{sum(frame > last for frame in (2, 4, 6))} frame" in done.stdout or "nothing to render" in done.stdout
-    assert done.returncode == 0 and (folder / "Scene_0006_report.json").is_file()
+    result = lensfield(blend, "--frames", "scene")
+    assert f"{sum(frame > last for frame in (2, 4, 6))} frame" in result.stdout or "nothing to render" in result.stdout
+    assert result.returncode == 0 and (folder / "Scene_0006_report.json").is_file()

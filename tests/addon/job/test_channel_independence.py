@@ -108,7 +108,7 @@ NOISY_KINDS = [
 
 @pytest.mark.sample(5)
 @pytest.mark.parametrize("kind", EXACT_KINDS, ids=lambda kind: kind.name)
-def test_company_of_a_wavelength_changes_no_pixel(scene, tmp_path, kind):
+def test_other_wavelengths_in_a_pass_change_no_pixel(scene, tmp_path, kind):
     furnish(scene, kind)
     scene.cycles.samples = 8  # the noise is identical here
     alone, *companies = in_companies(scene, tmp_path)
@@ -118,7 +118,7 @@ def test_company_of_a_wavelength_changes_no_pixel(scene, tmp_path, kind):
 
 @pytest.mark.sample(4)
 @pytest.mark.parametrize("kind", NOISY_KINDS, ids=lambda kind: kind.name)
-def test_company_of_a_wavelength_changes_nothing_but_the_noise(scene, tmp_path, kind):
+def test_other_wavelengths_in_a_pass_change_only_the_noise(scene, tmp_path, kind):
     furnish(scene, kind)
     alone, *companies = in_companies(scene, tmp_path)
     for planes in companies:
@@ -150,7 +150,7 @@ def test_coloured_tints_couple_channels(scene, tmp_path, tint, lobe):
 
 
 @pytest.mark.parametrize("colour, lobe", [("Base Color", {}), ("Coat Tint", {"Coat Weight": 1.0})])
-def test_other_colours_do_not_couple_channels_by_the_same_measure(scene, tmp_path, colour, lobe):
+def test_other_coloured_inputs_do_not_couple_channels(scene, tmp_path, colour, lobe):
     grey = lobe | {"Base Color": (0.5, 0.5, 0.5)}
     coupled, alone = (blue_of(scene, tmp_path, grey | {colour: value}) for value in (STRONG_COLOUR, ONLY_ITS_BLUE))
     assert_means(coupled, alone, noise=COUPLED)

@@ -26,14 +26,14 @@ def paint(path, colour=(200, 30, 30)):
     return path
 
 
-def test_the_copy_has_what_is_unsaved_and_all_else_stays(scene, tmp_path):
-    own = tmp_path / "own"
-    own.mkdir()
-    image = bpy.data.images.load(str(paint(own / "texture.png")))
+def test_a_copy_includes_unsaved_changes_and_leaves_the_session_unchanged(scene, tmp_path):
+    project = tmp_path / "own"
+    project.mkdir()
+    image = bpy.data.images.load(str(paint(project / "texture.png")))
     image.use_fake_user = True
-    bpy.ops.wm.save_as_mainfile(filepath=str(own / "scene.blend"))
+    bpy.ops.wm.save_as_mainfile(filepath=str(project / "scene.blend"))
     image.filepath = "//texture.png"
-    saved = (own / "scene.blend").read_bytes()
+    saved = (project / "scene.blend").read_bytes()
     wall(scene, material("Paint", "ShaderNodeBsdfDiffuse")[0]).name = "Edited"
     bpy.context.view_layer.update()  # as saving does
     before, dirty = snapshot(), bpy.data.is_dirty
@@ -41,7 +41,7 @@ def test_the_copy_has_what_is_unsaved_and_all_else_stays(scene, tmp_path):
     folder.mkdir()
     copy = child.save_copy(folder)
     assert not differences(before, snapshot()) and bpy.data.is_dirty == dirty
-    assert bpy.data.filepath == str(own / "scene.blend") and (own / "scene.blend").read_bytes() == saved
+    assert bpy.data.filepath == str(project / "scene.blend") and (project / "scene.blend").read_bytes() == saved
     assert copy == folder / "scene.blend"
     bpy.ops.wm.open_mainfile(filepath=str(copy))
     assert "Edited" in bpy.data.objects
@@ -49,7 +49,7 @@ def test_the_copy_has_what_is_unsaved_and_all_else_stays(scene, tmp_path):
     assert path.startswith("//..") and bpy.path.abspath(path) == str(folder / ".." / "own" / "texture.png")
 
 
-def test_simulations_cached_on_disk_are_found_beside_the_copy(scene, tmp_path):
+def test_simulations_cached_on_disk_are_available_to_the_copy(scene, tmp_path):
     caches = tmp_path / "own" / "blendcache_scene"
     caches.mkdir(parents=True)
     (caches / "0001.bphys").write_text("cloth")
@@ -65,7 +65,7 @@ def test_simulations_cached_on_disk_are_found_beside_the_copy(scene, tmp_path):
     assert (caches / "0001.bphys").read_text() == "cloth"
 
 
-def test_a_file_never_saved_has_a_copy_too(scene, tmp_path):
+def test_an_unsaved_file_can_be_copied(scene, tmp_path):
     assert child.save_copy(tmp_path).is_file()
     command = child.render_command("copy.blend", picture="picture.png")
     assert not bpy.data.filepath and command[command.index("--blend-folder") + 1] == str(unsaved_folder())
@@ -95,38 +95,38 @@ def coloured_scene(scene, tmp_path):
     return scene
 
 
-def test_what_a_killed_process_left_is_swept_away(tmp_path, monkeypatch):
+def test_folders_of_a_killed_process_are_deleted(tmp_path, monkeypatch):
     monkeypatch.setattr(child, "_temporary_parent", lambda: tmp_path)
     dead = subprocess.Popen([sys.executable, "-c", ""])
     dead.wait()
-    with child.work_folder() as own:
-        left = tmp_path / Path(own).name.replace(f"-{os.getpid()}-", f"-{dead.pid}-")
+    with child.work_folder() as current:
+        left = tmp_path / Path(current).name.replace(f"-{os.getpid()}-", f"-{dead.pid}-")
         for name in ("lensfield-renders-2", f"other-{dead.pid}-abc", left.name):
             (tmp_path / name).mkdir()
         (left / "copy.blend").write_bytes(b"BLENDER")
         (tmp_path / "lensfield-kept.log").write_text("its last words")
         expected = {path.name for path in tmp_path.iterdir()} - {left.name}
         child.sweep()
-        assert {path.name for path in tmp_path.iterdir()} == expected and Path(own).is_dir()
+        assert {path.name for path in tmp_path.iterdir()} == expected and Path(current).is_dir()
 
 
 def started(tmp_path):
     return Child(child.render_command(child.save_copy(tmp_path), picture=tmp_path / "picture.png"), tmp_path)
 
 
-def test_a_child_tells_how_far_it_is_and_shows_a_growing_picture(coloured_scene, tmp_path):
-    render, seen, pictures = started(tmp_path), [], set()
+def test_a_child_reports_progress_and_updates_its_picture(coloured_scene, tmp_path):
+    render, progress, pictures = started(tmp_path), [], set()
 
     def look():
-        seen.append((render.status.get("fraction", 0.0), render.status.get("label")))
+        progress.append((render.status.get("fraction", 0.0), render.status.get("label")))
         if (tmp_path / "picture.png").is_file():
             pictures.add((tmp_path / "picture.png").read_bytes())
         return render.ended
 
     wait_until(look, 0.01)
     render.end()
-    assert [fraction for fraction, _ in seen] == sorted(fraction for fraction, _ in seen)
-    labels = list(dict.fromkeys(label for _, label in seen if label))
+    assert [fraction for fraction, _ in progress] == sorted(fraction for fraction, _ in progress)
+    labels = list(dict.fromkeys(label for _, label in progress if label))
     passes = (label.partition(":")[0].partition(",")[0] for label in labels if label.startswith("Pass"))
     assert list(dict.fromkeys(passes)) == ["Pass 1 of 2", "Pass 2 of 2"]
     assert render.status["lens_image"] == str(tmp_path / "out" / "Scene_0001_lens_image.exr")
@@ -135,7 +135,7 @@ def test_a_child_tells_how_far_it_is_and_shows_a_growing_picture(coloured_scene,
         assert picture.size == (200, 150) and np.ptp(np.array(picture)) > 50
 
 
-def test_bad_input_is_told_in_one_line(coloured_scene, tmp_path):
+def test_bad_input_is_reported_in_one_line(coloured_scene, tmp_path):
     coloured_scene.camera.data.type = "ORTHO"
     render = started(tmp_path)
     wait_until(lambda: render.ended)
@@ -154,7 +154,7 @@ os.kill(os.getpid(), 9)
 """
 
 
-def test_a_child_ends_when_its_parent_is_no_more(coloured_scene, tmp_path):
+def test_a_child_ends_when_its_parent_is_killed(coloured_scene, tmp_path):
     coloured_scene.cycles.samples = 1 << 20
     command = child.render_command(child.save_copy(tmp_path), picture=tmp_path / "picture.png")[1:]
     parent = subprocess.run([sys.executable, "-c", LEAVE_IT, tmp_path, *command], capture_output=True, text=True)
@@ -171,7 +171,7 @@ def runs(pid):
         return False
 
 
-def test_nothing_of_a_dead_child_runs_on(tmp_path):
+def test_subprocesses_of_a_dead_child_are_ended(tmp_path):
     """One of its workers would wait for ever, with the child's output open."""
     code = "import subprocess, os; subprocess.Popen(['sleep', '1000']); os._exit(3)"
     render = Child([sys.executable, "-c", code], tmp_path)

@@ -34,28 +34,28 @@ def pictures(tmp_path_factory):
     return blocks.swapaxes(3, 4), truth
 
 
-def whole(blocks):
+def all_pixels(blocks):
     """The pixels of all blocks in one array; blocks have the same size."""
     return blocks.reshape(*blocks.shape[:2], 1, -1)
 
 
-def test_means_are_those_of_mitsuba(pictures):
-    (first, second), truth = whole(pictures[0]), pictures[1]
+def test_means_agree_with_mitsuba(pictures):
+    (first, second), truth = all_pixels(pictures[0]), pictures[1]
     assert_means(first, truth.mean(axis=(1, 2)), 3e-3, noise=5e-3, other_seed=second)
 
 
-def test_means_of_the_lower_half_where_no_lamp_is_seen_are_those_of_mitsuba(pictures):
+def test_means_of_the_lower_half_without_the_lamp_agree_with_mitsuba(pictures):
     lower = pictures[1].shape[1] // 2
-    (first, second), truth = whole(pictures[0][:, :, lower:]), pictures[1][:, lower:]
+    (first, second), truth = all_pixels(pictures[0][:, :, lower:]), pictures[1][:, lower:]
     assert_means(first, truth.mean(axis=(1, 2)), 3e-3, noise=0.01, other_seed=second)
 
 
-def test_blocks_are_those_of_mitsuba(pictures):
+def test_blocks_agree_with_mitsuba(pictures):
     (first, second), truth = pictures
     assert_means(first, truth, 0.01, noise=0.1, other_seed=second)
 
 
-def test_lamp_seen_from_below_has_the_radiance_it_was_given(tmp_path):
+def test_the_lamp_has_its_specified_radiance_from_below(tmp_path):
     """By hand, without Mitsuba: the lamp's own radiance, plus the small part of the box's light that it reflects."""
     scene = cornell_blender.build(SIDE_PX, 16)
     cube = cornell_blender.render(scene, [450.0, 550.0, 650.0], tmp_path, scene.cycles.seed)

@@ -50,11 +50,11 @@ def assert_alike(ours, truth, block_px, limit, least=0.2):
 
 
 @pytest.fixture(autouse=True)
-def nothing_kept(bench, tmp_path, monkeypatch):
+def empty_cache(bench, tmp_path, monkeypatch):
     monkeypatch.setattr(bench, "folder", tmp_path)
 
 
-def test_the_room_is_as_rays_show_it(bench):
+def test_the_room_agrees_with_rays(bench):
     scene = build_room()
     ours, truth = both(bench, scene)
     assert_alike(ours, truth, block_px=6, limit=2 * LIMIT)
@@ -68,13 +68,13 @@ def test_a_slanted_floor_has_no_seam(bench):
     assert_alike(*rows, block_px=1, limit=0.02)
 
 
-def test_a_body_that_is_cut_shows_no_dark_inside(bench):
+def test_a_cut_body_does_not_show_its_dark_inside(bench):
     assert_alike(*both(bench, body_scene(bench.lens)), block_px=4, limit=0.05)
 
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("distance_m", [depth_truth.LAMPS_M[0], depth_truth.LAMPS_M[-1]])
-def test_lamps_are_where_rays_show_them_and_as_wide(bench, distance_m):
+def test_lamps_agree_with_rays_in_position_and_width(bench, distance_m):
     scene, ideal_mm = lamp_scene(bench.lens, bench.frame.pitch_um * 1e-3, distance_m)
     pictures = both(bench, scene, samples=(64, 512))
     width_px = abs(float(blur_px(bench.lens, bench.frame.pitch_um, 1e3 * distance_m)))
@@ -86,30 +86,30 @@ def test_lamps_are_where_rays_show_them_and_as_wide(bench, distance_m):
         assert np.all(apart < noise + 0.02 * width_px)
 
 
-def test_errors_are_those_without_the_noise():
+def test_errors_are_recovered_from_noisy_pictures():
     rng = np.random.default_rng(3)
     truth = rng.uniform(0.5, 1.5, (200, 300))
     bias = 0.03 * rng.standard_normal(truth.shape)
     pictures = truth + bias + 0.05 * rng.standard_normal((4, *truth.shape))
-    found = errors(pictures, truth + 0.1 * rng.standard_normal((4, *truth.shape)))
+    measured = errors(pictures, truth + 0.1 * rng.standard_normal((4, *truth.shape)))
     size = np.sqrt(np.mean(truth**2))
-    assert found.l2_bias == pytest.approx(0.03 / size, rel=0.05)
-    assert found.l1_bias == pytest.approx(np.sqrt(2 / np.pi) * 0.03, rel=0.05)
-    assert found.l2 == pytest.approx(np.hypot(0.03, 0.05) / size, rel=0.03)
-    assert found.l1 == pytest.approx(np.sqrt(2 / np.pi) * np.hypot(0.03, 0.05), rel=0.03)
+    assert measured.l2_bias == pytest.approx(0.03 / size, rel=0.05)
+    assert measured.l1_bias == pytest.approx(np.sqrt(2 / np.pi) * 0.03, rel=0.05)
+    assert measured.l2 == pytest.approx(np.hypot(0.03, 0.05) / size, rel=0.03)
+    assert measured.l1 == pytest.approx(np.sqrt(2 / np.pi) * np.hypot(0.03, 0.05), rel=0.03)
 
 
-def counted_truth(bench, made, what="counted", **changes):
+def counted_truth(bench, computed, what="counted", **changes):
     """A picture from the folder's cache, or a new one whose value is the number of pictures computed so far."""
-    asked = {"nm": 550.0, "samples": 4, "seed": 1} | changes
-    return bench._cached(what, *asked.values(), lambda: made.append(asked) or np.full((2, 3), len(made)))[0, 0]
+    key = {"nm": 550.0, "samples": 4, "seed": 1} | changes
+    return bench._cached(what, *key.values(), lambda: computed.append(key) or np.full((2, 3), len(computed)))[0, 0]
 
 
-def test_a_truth_is_made_again_where_anything_that_it_follows_from_changes(bench, monkeypatch):
-    made = []
-    assert counted_truth(bench, made) == counted_truth(bench, made) == 1
+def test_a_truth_is_computed_again_after_any_of_its_inputs_changes(bench, monkeypatch):
+    computed = []
+    assert counted_truth(bench, computed) == counted_truth(bench, computed) == 1
     for number, change in enumerate(({"nm": 551.0}, {"samples": 5}, {"seed": 2}, {"what": "another"}), 2):
-        assert counted_truth(bench, made, **change) == counted_truth(bench, made, **change) == number
+        assert counted_truth(bench, computed, **change) == counted_truth(bench, computed, **change) == number
     first, *others = bench.lens.prescription.surfaces
     nudged = replace(bench.lens.prescription, surfaces=(replace(first, radius_mm=1.0001 * first.radius_mm), *others))
     for changed in ((bench, "lens", replace(bench.lens, prescription=nudged)), (depth_truth, "FRAME_PX", (72, 97)),
@@ -117,11 +117,11 @@ def test_a_truth_is_made_again_where_anything_that_it_follows_from_changes(bench
                     (depth_truth, "build_identity", lambda: "another build")):
         with monkeypatch.context() as patch:
             patch.setattr(*changed)
-            assert counted_truth(bench, made) == counted_truth(bench, made) == len(made)
-    assert len(made) == 10 and counted_truth(bench, made) == 1
+            assert counted_truth(bench, computed) == counted_truth(bench, computed) == len(computed)
+    assert len(computed) == 10 and counted_truth(bench, computed) == 1
 
 
-def test_every_source_of_the_validation_counts(tmp_path):
+def test_the_digest_covers_every_source_of_the_validation(tmp_path):
     path, digests = tmp_path / "depth_room.py", []
     for text in ("a = 1", "a = 2"):
         path.write_text(text)

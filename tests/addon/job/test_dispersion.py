@@ -116,14 +116,14 @@ def edge_by_snell(index):
 
 def visible_edges(picture):
     """The edge's column in a picture, for each wavelength, from the value of the pixel that the edge divides."""
-    found = []
+    edges = []
     for line in picture.mean(axis=1):
         last = np.flatnonzero(line > 0.5 * line.max())[-1]
-        whole = line[:last - 1] if line[last] < 0.9 * line[last - 2] else line[:last + 1]
-        part = line[whole.size:]
+        lit = line[:last - 1] if line[last] < 0.9 * line[last - 2] else line[:last + 1]
+        part = line[lit.size:]
         dark = part[3:6].mean()  # reflections in the glass
-        found.append(whole.size + (part[:3] - dark).sum() / (whole[-1] - dark))
-    return np.array(found)
+        edges.append(lit.size + (part[:3] - dark).sum() / (lit[-1] - dark))
+    return np.array(edges)
 
 
 def schott_sf10(nm):
@@ -134,7 +134,7 @@ def schott_sf10(nm):
 
 
 @pytest.mark.parametrize("node_type", ["ShaderNodeBsdfRefraction", "ShaderNodeBsdfGlass", "ShaderNodeBsdfPrincipled"])
-def test_each_wavelength_goes_where_snell_sends_it(small, tmp_path, node_type):
+def test_each_wavelength_is_refracted_by_snells_law(small, tmp_path, node_type):
     small.cycles.samples = SAMPLES
     bright_half(small)
     prism(small, glass(node_type=node_type))
@@ -146,7 +146,7 @@ def test_each_wavelength_goes_where_snell_sends_it(small, tmp_path, node_type):
     np.testing.assert_allclose(visible_edges(picture), expected, atol=PIXEL)
 
 
-def test_bare_edge_is_where_the_camera_sees_it(small, tmp_path):
+def test_without_glass_the_edge_is_at_its_projected_position(small, tmp_path):
     """Tests the measurement: without glass the edge is at the same place for all wavelengths."""
     small.cycles.samples = SAMPLES
     bright_half(small).location.x = 0.5 - 10
@@ -155,14 +155,14 @@ def test_bare_edge_is_where_the_camera_sees_it(small, tmp_path):
 
 
 @pytest.mark.parametrize("tier", ["standard", "reference"])
-def test_one_pass_for_each_wavelength(small, tmp_path, tier):
+def test_each_wavelength_has_a_separate_pass(small, tmp_path, tier):
     bright_half(small)
     prism(small, glass("n-bk7"))
     _, facts = rendered(small, tmp_path, np.linspace(400, 700, 7), tier)
     assert facts["passes"] == 7 and facts["wavelengths_per_pass"] == 1
 
 
-def test_preview_sees_all_wavelengths_by_the_d_line(small, tmp_path):
+def test_preview_refracts_all_wavelengths_like_the_d_line(small, tmp_path):
     small.cycles.samples = SAMPLES
     bright_half(small)
     prism(small, glass())
@@ -175,7 +175,7 @@ def behind_the_camera(obj):
     obj.location.z = 5
 
 
-def beside_the_view(obj):
+def off_to_the_side(obj):
     obj.location.x = 5
 
 
@@ -183,7 +183,7 @@ def hidden(obj):
     obj.hide_render = True
 
 
-@pytest.mark.parametrize("put", [behind_the_camera, beside_the_view, hidden], ids=lambda put: put.__name__)
+@pytest.mark.parametrize("put", [behind_the_camera, off_to_the_side, hidden], ids=lambda put: put.__name__)
 def test_glass_out_of_view_costs_nothing(small, tmp_path, put):
     bright_half(small)
     put(prism(small, glass()))
@@ -208,15 +208,15 @@ def test_glass_in_an_instance_is_in_view(small, tmp_path):
 def test_an_index_without_a_name_does_not_disperse(small, tmp_path):
     small.cycles.samples = SAMPLES
     bright_half(small)
-    plain = glass("")
-    next(node for node in plain.node_tree.nodes if "IOR" in node.inputs).inputs["IOR"].default_value = 1.65
-    prism(small, plain)
+    unnamed = glass("")
+    next(node for node in unnamed.node_tree.nodes if "IOR" in node.inputs).inputs["IOR"].default_value = 1.65
+    prism(small, unnamed)
     picture, facts = rendered(small, tmp_path)
     assert facts["passes"] == 1
     np.testing.assert_allclose(visible_edges(picture), edge_by_snell(1.65), atol=PIXEL)
 
 
-def test_refraction_takes_the_place_of_an_index_by_nodes(small, tmp_path):
+def test_an_assigned_refraction_overrides_an_index_from_nodes(small, tmp_path):
     small.cycles.samples = SAMPLES
     bright_half(small)
     crown = glass()
@@ -229,7 +229,7 @@ def test_refraction_takes_the_place_of_an_index_by_nodes(small, tmp_path):
     np.testing.assert_allclose(visible_edges(rendered(small, tmp_path)[0]), expected, atol=PIXEL)
 
 
-def test_wavelength_beyond_what_is_known_of_the_glass_is_named(small, tmp_path):
+def test_a_wavelength_outside_the_data_of_the_glass_is_refused(small, tmp_path):
     bright_half(small)
     prism(small, glass("acrylic"))
     with pytest.raises(InputError, match="acrylic.*390 nm.*400"):
@@ -276,7 +276,7 @@ def fresnel(name, nm, angle_degrees=0.0):
 
 @pytest.mark.parametrize("node_type, settings", METALS, ids=lambda value: str(value))
 @pytest.mark.parametrize("name", ["gold", "silver", "iron"])
-def test_metals_reflect_by_their_index(small, tmp_path, node_type, settings, name):
+def test_metals_reflect_according_to_their_index(small, tmp_path, node_type, settings, name):
     under_flat_sky(small, mirror(node_type, name, **settings))
     picture, facts = rendered(small, tmp_path)
     measured = picture[:, 4:8, 44:52].mean(axis=(1, 2)) / FLAT_DENSITY
@@ -300,7 +300,7 @@ def test_physical_conductor_off_the_normal(small, tmp_path, tilt_degrees):
     np.testing.assert_allclose(measured, fresnel("gold", NM, tilt_degrees), rtol=precision)
 
 
-def test_assigned_reflectance_comes_before_the_metals_own(small, tmp_path):
+def test_an_assigned_reflectance_overrides_that_of_the_metal(small, tmp_path):
     metal = mirror("ShaderNodeBsdfPrincipled", "gold")
     metal.lensfield.reflectance = "400:0.5, 700:0.5"
     under_flat_sky(small, metal)
@@ -308,7 +308,7 @@ def test_assigned_reflectance_comes_before_the_metals_own(small, tmp_path):
     np.testing.assert_allclose(measured, 0.5, rtol=ROUNDING)
 
 
-def test_glass_keeps_its_own_colour(small, tmp_path):
+def test_glass_keeps_its_colour(small, tmp_path):
     """A refractive index is not a reflectance: coloured glass stays unchanged."""
     small.cycles.samples = SAMPLES
     set_world(small)
@@ -320,7 +320,7 @@ def test_glass_keeps_its_own_colour(small, tmp_path):
     np.testing.assert_allclose(measured, np.interp(NM, [400, 700], [0.2, 0.8])**2, rtol=0.01)  # on entry and on exit
 
 
-def test_lamps_and_glass_together_stay_absolute(small, tmp_path):
+def test_radiance_stays_absolute_with_lamps_and_glass(small, tmp_path):
     """If each wavelength has a separate pass, a spiky lamp still contributes its means."""
     light(small, "POINT", 10.0, shadow_soft_size=0.0).data.lensfield.emission = "sodium-lp"
     wall(small, material("White", "ShaderNodeBsdfDiffuse", (1, 1, 1))[0], 1.0)
@@ -329,8 +329,8 @@ def test_lamps_and_glass_together_stay_absolute(small, tmp_path):
     nm = np.array([450.0, 500.0, 589.0, 600.0, 650.0])
     picture, facts = rendered(small, tmp_path, nm)
     assert facts["wavelengths_per_pass"] == 1
-    beside_it = picture[:, 4:8, 4:8].mean(axis=(1, 2))
+    measured = picture[:, 4:8, 4:8].mean(axis=(1, 2))
     sodium = load_spectrum("sodium-lp").band_means(nm)
-    np.testing.assert_allclose(beside_it / beside_it[2], sodium / sodium[2], rtol=ROUNDING, atol=1e-9)
+    np.testing.assert_allclose(measured / measured[2], sodium / sodium[2], rtol=ROUNDING, atol=1e-9)
     slope = (COLUMNS / 2 - 6) * PITCH_MM / lens().capture_focal_length_mm  # of the ray to the axis
-    assert beside_it[2] == pytest.approx(10 / (4 * np.pi**2) * sodium[2] / (1 + slope**2)**1.5, rel=1e-3)
+    assert measured[2] == pytest.approx(10 / (4 * np.pi**2) * sodium[2] / (1 + slope**2)**1.5, rel=1e-3)

@@ -63,13 +63,13 @@ def foreseen(scene):
     return [str(each) for each in preflight(scene).remarks if each.what == "Empty Frame"]
 
 
-def reported(scene, **asked):
-    result = addon.render_through_lens(scene, spectral=SpectralOptions("preview"), depth="off", **asked)
+def reported(scene, **options):
+    result = addon.render_through_lens(scene, spectral=SpectralOptions("preview"), depth="off", **options)
     return [line for line in result.messages if line.startswith("Empty Frame")]
 
 
 @pytest.mark.parametrize("change, reason", BLACK, ids=lambda value: getattr(value, "__name__", ""))
-def test_a_black_frame_has_a_reason_before_and_after(lit, change, reason):
+def test_a_black_frame_is_explained_before_and_after_the_render(lit, change, reason):
     change(lit)
     bpy.context.view_layer.update()
     before, after = foreseen(lit), reported(lit)
@@ -79,7 +79,7 @@ def test_a_black_frame_has_a_reason_before_and_after(lit, change, reason):
 
 @pytest.mark.parametrize("change, reason", [each for each in BLACK if each[0] in (hidden, away, clipped)],
                          ids=lambda value: getattr(value, "__name__", ""))
-def test_so_has_a_transparent_one_under_a_bright_world(lit, change, reason):
+def test_a_transparent_frame_is_explained_under_a_bright_world(lit, change, reason):
     set_world(lit)
     lit.render.film_transparent = True
     change(lit)
@@ -118,20 +118,20 @@ def sky(scene):
 
 
 @pytest.mark.parametrize("change", [nothing, lamp_in_the_box, window, glow, sky])
-def test_a_frame_with_light_in_it_has_no_remark(lit, change):
+def test_a_frame_with_light_has_no_remark(lit, change):
     change(lit)
     bpy.context.view_layer.update()
     assert foreseen(lit) == reported(lit) == []
 
 
-def test_a_black_frame_without_a_known_reason_says_so(lit):
+def test_a_black_frame_of_unknown_cause_is_reported_as_such(lit):
     """A lamp behind the wall."""
     lit.objects["Light"].location = 0, 0, -2
     assert foreseen(lit) == []
     assert reported(lit) == ["Empty Frame black: no cause found in the scene's settings; compare with an F12 render"]
 
 
-def test_a_render_region_counts_alone(lit):
+def test_only_the_render_region_counts(lit):
     """Its left half is black, and it excludes the wall on the right."""
     lit.objects["Wall"].location.x = 0.6
     lit.render.use_border, lit.render.border_max_x = True, 0.25
@@ -140,13 +140,13 @@ def test_a_render_region_counts_alone(lit):
     assert reported(lit) == []
 
 
-def test_each_frame_of_one_capture_has_it(lit):
+def test_frames_of_one_capture_are_explained_once(lit):
     unlit(lit)
-    made = addon.render_animation(lit, frames=(1, 2), lens="tessar-50mm", spectral=SpectralOptions("preview"))
-    assert sum("no lamp" in line for line in made.messages) == 1
+    animation = addon.render_animation(lit, frames=(1, 2), lens="tessar-50mm", spectral=SpectralOptions("preview"))
+    assert sum("no lamp" in line for line in animation.messages) == 1
 
 
-def test_the_command_prints_it(lit, tmp_path, capsys):
+def test_the_command_prints_the_remark(lit, tmp_path, capsys):
     unlit(lit)
     blend = str(tmp_path / "dark.blend")
     bpy.ops.wm.save_as_mainfile(filepath=blend)

@@ -42,21 +42,21 @@ def film_over_grey(scene, folder, wavelengths_nm):
     return luminance(film.lens_image) + (1 - alpha) * backdrop * shade, luminance(opaque.lens_image), alpha
 
 
-def test_the_film_over_grey_is_the_render_before_grey(glowing, tmp_path):
+def test_the_film_over_grey_equals_the_opaque_render(glowing, tmp_path):
     """Exactly at one wavelength, edges included, except for the blur's share of the relative illumination."""
     composite, expected, alpha = film_over_grey(glowing, tmp_path, [550.0])
     assert alpha.min() == 0 and alpha.max() > 0.99 and np.any((alpha > 0.2) & (alpha < 0.8))
     np.testing.assert_allclose(composite, expected, rtol=0.01)
 
 
-def test_the_film_over_grey_is_the_render_before_grey_in_colour(glowing, tmp_path):
+def test_the_film_over_grey_equals_the_opaque_render_in_colour(glowing, tmp_path):
     """All colours have the same alpha: at an edge its error is the lens's colour fringe."""
     composite, expected, _ = film_over_grey(glowing, tmp_path, np.linspace(420, 680, 9))
     assert np.abs(composite - expected).max() < 0.1 * GREY
     assert np.abs((composite - expected).mean()) < 0.003 * GREY
 
 
-def test_full_coverage_is_one_up_to_the_corners(scene, tmp_path):
+def test_full_coverage_has_an_alpha_of_one_up_to_the_corners(scene, tmp_path):
     wall(scene, material("Glow", "ShaderNodeEmission")[0])
     scene.render.film_transparent = True
     np.testing.assert_allclose(planes(render(scene, tmp_path).lens_image)["A"], 1, atol=1e-4)
@@ -89,7 +89,7 @@ def test_depth_is_planar_and_unmixed(glowing, tmp_path):
     np.testing.assert_allclose(depth[near], 1.0, rtol=1e-5)
 
 
-def test_depth_is_where_the_picture_is(scene, tmp_path):
+def test_depth_is_aligned_with_the_picture(scene, tmp_path):
     """A wall in the upper left, off the centre: pixels that glow are near."""
     glow = wall(scene, material("Glow", "ShaderNodeEmission")[0], side_m=0.1)
     glow.location.x, glow.location.y = -0.12, 0.07

@@ -21,7 +21,7 @@ from small_scenes import light, material, set_world, wall
 
 pytestmark = pytest.mark.one_blender
 
-ASKED = {"wavelengths_nm": [450.0, 550.0, 600.0, 650.0], "lens_quality": "preview", "lens": "tessar-50mm"}
+OPTIONS = {"wavelengths_nm": [450.0, 550.0, 600.0, 650.0], "lens_quality": "preview", "lens": "tessar-50mm"}
 
 
 @pytest.fixture
@@ -37,18 +37,18 @@ def deep(scene, tmp_path):
     return scene
 
 
-def job_in(scene, folder, **asked):
-    return job_of_frame(scene, 1, output_folder=folder, **ASKED | {"source": addon.source_digest(scene)} | asked)
+def job_in(scene, folder, **options):
+    return job_of_frame(scene, 1, output_folder=folder, **OPTIONS | {"source": addon.source_digest(scene)} | options)
 
 
-def whole(scene, folder, **asked):
+def render_to_end(scene, folder, **options):
     """Render without interruption; returns the number of renders by Cycles."""
-    return stopped(scene, folder, None, **asked)[1]
+    return stopped(scene, folder, None, **options)[1]
 
 
-def stopped(scene, folder, steps, **asked):
+def stopped(scene, folder, steps, **options):
     """Render, and stop before the step with this number: (whether it finished, number of renders by Cycles)."""
-    at_work, answer, count, renders = render_steps(scene, job_in(scene, folder, **asked)), None, 0, 0
+    at_work, answer, count, renders = render_steps(scene, job_in(scene, folder, **options)), None, 0, 0
     try:
         while count != steps:
             step = at_work.send(answer)
@@ -57,7 +57,7 @@ def stopped(scene, folder, steps, **asked):
                 bpy.ops.render.render(write_still=True, scene=step.scene.name)
                 renders += 1
             else:
-                answer = step.call(lambda done: None)
+                answer = step.call(lambda fraction: None)
     except StopIteration:
         return True, renders
     at_work.close()
@@ -68,16 +68,16 @@ def passes(folder):
     return sorted(folder.glob(".lensfield/*_passes/*/[!.]*.exr"))
 
 
-def test_stopped_at_any_step_it_goes_on_to_the_same_bytes(deep, tmp_path):
+def test_a_render_stopped_at_any_step_resumes_to_the_same_bytes(deep, tmp_path):
     """It renders only the missing passes."""
-    renders, steps, ended = whole(deep, tmp_path / "whole"), 0, False
+    renders, steps, ended = render_to_end(deep, tmp_path / "whole"), 0, False
     assert renders > 4  # the look at the depth, and slabs
     while not ended:
         folder, steps = tmp_path / str(steps), steps + 3
         ended, first = stopped(deep, folder, steps)
         if not ended:
-            there = len(passes(folder))
-            assert there >= first - 1 and whole(deep, folder) == renders - there
+            cached_count = len(passes(folder))
+            assert cached_count >= first - 1 and render_to_end(deep, folder) == renders - cached_count
         assert not kill.differing(tmp_path / "whole", folder)
     assert steps > renders
 
@@ -100,24 +100,24 @@ def scatter(scene):
     lambda scene: setattr(scene.cycles, "use_adaptive_sampling", True),
     lambda scene: setattr(scene.render, "film_transparent", True),
     lambda scene: setattr(scene.lensfield, "depth", "TRACED")])
-def test_it_goes_on_to_the_same_bytes_whatever_cycles_does(deep, tmp_path, change):
+def test_a_render_resumes_to_the_same_bytes_with_any_cycles_feature(deep, tmp_path, change):
     change(deep)
     bpy.ops.wm.save_mainfile()
-    renders = whole(deep, tmp_path / "whole")
+    renders = render_to_end(deep, tmp_path / "whole")
     stopped(deep, tmp_path / "one", 6)
-    there = len(passes(tmp_path / "one"))
-    assert there and whole(deep, tmp_path / "one") == renders - there
+    cached_count = len(passes(tmp_path / "one"))
+    assert cached_count and render_to_end(deep, tmp_path / "one") == renders - cached_count
     assert not kill.differing(tmp_path / "whole", tmp_path / "one")
 
 
-def test_who_would_capture_the_same_waits_and_finds_it(deep, tmp_path):
-    renders = whole(deep, tmp_path / "whole")
+def test_a_render_waits_for_another_process_that_captures_the_same(deep, tmp_path):
+    renders = render_to_end(deep, tmp_path / "whole")
     stopped(deep, tmp_path / "one", 6)
     with another(tmp_path / "one" / "Scene_0001_passes"):
         steps = render_steps(deep, job_in(deep, tmp_path / "one"))
         assert [next(steps).label for _ in range(2)] == ["Waiting for another process to capture the frame"] * 2
         steps.close()
-    assert whole(deep, tmp_path / "one") == renders - 3
+    assert render_to_end(deep, tmp_path / "one") == renders - 3
 
 
 def touch(path):
@@ -130,28 +130,28 @@ def touch(path):
     lambda scene: setattr(scene.lensfield, "tier", "REFERENCE"),
     lambda scene: setattr(scene.camera.data, "clip_start", 0.01),
     lambda scene: bpy.data.objects["Wall"].vertex_groups.new(name="Some").add([0], 0.5, "REPLACE")])
-def test_passes_of_anything_else_are_not_taken(deep, tmp_path, change):
+def test_passes_of_a_changed_scene_are_not_reused(deep, tmp_path, change):
     _, first = stopped(deep, tmp_path / "one", 6)
-    there = set(passes(tmp_path / "one"))
-    assert first == len(there) == 3
+    cached = set(passes(tmp_path / "one"))
+    assert first == len(cached) == 3
     change(deep)
     bpy.ops.wm.save_mainfile()
     assert stopped(deep, tmp_path / "one", 6)[1] == 3
-    assert len(passes(tmp_path / "one")) == 3 and not there & set(passes(tmp_path / "one"))
+    assert len(passes(tmp_path / "one")) == 3 and not cached & set(passes(tmp_path / "one"))
 
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("damage", [lambda path: os.truncate(path, path.stat().st_size // 2),
                                     lambda path: path.write_bytes(b""), Path.unlink])
 def test_a_damaged_pass_is_rendered_again(deep, tmp_path, damage):
-    renders = whole(deep, tmp_path / "whole")
+    renders = render_to_end(deep, tmp_path / "whole")
     stopped(deep, tmp_path / "one", 6)
     damage(passes(tmp_path / "one")[1])
-    assert whole(deep, tmp_path / "one") == renders - 2
+    assert render_to_end(deep, tmp_path / "one") == renders - 2
     assert not kill.differing(tmp_path / "whole", tmp_path / "one")
 
 
-def test_nothing_is_kept_where_nobody_vouches_for_the_files_or_the_disk_has_no_room(deep, tmp_path, monkeypatch):
+def test_passes_are_not_cached_without_a_source_digest_or_disk_space(deep, tmp_path, monkeypatch):
     stopped(deep, tmp_path / "one", 6, source="")
     assert not passes(tmp_path / "one")
     usage = finished_passes.shutil.disk_usage(tmp_path)
@@ -161,7 +161,7 @@ def test_nothing_is_kept_where_nobody_vouches_for_the_files_or_the_disk_has_no_r
 
 
 @pytest.mark.parametrize("link", [".lensfield", ".lensfield/Scene_0001_passes"])
-def test_links_in_a_strangers_folder_lead_nowhere(deep, tmp_path, link):
+def test_links_in_a_foreign_folder_are_not_followed(deep, tmp_path, link):
     stopped(deep, tmp_path / "one", 6)
     digest, names = passes(tmp_path / "one")[0].parent.name, [path.name for path in passes(tmp_path / "one")]
     shutil.rmtree(tmp_path / "one" / ".lensfield")
@@ -174,20 +174,20 @@ def test_links_in_a_strangers_folder_lead_nowhere(deep, tmp_path, link):
     (tmp_path / "one" / link).symlink_to(target)
     if link == ".lensfield":
         with pytest.raises(InputError, match=".lensfield: folder is a link: remove it"):
-            whole(deep, tmp_path / "one")
+            render_to_end(deep, tmp_path / "one")
     else:
-        whole(deep, tmp_path / "one")
+        render_to_end(deep, tmp_path / "one")
         (tmp_path / "one" / link).parent.mkdir(exist_ok=True)
     assert precious.read_text() == "precious" and len(list(target.rglob("file"))) == (3 if link == ".lensfield" else 2)
     for name in names:  # and of single passes
-        kept = tmp_path / "two" / ".lensfield" / "Scene_0001_passes" / digest / name
-        kept.parent.mkdir(parents=True, exist_ok=True)
-        kept.symlink_to(precious)
+        cached_pass = tmp_path / "two" / ".lensfield" / "Scene_0001_passes" / digest / name
+        cached_pass.parent.mkdir(parents=True, exist_ok=True)
+        cached_pass.symlink_to(precious)
     stopped(deep, tmp_path / "two", 6)
     assert precious.read_text() == "precious" and len(passes(tmp_path / "two")) == 3
 
 
-def test_what_was_kept_is_told(deep, tmp_path):
+def test_cached_passes_are_reported(deep, tmp_path):
     stopped(deep, tmp_path / "one", 6)
     folder, = {path.parents[1] for path in passes(tmp_path / "one")}
     assert finished_passes.passes_left(deep, tmp_path / "one") == [
@@ -197,27 +197,27 @@ def test_what_was_kept_is_told(deep, tmp_path):
     assert not finished_passes.passes_left(deep, tmp_path / "one") and not (tmp_path / "one" / ".lensfield").exists()
 
 
-def test_one_capture_of_a_rack_is_kept_until_its_last_frame_is_there(deep, tmp_path, monkeypatch):
+def test_one_capture_of_a_focus_rack_is_cached_until_its_last_frame(deep, tmp_path, monkeypatch):
     dof = deep.camera.data.dof
     dof.use_dof, dof.aperture_fstop = True, 3.0
     for frame, focus_m in ((1, 0.6), (2, 1.0), (3, 4.0)):
         dof.focus_distance = focus_m
         dof.keyframe_insert("focus_distance", frame=frame)
     bpy.ops.wm.save_mainfile()
-    asked = ASKED | {"source": addon.source_digest(deep)}
-    addon.render_animation(deep, [1, 2, 3], output_folder=tmp_path / "whole", **asked)
+    options = OPTIONS | {"source": addon.source_digest(deep)}
+    addon.render_animation(deep, [1, 2, 3], output_folder=tmp_path / "whole", **options)
     assert not (tmp_path / "whole" / ".lensfield").exists()
-    animation = addon.Animation(deep, [1, 2, 3], output_folder=tmp_path / "one", **asked)
+    animation = addon.Animation(deep, [1, 2, 3], output_folder=tmp_path / "one", **options)
     assert "one capture" in animation.plan
     animation.render(1)
     assert passes(tmp_path / "one")
     monkeypatch.setattr("lensfield.addon.job.render._render", lambda scene: 1 / 0)  # everything is cached
-    addon.render_animation(deep, [1, 2, 3], output_folder=tmp_path / "one", **asked)
+    addon.render_animation(deep, [1, 2, 3], output_folder=tmp_path / "one", **options)
     assert not kill.differing(tmp_path / "whole", tmp_path / "one")
     assert not (tmp_path / "one" / ".lensfield").exists()
 
 
-def test_files_that_a_scene_depends_on_are_told_apart(deep, tmp_path):
+def test_only_files_that_a_scene_depends_on_change_its_digest(deep, tmp_path):
     image = bpy.data.images.new("Painted", 4, 4)
     image.filepath_raw, image.file_format = str(tmp_path / "paint.0001.png"), "PNG"
     image.save()
@@ -231,62 +231,62 @@ def test_files_that_a_scene_depends_on_are_told_apart(deep, tmp_path):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text("400 0.5\n700 0.5\n")
     bpy.ops.wm.save_mainfile()
-    found = {source.source_digest(deep)}
+    digests = {source.source_digest(deep)}
     for name in ("paint.0001.png", "paint.0002.png", "lamp.ies", "paint.spd", "blendcache_scene/1.bphys"):
         touch(tmp_path / name)
-        found.add(source.source_digest(deep))
-    assert len(found) == 6
+        digests.add(source.source_digest(deep))
+    assert len(digests) == 6
     for name in ("other.png", "paint.txt", "scene.blend"):
         touch(tmp_path / name)
-        assert source.source_digest(deep) in found
+        assert source.source_digest(deep) in digests
     (tmp_path / "scene.blend").unlink()
     assert source.source_digest(deep) == ""
 
 
-def test_what_a_render_makes_is_nothing_that_its_scene_depends_on(deep, tmp_path):
+def test_a_scene_does_not_depend_on_files_of_its_renders(deep, tmp_path):
     before = source.source_digest(deep)
-    result = addon.render_through_lens(deep, output_folder=tmp_path, to_compositor=True, **ASKED)
+    result = addon.render_through_lens(deep, output_folder=tmp_path, to_compositor=True, **OPTIONS)
     bpy.ops.wm.save_mainfile()
     laid = source.source_digest(deep)
     touch(result.lens_image)
     assert source.source_digest(deep) == laid != before
 
 
-def test_a_frame_that_another_process_renders_is_left_to_it(deep, tmp_path):
+def test_a_frame_being_rendered_by_another_process_is_left_to_it(deep, tmp_path):
     result = Result.of(deep, tmp_path, 1)
     with another(result.record):
         with pytest.raises(Busy, match="Scene_0001_report.json: file is being written by another process: wait"):
-            addon.render_through_lens(deep, output_folder=tmp_path, frame=1, **ASKED)
-        animation = addon.render_animation(deep, [1, 2], output_folder=tmp_path, **ASKED)
+            addon.render_through_lens(deep, output_folder=tmp_path, frame=1, **OPTIONS)
+        animation = addon.render_animation(deep, [1, 2], output_folder=tmp_path, **OPTIONS)
         assert list(animation.results) == [2] and animation.elsewhere == [1]
         assert "left to other processes: 1 of the frames, from frame 1 on" in animation.summary
-    assert list(addon.render_animation(deep, [1, 2], output_folder=tmp_path, **ASKED).results) == [1]
+    assert list(addon.render_animation(deep, [1, 2], output_folder=tmp_path, **OPTIONS).results) == [1]
 
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("overwrite", [False, True])
-def test_a_frame_that_another_process_has_made_meanwhile_is_there(deep, tmp_path, overwrite):
-    asked = ASKED | {"output_folder": tmp_path}
-    addon.render_animation(deep, [1, 2], **asked)
+def test_a_frame_rendered_meanwhile_by_another_process_is_not_repeated(deep, tmp_path, overwrite):
+    options = OPTIONS | {"output_folder": tmp_path}
+    addon.render_animation(deep, [1, 2], **options)
     Result.of(deep, tmp_path, 1).record.write_text('{"software": "Made by Lensfield"}')
-    animation = addon.Animation(deep, [1, 2], overwrite=overwrite, **asked)
-    addon.render_animation(deep, [1, 2], overwrite=True, **asked)
+    animation = addon.Animation(deep, [1, 2], overwrite=overwrite, **options)
+    addon.render_animation(deep, [1, 2], overwrite=True, **options)
     assert [animation.render(frame) for frame in animation.turns] == [None] * (1 + overwrite)
     assert list(animation.earlier) == [1, 2] or list(animation.earlier) == [2, 1]
 
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("wait, turns", [(False, [1, 2, 1]), (True, [1, 2, 1, 1])])
-def test_a_frame_that_was_left_and_is_not_made_is_made_at_the_end(deep, tmp_path, wait, turns):
-    animation, made = addon.Animation(deep, [1, 2], output_folder=tmp_path, wait=wait, **ASKED), []
+def test_a_frame_abandoned_by_another_process_is_rendered_at_the_end(deep, tmp_path, wait, turns):
+    animation, attempted = addon.Animation(deep, [1, 2], output_folder=tmp_path, wait=wait, **OPTIONS), []
     holder = another(Result.of(deep, tmp_path, 1).record)
     holder.__enter__()
     for frame in animation.turns:
         animation.render(frame)
-        made.append(frame)
-        if len(made) == len(turns) - 1:
+        attempted.append(frame)
+        if len(attempted) == len(turns) - 1:
             holder.__exit__(None, None, None)
-    assert made == turns and list(animation.results) == [2, 1] and not animation.elsewhere
+    assert attempted == turns and list(animation.results) == [2, 1] and not animation.elsewhere
 
 
 class another:
@@ -306,7 +306,7 @@ class another:
         self._process.communicate()
 
 
-def test_processes_share_the_frames_of_a_folder_and_one_that_is_killed_loses_none(tmp_path):
+def test_processes_share_the_frames_of_a_folder_and_a_killed_one_loses_none(tmp_path):
     """Each frame is rendered by exactly one process, to the bytes that a single process writes."""
     kill.save_scene(tmp_path / "scene.blend", samples=16)
     kill.undisturbed(tmp_path / "scene.blend", tmp_path / "whole")
@@ -319,7 +319,7 @@ def test_processes_share_the_frames_of_a_folder_and_one_that_is_killed_loses_non
     assert not (tmp_path / "shared" / ".lensfield").exists()
 
 
-def test_a_link_in_place_of_the_hidden_folder_holds_no_passes(deep, tmp_path):
+def test_a_link_in_place_of_the_cache_folder_contains_no_passes(deep, tmp_path):
     """The report at the end of a render looks there, too."""
     (tmp_path / "precious").mkdir()
     (tmp_path / ".lensfield").symlink_to(tmp_path / "precious")

@@ -27,25 +27,25 @@ def work(tmp_path, monkeypatch):
     return folder
 
 
-def render(scene, tmp_path, **asked):
+def render(scene, tmp_path, **options):
     return render_through_lens(scene, lens="edmund-54852", wavelengths_nm=[450, 550, 650],
-                               output_folder=tmp_path / "out", **asked)
+                               output_folder=tmp_path / "out", **options)
 
 
 @pytest.mark.parametrize("depth", ["off", "auto"], ids=["pass", "look at depth"])
 @pytest.mark.parametrize("room_bytes", [0, 1_000, 8_000], ids="{} bytes".format)
-def test_no_room_for_a_pass_is_told_by_its_file(scene, tmp_path, work, depth, room_bytes):
+def test_no_room_for_a_pass_is_reported_with_its_file(scene, tmp_path, work, depth, room_bytes):
     set_world(scene)
     scene.render.image_settings.file_format = "PNG"
     before = snapshot()
-    with room_for(room_bytes), pytest.raises(InputError, match=r"(pass|look)\.exr.*File too large") as told:
+    with room_for(room_bytes), pytest.raises(InputError, match=r"(pass|look)\.exr.*File too large") as error:
         render(scene, tmp_path, depth=depth)
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(error.value)
     assert not differences(before, snapshot())
     assert not list(work.iterdir()) and not list((tmp_path / "out").iterdir())
 
 
-def test_a_work_folder_that_goes_away_is_told(scene, tmp_path, work, monkeypatch):
+def test_a_work_folder_that_disappears_is_reported(scene, tmp_path, work, monkeypatch):
     def gone(path, needed):
         shutil.rmtree(path.parent)
         return read(path, needed)
@@ -57,7 +57,7 @@ def test_a_work_folder_that_goes_away_is_told(scene, tmp_path, work, monkeypatch
     assert not list(work.iterdir())
 
 
-def test_no_room_for_a_picture_leaves_none_of_its_name(scene, tmp_path, work):
+def test_no_room_for_a_picture_leaves_no_partial_file(scene, tmp_path, work):
     set_world(scene)
     result = render(scene, tmp_path)
     sizes = {path: path.stat().st_size for path in result.pictures}
@@ -70,7 +70,7 @@ def test_no_room_for_a_picture_leaves_none_of_its_name(scene, tmp_path, work):
     assert not list((tmp_path / "out").glob(".*"))
 
 
-def test_a_child_is_heard_when_its_log_has_no_room(tmp_path, work):
+def test_messages_of_a_child_arrive_without_room_for_its_log(tmp_path, work):
     code = r"""print("x" * 100_000, flush=True); print('lensfield> {"messages": ["all"]}'); raise SystemExit(3)"""
     with room_for(1_000):
         heard = Child([sys.executable, "-c", code], tmp_path)
@@ -85,7 +85,7 @@ def test_a_child_is_heard_when_its_log_has_no_room(tmp_path, work):
     assert not list(Path(tempfile.gettempdir()).iterdir())
 
 
-def test_no_room_for_what_a_copy_lacks_is_told(scene, tmp_path):
+def test_no_room_for_the_session_file_is_reported(scene, tmp_path):
     with room_for(100), pytest.raises(InputError, match=r"session.npz: file is not written: File too large$"):
         write_session(tmp_path / "session.npz")
     assert not list(tmp_path.iterdir())

@@ -21,9 +21,9 @@ EDGES = 2e-3  # share of light lost between the triangles of panes
 CAUSTIC_NOISE = 0.1  # of its mean, at 256 samples; Filter Glossy removes 27 % of it
 
 
-def radiance(scene, folder, tier="standard", samples=16, **asked):
+def radiance(scene, folder, tier="standard", samples=16, **options):
     scene.cycles.samples = samples
-    result = render(scene, folder, spectral=SpectralOptions(tier), depth="off", **asked)
+    result = render(scene, folder, spectral=SpectralOptions(tier), depth="off", **options)
     return read_exr(result.radiance).frame().cube.astype(np.float64)
 
 
@@ -63,23 +63,23 @@ def test_a_clamped_light_keeps_its_colour(scene, tmp_path, tint, tier):
     set_world(scene, tint, 20.0)
     scene.cycles.sample_clamp_direct = 5.0
     result = render(scene, tmp_path, np.linspace(400, 700, 21), spectral=SpectralOptions(tier))
-    seen = lens_image(result)[:, 18, 24]
-    np.testing.assert_allclose(seen / seen.sum(), np.array(tint) / np.sum(tint), atol=0.03)
-    assert seen.mean() == pytest.approx(5.0, rel=0.25)  # the means of three wavelengths and of three colours differ
+    pixel = lens_image(result)[:, 18, 24]
+    np.testing.assert_allclose(pixel / pixel.sum(), np.array(tint) / np.sum(tint), atol=0.03)
+    assert pixel.mean() == pytest.approx(5.0, rel=0.25)  # the means of three wavelengths and of three colours differ
 
 
 @pytest.mark.parametrize("strength, free", [(6.0, True), (60.0, False)])
-def test_a_line_that_shares_a_group_is_clamped_by_its_whole_light(scene, tmp_path, strength, free):
+def test_a_spectral_line_in_a_shared_group_is_clamped_by_its_total_light(scene, tmp_path, strength, free):
     """With denoising, it shares a group: at its wavelength it is many times as bright as white of the same strength."""
     set_world(scene, strength=1e-3)
     glowing_wall(scene, strength)
     bpy.data.materials["Glow"].lensfield.emission = "sodium-lp"
     nm = np.linspace(400, 700, 21)
-    whole = render(scene, tmp_path / "whole", nm, denoise="on")
-    assert whole.report.scene.lamps == ["several spectra"]
+    unclamped = render(scene, tmp_path / "whole", nm, denoise="on")
+    assert unclamped.report.scene.lamps == ["several spectra"]
     scene.cycles.sample_clamp_direct = 10.0
     clamped = render(scene, tmp_path / "clamped", nm, denoise="on")
-    share = read_exr(clamped.radiance).cube.sum() / read_exr(whole.radiance).cube.sum()
+    share = read_exr(clamped.radiance).cube.sum() / read_exr(unclamped.radiance).cube.sum()
     assert share == pytest.approx(1.0 if free else 10 / strength, rel=0.01 if free else 0.5)
 
 
@@ -95,7 +95,7 @@ def mirrored_lamp(scene):
     lamp.location, lamp.rotation_euler = (-0.1, 0.3, -0.5), (-0.7, 0.1, 0.0)
 
 
-def test_filter_glossy_is_that_of_cycles(scene, tmp_path):
+def test_filter_glossy_works_as_in_cycles(scene, tmp_path):
     """In a grey scene, through a lens without distortion: as bright as Cycles' own render, filtered or not."""
     pictures = {}
     for glossy in (0.0, 10.0):
@@ -108,12 +108,12 @@ def test_filter_glossy_is_that_of_cycles(scene, tmp_path):
         result = addon.render_through_lens(scene, lens=make_lens(), wavelengths_nm=[550.0], output_folder=tmp_path,
                                            view="camera", spectral=SpectralOptions("reference"))
         pictures[glossy] = read_exr(result.radiance).frame().cube[0] / white_density(550.0)
-        plain = picture(scene, tmp_path, scene.cycles.samples, 32, 24)
-        assert_means(pictures[glossy], plain.mean(axis=0), noise=CAUSTIC_NOISE)
+        reference = picture(scene, tmp_path, scene.cycles.samples, 32, 24)
+        assert_means(pictures[glossy], reference.mean(axis=0), noise=CAUSTIC_NOISE)
     assert surely_apart(pictures[0.0], pictures[10.0]) > CAUSTIC_NOISE * pictures[10.0].mean()
 
 
-def test_reference_goes_without_clamps_and_says_so(scene, tmp_path):
+def test_reference_ignores_clamps_and_says_so(scene, tmp_path):
     glowing_wall(scene)
     scene.cycles.sample_clamp_direct = 2.0
     result = render(scene, tmp_path, spectral=SpectralOptions("reference"))
@@ -122,26 +122,26 @@ def test_reference_goes_without_clamps_and_says_so(scene, tmp_path):
 
 
 @pytest.mark.parametrize("tier", ["standard", "reference"])
-def test_film_exposure_is_of_the_lens_image_alone(scene, tmp_path, tier):
+def test_film_exposure_affects_only_the_lens_image(scene, tmp_path, tier):
     """As bright as Blender's own render; the spectra stay in their units."""
     glowing_wall(scene, 1.0, TINT)
-    plain = render(scene, tmp_path / "plain", spectral=SpectralOptions(tier))
+    default = render(scene, tmp_path / "plain", spectral=SpectralOptions(tier))
     scene.cycles.film_exposure = 2.5
     exposed = render(scene, tmp_path / "exposed", spectral=SpectralOptions(tier))
-    np.testing.assert_allclose(lens_image(exposed), 2.5 * lens_image(plain), rtol=1e-6)
+    np.testing.assert_allclose(lens_image(exposed), 2.5 * lens_image(default), rtol=1e-6)
     for name in ("radiance", "irradiance"):
-        assert np.array_equal(read_exr(getattr(exposed, name)).cube, read_exr(getattr(plain, name)).cube)
+        assert np.array_equal(read_exr(getattr(exposed, name)).cube, read_exr(getattr(default, name)).cube)
 
 
-@pytest.mark.parametrize("denoise, scenes_own, tier, expected", [
+@pytest.mark.parametrize("denoise, use_denoising, tier, expected", [
     ("SCENE", True, "standard", True), ("SCENE", False, "standard", False), ("SCENE", True, "preview", True),
     ("SCENE", True, "reference", False), ("ON", False, "reference", True), ("OFF", True, "standard", False)])
-def test_denoising_is_as_the_scene_says_but_in_reference(scene, denoise, scenes_own, tier, expected):
-    scene.cycles.use_denoising, scene.lensfield.denoise = scenes_own, denoise
+def test_denoising_follows_the_scene_except_in_reference(scene, denoise, use_denoising, tier, expected):
+    scene.cycles.use_denoising, scene.lensfield.denoise = use_denoising, denoise
     assert job_of(scene, spectral=SpectralOptions(tier)).denoises is expected
 
 
-def test_the_scenes_denoising_takes_the_noise_away(scene, tmp_path):
+def test_denoising_of_the_scene_removes_noise(scene, tmp_path):
     wall(scene, material("Paint", "ShaderNodeBsdfDiffuse", (0.7, 0.3, 0.05))[0])
     light(scene, "AREA", 20.0, size=1.0).location.x = 2.0
     true = radiance(scene, tmp_path / "true", samples=1024)
@@ -152,7 +152,7 @@ def test_the_scenes_denoising_takes_the_noise_away(scene, tmp_path):
 
 
 @pytest.mark.parametrize("tier", ["standard", "reference"])
-def test_what_moves_is_blurred_along_its_way(scene, tmp_path, tier):
+def test_moving_objects_are_blurred_along_their_path(scene, tmp_path, tier):
     """A bar that moves by its own width while the shutter is open, in every pass."""
     scene.render.use_motion_blur, scene.render.motion_blur_shutter = True, 1.0
     scene.render.motion_blur_position = "CENTER"
@@ -164,11 +164,11 @@ def test_what_moves_is_blurred_along_its_way(scene, tmp_path, tier):
         bar.keyframe_insert("location", frame=frame)
     moving = radiance(scene, tmp_path / "moving", tier, 256, frame=1)
     scene.render.use_motion_blur = False
-    still = radiance(scene, tmp_path / "still", tier, frame=1)
-    across = still.shape[2]
-    assert_means(moving.sum(axis=2, keepdims=True), still.sum(axis=2, keepdims=True).mean(axis=(1, 2)), noise=0.02,
+    static = radiance(scene, tmp_path / "still", tier, frame=1)
+    across = static.shape[2]
+    assert_means(moving.sum(axis=2, keepdims=True), static.sum(axis=2, keepdims=True).mean(axis=(1, 2)), noise=0.02,
                  rtol=0.01)
-    for blurred, sharp in zip(moving, still, strict=True):
+    for blurred, sharp in zip(moving, static, strict=True):
         lit = (sharp[across // 4] > 0).sum()
         assert (blurred[across // 4] > 0).sum() > 1.5 * lit and blurred.max() <= 1.01 * sharp.max()
 
@@ -181,16 +181,16 @@ BORDER = dict(left=8.5 / 48, right=36.5 / 48, bottom=12.5 / 36, top=30.5 / 36)  
 @pytest.mark.parametrize("lens", [
     "edmund-54852", *(pytest.param(name, marks=pytest.mark.one_blender) for name in ("muller-fisheye-25mm",
                                                                                     "nikkor-28mm"))])
-def test_the_render_region_is_as_in_the_whole_picture_and_the_rest_black(scene, tmp_path, lens):
+def test_the_render_region_equals_the_full_picture_and_the_rest_is_black(scene, tmp_path, lens):
     """Including its rim, where distortion and blur add light from outside; and no larger area is captured."""
     glowing_wall(scene, 1.0, TINT).location.z = -0.5
-    asked = dict(lens=lens, wavelengths_nm=WAVELENGTHS_NM, options=Options(accuracy=0.001), lens_quality="preview")
-    whole = addon.render_through_lens(scene, output_folder=tmp_path / "whole", **asked)
+    arguments = dict(lens=lens, wavelengths_nm=WAVELENGTHS_NM, options=Options(accuracy=0.001), lens_quality="preview")
+    full = addon.render_through_lens(scene, output_folder=tmp_path / "whole", **arguments)
     set_region(scene, **BORDER)
-    part = addon.render_through_lens(scene, output_folder=tmp_path / "part", **asked)
-    again = addon.apply_lens(part.radiance, lens=lens, output_folder=tmp_path / "again", options=asked["options"],
+    part = addon.render_through_lens(scene, output_folder=tmp_path / "part", **arguments)
+    again = addon.apply_lens(part.radiance, lens=lens, output_folder=tmp_path / "again", options=arguments["options"],
                              lens_quality="preview")
-    expected = lens_image(whole)
+    expected = lens_image(full)
     for result in (part, again):
         picture = lens_image(result)
         np.testing.assert_allclose(picture[:, *REGION], expected[:, *REGION], rtol=2e-3)
@@ -198,7 +198,7 @@ def test_the_render_region_is_as_in_the_whole_picture_and_the_rest_black(scene, 
         assert np.all(alpha[REGION] == 1) and alpha.sum() == alpha[REGION].size
         picture[:, *REGION] = 0
         assert not picture.any()
-    assert read_exr(part.radiance).cube.any(axis=0).mean() < 0.9 * read_exr(whole.radiance).cube.any(axis=0).mean()
+    assert read_exr(part.radiance).cube.any(axis=0).mean() < 0.9 * read_exr(full.radiance).cube.any(axis=0).mean()
 
 
 def slanting_light(scene):
@@ -217,20 +217,20 @@ def slanting_light(scene):
 
 
 @pytest.mark.parametrize("lens", ["edmund-54852", pytest.param("nikkor-28mm", marks=pytest.mark.one_blender)])
-def test_the_render_region_shows_its_own_part_of_the_scene(scene, tmp_path, lens):
+def test_the_render_region_shows_the_right_part_of_the_scene(scene, tmp_path, lens):
     """The region is neither mirrored nor moved, in an asymmetric scene, and only its surroundings are captured.
 
     The tolerance is 5 sigma of the positions of 16 samples in a pixel, in both pictures, where light changes by 1/20
     from pixel to pixel: 5 sqrt(2) 0.29 / sqrt(16) / 20 = 2.6 %.
     """
     slanting_light(scene)
-    asked = dict(lens=lens, wavelengths_nm=[550.0], options=Options(accuracy=0.001), lens_quality="preview")
-    whole = addon.render_through_lens(scene, output_folder=tmp_path / "whole", **asked)
+    arguments = dict(lens=lens, wavelengths_nm=[550.0], options=Options(accuracy=0.001), lens_quality="preview")
+    full = addon.render_through_lens(scene, output_folder=tmp_path / "whole", **arguments)
     set_region(scene, **BORDER)
-    part = addon.render_through_lens(scene, output_folder=tmp_path / "part", **asked)
-    expected, found = (lens_image(result)[:, *REGION] for result in (whole, part))
+    part = addon.render_through_lens(scene, output_folder=tmp_path / "part", **arguments)
+    expected, cropped = (lens_image(result)[:, *REGION] for result in (full, part))
     assert all(np.abs(np.flip(expected, axis) / expected - 1).max() > 0.1 for axis in (1, 2))
-    np.testing.assert_allclose(found, expected, rtol=0.026)
+    np.testing.assert_allclose(cropped, expected, rtol=0.026)
     radiance = read_exr(part.radiance)
     lit = radiance.cube.any(axis=0)
     margins = set()
@@ -241,7 +241,7 @@ def test_the_render_region_shows_its_own_part_of_the_scene(scene, tmp_path, lens
 
 
 @pytest.mark.one_blender
-def test_a_lens_that_reaches_beyond_what_was_captured_of_a_region_is_refused(scene, tmp_path):
+def test_a_lens_that_needs_more_than_the_captured_region_is_refused(scene, tmp_path):
     glowing_wall(scene)
     set_region(scene, 0.4, 0.6, 0.4, 0.6)
     rest = {"wavelengths_nm": WAVELENGTHS_NM, "output_folder": tmp_path, "lens_quality": "preview"}
@@ -273,7 +273,7 @@ def two_layers(scene):
 
 
 @pytest.mark.parametrize("name, lit", [("Whole", True), ("Empty", False)])
-def test_the_view_layer_asked_for_is_rendered(two_layers, tmp_path, name, lit):
+def test_the_selected_view_layer_is_rendered(two_layers, tmp_path, name, lit):
     two_layers.view_layers["Empty"].use = False
     assert bool(radiance(two_layers, tmp_path, view_layer=name).any()) is lit
     two_layers.lensfield.view_layer = name
@@ -281,7 +281,7 @@ def test_the_view_layer_asked_for_is_rendered(two_layers, tmp_path, name, lit):
     assert [layer.use for layer in two_layers.view_layers] == [True, False]
 
 
-def test_of_several_view_layers_one_is_to_be_chosen(two_layers, tmp_path):
+def test_several_view_layers_require_a_choice(two_layers, tmp_path):
     with pytest.raises(SceneError, match="view layers for rendering is Whole, Empty: choose one"):
         radiance(two_layers, tmp_path)
     with pytest.raises(SceneError, match="view layer is Third: expected Whole or Empty"):

@@ -61,10 +61,10 @@ def point(scene, spectrum, watts=10.0, **properties):
 
 
 def glowing(name, spectrum, strength=1.0, colour=(1, 1, 1)):
-    made, shader = material(name, "ShaderNodeEmission", colour)
+    emitter, shader = material(name, "ShaderNodeEmission", colour)
     shader.inputs["Strength"].default_value = strength
-    made.lensfield.emission = spectrum
-    return made
+    emitter.lensfield.emission = spectrum
+    return emitter
 
 
 def density(spectrum, nm=NM):
@@ -89,7 +89,7 @@ def red(nm=NM):
 
 @pytest.mark.one_blender
 @pytest.mark.parametrize("first, second", [(SPIKY, "led-b3"), ("illuminant-a", "mercury"), (SPIKY, "")])
-def test_two_lamps_are_the_sum_of_each_alone(scene, tmp_path, first, second):
+def test_light_of_two_lamps_is_the_sum_of_each_alone(scene, tmp_path, first, second):
     red_wall(scene)
     lamps = [point(scene, first, 10.0), point(scene, second, 3.0)]
     lamps[1].location = (0.3, 0.2, 0)
@@ -104,7 +104,7 @@ def test_two_lamps_are_the_sum_of_each_alone(scene, tmp_path, first, second):
     assert np.ptp(first / first.max() - second / second.max()) > 0.3
 
 
-def test_each_lamp_has_its_own_spectrum_on_a_coloured_wall(scene, tmp_path):
+def test_each_lamp_keeps_its_spectrum_on_a_coloured_wall(scene, tmp_path):
     scene.cycles.samples = BY_CHANCE
     red_wall(scene)
     point(scene, SPIKY, 10.0)
@@ -114,7 +114,7 @@ def test_each_lamp_has_its_own_spectrum_on_a_coloured_wall(scene, tmp_path):
     assert_means(radiance(scene, tmp_path), expected, PRECISION)
 
 
-def test_lamps_cost_no_wavelengths_in_a_grey_scene(scene, tmp_path):
+def test_several_lamps_need_no_extra_passes_in_a_grey_scene(scene, tmp_path):
     scene.cycles.samples = BY_CHANCE
     white_wall(scene)
     for spectrum in (SPIKY, "mercury", "led-rgb1", FLAT):
@@ -129,7 +129,7 @@ def test_lamps_cost_no_wavelengths_in_a_grey_scene(scene, tmp_path):
 @pytest.mark.one_blender
 @pytest.mark.parametrize("count", [9, 31])
 @pytest.mark.parametrize("spectrum", [SPIKY, "mercury", "fluorescent-fl11", "588.9:0, 589:1, 589.1:0"])
-def test_power_of_spiky_lamps_is_in_the_picture(scene, tmp_path, spectrum, count):
+def test_the_picture_has_the_full_power_of_spiky_lamps(scene, tmp_path, spectrum, count):
     """By the trapezoidal rule over the picture's wavelengths, for any position of the lines."""
     nm = np.linspace(380, 780, count)
     white_wall(scene)
@@ -138,7 +138,7 @@ def test_power_of_spiky_lamps_is_in_the_picture(scene, tmp_path, spectrum, count
 
 
 @pytest.mark.one_blender
-def test_power_of_spiky_lamps_that_share_a_group_is_in_the_picture(scene, tmp_path):
+def test_the_picture_has_the_full_power_of_spiky_lamps_that_share_a_group(scene, tmp_path):
     """Two on one object: their spectra are in the colours."""
     nm = np.linspace(380, 780, 31)
     glow = two_coloured_wall(scene, SPIKY, "mercury")
@@ -164,14 +164,14 @@ def halves(scene, folder, nm=NM, **options):
     return picture[:, :, :3], picture[:, :, 5:]
 
 
-def test_object_of_two_glowing_materials(scene, tmp_path):
+def test_an_object_can_have_two_glowing_materials(scene, tmp_path):
     two_coloured_wall(scene, SMOOTH, "led-b3")
     left, right = halves(scene, tmp_path)
     assert_means(left, 2 * density(SMOOTH))
     assert_means(right, 3 * load_spectrum("led-b3").density_at(NM))
 
 
-def test_material_of_a_shared_group_on_an_object_of_its_own(scene, tmp_path):
+def test_a_material_of_a_shared_group_also_glows_on_a_separate_object(scene, tmp_path):
     """The object has a single spectrum, but its material shares a group with several spectra."""
     two_coloured_wall(scene, SMOOTH, "led-b3")
     bpy.data.objects["Halves"].location.z = -5
@@ -180,7 +180,7 @@ def test_material_of_a_shared_group_on_an_object_of_its_own(scene, tmp_path):
     assert_means(radiance(scene, tmp_path), 2 * density(SMOOTH))
 
 
-def test_one_material_with_a_blackbody_and_a_colour(scene, tmp_path):
+def test_a_material_can_combine_a_blackbody_and_a_colour(scene, tmp_path):
     both, first = material("Both", "ShaderNodeEmission", (0.2, 0.5, 0.9))
     tree = both.node_tree
     second, add = tree.nodes.new("ShaderNodeEmission"), tree.nodes.new("ShaderNodeAddShader")
@@ -231,7 +231,7 @@ def test_blackbody_nodes_have_the_luminance_of_white(scene, tmp_path, glows, tem
     assert lamps_of(scene, tmp_path) == [f"blackbody of {temperature_k:g} K"]
 
 
-def test_world_and_lamps_shine_each_by_its_own(scene, tmp_path):
+def test_world_and_lamps_have_separate_spectra(scene, tmp_path):
     scene.cycles.samples = BY_CHANCE
     set_world(scene, strength=0.3)
     scene.world.lensfield.emission = SMOOTH
@@ -242,7 +242,7 @@ def test_world_and_lamps_shine_each_by_its_own(scene, tmp_path):
     assert_means(radiance(scene, tmp_path), expected, PRECISION)
 
 
-def test_world_override_shines_in_its_own_group(scene, tmp_path):
+def test_a_world_override_shines_in_a_separate_group(scene, tmp_path):
     set_world(scene, strength=5.0)
     scene.world.lensfield.emission = SPIKY
     other = bpy.data.worlds.new("Override")
@@ -259,7 +259,7 @@ def test_world_override_shines_in_its_own_group(scene, tmp_path):
 
 
 @pytest.mark.one_blender
-def test_lamp_of_a_temperature_beside_another(scene, tmp_path):
+def test_light_of_a_temperature_lamp_and_a_spectral_lamp_adds_up(scene, tmp_path):
     if "use_temperature" not in bpy.types.Light.bl_rna.properties:
         pytest.skip("this Blender's lamps have no temperature")
     scene.cycles.samples = BY_CHANCE
@@ -272,7 +272,7 @@ def test_lamp_of_a_temperature_beside_another(scene, tmp_path):
 
 @pytest.mark.one_blender
 @pytest.mark.parametrize("more", [0, 1, 5])
-def test_more_lamps_than_groups(scene, tmp_path, more):
+def test_light_of_more_lamps_than_groups_adds_up(scene, tmp_path, more):
     scene.cycles.samples = BY_CHANCE
     red_wall(scene)
     kelvin = 2000 + 250 * np.arange(MOST_GROUPS + more)
@@ -306,7 +306,7 @@ def test_spiky_lamps_are_the_last_to_share_a_group(scene, tmp_path):
 
 
 @pytest.mark.one_blender
-def test_all_lamps_in_one_group_for_denoising(scene, tmp_path):
+def test_denoising_puts_all_lamps_in_one_group(scene, tmp_path):
     """OIDN receives only the full picture, and may shift it by 1 %; a dim wavelength by 0.1 % of the brightest."""
     scene.cycles.samples = BY_CHANCE
     red_wall(scene)
@@ -318,7 +318,7 @@ def test_all_lamps_in_one_group_for_denoising(scene, tmp_path):
     np.testing.assert_allclose(picture.mean(axis=(1, 2)), expected, rtol=0.01, atol=1e-3 * expected.max())
 
 
-def test_light_groups_of_the_users_own_take_no_part_and_come_back(scene, tmp_path):
+def test_light_groups_of_the_user_are_ignored_and_restored(scene, tmp_path):
     scene.cycles.samples = BY_CHANCE
     layer = scene.view_layers[0]
     for name in ("lensfield_1", "key", "fill"):
@@ -335,7 +335,7 @@ def test_light_groups_of_the_users_own_take_no_part_and_come_back(scene, tmp_pat
     assert not differences(before, snapshot())
 
 
-def test_user_groups_in_a_scene_of_one_lamp_take_no_part(scene, tmp_path):
+def test_light_groups_of_the_user_are_ignored_with_a_single_lamp(scene, tmp_path):
     """The first lamp then contains all light, whatever group the user assigned."""
     scene.view_layers[0].lightgroups.add(name="key")
     white_wall(scene)
@@ -343,7 +343,7 @@ def test_user_groups_in_a_scene_of_one_lamp_take_no_part(scene, tmp_path):
     assert_means(radiance(scene, tmp_path), 10 * STEP * density(SMOOTH), PRECISION)
 
 
-def test_glowing_instances_of_a_collection(scene, tmp_path):
+def test_instances_of_a_collection_glow(scene, tmp_path):
     """The objects are only in the instanced collection; an empty instances it."""
     inside = bpy.data.collections.new("Lamps")
     for child, z in ((point(scene, SPIKY, 10.0), 0.0), (wall(scene, glowing("Glow", SMOOTH, 0.7), 0.0), -0.5)):
@@ -363,7 +363,7 @@ def test_glowing_instances_of_a_collection(scene, tmp_path):
 
 
 def test_geometry_nodes_set_the_glowing_material(scene, tmp_path):
-    plain = white_wall(scene)
+    obj = white_wall(scene)
     glow = glowing("Glow", SMOOTH, 0.7)
     tree = bpy.data.node_groups.new("Set", "GeometryNodeTree")
     for in_out in ("INPUT", "OUTPUT"):
@@ -372,12 +372,12 @@ def test_geometry_nodes_set_the_glowing_material(scene, tmp_path):
     node.inputs["Material"].default_value = glow
     tree.links.new(tree.nodes.new("NodeGroupInput").outputs[0], node.inputs["Geometry"])
     tree.links.new(node.outputs[0], tree.nodes.new("NodeGroupOutput").inputs[0])
-    plain.modifiers.new("Set", "NODES").node_group = tree
+    obj.modifiers.new("Set", "NODES").node_group = tree
     point(scene, FLAT)
     assert_means(radiance(scene, tmp_path), 0.7 * density(SMOOTH))
 
 
-def test_glowing_materials_linked_to_objects(scene, tmp_path):
+def test_glowing_materials_may_be_linked_to_objects(scene, tmp_path):
     """Two objects with one mesh, each with a different glowing material."""
     near = wall(scene, glowing("Near", SMOOTH, 0.7), 1.0)
     far = bpy.data.objects.new("Far", near.data)
@@ -422,7 +422,7 @@ def test_unlit_scene_is_black(scene, tmp_path):
 
 
 @pytest.mark.parametrize("fails", [False, True])
-def test_scene_and_groups_are_whole_afterwards(scene, tmp_path, monkeypatch, fails):
+def test_scene_and_groups_are_restored_afterwards(scene, tmp_path, monkeypatch, fails):
     two_coloured_wall(scene, SMOOTH, SPIKY)
     bpy.data.objects["Halves"].location.z = 3
     red_wall(scene)
@@ -440,7 +440,7 @@ def test_scene_and_groups_are_whole_afterwards(scene, tmp_path, monkeypatch, fai
     assert not differences(before, snapshot())
 
 
-def test_a_dull_material_beside_two_glowing_ones_ties_nobody_else_to_them(scene, tmp_path):
+def test_a_shared_dull_material_does_not_merge_light_groups(scene, tmp_path):
     """A grey material shared by a lamp's object and an object with two spectra does not put that lamp in their group.
     """
     dull, _ = material("Dull", "ShaderNodeBsdfDiffuse")

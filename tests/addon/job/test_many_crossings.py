@@ -44,7 +44,7 @@ def follow_all_paths(scene):
     scene.render.resolution_x, scene.render.resolution_y, cycles.samples = WIDE, HIGH, 4
 
 
-def seen(scene, folder, tier, lens=None):
+def relative_radiance(scene, folder, tier, lens=None):
     """Radiance of the middle pixel relative to white of strength 1, at NM; and the report."""
     result = addon.render_through_lens(scene, lens=lens or make_lens(), wavelengths_nm=NM, output_folder=folder,
                                        spectral=SpectralOptions(tier), depth="off")
@@ -60,24 +60,24 @@ def colour_error(true, estimated):
 
 
 @pytest.mark.parametrize("count", [2, PANES])
-def test_panes_are_powers_of_spectra_here_and_of_rgb_in_cycles(panes, tmp_path, count):
+def test_panes_multiply_spectra_here_and_rgb_in_cycles(panes, tmp_path, count):
     for index, pane in enumerate(each for each in panes.collection.objects if each.name.startswith("Pane")):
         pane.hide_render = index >= count
-    light, _ = seen(panes, tmp_path, "reference")
+    light, _ = relative_radiance(panes, tmp_path, "reference")
     np.testing.assert_allclose(light, (reflectance_basis(NM) @ GREEN)**count, rtol=SINGLE, atol=SINGLE * 0.01)
     for tier in ("preview", "standard"):
-        estimated, report = seen(panes, tmp_path, tier)
+        estimated, report = relative_radiance(panes, tmp_path, tier)
         assert colour_error(light, estimated) <= 1.05 * report.scene.predicted_colour_error + 0.05
     middle = picture(panes, tmp_path, 4, WIDE, HIGH)[:, HIGH // 2, WIDE // 2]
     np.testing.assert_allclose(middle, GREEN**count, rtol=1e-3, atol=1e-6)
 
 
-def test_saturated_glass_is_named_before_and_after(panes, tmp_path, capsys):
+def test_saturated_glass_is_reported_before_and_after_the_render(panes, tmp_path, capsys):
     expected = "Saturated Colours 'Pane 0' (and 6 more) of 'Green Glass': up to CIEDE2000 "
     remarks = preflight(panes, output_folder=tmp_path).remarks
     remark, = (str(each) for each in remarks if each.what == "Saturated Colours")
     assert remark.startswith(expected) and "an RGB render after" in remark
-    _, report = seen(panes, tmp_path, "standard")
+    _, report = relative_radiance(panes, tmp_path, "standard")
     assert remark in report.remarks()
     assert report.scene.rgb_difference == pytest.approx(float(remark.split("CIEDE2000 ")[1].split()[0]), abs=0.05)
     blend = str(tmp_path / "panes.blend")
@@ -87,14 +87,14 @@ def test_saturated_glass_is_named_before_and_after(panes, tmp_path, capsys):
 
 
 @pytest.mark.parametrize("colour", [(0.6, 0.6, 0.6), (0.97, 0.98, 0.97)])
-def test_grey_and_nearly_clear_glass_is_not(panes, tmp_path, colour):
+def test_grey_and_nearly_clear_glass_is_not_reported(panes, tmp_path, colour):
     node = next(node for node in bpy.data.materials["Green Glass"].node_tree.nodes if "IOR" in node.inputs)
     node.inputs["Color"].default_value = (*colour, 1)
     assert not [each for each in preflight(panes, output_folder=tmp_path).remarks if each.what == "Saturated Colours"]
-    assert seen(panes, tmp_path, "standard")[1].scene.rgb_difference < 1
+    assert relative_radiance(panes, tmp_path, "standard")[1].scene.rgb_difference < 1
 
 
-def test_a_red_volume_is_an_exponential_at_each_wavelength(scene, tmp_path):
+def test_a_red_volume_absorbs_exponentially_at_each_wavelength(scene, tmp_path):
     """Beer and Lambert: exp(-(1 - s) density thickness), where Cycles in RGB has exp(-(1 - c) density thickness)."""
     red = np.array((0.8, 0.05, 0.1))
     set_world(scene)
@@ -110,7 +110,7 @@ def test_a_red_volume_is_an_exponential_at_each_wavelength(scene, tmp_path):
     bpy.context.object.data.materials.append(fog)
     follow_all_paths(scene)
     depth = DENSITY * THICKNESS_M
-    light, report = seen(scene, tmp_path, "reference")
+    light, report = relative_radiance(scene, tmp_path, "reference")
     np.testing.assert_allclose(light, np.exp(-(1 - reflectance_basis(NM) @ red) * depth), rtol=FACING)
     np.testing.assert_allclose(picture(scene, tmp_path, 4, WIDE, HIGH)[:, HIGH // 2, WIDE // 2],
                                np.exp(-(1 - red) * depth), rtol=FACING)

@@ -29,8 +29,8 @@ from waiting import LAST_RESORT_S
 
 LENS = "kodak-petzval-100mm"  # from 1.05 m and f/2.14 on: nearest, it moves as a unit, and its view is 9 % narrower
 FRAMES = 1, 3, 5, 7
-ASKED = {"lens": LENS, "wavelengths_nm": WAVELENGTHS_NM, "lens_quality": "preview",
-         "spectral": SpectralOptions("preview"), "to_compositor": False}
+OPTIONS = {"lens": LENS, "wavelengths_nm": WAVELENGTHS_NM, "lens_quality": "preview",
+           "spectral": SpectralOptions("preview"), "to_compositor": False}
 NEAR_M, FAR_M = 1.1, 6.0
 CUT_MM, MARGIN_PX = (3000.0,), (12, 12)
 
@@ -70,14 +70,14 @@ def cut(monkeypatch):
 @pytest.fixture
 def captures(monkeypatch):
     """A list of the frames for which `OneCapture` creates a capture."""
-    made, capture = [], one_capture.capture
+    frames, capture = [], one_capture.capture
 
     def counted(scene, job, *arguments):
-        made.append(job.frame)
+        frames.append(job.frame)
         return (yield from capture(scene, job, *arguments))
 
     monkeypatch.setattr(one_capture, "capture", counted)
-    return made
+    return frames
 
 
 def irradiance(result):
@@ -91,7 +91,7 @@ def alpha(result):
 
 def test_one_capture_serves_all_frames(rack, captures, tmp_path):
     before = snapshot()
-    animation = addon.render_animation(rack, FRAMES, output_folder=tmp_path, **ASKED)
+    animation = addon.render_animation(rack, FRAMES, output_folder=tmp_path, **OPTIONS)
     assert not differences(before, snapshot())
     assert len(captures) == 1 and list(animation.results) == list(FRAMES)
     assert animation.plan == "4 frames from one capture: only focus and f-stop change"
@@ -101,17 +101,17 @@ def test_one_capture_serves_all_frames(rack, captures, tmp_path):
     assert all((tmp_path / f"Scene_{frame:04d}_{name}").is_file() for frame in FRAMES for name in FRAME_FILES.values())
     near, far = (animation.results[frame].report.scene.depth.near_mm for frame in (1, 5))
     assert near < 1e3 * NEAR_M < far < 1e3 * FAR_M
-    assert not addon.Animation(rack, FRAMES, output_folder=tmp_path, **ASKED).pending
-    assert addon.Animation(rack, [1, 2], output_folder=tmp_path, **ASKED).pending == [2]
+    assert not addon.Animation(rack, FRAMES, output_folder=tmp_path, **OPTIONS).pending
+    assert addon.Animation(rack, [1, 2], output_folder=tmp_path, **OPTIONS).pending == [2]
 
 
 @pytest.mark.one_blender
-def test_each_frame_is_what_it_is_by_itself(rack, cut, tmp_path):
+def test_each_frame_equals_a_separate_render(rack, cut, tmp_path):
     """In the camera's view, where all lenses use exactly the captured pixels."""
-    asked = ASKED | {"view": "camera"}
-    one = addon.render_animation(rack, FRAMES, output_folder=tmp_path / "one", **asked).results
+    options = OPTIONS | {"view": "camera"}
+    one = addon.render_animation(rack, FRAMES, output_folder=tmp_path / "one", **options).results
     for frame in (1, 5, 7):
-        alone = addon.render_through_lens(rack, frame=frame, output_folder=tmp_path / "alone", **asked)
+        alone = addon.render_through_lens(rack, frame=frame, output_folder=tmp_path / "alone", **options)
         for ours, theirs in ((irradiance(each) for each in (one[frame], alone)), map(alpha, (one[frame], alone))):
             np.testing.assert_allclose(ours, theirs, rtol=1e-4, atol=1e-5 * theirs.max())
 
@@ -123,16 +123,17 @@ def middle_px(red):
 
 
 @pytest.mark.one_blender
-def test_a_lens_shows_more_or_less_as_it_is_focused(rack, tmp_path):
+def test_the_field_of_view_changes_with_focus(rack, tmp_path):
     """On its own sensor, although one pinhole captured all frames: light lands as in a separate render of the frame."""
     set_world(rack, (0, 0, 0))
     rack.objects["Far"].hide_render = True
-    results = addon.render_animation(rack, FRAMES, output_folder=tmp_path / "one", **ASKED).results
+    results = addon.render_animation(rack, FRAMES, output_folder=tmp_path / "one", **OPTIONS).results
     red = {frame: irradiance(results[frame])[-1] for frame in (1, 5)}
     near, far = (np.hypot(*(middle_px(red[frame]) - np.array([17.5, 23.5]))) for frame in (1, 5))
     assert near > 1.05 * far
     for frame, ours in red.items():
-        theirs = irradiance(addon.render_through_lens(rack, frame=frame, output_folder=tmp_path / "alone", **ASKED))[-1]
+        alone = addon.render_through_lens(rack, frame=frame, output_folder=tmp_path / "alone", **OPTIONS)
+        theirs = irradiance(alone)[-1]
         # Each of at most 100 pixels along the square's edges has an error of at most a half over the root of 256
         # samples. The sum of the square's 100 pixels or more then has an error of 0.3, and five times that for 5 sigma;
         # the centroid has the same relative error of its half width.
@@ -140,43 +141,43 @@ def test_a_lens_shows_more_or_less_as_it_is_focused(rack, tmp_path):
         np.testing.assert_allclose(middle_px(ours), middle_px(theirs), atol=0.1)
 
 
-def test_the_pinhole_that_a_picture_is_compared_with_sees_as_much_as_the_lens():
+def test_the_pinhole_picture_has_the_field_of_view_of_the_lens():
     """Light with a linear gradient across the picture has a steeper one if captured by a longer pinhole."""
     lens = make_lens()
     grid = PixelGrid.around_frame((5, 7), 10.0, (4, 6))
     cube = np.broadcast_to(100.0 + grid.axes_mm()[0], (3, *grid.shape_px)).astype(np.float32)
     longer = replace(grid, focal_mm=1.5 * lens.capture_focal_length_mm)
-    ours, own = (pinhole_view(Captured(SpectralImage(cube, np.array(WAVELENGTHS_NM), seen), None, None, None), lens)
-                 for seen in (longer, grid))
-    assert ours.shape == own.shape == (5, 7, 3)
-    np.testing.assert_allclose(ours - ours[2, 3], 1.5 * (own - own[2, 3]), atol=1e-6 * own.max())
+    ours, fit = (pinhole_view(Captured(SpectralImage(cube, np.array(WAVELENGTHS_NM), view), None, None, None), lens)
+                 for view in (longer, grid))
+    assert ours.shape == fit.shape == (5, 7, 3)
+    np.testing.assert_allclose(ours - ours[2, 3], 1.5 * (fit - fit[2, 3]), atol=1e-6 * fit.max())
 
 
 @pytest.mark.one_blender
-def test_each_frame_tells_what_one_depth_for_each_pixel_does_not(rack, tmp_path):
+def test_each_frame_reports_the_limits_of_one_depth_per_pixel(rack, tmp_path):
     """A separate render reports the same, except for the lens's own lines; and so does a frame that reuses a capture.
     """
     glowing(rack, "Pane", (1, 1, 1), 2.0, 1.0).data.materials[0] = material("Glass", "ShaderNodeBsdfGlass")[0]
     rack.render.resolution_x, rack.render.resolution_y, rack.cycles.samples = 96, 72, 4
-    results = addon.render_animation(rack, FRAMES[:2], output_folder=tmp_path, **ASKED).results
-    told = [result.report.scene.scene_remarks for result in results.values()]
-    assert all(sum(line.startswith("Glass 'Pane'") for line in lines) == 1 for lines in told)
-    assert told[0][-1] == told[1][-1]
+    results = addon.render_animation(rack, FRAMES[:2], output_folder=tmp_path, **OPTIONS).results
+    remarks = [result.report.scene.scene_remarks for result in results.values()]
+    assert all(sum(line.startswith("Glass 'Pane'") for line in lines) == 1 for lines in remarks)
+    assert remarks[0][-1] == remarks[1][-1]
 
 
 @pytest.mark.one_blender
-def test_what_is_cancelled_goes_on_with_the_same_light(rack, captures, tmp_path):
-    first = addon.Animation(rack, FRAMES, output_folder=tmp_path, **ASKED)
+def test_a_cancelled_animation_resumes_with_the_same_light(rack, captures, tmp_path):
+    first = addon.Animation(rack, FRAMES, output_folder=tmp_path, **OPTIONS)
     result = first.render(1)
-    rest = addon.render_animation(rack, FRAMES, output_folder=tmp_path, **ASKED)
+    rest = addon.render_animation(rack, FRAMES, output_folder=tmp_path, **OPTIONS)
     assert list(rest.results) == [3, 5, 7] and list(rest.earlier) == [1] and len(captures) == 2
     light = [read_exr(one.radiance).cube for one in (result, rest.results[7])]
     np.testing.assert_array_equal(*light)
 
 
 @pytest.mark.one_blender
-def test_a_capture_that_was_stopped_is_made_again(rack, captures, monkeypatch, tmp_path):
-    animation, before = addon.Animation(rack, FRAMES, output_folder=tmp_path, **ASKED), snapshot()
+def test_a_stopped_capture_is_repeated(rack, captures, monkeypatch, tmp_path):
+    animation, before = addon.Animation(rack, FRAMES, output_folder=tmp_path, **OPTIONS), snapshot()
 
     def stop(fraction, label):
         if "Pass" in label:
@@ -190,59 +191,59 @@ def test_a_capture_that_was_stopped_is_made_again(rack, captures, monkeypatch, t
 
 
 @pytest.mark.one_blender
-def test_light_that_is_taken_away_is_written_again(rack, captures, tmp_path):
-    animation = addon.Animation(rack, FRAMES, output_folder=tmp_path, **ASKED)
+def test_deleted_radiance_is_written_again(rack, captures, tmp_path):
+    animation = addon.Animation(rack, FRAMES, output_folder=tmp_path, **OPTIONS)
     animation.render(1).radiance.unlink()
     assert animation.render(3).radiance.is_file() and len(captures) == 1
 
 
-def test_what_moves_is_captured_frame_by_frame(rack, captures, tmp_path):
+def test_moving_objects_are_captured_frame_by_frame(rack, captures, tmp_path):
     near = rack.objects["Near"]
     for frame, x_m in ((1, 0.06), (7, 0.0)):
         near.location.x = x_m
         near.keyframe_insert("location", frame=frame)
-    animation = addon.render_animation(rack, FRAMES[:2], output_folder=tmp_path, **ASKED)
+    animation = addon.render_animation(rack, FRAMES[:2], output_folder=tmp_path, **OPTIONS)
     assert animation.plan == "each frame is captured separately: object 'Near' is animated" and not captures
     assert len({os.stat(result.radiance).st_ino for result in animation.results.values()}) == 2
     rack.camera.data.animation_data_clear()
-    assert addon.Animation(rack, FRAMES, output_folder=tmp_path, **ASKED).plan == ""
+    assert addon.Animation(rack, FRAMES, output_folder=tmp_path, **OPTIONS).plan == ""
 
 
 @pytest.mark.one_blender
-def test_frames_that_ask_for_other_pictures_are_captured_by_themselves(rack, tmp_path):
-    asked = ASKED | {"output_folder": tmp_path}
-    one, job = OneCapture(rack, FRAMES, **asked), job_of_frame(rack, 3, **asked)
+def test_frames_with_other_settings_are_captured_separately(rack, tmp_path):
+    options = OPTIONS | {"output_folder": tmp_path}
+    one, job = OneCapture(rack, FRAMES, **options), job_of_frame(rack, 3, **options)
     assert one.holds(job)
     for other in (replace(job, depth="traced"), replace(job, denoise="on"),
                   replace(job, settings=job.settings | {"samples": 3})):
         assert not one.holds(other)
-    assert addon.Animation(rack, FRAMES, **asked, depth="traced").plan == (
+    assert addon.Animation(rack, FRAMES, **options, depth="traced").plan == (
         "each frame is captured separately: the lens is traced")
 
 
 @pytest.mark.one_blender
-def test_the_command_says_it_first(rack, tmp_path):
+def test_the_command_announces_the_single_capture_first(rack, tmp_path):
     blend = tmp_path / "rack.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(blend))
     command = [sys.executable, "-c", "from lensfield.cli import console; console()", "render", str(blend),
                "--lens", LENS, "--frames", "1-3:2", "--wavelengths", "450,550,650", "--lens-quality", "preview",
                "--tier", "preview", "--output", str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=LAST_RESORT_S)
-    assert done.returncode == 0, done.stderr
-    output, first, *_ = done.stdout.splitlines()
+    result = subprocess.run(command, capture_output=True, text=True, timeout=LAST_RESORT_S)
+    assert result.returncode == 0, result.stderr
+    output, first, *_ = result.stdout.splitlines()
     assert output == f"output: {tmp_path}"
     assert first == "2 frames from one capture: only focus and f-stop change"
     assert (tmp_path / "Scene_0001_radiance.exr").samefile(tmp_path / "Scene_0003_radiance.exr")
 
 
 @pytest.mark.one_blender
-def test_film_and_region_go_together_with_one_capture(rack, cut, tmp_path):
+def test_one_capture_supports_film_and_region(rack, cut, tmp_path):
     rack.render.film_transparent = rack.render.use_border = True
     rack.render.border_min_x, rack.render.border_max_x = 0.25, 1.0
     rack.render.border_min_y, rack.render.border_max_y = 0.0, 0.75
-    asked = ASKED | {"view": "camera"}
-    one = addon.render_animation(rack, (1, 5), output_folder=tmp_path / "one", **asked).results[5]
-    alone = addon.render_through_lens(rack, frame=5, output_folder=tmp_path / "alone", **asked)
+    options = OPTIONS | {"view": "camera"}
+    one = addon.render_animation(rack, (1, 5), output_folder=tmp_path / "one", **options).results[5]
+    alone = addon.render_through_lens(rack, frame=5, output_folder=tmp_path / "alone", **options)
     ours, theirs = map(alpha, (one, alone))
     np.testing.assert_array_equal(ours == 0, theirs == 0)
     assert 0.05 < theirs.mean() < 0.6
@@ -250,7 +251,7 @@ def test_film_and_region_go_together_with_one_capture(rack, cut, tmp_path):
     np.testing.assert_allclose(irradiance(one), irradiance(alone), rtol=1e-4, atol=1e-5 * irradiance(alone).max())
 
 
-def test_a_file_is_copied_where_it_cannot_have_two_names(tmp_path, monkeypatch):
+def test_a_file_is_copied_where_hard_links_are_refused(tmp_path, monkeypatch):
     source, other = tmp_path / "one", tmp_path / "other"
     source.write_text("light")
     files.link_or_copy(source, other)

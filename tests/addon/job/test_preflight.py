@@ -164,7 +164,7 @@ SCENES = {
 @pytest.mark.parametrize("tier", [pytest.param("preview", marks=pytest.mark.one_blender), "standard",
                                   pytest.param("reference", marks=pytest.mark.one_blender)])
 @pytest.mark.parametrize("name", SCENES)
-def test_refused_where_the_render_is_and_nowhere_else(scene, tmp_path, name, tier):
+def test_preflight_refuses_exactly_what_the_render_refuses(scene, tmp_path, name, tier):
     scene.render.resolution_x, scene.render.resolution_y, scene.cycles.samples = 8, 6, 1
     set_world(scene)
     scene.lensfield.output_folder = str(tmp_path / "out")
@@ -174,7 +174,7 @@ def test_refused_where_the_render_is_and_nowhere_else(scene, tmp_path, name, tie
     bpy.context.view_layer.update()
     before, files = snapshot(), sorted(tmp_path.rglob("*"))
     given = {"spectral": SpectralOptions(tier), "lens_quality": "preview"}
-    found = preflight(scene, **given)
+    result = preflight(scene, **given)
     changed = [line for line in differences(before, snapshot()) if "is_library_indirect" not in line]  # Blender sets it
     assert not changed and sorted(tmp_path.rglob("*")) == files
     try:
@@ -182,19 +182,19 @@ def test_refused_where_the_render_is_and_nowhere_else(scene, tmp_path, name, tie
         refused = None
     except InputError as error:
         refused = str(error)
-    assert bool(found.refusals) == bool(refused), (refused, found.refusals)
+    assert bool(result.refusals) == bool(refused), (refused, result.refusals)
     if refused:
-        assert refused.split(":")[0] in {str(refusal).split(":")[0] for refusal in found.refusals}
+        assert refused.split(":")[0] in {str(refusal).split(":")[0] for refusal in result.refusals}
 
 
-def test_every_refusal_is_told_at_once(scene, tmp_path):
+def test_all_refusals_are_reported_at_once(scene, tmp_path):
     black_lumens(scene, tmp_path)
     misspelt_world(scene, tmp_path)
     thin_film(scene, tmp_path)
     scene.lensfield.output_folder = ""
-    found = preflight(scene)
-    assert [refusal.field for refusal in found.refusals] == ["output folder", "emission spectrum", "color", "node"]
-    assert found.plan and found.findings
+    result = preflight(scene)
+    assert [refusal.field for refusal in result.refusals] == ["output folder", "emission spectrum", "color", "node"]
+    assert result.plan and result.findings
 
 
 def set_on(path, **values):
@@ -237,28 +237,28 @@ REMARKS = [
 
 @pytest.mark.sample(6)
 @pytest.mark.parametrize("change, tier, expected", REMARKS, ids=lambda value: value if isinstance(value, str) else "")
-def test_what_does_not_hold_is_told_before_and_after_and_nothing_else(scene, tmp_path, change, tier, expected):
+def test_only_settings_that_do_not_apply_are_reported_before_and_after(scene, tmp_path, change, tier, expected):
     scene.lensfield.lens = "tessar-50mm"  # in focus to infinity
     assert bpy.ops.lensfield.match_camera() == {"FINISHED"}
     set_world(scene)
     change(scene)
     given = {"spectral": SpectralOptions(tier), "lens_quality": "preview"}
-    found = [str(remark) for remark in preflight(scene, output_folder=tmp_path, **given).remarks]
-    assert len(found) == (expected is not None) and all(remark.startswith(expected) for remark in found)
+    predicted = [str(remark) for remark in preflight(scene, output_folder=tmp_path, **given).remarks]
+    assert len(predicted) == (expected is not None) and all(remark.startswith(expected) for remark in predicted)
     if scene.cycles.samples < 1024:
         result = addon.render_through_lens(scene, output_folder=tmp_path, **given)
-        assert [remark for remark in result.report.remarks() if remark in found] == found
+        assert [remark for remark in result.report.remarks() if remark in predicted] == predicted
 
 
-def test_an_untouched_scene_gets_few_lines(tmp_path):
+def test_an_untouched_scene_gets_few_remarks(tmp_path):
     bpy.ops.wm.read_factory_settings()
-    found = preflight(bpy.context.scene, output_folder=tmp_path)
-    assert not found.refusals
-    assert [remark.what for remark in found.remarks] == ["Render Engine", "Samples", "Depth"]
-    assert all(len(str(remark)) < (200 if remark.what in OF_DEPTH else 130) for remark in found.remarks)
+    result = preflight(bpy.context.scene, output_folder=tmp_path)
+    assert not result.refusals
+    assert [remark.what for remark in result.remarks] == ["Render Engine", "Samples", "Depth"]
+    assert all(len(str(remark)) < (200 if remark.what in OF_DEPTH else 130) for remark in result.remarks)
 
 
-def test_the_command_is_given_what_the_render_is(scene, tmp_path, capsys):
+def test_the_lint_command_accepts_the_options_of_the_render(scene, tmp_path, capsys):
     set_world(scene)
     second_layer(scene, tmp_path)
     scene.lensfield.output_folder = ""
@@ -269,35 +269,35 @@ def test_the_command_is_given_what_the_render_is(scene, tmp_path, capsys):
     assert cli.main(["lint", blend, "--view-layer", "Second", "--output", str(tmp_path / "out")]) == 0
     assert not (tmp_path / "out").exists()
     assert cli.main(["lint", blend, "--view-layer", "Second", "--json"]) == 1
-    found = json.loads(capsys.readouterr().out.split(f"output: {tmp_path / 'out'}\n", 1)[1])
-    assert found["plan"].startswith("1 Cycles render at")
-    assert [refusal["field"] for refusal in found["refusals"]] == ["output folder"]
-    assert [remark["what"] for remark in found["remarks"]] == ["Focal Length"]
+    report = json.loads(capsys.readouterr().out.split(f"output: {tmp_path / 'out'}\n", 1)[1])
+    assert report["plan"].startswith("1 Cycles render at")
+    assert [refusal["field"] for refusal in report["refusals"]] == ["output folder"]
+    assert [remark["what"] for remark in report["remarks"]] == ["Focal Length"]
 
 
-def test_a_traced_lens_takes_no_look_at_depth(scene, tmp_path, monkeypatch):
+def test_preflight_of_a_traced_lens_does_not_examine_depth(scene, tmp_path, monkeypatch):
     def look(*_):
         pytest.fail("nothing is cut")
 
     for name in ("visible_depth_mm", "plan_by", "unlayered_remarks"):
         monkeypatch.setattr(before_a_render, name, look)
     set_world(scene)
-    found = preflight(scene, output_folder=tmp_path, lens="tessar-50mm", depth="traced")
-    assert found.plan and not found.refusals and found.slabs is None
+    result = preflight(scene, output_folder=tmp_path, lens="tessar-50mm", depth="traced")
+    assert result.plan and not result.refusals and result.slabs is None
 
 
 @pytest.mark.one_blender
 @pytest.mark.parametrize("lens", ["edmund-54852", "muller-fisheye-25mm"])
-def test_the_share_out_of_depth_is_foreseen(scene, tmp_path, lens):
+def test_the_share_outside_the_depth_range_is_predicted(scene, tmp_path, lens):
     """The share of a near square in front of a far wall; a second square is hidden in renders."""
     near = wall(scene, material("Near", "ShaderNodeEmission")[0], 0.1, 0.05)
     near.location.x = 0.02
     wall(scene, material("Hidden", "ShaderNodeEmission")[0], 0.05).hide_render = True
     wall(scene, material("Far", "ShaderNodeEmission")[0], 5.0, 100.0)
     scene.lensfield.lens = lens
-    told = [str(remark) for remark in preflight(scene, output_folder=tmp_path, lens_quality="preview").remarks
-            if remark.what == "Depth"]
+    remarks = [str(remark) for remark in preflight(scene, output_folder=tmp_path, lens_quality="preview").remarks
+               if remark.what == "Depth"]
     result = addon.render_through_lens(scene, output_folder=tmp_path, lens_quality="preview")
     exact = result.report.scene.depth.outside_fraction
-    share = float(told[0].split("about ")[1].split("%")[0]) / 100 if told else 0.0
+    share = float(remarks[0].split("about ")[1].split("%")[0]) / 100 if remarks else 0.0
     assert 0.01 < exact and share == pytest.approx(exact, abs=0.06)  # a row of rays

@@ -84,7 +84,7 @@ def test_point(scene, wall_at, tmp_path, spectrum):
     check(scene, tmp_path, 1 / (4 * np.pi * DISTANCE_M**2) / np.pi, spectrum)
 
 
-def test_point_of_some_size(scene, wall_at, tmp_path):
+def test_point_with_a_radius(scene, wall_at, tmp_path):
     """A ball of radius r gives E = P / 4 pi h^2 on the axis, like a point."""
     lamp(scene, "POINT", FLAT, shadow_soft_size=0.3, use_soft_falloff=False)
     scene.cycles.samples = 256
@@ -102,7 +102,7 @@ def test_spot(scene, wall_at, tmp_path, spectrum, cone_degrees):
 @pytest.mark.parametrize("spectrum", SPECTRA)
 @pytest.mark.parametrize("shape, area", [("SQUARE", 0.25), ("DISK", 0.25 * np.pi / 4), ("RECTANGLE", 0.125),
                                          ("ELLIPSE", 0.125 * np.pi / 4)])
-def test_area_seen_from_ahead(scene, tmp_path, spectrum, shape, area):
+def test_area_facing_the_camera(scene, tmp_path, spectrum, shape, area):
     """L = P / pi A."""
     facing = lamp(scene, "AREA", spectrum, shape=shape, size=0.5, size_y=0.25)
     facing.location.z, facing.rotation_euler.x, facing.visible_camera = -0.3, np.pi, True
@@ -117,7 +117,7 @@ def test_area_on_a_wall(scene, wall_at, tmp_path):
 
 
 @pytest.mark.parametrize("spread_degrees", [90, 30])
-def test_area_of_smaller_spread_keeps_its_power(scene, wall_at, tmp_path, spread_degrees):
+def test_an_area_with_a_smaller_spread_keeps_its_power(scene, wall_at, tmp_path, spread_degrees):
     """At an angle a its intensity is 1 - tan(a) / tan(spread / 2), and the rest is brighter to compensate."""
     lamp(scene, "AREA", FLAT, shape="DISK", size=1e-3, spread=np.radians(spread_degrees))
     slope = 1 / np.tan(np.radians(spread_degrees) / 2)
@@ -194,7 +194,7 @@ def test_colour_multiplies_daylight(scene, wall_at, tmp_path, colour):
     assert_means(radiance(scene, tmp_path), expected, PRECISION)
 
 
-def test_temperature_spreads_the_watts_by_planck(scene, wall_at, tmp_path):
+def test_a_temperature_distributes_the_watts_by_plancks_law(scene, wall_at, tmp_path):
     """Unlike in Blender, where a temperature preserves the luminance: watts are watts between 380 and 780 nm."""
     if "use_temperature" not in bpy.types.Light.bl_rna.properties:
         pytest.skip("this Blender's lamps have no temperature")
@@ -243,7 +243,7 @@ def test_lumens_of_an_area(scene, tmp_path):
 
 @pytest.mark.one_blender
 @pytest.mark.parametrize("normalize", [True, False])
-def test_lumens_of_an_area_whatever_its_normalisation(scene, tmp_path, normalize):
+def test_lumens_of_an_area_do_not_depend_on_its_normalisation(scene, tmp_path, normalize):
     facing = lamp(scene, "AREA", "led-b3", shape="SQUARE", size=0.2)
     if not hasattr(facing.data, "normalize"):
         pytest.skip("this Blender's lamps are always normalised")
@@ -255,7 +255,7 @@ def test_lumens_of_an_area_whatever_its_normalisation(scene, tmp_path, normalize
 
 @pytest.mark.one_blender
 @pytest.mark.parametrize("blend", [0.0, 0.6])
-def test_lumens_of_a_spot_are_those_of_its_cone(scene, wall_at, tmp_path, blend):
+def test_lumens_of_a_spot_are_emitted_into_its_cone(scene, wall_at, tmp_path, blend):
     """Integrated by hand over the cosine, from the rim to the axis, with Cycles' smoothstep at the rim."""
     lumens, half_angle = 1000.0, 0.45
     data = lamp(scene, "SPOT", FLAT, spot_size=2 * half_angle, spot_blend=blend, shadow_soft_size=0.0).data
@@ -294,7 +294,7 @@ def test_render_settings_do_not_change_the_radiance(scene, wall_at, tmp_path, ow
     assert_means(radiance(scene, tmp_path), expected, PRECISION)
 
 
-def test_black_lamp_of_lumens_is_refused_in_one_line(scene, wall_at, tmp_path):
+def test_a_black_lamp_in_lumens_is_refused_in_one_line(scene, wall_at, tmp_path):
     data = lamp(scene, "POINT", "", color=(0, 0, 0)).data
     data.lensfield.power_unit = "LUMEN"
     with pytest.raises(ValueError, match="light 'Light': color is black: no lumens"):

@@ -29,13 +29,13 @@ def window(scene):
     return scene
 
 
-def rendered(scene, folder, lens, **asked):
+def rendered(scene, folder, lens, **options):
     given = {"lens": lens, "wavelengths_nm": WAVELENGTHS_NM, "output_folder": folder, "lens_quality": "preview"}
-    return addon.render_through_lens(scene, **given | asked)
+    return addon.render_through_lens(scene, **given | options)
 
 
-def apply_lens(radiance, lens, folder=None, **asked):
-    return addon.apply_lens(radiance, **{"lens": lens, "output_folder": folder, "lens_quality": "preview"} | asked)
+def apply_lens(radiance, lens, folder=None, **options):
+    return addon.apply_lens(radiance, **{"lens": lens, "output_folder": folder, "lens_quality": "preview"} | options)
 
 
 def blocks(path):
@@ -47,118 +47,118 @@ def blocks(path):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("first, second", [("tessar-50mm", "cooke-triplet-50mm"), ("edmund-54852", "nikkor-28mm")])
-def test_in_the_cameras_view_it_is_a_fresh_render_through_that_lens(window, tmp_path, first, second):
+def test_in_the_cameras_view_another_lens_equals_a_fresh_render(window, tmp_path, first, second):
     """For any size of either lens."""
     window.camera.data.lens = 30
-    asked = {"view": "camera"}
-    kept = rendered(window, tmp_path, first, **asked)
-    applied = apply_lens(kept.radiance, second, tmp_path / "applied", **asked)
-    fresh = rendered(window, tmp_path / "fresh", second, **asked)
+    options = {"view": "camera"}
+    original = rendered(window, tmp_path, first, **options)
+    applied = apply_lens(original.radiance, second, tmp_path / "applied", **options)
+    fresh = rendered(window, tmp_path / "fresh", second, **options)
     (image, pixels), (other, expected) = blocks(applied.irradiance), blocks(fresh.irradiance)
     assert image.lens_name == other.lens_name and np.isclose(image.pitch_um, other.pitch_um)
     assert_means(pixels, expected, rtol=0.002, noise=0.03)
 
 
-def test_what_a_fisheye_captured_serves_other_lenses_too(window, tmp_path):
+def test_a_fisheye_capture_serves_other_lenses(window, tmp_path):
     """Except for resampling of edges."""
     window.camera.data.lens = 18
-    asked = {"view": "camera"}
-    kept = rendered(window, tmp_path, "muller-fisheye-25mm", **asked)
-    assert read_exr(kept.radiance).projection == FISHEYE
-    applied = apply_lens(kept.radiance, "tessar-50mm", tmp_path / "applied", **asked)
-    fresh = rendered(window, tmp_path / "fresh", "tessar-50mm", **asked)
+    options = {"view": "camera"}
+    original = rendered(window, tmp_path, "muller-fisheye-25mm", **options)
+    assert read_exr(original.radiance).projection == FISHEYE
+    applied = apply_lens(original.radiance, "tessar-50mm", tmp_path / "applied", **options)
+    fresh = rendered(window, tmp_path / "fresh", "tessar-50mm", **options)
     (_, pixels), (_, expected) = (blocks(result.irradiance) for result in (applied, fresh))
     light = expected.mean(axis=(-2, -1))
     assert np.abs(pixels.mean(axis=(-2, -1)) - light).max() < 0.01 * light.max()
 
 
-def test_lenses_of_one_view_need_no_scaling(window, tmp_path):
+def test_lenses_with_the_same_view_need_no_scaling(window, tmp_path):
     """The same lens stopped down: equal to its own render, without remarks."""
-    kept = rendered(window, tmp_path, "nikkor-28mm")
-    applied = apply_lens(kept.radiance, "nikkor-28mm", tmp_path / "applied", f_number=4.0)
+    original = rendered(window, tmp_path, "nikkor-28mm")
+    applied = apply_lens(original.radiance, "nikkor-28mm", tmp_path / "applied", f_number=4.0)
     fresh = rendered(window, tmp_path / "fresh", "nikkor-28mm", f_number=4.0)
     assert applied.report.file.lens_warning == ""
     (_, pixels), (_, expected) = blocks(applied.irradiance), blocks(fresh.irradiance)
     assert_means(pixels, expected, rtol=0.002, noise=0.03)
 
 
-def test_the_lens_of_the_render_gives_the_same_files_again(window, tmp_path):
+def test_reapplying_the_lens_of_the_render_gives_the_same_files(window, tmp_path):
     window.render.film_transparent, window.cycles.film_exposure = True, 2.5
     bpy.data.objects["Wall"].hide_render = True
-    kept = rendered(window, tmp_path, "tessar-50mm")
-    applied = apply_lens(kept.radiance, "tessar-50mm", tmp_path / "applied")
-    for first, second in zip(kept.files, applied.files, strict=True):
+    original = rendered(window, tmp_path, "tessar-50mm")
+    applied = apply_lens(original.radiance, "tessar-50mm", tmp_path / "applied")
+    for first, second in zip(original.files, applied.files, strict=True):
         if first.suffix == ".exr":
             (_, planes), (_, others) = read_parts(first)[0], read_parts(second)[0]
             assert planes.keys() == others.keys()
             assert all(np.array_equal(planes[name], others[name]) for name in planes)
-    assert kept.after.read_bytes() == applied.after.read_bytes()
+    assert original.after.read_bytes() == applied.after.read_bytes()
 
 
-def test_a_picture_that_memory_is_not_for_gives_the_same_files(window, tmp_path, monkeypatch):
-    kept, made, in_file = rendered(window, tmp_path, "edmund-54852", depth="off"), [], scratch._in_file
-    monkeypatch.setattr(scratch, "_in_file", lambda shape, folder: made.append(folder) or in_file(shape, folder))
+def test_a_picture_too_large_for_memory_gives_the_same_files(window, tmp_path, monkeypatch):
+    original, folders, in_file = rendered(window, tmp_path, "edmund-54852", depth="off"), [], scratch._in_file
+    monkeypatch.setattr(scratch, "_in_file", lambda shape, folder: folders.append(folder) or in_file(shape, folder))
     monkeypatch.setattr(scratch, "available_bytes", lambda: 0)
-    applied = apply_lens(kept.radiance, "edmund-54852", tmp_path / "applied", depth="off")
-    assert made == [tmp_path / "applied"] * 2  # radiance and irradiance
-    for first, second in zip(kept.files, applied.files, strict=True):
+    applied = apply_lens(original.radiance, "edmund-54852", tmp_path / "applied", depth="off")
+    assert folders == [tmp_path / "applied"] * 2  # radiance and irradiance
+    for first, second in zip(original.files, applied.files, strict=True):
         assert first.suffix == ".json" or first.read_bytes() == second.read_bytes()  # reports contain seconds
 
 
-def test_a_kept_field_of_view_is_told_for_what_it_is(window, tmp_path):
-    kept = rendered(window, tmp_path, "tessar-50mm")
-    result = apply_lens(kept.radiance, "nikkor-28mm")
+def test_the_field_of_view_of_the_first_lens_is_preserved_and_reported(window, tmp_path):
+    original = rendered(window, tmp_path, "tessar-50mm")
+    result = apply_lens(original.radiance, "nikkor-28mm")
     (warning,) = (line for line in result.messages if "sensor" in line)
     assert "the captured view takes a sensor of 18.3 x 13.7 mm instead of the lens's own 36 x 24 mm" in warning
     tessar, nikkor = (load_lens(name, quality="preview") for name in ("tessar-50mm", "nikkor-28mm"))
     image = read_exr(result.irradiance)
     assert np.isclose(image.pitch_um / nikkor.capture_focal_length_mm,
-                      read_exr(kept.radiance).pitch_um / tessar.capture_focal_length_mm)
-    assert json.loads(result.record.read_text())["radiance"] == str(kept.radiance) in result.messages[1]
-    scaled = apply_lens(kept.radiance, "nikkor-28mm", tmp_path / "scaled", view="camera")
+                      read_exr(original.radiance).pitch_um / tessar.capture_focal_length_mm)
+    assert json.loads(result.record.read_text())["radiance"] == str(original.radiance) in result.messages[1]
+    scaled = apply_lens(original.radiance, "nikkor-28mm", tmp_path / "scaled", view="camera")
     assert np.allclose(read_exr(scaled.irradiance).cube, image.cube, rtol=1e-4)
     assert "nikkor-28mm scaled by 1.75" in "".join(scaled.messages)
 
 
-def test_what_needs_more_than_was_captured_is_refused_and_nothing_is_touched(window, tmp_path):
+def test_a_lens_that_needs_more_than_was_captured_is_refused_and_changes_no_file(window, tmp_path):
     window.render.resolution_x, window.render.resolution_y, window.cycles.samples = 192, 144, 1
-    kept = rendered(window, tmp_path, "tessar-50mm")
-    before = [path.read_bytes() for path in kept.files]
+    original = rendered(window, tmp_path, "tessar-50mm")
+    before = [path.read_bytes() for path in original.files]
     with pytest.raises(ImageError, match=r"_radiance.exr: overscan is \d+ x \d+ px: edmund-54852 needs \d+ x \d+ px "
                                          "beyond the frame: render again through it"):
-        apply_lens(kept.radiance, "edmund-54852")
-    assert [path.read_bytes() for path in kept.files] == before
+        apply_lens(original.radiance, "edmund-54852")
+    assert [path.read_bytes() for path in original.files] == before
 
 
-def test_an_animation_takes_the_frame_for_another_one_afterwards(window, tmp_path):
+def test_an_animation_treats_a_frame_with_another_lens_as_pending(window, tmp_path):
     window.lensfield.output_folder, window.lensfield.lens = str(tmp_path), "tessar-50mm"
-    asked = {"wavelengths_nm": WAVELENGTHS_NM, "lens_quality": "preview"}
-    (result,) = addon.render_animation(window, [1], **asked).results.values()
-    assert not addon.Animation(window, [1], **asked).pending
+    options = {"wavelengths_nm": WAVELENGTHS_NM, "lens_quality": "preview"}
+    (result,) = addon.render_animation(window, [1], **options).results.values()
+    assert not addon.Animation(window, [1], **options).pending
     apply_lens(result.radiance, "cooke-triplet-50mm")
-    assert addon.Animation(window, [1], **asked).pending == [1]
+    assert addon.Animation(window, [1], **options).pending == [1]
 
 
-def test_room_is_made_for_lenses_that_draw_on_more(window, tmp_path):
+def test_extra_room_serves_lenses_that_need_more_overscan(window, tmp_path):
     window.render.resolution_x, window.render.resolution_y, window.cycles.samples = 192, 144, 1
-    kept = rendered(window, tmp_path, "tessar-50mm", room=0.1)
-    assert read_exr(kept.radiance).overscan_px == (19, 19)
-    assert apply_lens(kept.radiance, "edmund-54852").report.file
+    original = rendered(window, tmp_path, "tessar-50mm", room=0.1)
+    assert read_exr(original.radiance).overscan_px == (19, 19)
+    assert apply_lens(original.radiance, "edmund-54852").report.file
     with pytest.raises(InputError, match="room is -1: expected 0 to 1"):
         rendered(window, tmp_path, "tessar-50mm", room=-1)
 
 
 def test_bad_input_names_the_remedy(window, tmp_path):
-    kept = rendered(window, tmp_path, "tessar-50mm")
-    image, planes = read_with_planes(kept.radiance)
+    original = rendered(window, tmp_path, "tessar-50mm")
+    image, planes = read_with_planes(original.radiance)
     old = tmp_path / "Old_0001_radiance.exr"
     write_exr(replace(image, focal_mm=None), old, {"Z": planes["Z"]})
     for path, words in ((old, "older Lensfield: render again"), (tmp_path / "Gone_0001_radiance.exr", "is missing"),
-                        (kept.irradiance, "such as Scene_0001_radiance.exr")):
+                        (original.irradiance, "such as Scene_0001_radiance.exr")):
         with pytest.raises(InputError, match=words):
             apply_lens(path, "tessar-50mm")
     with pytest.raises(InputError, match="expected lens or camera"):
-        apply_lens(kept.radiance, "tessar-50mm", view="mine")
+        apply_lens(original.radiance, "tessar-50mm", view="mine")
 
 
 def test_fields_that_need_a_scene_are_refused(tmp_path):

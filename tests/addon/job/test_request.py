@@ -13,7 +13,7 @@ from lensfield.request import RenderRequest
 
 
 @pytest.mark.parametrize("name", SETTINGS)
-def test_a_property_has_the_texts_and_the_choices_of_its_setting(name):
+def test_a_property_has_the_texts_and_choices_of_its_setting(name):
     prop, each = LensfieldSettings.bl_rna.properties[name], SETTINGS[name]
     assert (prop.name, prop.description) == (each.name, each.text)
     if each.choices:
@@ -32,7 +32,7 @@ def test_new_settings_are_the_defaults_of_a_request(scene):
     assert request.lens == "tessar-50mm" and request.to_compositor and request.options == Options(accuracy=0.01)
 
 
-def test_given_fields_replace_settings_and_none_does_not(scene, tmp_path):
+def test_given_fields_override_settings_unless_they_are_none(scene, tmp_path):
     scene.lensfield.view, scene.lensfield.unfit, scene.lensfield.wavelength_list = "CAMERA", "RENDER", "no number"
     scene.lensfield.wavelength_mode = "LIST"
     request = scene.lensfield.to_request(view="lens", unfit=None, wavelengths_nm=[450, 550], output_folder=tmp_path)

@@ -67,43 +67,43 @@ def test_scene_is_the_same_after_success(rich_scene, tmp_path):
 @pytest.mark.parametrize("file_format, color_mode, color_depth", [
     ("PNG", "RGBA", "16"), ("PNG", "BW", "8"), ("JPEG", "RGB", "8"), ("TIFF", "RGBA", "8"), ("OPEN_EXR", "RGB", "16"),
     ("OPEN_EXR_MULTILAYER", "RGBA", "32"), ("FFMPEG", "RGB", "8")])
-def test_every_file_format_comes_back(rich_scene, tmp_path, file_format, color_mode, color_depth):
+def test_every_file_format_is_restored(rich_scene, tmp_path, file_format, color_mode, color_depth):
     set_format(rich_scene, file_format, color_mode, color_depth)
     before = snapshot()
     render(rich_scene, tmp_path)
     assert not differences(before, snapshot())
 
 
-def test_marker_bound_camera_takes_the_picture_and_the_scene_keeps_its_own(rich_scene, tmp_path):
-    own = rich_scene.camera
+def test_a_marker_bound_camera_renders_and_the_scene_camera_is_restored(rich_scene, tmp_path):
+    scene_camera = rich_scene.camera
     for frame, camera_type in ((1, "PERSP"), (2, "ORTHO")):
         camera = bpy.data.objects.new(f"Bound {frame}", bpy.data.cameras.new(f"Bound {frame}"))
         camera.data.type = camera_type
         rich_scene.collection.objects.link(camera)
         rich_scene.timeline_markers.new(f"Cut {frame}", frame=frame).camera = camera
     rich_scene.frame_set(3)
-    rich_scene.camera = own
+    rich_scene.camera = scene_camera
     before = snapshot()
     render(rich_scene, tmp_path, frame=1)
     assert not differences(before, snapshot())
     rich_scene.camera = None  # a marker binds one, so the scene is not refused
     render(rich_scene, tmp_path, frame=1)
-    rich_scene.camera = own
+    rich_scene.camera = scene_camera
     with pytest.raises(SceneError, match="camera 'Bound 2': type is ORTHO"):
         render(rich_scene, tmp_path, frame=2)
     assert not differences(before, snapshot())
 
 
-def test_one_undo_that_fails_does_not_keep_the_others_from_being_done():
-    done = []
+def test_an_undo_that_fails_does_not_prevent_the_others():
+    undone = []
     with pytest.raises(ZeroDivisionError), Journal() as journal:
-        journal.on_exit(lambda: done.append("first"))
+        journal.on_exit(lambda: undone.append("first"))
         journal.on_exit(lambda: 1 / 0)
-        journal.on_exit(lambda: done.append("last"))
-    assert done == ["last", "first"]
+        journal.on_exit(lambda: undone.append("last"))
+    assert undone == ["last", "first"]
 
 
-def test_snapshot_sees_a_change(rich_scene):
+def test_a_snapshot_detects_changes(rich_scene):
     before = snapshot()
     bpy.data.materials["Paint"].node_tree.nodes["Noise Texture"].inputs["Scale"].default_value += 1
     rich_scene.cycles.film_exposure = 3
@@ -120,7 +120,7 @@ def test_scene_is_the_same_after_cancelling(rich_scene, tmp_path, steps_before_c
         if isinstance(step, RenderPass):
             bpy.ops.render.render(write_still=True)
         else:
-            answer = step.call(lambda done: None)
+            answer = step.call(lambda fraction: None)
     steps.close()
     assert not differences(before, snapshot())
     assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
@@ -194,7 +194,7 @@ def set_for_the_object(square, painted):
 
 
 @pytest.mark.parametrize("use", [set_by_nodes, set_for_the_object], ids=lambda use: use.__name__)
-def test_what_cannot_be_pointed_at_a_stand_in_is_named_and_all_is_taken_back(scene, tmp_path, use):
+def test_a_user_that_cannot_take_a_stand_in_is_named_and_all_changes_are_undone(scene, tmp_path, use):
     painted, _ = material("Paint", "ShaderNodeBsdfDiffuse")
     square = wall(scene, painted)
     use(square, painted)
@@ -231,7 +231,7 @@ def test_linked_objects_are_substituted_and_restored(scene, tmp_path):
     assert not [line for line in differences(before, snapshot()) if "is_library_indirect" not in line]
 
 
-def test_only_the_compositor_changes_where_it_is_asked_for(rich_scene, tmp_path):
+def test_only_the_compositor_changes_on_request(rich_scene, tmp_path):
     before = snapshot()
     render(rich_scene, tmp_path, to_compositor=True)
     changed = differences(before, snapshot())
@@ -239,7 +239,7 @@ def test_only_the_compositor_changes_where_it_is_asked_for(rich_scene, tmp_path)
     assert not [line for line in changed if not any(word in line for word in COMPOSITOR)]
 
 
-def test_random_failure_inside_the_render_still_restores(rich_scene, tmp_path, monkeypatch):
+def test_scene_is_the_same_after_an_unexpected_failure(rich_scene, tmp_path, monkeypatch):
     before = snapshot()
     monkeypatch.setattr("lensfield.addon.job.finished_passes.read_pass", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):

@@ -15,7 +15,7 @@ pytestmark = pytest.mark.one_blender
 NO_ROOM = r"^scene 'Scene': size is [\d.]+ GB in memory: %d GB are free: render a smaller picture"
 
 
-def test_a_render_that_there_is_no_memory_for_is_refused_before_it_starts(scene, tmp_path, monkeypatch):
+def test_a_render_that_exceeds_memory_is_refused_before_it_starts(scene, tmp_path, monkeypatch):
     """With overscan, more than 1e9 pixels of about 100 bytes each."""
     monkeypatch.setattr(memory, "available_bytes", lambda: 16 * 10**9)
     monkeypatch.setattr(render_module, "_render", lambda scene: pytest.fail("it is rendered"))
@@ -27,7 +27,7 @@ def test_a_render_that_there_is_no_memory_for_is_refused_before_it_starts(scene,
     assert not list((tmp_path / "out").iterdir())
 
 
-def test_check_scene_tells_it(scene, tmp_path, monkeypatch):
+def test_preflight_reports_a_lack_of_memory(scene, tmp_path, monkeypatch):
     monkeypatch.setattr(memory, "available_bytes", lambda: 0)
     refusals = preflight(scene, output_folder=tmp_path, lens="edmund-54852", wavelengths_nm=[450, 550, 650]).refusals
     assert any(re.match(NO_ROOM % 0, str(refusal)) for refusal in refusals)

@@ -18,16 +18,16 @@ def sample_scene():
     return bpy.context.scene
 
 
-def test_file_is_small_and_whole(sample_scene):
+def test_file_is_small_and_self_contained(sample_scene):
     assert SAMPLE_SCENE.stat().st_size < 1_000_000
     assert not [image for image in bpy.data.images if image.source == "FILE"]
     assert not bpy.data.libraries
 
 
-def test_file_opens_in_the_camera_s_view(sample_scene):
+def test_file_opens_in_the_camera_view(sample_scene):
     views = {screen.name: [area.spaces.active for area in screen.areas if area.type == "VIEW_3D"]
              for screen in bpy.data.screens}
-    assert {view.region_3d.view_perspective for there in views.values() for view in there} == {"CAMERA"}
+    assert {view.region_3d.view_perspective for screen_views in views.values() for view in screen_views} == {"CAMERA"}
     assert bpy.context.window_manager.windows[0].screen.name == "Layout"
     assert [view.show_region_ui for view in views["Layout"]] == [True]
 

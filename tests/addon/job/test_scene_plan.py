@@ -93,19 +93,19 @@ def blocks(picture):
 def colour_errors(picture, truth, lamp):
     """CIEDE2000 of blocks, relative to a white as bright as the brightest block."""
     matching = colour_matching(NM)
-    true, seen = (np.moveaxis(blocks(cube), 0, -1).reshape(-1, NM.size) @ matching for cube in (truth, picture))
+    true, estimated = (np.moveaxis(blocks(cube), 0, -1).reshape(-1, NM.size) @ matching for cube in (truth, picture))
     white = lamp @ matching
     white *= true[:, 1].max() / white[1]
-    return ciede2000(lab_from_xyz(true, white), lab_from_xyz(np.maximum(seen, 0), white))
+    return ciede2000(lab_from_xyz(true, white), lab_from_xyz(np.maximum(estimated, 0), white))
 
 
 @pytest.mark.one_blender
 @pytest.mark.parametrize("lamp", ["illuminant-d65", "sodium-hp1"])
-def test_standard_keeps_the_error_that_it_predicts(room, tmp_path, lamp):
+def test_standard_stays_within_its_predicted_error(room, tmp_path, lamp):
     bpy.data.lights["Light"].lensfield.emission = lamp
     picture, facts = rendered(room, tmp_path)
-    truth, whole = rendered(room, tmp_path, tier="reference")
-    assert facts["passes"] <= 4 and whole["passes"] == 6 and whole["predicted_colour_error"] == 0
+    truth, reference = rendered(room, tmp_path, tier="reference")
+    assert facts["passes"] <= 4 and reference["passes"] == 6 and reference["predicted_colour_error"] == 0
     assert 0 < facts["predicted_colour_error"] <= STANDARD_COLOUR_ERROR
     errors = colour_errors(picture, truth, load_spectrum(lamp).band_means(NM))
     assert np.percentile(errors, 95) <= SLACK * facts["predicted_colour_error"]
@@ -113,7 +113,7 @@ def test_standard_keeps_the_error_that_it_predicts(room, tmp_path, lamp):
 
 
 @pytest.mark.one_blender
-def test_two_lamps_keep_the_error_that_is_predicted(room, tmp_path):
+def test_two_lamps_stay_within_the_predicted_error(room, tmp_path):
     """Light of each lamp is estimated separately, and the errors may add up."""
     bpy.data.lights["Light"].lensfield.emission = "illuminant-a"
     light(room, "POINT", 10.0, shadow_soft_size=0.1).data.lensfield.emission = "sodium-lp"
@@ -125,7 +125,7 @@ def test_two_lamps_keep_the_error_that_is_predicted(room, tmp_path):
 
 
 @pytest.mark.one_blender
-def test_preview_is_one_pass_and_says_how_wrong_it_is(room, tmp_path):
+def test_preview_is_one_pass_and_predicts_its_error(room, tmp_path):
     picture, facts = rendered(room, tmp_path, tier="preview")
     assert facts["passes"] == 1 and facts["predicted_colour_error"] > 1
     truth, _ = rendered(room, tmp_path, tier="reference")
@@ -134,19 +134,19 @@ def test_preview_is_one_pass_and_says_how_wrong_it_is(room, tmp_path):
 
 
 @pytest.mark.one_blender
-def test_less_error_asked_for_is_less_error(room, tmp_path):
+def test_a_lower_error_limit_gives_a_lower_error(room, tmp_path):
     truth, _ = rendered(room, tmp_path, tier="reference")
     lamp = load_spectrum("illuminant-d65").density_at(NM)
-    found = []
+    results = []
     for limit in (3.0, 0.2):
         picture, facts = rendered(room, tmp_path, colour_error=limit)
         assert facts["predicted_colour_error"] <= limit
-        found.append((facts["passes"], np.percentile(colour_errors(picture, truth, lamp), 95)))
-        assert found[-1][1] <= limit
-    assert found[0][0] < found[1][0] and found[0][1] > found[1][1]
+        results.append((facts["passes"], np.percentile(colour_errors(picture, truth, lamp), 95)))
+        assert results[-1][1] <= limit
+    assert results[0][0] < results[1][0] and results[0][1] > results[1][1]
 
 
-def test_grey_scene_is_one_pass_that_is_right_at_all_wavelengths(scene, tmp_path):
+def test_a_grey_scene_is_exact_at_all_wavelengths_in_one_pass(scene, tmp_path):
     set_world(scene, strength=0.5)
     scene.world.lensfield.emission = "illuminant-a"
     wall(scene, material("Grey", "ShaderNodeBsdfDiffuse", (0.4, 0.4, 0.4))[0])
@@ -168,7 +168,7 @@ def test_few_wavelengths_are_all_rendered(scene, tmp_path, tier):
     np.testing.assert_allclose(middle(picture), expected, rtol=ROUNDING)
 
 
-def test_report_tells_the_plan(room, tmp_path):
+def test_the_report_includes_the_plan(room, tmp_path):
     _, facts = rendered(room, tmp_path)
     assert facts["wavelengths_nm"] == list(NM) and facts["wavelengths_per_pass"] == 3
     assert facts["passes"] == -(-len(facts["rendered_nm"]) // 3) > 1
@@ -179,7 +179,7 @@ def test_report_tells_the_plan(room, tmp_path):
 @pytest.mark.one_blender
 @pytest.mark.parametrize("colour, strength", [((1.0, 0.5, 0.1), 2.0), ((50.0, 25.0, 5.0), 0.04),
                                               ((2e-4, 1e-4, 2e-5), 1e4)])
-def test_strength_of_what_glows_is_no_matter_of_wavelengths(scene, tmp_path, colour, strength):
+def test_emission_strength_does_not_affect_the_choice_of_wavelengths(scene, tmp_path, colour, strength):
     glow, shader = material("Glow", "ShaderNodeEmission", colour)
     shader.inputs["Strength"].default_value = strength
     wall(scene, glow)
@@ -191,7 +191,7 @@ def test_strength_of_what_glows_is_no_matter_of_wavelengths(scene, tmp_path, col
     assert difference <= STANDARD_COLOUR_ERROR and 1 < len(facts["rendered_nm"]) <= 6
 
 
-def test_colours_in_the_scene_that_nothing_uses_cost_nothing(scene, tmp_path):
+def test_unused_colours_cost_no_passes(scene, tmp_path):
     """Materials of hidden objects are substituted too, but light never reaches them."""
     flat_world(scene)
     wall(scene, material("Grey", "ShaderNodeBsdfDiffuse", (0.4, 0.4, 0.4))[0])
@@ -223,7 +223,7 @@ def tinted_ball(scene):
     scene.cycles.samples = 32
 
 
-def test_coloured_specular_tint_has_each_wavelength_by_itself(scene, tmp_path):
+def test_a_coloured_specular_tint_is_rendered_one_wavelength_at_a_time(scene, tmp_path):
     tinted_ball(scene)
     together, facts = rendered(scene, tmp_path, WAVELENGTHS_NM, "reference")
     assert facts["passes"] == 3 and facts["wavelengths_per_pass"] == 1
@@ -243,7 +243,7 @@ def test_rendering_tinted_wavelengths_together_would_be_wrong(scene, tmp_path, m
     assert together[0].mean() < blue[0].mean() and surely_apart(together[0], blue[0]) > 0.01 * blue[0].mean()
 
 
-def test_separated_scenes_take_no_more_wavelengths_than_they_need(scene, tmp_path):
+def test_separate_passes_take_no_more_wavelengths_than_needed(scene, tmp_path):
     tinted_ball(scene)
     _, facts = rendered(scene, tmp_path)
     assert facts["wavelengths_per_pass"] == 1 and facts["passes"] == len(facts["rendered_nm"]) <= 9
@@ -256,7 +256,7 @@ def film(scene):
     flat_world(scene)
 
 
-def test_what_cannot_be_rendered_is_named(scene, tmp_path):
+def test_unfit_nodes_are_refused_by_name(scene, tmp_path):
     film(scene)
     with pytest.raises(SceneError) as error:
         rendered(scene, tmp_path)
@@ -266,24 +266,24 @@ def test_what_cannot_be_rendered_is_named(scene, tmp_path):
     assert "unfit" in message  # the remedy
 
 
-def test_what_cannot_be_rendered_is_where_that_is_asked_for(scene, tmp_path):
+def test_unfit_nodes_are_rendered_on_request(scene, tmp_path):
     film(scene)
     picture, facts = rendered(scene, tmp_path, unfit="render")
     assert picture.mean() > 0.1 * FLAT_DENSITY and facts["passes"] >= 1
 
 
-def test_unfit_nodes_that_no_render_shows_are_no_matter(scene, tmp_path):
+def test_unfit_nodes_of_hidden_objects_are_ignored(scene, tmp_path):
     film(scene)
     bpy.data.objects["Bubble"].hide_render = True
     np.testing.assert_allclose(rendered(scene, tmp_path)[0], FLAT_DENSITY, rtol=ROUNDING)
 
 
-def test_unfit_is_one_of_two(scene, tmp_path):
+def test_an_unknown_value_of_unfit_is_refused(scene, tmp_path):
     with pytest.raises(InputError, match="unfit is ignore: expected refuse or render"):
         rendered(scene, tmp_path, unfit="ignore")
 
 
-def test_keyframed_colours_are_those_of_the_frame(scene, tmp_path):
+def test_keyframed_colours_follow_the_frame(scene, tmp_path):
     flat_world(scene)
     paint, shader = material("Paint", "ShaderNodeBsdfDiffuse")
     colour = shader.inputs["Color"]
@@ -291,17 +291,17 @@ def test_keyframed_colours_are_those_of_the_frame(scene, tmp_path):
         colour.default_value = value
         colour.keyframe_insert("default_value", frame=frame)
     wall(scene, paint)
-    seen = {}
+    pictures = {}
     for frame in (1, 5):
         scene.frame_set(frame)
-        seen[frame], facts = rendered(scene, tmp_path, WAVELENGTHS_NM)
+        pictures[frame], facts = rendered(scene, tmp_path, WAVELENGTHS_NM)
         assert len(facts["rendered_nm"]) == (1 if frame == 1 else 3)
-    np.testing.assert_allclose(middle(seen[1]), 0.5 * FLAT_DENSITY, rtol=ROUNDING)
+    np.testing.assert_allclose(middle(pictures[1]), 0.5 * FLAT_DENSITY, rtol=ROUNDING)
     expected = reflectance_basis(WAVELENGTHS_NM) @ (0.7, 0.3, 0.05) * FLAT_DENSITY
-    np.testing.assert_allclose(middle(seen[5]), expected, rtol=ROUNDING)
+    np.testing.assert_allclose(middle(pictures[5]), expected, rtol=ROUNDING)
 
 
-def test_keyframed_lumens_are_those_of_the_frame(scene, tmp_path):
+def test_keyframed_lumens_follow_the_frame(scene, tmp_path):
     lamp = light(scene, "POINT", 1.0, shadow_soft_size=0.0).data
     lamp.lensfield.emission, lamp.lensfield.power_unit = FLAT, "LUMEN"
     for frame, lumens in ((1, 100.0), (5, 400.0)):
@@ -324,7 +324,7 @@ def test_driven_strength_is_followed(scene, tmp_path):
     np.testing.assert_allclose(middle(rendered(scene, tmp_path, WAVELENGTHS_NM)[0]), 6 * FLAT_DENSITY, rtol=ROUNDING)
 
 
-def test_what_a_default_principled_does_not_use_has_no_colour(scene, tmp_path):
+def test_unused_inputs_of_a_default_principled_shader_have_no_colour(scene, tmp_path):
     """Its subsurface radius is (1, 0.2, 0.1), but its subsurface weight is 0."""
     flat_world(scene)
     wall(scene, principled("Grey", Base_Color=(0.5, 0.5, 0.5, 1), Roughness=1.0))
@@ -343,15 +343,15 @@ def test_a_background_set_is_refused(scene, tmp_path):
         rendered(scene, tmp_path)
 
 
-def test_what_no_render_shows_does_not_stop_one(scene, tmp_path):
+def test_an_error_in_an_unused_material_does_not_stop_a_render(scene, tmp_path):
     flat_world(scene)
-    kept = painted("ChannelCache", "no-such-paint")
-    kept.use_fake_user = True
+    unused = painted("ChannelCache", "no-such-paint")
+    unused.use_fake_user = True
     wall(scene, painted("Paint", "chart-20-neutral-8"))
     assert rendered(scene, tmp_path)[0].min() > 0
 
 
-def test_spectra_of_linked_materials_lie_beside_their_own_file(scene, tmp_path):
+def test_spectra_of_linked_materials_are_relative_to_their_library(scene, tmp_path):
     flat_world(scene)
     (tmp_path / "library").mkdir()
     (tmp_path / "library" / "half.spd").write_text("380 0.5\n780 0.5\n")
@@ -365,7 +365,7 @@ def test_spectra_of_linked_materials_lie_beside_their_own_file(scene, tmp_path):
     np.testing.assert_allclose(middle(rendered(bpy.context.scene, tmp_path)[0]), 0.5 * FLAT_DENSITY, rtol=ROUNDING)
 
 
-def test_the_cameras_view_is_that_of_the_frame(scene, tmp_path):
+def test_the_cameras_view_follows_the_frame(scene, tmp_path):
     flat_world(scene)
     for frame, focal_mm in ((1, 35.0), (10, 70.0)):
         scene.camera.data.lens = focal_mm
@@ -377,7 +377,7 @@ def test_the_cameras_view_is_that_of_the_frame(scene, tmp_path):
     assert times in result.report.scene.lens_warning and scene.frame_current == 1
 
 
-def test_glass_whose_index_is_not_known_is_named_before_anything_is_rendered(scene, tmp_path):
+def test_glass_with_an_unknown_index_is_refused_before_rendering(scene, tmp_path):
     flat_world(scene)
     (tmp_path / "short.yml").write_text(
         "DATA:\n  - type: tabulated n\n    data: |\n      0.40 1.55\n      0.50 1.53\n      0.66 1.51\n")
@@ -388,11 +388,11 @@ def test_glass_whose_index_is_not_known_is_named_before_anything_is_rendered(sce
         rendered(scene, tmp_path / "out")
 
 
-def foreseen(scene, **asked):
-    return addon.preflight(scene, output_folder="out", **asked).plan
+def foreseen(scene, **options):
+    return addon.preflight(scene, output_folder="out", **options).plan
 
 
-def test_a_misspelt_spectrum_hides_no_plan_but_refuses_the_render(room, tmp_path):
+def test_a_misspelt_spectrum_is_refused_but_the_plan_is_shown(room, tmp_path):
     known = foreseen(room)
     for name in ("chart-15-red", "chart-14-green"):
         bpy.data.materials[name].lensfield.reflectance = "no-such-paint"
@@ -405,13 +405,13 @@ def test_a_misspelt_spectrum_hides_no_plan_but_refuses_the_render(room, tmp_path
     assert not list(tmp_path.iterdir())
 
 
-def test_the_default_is_planned_in_the_place_of_a_misspelt_spectrum(scene):
+def test_a_plan_uses_the_default_for_a_misspelt_spectrum(scene):
     light(scene, "POINT", 10.0).data.lensfield.emission = "no-such-lamp"
     plan = foreseen(scene)
     assert [lamp.name for lamp in plan.lamps] == ["daylight D65"] and "no-such-lamp" in str(plan.refusals[0])
 
 
-def test_unfit_nodes_hide_no_plan_but_refuse_the_render(scene):
+def test_unfit_nodes_are_refused_but_the_plan_is_shown(scene):
     film(scene)
     plan = foreseen(scene)
     refusal, = plan.refusals

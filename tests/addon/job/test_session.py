@@ -36,7 +36,7 @@ def painted(scene, tmp_path):
     return images
 
 
-def test_a_copy_gets_the_pixels_that_are_in_no_file(painted, tmp_path):
+def test_a_copy_receives_unsaved_pixels(painted, tmp_path):
     pixels = {name: list(image.pixels) for name, image in painted.items()}
     before = snapshot()
     session.write_session(tmp_path / "session.npz")
@@ -48,14 +48,14 @@ def test_a_copy_gets_the_pixels_that_are_in_no_file(painted, tmp_path):
     assert bpy.data.images["Float"].is_float and not bpy.data.images["Clean"].is_dirty
 
 
-def test_what_cannot_be_taken_along_is_named(painted):
+def test_images_that_cannot_be_transferred_are_named(painted):
     assert not session.lost_images()
     tiles = blank("Tiles", tiled=True)
     tiles.pixels[0] = 0.5
     assert session.lost_images() == ["Tiles"]
 
 
-def test_the_devices_chosen_are_taken_along(scene, tmp_path):
+def test_the_selected_devices_are_transferred(scene, tmp_path):
     preferences = bpy.context.preferences.addons["cycles"].preferences
     before = preferences.compute_device_type
     try:
@@ -70,7 +70,7 @@ def test_the_devices_chosen_are_taken_along(scene, tmp_path):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("source", ["New", "File"])
-def test_a_window_s_render_shows_the_paint(painted, scene, tmp_path, source):
+def test_a_window_render_shows_unsaved_paint(painted, scene, tmp_path, source):
     """Emission by colours that exist only in memory has their brightness, to 2 % of their spectra."""
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
     painted[source].colorspace_settings.name = "Non-Color"

@@ -43,7 +43,7 @@ CUSTOM = {"tier": "RESULT"}
     (CUSTOM | {"supersampling": 4}, Options(accuracy=DEFAULT_ACCURACY, supersampling=4)),
     (CUSTOM | {"quality": "KNOBS", "method": "EXACT", "supersampling": 2}, Options(method="exact", supersampling=2)),
     ({"supersampling": 4}, Options(accuracy=DEFAULT_ACCURACY))], ids=str)
-def test_settings_come_to_options(scene, settings, options):
+def test_settings_determine_the_options(scene, settings, options):
     for name, value in settings.items():
         setattr(scene.lensfield, name, value)
     assert scene.lensfield.to_options() == options
@@ -58,13 +58,13 @@ def test_settings_come_to_options(scene, settings, options):
     ({}, {"tier": "reference", "method": "paper"}, Options(method="paper")),
     ({"accuracy": 0.1}, {"method": "exact"}, Options(method="exact")),
     (CUSTOM | {"accuracy": 0.1}, {"supersampling": 2}, Options(accuracy=0.1, supersampling=2))], ids=str)
-def test_what_is_given_takes_the_place_of_settings(scene, settings, given, options):
+def test_given_options_override_settings(scene, settings, given, options):
     for name, value in settings.items():
         setattr(scene.lensfield, name, value)
     assert scene.lensfield.to_options(**given) == options
 
 
-def test_spectra_that_are_given_take_the_place_of_settings(scene):
+def test_given_spectral_options_override_settings(scene):
     scene.lensfield.tier = "REFERENCE"
     assert scene.lensfield.to_spectral_options() == SpectralOptions("reference")
     assert scene.lensfield.to_spectral_options(sensor_error=0.01) == SpectralOptions(sensor_error=0.01)
@@ -82,7 +82,7 @@ def test_the_panel_has_every_method():
     (CUSTOM | {"quality": "KNOBS", "method": "PAPER"}, {"method", "section_size"}),
     (CUSTOM | {"quality": "KNOBS", "method": "PIXELS"}, {"method", "azimuths"}),
     (CUSTOM | {"quality": "KNOBS", "method": "EXACT"}, {"method"})], ids=str)
-def test_panels_show_what_counts(scene, settings, shown):
+def test_panels_show_only_relevant_settings(scene, settings, shown):
     for name, value in settings.items():
         setattr(scene.lensfield, name, value)
     layout = Layout()
@@ -93,7 +93,7 @@ def test_panels_show_what_counts(scene, settings, shown):
     assert {"matching_lens", "tier", "out_of_field", "fireflies", "lensfield.render"} <= set(layout.shown)
 
 
-def test_a_file_that_knows_no_accuracy_takes_the_default():
+def test_a_file_without_an_accuracy_gets_the_default():
     bpy.ops.wm.open_mainfile(filepath=str(SAMPLE_SCENE))
     assert bpy.context.scene.lensfield.to_options().accuracy == DEFAULT_ACCURACY
 
@@ -104,7 +104,7 @@ def lit_scene(scene):
 
 
 @pytest.mark.one_blender
-def test_a_render_by_accuracy_keeps_what_it_promises(scene, tmp_path):
+def test_a_render_meets_its_requested_accuracy(scene, tmp_path):
     lit_scene(scene)
     result = render(scene, tmp_path, options=Options(accuracy=0.02))
     assert result.report.lens_image.plan.error_bound <= 0.02
@@ -117,16 +117,16 @@ def test_a_render_by_accuracy_keeps_what_it_promises(scene, tmp_path):
 @pytest.mark.one_blender
 @pytest.mark.parametrize("options", [
     Options(), Options(method="paper", section_size=16), Options(method="pixels", azimuths=8)], ids=repr)
-def test_later_renders_share_the_lens_and_come_out_the_same(scene, tmp_path, monkeypatch, options):
+def test_later_renders_share_the_lens_and_give_the_same_results(scene, tmp_path, monkeypatch, options):
     shared_cache.cache_clear()
     lit_scene(scene)
     first = render(scene, tmp_path / "first", options=options)
-    made = []
-    monkeypatch.setattr(channel_cache, "Channel", lambda *arguments, **_: made.append(arguments))
+    created = []
+    monkeypatch.setattr(channel_cache, "Channel", lambda *arguments, **_: created.append(arguments))
     again = render(scene, tmp_path / "again", options=options)
     set_world(scene, strength=0.3)
     other = render(scene, tmp_path / "other", options=options)
-    assert not made
+    assert not created
     monkeypatch.undo()
     assert np.array_equal(read_exr(again.irradiance).cube, read_exr(first.irradiance).cube)
     alone = simulate(read_exr(other.radiance), load_lens("edmund-54852"), options)
@@ -134,7 +134,7 @@ def test_later_renders_share_the_lens_and_come_out_the_same(scene, tmp_path, mon
     assert not np.array_equal(alone.cube, read_exr(first.irradiance).cube)
 
 
-def test_another_lens_file_of_the_same_name_is_read_anew(tmp_path):
+def test_a_changed_lens_file_is_read_again(tmp_path):
     path = tmp_path / "lens.npz"
     path.write_bytes((BUNDLED / "edmund-54852.npz").read_bytes())
     lens = load_lens(path)
@@ -143,7 +143,7 @@ def test_another_lens_file_of_the_same_name_is_read_anew(tmp_path):
     assert load_lens(path) is not lens
 
 
-def test_what_is_kept_is_freed_with_the_addon(scene, tmp_path):
+def test_the_shared_cache_is_freed_with_the_addon(scene, tmp_path):
     render(scene, tmp_path, WAVELENGTHS_NM[:1])
     assert shared_cache.cache_info().currsize == 1
     addon.unregister()
@@ -153,7 +153,7 @@ def test_what_is_kept_is_freed_with_the_addon(scene, tmp_path):
         addon.register()
 
 
-def test_a_saved_lens_stays_that_lens_whatever_others_come(scene):
+def test_a_saved_lens_stays_the_same_when_others_are_added(scene):
     """A .blend stores an enum's number: a position in the list would mean another lens after an addition."""
     numbers = {name: number for name, *_, number in offered_lenses()}
     assert numbers["edmund-54852"] == 1901871375 and numbers["FILE"] == 1560636882

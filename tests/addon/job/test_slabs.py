@@ -53,25 +53,25 @@ def cut(monkeypatch):
     plan = slabs.plan_slabs
 
     def forced(*arguments, **named):
-        made = plan(*arguments, **named)
-        margins = (made.margin_px,) * (len(CUT_MM) + 1)
-        return replace(made, borders_mm=CUT_MM, margins_px=margins) if made.needed else made
+        planned = plan(*arguments, **named)
+        margins = (planned.margin_px,) * (len(CUT_MM) + 1)
+        return replace(planned, borders_mm=CUT_MM, margins_px=margins) if planned.needed else planned
 
     monkeypatch.setattr(slabs, "plan_slabs", forced)
 
 
-def rendered(scene, folder, depth="auto", lens=LENS, **asked):
+def rendered(scene, folder, depth="auto", lens=LENS, **options):
     result = addon.render_through_lens(scene, lens=lens, wavelengths_nm=WAVELENGTHS_NM, output_folder=folder / depth,
-                                       depth=depth, **asked)
+                                       depth=depth, **options)
     return result, *read_with_layers(result.radiance)
 
 
-def both(scene, folder, **asked):
+def both(scene, folder, **options):
     """The radiance without layers, the radiance with layers, and the layers."""
-    _, whole, _, none = rendered(scene, folder, "off", **asked)
-    _, flat, _, layered = rendered(scene, folder, "auto", **asked)
-    assert none is None and layered is not None and flat.grid == whole.grid
-    return whole.cube.astype(np.float64), flat.cube.astype(np.float64), layered
+    _, single, _, none = rendered(scene, folder, "off", **options)
+    _, flat, _, layered = rendered(scene, folder, "auto", **options)
+    assert none is None and layered is not None and flat.grid == single.grid
+    return single.cube.astype(np.float64), flat.cube.astype(np.float64), layered
 
 
 def blocks(cube, side_px=12):
@@ -80,27 +80,27 @@ def blocks(cube, side_px=12):
     return cube.reshape(len(cube), rows, side_px, columns, side_px).swapaxes(2, 3).reshape(-1, side_px, side_px)
 
 
-def assert_alike(whole, flat, rtol=0.003, noise=0.3):
+def assert_alike(single, flat, rtol=0.003, noise=0.3):
     """Compares the means of all blocks that are not dark."""
-    whole, flat = blocks(whole), blocks(flat)
-    lit = whole.mean(axis=(1, 2)) > 0.05 * whole.max()
+    single, flat = blocks(single), blocks(flat)
+    lit = single.mean(axis=(1, 2)) > 0.05 * single.max()
     assert lit.sum() >= 3
-    assert_means(flat[lit], whole[lit], rtol=rtol, noise=noise)
+    assert_means(flat[lit], single[lit], rtol=rtol, noise=noise)
 
 
-def assert_same_as_single(whole, flat):
+def assert_same_as_single(single, flat):
     """Compares the means; and every pixel in areas of a single, uniform surface."""
-    assert_alike(whole, flat)
-    around = np.stack([whole[:, down:whole.shape[1] - 2 + down, across:whole.shape[2] - 2 + across]
+    assert_alike(single, flat)
+    around = np.stack([single[:, down:single.shape[1] - 2 + down, across:single.shape[2] - 2 + across]
                        for down in range(3) for across in range(3)])
-    even = np.ptp(around, axis=0).max(axis=0) <= 1e-4 * whole.max()
+    even = np.ptp(around, axis=0).max(axis=0) <= 1e-4 * single.max()
     assert even.mean() > 0.5
-    np.testing.assert_allclose(flat[:, 1:-1, 1:-1][:, even], whole[:, 1:-1, 1:-1][:, even], rtol=0.01)
+    np.testing.assert_allclose(flat[:, 1:-1, 1:-1][:, even], single[:, 1:-1, 1:-1][:, even], rtol=0.01)
 
 
-def test_slabs_together_are_what_one_render_shows(deep, cut, tmp_path):
-    whole, flat, layered = both(deep, tmp_path)
-    assert_same_as_single(whole, flat)
+def test_slabs_together_equal_a_single_render(deep, cut, tmp_path):
+    single, flat, layered = both(deep, tmp_path)
+    assert_same_as_single(single, flat)
     assert len(layered.layers) == len(CUT_MM) + 2  # plus the sky
     assert layered.focal_mm == read_exr(tmp_path / "auto" / "Scene_0001_radiance.exr").focal_mm
 
@@ -109,25 +109,25 @@ def test_slabs_together_are_what_one_render_shows(deep, cut, tmp_path):
 @pytest.mark.parametrize("depth, region, files", [
     ("auto", None, len(CUT_MM) + 2 + 2),  # light of slabs and sky, their combination by the pinhole, and the irradiance
     ("auto", (0.3, 0.7), len(CUT_MM) + 1 + 2), ("off", None, 2), ("off", (0.3, 0.7), 3)])
-def test_light_that_memory_is_not_for_comes_to_the_same_files(deep, cut, tmp_path, monkeypatch, depth, region, files):
+def test_light_too_large_for_memory_gives_the_same_files(deep, cut, tmp_path, monkeypatch, depth, region, files):
     deep.cycles.samples, deep.render.film_transparent = 2, bool(region)
     if region:
         deep.render.use_border = True
         deep.render.border_min_x, deep.render.border_max_x = region
-    made, in_file = [], scratch._in_file
-    monkeypatch.setattr(scratch, "_in_file", lambda shape, folder: made.append(folder) or in_file(shape, folder))
+    folders, in_file = [], scratch._in_file
+    monkeypatch.setattr(scratch, "_in_file", lambda shape, folder: folders.append(folder) or in_file(shape, folder))
     plenty = rendered(deep, tmp_path / "plenty", depth)[0]
-    assert not made
+    assert not folders
     monkeypatch.setattr(scratch, "available_bytes", lambda: 0)
     little = rendered(deep, tmp_path / "little", depth)[0]
-    assert made == [tmp_path / "little" / depth] * files
+    assert folders == [tmp_path / "little" / depth] * files
     for one, other in zip(plenty.files, little.files, strict=True):
         assert one.suffix == ".json" or one.read_bytes() == other.read_bytes()  # reports contain seconds
     assert {path.name for path in little.record.parent.glob("[!.]*")} == {path.name for path in little.files}
 
 
 @pytest.mark.one_blender
-def test_a_disk_without_room_for_it_is_told_before_the_first_pass(deep, tmp_path, monkeypatch):
+def test_a_disk_without_room_for_light_is_reported_before_the_first_pass(deep, tmp_path, monkeypatch):
     monkeypatch.setattr(scratch, "available_bytes", lambda: 0)
     monkeypatch.setattr(scratch.shutil, "disk_usage", lambda folder: SimpleNamespace(free=10_000))
     with pytest.raises(InputError, match=r"scratch is of [\d.e-]+ GB: 1e-05 GB are free there: give another folder"):
@@ -135,7 +135,7 @@ def test_a_disk_without_room_for_it_is_told_before_the_first_pass(deep, tmp_path
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
-def test_each_layer_lies_where_it_was_cut(deep, cut, tmp_path):
+def test_each_layer_lies_between_its_cuts(deep, cut, tmp_path):
     """Every covered pixel has a depth, including edges, which a depth pass with one sample misses."""
     *layers, sky = rendered(deep, tmp_path)[3].layers
     for layer, near_mm, far_mm in zip(layers, (0, *CUT_MM), (*CUT_MM, 1e6), strict=True):
@@ -145,7 +145,7 @@ def test_each_layer_lies_where_it_was_cut(deep, cut, tmp_path):
 
 
 @pytest.mark.one_blender
-def test_layers_hold_what_is_hidden_and_no_more_than_they_cover(deep, cut, tmp_path):
+def test_layers_include_hidden_areas_and_are_no_larger_than_needed(deep, cut, tmp_path):
     deep.objects["Floor"].hide_render = True
     near, middle, far, sky = rendered(deep, tmp_path)[3].layers  # 70 cm to 2 m is empty
     assert near.alpha.size < far.alpha.size < sky.alpha.size
@@ -158,7 +158,7 @@ def test_layers_hold_what_is_hidden_and_no_more_than_they_cover(deep, cut, tmp_p
                                alone.frame().cube[:, *(n // 2 for n in alone.frame_px)], rtol=1e-5)
 
 
-def test_what_is_all_hidden_is_left_out(deep, tmp_path):
+def test_fully_hidden_slabs_are_left_out(deep, tmp_path):
     """It is not rendered, and has no layer."""
     deep.objects["Near"].scale = 100, 100, 1
     result, image, _, layered = rendered(deep, tmp_path, picture=tmp_path / "picture.png")
@@ -169,14 +169,14 @@ def test_what_is_all_hidden_is_left_out(deep, tmp_path):
     assert "one slab" in result.report.scene.layers
 
 
-def test_what_is_in_focus_is_one_render_to_the_bit(deep, tmp_path):
+def test_a_scene_in_focus_equals_a_single_render_bit_for_bit(deep, tmp_path):
     for name in ("Near", "Wall", "Floor"):
         deep.objects[name].hide_render = True
     deep.objects["Middle"].scale = 20, 20, 1
-    whole, flat = (rendered(deep, tmp_path, depth) for depth in ("off", "auto"))
-    assert whole[3] is None and flat[3] is None and not flat[0].report.scene.layers
-    np.testing.assert_array_equal(flat[1].cube, whole[1].cube)
-    np.testing.assert_array_equal(flat[2]["Z"], whole[2]["Z"])
+    single, flat = (rendered(deep, tmp_path, depth) for depth in ("off", "auto"))
+    assert single[3] is None and flat[3] is None and not flat[0].report.scene.layers
+    np.testing.assert_array_equal(flat[1].cube, single[1].cube)
+    np.testing.assert_array_equal(flat[2]["Z"], single[2]["Z"])
 
 
 def lamps(scene):
@@ -201,12 +201,12 @@ def transparent_film(scene):
     scene.render.film_transparent = scene.cycles.film_transparent_glass = True
 
 
-def test_slabs_go_together_with_a_render_region(deep, cut, tmp_path):
+def test_slabs_work_with_a_render_region(deep, cut, tmp_path):
     render_region(deep)
-    whole, flat, _ = both(deep, tmp_path)
+    single, flat, _ = both(deep, tmp_path)
     region = read_with_planes(tmp_path / "auto" / "Scene_0001_radiance.exr")[1]["region"]
     inside = np.ix_(*(np.flatnonzero((region == 1).any(axis=axis)) for axis in (1, 0)))
-    assert_alike(*(cube[:, *inside] for cube in (whole, flat)))
+    assert_alike(*(cube[:, *inside] for cube in (single, flat)))
 
 
 def render_region(scene):
@@ -215,7 +215,7 @@ def render_region(scene):
     scene.render.border_min_y, scene.render.border_max_y = 0.2, 0.6
 
 
-def own_clipping(scene):
+def clip_camera(scene):
     scene.camera.data.clip_start, scene.camera.data.clip_end = 0.06, 2.0
 
 
@@ -235,35 +235,35 @@ def panes(scene):
 @pytest.mark.sample(2)
 @pytest.mark.one_blender
 @pytest.mark.parametrize("change, rtol", [(lamps, 0.01), (motion, 0.01), (transparent_film, 0.003), (panes, 0.01)])
-def test_slabs_go_together_with(deep, cut, tmp_path, change, rtol):
+def test_slabs_work_with_other_features(deep, cut, tmp_path, change, rtol):
     change(deep)
-    whole, flat, layered = both(deep, tmp_path, spectral=SpectralOptions("reference"))
+    single, flat, layered = both(deep, tmp_path, spectral=SpectralOptions("reference"))
     assert len(layered.layers) >= 3
-    assert_alike(whole, flat, rtol)
+    assert_alike(single, flat, rtol)
 
 
-def test_slabs_go_together_with_the_cameras_own_clipping(deep, cut, tmp_path):
-    own_clipping(deep)
-    whole, flat, layered = both(deep, tmp_path)
-    assert_same_as_single(whole, flat)
+def test_slabs_work_with_the_clip_range_of_the_camera(deep, cut, tmp_path):
+    clip_camera(deep)
+    single, flat, layered = both(deep, tmp_path)
+    assert_same_as_single(single, flat)
     depths_mm = [layer.depth_mm[layer.alpha > 0] for layer in layered.layers[:-1]]
     assert min(depth.min() for depth in depths_mm) >= 60 and max(depth.max() for depth in depths_mm) < 2000
 
 
-def test_slabs_go_together_with_denoising(deep, cut, tmp_path):
-    whole, flat, _ = both(deep, tmp_path, denoise="on")
-    assert_alike(whole, flat, 0.02)
+def test_slabs_work_with_denoising(deep, cut, tmp_path):
+    single, flat, _ = both(deep, tmp_path, denoise="on")
+    assert_alike(single, flat, 0.02)
 
 
-def test_slabs_go_together_with_fisheyes(deep, cut, tmp_path):
+def test_slabs_work_with_fisheyes(deep, cut, tmp_path):
     """Fisheye cameras clip by distance."""
-    whole, flat, layered = both(deep, tmp_path, lens="muller-fisheye-25mm", lens_quality="preview")
+    single, flat, layered = both(deep, tmp_path, lens="muller-fisheye-25mm", lens_quality="preview")
     assert layered.grid.projection == FISHEYE
-    assert_same_as_single(whole, flat)
+    assert_same_as_single(single, flat)
 
 
 @pytest.mark.one_blender
-def test_slabs_go_together_with_animation(deep, cut, tmp_path):
+def test_slabs_work_with_animation(deep, cut, tmp_path):
     near = deep.objects["Near"]
     near.keyframe_insert("location", frame=1)
     near.location.z = -0.055
@@ -277,66 +277,67 @@ def test_slabs_go_together_with_animation(deep, cut, tmp_path):
 
 
 @pytest.mark.one_blender
-def test_the_same_lens_on_what_is_kept_is_the_same_picture(deep, cut, tmp_path):
-    kept = rendered(deep, tmp_path)[0]
-    applied = addon.apply_lens(kept.radiance, lens=LENS, output_folder=tmp_path / "applied")
-    np.testing.assert_allclose(read_exr(applied.irradiance).cube, read_exr(kept.irradiance).cube, rtol=1e-4, atol=1e-9)
+def test_reapplying_the_same_lens_gives_the_same_picture(deep, cut, tmp_path):
+    original = rendered(deep, tmp_path)[0]
+    applied = addon.apply_lens(original.radiance, lens=LENS, output_folder=tmp_path / "applied")
+    np.testing.assert_allclose(read_exr(applied.irradiance).cube, read_exr(original.irradiance).cube, rtol=1e-4,
+                               atol=1e-9)
     assert "was captured" not in applied.report.file.lens_warning
-    off = addon.apply_lens(kept.radiance, lens=LENS, output_folder=tmp_path / "off", depth="off")
-    whole = rendered(deep, tmp_path, "off")[0]
-    assert_alike(read_exr(whole.irradiance).cube.astype(float), read_exr(off.irradiance).cube.astype(float))
+    off = addon.apply_lens(original.radiance, lens=LENS, output_folder=tmp_path / "off", depth="off")
+    single = rendered(deep, tmp_path, "off")[0]
+    assert_alike(read_exr(single.irradiance).cube.astype(float), read_exr(off.irradiance).cube.astype(float))
     with pytest.raises(InputError, match="depth"):
-        addon.apply_lens(kept.radiance, lens=LENS, depth="traced")
+        addon.apply_lens(original.radiance, lens=LENS, depth="traced")
 
 
 def test_the_button_uses_layers_unless_depth_is_off(deep, cut, tmp_path):
     settings = deep.lensfield
     settings.lens, settings.output_folder, settings.to_compositor = LENS, str(tmp_path / "auto"), False
-    kept = rendered(deep, tmp_path)[0]
+    original = rendered(deep, tmp_path)[0]
     for depth in ("AUTO", "OFF"):
         settings.depth = depth
         assert bpy.ops.lensfield.apply_lens() == {"FINISHED"}
-        ours = addon.apply_lens(kept.radiance, lens=LENS, output_folder=tmp_path / depth, options=settings.to_options(),
-                                depth=depth.lower())
+        ours = addon.apply_lens(original.radiance, lens=LENS, output_folder=tmp_path / depth,
+                                options=settings.to_options(), depth=depth.lower())
         assert bool(ours.report.file.layers) == (depth == "AUTO")
-        np.testing.assert_array_equal(read_exr(kept.irradiance).cube, read_exr(ours.irradiance).cube)
+        np.testing.assert_array_equal(read_exr(original.irradiance).cube, read_exr(ours.irradiance).cube)
 
 
 @pytest.mark.one_blender
-def test_another_focus_of_what_is_kept_is_a_fresh_render(deep, tmp_path):
+def test_refocusing_a_capture_equals_a_fresh_render(deep, tmp_path):
     """Within the pixels and the noise, which are different in the two renders."""
     lens, near_mm = "tessar-50mm", 400.0
-    asked = {"lens": lens, "view": "camera", "lens_quality": "preview"}
+    options = {"lens": lens, "view": "camera", "lens_quality": "preview"}
     deep.camera.data.lens = 35
     for name, distance_m in (("Near", 0.25), ("Middle", 0.6)):
         square = deep.objects[name]
         square.location.x *= distance_m / -square.location.z
         square.scale *= distance_m / -square.location.z
         square.location.z = -distance_m
-    far, near = (rendered(deep, tmp_path / f"{focus_mm:g}", focus=focus_mm, room=0.1, **asked)[0]
+    far, near = (rendered(deep, tmp_path / f"{focus_mm:g}", focus=focus_mm, room=0.1, **options)[0]
                  for focus_mm in (2e3, near_mm))
-    applied = addon.apply_lens(far.radiance, output_folder=tmp_path / "applied", focus=near_mm, **asked)
-    fresh, seen = (read_exr(result.irradiance).cube.astype(float) for result in (near, applied))
-    assert_alike(fresh, seen, 0.02, noise=1.0)
+    applied = addon.apply_lens(far.radiance, output_folder=tmp_path / "applied", focus=near_mm, **options)
+    fresh, refocused = (read_exr(result.irradiance).cube.astype(float) for result in (near, applied))
+    assert_alike(fresh, refocused, 0.02, noise=1.0)
     other = read_exr(far.irradiance).cube
-    assert np.abs(seen - fresh).mean() < 0.2 * np.abs(other - fresh).mean()
+    assert np.abs(refocused - fresh).mean() < 0.2 * np.abs(other - fresh).mean()
 
 
 @pytest.mark.one_blender
-def test_blur_that_needs_more_than_was_captured_is_told(deep, tmp_path):
+def test_blur_that_needs_more_than_was_captured_is_reported(deep, tmp_path):
     """The in-focus picture ends just beyond the frame; out of focus, light from farther outside would reach it."""
     deep.render.resolution_x, deep.render.resolution_y, deep.cycles.samples = 192, 144, 4
     near = deep.objects["Near"]
     near.location, near.scale = (0, 0, -0.4), (100, 100, 1)
-    asked = {"lens": "sonnar-50mm-f1.5", "lens_quality": "preview"}
-    kept = rendered(deep, tmp_path, focus=400.0, f_number=2.8, **asked)[0]
-    for focus_mm, told in ((400.0, False), (np.inf, True)):
-        applied = addon.apply_lens(kept.radiance, output_folder=tmp_path / "applied", focus=focus_mm, f_number=2.8,
-                                   **asked)
-        assert ("needs light from" in applied.report.file.lens_warning) == told
+    options = {"lens": "sonnar-50mm-f1.5", "lens_quality": "preview"}
+    original = rendered(deep, tmp_path, focus=400.0, f_number=2.8, **options)[0]
+    for focus_mm, warned in ((400.0, False), (np.inf, True)):
+        applied = addon.apply_lens(original.radiance, output_folder=tmp_path / "applied", focus=focus_mm, f_number=2.8,
+                                   **options)
+        assert ("needs light from" in applied.report.file.lens_warning) == warned
 
 
-def test_the_scene_is_as_it_was(deep, cut, tmp_path):
+def test_the_scene_is_restored(deep, cut, tmp_path):
     transparent_film(deep)
     deep.render.film_transparent = False
     deep.render.use_persistent_data = False
@@ -359,7 +360,7 @@ def fog(scene):
     bpy.context.object.data.materials.append(dust)
 
 
-def test_bodies_and_volumes_stay_whole(deep):
+def test_bodies_and_volumes_are_not_cut(deep):
     lens = load_lens(LENS)
     grid = capture_grid(deep, lens, WAVELENGTHS_NM)
     assert uncut_depths_mm(deep, lens, grid, ()) == ([], [])  # squares are not bodies
@@ -395,23 +396,23 @@ def red_pane(scene):
 def test_coloured_volumes_and_panes_tint_their_background(deep, tmp_path, put):
     """They tint the wall and the sky, although slabs are composited by alpha, which has no colour."""
     put(deep)
-    whole, flat, layered = both(deep, tmp_path)
+    single, flat, layered = both(deep, tmp_path)
     assert len(layered.layers) > 1
-    assert_alike(whole, flat)
+    assert_alike(single, flat)
 
 
-def test_a_body_that_is_cut_does_not_show_its_dark_inside(scene, cut, tmp_path):
+def test_a_cut_body_does_not_show_its_dark_inside(scene, cut, tmp_path):
     """A box's side crosses a border, and its outside has the same brightness there as in a single render."""
     set_world(scene)
     scene.cycles.samples = 256
     bpy.ops.mesh.primitive_cube_add(size=0.16, location=(-0.12, 0, -0.36))
     bpy.context.object.scale.z = 3.0  # from 12 to 60 cm
     bpy.context.object.data.materials.append(material("Grey", "ShaderNodeBsdfDiffuse")[0])
-    whole, flat, layered = both(scene, tmp_path)
+    single, flat, layered = both(scene, tmp_path)
     assert len(layered.layers) > 2  # the noise is the same, too
-    rows = np.s_[:, whole.shape[1] // 2 - 8:whole.shape[1] // 2 + 8]
-    whole, flat = (cube[rows].mean(axis=(0, 1)) for cube in (whole, flat))
-    np.testing.assert_allclose(flat, whole, rtol=0.01)
+    rows = np.s_[:, single.shape[1] // 2 - 8:single.shape[1] // 2 + 8]
+    single, flat = (cube[rows].mean(axis=(0, 1)) for cube in (single, flat))
+    np.testing.assert_allclose(flat, single, rtol=0.01)
 
 
 def by_object(scene):
@@ -419,9 +420,9 @@ def by_object(scene):
 
 
 def by_collection(scene):
-    own = bpy.data.collections.new("Holdouts")
-    scene.collection.children.link(own)
-    own.objects.link(scene.objects["Near"])
+    holdouts = bpy.data.collections.new("Holdouts")
+    scene.collection.children.link(holdouts)
+    holdouts.objects.link(scene.objects["Near"])
     scene.collection.objects.unlink(scene.objects["Near"])
     scene.view_layers[0].layer_collection.children["Holdouts"].holdout = True
 
@@ -442,11 +443,11 @@ def by_shader_in_a_group(scene):
 
 
 @pytest.mark.parametrize("hold_out", [by_object, by_collection, by_shader, by_shader_in_a_group])
-def test_what_holds_out_hides_what_is_behind_it(deep, tmp_path, hold_out):
+def test_holdouts_hide_objects_behind_them(deep, tmp_path, hold_out):
     hold_out(deep)
-    whole, flat, layered = both(deep, tmp_path)
+    single, flat, layered = both(deep, tmp_path)
     assert len(layered.layers) == 1
-    assert_same_as_single(whole, flat)
+    assert_same_as_single(single, flat)
 
 
 @pytest.mark.one_blender
@@ -455,6 +456,6 @@ def test_a_world_full_of_fog_is_one_slab(deep, tmp_path):
     scatter = tree.nodes.new("ShaderNodeVolumeScatter")
     scatter.inputs["Density"].default_value = 0.05
     tree.links.new(scatter.outputs[0], tree.get_output_node("CYCLES").inputs["Volume"])
-    whole, flat, layered = both(deep, tmp_path)
+    single, flat, layered = both(deep, tmp_path)
     assert len(layered.layers) == 1 and np.all(layered.layers[0].alpha == 1)
-    assert_alike(whole, flat, 0.02)
+    assert_alike(single, flat, 0.02)

@@ -13,12 +13,12 @@ from small_scenes import material, set_world, wall
 
 pytestmark = pytest.mark.one_blender
 
-ASKED = {"lens": "edmund-54852", "wavelengths_nm": [550.0]}
+OPTIONS = {"lens": "edmund-54852", "wavelengths_nm": [550.0]}
 FOREIGN = "somebody's own"
 
 
 @pytest.fixture
-def plain(scene, tmp_path):
+def quick_scene(scene, tmp_path):
     """A scene that renders quickly into a separate folder."""
     scene.render.resolution_x, scene.render.resolution_y, scene.cycles.samples = 12, 9, 1
     scene.lensfield.output_folder = str(tmp_path / "out")
@@ -31,48 +31,48 @@ def files_of(scene, tmp_path):
     return Result.of(scene, tmp_path / "out", scene.frame_current).files
 
 
-def test_all_that_a_render_writes_is_known_for_ours(plain, tmp_path):
-    addon.render_through_lens(plain, **ASKED)
-    paths = files_of(plain, tmp_path)
+def test_all_files_of_a_render_are_recognised_as_ours(quick_scene, tmp_path):
+    addon.render_through_lens(quick_scene, **OPTIONS)
+    paths = files_of(quick_scene, tmp_path)
     assert all(path.is_file() for path in paths)
-    again = addon.render_through_lens(plain, **ASKED)  # is not refused
+    again = addon.render_through_lens(quick_scene, **OPTIONS)  # is not refused
     addon.apply_lens(again.radiance, lens="tessar-50mm", lens_quality="preview")
 
 
 @pytest.mark.parametrize("number", range(10))
-def test_a_render_overwrites_nobodys_own_file(plain, tmp_path, number):
-    path = files_of(plain, tmp_path)[number]
+def test_a_render_does_not_overwrite_files_of_the_user(quick_scene, tmp_path, number):
+    path = files_of(quick_scene, tmp_path)[number]
     path.write_text(FOREIGN)
-    attempts = (lambda: addon.render_through_lens(plain, **ASKED),
-                lambda: addon.render_animation(plain, [plain.frame_current], **ASKED),
-                lambda: addon.render_through_lens(plain, depth="traced", **ASKED | {"lens": "tessar-50mm"}))
+    attempts = (lambda: addon.render_through_lens(quick_scene, **OPTIONS),
+                lambda: addon.render_animation(quick_scene, [quick_scene.frame_current], **OPTIONS),
+                lambda: addon.render_through_lens(quick_scene, depth="traced", **OPTIONS | {"lens": "tessar-50mm"}))
     for attempt in attempts:
         with pytest.raises(InputError, match=f"{path.name}: file is an existing file that Lensfield did not write"):
             attempt()
     assert path.read_text() == FOREIGN and list(path.parent.iterdir()) == [path]
-    assert path.name in " ".join(map(str, addon.preflight(plain, **ASKED).refusals))
+    assert path.name in " ".join(map(str, addon.preflight(quick_scene, **OPTIONS).refusals))
 
 
-def test_nor_does_another_lens(plain, tmp_path):
-    result = addon.render_through_lens(plain, **ASKED)
+def test_applying_a_lens_does_not_overwrite_files_of_the_user(quick_scene, tmp_path):
+    result = addon.render_through_lens(quick_scene, **OPTIONS)
     other = tmp_path / "other"
     other.mkdir()
-    for path in files_of(plain, tmp_path):
+    for path in files_of(quick_scene, tmp_path):
         if path != result.radiance:
-            own = other / path.name
-            own.write_text(FOREIGN)
+            foreign = other / path.name
+            foreign.write_text(FOREIGN)
             with pytest.raises(InputError, match=f"{path.name}: file is an existing file"):
                 addon.apply_lens(result.radiance, lens="tessar-50mm", output_folder=other, lens_quality="preview")
-            assert own.read_text() == FOREIGN
-            own.unlink()
+            assert foreign.read_text() == FOREIGN
+            foreign.unlink()
 
 
 @pytest.mark.parametrize("use", ["texture", "spectrum"])
-def test_a_scene_is_not_overwritten_by_its_own_picture(plain, tmp_path, use):
+def test_a_render_does_not_overwrite_files_that_its_scene_uses(quick_scene, tmp_path, use):
     """A picture written by Lensfield may since have become a texture, on a screen in the scene for example."""
     of_wall, shader = material("Paint", "ShaderNodeBsdfDiffuse")
-    wall(plain, of_wall)
-    path = files_of(plain, tmp_path)[5]
+    wall(quick_scene, of_wall)
+    path = files_of(quick_scene, tmp_path)[5]
     if use == "texture":
         write_png(np.ones((4, 4, 3)), path, 1.0)
         source = of_wall.node_tree.nodes.new("ShaderNodeTexImage")
@@ -83,19 +83,19 @@ def test_a_scene_is_not_overwritten_by_its_own_picture(plain, tmp_path, use):
         of_wall.lensfield.reflectance = str(path)
     before = path.read_bytes()
     with pytest.raises(InputError, match=f"{path.name}: file is an input of the scene: choose another output folder"):
-        addon.render_through_lens(plain, **ASKED)
+        addon.render_through_lens(quick_scene, **OPTIONS)
     assert path.read_bytes() == before
 
 
-def test_a_picture_that_the_compositor_alone_shows_is_made_anew(plain):
-    addon.render_through_lens(plain, to_compositor=True, **ASKED)
-    addon.render_through_lens(plain, to_compositor=True, **ASKED)
+def test_a_picture_that_only_the_compositor_uses_is_overwritten(quick_scene):
+    addon.render_through_lens(quick_scene, to_compositor=True, **OPTIONS)
+    addon.render_through_lens(quick_scene, to_compositor=True, **OPTIONS)
 
 
 @pytest.mark.parametrize("name, refused", [("Scene_0001_report.json", True), ("Any_-0012_REPORT.json", True),
                                            ("Scene_0001_after.png", True), ("report.json", False),
                                            ("Scene_report.json", False)])
-def test_a_report_is_not_called_as_a_file_of_a_frame(tmp_path, name, refused):
+def test_a_report_cannot_have_the_name_of_a_frame_file(tmp_path, name, refused):
     addon.check_next_to_frames(tmp_path / "elsewhere", tmp_path / name)
     if not refused:
         addon.check_next_to_frames(tmp_path, tmp_path / name)

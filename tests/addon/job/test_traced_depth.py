@@ -25,9 +25,9 @@ from snapshot import differences, snapshot
 LENS = "edmund-54852"
 
 
-def traced(scene, folder, wavelengths_nm=(550.0,), lens=LENS, **asked):
+def traced(scene, folder, wavelengths_nm=(550.0,), lens=LENS, **options):
     return render_through_lens(scene, lens=lens, wavelengths_nm=wavelengths_nm, output_folder=folder, depth="traced",
-                               **asked)
+                               **options)
 
 
 def irradiance(result):
@@ -42,7 +42,7 @@ def lamp(scene):
     return scene
 
 
-def test_each_wavelength_is_traced_for_itself(scene, tmp_path):
+def test_each_wavelength_is_traced_separately(scene, tmp_path):
     """Glass absorbs the blue light, and its index determines where light lands."""
     set_world(scene)
     nm = 400.0, 550.0, 700.0
@@ -54,26 +54,26 @@ def test_each_wavelength_is_traced_for_itself(scene, tmp_path):
     assert even[1] / even[0] != pytest.approx(1, abs=0.01)  # otherwise the test could not distinguish them
 
 
-def test_it_leaves_what_a_lens_gives_and_nothing_that_a_pinhole_sees(lamp, tmp_path):
+def test_a_traced_render_writes_lens_files_and_removes_pinhole_files(lamp, tmp_path):
     earlier = render_through_lens(lamp, lens=LENS, wavelengths_nm=(550.0,), output_folder=tmp_path)
     assert earlier.radiance.is_file() and earlier.before.is_file()
     result = traced(lamp, tmp_path)
     assert not result.radiance.exists() and not result.before.exists()
-    told = json.loads(result.record.read_text())
-    assert {"radiance", "before"}.isdisjoint(told["files"]) and told["job"]["depth"] == "traced"
-    for name in told["files"]:
+    record = json.loads(result.record.read_text())
+    assert {"radiance", "before"}.isdisjoint(record["files"]) and record["job"]["depth"] == "traced"
+    for name in record["files"]:
         assert getattr(result, name).is_file()
-    assert any("no diffraction" in line for line in told["scene_remarks"])
+    assert any("no diffraction" in line for line in record["scene_remarks"])
 
 
-def test_the_scene_is_left_as_it_was(lamp, tmp_path):
+def test_the_scene_is_restored(lamp, tmp_path):
     traced(lamp, tmp_path)  # for the same random numbers
     before = snapshot()
     traced(lamp, tmp_path, (500.0, 600.0))
     assert not differences(before, snapshot())
 
 
-def test_the_camera_may_stand_anywhere_and_be_of_any_size(lamp, tmp_path):
+def test_the_camera_may_have_any_position_and_scale(lamp, tmp_path):
     expected = irradiance(traced(lamp, tmp_path / "here"))
     holder = bpy.data.objects.new("Holder", None)
     lamp.collection.objects.link(holder)
@@ -81,21 +81,21 @@ def test_the_camera_may_stand_anywhere_and_be_of_any_size(lamp, tmp_path):
         part.parent = holder
     holder.location, holder.rotation_euler = (3, -2, 5), (0.4, 1.1, -0.7)
     lamp.camera.scale = 2, 3, 4
-    found = irradiance(traced(lamp, tmp_path / "there"))
-    assert np.abs(found - expected).sum() < 0.02 * expected.sum()  # of the same random numbers
+    moved = irradiance(traced(lamp, tmp_path / "there"))
+    assert np.abs(moved - expected).sum() < 0.02 * expected.sum()  # of the same random numbers
 
 
-def test_a_region_is_what_the_whole_frame_has_there(lamp, tmp_path):
-    whole = irradiance(traced(lamp, tmp_path / "whole"))
+def test_a_region_equals_that_part_of_the_full_frame(lamp, tmp_path):
+    full = irradiance(traced(lamp, tmp_path / "whole"))
     lamp.render.use_border = True
     lamp.render.border_min_x, lamp.render.border_max_x = 0.5, 1.0
     lamp.render.border_min_y, lamp.render.border_max_y = 0.5, 1.0
     part = irradiance(traced(lamp, tmp_path / "part"))
     assert part[:, :18, 24:].any() and not part[:, 18:].any() and not part[:, :, :24].any()
-    assert_means(part[:, :18, 24:], whole[:, :18, 24:].mean(axis=(1, 2)), 1e-3, noise=0.5)
+    assert_means(part[:, :18, 24:], full[:, :18, 24:].mean(axis=(1, 2)), 1e-3, noise=0.5)
 
 
-def test_the_cameras_view_takes_a_larger_lens(lamp, tmp_path):
+def test_the_cameras_view_scales_the_lens(lamp, tmp_path):
     """The lens is scaled as a unit: an object at a distance scaled by the same factor gives the same picture."""
     lens = load_lens(LENS)
     expected = irradiance(traced(lamp, tmp_path / "lens"))
@@ -103,11 +103,11 @@ def test_the_cameras_view_takes_a_larger_lens(lamp, tmp_path):
     camera.sensor_fit, camera.sensor_width, camera.lens = "HORIZONTAL", 3 * width_mm, 3 * lens.capture_focal_length_mm
     lit = bpy.data.objects["Wall"]
     lit.location, lit.scale = 3 * lit.location, (3, 3, 3)
-    found = irradiance(traced(lamp, tmp_path / "camera", view="camera"))
-    assert np.abs(found - expected).sum() < 0.02 * expected.sum()
+    scaled = irradiance(traced(lamp, tmp_path / "camera", view="camera"))
+    assert np.abs(scaled - expected).sum() < 0.02 * expected.sum()
 
 
-def test_alpha_tells_how_much_of_the_light_is_covered(scene, tmp_path):
+def test_alpha_is_the_covered_share_of_the_light(scene, tmp_path):
     glow = wall(scene, material("Glow", "ShaderNodeEmission")[0], distance_m=0.19)
     glow.location.x = 5.0  # its edge is in the middle
     scene.render.film_transparent, scene.cycles.samples = True, 256
@@ -116,7 +116,7 @@ def test_alpha_tells_how_much_of_the_light_is_covered(scene, tmp_path):
     assert abs(alpha[:, :20].mean()) < 0.05 and alpha.min() == 0
 
 
-def test_what_is_out_of_focus_is_as_wide_as_first_order_optics_have_it(scene, tmp_path):
+def test_blur_has_the_width_of_first_order_optics(scene, tmp_path):
     """A disc of uniform light has an RMS radius of its diameter over sqrt 8."""
     lens, depth_mm = load_lens(LENS), 60.0
     lamp = wall(scene, material("Glow", "ShaderNodeEmission")[0], 1e-3 * depth_mm, side_m=2e-4)
@@ -140,7 +140,7 @@ def test_a_package_is_refused_in_one_line(lamp, tmp_path):
         traced(lamp, tmp_path, lens=lens)
 
 
-def test_a_blender_without_osl_is_told_before_the_work(lamp, tmp_path, monkeypatch):
+def test_a_blender_without_osl_is_refused_before_the_render(lamp, tmp_path, monkeypatch):
     monkeypatch.setattr(traced_camera, "_cycles", SimpleNamespace(with_osl=False))
     refusals = preflight(lamp, output_folder=tmp_path, lens=LENS, depth="traced").refusals
     assert any("OSL" in str(each) and "blender.org" in str(each) for each in refusals)
@@ -148,7 +148,7 @@ def test_a_blender_without_osl_is_told_before_the_work(lamp, tmp_path, monkeypat
         traced(lamp, tmp_path)
 
 
-def test_other_gpus_than_optix_leave_it_to_the_cpu(lamp, tmp_path, monkeypatch):
+def test_gpus_without_optix_fall_back_to_the_cpu(lamp, tmp_path, monkeypatch):
     monkeypatch.setattr(traced_camera, "traces_on_device", lambda scene: False)
     result = traced(lamp, tmp_path)
     assert irradiance(result).any() and lamp.cycles.device == "CPU"
@@ -157,5 +157,5 @@ def test_other_gpus_than_optix_leave_it_to_the_cpu(lamp, tmp_path, monkeypatch):
 def test_a_preview_keeps_the_light_for_other_lenses(lamp, tmp_path):
     lamp.lensfield.depth = "TRACED"
     key = LENS, "lens", "hold", AT_REST, None
-    asked = preview_arguments(lamp, key, copy=tmp_path / "copy.blend", size=(8, 6), samples=1)
-    assert "--depth=auto" in asked
+    arguments = preview_arguments(lamp, key, copy=tmp_path / "copy.blend", size=(8, 6), samples=1)
+    assert "--depth=auto" in arguments

@@ -44,9 +44,9 @@ def petzval():
 
 
 def values(figures, start):
-    found = [figure.value for figure in figures if figure.what.startswith(start)]
-    assert found
-    return found
+    matching = [figure.value for figure in figures if figure.what.startswith(start)]
+    assert matching
+    return matching
 
 
 def test_a_bare_hole_gives_the_irradiance_of_a_cone(tmp_path):
@@ -90,7 +90,7 @@ def test_a_picture_through_the_lens_is_upright_and_not_mirrored(edmund):
         assert column > 24 and row < 18
 
 
-def test_even_light_is_as_bright_as_rays_make_it(edmund):
+def test_brightness_of_even_light_agrees_with_rays(edmund):
     rings = 5
     figures = truth.illumination_figures(edmund, columns=48, samples=256, rings=rings)
     of_a_ring = five_sigma(edmund.noise) * np.sqrt(rings) / edmund.picture.mean()
@@ -99,14 +99,14 @@ def test_even_light_is_as_bright_as_rays_make_it(edmund):
     assert max(values(figures, "even light")) < 0.01 + of_two
 
 
-def test_a_chequered_plane_is_where_rays_show_it(edmund):
+def test_a_chequered_plane_agrees_with_rays(edmund):
     figures = truth.chequer_figures(edmund, columns=128, samples=(16, 16), block_px=32)
     assert max(values(figures, "chequer: shift")) < 0.3
     difference, = (figure for figure in figures if figure.what.startswith("chequer: relative L2"))
     assert difference.value < difference.limit
 
 
-def test_spots_are_as_wide_as_rays_make_them(petzval):
+def test_widths_of_spots_agree_with_rays(petzval):
     figures = truth.spot_figures(petzval, heights=(0.7, 0.8), columns=1280, samples=(64, 256))
     noise = noise_of_a_spot(petzval)
     assert noise < 0.05

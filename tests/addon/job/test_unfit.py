@@ -59,14 +59,14 @@ def test_thin_film_has_the_colours_of_cycles(bubble, tmp_path, tier, thickness_n
     scene, inputs = bubble
     inputs["Thin Film Thickness"].default_value = thickness_nm
     colour, facts = lensfield_colour(scene, tmp_path, tier)
-    own = picture(scene, tmp_path).mean(axis=(1, 2), dtype=float)
-    assert np.ptp(own) > 0.7 * max(own)  # blue, orange, yellow, green; otherwise the test would prove nothing
-    assert difference(colour, own) < TIERS[tier]
+    expected = picture(scene, tmp_path).mean(axis=(1, 2), dtype=float)
+    assert np.ptp(expected) > 0.7 * max(expected)  # blue, orange, yellow, green; otherwise the test would prove nothing
+    assert difference(colour, expected) < TIERS[tier]
     assert facts["wavelengths_per_pass"] == (3 if tier == "preview" else 1)
 
 
 @pytest.mark.parametrize("tier", TIERS)
-def test_grey_stays_grey_beside_what_is_unfit(bubble, tmp_path, tier):
+def test_grey_stays_grey_in_a_scene_with_unfit_shaders(bubble, tmp_path, tier):
     scene, inputs = bubble
     inputs["Thin Film Thickness"].default_value = 400.0
     wall(scene, material("Grey", "ShaderNodeBsdfDiffuse", (0.4, 0.4, 0.4))[0], 0.5)
@@ -75,7 +75,7 @@ def test_grey_stays_grey_beside_what_is_unfit(bubble, tmp_path, tier):
     np.testing.assert_allclose(colour, 0.4, rtol=2e-3)
 
 
-def test_all_else_keeps_its_spectrum_beside_what_is_unfit(bubble, tmp_path):
+def test_other_materials_keep_their_spectra_in_a_scene_with_unfit_shaders(bubble, tmp_path):
     """Substituted materials have the same value in all three channels, so mixing the channels changes nothing."""
     scene, inputs = bubble
     painted, _ = material("Paint", "ShaderNodeBsdfDiffuse")

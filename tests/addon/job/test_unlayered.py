@@ -26,10 +26,10 @@ def fine_pixels(scene):
 
 
 def shader(node_type, roughness=0.0):
-    made, node = material(node_type, node_type)
+    surface, node = material(node_type, node_type)
     if "Roughness" in node.inputs:
         node.inputs["Roughness"].default_value = roughness
-    return made
+    return surface
 
 
 def look(scene, lens=FAST):
@@ -39,7 +39,7 @@ def look(scene, lens=FAST):
 
 
 def shares(scene, lens=FAST):
-    return {kind: found.share for kind, found in look(scene, lens)[0].items()}
+    return {kind: content.share for kind, content in look(scene, lens)[0].items()}
 
 
 def room(scene, of_material, distance_m=2.0):
@@ -60,7 +60,7 @@ def room(scene, of_material, distance_m=2.0):
     ("ShaderNodeBsdfGlossy", 0.0, MIRRORED), ("ShaderNodeBsdfMetallic", 0.0, MIRRORED),
     ("ShaderNodeBsdfGlass", 0.6, None), ("ShaderNodeBsdfGlossy", 0.3, None),  # too rough to focus through
     ("ShaderNodeBsdfDiffuse", 0.0, None), ("ShaderNodeBsdfTransparent", 0.0, None)])
-def test_what_is_seen_by_way_of_a_surface_is_found_with_its_share(scene, node_type, roughness, kind):
+def test_glass_and_mirrors_are_detected_with_their_share(scene, node_type, roughness, kind):
     if node_type == "ShaderNodeBsdfMetallic":
         pane_material = bpy.data.materials.new("Metal")
         pane_material.use_nodes = True
@@ -69,45 +69,45 @@ def test_what_is_seen_by_way_of_a_surface_is_found_with_its_share(scene, node_ty
     else:
         pane_material = shader(node_type, roughness)
     room(scene, pane_material)
-    found, _ = look(scene)
-    assert found.keys() == ({kind} if kind else set())
+    by_kind, _ = look(scene)
+    assert by_kind.keys() == ({kind} if kind else set())
     if kind:
-        assert found[kind].share == pytest.approx(PANE_SHARE, abs=0.08)  # a row of rays around its rim
-        assert found[kind].names == ("Pane",)
+        assert by_kind[kind].share == pytest.approx(PANE_SHARE, abs=0.08)  # a row of rays around its rim
+        assert by_kind[kind].names == ("Pane",)
 
 
-def test_what_is_in_focus_with_its_surroundings_is_not_told(scene):
+def test_glass_in_focus_with_its_surroundings_is_not_reported(scene):
     room(scene, shader("ShaderNodeBsdfGlass"))
     assert shares(scene) and not shares(scene, FAST.scaled(0.03))  # a small lens has all of them in focus
 
 
-def test_a_pane_that_no_camera_sees_is_none(scene):
+def test_a_pane_invisible_to_the_camera_is_ignored(scene):
     room(scene, shader("ShaderNodeBsdfGlass")).visible_camera = False
     assert not shares(scene)
 
 
-def test_what_lies_close_behind_glass_is_blurred_as_it_is(scene):
+def test_objects_close_behind_glass_are_not_reported(scene):
     room(scene, shader("ShaderNodeBsdfGlass"))
     wall(scene, shader("ShaderNodeBsdfDiffuse"), 2.001, 100.0)
     assert not shares(scene)
 
 
 @pytest.mark.parametrize("node_type", ["ShaderNodeBsdfGlossy", "ShaderNodeBsdfGlass"])
-def test_a_small_ball_shows_all_about_where_it_is(scene, node_type):
+def test_images_in_a_small_ball_are_close_to_the_ball(scene, node_type):
     """By the optics of curved mirrors and lenses: R / 2 behind and about R in front of its surface."""
     room(scene, shader("ShaderNodeBsdfDiffuse"), distance_m=20.0)
-    for radius_m, told in ((0.004, False), (4.0, True)):
+    for radius_m, reported in ((0.004, False), (4.0, True)):
         bpy.ops.mesh.primitive_uv_sphere_add(radius=radius_m, location=(0, 0, -0.5 - radius_m), segments=64,
                                              ring_count=32)
         ball = bpy.context.object
         ball.data.materials.append(shader(node_type))
         bpy.ops.object.shade_smooth()
         scene.camera.data.lens = 50
-        assert bool(shares(scene)) == told
+        assert bool(shares(scene)) == reported
         bpy.data.objects.remove(ball)
 
 
-def test_of_fog_that_which_comes_from_elsewhere_is_told(scene):
+def test_visible_fog_is_detected_with_its_share(scene):
     room(scene, shader("ShaderNodeBsdfDiffuse"))
     fog, node = material("Fog", "ShaderNodeVolumeScatter")
     output = fog.node_tree.get_output_node("CYCLES")
@@ -116,9 +116,9 @@ def test_of_fog_that_which_comes_from_elsewhere_is_told(scene):
     bpy.ops.mesh.primitive_cube_add(size=2, location=(0, 0, -8), scale=(20, 20, 1))
     box = bpy.context.object
     box.data.materials.append(fog)
-    found, _ = look(scene)
-    assert found.keys() == {VOLUME} and found[VOLUME].names == ("Cube",)
-    assert found[VOLUME].share == pytest.approx(1 - PANE_SHARE, abs=0.08), "not before the square, which hides it"
+    by_kind, _ = look(scene)
+    assert by_kind.keys() == {VOLUME} and by_kind[VOLUME].names == ("Cube",)
+    assert by_kind[VOLUME].share == pytest.approx(1 - PANE_SHARE, abs=0.08), "not before the square, which hides it"
     node.inputs["Density"].default_value = 0
     assert not shares(scene)
     node.inputs["Density"].default_value = 1
@@ -126,7 +126,7 @@ def test_of_fog_that_which_comes_from_elsewhere_is_told(scene):
     assert not shares(scene), "behind the camera"
 
 
-def test_a_fog_of_the_world_is_everywhere(scene):
+def test_fog_of_the_world_fills_the_picture(scene):
     tree = scene.world.node_tree
     node = tree.nodes.new("ShaderNodeVolumeScatter")
     tree.links.new(node.outputs[0], tree.get_output_node("CYCLES").inputs["Volume"])
@@ -136,7 +136,7 @@ def test_a_fog_of_the_world_is_everywhere(scene):
     assert not glows_within(scene.world) and not shares(scene)
 
 
-def test_mixes_are_known_by_their_constants_and_as_a_camera_sees_them():
+def test_mixes_are_evaluated_for_constant_factors_and_camera_rays():
     mixed, glass = material("Mixed", "ShaderNodeBsdfGlass")
     tree, output = mixed.node_tree, mixed.node_tree.get_output_node("CYCLES")
     mix, clear = tree.nodes.new("ShaderNodeMixShader"), tree.nodes.new("ShaderNodeBsdfTransparent")
@@ -157,7 +157,7 @@ def test_mixes_are_known_by_their_constants_and_as_a_camera_sees_them():
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.4])
-def test_a_mirror_shows_what_is_before_it(scene, turn):
+def test_a_mirror_shows_objects_in_front_of_it(scene, turn):
     """Seen at an angle, objects to the side of the camera."""
     pane = room(scene, shader("ShaderNodeBsdfGlossy"))
     pane.rotation_euler = Euler((0, turn, 0))
@@ -174,36 +174,36 @@ def test_a_mirror_shows_what_is_before_it(scene, turn):
 def test_remarks_name_the_share_the_objects_and_the_remedy(scene, tmp_path, has_rays):
     room(scene, shader("ShaderNodeBsdfGlass"))
     lens = FAST if has_rays else replace(FAST, prescription=None)
-    told, = (str(each) for each in preflight(scene, output_folder=tmp_path, lens=lens).remarks if each.what == "Glass")
-    assert told.startswith("Glass 'Pane': about 2") and "Ray Visibility" in told
-    assert ("Traced Lens" in told) == has_rays
+    line, = (str(each) for each in preflight(scene, output_folder=tmp_path, lens=lens).remarks if each.what == "Glass")
+    assert line.startswith("Glass 'Pane': about 2") and "Ray Visibility" in line
+    assert ("Traced Lens" in line) == has_rays
 
 
 @pytest.mark.sample(1)
-@pytest.mark.parametrize("asked_depth, told", [("auto", 1), ("off", 0), ("traced", 0)])
-def test_they_are_told_before_a_render_that_takes_depths_by_pixel(scene, tmp_path, asked_depth, told):
+@pytest.mark.parametrize("requested_depth, count", [("auto", 1), ("off", 0), ("traced", 0)])
+def test_glass_is_reported_before_a_render_with_one_depth_per_pixel(scene, tmp_path, requested_depth, count):
     room(scene, shader("ShaderNodeBsdfGlass"))
     scene.lensfield.lens = "sonnar-50mm-f1.5"
-    scene.lensfield.depth = asked_depth.upper()
-    for asked in ({}, {"depth": asked_depth}):
-        found = preflight(scene, output_folder=tmp_path, lens_quality="preview", **asked)
-        assert sum(remark.what == "Glass" for remark in found.remarks) == told
+    scene.lensfield.depth = requested_depth.upper()
+    for options in ({}, {"depth": requested_depth}):
+        result = preflight(scene, output_folder=tmp_path, lens_quality="preview", **options)
+        assert sum(remark.what == "Glass" for remark in result.remarks) == count
         scene.lensfield.depth = "AUTO"
 
 
-def test_a_pane_in_focus_hides_what_is_not(scene, tmp_path):
+def test_a_pane_in_focus_hides_objects_out_of_focus(scene, tmp_path):
     """Every recorded depth is in focus then, and nothing is rendered in layers."""
     dof = scene.camera.data.dof
     dof.use_dof, dof.focus_distance, dof.aperture_fstop = True, 2.0, 1.5
     wall(scene, shader("ShaderNodeBsdfGlass"), 2.0, 100.0).name = "Pane"
     wall(scene, shader("ShaderNodeBsdfDiffuse"), 12.0, 100.0)
     scene.lensfield.lens = "sonnar-50mm-f1.5"
-    found = preflight(scene, output_folder=tmp_path, lens_quality="preview")
-    told, = (str(remark) for remark in found.remarks if remark.what == "Glass")
-    assert told.startswith("Glass 'Pane': about 100% of the picture is visible through it") and found.slabs is None
+    result = preflight(scene, output_folder=tmp_path, lens_quality="preview")
+    line, = (str(remark) for remark in result.remarks if remark.what == "Glass")
+    assert line.startswith("Glass 'Pane': about 100% of the picture is visible through it") and result.slabs is None
 
 
-def test_the_report_tells_them_too(scene, tmp_path):
+def test_the_report_repeats_the_remarks(scene, tmp_path):
     scene.render.resolution_x, scene.render.resolution_y = 48, 36
     scene.cycles.samples = 1
     room(scene, shader("ShaderNodeBsdfGlass"))
@@ -212,14 +212,14 @@ def test_the_report_tells_them_too(scene, tmp_path):
     assert [remark for remark in result.report.remarks() if remark.startswith("Glass 'Pane': about")]
 
 
-def test_a_look_that_takes_too_long_ends_with_the_share_of_what_it_saw(scene, monkeypatch):
+def test_a_search_beyond_the_time_limit_ends_with_the_share_so_far(scene, monkeypatch):
     """For all rays so far, which are distributed over the picture in random order."""
     room(scene, shader("ShaderNodeBsdfGlass"))
     now_s = iter(np.arange(0.0, 1e3, 0.01))
     monkeypatch.setattr(depth.time, "monotonic", lambda: next(now_s))
     monkeypatch.setattr(depth, "LONGEST_S", 1.0)
-    found, _ = look(scene)
-    assert found[REFRACTED].share == pytest.approx(PANE_SHARE, abs=0.08) and next(now_s) < 1.1
+    by_kind, _ = look(scene)
+    assert by_kind[REFRACTED].share == pytest.approx(PANE_SHARE, abs=0.08) and next(now_s) < 1.1
 
 
 def test_without_glass_mirrors_or_fog_no_ray_is_cast(scene, monkeypatch):

@@ -76,7 +76,7 @@ def test_beads_in_the_object_plane_land_at_the_real_chief_ray_height(scene, tmp_
         assert_centroid(real, LENS.real_height_mm[COLUMN, height_index] * direction, 0.3 * pixel_mm)
 
 
-def test_uniform_world_gives_the_irradiance_of_equation_2_over_the_whole_frame(scene, tmp_path):
+def test_uniform_world_gives_the_irradiance_of_equation_2_across_the_frame(scene, tmp_path):
     set_world(scene)
     scene.world.lensfield.emission = "380:1, 780:1"
     image = read_exr(render(scene, tmp_path, [WAVELENGTH_NM]).irradiance)
@@ -107,13 +107,13 @@ def test_overscan_covers_barrel_distortion_at_the_corner(scene):
 @pytest.mark.parametrize("attribute, value, message", [
     ("type", "ORTHO", "camera 'Camera': type is ORTHO: .*set Type to Perspective"),
     ("shift_x", 0.1, "camera 'Camera': shift is 0.1")])
-def test_unfit_camera_is_refused_by_name(scene, tmp_path, attribute, value, message):
+def test_unsuitable_camera_is_rejected_by_name(scene, tmp_path, attribute, value, message):
     setattr(scene.camera.data, attribute, value)
     with pytest.raises(SceneError, match=message):
         render(scene, tmp_path)
 
 
-def test_missing_camera_is_refused(scene, tmp_path):
+def test_missing_camera_is_rejected(scene, tmp_path):
     scene.camera = None
     with pytest.raises(SceneError, match="camera is missing"):
         render(scene, tmp_path)
@@ -192,21 +192,21 @@ def wide(scene):
     return grid
 
 
-def test_a_fisheye_capture_shows_a_direction_at_its_arc(scene, wide, tmp_path):
+def test_a_fisheye_capture_images_a_direction_at_its_arc_length(scene, wide, tmp_path):
     assert wide.projection == FISHEYE and wide.pitch_um == pytest.approx(150)
     beads_around(scene)
     plane = shoot(scene, tmp_path, wide.shape_px)
     assert_lit_places(plane, wide_lens().efl_mm * np.radians(wide_angles_deg()), wide.pitch_um, atol_px=CENTROID_PX)
 
 
-def test_what_a_fisheye_capture_shows_the_lens_lays_where_its_data_say(scene, wide, tmp_path):
+def test_the_lens_maps_a_fisheye_capture_to_its_real_image_heights(scene, wide, tmp_path):
     beads_around(scene)
     radiance = SpectralImage(shoot(scene, tmp_path, wide.shape_px), [WAVELENGTH_NM], pitch_um=wide.pitch_um,
                              overscan_px=wide.overscan_px, projection=wide.projection)
     assert_lit_places(simulate(radiance, wide_lens()).cube[0], wide_real_height_mm(), wide.pitch_um, atol_px=0.3)
 
 
-def test_even_light_is_even_in_a_fisheye_capture_to_its_rim(scene, wide, tmp_path):
+def test_uniform_light_is_uniform_across_a_fisheye_capture(scene, wide, tmp_path):
     set_world(scene)
     plane = shoot(scene, tmp_path, wide.shape_px)
     corner_mm = np.hypot(*wide.shape_px) / 2 * wide.pitch_um * 1e-3
@@ -214,28 +214,28 @@ def test_even_light_is_even_in_a_fisheye_capture_to_its_rim(scene, wide, tmp_pat
     np.testing.assert_allclose(plane, 1.0, rtol=1e-5)
 
 
-def test_a_wide_lens_needs_a_fifth_of_the_pixels_of_a_plane(scene, wide):
+def test_a_fisheye_capture_needs_a_fifth_of_the_pixels_of_a_plane(scene, wide):
     frame, reach_px = PixelGrid(wide.frame_px, wide.pitch_um), psf_radius_px(wide_lens(), wide.pitch_um)
     plane = overscan_px(wide_lens(), frame, [WAVELENGTH_NM], reach_px)
     as_plane = np.prod([n + 2 * margin for n, margin in zip(wide.frame_px, plane, strict=True)])
     assert np.prod(wide.shape_px) < 0.22 * as_plane
 
 
-def test_depth_of_a_wall_is_the_same_all_over_by_either_camera(scene, wide, tmp_path):
+def test_depth_of_a_wall_is_constant_with_either_camera(scene, wide, tmp_path):
     wall(scene, material("White", "ShaderNodeBsdfDiffuse")[0], distance_m=2.0, side_m=20)
     distance_mm = 1e3 * shoot(scene, tmp_path, wide.shape_px, "Depth")
     depth_mm = planar_depth_mm(distance_mm, wide_lens(), wide)
-    seen = np.isfinite(depth_mm)
-    assert seen.mean() > 0.9
+    finite = np.isfinite(depth_mm)
+    assert finite.mean() > 0.9
     # A pixel's single sample may be half a pixel off, where the distance is up to tan(70 deg) / f times that offset.
-    np.testing.assert_allclose(depth_mm[seen], 2000, rtol=0.15 * np.sqrt(0.5) * 2.75 / 25.25 * 1.2)
+    np.testing.assert_allclose(depth_mm[finite], 2000, rtol=0.15 * np.sqrt(0.5) * 2.75 / 25.25 * 1.2)
     as_plane = replace(wide, projection=PLANE)
     set_up_capture(scene.camera.data, wide_lens(), as_plane)
     depth_mm = 1e3 * shoot(scene, tmp_path, (24, 32), "Depth")
     np.testing.assert_allclose(planar_depth_mm(depth_mm, wide_lens(), PixelGrid((24, 32), 150.0)), 2000, rtol=1e-5)
 
 
-def test_a_capture_for_a_plane_after_one_for_a_fisheye_is_perspective_again(scene, wide):
+def test_a_plane_capture_restores_perspective_after_a_fisheye(scene, wide):
     grid = capture_grid(scene, LENS, [WAVELENGTH_NM])
     set_up_capture(scene.camera.data, LENS, grid)
     camera = scene.camera.data
@@ -244,20 +244,20 @@ def test_a_capture_for_a_plane_after_one_for_a_fisheye_is_perspective_again(scen
     assert np.tan(camera.angle_x / 2) == pytest.approx(width_mm / 2 / LENS.capture_focal_length_mm, rel=1e-5)
 
 
-def test_match_camera_to_a_wide_lens_shows_the_very_frame(scene, tmp_path):
+def test_match_camera_to_a_wide_lens_shows_the_exact_frame(scene, tmp_path):
     match_camera_to_lens(scene.camera.data, wide_lens(), 320, 150.0, FISHEYE)
     check_camera(scene)
     beads_around(scene)
     assert_lit_places(shoot(scene, tmp_path, (240, 320)), wide_real_height_mm(), 150.0, atol_px=0.3)
 
 
-def test_match_camera_to_a_wide_lens_lets_solid_viewports_reach_as_far_to_the_sides(scene):
+def test_match_camera_to_a_wide_lens_gives_solid_viewports_the_same_width(scene):
     match_camera_to_lens(scene.camera.data, wide_lens(), 320, 150.0, FISHEYE)
     side_deg = np.interp(24.0, wide_real_height_mm(), wide_angles_deg())
     assert np.degrees(np.arctan(CAMERA_SENSOR_MM / 2 / scene.camera.data.lens)) == pytest.approx(side_deg, abs=0.1)
 
 
-def test_other_panoramas_are_refused(scene):
+def test_other_panoramas_are_rejected(scene):
     scene.camera.data.type = "PANO"
     scene.camera.data.panorama_type = "EQUIRECTANGULAR"
     with pytest.raises(SceneError, match="camera 'Camera': panorama type is EQUIRECTANGULAR"):
@@ -267,7 +267,7 @@ def test_other_panoramas_are_refused(scene):
 @pytest.mark.parametrize("frame", [(1080, 1920), (1920, 1080), (600, 600)])
 @pytest.mark.parametrize("fit", ["AUTO", "HORIZONTAL", "VERTICAL"])
 @pytest.mark.parametrize("unit", ["MILLIMETERS", "FOV"])
-def test_an_adapted_lens_has_the_cameras_own_view(scene, frame, fit, unit):
+def test_an_adapted_lens_has_the_cameras_view(scene, frame, fit, unit):
     camera = scene.camera.data
     camera.sensor_fit, camera.sensor_width, camera.sensor_height = fit, 23.5, 15.6
     camera.lens_unit = unit
@@ -285,7 +285,7 @@ def test_an_adapted_lens_has_the_cameras_own_view(scene, frame, fit, unit):
     assert pitch_um(adapted, frame) == pytest.approx(1e3 * adapted.sensor_mm[0] / frame[1])  # square; full sensor
 
 
-def test_the_warning_tells_what_an_adapted_lens_is(scene):
+def test_the_warning_describes_the_adapted_lens(scene):
     camera = scene.camera.data
     camera.lens, camera.sensor_width = 35.0, 36.0
     scene.render.resolution_y, scene.render.resolution_x = 1080, 1920
@@ -309,6 +309,6 @@ def test_a_lens_is_not_adapted_to_a_fisheye(scene, wide):
         lens_for_view(scene, LENS, "camera")
 
 
-def test_the_lenss_own_view_needs_nothing(scene):
+def test_the_lens_view_needs_no_camera(scene):
     scene.camera = None
     assert lens_for_view(scene, LENS, "lens") == (LENS, "")

@@ -41,11 +41,11 @@ def tree_facts(tree):
                    for link in tree.links)) if tree else None
 
 
-def own_tree(scene):
+def current_tree(scene):
     return scene.compositing_node_group if hasattr(scene, "compositing_node_group") else scene.node_tree
 
 
-def test_frames_without_a_lens_image_are_rendered_plain(scene, tmp_path):
+def test_frames_without_a_lens_image_show_the_blender_render(scene, tmp_path):
     lay(scene, tmp_path, frames=(2, 3, 5))
     shown = [frame for frame in range(1, 7) if shows_lens_image(scene, tmp_path, frame)]
     assert shown == [2, 3, 5]
@@ -54,13 +54,13 @@ def test_frames_without_a_lens_image_are_rendered_plain(scene, tmp_path):
     assert lensfield_nodes(scene)[0].label == "Lensfield: lens image"
 
 
-def test_frames_one_by_one_are_the_same_as_at_once(scene, tmp_path):
+def test_frames_can_be_added_one_at_a_time(scene, tmp_path):
     for frame in (4, 2):
         lay(scene, tmp_path, frames=(frame,))
     assert [shows_lens_image(scene, tmp_path, frame) for frame in (1, 2, 3, 4)] == [False, True, False, True]
 
 
-def test_a_change_of_the_scene_brings_the_plain_render_back_and_its_undoing_the_lens_image(scene, tmp_path):
+def test_an_edit_shows_the_blender_render_and_its_undo_the_lens_image(scene, tmp_path):
     lay(scene, tmp_path)
     assert shows_lens_image(scene, tmp_path)
     scene.camera.location.x = 1
@@ -81,7 +81,7 @@ def test_a_change_of_the_scene_brings_the_plain_render_back_and_its_undoing_the_
     lambda scene: scene.objects["Wall"].modifiers.new("Bevel", "BEVEL"),
     lambda scene: scene.objects["Wall"].active_material.node_tree.links.clear(),
     lambda scene: scene.objects["Wall"].keyframe_insert("location", frame=4)])
-def test_what_the_render_depends_on_makes_a_lens_image_old(scene, tmp_path, change):
+def test_changes_that_affect_the_render_outdate_a_lens_image(scene, tmp_path, change):
     wall(scene, material("Paint", "ShaderNodeBsdfDiffuse")[0])
     lay(scene, tmp_path)
     assert shows_lens_image(scene, tmp_path)
@@ -98,7 +98,7 @@ def test_what_the_render_depends_on_makes_a_lens_image_old(scene, tmp_path, chan
     lambda scene: setattr(background(scene), "location", (100, 100)), lambda scene: scene.update_tag(),
     lambda scene: scene.objects["Wall"].data.attributes.new(".select_vert", "BOOLEAN", "POINT"),
     lambda scene: bpy.data.objects.new("Loose", None), lambda scene: scene.frame_set(9)])
-def test_what_it_does_not_depend_on_does_not(scene, tmp_path, change):
+def test_changes_that_do_not_affect_the_render_keep_a_lens_image_current(scene, tmp_path, change):
     scene.camera.keyframe_insert("location", frame=1)
     scene.camera.location.x = 3
     scene.camera.keyframe_insert("location", frame=9)
@@ -109,7 +109,7 @@ def test_what_it_does_not_depend_on_does_not(scene, tmp_path, change):
     assert shows_lens_image(scene, tmp_path)
 
 
-def test_an_older_lens_image_is_shown_where_that_is_asked_for(scene, tmp_path):
+def test_an_outdated_lens_image_is_shown_on_request(scene, tmp_path):
     lay(scene, tmp_path)
     set_world(scene, strength=0.0)
     bpy.context.view_layer.update()
@@ -120,14 +120,14 @@ def test_an_older_lens_image_is_shown_where_that_is_asked_for(scene, tmp_path):
     assert not shows_lens_image(scene, tmp_path)
 
 
-def test_a_frame_rendered_anew_is_true_and_the_older_ones_are_not(scene, tmp_path):
+def test_only_the_frame_rendered_again_is_current(scene, tmp_path):
     lay(scene, tmp_path, frames=(1, 2))
     scene.cycles.samples = 7
     lay(scene, tmp_path, frames=(2,))
     assert [shows_lens_image(scene, tmp_path, frame) for frame in (1, 2)] == [False, True]
 
 
-def test_a_render_that_began_before_a_change_is_old_when_it_comes(scene, tmp_path):
+def test_a_render_started_before_a_change_is_outdated_on_arrival(scene, tmp_path):
     path, = lay(scene, tmp_path)
     before = fingerprint_now(scene)
     assert before == fingerprint_anew(scene)
@@ -136,7 +136,7 @@ def test_a_render_that_began_before_a_change_is_old_when_it_comes(scene, tmp_pat
     assert not shows_lens_image(scene, tmp_path)
 
 
-def test_a_missing_file_gives_the_plain_render_and_is_told(scene, tmp_path):
+def test_a_missing_file_shows_the_blender_render_and_is_reported(scene, tmp_path):
     path, = lay(scene, tmp_path)
     path.unlink()
     assert not shows_lens_image(scene, tmp_path)
@@ -146,7 +146,7 @@ def test_a_missing_file_gives_the_plain_render_and_is_told(scene, tmp_path):
 
 @pytest.mark.parametrize("state", ["x", "[1]", "[" * 10**5, "5", '{"frames": 5}', '{"frames": {"x": 1, "1e9": 2}}', 5,
                                    '{"scene": 1, "created_layers": [], "frames": null}', b"\xff"])
-def test_a_strangers_file_may_hold_anything_in_place_of_what_the_node_knows(scene, tmp_path, state):
+def test_an_invalid_node_state_in_an_untrusted_file_is_harmless(scene, tmp_path, state):
     lay(scene, tmp_path)
     lensfield_nodes(scene)[0].node_tree[STATE] = state
     refresh(scene)
@@ -155,7 +155,7 @@ def test_a_strangers_file_may_hold_anything_in_place_of_what_the_node_knows(scen
     assert compositor_state(scene)[0] == "lens image"
 
 
-def test_a_strangers_file_may_hold_anything_in_place_of_a_fingerprint(scene, tmp_path):
+def test_an_invalid_fingerprint_in_an_untrusted_file_is_harmless(scene, tmp_path):
     lay(scene, tmp_path)
     group = lensfield_nodes(scene)[0].node_tree
     frame, key = str(scene.frame_current), scene.lensfield.compositor_key
@@ -164,22 +164,22 @@ def test_a_strangers_file_may_hold_anything_in_place_of_a_fingerprint(scene, tmp
     assert compositor_state(scene)[0] == f"plain render, frame {frame} has no lens image"
 
 
-def test_outputs_beside_the_picture(scene, tmp_path):
+def test_node_has_outputs_for_data_passes(scene, tmp_path):
     lay(scene, tmp_path)
     node, tree = lensfield_nodes(scene)[0], compositing_tree(scene)
     output = next(n for n in tree.nodes if n.bl_idname in ("NodeGroupOutput", "CompositorNodeComposite")).inputs[0]
-    seen = {}
+    means = {}
     for name in ("Alpha", "Depth", "Relative Illumination", "STMap Distort"):
         tree.links.new(node.outputs[name], output)
-        seen[name] = [float(render_composite(scene, tmp_path / "composite.exr")[0].mean())
-                      for frame in (1, 2) if not scene.frame_set(frame)]
-    plain = {"Alpha": 1.0, "Depth": pytest.approx(1e10)}  # for the black, opaque world
-    assert seen == {"Alpha": [0.5, plain["Alpha"]], "Depth": [7.0, plain["Depth"]],
-                    "Relative Illumination": [0.25, 0.25], "STMap Distort": [0.25, 0.25]}
+        means[name] = [float(render_composite(scene, tmp_path / "composite.exr")[0].mean())
+                       for frame in (1, 2) if not scene.frame_set(frame)]
+    fallback = {"Alpha": 1.0, "Depth": pytest.approx(1e10)}  # for the black, opaque world
+    assert means == {"Alpha": [0.5, fallback["Alpha"]], "Depth": [7.0, fallback["Depth"]],
+                     "Relative Illumination": [0.25, 0.25], "STMap Distort": [0.25, 0.25]}
 
 
 @pytest.mark.parametrize("scale, system, units", [(0.1, "METRIC", 70.0), (0.1, "NONE", 7.0), (2.0, "IMPERIAL", 3.5)])
-def test_depth_comes_in_blender_units_as_that_of_the_plain_render(scene, tmp_path, scale, system, units):
+def test_depth_is_in_blender_units_like_blenders_depth_pass(scene, tmp_path, scale, system, units):
     scene.unit_settings.system, scene.unit_settings.scale_length = system, scale
     lay(scene, tmp_path)
     node, tree = lensfield_nodes(scene)[0], compositing_tree(scene)
@@ -188,18 +188,18 @@ def test_depth_comes_in_blender_units_as_that_of_the_plain_render(scene, tmp_pat
     assert float(render_composite(scene, tmp_path / "composite.exr")[0].mean()) == pytest.approx(units, rel=1e-6)
 
 
-def test_removing_puts_a_new_tree_back(scene, tmp_path):
+def test_removing_deletes_a_tree_that_lensfield_created(scene, tmp_path):
     used = getattr(scene, "use_nodes", None)
     lay(scene, tmp_path)
     assert bpy.ops.lensfield.remove_from_compositor() == {"FINISHED"}
     assert getattr(scene, "use_nodes", None) == used
-    assert not hasattr(scene, "compositing_node_group") or own_tree(scene) is None
+    assert not hasattr(scene, "compositing_node_group") or current_tree(scene) is None
     assert not [block for kind in (bpy.data.images, bpy.data.actions, bpy.data.node_groups) for block in kind
                 if block.name.startswith(NAME)]
     assert not remove_from_compositor(scene) and compositor_state(scene) == ("", "NONE")
 
 
-def test_removing_puts_the_artists_tree_back(scene, tmp_path):
+def test_removing_restores_the_artists_tree(scene, tmp_path):
     scene.view_layers[0].use_pass_z = scene.view_layers[0].use_pass_mist = True
     tree = compositing_tree(scene)
     tree.nodes.clear()
@@ -220,18 +220,18 @@ def test_removing_puts_the_artists_tree_back(scene, tmp_path):
     assert tree_facts(tree) == before
 
 
-def test_what_was_added_behind_the_node_stays_when_it_is_removed(scene, tmp_path):
+def test_removing_keeps_nodes_added_after_the_lensfield_node(scene, tmp_path):
     lay(scene, tmp_path)
     tree, node = compositing_tree(scene), lensfield_nodes(scene)[0]
     exposure, target = tree.nodes.new("CompositorNodeExposure"), node.outputs["Image"].links[0].to_socket
     tree.links.new(node.outputs["Image"], exposure.inputs[0])
     tree.links.new(exposure.outputs[0], target)
     remove_from_compositor(scene)
-    assert own_tree(scene) == tree and [node.bl_idname for node in tree.nodes].count("CompositorNodeExposure") == 1
+    assert current_tree(scene) == tree and [node.bl_idname for node in tree.nodes].count("CompositorNodeExposure") == 1
     assert exposure.outputs[0].links[0].to_socket == target
 
 
-def test_it_survives_save_another_folder_and_reload(scene, tmp_path):
+def test_a_lens_image_survives_saving_moving_and_reloading(scene, tmp_path):
     home = tmp_path / "home"
     (home / "lensfield").mkdir(parents=True)
     bpy.ops.wm.save_as_mainfile(filepath=str(home / "scene.blend"))
@@ -247,7 +247,7 @@ def test_it_survives_save_another_folder_and_reload(scene, tmp_path):
     assert not shows_lens_image(scene, tmp_path)
 
 
-def test_a_blender_without_the_add_on_shows_the_same(scene, tmp_path):
+def test_blender_without_the_add_on_shows_the_same_frames(scene, tmp_path):
     lay(scene, tmp_path, frames=(2,))
     render_composite(scene, tmp_path / "composite.exr")  # sets the format
     scene.render.filepath = str(tmp_path / "frame_")
@@ -260,7 +260,7 @@ def test_a_blender_without_the_add_on_shows_the_same(scene, tmp_path):
     assert [read_rgb(tmp_path / f"frame_{frame:04d}.exr")[0].mean() for frame in (1, 2, 3)] == [0, 10, 0]
 
 
-def test_a_picture_of_another_size_fills_the_frame(scene, tmp_path):
+def test_a_lens_image_of_another_size_fills_the_frame(scene, tmp_path):
     path, = lay(scene, tmp_path)
     rows = np.broadcast_to(np.linspace(0, 1, 72)[:, None, None], (72, 96, 3))
     write_rgb_exr(rows, path)
@@ -273,22 +273,22 @@ def test_the_group_works_in_another_file(scene, tmp_path):
     lay(scene, tmp_path)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
     bpy.ops.wm.read_factory_settings(use_empty=True)
-    with bpy.data.libraries.load(str(tmp_path / "scene.blend")) as (there, here):
-        here.node_groups = [name for name in there.node_groups if name.startswith(NAME)]
+    with bpy.data.libraries.load(str(tmp_path / "scene.blend")) as (data_from, data_to):
+        data_to.node_groups = [name for name in data_from.node_groups if name.startswith(NAME)]
     scene = bpy.context.scene
     scene.render.engine, scene.cycles.samples = "CYCLES", 1
     scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
     scene.collection.objects.link(scene.camera)
     tree = compositing_tree(scene)
     node = tree.nodes.new("CompositorNodeGroup")
-    node.node_tree = here.node_groups[0]
+    node.node_tree = data_to.node_groups[0]
     output = next(n for n in tree.nodes if n.bl_idname in ("NodeGroupOutput", "CompositorNodeComposite"))
     tree.links.new(node.outputs["Image"], output.inputs[0])
     scene.render.resolution_x, scene.render.resolution_y = 48, 36
     assert shows_lens_image(scene, tmp_path) and not shows_lens_image(scene, tmp_path, 2)
 
 
-def test_passes_that_no_lens_image_has_are_named(scene):
+def test_passes_without_a_lens_image_are_named(scene):
     scene.view_layers[0].use_pass_mist = True
     tree = compositing_tree(scene)
     layers, exposure = tree.nodes.new("CompositorNodeRLayers"), tree.nodes.new("CompositorNodeExposure")
@@ -326,7 +326,7 @@ def test_lens_image_is_as_bright_as_the_world(scene, tmp_path):
     np.testing.assert_allclose(picture[:, 17:19, 23:25].mean(axis=(1, 2)), (0.6, 0.4, 0.2), rtol=0.02)
 
 
-def test_downstream_nodes_go_on_from_the_lens_image(scene, tmp_path):
+def test_downstream_nodes_receive_the_lens_image(scene, tmp_path):
     set_world(scene)
     tree = compositing_tree(scene)
     tree.nodes.clear()
@@ -355,7 +355,7 @@ def test_second_render_refreshes_the_same_node(scene, tmp_path):
     np.testing.assert_allclose(render_composite(scene, tmp_path / "composite.exr"), 3 * first, rtol=1e-4)
 
 
-def test_scenes_keep_their_own_lens_images(scene, tmp_path):
+def test_each_scene_keeps_its_lens_image(scene, tmp_path):
     set_world(scene)
     render(scene, tmp_path / "one", to_compositor=True, depth="off")
     other = scene.copy()
@@ -366,7 +366,7 @@ def test_scenes_keep_their_own_lens_images(scene, tmp_path):
     assert [path.split("/")[-2] for path in paths] == ["one", "two"]
 
 
-def test_a_copy_made_before_the_first_lens_render_has_a_composite_of_its_own(scene, tmp_path):
+def test_a_scene_copied_before_its_first_lens_render_gets_a_separate_composite(scene, tmp_path):
     tree = compositing_tree(scene)
     tree.nodes.clear()
     layers = tree.nodes.new("CompositorNodeRLayers")
@@ -380,7 +380,7 @@ def test_a_copy_made_before_the_first_lens_render_has_a_composite_of_its_own(sce
     assert node.outputs["Image"].is_linked
 
 
-def test_a_renamed_scene_keeps_its_picture(scene, tmp_path):
+def test_a_renamed_scene_keeps_its_lens_image(scene, tmp_path):
     render(scene, tmp_path / "one", to_compositor=True, depth="off")
     other = scene.copy()
     scene.name = "Renamed"
@@ -388,7 +388,7 @@ def test_a_renamed_scene_keeps_its_picture(scene, tmp_path):
     assert [lens_image(s).filepath.split("/")[-2] for s in (scene, other)] == ["one", "two"]
 
 
-def test_an_emptied_group_is_mended(scene, tmp_path):
+def test_an_emptied_group_is_repaired(scene, tmp_path):
     node = lens_node(scene, tmp_path)
     node.node_tree.nodes.clear()
     assert lens_node(scene, tmp_path) == node and lens_image(scene).filepath
@@ -412,7 +412,7 @@ def test_other_scenes_in_the_composite_are_left_alone(scene, tmp_path):
     assert not layers.mute and exposure.inputs["Image"].links[0].from_node == layers
 
 
-def test_several_view_layers_are_refused_by_name(scene, tmp_path):
+def test_several_view_layers_are_rejected_by_name(scene, tmp_path):
     scene.view_layers.new("Foreground")
     with pytest.raises(SceneError, match="view layers for rendering is ViewLayer, Foreground: choose one"):
         render(scene, tmp_path)
@@ -439,7 +439,7 @@ def test_operator_renders_with_the_settings(scene, tmp_path, folder):
     ({"lens": "FILE", "lens_file": "/no/such/lens.npz"}, "/no/such/lens.npz: lens is missing"),
     ({"lens": "FILE", "lens_file": ""}, "scene settings: lens file is empty"),
     ({"output_folder": " "}, "scene settings: output folder is empty")])
-def test_operator_tells_bad_settings_in_one_line(scene, tmp_path, settings, message):
+def test_operator_reports_bad_settings_in_one_line(scene, tmp_path, settings, message):
     scene.lensfield.output_folder = str(tmp_path)
     for name, value in settings.items():
         setattr(scene.lensfield, name, value)

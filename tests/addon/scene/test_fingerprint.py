@@ -26,7 +26,7 @@ def give_to(modifier, name, value):
 
 
 @pytest.mark.parametrize("name", ["Float", "Material"])
-def test_what_a_modifier_gives_to_its_nodes_counts(scene, modifier, name):
+def test_inputs_of_geometry_nodes_modifiers_count(scene, modifier, name):
     values = (1.0, 2.0) if name == "Float" else (bpy.data.materials["Paint"], bpy.data.materials.new("Other"))
     prints = []
     for value in (*values, values[0]):
@@ -35,7 +35,7 @@ def test_what_a_modifier_gives_to_its_nodes_counts(scene, modifier, name):
     assert prints[0] == prints[2] != prints[1]
 
 
-def test_what_is_keyframed_counts_by_its_keys(scene, modifier):
+def test_animated_values_count_by_their_keyframes(scene, modifier):
     for frame, value in ((1, 1.0), (5, 3.0)):
         owner, path = give_to(modifier, "Float", value)
         owner.keyframe_insert(path, frame=frame)
@@ -46,7 +46,7 @@ def test_what_is_keyframed_counts_by_its_keys(scene, modifier):
     assert len(set(prints)) == 1
 
 
-def test_what_is_open_in_a_modifiers_panel_does_not_count(scene, modifier):
+def test_open_panels_of_a_modifier_do_not_count(scene, modifier):
     before = fingerprint_anew(scene)
     modifier.open_warnings_panel = not modifier.open_warnings_panel
     assert fingerprint_anew(scene) == before

@@ -42,12 +42,12 @@ def assert_it_counts(scene, owner, name, value):
     assert changed != before == fingerprint_anew(scene)
 
 
-def test_values_are_given_for_all_render_settings():
+def test_all_render_settings_have_a_test_value():
     assert set(VALUES) >= {"film_transparent", "motion_blur_shutter"} and set(VALUES) == set(RENDER)
 
 
 @pytest.mark.parametrize("name", VALUES)
-def test_render_settings(furnished, name):
+def test_render_settings_count(furnished, name):
     assert_it_counts(furnished, furnished.render, name, VALUES[name])
 
 
@@ -55,7 +55,7 @@ def test_render_settings(furnished, name):
     ("samples", 17), ("seed", 5), ("film_exposure", 2.0), ("pixel_filter_type", "BOX"), ("filter_width", 2.5),
     ("max_bounces", 3), ("blur_glossy", 0.5), ("sample_clamp_direct", 1.0), ("film_transparent_glass", True),
     ("use_denoising", True), ("caustics_reflective", False), ("dicing_rate", 2.0)])
-def test_settings_of_cycles(furnished, name, value):
+def test_cycles_settings_count(furnished, name, value):
     if name == "seed":
         value += furnished.cycles.seed
     assert_it_counts(furnished, furnished.cycles, name, value)
@@ -64,7 +64,7 @@ def test_settings_of_cycles(furnished, name, value):
 @pytest.mark.parametrize("collection", ["Outer", "Inner"])
 @pytest.mark.parametrize("name", ["exclude", "holdout", "indirect_only"])
 @pytest.mark.parametrize("layer", [0, 1])
-def test_collections_in_view_layers(furnished, layer, collection, name):
+def test_collection_settings_of_view_layers_count(furnished, layer, collection, name):
     of_layer = furnished.view_layers[layer].layer_collection.children["Outer"]
     of_layer = of_layer if collection == "Outer" else of_layer.children["Inner"]
     assert_it_counts(furnished, of_layer, name, True)
@@ -72,24 +72,24 @@ def test_collections_in_view_layers(furnished, layer, collection, name):
 
 @pytest.mark.parametrize("layer", [0, 1])
 @pytest.mark.parametrize("name", ["use", "samples", "material_override"])
-def test_view_layers(furnished, layer, name):
+def test_view_layer_settings_count(furnished, layer, name):
     """The scene already uses the material of the override, which therefore adds no data-block."""
     value = {"use": False, "samples": 3, "material_override": bpy.data.materials["Paint"]}[name]
     assert_it_counts(furnished, furnished.view_layers[layer], name, value)
 
 
-def test_a_material_override_counts_by_what_is_in_it(furnished):
+def test_the_nodes_of_a_material_override_count(furnished):
     clay = furnished.view_layers[1].material_override = bpy.data.materials["Clay"]
     shader = next(node for node in clay.node_tree.nodes if node.bl_idname == "ShaderNodeBsdfDiffuse")
     assert_it_counts(furnished, shader.inputs["Roughness"], "default_value", 0.5)
 
 
-def test_camera_and_world_of_the_scene(furnished):
+def test_camera_and_world_of_the_scene_count(furnished):
     assert_it_counts(furnished, furnished, "camera", bpy.data.objects["Second"])
     assert_it_counts(furnished, furnished, "world", bpy.data.worlds.new("Other"))
 
 
-def test_a_camera_that_a_marker_binds(furnished):
+def test_a_camera_bound_to_a_marker_counts(furnished):
     unbound = fingerprint_anew(furnished)
     marker = furnished.timeline_markers.new("Cut", frame=7)
     assert fingerprint_anew(furnished) == unbound
@@ -102,28 +102,28 @@ def test_a_camera_that_a_marker_binds(furnished):
     ("is_holdout", True), ("is_shadow_catcher", True), ("visible_camera", False), ("visible_shadow", False),
     ("visible_glossy", False), ("hide_render", True), ("pass_index", 3), ("location", (0.1, 0.0, -1.0)),
     ("rotation_euler", (0.0, 0.2, 0.0)), ("scale", (1.0, 2.0, 1.0))])
-def test_objects(furnished, name, value):
-    found = bpy.data.objects["Wall"]
+def test_object_properties_count(furnished, name, value):
+    obj = bpy.data.objects["Wall"]
     if isinstance(value, tuple):
-        usual = tuple(getattr(found, name))
+        usual = tuple(getattr(obj, name))
         before = fingerprint_anew(furnished)
-        setattr(found, name, value)
+        setattr(obj, name, value)
         changed = fingerprint_anew(furnished)
-        setattr(found, name, usual)
+        setattr(obj, name, usual)
         assert changed != before == fingerprint_anew(furnished)
     else:
-        assert_it_counts(furnished, found, name, value)
+        assert_it_counts(furnished, obj, name, value)
 
 
 @pytest.mark.parametrize("kind, name, value", [
     ("cameras", "clip_start", 0.5), ("cameras", "clip_end", 7.0), ("cameras", "lens", 35.0),
     ("lights", "energy", 30.0), ("lights", "shadow_soft_size", 0.5), ("lights", "spot_size", 0.5)])
-def test_data_of_cameras_and_lamps(furnished, kind, name, value):
+def test_camera_and_light_data_count(furnished, kind, name, value):
     owner = furnished.camera.data if kind == "cameras" else bpy.data.lights["Light"]
     assert_it_counts(furnished, owner, name, value)
 
 
-def test_a_vertex_of_a_mesh(furnished):
+def test_mesh_vertices_count(furnished):
     vertex = bpy.data.objects["Wall"].data.vertices[0]
     usual, before = tuple(vertex.co), fingerprint_anew(furnished)
     vertex.co.y += 0.25

@@ -34,7 +34,7 @@ def turn(scene):
     ("canon-rf-85mm-f1.2", 1.5, 1.2, "LENS"), ("edmund-54852", None, None, "LENS"),
     ("edmund-54852", None, None, "CAMERA"), ("kodak-petzval-100mm", 4.0, 2.0, "LENS"),
     ("kodak-petzval-100mm", 4.0, 2.0, "CAMERA")])
-def test_it_blurs_as_the_lens_that_is_baked(turn, lens, focus_m, f_number, view):
+def test_focus_blurs_like_the_baked_lens(turn, lens, focus_m, f_number, view):
     """To the accuracy of first-order optics: in fast lenses the sine is not the tangent, and inner groups move."""
     scene = turn(lens, focus_m, f_number, view)
     focus = focus_now(scene, lens_facts(lens))
@@ -47,7 +47,7 @@ def test_it_blurs_as_the_lens_that_is_baked(turn, lens, focus_m, f_number, view)
         assert np.all(np.sign(focus.blur_px(DEPTHS_M)) == np.sign(focus_m - DEPTHS_M))
 
 
-def test_rings_go_no_further_than_the_lens(turn):
+def test_rings_are_clamped_to_the_lens_range(turn):
     near = focus_now(turn("sonnar-50mm-f1.5", 0.01, 0.5), lens_facts("sonnar-50mm-f1.5"))
     *_, closest_mm = lens_facts("sonnar-50mm-f1.5").reach
     assert near.focus_m == pytest.approx(closest_mm / 1e3)

@@ -151,7 +151,7 @@ def by_nodes_that_the_viewport_leaves_out(scene, source):
     given_to_nodes_by_the_modifier, given_by_a_modifier_that_the_viewport_leaves_out,
     by_nodes_though_hidden_in_renders, by_nodes_of_what_the_viewport_hides, by_nodes_that_the_viewport_leaves_out],
     ids=lambda arrange: arrange.__name__)
-def test_what_cycles_renders_is_found_and_nothing_else(scene, source, tmp_path, arrange):
+def test_rendered_instances_are_exactly_those_that_cycles_renders(scene, source, tmp_path, arrange):
     arrange(scene, source)
     shines = picture(scene, tmp_path).max() > 0.5
     assert (source in {instance.obj for instance in rendered_instances(scene)}) == shines
@@ -159,7 +159,7 @@ def test_what_cycles_renders_is_found_and_nothing_else(scene, source, tmp_path, 
 
 
 @pytest.mark.parametrize("hide", [False, True], ids=["seen in the viewport", "hidden in the viewport"])
-def test_instances_stand_where_cycles_has_them(scene, source, hide):
+def test_instances_are_placed_as_in_cycles(scene, source, hide):
     parent = bpy.data.objects.new("Parent", None)
     parent.location = 0, 3, 0
     scene.collection.objects.link(parent)
@@ -172,7 +172,7 @@ def test_instances_stand_where_cycles_has_them(scene, source, hide):
     np.testing.assert_allclose(instance.box.max(axis=0), (25, 8, -5), atol=1e-6)
 
 
-def test_only_slots_that_faces_use_count(scene):
+def test_only_material_slots_used_by_faces_count(scene):
     used, unused = (material(name, "ShaderNodeBsdfDiffuse")[0] for name in ("Used", "Unused"))
     square = wall(scene, unused)
     square.data.materials.append(used)
@@ -183,9 +183,9 @@ def test_only_slots_that_faces_use_count(scene):
 
 
 @pytest.mark.parametrize("hide", [False, True], ids=["seen in the viewport", "hidden in the viewport"])
-def test_materials_that_geometry_nodes_set_count(scene, hide):
-    own, by_node = (material(name, "ShaderNodeBsdfDiffuse")[0] for name in ("Own", "By node"))
-    square = wall(scene, own)
+def test_materials_set_by_geometry_nodes_count(scene, hide):
+    in_slot, by_node = (material(name, "ShaderNodeBsdfDiffuse")[0] for name in ("Own", "By node"))
+    square = wall(scene, in_slot)
     tree = bpy.data.node_groups.new("Nodes", "GeometryNodeTree")
     for way in ("INPUT", "OUTPUT"):
         tree.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
@@ -198,7 +198,7 @@ def test_materials_that_geometry_nodes_set_count(scene, hide):
     assert by_node in rendered_blocks(scene)
 
 
-def test_lights_worlds_and_overrides(scene):
+def test_lights_worlds_and_overrides_count(scene):
     lamp = light(scene, "POINT", 10.0)
     wall(scene, material("Paint", "ShaderNodeBsdfDiffuse")[0])
     assert rendered_blocks(scene) == {scene.world: (), lamp.data: ("Light",), bpy.data.materials["Paint"]: ("Wall",)}
@@ -208,7 +208,7 @@ def test_lights_worlds_and_overrides(scene):
     assert rendered_blocks(scene) == {layer.world_override: (), layer.material_override: ("Wall",)}
 
 
-def test_a_scene_that_is_not_the_windows(scene):
+def test_instances_of_a_scene_not_in_the_window(scene):
     other = bpy.data.scenes.new("Other")
     square = wall(other, material("Paint", "ShaderNodeBsdfDiffuse")[0])
     assert {instance.obj for instance in rendered_instances(other)} == {square}

@@ -39,20 +39,20 @@ def blades(scene):
     return dof
 
 
-def test_a_damaged_prescription_is_read_again_when_it_has_changed(scene, blades, tmp_path, monkeypatch):
+def test_a_damaged_prescription_is_read_again_after_it_changes(scene, blades, tmp_path, monkeypatch):
     """A preview reads it many times a second."""
-    path, asked, shows = tmp_path / "own.toml", [], rings.iris_is_visible
-    monkeypatch.setattr(rings, "iris_is_visible", lambda *of: asked.append(of) or shows(*of))
+    path, calls, shows = tmp_path / "own.toml", [], rings.iris_is_visible
+    monkeypatch.setattr(rings, "iris_is_visible", lambda *of: calls.append(of) or shows(*of))
     path.write_text("title = ")
     for _ in range(3):
         with pytest.raises(InputError, match="own.toml"):
             scene_iris(scene, str(path))
-    assert len(asked) == 1
+    assert len(calls) == 1
     path.write_bytes((PRESCRIPTIONS / f"{LENS}.toml").read_bytes())
-    assert scene_iris(scene, str(path)).blades == 6 and len(asked) == 2
+    assert scene_iris(scene, str(path)).blades == 6 and len(calls) == 2
 
 
-def test_the_cameras_blades_stop_a_lens_down_that_is_not_wide_open(scene, blades):
+def test_the_cameras_blades_apply_unless_the_lens_is_wide_open(scene, blades):
     assert scene_iris(scene, LENS) == Iris(6, 15.0, 0.25), "without the noise of Blender's floats"
     assert scene_iris(scene, LENS, Iris(5)) == Iris(5) and scene_iris(scene, LENS, Iris(0)) is None
     assert scene_iris(scene, LENS, f_number=5.5) is None, "the widest that it has"
@@ -64,41 +64,41 @@ def test_the_cameras_blades_stop_a_lens_down_that_is_not_wide_open(scene, blades
     assert scene_iris(scene, LENS) is None and scene_iris(scene, LENS, f_number=8.0) is None
 
 
-def test_a_lens_without_rings_has_no_blades_but_those_that_are_given(scene, blades, tmp_path):
+def test_a_lens_without_rings_has_only_explicit_blades(scene, blades, tmp_path):
     lens = load_lens("edmund-54852")
     write_package(lens, tmp_path / "own.npz")
     assert scene_iris(scene, tmp_path / "own.npz") is None and scene_iris(scene, tmp_path / "own.npz", Iris(5)) is None
     assert scene_iris(scene, lens) is None and scene_iris(scene, lens, Iris(5)) == Iris(5)
 
 
-def test_blades_are_keyframed_and_part_of_the_record(scene, blades, tmp_path):
+def test_blades_can_be_keyframed_and_are_recorded(scene, blades, tmp_path):
     for frame, roundness in ((1, 0.0), (11, 1.0)):
         scene.lensfield.iris_roundness = roundness
         scene.lensfield.keyframe_insert("iris_roundness", frame=frame)
-    asked = {"lens": LENS, "wavelengths_nm": [550], "lens_quality": "preview"}
-    jobs = [job_of_frame(scene, frame, **asked) for frame in (1, 6, 11)]
+    options = {"lens": LENS, "wavelengths_nm": [550], "lens_quality": "preview"}
+    jobs = [job_of_frame(scene, frame, **options) for frame in (1, 6, 11)]
     assert [job.iris.roundness for job in jobs] == pytest.approx([0, 0.5, 1])
     set_world(scene)
-    result = addon.render_through_lens(scene, output_folder=tmp_path, **asked)
+    result = addon.render_through_lens(scene, output_folder=tmp_path, **options)
     assert read_record(replace(jobs[0], state=""), result)
     assert read_record(replace(jobs[0], iris=Iris(7)), result) is None
     assert json.loads(result.record.read_text())["job"]["iris"]["blades"] == 6
 
 
-def test_what_a_stretched_aperture_would_do_is_left_out_and_told(scene, blades):
-    asked = {"lens": LENS, "wavelengths_nm": [550], "lens_quality": "preview"}
-    assert not any("Aperture" in str(remark) for remark in addon.preflight(scene, **asked).remarks)
+def test_a_stretched_aperture_is_ignored_and_reported(scene, blades):
+    options = {"lens": LENS, "wavelengths_nm": [550], "lens_quality": "preview"}
+    assert not any("Aperture" in str(remark) for remark in addon.preflight(scene, **options).remarks)
     blades.aperture_ratio = 2.0
-    assert "Aperture Ratio 2: ignored" in map(str, addon.preflight(scene, **asked).remarks)
+    assert "Aperture Ratio 2: ignored" in map(str, addon.preflight(scene, **options).remarks)
 
 
 @pytest.mark.parametrize("iris", [None, Iris(5), Iris(9, -12.5, 0.5), Iris(6, 1e-7, 1.0)])
-def test_the_command_takes_blades_as_they_are(iris):
-    told = _parser().parse_args(["apply", "Scene_0001_radiance.exr", "--lens", LENS, *to_arguments(iris=iris)])
-    assert iris_option(told) == (iris or Iris(0))
+def test_the_command_line_preserves_blades(iris):
+    options = _parser().parse_args(["apply", "Scene_0001_radiance.exr", "--lens", LENS, *to_arguments(iris=iris)])
+    assert iris_option(options) == (iris or Iris(0))
 
 
-def test_the_command_wants_blades_to_turn():
+def test_the_command_line_requires_blades_for_iris_options():
     for words in (["--iris-rotation", "5"], ["--iris-roundness", "0.5"]):
         with pytest.raises(InputError, match="give --iris-blades"):
             iris_option(_parser().parse_args(["apply", "Scene_0001_radiance.exr", "--lens", LENS, *words]))
@@ -107,7 +107,7 @@ def test_the_command_wants_blades_to_turn():
 @pytest.mark.parametrize("values, message", [
     ((2,), "blades is 2"), ((-1,), "blades is -1"), ((1000,), "blades is 1000"), ((5, 0.0, 1.5), "roundness is 1.5"),
     ((5, inf), "rotation is inf")])
-def test_blades_that_cannot_be(values, message):
+def test_impossible_blades_are_rejected(values, message):
     with pytest.raises(InputError, match=message):
         Iris(*values)
 
@@ -144,7 +144,7 @@ def cycles_bokeh(scene, lens, depth_mm, folder, corner):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("depth_mm", [700.0, 10000.0])
-def test_blades_are_turned_as_those_of_cycles(scene, blades, tmp_path, depth_mm):
+def test_blades_are_rotated_as_in_cycles(scene, blades, tmp_path, depth_mm):
     """In front of the focus and behind it: triangles agree, and would not if they were rotated or mirrored."""
     lens, _, _ = scene_lens(scene, LENS, "lens", "preview", focus=1500.0, f_number=11.0)
     blades.focus_distance, blades.aperture_blades, blades.aperture_rotation = 1.5, 3, radians(15)

@@ -36,7 +36,7 @@ def focus_object(scene):
     return empty
 
 
-def own_action(scene):
+def shared_action(scene):
     """Object and camera in one action, as Blender creates them, each with a slot."""
     camera = scene.camera
     keyframe(camera, "location", (0, 0, 0), (0, 0, 0))
@@ -86,7 +86,7 @@ def markers(scene, other):
 
 
 @pytest.mark.parametrize("change", [
-    lambda scene: None, focus_object, own_action, driven, focus_driven, focus_by_strips, other_camera,
+    lambda scene: None, focus_object, shared_action, driven, focus_driven, focus_by_strips, other_camera,
     lambda scene: focus_object(scene).keyframe_insert("scale", frame=3),
     lambda scene: keyframe(scene.objects["Wall"], "location", (0, 0, -1), (0, 0, -1)),
     lambda scene: driven_by(scene, scene.objects["Light"].data, "energy"),
@@ -95,7 +95,7 @@ def markers(scene, other):
     lambda scene: keyframe(scene, "lensfield.focused_wide_open", False, True),
     lambda scene: markers(scene, scene.camera),
     lambda scene: setattr(scene.render, "use_motion_blur", True)])
-def test_focus_and_f_stop_alone(rack, change):
+def test_focus_and_f_stop_animation_is_not_movement(rack, change):
     change(rack)
     assert not moving(rack, FRAMES) and rings_animated(rack)
 
@@ -141,11 +141,11 @@ def textured_by_focus(scene):
 def scattered_by_focus(scene):
     """Geometry nodes read the collection that contains the focus object."""
     focus = focus_object(scene)
-    own = bpy.data.collections.new("Own")
-    scene.collection.children.link(own)
-    own.objects.link(focus)
+    collection = bpy.data.collections.new("Own")
+    scene.collection.children.link(collection)
+    collection.objects.link(focus)
     simulation_node(scene, "GeometryNodeCollectionInfo")
-    bpy.data.node_groups["Inner"].nodes[0].inputs["Collection"].default_value = own
+    bpy.data.node_groups["Inner"].nodes[0].inputs["Collection"].default_value = collection
 
 
 def shape_keys(scene):
@@ -164,11 +164,11 @@ def strips(scene):
 
 def instanced(scene):
     """A moving object in a collection that an empty instances."""
-    own = bpy.data.collections.new("Own")
+    collection = bpy.data.collections.new("Own")
     empty = bpy.data.objects.new("Instance", None)
-    empty.instance_type, empty.instance_collection = "COLLECTION", own
+    empty.instance_type, empty.instance_collection = "COLLECTION", collection
     scene.collection.objects.link(empty)
-    own.objects.link(thing := bpy.data.objects.new("Thing", scene.objects["Wall"].data))
+    collection.objects.link(thing := bpy.data.objects.new("Thing", scene.objects["Wall"].data))
     keyframe(thing, "location", (0, 0, -1), (0, 0, -2))
 
 
@@ -191,7 +191,7 @@ def particles(scene):
     scene.objects["Wall"].modifiers.new("Dust", "PARTICLE_SYSTEM")
 
 
-@pytest.mark.parametrize("change, told", [
+@pytest.mark.parametrize("change, reason", [
     (lambda scene: keyframe(scene.objects["Wall"], "location", (0, 0, -1), (0, 0, -2)), "object 'Wall' is animated"),
     (lambda scene: keyframe(scene.camera, "location", (0, 0, 0), (0, 0, 1)), "object 'Camera' is animated"),
     (lambda scene: keyframe(scene.camera.data, "lens", 50.0, 60.0), "camera 'Camera' is animated"),
@@ -223,12 +223,12 @@ def particles(scene):
     (shape_keys, "key 'Key' is animated"), (strips, "object 'Wall' is animated"),
     (instanced, "object 'Thing' is animated"), (within_the_shutter, "object 'Wall' is animated"),
     (lambda scene: markers(scene, other_camera(scene)), "markers change the camera")])
-def test_what_else_moves_is_told(rack, change, told):
+def test_other_movement_is_reported(rack, change, reason):
     change(rack)
-    assert told in moving(rack, FRAMES)
+    assert reason in moving(rack, FRAMES)
 
 
-def test_scripts_on_each_frame_may_do_anything(rack):
+def test_frame_change_scripts_count_as_movement(rack):
     def script(*_):
         pass
 
@@ -239,7 +239,7 @@ def test_scripts_on_each_frame_may_do_anything(rack):
         bpy.app.handlers.frame_change_pre.remove(script)
 
 
-def test_what_moves_before_and_after_the_frames_does_not_count(rack):
+def test_movement_outside_the_frame_range_does_not_count(rack):
     keyframe(rack.objects["Wall"], "location", (0, 0, -1), (0, 0, -1), (0, 0, -2))
     assert not moving(rack, FRAMES) and moving(rack, (*FRAMES, 9))
     markers(rack, rack.camera)

@@ -13,12 +13,12 @@ from small_scenes import set_region
 SHAPE_PX, PITCH_UM = (36, 48), 10.0
 
 
-def test_rows_count_from_above_and_columns_from_the_left(scene):
+def test_rows_count_from_the_top_and_columns_from_the_left(scene):
     set_region(scene, left=1 / 4, right=1 / 2, bottom=1 / 6, top=3 / 4)
     assert render_region(scene) == (slice(9, 30), slice(12, 24))
 
 
-def test_no_region_is_none(scene):
+def test_a_disabled_region_is_none(scene):
     set_region(scene, 0.25, 0.5, 0.25, 0.5)
     scene.render.use_border = False
     assert render_region(scene) is None
@@ -26,25 +26,25 @@ def test_no_region_is_none(scene):
 
 @pytest.mark.parametrize("region", [(slice(9, 30), slice(12, 24)), (slice(0, 7), slice(30, 48)),
                                     (slice(35, 36), slice(0, 1)), (slice(0, 36), slice(5, 47))], ids=str)
-def test_blender_is_given_the_region_that_it_is_read_as(scene, region):
+def test_a_region_round_trips_through_blender(scene, region):
     """Even though thirty-sixths are not exact in binary."""
     with Journal() as journal:
         guard_region(scene.render, region, SHAPE_PX, journal)
         assert render_region(scene) == region
 
 
-def reach_of(found, region, capture):
+def reach_of(captured, region, capture):
     """Margin of a part of a capture around a region of its frame, equal on all four sides."""
     (above, below), (left, right) = (
         (part.start + overscan - wider.start, wider.stop - part.stop - overscan)
-        for part, wider, overscan in zip(region, found, capture.overscan_px, strict=True))
+        for part, wider, overscan in zip(region, captured, capture.overscan_px, strict=True))
     assert above == below == left == right
     return above
 
 
 @pytest.mark.parametrize("heights, room, least, most", [
     (1.0, 0.0, 5, 6), (1.0, 0.25, 12, 12), (0.9, 0.0, 9, 9)], ids=["PSFs", "room", "distortion"])
-def test_what_can_light_a_region_lies_around_it_as_far_as_the_lens_reaches(heights, room, least, most):
+def test_the_captured_region_extends_by_the_reach_of_the_lens(heights, room, least, most):
     """The margin is the sum of three terms.
 
     4 px for the PSFs, one more, and another for rounding; a quarter of the frame's 48 columns; and the shift of the
@@ -56,7 +56,7 @@ def test_what_can_light_a_region_lies_around_it_as_far_as_the_lens_reaches(heigh
     assert least <= reach_of(captured_region(region, lens, [550.0], capture, room), region, capture) <= most
 
 
-def test_what_can_light_a_region_ends_with_the_capture():
+def test_the_captured_region_is_clipped_to_the_capture():
     lens = make_lens(gaussian_psf(5, 8, 2.5, 17))
     capture = PixelGrid.around_frame(SHAPE_PX, PITCH_UM, (2, 1))
     assert captured_region((slice(1, 36), slice(0, 47)), lens, [550.0], capture, 0.1) == (slice(0, 40), slice(0, 50))

@@ -54,7 +54,7 @@ def no_work(scene, monkeypatch):
 
 
 @pytest.mark.parametrize("expected", UNFIT)
-def test_every_door_rejects_it_at_once_in_the_same_words(no_work, tmp_path, capsys, expected):
+def test_every_entry_point_rejects_an_unfit_scene_with_the_same_message(no_work, tmp_path, capsys, expected):
     UNFIT[expected](no_work)
     bpy.context.view_layer.update()
     with pytest.raises(SceneError) as first:
@@ -78,7 +78,7 @@ def test_every_door_rejects_it_at_once_in_the_same_words(no_work, tmp_path, caps
 
 
 @pytest.mark.parametrize("expected", UNFIT)
-def test_the_panel_and_the_check_show_it(scene, tmp_path, expected):
+def test_the_panel_and_the_check_report_an_unfit_scene(scene, tmp_path, expected):
     scene.render.resolution_x, scene.render.resolution_y = 48, 56
     UNFIT[expected](scene)
     bpy.context.view_layer.update()
@@ -89,7 +89,7 @@ def test_the_panel_and_the_check_show_it(scene, tmp_path, expected):
     assert [str(each) for each in refusals if str(each).startswith(expected)]
 
 
-def test_a_camera_that_a_marker_binds_later_is_rejected_before_the_first_frame(no_work, tmp_path):
+def test_a_camera_bound_to_a_later_marker_is_rejected_before_the_first_frame(no_work, tmp_path):
     late = bpy.data.objects.new("Late", bpy.data.cameras.new("Late"))
     late.data.type = "ORTHO"
     no_work.collection.objects.link(late)
@@ -105,14 +105,14 @@ def test_a_camera_that_a_marker_binds_later_is_rejected_before_the_first_frame(n
 
 
 @pytest.mark.parametrize("name", ["lens", "sensor_width"])
-def test_the_cameras_own_view_takes_a_number(scene, name):
+def test_the_camera_view_requires_finite_numbers(scene, name):
     setattr(scene.camera.data, name, float("nan"))
     check_scene(scene)
     with pytest.raises(SceneError, match="camera 'Camera': .* is nan mm: expected a positive number"):
         check_scene(scene, view="camera")
 
 
-def test_a_fisheye_camera_is_fit_for_the_lenss_view_alone(scene):
+def test_a_fisheye_camera_is_valid_only_for_the_lens_view(scene):
     scene.camera.data.type, scene.camera.data.panorama_type = "PANO", "FISHEYE_LENS_POLYNOMIAL"
     check_scene(scene)
     with pytest.raises(SceneError, match="type is PANO"):

@@ -32,15 +32,15 @@ def dof(scene):
 
 
 def target(scene, *place, kind=None):
-    there = bpy.data.objects.new("Target", kind)
-    scene.collection.objects.link(there)
-    there.location = place
-    scene.camera.data.dof.focus_object = there
+    obj = bpy.data.objects.new("Target", kind)
+    scene.collection.objects.link(obj)
+    obj.location = place
+    scene.camera.data.dof.focus_object = obj
     bpy.context.view_layer.update()
-    return there
+    return obj
 
 
-def test_without_depth_of_field_a_lens_is_at_rest(scene, dof):
+def test_a_lens_is_at_rest_without_depth_of_field(scene, dof):
     dof.use_dof = False
     assert scene_rings(scene) == AT_REST
     assert scene_rings(scene, focus="camera") == Rings(1200.0)
@@ -49,7 +49,7 @@ def test_without_depth_of_field_a_lens_is_at_rest(scene, dof):
     assert scene_rings(scene) == Rings(focused_wide_open=True)
 
 
-def test_the_cameras_own_and_what_is_given_in_its_place(scene, dof):
+def test_arguments_override_the_cameras_rings(scene, dof):
     assert scene_rings(scene) == Rings(1200.0, 8.0), "without the noise of Blender's floats"
     assert scene_rings(scene, focus=700.0) == Rings(700.0, 8.0)
     assert scene_rings(scene, focus=inf, f_number=2.8) == Rings(inf, 2.8)
@@ -58,7 +58,7 @@ def test_the_cameras_own_and_what_is_given_in_its_place(scene, dof):
 
 
 @pytest.mark.parametrize("place, distance_mm", [((0, 0, 3), 3000), ((1, 2, 3), 3000), ((0, 0, -2), 2000)])
-def test_a_focus_object_counts_along_the_cameras_axis(scene, dof, place, distance_mm):
+def test_distance_to_a_focus_object_is_measured_along_the_camera_axis(scene, dof, place, distance_mm):
     """As in Blender; the camera looks along its own -z, and an object behind it counts as if in front."""
     scene.camera.matrix_world = Matrix.Translation((0.5, -0.25, 7)) @ Matrix.Scale(3.0, 4)
     x, y, z = place
@@ -66,35 +66,35 @@ def test_a_focus_object_counts_along_the_cameras_axis(scene, dof, place, distanc
     assert scene_rings(scene).focus_mm == distance_mm
 
 
-def test_a_bone_may_be_in_focus(scene, dof):
+def test_the_focus_object_can_be_a_bone(scene, dof):
     rig = target(scene, 0.0, 0.0, scene.camera.matrix_world.translation.z - 5.0, kind=bpy.data.armatures.new("Rig"))
     bpy.context.view_layer.objects.active = rig
     bpy.ops.object.mode_set(mode="EDIT")
     bone = rig.data.edit_bones.new("Eye")
     bone.head, bone.tail = (0, 0, 1.5), (0, 0, 2)
     bpy.ops.object.mode_set(mode="OBJECT")
-    whole = scene_rings(scene).focus_mm
+    rig_focus_mm = scene_rings(scene).focus_mm
     dof.focus_subtarget = "Eye"
     bpy.context.view_layer.update()
-    assert whole - scene_rings(scene).focus_mm == pytest.approx(1500, rel=1e-5)
+    assert rig_focus_mm - scene_rings(scene).focus_mm == pytest.approx(1500, rel=1e-5)
 
 
 @pytest.mark.parametrize("view", ["lens", "camera"])
-def test_the_lens_is_in_focus_where_the_camera_is(scene, dof, view):
+def test_the_lens_focuses_at_the_cameras_focus_distance(scene, dof, view):
     """Even if the camera is scaled."""
     lens, warning, words = scene_lens(scene, LENS, view, "preview")
     assert lens.object_distance_mm + lens.entrance_pupil_mm == pytest.approx(1200, rel=1e-3)
     assert words == () and bool(warning) == (view == "camera")
 
 
-def test_what_the_lens_cannot_is_told(scene, dof):
+def test_settings_beyond_the_lens_range_are_reported(scene, dof):
     dof.aperture_fstop = 1.4
     assert "f/1.4: this lens's range is f/5.5 to f/22: set to f/5.5" in scene_lens(scene, LENS, "lens", "preview")[2]
-    found = addon.preflight(scene, lens=LENS, wavelengths_nm=WAVELENGTHS_NM, lens_quality="preview")
-    assert any("f/1.4: this lens's range is" in str(remark) for remark in found.remarks)
+    preflight = addon.preflight(scene, lens=LENS, wavelengths_nm=WAVELENGTHS_NM, lens_quality="preview")
+    assert any("f/1.4: this lens's range is" in str(remark) for remark in preflight.remarks)
 
 
-def test_a_package_stays_as_it_is_and_says_so(scene, dof, tmp_path):
+def test_a_lens_package_is_unchanged_and_reported_as_fixed(scene, dof, tmp_path):
     path = tmp_path / "own.npz"
     write_package(load_lens("edmund-54852"), path)
     lens, _, words = scene_lens(scene, path, "lens", "preview")
@@ -103,7 +103,7 @@ def test_a_package_stays_as_it_is_and_says_so(scene, dof, tmp_path):
     assert scene_lens(scene, path, "lens", "preview")[2] == ()
 
 
-def test_keyframes_turn_rings(scene, dof):
+def test_rings_follow_keyframes(scene, dof):
     for frame, distance_m in ((1, 0.8), (11, 1.8)):
         dof.focus_distance = distance_m
         dof.keyframe_insert("focus_distance", frame=frame)
@@ -115,30 +115,30 @@ def test_keyframes_turn_rings(scene, dof):
 
 
 @pytest.mark.parametrize("rings", [AT_REST, Rings(1234.5), Rings(inf, 2.8), Rings(80.0, 5.6, True)])
-def test_the_command_takes_rings_as_they_are(rings):
+def test_the_command_line_preserves_rings(rings):
     words = to_arguments(**ring_fields(rings))
     options = _parser().parse_args(["apply", "Scene_0001_radiance.exr", "--lens", LENS, *words])
     assert rings_option(options) == rings
 
 
-@pytest.mark.parametrize("words, asked", [
+@pytest.mark.parametrize("words, expected", [
     ([], {}),
     (["--focus", "CAMERA", "--f-number", "4"], {"focus": "camera", "f_number": 4.0}),
     (["--focus", "80cm", "--focused-wide-open"], {"focus": 800.0, "focused_wide_open": True})])
-def test_the_command_asks_for_rings(scene, tmp_path, words, asked):
+def test_the_command_line_sets_rings(scene, tmp_path, words, expected):
     blend = tmp_path / "scene.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(blend))
     options = _parser().parse_args(["render", str(blend), *words])
     given = scene_and_fields(options)[1]
-    assert {name: given[name] for name in RING_FIELDS if name in given} == asked
+    assert {name: given[name] for name in RING_FIELDS if name in given} == expected
 
 
-def test_a_picture_by_the_cameras_rings_and_its_record(scene, dof, tmp_path):
+def test_the_cameras_rings_affect_the_picture_and_its_record(scene, dof, tmp_path):
     set_world(scene)
-    asked = {"lens": LENS, "wavelengths_nm": [550], "lens_quality": "preview"}
+    options = {"lens": LENS, "wavelengths_nm": [550], "lens_quality": "preview"}
     lights, lenses = [], []
     for dof.aperture_fstop in (8.0, 16.0):
-        result = addon.render_through_lens(scene, output_folder=tmp_path, **asked)
+        result = addon.render_through_lens(scene, output_folder=tmp_path, **options)
         lights.append(read_exr(result.irradiance).cube[0, 12:24, 16:32].mean())
         lenses.append(json.loads(result.record.read_text())["job"]["lens_digest"])
     assert lights[1] / lights[0] == pytest.approx(0.25, rel=0.01) and lenses[0] != lenses[1]

@@ -114,7 +114,7 @@ def by_script(scene):
 
 @pytest.mark.parametrize("begin", [by_script, on_another_thread])
 @pytest.mark.parametrize("name", EDITS)
-def test_an_edit_is_seen_as_the_render_begins_and_so_is_its_undoing(furnished, name, begin):
+def test_an_edit_and_its_undo_are_detected_when_a_render_starts(furnished, name, begin):
     edit, before, other = EDITS[name]
     begin(furnished)
     assert switches_on(furnished) and compositor_state(furnished)[0] == "lens image"
@@ -133,7 +133,7 @@ def test_an_edit_is_seen_as_the_render_begins_and_so_is_its_undoing(furnished, n
 
 
 @pytest.mark.parametrize("on_main_thread", [True, False])
-def test_renders_one_after_the_other(furnished, tmp_path, monkeypatch, on_main_thread):
+def test_consecutive_renders_detect_an_edit_and_its_undo(furnished, tmp_path, monkeypatch, on_main_thread):
     """Renders of frames 1 and 2, where 1 has a lens image; F12 compares on the render thread."""
     monkeypatch.setattr(compositor_watch, "_on_main_thread", lambda: on_main_thread)
     assert shows_lens_image(furnished, tmp_path) and not shows_lens_image(furnished, tmp_path, 2)
@@ -146,7 +146,7 @@ def test_renders_one_after_the_other(furnished, tmp_path, monkeypatch, on_main_t
 
 
 @pytest.mark.parametrize("begin", [by_script, on_another_thread])
-def test_data_that_is_new_since_the_render_counts(furnished, begin):
+def test_data_added_since_the_render_counts(furnished, begin):
     begin(furnished)
     new = bpy.data.objects.new("New", bpy.data.meshes.new("New"))
     furnished.collection.objects.link(new)
@@ -165,7 +165,7 @@ def compositor_folder(scene):
     return compositor.Path(compositor.picture_folder(scene))
 
 
-def test_what_was_forgotten_during_a_render_counts_as_changed(furnished):
+def test_data_forgotten_during_a_render_counts_as_changed(furnished):
     """As a window is notified: not immediately, because other data-blocks change all the time, but at the next check.
     """
     fingerprint_anew(furnished)
@@ -178,7 +178,7 @@ def test_what_was_forgotten_during_a_render_counts_as_changed(furnished):
     assert compositor_state(furnished)[0] == CHANGED
 
 
-def test_keyframes_that_a_thread_has_overwritten_are_announced_later(furnished):
+def test_keyframes_overwritten_on_a_thread_are_announced_later(furnished):
     forget_all()
     furnished.objects["Lamp"].location.x = 2.0
     on_another_thread(furnished)
@@ -188,7 +188,7 @@ def test_keyframes_that_a_thread_has_overwritten_are_announced_later(furnished):
     assert group.session_uid not in compositor._rewritten and not switches_on(furnished)
 
 
-def test_a_file_counts_by_its_contents_and_not_by_its_time(furnished, tmp_path):
+def test_a_file_counts_by_its_contents_not_its_modification_time(furnished, tmp_path):
     before = fingerprint_anew(furnished)
     path = tmp_path / "saved.png"
     path.write_bytes(path.read_bytes())
@@ -198,7 +198,7 @@ def test_a_file_counts_by_its_contents_and_not_by_its_time(furnished, tmp_path):
 
 
 @pytest.mark.parametrize("path", ["/dev/zero", "\\\\elsewhere\\share\\picture.png", "//elsewhere/share.png", "\0"])
-def test_no_device_and_no_other_machine_is_read(furnished, path):
+def test_devices_and_network_paths_are_not_read(furnished, path):
     bpy.data.images["Saved"].filepath_raw = path.replace("\0", "")
     assert fingerprint_anew(furnished) == fingerprint_anew(furnished)
     set_world(furnished, (0, 0, 0))

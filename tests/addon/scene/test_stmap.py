@@ -19,7 +19,7 @@ def image_node(tree, path):
 
 
 @pytest.mark.skipif(bpy.app.version < (5, 0), reason="a tree of images alone is set up otherwise before 5.0")
-def test_map_uv_takes_light_from_where_the_map_says(scene, tmp_path):
+def test_map_uv_applies_the_distortion_of_the_map(scene, tmp_path):
     grid = PixelGrid((120, 160), 30.0)
     stmap = distort_map(load_lens("edmund-54852"), grid, 587.6)
     row, column = np.indices(grid.shape_px)

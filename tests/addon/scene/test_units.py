@@ -52,9 +52,9 @@ def still_life(scene, unit_m):
     bpy.context.view_layer.update()
 
 
-def lens_picture(scene, folder, **asked):
+def lens_picture(scene, folder, **options):
     result = addon.render_through_lens(scene, lens=LENS, wavelengths_nm=WAVELENGTHS_NM, output_folder=folder,
-                                       lens_quality="preview", **asked)
+                                       lens_quality="preview", **options)
     (_, depth), = read_parts(result.depth)
     return read_exr(result.irradiance).cube, next(iter(depth.values())), result.report
 
@@ -68,7 +68,7 @@ def metre_picture(request, tmp_path_factory):
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("depth", ["auto", "traced"])
 @pytest.mark.parametrize("unit_m", SCALES)
-def test_the_same_things_in_other_units_give_the_same_picture(scene, tmp_path, metre_picture, unit_m, depth):
+def test_the_same_scene_in_other_units_gives_the_same_picture(scene, tmp_path, metre_picture, unit_m, depth):
     if depth not in metre_picture:
         still_life(scene, 1.0)
         metre_picture[depth] = lens_picture(scene, tmp_path / "metres", depth=depth)
@@ -80,9 +80,9 @@ def test_the_same_things_in_other_units_give_the_same_picture(scene, tmp_path, m
     brightest = expected.max()
     # The random numbers are the same: only a sample within single precision of an edge may cross it.
     assert np.abs(cube - expected).mean() < 1e-3 * brightest
-    seen = (expected_m < 1e10) & (depth_m < 1e10)
-    assert ((expected_m < 1e10) == (depth_m < 1e10)).mean() > 0.99 and seen.mean() > 0.2
-    assert np.mean(np.isclose(depth_m[seen], expected_m[seen], rtol=1e-4)) > 0.99
+    visible = (expected_m < 1e10) & (depth_m < 1e10)
+    assert ((expected_m < 1e10) == (depth_m < 1e10)).mean() > 0.99 and visible.mean() > 0.2
+    assert np.mean(np.isclose(depth_m[visible], expected_m[visible], rtol=1e-4)) > 0.99
     assert depth_m.min() == pytest.approx(expected_m.min(), rel=1e-4)
     if depth == "auto":
         assert depth_m.min() == pytest.approx(0.35, rel=1e-4)
@@ -92,7 +92,7 @@ def test_the_same_things_in_other_units_give_the_same_picture(scene, tmp_path, m
 
 
 @pytest.mark.parametrize("unit_m", SCALES)
-def test_focus_by_distance_and_by_object(scene, unit_m):
+def test_focus_by_distance_and_by_object_follows_the_unit(scene, unit_m):
     still_life(scene, unit_m)
     assert scene_rings(scene).focus_mm == pytest.approx(600, rel=1e-5)
     target = bpy.data.objects.new("Target", None)
@@ -104,7 +104,7 @@ def test_focus_by_distance_and_by_object(scene, unit_m):
 
 
 @pytest.mark.parametrize("unit_m", SCALES)
-def test_rays_into_the_scene_count_in_metres(scene, unit_m):
+def test_depths_of_traced_rays_are_in_metres(scene, unit_m):
     in_units(scene, unit_m)
     mirror = plate(scene, unit_m, "ShaderNodeBsdfGlossy", (1, 1, 1), (0.1, 0.0, -1.0), 3.0)
     mirror.active_material.node_tree.nodes["Glossy BSDF"].inputs["Roughness"].default_value = 0.0
@@ -120,7 +120,7 @@ def test_rays_into_the_scene_count_in_metres(scene, unit_m):
     assert unlayered(scene, fast, grid)[MIRRORED].share > 0.3
 
 
-def test_a_mirror_shows_its_picture_as_far_behind_it_in_any_units(scene):
+def test_mirrored_shares_do_not_depend_on_the_unit(scene):
     """A mirror's blur differs from the blur of the reflected object by more than a pixel up to a distance in metres."""
     shares = []
     for unit_m in (1.0, *SCALES):
@@ -131,7 +131,7 @@ def test_a_mirror_shows_its_picture_as_far_behind_it_in_any_units(scene):
         mirror.active_material.node_tree.nodes["Glossy BSDF"].inputs["Roughness"].default_value = 0.0
         plate(scene, unit_m, "ShaderNodeEmission", (1, 1, 1), (0.0, 0.0, -1.2), 60.0, tilt=1.5)
         bpy.context.view_layer.update()
-        shares.append({kind: found.share for kind, found in unlayered(
+        shares.append({kind: content.share for kind, content in unlayered(
             scene, SMALL, capture_grid(scene, SMALL, [550.0])).items()})
     assert all(share == pytest.approx(shares[0]) for share in shares[1:])
 
@@ -148,13 +148,13 @@ def test_without_a_unit_system_a_unit_is_a_metre(scene):
     assert digests[0] == digests[1] != settings_digest(scene)
 
 
-def test_frames_of_another_scale_are_not_taken_for_finished(scene):
+def test_frames_of_another_scale_are_rendered_again(scene):
     before = picture_settings(scene)
     scene.unit_settings.scale_length = 0.1
     assert picture_settings(scene) != before
 
 
-def test_a_new_camera_sees_all_of_a_scene_in_millimetres(scene):
+def test_a_new_camera_frames_a_scene_in_millimetres(scene):
     in_units(scene, 0.001)
     plate(scene, 0.001, "ShaderNodeEmission", (1, 1, 1), (0.0, 40.0, 0.0), 90.0)
     bpy.context.view_layer.update()
@@ -163,27 +163,27 @@ def test_a_new_camera_sees_all_of_a_scene_in_millimetres(scene):
 
 
 @pytest.mark.parametrize("unit_m", [1.0, 0.1])
-def test_a_scene_too_far_away_to_blur_is_remarked_on(scene, tmp_path, unit_m):
+def test_a_scene_too_far_away_to_blur_is_reported(scene, tmp_path, unit_m):
     in_units(scene, unit_m)
     plate(scene, unit_m, "ShaderNodeEmission", (1, 1, 1), (3.0, 1.0, -57.0), 30.0)
     bpy.context.view_layer.update()
-    asked = {"lens": LENS, "wavelengths_nm": WAVELENGTHS_NM, "output_folder": tmp_path, "lens_quality": "preview"}
-    before, = (str(each) for each in addon.preflight(scene, **asked).remarks if each.what == "Unit Scale")
+    options = {"lens": LENS, "wavelengths_nm": WAVELENGTHS_NM, "output_folder": tmp_path, "lens_quality": "preview"}
+    before, = (str(each) for each in addon.preflight(scene, **options).remarks if each.what == "Unit Scale")
     assert "mostly 57 m away; beyond" in before and "set Unit Scale" in before
-    assert before in addon.render_through_lens(scene, **asked).report.remarks()
+    assert before in addon.render_through_lens(scene, **options).report.remarks()
 
 
 @pytest.mark.parametrize("unit_m", [1.0, 0.1])
-def test_a_scene_near_enough_to_blur_is_not(scene, tmp_path, unit_m):
+def test_a_scene_near_enough_to_blur_is_not_reported(scene, tmp_path, unit_m):
     in_units(scene, unit_m)
     plate(scene, unit_m, "ShaderNodeEmission", (1, 1, 1), (0.3, 0.1, -3.0), 9.0)
     scene.render.resolution_x, scene.render.resolution_y = 960, 600
     bpy.context.view_layer.update()
-    found = addon.preflight(scene, output_folder=tmp_path, lens=LENS, lens_quality="preview")
-    assert "Unit Scale" not in [each.what for each in found.remarks]
+    preflight = addon.preflight(scene, output_folder=tmp_path, lens=LENS, lens_quality="preview")
+    assert "Unit Scale" not in [each.what for each in preflight.remarks]
 
 
-def test_cycles_own_depth_of_field_takes_a_unit_for_a_metre(scene, tmp_path):
+def test_cycles_depth_of_field_treats_a_unit_as_a_metre(scene, tmp_path):
     """At a scale of 0.1 its blur is a tenth of the lens's: its aperture is the focal length in units over 2000 N."""
     plate(scene, 1.0, "ShaderNodeEmission", (1, 1, 1), (0.2, 0.1, -4.0), 0.2)
     camera = scene.camera.data

@@ -20,20 +20,20 @@ def test_depth_is_planar_and_row_0_is_at_the_top(scene):
     painted = wall(scene, paint, 2.0, 1.0)
     painted.scale = x_m, y_m, 1.0
     painted.location.x, painted.location.y = -x_m / 3, y_m / 2
-    found = visible_depth_mm(scene, lens, frame)
-    rows, columns = found.shape
+    depth_mm = visible_depth_mm(scene, lens, frame)
+    rows, columns = depth_mm.shape
     assert columns == 24 and rows == 18
-    near = np.zeros(found.shape, bool)
+    near = np.zeros(depth_mm.shape, bool)
     near[:9, :16] = True
-    np.testing.assert_array_equal(np.isfinite(found), near)
-    np.testing.assert_allclose(found[near], 2000.0, rtol=1e-6)
+    np.testing.assert_array_equal(np.isfinite(depth_mm), near)
+    np.testing.assert_allclose(depth_mm[near], 2000.0, rtol=1e-6)
 
 
-def test_room_around_a_frame_is_a_share_of_its_longer_side():
+def test_room_around_a_frame_is_a_fraction_of_its_longer_side():
     capture = frame_capture(make_lens(), (36, 48), [550.0], room=0.25)
     assert capture.overscan_px == (12, 12) and capture.frame_px == (36, 48)
 
 
-def test_tangents_are_across_and_down(scene):
+def test_view_tangents_are_horizontal_and_vertical(scene):
     across, down = view_tangents(scene, "tessar-50mm", "lens")
     assert across / down == 48 / 36

@@ -67,14 +67,14 @@ def radiance(scene, folder, **options):
     return read_exr(result.radiance).frame()
 
 
-def test_colours_are_the_same_light(room, tmp_path, space):
+def test_colours_give_the_same_light_in_any_space(room, tmp_path, space):
     known = radiance(room, tmp_path).cube
     space()
     rounded = HALF * np.abs(rec709_from_working()).sum(axis=1).max()
     np.testing.assert_allclose(radiance(room, tmp_path).cube, known, rtol=20 * ROUNDING, atol=rounded * known.mean())
 
 
-def test_what_cycles_renders_in_rgb_keeps_its_colour(scene, tmp_path, space):
+def test_colours_that_cycles_renders_in_rgb_are_preserved(scene, tmp_path, space):
     set_world(scene)
     film = bpy.data.materials.new("Film")
     film.use_nodes = True
@@ -86,19 +86,19 @@ def test_what_cycles_renders_in_rgb_keeps_its_colour(scene, tmp_path, space):
     capture = capture_grid(scene, LENS, NM)  # a film's colours depend on the viewing angle
     match_camera_to_lens(scene.camera.data, LENS, capture.frame_px[1], capture.pitch_um)
     space()
-    seen = to_rec709(radiance(scene, tmp_path, unfit="render")).mean(axis=(0, 1))
-    own = rec709_from_working() @ picture(scene, tmp_path).mean(axis=(1, 2))
-    np.testing.assert_allclose(seen, own, rtol=0.03)  # upsampling preserves colours in any space
+    ours = to_rec709(radiance(scene, tmp_path, unfit="render")).mean(axis=(0, 1))
+    cycles = rec709_from_working() @ picture(scene, tmp_path).mean(axis=(1, 2))
+    np.testing.assert_allclose(ours, cycles, rtol=0.03)  # upsampling preserves colours in any space
 
 
-def test_a_scene_in_another_space_is_no_refusal(room, space):
+def test_a_scene_in_another_space_is_not_rejected(room, space):
     space()
-    found = [finding for finding in lint(room) if finding.socket == "working colour space"]
-    assert [finding.verdict for finding in found] == [APPROXIMATED]
+    findings = [finding for finding in lint(room) if finding.socket == "working colour space"]
+    assert [finding.verdict for finding in findings] == [APPROXIMATED]
     assert not any(finding.verdict == REJECTED for finding in lint(room))
 
 
-def test_rec2020_is_turned_to_rec709_as_its_standard_has_it(scene):
+def test_rec2020_is_converted_to_rec709_by_its_standard(scene):
     np.testing.assert_array_equal(rec709_from_working(), np.eye(3))
     bpy.ops.wm.set_working_color_space(working_space="Linear Rec.2020")
     try:
@@ -108,7 +108,7 @@ def test_rec2020_is_turned_to_rec709_as_its_standard_has_it(scene):
         bpy.ops.wm.set_working_color_space(working_space="Linear Rec.709")
 
 
-def test_what_lies_outside_rec709_is_cut_at_nothing(scene, tmp_path, space):
+def test_colours_outside_rec709_are_clipped_at_zero(scene, tmp_path, space):
     """Green of a wide space has negative red, which is clipped to zero, for constants and for colours from nodes alike.
     """
     space()

@@ -94,9 +94,9 @@ def test_a_colour_glows_as_in_cycles(scene, glowing, tmp_path, link):
 @pytest.mark.parametrize("link", WAYS)
 def test_a_colour_as_a_shader_is_approximated(scene, glowing, link):
     link(glowing)
-    found = lint(scene)
-    assert found[0].verdict == APPROXIMATED and "emits light" in found[0].text
-    assert not any(finding.verdict == REJECTED for finding in found)
+    findings = lint(scene)
+    assert findings[0].verdict == APPROXIMATED and "emits light" in findings[0].text
+    assert not any(finding.verdict == REJECTED for finding in findings)
 
 
 def test_a_number_glows_white(scene, glowing, tmp_path):
@@ -107,20 +107,20 @@ def test_a_number_glows_white(scene, glowing, tmp_path):
     np.testing.assert_allclose(picture(scene, tmp_path).mean(axis=(1, 2)), 0.7, rtol=1e-4)
 
 
-def test_a_world_of_a_colour_alone_shines(scene, tmp_path):
+def test_a_world_with_only_a_colour_glows(scene, tmp_path):
     onto_surface(scene.world.node_tree)
     np.testing.assert_allclose(radiance_on_axis(scene, tmp_path), emission_basis(NM) @ COLOUR, rtol=1e-4)
     np.testing.assert_allclose(picture(scene, tmp_path).mean(axis=(1, 2)), COLOUR, rtol=1e-4)
 
 
-def test_an_assigned_emission_takes_its_place(scene, glowing, tmp_path):
+def test_an_assigned_emission_replaces_the_colour(scene, glowing, tmp_path):
     onto_surface(glowing)
     bpy.data.materials["Glow"].lensfield.emission = "illuminant-a"
     expected = load_spectrum("illuminant-a").density_at(NM)
     np.testing.assert_allclose(radiance_on_axis(scene, tmp_path), expected, rtol=1e-4)
 
 
-def test_it_glows_by_its_own_lamp_beside_others(scene, glowing, tmp_path):
+def test_a_colour_glows_in_a_separate_light_group(scene, glowing, tmp_path):
     """Otherwise daylight would have the spectrum of the other light group."""
     onto_surface(glowing)
     set_world(scene)
@@ -128,7 +128,7 @@ def test_it_glows_by_its_own_lamp_beside_others(scene, glowing, tmp_path):
     np.testing.assert_allclose(radiance_on_axis(scene, tmp_path), emission_basis(NM) @ COLOUR, rtol=1e-4)
 
 
-def test_a_blackbody_alone_glows_by_plancks_law(scene, glowing, tmp_path):
+def test_a_blackbody_without_a_shader_follows_plancks_law(scene, glowing, tmp_path):
     body = glowing.nodes.new("ShaderNodeBlackbody")
     body.inputs[0].default_value = 2856.0
     glowing.links.new(body.outputs[0], output_of(glowing))

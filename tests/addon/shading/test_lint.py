@@ -54,7 +54,7 @@ def fed(shader, socket, node_type, output=0):
     return node
 
 
-def told(scene, block_type="material"):
+def verdicts_in(scene, block_type="material"):
     """{(node, socket): verdict} of the remarks on the data-blocks of a type."""
     return {(finding.node, finding.socket): finding.verdict for finding in lint(scene)
             if finding.block_type == block_type}
@@ -84,7 +84,7 @@ def fits(tree, node_type):
     return True
 
 
-def test_every_closure_is_ruled_as_one(scene):
+def test_every_closure_rule_applies_to_a_closure(scene):
     tree = painted(scene, "ShaderNodeEmission").id_data
     for node_type in closure_rules.CLOSURES | closure_rules.NOT_IN_CYCLES:
         if hasattr(bpy.types, node_type) and fits(tree, node_type):
@@ -110,23 +110,23 @@ def test_a_finding_is_one_line_that_starts_with_the_object():
     ("ShaderNodeMix", "Color", 2, UPSAMPLED), ("ShaderNodeBlackbody", "Color", 0, APPROXIMATED),
     ("ShaderNodeTexSky", "Color", 0, APPROXIMATED), ("ShaderNodeWavelength", "Color", 0, APPROXIMATED),
     ("ShaderNodeShaderToRGB", "Color", 0, REJECTED)])
-def test_what_a_node_before_a_shader_comes_to(scene, node_type, socket, output, verdict):
+def test_nodes_linked_to_a_shader_get_a_verdict(scene, node_type, socket, output, verdict):
     shader = painted(scene, "ShaderNodeBsdfDiffuse")
     node = fed(shader, socket, node_type, output)
-    assert told(scene)[node.name, node.outputs[output].name] == verdict
-    assert told(scene)[shader.name, ""] == UPSAMPLED
+    assert verdicts_in(scene)[node.name, node.outputs[output].name] == verdict
+    assert verdicts_in(scene)[shader.name, ""] == UPSAMPLED
 
 
 @pytest.mark.parametrize("space, verdict", [("sRGB", UPSAMPLED), ("Linear Rec.709", UPSAMPLED),
                                             ("Non-Color", APPROXIMATED), ("ACEScg", APPROXIMATED)])
-def test_an_image_is_judged_by_its_colour_space(scene, space, verdict):
+def test_an_image_is_checked_by_its_colour_space(scene, space, verdict):
     node = fed(painted(scene, "ShaderNodeBsdfDiffuse"), "Color", "ShaderNodeTexImage")
     node.image = bpy.data.images.new("Picture", 4, 4)
     node.image.colorspace_settings.name = space
-    assert told(scene)["Image Texture", "Color"] == verdict
+    assert verdicts_in(scene)["Image Texture", "Color"] == verdict
 
 
-def test_nodes_behind_nodes_are_judged_and_numbers_are_not(scene):
+def test_upstream_nodes_are_checked_except_for_numbers(scene):
     shader = painted(scene, "ShaderNodeBsdfPrincipled")
     mix = fed(shader, "Base Color", "ShaderNodeMixRGB")
     fed(mix, "Color2", "ShaderNodeWavelength")
@@ -136,19 +136,19 @@ def test_nodes_behind_nodes_are_judged_and_numbers_are_not(scene):
     output = next(node for node in tree.nodes if node.bl_idname == "ShaderNodeOutputMaterial")
     fed(output, "Displacement", "ShaderNodeShaderToRGB")
     tree.nodes.new("ShaderNodeEeveeSpecular")
-    assert told(scene) == {(shader.name, ""): SUBSTITUTED, (mix.name, "Color"): UPSAMPLED,
-                           ("Wavelength", "Color"): APPROXIMATED}
+    assert verdicts_in(scene) == {(shader.name, ""): SUBSTITUTED, (mix.name, "Color"): UPSAMPLED,
+                                  ("Wavelength", "Color"): APPROXIMATED}
 
 
 @pytest.mark.parametrize("node_type", sorted(closure_rules.CLOSURES - {"ShaderNodeBsdfGlossy", "ShaderNodeBsdfVelvet"}))
-def test_shaders_as_they_come_are_substituted(scene, node_type):
+def test_shaders_with_default_settings_are_substituted(scene, node_type):
     if not hasattr(bpy.types, node_type):
         pytest.skip("this Blender has no such node")
     shader = painted(scene, node_type)
-    found = told(scene)
-    assert found[shader.name, ""] == SUBSTITUTED
+    verdicts = verdicts_in(scene)
+    assert verdicts[shader.name, ""] == SUBSTITUTED
     # Scattering lengths differ for red, green and blue by default.
-    assert set(found.values()) <= {SUBSTITUTED, APPROXIMATED} and (len(found) == 1 or "Subsurface" in node_type)
+    assert set(verdicts.values()) <= {SUBSTITUTED, APPROXIMATED} and (len(verdicts) == 1 or "Subsurface" in node_type)
 
 
 @pytest.mark.parametrize("node_type, changes, socket, verdict", [
@@ -164,45 +164,45 @@ def test_shaders_as_they_come_are_substituted(scene, node_type):
     ("ShaderNodeBsdfPrincipled", {"Subsurface Weight": 0.5, "Subsurface Radius": (1, 1, 1)}, "Subsurface Radius", None),
     ("ShaderNodeVolumePrincipled", {"Blackbody Intensity": 1.0}, "Blackbody Intensity", REJECTED),
     ("ShaderNodeVolumePrincipled", {"Color Attribute": "color"}, "Color Attribute", REJECTED)])
-def test_what_cycles_does_in_rgb_is_told(scene, node_type, changes, socket, verdict):
+def test_settings_that_cycles_renders_in_rgb_are_reported(scene, node_type, changes, socket, verdict):
     shader = painted(scene, node_type)
     for name, value in changes.items():
         shader.inputs[name].default_value = value
-    assert told(scene).get((shader.name, socket)) == verdict
+    assert verdicts_in(scene).get((shader.name, socket)) == verdict
 
 
 @pytest.mark.parametrize("socket, verdict", [("Specular Tint", SEPARATED), ("Thin Film Thickness", REJECTED)])
-def test_what_nodes_compute_may_be_anything(scene, socket, verdict):
+def test_values_computed_by_nodes_are_assumed_to_vary(scene, socket, verdict):
     shader = painted(scene, "ShaderNodeBsdfPrincipled")
     fed(shader, socket, "ShaderNodeTexNoise")
-    assert told(scene)[shader.name, socket] == verdict
+    assert verdicts_in(scene)[shader.name, socket] == verdict
 
 
-def test_a_thickness_of_0_from_a_node_is_0(scene):
+def test_a_thickness_of_zero_from_a_node_is_accepted(scene):
     shader = painted(scene, "ShaderNodeBsdfPrincipled")
     value = fed(shader, "Thin Film Thickness", "ShaderNodeValue")
     value.outputs[0].default_value = 0
-    assert REJECTED not in told(scene).values()
+    assert REJECTED not in verdicts_in(scene).values()
     value.outputs[0].default_value = 300
-    assert told(scene)[shader.name, "Thin Film Thickness"] == REJECTED
+    assert verdicts_in(scene)[shader.name, "Thin Film Thickness"] == REJECTED
 
 
 def test_melanin_is_rejected_and_a_hair_colour_is_not(scene):
     shader = painted(scene, "ShaderNodeBsdfHairPrincipled")
     shader.parametrization = "MELANIN"
-    assert told(scene)[shader.name, "Melanin"] == REJECTED
+    assert verdicts_in(scene)[shader.name, "Melanin"] == REJECTED
     shader.parametrization = "COLOR"
-    assert set(told(scene).values()) == {SUBSTITUTED}
+    assert set(verdicts_in(scene).values()) == {SUBSTITUTED}
 
 
-def test_a_shader_that_cycles_has_not_is_rejected(scene, tmp_path):
+def test_a_shader_that_cycles_does_not_support_is_rejected(scene, tmp_path):
     shader = painted(scene, "ShaderNodeEeveeSpecular")
-    assert told(scene) == {(shader.name, ""): REJECTED}
+    assert verdicts_in(scene) == {(shader.name, ""): REJECTED}
     set_world(scene)
     assert picture(scene, tmp_path).max() == 0
 
 
-def test_a_node_of_somebody_elses_is_rejected_as_unknown(scene):
+def test_a_node_of_another_add_on_is_rejected_as_unknown(scene):
     class Other(bpy.types.ShaderNodeCustomGroup):
         bl_idname, bl_label = "ShaderNodeOfAnotherAddOn", "Other"
 
@@ -220,7 +220,7 @@ def test_a_node_of_somebody_elses_is_rejected_as_unknown(scene):
         bpy.utils.unregister_class(Other)
 
 
-def test_groups_are_walked_and_named(scene):
+def test_nodes_in_groups_are_checked_and_named(scene):
     mixer = painted(scene, "ShaderNodeMixShader")
     inner = bpy.data.node_groups.new("Coat", "ShaderNodeTree")
     inner.interface.new_socket("Colour", in_out="INPUT", socket_type="NodeSocketColor")
@@ -229,24 +229,24 @@ def test_groups_are_walked_and_named(scene):
     shader = inner.nodes.new("ShaderNodeBsdfDiffuse")
     inner.links.new(inner.nodes.new("NodeGroupInput").outputs[0], shader.inputs["Color"])
     inner.links.new(shader.outputs[0], inner.nodes.new("NodeGroupOutput").inputs[0])
-    plain, sky = (mixer.id_data.nodes.new("ShaderNodeGroup") for _ in range(2))
-    for index, (group, label) in enumerate(((plain, "Plain"), (sky, "")), start=1):
+    labelled, sky = (mixer.id_data.nodes.new("ShaderNodeGroup") for _ in range(2))
+    for index, (group, label) in enumerate(((labelled, "Plain"), (sky, "")), start=1):
         group.node_tree, group.label = inner, label
         mixer.id_data.links.new(group.outputs[0], mixer.inputs[index])
     fed(sky, "Colour", "ShaderNodeTexSky")
     fed(sky, "Other", "ShaderNodeWavelength")  # leads nowhere
-    assert told(scene) == {("Mix Shader", ""): SUBSTITUTED, ("Plain > Diffuse BSDF", ""): SUBSTITUTED,
-                           ("Coat > Diffuse BSDF", ""): UPSAMPLED, ("Sky Texture", "Color"): APPROXIMATED}
+    assert verdicts_in(scene) == {("Mix Shader", ""): SUBSTITUTED, ("Plain > Diffuse BSDF", ""): SUBSTITUTED,
+                                  ("Coat > Diffuse BSDF", ""): UPSAMPLED, ("Sky Texture", "Color"): APPROXIMATED}
 
 
-def test_a_group_without_output_is_rejected_for_it_is_black(scene, tmp_path):
+def test_a_group_without_an_output_is_black_and_rejected(scene, tmp_path):
     shader = painted(scene, "ShaderNodeEmission")
     tree = bpy.data.node_groups.new("Hollow", "ShaderNodeTree")
     tree.interface.new_socket("Color", in_out="OUTPUT", socket_type="NodeSocketColor")
     node = shader.id_data.nodes.new("ShaderNodeGroup")
     node.node_tree = tree
     shader.id_data.links.new(node.outputs[0], shader.inputs["Color"])
-    assert told(scene)["Group", ""] == REJECTED
+    assert verdicts_in(scene)["Group", ""] == REJECTED
     assert picture(scene, tmp_path).max() == 0
 
 
@@ -278,7 +278,7 @@ def muted(tree, node_type):
 
 @pytest.mark.parametrize("source", [loose_reroute, muted_colour, muted_change, muted_change_of_a_colour],
                          ids=lambda source: source.__name__)
-def test_cycles_takes_the_colour_that_is_found(scene, tmp_path, source):
+def test_loose_and_muted_inputs_have_the_colour_that_cycles_renders(scene, tmp_path, source):
     if bpy.app.version < (5, 0, 0) and source in (loose_reroute, muted_change):
         pytest.skip("before 5.0 Cycles rendered black what hangs loose")
     shader = painted(scene, "ShaderNodeEmission")
@@ -288,7 +288,7 @@ def test_cycles_takes_the_colour_that_is_found(scene, tmp_path, source):
     np.testing.assert_allclose(picture(scene, tmp_path).mean(axis=(1, 2)), expected, rtol=1e-5)
 
 
-def test_what_only_carries_is_looked_through(scene):
+def test_bundles_and_switches_are_followed(scene):
     if not hasattr(bpy.types, "NodeCombineBundle"):
         pytest.skip("this Blender has no bundles of shaders")
     shader = painted(scene, "ShaderNodeEmission")
@@ -304,41 +304,41 @@ def test_what_only_carries_is_looked_through(scene):
     switch.data_type = "RGBA"
     tree.links.new(switch.outputs[0], shader.inputs["Color"])
     fed(switch, 1, "ShaderNodeWavelength")
-    assert told(scene) == {("Emission", ""): UPSAMPLED, ("Wavelength", "Color"): APPROXIMATED}
+    assert verdicts_in(scene) == {("Emission", ""): UPSAMPLED, ("Wavelength", "Color"): APPROXIMATED}
 
 
-def test_an_assigned_spectrum_takes_the_place_of_nodes(scene):
+def test_an_assigned_spectrum_replaces_nodes(scene):
     shader = painted(scene, "ShaderNodeBsdfPrincipled")
     fed(shader, "Base Color", "ShaderNodeTexSky")
     shader.inputs["Emission Strength"].default_value = 1
     fed(shader, "Emission Color", "ShaderNodeWavelength")
     paint = bpy.data.materials["Paint"].lensfield
     paint.reflectance = "chart-15-red"
-    assert told(scene) == {(shader.name, ""): SUBSTITUTED, ("Wavelength", "Color"): APPROXIMATED}
+    assert verdicts_in(scene) == {(shader.name, ""): SUBSTITUTED, ("Wavelength", "Color"): APPROXIMATED}
     paint.emission = "illuminant-a"
-    assert told(scene) == {(shader.name, ""): SUBSTITUTED}
+    assert verdicts_in(scene) == {(shader.name, ""): SUBSTITUTED}
 
 
-def test_a_spectrum_that_cannot_be_read_is_rejected(scene):
+def test_an_unreadable_spectrum_is_rejected(scene):
     wall(scene, material("Paint", "ShaderNodeBsdfDiffuse")[0])
     bpy.data.materials["Paint"].lensfield.reflectance = "no-such-paint"
     finding = lint(scene)[0]
     assert finding.verdict == REJECTED and finding.object_names == ("Wall",) and "no-such-paint" in str(finding)
 
 
-def test_a_constant_blackbody_is_plancks_law(scene):
+def test_a_constant_blackbody_follows_plancks_law(scene):
     shader = painted(scene, "ShaderNodeEmission")
     thermal = fed(shader, "Color", "ShaderNodeBlackbody")
-    assert told(scene) == {(shader.name, ""): SUBSTITUTED}
+    assert verdicts_in(scene) == {(shader.name, ""): SUBSTITUTED}
     fed(thermal, "Temperature", "ShaderNodeTexNoise")
-    assert told(scene) == {(shader.name, ""): UPSAMPLED, ("Blackbody", "Color"): APPROXIMATED}
+    assert verdicts_in(scene) == {(shader.name, ""): UPSAMPLED, ("Blackbody", "Color"): APPROXIMATED}
 
 
-def test_lights_and_worlds_are_judged(scene):
+def test_lights_and_worlds_are_checked(scene):
     lamp = light(scene, "POINT", 10.0).data
-    assert told(scene, "light")["", "Color"] == SUBSTITUTED
+    assert verdicts_in(scene, "light")["", "Color"] == SUBSTITUTED
     lamp.lensfield.emission = "no-such-lamp"
-    assert told(scene, "light")["", "emission spectrum"] == REJECTED
+    assert verdicts_in(scene, "light")["", "emission spectrum"] == REJECTED
     tree = scene.world.node_tree
     sky = tree.nodes.new("ShaderNodeTexSky")
     tree.links.new(sky.outputs[0], background(scene).inputs["Color"])
@@ -353,7 +353,7 @@ def test_grease_pencil_is_rejected(scene):
     assert finding.verdict == REJECTED and finding.object_names == ("Strokes",) and "Grease" not in finding.node
 
 
-def test_findings_come_worst_first_and_once(scene):
+def test_findings_are_unique_and_sorted_worst_first(scene):
     for name in ("First", "Second"):
         shader = painted(scene, "ShaderNodeBsdfPrincipled", name)
         shader.inputs["Sheen Weight"].default_value = 1
@@ -378,7 +378,7 @@ def filmed(scene, tmp_path):
     return good, bad
 
 
-def test_command_tells_findings_and_its_status_is_for_scripts(filmed, capsys):
+def test_command_prints_findings_and_fails_on_rejection(filmed, capsys):
     good, bad = map(str, filmed)
     assert cli.main(["lint", good]) == 0
     assert "2 substituted" in capsys.readouterr().out.splitlines()
@@ -388,32 +388,32 @@ def test_command_tells_findings_and_its_status_is_for_scripts(filmed, capsys):
     assert lines[3] == "1 rejected, 2 substituted"
     assert lines[-1].startswith("refused: Wall: material 'Paint' > ")
     assert cli.main(["lint", bad, "--json"]) == 1
-    found = json.loads(capsys.readouterr().out)
-    first = found["nodes"][0]
-    assert found["refusals"][0]["where"] == "Wall: material 'Paint' > Principled BSDF > Thin Film Thickness"
+    report = json.loads(capsys.readouterr().out)
+    first = report["nodes"][0]
+    assert report["refusals"][0]["where"] == "Wall: material 'Paint' > Principled BSDF > Thin Film Thickness"
     assert first["verdict"] == REJECTED and first["object_names"] == ["Wall"]
     assert cli.main(["lint", "missing.blend"]) == 1
     assert "missing.blend: scene is missing" in capsys.readouterr().err
 
 
-def test_json_comes_without_what_blender_writes_beside_it(filmed, monkeypatch, capfd):
+def test_json_output_excludes_messages_from_blender(filmed, monkeypatch, capfd):
     real = addon.preflight
 
-    def chattering(*args, **asked):
+    def chattering(*args, **kwargs):
         os.write(1, b"cycles | WARNING no such device\n")
-        return real(*args, **asked)
+        return real(*args, **kwargs)
 
     monkeypatch.setattr(addon, "preflight", chattering)
     assert cli.main(["lint", str(filmed[0]), "--json"]) == 0
     assert json.loads(capfd.readouterr().out)["nodes"]
 
 
-def test_sample_scene_has_nothing_rejected_nor_separated(capsys):
+def test_sample_scene_has_nothing_rejected_or_separated(capsys):
     assert cli.main(["lint", str(SAMPLE_SCENE)]) == 0
     assert not {REJECTED, SEPARATED} & {word.strip(":") for word in capsys.readouterr().out.split()}
 
 
-def test_panel_shows_what_check_scene_found_and_selects(scene):
+def test_panel_shows_the_findings_of_check_scene_and_selects_objects(scene):
     wall(scene, material("Plain", "ShaderNodeBsdfDiffuse")[0])
     painted(scene, "ShaderNodeBsdfPrincipled").inputs["Thin Film Thickness"].default_value = 400
     assert bpy.ops.lensfield.lint() == {"FINISHED"}
@@ -456,7 +456,7 @@ class Layout:
     ("Sheen Tint", {"Sheen Weight": 1.0, "Sheen Roughness": 1.0}, -0.48, -0.36),
     ("Specular Tint", {"Metallic": 1.0}, 0, 0), ("Specular Tint", {"Specular IOR Level": 0.0}, 0, 0),
     ("Coat Tint", {"Coat Weight": 1.0}, 0, 0), ("Base Color", {}, 0, 0)])
-def test_wavelengths_that_share_a_pass_are_apart_but_for_two_tints(scene, tmp_path, tint, changes, least, most):
+def test_wavelengths_in_a_shared_pass_are_independent_except_for_two_tints(scene, tmp_path, tint, changes, least, most):
     """For a tint, the darkest of three values in a pass, against that value alone; the brightest loses nothing."""
     shader = painted(scene, "ShaderNodeBsdfPrincipled")
     slanted(scene)
@@ -471,9 +471,9 @@ def test_wavelengths_that_share_a_pass_are_apart_but_for_two_tints(scene, tmp_pa
     assert_means(together[0], bright, noise=0.01)
     middle, slack = 1 + (least + most) / 2, (most - least) / 2
     assert_means(together[2], middle * dark, max(slack / middle, ROUNDING), noise=0.01)
-    assert told(scene).get((shader.name, tint)) is None  # now grey
+    assert verdicts_in(scene).get((shader.name, tint)) is None  # now grey
     rendered(1, 0.5, 0.05)
-    assert told(scene).get((shader.name, tint)) == (SEPARATED if most else None)
+    assert verdicts_in(scene).get((shader.name, tint)) == (SEPARATED if most else None)
 
 
 def slanted(scene):
@@ -512,8 +512,8 @@ def upsampling_error(true_at):
     upsampled = emission_basis(GRID_NM) @ np.maximum(XYZ_TO_REC709 @ (colour_matching(GRID_NM).T @ true), 0)
     luminous = colour_matching(GRID_NM)[:, 1]
     off = luminous @ true / (luminous @ upsampled) * upsampled - true
-    seen = (GRID_NM >= 400) & (GRID_NM <= 700)
-    return np.sqrt(np.mean(off[seen]**2)) / true[seen].mean()
+    in_range = (GRID_NM >= 400) & (GRID_NM <= 700)
+    return np.sqrt(np.mean(off[in_range]**2)) / true[in_range].mean()
 
 
 @pytest.mark.parametrize("temperature_k, error", [(2856, 0.24), (4000, 0.09)])
@@ -555,7 +555,7 @@ def test_bias_of_a_wavelength_node(scene, tmp_path):
     assert max(shares) < 0.26 and min(shares) > 0.05
 
 
-def test_bias_of_a_conductor_of_three_indices():
+def test_bias_of_a_conductor_with_three_indices():
     """Gold, of Johnson and Christy (1972): wavelength (from eV), n, k."""
     ev, n, k = np.array([
         [1.64, 0.14, 4.542], [1.76, 0.13, 4.103], [1.88, 0.14, 3.697], [2.01, 0.21, 3.272], [2.14, 0.29, 2.863],
@@ -576,6 +576,6 @@ def test_bias_of_a_conductor_of_three_indices():
     assert (off.min(), off.max()) == pytest.approx((-0.05, 0.08), abs=0.01)
 
 
-def test_a_grey_stays_one_spectrum():
+def test_a_grey_stays_a_flat_spectrum():
     """Grey tints must not count as coloured after conversion to spectra."""
     np.testing.assert_allclose(reflectance_basis(GRID_NM[4:-16]).sum(axis=1), 1, atol=1e-5)

@@ -16,7 +16,7 @@ BOX_M = 0.5, 0.2, 0.3
 LONGEST_M = np.linalg.norm(BOX_M)
 
 
-def found(scene):
+def repeated(scene):
     scene.view_layers[0].update()
     return repeated_colours(scene, scene.world, AssignedSpectra(NM))
 
@@ -44,24 +44,24 @@ def volume(node_type, **inputs):
 
 
 @pytest.mark.parametrize("node_type", ["ShaderNodeBsdfGlass", "ShaderNodeBsdfRefraction", "ShaderNodeBsdfTranslucent"])
-def test_glass_is_crossed_as_often_as_bounces_allow(scene, node_type):
+def test_light_crosses_glass_up_to_the_bounce_limit(scene, node_type):
     scene.cycles.max_bounces, scene.cycles.transmission_bounces = 20, 7
     wall(scene, material("Glass", node_type, COLOUR)[0])
-    each, = found(scene)
+    each, = repeated(scene)
     assert each.place == "'Wall' of 'Glass'" and not each.volume
     np.testing.assert_allclose(each.colour.curve(NM), SPECTRUM)
     np.testing.assert_allclose(each.colour.rgb, COLOUR, atol=0.003)
     assert each.colour.powers[0] == 1 and each.colour.powers[-1] == 7
 
 
-def test_what_is_transparent_has_a_limit_of_its_own(scene):
+def test_transparency_has_a_separate_bounce_limit(scene):
     scene.cycles.transparent_max_bounces = 5
     wall(scene, material("Film", "ShaderNodeBsdfTransparent", COLOUR)[0])
-    assert found(scene)[0].colour.powers[-1] == 5
+    assert repeated(scene)[0].colour.powers[-1] == 5
 
 
-@pytest.mark.parametrize("weight, there", [(0.0, False), (0.5, True), (1.0, True)])
-def test_principled_glass_has_the_root_of_its_colour(scene, weight, there):
+@pytest.mark.parametrize("weight, is_glass", [(0.0, False), (0.5, True), (1.0, True)])
+def test_principled_glass_uses_the_square_root_of_its_colour(scene, weight, is_glass):
     scene.cycles.max_bounces = 12
     glass = bpy.data.materials.new("Glass")
     glass.use_nodes = True
@@ -69,36 +69,36 @@ def test_principled_glass_has_the_root_of_its_colour(scene, weight, there):
     shader.inputs["Base Color"].default_value = (*COLOUR, 1)
     shader.inputs["Transmission Weight"].default_value = weight
     wall(scene, glass)
-    colours = [each.colour for each in found(scene)]
-    assert len(colours) == there
+    colours = [each.colour for each in repeated(scene)]
+    assert len(colours) == is_glass
     for colour in colours:
         np.testing.assert_allclose(colour.curve(NM), np.sqrt(SPECTRUM))
         np.testing.assert_allclose(colour.rgb, np.sqrt(COLOUR), atol=0.003)
 
 
 @pytest.mark.parametrize("node_type", ["ShaderNodeBsdfDiffuse", "ShaderNodeEmission"])
-def test_paint_and_light_are_not_among_them(scene, node_type):
+def test_paint_and_light_are_not_repeated(scene, node_type):
     wall(scene, material("Paint", node_type, COLOUR)[0])
-    assert not found(scene)
+    assert not repeated(scene)
 
 
-def test_an_assigned_reflectance_takes_the_place_of_the_colour(scene):
+def test_an_assigned_reflectance_replaces_the_colour(scene):
     glass = material("Glass", "ShaderNodeBsdfGlass", COLOUR)[0]
     glass.lensfield.reflectance = "chart-15-red"
     wall(scene, glass)
-    np.testing.assert_allclose(found(scene)[0].colour.curve(NM), load_spectrum("chart-15-red").at(NM))
+    np.testing.assert_allclose(repeated(scene)[0].colour.curve(NM), load_spectrum("chart-15-red").at(NM))
 
 
-def test_a_colour_by_nodes_is_unknown(scene):
+def test_a_colour_from_nodes_is_unknown(scene):
     glass, shader = material("Glass", "ShaderNodeBsdfGlass")
     glass.node_tree.links.new(glass.node_tree.nodes.new("ShaderNodeTexImage").outputs[0], shader.inputs["Color"])
     wall(scene, glass)
-    assert not found(scene)
+    assert not repeated(scene)
 
 
 def test_hidden_glass_does_not_count(scene):
     wall(scene, material("Glass", "ShaderNodeBsdfGlass", COLOUR)[0]).hide_render = True
-    assert not found(scene)
+    assert not repeated(scene)
 
 
 @pytest.mark.parametrize("fog, extinction", [
@@ -108,37 +108,37 @@ def test_hidden_glass_does_not_count(scene):
      lambda colour: colour),
     (lambda: volume("ShaderNodeVolumePrincipled", Color=COLOUR, Density=3.0), lambda colour: np.ones(3))],
     ids=["absorption", "scatter", "white principled", "black principled"])
-def test_a_volume_is_as_deep_as_its_longest_way(scene, fog, extinction):
+def test_a_volume_is_as_deep_as_its_longest_path(scene, fog, extinction):
     body(scene, fog())
-    each, = found(scene)
+    each, = repeated(scene)
     assert each.volume and each.place == "'Body' of 'Fog'"
     np.testing.assert_allclose(each.colour.curve(NM), np.exp(-extinction(SPECTRUM)), rtol=1e-6)
     np.testing.assert_allclose(each.colour.rgb, np.exp(-extinction(np.array(COLOUR))), rtol=0.003)
     assert each.colour.powers[-1] == pytest.approx(3.0 * LONGEST_M, rel=1e-5)
 
 
-def test_coefficients_have_their_own_lengths(scene):
+def test_volume_coefficients_give_lengths_per_channel(scene):
     absorption, scatter = np.array((2.0, 0.5, 1.0)), np.array((0.5, 0.25, 0.0))
     body(scene, volume("ShaderNodeVolumeCoefficients", Absorption_Coefficients=absorption,
                        Scatter_Coefficients=scatter))
-    each, = found(scene)
+    each, = repeated(scene)
     np.testing.assert_allclose(each.colour.curve(NM), np.exp(-channel_basis(NM) @ (absorption + scatter)), rtol=1e-6)
     assert each.colour.powers[-1] == pytest.approx(LONGEST_M, rel=1e-5)
 
 
-def test_the_largest_body_counts_and_no_density_is_no_volume(scene):
+def test_the_largest_body_counts_and_zero_density_does_not(scene):
     fog = volume("ShaderNodeVolumeAbsorption", Color=COLOUR, Density=1.0)
     body(scene, fog)
     body(scene, fog, "Other").scale *= 3
-    each, = found(scene)
+    each, = repeated(scene)
     assert each.place == "'Body' (and 1 more) of 'Fog'"
     assert each.colour.powers[-1] == pytest.approx(3 * LONGEST_M, rel=1e-5)
     next(node for node in fog.node_tree.nodes if "Density" in node.inputs).inputs["Density"].default_value = 0
-    assert not found(scene)
+    assert not repeated(scene)
 
 
 @pytest.mark.parametrize("colour, tints", [((0.5, 0.5, 0.5), False), (COLOUR, True), (None, True)])
-def test_coloured_transparency_tints_what_is_behind_it(scene, colour, tints):
+def test_coloured_transparency_tints_the_background(scene, colour, tints):
     film, shader = material("Film", "ShaderNodeBsdfTransparent", colour or (1, 1, 1))
     if colour is None:
         film.node_tree.links.new(film.node_tree.nodes.new("ShaderNodeTexImage").outputs[0], shader.inputs["Color"])
@@ -153,16 +153,16 @@ def test_coloured_transparency_tints_what_is_behind_it(scene, colour, tints):
     (lambda: volume("ShaderNodeVolumePrincipled", Color=COLOUR), False),
     (lambda: volume("ShaderNodeVolumeCoefficients", Absorption_Coefficients=(1, 2, 1)), True)],
     ids=["red", "grey", "smoke that absorbs all alike", "coefficients"])
-def test_volumes_that_absorb_by_colour_tint_what_is_behind_them(scene, fog, tints):
+def test_volumes_with_coloured_absorption_tint_the_background(scene, fog, tints):
     body(scene, fog())
     scene.view_layers[0].update()
     assert tinting_objects(scene) == ({"Body"} if tints else set())
 
 
-def test_a_world_has_no_end(scene):
+def test_a_world_volume_has_unknown_depth(scene):
     tree = scene.world.node_tree
     shader = tree.nodes.new("ShaderNodeVolumeAbsorption")
     shader.inputs["Color"].default_value = (*COLOUR, 1)
     tree.links.new(shader.outputs[0], tree.get_output_node("CYCLES").inputs["Volume"])
-    each, = found(scene)
+    each, = repeated(scene)
     assert each.place == "the world 'World'" and each.colour.powers[-1] == pytest.approx(UNKNOWN_DEPTH)

@@ -33,7 +33,7 @@ def patch(name):
     return np.interp(NM, nm, value)
 
 
-def test_three_wavelengths_ride_in_each_pass():
+def test_each_pass_carries_three_wavelengths():
     assert [band.tolist() for band in passes([400, 500, 600, 700])] == [[600, 600, 400], [700, 700, 500]]
     assert [band.tolist() for band in passes(range(400, 900, 100))] == [[800, 600, 400], [700, 700, 500]]
     assert [band.tolist() for band in passes([400, 500])] == [[500, 500, 400]]
@@ -73,7 +73,7 @@ def test_constant_colour_is_upsampled_under_a_flat_world(scene, tmp_path):
     np.testing.assert_allclose(radiance_on_axis(scene, tmp_path), expected, rtol=ROUNDING)
 
 
-def test_colour_computed_by_nodes_is_upsampled_alike(scene, tmp_path):
+def test_colour_computed_by_nodes_is_upsampled_like_a_constant(scene, tmp_path):
     set_world(scene)
     scene.world.lensfield.emission = FLAT
     wall(scene, paint_by_nodes("Paint", (0.7, 0.3, 0.05))[0])
@@ -89,7 +89,7 @@ def test_colours_inside_node_groups_are_upsampled(scene, tmp_path):
     np.testing.assert_allclose(radiance_on_axis(scene, tmp_path), expected, rtol=ROUNDING)
 
 
-def test_emission_material_keeps_its_strength_and_takes_the_spectrum(scene, tmp_path):
+def test_emission_material_keeps_its_strength_with_the_assigned_spectrum(scene, tmp_path):
     glowing, shader = material("Glow", "ShaderNodeEmission", (1, 0.2, 0))
     shader.inputs["Strength"].default_value = 3.0
     glowing.lensfield.emission = FLAT
@@ -98,7 +98,7 @@ def test_emission_material_keeps_its_strength_and_takes_the_spectrum(scene, tmp_
 
 
 @pytest.mark.parametrize("reflectance", [0.25, 0.5])
-def test_point_lamp_of_flat_spectrum_is_absolute(scene, tmp_path, reflectance):
+def test_point_lamp_with_a_flat_spectrum_has_absolute_power(scene, tmp_path, reflectance):
     watts, distance_m = 100.0, 2.0
     light(scene, "POINT", watts, shadow_soft_size=0.0).data.lensfield.emission = FLAT
     wall(scene, material("Paint", "ShaderNodeBsdfDiffuse", (reflectance,) * 3)[0], distance_m)
@@ -140,7 +140,7 @@ def test_world_colour_computed_by_nodes_is_upsampled_as_light(scene, tmp_path):
     np.testing.assert_allclose(radiance_on_axis(scene, tmp_path), emission_basis(NM) @ (0.2, 0.6, 0.4), rtol=ROUNDING)
 
 
-def test_animated_lamp_is_that_of_the_frame(scene, tmp_path):
+def test_animated_lamp_is_evaluated_at_the_frame(scene, tmp_path):
     lamp = light(scene, "POINT", 10.0, shadow_soft_size=0.0).data
     lamp.lensfield.emission = FLAT
     lamp.keyframe_insert("energy", frame=1)
@@ -153,7 +153,7 @@ def test_animated_lamp_is_that_of_the_frame(scene, tmp_path):
     np.testing.assert_allclose(radiance_on_axis(scene, tmp_path), expected, rtol=PRECISION)
 
 
-def test_animation_counts_in_a_scene_that_is_not_the_windows(scene, tmp_path):
+def test_animation_is_evaluated_in_a_scene_not_in_the_window(scene, tmp_path):
     set_world(scene)
     scene.world.lensfield.emission = FLAT
     strength = background(scene).inputs["Strength"]
@@ -167,7 +167,7 @@ def test_animation_counts_in_a_scene_that_is_not_the_windows(scene, tmp_path):
     assert bpy.context.window is None or bpy.context.window.scene == scene
 
 
-def test_assigned_spectrum_reaches_into_groups(scene, tmp_path):
+def test_assigned_spectrum_applies_inside_groups(scene, tmp_path):
     set_world(scene)
     scene.world.lensfield.emission = FLAT
     for name, reflectance in (("Plain", ""), ("Measured", "380:0.1, 780:0.1")):  # the same group, two materials
@@ -196,14 +196,14 @@ def in_group(painted, colour):
 def test_muted_link_is_not_followed(scene, tmp_path):
     set_world(scene)
     scene.world.lensfield.emission = FLAT
-    painted, link = paint_by_nodes("Paint", (0.1, 0.1, 0.1), own=(0.5, 0.5, 0.5))
+    painted, link = paint_by_nodes("Paint", (0.1, 0.1, 0.1), socket_colour=(0.5, 0.5, 0.5))
     link.is_muted = True
     wall(scene, painted)
     np.testing.assert_allclose(radiance_on_axis(scene, tmp_path), 0.5 * FLAT_DENSITY, rtol=ROUNDING)
 
 
 @pytest.mark.parametrize("node_type", ["ShaderNodeRGB", "NodeReroute"])
-def test_a_source_that_gives_nothing_leaves_the_sockets_own_colour(scene, tmp_path, node_type):
+def test_a_source_without_a_value_leaves_the_socket_colour(scene, tmp_path, node_type):
     set_world(scene)
     scene.world.lensfield.emission = FLAT
     painted, shader = material("Paint", "ShaderNodeBsdfDiffuse", (0.5, 0.5, 0.5))
@@ -214,7 +214,7 @@ def test_a_source_that_gives_nothing_leaves_the_sockets_own_colour(scene, tmp_pa
     np.testing.assert_allclose(radiance_on_axis(scene, tmp_path), 0.5 * FLAT_DENSITY, rtol=ROUNDING)
 
 
-def test_lamp_whose_nodes_are_switched_off_is_plain(scene, tmp_path):
+def test_lamp_with_disabled_nodes_uses_its_colour(scene, tmp_path):
     lamp = light(scene, "POINT", 100.0, shadow_soft_size=0.0).data
     lamp.lensfield.emission = FLAT
     lamp.use_nodes = True
@@ -238,7 +238,7 @@ def test_material_and_world_without_nodes_are_upsampled(scene, tmp_path):
     np.testing.assert_allclose(radiance_on_axis(scene, tmp_path), expected, rtol=ROUNDING)
 
 
-def test_lamp_temperature_keeps_the_lamps_own_nodes(scene, tmp_path):
+def test_lamp_temperature_keeps_the_lamps_nodes(scene, tmp_path):
     if "use_temperature" not in bpy.types.Light.bl_rna.properties:
         pytest.skip("this Blender's lamps have no temperature")
     lamp = light(scene, "POINT", 100.0, use_temperature=True, temperature=2856.0, shadow_soft_size=0.0).data
@@ -262,7 +262,7 @@ def test_world_override_of_the_view_layer_is_substituted(scene, tmp_path):
     np.testing.assert_allclose(measured / measured[0], 1, rtol=ROUNDING)
 
 
-def test_scattering_lengths_vary_with_wavelength_and_not_with_the_pass(scene, tmp_path):
+def test_complex_indices_vary_with_wavelength_and_not_with_the_pass(scene, tmp_path):
     """Each of 4 wavelengths at or beyond a channel's own must look the same in any of R, G, B."""
     set_world(scene)
     scene.world.lensfield.emission = FLAT
@@ -290,7 +290,7 @@ def metal(name):
     return new, shader
 
 
-def test_every_pass_has_its_own_wavelengths(scene, tmp_path):
+def test_every_pass_updates_all_spectra(scene, tmp_path):
     """World, material, lamp and upsampled nodes must all follow when only scene properties change between passes."""
     set_world(scene, (0.3, 0.5, 0.7))
     light(scene, "POINT", 20.0, color=(1, 0.5, 0.2), shadow_soft_size=0.0)

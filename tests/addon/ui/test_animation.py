@@ -69,7 +69,7 @@ def test_the_window_renders_the_scenes_range_and_the_compositor_follows(moving_s
 
 
 @pytest.mark.one_blender
-def test_a_cancelled_animation_keeps_its_frames_and_goes_on_from_them(moving_scene, tmp_path):
+def test_a_cancelled_animation_keeps_its_frames_and_resumes_after_them(moving_scene, tmp_path):
     heavy(moving_scene, 64)
     start()
     follow(lambda render: render and len(render.child.lens_images) == 2)
@@ -87,7 +87,7 @@ def test_a_cancelled_animation_keeps_its_frames_and_goes_on_from_them(moving_sce
     assert notice().startswith("3 frames in ")
 
 
-def test_a_compositor_that_refuses_frames_does_not_stop_them(moving_scene, monkeypatch):
+def test_a_compositor_error_does_not_stop_the_animation(moving_scene, monkeypatch):
     def refuse(scene, path, *_, **__):
         raise SceneError("tree", "owner", "library.blend", "make it local")
 
@@ -99,7 +99,7 @@ def test_a_compositor_that_refuses_frames_does_not_stop_them(moving_scene, monke
 
 
 @pytest.mark.one_blender
-def test_frames_of_the_scene_before_an_edit_are_told_and_not_laid(moving_scene, tmp_path):
+def test_frames_from_before_an_edit_are_reported_and_not_composited(moving_scene, tmp_path):
     """For an edit that is not saved; saving alone changes nothing."""
     moving_scene.frame_end = 2
     start()
@@ -117,7 +117,7 @@ def test_frames_of_the_scene_before_an_edit_are_told_and_not_laid(moving_scene, 
 
 
 @pytest.mark.one_blender
-def test_an_error_names_the_frame_and_says_what_is_left(moving_scene):
+def test_an_error_names_the_frame_and_the_frames_already_rendered(moving_scene):
     for frame, kind in ((1, 0.0), (2, 0.5)):
         moving_scene.camera.data.shift_x = kind
         moving_scene.camera.data.keyframe_insert("shift_x", frame=frame)
@@ -129,7 +129,7 @@ def test_an_error_names_the_frame_and_says_what_is_left(moving_scene):
     assert session.last_render.icon == "ERROR"
 
 
-def test_a_script_renders_the_range_too(moving_scene, tmp_path):
+def test_a_script_can_render_the_range(moving_scene, tmp_path):
     assert bpy.ops.lensfield.render_animation() == {"FINISHED"}
     assert Path(bpy.path.abspath(lens_image(moving_scene).filepath)) == frame_file(tmp_path, 3)
     remove_from_compositor(moving_scene)
@@ -140,7 +140,7 @@ def test_a_script_renders_the_range_too(moving_scene, tmp_path):
         bpy.ops.lensfield.render_animation(overwrite=True)
 
 
-def test_the_panel_has_a_button_for_it(moving_scene):
+def test_the_panel_has_an_animation_button(moving_scene):
     moving_scene.frame_step = 2
     layout = Layout()
     draw_animation(layout, moving_scene)

@@ -34,12 +34,12 @@ def drawn(scene):
     return str(Menu.layout.shown)
 
 
-def test_without_flamenco_there_is_nothing_of_it(scene):
+def test_without_flamenco_nothing_is_shown(scene):
     assert "flamenco" not in drawn(scene)
     assert not bpy.ops.lensfield.flamenco_job_type.poll()
 
 
-def test_the_job_type_is_chosen(scene, flamenco):
+def test_the_operator_selects_the_job_type(scene, flamenco):
     assert "flamenco_job_type" in drawn(scene)
     with pytest.raises(RuntimeError, match="has no Lensfield job type: save it"):
         bpy.ops.lensfield.flamenco_job_type()
@@ -48,7 +48,7 @@ def test_the_job_type_is_chosen(scene, flamenco):
     assert scene.flamenco_job_type == JOB_TYPE == "lensfield-render"
 
 
-def test_its_script_is_saved(scene, flamenco, tmp_path):
+def test_the_job_type_script_is_saved(scene, flamenco, tmp_path):
     path = tmp_path / "ö d" / SCRIPT.name
     for _ in range(2):
         bpy.ops.lensfield.save_flamenco_job_type(filepath=str(path))

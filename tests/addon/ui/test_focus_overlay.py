@@ -14,17 +14,17 @@ from waiting import wait_until
 LENS = "sonnar-50mm-f1.5"
 
 
-def test_near_far_and_sharp_are_told_apart():
+def test_near_far_and_sharp_have_different_tints():
     depth_m = np.array([[1.0, 1.9, 2.0, 2.1, 8.0, np.inf]], np.float32)
-    found = focus_overlay.tints(depth_m, Focus(2.0, 10.0))[0]
-    assert found.shape == (6, 4) and found.dtype == np.float32
-    assert np.all(found[1:4, 3] == 0), "within a pixel"
-    assert np.allclose(found[0, :3], focus_overlay.NEARER) and np.allclose(found[4:, :3], focus_overlay.FARTHER)
-    assert focus_overlay.FAINTEST < found[4, 3] < found[5, 3] < focus_overlay.STRONGEST
+    tints = focus_overlay.tints(depth_m, Focus(2.0, 10.0))[0]
+    assert tints.shape == (6, 4) and tints.dtype == np.float32
+    assert np.all(tints[1:4, 3] == 0), "within a pixel"
+    assert np.allclose(tints[0, :3], focus_overlay.NEARER) and np.allclose(tints[4:, :3], focus_overlay.FARTHER)
+    assert focus_overlay.FAINTEST < tints[4, 3] < tints[5, 3] < focus_overlay.STRONGEST
     assert not focus_overlay.tints(np.full((1, 1), np.nan), Focus(2.0, 10.0))[..., 3].any()
 
 
-def test_the_colours_differ_in_lightness_and_from_blue_to_yellow():
+def test_near_and_far_colours_differ_in_lightness():
     """They are distinguishable with any type of colour blindness, and by luminance alone."""
     luminance = [np.dot([0.2126, 0.7152, 0.0722], np.power(colour, 2.2))
                  for colour in (focus_overlay.NEARER, focus_overlay.FARTHER)]
@@ -57,13 +57,13 @@ def follow():
 
 def tinted(scene):
     """The tints on the left and on the right: two times red, green and blue, 0 without a tint."""
-    found = focus_overlay.focus_tints(scene, session.preview.depth)
-    row = found[found.shape[0] // 2]
+    tints = focus_overlay.focus_tints(scene, session.preview.depth)
+    row = tints[tints.shape[0] // 2]
     return [tuple(round(float(part), 3) for part in one[:3] * (one[3] > 0))
             for one in (row[len(row) // 4], row[3 * len(row) // 4])]
 
 
-def test_it_follows_the_rings_at_once_by_the_depth_that_is_kept(on):
+def test_the_overlay_follows_the_rings_immediately_using_the_saved_depth(on):
     scene, nothing = on, (0.0, 0.0, 0.0)
     before = snapshot()
     assert bpy.ops.lensfield.focus_overlay() == {"FINISHED"}
@@ -84,13 +84,13 @@ def test_it_follows_the_rings_at_once_by_the_depth_that_is_kept(on):
 
 
 @pytest.mark.one_blender
-def test_it_goes_with_the_preview(on):
+def test_the_overlay_ends_with_the_preview(on):
     assert bpy.ops.lensfield.focus_overlay.poll() and bpy.ops.lensfield.focus_overlay() == {"FINISHED"}
     preview.end()
     assert not session.focus_overlay and not bpy.ops.lensfield.focus_overlay.poll()
 
 
-def test_it_waits_for_its_lens_only_as_it_is_switched_on(scene, monkeypatch):
+def test_the_overlay_waits_for_its_lens_only_when_it_is_enabled(scene, monkeypatch):
     waits = []
     monkeypatch.setattr(focus_overlay, "wait", lambda *_: waits.append(session.focus_overlay))
     for _ in range(4):
@@ -99,7 +99,7 @@ def test_it_waits_for_its_lens_only_as_it_is_switched_on(scene, monkeypatch):
 
 
 @pytest.mark.one_blender
-def test_without_a_lens_or_a_camera_there_is_none(on):
+def test_no_overlay_is_drawn_without_a_lens_or_camera(on):
     focus_overlay.switch(on)
     path = session.preview.depth
     assert focus_overlay.focus_tints(on, path) is not None and focus_overlay.focus_tints(on, None) is None

@@ -22,10 +22,10 @@ class Oven:
     """Bakes on command, and records the requests."""
 
     def __init__(self):
-        self.asked, self.opened, self.entered, self.error = [], Event(), Event(), None
+        self.requests, self.opened, self.entered, self.error = [], Event(), Event(), None
 
     def load_lens(self, name, rings, quality, progress):
-        self.asked.append((name, rings.f_number))
+        self.requests.append((name, rings.f_number))
         while not self.opened.wait(0.01):
             progress(0.4, "Summing up PSFs")
             self.entered.set()
@@ -39,7 +39,7 @@ class Oven:
 def oven(monkeypatch):
     oven = Oven()
     monkeypatch.setattr(lens_worker, "load_lens", oven.load_lens)
-    monkeypatch.setattr(lens_worker, "loaded_lens", lambda *asked: None)
+    monkeypatch.setattr(lens_worker, "loaded_lens", lambda *args: None)
     monkeypatch.setattr(lens_worker, "STILL_S", 0.0)
     yield oven
     lens_worker.forget_requests()
@@ -58,7 +58,7 @@ def drawn(scene):
     return layout
 
 
-def told(scene):
+def panel_text(scene):
     return " ".join(drawn(scene).labels)
 
 
@@ -69,14 +69,14 @@ def answered(scene):
 
 def test_a_panel_is_drawn_while_its_lens_is_baked(scene, oven):
     assert lens_worker.requested_lens(scene) is None and oven.entered.wait(LAST_RESORT_S)
-    assert lens_worker.BAKING in told(scene) and "wide open at f/5.5, focused at infinity" in told(scene)
+    assert lens_worker.BAKING in panel_text(scene) and "wide open at f/5.5, focused at infinity" in panel_text(scene)
     assert lens_worker.lens_request(scene).fraction == 0.4
     oven.opened.set()
-    assert answered(scene) is not None and lens_worker.BAKING not in told(scene)
-    assert len(oven.asked) == 1
+    assert answered(scene) is not None and lens_worker.BAKING not in panel_text(scene)
+    assert len(oven.requests) == 1
 
 
-def test_only_the_newest_question_is_answered(scene, oven):
+def test_only_the_newest_request_is_answered(scene, oven):
     turn(scene, 8)
     first = lens_worker.lens_request(scene)
     assert oven.entered.wait(LAST_RESORT_S)
@@ -87,41 +87,41 @@ def test_only_the_newest_question_is_answered(scene, oven):
     assert first.lens is None and answered(scene).name == "tessar-50mm at f/11.0"
 
 
-def test_a_ring_that_is_still_turning_bakes_nothing(scene, oven, monkeypatch):
+def test_a_turning_ring_bakes_nothing(scene, oven, monkeypatch):
     monkeypatch.setattr(lens_worker, "STILL_S", LAST_RESORT_S)
     for f_number in (8, 9, 10):
         turn(scene, f_number)
-        assert f"at f/{f_number}, focused at 10 m; range f/5.5 to f/22" in told(scene)
-    assert not oven.asked
+        assert f"at f/{f_number}, focused at 10 m; range f/5.5 to f/22" in panel_text(scene)
+    assert not oven.requests
 
 
-def test_an_old_answer_is_not_shown_for_a_new_question(scene, oven):
+def test_an_old_lens_is_not_shown_for_a_new_request(scene, oven):
     oven.opened.set()
     turn(scene, 8)
     assert answered(scene)
     oven.opened.clear()
     turn(scene, 16)
-    assert lens_worker.requested_lens(scene) is None and "at f/16, focused" in told(scene)
+    assert lens_worker.requested_lens(scene) is None and "at f/16, focused" in panel_text(scene)
 
 
 @pytest.mark.parametrize("error, line", [
     (LensError("tessar-50mm", "field height", "9 mm", "end the field earlier"), "field height is 9 mm"),
     (FloatingPointError("overflow"), "not available (FloatingPointError): overflow")])
-def test_a_bake_that_fails_tells_its_line(scene, oven, error, line):
+def test_a_failed_bake_shows_its_error(scene, oven, error, line):
     oven.error = error
     oven.opened.set()
     lens_worker.lens_request(scene).future.result(LAST_RESORT_S)
     for _ in range(2):
-        assert line in told(scene) and lens_worker.BAKING not in told(scene)
+        assert line in panel_text(scene) and lens_worker.BAKING not in panel_text(scene)
 
 
-def test_a_lens_that_cannot_be_told_of_tells_its_line(scene, oven, tmp_path):
+def test_an_unreadable_lens_shows_its_error(scene, oven, tmp_path):
     scene.lensfield.lens, scene.lensfield.lens_file = "FILE", str(tmp_path / "none.toml")
     lens_worker.lens_request(scene).future.result(LAST_RESORT_S)
-    assert "none.toml" in told(scene).replace(" ", "") and not oven.asked
+    assert "none.toml" in panel_text(scene).replace(" ", "") and not oven.requests
 
 
-def test_what_is_asked_by_a_scene_that_is_gone_is_dropped(scene, oven):
+def test_a_request_from_a_deleted_scene_is_dropped(scene, oven):
     request = lens_worker.lens_request(scene)
     assert oven.entered.wait(LAST_RESORT_S)
     other = bpy.data.scenes.new("Other")
@@ -131,7 +131,7 @@ def test_what_is_asked_by_a_scene_that_is_gone_is_dropped(scene, oven):
     assert request.dropped.is_set() and request.lens is None
 
 
-def test_two_scenes_have_a_question_each(scene, oven):
+def test_each_scene_has_a_separate_request(scene, oven):
     other = bpy.data.scenes.new("Other")
     other.lensfield.lens = "kodak-petzval-100mm"
     first, second = lens_worker.lens_request(scene), lens_worker.lens_request(other)
@@ -143,20 +143,20 @@ def test_two_scenes_have_a_question_each(scene, oven):
 @pytest.mark.parametrize("name", ["edmund-54852", "muller-fisheye-25mm", "nikkor-28mm", "tessar-50mm"])
 @pytest.mark.one_blender
 @pytest.mark.parametrize("rings", [Rings(), Rings(2000.0, 8.0)])
-def test_what_is_known_before_is_so_of_the_lens_that_is_baked(name, rings):
+def test_facts_known_before_the_bake_match_the_baked_lens(name, rings):
     facts, lens = lens_facts(name, rings), load_lens(name, rings, "preview")
     for field in ("efl_mm", "capture_focal_length_mm", "sensor_mm"):
         np.testing.assert_allclose(getattr(facts, field), getattr(lens, field), rtol=1e-6)
     assert facts.focus_mm == pytest.approx(lens.object_distance_mm + lens.entrance_pupil_mm)
 
 
-def test_what_holds_in_each_quality_waits_for_the_quickest_alone(scene, oven):
+def test_quality_at_hand_rises_once_the_lens_is_baked(scene, oven):
     assert lens_worker.quality_at_hand(scene) == "preview"
     oven.opened.set()
     assert answered(scene) and lens_worker.quality_at_hand(scene) == "standard"
 
 
-def test_a_package_is_fixed(scene, tmp_path):
+def test_a_lens_package_is_fixed(scene, tmp_path):
     package = tmp_path / "own.npz"
     package.write_bytes((BUNDLED / "edmund-54852.npz").read_bytes())
     scene.lensfield.lens, scene.lensfield.lens_file = "FILE", str(package)
@@ -165,7 +165,7 @@ def test_a_package_is_fixed(scene, tmp_path):
     assert "use_dof" not in layout.shown and "fixed at f/" in " ".join(layout.labels)
 
 
-def test_the_rings_of_the_camera_are_in_the_panel(scene):
+def test_the_panel_shows_the_cameras_rings(scene):
     assert "use_dof" in drawn(scene).shown and "aperture_fstop" not in drawn(scene).shown
     scene.camera.data.dof.use_dof = True
     assert {"focus_distance", "focus_object", "aperture_fstop", "focused_wide_open"} <= set(drawn(scene).shown)
@@ -173,7 +173,7 @@ def test_the_rings_of_the_camera_are_in_the_panel(scene):
     assert "focus_distance" not in drawn(scene).shown
 
 
-def test_what_a_lens_cannot_be_turned_to_is_told(scene):
+def test_settings_beyond_the_lens_range_are_reported(scene):
     turn(scene, 2)
     scene.camera.data.dof.focus_distance = 0.1
-    assert "f/2: this lens's range is f/5.5" in told(scene) and "focuses no closer than" in told(scene)
+    assert "f/2: this lens's range is f/5.5" in panel_text(scene) and "focuses no closer than" in panel_text(scene)

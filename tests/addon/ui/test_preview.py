@@ -56,7 +56,7 @@ def red(scene):
     return pixels[::4].mean()
 
 
-def test_it_shows_the_scene_and_touches_nothing_of_it(ready_scene):
+def test_the_preview_shows_the_scene_without_changing_it(ready_scene):
     before = snapshot()
     assert bpy.ops.lensfield.preview() == {"FINISHED"}
     follow()
@@ -71,7 +71,7 @@ def test_it_shows_the_scene_and_touches_nothing_of_it(ready_scene):
     assert not differences(before, snapshot())
 
 
-def test_a_change_is_seen_by_itself_and_a_selection_is_none(ready_scene):
+def test_an_edit_refreshes_the_preview_and_a_selection_does_not(ready_scene):
     tree = compositing_tree(ready_scene)  # the first one makes Blender 4.5 report all objects as changed
     bpy.context.view_layer.update()
     preview.start(ready_scene)
@@ -99,14 +99,14 @@ def test_changes_do_not_pile_up(ready_scene):
         bpy.data.lights["Light"].energy *= 1.01
         bpy.context.view_layer.update()
         preview.tick()
-    asked = on().started_s
+    first_job_s = on().started_s
     assert on().job[0] == "render" and not on().fresh
     follow()
-    assert on().started_s > asked and on().fresh
+    assert on().started_s > first_job_s and on().fresh
 
 
 @pytest.mark.one_blender
-def test_another_lens_is_seen_at_once_and_then_by_its_own_view(ready_scene):
+def test_another_lens_shows_immediately_and_then_with_its_field_of_view(ready_scene):
     preview.start(ready_scene)
     follow()
     narrow, shown_first = on().tangents, red(ready_scene)
@@ -122,37 +122,37 @@ def test_another_lens_is_seen_at_once_and_then_by_its_own_view(ready_scene):
 
 
 @pytest.mark.one_blender
-def test_in_the_cameras_view_another_lens_takes_no_render(ready_scene):
+def test_another_lens_in_the_camera_view_needs_no_render(ready_scene):
     ready_scene.lensfield.view = "CAMERA"
     preview.start(ready_scene)
     follow()
-    kept = on().radiance.stat().st_mtime_ns
+    rendered_ns = on().radiance.stat().st_mtime_ns
     for lens in ("edmund-54852", "cooke-triplet-50mm"):  # the first uses much more than the render's lens
         ready_scene.lensfield.lens = lens
         bpy.context.view_layer.update()
         follow()
-        assert on().radiance.stat().st_mtime_ns == kept and not on().error and lens_title(lens) in shown()
+        assert on().radiance.stat().st_mtime_ns == rendered_ns and not on().error and lens_title(lens) in shown()
 
 
 @pytest.mark.one_blender
-def test_a_ring_that_is_turned_takes_no_render(ready_scene):
+def test_turning_a_ring_needs_no_render(ready_scene):
     ready_scene.lensfield.view = "CAMERA"
     dof = ready_scene.camera.data.dof
     dof.use_dof, dof.focus_distance, dof.aperture_fstop = True, 3.0, 8.0
     bpy.context.view_layer.update()
     preview.start(ready_scene)
     follow()
-    kept = on().radiance.stat().st_mtime_ns
+    rendered_ns = on().radiance.stat().st_mtime_ns
     for name, value in (("aperture_fstop", 11.0), ("focus_distance", 2.0)):
         setattr(dof, name, value)
         bpy.context.view_layer.update()
         follow()
-        assert on().radiance.stat().st_mtime_ns == kept and not on().error
+        assert on().radiance.stat().st_mtime_ns == rendered_ns and not on().error
     assert (on().lens[3].f_number, on().lens[3].focus_mm) == (11.0, 2000.0)
 
 
 @pytest.mark.one_blender
-def test_what_is_focused_on_is_seen_to_move(ready_scene):
+def test_a_moving_focus_object_refocuses_and_renders_again(ready_scene):
     """It refocuses the lens and changes the scene at the same time."""
     ready_scene.lensfield.view = "CAMERA"
     dof, obj = ready_scene.camera.data.dof, bpy.data.objects["Wall"]
@@ -160,15 +160,15 @@ def test_what_is_focused_on_is_seen_to_move(ready_scene):
     bpy.context.view_layer.update()
     preview.start(ready_scene)
     follow()
-    kept, focus_mm = on().radiance.stat().st_mtime_ns, on().lens[3].focus_mm
+    rendered_ns, focus_mm = on().radiance.stat().st_mtime_ns, on().lens[3].focus_mm
     obj.location.z -= 0.5
     bpy.context.view_layer.update()
     follow()
-    assert on().radiance.stat().st_mtime_ns > kept
+    assert on().radiance.stat().st_mtime_ns > rendered_ns
     assert on().lens[3].focus_mm == pytest.approx(focus_mm + 500)
 
 
-def test_an_undo_may_change_lens_and_scene_at_once(ready_scene):
+def test_an_undo_can_change_lens_and_scene_together(ready_scene):
     preview.start(ready_scene)
     follow()
     first = red(ready_scene)
@@ -181,7 +181,7 @@ def test_an_undo_may_change_lens_and_scene_at_once(ready_scene):
 
 
 @pytest.mark.one_blender
-def test_what_cannot_be_rendered_is_told_and_tried_again_when_it_has_changed(ready_scene):
+def test_a_failed_preview_shows_its_error_and_is_retried_after_a_change(ready_scene):
     preview.start(ready_scene)
     ready_scene.camera.data.shift_x = 0.1
     follow()
@@ -201,29 +201,29 @@ def test_what_cannot_be_rendered_is_told_and_tried_again_when_it_has_changed(rea
 
 
 @pytest.mark.one_blender
-def test_a_lens_that_is_gone_is_told_and_seen_as_soon_as_it_is_back(ready_scene, tmp_path, monkeypatch):
+def test_an_unusable_lens_is_reported_until_it_is_restored(ready_scene, tmp_path, monkeypatch):
     """With blades, which need its widest f-number, read once for each version of a file."""
-    asked, iris_is_visible = [], rings.iris_is_visible
-    monkeypatch.setattr(rings, "iris_is_visible", lambda *lens: asked.append(lens) or iris_is_visible(*lens))
-    own, dof = tmp_path / "own.toml", ready_scene.camera.data.dof
-    shutil.copy(PRESCRIPTIONS / "tessar-50mm.toml", own)
-    ready_scene.lensfield.lens, ready_scene.lensfield.lens_file = "FILE", str(own)
+    calls, iris_is_visible = [], rings.iris_is_visible
+    monkeypatch.setattr(rings, "iris_is_visible", lambda *lens: calls.append(lens) or iris_is_visible(*lens))
+    path, dof = tmp_path / "own.toml", ready_scene.camera.data.dof
+    shutil.copy(PRESCRIPTIONS / "tessar-50mm.toml", path)
+    ready_scene.lensfield.lens, ready_scene.lensfield.lens_file = "FILE", str(path)
     dof.use_dof, dof.focus_distance, dof.aperture_fstop, dof.aperture_blades = True, 2.0, 8.0, 6
     bpy.context.view_layer.update()
     preview.start(ready_scene)
     follow()
-    assert len(asked) == 1 and on().lens[4].blades == 6 and not on().error
-    for spoil in (own.unlink, lambda: own.write_text("title = ")):
+    assert len(calls) == 1 and on().lens[4].blades == 6 and not on().error
+    for spoil in (path.unlink, lambda: path.write_text("title = ")):
         spoil()
         assert preview.tick() == preview.TICK_S == preview.tick()
         assert "own.toml" in on().error and on().error in shown()
-    shutil.copy(PRESCRIPTIONS / "tessar-50mm.toml", own)
+    shutil.copy(PRESCRIPTIONS / "tessar-50mm.toml", path)
     follow()
     assert not on().error and on().lens[4].blades == 6
 
 
 @pytest.mark.one_blender
-def test_a_file_that_takes_long_to_copy_is_refreshed_by_hand(ready_scene, monkeypatch):
+def test_a_file_that_is_slow_to_copy_is_refreshed_manually(ready_scene, monkeypatch):
     monkeypatch.setattr(preview, "LONGEST_COPY_S", 0.0)
     preview.start(ready_scene)
     for _ in range(2):  # once may be coincidence
@@ -239,7 +239,7 @@ def test_a_file_that_takes_long_to_copy_is_refreshed_by_hand(ready_scene, monkey
     assert on().radiance.stat().st_mtime_ns > radiance
 
 
-def test_it_waits_while_a_lens_render_is_under_way(ready_scene, monkeypatch):
+def test_the_preview_waits_for_a_lens_render(ready_scene, monkeypatch):
     preview.start(ready_scene)
     monkeypatch.setattr(session, "render", object())
     preview.tick()
@@ -249,7 +249,7 @@ def test_it_waits_while_a_lens_render_is_under_way(ready_scene, monkeypatch):
     assert on().job
 
 
-def test_it_goes_off_with_its_file_its_scene_its_child_and_the_add_on(ready_scene):
+def test_the_preview_ends_with_its_file_scene_child_or_the_add_on(ready_scene):
     preview.start(ready_scene)
     child = on().child
     bpy.ops.wm.read_factory_settings(use_empty=True)
@@ -275,7 +275,7 @@ def test_it_goes_off_with_its_file_its_scene_its_child_and_the_add_on(ready_scen
         addon.register()
 
 
-def test_the_overlay_lies_where_the_lens_sees(ready_scene):
+def test_the_overlay_covers_the_view_of_the_lens(ready_scene):
     ready_scene.camera.location = 1, 2, 3
     bpy.context.view_layer.update()
     corners = frame_corners(ready_scene.camera, (0.4, 0.3))

@@ -23,7 +23,7 @@ RED, BLUE = (255, 0, 0), (0, 0, 255)
 
 
 @pytest.fixture
-def own_lens(scene, tmp_path):
+def user_lens(scene, tmp_path):
     """A user's lens, selected in the scene, that has no sheet yet; its path."""
     path = tmp_path / "own.npz"
     shutil.copy(BUNDLED / "edmund-54852.npz", path)
@@ -77,7 +77,7 @@ def drawn(scene, **layout):
     return layout
 
 
-def test_sheets_of_packages_lie_beside_them(tmp_path):
+def test_lens_packages_have_their_sheets_next_to_them(tmp_path):
     sheet = paint(tmp_path / "a lens.v2.png", RED)
     assert sheets.stored_sheet(str(tmp_path / "a lens.v2.npz")) == sheet
     assert sheets.stored_sheet(str(tmp_path / "a lens.v2.toml")) is None  # its rings are turned
@@ -85,13 +85,13 @@ def test_sheets_of_packages_lie_beside_them(tmp_path):
         assert sheets.stored_sheet(nonsense) is None
 
 
-def test_a_preview_stands_upright_and_keeps_its_shape(tmp_path):
+def test_a_preview_is_upright_and_keeps_its_aspect_ratio(tmp_path):
     pixels = preview_pixels(previews.sheet_preview(paint(tmp_path / "flag.png", RED, BLUE)))
     assert pixels.shape == (60, 90, 4)
     assert pixels[0, 0].tolist() == [0, 0, 1, 1] and pixels[-1, 0].tolist() == [1, 0, 0, 1]  # row 0 is the lowest
 
 
-def test_a_changed_sheet_is_seen(tmp_path):
+def test_a_changed_sheet_is_reloaded(tmp_path):
     path = paint(tmp_path / "sheet.png", RED)
     preview = previews.sheet_preview(path)
     before = preview_pixels(preview)
@@ -117,7 +117,7 @@ def test_a_damaged_sheet_is_named(tmp_path, damage):
         previews.sheet_preview(path)
 
 
-def test_a_picture_of_another_kind_is_opened_by_no_reader_of_its_own(tmp_path, monkeypatch):
+def test_pictures_in_other_formats_are_not_opened(tmp_path, monkeypatch):
     """EPS by its first bytes, which Pillow would pass to Ghostscript."""
     path = tmp_path / "sheet.png"
     path.write_bytes(b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 90 60\n%%EndComments\n%%EOF\n")
@@ -141,7 +141,7 @@ def test_a_huge_picture_is_not_decoded(tmp_path, monkeypatch, scene, show):
     assert not bpy.data.images
 
 
-def test_what_cannot_be_shown_is_read_again_when_it_has_changed(tmp_path, monkeypatch):
+def test_an_unreadable_sheet_is_read_again_after_it_changes(tmp_path, monkeypatch):
     path, read = tmp_path / "sheet.png", []
     path.write_bytes(b"no picture")
     os.utime(path, ns=(0, 0))
@@ -155,22 +155,22 @@ def test_what_cannot_be_shown_is_read_again_when_it_has_changed(tmp_path, monkey
     assert preview_pixels(previews.sheet_preview(path))[0, 0].tolist() == [0, 0, 1, 1] and len(read) == 2
 
 
-def test_a_folded_sheet_takes_no_room(scene):
+def test_a_collapsed_sheet_is_not_drawn(scene):
     layout = drawn(scene, folded=True)
     assert not {"picture", "lensfield.show_sheet"} & set(layout.shown) and "Lens Sheet" in layout.labels
 
 
-def test_the_panel_draws_a_sheet_that_is_not_there(scene, own_lens, drawing):
+def test_the_panel_draws_a_missing_sheet(scene, user_lens, drawing):
     layout = drawn(scene)
     assert not {"picture", "lensfield.show_sheet"} & set(layout.shown)
     assert "appears once the lens is baked" in " ".join(layout.labels)
     settle(scene)
     assert {"picture", "lensfield.show_sheet"} <= set(drawn(scene).shown) and len(drawing) == 1
-    assert not own_lens.with_suffix(".png").exists()
+    assert not user_lens.with_suffix(".png").exists()
 
 
 @pytest.mark.one_blender
-def test_a_sheet_is_drawn_once_for_each_turn_of_the_rings(scene, drawing):
+def test_a_sheet_is_drawn_once_per_ring_setting(scene, drawing):
     scene.camera.data.dof.use_dof = True
     for f_number in (8, 11, 8):
         scene.camera.data.dof.aperture_fstop = f_number
@@ -179,14 +179,14 @@ def test_a_sheet_is_drawn_once_for_each_turn_of_the_rings(scene, drawing):
     assert drawing == [8, 11]
 
 
-def test_a_sheet_is_remembered(scene, own_lens, drawing):
+def test_a_sheet_is_cached(scene, user_lens, drawing):
     settle(scene)
     sheets.forget_sheets()
     settle(scene)
     assert "picture" in drawn(scene).shown and len(drawing) == 1
 
 
-def test_a_sheet_that_was_swept_away_is_there_again(scene, own_lens, drawing):
+def test_a_deleted_sheet_is_drawn_again(scene, user_lens, drawing):
     settle(scene)
     for path in Path(sheets._folder().name).glob("Lens Sheet *.png"):
         path.unlink()
@@ -194,7 +194,7 @@ def test_a_sheet_that_was_swept_away_is_there_again(scene, own_lens, drawing):
     assert "picture" in drawn(scene).shown
 
 
-def test_the_panel_says_why_there_is_no_sheet(scene, own_lens, drawing, monkeypatch):
+def test_the_panel_says_why_a_sheet_is_missing(scene, user_lens, drawing, monkeypatch):
     def refuse(lens, path):
         raise InputError("matplotlib", "module", "not there", "pip install lensfield[plots]")
     monkeypatch.setattr(sheets, "write_lens_plot", refuse)
@@ -203,13 +203,13 @@ def test_the_panel_says_why_there_is_no_sheet(scene, own_lens, drawing, monkeypa
         assert "pip install lensfield[plots]" in " ".join(drawn(scene).labels)
 
 
-def test_the_panel_names_a_damaged_sheet(scene, own_lens):
-    own_lens.with_suffix(".png").write_text("no picture")
+def test_the_panel_names_a_damaged_sheet(scene, user_lens):
+    user_lens.with_suffix(".png").write_text("no picture")
     assert "own.png: picture is not readable" in " ".join(drawn(scene).labels)
 
 
-def test_the_operator_reads_a_changed_sheet_anew(scene, own_lens):
-    path = paint(own_lens.with_suffix(".png"), RED)
+def test_the_operator_reloads_a_changed_sheet(scene, user_lens):
+    path = paint(user_lens.with_suffix(".png"), RED)
     bpy.ops.lensfield.show_sheet()
     assert bpy.data.images["own.png"].pixels[:3] == (1, 0, 0)
     paint(path, BLUE, size=(8, 8))
@@ -217,29 +217,29 @@ def test_the_operator_reads_a_changed_sheet_anew(scene, own_lens):
     assert bpy.data.images["own.png"].pixels[:3] == (0, 0, 1) and tuple(bpy.data.images["own.png"].size) == (8, 8)
 
 
-def test_the_operator_draws_a_sheet_that_is_not_there(scene, own_lens, drawing):
+def test_the_operator_draws_a_missing_sheet(scene, user_lens, drawing):
     assert bpy.ops.lensfield.show_sheet() == {"FINISHED"} and len(drawing) == 1
     assert [image.packed_file is not None for image in bpy.data.images] == [True]
     scene.lensfield.lens_file = ""
     assert not bpy.ops.lensfield.show_sheet.poll()
 
 
-def test_the_operator_leaves_nothing_of_a_damaged_sheet(scene, own_lens):
-    own_lens.with_suffix(".png").write_text("no picture")
+def test_the_operator_leaves_no_image_of_a_damaged_sheet(scene, user_lens):
+    user_lens.with_suffix(".png").write_text("no picture")
     with pytest.raises(RuntimeError, match="own.png: picture is not readable"):
         bpy.ops.lensfield.show_sheet()
     assert not bpy.data.images
 
 
-def test_previews_are_freed_with_the_addon(scene, own_lens, monkeypatch):
-    paint(own_lens.with_suffix(".png"), RED)
+def test_previews_are_freed_with_the_addon(scene, user_lens, monkeypatch):
+    paint(user_lens.with_suffix(".png"), RED)
     drawn(scene)
     removed = []
     remove = bpy.utils.previews.remove
-    monkeypatch.setattr(bpy.utils.previews, "remove", lambda kept: (removed.append(len(kept)), remove(kept)))
+    monkeypatch.setattr(bpy.utils.previews, "remove", lambda pcoll: (removed.append(len(pcoll)), remove(pcoll)))
     addon.unregister()
     try:
-        assert len(removed) == 1 and removed[0] > 0 and not previews._seen
+        assert len(removed) == 1 and removed[0] > 0 and not previews._loaded
     finally:
         addon.register()
     assert "picture" in drawn(scene).shown

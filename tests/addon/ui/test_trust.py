@@ -108,7 +108,7 @@ def all_that_runs_by_itself(scene):
     bpy.ops.lensfield.show_sheet.poll(), bpy.ops.lensfield.remove_from_compositor.poll()
 
 
-def test_nothing_that_it_names_is_touched(stranger):
+def test_named_files_are_not_touched(stranger):
     all_that_runs_by_itself(bpy.context.scene)
     assert not touches(stranger) and not bpy.data.images["lens.png"].has_data
 
@@ -118,15 +118,15 @@ def test_a_fingerprint_opens_no_image(stranger):
     assert scene_fingerprint(bpy.context.scene) and not bpy.data.images["lens.png"].has_data
 
 
-def test_its_paths_are_shown_with_one_button(stranger):
+def test_named_paths_are_shown_with_one_button(stranger):
     layout = draw(bpy.context.scene)
-    told = " ".join(layout.labels)
-    assert all(str(stranger / name) in told.replace(" ", "") or name in told for name in ("lens.npz", "paint.spd"))
+    text = " ".join(layout.labels)
+    assert all(str(stranger / name) in text.replace(" ", "") or name in text for name in ("lens.npz", "paint.spd"))
     assert layout.shown == ["lensfield.trust", "matching_lens"]
     assert set(named_files().values()) == {"lens", "spectrum", "output"}
 
 
-def test_trusted_it_is_read(stranger):
+def test_trusted_files_are_read(stranger):
     scene = bpy.context.scene
     assert bpy.ops.lensfield.trust() == {"FINISHED"}
     assert not named_files() and not bpy.ops.lensfield.trust.poll()
@@ -137,14 +137,14 @@ def test_trusted_it_is_read(stranger):
 
 @pytest.mark.parametrize("start", [lambda scene: window_render.start(scene), window_render.start_again, preview.start],
                          ids=["render", "apply", "preview"])
-def test_nothing_is_started_before(stranger, start):
+def test_nothing_starts_before_the_files_are_trusted(stranger, start):
     with pytest.raises(InputError, match="the path comes from the .blend: check it, then press Trust"):
         start(bpy.context.scene)
     assert not touches(stranger)
 
 
 @pytest.mark.parametrize("lens", ["tessar-50mm", "FILE"])
-def test_nor_is_anything_read_by_a_check_of_the_scene(stranger, lens):
+def test_checking_the_scene_reads_no_untrusted_files(stranger, lens):
     scene = bpy.context.scene
     scene.lensfield.lens, scene.lensfield.output_folder = lens, "//lensfield/"
     bpy.ops.mesh.primitive_plane_add()
@@ -155,7 +155,7 @@ def test_nor_is_anything_read_by_a_check_of_the_scene(stranger, lens):
     assert not touches(stranger)
 
 
-def test_what_the_user_chooses_is_trusted(stranger, tmp_path):
+def test_files_chosen_by_the_user_are_trusted(stranger, tmp_path):
     shutil.copytree(stranger, tmp_path / "chosen")
     touched.clear()
     scene = bpy.context.scene
@@ -170,14 +170,14 @@ def test_what_the_user_chooses_is_trusted(stranger, tmp_path):
     assert not named_files()
 
 
-def test_a_folder_for_pictures_makes_no_lens_in_it_trusted(stranger):
+def test_an_output_folder_does_not_make_a_lens_in_it_trusted(stranger):
     scene = bpy.context.scene
     scene.lensfield.output_folder = str(stranger) + os.sep
     named = named_files()
     assert str(stranger) not in named and named[str(stranger / "lens.npz")] == "lens"
 
 
-def test_what_is_appended_is_not(stranger, tmp_path):
+def test_appended_data_is_not_trusted(stranger, tmp_path):
     bpy.ops.lensfield.trust()
     other = tmp_path / "other.blend"
     paint = bpy.data.materials["Paint"].copy()
@@ -206,25 +206,25 @@ def test_a_file_that_may_run_scripts_is_trusted(stranger, monkeypatch):
         preferences.filepaths.use_scripts_auto_execute = False
 
 
-@pytest.mark.parametrize("path, beside", [
+@pytest.mark.parametrize("path, near", [
     ("//lensfield/", True), ("//", True), ("//a/../b", True), ("//../b", False), ("//a/../../b", False),
     ("////server/share", False), ("//\\\\server\\share", os.sep == "/"), ("/net/host/share", False),
     ("\\\\server\\share", False)])
-def test_what_lies_beside_the_blend(scene, tmp_path, path, beside):
+def test_paths_near_the_blend_are_recognised(scene, tmp_path, path, near):
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "own.blend"))
-    assert trust.is_near_blend(bpy.path.abspath(path)) == beside
+    assert trust.is_near_blend(bpy.path.abspath(path)) == near
 
 
-@pytest.mark.parametrize("path, beside", [("//lensfield/", True), ("//../b", False), ("/b", False)])
-def test_what_lies_beside_a_file_that_is_nowhere_yet(scene, path, beside):
-    assert trust.is_near_blend(bpy.path.abspath(path)) == beside
+@pytest.mark.parametrize("path, near", [("//lensfield/", True), ("//../b", False), ("/b", False)])
+def test_paths_near_an_unsaved_file_are_recognised(scene, path, near):
+    assert trust.is_near_blend(bpy.path.abspath(path)) == near
 
 
 def test_a_new_file_names_nothing(scene, in_a_window):
     assert not named_files() and "lensfield.render" in draw(scene).shown
 
 
-def test_a_copy_for_a_render_changes_no_trust(stranger, tmp_path):
+def test_copying_a_file_for_a_render_keeps_trust(stranger, tmp_path):
     bpy.ops.lensfield.trust()
     save_copy(tmp_path)
     assert not named_files()

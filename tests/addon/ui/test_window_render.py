@@ -68,7 +68,7 @@ def notice():
     return "\n".join(session.last_render.lines)
 
 
-def test_the_window_gets_what_a_script_gets_and_the_scene_only_its_compositor(ready_scene, tmp_path):
+def test_a_window_render_matches_a_script_and_changes_only_the_compositor(ready_scene, tmp_path):
     before = snapshot()
     render = start()
     assert not differences(before, snapshot())
@@ -86,20 +86,20 @@ def test_the_window_gets_what_a_script_gets_and_the_scene_only_its_compositor(re
 
 
 @pytest.mark.one_blender
-def test_another_lens_is_applied_in_the_background_too(ready_scene, tmp_path):
+def test_another_lens_can_be_applied_in_the_background(ready_scene, tmp_path):
     ready_scene.lensfield.lens = "tessar-50mm"
     with pytest.raises(RuntimeError, match="Scene_0001_radiance.exr: radiance file is missing: render through"):
         bpy.ops.lensfield.apply_lens()
     assert bpy.ops.lensfield.render() == {"FINISHED"}
     radiance = tmp_path / "lensfield" / "Scene_0001_radiance.exr"
-    kept = radiance.stat().st_mtime_ns
+    rendered_ns = radiance.stat().st_mtime_ns
     ready_scene.lensfield.lens, ready_scene.lensfield.view = "cooke-triplet-50mm", "CAMERA"
     before = snapshot()
     window_render.start_again(ready_scene)
     assert not [line for line in differences(before, snapshot()) if "('images'" not in line]  # images load on access
     follow()
     assert "from the light in" in notice() and "cooke-triplet-50mm scaled" in notice()
-    assert radiance.stat().st_mtime_ns == kept
+    assert radiance.stat().st_mtime_ns == rendered_ns
     pixels = read_exr(radiance.with_name("Scene_0001_irradiance.exr"))
     assert pixels.lens_name.startswith("cooke-triplet-50mm")
     assert bpy.ops.lensfield.apply_lens() == {"FINISHED"}
@@ -110,7 +110,7 @@ def test_another_lens_is_applied_in_the_background_too(ready_scene, tmp_path):
 
 
 @pytest.mark.one_blender
-def test_the_panel_shows_the_render_and_what_became_of_it(endless_scene):
+def test_the_panel_shows_the_render_and_its_outcome(endless_scene):
     assert "lensfield.cancel" not in shown(endless_scene).shown
     start()
     follow(in_a_pass)
@@ -121,7 +121,7 @@ def test_the_panel_shows_the_render_and_what_became_of_it(endless_scene):
     assert "Cancelled" in shown(endless_scene).labels
 
 
-def test_cancelling_ends_the_child_by_itself_and_leaves_nothing(endless_scene, tmp_path):
+def test_cancelling_lets_the_child_exit_and_leaves_no_files(endless_scene, tmp_path):
     render = start()
     follow(in_a_pass)
     assert bpy.ops.lensfield.cancel() == {"FINISHED"}
@@ -132,7 +132,7 @@ def test_cancelling_ends_the_child_by_itself_and_leaves_nothing(endless_scene, t
 
 
 @pytest.mark.one_blender
-def test_passes_of_a_file_that_is_saved_are_kept_and_told(endless_scene, tmp_path, monkeypatch):
+def test_cancelling_a_saved_file_keeps_its_passes_and_reports_them(endless_scene, tmp_path, monkeypatch):
     """A window knows whether the file is saved; in the background Blender does not."""
     endless_scene.cycles.samples, endless_scene.lensfield.wavelength_list = 1 << 14, "400, 450, 500, 550, 600, 650"
     endless_scene.render.resolution_x = endless_scene.render.resolution_y = 40
@@ -141,13 +141,13 @@ def test_passes_of_a_file_that_is_saved_are_kept_and_told(endless_scene, tmp_pat
     start()
     follow(lambda render: list(tmp_path.glob("lensfield/.lensfield/*/*/[!.]*.exr")))
     assert bpy.ops.lensfield.cancel() == {"FINISHED"}
-    kept = tmp_path / "lensfield" / ".lensfield" / "Scene_0001_passes"
+    passes = tmp_path / "lensfield" / ".lensfield" / "Scene_0001_passes"
     assert notice().startswith("Cancelled\n")
-    assert f"stored in {kept}: the next render continues from there unless the file changes" in notice()
-    assert not list(kept.parent.glob("*.lock"))
+    assert f"stored in {passes}: the next render continues from there unless the file changes" in notice()
+    assert not list(passes.parent.glob("*.lock"))
 
 
-def test_cancelling_kills_a_child_that_does_not_end_within_its_grace(endless_scene, monkeypatch):
+def test_cancelling_kills_a_child_that_exceeds_its_grace_period(endless_scene, monkeypatch):
     """Less than a second: before the child has loaded Blender, and can end by itself."""
     assert 0 < USUAL_GRACE_S < 1
     monkeypatch.setattr(child, "GRACE_S", 1e-3)
@@ -156,7 +156,7 @@ def test_cancelling_kills_a_child_that_does_not_end_within_its_grace(endless_sce
     assert render.child.ended and render.child._process.returncode == -signal.SIGKILL
 
 
-def test_there_is_one_render_at_a_time(endless_scene):
+def test_only_one_render_runs_at_a_time(endless_scene):
     start()
     with pytest.raises(RuntimeError, match="A lens render is in progress: wait for it, or cancel it"):
         bpy.ops.lensfield.render()
@@ -165,7 +165,7 @@ def test_there_is_one_render_at_a_time(endless_scene):
 
 
 @pytest.mark.one_blender
-def test_a_child_that_dies_leaves_a_line_and_its_log(endless_scene):
+def test_a_crashed_child_leaves_a_message_and_its_log(endless_scene):
     render = start()
     follow(in_a_pass)
     os.kill(render.child._process.pid, signal.SIGABRT)
@@ -178,7 +178,7 @@ def test_a_child_that_dies_leaves_a_line_and_its_log(endless_scene):
 
 
 @pytest.mark.one_blender
-def test_bad_input_is_told_before_the_child_or_by_it(ready_scene):
+def test_bad_input_is_reported_before_or_by_the_child(ready_scene):
     ready_scene.lensfield.wavelength_list = "300"
     with pytest.raises(InputError, match="wavelength is 300 nm"):
         start()
@@ -200,7 +200,7 @@ def test_bad_input_is_told_before_the_child_or_by_it(ready_scene):
     assert session.last_render.icon == "ERROR"
 
 
-def test_another_file_may_be_opened_meanwhile(ready_scene, tmp_path):
+def test_another_file_can_be_opened_during_a_render(ready_scene, tmp_path):
     start()
     bpy.ops.wm.read_factory_settings(use_empty=True)
     assert bpy.context.scene.name == "Scene"  # a different scene with the same name
@@ -212,7 +212,7 @@ def test_another_file_may_be_opened_meanwhile(ready_scene, tmp_path):
 
 
 @pytest.mark.one_blender
-def test_the_scene_may_be_renamed_edited_and_saved_elsewhere(ready_scene, tmp_path):
+def test_the_scene_can_be_renamed_edited_and_saved_elsewhere(ready_scene, tmp_path):
     start()
     ready_scene.name = "Renamed"
     bpy.data.objects.remove(bpy.data.objects["Wall"])
@@ -223,7 +223,7 @@ def test_the_scene_may_be_renamed_edited_and_saved_elsewhere(ready_scene, tmp_pa
 
 
 @pytest.mark.one_blender
-def test_the_compositor_is_left_alone_where_that_is_asked(ready_scene):
+def test_the_compositor_is_unchanged_when_to_compositor_is_off(ready_scene):
     ready_scene.lensfield.to_compositor = False
     before = snapshot()
     start()
@@ -231,7 +231,7 @@ def test_the_compositor_is_left_alone_where_that_is_asked(ready_scene):
     assert not differences(before, snapshot()) and notice()
 
 
-def test_unsaved_pixels_of_tiles_are_told(ready_scene):
+def test_unsaved_pixels_of_tiles_are_reported(ready_scene):
     image = bpy.data.images.new("Painted", 4, 4, tiled=True)
     image.use_fake_user = True
     image.pixels[0] = 0.5
@@ -240,7 +240,7 @@ def test_unsaved_pixels_of_tiles_are_told(ready_scene):
     assert "image 'Painted' has unsaved pixels" in notice()
 
 
-def test_the_add_on_takes_its_render_along(endless_scene):
+def test_disabling_the_add_on_ends_its_render(endless_scene):
     render = start()
     addon.unregister()
     try:
@@ -250,7 +250,7 @@ def test_the_add_on_takes_its_render_along(endless_scene):
         addon.register()
 
 
-def test_the_label_tells_the_time_left(monkeypatch):
+def test_the_label_shows_the_remaining_time(monkeypatch):
     child = SimpleNamespace(status={"fraction": 0.25, "label": "Pass 1 of 3"}, status_s=30.0)
     render = window_render.WindowRender(child, None, "Scene", 1, True, [], started_s=10.0)
     monkeypatch.setattr(window_render.time, "monotonic", lambda: 40.0)

@@ -17,7 +17,7 @@ def triplet():
     return read_prescription(BUNDLED / "prescriptions" / "cooke-triplet-50mm.toml")
 
 
-def test_too_few_heights_are_told_in_the_lenses_notes(triplet):
+def test_too_few_heights_are_stated_in_the_notes(triplet):
     few = bake(triplet, quality="preview", heights=5, wavelengths_nm=TWO_NM, samples=33)
     assert few.heights_mm.size == 5
     assert few.notes.startswith(triplet.notes) and "Halfway between two heights, " in few.notes
@@ -25,12 +25,12 @@ def test_too_few_heights_are_told_in_the_lenses_notes(triplet):
     assert many.heights_mm.size > 9 and "Half way" not in many.notes
 
 
-def test_waves_taken_for_longer_ones_are_told_in_the_lenses_notes(triplet):
+def test_lengthened_waves_are_stated_in_the_notes(triplet):
     lens = bake(triplet, quality="preview", heights=2, wavelengths_nm=TWO_NM, samples=5, pitch_um=100.0)
     assert "Diffraction is computed with wavelengths lengthened by a factor of up to 4.1." in lens.notes
 
 
-def test_a_bake_that_is_cancelled_ends_with_the_psfs_in_work(triplet, monkeypatch):
+def test_a_cancelled_bake_ends_after_the_psfs_in_progress(triplet, monkeypatch):
     summed = []
 
     def point_spread(*arguments):
@@ -50,5 +50,5 @@ def test_a_bake_that_is_cancelled_ends_with_the_psfs_in_work(triplet, monkeypatc
 @pytest.mark.parametrize("needed_um, sensor_mm, quality, number", [
     (300.0, (36.0, 24.0), "standard", 65), (1000.0, (36.0, 24.0), "standard", 81), (300.0, (4.8, 3.6), "preview", 121),
     (300.0, (4.8, 3.6), "reference", 129), (1000.0, (36.0, 24.0), "preview", 65)])
-def test_samples_are_as_fine_as_pixels_as_far_as_there_are_enough(needed_um, sensor_mm, quality, number):
+def test_samples_are_as_fine_as_pixels_up_to_a_limit(needed_um, sensor_mm, quality, number):
     assert _samples(needed_um, sensor_mm, QUALITIES[quality]) == number

@@ -61,16 +61,16 @@ def path(tmp_path):
 
 
 @pytest.fixture
-def asked(monkeypatch):
+def requests(monkeypatch):
     """The bake that the command requests, without running it."""
-    asked = []
+    requests = []
 
     def bake(prescription, **request):
-        asked.append(SimpleNamespace(prescription=prescription, **request))
+        requests.append(SimpleNamespace(prescription=prescription, **request))
         return make_lens()
 
     monkeypatch.setattr(command, "bake_lens", bake)
-    return asked
+    return requests
 
 
 @pytest.fixture(scope="module")
@@ -85,13 +85,13 @@ def baked(tmp_path_factory):
     return load_lens(folder / "new" / "lens.npz")
 
 
-def test_the_package_says_what_was_asked_for(baked):
+def test_the_package_records_the_request(baked):
     assert (baked.name, baked.source, baked.sensor_mm) == ("one of two lenses", "Thorlabs AC254-050-A", (6.4, 4.8))
     assert baked.wavelengths_nm.tolist() == [450, 550, 650] and baked.psf.shape == (3, 3, 33, 33)
     assert baked.heights_mm[0] == 0 and baked.heights_mm[-1] == pytest.approx(4.0)
 
 
-def test_first_order_figures_are_the_makers(baked):
+def test_first_order_figures_match_the_makers(baked):
     assert baked.efl_mm == pytest.approx(50.0, abs=0.15)
     assert baked.f_number_effective == pytest.approx(10.0, rel=5e-3)
     assert baked.entrance_pupil_mm == pytest.approx(0.0, abs=1e-9), "the stop is the first surface"
@@ -103,13 +103,13 @@ def test_heights_reach_from_the_axis_to_the_end(baked):
     np.testing.assert_allclose(baked.real_height_mm, np.broadcast_to(baked.heights_mm, (3, 3)), rtol=5e-3)
 
 
-def test_the_pitch_that_is_chosen_keeps_the_light(baked):
+def test_the_chosen_pitch_encloses_the_light(baked):
     assert 0.995 <= baked.enclosed_energy.min() < 0.9975 and baked.enclosed_energy.max() <= 1
     assert float(f"{baked.psf_pitch_um:.2g}") == baked.psf_pitch_um
     np.testing.assert_allclose(baked.psf.sum(axis=(2, 3)), 1, atol=1e-5)
 
 
-def test_the_chief_ray_has_the_middle(baked):
+def test_the_chief_ray_lands_in_the_middle(baked):
     axis = baked.psf[:, 0].astype(float)
     for mirrored in (axis[:, ::-1], axis[:, :, ::-1], axis.transpose(0, 2, 1)):
         np.testing.assert_allclose(axis, mirrored, atol=2e-4 * axis.max())
@@ -124,11 +124,11 @@ def test_illumination_falls_with_the_fourth_power_of_the_cosine(baked):
     assert np.all(baked.relative_illumination[:, 0] == 1)
 
 
-def test_the_glass_takes_some_blue(baked):
+def test_the_glass_absorbs_some_blue(baked):
     assert 0.9 < baked.transmittance[0] < baked.transmittance[1] < 1
 
 
-def test_a_set_of_object_distances_has_one_focus(tmp_path, path, capfd):
+def test_a_set_of_object_distances_shares_one_focus(tmp_path, path, capfd):
     """Focused at 20 m, it blurs infinity to a disc of EFL^2 / (20 m - EFL) / N: 15.7 um across."""
     path.write_text(changed(DOUBLET, ("version = 1", "version = 1\nobject_distance_mm = 20000.0")))
     assert run(path, "-o", tmp_path / "lens.npz", "--object-distance", "20000,inf", "--heights", 2, "--field-angle", 1,
@@ -146,12 +146,12 @@ def test_a_set_of_object_distances_has_one_focus(tmp_path, path, capfd):
     disc_um = 1e3 * near.efl_mm**2 / (20000 - near.efl_mm) / 8
     assert mean_square_um2(far) - mean_square_um2(near) == pytest.approx((disc_um / 2)**2 / 2, rel=0.15)
     out, err = capfd.readouterr()
-    first, told, second, _ = out.splitlines()
+    first, summary, second, _ = out.splitlines()
     assert (err, first, second) == ("", str(tmp_path / "lens_20000mm.npz"), str(tmp_path / "lens_inf.npz"))
-    assert "f = 50." in told and "PSFs of 33 x 33 samples of 1.5 um contain at least" in told
+    assert "f = 50." in summary and "PSFs of 33 x 33 samples of 1.5 um contain at least" in summary
 
 
-def test_two_threads_bake_what_one_does(tmp_path, path):
+def test_two_threads_bake_the_same_lens_as_one(tmp_path, path):
     for workers in (1, 2):
         assert run(path, "-o", tmp_path / f"{workers}.npz", *TINY, "--workers", workers) == 0
     one, two = (load_lens(tmp_path / f"{workers}.npz") for workers in (1, 2))
@@ -160,14 +160,14 @@ def test_two_threads_bake_what_one_does(tmp_path, path):
         assert before == after if isinstance(before, str) else np.array_equal(before, after), field.name
 
 
-def test_a_bake_that_fails_says_nothing_else_as_its_process_ends(path, tmp_path):
+def test_a_failed_bake_prints_nothing_more_as_its_process_ends(path, tmp_path):
     """Python's helper processes, which outlive the bake, print nothing either."""
     path.write_text(changed(DOUBLET, ('focus = "best"', ""), (LAST, LAST + "semi_aperture_mm = 1.0\n")))
     command = [sys.executable, "-c", "from lensfield.cli import console; console()", "lens", "bake", path,
                "-o", tmp_path / "lens.npz", *TINY, "--f-number", 16, "--field-angle", 20]
-    done = subprocess.run(list(map(str, command)), capture_output=True, text=True)
-    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (1, "", 1), done.stderr
-    assert "no light passes" in done.stderr
+    process = subprocess.run(list(map(str, command)), capture_output=True, text=True)
+    assert (process.returncode, process.stdout, process.stderr.count("\n")) == (1, "", 1), process.stderr
+    assert "no light passes" in process.stderr
 
 
 def test_no_light_at_the_end_of_the_field_is_one_line_that_names_the_file(path, tmp_path, capfd):
@@ -183,7 +183,7 @@ def test_no_light_at_the_end_of_the_field_is_one_line_that_names_the_file(path, 
     (KeyboardInterrupt, 130, "lensfield: cancelled"),
     (LensError("a lens", "field height", "3 mm", "end it"), 1, "doublet.toml: field height is 3 mm: end it"),
     (MemoryError("no room"), 1, "lensfield: no room"), (OSError("disk full"), 1, "lensfield: disk full")], ids=str)
-def test_work_that_breaks_off_leaves_nothing(path, tmp_path, monkeypatch, capfd, error, status, message):
+def test_an_interrupted_bake_leaves_nothing_behind(path, tmp_path, monkeypatch, capfd, error, status, message):
     def bake(*_, **__):
         raise error
 
@@ -194,7 +194,7 @@ def test_work_that_breaks_off_leaves_nothing(path, tmp_path, monkeypatch, capfd,
     assert [file.name for file in tmp_path.iterdir()] == ["doublet.toml"]
 
 
-def test_a_lens_error_comes_through_between_processes():
+def test_a_lens_error_passes_between_processes():
     error = LensError("lens.toml", "field", 3.5, "end it")
     copy = pickle.loads(pickle.dumps(error))
     assert type(copy) is LensError and str(copy) == str(error) == "lens.toml: field is 3.5: end it"
@@ -204,46 +204,46 @@ def test_a_lens_error_comes_through_between_processes():
     (("--f-number", "11"), "aperture", ("f_number", 11.0)), (("--image-plane", "paraxial"), "focus", "paraxial"),
     (("--field-angle", "3"), "field", ("angle_deg", 3.0)), (("--field-height", "3"), "field", ("image_height_mm", 3.0)),
     (("--sensor", "36X24"), "sensor_mm", (36.0, 24.0)), (("--name", "mine"), "name", "mine"), ((), "focus", "best")])
-def test_what_the_command_line_says_goes_before_the_file(path, tmp_path, asked, arguments, field, value):
+def test_the_command_line_overrides_the_file(path, tmp_path, requests, arguments, field, value):
     assert run(path, "-o", tmp_path / "lens.npz", *arguments) == 0
-    assert getattr(asked[0].prescription, field) == value
+    assert getattr(requests[0].prescription, field) == value
 
 
 @pytest.mark.parametrize("pairs, glasses", [
     (["N-SF10=F2"], ["", "SCHOTT N-BAF10", "F2", ""]),
     (["SCHOTT N-SF10 = 1.7/30"], ["", "SCHOTT N-BAF10", "1.7/30", ""]),
     (["N-SF10=N-BAF10", "N-BAF10=N-SF10"], ["", "N-SF10", "N-BAF10", ""])])
-def test_glasses_called_otherwise(path, tmp_path, asked, pairs, glasses):
+def test_glasses_are_substituted(path, tmp_path, requests, pairs, glasses):
     assert run(path, "-o", tmp_path / "lens.npz", *(word for pair in pairs for word in ("--glass", pair))) == 0
-    assert [surface.glass for surface in asked[0].prescription.surfaces] == glasses
+    assert [surface.glass for surface in requests[0].prescription.surfaces] == glasses
 
 
-def test_an_object_distance_keeps_the_focus(path, tmp_path, asked):
+def test_an_object_distance_keeps_the_focus(path, tmp_path, requests):
     assert run(path, "-o", tmp_path / "lens.npz", "--object-distance", 500) == 0
-    prescription = asked[0].prescription
+    prescription = requests[0].prescription
     assert (prescription.object_distance_mm, prescription.focus) == (500, "as given")
     assert prescription.surfaces[-1].thickness_mm == pytest.approx(43.4, abs=0.2)
     assert load_lens(tmp_path / "lens.npz").name == "hand-made"
 
 
-def test_the_focus_ring_is_turned(path, tmp_path, asked, capsys):
+def test_the_focus_ring_is_turned(path, tmp_path, requests, capsys):
     assert run(path, "-o", tmp_path / "lens.npz", "--focus", "0.8m") == 0
-    prescription = asked[0].prescription
+    prescription = requests[0].prescription
     assert prescription.object_distance_mm == pytest.approx(800, abs=10) and prescription.focus == "as given"
     assert prescription.surfaces[-1].thickness_mm == pytest.approx(43.4 + 50**2 / 750, abs=0.5)
     assert run(path, "-o", tmp_path / "lens.npz", "--focus", "1cm") == 0
     assert "lens: focus at 0.01 m: this lens focuses no closer than" in capsys.readouterr().out
 
 
-def test_a_bundled_lens_goes_by_its_name(tmp_path, asked):
+def test_a_bundled_lens_is_baked_by_its_name(tmp_path, requests):
     assert run("tessar-50mm", "-o", tmp_path / "lens.npz", "--field-height", 10) == 0
-    assert (asked[0].prescription.name, asked[0].prescription.field) == ("tessar-50mm", ("image_height_mm", 10.0))
+    assert (requests[0].prescription.name, requests[0].prescription.field) == ("tessar-50mm", ("image_height_mm", 10.0))
 
 
-def test_the_request_and_its_defaults(path, tmp_path, asked):
+def test_the_request_and_its_defaults(path, tmp_path, requests):
     assert run(path, "-o", tmp_path / "a.npz") == 0
     assert run(path, "-o", tmp_path / "b.npz", *TINY, "--workers", 1) == 0
-    first, second = asked
+    first, second = requests
     assert first.quality == "standard"
     assert [first.heights, first.samples, first.pitch_um, first.workers] == 4 * [None]
     assert first.wavelengths_nm.tolist() == np.linspace(400, 700, 31).tolist()
@@ -279,7 +279,7 @@ def test_the_request_and_its_defaults(path, tmp_path, asked):
     ("--workers -3", "options: --workers is -3: expected at least 1"),
     ("-o lens.png", "lens.png: suffix is .png: expected .npz"),
     ("-o lens", "lens: suffix is missing: expected .npz")])
-def test_bad_values_are_one_line_and_leave_nothing(path, tmp_path, capfd, arguments, message):
+def test_bad_values_give_one_line_and_leave_nothing_behind(path, tmp_path, capfd, arguments, message):
     assert run(path, "-o", tmp_path / "lens.npz", *arguments.split()) == 1
     out, err = capfd.readouterr()
     assert message in err and err.startswith("lensfield: ") and err.count("\n") == 1 and out == ""
@@ -295,15 +295,15 @@ def test_usage_errors_are_status_2(path, tmp_path, arguments, capsys):
 
 @pytest.mark.parametrize("name, message", [("doublet.toml/lens.npz", "folder is impossible to create"),
                                            ("folder.npz", "file is a folder"), ("pipe.npz", "a device or pipe")])
-def test_a_file_that_cannot_be_written_is_refused_before_the_work(path, tmp_path, asked, capfd, name, message):
+def test_a_file_that_cannot_be_written_is_refused_before_the_work(path, tmp_path, requests, capfd, name, message):
     (tmp_path / "folder.npz").mkdir()
     os.mkfifo(tmp_path / "pipe.npz")
     assert run(path, "-o", tmp_path / name) == 1
-    assert message in capfd.readouterr().err and not asked
+    assert message in capfd.readouterr().err and not requests
 
 
 @pytest.mark.parametrize("contents", ["format = 1", "\0", DOUBLET[:200]])
-def test_a_file_that_is_none_is_told_by_its_name(path, tmp_path, capfd, contents):
+def test_an_invalid_or_missing_file_is_named(path, tmp_path, capfd, contents):
     path.write_text(contents)
     assert run(path, "-o", tmp_path / "lens.npz") == 1
     assert run(tmp_path / "no.zmx", "-o", tmp_path / "lens.npz") == 1
@@ -311,7 +311,7 @@ def test_a_file_that_is_none_is_told_by_its_name(path, tmp_path, capfd, contents
     assert first.startswith(f"lensfield: {path}: ") and "no.zmx: prescription is missing" in second
 
 
-def test_another_programs_prescription_becomes_ours(path, capsys):
+def test_another_programs_prescription_is_converted(path, capsys):
     (path.parent / "seq.txt").write_text(OPTBENCH)
     target = path.parent / "new" / "lens.toml"
     assert cli.main(["lens", "convert", str(path.parent / "seq.txt"), "-o", str(target), "--f-number", "8",
@@ -326,7 +326,7 @@ def test_another_programs_prescription_becomes_ours(path, capsys):
 @pytest.mark.parametrize("output, message", [
     ("lens.txt", "suffix is .txt: expected .toml"),
     ("doublet.toml", "file is one of the inputs: use a different name for each output")])
-def test_a_prescription_is_not_written_over_another(path, capsys, output, message):
+def test_a_prescription_does_not_overwrite_another(path, capsys, output, message):
     before = path.read_text()
     assert cli.main(["lens", "convert", str(path), "-o", str(path.parent / output)]) == 1
     assert message in capsys.readouterr().err and path.read_text() == before
@@ -336,7 +336,7 @@ def convert(path, *arguments):
     return cli.main(["lens", "convert", str(path), "-o", str(path.parent / "new.toml"), *arguments])
 
 
-def test_a_file_that_contradicts_itself_is_converted_on_request_alone(path, capsys):
+def test_a_file_that_contradicts_itself_is_converted_only_on_request(path, capsys):
     lens = path.parent / "wrong.lens"
     lens.write_text(changed(DOT_LENS, ("focal_length: 49.00", "focal_length: 60.0")))
     assert convert(lens, "--field-height", "5") == 1 and not (path.parent / "new.toml").exists()
@@ -347,7 +347,7 @@ def test_a_file_that_contradicts_itself_is_converted_on_request_alone(path, caps
     assert ours.focal_length_mm is None and "The file's focal length is 60 mm, and its surfaces give" in ours.notes
 
 
-def test_another_glass_is_used_before_the_focal_length_is_compared(path, capsys):
+def test_glasses_are_substituted_before_the_focal_length_is_compared(path, capsys):
     """Crown replaced by dense flint is a different lens, to which the file's figure does not apply."""
     (path.parent / "seq.txt").write_text(OPTBENCH)
     assert convert(path.parent / "seq.txt", "--glass", "1.5168/64.2=1.7/30") == 1
@@ -380,7 +380,7 @@ def test_prescriptions_are_checked_by_their_rays(path, capsys):
     assert json.loads(capsys.readouterr().out)[0]["field"] == "focal_length_mm"
 
 
-def test_a_field_for_a_file_that_tells_none(path, capsys):
+def test_a_field_is_given_for_a_file_without_one(path, capsys):
     (path.parent / "doublet.lens").write_text(DOT_LENS)
     assert check(path.parent / "doublet.lens") == 1
     assert "give --field-angle or --field-height" in capsys.readouterr().err

@@ -55,7 +55,7 @@ def tessar(tmp_path_factory):
     return Judged(write_tessar(tmp_path_factory.mktemp("tessar") / "tessar.zmx"), FOCUS_MM)
 
 
-def test_both_read_the_same_lens_in_its_own_units(tessar):
+def test_both_read_the_same_lens_in_centimetres(tessar):
     assert tessar.foreign.efl_mm == pytest.approx(99.9, abs=0.5) == tessar.lens.efl_mm
     assert tessar.lens.efl_mm == pytest.approx(tessar.foreign.efl_mm, rel=1e-6)
     assert tessar.lens.entrance_pupil_mm == pytest.approx(tessar.foreign.entrance_pupil_mm, abs=1e-5)
@@ -64,19 +64,19 @@ def test_both_read_the_same_lens_in_its_own_units(tessar):
 @pytest.mark.parametrize("hidden", [False, True], ids=["free", "behind an edge"])
 @pytest.mark.parametrize("depth_mm, tangent", [(NEAR_MM, 0.0), (NEAR_MM, 0.22), (FAR_MM, 0.4)])
 def test_lamps_out_of_focus(tessar, depth_mm, tangent, hidden):
-    found = tessar.lamp(depth_mm, tangent, hidden)
-    assert not found.missed, found
-    assert hidden or not tangent or found.oval < 0.96, "the lens cuts no cat's eye: nothing is tested of vignetting"
+    deviation = tessar.lamp(depth_mm, tangent, hidden)
+    assert not deviation.missed, deviation
+    assert hidden or not tangent or deviation.oval < 0.96, "the lens cuts no cat's eye: nothing is tested of vignetting"
 
 
 @pytest.mark.parametrize("depth_mm, tangent", [(NEAR_MM, 0.22), (FAR_MM, 0.4)])
 def test_psfs_at_a_depth(tessar, depth_mm, tangent):
-    found = tessar.psf(depth_mm, tangent)
-    assert not found.missed, found
+    deviation = tessar.psf(depth_mm, tangent)
+    assert not deviation.missed, deviation
 
 
 @pytest.mark.parametrize("f_number, focus_mm", [(5.55, FOCUS_MM), (5.5, 1.02 * FOCUS_MM)])
-def test_a_lens_that_is_a_little_different_is_found(tessar, tmp_path, monkeypatch, f_number, focus_mm):
+def test_a_slightly_different_lens_is_detected(tessar, tmp_path, monkeypatch, f_number, focus_mm):
     """A stop 1 % smaller, and a focus 2 % farther away."""
     other = ForeignLens(write_tessar(tmp_path / "other.zmx", f_number), NM, focus_mm)
     monkeypatch.setattr(tessar, "foreign", other)
@@ -89,5 +89,5 @@ def test_real_lenses(case, tmp_path):
     if not path.is_file():
         pytest.skip(f"{path} is not there: real prescriptions are not the project's to give")
     judged = Judged(with_glasses(path, case.glasses, tmp_path), case.focus_mm, case.stop_mm)
-    found = judged.lamp(case.depths_mm[0], case.tangents[1])
-    assert not found.missed, found
+    deviation = judged.lamp(case.depths_mm[0], case.tangents[1])
+    assert not deviation.missed, deviation

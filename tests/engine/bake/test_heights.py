@@ -57,32 +57,32 @@ def test_heights_lie_where_blur_changes(triplet):
         triplet, even_heights_mm(triplet, COUNT)).max()
 
 
-def test_there_are_as_many_heights_as_interpolation_needs(triplet):
+def test_the_number_of_heights_follows_the_interpolation_error(triplet):
     """On average over the picture, verified in a different window with different sums."""
     for tolerance in (0.1, 0.05):
         heights_mm, error = adaptive_heights_mm(triplet, [550.0], tolerance, 99)
-        seen = np.average(errors_between(triplet, heights_mm), weights=np.diff(heights_mm))
-        assert error <= tolerance and seen < 1.2 * tolerance and 9 < heights_mm.size < 40
+        mean_error = np.average(errors_between(triplet, heights_mm), weights=np.diff(heights_mm))
+        assert error <= tolerance and mean_error < 1.2 * tolerance and 9 < heights_mm.size < 40
     coarse_mm, error = adaptive_heights_mm(triplet, [550.0], tolerance, 12)
     assert coarse_mm.size == 12 and error > tolerance
 
 
 @pytest.mark.parametrize("f_number", [4.0, 16.0])
 @pytest.mark.parametrize("quality", QUALITIES)
-def test_a_window_holds_what_airys_pattern_has_within(quality, f_number):
+def test_a_window_encloses_the_light_of_airys_pattern(quality, f_number):
     """Outside a square of this half side, the share of the light is 0.9 wavelength / (pi^2 NA half side)."""
     width_um = needed_width_um(perfect_wavefronts(f_number, [0, 5]), QUALITIES[quality].sums)
     aperture = np.sin(np.arctan(0.5 / f_number))
     assert width_um == pytest.approx(2 * 0.9 * 0.55 / (np.pi**2 * aperture * 0.005), rel=0.05)
 
 
-def test_defocus_widens_the_window_to_its_disc_and_less_than_all_of_airys_pattern_more():
+def test_defocus_widens_the_window_by_less_than_its_disc():
     sharp_um, blurred_um = (needed_width_um(perfect_wavefronts(4.0, [0], defocus_mm=defocus_mm), PREVIEW.sums)
                             for defocus_mm in (0.0, 2.0))
     assert 2000 / 4.0 < blurred_um < 2000 / 4.0 + sharp_um
 
 
-def test_light_that_coarse_sums_lack_widens_no_window():
+def test_light_missing_from_coarse_sums_does_not_widen_the_window():
     """For corners whose beams are cut deeply by apertures; the window once grew to metres."""
     system = system_of_bundled("enna-lithagon-24mm")
     wavefronts = trace_wavefronts(system, [system.last_height_mm], [587.56], PREVIEW.pupil)
@@ -90,7 +90,7 @@ def test_light_that_coarse_sums_lack_widens_no_window():
     assert needed_width_um(wavefronts, PREVIEW.sums) < 3 * rays_um
 
 
-def test_nothing_passes_beyond_the_rays():
+def test_no_light_passes_beyond_the_rays():
     """Where apertures leave a third of the stop, the rays end at its rim, but polynomials of the edges continue."""
     system = system_of_bundled("sony-zeiss-55mm-f1.8")
     wavefronts = trace_wavefronts(system, [0.98 * system.last_height_mm], [450.0, 600.0], PREVIEW.pupil)
@@ -100,7 +100,7 @@ def test_nothing_passes_beyond_the_rays():
         assert point_spread(one, 2 * rays_um / 65, 65, PREVIEW.sums).sum() > 0.99, "within twice the width of the rays"
 
 
-def test_every_pitch_can_be_summed_up():
+def test_psfs_can_be_summed_at_every_pitch():
     """Including pitches at which the pupil fills the length of the transform, or exceeds it by a row."""
     perfect = perfect_wavefronts(2.8, [0]).one(0, 0)
     assert all(0.9 < point_spread(perfect, pitch_um, 65, PREVIEW.sums).sum() < 1.01 for pitch_um in range(2, 80))
@@ -111,7 +111,7 @@ def test_pitches_have_two_digits(width_um, pitch_um):
     assert pitch_for_um(width_um, 65) == pitch_um
 
 
-def test_a_phone_whose_rays_cross_before_the_exit_pupil_has_psfs_nonetheless():
+def test_a_phone_whose_rays_cross_before_the_exit_pupil_has_valid_psfs():
     phone = system_of_bundled("apple-phone-4mm")
     heights_mm = np.array([0.9, 0.95]) * phone.last_height_mm
     wavefronts = trace_wavefronts(phone, heights_mm, [400.0], PREVIEW.pupil)
@@ -120,7 +120,7 @@ def test_a_phone_whose_rays_cross_before_the_exit_pupil_has_psfs_nonetheless():
         assert 0.99 < psf.sum() <= 1.01 and psf.max() == psf[58:63, 58:63].max()
 
 
-def test_rays_that_come_close_before_the_exit_pupil_leave_their_light_where_it_was():
+def test_rays_that_nearly_cross_before_the_exit_pupil_keep_their_light_in_place():
     """At two thirds of the phone's field some rays almost cross; a denser grid of rays gives the same light."""
     phone, reference = system_of_bundled("apple-phone-4mm"), QUALITIES["reference"]
     height_mm = even_heights_mm(phone, 4)[2]

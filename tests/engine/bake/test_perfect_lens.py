@@ -42,14 +42,14 @@ def half_width(profile):
 
 
 @pytest.mark.parametrize("f_number", [4.0, 8.0, 16.0])
-def test_on_the_axis_it_is_airys_pattern(f_number):
+def test_the_axial_psf_is_airys_pattern(f_number):
     pitch_um = 0.06 * f_number
     psf = psf_at(f_number, 0, pitch_um, 101)
     np.testing.assert_allclose(psf / psf.max(), airy(f_number, pitch_um, 101), atol=2e-3)
 
 
 @pytest.mark.parametrize("quality", QUALITIES)
-def test_the_light_inside_is_that_of_airys_pattern(quality):
+def test_the_enclosed_light_matches_airys_pattern(quality):
     """Rayleigh: 1 - J0^2 - J1^2 of the light is within a circle; outside a square is 0.9 of that outside its circle."""
     for pitch_um, samples in ((0.25, 101), (1.0, 201)):
         psf = psf_at(5.0, 0, pitch_um, samples, QUALITIES[quality].sums)
@@ -80,7 +80,7 @@ def test_defocus_dims_the_middle_by_the_sinc_of_its_waves(waves):
 
 
 @pytest.mark.parametrize("angle_deg", [10, 20, 30, 40])
-def test_off_the_axis_it_is_as_wide_as_the_oblique_cone_makes_it(angle_deg):
+def test_off_the_axis_the_psf_widens_with_the_oblique_cone(angle_deg):
     """The cone narrows by cos^2 towards the chief ray, and meets the plane obliquely in the tangential direction."""
     axis, psf = psf_at(8.0, 0, 0.25, 121), psf_at(8.0, angle_deg, 0.25, 121)
     cosine = np.cos(np.radians(angle_deg))
@@ -95,20 +95,20 @@ def test_its_illumination_falls_with_the_fourth_power_of_the_cosine():
     assert area[0] == pytest.approx(np.pi * aperture(8.0)**2, rel=1e-9)
 
 
-def test_its_beam_is_as_wide_as_its_pupil_looks():
+def test_its_beam_has_the_apparent_width_of_its_pupil():
     angles_deg = np.array([0, 10, 20, 30, 40])
     area = perfect_wavefronts(8.0, angles_deg).areas(24, 32)[1][0]
     np.testing.assert_allclose(area, np.pi * (EFL_MM / 16)**2 * np.cos(np.radians(angles_deg)), rtol=1e-9)
 
 
-def test_a_wavefront_between_wavelengths_is_that_of_its_own():
+def test_wavefronts_are_interpolated_between_wavelengths():
     """Phases are recomputed, and paths stay the same."""
     blue, red = (perfect_wavefronts(8.0, [0, 20], nm) for nm in (450.0, 650.0))
     assert blue.at([500.0]).chief_height_mm[0, 1] == pytest.approx(EFL_MM * np.tan(np.radians(20)))
     np.testing.assert_allclose(blue.at([650.0]).path_mm, red.path_mm)
 
 
-def test_waves_taken_for_longer_ones_leave_the_light_where_rays_go():
+def test_lengthened_waves_leave_the_light_where_rays_go():
     """Defocused by 0.5 mm at f/2: a disc of 250 um, whose edge is blurred by less than a pixel of 25 um."""
     few, all_of_them = (psf_at(2.0, 0, 25.0, 15, Sums(12, 1.0, 1.5, fringes), defocus_mm=0.5)
                         for fringes in (12.0, np.inf))
@@ -116,13 +116,13 @@ def test_waves_taken_for_longer_ones_leave_the_light_where_rays_go():
 
 
 @pytest.mark.parametrize("fringes", [8.0, 10.0, 10.0000001, 12.0, 60.0])
-def test_few_parts_of_a_sample_still_tell_all_waves_apart(fringes):
+def test_a_few_parts_per_sample_resolve_all_waves(fringes):
     """Down to one part per fringe; and 60 fringes are reduced to 12."""
     psf = psf_at(5.0, 0, fringes * UM / (2 * aperture(5.0)), 15, Sums(12, 0.5, 1.0, 12.0))
     assert psf.sum() == pytest.approx(1, abs=0.02) and psf.max() == psf[7, 7]
 
 
-def test_waves_are_as_long_as_they_are_where_samples_are_fine():
+def test_waves_are_not_lengthened_where_samples_are_fine():
     wavefront = perfect_wavefronts(5.0, [0]).one(0, 0)
     sums = Sums(12, 1.0, 1.5, 4.0)
     assert lengthening(wavefront, 2.0, sums) == 1.0

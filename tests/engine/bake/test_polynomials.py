@@ -22,7 +22,7 @@ def by_numpy(coefficients, x, y):
 
 
 @pytest.mark.parametrize("columns, rows", [(1, 1), (7, 3), (200, 900)])
-def test_on_a_grid_they_are_chebyshevs(columns, rows):
+def test_on_a_grid_they_match_chebyshevs(columns, rows):
     coefficients, x, y = some_coefficients(3), RANDOM.uniform(0, 1, columns), RANDOM.uniform(-1, 1, rows)
     expected = [by_numpy(each, x, y[:, None]) for each in coefficients]
     np.testing.assert_allclose(along_rows(of_rows(coefficients, y), x), expected, atol=1e-12)
@@ -33,14 +33,14 @@ def test_on_a_grid_they_are_chebyshevs(columns, rows):
 
 
 @pytest.mark.parametrize("rays", [60, 5000])
-def test_what_a_polynomial_is_is_found(rays):
+def test_polynomial_data_are_fitted_exactly(rays):
     coefficients, (x, y) = some_coefficients(2), RANDOM.uniform(-0.7, 0.7, (2, rays))
-    found, error = fitted(x, y, RANDOM.uniform(0.5, 1, rays), [by_numpy(each, x, y) for each in coefficients], DEGREE)
-    np.testing.assert_allclose(found, coefficients, atol=1e-7)
+    fit, error = fitted(x, y, RANDOM.uniform(0.5, 1, rays), [by_numpy(each, x, y) for each in coefficients], DEGREE)
+    np.testing.assert_allclose(fit, coefficients, atol=1e-7)
     assert error < 1e-10
 
 
-def test_what_no_polynomial_follows_is_the_error_by_least_squares():
+def test_the_error_is_the_least_squares_residual():
     """For a kink, against numpy's solution: the weighted root mean square of the residual."""
     x, y = RANDOM.uniform(-1, 1, (2, 400))
     weight, values = RANDOM.uniform(0.5, 1, 400), np.abs(y - 0.2)
@@ -51,8 +51,8 @@ def test_what_no_polynomial_follows_is_the_error_by_least_squares():
     assert error == pytest.approx(np.sqrt(least / np.sum(weight**2)), rel=1e-9)
 
 
-def test_terms_that_rays_tell_nothing_of_stay_small():
+def test_terms_that_rays_do_not_determine_stay_small():
     """Rays on a line across the pupil: they do not determine any power of y."""
     x = np.linspace(-1, 1, 50)
-    found, error = fitted(x, np.full(50, 0.1), np.ones(50), [x**2], DEGREE)
-    assert error < 1e-6 and np.abs(found).max() < 10
+    fit, error = fitted(x, np.full(50, 0.1), np.ones(50), [x**2], DEGREE)
+    assert error < 1e-6 and np.abs(fit).max() < 10

@@ -23,18 +23,18 @@ def edmund():
     return build_system(read_prescription(BUNDLED / "prescriptions" / "edmund-54852.toml"))
 
 
-def test_first_order_figures_are_the_makers(edmund):
+def test_first_order_figures_match_the_makers(edmund):
     assert edmund.efl_mm == pytest.approx(5.99997, abs=1e-4)
     assert edmund.magnification == pytest.approx(-0.023954, abs=1e-6)
     assert edmund.entrance_pupil_mm == pytest.approx(4.0579476, abs=1e-5)
 
 
-def test_chief_rays_are_those_of_a_second_tracer(edmund):
+def test_chief_rays_match_a_second_tracer(edmund):
     """From rayoptics, by rayoptics_witness.py, at wavelengths between the traced ones."""
     rows = np.loadtxt(CHIEF_RAYS, delimiter=",", comments=("#", "p"))
     traced = trace_wavefronts(edmund, rows[:, 0], 1e3 / np.linspace(1 / 0.39, 1 / 0.71, 7), HalfPupil(2, 5))
-    found = traced.at([400.0, 486.1, 587.5618, 656.3, 700.0]).chief_height_mm
-    np.testing.assert_allclose(found.T, rows[:, 1:], atol=1e-5)
+    chief_mm = traced.at([400.0, 486.1, 587.5618, 656.3, 700.0]).chief_height_mm
+    np.testing.assert_allclose(chief_mm.T, rows[:, 1:], atol=1e-5)
 
 
 def huygens_by_hand(system, height_mm, nm, offsets_mm):
@@ -85,7 +85,7 @@ def psf_of(system, height_mm, nm, pitch_um, samples, quality="reference", pupil=
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("height_mm", [0.0, 1.5, 2.4])
-def test_psfs_are_huygens_sum(edmund, height_mm):
+def test_psfs_match_huygens_sum(edmund, height_mm):
     """At 0.25 um, finer than the detail of the light; up to 2.4 mm nothing is clipped.
 
     The mean over a square is the light at its middle plus a 24th of the second differences.
@@ -99,7 +99,7 @@ def test_psfs_are_huygens_sum(edmund, height_mm):
 
 @pytest.mark.parametrize("height_mm", [0.0, 2.4, 3.0])
 @pytest.mark.parametrize("quality, promised", [("preview", 0.03), ("standard", 0.01)])
-def test_a_quality_keeps_to_the_reference(edmund, quality, promised, height_mm):
+def test_each_quality_stays_close_to_the_reference(edmund, quality, promised, height_mm):
     for nm in (420.0, 650.0):
         ours, reference = (psf_of(edmund, height_mm, nm, 1.4, 81, each) for each in (quality, "reference"))
         assert np.abs(ours - reference).sum() < promised
@@ -118,7 +118,7 @@ def test_the_window_of_the_sum_does_not_wrap(edmund):
     assert wide.sum() > narrow.sum()
 
 
-def test_illumination_is_the_area_of_the_bundle_that_gets_through(edmund):
+def test_illumination_is_the_area_of_the_transmitted_bundle(edmund):
     """Counted ray by ray on a dense grid, at 3 mm, where the edge of surface 9 blocks some rays."""
     heights_mm = np.array([0.0, 3.0])
     rays = trace_pupil(edmund, heights_mm, [550.0], HalfPupil(201, 401))
@@ -133,19 +133,19 @@ def test_illumination_is_the_area_of_the_bundle_that_gets_through(edmund):
         assert ours[1] / ours[0] == pytest.approx(area[1] / area[0], abs=1e-3)
 
 
-def test_the_bulk_glass_takes_some_blue(edmund):
+def test_the_bulk_glass_absorbs_some_blue(edmund):
     blue, green = edmund.transmittance([400.0, 550.0])
     assert 0.9 < blue < green < 1
 
 
-def test_a_set_of_distances_keeps_stop_focus_and_picture(edmund):
-    kept = focused(edmund.prescription)
-    near = build_system(replace(kept, object_distance_mm=100.0))
+def test_a_set_of_distances_shares_stop_focus_and_picture(edmund):
+    prescription = focused(edmund.prescription)
+    near = build_system(replace(prescription, object_distance_mm=100.0))
     assert near.stop_semi_aperture_mm == edmund.stop_semi_aperture_mm
     assert near.last_height_mm == edmund.last_height_mm
     assert near.prescription.surfaces == edmund.prescription.surfaces
 
 
-def test_blur_without_bounds_is_refused(edmund):
+def test_unbounded_blur_is_refused(edmund):
     with pytest.raises(LensError, match="too wide"):
         psf_of(edmund, 1.0, 550.0, 400.0, 65)

@@ -41,8 +41,8 @@ def baked(name, height_mm, depth_mm, pitch_um, samples):
     system = system_of(replace(lens.prescription, object_distance_mm=depth_mm - lens.entrance_pupil_mm))
     paraxial_mm = height_mm
     for _ in range(8 if height_mm else 0):
-        there_mm = trace_pupil(system, [paraxial_mm], [NM], HalfPupil(1, 1)).chief_height_mm[0, 0]
-        paraxial_mm *= height_mm / there_mm
+        chief_mm = trace_pupil(system, [paraxial_mm], [NM], HalfPupil(1, 1)).chief_height_mm[0, 0]
+        paraxial_mm *= height_mm / chief_mm
     wavefront = trace_wavefronts(system, [paraxial_mm], [NM], taken.pupil).one(0, 0)
     psf = point_spread(wavefront, pitch_um, samples, replace(taken.sums, repeat=2.0))
     return psf / psf.sum()
@@ -52,7 +52,7 @@ def baked(name, height_mm, depth_mm, pitch_um, samples):
 @pytest.mark.parametrize("share", [0.0, 0.5, 0.9])
 @pytest.mark.parametrize("name, waves", [
     ("edmund-54852", -8), *product(("edmund-54852", "kodak-petzval-100mm", "nikkor-z-50mm-f1.8"), (0, 0.5, 2, 32))])
-def test_it_is_what_a_bake_has_of_an_object_there(name, waves, share):
+def test_it_matches_a_bake_of_an_object_at_that_depth(name, waves, share):
     """To 3 % of the light, as the edges of apertures are fitted separately; to 5 % in the fringes of a 100-sample disc.
     """
     lens, table = focused(name), table_of(name)
@@ -69,7 +69,7 @@ def test_it_is_what_a_bake_has_of_an_object_there(name, waves, share):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["nikkor-58mm-f1.4", "sony-zeiss-55mm-f1.8"])
-def test_it_holds_where_two_rays_meet_close_to_what_passes(name):
+def test_it_holds_where_two_rays_meet_near_the_passing_ones(name):
     """Newton's method with one derivative for all rays lost a tenth of the light here."""
     height_mm, depth_mm = 0.7 * table_of(name).last_height_mm, 2e4
     psf, truth = (of(height_mm, depth_mm, 10.0, 101) for of in (partial(psf_at_depth, table_of(name), NM),
@@ -96,7 +96,7 @@ def test_a_perfect_lens_in_focus_has_airys_pattern(distance_mm):
 
 
 @pytest.mark.parametrize("height_mm", [0.0, 1.5])
-def test_far_from_focus_it_is_the_disc_that_rays_make(height_mm):
+def test_far_from_focus_it_is_the_disc_of_the_rays(height_mm):
     """The disc has diameter D f q. The fringes at its edge contain some of the light; more than half is uniform."""
     lens, table = perfect()
     waves, samples = 40, 129
@@ -113,7 +113,7 @@ def test_far_from_focus_it_is_the_disc_that_rays_make(height_mm):
 
 
 @pytest.mark.parametrize("depth_mm, share", [(250.0, 0.0), (120.0, 0.7), (np.inf, 0.4)])
-def test_rays_land_where_they_do(depth_mm, share):
+def test_landing_points_match_traced_rays(depth_mm, share):
     """For a point traced through the lens; the apertures stop the same rays."""
     lens, table = focused("edmund-54852"), table_of("edmund-54852")
     system = system_of(replace(lens.prescription, object_distance_mm=depth_mm - lens.entrance_pupil_mm))
@@ -131,13 +131,13 @@ def test_rays_land_where_they_do(depth_mm, share):
     np.testing.assert_allclose(landed_mm[:, inside], expected_mm[:, inside], atol=2e-5)
 
 
-def test_infinity_is_very_far_away():
+def test_infinity_matches_a_very_distant_point():
     _, table = perfect()
     far, farther = (psf_at_depth(table, NM, 1.0, depth_mm, 0.5, 41) for depth_mm in (1e8, np.inf))
     assert np.abs(far - farther).sum() < 1e-3
 
 
-def test_a_lens_at_a_depth_has_its_psfs_there():
+def test_a_lens_at_a_depth_has_the_psfs_of_that_depth():
     lens, table = perfect()
     nearer = lens_at_depth(lens, table, 500.0)
     assert nearer.name == "hand-made, points at 0.5 m" and nearer.enclosed_energy.min() > 0.98
@@ -150,7 +150,7 @@ def test_a_lens_at_a_depth_has_its_psfs_there():
 
 
 @pytest.mark.parametrize("depth_mm", [0.0, -5.0, np.nan])
-def test_a_depth_is_a_distance(depth_mm):
+def test_a_depth_must_be_a_distance(depth_mm):
     lens, table = perfect()
     with pytest.raises(InputError, match="depth is .*: expected a distance"):
         psf_at_depth(table, NM, 0.0, depth_mm, 1.0, 11)
@@ -158,14 +158,14 @@ def test_a_depth_is_a_distance(depth_mm):
         lens_at_depth(lens, table, depth_mm)
 
 
-def test_where_a_lens_looks_sideways_nothing_has_a_depth():
+def test_rays_from_the_side_have_no_depth():
     table = first_order_rays(make_lens(efl_mm=0.1, magnification=0.0, object_distance_mm=np.inf))
     with pytest.raises(InputError, match="height is 2 mm: its rays arrive from the side"):
         psf_at_depth(table, NM, 2.0, 1e3, 2.0, 65)
     assert psf_at_depth(table, NM, 0.1, 1e3, 2.0, 65).sum() == pytest.approx(1)
 
 
-def test_beyond_its_field_or_wavelengths_a_lens_has_none():
+def test_beyond_its_field_or_wavelengths_a_lens_has_no_psf():
     lens, table = perfect()
     with pytest.raises(LensError, match="field ends at 2 mm"):
         psf_at_depth(table, NM, 2.1, 1e3, 1.0, 11)

@@ -25,19 +25,19 @@ def lamp(brightness, centre_px=None, at=(40, 60)):
 
 
 @pytest.mark.parametrize("brightest", [1.0, HIGHLIGHT])
-def test_light_that_is_no_highlight_has_no_halo(brightest):
+def test_light_without_highlights_has_no_halo(brightest):
     light = np.random.default_rng(1).uniform(0.5, 1.0, (4, 64, 96))
     light[2, 10, 20] = brightest
     assert highlights(light, 32, density=1e-4) is None
     assert highlights(np.zeros((1, 8, 8)), 4, density=1.0) is None
 
 
-@pytest.mark.parametrize("times, found", [(0.9, False), (1.1, True)])
-def test_a_highlight_has_a_halo_where_that_shows(times, found):
+@pytest.mark.parametrize("times, visible", [(0.9, False), (1.1, True)])
+def test_a_highlight_has_a_halo_where_it_is_visible(times, visible):
     """Its section's mean is that of light of 1: typical light is 1, and the halo is slightly above or below VISIBLE."""
     light, density = np.ones((1, 70, 100)), 1e-4
     light[0, 40, 69] = HIGHLIGHT + times * VISIBLE / density
-    if not found:
+    if not visible:
         assert highlights(light, 32, density) is None
         return
     bright, sections = highlights(light, 32, density)
@@ -46,7 +46,7 @@ def test_a_highlight_has_a_halo_where_that_shows(times, found):
 
 
 @pytest.mark.parametrize("energy, wider", [(0.9, 0.99), (0.5, 0.999), (0.97, 0.97)])
-def test_a_trimmed_psf_and_its_halo_are_the_wider_one(energy, wider):
+def test_a_trimmed_psf_plus_its_halo_equals_the_wider_psf(energy, wider):
     bank = PsfBank.of(HALOED.at_wavelength(550), PITCH_UM)
     wide = bank.trimmed(wider)
     azimuths = np.linspace(-1, 1, 5)
@@ -77,21 +77,21 @@ def test_a_lamp_keeps_its_halo(centre_px, method, monkeypatch):
     assert report.lens_image.energy.out_w_per_nm == pytest.approx(report.lens_image.energy.in_w_per_nm, rel=1e-5)
 
 
-def test_a_lamp_beside_the_frame_shines_into_it():
+def test_a_lamp_outside_the_frame_shines_into_it():
     image = lamp(5000, at=(40, 9))
     cropped = replace(image, grid=replace(image.grid, overscan_px=(20, 20)))
     exact = simulate(cropped, HALOED, Options(method="exact")).cube[0]
     result = simulate(cropped, HALOED, Options(accuracy=0.01)).cube[0]
     plan = make_plan(Options(accuracy=0.01), HALOED, cropped.sampling)
     assert plan.psf_radius_px < 20 - 10 < plan.halo_radius_px  # from the lamp to the edge of the frame
-    beside, grey = exact[18:24, :2], np.median(exact)
-    assert beside.max() > 1.5 * grey
-    np.testing.assert_allclose(result[18:24, :2], beside, atol=0.2 * grey)
+    edge, grey = exact[18:24, :2], np.median(exact)
+    assert edge.max() > 1.5 * grey
+    np.testing.assert_allclose(result[18:24, :2], edge, atol=0.2 * grey)
 
 
-def test_frames_share_the_halos_that_they_have():
-    kept, options = ChannelCache(), Options(accuracy=0.01)
+def test_sharing_a_cache_does_not_change_halos():
+    cache, options = ChannelCache(), Options(accuracy=0.01)
     dark, bright = lamp(0.2), lamp(20000)
-    frames = [simulate(image, HALOED, options, cache=kept).cube for image in (dark, bright, dark, bright)]
+    frames = [simulate(image, HALOED, options, cache=cache).cube for image in (dark, bright, dark, bright)]
     for image, frame in zip((dark, bright, dark, bright), frames, strict=True):
         np.testing.assert_array_equal(frame, simulate(image, HALOED, options).cube)

@@ -62,14 +62,14 @@ def relative_error(result, truth):
 
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("section_size", [1, 7, 16, 50])
-def test_an_isoplanatic_lens_is_a_plain_convolution(section_size, shape):
+def test_an_isoplanatic_lens_is_a_convolution(section_size, shape):
     plane = noise(shape)
     truth = full_convolution(plane, one_psf([0], [0])[0])
     np.testing.assert_allclose(in_sections(plane, section_size, one_psf), truth, atol=1e-13)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_one_place_may_stand_for_all_sections(shape):
+def test_one_position_can_represent_all_sections(shape):
     plane, middle = noise(shape), [np.array([(n - 1) / 2]) for n in shape]
     truth = full_convolution(plane, varying_psf(*middle)[0])
     one = IsoplanaticSections(7, 13, RADIUS, varying_psf, middle, MemoryBudget(0))
@@ -77,14 +77,14 @@ def test_one_place_may_stand_for_all_sections(shape):
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_sections_of_one_pixel_are_the_exact_operator(shape):
+def test_sections_of_one_pixel_equal_the_exact_operator(shape):
     plane = noise(shape)
     np.testing.assert_allclose(in_sections(plane, 1), exactly(plane), atol=1e-12)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("section_size", [1, 7, 50])
-def test_the_canvas_holds_all_light(section_size, shape):
+def test_the_canvas_contains_all_light(section_size, shape):
     plane = noise(shape)
     canvas = in_sections(plane, section_size)
     assert canvas.shape == (shape[0] + 2 * RADIUS, shape[1] + 2 * RADIUS)
@@ -97,7 +97,7 @@ def test_error_halves_with_the_section_size():
     np.testing.assert_allclose([errors[0] / errors[1], errors[1] / errors[2]], 2.0, rtol=0.15)
 
 
-def test_a_larger_space_changes_nothing():
+def test_a_larger_space_does_not_change_the_result():
     plane = noise((20, 30))
     np.testing.assert_allclose(in_sections(plane, 8, space_px=64), in_sections(plane, 8), atol=1e-14)
 
@@ -114,7 +114,7 @@ def test_a_point_in_a_section_corner_does_not_wrap_around(row, column):
     assert canvas[lit].sum() == pytest.approx(5.0, rel=1e-13)
 
 
-def test_light_never_turns_negative_beside_a_highlight():
+def test_light_stays_positive_next_to_a_highlight():
     plane = np.full((40, 40), 1e-3)
     plane[19, 23] = 1e6
     canvas = in_sections(plane, 16)
@@ -122,7 +122,7 @@ def test_light_never_turns_negative_beside_a_highlight():
     assert canvas[RADIUS:-RADIUS, RADIUS:-RADIUS].min() > 0.2e-3  # a corner pixel keeps about a quarter
 
 
-def test_single_precision_serves_pictures_of_little_contrast():
+def test_single_precision_suffices_for_low_contrast_pictures():
     plane = 1 + noise((40, 50))
     double, single = in_sections(plane, 16), in_sections(plane.astype(np.float32), 16, single_range=np.inf)
     assert single.dtype == np.float32
@@ -131,7 +131,7 @@ def test_single_precision_serves_pictures_of_little_contrast():
 
 
 @pytest.mark.parametrize("space_px", [None, 32, 128])
-def test_rounding_stays_within_reach_of_a_highlight_whatever_the_space(space_px):
+def test_rounding_errors_stay_within_reach_of_a_highlight_at_any_fft_size(space_px):
     """Rounding of bright light in single precision is limited to the reach of the PSF, whatever the FFT size.
 
     One section and everything within its reach are bright, and the light beyond is dim: single precision is sufficient
@@ -164,28 +164,28 @@ def test_edmund_error_halves_with_the_section():
     assert sixteen / eight == pytest.approx(2.0, abs=0.2) and eight / four == pytest.approx(2.0, abs=0.2)
 
 
-def counted(asked):
+def counted(requested):
     """`varying_psf`, which records the requested positions."""
     def psfs(rows, columns):
-        asked.extend(zip(rows, columns, strict=True))
+        requested.extend(zip(rows, columns, strict=True))
         return varying_psf(rows, columns)
 
     return psfs
 
 
-def test_only_the_otfs_that_lit_sections_need_are_made():
-    asked, plane = [], np.zeros((40, 40))
+def test_otfs_are_computed_for_lit_sections_only():
+    requested, plane = [], np.zeros((40, 40))
     plane[12, 25] = 1  # in section (1, 2) of 10 px
-    in_sections(plane, 10, counted(asked))
-    assert asked == [(14.5, 24.5)]
+    in_sections(plane, 10, counted(requested))
+    assert requested == [(14.5, 24.5)]
 
 
-def test_otfs_that_are_kept_are_not_made_again_and_change_nothing():
-    asked = []
-    kept = sections((30, 40), 10, counted(asked), space_px=16, memory_bytes=1e9)
+def test_cached_otfs_are_reused_and_do_not_change_the_result():
+    requested = []
+    cached = sections((30, 40), 10, counted(requested), space_px=16, memory_bytes=1e9)
     first, second = noise((30, 40)), np.zeros((30, 40))
     second[3, 4] = 7
-    results = [blurred(plane, kept) for plane in (second, first, second)]
-    assert len(asked) == len(set(asked)) == 3 * 4
+    results = [blurred(plane, cached) for plane in (second, first, second)]
+    assert len(requested) == len(set(requested)) == 3 * 4
     np.testing.assert_array_equal(results[0], results[2])
     np.testing.assert_array_equal(results[1], in_sections(first, 10))

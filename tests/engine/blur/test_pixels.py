@@ -39,13 +39,13 @@ def pixels(azimuths, precision="float64"):
 @pytest.mark.parametrize("lens", LENSES)
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("centre_px", [None, (4.5, 3.0)])
-def test_64_azimuths_leave_a_ten_thousandth_of_the_light_in_the_wrong_place(lens, shape, centre_px):
+def test_64_azimuths_misplace_less_than_a_ten_thousandth_of_the_light(lens, shape, centre_px):
     image = noise(shape, centre_px=centre_px)
     exact = simulate(image, LENSES[lens], EXACT).cube
     assert distance_of_light(simulate(image, LENSES[lens], pixels(64)).cube, exact) < 1e-4
 
 
-def test_the_error_falls_as_azimuths_grow():
+def test_the_error_falls_with_more_azimuths():
     image, lens = noise((31, 40)), LENSES["lopsided"]
     exact = simulate(image, lens, EXACT).cube
     errors = [distance_of_light(simulate(image, lens, pixels(azimuths)).cube, exact) for azimuths in (4, 16, 64)]
@@ -56,7 +56,7 @@ def test_the_error_falls_as_azimuths_grow():
 
 @pytest.mark.parametrize("lens", LENSES)
 @pytest.mark.parametrize("shape", [(1, 21), (20, 1), (15, 15), (14, 14)])
-def test_pixels_on_the_azimuths_of_the_table_are_exact_however_few_there_are(lens, shape):
+def test_pixels_on_table_azimuths_are_exact_for_any_number_of_azimuths(lens, shape):
     image, straight = noise(shape), undistorted(LENSES[lens])  # distortion would smear light off the diagonals
     row, column = (np.abs(2 * index - n + 1) for index, n in zip(np.indices(shape), shape, strict=True))
     image.cube[0, (row != column) & (row != 0) & (column != 0)] = 0  # black, except on the axes and the diagonals
@@ -65,7 +65,7 @@ def test_pixels_on_the_azimuths_of_the_table_are_exact_however_few_there_are(len
 
 
 @pytest.mark.parametrize("nm", [400.0, 475.0, 700.0])
-def test_wavelengths_between_those_of_the_data_are_as_exact(nm):
+def test_interpolated_wavelengths_are_as_exact(nm):
     table = np.stack([np.tile(gaussian_psf(s, s, 2.5, 17), (11, 1, 1)) for s in (4, 8)])
     image, lens = noise((1, 31), wavelengths_nm=(nm,)), make_lens(table)
     exact = simulate(image, lens, EXACT).cube
@@ -92,7 +92,7 @@ def test_a_mark_falls_where_the_convention_says(source, image, centre_px):
 @pytest.mark.parametrize("shape", SHAPES[::3])
 @pytest.mark.parametrize("lens", LENSES)
 @pytest.mark.parametrize("precision", ["float32", "float64"])
-def test_energy_is_kept(lens, shape, precision):
+def test_energy_is_conserved(lens, shape, precision):
     report = Report()
     simulate(noise(shape, centre_px=(3.0, 5.0)), LENSES[lens], pixels(8, precision), report=report)
     energy = report.lens_image.energy
@@ -110,7 +110,7 @@ def test_light_is_never_negative(lens):
 
 
 @pytest.mark.parametrize("lens", LENSES)
-def test_dim_pixels_keep_single_precision_beside_a_highlight(lens):
+def test_dim_pixels_keep_single_precision_next_to_a_highlight(lens):
     """Without an FFT, rounding of bright light does not spread to dim pixels: each is accurate to its own last digits.
     """
     plane = np.full((50, 60), 1e-3)

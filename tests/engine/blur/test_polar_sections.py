@@ -23,7 +23,7 @@ def in_sections(section_size, azimuths, **knobs):
 @EVERY_LENS
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("section_size, centre_px", [(1, None), (7, (-20.0, 60.0)), (500, (4.5, 3.0))])
-def test_sections_do_what_pixels_do(lens, shape, section_size, centre_px):
+def test_sections_match_pixels(lens, shape, section_size, centre_px):
     image = noise(shape, centre_px)
     sections, pixels = (simulate(image, lens, options).cube for options in (
         in_sections(section_size, 3, precision="float64"), Options(method="pixels", azimuths=3, precision="float64")))
@@ -32,7 +32,7 @@ def test_sections_do_what_pixels_do(lens, shape, section_size, centre_px):
 
 @EVERY_LENS
 @pytest.mark.parametrize("centre_px", [None, (-20.0, 60.0)])
-def test_64_azimuths_leave_a_ten_thousandth_of_the_light_in_the_wrong_place(lens, centre_px):
+def test_64_azimuths_misplace_less_than_a_ten_thousandth_of_the_light(lens, centre_px):
     image = noise((12, 15), centre_px)
     exact = simulate(image, lens, Options(method="exact")).cube
     assert distance_of_light(simulate(image, lens, in_sections(8, 64, psf_energy=1.0)).cube, exact) < 1e-4
@@ -40,7 +40,7 @@ def test_64_azimuths_leave_a_ten_thousandth_of_the_light_in_the_wrong_place(lens
 
 @EVERY_LENS
 @pytest.mark.parametrize("section_size", [1, 7])
-def test_energy_is_kept(lens, section_size):
+def test_energy_is_conserved(lens, section_size):
     report = Report()
     simulate(noise((14, 17), (3.0, 5.0)), lens, in_sections(section_size, 4, precision="float64"), report=report)
     energy = report.lens_image.energy
@@ -48,7 +48,7 @@ def test_energy_is_kept(lens, section_size):
 
 
 @EVERY_LENS
-def test_single_precision_serves_pictures_of_little_contrast(lens):
+def test_single_precision_suffices_for_low_contrast_pictures(lens):
     image = noise((40, 50))
     single, double = (simulate(image, lens, in_sections(16, 4, precision=precision)).cube
                       for precision in ("auto", "float64"))

@@ -30,31 +30,31 @@ def test_black_sections_need_nothing():
 
 
 @pytest.mark.parametrize("row, column, section", [(0, 0, (0, 0)), (9, 10, (0, 1)), (10, 9, (1, 0)), (24, 30, (2, 3))])
-def test_a_single_pixel_lights_its_section_alone(row, column, section):
+def test_a_single_pixel_lights_only_its_section(row, column, section):
     plane = np.zeros((25, 31))
     plane[row, column] = 1e-40
     assert sections(judged(plane).lit) == {section}
 
 
-def test_a_picture_smaller_than_a_section_is_one():
+def test_a_picture_smaller_than_a_section_is_one_section():
     needs = judged([[2.0]], section_size=32, reach_px=100)
     assert needs.lit.tolist() == [[True]] and needs.double.tolist() == [[False]]
 
 
 @pytest.mark.parametrize("brightest, double", [(RANGE, False), (RANGE + 1, True)])
-def test_single_precision_serves_up_to_its_range(brightest, double):
+def test_single_precision_suffices_up_to_its_range(brightest, double):
     plane = np.ones((10, 10))
     plane[4, 5] = brightest
     assert judged(plane).double.tolist() == [[double]]
 
 
-def test_black_pixels_are_no_dim_ones():
+def test_black_pixels_do_not_count_as_dim():
     plane = np.zeros((10, 10))
     plane[4, 5], plane[2, 2] = 1e30, 1e30 / RANGE
     assert not judged(plane).double.any()
 
 
-def test_a_highlight_needs_double_precision_for_the_dim_section_that_it_reaches():
+def test_a_highlight_that_reaches_dim_sections_needs_double_precision():
     plane = np.full((30, 30), 1e-3)
     plane[10:20, 10:20] = 1e6  # uniform, as are its neighbours
     needs = judged(plane)
@@ -62,7 +62,7 @@ def test_a_highlight_needs_double_precision_for_the_dim_section_that_it_reaches(
 
 
 @pytest.mark.parametrize("reach_px, double", [(0, False), (1, False), (10, False), (11, True), (20, True)])
-def test_a_dim_section_counts_as_far_as_light_reaches(reach_px, double):
+def test_a_dim_section_counts_within_reach_of_the_light(reach_px, double):
     plane = np.full((10, 40), 1e6)
     plane[:, 20:] = 1e-3  # ten pixels of bright light separate section 0 from the dim ones
     assert judged(plane, reach_px=reach_px).double[0, 0] == double
@@ -75,33 +75,33 @@ def test_dim_sections_count_on_either_side(columns):
     assert sections(judged(plane, reach_px=25).double) == {(0, columns[0])}
 
 
-def test_a_range_of_0_is_double_precision_and_one_of_infinity_single():
+def test_range_0_means_double_precision_and_infinity_single():
     plane = np.zeros((20, 30))
     plane[3, 3], plane[15, 25] = 1, 1e30
     assert sections(judged(plane, single_range=0).double) == {(0, 0), (1, 2)}
     assert not judged(plane, single_range=np.inf).double.any()
 
 
-def test_planes_share_the_judgement():
+def test_all_planes_share_the_section_needs():
     planes = np.zeros((4, 10, 30))
     planes[0, 5, 5], planes[3, 5, 15] = 1e6, 1
     needs = section_needs(planes, Planes(PixelGrid((20, 60), 1.0), True), 10, 3, RANGE, 0)
     assert sections(needs.lit) == {(0, 0), (0, 1)} and sections(needs.double) == {(0, 0)}
 
 
-def test_even_light_is_flat_but_for_the_border_from_which_black_is_in_reach():
+def test_even_light_is_flat_except_within_reach_of_black():
     needs = judged(np.ones((60, 60)), flat_slope=1e-9)
     assert sections(needs.flat) == {(i, j) for i in range(1, 5) for j in range(1, 5)}
 
 
-def test_what_lies_deep_inside_flat_light_is_not_spread():
+def test_sections_deep_inside_flat_light_are_not_spread():
     needs = judged(np.ones((60, 60)), flat_slope=1e-9)
     assert sections(~needs.lit) == {(i, j) for i in (2, 3) for j in (2, 3)}
     border = {(i, j) for i in range(6) for j in range(6)} - {(i, j) for i in range(1, 5) for j in range(1, 5)}
     assert sections(needs.lit & ~needs.flat) == border
 
 
-def test_nothing_is_flat_where_nobody_asked():
+def test_nothing_is_flat_at_a_slope_of_zero():
     assert not judged(np.ones((60, 60)), flat_slope=0.0).flat.any()
 
 
@@ -114,13 +114,13 @@ def test_a_step_is_flat_up_to_the_slope(slope, flat, along):
 
 
 @pytest.mark.parametrize("column, flat", [(29, False), (30, False), (39, False), (40, True)])
-def test_a_step_between_sections_or_in_the_next_one_is_seen(column, flat):
+def test_a_step_between_sections_or_in_the_next_one_is_detected(column, flat):
     plane = np.ones((50, 70))
     plane[:, column + 1:] = 1.1
     assert judged(plane, flat_slope=0.01).flat[2, 2] == flat
 
 
-def test_a_step_counts_against_the_dimmest_in_reach():
+def test_a_step_is_relative_to_the_dimmest_pixel_in_reach():
     plane = np.exp(0.001 * np.arange(50))[None, :] * np.ones((50, 1))
     # Section 2 reads the columns 10 to 39, and the step beyond them: the dimmest value is exp(0.01).
     step = 0.001 * np.exp(0.0395 - 0.01)
@@ -133,8 +133,8 @@ def test_even_light_that_ends_within_reach_is_not_flat(length):
     """The last section may be only a strip of the picture, so that black is within reach of the previous section."""
     needs = judged(np.ones((50, length)), reach_px=8, flat_slope=1e-3)
     last_flat = (length - 8) // 10 - 1  # its last pixel is at least 8 px from the end
-    found = np.flatnonzero(needs.flat[2]).tolist()
-    assert set(range(1, last_flat)) <= set(found) <= set(range(1, last_flat + 1))
+    flat_columns = np.flatnonzero(needs.flat[2]).tolist()
+    assert set(range(1, last_flat)) <= set(flat_columns) <= set(range(1, last_flat + 1))
 
 
 @pytest.mark.parametrize("shape", [(80, 80), (81, 80), (80, 81), (81, 81)])
@@ -145,12 +145,12 @@ def test_a_folded_picture_is_flat_across_its_axis(shape):
 
 @pytest.mark.parametrize("halves", ["left and right", "upper and lower"])
 @pytest.mark.parametrize("extra", [0, 1])
-def test_a_step_across_the_axis_is_seen(halves, extra):
+def test_a_step_across_the_axis_is_detected(halves, extra):
     plane = np.ones((80 + extra, 80 + extra))
     plane[(slice(None), slice(40 + extra)) if halves == "left and right" else slice(40 + extra)] = 1.1
     needs = needs_of(plane, 10, 8, RANGE, 0.01, folded=True)
-    beside = needs.flat[:, :2] if halves == "left and right" else needs.flat[:2]
-    assert not beside.any()
+    near_axis = needs.flat[:, :2] if halves == "left and right" else needs.flat[:2]
+    assert not near_axis.any()
     assert (needs.flat[:2, 2] if halves == "left and right" else needs.flat[2, :2]).all()
 
 
@@ -178,7 +178,7 @@ def section_of(shape, section_size, folded):
 @pytest.mark.parametrize("folded", [False, True])
 @pytest.mark.parametrize("shape", [(36, 40), (29, 31), (11, 40)])
 @pytest.mark.parametrize("section_size, reach_px", [(6, 3), (5, 5), (7, 9), (4, 1)])
-def test_no_pixel_is_promised_more_than_it_gets(shape, section_size, reach_px, folded):
+def test_every_pixel_meets_the_needs_of_its_section(shape, section_size, reach_px, folded):
     """Checks each pixel of the full picture against the requirements of its section."""
     slope = 0.01
     for seed in range(2):
@@ -188,13 +188,13 @@ def test_no_pixel_is_promised_more_than_it_gets(shape, section_size, reach_px, f
         flat, lit, double = (mask[of_row[:, None], of_column] for mask in (needs.flat, needs.lit, needs.double))
         for row, column in np.ndindex(shape):
             window = reached(row, column, reach_px, shape)
-            seen = plane[window]
-            whole = seen.shape == (2 * reach_px + 1, 2 * reach_px + 1)
+            nearby = plane[window]
+            complete = nearby.shape == (2 * reach_px + 1, 2 * reach_px + 1)
             if flat[row, column]:
-                steps = max(np.abs(np.diff(seen, axis=0)).max(), np.abs(np.diff(seen, axis=1)).max())
-                assert whole and steps <= slope * seen.min()
+                steps = max(np.abs(np.diff(nearby, axis=0)).max(), np.abs(np.diff(nearby, axis=1)).max())
+                assert complete and steps <= slope * nearby.min()
             if lit[row, column]:
-                dim = seen[seen > 0].min(initial=np.inf)
+                dim = nearby[nearby > 0].min(initial=np.inf)
                 assert double[row, column] or plane[row, column] <= RANGE * dim
             elif plane[row, column]:
                 assert flat[window].all()  # everything that its light reaches is flat
@@ -222,7 +222,7 @@ def even_picture(request):
 
 
 @pytest.mark.parametrize("knobs", [dict(section_size=16), dict(method="pixels", azimuths=32)])
-def test_flat_sections_are_wrong_by_no_more_than_was_allowed(even_picture, knobs):
+def test_flat_sections_stay_within_the_tolerance(even_picture, knobs):
     image, lens, exact = even_picture
     filtered = simulate(image, lens, Options(**knobs)).cube
     flat = simulate(image, lens, Options(**knobs, flat_tolerance=1e-3)).cube
@@ -231,7 +231,7 @@ def test_flat_sections_are_wrong_by_no_more_than_was_allowed(even_picture, knobs
     assert distance_of_light(flat, filtered) <= 1e-3
 
 
-def test_where_psfs_lean_even_light_thins_as_the_exact_operator_says(even_picture):
+def test_leaning_psfs_dim_even_light_as_with_the_exact_operator(even_picture):
     image, lens, exact = even_picture
     flat = simulate(image, lens, Options(section_size=16, flat_tolerance=1e-3)).cube
     middle = (0, slice(30, 110), slice(30, 120))
@@ -240,14 +240,15 @@ def test_where_psfs_lean_even_light_thins_as_the_exact_operator_says(even_pictur
 
 
 @pytest.mark.parametrize("shape", [(96, 128), (97, 129)])
-def test_even_light_is_written_down_alike_whether_the_picture_is_folded_or_not(shape):
+def test_flat_light_is_the_same_folded_and_unfolded(shape):
     """PSFs lean outwards on both sides of the axis: a missing sign would make the light there 1 % brighter."""
     lens, options = leaning_lens(), Options(section_size=8, flat_tolerance=1e-3, precision="float64")
     centre = (shape[0] - 1) / 2, (shape[1] - 1) / 2 + 1e-7  # too little to change a picture, but it prevents folding
-    folded, whole = (simulate(SpectralImage(np.ones((1, *shape)), 550.0, pitch_um=16.0, centre_px=where), lens, options)
-                     for where in (None, centre))
-    beside = (0, *(slice(n // 2 - 12, n // 2 + 13) for n in shape))
-    np.testing.assert_allclose(folded.cube[beside], whole.cube[beside], rtol=1e-5)
+    folded, unfolded = (
+        simulate(SpectralImage(np.ones((1, *shape)), 550.0, pitch_um=16.0, centre_px=where), lens, options)
+        for where in (None, centre))
+    middle = (0, *(slice(n // 2 - 12, n // 2 + 13) for n in shape))
+    np.testing.assert_allclose(folded.cube[middle], unfolded.cube[middle], rtol=1e-5)
 
 
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-3, 1e-4])
@@ -295,7 +296,7 @@ def test_black_sections_are_not_filtered(spread):
     assert spread == [(1, 2)]
 
 
-def test_the_papers_lens_shows_a_grey_wall_as_the_exact_operator_does():
+def test_the_papers_lens_shows_a_grey_wall_like_the_exact_operator():
     """A lens whose PSFs really vary, at 1.8 to 2.4 mm from its axis."""
     lens = load_lens("edmund-54852")
     image = SpectralImage(np.ones((1, 48, 56)), 587.6, pitch_um=12.5, centre_px=(-100.0, 140.0))
@@ -307,7 +308,7 @@ def test_the_papers_lens_shows_a_grey_wall_as_the_exact_operator_does():
 
 @pytest.mark.parametrize("lens, pitch_um", [(comatic_lens(), 25.0), (comatic_lens(), 8.0), (lopsided_lens(), 16.0)],
                          ids=["within a pixel", "over pixels", "off the meridional plane"])
-def test_even_light_is_what_the_exact_operator_makes_of_it_however_psfs_lean(lens, pitch_um):
+def test_even_light_matches_the_exact_operator_however_psfs_lean(lens, pitch_um):
     """PSFs that lean by less than their pixel remove almost no light from it."""
     image = SpectralImage(np.ones((1, 56, 64)), 550.0, pitch_um=pitch_um, centre_px=(-20.0, -10.0))
     exact, filtered, flat = (simulate(image, lens, options).cube for options in (
@@ -317,7 +318,7 @@ def test_even_light_is_what_the_exact_operator_makes_of_it_however_psfs_lean(len
 
 
 @pytest.mark.parametrize("accuracy", [1e-2, 1e-3, 1e-4])
-def test_an_accuracy_holds_where_all_is_even(accuracy):
+def test_the_accuracy_holds_for_even_light(accuracy):
     lens = lopsided_lens()
     image = SpectralImage(np.ones((1, 80, 80)), 550.0, pitch_um=16.0, centre_px=(-20.0, -10.0))
     exact = simulate(image, lens, Options(method="exact")).cube

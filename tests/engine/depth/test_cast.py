@@ -59,7 +59,7 @@ def centroid_and_width(picture):
 
 
 @pytest.mark.parametrize("side", ["above", "below", "left", "right"])
-def test_a_layer_goes_on_beyond_the_capture_where_it_ends_with_that_and_nowhere_else(lens, side):
+def test_a_layer_continues_only_across_the_border_of_the_capture(lens, side):
     """A strip along one side of a picture, blurred by 16 px in front of the focus.
 
     Beyond three of its sides all rays meet its continuation, at its free end half of them do.
@@ -69,8 +69,8 @@ def test_a_layer_goes_on_beyond_the_capture_where_it_ends_with_that_and_nowhere_
     shape = (60, width) if across else (width, 80)
     origin = (0, 0) if first else (0, 80 - width) if across else (60 - width, 0)
     strip = layer(np.ones(shape), depth_of_blur(lens, 16.0), 3.0, origin_px=origin)
-    found = planes([strip, layer(np.zeros(grid.shape_px), FAR_MM)], lens, grid)[0].blurred
-    profile = found if across else found.T
+    blurred = planes([strip, layer(np.zeros(grid.shape_px), FAR_MM)], lens, grid)[0].blurred
+    profile = blurred if across else blurred.T
     profile = profile if first else profile[:, ::-1]
     np.testing.assert_allclose(profile[:, :width - 10], 3.0, rtol=1e-5)
     np.testing.assert_allclose(profile[:, width - 1:width + 1].mean(axis=1), 1.5, rtol=0.1)
@@ -78,7 +78,7 @@ def test_a_layer_goes_on_beyond_the_capture_where_it_ends_with_that_and_nowhere_
 
 
 @pytest.mark.parametrize("blur", [-24.0, 24.0])
-def test_a_far_lamp_is_a_disc_of_the_size_and_at_the_place_of_first_order_optics(lens, blur):
+def test_a_lamp_out_of_focus_is_a_disc_with_first_order_size_and_position(lens, blur):
     grid, lit = PixelGrid.around_frame((81, 81), PITCH_UM, (12, 12)), (50, 55)
     alpha = np.zeros(grid.shape_px)
     alpha[lit] = 1
@@ -92,7 +92,7 @@ def test_a_far_lamp_is_a_disc_of_the_size_and_at_the_place_of_first_order_optics
 
 
 @pytest.mark.parametrize("blur", [-30.0, -6.0, 9.0])
-def test_an_opaque_plane_is_as_bright_everywhere_also_at_the_borders_of_layers(lens, blur):
+def test_an_opaque_plane_is_even_across_layer_borders(lens, blur):
     grid, depth_mm = PixelGrid.around_frame((60, 70), PITCH_UM, (20, 20)), depth_of_blur(lens, blur)
     columns = np.indices(grid.shape_px)[1]
     parts = [layer((columns >= left) & (columns < left + 40), depth_mm, 3.0) for left in (0, 40, 80)]
@@ -103,7 +103,7 @@ def test_an_opaque_plane_is_as_bright_everywhere_also_at_the_borders_of_layers(l
 
 
 @pytest.mark.parametrize("nearer", [True, False])
-def test_what_is_in_focus_stays_with_the_pinhole_and_costs_nothing(lens, nearer):
+def test_in_focus_light_stays_in_the_pinhole_image(lens, nearer):
     """In front of a hidden world, or next to out-of-focus light."""
     grid = PixelGrid.around_frame((64, 96), PITCH_UM, (16, 16))
     light = np.random.default_rng(1).random((2, *grid.shape_px), np.float32)
@@ -124,7 +124,7 @@ def test_what_is_in_focus_stays_with_the_pinhole_and_costs_nothing(lens, nearer)
             assert not plane.blurred.any() and plane.clear.min() == 1
 
 
-def test_a_near_edge_dims_what_is_in_focus_as_its_disc_is_cut(lens):
+def test_a_near_edge_dims_in_focus_light_by_the_area_of_its_disc(lens):
     """The share of a disc beyond a straight line through it."""
     grid, blur = PixelGrid.around_frame((16, 120), PITCH_UM, (40, 40)), 32.0
     columns = np.indices(grid.shape_px)[1]
@@ -137,7 +137,7 @@ def test_a_near_edge_dims_what_is_in_focus_as_its_disc_is_cut(lens):
     assert not plane.blurred.any()
 
 
-def test_what_is_half_in_focus_is_whole(lens):
+def test_partly_in_focus_light_adds_up_to_one(lens):
     """A plane through focus, rendered partly by each method, without light from behind it."""
     grid = PixelGrid.around_frame((48, 160), PITCH_UM, (16, 16))
     columns = np.indices(grid.shape_px)[1]
@@ -145,22 +145,22 @@ def test_what_is_half_in_focus_is_whole(lens):
     texture = 1 + (columns // 16) % 2
     things = [layer(np.ones(grid.shape_px), depth_mm, 1.0), layer(np.ones(grid.shape_px), np.inf, 7.0 * texture)]
     for plane in planes(things, lens, grid, most_rays=512):
-        seen = plane.sharp[16:-16, 16:-16] * plane.clear + plane.blurred
-        assert np.abs(seen - 1).max() < 0.03  # the share of in-focus light changes over half a pixel
+        total = plane.sharp[16:-16, 16:-16] * plane.clear + plane.blurred
+        assert np.abs(total - 1).max() < 0.03  # the share of in-focus light changes over half a pixel
 
 
 @pytest.mark.parametrize("blur", [0.6, 1.2, 1.9])
-def test_what_is_half_in_focus_shows_nothing_of_what_is_in_focus_behind_it(lens, blur):
+def test_a_partly_in_focus_plane_hides_in_focus_light_behind_it(lens, blur):
     grid = PixelGrid.around_frame((40, 48), PITCH_UM, (8, 8))
     behind = np.random.default_rng(1).random((2, *grid.shape_px)) * 9
     things = [layer(np.ones(grid.shape_px), depth_of_blur(lens, blur), 1.0),
               layer(np.ones(grid.shape_px), IN_FOCUS_MM + lens.entrance_pupil_mm, behind)]
     for plane in planes(things, lens, grid):
-        seen = plane.sharp[8:-8, 8:-8] * plane.clear + plane.blurred
-        assert np.abs(seen - 1).max() < 0.05 and abs(seen.mean() - 1) < 0.005
+        total = plane.sharp[8:-8, 8:-8] * plane.clear + plane.blurred
+        assert np.abs(total - 1).max() < 0.05 and abs(total.mean() - 1) < 0.005
 
 
-def test_layers_that_cover_nothing_show_nothing(lens):
+def test_empty_layers_are_black(lens):
     grid = PixelGrid.around_frame((20, 24), PITCH_UM, (4, 4))
     for plane in planes([layer(np.zeros(grid.shape_px), 1.0), layer(np.zeros((1, 1)), np.inf)], lens, grid):
         assert not plane.sharp.any() and not plane.blurred.any() and plane.clear.min() == 1
@@ -191,7 +191,7 @@ ROUNDING = 64 * 2.0**-24  # of float32 sums over 64 rays, each of light up to 1
 @pytest.mark.skipif(len(available()) < 2, reason="no library of the loops: no compiler")
 @pytest.mark.parametrize("grid", GRIDS, ids=lambda grid: f"{grid.shape_px}")
 @pytest.mark.parametrize("iris", [None, Iris(5, 20.0, 0.3)])
-def test_all_variants_give_the_same_bits_and_numpy_the_same_but_for_rounding(lens, grid, iris):
+def test_variants_agree_bit_for_bit_and_with_numpy_up_to_rounding(lens, grid, iris):
     scene, results = random_scene(lens, grid, 5), []
     for name in available():
         with using(name):
@@ -207,7 +207,7 @@ def test_all_variants_give_the_same_bits_and_numpy_the_same_but_for_rounding(len
         assert np.isfinite(plane.blurred).all() and plane.clear.min() >= 0 and plane.clear.max() <= 1
 
 
-def test_threads_change_no_bit(lens, monkeypatch):
+def test_threads_do_not_change_the_result(lens, monkeypatch):
     scene, results = random_scene(lens, GRIDS[0], 5), []
     for count in (1, 5):
         monkeypatch.setattr(threads, "thread_count", lambda count=count: count)
@@ -215,7 +215,7 @@ def test_threads_change_no_bit(lens, monkeypatch):
     assert np.array_equal(*results)
 
 
-def test_a_fisheye_shows_what_a_plane_capture_does(lens):
+def test_fisheye_and_plane_captures_agree(lens):
     """For a uniform scene with an edge, in pixels of the same sensor."""
     focal_mm, depth_mm = lens.capture_focal_length_mm, depth_of_blur(lens, -20.0)
     results = []
@@ -230,7 +230,7 @@ def test_a_fisheye_shows_what_a_plane_capture_does(lens):
     assert np.abs(results[1] - results[0]).max() < 0.02 and np.ptp(results[0]) > 0.1
 
 
-def test_more_rays_go_where_lamps_are(lens):
+def test_lamps_receive_more_rays(lens):
     """A lamp's disc is smoother, and areas without lamps are bit for bit the same."""
     grid = PixelGrid.around_frame((64, 192), PITCH_UM, (24, 24))
     alpha = np.zeros(grid.shape_px)
@@ -250,14 +250,14 @@ def test_the_brightest_floats_do_not_overflow(lens, size):
     scene = random_scene(lens, grid, 3)
     bright = [Layer(each.cube * power, each.alpha, each.depth_mm, each.origin_px) for each in scene]
     with np.errstate(all="raise"):
-        found = planes(bright, lens, grid, most_rays=256, most_of_lamps=1024)
-    for plane, expected in zip(found, planes(scene, lens, grid, most_rays=256, most_of_lamps=1024), strict=True):
+        result = planes(bright, lens, grid, most_rays=256, most_of_lamps=1024)
+    for plane, expected in zip(result, planes(scene, lens, grid, most_rays=256, most_of_lamps=1024), strict=True):
         assert expected.blurred.max() > 0.5
         np.testing.assert_allclose(plane.blurred, power * expected.blurred, rtol=1e-5)
         np.testing.assert_allclose(plane.clear, expected.clear, atol=1e-5)
 
 
-def test_a_lamp_in_the_corner_is_the_cats_eye_that_the_apertures_leave():
+def test_a_lamp_in_the_corner_is_a_cats_eye_cut_by_the_apertures():
     """Against rays from every pixel through random points of the stop, looked up one by one."""
     lens, side = varied_lens("kodak-petzval-100mm"), 29
     rays, focal_mm = lens_rays(lens), lens.capture_focal_length_mm
@@ -270,10 +270,10 @@ def test_a_lamp_in_the_corner_is_the_cats_eye_that_the_apertures_leave():
     nearness = focus_nearness(lens) + 2e-4
     rng = np.random.default_rng(2)
     radius, azimuth = np.sqrt(rng.random((side, side, 400))), 2 * np.pi * rng.random((side, side, 400))
-    found = rays.at([550.0]).rays(0, -np.stack([x_mm, y_mm])[..., None],
-                                  np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth)]))
-    place_mm = focal_mm * (found.entrance_mm * nearness - found.direction[:2] / found.direction[2])
-    passing = found.margin > 0
+    traced = rays.at([550.0]).rays(0, -np.stack([x_mm, y_mm])[..., None],
+                                   np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth)]))
+    place_mm = focal_mm * (traced.entrance_mm * nearness - traced.direction[:2] / traced.direction[2])
+    passing = traced.margin > 0
     lit_mm = [(each * passing).sum() / passing.sum() for each in place_mm]
     column, row = (round(middle + sign * (at - corner_mm) / pitch_mm) for at, sign in zip(lit_mm, (1, -1), strict=True))
     alpha = np.zeros(grid.shape_px)
@@ -282,7 +282,7 @@ def test_a_lamp_in_the_corner_is_the_cats_eye_that_the_apertures_leave():
     # a pixel, widened by bilinear interpolation
     tent = np.prod([np.maximum(0, 1 - np.abs(place - at) / pitch_mm)
                     for place, at in zip(place_mm, (at_x, at_y), strict=True)], axis=0)
-    light = found.weight * passing
+    light = traced.weight * passing
     expected = (tent * light).sum(axis=-1) / np.maximum(light.sum(axis=-1), 1e-9)
     scene = LayeredRadiance((layer(alpha, 1 / nearness, count=1),), [550.0], grid, focal_mm)
     plane, = cast(scene, lens, rays, most_rays=1024)
@@ -296,15 +296,15 @@ def test_a_lamp_in_the_corner_is_the_cats_eye_that_the_apertures_leave():
 
 
 @pytest.mark.parametrize("count, rays", [(2, 256), (13, 1024)])
-def test_it_takes_the_memory_that_it_is_priced_at(lens, count, rays):
+def test_casting_uses_the_estimated_memory(lens, count, rays):
     """Excluding the loops' own memory, which is small. A lamp needs all of the rays."""
     grid, lamp = PixelGrid((480, 640), PITCH_UM), np.zeros((480, 640))
     lamp[240, 320] = 1
     parts = [layer(lamp, depth_of_blur(lens, 40.0), 1e6, count), layer(np.ones_like(lamp), FAR_MM, 1.0, count)]
-    whole, table = layered(parts, lens, grid), first_order_rays(lens)
+    scene, table = layered(parts, lens, grid), first_order_rays(lens)
     tracemalloc.start()
-    for view in cast(whole, lens, table, most_rays=256, most_of_lamps=rays):
+    for view in cast(scene, lens, table, most_rays=256, most_of_lamps=rays):
         del view
     used = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert used < 1.3 * casting_bytes(whole, rays) < 1.3**2 * used
+    assert used < 1.3 * casting_bytes(scene, rays) < 1.3**2 * used

@@ -53,7 +53,7 @@ def test_the_pupil_of_a_lens_in_focus_at_infinity_is_its_focal_length_over_its_f
 @pytest.mark.parametrize("name, paraxial_mm", [
     ("edmund-54852", 3.381), ("muller-fisheye-25mm", 6.313), ("cooke-triplet-50mm", 10.004), ("nikkor-28mm", 9.900),
     ("apple-phone-4mm", 2.280), ("angenieux-50mm", 45.427)])
-def test_the_pupils_of_real_lenses_are_near_those_that_paraxial_rays_give(name, paraxial_mm):
+def test_the_pupils_of_real_lenses_are_near_their_paraxial_pupils(name, paraxial_mm):
     """Optiland's entrance pupil diameters of the prescriptions; the f-numbers in the lens data are from real rays."""
     assert entrance_pupil_diameter_mm(varied_lens(name)) == pytest.approx(paraxial_mm, rel=0.05)
 
@@ -61,7 +61,7 @@ def test_the_pupils_of_real_lenses_are_near_those_that_paraxial_rays_give(name, 
 @pytest.mark.parametrize("focal_mm, diameter_mm, object_mm, offset_mm", [(50, 10, 1000, 0), (50, 25, 200, 0),
                                                                          (6, 3.2, 254, 4), (100, 20, 5000, -30)])
 @pytest.mark.parametrize("blur_um", [2.0, 10.0, 30.0])
-def test_at_the_ends_of_the_range_a_thin_lens_blurs_by_as_much(focal_mm, diameter_mm, object_mm, offset_mm, blur_um):
+def test_the_blur_at_both_ends_of_the_range_is_the_allowed_blur(focal_mm, diameter_mm, object_mm, offset_mm, blur_um):
     lens = thin_lens(focal_mm, diameter_mm, object_mm, offset_mm)
     near_mm, far_mm = sharp_range_mm(lens, blur_um)
     assert near_mm < object_mm < far_mm < np.inf
@@ -69,7 +69,7 @@ def test_at_the_ends_of_the_range_a_thin_lens_blurs_by_as_much(focal_mm, diamete
         assert 1e3 * thin_lens_blur_mm(focal_mm, diameter_mm, object_mm, depth_mm) == pytest.approx(blur_um, rel=1e-9)
 
 
-def test_focused_at_the_hyperfocal_distance_all_is_sharp_from_half_of_it():
+def test_at_the_hyperfocal_distance_the_range_starts_at_half_of_it():
     # 50 mm f/5 and 30 um: H = f^2 / (N c) + f = 16717 mm. Everything beyond is sharp; the near limit is about half of
     # it.
     hyperfocal_mm = 50**2 / (5 * 0.03) + 50
@@ -79,22 +79,22 @@ def test_focused_at_the_hyperfocal_distance_all_is_sharp_from_half_of_it():
     assert sharp_range_mm(thin_lens(50, 10, hyperfocal_mm), 30.1)[1] == np.inf
 
 
-def test_in_focus_at_infinity_the_near_limit_is_focal_length_times_pupil_over_blur():
+def test_at_infinity_focus_the_near_limit_is_focal_length_times_pupil_over_blur():
     assert sharp_range_mm(FAR_LENS, 20.0) == (pytest.approx(50 * 10 / 0.02), np.inf)
 
 
-def test_a_lens_at_infinity_is_the_limit_of_one_focused_far():
+def test_infinity_focus_is_the_limit_of_distant_focus():
     near_mm = sharp_range_mm(thin_lens(50, 10, 1e9), 20.0)[0]
     assert near_mm == pytest.approx(sharp_range_mm(FAR_LENS, 20.0)[0], rel=1e-4)
 
 
-def test_a_lens_scaled_alike_with_its_blur_has_a_range_scaled_alike():
+def test_the_range_scales_with_lens_and_blur():
     lens = thin_lens(6, 3.2, 254, 4)
     np.testing.assert_allclose(sharp_range_mm(lens.scaled(5), 50.0), 5 * np.array(sharp_range_mm(lens, 10.0)))
 
 
 @pytest.mark.parametrize("blur_um", [0.0, -1.0, np.nan, np.inf])
-def test_a_blur_that_is_none_is_refused(blur_um):
+def test_an_invalid_blur_is_refused(blur_um):
     with pytest.raises(InputError, match="options: blur is"):
         sharp_range_mm(FAR_LENS, blur_um)
 
@@ -110,19 +110,19 @@ def test_depths_outside_the_range_are_counted():
         check.outside_fraction = 0.0
 
 
-def test_a_wider_blur_may_be_allowed():
+def test_the_allowed_blur_can_be_increased():
     lens, depth_mm = thin_lens(50, 10, 1000), np.full((2, 2), 950.0)
     assert check_depth(depth_mm, lens, 20.0).outside_fraction == 1
     assert check_depth(depth_mm, lens, 20.0, blur_um=40.0).outside_fraction == 0
 
 
-def test_the_background_is_in_focus_for_a_lens_at_infinity_only():
+def test_the_background_is_in_focus_only_for_a_lens_focused_at_infinity():
     background = np.full((3, 3), 1e13, dtype=np.float32)
     assert check_depth(background, FAR_LENS, 20.0).outside_fraction == 0
     assert check_depth(background, thin_lens(50, 10, 1000), 20.0).outside_fraction == 1
 
 
-def test_the_text_tells_fraction_and_distances_in_one_line():
+def test_the_text_states_fraction_and_distances_in_one_line():
     text = check_depth([[900.0, 1000.0, 1000.0, 1e13]], thin_lens(50, 10, 1000), 20.0).text
     assert text == ("50.0% of the frame is outside the lens data's depth range, 0.963 m to 1.04 m, where defocus blurs "
                     "by at most 20 um; the scene spans 0.9 m to infinity")
@@ -135,12 +135,12 @@ def test_pixels_without_a_depth_do_not_count():
         check_depth([[np.nan]], FAR_LENS, 20.0)
 
 
-def test_a_perspective_cameras_depth_is_depth_already():
+def test_perspective_depth_is_already_planar():
     depth_mm = np.array([[1.0, 2.0], [1e13, 3.0]])
     np.testing.assert_array_equal(planar_depth_mm(depth_mm, FAR_LENS, PixelGrid((2, 2), 20.0)), [[1, 2], [np.inf, 3]])
 
 
-def test_a_panoramic_cameras_distance_is_longer_off_the_axis():
+def test_panoramic_distance_exceeds_planar_depth_off_the_axis():
     # 50 mm times pi/6 is 30 degrees: a tenth of that per pixel.
     pitch_um = 1e3 * 50 * np.pi / 6 / 10
     distance_mm = np.full((1, 81), 100.0)
@@ -151,18 +151,18 @@ def test_a_panoramic_cameras_distance_is_longer_off_the_axis():
     assert np.isnan(depth_mm[[0, 9, 71, 80]]).all() and not np.isnan(depth_mm[11:70]).any()
 
 
-def test_the_angle_is_counted_from_the_axis():
+def test_the_angle_is_measured_from_the_axis():
     lens = replace(FAR_LENS, efl_mm=1.0)
     depth_mm = planar_depth_mm(np.ones((5, 5)), lens, PixelGrid((5, 5), 1e3 * np.pi / 3, (4, 1), projection=FISHEYE))
     assert depth_mm[4, 1] == 1 and depth_mm[3, 1] == pytest.approx(0.5) and depth_mm[4, 0] == pytest.approx(0.5)
     assert np.isnan(depth_mm[2, 2])
 
 
-def test_blur_is_signed_and_nothing_in_focus():
+def test_blur_is_signed_and_zero_in_focus():
     paper_lens = varied_lens("edmund-54852")
     away_mm = paper_lens.object_distance_mm + paper_lens.entrance_pupil_mm
-    near, there, far = blur_px(paper_lens, 5.0, [away_mm / 2, away_mm, np.inf])
-    assert near > 0 > far and there == pytest.approx(0, abs=1e-9)
+    near, in_focus, far = blur_px(paper_lens, 5.0, [away_mm / 2, away_mm, np.inf])
+    assert near > 0 > far and in_focus == pytest.approx(0, abs=1e-9)
     assert near == pytest.approx(-far)
     near_mm, far_mm = sharp_range_mm(paper_lens, 5.0)
     assert blur_px(paper_lens, 5.0, near_mm) == pytest.approx(1)
@@ -170,7 +170,7 @@ def test_blur_is_signed_and_nothing_in_focus():
 
 
 @pytest.mark.parametrize("pitch_um", [0.5, 5.0, 50.0])
-def test_what_is_in_focus_fades_into_what_is_not(pitch_um):
+def test_the_focus_share_fades_smoothly(pitch_um):
     paper_lens = varied_lens("edmund-54852")
     sharp, blurred = focus_range_px(paper_lens, pitch_um)
     assert 0 < sharp < blurred

@@ -25,7 +25,7 @@ def random_picture(seed, shape=(23, 34), slabs=4):
     return radiance_of(random.uniform(0.1, 1, (3, *shape)).astype(np.float32)), depth_mm, slab
 
 
-def whole(layer, grid, what):
+def full_plane(layer, grid, what):
     """A plane of a layer, on the full picture."""
     plane = np.zeros(grid.shape_px)
     plane[layer.place] = what(layer)
@@ -33,7 +33,7 @@ def whole(layer, grid, what):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_layers_over_one_another_are_the_picture(seed):
+def test_composited_layers_equal_the_picture(seed):
     radiance, depth_mm, slab = random_picture(seed)
     layered = layers_of_picture(radiance, depth_mm, slab, 4)
     flat = layered.flat()
@@ -43,24 +43,24 @@ def test_layers_over_one_another_are_the_picture(seed):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_the_last_layer_has_no_hole_and_depths_stay_in_their_slabs(seed):
+def test_the_last_layer_has_no_holes_and_depths_stay_in_their_slabs(seed):
     radiance, depth_mm, slab = random_picture(seed)
     layered = layers_of_picture(radiance, depth_mm, slab, 4)
     assert np.all(layered.layers[-1].alpha == 1) and layered.layers[-1].alpha.shape == slab.shape
     for number, layer in enumerate(layered.layers[:-1]):
-        seen, there = depth_mm[slab == number], layer.alpha > 0
-        if seen.size:
+        visible_mm, covered = depth_mm[slab == number], layer.alpha > 0
+        if visible_mm.size:
             assert np.all(np.isin(layer.alpha, (0, 1)))
-            assert layer.depth_mm[there].min() >= seen.min() * 0.999
-            assert layer.depth_mm[there].max() <= seen.max() * 1.001
+            assert layer.depth_mm[covered].min() >= visible_mm.min() * 0.999
+            assert layer.depth_mm[covered].max() <= visible_mm.max() * 1.001
         else:
-            assert not there.any()
+            assert not covered.any()
 
 
-def test_nothing_goes_on_where_something_farther_is_seen():
+def test_a_layer_does_not_extend_over_visible_farther_pixels():
     radiance, depth_mm, slab = random_picture(2)
     for number, layer in enumerate(layers_of_picture(radiance, depth_mm, slab, 4).layers):
-        alpha = whole(layer, radiance.grid, lambda each: each.alpha)
+        alpha = full_plane(layer, radiance.grid, lambda each: each.alpha)
         assert not alpha[slab > number].any() and np.all(alpha[slab == number] == 1)
 
 
@@ -75,7 +75,7 @@ def card_before(background_depth_mm, light, size=8):
     return layers_of_picture(radiance_of(cube), depth_mm, slab, 3), card
 
 
-def test_a_wall_goes_on_behind_a_card_as_bright_and_as_far():
+def test_a_wall_continues_behind_a_card_with_its_brightness_and_depth():
     layered, card = card_before(3000.0, np.reshape([0.25, 0.75], (2, 1, 1)))
     wall = layered.layers[1]
     assert np.all(wall.alpha == 1)
@@ -83,16 +83,16 @@ def test_a_wall_goes_on_behind_a_card_as_bright_and_as_far():
     np.testing.assert_allclose(wall.cube[:, card], np.repeat([[0.25], [0.75]], card.sum(), axis=1), rtol=1e-5)
 
 
-def test_of_two_things_behind_a_card_each_goes_on_as_far_as_it_is_nearer():
+def test_two_layers_behind_a_card_meet_halfway():
     """A wall at 3 m on the left, the world on the right: they meet near the middle of the card."""
     layered, card = card_before(np.where(np.arange(60) < 30, 3000.0, np.inf), 1.0)
-    wall = whole(layered.layers[1], layered.grid, lambda each: each.alpha)
+    wall = full_plane(layered.layers[1], layered.grid, lambda each: each.alpha)
     behind = wall[20, 22:38]
     assert np.all(behind[:7] == 1) and np.all(behind[9:] == 0)
     assert np.all(layered.layers[2].depth_mm[:, 32:] == np.inf)
 
 
-def test_a_slanted_floor_goes_on_slanted():
+def test_a_slanted_floor_continues_at_its_slant():
     """The nearest edges of the card have the most weight, so the floor's depth rises from one edge to the other."""
     nearness = np.linspace(1 / 1200, 1 / 4000, 40)[:, None]
     layered, card = card_before(1 / nearness, 1.0)
@@ -101,7 +101,7 @@ def test_a_slanted_floor_goes_on_slanted():
     np.testing.assert_allclose(floor[[12, 27]], nearness[[12, 27], 0], rtol=0.05)
 
 
-def test_a_lamp_beside_a_card_does_not_become_as_large_as_what_is_hidden():
+def test_a_lamp_next_to_a_card_does_not_fill_the_hidden_area():
     light = np.ones((40, 60))
     light[18:22, 39:41] = 1000
     layered, card = card_before(3000.0, light)
@@ -109,7 +109,7 @@ def test_a_lamp_beside_a_card_does_not_become_as_large_as_what_is_hidden():
     np.testing.assert_array_equal(layered.flat().cube[0, 20, 39], 1000)
 
 
-def test_colours_beside_an_edge_which_are_mixed_tell_nothing():
+def test_mixed_colours_at_an_edge_are_ignored():
     light = np.ones((40, 60))
     light[11:29, 21:39] = 0.3  # a margin of a pixel around the card
     layered, card = card_before(3000.0, light)
@@ -118,7 +118,7 @@ def test_colours_beside_an_edge_which_are_mixed_tell_nothing():
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (2, 3)])
 @pytest.mark.parametrize("number", [0, 1, 2])
-def test_pictures_of_few_pixels_and_slabs_that_are_empty(shape, number):
+def test_tiny_pictures_and_empty_slabs_are_supported(shape, number):
     radiance = SpectralImage(np.ones((1, *shape)), [550.0], pitch_um=10.0)
     depth_mm = np.full(shape, 700.0)
     layered = layers_of_picture(radiance, depth_mm, np.full(shape, number), 3)
@@ -127,14 +127,14 @@ def test_pictures_of_few_pixels_and_slabs_that_are_empty(shape, number):
     np.testing.assert_array_equal(layered.flat_depth_mm(), np.float32(depth_mm))
 
 
-def test_a_black_picture():
+def test_a_black_picture_stays_black():
     radiance, depth_mm, slab = random_picture(1)
     layered = layers_of_picture(radiance_of(0 * radiance.cube), depth_mm, slab, 4)
     assert not layered.flat().cube.any()
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 17), (16, 16), (33, 7)])
-def test_filling_keeps_what_is_known_and_an_even_plane_even(shape):
+def test_filling_preserves_known_pixels_and_even_planes(shape):
     random = np.random.default_rng(1)
     plane, weight = random.uniform(1, 2, shape).astype(np.float32), random.integers(0, 2, shape)
     weight.flat[0] = 1
@@ -144,7 +144,7 @@ def test_filling_keeps_what_is_known_and_an_even_plane_even(shape):
     np.testing.assert_allclose(filled(np.full(shape, 3.0, np.float32), weight), 3, rtol=1e-5)
 
 
-def test_filling_by_weights():
+def test_filling_averages_by_weight():
     """One pixel with weight 1 and three with weight 1/3 around an unknown pixel."""
     plane = np.array([[1, 2], [2, 0]], np.float32)
     assert filled(plane, np.array([[1, 1 / 3], [1 / 3, 0]]))[1, 1] == pytest.approx((1 + 4 / 3) / (5 / 3))

@@ -56,7 +56,7 @@ def test_an_opening_has_the_area_of_the_round_stop(iris, rim):
 
 
 @pytest.mark.parametrize("iris", STRAIGHT)
-def test_corners_and_middles_of_straight_blades(iris):
+def test_straight_blades_form_a_regular_polygon(iris):
     stop = opening_within(iris, np.inf)
     assert stop.corner == stop.reach == pytest.approx(corner_of(iris.blades), rel=1e-6)
     towards = np.radians(iris.rotation_deg)
@@ -66,7 +66,7 @@ def test_corners_and_middles_of_straight_blades(iris):
         assert is_open(stop, 0.999 * distance * direction) and not is_open(stop, 1.001 * distance * direction)
 
 
-def test_blades_of_full_roundness_and_no_blades_are_the_round_stop():
+def test_full_roundness_or_no_blades_give_the_round_stop():
     for blades in (0, 3, 9):
         stop = opening_within(Iris(blades, 5.0, 1.0), np.inf)
         assert (stop.corner, stop.reach) == pytest.approx((1, 1), abs=1e-9)
@@ -82,7 +82,7 @@ def test_wide_open_blades_are_behind_the_rim(iris):
     assert np.all(np.diff(shut) >= 0) and shut[-1] > shut[0] + 0.001
 
 
-def test_a_lens_knows_how_far_its_stop_could_open():
+def test_a_lens_records_how_far_its_stop_can_open():
     prescription = prescription_of("nikkor-58mm-f1.4")
     wide, closed = (turned(prescription, Rings(f_number=number)).prescription for number in (None, 2.8))
     assert wide.stop_rim == 1 and closed.stop_rim == pytest.approx(2.8 / turned(prescription).f_number)
@@ -132,7 +132,7 @@ def lens():
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("blur", [-BLUR_PX, BLUR_PX])
 @pytest.mark.parametrize("iris", STRAIGHT)
-def test_the_disc_of_a_lamp_is_the_polygon_of_the_circles_light(lens, blur, iris):
+def test_a_lamps_disc_is_a_polygon_with_the_light_of_the_circle(lens, blur, iris):
     """Polygons with corners on the circle, and rotated or mirrored ones, differ more."""
     round_, disc = (disc_of_a_lamp(lens, blur, each) for each in (None, iris))
     assert disc.sum() == pytest.approx(round_.sum(), rel=0.01) and round_.sum() == pytest.approx(LAMP_PX**2, rel=0.01)
@@ -148,7 +148,7 @@ def test_the_disc_of_a_lamp_is_the_polygon_of_the_circles_light(lens, blur, iris
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name, f_number", [("nikkor-58mm-f1.4", 4.0), ("tessar-50mm", 8.0)])
-def test_rays_through_the_glass_bring_as_much_light_through_blades_as_through_the_round_stop(name, f_number):
+def test_traced_rays_carry_equal_light_through_blades_and_the_round_stop(name, f_number):
     """On the axis, by the weights of traced rays: blades only redistribute them over the pupil."""
     lens = lens_for_rays(name, Rings(f_number=f_number))
     for iris in (Iris(3, 10.0), Iris(6, 40.0, 0.3)):
@@ -162,18 +162,18 @@ def test_rays_through_the_glass_bring_as_much_light_through_blades_as_through_th
         assert light == pytest.approx(table.irradiance_per_radiance(np.array([0.0]))[0, 0], rel=0.01)
 
 
-def test_a_lens_that_is_stopped_down_is_as_bright_through_blades(tmp_path):
+def test_a_stopped_down_lens_is_equally_bright_with_blades(tmp_path):
     """A uniform plane out of focus, through a real lens: in the middle and in the corner, with and without blades."""
     lens = lens_for_rays("nikkor-58mm-f1.4", Rings(1500.0, 4.0))
     grid = PixelGrid((20, 28), 200.0, (4.3, 22.1))
     layer = Layer(np.full((2, *grid.shape_px), 3.0), np.ones(grid.shape_px), np.full(grid.shape_px, 4000.0))
     layered = LayeredRadiance([layer], [500.0, 600.0], grid, lens.capture_focal_length_mm)
     assert abs(blur_px(lens, grid.pitch_um, 4000.0)) > 0.5
-    plain, bladed = (simulate(layered, lens, Options(), iris=iris).cube for iris in (None, Iris(5, 12.0)))
-    np.testing.assert_allclose(bladed, plain, rtol=1e-3)
+    round_, bladed = (simulate(layered, lens, Options(), iris=iris).cube for iris in (None, Iris(5, 12.0)))
+    np.testing.assert_allclose(bladed, round_, rtol=1e-3)
 
 
-def test_a_table_that_reaches_farther_has_the_rays_of_a_wider_stop():
+def test_a_table_with_more_reach_has_the_rays_of_a_wider_stop():
     lens = lens_for_rays("nikkor-58mm-f1.4", Rings(f_number=4.0))
     stop_mm, prescription = lens.prescription.aperture[1], lens.prescription
     wider = replace(lens, prescription=replace(prescription, aperture=("stop", 1.25 * stop_mm)))
@@ -183,10 +183,10 @@ def test_a_table_that_reaches_farther_has_the_rays_of_a_wider_stop():
     radius, azimuth = np.sqrt(rng.random(200)), 2 * np.pi * rng.random(200)
     places = np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth)])
     at_mm = np.array([[-7.0], [11.0]]) + 0 * places
-    found, expected = reaching.rays(0, at_mm, 1.25 * places), wide.rays(0, at_mm, places)
+    rays, expected = reaching.rays(0, at_mm, 1.25 * places), wide.rays(0, at_mm, places)
     for name in ("entrance_mm", "direction", "surface_margin", "path_mm"):
-        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-5, atol=1e-5)
-    np.testing.assert_allclose(1.25**2 * found.weight, expected.weight, rtol=1e-5)
+        np.testing.assert_allclose(getattr(rays, name), getattr(expected, name), rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(1.25**2 * rays.weight, expected.weight, rtol=1e-5)
     heights_mm = np.array([0.0, 5.0, 20.0])
     np.testing.assert_allclose(reaching.irradiance_per_radiance(heights_mm),
                                lens_rays(lens).at([550.0]).irradiance_per_radiance(heights_mm), rtol=2e-3)

@@ -16,9 +16,9 @@ FRAME = PixelGrid((96, 128), PITCH_UM)
 ROOM = PixelGrid((288, 384), PITCH_UM)
 
 
-def plan(depth_mm, capture=None, lens=LENS, *, accuracy=0.01, overscan_px=(0, 0), **asked) -> SlabPlan:
+def plan(depth_mm, capture=None, lens=LENS, *, accuracy=0.01, overscan_px=(0, 0), **options) -> SlabPlan:
     return plan_slabs(depth_mm, capture or PixelGrid(np.shape(depth_mm), PITCH_UM), lens, accuracy=accuracy,
-                      overscan_px=overscan_px, **asked)
+                      overscan_px=overscan_px, **options)
 
 
 def floor_mm(grid, height_mm=220.0):
@@ -45,46 +45,46 @@ def room_mm(seed=3):
     return depth_mm
 
 
-def kept_by(borders_mm, depth_mm):
+def hidden_share(borders_mm, depth_mm):
     """The share of all blur steps larger than a pixel that have both sides in the same slab."""
     blur, slab = blur_px(LENS, PITCH_UM, depth_mm), np.searchsorted(borders_mm, depth_mm)
-    kept = total = 0.0
+    hidden = total = 0.0
     for axis in (0, 1):
         jumps = np.abs(np.diff(blur, axis=axis))
         jumps[jumps < 1] = 0
         total += jumps.sum()
-        kept += jumps[np.diff(slab, axis=axis) == 0].sum()
-    return kept / total
+        hidden += jumps[np.diff(slab, axis=axis) == 0].sum()
+    return hidden / total
 
 
-def test_four_planned_slabs_leave_less_than_eight_even_ones():
+def test_four_planned_slabs_hide_less_than_eight_even_ones():
     depth_mm = room_mm()
     even = 1 / np.linspace(1 / depth_mm.min(), 1 / depth_mm.max(), 9)[1:-1]
-    assert kept_by(plan(depth_mm, accuracy=1e-6, most_slabs=4).borders_mm, depth_mm) < kept_by(even, depth_mm)
+    assert hidden_share(plan(depth_mm, accuracy=1e-6, most_slabs=4).borders_mm, depth_mm) < hidden_share(even, depth_mm)
 
 
-def test_what_the_plan_says_it_keeps_is_what_its_borders_keep():
+def test_the_planned_hidden_share_is_that_of_the_borders():
     depth_mm = room_mm()
     for most in (1, 2, 4, 8):
         planned = plan(depth_mm, accuracy=1e-6, most_slabs=most)
-        assert planned.hidden / planned.behind == pytest.approx(kept_by(planned.borders_mm, depth_mm), abs=0.01)
+        assert planned.hidden / planned.behind == pytest.approx(hidden_share(planned.borders_mm, depth_mm), abs=0.01)
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_more_slabs_never_leave_more(seed):
+def test_more_slabs_never_hide_more(seed):
     depth_mm = room_mm(seed)
     left = [plan(depth_mm, accuracy=1e-9, most_slabs=most).hidden for most in range(1, 13)]
     assert np.all(np.diff(left) <= 0) and left[-1] < 0.05 * left[0]
 
 
-def test_no_more_slabs_than_the_accuracy_asks_for():
+def test_the_accuracy_determines_the_number_of_slabs():
     depth_mm = room_mm()
     numbers = [plan(depth_mm, accuracy=accuracy).slabs for accuracy in (0.5, 0.1, 0.01, 0.001)]
     assert numbers == sorted(numbers) and numbers[0] < numbers[-1] <= 12
     assert plan(depth_mm, accuracy=0.001, most_slabs=4).slabs == 4
 
 
-def test_a_card_before_a_wall_takes_one_border_between_them():
+def test_a_card_in_front_of_a_wall_needs_one_border():
     depth_mm = np.full(FRAME.shape_px, 4000.0)
     depth_mm[30:60, 40:80] = 1000
     planned = plan(depth_mm)
@@ -94,7 +94,7 @@ def test_a_card_before_a_wall_takes_one_border_between_them():
     assert "2 slabs, cut at" in planned.text
 
 
-def test_edges_of_what_is_bright_count_more():
+def test_bright_edges_count_more():
     """A card in front of a near wall, and a lamp in front of a far one: two slabs can separate only one of them."""
     depth_mm = np.where(np.arange(128) < 64, 2000.0, 20000.0) * np.ones((96, 1))
     depth_mm[20:60, 20:50], depth_mm[40:44, 100:104], depth_mm[:, 64] = 1500, 5000, np.nan
@@ -105,7 +105,7 @@ def test_edges_of_what_is_bright_count_more():
         assert plan(depth_mm, light=none).borders_mm == pytest.approx(plan(depth_mm).borders_mm)
 
 
-def test_a_border_keeps_off_what_it_would_graze():
+def test_a_border_avoids_surfaces_close_to_it():
     """Few pixels of blur separate a lamp at 25 m from a wall at 30 m."""
     depth_mm = np.full(FRAME.shape_px, 30000.0)
     depth_mm[30:60, 40:80] = 12000
@@ -114,18 +114,18 @@ def test_a_border_keeps_off_what_it_would_graze():
 
 
 @pytest.mark.parametrize("z_mm", [700.0, 2300.0, 50000.0, np.inf])
-def test_a_plane_out_of_focus_takes_one_slab(z_mm):
+def test_a_plane_out_of_focus_needs_one_slab(z_mm):
     planned = plan(np.full(FRAME.shape_px, z_mm))
     assert planned.needed and planned.slabs == 1 and planned.hidden == planned.behind == 0
 
 
-def test_where_all_is_in_focus_nothing_is_needed():
+def test_a_scene_in_focus_needs_no_slabs():
     planned = plan(np.full(FRAME.shape_px, 2001.0))
     assert not planned.needed and planned.slabs == 1 and planned.margins_px == ((0, 0),)
     assert planned.text == "the lens data apply to all depths of the scene"
 
 
-def test_a_little_out_of_focus_is_needed_by_the_accuracy():
+def test_the_accuracy_decides_whether_slight_defocus_needs_slabs():
     """0.7 px of blur is slightly more than the half pixel that pixels hide."""
     z_mm = 1 / (1 / 2000 + 0.7 / blur_per_nearness_px(LENS, PITCH_UM))
     assert not plan(np.full(FRAME.shape_px, z_mm), accuracy=0.1).needed
@@ -133,26 +133,26 @@ def test_a_little_out_of_focus_is_needed_by_the_accuracy():
 
 
 @pytest.mark.parametrize("every", [1, 3])
-def test_a_floor_alone_takes_one_slab(every):
+def test_a_floor_alone_needs_one_slab(every):
     depth_mm = floor_mm(ROOM)[::every, ::every]
     assert plan(depth_mm, ROOM).slabs == 1
 
 
-def test_a_slanted_floor_with_a_horizon_takes_one_slab():
+def test_a_slanted_floor_with_a_horizon_needs_one_slab():
     x_mm, y_mm = ROOM.axes_mm()
     nearness = np.maximum((0.3 * x_mm - y_mm[:, None]) / (220 * LENS.capture_focal_length_mm), 0)
     with np.errstate(divide="ignore"):
         assert plan(1 / nearness).slabs == 1
 
 
-def test_nothing_but_infinity():
+def test_an_infinitely_distant_scene_needs_slabs_unless_in_focus():
     far = make_lens(efl_mm=50.0, object_distance_mm=np.inf, magnification=0.0, f_number_effective=5.0)
     depth_mm = np.full(FRAME.shape_px, np.inf)
     assert not plan(depth_mm, lens=far).needed
     assert plan(depth_mm).slabs == 1 and plan(depth_mm).needed
 
 
-def test_no_depth_at_all():
+def test_a_scene_without_depth_needs_no_slabs():
     planned = plan(np.full(FRAME.shape_px, np.nan))
     assert not planned.needed and planned.check is None and planned.text
 
@@ -165,7 +165,7 @@ def test_pixels_without_depth_do_not_count():
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 7), (7, 1), (2, 2), (1, 2)])
-def test_looks_of_few_pixels(shape):
+def test_tiny_depth_maps_are_supported(shape):
     depth_mm = np.full(shape, 4000.0)
     depth_mm[-1, -1] = 1000
     assert plan(depth_mm, FRAME).slabs == (1 if depth_mm.size == 1 else 2)
@@ -173,18 +173,18 @@ def test_looks_of_few_pixels(shape):
 
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("name", ["uncut_mm", "bodies_mm"])
-def test_no_border_is_inside_what_is_whole(seed, name):
+def test_no_border_cuts_a_body_or_volume(seed, name):
     random, depth_mm = np.random.default_rng(seed), room_mm(seed)
     near_mm = random.uniform(600, 6000, 6)
     reach_px = random.uniform(0, DEEP_PX, near_mm.size)
     far_mm = 1 / np.maximum(1 / near_mm - reach_px / blur_per_nearness_px(LENS, PITCH_UM), 1e-9)
-    whole = list(zip(near_mm, far_mm, strict=True))
-    borders = plan(depth_mm, accuracy=1e-4, **{name: whole}).borders_mm
+    extents_mm = list(zip(near_mm, far_mm, strict=True))
+    borders = plan(depth_mm, accuracy=1e-4, **{name: extents_mm}).borders_mm
     assert borders
-    assert not any(near < border < far for near, far in whole for border in borders)
+    assert not any(near < border < far for near, far in extents_mm for border in borders)
 
 
-def test_a_deep_body_may_be_cut_and_a_volume_never():
+def test_a_deep_body_may_be_cut_but_a_volume_never():
     depth_mm = room_mm()
     free = plan(depth_mm).borders_mm
     assert plan(depth_mm, bodies_mm=[(500, 20000)]).borders_mm == pytest.approx(free, rel=0.05)
@@ -192,17 +192,17 @@ def test_a_deep_body_may_be_cut_and_a_volume_never():
 
 
 @pytest.mark.parametrize("world", [(0, np.inf), (-1000, np.inf)])
-def test_a_volume_of_the_world_takes_one_slab(world):
+def test_a_world_volume_needs_one_slab(world):
     assert plan(room_mm(), uncut_mm=[world]).slabs == 1
 
 
-def test_a_coarse_look_plans_as_a_fine_one_does():
+def test_coarse_and_fine_depth_maps_give_similar_plans():
     depth_mm = room_mm()
     fine, coarse = plan(depth_mm, ROOM, most_slabs=3), plan(depth_mm[::2, ::2], ROOM, most_slabs=3)
-    assert kept_by(coarse.borders_mm, depth_mm) < kept_by(fine.borders_mm, depth_mm) + 0.02
+    assert hidden_share(coarse.borders_mm, depth_mm) < hidden_share(fine.borders_mm, depth_mm) + 0.02
 
 
-def test_large_looks_are_looked_at_in_part():
+def test_large_depth_maps_are_subsampled():
     depth_mm = np.full((1200, 1600), 4000.0)
     depth_mm[300:600, 400:800] = 1000
     planned = plan(depth_mm)
@@ -219,7 +219,7 @@ def margin_of(near_mm, distance_px, side, overscan_px=(0, 0)):
 
 
 @pytest.mark.parametrize("side", ["rows", "columns"])
-def test_what_is_near_counts_beyond_the_frame_as_far_as_its_blur_reaches(side):
+def test_near_objects_count_beyond_the_frame_within_their_blur(side):
     """At 1 m the blur is 24.3 px wide: a ray 12.1 px beyond the frame enters it, and the centres of pixels count."""
     radius_px = float(blur_px(LENS, PITCH_UM, 1000.0)) / 2
     assert 12 < radius_px < 12.5
@@ -231,18 +231,18 @@ def test_what_is_near_counts_beyond_the_frame_as_far_as_its_blur_reaches(side):
     assert margin_of(1000.0, 13, side, overscan_px=(3, 3)).needed
 
 
-def test_slabs_have_margins_of_their_own():
+def test_nearer_slabs_have_wider_margins():
     near, far = margin_of(700.0, 0, "rows").margins_px
     assert near[0] > far[0]
     assert margin_of(100.0, 0, "rows").margin_px == (40, 40)  # the limit of the search
 
 
-def test_no_slab_has_less_than_is_needed_in_focus():
+def test_no_margin_is_smaller_than_the_overscan():
     planned = margin_of(1000.0, 0, "rows", overscan_px=(5, 7))
     assert np.all(np.array(planned.margins_px) >= (5, 7)) and planned.margins_px[0] > (5, 7)
 
 
-def test_a_fisheyes_borders_are_distances():
+def test_fisheye_borders_are_distances():
     """Two shells around the camera, which a border in distance separates.
 
     Far off the axis, the far shell has planar depths as small as the near shell's.
@@ -267,7 +267,7 @@ def turned(focus_mm=2000.0, stopped=1.0):
                      f_number_effective=2.2 * stopped * focal_mm / 105.0, entrance_pupil_mm=0.0, sensor_mm=(36.0, 24.0))
 
 
-def test_a_plan_for_several_focus_distances_and_stops_does_for_each():
+def test_a_plan_for_several_lens_settings_suffices_for_each():
     depth_mm, capture = room_mm(), PixelGrid.around_frame((96, 128), PITCH_UM, (96, 128))
     lenses = [turned(focus_mm, stopped) for focus_mm, stopped in ((1000.0, 1.0), (5000.0, 1.0), (2000.0, 4.0))]
     planned = plan(depth_mm, capture, lenses[0], others=lenses[1:])
@@ -279,7 +279,7 @@ def test_a_plan_for_several_focus_distances_and_stops_does_for_each():
     assert near != far and stopped < far  # the deciding settings differ
 
 
-def test_a_plan_is_needed_where_one_of_its_lenses_needs_it():
+def test_slabs_are_needed_if_any_lens_needs_them():
     depth_mm = np.full((96, 128), 2000.0)
     assert not plan(depth_mm, FRAME, turned()).needed and plan(depth_mm, FRAME, turned(4000.0)).needed
     for first, other in ((turned(), turned(4000.0)), (turned(4000.0), turned())):

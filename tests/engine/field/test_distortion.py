@@ -81,7 +81,7 @@ def test_residual_is_the_largest_deviation():
     assert fit.residual == pytest.approx(np.abs(deviation).max())
 
 
-def test_a_small_table_is_met_at_every_height():
+def test_a_small_table_is_fitted_exactly():
     heights_mm = np.linspace(0, 3, 4)
     assert fit_polynomial(heights_mm, heights_mm - 0.05 * heights_mm**3, 1, 1e-10).residual < 1e-12
 
@@ -105,7 +105,7 @@ def test_inverse_of_the_distortion_round_trips(real_height_mm):
     np.testing.assert_allclose(field.paraxial_height_mm(real_height_mm(paraxial_mm)), paraxial_mm, atol=1e-7)
 
 
-def test_distortion_goes_on_in_a_straight_line_beyond_the_last_height():
+def test_distortion_is_extrapolated_linearly():
     slope = 1 - 0.06 * 2**2
     beyond = geometry(barrel).paraxial_height_mm(barrel(2.0) + np.array([0.1, 0.2]))
     np.testing.assert_allclose(beyond, [2 + 0.1 / slope, 2 + 0.2 / slope], atol=2e-4)
@@ -116,7 +116,7 @@ def test_scale_on_the_axis_is_the_limit_of_the_ratio():
     np.testing.assert_allclose(ratio, 1.25, rtol=1e-9)
 
 
-def test_relative_illumination_is_held_beyond_the_last_height():
+def test_relative_illumination_is_constant_beyond_the_last_height():
     field = geometry(relative_illumination=lambda p: 1 - 0.1 * p**2)
     np.testing.assert_allclose(field.relative_illumination(np.array([0, 1, 2, 5])), [1, 0.9, 0.6, 0.6], atol=1e-12)
 
@@ -146,7 +146,7 @@ def test_pincushion_pushes_a_point_outwards(point, image):
     assert lit[image] == pytest.approx(1.0, abs=1e-6)
 
 
-def test_cubic_barrel_lands_where_it_was_worked_out():
+def test_cubic_barrel_lands_where_calculated_by_hand():
     # real = p - p^3 / 20: 1 mm, 100 px, goes to 0.95 mm, 95 px. The slope there is 0.85: pixel 96 samples 1.18 px
     # farther, with a footprint of 1.18 px, and of 1 / 0.95 px across the radius.
     lit = lit_after(lambda p: p - 0.05 * p**3, [(100, 0)])
@@ -164,7 +164,7 @@ def test_a_point_keeps_its_energy_wherever_it_falls(scale):
         assert sum(near) == pytest.approx(scale**2, rel=1e-9)
 
 
-def test_points_keep_their_energy_under_barrel_distortion_that_grows():
+def test_points_keep_their_energy_under_growing_barrel_distortion():
     points = [(x, y) for x in range(-84, 85, 12) for y in range(-84, 85, 12)]
     energy = sum(lit_after(lambda p: p - 0.05 * p**3, points).values())
     radius_mm = np.hypot(*np.array(points).T) * 0.01
@@ -179,7 +179,7 @@ def test_even_light_stays_even(real_height_mm):
     np.testing.assert_allclose(result, 5.0, rtol=1e-12)
 
 
-def test_height_returned_is_that_the_light_came_from():
+def test_the_returned_height_is_that_of_the_source():
     _, height_mm = distorted(np.ones((21, 21)), (10, 10), (21, 21), (10, 10), 100.0, geometry(lambda p: 0.8 * p))
     assert height_mm[10, 10] == 0
     assert height_mm[10, 18] == pytest.approx(1.0)  # 0.8 mm right of the axis
@@ -200,7 +200,7 @@ def test_half_a_pixel_of_shift_is_bilinear_and_outside_is_black():
     np.testing.assert_allclose(result, [[2.0, 6.0, 4.0]], atol=1e-9)
 
 
-def test_distorting_makes_no_negative_light_and_does_not_overshoot():
+def test_distorted_light_stays_within_its_range():
     plane = np.random.default_rng(3).random((40, 50))
     result, _ = distorted(plane, (19.5, 24.5), (40, 50), (19.5, 24.5), 40.0, geometry(barrel))
     assert result.min() >= 0 and result.max() <= plane.max()
@@ -224,7 +224,7 @@ def test_a_stack_of_captures_is_averaged_plane_by_plane():
         np.testing.assert_array_equal(areas.average(plane[None])[0], result)
 
 
-def test_a_footprint_as_large_as_any_averages_its_square():
+def test_the_largest_footprint_averages_its_square():
     # 16 px of the capture per pixel: pixel (0, 1) covers rows -8 to 8 and columns 8 to 24 about the axis.
     plane = np.random.default_rng(7).random((101, 101))
     result, _ = distorted(plane, (50, 50), (1, 2), (0, 0), 10.0, geometry(lambda p: p / LARGEST_FOOTPRINT_PX))
@@ -233,7 +233,7 @@ def test_a_footprint_as_large_as_any_averages_its_square():
     np.testing.assert_allclose(result[0], expected, rtol=1e-9)
 
 
-def test_where_the_picture_is_squeezed_further_the_middle_of_the_footprint_stands_for_it():
+def test_a_larger_footprint_is_represented_by_its_middle():
     plane = np.random.default_rng(7).random((101, 101))
     result, _ = distorted(plane, (50, 50), (1, 1), (0, 0), 10.0, geometry(lambda p: p / 40))
     weights = np.concatenate([[0.5], np.ones(LARGEST_FOOTPRINT_PX - 1), [0.5]]) / LARGEST_FOOTPRINT_PX
@@ -241,7 +241,7 @@ def test_where_the_picture_is_squeezed_further_the_middle_of_the_footprint_stand
 
 
 @pytest.mark.parametrize("scale", [0.07, 0.5, 1.0, 1.4])
-def test_far_outside_the_capture_all_is_black(scale):
+def test_everything_outside_the_capture_is_black(scale):
     plane = np.ones((5, 7))
     result, _ = distorted(plane, (2, 3), (81, 81), (40, 40), 10.0, geometry(lambda p: scale * p))
     row, column = np.indices((81, 81)) - 40

@@ -18,7 +18,7 @@ def places():
     return x_mm[None, :], y_mm[:, None]
 
 
-def test_light_lands_where_its_source_says():
+def test_source_and_landing_positions_are_inverse():
     field = field_map(LENS).at_wavelength(550.0)
     x_mm, y_mm = (at[field.within(*places())] for at in np.broadcast_arrays(*places()))
     again = field.landing_mm(*field.source_mm(x_mm, y_mm))
@@ -27,14 +27,14 @@ def test_light_lands_where_its_source_says():
     assert moved.max() > 0.02  # 2 % of distortion per mm of height
 
 
-def test_the_share_of_a_frame_beyond_the_lens_data_counts_its_pixels():
+def test_the_share_beyond_the_lens_data_counts_pixels():
     field = field_map(LENS).at_wavelength(550.0)
     beyond = ~field.within(*places())
     assert 0.02 < beyond.mean() < 0.5 and field.share_beyond(GRID) == pytest.approx(beyond.mean(), abs=1e-12)
     assert field.share_beyond(PixelGrid((10, 12), 71.0)) == 0
 
 
-def test_psfs_by_pixel_are_those_of_the_table_at_its_nodes():
+def test_psfs_by_pixel_equal_the_table_at_its_nodes():
     fields, planes = field_map(LENS), Planes(PixelGrid((9, 9), 20.0), False)
     sampling = Sampling(planes.picture, (550.0,))
     table = fields.node_psfs(sampling, planes, lambda psfs: psfs, 4, "float64").at_wavelength(550.0).table()
@@ -46,5 +46,5 @@ def test_psfs_by_pixel_are_those_of_the_table_at_its_nodes():
     np.testing.assert_allclose(mixed, placed.psfs(rows, columns), atol=1e-12)
 
 
-def test_quadrants_share_the_optics_of_a_mirror_symmetric_lens_alone():
+def test_quadrants_share_only_mirror_symmetric_optics():
     assert field_map(LENS).mirror_symmetric and not field_map(lopsided_lens()).mirror_symmetric

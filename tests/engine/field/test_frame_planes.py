@@ -23,7 +23,7 @@ def capture_of(lens, nm):
 
 @pytest.mark.parametrize("off_px", [(0.0, 0.0), (-7.0, 4.0)], ids=["centred", "off centre"])
 @pytest.mark.parametrize("name", ["edmund-54852", "muller-fisheye-25mm"])
-def test_nearest_samples_lie_where_the_lens_puts_them(name, off_px):
+def test_nearest_samples_follow_the_distortion_of_the_lens(name, off_px):
     """Look-ups in the capture differ by at most half a pixel from averages over uniform footprints.
 
     This holds in rows and in columns, with their signs.
@@ -33,21 +33,21 @@ def test_nearest_samples_lie_where_the_lens_puts_them(name, off_px):
     capture = replace(capture, centre_px=tuple(np.add(capture.centre_px, off_px)))
     indices = np.indices(capture.shape_px).astype(float)
     field = FieldGeometry(lens.at_wavelength(nm), lens.name)
-    found = [nearest_samples(plane, lens, capture, nm) for plane in indices]
-    assert all(plane.shape == FRAME and np.all(plane == plane.round()) for plane in found)
+    planes = [nearest_samples(plane, lens, capture, nm) for plane in indices]
+    assert all(plane.shape == FRAME and np.all(plane == plane.round()) for plane in planes)
     down_px, right_px = (np.arange(n) - at for n, at in zip(FRAME, capture.frame().centre_px, strict=True))
     radius_px = np.hypot(right_px[None, :], down_px[:, None])
     paraxial_mm = field.paraxial_height_mm(radius_px * capture.pitch_um * 1e-3)
     if capture.projection == "equidistant":
         paraxial_mm = lens.capture_focal_length_mm * np.arctan(paraxial_mm / lens.capture_focal_length_mm)
     scale = paraxial_mm / (capture.pitch_um * 1e-3) / np.maximum(radius_px, 1e-9)
-    for plane, offset_px, centre, count in zip(found, (down_px[:, None], right_px[None, :]), capture.centre_px,
+    for plane, offset_px, centre, count in zip(planes, (down_px[:, None], right_px[None, :]), capture.centre_px,
                                                capture.shape_px, strict=True):
         expected = np.clip(centre + scale * offset_px, 0, count - 1)
         assert np.abs(plane - expected)[radius_px > 0].max() < 0.5 + 1e-6
 
 
-def test_no_two_depths_are_mixed():
+def test_depths_are_never_mixed():
     lens, nm = load_lens("edmund-54852"), 550.0
     capture = capture_of(lens, nm)
     depth = np.where(np.indices(capture.shape_px).sum(axis=0) % 7 < 3, 2.0, 1e10)

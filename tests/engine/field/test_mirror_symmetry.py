@@ -33,7 +33,7 @@ def test_a_middle_line_is_folded_once():
     assert fold(np.ones((3, 3))).sum() == 9
 
 
-def test_a_middle_line_is_in_both_its_quadrants_until_doubles_are_taken_out():
+def test_a_middle_line_is_in_both_quadrants_until_doubles_are_removed():
     plane = np.arange(9.0).reshape(3, 3)
     assert [part.tolist() for part in quadrants(plane)] == [
         [[4, 5], [7, 8]], [[4, 5], [1, 2]], [[4, 3], [7, 6]], [[4, 3], [1, 0]]]
@@ -42,29 +42,29 @@ def test_a_middle_line_is_in_both_its_quadrants_until_doubles_are_taken_out():
 
 
 @pytest.mark.parametrize("shape", [(6, 8), (7, 8), (6, 9), (7, 9)])
-def test_a_rim_is_what_lies_beyond_the_axis_and_black_around_the_picture(shape):
+def test_a_rim_continues_across_the_axis_and_is_black_outside_the_picture(shape):
     plane = np.random.default_rng(1).random(shape)
-    own, wide = quadrants(plane), quadrants(plane, 2)
-    np.testing.assert_array_equal(wide[:, 2:-2, 2:-2], own)
+    narrow, wide = quadrants(plane), quadrants(plane, 2)
+    np.testing.assert_array_equal(wide[:, 2:-2, 2:-2], narrow)
     assert not wide[:, -2:].any() and not wide[:, :, -2:].any()
     wide = wide[:, :-2, :-2]
     # Beyond the upper edge of the lower right quadrant is the upper right one, upside down; middle lines occur once.
     rows, columns = (n % 2 for n in shape)
-    np.testing.assert_array_equal(wide[0, 1::-1, 2:], own[1, rows:2 + rows])
-    np.testing.assert_array_equal(wide[0, 2:, 1::-1], own[2, :, columns:2 + columns])
-    np.testing.assert_array_equal(wide[0, 1::-1, 1::-1], own[3, rows:2 + rows, columns:2 + columns])
+    np.testing.assert_array_equal(wide[0, 1::-1, 2:], narrow[1, rows:2 + rows])
+    np.testing.assert_array_equal(wide[0, 2:, 1::-1], narrow[2, :, columns:2 + columns])
+    np.testing.assert_array_equal(wide[0, 1::-1, 1::-1], narrow[3, rows:2 + rows, columns:2 + columns])
 
 
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("radius", [0, 2])
-def test_unfolding_gives_the_plane_back(shape, radius):
+def test_unfolding_restores_the_plane(shape, radius):
     plane = np.random.default_rng(2).random(shape)
     canvases = np.pad(fold(plane), ((0, 0), (radius, radius), (radius, radius)))
     joined = Planes(PixelGrid(shape, 1.0), True).join(canvases, radius)
     np.testing.assert_array_equal(joined, np.pad(plane, radius))
 
 
-def test_a_picture_that_is_not_folded_is_its_only_plane():
+def test_an_unfolded_picture_is_a_single_plane():
     plane = np.random.default_rng(2).random((5, 4))
     planes = Planes(PixelGrid(plane.shape, 1.0), False)
     assert planes.count == 1 and planes.grid == planes.picture
@@ -74,7 +74,7 @@ def test_a_picture_that_is_not_folded_is_its_only_plane():
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_pixels_of_a_quadrant_lie_where_those_of_the_picture_do(shape):
+def test_quadrant_pixels_have_the_positions_of_the_picture(shape):
     picture = PixelGrid(shape, 10.0)
     x_mm, y_mm = Planes(picture, True).grid.axes_mm()
     np.testing.assert_allclose(x_mm, picture.axes_mm()[0][shape[1] // 2:], atol=1e-15)
@@ -82,7 +82,7 @@ def test_pixels_of_a_quadrant_lie_where_those_of_the_picture_do(shape):
 
 
 @pytest.mark.parametrize("window", [8, 9])
-def test_a_lopsided_psf_is_left_alone(window):
+def test_a_lopsided_psf_is_unchanged(window):
     table = marked_psf(1, 2, window)[None]
     same, symmetric = mirror_symmetric(table)
     assert not symmetric and same is table
@@ -103,27 +103,28 @@ OFF_BY_NOTHING_PX = 1e-7  # of the axis: too little to change a picture, but eno
 @pytest.mark.parametrize("options", [dict(method="pixels", azimuths=5), dict(section_size=8, azimuths=5),
                                      dict(section_size=16, azimuths=2, flat_tolerance=1e-3)], ids=str)
 @pytest.mark.parametrize("shape", [(40, 60), (41, 60), (40, 61), (41, 61)])
-def test_a_folded_picture_is_the_picture_unfolded(shape, options):
+def test_a_folded_picture_equals_the_unfolded_picture(shape, options):
     """Coma and distortion grow with the field, which exposes a quadrant flipped the wrong way."""
     lens, options = comatic_lens(), Options(**options, precision="float64")
     cube = np.random.default_rng(5).random((1, *shape))
-    folded, whole = Report(), Report()
+    folded, unfolded = Report(), Report()
     centre = (shape[0] - 1) / 2, (shape[1] - 1) / 2 + OFF_BY_NOTHING_PX
     result = simulate(SpectralImage(cube, [550], pitch_um=30.0), lens, options, report=folded).cube
-    expected = simulate(SpectralImage(cube, [550], pitch_um=30.0, centre_px=centre), lens, options, report=whole).cube
+    off_centre = SpectralImage(cube, [550], pitch_um=30.0, centre_px=centre)
+    expected = simulate(off_centre, lens, options, report=unfolded).cube
     # On the axis, rounding decides which direction is radial, and scales there differ by up to 1e-5.
     np.testing.assert_allclose(result, expected, atol=1e-5 * expected.max())
-    assert folded.lens_image.plan.folded and not whole.lens_image.plan.folded
+    assert folded.lens_image.plan.folded and not unfolded.lens_image.plan.folded
 
 
-def test_a_folded_picture_is_that_of_the_exact_operator():
+def test_a_folded_picture_matches_the_exact_operator():
     lens = comatic_lens()
     radiance = SpectralImage(np.random.default_rng(5).random((1, 41, 60)), [550], pitch_um=30.0)
     exact = simulate(radiance, lens, Options(method="exact")).cube
     assert distance_of_light(simulate(radiance, lens, Options(method="pixels", azimuths=64)).cube, exact) < 1e-4
 
 
-def test_a_lens_that_is_lopsided_is_not_folded():
+def test_pictures_of_a_lopsided_lens_are_not_folded():
     lens, report = lopsided_lens(), Report()
     radiance = SpectralImage(np.random.default_rng(5).random((1, 30, 41)), [550], pitch_um=30.0)
     exact = simulate(radiance, lens, Options(method="exact")).cube
@@ -133,7 +134,7 @@ def test_a_lens_that_is_lopsided_is_not_folded():
 
 
 @pytest.mark.parametrize("shape", [(40, 60), (41, 60), (40, 61), (41, 61), (1, 1), (1, 8)])
-def test_light_is_counted_once_though_middle_lines_are_in_two_quadrants(shape):
+def test_light_on_shared_middle_lines_is_counted_once(shape):
     report = Report()
     cube = np.random.default_rng(5).random((1, *shape)).astype(np.float32)
     simulate(SpectralImage(cube, [550], pitch_um=30.0), make_lens(), Options(section_size=8, precision="float64"),

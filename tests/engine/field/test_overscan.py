@@ -34,14 +34,14 @@ def fisheye(p):
 
 
 @pytest.mark.parametrize("scale, rows, columns", [(0.9, 55 / 0.9 - 50, 105 / 0.9 - 100), (1.0, 5, 5), (1.2, 5, 5)])
-def test_overscan_is_what_distortion_and_blur_need_and_hardly_more(scale, rows, columns):
+def test_overscan_covers_distortion_and_blur_with_little_excess(scale, rows, columns):
     lens = make_lens(real_height_mm=lambda nm, p: scale * p)
     overscan = overscan_px(lens, PixelGrid((100, 200), 10.0), [550.0], 5)
     assert rows <= overscan[0] <= rows + 2
     assert columns <= overscan[1] <= columns + 2
 
 
-def test_overscan_serves_the_wavelength_that_needs_most():
+def test_overscan_covers_the_most_demanding_wavelength():
     lens = make_lens(real_height_mm=lambda nm, p: p * np.where(nm < 500, 0.8, 1.0))
     frame = PixelGrid((100, 100), 10.0)
     assert overscan_px(lens, frame, [400, 700], 0) == overscan_px(lens, frame, [400], 0)
@@ -56,7 +56,7 @@ def test_overscan_for_barrel_is_set_by_the_corner():
 
 
 @pytest.mark.parametrize("scale", [0.3, 0.7, 1.0])
-def test_overscan_of_a_fisheye_capture_is_the_arc_of_the_edges_middle(scale):
+def test_overscan_of_a_fisheye_capture_is_the_arc_to_the_middle_of_an_edge(scale):
     # The light at real height r comes from r / scale, at 2 mm times the angle in the capture: on an edge, farthest at
     # its middle. Half a frame is 50 x 100 px of 10 um, and the PSFs reach 3 px.
     frame = PixelGrid((100, 200), 10.0, projection=FISHEYE)
@@ -76,13 +76,13 @@ def test_a_fisheye_is_chosen_beyond_twice_the_pixels_of_the_frame(scale, project
     assert chosen.overscan_px == overscan_px(lens, chosen, [550.0], 4)
 
 
-def test_a_fisheye_capture_is_the_smaller_one_where_it_is_chosen():
+def test_a_fisheye_capture_is_smaller_where_it_is_chosen():
     lens = lens_of(fisheye, last_mm=12)
     # The corner, 2.41 mm from the axis, samples 2 mm tan(2.41 / 2) = 5.2 mm: 2.16 times as far.
     frame = PixelGrid((320, 360), 10.0)
     chosen, plane = choose_capture(lens, frame, [550.0], 4), overscan_px(lens, frame, [550.0], 4)
     assert chosen.projection == FISHEYE
-    assert all(own < other for own, other in zip(chosen.overscan_px, plane, strict=True))
+    assert all(fisheye_px < plane_px for fisheye_px, plane_px in zip(chosen.overscan_px, plane, strict=True))
 
 
 def test_the_papers_lens_needs_no_fisheye():
@@ -97,13 +97,13 @@ def fisheye_capture():
 
 @pytest.mark.parametrize("times", [0.8, 1.0, 1.3])
 @pytest.mark.parametrize("projection", [PLANE, FISHEYE])
-def test_a_capture_by_another_pinhole_is_seen_on_the_same_sensor(projection, times):
+def test_a_capture_with_another_focal_length_gives_the_same_picture(projection, times):
     """The same as with the lens's own pinhole, within the error of bilinear look-ups in pixels of a different size."""
     lens = lens_of(lambda p: 0.97 * p, focal_mm=4.0)
-    own = PixelGrid.around_frame((60, 80), 20.0, (60, 60), projection)
-    other = replace(own, focal_mm=times * 4.0)
+    lens_grid = PixelGrid.around_frame((60, 80), 20.0, (60, 60), projection)
+    other = replace(lens_grid, focal_mm=times * 4.0)
     pictures = []
-    for grid in (own, other):
+    for grid in (lens_grid, other):
         x_mm, y_mm = grid.axes_mm()
         radius_mm = np.hypot(x_mm[None, :], y_mm[:, None]) * (4.0 / grid.focal_mm if grid.focal_mm else 1.0)
         tangent = 4.0 * np.tan(radius_mm / 4.0) if projection == FISHEYE else radius_mm
@@ -123,7 +123,7 @@ def test_a_fisheye_shows_an_angle_at_its_arc(angle_deg):
     assert slope == pytest.approx(np.cos(angle)**2, rel=1e-9)  # d arc / d tangent
 
 
-def test_the_angle_is_that_seen_from_the_entrance_pupil():
+def test_angles_are_measured_from_the_entrance_pupil():
     # The object is 95 mm from the first surface, the pupil 5 mm behind it, magnification -1/10: 10 mm of tangent.
     lens = make_lens(magnification=-0.1, object_distance_mm=95.0, entrance_pupil_mm=5.0)
     assert capture_radius(fisheye_capture(), lens)(10.0)[0] == pytest.approx(10 * np.pi / 4)
@@ -173,18 +173,18 @@ The pixels are 20 um. A tenth more for curvature.
 @pytest.mark.parametrize("shape", [(100, 120), (101, 121)])
 @pytest.mark.parametrize("options", [SECTIONS, Options(method="pixels", azimuths=8)])
 @pytest.mark.parametrize("blur", [None, gaussian_psf(15, 10, 5.0, 13)])
-def test_a_pattern_is_the_same_picture_by_either_camera(shape, options, blur):
+def test_plane_and_fisheye_captures_give_the_same_picture(shape, options, blur):
     lens = lens_of(fisheye) if blur is None else lens_of(fisheye, psf=blur, psf_pitch_um=5.0)
     np.testing.assert_allclose(*either_camera(lens, shape, 20.0, options), atol=RESAMPLING, rtol=0)
 
 
-def test_what_is_between_the_cameras_is_resampling_and_falls_with_the_pitch():
+def test_the_difference_between_captures_falls_with_the_pitch():
     coarse, fine = (np.abs(np.subtract(*either_camera(lens_of(fisheye), (n, n), 2000 / n, SECTIONS))).max()
                     for n in (100, 200))
     assert coarse / fine > 1.7
 
 
-def test_by_an_equidistant_lens_a_fisheye_capture_of_its_own_scale_comes_through_as_it_is():
+def test_an_equidistant_lens_leaves_a_matching_fisheye_capture_unchanged():
     lens, shape = lens_of(fisheye), (61, 81)
     image = capture(lens, FISHEYE, shape, (2, 2), 20.0)
     result = simulate(image, lens, PIXEL_BY_PIXEL)
@@ -192,13 +192,13 @@ def test_by_an_equidistant_lens_a_fisheye_capture_of_its_own_scale_comes_through
     np.testing.assert_allclose(result.cube, E_AXIS * image.frame().cube, atol=3e-5 * STEEPEST * E_AXIS, rtol=1e-6)
 
 
-def test_an_axis_off_the_middle_serves_as_well():
+def test_captures_agree_with_an_axis_off_centre():
     pictures = either_camera(lens_of(fisheye), (60, 80), 20.0, SECTIONS, (50.0, 95.0), (40, 40))
     np.testing.assert_allclose(*pictures, atol=RESAMPLING, rtol=0)
 
 
 @pytest.mark.parametrize("x_px, y_px", [(40, 0), (0, 40), (-30, 20), (25, -35), (0, 0)])
-def test_a_point_of_a_fisheye_capture_lands_where_its_direction_does(x_px, y_px):
+def test_a_point_of_a_fisheye_capture_lands_by_its_direction(x_px, y_px):
     """A pixel at the arc 2 mm * angle corresponds to the height 2 mm * tan(angle), which this lens maps to 0.9 of it.
     """
     lens = lens_of(lambda p: 0.9 * p, last_mm=4)
@@ -213,14 +213,14 @@ def test_a_point_of_a_fisheye_capture_lands_where_its_direction_does(x_px, y_px)
 
 
 @pytest.mark.parametrize("projection", [PLANE, FISHEYE])
-def test_even_light_is_even_by_either_camera(projection):
+def test_even_light_stays_even_with_either_capture(projection):
     lens = lens_of(fisheye)
     margins = overscan_needed(lens, (120, 160), 20.0, projection)
     image = capture(lens, projection, (120, 160), margins, 20.0, light=lambda x_mm, y_mm: np.full(x_mm.shape, 3.0))
     np.testing.assert_allclose(simulate(image, lens, SECTIONS).cube, 3 * E_AXIS, rtol=2e-6)
 
 
-def test_a_picture_is_a_plane_whatever_its_capture_was():
+def test_the_projection_of_a_result_is_always_plane():
     lens = lens_of(fisheye)
     result = simulate(capture(lens, FISHEYE, (40, 40), (3, 3), 20.0), lens, SECTIONS)
     assert result.projection == PLANE
@@ -244,7 +244,7 @@ def test_overscan_suffices(shape, real_height_mm, projection):
         np.testing.assert_allclose(enough.cube, wide.cube, rtol=1e-6)
 
 
-def test_less_overscan_than_asked_for_does_not_suffice():
+def test_less_overscan_than_required_does_not_suffice():
     lens = lens_of(barrel)
     needed = overscan_needed(lens, (80, 80), 40.0)
     cubes = [np.pad(np.ones((1, 80, 80)), ((0, 0), (m, m), (m, m)), constant_values=1.0)
@@ -254,7 +254,7 @@ def test_less_overscan_than_asked_for_does_not_suffice():
     assert dark[0] == pytest.approx(E_AXIS, rel=1e-5) and dark[1] < 0.9 * E_AXIS
 
 
-def test_a_lens_focused_near_by_sees_a_fisheye_capture_by_its_own_angles():
+def test_a_close_focused_lens_scales_a_fisheye_capture_by_its_magnification():
     """The capture's scale on the axis is |m| (object distance + pupil), not the focal length."""
     near = replace(lens_of(fisheye), object_distance_mm=95.0, entrance_pupil_mm=5.0, magnification=-0.02)
     far = lens_of(fisheye)
@@ -265,7 +265,7 @@ def test_a_lens_focused_near_by_sees_a_fisheye_capture_by_its_own_angles():
 
 @pytest.mark.parametrize("projection", [PLANE, FISHEYE])
 @pytest.mark.parametrize("bend", [-0.02, 0.0, 0.02])
-def test_reach_is_how_far_a_point_lies_from_where_it_lands(bend, projection):
+def test_reach_is_the_largest_displacement_of_a_point(bend, projection):
     """It lands at p + bend p^3, in mm; a plane capture shows it at p, and a fisheye capture at f atan(p / f)."""
     lens = lens_of(lambda p: p + bend * p**3)
     grid = PixelGrid.around_frame((40, 60), 50.0, (10, 10), projection)

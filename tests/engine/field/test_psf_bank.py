@@ -78,7 +78,7 @@ def test_a_gaussian_is_integrated_over_the_pixels(pixel_pitch_um, azimuth):
 
 @pytest.mark.parametrize("azimuth", AZIMUTHS)
 @pytest.mark.parametrize("pixel_pitch_um", [4.0, 2.0, 1.0])
-def test_evenly_spread_light_stays_even_however_it_is_turned(pixel_pitch_um, azimuth):
+def test_even_light_stays_even_at_any_rotation(pixel_pitch_um, azimuth):
     pixels = pixel_psf(np.full((81, 81), 1 / 81**2), 1.0, pixel_pitch_um, azimuth)
     inside = middle(pixels, int(20 / pixel_pitch_um))
     np.testing.assert_allclose(inside, inside.mean(), rtol=0.03)
@@ -111,7 +111,7 @@ def test_u_points_along_the_stated_tangent(direction, x, y):
     assert centroid_px(pixels) == pytest.approx((4 * x, 4 * y), abs=1e-9)
 
 
-def test_a_mark_on_the_3_4_5_diagonal():
+def test_a_mark_lands_on_the_3_4_5_diagonal():
     pixels = pixel_psf(marked_psf(10, 0), 2.5, 5.0, np.arctan2(4, 3))
     row, column = np.unravel_index(pixels.argmax(), pixels.shape)
     assert (column - len(pixels) // 2, len(pixels) // 2 - row) == (3, 4)
@@ -128,14 +128,14 @@ def test_the_centroid_turns_with_the_azimuth_even_at_the_corner_of_the_window(pi
     assert np.abs(np.subtract(centroid_px(pixels), (x_px, y_px))).max() <= 0.5 + 0.5 / pixel_pitch_um
 
 
-def test_turning_by_a_quarter_turns_the_pixels():
+def test_a_quarter_turn_rotates_the_pixels():
     psf = np.random.default_rng(0).random((12, 12))
     first, second = (pixel_psf(psf / psf.sum(), 1.0, 3.0, azimuth) for azimuth in (0.4, 0.4 + np.pi / 2))
     np.testing.assert_allclose(np.rot90(first), second, atol=1e-12)
 
 
 @pytest.mark.parametrize("height_mm, weight", [(0.0, 0.0), (0.5, 0.25), (1.0, 0.5), (2.0, 1.0), (3.0, 1.0)])
-def test_psfs_are_linear_in_height_and_held_beyond_the_last(height_mm, weight):
+def test_psfs_are_linear_in_height_and_constant_beyond_the_last(height_mm, weight):
     table = np.stack([marked_psf(0, 0), marked_psf(8, 0)])[None]
     lens = make_lens(table, wavelengths_nm=(550,), heights_mm=(0.0, 2.0))
     pixels = PsfBank.of(lens.at_wavelength(550), 5.0).psfs([height_mm], [0.0])[0]
@@ -161,7 +161,7 @@ def test_every_psf_sums_to_one_and_none_is_negative():
     assert pixels.min() >= 0
 
 
-def test_psfs_do_not_depend_on_how_many_are_asked_for_at_once():
+def test_psfs_do_not_depend_on_the_batch_size():
     lens = make_lens(gaussian_psf(3, 1.5, 1.0, 64), psf_pitch_um=1.0)
     bank = PsfBank.of(lens.at_wavelength(550), 2.0)
     heights, azimuths = np.linspace(0, 2, 600), np.linspace(-3, 3, 600)
@@ -171,7 +171,7 @@ def test_psfs_do_not_depend_on_how_many_are_asked_for_at_once():
 
 
 @pytest.mark.parametrize("window, psf_pitch_um, pixel_pitch_um", [(64, 0.5, 6.25), (9, 1.0, 5.0), (1, 0.1, 5.0)])
-def test_radius_holds_the_diagonal_of_the_window(window, psf_pitch_um, pixel_pitch_um):
+def test_the_radius_covers_the_diagonal_of_the_window(window, psf_pitch_um, pixel_pitch_um):
     lens = make_lens(gaussian_psf(1, 1, psf_pitch_um, window), psf_pitch_um=psf_pitch_um)
     half_diagonal_px = np.sqrt(2) * (window / 2) * psf_pitch_um / pixel_pitch_um
     assert half_diagonal_px + 0.5 <= psf_radius_px(lens, pixel_pitch_um) <= half_diagonal_px + 3
@@ -193,7 +193,7 @@ def centroid_um(psf, pitch_um, window_um=np.inf):
     return (psf.sum(axis=1) @ offset_um) / psf.sum(), (psf.sum(axis=0) @ offset_um) / psf.sum()
 
 
-def test_edmund_coma_points_outwards_where_another_baker_has_it(traced):
+def test_edmund_coma_agrees_with_an_independent_trace(traced):
     """Traced by hand, independently of the baker, on 32 um windows whose samples were points."""
     lens = load_lens("edmund-54852")
     for w, h in np.ndindex(7, 21):
@@ -229,7 +229,7 @@ def rings_lens(pitch_um=2.0):
 
 @pytest.mark.parametrize("energy, samples, lost", [(0.5, 0, 0.1), (0.9, 0, 0.1), (0.91, 3, 0.02), (0.98, 3, 0.02),
                                                    (0.981, np.sqrt(32), 0.0), (1.0, np.sqrt(32), 0.0)])
-def test_each_psf_is_trimmed_to_the_least_circle_that_holds_the_energy(energy, samples, lost):
+def test_each_psf_is_trimmed_to_the_smallest_circle_that_contains_the_energy(energy, samples, lost):
     """The point on the axis loses no light, and its circle has radius 0."""
     bank = PsfBank.of(rings_lens().at_wavelength(550), 4.0)  # samples of half a pixel
     np.testing.assert_allclose(bank.support_px(energy), [0, samples / 2], atol=0.5 / 4)
@@ -240,25 +240,25 @@ def test_each_psf_is_trimmed_to_the_least_circle_that_holds_the_energy(energy, s
     np.testing.assert_allclose(reach_px, [0, samples / 2], atol=1e-9)
 
 
-def test_what_is_trimmed_already_is_trimmed_further_as_the_whole_is():
+def test_trimming_twice_equals_trimming_once():
     psf = np.random.default_rng(3).random((17, 17))
-    whole = PsfBank.of(make_lens(psf / psf.sum()).at_wavelength(550), 4.0)
-    at_once, in_two = whole.trimmed(0.7), whole.trimmed(0.9).trimmed(0.7)
+    untrimmed = PsfBank.of(make_lens(psf / psf.sum()).at_wavelength(550), 4.0)
+    at_once, in_two = untrimmed.trimmed(0.7), untrimmed.trimmed(0.9).trimmed(0.7)
     np.testing.assert_allclose(in_two.samples, at_once.samples, rtol=1e-12)
     np.testing.assert_allclose(in_two.lost, at_once.lost, atol=1e-12)
-    np.testing.assert_array_equal(whole.trimmed(0.7).support_px(0.99), at_once.support_px(0.7))
+    np.testing.assert_array_equal(untrimmed.trimmed(0.7).support_px(0.99), at_once.support_px(0.7))
 
 
-def test_a_trimmed_psf_is_what_lies_in_the_circle_normalised():
-    whole = PsfBank.of(rings_lens().at_wavelength(550), 4.0)
-    trimmed = whole.trimmed(0.95)
-    first, then = (bank.psfs([2.0], [0.0])[0] for bank in (whole, trimmed))
+def test_a_trimmed_psf_is_its_circle_normalised():
+    untrimmed = PsfBank.of(rings_lens().at_wavelength(550), 4.0)
+    trimmed = untrimmed.trimmed(0.95)
+    first, then = (bank.psfs([2.0], [0.0])[0] for bank in (untrimmed, trimmed))
     assert then.sum() == pytest.approx(1, abs=1e-13) and len(then) < len(first)
     assert middle(then, 0)[0, 0] / middle(first, 0)[0, 0] == pytest.approx(1 / 0.98)
 
 
 @pytest.mark.parametrize("radius_px", [1, 2, 3, 5, 30])
-def test_a_trimmed_psf_stays_within_the_radius_that_is_given(radius_px):
+def test_a_trimmed_psf_stays_within_the_given_radius(radius_px):
     psf = np.random.default_rng(3).random((17, 17))
     bank = PsfBank.of(make_lens(psf / psf.sum()).at_wavelength(550), 4.0)
     trimmed = bank.trimmed(0.99, radius_px)
@@ -282,7 +282,7 @@ def test_no_light_is_lost_at_the_rim_of_the_radius(energy, pixel_pitch_um):
 
 
 @pytest.mark.parametrize("pixel_pitch_um", [1.0, 4.0, 30.0])
-def test_all_heights_at_many_azimuths_are_those_one_by_one(pixel_pitch_um):
+def test_many_azimuths_at_once_equal_single_ones(pixel_pitch_um):
     table = np.stack([gaussian_psf(2 + h, 3, 1.0, 20) for h in range(4)])[None]
     lens = make_lens(table, wavelengths_nm=(550,), heights_mm=(0.0, 0.5, 1.5, 2.0), psf_pitch_um=1.0)
     bank = PsfBank.of(lens.at_wavelength(550), pixel_pitch_um)

@@ -32,7 +32,7 @@ def bank(lens, nm=550.0, energy=1.0):
     return PsfBank.of(lens.at_wavelength(nm), PITCH_UM).trimmed(energy)
 
 
-def own_places(lens, azimuths, quadrant):
+def node_places(lens, azimuths, quadrant):
     """All nodes of a table: heights and azimuths, clockwise from the right."""
     steps = np.arange(2 * azimuths * (1 if quadrant else 4) + (1 if quadrant else 0))
     height, azimuth = np.meshgrid(lens.heights_mm, -np.pi / 4 / azimuths * steps, indexing="ij")
@@ -42,31 +42,31 @@ def own_places(lens, azimuths, quadrant):
 @EVERY_LENS
 @pytest.mark.parametrize("azimuths", [1, 3, 8])
 @pytest.mark.parametrize("quadrant", [False, True])
-def test_at_its_own_heights_and_azimuths_a_table_holds_the_psfs_themselves(lens, azimuths, quadrant):
-    places = own_places(lens, azimuths, quadrant)
+def test_a_table_is_exact_at_its_nodes(lens, azimuths, quadrant):
+    places = node_places(lens, azimuths, quadrant)
     np.testing.assert_allclose(table(lens, azimuths, quadrant).psfs(*places), bank(lens).psfs(*places), atol=1e-13)
 
 
 @EVERY_LENS
-def test_a_table_is_a_quarter_for_one_quadrant(lens):
+def test_the_table_of_one_quadrant_is_a_quarter(lens):
     assert table(lens, 4, True).table.shape[:2] == (lens.heights_mm.size, 9)
     assert table(lens, 4, False).table.shape[:2] == (lens.heights_mm.size, 33)
 
 
 @EVERY_LENS
-def test_a_quadrants_table_says_what_the_full_one_says_there(lens):
+def test_a_quadrants_table_agrees_with_the_full_table(lens):
     rng = np.random.default_rng(0)
     height, azimuth = rng.uniform(0, 2.5, 50), -rng.uniform(0, np.pi / 2, 50)
-    quarter, whole = (table(lens, 3, quadrant).psfs(height, azimuth) for quadrant in (True, False))
-    np.testing.assert_allclose(quarter, whole, atol=1e-13)
+    quarter, full = (table(lens, 3, quadrant).psfs(height, azimuth) for quadrant in (True, False))
+    np.testing.assert_allclose(quarter, full, atol=1e-13)
 
 
 @EVERY_LENS
 @pytest.mark.parametrize("azimuth", [0.0, 0.1, -0.7, 1.2, 3.0])
-def test_a_quarter_turn_turns_the_pixels_and_a_full_one_changes_nothing(lens, azimuth):
-    whole = table(lens, 4)
+def test_a_quarter_turn_rotates_the_pixels_and_a_full_turn_changes_nothing(lens, azimuth):
+    full_table = table(lens, 4)
     heights = np.linspace(0, 2.2, 7)
-    first, quarter, full, back = (whole.psfs(heights, np.full(7, azimuth + turn)) for turn in
+    first, quarter, full, back = (full_table.psfs(heights, np.full(7, azimuth + turn)) for turn in
                                   (0, np.pi / 2, 2 * np.pi, -2 * np.pi))
     np.testing.assert_allclose(quarter, np.rot90(first, axes=(1, 2)), atol=1e-13)
     np.testing.assert_allclose(full, first, atol=1e-13)
@@ -82,7 +82,7 @@ def test_the_edges_of_a_quadrant_are_in_its_table():
 
 
 @EVERY_LENS
-def test_between_azimuths_it_is_the_mean_of_the_two(lens):
+def test_the_psf_halfway_between_azimuths_is_their_mean(lens):
     polar, step = table(lens, 4), np.pi / 16
     heights = lens.heights_mm
     halfway, before, after = (polar.psfs(heights, np.full(heights.size, azimuth)) for azimuth in
@@ -91,7 +91,7 @@ def test_between_azimuths_it_is_the_mean_of_the_two(lens):
 
 
 @EVERY_LENS
-def test_between_heights_it_is_mixed_as_the_bank_mixes(lens):
+def test_psfs_between_heights_are_interpolated_as_in_the_bank(lens):
     heights = np.random.default_rng(1).uniform(0, 2 * lens.heights_mm[-1], 30)  # constant beyond the last height
     places = heights, np.full(30, -np.pi / 4)
     np.testing.assert_allclose(table(lens, 1).psfs(*places), bank(lens).psfs(*places), atol=1e-13)
@@ -107,7 +107,7 @@ def test_every_psf_sums_to_one_and_none_is_negative(lens, quadrant):
 
 
 @EVERY_LENS
-def test_the_error_between_azimuths_falls_as_there_are_more_of_them(lens):
+def test_the_error_between_azimuths_falls_with_their_number(lens):
     rng = np.random.default_rng(3)
     places = rng.uniform(0, 2, 60), rng.uniform(-np.pi, np.pi, 60)
     truth = bank(lens).psfs(*places)
@@ -115,15 +115,15 @@ def test_the_error_between_azimuths_falls_as_there_are_more_of_them(lens):
     assert errors[0] > 2 * errors[1] > 4 * errors[2]
 
 
-def test_taps_are_only_those_that_some_psf_reaches():
+def test_taps_are_limited_to_those_that_a_psf_reaches():
     lens = make_lens(gaussian_psf(3, 3, 1.0, 5), psf_pitch_um=1.0)  # smaller than a pixel of 8 um
     polar = table(lens, 2)
-    reached = bank(lens).psfs(*own_places(lens, 2, False)).any(axis=0)
+    reached = bank(lens).psfs(*node_places(lens, 2, False)).any(axis=0)
     assert {(int(row), int(column)) for row, column in zip(polar.rows, polar.columns, strict=True)} == {
         tuple(place) for place in np.argwhere(reached).tolist()}
 
 
-def test_how_many_are_asked_for_at_once_changes_nothing():
+def test_psfs_do_not_depend_on_the_batch_size():
     polar = table(LENSES["comatic"], 4)
     rng = np.random.default_rng(4)
     places = rng.uniform(0, 2, 20_000), rng.uniform(-np.pi, np.pi, 20_000)
@@ -135,37 +135,37 @@ def test_how_many_are_asked_for_at_once_changes_nothing():
 
 @pytest.mark.parametrize("lowest_mm, highest_mm, fewer",
                          [(0, 0, True), (0.1, 0.3, True), (1.7, 5, False), (0, 5, False)])
-def test_taps_that_no_psf_reaches_at_these_heights_are_left_out(lowest_mm, highest_mm, fewer):
+def test_taps_beyond_the_psfs_at_these_heights_are_omitted(lowest_mm, highest_mm, fewer):
     polar = table(LENSES["comatic"], 4, energy=0.99)  # widens with the field
     rng = np.random.default_rng(5)
     places = rng.uniform(lowest_mm, highest_mm, 50), rng.uniform(-np.pi, np.pi, 50)
     rows, columns, psfs = polar.mixed(places)
     assert (rows.size < 0.6 * polar.rows.size) == fewer
-    whole = sum(weight[:, None, None] * polar.node_psfs(node)
-                for node, weight in zip(*polar.corners(places), strict=True))
-    np.testing.assert_array_equal(whole[:, rows, columns], psfs.T)
-    whole[:, rows, columns] = 0
-    assert not whole.any()
+    full = sum(weight[:, None, None] * polar.node_psfs(node)
+               for node, weight in zip(*polar.corners(places), strict=True))
+    np.testing.assert_array_equal(full[:, rows, columns], psfs.T)
+    full[:, rows, columns] = 0
+    assert not full.any()
 
 
 MANY_NM = tuple(np.linspace(400, 700, 9))
 
 
 @pytest.mark.parametrize("nm", MANY_NM)
-def test_mixing_between_wavelengths_is_the_table_of_the_mixed_lens(nm):
+def test_mixed_tables_equal_the_table_of_the_mixed_lens(nm):
     """Nine wavelengths of a lens with two: the tables of the two serve all nine."""
     sharp, soft = (np.tile(gaussian_psf(s, 0.7 * s, 2.5, 25), (11, 1, 1)) for s in (4, 8))
     lens = make_lens(np.stack([sharp, soft]))
     weight = (nm - 400) / 300
     mixed = replace(lens, psf=np.stack([(1 - weight) * sharp + weight * soft] * 2))
     np.testing.assert_allclose(
-        table(lens, 3, nm=nm, wavelengths_nm=MANY_NM).psfs(*own_places(lens, 3, False)),
-        table(mixed, 3).psfs(*own_places(lens, 3, False)), atol=1e-8)  # the PSFs of the lens are float32
+        table(lens, 3, nm=nm, wavelengths_nm=MANY_NM).psfs(*node_places(lens, 3, False)),
+        table(mixed, 3).psfs(*node_places(lens, 3, False)), atol=1e-8)  # the PSFs of the lens are float32
 
 
-@pytest.mark.parametrize("wavelengths_nm, made", [(MANY_NM, 2), ((400.0, 700.0), 2), ((450.0,), 1),
-                                                  ((400.0, 450.0, 500.0), 2)])
-def test_as_few_tables_are_made_as_will_do(wavelengths_nm, made, monkeypatch):
+@pytest.mark.parametrize("wavelengths_nm, expected", [(MANY_NM, 2), ((400.0, 700.0), 2), ((450.0,), 1),
+                                                      ((400.0, 450.0, 500.0), 2)])
+def test_as_few_tables_as_possible_are_computed(wavelengths_nm, expected, monkeypatch):
     banks = []
     original = PsfBank.of
 
@@ -177,28 +177,28 @@ def test_as_few_tables_are_made_as_will_do(wavelengths_nm, made, monkeypatch):
     tables = PsfTables(make_lens(), wavelengths_nm, planes(False), lambda bank: bank, 2, "float64")
     for nm in wavelengths_nm:
         tables.at_wavelength(nm)
-    assert len(banks) == made
+    assert len(banks) == expected
 
 
-def test_wavelengths_of_which_one_alone_is_symmetric_mix_as_well():
+def test_symmetric_and_asymmetric_wavelengths_can_be_mixed():
     """The table for one wavelength covers 45 degrees, and that for the other 90."""
     even, lean = (np.tile(psf, (11, 1, 1)) for psf in (gaussian_psf(4, 3, 2.5, 25), marked_psf(3, 5)))
     lens = make_lens(np.stack([even, lean]))
-    places = own_places(lens, 3, False)
+    places = node_places(lens, 3, False)
     parts = [table(replace(lens, psf=np.stack([psf, psf])), 3, nm=400.0).psfs(*places) for psf in (even, lean)]
     mixed = table(lens, 3, nm=475.0, wavelengths_nm=MANY_NM).psfs(*places)
     np.testing.assert_allclose(mixed, 0.75 * parts[0] + 0.25 * parts[1], atol=1e-8)
 
 
-def test_trimmed_psfs_are_those_of_the_trimmed_bank():
+def test_a_trimmed_table_equals_the_trimmed_bank():
     lens = LENSES["comatic"]
-    places = own_places(lens, 2, False)
+    places = node_places(lens, 2, False)
     trimmed = bank(lens, energy=0.95)
     assert trimmed.radius_px < bank(lens).radius_px
     np.testing.assert_allclose(table(lens, 2, energy=0.95).psfs(*places), trimmed.psfs(*places), atol=1e-13)
 
 
-def test_single_precision_is_good_to_its_last_digits():
+def test_single_precision_is_accurate_to_its_last_digits():
     lens = LENSES["comatic"]
     places = np.linspace(0, 2, 40), np.linspace(-3, 3, 40)
     single = table(lens, 3, precision="float32").psfs(*places)

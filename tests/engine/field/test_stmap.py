@@ -27,7 +27,7 @@ def frame_of(lens, rows=180, columns=240):
     return PixelGrid((rows, columns), 1e3 * lens.sensor_mm[0] / columns)
 
 
-def test_no_distortion_is_each_pixel_itself():
+def test_without_distortion_the_map_is_the_identity():
     stmap = distort_map(make_lens(), PixelGrid((3, 4), 10.0), 550.0)
     np.testing.assert_allclose(stmap[0, 0], [0.5 / 4, 1 - 0.5 / 3, 1], atol=1e-6)
     np.testing.assert_allclose(stmap[2, 3], [3.5 / 4, 0.5 / 3, 1], atol=1e-6)
@@ -41,7 +41,7 @@ def test_barrel_takes_its_corners_from_beyond_the_frame():
     np.testing.assert_allclose(upper_left, [0.5 - 0.495 / 0.8, 0.5 + 0.495 / 0.8, 0], atol=1e-6)
 
 
-def test_distortion_is_about_the_axis_wherever_that_is():
+def test_distortion_is_centred_on_the_axis():
     """A pixel 13 px right of the axis and 9 above it shows the light that a pinhole has at 1 / 0.8 of that."""
     lens = make_lens(real_height_mm=lambda nm, p: 0.8 * p)
     stmap = distort_map(lens, PixelGrid((90, 70), 10.0, centre_px=(61.0, 22.0)), 550.0)
@@ -51,22 +51,22 @@ def test_distortion_is_about_the_axis_wherever_that_is():
 
 
 @pytest.mark.parametrize("name", VARIED)
-def test_there_and_back_is_the_same_place_to_a_twentieth_of_a_pixel(name):
+def test_the_two_maps_are_inverse_to_a_twentieth_of_a_pixel(name):
     lens = varied_lens(name)
     frame = frame_of(lens)
     nm = float(lens.nearest_nm(lens.reference_wavelength_nm))
-    there, back = (make(lens, frame, nm) for make in (distort_map, undistort_map))
-    for first, second in ((there, back), (back, there)):
+    distort, undistort = (make(lens, frame, nm) for make in (distort_map, undistort_map))
+    for first, second in ((distort, undistort), (undistort, distort)):
         row, column = places_px(first)
         inside = first[..., 2] > 0
         again = [map_coordinates(axis, (row, column), order=3, mode="nearest") for axis in places_px(second)]
         reach = inside & (row > 1) & (row < 178) & (column > 1) & (column < 238)  # where the spline has neighbours
-        for found, index in zip(again, np.indices(row.shape), strict=True):
-            assert np.abs(found - index)[reach].max() < 0.05
+        for position, index in zip(again, np.indices(row.shape), strict=True):
+            assert np.abs(position - index)[reach].max() < 0.05
         assert reach.sum() > 0.3 * reach.size
 
 
-def test_a_warped_picture_is_the_one_that_simulate_gives():
+def test_a_warped_picture_matches_simulate():
     lens = make_lens(real_height_mm=lambda nm, p: p - 0.02 * p**3)
     row, column = np.indices((120, 160))
     picture = 1 + 0.5 * np.sin(row / 9) * np.cos(column / 11)
@@ -79,7 +79,7 @@ def test_a_warped_picture_is_the_one_that_simulate_gives():
     np.testing.assert_allclose(warped(picture, stmap)[inside], expected[inside], atol=0.003)  # boxes against bilinear
 
 
-def test_the_command_writes_both(tmp_path, capsys):
+def test_the_command_writes_both_maps(tmp_path, capsys):
     assert main(["lens", "stmap", "edmund-54852", "--resolution", "64x48", "--output", str(tmp_path / "maps")]) == 0
     for name in ("distort", "undistort"):
         path = tmp_path / "maps" / f"edmund-54852_{name}.exr"
@@ -90,6 +90,6 @@ def test_the_command_writes_both(tmp_path, capsys):
         assert channels["G"][0].min() > channels["G"][-1].max()
 
 
-def test_a_wavelength_that_the_lens_does_not_know_is_named():
+def test_a_wavelength_outside_the_lens_data_is_named():
     with pytest.raises(LensError, match="wavelength is 900 nm"):
         distort_map(make_lens(), PixelGrid((3, 4), 10.0), 900.0)

@@ -68,7 +68,7 @@ def test_a_lens_without_light_on_the_axis(field):
     ("wavelengths_nm", lambda table: -table[::-1], ("wavelengths_nm", "positive nanometres")),
     ("wavelengths_nm", lambda table: with_last(table, NAN), ("wavelengths_nm", "not finite")),
     ("real_height_mm", lambda table: with_last(table, -2.5), ("real_height_mm is -2.5 at 650 nm", "paraxial height"))])
-def test_a_package_of_such_tables_is_rejected_by_its_file(tmp_path, member, change, words):
+def test_a_package_of_such_tables_is_rejected_with_its_file(tmp_path, member, change, words):
     write_package(make_lens(wavelengths_nm=(450.0, 650.0)), tmp_path / "whole.npz")
     with zipfile.ZipFile(tmp_path / "whole.npz"), np.load(tmp_path / "whole.npz") as archive:
         members = {name: archive[name] for name in archive.files}
@@ -91,7 +91,7 @@ def test_the_depth_of_a_layer(depth_mm):
     np.testing.assert_array_equal(nowhere.depth_mm, depths_mm.astype(np.float32))  # where the layer is empty
 
 
-def test_alpha_that_rounding_has_moved_is_clipped():
+def test_rounding_errors_of_alpha_are_clipped():
     layer = Layer(np.ones((1, 1, 3)), [[-1e-5, 0.5, 1 + 1e-5]], np.full((1, 3), INF))
     assert layer.alpha.tolist() == [[0.0, 0.5, 1.0]]
 

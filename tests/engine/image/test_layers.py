@@ -19,14 +19,14 @@ def layered(*layers):
     return LayeredRadiance(layers, [500, 600], GRID, 50.0)
 
 
-def test_a_pinhole_sees_the_nearest_first():
+def test_a_pinhole_sees_the_nearest_layer_first():
     near = layer([[0, 0.25], [1, 1]], 8.0, 500.0, (1, 2))
-    seen = layered(near, layer(np.ones(GRID.shape_px), 4.0, np.inf))
+    scene = layered(near, layer(np.ones(GRID.shape_px), 4.0, np.inf))
     expected = np.full(GRID.shape_px, 4.0)
     expected[1:3, 2:4] = [[4, 5], [8, 8]]
-    assert np.array_equal(seen.flat().cube, np.stack([expected, 2 * expected]).astype(np.float32))
-    assert np.array_equal(seen.flat_depth_mm()[1:3, 2:4], [[np.inf, 500], [500, 500]])
-    assert np.all(seen.flat_alpha() == 1) and seen.flat().grid == GRID and seen.flat().focal_mm == 50.0
+    assert np.array_equal(scene.flat().cube, np.stack([expected, 2 * expected]).astype(np.float32))
+    assert np.array_equal(scene.flat_depth_mm()[1:3, 2:4], [[np.inf, 500], [500, 500]])
+    assert np.all(scene.flat_alpha() == 1) and scene.flat().grid == GRID and scene.flat().focal_mm == 50.0
     assert np.array_equal(layered(near).flat_alpha()[1:3, 2:4], near.alpha)
 
 
@@ -41,33 +41,33 @@ def test_flat_pictures_and_the_sampling_have_the_grid_and_the_pinhole_of_the_lay
         assert picture.grid.pitch_um == 7.0 and picture.grid.overscan_px == (1, 2)
 
 
-def test_what_is_cropped_is_the_same_layer():
+def test_a_cropped_layer_gives_the_same_picture():
     alpha = np.zeros(GRID.shape_px)
     alpha[2, 1:4] = 0.5, 1, 0.5
-    whole = layer(alpha, 3.0, 700.0)
-    cropped = whole.cropped()
+    full = layer(alpha, 3.0, 700.0)
+    cropped = full.cropped()
     assert cropped.alpha.shape == (1, 3) and cropped.origin_px == (2, 1)
-    assert np.array_equal(layered(whole).flat().cube, layered(cropped).flat().cube)
+    assert np.array_equal(layered(full).flat().cube, layered(cropped).flat().cube)
 
 
 @pytest.mark.parametrize("margin_px", [(0, 0), (1, 0), (0, 1), (1, 1)])
-def test_without_its_margin_it_shows_the_same(margin_px):
+def test_cropping_the_margin_keeps_the_rest_of_the_picture(margin_px):
     """Including layers that end in it or are completely inside it."""
     places = ((1, 1), (0, 0)), ((1, 6), (3, 0)), ((2, 2), (1, 2)), ((3, 2), (1, 4)), (GRID.shape_px, (0, 0))
-    whole = layered(*(layer(np.full(shape_px, 0.5), light, 500.0 * light, origin_px)
+    scene = layered(*(layer(np.full(shape_px, 0.5), light, 500.0 * light, origin_px)
                       for light, (shape_px, origin_px) in enumerate(places, 1)))
     rows, columns = (slice(margin, n - margin) for margin, n in zip(margin_px, GRID.shape_px, strict=True))
-    seen = whole.cropped(margin_px)
-    assert seen.grid == GRID.cropped(margin_px)
-    assert np.array_equal(seen.flat().cube, whole.flat().cube[:, rows, columns])
-    assert np.array_equal(seen.flat_alpha(), whole.flat_alpha()[rows, columns])
+    cropped = scene.cropped(margin_px)
+    assert cropped.grid == GRID.cropped(margin_px)
+    assert np.array_equal(cropped.flat().cube, scene.flat().cube[:, rows, columns])
+    assert np.array_equal(cropped.flat_alpha(), scene.flat_alpha()[rows, columns])
     assert layer(np.zeros(GRID.shape_px), 3.0, 700.0).cropped().alpha.shape == (1, 1)
 
 
-def test_other_light_keeps_what_hides_what():
-    seen = layered(layer([[0.5]], 8.0, 500.0, (1, 1)), layer(np.ones(GRID.shape_px), 4.0, np.inf))
-    alphas = [np.stack([each.alpha] * 2) for each in seen.layers]
-    assert np.allclose(seen.with_light(alphas).flat().cube, 1)
+def test_other_light_preserves_occlusion():
+    scene = layered(layer([[0.5]], 8.0, 500.0, (1, 1)), layer(np.ones(GRID.shape_px), 4.0, np.inf))
+    alphas = [np.stack([each.alpha] * 2) for each in scene.layers]
+    assert np.allclose(scene.with_light(alphas).flat().cube, 1)
 
 
 @pytest.mark.parametrize(("layers", "field"), [

@@ -22,7 +22,7 @@ def image(*planes):
 
 
 @pytest.mark.parametrize("value, shown", [(np.nan, "nan"), (np.inf, "inf"), (-np.inf, "-inf")])
-def test_the_first_is_named_by_row_column_and_wavelength(value, shown):
+def test_the_first_pixel_is_named_by_row_column_and_wavelength(value, shown):
     planes = [numbered(), numbered(), numbered()]
     planes[1][3, 7] = planes[1][5, 0] = planes[2][0, 0] = value
     with pytest.raises(ImageError) as error:
@@ -32,20 +32,20 @@ def test_the_first_is_named_by_row_column_and_wavelength(value, shown):
     assert "2 of 48" in text and "clamp" in text and "\n" not in text
 
 
-def test_infinities_that_cancel_are_found():
+def test_infinities_that_cancel_are_detected():
     plane = numbered()
     plane[1, 1], plane[2, 2] = np.inf, -np.inf
     with pytest.raises(ImageError, match="row 1, column 1"):
         refuse_fireflies(image(plane))
 
 
-def test_the_largest_floats_are_no_fireflies_though_their_sum_overflows_their_kind():
+def test_the_largest_floats_are_not_fireflies_even_if_their_sum_overflows():
     plane = np.full((6, 8), np.finfo(np.float32).max)
     refuse_fireflies(image(plane))
     assert clamp_fireflies(plane)[1] == 0
 
 
-def test_a_clean_plane_comes_back_as_it_is():
+def test_a_clean_plane_is_returned_unchanged():
     plane = numbered()
     mended, count = clamp_fireflies(plane)
     assert mended is plane and count == 0
@@ -63,14 +63,14 @@ def test_a_firefly_takes_the_brightest_of_its_neighbours(row, column, brightest,
     np.testing.assert_array_equal(mended[untouched], numbered()[untouched])
 
 
-def test_the_picture_given_is_left_as_it_was():
+def test_the_given_picture_is_unchanged():
     plane = numbered()
     plane[2, 3] = np.nan
     clamp_fireflies(plane)
     assert np.isnan(plane[2, 3])
 
 
-def test_fireflies_side_by_side_do_not_light_one_another():
+def test_adjacent_fireflies_do_not_light_each_other():
     plane = numbered()
     plane[2:5, 3:6] = np.inf
     mended, count = clamp_fireflies(plane)
@@ -84,7 +84,7 @@ def test_a_plane_of_nothing_but_fireflies_is_black():
     assert count == 12 and not mended.any()
 
 
-def test_random_fireflies_take_what_a_look_at_each_one_finds():
+def test_random_fireflies_match_a_loop_over_pixels():
     rng = np.random.default_rng(4)
     plane = rng.normal(size=(37, 52)).astype(np.float32)
     plane[rng.random(plane.shape) < 0.4] = np.nan
@@ -123,7 +123,7 @@ def test_no_line_runs_once_for_each_firefly():
 @pytest.mark.parametrize("options", [Options(section_size=32, fireflies="clamp"),
                                      Options(method="pixels", azimuths=2, fireflies="clamp"),
                                      Options(method="exact", fireflies="clamp")])
-def test_a_picture_is_mended_and_the_report_counts(options):
+def test_fireflies_of_a_picture_are_clamped_and_counted(options):
     planes = [np.ones((6, 8), np.float32), np.full((6, 8), 2, np.float32)]
     planes[0][2, 3], planes[1][0, 0], planes[1][5, 7] = np.nan, np.inf, -np.inf
     report = Report()
@@ -132,7 +132,7 @@ def test_a_picture_is_mended_and_the_report_counts(options):
     assert report.lens_image.fireflies_clamped == 3
 
 
-def test_a_clean_picture_counts_none():
+def test_a_clean_picture_has_no_clamped_fireflies():
     report = Report()
     simulate(image(numbered()), make_lens(), Options(section_size=32), report=report)
     assert report.lens_image.fireflies_clamped == 0

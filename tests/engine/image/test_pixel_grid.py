@@ -13,22 +13,22 @@ def test_x_runs_right_and_y_up_from_row_0_at_the_top():
     np.testing.assert_allclose(y_mm, [0.01, 0, -0.01], atol=1e-15)
 
 
-def test_position_is_about_the_axis_wherever_it_falls():
+def test_positions_are_relative_to_the_axis_wherever_it_lies():
     assert PixelGrid((3, 5), 5.0, (10, -20)).position_mm(0, 0) == pytest.approx((0.1, 0.05))
 
 
-def test_grids_of_the_same_pixels_are_the_same():
+def test_grids_of_the_same_pixels_are_equal():
     assert PixelGrid((4, 6), 10, (1.5, 2.5)) == PixelGrid([4, 6], 10.0, overscan_px=np.zeros(2, int))
     assert hash(PixelGrid((4, 6), 10)) == hash(PixelGrid((4, 6), 10.0)) != hash(PixelGrid((6, 4), 10))
 
 
-def test_a_frame_with_overscan_is_the_frame_again():
+def test_removing_the_overscan_restores_the_frame():
     grid = PixelGrid.around_frame((4, 6), 10.0, (3, 2), FISHEYE)
     assert grid.shape_px == (10, 10) and grid.frame_px == (4, 6) and grid.centred
     assert grid.frame() == PixelGrid((4, 6), 10.0, projection=FISHEYE)
 
 
-def test_crops_and_rims_keep_every_pixel_where_it_was():
+def test_crops_and_rims_keep_every_pixel_in_place():
     grid = PixelGrid((10, 12), 10.0, (2.0, 7.5), (3, 4))
     assert grid.cropped((1, 2)).position_mm(0, 0) == grid.position_mm(1, 2)
     assert grid.framed(5).position_mm(5, 5) == grid.position_mm(0, 0)
@@ -37,7 +37,7 @@ def test_crops_and_rims_keep_every_pixel_where_it_was():
 
 
 @pytest.mark.parametrize("reach_px, overscan_px", [(0, (0, 0)), (3, (3, 3)), (100, (3, 4))])
-def test_within_reach_is_what_overscan_there_is(reach_px, overscan_px):
+def test_reach_is_limited_to_the_overscan(reach_px, overscan_px):
     assert PixelGrid((10, 12), 10.0, overscan_px=(3, 4)).within_reach(reach_px).overscan_px == overscan_px
 
 

@@ -34,12 +34,12 @@ def test_frame_is_the_cube_without_its_overscan():
     assert frame.centre_px == (1.5, 1.5)
 
 
-def test_cropping_keeps_every_pixel_where_it_was_on_the_sensor():
-    whole = image(cube=np.zeros((2, 10, 12)), overscan_px=(3, 4), centre_px=(2.0, 7.5))
-    part = whole.cropped((1, 2))
+def test_cropping_keeps_every_pixel_in_place_on_the_sensor():
+    full = image(cube=np.zeros((2, 10, 12)), overscan_px=(3, 4), centre_px=(2.0, 7.5))
+    part = full.cropped((1, 2))
     assert part.overscan_px == (2, 2)
-    assert part.frame_px == whole.frame_px == (4, 4)
-    assert part.grid.position_mm(0, 0) == whole.grid.position_mm(1, 2)
+    assert part.frame_px == full.frame_px == (4, 4)
+    assert part.grid.position_mm(0, 0) == full.grid.position_mm(1, 2)
 
 
 def test_centre_may_be_an_array():
@@ -61,11 +61,11 @@ def test_a_wrong_field_is_named(field, value):
     assert "\n" not in str(error.value)
 
 
-def test_a_grid_may_be_given_whole_and_must_fit():
+def test_a_complete_grid_may_be_given_and_must_fit():
     grid = PixelGrid((4, 6), 10.0, overscan_px=(1, 1))
-    whole = SpectralImage(np.zeros((1, 4, 6)), [500], grid)
-    assert whole.grid == grid
-    changed = replace(whole, pitch_um=4.0, overscan_px=(0, 0))
+    picture = SpectralImage(np.zeros((1, 4, 6)), [500], grid)
+    assert picture.grid == grid
+    changed = replace(picture, pitch_um=4.0, overscan_px=(0, 0))
     assert changed.grid == replace(grid, pitch_um=4.0, overscan_px=(0, 0))
     with pytest.raises(ImageError, match="grid is 5.0: expected a PixelGrid"):
         SpectralImage(np.zeros((1, 4, 6)), [500], 5.0)

@@ -56,16 +56,16 @@ def with_one_psf(psf):
 
 def only(lens, field):
     """The single finding, which must be about this field."""
-    found = check_lens(lens)
-    assert [finding.field for finding in found] == [field], "\n".join(map(str, found))
-    return found[0]
+    findings = check_lens(lens)
+    assert [finding.field for finding in findings] == [field], "\n".join(map(str, findings))
+    return findings[0]
 
 
 def about(lens, field, text):
     """The finding about this field whose value contains the text."""
-    found = [finding for finding in check_lens(lens) if finding.field == field and text in finding.value]
-    assert len(found) == 1, "\n".join(map(str, check_lens(lens)))
-    return found[0]
+    findings = [finding for finding in check_lens(lens) if finding.field == field and text in finding.value]
+    assert len(findings) == 1, "\n".join(map(str, check_lens(lens)))
+    return findings[0]
 
 
 def fourier_psf(pupil_samples, window, oversampling=2, defocus=0.0, coma=0.0, spherical=0.0):
@@ -109,7 +109,7 @@ def test_a_sound_lens_has_no_findings():
     ({"psf_pitch_um": 0.45}, "note", "psf_pitch_um", "0.45 um, where 0.4 um resolves all detail at 400 nm"),
     ({"psf_pitch_um": 400.0}, "error", "psf_pitch_um", "400 um"),
     ({"psf_pitch_um": 0.0004}, "error", "psf_pitch_um", "0.0004 um")], ids=str)
-def test_a_figure_out_of_proportion_is_named(changes, severity, field, text):
+def test_an_implausible_figure_is_named(changes, severity, field, text):
     lens = replace(SOUND, **changes)
     if severity is None:
         assert not [finding for finding in check_lens(lens) if finding.field in changes]
@@ -123,11 +123,11 @@ def test_a_figure_out_of_proportion_is_named(changes, severity, field, text):
 def test_a_lens_out_of_focus_on_its_axis_is_named(sigma_um, severity):
     """A disc of 2.355 sigma contains half of a Gaussian's light: 0.94 %, 0.38 % and 0.14 % of the diagonal of 5 mm."""
     lens = with_psf(gaussian_psf(sigma_um, sigma_um, 2.0, 96), psf_pitch_um=2.0, sensor_mm=(4.0, 3.0))
-    found = [finding for finding in check_lens(lens) if "half the light in a disc of" in finding.value]
-    assert [finding.severity for finding in found] == [severity] * bool(severity)
+    findings = [finding for finding in check_lens(lens) if "half the light in a disc of" in finding.value]
+    assert [finding.severity for finding in findings] == [severity] * bool(severity)
     if severity:
-        told_um = float(found[0].value.split()[7])
-        assert told_um == pytest.approx(2.355 * sigma_um, abs=4.0)  # two samples across
+        reported_um = float(findings[0].value.split()[7])
+        assert reported_um == pytest.approx(2.355 * sigma_um, abs=4.0)  # two samples across
 
 
 @pytest.mark.parametrize("field, change, wave, height, severity, text", [
@@ -149,7 +149,7 @@ def test_a_lens_out_of_focus_on_its_axis_is_named(sigma_um, severity):
     ("enclosed_energy", lambda _: 99.0, WAVE, HEIGHT, "error", f"99 {PLACE}"),
     ("enclosed_energy", lambda _: -0.1, WAVE, HEIGHT, "error", f"-0.1 {PLACE}"),
     ("enclosed_energy", lambda _: np.nan, WAVE, HEIGHT, "note", "unknown for 1 of 84 PSFs")])
-def test_a_value_out_of_line_is_named_with_its_place(field, change, wave, height, severity, text):
+def test_an_outlier_is_named_with_its_position(field, change, wave, height, severity, text):
     lens = changed(field, change, wave, height)
     assert about(lens, field, text).severity == severity
     assert {finding.field for finding in check_lens(lens) if finding.severity != "note"} <= {field, "sensor_mm"}
@@ -170,7 +170,7 @@ def test_a_fit_that_folds_back_is_an_error_though_the_table_rises():
     assert finding.severity == "error" and "falling at a paraxial height of 2." in finding.value
 
 
-def test_few_heights_are_told():
+def test_too_few_heights_are_reported():
     few = slice(None, None, 3)
     lens = replace(SOUND, psf=SOUND.psf[:, few], **{name: getattr(SOUND, name)[..., few] for name in (
         "heights_mm", "real_height_mm", "relative_illumination", "enclosed_energy", "point_flux")},
@@ -178,13 +178,13 @@ def test_few_heights_are_told():
     assert only(lens, "heights_mm").value == "4 heights"
 
 
-def test_no_figure_is_needed_between_two_heights_and_at_one_wavelength():
-    found = check_lens(make_lens(wavelengths_nm=(587.6,), heights_mm=(0.0, 3.2)))
-    assert {finding.field for finding in found} == {"wavelengths_nm", "reference_wavelength_nm", "heights_mm",
-                                                    "transmittance", "psf_pitch_um"}
+def test_a_lens_of_two_heights_and_one_wavelength_is_checked():
+    findings = check_lens(make_lens(wavelengths_nm=(587.6,), heights_mm=(0.0, 3.2)))
+    assert {finding.field for finding in findings} == {"wavelengths_nm", "reference_wavelength_nm", "heights_mm",
+                                                       "transmittance", "psf_pitch_um"}
 
 
-def test_half_a_sample_off_centre_is_told_with_its_size():
+def test_half_a_sample_off_centre_is_reported_with_its_size():
     offset = np.arange(WINDOW) - WINDOW // 2
     sideways = np.exp(-0.4**2 * (offset[:, None]**2 + (offset - 0.5)**2) / (2 * 1.5**2))
     sideways /= sideways.sum()
@@ -202,48 +202,48 @@ def test_lopsided_light_is_a_note_up_to_a_tenth():
     assert finding.severity == "warning" and PLACE in finding.value
 
 
-def test_a_psf_on_the_axis_that_is_not_round_is_told():
+def test_an_axial_psf_that_is_not_round_is_reported():
     assert about(with_psf(gaussian_psf(1.5, 1.0, 0.4, WINDOW)), "psf", "turned by 90 degrees").severity == "warning"
 
 
 @pytest.mark.parametrize("size", [8, 9, 64, 65])
 def test_round_psfs_of_any_size_are_round(size):
-    found = check_lens(with_psf(gaussian_psf(0.05 * size, 0.05 * size, 0.4, size)))
-    assert not [finding for finding in found if finding.severity != "note"], found
+    findings = check_lens(with_psf(gaussian_psf(0.05 * size, 0.05 * size, 0.4, size)))
+    assert not [finding for finding in findings if finding.severity != "note"], findings
 
 
-def test_a_psf_far_from_its_chief_ray_is_told():
+def test_a_psf_far_from_its_chief_ray_is_reported():
     away = np.roll(gaussian_psf(1.0, 1.0, 0.4, WINDOW), 15, axis=0)
     assert about(with_one_psf(away), "psf", f"centroid 15.0 samples outwards and 0.0 sideways {PLACE}")
 
 
-def test_a_psf_brightest_at_the_border_is_told():
+def test_a_psf_brightest_at_the_border_is_reported():
     swapped = np.fft.fftshift(gaussian_psf(1.0, 1.0, 0.4, WINDOW))
     assert about(with_one_psf(swapped), "psf", f"brightest at its window's border {PLACE}")
 
 
-def test_a_psf_that_its_window_cuts_is_told_unless_the_enclosed_energy_says_so():
+def test_a_psf_cut_by_its_window_is_reported_unless_the_enclosed_energy_shows_it():
     wide = with_psf(gaussian_psf(5.0, 5.0, 0.4, WINDOW))
     assert about(wide, "psf", "outermost samples")
-    told = check_lens(replace(wide, enclosed_energy=np.full((7, 12), 0.9)))
-    assert not [finding for finding in told if "outermost" in finding.value]
-    assert told[0].field == "enclosed_energy" and told[0].value.startswith("0.9 at")
+    findings = check_lens(replace(wide, enclosed_energy=np.full((7, 12), 0.9)))
+    assert not [finding for finding in findings if "outermost" in finding.value]
+    assert findings[0].field == "enclosed_energy" and findings[0].value.startswith("0.9 at")
 
 
-def test_a_tail_that_enters_from_the_other_side_is_told():
+def test_a_tail_that_enters_from_the_opposite_side_is_reported():
     tail = sum(np.roll(gaussian_psf(1.2, 1.2, 0.4, WINDOW), step, axis=0) for step in range(34)) / 34
     finding = about(with_one_psf(tail), "psf", "without a seam")
     assert PLACE in finding.value and "wraps round" in finding.remedy
 
 
-def test_a_tail_that_rises_towards_the_border_is_told_for_all_its_noise():
+def test_a_tail_that_rises_towards_the_border_is_reported_despite_noise():
     tail = np.roll(gaussian_psf(1.2, 1.2, 0.4, WINDOW), 26, axis=0)
     noise = np.random.default_rng(0).dirichlet(np.ones(WINDOW**2)).reshape(WINDOW, WINDOW)
     finding = about(with_one_psf(0.9 * SOUND.psf[WAVE, HEIGHT] + 0.09 * tail + 0.01 * noise), "psf", "than next to it")
     assert PLACE in finding.value and "wraps round" in finding.remedy
 
 
-def test_light_at_the_border_is_told_for_all_its_noise():
+def test_light_at_the_border_is_reported_despite_noise():
     noise = np.random.default_rng(0).dirichlet(np.ones(WINDOW**2)).reshape(WINDOW, WINDOW)
     assert PLACE in about(with_one_psf(0.8 * SOUND.psf[WAVE, HEIGHT] + 0.2 * noise), "psf", "outermost samples").value
 
@@ -260,7 +260,7 @@ def test_too_few_pupil_samples_wrap_a_psf_round(aberrations, pupil_samples, over
     assert finding.severity == "warning" and "wraps round" in finding.remedy
 
 
-def test_a_wrapped_psf_is_known_from_five_digits():
+def test_a_wrapped_psf_is_detected_from_five_digits():
     psf, _ = fourier_psf(32, 64, coma=6.0)
     listed = np.vectorize(lambda value: float(f"{value:.4e}"))(psf / psf.max())
     assert about(with_psf(listed / listed.sum()), "psf", "without a seam")
@@ -273,28 +273,28 @@ def test_a_period_of_less_than_two_windows_brings_light_to_the_border():
 
 @pytest.mark.parametrize("window", [32, 33, 64, 65])
 @pytest.mark.parametrize("width", [0.25, 0.4])
-def test_the_smoothest_of_cut_psfs_do_not_wrap(window, width):
+def test_smooth_psfs_cut_by_their_windows_do_not_wrap(window, width):
     cut = gaussian_psf(width * window, width * window, 1, window)
     assert "outermost samples" in about(with_psf(cut), "psf", "of its light").value
 
 
 @pytest.mark.parametrize("oversampling", [2, 4])
 @pytest.mark.parametrize("aberrations", ABERRATIONS, ids=str)
-def test_enough_pupil_samples_do_not_wrap_though_the_window_cuts(aberrations, oversampling):
-    psf, kept = fourier_psf(640 // oversampling, 64, oversampling, **aberrations)
-    cut = check_lens(with_psf(psf, enclosed_energy=np.full((7, 12), kept)))
-    assert kept < 0.95 and not [finding for finding in cut if "wraps round" in finding.remedy], cut
+def test_enough_pupil_samples_do_not_wrap_even_if_the_window_cuts(aberrations, oversampling):
+    psf, enclosed = fourier_psf(640 // oversampling, 64, oversampling, **aberrations)
+    cut = check_lens(with_psf(psf, enclosed_energy=np.full((7, 12), enclosed)))
+    assert enclosed < 0.95 and not [finding for finding in cut if "wraps round" in finding.remedy], cut
 
 
 def test_random_sound_psfs_raise_no_alarm_at_their_borders():
     random = np.random.default_rng(1)
     for _ in range(10):
-        psf, kept = fourier_psf(128, 64, 2, *random.uniform(-1, 1, 3))
-        found = check_lens(with_psf(psf))
-        assert kept > 0.97 and not [finding for finding in found if "border" in finding.value], found
+        psf, enclosed = fourier_psf(128, 64, 2, *random.uniform(-1, 1, 3))
+        findings = check_lens(with_psf(psf))
+        assert enclosed > 0.97 and not [finding for finding in findings if "border" in finding.value], findings
 
 
-def test_a_psf_that_its_neighbours_do_not_predict_is_told_with_its_place():
+def test_a_psf_that_its_neighbours_do_not_predict_is_reported_with_its_position():
     broken = with_one_psf(gaussian_psf(4.0, 4.0, 0.4, WINDOW))
     for axis in ("heights", "wavelengths"):
         finding = about(broken, "psf", f"from interpolation between the adjacent {axis}")
@@ -316,7 +316,7 @@ def test_errors_come_first():
     assert severities == sorted(severities, key=SEVERITIES.index) and severities[0] == "error"
 
 
-def test_the_papers_lens_has_notes_alone_and_they_are_true():
+def test_the_papers_lens_has_only_notes_and_they_are_true():
     lens = load_lens("edmund-54852")
     findings = check_lens(lens)
     assert {finding.severity for finding in findings} == {"note"}
@@ -343,7 +343,7 @@ def check(path, *options):
     return cli.main(["lens", "check", str(path), *options])
 
 
-def test_the_command_tells_a_line_for_each_finding_and_their_number(capsys):
+def test_the_command_prints_each_finding_and_their_number(capsys):
     assert check("edmund-54852") == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("note: sensor_mm: 1.8% of 4.8 x 3.6 mm is beyond")
@@ -353,18 +353,18 @@ def test_the_command_tells_a_line_for_each_finding_and_their_number(capsys):
 def test_the_command_as_json_is_a_list_and_fails_for_an_error(tmp_path, capsys):
     write_package(replace(SOUND, f_number_effective=0.3), tmp_path / "broken.npz")
     assert check(tmp_path / "broken.npz", "--json") == 1
-    found = json.loads(capsys.readouterr().out)
-    assert found[0]["severity"] == "error" and found[0]["field"] == "f_number_effective"
-    assert all(finding.keys() == {"severity", "field", "value", "remedy"} for finding in found)
+    findings = json.loads(capsys.readouterr().out)
+    assert findings[0]["severity"] == "error" and findings[0]["field"] == "f_number_effective"
+    assert all(finding.keys() == {"severity", "field", "value", "remedy"} for finding in findings)
 
 
-def test_the_command_says_so_where_nothing_is_found(tmp_path, capsys):
+def test_the_command_prints_no_findings_for_a_sound_lens(tmp_path, capsys):
     write_package(SOUND, tmp_path / "sound.npz")
     assert check(tmp_path / "sound.npz") == 0
     assert capsys.readouterr().out == "no findings\n"
 
 
-def test_the_command_tells_a_damaged_package_in_its_one_line(tmp_path, capsys):
+def test_the_command_reports_a_damaged_package_in_one_line(tmp_path, capsys):
     (tmp_path / "damaged.npz").write_bytes(b"PK\x03\x04")
     assert check(tmp_path / "damaged.npz") == 1
     printed = capsys.readouterr()

@@ -25,17 +25,17 @@ def damaged(number, **changes):
     return replace(GOOD, surfaces=tuple(surfaces))
 
 
-def told(prescription):
+def summary(prescription):
     return [(finding.severity, finding.field) for finding in check_prescription(prescription)]
 
 
-def test_nothing_is_told_of_a_good_lens():
+def test_a_good_lens_has_no_findings():
     assert not check_prescription(GOOD)
 
 
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("factor, severities", [(0.98, ["error"]), (0.992, []), (1.008, []), (1.02, ["error"])])
-def test_the_focal_length_is_that_of_the_name(factor, severities):
+def test_the_focal_length_must_match_the_name(factor, severities):
     findings = check_prescription(replace(GOOD, focal_length_mm=factor * 51.601))
     assert [(finding.severity, finding.field) for finding in findings] == [
         (severity, "focal_length_mm") for severity in severities]
@@ -57,26 +57,26 @@ def test_a_lost_asphere_shows_on_the_axis(number):
 
 def test_a_wrong_glass_shows_in_white_light():
     crown = 1 + [surface.glass for surface in GOOD.surfaces].index("1.59319/67.9")
-    assert ("error", "surfaces") in told(damaged(crown, glass="1.59319/30"))
+    assert ("error", "surfaces") in summary(damaged(crown, glass="1.59319/30"))
 
 
-def test_a_lens_may_be_meant_to_be_soft():
+def test_a_lens_may_be_intentionally_soft():
     soft = replace(damaged(REAR_ASPHERE, aspheric=()), character=("portrait", "soft focus"))
-    assert "error" not in dict(told(soft))
+    assert "error" not in dict(summary(soft))
     assert "soft focus, as stated in its character" in {finding.remedy for finding in check_prescription(soft)}
 
 
 @pytest.mark.parametrize("share, severity", [(0.95, "note"), (0.8, "error")])
-def test_an_aperture_that_stops_the_stops_own_light(share, severity):
+def test_an_aperture_that_blocks_the_light_of_the_stop(share, severity):
     rim = trace_pupil(build_system(GOOD), [0.0], [GOOD.reference_wavelength_nm], HalfPupil(2, 1)).square_height_mm2
     narrowed = damaged(1, semi_aperture_mm=share * np.sqrt(rim[0, 0, 0, -1, 0]))
     finding = next(finding for finding in check_prescription(narrowed) if finding.field.startswith("aperture"))
-    told_share = float(re.search(r"(\d+)% of its width", finding.value)[1]) / 100
-    assert finding.severity == severity and told_share == pytest.approx(share, abs=0.02), "by the pupil's aberration"
+    stated_share = float(re.search(r"(\d+)% of its width", finding.value)[1]) / 100
+    assert finding.severity == severity and stated_share == pytest.approx(share, abs=0.02), "by the pupil's aberration"
     assert "surface 1 is the narrowest" in finding.remedy
 
 
-def test_an_aperture_in_the_way_of_chief_rays():
+def test_an_aperture_that_blocks_chief_rays():
     findings = check_prescription(damaged(LAST, semi_aperture_mm=15.0))
     assert [(finding.severity, finding.field) for finding in findings] == [
         ("error", f"surface {LAST}, semi_aperture_mm")] * 2, "at both distances"
@@ -84,31 +84,31 @@ def test_an_aperture_in_the_way_of_chief_rays():
 
 
 def test_a_field_that_ends_before_the_corners_or_before_the_sides():
-    assert told(replace(GOOD, field=("image_height_mm", 21.0))) == [("note", "sensor_mm")]
-    assert told(replace(GOOD, field=("image_height_mm", 15.0))) == [("error", "field")]
+    assert summary(replace(GOOD, field=("image_height_mm", 21.0))) == [("note", "sensor_mm")]
+    assert summary(replace(GOOD, field=("image_height_mm", 15.0))) == [("error", "field")]
 
 
 def test_a_mistyped_gap_moves_the_image():
     far, near = GOOD.surfaces[GAP - 1].gaps_mm
-    assert told(damaged(GAP, gaps_mm=(far, near - 2.0))) == [("warning", "focused_at_mm")]
+    assert summary(damaged(GAP, gaps_mm=(far, near - 2.0))) == [("warning", "focused_at_mm")]
 
 
-def test_what_has_no_image_is_told_and_no_more():
-    as_a_whole = tuple(replace(surface, gaps_mm=()) for surface in GOOD.surfaces)
-    stuck = replace(GOOD, focused_at_mm=(), surfaces=as_a_whole)
-    assert told(replace(stuck, closest_focus_mm=5.0)) == [("error", "object_distance_mm")]
-    assert told(damaged(1, glass="UNOBTAINIUM")) == [("error", "surface 1, glass")]
+def test_a_lens_without_an_image_has_only_that_finding():
+    rigid = tuple(replace(surface, gaps_mm=()) for surface in GOOD.surfaces)
+    stuck = replace(GOOD, focused_at_mm=(), surfaces=rigid)
+    assert summary(replace(stuck, closest_focus_mm=5.0)) == [("error", "object_distance_mm")]
+    assert summary(damaged(1, glass="UNOBTAINIUM")) == [("error", "surface 1, glass")]
 
 
-def test_fast_lenses_that_move_as_a_whole_may_be_soft_when_near():
-    as_a_whole = tuple(replace(surface, gaps_mm=()) for surface in GOOD.surfaces)
-    findings = check_prescription(replace(GOOD, focused_at_mm=(), surfaces=as_a_whole, closest_focus_mm=45.0))
+def test_fast_lenses_that_move_as_a_unit_may_be_soft_up_close():
+    rigid = tuple(replace(surface, gaps_mm=()) for surface in GOOD.surfaces)
+    findings = check_prescription(replace(GOOD, focused_at_mm=(), surfaces=rigid, closest_focus_mm=45.0))
     assert [finding.severity for finding in findings] == ["note"] and "sharper farther away" in findings[0].remedy
 
 
 @pytest.mark.sample(12)
 @pytest.mark.parametrize("name", bundled_names())
-def test_the_library_is_what_it_says(name):
+def test_the_library_matches_its_descriptions(name):
     lens = bundled_lenses()[name]
     assert lens.name == name
     assert all((lens.title, lens.maker, lens.story, lens.source, lens.character, lens.sensor_mm, lens.focal_length_mm))
@@ -120,7 +120,7 @@ def test_the_library_is_what_it_says(name):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["olympus-fisheye-8mm", "pentax-fisheye-17mm"])
-def test_what_is_fitted_to_fisheyes_does_not_fold(name):
+def test_polynomials_fitted_to_fisheyes_do_not_fold(name):
     """For the engine's polynomials over paraxial heights, which are infinite at a right angle."""
     lens = bake(read_lensfield(BUNDLED / "prescriptions" / f"{name}.toml"), quality="preview", samples=17, pitch_um=4.0)
     assert "error" not in {finding.severity for finding in check_lens(lens) if not finding.field.startswith("psf")}

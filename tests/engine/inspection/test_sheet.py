@@ -102,11 +102,11 @@ def test_a_header_of_many_digits_is_not_cut(tmp_path):
 @pytest.mark.parametrize("degrees, labels", [
     ([0, 0.6, 1.2, 1.8], ["0.0°", "0.6°", "1.2°", "1.8°"]), ([0, 13.7, 28.1], ["0°", "14°", "28°"]),
     ([0, 0.04, 0.09], ["0.00°", "0.04°", "0.09°"]), ([7.3], ["7°"])])
-def test_angles_have_the_decimals_that_tell_them_apart(degrees, labels):
+def test_angles_have_enough_decimals_to_differ(degrees, labels):
     assert degree_labels(np.array(degrees, dtype=float)) == labels
 
 
-def test_light_that_the_tiles_do_not_show_is_told():
+def test_light_that_the_tiles_do_not_show_is_counted():
     """A hundredth of the light in a faint haze, a fiftieth in one sample beyond the tile that frames most PSFs."""
     psfs = np.zeros((1, 20, 41, 41))
     psfs[..., 20, 20] = 1.0
@@ -130,14 +130,14 @@ def test_a_lens_that_folds_the_picture_has_no_sheet(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_the_command_puts_the_sheet_beside_the_file(lens_file, capsys):
+def test_the_command_puts_the_sheet_next_to_the_file(lens_file, capsys):
     assert run(lens_file) == 0
     path = lens_file.with_suffix(".png")
     assert capsys.readouterr().out == f"{path}\n" and pixels(path).std() > 10
     assert {item.name for item in lens_file.parent.iterdir()} == {lens_file.name, path.name}
 
 
-def test_the_command_draws_a_bundled_lens_here(tmp_path, monkeypatch, capsys):
+def test_the_command_draws_a_bundled_lens_in_the_current_folder(tmp_path, monkeypatch, capsys):
     drawn = []
     monkeypatch.setattr(sheet_module, "write_lens_plot", lambda *arguments: drawn.append(arguments))
     monkeypatch.chdir(tmp_path)
@@ -146,7 +146,7 @@ def test_the_command_draws_a_bundled_lens_here(tmp_path, monkeypatch, capsys):
     assert drawn == [(load_lens("edmund-54852"), Path("edmund-54852.png"), [40.0, 80.0])]
 
 
-def test_the_command_draws_what_is_out_of_focus(lens_file, monkeypatch):
+def test_the_command_draws_points_out_of_focus(lens_file, monkeypatch):
     drawn = []
     monkeypatch.setattr(sheet_module, "write_lens_plot", lambda *arguments: drawn.append(arguments))
     assert run(lens_file, "--depth", "40cm") == 0
@@ -163,7 +163,7 @@ def test_the_command_draws_what_is_out_of_focus(lens_file, monkeypatch):
     (("edmund-54852", "-o", "sheet.jpg"), "sheet.jpg: suffix is .jpg: expected .png"),
     (("edmund-54852", "-o", "a-file/sheet.png"), "a-file: folder is impossible to create"),
     ((".",), ".: lens is a folder")])
-def test_bad_input_is_one_line(arguments, message, tmp_path, monkeypatch, capsys):
+def test_bad_input_gives_one_line(arguments, message, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a-file").touch()
     assert run(*arguments) == 1

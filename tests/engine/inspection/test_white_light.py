@@ -15,7 +15,7 @@ def test_wavelengths_have_their_colours(nm, order):
     assert max(colour, key=colour.get) == order[0]
 
 
-def test_wavelengths_can_be_told_apart_and_read_on_white():
+def test_colours_of_wavelengths_are_distinct_and_readable_on_white():
     colours = wavelength_colours(np.arange(400, 701, 50))
     assert np.all((colours >= 0) & (colours <= 1))
     apart = np.abs(colours[:, None] - colours).max(axis=-1)
@@ -23,7 +23,7 @@ def test_wavelengths_can_be_told_apart_and_read_on_white():
     assert (colours @ [0.2126, 0.7152, 0.0722]).max() < 0.65
 
 
-def test_wavelengths_that_the_eye_does_not_see_are_grey():
+def test_invisible_wavelengths_are_grey():
     assert np.ptp(wavelength_colours([250.0, 900.0, 10600.0]), axis=1).max() == 0
 
 

@@ -58,13 +58,13 @@ def main(rounds="100", seed="1"):
             except build.CompilerMissing as missing:
                 print(f"{name}: skipped, {missing}", flush=True)
                 continue
-            done = subprocess.run([*command, rounds, seed], cwd=folder, capture_output=True, text=True,
-                                  env=os.environ | {"WINEPREFIX": f"{folder}/wine", "WINEDEBUG": "-all"})
-        print(*(f"{name}: {line}" for line in done.stdout.splitlines()), sep="\n", flush=True)
-        bits |= {line.split(" bits ")[1].strip() for line in done.stdout.splitlines() if " bits " in line}
-        failed |= done.returncode != 0
-        if done.returncode:
-            print(done.stderr, f"{name}: failed with status {done.returncode}", sep="")
+            completed = subprocess.run([*command, rounds, seed], cwd=folder, capture_output=True, text=True,
+                                       env=os.environ | {"WINEPREFIX": f"{folder}/wine", "WINEDEBUG": "-all"})
+        print(*(f"{name}: {line}" for line in completed.stdout.splitlines()), sep="\n", flush=True)
+        bits |= {line.split(" bits ")[1].strip() for line in completed.stdout.splitlines() if " bits " in line}
+        failed |= completed.returncode != 0
+        if completed.returncode:
+            print(completed.stderr, f"{name}: failed with status {completed.returncode}", sep="")
     if len(bits) > 1:
         print("not all of them give the same bits")
     return failed or len(bits) != 1

@@ -21,12 +21,12 @@ needs_library = pytest.mark.skipif(len(available()) < 2, reason="no library of t
 
 
 @pytest.fixture(autouse=True)
-def nothing_asked(monkeypatch):
+def variable_unset(monkeypatch):
     monkeypatch.delenv(library.VARIABLE, raising=False)
 
 
 @pytest.fixture
-def found_anew(monkeypatch):
+def library_reset(monkeypatch):
     """Clear the record of the loaded library before the test, and again after it."""
     library.loaded.cache_clear()
     yield
@@ -43,58 +43,58 @@ def compiled(folder, target=HERE):
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory):
+def built_library(tmp_path_factory):
     """The library of this platform, compiled once."""
-    return compiled(tmp_path_factory.mktemp("made"))
+    return compiled(tmp_path_factory.mktemp("library"))
 
 
-def test_the_quickest_runs_where_nothing_is_asked():
+def test_the_fastest_variant_runs_by_default():
     assert available()[0] == "numpy" and running() == available()[-1]
 
 
 @pytest.mark.parametrize("name", available())
-def test_another_one_is_asked_for_by_a_variable(name, monkeypatch):
+def test_a_variable_selects_another_variant(name, monkeypatch):
     monkeypatch.setenv("LENSFIELD_KERNELS", name)
     assert running() == name
 
 
 @pytest.mark.parametrize("name", ["mmx", "AVX2", "numpy "])
-def test_what_cannot_be_is_one_line_at_first_use(name):
+def test_an_unavailable_variant_is_a_one_line_error_at_first_use(name):
     code = ("import lensfield.engine.kernels as kernels, lensfield.engine.runtime.errors as errors\n"
             "try: kernels.running()\nexcept errors.InputError as error: print(error)")
-    done = subprocess.run([sys.executable, "-c", code], env=os.environ | {"LENSFIELD_KERNELS": name},
-                          capture_output=True, text=True, check=True)
-    assert done.stdout == f"environment: LENSFIELD_KERNELS is {name}: this machine has {', '.join(available())}\n"
+    completed = subprocess.run([sys.executable, "-c", code], env=os.environ | {"LENSFIELD_KERNELS": name},
+                               capture_output=True, text=True, check=True)
+    assert completed.stdout == f"environment: LENSFIELD_KERNELS is {name}: this machine has {', '.join(available())}\n"
 
 
-@pytest.mark.parametrize("name, status, told", [("numpy", 0, "(inner loops: numpy)"),
-                                                ("mmx", 2, "LENSFIELD_KERNELS is mmx")])
-def test_the_command_says_what_runs(name, status, told, monkeypatch, capsys):
+@pytest.mark.parametrize("name, status, message", [("numpy", 0, "(inner loops: numpy)"),
+                                                   ("mmx", 2, "LENSFIELD_KERNELS is mmx")])
+def test_the_command_names_the_running_variant(name, status, message, monkeypatch, capsys):
     monkeypatch.setenv("LENSFIELD_KERNELS", name)
     assert cli.main(["--version"]) == status
-    assert told in "".join(capsys.readouterr())
+    assert message in "".join(capsys.readouterr())
 
 
-def test_without_a_library_numpy_runs(found_anew, monkeypatch, tmp_path, recwarn):
+def test_without_a_library_numpy_runs(library_reset, monkeypatch, tmp_path, recwarn):
     monkeypatch.setattr(library, "LIBRARY_FOLDER", tmp_path)
     assert available() == ("numpy",) and running() == "numpy" and not recwarn
 
 
 @needs_library
 @pytest.mark.parametrize("what, value", [("sources_digest", lambda: "of other sources"), ("ABI", 0)])
-def test_a_library_of_other_sources_is_not_used(what, value, found_anew, monkeypatch):
+def test_a_library_of_other_sources_is_not_used(what, value, library_reset, monkeypatch):
     monkeypatch.setattr(library, what, value)
     with pytest.warns(RuntimeWarning, match="built from other sources: numpy is used"):
         assert available() == ("numpy",)
 
 
 @needs_library
-def test_where_there_are_no_sources_the_library_is_of_this_package(found_anew, monkeypatch):
+def test_without_sources_the_library_of_the_package_is_used(library_reset, monkeypatch):
     monkeypatch.setattr(library, "sources_digest", lambda: "")
     assert len(available()) > 1
 
 
-def test_what_is_no_library_is_told(found_anew, monkeypatch, tmp_path):
+def test_an_invalid_library_causes_a_warning(library_reset, monkeypatch, tmp_path):
     (tmp_path / build.library_name(HERE)).write_bytes(b"no library")
     monkeypatch.setattr(library, "LIBRARY_FOLDER", tmp_path)
     with pytest.warns(RuntimeWarning, match="cannot be loaded"):
@@ -103,47 +103,49 @@ def test_what_is_no_library_is_told(found_anew, monkeypatch, tmp_path):
 
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("part", [0.1, 0.5, 0.97, 0.9999])
-def test_a_part_of_a_library_is_told_in_one_line(part, made, tmp_path):
+def test_a_truncated_library_causes_a_one_line_warning(part, built_library, tmp_path):
     """In a separate process, because loading half a library crashes it on Linux."""
-    cut = tmp_path / made.name
-    cut.write_bytes(made.read_bytes()[:int(part * made.stat().st_size)])
+    cut = tmp_path / built_library.name
+    cut.write_bytes(built_library.read_bytes()[:int(part * built_library.stat().st_size)])
     code = ("import sys, pathlib, lensfield.engine.kernels as kernels, lensfield.engine.kernels.library as library\n"
             "library.LIBRARY_FOLDER = pathlib.Path(sys.argv[1])\nprint(kernels.available())")
-    done = subprocess.run([sys.executable, "-c", code, tmp_path], capture_output=True, text=True, check=True)
-    assert done.stdout == "('numpy',)\n"
-    assert done.stderr.startswith(f"{cut}:0: RuntimeWarning: cannot be loaded (") and done.stderr.count("\n") == 1
+    completed = subprocess.run([sys.executable, "-c", code, tmp_path], capture_output=True, text=True, check=True)
+    assert completed.stdout == "('numpy',)\n"
+    assert completed.stderr.startswith(f"{cut}:0: RuntimeWarning: cannot be loaded (")
+    assert completed.stderr.count("\n") == 1
 
 
 @pytest.mark.parametrize("target", build.COMPILERS)
-def test_the_same_sources_make_the_same_bytes_wherever_they_lie(target, request, tmp_path):
+def test_builds_are_reproducible_in_any_folder(target, request, tmp_path):
     elsewhere = tmp_path / "else where"
     elsewhere.mkdir()
     for path in (*build.HERE.glob("*.[ch]"), build.HERE / "build.py"):
         shutil.copy(path, elsewhere)
-    made = (request.getfixturevalue("made") if target == HERE else compiled(tmp_path / "here", target)).read_bytes()
+    built = request.getfixturevalue("built_library") if target == HERE else compiled(tmp_path / "here", target)
+    contents = built.read_bytes()
     environment = {name: value for name, value in os.environ.items() if name != "CC"} | {"TMPDIR": str(tmp_path)}
     subprocess.run([sys.executable, elsewhere / "build.py", tmp_path / "there", target], check=True, env=environment)
-    assert (tmp_path / "there" / build.library_name(target)).read_bytes() == made
-    assert not [place for place in (tmp_path, ROOT, os.path.expanduser("~")) if str(place).encode() in made]
-    assert b"GLIBC" not in made and build.sources_digest().encode() in made
+    assert (tmp_path / "there" / build.library_name(target)).read_bytes() == contents
+    assert not [place for place in (tmp_path, ROOT, os.path.expanduser("~")) if str(place).encode() in contents]
+    assert b"GLIBC" not in contents and build.sources_digest().encode() in contents
 
 
-def test_a_build_is_up_to_date_until_its_sources_change(made, tmp_path, monkeypatch):
-    assert build.up_to_date(made) and not build.up_to_date(tmp_path / "nothing")
+def test_a_build_is_up_to_date_until_its_sources_change(built_library, tmp_path, monkeypatch):
+    assert build.up_to_date(built_library) and not build.up_to_date(tmp_path / "nothing")
     monkeypatch.setattr(build, "sources_digest", lambda: "0" * 16)
-    assert not build.up_to_date(made)
+    assert not build.up_to_date(built_library)
 
 
 @pytest.mark.parametrize("compiler, problem", [("/no/where/cc -O2", "/no/where/cc -O2 is not installed"),
                                                ("false", "false cannot compile the C loops")])
-def test_a_missing_compiler_is_one_line(compiler, problem, monkeypatch, tmp_path, capfd):
+def test_a_missing_compiler_is_a_one_line_error(compiler, problem, monkeypatch, tmp_path, capfd):
     monkeypatch.setenv("CC", compiler)
     assert build.main([str(tmp_path)]) == 1
     assert capfd.readouterr().err == f"lensfield: the C loops are unavailable, so numpy is used: {problem}\n"
     assert not list(tmp_path.iterdir())
 
 
-def test_a_platform_that_nobody_knows_has_no_loops(tmp_path):
+def test_an_unknown_platform_has_no_loops(tmp_path):
     with pytest.raises(build.CompilerMissing, match="plan9-mips"):
         build.build(tmp_path, "plan9-mips")
 
@@ -159,7 +161,7 @@ def turned(_=None):
 
 
 @needs_library
-def test_threads_and_forked_processes_may_call_at_once():
+def test_threads_and_forked_processes_may_call_concurrently():
     expected = turned()
     with ThreadPoolExecutor(8) as pool:
         for result in pool.map(turned, range(64)):

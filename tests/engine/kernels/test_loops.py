@@ -44,7 +44,7 @@ def in_every_variant(loop):
 
 @pytest.mark.parametrize("lens", [comatic_lens(), lopsided_lens()], ids=["comatic", "lopsided"])
 @pytest.mark.parametrize("azimuth_rad", [0.0, np.pi / 4, 0.3, -2.0, np.pi])
-def test_turn_lays_samples_onto_the_pixels_as_the_bank_does(lens, azimuth_rad):
+def test_turn_matches_the_psf_bank(lens, azimuth_rad):
     bank = PsfBank.of(lens.at_wavelength(550.0), PITCH_UM)
     samples = TurnableSamples.of(bank.samples, bank.v_px, bank.u_px, bank.sample_size_px)
     turned = in_every_variant(lambda: turn(samples, [azimuth_rad, 1.0], 2 * bank.radius_px + 1))
@@ -54,7 +54,7 @@ def test_turn_lays_samples_onto_the_pixels_as_the_bank_does(lens, azimuth_rad):
 
 
 @pytest.mark.parametrize("v_px", [2.0, -3.0, 1e300, np.nan, -np.inf])
-def test_turn_refuses_light_outside_of_the_square(v_px):
+def test_turn_refuses_light_outside_the_square(v_px):
     samples = TurnableSamples.of(np.ones((1, 1)), np.array([v_px]), np.zeros(1), 0.5)
     with pytest.raises(ValueError, match="outside"):
         turn(samples, [0.0], 3)
@@ -69,7 +69,7 @@ FIELD = SimpleNamespace(paraxial_height_mm=lambda real_mm: real_mm,
 @pytest.mark.parametrize("shape", [(1, 1), (1, 40), (33, 1), (30, 41)])
 @pytest.mark.parametrize("planes", [1, 4])
 @pytest.mark.parametrize("centre_px", [(-0.5, -0.5), (7.25, 30.0), (500.0, -900.0)])
-def test_footprints_average_as_numpy_does(shape, planes, centre_px):
+def test_footprints_match_numpy(shape, planes, centre_px):
     capture = np.random.default_rng(1).random((50, 60), np.float32)
     captures = [capture, capture[::-1], capture[:, ::-1], capture[::-1, ::-1]][:planes]
     grid = PixelGrid((50, 60), PITCH_UM, (centre_px[0] + 3, centre_px[1] + 2))
@@ -97,7 +97,7 @@ def test_footprints_average_as_numpy_does(shape, planes, centre_px):
                                atol=40 * EPSILON)
 
 
-def test_footprints_read_nothing_from_outside_whatever_the_curves_are():
+def test_footprints_never_read_out_of_bounds():
     wild = np.array([np.nan, np.inf, -np.inf, -1e300, 1e300, 0, -0.5, 40, 1e-320, 1])
     random = np.random.default_rng(2)
     for _ in range(50):
@@ -144,7 +144,7 @@ def spread_by_numpy(table, light, height_of_px, centre_px):
 @pytest.mark.parametrize("shape, centre_px", [((1, 1), (0.0, 0.0)), ((1, 21), (-0.5, -0.5)), ((20, 1), (0.0, -3.0)),
                                               ((13, 22), (-0.5, 0.0)), ((14, 23), (6.3, 11.7))])
 @pytest.mark.parametrize("side", [1, 3, 9, 35, 75, 141])
-def test_spread_mixes_and_lays_out_psfs_as_numpy_does(planes, shape, centre_px, side):
+def test_spread_matches_numpy(planes, shape, centre_px, side):
     random = np.random.default_rng(side)
     quarter_turns = 1 if max(centre_px) <= 0 else 4
     turned = random_psfs(4, 5, side, random, quarter_turns)
@@ -171,7 +171,7 @@ def test_spread_mixes_and_lays_out_psfs_as_numpy_does(planes, shape, centre_px, 
     np.testing.assert_allclose(in_every_variant(loop), expected, rtol=0, atol=tolerance * max(expected.max(), 1))
 
 
-def test_spread_leaves_out_sections_that_are_not_lit():
+def test_spread_skips_unlit_sections():
     random = np.random.default_rng(5)
     turned = random_psfs(3, 4, 5, random)
     light = random.random((1, 10, 11), np.float32)
@@ -184,7 +184,7 @@ def test_spread_leaves_out_sections_that_are_not_lit():
 
 
 @pytest.mark.parametrize("scale", [1e-37, 1.0, 1e30])
-def test_dim_light_and_bright_light_are_spread_alike(scale):
+def test_spread_is_proportional_to_the_light(scale):
     random = np.random.default_rng(6)
     turned = random_psfs(2, 2, 9, random)
     places, packed = table_places(turned, (4.0, 5.0), 1.0, np.linspace(0, 1, 12)), packed_table(turned)
@@ -196,19 +196,19 @@ def test_dim_light_and_bright_light_are_spread_alike(scale):
 
 
 @pytest.mark.parametrize("rows", [0, 3, 200])
-def test_places_of_a_picture_that_begins_lower_are_those_of_the_whole_one(rows):
+def test_positions_in_a_cropped_picture_match_the_full_picture(rows):
     random = np.random.default_rng(7)
     turned = random_psfs(3, 4, 5, random)
     places, packed = table_places(turned, (4.0, 5.0), 1.0, np.linspace(0, 2, 12)), packed_table(turned)
-    whole = np.zeros((1, rows + 4, 11), np.float32)
-    whole[:, rows:] = random.random((1, 4, 11))
+    full = np.zeros((1, rows + 4, 11), np.float32)
+    full[:, rows:] = random.random((1, 4, 11))
     lit = np.ones((rows + 4, 1), bool)
     np.testing.assert_array_equal(
-        in_every_variant(lambda: spread(packed, places.lower(rows), whole[:, rows:], lit, 11, slice(None))),
-        in_every_variant(lambda: spread(packed, places, whole, lit, 11, slice(rows, None))))
+        in_every_variant(lambda: spread(packed, places.lower(rows), full[:, rows:], lit, 11, slice(None))),
+        in_every_variant(lambda: spread(packed, places, full, lit, 11, slice(rows, None))))
 
 
-def test_heights_that_are_spaced_unevenly_are_met_exactly():
+def test_unevenly_spaced_heights_are_interpolated_exactly():
     """Both sides of a height are right where a step of the curve crosses it; beyond the last height it is constant."""
     heights = np.array([0.0, 1.0, 1.5, 5.0])
     square = np.zeros((4, 2, 2), np.float32)
@@ -228,7 +228,7 @@ def test_a_table_without_light_spreads_none():
                       slice(None)).any()
 
 
-def test_arrays_of_another_kind_are_refused():
+def test_arrays_of_the_wrong_type_or_shape_are_refused():
     geometry = RadialGeometry.of((0.0, 0.0), 1.0, *np.ones((3, 5)))
     capture, out = np.ones((4, 4), np.float32), np.ones((1, 4, 4), np.float32)
     for wrong in (capture.astype(float), out):
@@ -252,24 +252,24 @@ def a_wavefront(rows, columns, limits):
 
 
 @pytest.mark.parametrize("rows, columns, limits", [(3, 8, 1), (50, 24, 3), (201, 104, 2)])
-def test_waves_are_those_of_numpy(rows, columns, limits):
+def test_waves_match_numpy(rows, columns, limits):
     """Except for about one cell at the rim, which rounding includes or excludes."""
     wavefront = (*a_wavefront(rows, columns, limits), (-0.5, 1.0))
     results = []
 
-    def found_waves():
+    def compute_waves():
         out = np.full((2, rows, columns + 3), 7, np.float32)
         results.append(waves(*wavefront, out))
         return out
 
-    found, expected = in_every_variant(found_waves), np.full((2, rows, columns + 3), 7, np.float32)
+    result, expected = in_every_variant(compute_waves), np.full((2, rows, columns + 3), 7, np.float32)
     assert set(results) == {results[0]} and results[0] == pytest.approx(numpy_waves(*wavefront, expected), abs=2)
-    assert np.all(found[..., columns:] == 7)
-    off = np.abs(found - expected).max(axis=0)
+    assert np.all(result[..., columns:] == 7)
+    off = np.abs(result - expected).max(axis=0)
     assert np.count_nonzero(off > 100 * EPSILON) <= 2 and np.count_nonzero(expected) > expected.size / 4
 
 
-def test_waves_refuse_what_does_not_fit():
+def test_waves_refuse_mismatched_shapes():
     path, edges, x, y = a_wavefront(9, 16, 1)
     for wrong in ((path, edges, x[:15], y), (path[:2], edges[:2], x, y[:2]), (path, edges[:, :1], x, y),
                   (path[1:], edges, x, y)):

@@ -94,25 +94,25 @@ def test_pictures_by_every_bundled_lens_agree(name, accuracy):
 
 
 @pytest.mark.parametrize("limit_mb", [0, 0.3, 100])
-def test_kept_frames_are_those_that_are_made_anew(limit_mb):
+def test_cached_frames_equal_recomputed_frames(limit_mb):
     for name in available():
         with using(name):
-            kept = ChannelCache(limit_mb=limit_mb)
+            cache = ChannelCache(limit_mb=limit_mb)
             for seed in (0, 1, 0):
                 radiance = noise(seed=seed, wavelengths_nm=(450.0, 600.0))
-                np.testing.assert_array_equal(simulate(radiance, COMATIC, PIXELS, cache=kept).cube,
+                np.testing.assert_array_equal(simulate(radiance, COMATIC, PIXELS, cache=cache).cube,
                                               simulate(radiance, COMATIC, PIXELS).cube)
 
 
-def test_other_loops_than_those_of_the_frame_before_may_do_the_next():
-    kept, radiance = ChannelCache(), noise()
+def test_variants_may_change_between_frames():
+    cache, radiance = ChannelCache(), noise()
     for name in (*available(), *reversed(available())):
         with using(name):
-            np.testing.assert_array_equal(simulate(radiance, COMATIC, PIXELS, cache=kept).cube,
+            np.testing.assert_array_equal(simulate(radiance, COMATIC, PIXELS, cache=cache).cube,
                                           simulate(radiance, COMATIC, PIXELS).cube)
 
 
-def test_the_report_names_what_did_the_loops():
+def test_the_report_names_the_loop_variant():
     for name in available():
         report = Report()
         with using(name):

@@ -25,7 +25,7 @@ def test_a_lens_cannot_be_changed():
         lens.psf[0, 0, 0, 0] = 1.0
 
 
-def test_a_lens_does_not_share_the_arrays_it_was_made_from():
+def test_a_lens_copies_the_arrays_given_to_it():
     heights = np.linspace(0, 2, 11)
     lens = make_lens(heights_mm=heights)
     heights[5] = 99
@@ -78,7 +78,7 @@ def test_transmittance_is_linear_between_two_wavelengths():
     assert make_lens(transmittance=(0.5, 0.9)).at_wavelength(475).transmittance == pytest.approx(0.6)
 
 
-def test_transmittance_stays_within_0_and_1_beside_the_edge_of_a_filter():
+def test_transmittance_stays_within_0_and_1_near_the_edge_of_a_filter():
     lens = make_lens(wavelengths_nm=(400., 420., 440., 460., 480., 500.), transmittance=(0., 0., 0., 1., 1., 1.))
     values = [lens.at_wavelength(nm).transmittance for nm in np.arange(400, 501)]
     assert min(values) >= 0 and max(values) <= 1
@@ -162,7 +162,7 @@ def test_a_lens_is_scaled_by_a_positive_number(factor):
 @pytest.mark.parametrize("factor", [0.25, 5.751])
 @pytest.mark.parametrize("method", [Options(section_size=16), Options(method="pixels", azimuths=8)])
 @pytest.mark.parametrize("projection", PROJECTIONS)
-def test_a_scaled_lens_gives_the_same_picture_on_a_pitch_scaled_alike(factor, method, projection):
+def test_a_scaled_lens_gives_the_same_picture_on_an_equally_scaled_pitch(factor, method, projection):
     lens = comatic_lens(object_distance_mm=np.inf, magnification=0.0, efl_mm=3.0)
     cube = np.random.default_rng(5).random((1, 60, 70))
     pictures = [simulate(SpectralImage(cube, [550.0], pitch_um=20.0 * scale, overscan_px=(8, 8), projection=projection),

@@ -33,7 +33,7 @@ def test_any_separator_and_encoding_is_read(encoding, separator):
 
 
 @pytest.mark.parametrize("text", ["", "1 2 3", "1 2\n3 x", "nan " * 9, "0 " * 9, "-1 " * 9, "1 " * 4])
-def test_what_is_no_square_matrix_of_light_is_refused(text):
+def test_anything_but_a_square_matrix_of_light_is_refused(text):
     with pytest.raises(LensError, match="psf.dat"):
         psf_grid(text, "psf.dat", 0.5)
 

@@ -39,7 +39,7 @@ def test_every_program_and_side_is_read(tmp_path, lens, program, side):
     assert np.isnan(read.enclosed_energy).all() and (read.transmittance == 1).all()
 
 
-def test_what_may_be_told_is_read(tmp_path, lens):
+def test_optional_fields_are_read(tmp_path, lens):
     read = read_export(export_folder(
         tmp_path, lens, maker="Zeiss", story="The eagle eye.", notes="stopped down", sensor_mm=[2.0, 1.0],
         transmittance=[0.5, 0.75]))
@@ -47,14 +47,14 @@ def test_what_may_be_told_is_read(tmp_path, lens):
     assert read.sensor_mm == (2.0, 1.0) and read.transmittance.tolist() == [0.5, 0.75]
 
 
-def test_fields_that_nothing_uses_are_reported(tmp_path, lens):
+def test_unused_fields_are_reported(tmp_path, lens):
     path = export_folder(tmp_path, lens)
     assert "Not used" not in read_export(path).notes
     path.write_text(f"warp = 3\n{path.read_text()}")
     assert read_export(path).notes.endswith("Not used from the file: warp.")
 
 
-def test_infinity_is_a_number_of_toml(tmp_path, lens):
+def test_an_infinite_distance_is_read_from_toml(tmp_path, lens):
     path = export_folder(tmp_path, lens)
     path.write_text(path.read_text(encoding="utf-8").replace("object_distance_mm = 100.0", "object_distance_mm = inf"),
                     encoding="utf-16")
@@ -78,7 +78,7 @@ def distortion_listing(blocks):
 
 
 @pytest.mark.parametrize("one_file", [True, False], ids=["all in one", "one each"])
-def test_zemax_listings_stand_in_for_tables(tmp_path, lens, one_file):
+def test_zemax_listings_can_replace_tables(tmp_path, lens, one_file):
     """Sampled finer than the lens, with interpolation between heights; light is relative to the axis, not the maximum.
     """
     fine = np.linspace(0, 3, 31)
@@ -99,7 +99,7 @@ def test_zemax_listings_stand_in_for_tables(tmp_path, lens, one_file):
     ("Degrees", lambda lens, h: np.degrees(np.arctan(h / lens.capture_focal_length_mm))),
     ("Millimeters", lambda lens, h: h / abs(lens.magnification)), ("Millimeters", lambda lens, h: h)],
     ids=["angles", "object heights", "image heights"])
-def test_fields_of_any_kind_are_turned_into_paraxial_heights(tmp_path, lens, unit, of_height):
+def test_fields_of_any_kind_are_converted_to_paraxial_heights(tmp_path, lens, unit, of_height):
     fine = np.linspace(0, 3, 31)
     for w, nm in enumerate(lens.wavelengths_nm):
         text = relative_illumination_listing(nm, of_height(lens, fine), 1 - 0.02 * fine**2 - nm * fine / 1e5, unit)
@@ -109,7 +109,7 @@ def test_fields_of_any_kind_are_turned_into_paraxial_heights(tmp_path, lens, uni
 
 
 @pytest.mark.parametrize("reach, unit", [(2.5, "Millimeters"), (8.0, "Degrees"), (95.0, "Degrees")])
-def test_a_listing_that_ends_elsewhere_is_refused(tmp_path, lens, reach, unit):
+def test_a_listing_with_another_last_field_is_refused(tmp_path, lens, reach, unit):
     field = np.linspace(0, reach, 11)
     (tmp_path / "light.txt").write_text(relative_illumination_listing(450, field, np.ones(11), unit), encoding="utf-8")
     assert error_of(export_folder(tmp_path, lens, relative_illumination="light.txt")).field == "field"
@@ -128,11 +128,11 @@ REQUIRED = ("format", "version", "program", "name", "efl_mm", "magnification", "
 
 @pytest.mark.parametrize("field", REQUIRED)
 def test_a_missing_field_is_named(tmp_path, lens, field):
-    error = error_of(export_folder(tmp_path, lens, told={field: None}))
+    error = error_of(export_folder(tmp_path, lens, overrides={field: None}))
     assert error.field == field and "missing" in str(error) and "lens.toml" in str(error)
 
 
-def test_the_pitch_is_asked_for_where_files_do_not_tell_it(tmp_path, lens):
+def test_the_pitch_is_required_only_where_files_lack_it(tmp_path, lens):
     check_same_lens(read_export(export_folder(tmp_path, lens, "zemax", psf_pitch_um=None)), lens)
     assert error_of(export_folder(tmp_path, lens, "codev", psf_pitch_um=None)).field == "psf_pitch_um"
 
@@ -145,21 +145,21 @@ def test_the_pitch_is_asked_for_where_files_do_not_tell_it(tmp_path, lens):
     {"heights_mm": [0, "a"]}, {"heights_mm": 3}, {"wavelengths_nm": []}, {"wavelengths_nm": [650, 450]},
     {"sensor_mm": [1]}, {"sensor_mm": [1, -1]}, {"transmittance": [1]}, {"transmittance": [1, 2]},
     {"psf": "psf_{height}.txt"}, {"psf": 5}, {"magnification": 0}], ids=str)
-def test_a_field_that_cannot_be_right_is_named(tmp_path, lens, changes):
-    assert error_of(export_folder(tmp_path, lens, told=changes)).field in changes
+def test_an_invalid_field_is_named(tmp_path, lens, changes):
+    assert error_of(export_folder(tmp_path, lens, overrides=changes)).field in changes
 
 
 @pytest.mark.parametrize("field", ["real_height", "relative_illumination", "psf"])
 @pytest.mark.parametrize("name", ["../ri.txt", "/etc/passwd", "a/../../ri.txt", "C:\\ri.txt", "\\ri.txt", "..\\ri.txt",
                                   "a\0b", "a\nb", "x" * 300])
-def test_files_outside_of_the_folder_are_refused(tmp_path, lens, field, name):
+def test_files_outside_the_folder_are_refused(tmp_path, lens, field, name):
     (tmp_path / "ri.txt").write_text("1 1 1 1 1 1")
     path = export_folder(tmp_path / "folder", lens)
     text = path.read_text(encoding="utf-8").splitlines()
     name += "{height}{wavelength}" if field == "psf" else ""
-    kept = [line for line in text if not line.startswith(f"{field} =")]
+    rest = [line for line in text if not line.startswith(f"{field} =")]
     escaped = name.replace("\\", "\\\\").replace("\0", "\\u0000").replace("\n", "\\n")
-    path.write_text("\n".join([*kept, f'{field} = "{escaped}"']), encoding="utf-8")
+    path.write_text("\n".join([*rest, f'{field} = "{escaped}"']), encoding="utf-8")
     error = error_of(path)
     assert error.field == field and "inside the folder" in str(error)
 
@@ -172,7 +172,7 @@ def test_a_link_out_of_the_folder_is_refused(tmp_path, lens):
     assert "link" in str(error_of(path))
 
 
-def test_a_folder_below_is_inside(tmp_path, lens):
+def test_a_subfolder_is_allowed(tmp_path, lens):
     path = export_folder(tmp_path, lens, real_height="tables/real.txt")
     (tmp_path / "tables").mkdir()
     (tmp_path / "real_height.txt").rename(tmp_path / "tables" / "real.txt")
@@ -187,7 +187,7 @@ def test_missing_psfs_are_counted_and_the_first_named(tmp_path, lens):
 
 
 @pytest.mark.parametrize("field", ["real_height", "relative_illumination"])
-def test_a_table_of_the_wrong_size_or_absent_is_named(tmp_path, lens, field):
+def test_a_missing_table_or_one_of_the_wrong_size_is_named(tmp_path, lens, field):
     path = export_folder(tmp_path, lens)
     table = tmp_path / {"real_height": "real_height.txt", "relative_illumination": "ri.txt"}[field]
     table.write_text("0 0 1 1")
@@ -197,14 +197,14 @@ def test_a_table_of_the_wrong_size_or_absent_is_named(tmp_path, lens, field):
     assert table.name in str(error_of(path))
 
 
-def test_listings_of_another_side_than_is_told_are_refused(tmp_path, lens):
-    error = error_of(export_folder(tmp_path, lens, image_side="-y", told={"image_side": "+y"}))
+def test_listings_of_the_wrong_image_side_are_refused(tmp_path, lens):
+    error = error_of(export_folder(tmp_path, lens, image_side="-y", overrides={"image_side": "+y"}))
     assert error.field == "image_side" and "psf_2_1.txt" in str(error)
 
 
-def test_more_psfs_than_anybody_has_are_refused_at_once(tmp_path, lens):
+def test_an_excessive_number_of_psfs_is_refused_at_once(tmp_path, lens):
     many = list(range(1000))
-    error = error_of(export_folder(tmp_path, lens, told={"heights_mm": many, "wavelengths_nm": many}))
+    error = error_of(export_folder(tmp_path, lens, overrides={"heights_mm": many, "wavelengths_nm": many}))
     assert error.field == "PSFs" and error.value == "1000 x 1000"
     (tmp_path / "lens.toml").write_text("# long\n" * 200_000)
     assert error_of(tmp_path / "lens.toml").field == "TOML"
@@ -212,7 +212,7 @@ def test_more_psfs_than_anybody_has_are_refused_at_once(tmp_path, lens):
 
 @pytest.mark.parametrize("text", ["", "unfinished = true", "format = ", "= 5", "[" * 5000, "a = " + "[" * 5000, "\0",
                                   "format = 'lensfield-export'\nversion = " + "9" * 5000, "a = 1\na = 2"])
-def test_what_is_no_description_is_refused(tmp_path, text):
+def test_an_invalid_description_is_refused(tmp_path, text):
     (tmp_path / "lens.toml").write_text(text)
     error_of(tmp_path / "lens.toml")
 
@@ -223,7 +223,7 @@ def test_damage_is_harmless_or_a_lens_error(tmp_path, lens, file):
     check_that_damage_is_harmless(tmp_path / file, lambda: read_export(path), count=70)
 
 
-def test_the_description_in_the_documentation_is_one(tmp_path, lens):
+def test_the_documented_description_is_complete(tmp_path, lens):
     """Every field in the module's docstring is read, and no other is required."""
     from lensfield.engine.lens_files import export
 

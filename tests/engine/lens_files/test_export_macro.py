@@ -217,20 +217,20 @@ def code(program):
 
 
 @pytest.mark.parametrize("program", PROGRAMS)
-def test_options_and_nothing_else_fill_what_a_template_leaves_open(program):
+def test_a_macro_is_its_template_filled_with_the_options(program):
     template = set((MACROS / PROGRAMS[program]).read_text(encoding="ascii").splitlines())
     assert [line for line in MACRO[program].splitlines() if line not in template] == FILLED[program].splitlines()
 
 
 @pytest.mark.parametrize("options", [FEW, ExportOptions()], ids=["few", "default"])
 @pytest.mark.parametrize("program", PROGRAMS)
-def test_no_placeholder_is_left(program, options):
+def test_no_placeholder_remains(program, options):
     text = export_macro(program, options)
     assert "@{" not in text and "${" not in text and text.isascii()
 
 
 @pytest.mark.parametrize("program", PROGRAMS)
-def test_the_head_tells_how_it_was_made_and_how_far_it_was_tested(program):
+def test_the_head_states_the_origin_and_testing_of_the_macro(program):
     head = re.sub(r"[\s!]+", " ", MACRO[program][:2600])
     assert f"lensfield lens export-macro {program}" in head and "not in the program itself" in head
 
@@ -252,7 +252,7 @@ def test_quotes_and_brackets_balance_in_every_command(program):
         assert '"' not in rest and "'" not in rest and rest.count("(") == rest.count(")"), command
 
 
-def test_zpl_uses_documented_words_alone():
+def test_zpl_uses_documented_words_only():
     """The macro's own names contain an underscore."""
     words = set(re.findall(r"\$?\b[A-Za-z]\w*\$?", code("zemax")))
     assert {word for word in words if "_" not in word or word.startswith("HPS_")} == words_of(ZPL_SOURCES)
@@ -260,26 +260,26 @@ def test_zpl_uses_documented_words_alone():
     assert set(re.findall(r'OCOD\("(\w+)"\)', MACRO["zemax"])) == OPERANDS
 
 
-def test_codev_uses_documented_words_alone():
+def test_codev_uses_documented_words_only():
     """Numbered words, such as R1, are compared without their numbers; variables begin with ^."""
     words = re.findall(r"(?<![\^$\w])[A-Z][\w.]*", code("codev").replace("..", " "))
     assert {re.sub(r"\d+$", "", word) for word in words} == words_of(SEQ_SOURCES)
 
 
-def test_zospy_uses_documented_names_alone():
+def test_zospy_uses_documented_names_only():
     tree = ast.parse(MACRO["zospy"])
     assert {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)} == words_of(ZOSPY_SOURCES)
     assert set(re.findall(r'operand\(oss, "(\w+)"', MACRO["zospy"])) == ZOSPY_OPERANDS
     assert script()["FIELD_VALUES"] == ZOSPY_FIELD_VALUES
 
 
-def test_zospy_is_asked_for_psfs_by_settings_that_it_was_seen_to_have():
+def test_zospy_is_called_with_settings_of_a_real_export():
     path = vendor_export("zospy") / "huygens_psf_24.2.2.json"
     call, = (node for node in ast.walk(ast.parse(MACRO["zospy"]))
              if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "HuygensPSF")
-    asked = {keyword.arg: getattr(keyword.value, "value", None) for keyword in call.keywords}
-    assert asked.keys() <= json.loads(path.read_text(encoding="utf-8"))["settings"].keys()
-    assert all(asked.get(name, expected) == expected for name, expected in LINEAR.items())
+    settings = {keyword.arg: getattr(keyword.value, "value", None) for keyword in call.keywords}
+    assert settings.keys() <= json.loads(path.read_text(encoding="utf-8"))["settings"].keys()
+    assert all(settings.get(name, expected) == expected for name, expected in LINEAR.items())
 
 
 @pytest.mark.parametrize("opening, closing", [("FOR", "NEXT"), ("IF", "ENDIF"), ("SUB", "RETURN")])
@@ -298,7 +298,7 @@ def test_codev_blocks_balance(word):
 @pytest.mark.parametrize("program, target, name", [
     ("zemax", r"^(?:DECLARE |FOR |SUB )?([a-z]\w*\$?)(?=[ (,]|$)", r"([a-z]+_\w+\$?)"),
     ("codev", r"^(?:LCL NUM |FOR |STR )?\^([A-Z]\w*)", r"[\^$]([A-Z]\w*)")])
-def test_what_is_set_is_used_and_what_is_used_is_set(program, target, name):
+def test_every_variable_is_both_set_and_used(program, target, name):
     text = code(program)
     assert set(re.findall(target, text, re.MULTILINE)) == set(re.findall(name, re.sub(target, "", text, flags=re.M)))
 
@@ -320,7 +320,7 @@ def test_the_script_writes_toml(value):
     assert tomllib.loads(f"value = {script()['toml'](value)}") == {"value": value}
 
 
-def test_the_script_writes_tables_that_are_read(tmp_path):
+def test_tables_written_by_the_script_can_be_read(tmp_path):
     table = np.array([[0.0, 0.0], [0.98765432104, -1e-12], [1.9, 2.1]])  # height, wavelength
     script()["write_table"](tmp_path / "ri.txt", table.tolist())
     read = number_table((tmp_path / "ri.txt").read_text(), "ri.txt", "ri", (2, 3))
@@ -337,7 +337,7 @@ def description(program):
 
 
 @pytest.mark.parametrize("program", PROGRAMS)
-def test_what_a_macro_writes_is_read(tmp_path, program):
+def test_the_output_of_a_macro_can_be_imported(tmp_path, program):
     lens = exported_lens(waves=3, wavelengths_nm=np.array(FEW.wavelengths_nm), heights_mm=np.arange(3.0))
     export_folder(tmp_path, lens, program, "-y")
     (tmp_path / "lens.toml").write_text(description(program), encoding="utf-8")
@@ -353,14 +353,14 @@ WRITING = {"zemax": "\nSUB write_description", "codev": "IF ^REAL < 0", "zospy":
 
 
 @pytest.mark.parametrize("program", PROGRAMS)
-def test_these_are_the_fields_that_it_writes(program):
+def test_a_macro_writes_exactly_these_fields(program):
     pattern = r'"([a-z]\w*)"(?:: |\] =)' if program == "zospy" else r'"(\w+) ='
     written = re.findall(pattern, MACRO[program].partition(WRITING[program])[2])
     assert set(written) == tomllib.loads(description(program)).keys()
 
 
 @pytest.mark.parametrize("program, text", [("zemax", r'PRINT "([^"]*)"'), ("codev", r'BUF PUT B5 \S+ J1 "([^"]*)"')])
-def test_these_are_the_texts_that_it_writes(program, text):
+def test_a_macro_writes_exactly_these_texts(program, text):
     texts = re.findall(text, MACRO[program].partition(WRITING[program])[2])
     assert len(texts) > 12
     assert [text for text in texts if text not in DESCRIPTION[program]] == ["object_distance_mm = inf"]
@@ -372,7 +372,7 @@ def test_these_are_the_texts_that_it_writes(program, text):
     ({"wavelengths_nm": (500.0, 400.0)}, "wavelengths_nm"), ({"wavelengths_nm": (-1.0, 400.0)}, "wavelengths_nm"),
     ({"psf_samples": 60}, "psf_samples"), ({"pupil_samples": 16}, "pupil_samples"),
     ({"psf_pitch_um": -1.0}, "psf_pitch_um"), ({"sensor_mm": (4.8, 0.0)}, "sensor_mm")])
-def test_values_that_cannot_be_are_told_in_one_line(options, field):
+def test_invalid_values_are_one_line_errors(options, field):
     with pytest.raises(InputError) as caught:
         ExportOptions(**options)
     assert caught.value.field == field and "\n" not in str(caught.value)
@@ -388,7 +388,7 @@ def test_the_command_prints_the_macro(capsys):
     assert capsys.readouterr().out == export_macro("zemax", ExportOptions())
 
 
-def test_the_command_writes_a_file_for_windows(tmp_path, capsys):
+def test_the_command_writes_windows_line_endings(tmp_path, capsys):
     path = tmp_path / "export.seq"
     assert main(["lens", "export-macro", "codev", "-o", str(path), "--heights", "3", "--last-height", "2",
                  "--wavelengths", "450,587.6,650.25", "--psf-samples", "32", "--psf-pitch-um", "0.25",
@@ -397,12 +397,12 @@ def test_the_command_writes_a_file_for_windows(tmp_path, capsys):
     assert list(tmp_path.iterdir()) == [path] and capsys.readouterr().out == ""
 
 
-@pytest.mark.parametrize("arguments, told", [
+@pytest.mark.parametrize("arguments, message", [
     (["--sensor", "3"], "--sensor is 3"), (["--wavelengths", "700:400:3"], "wavelengths is 700:400:3"),
     (["--psf-samples", "50"], "psf_samples is 50")])
-def test_the_command_tells_bad_values(arguments, told, capsys):
+def test_the_command_reports_invalid_values(arguments, message, capsys):
     assert main(["lens", "export-macro", "zospy", *arguments]) == 1
-    assert told in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
 def test_templates_are_installed_with_the_package():

@@ -51,7 +51,7 @@ EXPORTS = {
 
 
 @pytest.mark.parametrize("kind", EXPORTS)
-def test_the_bundled_lens_comes_back_from_every_export(tmp_path, kind):
+def test_the_bundled_lens_round_trips_through_every_export(tmp_path, kind):
     lens = bundled_lens()
     path = EXPORTS[kind](tmp_path, lens)
     read = import_lens(path)
@@ -64,7 +64,7 @@ def test_the_bundled_lens_comes_back_from_every_export(tmp_path, kind):
     assert np.abs(read.psf.sum(axis=3) @ v_um).max() > 1  # asymmetric enough to detect PSFs turned the wrong way
 
 
-def test_ffts_of_different_pitch_come_onto_one(tmp_path, lens):
+def test_ffts_of_different_pitch_are_resampled_to_one(tmp_path, lens):
     """Pitches grow with the wavelength, as in FFT PSFs; listings count their centre from the top."""
     path = iset_bundle(tmp_path, lens)
     wide = {}
@@ -82,14 +82,14 @@ def test_ffts_of_different_pitch_come_onto_one(tmp_path, lens):
 
 
 @pytest.mark.parametrize("export", ["iset", "zemax", "iset code v"])
-def test_folder_and_description_are_the_same(tmp_path, lens, export):
+def test_a_folder_and_its_description_give_the_same_lens(tmp_path, lens, export):
     path = EXPORTS[export](tmp_path / "Ordner Ä", lens)
     by_file, by_folder = import_lens(path), import_lens(str(path.parent))
     np.testing.assert_array_equal(by_file.psf, by_folder.psf)
     assert by_file.name == by_folder.name
 
 
-def test_an_export_folder_goes_before_a_bundle_in_it(tmp_path, lens):
+def test_an_export_takes_precedence_over_a_bundle_in_its_folder(tmp_path, lens):
     iset_bundle(tmp_path, lens)
     export_folder(tmp_path, lens)
     assert import_lens(tmp_path).name == "Tessar ½"
@@ -102,7 +102,7 @@ def test_a_name_may_be_given(tmp_path, lens):
 @pytest.mark.parametrize("name, text", [
     ("PSF_1_1.dat", lambda psf: huygens_listing(psf, 0.5, 450, -1)), ("psf.txt", lambda psf: matrix_text(psf)),
     ("psf.json", lambda psf: zospy_json(psf, 0.5))])
-def test_a_listing_alone_says_what_else_a_lens_is(tmp_path, lens, name, text):
+def test_the_error_for_a_single_listing_names_the_missing_data(tmp_path, lens, name, text):
     (tmp_path / name).write_text(text(upright(lens.psf[0, 0], "-y")), encoding="utf-8")
     with pytest.raises(LensError, match=f"{name}.*single listing.*first-order data.*relative illumination.*lens.toml"):
         import_lens(tmp_path / name)
@@ -110,7 +110,7 @@ def test_a_listing_alone_says_what_else_a_lens_is(tmp_path, lens, name, text):
 
 @pytest.mark.parametrize("name", ["absent", "x" * 5000, "nul\0byte", "", "lens.zmx", "lens.npz", "lens.mat",
                                   "lens.toml"])
-def test_what_is_not_there_or_of_another_kind_is_named(tmp_path, name):
+def test_missing_or_unsupported_files_are_errors(tmp_path, name):
     if name.startswith("lens"):
         (tmp_path / name).write_text("VERS 1")
     with pytest.raises(LensError) as error:
@@ -118,12 +118,12 @@ def test_what_is_not_there_or_of_another_kind_is_named(tmp_path, name):
     assert "\n" not in str(error.value)
 
 
-def test_a_folder_of_nothing_says_what_is_expected(tmp_path):
+def test_the_error_for_an_empty_folder_names_the_expected_files(tmp_path):
     with pytest.raises(LensError, match="ISETPARMS.TXT.*lens.toml.*.mat"):
         import_lens(tmp_path)
 
 
-def test_lens_load_says_how_to_import(tmp_path, lens):
+def test_the_error_for_loading_an_export_names_the_import_command(tmp_path, lens):
     saved(tmp_path / "optics.mat", ray_trace(lens))
     for path in (iset_bundle(tmp_path, lens), export_folder(tmp_path, lens), tmp_path / "optics.mat", tmp_path):
         with pytest.raises(LensError, match="lensfield lens import"):
@@ -141,7 +141,7 @@ def test_the_command_writes_a_package(tmp_path, lens, capsys):
 
 
 @pytest.mark.parametrize("output", ["lens.zip", "lens", "."])
-def test_the_command_refuses_what_could_not_be_loaded(tmp_path, lens, capsys, output):
+def test_the_command_refuses_output_that_could_not_be_loaded(tmp_path, lens, capsys, output):
     assert main(["lens", "import", str(iset_bundle(tmp_path, lens)), "-o", str(tmp_path / output)]) == 1
     assert capsys.readouterr().err.count("\n") == 1
 

@@ -61,11 +61,11 @@ def test_psfs_are_turned_outwards(tmp_path, lens, side):
     assert np.subtract(brightest, read.psf.shape[-1] // 2).tolist() == [3, 2]  # 3 outwards, 2 to the right of that
 
 
-def test_without_image_points_psfs_lie_below_the_axis(tmp_path, lens):
+def test_psfs_without_image_points_are_assumed_below_the_axis(tmp_path, lens):
     path = iset_bundle(tmp_path, lens)
     for file in tmp_path.glob("*_PSF_*"):
-        kept = [line for line in file.read_text(encoding="latin-1").splitlines() if not line.startswith("Center coord")]
-        file.write_text("\n".join(kept), encoding="latin-1")
+        rest = [line for line in file.read_text(encoding="latin-1").splitlines() if not line.startswith("Center coord")]
+        file.write_text("\n".join(rest), encoding="latin-1")
     check_same_lens(read_iset(path), lens)
 
 
@@ -80,20 +80,20 @@ def test_first_order_data_are_read(tmp_path, lens):
 
 
 @pytest.mark.parametrize("distance", ["10000000000.000", "1.0E+010", "Inf", "-1e10"])
-def test_far_objects_are_at_infinity(tmp_path, lens, distance):
+def test_distant_objects_are_at_infinity(tmp_path, lens, distance):
     read = read_iset(parameters(iset_bundle(tmp_path, lens), ("objDist=100.000", f"objDist={distance}")))
     assert np.isinf(read.object_distance_mm) and read.entrance_pupil_mm == 0 and "not stated" in read.notes
     assert read.capture_focal_length_mm == lens.efl_mm
 
 
-def test_a_height_that_macros_derive_from_the_focal_length_tells_no_pupil(tmp_path, lens):
+def test_a_height_derived_from_the_focal_length_gives_no_pupil(tmp_path, lens):
     fov = np.degrees(np.arctan(lens.heights_mm[-1] / lens.efl_mm))
     path = iset_bundle(tmp_path, lens)
-    told = next(line for line in path.read_text(encoding="latin-1").splitlines() if line.startswith("fov"))
-    assert read_iset(parameters(path, (told, f"fov={fov:.7f};"))).entrance_pupil_mm == 0
+    fov_line = next(line for line in path.read_text(encoding="latin-1").splitlines() if line.startswith("fov"))
+    assert read_iset(parameters(path, (fov_line, f"fov={fov:.7f};"))).entrance_pupil_mm == 0
 
 
-def test_the_real_parameters_put_the_entrance_pupil_near_where_it_is_traced(tmp_path, lens):
+def test_the_real_parameters_put_the_entrance_pupil_near_the_traced_one(tmp_path, lens):
     """0.46 mm from the paraxial pupil at 250 mm: the chief ray from the edge of the field crosses the axis elsewhere.
     """
     source = vendor_export("iset_bundle_eo54852") / "ISETPARMS.TXT"
@@ -130,11 +130,11 @@ def test_the_real_bundle_lacks_its_parameter_file():
     ("450:200:650", "450:199.6:650"), ("450:200:650", "[450, 650]"), ("450:200:650;", " 450: 200: 650 ;"),
     ("%Lens file name", "% wave=1:2"), ("lensFile='LENS.ZMX';", "lensFile='LENS.ZMX'  "), (";", ""),
     ("lensFile='LENS.ZMX';", "lensFile='LENS.ZMX")])
-def test_matlab_is_read_as_the_macros_write_it(tmp_path, lens, old, new):
+def test_matlab_syntax_of_the_macros_is_read(tmp_path, lens, old, new):
     check_same_lens(read_iset(parameters(iset_bundle(tmp_path, lens), (old, new))), lens)
 
 
-def test_parameters_that_nothing_uses_are_reported(tmp_path, lens):
+def test_unused_parameters_are_reported(tmp_path, lens):
     path = iset_bundle(tmp_path, lens)
     assert "Not used" not in read_iset(path).notes
     path.write_text(path.read_text() + "\nwarp=3;\n")
@@ -148,7 +148,7 @@ def test_parameters_are_never_evaluated(tmp_path, lens):
 
 @pytest.mark.parametrize("junk", ["\n" * 300_000, "a" * 300_000, "a=" * 150_000, "'" * 300_000],
                          ids=["lines", "letters", "assignments", "quotes"])
-def test_long_junk_takes_no_long_time(tmp_path, lens, junk):
+def test_long_junk_is_skipped_quickly(tmp_path, lens, junk):
     path = iset_bundle(tmp_path, lens)
     sound = path.read_text(encoding="latin-1")
     path.write_text(sound + "\n" + junk, encoding="latin-1")
@@ -163,14 +163,14 @@ def test_code_v_bundles_are_read(tmp_path, lens):
     assert read.entrance_pupil_mm == pytest.approx(4.0, abs=1e-6)
 
 
-def test_a_renamed_folder_and_base_are_found(tmp_path, lens):
+def test_a_renamed_folder_and_base_are_read(tmp_path, lens):
     folder = tmp_path / "Objektiv für Größen"
     path = parameters(iset_bundle(folder, lens), ("ISET\\LENS\\LENS'", "ISET\\old\\name'"))
     (folder / "LENS_DI_.dat").rename(folder / "lens_di_.DAT")
     check_same_lens(read_iset(path), lens)
 
 
-def test_of_two_bases_the_one_that_is_told_is_read(tmp_path, lens):
+def test_the_stated_one_of_two_bases_is_read(tmp_path, lens):
     iset_bundle(tmp_path, exported_lens(waves=3), base="OTHER")
     path = iset_bundle(tmp_path, lens)
     check_same_lens(read_iset(path), lens)
@@ -206,7 +206,7 @@ def test_a_missing_table_is_named(tmp_path, lens, kind, field):
     ("imgHeightMax=3", "imgHeightMax=-3", "image heights"), ("Max=3.0000000", "Max=1e999", "image heights"),
     ("mag=-0.100000", "mag=0", "magnification"), ("objDist=100", "objDist=-100", "object_distance_mm"),
     ("fnumber_eff=2", "fnumber_eff=-2", "f_number_effective")], ids=str)
-def test_parameters_that_cannot_be_right_are_named(tmp_path, lens, old, new, field):
+def test_invalid_parameters_are_named(tmp_path, lens, old, new, field):
     error = error_of(parameters(iset_bundle(tmp_path, lens), (old, new)))
     assert error.field == field and str(tmp_path) in str(error)
 
@@ -216,7 +216,7 @@ def test_parameters_that_cannot_be_right_are_named(tmp_path, lens, old, new, fie
     ("LENS_RI_.dat", "1.000000E+000", "-1.0", "relative_illumination"),
     ("LENS_PSF_2_1.dat", "0.4500 ", "0.6500 ", "wavelength"), ("LENS_PSF_3_1.dat", "-2.8", "-1.8", "image point"),
     ("LENS_PSF_3_1.dat", "0.00000000E+000, -", "1.0, -", "image point")], ids=str)
-def test_files_at_odds_with_each_other_are_named(tmp_path, lens, file, old, new, field):
+def test_contradictory_files_are_named(tmp_path, lens, file, old, new, field):
     path = iset_bundle(tmp_path, lens)
     text = (tmp_path / file).read_text(encoding="latin-1")
     assert old in text
@@ -224,7 +224,7 @@ def test_files_at_odds_with_each_other_are_named(tmp_path, lens, file, old, new,
     assert error_of(path).field == field
 
 
-def test_two_parameter_files_are_one_too_many(tmp_path, lens):
+def test_two_parameter_files_are_an_error(tmp_path, lens):
     iset_bundle(tmp_path, lens)
     code_v_bundle(tmp_path, lens)
     with pytest.raises(LensError, match="give the file itself"):
@@ -238,6 +238,6 @@ def test_damage_is_harmless_or_a_lens_error(tmp_path, lens, file):
 
 
 @pytest.mark.parametrize("magnification", [-1e-308, 1e-320])
-def test_a_magnification_of_no_lens_leaves_the_pupil_unknown(magnification, recwarn):
+def test_an_impossible_magnification_leaves_the_pupil_unknown(magnification, recwarn):
     assert entrance_pupil(30.0, np.float64(3e9), magnification, 100.0, 6.0) == (0.0, PUPIL_UNKNOWN)
     assert not recwarn.list

@@ -53,13 +53,13 @@ def symmetric(lens):
 
 
 @pytest.mark.parametrize("centre", [6, 5], ids=["Huygens: n/2", "FFT: n/2 - 1"])
-def test_symmetry_tells_where_the_chief_ray_is(tmp_path, lens, centre, in_this_process):
+def test_the_chief_ray_is_located_by_symmetry(tmp_path, lens, centre, in_this_process):
     even = symmetric(lens)
     read = read_iset_mat(saved(tmp_path / "optics.mat", ray_trace(even, centre=centre)))
     check_same_lens(read, even)
 
 
-def test_first_order_data_are_read_and_assumptions_told(tmp_path, lens, in_this_process):
+def test_first_order_data_are_read_and_assumptions_noted(tmp_path, lens, in_this_process):
     read = read_iset_mat(saved(tmp_path / "optics.mat", ray_trace(lens), within=("rt",)))
     for field in ("efl_mm", "magnification", "f_number_effective", "object_distance_mm", "reference_wavelength_nm"):
         assert getattr(read, field) == pytest.approx(getattr(lens, field)), field
@@ -87,7 +87,7 @@ def test_a_missing_figure_is_named(tmp_path, lens, name, in_this_process):
     ("relIllum", "function", np.ones(5), "relIllum.function"),
     ("geometry", "function", np.full((3, 2), np.nan), "real_height_mm")],
     ids=str)
-def test_parts_that_do_not_fit_are_named(tmp_path, lens, part, name, value, field, in_this_process):
+def test_inconsistent_parts_are_named(tmp_path, lens, part, name, value, field, in_this_process):
     structure = ray_trace(lens)
     structure[part] = structure[part] | {name: value}
     with pytest.raises(LensError) as error:
@@ -103,13 +103,13 @@ def test_other_structures_are_refused(tmp_path):
 
 @pytest.mark.parametrize("head", [b"MATLAB 7.3 MAT-file, Platform: GLNXA64", b"\x89HDF\r\n\x1a\n",
                                   b" " * 512 + b"\x89HDF\r\n\x1a\n"], ids=["text", "hdf5", "hdf5 after a block"])
-def test_version_7_3_says_how_to_save(tmp_path, head):
+def test_the_error_for_version_7_3_says_how_to_save(tmp_path, head):
     (tmp_path / "optics.mat").write_bytes(head + bytes(600))
     with pytest.raises(LensError, match="is version 7.3: save it from MATLAB with the option -v7"):
         read_iset_mat(tmp_path / "optics.mat")
 
 
-def test_damaged_files_are_told_in_one_line(tmp_path, lens):
+def test_damaged_files_are_one_line_errors(tmp_path, lens):
     sound = saved(tmp_path / "optics.mat", ray_trace(lens)).read_bytes()
 
     def outcome(numbered):
@@ -128,16 +128,16 @@ def test_damaged_files_are_told_in_one_line(tmp_path, lens):
     assert sum("not readable" in text for text in outcomes) >= 2
 
 
-@pytest.mark.parametrize("program, said, timeout_s", [
+@pytest.mark.parametrize("program, message, timeout_s", [
     ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", "its reader crashed", LAST_RESORT_S),
     ("import sys; sys.exit('what is\\nwrong')", "wrong", LAST_RESORT_S),
     ("import threading; threading.Event().wait()", "still unread after", 0.1)], ids=["crash", "message", "hang"])
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no such signals")
-def test_a_child_that_crashes_or_hangs_is_a_lens_error(tmp_path, lens, monkeypatch, program, said, timeout_s):
+def test_a_child_that_crashes_or_hangs_is_a_lens_error(tmp_path, lens, monkeypatch, program, message, timeout_s):
     (tmp_path / "child.py").write_text(program)
     monkeypatch.setattr(iset_mat, "CHILD", tmp_path / "child.py")
     monkeypatch.setattr(iset_mat, "TIMEOUT_S", timeout_s)
-    with pytest.raises(LensError, match=said) as error:
+    with pytest.raises(LensError, match=message) as error:
         read_iset_mat(saved(tmp_path / "optics.mat", ray_trace(lens)))
     assert "\n" not in str(error.value)
 
@@ -155,20 +155,20 @@ def with_stated_size(path, size):
     return path
 
 
-def test_a_bomb_is_told_by_its_size_without_being_decoded(tmp_path, monkeypatch):
+def test_a_bomb_is_refused_by_its_size_without_decoding(tmp_path, monkeypatch):
     monkeypatch.setattr(iset_mat, "_run_child", lambda *_: pytest.fail("decoded"))
     with pytest.raises(LensError, match="2147 MB according to its tags: expected at most 17 MB"):
         read_iset_mat(with_stated_size(tmp_path / "optics.mat", 2**31))
 
 
 @pytest.mark.parametrize("compress", [False, True])
-def test_the_size_that_is_told_is_that_of_the_arrays(tmp_path, compress):
+def test_the_stated_size_is_that_of_the_arrays(tmp_path, compress):
     savemat(tmp_path / "optics.mat", {"a": np.zeros(10**5), "b": np.zeros(10**4)}, do_compression=compress)
     assert iset_mat._stated_bytes(tmp_path / "optics.mat") == pytest.approx(880_000, abs=300)
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems do not limit address space so")
-def test_a_limit_that_the_user_has_set_stays(tmp_path, lens):
+def test_a_memory_limit_set_by_the_user_is_respected(tmp_path, lens):
     """`ulimit -v` cannot be raised again, and this is not necessary."""
     saved(tmp_path / "optics.mat", ray_trace(lens))
     code = f"""if True:
@@ -176,12 +176,12 @@ def test_a_limit_that_the_user_has_set_stays(tmp_path, lens):
         resource.setrlimit(resource.RLIMIT_AS, (3 * 2**30, 3 * 2**30))
         from lensfield.engine.lens_files.iset_mat import read_iset_mat
         print(read_iset_mat({str(tmp_path / "optics.mat")!r}).name)"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert (done.stdout, done.stderr) == ("EO54852\n", "")
+    completed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (completed.stdout, completed.stderr) == ("EO54852\n", "")
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems do not limit address space so")
-def test_what_a_damaged_array_asks_for_is_not_had(tmp_path, lens):
+def test_a_damaged_array_cannot_allocate_excessive_memory(tmp_path, lens):
     """It declares some thousand million cells, in a file that declares itself small."""
     sound = saved(tmp_path / "optics.mat", ray_trace(lens)).read_bytes()
     cells = struct.pack("<II4i", 5, 16, 1, 2**30, 1, 1)  # an array's dimensions, between its flags and its name

@@ -68,7 +68,7 @@ def test_round_trip_keeps_every_field(path, changes):
         assert type(after) is type(before)
 
 
-def test_load_takes_a_path(path):
+def test_load_accepts_a_path(path):
     write_package(sample_lens(), path)
     assert load_lens(path).name == load_lens(str(path)).name == "hand-made"
 
@@ -77,7 +77,7 @@ def test_bundled_lens_is_loaded_by_its_name():
     assert load_lens("edmund-54852").name == "edmund-54852"
 
 
-def test_an_unknown_name_says_where_the_names_are():
+def test_the_error_for_an_unknown_name_says_where_to_list_names():
     with pytest.raises(LensError, match="no-such-lens.*`lensfield lens list`"):
         load_lens("no-such-lens")
 
@@ -129,7 +129,7 @@ def test_a_missing_array_is_named(path, field):
     assert error_of(rewritten(path, drop=[field])).field == field
 
 
-def test_an_older_package_tells_nothing_of_its_points_flux(path):
+def test_an_older_package_gets_a_default_point_flux(path):
     lens = read_package(rewritten(path, drop=["point_flux"]))
     assert np.all(lens.point_flux == 1) and lens.point_flux.shape == lens.relative_illumination.shape
 
@@ -153,12 +153,12 @@ def test_an_array_of_the_wrong_shape_is_named(path, field):
 @pytest.mark.parametrize("amplitudes", [np.zeros((2, 11, 8, 8), np.uint16), np.ones((2, 11, 8, 8), np.float32),
                                         np.ones((2, 11, 8, 3), np.uint16), np.ones((2, 11, 0, 0), np.uint16)],
                          ids=["dark", "float", "narrow", "empty"])
-def test_amplitudes_that_are_no_psfs_are_refused(path, amplitudes):
+def test_amplitudes_that_are_not_psfs_are_refused(path, amplitudes):
     assert "psf" in str(error_of(rewritten(path, psf_amplitude=amplitudes)))
 
 
 @pytest.mark.parametrize("window", [8, 9])
-def test_psfs_lose_little_of_their_light_and_nothing_when_written_again(path, window):
+def test_psfs_lose_little_light_when_written_and_none_when_rewritten(path, window):
     rng = np.random.default_rng(1)
     psf = rng.random((2, 11, window, window)) ** 12  # seven decades of range
     lens = make_lens(psf / psf.sum(axis=(2, 3), keepdims=True))
@@ -169,7 +169,7 @@ def test_psfs_lose_little_of_their_light_and_nothing_when_written_again(path, wi
     np.testing.assert_allclose(read_package(path).psf, once.psf, atol=1e-7)
 
 
-def test_of_mirror_symmetric_psfs_one_half_is_stored(path):
+def test_one_half_of_mirror_symmetric_psfs_is_stored(path):
     lens = make_lens(gaussian_psf(2, 3, 1.0, 9))
     write_package(lens, path)
     assert parts(path)["psf_amplitude"].shape == (2, 11, 9, 5)
@@ -185,7 +185,7 @@ def test_an_impossible_figure_is_named(path, field, value):
 
 
 @pytest.mark.parametrize("field", ["heights_mm", "real_height_mm", "relative_illumination", "wavelengths_nm"])
-def test_numbers_beyond_all_measure_are_named(path, field):
+def test_excessive_numbers_are_named(path, field):
     table = getattr(sample_lens(), field).copy()
     table.flat[-1] = 1e300
     assert error_of(rewritten(path, **{field: table})).field == field
@@ -200,17 +200,17 @@ def test_a_figure_of_the_wrong_kind_is_an_error(path, header):
 @pytest.mark.parametrize("header", [{"name": 0.5}, {"maker": ["x"]}, {"notes": None}, {"magnification": [1]},
                                     {"efl_mm": True}, {"efl_mm": 10**400}, {"sensor_mm": [[4.8], [3.6]]},
                                     {"sensor_mm": ["4.8", "3.6"]}, {"sensor_mm": 4.8}], ids=str)
-def test_kinds_are_checked_field_by_field(path, header):
+def test_types_are_checked_field_by_field(path, header):
     assert error_of(rewritten(path, header=header)).field in header
 
 
-def test_texts_cannot_steer_a_terminal(path):
+def test_texts_cannot_control_a_terminal(path):
     lens = read_package(rewritten(path, header={"name": "\x1b]0;owned\x07lens", "notes": "one\ntwo\x1b[31m"}))
     assert lens.name == "?]0;owned?lens" and lens.notes == "one\ntwo?[31m"
 
 
 @pytest.mark.parametrize("field", ["efl_mm", "name", "sensor_mm"])
-def test_a_header_nested_100_000_deep_is_damaged(path, field):
+def test_a_header_nested_100_000_deep_is_refused(path, field):
     write_package(sample_lens(), path)
     header = parts(path)["header"].item()
     value = json.loads(header)[field]
@@ -229,7 +229,7 @@ def memory_taken(read):
         tracemalloc.stop()
 
 
-def test_what_is_no_part_of_a_package_is_not_read(path):
+def test_unknown_parts_of_a_package_are_not_read(path):
     rewritten(path, junk=np.zeros(2**25))
     assert memory_taken(lambda: read_package(path)) < 2**24
 
@@ -248,14 +248,14 @@ HEADERS = {"more than it holds": npy("<u2", (2, 11, 10**4, 10**4)), "beyond all 
 
 
 @pytest.mark.parametrize("contents", HEADERS.values(), ids=HEADERS)
-def test_arrays_that_are_not_what_their_headers_say_are_refused_before_they_are_read(path, contents):
+def test_arrays_with_false_headers_are_refused_before_reading(path, contents):
     rewritten(path, drop=["psf_amplitude"])
     with zipfile.ZipFile(path, "a") as archive:
         archive.writestr("psf_amplitude.npy", contents)
     assert memory_taken(lambda: error_of(path)) < 2**22
 
 
-def test_a_bomb_is_told_before_it_goes_off(path):
+def test_a_bomb_is_refused_before_decompression(path):
     """Half a gigabyte of PSFs in half a megabyte; one sample of each is lit, so that they could be PSFs."""
     rewritten(path, drop=["psf_amplitude"])
     row = np.zeros((1, 2048, 2048), np.uint16)
@@ -269,7 +269,7 @@ def test_a_bomb_is_told_before_it_goes_off(path):
     assert "would take 554 MB" in str(error_of(path))
 
 
-def test_other_ways_of_compression_are_refused(path):
+def test_other_compression_methods_are_refused(path):
     """Their dictionaries alone can take gigabytes."""
     write_package(sample_lens(), path)
     contents = {name: (io.BytesIO(), value) for name, value in parts(path).items()}
@@ -292,11 +292,11 @@ def test_a_damaged_header_is_refused(path, header):
     assert error_of(path).field == "header"
 
 
-@pytest.mark.parametrize("kept", [0.0, 0.1, 0.5, 0.9, 0.99])
-def test_a_truncated_package_is_refused(path, kept):
+@pytest.mark.parametrize("fraction", [0.0, 0.1, 0.5, 0.9, 0.99])
+def test_a_truncated_package_is_refused(path, fraction):
     write_package(sample_lens(), path)
     contents = path.read_bytes()
-    path.write_bytes(contents[:int(kept * len(contents))])
+    path.write_bytes(contents[:int(fraction * len(contents))])
     error_of(path)
 
 

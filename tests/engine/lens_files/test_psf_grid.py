@@ -30,12 +30,12 @@ def test_psfs_are_turned_outwards(side, expected):
 
 
 @pytest.mark.parametrize("y_mm, expected", [(1.5, (3, 2)), (-1.5, (-3, -2)), (0.0, (-3, -2))])
-def test_where_a_file_tells_its_image_point_goes_before_the_side(y_mm, expected):
+def test_a_stated_image_point_takes_precedence_over_the_side(y_mm, expected):
     psf, _ = psf_table([[grid_with_mark(x=2, y=3, image_mm=(0.0, y_mm))]], "-y")
     assert mark(psf[0, 0]) == expected
 
 
-def test_one_side_is_for_all():
+def test_all_psfs_must_be_on_one_side():
     grids = [grid_with_mark(2, 3, image_mm=(0.0, y)) for y in (0.0, -1.0)]
     psf, _ = psf_table([grids], "+y")
     assert mark(psf[0, 0]) == mark(psf[0, 1]) == (-3, -2)
@@ -51,7 +51,7 @@ def test_image_points_off_the_y_axis_are_refused():
 @pytest.mark.parametrize("centre, shape, window", [((4, 4), (8, 8), 7), ((3, 3), (8, 8), 7), ((4, 4), (9, 9), 9),
                                                    ((5, 2), (9, 9), 13), ((3, 3), (6, 9), 11)])
 @pytest.mark.parametrize("side", ["+y", "-y"])
-def test_the_chief_ray_comes_to_the_middle_of_an_odd_window(centre, shape, window, side):
+def test_the_chief_ray_is_centred_in_an_odd_window(centre, shape, window, side):
     psf, _ = psf_table([[grid_with_mark(x=1, y=2, centre=centre, shape=shape)]], side)
     assert psf.shape == (1, 1, window, window)
     assert mark(psf[0, 0]) == ((2, 1) if side == "+y" else (-2, -1))
@@ -72,20 +72,20 @@ def comatic(count, pitch, chief):
 
 
 @pytest.mark.parametrize("pitch, misplaced", [(0.48, 2e-3), (0.35, 2e-3)], ids=["as coarse as an FFT", "finer"])
-def test_interpolation_keeps_light_and_shape_and_is_nowhere_negative(pitch, misplaced):
+def test_interpolation_preserves_light_and_shape_without_negative_values(pitch, misplaced):
     finest = PsfGrid("fine", comatic(161, 0.3, 80), 0.3, (80, 80))
     coarse = PsfGrid("coarse", comatic(128, pitch, 63), pitch, (63, 63))
     psf, pitch_um = psf_table([[coarse], [finest]], "+y")
     assert pitch_um == 0.3 and psf.min() >= 0
     np.testing.assert_allclose(psf.sum(axis=(2, 3)), 1, atol=1e-6)
     middle = slice(psf.shape[2] // 2 - 80, psf.shape[2] // 2 + 81)
-    seen, true = psf[0, 0, middle, middle], psf[1, 0, middle, middle]
-    assert np.abs(seen / seen.sum() - true).sum() < misplaced
+    result, true = psf[0, 0, middle, middle], psf[1, 0, middle, middle]
+    assert np.abs(result / result.sum() - true).sum() < misplaced
     v = np.arange(-80, 81)
-    assert (seen.sum(axis=1) @ v) / seen.sum() == pytest.approx(true.sum(axis=1) @ v, abs=0.02)
+    assert (result.sum(axis=1) @ v) / result.sum() == pytest.approx(true.sum(axis=1) @ v, abs=0.02)
 
 
-def test_pitches_that_differ_by_rounding_alone_are_one():
+def test_pitches_that_differ_only_by_rounding_are_equal():
     values = np.random.default_rng(1).random((9, 9))
     psf, _ = psf_table([[PsfGrid("a", values, 0.25, (4, 4)), PsfGrid("b", values, 0.250001, (4, 4))]], "+y")
     np.testing.assert_array_equal(psf[0, 0], psf[0, 1])
@@ -98,17 +98,17 @@ def test_pitches_that_differ_by_rounding_alone_are_one():
     (np.eye(5), np.nan, (2, 2), "PSF spacing"), (np.eye(5), 1, (5, 2), "PSF centre"),
     (np.eye(5), 1, (2, -1), "PSF centre")],
     ids=["small", "dark", "nan", "inf", "logarithmic", "no pitch", "nan pitch", "row beyond", "column beyond"])
-def test_what_cannot_be_a_psf_is_refused(values, pitch, centre, field):
+def test_an_invalid_psf_is_refused(values, pitch, centre, field):
     with pytest.raises(LensError) as error:
         PsfGrid("a.txt", values, pitch, centre)
     assert error.value.field == field
 
 
-def test_tiny_negative_samples_are_rounding():
+def test_tiny_negative_samples_are_clipped_to_zero():
     assert PsfGrid("a", np.eye(5) - 1e-5, 1, (2, 2)).values.min() == 0
 
 
-def test_psfs_too_many_or_too_unlike_to_hold_are_refused():
+def test_psfs_of_very_different_pitch_are_refused():
     grids = [[PsfGrid("fine", np.eye(5), 1e-4, (2, 2)), PsfGrid("coarse", np.eye(5), 10.0, (2, 2))]]
     with pytest.raises(LensError, match="too many"):
         psf_table(grids, "+y")
@@ -121,7 +121,7 @@ def test_windows_grow_to_hold_a_chief_ray_near_the_edge():
     assert psf.shape[2:] == (77, 77) and mark(psf[0, 0]) == (0, 38)
 
 
-def test_light_in_the_row_without_a_partner_alone_is_refused():
+def test_light_only_in_the_unpaired_row_is_refused():
     values = np.zeros((8, 8))
     values[0] = 1
     with pytest.raises(LensError, match="a.txt: PSF is 0 around its centre"):

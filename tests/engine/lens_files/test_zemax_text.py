@@ -45,18 +45,18 @@ def test_an_fft_listing_of_the_middle_of_a_larger_grid_keeps_its_centre():
 
 @pytest.mark.parametrize("start", ["Center coordinates", "Center point", "Image grid", "Data area", "Strehl", "File",
                                    "HUYGENS PSF", "0.5500", "Values are"])
-def test_lines_that_can_be_done_without_may_be_missing(start):
+def test_optional_lines_may_be_missing(start):
     grid = psf_grid(huygens_listing(MARKED, 0.25, 550, -0.959, leave_out=[start]), "a.txt")
     assert mark(grid) == (2, 1) and grid.pitch_um == 0.25
 
 
-def test_the_width_of_the_area_tells_the_pitch_to_more_digits():
+def test_the_area_width_gives_a_more_precise_pitch():
     text = fft_listing(MARKED, 0.288359, 500, 1.25).replace("area is 2.307", "area is 2.30687")
     assert "spacing is 0.288 " in text
     assert psf_grid(text, "a.txt").pitch_um == pytest.approx(0.288359, abs=1e-6)
 
 
-def test_units_behind_the_centre_coordinates_are_heeded():
+def test_units_after_the_centre_coordinates_are_applied():
     grid = psf_grid(huygens_listing(MARKED, 0.25, 550, 0.1, units=" Inches"), "a.txt")
     assert grid.image_mm == (0, pytest.approx(2.54))
     with pytest.raises(LensError, match="Center coordinates"):
@@ -68,7 +68,7 @@ def test_units_behind_the_centre_coordinates_are_heeded():
     (("0.5500 µm", "0.4861 to 0.6563 µm"), "wavelengths"), (("is: 5, 5", "is: 50, 5"), "PSF centre"),
     (("5.000000E-001", ""), "PSF samples"), (("5.000000E-001", "nan"), "PSF samples"),
     (("1.000000E+000", "-1.000000E+000"), "PSF")], ids=str)
-def test_a_listing_that_cannot_be_right_is_refused(change, field):
+def test_an_invalid_listing_is_refused(change, field):
     text = huygens_listing(MARKED, 0.25, 550, -0.959)
     assert change[0] in text
     with pytest.raises(LensError) as error:
@@ -76,7 +76,7 @@ def test_a_listing_that_cannot_be_right_is_refused(change, field):
     assert error.value.field == field and str(error.value).startswith("a.txt: ")
 
 
-def test_the_real_listing_lies_as_the_bundle_tells():
+def test_the_real_listing_agrees_with_its_bundle():
     """The real listing: of field 21 at 550 nm, 27.38 degrees below the axis, 128 x 128 samples.
 
     It is mirror-symmetric about its column 65, which is the meridional plane's. Its largest y comes first, as in all
@@ -163,14 +163,14 @@ def test_distortion_of_another_kind_is_refused(change, field):
     assert error.value.field == field
 
 
-def test_a_listing_of_something_else_is_no_relative_illumination():
+def test_another_listing_is_not_read_as_relative_illumination():
     with pytest.raises(LensError, match="relative illumination"):
         relative_illumination(DISTORTION, "fcd.txt")
 
 
 @pytest.mark.parametrize("text, expected", [("1.5 2,5", [1.5, 2, 5]), ("1,5\t2,5E-003", [1.5, 0.0025]),
                                             ("1.0, 2.0,\n3.0", [1, 2, 3])])
-def test_commas_are_decimal_unless_there_are_points(text, expected):
+def test_commas_are_decimal_in_text_without_points(text, expected):
     assert numbers(text, "a", "b").tolist() == expected
 
 
@@ -191,12 +191,12 @@ def test_damage_is_harmless_or_a_lens_error(read, text, encoding):
 @pytest.mark.parametrize("content", [b"", b"\xff\xfe", b"\xff\xfe\x00", bytes(range(256)) * 40, b"\0" * 999,
                                      b"1 " * 9999, b"\n" * 300_000, b"Data for wavelength " * 20_000])
 @pytest.mark.parametrize("read", [psf_grid, relative_illumination, distortion])
-def test_what_is_no_listing_is_a_lens_error(content, read):
+def test_anything_but_a_listing_is_a_lens_error(content, read):
     with pytest.raises(LensError):
         read(decoded(content), "a.txt")
 
 
-def test_a_file_that_is_absent_a_folder_or_too_large_is_named(tmp_path, monkeypatch):
+def test_missing_files_folders_and_large_files_are_named(tmp_path, monkeypatch):
     for path in (tmp_path, tmp_path / "absent"):
         with pytest.raises(LensError, match=path.name):
             read_text(path)

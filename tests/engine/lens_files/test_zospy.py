@@ -24,15 +24,15 @@ def read(values=MARKED, **changes):
     return psf_grid(zospy_json(values, 0.5, **changes), "psf.json")
 
 
-def test_labels_are_half_a_sample_off():
+def test_labels_are_offset_by_half_a_sample():
     grid = read()
     assert grid.centre == (4, 4) and mark(grid) == (2, 1) and grid.pitch_um == pytest.approx(0.5)
 
 
-def test_a_result_with_its_strehl_ratio():
+def test_a_result_with_a_strehl_ratio_is_read():
     """HuygensPSFAndStrehlRatio, whose frame is a part of its data."""
-    plain = json.loads(zospy_json(MARKED, 0.5))
-    grid = psf_grid(json.dumps(plain | {"data": {"psf": plain["data"], "strehl_ratio": 0.998}}), "psf.json")
+    result = json.loads(zospy_json(MARKED, 0.5))
+    grid = psf_grid(json.dumps(result | {"data": {"psf": result["data"], "strehl_ratio": 0.998}}), "psf.json")
     assert grid.centre == (4, 4) and mark(grid) == (2, 1) and grid.pitch_um == pytest.approx(0.5)
 
 
@@ -43,7 +43,7 @@ def test_rows_ascend_with_y(side, v, u):
     assert np.unravel_index(psf[0, 0].argmax(), psf.shape[2:]) == (centre + v, centre + u)
 
 
-def test_the_header_tells_an_fft_centre_and_the_image_point():
+def test_the_header_states_the_fft_centre_and_the_image_point():
     header = ["Polychromatic FFT PSF", "0,5430 to 0,5430 µm at 10,00, 20,00 (deg).", "Data spacing is 0,500 µm.",
               "Reference Coordinates: 0,00000E+00, 7,28631E+00", "Image grid size: 256 by 256",
               "Center point is: row 129, column 128"]
@@ -51,13 +51,13 @@ def test_the_header_tells_an_fft_centre_and_the_image_point():
     assert grid.centre == (3, 3) and grid.image_mm == (0.0, pytest.approx(7.28631))
 
 
-def test_labels_that_hold_0_are_taken_at_their_word():
+def test_labels_that_contain_0_are_used_unchanged():
     labels = np.arange(-4, 4) * 0.5
     assert read(index=labels, columns=labels).centre == (4, 4)
 
 
 @pytest.mark.parametrize("flipped", [(False, False), (True, False), (False, True), (True, True)])
-def test_labels_that_descend_are_heeded(flipped):
+def test_descending_labels_are_supported(flipped):
     labels = zospy_labels(8, 0.5, 4)
     rows, columns = (slice(None, None, -1 if flip else 1) for flip in flipped)
     grid = read(MARKED[rows][:, columns], index=labels[rows], columns=labels[columns])
@@ -75,7 +75,7 @@ def test_the_real_huygens_psf_is_symmetric_about_its_chief_ray():
         np.testing.assert_allclose(psf[0, 0], mirrored, rtol=1e-5)
 
 
-def test_the_real_fft_psf_is_centred_where_its_header_and_its_labels_say():
+def test_the_real_fft_psf_is_centred_by_its_header_and_labels():
     """Off the axis in x as well: row 129 from the top and column 128 of 256, where the file has the middle 32."""
     path = vendor_export("zospy") / "fft_psf_asymmetric_25.1.1.json"
     text = path.read_text(encoding="utf-8")
@@ -88,7 +88,7 @@ def test_the_real_fft_psf_is_centred_where_its_header_and_its_labels_say():
 
 
 @pytest.mark.parametrize("settings", [{"psf_type": "Log"}, {"rotation": 90}, {"use_centroid": True}], ids=str)
-def test_psfs_on_other_scales_or_turned_are_refused(settings):
+def test_logarithmic_rotated_or_centroid_psfs_are_refused(settings):
     with pytest.raises(LensError) as error:
         read(**settings)
     assert error.value.field in settings
@@ -111,7 +111,7 @@ def test_other_json_is_refused(text):
     (np.full((8, 8), "x"), range(8), range(8)),
     (np.full((8, 8), np.nan), np.arange(8), np.arange(8))],
     ids=["count", "flat", "words", "uneven", "oblong", "nan", "infinite", "zero", "texts", "nan samples"])
-def test_tables_that_are_no_psf_are_refused(values, index, columns, recwarn):
+def test_invalid_tables_are_refused(values, index, columns, recwarn):
     with pytest.raises(LensError, match="psf.json"):
         read(values, index=index, columns=columns)
     assert not recwarn.list

@@ -22,27 +22,27 @@ def test_the_library_is_small():
 
 @pytest.mark.sample(12)
 @pytest.mark.parametrize("name", bundled_names())
-def test_each_is_told_about(name):
-    told = bundled_lenses()[name]
-    assert told.name == name and set(VARIED) <= set(bundled_names())
-    assert told.maker and min(map(len, (told.title, told.story, told.source))) > 10
-    assert told.focal_length_mm and told.sensor_mm and told.character
+def test_each_is_documented(name):
+    prescription = bundled_lenses()[name]
+    assert prescription.name == name and set(VARIED) <= set(bundled_names())
+    assert prescription.maker and min(map(len, (prescription.title, prescription.story, prescription.source))) > 10
+    assert prescription.focal_length_mm and prescription.sensor_mm and prescription.character
 
 
-def test_they_are_found_by_what_is_told_of_them():
+def test_they_are_searched_by_their_descriptions():
     assert {"angenieux-50mm", "cooke-triplet-50mm", "tessar-50mm"} <= set(find_bundled(["50mm"]))
     assert set(find_bundled(["NIKON", "28"])) >= {"nikkor-28mm"}
     assert "kodak-petzval-100mm" in find_bundled(["swirl"]) and "nikkor-28mm" not in find_bundled(["swirl"])
     assert find_bundled(["swirl", "no such word"]) == {} and len(find_bundled([])) == len(bundled_names())
 
 
-def test_each_holds_the_light_and_is_without_errors(lens):
+def test_each_encloses_its_light_and_has_no_errors(lens):
     assert lens.enclosed_energy.min() >= 0.995
     assert lens.mirror_symmetric
     assert [str(finding) for finding in check_lens(lens) if finding.severity == "error"] == []
 
 
-def test_each_covers_its_sensor_but_for_the_outermost_corners(lens):
+def test_each_covers_its_sensor_except_for_the_outermost_corners(lens):
     x_mm, y_mm = np.meshgrid(*((np.arange(400) + 0.5) / 400 * side / 2 for side in lens.sensor_mm))
     last_mm = lens.at_wavelength(550).real_height_mm[-1]
     assert np.mean(np.hypot(x_mm, y_mm) <= last_mm) > 0.97

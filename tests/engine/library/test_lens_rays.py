@@ -27,7 +27,7 @@ def some_rays(table, nm, height_mm, count=64):
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 0.95])
 @pytest.mark.parametrize("distance_mm", [np.inf, 700.0])
-def test_first_order_rays_meet_in_the_plane_in_focus_where_the_lens_shows_it(distance_mm, share):
+def test_first_order_rays_meet_in_the_plane_of_focus_at_the_imaged_point(distance_mm, share):
     lens = make_lens(real_height_mm=lambda nm, p: p * (1 - 0.02 * p), object_distance_mm=distance_mm,
                      magnification=0.0 if np.isinf(distance_mm) else -0.1)
     table, nm = first_order_rays(lens), float(lens.wavelengths_nm[0])
@@ -43,7 +43,7 @@ def test_first_order_rays_meet_in_the_plane_in_focus_where_the_lens_shows_it(dis
 
 
 @pytest.mark.parametrize("distance_mm", [np.inf, 700.0])
-def test_the_ways_of_first_order_rays_from_the_point_in_focus_are_alike(distance_mm):
+def test_first_order_rays_from_the_point_in_focus_have_equal_paths(distance_mm):
     lens = make_lens(real_height_mm=lambda nm, p: p * (1 - 0.02 * p), object_distance_mm=distance_mm,
                      magnification=0.0 if np.isinf(distance_mm) else -0.1)
     table = first_order_rays(lens)
@@ -60,18 +60,18 @@ def test_the_ways_of_first_order_rays_from_the_point_in_focus_are_alike(distance
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", VARIED[:3])
-def test_a_lens_knows_its_prescription_and_so_its_rays(name):
+def test_a_lens_traces_its_rays_from_its_prescription(name):
     lens = varied_lens(name)
     table, nm = lens_rays(lens), lens.reference_wavelength_nm
     assert table == ray_table(lens.prescription) and lens_rays(lens) is table
     traced, *_ = some_rays(table, nm, 0.2 * table.last_height_mm)
-    told, *_ = some_rays(first_order_rays(lens), nm, 0.2 * table.last_height_mm)
+    first_order, *_ = some_rays(first_order_rays(lens), nm, 0.2 * table.last_height_mm)
     pupil_mm = entrance_pupil_diameter_mm(lens)
-    assert np.abs(traced.entrance_mm - told.entrance_mm).max() < 0.1 * pupil_mm
-    assert np.allclose(traced.weight, told.weight, rtol=0.5)
+    assert np.abs(traced.entrance_mm - first_order.entrance_mm).max() < 0.1 * pupil_mm
+    assert np.allclose(traced.weight, first_order.weight, rtol=0.5)
 
 
-def test_rays_are_remembered_and_scale_with_the_lens(monkeypatch, tmp_path):
+def test_rays_are_cached_and_scale_with_the_lens(monkeypatch, tmp_path):
     monkeypatch.setenv("LENSFIELD_CACHE", str(tmp_path))
     lens = varied_lens(VARIED[0])
     lens_rays.cache_clear()
@@ -112,5 +112,5 @@ def test_even_radiance_is_as_bright_by_psfs_as_by_rays(name):
     by_rays = lens_rays(lens).at(nm).irradiance_per_radiance(heights_mm)
     by_rays *= np.array([lens.at_wavelength(each).transmittance for each in nm])[:, None]
     off = image.cube.mean(axis=1) / by_rays - 1
-    seen = (heights_mm > 3e-3 * pitch_um) & (heights_mm < 0.9 * heights_mm.max())  # on the axis itself PSFs rotate
-    assert np.sqrt(np.mean(off[:, seen]**2)) < 0.015
+    inner = (heights_mm > 3e-3 * pitch_um) & (heights_mm < 0.9 * heights_mm.max())  # on the axis itself PSFs rotate
+    assert np.sqrt(np.mean(off[:, inner]**2)) < 0.015

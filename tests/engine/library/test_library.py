@@ -27,14 +27,14 @@ def folder(tmp_path, monkeypatch):
 @pytest.fixture
 def bakes(monkeypatch):
     """The prescriptions that are baked instead of read from the cache."""
-    seen, bake = [], baked.bake
+    prescriptions, bake = [], baked.bake
 
-    def counted(prescription, **asked):
-        seen.append(prescription)
-        return bake(prescription, **asked)
+    def counted(prescription, **options):
+        prescriptions.append(prescription)
+        return bake(prescription, **options)
 
     monkeypatch.setattr(baked, "bake", counted)
-    return seen
+    return prescriptions
 
 
 @pytest.fixture
@@ -44,17 +44,17 @@ def singlet(tmp_path):
     return path
 
 
-def test_what_was_baked_once_comes_back_to_the_last_bit(folder, bakes, singlet):
+def test_a_lens_is_baked_once_and_cached_bit_for_bit(folder, bakes, singlet):
     first, again = (load_lens(singlet, NEAR, "preview") for _ in range(2))
     assert first == again and len(bakes) == 1
     assert cache.size_bytes("lenses")[0] == 1
 
 
-def test_whatever_a_lens_depends_on_tells_it_apart(folder, bakes, singlet):
-    asked = [(NEAR, "preview"), (Rings(1600.0, 16.0), "preview"), (Rings(1500.0, 11.0), "preview"),
+def test_every_setting_of_a_lens_distinguishes_it_in_the_cache(folder, bakes, singlet):
+    cases = [(NEAR, "preview"), (Rings(1600.0, 16.0), "preview"), (Rings(1500.0, 11.0), "preview"),
              (Rings(1500.0, 16.0, True), "preview"), (NEAR, "standard"), (Rings(), "preview")]
-    first, *others = (load_lens(singlet, *each) for each in asked)
-    assert len(bakes) == len(asked) and first not in others
+    first, *others = (load_lens(singlet, *each) for each in cases)
+    assert len(bakes) == len(cases) and first not in others
 
 
 def test_another_prescription_of_the_same_name_is_another_lens(folder, bakes, singlet):
@@ -64,14 +64,14 @@ def test_another_prescription_of_the_same_name_is_another_lens(folder, bakes, si
     assert len(bakes) == 2
 
 
-def test_another_version_of_the_code_bakes_anew(folder, bakes, singlet, monkeypatch):
+def test_another_version_of_the_code_bakes_again(folder, bakes, singlet, monkeypatch):
     load_lens(singlet, NEAR, "preview")
     monkeypatch.setattr(cache, "build_identity", lambda: "another")
     load_lens(singlet, NEAR, "preview")
     assert len(bakes) == 2
 
 
-def test_a_damaged_file_and_a_folder_that_is_off_only_take_time(folder, bakes, singlet, monkeypatch):
+def test_a_damaged_file_or_a_disabled_cache_only_costs_time(folder, bakes, singlet, monkeypatch):
     lens = load_lens(singlet, NEAR, "preview")
     path, = (folder / "lenses").iterdir()
     path.write_bytes(path.read_bytes()[:-1])
@@ -80,7 +80,7 @@ def test_a_damaged_file_and_a_folder_that_is_off_only_take_time(folder, bakes, s
     assert load_lens(singlet, NEAR, "preview") == lens and len(bakes) == 3
 
 
-def test_python_turns_rings_by_words(singlet):
+def test_python_sets_rings_by_keywords(singlet):
     lens = load_lens(singlet, Rings(focus_mm=1500, f_number=16.0), quality="preview")
     assert lens == load_lens(singlet, NEAR, "preview")
     assert lens.object_distance_mm + lens.entrance_pupil_mm == pytest.approx(1500)
@@ -96,7 +96,7 @@ def test_a_package_has_no_rings(tmp_path, singlet):
         load_lens(path, NEAR)
 
 
-def test_the_bundled_package_is_what_its_prescription_gives():
+def test_the_bundled_package_matches_its_prescription():
     """Within rounding: another machine's linear algebra fits the wavefront."""
     package, baked_now = load_lens("edmund-54852"), baked.baked_lens(prescription_of("edmund-54852"))
     for name in ("heights_mm", "real_height_mm", "relative_illumination", "wavelengths_nm", "transmittance"):
@@ -105,7 +105,7 @@ def test_the_bundled_package_is_what_its_prescription_gives():
     assert np.abs(package.psf - baked_now.psf).sum(axis=(2, 3)).max() < 1e-3
 
 
-def test_errors_tell_the_file(tmp_path):
+def test_errors_name_the_file(tmp_path):
     path = tmp_path / "unknown.toml"
     path.write_text(changed(TOML, ("SCHOTT N-BK7", "NO-SUCH-GLASS")))
     with pytest.raises(LensError, match="unknown.toml: surface 2, glass is NO-SUCH-GLASS"):
@@ -116,22 +116,22 @@ def test_errors_tell_the_file(tmp_path):
             load_lens(path)
 
 
-def test_what_cannot_be_is_told_without_baking(bakes):
+def test_clamped_rings_are_reported_without_baking(bakes):
     clamped = clamped_rings("tessar-50mm", Rings(f_number=2.0))
     assert clamped == ("f/2: this lens's range is f/5.5 to f/22: set to f/5.5",)
     assert clamped_rings("tessar-50mm", NEAR) == () and bakes == []
     assert prescription_of("tessar-50mm").name == "tessar-50mm" and has_rings("tessar-50mm")
 
 
-@pytest.mark.parametrize("text, told", [("1.2m", "1200"), ("120 cm", "1200"), ("1200mm", "1200"), ("INF", "infinity")])
-def test_the_command_turns_rings(text, told, folder, singlet, capsys):
+@pytest.mark.parametrize("text, shown", [("1.2m", "1200"), ("120 cm", "1200"), ("1200mm", "1200"), ("INF", "infinity")])
+def test_the_command_sets_rings(text, shown, folder, singlet, capsys):
     assert main(["lens", "info", str(singlet), "--focus", text, "--f-number", "16", "--lens-quality", "preview"]) == 0
-    lens = load_lens(singlet, Rings(float(told.replace("infinity", "inf")), 16.0), "preview")
-    distance = "infinity" if told == "infinity" else f"{lens.object_distance_mm:g} mm"
+    lens = load_lens(singlet, Rings(float(shown.replace("infinity", "inf")), 16.0), "preview")
+    distance = "infinity" if shown == "infinity" else f"{lens.object_distance_mm:g} mm"
     assert f"object distance          {distance}" in capsys.readouterr().out
 
 
-def test_the_command_tells_how_far_rings_go(folder, singlet, capsys):
+def test_the_command_prints_the_range_of_the_rings(folder, singlet, capsys):
     assert main(["lens", "info", str(singlet), "--lens-quality", "preview"]) == 0
     assert "focus ring               infinity to 0.4" in (text := capsys.readouterr().out) and "to f/22" in text
     assert main(["lens", "info", str(singlet), "--lens-quality", "preview", "--json"]) == 0
@@ -139,18 +139,18 @@ def test_the_command_tells_how_far_rings_go(folder, singlet, capsys):
     assert far["focus_mm"] is None and near["f_number"] == 22.0
 
 
-def test_the_command_tells_what_cannot_be(folder, singlet, capsys):
+def test_the_command_reports_clamped_rings(folder, singlet, capsys):
     assert main(["lens", "info", str(singlet), "--focus", "1cm", "--lens-quality", "preview"]) == 0
     assert "lens: focus at 0.01 m: this lens focuses no closer than" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("text", ["1200", "1.2 miles", "m", "-1m", "0mm", "nanm", "camera"])
-def test_no_distance(text, singlet, capsys):
+def test_invalid_distances_are_errors(text, singlet, capsys):
     assert main(["lens", "info", str(singlet), f"--focus={text}"]) == 1
     assert "--focus is" in capsys.readouterr().err
 
 
-def test_the_command_tells_and_empties_the_cache(folder, singlet, capsys):
+def test_the_command_shows_and_clears_the_cache(folder, singlet, capsys):
     load_lens(singlet, NEAR, "preview")
     assert main(["lens", "cache"]) == 0 and ": 1 baked lenses, " in capsys.readouterr().out
     assert main(["lens", "cache", "--clear"]) == 0 and ": 0 baked lenses, 0.0 MB" in capsys.readouterr().out
@@ -162,6 +162,6 @@ def test_the_command_lists_lenses_by_words(capsys):
     assert capsys.readouterr().out.startswith("kodak-petzval-100mm")
 
 
-def test_a_lens_turned_by_rings_is_a_lens_like_others(singlet):
+def test_a_lens_set_by_rings_is_an_ordinary_lens(singlet):
     lens = load_lens(singlet, NEAR, "preview")
     assert replace(lens) == lens and lens.story == "mine" and lens.mirror_symmetric

@@ -27,7 +27,7 @@ RGBA = "R", "G", "B", "A"
     ((*RGBA, "ViewLayer.Depth.Z", "ViewLayer.Normal.X", "ViewLayer.Normal.Y", "ViewLayer.Normal.Z"),
      "ViewLayer.Depth.Z"),
     ((*RGBA, "Z", "left.Z"), "Z"), (("Y", "Z"), "Z"), ((*RGBA, "camera.zdepth"), "camera.zdepth")], ids=str)
-def test_the_channel_is_found_by_its_name(names, wanted):
+def test_the_depth_channel_is_recognised_by_its_name(names, wanted):
     name, _, plane = depth_channel(parts_of(*names))
     assert name.lower() == wanted.lower()
     assert plane is PLANE
@@ -35,15 +35,15 @@ def test_the_channel_is_found_by_its_name(names, wanted):
 
 @pytest.mark.parametrize("names", [RGBA, (*RGBA, "N.X", "N.Y", "N.Z"), (*RGBA, "X", "Y", "Z"), (*RGBA, "Mist.V")],
                          ids=str)
-def test_vectors_and_other_passes_are_no_depth(names):
+def test_vectors_and_other_passes_are_not_depth(names):
     assert depth_channel(parts_of(*names)) is None
 
 
-def test_whole_numbers_are_no_depth():
+def test_integers_are_not_depth():
     assert depth_channel([({}, {"Z": np.ones((3, 4), np.uint32)})]) is None
 
 
-def test_the_depth_of_the_pictures_own_view_is_taken():
+def test_the_depth_of_the_selected_view_is_used():
     parts = several(rgba_left=RGBA, depth_left=("Z",), rgba_right=RGBA, depth_right=("Z",))
     assert depth_channel(parts, "rgba_right")[:2] == ("depth_right.Z", parts[3][0])
     assert depth_channel(parts, "rgba_left")[1] is parts[1][0]
@@ -51,7 +51,7 @@ def test_the_depth_of_the_pictures_own_view_is_taken():
     assert depth_channel(layers, "Far.Combined")[0] == "Far.Depth.Z"
 
 
-def test_of_several_that_are_as_near_one_has_to_be_named():
+def test_an_ambiguous_depth_channel_must_be_named():
     parts = parts_of("A.Depth.Z", "B.Depth.Z")
     with pytest.raises(ImageError, match="depth is A.Depth.Z, B.Depth.Z: name one of them"):
         depth_channel(parts)
@@ -62,25 +62,25 @@ def test_of_several_that_are_as_near_one_has_to_be_named():
         depth_channel(parts_of(*RGBA), wanted="Z")
 
 
-def test_what_is_no_depth_is_infinitely_far():
+def test_invalid_depths_are_infinitely_far():
     numbers, unknown = numbers_of_depth(np.array([[3.0, 0.0, -2.0, np.nan, np.inf, 1e10, 5.0, 5.0]]))
     np.testing.assert_array_equal(depth_in_mm(numbers, 1000.0), [[3e3, *[np.inf] * 5, 5e3, 5e3]])
     assert unknown == 3 / 8
 
 
-def test_half_precision_ends_where_nothing_is():
+def test_the_largest_half_is_infinitely_far():
     numbers, unknown = numbers_of_depth(np.array([[3.0, 65504.0]], np.float16))
     assert numbers.dtype == np.float32 and numbers.tolist() == [[3.0, np.inf]] and unknown == 0
     assert numbers_of_depth(np.array([[65504.0]], np.float32))[0] == 65504
 
 
-def test_cameras_that_look_down_a_negative_axis():
+def test_depths_along_a_negative_axis_become_positive():
     numbers, unknown = numbers_of_depth(np.array([[-3.0, -4.0, 1e10, -5.0]]))
     assert numbers.tolist() == [[3.0, 4.0, np.inf, 5.0]] and unknown == 1 / 4
 
 
 @pytest.mark.parametrize("unit_mm", [1.0, 10.0, 1000.0])
-def test_depth_in_other_units(unit_mm):
+def test_depth_is_converted_from_other_units(unit_mm):
     np.testing.assert_allclose(depth_in_mm(np.float32([2.5, 1e10]), unit_mm), [2.5 * unit_mm, np.inf])
 
 
@@ -95,7 +95,7 @@ def edge(columns, slope=0.0):
 
 @pytest.mark.parametrize("far", [3.0, 20.0])
 @pytest.mark.parametrize("coverage", [0.1, 0.4, 0.6, 0.9])
-def test_a_pixel_mixed_at_an_edge_goes_to_the_nearer_number(far, coverage):
+def test_a_mixed_edge_pixel_takes_the_closer_of_both_depths(far, coverage):
     mixed = np.float32(coverage * 1 + (1 - coverage) * far)
     columns = [1, 1, 1, mixed, far, far, far]
     mended = without_mixtures(edge(columns), BLUR)
@@ -103,17 +103,17 @@ def test_a_pixel_mixed_at_an_edge_goes_to_the_nearer_number(far, coverage):
     np.testing.assert_array_equal(without_mixtures(edge(columns).T, BLUR), mended.T)
 
 
-def test_what_is_mixed_with_nothing_is_nothing():
+def test_a_pixel_mixed_with_an_empty_one_is_empty():
     mixed = np.float32([1, 1, 0.4 * 1e10, 1e10, 1e10])
     np.testing.assert_array_equal(depth_in_mm(without_mixtures(mixed[None], BLUR), 1.0), [[1, 1, *[np.inf] * 3]])
 
 
-def test_two_mixed_pixels_in_a_row():
+def test_two_mixed_pixels_in_a_row_are_separated():
     mended = without_mixtures(edge([1, 1, 1, 1.5, 2.6, 3, 3, 3]), BLUR)
     np.testing.assert_array_equal(mended, edge([1, 1, 1, 1, 3, 3, 3, 3]))
 
 
-def test_what_is_not_mixed_stays():
+def test_unmixed_depths_are_unchanged():
     random = np.random.default_rng(2)
     x, y = np.meshgrid(np.arange(40), np.arange(30))
     floor = 1 / (0.01 + 0.02 * y + 0.003 * x)  # 20 px of blur per row
@@ -124,6 +124,6 @@ def test_what_is_not_mixed_stays():
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 5), (5, 1), (2, 2)])
-def test_small_pictures_are_left_as_they_are(shape):
+def test_small_pictures_are_unchanged(shape):
     depth = np.linspace(1, 2, shape[0] * shape[1], dtype=np.float32).reshape(shape)
     np.testing.assert_array_equal(without_mixtures(depth, BLUR), depth)

@@ -40,16 +40,16 @@ def nothing_is_decoded(monkeypatch):
     monkeypatch.setattr(OpenEXR, "File", File)
 
 
-def test_a_small_picture_in_a_display_window_without_end_is_told(tmp_path, nothing_is_decoded):
+def test_an_oversized_display_window_is_an_error(tmp_path, nothing_is_decoded):
     path = tmp_path / "small.exr"
-    with pytest.MonkeyPatch.context() as as_it_was:
-        as_it_was.setattr(OpenEXR, "File", OpenEXR.File.__mro__[1])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(OpenEXR, "File", OpenEXR.File.__mro__[1])
         colours(path, (1, 1, 1), displayWindow=window(0, 0, 10000, 10000))
     assert path.stat().st_size < 1000
     assert "displayWindow is of 100 million px: expected at most 64 times the " in error_of(read_rgb_exr, path)
 
 
-def test_a_trimmed_picture_in_a_frame_of_today_is_read(tmp_path):
+def test_a_trimmed_picture_in_a_usual_frame_is_read(tmp_path):
     picture = read_rgb_exr(colours(tmp_path / "trimmed.exr", (1, 2, 3), (1, 1), displayWindow=window(0, 0, 400, 300)))
     assert picture.frame_px == (300, 400) and picture.rec709.sum() == 6
 
@@ -57,12 +57,12 @@ def test_a_trimmed_picture_in_a_frame_of_today_is_read(tmp_path):
 @pytest.mark.parametrize("corners", [(0, 0, 9999, 9999), (-2**30, 0, 2**30 - 1, 0), (0, 0, 2**31 - 2, 2**31 - 2),
                                      (5, 5, 4, 4), (0, 0, 23, 17 * 10**6)], ids=str)
 @pytest.mark.parametrize("attribute", ["dataWindow", "displayWindow"])
-def test_windows_that_the_file_cannot_fill_are_told(tmp_path, attribute, corners):
+def test_windows_that_the_file_cannot_fill_are_errors(tmp_path, attribute, corners):
     path = patched(colours(tmp_path / "small.exr", (1, 1, 1)), attribute, corners)
     error_of(read_rgb_exr, path)
 
 
-def test_what_memory_does_not_hold_is_told_with_both_sizes(tmp_path, monkeypatch):
+def test_a_picture_too_large_for_memory_is_an_error_with_both_sizes(tmp_path, monkeypatch):
     path = colours(tmp_path / "large.exr", (1, 1, 1), (1000, 1000))
     monkeypatch.setattr("lensfield.engine.runtime.memory.available_bytes", lambda: 10**7)
     assert "size is 0.016 GB in memory: 0.01 GB are free" in error_of(read_rgb_exr, path)
@@ -70,7 +70,7 @@ def test_what_memory_does_not_hold_is_told_with_both_sizes(tmp_path, monkeypatch
 
 
 @pytest.mark.parametrize("name", [b"\xff", b"M\xfcller", b"\xc3"])
-def test_channel_names_that_are_not_utf_8_are_told(tmp_path, name):
+def test_channel_names_that_are_not_utf_8_are_errors(tmp_path, name):
     path = tmp_path / "named.exr"
     data = colours(path, (1, 1, 1), prefix="x" * len(name)).read_bytes()
     path.write_bytes(data.replace(b"x" * len(name), name))
@@ -85,18 +85,18 @@ def spectral(path, lens):
     return path
 
 
-def test_a_header_cannot_steer_a_terminal(tmp_path):
+def test_a_header_cannot_control_a_terminal(tmp_path):
     image = read_exr(spectral(tmp_path / "lens.exr", "\x1b]0;owned\x07a\nlens"))
     assert image.lens_name == "?]0;owned?a lens"
     path = colours(tmp_path / "channels.exr", (1, 1, 1), prefix="\x1b[31mlayer.")
     assert read_rgb_exr(path).layer == "?[31mlayer"
 
 
-def test_texts_that_are_numbers_are_told(tmp_path):
+def test_a_number_in_place_of_a_text_is_an_error(tmp_path):
     assert "lens_name is 5.0: expected a string" in error_of(read_exr, spectral(tmp_path / "lens.exr", 5.0))
 
 
-def test_layers_may_not_lie_without_end_beyond_the_frame(tmp_path):
+def test_layers_far_beyond_the_frame_are_an_error(tmp_path):
     plane = np.ones((4, 4), np.float32)
     names = {"radiance": (0, 0), "layer.1": (10**6, 10**6)}
     parts = [OpenEXR.Part({"type": OpenEXR.scanlineimage, "displayWindow": window(0, 0, 4, 4), "lensfield:pitchUm": 5.0,
@@ -107,7 +107,7 @@ def test_layers_may_not_lie_without_end_beyond_the_frame(tmp_path):
     assert "px beyond a frame" in error_of(spectral_exr.read_with_layers, tmp_path / "layers.exr")
 
 
-def test_what_is_farther_than_numbers_tell_is_infinitely_far(tmp_path, recwarn):
+def test_depths_that_overflow_are_infinitely_far(tmp_path, recwarn):
     plane = np.ones((4, 4), np.float32)
     parts = [OpenEXR.Part({"type": OpenEXR.scanlineimage, "lensfield:pitchUm": 5.0},
                           {"S0.550,000000nm": plane, "A": plane, "Z": 3e38 * plane}, name)
@@ -118,7 +118,7 @@ def test_what_is_farther_than_numbers_tell_is_infinitely_far(tmp_path, recwarn):
     assert np.isinf(layered.layers[0].depth_mm).all() and not recwarn.list
 
 
-def test_a_file_of_ours_is_read_as_before(tmp_path):
+def test_unicode_lens_names_round_trip(tmp_path):
     image = read_exr(spectral(tmp_path / "lens.exr", "Größe ½"))
     write_exr(image, tmp_path / "again.exr")
     assert read_exr(tmp_path / "again.exr").lens_name == "Größe ½"

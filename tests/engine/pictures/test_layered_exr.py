@@ -54,11 +54,11 @@ def assert_same(read, layered):
         np.testing.assert_allclose(one.depth_mm, other.depth_mm, rtol=3e-7)  # stored in metres
 
 
-def test_layers_come_back_as_they_were(layered, path):
+def test_layers_round_trip(layered, path):
     assert_same(read_with_layers(written(layered, path))[2], layered)
 
 
-def test_layers_may_reach_farther_than_the_picture(layered, path):
+def test_layers_may_extend_beyond_the_picture(layered, path):
     """Near objects contribute light from beyond the pinhole's view."""
     image, planes, layers = read_with_layers(written(layered, path, (2, 1)))
     assert image.overscan_px == (2, 2) and planes["Z"].shape == image.grid.shape_px
@@ -66,24 +66,24 @@ def test_layers_may_reach_farther_than_the_picture(layered, path):
 
 
 @pytest.mark.parametrize("changes", [{"centre_px": (3.25, 20.5)}, {"projection": FISHEYE}])
-def test_their_grid_comes_back(layered, path, changes):
+def test_the_grid_of_layers_round_trips(layered, path, changes):
     grid = PixelGrid(**vars(layered.grid) | changes)
     layered = LayeredRadiance(layered.layers, WAVELENGTHS_NM, grid, 49.5, 1.5)
     read = read_with_layers(written(layered, path, (1, 1)))[2]
     assert read.grid.centre_px == pytest.approx(grid.centre_px) and read.grid.projection == grid.projection
 
 
-def test_the_first_part_is_what_a_pinhole_sees(layered, path):
+def test_the_first_part_is_the_pinhole_picture(layered, path):
     """Bit for bit the file without layers, except for its name."""
     with_layers, without = written(layered, path), path.with_name("plain.exr")
     write_exr(pinhole(layered), without)
     read = read_exr(with_layers)
     np.testing.assert_array_equal(read.cube, read_exr(without).cube)
     assert read.grid == read_exr(without).grid
-    (header, channels), plain = read_parts(with_layers)[0], read_parts(without)[0]
-    assert header["name"] == "radiance" and channels.keys() - {"Z"} == plain[1].keys()
+    (header, channels), reference = read_parts(with_layers)[0], read_parts(without)[0]
+    assert header["name"] == "radiance" and channels.keys() - {"Z"} == reference[1].keys()
     reader = OpenEXR.InputFile(str(with_layers))  # which supports only single-part files
-    np.testing.assert_array_equal(np.frombuffer(reader.channel("R"), np.float32), plain[1]["R"].ravel())
+    np.testing.assert_array_equal(np.frombuffer(reader.channel("R"), np.float32), reference[1]["R"].ravel())
 
 
 def test_a_file_without_layers_has_none(layered, path):
@@ -92,7 +92,7 @@ def test_a_file_without_layers_has_none(layered, path):
 
 
 @pytest.mark.parametrize("channel", ["A", "Z", "S0.550,000000nm"])
-def test_layers_of_which_something_is_missing_are_refused(layered, path, channel):
+def test_layers_with_a_missing_channel_are_refused(layered, path, channel):
     with OpenEXR.File(str(written(layered, path)), separate_channels=True) as file:
         del file.parts[2].channels[channel]
         file.write(str(path.with_name("damaged.exr")))
@@ -100,9 +100,9 @@ def test_layers_of_which_something_is_missing_are_refused(layered, path, channel
         read_with_layers(path.with_name("damaged.exr"))
 
 
-def test_a_file_that_ends_too_early_is_refused(layered, path):
-    whole = written(layered, path).read_bytes()
-    for kept in (len(whole) // 2, len(whole) - 8):
-        path.write_bytes(whole[:kept])
+def test_a_truncated_file_is_refused(layered, path):
+    contents = written(layered, path).read_bytes()
+    for length in (len(contents) // 2, len(contents) - 8):
+        path.write_bytes(contents[:length])
         with pytest.raises(ImageError, match="not readable"):
             read_with_layers(path)

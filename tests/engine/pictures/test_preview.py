@@ -17,7 +17,7 @@ from lensfield.engine.spectral.spectra import white_density
 NM = np.array([450.0, 550.0, 650.0])
 
 
-def test_every_pixel_has_the_colour_of_its_spectrum_where_it_is():
+def test_every_pixel_has_the_colour_of_its_spectrum():
     cube = np.random.default_rng(0).random((3, 2, 4), dtype=np.float32)
     picture = to_rec709(SpectralImage(cube, NM, pitch_um=1.0))
     assert picture.shape == (2, 4, 3) and picture.dtype == np.float32
@@ -29,17 +29,17 @@ def test_a_lens_image_is_as_bright_on_the_axis_as_the_render():
     np.testing.assert_allclose(to_rec709(simulate(radiance, make_lens(transmittance=0.5)))[4, 4], 0.5, rtol=1e-4)
 
 
-def test_exposure_brings_an_even_picture_just_below_white():
+def test_exposure_puts_an_even_picture_just_below_white():
     assert auto_exposure(np.full((10, 10, 3), 0.3)) == pytest.approx(3.0, rel=1e-3)
 
 
-def test_exposure_lets_a_few_bright_points_burn_out():
+def test_exposure_lets_a_few_bright_points_clip():
     picture = np.full((100, 100, 3), 0.3)
     picture[:5, :5] = 1e6
     assert auto_exposure(picture) == pytest.approx(3.0, rel=1e-3)
 
 
-def test_exposure_of_a_few_points_on_black_is_theirs():
+def test_exposure_of_a_few_points_on_black_follows_the_points():
     picture = np.zeros((100, 100, 3))
     picture[3, 4] = 9.0
     assert auto_exposure(picture) == pytest.approx(0.1, rel=1e-3)
@@ -59,7 +59,7 @@ def test_a_png_holds_the_encoded_picture_upright(tmp_path):
         assert image.getpixel((0, 0)) == (0, 0, 0)
 
 
-def test_exposure_is_of_pictures_and_outlives_the_file(tmp_path):
+def test_exposure_scales_previews_and_is_stored_in_the_file(tmp_path):
     image = SpectralImage(np.ones((3, 4, 6)), (450, 550, 650), pitch_um=5.0)
     exposed = replace(image, exposure=2.5)
     assert np.allclose(to_rec709(exposed), 2.5 * to_rec709(image))

@@ -66,14 +66,14 @@ def test_channel_names_follow_the_layout(nm, name):
     ("S0.,55um", 550.0), ("S0.5,5e2nm", 550.0), ("S0.500THz", 599.584916), ("S0.5,0E14Hz", 599.584916),
     ("S0.599,584916THz", 500.0), ("S0.0,00055mm", 550.0),
 ])
-def test_wavelengths_of_the_layout_are_understood(name, nm):
+def test_all_wavelength_notations_of_the_layout_are_parsed(name, nm):
     assert LAYOUT.match(name)
     assert channel_wavelength_nm(name) == pytest.approx(nm, rel=1e-9)
 
 
 @pytest.mark.parametrize("name", ["R", "Y", "S1.550nm", "S3.550,0nm", "S0.550.0nm", "S0.550", "S0.nm", "S0.,nm",
                                   "S0.0nm", "S0.550nmx", "S4.550nm", "s0.550nm", "Depth.Z", "S0.E5nm"])
-def test_other_channels_are_no_wavelengths(name):
+def test_other_channels_have_no_wavelength(name):
     assert channel_wavelength_nm(name) is None
 
 
@@ -86,7 +86,7 @@ def test_written_file_has_the_layout_and_a_preview(path):
     assert len([name for name in channels if LAYOUT.match(name)]) == 3
 
 
-def test_irradiance_claims_no_radiance_unit(path):
+def test_irradiance_has_no_radiance_unit(path):
     write_exr(image(quantity="irradiance"), path)
     header = raw(path)[0]
     assert "emissiveUnits" not in header
@@ -108,13 +108,13 @@ def test_round_trip_is_exact(path, changes):
         assert getattr(read, field) == getattr(written, field), field
 
 
-@pytest.mark.parametrize("changes, told", [
+@pytest.mark.parametrize("changes, stored", [
     ({}, None), ({"projection": "equidistant"}, "equidistant"),
     ({"projection": "equidistant", "quantity": "irradiance"}, None),
 ], ids=str)
-def test_the_projection_is_told_of_radiance_that_is_no_plane(path, changes, told):
+def test_the_projection_is_stored_for_fisheye_radiance_only(path, changes, stored):
     write_exr(image(**changes), path)
-    assert raw(path)[0].get("lensfield:projection") == told
+    assert raw(path)[0].get("lensfield:projection") == stored
 
 
 @pytest.mark.parametrize("value", ["stereographic", "Plane", "", 1.0, np.array([1.0, 2.0])], ids=str)
@@ -137,13 +137,13 @@ def test_overscan_is_a_data_window_beyond_the_display_window(path):
     assert [corner.tolist() for corner in header["dataWindow"]] == [[-3, -2], [11, 8]]
 
 
-def test_the_axis_is_told_as_row_and_column_of_the_windows(path):
+def test_the_axis_is_stored_in_window_coordinates(path):
     """Row 4.25 of 11, with 2 rows above the frame, and column 9.5 of 15, with 3 columns left of it."""
     write_exr(image(overscan_px=(2, 3), centre_px=(4.25, 9.5)), path)
     assert raw(path)[0]["lensfield:centrePx"].tolist() == [2.25, 6.5]
 
 
-def test_a_hand_written_axis_is_read_as_row_and_column_of_the_windows(path):
+def test_a_handwritten_axis_is_read_in_window_coordinates(path):
     windows = {"displayWindow": (np.array([0, 0], np.int32), np.array([2, 1], np.int32)),
                "dataWindow": (np.array([-1, -1], np.int32), np.array([3, 2], np.int32))}
     foreign(path, {"S0.550nm": 1.0}, **windows, **{"lensfield:pitchUm": 5.0, "lensfield:centrePx": [0.25, 1.5]})
@@ -166,7 +166,7 @@ def test_channels_are_sorted_by_wavelength_whatever_their_unit(path):
     np.testing.assert_array_equal(read.cube[:, 0, 0], [1, 2, 3])
 
 
-def test_a_foreign_file_is_radiance_of_the_pitch_given(path):
+def test_a_foreign_file_is_radiance_with_the_given_pitch(path):
     foreign(path, {"S0.550nm": 1.0})
     read = read_exr(path, pitch_um=4.5)
     assert (read.pitch_um, read.quantity, read.centre_px, read.overscan_px) == (4.5, "radiance", (1.5, 2.0), (0, 0))
@@ -178,12 +178,12 @@ def test_half_floats_are_read(path):
     assert read.cube.dtype == np.float32 and read.cube[0, 0, 0] == 0.5
 
 
-def test_polarised_channels_are_left_aside(path):
+def test_polarised_channels_are_ignored(path):
     foreign(path, {"S0.550nm": 1.0, "S1.550nm": 0.5, "S2.550nm": 0.25})
     assert read_exr(path, pitch_um=1.0).cube.shape == (1, 4, 5)
 
 
-def test_the_pitch_is_asked_for_where_the_file_does_not_tell_it(path):
+def test_a_missing_pitch_is_an_error(path):
     foreign(path, {"S0.550nm": 1.0})
     with pytest.raises(ImageError, match="lensfield:pitchUm is missing"):
         read_exr(path)
@@ -197,7 +197,7 @@ def test_an_rgb_file_is_an_error_that_names_its_channels(path):
 
 @pytest.mark.parametrize("channels, spectral", [(("R", "G", "B"), False), (("Y",), False), (("S0.550nm",), True),
                                                 (("R", "G", "B", "T.5,5E-7m"), True), (("S1.550nm",), False)], ids=str)
-def test_whether_a_file_is_spectral_is_told_by_its_channels(path, channels, spectral):
+def test_channels_determine_whether_a_file_is_spectral(path, channels, spectral):
     assert is_spectral(foreign(path, dict.fromkeys(channels, 1.0))) is spectral
 
 
@@ -212,7 +212,7 @@ def test_every_part_of_a_file_is_read(path):
 
 
 @pytest.mark.parametrize("contents", [b"", b"not an image\n", b"\x76\x2f\x31\x01", bytes(range(256)) * 20])
-def test_of_garbage_nobody_can_say_whether_it_is_spectral(path, contents, capfd):
+def test_is_spectral_rejects_garbage(path, contents, capfd):
     path.write_bytes(contents)
     with pytest.raises(ImageError, match="file is not readable"):
         is_spectral(path)
@@ -226,11 +226,11 @@ def one_line_error(path, **arguments):
     return message
 
 
-@pytest.mark.parametrize("kept", [0.0, 0.01, 0.3, 0.6, 0.9, 0.999])
-def test_a_truncated_file_is_an_error(path, kept, capfd):
+@pytest.mark.parametrize("fraction", [0.0, 0.01, 0.3, 0.6, 0.9, 0.999])
+def test_a_truncated_file_is_an_error(path, fraction, capfd):
     write_exr(image(cube=np.random.default_rng(0).random((3, 60, 70))), path)
     contents = path.read_bytes()
-    path.write_bytes(contents[:int(kept * len(contents))])
+    path.write_bytes(contents[:int(fraction * len(contents))])
     one_line_error(path)
 
 
@@ -240,7 +240,7 @@ def test_garbage_is_an_error(path, contents, capfd):
     one_line_error(path)
 
 
-def test_a_file_that_is_not_there_is_an_error(path):
+def test_a_missing_file_is_an_error(path):
     assert "missing" in one_line_error(path)
 
 
@@ -248,7 +248,7 @@ def test_a_folder_is_an_error(tmp_path):
     one_line_error(tmp_path)
 
 
-def test_a_wavelength_that_comes_twice_is_an_error_that_says_so(path):
+def test_a_duplicate_wavelength_is_an_error_that_names_it(path):
     foreign(path, {"S0.550nm": 1.0, "S0.550,0nm": 2.0})
     assert "550" in one_line_error(path, pitch_um=1.0)
 
@@ -264,7 +264,7 @@ def test_a_wrong_attribute_is_an_error(path, attribute, value):
     one_line_error(path)
 
 
-def test_a_write_that_fails_leaves_nothing_behind(tmp_path, monkeypatch):
+def test_a_failed_write_leaves_no_file(tmp_path, monkeypatch):
     def fail(self, stream):
         stream.write(b"half a file")
         raise RuntimeError("disk full")
@@ -279,7 +279,7 @@ def test_a_write_that_fails_leaves_nothing_behind(tmp_path, monkeypatch):
 @pytest.mark.parametrize("write", [lambda path: write_exr(big(), path),
                                    lambda path: write_rgb_exr(np.moveaxis(big().cube, 0, -1), path)],
                          ids=["spectral", "rgb"])
-def test_a_full_disk_is_told_by_the_file_at_the_last_byte_too(tmp_path, write, lacking):
+def test_a_full_disk_is_an_error_even_at_the_last_byte(tmp_path, write, lacking):
     write(tmp_path / "image.exr")
     size = (tmp_path / "image.exr").stat().st_size
     (tmp_path / "image.exr").unlink()
@@ -292,7 +292,7 @@ def test_a_full_disk_is_told_by_the_file_at_the_last_byte_too(tmp_path, write, l
 @pytest.mark.parametrize("garble", [lambda content: b"", lambda content: bytes(len(content)),
                                     lambda content: content.replace(b"S0.400", b"S0.401")],
                          ids=["none", "zeros", "other"])
-def test_what_reads_otherwise_than_it_was_written_is_no_file(tmp_path, monkeypatch, garble):
+def test_a_file_that_reads_back_differently_is_removed(tmp_path, monkeypatch, garble):
     """As on a disk that loses written data."""
     write = OpenEXR.File.write
 
@@ -307,7 +307,7 @@ def test_what_reads_otherwise_than_it_was_written_is_no_file(tmp_path, monkeypat
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_write_that_fails_leaves_the_old_file_alone(path, monkeypatch):
+def test_a_failed_write_leaves_the_old_file_unchanged(path, monkeypatch):
     write_exr(image(), path)
     before = path.read_bytes()
     monkeypatch.setattr(OpenEXR.File, "write", lambda self, stream: 1 / 0)
@@ -317,17 +317,17 @@ def test_a_write_that_fails_leaves_the_old_file_alone(path, monkeypatch):
     assert list(path.parent.iterdir()) == [path]
 
 
-def test_a_folder_in_the_way_is_not_replaced(path):
+def test_an_existing_folder_is_not_replaced(path):
     path.mkdir()
     with pytest.raises(InputError, match="file is a folder"):
         write_exr(image(), path)
     assert list(path.parent.iterdir()) == [path] and path.is_dir()
 
 
-def test_a_trimmed_data_window_keeps_the_axis_where_it_was(path):
+def test_trimming_the_data_window_does_not_move_the_axis(path):
     """Compositors trim black borders. The axis is stored in pixels of the windows, which stay the same."""
-    whole = SpectralImage(np.ones((1, 20, 30)), [550], pitch_um=5.0, overscan_px=(2, 3))
-    write_exr(whole, path)
+    untrimmed = SpectralImage(np.ones((1, 20, 30)), [550], pitch_um=5.0, overscan_px=(2, 3))
+    write_exr(untrimmed, path)
     with OpenEXR.File(str(path), separate_channels=True) as file:
         header = dict(file.header())
         planes = {name: channel.pixels[4:, 1:].copy() for name, channel in file.channels().items()}
@@ -336,7 +336,7 @@ def test_a_trimmed_data_window_keeps_the_axis_where_it_was(path):
         file.write(str(path))
     trimmed = read_exr(path)
     assert trimmed.cube.shape == (1, 16, 29) and trimmed.overscan_px == (0, 0)
-    assert trimmed.centre_px == (whole.centre_px[0] - 4, whole.centre_px[1] - 1)
+    assert trimmed.centre_px == (untrimmed.centre_px[0] - 4, untrimmed.centre_px[1] - 1)
 
 
 def test_wavelengths_that_share_a_channel_name_are_refused(path):
@@ -351,22 +351,22 @@ def big():
     return image(cube=np.random.default_rng(5).random((3, 200, 70), dtype=np.float32))
 
 
-def test_a_file_is_written_and_read_by_all_threads_and_none_is_left(path, monkeypatch):
+def test_all_threads_read_and_write_a_file_and_none_remains(path, monkeypatch):
     monkeypatch.setattr(spectral_exr, "thread_count", lambda: 3)
-    seen = []
+    thread_counts = []
 
     class File(OpenEXR.File):
         def __init__(self, *arguments, **named):
-            seen.append(OpenEXR.global_thread_count())
+            thread_counts.append(OpenEXR.global_thread_count())
             super().__init__(*arguments, **named)
 
     monkeypatch.setattr(OpenEXR, "File", File)
     write_exr(big(), path)
     np.testing.assert_array_equal(read_exr(path).cube, big().cube)
-    assert set(seen) == {3} and OpenEXR.global_thread_count() == 0
+    assert set(thread_counts) == {3} and OpenEXR.global_thread_count() == 0
 
 
-def test_a_write_that_fails_leaves_no_thread(path, monkeypatch):
+def test_a_failed_write_leaves_no_thread(path, monkeypatch):
     monkeypatch.setattr(OpenEXR.File, "write", lambda self, stream: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         write_exr(image(), path)
@@ -374,7 +374,7 @@ def test_a_write_that_fails_leaves_no_thread(path, monkeypatch):
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
-def test_a_forked_process_writes_too(path, monkeypatch):
+def test_a_forked_process_can_write(path, monkeypatch):
     """The child does not have the parent's threads, and would wait for them for ever."""
     monkeypatch.setattr(spectral_exr, "thread_count", lambda: 3)
     write_exr(big(), path)
@@ -387,7 +387,7 @@ def test_a_forked_process_writes_too(path, monkeypatch):
     np.testing.assert_array_equal(read_exr(path).cube, big().cube)
 
 
-def test_black_takes_no_room(path):
+def test_black_rows_take_no_disk_space(path):
     size = {}
     for name, rows in (("whole", 200), ("half", 100)):
         cube = big().cube
@@ -397,13 +397,13 @@ def test_black_takes_no_room(path):
     assert size["half"] < 0.55 * size["whole"]
 
 
-def test_threads_write_side_by_side(tmp_path, monkeypatch):
+def test_threads_can_write_concurrently(tmp_path, monkeypatch):
     monkeypatch.setattr(spectral_exr, "thread_count", lambda: 3)
 
-    def there_and_back(number):
+    def round_trips(number):
         picture = image(cube=np.full((3, 200, 70), number))
         write_exr(picture, tmp_path / f"{number}.exr")
         return np.array_equal(read_exr(tmp_path / f"{number}.exr").cube, picture.cube)
 
     with ThreadPoolExecutor(4) as pool:
-        assert all(pool.map(there_and_back, range(40)))
+        assert all(pool.map(round_trips, range(40)))

@@ -32,7 +32,7 @@ def machine(monkeypatch):
     return state
 
 
-def test_a_burst_of_load_does_not_stay(machine):
+def test_a_burst_of_load_has_no_lasting_effect(machine):
     machine.pace = 1.0  # during the first measurement
     busy = cost.machine_factor()
     machine.pace = 1e-4
@@ -44,7 +44,7 @@ def test_a_burst_of_load_does_not_stay(machine):
     assert cost.machine_factor() == quiet
 
 
-def test_a_machine_that_has_become_slower_for_good_is_known_to_be(machine):
+def test_a_permanently_slower_machine_is_recognised(machine):
     quick = cost.machine_factor()
     machine.pace = 3e-4
     for _ in range(cost.LOOKS):
@@ -53,14 +53,14 @@ def test_a_machine_that_has_become_slower_for_good_is_known_to_be(machine):
     assert slow == pytest.approx(3 * quick)
 
 
-def test_one_short_run_without_interruption_is_enough(machine, monkeypatch):
+def test_one_uninterrupted_run_is_enough(machine, monkeypatch):
     pace = iter([1.0, 1e-4] * cost.RUNS)
     monkeypatch.setattr(cost.time, "perf_counter", lambda: machine.__setattr__("now", machine.now + next(pace))
                         or machine.now)
     assert cost._look() == pytest.approx(1e-4 / cost.REFERENCE_S)
 
 
-def test_plans_told_in_quick_succession_take_one_look(machine, monkeypatch):
+def test_plans_in_quick_succession_share_one_measurement(machine, monkeypatch):
     looks = []
     monkeypatch.setattr(cost, "_look", lambda: looks.append(1) or 1.0)
     for _ in range(5):
@@ -78,14 +78,14 @@ def test_every_machine_chooses_the_same_plan(accuracy, shape, monkeypatch):
     assert plans[0] == plans[1] == plans[2] and plans[2].seconds > 1e4 * plans[0].seconds
 
 
-def test_the_seconds_of_a_plan_are_those_of_making_it_too(monkeypatch):
+def test_the_seconds_of_a_plan_include_planning(monkeypatch):
     radiance = SpectralImage(np.ones((1, 40, 50)), [550.0], pitch_um=10.0)
     clock = itertools.count(0.0, 7.0)
     monkeypatch.setattr("lensfield.engine.plan.choose.time", SimpleNamespace(perf_counter=lambda: next(clock)))
     assert 7 <= make_plan(Options(), LENS, radiance.sampling).seconds < 14
 
 
-def test_more_cores_wait_less_but_for_what_one_thread_does_alone(monkeypatch):
+def test_more_cores_shorten_all_but_single_threaded_work(monkeypatch):
     monkeypatch.setattr(cost, "machine_factor", lambda: 1.0)
     radiance = SpectralImage(np.ones((2, 400, 500)), [450.0, 550.0], pitch_um=10.0)
     plan = make_plan(Options(accuracy=0.01), LENS, radiance.sampling)
@@ -98,7 +98,7 @@ def test_more_cores_wait_less_but_for_what_one_thread_does_alone(monkeypatch):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_every_kind_of_work_has_a_price(method):
+def test_every_kind_of_work_has_a_cost(method):
     radiance = SpectralImage(np.ones((1, 40, 50)), [550.0], pitch_um=10.0)
     plan = make_plan(Options(method=method), LENS, radiance.sampling)
     counts = cost.counts(workload(plan, LENS, radiance.sampling), plan)
@@ -106,7 +106,7 @@ def test_every_kind_of_work_has_a_price(method):
 
 
 @pytest.mark.parametrize("accuracy", [0.1, 0.01])
-def test_what_does_the_loops_chooses_no_other_plan(accuracy, monkeypatch):
+def test_the_loop_variant_does_not_change_the_plan(accuracy, monkeypatch):
     radiance, plans = SpectralImage(np.ones((1, 1200, 1600)), [550.0], pitch_um=2.5), []
     for loops in (kernels.NUMPY, "base", "avx512"):
         running = SimpleNamespace(NUMPY=kernels.NUMPY, running=lambda loops=loops: loops)

@@ -73,7 +73,7 @@ def error_over_light(options, lens, image, exact=None):
 @pytest.mark.sample(6)
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("seed", range(4))
-def test_no_scene_is_wrong_by_more_than_the_bound(seed, scene):
+def test_no_scene_exceeds_the_error_bound(seed, scene):
     rng = np.random.default_rng(100 + seed)
     centre = None if seed < 2 else (12.3, 70.8)
     image = SpectralImage(scene(rng)[None], [rng.uniform(400, 700)], pitch_um=PITCH_UM, centre_px=centre)
@@ -93,7 +93,7 @@ def test_the_bound_holds_at_every_wavelength():
 
 
 @pytest.mark.parametrize("method", ["sections", "pixels"])
-def test_a_method_may_be_named_beside_an_accuracy(method):
+def test_a_method_may_be_combined_with_an_accuracy(method):
     image = SpectralImage(np.random.default_rng(1).random((60, 76)), [550], pitch_um=PITCH_UM)
     error, plan = error_over_light(Options(accuracy=0.01, method=method), random_lens(0), image)
     assert plan.method.name == method and error <= plan.error_bound <= 0.01
@@ -102,8 +102,8 @@ def test_a_method_may_be_named_beside_an_accuracy(method):
 def worst_point(plan, lens, radiance, places=3000):
     """The largest ||PSF used - PSF true||_1 in the picture: the share of a point's light that is misplaced."""
     nm, pitch_um = radiance.wavelengths_nm[0], radiance.pitch_um
-    whole, steps = Planes(radiance.grid, False), plan.method.azimuths
-    tables = PsfTables(lens, [nm], whole, plan.trimmed, steps, np.float64)
+    planes, steps = Planes(radiance.grid, False), plan.method.azimuths
+    tables = PsfTables(lens, [nm], planes, plan.trimmed, steps, np.float64)
     table = PsfTable(tables.at_wavelength(nm))
     bank, field = PsfBank.of(lens.at_wavelength(nm), pitch_um), FieldGeometry(lens.at_wavelength(nm), lens.name)
     rng, (rows, columns) = np.random.default_rng(3), radiance.frame_px
@@ -143,7 +143,7 @@ def test_the_bound_is_within_twice_the_worst_point_of_every_bundled_lens(name):
         assert plan.error_bound <= 2 * worst
 
 
-def test_each_height_and_wavelength_is_trimmed_by_itself():
+def test_each_height_and_wavelength_is_trimmed_separately():
     """A lens that is sharp except in the corners in violet: elsewhere hardly a pixel remains."""
     table = np.stack([[gaussian_psf(40 if (w, h) == (0, 6) else 5, 5, 10.0, 31) for h in range(7)] for w in range(2)])
     lens = make_lens(table, heights_mm=np.linspace(0, 1, 7), psf_pitch_um=10.0)
@@ -175,15 +175,15 @@ def test_the_error_between_azimuths_falls_with_their_number():
 @pytest.mark.parametrize("name, pitch_um", [("edmund-54852", 3.0), ("edmund-54852", 6.25), ("edmund-54852", 12.0),
                                             ("cooke-triplet-50mm", 94.7), ("tessar-50mm", 46.9),
                                             ("random lopsided", PITCH_UM)])
-def test_a_look_at_some_azimuths_tells_of_all_at_every_wavelength(name, pitch_um, azimuths):
+def test_sampled_azimuths_bound_the_error_at_every_wavelength(name, pitch_um, azimuths):
     lens = random_lens(1) if name == "random lopsided" else varied_lens(name)
     banks = [PsfBank.of(lens.at_wavelength(nm), pitch_um) for nm in lens.wavelengths_nm[::5]]
-    told = azimuth_error([AzimuthErrors(bank, np.inf) for bank in banks], azimuths)
+    estimate = azimuth_error([AzimuthErrors(bank, np.inf) for bank in banks], azimuths)
     worst = max(worst_between(bank, azimuths) for bank in banks)
-    assert worst <= told <= 1.25 * worst
+    assert worst <= estimate <= 1.25 * worst
 
 
-def test_a_single_azimuth_that_stands_out_is_found():
+def test_a_single_outlier_azimuth_is_detected():
     """Of 512 steps, one has 25 times the median error, where a bright sample crosses the edge of a pixel."""
     bank = PsfBank.of(load_lens("edmund-54852").at_wavelength(587.6), 6.25)
     errors = AzimuthErrors(bank, np.inf)
@@ -192,13 +192,13 @@ def test_a_single_azimuth_that_stands_out_is_found():
     assert every.max() <= azimuth_error([errors], 512) <= 1.25 * every.max()
 
 
-def test_an_error_that_is_too_much_is_not_looked_into():
+def test_an_error_above_the_limit_is_not_refined():
     errors = AzimuthErrors(PsfBank.of(load_lens("edmund-54852").at_wavelength(587.6), 6.25), np.inf)
-    whole = azimuth_error([errors], 4)
-    assert whole / 2 < azimuth_error([errors], 4, enough=whole / 2) <= whole
+    full_error = azimuth_error([errors], 4)
+    assert full_error / 2 < azimuth_error([errors], 4, enough=full_error / 2) <= full_error
 
 
-def test_one_psf_for_all_is_one_convolution():
+def test_a_constant_psf_takes_one_convolution():
     lens = make_lens(gaussian_psf(30, 30, 10.0, 25), psf_pitch_um=10.0)
     image = SpectralImage(np.random.default_rng(1).random((60, 76)), [550], pitch_um=PITCH_UM)
     error, plan = error_over_light(Options(accuracy=0.03), lens, image)
@@ -207,7 +207,7 @@ def test_one_psf_for_all_is_one_convolution():
 
 
 @pytest.mark.parametrize("accuracy", [0.3, 0.2, 0.1, 0.05])
-def test_one_psf_for_all_is_chosen_only_where_it_serves(accuracy):
+def test_one_psf_is_chosen_only_where_it_suffices(accuracy):
     """A lens whose blur grows with the field, and points all over the picture: a single PSF is wrong in the corners."""
     heights = np.linspace(0, 2, 7)
     table = np.stack([gaussian_psf(8 + h, 8, 4.0, 31) for h in heights])
@@ -218,13 +218,13 @@ def test_one_psf_for_all_is_chosen_only_where_it_serves(accuracy):
     assert error <= plan.error_bound <= accuracy
 
 
-def test_what_cannot_be_had_otherwise_is_exact():
+def test_an_extreme_accuracy_uses_the_exact_method():
     image = SpectralImage(np.random.default_rng(1).random((20, 24)), [550], pitch_um=PITCH_UM)
     error, plan = error_over_light(Options(accuracy=1e-9), random_lens(0), image)
     assert plan.method.name == "exact" and error < 1e-7
 
 
-def test_trimming_leaves_more_to_the_azimuths_before_the_exact_operator_is_taken(monkeypatch):
+def test_less_trimming_is_tried_before_the_exact_method(monkeypatch):
     image = SpectralImage(np.random.default_rng(1).random((60, 76)), [550], pitch_um=PITCH_UM)
     wanted = make_plan(Options(accuracy=1e-3), random_lens(0), image.sampling)
     monkeypatch.setattr(choose, "STEP_CHOICES", tuple(range(2, wanted.method.azimuths * 3 // 4)))
@@ -233,7 +233,7 @@ def test_trimming_leaves_more_to_the_azimuths_before_the_exact_operator_is_taken
     assert error <= plan.error_bound <= 1e-3
 
 
-def test_saying_nothing_asks_for_one_hundredth():
+def test_the_default_accuracy_is_one_hundredth():
     image = SpectralImage(np.ones((20, 24)), [550], pitch_um=PITCH_UM)
     plan = make_plan(Options(), random_lens(0), image.sampling)
     assert plan == make_plan(Options(accuracy=0.01), random_lens(0), image.sampling) or plan.error_bound <= 0.01
@@ -251,6 +251,6 @@ def test_the_plan_predicts_more_time_for_more_light():
 
 
 @pytest.mark.parametrize("accuracy", [0, -1, 2, np.nan, "fine", True])
-def test_an_accuracy_that_is_none_is_named(accuracy):
+def test_an_invalid_accuracy_is_named(accuracy):
     with pytest.raises(InputError, match="options: accuracy"):
         Options(accuracy=accuracy)

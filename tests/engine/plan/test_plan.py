@@ -64,7 +64,7 @@ def test_a_wrong_option_is_named(field, value):
     {"accuracy": 0.1, "out_of_field": "vignette", "fireflies": "clamp"},
     {"section_size": 16, "azimuths": 4, "psf_energy": 0.99, "flat_tolerance": 0.01, "precision": "auto"},
 ], ids=str)
-def test_what_goes_together_is_taken(options):
+def test_compatible_options_are_accepted(options):
     taken = Options(**options)
     assert all(getattr(taken, field) == value for field, value in options.items())
 
@@ -78,7 +78,7 @@ def test_what_goes_together_is_taken(options):
         ("pixels", "section_size", 32), ("paper", "azimuths", 4), ("paper", "flat_tolerance", 1e-3),
         ("exact", "psf_energy", 1.0), ("exact", "azimuths", 32), ("exact", "flat_tolerance", 0.0))),
 ], ids=str)
-def test_contradictions_are_named(options, field, reason):
+def test_contradictory_options_are_named(options, field, reason):
     error = named_error(**options)
     assert error.field == field and error.value == options[field] and reason in str(error)
 
@@ -88,31 +88,31 @@ def test_contradictions_are_named(options, field, reason):
     ({"out_of_field": "vignette", "fireflies": "clamp"}, True), ({"section_size": 32}, False), ({"azimuths": 8}, False),
     ({"precision": "auto"}, False), ({"flat_tolerance": 0.0}, False), ({"method": "paper"}, False),
     ({"method": "exact"}, False)], ids=str)
-def test_no_knob_is_an_accuracy(options, by_result):
+def test_options_go_by_result_unless_a_knob_is_set(options, by_result):
     assert Options(**options).by_result == by_result
 
 
 @pytest.mark.parametrize("value", [16, np.int64(16)])
-def test_whole_numbers_of_any_kind_are_taken(value):
+def test_integers_of_any_type_are_accepted(value):
     assert make_plan(Options(section_size=value), BLURRED, picture(100, 100, 5.0)).method.section_size == 16
 
 
 @pytest.mark.parametrize("method", ["sections", "paper"])
 @pytest.mark.parametrize("section_size", [1, 16, 33, 1000])
 @pytest.mark.parametrize("pitch_um", [0.5, 5.0, 50.0])
-def test_the_space_always_holds_the_section_and_what_reaches_out_of_it(section_size, pitch_um, method):
+def test_the_fft_space_holds_a_section_and_its_margins(section_size, pitch_um, method):
     plan = make_plan(Options(method=method, section_size=section_size), BLURRED, picture(100, 120, pitch_um))
     assert plan.method.space_px >= plan.method.section_size + 2 * plan.psf_radius_px
 
 
-def test_a_whole_psf_reaches_as_far_as_its_window_turned_by_45_degrees():
+def test_an_untrimmed_psf_reaches_half_the_diagonal_of_its_window():
     plan = make_plan(Options(psf_energy=1), BLURRED, picture(100, 100, 4.0))
     assert np.sqrt(2) * 32 / 4 <= plan.psf_radius_px <= np.sqrt(2) * 32 / 4 + 3
     assert plan.psf_energy == 1
 
 
 @pytest.mark.parametrize("energy", [0.9, 0.99, 0.9999])
-def test_a_trimmed_psf_reaches_as_far_as_its_energy(energy):
+def test_the_reach_of_a_trimmed_psf_follows_from_its_energy(energy):
     """A Gaussian keeps 1 - exp(-r^2 / 2 sigma^2) within r."""
     plan = make_plan(Options(psf_energy=energy), BLURRED, picture(100, 100, 1.0))
     radius_um = 4 * np.sqrt(-2 * np.log(1 - energy))
@@ -120,24 +120,24 @@ def test_a_trimmed_psf_reaches_as_far_as_its_energy(energy):
     assert plan.psf_energy == energy and np.sqrt(plan.taps / np.pi) == pytest.approx(radius_um + 1, abs=1)
 
 
-def test_a_psf_that_reaches_too_far_is_an_error_that_says_how_far():
+def test_a_psf_that_reaches_too_far_is_an_error_with_its_reach():
     with pytest.raises(ImageError, match="pitch_um is 0.01: a point spread function would reach .* px; at most 2048"):
         make_plan(Options(psf_energy=1), BLURRED, picture(100, 100, 0.01))
 
 
-def test_the_papers_own_way():
+def test_the_papers_method_has_its_settings():
     plan = make_plan(Options(method="paper"), BLURRED, picture(576, 768, 6.25))
     assert plan.method == Paper(section_size=16, space_px=64)
     assert plan.precision == "float64" and plan.psf_energy == 1 and not plan.folded
 
 
-def test_the_papers_way_with_other_sections_takes_the_least_space():
+def test_the_papers_method_with_other_sections_uses_the_least_space():
     plan = make_plan(Options(method="paper", section_size=4, precision="auto"), BLURRED, picture(576, 768, 6.25))
     assert plan.method.section_size == 4 and 4 + 2 * plan.psf_radius_px <= plan.method.space_px < 64
     assert plan.precision == "float32"
 
 
-def test_a_section_larger_than_the_image_is_cut_down_to_it():
+def test_a_section_larger_than_the_image_is_reduced():
     plan = make_plan(Options(section_size=5000), BLURRED, picture(30, 40, 5.0))
     assert 40 <= plan.method.section_size <= 40 + 2 * plan.psf_radius_px
 
@@ -145,41 +145,41 @@ def test_a_section_larger_than_the_image_is_cut_down_to_it():
 @pytest.mark.parametrize("options, method", [
     ({"precision": "float64"}, "sections"), ({"azimuths": 8}, "sections"), ({"section_size": 8}, "sections"),
     ({"method": "pixels", "precision": "float64"}, "pixels"), ({"method": "exact"}, "exact")], ids=str)
-def test_the_knobs_say_the_method(options, method):
+def test_knobs_determine_the_method(options, method):
     plan = make_plan(Options(**options), BLURRED, picture(100, 100, 5.0))
     assert plan.method.name == method
-    told = plan.as_dict()
-    assert all(told[knob] == value for knob, value in options.items())
+    facts = plan.as_dict()
+    assert all(facts[knob] == value for knob, value in options.items())
 
 
 @pytest.mark.parametrize("name", METHODS)
-def test_every_method_says_what_it_does_and_what_that_costs(name):
+def test_every_method_describes_itself_and_its_cost(name):
     plan = make_plan(Options(method=name), BLURRED, picture(100, 100, 5.0))
     assert plan.method.name == name
     assert plan.method.text in plan.text and f"{plan.precision == 'float64' and 'double' or 'single'}" in plan.text
     assert plan.seconds > 0 and plan.memory_mb > 0
 
 
-def test_quadrants_are_folded_where_the_axis_is_in_the_middle():
+def test_quadrants_are_folded_when_the_axis_is_centred():
     assert make_plan(Options(section_size=32), BLURRED, picture(100, 120, 5.0)).folded
     assert not make_plan(Options(section_size=32), BLURRED, picture(100, 120, 5.0, centre_px=(50, 59.5))).folded
 
 
 @pytest.mark.parametrize("precision, picture_precision, single_range", [
     ("float32", "float32", np.inf), ("float64", "float64", 0.0), ("auto", "float32", 1e3)])
-def test_precision_is_that_of_the_planes_and_of_the_sections(precision, picture_precision, single_range):
+def test_precision_applies_to_planes_and_sections(precision, picture_precision, single_range):
     plan = make_plan(Options(precision=precision), BLURRED, picture(100, 100, 5.0))
     assert (plan.precision, plan.single_range) == (picture_precision, single_range)
 
 
-def test_knobs_foretell_no_error():
+def test_plans_by_knobs_have_no_error_bound():
     assert make_plan(Options(section_size=32), BLURRED, picture(100, 100, 5.0)).error_bound is None
 
 
-def test_a_plan_tells_itself_in_plain_values():
+def test_a_plan_converts_to_json():
     plan = make_plan(Options(section_size=32, out_of_field="vignette", precision="float32"), BLURRED,
                      picture(100, 100, 5.0))
-    told = json.loads(json.dumps(plan.as_dict()))
-    own = {field.name for field in fields(Plan)} | {field.name for field in fields(plan.method)}
-    assert told.keys() == own
-    assert told["method"] == "sections" and told["out_of_field"] == "vignette" and told["single_range"] is None
+    facts = json.loads(json.dumps(plan.as_dict()))
+    names = {field.name for field in fields(Plan)} | {field.name for field in fields(plan.method)}
+    assert facts.keys() == names
+    assert facts["method"] == "sections" and facts["out_of_field"] == "vignette" and facts["single_range"] is None

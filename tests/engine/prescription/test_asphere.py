@@ -32,13 +32,13 @@ def place_on(surface, x, y):
 
 
 @surfaces
-def test_its_sag_is_conic_and_powers(surface):
+def test_the_sag_is_the_conic_plus_powers(surface):
     x, y = np.random.default_rng(1).uniform(-1, 1, (2, 50))
     np.testing.assert_allclose(place_on(surface, x, y)[2], sag_mm(surface, np.hypot(x, y)), rtol=0, atol=1e-14)
 
 
 @surfaces
-def test_its_normal_stands_on_it(surface):
+def test_the_normal_is_perpendicular_to_the_surface(surface):
     step = 1e-6
     x, y = np.random.default_rng(2).uniform(-1, 1, (2, 50))
     nx, ny, nz = unit_normal(surface, place_on(surface, x, y))
@@ -50,7 +50,7 @@ def test_its_normal_stands_on_it(surface):
 
 @surfaces
 @pytest.mark.parametrize("side", [1, -1])
-def test_rays_end_on_it(surface, side):
+def test_rays_end_on_the_surface(surface, side):
     """From either side, because rays are also traced backwards from the stop to the object."""
     rng = np.random.default_rng(3)
     x, y, slope_x, slope_y = rng.uniform(-0.6, 0.6, (4, 50))

@@ -45,7 +45,7 @@ def test_curvatures(read, word):
     assert read(("RDM;", f"RDM {word};"), *CURVATURES[1:]).surfaces == SURFACES
 
 
-def test_radii_or_curvatures_have_to_be_told(read):
+def test_a_missing_rdm_command_is_an_error(read):
     with pytest.raises(LensError, match="RDM is missing: expected RDM, for radii, or RDM N, for curvatures"):
         read(("RDM;", ""))
 
@@ -93,7 +93,7 @@ def test_glasses(read, token, glass):
     assert read(("NBK7_SCHOTT", token)).surfaces[1].glass == glass
 
 
-def test_a_bare_name_is_found_without_its_hyphen(read):
+def test_a_bare_name_matches_without_its_hyphen(read):
     named, full = (build_system(read(("NBK7_SCHOTT", token))).efl_mm for token in ("NBK7", "N-BK7_SCHOTT"))
     assert named == full
 
@@ -102,7 +102,7 @@ def with_private_glass(read, lines):
     return read(("SO ", f"PRV\n{lines}\nEND\nSO "), ("NBK7_SCHOTT", "'MyGlass'"))
 
 
-def test_a_private_glass_that_is_nowhere_is_not_made_up(read):
+def test_an_undefined_private_glass_is_an_error(read):
     with pytest.raises(LensError, match="surface 2, glass is MYGLASS: in no glass catalogue"):
         build_system(read(("NBK7_SCHOTT", "MYGLASS")))
 
@@ -136,24 +136,24 @@ def test_a_private_glass_may_be_a_laurent_series(read):
     (" PWL 650 450\n 'MYGLASS' 0.51 0.52", "PRV is 'MYGLASS' 0.51 0.52: expected LAU"),
     (" PWL 650 450\n 'MYGLASS' HAR 1 2", "PRV is 'MYGLASS' HAR 1 2: expected a number as word 2"),
     (" PWL 700 600 550 500 450 400\n 'MYGLASS' 1.51 1.512 1.7 1.516 1.52 1.525", "private glass MYGLASS is .* off")])
-def test_a_private_glass_that_is_none_is_an_error(read, lines, message):
+def test_an_invalid_private_glass_is_an_error(read, lines, message):
     with pytest.raises(LensError, match=message):
         with_private_glass(read, lines)
 
 
 @pytest.mark.parametrize("token, glass", [("BK7_SCHOTT", "SCHOTT N-BK7"), ("SK16_SCHOTT", "SCHOTT N-SK16")])
-def test_a_discontinued_glass_is_replaced_and_the_notes_say_so(read, token, glass):
+def test_a_discontinued_glass_is_replaced_and_noted(read, token, glass):
     lens = read(("NBK7_SCHOTT", token))
     assert lens.surfaces[1].glass == glass
     assert lens.notes == f"{glass} is used for the discontinued glass SCHOTT {token.split('_')[0]}."
 
 
-def test_a_glass_is_not_taken_from_another_catalogue_than_the_files(read):
+def test_a_glass_is_taken_only_from_the_files_catalogue(read):
     with pytest.raises(LensError, match="surface 2, glass is OHARA BK7: in no glass catalogue"):
         build_system(read(("NBK7_SCHOTT", "BK7_OHARA")))
 
 
-def test_tilts_of_nothing_are_none(read):
+def test_zero_tilts_are_ignored(read):
     zeros = "  XDE 0.0; YDE 0.0; ZDE 0.0\n  ADE 0.0; BDE 0.0; CDE 0.0\n  DAR\n"
     assert same(read(("  CON\n", f"  CON\n{zeros}"))) == SINGLET
 
@@ -162,15 +162,15 @@ def test_tilts_of_nothing_are_none(read):
     [("  STO\n", ""), ("SO ", "STO S1\nSO ")], [("  STO\n", ""), ("GO\n", "STO S1\n")], [("2.0\n  STO", "2.0 ; STO")],
     [("S     0.0 2.0\n", "S 0.0 &\n 2.0 ! the stop; S 9 9\n")], [("TITLE 'singlet'", 'tit "x; S 1 2"; title singlet')]],
     ids=["before", "after", "semicolon", "continued", "quoted"])
-def test_other_ways_to_write_the_same(read, pairs):
+def test_equivalent_notations_give_the_same_lens(read, pairs):
     assert same(read(*pairs)) == SINGLET
 
 
-def test_a_title_may_hold_a_semicolon(read):
+def test_a_title_may_contain_a_semicolon(read):
     assert same(read(("'singlet'", "'one; STO; two'"))) == replace(SINGLET, name="one, STO, two")
 
 
-def test_the_stop_of_a_number_counts_from_the_first_surface(read):
+def test_a_stop_number_counts_from_the_first_surface(read):
     assert [surface.stop for surface in read(("  STO\n", ""), ("SO ", "STO S3\nSO ")).surfaces] == [False, False, True]
 
 
@@ -179,7 +179,7 @@ def test_an_asphere_begins_with_the_fourth_power(read):
     assert lens.surfaces[2] == replace(SURFACES[2], aspheric=(0, 1e-5, -2e-7, 3e-9, 0, 0, 0, 0, 0, 1e-30))
 
 
-def test_a_conic_is_one(read):
+def test_a_conic_constant_is_read(read):
     assert read().surfaces[2].conic == -0.5
 
 
@@ -197,13 +197,13 @@ def test_object_distances(read):
     assert np.isinf(read(("SO    0.0 0.1e14", "SO 0 inf")).object_distance_mm)
 
 
-def test_vignetting_factors_are_told_not_to_count(read):
+def test_unused_vignetting_factors_are_noted(read):
     assert "its apertures vignette" in read(("SO ", "VUY 0.0 0.2\nSO ")).notes
     assert "there is no vignetting" in read(("SO ", "VLY 0.0 0.2\nSO "), ("  CIR 8.0\n", "")).notes
     assert read(("SO ", "VUY 0.0 0.0\nSO ")).notes == ""
 
 
-def test_of_several_zoom_positions_the_first_is_taken(read):
+def test_the_first_of_several_zoom_positions_is_used(read):
     lens = read(("GO\n", "ZOO 3\nZOO THI S3 47.5 40.0 30.0\nGO\n"))
     assert lens.surfaces == SURFACES
     assert lens.notes == "The first of the file's 3 zoom positions is used."
@@ -239,13 +239,13 @@ def test_of_several_zoom_positions_the_first_is_taken(read):
     ("SI    0.0 0.0", "SI    -20.0 0.0", "SI is not a plane in air: expected a flat object and a flat image"),
     ("SO    0.0 0.1e14", "SO    0.0 nan", "surface 0 is SO 0.0 nan: expected a radius or curvature"),
     ("S     -50.0 47.5", "S     -50.0 47.5 F2", "surface 3, glass is F2: expected air before the image plane")])
-def test_what_is_no_lens_that_we_can_trace_is_told_by_its_place(read, old, new, message):
+def test_untraceable_lenses_are_errors_with_their_location(read, old, new, message):
     with pytest.raises(LensError) as error:
         read((old, new))
     assert f"lens.seq: {message}" in str(error.value)
 
 
-def test_a_plane_without_figures_is_one(read):
+def test_a_surface_without_figures_is_a_plane(read):
     """A bare S is a plane of zero thickness."""
     lens = read(("S     -50.0 47.5", "S\nS     -50.0 47.5"))
     assert lens.surfaces[2] == Surface()

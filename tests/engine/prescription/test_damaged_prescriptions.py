@@ -49,12 +49,12 @@ FILES = {".toml": TOML, ".zmx": ZEMAX, ".seq": CODEV, ".dat": PBRT, ".txt": OPTB
 kinds = pytest.mark.parametrize("kind", FILES)
 
 
-def test_there_is_a_sound_file_of_every_kind():
+def test_every_kind_of_file_has_a_valid_sample():
     assert {f".{kind.rsplit('.', 1)[1]}" for kind in FILES} == set(READERS)
 
 
 @kinds
-def test_damage_makes_an_error_of_one_line_or_another_lens(tmp_path, kind, capfd):
+def test_damage_causes_a_one_line_error_or_another_lens(tmp_path, kind, capfd):
     random = np.random.default_rng(20050501)
     path = tmp_path / f"lens{kind}"
     lenses = 0
@@ -72,7 +72,7 @@ def test_damage_makes_an_error_of_one_line_or_another_lens(tmp_path, kind, capfd
 
 
 @pytest.mark.parametrize("name, text", list(prescriptions(300)), ids=lambda value: value[:14])
-def test_no_file_of_any_kind_has_more_than_300_surfaces(tmp_path, name, text, monkeypatch):
+def test_files_with_more_than_300_surfaces_are_refused(tmp_path, name, text, monkeypatch):
     """The surfaces are counted before any of them is parsed."""
     (tmp_path / name).write_text(text)
     monkeypatch.setattr(prescription, "_check_surface", None)
@@ -86,13 +86,13 @@ def test_a_lens_of_300_surfaces_is_read(tmp_path):
     assert len(read_prescription(tmp_path / "lens.toml").surfaces) == 300
 
 
-def test_no_surface_has_more_than_100_aspheric_terms(tmp_path):
+def test_surfaces_with_more_than_100_aspheric_terms_are_refused(tmp_path):
     (tmp_path / "lens.json").write_text(FILES["_optiland.json"].replace("0.0001,", "0.0001," * 101, 1))
     with pytest.raises(LensError, match=r": surface 3, aspheric is 10[0-9] terms: expected at most 100$"):
         read_prescription(tmp_path / "lens.json", FIELD)
 
 
-def test_time_to_read_deeplens_grows_with_its_surfaces_and_not_faster(tmp_path):
+def test_the_time_to_read_deeplens_is_linear_in_its_surfaces(tmp_path):
     """Each surface reads the next one, whatever their number. The test counts, because times depend on the machine."""
     class Counted(list):
         """A list that counts the items that its slices copy."""
@@ -100,9 +100,9 @@ def test_time_to_read_deeplens_grows_with_its_surfaces_and_not_faster(tmp_path):
         copied = 0
 
         def __getitem__(self, index):
-            found = super().__getitem__(index)
-            Counted.copied += len(found) if isinstance(index, slice) else 0
-            return found
+            result = super().__getitem__(index)
+            Counted.copied += len(result) if isinstance(index, slice) else 0
+            return result
 
     *_, (_, text), _ = prescriptions(200)
     contents = json.loads(text)
@@ -112,6 +112,6 @@ def test_time_to_read_deeplens_grows_with_its_surfaces_and_not_faster(tmp_path):
 
 
 @kinds
-def test_the_sound_files_are_lenses(tmp_path, kind):
+def test_the_valid_samples_are_lenses(tmp_path, kind):
     (tmp_path / f"lens{kind}").write_text(FILES[kind], encoding="utf-8")
     assert_sound(read_prescription(tmp_path / f"lens{kind}", FIELD))

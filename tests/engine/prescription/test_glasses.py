@@ -19,22 +19,22 @@ def index_and_abbe(name):
     ("N-BK7", 1.51680, 64.17), ("SCHOTT N-BK7", 1.51680, 64.17), ("schott nbk7", 1.51680, 64.17),
     ("SF5", 1.67270, 32.21), ("SF10", 1.72825, 28.41), ("SF11", 1.78472, 25.76), ("N-SF5", 1.67271, 32.25),
     ("N-SF10", 1.72828, 28.53), ("N-SF11", 1.78472, 25.68), ("F2", 1.62004, 36.37), ("OHARA S-LAL8", 1.71300, 53.87)])
-def test_index_and_abbe_number_are_the_makers(name, index, abbe):
+def test_index_and_abbe_number_match_the_data_sheets(name, index, abbe):
     """From the makers' data sheets; a search by similarity finds N-SF11 for SF11."""
-    found = index_and_abbe(name)
-    assert found[0] == pytest.approx(index, abs=1.5e-5) and found[1] == pytest.approx(abbe, abs=0.015)
+    result = index_and_abbe(name)
+    assert result[0] == pytest.approx(index, abs=1.5e-5) and result[1] == pytest.approx(abbe, abs=0.015)
 
 
 @pytest.mark.parametrize("model, name", [("1.5168/64.17", "N-BK7"), ("1.62004/36.37", "F2"), ("1.72825/28.41", "SF10"),
                                          ("1.713/53.87", "OHARA S-LAL8")])
-def test_index_and_abbe_number_stand_for_a_glass(model, name):
+def test_index_and_abbe_number_approximate_a_glass(model, name):
     """To a hundredth of the glass's dispersion."""
     model, glass = (find_glass(text, "lens", "glass") for text in (model, name))
     for nm, error in ((400, 3e-4), (486.1, 5e-5), (587.6, 1e-5), (656.3, 5e-5), (700, 1e-4)):
         assert float(model.index_at(nm)) == pytest.approx(float(glass.index_at(nm)), abs=error)
 
 
-def test_every_glass_of_a_catalogue_is_found_by_its_full_name():
+def test_every_catalogue_glass_is_available_by_its_full_name():
     assert len(NAMES) > 1500
     for name in NAMES:
         glass = find_glass(name, "lens", "glass")
@@ -45,11 +45,11 @@ def test_every_glass_of_a_catalogue_is_found_by_its_full_name():
         assert np.all(glass.extinction_at([480.0, 550.0]) >= 0)
 
 
-def test_beyond_what_the_catalogue_knows_there_is_no_index():
+def test_outside_its_catalogue_range_a_glass_has_no_index():
     assert np.isnan(find_glass("N-BK7", "lens", "glass").index_at([250.0, 3000.0])).all()
 
 
-def test_air_is_none():
+def test_an_empty_name_is_air():
     assert float(find_glass("", "lens", "glass").index_at(550.0)) == 1.0
 
 
@@ -72,11 +72,11 @@ def test_an_unknown_glass_is_an_error_that_names_it(name, message):
     ("NBK7", ["SCHOTT"], "SCHOTT N-BK7"), ("SF10", ["HIKARI", "SCHOTT"], "HIKARI SF10"), ("SF10", ["RXGLASS"], "SF10"),
     ("SF10", ["OHARA"], "SF10"), ("N-BK7", [], "N-BK7"), ("517642", ["SCHOTT"], "1.517/64.2"),
     ("516800.641673", [], "1.5168/64.1673"), ("003283", [], "2.003/28.3"), ("MYGLASS", ["SCHOTT"], "MYGLASS")])
-def test_other_programs_names(name, makers, expected):
+def test_names_of_other_programs_are_translated(name, makers, expected):
     assert best_name(name, makers) == expected
 
 
-def test_a_glass_without_extinction_takes_nothing():
+def test_a_glass_without_extinction_absorbs_nothing():
     without = next(glass for name in NAMES if (glass := find_glass(name, "", "")).absorption is None)
     assert without.extinction_at(550.0) == 0
     flint = find_glass("SF11", "lens", "glass")

@@ -37,7 +37,7 @@ def test_optiland(read):
     assert lens.reference_wavelength_nm == pytest.approx(546.1) and np.isinf(lens.object_distance_mm)
 
 
-def test_what_optiland_itself_writes(tmp_path):
+def test_files_written_by_optiland_are_read(tmp_path):
     """Checks that the text in these tests is what Optiland writes."""
     pytest.importorskip("optiland", reason="Optiland, a witness, is in the environment of make test-bake")
     from optiland.fileio import save_optiland_file
@@ -71,7 +71,7 @@ def test_an_odd_asphere_of_optiland(read):
     assert (lens.surfaces[2].aspheric, lens.surfaces[2].odd_aspheric) == ((1e-4, 3e-6), (0.0, 2e-5, 4e-7))
 
 
-def test_what_older_releases_of_optiland_wrote(read):
+def test_files_of_older_optiland_releases_are_read(read):
     """Older releases stored fields and mirrors elsewhere, and identified a glass by its file only."""
     contents = optiland()
     contents["fields"]["field_type"] = "angle"
@@ -88,14 +88,14 @@ def test_what_older_releases_of_optiland_wrote(read):
         read(contents)
 
 
-def test_a_name_that_is_missing_is_told(read):
+def test_a_missing_name_is_an_error(read):
     contents = optiland()
     del contents["wavelengths"]
     with pytest.raises(LensError, match="wavelengths is missing: the file may be damaged, or have another version"):
         read(contents)
 
 
-def test_an_index_without_dispersion_is_the_name_of_its_glass(read):
+def test_an_index_without_dispersion_becomes_the_glass_name(read):
     assert read(optiland(material={"type": "IdealMaterial", "index": 1.5})).surfaces[2].glass == "1.5"
 
 
@@ -108,7 +108,7 @@ def test_an_index_without_dispersion_is_the_name_of_its_glass(read):
     (dict(material={"type": "Mirror"}), "surface 3, glass is Mirror: expected a catalogue glass"),
     (dict(aperture={"type": "RadialAperture", "r_max": 8.0, "r_min": 1.0}),
      "surface 3, aperture is RadialAperture: expected a circle")], ids=lambda value: None)
-def test_what_is_no_centred_refracting_surface_of_optiland_is_refused(read, third, message):
+def test_unsupported_surfaces_of_optiland_are_refused(read, third, message):
     with pytest.raises(LensError, match=message):
         read(optiland(**third))
 
@@ -141,11 +141,11 @@ def test_a_diffractive_element_of_deeplens_is_rejected(read, doe):
 @pytest.mark.parametrize("changes, aspheric", [
     (dict(use_ai2=False), (0.0, 0.0, 1e-6, -2e-9)), (dict(use_ai2=True), (0.0, 1e-6, -2e-9)),
     (dict(ai=None, ai4=1e-6, ai8=-2e-9), (0.0, 1e-6, 0.0, -2e-9)), (dict(ai=None), ())])
-def test_aspheres_of_deeplens_begin_where_the_file_says(read, changes, aspheric):
+def test_deeplens_aspheres_start_at_the_power_that_the_file_states(read, changes, aspheric):
     assert read(deeplens(2, **changes)).surfaces[2].aspheric == aspheric
 
 
-def test_a_radius_of_0_is_a_plane_to_deeplens(read):
+def test_a_radius_of_0_is_a_plane_in_deeplens(read):
     assert np.isinf(read(deeplens(1, roc=0.0)).surfaces[1].radius_mm)
 
 
@@ -163,7 +163,7 @@ def test_glasses_of_deeplens(read, material, glass):
     (deeplens(1, r=-1), "surface 2, semi_aperture_mm is -1.0"),
     ({"lenses": []}, "surface_group is missing: expected a file of Optiland's"), ([], "surface_group is missing")],
     ids=lambda value: None)
-def test_what_is_no_lens_of_deeplens_is_told(read, contents, message):
+def test_invalid_lenses_of_deeplens_are_errors(read, contents, message):
     with pytest.raises(LensError, match=message):
         read(contents)
 
@@ -177,14 +177,14 @@ def test_lentil(read):
     assert "US1234567 1920" in lens.source and "zoom positions" in lens.notes
 
 
-def test_an_iris_of_lentil_between_the_surfaces_of_a_lens_stands_in_its_glass(read):
+def test_a_lentil_iris_between_the_surfaces_of_a_lens_is_in_its_glass(read):
     entry = copy.deepcopy(LENTIL["0001"])
     rows = entry["optical-elements-patent"]
     rows[0], rows[1] = rows[1], rows[0]
     assert [surface.glass for surface in read({"7": entry}, FIELD).surfaces] == ["1.5168/64.2", "1.5168/64.2", ""]
 
 
-def test_elements_of_lentil_that_were_adjusted_are_taken(read):
+def test_adjusted_elements_of_lentil_are_used(read):
     entry = copy.deepcopy(LENTIL["0001"])
     adjusted = copy.deepcopy(entry["optical-elements-patent"])
     adjusted[1]["radius"] = 50.5
@@ -192,7 +192,7 @@ def test_elements_of_lentil_that_were_adjusted_are_taken(read):
     assert read({"7": entry | {"optical-elements-adjusted": []}}, FIELD).surfaces[1].radius_mm == 50.0
 
 
-def test_of_several_lenses_of_lentil_one_is_named(read):
+def test_one_of_several_lentil_lenses_must_be_named(read):
     other = LENTIL["0001"] | {"product-name": "other"}
     both = LENTIL | {"0002": other}
     assert read(both, FIELD, "0002").name == "Nobody other"

@@ -40,7 +40,7 @@ def test_a_text_of_the_optical_bench(optbench):
 MOVING = (("1\tAS\t2.0", "1\tAS\td1"), ("d3\t47.5\t52.8", "d3\t47.5\t45.8\nd1\t2.0\t9.0"))
 
 
-def test_positions_that_differ_in_focus_alone_are_its_own_way_of_focusing(optbench, tmp_path):
+def test_positions_that_differ_only_in_focus_describe_the_focus_ring(optbench, tmp_path):
     lens = optbench(*MOVING)
     assert lens.focused_at_mm == (np.inf, 500.0) and np.isinf(lens.object_distance_mm) and not lens.notes
     assert [surface.gaps_mm for surface in lens.surfaces] == [(2.0, 9.0), (), (47.5, 45.8)]
@@ -52,17 +52,17 @@ def test_positions_that_differ_in_focus_alone_are_its_own_way_of_focusing(optben
 @pytest.mark.parametrize("change", [
     MOVING[1], ("d0\tInfinity\t500", "d0\tInfinity\tInfinity"), ("d0\tInfinity\t500", "d0\tInfinity\t-500"),
     ("d0\tInfinity\t500", "d0\tInfinity"), ("d0\tInfinity\t500\n", "")])
-def test_other_positions_are_not(optbench, change):
+def test_other_positions_do_not_describe_the_focus_ring(optbench, change):
     moving = (MOVING[0], change, *MOVING[1:]) if change != MOVING[1] else (change,)
     assert not optbench(*moving).focused_at_mm
 
 
-def test_tabs_at_the_end_of_a_line_are_no_positions(optbench):
+def test_trailing_tabs_are_not_positions(optbench):
     lens = optbench(*MOVING, ("Infinity\t500\n", "Infinity\t500\t\t\t\n"), ("-2e-9\n", "-2e-9\t\t\n"))
     assert lens.focused_at_mm == (np.inf, 500.0) and lens.surfaces[2].aspheric == (0.0, 1e-6, -2e-9)
 
 
-def test_another_position_is_asked_for_by_its_number(tmp_path):
+def test_a_position_is_selected_by_its_number(tmp_path):
     path = tmp_path / "lens.txt"
     path.write_text(OPTBENCH)
     near = read_prescription(path, which="2")
@@ -73,21 +73,21 @@ def test_another_position_is_asked_for_by_its_number(tmp_path):
             read_prescription(path, which=wrong)
 
 
-def test_the_first_position_for_infinity_is_taken(optbench):
+def test_the_first_position_for_infinity_is_used(optbench):
     assert optbench(("d0\tInfinity\t500", "d0\t500\tInfinity")).surfaces[2].thickness_mm == 52.8
     assert optbench(("d0\tInfinity\t500", "d0\t900\t500")).object_distance_mm == 900.0
 
 
-def test_a_full_frame_is_one(optbench):
+def test_a_full_frame_sensor_is_recognised(optbench):
     assert optbench(("Image Height\t24.4\t24.4", "Image Height\t43.2\t43.2")).sensor_mm == (36.0, 24.0)
 
 
-def test_aspheres_that_begin_with_the_second_power_say_so(optbench):
+def test_an_asphere_may_start_with_the_second_power(optbench):
     lens = optbench(("Scaled\t50", "AsphericalA2\t1"))
     assert lens.surfaces[2].aspheric == (1e-6, -2e-9)
 
 
-def test_the_other_rows_and_what_may_be_missing(optbench):
+def test_other_rows_are_read_and_optional_rows_may_be_missing(optbench):
     rows = "2\t50.0\t4.0\t1.5168\t16\n2a\tFS\t0\t\t7\n2b\tCG\t1\t1.5\t9\t60"
     lens = optbench(("2\t50.0\t4.0\t1.5168\t16\t64.2\tBSC7", rows), ("1\tAS\t2.0\t\t5", "1\tAS\t2.0\t5"),
                     ("Focal Length\t49.0\t49.0\n", ""))
@@ -97,7 +97,7 @@ def test_the_other_rows_and_what_may_be_missing(optbench):
     assert optbench(("Angle of View\t28.0\t27.0\n", "")).field == ("image_height_mm", 12.2)
 
 
-def test_a_fisheye_ends_before_a_right_angle(optbench):
+def test_the_field_of_a_fisheye_is_limited_to_85_degrees(optbench):
     lens = optbench(("Angle of View\t28.0", "Angle of View\t180"))
     assert lens.field == ("angle_deg", 85.0) and "The field ends at 85 degrees." in lens.notes
 
@@ -110,7 +110,7 @@ def test_a_fisheye_ends_before_a_right_angle(optbench):
     ("\td3\t\t16", "\td4\t\t16", "line 16 is 3 -50.0 d4 16: expected a number as word 3"),
     ("d3\t47.5\t52.8", "d3\tundefined", "line 16, d3 is undefined: expected the distance at this position"),
     ("1.5168\t16\t64.2", "1.5168\t16\tx", "line 15 is .*: expected a number as word 6")])
-def test_a_text_that_cannot_be_right_is_told_by_its_line(optbench, old, new, message):
+def test_an_invalid_text_is_an_error_with_its_line(optbench, old, new, message):
     with pytest.raises(LensError, match=f"lens.txt: {message}"):
         optbench((old, new))
 
@@ -134,7 +134,7 @@ def test_the_f_number_of_a_dot_lens_is_in_its_name(dot_lens, name, aperture):
 
 
 @pytest.mark.parametrize("name, header, used", [("9.75", "9.8", 9.75), ("9.7", "9.6", 9.7), ("9", "9.8", 9.8)])
-def test_the_header_of_a_dot_lens_has_its_f_number_rounded(dot_lens, name, header, used):
+def test_differing_f_numbers_of_a_dot_lens_are_noted(dot_lens, name, header, used):
     lens = dot_lens(("name: Singlet 50mm f/10", f"name: Singlet f/{name}"),
                     ("elements, f/10.0", f"elements, f/{header}"), field=FIELD)
     assert lens.aperture == ("f_number", used)
@@ -142,7 +142,7 @@ def test_the_header_of_a_dot_lens_has_its_f_number_rounded(dot_lens, name, heade
 
 
 @pytest.mark.parametrize("kind", ["cyl_y", "cyl_x", "toric", "toric -200.0"])
-def test_a_surface_of_a_dot_lens_that_is_no_sphere_is_rejected(dot_lens, kind):
+def test_a_non_spherical_surface_of_a_dot_lens_is_rejected(dot_lens, kind):
     row = "16.000    0\n"
     with pytest.raises(LensError, match=f"line 13 is .*{kind}: expected a spherical surface"):
         dot_lens((row, row.rstrip() + f"  {kind}\n"), field=FIELD)
@@ -156,7 +156,7 @@ def test_one_position_of_a_zoom_is_reported(dot_lens, name):
     assert "zoom" not in dot_lens(field=FIELD).notes
 
 
-def test_an_attachment_of_a_dot_lens_is_no_lens(dot_lens):
+def test_an_attachment_in_a_dot_lens_is_rejected(dot_lens):
     with pytest.raises(LensError, match="focal_length is inf: expected a lens with a positive focal length"):
         dot_lens(("focal_length: 49.00", "focal_length: inf"), field=FIELD)
 
@@ -165,12 +165,12 @@ def test_an_attachment_of_a_dot_lens_is_no_lens(dot_lens):
     ("  stop  ", "  0     ", "stop is 0 rows: expected one row that begins with stop"),
     ("64.20    16.000    1", "64.20", "line 12 is 50.0000 4.0000 1.51680 64.20: expected radius or stop"),
     ("1.51680", "glass", "line 12 is 50.0000 4.0000 glass .*: expected a number as word 3")])
-def test_a_dot_lens_that_cannot_be_right_is_told_by_its_line(dot_lens, old, new, message):
+def test_an_invalid_dot_lens_is_an_error_with_its_line(dot_lens, old, new, message):
     with pytest.raises(LensError, match=f"lens.lens: {message}"):
         dot_lens((old, new), field=FIELD)
 
 
-def test_a_dot_lens_needs_a_field_and_holds_one_lens(dot_lens, tmp_path):
+def test_a_dot_lens_needs_a_field_and_contains_one_lens(dot_lens, tmp_path):
     with pytest.raises(LensError, match="field is missing: a .lens does not state .*--field-angle or --field-height"):
         dot_lens()
     with pytest.raises(LensError, match="--which is 2: a file of this kind contains one lens: leave it out"):
@@ -182,6 +182,6 @@ def test_a_dot_lens_needs_a_field_and_holds_one_lens(dot_lens, tmp_path):
     ("optbench/ARRI-signature-prime-58mm__US20200341250_Example01.txt", 57.99),
     ("optbench/canon-ef50mm-f1.0L__US004717245_Example02.txt", 51.99),
     ("lens/AI_Nikkor_35mm_F1.4S.lens", 35.0)])
-def test_real_files_have_the_focal_lengths_that_they_tell(name, efl_mm):
+def test_real_files_have_the_focal_lengths_that_they_state(name, efl_mm):
     lens = read_prescription(PATENTS / name, None if name.endswith("txt") else ("image_height_mm", 21.6))
     assert build_system(replace(lens, focus="paraxial")).efl_mm == pytest.approx(efl_mm, rel=5e-3)

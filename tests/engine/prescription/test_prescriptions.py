@@ -36,7 +36,7 @@ def read(tmp_path):
     return read_text
 
 
-def test_every_field_of_a_toml(read):
+def test_every_field_of_a_toml_is_read(read):
     text = changed(TOML, ("version = 1", """version = 1
 maker = "a maker"
 story = "two\\n   lines"
@@ -62,7 +62,7 @@ highest_f_number = 16
 focused_at_mm = [inf, 2000, 500]"""
 
 
-def test_a_focus_ring_that_moves_parts_of_the_lens(read):
+def test_a_focus_ring_may_move_parts_of_the_lens(read):
     lens = read(changed(TOML, ("version = 1", RINGS), ("thickness_mm = 4.0", "thickness_mm = [4.0, 5.0, 6.5]")))
     assert (lens.title, lens.year, lens.character) == ("A Singlet 80 mm", 1839, ("soft", "swirl"))
     assert (lens.focal_length_mm, lens.closest_focus_mm, lens.highest_f_number) == (49, 700, 16)
@@ -73,7 +73,7 @@ def test_a_focus_ring_that_moves_parts_of_the_lens(read):
     assert near.object_distance_mm == 800, "what a file has first is how it stands"
 
 
-def test_scale_is_that_of_surfaces_and_their_moves(read):
+def test_scale_applies_to_surfaces_and_their_moves(read):
     half = read(changed(TOML, ("version = 1", RINGS.replace("= 49", "= 24.5") + "\nscale = 0.5\nsensor_mm = [36, 24]"),
                         ("thickness_mm = 4.0", "thickness_mm = [4.0, 5.0, 6.5]")))
     assert half.surfaces[1].gaps_mm == (2.0, 2.5, 3.25) and half.focused_at_mm == (np.inf, 1000, 250)
@@ -98,7 +98,7 @@ def test_scale_is_that_of_surfaces_and_their_moves(read):
     ("closest_focus_mm = 700", "closest_focus_mm = inf", "closest_focus_mm is inf: expected a positive number"),
     ("highest_f_number = 16", "highest_f_number = 0.1", "highest_f_number is 0.1: expected at least 0.5"),
 ])
-def test_bad_rings_of_a_toml(read, old, new, message):
+def test_invalid_rings_in_a_toml_are_errors(read, old, new, message):
     text = changed(TOML, ("version = 1", RINGS), ("thickness_mm = 4.0", "thickness_mm = [4.0, 5.0, 6.5]"))
     with pytest.raises(LensError, match=re.escape(message)):
         read(changed(text, (old, new)))
@@ -115,14 +115,14 @@ AWKWARD = Prescription(
 
 @pytest.mark.sample(12)
 @pytest.mark.parametrize("name", bundled_names())
-def test_a_bundled_lens_that_is_written_reads_as_the_same(tmp_path, name):
+def test_a_bundled_lens_round_trips(tmp_path, name):
     assert_reads_as_written(bundled_lenses()[name], tmp_path)
 
 
 @pytest.mark.parametrize("lens", [
     SINGLET, AWKWARD, replace(AWKWARD, object_distance_mm=np.inf), replace(AWKWARD, focused_at_mm=(np.inf, 1e3))],
     ids=lambda lens: lens.name)
-def test_what_is_written_reads_as_the_same(tmp_path, lens):
+def test_a_prescription_round_trips(tmp_path, lens):
     assert_reads_as_written(lens, tmp_path)
 
 
@@ -134,11 +134,11 @@ def assert_reads_as_written(lens, tmp_path):
     assert max(len(line) for line in text.splitlines() if not line.startswith("  {")) <= 120
 
 
-def test_what_cannot_be_printed_is_not_written(read):
+def test_unprintable_characters_are_not_written(read):
     assert read(write_prescription(replace(SINGLET, notes="a\0b\x7f\ud800\u00a0c", title="\n"))).notes == "a b c"
 
 
-def test_other_programs_files_are_written_as_ours(read):
+def test_files_of_other_programs_can_be_written_as_toml(read):
     foreign = read(OPTBENCH, ".txt")
     assert read(write_prescription(foreign)) == foreign
 
@@ -155,19 +155,19 @@ def with_glass(text, glass=N_BK7):
     return changed(text, (f'glass = "{SURFACES[1].glass}"', 'glass = "MINE 1"')) + glass
 
 
-def test_a_glass_of_its_own_comes_before_catalogues(read):
+def test_a_custom_glass_takes_precedence_over_catalogues(read):
     """Schott's coefficients for N-BK7 are also those in the catalogue."""
-    own, found = read(with_glass(TOML)), find_glass("SCHOTT N-BK7", "lens", "glass")
-    glass, = own.glasses
+    lens, catalogue_glass = read(with_glass(TOML)), find_glass("SCHOTT N-BK7", "lens", "glass")
+    glass, = lens.glasses
     nm = np.array([250.0, 400.0, 587.5618, 700.0])
-    np.testing.assert_allclose(glass.index_at(nm), found.index_at(nm), rtol=1e-12)
-    assert glass in system_of(own).glasses and read(write_prescription(own)) == own
-    renamed = replace(own, glasses=(replace(glass, name="SCHOTT F2"),)).with_glasses({"MINE 1": "SCHOTT F2"})
-    assert system_of(renamed).efl_mm == system_of(own).efl_mm
-    assert pickle.loads(pickle.dumps(own)) == own and digest_of(own) != digest_of(renamed)
+    np.testing.assert_allclose(glass.index_at(nm), catalogue_glass.index_at(nm), rtol=1e-12)
+    assert glass in system_of(lens).glasses and read(write_prescription(lens)) == lens
+    renamed = replace(lens, glasses=(replace(glass, name="SCHOTT F2"),)).with_glasses({"MINE 1": "SCHOTT F2"})
+    assert system_of(renamed).efl_mm == system_of(lens).efl_mm
+    assert pickle.loads(pickle.dumps(lens)) == lens and digest_of(lens) != digest_of(renamed)
 
 
-def test_a_glass_by_cauchys_formula_holds_everywhere(read):
+def test_a_glass_by_cauchys_formula_is_valid_at_any_wavelength(read):
     glass, = read(with_glass(TOML, '[glasses."MINE 1"]\nformula = 5\ncoefficients = [1.5, 0.004, -2]\n')).glasses
     np.testing.assert_allclose(glass.index_at([200.0, 500.0, 2000.0]), [1.6, 1.516, 1.501], rtol=1e-14)
 
@@ -184,19 +184,19 @@ def test_a_glass_by_cauchys_formula_holds_everywhere(read):
     ('[glasses."MINE  1"]', '[glasses." "]', "glasses is .*: expected tables by name"),
     ('[glasses."MINE  1"]', '[glasses]', "glasses is .*: expected tables by name"),
 ])
-def test_a_glass_that_cannot_be_is_told(read, old, new, message):
+def test_an_invalid_glass_is_an_error(read, old, new, message):
     with pytest.raises(LensError, match=message):
         read(with_glass(TOML, changed(N_BK7, (old, new))))
 
 
-def test_odd_powers_of_a_toml(read):
+def test_odd_powers_of_a_toml_are_read(read):
     lens = read(changed(TOML, ("conic = -0.5", "aspheric = {3 = 2e-4, 6 = 1e-8, 5 = -1e-6}")))
     assert lens.surfaces[2] == Surface(-50.0, 47.5, aspheric=(0.0, 0.0, 1e-8), odd_aspheric=(0.0, 2e-4, -1e-6))
     half = lens.surfaces[2].scaled(0.5)
     assert half.odd_aspheric == (0.0, 8e-4, -1.6e-5)
 
 
-def test_what_a_toml_leaves_out(read):
+def test_optional_fields_of_a_toml_have_defaults(read):
     assert read(TOML) == SINGLET
     assert read(changed(TOML, ('name = "singlet"', ""))).name == "lens"
     assert read("\ufeff" + TOML) == SINGLET, "Windows' editors put a mark before UTF-8"
@@ -243,19 +243,19 @@ def test_what_a_toml_leaves_out(read):
     ('format = "lensfield-prescription"', "", "format is missing: expected lensfield-prescription"),
     ("version = 1", "version =", "TOML is not readable"),
     ("version = 1", "version = 1\n\0", "TOML is not readable")])
-def test_a_toml_that_cannot_be_right_is_told_by_its_field(read, old, new, message):
+def test_an_invalid_toml_is_an_error_with_its_field(read, old, new, message):
     with pytest.raises(LensError) as error:
         read(TOML.replace(old, new, 1))
     assert f"lens.toml: {message}" in str(error.value) and "\n" not in str(error.value)
 
 
-def test_lines_in_a_value_do_not_break_the_line(read):
+def test_newlines_in_a_value_do_not_split_the_error(read):
     with pytest.raises(LensError) as error:
         read(changed(TOML, ("radius_mm = 50.0", 'radius_mm = "a\\nb"'), ))
     assert "\n" not in str(error.value)
 
 
-def test_scale_is_the_files_and_a_field_that_is_asked_for_is_ours(read):
+def test_scale_applies_to_the_file_but_not_to_a_given_field(read):
     text = changed(TOML, ("version = 1", "version = 1\nscale = 0.5"), ("angle_deg = 14.0", "image_height_mm = 20"),
                    ("conic = -0.5", "aspheric = {2 = 1e-3, 4 = 1e-5}"))
     half = read(text)
@@ -280,7 +280,7 @@ def test_a_lens_of_twice_the_size_has_twice_the_focal_length_and_the_same_distor
     assert same == pytest.approx(distortion, rel=1e-9) and abs(distortion - 1) > 1e-3
 
 
-def test_a_thick_lens_has_the_focal_length_of_the_makers_formula():
+def test_a_thick_lens_has_the_focal_length_of_the_lensmakers_formula():
     n, r, d = 1.5168, 50.0, 4.0
     surfaces = (SURFACES[0], replace(SURFACES[1], glass="1.5168/64.2"), SURFACES[2])
     power = (n - 1) * (2 / r - (n - 1) * d / (n * r * r))
@@ -297,7 +297,7 @@ def test_a_parabola_is_the_same_lens_as_a_conic_or_as_a_term_in_r2():
     np.testing.assert_allclose(other.position_mm, one.position_mm, atol=1e-8)
 
 
-def test_glasses_called_otherwise():
+def test_glasses_can_be_replaced_by_name():
     named = SINGLET.with_glasses({"SCHOTT N-BK7": "1.62/60.3", "F2": "SF2"})
     assert [surface.glass for surface in named.surfaces] == ["", "1.62/60.3", ""]
     assert SINGLET.with_glasses({}) == SINGLET
@@ -312,7 +312,7 @@ def test_pbrt(read):
     assert build_system(lens.with_glasses({"1.5168": "1.5168/64.2"})).efl_mm == pytest.approx(49.0, abs=0.1)
 
 
-def test_an_index_without_dispersion_says_what_to_do(read):
+def test_the_error_for_an_index_without_dispersion_says_what_to_do(read):
     with pytest.raises(LensError, match="surface 2, glass is 1.5168: an index without dispersion: give its Abbe "
                                         "number too, as 1.5168/V"):
         build_system(read(PBRT, ".dat", ("angle_deg", 14.0)))
@@ -327,7 +327,7 @@ def test_an_index_without_dispersion_says_what_to_do(read):
     ("50 4 1.5168 16", "50 4 1.5168 0", "surface 2, semi_aperture_mm is 0.0"),
     ("0 2 0 5", "10 2 1 5", "stop is 0 rows: expected one row of radius 0"),
     ("0 2 0 5", "0 2 0 5\n0 2 1 5", "stop is 2 rows: expected one row of radius 0")])
-def test_a_pbrt_file_that_cannot_be_right_is_told_by_its_line(read, old, new, message):
+def test_an_invalid_pbrt_file_is_an_error_with_its_line(read, old, new, message):
     text = changed(PBRT.replace("\t", " "), (old, new))
     with pytest.raises(LensError) as error:
         read(text, ".dat", ("angle_deg", 14.0))
@@ -341,7 +341,7 @@ AXPOS = """# radius\taxpos\tN\taperture
 """
 
 
-def test_a_pbrt_file_whose_distances_stand_before_their_surfaces(read):
+def test_a_pbrt_file_may_have_distances_before_their_surfaces(read):
     """The singlet reversed. Read in the wrong order, its lens would have zero thickness, and the stop would be lost."""
     expected = (Surface(50.0, 4.0, "1.5168", 8.0), Surface(-50.0, 2.0, "", 8.0),
                 Surface(np.inf, 0.0, "", 2.5, stop=True))
@@ -361,7 +361,7 @@ def test_the_header_alone_does_not_move_a_pbrt_files_distances(read, header):
     assert [surface.thickness_mm for surface in touching.surfaces] == [0.0, 4.0, 0.0]
 
 
-def test_the_focal_length_that_iset_puts_before_the_surfaces_is_none_of_them(read):
+def test_isets_focal_length_before_the_surfaces_is_not_a_surface(read):
     text = changed(PBRT, ("0\t2\t0\t5", "49.1\n0\t2\t0\t5"))
     assert read(text, ".dat", ("angle_deg", 14.0)).surfaces == read(PBRT, ".dat", ("angle_deg", 14.0)).surfaces
 
@@ -371,7 +371,7 @@ def test_a_pbrt_file_needs_a_field(read):
         read(PBRT, ".dat")
 
 
-def test_files_that_are_none(tmp_path):
+def test_missing_files_folders_and_unknown_kinds_are_errors(tmp_path):
     for path, message in ((tmp_path / "no.toml", "prescription is missing: expected a file of kind .toml, .zmx"),
                           (tmp_path, "prescription is a folder")):
         with pytest.raises(LensError, match=message):
@@ -383,14 +383,14 @@ def test_files_that_are_none(tmp_path):
 
 @pytest.mark.parametrize("contents", [b"", b"\xff\xfe\0", b"[" * 100000, b"{" * 100000], ids=["empty", "?", "[", "{"])
 @pytest.mark.parametrize("kind", READERS)
-def test_files_of_nothing_are_lens_errors(tmp_path, kind, contents):
+def test_empty_or_garbled_files_are_lens_errors(tmp_path, kind, contents):
     (tmp_path / f"lens{kind}").write_bytes(contents)
     with pytest.raises(LensError, match=rf"lens\{kind}: "):
         read_prescription(tmp_path / f"lens{kind}", ("angle_deg", 10.0))
 
 
 @needs_files
-def test_edmunds_file_is_our_prescription_of_it():
+def test_edmunds_file_agrees_with_our_prescription():
     glasses = {"LAK10C": "CDGM H-LAK10", "LAF1C": "CDGM H-LAF1", "ZF7C": "CDGM ZF7", "ZK9C": "CDGM H-ZK9A",
                "LAK1C": "CDGM H-LAK1"}
     theirs = read_prescription(FILES / "EO54852.ZMX").with_glasses(glasses)
@@ -410,14 +410,14 @@ def test_edmunds_file_is_our_prescription_of_it():
 @pytest.mark.parametrize("name, efl_mm, tolerance", [
     ("rayoptics_ag_dblgauss.seq", 100.003757028, 1e-6), ("Cooke_40_degree_field.zmx", 50.0, 1e-3),
     ("muller_US4525038_f25.25.optiland.json", 25.25, 1e-5), ("eo54852_cdgm.optiland.json", 5.99997, 1e-4)])
-def test_focal_lengths_of_other_programs_files_are_theirs(name, efl_mm, tolerance):
+def test_focal_lengths_agree_with_other_programs(name, efl_mm, tolerance):
     assert build_system(read_prescription(FILES / name)).efl_mm == pytest.approx(efl_mm, abs=tolerance)
 
 
 @needs_files
 @pytest.mark.parametrize("name, glass, message", [
     ("EO54852.ZMX", "LAK10C", r"surface 1, glass is LAK10C: in no glass catalogue: perhaps .*CDGM H-LAK10")])
-def test_a_glass_that_no_catalogue_has_is_told_with_its_likes(name, glass, message):
+def test_the_error_for_an_unknown_glass_suggests_similar_ones(name, glass, message):
     lens = read_prescription(FILES / name)
     assert glass in [surface.glass for surface in lens.surfaces]
     with pytest.raises(LensError, match=message):
@@ -425,7 +425,7 @@ def test_a_glass_that_no_catalogue_has_is_told_with_its_likes(name, glass, messa
 
 
 @needs_files
-def test_the_fisheye_of_pbrt_is_that_of_its_source():
+def test_pbrts_fisheye_has_the_focal_length_of_its_source():
     glasses = {"1.62": 60.3, "1.639": 44.9, "1.654": 33.7, "1.517": 64.2, "1.805": 25.4, "1.673": 32.2}
     lens = read_prescription(FILES / "pbrt_fisheye.10mm.dat", ("angle_deg", 70.0))
     system = build_system(lens.with_glasses({index: f"{index}/{abbe}" for index, abbe in glasses.items()}))

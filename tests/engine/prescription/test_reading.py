@@ -44,14 +44,14 @@ def read(tmp_path):
     (".json", DEEPLENS | {"surfaces": [row | {"is_square": True} for row in DEEPLENS["surfaces"]]}, "is_square"),
     (".json", {"1": LENTIL["0001"] | {"squeeze": 2.0}}, "squeeze"),
     (".json", optiland() | {"apodization": {"sigma": 1}}, "apodization")])
-def test_a_word_that_a_reader_does_not_know_is_reported(read, kind, text, name):
+def test_an_unknown_word_is_reported(read, kind, text, name):
     assert f"Not used from the file: {name}" in read(kind, text).notes
 
 
 @pytest.mark.parametrize("kind, text", [
     (".zmx", ZEMAX), (".seq", CODEV), (".lens", DOT_LENS), (".txt", OPTBENCH), (".dat", PBRT), (".dat", ISET),
     (".json", DEEPLENS), (".json", LENTIL), (".json", optiland()), (".toml", TOML)])
-def test_every_word_of_the_sound_files_is_known(read, kind, text):
+def test_every_word_of_the_valid_samples_is_known(read, kind, text):
     assert "Not used" not in read(kind, text).notes
 
 
@@ -64,7 +64,7 @@ stating = pytest.mark.parametrize("kind, text, old, new", STATING, ids=[case[0] 
 
 
 @stating
-def test_a_focal_length_that_the_surfaces_do_not_give_is_an_error_of_both(read, kind, text, old, new):
+def test_a_focal_length_that_contradicts_the_surfaces_is_an_error(read, kind, text, old, new):
     for stated in (EFL_MM / 1.011, EFL_MM * 1.011, 25.0):
         with pytest.raises(LensError, match=f"length is {stated:g} mm, and its surfaces give 49.*--allow-mismatch"):
             read(kind, changed(text, (old, new.format(stated))))
@@ -73,7 +73,7 @@ def test_a_focal_length_that_the_surfaces_do_not_give_is_an_error_of_both(read, 
 
 
 @stating
-def test_a_wrong_focal_length_may_be_accepted_and_is_in_the_notes(read, tmp_path, kind, text, old, new):
+def test_a_wrong_focal_length_may_be_accepted_and_is_noted(read, tmp_path, kind, text, old, new):
     wrong = changed(text, (old, new.format(52.0)))
     lens = read(kind, wrong, allow_mismatch=True)
     assert lens.focal_length_mm is None
@@ -82,7 +82,7 @@ def test_a_wrong_focal_length_may_be_accepted_and_is_in_the_notes(read, tmp_path
 
 
 @pytest.mark.parametrize("f_number, wrong", [(9.8, False), (9.89, False), (9.95, True), (9.65, True), (85.0, True)])
-def test_an_f_number_that_the_stop_does_not_give_is_an_error_of_both(read, f_number, wrong):
+def test_an_f_number_that_contradicts_the_stop_is_an_error(read, f_number, wrong):
     """49.04 mm divided by a stop of 5.0 mm in front of the lens."""
     contents = DEEPLENS | {"fnum": f_number}
     if not wrong:
@@ -97,7 +97,7 @@ def test_an_f_number_that_the_stop_does_not_give_is_an_error_of_both(read, f_num
 @pytest.mark.parametrize("diameter, note", [
     ("5.0", ""), ("4.8", "The stop is set to f/9.8; the diameter in its row gives f/10.2"),
     ("5.3", "The stop is set to f/9.8; the diameter in its row gives f/9.25")])
-def test_a_stop_that_the_f_number_opens_or_closes_is_reported(read, diameter, note):
+def test_a_stop_adjusted_to_the_f_number_is_reported(read, diameter, note):
     lens = read(".txt", changed(OPTBENCH, ("1\tAS\t2.0\t\t5\n", f"1\tAS\t2.0\t\t{diameter}\n")))
     assert lens.aperture == ("f_number", 9.8)
     assert note in lens.notes and ("The stop is set" in lens.notes) == bool(note)
@@ -123,13 +123,13 @@ def test_apertures_that_clip_the_axial_beam_are_reported(tmp_path, front_mm, cli
     assert notes == ("Apertures clip the axial beam to 96% of its radius (surface 2)." if clips else "")
 
 
-def test_the_f_number_is_that_for_a_distant_object(tmp_path):
+def test_the_f_number_applies_to_a_distant_object(tmp_path):
     """Close up, the beam in front is narrower than the pupil, and the stated f-number does not apply."""
     near = singlet(aperture=("stop", 2.5), object_distance_mm=150.0, focal_length_mm=49.0, focus="best")
     assert checked(tmp_path / "lens.txt", Reading(near, f_number=9.8)).notes == ""
 
 
-def test_without_a_glass_nothing_is_compared_and_the_notes_say_so(tmp_path):
+def test_an_unknown_glass_prevents_the_comparison_and_is_noted(tmp_path):
     lens = singlet(focal_length_mm=80.0).with_glasses({"1.5168/64.2": "NOGLASS"})
     assert "cannot be compared" in checked(tmp_path / "lens.txt", Reading(lens)).notes
     index_alone = lens.with_glasses({"NOGLASS": "1.5168"})
@@ -137,7 +137,7 @@ def test_without_a_glass_nothing_is_compared_and_the_notes_say_so(tmp_path):
         checked(tmp_path / "lens.txt", Reading(index_alone))
 
 
-def test_a_lens_of_no_power_is_an_error_where_a_focal_length_is_stated(tmp_path):
+def test_a_lens_without_power_is_an_error_if_a_focal_length_is_stated(tmp_path):
     flat = replace(singlet(focal_length_mm=49.0), surfaces=(SURFACES[0], Surface(50.0, 4.0, "1.5168/64.2"),
                                                             Surface(40.0, 47.5)))
     with pytest.raises(LensError, match="lens.txt: focal length is -.* mm: expected a lens of positive power"):
@@ -145,18 +145,18 @@ def test_a_lens_of_no_power_is_an_error_where_a_focal_length_is_stated(tmp_path)
     assert checked(tmp_path / "lens.txt", Reading(replace(flat, focal_length_mm=None))).notes == ""
 
 
-def test_names_of_json_that_say_something():
+def test_json_names_skip_empty_values():
     contents = {"a": 0, "b": [{"c": 1, "d": None}, {"e": ""}], "f": {"g": {"h": 2}}, "i": False}
     assert list(json_names(contents)) == ["b", "c", "f", "g", "h"]
     assert list(json_names(contents, ("g",))) == ["b", "c", "f"]
     assert unread_names(["b", "z", "y", "z"], {"b"}) == ("z", "y")
 
 
-def test_the_singlets_of_these_texts_have_the_focal_length_that_they_state(read):
+def test_the_sample_singlet_has_its_traced_focal_length(read):
     assert build_system(read(".txt", OPTBENCH)).efl_mm == pytest.approx(EFL_MM, abs=0.005)
 
 
-def test_bundled_lenses_keep_the_rule():
+def test_bundled_lenses_have_their_stated_focal_lengths():
     for name, lens in bundled_lenses().items():
         nominal_mm = lens.focal_length_mm
         traced_mm = build_system(replace(lens, focus="paraxial")).efl_mm

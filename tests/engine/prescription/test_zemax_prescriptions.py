@@ -39,7 +39,7 @@ def test_encodings(read, encoding):
     assert read(text, encoding=encoding).name == "Schärfe"
 
 
-def test_a_letter_of_latin_1_at_the_end_of_a_long_file_adds_no_surfaces(read):
+def test_a_latin_1_letter_late_in_a_file_does_not_duplicate_surfaces(read):
     """Decoding as UTF-8 fails after thousands of bytes, and reading starts again."""
     long = ("BLNK\n", "BLNK\n" * 4000 + "NOTE 0 für\n")
     assert read(long, encoding="latin-1").surfaces == SURFACES
@@ -93,7 +93,7 @@ def test_the_field_ends_at_its_farthest_point(read):
     assert read(*old).field == ("angle_deg", 14.0)
 
 
-def test_fewer_vignetting_factors_than_fields_take_no_field_away(read):
+def test_missing_vignetting_factors_do_not_remove_fields(read):
     lens = read(("VCYN 0 0 0 0", "VCYN 0.1"))
     assert lens.field == ("angle_deg", 14.0)
     assert lens.notes == "The file's vignetting factors are not used: its apertures vignette."
@@ -123,20 +123,20 @@ def test_glasses(read, line, glass):
 
 
 @pytest.mark.parametrize("line", ["GLAS LAK10C 0 0 1.5 40", "GLAS ___BLANK 2 1 1.5 40"])
-def test_the_index_beside_a_name_is_no_glass(read, line):
+def test_the_index_after_a_name_does_not_define_a_glass(read, line):
     """Zemax writes 1.5 and 40 after every glass name, whatever the glass."""
     with pytest.raises(LensError, match="surface 2, glass is .*: in no glass catalogue"):
         build_system(read((GLASS, line)))
 
 
-def test_what_a_file_tells_of_a_glass_that_no_catalogue_has_is_offered(read):
+def test_the_files_index_of_an_unknown_glass_is_suggested(read):
     lens = read((GLASS, "GLAS RXGLASS 0 0 1.6511 55.89 0 0"))
     assert lens.surfaces[1].glass_figures == "1.6511/55.89"
     with pytest.raises(LensError, match="or its index and Abbe number as n/V, such as the file's 1.6511/55.89"):
         build_system(lens)
 
 
-def test_a_file_of_several_configurations_says_which_is_taken(read):
+def test_the_notes_state_which_configuration_is_used(read):
     text = ("MNUM 1 1\n", "MNUM 3 2\nTHIC 2 1 1 4.0 0\nTHIC 2 2 1 5.0 0\nTHIC 2 3 1 6.0 0\n")
     assert read(text).notes == "Configuration 2 of 3 is used, the active one when the file was saved."
     assert read().notes == ""
@@ -144,7 +144,7 @@ def test_a_file_of_several_configurations_says_which_is_taken(read):
 
 @pytest.mark.parametrize("makers, glass", [("HIKARI SCHOTT", "HIKARI SF10"), ("SCHOTT HIKARI", "SCHOTT SF10"),
                                            ("RXGLASS SCHOTT", "SCHOTT SF10"), ("OHARA", "SF10"), ("RXGLASS", "SF10")])
-def test_the_files_catalogues_come_first(read, makers, glass):
+def test_the_files_catalogues_take_precedence(read, makers, glass):
     assert read(("GCAT SCHOTT", f"GCAT {makers}"), (GLASS, "GLAS SF10 0 0 1.5 40")).surfaces[1].glass == glass
 
 
@@ -153,8 +153,8 @@ def test_an_even_asphere_has_all_its_terms(read):
     lines = "".join(f"  PARM {number} {term:.15E}\n" for number, term in enumerate(terms, 1))
     lens = read(("TYPE STANDARD\n  CURV -2.0E-2", f"TYPE EVENASPH\n{lines}  CURV -2.0E-2"))
     assert lens.surfaces[2] == replace(SURFACES[2], aspheric=terms)
-    plain = read(("TYPE STANDARD\n  CURV -2.0E-2", "TYPE EVENASPH\n  PARM 1 0\n  CURV -2.0E-2"))
-    assert plain.surfaces == SURFACES
+    without_terms = read(("TYPE STANDARD\n  CURV -2.0E-2", "TYPE EVENASPH\n  PARM 1 0\n  CURV -2.0E-2"))
+    assert without_terms.surfaces == SURFACES
 
 
 def test_an_odd_asphere_has_all_its_terms(read):
@@ -202,12 +202,12 @@ def test_semi_diameters_may_be_ignored(read, tmp_path):
         read_prescription(tmp_path / "lens.ZMX", semi_diameters="maybe")
 
 
-def test_an_aperture_goes_before_a_semi_diameter(read):
+def test_an_aperture_takes_precedence_over_a_semi_diameter(read):
     lens = read(("FLAP 0 8.0 0", "CLAP 0 7.0 0"))
     assert sizes(lens) == [np.inf, 7.0, np.inf] and lens.notes == ""
 
 
-def test_light_at_the_edge_is_that_of_the_same_lens_with_apertures(read):
+def test_fixed_semi_diameters_vignette_like_apertures(read):
     """Vignetting by fixed semi-diameters; without them the edge is as bright as without vignetting."""
     fixed = "DISZ 4.75E+1\n  DIAM 8.0 0", "DISZ 4.75E+1\n  DIAM 2.6 1"
     aperture = "DISZ 4.75E+1\n  DIAM 8.0 0", "DISZ 4.75E+1\n  CLAP 0 2.6 0\n  DIAM 8.0 0"
@@ -217,7 +217,7 @@ def test_light_at_the_edge_is_that_of_the_same_lens_with_apertures(read):
 
 
 @pytest.mark.parametrize("figures", ["", "  PARM 1 0\n  PARM 2 0.0\n", "  PARM 5 30\n  PARM 6 1\n"])
-def test_a_coordinate_break_that_breaks_nothing_is_a_plane(read, figures):
+def test_a_zero_coordinate_break_is_a_plane(read, figures):
     plane = f"SURF 3\n  TYPE COORDBRK\n{figures}  CURV 0\n  DISZ 2.5\nSURF 4\n"
     lens = read(("DISZ 4.0\n", "DISZ 1.5\n"), ("SURF 3\n", plane))
     assert lens.surfaces[2] == Surface(thickness_mm=2.5, glass="SCHOTT N-BK7")
@@ -261,13 +261,13 @@ def test_an_unusual_temperature_is_reported(read, air, reported):
     ("CURV 0.0 0 0 0 0 \"\"\n  DISZ 0", "CURV 0.01\n  DISZ 0", "image is not a plane: expected a flat object"),
     ("CURV 2.0E-2 0 0 0 0 \"\"\n", "", "surface 2 is without CURV or DISZ: the file may be cut off"),
     ("CURV 2.0E-2", "CURV nan", "surface 2, radius_mm is nan")])
-def test_what_is_no_lens_that_we_can_trace_is_told_by_its_place(read, old, new, message):
+def test_untraceable_lenses_are_errors_with_their_location(read, old, new, message):
     with pytest.raises(LensError) as error:
         read((old, new))
     assert f"lens.ZMX: {message}" in str(error.value)
 
 
 @pytest.mark.parametrize("marker", ["SURF 4", "SURF 3", "SURF 2", "  DISZ 0\n  DIAM 1.2E+1", "SURF 1", "SURF 0"])
-def test_a_file_that_is_cut_off_is_no_shorter_lens(read, marker):
+def test_a_truncated_file_is_not_read_as_a_shorter_lens(read, marker):
     with pytest.raises(LensError):
         read((ZEMAX[ZEMAX.index(marker):], ""))

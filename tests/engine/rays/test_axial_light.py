@@ -29,7 +29,7 @@ def test_the_narrower_of_stop_and_rim_limits_a_beam_from_infinity(rim_mm, expect
     assert axial_f_number(system_of(thin_lens(rim_mm))) == pytest.approx(expected, rel=1e-4)
 
 
-def test_a_rim_before_the_stop_limits_it_where_it_is_wider():
+def test_a_rim_in_front_of_the_stop_limits_the_wider_beam():
     """A stop 10 mm behind the lens: a ray at height h on the lens is at 0.9 h there, except for spherical aberration.
     """
     lens = Prescription("thin", (Surface(EFL_MM / 2, 1e-9, "1.5/60", 7.0), Surface(thickness_mm=10.0),
@@ -39,31 +39,31 @@ def test_a_rim_before_the_stop_limits_it_where_it_is_wider():
     assert axial_f_number(system_of(wide)) == pytest.approx(5.0, rel=0.01)
 
 
-def test_a_rim_that_takes_light_is_noted_with_the_share_that_is_left():
+def test_a_rim_that_blocks_light_is_noted_with_the_remaining_share():
     note, = widest_notes(thin_lens(16.0))
     assert "f/3.12: 64% of the light of f/2.5" in note
     assert not widest_notes(thin_lens(19.7)), "1.5 %, within the tolerance"
 
 
-def test_a_stop_that_is_opened_beyond_the_files_is_noted():
+def test_a_stop_opened_wider_than_the_files_is_noted():
     note, = widest_notes(thin_lens(stop_rim_mm=18.5))
     assert "f/2.5 needs a stop of 40 mm, which passes 117% of the light of the file's 37 mm stop" in note
     assert not widest_notes(thin_lens(stop_rim_mm=20.2)) and not widest_notes(thin_lens(aperture=("stop", 20.0)))
 
 
 @pytest.mark.parametrize("rings", [Rings(), Rings(2000.0), Rings(f_number=8.0), Rings(900.0, 8.0)])
-def test_notes_are_of_the_lens_wide_open_and_far_away_however_it_is_turned(rings):
+def test_notes_describe_the_lens_wide_open_at_infinity_for_any_rings(rings):
     lens = replace(thin_lens(16.0, 18.5), notes="Made up.")
     notes = turned(lens, rings).prescription.notes
     assert notes == " ".join(("Made up.", *widest_notes(lens))) and len(widest_notes(lens)) == 2
 
 
-def test_notes_do_not_grow():
+def test_notes_are_not_repeated():
     once = turned(thin_lens(16.0, 18.5)).prescription
     assert turned(once).prescription.notes == once.notes
 
 
-def test_a_users_file_has_them_in_its_lens_and_in_the_check(tmp_path):
+def test_a_users_file_has_notes_in_its_lens_and_in_the_check(tmp_path):
     text = '''format = "lensfield-prescription"
 version = 1
 aperture = { f_number = 5 }
@@ -76,11 +76,11 @@ surfaces = [
 ]
 '''
     (tmp_path / "own.toml").write_text(text)
-    told = load_lens(tmp_path / "own.toml", quality="preview").notes
-    assert "f/5 needs a stop of 20 mm, which passes 123% of the light of the file's 18 mm stop" in told
-    assert "f/5.26: 90% of the light of f/5" in told
-    found = [str(finding) for finding in check_prescription(prescription_of(tmp_path / "own.toml"))]
-    assert sum(line.startswith("note: aperture: ") for line in found) == 2
+    notes = load_lens(tmp_path / "own.toml", quality="preview").notes
+    assert "f/5 needs a stop of 20 mm, which passes 123% of the light of the file's 18 mm stop" in notes
+    assert "f/5.26: 90% of the light of f/5" in notes
+    findings = [str(finding) for finding in check_prescription(prescription_of(tmp_path / "own.toml"))]
+    assert sum(line.startswith("note: aperture: ") for line in findings) == 2
 
 
 def test_the_elcans_stop_is_where_it_has_room():
@@ -96,6 +96,6 @@ def test_the_elcans_stop_is_where_it_has_room():
 
 @pytest.mark.parametrize("name", ["leica-elcan-50mm", "pentax-soft-85mm", "mamiya-soft-focus-150mm", "nikon-l35af-35mm",
                                   "canon-ef-200mm-f1.8", "zeiss-distagon-35mm-f1.4"])
-def test_stops_that_are_not_the_patents_say_so(name):
+def test_notes_state_stops_that_differ_from_the_patent(name):
     notes = bundled_lenses()[name].notes
     assert "stop" in notes and ("assumed" in notes or "estimated" in notes)

@@ -57,8 +57,8 @@ def spots_um(lens, shifts_mm=(0.0,)):
     light = passing * source * np.gradient(source, axis=1) * colour_matching(WHITE_NM)[:, 1, None]
     light[:, -1] /= 2  # trapezoidal rule
     slope = (rays.direction[1] / rays.direction[2])[:, 0, :, 0]
-    there_mm = place_mm + np.multiply.outer(shifts_mm, slope)
-    return 1e3 * np.sqrt(np.sum(light * there_mm**2, axis=(1, 2)) / light.sum() / 2)
+    landing_mm = place_mm + np.multiply.outer(shifts_mm, slope)
+    return 1e3 * np.sqrt(np.sum(light * landing_mm**2, axis=(1, 2)) / light.sum() / 2)
 
 
 def test_mtf_of_a_perfect_lens_is_that_of_a_disc():
@@ -104,7 +104,7 @@ def test_the_best_focus_has_more_contrast_than_any_other(name):
     assert best > about.max() - 1e-5
 
 
-def test_of_several_sharp_places_the_sharpest_is_taken():
+def test_the_sharpest_of_several_sharp_planes_is_chosen():
     """For the lines of half the sensor, twice as fine, contrast oscillates as the image plane moves."""
     about, best = contrast_about(bundled("angenieux-50mm", focus="best", sensor_mm=(12.45, 9.35)))
     tops = (np.diff(about[:-1]) > 0) & (np.diff(about[1:]) < 0) & (about[1:-1] > 0.6 * best)
@@ -113,7 +113,7 @@ def test_of_several_sharp_places_the_sharpest_is_taken():
 
 @pytest.mark.parametrize("name, field_um, least_um", [("cooke-speed-panchro-35mm", 37.0, 9.8),
                                                       ("angenieux-50mm", 27.9, 10.5)])
-def test_light_off_the_axis_does_not_defocus_it(name, field_um, least_um):
+def test_light_off_the_axis_does_not_shift_the_focus(name, field_um, least_um):
     """Spot sizes from another tracer, with a slightly different white."""
     best, field = (bundled(name, focus=focus) for focus in ("best", "field"))
     assert spots_um(field)[0] == pytest.approx(field_um, rel=0.05)
@@ -121,7 +121,7 @@ def test_light_off_the_axis_does_not_defocus_it(name, field_um, least_um):
     assert spots_um(best)[0] < 0.6 * spots_um(field)[0]
 
 
-def test_a_focus_wide_open_is_kept_when_it_is_stopped_down():
+def test_the_wide_open_focus_is_retained_when_stopped_down():
     """At full-frame frequencies, the Angenieux's focus shifts by 0.09 mm from f/1.1 to f/4."""
     wide = bundled("angenieux-50mm", focus="best", sensor_mm=(36.0, 24.0))
     stopped = replace(wide, aperture=("f_number", 4.0))
@@ -131,7 +131,7 @@ def test_a_focus_wide_open_is_kept_when_it_is_stopped_down():
     assert image_plane_mm(stopped) - image_plane_mm(held) == pytest.approx(0.09, abs=5e-3)
 
 
-def test_frequencies_go_by_the_diagonal():
+def test_frequencies_scale_with_the_diagonal():
     """Doubling lens and sensor gives the same focus, except for diffraction; without a sensor, the picture is used."""
     lens = bundled("angenieux-50mm")
     off_mm = [image_plane_mm(each) - image_plane_mm(replace(each, focus="paraxial"))
@@ -145,14 +145,14 @@ def test_frequencies_go_by_the_diagonal():
 
 
 @pytest.mark.parametrize("f_number, sensor_mm", [(64.0, None), (32.0, (1.0, 0.5))])
-def test_where_diffraction_passes_no_such_lines_it_goes_by_those_that_pass(f_number, sensor_mm):
+def test_focus_uses_only_lines_that_diffraction_passes(f_number, sensor_mm):
     """A lens without aberrations at one wavelength and with little colour at others: the focus is as designed."""
     lens = perfect(f_number, focus="best", sensor_mm=sensor_mm)
     colour_mm = 50.0 / 64.2  # between the C and F lines, by the glass's Abbe number
     assert abs(image_plane_mm(lens) - 50.0) < 0.25 * colour_mm
 
 
-def test_an_aperture_behind_the_stop_cuts_the_axis_too():
+def test_an_aperture_behind_the_stop_cuts_the_axial_beam_too():
     """It is equivalent to a smaller stop that passes the same rays."""
     cut = replace(SINGLET, surfaces=(*SURFACES[:2], replace(SURFACES[2], semi_aperture_mm=4.0)),
                   aperture=("f_number", 4.5), sensor_mm=(36.0, 24.0))
@@ -175,14 +175,14 @@ def test_near_the_front_focus_the_image_is_far_away():
 
 @pytest.mark.parametrize("glass, nm", [("IRG27", 625.0), ("IRG24", 1000.0)])
 @pytest.mark.parametrize("focus", ["best", "field"])
-def test_wavelengths_that_a_glass_does_not_know_are_left_out(focus, glass, nm):
+def test_wavelengths_outside_the_range_of_a_glass_are_left_out(focus, glass, nm):
     """IRG27 is defined from 600 nm on, IRG24 from 800 nm on, where the reference wavelength decides."""
     surfaces = (SURFACES[0], replace(SURFACES[1], glass=glass, radius_mm=170.0), replace(SURFACES[2], radius_mm=-170.0))
     lens = replace(SINGLET, surfaces=surfaces, reference_wavelength_nm=nm, focus=focus)
     assert image_plane_mm(lens) == pytest.approx(image_plane_mm(replace(lens, focus="paraxial")), rel=0.03)
 
 
-def test_a_beam_of_which_only_the_middle_gets_through_has_no_focus():
+def test_a_beam_reduced_to_its_chief_ray_has_no_focus():
     surfaces = tuple(replace(surface, semi_aperture_mm=np.inf) for surface in SURFACES)
     with pytest.raises(LensError, match="only the chief ray gets through here at 450 nm"):
         build_system(replace(SINGLET, surfaces=surfaces, aperture=("stop", 2000.0)))

@@ -50,52 +50,52 @@ def rays_from_the_stop(prescription, farthest_mm):
 
 
 @lenses
-def test_every_ray_that_gets_through_is_aimed_at(name, f_number):
-    prescription, found = lens(name, f_number)
-    landed, there = rays_from_the_stop(prescription, found.bin_mm * found.low_mm.size)
+def test_every_ray_that_gets_through_is_within_the_aim(name, f_number):
+    prescription, optics = lens(name, f_number)
+    landed, rear = rays_from_the_stop(prescription, optics.bin_mm * optics.low_mm.size)
     height = np.hypot(*landed)
     out = np.where(height > 0, landed / np.maximum(height, 1e-12), [[0.0], [1.0]])
-    along, across = np.sum(there * out, axis=0), there[0] * out[1] - there[1] * out[0]
-    bins = np.minimum((height / found.bin_mm).astype(int), found.low_mm.size - 1)
-    along -= found.to_pupil * height
+    along, across = np.sum(rear * out, axis=0), rear[0] * out[1] - rear[1] * out[0]
+    bins = np.minimum((height / optics.bin_mm).astype(int), optics.low_mm.size - 1)
+    along -= optics.to_pupil * height
     assert height.size > RAYS
-    aimed = (found.low_mm[bins] <= along) & (along <= found.high_mm[bins]) & (np.abs(across) <= found.half_mm[bins])
+    aimed = (optics.low_mm[bins] <= along) & (along <= optics.high_mm[bins]) & (np.abs(across) <= optics.half_mm[bins])
     assert np.mean(~aimed) < LOST
     middle = bins == bins[np.argmin(np.abs(height - height.max() / 2))]  # where the rays rarely aim elsewhere
-    assert np.ptp(along[middle]) > 0.7 * np.ptp([found.low_mm[bins][middle], found.high_mm[bins][middle]])
+    assert np.ptp(along[middle]) > 0.7 * np.ptp([optics.low_mm[bins][middle], optics.high_mm[bins][middle]])
 
 
-def test_surfaces_come_in_the_order_of_the_rays_and_the_other_way_round():
-    prescription, found = lens("apple-phone-4mm", None)
+def test_surfaces_are_reversed_in_the_order_of_the_rays():
+    prescription, optics = lens("apple-phone-4mm", None)
     last = prescription.surfaces[-1]
-    assert found.gap_mm[0] == last.thickness_mm and found.conic[-1] == prescription.surfaces[0].conic
-    assert found.semi_aperture_mm.min() == pytest.approx(build_system(prescription).stop_semi_aperture_mm, rel=0.5)
-    np.testing.assert_allclose(np.prod(found.index_ratio), 1)  # from air to air
+    assert optics.gap_mm[0] == last.thickness_mm and optics.conic[-1] == prescription.surfaces[0].conic
+    assert optics.semi_aperture_mm.min() == pytest.approx(build_system(prescription).stop_semi_aperture_mm, rel=0.5)
+    np.testing.assert_allclose(np.prod(optics.index_ratio), 1)  # from air to air
 
 
 @pytest.mark.parametrize("odd", [(), (2e-4, 0.0, -3e-6)])
-def test_terms_are_those_of_the_surface_itself(odd):
+def test_terms_reproduce_the_surface(odd):
     bent = Surface(30.0, 4.0, "1.6/50", 8.0, conic=-0.5, aspheric=(1e-4, -2e-6), odd_aspheric=odd, stop=True)
     lens = Prescription("bent", (bent, Surface(-40.0, 30.0)), ("stop", 5.0), ("image_height_mm", 5.0), focus="paraxial")
-    found = lens_from_sensor(lens, 587.5618, 5.0)
+    optics = lens_from_sensor(lens, 587.5618, 5.0)
     r = np.linspace(0.1, 7, 20)
-    powers = found.first_power + found.power_step * np.arange(found.terms.shape[1])
-    conic = found.curvature_per_mm[-1] * r**2 / (
-        1 + np.sqrt(1 - (1 + found.conic[-1]) * found.curvature_per_mm[-1]**2 * r**2))
-    sag = conic + (r[:, None] ** powers) @ found.terms[-1]
+    powers = optics.first_power + optics.power_step * np.arange(optics.terms.shape[1])
+    conic = optics.curvature_per_mm[-1] * r**2 / (
+        1 + np.sqrt(1 - (1 + optics.conic[-1]) * optics.curvature_per_mm[-1]**2 * r**2))
+    sag = conic + (r[:, None] ** powers) @ optics.terms[-1]
     np.testing.assert_allclose(sag, -sag_and_slope(bent, r**2)[0], rtol=1e-12)
-    assert not found.terms[0].any()
+    assert not optics.terms[0].any()
 
 
-def test_beyond_what_a_lens_can_light_there_are_no_rays():
+def test_no_rays_are_aimed_beyond_the_image_circle():
     prescription, _ = lens("olympus-fisheye-8mm", None)
-    found = lens_from_sensor(prescription, NM, 30.0)
-    assert found.half_mm[0] > 0 and found.half_mm[-1] == found.low_mm[-1] == found.high_mm[-1] == 0
+    optics = lens_from_sensor(prescription, NM, 30.0)
+    assert optics.half_mm[0] > 0 and optics.half_mm[-1] == optics.low_mm[-1] == optics.high_mm[-1] == 0
 
 
-def test_a_lens_without_apertures_but_its_stop_is_searched_as_far_as_it_takes():
+def test_a_lens_with_only_a_stop_is_searched_to_its_full_width():
     prescription, known = lens("zeiss-distagon-25mm", None)
     bare = replace(prescription, surfaces=tuple(replace(surface, semi_aperture_mm=np.inf)
                                                 for surface in prescription.surfaces))
-    found = lens_from_sensor(bare, NM, 5.0)
-    np.testing.assert_allclose(found.half_mm[0], known.half_mm[0], rtol=0.1)
+    optics = lens_from_sensor(bare, NM, 5.0)
+    np.testing.assert_allclose(optics.half_mm[0], known.half_mm[0], rtol=0.1)

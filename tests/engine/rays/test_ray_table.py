@@ -50,7 +50,7 @@ def random_stop(count, seed=1):
     return stop
 
 
-def points_seen(name, distance_mm):
+def visible_points(name, distance_mm):
     """A system with objects this far from the first surface, and paraxial image heights within the table's field."""
     system, table = system_of(replace(focused(name), object_distance_mm=distance_mm)), table_of(name)
     edge = table.rays(0, np.array([0.0, table.last_height_mm]), np.zeros(2)).direction
@@ -68,22 +68,22 @@ def scales(system, heights_mm):
 def points_and_table(name, distance_mm):
     """A system with objects at a distance, some points, their rays, those that the table covers, and the table's rays.
     """
-    (system, heights_mm), stop, table = points_seen(name, distance_mm), random_stop(400), table_of(name)
+    (system, heights_mm), stop, table = visible_points(name, distance_mm), random_stop(400), table_of(name)
     true = trace_pupil(system, heights_mm, WAVELENGTHS_NM, stop)
     reached = ~true.lost & (np.hypot(*true.position_mm) <= table.last_height_mm)
-    found = table.at(WAVELENGTHS_NM).rays(np.arange(3)[:, None, None, None], np.where(reached, true.position_mm, 0.0),
-                                          np.stack([stop.x, stop.y]))
-    return system, system.fields_of(heights_mm)[:, None, None], true, reached, found
+    rays = table.at(WAVELENGTHS_NM).rays(np.arange(3)[:, None, None, None], np.where(reached, true.position_mm, 0.0),
+                                         np.stack([stop.x, stop.y]))
+    return system, system.fields_of(heights_mm)[:, None, None], true, reached, rays
 
 
 def through(system, rays):
     return np.all(rays.square_height_mm2 <= system.semi_apertures_mm.reshape(-1, 1, 1, 1, 1)**2, axis=0)
 
 
-def missed_um(system, points_mm, found):
+def missed_um(system, points_mm, rays):
     """The distance by which rays miss the points, measured on the sensor."""
     depth_mm = system.prescription.object_distance_mm + system.entrance_pupil_mm
-    x, y = found.entrance_mm - depth_mm * found.direction[:2] / found.direction[2]
+    x, y = rays.entrance_mm - depth_mm * rays.direction[:2] / rays.direction[2]
     across, along = scales(system, system.heights_of(points_mm[:, 0, 0]))
     return 1e3 * np.hypot(across * x, along * (y - points_mm))
 
@@ -91,38 +91,38 @@ def missed_um(system, points_mm, found):
 @lenses
 @pytest.mark.sample(7)
 @pytest.mark.parametrize("focal_lengths", [10, 200])
-def test_it_has_the_rays_that_points_of_space_send_through_the_lens(name, focal_lengths):
+def test_it_contains_the_rays_of_points_in_space_through_the_lens(name, focal_lengths):
     """To 0.04 um on the sensor and 0.05 waves; at their rims, steep aspheres leave 1 um, less than a phone's pixel."""
     distance_mm = focal_lengths * system_of(focused(name)).efl_mm
-    system, points_mm, true, reached, found = points_and_table(name, distance_mm)
+    system, points_mm, true, reached, rays = points_and_table(name, distance_mm)
     passing = reached & through(system, true)
-    assert 0.1 < passing.mean() and np.mean(((found.margin > 0) != passing)[reached]) < 0.003
+    assert 0.1 < passing.mean() and np.mean(((rays.margin > 0) != passing)[reached]) < 0.003
 
-    off_um = missed_um(system, points_mm, found)[passing]
+    off_um = missed_um(system, points_mm, rays)[passing]
     assert np.quantile(off_um, 0.99) < 0.04 and off_um.max() < (1.0 if "phone" in name else 0.1)
 
     depth_mm = distance_mm + system.entrance_pupil_mm
-    to_entrance_mm = np.sqrt(found.entrance_mm[0]**2 + (found.entrance_mm[1] - points_mm)**2 + depth_mm**2)
-    path_mm = to_entrance_mm + found.path_mm - true.path_mm
+    to_entrance_mm = np.sqrt(rays.entrance_mm[0]**2 + (rays.entrance_mm[1] - points_mm)**2 + depth_mm**2)
+    path_mm = to_entrance_mm + rays.path_mm - true.path_mm
     waves = np.abs(path_mm - path_mm[..., :1]) * 1e6 / np.reshape(WAVELENGTHS_NM, (3, 1, 1, 1))
     assert waves[passing].max() < 0.05
 
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["nikkor-58mm-f1.4", "sony-zeiss-55mm-f1.8"])
-def test_where_two_rays_meet_close_to_what_passes_it_is_traced_more_finely(name):
+def test_it_is_traced_more_finely_where_two_rays_meet_near_the_passing_ones(name):
     """Of two rays through the same points, the lens passes one, and the table contains that one."""
-    system, points_mm, true, reached, found = points_and_table(name, 200 * system_of(focused(name)).efl_mm)
-    passing, off_um = reached & through(system, true), missed_um(system, points_mm, found)
+    system, points_mm, true, reached, rays = points_and_table(name, 200 * system_of(focused(name)).efl_mm)
+    passing, off_um = reached & through(system, true), missed_um(system, points_mm, rays)
     assert table_of(name).coefficients.shape[2] == FINER_PUPIL.radii.size + 2 > table_of(NEAR).coefficients.shape[2]
     assert np.quantile(off_um[passing], 0.99) < 1.0 and np.mean(off_um[passing] > 2.0) < 0.01
     other = reached & ~passing & (off_um > 300)
-    assert other.any() and not np.any((found.margin <= 0) & passing & (off_um > 300))
+    assert other.any() and not np.any((rays.margin <= 0) & passing & (off_um > 300))
 
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["nikkor-58mm-f1.4", "sony-zeiss-55mm-f1.8", "voigtlander-nokton-50mm-f1"])
-def test_nothing_comes_to_pass_beyond_what_is_lost(name):
+def test_splines_do_not_oscillate_beyond_the_rims(name):
     """Splines between values far beyond the rims do not oscillate: uniform light falls off steadily at all wavelengths.
     """
     table = table_of(name)
@@ -132,7 +132,7 @@ def test_nothing_comes_to_pass_beyond_what_is_lost(name):
 
 
 @lenses
-def test_its_weights_keep_the_light(name):
+def test_its_weights_preserve_the_light(name):
     """A small stop accepts as much light from a part of the scene as reaches its sensor position, by chief rays."""
     lens = focused(name)
     system = build_system(replace(lens, aperture=("stop", 0.005 / abs(build_system(lens).marginal_slope)
@@ -163,7 +163,7 @@ def hyperbola():
     return Prescription("hyperbola", surfaces, ("f_number", 2.0), ("angle_deg", 5.0), reference_wavelength_nm=587.5618)
 
 
-def test_from_the_focus_of_a_perfect_lens_rays_go_out_straight_and_alike():
+def test_rays_from_the_focus_of_a_perfect_lens_leave_parallel_with_equal_paths():
     table = ray_table(hyperbola(), [587.5618])
     stop = random_stop(100)
     rays = table.rays(0, np.zeros(2), np.stack([stop.x, stop.y]))
@@ -173,7 +173,7 @@ def test_from_the_focus_of_a_perfect_lens_rays_go_out_straight_and_alike():
     assert np.all(rays.margin >= -1e-12)
 
 
-def test_it_turns_with_the_sensor_place_and_has_a_mirror_image():
+def test_it_rotates_with_the_sensor_position_and_is_mirror_symmetric():
     table, rng = table_of("angenieux-50mm"), np.random.default_rng(2)
     stop, height_mm, turn = rng.uniform(-0.7, 0.7, (2, 50)), rng.uniform(0, 14, 50), rng.uniform(-4, 4, 50)
     upright = table.rays(2, np.stack([0 * height_mm, height_mm]), stop)
@@ -191,7 +191,7 @@ def test_it_turns_with_the_sensor_place_and_has_a_mirror_image():
             np.testing.assert_allclose(getattr(other, name), getattr(upright, name), rtol=1e-9, atol=1e-12)
 
 
-def test_a_smaller_stop_has_a_part_of_its_rays():
+def test_a_smaller_stop_has_a_subset_of_its_rays():
     lens = focused("cooke-triplet-50mm")
     kind, size = lens.aperture
     small, stop = ray_table(replace(lens, aperture=(kind, size / 2))), random_stop(50)
@@ -201,7 +201,7 @@ def test_a_smaller_stop_has_a_part_of_its_rays():
     np.testing.assert_allclose(4 * small.weight, wide.weight, rtol=1e-3)
 
 
-def test_where_no_ray_gets_its_margin_says_so():
+def test_its_margin_shows_where_no_ray_gets_through():
     """Without surface apertures, only rays that miss a surface are lost, to half the spacing of the table's rays."""
     lens = focused("angenieux-50mm")
     open_lens = replace(lens, aperture=(lens.aperture[0], 1.2 * lens.aperture[1]),
@@ -210,17 +210,17 @@ def test_where_no_ray_gets_its_margin_says_so():
     heights_mm = np.linspace(0.3, 0.99, 6) * table.last_height_mm
     places = (system.stop_semi_aperture_mm * each[0] for each in (stop.x, stop.y))
     aimed = aim_at_image(system, system.indices_at([550.0]), heights_mm, *places)[2][0]
-    found = table.rays(0, np.stack([0 * heights_mm, heights_mm])[..., None], np.stack([stop.x, stop.y]))
-    assert 0.03 < np.mean(~aimed) and np.mean(aimed != (found.margin > 0)) < 0.025
-    assert np.all(np.isfinite(found.entrance_mm)) and np.all(np.isfinite(found.direction))
+    rays = table.rays(0, np.stack([0 * heights_mm, heights_mm])[..., None], np.stack([stop.x, stop.y]))
+    assert 0.03 < np.mean(~aimed) and np.mean(aimed != (rays.margin > 0)) < 0.025
+    assert np.all(np.isfinite(rays.entrance_mm)) and np.all(np.isfinite(rays.direction))
 
 
-def test_it_ends_with_the_field_and_says_where():
+def test_it_ends_with_the_field_and_states_where():
     with pytest.raises(LensError, match="tessar-50mm: sensor position is 30 mm from the axis: the lens's field ends"):
         table_of("tessar-50mm").rays(0, np.array([0.0, 30.0]), np.zeros(2))
 
 
-def test_it_tells_nothing_of_wavelengths_beyond_its_own():
+def test_wavelengths_outside_its_range_are_an_error():
     with pytest.raises(LensError, match=r"tessar-50mm: wavelengths is \[550.0, 701.0\]: .* covers 400 to 700 nm"):
         table_of("tessar-50mm").at([550.0, 701.0])
 
@@ -233,7 +233,7 @@ def test_it_is_a_value():
 
 
 @lenses
-def test_bundles_are_the_same_rays(name):
+def test_bundles_equal_the_single_rays(name):
     rng = np.random.default_rng(3)
     table = table_of(name)
     radius, azimuth = np.sqrt(rng.random(50)), 2 * np.pi * rng.random(50)

@@ -24,40 +24,40 @@ from varied_lenses import VARIED
 
 
 @pytest.mark.parametrize("name", VARIED)
-def test_at_rest_a_lens_is_as_its_prescription_has_it(name):
+def test_at_rest_a_lens_matches_its_prescription(name):
     lens = bundled_lenses()[name]
-    given, there = system_of(lens), turned(lens)
-    assert there.words == ()
-    after = system_of(there.prescription)
+    given, result = system_of(lens), turned(lens)
+    assert result.words == ()
+    after = system_of(result.prescription)
     assert after.stop_semi_aperture_mm == pytest.approx(given.stop_semi_aperture_mm, rel=1e-9)
     assert after.last_height_mm == pytest.approx(given.last_height_mm, rel=1e-9)
-    assert there.prescription.object_distance_mm == lens.object_distance_mm and there.prescription.focus == "as given"
-    assert turned(there.prescription).prescription == there.prescription, "turned once, it stays"
+    assert result.prescription.object_distance_mm == lens.object_distance_mm and result.prescription.focus == "as given"
+    assert turned(result.prescription).prescription == result.prescription, "turned once, it stays"
 
 
 @pytest.mark.sample(8)
 @pytest.mark.parametrize("name", VARIED)
 @pytest.mark.parametrize("focus_mm", [3000.0, 1234.5, np.inf])
-def test_the_focus_is_at_the_distance_from_the_entrance_pupil(name, focus_mm):
-    there = turned(bundled_lenses()[name], Rings(focus_mm))
-    system = system_of(there.prescription)
-    assert there.words == () and there.focus_mm == pytest.approx(focus_mm)
+def test_the_focus_distance_is_measured_from_the_entrance_pupil(name, focus_mm):
+    focused = turned(bundled_lenses()[name], Rings(focus_mm))
+    system = system_of(focused.prescription)
+    assert focused.words == () and focused.focus_mm == pytest.approx(focus_mm)
     assert system.prescription.object_distance_mm + system.entrance_pupil_mm == pytest.approx(focus_mm)
-    behind_mm = there.prescription.surfaces[-1].thickness_mm
+    behind_mm = focused.prescription.surfaces[-1].thickness_mm
     assert behind_mm == pytest.approx(system.image_distance_mm, abs=0.03 * system.efl_mm), "about the paraxial image"
 
 
-def test_an_image_plane_that_is_given_stays_what_its_maker_chose():
+def test_a_given_image_plane_stays_as_its_maker_chose():
     lens = bundled_lenses()["edmund-54852"]
-    own = turned(lens, Rings(turned(lens).focus_mm)).prescription
-    assert own.surfaces[-1].thickness_mm == pytest.approx(lens.surfaces[-1].thickness_mm, abs=1e-9)
+    refocused = turned(lens, Rings(turned(lens).focus_mm)).prescription
+    assert refocused.surfaces[-1].thickness_mm == pytest.approx(lens.surfaces[-1].thickness_mm, abs=1e-9)
     far = system_of(turned(lens, Rings(np.inf)).prescription)
     given = system_of(lens)
     assert (far.prescription.surfaces[-1].thickness_mm - far.image_distance_mm
             == pytest.approx(lens.surfaces[-1].thickness_mm - given.image_distance_mm))
 
 
-def test_the_f_number_is_that_for_infinity_and_the_stop_stays():
+def test_the_f_number_is_for_infinity_and_the_stop_stays():
     lens = bundled_lenses()["nikkor-28mm"]
     far, near = (system_of(turned(lens, Rings(focus_mm, 8.0)).prescription) for focus_mm in (np.inf, 500.0))
     assert far.f_number == pytest.approx(8.0)
@@ -65,7 +65,7 @@ def test_the_f_number_is_that_for_infinity_and_the_stop_stays():
     assert abs(0.5 / near.marginal_slope) > 8.0 * 1.03, "what light sees is less, near by"
 
 
-def test_what_is_out_of_reach_is_told_and_set_to_what_the_lens_has():
+def test_rings_out_of_range_are_reported_and_clamped():
     lens = bundled_lenses()["tessar-50mm"]
     wide = turned(lens, Rings(f_number=2.0))
     assert wide.f_number == pytest.approx(5.5) and wide.prescription == turned(lens).prescription
@@ -80,7 +80,7 @@ def test_what_is_out_of_reach_is_told_and_set_to_what_the_lens_has():
 
 
 @pytest.mark.parametrize("name", ["tessar-50mm", "nikkor-z-50mm-f1.8", "muller-fisheye-25mm"])
-def test_the_iris_is_in_the_way_beyond_the_widest_stop_alone(name):
+def test_a_lens_is_stopped_down_only_beyond_its_widest_stop(name):
     lens = bundled_lenses()[name]
     widest, _ = ring_ends(lens)
     for f_number, shows in ((None, False), (widest.f_number / 2, False), (widest.f_number, False),
@@ -88,12 +88,12 @@ def test_the_iris_is_in_the_way_beyond_the_widest_stop_alone(name):
         assert is_stopped_down(lens, Rings(1500.0, f_number)) == shows
 
 
-def test_a_lens_of_one_stop_says_so():
+def test_a_lens_with_a_fixed_stop_says_so():
     lens = bundled_lenses()["apple-phone-4mm"]
     assert turned(lens, Rings(f_number=4.0)).words == ("f/4: this lens has only f/1.8",)
 
 
-def test_a_lens_that_is_made_larger_is_focused_where_it_is_asked_to_be():
+def test_an_enlarged_lens_focuses_at_the_requested_distance():
     lens = bundled_lenses()["tessar-50mm"]
     rings = resized_rings(lens, Rings(4000.0, 8.0), 100.0)
     assert rings.size * capture_focal_length_mm(lens, rings) == pytest.approx(100.0)
@@ -103,7 +103,7 @@ def test_a_lens_that_is_made_larger_is_focused_where_it_is_asked_to_be():
     assert resized_rings(lens, Rings(f_number=8.0), 100.0) == Rings(f_number=8.0)
 
 
-def test_how_far_rings_go():
+def test_the_range_of_the_rings():
     far, near = ring_ends(bundled_lenses()["tessar-50mm"])
     assert (far.focus_mm, far.f_number, near.f_number) == (np.inf, pytest.approx(5.5), 22.0)
     assert near.focus_mm == pytest.approx(504.4, abs=0.1)
@@ -114,10 +114,10 @@ def test_how_far_rings_go():
 def test_focusing_wide_open_keeps_the_image_plane_of_the_widest_stop():
     lens = bundled_lenses()["angenieux-50mm"]
     wide, closed = turned(lens), turned(lens, Rings(f_number=4.0))
-    kept = turned(lens, Rings(f_number=4.0, focused_wide_open=True))
-    planes = [each.prescription.surfaces[-1].thickness_mm for each in (wide, closed, kept)]
+    focused_wide = turned(lens, Rings(f_number=4.0, focused_wide_open=True))
+    planes = [each.prescription.surfaces[-1].thickness_mm for each in (wide, closed, focused_wide)]
     assert planes[2] == planes[0] != planes[1]
-    assert kept.prescription.aperture == closed.prescription.aperture
+    assert focused_wide.prescription.aperture == closed.prescription.aperture
 
 
 @pytest.mark.parametrize("rings, message", [
@@ -126,7 +126,7 @@ def test_focusing_wide_open_keeps_the_image_plane_of_the_widest_stop():
     ({"f_number": np.nan}, "f_number is nan"), ({"f_number": np.inf}, "f_number is inf"),
     ({"size": 0.0}, "size is 0.0"),
     ({"size": -2.0}, "size is -2.0"), ({"size": np.nan}, "size is nan"), ({"size": np.inf}, "size is inf")])
-def test_what_is_no_distance_no_f_number_and_no_size(rings, message):
+def test_invalid_distances_f_numbers_and_sizes_are_errors(rings, message):
     with pytest.raises(LensError, match=message):
         Rings(**rings)
 
@@ -168,10 +168,10 @@ def focus_of(lens, number):
 def test_named_gaps_follow_the_magnification_and_hit_every_position():
     lens, plane_mm = moving_pair()
     for number, gap_mm in enumerate(lens.surfaces[1].gaps_mm):
-        there = turned(lens, Rings(focus_of(lens, number)))
-        assert there.words == () and there.prescription.focused_at_mm == ()
-        assert there.prescription.surfaces[1].thickness_mm == pytest.approx(gap_mm, abs=1e-6)
-        assert there.prescription.surfaces[-1].thickness_mm == pytest.approx(plane_mm, abs=1e-5)
+        focused = turned(lens, Rings(focus_of(lens, number)))
+        assert focused.words == () and focused.prescription.focused_at_mm == ()
+        assert focused.prescription.surfaces[1].thickness_mm == pytest.approx(gap_mm, abs=1e-6)
+        assert focused.prescription.surfaces[-1].thickness_mm == pytest.approx(plane_mm, abs=1e-5)
     between = turned(lens, Rings(600.0)).prescription
     _, far_mm, near_mm = lens.surfaces[1].gaps_mm
     assert far_mm < between.surfaces[1].thickness_mm < near_mm
@@ -180,7 +180,7 @@ def test_named_gaps_follow_the_magnification_and_hit_every_position():
     assert after.stop_semi_aperture_mm == given.stop_semi_aperture_mm
 
 
-def test_a_lens_that_moves_inside_ends_where_its_positions_do():
+def test_an_internally_focusing_lens_ends_at_its_last_positions():
     lens, _ = moving_pair()
     near = turned(lens, Rings(50.0))
     assert near.prescription.object_distance_mm == pytest.approx(lens.focused_at_mm[-1], rel=1e-6)
@@ -189,7 +189,7 @@ def test_a_lens_that_moves_inside_ends_where_its_positions_do():
     assert "focuses no farther than" in turned(macro, Rings(np.inf)).words[0]
 
 
-def test_positions_that_cannot_be_are_told():
+def test_impossible_positions_are_an_error():
     lens, _ = moving_pair()
     turned_round = replace(lens, surfaces=tuple(replace(each, gaps_mm=(20.0, 80.0, 20.0) if each.gaps_mm else ())
                                                 for each in lens.surfaces), focused_at_mm=(np.inf, 400.0, 390.0))
@@ -212,7 +212,7 @@ def axial_rms_um(prescription):
 
 @pytest.mark.sample(5)
 @pytest.mark.parametrize("name", INSIDE)
-def test_modern_lenses_are_sharp_near_by_and_between_by_their_own_gaps(name):
+def test_modern_lenses_with_moving_gaps_are_sharp_at_close_range(name):
     """To 1/2500 of the diagonal, with 1/1500 as the usual circle of confusion; many are not sharp if moved as a unit.
     """
     lens = bundled_lenses()[name]
@@ -222,11 +222,11 @@ def test_modern_lenses_are_sharp_near_by_and_between_by_their_own_gaps(name):
     assert axial_rms_um(turned(lens, Rings(2 * closest.focus_mm)).prescription) < limit_um
 
 
-def test_a_whole_lens_that_moves_blurs_where_its_own_gaps_do_not():
+def test_a_lens_moved_as_a_unit_blurs_where_moving_gaps_do_not():
     """A 40 mm f/1.4 at its closest distance: 31 um if moved as a unit, 4 um with its own gaps."""
     lens = bundled_lenses()["sigma-40mm-f1.4"]
-    whole = replace(lens, focused_at_mm=(), closest_focus_mm=lens.focused_at_mm[-1],
+    rigid = replace(lens, focused_at_mm=(), closest_focus_mm=lens.focused_at_mm[-1],
                     surfaces=tuple(replace(surface, gaps_mm=()) for surface in lens.surfaces))
-    own = turned(lens, Rings(1.0))
-    assert axial_rms_um(own.prescription) == pytest.approx(4, abs=1)
-    assert axial_rms_um(turned(whole, Rings(own.focus_mm)).prescription) == pytest.approx(31, abs=2)
+    with_gaps = turned(lens, Rings(1.0))
+    assert axial_rms_um(with_gaps.prescription) == pytest.approx(4, abs=1)
+    assert axial_rms_um(turned(rigid, Rings(with_gaps.focus_mm)).prescription) == pytest.approx(31, abs=2)

@@ -33,7 +33,7 @@ def one_index(monkeypatch):
     monkeypatch.setattr(glasses, "MODEL_GLASS", re.compile(r"([\d.]+)/([\d.e]+)"))
 
 
-def test_a_hyperboloid_unites_all_rays_of_the_axis_over_the_same_path():
+def test_a_hyperboloid_focuses_all_axial_rays_over_equal_paths():
     rays = trace_pupil(build_system(hyperbola()), [0.0], [550.0], PUPIL)
     assert not rays.lost.any()
     np.testing.assert_allclose(rays.position_mm, 0, atol=1e-11)
@@ -50,7 +50,7 @@ def test_first_order_figures_of_a_plano_convex_lens():
 
 
 @pytest.mark.parametrize("distance_mm", [60.0, 400.0])
-def test_near_objects_have_the_magnification_of_newton(distance_mm):
+def test_the_magnification_of_near_objects_follows_newton(distance_mm):
     system = build_system(replace(hyperbola(f_number=8.0), object_distance_mm=distance_mm, focus="paraxial",
                                   field=("image_height_mm", 2.0)))
     from_focus_mm = distance_mm - system.front_focus_mm
@@ -60,7 +60,7 @@ def test_near_objects_have_the_magnification_of_newton(distance_mm):
 
 @pytest.mark.parametrize("aperture, semi_mm", [
     (("entrance_pupil_diameter_mm", 6.0), 3.0), (("f_number", 4.0), 2.5), (("stop", 1.7), 1.7)])
-def test_the_stop_is_as_large_as_the_aperture_asks(aperture, semi_mm):
+def test_the_stop_has_the_size_that_the_aperture_requires(aperture, semi_mm):
     lens = replace(hyperbola(), aperture=aperture)
     assert system_of(lens).stop_semi_aperture_mm == pytest.approx(semi_mm, rel=1e-12)
     assert system_of(replace(lens, object_distance_mm=100.0)).stop_semi_aperture_mm == pytest.approx(semi_mm, rel=1e-12)
@@ -88,29 +88,29 @@ def test_snells_law():
 
 @pytest.mark.sample(12)
 @pytest.mark.parametrize("name", bundled_names())
-def test_paths_and_places_agree_as_fermat_has_it(name):
+def test_paths_and_landing_points_agree_by_fermats_principle(name):
     """The slope of a wavefront is the ray: the path's derivative over the beam gives the landing point, to first order.
     """
     system = system_of(bundled_lenses()[name])
     rays = trace_pupil(system, np.array([0.3, 0.8]) * system.last_height_mm, [550.0], HalfPupil(2, 3))
     step = HalfPupil(1, 1)
     step.x, step.y = np.array([[0.0, 1e-5]]), np.array([[0.0, 0.0]])
-    beside = trace_pupil(system, np.array([0.3, 0.8]) * system.last_height_mm, [550.0], step)
-    moved = beside.position_mm[..., 1] - beside.position_mm[..., 0]
-    along = np.sum(moved * (beside.direction[:2, ..., 1] + beside.direction[:2, ..., 0]) / 2, axis=0)
-    path_mm = beside.path_mm[..., 1] - beside.path_mm[..., 0]
+    neighbours = trace_pupil(system, np.array([0.3, 0.8]) * system.last_height_mm, [550.0], step)
+    moved = neighbours.position_mm[..., 1] - neighbours.position_mm[..., 0]
+    along = np.sum(moved * (neighbours.direction[:2, ..., 1] + neighbours.direction[:2, ..., 0]) / 2, axis=0)
+    path_mm = neighbours.path_mm[..., 1] - neighbours.path_mm[..., 0]
     np.testing.assert_allclose(path_mm, along, rtol=0, atol=2e-11)
     assert not rays.lost[..., 0, :].any()
 
 
-def test_a_field_that_no_ray_reaches_ends_the_bake_by_name():
+def test_a_field_that_no_ray_reaches_is_an_error_that_names_it():
     lens = replace(hyperbola(), field=("angle_deg", 89.0))
     with pytest.raises(LensError, match="hyperbola: field height is .* no ray gets through the middle of the stop"):
         system = system_of(lens)
         trace_pupil(system, [system.last_height_mm], [550.0], PUPIL)
 
 
-def test_a_glass_that_is_not_known_at_a_wavelength_is_named():
+def test_a_glass_undefined_at_a_wavelength_is_named():
     lens = replace(hyperbola(), surfaces=(replace(hyperbola().surfaces[0], glass="SCHOTT N-BK7"),
                                           hyperbola().surfaces[1]))
     with pytest.raises(LensError, match="surface 1, glass is SCHOTT N-BK7: not known at 200 nm"):

@@ -44,7 +44,7 @@ def package(tmp_path_factory):
 
 def raised(content, constant):
     """A source with one of its constants increased by one."""
-    changed, count = constant.subn(lambda found: found[1] + b"%d" % (int(found[2]) + 1), content, count=1)
+    changed, count = constant.subn(lambda match: match[1] + b"%d" % (int(match[2]) + 1), content, count=1)
     assert count
     return changed
 
@@ -61,7 +61,7 @@ def identities_before_and_after(path, change, identity):
 
 
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder or "lensfield")
-def test_a_constant_of_any_package_changes_it(package, folder):
+def test_a_constant_of_any_package_changes_the_identity(package, folder):
     path = next((path for path in sorted((package / folder).glob("*.py")) if CONSTANT.search(path.read_bytes())),
                 package / folder / "__init__.py")
     change = (lambda content: raised(content, CONSTANT)) if CONSTANT.search(path.read_bytes()) else (
@@ -71,7 +71,7 @@ def test_a_constant_of_any_package_changes_it(package, folder):
 
 
 @pytest.mark.parametrize("table", TABLES)
-def test_so_does_a_table_of_data(package, table):
+def test_a_table_of_data_changes_the_identity(package, table):
     place = package / table
     path = place if place.is_file() else next(path for path in sorted(place.rglob("*"))
                                               if path.suffix in (".spd", ".yml", ".osl"))
@@ -81,7 +81,7 @@ def test_so_does_a_table_of_data(package, table):
 
 
 @pytest.mark.parametrize("name", sorted(path.name for path in (ROOT / "engine/kernels").glob("*.[ch]")))
-def test_so_does_a_constant_in_c(package, name):
+def test_a_constant_in_c_changes_the_identity(package, name):
     before, during, _ = identities_before_and_after(
         package / "engine/kernels" / name, lambda content: raised(content, C_CONSTANT),
         lambda: sources_identity(package))
@@ -93,7 +93,7 @@ def test_a_package_built_without_its_c_sources_has_the_identity_of_the_sources(t
     assert identity_of(tmp_path) == build_identity() == sources_identity() != sources_identity(tmp_path)
 
 
-def test_a_file_that_has_moved_changes_it_and_an_unrelated_one_does_not(package):
+def test_a_moved_source_changes_the_identity_and_an_unrelated_file_does_not(package):
     before = sources_identity(package)
     (package / "engine/notes.txt").write_text("not a source")
     assert sources_identity(package) == before
@@ -141,8 +141,8 @@ def test_frames_and_caches_of_another_build_are_not_used(package, tmp_path):
             "2 of 2 frames come from another build of Lensfield: accepted by --any-build",
             "2 of 2 frames are finished: 0 to filter"]
         assert np.array_equal(read_exr(tmp_path / "out_0001.exr").cube, first)
-        told = lensfield(tmp_path, package)
-        assert told.startswith("2 of 2 frames come from another build of Lensfield: filtered again")
+        printed = lensfield(tmp_path, package)
+        assert printed.startswith("2 of 2 frames come from another build of Lensfield: filtered again")
         np.testing.assert_allclose(read_exr(tmp_path / "out_0001.exr").cube, 2 * first, rtol=1e-6)
         assert set((tmp_path / "cache/plans").iterdir()) > plans
         assert "2 of 2 frames are finished" in (again := lensfield(tmp_path, package))

@@ -24,17 +24,17 @@ def only_file(folder):
     return path
 
 
-def test_it_comes_back_by_its_kind_and_key_alone(folder):
+def test_content_is_loaded_only_by_its_kind_and_key(folder):
     for content in (b"", b"a\nb\n", bytes(range(256))):
         cache.store("kind", KEY, content, 2000)
         assert cache.load("kind", KEY) == content
     assert cache.load("kind", OTHER) is None and cache.load("other", KEY) is None
 
 
-@pytest.mark.parametrize("damage", [lambda whole: b"", lambda whole: whole[:-1], lambda whole: whole + b" ",
-                                    lambda whole: whole[:70] + b"X" + whole[71:], lambda whole: b"an older kind\n{}",
-                                    lambda whole: bytes(1000)])
-def test_what_is_damaged_is_as_if_it_were_not_there(folder, damage):
+@pytest.mark.parametrize("damage", [lambda valid: b"", lambda valid: valid[:-1], lambda valid: valid + b" ",
+                                    lambda valid: valid[:70] + b"X" + valid[71:], lambda valid: b"an older kind\n{}",
+                                    lambda valid: bytes(1000)])
+def test_a_damaged_file_counts_as_missing(folder, damage):
     cache.store("kind", KEY, b"0123456789", 2000)
     only_file(folder).write_bytes(damage(only_file(folder).read_bytes()))
     assert cache.load("kind", KEY) is None
@@ -42,7 +42,7 @@ def test_what_is_damaged_is_as_if_it_were_not_there(folder, damage):
     assert cache.load("kind", KEY) == b"0123456789"
 
 
-def test_the_oldest_go_and_what_is_of_use_is_not_old(folder):
+def test_the_least_recently_used_files_are_removed_first(folder):
     keys = [bytes([number] * 32) for number in range(6)]
     most = 4 * (64 + 1 + len(b"some"))
     for age, key in enumerate(keys[:4]):
@@ -54,7 +54,7 @@ def test_the_oldest_go_and_what_is_of_use_is_not_old(folder):
     assert [cache.load("kind", key) is not None for key in keys] == [True, False, False, True, True, True]
 
 
-def test_it_tells_its_size_and_forgets(folder):
+def test_it_reports_its_size_and_can_be_cleared(folder):
     assert cache.size_bytes("kind") == (0, 0)
     cache.clear("kind")
     cache.store("kind", KEY, b"some", 2000)
@@ -65,7 +65,7 @@ def test_it_tells_its_size_and_forgets(folder):
 
 
 @pytest.mark.parametrize("name", ["tessar.npz", "notes", 63 * "0", 64 * "g"])
-def test_others_files_in_the_folder_are_not_ours_to_forget(folder, name):
+def test_foreign_files_in_the_folder_are_not_removed(folder, name):
     """Users may name a folder that already contains such files."""
     cache.store("kind", KEY, b"some", 2000)
     (folder / "kind" / name).write_bytes(bytes(5000))
@@ -75,12 +75,12 @@ def test_others_files_in_the_folder_are_not_ours_to_forget(folder, name):
     assert [path.name for path in (folder / "kind").iterdir()] == [name]
 
 
-def test_what_is_larger_than_all_that_is_kept_is_not(folder):
+def test_content_larger_than_the_limit_is_not_stored(folder):
     cache.store("kind", KEY, bytes(1000), 500)
     assert cache.size_bytes("kind") == (0, 0)
 
 
-def test_another_build_finds_nothing_and_leaves_what_is_there(folder, monkeypatch):
+def test_another_build_loads_nothing_and_removes_nothing(folder, monkeypatch):
     cache.store("kind", KEY, b"some", 2000)
     with monkeypatch.context() as patched:
         patched.setattr(cache, "build_identity", lambda: "another")
@@ -110,17 +110,17 @@ def a_folder_in_the_way(path):
     cache._path(path, "kind", KEY).mkdir(parents=True)
 
 
-@pytest.mark.parametrize("there", [a_file, a_circle, a_folder_in_the_way])
-def test_where_nothing_can_be_written_nothing_is_remembered_and_all_goes_on(folder, there):
+@pytest.mark.parametrize("obstruct", [a_file, a_circle, a_folder_in_the_way])
+def test_an_unwritable_folder_stores_nothing_and_causes_no_error(folder, obstruct):
     try:
-        there(folder)
+        obstruct(folder)
     except (OSError, NotImplementedError):
         pytest.skip("a system without links")
     cache.store("kind", KEY, b"some", 2000)
     assert cache.load("kind", KEY) is None
 
 
-def test_a_folder_that_is_read_only_still_tells(folder):
+def test_a_read_only_folder_can_be_read(folder):
     cache.store("kind", KEY, b"some", 2000)
     (folder / "kind").chmod(0o555)
     try:
@@ -150,12 +150,12 @@ for turn in range(100):
 """
 
 
-def test_processes_share_it(folder):
+def test_processes_share_the_cache(folder):
     processes = [subprocess.Popen([sys.executable, "-c", WRITE_AND_READ]) for _ in range(3)]
     assert [process.wait(LAST_RESORT_S) for process in processes] == [0, 0, 0]
 
 
-def test_the_program_may_name_a_folder_and_the_environment_goes_first(tmp_path, monkeypatch):
+def test_the_environment_overrides_the_folder_set_by_the_program(tmp_path, monkeypatch):
     monkeypatch.setattr(cache, "_configured", {})
     monkeypatch.delenv("LENSFIELD_CACHE")
     cache.set_cache_folder(tmp_path / "own")
@@ -173,7 +173,7 @@ def test_the_program_may_name_a_folder_and_the_environment_goes_first(tmp_path, 
     ("win32", {"LOCALAPPDATA": os.path.abspath("/local")}, os.path.abspath("/local/lensfield")),
     ("win32", {}, None),
 ])
-def test_the_users_own_folder_is_where_the_system_has_such(system, environment, folder, monkeypatch):
+def test_the_default_folder_follows_the_system(system, environment, folder, monkeypatch):
     if os.name == "nt" and system != "win32":
         pytest.skip("another system's paths")
     for name in ("LENSFIELD_CACHE", "XDG_CACHE_HOME", "LOCALAPPDATA"):

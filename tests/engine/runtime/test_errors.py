@@ -21,7 +21,7 @@ def nested(depth):
     return value
 
 
-def test_a_short_error_stands_as_it_is():
+def test_a_short_error_is_unchanged():
     assert str(InputError("lens.toml", "efl_mm", -6.0, "expected more")) == "lens.toml: efl_mm is -6.0: expected more"
     assert str(InputError("lens.toml", "name", "", "expected a text")) == "lens.toml: name is empty: expected a text"
 
@@ -29,7 +29,7 @@ def test_a_short_error_stands_as_it_is():
 @pytest.mark.parametrize("part", ["where", "field", "value", "remedy"])
 @pytest.mark.parametrize("text", [ESCAPE, "x" * 10**6, ESCAPE * 10**4, "a\n" * 10**5], ids=["steers", "long", "both",
                                                                                        "lines"])
-def test_every_part_is_one_printable_line_and_short(part, text):
+def test_every_part_is_one_short_printable_line(part, text):
     parts = dict(where="lens.toml", field="name", value="x", remedy="expected another") | {part: text}
     for error in (LensError(**parts), LensError(**parts).at(text), pickle.loads(pickle.dumps(LensError(**parts)))):
         assert str(error).isprintable() and len(str(error)) < sum(MOST_SHOWN.values()) + 10
@@ -38,18 +38,18 @@ def test_every_part_is_one_printable_line_and_short(part, text):
 
 @pytest.mark.parametrize("value", [nested(10**5), 16**10**5, list(range(10**6)), np.zeros(10**6), {ESCAPE: ESCAPE}],
                          ids=["deep", "digits", "list", "array", "dict"])
-def test_values_that_are_no_texts_are_shown_shortly_too(value):
-    told = str(InputError("lens.toml", "name", value, "expected a text"))
-    assert told.isprintable() and len(told) < MOST_SHOWN["value"] + 50
+def test_values_other_than_text_are_shortened_too(value):
+    message = str(InputError("lens.toml", "name", value, "expected a text"))
+    assert message.isprintable() and len(message) < MOST_SHOWN["value"] + 50
 
 
-def test_what_is_long_is_cut_in_the_middle():
+def test_long_text_is_cut_in_the_middle():
     assert shown("begin" + "x" * 100 + "end", 20) == "beginxxx...xxxxxxend" and len(shown("x" * 100, 20)) == 20
     assert shown("x" * 20, 20) == "x" * 20
     assert shown("½ mm – größer") == "½ mm – größer"
 
 
-def test_line_ends_of_longer_texts_stay():
+def test_line_ends_of_longer_texts_are_preserved():
     assert printable("one\ntwo\x1b[0m\tthree") == "one\ntwo?[0m three"
 
 
@@ -59,14 +59,14 @@ def test_line_ends_of_longer_texts_stay():
     ("circle", "not accessible (Too many levels of symbolic links)"), ("pipe", "a device or pipe"),
     ("a\0b", "not a valid path (it contains a null character)")])
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes in folders")
-def test_what_is_wrong_with_a_path_is_named(tmp_path, path, value):
+def test_the_fault_of_a_path_is_named(tmp_path, path, value):
     (tmp_path / "file").write_text("")
     (tmp_path / "circle").symlink_to(tmp_path / "circle")
     os.mkfifo(tmp_path / "pipe")
     assert absence(os.path.join(tmp_path, path)) == value
 
 
-def test_errors_of_the_system_have_no_numbers():
+def test_system_errors_are_shown_without_numbers():
     long = OSError(errno.ENAMETOOLONG, "File name too long", "a.exr")
     assert one_line(long) == ("a.exr: file is not accessible: File name too long: give a shorter path (most file "
                               "systems allow 255 bytes per name)")

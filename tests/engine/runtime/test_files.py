@@ -58,14 +58,14 @@ def kill(process):
 
 
 @posix
-def test_what_a_killed_process_left_goes_with_the_next_write(tmp_path):
+def test_remains_of_a_killed_process_are_removed_by_the_next_write(tmp_path):
     kill(writer(tmp_path / "picture.exr"))
     assert list(tmp_path.iterdir())
     write(tmp_path / "other.exr")
     assert [path.name for path in tmp_path.iterdir()] == ["other.exr"]
 
 
-def test_what_a_process_at_work_writes_stays(tmp_path):
+def test_a_file_that_a_running_process_is_writing_stays(tmp_path):
     process = writer(tmp_path / "picture.exr")
     try:
         half, = tmp_path.iterdir()
@@ -77,7 +77,7 @@ def test_what_a_process_at_work_writes_stays(tmp_path):
 
 @pytest.mark.parametrize("owner", [f"{files._machine()}-{os.getppid()}-", f"{'0' * 8}-{2**31}-", ""],
                          ids=["a process at work", "another machine", "an older version"])
-def test_what_is_left_by_whomever_goes_a_day_later(tmp_path, owner):
+def test_remains_of_any_owner_are_removed_a_day_later(tmp_path, owner):
     left = tmp_path / f"{files.HALF}{owner}picture-a1b2c3.exr"
     for age_s in (-60, 60):
         left.write_text("half")
@@ -89,7 +89,7 @@ def test_what_is_left_by_whomever_goes_a_day_later(tmp_path, owner):
 
 
 @posix
-def test_temporary_folders_of_killed_processes_go_with_the_next_one(tmp_path, monkeypatch):
+def test_temporary_folders_of_killed_processes_are_removed_with_the_next_one(tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()
@@ -98,28 +98,28 @@ def test_temporary_folders_of_killed_processes_go_with_the_next_one(tmp_path, mo
     for folder in (*left.values(), elsewhere, others):
         folder.mkdir()
         (folder / "pass.exr").write_text("half")
-    with files.temporary_folder() as own:
-        assert set(tmp_path.iterdir()) == {own, left[os.getppid()], elsewhere, others}
+    with files.temporary_folder() as created:
+        assert set(tmp_path.iterdir()) == {created, left[os.getppid()], elsewhere, others}
 
 
-def test_no_room_for_a_temporary_folder_is_told(tmp_path, monkeypatch):
+def test_a_temporary_folder_that_cannot_be_created_is_an_error(tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "gone"))
     with pytest.raises(InputError, match=r"gone: temporary folder is impossible to create: No such file or directory$"):
         with files.temporary_folder():
             pass
 
 
-def test_a_file_is_on_the_disk_before_it_has_its_name(tmp_path, monkeypatch):
-    done = []
-    monkeypatch.setattr(os, "fsync", lambda handle: done.append("folder" if stat.S_ISDIR(os.fstat(handle).st_mode)
-                                                                else "file"))
+def test_a_file_is_on_the_disk_before_it_is_renamed(tmp_path, monkeypatch):
+    events = []
+    monkeypatch.setattr(os, "fsync", lambda handle: events.append("folder" if stat.S_ISDIR(os.fstat(handle).st_mode)
+                                                                  else "file"))
     replace = os.replace
-    monkeypatch.setattr(os, "replace", lambda *paths: done.append("name") or replace(*paths))
+    monkeypatch.setattr(os, "replace", lambda *paths: events.append("name") or replace(*paths))
     write(tmp_path / "picture.exr")
-    assert done[:2] == ["file", "name"] and done[2:] == ["folder"] * (os.name == "posix")
+    assert events[:2] == ["file", "name"] and events[2:] == ["folder"] * (os.name == "posix")
 
 
-def test_a_disk_that_tells_at_the_end_that_it_is_full_leaves_the_old_file(tmp_path, monkeypatch):
+def test_a_disk_that_is_full_only_at_the_end_leaves_the_old_file(tmp_path, monkeypatch):
     """As network disks do."""
     def fail(handle):
         raise OSError(errno.EDQUOT, "Disk quota exceeded")
@@ -132,7 +132,7 @@ def test_a_disk_that_tells_at_the_end_that_it_is_full_leaves_the_old_file(tmp_pa
     assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
 
 
-def test_a_folder_that_goes_away_is_told(tmp_path):
+def test_a_folder_that_disappears_is_an_error(tmp_path):
     path = tmp_path / "pictures" / "picture.exr"
     with pytest.raises(InputError, match=r"picture.exr: file is not written: No such file or directory$"):
         with atomic_path(path) as temporary:
@@ -152,14 +152,14 @@ def no_links(*_):
     lambda path: write_package(load_lens("edmund-54852"), path),
     lambda path: files.link_or_copy(SAMPLE_SCENE, path),
 ], ids=["picture", "report", "package", "copy"])
-def test_a_full_disk_is_told_by_the_file(tmp_path, monkeypatch, write):
+def test_a_full_disk_is_an_error_that_names_the_file(tmp_path, monkeypatch, write):
     monkeypatch.setattr(os, "link", no_links)
     with room_for(30), pytest.raises(InputError, match=r"file.out: file is not written: File too large$"):
         write(tmp_path / "file.out")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_why_there_is_no_room_is_what_the_system_says(tmp_path):
+def test_a_full_disk_is_explained_by_the_systems_error(tmp_path):
     assert files.why_no_room(tmp_path, 3 * files.PROBE_BYTES + 1) == ""
     assert "No such file" in files.why_no_room(tmp_path / "gone", 1)
     with room_for(2 * files.PROBE_BYTES):
@@ -168,7 +168,7 @@ def test_why_there_is_no_room_is_what_the_system_says(tmp_path):
 
 
 @pytest.mark.parametrize("name", [".picture-a1b2c3d4.exr", ".lensfield-notes.txt", "picture.exr"])
-def test_what_is_of_others_stays_however_old(tmp_path, name):
+def test_foreign_files_stay_however_old(tmp_path, name):
     (tmp_path / name).write_text("mine")
     os.utime(tmp_path / name, (1e9, 1e9))
     write(tmp_path / "other.exr")
@@ -176,14 +176,14 @@ def test_what_is_of_others_stays_however_old(tmp_path, name):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="another system tells it otherwise")
-def test_what_stays_though_it_tells_of_other_files_is_told(tmp_path):
+def test_a_file_that_cannot_be_discarded_is_an_error(tmp_path):
     files.discard(tmp_path / "gone.json")
     (tmp_path / "out").write_text("no folder any more")
     with pytest.raises(InputError, match=r"out/report.json: file is impossible to remove: Not a directory"):
         files.discard(tmp_path / "out" / "report.json")
 
 
-def test_what_cannot_be_removed_is_no_error(tmp_path):
+def test_remains_that_cannot_be_removed_are_ignored(tmp_path):
     folder = tmp_path / f"{files.HALF}folder"
     folder.mkdir()
     os.utime(folder, (1e9, 1e9))
@@ -211,7 +211,7 @@ os._exit(0)
 
 
 @pytest.mark.parametrize("after_s", [0.05, 0.06, 0.07])
-def test_nothing_is_begun_while_a_process_is_being_stopped(tmp_path, after_s):
+def test_no_file_is_begun_while_a_process_is_being_stopped(tmp_path, after_s):
     folder, work = tmp_path / "pictures", tmp_path / "work"
     work.mkdir()
     subprocess.run([sys.executable, "-c", WRITE_AND_STOP, str(folder / "picture.exr"), str(after_s)], check=True,
@@ -246,7 +246,7 @@ for turn in range(400):
 """
 
 
-def test_processes_that_create_and_remove_one_folder_do_not_fail(tmp_path):
+def test_processes_that_create_and_remove_the_same_folder_do_not_fail(tmp_path):
     processes = [subprocess.Popen([sys.executable, "-c", MAKE_AND_TIDY, str(tmp_path), str(number)],
                                   stdin=subprocess.PIPE, stderr=subprocess.PIPE, text=True) for number in range(6)]
     for process in processes:  # all are loaded before the first begins
@@ -257,7 +257,7 @@ def test_processes_that_create_and_remove_one_folder_do_not_fail(tmp_path):
 
 
 @pytest.mark.parametrize("gone", [1, 2, 7])
-def test_a_folder_that_goes_before_something_is_created_in_it_is_created_again(tmp_path, gone):
+def test_a_folder_removed_before_its_file_is_created_is_created_again(tmp_path, gone):
     tries = []
 
     def create():
@@ -271,7 +271,7 @@ def test_a_folder_that_goes_before_something_is_created_in_it_is_created_again(t
     assert len(tries) == gone + 1 and all(tries)
 
 
-def test_a_file_in_the_place_of_a_folder_is_reported(tmp_path):
+def test_a_file_in_place_of_a_folder_is_reported(tmp_path):
     (tmp_path / "out").write_text("a file")
     (tmp_path / "nowhere").symlink_to(tmp_path / "gone" / "folder")
     for path, why in (("out", "File exists: a file or link .*"), ("nowhere", "File exists: a file or link .*"),
@@ -291,7 +291,7 @@ LONG = "n" * 300
     ("a file/picture.exr", "File exists: a file or link has this name"),
     ("a\0b.exr", "remove the null character from the path"),
     ("folder", "file is a folder: give the name of a file to write")])
-def test_a_path_that_cannot_be_written_is_one_line_with_a_remedy(tmp_path, path, why):
+def test_a_path_that_cannot_be_written_gives_one_line_with_a_remedy(tmp_path, path, why):
     (tmp_path / "circle").symlink_to(tmp_path / "circle")
     (tmp_path / "a file").write_text("")
     (tmp_path / "folder").mkdir()
@@ -310,7 +310,7 @@ def test_a_path_that_cannot_be_written_is_one_line_with_a_remedy(tmp_path, path,
 @posix
 @pytest.mark.parametrize("number, remedy", [(errno.EACCES, "change its permissions"), (errno.EPERM, "permissions"),
                                             (errno.EROFS, "on a writable disk"), (errno.ENOSPC, "")])
-def test_what_the_system_refuses_has_a_remedy(tmp_path, monkeypatch, number, remedy):
+def test_a_refusal_by_the_system_has_a_remedy(tmp_path, monkeypatch, number, remedy):
     """With a stand-in for the system: tests may run as root, to whom permissions do not apply."""
     def refuse(*_, **__):
         raise OSError(number, os.strerror(number))
@@ -330,7 +330,7 @@ def test_a_long_suffix_does_not_lengthen_the_half_written_name(tmp_path):
 FOREIGN = b"a picture of somebody's own"
 
 
-def test_nobodys_own_file_is_overwritten(tmp_path):
+def test_a_foreign_file_is_not_overwritten(tmp_path):
     path = tmp_path / "picture.exr"
     path.write_bytes(FOREIGN)
     for attempt in (check_target, partial(write, overwrite=False)):
@@ -339,14 +339,14 @@ def test_nobodys_own_file_is_overwritten(tmp_path):
     assert path.read_bytes() == FOREIGN and list(tmp_path.iterdir()) == [path]
 
 
-def test_nor_is_one_that_a_link_leads_to(tmp_path):
+def test_a_foreign_file_behind_a_link_is_not_overwritten(tmp_path):
     (tmp_path / "own.exr").write_bytes(FOREIGN)
     (tmp_path / "link.exr").symlink_to(tmp_path / "own.exr")
     with pytest.raises(InputError, match="link.exr: file is an existing file"):
         check_target(tmp_path / "link.exr")
 
 
-def test_nor_is_one_that_nobody_may_read(tmp_path, monkeypatch):
+def test_an_unreadable_foreign_file_is_not_overwritten(tmp_path, monkeypatch):
     (tmp_path / "own.exr").write_bytes(FOREIGN)
 
     def refuse(*_, **__):
@@ -356,15 +356,15 @@ def test_nor_is_one_that_nobody_may_read(tmp_path, monkeypatch):
         check_target(tmp_path / "own.exr")
 
 
-@pytest.mark.parametrize("there", [b"", bytes(5000), b"x" * 1000 + files.MARK.encode() + bytes(5000)],
+@pytest.mark.parametrize("contents", [b"", bytes(5000), b"x" * 1000 + files.MARK.encode() + bytes(5000)],
                          ids=["empty", "zeros, of a disk that lost its power", "ours"])
-def test_what_is_nobodys_or_ours_is(tmp_path, there):
-    (tmp_path / "picture.exr").write_bytes(there)
+def test_empty_and_lensfield_files_are_overwritten(tmp_path, contents):
+    (tmp_path / "picture.exr").write_bytes(contents)
     write(tmp_path / "picture.exr", overwrite=False)
     assert (tmp_path / "picture.exr").read_text() == "whole"
 
 
-def test_what_commands_write_is_known_for_ours(tmp_path, monkeypatch):
+def test_files_written_by_commands_are_recognised_as_lensfield_files(tmp_path, monkeypatch):
     """Each is written twice: our own files are not taken for the user's."""
     monkeypatch.chdir(tmp_path)
     prescription = PRESCRIPTIONS / "tessar-50mm.toml"

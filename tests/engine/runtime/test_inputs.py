@@ -52,7 +52,7 @@ def test_no_reader_waits_for_a_pipe(tmp_path, make, read, name):
 
 
 @posix
-def test_a_pipe_that_takes_the_place_of_a_checked_file_is_not_waited_for(tmp_path):
+def test_a_pipe_that_replaces_a_checked_file_does_not_block(tmp_path):
     pipe(tmp_path / "swapped")
     with open_input(tmp_path / "swapped") as file:
         assert not file.read(1)
@@ -70,17 +70,17 @@ def test_a_scene_may_name_missing_files_and_videos_of_any_size(tmp_path):
 @pytest.mark.parametrize("read, name", [*((load_lens, f"own.{kind}") for kind in KINDS), (load_spectrum, "paint.spd"),
                                         (load_refraction, "glass.yml")])
 @pytest.mark.parametrize("form", ["{}", '"{}"', "DATA: [{{type: '{}'}}]", "format = '{}'\nversion = 1\n"])
-def test_nothing_is_quoted_of_a_file_that_the_user_does_not_name(tmp_path, read, name, form):
+def test_files_that_the_user_does_not_name_are_not_quoted(tmp_path, read, name, form):
     path = tmp_path / name
     path.write_text(form.format(SECRET.strip()))
     note_who_names(path, REMEDY)
-    with pytest.raises(InputError, match=f"{name}: content is not valid: {REMEDY}$") as told:
+    with pytest.raises(InputError, match=f"{name}: content is not valid: {REMEDY}$") as error:
         read(str(path))
-    assert not any(word in str(told.value).replace(str(path), "") for word in ("root", "salt", "hash", "19000"))
+    assert not any(word in str(error.value).replace(str(path), "") for word in ("root", "salt", "hash", "19000"))
     note_who_names(path, None)
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as error:
         read(str(path))
-    assert REMEDY not in str(told.value)
+    assert REMEDY not in str(error.value)
 
 
 def test_errors_of_any_kind_are_withheld():
@@ -102,7 +102,7 @@ def confined(tmp_path):
     release()
 
 
-def test_confined_work_reads_below_its_folders_only(confined):
+def test_confined_work_reads_only_below_its_folders(confined):
     for path in ("scene/file.exr", "root/file.exr", "scene/../root/file.exr"):
         check_input(confined / path, "picture", "")
     (confined / "scene" / "link.exr").symlink_to(confined / "away" / "file.exr")
@@ -113,7 +113,7 @@ def test_confined_work_reads_below_its_folders_only(confined):
             check_named(confined / path, "picture", "scene.blend")
 
 
-def test_confined_work_writes_below_its_output_only(confined):
+def test_confined_work_writes_only_below_its_output(confined):
     with atomic_path(confined / "out" / "new" / "picture.exr") as path:
         path.write_text("")
     (confined / "out" / "link.exr").symlink_to(confined / "away" / "new.exr")

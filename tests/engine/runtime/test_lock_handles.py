@@ -22,13 +22,13 @@ def all_are_closed():
     assert sorted(os.listdir(FOLDER)) == before
 
 
-def test_a_lock_that_is_let_go(all_are_closed, tmp_path):
+def test_a_released_lock(all_are_closed, tmp_path):
     for _ in range(3):
         with only_writer(tmp_path / "made.exr"):
             pass
 
 
-def test_a_lock_whose_maker_fails(all_are_closed, tmp_path):
+def test_a_lock_whose_holder_fails(all_are_closed, tmp_path):
     with pytest.raises(ZeroDivisionError), only_writer(tmp_path / "made.exr"):
         raise ZeroDivisionError
 
@@ -60,7 +60,7 @@ def test_a_lock_that_is_removed_as_it_is_opened(all_are_closed, tmp_path, monkey
 
 
 @pytest.mark.parametrize("number", [errno.ENOLCK, errno.EIO])
-def test_a_lock_that_cannot_be_had(all_are_closed, tmp_path, monkeypatch, number):
+def test_a_lock_that_cannot_be_acquired(all_are_closed, tmp_path, monkeypatch, number):
     """Work continues in a folder that does not support locks; other errors are raised."""
     def fail(handle):
         raise OSError(number, "no lock")

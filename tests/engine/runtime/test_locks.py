@@ -63,7 +63,7 @@ def test_one_at_a_time(holder, tmp_path):
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
 @pytest.mark.parametrize("more", [(), ("with a worker",)])
-def test_a_holder_that_is_killed_holds_no_more(holder, tmp_path, more):
+def test_a_killed_holder_releases_the_lock(holder, tmp_path, more):
     """Even if a worker that it forked is still running."""
     process = holder(*more)
     process.kill()
@@ -76,7 +76,7 @@ def test_a_holder_that_is_killed_holds_no_more(holder, tmp_path, more):
         os.killpg(process.pid, signal.SIGKILL)
 
 
-def test_a_lock_that_is_removed_as_it_is_opened_is_no_lock(tmp_path, monkeypatch):
+def test_a_lock_removed_as_it_is_opened_is_acquired_again(tmp_path, monkeypatch):
     """Its last holder removed it, and the next one created another."""
     lock, tries = locks._lock, []
 
@@ -91,7 +91,7 @@ def test_a_lock_that_is_removed_as_it_is_opened_is_no_lock(tmp_path, monkeypatch
         assert len(tries) == 2 and (tmp_path / HIDDEN / "made.exr.lock").is_file()
 
 
-def test_a_folder_without_locks_does_without(tmp_path, monkeypatch):
+def test_a_folder_that_does_not_support_locks_is_used_without_them(tmp_path, monkeypatch):
     def none(handle):
         raise OSError(errno.ENOLCK, "No locks available")
 
@@ -101,7 +101,7 @@ def test_a_folder_without_locks_does_without(tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_link_in_the_place_of_a_lock_is_not_followed(tmp_path):
+def test_a_link_in_place_of_a_lock_is_not_followed(tmp_path):
     (tmp_path / HIDDEN).mkdir()
     (tmp_path / HIDDEN / "made.exr.lock").symlink_to(tmp_path / "precious")
     with pytest.raises(InputError, match="not writable"), only_writer(tmp_path / "made.exr"):
@@ -109,7 +109,7 @@ def test_a_link_in_the_place_of_a_lock_is_not_followed(tmp_path):
     assert not (tmp_path / "precious").exists()
 
 
-def test_many_processes_never_hold_it_together(tmp_path):
+def test_many_processes_never_hold_a_lock_at_once(tmp_path):
     code = f"""
 import os, random, sys, time
 from lensfield.engine.runtime.locks import Busy, only_writer

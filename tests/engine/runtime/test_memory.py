@@ -34,30 +34,30 @@ def group(folder, limit, used, inactive, version=2, active=0):
             f"{folder}/memory.stat": f"anon 7\n{names[2]}inactive_file {inactive}\n{names[2]}active_file {active}\n"}
 
 
-def test_without_limits_it_is_what_the_machine_has(machine):
+def test_without_limits_the_machines_memory_is_available(machine):
     assert machine({}) == 8 * GB
     assert machine({"proc/self/cgroup": "0::/user\n"} | group("cgroup/user", "max", 1, 0)) == 8 * GB
     assert machine({"proc/self/cgroup": "0::/\n"}) == 8 * GB  # a container may lack these files
 
 
-def test_a_group_leaves_its_limit_less_what_is_used_and_cannot_be_given_back(machine):
+def test_a_group_leaves_its_limit_less_its_unreclaimable_memory(machine):
     assert machine({"proc/self/cgroup": "0::/job/1\n"} | group("cgroup/job/1", 4 * GB, 3 * GB, GB // 2)) == 1.5 * GB
 
 
-def test_pages_of_files_that_were_used_again_are_given_back_too(machine):
+def test_active_pages_of_files_are_reclaimable_too(machine):
     files = group("cgroup/job", 4 * GB, 3 * GB, GB, active=GB)
     assert machine({"proc/self/cgroup": "0::/job\n"} | files) == 3 * GB
 
 
-def test_a_group_above_counts_too(machine):
+def test_a_parent_group_counts_too(machine):
     files = group("cgroup/job", 2 * GB, GB, 0) | group("cgroup/job/1", 4 * GB, 0, 0)
     assert machine({"proc/self/cgroup": "0::/job/1\n"} | files) == GB
 
 
-def test_groups_of_the_first_version_count(machine):
-    told = "9:name=systemd:/\n4:cpu,memory:/job\n0::/\n"
-    assert machine({"proc/self/cgroup": told} | group("cgroup/memory/job", 3 * GB, GB, 0, version=1)) == 2 * GB
-    assert machine({"proc/self/cgroup": told} | group("cgroup/memory/job", 2**63 - 4096, GB, 0, version=1)) == 8 * GB
+def test_groups_of_version_1_count(machine):
+    cgroup = "9:name=systemd:/\n4:cpu,memory:/job\n0::/\n"
+    assert machine({"proc/self/cgroup": cgroup} | group("cgroup/memory/job", 3 * GB, GB, 0, version=1)) == 2 * GB
+    assert machine({"proc/self/cgroup": cgroup} | group("cgroup/memory/job", 2**63 - 4096, GB, 0, version=1)) == 8 * GB
 
 
 def test_a_group_that_is_over_its_limit_leaves_nothing(machine):
@@ -72,9 +72,9 @@ def test_a_limited_address_space_counts():
         taken = int((memory.PROC / "self/statm").read_text().split()[0]) * resource.getpagesize()
         resource.setrlimit(resource.RLIMIT_AS, (taken + 2**28, resource.RLIM_INFINITY))
         print(memory.available_bytes())"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert 2**27 < int(done.stdout) <= 2**28
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert 2**27 < int(process.stdout) <= 2**28
 
 
-def test_this_machine_has_some():
+def test_this_machine_has_memory_available():
     assert memory.available_bytes() > 0

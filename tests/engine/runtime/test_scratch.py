@@ -29,9 +29,9 @@ def nothing_free(monkeypatch):
 
 
 @pytest.mark.parametrize("rows, columns", [(1, 1), (1, 90), (63, 7), (64, 7), (65, 7), (150, 40)])
-def test_planes_that_are_read_by_blocks_are_those_that_are_read_at_once(tmp_path, nothing_free, rows, columns):
-    beside = {"Z": np.random.default_rng(4).random((rows, columns), np.float32)}
-    write_exr(picture(rows, columns), tmp_path / "picture.exr", beside)
+def test_planes_read_by_blocks_equal_planes_read_at_once(tmp_path, nothing_free, rows, columns):
+    depth = {"Z": np.random.default_rng(4).random((rows, columns), np.float32)}
+    write_exr(picture(rows, columns), tmp_path / "picture.exr", depth)
     at_once, planes, _ = read_with_layers(tmp_path / "picture.exr")
     image, by_blocks, layers = read_with_layers(tmp_path / "picture.exr", scratch=tmp_path)
     assert scratch.in_file(image.cube) and not scratch.in_file(at_once.cube) and layers is None
@@ -44,7 +44,7 @@ def test_planes_that_are_read_by_blocks_are_those_that_are_read_at_once(tmp_path
 
 
 @pytest.mark.parametrize("compression", ["NO", "ZIPS", "ZIP", "PIZ", "DWAB"])
-def test_strangers_files_are_read_by_blocks_too(tmp_path, nothing_free, compression):
+def test_foreign_files_are_read_by_blocks_too(tmp_path, nothing_free, compression):
     random = np.random.default_rng(5)
     kinds = {"S0.500,0nm": np.float32, "S0.600,0nm": np.float16, "Depth.Z": np.float16, "object.id": np.uint32}
     planes = {name: (random.random((300, 20)) * 99).astype(kind) for name, kind in kinds.items()}
@@ -61,7 +61,7 @@ def test_strangers_files_are_read_by_blocks_too(tmp_path, nothing_free, compress
         assert second[name].dtype == plane.dtype
 
 
-def test_of_a_picture_in_layers_the_first_part_is_read_alone(tmp_path, nothing_free):
+def test_only_the_first_part_of_a_layered_picture_is_read(tmp_path, nothing_free):
     flat = picture(65, 40)
     layers = [Layer(flat.cube, np.ones(flat.cube.shape[1:]), np.full(flat.cube.shape[1:], 500.0))] * 2
     write_exr(flat, tmp_path / "picture.exr", layered=LayeredRadiance(layers, NM, flat.grid))
@@ -71,31 +71,31 @@ def test_of_a_picture_in_layers_the_first_part_is_read_alone(tmp_path, nothing_f
     np.testing.assert_array_equal(image.cube, at_once.cube)
 
 
-@pytest.mark.parametrize("kept", [0.3, 0.9, 0.999])
-def test_a_file_that_ends_too_early_is_told_and_leaves_nothing(tmp_path, nothing_free, capfd, kept):
+@pytest.mark.parametrize("share", [0.3, 0.9, 0.999])
+def test_a_truncated_file_is_an_error_and_leaves_nothing_behind(tmp_path, nothing_free, capfd, share):
     path = tmp_path / "picture.exr"
     write_exr(picture(150, 40), path)
-    path.write_bytes(path.read_bytes()[:int(kept * path.stat().st_size)])
+    path.write_bytes(path.read_bytes()[:int(share * path.stat().st_size)])
     with pytest.raises(ImageError, match="not readable"):
         read_with_layers(path, scratch=tmp_path)
     assert [file.name for file in tmp_path.iterdir()] == ["picture.exr"]
 
 
-def test_pictures_that_memory_is_for_are_in_memory(tmp_path):
+def test_pictures_that_fit_in_memory_are_in_memory(tmp_path):
     write_exr(picture(20, 30), tmp_path / "picture.exr")
     assert not scratch.in_file(read_with_layers(tmp_path / "picture.exr", scratch=tmp_path)[0].cube)
 
 
-def test_what_a_lens_makes_of_a_picture_in_a_file_is_in_one_too_and_the_same(tmp_path, nothing_free):
+def test_a_picture_in_a_file_gives_the_same_result_in_a_file(tmp_path, nothing_free):
     write_exr(picture(70, 40), tmp_path / "picture.exr")
-    seen = [simulate(read_with_layers(tmp_path / "picture.exr", scratch=folder)[0], LENS)
-            for folder in (None, tmp_path)]
-    assert [scratch.in_file(image.cube) for image in seen] == [False, True]
-    np.testing.assert_array_equal(*(image.cube for image in seen))
+    images = [simulate(read_with_layers(tmp_path / "picture.exr", scratch=folder)[0], LENS)
+              for folder in (None, tmp_path)]
+    assert [scratch.in_file(image.cube) for image in images] == [False, True]
+    np.testing.assert_array_equal(*(image.cube for image in images))
 
 
-def test_what_a_lens_makes_of_layers_in_files_is_in_one_too_and_the_same(tmp_path, nothing_free):
-    flat, seen = picture(70, 40), []
+def test_layers_in_files_give_the_same_results_in_files(tmp_path, nothing_free):
+    flat, images = picture(70, 40), []
     for folder in (None, tmp_path):
         layers = []
         for depth_mm in (300.0, 3000.0):
@@ -103,13 +103,13 @@ def test_what_a_lens_makes_of_layers_in_files_is_in_one_too_and_the_same(tmp_pat
             cube[:] = flat.cube / 2
             layers.append(Layer(cube, np.full(cube.shape[1:], 0.5), np.full(cube.shape[1:], depth_mm)))
         layered = LayeredRadiance(layers, NM, flat.grid, LENS.capture_focal_length_mm)
-        seen += [layered.flat(), layered.cropped((1, 1)).flat(), simulate(layered, LENS)]
-    assert [scratch.in_file(image.cube) for image in seen] == [False] * 3 + [True] * 3
-    for one, other in zip(seen[:3], seen[3:], strict=True):
+        images += [layered.flat(), layered.cropped((1, 1)).flat(), simulate(layered, LENS)]
+    assert [scratch.in_file(image.cube) for image in images] == [False] * 3 + [True] * 3
+    for one, other in zip(images[:3], images[3:], strict=True):
         np.testing.assert_array_equal(one.cube, other.cube)
 
 
-def test_the_price_counts_memory_alone(tmp_path, nothing_free, monkeypatch):
+def test_the_peak_counts_memory_only(tmp_path, nothing_free, monkeypatch):
     monkeypatch.setattr(cost, "taken_bytes", lambda: 10**8)
     write_exr(picture(70, 40), tmp_path / "picture.exr")
     image = read_with_layers(tmp_path / "picture.exr", scratch=tmp_path)[0]
@@ -117,7 +117,7 @@ def test_the_price_counts_memory_alone(tmp_path, nothing_free, monkeypatch):
     assert plan.peak_mb == pytest.approx(100 + plan.memory_mb)
 
 
-def test_an_array_is_let_go_and_still_holds_what_it_held(tmp_path, nothing_free):
+def test_a_released_array_retains_its_contents(tmp_path, nothing_free):
     before = memory.taken_bytes()
     if not before:
         pytest.skip("this system does not tell")
@@ -129,7 +129,7 @@ def test_an_array_is_let_go_and_still_holds_what_it_held(tmp_path, nothing_free)
     assert np.all(array == 7)
 
 
-def test_a_full_disk_is_told_before_the_work(tmp_path, nothing_free):
+def test_a_full_disk_is_an_error_before_the_work(tmp_path, nothing_free):
     write_exr(picture(70, 40), tmp_path / "picture.exr")
     with room_for(4096), pytest.raises(InputError, match=r"scratch file is [\d.e-]+ GB and cannot be created"):
         read_with_layers(tmp_path / "picture.exr", scratch=tmp_path)
@@ -139,7 +139,7 @@ def test_a_full_disk_is_told_before_the_work(tmp_path, nothing_free):
         scratch.new_array((4,), tmp_path / "gone")
 
 
-def test_room_on_the_disk_is_looked_for_before_the_work_where_the_folder_is_not_there_yet(tmp_path):
+def test_disk_space_is_checked_before_the_folder_is_created(tmp_path):
     scratch.check_disk(tmp_path / "not" / "yet", 1)
     with pytest.raises(InputError, match=r"not.yet: scratch is of 1e\+15 GB: [\d.]+ GB are free there"):
         scratch.check_disk(tmp_path / "not" / "yet", 1e24)
@@ -153,15 +153,15 @@ def test_filter_writes_the_same_bytes_with_little_memory(tmp_path, monkeypatch, 
         colours(path, (0.5, 0.2, 0.1), (30, 70))
     else:
         write_exr(picture(70, 40), path)
-    made, written = [], []
+    folders, written = [], []
     in_file = scratch._in_file
-    monkeypatch.setattr(scratch, "_in_file", lambda shape, folder: made.append(folder) or in_file(shape, folder))
+    monkeypatch.setattr(scratch, "_in_file", lambda shape, folder: folders.append(folder) or in_file(shape, folder))
     for free in (10**12, 0):
         monkeypatch.setattr(scratch, "available_bytes", lambda free=free: free)
         (tmp_path / str(free)).mkdir()
         run("filter", path, "--lens", "edmund-54852", "--output", tmp_path / str(free) / "o.exr",
             "--preview", tmp_path / str(free) / "o.png")
         written.append([(tmp_path / str(free) / name).read_bytes() for name in ("o.exr", "o.png")])
-    assert made == [tmp_path / "0"] * 2  # radiance and irradiance
+    assert folders == [tmp_path / "0"] * 2  # radiance and irradiance
     assert written[0] == written[1]
     assert sorted(file.name for file in (tmp_path / "0").iterdir()) == ["o.exr", "o.png"]

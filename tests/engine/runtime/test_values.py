@@ -62,14 +62,14 @@ def changed(held):
 
 
 @kinds
-def test_a_value_made_twice_is_one_value(make):
+def test_equal_contents_give_equal_values(make):
     value, other = make(), make()
     assert value is not other and value == other and hash(value) == hash(other) and len({value, other}) == 1
     assert value not in (None, repr(value), lens().scaled(2.0))
 
 
 @kinds
-def test_a_value_comes_back_from_a_pickle_and_a_copy(make):
+def test_a_value_survives_pickling_and_copying(make):
     value = make()
     hash(value)  # derived data must not be trusted afterwards
     for other in (pickle.loads(pickle.dumps(value)), copy.copy(value), copy.deepcopy(value)):
@@ -94,7 +94,7 @@ def test_a_value_cannot_be_changed(make):
 
 @pytest.mark.parametrize("kind", ["MonochromaticLens", "Spectrum", "Table", "Formula", "Refraction", "WavelengthChoice",
                                   "RgbPicture"])
-def test_any_change_makes_another_value(kind):
+def test_any_change_gives_a_different_value(kind):
     value = MAKERS[kind]()
     assert hash(value) == hash(MAKERS[kind]())
     for field in fields(value):
@@ -104,7 +104,7 @@ def test_any_change_makes_another_value(kind):
 
 
 @pytest.mark.parametrize("field", [field.name for field in fields(Lens)])
-def test_any_change_makes_another_lens(field):
+def test_any_change_gives_a_different_lens(field):
     before = lens()
     hash(before)
     if field == "psf":  # which must preserve unit sums
@@ -116,7 +116,7 @@ def test_any_change_makes_another_lens(field):
     assert other != before and hash(other) != hash(before)
 
 
-def test_a_lens_loaded_twice_is_one_lens_though_some_of_it_is_not_known():
+def test_lenses_loaded_twice_are_equal_even_with_unknown_values():
     unknown = replace(lens(), enclosed_energy=np.full((2, 6), np.nan))
     assert unknown == replace(lens(), enclosed_energy=np.full((2, 6), np.nan)) and unknown != lens()
     assert load_lens("edmund-54852") == load_lens("edmund-54852") != varied_lens("tessar-50mm")
@@ -127,17 +127,17 @@ def test_equal_numbers_are_equal_whatever_their_type(efl_mm):
     assert make_lens(efl_mm=efl_mm) == make_lens(efl_mm=10.0)
 
 
-def test_values_of_two_kinds_are_two():
+def test_values_of_different_kinds_differ():
     assert Spectrum(NM, NM) != Table(NM, NM)
 
 
-def test_an_array_of_another_shape_or_kind_is_another():
+def test_arrays_of_different_shapes_or_types_differ():
     square = RgbPicture(np.zeros((4, 4, 3), np.float32), (0, 0), "")
     assert replace(square, rec709=np.zeros((2, 8, 3), np.float32)) != square
     assert replace(square, rec709=np.zeros((4, 4, 3), np.int32)) != square
 
 
-def test_where_an_array_lies_in_memory_does_not_matter():
+def test_the_memory_layout_of_an_array_does_not_matter():
     table = np.random.default_rng(0).random((5, 7, 3))
     assert RgbPicture(table, (0, 0), "") == RgbPicture(np.asfortranarray(table), (0, 0), "")
     assert RgbPicture(table[::2], (0, 0), "") == RgbPicture(table[::2].copy(), (0, 0), "")
@@ -152,6 +152,6 @@ def test_nothing_is_digested_before_values_are_compared(monkeypatch):
 
 
 @pytest.mark.parametrize("held", [[1.0], {1: 2}, object()])
-def test_what_may_change_has_no_digest(held):
+def test_mutable_contents_have_no_digest(held):
     with pytest.raises(TypeError, match="has no digest"):
         values.digest_of((1.0, held))

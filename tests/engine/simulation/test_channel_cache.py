@@ -25,76 +25,76 @@ def frame(seed=0, shape=(14, 19), wavelengths_nm=NM, pitch_um=20.0, **facts):
     return SpectralImage(cube, wavelengths_nm, pitch_um=pitch_um, **facts)
 
 
-def check(radiance, lens, options, kept):
+def check(radiance, lens, options, cache):
     """Checks that a picture is bit for bit the same as without the cache."""
-    np.testing.assert_array_equal(simulate(radiance, lens, options, cache=kept).cube,
+    np.testing.assert_array_equal(simulate(radiance, lens, options, cache=cache).cube,
                                   simulate(radiance, lens, options).cube)
 
 
 @pytest.mark.parametrize("method, lens", [*((method, LENS) for method in METHODS), ("sections", LOPSIDED),
                                           ("pixels", LOPSIDED), ("paper", LOPSIDED)])
-def test_every_frame_is_what_it_is_alone(method, lens):
-    kept = ChannelCache()
+def test_every_frame_equals_the_frame_without_a_cache(method, lens):
+    cache = ChannelCache()
     for seed in (0, 1, 0):
-        check(frame(seed), lens, METHODS[method], kept)
+        check(frame(seed), lens, METHODS[method], cache)
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_frames_lit_in_other_places_are_what_they_are_alone(method):
-    kept = ChannelCache()
+def test_frames_lit_in_different_places_equal_frames_without_a_cache(method):
+    cache = ChannelCache()
     for place in (slice(0, 5), slice(8, 14), slice(0, 14), slice(5, 6)):
         radiance = frame()
         radiance.cube[:, place] = 0
         radiance.cube[1] *= 1e5 if place.start else 1  # changes which sections need double precision
         radiance.cube[1, 7, 13] = 1e9
-        check(radiance, LENS, METHODS[method], kept)
+        check(radiance, LENS, METHODS[method], cache)
 
 
 @pytest.mark.parametrize("limit_mb", [0, 1e-6, 0.05])
 @pytest.mark.parametrize("method", ["sections", "pixels"])
-def test_no_memory_or_little_gives_the_same_pictures(method, limit_mb):
-    kept = ChannelCache(limit_mb=limit_mb)
+def test_little_or_no_memory_gives_the_same_pictures(method, limit_mb):
+    cache = ChannelCache(limit_mb=limit_mb)
     for seed in (0, 1, 2):
-        check(frame(seed), LENS, METHODS[method], kept)
+        check(frame(seed), LENS, METHODS[method], cache)
 
 
 @pytest.mark.parametrize("method", ["sections", "pixels"])
-def test_a_change_of_anything_is_seen(method):
-    kept, options = ChannelCache(), METHODS[method]
+def test_any_change_of_the_radiance_is_detected(method):
+    cache, options = ChannelCache(), METHODS[method]
     for radiance in (frame(), frame(shape=(15, 19)), frame(shape=(14, 18)), frame(pitch_um=25.0),
                      frame(centre_px=(10.0, 20.0)), frame(centre_px=(10.0, 21.0)), frame(overscan_px=(3, 4)),
                      frame(overscan_px=(4, 3)), frame(projection="equidistant"), frame(wavelengths_nm=(450.0,)),
                      frame(wavelengths_nm=(430.0, 600.0)), frame()):
-        check(radiance, LENS, options, kept)
+        check(radiance, LENS, options, cache)
 
 
 @pytest.mark.parametrize("method", ["sections", "pixels"])
-def test_another_lens_is_not_taken_for_the_first_though_it_has_its_name(method):
-    kept, options = ChannelCache(), METHODS[method]
+def test_another_lens_of_the_same_name_is_not_mistaken_for_the_first(method):
+    cache, options = ChannelCache(), METHODS[method]
     other = replace(LENS, f_number_effective=4.0)
     blurred = make_lens(gaussian_psf(6, 6, 2.5, 25), heights_mm=LENS.heights_mm)
     for lens in (LENS, other, blurred, LOPSIDED, LENS):
-        check(frame(), lens, options, kept)
+        check(frame(), lens, options, cache)
 
 
-def test_another_plan_is_not_taken_for_the_first():
-    kept = ChannelCache()
+def test_another_plan_is_not_mistaken_for_the_first():
+    cache = ChannelCache()
     changes = ({}, {"out_of_field": "vignette"}, {"section_size": 9}, {"azimuths": 7}, {"precision": "float64"},
                {"psf_energy": 0.9}, {"method": "paper"}, {"method": "paper", "section_size": 9})
     for options in (*METHODS.values(), *(Options(**{"section_size": 8} | change) for change in changes)):
-        check(frame(pitch_um=100.0), LENS, options, kept)
+        check(frame(pitch_um=100.0), LENS, options, cache)
 
 
-def test_fireflies_of_one_frame_do_not_stay_for_the_next():
-    kept, options = ChannelCache(), Options(section_size=8, fireflies="clamp")
+def test_fireflies_do_not_carry_over_to_the_next_frame():
+    cache, options = ChannelCache(), Options(section_size=8, fireflies="clamp")
     for seed in (0, 1):
         radiance = frame(seed)
         radiance.cube[seed, 4, 5] = np.nan
-        check(radiance, LENS, options, kept)
+        check(radiance, LENS, options, cache)
 
 
 @pytest.fixture
-def made(monkeypatch):
+def computations(monkeypatch):
     """Counts computations from the lens data: PSFs, and fits of the field."""
     counts = {"psfs": 0, "fields": 0}
 
@@ -114,31 +114,31 @@ def made(monkeypatch):
 
 
 @pytest.mark.parametrize("method", ["sections", "double", "pixels", "paper"])
-def test_the_second_frame_makes_no_psf_and_no_fit(method, made):
-    kept = ChannelCache()
-    simulate(frame(0), LENS, METHODS[method], cache=kept)
-    assert made["psfs"] > 0 and made["fields"] > 0
-    made.update(psfs=0, fields=0)
-    simulate(frame(1), LENS, METHODS[method], cache=kept)
-    assert made == {"psfs": 0, "fields": 0}
+def test_the_second_frame_computes_no_psfs_and_no_fits(method, computations):
+    cache = ChannelCache()
+    simulate(frame(0), LENS, METHODS[method], cache=cache)
+    assert computations["psfs"] > 0 and computations["fields"] > 0
+    computations.update(psfs=0, fields=0)
+    simulate(frame(1), LENS, METHODS[method], cache=cache)
+    assert computations == {"psfs": 0, "fields": 0}
 
 
-def test_a_lens_that_is_loaded_anew_is_the_lens_that_was_kept(made):
-    kept = ChannelCache()
-    simulate(frame(0), LENS, METHODS["sections"], cache=kept)
-    made.update(psfs=0, fields=0)
-    simulate(frame(1), replace(LENS), METHODS["sections"], cache=kept)
-    assert made == {"psfs": 0, "fields": 0}
+def test_a_reloaded_lens_matches_the_cached_one(computations):
+    cache = ChannelCache()
+    simulate(frame(0), LENS, METHODS["sections"], cache=cache)
+    computations.update(psfs=0, fields=0)
+    simulate(frame(1), replace(LENS), METHODS["sections"], cache=cache)
+    assert computations == {"psfs": 0, "fields": 0}
 
 
 @pytest.mark.parametrize("method", ["sections", "pixels"])
-def test_with_no_memory_everything_is_made_again(method, made):
-    kept = ChannelCache(limit_mb=0)
-    simulate(frame(0), LENS, METHODS[method], cache=kept)
-    first = dict(made)
-    made.update(psfs=0, fields=0)
-    simulate(frame(1), LENS, METHODS[method], cache=kept)
-    assert made["fields"] >= len(NM) and first["fields"] >= made["fields"]
+def test_without_memory_everything_is_recomputed(method, computations):
+    cache = ChannelCache(limit_mb=0)
+    simulate(frame(0), LENS, METHODS[method], cache=cache)
+    first = dict(computations)
+    computations.update(psfs=0, fields=0)
+    simulate(frame(1), LENS, METHODS[method], cache=cache)
+    assert computations["fields"] >= len(NM) and first["fields"] >= computations["fields"]
 
 
 @pytest.fixture
@@ -156,51 +156,51 @@ def taken(monkeypatch):
     return pieces
 
 
-def test_with_little_memory_part_is_kept_and_part_made_again(made, taken):
-    whole = ChannelCache()
-    simulate(frame(0), LENS, METHODS["sections"], cache=whole)
-    kept = ChannelCache(limit_mb=sum(taken) * 0.5e-6)
-    for each in (whole, kept):
+def test_with_little_memory_part_is_cached_and_part_recomputed(computations, taken):
+    unlimited = ChannelCache()
+    simulate(frame(0), LENS, METHODS["sections"], cache=unlimited)
+    limited = ChannelCache(limit_mb=sum(taken) * 0.5e-6)
+    for each in (unlimited, limited):
         simulate(frame(0), LENS, METHODS["sections"], cache=each)
-    made.update(psfs=0, fields=0)
-    simulate(frame(1), LENS, METHODS["sections"], cache=kept)
-    assert made["fields"] + made["psfs"] > 0
-    made.update(psfs=0, fields=0)
-    simulate(frame(1), LENS, METHODS["sections"], cache=whole)
-    assert made["fields"] + made["psfs"] == 0
+    computations.update(psfs=0, fields=0)
+    simulate(frame(1), LENS, METHODS["sections"], cache=limited)
+    assert computations["fields"] + computations["psfs"] > 0
+    computations.update(psfs=0, fields=0)
+    simulate(frame(1), LENS, METHODS["sections"], cache=unlimited)
+    assert computations["fields"] + computations["psfs"] == 0
 
 
 @pytest.mark.parametrize("size, taken", [(6, [True, False, True, False]), (10, [True, True, True, False]),
                                          (3, [False, False, True, False]), (0, [False] * 4)])
-def test_memory_is_given_until_it_is_gone(size, taken):
+def test_memory_is_granted_until_it_runs_out(size, taken):
     memory = MemoryBudget(size)
     assert [memory.take(piece) for piece in (5, 4, 1, 3)] == taken
 
 
 @pytest.mark.parametrize("method", ["sections", "double", "pixels", "paper"])
 @pytest.mark.parametrize("limit_mb", [0, 0.2, 1])
-def test_what_is_kept_stays_within_the_memory_allowed_however_many_frames_there_are(method, limit_mb, taken):
+def test_the_cache_stays_within_its_limit_over_many_frames(method, limit_mb, taken):
     """Light that moves over the picture lights different sections in each frame."""
-    kept = ChannelCache(limit_mb=limit_mb)
+    cache = ChannelCache(limit_mb=limit_mb)
     options = Options(method="pixels", azimuths=2) if method == "pixels" else METHODS[method]
     for start in range(0, 60, 15):
         radiance = frame(shape=(14, 60), wavelengths_nm=(500.0, 600.0))
         radiance.cube[:, :, :start] = 0
         radiance.cube[:, :, start + 20:] = 0
-        simulate(radiance, LENS, options, cache=kept)
+        simulate(radiance, LENS, options, cache=cache)
     assert sum(taken) <= limit_mb * 1e6
     assert limit_mb == 0 or sum(taken) > 0
 
 
-def test_next_to_nothing_is_held_where_nothing_may_be_kept():
+def test_a_cache_without_memory_holds_next_to_nothing():
     """Including tables of PSFs, which channels do not count."""
     lens = load_lens("edmund-54852")
     radiance = frame(shape=(60, 80), wavelengths_nm=(450.0, 500.0, 550.0, 600.0), pitch_um=6.25)
-    kept = ChannelCache(limit_mb=0)
-    simulate(radiance, lens, Options(method="pixels", azimuths=32), cache=kept)  # loads modules and fills caches
+    cache = ChannelCache(limit_mb=0)
+    simulate(radiance, lens, Options(method="pixels", azimuths=32), cache=cache)  # loads modules and fills caches
     tracemalloc.start()
     try:
-        simulate(radiance, lens, Options(method="pixels", azimuths=33), cache=kept)
+        simulate(radiance, lens, Options(method="pixels", azimuths=33), cache=cache)
         gc.collect()
         held, peak = tracemalloc.get_traced_memory()
     finally:
@@ -208,13 +208,13 @@ def test_next_to_nothing_is_held_where_nothing_may_be_kept():
     assert held < 1e6 < peak
 
 
-def test_what_channels_hold_is_counted(taken):
+def test_the_memory_of_channels_is_counted(taken):
     """Footprints, PSFs and tables; all other data are as small as a few curves."""
-    kept, radiance = ChannelCache(), frame(shape=(240, 320), wavelengths_nm=(450.0,), pitch_um=10.0)
+    cache, radiance = ChannelCache(), frame(shape=(240, 320), wavelengths_nm=(450.0,), pitch_um=10.0)
     tracemalloc.start()
     try:
         before, _ = tracemalloc.get_traced_memory()
-        simulate(radiance, LENS, METHODS["pixels"], cache=kept)
+        simulate(radiance, LENS, METHODS["pixels"], cache=cache)
         gc.collect()
         held = tracemalloc.get_traced_memory()[0] - before
     finally:

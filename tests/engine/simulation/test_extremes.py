@@ -44,7 +44,7 @@ def energy_ratio(image, lens, options):
 
 @pytest.mark.parametrize("section_size", [1, 2, 7, 1000])
 @pytest.mark.parametrize("method", ["sections", "paper"])
-def test_even_light_keeps_its_energy_whatever_the_section(section_size, method):
+def test_even_light_keeps_its_energy_for_any_section_size(section_size, method):
     image = radiance(np.ones((8, 11)))
     double, single = (Options(method=method, section_size=section_size, precision=precision)
                       for precision in ("float64", "auto"))
@@ -62,14 +62,14 @@ def exact_noise(request):
 @pytest.mark.parametrize("options, bound", [
     *((Options(section_size=size, azimuths=64), 1e-4) for size in (1, 7, 1000)),
     *((Options(method="paper", section_size=size), bound) for size, bound in ((1, 1e-12), (7, 2e-3), (1000, 0.1)))])
-def test_sections_of_any_size_are_near_the_exact_operator(exact_noise, options, bound):
+def test_sections_of_any_size_approximate_the_exact_operator(exact_noise, options, bound):
     image, lens, exact = exact_noise
     assert distance_of_light(simulate(image, lens, options).cube, exact) < bound
 
 
 @EVERY_METHOD
 @pytest.mark.parametrize("shape", [(1, 1), (3, 20)])
-def test_images_smaller_than_the_psf_are_taken(shape, options):
+def test_images_smaller_than_the_psf_are_accepted(shape, options):
     image = radiance(np.ones(shape), pitch_um=1.5)
     result = simulate(image, SOFT, options)
     assert result.cube.shape == (1, *shape) and np.isfinite(result.cube).all() and result.cube.min() > 0
@@ -123,7 +123,7 @@ def test_a_highlight_leaves_the_background_alone(options):
 
 
 @pytest.mark.parametrize("options", [SECTIONS, METHODS["paper single"], PIXELS], ids=["sections", "paper", "pixels"])
-def test_all_pixels_round_a_highlight_are_right_to_a_ten_thousandth_of_themselves(options):
+def test_all_pixels_around_a_highlight_are_accurate_to_one_part_in_ten_thousand(options):
     """Including those under the highlight's blur, despite a ratio of 1e9."""
     plane = 1e-3 * (1 + noise((72, 96)))
     plane[30, 53], plane[60:64, 7:9] = 1e6, 3e4
@@ -157,7 +157,7 @@ def test_a_single_dim_pixel_in_the_black_is_not_lost(options):
 
 @EVERY_METHOD
 @pytest.mark.parametrize("value", [np.nan, -np.inf])
-def test_a_pixel_that_is_no_number_is_named(value, options):
+def test_a_nonfinite_pixel_is_named(value, options):
     plane = np.ones((6, 8))
     plane[4, 3] = value
     with pytest.raises(ImageError, match="pixel at row 4, column 3, 550 nm is"):
@@ -166,7 +166,7 @@ def test_a_pixel_that_is_no_number_is_named(value, options):
 
 @EVERY_METHOD
 @pytest.mark.parametrize("value", [np.nan])  # test_fireflies has the others
-def test_a_pixel_that_is_no_number_takes_its_neighbours_light_where_that_is_asked(value, options):
+def test_a_nonfinite_pixel_takes_its_neighbours_light_on_request(value, options):
     plane = np.ones((6, 8))
     clean = simulate(radiance(plane), SOFT, options).cube
     plane[4, 3] = value
@@ -179,7 +179,7 @@ def test_a_pixel_that_is_no_number_takes_its_neighbours_light_where_that_is_aske
 # Wavelengths
 
 @EVERY_METHOD
-def test_a_lens_of_one_wavelength_serves_it_and_no_other(options):
+def test_a_lens_of_one_wavelength_serves_only_that_wavelength(options):
     lens, plane = make_lens(wavelengths_nm=(587.6,), transmittance=0.5), noise((40, 40))
     result = simulate(radiance(plane, nm=587.6), lens, options).cube[0]
     np.testing.assert_allclose(result, 0.5 * E_AXIS * plane, atol=3e-7)
@@ -189,7 +189,7 @@ def test_a_lens_of_one_wavelength_serves_it_and_no_other(options):
 
 @EVERY_METHOD
 @pytest.mark.parametrize("nm, named", [(399.0, "399 nm"), (701.0, "701 nm")])
-def test_wavelengths_outside_the_lens_are_named_with_what_it_spans(nm, named, options):
+def test_wavelengths_outside_the_lens_are_named_with_its_range(nm, named, options):
     with pytest.raises(LensError, match=f"wavelength is {named}: the lens data spans 400 to 700 nm"):
         simulate(radiance(np.ones((8, 8)), nm=nm), make_lens(), options)
 
@@ -208,7 +208,7 @@ def test_the_axis_may_lie_outside_the_frame(centre_px, options, bound):
 
 
 @EVERY_METHOD
-def test_a_fully_vignetted_height_is_dark_and_no_more(options):
+def test_a_fully_vignetted_height_is_dark_but_not_negative(options):
     lens = make_lens(relative_illumination=lambda nm, p: np.clip(1 - p, 0, None))
     report = Report()
     result = simulate(radiance(np.ones((61, 61)), pitch_um=50.0), lens, options, report=report).cube[0]
@@ -232,7 +232,7 @@ def test_strong_distortion_keeps_even_light_even(real_height_mm, options):
     np.testing.assert_allclose(simulate(image, lens, options).cube, 2.0 * E_AXIS, rtol=1e-5)
 
 
-def test_57_percent_of_barrel_pulls_a_point_to_where_it_belongs():
+def test_57_percent_barrel_distortion_moves_a_point_to_its_real_height():
     lens = make_lens(real_height_mm=lambda nm, p: 0.7 * np.arctan(p / 0.7))
     assert lens.real_height_mm[0, -1] / 2 - 1 == pytest.approx(-0.57, abs=0.005)
     plane = np.zeros((201, 201))
@@ -256,7 +256,7 @@ def fisheye_of_140_degrees():
 
 
 @pytest.mark.parametrize("options", [SECTIONS, PIXELS], ids=["sections", "pixels"])
-def test_a_fisheye_of_140_degrees_is_taken(fisheye_of_140_degrees, options):
+def test_a_fisheye_of_140_degrees_is_simulated(fisheye_of_140_degrees, options):
     image = SpectralImage(np.ones((1, 400, 400)), [550], pitch_um=400.0, overscan_px=(100, 100))
     report = Report()
     result = simulate(image, fisheye_of_140_degrees, options, report=report).cube
@@ -289,7 +289,7 @@ def test_fits_on_enough_heights_stop_at_the_order_that_meets_the_table():
 
 @pytest.mark.parametrize("options", DOUBLE.values(), ids=DOUBLE.keys())
 @pytest.mark.parametrize("shape, centre_px", [((20, 26), None), ((21, 27), None), ((21, 26), (3.0, 50.0))])
-def test_energy_on_the_full_canvas_is_kept_to_1e_12(shape, centre_px, options):
+def test_energy_on_the_full_canvas_is_preserved_to_1e_12(shape, centre_px, options):
     for lens in (comatic_lens(), make_lens(marked_psf(10, 8))):
         image = radiance(noise(shape), pitch_um=8.0, centre_px=centre_px)
         assert energy_ratio(image, lens, options) == pytest.approx(1, rel=1e-12, abs=0)

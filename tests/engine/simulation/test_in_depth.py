@@ -59,14 +59,14 @@ def differ(one, other):
 
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("options", [Options(), ROUGH, Options(supersampling=2), Options(out_of_field="vignette")])
-def test_what_is_in_focus_is_as_without_layers(lens, options):
+def test_layers_in_focus_match_the_flat_picture(lens, options):
     grid = grid_of(lens)
     scene = layered(grid, lens, layer(grid, texture(grid), FOCUS_MM))
     assert np.array_equal(simulate(scene, lens, options).cube, simulate(scene.flat(), lens, options).cube)
 
 
 @pytest.mark.parametrize("depth_mm", [300.0, 1000.0, 8000.0, np.inf])
-def test_even_light_is_even_at_any_depth(lens, depth_mm):
+def test_even_light_stays_even_at_any_depth(lens, depth_mm):
     """Except near the axis, where PSFs rotate from pixel to pixel."""
     grid = grid_of(lens, margin_px=60)
     scene = layered(grid, lens, layer(grid, 3.0, depth_mm))
@@ -75,7 +75,7 @@ def test_even_light_is_even_at_any_depth(lens, depth_mm):
 
 
 @pytest.mark.parametrize("out_of_field", ["vignette", "hold"])
-def test_light_out_of_focus_ends_with_the_lens_data_where_light_in_focus_does(out_of_field):
+def test_light_in_and_out_of_focus_ends_where_the_lens_data_end(out_of_field):
     """Data to 0.5 mm from an axis off the picture's centre; the picture extends to 1 mm."""
     lens = tinted(make_lens(heights_mm=np.linspace(0, 0.5, 6), object_distance_mm=FOCUS_MM, magnification=-0.005))
     grid = PixelGrid((70, 90), 16.0, centre_px=(30.0, 52.0), overscan_px=(6, 6))
@@ -84,13 +84,13 @@ def test_light_out_of_focus_ends_with_the_lens_data_where_light_in_focus_does(ou
     radius_mm = np.hypot(x_mm, y_mm[:, None])
     for depth_mm in (FOCUS_MM, 150.0):
         scene = LayeredRadiance((layer(grid, 3.0, depth_mm),), NM, grid, lens.capture_focal_length_mm)
-        found = simulate(scene, lens, Options(out_of_field=out_of_field)).cube
-        lit = found > 1e-4 * found.max()  # above the rounding of transforms
+        irradiance = simulate(scene, lens, Options(out_of_field=out_of_field)).cube
+        lit = irradiance > 1e-4 * irradiance.max()  # above the rounding of transforms
         assert np.all(lit[:, radius_mm < 0.48]) and radius_mm.max() > 0.8
         assert np.all(lit[:, radius_mm > 0.52] == (out_of_field == "hold"))
 
 
-def test_an_even_plane_aslant_through_focus_shows_no_seam(lens):
+def test_an_even_plane_tilted_through_focus_shows_no_seam(lens):
     """From well in front of the focus to well behind it: no seam where rays begin, and none where layers do."""
     grid = grid_of(lens)
     pitch_um = grid.pitch_um / 40  # a small part of the sensor, so that the blur is many pixels wide
@@ -106,7 +106,7 @@ def test_an_even_plane_aslant_through_focus_shows_no_seam(lens):
         assert np.abs(rows - 1).max() < SEAM
 
 
-def test_a_lamp_out_of_focus_keeps_its_light_and_is_as_wide_as_first_order_tells(lens):
+def test_a_lamp_out_of_focus_keeps_its_light_and_has_its_first_order_width(lens):
     grid = grid_of(lens, columns=144)
     grid = replace(grid, pitch_um=grid.pitch_um / 10)
     light = np.zeros(grid.shape_px)
@@ -114,10 +114,10 @@ def test_a_lamp_out_of_focus_keeps_its_light_and_is_as_wide_as_first_order_tells
     light[row - 1:row + 2, column - 1:column + 2] = 100.0
     scene = layered(grid, lens, layer(grid, light, depth_of_blur(lens, grid, 16.0)))
     report = Report()
-    sharp, seen = simulate(scene.flat(), lens).cube, simulate(scene, lens, Options(accuracy=0.001), report=report).cube
-    assert np.allclose(seen.sum(axis=(1, 2)), sharp.sum(axis=(1, 2)), rtol=0.02)
-    rows, columns = np.indices(seen.shape[1:])
-    for plane, before in zip(seen, sharp, strict=True):
+    sharp, image = simulate(scene.flat(), lens).cube, simulate(scene, lens, Options(accuracy=0.001), report=report).cube
+    assert np.allclose(image.sum(axis=(1, 2)), sharp.sum(axis=(1, 2)), rtol=0.02)
+    rows, columns = np.indices(image.shape[1:])
+    for plane, before in zip(image, sharp, strict=True):
         middle = [np.average(index, weights=plane) for index in (rows, columns)]
         expected = [np.average(index, weights=before) for index in (rows, columns)]
         assert np.allclose(middle, expected, atol=0.2)
@@ -128,21 +128,21 @@ def test_a_lamp_out_of_focus_keeps_its_light_and_is_as_wide_as_first_order_tells
     assert energy.in_frame_w_per_nm == pytest.approx(energy.in_w_per_nm, rel=1e-3)
 
 
-def test_a_blurred_edge_in_front_lets_half_of_what_is_in_focus_through(lens):
+def test_a_blurred_edge_in_front_passes_half_of_the_light_in_focus(lens):
     grid = grid_of(lens)
     grid = replace(grid, pitch_um=grid.pitch_um / 10)
     left = np.indices(grid.shape_px)[1] < grid.shape_px[1] // 2
     near = layer(grid, 0.0, depth_of_blur(lens, grid, 20.0), left.astype(float))
-    seen = simulate(layered(grid, lens, near, layer(grid, 3.0, FOCUS_MM)), lens).cube
+    covered = simulate(layered(grid, lens, near, layer(grid, 3.0, FOCUS_MM)), lens).cube
     open_ = simulate(layered(grid, lens, layer(grid, 3.0, FOCUS_MM)), lens).cube
-    across = (seen / open_).mean(axis=(0, 1))
+    across = (covered / open_).mean(axis=(0, 1))
     middle = across.size // 2
     assert across[:middle - 12].max() < 0.02 and across[middle + 12:].min() > 0.98
     assert across[middle - 1:middle + 1].mean() == pytest.approx(0.5, abs=0.03)
     assert np.all(np.diff(across) > -0.03)
 
 
-def test_layers_of_another_pinhole_are_seen_on_the_same_sensor(lens):
+def test_layers_of_another_pinhole_map_to_the_same_sensor(lens):
     """As in a rack focus, where the lens is focused elsewhere than for the capture."""
     grid, times = grid_of(lens), 1.05
     depth_mm = depth_of_blur(lens, grid_of(lens), 3.0)
@@ -156,7 +156,7 @@ def test_layers_of_another_pinhole_are_seen_on_the_same_sensor(lens):
 
 
 @pytest.mark.parametrize("parts", [{"centre_px": (20.0, 90.0)}, {"projection": FISHEYE}])
-def test_wherever_the_axis_and_whatever_the_capture(lens, parts):
+def test_even_layers_stay_even_for_any_axis_and_projection(lens, parts):
     grid = grid_of(lens, **parts)
     scene = layered(grid, lens, layer(grid, 3.0, 400.0, np.indices(grid.shape_px)[0] % 8 < 4),
                     layer(grid, 3.0, FOCUS_MM))
@@ -165,23 +165,23 @@ def test_wherever_the_axis_and_whatever_the_capture(lens, parts):
 
 
 @pytest.mark.parametrize("depth_mm", [700.0, FOCUS_MM])
-def test_progress_goes_on_to_the_end(lens, depth_mm):
-    grid, told = grid_of(lens), []
+def test_progress_rises_to_the_end(lens, depth_mm):
+    grid, fractions = grid_of(lens), []
     scene = layered(grid, lens, layer(grid, texture(grid), depth_mm))
-    simulate(scene, lens, progress=told.append)
-    assert told == sorted(told) and told[-1] == 1 and told[0] > 0
-    assert depth_mm == FOCUS_MM or len(told) > len(NM)  # casting reports its own progress
+    simulate(scene, lens, progress=fractions.append)
+    assert fractions == sorted(fractions) and fractions[-1] == 1 and fractions[0] > 0
+    assert depth_mm == FOCUS_MM or len(fractions) > len(NM)  # casting reports its own progress
 
 
-def test_frames_share_what_is_kept(lens):
-    grid, kept = grid_of(lens), ChannelCache()
+def test_frames_share_the_cache(lens):
+    grid, cache = grid_of(lens), ChannelCache()
     scene = layered(grid, lens, layer(grid, texture(grid), 700.0))
-    first = simulate(scene, lens, cache=kept).cube
-    assert np.array_equal(first, simulate(scene, lens, cache=kept).cube)
+    first = simulate(scene, lens, cache=cache).cube
+    assert np.array_equal(first, simulate(scene, lens, cache=cache).cube)
     assert np.array_equal(first, simulate(scene, lens).cube)
 
 
-def test_fireflies_in_layers_are_refused_or_mended(lens):
+def test_fireflies_in_layers_are_refused_or_clamped(lens):
     grid = grid_of(lens)
     light = np.full(grid.shape_px, 3.0)
     light[30, 40] = np.nan
@@ -193,7 +193,7 @@ def test_fireflies_in_layers_are_refused_or_mended(lens):
     assert report.lens_image.fireflies_clamped == len(NM) and np.isfinite(mended).all()
 
 
-def test_light_may_take_the_place_of_its_own_picture(lens):
+def test_the_result_can_be_written_to_a_given_array(lens):
     grid = grid_of(lens)
     scene = layered(grid, lens, layer(grid, texture(grid), 900.0))
     out = np.empty((len(NM), *grid.frame_px), np.float32)

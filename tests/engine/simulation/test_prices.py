@@ -29,30 +29,30 @@ def one_gigabyte(monkeypatch):
     (Options(azimuths=4, psf_energy=0.9), {"cube": np.broadcast_to(np.float32(1), (2, 12_000, 12_000)),
                                            "pitch_um": 0.3}),
 ], ids=["azimuths", "pitch", "size"])
-def test_what_there_is_no_memory_for_is_refused_with_the_number(one_gigabyte, options, changes):
+def test_work_that_exceeds_memory_is_refused_with_its_size(one_gigabyte, options, changes):
     with pytest.raises(ImageError, match=r"^image: size is [\d.]+ GB in memory: 1 GB are free: give a smaller picture"):
         ChannelCache().plan(options, LENS, picture(**changes))
     with pytest.raises(ImageError, match="in memory"):
         simulate(picture(**changes), LENS, options)
 
 
-def test_pixels_so_small_that_psfs_alone_take_more_are_refused_before_these_are_made(one_gigabyte):
+def test_pixels_whose_psfs_alone_exceed_memory_are_refused_at_once(one_gigabyte):
     with pytest.raises(ImageError, match=r"^point spread functions: size is [\d.]+ GB in memory: .*larger pixels"):
         ChannelCache().plan(Options(), LENS, picture(pitch_um=0.05))
 
 
-def test_what_there_is_memory_for_is_not(one_gigabyte):
+def test_work_that_fits_in_memory_is_accepted(one_gigabyte):
     assert simulate(picture(), LENS).cube.shape == (2, 40, 60)
 
 
-def test_the_peak_is_what_is_there_and_what_is_to_come(monkeypatch):
+def test_the_peak_is_the_memory_in_use_plus_the_memory_needed(monkeypatch):
     monkeypatch.setattr(cost, "taken_bytes", lambda: 10**8)
     plan = ChannelCache().plan(Options(), LENS, picture())
     assert plan.peak_mb == pytest.approx(100 + plan.memory_mb + 2 * 40 * 60 * 4e-6)
     assert f"{plan.peak_mb:.0f} MB" in plan.text
 
 
-def test_memory_that_is_taken_is_told(monkeypatch):
+def test_memory_in_use_is_reported(monkeypatch):
     before = memory.taken_bytes()
     if not before:
         pytest.skip("this system does not tell")
@@ -67,7 +67,7 @@ def test_each_plane_of_a_file_is_in_memory_once(tmp_path):
 
 
 @pytest.mark.parametrize("rows", [1, 63, 64, 65, 200])
-def test_a_picture_that_is_encoded_by_rows_is_what_it_is_at_once(tmp_path, rows):
+def test_encoding_a_picture_by_rows_changes_nothing(tmp_path, rows):
     from PIL import Image
 
     rec709 = np.random.default_rng(1).random((rows, 30, 3), np.float32) * 3 - 1
@@ -80,14 +80,14 @@ def test_a_picture_that_is_encoded_by_rows_is_what_it_is_at_once(tmp_path, rows)
     (np.where(np.arange(60) < 6, -1, 1) * np.ones((2, 40, 1)), "11.1% of the radiance is negative, which is not"),
     (np.full((2, 40, 60), 2e36), "radiance of up to 2e+36 W m^-2 sr^-1 nm^-1 is close to the limit of"),
     (np.ones((2, 40, 60)), None)], ids=["negative", "bright", "light"])
-def test_light_that_is_none_or_too_much_gets_a_word(cube, word):
+def test_negative_or_excessive_radiance_gets_a_remark(cube, word):
     report = Report()
     simulate(picture(cube), LENS, report=report)
-    told = [line for line in report.remarks() if "radiance" in line]
-    assert [line.startswith(word) for line in told] == [True] if word else not told
+    remarks = [line for line in report.remarks() if "radiance" in line]
+    assert [line.startswith(word) for line in remarks] == [True] if word else not remarks
 
 
-def test_irradiance_in_the_place_of_its_radiance_takes_no_memory(monkeypatch):
+def test_irradiance_written_over_its_radiance_takes_no_memory(monkeypatch):
     monkeypatch.setattr(cost, "taken_bytes", lambda: 0)
     image, reports = picture(), [Report(), Report()]
     simulate(image, LENS, report=reports[0])

@@ -37,7 +37,7 @@ def test_a_stage_does_not_count_the_stages_inside_it(clock):
     assert report.as_dict()["total_s"] == 10.0
 
 
-def test_a_stage_that_comes_again_adds_up(clock):
+def test_a_repeated_stage_adds_up(clock):
     clock(0.0, 1.0, 5.0, 7.0)
     report = Report()
     for _ in range(2):
@@ -46,7 +46,7 @@ def test_a_stage_that_comes_again_adds_up(clock):
     assert report.stages == {"again": 3.0}
 
 
-def test_a_stage_that_fails_is_still_timed(clock):
+def test_a_stage_that_fails_is_timed_too(clock):
     clock(0.0, 1.0, 3.0, 4.0)
     report = Report()
     with pytest.raises(KeyError), report.stage("outer"), report.stage("inner"):
@@ -60,9 +60,9 @@ def test_a_written_report_reads_back(tmp_path):
     with report.stage("only"):
         pass
     report.write(tmp_path / "new" / "report.json")
-    told = json.loads((tmp_path / "new" / "report.json").read_text())
-    assert told == {"software": software()} | report.as_dict()
-    assert told["radiance"] == "triplet.exr" and told["overscan_needed_px"] == [3, None]
+    contents = json.loads((tmp_path / "new" / "report.json").read_text())
+    assert contents == {"software": software()} | report.as_dict()
+    assert contents["radiance"] == "triplet.exr" and contents["overscan_needed_px"] == [3, None]
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["report.json"]
 
 
@@ -114,12 +114,12 @@ def scene_facts(outside=0.0, **changes):
     ([image_facts(), file_facts((3, 9))], "needs 9 x 3 px of overscan on each side, the picture has 8 x 3"),
     ([file_facts(negative=0.0009)], None),
     ([file_facts(negative=0.0011)], "0.1% of the light would be negative")], ids=str)
-def test_a_remark_is_made_of_each_loss_and_of_nothing_else(facts, remark):
+def test_each_loss_and_nothing_else_gets_a_remark(facts, remark):
     remarks = Report(parts=Parts(facts)).remarks()
     assert len(remarks) == (remark is not None) and all(remark in line for line in remarks)
 
 
-def test_a_sequence_makes_the_remarks_of_its_frames_once():
+def test_a_sequence_lists_the_remarks_of_its_frames_once():
     frames = {number: Report(parts=Parts([image_facts(out_of_field_fraction=fraction)]))
               for number, fraction in ((1, 0.1), (2, 0.1), (3, 0.2))}
     report = Report(frames=frames)
@@ -127,6 +127,6 @@ def test_a_sequence_makes_the_remarks_of_its_frames_once():
     assert Report(frames={n: frames[1] for n in (1, 2)}).remarks() == frames[1].remarks()
     assert Report(frames=frames | {1: Report()}).remarks()[0].startswith("frame 2: 10.0% ")
     assert Report(frames={1: frames[1], 2: Report()}).remarks()[0].endswith("hold")
-    told = report.as_dict()
-    assert (told["lens"], told["out_of_field_fraction"], len(told["frames"])) == ("triplet", 0.2, 3)
-    assert told["plan"]["method"] == "sections" and told["frames"][2]["frame"] == 3
+    contents = report.as_dict()
+    assert (contents["lens"], contents["out_of_field_fraction"], len(contents["frames"])) == ("triplet", 0.2, 3)
+    assert contents["plan"]["method"] == "sections" and contents["frames"][2]["frame"] == 3

@@ -44,7 +44,7 @@ def test_a_perfect_lens_changes_nothing_but_the_unit():
     np.testing.assert_allclose(result.cube, 0.9 * E_AXIS * cube, rtol=1e-6)
 
 
-def test_result_says_what_it_is():
+def test_the_result_states_its_quantity_and_its_lens():
     result = simulate(points_image([(0, 0)]), make_lens())
     assert (result.quantity, result.lens_name, result.f_number_effective) == ("irradiance", "hand-made", 2.0)
     assert result.cube.dtype == np.float32
@@ -68,7 +68,7 @@ def test_a_mark_along_u_falls_where_the_convention_says(source, image):
 
 
 @pytest.mark.parametrize("centre_px", [(10.0, 45.0), (40.0, 12.0), (-20.0, 90.0), (70.0, 30.0)])
-def test_outwards_is_about_the_axis_wherever_it_falls(centre_px):
+def test_outwards_is_relative_to_the_axis_wherever_it_lies(centre_px):
     column, row = 30, 20
     cube = np.zeros((1, 61, 61))
     cube[0, row, column] = 1
@@ -115,7 +115,7 @@ def test_lateral_colour_between_wavelengths_lies_between():
     assert brightest(result) == (18, 0)
 
 
-def test_psfs_are_looked_up_by_the_height_that_the_light_came_from():
+def test_psfs_are_looked_up_by_the_height_of_the_source():
     # Ideal height 0.1 mm or 20 px, real height 16 px. The mark is 0, 5 or 10 px farther out at 0, 0.1 and 0.2 mm.
     table = np.stack([marked_psf(v, 0, 49) for v in (0, 10, 20)])[None]
     lens = make_lens(table, lambda nm, p: 0.8 * p, wavelengths_nm=(550.0,), heights_mm=(0.0, 0.1, 0.2))
@@ -181,7 +181,7 @@ def test_a_psf_larger_than_the_section_does_not_wrap_around():
 @pytest.mark.parametrize("options, tolerance", [
     (Options(method="paper", section_size=8), 0), (Options(method="exact"), 0),
     (Options(method="pixels", azimuths=8), 1e-6), (Options(section_size=8, azimuths=8), 1e-6)])
-def test_many_wavelengths_are_each_alone(options, tolerance):
+def test_many_wavelengths_are_simulated_independently(options, tolerance):
     """Tables of many wavelengths are mixed from the tables of the lens data, and so equal except for rounding."""
     rng = np.random.default_rng(8)
     lens = make_lens(np.stack([np.tile(gaussian_psf(s, s, 2.5, 17), (11, 1, 1)) for s in (4, 8)]),
@@ -194,7 +194,7 @@ def test_many_wavelengths_are_each_alone(options, tolerance):
 
 
 @pytest.mark.parametrize("out_of_field, beyond", [("hold", 0.6), ("vignette", 0.0)])
-def test_beyond_the_last_height_light_is_held_or_vignetted_as_asked(out_of_field, beyond):
+def test_beyond_the_last_height_light_is_held_or_vignetted_as_requested(out_of_field, beyond):
     lens = make_lens(relative_illumination=lambda nm, p: 1 - 0.1 * p**2)  # heights to 2 mm
     report = Report()
     image = SpectralImage(np.ones((1, 61, 61)), [550.0], pitch_um=100.0)
@@ -209,10 +209,10 @@ def test_beyond_the_last_height_light_is_held_or_vignetted_as_asked(out_of_field
     assert report.lens_image.out_of_field_fraction == pytest.approx(outside.mean(), abs=0.005)
 
 
-def test_progress_is_told_after_every_wavelength():
-    seen = []
-    simulate(points_image([(0, 0)], wavelengths_nm=(400, 500, 600, 700)), make_lens(), progress=seen.append)
-    assert seen == [0.25, 0.5, 0.75, 1.0]
+def test_progress_is_reported_after_every_wavelength():
+    fractions = []
+    simulate(points_image([(0, 0)], wavelengths_nm=(400, 500, 600, 700)), make_lens(), progress=fractions.append)
+    assert fractions == [0.25, 0.5, 0.75, 1.0]
 
 
 def test_report_can_be_written_and_names_stages_and_fits(tmp_path):
@@ -225,7 +225,7 @@ def test_report_can_be_written_and_names_stages_and_fits(tmp_path):
     assert read["lens"] == "hand-made" and read["frame_px"] == [61, 73]
 
 
-def test_irradiance_is_not_taken_for_radiance():
+def test_irradiance_is_not_accepted_as_radiance():
     with pytest.raises(ImageError, match="quantity is irradiance"):
         simulate(points_image([(0, 0)], quantity="irradiance"), make_lens())
 
@@ -272,13 +272,13 @@ def crop_of_the_paper():
 @pytest.mark.parametrize("options, tolerance", [
     (Options(method="paper"), 0.02), (Options(method="paper", section_size=16, precision="auto"), 0.02),
     (Options(method="pixels", azimuths=32), 0.002), (Options(section_size=16, azimuths=32), 0.002)])
-def test_the_papers_sections_are_near_the_exact_operator(crop_of_the_paper, options, tolerance):
+def test_the_papers_sections_approximate_the_exact_operator(crop_of_the_paper, options, tolerance):
     image, lens, exact = crop_of_the_paper
     result = simulate(image, lens, options).cube[0]
     assert np.linalg.norm(result - exact) < tolerance * np.linalg.norm(exact)
 
 
-def test_the_method_of_the_paper_is_16_px_in_64_with_whole_psfs(crop_of_the_paper):
+def test_the_method_of_the_paper_is_16_px_in_64_with_uncropped_psfs(crop_of_the_paper):
     image, lens, _ = crop_of_the_paper
     by_knobs = Options(method="paper", section_size=16, psf_energy=1.0, precision="float64")
     paper = simulate(image, lens, Options(method="paper")).cube
@@ -298,14 +298,14 @@ def test_edmund_image_of_a_point_lies_at_its_real_height():
     assert centroid_px == pytest.approx(real_px, abs=0.15)
 
 
-def test_exact_method_is_the_reference_that_single_pixel_sections_come_to():
+def test_single_pixel_sections_reproduce_the_exact_method():
     image, lens = points_image([(3, 4), (-12, 9)]), make_lens(gaussian_psf(8, 4, 2.5, 17))
     exact = simulate(image, lens, Options(method="exact")).cube
     np.testing.assert_allclose(simulate(image, lens, PIXEL_BY_PIXEL).cube, exact, atol=1e-6 * exact.max())
 
 
 @pytest.mark.parametrize("options", [SECTIONS, Options(method="pixels", azimuths=8), Options(method="exact")])
-def test_irradiance_may_be_laid_over_the_radiance_it_came_from(options):
+def test_irradiance_may_overwrite_its_radiance(options):
     rng = np.random.default_rng(9)
     lens = make_lens(gaussian_psf(8, 4, 2.5, 17), lambda nm, p: 0.9 * p)
     cube = rng.random((3, 46, 58)).astype(np.float32)
@@ -317,7 +317,7 @@ def test_irradiance_may_be_laid_over_the_radiance_it_came_from(options):
     assert np.shares_memory(over.cube, cube)
 
 
-def test_light_that_falls_outside_the_frame_is_told_from_what_falls_inside():
+def test_light_outside_the_frame_is_counted_separately():
     # Half of a Gaussian on the edge of the frame is outside; the canvas contains all of it.
     image, report = points_image([(36, 0)]), Report()
     simulate(image, make_lens(gaussian_psf(12, 12, 2.5, 33)), PIXEL_BY_PIXEL, report=report)

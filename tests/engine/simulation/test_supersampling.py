@@ -49,7 +49,7 @@ def test_a_bright_pixel_is_a_lattice_of_points(times):
 
 
 @pytest.mark.parametrize("times", [1, 3, 8])
-def test_it_tends_to_an_even_square_with_the_square_of_their_number(times):
+def test_it_converges_quadratically_to_an_even_square(times):
     """The midpoint rule has an error of at most h^2 / 24 times the integral of the second derivative.
 
     Over all pixels together this is 4 times the Gaussian's peak, both down and across.
@@ -58,7 +58,7 @@ def test_it_tends_to_an_even_square_with_the_square_of_their_number(times):
     assert distance_of_light(image_of_a_point(times), np.outer(even_pixel(), even_pixel())) < bound + SAMPLING
 
 
-def test_without_it_light_stays_in_its_pixel_that_should_not():
+def test_without_it_too_much_light_stays_in_its_pixel():
     assert image_of_a_point(1)[5, 5] == pytest.approx((2 * ndtr(0.5 / SIGMA_PX) - 1)**2, abs=SAMPLING)
     assert np.outer(even_pixel(), even_pixel())[5, 5] < 0.75 < 0.97 < image_of_a_point(1)[5, 5]
 
@@ -75,12 +75,12 @@ def in_finer_pixels(image, times):
 @pytest.mark.parametrize("shape, facts", [
     ((40, 51), {}), ((40, 51), dict(overscan_px=(7, 8))), ((30, 41), dict(centre_px=(3.25, -8.5), overscan_px=(2, 0))),
     ((1, 30), {}), ((1, 1), {}), ((36, 36), dict(projection=FISHEYE, overscan_px=(3, 3)))], ids=str)
-@pytest.mark.parametrize("asked", [{}, dict(method="pixels", azimuths=8), dict(section_size=16)], ids=str)
-def test_it_is_the_picture_in_finer_pixels_averaged(times, shape, facts, asked):
+@pytest.mark.parametrize("options", [{}, dict(method="pixels", azimuths=8), dict(section_size=16)], ids=str)
+def test_it_equals_the_averaged_picture_in_finer_pixels(times, shape, facts, options):
     cube = np.random.default_rng(3).random((2, *shape)) ** 8  # some bright pixels among dark ones
     image, lens = SpectralImage(cube, [450, 600], pitch_um=20.0, **facts), comatic_lens()
-    result = simulate(image, lens, Options(supersampling=times, **asked))
-    fine = simulate(in_finer_pixels(image, times), lens, Options(**asked))
+    result = simulate(image, lens, Options(supersampling=times, **options))
+    fine = simulate(in_finer_pixels(image, times), lens, Options(**options))
     rows, columns = result.frame_px
     expected = fine.cube.reshape(2, rows, times, columns, times).mean(axis=(2, 4), dtype=float)
     np.testing.assert_allclose(result.cube, expected, atol=1e-6 * expected.max(), rtol=0)
@@ -88,7 +88,7 @@ def test_it_is_the_picture_in_finer_pixels_averaged(times, shape, facts, asked):
                                         grid=PixelGrid(shape, 20.0, **facts | dict(projection="plane"))).frame().grid
 
 
-def test_1_is_the_picture_in_its_own_pixels_bit_for_bit():
+def test_1_gives_the_ordinary_picture_bit_for_bit():
     image, lens = points_image([(3, 4), (-9, 2), (0, 0)]), comatic_lens()
     plan = make_plan(Options(method="paper"), lens, image.sampling)
     channel = Channel(field_map(lens).at_wavelength(550.0), image.grid, plan, None, MemoryBudget(0))
@@ -97,7 +97,7 @@ def test_1_is_the_picture_in_its_own_pixels_bit_for_bit():
     np.testing.assert_array_equal(result, blurred[radius:-radius, radius:-radius].astype(np.float32))
 
 
-def test_the_light_is_kept_and_told_in_watts():
+def test_the_light_is_preserved_and_reported_in_watts():
     image, report = points_image([(3, 4), (-9, 2), (0, 0)]), Report()
     result = simulate(image, FINE, Options(supersampling=3), report=report)
     energy = report.lens_image.energy
@@ -108,16 +108,16 @@ def test_the_light_is_kept_and_told_in_watts():
     assert energy.in_frame_w_per_nm == pytest.approx(in_w, rel=1e-6)
 
 
-def test_frames_of_an_animation_share_it_and_may_take_their_radiances_place():
+def test_frames_of_an_animation_share_a_cache_and_may_overwrite_their_radiance():
     first, second = points_image([(3, 4)]), points_image([(-9, 2)])
-    options, kept = Options(supersampling=2), ChannelCache()
+    options, cache = Options(supersampling=2), ChannelCache()
     alone = simulate(second, FINE, options).cube
-    simulate(first, FINE, options, cache=kept)
-    simulate(second, FINE, options, cache=kept, out=second.cube)
+    simulate(first, FINE, options, cache=cache)
+    simulate(second, FINE, options, cache=cache, out=second.cube)
     np.testing.assert_array_equal(second.cube, alone)
 
 
-def test_pixels_that_are_not_finite_are_mended_as_they_are():
+def test_nonfinite_pixels_are_clamped_before_they_are_subdivided():
     image = points_image([(3, 4)])
     image.cube[0, 10, 10] = np.nan
     report = Report()
@@ -125,11 +125,11 @@ def test_pixels_that_are_not_finite_are_mended_as_they_are():
     assert report.lens_image.fireflies_clamped == 1
 
 
-@pytest.mark.parametrize("asked", [{}, dict(method="pixels"), dict(section_size=16)], ids=str)
-def test_its_plan_is_that_of_the_picture_in_finer_pixels(asked):
+@pytest.mark.parametrize("options", [{}, dict(method="pixels"), dict(section_size=16)], ids=str)
+def test_its_plan_equals_that_of_the_picture_in_finer_pixels(options):
     image, lens = points_image([(0, 0)], overscan_px=(6, 4)), comatic_lens()
-    plan = make_plan(Options(supersampling=3, **asked), lens, image.sampling)
-    fine = make_plan(Options(**asked), lens, in_finer_pixels(image, 3).sampling)
+    plan = make_plan(Options(supersampling=3, **options), lens, image.sampling)
+    fine = make_plan(Options(**options), lens, in_finer_pixels(image, 3).sampling)
     assert replace(plan, supersampling=1) == fine and plan.error_bound == fine.error_bound
     assert plan.memory_mb == pytest.approx(fine.memory_mb + 9 * image.cube.nbytes / 1e6)
     assert priced(plan, lens, image.sampling).memory_mb == plan.memory_mb  # like cached plans
@@ -137,22 +137,22 @@ def test_its_plan_is_that_of_the_picture_in_finer_pixels(asked):
     assert nanoseconds(works[0], plan) == pytest.approx(nanoseconds(works[1], fine))
 
 
-def test_the_plan_tells_it():
+def test_the_plan_states_the_supersampling():
     plan = make_plan(Options(supersampling=4), FINE, points_image([(0, 0)]).sampling)
-    own = make_plan(Options(), FINE, points_image([(0, 0)]).sampling)
-    assert "each pixel 4 x 4" in plan.text and "each pixel" not in own.text
+    default = make_plan(Options(), FINE, points_image([(0, 0)]).sampling)
+    assert "each pixel 4 x 4" in plan.text and "each pixel" not in default.text
     assert plan.as_dict()["supersampling"] == 4
-    assert plan.memory_mb > 4 * own.memory_mb and plan.error_bound <= 0.01
+    assert plan.memory_mb > 4 * default.memory_mb and plan.error_bound <= 0.01
     assert plan.psf_radius_px > plan.reach_px >= plan.psf_radius_px / 4
 
 
-def test_pixels_too_fine_for_the_psfs_are_told_by_the_option():
+def test_the_error_for_too_fine_pixels_names_the_option():
     wide = make_lens(gaussian_psf(900, 900, 100, 81), psf_pitch_um=100)
     with pytest.raises(InputError, match=r"options: supersampling is 9: a point spread function would reach \d+ px"):
         simulate(points_image([(0, 0)], shape=(9, 9), pitch_um=20.0), wide, Options(supersampling=9, psf_energy=1))
 
 
 @pytest.mark.parametrize("value", [0, -1, 17, 1.5, True, None, "2", float("nan")])
-def test_only_whole_numbers_from_1_to_16_are_taken(value):
+def test_only_integers_from_1_to_16_are_accepted(value):
     with pytest.raises(InputError, match="supersampling is .*: expected a whole number, from 1 to 16"):
         Options(supersampling=value)

@@ -86,16 +86,16 @@ def test_errors_fall_with_smaller_sections_and_more_azimuths(rows, image, curve,
     assert len(errors) >= 2 and np.all(np.diff(errors) > 0)
 
 
-def test_the_paper_takes_its_own_time(rows):
+def test_the_papers_time_is_the_unit_of_time(rows):
     written = of(rows, curve=tradeoff.AS_WRITTEN)
     assert [row.seconds_over_paper for row in written] == [1, 1, 1]
     assert all((row.method, row.section_size, row.precision) == ("paper", 16, "float64") for row in written)
 
 
-def test_errors_stay_within_what_was_asked_for_and_within_the_predicted_bound(rows):
-    asked = of(rows, curve="accuracy")
-    assert [row.accuracy for row in asked] == [0.03, 0.03]
-    assert all(row.l1 <= row.predicted_bound <= row.accuracy for row in asked)
+def test_errors_stay_within_the_requested_and_the_predicted_bound(rows):
+    measured = of(rows, curve="accuracy")
+    assert [row.accuracy for row in measured] == [0.03, 0.03]
+    assert all(row.l1 <= row.predicted_bound <= row.accuracy for row in measured)
 
 
 def test_colours_are_compared_with_those_of_the_most_wavelengths(rows):
@@ -110,13 +110,13 @@ def test_errors_by_hand():
         {"relative_l2": np.sqrt(17) / 5, "maximum_error": 1.0, "l1": 5 / 7})
 
 
-def test_memory_is_what_the_work_held_beside_what_was_there():
-    there = np.ones(1 << 20)
-    _, peak_mb = tradeoff._traced(lambda: (there + 1).sum())
-    assert peak_mb == pytest.approx(there.nbytes / 1e6, rel=0.01)
+def test_memory_counts_only_what_the_work_allocates():
+    existing = np.ones(1 << 20)
+    _, peak_mb = tradeoff._traced(lambda: (existing + 1).sum())
+    assert peak_mb == pytest.approx(existing.nbytes / 1e6, rel=0.01)
 
 
-def test_the_frontier_leaves_out_what_is_beaten_in_both(rows):
+def test_the_frontier_omits_rows_that_are_beaten_in_both(rows):
     best = tradeoff_plot.frontier(of(rows, image="points"))
     assert np.all(np.diff([row.seconds for row in best]) > 0)
     assert np.all(np.diff([row.relative_l2 for row in best]) < 0)
@@ -124,7 +124,7 @@ def test_the_frontier_leaves_out_what_is_beaten_in_both(rows):
                if row.image == "points")
 
 
-def test_a_lens_that_does_not_blur_has_a_plot_as_well(few_settings, tmp_path):
+def test_a_lens_that_does_not_blur_has_a_plot_too(few_settings, tmp_path):
     lens = make_lens()
     pictures, _ = tradeoff.standard_pictures(lens, (8, 8))
     rows = tradeoff.measure(lens, {"points": pictures["points"]}, {}, quick=True)
@@ -169,7 +169,7 @@ def test_a_crop_keeps_the_light_that_comes_in_from_around_it():
     ({"--pitch-um": "-1"}, "pitch_um is -1.0: expected a positive number"),
     ({"--image": "missing.exr"}, "missing.exr: file is missing"),
     ({"--output": "a-file"}, "a-file: folder is impossible to create")])
-def test_bad_input_is_one_line(lens_file, tmp_path, capsys, monkeypatch, changes, message):
+def test_bad_input_gives_one_line(lens_file, tmp_path, capsys, monkeypatch, changes, message):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a-file").touch()
     arguments = {"--lens": lens_file, "--output": "folder"} | changes

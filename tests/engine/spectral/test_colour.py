@@ -34,20 +34,20 @@ def test_a_light_of_a_colour_has_that_colour(rgb):
 
 
 @pytest.mark.parametrize("count, within", [(21, 0.011), (31, 0.005), (61, 0.0025)])
-def test_more_wavelengths_tell_the_primaries_better(count, within):
+def test_more_wavelengths_reproduce_the_primaries_better(count, within):
     """As stated in the guide, under Spectra: they are on the edge of the gamut, and end up slightly beyond it."""
     nm = np.linspace(400, 700, count)
-    seen = colour_of(emission_basis(nm).T, nm)
-    np.testing.assert_allclose(seen, np.eye(3), atol=within)
-    assert np.abs(seen - np.eye(3)).max() > within / 2 and -0.0025 < seen.min() < 0
+    colours = colour_of(emission_basis(nm).T, nm)
+    np.testing.assert_allclose(colours, np.eye(3), atol=within)
+    assert np.abs(colours - np.eye(3)).max() > within / 2 and -0.0025 < colours.min() < 0
 
 
-def test_preview_tells_the_primaries_within_two_per_cent():
+def test_preview_reproduces_the_primaries_within_two_per_cent():
     nm = np.linspace(400, 700, 21)
     primaries = [lambda nm, channel=channel: reflectance_basis(nm)[:, channel] for channel in range(3)]
     choice = choose_wavelengths(primaries, [white_density], nm, SpectralOptions("preview"))
-    seen = colour_of((choice.weights @ reflectance_basis(choice.nodes_nm)).T * white_density(nm), nm)
-    np.testing.assert_allclose(seen, np.eye(3), atol=0.02)
+    colours = colour_of((choice.weights @ reflectance_basis(choice.nodes_nm)).T * white_density(nm), nm)
+    np.testing.assert_allclose(colours, np.eye(3), atol=0.02)
 
 
 @pytest.mark.parametrize("nm, order", [(620, "RGB"), (465, "BGR")])
@@ -75,7 +75,7 @@ def test_srgb_curve(linear, encoded):
     assert encode_srgb(np.array(linear)) == pytest.approx(encoded, abs=1e-6)
 
 
-def test_infrared_is_unseen_and_finite():
+def test_infrared_is_invisible_and_finite():
     weights = rec709_weights(np.array([550.0, 650.0, 900.0]))
     assert np.isfinite(weights).all() and not weights[2].any()
     assert not rec709_weights(np.array([900.0])).any()

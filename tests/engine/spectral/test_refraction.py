@@ -50,7 +50,7 @@ def test_n_bk7_has_the_abbe_number_of_its_data_sheet():
 
 @pytest.mark.parametrize("name, ev, n, k", [("gold", 2.26, 0.43, 2.455), ("silver", 2.26, 0.06, 3.586),
                                             ("copper", 2.26, 1.02, 2.577), ("gold", 1.88, 0.14, 3.697)])
-def test_the_noble_metals_are_those_of_johnson_and_christy(name, ev, n, k):
+def test_the_noble_metals_match_johnson_and_christy(name, ev, n, k):
     metal, nm = load_refraction(name), 1239.84198 / ev  # table I of Phys. Rev. B 6, 4370 (1972)
     assert metal.n_at(nm) == pytest.approx(n, abs=0.01) and metal.k_at(nm) == pytest.approx(k, abs=0.01)
 
@@ -68,7 +68,7 @@ def test_reflectance_of_a_dielectric_by_hand():
 
 
 @pytest.mark.parametrize("name", refraction_names())
-def test_every_material_of_the_library_is_known_where_it_is_seen_and_names_its_source(name):
+def test_every_material_of_the_library_covers_visible_light_and_names_its_source(name):
     material = load_refraction(name)
     assert material.name == name and len(material.source) > 20 and "<" not in material.source
     assert np.all(material.n_at(VISIBLE) > 0) and np.all(material.k_at(VISIBLE) >= 0)
@@ -104,11 +104,11 @@ def test_formulas_by_hand(tmp_path, number, coefficients, um, n):
 @pytest.mark.parametrize("number, coefficients, span, nm, n", [
     (7, "3.41983 0.159906 -0.123109 1.26878E-6 -1.95104E-9", (2.4373, 25), 2437.3, 3.4434),
     (9, "2.51527 0.0240 0.0300 0.020 1.52 0.8771", (0.3, 1.06), 597, 1.605)])
-def test_rare_formulas_on_what_was_measured(tmp_path, number, coefficients, span, nm, n):
+def test_rare_formulas_match_measurements(tmp_path, number, coefficients, span, nm, n):
     assert read(tmp_path, formula(number, coefficients, *span)).n_at(nm) == pytest.approx(n, abs=4e-3)
 
 
-def test_n_and_k_of_several_entries_are_put_together(tmp_path):
+def test_n_and_k_of_several_entries_are_combined(tmp_path):
     contents = formula(5, "1.5") + table("k", ["0.4 0.1", "0.6 0.3"]) + table("nk", ["0.4 9 9"])
     material = read(tmp_path, contents)
     assert material.n_at(500) == 1.5 and material.k_at(500) == pytest.approx(0.2)
@@ -134,21 +134,21 @@ def test_a_reference_loses_its_markup(tmp_path):
 
 
 @pytest.mark.parametrize("nm", [299, 2001, [500, 2500], np.nan])
-def test_wavelengths_that_are_not_known_are_an_error_that_names_the_range(tmp_path, nm):
+def test_wavelengths_out_of_range_are_an_error_that_names_the_range(tmp_path, nm):
     material = read(tmp_path, formula(3, "2.25"))
     for of_wavelengths in (material.n_at, material.k_at, material.reflectance_at):
         with pytest.raises(InputError, match="from 300 to 2000 nm"):
             of_wavelengths(nm)
 
 
-def test_extinction_has_a_range_of_its_own(tmp_path):
+def test_extinction_has_a_separate_range(tmp_path):
     material = read(tmp_path, formula(3, "2.25") + table("k", ["0.4 0.1", "0.6 0.3"]))
     assert material.n_at(700) == 1.5
     with pytest.raises(InputError, match="from 400 to 600 nm"):
         material.k_at(700)
 
 
-def test_a_formula_that_has_no_number_somewhere_says_so_there(tmp_path):
+def test_an_undefined_value_of_a_formula_is_an_error_that_names_the_wavelength(tmp_path):
     material = read(tmp_path, formula(2, "0 1 0.25"))  # a pole at 500 nm, below which n^2 is negative
     assert material.n_at(1000) == pytest.approx((1 + 1 / 0.75)**0.5)
     with pytest.raises(InputError, match="450 nm"):
@@ -184,6 +184,6 @@ def test_a_file_too_large_is_an_input_error(tmp_path):
 
 
 @pytest.mark.parametrize("text", ["", "no-such-glass", "missing/file.yml", "x" * 5000, "."])
-def test_what_is_no_material_is_an_input_error(text):
+def test_an_unknown_material_is_an_input_error(text):
     with pytest.raises(InputError):
         load_refraction(text)

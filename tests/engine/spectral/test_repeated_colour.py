@@ -57,7 +57,7 @@ def test_grey_glass_is_the_same_in_rgb(level):
     assert glass((level,) * 3).rgb_difference()[0] < 1e-3
 
 
-def test_a_cut_off_filter_stays_what_it_is_in_spectra_and_darkens_in_rgb():
+def test_a_cut_off_filter_is_unchanged_in_spectra_and_darkens_in_rgb():
     """It transmits all light above 550 nm, and none below: 1^n = 1 and 0^n = 0."""
     def cut(nm):
         return (nm > 550).astype(float)
@@ -102,10 +102,10 @@ def test_without_repeated_colours_the_prediction_fails():
 
 
 def test_grey_glass_changes_no_plan():
-    plain, with_grey = (choose_wavelengths(PAINT, [white_density], OUTPUT_NM, repeated=repeated)
-                        for repeated in ([], [glass((0.5, 0.5, 0.5))]))
-    np.testing.assert_array_equal(plain.nodes_nm, with_grey.nodes_nm)
-    assert plain.colour_error == pytest.approx(with_grey.colour_error, rel=1e-6)
+    without_glass, with_grey = (choose_wavelengths(PAINT, [white_density], OUTPUT_NM, repeated=repeated)
+                                for repeated in ([], [glass((0.5, 0.5, 0.5))]))
+    np.testing.assert_array_equal(without_glass.nodes_nm, with_grey.nodes_nm)
+    assert without_glass.colour_error == pytest.approx(with_grey.colour_error, rel=1e-6)
 
 
 def test_coloured_glass_makes_a_grey_scene_coloured():

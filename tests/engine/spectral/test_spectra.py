@@ -47,7 +47,7 @@ def test_wavelengths_are_read(text, expected):
     "", "  ", "red", "400:700", "400:700:31:2", "400:700:0", "400:700:-3", "400:700:1", "550:550:2", "700:400:31",
     "400:700:2.5", "400:700:x", "700,400", "500,500", "-400,500", "0,500", "nan", "400,nan", "inf", "400:inf:3",
 ])
-def test_wavelengths_that_cannot_be_are_refused(text):
+def test_invalid_wavelengths_are_refused(text):
     with pytest.raises(InputError, match="400:700:31") as error:
         parse_wavelengths(text)
     assert error.value.field == "wavelengths"
@@ -58,12 +58,12 @@ def write(folder, contents, name="lamp.spd"):
     return name
 
 
-def test_a_spectrum_of_the_library_is_found_by_name():
+def test_a_spectrum_of_the_library_is_loaded_by_name():
     assert {"illuminant-d65", "illuminant-a", "mercury"} <= set(library_names())
     assert load_spectrum("illuminant-d65").at(560) == pytest.approx(100.0)
 
 
-def test_the_library_is_of_lights_and_reflectances():
+def test_the_library_contains_lights_and_reflectances():
     lights, reflectances = library_names("light"), library_names("reflectance")
     assert sorted(lights + reflectances) == library_names() and not set(lights) & set(reflectances)
     assert {*(f"fluorescent-fl{number}" for number in range(1, 13)), *(f"led-b{number}" for number in range(1, 6)),
@@ -79,7 +79,7 @@ def test_every_light_of_the_library_covers_the_band(name):
 
 
 @pytest.mark.parametrize("name", library_names("reflectance"))
-def test_every_reflectance_of_the_library_covers_what_is_seen_and_reflects_at_most_all(name):
+def test_every_reflectance_of_the_library_covers_visible_light_and_is_at_most_1(name):
     spectrum = load_spectrum(name)
     assert spectrum.wavelengths_nm[0] <= 400 and spectrum.wavelengths_nm[-1] >= 700
     assert 0 < spectrum.values.min() and spectrum.values.max() <= 1
@@ -138,7 +138,7 @@ def test_bad_text_is_an_input_error(text):
 
 @pytest.mark.parametrize("text", ["1" * 10**6, "1" * 60000, "1" * 30000 + "." + "1" * 30000, "1e" + "1" * 60000,
                                   "400:" + "1" * 60000 + "x", "~no-such-user/x", "~no-such-user", "[" + "1 " * 30000])
-def test_texts_of_a_million_digits_and_homes_of_nobody_are_told_at_once(text):
+def test_texts_of_a_million_digits_and_unknown_home_folders_are_refused_at_once(text):
     """None takes quadratic time in its length, which would be hours."""
     for read in (load_spectrum, load_refraction, parse_wavelengths):
         with pytest.raises(InputError) as error:
@@ -146,7 +146,7 @@ def test_texts_of_a_million_digits_and_homes_of_nobody_are_told_at_once(text):
         assert len(str(error.value)) < 900
 
 
-def test_a_list_of_wavelengths_has_a_most_as_a_range_has():
+def test_a_list_of_wavelengths_has_a_maximum_length():
     with pytest.raises(InputError, match=f"at most {MOST_WAVELENGTHS}"):
         parse_wavelengths(",".join(map(str, range(1, MOST_WAVELENGTHS + 2))))
     assert parse_wavelengths(",".join(map(str, range(1, MOST_WAVELENGTHS + 1)))).size == MOST_WAVELENGTHS
@@ -154,7 +154,7 @@ def test_a_list_of_wavelengths_has_a_most_as_a_range_has():
 
 @pytest.mark.parametrize("contents, word", [("400 1\n" * 2**21, "size is over"), ("1" * 10**6, "line 1 is 111"),
                                             ("\x1b[31m400 1", "line 1 is ?.31m400 1")], ids=["large", "long", "steers"])
-def test_files_that_are_no_spectra_are_told_in_a_short_line(tmp_path, contents, word):
+def test_files_that_are_not_spectra_give_a_short_error(tmp_path, contents, word):
     (tmp_path / "lamp.spd").write_text(contents)
     with pytest.raises(InputError, match=word.replace("?", "[?]")) as error:
         load_spectrum(str(tmp_path / "lamp.spd"))
@@ -202,7 +202,7 @@ def test_a_flat_density_is_one_over_the_band():
     np.testing.assert_allclose(load_spectrum("300:5, 900:5").density_at([400, 555.5, 780]), 1 / 400, rtol=1e-9)
 
 
-def test_there_is_no_light_beyond_the_ends_of_a_lamp():
+def test_a_lamp_emits_no_light_beyond_its_ends():
     np.testing.assert_array_equal(load_spectrum("500:1, 600:1").density_at([499, 601]), 0)
 
 
@@ -231,7 +231,7 @@ def test_illuminant_a_follows_its_definition():
 
 @pytest.mark.parametrize("nm, value", [(380, 49.9755), (400, 82.7549), (450, 117.008), (500, 109.354), (550, 104.046),
                                        (600, 90.0062), (650, 80.0268), (700, 71.6091), (780, 63.3828)])
-def test_d65_is_that_of_the_cie(nm, value):
+def test_d65_matches_the_cie_table(nm, value):
     assert load_spectrum("illuminant-d65").at(nm) == pytest.approx(value, rel=1e-3)
 
 
@@ -271,7 +271,7 @@ def test_reflectances_of_colours_lie_between_0_and_1():
 
 
 @pytest.mark.parametrize("rgb", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1), (0.2, 0.5, 0.8), (0.9, 0.7, 0.1)])
-def test_a_colour_made_into_a_reflectance_looks_the_same_under_d65(rgb):
+def test_a_colour_converted_to_a_reflectance_looks_the_same_under_d65(rgb):
     d65, matching = load_spectrum("illuminant-d65").at(NM), colour_matching(NM)
     tristimulus = (reflectance_basis(NM) @ rgb * d65) @ matching / (d65 @ matching[:, 1])
     white = d65 @ matching / (d65 @ matching[:, 1])
@@ -285,7 +285,7 @@ def test_the_curves_of_the_primaries_have_no_steps():
 
 
 @pytest.mark.parametrize("lamp", ["fluorescent-fl2", "fluorescent-fl11", "led-b3", "led-rgb1", "sodium-hp1"])
-def test_measured_natural_reflectances_look_right_under_lamps_when_made_from_their_colours(lamp):
+def test_natural_reflectances_reconstructed_from_their_colours_look_right_under_lamps(lamp):
     # USGS samples that were not part of the fit; XYZ as fractions of the Y of white
     d65, light, matching = load_spectrum("illuminant-d65").at(NM), load_spectrum(lamp).at(NM), colour_matching(NM)
     for name in ("brick-red", "concrete-grey", "grass-dry", "leaf-maple", "sand-beach", "snow-melting", "wood-pine"):
@@ -305,7 +305,7 @@ def test_a_spectrum_is_linear_between_its_values():
     assert Spectrum(np.array([400.0, 500.0]), np.array([1.0, 3.0])).at(425) == pytest.approx(1.5)
 
 
-def test_channel_values_are_met_at_their_wavelengths_and_shared_between():
+def test_channel_values_are_exact_at_their_wavelengths_and_shared_between():
     np.testing.assert_allclose(channel_basis(np.array(CHANNEL_NM)), np.eye(3), atol=1e-12)
     halfway = channel_basis(np.array([(CHANNEL_NM[0] + CHANNEL_NM[1]) / 2]))
     np.testing.assert_allclose(halfway, [[0.5, 0.5, 0]], atol=1e-12)
@@ -350,7 +350,7 @@ def test_band_means_of_a_ramp_by_hand():
     np.testing.assert_allclose(ramp.band_means([440, 500, 560]), np.array([60, 100, 140]) / 20000, rtol=1e-12)
 
 
-def test_a_line_between_two_wavelengths_is_shared_by_them_and_lost_to_none():
+def test_a_line_between_two_wavelengths_is_shared_without_loss():
     # 1 W within 0.02 nm of 525 nm: a quarter of the way from 510 to 570, between hats 60 nm wide
     means = load_spectrum("524.99:0, 525:1, 525.01:0").band_means([450, 510, 570, 630])
     np.testing.assert_allclose(means, [0, 0.75 / 60, 0.25 / 60, 0], atol=1e-12, rtol=1e-9)
@@ -363,7 +363,7 @@ def test_band_means_keep_the_light_between_the_first_and_last_wavelength(name, c
     assert trapezoid(lamp.band_means(few), few) == pytest.approx(trapezoid(lamp.density_at(fine), fine), rel=1e-6)
 
 
-def test_the_band_mean_of_a_single_wavelength_is_the_density_there():
+def test_the_band_mean_of_a_single_wavelength_is_its_density():
     lamp = load_spectrum("mercury")
     np.testing.assert_allclose(lamp.band_means([547.3]), lamp.density_at([547.3]), rtol=1e-12)
 

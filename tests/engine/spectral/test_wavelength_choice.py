@@ -50,9 +50,9 @@ def rooms(factors, count=80, surfaces=5, seed=1):
     light = []
     for _ in range(count):
         reflectance = curves[rng.integers(0, len(curves), surfaces)]
-        seen = rng.dirichlet(np.ones(surfaces), surfaces) * rng.random((surfaces, 1))
+        view_factors = rng.dirichlet(np.ones(surfaces), surfaces) * rng.random((surfaces, 1))
         white = rng.random(surfaces) * (rng.random(surfaces) < 0.5)
-        system = np.eye(surfaces) - reflectance.T[:, :, None] * seen
+        system = np.eye(surfaces) - reflectance.T[:, :, None] * view_factors
         light.append(np.linalg.solve(system, (reflectance.T * white)[..., None])[..., 0].T)
     light = np.concatenate(light)
     return light[light.mean(axis=1) > 0.01 * light.max()]
@@ -83,12 +83,12 @@ def test_grey_scene_takes_one_wavelength_and_stays_grey():
     assert plan.colour_error == plan.sensor_error == plan.surprise(np.ones((1, 5))) == 0
 
 
-def test_a_scene_of_no_surfaces_is_grey():
+def test_a_scene_without_surfaces_is_grey():
     assert choose_wavelengths([], [white_density], OUTPUT_NM).nodes_nm.size == 1
 
 
 @pytest.mark.parametrize("strength", [1.0, 0.02])
-def test_hardly_coloured_is_not_grey(strength):
+def test_slightly_coloured_is_not_grey(strength):
     tinted = Spectrum(np.array([400.0, 700.0]), np.array([0.5, 0.505]) * strength).at
     plan = choose_wavelengths([tinted], [white_density], OUTPUT_NM)
     assert plan.nodes_nm.size == 3 and "grey" not in plan.reason
@@ -105,7 +105,7 @@ def test_weights_keep_grey_grey(factors, options):
 
 @pytest.mark.parametrize("options, dispersive", [(SpectralOptions("reference"), False), (SpectralOptions(), True),
                                                  (SpectralOptions("preview"), True)])
-def test_every_wavelength_rendered_is_given_back_as_it_is(options, dispersive):
+def test_every_rendered_wavelength_is_returned_unchanged(options, dispersive):
     plan = choose_wavelengths(CHART, [white_density], OUTPUT_NM, options, dispersive=dispersive)
     np.testing.assert_array_equal(plan.nodes_nm, OUTPUT_NM)
     np.testing.assert_array_equal(plan.weights, np.eye(31))
@@ -128,14 +128,14 @@ def test_preview_takes_three_wavelengths(per_pass):
 
 
 @pytest.mark.parametrize("output_nm", [[550.0], [450.0, 650.0], [450.0, 550.0, 650.0]])
-def test_what_fits_into_one_pass_is_rendered_as_it_is(output_nm):
+def test_wavelengths_that_fit_into_one_pass_are_all_rendered(output_nm):
     plan = choose_wavelengths(CHART, [white_density], output_nm, SpectralOptions("preview"))
     np.testing.assert_array_equal(plan.nodes_nm, output_nm)
 
 
 @pytest.mark.parametrize("output_nm", [[550, 550.5, 551, 551.5], [450, 450.001, 450.002, 550, 550.001, 650],
                                        [400, 410, 420, 430, 700]])
-def test_uneven_wavelengths_are_foreseen(output_nm):
+def test_unevenly_spaced_wavelengths_are_estimated(output_nm):
     light = rooms(CHART)
     plan = choose_wavelengths(CHART, [white_density], output_nm, SpectralOptions(colour_error=1e-6))
     np.testing.assert_allclose(at(light, plan.nodes_nm) @ plan.weights.T, at(light, plan.output_nm), atol=1e-9)
@@ -146,7 +146,7 @@ def test_uneven_wavelengths_are_foreseen(output_nm):
                          ids=["red", "blue", "three", "six", "chart"])
 @pytest.mark.parametrize("lamp", [white_density, flat, load_spectrum("illuminant-a").density_at,
                                   load_spectrum("led-rgb1").band_means], ids=["D65", "flat", "A", "LED"])
-def test_rooms_stay_within_what_was_predicted(factors, lamp):
+def test_rooms_stay_within_the_predicted_error(factors, lamp):
     """Light that bounces in rooms of these colours, computed wavelength by wavelength."""
     plan = choose_wavelengths(factors, [lamp], OUTPUT_NM)
     assert plan.colour_error <= STANDARD_COLOUR_ERROR and plan.nodes_nm.size <= 12
@@ -154,14 +154,14 @@ def test_rooms_stay_within_what_was_predicted(factors, lamp):
 
 
 @pytest.mark.parametrize("limit", [0.1, 0.5, 2.0])
-def test_prediction_is_no_empty_promise(limit):
+def test_the_prediction_is_not_far_too_high(limit):
     """The prediction is useful: the measured error is at least a quarter of it."""
     plan = choose_wavelengths(CHART, [white_density], OUTPUT_NM, SpectralOptions(colour_error=limit))
     assert limit / 10 < plan.colour_error <= limit
     assert plan.colour_error / 4 < estimate_error(plan, rooms(CHART), white_density) <= plan.colour_error
 
 
-def test_colours_of_textures_are_foreseen():
+def test_colours_of_textures_are_predicted():
     """Nodes compute colours that are unknown in advance: light bounces in rooms of random Rec. 709 colours."""
     painted = np.random.default_rng(8).random((40, 3))
     light = rooms(tuple(lambda nm, colour=colour: reflectance_basis(nm) @ colour for colour in painted))
@@ -171,10 +171,10 @@ def test_colours_of_textures_are_foreseen():
     assert estimate_error(blind, light, white_density) > 10
 
 
-def test_asking_for_less_error_takes_more_wavelengths_and_gives_it():
+def test_a_smaller_error_limit_takes_more_wavelengths_and_is_met():
     limits = [4.0, 1.0, 0.25, 0.06, 0.015]
-    asked = [SpectralOptions(colour_error=limit) for limit in limits]
-    plans = [choose_wavelengths(CHART, [white_density], OUTPUT_NM, options) for options in asked]
+    requests = [SpectralOptions(colour_error=limit) for limit in limits]
+    plans = [choose_wavelengths(CHART, [white_density], OUTPUT_NM, options) for options in requests]
     counts = [plan.nodes_nm.size for plan in plans]
     assert counts == sorted(counts) and counts[-1] > counts[0]
     light = rooms(CHART)
@@ -182,7 +182,7 @@ def test_asking_for_less_error_takes_more_wavelengths_and_gives_it():
     assert measured == sorted(measured, reverse=True) and measured[-1] < 0.015
 
 
-def test_sensor_error_asked_for_is_kept():
+def test_the_requested_sensor_error_is_met():
     plan = choose_wavelengths(CHART, [white_density], OUTPUT_NM, SpectralOptions(sensor_error=0.002))
     light, nm = rooms(CHART), OUTPUT_NM
     for centre_nm in (450, 540, 610):
@@ -198,7 +198,7 @@ def test_sensor_error_asked_for_is_kept():
     ({"sensor_error": 0.01}, (9, 0.01), True), ({"sensor_error": 0.01}, (0.1, 0.011), False),
     ({"colour_error": 1, "sensor_error": 0.01}, (1.1, 0), False),
     ({"colour_error": 1, "sensor_error": 0.01}, (1, 0.01), True)])
-def test_only_what_is_asked_for_has_to_be_met(limits, errors, met):
+def test_only_the_requested_limits_must_be_met(limits, errors, met):
     assert SpectralOptions(**limits).met_by(errors) is met
 
 
@@ -213,12 +213,12 @@ def test_bad_options_are_named_in_one_line(field, value):
 
 @pytest.mark.parametrize("tier", ["preview", "reference"])
 @pytest.mark.parametrize("field", ["colour_error", "sensor_error"])
-def test_errors_go_with_the_standard_tier_alone(tier, field):
+def test_error_limits_apply_only_to_the_standard_tier(tier, field):
     with pytest.raises(InputError, match=tier):
         SpectralOptions(tier, **{field: 0.1})
 
 
-def test_the_light_of_a_single_line_is_foreseen_where_it_is():
+def test_the_light_of_a_single_line_is_predicted_at_its_wavelength():
     """Sodium's pair is between the wavelengths of any grid: the estimate must be correct there and nowhere else."""
     lamp = line(589.3)
     plan = choose_wavelengths(CHART, [lamp.band_means], OUTPUT_NM)
@@ -251,7 +251,7 @@ def test_the_plan_is_the_same_each_time():
     assert first.colour_error == pytest.approx(second.colour_error, rel=SUM_ROUNDING)
 
 
-def test_a_demand_that_cannot_be_met_ends_in_every_wavelength():
+def test_a_limit_that_cannot_be_met_takes_every_wavelength():
     output_nm = np.linspace(400, 700, 25)
     plan = choose_wavelengths(CHART, [white_density], output_nm, SpectralOptions(colour_error=1e-9))
     np.testing.assert_array_equal(plan.nodes_nm, output_nm)
