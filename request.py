@@ -147,11 +147,16 @@ def _arguments(name: str, value: object) -> Iterator[str]:
 
 
 def _option(owner: object, name: str, value: object) -> Iterator[str]:
-    option = option_of(name, settings_of(owner)[name])
+    if value is not None:
+        option = option_of(name, settings_of(owner)[name])
+        yield argument(option, value if isinstance(value, bool) else _text(name, value))
+
+
+def argument(option: str, value: object) -> str:
+    """The argument of `lensfield` that sets an option, given without its dashes."""
     if isinstance(value, bool):
-        yield f"--{option}" if value else f"--no-{option}"
-    elif value is not None:
-        yield f"--{option}={_text(name, value)}"
+        return f"--{option}" if value else f"--no-{option}"
+    return f"--{option}={value}"
 
 
 def _text(name: str, value: object) -> str:

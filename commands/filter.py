@@ -11,7 +11,7 @@ from ..engine import ChannelCache, ImageError, InputError, Report, simulate
 from ..engine.depth.depth_range import AUTO, OFF
 from ..engine.depth.iris import opening
 from ..engine.depth.slabs import plan_slabs
-from ..engine.field.overscan import overscan_px
+from ..engine.field.field_map import field_map
 from ..engine.pictures.file_depth import DEPTH_KINDS
 from ..engine.runtime.build_identity import is_accepted, other_builds_line
 from ..engine.runtime.locks import Busy, only_writer
@@ -156,7 +156,7 @@ class _Run:
             radiance = source.radiance
             with report.stage("plan"):
                 plan = self._cache.plan(self._chosen, self._lens, radiance)
-                needed = overscan_px(self._lens, radiance.grid, radiance.wavelengths_nm, plan.reach_px)
+                needed = field_map(self._lens).overscan_px(radiance.grid, radiance.wavelengths_nm, plan.reach_px)
                 slabs = self._slabs(source, needed)
                 self._report(source, plan, slabs)
             report.add(self._facts(shot, source, needed, slabs))

@@ -10,15 +10,15 @@ from ..engine.runtime.files import atomic_path, discard, file_status, hidden_fol
 from ..engine.runtime.values import json_value
 from .sequence import Shot
 
-IRRELEVANT = ("radiance", "output", "preview", "frames", "report", "overwrite", "any_build", "lens", "untrusted",
-                 "root", "time_limit", "memory_limit")
+UNRECORDED = ("radiance", "output", "preview", "frames", "report", "overwrite", "any_build", "lens", "untrusted",
+              "root", "time_limit", "memory_limit")
 
 
 def request_facts(options, lens, chosen):
     """Everything that the frames of a command line depend on, except their files, as JSON values."""
     arguments = {name: value if value is None else str(value) for name, value in vars(options).items()
-                 if name not in IRRELEVANT and not callable(value)}
-    return json_value({"asked": arguments, "options": asdict(chosen), "lens": lens.digest.hex()})
+                 if name not in UNRECORDED and not callable(value)}
+    return json_value({"arguments": arguments, "options": asdict(chosen), "lens": lens.digest.hex()})
 
 
 def recorded_build(shot: Shot, first: Shot, by):

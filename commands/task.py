@@ -7,11 +7,12 @@ from pathlib import Path
 
 from ..engine import InputError
 from ..engine.runtime.inputs import check_input
+from ..request import argument
 from .arguments import check_limits
 from .render_options import OWN_FRAMES, add_frame_options, add_scene_options, requested_frames
 from .sequence import MOST_FRAMES
 
-NOT_OF_A_TASK = {"scene", "frames", "report"}
+TASK_SPECIFIC = {"scene", "frames", "report"}
 PATHS = "lens", "output", "root"
 PACKAGE = __package__.rpartition(".")[0]
 
@@ -26,28 +27,25 @@ def frames_by_task(options):
 
 
 def scene_path(options):
-    """The .blend, as every machine is to find it."""
+    """The absolute path of the .blend, at which every machine must find it."""
     check_input(options.scene, "scene", "expected a .blend file", None)
     return os.path.abspath(options.scene)
 
 
 def task_arguments(options, without=()):
-    """Arguments of `lensfield render` that ask for all that options ask for, but for the scene and the frames."""
+    """Arguments of `lensfield render` that repeat the given options, except the scene and the frames."""
     parser = ArgumentParser()
     add_scene_options(parser)
     add_frame_options(parser)
-    left_out = NOT_OF_A_TASK | set(without)
-    return [argument for name, default in vars(parser.parse_args(["-"])).items()
-            if name not in left_out and getattr(options, name) != default
-            for argument in arguments_of(name, getattr(options, name))]
+    omitted = TASK_SPECIFIC | set(without)
+    return [word for name, default in vars(parser.parse_args(["-"])).items()
+            if name not in omitted and getattr(options, name) != default
+            for word in arguments_of(name, getattr(options, name))]
 
 
 def arguments_of(name, value):
-    """The arguments of `lensfield` that set an option: a list of str."""
-    option = name.replace("_", "-")
-    if isinstance(value, bool):
-        return [f"--{option}" if value else f"--no-{option}"]
-    return [f"--{option}={resolved_anywhere(one) if name in PATHS else one}"
+    """The arguments of `lensfield` that set an option, once for each value of a list: a list of str."""
+    return [argument(name.replace("_", "-"), resolved_anywhere(one) if name in PATHS else one)
             for one in (value if isinstance(value, list) else [value])]
 
 
@@ -57,7 +55,7 @@ def resolved_anywhere(path):
 
 
 def lensfield_in(blender):
-    """The command line of `lensfield`, on the machine that this runs on: Blender's, or this Python's."""
+    """The command line of `lensfield` on this machine: in Blender, if given, or in this Python."""
     if blender:
         return [blender, "--background", "--command", "lensfield"]
     return [sys.executable, "-c", f"from {PACKAGE}.cli import console; console()"]

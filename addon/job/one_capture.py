@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...engine.field.overscan import overscan_px
+from ...engine.field.field_map import field_map
 from ...engine.runtime.files import link_or_copy
 from ...request import RING_FIELDS
 from ..scene.render_state import go_to_frame, turn_on_layer
@@ -44,7 +44,7 @@ class OneCapture:
             return False
         grid = self._captured and self._captured.radiance.grid
         return grid is None or all(least <= available for least, available in zip(
-            overscan_px(job.lens, grid, job.wavelengths_nm, 0), grid.overscan_px, strict=True))
+            field_map(job.lens).overscan_px(grid, job.wavelengths_nm, 0), grid.overscan_px, strict=True))
 
     def capture(self, scene, job, result, share):
         """Steps like those from `radiance.capture`, for a frame that this capture serves."""

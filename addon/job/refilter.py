@@ -13,7 +13,6 @@ from ...engine import ImageError, InputError, Lens
 from ...engine.depth.depth_range import AUTO, OFF, blur_px
 from ...engine.depth.iris import opening
 from ...engine.field.field_map import field_map
-from ...engine.field.overscan import overscan_px
 from ...engine.image.layers import covered
 from ...engine.lens.pinhole import fitting_pitch_um
 from ...engine.library import clamped_rings, has_rings, iris_is_visible, prescription_of
@@ -184,7 +183,7 @@ def _sensor_warning(lens, radiance):
 def _check_overscan(lens, radiance, path):
     """Raise an ImageError if the capture's overscan is too small, so that part of a lens's frame would stay black."""
     grid, nm = radiance.grid, radiance.wavelengths_nm
-    needed = overscan_px(lens, grid, nm, 0)
+    needed = field_map(lens).overscan_px(grid, nm, 0)
     if any(least > available for least, available in zip(needed, grid.overscan_px, strict=True)):
         raise ImageError(path, "overscan", "{1} x {0} px".format(*grid.overscan_px),
                          "{name} needs {1} x {0} px beyond the frame: render again through it".format(
@@ -243,5 +242,5 @@ def _layers_text(captured):
 def _facts(lens, captured, warning, result):
     """The report's part about the radiance file."""
     radiance = captured.radiance
-    needed = overscan_px(lens, radiance.grid, radiance.wavelengths_nm, result.report.lens_image.plan.reach_px)
+    needed = field_map(lens).overscan_px(radiance.grid, radiance.wavelengths_nm, result.report.lens_image.plan.reach_px)
     return FileFacts(str(result.radiance), needed, None, warning, captured.depth_check(lens), _layers_text(captured))

@@ -6,7 +6,7 @@ import numpy as np
 from mathutils import Euler, Vector
 
 from ...engine.field.field_map import field_map
-from ...engine.field.overscan import VIEWS, choose_capture, overscan_px, reach_px
+from ...engine.field.overscan import VIEWS, choose_capture
 from ...engine.image.pixel_grid import PLANE, PixelGrid
 from ...engine.inspection.curves import field_angle_rad, reference_nm
 from ...engine.lens.pinhole import fitting_pitch_um as pitch_um
@@ -68,7 +68,7 @@ def captured_region(region, lens, wavelengths_nm, capture, room=0.0, others=()):
     """
     grid = replace(capture, focal_mm=capture.focal_mm or lens.capture_focal_length_mm)
     reach = max(round(room * max(capture.frame_px)),
-                *(reach_px(one, grid, wavelengths_nm, field_map(one).psf_radius_px(capture.pitch_um))
+                *(field_map(one).reach_px(grid, wavelengths_nm, field_map(one).psf_radius_px(capture.pitch_um))
                   for one in (lens, *others)))
     return tuple(slice(max(part.start + overscan - reach, 0), min(part.stop + overscan + reach, n))
                  for part, overscan, n in zip(region, capture.overscan_px, capture.shape_px, strict=True))
@@ -103,7 +103,7 @@ def frame_capture(lens, shape_px, wavelengths_nm, room=0.0, others=()):
     frame = PixelGrid(shape_px, pitch_um(lens, shape_px))
     capture = choose_capture(lens, frame, wavelengths_nm, field_map(lens).psf_radius_px(frame.pitch_um))
     grid = replace(capture, focal_mm=lens.capture_focal_length_mm)
-    margins = [overscan_px(other, grid, wavelengths_nm, field_map(other).psf_radius_px(frame.pitch_um))
+    margins = [field_map(other).overscan_px(grid, wavelengths_nm, field_map(other).psf_radius_px(frame.pitch_um))
                for other in others]
     rows, columns = np.max([capture.overscan_px, *margins], axis=0, initial=round(room * max(shape_px)))
     return PixelGrid.around_frame(shape_px, frame.pitch_um, (rows, columns), capture.projection)

@@ -170,13 +170,6 @@ class LayeredRadiance:
             clear[layer.place] *= 1 - layer.alpha
         return 1 - clear
 
-    def flat_depth_mm(self) -> np.ndarray:
-        """The nearest depth in each pixel: float32 array (row, column), inf for empty pixels."""
-        depth_mm = np.full(self.grid.shape_px, np.inf, np.float32)
-        for layer in reversed(self.layers):
-            np.copyto(depth_mm[layer.place], layer.depth_mm, where=layer.alpha > 0)
-        return depth_mm
-
     def with_light(self, cubes: Iterable[np.ndarray]) -> "LayeredRadiance":
         """The same layers with other light: for each layer an array (wavelength, row, column) of the same length."""
         return replace(self, layers=tuple(replace(layer, cube=cube)

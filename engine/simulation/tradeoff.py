@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from ..field.field_map import field_map
-from ..field.overscan import overscan_px
 from ..image.spectral_image import SpectralImage
 from ..lens import Lens
 from ..pictures.preview import to_rec709
@@ -164,7 +163,8 @@ def cropped_frame(radiance: SpectralImage, lens: Lens, shape_px: tuple[int, int]
     margin = [max(0, (n - wanted) // 2) for n, wanted in zip(radiance.frame_px, shape_px, strict=True)]
     outside = radiance.overscan_px[0] + margin[0], radiance.overscan_px[1] + margin[1]
     grid = replace(radiance.grid, overscan_px=outside)
-    needed = overscan_px(lens, grid, radiance.wavelengths_nm, field_map(lens).psf_radius_px(radiance.pitch_um))
+    places = field_map(lens)
+    needed = places.overscan_px(grid, radiance.wavelengths_nm, places.psf_radius_px(radiance.pitch_um))
     spare = tuple(max(0, have - want) for have, want in zip(outside, needed, strict=True))
     return replace(radiance, grid=grid).cropped(spare)
 

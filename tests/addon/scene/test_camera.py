@@ -19,7 +19,7 @@ from lensfield.addon.scene.camera import (
 from lensfield.addon.scene.errors import SceneError
 from lensfield.engine import SpectralImage, load_lens, simulate
 from lensfield.engine.depth.depth_range import planar_depth_mm
-from lensfield.engine.field.overscan import overscan_px
+from lensfield.engine.field.field_map import field_map
 from lensfield.engine.field.radial.psf_bank import psf_radius_px
 from lensfield.engine.image.pixel_grid import FISHEYE, PLANE, PixelGrid
 from lensfield.engine.pictures.spectral_exr import read_exr
@@ -216,7 +216,7 @@ def test_uniform_light_is_uniform_across_a_fisheye_capture(scene, wide, tmp_path
 
 def test_a_fisheye_capture_needs_a_fifth_of_the_pixels_of_a_plane(scene, wide):
     frame, reach_px = PixelGrid(wide.frame_px, wide.pitch_um), psf_radius_px(wide_lens(), wide.pitch_um)
-    plane = overscan_px(wide_lens(), frame, [WAVELENGTH_NM], reach_px)
+    plane = field_map(wide_lens()).overscan_px(frame, [WAVELENGTH_NM], reach_px)
     as_plane = np.prod([n + 2 * margin for n, margin in zip(wide.frame_px, plane, strict=True)])
     assert np.prod(wide.shape_px) < 0.22 * as_plane
 

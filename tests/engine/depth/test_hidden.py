@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from flat_depth import flat_depth_mm
 from lensfield.engine.depth.hidden import filled, layers_of_picture
 from lensfield.engine.image.spectral_image import SpectralImage
 
@@ -38,7 +39,7 @@ def test_composited_layers_equal_the_picture(seed):
     layered = layers_of_picture(radiance, depth_mm, slab, 4)
     flat = layered.flat()
     np.testing.assert_array_equal(flat.cube, radiance.cube)
-    np.testing.assert_array_equal(layered.flat_depth_mm(), depth_mm.astype(np.float32))
+    np.testing.assert_array_equal(flat_depth_mm(layered), depth_mm.astype(np.float32))
     assert flat.grid == radiance.grid and (flat.focal_mm, flat.exposure) == (50, 2)
 
 
@@ -124,7 +125,7 @@ def test_tiny_pictures_and_empty_slabs_are_supported(shape, number):
     layered = layers_of_picture(radiance, depth_mm, np.full(shape, number), 3)
     np.testing.assert_array_equal(layered.flat().cube, radiance.cube)
     assert np.all(layered.layers[-1].alpha == 1)
-    np.testing.assert_array_equal(layered.flat_depth_mm(), np.float32(depth_mm))
+    np.testing.assert_array_equal(flat_depth_mm(layered), np.float32(depth_mm))
 
 
 def test_a_black_picture_stays_black():

@@ -7,7 +7,8 @@ import pytest
 
 from lenses import PIXEL_BY_PIXEL, gaussian_psf, lit_pixels, make_lens
 from lensfield.engine import Options, SpectralImage, load_lens, simulate
-from lensfield.engine.field.overscan import LARGEST_PLANE, choose_capture, overscan_px, reach_px
+from lensfield.engine.field.field_map import field_map
+from lensfield.engine.field.overscan import LARGEST_PLANE, choose_capture
 from lensfield.engine.field.radial.capture import capture_radius
 from lensfield.engine.field.radial.psf_bank import psf_radius_px
 from lensfield.engine.image.pixel_grid import FISHEYE, PLANE, PixelGrid
@@ -36,7 +37,7 @@ def fisheye(p):
 @pytest.mark.parametrize("scale, rows, columns", [(0.9, 55 / 0.9 - 50, 105 / 0.9 - 100), (1.0, 5, 5), (1.2, 5, 5)])
 def test_overscan_covers_distortion_and_blur_with_little_excess(scale, rows, columns):
     lens = make_lens(real_height_mm=lambda nm, p: scale * p)
-    overscan = overscan_px(lens, PixelGrid((100, 200), 10.0), [550.0], 5)
+    overscan = field_map(lens).overscan_px(PixelGrid((100, 200), 10.0), [550.0], 5)
     assert rows <= overscan[0] <= rows + 2
     assert columns <= overscan[1] <= columns + 2
 
@@ -44,7 +45,7 @@ def test_overscan_covers_distortion_and_blur_with_little_excess(scale, rows, col
 def test_overscan_covers_the_most_demanding_wavelength():
     lens = make_lens(real_height_mm=lambda nm, p: p * np.where(nm < 500, 0.8, 1.0))
     frame = PixelGrid((100, 100), 10.0)
-    assert overscan_px(lens, frame, [400, 700], 0) == overscan_px(lens, frame, [400], 0)
+    assert field_map(lens).overscan_px(frame, [400, 700], 0) == field_map(lens).overscan_px(frame, [400], 0)
 
 
 def test_overscan_for_barrel_is_set_by_the_corner():
@@ -52,7 +53,7 @@ def test_overscan_for_barrel_is_set_by_the_corner():
     lens = make_lens(real_height_mm=lambda nm, p: barrel(p), heights_mm=np.linspace(0, 2.5, 26))
     corner_paraxial = next(p for p in np.linspace(1.41, 1.6, 100001) if barrel(p) >= np.sqrt(2))
     needed = 100 * corner_paraxial / np.sqrt(2) - 100
-    assert needed <= overscan_px(lens, PixelGrid((200, 200), 10.0), [550], 0)[0] <= needed + 2
+    assert needed <= field_map(lens).overscan_px(PixelGrid((200, 200), 10.0), [550], 0)[0] <= needed + 2
 
 
 @pytest.mark.parametrize("scale", [0.3, 0.7, 1.0])
@@ -60,7 +61,7 @@ def test_overscan_of_a_fisheye_capture_is_the_arc_to_the_middle_of_an_edge(scale
     # The light at real height r comes from r / scale, at 2 mm times the angle in the capture: on an edge, farthest at
     # its middle. Half a frame is 50 x 100 px of 10 um, and the PSFs reach 3 px.
     frame = PixelGrid((100, 200), 10.0, projection=FISHEYE)
-    overscan = overscan_px(lens_of(lambda p: scale * p, last_mm=6), frame, [550.0], 3)
+    overscan = field_map(lens_of(lambda p: scale * p, last_mm=6)).overscan_px(frame, [550.0], 3)
     for margin, half in zip(overscan, (50, 100), strict=True):
         needed = max(200 * np.arctan((half + 3) * 0.01 / scale / 2), half + 3) - half
         assert needed <= margin <= needed + 2
@@ -73,14 +74,14 @@ def test_a_fisheye_is_chosen_beyond_twice_the_pixels_of_the_frame(scale, project
     lens = lens_of(lambda p: scale * p, last_mm=12)
     chosen = choose_capture(lens, PixelGrid((100, 200), 10.0), [550.0], 4)
     assert chosen.projection == projection and chosen.frame_px == (100, 200) and chosen.centred
-    assert chosen.overscan_px == overscan_px(lens, chosen, [550.0], 4)
+    assert chosen.overscan_px == field_map(lens).overscan_px(chosen, [550.0], 4)
 
 
 def test_a_fisheye_capture_is_smaller_where_it_is_chosen():
     lens = lens_of(fisheye, last_mm=12)
     # The corner, 2.41 mm from the axis, samples 2 mm tan(2.41 / 2) = 5.2 mm: 2.16 times as far.
     frame = PixelGrid((320, 360), 10.0)
-    chosen, plane = choose_capture(lens, frame, [550.0], 4), overscan_px(lens, frame, [550.0], 4)
+    chosen, plane = choose_capture(lens, frame, [550.0], 4), field_map(lens).overscan_px(frame, [550.0], 4)
     assert chosen.projection == FISHEYE
     assert all(fisheye_px < plane_px for fisheye_px, plane_px in zip(chosen.overscan_px, plane, strict=True))
 
@@ -151,7 +152,7 @@ def capture(lens, projection, shape, overscan, pitch_um, centre_px=None, light=s
 
 def overscan_needed(lens, shape, pitch_um, projection=PLANE):
     frame = PixelGrid(shape, pitch_um, projection=projection)
-    return overscan_px(lens, frame, [550.0], psf_radius_px(lens, pitch_um))
+    return field_map(lens).overscan_px(frame, [550.0], psf_radius_px(lens, pitch_um))
 
 
 def either_camera(lens, shape, pitch_um, options, centre_px=None, overscan=None):
@@ -272,4 +273,4 @@ def test_reach_is_the_largest_displacement_of_a_point(bend, projection):
     p = np.linspace(0, 3, 100001)
     lands, shown = p + bend * p**3, p if projection == PLANE else 2 * np.arctan(p / 2)
     moved_px = np.abs(shown - lands)[lands <= np.hypot(20, 30) * 0.05].max() / 0.05
-    assert moved_px + 7 < reach_px(lens, grid, [550.0], 7) <= moved_px + 9
+    assert moved_px + 7 < field_map(lens).reach_px(grid, [550.0], 7) <= moved_px + 9

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from flat_depth import flat_depth_mm
 from lensfield.engine.image.layers import Layer, LayeredRadiance
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.runtime.errors import ImageError
@@ -25,7 +26,7 @@ def test_a_pinhole_sees_the_nearest_layer_first():
     expected = np.full(GRID.shape_px, 4.0)
     expected[1:3, 2:4] = [[4, 5], [8, 8]]
     assert np.array_equal(scene.flat().cube, np.stack([expected, 2 * expected]).astype(np.float32))
-    assert np.array_equal(scene.flat_depth_mm()[1:3, 2:4], [[np.inf, 500], [500, 500]])
+    assert np.array_equal(flat_depth_mm(scene)[1:3, 2:4], [[np.inf, 500], [500, 500]])
     assert np.all(scene.flat_alpha() == 1) and scene.flat().grid == GRID and scene.flat().focal_mm == 50.0
     assert np.array_equal(layered(near).flat_alpha()[1:3, 2:4], near.alpha)
 

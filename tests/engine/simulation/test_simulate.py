@@ -17,7 +17,7 @@ from lenses import (
     points_image,
 )
 from lensfield.engine import ImageError, LensError, Options, Report, SpectralImage, load_lens, simulate
-from lensfield.engine.field.overscan import overscan_px
+from lensfield.engine.field.field_map import field_map
 from lensfield.engine.field.radial.psf_bank import psf_radius_px
 from lensfield.engine.image.pixel_grid import PixelGrid
 
@@ -28,7 +28,7 @@ SECTIONS = Options(section_size=32)
 def uniform(shape, lens, pitch_um):
     """Radiance 1 everywhere, with the overscan that the lens needs."""
     radius = psf_radius_px(lens, pitch_um)
-    overscan = overscan_px(lens, PixelGrid(shape, pitch_um), [550.0], radius)
+    overscan = field_map(lens).overscan_px(PixelGrid(shape, pitch_um), [550.0], radius)
     cube = np.ones((1, shape[0] + 2 * overscan[0], shape[1] + 2 * overscan[1]))
     return SpectralImage(cube, [550.0], pitch_um=pitch_um, overscan_px=overscan)
 
