@@ -26,7 +26,7 @@ DRAW_S = 0.4  # for Blender to draw changes
 
 def report(wrong="", status=0, gone=()):
     """Report to the driver: the error, Blender's exit status, and the processes and paths that must disappear."""
-    (FOLDER / "told.json").write_text(json.dumps({"wrong": wrong, "status": status, "gone": gone}), encoding="utf-8")
+    (FOLDER / "outcome.json").write_text(json.dumps({"wrong": wrong, "status": status, "gone": gone}), encoding="utf-8")
 
 
 def main_window():
@@ -223,7 +223,7 @@ def lens_image_path():
 def render_window():
     """Press F12; returns the window that Blender opens while its render is running."""
     yield from press("F12", region(area("VIEW_3D")), across=0.3)
-    yield from until(lambda: bpy.app.is_job_running("RENDER") and newest_window() != main_window(), 20)
+    yield from until(lambda: bpy.app.is_job_running("RENDER") and newest_window() != main_window())
     yield 1
     return newest_window()
 
@@ -232,7 +232,7 @@ def render_in_blender():
     """Press F12; returns the displayed picture, float array (row, column, 4), in its scene's linear colours."""
     scene = bpy.context.scene
     yield from press("F12", area("VIEW_3D"))
-    yield from until(lambda: bpy.app.is_job_running("RENDER") or len(bpy.context.window_manager.windows) > 1, 10)
+    yield from until(lambda: bpy.app.is_job_running("RENDER") or len(bpy.context.window_manager.windows) > 1)
     yield from until(lambda: not bpy.app.is_job_running("RENDER"))
     yield DRAW_S
     path = FOLDER / "f12.exr"

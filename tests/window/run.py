@@ -63,7 +63,7 @@ def take(step, blender, package, folder, environment):
         os.killpg(process.pid, signal.SIGKILL)
         return f"not done within {STEP_S} s"
     try:
-        report = json.loads((place / "told.json").read_text(encoding="utf-8"))
+        report = json.loads((place / "outcome.json").read_text(encoding="utf-8"))
     except FileNotFoundError:
         return f"Blender ended by itself, with exit status {status}"
     if report["wrong"]:
