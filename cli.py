@@ -143,7 +143,7 @@ def _end_with_stdin(hear):
 
 
 def _lines(stream):
-    """The lines of a stream of bytes, each truncated to LONGEST_HEARD_BYTES + 1."""
+    """The lines of a stream of bytes, each truncated to LONGEST_HEARD_BYTES + 1 bytes."""
     while line := stream.readline(LONGEST_HEARD_BYTES + 1):
         rest = line
         while rest and not rest.endswith(b"\n"):
@@ -191,7 +191,7 @@ def _leave(status):
     if "multiprocessing.process" in sys.modules:
         import multiprocessing
 
-        for process in multiprocessing.active_children():  # they would wait for work forever
+        for process in multiprocessing.active_children():  # these would wait for work forever
             process.kill()
     if "bpy" in sys.modules:
         import shutil

@@ -1,6 +1,6 @@
-"""What pyproject.toml cannot say: the loops in C are compiled where there is a compiler, and the wheel is tagged so.
+"""Build steps that pyproject.toml cannot express: compile the C loops if a compiler is available, and tag the wheel.
 
-Without one the package is pure Python, and numpy does the loops' work.
+Without a compiler, the package is pure Python, and numpy replaces the loops.
 """
 
 import shutil
@@ -16,7 +16,7 @@ KERNELS = Path("engine/kernels")
 RUNTIME = Path("engine/runtime")
 sys.path[:0] = [str(KERNELS.resolve()), str(RUNTIME.resolve())]
 
-# the modules build.py and build_identity.py there, which need only Python
+# build.py and build_identity.py in these folders require only Python
 import build as kernels  # noqa: E402
 import build_identity  # noqa: E402
 
@@ -43,7 +43,7 @@ class Step(Command):
 
 
 class BuildKernels(Step):
-    """Compile the library, into the tree for an editable installation, else into the wheel."""
+    """Compile the library: into the tree for an editable installation, otherwise into the wheel."""
 
     description = "compile engine/kernels"
 
@@ -54,7 +54,7 @@ class BuildKernels(Step):
         package = Path() if self.editable_mode else Path(self.build_lib) / "lensfield"
         folder = (package / KERNELS / kernels.LIBRARY_FOLDER.name).resolve()
         if not self.editable_mode:
-            shutil.rmtree(folder, ignore_errors=True)  # that of an earlier wheel, of which nobody could tell
+            shutil.rmtree(folder, ignore_errors=True)  # an earlier wheel's library would go unnoticed
         try:
             kernels.build(folder)
         except (kernels.CompilerMissing, subprocess.CalledProcessError) as problem:
@@ -63,7 +63,7 @@ class BuildKernels(Step):
 
 class BdistWheel(bdist_wheel):
     def get_tag(self):
-        """py3-none-PLATFORM where the library is in the wheel, which any Python 3 can load; else that of any system."""
+        """py3-none-PLATFORM for a wheel with the library, which any Python 3 can load; otherwise py3-none-any."""
         self.root_is_pure = not list(Path(self.bdist_dir).rglob(kernels.library_name(kernels.this_platform())))
         *_, platform = super().get_tag()
         return "py3", "none", platform

@@ -3,8 +3,8 @@
     python benchmarks/accuracy_figures.py
 
 Times are measured as in bench.py, on a checkerboard in the paper's frame, without black sections. Errors are relative
-L2 errors of single lit pixels against the exact operator. At equal error, the paper's method has smaller sections of
-one PSF each: its time is interpolated, in log-log, between the two nearest of three sizes.
+L2 errors of single lit pixels against the exact operator. For equal error, the paper's method needs smaller sections
+of one PSF each: its time is interpolated, in log-log, between the two nearest of three section sizes.
 """
 
 import numpy as np
@@ -39,13 +39,13 @@ def equal_error(lens):
 
 
 def seconds_at(error, sections):
-    """Seconds that sections with this error take, interpolated."""
+    """The paper's seconds at this error, interpolated."""
     (s0, e0), (s1, e1) = sorted(sections, key=lambda each: abs(np.log(each[1] / error)))[:2]
     return s0 * (error / e0) ** (np.log(s1 / s0) / np.log(e1 / e0))
 
 
 def conserved_light(lens):
-    """Print the relative difference of the light after and before the blur."""
+    """Print the relative change of the light by the blur."""
     ways = {"the paper's method": PAPER} | {f"accuracy {each:g}": Options(accuracy=each) for each in (0.1, 0.01, 1e-3)}
     for name, options in ways.items():
         report = Report()

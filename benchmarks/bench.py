@@ -101,7 +101,7 @@ def relative_l2(cube, exact):
 
 
 def boards(table):
-    """The paper's frame, at one wavelength: by accuracy, by the paper's method, and by the PSF on the axis alone."""
+    """The paper's frame, at one wavelength: for each accuracy, by the paper's method, and by the on-axis PSF alone."""
     lens, dots = load_lens(PAPER_LENS), points()
     exact = simulate(dots, lens, Options(method="exact")).cube
     for case in BOARDS:
@@ -115,7 +115,7 @@ def boards(table):
 
 
 def one_psf(radiance, lens):
-    """Convolve with the PSF on the axis alone, which is inaccurate: processor seconds, and the picture."""
+    """Convolve with the on-axis PSF alone, which is inaccurate; returns processor seconds and the picture."""
     plan = make_plan(Options(accuracy=0.001), lens, radiance.sampling)
     (images,), middle = point_images(lens, radiance, plan), np.array(radiance.grid.shape_px)[None] // 2
     planes, psf = images.channel.planes, images.by_plan(middle)[0].astype(np.float32)

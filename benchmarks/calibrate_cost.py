@@ -4,8 +4,8 @@
 
 prints NANOSECONDS and REFERENCE_S of this machine, for the default loops or the loops that LENSFIELD_KERNELS names. For
 fitted and for other cases, it prints the ratio of predicted to measured time, with the present and with the new
-constants. Only processor time is measured, so the machine may be busy. The time of the main thread counts as serial
-work, and the rest as shared by all threads.
+constants. Only processor time is measured, so the machine may be busy. The main thread's time counts as serial work,
+and the rest as work that all threads share.
 """
 
 import time
@@ -93,7 +93,7 @@ def fitted_cases():
 
 
 def other_cases():
-    """Typical cases of users, to check predictions."""
+    """Typical user cases, to check predictions."""
     for name in (PAPER_LENS, "tessar-50mm", "nikkor-28mm", "kodak-petzval-100mm", "angenieux-50mm",
                  "cooke-triplet-50mm"):
         for shape, number, accuracy in (((400, 600), 3, 0.1), ((576, 768), 1, 0.01), ((576, 768), 1, 0.001),

@@ -54,7 +54,7 @@ def main(frames=4):
 
 
 def processor_s(work):
-    """Processor seconds of all child processes that end during a call."""
+    """Processor seconds of all child processes that end during a call of `work`."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     work()
     after = resource.getrusage(resource.RUSAGE_CHILDREN)

@@ -44,7 +44,7 @@ def main(slabs=4.0, machines=100.0, cores=32.0, dollars=0.04):
 
 
 def rendered(folder, size):
-    """Render the sample scene: bytes by kind of file, and the processor seconds of Cycles and of all else."""
+    """Render the sample scene; returns bytes by kind of file, and the processor seconds of Cycles and of the rest."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     subprocess.run(
         [sys.executable, "-c", "from lensfield.cli import console; console()", "render", str(SCENE), "--frames", "1",

@@ -35,7 +35,7 @@ def main(name, options, best_of, wavelengths=None, frames=1):
 
 
 def spread_out(radiance, count):
-    """This number of a picture's wavelengths, in even steps, without the first and the last."""
+    """Reduce a picture to `count` evenly spaced wavelengths, without the first and the last."""
     some = np.linspace(0, radiance.wavelengths_nm.size - 1, count + 2).round().astype(int)[1:-1]
     return replace(radiance, cube=radiance.cube[some], wavelengths_nm=radiance.wavelengths_nm[some])
 

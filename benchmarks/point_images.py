@@ -16,7 +16,7 @@ from lensfield.engine.simulation.channel import Channel
 
 @dataclass(frozen=True, eq=False)
 class PointImages:
-    """The images of single pixels of a grid, at one wavelength. Places are arrays (place, 2) of rows and columns."""
+    """The images of single pixels of a grid, at one wavelength. Places are arrays (place, 2): row and column."""
 
     lens: Lens
     wavelength_nm: float
@@ -25,14 +25,14 @@ class PointImages:
     radius_px: int
 
     def by_plan(self, places: np.ndarray) -> np.ndarray:
-        """Images of pixels under the plan: array (place, row, column). Pixels are so far apart that none overlap."""
+        """Images of pixels under the plan: array (place, row, column). The images must not overlap."""
         picture = np.zeros(self.grid.shape_px, np.float32)
         picture[tuple(places.T)] = 1
         blurred, side = self.channel.blur(self.channel.planes.split(picture)), 2 * self.radius_px + 1
         return np.stack([blurred[row:row + side, column:column + side] for row, column in places])
 
     def errors(self, places: np.ndarray) -> np.ndarray:
-        """Misplaced share of each pixel's light: the sum of |difference| from the exact image."""
+        """Misplaced fraction of each pixel's light: the sum of |difference| from the exact image."""
         true = self._true_psfs.psfs(*places.T)
         rim = (true.shape[-1] - (2 * self.radius_px + 1)) // 2
         return np.abs(np.pad(self.by_plan(places), ((0, 0), (rim, rim), (rim, rim))) - true).sum(axis=(1, 2))

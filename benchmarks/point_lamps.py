@@ -35,7 +35,7 @@ RAYS = 2**15
 
 
 def psf_of_rays(rays, nm, height_mm, depth_mm, pitch_um, samples):
-    """Geometric PSF: each pixel's share of the light through a densely sampled stop."""
+    """Geometric PSF: each pixel's fraction of the light through a densely sampled stop."""
     across = qmc.Sobol(2, seed=1).random(RAYS).T
     stop = np.sqrt(across[0]) * np.stack([np.sin(2 * np.pi * across[1]), np.cos(2 * np.pi * across[1])])
     landed_mm, passing = landings_mm(rays, nm, height_mm, depth_mm, stop)
@@ -45,7 +45,7 @@ def psf_of_rays(rays, nm, height_mm, depth_mm, pitch_um, samples):
 
 
 def psfs(rays, height_mm, depth_mm, focus_mm, pitch_um, samples):
-    """PSFs by diffraction at a depth and in focus, and by rays, in the band: arrays (wavelength, v, u)."""
+    """PSFs by diffraction, at a depth and in focus, and by rays, over the band: arrays (wavelength, v, u)."""
     arguments = [(rays, nm, height_mm, depth_mm, pitch_um, samples) for nm in BAND_NM]
     return (np.array([psf_at_depth(*each) for each in arguments]),
             np.array([psf_at_depth(rays, nm, height_mm, focus_mm, pitch_um, samples) for nm in BAND_NM]),

@@ -34,7 +34,7 @@ BLOCK_PX = 4  # averages over blocks keep noise out of the colours
 
 
 def timed(scene, wavelengths_nm, spectral=STANDARD):
-    """Render a scene: seconds of each Cycles pass, seconds of all else, the report, and the radiance."""
+    """Render a scene; returns the seconds of each Cycles pass and of the rest, the report, and the radiance."""
     with tempfile.TemporaryDirectory() as folder:
         job = job_of_frame(scene, scene.frame_current, lens=LENS, wavelengths_nm=wavelengths_nm, output_folder=folder,
                            options=Options(), spectral=spectral, view="lens", unfit="refuse", denoise="off",

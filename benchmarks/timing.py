@@ -37,7 +37,7 @@ class Run:
 
 def cold_run(radiance: SpectralImage, lens: Lens, options: Options, frames: int = 1,
              out: np.ndarray | None = None) -> Run:
-    """Filter a picture `frames` times, from a cold start."""
+    """Filter a picture `frames` times from a cold start."""
     lens, report = replace(lens), Report()
     cache = ChannelCache() if frames > 1 else None
     seconds = []

@@ -5,8 +5,8 @@
 
 Each sample's colour under D65 is upsampled to a reflectance. The tables give the root mean square of its error, and the
 colour difference CIEDE2000 from the sample under other lamps: median and 95th percentile. Samples outside the gamut are
-omitted. The project's basis is fitted to the first two sets. "held out" is fitted to the other set each time, so it is
-never tested on the samples that it was fitted to.
+omitted. The project's basis is fitted to the first two sets. "held out" is fitted to the other of these sets each time,
+so it is never tested on the samples that it was fitted to.
 """
 
 import sys

@@ -58,7 +58,7 @@ def given_fields(options):
 
 
 def scene_defaults(owner):
-    """Defaults in commands on a scene, as text: the scene's value of each setting with a property."""
+    """Help texts of defaults in commands on a scene: the scene's value for each setting that is a Blender property."""
     return {name: "the scene's" for name, each in settings_of(owner).items() if each.panel is not None}
 
 
@@ -104,7 +104,7 @@ def shown_iris(options):
 
 
 def distance_mm(text, option="--focus"):
-    """A distance in mm from a text such as 1.2m."""
+    """Parse a distance such as 1.2m; returns millimetres."""
     word = text.strip().lower()
     unit = next((unit for unit in MM if word.endswith(unit)), "")
     try:
@@ -150,7 +150,7 @@ def engine_options(options):
 
 
 def resolution(text, option="--resolution"):
-    """(width, height) from a text such as 768x576."""
+    """Parse a size such as 768x576; returns (width, height)."""
     least, most = RESOLUTION_LIMITS
     try:
         width, height = (int(side) for side in text.lower().split("x"))
@@ -187,7 +187,7 @@ def check_outputs(outputs, inputs=()):
 
 
 def sides_mm(text):
-    """Width and height of a sensor from a text such as 36x24."""
+    """Parse a sensor size such as 36x24; returns width and height."""
     try:
         width, height = (float(side) for side in text.lower().split("x"))
     except ValueError:

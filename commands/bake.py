@@ -119,13 +119,13 @@ def _convert(options):
 
 
 def _print_notes(options, prescription):
-    """Print the notes of the file's reader; notes of bundled lenses are of another kind."""
+    """Print the reader's notes on the file; the notes of bundled lenses do not come from a reader."""
     if prescription.notes and str(options.prescription) not in bundled_names():
         print(f"notes: {prescription.notes}", file=sys.stderr)
 
 
 def _requested_prescription(options):
-    """The file's prescription, with the changes of the command line."""
+    """The file's prescription, with the changes that the command line requests."""
     reading_options = ReadingOptions(field_option(options), options.which, options.semi_diameters)
     if str(options.prescription) in bundled_names() and reading_options[1:] == (None, None):
         return _with_overrides(_with_glasses(prescription_of(options.prescription, reading_options.field), options),
@@ -152,7 +152,7 @@ def _check(options):
 
 @contextmanager
 def _errors_of(path):
-    """Let errors about the prescription name its file, not the lens; errors about a glass also mention --glass."""
+    """Make errors about the prescription name its file, not the lens; errors about a glass also mention --glass."""
     try:
         yield
     except LensError as error:
@@ -168,7 +168,7 @@ def field_option(options):
 
 
 def _with_overrides(prescription, options):
-    """The prescription with the changes of the command line, except its glasses."""
+    """The prescription with the changes that the command line requests, except for its glasses."""
     changes = {"name": options.name, "focus": options.image_plane,
                "aperture": None if options.f_number is None else ("f_number", options.f_number),
                "sensor_mm": None if options.sensor is None else sides_mm(options.sensor)}

@@ -111,7 +111,7 @@ def _paths_in(blend):
                     if layout.uses_file(one) and (text := layout.text(one))]
     except (InputError, OSError):
         raise
-    except Exception as error:  # damaged bytes raise a dozen kinds of errors, also in decompression
+    except Exception as error:  # damaged bytes raise a dozen kinds of error, also in decompression
         raise InputError(blend, "scene", "not readable", f"expected a .blend file ({type(error).__name__})") from None
 
 
@@ -165,7 +165,7 @@ class _Blocks:
         self._large = large
 
     def read(self, wanted):
-        """(structure number, count, bytes) of each block with these structures; with None, of the description."""
+        """(structure number, count, bytes) of each block of these structures; for None, of the description's block."""
         while True:
             code, *figures = self._head.unpack(self._take(self._head.size))
             size, number = (figures[2], figures[0]) if self._large else (figures[0], figures[2])
@@ -234,7 +234,7 @@ def _field_bytes(name, type_bytes, pointer_bytes):
 
 
 class _Description:
-    """Reads `DNA1` from beginning to end: parts of a mark, a count and as many items, each part aligned to 4 bytes."""
+    """Reads `DNA1` from beginning to end: each part is a mark, a count and that many items, aligned to 4 bytes."""
 
     def __init__(self, data, order):
         self._data, self._at, self._order = data, 0, order

@@ -1,7 +1,7 @@
 """A command in a child process that cannot outlive its parent.
 
 The child reports progress on its standard output (`messages.py`), and ends when its standard input closes, which
-requires the option `--end-with-stdin`. On every system it closes when the parent ends, for whatever reason.
+requires the option `--end-with-stdin`. On every system, standard input closes when the parent ends for any reason.
 """
 
 import json
@@ -107,7 +107,7 @@ class Child:
                 os.killpg(self._process.pid, signal.SIGKILL)
 
     def death(self):
-        """Why the process ended without reporting success or an error, and a lasting copy of its log: two texts."""
+        """Why the process ended without reporting success or an error, and a lasting copy of its log: two strings."""
         lines = [line.strip() for line in self.log.read_text(encoding="utf-8", errors="replace").split("\n")]
         last = next((line for line in reversed(lines) if line and not line.startswith(CRASH)), "no output")
         code = self._process.returncode

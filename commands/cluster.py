@@ -1,7 +1,7 @@
 """`lensfield render --scheduler ADDRESS`: frames as tasks for the workers of a Dask cluster.
 
-A worker renders a task in a child process (`child.py`), which ends with the worker in any case. The scheduler then
-gives the task to another worker, which resumes from the saved passes.
+A worker renders a task in a child process (`child.py`), which always ends with the worker. The scheduler then gives the
+task to another worker, which resumes from the saved passes.
 """
 
 import json
@@ -21,8 +21,8 @@ from .sequence import frames_text
 from .task import frames_by_task, lensfield_in, scene_path, task_arguments
 from .terminal import progress_bar
 
-RETRIES = 2  # of a task whose render has crashed: another machine may have, for example, more memory
-LOOK_S = 0.5  # between two checks whether a task has been cancelled
+RETRIES = 2  # of a task whose render has crashed: another machine may have more memory, for example
+LOOK_S = 0.5  # between checks for a cancelled task
 NO_MODULE = "pip install lensfield[farm]"
 FOR_WINDOWS = "picture", "blend_folder", "scene_state", "scene_source", "session"
 """Options of `lensfield render` for programs that follow a render on this machine."""

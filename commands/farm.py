@@ -79,7 +79,7 @@ def _template(options, paths):
 
 
 def _literal(text):
-    """The text, which Open Job Description does not change; raises an InputError if it contains a reference."""
+    """The text unchanged; raises an InputError if Open Job Description would expand a reference in it."""
     if OPENS in text:
         raise InputError("options", "text", text, f"Open Job Description cannot contain {OPENS}")
     return text

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ..engine.runtime.errors import shown
 
-PACE_S = 5.0  # between two lines: farms store logs and charge for them
+PACE_S = 5.0  # between lines: farms store logs and charge for them
 LONGEST = 240  # characters of a label
 LENS_IMAGE, PICTURE = "lens_image.exr", "after.png"
 
@@ -41,7 +41,7 @@ FARM_LOGS = {"openjd": openjd_lines, "flamenco": flamenco_lines}
 
 @contextmanager
 def farm_log(lines):
-    """A function that writes the given facts as lines, at once, to the current standard output, even if that is later
+    """A function that writes facts as lines immediately, to the standard output of this moment, even if that is later
     redirected."""
     sys.stdout.flush()
     with open(os.dup(1), "w", encoding="utf-8", errors="backslashreplace") as log:

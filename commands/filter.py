@@ -102,7 +102,7 @@ def _filter(options):
 def _filter_sequence(options, lens, chosen, shots):
     """Filter the missing frames, except those that other processes are filtering; returns the report of all."""
     by, first, reports = request_facts(options, lens, chosen), shots[0], {}
-    noted = {shot: record_stamp(shot) for shot in shots}  # before the check whether the frames are complete
+    noted = {shot: record_stamp(shot) for shot in shots}  # before checking whether the frames are complete
     builds = {} if options.overwrite else {shot: recorded_build(shot, first, by) for shot in shots}
     pending = [shot for shot in shots if not is_accepted(builds.get(shot), options.any_build)]
     for line in other_builds_line(builds.values(), options.any_build, "filtered"):
@@ -208,7 +208,7 @@ class _Run:
                 f"{slabs.check.text}: {slabs.slabs_text if source.guessed else 'in the layers of the file'}"
                 if slabs.needed else slabs.text))
         for line in lines:
-            kind = FIGURE.sub("", line) if line.startswith("depth") else line  # its figures differ in each frame
+            kind = FIGURE.sub("", line) if line.startswith("depth") else line  # with different figures in each frame
             if kind not in self._reported:
                 print(line, flush=True)
             self._reported.add(kind)

@@ -16,13 +16,13 @@ import time
 from contextlib import contextmanager
 
 MARK = "lensfield> "
-PACE_S = 0.1  # between two lines with the same label; a new label is written at once
+PACE_S = 0.1  # between lines with the same label; a new label is written immediately
 ENOUGH = 0.03  # fraction of the work needed to estimate the remaining time: the first of 31 wavelengths
 
 
 @contextmanager
 def message_lines():
-    """A function that writes a message of the given facts at once.
+    """A function that writes facts as a message immediately.
 
     Within the context, all other output to standard output goes to standard error.
     """
@@ -56,13 +56,13 @@ def paced(write, pace_s=PACE_S, new_label_s=0.0):
 
 
 def time_left(fraction, spent_s, since_s=0.0):
-    """The remaining time as text, from the seconds spent on this fraction and the seconds since then; "" if the
-    fraction is too small for an estimate."""
+    """Format the remaining time, from the seconds spent on this fraction and the seconds since then; "" if the fraction
+    is too small for an estimate."""
     return f"{duration(max(spent_s * (1 / fraction - 1) - since_s, 0))} left" if fraction >= ENOUGH else ""
 
 
 def duration(seconds):
-    """A duration as short text."""
+    """Format a duration briefly."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

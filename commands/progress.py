@@ -1,4 +1,4 @@
-"""Progress of a command: on a terminal, or as messages to the program that started it."""
+"""The progress of a command: on a terminal, or as messages to the program that started it."""
 
 from contextlib import contextmanager
 
@@ -21,7 +21,7 @@ def add_progress_options(group):
 
 @contextmanager
 def messages(options):
-    """A function that writes facts as messages, if `--progress` requests them; errors are written, too."""
+    """A function that writes facts as messages, if `--progress` requests them; also writes errors."""
     if options.progress == "bar":
         yield lambda **facts: None
         return

@@ -27,11 +27,11 @@ class PictureAsRead:
     ----------
     radiance : SpectralImage
     picture : Upsampling, optional
-        How it was interpreted, if it was in RGB.
+        How an RGB picture was interpreted; None for spectral radiance.
     channel : str
         The depth channel.
     depth : FileDepth, optional
-        None if the file lacks depth, or depth is off.
+        None if the file lacks depth or if depth is off.
     layers : callable (SlabPlan), optional
         Splits it into layers by its depth.
     guessed : str

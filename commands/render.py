@@ -1,4 +1,4 @@
-"""`lensfield render`: a .blend, rendered multispectrally and put through a lens."""
+"""`lensfield render`: render a .blend multispectrally, and apply a lens."""
 
 from pathlib import Path
 
@@ -58,7 +58,7 @@ def _add_followed(group):
 
 
 def _folders(options):
-    """The scene, and the output folder."""
+    """The scene and the output folder."""
     return options.scene, output_given(options)
 
 
@@ -77,7 +77,7 @@ def _render(options):
 
 
 def _render_here(options, write):
-    """Render in this process; the report, and what to tell."""
+    """Render in this process; returns the report and remarks."""
     if options.frames is not None:
         requested_frames(options.frames)
     scene, given = scene_and_fields(options)
@@ -102,7 +102,7 @@ def _check_next_to_frames(options, scene):
 
 
 def _output_folder(options, scene):
-    """Where a render writes: as the command line says, else as the scene's settings do, if these may."""
+    """The folder of the command line, or the scene settings' folder if `check_output_folder` permits it."""
     from ..addon import check_output_folder, folder_for
 
     if options.output is None:
@@ -111,7 +111,7 @@ def _output_folder(options, scene):
 
 
 def _source(options, scene):
-    """What tells the files of the scene apart; "" where what is open is not all in them, or nothing is to be kept."""
+    """Digest of the scene's files; "" if they do not contain all of the open scene, or no passes are to be stored."""
     from ..addon import source_digest
 
     if options.overwrite and options.frames is None:
@@ -122,7 +122,7 @@ def _source(options, scene):
 
 
 def _render_one(options, scene, given, write):
-    """Render the current frame; its report, and what to tell of it."""
+    """Render the current frame; returns its report and remarks."""
     from .. import addon
 
     with progress(options, write) as on_progress:
@@ -132,7 +132,7 @@ def _render_one(options, scene, given, write):
 
 
 def _render_frames(options, scene, given, write):
-    """Render the frames that are not there yet, one after the other; the report of all, and what to tell of them."""
+    """Render the missing frames in order; returns the report of all frames, and remarks."""
     from .. import addon
 
     frames = requested_frames(options.frames)
@@ -157,7 +157,7 @@ def _render_frames(options, scene, given, write):
 
 
 def _report_frame(result, known, write, **facts):
-    """Tell of a frame that is done: its plans and its files, but for the lines that are known."""
+    """Report a finished frame: print its plans and files, except for lines in `known`, and write a message."""
     filtered = result.report.lens_image
     for line in (f"scene: {result.report.scene.scene_plan}", *([f"plan: {filtered.plan.text}"] if filtered else ()),
                  *result.report.files.values()):
@@ -180,7 +180,7 @@ def scene_and_fields(options):
 
 
 def _open_scene(options):
-    """The scene of the .blend, with its resolution and samples as asked for."""
+    """The scene of the .blend, with the resolution and samples of the command line."""
     if options.samples is not None:
         check_limits("--samples", options.samples, SAMPLE_LIMITS)
     size = resolution(options.resolution) if options.resolution else None

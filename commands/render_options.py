@@ -1,4 +1,4 @@
-"""Options of `lensfield render` that other commands have, too: the .blend, its settings, the frames, the farm."""
+"""Options that `lensfield render` shares with other commands: the .blend, its settings, the frames, the farm."""
 
 from pathlib import Path
 
@@ -19,11 +19,11 @@ from .sequence import parse_frames
 FRAME_LIMITS = -1048574, 1048574  # Blender's
 OWN_FRAMES = "scene"
 ELSEWHERE = "lens", *RING_FIELDS, "lens_quality"
-"""Fields whose options other commands have, too: `add_engine_options`, `add_rings`."""
+"""Fields whose options `add_engine_options` and `add_rings` add, here and in other commands."""
 
 
 def add_frame_options(render):
-    """Which frames are rendered, and whether finished ones count."""
+    """Add options for the frames to render, and for the reuse of finished frames."""
     render.add_argument("--frames", metavar="SPEC",
                         help="frames to render: 7, 1-250, 1-250:2, 1,5,10-20, or scene for the scene's range (default: "
                              "the current frame). Complete frames with the same settings are skipped, and processes "
@@ -35,7 +35,7 @@ def add_frame_options(render):
 
 
 def add_farm_options(group):
-    """How frames become tasks of a farm."""
+    """Add options for rendering frames as farm tasks."""
     group.add_argument("--frames-per-task", type=int, default=1, metavar="N",
                        help="frames in each task; they share the start of Blender and the preparation of the lens "
                             "(default: 1)")
@@ -45,7 +45,7 @@ def add_farm_options(group):
 
 
 def add_scene_options(render):
-    """The .blend, and the settings of its render."""
+    """Add arguments for the .blend and its render settings."""
     render.add_argument("scene", type=Path, metavar="SCENE.blend", help="file to render")
     add_settings(render, SpectralOptions, settings_of(SpectralOptions), scene_defaults(SpectralOptions))
     listed = [name for name, each in settings_of(RenderRequest).items()
@@ -60,7 +60,7 @@ def add_scene_options(render):
 
 
 def requested_frames(text):
-    """The frames of --frames, ascending; None for the scene's own."""
+    """The frames of --frames, ascending; None for the scene's range."""
     if text == OWN_FRAMES:
         return None
     frames = parse_frames(text)

@@ -29,7 +29,7 @@ class Shot:
 
 
 def parse_frames(text):
-    """Frames from a text: one frame, a range such as 1-50, with a step such as 1-50:2, or a list such as 1,5,10-20.
+    """Parse frames: one frame, a range such as 1-50, a range with a step such as 1-50:2, or a list such as 1,5,10-20.
 
     Returns
     -------
@@ -39,7 +39,7 @@ def parse_frames(text):
     Raises
     ------
     InputError
-        The text is not valid, or names more than MOST_FRAMES.
+        The text is invalid, or names more than MOST_FRAMES frames.
     """
     parts = [FRAMES.fullmatch(part.strip()) for part in text.split(",")]
     bounds = [(int(part[1]), int(part[2] or part[1]), int(part[3] or 1)) for part in parts if part]
@@ -52,7 +52,7 @@ def parse_frames(text):
 
 
 def frames_text(frames):
-    """Ascending frames as a short text for `parse_frames`, such as 1-3,5."""
+    """Format ascending frames for `parse_frames`, such as 1-3,5."""
     ranges = []
     for frame in frames:
         if ranges and frame == ranges[-1][1] + 1:

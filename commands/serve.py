@@ -55,7 +55,7 @@ def _arguments(line):
     Parameters
     ----------
     line : bytes
-        Without a line end if it was too long to be read completely.
+        Lacks its line end if it was too long to be read completely.
 
     Returns
     -------
@@ -64,7 +64,7 @@ def _arguments(line):
     Raises
     ------
     InputError
-        The line is anything else.
+        The line is not a JSON list of arguments, or the arguments are not valid.
     """
     if not line.endswith(b"\n"):
         raise InputError("serve", "line", f"over {len(line) - 1} bytes", EXPECTED)
@@ -85,7 +85,7 @@ def _arguments(line):
 
 
 def _can_be_argument(text):
-    """Whether a text could be an argument on a command line: without null characters and lone surrogates."""
+    """Whether a string could be a command-line argument: it has no null characters and no lone surrogates."""
     try:
         return b"\0" not in os.fsencode(text)
     except UnicodeEncodeError:

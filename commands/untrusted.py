@@ -1,8 +1,8 @@
-"""`--untrusted`: a command on files of unknown origin, in a process confined to some folders and limits.
+"""`--untrusted`: run a command on files of unknown origin, in a process confined to certain folders, with limits.
 
-The command starts itself again through `confine.py`, which leaves it access to the program, to the scene's folder and
-`--root` (reading) and to `--output` (writing). It waits for the process up to the time limit. In the process,
-`engine/runtime/inputs.py` checks every named file first, so that a refusal is one line about a file and not a system
+The command restarts itself through `confine.py`, which limits its access to the program, the scene's folder and
+`--root` (reading), and `--output` (writing). It waits for the process until the time limit. In the process,
+`engine/runtime/inputs.py` checks every named file first, so a refusal is one line about a file instead of a system
 error.
 """
 
@@ -40,7 +40,7 @@ def run(options, arguments):
     Parameters
     ----------
     options : argparse.Namespace
-        Commands that can be confined have `confines`, which returns the scene or picture and the output folder.
+        `confines`, present if the command can be confined, returns the scene or picture and the output folder.
     arguments : list of str
         The command line that was parsed into `options`.
     """

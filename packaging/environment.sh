@@ -1,11 +1,11 @@
 #!/bin/sh
-# environment.sh VENV BPY|bake|tables|lint|release [EXTRA]: create the virtual environment VENV with this package, and with
-# Blender's Python wheel BPY (and more of the package's extras), with the references for baked lenses, with the
-# requirements for the tables of spectra, with the linters, or with the builder of sdist and wheel. (Optiland and
-# colour-science need other numpys than the wheel.) Packages in packaging/lock-BPY.txt are installed in exactly these
-# versions and files; others are not pinned.
+# environment.sh VENV BPY|bake|tables|lint|release [EXTRA]: create the virtual environment VENV with this package and
+# one of these: Blender's Python wheel BPY (with further extras of the package), the references for baked lenses, the
+# requirements for the tables of spectra, the linters, or the builder of sdist and wheel. (Optiland and colour-science
+# need a different numpy than the wheel.) Packages in packaging/lock-BPY.txt are installed in exactly these versions and
+# files; others are not pinned.
 # rayoptics is installed without dependencies: it requires Qt and Jupyter, 0.7 GB, which its tracer never loads.
-# Required system libraries are installed with apt if we are root; otherwise one line says which to install.
+# Required system libraries are installed with apt for root; otherwise one line says which to install.
 set -eu
 exec 9<"$0" && flock 9  # one at a time: setuptools's files in this folder and apt's lock are shared
 venv=$1
@@ -44,7 +44,7 @@ fi
 "$python" -c 'import ensurepip' 2>/dev/null ||
     install_packages "Python's venv module is missing" "python$version-venv"
 
-# The package's loops in C require a compiler; without one, and if we cannot install one, numpy is used instead.
+# The package's C loops require a compiler. If none is installed and none can be, numpy is used instead.
 if [ -z "${CC:-}" ] && [ "$(id -u)" = 0 ] && ! command -v cc >/dev/null && command -v apt-get >/dev/null; then
     (install_packages "a C compiler is missing" gcc) || true
 fi

@@ -4,8 +4,8 @@
 
 writes docs/hero.jpg (three lenses side by side), docs/gallery/NAME.jpg and docs/focus_pull.webp; `make hero` does that
 with Blender's wheel, in build/hero. Cycles renders `sample_scenes/night_portrait.blend` once, in layers of depth; each
-lens, and each focus, is applied to these layers. The capture and the lens images that are in FOLDER are used again:
-remove the folder after a change of the scene.
+lens, and each focus, is applied to these layers. An existing capture and lens images in FOLDER are reused:
+delete the folder after you change the scene.
 """
 
 import sys
@@ -57,7 +57,7 @@ def main(folder):
 
 
 def capture(scene, output):
-    """The file of the scene's light in layers of depth."""
+    """Capture the scene's light in layers of depth; returns the file."""
     radiance = output / f"{scene.name}_{scene.frame_current:04d}_radiance.exr"
     if not radiance.exists():
         scene.render.resolution_x, scene.render.resolution_y = FRAME_PX
@@ -73,7 +73,7 @@ def portrait(lens, radiance, folder):
 
 
 def through(lens, radiance, output, focus_m, options):
-    """The file of the lens image of a lens focused at a distance."""
+    """Apply a lens focused at a distance; returns the file of the lens image."""
     lens_image = output / radiance.name.replace("radiance", "lens_image")
     if not lens_image.exists():
         print(output.name, flush=True)
@@ -102,7 +102,7 @@ def side_by_side(pictures):
 
 
 def pull_m():
-    """Distances in focus, from the face to the far lamps: 1 / distance eases in and out."""
+    """Focus distances from the face to the far lamps; 1 / distance eases in and out."""
     t = np.arange(PULL_STEPS + 1) / PULL_STEPS
     return 1 / (1 / FACE_M + t * t * (3 - 2 * t) * (1 / FAR_M - 1 / FACE_M))
 

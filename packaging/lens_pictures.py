@@ -3,8 +3,8 @@
     python packaging/lens_pictures.py [NAME ...]
 
 writes engine/library/pictures/NAME.jpg for these or all lenses; `make lens-pictures` does that with Blender's wheel.
-The scene is rendered once, and the distortion, vignetting and blur of each lens, wide open, are applied to it. Only
-lenses that are too wide for a plane picture require a separate render.
+The scene is rendered once, and the distortion, vignetting and blur of each lens, wide open, are applied to it. Only a
+lens that is too wide for a plane picture requires a separate render.
 """
 
 import sys

@@ -3,8 +3,8 @@
     .venv-bake/bin/python packaging/make_glasses.py
 
 Each line is a glass: its maker and name, the database's dispersion formula with its coefficients (or "n", for a table
-of nm and index), the range in nm, and extinction coefficients at nm of the visible. The database is in the public
-domain (CC0 1.0): M. N. Polyanskiy, doi:10.1038/s41597-023-02898-2.
+of nm and index), the range in nm, and extinction coefficients at visible wavelengths in nm. The database is in the
+public domain (CC0 1.0): M. N. Polyanskiy, doi:10.1038/s41597-023-02898-2.
 """
 
 from importlib import resources
@@ -40,7 +40,7 @@ def line_of(path):
 
 
 def visible(rows):
-    """Rows in the visible, and one more at either end."""
+    """The rows at visible wavelengths, and one more at either end."""
     inside = [place for place, (nm, _) in enumerate(rows) if VISIBLE_NM[0] <= nm <= VISIBLE_NM[1]]
     first = inside[0] if inside else next((place for place, (nm, _) in enumerate(rows) if nm > VISIBLE_NM[1]), 0)
     last = inside[-1] if inside else first - 1

@@ -4,8 +4,8 @@
     python packaging/make_spectra.py
 
 Requires a separate environment: colour-science needs numpy 2, which Blender up to 5.0 does not support. The
-reflectances of the USGS Spectral Library and the refractive indices of refractiveindex.info are not written here: these
-are the original files, and their headers name the source.
+reflectances of the USGS Spectral Library and the refractive indices of refractiveindex.info are not written here: they
+are the original files, whose headers name the source.
 """
 
 from pathlib import Path

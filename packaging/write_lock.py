@@ -2,7 +2,7 @@
 
     python packaging/write_lock.py REPORT.json LOCK.txt
 
-`make lock` runs it, from a new environment that was created without a lock.
+`make lock` runs it, in a new environment that was created without a lock.
 """
 
 import json
@@ -17,7 +17,7 @@ HEAD = """\
 def pinned(report):
     """Lines of a requirements file, by name, for each package of pip's report that was installed from a file."""
     for package in sorted(report["install"], key=lambda package: package["metadata"]["name"].lower()):
-        if "archive_info" in package["download_info"]:  # else it is this tree
+        if "archive_info" in package["download_info"]:  # otherwise it is this tree
             name, version = (package["metadata"][field] for field in ("name", "version"))
             yield f"{name}=={version} --hash=sha256:{package['download_info']['archive_info']['hashes']['sha256']}\n"
 

@@ -1,7 +1,7 @@
-"""Build `evening_chess.blend`: a half-size chess set by a window at dusk, with everything a lens can spoil.
+"""Build `evening_chess.blend`: a half-size chess set by a window at dusk, with everything that a lens can degrade.
 
-The picture is taken through the 6 mm micro video lens Edmund 54-852, focused at 250 mm, so that the scene is a
-tabletop of true scale, 20 cm wide:
+The picture is taken through the 6 mm micro video lens Edmund 54-852, focused at 250 mm, so the scene is a tabletop in
+real size, 20 cm wide:
 
 * straight lines into every corner: the glazing bars of the window, the rows of the chess board, its brass inlay;
 * points of light up to the corners: fairy lights in front of the window and on the board, the street lamps and the
@@ -10,7 +10,7 @@ tabletop of true scale, 20 cm wide:
 
 Run it as `.venv/bin/python sample_scenes/build_evening_chess.py`, in the environment that `make` sets up. Lengths in
 this file are in millimetres; `mesh_of`, `wire` and `place` turn them into Blender's metres.
-A file built with the oldest Blender that is supported opens in all of them.
+A file that is built with the oldest supported Blender opens in all supported versions.
 """
 
 import math
@@ -268,7 +268,7 @@ def wire(name, points_mm, radius_mm, material):
     return place(name, curve)
 
 
-# The board and the men
+# The board and the chessmen
 
 def make_board(woods, brass):
     half_mm = SQUARE_MM * SQUARES / 2
@@ -356,7 +356,7 @@ def make_men(brass, lacquer):
 
 
 def make_man(mesh, material, location_mm, rotation_deg):
-    """The material belongs to the object, so that both sides share the meshes."""
+    """Assign the material to the object instead of the mesh, so both sides share the meshes."""
     man = place(f"{material.name} {mesh.name}", mesh, location_mm, rotation_deg)
     man.material_slots[0].link = "OBJECT"
     man.material_slots[0].material = material
@@ -408,7 +408,7 @@ def lit_windows(x_mm, y_mm, width_mm, eaves_mm, share):
 
 
 def make_street(name, y_mm, eaves_mm, wall, lights, share):
-    """A row of houses from one side of the window to the other, and their lit windows in turn of two lights."""
+    """A row of houses from one side of the window to the other; a quarter of the lit windows have the second light."""
     houses, windows = [], ([], [])
     x_mm = -WINDOW_HALF_WIDTH_MM
     while x_mm < WINDOW_HALF_WIDTH_MM:
@@ -451,20 +451,20 @@ def make_beads(name, centres_mm, radius_mm, material, shape=bead):
 
 
 def swag(start_mm, end_mm, sag_mm, count=24):
-    """Points of a string that hangs between two hooks."""
+    """Points on a string that hangs between two hooks."""
     t = np.linspace(0, 1, count)[:, None]
     return np.array(start_mm) * (1 - t) + np.array(end_mm) * t - (0, 0, 4 * sag_mm) * t * (1 - t)
 
 
 def along(points_mm, spacing_mm):
-    """Points at equal distances along a polyline."""
+    """Equally spaced points along a polyline."""
     distance = np.append(0, np.cumsum(np.linalg.norm(np.diff(points_mm, axis=0), axis=1)))
     stations = np.arange(spacing_mm / 2, distance[-1], spacing_mm)
     return np.column_stack([np.interp(stations, distance, axis) for axis in points_mm.T])
 
 
 def fairy_strings():
-    """Over the window in three swags, and down each side over the board to the lower corners."""
+    """Strings over the window in three swags, and down each side, over the board, to the lower corners."""
     y = WINDOW_Y_MM - 5
     hooks = [(-135, y, 112), (-54, y, 100), (54, y, 103), (135, y, 113)]
     strings = [swag(start, end, sag) for (start, end), sag in zip(pairwise(hooks), (17, 22, 16), strict=True)]
@@ -476,7 +476,7 @@ def fairy_strings():
 
 
 def make_fairy_lights():
-    """Each lamp is a bulb that glows in its colour, with a bright filament of about a pixel in front of it."""
+    """Each lamp is a bulb that glows in its colour, with a bright filament, about a pixel in size, in front of it."""
     cord = surface("Cord", (0.02, 0.035, 0.02), 0.6)
     filament_radiance = {"illuminant-a": 120, "sodium-lp": 30, "mercury": 60, "led-rgb1": 60}
     order = (0, 2, 0, 1, 0, 3)
@@ -526,7 +526,7 @@ def make_vase(location_mm, glaze):
 # Light, camera, settings
 
 def area_lamp(name, spectrum, watts, size_mm, location_mm, target_mm):
-    """Square lamp that looks at a target; the watts are those between 380 and 780 nm."""
+    """Square lamp that is aimed at a target; `watts` is the power between 380 and 780 nm."""
     light = bpy.data.lights.new(name, "AREA")
     light.energy, light.size, light.color = watts, size_mm * M_PER_MM, emitted_rgb(spectrum)
     light.lensfield.emission = spectrum
@@ -619,7 +619,7 @@ def main():
     arrange_windows()
     bpy.context.preferences.filepaths.save_version = 0
     bpy.ops.wm.save_as_mainfile(filepath=str(BLEND_FILE), compress=True)
-    lensfield.addon.unregister()  # the 4.5 wheel crashes at exit with classes left over
+    lensfield.addon.unregister()  # the 4.5 wheel crashes at exit if classes are still registered
 
 
 if __name__ == "__main__":

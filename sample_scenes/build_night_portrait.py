@@ -2,8 +2,8 @@
 
 The picture is a portrait of 4:5 with a 100 mm lens, focused on the face at 1.9 m. It shows depth:
 
-* lamps from 1 m to 90 m, small enough that each draws the shape of the lens's pupil from its place in the picture;
-* a ring of strings of bulbs about the face, where a Petzval's blur swirls and cat's eyes close;
+* lamps from 1 m to 90 m, each small enough to show the shape of the lens's pupil at its place in the picture;
+* strings of bulbs in a ring around the face, where a Petzval lens's blur swirls and cat's eyes narrow;
 * detail in focus: a ribbed scarf, a brooch of glass beads, pearls, painted lashes;
 * lamps with measured spectra: tungsten, sodium, mercury and light-emitting diodes.
 
@@ -143,7 +143,7 @@ def _ends(values, axis):
 
 
 def _quads(values, axis, index):
-    """A quad about each edge along an axis that the surface cuts, facing outwards."""
+    """A quad around each edge along an axis that the surface cuts, facing outwards."""
     near, far = _ends(values, axis)
     first, second = (axis + 1) % 3, (axis + 2) % 3
     inner = [slice(None)] * 3
@@ -157,7 +157,7 @@ def _quads(values, axis, index):
     return np.where(outwards[:, None], corners, corners[:, ::-1])
 
 
-# The sitter, in the head's coordinates: x to her left, -y where she looks, z up
+# The sitter, in the head's coordinates: x to her left, -y the direction she faces, z up
 
 def bare_head():
     skull = union(ellipsoid((0, 14, 34), (75, 95, 88)), ellipsoid((0, -24, -30), (58, 60, 84)), blend_mm=40)
@@ -200,13 +200,13 @@ def band(points):
 
 
 def _bell(points):
-    """The hat's outside, and the height above its tilted rim, where it flares."""
+    """The hat's outer surface, and the height above its tilted rim, where it flares."""
     height = points[..., 2] + 0.20 * points[..., 1] + 0.12 * points[..., 0]
     return ellipsoid((0, 15, 40), (93, 113, 100))(points) - 24 * np.exp(-np.maximum(height - 8, 0) / 15), height
 
 
 def scarf(points):
-    """Two ribbed turns about the neck."""
+    """Two ribbed turns around the neck."""
     turns = [_ribbed_turn(points, (2, 26, -172), 88, (46, 40), (0.10, -0.16)),
              _ribbed_turn(points, (-4, 20, -128), 76, (33, 30), (-0.16, -0.22))]
     return smooth_minimum(*turns, 4)
@@ -497,7 +497,7 @@ def main():
     make_camera()
     bpy.context.preferences.filepaths.save_version = 0
     bpy.ops.wm.save_as_mainfile(filepath=str(BLEND_FILE), compress=True)
-    lensfield.addon.unregister()  # the 4.5 wheel crashes at exit with classes left over
+    lensfield.addon.unregister()  # the 4.5 wheel crashes at exit if classes are still registered
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Blur of planes by a spreader, as in a channel."""
+"""Blur planes by a spreader, as a channel does."""
 
 import numpy as np
 
@@ -15,6 +15,6 @@ def needs_of(plane, section_size, reach_px, single_range=0.0, flat_slope=0.0, fo
 
 
 def blurred(plane, spreader, single_range=0.0):
-    """A plane, blurred section by section, in double precision unless a `single_range` is given."""
+    """Blur a plane section by section, in double precision unless a `single_range` is given."""
     needs = needs_of(plane, spreader.section_size, spreader.radius_px, single_range)
     return overlap_add(plane[None], spreader, needs)[0]

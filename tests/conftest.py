@@ -8,7 +8,7 @@ import tempfile
 
 from seed import SEED
 
-if "LENSFIELD_CACHE" not in os.environ:  # if it is set, several test runs share the lenses that they bake
+if "LENSFIELD_CACHE" not in os.environ:  # if it is set, test runs share their baked lenses
     os.environ["LENSFIELD_CACHE"] = tempfile.mkdtemp(prefix="lensfield-tests-")
     atexit.register(shutil.rmtree, os.environ["LENSFIELD_CACHE"], ignore_errors=True)
 

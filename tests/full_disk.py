@@ -7,7 +7,7 @@ import pytest
 
 @contextmanager
 def room_for(size_bytes):
-    """Limit the files of this process to so many bytes; longer writes fail with `File too large`."""
+    """Limit the size of this process's files; writes beyond it fail with `File too large`."""
     resource = pytest.importorskip("resource")
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size_bytes, limits[1]))

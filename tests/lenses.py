@@ -18,8 +18,8 @@ def make_lens(psf=SENSOR_POINT, real_height_mm=None, relative_illumination=None,
               wavelengths_nm=(400.0, 700.0), heights_mm=HEIGHTS_MM, transmittance=1.0, **changes):
     """A lens without blur, distortion or shading, except for the given properties.
 
-    `psf` is one for the complete field, (v, u), or a table; `real_height_mm` and `relative_illumination` are functions
-    of (wavelength_nm, paraxial_height_mm).
+    `psf` is one PSF (v, u) for the complete field, or a table; `real_height_mm` and `relative_illumination` are
+    functions of (wavelength_nm, paraxial_height_mm).
     """
     nm, height = np.meshgrid(wavelengths_nm, heights_mm, indexing="ij")
     psf = np.asarray(psf, dtype=float)

@@ -1,4 +1,4 @@
-"""Choice of the loops that a test runs with."""
+"""Choose the loops that a test uses."""
 
 import os
 from contextlib import AbstractContextManager
@@ -8,5 +8,5 @@ from lensfield.engine.kernels import library
 
 
 def using(name: str) -> AbstractContextManager:
-    """Use the given one of the `available` loops in this process, until the block ends."""
+    """Use the loops of this name, one of `available`, in this process until the block ends."""
     return mock.patch.dict(os.environ, {library.VARIABLE: name})

@@ -52,12 +52,12 @@ FLOORS = {
     "addon.ui": {"addon.job", "addon.shading", "addon.scene", "commands.child", "commands.messages", "request",
                  "engine"},
     "addon": {"addon.ui", "addon.job", "addon.scene", "request", "engine"},
-    # the command, and the entry points for Blender and Python
+    # the command, and the entry points of Blender and Python
     "commands": {"commands.child", "commands.messages", "addon", "addon.shading", "request", "engine"},
     "cli": {"commands", "engine", ""},
     "": {"cli", "addon"},
 }
-"""The rooms that each room may import from, besides itself. "engine" means all of its rooms."""
+"""The rooms that each room may import from, in addition to itself. "engine" means all of its rooms."""
 
 def module_name(path):
     parts = path.relative_to(ROOT).with_suffix("").parts

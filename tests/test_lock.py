@@ -1,4 +1,4 @@
-"""The lock file satisfies all of the project's requirements. If it does not: make lock"""
+"""The lock file satisfies all of the project's requirements. If it does not, run `make lock`."""
 
 import re
 import tomllib

@@ -1,4 +1,4 @@
-"""Waiting in tests: for events, because a verdict must not depend on the speed of the machine.
+"""Wait for events in tests, because a verdict must not depend on the speed of the machine.
 
 A test must neither fail because something took some number of seconds nor pass because that many were enough. Wait for
 the event itself, and count work (calls, bytes) where the test is about cost.
@@ -11,7 +11,7 @@ LAST_RESORT_S = 1800.0
 
 
 def wait_until(holds, pause_s=0.02):
-    """Wait until a function returns something true; return that."""
+    """Wait until a function returns a true value, and return that value."""
     end_s = time.monotonic() + LAST_RESORT_S
     while not (result := holds()):
         assert time.monotonic() < end_s, "a hang: the last resort of tests/waiting.py has ended it"

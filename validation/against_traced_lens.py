@@ -1,12 +1,12 @@
-"""The sample scene by Lensfield and by the traced lens, at one wavelength: the cost of equal noise.
+"""The sample scene rendered by Lensfield and by the traced lens, at one wavelength: the cost of equal noise.
 
     python validation/against_traced_lens.py [PICTURE.png]
 
 The noise of a patch is the RMS difference of two seeds over the square root of 2, relative to the patch's mean. It is
-measured for pixels and for means of blocks, because Lensfield blurs the noise of its radiance with the picture. Each is
-measured at two numbers of samples, near the noise at which they are compared. Between them, noise is interpolated as a
-power of the samples, about -1/2, and seconds linearly. Processor seconds are summed over all cores, and other work on
-the machine changes them little.
+measured for pixels and for means of blocks, because Lensfield blurs the noise of its radiance along with the picture.
+Each is measured at two numbers of samples, near the noise at which they are compared. Between them, noise is
+interpolated as a power of the samples, with an exponent near -1/2, and seconds linearly. Processor seconds are summed
+over all cores, and other load on the machine hardly changes them.
 """
 
 import platform
@@ -38,7 +38,7 @@ DEPTHS_MM = 125, 180, 250, 400, 1000
 
 @dataclass(frozen=True, eq=False)
 class Costs:
-    """Processor seconds, seconds by the clock: arrays (samples,); noise: array (samples, patch, block)."""
+    """Processor seconds and wall-clock seconds: arrays (samples,); noise: array (samples, patch, block)."""
 
     samples: tuple[int, int]
     processor_s: np.ndarray
@@ -47,7 +47,7 @@ class Costs:
     picture: np.ndarray
 
     def samples_for(self, noise):
-        """Samples at which each patch has each block's noise."""
+        """Number of samples at which each patch has the noise for each block size."""
         few, many = self.samples
         return few * (many / few) ** (np.log(self.noise[0] / noise) / np.log(self.noise[0] / self.noise[1]))
 
@@ -76,7 +76,7 @@ def noise_of(first, second, side_px):
 
 
 def compare(bench, scene):
-    """Costs by Lensfield and by the traced lens."""
+    """Measure the Costs of Lensfield and of the traced lens."""
     frame_px = full_frame(bench.lens, COLUMNS).shape_px
 
     def lensfield(samples, seed):

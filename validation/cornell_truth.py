@@ -5,8 +5,8 @@
 Prints limits and measured figures, and writes both pictures side by side to OUTPUT/cornell_box.jpg. The exit status is
 1 if a figure exceeds its limit. Three to six minutes on two cores.
 
-Both render 31 wavelengths twice, with different random numbers, to determine the noise of their means: half of the
-difference of the two.
+Each renders 31 wavelengths twice, with different random numbers. The noise of the mean is half the difference of the
+two renders.
 """
 
 import os
@@ -64,7 +64,7 @@ def by_mitsuba():
 
 
 def compare(ours, truth):
-    """Print the figures of every wavelength and of all; returns whether all are within their tolerances."""
+    """Print the figures of each wavelength and of all together; returns whether all are within their tolerances."""
     def means(measured, first_row):
         return measured.cube[:, first_row:].mean(axis=(1, 2), dtype=np.float64)
 

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import gaussian_filter, maximum_filter
 
-LAMPS, REACH_PX = 4.0, 13  # brightness of lamps over the mean, and side of the square around them that counts as lamps
-EDGES = 0.2  # share of the rest that counts as edges, the steepest part
+LAMPS, REACH_PX = 4.0, 13  # brightness of lamps relative to the mean, and side of the square that each occupies
+EDGES = 0.2  # fraction of the other pixels that counts as edges: those with the steepest slopes
 
 
 @dataclass(frozen=True)
 class Errors:
-    """Relative errors: L1 over the mean of the truth, L2 over its root mean square.
+    """Relative errors: L1 divided by the mean of the truth, L2 divided by its root mean square.
 
     Attributes
     ----------

@@ -87,13 +87,13 @@ class Bench:
         return np.stack([cube for cube, _ in taken], axis=1), np.mean([seconds for _, seconds in taken])
 
     def truth(self, what, scene, wavelengths_nm=MIDDLE_NM, seeds=TRUTH_SEEDS, samples=TRUTH_SAMPLES):
-        """A scene by rays through the lens: (wavelength, seed, row, column), cached in the folder."""
+        """A scene rendered by rays through the lens: (wavelength, seed, row, column), cached in the folder."""
         return np.stack([[self._cached(what, nm, samples, FIRST_SEED + seed, lambda nm=nm, seed=seed: self.picture(
             scene, samples, FIRST_SEED + seed, [nm], "traced")[0][0]) for seed in range(seeds)]
             for nm in wavelengths_nm])
 
     def _cached(self, what, nm, samples, seed, make):
-        """A picture from the folder, rendered unless it exists for this code, prescription and parameters."""
+        """A picture from the folder; renders it unless it exists for this code, prescription and parameters."""
         blender = bpy.app.version_string, bpy.app.build_hash.decode(errors="replace")
         facts = (build_identity(), sources_digest(), blender, self.lens.prescription, FRAME_PX, FOCUS_M, what, nm,
                  samples, self.first_seed + seed)
@@ -152,7 +152,7 @@ def room_figures(bench, pictures):
 
 
 def _at_equal_seconds(bench, scene, truth, pictures):
-    """Ratios of total errors of one picture to the traced lens's, at one wavelength and in colour."""
+    """Ratios of one picture's total errors to the traced lens's errors, at one wavelength and in colour."""
     for what, truths, nm, limit in (("at one wavelength", truth[1:2], MIDDLE_NM, 1 / 5),
                                     ("in colour", truth, WAVELENGTHS_NM, 1 / 10)):
         layered, layered_s = bench.pictures(scene, QUICK_SAMPLES, SEEDS, nm)
@@ -220,8 +220,8 @@ def spot_px(picture, frame, ideal_mm, width_px):
 
 
 def write_pictures(bench, pictures, folder):
-    """Write the room by layers and by the truth, and below by the traced lens in the layers' time and by Cycles' depth
-    of field, all with the same exposure."""
+    """Write the room by layers and the reference; below them, the traced lens in the layers' time and Cycles' depth of
+    field. All have the same exposure."""
     linear = [to_rec709(SpectralImage(pictures[name], WAVELENGTHS_NM, bench.frame))
               for name in ("layers", "truth", "traced", "thin")]
     exposure = EXPOSED_LEVEL / np.percentile(linear[1], EXPOSED_PERCENTILE)

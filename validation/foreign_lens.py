@@ -124,7 +124,7 @@ class ForeignLens:
 
 
 def unit_mm(path):
-    """A file's unit of length in millimetres, from its UNIT or DIM line; 1 without one."""
+    """A file's unit of length in millimetres, from its UNIT or DIM line; 1 without such a line."""
     return next((MM[words[1]] for words in words_of(path) if words[0] in UNIT_WORDS), 1.0)
 
 
@@ -136,7 +136,7 @@ def defocus(path):
 
 
 def words_of(path):
-    """The words of each line with two or more."""
+    """The words of each line that has at least two."""
     text = path.read_bytes()
     text = text.decode("utf-16" if text[:2] in (b"\xff\xfe", b"\xfe\xff") else "latin-1")
     return [words for line in text.splitlines() if len(words := line.split()) > 1]

@@ -2,10 +2,10 @@
 
     python validation/lens_files.py FOLDER [FOLDER ...] [--list]
 
-Prints a table of formats and a table of reasons for rejections; --list names every file. A file must be rejected if it
-states its focal length, which is parsed here independently of the readers, and its surfaces give another by more than
-1 %. The exit status is 1 if such a file is accepted, or if a reader fails with any other error than a `LensError`. A
-thousand files take about half a minute.
+Prints a table of formats and a table of reasons for rejection; --list names every file. A file must be rejected if its
+stated focal length, which is parsed here independently of the readers, differs by more than 1 % from that of its
+surfaces. The exit status is 1 if such a file is accepted, or if a reader fails with an error other than a `LensError`.
+A thousand files take about half a minute.
 """
 
 import argparse
@@ -78,7 +78,7 @@ def _outcome(path, kind, text, which):
 
 
 def _focal_length_mm(lens):
-    """The focal length from the surfaces; glasses given only by an index get an arbitrary Abbe number."""
+    """The focal length of the surfaces; a glass that is given only by its index gets an arbitrary Abbe number."""
     bare = {surface.glass: f"{surface.glass}/50" for surface in lens.surfaces if re.fullmatch(r"[\d.]+", surface.glass)}
     with np.errstate(all="ignore"):
         return float(system_of(lens.with_glasses(bare)).efl_mm)

@@ -1,7 +1,7 @@
 """Pictures through the traced lens (`addon/scene/traced_camera.py`), of the full frame or a patch, and their seconds.
 
-It includes geometry and vignetting at every depth, but not diffraction. It is therefore the reference for lens data
-where aberrations dominate, and the alternative to them.
+The traced lens includes geometry and vignetting at every depth, but not diffraction. It is therefore the reference for
+lens data where aberrations dominate, and the alternative to lens data.
 """
 
 import time
@@ -41,7 +41,7 @@ def photograph(scene, lens, wavelength_nm, frame_px, *, samples, seed=0, part=No
     picture : array (row, column), W m^-2 nm^-1
         Irradiance of the part.
     seconds : array (2,)
-        Duration of Blender's render: summed over all cores, and by the clock.
+        Duration of Blender's render: processor seconds over all cores, and wall-clock seconds.
     """
     render, cycles = scene.render, scene.cycles
     with Journal() as journal, temporary_folder() as folder, _timed() as seconds:
@@ -59,7 +59,7 @@ def photograph(scene, lens, wavelength_nm, frame_px, *, samples, seed=0, part=No
 
 @contextmanager
 def _timed():
-    """Yields a list that receives the times before and after the render."""
+    """Yield a list that receives the times before and after the render."""
     times = []
 
     def note(*_):

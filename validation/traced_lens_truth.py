@@ -79,7 +79,7 @@ class Bench:
             return read_exr(result.irradiance).cube[0].astype(float)
 
     def traced(self, scene, shape_px, samples, seed=0, part=None):
-        """Spectral irradiance by the traced lens: array (row, column) of such a frame, or of a part of it."""
+        """Spectral irradiance by the traced lens: array (row, column) of a frame that fits the sensor, or a part."""
         return photograph(scene, self.lens, WAVELENGTH_NM, shape_px, samples=samples, seed=seed, part=part)[0]
 
     def real_mm(self, paraxial_mm):
@@ -136,7 +136,7 @@ def added_variance_um2(lens, pitch, radius_um):
 
 
 def distortion_figures(bench, beads=BEADS, shape_px=FRAME_PX, samples=(32, 128)):
-    """Centroids of beads all over the frame."""
+    """Centroids of beads distributed over the frame."""
     places = bench.lens.heights_mm[-1] * np.array([(height * np.cos(azimuth), height * np.sin(azimuth))
                                                    for height, azimuth in beads])
     spots = bead_spots(bench, places, shape_px=shape_px, bead_px=2, half_px=12, samples=samples)

@@ -1,4 +1,4 @@
-"""The parts of the command that do not require Blender."""
+"""Parts of the command that do not require Blender."""
 
 import json
 import os
@@ -237,7 +237,7 @@ def test_closed_standard_streams_do_no_harm(tmp_path):
 @pytest.mark.parametrize("arguments", ["lens info edmund-54852", "lens list", "lens check edmund-54852", "--help",
                                        "lens export-macro zemax", "--version"])
 def test_a_closed_pipe_causes_no_error_message(arguments):
-    """As with `lensfield lens info edmund-54852 | head`."""
+    """As in `lensfield lens info edmund-54852 | head`."""
     command = [sys.executable, "-c", "from lensfield.cli import console; console()", *arguments.split()]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         process.stdout.close()

@@ -45,8 +45,7 @@ def test_white_stays_white_at_any_number_of_wavelengths(wavelengths_nm):
 
 
 def test_nine_wavelengths_keep_colours():
-    """The remaining error is from light clipped at zero; without correction, random colours have an error of 0.036 RMS.
-    """
+    """The remaining error comes from light clipped at zero; without correction, it is 0.036 RMS for random colours."""
     random = np.random.default_rng(5).random((200, 3))
     assert np.sqrt(np.mean((image_colours(random) - random) ** 2)) < 0.006
     np.testing.assert_allclose(image_colours([[0.8, 0.2, 0.1], [0.1, 0.5, 0.2], [0.2, 0.3, 0.6]]),
@@ -68,7 +67,7 @@ def test_white_has_the_spectrum_of_blenders_white():
 
 
 def test_a_white_picture_is_white_on_the_axis_except_for_the_glass(tmp_path, capsys):
-    """The guide, Watts and lumens: 0.4 % of green and 2 % of violet, and 0.1 % of blur."""
+    """See "Watts and lumens" in the guide: 0.4 % of green and 2 % of violet, and 0.1 % of blur."""
     source = colours(tmp_path / "white.exr", (1, 1, 1), (48, 64))
     assert run("filter", source, "--lens", "edmund-54852", "--output", tmp_path / "out.exr") == 0
     middle = to_rec709(read_exr(tmp_path / "out.exr"))[20:28, 28:36].mean(axis=(0, 1))
@@ -77,7 +76,7 @@ def test_a_white_picture_is_white_on_the_axis_except_for_the_glass(tmp_path, cap
 
 
 def test_blenders_multi_part_file_gives_its_combined_pass(tmp_path):
-    """With the parts and names that Blender 5.0 writes."""
+    """The file has the parts and names that Blender 5.0 writes."""
     path = parts_exr(tmp_path / "multi.exr", {
         "ViewLayer.Combined": {"R": 0.25, "G": 0.5, "B": 0.75, "A": 1}, "ViewLayer.Depth": {"Z": 9},
         "ViewLayer.Diffuse Color": {"R": 1, "G": 1, "B": 1},
@@ -272,7 +271,7 @@ def sequence(tmp_path, frames, name="shot_{:04d}.exr", **header):
 
 def test_a_sequence_equals_its_single_frames_bit_for_bit(tmp_path):
     sequence(tmp_path, (3, 8, 12))
-    colours(tmp_path / "shot_0009.exr", (1, 1, 1), (12, 20))  # one of another size, in between
+    colours(tmp_path / "shot_0009.exr", (1, 1, 1), (12, 20))  # a frame of another size in between
     lens = ("--lens", "edmund-54852", "--wavelengths", "450,650")
     assert run("filter", tmp_path / "shot_####.exr", *lens, "--output", tmp_path / "all" / "out_##.exr",
                "--preview", tmp_path / "all" / "p_%03d.png", "--report", tmp_path / "report.json") == 0
@@ -298,7 +297,7 @@ def test_previews_of_a_sequence_share_the_exposure_of_the_first(tmp_path):
     first, second = (to_rec709(read_exr(tmp_path / f"o.{number}.exr")) for number in (1, 2))
     shown = np.asarray(Image.open(tmp_path / "p.2.png"), dtype=int)
     np.testing.assert_allclose(shown, 255 * encode_srgb(second * auto_exposure(first)), atol=1)
-    assert shown.max() < 190  # half the light of the first, which is just below white
+    assert shown.max() < 190  # half the light of the first frame, which is just below white
 
 
 def test_spectral_sequences_are_filtered_too(tmp_path):
@@ -376,7 +375,7 @@ def test_wavelengths_out_of_range_are_an_input_error():
 
 
 def test_supersampling_is_applied_and_reported(tmp_path, capsys):
-    """The overscan that the lens needs is counted in the picture's own pixels."""
+    """The overscan that the lens needs is counted in pixels of the picture, not in subpixels."""
     lens, (source, out) = load_lens("edmund-54852"), (tmp_path / name for name in ("light.exr", "out.exr"))
     image = SpectralImage(np.random.default_rng(0).random((2, 40, 50)), [500, 600], pitch_um=50.0, overscan_px=(5, 5))
     write_exr(image, source)
@@ -386,7 +385,7 @@ def test_supersampling_is_applied_and_reported(tmp_path, capsys):
                    "--report", tmp_path / "report.json") == 0
         facts = json.loads((tmp_path / "report.json").read_text())
         assert facts["plan"]["supersampling"] == times
-        assert ("each pixel 3 x 3" in capsys.readouterr().out) == (times == 3)
+        assert ("3 x 3 per pixel" in capsys.readouterr().out) == (times == 3)
         needed.append(max(facts["overscan_needed_px"]))
         np.testing.assert_array_equal(read_exr(out).cube, simulate(image, lens, Options(supersampling=times)).cube)
     assert abs(needed[1] - needed[0]) <= 1
@@ -438,7 +437,7 @@ def test_existing_frames_of_a_sequence_are_not_filtered_again(tmp_path, capsys):
     (lambda folder: (folder / "out_0002.exr").write_bytes(bytes((folder / "out_0002.exr").stat().st_size)), [2]),
     (lambda folder: (folder / ".lensfield" / "out_0002.exr.json").write_text("[}"), [2]),
     (lambda folder: sequence(folder, [2]), [2]), (lambda folder: os.utime(folder / "shot_0002.exr", ns=(5, 5)), [2]),
-    (lambda folder: sequence(folder, [1]), [1, 2])])  # the first, whose exposure the previews use
+    (lambda folder: sequence(folder, [1]), [1, 2])])  # the first frame, whose exposure the previews use
 def test_damaged_or_outdated_frames_are_filtered_again(tmp_path, damage, again):
     sequence(tmp_path, (1, 2))
     filter_sequence(tmp_path)

@@ -1,4 +1,4 @@
-"""Depth in pictures by any renderer: files as renderers write them, passed through a lens by the command."""
+"""Depth in pictures by any renderer: the command filters files that are written as renderers write them."""
 
 import json
 
@@ -210,7 +210,7 @@ def test_fireflies_next_to_an_occluder_are_clamped_or_named(tmp_path, capsys):
 
 
 def test_layers_in_a_file_are_used_unchanged(tmp_path, capsys):
-    """Layers cached by a render: nothing is estimated."""
+    """Layers that a render stored: nothing is estimated."""
     grid = PixelGrid((ROWS, COLUMNS), 36e3 / COLUMNS)
     depth_mm = np.where(scene_m() > 1e9, np.inf, 1e3 * scene_m())
     near = depth_mm < 1000

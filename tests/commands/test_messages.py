@@ -50,6 +50,6 @@ def test_durations_are_short():
 
 def test_the_time_left_follows_from_measured_progress():
     assert messages.time_left(0.25, 20.0) == "60 s left" and messages.time_left(0.25, 20.0, 10.0) == "50 s left"
-    assert messages.time_left(1 / 31, 2.0) == "60 s left"  # by the first of 31 wavelengths
+    assert messages.time_left(1 / 31, 2.0) == "60 s left"  # after the first of 31 wavelengths
     assert messages.time_left(0.0, 20.0) == messages.time_left(0.02, 20.0) == ""
     assert messages.time_left(1, 9) == "0 s left"

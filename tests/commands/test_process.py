@@ -1,4 +1,4 @@
-"""The command's process: lines that it serves, and signals at any moment."""
+"""The command's process: requests to `serve`, and signals at any moment."""
 
 import json
 import os

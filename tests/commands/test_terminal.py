@@ -1,4 +1,4 @@
-"""The progress bar on a terminal, and the remaining time that follows from it."""
+"""The progress bar on a terminal, and the remaining time that it estimates."""
 
 import io
 import sys

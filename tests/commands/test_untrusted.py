@@ -1,4 +1,4 @@
-"""`--untrusted`: a command on an untrusted picture, confined to some folders and limits."""
+"""`--untrusted`: a command on an untrusted picture, confined to certain folders, with limits."""
 
 import json
 import os
@@ -108,7 +108,7 @@ def test_a_process_that_never_ends_is_terminated():
 
 @pytest.mark.skipif(sys.platform != "linux", reason="others let the process go on until its own limits")
 def test_killing_the_starter_ends_the_confined_process(tmp_path):
-    """When killed, it leaves no running process: the pipe ends when all its holders have ended."""
+    """No process remains after the kill: the pipe ends only when all processes that hold it have ended."""
     limits = tmp_path / "limits.json"
     limits.write_text(json.dumps({"read": ["/"], "write": [], "memory_bytes": 4 * 10**9, "cpu_s": 600}))
     command = [sys.executable, "-I", confine.__file__, str(limits), sys.executable, "-c",

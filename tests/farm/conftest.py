@@ -1,5 +1,4 @@
-"""A small scene of two frames, rendered locally as the reference for renders on farms, with and without disturbances.
-"""
+"""A small scene of two frames, rendered locally as the reference for disturbed and undisturbed renders on farms."""
 
 import os
 import subprocess
@@ -32,7 +31,7 @@ def blend(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def serial(blend):
-    """The folder of the reference render, on this machine alone."""
+    """The folder of the reference render, made on this machine alone."""
     folder = blend.with_name("serial")
     subprocess.run([*LENSFIELD, "render", blend, *OPTIONS, "--output", folder], check=True, capture_output=True)
     return folder

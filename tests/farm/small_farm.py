@@ -1,4 +1,4 @@
-"""Shared by the tests of farms: the command, its arguments, and the processes at work on them."""
+"""Helpers of the farm tests: the command, its arguments, and its running processes."""
 
 import sys
 from pathlib import Path
@@ -12,7 +12,7 @@ def passes(folder):
 
 
 def renders(folder):
-    """Processes that render into a folder, for a farm."""
+    """Processes that render into a folder for a farm."""
     return [int(path.parent.name) for path in Path("/proc").glob("[0-9]*/cmdline")
             if f"--output={folder}" in _words(path)]
 

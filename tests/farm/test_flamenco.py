@@ -112,7 +112,7 @@ def test_job_settings_are_valid_in_flamenco():
 
 
 def test_a_task_with_a_killed_worker_loses_no_frames_and_leaves_no_files(blend, serial, tmp_path):
-    """The worker reads Blender's output, and provides no input."""
+    """The worker reads Blender's output, and does not provide standard input."""
     blender, folder = tmp_path / "blender", tmp_path / "ö out"
     blender.write_text(f"#!/bin/sh\nshift 3\nexec {shlex.join(LENSFIELD)} \"$@\"\n")
     blender.chmod(0o755)
@@ -125,7 +125,7 @@ def test_a_task_with_a_killed_worker_loses_no_frames_and_leaves_no_files(blend, 
     worker.send_signal(signal.SIGKILL)
     worker.wait()
     wait_until(lambda: not renders(folder))
-    assert passes(folder) or (folder / "Scene_0001_report.json").exists()  # its passes go with the frame's end
+    assert passes(folder) or (folder / "Scene_0001_report.json").exists()  # a finished frame's passes are deleted
     assert not (folder / "Scene_0002_report.json").exists()
     completed = subprocess.run(command, capture_output=True, text=True)
     assert completed.returncode == 0, completed.stdout

@@ -1,7 +1,7 @@
 """Small files that are designed to be expensive, with the size, result, processor seconds and memory of each: bombs.py
 
-Each is read in a separate process, which may take 600 MB more than it begins with. The exit status is 1 if a file is
-neither read nor reported, or takes over 600 MB or 1,000 units of work (`fuzz.py`; about 3 s).
+Each is read in a separate process, which may use 600 MB in addition to its initial memory. The exit status is 1 if a
+file is neither read nor rejected, or takes over 600 MB or 1,000 units of work (`fuzz.py`; about 3 s).
 """
 
 import fuzz  # first: sets the tests' module paths, and numpy's threads
@@ -58,7 +58,7 @@ def bombs(folder):
 
 
 def packages():
-    """Lens packages: with an unknown member, with endless PSFs, with an endless header."""
+    """Lens packages: with an unknown member, with enormous PSFs, with a deeply nested header."""
     members = members_of(package_bytes(make_lens(gaussian_psf(2, 3, 1.0, 9))))
     yield "lens package with 270 MB of junk", with_member(members, "junk.npy", (2**28,), 2**28)
     psf = {name: data for name, data in members.items() if name != "psf_amplitude.npy"}
@@ -68,7 +68,7 @@ def packages():
 
 
 def with_member(members, name, shape, size):
-    """A package with a member of so many zeros."""
+    """A package with a member that contains `size` zero bytes."""
     header = io.BytesIO()
     kind = "|u1" if name == "junk.npy" else "<u2"
     np.lib.format.write_array_header_1_0(header, {"descr": kind, "fortran_order": False, "shape": shape})

@@ -1,4 +1,4 @@
-"""Every kind of untrusted file: valid samples, their readers, and how to damage them."""
+"""Every kind of untrusted file: valid samples, readers, and functions that damage files."""
 
 import argparse
 import json
@@ -31,7 +31,7 @@ from rgb_files import window
 from vendor_files import code_v_bundle, export_folder, exported_lens, iset_bundle, ray_trace, saved
 
 FIELD = ("angle_deg", 10.0)
-SMALL_BYTES = 2**18  # of a valid file from another source: larger ones show no more, and take longer
+SMALL_BYTES = 2**18  # of a valid file from another source: larger ones take longer and reveal nothing more
 LENS = make_lens()
 
 

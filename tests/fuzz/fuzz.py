@@ -1,11 +1,11 @@
 """Damage files of every kind, and check that readers read or reject them: fuzz.py [--count N] [--seed N] [--only NAME]
 
-Each mutant is read in a separate process, which may take 600 MB more than it begins with, and 700 units of work more
-than the valid file takes. A unit is the parsing of a text, whose processor time is measured before each file: if that
-is 3 ms, the limit is 2 s. A hang counts only if it happens twice. The result must be the contents, or an InputError of
-one short line in which every character is visible. All else is a finding: another error, a warning, output on a
-standard stream, a signal, too much time or memory. Findings are listed with the seed and the number with which --number
-reproduces each; the exit status is 1 if there were any. Requires fork.
+Each mutant is read in a separate process, which may use 600 MB in addition to its initial memory, and 700 units of work
+in addition to the valid file's. A unit is the parsing of a text, whose processor time is measured before each file: if
+it is 3 ms, the limit is 2 s. A hang counts only if it happens twice. The result must be the contents, or an InputError
+of one short line in which every character is printable. Anything else is a finding: another error, a warning, output on
+a standard stream, a signal, too much time or memory. Each finding is listed with its seed and its number, with which
+--number reproduces it. The exit status is 1 if there are any. Requires fork.
 """
 
 import os
@@ -137,7 +137,7 @@ def read_apart(kind, files, folder, limit_s):
         hung = number in (signal.SIGPROF, signal.SIGALRM, signal.SIGXCPU)
         return f"{HANG}over {limit_s:.1f} s" if hung else f"signal: {signal.Signals(number).name}", taken_s, 0
     taken, _, outcome = report.partition(" ")
-    if taken_s > limit_s:  # including a reader's own children
+    if taken_s > limit_s:  # including the reader's child processes
         outcome = f"{HANG}{taken_s:.1f} s"
     return outcome, taken_s, int(taken)
 
@@ -180,7 +180,7 @@ def outcome_of(kind, path):
 
 
 def resident_bytes(name):
-    """A figure of this process that Linux reports in kB."""
+    """A memory figure of this process in bytes, which Linux reports in kB."""
     for line in Path("/proc/self/status").read_text().splitlines():
         if line.startswith(f"{name}:"):
             return 1024 * int(line.split()[1])

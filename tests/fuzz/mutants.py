@@ -119,7 +119,7 @@ def packed(members, compression=zipfile.ZIP_DEFLATED):
 
 
 def _archive_hurt(data, random):
-    """Members lost, added, renamed, described wrongly in the directory, or compressed differently."""
+    """Remove, add, rename or overwrite members, falsify the directory, or change the compression."""
     members, kind = members_of(data), int(random.integers(6))
     name = _pick(list(members), random)
     if kind == 0:
@@ -138,14 +138,14 @@ def _archive_hurt(data, random):
 
 
 def _directory_hurt(data, random):
-    """A field of a member's record, in the directory or before its bytes: flags, method, sums, sizes, offsets."""
+    """Change a field of a record, in the directory or before a member's bytes: flags, method, sums, sizes, offsets."""
     places = [match.start() for match in re.finditer(b"PK\x01\x02|PK\x03\x04|PK\x05\x06", data)]
     at = _pick(places, random) + int(random.integers(4, 46))
     return data[:at] + struct.pack("<I", _pick(EXTREMES, random)) + data[at + 4:]
 
 
 def _array_hurt(data, random):
-    """A member with other bytes, with another header, possibly false, or with another array."""
+    """Give a member other bytes, another header (possibly false) or another array."""
     members = members_of(data)
     name = _pick(list(members), random)
     array = np.load(io.BytesIO(members[name]))
@@ -163,7 +163,7 @@ def _array_hurt(data, random):
 
 
 def _other_array(array, random):
-    """Other numbers, another kind, another shape, or an enormous array."""
+    """Change an array's numbers, type or shape, or replace it by an enormous array."""
     if array.dtype.kind == "U":
         return _pick([np.array(1.0), np.array(["{}", "{}"]), np.array("["), np.zeros(3)], random)
     changed = array.astype(float)
@@ -183,7 +183,7 @@ def npy(array):
 
 
 def _header_hurt(data, random):
-    """The header's JSON with fields of other kinds, without some fields, or damaged as a text."""
+    """Change the types of fields in the header's JSON, remove fields, or damage the text."""
     members = members_of(data)
     text = np.load(io.BytesIO(members["header.npy"])).item()
     header = json.loads(text)

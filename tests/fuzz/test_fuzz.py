@@ -1,4 +1,4 @@
-"""The small form of `make fuzz`: a dozen mutants of each kind of file. SEED=1 selects others."""
+"""A small version of `make fuzz`: a dozen mutants of each kind of file. SEED=1 selects others."""
 
 import subprocess
 import sys
@@ -40,7 +40,7 @@ FAULTS = {"an error of Python's": ("raise KeyError('x')", "KeyError"),
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems neither fork nor limit so")
 @pytest.mark.parametrize("statement, outcome", FAULTS.values(), ids=FAULTS)
 def test_each_fault_is_reported_as_a_finding(statement, outcome):
-    """The reader of wavelengths is replaced by this statement for all damaged files.
+    """For all damaged files, this statement replaces the reader of wavelengths.
 
     The seed is fixed: with some seeds, damage turns one sound file into the other.
     """

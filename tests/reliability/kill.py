@@ -1,9 +1,9 @@
-"""Kills `lensfield render` at random moments, starts it again, and compares the final results.
+"""Kill `lensfield render` at random moments, restart it, and compare the final results.
 
     python tests/reliability/kill.py 50 [SEED]
 
-The scene has two frames, each of three passes of two slabs. A kill happens at a random moment between the beginning of
-the first frame and the end of an undisturbed render; one of eight happens before that.
+The scene has two frames of three passes of two slabs each. A kill happens at a random moment between the beginning of
+the first frame and the end of an undisturbed render, or, for one kill in eight, before the first frame.
 """
 
 import random
@@ -56,7 +56,7 @@ def start(blend, folder, frames=FRAMES):
 
 
 def undisturbed(blend, folder, frames=FRAMES):
-    """Render the scene; returns the seconds until the first frame begins, and from there to the end."""
+    """Render the scene; returns the seconds until the first frame begins, and from then to the end."""
     begin, process = time.monotonic(), start(blend, folder, frames)
     _begun(process)
     opened = time.monotonic()
@@ -67,7 +67,7 @@ def undisturbed(blend, folder, frames=FRAMES):
 
 
 def killed(process, begun, seconds):
-    """Kill a process so many seconds after its start or its first frame's; returns whether it was running."""
+    """Kill a process this long after its start or, with `begun`, its first frame; returns whether it was running."""
     if begun:
         _begun(process)
     try:
@@ -97,7 +97,7 @@ def _bytes(path):
 
 
 def main(kills=50, seed=1):
-    """Kill so many times; returns the exit status."""
+    """Kill renders `kills` times; returns the exit status."""
     from lensfield import addon
 
     addon.register()

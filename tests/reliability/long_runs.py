@@ -4,7 +4,7 @@
 
 Each line shows the memory of a process after a fifth of its runs and at the end (medians over a fifth of the runs), and
 any growth of other counts: threads, open files, child processes, Blender's data, handlers, classes and temporary files.
-The exit status is 1 if memory is not constant within 5 %, or something is left.
+The exit status is 1 if memory is not constant within 5 %, or anything has leaked.
 """
 
 import argparse
@@ -20,7 +20,7 @@ TESTS = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(TESTS), str(TESTS / "addon")]
 
 TEMPORARY = Path(tempfile.mkdtemp(prefix="lensfield-long-runs-"))
-os.environ["TMPDIR"] = tempfile.tempdir = str(TEMPORARY)  # nothing else is written there
+os.environ["TMPDIR"] = tempfile.tempdir = str(TEMPORARY)  # no other program writes there
 
 import bpy  # noqa: E402
 
@@ -105,7 +105,7 @@ def registers(count):
 
 
 def is_stable(what, count, run, names=("Blender",)):
-    """Run it so often, and print the memory and the remains; returns whether memory is constant and nothing remains."""
+    """Run it `count` times, and print memory and leaks; returns whether memory is constant and nothing has leaked."""
     megabytes = {name: [] for name in names}
     with quiet(1):  # suppresses Blender's messages about saved copies
         for number in range(count):
@@ -131,7 +131,7 @@ def resident_mb(process):
 
 
 def remains(process):
-    """Counts of possible remains of this process, and of the one that renders."""
+    """Counts of everything that this process and the rendering process may leak."""
     processes = {os.getpid(), process}
     handlers = (getattr(bpy.app.handlers, name) for name in dir(bpy.app.handlers) if not name.startswith("_"))
     return {"threads": sum(len(os.listdir(f"/proc/{each}/task")) for each in processes),

@@ -1,4 +1,4 @@
-"""Several `lensfield render` processes share a folder and its frames; one is killed. Reports who rendered what.
+"""Several `lensfield render` processes share a folder and its frames; one is killed. Print who rendered which frames.
 
     python tests/reliability/share.py 4 [FRAMES]
 """

@@ -1,4 +1,4 @@
-"""Lens data as written by lens-design programs and their macros, for tests of the readers."""
+"""Lens data as lens-design programs and their macros write them, for tests of the readers."""
 
 import json
 
@@ -210,7 +210,7 @@ def zospy_json(values, pitch_um=1.0, index=None, columns=None, header=(), **sett
 
 
 def damages(data, count, seed=3):
-    """Data with bytes flipped, truncated, doubled, zeroed or replaced, in endless variation."""
+    """Yield `count` variants of data with bytes changed, inserted, removed or cut off."""
     rng = np.random.default_rng(seed)
     for number in range(count):
         damaged = bytearray(data)
@@ -233,8 +233,7 @@ def damages(data, count, seed=3):
 
 
 def check_that_damage_is_harmless(path, read, count=200):
-    """Every damaged version of a file is read or rejected in one line, by a LensError; the file is restored afterwards.
-    """
+    """Check that damaged versions of a file are read, or rejected by a LensError of one line; then restore the file."""
     sound = path.read_bytes()
     for damaged in damages(sound, count):
         path.write_bytes(damaged)
@@ -246,7 +245,7 @@ def check_that_damage_is_harmless(path, read, count=200):
 
 
 def check_same_lens(read, lens, digits=6):
-    """Compares the tables of a lens, to the precision of listings; its windows may be larger or smaller."""
+    """Compare the tables of a lens, to the precision of listings; PSF windows may differ in size."""
     np.testing.assert_allclose(read.wavelengths_nm, lens.wavelengths_nm)
     np.testing.assert_allclose(read.heights_mm, lens.heights_mm, atol=1e-6)
     np.testing.assert_allclose(read.real_height_mm, lens.real_height_mm, atol=2 * 10.0**-digits)

@@ -49,7 +49,7 @@ def region(area, kind="WINDOW"):
 
 @contextmanager
 def over(area_type="VIEW_3D", window=None):
-    """Operators are called in this area's context, as from a button in it."""
+    """Call operators in this area's context, as a button in it would."""
     place = area(area_type, window)
     with bpy.context.temp_override(window=window or main_window(), area=place, region=region(place)):
         yield
@@ -72,7 +72,7 @@ def press(key, place, window=None, across=0.5, up=0.5, **modifiers):
 
 
 def shoot(name):
-    """A screenshot."""
+    """Take a screenshot."""
     subprocess.run(["import", "-window", "root", FOLDER.parent / f"{STEP}-{name}.png"], check=True)
 
 
@@ -115,7 +115,7 @@ def choose_petzval():
 
 
 def turn(f_stop, distance):
-    """Set the lens by the camera's own Depth of Field."""
+    """Set focus and f-stop in the camera's Depth of Field panel."""
     dof = bpy.context.scene.camera.data.dof
     dof.use_dof, dof.aperture_fstop, dof.focus_distance = True, f_stop, distance
     bpy.ops.ed.undo_push(message="Turn Rings")
@@ -131,7 +131,7 @@ def trust():
 
 
 def drawn(part):
-    """A set of the kinds of areas whose panels have drawn a part of the Lensfield panel since this call."""
+    """A set that collects, from now on, the kinds of area whose panels draw a part of the Lensfield panel."""
     panels, kinds = sys.modules[f"{MODULE}.addon.ui.panels"], set()
     draw = getattr(panels, part)
     setattr(panels, part, lambda *given: (kinds.add(bpy.context.area.type), draw(*given)))
@@ -248,7 +248,7 @@ def render_in_blender():
 
 
 def close_other_windows():
-    """Close all windows but the main one."""
+    """Close all windows except the main one."""
     for window in list(bpy.context.window_manager.windows)[1:]:
         with bpy.context.temp_override(window=window):
             bpy.ops.wm.window_close()
@@ -267,7 +267,7 @@ def pixels(path):
 
 
 def alike(one, other):
-    """Whether two pictures are the same, within the precision of half-precision files."""
+    """Whether two pictures are equal within half precision."""
     return one.shape == other.shape and np.allclose(one[..., :3], other[..., :3], rtol=2e-3, atol=1e-4)
 
 

@@ -1,4 +1,4 @@
-"""Runs one step of `steps.py` in this Blender: `blender … --python inside.py -- STEP ZIP FOLDER`."""
+"""Run one step of `steps.py` in this Blender: `blender … --python inside.py -- STEP ZIP FOLDER`."""
 
 import sys
 import traceback
@@ -14,7 +14,7 @@ FIRST_S = 1.5  # for Blender to draw its window
 
 
 def take(step):
-    """Continue a step, and quit Blender at its end; the step returns the items that must disappear afterwards."""
+    """Continue a step; at its end, quit Blender. The step returns the items that must disappear afterwards."""
     wrong, gone = "", ()
     try:
         return next(step)

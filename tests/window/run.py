@@ -74,7 +74,7 @@ def take(step, blender, package, folder, environment):
 
 
 def left_over(things):
-    """Names the processes and files that should disappear but do not; empty if all disappear."""
+    """The processes and files that should disappear but do not, as text; empty if all disappear."""
     deadline = time.monotonic() + LAST_RESORT_S
     while left := [thing for thing in things if exists(thing)]:
         if time.monotonic() > deadline:

@@ -1,4 +1,4 @@
-"""A user's actions, step by step. Each step has a separate Blender; the first installs the extension for all."""
+"""A user's actions, step by step. Each step runs in a separate Blender; the first installs the extension for all."""
 
 import os
 import shutil
@@ -51,7 +51,7 @@ from hands import (
 
 
 def install():
-    """From the disk, by Blender's own operator, and saved in the preferences."""
+    """Install from disk with Blender's operator, and save the preferences."""
     assert bpy.ops.extensions.package_install_files(
         filepath=PACKAGE, repo="user_default", enable_on_install=True) == {"FINISHED"}
     assert Path(sys.modules[MODULE].__file__).is_relative_to(os.environ["BLENDER_USER_RESOURCES"])
@@ -62,7 +62,7 @@ def install():
 
 
 def default_scene():
-    """Not saved yet, and with one click: the picture is in the compositor, and its folder is reported."""
+    """An unsaved scene, rendered with one click: the picture is in the compositor, and its folder is reported."""
     yield from show_tab()
     bpy.context.scene.cycles.samples, bpy.context.scene.render.resolution_percentage = 4, 25
     bpy.ops.ed.undo_push(message="Make Small")
@@ -77,7 +77,7 @@ def default_scene():
 
 
 def sample_scene():
-    """It opens in the camera's view, renders, and appears in the compositor and in F12."""
+    """The sample scene opens in the camera's view and renders; the result is in the compositor and in F12's picture."""
     yield from open_sample()
     assert area("VIEW_3D").spaces.active.region_3d.view_perspective == "CAMERA"
     shoot("opened")
@@ -89,7 +89,7 @@ def sample_scene():
 
 
 def another_lens():
-    """Applied to the cached light, without a render; one undo reverts it."""
+    """Another lens is applied to the stored light without a render; one undo reverts it."""
     yield from open_sample()
     first = yield from render()
     choose_petzval()
@@ -103,7 +103,7 @@ def another_lens():
 
 
 def preview():
-    """It soon shows the camera's view, follows lens and scene, and leaves nothing behind."""
+    """The preview soon shows the camera's view, follows lens and scene, and leaves nothing behind."""
     yield from open_sample(samples=64, percentage=100)
     yield from start("preview")
     pictures = []
@@ -111,7 +111,7 @@ def preview():
         change()
         start_s = time.monotonic()
         yield 0.2  # for Blender to process the change
-        if preview_under_way().slow:  # copying is so slow here that it waits for a click
+        if preview_under_way().slow:  # copying is slow here, so the preview waits for a click
             yield from start("refresh_preview")
         yield from until(preview_is_fresh)
         print(f"{name}: {time.monotonic() - start_s:.1f} s")
@@ -203,7 +203,7 @@ def rings():
 
 
 def animation():
-    """Three frames with different pictures; after a cancellation, the render continues from there."""
+    """Three frames have different pictures; after a cancellation, the render resumes where it stopped."""
     yield from open_sample(samples=32, percentage=50)
     scene = bpy.context.scene
     scene.frame_start, scene.frame_end = 1, 3
@@ -229,7 +229,7 @@ def animation():
 
 
 def escape():
-    """It stops the render over the sidebar and the properties, and does nothing in the 3D view."""
+    """Esc stops the render over the sidebar and the properties editor, and does nothing over the 3D view."""
     yield from start_endless()
     view = area("VIEW_3D")
     yield from press("ESC", region(view), across=0.3)
@@ -250,7 +250,7 @@ def escape():
 
 
 def edit_undo_save():
-    """During a render, in the main window: everything works as without a render."""
+    """In the main window, editing, undo and save work during a render as they do without one."""
     yield from start_endless()
     view, scene = area("VIEW_3D"), bpy.context.scene
     settings = scene.render.engine, scene.render.resolution_percentage, scene.camera.name, scene.render.filepath
@@ -305,7 +305,7 @@ def other_windows():
 
 
 def compositor():
-    """The lens image if it is valid, otherwise the plain render; after its removal, everything is restored."""
+    """The node shows the lens image if valid, otherwise the plain render; removing the node restores everything."""
     yield from open_sample()
     blender_image = yield from render_in_blender()
     lens_image = yield from render()
@@ -330,7 +330,7 @@ def compositor():
 
 
 def what_counts():
-    """Each immediately: an undone and a redone edit, a setting without an update from Blender, and a deleted file."""
+    """The node reacts at once to an undone or redone edit, a setting without Blender updates, and a deleted file."""
     yield from open_sample(samples=1, percentage=10)
     lens_image, view = (yield from render()), region(area("VIEW_3D"))
     bpy.data.objects["Vase"].location.x += 0.02
@@ -356,7 +356,7 @@ def what_counts():
 def stale():
     """F12 after an edit, before any check of the scene.
 
-    It shows the plain render, and the lens image after the edit is undone; the same by a script.
+    It shows the plain render, and after the edit is undone, the lens image. The same applies to a script's render.
     """
     yield from open_sample(samples=1, percentage=10)
     lens_image, watch = (yield from render()), sys.modules[f"{MODULE}.addon.scene.compositor_watch"]
@@ -380,12 +380,12 @@ def stale():
     vase.location.x += 0.01
     yield from render_in_blender()
     bpy.app.timers.register(watch.check, persistent=True)
-    yield from until(lambda: "has changed since" in node_label(), 5)
+    yield from until(lambda: "has changed since" in node_label())
     shoot("stale")
 
 
 def moved_folder():
-    """Saved, moved and opened at the new place, the lens image still works; its missing file is reported."""
+    """After the folder is moved and its file opened there, the lens image still works; a missing one is reported."""
     yield from open_sample()
     blender_image = yield from render_in_blender()
     lens_image = yield from render()
@@ -406,7 +406,9 @@ def moved_folder():
 
 
 def stranger():
-    """An untrusted file names a lens elsewhere: all panels show its path; trusted in one, it works in all, and renders.
+    """An untrusted file names a lens elsewhere: all panels show its path.
+
+    Trusted in one panel, the lens works in all of them, and renders.
     """
     yield from open_sample()
     settings = bpy.context.scene.lensfield
@@ -430,13 +432,13 @@ def stranger():
 
 
 def quit():
-    """Blender quits during a render, and ends it."""
+    """Quitting Blender during a render ends the render."""
     yield from start_endless()
     return [child(), rendering().folder.name]
 
 
 def killed():
-    """Blender is killed during a render, which then ends by itself."""
+    """If Blender is killed during a render, the render ends by itself."""
     yield from start_endless()
     (FOLDER.parent / "left").write_text(rendering().folder.name)
     report(status=-signal.SIGKILL, gone=[child()])
@@ -444,6 +446,6 @@ def killed():
 
 
 def after_a_kill():
-    """The next Blender removes the remains."""
+    """The next Blender removes the files that the killed one left."""
     assert not os.path.exists((FOLDER.parent / "left").read_text())
     yield 0

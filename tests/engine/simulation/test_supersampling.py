@@ -140,7 +140,7 @@ def test_its_plan_equals_that_of_the_picture_in_finer_pixels(options):
 def test_the_plan_states_the_supersampling():
     plan = make_plan(Options(supersampling=4), FINE, points_image([(0, 0)]).sampling)
     default = make_plan(Options(), FINE, points_image([(0, 0)]).sampling)
-    assert "each pixel 4 x 4" in plan.text and "each pixel" not in default.text
+    assert "4 x 4 per pixel" in plan.text and "per pixel" not in default.text
     assert plan.as_dict()["supersampling"] == 4
     assert plan.memory_mb > 4 * default.memory_mb and plan.error_bound <= 0.01
     assert plan.psf_radius_px > plan.reach_px >= plan.psf_radius_px / 4
