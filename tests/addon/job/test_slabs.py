@@ -130,7 +130,7 @@ def test_light_too_large_for_memory_gives_the_same_files(deep, cut, tmp_path, mo
 def test_a_disk_without_room_for_light_is_reported_before_the_first_pass(deep, tmp_path, monkeypatch):
     monkeypatch.setattr(scratch, "available_bytes", lambda: 0)
     monkeypatch.setattr(scratch.shutil, "disk_usage", lambda folder: SimpleNamespace(free=10_000))
-    with pytest.raises(InputError, match=r"scratch is of [\d.e-]+ GB: only 1e-05 GB are free there: give another folder"):
+    with pytest.raises(InputError, match=r"scratch is [\d.e-]+ GB: only 1e-05 GB are free there: give another folder"):
         rendered(deep, tmp_path)
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
