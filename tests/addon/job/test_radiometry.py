@@ -297,5 +297,5 @@ def test_render_settings_do_not_change_the_radiance(scene, wall_at, tmp_path, ow
 def test_a_black_lamp_in_lumens_is_refused_in_one_line(scene, wall_at, tmp_path):
     data = lamp(scene, "POINT", "", color=(0, 0, 0)).data
     data.lensfield.power_unit = "LUMEN"
-    with pytest.raises(ValueError, match="light 'Light': color is black: no lumens"):
+    with pytest.raises(ValueError, match="light 'Light': color is black: choose another colour"):
         radiance(scene, tmp_path)

@@ -169,7 +169,7 @@ def test_a_scene_too_far_away_to_blur_is_reported(scene, tmp_path, unit_m):
     bpy.context.view_layer.update()
     options = {"lens": LENS, "wavelengths_nm": WAVELENGTHS_NM, "output_folder": tmp_path, "lens_quality": "preview"}
     before, = (str(each) for each in addon.preflight(scene, **options).remarks if each.what == "Unit Scale")
-    assert "mostly 57 m away; beyond" in before and "set Unit Scale" in before
+    assert "most of the picture is about 57 m away; beyond" in before and "set Unit Scale" in before
     assert before in addon.render_through_lens(scene, **options).report.remarks()
 
 

@@ -11,6 +11,7 @@ from lensfield.addon.scene.errors import SceneError
 from lensfield.addon.ui import window_render
 from lensfield.addon.ui.animation import draw_animation
 from lensfield.addon.ui.session import session
+from lensfield.engine.runtime.files import HALF
 from small_scenes import keyframe_world, set_world
 from snapshot import COMPOSITOR, differences, snapshot
 from window_follow import follow
@@ -75,7 +76,7 @@ def test_a_cancelled_animation_keeps_its_frames_and_resumes_after_them(moving_sc
     follow(lambda render: render and len(render.child.lens_images) == 2)
     assert bpy.ops.lensfield.cancel() == {"FINISHED"}
     assert notice() == "Cancelled\n2 frames are finished; Render Animation continues with the others"
-    assert not frame_file(tmp_path, 3).exists() and not list(tmp_path.glob("lensfield/.*"))
+    assert not frame_file(tmp_path, 3).exists() and not list(tmp_path.rglob(f"{HALF}*"))
     stamps = [frame_file(tmp_path, frame, "report.json").stat().st_mtime_ns for frame in (1, 2)]
     assert lens_image(moving_scene)
     start()
