@@ -153,7 +153,8 @@ def test_bad_input_names_the_remedy(window, tmp_path):
     image, planes = read_with_planes(original.radiance)
     old = tmp_path / "Old_0001_radiance.exr"
     write_exr(replace(image, focal_mm=None), old, {"Z": planes["Z"]})
-    for path, words in ((old, "older Lensfield wrote the file: render again"), (tmp_path / "Gone_0001_radiance.exr", "is missing"),
+    for path, words in ((old, "older Lensfield wrote the file: render again"),
+                        (tmp_path / "Gone_0001_radiance.exr", "is missing"),
                         (original.irradiance, "such as Scene_0001_radiance.exr")):
         with pytest.raises(InputError, match=words):
             apply_lens(path, "tessar-50mm")
