@@ -138,7 +138,7 @@ def test_film_exposure_affects_only_the_lens_image(scene, tmp_path, tier):
     ("SCENE", True, "reference", False), ("ON", False, "reference", True), ("OFF", True, "standard", False)])
 def test_denoising_follows_the_scene_except_in_reference(scene, denoise, use_denoising, tier, expected):
     scene.cycles.use_denoising, scene.lensfield.denoise = use_denoising, denoise
-    assert job_of(scene, spectral=SpectralOptions(tier)).denoises is expected
+    assert job_of(scene, spectral=SpectralOptions(tier), lens_quality="preview").denoises is expected
 
 
 def test_denoising_of_the_scene_removes_noise(scene, tmp_path):
