@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 
 from lenses import comatic_lens, gaussian_psf, lopsided_lens, make_lens
-from lensfield.engine import ChannelCache, Options, SpectralImage, load_lens, simulate
+from lensfield.engine import ChannelCache, Options, SpectralImage, blur, load_lens, simulate
 from lensfield.engine.field.radial.distortion import FieldGeometry
 from lensfield.engine.field.radial.psf_bank import PsfBank
 from lensfield.engine.runtime.memory import MemoryBudget
 
-METHODS = {"sections": Options(section_size=8, azimuths=6), "double": Options(section_size=8, precision="float64"),
-           "flat": Options(section_size=8, flat_tolerance=1e-3), "pixels": Options(method="pixels", azimuths=6),
-           "paper": Options(method="paper"), "exact": Options(method="exact"), "accuracy": Options(accuracy=0.05)}
+METHODS = {name: Options(method=name) for name in blur.METHODS} | {
+    "sections": Options(section_size=8, azimuths=6), "double": Options(section_size=8, precision="float64"),
+    "flat": Options(section_size=8, flat_tolerance=1e-3), "pixels": Options(method="pixels", azimuths=6),
+    "accuracy": Options(accuracy=0.05)}
 LENS, LOPSIDED = comatic_lens(), lopsided_lens()
 NM = (450.0, 600.0)
 

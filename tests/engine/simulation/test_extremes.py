@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lenses import PIXEL_BY_PIXEL, comatic_lens, distance_of_light, gaussian_psf, make_lens, marked_psf
-from lensfield.engine import ImageError, LensError, Options, Report, SpectralImage, load_lens, simulate
+from lensfield.engine import ImageError, LensError, Options, Report, SpectralImage, blur, load_lens, simulate
 from lensfield.engine.field.radial.psf_bank import psf_radius_px
 from places import SHARED_DATA
 
@@ -16,11 +16,12 @@ SECTIONS, PIXELS = Options(section_size=32, azimuths=16), Options(method="pixels
 EXACT = Options(method="exact")
 SOFT = make_lens(gaussian_psf(8, 4, 2.5, 9))
 PAPER = Options(method="paper")
-METHODS = {"sections": SECTIONS, "pixels": PIXELS, "paper": PAPER,
-           "paper single": Options(method="paper", section_size=16, precision="auto"), "exact": EXACT,
-           "accuracy": Options(accuracy=0.01)}
+METHODS = {name: Options(method=name) for name in blur.METHODS} | {
+    "sections": SECTIONS, "pixels": PIXELS, "paper single": Options(method="paper", section_size=16, precision="auto"),
+    "accuracy": Options(accuracy=0.01)}
 EVERY_METHOD = pytest.mark.parametrize("options", METHODS.values(), ids=METHODS.keys())
-DOUBLE = {name: options if name in ("paper", "exact") else replace(options, precision="float64")
+FIXED_PRECISION = [name for name, method in blur.METHODS.items() if "precision" not in method.knobs]
+DOUBLE = {name: options if options.method in FIXED_PRECISION else replace(options, precision="float64")
           for name, options in METHODS.items() if name != "accuracy"}
 
 
@@ -105,7 +106,7 @@ def test_a_psf_far_smaller_than_a_pixel_changes_nothing(options):
 
 # Light of all strengths
 
-@pytest.mark.parametrize("options", [options for options in METHODS.values() if options is not EXACT],
+@pytest.mark.parametrize("options", [options for options in METHODS.values() if options != EXACT],
                          ids=[name for name in METHODS if name != "exact"])
 def test_a_highlight_leaves_the_background_alone(options):
     """1e6 on 1e-3: no pixel falls below 0.999e-3 of its light, and distant ones are accurate to 1e-6."""
