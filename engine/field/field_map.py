@@ -151,9 +151,6 @@ class TableLayout(Protocol):
 class PicturePsfs(Protocol):
     """The PSFs of a lens on the pixels of a picture, for the choice of a plan."""
 
-    @property
-    def mirror_symmetric(self) -> bool: ...
-
     def reach(self, energy: float) -> tuple[int, float]:
         """Radius in pixels of PSFs trimmed to this energy, and the mean number of pixels that they cover."""
 

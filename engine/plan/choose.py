@@ -115,7 +115,7 @@ class _Planner:
         self._enough = self._accuracy - self._flat - self._rounding
         self._options, self._lens, self._sampling = options, lens, sampling
         self._psfs = field_map(lens).picture_psfs(sampling, self._energy(HALO_SHARE))
-        self._folded = sampling.grid.centred and self._psfs.mirror_symmetric
+        self._folded = sampling.grid.centred and field_map(lens).mirror_symmetric
 
     def best(self) -> Plan:
         """The plan; with the exact operator if no other method is accurate enough."""

@@ -53,11 +53,6 @@ class PicturePsfs:
             return list(pool.map(lambda each: PsfBank.of(each, self._grid.pitch_um).trimmed(self._most_energy),
                                  self._optics))
 
-    @cached_property
-    def mirror_symmetric(self) -> bool:
-        """Whether all PSFs are symmetric about the meridional plane."""
-        return all(bank.mirror_symmetric for bank in self._banks)
-
     def reach(self, energy: float) -> tuple[int, float]:
         """Radius in pixels of PSFs trimmed to this energy, and the mean number of pixels that they cover."""
         if energy >= 1:

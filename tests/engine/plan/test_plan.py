@@ -10,6 +10,7 @@ from lenses import gaussian_psf, make_lens
 from lensfield.engine import ImageError, Options
 from lensfield.engine.blur import METHODS
 from lensfield.engine.blur.isoplanatic import Paper
+from lensfield.engine.field.radial.field import RadialFieldMap
 from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.image.sampling import Sampling
 from lensfield.engine.plan.choose import make_plan
@@ -163,6 +164,13 @@ def test_every_method_describes_itself_and_its_cost(name):
 def test_quadrants_are_folded_when_the_axis_is_centred():
     assert make_plan(Options(section_size=32), BLURRED, picture(100, 120, 5.0)).folded
     assert not make_plan(Options(section_size=32), BLURRED, picture(100, 120, 5.0, centre_px=(50, 59.5))).folded
+
+
+@pytest.mark.parametrize("options", [Options(section_size=32), Options(accuracy=0.01)], ids=["knobs", "accuracy"])
+def test_the_field_map_decides_whether_quadrants_are_folded(options, monkeypatch):
+    assert make_plan(options, BLURRED, picture(100, 120, 5.0)).folded
+    monkeypatch.setattr(RadialFieldMap, "mirror_symmetric", False)
+    assert not make_plan(options, BLURRED, picture(100, 120, 5.0)).folded
 
 
 @pytest.mark.parametrize("precision, picture_precision, single_range", [
