@@ -124,6 +124,11 @@ def test_the_table_has_no_cycles_and_no_missing_rooms():
         left = {floor: used for floor, used in left.items() if floor not in ready}
 
 
+def test_every_folder_is_a_room_or_inside_one():
+    folders = {".".join(path.parent.relative_to(ROOT).parts[:2]) for path in MODULES.values()}
+    assert folders <= set(FLOORS)
+
+
 def test_the_engine_imports_neither_blender_nor_undeclared_libraries():
     known = sys.stdlib_module_names | ENGINE_LIBRARIES
     unknown = [f"{name} imports {other}" for name in MODULES if name.startswith("engine")

@@ -14,6 +14,7 @@ import pytest
 
 import lensfield as extension
 from lensfield import addon, cli
+from lensfield.addon.job.result import FRAME_FILES, LENS_FILES
 from lensfield.commands.messages import read_message
 from lensfield.engine.library import BUNDLED
 from lensfield.engine.pictures.spectral_exr import read_exr
@@ -57,7 +58,7 @@ def test_render_then_filter_agree(blend, tmp_path):
                           "--frames", 2, "--output", out, "--report", tmp_path / "report.json")
     assert completed.returncode == 0, completed.stderr
     printed = [Path(line) for line in completed.stdout.splitlines() if line.startswith(str(out))]
-    assert len(printed) == 10 and all(path.is_file() for path in printed)
+    assert len(printed) == len(FRAME_FILES | LENS_FILES) and all(path.is_file() for path in printed)
     output, scene, plan = completed.stdout.splitlines()[:3]
     assert output == f"output: {out}"
     assert scene == "scene: 1 Cycles render at 550 nm: all surfaces are grey"
@@ -203,7 +204,7 @@ def test_blenders_command_line_runs_the_same_command(blend, tmp_path, monkeypatc
     assert registered["lensfield"](["lens", "list"]) == 0
     assert registered["lensfield"](["render", str(blend), "--lens", "edmund-54852", "--wavelengths", "550",
                                     "--output", str(tmp_path / "out")]) == 0
-    assert len(list((tmp_path / "out").iterdir())) == 10
+    assert len(list((tmp_path / "out").iterdir())) == len(FRAME_FILES | LENS_FILES)
 
 
 def test_another_lens_can_be_applied_to_a_saved_picture(blend, tmp_path):
