@@ -15,7 +15,7 @@ from ..engine.lens.conventions import WAVELENGTHS
 from ..engine.lens_files.package import write_package
 from ..engine.library import bundled_names, prescription_of
 from ..engine.prescription.prescription import FOCUSES
-from ..engine.prescription.readers import SEMI_DIAMETERS, ReadingOptions, checked, read_file
+from ..engine.prescription.readers import READABLE, SEMI_DIAMETERS, ReadingOptions, checked, read_file
 from ..engine.prescription.readers.toml import write_prescription
 from ..engine.rays.focus import focused
 from ..engine.rays.rings import Rings, turned
@@ -59,8 +59,7 @@ def add(commands):
 
 def _add_file(command):
     command.add_argument("prescription", type=Path, metavar="NAME|FILE",
-                         help="a bundled lens, Lensfield .toml, Zemax .zmx, Code V .seq, pbrt .dat, Optical Bench "
-                              ".txt, .lens, or .json of Optiland, DeepLens or lentil")
+                         help=f"a bundled lens, {READABLE}")
     command.add_argument("--which", metavar="NUMBER",
                          help="selects one of several in a file: the position of zoom and focus (Optical Bench; "
                               "default: the first for infinity), or the lens (lentil)")

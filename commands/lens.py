@@ -16,7 +16,7 @@ from ..engine.inspection.info import lens_info, lens_text
 from ..engine.inspection.screen import check_prescription
 from ..engine.lens.conventions import WAVELENGTHS
 from ..engine.lens.pinhole import fitting_pitch_um
-from ..engine.lens_files import import_lens
+from ..engine.lens_files import IMPORTABLE, import_lens
 from ..engine.lens_files.export_macro import PROGRAMS, ExportOptions, export_macro
 from ..engine.lens_files.package import write_package
 from ..engine.library import baked, bundled_names, find_bundled, has_rings, prescription_as_stated, prescription_of
@@ -220,9 +220,7 @@ def _export_macro(options):
 
 def _add_import(lens):
     command = lens.add_parser("import", help="convert another program's export to a lens package")
-    command.add_argument("path", type=Path, metavar="PATH",
-                         help="an ISET bundle (its folder or ISETPARMS.TXT), a folder written by a macro of "
-                              "export-macro (or its lens.toml), or an ISETCam .mat")
+    command.add_argument("path", type=Path, metavar="PATH", help=IMPORTABLE)
     command.add_argument("-o", "--output", type=Path, required=True, metavar="X.npz", help="lens package to write")
     command.add_argument("--name", help="name of the lens (default: the name in the files)")
     command.set_defaults(run=_import)

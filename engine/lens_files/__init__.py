@@ -12,7 +12,9 @@ from .iset import find_parameter_file, is_parameter_file, read_iset
 from .iset_mat import read_iset_mat
 
 IMPORT_FIRST = "`lensfield lens import` converts another program's export to a lens package"
-IMPORTABLE = f"an ISET bundle (ISETPARMS.TXT), an export folder ({DESCRIPTION}) or an ISETCam .mat"
+IMPORTABLE = ("an ISET bundle (its folder or ISETPARMS.TXT), a folder written by a macro of export-macro (or its "
+              f"{DESCRIPTION}), or an ISETCam .mat")
+"""The files that `import_lens` reads, for help and errors."""
 
 
 def is_import(path: str | Path) -> bool:

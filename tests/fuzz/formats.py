@@ -1,7 +1,6 @@
 """Every kind of untrusted file: valid samples, readers, and functions that damage files."""
 
 import argparse
-import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -11,7 +10,7 @@ import numpy as np
 import OpenEXR
 from mutants import damaged, damaged_package
 
-from lens_texts import CODEV, DEEPLENS, DOT_LENS, LENTIL, OPTBENCH, PBRT, TOML, ZEMAX, optiland
+from lens_texts import SAMPLES
 from lenses import gaussian_psf, make_lens
 from lensfield.commands import filter
 from lensfield.commands.reading import read_picture
@@ -28,7 +27,7 @@ from lensfield.engine.spectral.refraction import load_refraction
 from lensfield.engine.spectral.spectra import load_spectrum, parse_wavelengths
 from places import SHARED_DATA
 from rgb_files import window
-from vendor_files import code_v_bundle, export_folder, exported_lens, iset_bundle, ray_trace, saved
+from vendor_files import EXPORTS, exported_lens
 
 FIELD = ("angle_deg", 10.0)
 SMALL_BYTES = 2**18  # of a valid file from another source: larger ones take longer and reveal nothing more
@@ -110,27 +109,17 @@ def read_full_package(path):
 
 
 def _imports(folder):
-    lens = exported_lens()
-    yield "ISET bundle", Format([_of_folder(iset_bundle(folder / "iset", lens)),
-                                 _of_folder(iset_bundle(folder / "iset 2013", lens, columns=False, two_d=True,
-                                                        encoding="utf-16"))], import_lens)
-    yield "Code V bundle", Format([_of_folder(code_v_bundle(folder / "code v", lens))], import_lens)
-    (folder / "mat").mkdir()
-    yield "ISETCam .mat", Format([_of_folder(saved(folder / "mat" / "optics.mat", ray_trace(lens)))], import_lens)
-    for program in ("zemax", "codev", "zospy"):
-        yield f"export folder of {program}", Format([_of_folder(export_folder(folder / program, lens, program))],
-                                                    import_lens)
+    for name, write in EXPORTS.items():
+        yield name, Format([_of_folder(write(folder / name, exported_lens()))], import_lens)
 
 
 # Prescriptions
 
 def _prescriptions():
-    texts = {".toml": TOML, ".zmx": ZEMAX, ".seq": CODEV, ".dat": PBRT, ".txt": OPTBENCH, ".lens": DOT_LENS}
-    of_json = {"Optiland": optiland(), "DeepLens": DEEPLENS, "lentil": LENTIL}
-    for kind, text in texts.items():
-        yield f"prescription {kind}", _prescription(kind, text)
-    for program, contents in of_json.items():
-        yield f"prescription of {program}", _prescription(".json", json.dumps(contents, indent=1), program.lower())
+    for name, text in SAMPLES.items():
+        program, _, suffix = name.rpartition(".")
+        yield (f"prescription of {program}" if program else f"prescription .{suffix}",
+               _prescription(f".{suffix}", text, program.lower()))
 
 
 def _prescription(kind, text, program=""):

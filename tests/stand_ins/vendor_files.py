@@ -1,6 +1,7 @@
 """Lens data as lens-design programs and their macros write them, for tests of the readers."""
 
 import json
+from functools import partial
 
 import numpy as np
 import pytest
@@ -230,6 +231,22 @@ def damages(data, count, seed=3):
         else:
             damaged[at:at + 8] = rng.bytes(8)
         yield bytes(damaged)
+
+
+def _mat(folder, lens):
+    folder.mkdir(exist_ok=True)
+    return saved(folder / "optics.mat", ray_trace(lens))
+
+
+EXPORTS = {
+    "ISET bundle": iset_bundle,
+    "ISET bundle of 2013": partial(iset_bundle, columns=False, two_d=True, encoding="utf-16"),
+    "Code V bundle": code_v_bundle,
+    "ISETCam .mat": _mat,
+    "export folder of zemax": partial(export_folder, program="zemax", image_side="-y"),
+    "export folder of codev": partial(export_folder, program="codev"),
+    "export folder of zospy": partial(export_folder, program="zospy")}
+"""Functions (folder, lens) that write every kind of file that `import_lens` reads, and return its path."""
 
 
 def check_that_damage_is_harmless(path, read, count=200):

@@ -16,6 +16,9 @@ from .zemax import read_zemax
 
 READERS = {".toml": read_toml_file, ".zmx": read_zemax, ".seq": read_codev, ".dat": read_pbrt, ".lens": read_dot_lens,
            ".json": read_json, ".txt": read_optbench}
+READABLE = ("Lensfield .toml, Zemax .zmx, Code V .seq, pbrt .dat, Optical Bench .txt, .lens, or .json of Optiland, "
+            "DeepLens or lentil")
+"""The files that READERS read, for help."""
 OF_SEVERAL = (".json", ".txt")  # several lenses, or a lens at several positions
 WITH_SEMI_DIAMETERS = (".zmx",)  # in addition to apertures
 DAMAGE = (ValueError, TypeError, IndexError, AttributeError, OverflowError, ZeroDivisionError, RecursionError)
@@ -23,10 +26,7 @@ DAMAGE = (ValueError, TypeError, IndexError, AttributeError, OverflowError, Zero
 
 def read_prescription(path: str | Path, field: tuple[str, float] | None = None, which: str | None = None,
                       semi_diameters: str | None = None, allow_mismatch: bool = False) -> Prescription:
-    """Read the prescription in a file.
-
-    Lensfield's .toml, Zemax .zmx, Code V .seq, pbrt .dat, Optical Bench .txt, .lens, and .json of Optiland, DeepLens
-    and lentil.
+    """Read the prescription in a file of one of the kinds in `READABLE`.
 
     Parameters
     ----------

@@ -189,6 +189,12 @@ def optiland(**third):
             "wavelengths": {"wavelengths": wavelengths}}
 
 
+SAMPLES = {".toml": TOML, ".zmx": ZEMAX, ".seq": CODEV, ".dat": PBRT, ".txt": OPTBENCH, ".lens": DOT_LENS,
+           "Optiland.json": json.dumps(optiland(), indent=1), "DeepLens.json": json.dumps(DEEPLENS, indent=1),
+           "lentil.json": json.dumps(LENTIL, indent=1)}
+"""A valid file of each kind, by its suffix; if several programs share the suffix, with the program before it."""
+
+
 SURFACES = (Surface(thickness_mm=2.0, stop=True), Surface(50.0, 4.0, "SCHOTT N-BK7", 8.0),
             Surface(-50.0, 47.5, conic=-0.5))
 

@@ -7,8 +7,8 @@ from lensfield.cli import main
 from lensfield.engine import LensError, load_lens
 from lensfield.engine.lens_files import import_lens
 from vendor_files import (
+    EXPORTS,
     check_same_lens,
-    code_v_bundle,
     export_folder,
     exported_lens,
     fft_listing,
@@ -38,16 +38,6 @@ def bundled_lens():
         relative_illumination=lambda nm, height: of_both["relative_illumination"], psf=of_both["psf"],
         **{name: getattr(lens, name) for name in ("efl_mm", "magnification", "f_number_effective", "object_distance_mm",
                                                   "entrance_pupil_mm", "psf_pitch_um", "reference_wavelength_nm")})
-
-
-EXPORTS = {
-    "iset": iset_bundle,
-    "iset 2013": lambda folder, lens: iset_bundle(folder, lens, columns=False, two_d=True, encoding="utf-16"),
-    "iset code v": code_v_bundle,
-    "zemax": lambda folder, lens: export_folder(folder, lens, "zemax", "-y"),
-    "codev": lambda folder, lens: export_folder(folder, lens, "codev"),
-    "zospy": lambda folder, lens: export_folder(folder, lens, "zospy"),
-    "mat": lambda folder, lens: saved(folder / "optics.mat", ray_trace(lens))}
 
 
 @pytest.mark.parametrize("kind", EXPORTS)
@@ -81,7 +71,7 @@ def test_ffts_of_different_pitch_are_resampled_to_one(tmp_path, lens):
     np.testing.assert_allclose(read.psf.sum(axis=3) @ v, [[0, 1, 2]] * 2, atol=1e-3)
 
 
-@pytest.mark.parametrize("export", ["iset", "zemax", "iset code v"])
+@pytest.mark.parametrize("export", ["ISET bundle", "export folder of zemax", "Code V bundle"])
 def test_a_folder_and_its_description_give_the_same_lens(tmp_path, lens, export):
     path = EXPORTS[export](tmp_path / "Ordner Ä", lens)
     by_file, by_folder = import_lens(path), import_lens(str(path.parent))

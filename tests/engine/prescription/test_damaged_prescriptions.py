@@ -1,17 +1,18 @@
 """Randomly damaged prescriptions: each yields a lens or a one-line error, and readers print nothing."""
 
 import json
+import re
 import warnings
 from dataclasses import astuple
 
 import numpy as np
 import pytest
 
-from lens_texts import CODEV, DEEPLENS, DOT_LENS, LENTIL, OPTBENCH, PBRT, TOML, ZEMAX, optiland, prescriptions
+from lens_texts import SAMPLES, prescriptions
 from lensfield.engine import LensError
 from lensfield.engine.prescription import prescription
 from lensfield.engine.prescription.prescription import Prescription
-from lensfield.engine.prescription.readers import READERS, read_prescription
+from lensfield.engine.prescription.readers import READABLE, READERS, read_prescription
 from lensfield.engine.prescription.readers.deeplens import read_deeplens
 from lensfield.engine.prescription.readers.reading import ReadingOptions
 
@@ -43,14 +44,16 @@ def assert_sound(lens):
     assert lens.object_distance_mm > 0 and 0 < lens.aperture[1] < np.inf and isinstance(lens.name, str)
 
 
-FILES = {".toml": TOML, ".zmx": ZEMAX, ".seq": CODEV, ".dat": PBRT, ".txt": OPTBENCH, ".lens": DOT_LENS,
-         "_optiland.json": json.dumps(optiland(), indent=1), "_deeplens.json": json.dumps(DEEPLENS, indent=1),
-         "_lentil.json": json.dumps(LENTIL, indent=1)}
-kinds = pytest.mark.parametrize("kind", FILES)
+kinds = pytest.mark.parametrize("kind", SAMPLES)
 
 
 def test_every_kind_of_file_has_a_valid_sample():
-    assert {f".{kind.rsplit('.', 1)[1]}" for kind in FILES} == set(READERS)
+    assert {f".{kind.rsplit('.', 1)[1]}" for kind in SAMPLES} == set(READERS)
+
+
+@pytest.mark.parametrize("suffix", READERS)
+def test_the_help_names_every_kind_of_file(suffix):
+    assert re.search(rf"{re.escape(suffix)}\b", READABLE)
 
 
 @kinds
@@ -59,7 +62,7 @@ def test_damage_causes_a_one_line_error_or_another_lens(tmp_path, kind, capfd):
     path = tmp_path / f"lens{kind}"
     lenses = 0
     for _ in range(ROUNDS):
-        path.write_bytes(damaged(FILES[kind].encode(), random))
+        path.write_bytes(damaged(SAMPLES[kind].encode(), random))
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             try:
@@ -87,7 +90,7 @@ def test_a_lens_of_300_surfaces_is_read(tmp_path):
 
 
 def test_surfaces_with_more_than_100_aspheric_terms_are_refused(tmp_path):
-    (tmp_path / "lens.json").write_text(FILES["_optiland.json"].replace("0.0001,", "0.0001," * 101, 1))
+    (tmp_path / "lens.json").write_text(SAMPLES["Optiland.json"].replace("0.0001,", "0.0001," * 101, 1))
     with pytest.raises(LensError, match=r": surface 3, aspheric is 10[0-9] terms: expected at most 100$"):
         read_prescription(tmp_path / "lens.json", FIELD)
 
@@ -113,5 +116,5 @@ def test_the_time_to_read_deeplens_is_linear_in_its_surfaces(tmp_path):
 
 @kinds
 def test_the_valid_samples_are_lenses(tmp_path, kind):
-    (tmp_path / f"lens{kind}").write_text(FILES[kind], encoding="utf-8")
+    (tmp_path / f"lens{kind}").write_text(SAMPLES[kind], encoding="utf-8")
     assert_sound(read_prescription(tmp_path / f"lens{kind}", FIELD))

@@ -6,7 +6,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lens_texts import CODEV, DEEPLENS, DOT_LENS, LENTIL, OPTBENCH, PBRT, SURFACES, TOML, ZEMAX, changed, optiland
+from lens_texts import (
+    CODEV,
+    DEEPLENS,
+    DOT_LENS,
+    LENTIL,
+    OPTBENCH,
+    PBRT,
+    SAMPLES,
+    SURFACES,
+    TOML,
+    ZEMAX,
+    changed,
+    optiland,
+)
 from lensfield.engine import LensError
 from lensfield.engine.library import bundled_lenses, prescription_as_stated
 from lensfield.engine.prescription.prescription import Prescription, Surface
@@ -48,9 +61,7 @@ def test_an_unknown_word_is_reported(read, kind, text, name):
     assert f"Not used from the file: {name}" in read(kind, text).notes
 
 
-@pytest.mark.parametrize("kind, text", [
-    (".zmx", ZEMAX), (".seq", CODEV), (".lens", DOT_LENS), (".txt", OPTBENCH), (".dat", PBRT), (".dat", ISET),
-    (".json", DEEPLENS), (".json", LENTIL), (".json", optiland()), (".toml", TOML)])
+@pytest.mark.parametrize("kind, text", [*SAMPLES.items(), (".dat", ISET)])
 def test_every_word_of_the_valid_samples_is_known(read, kind, text):
     assert "Not used" not in read(kind, text).notes
 
