@@ -50,6 +50,7 @@ def test_distortion_is_centred_on_the_axis():
         np.testing.assert_allclose(stmap[61 - up, 22 + right], place, atol=1e-6)
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize("name", VARIED)
 def test_the_two_maps_are_inverse_to_a_twentieth_of_a_pixel(name):
     lens = varied_lens(name)

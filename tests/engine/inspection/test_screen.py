@@ -66,6 +66,7 @@ def test_a_lens_may_be_intentionally_soft():
     assert "soft focus, as stated in its character" in {finding.remedy for finding in check_prescription(soft)}
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("share, severity", [(0.95, "note"), (0.8, "error")])
 def test_an_aperture_that_blocks_the_light_of_the_stop(share, severity):
     rim = trace_pupil(build_system(GOOD), [0.0], [GOOD.reference_wavelength_nm], HalfPupil(2, 1)).square_height_mm2
