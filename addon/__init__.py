@@ -42,8 +42,10 @@ __all__ = ["Animation", "RenderRequest", "apply_lens", "check_next_to_frames", "
 
 _MODULES = (properties, operators, animation, another_lens, preview, compositor_panel, panels, lint_panel,
             spectra_panels, trust_panel, flamenco)
-_register_classes, _unregister_classes = bpy.utils.register_classes_factory(
-    [cls for module in _MODULES for cls in module.classes])
+_CLASSES = [cls for module in _MODULES for cls in module.classes]
+for _operator in (cls for cls in _CLASSES if issubclass(cls, bpy.types.Operator)):
+    _operator.bl_description = " ".join(_operator.__doc__.split())  # tooltips show line breaks
+_register_classes, _unregister_classes = bpy.utils.register_classes_factory(_CLASSES)
 
 
 def register():

@@ -201,7 +201,7 @@ class LensfieldSettings(bpy.types.PropertyGroup):
                               update=_choose_path("lens_file"))
     iris_roundness: _property("iris_roundness", settings_of(Iris)["roundness"])
     wavelength_mode: EnumProperty(
-        name="Wavelengths", default="RANGE",
+        name="Wavelengths", description="How the wavelengths of the lens image are specified", default="RANGE",
         items=[("RANGE", "Range", "Evenly spaced wavelengths"), ("LIST", "List", "Individual wavelengths")])
     wavelength_first_nm: FloatProperty(name="First", description="Shortest wavelength in nm", default=FIRST_NM, min=1,
                                        precision=1)

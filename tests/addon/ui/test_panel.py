@@ -236,3 +236,11 @@ def test_a_scaled_lens_is_reported_briefly(lit_scene):
 def test_a_saved_file_renders_to_a_folder_next_to_it(lit_scene, tmp_path):
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "saved.blend"))
     assert folder_for(lit_scene) == tmp_path / "lensfield" and str(unsaved_folder()) not in panel_text(lit_scene)
+
+
+def test_every_tooltip_is_one_line_without_a_full_stop():
+    tooltips = [getattr(bpy.ops.lensfield, name).get_rna_type().description for name in dir(bpy.ops.lensfield)]
+    tooltips += [each.description for each in bpy.types.Scene.bl_rna.properties["lensfield"].fixed_type.properties
+                 if not each.is_hidden and each.identifier not in ("rna_type", "name")]
+    assert len(tooltips) > 30
+    assert [text for text in tooltips if not text or "\n" in text or "  " in text or text.endswith(".")] == []
