@@ -49,15 +49,14 @@ if [ -z "${CC:-}" ] && [ "$(id -u)" = 0 ] && ! command -v cc >/dev/null && comma
     (install_packages "a C compiler is missing" gcc) || true
 fi
 
-# Python compiles the modules that it imports; pip would compile all of them.
 "$python" -m venv "$venv"
 lock="packaging/lock-$2.txt"
 if [ -f "$lock" ] && [ "$(uname -sm)" = "Linux x86_64" ]; then
-    "$venv/bin/python" -m pip install --no-compile --quiet --disable-pip-version-check --require-hashes --no-deps -r "$lock"
+    "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --require-hashes --no-deps -r "$lock"
 fi
-"$venv/bin/python" -m pip install --no-compile --quiet --disable-pip-version-check --report "$venv/installed.json" $packages \
+"$venv/bin/python" -m pip install --quiet --disable-pip-version-check --report "$venv/installed.json" $packages \
     -e ".[$extras]"
-[ -z "$alone" ] || "$venv/bin/python" -m pip install --no-compile --quiet --disable-pip-version-check --no-deps $alone
+[ -z "$alone" ] || "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps $alone
 "$venv/bin/python" -c "import $module" 2>/dev/null ||
     install_packages "$module needs system libraries" $libraries
 "$venv/bin/python" -c "import $module, lensfield.engine"

@@ -27,6 +27,8 @@ from small_scenes import WAVELENGTHS_NM, material, set_world, wall
 from snapshot import differences, snapshot
 from waiting import LAST_RESORT_S
 
+pytestmark = pytest.mark.one_blender
+
 LENS = "kodak-petzval-100mm"  # from 1.05 m and f/2.14 on: nearest, it moves as a unit, and its view is 9 % narrower
 FRAMES = 1, 3, 5, 7
 OPTIONS = {"lens": LENS, "wavelengths_nm": WAVELENGTHS_NM, "lens_quality": "preview",
@@ -105,7 +107,6 @@ def test_one_capture_serves_all_frames(rack, captures, tmp_path):
     assert addon.Animation(rack, [1, 2], output_folder=tmp_path, **OPTIONS).pending == [2]
 
 
-@pytest.mark.one_blender
 def test_each_frame_equals_a_separate_render(rack, cut, tmp_path):
     """In the camera's view, where all lenses use exactly the captured pixels."""
     options = OPTIONS | {"view": "camera"}
@@ -122,7 +123,6 @@ def middle_px(red):
     return np.array([np.sum(places * red) for places in (rows, columns)]) / red.sum()
 
 
-@pytest.mark.one_blender
 def test_the_field_of_view_changes_with_focus(rack, tmp_path):
     """On its own sensor, although one pinhole captured all frames: light lands as in a separate render of the frame."""
     set_world(rack, (0, 0, 0))
@@ -153,7 +153,6 @@ def test_the_pinhole_picture_has_the_field_of_view_of_the_lens():
     np.testing.assert_allclose(ours - ours[2, 3], 1.5 * (fit - fit[2, 3]), atol=1e-6 * fit.max())
 
 
-@pytest.mark.one_blender
 def test_each_frame_reports_the_limits_of_one_depth_per_pixel(rack, tmp_path):
     """A separate render reports the same, except for the lens's own lines; and so does a frame that reuses a capture.
     """
@@ -165,7 +164,6 @@ def test_each_frame_reports_the_limits_of_one_depth_per_pixel(rack, tmp_path):
     assert remarks[0][-1] == remarks[1][-1]
 
 
-@pytest.mark.one_blender
 def test_a_cancelled_animation_resumes_with_the_same_light(rack, captures, tmp_path):
     first = addon.Animation(rack, FRAMES, output_folder=tmp_path, **OPTIONS)
     result = first.render(1)
@@ -175,7 +173,6 @@ def test_a_cancelled_animation_resumes_with_the_same_light(rack, captures, tmp_p
     np.testing.assert_array_equal(*light)
 
 
-@pytest.mark.one_blender
 def test_a_stopped_capture_is_repeated(rack, captures, monkeypatch, tmp_path):
     animation, before = addon.Animation(rack, FRAMES, output_folder=tmp_path, **OPTIONS), snapshot()
 
@@ -190,7 +187,6 @@ def test_a_stopped_capture_is_repeated(rack, captures, monkeypatch, tmp_path):
     assert len(captures) == 2 and list(animation.results) == [3]
 
 
-@pytest.mark.one_blender
 def test_deleted_radiance_is_written_again(rack, captures, tmp_path):
     animation = addon.Animation(rack, FRAMES, output_folder=tmp_path, **OPTIONS)
     animation.render(1).radiance.unlink()
@@ -209,7 +205,6 @@ def test_moving_objects_are_captured_frame_by_frame(rack, captures, tmp_path):
     assert addon.Animation(rack, FRAMES, output_folder=tmp_path, **OPTIONS).plan == ""
 
 
-@pytest.mark.one_blender
 def test_frames_with_other_settings_are_captured_separately(rack, tmp_path):
     options = OPTIONS | {"output_folder": tmp_path}
     one, job = OneCapture(rack, FRAMES, **options), job_of_frame(rack, 3, **options)
@@ -221,7 +216,6 @@ def test_frames_with_other_settings_are_captured_separately(rack, tmp_path):
         "each frame is captured separately: the lens is traced")
 
 
-@pytest.mark.one_blender
 def test_the_command_announces_the_single_capture_first(rack, tmp_path):
     blend = tmp_path / "rack.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(blend))
@@ -236,7 +230,6 @@ def test_the_command_announces_the_single_capture_first(rack, tmp_path):
     assert (tmp_path / "Scene_0001_radiance.exr").samefile(tmp_path / "Scene_0003_radiance.exr")
 
 
-@pytest.mark.one_blender
 def test_one_capture_supports_film_and_region(rack, cut, tmp_path):
     rack.render.film_transparent = rack.render.use_border = True
     rack.render.border_min_x, rack.render.border_max_x = 0.25, 1.0

@@ -17,6 +17,8 @@ from lensfield.engine.spectral.wavelength_choice import STANDARD_COLOUR_ERROR, S
 from noise import ROUNDING, surely_apart
 from small_scenes import WAVELENGTHS_NM, light, material, paint_by_nodes, set_world, wall
 
+pytestmark = pytest.mark.one_blender
+
 NM = np.linspace(400, 700, 16)
 FLAT, FLAT_DENSITY = "380:1, 780:1", 1 / 400
 PATCHES = ["chart-13-blue", "chart-14-green", "chart-15-red", "chart-16-yellow", "chart-17-magenta", "chart-18-cyan"]
@@ -99,7 +101,6 @@ def colour_errors(picture, truth, lamp):
     return ciede2000(lab_from_xyz(true, white), lab_from_xyz(np.maximum(estimated, 0), white))
 
 
-@pytest.mark.one_blender
 @pytest.mark.parametrize("lamp", ["illuminant-d65", "sodium-hp1"])
 def test_standard_stays_within_its_predicted_error(room, tmp_path, lamp):
     bpy.data.lights["Light"].lensfield.emission = lamp
@@ -112,7 +113,6 @@ def test_standard_stays_within_its_predicted_error(room, tmp_path, lamp):
     assert facts["spectral_surprise"] < 5
 
 
-@pytest.mark.one_blender
 def test_two_lamps_stay_within_the_predicted_error(room, tmp_path):
     """Light of each lamp is estimated separately, and the errors may add up."""
     bpy.data.lights["Light"].lensfield.emission = "illuminant-a"
@@ -124,7 +124,6 @@ def test_two_lamps_stay_within_the_predicted_error(room, tmp_path):
     assert np.percentile(errors, 95) <= SLACK * facts["predicted_colour_error"]
 
 
-@pytest.mark.one_blender
 def test_preview_is_one_pass_and_predicts_its_error(room, tmp_path):
     picture, facts = rendered(room, tmp_path, tier="preview")
     assert facts["passes"] == 1 and facts["predicted_colour_error"] > 1
@@ -133,7 +132,6 @@ def test_preview_is_one_pass_and_predicts_its_error(room, tmp_path):
     assert 0.5 < np.percentile(errors, 95) <= SLACK * facts["predicted_colour_error"]
 
 
-@pytest.mark.one_blender
 def test_a_lower_error_limit_gives_a_lower_error(room, tmp_path):
     truth, _ = rendered(room, tmp_path, tier="reference")
     lamp = load_spectrum("illuminant-d65").density_at(NM)
@@ -176,7 +174,6 @@ def test_the_report_includes_the_plan(room, tmp_path):
     assert all(f"{nm:g}" in facts["scene_plan"] for nm in facts["rendered_nm"])
 
 
-@pytest.mark.one_blender
 @pytest.mark.parametrize("colour, strength", [((1.0, 0.5, 0.1), 2.0), ((50.0, 25.0, 5.0), 0.04),
                                               ((2e-4, 1e-4, 2e-5), 1e4)])
 def test_emission_strength_does_not_affect_the_choice_of_wavelengths(scene, tmp_path, colour, strength):

@@ -16,6 +16,8 @@ from lensfield.addon.shading.lobes import STRAIGHT, glows_within, lobes_of
 from lensfield.engine import load_lens
 from small_scenes import material, wall
 
+pytestmark = pytest.mark.one_blender
+
 FAST = load_lens("edmund-54852").scaled(10)  # f/1.8, 60 mm
 PANE_SHARE = 0.25
 
