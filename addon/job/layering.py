@@ -65,9 +65,9 @@ class _Part:
 
     def layer(self, lens, capture):
         """The finished Layer."""
-        uncut_mm = np.full(capture.shape_px, np.inf, np.float32)
-        uncut_mm[self.slab.region] = self.clip_mm
-        depth_mm = planar_depth_mm(uncut_mm, lens, capture)[self.slab.region]
+        limit_mm = np.full(capture.shape_px, np.inf, np.float32)
+        limit_mm[self.slab.region] = self.clip_mm
+        depth_mm = planar_depth_mm(limit_mm, lens, capture)[self.slab.region]
         depth_mm = np.where(np.isnan(depth_mm), self.clip_mm, depth_mm)  # NaN: a fisheye that sees sideways and back
         return Layer(self.cube, self.alpha, depth_mm, tuple(side.start for side in self.slab.region))
 

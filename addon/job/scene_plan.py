@@ -48,7 +48,7 @@ class ScenePlan:
     tinting : frozenset of str
         Names of the objects that tint light passing straight through them.
     refusals : tuple of SceneError
-        Why the scene cannot be rendered as it is; the plan then covers what is known of it.
+        Why the scene cannot be rendered in this state; the plan then covers the known part.
     """
 
     choice: WavelengthChoice

@@ -360,7 +360,7 @@ def _was_killed(name, prefix):
 
 
 def work_prefix() -> str:
-    """The prefix of this process's temporary folders, which identifies them as its overwrite."""
+    """The prefix of this process's temporary folders, which identifies them as its own."""
     return WORK + _owner()
 
 

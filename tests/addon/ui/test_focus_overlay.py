@@ -80,7 +80,7 @@ def test_the_overlay_follows_the_rings_immediately_using_the_saved_depth(on):
     assert tinted(scene) == [nothing, nothing]
     bpy.data.objects["Wall"].location.z -= 1
     bpy.context.view_layer.update()
-    assert not session.preview.same_scene, "what is kept is of another scene"
+    assert not session.preview.same_scene, "the saved picture shows the scene before the edit"
 
 
 @pytest.mark.one_blender

@@ -24,7 +24,7 @@ from lensfield.engine.runtime.files import LONGEST_WRITE_S, atomic_path, check_t
 from lensfield.engine.simulation.tradeoff import Row, write_table
 from places import SAMPLE_SCENE
 
-posix = pytest.mark.skipif(os.name != "posix", reason="Windows does not tell which processes are at work")
+posix = pytest.mark.skipif(os.name != "posix", reason="Windows does not report which processes are running")
 
 WRITE = """
 import sys, time
@@ -175,7 +175,7 @@ def test_foreign_files_stay_however_old(tmp_path, name):
     assert (tmp_path / name).read_text() == "mine"
 
 
-@pytest.mark.skipif(os.name != "posix", reason="another system tells it otherwise")
+@pytest.mark.skipif(os.name != "posix", reason="other systems report it differently")
 def test_a_file_that_cannot_be_discarded_is_an_error(tmp_path):
     files.discard(tmp_path / "gone.json")
     (tmp_path / "out").write_text("no folder any more")
@@ -327,7 +327,7 @@ def test_a_long_suffix_does_not_lengthen_the_half_written_name(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
-FOREIGN = b"a picture of somebody's own"
+FOREIGN = b"a picture by another program"
 
 
 def test_a_foreign_file_is_not_overwritten(tmp_path):
