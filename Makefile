@@ -20,12 +20,13 @@
 # make validate    compare the Cornell box with Mitsuba 3, and lenses with rays traced through them (ten minutes), also
 #                  in depth (an hour); and depth with Optiland's rays through ../shared/data/prescriptions, or
 #                  PRESCRIPTIONS=FOLDER (ten minutes)
-# make extension   build dist/*.zip, for installation in Blender
-# make release     build all artefacts in an empty dist/: the extension zips of all platforms, the sdist, the wheel of
+# make extension   build dist/*.zip, for installation in Blender: one for each platform and generation of Blender
+# make release     build all artefacts in an empty dist/: the zips of make extension, the sdist, the wheel of
 #                  this platform, and their SHA-256 checksums in SHA256SUMS (CONTRIBUTING.md lists the compilers)
 # make ui-test     operate a window of BLENDER=/path/to/blender as a user would (ten minutes; requires a display, or
-#                  Xvfb, and ImageMagick's import); STEPS="install escape" runs only these steps; screenshots are in
-#                  build/ui-test
+#                  Xvfb, and ImageMagick's import); it installs the zip for Blender 5.1 and later: for others, add
+#                  GENERATION=blender4.5 (4.5 and 5.0) or GENERATION=python3.14 (of a distribution, on Python 3.14);
+#                  STEPS="install escape" runs only these steps; screenshots are in build/ui-test
 # make test-bake   compare baking with Optiland and rayoptics, in .venv-bake (2 GB)
 # make test-farm   run the tests of Open Job Description and Dask, in .venv-farm
 # make lenses      bake the library's lens packages again from their prescriptions (seconds)
@@ -55,6 +56,7 @@ COVERAGE ?=
 TESTS ?= tests/addon
 COUNT ?= 1500
 BLENDER ?= blender
+GENERATION ?= blender5.1
 STEPS ?=
 PRESCRIPTIONS ?=
 
@@ -149,8 +151,8 @@ release: $(READY) $(RELEASE)/.ready
 	cd dist && sha256sum * > SHA256SUMS && sha256sum --check --quiet SHA256SUMS
 
 ui-test: $(READY)
-	$(VENV)/bin/python packaging/build_extension.py dist linux-x64
-	$(VENV)/bin/python tests/window/run.py $(BLENDER) dist/*-linux_x64.zip build/ui-test $(STEPS)
+	$(VENV)/bin/python packaging/build_extension.py dist linux-x64-$(GENERATION)
+	$(VENV)/bin/python tests/window/run.py $(BLENDER) dist/*-linux-x64-$(GENERATION).zip build/ui-test $(STEPS)
 
 test-bake: $(BAKE_READY) kernels
 	$(BAKE)/bin/python -m pytest -q tests/engine/bake/test_witness.py tests/engine/bake/test_second_witness.py \

@@ -48,21 +48,25 @@ def _send_broken_streams_nowhere():
 
 
 def _run(arguments):
+    try:
+        options = _parser().parse_args(arguments)
+    except SystemExit as stop:  # inside Blender, the process must not end
+        return stop.code or 0
+    return _run_command(options, sys.argv[1:] if arguments is None else arguments)
+
+
+def _run_command(options, arguments):
     from .commands.farm_log import FARM_LOGS
     from .commands.outcome import FAILURES
     from .commands.untrusted import run
     from .engine.runtime.errors import one_line, shown
 
-    try:
-        options = _parser().parse_args(arguments)
-    except SystemExit as stop:  # inside Blender, the process must not end
-        return stop.code or 0
     if getattr(options, "end_with_stdin", False):
         _end_with_stdin(getattr(options, "hear", None))
     if getattr(options, "progress", None) in FARM_LOGS:
         _end_unread()
     try:
-        status = run(options, sys.argv[1:] if arguments is None else arguments)
+        status = run(options, arguments)
     except BrokenPipeError:
         raise
     except FAILURES as error:

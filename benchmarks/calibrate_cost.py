@@ -17,7 +17,8 @@ from cases import HD, NM, PAPER_LENS, QUARTER_HD, night_street
 from scipy.optimize import nnls
 from timing import machine
 
-from lensfield.engine import Options, Report, kernels, load_lens, simulate
+from lensfield.engine import Options, Report, load_lens, simulate
+from lensfield.engine.kernels.library import NUMPY, running
 from lensfield.engine.plan import cost
 from lensfield.engine.plan.choose import workload
 
@@ -144,8 +145,8 @@ def _held(shares, took, now):
 
 def main():
     print(machine())
-    loops = kernels.NUMPY if kernels.running() == kernels.NUMPY else cost.COMPILED
-    first, others = ([case for case in (measured(*each) for each in cases) if case.single or loops == kernels.NUMPY]
+    loops = NUMPY if running() == NUMPY else cost.COMPILED
+    first, others = ([case for case in (measured(*each) for each in cases) if case.single or loops == NUMPY]
                      for cases in (fitted_cases(), other_cases()))
     present = cost.NANOSECONDS[loops]
     here = fitted(first, present)

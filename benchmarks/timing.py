@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 import scipy
 
-from lensfield.engine import ChannelCache, Lens, Options, Report, SpectralImage, kernels, simulate
+from lensfield.engine import ChannelCache, Lens, Options, Report, SpectralImage, simulate
+from lensfield.engine.kernels.library import available, running
 from lensfield.engine.runtime.threads import thread_count
 
 os.environ["LENSFIELD_CACHE"] = "off"  # to avoid cached plans
@@ -69,7 +70,7 @@ def least_s(function: Callable[[], object], best_of: int) -> tuple[float, float]
 def machine() -> str:
     """Description of the machine, its load, and the versions in use."""
     return (f"{_processor()}, {thread_count()} cores, load {os.getloadavg()[0]:.1f}; "
-            f"loops by {kernels.running()} (of {', '.join(kernels.available())}); "
+            f"loops by {running()} (of {', '.join(available())}); "
             f"Python {platform.python_version()}, numpy {np.__version__}, scipy {scipy.__version__}")
 
 

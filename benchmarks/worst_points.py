@@ -3,7 +3,7 @@
     python benchmarks/worst_points.py [LENS ...]
 
 A plan's bound must be at least the worst error, and at most twice as large. By default, a varied selection of lenses is
-tested.
+tested. A second table compares the plan's bound for uniform light with the pixels next to the axis in a picture of it.
 """
 
 import sys
@@ -16,12 +16,15 @@ from cases import LENSES, NM
 from point_images import PointImages, point_images
 from timing import machine
 
-from lensfield.engine import Options, SpectralImage, load_lens
+from lensfield.engine import Options, Report, SpectralImage, load_lens, simulate
+from lensfield.engine.field.radial.distortion import FieldGeometry
+from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.plan.choose import make_plan
 from lensfield.engine.runtime.threads import thread_count
 
 SHAPE_PX, WAVELENGTHS_NM = (576, 768), (420.0, NM, 680.0)
 ACCURACIES = 0.1, 0.01, 0.001
+WIDTHS_PX, UNIFORM_PX, UNIFORM_ACCURACY = (192, 640, 1920), 16, 1e-3
 MOST = 2.0  # limit of the bound relative to the worst error
 LOOKED_AT, CLIMBERS, CLIMBS, STEP_PX = 600, 10, 3, 2
 
@@ -68,11 +71,35 @@ def bound_and_worst(name: str, accuracy: float) -> tuple[float, float]:
     return plan.error_bound, max(worst_error(each, rng) for each in point_images(lens, radiance, plan))
 
 
+def uniform_bound_and_worst(name: str, width_px: int) -> tuple[float, float]:
+    """A plan's bound for uniform light, and the largest error of a picture of it next to the axis."""
+    lens = load_lens(name)
+    around_px = UNIFORM_PX + lens.psf.shape[-1] * lens.psf_pitch_um * width_px / (1e3 * lens.sensor_mm[0])
+    grid = PixelGrid.around_frame((UNIFORM_PX, UNIFORM_PX), 1e3 * lens.sensor_mm[0] / width_px, (int(around_px),) * 2)
+    even = SpectralImage(np.ones((len(WAVELENGTHS_NM), *grid.shape_px)), WAVELENGTHS_NM, grid)
+    report = Report()
+    picture = simulate(even, lens, Options(accuracy=UNIFORM_ACCURACY), report=report).cube
+    x_mm, y_mm = grid.frame().axes_mm()
+    distance_mm, worst = np.hypot(x_mm, y_mm[:, None]), 0.0
+    for nm, plane in zip(WAVELENGTHS_NM, picture, strict=True):
+        optics = lens.at_wavelength(nm)
+        field = FieldGeometry(optics, lens.name)
+        moved = plane / field.relative_flux(field.paraxial_height_mm(distance_mm))
+        distance_px = distance_mm / (grid.pitch_um * 1e-3)
+        around = moved[(distance_px > 5) & (distance_px < 7)].mean()
+        worst = max(worst, np.abs(moved[distance_px < 3] / around - 1).max())
+    return report.lens_image.plan.uniform_light_error, float(worst)
+
+
 def table_lines(names: list[str], accuracies: Sequence[float] = ACCURACIES) -> Iterator[str]:
     """Yield the lines of the table, lens by lens."""
     yield f"{'bound / worst point found, at accuracy':<40}" + "".join(f"{each:>28g}" for each in accuracies)
     with ProcessPoolExecutor(thread_count()) as pool:
         rows = [(name, [pool.submit(bound_and_worst, name, accuracy) for accuracy in accuracies]) for name in names]
+        for name, results in rows:
+            yield f"{name:<40}" + "".join(f"{compared(*each.result()):>28}" for each in results)
+        yield f"{'bound / worst of uniform light, at width':<40}" + "".join(f"{each:>28d}" for each in WIDTHS_PX)
+        rows = [(name, [pool.submit(uniform_bound_and_worst, name, width) for width in WIDTHS_PX]) for name in names]
         for name, results in rows:
             yield f"{name:<40}" + "".join(f"{compared(*each.result()):>28}" for each in results)
 

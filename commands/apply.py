@@ -20,12 +20,11 @@ from .outcome import finish
 from .progress import add_progress_options, messages, progress
 
 
-def add(commands):
-    apply = commands.add_parser(
-        "apply", help="apply another lens to a finished render",
-        description="Apply another lens, or other options, to the stored light of a render, without rendering again. "
-                    "The picture keeps its field of view, and the output states the lens's sensor size or scale. All "
-                    "files that depend on the lens are written again.")
+def add_options(apply):
+    apply.description = (
+        "Apply another lens, or other options, to the stored light of a render, without rendering again. The picture "
+        "keeps its field of view, and the output states the lens's sensor size or scale. All files that depend on the "
+        "lens are written again.")
     apply.add_argument("radiance", type=Path, metavar="SCENE_0001_radiance.exr", help="radiance file of the render")
     apply.add_argument("--view", choices=VIEWS, default=VIEWS[0],
                        help="how the lens covers the picture's field of view: in its own size, on another sensor size "

@@ -19,10 +19,9 @@ PATHS = {"scene": ("Scene", "FILE", "IN"), "lens": ("Lens", "FILE", "IN"), "outp
 """Paths of a job: the parameter, its kind, and whether farms that copy files upload (IN) or download (OUT) it."""
 
 
-def add(commands):
-    farm = commands.add_parser("farm", help="write a render as a job for render farms",
-                               description="Write a render as a job for render farms. Each task runs `lensfield "
-                                           "render` on a few frames, and can be stopped and restarted.")
+def add_options(farm):
+    farm.description = ("Write a render as a job for render farms. Each task runs `lensfield render` on a few frames, "
+                        "and can be stopped and restarted.")
     kinds = farm.add_subparsers(required=True, metavar="KIND")
     openjd = kinds.add_parser("openjd", help="an Open Job Description job, as for AWS Deadline Cloud",
                               description="Write an Open Job Description job, as for AWS Deadline Cloud: a folder "

@@ -39,9 +39,7 @@ WAIT_S = 0.5
 CAMERA_FIGURES = {"--pitch-um": ("pitch_um",), "--fov": ("fov",), "--focal-mm": ("focal_mm", "sensor_width_mm")}
 
 
-def add(commands):
-    filter_ = commands.add_parser(
-        "filter", help="put an EXR or a sequence of them through a lens: spectral radiance, or any renderer's RGB")
+def add_options(filter_):
     filter_.add_argument("radiance", type=Path, metavar="RADIANCE.exr",
                          help="picture to filter; in the name of a sequence, #### or %%04d is the frame number")
     filter_.add_argument("--frames", metavar="SPEC",

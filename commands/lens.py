@@ -33,8 +33,7 @@ from .arguments import LENSES, add_rings, check_outputs, chosen_lens, distance_m
 MACRO_SUFFIXES = {"zemax": ".zpl", "codev": ".seq", "zospy": ".py"}
 
 
-def add(commands):
-    command = commands.add_parser("lens", help="list, inspect, check, plot, bake and convert lenses")
+def add_options(command):
     lens = command.add_subparsers(required=True, metavar="COMMAND")
     info = lens.add_parser("info", help="print first-order data, distortion, relative illumination and lateral colour")
     info.add_argument("lens", metavar="NAME|FILE", help=LENSES)

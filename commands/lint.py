@@ -9,11 +9,10 @@ from .render_options import FRAME_LIMITS, add_scene_options
 from .terminal import quiet
 
 
-def add(commands):
-    lint = commands.add_parser(
-        "lint", help="check how a .blend would be rendered; exit status 1 if it would be refused",
-        description="Report whether `lensfield render` with the same options would be refused (exit status 1), which "
-                    "wavelengths it would render, and how it handles the scene's settings and each node's colours.")
+def add_options(lint):
+    lint.description = (
+        "Report whether `lensfield render` with the same options would be refused (exit status 1), which wavelengths "
+        "it would render, and how it handles the scene's settings and each node's colours.")
     add_scene_options(lint)
     lint.add_argument("--frame", type=int, help="frame to check (default: the scene's current frame)")
     lint.add_argument("--json", action="store_true", help="print JSON")

@@ -1,20 +1,19 @@
 """The parser of the `lensfield` command line, with all subcommands."""
 
 import argparse
+from importlib import import_module
 
-from ..engine.kernels import running
-from ..engine.runtime.build_identity import build_identity
-from ..engine.runtime.errors import InputError
-from . import apply, farm, filter, lens, lint, render, serve, tradeoff
-
-
-class _Version(argparse.Action):
-    def __call__(self, parser, *_):
-        try:
-            print(f"lensfield {self.const}, build {build_identity()} (inner loops: {running()})")
-        except InputError as error:
-            parser.error(str(error))
-        parser.exit()
+COMMANDS = {
+    "render": "render a .blend multispectrally and through a lens",
+    "apply": "apply another lens to a finished render",
+    "filter": "put an EXR or a sequence of them through a lens: spectral radiance, or any renderer's RGB",
+    "tradeoff": "measure error against time and memory: a table and a plot",
+    "lens": "list, inspect, check, plot, bake and convert lenses",
+    "lint": "check how a .blend would be rendered; exit status 1 if it would be refused",
+    "farm": "write a render as a job for render farms",
+    "serve": "run commands from standard input, for other programs",
+}
+"""The help text of each subcommand, by the name of its module."""
 
 
 def command_parser(main, version):
@@ -22,8 +21,35 @@ def command_parser(main, version):
     parser = argparse.ArgumentParser(prog="lensfield", description="Render Blender scenes through real lenses.")
     parser.add_argument("--version", action=_Version, const=version, nargs=0,
                         help="print the version, the build, and whether the inner loops run in C or numpy")
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    for command in (render, apply, filter, tradeoff, lens, lint, farm):
-        command.add(commands)
-    serve.add(commands, main)
+    commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=_Subcommand)
+    for name, text in COMMANDS.items():
+        commands.add_parser(name, help=text, module=name)
+    commands.choices["serve"].set_defaults(main=main)
     return parser
+
+
+class _Subcommand(argparse.ArgumentParser):
+    """The parser of a subcommand. It imports the subcommand's module and adds its options when it is first used."""
+
+    def __init__(self, module=None, **settings):
+        super().__init__(**settings)
+        self._module = module
+
+    def parse_known_args(self, args=None, namespace=None):
+        if self._module:
+            module, self._module = import_module(f".{self._module}", __package__), None
+            module.add_options(self)
+        return super().parse_known_args(args, namespace)
+
+
+class _Version(argparse.Action):
+    def __call__(self, parser, *_):
+        from ..engine.kernels.library import running
+        from ..engine.runtime.build_identity import build_identity
+        from ..engine.runtime.errors import InputError
+
+        try:
+            print(f"lensfield {self.const}, build {build_identity()} (inner loops: {running()})")
+        except InputError as error:
+            parser.error(str(error))
+        parser.exit()

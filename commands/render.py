@@ -28,12 +28,11 @@ from .render_options import (
 SAMPLE_LIMITS = 1, 1 << 24  # Blender's
 
 
-def add(commands):
-    render = commands.add_parser(
-        "render", help="render a .blend multispectrally and through a lens",
-        description="Render a .blend multispectrally and through a lens. Options that you leave out come from the "
-                    "scene's Lensfield settings; options that belong together (tier and errors; accuracy, method "
-                    "and advanced options) only if you leave out all of them.")
+def add_options(render):
+    render.description = (
+        "Render a .blend multispectrally and through a lens. Options that you leave out come from the scene's "
+        "Lensfield settings; options that belong together (tier and errors; accuracy, method and advanced options) "
+        "only if you leave out all of them.")
     add_scene_options(render)
     add_frame_options(render)
     render.add_argument("--wait", action="store_true",
@@ -158,9 +157,9 @@ def _render_frames(options, scene, given, write):
 
 def _report_frame(result, known, write, **facts):
     """Report a finished frame: print its plans and files, except for lines in `known`, and write a message."""
-    filtered = result.report.lens_image
-    for line in (f"scene: {result.report.scene.scene_plan}", *([f"plan: {filtered.plan.text}"] if filtered else ()),
-                 *result.report.files.values()):
+    scene, filtered = result.report.scene, result.report.lens_image
+    for line in (f"scene: {scene.scene_plan}", *([f"samples: {scene.samples}"] if scene.samples else ()),
+                 *([f"plan: {filtered.plan.text}"] if filtered else ()), *result.report.files.values()):
         if line not in known:
             print(line, flush=True)
         known.add(line)

@@ -20,14 +20,13 @@ EXPECTED = 'expected a JSON list of strings, such as ["lens", "info", "tessar-50
 USAGE_ERROR = 2
 
 
-def add(commands, main):
-    """Add the command; `main(arguments)` runs the requested commands."""
-    serve = commands.add_parser("serve", help="run commands from standard input, for other programs",
-                                description="Run commands from standard input, each a line with a JSON list of "
-                                            "arguments. End as soon as standard input closes.")
+def add_options(serve):
+    serve.description = ("Run commands from standard input, each a line with a JSON list of arguments. End as soon as "
+                         "standard input closes.")
     add_untrusted(serve)
     lines = SimpleQueue()
-    serve.set_defaults(run=lambda options: _serve(lines, main, _limits(options)), end_with_stdin=True, hear=lines.put)
+    serve.set_defaults(run=lambda options: _serve(lines, options.main, _limits(options)), end_with_stdin=True,
+                       hear=lines.put)
 
 
 def _limits(options):

@@ -7,8 +7,7 @@ from .arguments import LENSES, add_rings, check_outputs, chosen_lens, resolution
 from .terminal import progress_bar, quiet
 
 
-def add(commands):
-    tradeoff = commands.add_parser("tradeoff", help="measure error against time and memory: a table and a plot")
+def add_options(tradeoff):
     tradeoff.add_argument("--lens", required=True, metavar="NAME|FILE", help=LENSES)
     tradeoff.add_argument("--image", type=Path, metavar="RADIANCE.exr",
                           help="measure on this picture (default: points, a checkerboard and a colour chart)")

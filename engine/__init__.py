@@ -1,17 +1,38 @@
 """The shift-variant lens engine: lens design data + spectral radiance -> spectral irradiance.
 
-It needs numpy, scipy and OpenEXR, and never Blender.
+It needs numpy, scipy and OpenEXR, and never Blender. Each of the names below is imported when it is first used, so that
+a program that needs few of them starts quickly.
 """
 
-from .image.spectral_image import SpectralImage
-from .lens import Lens
-from .library import load_lens
-from .plan.options import Options
-from .rays.rings import Rings
-from .runtime.errors import ImageError, InputError, LensError
-from .simulation.channel_cache import ChannelCache
-from .simulation.report import Report
-from .simulation.simulate import simulate
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .image.spectral_image import SpectralImage
+    from .lens import Lens
+    from .library import load_lens
+    from .plan.options import Options
+    from .rays.rings import Rings
+    from .runtime.errors import ImageError, InputError, LensError
+    from .simulation.channel_cache import ChannelCache
+    from .simulation.report import Report
+    from .simulation.simulate import simulate
 
 __all__ = ["ChannelCache", "ImageError", "InputError", "Lens", "LensError", "Options", "Report", "Rings",
            "SpectralImage", "load_lens", "simulate"]
+
+_MODULES = {"ChannelCache": "simulation.channel_cache", "ImageError": "runtime.errors", "InputError": "runtime.errors",
+            "Lens": "lens", "LensError": "runtime.errors", "Options": "plan.options", "Report": "simulation.report",
+            "Rings": "rays.rings", "SpectralImage": "image.spectral_image", "load_lens": "library",
+            "simulate": "simulation.simulate"}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = value = getattr(import_module(f".{_MODULES[name]}", __name__), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

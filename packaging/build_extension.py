@@ -1,10 +1,10 @@
 """Build the extension zips for users: the source tree, its compiled loops, and the wheels that Blender lacks.
 
-    python packaging/build_extension.py FOLDER [PLATFORM ...]
+    python packaging/build_extension.py FOLDER [ZIP ...]
 
-builds one zip for each platform, with the cross compilers listed in CONTRIBUTING.md. Each contains wheels for every
-Python of Blender 4.5 and later, including the Pythons of Linux distributions, because Blender refuses an extension
-without matching wheels. numpy is not included: Blender contains it.
+builds these zips, such as linux-x64-blender5.1, or all of them: one for each platform and generation of Blender, with
+the cross compilers listed in CONTRIBUTING.md. A generation has one version of Python, and Blender refuses an extension
+without wheels for its Python. numpy is not included: Blender contains it.
 """
 
 import re
@@ -12,24 +12,46 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
 
+from lensfield import __version__
 from lensfield.engine.kernels import build as kernels
 from lensfield.engine.runtime import build_identity
 
 ROOT = Path(__file__).resolve().parent.parent
 KERNELS = "engine/kernels/lib"
-REQUIREMENTS = ("scipy", "OpenEXR", "pillow", "PyYAML", "matplotlib",
-                "contourpy", "cycler", "fonttools", "kiwisolver", "packaging", "pyparsing", "python-dateutil", "six")
-"""The last line lists the dependencies of matplotlib, which draws lens sheets."""
-PYTHONS = ("3.11", "3.13", "3.14")
+COMPILED = "scipy", "OpenEXR", "pillow", "PyYAML", "matplotlib", "contourpy", "kiwisolver"
+PURE = "cycler", "fonttools", "packaging", "pyparsing", "python-dateutil", "six"
+"""Requirements in Python alone, dependencies of matplotlib, which draws lens sheets. fonttools also has wheels with
+compiled parts, which are four times as large and which matplotlib does not need for pictures."""
 PLATFORMS = {
     "linux-x64": ("manylinux_2_28_x86_64", "manylinux_2_27_x86_64", "manylinux_2_17_x86_64", "manylinux2014_x86_64"),
     "windows-x64": ("win_amd64",),
     "macos-arm64": ("macosx_14_0_arm64", "macosx_12_0_arm64", "macosx_11_0_arm64"),
 }
+LARGEST_MB = 65
+
+
+@dataclass(frozen=True)
+class Generation:
+    """Versions of Blender with the same Python; from the first one up to, but not including, the end."""
+
+    python: str
+    first: str
+    end: str | None = None
+    platforms: tuple[str, ...] = tuple(PLATFORMS)
+
+
+GENERATIONS = {
+    "blender4.5": Generation("3.11", "4.5.0", "5.1.0"),
+    "blender5.1": Generation("3.13", "5.1.0"),
+    "python3.14": Generation("3.14", "4.5.0", platforms=("linux-x64",)),  # Blender as built by Linux distributions
+}
+ZIPS = {f"{platform}-{name}": (platform, generation) for name, generation in GENERATIONS.items()
+        for platform in generation.platforms}
 
 
 def extension_tool():
@@ -38,44 +60,57 @@ def extension_tool():
     return scripts / "addons_core" / "bl_pkg" / "cli" / "blender_ext.py"
 
 
-def download_wheels(folder, platform):
-    """Download wheels of every requirement for every Python of one platform."""
-    for python in PYTHONS:
-        tags = [word for tag in PLATFORMS[platform] for word in ("--platform", tag)]
+def download_wheels(folder, platform, python):
+    """Download wheels of every requirement for a version of Python on a platform."""
+    tags = [word for tag in PLATFORMS[platform] for word in ("--platform", tag)]
+    anywhere = ["--implementation", "py", "--abi", "none", "--platform", "any"]
+    for how, requirements in ((tags, COMPILED), (anywhere, PURE)):
         subprocess.run([sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--only-binary=:all:",
-                        "--python-version", python, *tags, "--dest", folder, *REQUIREMENTS], check=True)
+                        "--python-version", python, *how, "--dest", folder, *requirements], check=True)
 
 
-def stage(folder, platform):
-    """Copy the tree with the loops of one platform, and add the platform and its wheels to the manifest."""
+def stage(folder, platform, generation):
+    """Copy the tree with the loops of one platform, and add the platform, its wheels and the versions of Blender to
+    the manifest."""
     shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(".*", "__pycache__", "*.egg-info", "build", "dist",
                                                                   "demo", Path(KERNELS).name))
     kernels.build(folder / KERNELS, platform)
     build_identity.store(ROOT, folder)
-    download_wheels(folder / "wheels", platform)
+    download_wheels(folder / "wheels", platform, generation.python)
     wheels = ",\n".join(f'  "./wheels/{path.name}"' for path in sorted((folder / "wheels").glob("*.whl")))
     manifest = folder / "blender_manifest.toml"
+    versions = f'blender_version_min = "{generation.first}"\n'
+    if generation.end:
+        versions += f'blender_version_max = "{generation.end}"\n'
+    text = re.sub(r"(?m)^blender_version_min = .*\n", versions, manifest.read_text(encoding="utf-8"))
     text = re.sub(r"(?m)^\[permissions\]", f'platforms = ["{platform}"]\nwheels = [\n{wheels},\n]\n\n[permissions]',
-                  manifest.read_text())
-    manifest.write_text(text)
+                  text)
+    manifest.write_text(text, encoding="utf-8")
 
 
-def build(output, platform):
+def build(output, name):
+    """Build a zip, and return its path."""
+    path = output / f"lensfield-{__version__}-{name}.zip"
     with tempfile.TemporaryDirectory() as temporary:
         source = Path(temporary) / "lensfield"
-        stage(source, platform)
-        subprocess.run([sys.executable, extension_tool(), "build", "--source-dir", source, "--output-dir", output,
-                        "--split-platforms"], check=True)
+        stage(source, *ZIPS[name])
+        subprocess.run([sys.executable, extension_tool(), "build", "--source-dir", source, "--output-filepath", path],
+                       check=True)
+    return path
 
 
 def main(arguments):
     output = Path(arguments[0]).resolve()
     output.mkdir(parents=True, exist_ok=True)
+    names = arguments[1:] or list(ZIPS)
+    if unknown := [name for name in names if name not in ZIPS]:
+        sys.exit(f"lensfield: unknown zip {', '.join(unknown)}: expected {', '.join(ZIPS)}")
     try:
-        for platform in arguments[1:] or PLATFORMS:
-            build(output, platform)
+        paths = [build(output, name) for name in names]
     except kernels.CompilerMissing as missing:
         sys.exit(f"lensfield: cannot build the zip without the C loops: {missing}")
+    if large := [path.name for path in paths if path.stat().st_size > 1e6 * LARGEST_MB]:
+        sys.exit(f"lensfield: larger than {LARGEST_MB} MB: {', '.join(large)}")
 
 
 if __name__ == "__main__":

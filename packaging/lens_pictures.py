@@ -4,7 +4,7 @@
 
 writes engine/library/pictures/NAME.jpg for these or all lenses; `make lens-pictures` does that with Blender's wheel.
 The scene is rendered once, and the distortion, vignetting and blur of each lens, wide open, are applied to it. Only a
-lens that is too wide for a plane picture requires a separate render.
+lens that is too wide for that picture requires a separate render.
 """
 
 import sys
@@ -17,8 +17,8 @@ from PIL import Image
 
 from lensfield import addon
 from lensfield.engine import Options, simulate
-from lensfield.engine.field.overscan import choose_capture
-from lensfield.engine.image.pixel_grid import PLANE, PixelGrid
+from lensfield.engine.field.field_map import field_map
+from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.lens.pinhole import fitting_pitch_um
 from lensfield.engine.library import PICTURES, bundled_names, load_lens
 from lensfield.engine.pictures.preview import auto_exposure, to_rec709, write_png
@@ -27,7 +27,7 @@ from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 
 SCENE = Path(__file__).resolve().parent.parent / "sample_scenes" / "evening_chess.blend"
 RENDERED_PX, SHOWN_PX = (1024, 768), (256, 192)
-PLANE_LENS = "edmund-54852"  # the scene is rendered with its view
+VIEW_LENS = "edmund-54852"  # the scene is rendered with its view
 ROOM = 0.2  # overscan for barrel distortion
 SAMPLES = 48
 WAVELENGTHS_NM = range(400, 701, 25)
@@ -41,15 +41,15 @@ def main(names):
     scene.render.resolution_x, scene.render.resolution_y = RENDERED_PX
     scene.cycles.samples = SAMPLES
     with TemporaryDirectory() as folder:
-        plane = None
+        stored = None
         for name in names or bundled_names():
             lens, picture = load_lens(name, quality="preview"), Path(folder) / f"{name}.png"
             if is_too_wide(lens):
                 rgb = to_rec709(read_exr(render(scene, name, folder).irradiance))
             else:
-                plane = plane or read_exr(render(scene, PLANE_LENS, folder).radiance)
-                grid = replace(plane.grid, pitch_um=fitting_pitch_um(lens, plane.frame_px))
-                rgb = to_rec709(simulate(replace(plane, grid=grid), lens, Options(accuracy=0.03)))
+                stored = stored or read_exr(render(scene, VIEW_LENS, folder).radiance)
+                grid = replace(stored.grid, pitch_um=fitting_pitch_um(lens, stored.frame_px))
+                rgb = to_rec709(simulate(replace(stored, grid=grid), lens, Options(accuracy=0.03)))
             write_png(rgb, picture, auto_exposure(rgb))
             shown(Image.open(picture).convert("RGB")).save(PICTURES / f"{name}.jpg", quality=85, optimize=True)
             print(name, flush=True)
@@ -64,10 +64,10 @@ def render(scene, name, folder):
 
 
 def is_too_wide(lens):
-    """Whether a lens needs more than the plane picture's overscan."""
+    """Whether a lens needs more than the stored picture's overscan."""
     frame = RENDERED_PX[::-1]
-    capture = choose_capture(lens, PixelGrid(frame, fitting_pitch_um(lens, frame)), WAVELENGTHS_NM, 0)
-    return capture.projection != PLANE or max(capture.overscan_px) > ROOM * max(frame)
+    grid = PixelGrid(frame, fitting_pitch_um(lens, frame))
+    return max(field_map(lens).overscan_px(grid, WAVELENGTHS_NM, 0)) > ROOM * max(frame)
 
 
 def shown(picture):

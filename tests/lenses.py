@@ -10,11 +10,11 @@ from lensfield.engine.field.radial.psf_bank import PsfBank
 from lensfield.engine.image.pixel_grid import PixelGrid
 
 PIXEL_BY_PIXEL = Options(method="paper", section_size=1)
-SENSOR_POINT = ((1.0,),)  # a PSF of one sample: no blur
+SENSOR_POINT, POINT_UM = ((1.0,),), 1e-6  # a PSF of one sample that is much smaller than a pixel: no blur
 HEIGHTS_MM = np.linspace(0, 2, 11)
 
 
-def make_lens(psf=SENSOR_POINT, real_height_mm=None, relative_illumination=None, *, psf_pitch_um=2.5,
+def make_lens(psf=SENSOR_POINT, real_height_mm=None, relative_illumination=None, *, psf_pitch_um=None,
               wavelengths_nm=(400.0, 700.0), heights_mm=HEIGHTS_MM, transmittance=1.0, **changes):
     """A lens without blur, distortion or shading, except for the given properties.
 
@@ -22,6 +22,7 @@ def make_lens(psf=SENSOR_POINT, real_height_mm=None, relative_illumination=None,
     functions of (wavelength_nm, paraxial_height_mm).
     """
     nm, height = np.meshgrid(wavelengths_nm, heights_mm, indexing="ij")
+    psf_pitch_um = psf_pitch_um or (POINT_UM if psf is SENSOR_POINT else 2.5)
     psf = np.asarray(psf, dtype=float)
     facts = dict(
         name="hand-made", efl_mm=10.0, magnification=-0.1, f_number_effective=2.0, object_distance_mm=100.0,
@@ -100,9 +101,12 @@ def points_image(points, shape=(61, 73), wavelengths_nm=(550.0,), pitch_um=5.0, 
 
 
 def lit_pixels(image, plane=0):
-    """{(x, y): value / brightest} of the pixels that contain light, in pixels right of and above the axis."""
+    """{(x, y): value / brightest} of the pixels that light falls on, in pixels right of and above the axis.
+
+    A sample of half a pixel, on a pixel's centre, also reaches the pixels around that; they are left out.
+    """
     values = image.cube[plane] / image.cube[plane].max()
-    rows, columns = np.nonzero(values > 1e-5)
+    rows, columns = np.nonzero(values > 0.15)
     return {(float(c - image.centre_px[1]), float(image.centre_px[0] - r)): float(values[r, c])
             for r, c in zip(rows, columns, strict=True)}
 

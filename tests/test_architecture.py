@@ -8,7 +8,7 @@ import tomllib
 
 import pytest
 
-import lensfield
+import lensfield.engine
 from places import ROOT
 
 ENGINE_LIBRARIES = {"numpy", "scipy", "OpenEXR", "PIL", "yaml", "matplotlib"}
@@ -27,7 +27,7 @@ FLOORS = {
     # lens + radiance -> irradiance
     "engine.image": {"engine.runtime"},
     "engine.field": {"engine.image", "engine.kernels", "engine.lens", "engine.rays", "engine.runtime"},
-    "engine.blur": {"engine.field", "engine.runtime"},
+    "engine.blur": {"engine.field", "engine.kernels", "engine.runtime"},
     "engine.plan": {"engine.blur", "engine.field", "engine.image", "engine.kernels", "engine.lens", "engine.runtime"},
     "engine.depth": {"engine.field", "engine.image", "engine.kernels", "engine.lens", "engine.rays", "engine.runtime"},
     "engine.pictures": {"engine.depth", "engine.image", "engine.lens", "engine.runtime", "engine.spectral"},
@@ -152,6 +152,29 @@ def test_every_folder_of_code_is_installed():
 def test_engine_and_command_do_not_load_blender(module):
     code = f"import sys, {module}; sys.exit('bpy' in sys.modules or 'lensfield.addon' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0
+
+
+def test_parts_of_scipy_are_imported_when_they_are_used():
+    """`import scipy` imports a part at its first use. Importing all that the engine uses takes half a second."""
+    early = [f"{name} imports {other}" for name in MODULES for other, relative in imports(name)
+             if not relative and other.startswith("scipy.") and name != "engine.lens_files.iset_mat_child"]
+    assert not early
+
+
+@pytest.mark.parametrize("code, absent", [
+    ("from lensfield.engine import *", {"scipy.fft", "scipy.interpolate", "scipy.optimize", "matplotlib"}),
+    ("import lensfield.engine; lensfield.engine.LensError", {"numpy"}),
+    ("import lensfield.cli; lensfield.cli.main(['--version'])", {"numpy", "scipy"}),
+    ("import lensfield.cli; lensfield.cli.main(['lint', '--help'])", {"scipy.fft", "lensfield.commands.filter"})])
+def test_a_program_loads_only_what_it_needs(code, absent):
+    loaded = subprocess.run([sys.executable, "-c", f"{code}\nimport sys; print(); print(*sys.modules)"], check=True,
+                            capture_output=True, text=True).stdout.splitlines()[-1].split()
+    assert not absent & set(loaded)
+
+
+def test_every_public_name_of_the_engine_has_its_module():
+    assert set(lensfield.engine._MODULES) == set(lensfield.engine.__all__)
+    assert all(getattr(lensfield.engine, name).__name__ == name for name in lensfield.engine.__all__)
 
 
 def test_package_and_extension_have_the_same_version():

@@ -16,11 +16,13 @@ COMPILED = "engine.kernels"
 """The loops, which the radial field calls."""
 OTHER_GEOMETRY = {
     "engine.image.pixel_grid": "the corner of a grid",
-    "engine.depth.depth_range": "the projection of a fisheye capture",
-    "engine.depth.slabs": "the projection of a fisheye capture; distances from the frame",
+    "engine.field.frame_planes": "the projection of a panoramic capture",
+    "engine.depth.depth_range": "the projection of a panoramic capture",
+    "engine.depth.slabs": "the projection of a panoramic capture; distances from the frame",
     "engine.depth.iris": "blades around the stop",
     "engine.spectral.colour_difference": "chroma",
-    "addon.scene.depth": "the projection of a fisheye capture",
+    "addon.scene.camera": "the projection of a panoramic capture",
+    "addon.scene.depth": "the projection of a panoramic capture",
 }
 KNOB = re.compile("azimuths", re.IGNORECASE)
 KNOB_ROOMS = "engine.blur", "engine.plan", "engine.simulation", "addon.ui"

@@ -1,7 +1,7 @@
 """Layers: the light of all slabs, combined into one layered radiance."""
 
 import numpy as np
-from scipy.ndimage import binary_dilation, distance_transform_edt
+import scipy
 
 from ...engine.depth.depth_range import BACKGROUND_MM, blur_per_nearness_px, planar_depth_mm
 from ...engine.image.layers import Layer, LayeredRadiance
@@ -60,7 +60,7 @@ class _Part:
             self.clip_mm[:] = 2 * M_TO_MM / (1 / light.slab.near_m + 1 / light.slab.far_m)
         elif light.slab.transparent:
             missed = unknown & ((self.alpha > 0) | self.cube.any(axis=0))
-            nearest = distance_transform_edt(unknown, return_distances=False, return_indices=True)
+            nearest = scipy.ndimage.distance_transform_edt(unknown, return_distances=False, return_indices=True)
             self.clip_mm[missed] = self.clip_mm[tuple(nearest[:, missed])]
 
     def layer(self, lens, capture):
@@ -89,7 +89,8 @@ def _close_seam(near, far, seam_per_mm):
     more = 1 / np.maximum(1 - near_alpha[side_by_side], alpha[side_by_side])
     alpha[side_by_side] *= more
     cube[:, side_by_side] *= more
-    rows, columns = np.nonzero(at_near & (near_alpha == 1) & (alpha == 0) & binary_dilation(at_far, np.ones((3, 3))))
+    next_to_far = scipy.ndimage.binary_dilation(at_far, np.ones((3, 3)))
+    rows, columns = np.nonzero(at_near & (near_alpha == 1) & (alpha == 0) & next_to_far)
     places = [(np.clip(rows + down, 0, alpha.shape[0] - 1), np.clip(columns + across, 0, alpha.shape[1] - 1))
               for down in (-1, 0, 1) for across in (-1, 0, 1)]
     weights = np.array([at_far[place] for place in places], np.float32)

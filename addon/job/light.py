@@ -1,19 +1,49 @@
 """Light: Cycles passes, summed into radiance at the requested wavelengths."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ...engine.pictures.spectral_exr import read_parts
 from ...engine.runtime.errors import ImageError
 from ...engine.runtime.files import file_status, why_no_room
 from ...engine.runtime.scratch import new_array, release_memory
+from ...engine.spectral.control_variate import block_means
 from ..scene.errors import SceneError
 from ..scene.units import depth_pass_m
 from .bands import CHANNELS
 
 ROWS_AT_ONCE = 16  # few enough to stay in the processor's cache
-BLOCK_PX = 8  # side of blocks whose means have little enough noise to judge spectra by
 MORE_BYTES = 1 << 20  # added to a truncated pass's size: a trial write of this much finds the cause
 RIM_PX = 1  # margin around a slab's content
+
+
+@dataclass(frozen=True, eq=False)
+class PassLight:
+    """The light of one Cycles pass.
+
+    Attributes
+    ----------
+    cube : float32 array (lamp, channel, row, column)
+        Channels as in CHANNELS; lamps as in the plan.
+    alpha, depth_m : float32 arrays (row, column)
+    guides : float32 array (plane, row, column)
+        For the denoiser; no planes without one.
+    """
+
+    cube: np.ndarray
+    alpha: np.ndarray
+    depth_m: np.ndarray
+    guides: np.ndarray
+
+    @property
+    def held(self):
+        """Whether each pixel has content: array (row, column)."""
+        return (self.alpha != 0) | self.cube.any(axis=(0, 1))
+
+    def within(self, part):
+        """The light of a part, given as slices of rows and columns."""
+        return PassLight(*(plane[(..., *part)] for plane in (self.cube, self.alpha, self.depth_m, self.guides)))
 
 
 class GatheredLight:
@@ -58,8 +88,7 @@ class GatheredLight:
 
     def covers(self, region):
         """Whether it is opaque all over a region of the capture."""
-        part = tuple(slice(requested.start - available.start, requested.stop - available.start)
-                     for requested, available in zip(region, self.slab.region, strict=True))
+        part = place_in(self.slab.region, region)
         return self.alpha is not None and all(
             side.start >= 0 and side.stop <= n for side, n in zip(part, self.alpha.shape, strict=True)
         ) and bool(np.all(self.alpha[part] == 1))
@@ -70,33 +99,37 @@ class GatheredLight:
         return [f"{self._light_passes[0]}.A", self._depth_pass,
                 *(f"{name}.{channel}" for name in self._light_passes for channel in CHANNELS)]
 
-    def add(self, index, planes):
-        """Add a pass's light, of each lamp in red, green and blue, and store its depth and alpha."""
-        alpha, _, *combined = self.planes[:2 + len(CHANNELS)]
+    def light_of(self, planes, guides=()):
+        """The PassLight of a pass, from its planes by name; `guides` are names for the denoiser."""
+        alpha = planes[self.planes[0]]
         shape_px = tuple(part.stop - part.start for part in self.slab.region)
-        if planes[alpha].shape != shape_px:
-            raise SceneError("Cycles", "render pass", "{1} x {0} px".format(*planes[alpha].shape),
+        if alpha.shape != shape_px:
+            raise SceneError("Cycles", "render pass", "{1} x {0} px".format(*alpha.shape),
                              "expected {1} x {0} px".format(*shape_px))
+        cube = np.array([[planes[f"{name}.{channel}"] for channel in CHANNELS] for name in self._light_passes])
+        cube[0] -= cube[1:].sum(axis=0)  # leaves the light outside Lensfield's groups
+        return PassLight(cube, alpha, depth_pass_m(planes[self._depth_pass], self._unit_m),
+                         np.array([planes[name] for name in guides]).reshape(-1, *shape_px))
+
+    def add(self, index, light):
+        """Add a pass's PassLight, and store its depth and alpha."""
         if self.cube is None:
             if self.slab.narrows:
-                held = np.any([planes[name] != 0 for name in (alpha, *combined)], axis=0)
+                held = light.held
                 around = _around(held)
-                planes = {name: plane[around] for name, plane in planes.items()}
+                light = light.within(around)
                 self.slab, self.empty = self.slab.within(around), not held.any()
-            self.cube = new_array((self._plan.choice.output_nm.size, *planes[alpha].shape), self._scratch)
-        self.depth_m, self.alpha = depth_pass_m(planes[self._depth_pass], self._unit_m), planes[alpha]
+            self.cube = new_array((self._plan.choice.output_nm.size, *light.alpha.shape), self._scratch)
+        self.depth_m, self.alpha = light.depth_m, light.alpha
         mix = self._plan.mix(index)
         shares = (self._plan.shares(index) @ mix).astype(np.float32)
-        channels = CHANNELS[:mix.shape[1]]
-        means = [_block_means(planes[f"{self._light_passes[0]}.{channel}"]) for channel in channels]
+        channels = mix.shape[1]
+        means = [block_means(plane) for plane in light.cube[:, :channels].sum(axis=0)]
         nodes = range(self._plan.choice.nodes_nm.size)[self._plan.nodes(index)]
         self._blocks |= zip(nodes, np.tensordot(mix, means, axes=1), strict=True)
         for row in range(0, self.cube.shape[1], ROWS_AT_ONCE):
             rows = slice(row, row + ROWS_AT_ONCE)
-            light = np.stack([[planes[f"{name}.{channel}"][rows] for channel in channels]
-                              for name in self._light_passes])
-            light[0] -= light[1:].sum(axis=0)  # leaves the light outside Lensfield's groups
-            self.cube[:, rows] += np.tensordot(shares, light, axes=2)
+            self.cube[:, rows] += np.tensordot(shares, light.cube[:, :channels, rows], axes=2)
         release_memory(self.cube)
 
     def radiance(self):
@@ -106,6 +139,12 @@ class GatheredLight:
     def blocks(self):
         """Means over blocks of pixels, at the rendered wavelengths: array (node, block)."""
         return np.array([self._blocks[node].ravel() for node in sorted(self._blocks)])
+
+
+def place_in(outer, region):
+    """A region of the capture as slices of the planes of another one."""
+    return tuple(slice(side.start - start.start, side.stop - start.start)
+                 for start, side in zip(outer, region, strict=True))
 
 
 def read_pass(path, needed):
@@ -133,11 +172,3 @@ def _around(held):
         places = np.flatnonzero(held.any(axis=axis))
         sides.append(slice(max(places[0] - RIM_PX, 0), places[-1] + 1 + RIM_PX) if places.size else slice(0, 1))
     return tuple(slice(side.start, min(side.stop, n)) for side, n in zip(sides, held.shape, strict=True))
-
-
-def _block_means(plane):
-    """Means of square blocks of a plane; incomplete blocks at its edges are ignored."""
-    rows, columns = (max(n // BLOCK_PX, 1) for n in plane.shape)
-    height, width = (min(n, BLOCK_PX) for n in plane.shape)
-    blocks = plane[:rows * height, :columns * width].reshape(rows, height, columns, width)
-    return blocks.mean(axis=(1, 3), dtype=np.float64)

@@ -3,10 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
-from scipy.ndimage import affine_transform
 
 from ...engine import ChannelCache, SpectralImage, simulate
-from ...engine.field.frame_planes import nearest_samples, relative_illumination
+from ...engine.field.frame_planes import nearest_samples, pinhole_view, relative_illumination
 from ...engine.field.stmap import distort_map, undistort_map
 from ...engine.image.irradiance import irradiance_per_radiance
 from ...engine.inspection.curves import reference_nm
@@ -48,21 +47,9 @@ def write_pictures(captured, irradiance, lens, options, iris, result):
     write_plane_exr(nearest_samples(captured.depth_m, lens, captured.radiance.grid, nm), result.depth)
     _write_lens_planes(lens, frame, result)
     exposure = auto_exposure(after)
-    write_png(pinhole_view(captured, lens), result.before, exposure)
+    before = pinhole_view(np.moveaxis(to_rec709(captured.radiance), -1, 0), lens, captured.radiance.grid)
+    write_png(np.moveaxis(captured.cut(before), 0, -1), result.before, exposure)
     write_png(after, result.after, exposure)
-
-
-def pinhole_view(captured, lens):
-    """The frame through a pinhole with the lens's focal length, in linear Rec. 709: array (row, column, 3)."""
-    radiance, lens_focal_mm = captured.radiance, lens.capture_focal_length_mm
-    scale = (radiance.grid.focal_mm or lens_focal_mm) / lens_focal_mm
-    planes = np.moveaxis(to_rec709(radiance if scale != 1 else radiance.frame()), -1, 0)
-    if scale != 1:
-        frame = radiance.grid.frame()
-        first_px = np.array(radiance.centre_px) - scale * np.array(frame.centre_px)
-        planes = [affine_transform(plane, (scale, scale), first_px, frame.shape_px, order=1, mode="nearest")
-                  for plane in planes]
-    return np.moveaxis(captured.cut(np.array(planes)), 0, -1)
 
 
 def write_film_pictures(film, irradiance, lens, result):

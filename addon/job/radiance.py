@@ -21,11 +21,13 @@ from ..scene.render_state import clamps_of, go_to_frame, guard_render_state, ren
 from ..scene.traced_camera import trace_lens
 from ..scene.undo import Journal
 from ..scene.units import M_TO_MM, metres_per_unit
+from .bands import WAVELENGTHS_PER_PASS
 from .empty_frame import empty_reasons
 from .finished_passes import FinishedPasses, alone_with_passes
 from .layering import layered_radiance
 from .light import GatheredLight
 from .remarks import colour_remarks, scale_remarks, scene_remarks, unlayered_remarks
+from .sampled_passes import CONTROL_CUBES, SampledPasses, WholePasses, shares_noise
 from .scene_plan import plan_scene
 from .slabs import cut_steps, single_slab
 from .steps import RenderPass, Work
@@ -91,7 +93,7 @@ class Captured:
 
 
 def room_for_capture(scene, job, grid, plan, slabs=()):
-    """The memory that a capture needs in addition to the scene: a pass, and all light so far.
+    """The memory that a capture needs in addition to the scene: a pass, control variates, and all light so far.
 
     Parameters
     ----------
@@ -114,15 +116,18 @@ def room_for_capture(scene, job, grid, plan, slabs=()):
     """
     pixels, planes = math.prod(grid.shape_px), job.wavelengths_nm.size
     gathered_px = sum(math.prod(side.stop - side.start for side in slab.region) for slab in slabs) or pixels
-    scratch = folder_if_large((planes, gathered_px), job.output_folder)
+    lamps = len(plan.lamps)
+    control_planes = CONTROL_CUBES * WAVELENGTHS_PER_PASS * lamps if shares_noise(scene, job, plan) else 0
+    scratch = folder_if_large((planes + control_planes, gathered_px), job.output_folder)
     light_bytes = 0 if scratch else SAMPLE_BYTES * planes
+    control_bytes = 0 if scratch else SAMPLE_BYTES * control_planes
     flat_bytes = light_bytes * pixels if len(slabs) > 1 else 0  # the pinhole's view of all slabs, after the passes
-    needed = (gathered_px * (light_bytes + PLANES_BYTES)
-              + max(pass_bytes(pixels, len(plan.lamps), job.denoises), flat_bytes))
+    needed = (gathered_px * (light_bytes + control_bytes + PLANES_BYTES)
+              + max(pass_bytes(pixels, lamps, job.denoises), flat_bytes))
     check_room(f"scene {scene.name!r}", needed, "render a smaller picture, or fewer wavelengths")
     if scratch:
         pictures = 2 + (len(slabs) > 1)  # the farthest slab's light, the irradiance, and a pinhole's view of the slabs
-        check_disk(scratch, pictures * SAMPLE_BYTES * planes * pixels)
+        check_disk(scratch, SAMPLE_BYTES * (pictures * planes * pixels + control_planes * gathered_px))
     return needed, scratch
 
 
@@ -175,24 +180,29 @@ def capture(scene, job, result, share):
         lights = [GatheredLight(plan, rendered_layer(scene).name, names, slab, scratch, metres_per_unit(scene))
                   for slab in slabs]
         clamps = clamps_of(scene)
-        fraction, step = LOOK_SHARE * share, (1 - LOOK_SHARE) * share / (len(plan.bands) * len(lights))
-        for index, band in enumerate(plan.bands):
+        if shares_noise(scene, job, plan):
+            sampled = SampledPasses(passes, folder / "pass.exr", len(plan.bands), scene, scratch, journal, job.denoises)
+        else:
+            sampled = WholePasses(passes, folder / "pass.exr", len(plan.bands))
+        fraction, share = LOOK_SHARE * share, (1 - LOOK_SHARE) * share / len(lights)
+        for turn, index in enumerate(sampled.order, 1):
+            band = plan.bands[index]
             substitution.set_wavelengths(band, plan.dispersive)
             for name, clamp in clamps.items():
                 journal.set(scene.cycles, name, clamp * substitution.brightest(band) if job.clamp else 0.0)
             if job.traced:
                 trace_lens(scene, job.lens, grid, band[0], journal)
+            step = share * sampled.share(index)
             for number, light in enumerate(lights, 1):
                 if not light.is_spare(lights):
                     show_slab(scene, light.slab, capture_px, journal)
                     of_slabs = f", slab {number} of {len(lights)}" if cut else ""
-                    label = f"Pass {index + 1} of {len(plan.bands)}{of_slabs}: {_span(band)} nm"
-                    light.add(index, (yield from passes.planes(RenderPass(scene, label, fraction, step),
-                                                               folder / "pass.exr", light.planes, *band,
-                                                               *light.slab.facts)))
+                    label = f"Pass {turn} of {len(plan.bands)}{of_slabs}: {_span(band)} nm"
+                    light.add(index, (yield from sampled.light(index, light, RenderPass(scene, label, fraction, step))))
                 fraction += step
             if job.picture:
-                yield Work(lambda _, index=index: _show(index, plan, lights, capture_px, job.picture),
+                complete = turn == len(plan.bands)
+                yield Work(lambda _, complete=complete: _show(complete, plan, lights, capture_px, job.picture),
                            "Updating the picture", fraction)
     lights = [light for light in lights if not light.is_spare(lights)]
     margin = [overscan - n for overscan, n in zip(capture_px.overscan_px, grid.overscan_px, strict=True)]
@@ -210,7 +220,7 @@ def capture(scene, job, result, share):
     of_capture += [*colour_remarks(plan), *empty.after_render(not np.any(radiance.cube[(..., *picture)]),
                                                        film and not np.any(alpha[picture]))]
     result.report.add(_facts(plan, lights, job, grid, depth_mm, region,
-                             [*map(str, (*remarks, *of_capture)), *passes.remarks], cut, peak_mb))
+                             [*map(str, (*remarks, *of_capture)), *passes.remarks], cut, sampled.text, peak_mb))
     return Captured(radiance, np.where(np.isfinite(depth_mm), depth_mm / M_TO_MM, BACKGROUND_M).astype(np.float32),
                     alpha if film else None, region and _mask(region, rendered, grid), layers,
                     tuple(map(str, of_capture)))
@@ -234,17 +244,16 @@ def _placed(planes, region, grid):
     return padded
 
 
-def _show(index, plan, lights, capture_px, path):
-    """Write a PNG of the frame after a pass, through a perfect pinhole: grey until all wavelengths are rendered."""
+def _show(complete, plan, lights, capture_px, path):
+    """Write a PNG of the frame after a pass, as the capture shows it: grey until all wavelengths are rendered."""
     layers = [Layer(light.cube, light.alpha, light.depth_m * M_TO_MM, tuple(side.start for side in light.slab.region))
               for light in lights if not light.is_spare(lights)]
     radiance = LayeredRadiance(layers, plan.choice.output_nm, capture_px).cropped(capture_px.overscan_px).flat()
-    complete = index + 1 == len(plan.bands)
     picture = to_rec709(radiance) if complete else np.stack([radiance.cube.mean(axis=0)] * 3, axis=-1)
     write_png(picture, path, auto_exposure(picture))
 
 
-def _facts(plan, lights, job, grid, depth_mm, region, remarks, cut, peak_mb):
+def _facts(plan, lights, job, grid, depth_mm, region, remarks, cut, samples, peak_mb):
     """The plan, and results of the passes: how well spectra were predicted, and the frame's depths."""
     choice, (top, left), (rows, columns) = plan.choice, grid.overscan_px, grid.frame_px
     frame_mm = depth_mm[top:top + rows, left:left + columns][region or ...]
@@ -262,7 +271,7 @@ def _facts(plan, lights, job, grid, depth_mm, region, remarks, cut, peak_mb):
         rgb_difference=plan.repeated[0].rgb_difference[0] if plan.repeated else 0.0,
         depth=None if job.traced else check_depth(frame_mm, job.lens, grid.pitch_um),
         lens_warning=job.lens_warning, scene_remarks=[*remarks, *far],
-        layers=cut.plan.text if cut else "", capture_peak_mb=peak_mb)
+        layers=cut.plan.text if cut else "", samples=samples, capture_peak_mb=peak_mb)
 
 
 def _picture_part(region, grid):

@@ -8,7 +8,6 @@ single number per pixel, which would turn the tint grey.
 
 import numpy as np
 
-from ...engine.image.pixel_grid import PLANE
 from .camera import in_view
 from .instances import cycles_output, nodes_within, rendered_instances, uses_nodes
 from .render_state import rendered_layer, rendered_world
@@ -61,10 +60,10 @@ def uncut_depths_mm(scene, lens, capture, tinting):
 
 
 def depths_mm(box, to_camera_mm, projection):
-    """Nearest and farthest depth of a box (distance for a fisheye), in mm; the nearest is 0 or less around the camera.
+    """Nearest and farthest depth of a box (distance for a panorama), in mm; the nearest is 0 or less around the camera.
     """
     places_mm = box @ to_camera_mm[:3, :3].T + to_camera_mm[:3, 3]
-    if projection == PLANE:
+    if projection.is_plane:
         return float(-places_mm[:, 2].max()), float(-places_mm[:, 2].min())
     low, high = places_mm.min(axis=0), places_mm.max(axis=0)
     return (float(np.linalg.norm(np.maximum(0, np.maximum(low, -high)))),

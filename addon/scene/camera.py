@@ -6,9 +6,9 @@ import numpy as np
 from mathutils import Euler, Vector
 
 from ...engine.field.field_map import field_map
-from ...engine.field.overscan import VIEWS, choose_capture
-from ...engine.image.pixel_grid import PLANE, PixelGrid
-from ...engine.inspection.curves import field_angle_rad, reference_nm
+from ...engine.field.overscan import VIEWS, choose_capture, lens_projection
+from ...engine.image.pixel_grid import PixelGrid
+from ...engine.inspection.curves import reference_nm
 from ...engine.lens.pinhole import fitting_pitch_um as pitch_um
 from ...engine.rays.rings import AT_REST, in_metres
 from ...engine.runtime.errors import InputError
@@ -23,7 +23,8 @@ NEW_FILES_ROTATION = Euler((1.1093, 0.0, 0.8149))
 CAMERA_SENSOR_MM = 36.0  # suits Blender's limits on focal lengths; only the ratio to it counts
 FISHEYE_TYPE = "FISHEYE_LENS_POLYNOMIAL"
 WHOLE_SPHERE = 2 * np.pi  # a field of view that cuts nothing off
-FIT_SAMPLES = 257
+EDGE_SAMPLES = 65
+MOST_PLANE = 2.0  # times the frame's pixels, for a perspective camera
 MOST_ROOM = 1.0
 LEAST_VOLUME = 1e-6  # spanned by a camera's unit axes: 0 if its scale along one axis is 0
 TO_PERSPECTIVE = ("expected a perspective camera: set Type to Perspective in the camera's properties, then press Match "
@@ -135,13 +136,25 @@ def in_view(camera, box, lens, capture):
     lens : Lens
     capture : PixelGrid
     """
-    if capture.projection != PLANE:
-        return True
     x, y, z = np.linalg.inv(np.array(camera.matrix_world.normalized()))[:3] @ np.c_[box, np.ones(len(box))].T
-    rows_mm, columns_mm = (n * capture.pitch_um * 1e-3 / 2 for n in capture.shape_px)
-    sides = [-z, *(sign * along * lens.capture_focal_length_mm - z * half_mm
-                   for along, half_mm in ((x, columns_mm), (y, rows_mm)) for sign in (-1, 1))]
+    tangents = _edge_tangents(lens, capture)
+    if tangents is None:
+        return True
+    sides = [-z, *(sign * along - z * tangent for along, tangent in zip((x, y), tangents, strict=True)
+                   for sign in (-1, 1))]
     return all(np.any(side > 0) for side in sides)
+
+
+def _edge_tangents(lens, capture):
+    """The largest tangents across and up at the edges of a capture; None if its corners show 90 degrees or more."""
+    half_mm = [n * capture.pitch_um * 1e-3 / 2 for n in reversed(capture.shape_px)]
+    edges_mm = [np.hypot(side_mm, np.linspace(0, other_mm, EDGE_SAMPLES))
+                for side_mm, other_mm in (half_mm, half_mm[::-1])]
+    angles_rad = [capture.projection.angle_rad(radius_mm / lens.capture_focal_length_mm) for radius_mm in edges_mm]
+    if max(angle_rad[-1] for angle_rad in angles_rad) >= np.pi / 2:
+        return None
+    return [side_mm * (np.tan(angle_rad) / radius_mm).max()
+            for side_mm, angle_rad, radius_mm in zip(half_mm, angles_rad, edges_mm, strict=True)]
 
 
 def check_camera(scene, view="lens", camera=None):
@@ -225,28 +238,32 @@ def aim_camera(scene, rotation=None):
 
 
 def set_up_capture(camera, lens, capture):
-    """Set up camera data for a capture: a perspective camera, or an equidistant fisheye of the same scale on the axis.
-    The render's resolution must be `capture.shape_px`."""
+    """Set up camera data for a capture: a perspective camera, or a panoramic one with the capture's projection. The
+    render's resolution must be `capture.shape_px`."""
     width_mm = capture.shape_px[1] * capture.pitch_um * 1e-3
-    if capture.projection == PLANE:
+    if capture.projection.is_plane:
         _make_perspective(camera, lens.capture_focal_length_mm, width_mm)
     else:
-        _make_fisheye(camera, [1 / lens.capture_focal_length_mm], width_mm)
+        _make_panoramic(camera, capture.projection, lens.capture_focal_length_mm, width_mm)
 
 
-def match_camera_to_lens(camera, lens, columns, pixel_pitch_um, projection=PLANE):
-    """Give camera data the view of the lens on a sensor of this many columns, for framing by the user.
+def match_camera_to_lens(camera, lens, frame):
+    """Give camera data the view of the lens on a frame, a PixelGrid, for framing by the user.
 
-    A lens that is captured on a plane becomes a perspective camera with the correct scale on the axis. A wide one
-    becomes a fisheye camera with the lens's own distortion: a rendered viewport shows the exact frame. Solid viewports
-    show every camera in perspective; the focal length is set so that their left and right edges match the lens's.
+    Most lenses become a perspective camera with the correct scale on the axis. A lens that would need more than
+    MOST_PLANE times the frame's pixels on a plane becomes a fisheye camera with its own distortion: a rendered viewport
+    shows the exact frame. Solid viewports show every camera in perspective; the focal length is set so that their left
+    and right edges match the lens's.
     """
-    width_mm = columns * pixel_pitch_um * 1e-3
-    if projection == PLANE:
-        _make_perspective(camera, lens.capture_focal_length_mm, width_mm)
-    else:
-        _make_perspective(camera, width_mm / 2 / np.tan(_field_angle(lens, width_mm / 2)), width_mm)
-        _make_fisheye(camera, _field_polynomial(lens, width_mm), width_mm)
+    focal_mm, width_mm = lens.capture_focal_length_mm, frame.shape_px[1] * frame.pitch_um * 1e-3
+    nm = reference_nm(lens)
+    plane = PixelGrid.around_frame(frame.shape_px, frame.pitch_um, field_map(lens).overscan_px(frame, [nm], 0))
+    if np.prod(plane.shape_px) <= MOST_PLANE * np.prod(frame.shape_px):
+        _make_perspective(camera, focal_mm, width_mm)
+        return
+    edge_mm, _ = field_map(lens).at_wavelength(nm).source_mm(width_mm / 2, 0.0)
+    _make_perspective(camera, focal_mm * width_mm / 2 / edge_mm, width_mm)
+    _make_panoramic(camera, lens_projection(lens, frame), focal_mm, width_mm)
 
 
 def lens_for_view(scene, lens, view):
@@ -327,33 +344,15 @@ def _make_perspective(camera, focal_length_mm, width_mm):
     camera.lens = focal_length_mm * CAMERA_SENSOR_MM / width_mm
 
 
-def _make_fisheye(camera, angle_per_radius, width_mm):
-    """Make camera data a fisheye: at r mm from the centre, the field angle is the sum of angle_per_radius[n] r^(n+1).
-
-    Cycles expects the polynomial with the opposite sign, and r in mm on the camera's sensor.
-    """
+def _make_panoramic(camera, projection, focal_mm, width_mm):
+    """Make camera data a panorama of this projection. Cycles expects its polynomial with the opposite sign, for a
+    radius in mm on the camera's sensor."""
     camera.type = "PANO"
     camera.sensor_fit = "HORIZONTAL"
     camera.sensor_width = CAMERA_SENSOR_MM
     camera.panorama_type = FISHEYE_TYPE
     camera.fisheye_fov = WHOLE_SPHERE
     coefficients = np.zeros(5)
-    coefficients[1:1 + len(angle_per_radius)] = angle_per_radius
+    coefficients[1:1 + len(projection.angle_per_radius)] = projection.angle_per_radius
     for power, coefficient in enumerate(coefficients):
-        setattr(camera, f"fisheye_polynomial_k{power}", -coefficient * (width_mm / CAMERA_SENSOR_MM) ** power)
-
-
-def _field_angle(lens, right_mm):
-    """Field angle at the entrance pupil, in radians, of the point that the lens images at `right_mm` from the axis."""
-    ideal_mm, _ = field_map(lens).at_wavelength(reference_nm(lens)).source_mm(right_mm, 0.0)
-    return field_angle_rad(lens, ideal_mm)
-
-
-def _field_polynomial(lens, width_mm):
-    """Coefficients of the field angle for powers 1 to 4 of the real height, fitted over the lens data and over half the
-    sensor's width."""
-    last_mm = max(width_mm / 2, field_map(lens).extent_mm)
-    radius_mm = np.linspace(0, last_mm, FIT_SAMPLES)
-    powers = (radius_mm[:, None] / last_mm) ** np.arange(1, 5)
-    coefficients = np.linalg.lstsq(powers, _field_angle(lens, radius_mm), rcond=None)[0]
-    return coefficients / last_mm ** np.arange(1, 5)
+        setattr(camera, f"fisheye_polynomial_k{power}", -coefficient * (width_mm / CAMERA_SENSOR_MM / focal_mm)**power)

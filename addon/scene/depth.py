@@ -7,7 +7,6 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
-from ...engine.image.pixel_grid import PLANE
 from .render_state import rendered_layer
 from .units import M_TO_MM, metres_per_unit
 
@@ -140,7 +139,6 @@ def _places_mm(frame):
 def _directions(x_mm, y_mm, lens, projection):
     """Unit vectors, in the camera's axes, of the directions that a capture shows at these points."""
     radius_mm = np.hypot(x_mm, y_mm)
-    angle = np.arctan(radius_mm / lens.capture_focal_length_mm) if projection == PLANE else np.minimum(
-        radius_mm / lens.capture_focal_length_mm, np.pi / 2)
+    angle = np.minimum(projection.angle_rad(radius_mm / lens.capture_focal_length_mm), np.pi / 2)
     sine = np.sin(angle) / np.maximum(radius_mm, np.finfo(float).tiny)
     return np.stack([sine * x_mm, sine * y_mm, -np.cos(angle)], axis=-1)

@@ -73,6 +73,31 @@ def clamps_of(scene):
     return {name: getattr(scene.cycles, name) for name in CLAMPS}
 
 
+def effective_samples(scene):
+    """Samples of a render: the scene's, or those by which the rendered view layer overrides them."""
+    cycles, of_layer = scene.cycles, rendered_layer(scene).samples
+    if not of_layer or cycles.use_layer_samples == "IGNORE":
+        return cycles.samples
+    return min(of_layer, cycles.samples) if cycles.use_layer_samples == "BOUNDED" else of_layer
+
+
+def show_samples(scene, first, last, adaptive, journal):
+    """Limit the render of a guarded scene to the samples from `first` to before `last`."""
+    for name, value in (("use_sample_subset", True), ("sample_offset", first), ("sample_subset_length", last - first),
+                        ("use_adaptive_sampling", adaptive)):
+        journal.set(scene.cycles, name, value)
+    read_again(scene)
+
+
+def read_again(scene):
+    """Make Cycles read the scene's settings and attributes again, which it otherwise keeps with persistent data.
+
+    Tagging the scene would synchronise its meshes, too; setting a property of the view layer does not.
+    """
+    layer = rendered_layer(scene)
+    layer.samples = layer.samples
+
+
 def show_slab(scene, slab, capture, journal):
     """Limit the render of a guarded scene to a slab: its depths, and its region of the capture."""
     unit_m = metres_per_unit(scene)

@@ -21,7 +21,7 @@ from ...engine.spectral.refraction import D_LINE_NM, Refraction
 from ...engine.spectral.spectra import BAND_NM, Spectrum, channel_basis
 from ..scene.errors import SceneError
 from ..scene.instances import uses_nodes
-from ..scene.render_state import rendered_layer
+from ..scene.render_state import read_again
 from ..scene.working_space import colour_basis
 from .closure_rules import is_idle
 from .lamps import Lamp, blackbody_temperature
@@ -118,10 +118,7 @@ class Substitution:
             # without dispersion, all three channels take the index at the D line
             at_nm = np.full(3, D_LINE_NM) if name in self._indices and not dispersive else wavelengths_nm
             self._scene[name] = [float(value) for value in values_at(at_nm)]
-        # With persistent data, Cycles would keep the values of the first pass. Tagging the scene would synchronise its
-        # meshes again; setting a property of the view layer, even to the same value, rereads only the attributes.
-        layer = rendered_layer(self._scene)
-        layer.samples = layer.samples
+        read_again(self._scene)
 
     def brightest(self, wavelengths_nm):
         """The largest brightness, at strength 1, of the lamps that share the flat lamp's group: the brightest lamp's

@@ -2,11 +2,11 @@
 
 import bpy
 
-from ...engine.inspection.curves import reference_nm
+from ...engine.image.pixel_grid import PixelGrid
 from ...engine.runtime.errors import InputError, one_line
 from ..job.remarks import ENOUGH_SAMPLES
 from ..job.render import render_through_lens
-from ..scene.camera import aim_camera, capture_grid, check_camera, match_camera_to_lens
+from ..scene.camera import aim_camera, check_camera, frame_px, match_camera_to_lens, pitch_um
 from ..scene.compositor import show_file
 from . import window_render
 from .lens_worker import lens_now, quality_at_hand
@@ -110,8 +110,7 @@ class LENSFIELD_OT_match_camera(bpy.types.Operator):
 def _match(scene):
     check_camera(scene)
     lens = lens_now(scene, quality_at_hand(scene))
-    capture = capture_grid(scene, lens, [reference_nm(lens)])
-    match_camera_to_lens(scene.camera.data, lens, capture.frame_px[1], capture.pitch_um, capture.projection)
+    match_camera_to_lens(scene.camera.data, lens, PixelGrid(frame_px(scene), pitch_um(lens, frame_px(scene))))
 
 
 class LENSFIELD_OT_add_camera(bpy.types.Operator):

@@ -15,13 +15,13 @@ from ..rays.pupil import polynomial_weights
 from ..rays.rays import HalfPupil, trace_pupil
 from ..runtime.errors import LensError
 from ..runtime.threads import thread_count
-from .diffraction import lengthening, point_spread
+from .diffraction import point_spread
 from .heights import adaptive_heights_mm
+from .pupil_fit import fit_pupils
 from .quality import QUALITIES, Quality
 from .wavefront import Wavefronts, trace_wavefronts
-from .window import ENERGY, SETTLED, needed_width_um, pitch_for_um, width_um
+from .window import needed_width_um, pitch_for_um
 
-MOST_WIDENING = 2.0  # relative to the survey's window: faint flare at one height does not justify coarser samples
 LEAST_SAMPLES, MOST_SAMPLES = 65, 129  # of a PSF along each side
 CHIEF_STEP = 1e-3  # relative to the last height: step between chief rays, for the derivative of areas
 SURVEY_SHARE = 0.2  # approximate share of the bake's time, for the progress bar
@@ -69,18 +69,11 @@ def bake(prescription: Prescription, *, quality: str = "standard", heights: int 
     traced = trace_wavefronts(system, heights_mm, _traced_nm(wavelengths_nm, fineness.traced), fineness.pupil)
     area, flux = _illumination(system, heights_mm, traced, wavelengths_nm, fineness)
     wavefronts = traced.at(wavelengths_nm)
-    needed_um = needed_width_um(traced, fineness.sums)
+    needed_um = needed_width_um(traced)
     samples = samples or _samples(needed_um, _sensor_mm(system, traced.chief_height_mm.max()), fineness)
     sample_um = pitch_um or pitch_for_um(needed_um, samples)
-    psf = _psfs(wavefronts, sample_um, samples, fineness, workers, progress)
-    enclosed, before = psf.sum(axis=(2, 3)).min(), 0.0
-    while pitch_um is None and enclosed < ENERGY and enclosed - before > SETTLED:  # the survey missed the widest PSF
-        worst = wavefronts.one(*np.unravel_index(psf.sum(axis=(2, 3)).argmin(), psf.shape[:2]))
-        wider_um = max(width_um(worst, sample_um * samples, fineness.sums), sample_um * samples)
-        sample_um = pitch_for_um(min(wider_um, MOST_WIDENING * needed_um), samples)
-        psf = _psfs(wavefronts, sample_um, samples, fineness, workers, progress)
-        enclosed, before = psf.sum(axis=(2, 3)).min(), enclosed
-    notes = _notes(system.prescription.notes, wavefronts, between, sample_um, fineness)
+    psf, fringes = _psfs(traced, wavefronts, sample_um, samples, fineness, workers, progress)
+    notes = _notes(system.prescription.notes, fringes / fineness.sums.fringes, between, fineness)
     return _lens(system, heights_mm, wavefronts, area, flux, sample_um, psf, notes)
 
 
@@ -114,13 +107,11 @@ def _heights(system, number, wavelengths_nm, quality: Quality):
     return adaptive_heights_mm(system, survey_nm, 0.0, number, least=1 + number // 2)
 
 
-def _notes(notes, wavefronts: Wavefronts, between, pitch_um, quality: Quality):
+def _notes(notes, lengthening, between, quality: Quality):
     """The prescription's notes, plus a line for each limit of the bake's accuracy."""
-    times = max(lengthening(wavefronts.one(0, height), pitch_um, quality.sums)
-                for height in range(wavefronts.chief_height_mm.shape[1]))
     lines = [notes] if notes else []
-    if times > 1:
-        lines.append(f"Diffraction is computed with wavelengths lengthened by a factor of up to {times:.2g}.")
+    if lengthening > 1:
+        lines.append(f"Diffraction is computed with wavelengths lengthened by a factor of up to {lengthening:.2g}.")
     if between > quality.between:
         lines.append(f"Halfway between two heights, {100 * between:.2g} % of the light is misplaced.")
     return "\n".join(lines)
@@ -172,19 +163,25 @@ def _image_per_real(system, heights_mm, wavelengths_nm):
     return (between[1] - between[0]) / (behind - before) * np.maximum(heights_mm, step_mm) / here
 
 
-def _psfs(wavefronts, pitch_um, samples, quality, workers, progress):
-    """PSFs of all wavelengths and heights, as shares of all light: array (wavelength, height, v, u)."""
-    psf = np.empty((*wavefronts.chief_height_mm.shape, samples, samples))
+def _psfs(traced, wavefronts, pitch_um, samples, quality: Quality, workers, progress):
+    """PSFs of all wavelengths and heights, as shares of all light: array (wavelength, height, v, u); and the number of
+    the finest fringes in a sample."""
+    wavelengths_nm, heights = wavefronts.wavelengths_nm, wavefronts.chief_height_mm.shape[1]
+    psf, fringes = np.empty((wavelengths_nm.size, heights, samples, samples)), np.zeros(heights)
     stopped = Event()
 
     def compute(height):
-        for wavelength in range(len(psf)):
+        at_height = [traced.one(wavelength, height) for wavelength in range(traced.wavelengths_nm.size)]
+        fits = fit_pupils(at_height, quality.sums.degree, wavelengths_nm)
+        fringes[height] = fits[0].fringes(wavelengths_nm[0], pitch_um)
+        for wavelength, fit in enumerate(fits):
             if stopped.is_set():
                 return
-            psf[wavelength, height] = point_spread(wavefronts.one(wavelength, height), pitch_um, samples, quality.sums)
+            psf[wavelength, height] = point_spread(wavefronts.one(wavelength, height), pitch_um, samples, quality.sums,
+                                                   fit)
 
     with ThreadPoolExecutor(workers or thread_count()) as pool:
-        futures = [pool.submit(compute, height) for height in range(psf.shape[1])]
+        futures = [pool.submit(compute, height) for height in range(heights)]
         try:
             for count, future in enumerate(as_completed(futures), 1):
                 future.result()
@@ -193,7 +190,7 @@ def _psfs(wavefronts, pitch_um, samples, quality, workers, progress):
             stopped.set()
             pool.shutdown(wait=False, cancel_futures=True)
             raise
-    return psf
+    return psf, fringes.max()
 
 
 def _lens(system: System, heights_mm, wavefronts, area, flux, pitch_um, psf, notes):

@@ -7,15 +7,16 @@ import numpy as np
 from ..prescription.system import System
 from ..rays.field_heights import even_heights_mm
 from ..rays.rays import HalfPupil
-from ..runtime.threads import thread_pool
 from .diffraction import Sums, point_spread
+from .spots import spot_diagram
 from .wavefront import trace_wavefronts
 from .window import needed_width_um
 
 LEAST = 9  # heights, at equal distances in the picture
 AT_ONCE = 3  # one in three of the intervals that are too wide is halved before errors are computed again
 SAMPLES = 49  # of the PSFs that determine the heights
-PUPIL, SUMS = HalfPupil(21, 25), Sums(degree=14, oversampling=1.0, repeat=1.1, fringes=7.5)
+FRINGES = 6  # in a sample: with more, these are spot diagrams
+PUPIL, SUMS = HalfPupil(17, 21), Sums(degree=12, oversampling=0.9, repeat=1.1, beyond=0.02)
 
 
 def adaptive_heights_mm(system: System, wavelengths_nm: Sequence[float] | np.ndarray, tolerance: float, most: int,
@@ -41,8 +42,9 @@ def adaptive_heights_mm(system: System, wavelengths_nm: Sequence[float] | np.nda
     heights_mm = even_heights_mm(system, min(least, most))
     places_mm = np.sort(np.concatenate([heights_mm, (heights_mm[1:] + heights_mm[:-1]) / 2]))
     wavefronts = trace_wavefronts(system, places_mm, wavelengths_nm, PUPIL)
-    pitch_um = needed_width_um(wavefronts, SUMS) / SAMPLES
-    psfs = _psfs(wavefronts, pitch_um)
+    pitch_um = needed_width_um(wavefronts) / SAMPLES
+    by_rays = pitch_um > FRINGES * system.f_number * 1e-3 * max(wavelengths_nm)
+    psfs = _psfs(wavefronts, pitch_um, by_rays)
     while True:  # places alternate between heights and their midpoints
         errors = np.abs((psfs[:-2:2] + psfs[2::2]) / 2 - psfs[1::2]).sum(axis=(2, 3)).mean(axis=1)
         error = np.average(errors, weights=np.diff(places_mm[::2]))
@@ -55,16 +57,16 @@ def adaptive_heights_mm(system: System, wavelengths_nm: Sequence[float] | np.nda
         new_mm = (places_mm[edges + halves] + places_mm[edges + halves + 1]) / 2
         order = np.argsort(np.concatenate([places_mm, new_mm]))
         places_mm = np.concatenate([places_mm, new_mm])[order]
-        psfs = np.concatenate([psfs, _psfs(trace_wavefronts(system, new_mm, wavelengths_nm, PUPIL), pitch_um)])[order]
+        psfs = np.concatenate([psfs, _psfs(trace_wavefronts(system, new_mm, wavelengths_nm, PUPIL), pitch_um,
+                                            by_rays)])[order]
 
 
-def _psfs(wavefronts, pitch_um):
+def _psfs(wavefronts, pitch_um, by_rays):
     """PSFs of unit sum: array (height, wavelength, v, u)."""
     shape = wavefronts.chief_height_mm.T.shape
-
-    def psf(place):
-        return point_spread(wavefronts.one(place[1], place[0]), pitch_um, SAMPLES, SUMS)
-
-    with thread_pool() as pool:
-        psfs = np.array(list(pool.map(psf, np.ndindex(shape)))).reshape(*shape, SAMPLES, SAMPLES)
+    psfs = np.empty((*shape, SAMPLES, SAMPLES))
+    for height, wavelength in np.ndindex(shape):
+        one = wavefronts.one(wavelength, height)
+        psfs[height, wavelength] = (spot_diagram(one, pitch_um, SAMPLES) if by_rays else
+                                    point_spread(one, pitch_um, SAMPLES, SUMS))
     return psfs / np.maximum(psfs.sum(axis=(2, 3), keepdims=True), np.finfo(float).tiny)

@@ -5,8 +5,8 @@ for the bake's threads, many times longer than the products take, and results wo
 """
 
 import numpy as np
+import scipy
 from numpy.polynomial.chebyshev import chebvander
-from scipy.linalg import cho_factor, cho_solve
 
 PIECE = 1 << 17  # multiply-adds: half of OpenBLAS's threshold for threads
 RIDGE = 1e-15  # relative to the sum of squares: keeps terms that the rays do not determine at 0
@@ -25,10 +25,11 @@ def fitted(x: np.ndarray, y: np.ndarray, weight: np.ndarray, values: np.ndarray,
     basis, values = up[:, powers_y] * across[:, halves_x] * weight[:, None], (values * weight).T
     squares = _sums_of_squares(basis)
     squares[np.diag_indices_from(squares)] += RIDGE * np.trace(squares)
-    factor, residual = cho_factor(squares, check_finite=False), values
+    factor, residual = scipy.linalg.cho_factor(squares, check_finite=False), values
     terms = np.zeros((basis.shape[1], values.shape[1]))
     for _ in range(1 + REFINEMENTS):
-        terms += cho_solve(factor, np.einsum("rt,rq->tq", basis, residual), check_finite=False)
+        sums = np.einsum("rt,rq->qt", basis, residual)  # solved one by one: LAPACK starts threads for several
+        terms += np.transpose([scipy.linalg.cho_solve(factor, each, check_finite=False) for each in sums])
         residual = values - np.einsum("rt,tq->rq", basis, terms)
     coefficients = np.zeros((values.shape[1], degree + 1, degree // 2 + 1))
     coefficients[:, powers_y, halves_x] = terms.T

@@ -40,9 +40,9 @@ class Quality:
 
 QUALITIES = {
     "preview": Quality(0.03, 41, 1920, HalfPupil(17, 21), 5,
-                       Sums(degree=12, oversampling=0.9, repeat=1.1, fringes=11.5), (48, 64)),
+                       Sums(degree=12, oversampling=0.9, repeat=1.1, fringes=11.5, beyond=0.02), (48, 64)),
     "standard": Quality(0.01, 81, 2880, HalfPupil(25, 33), 6,
-                        Sums(degree=16, oversampling=1.2, repeat=1.3, fringes=13.5), (96, 128)),
+                        Sums(degree=16, oversampling=1.3, repeat=1.3, fringes=13.5, beyond=0.01), (96, 128)),
     "reference": Quality(0.002, 161, 3840, HalfPupil(41, 65), 7,
-                         Sums(degree=20, oversampling=2.0, repeat=3.0, fringes=np.inf), (200, 256)),
+                         Sums(degree=20, oversampling=2.0, repeat=3.0, fringes=np.inf, beyond=0.001), (200, 256)),
 }

@@ -128,7 +128,7 @@ def lens_at_depth(lens: Lens, rays: RayTable, depth_mm: float) -> Lens:
               for height_mm in row] for wavelength, row in enumerate(real_mm)]
     widest = max((one for row in wavefronts for one in row), key=lambda one: one[1])
     samples = max(lens.psf.shape[-1], LEAST_SAMPLES)
-    pitch_um = pitch_for_um(width_um(widest[0], 2e3 * widest[1] + lens.psf_pitch_um, fineness.sums), samples)
+    pitch_um = pitch_for_um(width_um(widest[0], 2e3 * widest[1] + lens.psf_pitch_um), samples)
     psf = np.array([[_summed(wavefront, spread_mm, pitch_um, samples, fineness) for wavefront, spread_mm in row]
                     for row in wavefronts])
     light = psf.sum(axis=(2, 3))
@@ -148,7 +148,7 @@ def _summed(wavefront, spread_mm, pitch_um, samples, fineness: Quality):
     """PSF as shares of all light; the period of its sum is long enough to keep copies out of the window."""
     spread = spread_mm * 1e3 / (pitch_um * samples)
     return point_spread(wavefront, pitch_um, samples,
-                        replace(fineness.sums, repeat=max(fineness.sums.repeat, spread + HALF_WINDOW)))
+                        replace(fineness.sums, repeat=max(fineness.sums.repeat, spread + HALF_WINDOW), beyond=0.0))
 
 
 def _wavefront(rays, wavelength, height_mm, depth_mm, pupil):
@@ -174,8 +174,9 @@ def _wavefront(rays, wavelength, height_mm, depth_mm, pupil):
     total_mm = total_mm - np.sum(cosine * (clamped_mm - chief_mm), axis=0)
     total_mm, source, cosine = (continued(each, lost) for each in (total_mm, source, cosine))
     limits = np.where(lost, 2.0, 1 - traced.surface_margin)[None]
-    wavefront = Wavefront(pupil, float(rays.wavelengths_nm[wavelength]), total_mm - total_mm[0, 0], cosine,
-                          light_density(pupil, source, cosine), limits[np.any(limits > 1, axis=(1, 2))])
+    wavefront = Wavefront(pupil, float(rays.wavelengths_nm[wavelength]), total_mm - total_mm[0, 0], cosine, source,
+                          light_density(pupil, source, cosine), limits[np.any(limits > 1, axis=(1, 2))],
+                          landed_mm - chief_mm)
     return wavefront, np.abs(landed_mm - chief_mm).max(axis=0)[wavefront.passing].max(initial=0.0)
 
 

@@ -67,7 +67,7 @@ class Wavefronts:
         """Wavefront of one wavelength and height."""
         place = (..., wavelength, height, slice(None), slice(None))
         return Wavefront(self.pupil, float(self.wavelengths_nm[wavelength]), self.path_mm[place], self.cosine[place],
-                         self.density[place], self.limits[place])
+                         self.source[place], self.density[place], self.limits[place], self.spot_mm[place])
 
     def areas(self, radii: int, azimuths: int) -> tuple[np.ndarray, np.ndarray]:
         """Areas of each passing bundle: arrays (wavelength, height).
@@ -92,8 +92,10 @@ class Wavefront:
     wavelength_nm: float
     path_mm: np.ndarray
     cosine: np.ndarray
+    source: np.ndarray
     density: np.ndarray
     limits: np.ndarray
+    spot_mm: np.ndarray
 
     @property
     def passing(self) -> np.ndarray:

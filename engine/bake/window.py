@@ -1,22 +1,17 @@
 """The PSF window: the width that contains the light, and so the finest pitch of its samples."""
 
-from dataclasses import replace
-
 import numpy as np
 
-from .diffraction import Sums, point_spread
+from .spots import spot_diagram
 from .wavefront import Wavefront, Wavefronts
 
 ENERGY = 0.995
-PLACES = 6  # heights with the widest estimates, measured by their PSFs
-SAMPLES = 101  # of these PSFs
+PLACES = 12  # heights with the widest estimates, measured by their spot diagrams
+SAMPLES = 101  # of these diagrams
 GENEROUS = 1.5  # first window relative to the estimate
-REPEAT = 4.0  # period of their sums, in windows: wide enough that copies of a PSF do not change its light
-FRINGES = 5.5  # per sample: at this limit, diffraction spreads a seventh of the light that a window may lack
 SQUARE = 0.9  # light outside a square relative to light outside a circle of the same width
 MARGIN = 1.05  # for heights and wavelengths between the surveyed ones
 ATTEMPTS = 12
-SETTLED = 1e-3  # share of the light: a doubled window that gains less contains all light of the sums
 
 
 def pitch_for_um(width_um: float, samples: int) -> float:
@@ -26,31 +21,29 @@ def pitch_for_um(width_um: float, samples: int) -> float:
     return float(np.round(np.ceil(pitch_um / unit) * unit, 9))
 
 
-def needed_width_um(wavefronts: Wavefronts, sums: Sums) -> float:
+def needed_width_um(wavefronts: Wavefronts) -> float:
     """Side of the window that contains 99.5 % of the light of every wavefront."""
     estimates_um = _estimated_widths_um(wavefronts)
     wavelengths = estimates_um.argmax(axis=0)
     widest = np.argsort(estimates_um.max(axis=0))[::-1][:PLACES]
-    return max(width_um(wavefronts.one(wavelengths[height], height), estimates_um[wavelengths[height], height], sums)
+    return max(width_um(wavefronts.one(wavelengths[height], height), estimates_um[wavelengths[height], height])
                for height in widest)
 
 
-def width_um(wavefront: Wavefront, about_um: float, sums: Sums) -> float:
-    """Side of the window that contains 99.5 % of a wavefront's light, by its PSF; `about_um` is an estimate.
+def width_um(wavefront: Wavefront, about_um: float) -> float:
+    """Side of the window that contains 99.5 % of a wavefront's light, by its spot diagram.
 
-    If apertures cut the pupil, coarse sums may lack a little of the light; the width then contains 99.5 % of the sum.
+    `about_um` is an estimate.
     """
-    sums, window_um, enclosed = replace(sums, repeat=REPEAT, fringes=FRINGES), GENEROUS * about_um, 0.0
+    window_um = GENEROUS * about_um
     for _ in range(ATTEMPTS):
-        psf = point_spread(wavefront, window_um / SAMPLES, SAMPLES, sums)
-        before, enclosed = enclosed, psf.sum()
-        if enclosed > ENERGY or enclosed - before < SETTLED:
+        psf = spot_diagram(wavefront, window_um / SAMPLES, SAMPLES)
+        if psf.sum() > ENERGY:
             break
         window_um *= 2
-    share = ENERGY if enclosed > ENERGY else ENERGY * enclosed
     offset = np.abs(np.arange(SAMPLES) - SAMPLES // 2)
     inside = np.cumsum(np.bincount(np.maximum(offset[:, None], offset).ravel(), psf.ravel()))
-    return (2 * np.interp(share, inside, np.arange(inside.size)) + 1) * window_um / SAMPLES
+    return (2 * np.interp(ENERGY, inside, np.arange(inside.size)) + 1) * window_um / SAMPLES
 
 
 def _estimated_widths_um(wavefronts):

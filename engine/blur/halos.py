@@ -6,6 +6,11 @@ its surroundings has a halo, and PSFs trimmed to a circle would cut it off there
 
 import numpy as np
 
+from ..kernels.excess import excess as compiled_excess
+from ..kernels.library import NUMPY, running
+from ..runtime.threads import in_bands
+
+BAND_PIXELS = 1 << 18  # measured together
 HIGHLIGHT = 16  # times the light of a typical section; dimmer pixels get no halo
 VISIBLE = 0.02  # relative to that light
 
@@ -25,18 +30,34 @@ def highlights(light: np.ndarray, section_size: int, density: float) -> tuple[np
     array (plane, row, column), bool array (section row, section column); or None without such sections
         Each pixel's light above the threshold of a highlight, so halos do not start abruptly at the edge of a section.
     """
-    starts = [np.arange(0, n, section_size) for n in light.shape[1:]]
-    sums = np.add.reduceat(np.add.reduceat(light, starts[0], axis=1, dtype=np.float64), starts[1], axis=2)
-    if not (sums > 0).any():
+    sums = _light_above(0, light, section_size)
+    if not sums.any():
         return None
+    starts = (np.arange(0, n, section_size) for n in light.shape[1:])
     pixels = np.outer(*(np.diff(start, append=n) for start, n in zip(starts, light.shape[1:], strict=True)))
     typical = np.median((sums / pixels)[sums > 0])
-    bright, halo_light = np.zeros(sums.shape[1:], dtype=bool), None
-    for plane, i, j in np.argwhere(sums * density > VISIBLE * typical):
-        inside = (plane, slice(starts[0][i], starts[0][i] + section_size),
-                  slice(starts[1][j], starts[1][j] + section_size))
-        excess = np.maximum(light[inside] - light.dtype.type(HIGHLIGHT * typical), 0)
-        if excess.sum(dtype=np.float64) * density > VISIBLE * typical:
-            halo_light = np.zeros_like(light) if halo_light is None else halo_light
-            halo_light[inside], bright[i, j] = excess, True
-    return None if halo_light is None else (halo_light, bright)
+    level = light.dtype.type(HIGHLIGHT * typical)
+    visible = _light_above(level, light, section_size) * density > VISIBLE * typical
+    if not visible.any():
+        return None
+    halo_light = np.zeros_like(light)
+    for plane, i, j in np.argwhere(visible):
+        inside = plane, *(slice(n * section_size, (n + 1) * section_size) for n in (i, j))
+        halo_light[inside] = np.maximum(light[inside] - level, 0)
+    return halo_light, visible.any(axis=0)
+
+
+def _light_above(level, light, section_size):
+    """The light of each section above a level: float64 array (plane, section row, section column)."""
+    loop = excess if running() == NUMPY or light.dtype != np.float32 else compiled_excess
+    sums = np.empty((len(light), *(-(-n // section_size) for n in light.shape[1:])))
+    in_bands(lambda rows: loop(light, level, section_size, rows, sums), sums.shape[1],
+             BAND_PIXELS // light[:, :section_size].size)
+    return sums
+
+
+def excess(light: np.ndarray, level: float, section_px: int, rows: slice, out: np.ndarray) -> None:
+    """As `kernels.excess.excess`, in numpy; the reference for its tests."""
+    for i in range(*rows.indices(out.shape[1])):
+        band = np.maximum(light[:, i * section_px:(i + 1) * section_px] - light.dtype.type(level), 0)
+        out[:, i] = np.add.reduceat(band.sum(axis=1, dtype=np.float64), np.arange(0, band.shape[2], section_px), axis=1)

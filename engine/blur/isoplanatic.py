@@ -5,7 +5,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft
+import scipy
 
 from ..field.field_map import PlacedPsfs, Table
 from ..runtime.memory import MemoryBudget
@@ -138,7 +138,7 @@ class IsoplanaticSections:
         if missing:
             psfs = self._psfs(np.full(len(missing), self._rows[row]), self._columns[missing])
             real = np.float32 if precision == np.complex64 else np.float64
-            otfs[missing] = fft.rfft2(psfs.astype(real, copy=False), (side, side))
+            otfs[missing] = scipy.fft.rfft2(psfs.astype(real, copy=False), (side, side))
             ready[missing] = True
 
     def spread(self, i: int, columns: np.ndarray, band: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
@@ -147,8 +147,9 @@ class IsoplanaticSections:
         sections = band.reshape(len(band), size, -1, size).swapaxes(1, 2)
         step = max(1, BATCH_VALUES // (len(band) * side**2))
         for some in (columns[start:start + step] for start in range(0, columns.size, step)):
-            spectrum = fft.rfft2(sections[:, some], (side, side))
+            spectrum = scipy.fft.rfft2(sections[:, some], (side, side))
             otfs, _ = self._otfs[self._node(self._rows, i), spectrum.dtype.type]
             spectrum *= otfs[[self._node(self._columns, j) for j in some]]
-            patches = fft.irfft2(spectrum, (side, side), overwrite_x=True)[..., :lit, :lit]  # the rest is rounding
+            patches = scipy.fft.irfft2(spectrum, (side, side), overwrite_x=True)
+            patches = patches[..., :lit, :lit]  # the rest is rounding
             yield from zip(some * size, patches.swapaxes(0, 1), strict=True)

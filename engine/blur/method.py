@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
-from scipy import fft
+import scipy
 
 from ..field.field_map import Cells, NodePsfs, Place, PlacedPsfs, TableLayout
 from ..field.mirror_symmetry import Planes
@@ -160,7 +160,7 @@ def section_sizes(most_px: int) -> list[int]:
 
 def space_px(section_size: int, psf_radius_px: int, least_px: int = 0) -> int:
     """Side of a computational space for a section and all light that leaves it; a size with a fast transform."""
-    return fft.next_fast_len(max(section_size + 2 * psf_radius_px, least_px), real=True)
+    return scipy.fft.next_fast_len(max(section_size + 2 * psf_radius_px, least_px), real=True)
 
 
 def spectrum_values(side_px: int) -> int:

@@ -30,15 +30,23 @@ def overlap_add(light: np.ndarray, spreader: Spreader, needs: SectionNeeds) -> n
     down, across = needs.lit.shape
     canvas = np.zeros((count, down * size + space, across * size + space), light.dtype)
 
-    def strip(i):
-        band = np.zeros((count, size, across * size), light.dtype)
-        part = light[:, i * size:(i + 1) * size]
-        band[:, :part.shape[1], :columns] = part
-        spread = np.zeros((count, space, canvas.shape[2]), light.dtype)
+    def patches(i):
+        band = light[:, i * size:(i + 1) * size]
+        if band.shape[1:] != (size, across * size):
+            band = np.pad(band, ((0, 0), (0, size - band.shape[1]), (0, across * size - columns)))
         for precision, chosen in ((np.float32, needs.lit[i] & ~needs.double[i]), (np.float64, needs.double[i])):
             if chosen.any():
-                for left, patch in spreader.spread(i, np.flatnonzero(chosen), band.astype(precision, copy=False)):
-                    spread[:, :patch.shape[1], left:left + patch.shape[2]] += patch
+                yield from spreader.spread(i, np.flatnonzero(chosen), band.astype(precision, copy=False))
+
+    def strip(i):
+        spread = None
+        for left, patch in patches(i):
+            if spread is None and patch.dtype == light.dtype and patch.shape[2] == across * size + 2 * radius:
+                spread = patch  # of all sections
+                continue
+            if spread is None:
+                spread = np.zeros((count, space, canvas.shape[2]), light.dtype)
+            spread[:, :patch.shape[1], left:left + patch.shape[2]] += patch
         return spread
 
     lit_rows = np.flatnonzero(needs.lit.any(axis=1))
@@ -48,5 +56,5 @@ def overlap_add(light: np.ndarray, spreader: Spreader, needs: SectionNeeds) -> n
             chunk = lit_rows[start:start + step]
             spreader.prepare(chunk, needs, pool)
             for i, spread in zip(chunk, pool.map(strip, chunk), strict=True):  # in order, independent of threads
-                canvas[:, i * size:i * size + space] += spread
+                canvas[:, i * size:i * size + spread.shape[1], :spread.shape[2]] += spread
     return canvas[:, :rows + 2 * radius, :columns + 2 * radius]

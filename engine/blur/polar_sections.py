@@ -14,7 +14,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft
+import scipy
 
 from ..field.field_map import PlacedPsfs, Table
 from ..runtime.memory import MemoryBudget
@@ -114,7 +114,8 @@ class PolarSections:
         real = np.float32 if precision is np.complex64 else np.float64
 
         def transform(batch):
-            return fft.rfft2(self._table.node_psfs(batch).astype(real, copy=False), (self.space_px, self.space_px))
+            psfs = self._table.node_psfs(batch).astype(real, copy=False)
+            return scipy.fft.rfft2(psfs, (self.space_px, self.space_px))
 
         for batch, otfs in zip(batches, pool.map(transform, batches), strict=True):
             for node, otf in zip(batch, otfs, strict=True):
@@ -146,7 +147,7 @@ class PolarSections:
                     self._cached.add((i, j))
                 else:
                     del self._nodes[i, j]
-            yield j * size, fft.irfft2(spectrum, (side, side), overwrite_x=True)[:, :lit, :lit]
+            yield j * size, scipy.fft.irfft2(spectrum, (side, side), overwrite_x=True)[:, :lit, :lit]
 
     def _filtered(self, section, nodes, weights):
         """The spectrum of a section, (plane, 1, row, column), filtered by its nodes and summed."""
@@ -154,8 +155,8 @@ class PolarSections:
         spectrum, filtered = (np.zeros((len(section), side, side // 2 + 1), precision) for _ in range(2))
         step = max(1, BATCH_VALUES // (len(section) * side**2))
         for some in (slice(start, start + step) for start in range(0, nodes.size, step)):
-            along_x = fft.rfft(section * weights[some].astype(section.dtype, copy=False), side)
-            part = fft.fft(along_x, side, axis=-2, overwrite_x=True)
+            along_x = scipy.fft.rfft(section * weights[some].astype(section.dtype, copy=False), side)
+            part = scipy.fft.fft(along_x, side, axis=-2, overwrite_x=True)
             for k, node in enumerate(nodes[some]):
                 spectrum += np.multiply(part[:, k], self._otfs[node, precision], out=filtered)
         return spectrum

@@ -3,11 +3,14 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import maximum_filter, minimum_filter
+import scipy
 
 from ..field.mirror_symmetry import Planes
-from ..runtime.threads import thread_pool
+from ..kernels.extremes import extremes as compiled_extremes
+from ..kernels.library import NUMPY, running
+from ..runtime.threads import in_bands
 
+BAND_PIXELS = 1 << 18  # measured together
 SINGLE_NUMBERS = 1e-28, 1e30  # sums and products of spectra retain their precision in this range
 
 
@@ -59,7 +62,7 @@ def section_needs(light: np.ndarray, planes: Planes, section_size: int, reach_px
     flat_slope : float
         Light is flat if it changes by at most this between adjacent pixels, relative to the dimmest pixel in reach.
     """
-    extremes = _extremes(light, planes, section_size, steps=flat_slope > 0)
+    extremes = _extremes(light, planes, section_size)
     sections = -(-reach_px // section_size)
 
     def around(table, extreme, outside):
@@ -67,39 +70,44 @@ def section_needs(light: np.ndarray, planes: Planes, section_size: int, reach_px
         inside = tuple(slice(sections, sections + n) for n in table.shape)
         return extreme(padded, 2 * sections + 1)[inside]
 
+    smallest, largest = scipy.ndimage.minimum_filter, scipy.ndimage.maximum_filter
     lit, flat = extremes.brightest > 0, np.zeros(extremes.brightest.shape, dtype=bool)
-    double = _beyond_single(extremes.brightest, around(extremes.dimmest, minimum_filter, np.inf), single_range)
+    double = _beyond_single(extremes.brightest, around(extremes.dimmest, smallest, np.inf), single_range)
     if flat_slope:
-        steepest, dimmest = around(extremes.slope, maximum_filter, np.inf), around(extremes.least, minimum_filter, 0)
+        steepest, dimmest = around(extremes.slope, largest, np.inf), around(extremes.least, smallest, 0)
         flat = lit & (steepest <= flat_slope * dimmest)
-        lit = lit & ~around(flat, minimum_filter, False)
+        lit = lit & ~around(flat, smallest, False)
     return SectionNeeds(lit, lit & double, flat)
 
 
-def _extremes(light, planes, section_size, steps):
-    """The extremes of every section; with slopes if `steps`."""
-    shape = tuple(-(-n // section_size) for n in light.shape[1:])
-    extremes = _Extremes(*(np.empty(shape) for _ in range(4)))
-
-    def measure(i):
-        rows = np.abs(light[:, i * section_size:(i + 1) * section_size + 1])
-        band = rows[:, :section_size]
-        extremes.brightest[i] = _by_section(np.maximum, band.max(axis=(0, 1)), section_size)
-        lowest = band.min(axis=(0, 1))
-        extremes.least[i] = _by_section(np.minimum, lowest, section_size)
-        if lowest.min() == 0:
-            lowest = np.where(band > 0, band, np.inf).min(axis=(0, 1))
-        extremes.dimmest[i] = _by_section(np.minimum, lowest, section_size)
-        if steps:
-            extremes.slope[i] = _by_section(np.maximum, _steepest(rows, planes, first=i == 0), section_size)
-
-    with thread_pool() as pool:
-        list(pool.map(measure, range(shape[0])))
+def _extremes(light, planes, section_size):
+    """The extremes of every section."""
+    loop = extremes if running() == NUMPY or light.dtype != np.float32 else compiled_extremes
+    measured = np.empty((4, *(-(-n // section_size) for n in light.shape[1:])), light.dtype)
+    in_bands(lambda rows: loop(light, section_size, rows, measured), measured.shape[1],
+             BAND_PIXELS // light[:, :section_size].size)
+    result = _Extremes(*measured)
+    across, down = planes.steps_across_axis(np.abs(light[:, :, 0]), np.abs(light[:, 0]))
+    np.maximum(result.slope[:, 0], _by_section(np.maximum, across, section_size), out=result.slope[:, 0])
+    np.maximum(result.slope[0], _by_section(np.maximum, down, section_size), out=result.slope[0])
     for axis, n in enumerate(light.shape[1:]):
         if n % section_size:  # the last section is partly black, also in reach of the one before it
             last = (slice(None),) * axis + (-1,)
-            extremes.slope[last], extremes.least[last] = np.inf, 0
-    return extremes
+            result.slope[last], result.least[last] = np.inf, 0
+    return result
+
+
+def extremes(light: np.ndarray, section_px: int, rows: slice, out: np.ndarray) -> None:
+    """As `kernels.extremes.extremes`, in numpy; the reference for its tests."""
+    for i in range(*rows.indices(out.shape[1])):
+        band, below = (np.abs(light[:, start:start + section_px]) for start in (i * section_px, i * section_px + 1))
+        lit = np.where(band > 0, band, np.inf)
+        step = np.abs(below - band[:, :below.shape[1]]).max(axis=(0, 1), initial=0)
+        right = np.abs(np.diff(band, axis=2)).max(axis=(0, 1))
+        np.maximum(step[:-1], right, out=step[:-1])
+        out[:, i] = [_by_section(extreme, values, section_px) for extreme, values in (
+            (np.maximum, band.max(axis=(0, 1))), (np.minimum, lit.min(axis=(0, 1))),
+            (np.minimum, band.min(axis=(0, 1))), (np.maximum, step))]
 
 
 def _beyond_single(brightest, dimmest, single_range):
@@ -114,13 +122,3 @@ def _beyond_single(brightest, dimmest, single_range):
 
 def _by_section(extreme, values, section_size):
     return extreme.reduceat(values, np.arange(0, values.size, section_size))
-
-
-def _steepest(rows, planes, first):
-    """Largest step from each column's pixels to the right or down: array (column,). The last row is the next band's."""
-    step = np.zeros(rows.shape[2])
-    step[:-1] = np.abs(np.diff(rows, axis=2)).max(axis=(0, 1))
-    np.maximum(step, np.abs(np.diff(rows, axis=1)).max(axis=(0, 1), initial=0), out=step)
-    across, down = planes.steps_across_axis(rows, first)
-    step[0] = max(step[0], np.abs(across).max(initial=0))
-    return np.maximum(step, np.abs(down).max(axis=0, initial=0), out=step)

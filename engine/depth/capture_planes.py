@@ -47,10 +47,13 @@ def capture_planes(radiance: Radiance, lens: Lens, rays: Callable[[float], RayTa
     if isinstance(radiance, SpectralImage):
         return _in_focus(radiance, fireflies == "clamp", progress)
     layered, clamped = clamp_layers(radiance) if fireflies == "clamp" else (radiance, 0)
-    with stage("rays"):
-        table = rays(opening(iris, lens).reach)
-    planes = cast(layered, lens, table, most_rays=most_rays, most_of_lamps=most_of_lamps, iris=iris, progress=progress)
-    return _in_depth(planes, layered.wavelengths_nm.size, clamped, stage)
+
+    def trace():
+        with stage("rays"):
+            return rays(opening(iris, lens).reach)
+
+    planes = cast(layered, lens, trace, most_rays=most_rays, most_of_lamps=most_of_lamps, iris=iris, progress=progress)
+    return _in_depth(planes, clamped, stage)
 
 
 def _in_focus(image, clamp, progress):
@@ -60,11 +63,13 @@ def _in_focus(image, clamp, progress):
         progress(number / len(image.cube))
 
 
-def _in_depth(planes, wavelengths, clamped, stage):
+def _in_depth(planes, clamped, stage):
     """The planes of layers; the first one counts the clamped pixels of all wavelengths."""
-    for _ in range(wavelengths):
+    while True:
         with stage("casting"):
-            plane = replace(next(planes), clamped=clamped)
-        yield plane
+            plane = next(planes, None)
+        if plane is None:
+            return
+        yield replace(plane, clamped=clamped)
         del plane  # it refers to the memory of all planes of a group
         clamped = 0

@@ -6,24 +6,29 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .. import kernels
 from ..field.field_map import field_map, packed_ray_values
 from ..image.layers import LayeredRadiance, Radiance
-from ..image.pixel_grid import FISHEYE
+from ..kernels.cast import TOGETHER, Casting
+from ..kernels.cast import cast as compiled_cast
+from ..kernels.library import NUMPY, running
 from ..kernels.numpy_cast import cast as numpy_cast
 from ..lens import Lens
 from ..rays.ray_table import RayTable
+from ..rays.stop_places import cell_size
 from ..runtime.scratch import SAMPLE_BYTES
 from ..runtime.threads import thread_pool
 from .iris import Iris, opening
-from .meetings import TILE_PX, plan_meetings, values_of_blocks
-from .prepared_layer import PreparedLayer, prepare_layer
+from .levels import layer_arrays
+from .meetings import TILE_PX, around_px, plan_meetings, values_of_blocks
+from .prepared_layer import PreparedLayer, prepare_layers
 
 FAINT = 1e-3  # of a picture's mean radiance
 LAYER_PLANES, PREPARING_PLANES = 3, 10  # planes in memory of a prepared layer, and during its preparation
+LEVELS_PX = 0.4  # pixels of a layer's coarser levels, relative to the layer's
+SAMPLE_RAYS = 256  # for the reach of all
 SUMMABLE = 2.0**88  # radiance whose sums over rays stay within float32
 DIMMED = 2.0**-40  # brighter light is multiplied by this first; for a power of two, this is exact
-RAY_PLANES, TABLE_VALUES = 6, 1.2e7  # planes, and additional values, for the irradiance of a wavelength's rays
+RAY_PLANES, TABLE_VALUES = 6, 1.0e7  # planes, and additional values, for the irradiance of a wavelength's rays
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,25 +57,25 @@ class CastPlane:
     clamped: int = 0
 
 
-def cast(layered: LayeredRadiance, lens: Lens, rays: RayTable, *, most_rays: int = 256,
+def cast(layered: LayeredRadiance, lens: Lens, trace: Callable[[], RayTable], *, most_rays: int = 64,
          most_of_lamps: int | None = None, iris: Iris | None = None,
          progress: Callable[[float], object] = lambda fraction: None) -> Iterator[CastPlane]:
     """Cast layered radiance along the lens's rays: yield a plane for each wavelength.
 
     For a ray through the place u of the entrance pupil with the tangent t, the capture shows its point at the inverse
     depth q at f (t + u q). Each pixel's rays sum the out-of-focus light from layer to layer, the nearest first, and are
-    attenuated by everything that covers them. In-focus light is taken from the pinhole's view: rays only determine the
-    share of it that reaches the pixel.
+    attenuated by everything that covers them. Each ray looks up the mean over its part of the pupil. In-focus light is
+    taken from the pinhole's view: rays only determine the share of it that reaches the pixel.
 
     Parameters
     ----------
     layered : LayeredRadiance
     lens : Lens
         It determines the depths in focus.
-    rays : RayTable
-        The lens's rays, as far out as the iris reaches.
+    trace : callable () -> RayTable
+        Returns the lens's rays, as far out as the iris reaches. Called only if anything is out of focus.
     most_rays : int
-        Maximum number of rays of a pixel, a power of two of at least 32. The number depends on the size of the blur.
+        Maximum number of rays of a pixel. The number depends on the size of the blur.
     most_of_lamps : int, optional
         Maximum where something small and bright in the blur requires more rays; `most_rays` by default.
     iris : Iris, optional
@@ -83,29 +88,45 @@ def cast(layered: LayeredRadiance, lens: Lens, rays: RayTable, *, most_rays: int
     CastPlane
         Bit-identical for all variants of the compiled loop and any number of threads; numpy differs by rounding.
     """
+    layers = prepare_layers(layered.layers, layered.grid, lens)
+    if not any(layer.out_of_focus for layer in layers) or not any(layer.layer.cube.any() for layer in layers):
+        return _in_focus(layers, layered, progress)
+    return _cast(layers, layered, lens, trace(), most_rays, most_of_lamps or most_rays, opening(iris, lens), progress)
+
+
+def _in_focus(layers, layered, progress):
+    shares = _sharp_shares(layers, layered.grid.shape_px)
+    for index in range(layered.wavelengths_nm.size):
+        yield CastPlane(_sharp(layers, shares, index, layered.grid.shape_px))
+        progress((index + 1) / layered.wavelengths_nm.size)
+
+
+def _cast(layers, layered, lens, rays, most_rays, most_of_lamps, stop, progress):
     capture, wavelengths_nm = layered.grid, layered.wavelengths_nm
     sensor, count = capture.frame(), wavelengths_nm.size
     focal_mm = layered.focal_mm or lens.capture_focal_length_mm
-    stop = opening(iris, lens)
     pixel_rays = field_map(lens).pixel_rays(rays, sensor)
-    ends = pixel_rays.sample(wavelengths_nm[[0, -1]], focal_mm, 256, stop.reach)
-    layers = [one for layer in layered.layers if (one := prepare_layer(layer, capture, lens, ends))]
-    fisheye = _per_focal(capture, focal_mm)
-    meetings = plan_meetings(layers, ends, sensor, fisheye, most_rays, most_of_lamps or most_rays)
+    ends = pixel_rays.sample(wavelengths_nm[[0, -1]], focal_mm, SAMPLE_RAYS, stop.reach)
+    layers = [layer.near_surfaces(_reach_px(layer, ends)) for layer in layers]
+    projection, per_focal = capture.projection, capture.pitch_um * 1e-3 / focal_mm
+    meetings = plan_meetings(layers, ends, sensor, lambda radius_px: projection.shrinkage(radius_px * per_focal),
+                             most_rays, most_of_lamps)
+    counts = np.unique(meetings.counts[meetings.counts > 0])
+    levels = 1 + int(meetings.kinds["level"].max())
     shares = _sharp_shares(layers, capture.shape_px)
-    needed = 8 * max(1, int(meetings.eights.max()))
-    for first in range(0, count, kernels.TOGETHER):
-        group = slice(first, min(first + kernels.TOGETHER, count))
+    for first in range(0, count, TOGETHER):
+        group = slice(first, min(first + TOGETHER, count))
         sharp = [_sharp(layers, shares, index, capture.shape_px) for index in range(group.start, group.stop)]
         blurred, clear = (np.full((len(sharp), *sensor.shape_px), value, np.float32) for value in (0, 1))
-        if meetings.eights.any():
+        if counts.size:
             scale = 1.0 if all(layer.largest(group) <= SUMMABLE for layer in layers) else DIMMED
-            casting = kernels.Casting(
-                *pixel_rays.packed(wavelengths_nm[group], focal_mm, needed, stop.reach),
-                sensor.centre_px, fisheye,
-                stop.iris.directions, stop.shape, tuple(layer.of(group, scale) for layer in layers),
+            casting = Casting(
+                *pixel_rays.packed(wavelengths_nm[group], focal_mm, counts.tolist(), stop.reach),
+                sensor.centre_px, 0.0 if projection.is_plane else per_focal, projection.shrinkage_table,
+                stop.iris.directions, stop.shape, stop.reach * cell_size(8),
+                layer_arrays(layers, lens, group, levels, scale),
                 tuple(scale * FAINT * float(abs(plane.mean(dtype=np.float64))) for plane in sharp), meetings.kinds,
-                meetings.eights, TILE_PX)
+                _first_eights(counts, meetings.counts), meetings.counts // 8, TILE_PX)
             for completed in _filled_rows(casting, blurred, clear):
                 progress((first + completed * len(sharp)) / count)
             del casting
@@ -119,6 +140,18 @@ def cast(layered: LayeredRadiance, lens: Lens, rays: RayTable, *, most_rays: int
         del blurred, clear
 
 
+def _reach_px(layer, rays):
+    """Distance from a layer's surfaces within which a ray may meet them, at any wavelength and with all of its cell."""
+    nearness = layer.depth[..., 0]
+    ends = float(nearness.min()), float(nearness.max())
+    return rays.fringe_px(ends[1]) + 1 + int(around_px(max(map(rays.area_px, ends))))
+
+
+def _first_eights(counts, of_tiles):
+    """The first eight of each tile's rays, among sets of these counts."""
+    return np.append(0, np.cumsum(counts // 8))[np.searchsorted(counts, of_tiles)]
+
+
 def casting_bytes(layered: Radiance, most_of_lamps: int) -> float:
     """Peak memory of `cast` in addition to the layers and the lens; 0 for flat radiance, which is not cast.
 
@@ -128,21 +161,18 @@ def casting_bytes(layered: Radiance, most_of_lamps: int) -> float:
         return 0.0
     capture_px, frame_px = (math.prod(shape) for shape in (layered.grid.shape_px, layered.grid.frame_px))
     layers_px = [layer.alpha.size for layer in layered.layers]
-    together = min(kernels.TOGETHER, layered.wavelengths_nm.size)
-    rays = 2 * packed_ray_values(most_of_lamps, together)  # twice as many while they are packed
-    group = together * (capture_px + 2 * frame_px) + max(rays, TABLE_VALUES + RAY_PLANES * frame_px)
+    together = min(TOGETHER, layered.wavelengths_nm.size)
+    rays = packed_ray_values(most_of_lamps, together)
+    levels = LEVELS_PX * (together + 2) * sum(layers_px)
+    group = together * (capture_px + 2 * frame_px) + max(rays + max(levels, TABLE_VALUES),
+                                                         TABLE_VALUES + RAY_PLANES * frame_px)
     looked_up = max(PREPARING_PLANES * pixels + values_of_blocks(pixels) for pixels in layers_px)
     return SAMPLE_BYTES * (capture_px + LAYER_PLANES * sum(layers_px) + max(group, looked_up))
 
 
-def _per_focal(capture, focal_mm):
-    """One over the focal length in pixels of a fisheye capture, for the loops; 0 for a plane capture."""
-    return capture.pitch_um * 1e-3 / focal_mm if capture.projection == FISHEYE else 0.0
-
-
 def _filled_rows(casting, blurred, clear):
     """Write the pixels of the tiles, and yield the completed fraction after each row of tiles."""
-    loop = numpy_cast if kernels.running() == kernels.NUMPY else kernels.cast
+    loop = numpy_cast if running() == NUMPY else compiled_cast
     rows = len(casting.eights)
     with thread_pool() as pool:
         for completed, _ in enumerate(pool.map(lambda row: loop(casting, row, blurred, clear), range(rows)), 1):

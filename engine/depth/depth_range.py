@@ -9,14 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..image.pixel_grid import PLANE, PixelGrid
+from ..image.pixel_grid import PixelGrid
 from ..lens.entrance_pupil import entrance_pupil_diameter_mm, focus_nearness
 from ..lens.lens import Lens
 from ..runtime.errors import ImageError, InputError
 
 AUTO, OFF, TRACED = DEPTHS = "auto", "off", "traced"
 """Depth in layers, if the lens data are not valid for the complete scene; off; or by rays traced through the lens."""
-SHARP_PX, BLURRED_PX = 0.5, 2.0  # blur that pixels hide, and blur that is visible
+SHARP_PX, BLURRED_PX = 0.8, 2.0  # blur that pixels hide, and blur that is visible
 BACKGROUND_MM = 1e12  # or more: renderers write a large number for the background, Cycles 1e10 m
 
 
@@ -127,7 +127,7 @@ def planar_depth_mm(depth_mm: ArrayLike, lens: Lens, capture: PixelGrid) -> np.n
     """Depths along the optical axis, from the depth pass of Cycles.
 
     The pass contains depths for a perspective camera, but distances from the camera for a panoramic one. At the angle t
-    from an equidistant camera's axis, the depth is the distance times cos t, and NaN beyond 90 degrees.
+    from the axis, the depth is the distance times cos t, and NaN beyond 90 degrees.
 
     Parameters
     ----------
@@ -140,11 +140,11 @@ def planar_depth_mm(depth_mm: ArrayLike, lens: Lens, capture: PixelGrid) -> np.n
     array (row, column), inf for the background
     """
     depth_mm = np.where(np.asarray(depth_mm) >= BACKGROUND_MM, np.inf, depth_mm)
-    if capture.projection == PLANE:
+    if capture.projection.is_plane:
         return depth_mm
     x_mm, y_mm = capture.axes_mm()
-    angle = np.hypot(x_mm[None, :], y_mm[:, None]) / lens.capture_focal_length_mm
-    return depth_mm * np.where(angle <= np.pi / 2, np.cos(angle), np.nan)
+    angle_rad = capture.projection.angle_rad(np.hypot(x_mm[None, :], y_mm[:, None]) / lens.capture_focal_length_mm)
+    return depth_mm * np.where(angle_rad <= np.pi / 2, np.cos(angle_rad), np.nan)
 
 
 def check_depth(depth_mm: ArrayLike, lens: Lens, pitch_um: float, blur_um: float | None = None) -> DepthCheck:

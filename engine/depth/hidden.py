@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
-from scipy.ndimage import binary_dilation
+import scipy
 
 from ..image.layers import Layer, LayeredRadiance, covered
 from ..image.spectral_image import SpectralImage
@@ -78,7 +78,7 @@ def _finite(plane):
 
 def _continued(light, alpha, depth_mm, hidden, usual):
     """A layer that continues where it is hidden, cropped to the covered area."""
-    dilated = binary_dilation(hidden, NEIGHBOURS)  # colours at its edge are mixed with the nearer layer's
+    dilated = scipy.ndimage.binary_dilation(hidden, NEIGHBOURS)  # colours at its edge are mixed with the nearer layer's
     weight = np.where(hidden if dilated.all() else dilated, 0, usual)
     into = hidden & bool(weight.any())
     if into.any():

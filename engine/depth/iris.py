@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from ..image.pixel_grid import is_integer
 from ..lens import Lens
@@ -83,12 +83,15 @@ class Opening:
     def shape(self) -> tuple[float, float, float]:
         """Margin, bend and slope: a point r is open if margin - bend r^2 - slope (r . direction) > 0 for all blades.
 
-        The edge of a blade is a circle through two corners, with the radius corner / roundness.
+        Near the middle of a blade's edge this is the distance from the edge. The edge of a blade is a circle through
+        two corners, with the radius corner / roundness.
         """
         if not self.iris.blades:
             return 1.0, 0.0, 0.0
         margin, bend, slope = _shape(self.iris.blades, self.iris.roundness)
-        return margin, bend / self.corner**2, slope / self.corner
+        bend, slope = bend / self.corner**2, slope / self.corner
+        change = float(np.sqrt(slope**2 + 4 * bend * margin))  # across the middle of the edge
+        return margin / change, bend / change, slope / change
 
 
 def opening(iris: Iris | None, lens: Lens) -> Opening:
@@ -116,7 +119,7 @@ def opening_within(iris: Iris, rim: float) -> Opening:
     def excess(corner):
         return np.mean(np.minimum(corner * edge, rim) ** 2) - 1
 
-    return Opening(iris, float(brentq(excess, 1.0, rim / edge.min(), xtol=SETTLED)), rim)
+    return Opening(iris, float(scipy.optimize.brentq(excess, 1.0, rim / edge.min(), xtol=SETTLED)), rim)
 
 
 def _edge(iris):

@@ -4,34 +4,38 @@ A tile that meets only in-focus light requires zero rays. The lookup is in block
 than necessary.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..field.field_map import RaySample, Tiles
+from ..field.field_map import RayReach, RaySample, Tiles
 from ..image.pixel_grid import PixelGrid
-from ..kernels import MEETING
+from ..kernels.cast import LEVELS, MEETING
+from ..rays.stop_places import SQUARES
 from .prepared_layer import PreparedLayer
 
 TILE_PX, BLOCK_PX = 16, 8
 QUANTITIES = 6  # with extremes in the lookup
-FEWEST_RAYS = 32
-STRIDE_PX = 1.0  # from ray to ray across a blur; light between rays is noise that all pictures of a scene share
-BRIGHT, MOST_TIMES = 4, 8  # contrast from which the number of rays increases in proportion, and the largest factor
+COUNTS = np.array(SQUARES)  # of rays
+FINEST_PX = 0.5  # smallest useful side of a ray's cell in a blur: half a pixel
+RAYS_PER_PX = 4  # of a blur, at most, for light without lamps
+COARSEST = 1.15  # side of a cell in pixels of the layer's level: coarser cells are visible separately
+STEP = 0.1  # at the rim of a lamp's disc, relative to the light around it, from which the number of rays increases
 OPAQUE = 0.998
 STEPS_PX = (0.25, 1.0, 4.0)  # largest differences in blur for 0, 1 and 2 steps of the search; 3 beyond
 
 
 @dataclass(frozen=True, eq=False)
 class Meetings:
-    """Arrays (tile row, tile column, layer) of MEETING, and (tile row, tile column) of the number of eights of rays."""
+    """Arrays (tile row, tile column, layer) of MEETING, and (tile row, tile column) of the number of rays."""
 
     kinds: np.ndarray
-    eights: np.ndarray
+    counts: np.ndarray
 
 
-def plan_meetings(layers: list[PreparedLayer], rays: RaySample, sensor: PixelGrid, per_focal: float, most_rays: int,
-                  most_of_lamps: int) -> Meetings:
+def plan_meetings(layers: list[PreparedLayer], rays: RaySample, sensor: PixelGrid,
+                  shrinkage: Callable[[np.ndarray], np.ndarray], most_rays: int, most_of_lamps: int) -> Meetings:
     """Find the layers that the tiles of a sensor meet.
 
     Parameters
@@ -41,8 +45,8 @@ def plan_meetings(layers: list[PreparedLayer], rays: RaySample, sensor: PixelGri
     rays : RaySample
         Rays at the wavelengths that differ most.
     sensor : PixelGrid
-    per_focal : float
-        See `kernels.Casting`.
+    shrinkage : callable (radius_px)
+        Ratios of the capture's radii to these radii on a plane.
     most_rays, most_of_lamps : int
         See `cast`.
     """
@@ -50,13 +54,13 @@ def plan_meetings(layers: list[PreparedLayer], rays: RaySample, sensor: PixelGri
     shape = tiles.right.shape
     meetings = np.zeros((*shape, len(layers)), MEETING)
     uncovered, focus_behind = np.ones((2, *shape), bool)  # not all covered; not all covered in focus
-    blurred = np.zeros(shape, bool)
-    spread, peak, even = (np.zeros(shape) for _ in range(3))
+    blurs, even, lit = [], np.zeros(shape), np.zeros(shape, bool)
     for here, layer in zip(np.moveaxis(meetings, -1, 0), layers, strict=True):
-        blocks, reach = _Blocks(layer), rays.reach(layer.depth[..., 0], layer.axis_px, per_focal, tiles)
+        blocks, reach = _Blocks(layer), rays.reach(layer.depth[..., 0], layer.axis_px, shrinkage, tiles)
         least, most = np.full(shape, reach.least), np.full(shape, reach.most)
         for _ in range(2):  # the first look narrows the range of depths for the second
-            look = blocks.look(*reach.bounds_px(least, most))
+            largest_px = np.maximum(reach.area_px(least), reach.area_px(most))
+            look = blocks.look(*reach.bounds_px(least, most, around_px(largest_px)))
             least, most = look.least, look.most
         met = look.met & (uncovered | (focus_behind & (look.sharpest > 0)))
         here["inverse_depth"] = (least + most) / 2
@@ -65,17 +69,58 @@ def plan_meetings(layers: list[PreparedLayer], rays: RaySample, sensor: PixelGri
         here["steps"] = np.where(met, steps, -1)
         here["focused"] = met & (look.sharpest > 0)
         here["opaque"] = met & (look.clearest == 1)
-        dull = met & (look.dullest < 1)
-        blurred |= dull
-        spread = np.maximum(spread, np.where(dull, 2 * reach.radius_px(least, most), 0))
-        peak = np.maximum(peak, np.where(dull, look.brightest, 0))
+        blurs.append(_Blur(met & (look.dullest < 1), reach, least, most, np.clip(layer.in_focus, least, most), look))
         even += np.where(met, look.mean_light, 0)
+        lit |= met & (look.brightest > 0)
         uncovered &= ~met | (look.clearest < OPAQUE)
         focus_behind &= ~met | (look.clearest * look.dullest < OPAQUE)
-    count = 2 ** np.ceil(2 * np.log2(np.maximum(spread / STRIDE_PX, 1)))
-    stands_out = np.clip(peak / np.maximum(even, 1e-30) / BRIGHT, 1, MOST_TIMES)
-    count = np.clip(count, FEWEST_RAYS, most_rays) * 2 ** np.round(np.log2(stands_out))
-    return Meetings(meetings, np.where(blurred, np.minimum(count, most_of_lamps) // 8, 0).astype(np.int64))
+    needed = np.max([blur.rays(even, most_rays) for blur in blurs], axis=0, initial=0)
+    counts = COUNTS[np.minimum(np.searchsorted(COUNTS, needed), np.searchsorted(COUNTS, most_of_lamps, "right") - 1)]
+    counts = np.where(lit & np.any([blur.met for blur in blurs], axis=0), counts, 0)
+    for here, blur in zip(np.moveaxis(meetings, -1, 0), blurs, strict=True):
+        here["level"] = blur.level(np.maximum(counts, 1))
+    return Meetings(meetings, counts)
+
+
+def around_px(area_px: np.ndarray) -> np.ndarray:
+    """The farthest that a ray's cell reaches beyond a blur of this area, with the fewest rays."""
+    return np.ceil(1.5 * 2 * np.sqrt(area_px / COUNTS[0]) / COARSEST)
+
+
+@dataclass(frozen=True, eq=False)
+class _Blur:
+    """The blur of a layer in tiles: arrays (tile row, tile column).
+
+    `least` and `most` are the ends of the range of inverse depths, `sharpest` is the closest to the plane of focus.
+    """
+
+    met: np.ndarray
+    reach: RayReach
+    least: np.ndarray
+    most: np.ndarray
+    sharpest: np.ndarray
+    look: "_Look"
+
+    def rays(self, even, most_rays):
+        """The number of rays that show the layer well, next to light of this mean.
+
+        A lamp's disc rises above the light around it by its light over the disc's area. Its rim is as soft as a ray's
+        cell is wide. The error of this softness, relative to the light around, shall not exceed the error of a
+        disc that rises by STEP and is gathered by `most_rays` rays. No blur requires cells smaller than FINEST_PX.
+        """
+        areas = [np.maximum(self.reach.area_px(nearness), FINEST_PX**2)
+                 for nearness in (self.sharpest, self.least, self.most)]
+        largest = np.maximum.reduce(areas)
+        lamp = np.sqrt(most_rays) * np.divide(self.look.excess, STEP * even, out=np.zeros_like(even), where=even > 0)
+        area = np.clip(np.cbrt(FINEST_PX * lamp) ** 2, np.minimum.reduce(areas), largest)
+        lamps = np.minimum((lamp / area) ** 2, area / FINEST_PX**2)
+        return np.where(self.met, np.maximum(lamps, np.minimum(most_rays, RAYS_PER_PX * largest)), 0)
+
+    def level(self, counts):
+        """The level of the layer's pixels that suits the cells of this number of rays; 0 for light in focus."""
+        side_px = np.sqrt(self.reach.area_px((self.least + self.most) / 2) / counts)
+        level = np.ceil(np.log2(np.maximum(side_px / COARSEST, 1)))
+        return np.where(self.look.sharpest > 0, 0, np.minimum(level, LEVELS - 1))
 
 
 def _tiles(sensor):
@@ -93,8 +138,13 @@ class _Look:
     dullest: np.ndarray  # focus share
     sharpest: np.ndarray
     clearest: np.ndarray  # alpha
-    brightest: np.ndarray  # pixel, averaged over three wavelengths
-    mean_light: np.ndarray
+    brightest: np.ndarray  # mean absolute light of a block, averaged over three wavelengths
+    mean_light: np.ndarray  # over the region, also where the layer ends
+
+    @property
+    def excess(self):
+        """Light of the brightest block beyond the mean."""
+        return BLOCK_PX**2 * np.maximum(self.brightest - self.mean_light, 0)
 
 
 class _Blocks:
@@ -102,25 +152,26 @@ class _Blocks:
 
     def __init__(self, layer):
         alpha, (nearness, share) = layer.layer.alpha, np.moveaxis(layer.depth, -1, 0)
-        cube = layer.layer.cube
-        light = cube[[0, len(cube) // 2, -1]].mean(axis=0, dtype=np.float64)  # sums of bright light overflow float32
         covered = alpha > 0
         lowest = -np.inf
         planes = [np.where(covered, each, lowest) for each in (nearness, -nearness, share, -share)]
-        blocks = np.stack([_largest_in_blocks(plane, lowest) for plane in (*planes, -alpha, light)])
+        means = _in_blocks(_light(layer.layer.cube), 0).mean(axis=(1, 3))
+        blocks = np.stack([*(_largest_in_blocks(plane, lowest) for plane in (*planes, -alpha)), means])
         self._goes_on, self._shape = layer.goes_on, alpha.shape
         self._levels = _over_powers_of_two(blocks)
         self._sums = np.zeros(np.add(blocks.shape[1:], 1))
-        self._sums[1:, 1:] = _in_blocks(light, 0).sum(axis=(1, 3)).cumsum(axis=0).cumsum(axis=1)
+        self._sums[1:, 1:] = means.cumsum(axis=0).cumsum(axis=1)
 
     def look(self, *bounds_px):
         """The extremes between top, bottom, left and right: arrays (tile row, tile column)."""
-        inside, contained, ends = True, True, []
+        inside, contained, ends, blocks = True, True, [], 1.0
         for first, last, on_before, on_behind, count in zip(bounds_px[::2], bounds_px[1::2], self._goes_on[::2],
                                                             self._goes_on[1::2], self._shape, strict=True):
             inside &= (on_before | (last > -1)) & (on_behind | (first < count))
             contained &= (on_before | (first >= 0)) & (on_behind | (last <= count - 1))
             ends += [np.clip(each, 0, count - 1).astype(int) // BLOCK_PX for each in (first, last)]
+            blocks *= 1 + (np.minimum(last, count if on_behind else np.inf)
+                           - np.maximum(first, 0 if on_before else -np.inf)) / BLOCK_PX
         top, bottom, left, right = ends
         tall, wide = (np.log2(last - first + 1).astype(int) for first, last in ((top, bottom), (left, right)))
         most, minus_least, sharpest, minus_dullest, minus_clearest, brightest = np.maximum.reduce([
@@ -131,8 +182,17 @@ class _Blocks:
         met = inside & (most > -np.inf)
         least, most, dullest, sharpest = (np.where(met, each, 0)
                                           for each in (-minus_least, most, -minus_dullest, sharpest))
-        return _Look(met, least, most, dullest, sharpest, np.where(contained, -minus_clearest, 0), brightest,
-                     sums / ((bottom + 1 - top) * (right + 1 - left) * BLOCK_PX**2))
+        return _Look(met, least, most, dullest, sharpest, np.where(contained, -minus_clearest, 0),
+                     brightest.astype(float), sums / np.maximum(blocks, (bottom + 1 - top) * (right + 1 - left)))
+
+
+def _light(cube):
+    """Absolute light of pixels, averaged over three wavelengths; positive if any wavelength is lit."""
+    light = sum(np.abs(cube[n], dtype=np.float64) for n in (0, len(cube) // 2, -1)) / 3  # float32 would overflow
+    dark = light == 0
+    for plane in cube if dark.any() else ():
+        light[dark] += np.abs(plane[dark])
+    return light
 
 
 def values_of_blocks(pixels: int) -> float:

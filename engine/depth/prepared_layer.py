@@ -1,15 +1,15 @@
 """Layers of a capture, prepared for lookup by rays: with depth and focus share everywhere."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.ndimage import maximum_filter
+import scipy
 
-from ..field.field_map import RaySample
 from ..image.layers import Layer
 from ..image.pixel_grid import PixelGrid
-from ..kernels import LayerArrays
+from ..kernels.cast import LayerArrays, LevelArrays
 from ..lens import Lens
 from ..lens.entrance_pupil import focus_nearness
 from .depth_range import blur_per_nearness_px, focus_range_px, focus_share
@@ -25,14 +25,17 @@ class PreparedLayer:
     ----------
     layer : Layer
     depth : float32 array (row, column, 2)
-        Inverse depth per mm, also where the layer is transparent, and the focus share, which is below 0 where the layer
-        is transparent in the neighbourhood, too.
+        Inverse depth per mm, also where the layer is transparent, and the focus share, which is below 0 far from
+        anything opaque.
     capture : PixelGrid
+    in_focus : float
+        Inverse depth of the plane of focus, per mm.
     """
 
     layer: Layer
     depth: np.ndarray
     capture: PixelGrid
+    in_focus: float
 
     @property
     def goes_on(self) -> tuple[bool, bool, bool, bool]:
@@ -56,16 +59,30 @@ class PreparedLayer:
         light = self.layer.cube[wavelengths]
         return max(float(light.max()), -float(light.min()))
 
-    def of(self, wavelengths: slice, scale: float = 1.0) -> LayerArrays:
-        """The layer at some of the wavelengths, with its light multiplied by `scale`."""
+    @property
+    def out_of_focus(self) -> bool:
+        """Whether any of it is out of focus."""
+        return bool(self.depth[..., 1].min(where=self.layer.alpha > 0, initial=1) < 1)
+
+    def near_surfaces(self, reach_px: int) -> "PreparedLayer":
+        """The layer with a focus share below 0 where it is transparent to this distance: rays skip it there."""
+        depth = self.depth.copy()
+        depth[scipy.ndimage.maximum_filter(self.layer.alpha, 2 * reach_px + 1) == 0, 1] = -1
+        return replace(self, depth=depth)
+
+    def finest(self, wavelengths: slice, scale: float = 1.0) -> LevelArrays:
+        """The layer at some of the wavelengths in the capture's pixels, with its light multiplied by `scale`."""
         rows, columns = self.layer.alpha.shape
         above, below, before, behind = self.goes_on
         bounds = (-np.inf if above else -0.5, np.inf if below else rows - 0.5,
                   -np.inf if before else -0.5, np.inf if behind else columns - 0.5)
         light = self.layer.cube[wavelengths]
-        light, alpha = (_two_wide(each) for each in (light if scale == 1 else light * np.float32(scale),
-                                                     self.layer.alpha))
-        return LayerArrays(light, alpha, _two_wide(self.depth, 0), self.axis_px, bounds)
+        light = light if scale == 1 else light * np.float32(scale)
+        return LevelArrays(_two_wide(light), _two_wide(self.layer.alpha), self.axis_px, 1.0, bounds)
+
+    def of(self, finest: LevelArrays, coarser: Iterable[LevelArrays]) -> LayerArrays:
+        """The layer for the loops, from its levels."""
+        return LayerArrays((finest, *coarser), _two_wide(self.depth, 0))
 
 
 def _two_wide(pixels, rows=-2):
@@ -76,19 +93,20 @@ def _two_wide(pixels, rows=-2):
     return np.ascontiguousarray(np.pad(pixels, short, mode="edge") if np.any(short) else pixels)
 
 
-def prepare_layer(layer: Layer, capture: PixelGrid, lens: Lens, rays: RaySample) -> PreparedLayer | None:
-    """Prepare a layer; None for an empty one. `rays` are at the wavelengths that differ most."""
+def prepare_layers(layers: Iterable[Layer], capture: PixelGrid, lens: Lens) -> list[PreparedLayer]:
+    """Prepare the layers that are not empty."""
+    return [_prepared(layer, capture, lens) for layer in layers if layer.alpha.any()]
+
+
+def _prepared(layer, capture, lens):
     known = (layer.alpha > 0) & (layer.depth_mm > 0)
-    if not known.any():
-        return None
     nearness = np.zeros(known.shape, np.float32)
     np.divide(1, np.maximum(layer.depth_mm, NEAREST_MM), out=nearness, where=known)
     nearness = filled(nearness, known)
-    blur_px = blur_per_nearness_px(lens, capture.pitch_um) * (nearness - focus_nearness(lens))
+    in_focus = focus_nearness(lens)
+    blur_px = blur_per_nearness_px(lens, capture.pitch_um) * (nearness - in_focus)
     share = focus_share(blur_px, focus_range_px(lens, capture.pitch_um))
-    around_px = rays.fringe_px(float(nearness.max())) + 1
-    share[maximum_filter(layer.alpha, 2 * around_px + 1) == 0] = -1
-    return PreparedLayer(layer, np.stack([nearness, share], axis=-1, dtype=np.float32), capture)
+    return PreparedLayer(layer, np.stack([nearness, share], axis=-1, dtype=np.float32), capture, in_focus)
 
 
 def filled(values: np.ndarray, known: np.ndarray) -> np.ndarray:

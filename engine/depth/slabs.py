@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..image.pixel_grid import PLANE, PixelGrid
+from ..image.pixel_grid import PixelGrid
 from ..lens.entrance_pupil import focus_nearness
 from ..lens.lens import Lens
 from .depth_range import DepthCheck, blur_per_nearness_px, blur_px, check_depth, focus_range_px, focus_share
@@ -43,7 +43,7 @@ class SlabPlan:
         Whether the scene exceeds the depths for which the lens data are valid. Otherwise there is one slab, an ordinary
         capture.
     borders_mm : tuple of float
-        Borders between slabs, ascending, as a camera clips: by depth for a plane capture, by distance for a fisheye.
+        Borders between slabs, ascending, as a camera clips: by depth for a plane capture, by distance for a panorama.
         The first slab starts at the camera; the last has no end and includes the world.
     margins_px : tuple of (int, int)
         Rows and columns that each slab, near to far, needs beyond the frame.
@@ -159,6 +159,8 @@ class _Look:
     planar_mm, light : array
     cosine : array
         Depth over distance; 1 for a camera that clips by depth.
+    stretch : array
+        Scale of the capture along its larger axis, compared with a plane's.
     beyond_px : array (2, row, column)
         Distance beyond the frame, down and across.
     step_px : array (2,)
@@ -176,6 +178,7 @@ class _Look:
     planar_mm: np.ndarray
     light: np.ndarray
     cosine: np.ndarray
+    stretch: np.ndarray
     beyond_px: np.ndarray
     step_px: np.ndarray
     scale: float
@@ -195,8 +198,9 @@ class _Look:
         return self.reaches(self.blur_px(self.place))
 
     def blur_px(self, place):
-        """Largest diameter of the blur of places, as the capture shows it: off the axis, a fisheye is foreshortened."""
-        return np.maximum(*(np.abs(place + far_px * self.cosine) for far_px in self.far_px))
+        """Largest diameter of the blur of places, as the capture shows it."""
+        return self.stretch / self.cosine * np.maximum(*(np.abs(place + far_px * self.cosine)
+                                                         for far_px in self.far_px))
 
     def places(self, ranges_mm):
         """Places of ranges of distance: [(near, far)]."""
@@ -234,15 +238,18 @@ def _look(depth_mm, light, capture, lenses, overscan_px, reach):
     beyond_px = [np.maximum(0, np.abs(places - (n - 1) / 2) - frame / 2) for places, n, frame in
                  zip((rows, columns), capture.shape_px, capture.frame_px, strict=True)]
     focal_mm = capture.focal_mm or lenses[0].capture_focal_length_mm
-    cosine = np.ones_like(planar_mm)
-    if capture.projection != PLANE:
+    cosine = stretch = np.ones_like(planar_mm)
+    if not capture.projection.is_plane:
         x_mm, y_mm = capture.position_mm(rows[:, None], columns)
-        cosine = np.cos(np.hypot(x_mm, y_mm) / focal_mm)
-        cosine = np.where(cosine > 0, cosine, np.nan)
+        angle_rad = capture.projection.angle_rad(np.hypot(x_mm, y_mm) / focal_mm)
+        angle_rad = np.where(angle_rad < np.pi / 2, angle_rad, np.nan)
+        cosine, tangent = np.cos(angle_rad), np.tan(angle_rad)
+        stretch = np.maximum(capture.projection.shrinkage(tangent), capture.projection.radius(tangent)[1])
     scale = max(blur_per_nearness_px(one, capture.pitch_um) * focal_mm / one.capture_focal_length_mm for one in lenses)
     far_px = [-scale * focus_nearness(one) for one in lenses]
-    return _Look(planar_mm, light, cosine, np.array(np.meshgrid(*beyond_px, indexing="ij")), every * step_px, scale,
-                 (min(far_px), max(far_px)), tuple(map(int, overscan_px)), capture.overscan_px, reach)
+    beyond_px = np.array(np.meshgrid(*beyond_px, indexing="ij"))
+    return _Look(planar_mm, light, cosine, stretch, beyond_px, every * step_px, scale, (min(far_px), max(far_px)),
+                 tuple(map(int, overscan_px)), capture.overscan_px, reach)
 
 
 @dataclass(frozen=True, eq=False)

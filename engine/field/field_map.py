@@ -157,11 +157,14 @@ class PicturePsfs(Protocol):
     def mixing(self, energy: float, planes: Planes) -> Iterator[Any]:
         """The data for `mixing_error` of each wavelength, for PSFs trimmed to this energy."""
 
-    def mixing_error(self, wavelengths: list[Any], steps: int, enough: float = np.inf) -> float:
-        """Largest error of trimmed PSFs mixed from a table with these steps, or some error above `enough`."""
+    def mixing_error(self, wavelengths: list[Any], steps: int) -> float:
+        """Largest error of trimmed PSFs mixed from a table with these steps."""
 
     def one_psf_error(self, energy: float, planes: Planes, enough: float) -> float:
         """Largest error of one trimmed PSF for the complete field, or some error above `enough`."""
+
+    def uniform_light_error(self) -> float:
+        """Largest relative error of a pixel under uniform radiance, because each pixel has one PSF."""
 
 
 class RayReach(Protocol):
@@ -176,8 +179,12 @@ class RayReach(Protocol):
     def blur_px(self, difference: np.ndarray) -> np.ndarray:
         """Difference in blur for a difference in inverse depth."""
 
-    def bounds_px(self, least: np.ndarray, most: np.ndarray) -> list[np.ndarray]:
-        """Top, bottom, left and right of the area that rays reach between two inverse depths, in the layer's pixels."""
+    def area_px(self, nearness: np.ndarray) -> np.ndarray:
+        """Area of the blur of the open stop, without vignetting, at an inverse depth: in square pixels."""
+
+    def bounds_px(self, least: np.ndarray, most: np.ndarray, around_px: np.ndarray) -> list[np.ndarray]:
+        """Top, bottom, left and right of the area that rays reach between two inverse depths, in the layer's pixels,
+        with a margin."""
 
 
 class RaySample(Protocol):
@@ -186,7 +193,11 @@ class RaySample(Protocol):
     def fringe_px(self, nearness: float) -> int:
         """Largest distance between the wavelengths of a ray, up to an inverse depth."""
 
-    def reach(self, nearness: np.ndarray, axis_px: tuple[float, float], per_focal: float, tiles: Tiles) -> RayReach:
+    def area_px(self, nearness: float) -> float:
+        """Largest area of the blur of the open stop at an inverse depth, in square pixels."""
+
+    def reach(self, nearness: np.ndarray, axis_px: tuple[float, float],
+              shrinkage: Callable[[np.ndarray], np.ndarray], tiles: Tiles) -> RayReach:
         """The reach of the rays of tiles in a layer of these inverse depths, with the axis at `axis_px`."""
 
 
@@ -194,11 +205,11 @@ class PixelRays(Protocol):
     """The rays of a lens from the pixels of a sensor."""
 
     def sample(self, wavelengths_nm: np.ndarray, focal_mm: float, count: int, reach: float) -> RaySample:
-        """`count` rays, a power of two, for a capture of this focal length, through the stop out to `reach`."""
+        """Rays for a capture of this focal length, through the stop out to `reach`; `count` is one of `SQUARES`."""
 
-    def packed(self, wavelengths_nm: np.ndarray, focal_mm: float, count: int,
+    def packed(self, wavelengths_nm: np.ndarray, focal_mm: float, counts: Sequence[int],
                reach: float) -> tuple[np.ndarray, float]:
-        """All rays, for the compiled loops: the first two fields of `kernels.Casting`."""
+        """Sets of rays of these counts, for the compiled loops: the first two fields of `kernels.cast.Casting`."""
 
     def irradiance_per_radiance(self, wavelength_nm: float) -> np.ndarray:
         """Irradiance per uniform radiance by all rays, without the glass's losses: float32 array (row, column)."""

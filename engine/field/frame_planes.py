@@ -1,7 +1,8 @@
-"""Planes of a lens image's frame for compositing: relative illumination, and the scene's depth with distortion."""
+"""Planes of a lens image's frame: relative illumination, depth with distortion, and the view of a pinhole."""
 
 
 import numpy as np
+import scipy
 
 from ..image.pixel_grid import PixelGrid
 from ..lens.lens import Lens
@@ -34,9 +35,33 @@ def nearest_samples(plane: np.ndarray, lens: Lens, capture: PixelGrid, wavelengt
     """
     frame = capture.frame()
     x_mm, y_mm = frame.axes_mm()
-    x_mm, y_mm = field_map(lens).at_wavelength(wavelength_nm).source_mm(x_mm[None, :], y_mm[:, None], capture)
-    pitch_mm = capture.pitch_um * 1e-3
+    field = field_map(lens).at_wavelength(wavelength_nm)
     row, column = (np.clip(np.rint(at), 0, n - 1).astype(np.intp) for at, n in zip(
-        (capture.centre_px[0] - y_mm / pitch_mm, capture.centre_px[1] + x_mm / pitch_mm), capture.shape_px,
-        strict=True))
+        capture.index_of(*field.source_mm(x_mm[None, :], y_mm[:, None], capture)), capture.shape_px, strict=True))
     return plane[row, column]
+
+
+def pinhole_view(planes: np.ndarray, lens: Lens, capture: PixelGrid) -> np.ndarray:
+    """The frame as an ideal lens images it, interpolated linearly.
+
+    Parameters
+    ----------
+    planes : array (plane, row, column)
+        Of a capture.
+    lens : Lens
+    capture : PixelGrid
+
+    Returns
+    -------
+    array (plane, row, column) of the frame
+        Beyond the capture, the values at its edge continue.
+    """
+    focal_mm, frame = lens.capture_focal_length_mm, capture.frame()
+    if capture.projection.is_plane and capture.focal_mm in (None, focal_mm):
+        (above, left), (rows, columns) = capture.overscan_px, frame.shape_px
+        return planes[:, above:above + rows, left:left + columns]
+    x_mm, y_mm = frame.axes_mm()
+    scale = capture.projection.shrinkage(np.hypot(x_mm[None, :], y_mm[:, None]) / focal_mm)
+    scale *= (capture.focal_mm or focal_mm) / focal_mm
+    place_px = capture.index_of(scale * x_mm[None, :], scale * y_mm[:, None])
+    return np.stack([scipy.ndimage.map_coordinates(plane, place_px, order=1, mode="nearest") for plane in planes])

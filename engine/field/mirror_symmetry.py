@@ -117,28 +117,23 @@ class Planes:
         mirrored = np.pad(table, ((margin, 0), (margin, 0)), mode="symmetric")
         return np.pad(mirrored, ((0, margin), (0, margin)), constant_values=outside)
 
-    def steps_across_axis(self, rows: np.ndarray, first: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Steps between adjacent pixels on opposite sides of the axis.
+    def steps_across_axis(self, first_columns: np.ndarray, first_rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Largest steps between adjacent pixels on opposite sides of the axis; 0 without an axis to cross.
 
         Parameters
         ----------
-        rows : array (plane, row, column)
-            Some rows of the planes.
-        first : bool
-            Whether the first of them is next to the axis.
+        first_columns : array (plane, row)
+        first_rows : array (plane, column)
 
         Returns
         -------
-        along_columns : array (pair, row)
-            For each row's first pixel.
-        along_rows : array (pair, column)
-            For each column's first pixel. Both are empty without an axis to cross.
+        along_columns : array (row,)
+        along_rows : array (column,)
         """
         pairs = 2 if self.folded else 0
-        across, down = rows[:pairs, :, 0] - rows[len(rows) - pairs:, :, 0], rows[:0, 0]
-        if self.folded and first:
-            down = rows[::2, 0] - rows[1::2, 0]
-        return across, down
+        across = first_columns[:pairs] - first_columns[len(first_columns) - pairs:]
+        down = first_rows[:2 * pairs:2] - first_rows[1:2 * pairs:2]
+        return np.abs(across).max(axis=0, initial=0), np.abs(down).max(axis=0, initial=0)
 
     def mirrored_into(self, position_px: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
         """Positions along an axis of a plane, mirrored into the plane if they are across the picture's axis; and the

@@ -1,7 +1,7 @@
 """Captures: the camera that renders the scene for the lens, and its overscan beyond the frame.
 
-A radiance picture is the scene as an ideal lens would image it on a plane. A lens with strong barrel distortion sees
-such a large part of that plane that a fisheye camera, whose mapping is known, is the better capture.
+A radiance picture is the scene as an ideal lens would image it on a plane. A lens with barrel distortion sees a larger
+part of that plane than its frame. A panorama with the lens's own distortion shows little more than the frame.
 """
 
 from collections.abc import Sequence
@@ -9,17 +9,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..image.pixel_grid import FISHEYE, PLANE, PixelGrid
+from ..image.pixel_grid import PixelGrid
+from ..image.projection import PLANE, Projection, fitted_projection
 from ..lens import Lens
 from .field_map import field_map
 
 VIEWS = "lens", "camera"  # a capture shows the lens's view, or the view of the scene's camera
-LARGEST_PLANE = 2.0  # times the pixels of the frame; a fisheye shows the same field in fewer
+MOST_PLANE = 1.15  # times the pixels of a panorama, whose samples take Cycles about 1.15 times as long
+FIT_SAMPLES = 257
+FARTHEST = 4.0  # half diagonals of the frame: no capture extends farther
 
 
 def choose_capture(lens: Lens, frame: PixelGrid, wavelengths_nm: Sequence[float] | np.ndarray,
                    psf_radius_px: int) -> PixelGrid:
-    """The grid of a capture for this lens: a plane, or a fisheye if the plane would exceed LARGEST_PLANE.
+    """The grid of a capture for this lens: a plane, or a panorama with its distortion if the plane would exceed
+    MOST_PLANE.
 
     Parameters
     ----------
@@ -35,11 +39,17 @@ def choose_capture(lens: Lens, frame: PixelGrid, wavelengths_nm: Sequence[float]
     PixelGrid
         The frame with its overscan.
     """
-    places = field_map(lens)
-    margins = places.overscan_px(replace(frame, projection=PLANE), wavelengths_nm, psf_radius_px)
-    sides = [(n + 2 * margin) / (n + 2 * psf_radius_px) for n, margin in zip(frame.frame_px, margins, strict=True)]
-    if sides[0] * sides[1] <= LARGEST_PLANE:
-        return PixelGrid.around_frame(frame.frame_px, frame.pitch_um, margins)
-    fisheye = replace(frame, projection=FISHEYE)
-    return PixelGrid.around_frame(frame.frame_px, frame.pitch_um,
-                                  places.overscan_px(fisheye, wavelengths_nm, psf_radius_px), FISHEYE)
+    plane, panorama = (
+        PixelGrid.around_frame(frame.frame_px, frame.pitch_um, field_map(lens).overscan_px(
+            replace(frame, projection=projection), wavelengths_nm, psf_radius_px), projection)
+        for projection in (PLANE, lens_projection(lens, frame.framed(psf_radius_px))))
+    return plane if np.prod(plane.shape_px) <= MOST_PLANE * np.prod(panorama.shape_px) else panorama
+
+
+def lens_projection(lens: Lens, grid: PixelGrid) -> Projection:
+    """The panorama that is closest to a lens's distortion over a grid, at the reference wavelength."""
+    focal_mm, last_mm = lens.capture_focal_length_mm, grid.farthest_px * grid.pitch_um * 1e-3
+    real_mm = np.linspace(0, last_mm, FIT_SAMPLES)
+    nm = float(lens.nearest_nm(lens.reference_wavelength_nm))
+    ideal_mm, _ = field_map(lens).at_wavelength(nm).source_mm(real_mm, np.zeros_like(real_mm))
+    return fitted_projection(real_mm / focal_mm, ideal_mm / focal_mm, FARTHEST * last_mm / focal_mm)

@@ -7,9 +7,7 @@ from typing import Any, TypeGuard
 import numpy as np
 
 from ..runtime.errors import ImageError
-
-PLANE, FISHEYE = "plane", "equidistant"
-PROJECTIONS = PLANE, FISHEYE
+from .projection import PLANE, Projection
 
 
 @dataclass(frozen=True)
@@ -26,8 +24,8 @@ class PixelGrid:
         Row and column, as indices, at which the optical axis meets the grid; the middle by default.
     overscan_px : (int, int)
         Rows and columns by which the grid extends beyond the sensor's frame on each side.
-    projection : "plane" or "equidistant"
-        The projection of a capture; see `overscan.capture_radius`.
+    projection : Projection
+        Of a capture; a plane by default.
     focal_mm : float or None
         Focal length of the capturing pinhole, if it is not the lens's `capture_focal_length_mm`, which changes when a
         lens on the same sensor is focused nearer.
@@ -42,7 +40,7 @@ class PixelGrid:
     pitch_um: float
     centre_px: tuple[float, float] = None  # type: ignore[assignment]  # replaced by the middle on creation
     overscan_px: tuple[int, int] = (0, 0)
-    projection: str = PLANE
+    projection: Projection = PLANE
     focal_mm: float | None = None
 
     def __post_init__(self) -> None:
@@ -55,8 +53,8 @@ class PixelGrid:
             raise ImageError("image", "pitch_um", self.pitch_um, "expected a positive number")
         if self.focal_mm is not None and not is_positive(self.focal_mm):
             raise ImageError("image", "focal_mm", self.focal_mm, "expected a positive number")
-        if self.projection not in PROJECTIONS:
-            raise ImageError("image", "projection", self.projection, f"expected one of {', '.join(PROJECTIONS)}")
+        if not isinstance(self.projection, Projection):
+            raise ImageError("image", "projection", self.projection, "expected a Projection")
         if min(overscan) < 0 or 2 * overscan[0] >= rows or 2 * overscan[1] >= columns:
             raise ImageError("image", "overscan_px", overscan, f"expected less than half of {rows} x {columns} px")
         if np.shape(centre) != (2,) or not all(_is_number(c) and np.isfinite(c) for c in centre):
@@ -68,7 +66,7 @@ class PixelGrid:
 
     @classmethod
     def around_frame(cls, frame_px: Sequence[int], pitch_um: float, overscan_px: Sequence[int] = (0, 0),
-                     projection: str = PLANE) -> "PixelGrid":
+                     projection: Projection = PLANE) -> "PixelGrid":
         """A frame of these (rows, columns), with the axis in its middle and the given overscan on each side."""
         (rows, columns), (above, left) = frame_px, overscan_px
         return cls((rows + 2 * above, columns + 2 * left), pitch_um, overscan_px=(above, left), projection=projection)
@@ -125,6 +123,11 @@ class PixelGrid:
         """Image-plane coordinates (x to the right, y upwards) of positions given as indices."""
         pitch_mm = self.pitch_um * 1e-3
         return (columns - self.centre_px[1]) * pitch_mm, (self.centre_px[0] - rows) * pitch_mm
+
+    def index_of(self, x_mm: np.ndarray, y_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rows and columns, as indices, of positions in the image plane: the inverse of `position_mm`."""
+        pitch_mm = self.pitch_um * 1e-3
+        return self.centre_px[0] - y_mm / pitch_mm, self.centre_px[1] + x_mm / pitch_mm
 
     def axes_mm(self) -> tuple[np.ndarray, np.ndarray]:
         """x_mm (column,) and y_mm (row,) of the pixel centres."""

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from ..runtime.errors import ImageError
 from .pixel_grid import PixelGrid, is_positive
+from .projection import Projection
 from .sampling import Sampling
 
 RADIANCE = "radiance"
@@ -71,7 +72,7 @@ class SpectralImage:
                  quantity: str = RADIANCE, lens_name: str = "", f_number_effective: float | None = None,
                  focal_mm: float | None = None, exposure: float = 1.0, pitch_um: float | None = None,
                  centre_px: Sequence[float] | None = None, overscan_px: Sequence[int] | None = None,
-                 projection: str | None = None) -> None:
+                 projection: Projection | None = None) -> None:
         cube = np.asarray(cube, dtype=np.float32)
         wavelengths = np.atleast_1d(np.asarray(wavelengths_nm, dtype=np.float64))
         if cube.ndim == 2:
@@ -116,7 +117,7 @@ class SpectralImage:
         return self.grid.overscan_px
 
     @property
-    def projection(self) -> str:
+    def projection(self) -> Projection:
         return self.grid.projection
 
     @property

@@ -1,4 +1,4 @@
-"""Curves of a lens over the field: angles, distortion, lateral colour, MTF."""
+"""Curves of a lens over the field: angles, distortion, relative illumination, lateral colour, MTF."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,6 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..field.radial.distortion import FieldGeometry
+from ..field.radial.psf_bank import PsfBank
+from ..field.radial.uniform_light import UniformLight
 from ..lens.lens import Lens, MonochromaticLens
 from ..runtime.errors import LensError
 from ..spectral.spectra import BAND_NM, colour_matching, linear_weights
@@ -15,6 +17,7 @@ WHITE_NM = np.arange(BAND_NM[0], BAND_NM[1] + 1)
 GRID_CELLS = 6  # cells of the distortion grid along the short side of the sensor
 MOST_GRID_LINES = 40  # beyond the sensor on each side: a hemispherical fisheye could show any number
 POINTS_PER_LINE = 401
+FIELD_PX = 192  # from the axis to the last height, for relative illumination
 FREQUENCY_SERIES = np.outer(10.0 ** np.arange(-3, 5), (1, 2, 5)).ravel()
 PREFERRED_FREQUENCIES = 3
 FINEST_FREQUENCY = 0.1  # of the diffraction cutoff; few lenses have contrast beyond it
@@ -95,6 +98,28 @@ def distortion_grid(lens: Lens, field: Field) -> tuple[np.ndarray, np.ndarray]:
     paraxial_mm = np.hypot(ideal_mm[..., 0], ideal_mm[..., 1])
     known = np.where(paraxial_mm <= lens.heights_mm[-1] * (1 + 1e-9), paraxial_mm, np.nan)
     return ideal_mm, ideal_mm / field.geometry.paraxial_per_real(field.geometry.distortion(known), known)[..., None]
+
+
+def relative_illumination(lens: Lens, wavelengths_nm: ArrayLike) -> np.ndarray:
+    """Irradiance under uniform radiance at the field heights, relative to the axis, as in pictures.
+
+    It includes the light that PSFs move away from the places where chief rays arrive. The table in the lens data
+    describes the bundle around each chief ray instead.
+
+    Returns
+    -------
+    array (wavelength, height)
+    """
+    curves = []
+    for nm in np.atleast_1d(wavelengths_nm):
+        optics = lens.at_wavelength(nm)
+        field = FieldGeometry(optics, lens.name)
+        pitch_mm = field.last_real_mm / FIELD_PX
+        light = UniformLight(PsfBank.of(optics, 1e3 * pitch_mm), field, pitch_mm)
+        x_px = np.maximum(optics.real_height_mm / pitch_mm, 0.5)
+        curve = light.at(x_px, np.full_like(x_px, 0.5))
+        curves.append(curve / curve[0])
+    return np.array(curves)
 
 
 def lateral_colour_um(lens: Lens, wavelengths_nm: ArrayLike) -> np.ndarray:

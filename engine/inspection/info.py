@@ -4,7 +4,7 @@ import numpy as np
 
 from ..lens.lens import Lens
 from ..runtime.values import json_value
-from .curves import lateral_colour_um, reference_nm
+from .curves import lateral_colour_um, reference_nm, relative_illumination
 
 FRAUNHOFER_F_NM, FRAUNHOFER_C_NM = 486.1, 656.3
 
@@ -15,13 +15,15 @@ def lens_info(lens: Lens) -> dict:
     Returns
     -------
     dict of numbers, lists and strings, ready for JSON. `heights` contains, for each field height at the reference
-    wavelength: height_mm (paraxial), real_height_mm, distortion_percent, relative_illumination, lateral_colour_um
+    wavelength: height_mm (paraxial), real_height_mm, distortion_percent, relative_illumination (of pictures, with the
+    light that PSFs move), lateral_colour_um
     (real height at F minus real height at C, with both wavelengths clipped to the lens data). An infinite object
     distance and an unknown enclosed energy are None.
     """
     short, long = lens.nearest_nm([FRAUNHOFER_F_NM, FRAUNHOFER_C_NM])
     short_um, long_um = lateral_colour_um(lens, [short, long])
-    reference = lens.at_wavelength(reference_nm(lens))
+    nm = reference_nm(lens)
+    reference = lens.at_wavelength(nm)
     off_axis = np.where(lens.heights_mm > 0, lens.heights_mm, 1)
     distortion_percent = 100 * (reference.real_height_mm - lens.heights_mm) / off_axis
     return {
@@ -38,7 +40,7 @@ def lens_info(lens: Lens) -> dict:
             {"height_mm": float(height), "real_height_mm": float(real), "distortion_percent": float(distortion),
              "relative_illumination": float(illumination), "lateral_colour_um": float(lateral)}
             for height, real, distortion, illumination, lateral in zip(
-                lens.heights_mm, reference.real_height_mm, distortion_percent, reference.relative_illumination,
+                lens.heights_mm, reference.real_height_mm, distortion_percent, *relative_illumination(lens, nm),
                 short_um - long_um, strict=True)],
     }
 

@@ -14,6 +14,7 @@ from .curves import (
     distortion_percent,
     field_angle_rad,
     lateral_colour_um,
+    relative_illumination,
     white_mtf,
 )
 from .psf_map import even_indices, shown_wavelengths
@@ -75,11 +76,12 @@ def draw_illumination(panel: "Axes", lens: Lens, field: Field) -> None:
     """Draw the relative illumination at a few wavelengths over image height, and the cosine fourth law."""
     chosen = even_indices(lens.wavelengths_nm.size, MOST_ILLUMINATIONS)
     nm = lens.wavelengths_nm[chosen]
-    for one, colour, curve in zip(nm, wavelength_colours(nm), lens.relative_illumination[chosen], strict=True):
+    curves = relative_illumination(lens, nm)
+    for one, colour, curve in zip(nm, wavelength_colours(nm), curves, strict=True):
         panel.plot(field.optics.real_height_mm, curve, color=colour, linewidth=1.8, label=f"{one:.4g} nm")
     panel.plot(field.optics.real_height_mm, cosine_fourth(lens, lens.heights_mm), ":", color="black", linewidth=1.8,
                label="cos⁴ of the field angle")
-    panel.set_ylim(0, HEADROOM * max(1, lens.relative_illumination.max()))
+    panel.set_ylim(0, HEADROOM * max(1, curves.max()))
     _dress(panel, lens, field, "Relative illumination")
     panel.legend(loc="lower left", fontsize=SMALL, frameon=False, labelspacing=0.25)
     if field.reaches_corner:

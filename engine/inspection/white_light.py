@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.fft import irfft, rfft
 
 from ..lens.lens import Lens
 from ..spectral.colour import REC709_LUMINANCE, XYZ_TO_REC709, encode_srgb
@@ -54,6 +54,6 @@ def white_psfs(lens: Lens, heights: Sequence[int] | np.ndarray) -> np.ndarray:
         shares = np.maximum(0, 1 - np.abs(steps[:, None] - shifts))  # of each wavelength, by its shift outwards
         kernel = np.einsum("sn,nlc->lsc", shares, weights)
         psf, length = lens.psf[:, height].astype(np.float64), lens.psf.shape[2] + len(steps) - 1
-        spread = np.einsum("lvu,lvc->vuc", rfft(psf, length, axis=1), rfft(kernel, length, axis=1))
-        colours.append(irfft(spread, length, axis=0))
+        spread = np.einsum("lvu,lvc->vuc", scipy.fft.rfft(psf, length, axis=1), scipy.fft.rfft(kernel, length, axis=1))
+        colours.append(scipy.fft.irfft(spread, length, axis=0))
     return np.stack(colours)

@@ -4,7 +4,10 @@
    ray's position for a depth, look up the depth at that position, and repeat. Positions are in pixels from the axis, to
    the right and upwards, and turn with the pixel; a pixel's rays depend on its distance from the axis. The look-ups of
    a pixel's rays are far apart in memory, but those of neighbouring pixels through the same point of the stop are close
-   together. All pixels of a tile are therefore processed with each eight of rays at once. */
+   together. All pixels of a tile are therefore processed with each eight of rays at once.
+
+   A ray stands for a part of the stop, its cell. It looks up light and alpha in a level of the layer whose pixels are as
+   large as the cell's blur, and at a rim, the share of its cell that is open counts. */
 #include "variant.h"
 
 #define WIDE (LANES == 4 ? 4 : 8) /* rays in a vector: results do not depend on it */
@@ -21,8 +24,6 @@ typedef double pair __attribute__((aligned(4), may_alias));
 #endif
 
 #define BLOCKED 2e-3f /* rays with less than this share of their light are no longer followed */
-#define ARCTAN_TERMS 0.0028340643f, -0.0160050305f, 0.0425876075f, -0.0749544544f, 0.106367541f, -0.142025705f, \
-    0.199924836f, -0.333330668f, 0.999999984f
 
 INLINE rays chosen(masks mask, rays yes, rays no) { return (rays)(((masks)yes & mask) | ((masks)no & ~mask)); }
 INLINE rays kept(masks mask, rays a) { return (rays)((masks)a & mask); }
@@ -80,48 +81,50 @@ INLINE rays looked_up(const float *plane, int64_t row_step, const spots *s)
     return between(firsts(a, b), seconds(a, b), s->right);
 }
 
-/* Ratio of a fisheye's angle to the tangent r, from its square: arctan(r) / r, to 1e-7. */
-INLINE rays shrunk(rays square)
+/* Ratio of radii in a panoramic capture to those on a plane, from the square of the tangent of the angle. */
+INLINE rays shrunk(const lf_cast_of *c, rays square)
 {
-    static const float terms[] = {ARCTAN_TERMS};
-    const masks far = square > 1;
-    const rays one = (rays){0} + 1;
-    rays r;
-    for (int i = 0; i < WIDE; i++) r[i] = __builtin_sqrtf(square[i]);
-    const rays z = chosen(far, 1 / chosen(far, square, one), square);
-    rays series = (rays){0} + terms[0];
-    for (int n = 1; n < (int)(sizeof terms / sizeof *terms); n++) series = series * z + terms[n];
-    return chosen(far, (1.57079633f - series / r) / r, series);
+    const float last = (float)c->shrinkage_steps;
+    rays tangent, a, b;
+    int32_t where[WIDE];
+    for (int i = 0; i < WIDE; i++) tangent[i] = __builtin_sqrtf(square[i]);
+    const rays step = smaller(tangent / (1 + tangent) * last, last);
+    masks before = __builtin_convertvector(step, masks);
+    before += before == (int32_t)c->shrinkage_steps; /* true is -1 */
+    *(masks *)where = before;
+    load_pairs(c->shrinkage, where, &a, &b);
+    return between(firsts(a, b), seconds(a, b), step - __builtin_convertvector(before, rays));
 }
 
 typedef struct { /* rays at a wavelength: positions at infinity and their change with the inverse depth */
     rays x, y, by_x, by_y, light, free, in_focus; /* transmission of all layers in front, and of their in-focus parts */
 } pencil;
 
-INLINE void place(const pencil *p, rays depth, float per_focal, rays *x, rays *y)
+INLINE void place(const lf_cast_of *c, const pencil *p, rays depth, rays *x, rays *y)
 {
     *x = p->x + p->by_x * depth;
     *y = p->y + p->by_y * depth;
-    if (per_focal > 0) {
-        const rays right = *x * per_focal, up = *y * per_focal, part = shrunk(right * right + up * up);
+    if (c->per_focal > 0) {
+        const rays right = *x * c->per_focal, up = *y * c->per_focal, part = shrunk(c, right * right + up * up);
         *x *= part;
         *y *= part;
     }
 }
 
 /* The inverse depth at which rays meet a layer, and the focus share there. */
-INLINE void meet(const lf_layer *l, const pencil *p, const lf_meeting *m, float per_focal, rays *depth, rays *share)
+INLINE void meet(const lf_cast_of *c, const lf_layer *l, const pencil *p, const lf_meeting *m, rays *depth, rays *share)
 {
-    const float last_x = (float)(l->light.columns - 1), last_y = (float)(l->light.rows - 1);
+    const lf_level *fine = l->level;
+    const float last_x = (float)(fine->light.columns - 1), last_y = (float)(fine->light.rows - 1);
     *depth = (rays){0} + m->inverse_depth;
     *share = (rays){0} + m->share;
     for (int32_t n = 0; n < m->steps; n++) {
         rays x, y, a, b;
         int32_t where[WIDE];
-        place(p, *depth, per_focal, &x, &y);
-        x = larger(smaller(l->axis_column + 0.5f + x, last_x), 0);
-        y = larger(smaller(l->axis_row + 0.5f - y, last_y), 0);
-        *(masks *)where = (__builtin_convertvector(y, masks) * (int32_t)l->light.columns
+        place(c, p, *depth, &x, &y);
+        x = larger(smaller(fine->axis_column + 0.5f + x, last_x), 0);
+        y = larger(smaller(fine->axis_row + 0.5f - y, last_y), 0);
+        *(masks *)where = (__builtin_convertvector(y, masks) * (int32_t)fine->light.columns
                            + __builtin_convertvector(x, masks)) * 2;
         load_pairs(l->depth, where, &a, &b);
         const rays before = *depth;
@@ -131,14 +134,14 @@ INLINE void meet(const lf_layer *l, const pencil *p, const lf_meeting *m, float 
     }
 }
 
-/* Where rays meet a layer at these inverse depths. Returns a mask of the rays that do not miss it. */
-INLINE masks find_spots(const lf_layer *l, const pencil *p, rays depth, float per_focal, spots *s)
+/* Where rays meet a level of a layer at these inverse depths. Returns a mask of the rays that do not miss it. */
+INLINE masks find_spots(const lf_cast_of *c, const lf_level *l, const pencil *p, rays depth, spots *s)
 {
     const int32_t columns = (int32_t)l->light.columns, rows = (int32_t)l->light.rows;
     rays x, y;
-    place(p, depth, per_focal, &x, &y);
-    x = l->axis_column + x;
-    y = l->axis_row - y;
+    place(c, p, depth, &x, &y);
+    x = l->axis_column + l->per_px * x;
+    y = l->axis_row - l->per_px * y;
     const masks inside = (x > l->left) & (x < l->right) & (y > l->top) & (y < l->bottom);
     x = larger(smaller(x, (float)(columns - 1)), 0);
     y = larger(smaller(y, (float)(rows - 1)), 0);
@@ -156,22 +159,25 @@ INLINE masks find_spots(const lf_layer *l, const pencil *p, rays depth, float pe
 typedef struct { /* a pixel, whose rays are interpolated between two heights */
     const float *low, *high;
     float weight, right, up; /* of the higher; the pixel's direction from the axis */
+    float cells;             /* of its rays, in a semi-aperture */
 } pixel;
 
 enum { LIGHT, BLURRED, THROUGH, ALL, SUMS }; /* sums over the rays of a pixel at a wavelength, in eights */
 
 INLINE void add(float *sums, rays a) { *(rays *)sums = *(const rays *)sums + a; }
 
-/* Whether rays pass between the blades of an iris. */
-INLINE masks between_blades(const lf_cast_of *c, const pixel *at_pixel, rays stop_x, rays stop_y)
+INLINE rays open_share(rays cells_inside) { return larger(smaller(cells_inside + 0.5f, 1), 0); } /* of a cell that is open */
+
+/* The share of each ray's cell that is between the blades of an iris, for a number of cells in a semi-aperture. */
+INLINE rays between_blades(const lf_cast_of *c, const pixel *at_pixel, rays stop_x, rays stop_y)
 {
     const rays x = stop_x * at_pixel->up + stop_y * at_pixel->right, y = stop_y * at_pixel->up - stop_x * at_pixel->right;
-    masks through = (masks){0} == 0;
+    rays open = (rays){0} + 1;
     for (int64_t n = 0; n < c->blades; n++) {
         const rays along = x * c->normals[2 * n] + y * c->normals[2 * n + 1];
-        through &= c->blade_margin - c->blade_bend * (x * x + y * y) - c->blade_slope * along > 0;
+        open *= open_share((c->blade_margin - c->blade_bend * (x * x + y * y) - c->blade_slope * along) * at_pixel->cells);
     }
-    return through;
+    return open;
 }
 
 /* Follows the rays of an eight, from `first`, through the layers. */
@@ -180,16 +186,17 @@ INLINE void follow(const lf_cast_of *c, const pixel *here, int64_t first, const 
     const int wavelengths = (int)c->wavelengths;
     const float *low = here->low + first, *high = here->high + first;
     const rays weight = (rays){0} + here->weight, held = smaller(weight, 1);
-    const masks through = between_blades(c, here, at(low), at(low + 8));
+    const rays through = between_blades(c, here, at(low), at(low + 8));
     pencil pencils[LF_TOGETHER];
     masks open = {0};
     for (int w = 0; w < wavelengths; w++) {
         const float *a = low + 16 + 48 * w, *b = high + 16 + 48 * w;
         const rays out = between(at(a), at(b), weight), across = between(at(a + 8), at(b + 8), weight);
         const rays by_out = between(at(a + 16), at(b + 16), weight), by_across = between(at(a + 24), at(b + 24), weight);
-        const masks pass = (between(at(a + 32), at(b + 32), held) > 0) & through;
+        const rays part = open_share(between(at(a + 32), at(b + 32), held)) * through;
+        const masks pass = part > 0;
         pencil *p = pencils + w;
-        p->light = kept(pass, between(at(a + 40), at(b + 40), held));
+        p->light = kept(pass, part * between(at(a + 40), at(b + 40), held));
         p->x = out * here->right + across * here->up;
         p->y = out * here->up - across * here->right;
         p->by_x = by_out * here->right + by_across * here->up;
@@ -200,9 +207,10 @@ INLINE void follow(const lf_cast_of *c, const pixel *here, int64_t first, const 
     }
     for (int64_t n = 0; n < c->layers && any(open); n++) {
         const lf_layer *l = c->layer + n;
+        const lf_level *level = l->level + meetings[n].level;
         if (meetings[n].steps < 0) continue;
         rays depth, in_focus;
-        meet(l, pencils + wavelengths / 2, meetings + n, c->per_focal, &depth, &in_focus);
+        meet(c, l, pencils + wavelengths / 2, meetings + n, &depth, &in_focus);
         const masks covered = open & (in_focus >= 0);
         if (!any(covered)) continue;
         open = (masks){0};
@@ -211,13 +219,14 @@ INLINE void follow(const lf_cast_of *c, const pixel *here, int64_t first, const 
             spots s;
             masks inside = covered;
             rays alpha = (rays){0} + 1;
-            if (meetings[n].opaque) find_spots(l, p, depth, c->per_focal, &s);
+            if (meetings[n].opaque) find_spots(c, level, p, depth, &s);
             else {
-                inside &= find_spots(l, p, depth, c->per_focal, &s);
-                alpha = looked_up(l->alpha, l->light.row_step, &s);
+                inside &= find_spots(c, level, p, depth, &s);
+                alpha = looked_up(level->alpha, level->light.row_step, &s);
             }
             alpha = kept(inside, alpha);
-            const rays light = kept(inside, looked_up(l->light.values + w * l->light.plane_step, l->light.row_step, &s));
+            const float *plane = level->light.values + w * level->light.plane_step;
+            const rays light = kept(inside, looked_up(plane, level->light.row_step, &s));
             const rays visible = p->free * p->light;
             float *to = sums + 8 * SUMS * w;
             if (focused) {
@@ -236,53 +245,49 @@ INLINE void follow(const lf_cast_of *c, const pixel *here, int64_t first, const 
     }
 }
 
-INLINE pixel pixel_of(const lf_cast_of *c, int64_t row, int64_t column, int64_t sequence)
+INLINE pixel pixel_of(const lf_cast_of *c, int64_t row, int64_t column, float cells)
 {
     const double x = (double)column - c->centre_column, y = c->centre_row - (double)row, height = __builtin_sqrt(x * x + y * y);
     const double step = height * c->heights_per_px, last = (double)(c->heights - 2);
     const int64_t before = (int64_t)(step < last ? step : last), size = 16 + 48 * c->wavelengths;
-    const float *low = c->rays + (before * LF_SEQUENCES + sequence) * c->eights * size;
-    return (pixel){low, low + LF_SEQUENCES * c->eights * size, (float)(step - (double)before),
-                   height > 0 ? (float)(x / height) : 0, height > 0 ? (float)(y / height) : 1};
+    const float *low = c->rays + before * c->eights * size;
+    return (pixel){low, low + c->eights * size, (float)(step - (double)before),
+                   height > 0 ? (float)(x / height) : 0, height > 0 ? (float)(y / height) : 1, cells};
 }
 
 static float sum_of(const float *a) { return ((a[0] + a[1]) + (a[2] + a[3])) + ((a[4] + a[5]) + (a[6] + a[7])); }
 
-/* Casts the pixels of a tile, grouped by sequence of rays: pixels two rows and four columns apart share one. */
-INLINE void cast_pixels(const lf_cast_of *c, int64_t top, int64_t left, int64_t eights, const lf_meeting *meetings, int focused,
-                        const lf_picture *blurred, const lf_picture *clear, float *work)
+/* Casts the pixels of a tile. */
+INLINE void cast_pixels(const lf_cast_of *c, int64_t tile, int focused, const lf_picture *blurred, const lf_picture *clear,
+                        float *work)
 {
-    const int64_t end_row = top + c->tile_px < blurred->rows ? top + c->tile_px : blurred->rows;
-    const int64_t end_column = left + c->tile_px < blurred->columns ? left + c->tile_px : blurred->columns;
-    const int64_t size = 16 + 48 * c->wavelengths, each = 8 * SUMS * c->wavelengths;
-    for (int64_t sequence = 0; sequence < LF_SEQUENCES; sequence++) {
-        const int64_t from_row = top + sequence / 4, from_column = left + sequence % 4;
-        float *end = work;
-        for (int64_t row = from_row; row < end_row; row += 2)
-            for (int64_t column = from_column; column < end_column; column += 4)
-                for (int64_t n = 0; n < each; n++) *end++ = 0;
-        for (int64_t n = 0; n < eights; n++) {
-            float *sums = work;
-            for (int64_t row = from_row; row < end_row; row += 2)
-                for (int64_t column = from_column; column < end_column; column += 4, sums += each) {
-                    pixel here = pixel_of(c, row, column, sequence);
-                    here.low += n * size, here.high += n * size;
-                    for (int64_t first = 0; first < 8; first += WIDE)
-                        follow(c, &here, first, meetings, focused, sums + first);
-                }
-        }
-        const float *sums = work;
-        for (int64_t row = from_row; row < end_row; row += 2)
-            for (int64_t column = from_column; column < end_column; column += 4)
-                for (int64_t w = 0; w < c->wavelengths; w++, sums += 8 * SUMS) {
-                    const float light = sum_of(sums + 8 * LIGHT), all = sum_of(sums + 8 * ALL);
-                    const float part = focused && all > 0 ? sum_of(sums + 8 * THROUGH) / all : 1;
-                    blurred->values[w * blurred->plane_step + row * blurred->row_step + column] =
-                        light > 0 ? sum_of(sums + 8 * BLURRED) / light : 0;
-                    clear->values[w * clear->plane_step + row * clear->row_step + column] =
-                        part < 0 ? 0 : part < 1 ? part : 1;
-                }
+    const lf_meeting *meetings = c->meetings + tile * c->layers;
+    const int64_t top = tile / c->tile_columns * c->tile_px, left = tile % c->tile_columns * c->tile_px;
+    const int64_t bottom = top + c->tile_px < blurred->rows ? top + c->tile_px : blurred->rows;
+    const int64_t right = left + c->tile_px < blurred->columns ? left + c->tile_px : blurred->columns;
+    const int64_t size = 16 + 48 * c->wavelengths, each = 8 * SUMS * c->wavelengths, eights = c->tile_eights[tile];
+    const float cells = __builtin_sqrtf((float)eights) / c->cell_of_eight;
+    for (int64_t n = 0; n < (bottom - top) * (right - left) * each; n++) work[n] = 0;
+    for (int64_t n = c->first_eights[tile]; n < c->first_eights[tile] + eights; n++) {
+        float *sums = work;
+        for (int64_t row = top; row < bottom; row++)
+            for (int64_t column = left; column < right; column++, sums += each) {
+                pixel here = pixel_of(c, row, column, cells);
+                here.low += n * size, here.high += n * size;
+                for (int64_t first = 0; first < 8; first += WIDE) follow(c, &here, first, meetings, focused, sums + first);
+            }
     }
+    const float *sums = work;
+    for (int64_t row = top; row < bottom; row++)
+        for (int64_t column = left; column < right; column++)
+            for (int64_t w = 0; w < c->wavelengths; w++, sums += 8 * SUMS) {
+                const float light = sum_of(sums + 8 * LIGHT), all = sum_of(sums + 8 * ALL);
+                const float part = focused && all > 0 ? sum_of(sums + 8 * THROUGH) / all : 1;
+                blurred->values[w * blurred->plane_step + row * blurred->row_step + column] =
+                    light > 0 ? sum_of(sums + 8 * BLURRED) / light : 0;
+                clear->values[w * clear->plane_step + row * clear->row_step + column] =
+                    part < 0 ? 0 : part < 1 ? part : 1;
+            }
 }
 
 lf_cast_loop OF_VARIANT(lf_cast);
@@ -291,14 +296,11 @@ int OF_VARIANT(lf_cast)(const lf_cast_of *c, int64_t first_tile, int64_t end_til
                         const lf_picture *clear, float *work)
 {
     for (int64_t tile = first_tile; tile < end_tile; tile++) {
-        const int64_t eights = c->tile_eights[tile];
-        const int64_t top = tile / c->tile_columns * c->tile_px, left = tile % c->tile_columns * c->tile_px;
-        const lf_meeting *meetings = c->meetings + tile * c->layers;
         int focused = 0;
-        for (int64_t n = 0; n < c->layers; n++) focused |= meetings[n].focused;
-        if (!eights) continue;
-        if (focused) cast_pixels(c, top, left, eights, meetings, 1, blurred, clear, work);
-        else cast_pixels(c, top, left, eights, meetings, 0, blurred, clear, work);
+        for (int64_t n = 0; n < c->layers; n++) focused |= c->meetings[tile * c->layers + n].focused;
+        if (!c->tile_eights[tile]) continue;
+        if (focused) cast_pixels(c, tile, 1, blurred, clear, work);
+        else cast_pixels(c, tile, 0, blurred, clear, work);
     }
     return 0;
 }

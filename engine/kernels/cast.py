@@ -5,14 +5,39 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .arrays import address, picture
 from .declarations import NUMBERS, STRUCTURES
-from .library import address, check, chosen, picture
+from .library import check, chosen
 
 TOGETHER = NUMBERS["TOGETHER"]  # maximum number of wavelengths
-SEQUENCES = NUMBERS["SEQUENCES"]  # of rays; adjacent pixels have different ones
+LEVELS = NUMBERS["LEVELS"]  # maximum number of resolutions of a layer
 STOP, QUANTITIES = 2, 6  # numbers for the position of rays in the stop, and at each wavelength
-CAST, LAYER = STRUCTURES["cast_of"], STRUCTURES["layer"]
+CAST, LAYER, LEVEL = (STRUCTURES[name] for name in ("cast_of", "layer", "level"))
 MEETING = np.dtype(STRUCTURES["meeting"])
+
+
+@dataclass(frozen=True, eq=False)
+class LevelArrays:
+    """A layer of a capture at one resolution.
+
+    Attributes
+    ----------
+    light : float32 array (wavelength, row, column)
+        Premultiplied by alpha; contiguous rows, at least 2 x 2 pixels.
+    alpha : float32 array (row, column)
+    axis_px : (float, float)
+        Row and column of the axis, in this level's pixels.
+    per_px : float
+        This level's pixels in a pixel of the capture.
+    bounds_px : (float, float, float, float)
+        Top, bottom, left and right limits of the layer; infinite for sides at which the last pixels continue.
+    """
+
+    light: np.ndarray
+    alpha: np.ndarray
+    axis_px: tuple[float, float]
+    per_px: float
+    bounds_px: tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,22 +46,14 @@ class LayerArrays:
 
     Attributes
     ----------
-    light : float32 array (wavelength, row, column)
-        Premultiplied by alpha; contiguous rows, at least 2 x 2 pixels.
-    alpha : float32 array (row, column)
+    levels : tuple of LevelArrays
+        The first has the capture's pixels.
     depth : float32 array (row, column, 2)
-        Inverse depth per mm, and the focus share.
-    axis_px : (float, float)
-        Row and column of the axis, in this layer's pixels.
-    bounds_px : (float, float, float, float)
-        Top, bottom, left and right limits of the layer; infinite for sides at which the last pixels continue.
+        Of the first level: inverse depth per mm, and the focus share.
     """
 
-    light: np.ndarray
-    alpha: np.ndarray
+    levels: tuple[LevelArrays, ...]
     depth: np.ndarray
-    axis_px: tuple[float, float]
-    bounds_px: tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,28 +62,34 @@ class Casting:
 
     Attributes
     ----------
-    rays : float32 array (height, sequence, eight, 2 + 6 wavelengths, 8)
+    rays : float32 array (height, eight, 2 + 6 wavelengths, 8)
         For eight rays at a time: their position in the stop, tangential and outwards; then for each wavelength their
-        position at infinity, outwards and tangential, and its change with the inverse depth, both in pixels; a number
-        that is positive for rays that pass; and their light.
+        position at infinity, outwards and tangential, and its change with the inverse depth, both in pixels; their
+        distance from the rims that limit them, in cells, negative for blocked rays; and the light of their cells.
     heights_per_px : float
     centre_px : (float, float)
         Row and column of the axis on the sensor.
     per_focal : float
-        One over the focal length in pixels of a fisheye capture; 0 for a plane capture.
+        One over the focal length in pixels of a panoramic capture; 0 for a plane capture.
+    shrinkage : float32 array (step,)
+        Radii in a panoramic capture over those on a plane, at even steps from 0 to 1 of t / (1 + t), where t is the
+        tangent of the angle from the axis.
     blades : float32 array (blade, 2)
         The directions that an iris's blades face; empty without an iris.
     blade_shape : (float, float, float)
-        Margin, bend and slope: a ray passes if margin - bend r^2 - slope (position . direction) > 0 for all blades.
+        Margin, bend and slope: margin - bend r^2 - slope (position . direction) is the distance from a blade's edge, in
+        semi-apertures, negative for blocked rays.
+    cell_of_eight : float
+        Side of a ray's cell if a pixel has eight rays, in semi-apertures.
     layers : tuple of LayerArrays
         The nearest first.
     faint : tuple of float
         For each wavelength, radiance that is negligible compared with the visible radiance.
     meetings : array (tile row, tile column, layer) of MEETING
         The start of the search for a layer; its number of steps, below 0 if rays cannot meet the layer; whether
-        anything in the layer's reachable part may be in focus; and whether that part is opaque.
-    eights : int64 array (tile row, tile column)
-        Number of groups of eight rays; pixels of tiles with 0 are not written.
+        anything in the layer's reachable part may be in focus; whether that part is opaque; and the layer's level.
+    first_eights, eights : int64 arrays (tile row, tile column)
+        The first and the number of the groups of eight rays; pixels of tiles with 0 are not written.
     tile_px : int
     """
 
@@ -74,22 +97,25 @@ class Casting:
     heights_per_px: float
     centre_px: tuple[float, float]
     per_focal: float
+    shrinkage: np.ndarray
     blades: np.ndarray
     blade_shape: tuple[float, float, float]
+    cell_of_eight: float
     layers: tuple[LayerArrays, ...]
     faint: tuple[float, ...]
     meetings: np.ndarray
+    first_eights: np.ndarray
     eights: np.ndarray
     tile_px: int
 
     @property
     def wavelengths(self) -> int:
-        return (self.rays.shape[3] - STOP) // QUANTITIES
+        return (self.rays.shape[2] - STOP) // QUANTITIES
 
 
 def rays_shape(heights: int, eights: int, wavelengths: int) -> tuple[int, ...]:
     """The shape of `Casting.rays`."""
-    return heights, SEQUENCES, eights, STOP + QUANTITIES * wavelengths, 8
+    return heights, eights, STOP + QUANTITIES * wavelengths, 8
 
 
 def cast(casting: Casting, row: int, blurred: np.ndarray, clear: np.ndarray) -> None:
@@ -110,14 +136,17 @@ def cast(casting: Casting, row: int, blurred: np.ndarray, clear: np.ndarray) -> 
     """
     loops, variant = chosen()
     layers = (LAYER * len(casting.layers))(*map(_layer, casting.layers))
-    heights, _, eights = casting.rays.shape[:3]
+    heights, eights = casting.rays.shape[:2]
     of_eight = rays_shape(heights, eights, casting.wavelengths)
     tile_rows, tile_columns = casting.eights.shape
     structure = CAST(address(casting.rays, np.float32, of_eight), heights, eights, casting.wavelengths,
                      *casting.centre_px, casting.heights_per_px, casting.per_focal,
+                     address(casting.shrinkage, np.float32), len(casting.shrinkage) - 1,
                      address(casting.blades, np.float32), len(casting.blades), *casting.blade_shape,
-                     addressof(layers), len(layers), (casting.faint + (0.0,) * TOGETHER)[:TOGETHER],
+                     casting.cell_of_eight, addressof(layers), len(layers),
+                     (casting.faint + (0.0,) * TOGETHER)[:TOGETHER],
                      address(casting.meetings, MEETING, (tile_rows, tile_columns, len(layers))),
+                     address(casting.first_eights, np.int64, casting.eights.shape),
                      address(casting.eights, np.int64), tile_rows, tile_columns, casting.tile_px)
     work = np.empty(32 * casting.wavelengths * casting.tile_px**2, np.float32)
     check(loops.lf_cast(variant, byref(structure), row * tile_columns, (row + 1) * tile_columns,
@@ -125,10 +154,12 @@ def cast(casting: Casting, row: int, blurred: np.ndarray, clear: np.ndarray) -> 
 
 
 def _layer(layer):
-    light = picture(layer.light)
-    rows, columns = layer.light.shape[1:]
-    alpha = layer.alpha
-    if alpha.dtype != np.float32 or alpha.strides != layer.light.strides[1:]:
+    levels = (LEVEL * LEVELS)(*map(_level, layer.levels))
+    return LAYER(levels, len(layer.levels), address(layer.depth, np.float32, (*layer.levels[0].alpha.shape, 2)))
+
+
+def _level(level):
+    light, alpha = picture(level.light), level.alpha
+    if alpha.dtype != np.float32 or alpha.strides != level.light.strides[1:]:
         raise ValueError("the strides of alpha differ from the light's")
-    return LAYER(light, alpha.ctypes.data,
-                 address(layer.depth, np.float32, (rows, columns, 2)), *layer.axis_px, *layer.bounds_px)
+    return LEVEL(light, alpha.ctypes.data, *level.axis_px, level.per_px, *level.bounds_px)

@@ -84,6 +84,38 @@ INLINE int64_t touched_pixel(const touched *t, int k, int i)
     return pixel < 0 ? 0 : pixel < t->last ? pixel : t->last;
 }
 
+typedef float four_floats __attribute__((vector_size(16)));
+
+typedef struct { /* the captures of four planes; the first one again for missing planes */
+    const float *first[4];
+    int64_t row_step[4], step[4];
+} four_captures;
+
+/* The averages of four captures over the footprint of a pixel. `inside`: whether they contain all of the footprint. */
+INLINE four_floats average_of_four(const four_captures *c, const touched *rows, const touched *columns, int i,
+                                   int inside)
+{
+    const int64_t first_column = inside ? columns->first[i] : 0;
+    four_floats sum = {0};
+    for (int j = 0; j < rows->count; j++) {
+        const int64_t row = inside ? rows->first[i] + j : touched_pixel(rows, j, i);
+        const float *from[4];
+        for (int q = 0; q < 4; q++) from[q] = c->first[q] + row * c->row_step[q] + first_column * c->step[q];
+        four_floats in_row = {0};
+        for (int k = 0; k < columns->count; k++) {
+            const int64_t column = inside ? 0 : touched_pixel(columns, k, i);
+            const four_floats light = {from[0][column * c->step[0]], from[1][column * c->step[1]],
+                                       from[2][column * c->step[2]], from[3][column * c->step[3]]};
+            in_row += columns->share[k][i] * light;
+            for (int q = 0; q < 4; q++) from[q] += inside ? c->step[q] : 0;
+        }
+        sum += rows->share[j][i] * in_row;
+    }
+    return sum;
+}
+
+INLINE int is_inside(const touched *t, int i) { return t->first[i] >= 0 && t->first[i] + t->count <= t->last + 1; }
+
 lf_footprints_loop OF_VARIANT(lf_footprints);
 /* Writes rows of `out`, by index, from first_row up to end_row. */
 int OF_VARIANT(lf_footprints)(const lf_geometry *lens, const lf_capture *capture, int64_t first_row, int64_t end_row,
@@ -92,12 +124,28 @@ int OF_VARIANT(lf_footprints)(const lf_geometry *lens, const lf_capture *capture
     extents down, across;
     touched rows, columns;
     float factor[TOGETHER], in_row[TOGETHER], sum[TOGETHER];
+    four_captures four;
+    for (int q = 0; q < 4; q++) {
+        const int plane = q < (int)out->planes ? q : 0;
+        four.first[q] = capture->first[plane];
+        four.row_step[q] = capture->row_step[plane], four.step[q] = capture->step[plane];
+    }
     for (int64_t y = first_row; y < end_row; y++)
         for (int64_t x = 0; x < out->columns; x += TOGETHER) {
             const int n = out->columns - x < TOGETHER ? (int)(out->columns - x) : TOGETHER;
             find_footprints(lens, capture, x, n, (double)y - lens->centre_row, &down, &across, factor);
             find_touched(&down, n, capture->rows, &rows);
             find_touched(&across, n, capture->columns, &columns);
+            if (out->planes > 1) {
+                float *to = out->values + y * out->row_step + x;
+                for (int i = 0; i < n; i++) {
+                    const four_floats mean = is_inside(&rows, i) && is_inside(&columns, i)
+                                                 ? average_of_four(&four, &rows, &columns, i, 1)
+                                                 : average_of_four(&four, &rows, &columns, i, 0);
+                    for (int q = 0; q < (int)out->planes; q++) to[q * out->plane_step + i] = mean[q] * factor[i];
+                }
+                continue;
+            }
             for (int64_t plane = 0; plane < out->planes; plane++) {
                 const int64_t row_step = capture->row_step[plane], step = capture->step[plane];
                 const float *from = capture->first[plane];

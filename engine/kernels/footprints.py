@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .arrays import address, picture
 from .declarations import STRUCTURES
-from .library import address, check, chosen, picture
+from .library import check, chosen
 
 CAPTURE, GEOMETRY = STRUCTURES["capture"], STRUCTURES["geometry"]
 

@@ -4,19 +4,27 @@
 typedef struct {
     const char *name;
     lf_spread_loop *spread;
+    lf_extremes_loop *extremes;
+    lf_excess_loop *excess;
     lf_footprints_loop *footprints;
     lf_turn_loop *turn;
     lf_waves_loop *waves;
+    lf_spots_loop *spots;
     lf_cast_loop *cast;
 } variant;
 
 #define DECLARED(v) \
     lf_spread_loop lf_spread_##v; \
+    lf_extremes_loop lf_extremes_##v; \
+    lf_excess_loop lf_excess_##v; \
     lf_footprints_loop lf_footprints_##v; \
     lf_turn_loop lf_turn_##v; \
     lf_waves_loop lf_waves_##v; \
+    lf_spots_loop lf_spots_##v; \
     lf_cast_loop lf_cast_##v;
-#define LISTED(v) {#v, lf_spread_##v, lf_footprints_##v, lf_turn_##v, lf_waves_##v, lf_cast_##v}
+#define LISTED(v) \
+    {#v, lf_spread_##v, lf_extremes_##v, lf_excess_##v, lf_footprints_##v, lf_turn_##v, lf_waves_##v, lf_spots_##v, \
+     lf_cast_##v}
 
 #if defined(__x86_64__)
 DECLARED(base) DECLARED(avx2) DECLARED(avx512)
@@ -124,6 +132,31 @@ int lf_spread(int variant, const lf_places *places, const lf_table *t, const lf_
     return variants[variant].spread(places, t, light, sections, first_row, end_row, out, work);
 }
 
+/* Whether rows of sections are within a picture that is divided into these sections. */
+static int divides(const lf_picture *p, int64_t rows, int64_t columns, int64_t size_px, int64_t first_row,
+                   int64_t end_row)
+{
+    return fits(p) && within(size_px, 1, MOST_PX) && rows == (p->rows + size_px - 1) / size_px
+           && columns == (p->columns + size_px - 1) / size_px && within(first_row, 0, end_row) && end_row <= rows;
+}
+
+int lf_extremes(int variant, const lf_picture *light, const lf_extremes_of *out, int64_t first_row, int64_t end_row)
+{
+    if (!within(variant, 0, VARIANTS - 1)
+        || !divides(light, out->rows, out->columns, out->size_px, first_row, end_row))
+        return LF_BAD_SIZE;
+    return variants[variant].extremes(light, out, first_row, end_row);
+}
+
+int lf_excess(int variant, const lf_picture *light, float level, const lf_excess_of *out, int64_t first_row,
+              int64_t end_row)
+{
+    if (!within(variant, 0, VARIANTS - 1)
+        || !divides(light, out->rows, out->columns, out->size_px, first_row, end_row))
+        return LF_BAD_SIZE;
+    return variants[variant].excess(light, level, out, first_row, end_row);
+}
+
 int lf_footprints(int variant, const lf_geometry *lens, const lf_capture *capture, int64_t first_row, int64_t end_row,
                   const lf_picture *out)
 {
@@ -137,7 +170,8 @@ int lf_footprints(int variant, const lf_geometry *lens, const lf_capture *captur
 int lf_turn(int variant, const lf_samples *samples, double cosine, double sine, int64_t side, double *out)
 {
     if (!within(variant, 0, VARIANTS - 1) || !within(samples->count, 0, MOST) || !within(samples->heights, 8, 1 << 16)
-        || samples->heights % 8 || !within(side, 1, 1 << 14) || side % 2 == 0 || !(samples->size_px > 0))
+        || samples->heights % 8 || !within(side, 3, 1 << 14) || side % 2 == 0
+        || !(samples->size_px > 0 && samples->size_px <= 1))
         return LF_BAD_SIZE;
     return variants[variant].turn(samples, cosine, sine, side, out);
 }
@@ -145,19 +179,32 @@ int lf_turn(int variant, const lf_samples *samples, double cosine, double sine, 
 int lf_waves(int variant, const lf_wavefront *w, const lf_picture *out, double *light, float *work)
 {
     if (!within(variant, 0, VARIANTS - 1) || !within(w->rows, 3, MOST_PX) || !within(w->columns, 8, MOST_PX)
-        || w->columns % 8 || !within(w->path_terms, 1, 1 << 10) || !within(w->edge_terms, 1, 1 << 10)
+        || w->columns % 8 || !within(w->path_terms, 2, 1 << 10) || !within(w->edge_terms, 1, 1 << 10)
         || !within(w->limits, 1, 1 << 10) || !fits(out) || out->planes != 2 || out->rows != w->rows
         || out->columns < w->columns)
         return LF_BAD_SIZE;
     return variants[variant].waves(w, out, light, work);
 }
 
+int lf_spots(int variant, const lf_bundle *b, double *out, double *light)
+{
+    if (!within(variant, 0, VARIANTS - 1) || !within(b->radii, 2, 1 << 12) || !within(b->azimuths, 2, 1 << 12)
+        || !within(b->parts, 1, 1 << 10) || !within(b->side, 1, 1 << 14))
+        return LF_BAD_SIZE;
+    return variants[variant].spots(b, out, light);
+}
+
 /* Whether all look-ups of rays in a layer are within bounds. */
 static int layer_fits(const lf_layer *l, int64_t wavelengths)
 {
-    const lf_picture *p = &l->light;
-    return fits(p) && p->planes == wavelengths && within(p->rows, 2, 1 << 20) && within(p->columns, 2, 1 << 20)
-           && within(p->row_step, p->columns, INT32_MAX / p->rows) && within(p->columns, 2, INT32_MAX / 2 / p->rows);
+    if (!within(l->levels, 1, LF_LEVELS)) return 0;
+    for (int64_t n = 0; n < l->levels; n++) {
+        const lf_picture *p = &l->level[n].light;
+        if (!fits(p) || p->planes != wavelengths || !within(p->rows, 2, 1 << 20) || !within(p->columns, 2, 1 << 20)
+            || !within(p->row_step, p->columns, INT32_MAX / p->rows) || !within(p->columns, 2, INT32_MAX / 2 / p->rows))
+            return 0;
+    }
+    return 1;
 }
 
 int lf_cast(int variant, const lf_cast_of *c, int64_t first_tile, int64_t end_tile, const lf_picture *blurred,
@@ -168,11 +215,16 @@ int lf_cast(int variant, const lf_cast_of *c, int64_t first_tile, int64_t end_ti
         || clear->columns != blurred->columns || !within(c->heights, 2, MOST_PX)
         || !within(c->eights, 1, MOST_PX) || !within(c->blades, 0, MOST_PX) || !within(c->layers, 1, 1 << 10)
         || !within(c->tile_px, 1, MOST_PX) || !within(c->tile_columns, 1, MOST_PX) || !within(c->tile_rows, 1, MOST_PX)
-        || !within(first_tile, 0, end_tile) || end_tile > c->tile_rows * c->tile_columns)
+        || !within(c->shrinkage_steps, 1, 1 << 20) || !within(first_tile, 0, end_tile) || end_tile > c->tile_rows * c->tile_columns)
         return LF_BAD_SIZE;
     for (int64_t n = 0; n < c->layers; n++)
         if (!layer_fits(c->layer + n, c->wavelengths)) return LF_BAD_SIZE;
-    for (int64_t tile = first_tile; tile < end_tile; tile++)
-        if (!within(c->tile_eights[tile], 0, c->eights)) return LF_BAD_SIZE;
+    for (int64_t tile = first_tile; tile < end_tile; tile++) {
+        if (!within(c->tile_eights[tile], 0, c->eights)
+            || !within(c->first_eights[tile], 0, c->eights - c->tile_eights[tile]))
+            return LF_BAD_SIZE;
+        for (int64_t n = 0; n < c->layers; n++)
+            if (!within(c->meetings[tile * c->layers + n].level, 0, c->layer[n].levels - 1)) return LF_BAD_SIZE;
+    }
     return variants[variant].cast(c, first_tile, end_tile, blurred, clear, work);
 }

@@ -17,7 +17,7 @@
 #define LENSFIELD_KERNELS_H
 #include <stdint.h>
 
-#define LF_ABI 5
+#define LF_ABI 7
 
 enum { LF_OUTSIDE = 1, LF_BAD_SIZE = 2 };
 
@@ -67,6 +67,26 @@ typedef struct { /* the square sections of a picture to spread */
 typedef int lf_spread_loop(const lf_places *, const lf_table *, const lf_picture *light, const lf_sections *,
                            int64_t first_row, int64_t end_row, const lf_picture *out, void *work);
 
+/* extremes */
+
+typedef struct { /* of the size of the light in square sections of all planes: (section row, section column) */
+    float *brightest, *dimmest, *least; /* dimmest: except black pixels, or infinity if all are black */
+    float *step; /* the largest step from a pixel to the next one to the right or below */
+    int64_t rows, columns, size_px;
+} lf_extremes_of;
+
+typedef int lf_extremes_loop(const lf_picture *light, const lf_extremes_of *, int64_t first_row, int64_t end_row);
+
+/* excess */
+
+typedef struct {
+    double *sums; /* (plane, section row, section column) */
+    int64_t rows, columns, size_px;
+} lf_excess_of;
+
+typedef int lf_excess_loop(const lf_picture *light, float level, const lf_excess_of *, int64_t first_row,
+                           int64_t end_row);
+
 /* footprints */
 
 #define LF_LARGEST_FOOTPRINT 16 /* pixels; larger footprints are represented by their middle */
@@ -94,7 +114,7 @@ typedef struct { /* the light of PSFs in small squares */
     const double *v_px, *u_px; /* (sample): positions, outwards and along the tangent */
     const double *energy;      /* (sample, height) */
     int64_t count, heights;    /* heights: a multiple of 8 */
-    double size_px;
+    double size_px;            /* up to 1 */
 } lf_samples;
 
 typedef int lf_turn_loop(const lf_samples *, double cosine, double sine, int64_t side, double *out);
@@ -102,27 +122,47 @@ typedef int lf_turn_loop(const lf_samples *, double cosine, double sine, int64_t
 /* waves */
 
 typedef struct { /* a wavefront over an even grid of direction cosines, between -1 and 1 up to its rim */
-    const double *across; /* (columns): 2 x^2 - 1 */
+    const double *across; /* (path_terms, columns): Chebyshev's polynomials of 2 x^2 - 1 */
+    const float *across_edges; /* (edge_terms, columns): in single precision */
     const double *up;     /* (rows): y */
     const double *path;   /* (row, path_terms): Chebyshev's coefficients over `across`, in waves */
     const float *edges;   /* (row, 1 + limits, edge_terms): of the density's logarithm; of limits, which pass up to 1 */
-    int64_t rows, columns, path_terms, edge_terms, limits; /* columns: a multiple of 8 */
+    int64_t rows, columns, path_terms, edge_terms, limits; /* columns: a multiple of 8; path_terms: at least 2 */
     float least, most;    /* limits of the density's logarithm; the light is relative to the largest density */
 } lf_wavefront;
 
 typedef int lf_waves_loop(const lf_wavefront *, const lf_picture *out, double *light, float *work);
 
+/* spots */
+
+typedef struct { /* rays at the corners of the cells of half a pupil */
+    const double *corners; /* (7, radius, azimuth): position x, y in samples from the window's corner; two coordinates
+                              over whose area the light is even; direction cosines x, y, scaled so that a ray at the
+                              distance t from the edge is deflected by 1/t samples; the tightest limit, which passes
+                              light up to 1 */
+    int64_t radii, azimuths;
+    int64_t parts; /* of a cell along each side */
+    int64_t side;  /* of the window, in samples */
+} lf_bundle;
+
+typedef int lf_spots_loop(const lf_bundle *, double *out, double *light);
+
 /* cast */
 
 #define LF_TOGETHER 6  /* limit of wavelengths in one call */
-#define LF_SEQUENCES 8 /* of rays: each of 2 x 4 neighbouring pixels uses a different sequence */
+#define LF_LEVELS 6   /* limit of a layer's resolutions */
 
-typedef struct {         /* a layer of the scene, cropped from a pinhole's capture */
+typedef struct {         /* a layer at one resolution */
     lf_picture light;    /* (wavelength): premultiplied by alpha; at least 2 x 2 pixels */
     const float *alpha;  /* with the same steps */
-    const float *depth;  /* (row, column, 2): inverse depth, and the focus share, below 0 far from any surface */
-    float axis_row, axis_column;      /* of the axis, in this layer's pixels */
-    float top, bottom, left, right;   /* limits of the layer; infinite for sides at which the last pixels continue */
+    float axis_row, axis_column, per_px; /* of the axis, in this level's pixels; its pixels in a pixel of the capture */
+    float top, bottom, left, right;      /* limits of the layer; infinite for sides at which the last pixels continue */
+} lf_level;
+
+typedef struct {         /* a layer of the scene, cropped from a pinhole's capture */
+    lf_level level[LF_LEVELS]; /* the first one has the capture's pixels */
+    int64_t levels;
+    const float *depth;  /* (row, column, 2) of the first level: inverse depth, and focus share, below 0 far from surfaces */
 } lf_layer;
 
 typedef struct {          /* the search of a tile's rays for a layer */
@@ -130,24 +170,29 @@ typedef struct {          /* the search of a tile's rays for a layer */
     int32_t steps;        /* its number of steps; below 0 if rays cannot meet the layer */
     int32_t focused;      /* whether anything in the layer's reachable part may be in focus */
     int32_t opaque;       /* whether that part is opaque */
+    int32_t level;        /* of the layer, for light and alpha */
 } lf_meeting;
 
 typedef struct {
-    const float *rays;    /* (height, LF_SEQUENCES, eight of rays, 2 + 6 wavelengths, 8): their position in the stop,
-                             tangential and outwards; for each wavelength their position at infinity, outwards and
-                             tangential, and its change with the inverse depth, both in pixels; a number that is
-                             positive for rays that pass; their light */
+    const float *rays;    /* (height, eight of rays, 2 + 6 wavelengths, 8): their position in the stop, tangential and
+                             outwards; for each wavelength their position at infinity, outwards and tangential, and its
+                             change with the inverse depth, both in pixels; their distance from the rims that limit them,
+                             in cells, negative for blocked rays; their cells' light */
     int64_t heights, eights, wavelengths;
     double centre_row, centre_column, heights_per_px; /* of the axis on the sensor */
-    float per_focal;      /* one over a fisheye capture's focal length in pixels; 0 for a plane capture */
+    float per_focal;      /* one over a panoramic capture's focal length in pixels; 0 for a plane capture */
+    const float *shrinkage; /* radii in a panoramic capture over those on a plane, at even steps from 0 to 1 of
+                               t / (1 + t), where t is the tangent of the angle from the axis */
+    int64_t shrinkage_steps;
     const float *normals; /* (blade, 2): of an iris */
     int64_t blades;
-    float blade_margin, blade_bend, blade_slope; /* a ray passes if margin - bend r^2 - slope (position . normal) > 0 */
+    float blade_margin, blade_bend, blade_slope; /* margin - bend r^2 - slope (position . normal): distance from an edge */
+    float cell_of_eight;  /* side of a ray's cell if a pixel has eight rays, in the unit of these distances */
     const lf_layer *layer; /* the nearest first */
     int64_t layers;
     float faint[LF_TOGETHER]; /* (wavelength): radiance that is negligible compared with the visible radiance */
     const lf_meeting *meetings; /* (tile, layer) */
-    const int64_t *tile_eights; /* (tile): rays, in eights */
+    const int64_t *first_eights, *tile_eights; /* (tile): the first and the number of its rays, in eights */
     int64_t tile_rows, tile_columns, tile_px;
 } lf_cast_of;
 
@@ -164,10 +209,15 @@ LF_API int lf_runs_here(int variant);   /* whether this processor and its system
 LF_API int64_t lf_spread_work(int64_t pieces, int64_t columns); /* bytes of workspace for lf_spread; 0 for bad sizes */
 LF_API int lf_spread(int variant, const lf_places *, const lf_table *, const lf_picture *light, const lf_sections *,
                      int64_t first_row, int64_t end_row, const lf_picture *out, void *work);
+LF_API int lf_extremes(int variant, const lf_picture *light, const lf_extremes_of *, int64_t first_row,
+                       int64_t end_row); /* rows of sections, as for lf_excess */
+LF_API int lf_excess(int variant, const lf_picture *light, float level, const lf_excess_of *, int64_t first_row,
+                     int64_t end_row);
 LF_API int lf_footprints(int variant, const lf_geometry *, const lf_capture *, int64_t first_row, int64_t end_row,
                          const lf_picture *out);
 LF_API int lf_turn(int variant, const lf_samples *, double cosine, double sine, int64_t side, double *out);
 LF_API int lf_waves(int variant, const lf_wavefront *, const lf_picture *out, double *light, float *work);
+LF_API int lf_spots(int variant, const lf_bundle *, double *out, double *light);
 LF_API int lf_cast(int variant, const lf_cast_of *, int64_t first_tile, int64_t end_tile, const lf_picture *blurred,
                    const lf_picture *clear, float *work); /* work: 32 floats for each pixel of a tile and wavelength */
 #endif

@@ -1,4 +1,4 @@
-"""Load the library of loops, choose the variant that this machine can run, and pass arrays to it."""
+"""Load the library of loops, and choose the variant that this machine can run."""
 
 import ctypes
 import os
@@ -7,12 +7,9 @@ import warnings
 from dataclasses import dataclass
 from functools import cache
 
-import numpy as np
-from numpy.typing import DTypeLike
-
 from ..runtime.errors import InputError
 from .build import LIBRARY_FOLDER, library_name, sources_digest, this_platform
-from .declarations import FUNCTIONS, NUMBERS, STRUCTURES
+from .declarations import FUNCTIONS, NUMBERS
 
 ABI = NUMBERS["ABI"]
 NUMPY = "numpy"
@@ -102,31 +99,3 @@ def check(problem: int) -> None:
     """Raise ValueError if a loop returned an error code for its arguments."""
     if problem:
         raise ValueError(PROBLEMS[problem])
-
-
-def address(array: np.ndarray, dtype: DTypeLike, shape: tuple[int, ...] | None = None) -> int:
-    """The address of a contiguous array of this type and shape. Keep the array while the address is in use.
-
-    Raises
-    ------
-    ValueError
-    """
-    fits = array.dtype == dtype and array.flags.c_contiguous and array.flags.aligned
-    if not fits or shape not in (None, array.shape):
-        raise ValueError(f"{array.dtype} array of shape {array.shape} and strides {array.strides}: expected contiguous "
-                         f"{np.dtype(dtype)}" + (f" of shape {shape}" if shape else ""))
-    return array.ctypes.data
-
-
-def picture(array: np.ndarray) -> ctypes.Structure:
-    """The structure for the loops of a float32 array (plane, row, column) with contiguous rows.
-
-    Raises
-    ------
-    ValueError
-    """
-    fits = array.ndim == 3 and array.dtype == np.float32 and array.flags.aligned
-    if not fits or (array.strides[2] != 4 and array.shape[2] > 1 and array.size):
-        raise ValueError(f"{array.dtype} array of shape {array.shape} and strides {array.strides}: expected float32 "
-                         "(plane, row, column) with contiguous rows")
-    return STRUCTURES["picture"](array.ctypes.data, *array.shape, array.strides[0] // 4, array.strides[1] // 4)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .cast import QUANTITIES, STOP, Casting, LayerArrays
+from .cast import QUANTITIES, STOP, Casting, LayerArrays, LevelArrays
 
 BLOCKED = np.float32(2e-3)  # a ray with a smaller share of its light left ends
 PORTION = 8  # eights of rays that are processed together
@@ -14,17 +14,19 @@ def cast(casting: Casting, row: int, blurred: np.ndarray, clear: np.ndarray) -> 
     for tile in np.flatnonzero(casting.eights[row]):
         corner_px = row * size, tile * size
         pixels = np.s_[:, corner_px[0]:corner_px[0] + size, corner_px[1]:corner_px[1] + size]
+        begin, eights = casting.first_eights[row, tile], casting.eights[row, tile]
+        cells = np.sqrt(np.float32(eights)) / np.float32(casting.cell_of_eight)
         light, out_of_focus, through, total = sum(
-            _sums(casting, _rays(casting, corner_px, blurred[pixels].shape[1:], np.s_[first:first + PORTION]),
-                  casting.meetings[row, tile])
-            for first in range(0, casting.eights[row, tile], PORTION))
+            _sums(casting, _rays(casting, corner_px, blurred[pixels].shape[1:],
+                                 np.s_[first:min(first + PORTION, begin + eights)], cells), casting.meetings[row, tile])
+            for first in range(begin, begin + eights, PORTION))
         blurred[pixels] = np.divide(out_of_focus, light, out=np.zeros_like(light), where=light > 0)
         clear[pixels] = np.clip(np.divide(through, total, out=np.ones_like(total), where=total > 0), 0, 1)
 
 
-def _rays(casting, corner_px, shape_px, eights):
+def _rays(casting, corner_px, shape_px, eights, cells):
     """Arrays (wavelength, row, column, ray): positions at infinity to the right and up, and their change with the
-    inverse depth; the light of rays; and 1 for rays that pass."""
+    inverse depth; the light of rays; and 1 for rays that pass. `cells` is their number in a semi-aperture."""
     row, column = np.indices(shape_px)
     x, y = corner_px[1] + column - casting.centre_px[1], casting.centre_px[0] - corner_px[0] - row
     height = np.sqrt(x * x + y * y)
@@ -33,29 +35,34 @@ def _rays(casting, corner_px, shape_px, eights):
     step = height * casting.heights_per_px
     before = np.minimum(step, len(casting.rays) - 2).astype(np.int64)
     weight = (step - before).astype(np.float32)[..., None]
-    low, high = (np.moveaxis(casting.rays[before + n, row % 2 * 4 + column % 4, eights], -2, 0) for n in (0, 1))
+    low, high = (np.moveaxis(casting.rays[before + n, eights], -2, 0) for n in (0, 1))
     stop, low, high = (each.reshape(-1, *shape_px, low.shape[-2] * 8) for each in (low[:STOP], low[STOP:], high[STOP:]))
     low, high = (each.reshape(-1, QUANTITIES, *each.shape[1:]).swapaxes(0, 1) for each in (low, high))
     out, across, by_out, by_across = _between(low[:4], high[:4], weight)
-    margin, light = _between(low[4:], high[4:], np.minimum(weight, np.float32(1)))
-    passing = (margin > 0) & _between_blades(casting, *stop, right, up)
+    inside, light = _between(low[4:], high[4:], np.minimum(weight, np.float32(1)))
+    part = _open_share(inside) * _between_blades(casting, *stop, right, up, cells)
     places = (out * right + across * up, out * up - across * right,
               by_out * right + by_across * up, by_out * up - by_across * right)
-    return places, np.where(passing, light, np.float32(0)), passing.astype(np.float32)
+    return places, part * light, (part > 0).astype(np.float32)
+
+
+def _open_share(cells_inside):
+    """The share of a cell that is open, at this distance from a rim."""
+    return np.clip(cells_inside + np.float32(0.5), 0, 1)
 
 
 def _between(a, b, weight):
     return a + weight * (b - a)
 
 
-def _between_blades(casting, tangential, outwards, right, up):
-    """Whether rays pass between the blades of an iris."""
+def _between_blades(casting, tangential, outwards, right, up, cells):
+    """The share of each ray's cell that is between the blades of an iris."""
     x, y = tangential * up + outwards * right, outwards * up - tangential * right
     margin, bend, slope = map(np.float32, casting.blade_shape)
-    through = np.ones(x.shape, bool)
+    part = np.ones(x.shape, np.float32)
     for across, along in casting.blades:
-        through &= margin - bend * (x * x + y * y) - slope * (x * across + y * along) > 0
-    return through
+        part *= _open_share((margin - bend * (x * x + y * y) - slope * (x * across + y * along)) * cells)
+    return part
 
 
 def _sums(casting, rays, meetings):
@@ -71,8 +78,9 @@ def _sums(casting, rays, meetings):
     for layer, meeting in zip(casting.layers, meetings, strict=True):
         if meeting["steps"] < 0:
             continue
-        depth, share = _meet(layer, [each[middle] for each in places], meeting, casting.per_focal)
-        alpha, radiance = _looked_up(layer, _moved(places, depth, casting.per_focal), share >= 0,
+        depth, share = _meet(layer, [each[middle] for each in places], meeting, casting)
+        spots = _moved(places, depth, casting)
+        alpha, radiance = _looked_up(layer.levels[meeting["level"]], spots, share >= 0,
                                      bool(meeting["opaque"]))
         left, bright = free * light, radiance + faint * alpha
         sharp = left * share
@@ -85,35 +93,39 @@ def _sums(casting, rays, meetings):
     return np.stack([light.sum(axis=-1), blurred, through, total])
 
 
-def _moved(places, depth, per_focal):
+def _moved(places, depth, casting):
     """Positions of rays at an inverse depth: pixels to the right of the axis, and up."""
     far_x, far_y, by_x, by_y = places
     x, y = far_x + by_x * depth, far_y + by_y * depth
-    if per_focal > 0:
-        tangent = np.hypot(x, y) * np.float32(per_focal)
-        part = np.divide(np.arctan(tangent), tangent, out=np.ones_like(tangent), where=tangent > 0)
+    if casting.per_focal > 0:
+        tangent, last = np.hypot(x, y) * np.float32(casting.per_focal), np.float32(len(casting.shrinkage) - 1)
+        step = np.fmin(tangent / (1 + tangent) * last, last)  # last for an infinite tangent
+        before = np.minimum(step, last - 1).astype(np.int32)
+        part = _between(casting.shrinkage[before], casting.shrinkage[before + 1], step - before.astype(np.float32))
         x, y = x * part, y * part
     return x, y
 
 
-def _meet(layer: LayerArrays, places, meeting, per_focal):
+def _meet(layer: LayerArrays, places, meeting, casting):
     """The inverse depth at which rays meet a layer, and the focus share there."""
     depth, share = (np.full(places[0].shape, meeting[name]) for name in ("inverse_depth", "share"))
-    row, column = (np.float32(each) + np.float32(0.5) for each in layer.axis_px)
+    fine = layer.levels[0]
+    row, column = (np.float32(each) + np.float32(0.5) for each in fine.axis_px)
     for _ in range(meeting["steps"]):
-        x, y = _moved(places, depth, per_focal)
+        x, y = _moved(places, depth, casting)
         rows, columns = (np.clip(each, 0, most - 1).astype(np.int32)
-                         for each, most in zip((row - y, column + x), layer.alpha.shape, strict=True))
+                         for each, most in zip((row - y, column + x), fine.alpha.shape, strict=True))
         depth, share = np.moveaxis(layer.depth[rows, columns], -1, 0)
     return depth, share
 
 
-def _looked_up(layer: LayerArrays, places, covered, opaque):
-    """Alpha and radiance of a layer where rays meet it; 0 for rays that miss it."""
-    x, y = np.float32(layer.axis_px[1]) + places[0], np.float32(layer.axis_px[0]) - places[1]
-    top, bottom, left, right = layer.bounds_px
+def _looked_up(level: LevelArrays, places, covered, opaque):
+    """Alpha and radiance of a layer's level where rays meet it; 0 for rays that miss it."""
+    per_px = np.float32(level.per_px)
+    x, y = np.float32(level.axis_px[1]) + per_px * places[0], np.float32(level.axis_px[0]) - per_px * places[1]
+    top, bottom, left, right = level.bounds_px
     inside = covered & (opaque | (x > left) & (x < right) & (y > top) & (y < bottom))
-    rows, columns = layer.alpha.shape
+    rows, columns = level.alpha.shape
     x, y = np.clip(x, 0, np.float32(columns - 1)), np.clip(y, 0, np.float32(rows - 1))
     column, row = np.minimum(x.astype(np.int32), columns - 2), np.minimum(y.astype(np.int32), rows - 2)
     across, down = x - column.astype(np.float32), y - row.astype(np.float32)
@@ -124,5 +136,5 @@ def _looked_up(layer: LayerArrays, places, covered, opaque):
                           for n in (0, 1))
         return np.where(inside, _between(before, behind, across), np.float32(0))
 
-    alpha = inside.astype(np.float32) if opaque else mean(np.broadcast_to(layer.alpha, layer.light.shape))
-    return alpha, mean(layer.light)
+    alpha = inside.astype(np.float32) if opaque else mean(np.broadcast_to(level.alpha, level.light.shape))
+    return alpha, mean(level.light)

@@ -7,8 +7,9 @@ from math import isqrt
 
 import numpy as np
 
+from .arrays import address, picture
 from .declarations import NUMBERS, STRUCTURES
-from .library import address, check, chosen, picture
+from .library import check, chosen
 
 PLACES, TABLE, SECTIONS = STRUCTURES["places"], STRUCTURES["table"], STRUCTURES["sections"]
 LONGEST, SLACK = NUMBERS["LONGEST"], NUMBERS["SLACK"]

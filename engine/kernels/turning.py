@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .arrays import address
 from .declarations import STRUCTURES
-from .library import address, check, chosen
+from .library import check, chosen
 
 SAMPLES = STRUCTURES["samples"]
 EIGHT = 8  # heights that are processed together

@@ -15,25 +15,25 @@ typedef int32_t eight_ints __attribute__((vector_size(32), aligned(4), may_alias
 #define LOG2_E 1.44269504f
 #define LEAST_POWER -80 /* of e: near the smallest number of single precision */
 
-/* Clenshaw's sum of Chebyshev polynomials. */
-INLINE eight_doubles series(const double *terms, int64_t count, eight_doubles at)
+/* The sum of a row's polynomials at eight columns. */
+INLINE eight_doubles series(const double *terms, int64_t count, const double *across, int64_t columns)
 {
-    eight_doubles next = at - at, after = next;
-    for (int64_t n = count - 1; n > 0; n--) {
-        const eight_doubles sum = terms[n] + 2 * at * next - after;
-        after = next, next = sum;
+    eight_doubles even = terms[0] * *(const eight_doubles *)across, odd = even - even;
+    for (int64_t n = 1; n < count; n += 2) {
+        odd += terms[n] * *(const eight_doubles *)(across + n * columns);
+        if (n + 1 < count) even += terms[n + 1] * *(const eight_doubles *)(across + (n + 1) * columns);
     }
-    return terms[0] + at * next - after;
+    return even + odd;
 }
 
-INLINE eight_floats series_single(const float *terms, int64_t count, eight_floats at)
+INLINE eight_floats series_single(const float *terms, int64_t count, const float *across, int64_t columns)
 {
-    eight_floats next = at - at, after = next;
-    for (int64_t n = count - 1; n > 0; n--) {
-        const eight_floats sum = terms[n] + 2 * at * next - after;
-        after = next, next = sum;
+    eight_floats even = terms[0] * *(const eight_floats *)across, odd = even - even;
+    for (int64_t n = 1; n < count; n += 2) {
+        odd += terms[n] * *(const eight_floats *)(across + n * columns);
+        if (n + 1 < count) even += terms[n + 1] * *(const eight_floats *)(across + (n + 1) * columns);
     }
-    return terms[0] + at * next - after;
+    return even + odd;
 }
 
 INLINE eight_floats chosen(eight_ints mask, eight_floats yes, eight_floats no)
@@ -70,10 +70,10 @@ INLINE void tightest_limits(const lf_wavefront *w, int64_t row, float *tightest)
 {
     const float *terms = w->edges + (row * (1 + w->limits) + 1) * w->edge_terms;
     for (int64_t c = 0; c < w->columns; c += 8) {
-        const eight_floats at = __builtin_convertvector(*(const eight_doubles *)(w->across + c), eight_floats);
-        eight_floats most = series_single(terms, w->edge_terms, at);
+        const float *at = w->across_edges + c;
+        eight_floats most = series_single(terms, w->edge_terms, at, w->columns);
         for (int64_t n = 1; n < w->limits; n++)
-            most = larger(series_single(terms + n * w->edge_terms, w->edge_terms, at), most);
+            most = larger(series_single(terms + n * w->edge_terms, w->edge_terms, at, w->columns), most);
         *(eight_floats *)(tightest + c) = most;
     }
     tightest[-1] = tightest[1]; /* no change across either end */
@@ -96,16 +96,17 @@ int OF_VARIANT(lf_waves)(const lf_wavefront *w, const lf_picture *out, double *l
         const double *path = w->path + row * w->path_terms;
         const float *density = w->edges + row * (1 + w->limits) * w->edge_terms;
         const double rim = 1 - 2 * w->up[row] * w->up[row]; /* largest `across` within the circle of radius 1 */
+        const double *across = w->across + w->columns;
         float *real = out->values + row * out->row_step, *imaginary = real + out->plane_step;
         for (int64_t c = 0; c < w->columns; c += 8) {
-            if (w->across[c] > rim) {
+            if (across[c] > rim) {
                 *(eight_floats *)(real + c) = *(eight_floats *)(imaginary + c) = (eight_floats){0};
                 continue;
             }
-            const eight_doubles at = *(const eight_doubles *)(w->across + c);
+            const eight_doubles at = *(const eight_doubles *)(across + c);
             const eight_longs inside = at <= rim;
             const eight_ints lit = __builtin_convertvector(inside, eight_ints);
-            eight_doubles phase = series(path, w->path_terms, at);
+            eight_doubles phase = series(path, w->path_terms, w->across + c, w->columns);
             phase = (eight_doubles)((eight_longs)(phase - ((phase + WHOLE) - WHOLE)) & inside);
             const eight_floats zero = {0}, one = zero + 1;
             const eight_floats tight = *(const eight_floats *)(here + c);
@@ -114,8 +115,7 @@ int OF_VARIANT(lf_waves)(const lf_wavefront *w, const lf_picture *out, double *l
             const eight_floats change = larger(larger(down, -down) + larger(right, -right), zero + 1e-12f);
             eight_floats share = smaller(larger(0.5f + 2 * (1 - tight) / change, zero), one);
             share = chosen(lit, share, zero);
-            eight_floats power = series_single(density, w->edge_terms,
-                                               __builtin_convertvector(at, eight_floats));
+            eight_floats power = series_single(density, w->edge_terms, w->across_edges + c, w->columns);
             power = smaller(larger(power, zero + w->least), zero + w->most) - w->most;
             const eight_floats whole = exponential(larger(power / 2, zero + LEAST_POWER)), part = whole * share;
             eight_floats cosine, sine;

@@ -3,9 +3,11 @@
 from ctypes import byref
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebvander
 
+from .arrays import address, picture
 from .declarations import STRUCTURES
-from .library import address, check, chosen, picture
+from .library import check, chosen
 
 WAVEFRONT = STRUCTURES["wavefront"]
 PADDING = 16  # margin at the ends of a row of limits
@@ -39,13 +41,15 @@ def waves(path: np.ndarray, edges: np.ndarray, x: np.ndarray, y: np.ndarray, den
         Sizes are invalid.
     """
     loops, variant = chosen()
-    across, up, path = (np.ascontiguousarray(array, dtype=np.float64) for array in (2 * x**2 - 1, y, path))
-    edges = np.ascontiguousarray(edges, dtype=np.float32)
+    terms = chebvander(2 * x**2 - 1, max(path.shape[-1], edges.shape[-1]) - 1).T
+    across, up, path = (np.ascontiguousarray(array, dtype=np.float64) for array in (terms, y, path))
+    across_edges, edges = (np.ascontiguousarray(array, dtype=np.float32) for array in (terms, edges))
     if path.shape[0] != y.size or edges.shape[0] != y.size:
         raise ValueError(f"polynomials of {path.shape[0]} and {edges.shape[0]} rows: expected {y.size}")
     light, work = np.zeros(2), np.empty(3 * (x.size + PADDING), np.float32)
-    wavefront = WAVEFRONT(*(address(array, np.float64) for array in (across, up, path)), address(edges, np.float32),
-                          y.size, x.size, path.shape[1], edges.shape[2], edges.shape[1] - 1, *densities)
+    wavefront = WAVEFRONT(address(across, np.float64), address(across_edges, np.float32), address(up, np.float64),
+                          address(path, np.float64), address(edges, np.float32), y.size, x.size, path.shape[1],
+                          edges.shape[2], edges.shape[1] - 1, *densities)
     check(loops.lf_waves(variant, byref(wavefront), byref(picture(out)), address(light, np.float64),
                          address(work, np.float32)))
     return float(light[0]), float(light[1])

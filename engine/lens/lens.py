@@ -7,11 +7,11 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import make_interp_spline
 
 from ..prescription.prescription import Prescription
 from ..runtime.errors import LensError, printable
 from ..runtime.values import Value
+from .spline import Spline
 from .symmetry import is_mirror_symmetric
 
 UNIT_SUM_TOLERANCE = 1e-3
@@ -181,15 +181,15 @@ class Lens(Value):
 
     @cached_property
     def _height_spline(self):
-        return _spline(self.wavelengths_nm, self.real_height_mm)
+        return Spline.through(self.wavelengths_nm, self.real_height_mm)
 
     @cached_property
     def _illumination_spline(self):
-        return _spline(self.wavelengths_nm, self.relative_illumination)
+        return Spline.through(self.wavelengths_nm, self.relative_illumination)
 
     @cached_property
     def _flux_spline(self):
-        return _spline(self.wavelengths_nm, self.point_flux)
+        return Spline.through(self.wavelengths_nm, self.point_flux)
 
     def wavelength_position(self, wavelength_nm: float) -> tuple[int, float]:
         """Position of a wavelength among the lens data's: the index of the one below it, and the weight of the next.
@@ -225,14 +225,6 @@ class MonochromaticLens(Value):
     psf: np.ndarray
     psf_pitch_um: float
     transmittance: float
-
-
-def _spline(wavelengths_nm, table):
-    """A spline of up to third degree through a table (wavelength, height): a function of wavelengths.
-
-    It returns array (..., height).
-    """
-    return make_interp_spline(wavelengths_nm, table, k=min(3, wavelengths_nm.size - 1))
 
 
 def _check(lens):

@@ -1,4 +1,4 @@
-"""Mirror symmetry of PSFs about the meridional plane, a property of rotationally symmetric lenses."""
+"""Symmetry of the PSFs of rotationally symmetric lenses: about the meridional plane, and on the axis of rotation."""
 
 import numpy as np
 
@@ -33,3 +33,8 @@ def is_mirror_symmetric(psf: np.ndarray) -> bool:
     left = psf[..., even:even + right.shape[-1]][..., ::-1]
     unpaired = psf[..., :even].sum(axis=(-2, -1))  # column -n/2 of an even size, which must be dark
     return bool((2 * np.abs(right - left).sum(axis=(-2, -1)) + 2 * unpaired).max() <= SYMMETRY_TOLERANCE)
+
+
+def is_rotation_symmetric(psf: np.ndarray) -> bool:
+    """Whether a PSF (v, u) of odd size, the chief ray in the middle, equals its quarter turn except for noise."""
+    return bool(np.abs(psf - np.rot90(psf)).sum() <= SYMMETRY_TOLERANCE)

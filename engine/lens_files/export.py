@@ -26,10 +26,10 @@ from pathlib import Path, PureWindowsPath
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
 
 from ..lens.conventions import four_by_three
 from ..lens.lens import FIRST_ORDER, TEXTS, Lens
+from ..lens.spline import Spline
 from ..runtime.errors import LensError
 from ..runtime.text import number_table, read_text
 from ..runtime.toml_fields import read_toml
@@ -172,7 +172,7 @@ def _at_heights(listed_mm, values, heights_mm, file):
                         f"expected 0 to {heights_mm[-1]:g} mm")
     if np.any(np.diff(listed_mm) <= 0):
         raise LensError(file, "field", "not ascending", "expected field points from the axis outwards")
-    return make_interp_spline(listed_mm, values, k=min(3, listed_mm.size - 1))(heights_mm)
+    return Spline.through(listed_mm, values)(heights_mm)
 
 
 def _psf_reader(description, wavelengths, heights, side):

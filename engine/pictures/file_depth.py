@@ -9,7 +9,7 @@ from ..depth.depth_range import blur_per_nearness_px, planar_depth_mm
 from ..depth.hidden import layers_of_picture, with_hidden
 from ..depth.slabs import SlabPlan
 from ..image.layers import LayeredRadiance
-from ..image.pixel_grid import PLANE, PixelGrid
+from ..image.pixel_grid import PixelGrid
 from ..image.spectral_image import SpectralImage
 from ..lens.lens import Lens
 from .deep_exr import DeepPicture
@@ -57,7 +57,7 @@ def file_depth(plane: np.ndarray, lens: Lens, capture: PixelGrid, unit_mm: float
     numbers, unknown = numbers_of_depth(plane)
     numbers = without_mixtures(numbers, blur_per_nearness_px(lens, capture.pitch_um) / unit_mm)
     clip_mm = depth_in_mm(numbers, unit_mm)
-    if capture.projection == PLANE:
+    if capture.projection.is_plane:
         clip_mm = clip_mm / along_axis(lens, capture, kind)
     return FileDepth(planar_depth_mm(clip_mm, lens, capture).astype(np.float32), clip_mm, unknown)
 

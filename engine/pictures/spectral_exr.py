@@ -18,7 +18,7 @@ import OpenEXR
 
 from ..depth.depth_range import BACKGROUND_MM
 from ..image.layers import Layer, LayeredRadiance
-from ..image.pixel_grid import PLANE, PROJECTIONS
+from ..image.projection import FISHEYE, PLANE, Projection
 from ..image.spectral_image import RADIANCE, UNITS, SpectralImage
 from ..runtime.build_identity import software
 from ..runtime.errors import ImageError, printable
@@ -38,6 +38,7 @@ SPECTRAL_COMPRESSION, RGB_COMPRESSION = OpenEXR.RLE_COMPRESSION, OpenEXR.ZIP_COM
 SPEED_OF_LIGHT_M_S = 299792458.0
 LAYOUT_VERSION = "1.0"
 EMISSIVE_UNITS = "W.m^-2.sr^-1"  # the layout's canonical string; its values are densities per nm
+PANORAMA, WITHOUT_POLYNOMIAL = "polynomial", {"plane": PLANE, "equidistant": FISHEYE}  # equidistant: older files
 FIRST_PART, LAYER_PART = "radiance", "layer."
 SAMPLE_BYTES, DEEP_BYTES = 4, 128  # per pixel and channel, for a number and for an array
 EMPTY_PX, MOST_EMPTY = 2**25, 64  # a display window of more pixels may be at most this many times as large as its data
@@ -59,8 +60,9 @@ def write_exr(image: SpectralImage, path: str | os.PathLike, other_planes: dict[
     Radiance has the layout's attribute `emissiveUnits`. Irradiance, for which the layout defines no unit, does not.
     Both have attributes with the prefix `lensfield:`: quantity, units, pitchUm, and centrePx, the point where the
     optical axis meets the picture, as row and column, in this order and in the pixel coordinates of the windows.
-    Captured radiance has focalMm, fisheye radiance also projection, irradiance lens and fNumberEffective. If R, G and B
-    are exposed, exposure is the factor; the spectral channels are never exposed.
+    Captured radiance has focalMm, and a panorama's also projection and anglePerRadius, as in `Projection`; irradiance
+    has lens and fNumberEffective. If R, G and B are exposed, exposure is the factor; the spectral channels are never
+    exposed.
 
     Parameters
     ----------
@@ -112,8 +114,9 @@ def _header(image):
     }
     if image.quantity == RADIANCE:
         header["emissiveUnits"] = EMISSIVE_UNITS
-        if image.projection != PLANE:
-            header["lensfield:projection"] = image.projection
+        if not image.projection.is_plane:
+            header["lensfield:projection"] = PANORAMA
+            header["lensfield:anglePerRadius"] = " ".join(map(repr, image.projection.angle_per_radius))
     if image.focal_mm:
         header["lensfield:focalMm"] = np.array([float(image.focal_mm)])
     if image.exposure != 1:
@@ -427,10 +430,24 @@ def _projection(header):
     """The projection of a radiance file's capture: a plane, if the file does not state it."""
     if header.get("lensfield:quantity", RADIANCE) != RADIANCE:
         return PLANE
-    value = header.get("lensfield:projection", PLANE)
-    if not isinstance(value, str) or value not in PROJECTIONS:
-        raise ImageError("image", "lensfield:projection", value, f"expected one of {', '.join(PROJECTIONS)}")
-    return value
+    value = header.get("lensfield:projection", "plane")
+    known = *WITHOUT_POLYNOMIAL, PANORAMA
+    if not isinstance(value, str) or value not in known:
+        raise ImageError("image", "lensfield:projection", value, f"expected one of {', '.join(known)}")
+    if value == PANORAMA:
+        return _panorama(header.get("lensfield:anglePerRadius", ""))
+    return WITHOUT_POLYNOMIAL[value]
+
+
+def _panorama(coefficients):
+    try:
+        panorama = Projection(tuple(map(float, coefficients.split())))
+    except (AttributeError, ValueError):
+        panorama = PLANE
+    if panorama.is_plane:
+        raise ImageError("image", "lensfield:anglePerRadius", coefficients,
+                         "expected 1 to 4 numbers, the first above 0")
+    return panorama
 
 
 def _placement(header):

@@ -30,7 +30,7 @@ ONE_PSF_TRIM_SHARE = 1 / 8  # of one PSF for the picture, whose width hardly aff
 SINGLE_ACCURACY = 3e-5  # the smallest that single precision can meet
 SINGLE_NOISE = 1.2e-7  # rounding error relative to the light, per unit of dynamic range
 STEP_CHOICES = tuple(sorted({round(2 ** (k / 2)) for k in range(2, 21)}))
-GUESS_STEPS, GUESS_POWER = 8, 1.6  # errors decrease with approximately this power of the steps
+GUESS_STEPS, GUESS_POWER = 8, 2  # errors decrease with approximately this power of the steps
 
 
 def make_plan(options: Options, lens: Lens, sampling: Sampling) -> Plan:
@@ -118,7 +118,10 @@ class _Planner:
         self._folded = sampling.grid.centred and field_map(lens).mirror_symmetric
 
     def best(self) -> Plan:
-        """The plan; with the exact operator if no other method is accurate enough."""
+        """The plan, with its errors; with the exact operator if no other method is accurate enough."""
+        return replace(self._best(), uniform_light_error=self._psfs.uniform_light_error())
+
+    def _best(self):
         method = self._options.method
         if method == AUTO:
             error = self._isoplanatic_error()
@@ -210,9 +213,9 @@ class _Planner:
         wanted = 0.9 * self._guess(share)
         while wanted <= STEP_CHOICES[-1]:
             steps = STEP_CHOICES[int(np.searchsorted(STEP_CHOICES, wanted))]
-            error = self._psfs.mixing_error(wavelengths[:1], steps, self._enough)
+            error = self._psfs.mixing_error(wavelengths[:1], steps)
             if error <= self._enough and wavelengths[1:]:  # their errors are usually smaller
-                error = max(error, self._psfs.mixing_error(wavelengths[1:], steps, self._enough))
+                error = max(error, self._psfs.mixing_error(wavelengths[1:], steps))
             if error <= self._enough:
                 return steps, error
             mixing = (error - share * self._enough) / self._left(share)

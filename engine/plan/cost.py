@@ -4,10 +4,10 @@ import time
 from dataclasses import replace
 
 import numpy as np
-from scipy import fft
+import scipy
 
-from .. import kernels
 from ..blur.method import Workload
+from ..kernels.library import NUMPY, running
 from ..runtime.memory import check_room, taken_bytes
 from ..runtime.threads import thread_count
 from .plan import Plan
@@ -16,7 +16,7 @@ COMPILED = "compiled"
 # Processor nanoseconds of each kind of work: the part of a single thread, and the part that all threads share. Fitted
 # by benchmarks/calibrate_cost.py on an AMD EPYC with two cores; `machine_factor` converts them to this machine.
 NANOSECONDS = {
-    kernels.NUMPY: {
+    NUMPY: {
         "wavelength": (3.8e6, 6.9e6),  # independent of its size
         "picture pixel": (13, 46),  # distortion, relative illumination, joining the planes, cutting out the frame
         "window sample": (13, 0),  # of a complete PSF: interpolated, trimmed, normalised
@@ -33,7 +33,7 @@ NANOSECONDS = {
     },
     COMPILED: {
         "wavelength": (4.1e6, 6e6),
-        "picture pixel": (16, 27),
+        "picture pixel": (8, 14),
         "window sample": (13, 0),
         "table sample": (0, 12),
         "table pixel": (4.6, 0),
@@ -73,7 +73,7 @@ def _look():
     best = np.inf
     for _ in range(RUNS):
         begin = time.perf_counter()
-        fft.irfft2(fft.rfft2(spaces))
+        scipy.fft.irfft2(scipy.fft.rfft2(spaces))
         for _ in range(20):
             light * light
         best = min(best, time.perf_counter() - begin)
@@ -103,15 +103,14 @@ def nanoseconds(work: Workload, plan: Plan) -> float:
 
 def seconds(work: Workload, plan: Plan) -> float:
     """Wall-clock seconds for a wavelength on this machine, with its implementation of the loops and all its cores."""
-    running = kernels.running()
-    alone, shared = _alone_and_shared(work, plan, kernels.NUMPY if running == kernels.NUMPY else COMPILED,
-                                      SLOWNESS.get(running, 1.0))
+    variant = running()
+    alone, shared = _alone_and_shared(work, plan, NUMPY if variant == NUMPY else COMPILED, SLOWNESS.get(variant, 1.0))
     return machine_factor() * 1e-9 * (alone + shared / thread_count())
 
 
 def _alone_and_shared(work, plan, loops, slowness=1.0):
     """Nanoseconds of a single thread, and shared by all threads. Compiled loops support only single precision."""
-    nanoseconds = NANOSECONDS[loops if plan.precision == "float32" else kernels.NUMPY]
+    nanoseconds = NANOSECONDS[loops if plan.precision == "float32" else NUMPY]
     amounts = counts(work, plan)
     return [sum(of_one[thread] * amounts.get(name, 0) * (slowness if name in LOOPS else 1.0)
                 for name, of_one in nanoseconds.items()) for thread in range(2)]

@@ -13,7 +13,7 @@ from ..runtime.setting import check_choices, setting
 AUTO = "auto"
 DEFAULT_ACCURACY = 0.01
 TIER_ACCURACY = {"preview": 0.1, "standard": DEFAULT_ACCURACY, "reference": 0.001}
-MOST_RAYS = ((0.05, 256, 256), (0.005, 512, 2048), (0.0, 1024, 4096))  # least accuracy, rays of a pixel, with lamps
+MOST_RAYS = ((0.05, 64, 256), (0.005, 64, 1024), (0.0, 256, 4096))  # least accuracy, rays of a pixel, with lamps
 KNOBS = ("section_size", "azimuths", "psf_energy", "flat_tolerance", "precision")
 MOST_SUPERSAMPLING = 16  # it reduces the error to a 256th
 BY_KNOBS = "sections"  # if a knob is set and no method

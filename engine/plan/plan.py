@@ -45,6 +45,10 @@ class Plan:
         Reach of the halos.
     error_bound : float or None
         Upper limit of the misplaced fraction of any point's light; None if no accuracy was requested.
+    uniform_light_error : float or None
+        Upper limit of a pixel's relative error under uniform radiance, because each pixel has one PSF. This is an error
+        of the resolution, not of the method: more pixels, or supersampling, reduce it. None if no accuracy was
+        requested.
     seconds, memory_mb : float
         Predictions for the picture; memory in addition to radiance and irradiance.
     peak_mb : float
@@ -64,6 +68,7 @@ class Plan:
     halo_energy: float | None = None
     halo_radius_px: int = 0
     error_bound: float | None = field(default=None, compare=False)
+    uniform_light_error: float | None = field(default=None, compare=False)
     seconds: float = field(default=0.0, compare=False)
     memory_mb: float = field(default=0.0, compare=False)
     peak_mb: float = field(default=0.0, compare=False)
@@ -114,7 +119,8 @@ class Plan:
         way = f"{self.method.text}, {'double' if self.precision == 'float64' else 'single'} precision"
         if self.supersampling > 1:
             way += f", {self.supersampling} x {self.supersampling} per pixel"
-        if self.error_bound is None:
+        if self.error_bound is None or self.uniform_light_error is None:
             return way
-        return (f"{way}: at most {100 * self.error_bound:.2g} % of any point's light misplaced; "
+        return (f"{way}: at most {100 * self.error_bound:.2g} % of any point's light misplaced, uniform light within "
+                f"{100 * self.uniform_light_error:.2g} %; "
                 f"about {max(self.seconds, 0.1):.1f} s, {self.peak_mb or self.memory_mb:.0f} MB")

@@ -17,7 +17,7 @@ SLOPE_STEP = 1e-6  # for derivatives with respect to slope
 PLACE_STEP = 1e-3  # and with respect to position, in semi-apertures of the stop
 STEPS = 16
 LONGEST_STEP = 0.2  # in slope
-CONVERGED, AIMED = 2e-13, 1e-10  # error at the object point
+CONVERGED, AIMED = 2e-12, 1e-10  # error at the object point
 
 
 def aim(system: System, indices: np.ndarray, fields: np.ndarray, x_mm: np.ndarray, y_mm: np.ndarray

@@ -5,11 +5,11 @@ autocorrelation of the pupil over these cosines, shifted by wavelength times fre
 phase.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import BSpline, make_interp_spline
+import scipy
 
 from ..prescription.system import System
 from ..runtime.errors import LensError
@@ -31,9 +31,9 @@ class AxialBundle:
     wavelength_nm : float
     aperture : float
         Numerical aperture: direction cosine of the outermost rays that pass.
-    path_mm : BSpline
+    path_mm : function
         Optical path of the plane waves at the centre of the image plane, as a function of the direction cosine.
-    light : BSpline
+    light : function
         Light per area of direction cosines, as a function of the squared direction cosine.
     crossings_mm : array
         Distances from the image plane at which rays cross the axis.
@@ -41,8 +41,8 @@ class AxialBundle:
 
     wavelength_nm: float
     aperture: float
-    path_mm: BSpline
-    light: BSpline
+    path_mm: Callable[[np.ndarray], np.ndarray]
+    light: Callable[[np.ndarray], np.ndarray]
     crossings_mm: np.ndarray
 
     @property
@@ -106,8 +106,8 @@ def _bundle(system, wavelength_nm, cosine, height_mm, source, extent):
     slope = cosine / np.sqrt(1 - cosine**2)
     return AxialBundle(
         wavelength_nm=float(wavelength_nm), aperture=np.interp(1.0, np.maximum.accumulate(extent), cosine),
-        path_mm=make_interp_spline(cosine, -height_mm, k=degree).antiderivative(),
-        light=make_interp_spline(cosine**2, source**2, k=degree).derivative(),
+        path_mm=scipy.interpolate.make_interp_spline(cosine, -height_mm, k=degree).antiderivative(),
+        light=scipy.interpolate.make_interp_spline(cosine**2, source**2, k=degree).derivative(),
         crossings_mm=-height_mm[passing] / slope[passing])
 
 

@@ -1,7 +1,7 @@
 """Field heights at equal distances in the picture, and the last one."""
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
+import scipy
 
 from ..prescription.system import System
 from ..runtime.errors import LensError
@@ -26,7 +26,7 @@ def even_heights_mm(system: System, number: int) -> np.ndarray:
         raise LensError(system.prescription.name, "field",
                         f"folding back at an image height of {real_mm[np.argmin(np.diff(real_mm) > 0)]:.4g} mm",
                         "reduce the field")
-    heights_mm = PchipInterpolator(real_mm, paraxial_mm)(np.linspace(0, real_mm[-1], number))
+    heights_mm = scipy.interpolate.PchipInterpolator(real_mm, paraxial_mm)(np.linspace(0, real_mm[-1], number))
     return np.concatenate([[0.0], heights_mm[1:-1], [system.last_height_mm]])
 
 

@@ -3,8 +3,7 @@
 from functools import lru_cache
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
-from scipy.special import roots_legendre
+import scipy
 
 from .rays import HalfPupil
 
@@ -23,18 +22,19 @@ class PupilSplines:
     """
 
     def __init__(self, pupil: HalfPupil, radii: np.ndarray, azimuths: np.ndarray):
-        radial = make_interp_spline(pupil.radii, np.eye(pupil.radii.size), k=min(DEGREE, pupil.radii.size - 1))
+        radial = scipy.interpolate.make_interp_spline(pupil.radii, np.eye(pupil.radii.size),
+                                                      k=min(DEGREE, pupil.radii.size - 1))
         step, count = pupil.azimuths[1], pupil.azimuths.size
         mirrored = np.concatenate([-step * np.arange(MARGIN, 0, -1), pupil.azimuths,
                                    np.pi + step * np.arange(1, MARGIN + 1)])
-        around = make_interp_spline(mirrored, np.eye(mirrored.size), k=DEGREE)
+        around = scipy.interpolate.make_interp_spline(mirrored, np.eye(mirrored.size), k=DEGREE)
         self._radial = [radial(radii, nu=order) for order in (0, 1)]
         self._azimuthal = {odd: [(around(azimuths, nu=order) @ _mirroring(count, -1 if odd else 1)).T
                                  for order in (0, 1)] for odd in (False, True)}
 
-    def values(self, table: np.ndarray) -> np.ndarray:
-        """Values of a quantity that is the same in the other half of the pupil."""
-        return self._radial[0] @ table @ self._azimuthal[False][0]
+    def values(self, table: np.ndarray, odd: bool = False) -> np.ndarray:
+        """Values of a quantity that is the same in the other half of the pupil or, if odd, has the opposite sign."""
+        return self._radial[0] @ table @ self._azimuthal[odd][0]
 
     def jacobian(self, first: np.ndarray, second: np.ndarray) -> np.ndarray:
         """Signed area in the coordinates (first, second), odd and even, per unit of radius times azimuth."""
@@ -91,7 +91,7 @@ def covered(limits: np.ndarray) -> np.ndarray | float:
 @lru_cache(maxsize=16)
 def gauss_legendre(number: int) -> tuple[np.ndarray, np.ndarray]:
     """Nodes and weights of Gauss-Legendre quadrature from -1 to 1."""
-    return roots_legendre(number)
+    return scipy.special.roots_legendre(number)
 
 
 def polynomial_weights(nodes: np.ndarray, places: np.ndarray) -> np.ndarray:

@@ -17,9 +17,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from scipy import sparse
-from scipy.ndimage import binary_dilation
-from scipy.sparse.linalg import splu
+import scipy
 
 from ..prescription.prescription import Prescription
 from ..prescription.system import System
@@ -173,7 +171,7 @@ class RayTable(Value):
             _splines(share, count) for share, count in zip(
                 (_even(heights_mm / self.last_height_mm), _even(radius / self.reach), np.abs(azimuth) / np.pi), counts,
                 strict=True))
-        over_stop = sparse.csr_matrix(
+        over_stop = scipy.sparse.csr_matrix(
             ((by_radius[1][:, :, None] * by_azimuth[1][:, None, :]).ravel(),
              (by_radius[0][:, :, None] * counts[2] + by_azimuth[0][:, None, :]).ravel(),
              np.arange(0, 16 * radius.size + 1, 16)), shape=(radius.size, counts[1] * counts[2]))
@@ -295,7 +293,7 @@ def _missed_um(values, system):
 
 def _trusted(known, margin):
     """Rays to extrapolate from: passing rays, and blocked rays that are neither far out nor next to lost ones."""
-    near_lost = binary_dilation(~known, np.ones((1, 1, 3, 3)))
+    near_lost = scipy.ndimage.binary_dilation(~known, np.ones((1, 1, 3, 3)))
     return known & ((margin > 0) | (margin > TRUSTED) & ~near_lost)
 
 
@@ -316,7 +314,8 @@ def _continued(values, known):
         traced, index = known[*place].ravel(), (slice(None), *place)
         missing, given = differences[:, ~traced], differences[:, traced]
         rows = values[index].reshape(len(values), -1)
-        rows[:, ~traced] = splu((missing.T @ missing).tocsc()).solve(-(missing.T @ (given @ rows[:, traced].T))).T
+        factors = scipy.sparse.linalg.splu((missing.T @ missing).tocsc())
+        rows[:, ~traced] = factors.solve(-(missing.T @ (given @ rows[:, traced].T))).T
         values[index] = rows.reshape(len(values), *known.shape[-2:])
     return values
 
@@ -324,11 +323,12 @@ def _continued(values, known):
 def _differences(radii, azimuths):
     """Sparse matrix of differences over radii and azimuths."""
     def over(count, order):
-        return sparse.csr_matrix(np.diff(np.eye(count), order, axis=0))
+        return scipy.sparse.csr_matrix(np.diff(np.eye(count), order, axis=0))
 
-    return sparse.vstack([faint * each for order, faint in ((ORDER, 1.0), (1, FAINT)) for each in
-                          (sparse.kron(over(radii, order), sparse.eye(azimuths)),
-                           sparse.kron(sparse.eye(radii), over(azimuths, order)))]).tocsc()
+    return scipy.sparse.vstack([
+        faint * each for order, faint in ((ORDER, 1.0), (1, FAINT))
+        for each in (scipy.sparse.kron(over(radii, order), scipy.sparse.eye(azimuths)),
+                     scipy.sparse.kron(scipy.sparse.eye(radii), over(azimuths, order)))]).tocsc()
 
 
 def spline_coefficients(values: np.ndarray) -> np.ndarray:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from ..prescription.prescription import CLOSEST_FOCUS, Prescription
 from ..prescription.system import system_of
@@ -224,7 +224,7 @@ def _reduction(lens, distance_mm):
 
     if excess(ends[0]) <= 0 or excess(ends[-1]) >= 0:  # at an end, except for rounding
         return ends[0] if excess(ends[0]) <= 0 else ends[-1]
-    return brentq(excess, ends[0], ends[-1], xtol=1e-12)
+    return scipy.optimize.brentq(excess, ends[0], ends[-1], xtol=1e-12)
 
 
 @lru_cache(maxsize=8)  # used in each step of a search

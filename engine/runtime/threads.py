@@ -1,7 +1,7 @@
 """The engine's threads: one for each core that the process may use."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import lru_cache
@@ -22,6 +22,13 @@ def thread_pool() -> Iterator[ThreadPoolExecutor]:
     freed for that thread. Work that runs in the pool must therefore not submit to it and wait.
     """
     yield _pool(os.getpid(), thread_count())
+
+
+def in_bands(work: Callable[[slice], object], length: int, step: int) -> None:
+    """Call a function for each of the bands that a length is divided into, in parallel."""
+    step = max(1, step)
+    with thread_pool() as pool:
+        list(pool.map(work, (slice(start, min(start + step, length)) for start in range(0, length, step))))
 
 
 @lru_cache(maxsize=1)

@@ -3,11 +3,11 @@
 import math
 from collections.abc import Iterator
 
-from .. import kernels
 from ..depth.cast import casting_bytes
 from ..field.field_map import field_map
 from ..image.layers import Radiance
 from ..image.sampling import Sampling
+from ..kernels.library import running
 from ..lens import Lens
 from ..plan.choose import make_plan
 from ..plan.cost import in_process
@@ -36,7 +36,7 @@ class ChannelCache:
 
     def __init__(self, limit_mb: float = 1024, *, cache_plans: bool = True) -> None:
         self._limit_bytes, self._make_plan = limit_mb * 1e6, cached_plan if cache_plans else make_plan
-        self._plans: dict[tuple, Plan] = {}
+        self._plan: tuple[tuple | None, Plan | None] = None, None
         self._channels: dict[float, Channel] = {}
         self._memory = MemoryBudget(0)
         self._of: tuple | None = None
@@ -56,13 +56,15 @@ class ChannelCache:
         spared = in_place or in_file(radiance.light)
         irradiance = 0 if spared else SAMPLE_BYTES * len(sampling.wavelengths_nm) * math.prod(sampling.grid.frame_px)
         key = options, lens, sampling, irradiance + casting
-        if key not in self._plans:
-            self._plans = {key: in_process(self._make_plan(options, lens, sampling), irradiance + casting)}
-        return self._plans[key]
+        of, plan = self._plan
+        if plan is None or key != of:  # the same lens is equal without a digest of its data
+            plan = in_process(self._make_plan(options, lens, sampling), irradiance + casting)
+            self._plan = key, plan
+        return plan
 
     def channels(self, lens: Lens, sampling: Sampling, plan: Plan) -> Iterator[Channel]:
         """Yield the channel of each wavelength, in order."""
-        of = lens, sampling, plan, kernels.running()
+        of = lens, sampling, plan, running()
         if of != self._of:  # the cached channels no longer apply
             self._of, self._memory, self._channels = of, MemoryBudget(self._limit_bytes), {}
         fine, field = sampling.finer(plan.supersampling), field_map(lens)

@@ -165,6 +165,8 @@ class SceneFacts(Part):
     rgb_difference : float
         Predicted: largest CIEDE2000 between glass or volumes here and in an RGB render, which takes powers of red,
         green and blue instead of spectra. Not an error: `predicted_colour_error` is the error of few wavelengths.
+    samples : str
+        The samples of passes that take few of them, and the noise; "" if each takes all.
     capture_peak_mb : float
         Predicted peak memory of the process while the scene is rendered. It excludes the additional memory for several
         slabs of depth.
@@ -187,6 +189,7 @@ class SceneFacts(Part):
     scene_remarks: tuple[str, ...] = ()
     layers: str = ""
     rgb_difference: float = 0.0
+    samples: str = ""
     capture_peak_mb: float = 0.0
 
     def remarks(self, parts: Parts) -> Iterator[str]:

@@ -6,13 +6,13 @@ from functools import partial
 
 import numpy as np
 
-from .. import kernels
 from ..depth.capture_planes import capture_planes
 from ..depth.iris import Iris
 from ..image.layers import Radiance
-from ..image.pixel_grid import PLANE
+from ..image.projection import PLANE
 from ..image.spectral_image import IRRADIANCE, SpectralImage
 from ..image.supersampling import merge_pixels, split_pixels
+from ..kernels.library import running
 from ..lens import Lens
 from ..library.rays import lens_rays
 from ..plan.options import Options
@@ -114,7 +114,8 @@ class _Tally:
 
     def see(self, plane):
         """Add the light of a plane of radiance."""
-        self._negative -= np.minimum(plane, 0).sum(dtype=np.float64)
+        if plane.min() < 0:
+            self._negative -= np.minimum(plane, 0).sum(dtype=np.float64)
         self._light += plane.sum(dtype=np.float64)
         self._brightest = max(self._brightest, float(plane.max()))
 
@@ -134,6 +135,6 @@ class _Tally:
         fits = tuple(WavelengthFacts(nm, *fits)
                      for nm, fits in zip(self._sampling.wavelengths_nm, self._fits, strict=True))
         return LensImageFacts(lens.name, plan, grid.pitch_um, grid.frame_px, grid.overscan_px, fits,
-                              Energy(*flux.tolist()), self._out_of_field, self._clamped, kernels.running(),
+                              Energy(*flux.tolist()), self._out_of_field, self._clamped, running(),
                               self._negative / max(self._light + self._negative, np.finfo(float).tiny),
                               self._brightest)

@@ -19,7 +19,7 @@ from .colour_difference import ciede2000, lab_from_xyz
 from .repeated_colour import RepeatedColour
 from .spectra import colour_matching, reflectance_basis, trapezoid_weights
 
-REFERENCE = "reference"
+STANDARD, REFERENCE = "standard", "reference"
 IMAGE_WAVELENGTHS = "400:700:21"  # default of a scene's lens image
 RGB_WAVELENGTHS = "400:700:9"  # for RGB pictures, which do not contain finer spectra
 PREVIEW_WAVELENGTHS = 3
@@ -55,12 +55,12 @@ class SpectralOptions:
     """
 
     tier: str = setting(
-        "standard", name="Quality", text="Accuracy of colours and blur; higher tiers take longer",
+        STANDARD, name="Quality", text="Accuracy of colours and blur; higher tiers take longer",
         panel="",
         choices={"preview": ("Preview", "One Cycles render of three wavelengths; the others are roughly estimated "
                                         "from these, pure reds, greens and blues to 2 %. Up to 10 % of a point's light "
                                         "may land in the wrong place"),
-                 "standard": ("Standard", "Cycles renders enough wavelengths to keep colour errors barely visible, "
+                 STANDARD: ("Standard", "Cycles renders enough wavelengths to keep colour errors barely visible, "
                                           "often 6 to 12; the others are estimated from these. Up to 1 % of a point's "
                                           "light may land in the wrong place"),
                  REFERENCE: ("Reference", "For measurements: Cycles renders each wavelength, without clamping or "
@@ -81,7 +81,7 @@ class SpectralOptions:
             value = getattr(self, field)
             if value is not None and not (isinstance(value, (int, float)) and 0 < value < np.inf):
                 raise InputError("options", field, value, f"expected a number above 0, such as {example}")
-            if value is not None and self.tier != "standard":
+            if value is not None and self.tier != STANDARD:
                 raise InputError("options", field, value, f"leave it out: the tier is {self.tier!r}")
 
     def met_by(self, errors: tuple[float, float]) -> bool:

@@ -5,6 +5,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tomllib
 import zipfile
 from pathlib import Path
 
@@ -96,23 +97,50 @@ def build_extension(monkeypatch):
     spec = importlib.util.spec_from_file_location("build_extension", ROOT / "packaging" / "build_extension.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    monkeypatch.setattr(module, "download_wheels", lambda folder, platform: None)
+    monkeypatch.setattr(module, "download_wheels", download_nothing)
     return module
+
+
+def download_nothing(folder, platform, python):
+    folder.mkdir()
+    (folder / f"package-1.0-cp{python.replace('.', '')}-none-any.whl").touch()
 
 
 @pytest.mark.sample(1)
 @pytest.mark.one_blender
-@pytest.mark.parametrize("platform", ["linux-x64", "windows-x64", "macos-arm64"])
-def test_a_zip_contains_only_its_platforms_kernels(platform, build_extension, tmp_path):
+@pytest.mark.parametrize("name", ["linux-x64-blender4.5", "linux-x64-python3.14", "windows-x64-blender5.1",
+                                  "macos-arm64-blender4.5"])
+def test_a_zip_contains_only_its_platforms_kernels_and_its_generations_wheels(name, build_extension, tmp_path):
+    platform, generation = build_extension.ZIPS[name]
     try:
-        build_extension.stage(tmp_path / "lensfield", platform)
+        build_extension.stage(tmp_path / "lensfield", platform, generation)
     except kernels.CompilerMissing as missing:
         pytest.skip(str(missing))
     assert [path.name for path in tmp_path.rglob("kernels-*")] == [kernels.library_name(platform)]
+    manifest = tomllib.loads((tmp_path / "lensfield" / "blender_manifest.toml").read_text(encoding="utf-8"))
+    assert manifest["platforms"] == [platform]
+    assert manifest["blender_version_min"] == generation.first
+    assert manifest.get("blender_version_max") == generation.end
+    assert manifest["wheels"] == [f"./wheels/package-1.0-cp{generation.python.replace('.', '')}-none-any.whl"]
+
+
+def test_one_zip_of_each_platform_is_for_this_blender_and_its_python(build_extension):
+    def numbers(version):
+        return tuple(map(int, version.split(".")))
+
+    fitting = [each for name, each in build_extension.GENERATIONS.items() if name.startswith("blender")
+               and numbers(each.first) <= bpy.app.version < (numbers(each.end) if each.end else (99,))]
+    assert [numbers(each.python) for each in fitting] == [sys.version_info[:2]]
+    assert all(each.platforms == tuple(build_extension.PLATFORMS) for each in fitting)
+
+
+def test_an_unknown_zip_is_reported_with_those_that_exist(build_extension, tmp_path):
+    with pytest.raises(SystemExit, match="unknown zip linux-x64: expected linux-x64-blender4.5, "):
+        build_extension.main([str(tmp_path), "linux-x64"])
 
 
 def test_no_zip_is_built_without_its_kernels(build_extension, monkeypatch, tmp_path):
     monkeypatch.setattr(shutil, "which", lambda name: None)
     with pytest.raises(SystemExit, match="without the C loops: x86_64-w64-mingw32-gcc is not installed"):
-        build_extension.main([str(tmp_path), "windows-x64"])
+        build_extension.main([str(tmp_path), "windows-x64-blender5.1"])
     assert not list(tmp_path.glob("*.zip"))

@@ -179,8 +179,8 @@ def _layered():
 def _filter_options():
     """The arguments of `lensfield filter`, with its defaults."""
     parser = argparse.ArgumentParser()
-    filter.add(parser.add_subparsers())
-    return parser.parse_args(["filter", "rgb.exr", "--lens", "any", "--output", "any.exr"])
+    filter.add_options(parser)
+    return parser.parse_args(["rgb.exr", "--lens", "any", "--output", "any.exr"])
 
 
 LAYERED, FILTER_OPTIONS = _layered(), _filter_options()

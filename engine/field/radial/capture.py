@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...image.pixel_grid import PLANE, PixelGrid
+from ...image.pixel_grid import PixelGrid
 from ...lens import Lens
 from .distortion import CaptureRadius, FieldGeometry
 
@@ -12,27 +12,20 @@ from .distortion import CaptureRadius, FieldGeometry
 def capture_radius(capture: PixelGrid, lens: Lens) -> CaptureRadius | None:
     """The radius of paraxial heights in a capture, as a function; None for a plane with the sensor's scale.
 
-    A fisheye capture is equidistant: it shows a ray at the angle t from the axis, as seen from the entrance pupil, at
-    f t from the middle, with the focal length f of its pinhole. A plane shows it at f tan t. Both have the same scale
-    on the axis.
+    A capture shows a ray by its angle from the axis at the entrance pupil, in focal lengths of its pinhole.
 
     Returns
     -------
     callable (paraxial_height_mm) -> (radius_mm, slope), or None
     """
     lens_focal_mm = lens.capture_focal_length_mm
-    scale = (capture.focal_mm or lens_focal_mm) / lens_focal_mm
+    focal_mm = capture.focal_mm or lens_focal_mm
 
-    def on_plane(paraxial_height_mm):
-        return scale * paraxial_height_mm, np.full_like(paraxial_height_mm, scale)
+    def radius(paraxial_height_mm):
+        shown, slope = capture.projection.radius(paraxial_height_mm / lens_focal_mm)
+        return focal_mm * shown, focal_mm / lens_focal_mm * slope
 
-    def on_fisheye(paraxial_height_mm):
-        tangent = paraxial_height_mm / lens_focal_mm
-        return scale * lens_focal_mm * np.arctan(tangent), scale / (1 + tangent**2)
-
-    if capture.projection != PLANE:
-        return on_fisheye
-    return None if scale == 1 else on_plane
+    return None if capture.projection.is_plane and focal_mm == lens_focal_mm else radius
 
 
 def reach_px(lens: Lens, capture: PixelGrid, wavelengths_nm: Sequence[float] | np.ndarray, psf_radius_px: int) -> int:

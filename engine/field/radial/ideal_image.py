@@ -3,12 +3,14 @@
 
 import numpy as np
 
-from ... import kernels
 from ...image.irradiance import irradiance_per_radiance
 from ...image.pixel_grid import PixelGrid
+from ...kernels.footprints import RadialGeometry
+from ...kernels.footprints import footprints as compiled_footprints
+from ...kernels.library import NUMPY, running
 from ...lens.lens import Lens
 from ...runtime.memory import MemoryBudget
-from ...runtime.threads import thread_pool
+from ...runtime.threads import in_bands
 from ..mirror_symmetry import Planes
 from .capture import capture_radius
 from .distortion import RIM_PX, FieldGeometry, footprints, squeeze
@@ -60,14 +62,12 @@ class IdealImage:
             band, factor = self._band(rows, x_mm, y_mm)
             ideal[:, rows] = band.average(capture) * factor
 
-        step = max(1, BAND_PIXELS // x_mm.size)
-        with thread_pool() as pool:
-            list(pool.map(work, (slice(top, min(top + step, y_mm.size)) for top in range(0, y_mm.size, step))))
+        in_bands(work, y_mm.size, BAND_PIXELS // x_mm.size)
         return ideal
 
     @property
     def _compiled(self):
-        return self._precision == "float32" and kernels.running() != kernels.NUMPY
+        return self._precision == "float32" and running() != NUMPY
 
     def _by_kernels(self, radiance):
         """As `irradiance`, with a lookup of all geometry by the distance from the axis."""
@@ -75,11 +75,9 @@ class IdealImage:
         geometry, views, centre_px = self._geometry(), self._planes.views(radiance), self._capture.picture.centre_px
 
         def work(rows):
-            kernels.footprints(geometry, views, centre_px, rows, ideal)
+            compiled_footprints(geometry, views, centre_px, rows, ideal)
 
-        step = max(1, BAND_PIXELS // ideal.shape[2])
-        with thread_pool() as pool:
-            list(pool.map(work, (slice(top, top + step) for top in range(0, ideal.shape[1], step))))
+        in_bands(work, ideal.shape[1], BAND_PIXELS // ideal.shape[2])
         return ideal
 
     def _geometry(self):
@@ -91,7 +89,7 @@ class IdealImage:
         per_px = np.ceil(CURVE_SAMPLES * inside_px / far_px) / inside_px
         real_mm = np.arange(np.ceil(far_px * per_px) + 1) * (pitch_mm / per_px)
         height_mm, tangential, radial = squeeze(real_mm, self._field, self._capture_radius)
-        curves = kernels.RadialGeometry.of(
+        curves = RadialGeometry.of(
             self._planes.grid.centre_px, per_px, tangential, radial,
             self._per_radiance * self._field.relative_flux(height_mm),
             self._field.real_height_mm(self._last_height_mm) / pitch_mm)

@@ -1,18 +1,22 @@
 """The rays of each pixel: even samples of the stop, from a number of distances from the axis."""
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
+import scipy
 
 from ...image.pixel_grid import PixelGrid
-from ...kernels import SEQUENCES, rays_shape
+from ...kernels.cast import rays_shape
 from ...rays.ray_table import RayTable
-from ...rays.stop_places import stop_places
+from ...rays.stop_places import SQUARES, cell_size, stop_places
 
 HEIGHTS = 65  # with linear interpolation of rays between them
 DEPTHS = 9  # with linear interpolation of the rays' reach between them: an upper limit, because rays are straight
+MOST_OPEN = 4.0  # cells from the rim: beyond this, a ray's distance does not matter
+PORTION = 256  # rays that are packed together
+FEW = 8  # rays: fewer do not show a shape
 LEAST_COSINE = 1e-3  # of rays to the axis: a depth along the axis does not define a point sideways of the camera
 
 
@@ -34,31 +38,32 @@ class Tiles:
 
 @dataclass(frozen=True, eq=False)
 class Pencils:
-    """One sequence of rays of pixels at evenly spaced distances from the axis, in the upwards direction.
+    """The rays of pixels at evenly spaced distances from the axis, in the upwards direction.
 
     Attributes
     ----------
     last_px : float
         The last of these distances.
     stop : float32 array (2, ray)
-        Positions in the stop, tangential and outwards, in semi-apertures.
+        Positions in the stop, tangential and outwards, in semi-apertures. Each ray represents an equal part of the
+        stop, its cell.
     far_px, moved_px : float32 arrays (2, wavelength, height, ray)
         Outwards and tangential: their positions at infinity in the plane of an ideal image, in pixels; and the change
         of these with the inverse depth, in pixels times mm.
-    margin, light : float32 arrays (wavelength, height, ray)
-        A number that is positive for rays that pass; and their light.
+    inside, light : float32 arrays (wavelength, height, ray)
+        Distance from the rims that limit the rays, in cells, negative for blocked rays; and the light of a cell.
     """
 
     last_px: float
     stop: np.ndarray
     far_px: np.ndarray
     moved_px: np.ndarray
-    margin: np.ndarray
+    inside: np.ndarray
     light: np.ndarray
 
     @property
     def heights(self) -> int:
-        return self.margin.shape[1]
+        return self.inside.shape[1]
 
     @property
     def heights_per_px(self) -> float:
@@ -67,15 +72,36 @@ class Pencils:
     def fringe_px(self, nearness: float) -> int:
         """Largest distance between the wavelengths of a ray, up to an inverse depth."""
         far, moved = (np.hypot(*(each[:, -1] - each[:, 0])) for each in (self.far_px, self.moved_px))
-        return int(np.ceil(((far + nearness * moved) * (self.margin.max(axis=0) > 0)).max()))
+        return int(np.ceil(((far + nearness * moved) * (self.inside.max(axis=0) > -0.5)).max()))
 
-    def reach(self, nearness: np.ndarray, axis_px: tuple[float, float], per_focal: float, tiles: Tiles) -> "RayReach":
+    def area_px(self, nearness: float) -> float:
+        """Largest area of the blur of the open stop at an inverse depth, in square pixels."""
+        return float(_area_px(self.blur_shapes(), nearness).max())
+
+    def blur_shapes(self) -> np.ndarray:
+        """The shape of the blur of the open stop as a function of the inverse depth q: array (3, height, 2, 2).
+
+        The square root of the determinant of their sum, times 1, q and q^2, is the area at q: the covariances of the
+        passing rays' positions, relative to the covariance of their places in the stop, times the stop's area.
+        """
+        shapes = np.empty((3, self.heights, 2, 2))
+        for height, passing in enumerate(self.inside[0] > -0.5):
+            chosen = passing if passing.sum() >= FEW else np.ones_like(passing)
+            far, moved, stop = (np.asarray(each, float)[:, chosen] for each in
+                                (self.far_px[:, 0, height], self.moved_px[:, 0, height], self.stop))
+            both = np.cov(far, moved)
+            area = np.pi * np.hypot(*self.stop).max() ** 2 / np.sqrt(np.linalg.det(np.cov(stop)))
+            shapes[:, height] = both[:2, :2] * area, (both[:2, 2:] + both[2:, :2]) * area, both[2:, 2:] * area
+        return shapes
+
+    def reach(self, nearness: np.ndarray, axis_px: tuple[float, float],
+              shrinkage: Callable[[np.ndarray], np.ndarray], tiles: Tiles) -> "RayReach":
         """The reach of the rays of tiles in a layer of these inverse depths, with the axis at `axis_px`."""
-        return RayReach(self, nearness, axis_px, per_focal, tiles)
+        return RayReach(self, nearness, axis_px, shrinkage, tiles)
 
     def packed(self) -> np.ndarray:
-        """The rays for the loops: array (height, eight, 2 + 6 wavelengths, 8), see `kernels.Casting.rays`."""
-        rays = np.concatenate([self.far_px, self.moved_px, self.margin[None], self.light[None]])
+        """The rays for the loops: array (height, eight, 2 + 6 wavelengths, 8), see `kernels.cast.Casting.rays`."""
+        rays = np.concatenate([self.far_px, self.moved_px, self.inside[None], self.light[None]])
         quantities, wavelengths, heights, count = rays.shape
         rays = rays.transpose(2, 1, 0, 3).reshape(heights, wavelengths * quantities, count)
         rays = np.concatenate([np.broadcast_to(self.stop, (heights, *self.stop.shape)), rays], axis=1)
@@ -92,20 +118,20 @@ class RayReach:
         Inverse depths of the layer.
     axis_px : (float, float)
         Row and column of the axis, in the layer's pixels.
-    per_focal : float
-        See `kernels.Casting`.
+    shrinkage : callable (radius_px)
+        Ratios of the layer's radii to these radii on a plane.
     tiles : Tiles
     """
 
-    def __init__(self, rays: Pencils, nearness: np.ndarray, axis_px: tuple[float, float], per_focal: float,
-                 tiles: Tiles) -> None:
+    def __init__(self, rays: Pencils, nearness: np.ndarray, axis_px: tuple[float, float],
+                 shrinkage: Callable[[np.ndarray], np.ndarray], tiles: Tiles) -> None:
         self.least, self.most = float(nearness.min()), float(nearness.max())
         self._row, self._column = axis_px
         right, up = tiles.right, tiles.up
         distance = np.hypot(right, up)
         self._right, self._up = (axis / np.maximum(distance, 1e-9) for axis in (right, up))
         self._at = np.minimum(distance * rays.heights_per_px, rays.heights - 1)
-        middle, radius = _ends(rays, per_focal, np.linspace(self.least, self.most, DEPTHS))
+        middle, radius = _ends(rays, shrinkage, np.linspace(self.least, self.most, DEPTHS))
         step_px = 1 / rays.heights_per_px
         slope = np.gradient(middle, step_px, axis=1).max()
         beyond = np.maximum(distance - rays.last_px, 0) * slope
@@ -113,8 +139,9 @@ class RayReach:
         self._margin = half_px * max(slope, 1) + 2 + beyond / 4
         self._beyond = beyond
         self._middle = middle
-        self._radius = maximum_filter1d(radius, 2 * int(np.ceil(half_px / step_px)) + 1, axis=1)
-        self._blur = 2 * (np.hypot(*rays.moved_px[:, 0]) * (rays.margin[0] > 0)).max(axis=-1)
+        self._radius = scipy.ndimage.maximum_filter1d(radius, 2 * int(np.ceil(half_px / step_px)) + 1, axis=1)
+        self._blur = 2 * (np.hypot(*rays.moved_px[:, 0]) * (rays.inside[0] > -0.5)).max(axis=-1)
+        self._shapes = rays.blur_shapes() * _area_shrinkage(rays, shrinkage)[:, None, None]
 
     def radius_px(self, least: np.ndarray, most: np.ndarray) -> np.ndarray:
         """Largest radius of the blur between two inverse depths."""
@@ -124,12 +151,17 @@ class RayReach:
         """Difference in blur for a difference in inverse depth."""
         return self._blur[self._at.astype(int)] * difference
 
-    def bounds_px(self, least: np.ndarray, most: np.ndarray) -> list[np.ndarray]:
-        """Top, bottom, left and right of the area that rays reach between two inverse depths, in the layer's pixels."""
+    def area_px(self, nearness: np.ndarray) -> np.ndarray:
+        """Area of the blur of the open stop, without vignetting, at an inverse depth: in square pixels."""
+        return _area_px(self._shapes[:, self._at.astype(int)], nearness)
+
+    def bounds_px(self, least: np.ndarray, most: np.ndarray, around_px: np.ndarray) -> list[np.ndarray]:
+        """Top, bottom, left and right of the area that rays reach between two inverse depths, in the layer's pixels,
+        with a margin."""
         ends = []
         for nearness in (least, most):
             middle = self._between(self._middle, nearness) + self._beyond
-            radius = self._between(self._radius, nearness) + self._margin
+            radius = self._between(self._radius, nearness) + self._margin + around_px
             row, column = self._row - middle * self._up, self._column + middle * self._right
             ends.append((row - radius, row + radius, column - radius, column + radius))
         return [bound(one, other) for bound, one, other in zip((np.minimum, np.maximum) * 2, *ends, strict=True)]
@@ -143,13 +175,11 @@ class RayReach:
                 + u * ((1 - v) * table[i + 1, j] + v * table[i + 1, j + 1]))
 
 
-def _ends(rays, per_focal, nearness):
+def _ends(rays, shrinkage, nearness):
     """Middles and radii of the areas that rays reach at inverse depths: arrays (depth, height), in pixels."""
-    far, moved, passing = rays.far_px, rays.moved_px, rays.margin > 0
+    far, moved, passing = rays.far_px, rays.moved_px, rays.inside > -0.5
     place = far[:, None] + moved[:, None] * nearness[:, None, None, None].astype(np.float32)
-    if per_focal:
-        tangent = np.hypot(*place) * per_focal
-        place *= np.arctan(tangent) / np.maximum(tangent, 1e-20)
+    place *= shrinkage(np.hypot(*place))
     lit = np.broadcast_to(passing, place.shape[1:])
     low, high = (bound.reduce(place[0], axis=(1, 3), where=lit, initial=start)
                  for bound, start in ((np.minimum, np.inf), (np.maximum, -np.inf)))
@@ -158,8 +188,21 @@ def _ends(rays, per_focal, nearness):
     return middle, np.maximum.reduce(distance, axis=(1, 3), where=lit, initial=0)
 
 
+def _area_px(shapes, nearness):
+    """Area of blurs of these `Pencils.blur_shapes`, (3, ..., 2, 2), at inverse depths."""
+    nearness = np.asarray(nearness, float)[..., None, None]
+    return np.sqrt(np.maximum(np.linalg.det(shapes[0] + nearness * (shapes[1] + nearness * shapes[2])), 0))
+
+
+def _area_shrinkage(rays, shrinkage):
+    """Factor on areas in the capture's pixels, relative to those on a plane: array (height,)."""
+    radius_px = np.hypot(*rays.far_px[:, 0], dtype=float).mean(axis=-1)
+    along = (radius_px + 1) * shrinkage(radius_px + 1) - radius_px * shrinkage(radius_px)
+    return along * shrinkage(radius_px)
+
+
 def pencils(rays: RayTable, wavelengths_nm: np.ndarray, sensor: PixelGrid, focal_mm: float, count: int,
-            sequence: int = 0, reach: float = 1.0) -> Pencils:
+            reach: float = 1.0, part: slice = slice(None)) -> Pencils:
     """The rays of a sensor's pixels.
 
     Parameters
@@ -171,38 +214,52 @@ def pencils(rays: RayTable, wavelengths_nm: np.ndarray, sensor: PixelGrid, focal
     focal_mm : float
         Focal length of the capture.
     count : int
-        Number of rays, a power of two. Each sequence is evenly distributed, and so are its first 2^n rays.
-    sequence : int
-        Below SEQUENCES.
+        Number of rays, one of `SQUARES`.
     reach : float
         Radius of the part of the stop's plane that they pass, in semi-apertures: 1 for a round stop, more for the
         corners of an iris; at most the table's reach.
+    part : slice
+        Of these rays.
     """
     pitch_mm = sensor.pitch_um * 1e-3
     last_px = min(sensor.farthest_px, rays.last_height_mm / pitch_mm)
     heights_mm = np.linspace(0, last_px * pitch_mm, HEIGHTS)
-    stop = reach * stop_places(count, sequence)
-    bundles = rays.near(wavelengths_nm).bundles(heights_mm, -stop)  # the image on the sensor is inverted
+    stop, near = reach * stop_places(count)[:, part], rays.near(wavelengths_nm)
+    bundles = near.bundles(heights_mm, -stop)  # the image on the sensor is inverted
     tangent = bundles.direction[:2] / np.maximum(bundles.direction[2], LEAST_COSINE)
     to_px = focal_mm / pitch_mm
-    margin = np.minimum(bundles.surface_margin, reach**2 - np.sum(stop**2, axis=0))
-    quantities = stop, tangent[::-1] * to_px, -bundles.entrance_mm[::-1] * to_px, margin, bundles.weight
+    inside = _cells_inside(near, heights_mm, stop, bundles.surface_margin, reach * cell_size(count))
+    quantities = stop, tangent[::-1] * to_px, -bundles.entrance_mm[::-1] * to_px, inside, bundles.weight
     return Pencils(last_px, *(each.astype(np.float32) for each in quantities))
 
 
+def _cells_inside(rays, heights_mm, stop, margin, cell):
+    """Distance of rays from the surfaces' rims, in cells: the margin over its slope, from rays half a cell away."""
+    radius = np.hypot(*stop)
+    share = cell / 2 / np.maximum(radius, cell)
+    nearby = (1 - share) * stop, np.cos(share) * stop + np.sin(share) * np.stack([-stop[1], stop[0]])
+    slope = np.hypot(*((rays.bundles(heights_mm, -place).surface_margin - margin) / np.hypot(*(place - stop))
+                       for place in nearby))
+    return np.clip(margin / np.maximum(slope * cell, 1e-9), -MOST_OPEN, MOST_OPEN)
+
+
 def packed_pencils(rays: RayTable, wavelengths_nm: np.ndarray, sensor: PixelGrid, focal_mm: float,
-                   count: int, reach: float) -> tuple[np.ndarray, float]:
-    """All sequences of `pencils` for the loops: `kernels.Casting`'s rays and its heights per pixel."""
-    packed = np.empty(rays_shape(HEIGHTS, count // 8, wavelengths_nm.size), np.float32)
-    for sequence in range(SEQUENCES):  # one after another, because intermediate arrays are many times larger
-        bundle = pencils(rays, wavelengths_nm, sensor, focal_mm, count, sequence, reach)
-        packed[:, sequence] = bundle.packed()
+                   counts: Sequence[int], reach: float) -> tuple[np.ndarray, float]:
+    """Several sets of `pencils`, by counts, for the loops: `kernels.cast.Casting`'s rays and heights per pixel."""
+    packed = np.empty(rays_shape(HEIGHTS, sum(counts) // 8, wavelengths_nm.size), np.float32)
+    first = 0
+    for count in counts:
+        for start in range(0, count, PORTION):  # intermediate arrays are many times larger
+            bundle = pencils(rays, wavelengths_nm, sensor, focal_mm, count, reach, slice(start, start + PORTION))
+            eights = bundle.packed()
+            packed[:, first:first + eights.shape[1]] = eights
+            first += eights.shape[1]
     return packed, bundle.heights_per_px
 
 
 def packed_values(count: int, wavelengths: int) -> int:
-    """Number of values in the rays that `packed_pencils` returns."""
-    return math.prod(rays_shape(HEIGHTS, count // 8, wavelengths))
+    """Maximum number of values in the rays that `packed_pencils` returns, for sets of up to this many rays."""
+    return math.prod(rays_shape(HEIGHTS, sum(each for each in SQUARES if each <= count) // 8, wavelengths))
 
 
 class PixelRays:
@@ -221,13 +278,13 @@ class PixelRays:
         self._heights_mm = np.linspace(0, table.last_height_mm, HEIGHTS)
 
     def sample(self, wavelengths_nm: np.ndarray, focal_mm: float, count: int, reach: float) -> Pencils:
-        """One sequence of the rays."""
+        """A number of rays at some wavelengths."""
         return pencils(self._table, wavelengths_nm, self._sensor, focal_mm, count, reach=reach)
 
-    def packed(self, wavelengths_nm: np.ndarray, focal_mm: float, count: int,
+    def packed(self, wavelengths_nm: np.ndarray, focal_mm: float, counts: Sequence[int],
                reach: float) -> tuple[np.ndarray, float]:
-        """All sequences, for the compiled loops: the first two fields of `kernels.Casting`."""
-        return packed_pencils(self._table, wavelengths_nm, self._sensor, focal_mm, count, reach)
+        """Sets of rays for the compiled loops: the first two fields of `kernels.cast.Casting`."""
+        return packed_pencils(self._table, wavelengths_nm, self._sensor, focal_mm, counts, reach)
 
     def irradiance_per_radiance(self, wavelength_nm: float) -> np.ndarray:
         """Irradiance per uniform radiance: float32 array (row, column), constant beyond the last height."""

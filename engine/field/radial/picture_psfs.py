@@ -13,9 +13,11 @@ from ..mirror_symmetry import Planes
 from .distortion import FieldGeometry
 from .error_bound import AzimuthErrors, azimuth_error, isoplanatic_error
 from .psf_bank import PlacedPsfs, PsfBank, psf_radius_px
+from .uniform_light import unevenness
 
 LARGEST_PSF_RADIUS_PX = 2048
 ISOPLANATIC_SAMPLES = 4  # azimuths to examine
+UNIFORM_WAVELENGTHS = 3  # to examine
 PLACES = 48  # samples along each side of a picture, for the shares of heights
 
 
@@ -56,7 +58,7 @@ class PicturePsfs:
     def reach(self, energy: float) -> tuple[int, float]:
         """Radius in pixels of PSFs trimmed to this energy, and the mean number of pixels that they cover."""
         if energy >= 1:
-            return self.full_radius_px, _covered(self.full_radius_px - 1)
+            return self.full_radius_px, _covered(self.full_radius_px - 1, 0)
         if energy not in self._reaches:
             self._reaches[energy] = self._reach(energy)
         return self._reaches[energy]
@@ -64,7 +66,7 @@ class PicturePsfs:
     def _reach(self, energy):
         supports = [bank.support_px(energy) for bank in self._banks]
         radius_px = max(bank.radius_within_px(support) for bank, support in zip(self._banks, supports, strict=True))
-        taps = np.mean([_covered(support + bank.sample_size_px / 2)
+        taps = np.mean([_covered(support, bank.sample_size_px)
                         for bank, support in zip(self._banks, supports, strict=True)], axis=0)
         return radius_px, float(self._height_shares @ np.maximum(taps[:-1], taps[1:]))
 
@@ -73,9 +75,9 @@ class PicturePsfs:
         for psfs in self._trimmed(energy, planes):
             yield AzimuthErrors(psfs.bank, psfs.last_height_mm())
 
-    def mixing_error(self, wavelengths: list[AzimuthErrors], steps: int, enough: float = np.inf) -> float:
-        """Largest error of trimmed PSFs mixed from a table with these steps, or some error above `enough`."""
-        return azimuth_error(wavelengths, steps, enough)
+    def mixing_error(self, wavelengths: list[AzimuthErrors], steps: int) -> float:
+        """Largest error of trimmed PSFs mixed from a table with these steps."""
+        return azimuth_error(wavelengths, steps)
 
     def one_psf_error(self, energy: float, planes: Planes, enough: float) -> float:
         """Largest error of the PSF in the middle of the planes for the complete field, or some error above `enough`."""
@@ -87,6 +89,11 @@ class PicturePsfs:
             if worst > enough:
                 break
         return worst
+
+    def uniform_light_error(self) -> float:
+        """Largest relative error of a pixel under uniform radiance, from a few wavelengths."""
+        some = np.unique(np.linspace(0, len(self._banks) - 1, UNIFORM_WAVELENGTHS).round().astype(int))
+        return max(unevenness(self._banks[index], self._fields[index], self._grid) for index in some)
 
     def _trimmed(self, energy, planes):
         radius_px, _ = self.reach(energy)
@@ -112,6 +119,7 @@ def telling_wavelengths(lens: Lens, sampling: Sampling) -> Sequence[float] | np.
     return around if len(around) < len(sampling.wavelengths_nm) else sampling.wavelengths_nm
 
 
-def _covered(reach_px):
-    """Number of pixels that a PSF with this reach from the middle of a pixel covers."""
-    return np.pi * (reach_px + 0.5) ** 2
+def _covered(support_px, sample_size_px):
+    """Number of pixels that a PSF in a circle of this radius reaches from all of a pixel."""
+    side_px = 2 + sample_size_px  # of the square that each sample reaches
+    return np.pi * support_px**2 + 4 * side_px * support_px + side_px**2

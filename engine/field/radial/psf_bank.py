@@ -5,11 +5,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import sparse
+import scipy
 
-from ... import kernels
+from ...kernels.library import NUMPY, running
+from ...kernels.turning import TurnableSamples, turn
 from ...lens.lens import Lens, MonochromaticLens
-from ...lens.symmetry import mirror_symmetric
+from ...lens.symmetry import is_rotation_symmetric, mirror_symmetric
 from ...runtime.memory import check_room
 from ..mirror_symmetry import Planes
 from .distortion import FieldGeometry
@@ -17,11 +18,15 @@ from .distortion import FieldGeometry
 BATCH_SAMPLES = 1 << 16  # PSF samples that are processed together, to fit in the processor's cache
 COPIES = 3  # of the samples of all PSFs, while a bank is computed
 RINGS = 4  # circles for trimming between adjacent samples
+SLACK_PX = 1e-6  # for rounding
+AXIAL_TURNS = 4  # azimuths from 0 to 90 degrees; their mean is the PSF on the axis
 
 
 @dataclass(frozen=True, eq=False)
 class PsfBank:
     """Pixel PSFs of one lens at one wavelength: samples of light, to be turned and distributed over the pixels.
+
+    A pixel shines evenly from its area: each sample, a small square, lands from every point of the pixel.
 
     Attributes
     ----------
@@ -38,6 +43,9 @@ class PsfBank:
         Largest reach of a PSF from the pixel of its chief ray, in any direction.
     mirror_symmetric : bool
         Whether the PSFs are symmetric about the meridional plane.
+    round_on_axis : bool
+        Whether the first PSF is rotationally symmetric, as it is on the axis. Its pixels are then the same at every
+        azimuth, although its samples, squares, are not: uniform light stays uniform where azimuths meet.
     """
 
     heights_mm: np.ndarray
@@ -48,6 +56,7 @@ class PsfBank:
     sample_size_px: float
     radius_px: int
     mirror_symmetric: bool
+    round_on_axis: bool
 
     @classmethod
     def of(cls, optics: MonochromaticLens, pixel_pitch_um: float) -> "PsfBank":
@@ -71,7 +80,7 @@ class PsfBank:
         samples = np.compress(used, refined, axis=1)
         samples /= samples.sum(axis=1, keepdims=True)
         return cls(optics.heights_mm, samples, np.zeros(len(samples)), v_px[used], u_px[used], sample_size_px,
-                   psf_radius_px(optics, pixel_pitch_um), symmetric)
+                   psf_radius_px(optics, pixel_pitch_um), symmetric, symmetric and is_rotation_symmetric(psf[0]))
 
     def trimmed(self, energy: float, radius_px: int | None = None) -> "PsfBank":
         """Trim each PSF to the smallest circle around the chief ray that contains this energy, and normalise (Eq. 9).
@@ -85,11 +94,10 @@ class PsfBank:
         """
         if energy >= 1:
             return self
-        half_px = np.sqrt(0.5) * self.sample_size_px
         support_px = self.support_px(energy)
         if radius_px is None:
             radius_px = self.radius_within_px(support_px)
-        support_px = np.minimum(support_px, radius_px - 0.5 - half_px)
+        support_px = np.minimum(support_px, radius_px - SLACK_PX - self.sample_size_px / 2)
         within = self._distance_px <= support_px[:, None] * (1 + 1e-9)
         used = within.any(axis=0)
         samples = np.compress(used, self.samples, axis=1)
@@ -114,7 +122,7 @@ class PsfBank:
 
     def radius_within_px(self, support_px: np.ndarray) -> int:
         """Largest reach of PSFs in circles of these radii from the pixel of their chief ray."""
-        return min(self.radius_px, int(np.ceil(support_px.max() + np.sqrt(0.5) * self.sample_size_px + 0.5)))
+        return min(self.radius_px, _reach_px(support_px.max(), self.sample_size_px))
 
     @cached_property
     def _distance_px(self):
@@ -129,28 +137,22 @@ class PsfBank:
         inside = np.cumsum(np.add.reduceat(np.take(self.samples, outwards, axis=1), first, axis=1), axis=1)
         return rings * (self.sample_size_px / RINGS), inside / inside[:, -1:] * (1 - self.lost[:, None])
 
-    def brightest(self, count: int) -> "PsfBank":
-        """A bank of a single PSF, without unit sum, that represents the PSFs of all heights.
-
-        It has the maximum of each sample over the heights, and only the `count` samples with the largest errors at the
-        edges of pixels.
-        """
-        samples, distance_px = self.samples.max(axis=0), self._distance_px
-        crosses = distance_px > 0.5 - self.sample_size_px
-        chosen = np.argsort(samples * distance_px * crosses)[-count:]
-        radius_px = int(np.ceil(distance_px[chosen].max() + np.sqrt(0.5) * self.sample_size_px + 0.5))
-        return replace(self, heights_mm=self.heights_mm[-1:], samples=samples[None, chosen], lost=np.zeros(1),
-                       v_px=self.v_px[chosen], u_px=self.u_px[chosen], radius_px=radius_px)
+    def up_to(self, height_mm: float) -> "PsfBank":
+        """A bank with only the heights that contribute to PSFs up to this one."""
+        heights = max(2, int(np.searchsorted(self.heights_mm, height_mm)) + 1)
+        return replace(self, heights_mm=self.heights_mm[:heights], samples=self.samples[:heights],
+                       lost=self.lost[:heights])
 
     @property
     def nbytes(self) -> int:
         return self.samples.nbytes + self.u_px.nbytes + self.v_px.nbytes
 
     def psfs(self, paraxial_height_mm: np.ndarray, azimuth_rad: np.ndarray) -> np.ndarray:
-        """PSFs integrated over the pixels, for chief rays that meet pixel centres.
+        """PSFs of pixels, integrated over the pixels that the light falls on.
 
         They are interpolated linearly in field height (section 2.2.3: PSFs, never OTFs), constant beyond the last
-        height, rotated to the azimuth, distributed over the pixels by area, and normalised (Eq. 9).
+        height, rotated to the azimuth, distributed over the pixels by area, and normalised (Eq. 9). The pixel's
+        centre determines height and azimuth; its light comes evenly from its area.
 
         Parameters
         ----------
@@ -166,8 +168,10 @@ class PsfBank:
         batch = max(1, BATCH_SAMPLES // self.v_px.size)
         for start in range(0, len(result), batch):
             part = slice(start, start + batch)
-            energy = self._at_heights(np.asarray(paraxial_height_mm)[part])
+            energy, on_axis = self._at_heights(np.asarray(paraxial_height_mm)[part])
             result[part] = self._share_out(energy, np.asarray(azimuth_rad)[part])
+            if self.round_on_axis:
+                result[part] += on_axis[:, None, None] * self._axial_psf
         result /= result.sum(axis=(1, 2), keepdims=True)
         return result
 
@@ -176,33 +180,51 @@ class PsfBank:
 
         The heights share the geometry, so this is several times faster than `psfs`.
         """
-        azimuth_rad, size, samples = np.asarray(azimuth_rad), 2 * self.radius_px + 1, self.v_px.size
-        if kernels.running() != kernels.NUMPY:
-            return np.moveaxis(kernels.turn(self._turnable, azimuth_rad, size), 3, 1)
+        psfs = self._turned(np.asarray(azimuth_rad))
+        if self.round_on_axis:
+            psfs[:, 0] = self._axial_psf
+        return psfs
+
+    def _turned(self, azimuth_rad):
+        """As `at_table_heights`, with the first PSF turned like the others."""
+        size, samples = 2 * self.radius_px + 1, self.v_px.size
+        if running() != NUMPY:
+            return np.moveaxis(turn(self._turnable, azimuth_rad, size), 3, 1)
         result = np.empty((azimuth_rad.size, self.heights_mm.size, size * size))
-        step = max(1, BATCH_SAMPLES // 4 // samples)  # four pixels for each sample
+        step = max(1, BATCH_SAMPLES // 9 // samples)  # nine pixels for each sample
         for start in range(0, azimuth_rad.size, step):
             part = result[start:start + step]
-            pixels, shares = (np.stack(four, axis=2).transpose(1, 0, 2)
-                              for four in self._shares(azimuth_rad[start:start + step]))
+            pixels, shares = (np.stack(nine, axis=2).transpose(1, 0, 2)
+                              for nine in self._shares(azimuth_rad[start:start + step]))
             pixels = pixels + np.arange(len(part))[:, None] * size * size
-            onto_pixels = sparse.csc_matrix((shares.ravel(), pixels.ravel(), np.arange(samples + 1) * 4 * len(part)),
-                                            (len(part) * size * size, samples))
+            onto_pixels = scipy.sparse.csc_matrix(
+                (shares.ravel(), pixels.ravel(), np.arange(samples + 1) * 9 * len(part)),
+                (len(part) * size * size, samples))
             part[:] = (onto_pixels @ self.samples.T).reshape(len(part), size * size, -1).swapaxes(1, 2)
         return result.reshape(*result.shape[:2], size, size)
 
     @cached_property
     def _turnable(self):
-        return kernels.TurnableSamples.of(self.samples, self.v_px, self.u_px, self.sample_size_px)
+        return TurnableSamples.of(self.samples, self.v_px, self.u_px, self.sample_size_px)
+
+    @cached_property
+    def _axial_psf(self):
+        """The first PSF, as the mean over a few azimuths and their quarter turns: array (row, column)."""
+        alone = replace(self, heights_mm=self.heights_mm[:1], samples=self.samples[:1])
+        turned = alone._turned(np.arange(AXIAL_TURNS) * (np.pi / 2 / AXIAL_TURNS))[:, 0].mean(axis=0)
+        return np.mean([np.rot90(turned, turns) for turns in range(4)], axis=0)
 
     def _at_heights(self, height_mm):
+        """The light of samples at these heights, array (n, sample), and the share of a round first PSF, which is not
+        part of it."""
         position = np.interp(height_mm, self.heights_mm, np.arange(self.heights_mm.size))
         below = np.minimum(position.astype(int), self.heights_mm.size - 2)
         weight = (position - below)[:, None]
-        return (1 - weight) * self.samples[below] + weight * self.samples[below + 1]
+        first = np.where(self.round_on_axis & (below == 0)[:, None], 0, 1 - weight)
+        return first * self.samples[below] + weight * self.samples[below + 1], 1 - weight[:, 0] - first[:, 0]
 
     def _share_out(self, energy, azimuth_rad):
-        """Distribute each sample, a small square of light, over the pixels that it covers."""
+        """Distribute each sample over the pixels that its light reaches."""
         size = 2 * self.radius_px + 1
         stack = np.arange(len(energy))[:, None] * size * size
         pixels = np.zeros(len(energy) * size * size)
@@ -211,26 +233,31 @@ class PsfBank:
         return pixels.reshape(-1, size, size)
 
     def _shares(self, azimuth_rad):
-        """The four pixels that each sample covers, and its share in each of them: 4 arrays (azimuth, sample)."""
+        """The nine pixels that each sample reaches, and its share in each of them: 9 arrays (azimuth, sample)."""
         cos, sin = np.cos(azimuth_rad)[:, None], np.sin(azimuth_rad)[:, None]
         right = self.v_px * cos + self.u_px * sin  # v runs outwards, along (cos, sin); u along (sin, -cos)
         down = -self.v_px * sin + self.u_px * cos
-        # Squares as wide as the turned samples: at 0 and 45 degrees they tile the plane without gaps.
-        width = (np.abs(cos) + np.abs(sin)) * self.sample_size_px
-        row, in_row = self._split(down, width)
-        column, in_column = self._split(right, width)
+        row, in_rows = self._split(down)
+        column, in_columns = self._split(right)
         size = 2 * self.radius_px + 1
-        first = row * size + column
-        return ((first, first + 1, first + size, first + size + 1),
-                (in_row * in_column, in_row * (1 - in_column),
-                 (1 - in_row) * in_column, (1 - in_row) * (1 - in_column)))
+        return ([(row + i) * size + column + j for i, j in np.ndindex(3, 3)],
+                [in_row * in_column for in_row in in_rows for in_column in in_columns])
 
-    def _split(self, offset_px, width_px):
-        """First pixel that a square of `width_px` at this offset covers, and the square's share in it."""
-        start = offset_px - width_px / 2
-        pixel = np.floor(start + 0.5)
-        share = np.minimum((pixel + 0.5 - start) / width_px, 1)
-        return pixel.astype(int) + self.radius_px, share
+    def _split(self, offset_px):
+        """First of three pixels that a sample at this offset reaches from all of a pixel, and the shares in them.
+
+        If a point of light is moved by an offset, from all of a pixel, a share of 1 - |offset| remains in it. The
+        sample is a square that is not
+        turned, which preserves second moments.
+        """
+        width_px = self.sample_size_px
+        start = offset_px - width_px / 2 + self.radius_px
+        pixel = np.minimum(start.astype(int), 2 * self.radius_px - 2)
+        start = start - pixel
+        end = start + width_px
+        first = (np.maximum(1 - start, 0) ** 2 - np.maximum(1 - end, 0) ** 2) / (2 * width_px)
+        last = (np.maximum(end - 1, 0) ** 2 - np.maximum(start - 1, 0) ** 2) / (2 * width_px)
+        return pixel, (first, 1 - first - last, last)
 
 
 class PlacedPsfs:
@@ -280,19 +307,22 @@ class PlacedPsfs:
 
 
 def psf_radius_px(lens: Lens | MonochromaticLens, pixel_pitch_um: float) -> int:
-    """Largest reach in pixels of the complete PSFs of a lens, at any azimuth, from the pixel of the chief ray.
+    """Largest reach in pixels of the complete PSFs of a lens, at any azimuth, from the pixel of the chief ray."""
+    sample_px = lens.psf_pitch_um / refinement(lens, pixel_pitch_um) / pixel_pitch_um
+    return _reach_px(np.hypot(1, 1) * (lens.psf.shape[-1] // 2) * lens.psf_pitch_um / pixel_pitch_um, sample_px)
 
-    It includes the width of a sample, a turned square, which may extend into the next pixel.
-    """
-    half_diagonal_um = np.hypot(1, 1) * (lens.psf.shape[-1] // 2) * lens.psf_pitch_um
-    sample_um = lens.psf_pitch_um / refinement(lens, pixel_pitch_um)
-    reach_um = half_diagonal_um + np.hypot(1, 1) / 2 * sample_um
-    return int(np.ceil(reach_um / pixel_pitch_um + 0.5))
+
+def _reach_px(distance_px, sample_size_px):
+    """Largest reach of samples up to this distance from the chief ray, from the pixel of the chief ray."""
+    return int(np.ceil(distance_px + sample_size_px / 2 + SLACK_PX))
 
 
 def refinement(optics: Lens | MonochromaticLens, pixel_pitch_um: float) -> int:
-    """Samples per sample of the table, in each direction: each may cover at most two pixels in a row."""
-    return int(np.ceil(2 * optics.psf_pitch_um / pixel_pitch_um - 1e-9))
+    """Samples per sample of the table, in each direction: at most sqrt(0.5) px wide.
+
+    Turned squares overlap and leave gaps; with wider ones, uniform light would have ripples of more than 1 %.
+    """
+    return int(np.ceil(np.sqrt(2) * optics.psf_pitch_um / pixel_pitch_um - 1e-9))
 
 
 def _refine(psf, steps):

@@ -11,7 +11,8 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from ... import kernels
+from ...kernels.library import NUMPY, running
+from ...kernels.spreading import PackedTable, TablePlaces, spread
 from ...lens.lens import Lens
 from ...runtime.threads import thread_pool
 from ..mirror_symmetry import Planes
@@ -72,7 +73,7 @@ class TurnedPsfs:
 
     def packed(self) -> "PackedPsfs | None":
         """The table for the compiled loops; None without these, and for double precision."""
-        return PackedPsfs(self) if self.psfs.dtype == np.float32 and kernels.running() != kernels.NUMPY else None
+        return PackedPsfs(self) if self.psfs.dtype == np.float32 and running() != NUMPY else None
 
     def unmirrored(self) -> "TurnedPsfs":
         """The same PSFs with all azimuths of a quarter turn."""
@@ -235,26 +236,26 @@ class PackedPsfs(PsfCells):
 
     def __init__(self, turned: TurnedPsfs) -> None:
         super().__init__(turned)
-        self.pieces = kernels.PackedTable.of(turned.reached(), turned.azimuths, turned.taps)
+        self.pieces = PackedTable.of(turned.reached(), turned.azimuths, turned.taps)
 
     @property
     def nbytes(self) -> int:
         """See `PsfCells`."""
         return self.pieces.nbytes
 
-    def places(self, psfs: PlacedPsfs) -> kernels.TablePlaces:
+    def places(self, psfs: PlacedPsfs) -> TablePlaces:
         """Positions of the pixels of these PSFs' planes among the nodes."""
         grid = psfs.planes.grid
         distances_px = np.linspace(0, grid.farthest_px, CURVE_SAMPLES + 1)
-        return kernels.TablePlaces.of(
+        return TablePlaces.of(
             grid.centre_px, CURVE_SAMPLES / grid.farthest_px,
             psfs.field.paraxial_height_mm(distances_px * grid.pitch_um * 1e-3), self.heights_mm,
             (self.azimuths - 1) // self.quarter_turns, self.quarter_turns)
 
-    def spread(self, places: kernels.TablePlaces, first_row: int, light: np.ndarray, lit: np.ndarray,
+    def spread(self, places: TablePlaces, first_row: int, light: np.ndarray, lit: np.ndarray,
                section_px: int) -> np.ndarray:
         """Spread the light of a row of sections, (plane, row, column), that starts at this row."""
-        return kernels.spread(self.pieces, places.lower(first_row), light, lit, section_px, slice(section_px))
+        return spread(self.pieces, places.lower(first_row), light, lit, section_px, slice(section_px))
 
 
 class PsfTables:

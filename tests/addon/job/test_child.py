@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import tempfile
+from contextlib import nullcontext
 from pathlib import Path
 
 import bpy
@@ -13,6 +14,7 @@ from PIL import Image
 
 from lensfield.addon.job import child
 from lensfield.addon.job.job import set_blend_folder, unsaved_folder
+from lensfield.addon.scene.errors import SceneError
 from lensfield.commands.child import Child
 from small_scenes import light, material, wall
 from snapshot import differences, snapshot
@@ -47,6 +49,26 @@ def test_a_copy_includes_unsaved_changes_and_leaves_the_session_unchanged(scene,
     assert "Edited" in bpy.data.objects
     path = bpy.data.images["texture.png"].filepath
     assert path.startswith("//..") and bpy.path.abspath(path) == str(folder / ".." / "own" / "texture.png")
+
+
+@pytest.mark.parametrize("fails", [False, True])
+@pytest.mark.parametrize("changed", [False, True])
+def test_a_copy_has_no_thumbnail_and_leaves_the_preferences_unchanged(scene, tmp_path, fails, changed):
+    preferences, during = bpy.context.preferences, []
+    preferences.filepaths.file_preview_type, preferences.is_dirty = "CAMERA", changed
+
+    def note(*_):
+        during.append(preferences.filepaths.file_preview_type)
+
+    bpy.app.handlers.save_pre.append(note)
+    try:
+        with pytest.raises(SceneError) if fails else nullcontext():
+            child.save_copy(tmp_path / "missing" if fails else tmp_path)
+        assert (preferences.filepaths.file_preview_type, preferences.is_dirty) == ("CAMERA", changed)
+    finally:
+        bpy.app.handlers.save_pre.remove(note)
+        preferences.filepaths.file_preview_type = "AUTO"
+    assert during == ["NONE"]
 
 
 def test_simulations_cached_on_disk_are_available_to_the_copy(scene, tmp_path):
@@ -147,6 +169,7 @@ def test_bad_input_is_reported_in_one_line(coloured_scene, tmp_path):
 LEAVE_IT = """
 import os, sys, time
 import bpy
+from lensfield.addon.scene.errors import SceneError
 from lensfield.commands.child import Child
 child = Child([sys.executable, *sys.argv[2:]], sys.argv[1])
 while "fraction" not in child.status: time.sleep(0.01)

@@ -10,16 +10,11 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from lenses import make_lens
 from lensfield import addon
 from lensfield.addon.job import one_capture, slabs
 from lensfield.addon.job.one_capture import OneCapture
-from lensfield.addon.job.pictures import pinhole_view
-from lensfield.addon.job.radiance import Captured
 from lensfield.addon.job.render import job_of_frame
 from lensfield.addon.job.result import FRAME_FILES
-from lensfield.engine import SpectralImage
-from lensfield.engine.image.pixel_grid import PixelGrid
 from lensfield.engine.pictures.spectral_exr import read_exr
 from lensfield.engine.runtime import files
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
@@ -139,18 +134,6 @@ def test_the_field_of_view_changes_with_focus(rack, tmp_path):
         # the centroid has the same relative error of its half width.
         np.testing.assert_allclose(ours.sum(), theirs.sum(), rtol=0.015)
         np.testing.assert_allclose(middle_px(ours), middle_px(theirs), atol=0.1)
-
-
-def test_the_pinhole_picture_has_the_field_of_view_of_the_lens():
-    """Light with a linear gradient across the picture has a steeper one if captured by a longer pinhole."""
-    lens = make_lens()
-    grid = PixelGrid.around_frame((5, 7), 10.0, (4, 6))
-    cube = np.broadcast_to(100.0 + grid.axes_mm()[0], (3, *grid.shape_px)).astype(np.float32)
-    longer = replace(grid, focal_mm=1.5 * lens.capture_focal_length_mm)
-    ours, fit = (pinhole_view(Captured(SpectralImage(cube, np.array(WAVELENGTHS_NM), view), None, None, None), lens)
-                 for view in (longer, grid))
-    assert ours.shape == fit.shape == (5, 7, 3)
-    np.testing.assert_allclose(ours - ours[2, 3], 1.5 * (fit - fit[2, 3]), atol=1e-6 * fit.max())
 
 
 def test_each_frame_reports_the_limits_of_one_depth_per_pixel(rack, tmp_path):

@@ -80,9 +80,9 @@ def room(scene):
     lamp.location = (0, 0.95, -3)
     scene.cycles.samples, scene.cycles.max_bounces = 64, 8
     scene.render.resolution_x, scene.render.resolution_y = 32, 24
-    # No path ends at random, so noise is the same at all wavelengths: it changes the mix of colours, but adds no false
-    # ones.
-    scene.cycles.min_light_bounces = 8
+    # No path ends at random and each pass takes all samples, so noise is the same at all wavelengths: it changes the
+    # mix of colours, but adds no false ones.
+    scene.cycles.min_light_bounces, scene.cycles.time_limit = 8, 1000.0
     return scene
 
 

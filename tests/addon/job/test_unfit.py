@@ -7,7 +7,7 @@ import pytest
 from cycles_pictures import picture
 from lenses import make_lens
 from lensfield import addon
-from lensfield.addon.scene.camera import capture_grid, match_camera_to_lens
+from lensfield.addon.scene.camera import capture_grid, set_up_capture
 from lensfield.engine.pictures.preview import to_rec709
 from lensfield.engine.pictures.spectral_exr import read_exr
 from lensfield.engine.spectral.colour import XYZ_TO_REC709
@@ -34,8 +34,7 @@ def bubble(scene):
         shader.inputs[name].default_value = value
     wall(scene, film)
     scene.render.resolution_x, scene.render.resolution_y = 12, 12
-    capture = capture_grid(scene, LENS, NM)  # a film's colours depend on the viewing angle
-    match_camera_to_lens(scene.camera.data, LENS, capture.frame_px[1], capture.pitch_um)
+    set_up_capture(scene.camera.data, LENS, capture_grid(scene, LENS, NM).frame())  # colours depend on the angle
     return scene, shader.inputs
 
 

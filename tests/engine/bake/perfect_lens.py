@@ -12,7 +12,7 @@ PUPIL = HalfPupil(21, 27)
 def perfect_wavefronts(f_number, angles_deg, wavelength_nm=550.0, defocus_mm=0.0):
     """Wavefronts of a thin lens that is its own stop, focused at infinity: all paths to the image point are equal.
 
-    `defocus_mm` moves the image plane this far behind the focus, along the axis.
+    `defocus_mm` moves the image plane this far behind the focus, along the axis; PSFs stay centred on the image point.
     """
     angle = np.radians(angles_deg)[:, None, None]
     height_mm = EFL_MM * np.tan(angle)
@@ -24,4 +24,4 @@ def perfect_wavefronts(f_number, angles_deg, wavelength_nm=550.0, defocus_mm=0.0
     limits = np.empty((0, *x.shape))
     return Wavefronts(PUPIL, np.array([wavelength_nm]), height_mm[:, 0, 0][None], path_mm[None], cosine[:, None],
                       -cosine[:, None], np.stack([x, y * np.cos(angle)])[:, None], density[None], limits[:, None],
-                      np.zeros((2, 1, *x.shape)))
+                      np.stack([-x, height_mm - y])[:, None] * (defocus_mm / EFL_MM))

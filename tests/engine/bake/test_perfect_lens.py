@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from scipy.special import j0, j1
 
-from lensfield.engine.bake.diffraction import Sums, lengthening, point_spread
+from lensfield.engine import LensError
+from lensfield.engine.bake.diffraction import Sums, point_spread
+from lensfield.engine.bake.pupil_fit import fit_pupils
 from lensfield.engine.bake.quality import QUALITIES
+from lensfield.engine.bake.spots import spot_diagram
 from perfect_lens import EFL_MM, perfect_wavefronts
 
 UM = 0.55
@@ -125,7 +128,54 @@ def test_a_few_parts_per_sample_resolve_all_waves(fringes):
 def test_waves_are_not_lengthened_where_samples_are_fine():
     wavefront = perfect_wavefronts(5.0, [0]).one(0, 0)
     sums = Sums(12, 1.0, 1.5, 4.0)
-    assert lengthening(wavefront, 2.0, sums) == 1.0
-    assert lengthening(wavefront, 20.0, sums) == pytest.approx(20 * 2 * aperture(5.0) / UM / 4, rel=0.03)
     np.testing.assert_array_equal(point_spread(wavefront, 2.0, 21, sums),
                                   point_spread(wavefront, 2.0, 21, replace(sums, fringes=np.inf)))
+
+
+@pytest.mark.parametrize("pitch_um, sums, defocus_mm", [(2000.0, QUALITIES["preview"].sums, 0.0), (40.0, FINE, 20.0)])
+def test_unbounded_blur_is_refused(pitch_um, sums, defocus_mm):
+    """Waves lengthened a hundredfold, or a sum of a billion terms."""
+    with pytest.raises(LensError, match="too wide"):
+        psf_at(2.0, 0, pitch_um, 401, sums, defocus_mm=defocus_mm)
+
+
+def off_axis_in_defocus(fringes):
+    """A wavefront of f/2 at 20 degrees, 0.3 mm out of focus, and the pitch of samples with this number of fringes."""
+    wavefront = perfect_wavefronts(2.0, [20], defocus_mm=0.3).one(0, 0)
+    return wavefront, fringes / fit_pupils([wavefront], 12, [1e3 * UM])[0].fringes(1e3 * UM, 1.0)
+
+
+def test_rays_approach_waves_as_samples_hold_more_fringes():
+    """For a defocused disc, in proportion to the width of the light that its edge spreads, in samples."""
+    errors = []
+    for fringes, samples in ((12, 61), (36, 21)):
+        wavefront, pitch_um = off_axis_in_defocus(fringes)
+        waves = point_spread(wavefront, pitch_um, samples, Sums(12, 2.0, 1.5))
+        rays = spot_diagram(wavefront, pitch_um, samples)
+        errors.append(np.abs(rays - waves).sum())
+        assert rays.sum() == pytest.approx(waves.sum(), abs=1e-3)
+        assert np.abs(rays[::-1] - waves).sum() > 10 * errors[-1], "the disc is off the axis"
+    assert errors[0] < 0.03 and errors[1] < 0.6 * errors[0]
+
+
+@pytest.mark.parametrize("f_number, pitch_um, samples", [(2.8, 6.0, 101), (5.0, 6.0, 65), (16.0, 12.0, 65)])
+def test_rays_bend_at_the_edge_as_airys_pattern_spreads(f_number, pitch_um, samples):
+    """Light outside of a circle of radius r is wavelength / (pi^2 NA r), at distances of several fringes."""
+    psf = spot_diagram(perfect_wavefronts(f_number, [0]).one(0, 0), pitch_um, samples)
+    for share in (0.25, 0.5, 0.9):
+        circle_um = share * pitch_um * samples / 2
+        outside = 1 - psf[radius_um(pitch_um, samples) < circle_um].sum()
+        assert outside == pytest.approx(UM / (np.pi**2 * aperture(f_number) * circle_um), rel=0.1)
+
+
+def test_waves_fade_out_where_they_would_be_lengthened():
+    """The PSF changes from waves to rays without a step, and is the spot diagram from three times on."""
+    psfs = []
+    for times in (0.999, 1.001, 1.7, 2.999, 3.001):
+        wavefront, pitch_um = off_axis_in_defocus(8 * times)
+        fine = Sums(12, 2.0, 1.5, 8.0, 0.02)
+        psfs.append((point_spread(wavefront, pitch_um, 31, fine), spot_diagram(wavefront, pitch_um, 31)))
+    assert np.abs(psfs[0][0] - psfs[1][0]).sum() < 0.01
+    assert np.abs(psfs[3][0] - psfs[4][0]).sum() < 0.01
+    np.testing.assert_array_equal(*psfs[4])
+    assert [np.abs(psf - rays).sum() > 1e-3 for psf, rays in psfs[1:4]] == [True, True, False]

@@ -14,7 +14,8 @@ from lensfield.engine.depth.depth_range import (
     planar_depth_mm,
     sharp_range_mm,
 )
-from lensfield.engine.image.pixel_grid import FISHEYE, PixelGrid
+from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.image.projection import FISHEYE
 from lensfield.engine.lens.entrance_pupil import entrance_pupil_diameter_mm
 from lensfield.engine.runtime.errors import ImageError, InputError
 from varied_lenses import varied_lens

@@ -105,7 +105,7 @@ def disc_of_a_lamp(lens, blur, iris):
     lamp = Layer(alpha[None], alpha, np.full(GRID.shape_px, depth_of_blur(lens, blur)))
     dark = Layer(0 * alpha[None], np.ones(GRID.shape_px), np.full(GRID.shape_px, np.inf))
     layered = LayeredRadiance([lamp, dark], [550.0], GRID, lens.capture_focal_length_mm)
-    plane, = cast(layered, lens, first_order_rays(lens, opening(iris, lens).reach), most_rays=1024, iris=iris)
+    plane, = cast(layered, lens, lambda: first_order_rays(lens, opening(iris, lens).reach), most_rays=1024, iris=iris)
     return plane.blurred
 
 

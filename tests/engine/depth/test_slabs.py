@@ -6,7 +6,8 @@ import pytest
 from lenses import make_lens
 from lensfield.engine.depth.depth_range import blur_per_nearness_px, blur_px
 from lensfield.engine.depth.slabs import DEEP_PX, SlabPlan, plan_slabs
-from lensfield.engine.image.pixel_grid import FISHEYE, PixelGrid
+from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.image.projection import FISHEYE
 
 LENS = make_lens(efl_mm=100.0, magnification=-0.05, f_number_effective=2.2, object_distance_mm=2000.0,
                  entrance_pupil_mm=0.0, sensor_mm=(36.0, 24.0))
@@ -126,8 +127,8 @@ def test_a_scene_in_focus_needs_no_slabs():
 
 
 def test_the_accuracy_decides_whether_slight_defocus_needs_slabs():
-    """0.7 px of blur is slightly more than the half pixel that pixels hide."""
-    z_mm = 1 / (1 / 2000 + 0.7 / blur_per_nearness_px(LENS, PITCH_UM))
+    """0.97 px of blur is slightly more than the 0.8 px that pixels hide."""
+    z_mm = 1 / (1 / 2000 + 0.97 / blur_per_nearness_px(LENS, PITCH_UM))
     assert not plan(np.full(FRAME.shape_px, z_mm), accuracy=0.1).needed
     assert plan(np.full(FRAME.shape_px, z_mm), accuracy=0.01).needed
 

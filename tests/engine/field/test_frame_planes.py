@@ -4,13 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.polynomial.polynomial import polyval
 
 from lensfield.engine import Options, SpectralImage, load_lens, simulate
-from lensfield.engine.field.frame_planes import nearest_samples, relative_illumination
+from lensfield.engine.field.frame_planes import nearest_samples, pinhole_view, relative_illumination
 from lensfield.engine.field.overscan import choose_capture
 from lensfield.engine.field.radial.distortion import FieldGeometry
 from lensfield.engine.image.irradiance import irradiance_per_radiance
 from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.image.projection import PLANE, Projection
 from lensfield.engine.lens.pinhole import fitting_pitch_um
 from varied_lenses import varied_lens
 
@@ -38,8 +40,10 @@ def test_nearest_samples_follow_the_distortion_of_the_lens(name, off_px):
     down_px, right_px = (np.arange(n) - at for n, at in zip(FRAME, capture.frame().centre_px, strict=True))
     radius_px = np.hypot(right_px[None, :], down_px[:, None])
     paraxial_mm = field.paraxial_height_mm(radius_px * capture.pitch_um * 1e-3)
-    if capture.projection == "equidistant":
-        paraxial_mm = lens.capture_focal_length_mm * np.arctan(paraxial_mm / lens.capture_focal_length_mm)
+    focal_mm = lens.capture_focal_length_mm
+    shown = np.linspace(0, 3, 300001)  # of focal lengths
+    angles_rad = polyval(shown, (0, *capture.projection.angle_per_radius))
+    paraxial_mm = focal_mm * np.interp(np.arctan(paraxial_mm / focal_mm), angles_rad, shown)
     scale = paraxial_mm / (capture.pitch_um * 1e-3) / np.maximum(radius_px, 1e-9)
     for plane, offset_px, centre, count in zip(planes, (down_px[:, None], right_px[None, :]), capture.centre_px,
                                                capture.shape_px, strict=True):
@@ -62,3 +66,18 @@ def test_relative_illumination_is_that_of_even_light(name):
     axis = irradiance_per_radiance(lens.at_wavelength(nm).transmittance, lens.f_number_effective)
     inner = slice(8, -8), slice(8, -8)
     np.testing.assert_allclose(relative_illumination(lens, capture.frame(), nm)[inner], even[inner] / axis, rtol=0.02)
+
+
+@pytest.mark.parametrize("projection", [PLANE, Projection((0.95, 0.05, -0.1))])
+@pytest.mark.parametrize("times", [1.0, 1.3])
+def test_a_pinhole_shows_directions_at_their_tangents(projection, times):
+    """Of a capture whose pixels contain the tangents of their directions to the right and up."""
+    lens = load_lens("edmund-54852")
+    focal_mm = lens.capture_focal_length_mm
+    frame = PixelGrid((30, 40), 100.0, (12.0, 23.5))
+    capture = replace(frame.framed(25), projection=projection, focal_mm=times * focal_mm)
+    x_mm, y_mm = np.meshgrid(*capture.axes_mm())
+    radius = np.hypot(x_mm, y_mm) / capture.focal_mm
+    tangents = np.array([x_mm, y_mm]) / capture.focal_mm * np.tan(projection.angle_rad(radius)) / radius
+    expected = np.array(np.meshgrid(*frame.axes_mm())) / focal_mm
+    np.testing.assert_allclose(pinhole_view(tangents, lens, capture), expected, atol=2e-3 * np.abs(expected).max())

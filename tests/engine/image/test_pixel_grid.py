@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from lensfield.engine import ImageError
-from lensfield.engine.image.pixel_grid import FISHEYE, PixelGrid
+from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.image.projection import FISHEYE
 
 
 def test_x_runs_right_and_y_up_from_row_0_at_the_top():

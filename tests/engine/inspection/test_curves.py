@@ -16,6 +16,7 @@ from lensfield.engine.inspection.curves import (
     field_of,
     lateral_colour_um,
     preferred_frequencies_per_mm,
+    relative_illumination,
     transfer,
     white_mtf,
 )
@@ -31,6 +32,17 @@ def airy_psf(wavelength_um, f_number, pitch_um, window):
 
 def barrel(nm, paraxial_mm):
     return paraxial_mm * (1 - 0.02 * paraxial_mm**2)
+
+
+def test_relative_illumination_includes_the_light_that_psfs_move():
+    """Light that moves outwards by a twentieth of its height comes from closer to the axis."""
+    table = np.stack([[marked_psf(step, 0) for step in range(11)]])  # 10 um per 0.2 mm
+    lens = make_lens(table, None, lambda nm, p: 1 + 0.05 * p**2, wavelengths_nm=(550.0,), psf_pitch_um=10.0,
+                     transmittance=0.5)
+    curve = relative_illumination(lens, [550.0])[0]
+    expected = 1 + 0.05 * (lens.heights_mm / 1.05)**2
+    np.testing.assert_allclose(curve[2:-1] / curve[5], expected[2:-1] / expected[5], rtol=0.01)
+    assert curve[5] < 0.97 * expected[5]  # on the axis, little moves
 
 
 @pytest.mark.parametrize("window", [81, 80])
@@ -94,7 +106,7 @@ def test_white_mtf_of_an_infrared_lens():
 @pytest.mark.parametrize("frequency", [0.0, -1.0, 201.0, np.nan, np.inf])
 def test_frequencies_that_the_samples_cannot_resolve_are_refused(frequency):
     with pytest.raises(LensError, match="frequency is .* cycles/mm: expected more than 0 and at most 200"):
-        white_mtf(make_lens(), [10.0, frequency])
+        white_mtf(make_lens(psf_pitch_um=2.5), [10.0, frequency])
 
 
 @pytest.mark.parametrize("changes, expected", [

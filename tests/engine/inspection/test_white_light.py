@@ -36,7 +36,7 @@ def test_a_lens_without_colour_errors_makes_white_points():
 
 def test_lateral_colour_moves_each_primary_by_its_light():
     """The centroid of each primary's light is the mean displacement of its wavelengths."""
-    lens = make_lens(real_height_mm=lambda nm, p: p * (1 + 5e-5 * (nm - 550)))
+    lens = make_lens(real_height_mm=lambda nm, p: p * (1 + 5e-5 * (nm - 550)), psf_pitch_um=2.5)
     white = white_psfs(lens, [0, 10])
     assert white.sum(axis=(1, 2)) == pytest.approx(1)
     nm = np.arange(380.0, 781)

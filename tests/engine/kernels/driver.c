@@ -15,7 +15,8 @@
 
 static uint64_t state;
 static uint64_t hash[MOST_VARIANTS];
-static double worst[MOST_VARIANTS][5]; /* of spreading, footprints, turning, waves, casting */
+#define LOOPS 8 /* spreading, footprints, turning, waves, casting, extremes, excess, spots */
+static double worst[MOST_VARIANTS][LOOPS];
 
 static uint32_t random_bits(void)
 {
@@ -281,7 +282,63 @@ static void try_footprints(void)
     free(curves), free(values);
 }
 
+/* Extremes and excess of sections, pixel by pixel. */
+
+static void try_sections(void)
+{
+    const int64_t planes = 1 + below(4), rows = 1 + below(60), columns = 1 + below(90), size = 1 + below(40);
+    const int64_t down = (rows + size - 1) / size, across = (columns + size - 1) / size, step = columns + below(5);
+    float *values = ROOM(float, planes * rows * step);
+    for (int64_t i = 0; i < planes * rows * step; i++) values[i] = below(3) ? (float)(unit() - 0.3) : 0;
+    const lf_picture light = {values, planes, rows, columns, rows * step, step};
+    const float level = below(2) ? (float)unit() : 0;
+    float *truth = ROOM(float, 4 * down * across);
+    double *sums = ROOM(double, planes * down * across);
+    for (int64_t i = 0; i < down * across; i++) truth[down * across + i] = truth[2 * down * across + i] = INFINITY;
+    for (int64_t q = 0; q < planes; q++)
+        for (int64_t y = 0; y < rows; y++)
+            for (int64_t x = 0; x < columns; x++) {
+                const float *at = values + (q * rows + y) * step + x, here = fabsf(*at);
+                float *of = truth + y / size * across + x / size;
+                of[0] = fmaxf(of[0], here);
+                if (here > 0) of[down * across] = fminf(of[down * across], here);
+                of[2 * down * across] = fminf(of[2 * down * across], here);
+                if (x + 1 < columns) of[3 * down * across] = fmaxf(of[3 * down * across], fabsf(fabsf(at[1]) - here));
+                if (y + 1 < rows) of[3 * down * across] = fmaxf(of[3 * down * across], fabsf(fabsf(at[step]) - here));
+                if (*at > level) sums[(q * down + y / size) * across + x / size] += *at - level;
+            }
+    for (int v = 0; runs(v); v++) {
+        float *result = ROOM(float, 4 * down * across);
+        double *excess = ROOM(double, planes * down * across);
+        const int64_t count = down * across;
+        const lf_extremes_of out = {result, result + count, result + 2 * count, result + 3 * count, down, across, size};
+        const lf_excess_of above = {excess, down, across, size};
+        lf_extremes_of odd = out;
+        odd.rows++;
+        expect(lf_extremes(v, &light, &odd, 0, 1) == LF_BAD_SIZE && lf_extremes(v, &light, &out, 0, down + 1) == LF_BAD_SIZE
+               && lf_excess(v, &light, level, &above, 1, 0) == LF_BAD_SIZE, "sections took a size that cannot be");
+        expect(!lf_extremes(v, &light, &out, 0, 1) && !lf_extremes(v, &light, &out, 1, down)
+               && !lf_excess(v, &light, level, &above, 0, down), "sections refused their sizes");
+        take_bits(v, result, 4 * count * 4), take_bits(v, excess, planes * count * 8);
+        take_deviation(v, 5, memcmp(result, truth, (size_t)(4 * count) * 4) != 0, 0.5); /* exact */
+        for (int64_t i = 0; i < planes * count; i++) /* up to 1600 additions */
+            take_deviation(v, 6, fabs(excess[i] - sums[i]), 1600 * DOUBLE * (sums[i] + 1));
+        free(result), free(excess);
+    }
+    free(values), free(truth), free(sums);
+}
+
 /* Turning, by angles whose sine and cosine are fractions, for those are the same everywhere. */
+
+static double rise(double x) /* integral of 1 - |x| from -1 */
+{
+    return x < -1 ? 0 : x < 0 ? (1 + x) * (1 + x) / 2 : x < 1 ? 1 - (1 - x) * (1 - x) / 2 : 1;
+}
+
+static double reached(double middle, double width, int64_t pixel)
+{
+    return (rise(middle + width / 2 - (double)pixel) - rise(middle - width / 2 - (double)pixel)) / width;
+}
 
 static void try_turning(void)
 {
@@ -289,18 +346,18 @@ static void try_turning(void)
     const int64_t size = side * side * heights;
     double *v_px = ROOM(double, count), *u_px = ROOM(double, count), *energy = ROOM(double, count * heights);
     double *truth = ROOM(double, size);
-    const lf_samples samples = {v_px, u_px, energy, count, heights, 0.1 + 0.4 * unit()};
-    const double reach = (double)radius - 1.5;
+    const lf_samples samples = {v_px, u_px, energy, count, heights, 0.1 + 0.9 * unit()};
+    const double reach = (double)radius - 0.5;
     for (int64_t n = 0; n < count; n++)
         do v_px[n] = reach * (2 * unit() - 1), u_px[n] = reach * (2 * unit() - 1);
         while (v_px[n] * v_px[n] + u_px[n] * u_px[n] > reach * reach);
     for (int64_t i = 0; i < count * heights; i++) energy[i] = unit();
     const double half = below(9) ? 4 * unit() - 2 : 0, cosine = (1 - half * half) / (1 + half * half);
-    const double sine = 2 * half / (1 + half * half), width = (fabs(cosine) + fabs(sine)) * samples.size_px;
+    const double sine = 2 * half / (1 + half * half), width = samples.size_px;
     for (int64_t n = 0; n < count; n++) {
         const double down = -v_px[n] * sine + u_px[n] * cosine, right = v_px[n] * cosine + u_px[n] * sine;
         for (int64_t i = 0; i < side * side; i++) {
-            const double share = overlap(down, width, i / side - radius) * overlap(right, width, i % side - radius);
+            const double share = reached(down, width, i / side - radius) * reached(right, width, i % side - radius);
             for (int64_t h = 0; share > 0 && h < heights; h++) truth[i * heights + h] += share * energy[n * heights + h];
         }
     }
@@ -313,7 +370,7 @@ static void try_turning(void)
             take_deviation(v, 2, fabs(result[i] - truth[i]), (double)count * 100 * (double)radius * DOUBLE);
         free(result);
     }
-    const double beyond[] = {NAN, 1e9, (double)radius + 0.2, -(double)radius - 0.8}; /* but for the first two: by little */
+    const double beyond[] = {NAN, 1e9, (double)radius, -(double)radius}; /* but for the first two: by little */
     const int64_t one = below(count), by = below(4);
     v_px[one] = beyond[by] * cosine, u_px[one] = beyond[by] * sine;
     for (int v = 0; runs(v); v++)
@@ -351,15 +408,23 @@ static double passing(const lf_wavefront *w, const double *tightest, int64_t row
 static void try_waves(void)
 {
     static const float wild[] = {NAN, INFINITY, -INFINITY, -1e30f, 1e30f, 1e-40f};
-    const int64_t rows = 3 + below(40), columns = 8 * (1 + below(8)), path_terms = 1 + below(12), limits = 1 + below(3);
+    const int64_t rows = 3 + below(40), columns = 8 * (1 + below(8)), path_terms = 2 + below(12), limits = 1 + below(3);
     const int64_t edge_terms = 1 + below(8), size = rows * columns;
     const int tame = below(4) > 0;
     double *across = ROOM(double, columns), *up = ROOM(double, rows), *path = ROOM(double, rows * path_terms);
     float *edges = ROOM(float, rows * (1 + limits) * edge_terms), *work = ROOM(float, 3 * (columns + 16));
-    double *tightest = ROOM(double, size), largest = 0;
+    double *tightest = ROOM(double, size), *table = ROOM(double, path_terms * columns), largest = 0;
+    float *edge_table = ROOM(float, edge_terms * columns);
     for (int64_t c = 0; c < columns; c++) {
         const double x = ((double)c + unit()) / ((double)columns - 1);
         across[c] = 2 * x * x - 1;
+        double value = 1, next = across[c]; /* by recurrence, which has the same bits on all machines */
+        for (int64_t n = 0; n < path_terms || n < edge_terms; n++) {
+            const double after = 2 * across[c] * next - value;
+            if (n < path_terms) table[n * columns + c] = value;
+            if (n < edge_terms) edge_table[n * columns + c] = (float)value;
+            value = next, next = after;
+        }
     }
     for (int64_t row = 0; row < rows; row++) up[row] = 2.1 * ((double)row + unit()) / (double)rows - 1.05;
     for (int64_t i = 0; i < rows * path_terms; i++) path[i] = 200 * (unit() - 0.5) / (double)(1 + i % path_terms);
@@ -380,8 +445,8 @@ static void try_waves(void)
             tightest[i] = n > 1 ? fmax(tightest[i], value) : value;
         }
     for (int64_t i = 0; i < rows * (1 + limits) * edge_terms; i++) largest = fmax(largest, fabs(edges[i]));
-    const double rounding = 4 * SINGLE * largest * (double)(edge_terms * edge_terms); /* of Clenshaw's sum */
-    const lf_wavefront w = {across, up, path, edges, rows, columns, path_terms, edge_terms, limits, 0.2f, 2.5f};
+    const double rounding = 4 * SINGLE * largest * (double)(edge_terms * edge_terms); /* of the sum of terms */
+    const lf_wavefront w = {table, edge_table, up, path, edges, rows, columns, path_terms, edge_terms, limits, 0.2f, 2.5f};
     lf_wavefront odd = w;
     odd.columns--;
     for (int v = 0; runs(v); v++) {
@@ -410,13 +475,97 @@ static void try_waves(void)
         for (int k = 0; tame && k < 2; k++) take_deviation(v, 3, fabs(light[k] - sums[k]), off + 1e-30);
         free(result);
     }
-    free(across), free(up), free(path), free(edges), free(work), free(tightest);
+    free(across), free(up), free(path), free(edges), free(work), free(tightest), free(table), free(edge_table);
+}
+
+/* Spots: tubes of random shapes, as their definition has it; of numbers of any kind, for the sanitizers. */
+
+static double in_sample(double middle, double extent, int64_t sample)
+{
+    return fmax(0, fmin(middle + extent / 2, (double)sample + 1) - fmax(middle - extent / 2, (double)sample)) / extent;
+}
+
+static void box(double *out, int64_t side, double x, double y, double width, double height, double light)
+{
+    width = fmax(width, 0.01), height = fmax(height, 0.01);
+    for (int64_t i = 0; i < side * side; i++)
+        out[i] += light * in_sample(y, height, i / side) * in_sample(x, width, i % side);
+}
+
+/* A quantity in the middle of a part, or its change along or around it. */
+static double of_part(const lf_bundle *b, int64_t quantity, int64_t r, int64_t a, int what)
+{
+    double corner[4], parts = (double)b->parts;
+    for (int k = 0; k < 4; k++) {
+        const double *cell = b->corners + (quantity * b->radii + r / b->parts) * b->azimuths + a / b->parts;
+        const double u = ((double)(r % b->parts) + (k & 2 ? 1 : 0)) / parts, v = ((double)(a % b->parts) + (k & 1)) / parts;
+        corner[k] = (1 - u) * ((1 - v) * cell[0] + v * cell[1]) + u * ((1 - v) * cell[b->azimuths] + v * cell[b->azimuths + 1]);
+    }
+    if (what == 0) return (corner[0] + corner[1] + corner[2] + corner[3]) / 4;
+    return what == 1 ? (corner[2] + corner[3] - corner[0] - corner[1]) / 2 : (corner[1] + corner[3] - corner[0] - corner[2]) / 2;
+}
+
+static double spot_of(const lf_bundle *b, int64_t r, int64_t a, double *out)
+{
+    double q[7][3];
+    for (int k = 0; k < 7; k++)
+        for (int what = 0; what < 3; what++) q[k][what] = of_part(b, k, r, a, what);
+    const double change = fabs(q[6][1]) + fabs(q[6][2]), share = fmin(fmax(0.5 + (1 - q[6][0]) / fmax(change, 1e-12), 0), 1);
+    const double light = share * fabs(q[2][1] * q[3][2] - q[2][2] * q[3][1]);
+    const double across = q[6][1] * q[5][2] - q[6][2] * q[5][1], up = q[6][2] * q[4][1] - q[6][1] * q[4][2];
+    const double slope = fmax(hypot(across, up), 1e-300), area = fabs(q[4][1] * q[5][2] - q[4][2] * q[5][1]);
+    const double near = fmax((1 - q[6][0] - change / 2) * area / slope, 0), far = (1 - q[6][0] + change / 2) * area / slope;
+    const double width = fabs(q[0][1]) + fabs(q[0][2]), height = fabs(q[1][1]) + fabs(q[1][2]);
+    if (light <= 0) return 0;
+    if (near > 8 || far <= near) {
+        box(out, b->side, q[0][0], q[1][0], width, height, light);
+        return light;
+    }
+    for (double inner = 1 / far, outer; inner < 2 * (double)b->side; inner = outer) {
+        outer = fmin(1.25 * inner + 0.25, near > 0 ? 1 / near : INFINITY);
+        for (int side = -1; side <= 1; side += 2)
+            box(out, b->side, q[0][0] + side * across / slope * (inner + outer) / 2,
+                q[1][0] + side * up / slope * (inner + outer) / 2, fmax(width, fabs(across / slope) * (outer - inner)),
+                fmax(height, fabs(up / slope) * (outer - inner)), light / (far - near) / 2 * (1 / inner - 1 / outer));
+        if (outer >= 1 / near) break;
+    }
+    return light;
+}
+
+static void try_spots(void)
+{
+    static const double wild[] = {NAN, INFINITY, -INFINITY, -1e300, 1e300, 1e-320};
+    const int64_t radii = 2 + below(5), azimuths = 2 + below(5), parts = 1 + below(3), side = 1 + below(20);
+    const int64_t plane = radii * azimuths;
+    const int tame = below(4) > 0;
+    double *corners = ROOM(double, 7 * plane), *truth = ROOM(double, side * side), all = 0;
+    for (int64_t i = 0; i < 7 * plane; i++) {
+        const int64_t quantity = i / plane, r = i % plane / azimuths, a = i % azimuths;
+        const double even = quantity == 6 ? 1.4 * (double)r / (double)radii : (double)(quantity % 2 ? r + 1 : a + r / 2);
+        const double scale = quantity < 2 ? (double)side / 4 : quantity < 4 ? 1 : quantity < 6 ? 3 : 0.3;
+        corners[i] = !tame && !below(9) ? wild[below(6)] : quantity == 6 ? even + 0.2 * unit() : scale * (even + 0.3 * unit());
+    }
+    const lf_bundle b = {corners, radii, azimuths, parts, side};
+    lf_bundle bare = b;
+    bare.radii = 1;
+    for (int64_t n = 0; n < (radii - 1) * (azimuths - 1) * parts * parts; n++)
+        all += spot_of(&b, n / ((azimuths - 1) * parts), n % ((azimuths - 1) * parts), truth);
+    for (int v = 0; runs(v); v++) {
+        double *result = ROOM(double, side * side), light = 0;
+        expect(lf_spots(v, &bare, result, &light) == LF_BAD_SIZE, "spots took a size that cannot be");
+        expect(!lf_spots(v, &b, result, &light), "spots refused their sizes");
+        if (tame) take_bits(v, result, side * side * 8), take_bits(v, &light, 8);
+        for (int64_t i = 0; tame && i < side * side; i++) take_deviation(v, 7, fabs(result[i] - truth[i]), 1e3 * DOUBLE * all);
+        if (tame) take_deviation(v, 7, fabs(light - all), 1e3 * DOUBLE * all);
+        free(result);
+    }
+    free(corners), free(truth);
 }
 
 /* Casting, of layers that are even in depth and let half of the light by, through rays that all pass, as its definition
    has it; of layers of any depth, irises and vignetting, for the bits; of numbers of any kind, for the sanitizers. */
 
-static double pixel_of(const lf_layer *l, const float *plane, double row, double column)
+static double pixel_of(const lf_level *l, const float *plane, double row, double column)
 {
     const double y = fmin(fmax(row, 0), (double)l->light.rows - 1), x = fmin(fmax(column, 0), (double)l->light.columns - 1);
     double sum = 0;
@@ -426,30 +575,38 @@ static double pixel_of(const lf_layer *l, const float *plane, double row, double
     return sum;
 }
 
+/* Radius in a panoramic capture over that on a plane. */
+static double shrunk(const lf_cast_of *c, double tangent)
+{
+    const double step = tangent / (1 + tangent) * (double)c->shrinkage_steps;
+    const int64_t before = step < (double)c->shrinkage_steps - 1 ? (int64_t)step : c->shrinkage_steps - 1;
+    return c->shrinkage[before] + (step - (double)before) * (c->shrinkage[before + 1] - c->shrinkage[before]);
+}
+
 /* What a pixel's rays add up to: light, blurred, through and all. */
-static void rays_of(const lf_cast_of *c, const lf_meeting *meetings, int64_t eights, int64_t row, int64_t column, int64_t w,
+static void rays_of(const lf_cast_of *c, const lf_meeting *meetings, int64_t first, int64_t eights, int64_t row, int64_t column, int64_t w,
                     double sums[4])
 {
     const double x = (double)column - c->centre_column, y = c->centre_row - (double)row, height = hypot(x, y);
     const double right = height > 0 ? x / height : 0, up = height > 0 ? y / height : 1, step = height * c->heights_per_px;
     const int64_t before = step < (double)c->heights - 2 ? (int64_t)step : c->heights - 2, size = 16 + 48 * c->wavelengths;
-    const int64_t sequence = row % c->tile_px % 2 * 4 + column % c->tile_px % 4;
-    for (int64_t ray = 0; ray < 8 * eights; ray++) {
+    for (int64_t ray = 8 * first; ray < 8 * (first + eights); ray++) {
         double got[6], free = 1, in_focus = 1;
         for (int k = 0; k < 6; k++) {
-            const int64_t at = (before * LF_SEQUENCES + sequence) * c->eights * size + ray / 8 * size + 16 + 48 * w + 8 * k + ray % 8;
-            const double low = c->rays[at], high = c->rays[at + LF_SEQUENCES * c->eights * size];
+            const int64_t at = before * c->eights * size + ray / 8 * size + 16 + 48 * w + 8 * k + ray % 8;
+            const double low = c->rays[at], high = c->rays[at + c->eights * size];
             const double weight = step - (double)before;
             got[k] = low + (k < 4 ? weight : fmin(weight, 1)) * (high - low);
         }
+        got[5] *= fmin(fmax(got[4] + 0.5, 0), 1);
         sums[0] += got[5];
         for (int64_t n = 0; n < c->layers; n++) {
-            const lf_layer *l = c->layer + n;
+            const lf_level *l = c->layer[n].level + meetings[n].level;
             if (meetings[n].steps < 0) continue;
             const double q = meetings[n].inverse_depth, s = meetings[n].share, out = got[0] + q * got[2], across = got[1] + q * got[3];
-            const double tangent = hypot(out, across) * c->per_focal, part = tangent > 0 ? atan(tangent) / tangent : 1;
-            const double at_row = l->axis_row - part * (out * up - across * right);
-            const double at_column = l->axis_column + part * (out * right + across * up);
+            const double part = c->per_focal > 0 ? shrunk(c, hypot(out, across) * c->per_focal) : 1;
+            const double at_row = l->axis_row - l->per_px * part * (out * up - across * right);
+            const double at_column = l->axis_column + l->per_px * part * (out * right + across * up);
             const double light = pixel_of(l, l->light.values + w * l->light.plane_step, at_row, at_column);
             const double alpha = meetings[n].opaque ? 1 : pixel_of(l, l->alpha, at_row, at_column);
             sums[1] += got[5] * free * (1 - s) * light;
@@ -468,42 +625,55 @@ static void try_casting(void)
     const int64_t rows = 1 + below(20), columns = 1 + below(20), tile = 1 + below(9), layers = 1 + below(3);
     const int64_t wavelengths = 1 + below(LF_TOGETHER), heights = 2 + below(4), eights = 1 + below(3), size = 16 + 48 * wavelengths;
     const int64_t down = (rows + tile - 1) / tile, across = (columns + tile - 1) / tile, blades = kind ? below(7) : 0;
-    const int64_t count = heights * LF_SEQUENCES * eights * size;
+    const int64_t count = heights * eights * size;
     float *rays = ROOM(float, count), *normals = ROOM(float, 2 * blades), *work = ROOM(float, 32 * tile * tile * wavelengths);
     for (int64_t i = 0; i < count; i++) {
         const int64_t at = i % size, quantity = at < 16 ? -1 : (at - 16) / 8 % 6;
-        rays[i] = (float)(quantity == 5 || (quantity == 4 && !kind) ? 0.1 + unit() : quantity == 4 ? unit() - 0.2 :
+        rays[i] = (float)(quantity == 5 ? 0.1 + unit() : quantity == 4 ? (kind ? 2 * unit() - 1 : unit() - 0.4) :
                           quantity < 0 ? 2 * unit() - 1 : 30 * (unit() - 0.5));
         if (kind == 2 && !below(20)) rays[i] = wild[below(6)];
     }
     for (int64_t i = 0; i < 2 * blades; i++) normals[i] = (float)(2 * unit() - 1);
     lf_layer *layer = ROOM(lf_layer, layers);
     for (int64_t n = 0; n < layers; n++) {
-        const int64_t tall = 2 + below(20), wide = 2 + below(20), step = wide + below(4);
-        float *light = ROOM(float, wavelengths * tall * step), *alpha = ROOM(float, tall * step), *depth = ROOM(float, 2 * tall * wide);
-        for (int64_t i = 0; i < wavelengths * tall * step; i++) light[i] = kind == 2 && !below(9) ? wild[below(6)] : (float)unit();
-        for (int64_t i = 0; i < tall * step; i++) alpha[i] = (float)(kind && below(2) ? below(2) : 0.5 * unit());
-        for (int64_t i = 0; i < 2 * tall * wide; i++)
+        layer[n].levels = 1 + below(3);
+        for (int64_t k = 0; k < layer[n].levels; k++) {
+            const int64_t tall = 2 + below(20), wide = 2 + below(20), step = wide + below(4);
+            float *light = ROOM(float, wavelengths * tall * step), *alpha = ROOM(float, tall * step);
+            for (int64_t i = 0; i < wavelengths * tall * step; i++)
+                light[i] = kind == 2 && !below(9) ? wild[below(6)] : (float)unit();
+            for (int64_t i = 0; i < tall * step; i++) alpha[i] = (float)(kind && below(2) ? below(2) : 0.5 * unit());
+            const float edge = kind && below(2) ? -0.5f : -INFINITY;
+            layer[n].level[k] = (lf_level){{light, wavelengths, tall, wide, tall * step, step}, alpha,
+                                           (float)(unit() * (double)tall), (float)(unit() * (double)wide), 1 / (float)(1 << k),
+                                           edge, -edge + (float)(tall - 1), edge, -edge + (float)(wide - 1)};
+        }
+        const int64_t pixels = layer[n].level->light.rows * layer[n].level->light.columns;
+        float *depth = ROOM(float, 2 * pixels);
+        for (int64_t i = 0; i < 2 * pixels; i++)
             depth[i] = kind == 2 && !below(9) ? wild[below(6)] : (float)(i % 2 && !below(4) ? -1 : unit());
-        const float edge = kind && below(2) ? -0.5f : -INFINITY;
-        layer[n] = (lf_layer){{light, wavelengths, tall, wide, tall * step, step}, alpha, depth, (float)(unit() * (double)tall),
-                              (float)(unit() * (double)wide), edge, -edge + (float)(tall - 1), edge, -edge + (float)(wide - 1)};
+        layer[n].depth = depth;
     }
     lf_meeting *meetings = ROOM(lf_meeting, down * across * layers);
-    int64_t *tile_eights = ROOM(int64_t, down * across);
+    int64_t *tile_eights = ROOM(int64_t, down * across), *first_eights = ROOM(int64_t, down * across);
     for (int64_t i = 0; i < down * across * layers; i++)
         meetings[i] = (lf_meeting){(float)unit(), 0, kind ? (int32_t)below(5) - 1 : (int32_t)below(2) - 1, 0,
-                                    i % layers == layers - 1 && below(2)};
+                                   i % layers == layers - 1 && below(2), (int32_t)below(layer[i % layers].levels)};
     for (int64_t i = 0; i < down * across; i++) {
         tile_eights[i] = below(eights + 1);
+        first_eights[i] = below(eights - tile_eights[i] + 1);
         for (int64_t n = 0; n < layers && i % 2; n++)
             meetings[i * layers + n].focused = 1, meetings[i * layers + n].share = (float)unit();
     }
+    const int64_t steps = 1 + below(9);
+    float *shrinkage = ROOM(float, steps + 1);
+    for (int64_t i = 0; i <= steps; i++) shrinkage[i] = (float)(1 - 0.7 * (double)i / (double)steps + 0.2 * unit());
     lf_cast_of c = {.rays = rays, .heights = heights, .eights = eights, .wavelengths = wavelengths,
                     .centre_row = 30 * (unit() - 0.2), .centre_column = 30 * (unit() - 0.2), .heights_per_px = unit(),
-                    .per_focal = below(2) ? 0 : (float)(0.2 * unit()), .normals = normals, .blades = blades, .blade_margin = 0.8f,
-                    .blade_bend = 0.2f, .blade_slope = 0.7f, .layer = layer, .layers = layers, .meetings = meetings,
-                    .tile_eights = tile_eights, .tile_rows = down, .tile_columns = across, .tile_px = tile};
+                    .per_focal = below(2) ? 0 : (float)(0.2 * unit()), .shrinkage = shrinkage, .shrinkage_steps = steps,
+                    .normals = normals, .blades = blades, .blade_margin = 0.8f,
+                    .blade_bend = 0.2f, .blade_slope = 0.7f, .cell_of_eight = 0.6f, .layer = layer, .layers = layers,
+                    .meetings = meetings, .first_eights = first_eights, .tile_eights = tile_eights, .tile_rows = down, .tile_columns = across, .tile_px = tile};
     for (int w = 0; w < LF_TOGETHER; w++) c.faint[w] = (float)(0.1 * unit());
     const int64_t plane = rows * columns;
     lf_cast_of odd = c;
@@ -522,15 +692,18 @@ static void try_casting(void)
             const int64_t row = i % plane / columns, column = i % columns, of = row / tile * across + column / tile;
             double sums[4] = {0};
             if (!tile_eights[of]) continue;
-            rays_of(&c, meetings + of * layers, tile_eights[of], row, column, i / plane, sums);
+            rays_of(&c, meetings + of * layers, first_eights[of], tile_eights[of], row, column, i / plane, sums);
             take_deviation(v, 4, fabs(result[i] - sums[1] / sums[0]), bound);
             take_deviation(v, 4, fabs(result[wavelengths * plane + i] - (sums[3] > 0 ? sums[2] / sums[3] : 1)),
                            bound * sums[0] / fmax(sums[3], sums[0] * bound));
         }
         free(result);
     }
-    for (int64_t n = 0; n < layers; n++) free(layer[n].light.values), free((void *)layer[n].alpha), free((void *)layer[n].depth);
-    void *all[] = {rays, normals, work, layer, meetings, tile_eights};
+    for (int64_t n = 0; n < layers; n++) {
+        for (int64_t k = 0; k < layer[n].levels; k++) free(layer[n].level[k].light.values), free((void *)layer[n].level[k].alpha);
+        free((void *)layer[n].depth);
+    }
+    void *all[] = {rays, normals, work, layer, meetings, first_eights, tile_eights, shrinkage};
     for (size_t n = 0; n < sizeof all / sizeof *all; n++) free(all[n]);
 }
 
@@ -540,12 +713,15 @@ int main(int argc, char **argv)
     state = argc > 2 ? strtoull(argv[2], 0, 10) : 0;
     expect(lf_abi() == LF_ABI, "the library is of another ABI");
     expect(lf_spread_work(-1, 1) == 0 && lf_spread_work(1, (int64_t)1 << 60) == 0, "sizes that cannot be have room");
-    for (int i = 0; i < rounds; i++) try_spreading(), try_footprints(), try_turning(), try_waves(), try_casting();
+    for (int i = 0; i < rounds; i++) try_spreading(), try_footprints(), try_sections(), try_turning(), try_waves(), try_casting(), try_spots();
     int off = 0;
     for (int v = 0; runs(v); v++) {
-        printf("%-7s off by %.2f, %.2f, %.2f, %.2f and %.2f of rounding  bits %016llx\n", lf_variant(v), worst[v][0],
-               worst[v][1], worst[v][2], worst[v][3], worst[v][4], (unsigned long long)hash[v]);
-        for (int loop = 0; loop < 5; loop++) off |= !(worst[v][loop] <= 1);
+        printf("%-7s off by", lf_variant(v));
+        for (int loop = 0; loop < LOOPS; loop++) {
+            printf(" %.2f", worst[v][loop]);
+            off |= !(worst[v][loop] <= 1);
+        }
+        printf(" of rounding  bits %016llx\n", (unsigned long long)hash[v]);
         off |= hash[v] != hash[0];
     }
     return off;

@@ -12,8 +12,10 @@ import pytest
 
 from lensfield import cli
 from lensfield.engine.field.radial.distortion import LARGEST_FOOTPRINT_PX
-from lensfield.engine.kernels import TurnableSamples, available, build, library, running, turn
+from lensfield.engine.kernels import build, library
 from lensfield.engine.kernels.declarations import NUMBERS
+from lensfield.engine.kernels.library import available, running
+from lensfield.engine.kernels.turning import TurnableSamples, turn
 from places import ROOT
 
 HERE = build.this_platform()
@@ -60,8 +62,8 @@ def test_a_variable_selects_another_variant(name, monkeypatch):
 
 @pytest.mark.parametrize("name", ["mmx", "AVX2", "numpy "])
 def test_an_unavailable_variant_is_a_one_line_error_at_first_use(name):
-    code = ("import lensfield.engine.kernels as kernels, lensfield.engine.runtime.errors as errors\n"
-            "try: kernels.running()\nexcept errors.InputError as error: print(error)")
+    code = ("import lensfield.engine.kernels.library as library, lensfield.engine.runtime.errors as errors\n"
+            "try: library.running()\nexcept errors.InputError as error: print(error)")
     completed = subprocess.run([sys.executable, "-c", code], env=os.environ | {"LENSFIELD_KERNELS": name},
                                capture_output=True, text=True, check=True)
     assert completed.stdout == f"environment: LENSFIELD_KERNELS is {name}: this machine has {', '.join(available())}\n"
@@ -107,8 +109,8 @@ def test_a_truncated_library_causes_a_one_line_warning(part, built_library, tmp_
     """In a separate process, because loading half a library crashes it on Linux."""
     cut = tmp_path / built_library.name
     cut.write_bytes(built_library.read_bytes()[:int(part * built_library.stat().st_size)])
-    code = ("import sys, pathlib, lensfield.engine.kernels as kernels, lensfield.engine.kernels.library as library\n"
-            "library.LIBRARY_FOLDER = pathlib.Path(sys.argv[1])\nprint(kernels.available())")
+    code = ("import sys, pathlib, lensfield.engine.kernels.library as library\n"
+            "library.LIBRARY_FOLDER = pathlib.Path(sys.argv[1])\nprint(library.available())")
     completed = subprocess.run([sys.executable, "-c", code, tmp_path], capture_output=True, text=True, check=True)
     assert completed.stdout == "('numpy',)\n"
     assert completed.stderr.startswith(f"{cut}:0: RuntimeWarning: cannot be loaded (")

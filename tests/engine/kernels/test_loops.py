@@ -7,23 +7,21 @@ import pytest
 
 from lenses import comatic_lens, lopsided_lens
 from lensfield.engine.bake.diffraction import waves as numpy_waves
+from lensfield.engine.blur.halos import excess as numpy_excess
+from lensfield.engine.blur.section_needs import extremes as numpy_extremes
 from lensfield.engine.field.radial.distortion import RIM_PX
 from lensfield.engine.field.radial.distortion import footprints as numpy_footprints
 from lensfield.engine.field.radial.psf_bank import PsfBank
 from lensfield.engine.field.radial.psf_table import PsfTable, TurnedPsfs
 from lensfield.engine.image.pixel_grid import PixelGrid
-from lensfield.engine.kernels import (
-    NUMPY,
-    PackedTable,
-    RadialGeometry,
-    TablePlaces,
-    TurnableSamples,
-    available,
-    footprints,
-    spread,
-    turn,
-    waves,
-)
+from lensfield.engine.kernels.excess import excess
+from lensfield.engine.kernels.extremes import extremes
+from lensfield.engine.kernels.footprints import RadialGeometry, footprints
+from lensfield.engine.kernels.library import NUMPY, available
+from lensfield.engine.kernels.spots import spots
+from lensfield.engine.kernels.spreading import PackedTable, TablePlaces, spread
+from lensfield.engine.kernels.turning import TurnableSamples, turn
+from lensfield.engine.kernels.waves import waves
 from loops import using
 
 pytestmark = pytest.mark.skipif(len(available()) < 2, reason="no library of the loops: no compiler")
@@ -95,6 +93,54 @@ def test_footprints_match_numpy(shape, planes, centre_px):
     framed = np.pad(np.stack(captures), ((0, 0), (RIM_PX, RIM_PX), (RIM_PX, RIM_PX))).astype(np.float64)
     np.testing.assert_allclose(in_every_variant(loop), expected.average(framed) * factor, rtol=40 * EPSILON,
                                atol=40 * EPSILON)
+
+
+SECTIONED = pytest.mark.parametrize("shape, section_px", [((1, 1, 1), 1), ((4, 33, 70), 32), ((1, 40, 19), 7),
+                                                          ((2, 64, 96), 32), ((3, 5, 50), 64)])
+
+
+def section_light(shape):
+    """Light with black and negative pixels, in a view whose rows are not next to each other."""
+    planes, rows, columns = shape
+    random = np.random.default_rng(columns)
+    light = random.uniform(-0.3, 1, (planes, rows, columns + 3)).astype(np.float32)[:, :, :columns]
+    light[random.random(shape) < 0.2] = 0
+    return light
+
+
+def sections_of(shape, section_px):
+    return tuple(-(-n // section_px) for n in shape[1:])
+
+
+@SECTIONED
+def test_extremes_match_numpy(shape, section_px):
+    light, sections = section_light(shape), sections_of(shape, section_px)
+    expected = np.empty((4, *sections), np.float32)
+    numpy_extremes(light, section_px, slice(None), expected)
+
+    def loop():
+        out = np.full_like(expected, np.nan)
+        extremes(light, section_px, slice(1), out)
+        extremes(light, section_px, slice(1, None), out)
+        return out
+
+    np.testing.assert_array_equal(in_every_variant(loop), expected)
+
+
+@SECTIONED
+@pytest.mark.parametrize("level", [0, 0.4])
+def test_excess_matches_numpy(shape, section_px, level):
+    light, sections = section_light(shape), sections_of(shape, section_px)
+    expected = np.empty((shape[0], *sections))
+    numpy_excess(light, level, section_px, slice(None), expected)
+
+    def loop():
+        out = np.full_like(expected, np.nan)
+        excess(light, level, section_px, slice(1), out)
+        excess(light, level, section_px, slice(1, None), out)
+        return out
+
+    np.testing.assert_allclose(in_every_variant(loop), expected, rtol=1e-12)
 
 
 def test_footprints_never_read_out_of_bounds():
@@ -277,3 +323,36 @@ def test_waves_refuse_mismatched_shapes():
             waves(*wrong, (0.0, 1.0), np.empty((2, wrong[3].size, wrong[2].size), np.float32))
     with pytest.raises(ValueError, match="invalid sizes"):
         waves(path, edges, x, y, (0.0, 1.0), np.empty((2, 9, 15), np.float32))
+
+
+def a_bundle(shape, random):
+    """Rays at corners of cells: astigmatic, with a vignetted rim."""
+    radius, azimuth = np.meshgrid(np.linspace(0, 1, shape[0]), np.linspace(0, np.pi, shape[1]), indexing="ij")
+    x, y = radius * np.sin(azimuth), radius * np.cos(azimuth)
+    corners = np.stack([8 * x**3 + 10, 3 * y - 2 * radius**2 + 11, x, y, 40 * x, 50 * y, radius**2 * (1.1 + 0.4 * y)])
+    return corners + 0.01 * random.random(corners.shape)
+
+
+@pytest.mark.parametrize("shape, parts, side", [((2, 3), 1, 16), ((9, 13), 1, 21), ((7, 9), 3, 24)])
+def test_spots_match_numpy(shape, parts, side):
+    corners, lights = a_bundle(shape, np.random.default_rng(2)), []
+
+    def compute_spots():
+        out, light = spots(corners, parts, side)
+        lights.append(light)
+        return out
+
+    result = in_every_variant(compute_spots)
+    with using(NUMPY):
+        expected, light = spots(corners, parts, side)
+    assert set(lights) == {lights[0]} and lights[0] == pytest.approx(light, rel=1e-12)
+    np.testing.assert_allclose(result, expected, atol=1e-12)
+    assert 0 < result.sum() < light
+
+
+def test_spots_refuse_mismatched_shapes():
+    corners = a_bundle((3, 3), np.random.default_rng(2))
+    with pytest.raises(ValueError, match="expected contiguous"):
+        spots(corners[:6], 1, 5)
+    with pytest.raises(ValueError, match="invalid sizes"):
+        spots(corners, 0, 5)

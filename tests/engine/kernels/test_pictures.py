@@ -5,8 +5,8 @@ import pytest
 
 from lenses import comatic_lens, lopsided_lens
 from lensfield.engine import ChannelCache, Options, Report, SpectralImage, simulate
-from lensfield.engine.image.pixel_grid import FISHEYE
-from lensfield.engine.kernels import NUMPY, available
+from lensfield.engine.image.projection import FISHEYE
+from lensfield.engine.kernels.library import NUMPY, available
 from loops import using
 from varied_lenses import VARIED, varied_lens
 

@@ -8,7 +8,8 @@ import pytest
 from lenses import make_lens
 from lensfield.engine.depth.depth_range import blur_per_nearness_px
 from lensfield.engine.depth.slabs import SlabPlan
-from lensfield.engine.image.pixel_grid import FISHEYE, PixelGrid
+from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.image.projection import FISHEYE
 from lensfield.engine.image.spectral_image import SpectralImage
 from lensfield.engine.pictures.deep_exr import DeepPicture
 from lensfield.engine.pictures.file_depth import deep_in_mm, file_depth, layers_of_deep, layers_of_flat

@@ -6,7 +6,8 @@ import pytest
 
 from lensfield.engine import ImageError
 from lensfield.engine.image.layers import Layer, LayeredRadiance
-from lensfield.engine.image.pixel_grid import FISHEYE, PixelGrid
+from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.image.projection import FISHEYE
 from lensfield.engine.pictures.spectral_exr import read_exr, read_parts, read_with_layers, write_exr
 
 WAVELENGTHS_NM = (433.0 + 1 / 3, 550.0, 651.25)

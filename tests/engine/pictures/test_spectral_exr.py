@@ -12,6 +12,7 @@ import pytest
 
 from full_disk import room_for
 from lensfield.engine import ImageError, InputError, SpectralImage
+from lensfield.engine.image.projection import FISHEYE, PLANE, Projection
 from lensfield.engine.pictures import spectral_exr
 from lensfield.engine.pictures.spectral_exr import (
     channel_name,
@@ -22,6 +23,8 @@ from lensfield.engine.pictures.spectral_exr import (
     write_exr,
     write_rgb_exr,
 )
+
+PANORAMA = Projection((0.9, 0.1, -0.15, 1 / 3))
 
 # Fichet, Pacanowski and Wilkie, JCGT 2021
 LAYOUT = re.compile(r"^((S([0-3]))|T)\.(\d*,?\d*([Ee][+-]?\d+)?)(Y|Z|E|P|T|G|M|k|h|da|d|c|m|u|n|p)?(m|Hz)$")
@@ -96,7 +99,7 @@ def test_irradiance_has_no_radiance_unit(path):
 @pytest.mark.parametrize("changes", [
     {}, {"quantity": "irradiance", "lens_name": "a lens", "f_number_effective": 1.8867924528301885},
     {"overscan_px": (2, 3)}, {"overscan_px": (1, 0), "centre_px": (4.25, 9.5)}, {"centre_px": (-3.0, 40.0)},
-    {"pitch_um": 1 / 3}, {"wavelengths_nm": [400, 410, 420]}, {"projection": "equidistant"},
+    {"pitch_um": 1 / 3}, {"wavelengths_nm": [400, 410, 420]}, {"projection": PANORAMA},
 ], ids=str)
 def test_round_trip_is_exact(path, changes):
     written = image(**changes)
@@ -109,10 +112,9 @@ def test_round_trip_is_exact(path, changes):
 
 
 @pytest.mark.parametrize("changes, stored", [
-    ({}, None), ({"projection": "equidistant"}, "equidistant"),
-    ({"projection": "equidistant", "quantity": "irradiance"}, None),
+    ({}, None), ({"projection": PANORAMA}, "polynomial"), ({"projection": PANORAMA, "quantity": "irradiance"}, None),
 ], ids=str)
-def test_the_projection_is_stored_for_fisheye_radiance_only(path, changes, stored):
+def test_the_projection_is_stored_for_panoramic_radiance_only(path, changes, stored):
     write_exr(image(**changes), path)
     assert raw(path)[0].get("lensfield:projection") == stored
 
@@ -121,13 +123,26 @@ def test_the_projection_is_stored_for_fisheye_radiance_only(path, changes, store
 def test_an_unknown_projection_is_named_with_its_file(path, value):
     foreign(path, {"S0.550nm": 1.0}, **{"lensfield:pitchUm": 5.0, "lensfield:projection": value})
     message = one_line_error(path)
-    assert message.startswith(f"{path}: lensfield:projection is ") and "plane, equidistant" in message
+    assert message.startswith(f"{path}: lensfield:projection is ") and "plane, equidistant, polynomial" in message
 
 
 def test_irradiance_has_no_projection(path):
     foreign(path, {"S0.550nm": 1.0}, **{"lensfield:pitchUm": 5.0, "lensfield:quantity": "irradiance",
                                         "lensfield:projection": "equidistant"})
-    assert read_exr(path).projection == "plane"
+    assert read_exr(path).projection == PLANE
+
+
+def test_a_fisheye_of_an_older_file_is_read(path):
+    foreign(path, {"S0.550nm": 1.0}, **{"lensfield:pitchUm": 5.0, "lensfield:projection": "equidistant"})
+    assert read_exr(path).projection == FISHEYE
+
+
+@pytest.mark.parametrize("value", ["", "1 x", "-1 0.1", "nan", "1 0 0 0 0", 1.0, None], ids=str)
+def test_a_damaged_polynomial_is_named_with_its_file(path, value):
+    attributes = {"lensfield:pitchUm": 5.0, "lensfield:projection": "polynomial"}
+    foreign(path, {"S0.550nm": 1.0}, **attributes | ({} if value is None else {"lensfield:anglePerRadius": value}))
+    message = one_line_error(path)
+    assert message.startswith(f"{path}: lensfield:anglePerRadius is ") and "1 to 4 numbers" in message
 
 
 def test_overscan_is_a_data_window_beyond_the_display_window(path):

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from lenses import comatic_lens
-from lensfield.engine import Options, SpectralImage, kernels
+from lensfield.engine import Options, SpectralImage
 from lensfield.engine.blur import METHODS
+from lensfield.engine.kernels.library import NUMPY
 from lensfield.engine.plan import cost
 from lensfield.engine.plan.choose import make_plan, workload
 
@@ -108,9 +109,8 @@ def test_every_kind_of_work_has_a_cost(method):
 @pytest.mark.parametrize("accuracy", [0.1, 0.01])
 def test_the_loop_variant_does_not_change_the_plan(accuracy, monkeypatch):
     radiance, plans = SpectralImage(np.ones((1, 1200, 1600)), [550.0], pitch_um=2.5), []
-    for loops in (kernels.NUMPY, "base", "avx512"):
-        running = SimpleNamespace(NUMPY=kernels.NUMPY, running=lambda loops=loops: loops)
-        monkeypatch.setattr(cost, "kernels", running)
+    for loops in (NUMPY, "base", "avx512"):
+        monkeypatch.setattr(cost, "running", lambda loops=loops: loops)
         monkeypatch.setattr(cost, "machine_factor", lambda: 1e6)
         plans.append(make_plan(Options(accuracy=accuracy), LENS, radiance.sampling))
     by_numpy, base, newest = plans

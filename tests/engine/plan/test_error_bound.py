@@ -140,7 +140,7 @@ def test_the_bound_is_within_twice_the_worst_point_of_every_bundled_lens(name):
     worst = worst_point(plan, lens, radiance, places=200)
     assert worst <= plan.error_bound <= 0.03
     if plan.method.azimuths > 2:  # the minimum may be more than necessary
-        assert plan.error_bound <= 2 * worst
+        assert plan.error_bound <= 2 * worst + 0.03 / 12  # as above
 
 
 def test_each_height_and_wavelength_is_trimmed_separately():
@@ -150,7 +150,7 @@ def test_each_height_and_wavelength_is_trimmed_separately():
     picture = np.zeros((1, 60, 76))
     violet, red = (make_plan(Options(accuracy=0.01), lens, SpectralImage(picture, [nm], pitch_um=PITCH_UM).sampling)
                    for nm in lens.wavelengths_nm)
-    assert violet.psf_radius_px > red.psf_radius_px and red.taps < violet.taps < 20 < np.pi * violet.psf_radius_px**2
+    assert violet.psf_radius_px > red.psf_radius_px and red.taps < violet.taps < 25 < np.pi * violet.psf_radius_px**2
 
 
 def worst_between(bank, azimuths):
@@ -162,12 +162,10 @@ def worst_between(bank, azimuths):
     return worst
 
 
-def test_the_error_between_azimuths_falls_with_their_number():
-    """Overall with the square of the step, except for single samples that cross the edges of pixels."""
+def test_the_error_between_azimuths_falls_with_the_square_of_their_number():
     bank = PsfBank.of(load_lens("edmund-54852").at_wavelength(587.6), 6.25)
     errors = [worst_between(bank, azimuths) for azimuths in (4, 8, 16, 32)]
-    assert all(after < before / 1.4 for before, after in pairwise(errors))
-    assert errors[-1] < errors[0] / 8
+    assert all(after < before / 3.5 for before, after in pairwise(errors))
 
 
 @pytest.mark.sample(4)
@@ -181,21 +179,6 @@ def test_sampled_azimuths_bound_the_error_at_every_wavelength(name, pitch_um, az
     estimate = azimuth_error([AzimuthErrors(bank, np.inf) for bank in banks], azimuths)
     worst = max(worst_between(bank, azimuths) for bank in banks)
     assert worst <= estimate <= 1.25 * worst
-
-
-def test_a_single_outlier_azimuth_is_detected():
-    """Of 512 steps, one has 25 times the median error, where a bright sample crosses the edge of a pixel."""
-    bank = PsfBank.of(load_lens("edmund-54852").at_wavelength(587.6), 6.25)
-    errors = AzimuthErrors(bank, np.inf)
-    every = errors.at(512, np.arange(512))
-    assert every.max() > 20 * np.median(every)
-    assert every.max() <= azimuth_error([errors], 512) <= 1.25 * every.max()
-
-
-def test_an_error_above_the_limit_is_not_refined():
-    errors = AzimuthErrors(PsfBank.of(load_lens("edmund-54852").at_wavelength(587.6), 6.25), np.inf)
-    full_error = azimuth_error([errors], 4)
-    assert full_error / 2 < azimuth_error([errors], 4, enough=full_error / 2) <= full_error
 
 
 def test_a_constant_psf_takes_one_convolution():
@@ -227,7 +210,7 @@ def test_an_extreme_accuracy_uses_the_exact_method():
 def test_less_trimming_is_tried_before_the_exact_method(monkeypatch):
     image = SpectralImage(np.random.default_rng(1).random((60, 76)), [550], pitch_um=PITCH_UM)
     wanted = make_plan(Options(accuracy=1e-3), random_lens(0), image.sampling)
-    monkeypatch.setattr(choose, "STEP_CHOICES", tuple(range(2, wanted.method.azimuths * 3 // 4)))
+    monkeypatch.setattr(choose, "STEP_CHOICES", tuple(range(2, wanted.method.azimuths * 5 // 6)))
     error, plan = error_over_light(Options(accuracy=1e-3), random_lens(0), image)
     assert 0 < plan.method.azimuths < wanted.method.azimuths and plan.psf_energy > wanted.psf_energy
     assert error <= plan.error_bound <= 1e-3

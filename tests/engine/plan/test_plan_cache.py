@@ -10,6 +10,7 @@ import pytest
 from lenses import comatic_lens, gaussian_psf, make_lens
 from lensfield.engine import ChannelCache, Options, SpectralImage, simulate
 from lensfield.engine.image.pixel_grid import PixelGrid
+from lensfield.engine.image.projection import FISHEYE
 from lensfield.engine.image.sampling import Sampling
 from lensfield.engine.plan import choose, plan_cache
 from lensfield.engine.plan.choose import make_plan
@@ -69,7 +70,7 @@ def test_every_input_of_a_plan_is_part_of_its_cache_key(folder, computed_plans):
     others = [(Options(), LENS, each) for each in (
         sampling(), sampling(shape=(41, 50)), sampling(shape=(40, 51)), sampling(pitch_um=19.0),
         sampling(centre_px=(19.0, 24.5)), sampling(overscan_px=(2, 0)), sampling(overscan_px=(0, 2)),
-        sampling(wavelengths_nm=(450.0, 601.0)), sampling(wavelengths_nm=(450.0,)), sampling(projection="equidistant"))]
+        sampling(wavelengths_nm=(450.0, 601.0)), sampling(wavelengths_nm=(450.0,)), sampling(projection=FISHEYE))]
     others += [(Options(accuracy=0.02), LENS, sampling()), (Options(out_of_field="vignette"), LENS, sampling()),
                (Options(), replace(LENS, f_number_effective=4.0), sampling()),
                (Options(), make_lens(gaussian_psf(6, 6, 2.5, 25), heights_mm=LENS.heights_mm), sampling())]

@@ -11,6 +11,7 @@ from lenses import comatic_lens, gaussian_psf, lopsided_lens, make_lens
 from lensfield.engine import ChannelCache, Options, SpectralImage, blur, load_lens, simulate
 from lensfield.engine.field.radial.distortion import FieldGeometry
 from lensfield.engine.field.radial.psf_bank import PsfBank
+from lensfield.engine.image.projection import FISHEYE
 from lensfield.engine.runtime.memory import MemoryBudget
 
 METHODS = {name: Options(method=name) for name in blur.METHODS} | {
@@ -64,7 +65,7 @@ def test_any_change_of_the_radiance_is_detected(method):
     cache, options = ChannelCache(), METHODS[method]
     for radiance in (frame(), frame(shape=(15, 19)), frame(shape=(14, 18)), frame(pitch_um=25.0),
                      frame(centre_px=(10.0, 20.0)), frame(centre_px=(10.0, 21.0)), frame(overscan_px=(3, 4)),
-                     frame(overscan_px=(4, 3)), frame(projection="equidistant"), frame(wavelengths_nm=(450.0,)),
+                     frame(overscan_px=(4, 3)), frame(projection=FISHEYE), frame(wavelengths_nm=(450.0,)),
                      frame(wavelengths_nm=(430.0, 600.0)), frame()):
         check(radiance, LENS, options, cache)
 

@@ -1,0 +1,267 @@
+"""The samples of a capture's passes: one pass takes all, the others a few, with that pass as their control variate.
+
+The passes of a frame share their seed, so their noise is correlated: see `engine/spectral/control_variate.py`. The
+noise that the control variate leaves is estimated from the two halves of the few samples. A pass with too much of it
+takes more samples.
+"""
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from ...engine.runtime.scratch import new_array, release_memory
+from ...engine.spectral.control_variate import estimate, noise_growth, remaining_shares
+from ...engine.spectral.wavelength_choice import STANDARD
+from ..scene.denoise import denoised, guide_planes, render_with_guides
+from ..scene.render_state import effective_samples, rendered_layer, show_samples
+from .bands import WAVELENGTHS_PER_PASS
+from .light import PassLight, place_in
+from .steps import Work
+
+FEW, LEAST_FEW = 16, 4  # the first number of samples to try: one in 16, but at least 4
+ADAPTIVE_FEW = 64  # one in 64 of the limit of adaptive sampling, which takes fewer
+LEVELS = 3  # numbers of samples to try, each twice the one before
+MOST_GROWTH = 1.5  # noise in three quarters of the picture, relative to a pass with all samples
+CONTROL_CUBES = LEVELS + 2  # pictures that a control variate stores for each slab
+
+
+def shares_noise(scene, job, plan):
+    """Whether one pass is the control variate of the others."""
+    cycles = scene.cycles
+    return (job.spectral.tier == STANDARD and len(plan.bands) > 1 and plan.per_pass == WAVELENGTHS_PER_PASS
+            and not job.traced and not cycles.time_limit and not cycles.use_sample_subset
+            and effective_samples(scene) >= 2 * LEAST_FEW)
+
+
+class WholePasses:
+    """The passes of a capture, each with all samples.
+
+    Parameters
+    ----------
+    passes : FinishedPasses
+    path : Path
+        The file that a render writes.
+    count : int
+        Number of passes.
+
+    Attributes
+    ----------
+    order : list of int
+        Indices of the passes, in rendering order.
+    """
+
+    text = ""
+
+    def __init__(self, passes, path, count):
+        self._passes, self._path, self.order = passes, path, list(range(count))
+
+    def share(self, index):
+        """Fraction of the capture's samples that a pass is expected to take."""
+        return 1 / len(self.order)
+
+    def light(self, index, gathered, step):
+        """Steps that render a pass; returns its PassLight.
+
+        Parameters
+        ----------
+        index : int
+            Of the pass; the scene is set to its wavelengths.
+        gathered : GatheredLight
+            Of the slab that the scene shows.
+        step : RenderPass
+        """
+        planes = yield from self._passes.planes(step, self._path, gathered.planes, index, *gathered.slab.facts)
+        return gathered.light_of(planes)
+
+
+class SampledPasses(WholePasses):
+    """The passes of a capture, one with all samples and the others with few.
+
+    Parameters
+    ----------
+    passes, path, count
+        As for `WholePasses`.
+    scene : bpy.types.Scene
+        Its number of samples is changed through the journal.
+    scratch : Path or None
+        A folder for scratch files; None for memory.
+    journal : Journal
+    denoise : bool
+        Whether to denoise the pass with all samples, and the estimates of the others.
+    """
+
+    def __init__(self, passes, path, count, scene, scratch, journal, denoise):
+        super().__init__(passes, path, count)
+        self.order.insert(0, self.order.pop((count - 1) // 2))  # the one in the middle of the spectrum
+        self._scene, self._scratch, self._journal = scene, scratch, journal
+        self._guides = guide_planes(scene) if denoise else []
+        if denoise:
+            render_with_guides(scene, journal)
+        self._samples, self._adaptive = effective_samples(scene), scene.cycles.use_adaptive_sampling
+        self._ends = _ends(self._samples, self._samples // (ADAPTIVE_FEW if self._adaptive else FEW))
+        self._controls, self._taken = {}, []
+        layer = rendered_layer(scene)
+        journal.set(scene.cycles, "samples", self._samples)
+        journal.set(layer, "samples", 0)  # no override of the scene's samples
+        journal.set(layer.cycles, "pass_debug_sample_count", self._adaptive)
+        self._count_plane = f"{layer.name}.Debug Sample Count.X"
+
+    def share(self, index):
+        few = self._ends[2] / self._samples
+        return (1.0 if index == self.order[0] else few) / (1 + (len(self.order) - 1) * few)
+
+    def light(self, index, gathered, step):
+        steps = self._control_steps if index == self.order[0] else self._helped_steps
+        light = yield from steps(index, gathered, step)
+        return self._denoised(light) if self._guides else light
+
+    def _denoised(self, light):
+        """The denoised PassLight; all its lamps are in one group."""
+        picture = denoised(self._scene, light.cube[0, ::-1], light.guides, self._path.parent)
+        return replace(light, cube=picture[None, ::-1])
+
+    def _control_steps(self, index, gathered, step):
+        """Steps of the pass with all samples; returns its PassLight."""
+        parts = []
+        for span in pairwise(self._ends):
+            parts.append(self._stored((yield from self._range(index, gathered, step, *span))))
+        self._controls[gathered] = _Control(gathered.slab, parts)
+        return _mean(parts)
+
+    def _helped_steps(self, index, gathered, step):
+        """Steps of a pass with few samples, or with all if these leave too much noise; returns its PassLight."""
+        control, parts = self._controls[gathered], []
+        control.limit(gathered.slab)
+        for span in pairwise(self._ends):
+            parts.append((yield from self._range(index, gathered, step, *span)))
+            if 1 < len(parts) < len(control.parts):
+                light, growth = yield Work(lambda _: control.help(parts), "Estimating wavelengths", step.fraction)
+                if growth <= MOST_GROWTH:
+                    self._taken.append((span[1], growth))
+                    return light
+        self._taken.append((self._samples, 1.0))
+        return _mean(parts)
+
+    def _range(self, index, gathered, step, first, last):
+        """Steps that render a range of a pass's samples; returns _Samples."""
+        adaptive = self._adaptive and last == self._samples
+        show_samples(self._scene, first, last, adaptive, self._journal)
+        needed = [*gathered.planes, *self._guides, *[self._count_plane] * adaptive]
+        step = replace(step, share=step.share * (last - first) / self._samples)
+        planes = yield from self._passes.planes(step, self._path, needed, index, first, last, *gathered.slab.facts)
+        count = (last - first) * planes[self._count_plane] if adaptive else last - first
+        return _Samples(count, gathered.light_of(planes, self._guides))
+
+    def _stored(self, part):
+        """The _Samples, in a scratch file if there is a folder for them."""
+        if self._scratch is None:
+            return part
+        cube = new_array(part.light.cube.shape, self._scratch)
+        cube[:] = part.light.cube
+        release_memory(cube)
+        return replace(part, light=replace(part.light, cube=cube))
+
+    @property
+    def text(self):
+        """The samples of the passes, and their noise, in one line."""
+        numbers = sorted({taken for taken, _ in self._taken})
+        return (f"{' or '.join(map(str, numbers))} of {self._samples} samples in {len(self.order) - 1} of "
+                f"{len(self.order)} passes, with the other pass as control variate: three quarters of the picture have "
+                f"at most {max(growth for _, growth in self._taken):.2f} times the noise of all samples")
+
+
+def _ends(samples, few):
+    """Where the ranges of a pass's samples begin and end: two halves of the few, as many for each further level, the
+    rest."""
+    half = max(few, LEAST_FEW) // 2
+    ends = [half * 2**level for level in range(LEVELS + 1)]
+    return [0, *(end for end in ends if 2 * end <= samples), samples]
+
+
+@dataclass(frozen=True, eq=False)
+class _Samples:
+    """The light of a range of a pass's samples.
+
+    Attributes
+    ----------
+    count : int or float32 array (row, column)
+        Number of samples.
+    light : PassLight
+    """
+
+    count: int | np.ndarray
+    light: PassLight
+
+    def within(self, part):
+        """The same samples in a part of the picture, given as slices of rows and columns."""
+        return _Samples(self.count[part] if np.ndim(self.count) else self.count, self.light.within(part))
+
+
+def _mean(parts):
+    """The mean light of some _Samples: PassLight."""
+    return _planes_with(_weighted([(part.count, part.light.cube) for part in parts]), parts)
+
+
+def _planes_with(cube, parts):
+    """A PassLight of this cube, with the mean alpha and guides of some _Samples, and the depth of the first."""
+    alpha, guides = (_weighted([(part.count, getattr(part.light, name)) for part in parts])
+                     for name in ("alpha", "guides"))
+    return PassLight(cube, alpha, parts[0].light.depth_m, guides)
+
+
+def _weighted(counted):
+    """The mean of planes, each with its number of samples."""
+    total = sum(count for count, _ in counted)
+    return sum(np.float32(count / total) * plane for count, plane in counted)
+
+
+class _Control:
+    """A slab's pass with all samples, as the control variate of the others.
+
+    Parameters
+    ----------
+    slab : Slab
+    parts : list of _Samples
+        By ranges of samples, as in `_ends`.
+    """
+
+    def __init__(self, slab, parts):
+        self._region, self.parts = slab.region, parts
+
+    def limit(self, slab):
+        """Limit the control variate to the region of the slab, which may have narrowed."""
+        part = place_in(self._region, slab.region)
+        self._region, self.parts = slab.region, [each.within(part) for each in self.parts]
+
+    def help(self, parts):
+        """Estimate the light of another pass.
+
+        Parameters
+        ----------
+        parts : list of _Samples
+            Its first ranges: all but the last together are as many samples as the last.
+
+        Returns
+        -------
+        PassLight
+        growth : float
+            From `noise_growth`.
+        """
+        few, rest = self.parts[:len(parts)], self.parts[len(parts):]
+        rest_count = sum(part.count for part in rest)
+        half = parts[-1].count
+        weight = np.float32(rest_count / (rest_count + half))
+        cube, helped, unhelped = np.empty_like(parts[0].light.cube), 0, 0
+        for lamp in range(len(cube)):
+            halves, control_halves = ([_lamp(ranges[:-1], lamp), _lamp(ranges[-1:], lamp)] for ranges in (parts, few))
+            one, other = estimate(halves, control_halves, _lamp(rest, lamp), weight)
+            cube[lamp] = (one + other) / 2
+            helped, unhelped = helped + (one - other), unhelped + (halves[0] - halves[1])
+        growth = noise_growth(remaining_shares(helped, unhelped), 2 * half, float(np.mean(rest_count)) + 2 * half)
+        return _planes_with(cube, self.parts), growth
+
+
+def _lamp(parts, lamp):
+    """The mean light of a lamp: array (channel, row, column)."""
+    return _weighted([(part.count, part.light.cube[lamp]) for part in parts])

@@ -1,0 +1,64 @@
+"""Denoising of light that no single render contains, by Cycles' own denoiser, which takes files for this."""
+
+import bpy
+import numpy as np
+import OpenEXR
+
+from ...engine.pictures.spectral_exr import read_parts
+from .errors import SceneError
+from .render_state import rendered_layer
+
+NOISY, GUIDES, MOTION = "Noisy Image", {"Denoising Albedo": "RGB", "Denoising Normal": "XYZ"}, ("Vector", "XYZW")
+
+
+def guide_planes(scene):
+    """Names of the planes with which a render guides the denoiser: list of str."""
+    layer = rendered_layer(scene).name
+    return [f"{layer}.{name}.{channel}" for name, channels in GUIDES.items() for channel in channels]
+
+
+def render_with_guides(scene, journal):
+    """Let renders be noisy, with the guides of the denoiser."""
+    journal.set(scene.cycles, "use_denoising", False)
+    journal.set(rendered_layer(scene).cycles, "denoising_store_passes", True)
+
+
+def denoised(scene, picture, guides, folder):
+    """A picture, denoised with the scene's settings.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    picture : array (3, row, column)
+        Red, green and blue.
+    guides : array (plane, row, column)
+        As in `guide_planes`.
+    folder : Path
+        For files.
+
+    Returns
+    -------
+    float32 array (3, row, column)
+
+    Raises
+    ------
+    SceneError
+        If Cycles cannot denoise.
+    """
+    layer, noisy, result = rendered_layer(scene).name, folder / "noisy.exr", folder / "denoised.exr"
+    combined = [f"{layer}.Combined.{channel}" for channel in "RGB"]
+    planes = dict(zip(guide_planes(scene), guides, strict=True))
+    for name in combined, [f"{layer}.{NOISY}.{channel}" for channel in "RGB"]:
+        planes |= zip(name, picture, strict=True)
+    name, axes = MOTION  # not used for a single picture, but required
+    planes |= {f"{layer}.{name}.{axis}": np.zeros_like(guides[0]) for axis in axes}
+    header = {"compression": OpenEXR.NO_COMPRESSION, "type": OpenEXR.scanlineimage, f"cycles.{layer}.samples": "1"}
+    with OpenEXR.File(header, {name: np.ascontiguousarray(plane) for name, plane in planes.items()}) as file:
+        file.write(str(noisy))
+    try:
+        with bpy.context.temp_override(scene=scene, view_layer=rendered_layer(scene)):
+            bpy.ops.cycles.denoise_animation(input_filepath=str(noisy), output_filepath=str(result))
+    except RuntimeError as error:
+        raise SceneError(f"scene {scene.name!r}", "denoising", "refused by Blender", str(error).strip()) from None
+    parts = {name: plane for _, channels in read_parts(result) for name, plane in channels.items()}
+    return np.array([parts[name] for name in combined])

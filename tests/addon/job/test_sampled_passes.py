@@ -1,0 +1,133 @@
+"""Passes with few samples, for which another pass is the control variate."""
+
+import bpy
+import numpy as np
+import pytest
+
+from lensfield.addon.job import radiance, sampled_passes
+from lensfield.addon.job.render import render_through_lens
+from lensfield.engine.pictures.spectral_exr import read_exr
+from lensfield.engine.spectral.control_variate import JUDGED_PERCENT, block_means
+from lensfield.engine.spectral.wavelength_choice import SpectralOptions
+from seed import FIRST_CYCLES_SEED
+from small_scenes import light, material, set_world, wall
+
+SAMPLES, FEW = 64, 4  # of which the first trial takes 4
+INVISIBLE = 0.007  # noise relative to light; quasi-random samples may leave less than predicted
+OPTIONS = {"lens": "tessar-50mm", "lens_quality": "preview", "wavelengths_nm": np.linspace(430, 670, 9)}
+
+
+@pytest.fixture
+def corner(scene):
+    """Two coloured walls in a bluish world, one of them lit by a small, warm lamp; the picture is not square."""
+    set_world(scene, (0.3, 0.5, 0.9), 0.4)
+    lamp = light(scene, "POINT", 30.0, color=(1, 0.6, 0.3))
+    lamp.location, lamp.data.shadow_soft_size = (0.5, 0.3, -0.5), 0.3
+    wall(scene, material("Far", "ShaderNodeBsdfDiffuse", (0.7, 0.3, 0.05))[0], 4.0)
+    near = wall(scene, material("Near", "ShaderNodeBsdfDiffuse", (0.1, 0.6, 0.3))[0], 0.5, 0.1)
+    near.location.x, near.location.y = -0.04, 0.02
+    scene.cycles.samples, scene.render.resolution_x, scene.render.resolution_y = SAMPLES, 64, 48
+    return scene
+
+
+def rendered(scene, folder, seed, **options):
+    """The radiance, and the report's facts about the scene."""
+    scene.cycles.seed = FIRST_CYCLES_SEED + seed
+    result = render_through_lens(scene, output_folder=folder, **OPTIONS | options)
+    return read_exr(result.radiance).cube, result.report.scene
+
+
+@pytest.fixture
+def whole(monkeypatch):
+    """A function that turns control variates off."""
+    return lambda: monkeypatch.setattr(radiance, "shares_noise", lambda *_: False)
+
+
+@pytest.fixture
+def sample_counts(monkeypatch):
+    """(first sample, number) of each render by Cycles."""
+    counts, show = [], sampled_passes.show_samples
+
+    def shown(scene, first, last, *others):
+        counts.append((first, last - first))
+        show(scene, first, last, *others)
+
+    monkeypatch.setattr(sampled_passes, "show_samples", shown)
+    return counts
+
+
+@pytest.mark.parametrize("depth", ["off", "auto"])
+def test_few_samples_have_nearly_the_noise_of_all(corner, tmp_path, whole, sample_counts, depth):
+    shared = [rendered(corner, tmp_path, seed, depth=depth) for seed in (1, 2)]
+    facts = shared[0][1]
+    assert facts.passes == 2 and f"of {SAMPLES} samples in 1 of 2 passes" in facts.samples
+    slabs = sample_counts.count((4 * FEW, SAMPLES - 4 * FEW)) // 2
+    assert slabs == 1 if depth == "off" else slabs > 1
+    assert sum(count for _, count in sample_counts) <= 2 * slabs * (SAMPLES + 4 * FEW)
+    whole()
+    every = [rendered(corner, tmp_path, seed, depth=depth) for seed in (1, 2)]
+    assert not every[0][1].samples
+    noise, of_all = (block_means(((one[0] - other[0])**2).mean(axis=0)) for one, other in (shared, every))
+    least = (INVISIBLE * block_means(every[0][0].mean(axis=0)))**2
+    assert np.percentile(np.sqrt(noise / np.maximum(of_all, least)), JUDGED_PERCENT) < sampled_passes.MOST_GROWTH
+    means = [np.mean([cube for cube, _ in pictures], axis=(0, 2, 3)) for pictures in (shared, every)]
+    np.testing.assert_allclose(*means, rtol=5 * np.sqrt(of_all.mean() / of_all.size / 64) / means[1].min())
+
+
+def test_pass_takes_all_samples_if_few_leave_too_much_noise(corner, tmp_path, whole, sample_counts, monkeypatch):
+    monkeypatch.setattr(sampled_passes, "MOST_GROWTH", 0.0)
+    cube, facts = rendered(corner, tmp_path, 1, depth="off")
+    assert f"{SAMPLES} of {SAMPLES}" in facts.samples
+    assert sum(count for _, count in sample_counts) == facts.passes * SAMPLES
+    whole()
+    np.testing.assert_allclose(cube, rendered(corner, tmp_path, 1, depth="off")[0], rtol=1e-4, atol=1e-6 * cube.max())
+
+
+def test_adaptive_sampling_counts_the_samples_of_each_pixel(corner, tmp_path, whole):
+    """The control variate consists of fixed samples and of as many others as adaptive sampling takes."""
+    corner.cycles.samples, corner.cycles.use_adaptive_sampling, corner.cycles.adaptive_threshold = 512, True, 0.05
+    cube, facts = rendered(corner, tmp_path, 1, depth="off")
+    assert "of 512 samples" in facts.samples
+    corner.cycles.use_adaptive_sampling = False
+    whole()
+    expected = rendered(corner, tmp_path, 2, depth="off")[0]
+    blocks, of_all = (np.array([block_means(plane) for plane in planes]) for planes in (cube, expected))
+    np.testing.assert_allclose(blocks, of_all, rtol=0.1, atol=0.02 * of_all.max())
+    np.testing.assert_allclose(cube.mean(axis=(1, 2)), expected.mean(axis=(1, 2)), rtol=0.01)
+
+
+@pytest.mark.parametrize("why", ["reference", "preview", "time limit", "range", "few"])
+def test_passes_take_all_samples(corner, tmp_path, sample_counts, why):
+    """In Reference, with a single pass, and if the scene limits its samples in another way."""
+    tier = why if why in ("reference", "preview") else "standard"
+    corner.cycles.time_limit = 1000.0 if why == "time limit" else 0.0
+    corner.cycles.use_sample_subset, corner.cycles.sample_subset_length = why == "range", SAMPLES
+    corner.cycles.samples = 2 * FEW - 1 if why == "few" else 2 * FEW
+    _, facts = rendered(corner, tmp_path, 1, depth="off", spectral=SpectralOptions(tier))
+    assert not facts.samples and not sample_counts
+
+
+def test_settings_of_the_scene_are_restored(corner, tmp_path):
+    layer = bpy.context.view_layer
+    layer.samples, corner.cycles.samples, corner.cycles.use_layer_samples = 32, 16, "USE"
+    before = {name: getattr(corner.cycles, name) for name in ("samples", "use_sample_subset", "sample_offset",
+                                                               "sample_subset_length", "use_adaptive_sampling")}
+    _, facts = rendered(corner, tmp_path, 1, depth="off")
+    assert "of 32 samples" in facts.samples
+    assert layer.samples == 32 and before == {name: getattr(corner.cycles, name) for name in before}
+    assert not layer.cycles.pass_debug_sample_count
+
+
+def test_denoising_treats_the_control_variate_and_the_estimates(corner, tmp_path, whole):
+    """Not the few samples: their estimates are nearly as clean as passes that Cycles denoises itself."""
+    lamp = bpy.data.objects["Light"]  # large and close to the wall: a noisy one
+    lamp.location, lamp.data.shadow_soft_size = (2.0, 0.5, -3.0), 1.2
+    corner.cycles.samples = 4 * FEW
+    options = {"depth": "off", "denoise": "on"}
+    shared, facts = rendered(corner, tmp_path, 1, **options)
+    assert "control variate" in facts.samples and not bpy.context.view_layer.cycles.denoising_store_passes
+    noisy = rendered(corner, tmp_path, 1, **options | {"denoise": "off"})[0]
+    whole()
+    denoised = rendered(corner, tmp_path, 1, **options)[0]
+    assert np.abs(np.diff(shared)).mean() < np.abs(np.diff(noisy)).mean()
+    assert np.sqrt(np.mean((shared - denoised)**2)) < np.sqrt(np.mean((noisy - denoised)**2))

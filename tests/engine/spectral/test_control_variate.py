@@ -1,0 +1,91 @@
+"""Control variates: light at further wavelengths from few samples."""
+
+import numpy as np
+import pytest
+
+from lensfield.engine.spectral.control_variate import (
+    JUDGED_PERCENT,
+    block_means,
+    estimate,
+    noise_growth,
+    remaining_shares,
+)
+from tests.seed import SEED
+
+SHAPE_PX = 40, 56
+FEW, SAMPLES = 8, 64
+COLOURS_A = np.array([[1.0, 0.8, 0.6], [0.2, 0.9, 0.4], [0.7, 0.1, 1.0]], np.float32)  # (kind of path, channel)
+COLOURS_B = np.array([[0.9, 0.7, 0.7], [0.5, 0.8, 0.3], [0.6, 0.2, 1.2]], np.float32)
+
+
+def samples_of(rng, count):
+    """Mean light of A and of B over samples whose paths have three colours, the last kind bright and rare."""
+    weight = rng.gamma(2.0, 0.5, (3, count, *SHAPE_PX)).astype(np.float32)
+    weight[2] *= 20 * (rng.random((count, *SHAPE_PX)) < 0.01)
+    weight[:2] *= np.linspace(0.02, 1, SHAPE_PX[1], dtype=np.float32)  # a dark side and a bright one
+    return (np.einsum("knyx,kc->cyx", weight, colours) / count for colours in (COLOURS_A, COLOURS_B))
+
+
+def estimated(rng):
+    """B estimated from few samples; B after all of them; and the difference between the halves, helped and not."""
+    control_halves, halves = zip(*(samples_of(rng, FEW // 2) for _ in range(2)), strict=True)
+    control_rest, rest = samples_of(rng, SAMPLES - FEW)
+    weight = (SAMPLES - FEW) / (SAMPLES - FEW / 2)
+    one, other = estimate(halves, control_halves, control_rest, weight)
+    whole = (FEW * (halves[0] + halves[1]) / 2 + (SAMPLES - FEW) * rest) / SAMPLES
+    return (one + other) / 2, whole, one - other, halves[0] - halves[1]
+
+
+def test_estimate_is_unbiased_and_has_little_more_noise_than_all_samples():
+    rng, repeats = np.random.default_rng(SEED), 40
+    truth = np.einsum("k,kc->c", [1.0, 1.0, 0.2], COLOURS_B)  # where it is brightest
+    columns = slice(SHAPE_PX[1] - 8, None)
+    results = [[picture[..., columns] for picture in estimated(rng)[:2]] for _ in range(repeats)]
+    few, whole = (np.array([result[index] for result in results]) for index in range(2))
+    assert few.shape[1:] == (3, SHAPE_PX[0], 8)
+    lit = np.linspace(0.02, 1, SHAPE_PX[1])[columns].mean()
+    expected = truth - np.einsum("k,kc->c", [1.0, 1.0], COLOURS_B[:2]) * (1 - lit)
+    means = few.mean(axis=(2, 3))
+    assert np.all(np.abs(means.mean(axis=0) - expected) < 5 * means.std(axis=0) / np.sqrt(repeats))
+    assert np.all(few.std(axis=0).mean(axis=(1, 2)) < 1.3 * whole.std(axis=0).mean(axis=(1, 2)))
+
+
+def test_predicted_growth_of_noise_is_the_measured_one():
+    rng, repeats = np.random.default_rng(SEED), 30
+    results = [estimated(rng) for _ in range(repeats)]
+    predicted = np.mean([noise_growth(remaining_shares(helped, unhelped), FEW, SAMPLES)
+                         for *_, helped, unhelped in results])
+    few, whole = (np.array([result[index] for result in results]).var(axis=0).sum(axis=0) for index in range(2))
+    measured = np.percentile(np.sqrt(block_means(few) / block_means(whole)), JUDGED_PERCENT)
+    assert predicted == pytest.approx(measured, rel=0.1)
+
+
+def test_independent_noise_is_found_out():
+    rng = np.random.default_rng(SEED)
+    pictures = [rng.gamma(1, 1, (3, *SHAPE_PX)).astype(np.float32) for _ in range(5)]
+    one, other = estimate(pictures[:2], pictures[2:4], pictures[4], 0.9)
+    shares = remaining_shares(one - other, pictures[0] - pictures[1])
+    assert shares.mean() > 0.9 and noise_growth(shares, FEW, SAMPLES) > 2
+
+
+def test_pictures_without_noise_or_light_stay_as_they_are():
+    even = np.broadcast_to(np.array([3.0, 2.0, 1.0], np.float32)[:, None, None], (3, *SHAPE_PX))
+    for picture in (even, 0 * even):
+        for control in (2 * even, 0 * even):
+            for result in estimate([picture] * 2, [control] * 2, control, 0.9):
+                assert np.array_equal(result, picture)
+    assert noise_growth(remaining_shares(0 * even, 0 * even), FEW, SAMPLES) == 1
+    assert noise_growth(remaining_shares(0 * even, even), FEW, SAMPLES) == pytest.approx(
+        (SAMPLES - FEW) / (SAMPLES - FEW / 2) * np.sqrt(SAMPLES / (SAMPLES - FEW)))
+
+
+def test_light_that_the_few_samples_missed_takes_the_usual_colour():
+    """A bright pixel of A must not become a black or coloured one in B."""
+    rng = np.random.default_rng(SEED)
+    halves = [np.zeros((3, *SHAPE_PX), np.float32) for _ in range(2)]
+    for half in halves:
+        half[:, :, :20] = rng.gamma(1, 1, (20,))
+    rest = halves[0] / 2 + halves[1] / 2
+    rest[:, 17, 45] = 100.0
+    for result in estimate([0.5 * half for half in halves], halves, rest, 1.0):
+        np.testing.assert_allclose(result[:, 17, 45], 50.0, rtol=1e-4)
