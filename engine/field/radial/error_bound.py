@@ -9,14 +9,14 @@ PSFs have two errors. Trimmed light is missing outside and, because the rest is 
 inside: twice the lost energy. And between the azimuths of a table, PSFs are mixed.
 """
 
-
 import numpy as np
 
 from ...runtime.threads import thread_pool
 from .psf_bank import PsfBank
 
 MISSED, ROUGHLY_MISSED = 1.15, 2.2  # limits of the true worst error over the worst examined; for only a few azimuths
-STEPS = 4  # evenly spaced, to examine at each wavelength: errors are largest halfway, and nearly the same in all steps
+STEPS = 5  # evenly spaced, to examine at each wavelength: errors are largest halfway, and nearly the same in all steps,
+# but larger where rows of samples coincide with the pixels' diagonals; the middle step of a quarter turn is next to these
 PORTION_VALUES = 1 << 20  # of PSFs that are processed together
 
 

@@ -247,8 +247,7 @@ class PsfBank:
         """First of three pixels that a sample at this offset reaches from all of a pixel, and the shares in them.
 
         If a point of light is moved by an offset, from all of a pixel, a share of 1 - |offset| remains in it. The
-        sample is a square that is not
-        turned, which preserves second moments.
+        sample is a square that is not turned, which preserves second moments.
         """
         width_px = self.sample_size_px
         start = offset_px - width_px / 2 + self.radius_px
