@@ -22,7 +22,7 @@ FLOORS = {
     "engine.prescription": {"engine.runtime", "engine.spectral"},
     "engine.lens": {"engine.prescription", "engine.runtime"},
     "engine.lens_files": {"engine.lens", "engine.runtime"},
-    "engine.rays": {"engine.prescription", "engine.runtime", "engine.spectral"},
+    "engine.rays": {"engine.kernels", "engine.prescription", "engine.runtime", "engine.spectral"},
     "engine.bake": {"engine.kernels", "engine.lens", "engine.prescription", "engine.rays", "engine.runtime"},
     # lens + radiance -> irradiance
     "engine.image": {"engine.runtime"},

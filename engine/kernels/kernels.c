@@ -9,6 +9,8 @@ typedef struct {
     lf_footprints_loop *footprints;
     lf_turn_loop *turn;
     lf_waves_loop *waves;
+    lf_trace_loop *trace;
+    lf_aim_loop *aim;
     lf_spots_loop *spots;
     lf_cast_loop *cast;
 } variant;
@@ -20,11 +22,13 @@ typedef struct {
     lf_footprints_loop lf_footprints_##v; \
     lf_turn_loop lf_turn_##v; \
     lf_waves_loop lf_waves_##v; \
+    lf_trace_loop lf_trace_##v; \
+    lf_aim_loop lf_aim_##v; \
     lf_spots_loop lf_spots_##v; \
     lf_cast_loop lf_cast_##v;
 #define LISTED(v) \
-    {#v, lf_spread_##v, lf_extremes_##v, lf_excess_##v, lf_footprints_##v, lf_turn_##v, lf_waves_##v, lf_spots_##v, \
-     lf_cast_##v}
+    {#v, lf_spread_##v, lf_extremes_##v, lf_excess_##v, lf_footprints_##v, lf_turn_##v, lf_waves_##v, lf_trace_##v, \
+     lf_aim_##v, lf_spots_##v, lf_cast_##v}
 
 #if defined(__x86_64__)
 DECLARED(base) DECLARED(avx2) DECLARED(avx512)
@@ -184,6 +188,28 @@ int lf_waves(int variant, const lf_wavefront *w, const lf_picture *out, double *
         || out->columns < w->columns)
         return LF_BAD_SIZE;
     return variants[variant].waves(w, out, light, work);
+}
+
+/* Whether all look-ups of surfaces are within bounds. */
+static int is_system(const lf_system *s)
+{
+    return within(s->surfaces, 1, 1 << 16) && within(s->stop, 0, s->surfaces - 1) && within(s->even_terms, 0, 1 << 10)
+           && within(s->odd_terms, 0, 1 << 10);
+}
+
+int lf_trace(int variant, const lf_system *s, const double *rays, int64_t count, double *out)
+{
+    if (!within(variant, 0, VARIANTS - 1) || !is_system(s) || !within(count, 0, MOST / (13 + s->surfaces)))
+        return LF_BAD_SIZE;
+    return variants[variant].trace(s, rays, count, out);
+}
+
+int lf_aim(int variant, const lf_system *s, const lf_targets *t, double *out)
+{
+    if (!within(variant, 0, VARIANTS - 1) || !is_system(s) || !within(t->fields, 0, MOST_PX)
+        || !within(t->rays, 0, MOST_PX) || !within(t->kind, LF_ANGLE, LF_IMAGE_HEIGHT))
+        return LF_BAD_SIZE;
+    return variants[variant].aim(s, t, out);
 }
 
 int lf_spots(int variant, const lf_bundle *b, double *out, double *light)

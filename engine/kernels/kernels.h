@@ -17,7 +17,7 @@
 #define LENSFIELD_KERNELS_H
 #include <stdint.h>
 
-#define LF_ABI 7
+#define LF_ABI 8
 
 enum { LF_OUTSIDE = 1, LF_BAD_SIZE = 2 };
 
@@ -133,6 +133,32 @@ typedef struct { /* a wavefront over an even grid of direction cosines, between 
 
 typedef int lf_waves_loop(const lf_wavefront *, const lf_picture *out, double *light, float *work);
 
+/* tracing */
+
+typedef struct { /* a lens at a wavelength: surfaces of revolution, in mm */
+    const double *shapes;  /* (surface, 3 + even_terms + odd_terms): curvature; conic constant; distance to the next
+                              surface or the image plane; coefficients of r^2, r^4 ... and of r, r^3 ... */
+    const double *indices; /* (surfaces + 1): refractive index in front of each surface and behind the last */
+    int64_t surfaces, stop, even_terms, odd_terms;
+} lf_system;
+
+typedef int lf_trace_loop(const lf_system *, const double *rays, int64_t count, double *out);
+
+#define LF_ANGLE 0         /* targets: the cosine and the sine of the angle of a beam from infinity */
+#define LF_OBJECT_HEIGHT 1 /* targets: the height of an object point, and 0 */
+#define LF_IMAGE_HEIGHT 2  /* targets: the height of an image point, and 0 */
+
+typedef struct {
+    const double *targets; /* (2, field) */
+    const double *guess;   /* (field): slope of the chief ray at the stop */
+    const double *x, *y;   /* (ray): points of the stop */
+    int64_t fields, rays, kind;
+    double scale;          /* object distance, or the length that an image height is relative to */
+    double step;           /* on the stop, for derivatives */
+} lf_targets;
+
+typedef int lf_aim_loop(const lf_system *, const lf_targets *, double *out);
+
 /* spots */
 
 typedef struct { /* rays at the corners of the cells of half a pupil */
@@ -217,6 +243,8 @@ LF_API int lf_footprints(int variant, const lf_geometry *, const lf_capture *, i
                          const lf_picture *out);
 LF_API int lf_turn(int variant, const lf_samples *, double cosine, double sine, int64_t side, double *out);
 LF_API int lf_waves(int variant, const lf_wavefront *, const lf_picture *out, double *light, float *work);
+LF_API int lf_trace(int variant, const lf_system *, const double *rays, int64_t count, double *out);
+LF_API int lf_aim(int variant, const lf_system *, const lf_targets *, double *out);
 LF_API int lf_spots(int variant, const lf_bundle *, double *out, double *light);
 LF_API int lf_cast(int variant, const lf_cast_of *, int64_t first_tile, int64_t end_tile, const lf_picture *blurred,
                    const lf_picture *clear, float *work); /* work: 32 floats for each pixel of a tile and wavelength */

@@ -12,6 +12,8 @@
 typedef float floats __attribute__((vector_size(4 * LANES), aligned(4), may_alias));
 typedef float eight_floats __attribute__((vector_size(32), aligned(4), may_alias));
 typedef double doubles __attribute__((vector_size(4 * LANES), aligned(8), may_alias));
+typedef double eight_doubles __attribute__((vector_size(64), aligned(8), may_alias));
+typedef int64_t eight_longs __attribute__((vector_size(64), aligned(8), may_alias));
 
 #define INLINE static inline __attribute__((always_inline)) /* propagates the caller's constants */
 #endif

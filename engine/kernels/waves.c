@@ -6,8 +6,6 @@
    Three rows of that limit are therefore stored. */
 #include "variant.h"
 
-typedef double eight_doubles __attribute__((vector_size(64), aligned(8), may_alias));
-typedef int64_t eight_longs __attribute__((vector_size(64), aligned(8), may_alias));
 typedef int32_t eight_ints __attribute__((vector_size(32), aligned(4), may_alias));
 
 #define WHOLE 6755399441055744.0 /* adding and subtracting it rounds a double to an integer */

@@ -8,8 +8,10 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from ..kernels import tracing
+from ..kernels.library import NUMPY, running
 from ..prescription.system import System
-from .trace import start_on_stop, trace_to_image, trace_to_object
+from .trace import start_on_stop, trace_both_ways, trace_to_image, trace_to_object, traced_surfaces
 
 SLOPES = np.linspace(0, 3.0, 401)  # at the stop, searched for chief rays
 NEWTON_STEPS = 4  # for chief rays, from a good first guess
@@ -39,29 +41,43 @@ def aim(system: System, indices: np.ndarray, fields: np.ndarray, x_mm: np.ndarra
     aimed : bool array (wavelength, field, ray)
         Rays that do come from the object point.
     """
-    return _aimed(system, indices, _miss, _fields_reached(system, indices), fields, x_mm, y_mm)
+    kind = tracing.ANGLE if system.object_at_infinity else tracing.OBJECT_HEIGHT
+    return _aimed(system, indices, kind, _fields_reached(system, indices), fields, x_mm, y_mm)
 
 
 def aim_at_image(system: System, indices: np.ndarray, heights_mm: np.ndarray, x_mm: np.ndarray, y_mm: np.ndarray
                  ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """As `aim`, for rays to points of the image plane at heights along +y: array (height,)."""
-    return _aimed(system, indices, _miss_image, _heights_reached_mm(system, indices), heights_mm, x_mm, y_mm)
+    return _aimed(system, indices, tracing.IMAGE_HEIGHT, _heights_reached_mm(system, indices), heights_mm, x_mm, y_mm)
 
 
-def _aimed(system, indices, miss, reached, targets, x_mm, y_mm):
-    """Slopes at which `miss` vanishes, and whether it does. Chief rays come first, interpolated between `SLOPES`."""
-    def of_wavelength(indices, reached):
-        def missed(*rays):
-            return miss(system, indices, *rays)
-
-        chief = _first_guess(reached, np.abs(targets))[:, None]
-        for _ in range(NEWTON_STEPS):
-            here, ahead = (missed(targets[:, None], 0.0, 0.0, 0.0, slope)[1] for slope in (chief, chief + SLOPE_STEP))
-            chief = chief - here * SLOPE_STEP / (ahead - here)
-        return _broyden(missed, targets[:, None], x_mm, y_mm, chief, PLACE_STEP * system.stop_semi_aperture_mm)
-
+def _aimed(system, indices, kind, reached, targets, x_mm, y_mm):
+    """Slopes of rays to targets of a kind, and whether they reach them. Chief rays come first, interpolated between
+    `SLOPES`."""
+    search = _search if running() == NUMPY else _compiled_search
     with np.errstate(all="ignore"):  # one wavelength at a time fits in the processor's cache
-        return tuple(map(np.stack, zip(*map(of_wavelength, indices.T, reached), strict=True)))
+        found = np.stack([search(system, media, kind, targets, _first_guess(places, np.abs(targets)), x_mm, y_mm)
+                          for media, places in zip(indices.T, reached, strict=True)], axis=1)
+        return found[0], found[1], found[2] < AIMED
+
+
+def _compiled_search(system, indices, kind, targets, guess, x_mm, y_mm):
+    along = [np.cos(targets), np.sin(targets)] if kind == tracing.ANGLE else [targets, np.zeros_like(targets)]
+    scale = system.efl_mm if kind == tracing.IMAGE_HEIGHT else system.prescription.object_distance_mm
+    return tracing.aim(traced_surfaces(system.prescription), indices, kind, scale, np.stack(along), guess,
+                       np.stack([x_mm, y_mm]), PLACE_STEP * system.stop_semi_aperture_mm)
+
+
+def _search(system, indices, kind, targets, guess, x_mm, y_mm):
+    """As `kernels.tracing.aim`, in numpy; the reference for its tests."""
+    def missed(*rays):
+        return (_miss_image if kind == tracing.IMAGE_HEIGHT else _miss)(system, indices, *rays)
+
+    chief = guess[:, None]
+    for _ in range(NEWTON_STEPS):
+        here, ahead = (missed(targets[:, None], 0.0, 0.0, 0.0, slope)[1] for slope in (chief, chief + SLOPE_STEP))
+        chief = chief - here * SLOPE_STEP / (ahead - here)
+    return _broyden(missed, targets[:, None], x_mm, y_mm, chief, PLACE_STEP * system.stop_semi_aperture_mm)
 
 
 def _first_guess(reached, targets):
@@ -73,22 +89,18 @@ def _first_guess(reached, targets):
 
 def _fields_reached(system, indices):
     """Fields of chief rays with `SLOPES`: angles in radians or object heights in mm, array (wavelength, slope)."""
-    on_stop = start_on_stop(system.prescription, 0.0, 0.0, 0.0, SLOPES[None])
     with np.errstate(all="ignore"):
-        position, direction, _, _ = trace_to_object(system.prescription, indices[:, :, None], *on_stop)
+        chief = trace_both_ways(system.prescription, indices[:, :, None], 0.0, 0.0, 0.0, SLOPES)
         if system.object_at_infinity:
-            fields = np.arctan2(direction[1], direction[2])
-        else:
-            back_mm = (system.prescription.object_distance_mm + position[2]) / direction[2]
-            fields = back_mm * direction[1] - position[1]
-    return np.broadcast_to(fields, (indices.shape[1], SLOPES.size))
+            return np.arctan2(chief.before[1], chief.before[2])
+        back_mm = (system.prescription.object_distance_mm + chief.entry[2]) / chief.before[2]
+        return back_mm * chief.before[1] - chief.entry[1]
 
 
 def _heights_reached_mm(system, indices):
     """Image heights of chief rays with `SLOPES`: array (wavelength, slope)."""
     with np.errstate(all="ignore"):
-        return trace_to_image(system.prescription, indices[:, :, None],
-                              *start_on_stop(system.prescription, 0.0, 0.0, 0.0, SLOPES[None]))[0][1]
+        return trace_both_ways(system.prescription, indices[:, :, None], 0.0, 0.0, 0.0, SLOPES).position[1]
 
 
 def _miss(system, indices, fields, x_mm, y_mm, slope_x, slope_y):
@@ -112,7 +124,7 @@ def _miss_image(system, indices, heights_mm, x_mm, y_mm, slope_x, slope_y):
 
 
 def _broyden(miss, targets, x_mm, y_mm, chief, step_mm):
-    """Slopes (x, y) at which `miss` vanishes, and whether it does: arrays (field, ray)."""
+    """Slopes (x, y) at which `miss` vanishes, and the largest error: array (3, field, ray)."""
     middle = miss(targets, 0.0, 0.0, 0.0, chief)
     by_slope_x = (miss(targets, 0.0, 0.0, SLOPE_STEP, chief) - middle)[0] / SLOPE_STEP
     by_slope_y = (miss(targets, 0.0, 0.0, 0.0, chief + SLOPE_STEP) - middle)[1] / SLOPE_STEP
@@ -123,7 +135,7 @@ def _broyden(miss, targets, x_mm, y_mm, chief, step_mm):
     inverse = np.array([[1 / by_slope_x + zero, zero], [zero, 1 / by_slope_y + zero]])  # of the Jacobian
     rays = (np.broadcast_to(each, zero.shape).ravel() for each in (targets, x_mm, y_mm))
     slopes, error = broyden_steps(miss, tuple(rays), guess.reshape(2, -1), inverse.reshape(2, 2, -1))
-    return *slopes.reshape(guess.shape), (error < AIMED).reshape(zero.shape)
+    return np.stack([*slopes, error]).reshape(3, *zero.shape)
 
 
 def broyden_steps(miss: Callable[..., np.ndarray], rays: Sequence[np.ndarray], slopes: np.ndarray, inverse: np.ndarray

@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..kernels.library import NUMPY, running
+from ..kernels.tracing import TracedSurfaces, trace
 from ..prescription.prescription import Prescription
 from ..prescription.surfaces import distance_to, refracted, sag_and_slope, unit_normal
 
@@ -93,11 +95,43 @@ class BothWays(NamedTuple):
 
 def trace_both_ways(prescription: Prescription, indices: np.ndarray, x_mm: np.ndarray, y_mm: np.ndarray,
                     slope_x: np.ndarray, slope_y: np.ndarray) -> BothWays:
-    """Trace rays through points of the stop, back to the first surface and on to the image plane."""
+    """Trace rays through points of the stop, back to the first surface and on to the image plane.
+
+    Parameters
+    ----------
+    prescription : Prescription
+    indices : array (surface + 1, wavelength, 1, ...)
+    x_mm, y_mm, slope_x, slope_y : arrays (wavelength, ...), or broadcasting to this
+        Points of the stop, and slopes dx/dz and dy/dz in front of it.
+    """
+    *rays, _ = np.broadcast_arrays(x_mm, y_mm, slope_x, slope_y, indices[0])
+    if running() == NUMPY:
+        return _trace_both_ways(prescription, indices, *rays)
+    surfaces, shape = traced_surfaces(prescription), rays[0].shape
+    traced = [trace(surfaces, media.ravel(), [each.ravel() for each in at_wavelength])
+              for media, *at_wavelength in zip(indices.swapaxes(0, 1), *rays, strict=True)]
+    values, square_mm2 = (np.stack(each, axis=1).reshape(-1, *shape) for each in zip(*traced, strict=True))
+    return BothWays(values[:3], values[3:6], values[6:9], values[9:12], values[12], square_mm2)
+
+
+def _trace_both_ways(prescription, indices, x_mm, y_mm, slope_x, slope_y):
+    """`trace_both_ways` in numpy; the reference for its tests."""
     on_stop = start_on_stop(prescription, x_mm, y_mm, slope_x, slope_y)
     entry, before, front_mm, front_mm2 = trace_to_object(prescription, indices, *on_stop)
     position, direction, rear_mm, rear_mm2 = trace_to_image(prescription, indices, *on_stop)
     return BothWays(entry, before, position, direction, front_mm + rear_mm, np.stack([*front_mm2, *rear_mm2]))
+
+
+def traced_surfaces(prescription: Prescription) -> TracedSurfaces:
+    """The surfaces of a prescription for the compiled loops."""
+    surfaces = prescription.surfaces
+    even, odd = (max(len(getattr(surface, terms)) for surface in surfaces) for terms in ("aspheric", "odd_aspheric"))
+    shapes = np.zeros((len(surfaces), 3 + even + odd))
+    for shape, surface in zip(shapes, surfaces, strict=True):
+        shape[:3] = 1 / surface.radius_mm, surface.conic, surface.thickness_mm
+        shape[3:3 + len(surface.aspheric)] = surface.aspheric
+        shape[3 + even:3 + even + len(surface.odd_aspheric)] = surface.odd_aspheric
+    return TracedSurfaces(shapes, prescription.stop_index, even, odd)
 
 
 def _through(surface, position, direction, before, behind):

@@ -20,6 +20,7 @@ from lensfield.engine.kernels.footprints import RadialGeometry, footprints
 from lensfield.engine.kernels.library import NUMPY, available
 from lensfield.engine.kernels.spots import spots
 from lensfield.engine.kernels.spreading import PackedTable, TablePlaces, spread
+from lensfield.engine.kernels.tracing import ANGLE, TracedSurfaces, aim, trace
 from lensfield.engine.kernels.turning import TurnableSamples, turn
 from lensfield.engine.kernels.waves import waves
 from loops import using
@@ -356,3 +357,28 @@ def test_spots_refuse_mismatched_shapes():
         spots(corners[:6], 1, 5)
     with pytest.raises(ValueError, match="invalid sizes"):
         spots(corners, 0, 5)
+
+
+SINGLET = TracedSurfaces(np.array([[1 / 30, -0.5, 4.0, 1e-5], [-1 / 50, 0.0, 40.0, 0.0]]), 0, 0, 1)
+MEDIA = np.array([1.0, 1.5, 1.0])
+
+
+def test_rays_are_the_same_in_every_variant():
+    rays = np.random.default_rng(3).uniform(-0.5, 0.5, (4, 21)) * np.array([[9.0], [9.0], [1.0], [1.0]])
+    traced = in_every_variant(lambda: np.concatenate(trace(SINGLET, MEDIA, rays)))
+    assert np.isfinite(traced).any()
+    targets = np.array([[1.0, 0.98, 0.95, 0.9], [0.0, 0.199, 0.312, 0.436]])
+    in_every_variant(lambda: aim(SINGLET, MEDIA, ANGLE, np.inf, targets, targets[1], rays[:2], 1e-3))
+
+
+def test_rays_refuse_mismatched_shapes():
+    with pytest.raises(ValueError, match="expected contiguous"):
+        trace(SINGLET, MEDIA[:2], np.zeros((4, 3)))
+    with pytest.raises(ValueError, match="expected contiguous"):
+        trace(SINGLET, MEDIA, np.zeros((3, 3)))
+    with pytest.raises(ValueError, match="invalid sizes"):
+        trace(TracedSurfaces(SINGLET.shapes, 2, 0, 1), MEDIA, np.zeros((4, 3)))
+    with pytest.raises(ValueError, match="expected contiguous"):
+        aim(SINGLET, MEDIA, ANGLE, np.inf, np.zeros((2, 3)), np.zeros(2), np.zeros((2, 5)), 1e-3)
+    with pytest.raises(ValueError, match="invalid sizes"):
+        aim(SINGLET, MEDIA, 3, np.inf, np.zeros((2, 3)), np.zeros(3), np.zeros((2, 5)), 1e-3)

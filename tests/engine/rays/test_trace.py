@@ -7,13 +7,17 @@ import numpy as np
 import pytest
 
 from lensfield.engine import LensError
+from lensfield.engine.kernels.library import NUMPY, available
 from lensfield.engine.library import bundled_lenses, bundled_names
 from lensfield.engine.prescription import glasses
 from lensfield.engine.prescription.prescription import Prescription, Surface
 from lensfield.engine.prescription.surfaces import refracted
 from lensfield.engine.prescription.system import system_of
+from lensfield.engine.rays.aiming import aim_at_image
 from lensfield.engine.rays.focus import build_system
 from lensfield.engine.rays.rays import HalfPupil, trace_pupil
+from lensfield.engine.rays.rings import Rings, turned
+from loops import using
 
 INDEX = 1.5
 PUPIL = HalfPupil(7, 9)
@@ -115,3 +119,65 @@ def test_a_glass_undefined_at_a_wavelength_is_named():
                                           hyperbola().surfaces[1]))
     with pytest.raises(LensError, match="surface 1, glass is SCHOTT N-BK7: not known at 200 nm"):
         trace_pupil(system_of(lens), [0.0], [200.0], PUPIL)
+
+
+def odd_lens(**changes):
+    """A strong lens with terms of both parities, and with surfaces that some rays miss or that reflect them."""
+    surfaces = (Surface(30.0, 4.0, "1.8/1e9", conic=-0.4, aspheric=(1e-4, 3e-6)), Surface(-60.0, 3.0), Surface(
+        thickness_mm=2.0, stop=True), Surface(-9.0, 2.0, "1.6/1e9", conic=0.3, odd_aspheric=(1e-3, 2e-4)), Surface(
+        -12.0, 30.0, aspheric=(0.0, -2e-5, 1e-8)))
+    lens = Prescription("odd", surfaces, ("stop", 7.5), ("angle_deg", 24.0), focus="as given")
+    return replace(lens, **changes)
+
+
+def traced_by(loops, system, heights_mm, wavelengths_nm=(420.0, 550.0, 680.0)):
+    with using(loops):
+        return trace_pupil(system, heights_mm, wavelengths_nm, HalfPupil(9, 11))
+
+
+def assert_same_rays(compiled, plain, size_mm):
+    """Rays of `aim` are at their object points to 2e-12 rad: their other ends differ by some times as much."""
+    np.testing.assert_array_equal(compiled.lost, plain.lost)
+    kept = ~plain.lost
+    for quantity in ("position_mm", "direction", "path_mm", "source", "square_height_mm2"):
+        one, other = (np.broadcast_to(getattr(rays, quantity), (*getattr(rays, quantity).shape[:-4], *kept.shape))
+                      for rays in (compiled, plain))
+        np.testing.assert_allclose(one[..., kept], other[..., kept], rtol=1e-11, atol=1e-11 * size_mm)
+
+
+compiled_only = pytest.mark.skipif(len(available()) < 2, reason="no library of the loops: no compiler")
+
+
+@compiled_only
+@pytest.mark.sample(8)
+@pytest.mark.parametrize("name", bundled_names())
+@pytest.mark.parametrize("rings", [Rings(), Rings(2500.0, 5.6), Rings(900.0, 2.8)], ids=["at rest", "near", "close"])
+def test_compiled_rays_of_the_library_match_numpy(name, rings):
+    system = build_system(turned(bundled_lenses()[name], rings).prescription)
+    heights_mm = np.array([0.0, 0.3, 0.8, 1.0]) * system.last_height_mm
+    plain, compiled = (traced_by(loops, system, heights_mm) for loops in (NUMPY, available()[-1]))
+    assert_same_rays(compiled, plain, system.last_height_mm)
+
+
+@compiled_only
+@pytest.mark.parametrize("distance_mm", [np.inf, 300.0, 75.0])
+def test_compiled_rays_through_odd_terms_and_past_rims_match_numpy(distance_mm):
+    system = system_of(odd_lens(object_distance_mm=distance_mm))
+    heights_mm = np.array([0.0, 0.5, 1.0]) * system.last_height_mm
+    plain, compiled = (traced_by(loops, system, heights_mm) for loops in (NUMPY, available()[-1]))
+    assert_same_rays(compiled, plain, system.last_height_mm)
+    assert plain.lost.any() and not plain.lost.all(axis=(-2, -1)).any()
+
+
+@compiled_only
+def test_compiled_rays_to_image_points_match_numpy():
+    system, (x_mm, y_mm) = system_of(odd_lens()), np.random.default_rng(4).uniform(-7, 7, (2, 61))
+    heights_mm, indices = np.array([0.0, 2.5, 6.0]), system.indices_at([420.0, 680.0])
+    found = {}
+    for loops in (NUMPY, available()[-1]):
+        with using(loops):
+            *slopes, aimed = aim_at_image(system, indices, heights_mm, x_mm, y_mm)
+            found[loops] = np.where(aimed, slopes, np.nan)
+    plain, compiled = found.values()
+    np.testing.assert_allclose(compiled, plain, rtol=0, atol=1e-11)
+    assert np.isfinite(plain).any() and np.isnan(plain).any()
