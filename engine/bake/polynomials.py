@@ -8,6 +8,9 @@ import numpy as np
 import scipy
 from numpy.polynomial.chebyshev import chebvander
 
+from ..kernels.fitting import fit
+from ..kernels.library import NUMPY, running
+
 PIECE = 1 << 17  # multiply-adds: half of OpenBLAS's threshold for threads
 RIDGE = 1e-15  # relative to the sum of squares: keeps terms that the rays do not determine at 0
 REFINEMENTS = 2
@@ -19,6 +22,8 @@ def fitted(x: np.ndarray, y: np.ndarray, weight: np.ndarray, values: np.ndarray,
 
     Solves the normal equations, with iterative refinement. The second result is the first quantity's RMS error.
     """
+    if running() != NUMPY:
+        return fit(x, y, weight, np.asarray(values), degree)
     up, across = chebvander(y, degree), chebvander(x, degree)[:, ::2]
     powers_y, halves_x = np.array([(power_y, half_x) for half_x in range(degree // 2 + 1)
                                    for power_y in range(degree + 1 - 2 * half_x)]).T

@@ -21,7 +21,7 @@ from ..rays.rays import HalfPupil
 from .wavefront import Wavefront
 
 CELLS = 40, 48  # of half a pupil, over the radius and the azimuth
-FINEST, MOST_PARTS = 1.0, 4  # samples along each side of a part of a cell; parts of a cell along each side
+MOST_PARTS = 4  # of a cell along each side
 
 
 def spot_diagram(wavefront: Wavefront, pitch_um: float, samples: int) -> np.ndarray:
@@ -50,7 +50,7 @@ def spot_diagram(wavefront: Wavefront, pitch_um: float, samples: int) -> np.ndar
     y_px, source_y, cosine_y, *limits = splines.values(np.stack([y_px, source_y, cosine_y, *wavefront.limits]))
     limit, middle = np.max([square_radius, *limits], axis=0), samples / 2
     corners = np.stack([x_px + middle, y_px + middle, source_x, source_y, cosine_x, cosine_y, limit])
-    light, total = spots(corners, _parts(x_px, y_px), samples)
+    light, total = spots(corners, MOST_PARTS, samples)
     return (light + light[:, ::-1]) / (2 * total)
 
 
@@ -59,9 +59,3 @@ def _cells(pupil: HalfPupil):
     """Splines to the corners of cells, and the squared radii of these."""
     radii, azimuths = np.linspace(0, 1, CELLS[0] + 1), np.linspace(0, np.pi, CELLS[1] + 1)
     return PupilSplines(pupil, radii, azimuths), np.broadcast_to(radii[:, None]**2, (radii.size, azimuths.size))
-
-
-def _parts(x_px, y_px):
-    """Parts of a cell along each side, so that a part covers at most `FINEST` samples of an evenly filled spot."""
-    widest = max(np.ptp(x_px) / CELLS[1], np.ptp(y_px) / CELLS[0])
-    return int(np.clip(np.ceil(2 * widest / FINEST), 1, MOST_PARTS))

@@ -11,6 +11,7 @@ typedef struct {
     lf_waves_loop *waves;
     lf_trace_loop *trace;
     lf_aim_loop *aim;
+    lf_fit_loop *fit;
     lf_spots_loop *spots;
     lf_cast_loop *cast;
 } variant;
@@ -24,11 +25,12 @@ typedef struct {
     lf_waves_loop lf_waves_##v; \
     lf_trace_loop lf_trace_##v; \
     lf_aim_loop lf_aim_##v; \
+    lf_fit_loop lf_fit_##v; \
     lf_spots_loop lf_spots_##v; \
     lf_cast_loop lf_cast_##v;
 #define LISTED(v) \
     {#v, lf_spread_##v, lf_extremes_##v, lf_excess_##v, lf_footprints_##v, lf_turn_##v, lf_waves_##v, lf_trace_##v, \
-     lf_aim_##v, lf_spots_##v, lf_cast_##v}
+     lf_aim_##v, lf_fit_##v, lf_spots_##v, lf_cast_##v}
 
 #if defined(__x86_64__)
 DECLARED(base) DECLARED(avx2) DECLARED(avx512)
@@ -210,6 +212,20 @@ int lf_aim(int variant, const lf_system *s, const lf_targets *t, double *out)
         || !within(t->rays, 0, MOST_PX) || !within(t->kind, LF_ANGLE, LF_IMAGE_HEIGHT))
         return LF_BAD_SIZE;
     return variants[variant].aim(s, t, out);
+}
+
+int64_t lf_fit_work(int64_t places, int64_t degree)
+{
+    if (!within(places, 1, MOST_PX) || !within(degree, 1, 1 << 6)) return 0;
+    const int64_t halves = degree / 2 + 1, terms = halves * (degree + 1) - halves * (halves - 1);
+    return (places + 7) / 8 * 8 * (degree + 1 + halves + terms) + terms * (terms + 2); /* as in lf_fit of fitting.c */
+}
+
+int lf_fit(int variant, const lf_scattered *s, double *out, double *residual, double *work)
+{
+    if (!within(variant, 0, VARIANTS - 1) || !lf_fit_work(s->places, s->degree) || !within(s->quantities, 0, 1 << 10))
+        return LF_BAD_SIZE;
+    return variants[variant].fit(s, out, residual, work);
 }
 
 int lf_spots(int variant, const lf_bundle *b, double *out, double *light)

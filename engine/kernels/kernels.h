@@ -159,6 +159,17 @@ typedef struct {
 
 typedef int lf_aim_loop(const lf_system *, const lf_targets *, double *out);
 
+/* fitting */
+
+typedef struct { /* values at scattered places */
+    const double *x, *y;   /* (place): from -1 to 1 */
+    const double *weight;  /* (place) */
+    const double *values;  /* (quantity, place) */
+    int64_t places, quantities, degree;
+} lf_scattered;
+
+typedef int lf_fit_loop(const lf_scattered *, double *out, double *residual, double *work);
+
 /* spots */
 
 typedef struct { /* rays at the corners of the cells of half a pupil */
@@ -167,7 +178,7 @@ typedef struct { /* rays at the corners of the cells of half a pupil */
                               distance t from the edge is deflected by 1/t samples; the tightest limit, which passes
                               light up to 1 */
     int64_t radii, azimuths;
-    int64_t parts; /* of a cell along each side */
+    int64_t parts; /* the most of a cell along each side */
     int64_t side;  /* of the window, in samples */
 } lf_bundle;
 
@@ -245,6 +256,9 @@ LF_API int lf_turn(int variant, const lf_samples *, double cosine, double sine, 
 LF_API int lf_waves(int variant, const lf_wavefront *, const lf_picture *out, double *light, float *work);
 LF_API int lf_trace(int variant, const lf_system *, const double *rays, int64_t count, double *out);
 LF_API int lf_aim(int variant, const lf_system *, const lf_targets *, double *out);
+LF_API int64_t lf_fit_work(int64_t places, int64_t degree); /* doubles of workspace for lf_fit; 0 for bad sizes */
+LF_API int lf_fit(int variant, const lf_scattered *, double *out, double *residual,
+                  double *work); /* out: (quantity, power of y, half the power of x); residual: places, padded to eights */
 LF_API int lf_spots(int variant, const lf_bundle *, double *out, double *light);
 LF_API int lf_cast(int variant, const lf_cast_of *, int64_t first_tile, int64_t end_tile, const lf_picture *blurred,
                    const lf_picture *clear, float *work); /* work: 32 floats for each pixel of a tile and wavelength */

@@ -2,15 +2,30 @@
 
 import numpy as np
 
-UNDEFLECTED, NARROW, WIDER, SMALLEST = 8, 0.25, 1.25, 0.01  # as in spots.c
+UNDEFLECTED, NARROW, WIDER, SMALLEST, PER_SAMPLE = 8, 0.25, 1.25, 0.01, 1.5  # as in spots.c
 TOGETHER = 4096  # boxes, for the memory
 
 
 def numpy_spots(corners: np.ndarray, parts: int, side: int) -> tuple[np.ndarray, float]:
     """As `spots`."""
+    needed = _needed_parts(corners, parts)
+    lights = [_light_of_cells(corners, number, needed == number, side) for number in np.unique(needed)]
+    return sum(light for light, _ in lights), sum(total for _, total in lights)
+
+
+def _needed_parts(corners, parts):
+    """Parts of each cell along each side: array (radius, azimuth)."""
+    _, along, around = _in_parts(corners[:2], 1)
+    extent = PER_SAMPLE * np.max(np.abs(along) + np.abs(around), axis=0)
+    fewer = extent < parts - 1
+    return np.where(fewer, 1 + np.where(fewer, extent, 0).astype(int), parts)
+
+
+def _light_of_cells(corners, parts, cells, side):
+    """Light of chosen cells, and its sum."""
     (x, y, *source, cosine_x, cosine_y, limit), along, around = _in_parts(corners, parts)
     change, inside = np.abs(along[6]) + np.abs(around[6]), 1 - limit
-    share = np.clip(0.5 + inside / np.maximum(change, 1e-12), 0, 1)
+    share = np.clip(0.5 + inside / np.maximum(change, 1e-12), 0, 1) * np.kron(cells, np.ones((parts, parts)))
     light = share * np.abs(along[2] * around[3] - around[2] * along[3])
     across, up = along[6] * around[5] - around[6] * along[5], around[6] * along[4] - along[6] * around[4]
     slope = np.maximum(np.hypot(across, up), 1e-300)

@@ -26,7 +26,8 @@ def spots(corners: np.ndarray, parts: int, side: int) -> tuple[np.ndarray, float
         area the light is even; direction cosines along x and y, scaled so that the deflection is 1 / t samples; and the
         tightest limit of the apertures, which passes light up to 1.
     parts : int
-        Of a cell along each side, with rays interpolated between its corners.
+        Limit of the parts of a cell along each side, with rays interpolated between its corners. A cell that covers
+        more samples has more parts.
     side : int
         Samples of the window along each side.
 
