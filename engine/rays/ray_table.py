@@ -14,6 +14,7 @@ vanish: close to this, rays change like a square root, and more radii are traced
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import product
 
 import numpy as np
@@ -309,26 +310,27 @@ def _check_chief_rays(system, heights_mm, wavelengths_nm, known):
 def _continued(values, known):
     """Values (quantity, ..., radius, azimuth), with the unknown ones chosen to minimize differences."""
     values = values.copy()
-    differences = _differences(*known.shape[-2:])
+    squares = _squared_differences(*known.shape[-2:])
     for place in np.argwhere(~known.all(axis=(-2, -1))):
         traced, index = known[*place].ravel(), (slice(None), *place)
-        missing, given = differences[:, ~traced], differences[:, traced]
-        rows = values[index].reshape(len(values), -1)
-        factors = scipy.sparse.linalg.splu((missing.T @ missing).tocsc())
-        rows[:, ~traced] = factors.solve(-(missing.T @ (given @ rows[:, traced].T))).T
+        rows, missing = values[index].reshape(len(values), -1), np.flatnonzero(~traced)
+        factors = scipy.sparse.linalg.splu(squares[missing][:, missing], permc_spec="MMD_AT_PLUS_A",
+                                           diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        rows[:, missing] = factors.solve(-(squares @ np.where(traced, rows, 0.0).T)[missing]).T
         values[index] = rows.reshape(len(values), *known.shape[-2:])
     return values
 
 
-def _differences(radii, azimuths):
-    """Sparse matrix of differences over radii and azimuths."""
+@lru_cache(maxsize=4)
+def _squared_differences(radii, azimuths):
+    """Sparse matrix of the sum of squared differences over radii and azimuths."""
     def over(count, order):
-        return scipy.sparse.csr_matrix(np.diff(np.eye(count), order, axis=0))
+        steps = np.diff(np.eye(count), order, axis=0)
+        return scipy.sparse.csr_matrix(steps.T @ steps)
 
-    return scipy.sparse.vstack([
-        faint * each for order, faint in ((ORDER, 1.0), (1, FAINT))
-        for each in (scipy.sparse.kron(over(radii, order), scipy.sparse.eye(azimuths)),
-                     scipy.sparse.kron(scipy.sparse.eye(radii), over(azimuths, order)))]).tocsc()
+    return sum(faint**2 * (scipy.sparse.kron(over(radii, order), scipy.sparse.eye(azimuths))
+                           + scipy.sparse.kron(scipy.sparse.eye(radii), over(azimuths, order)))
+               for order, faint in ((ORDER, 1.0), (1, FAINT))).tocsc()
 
 
 def spline_coefficients(values: np.ndarray) -> np.ndarray:
