@@ -141,7 +141,7 @@ def job_grid(scene, job):
     """The pixels that Cycles renders: a capture's or, for a traced lens, the film's."""
     if job.traced:
         return PixelGrid(frame_px(scene), pitch_um(job.lens, frame_px(scene)))
-    return capture_grid(scene, job.lens, job.wavelengths_nm, job.room, job.others)
+    return capture_grid(scene, job.lens, job.wavelengths_nm, job.options, job.room, job.others)
 
 
 def capture(scene, job, result, share):
@@ -166,7 +166,7 @@ def capture(scene, job, result, share):
         region = render_region(scene)
         rendered = region or tuple(slice(0, n) for n in grid.shape_px)
         if region and not job.traced:
-            rendered = captured_region(region, job.lens, job.wavelengths_nm, grid, job.room, job.others)
+            rendered = captured_region(region, job.lens, job.wavelengths_nm, grid, job.options, job.room, job.others)
         journal.set(scene.render, "use_persistent_data", True)  # from the depth pre-pass on
         cut = None
         if job.depth == AUTO:

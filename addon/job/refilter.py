@@ -16,7 +16,8 @@ from ...engine.field.field_map import field_map
 from ...engine.image.layers import covered
 from ...engine.lens.pinhole import fitting_pitch_um
 from ...engine.library import clamped_rings, has_rings, iris_is_visible, prescription_of
-from ...engine.pictures.spectral_exr import read_parts, read_with_layers, read_with_planes
+from ...engine.pictures.spectral_exr import read_header, read_parts, read_with_layers, read_with_planes
+from ...engine.plan.plan_cache import cached_plan
 from ...engine.rays.rings import Rings, resized_rings
 from ...engine.runtime.errors import absence
 from ...engine.runtime.files import check_target, discard, file_status
@@ -106,19 +107,19 @@ def _steps(path, request):
     result.report.files["radiance"] = str(path)
     for file in (file for file in result.files if file != path):
         check_target(file)
-    with result.report.stage("read radiance"):
-        captured = yield Work(lambda _: _read(path, request.depth, result.irradiance.parent), "Reading radiance",
-                              0.0)
-    words = ()
+    stored, words = _stored(path), ()
     if not isinstance(lens, Lens):
         iris = iris if iris_is_visible(lens, rings) else None
-        lens, words = yield Work(lambda _: _turned(request, rings, captured), "Baking the lens", 0.05)
-    lens, captured, warning = _fitted(lens, captured, request.view, path)
+        lens, words = yield Work(lambda _: _turned(request, rings, stored.focal_mm), "Baking the lens", 0.0)
+    lacking = _check_overscan(lens, stored, request, path)
+    with result.report.stage("read radiance"):
+        captured = yield Work(lambda _: _read(path, request.depth, result.irradiance.parent),
+                              f"Reading radiance{lacking}", 0.05)
+    lens, captured, warning = _fitted(lens, captured, request.view)
     if captured.layers and not lens.prescription:
         words = *words, f"{lens.name}: {ROUND_BLUR}"
     warning = "; ".join(filter(None, (*words, warning, _blur_warning(lens, captured, iris))))
-    _check_region(lens, captured, path)
-    _check_overscan(lens, captured.radiance, path)
+    _check_region(lens, captured, request.options, path)
     discard(result.record)  # the files that it describes are about to change
     yield from lens_steps(captured, lens, request.options, iris, result, 0.1)
     result.report.add(_facts(lens, captured, warning, result))
@@ -133,40 +134,52 @@ def _rings(request):
     return Rings(request.focus, request.f_number, request.focused_wide_open)
 
 
+def _stored(path):
+    """The radiance of a file by its header, without light."""
+    radiance, names = read_header(path)
+    if radiance.focal_mm is None or "Z" not in names:
+        raise ImageError(path, "lensfield:focalMm", "missing", "an older Lensfield wrote the file: render again")
+    return radiance
+
+
 def _read(path, depth, folder):
     layers = None
     if depth == AUTO:
         radiance, planes, layers = read_with_layers(path, scratch=folder)
     else:
         radiance, planes = read_with_planes(path, scratch=folder)
-    if radiance.focal_mm is None or "Z" not in planes:
-        raise ImageError(path, "lensfield:focalMm", "missing", "an older Lensfield wrote the file: render again")
     return Captured(radiance, planes["Z"], planes.get("A"), planes.get(REGION), layers)
 
 
-def _turned(request, rings, captured):
+def _turned(request, rings, focal_mm):
     """The lens of a name or path, and a line for each setting that it does not have."""
     lens = request.lens
     if not has_rings(lens):
         return load_lens(lens, rings), ()
     if request.view == CAMERA:
-        rings = resized_rings(prescription_of(lens), rings, captured.radiance.focal_mm)
+        rings = resized_rings(prescription_of(lens), rings, focal_mm)
     return load_lens(lens, rings, request.lens_quality or STANDARD), clamped_rings(lens, rings)
 
 
-def _fitted(lens, captured, view, path):
-    """The lens, and the radiance scaled to its sensor, so that each pixel has the same direction as in the capture."""
-    radiance = captured.radiance
-    factor = radiance.focal_mm / lens.capture_focal_length_mm
-    if view == "camera":
-        rows_mm, columns_mm = (n * radiance.pitch_um * 1e-3 for n in radiance.frame_px)
-        adapted = scaled_lens(lens, factor, (columns_mm, rows_mm))
-        return adapted, captured, size_warning(lens, adapted, factor)
-    pitch_um = radiance.pitch_um / factor
-    radiance, layers = (light and replace(light, grid=replace(light.grid, pitch_um=pitch_um),
-                                          focal_mm=lens.capture_focal_length_mm)
-                        for light in (radiance, captured.layers))
-    return lens, replace(captured, radiance=radiance, layers=layers), _sensor_warning(lens, radiance)
+def _fitted(lens, captured, view):
+    """The lens, the radiance scaled to its sensor, so that each pixel has the same direction as in the capture, and a
+    line about the difference."""
+    fitted, radiance = _fit(lens, captured.radiance, view)
+    if view == CAMERA:
+        factor = captured.radiance.focal_mm / lens.capture_focal_length_mm
+        return fitted, captured, size_warning(lens, fitted, factor)
+    layers = captured.layers and _fit(lens, captured.layers, view)[1]
+    return fitted, replace(captured, radiance=radiance, layers=layers), _sensor_warning(lens, radiance)
+
+
+def _fit(lens, light, view):
+    """A lens scaled to the sensor of a SpectralImage or LayeredRadiance; or the lens, and this light scaled to it."""
+    factor = light.focal_mm / lens.capture_focal_length_mm
+    if view == CAMERA:
+        rows_mm, columns_mm = (n * light.grid.pitch_um * 1e-3 for n in light.grid.frame_px)
+        return scaled_lens(lens, factor, (columns_mm, rows_mm)), light
+    grid = replace(light.grid, pitch_um=light.grid.pitch_um / factor)
+    return lens, replace(light, grid=grid, focal_mm=lens.capture_focal_length_mm)
 
 
 def _sensor_warning(lens, radiance):
@@ -180,24 +193,38 @@ def _sensor_warning(lens, radiance):
             f"{covered:.0%} of the frame's diagonal; render again for the lens's own view")
 
 
-def _check_overscan(lens, radiance, path):
-    """Raise an ImageError if the capture's overscan is too small, so that part of a lens's frame would stay black."""
+def _check_overscan(lens, stored, request, path):
+    """Raise an ImageError if the capture's overscan is too small, so that part of a lens's frame would stay black.
+
+    Returns
+    -------
+    str
+        A remark if the overscan lacks light that the lens spreads into the frame; "" otherwise.
+    """
+    lens, radiance = _fit(lens, stored, request.view)
     grid, nm = radiance.grid, radiance.wavelengths_nm
     needed = field_map(lens).overscan_px(grid, nm, 0)
-    if any(least > available for least, available in zip(needed, grid.overscan_px, strict=True)):
+    if _exceeds(needed, grid.overscan_px):
         raise ImageError(path, "overscan", "{1} x {0} px".format(*grid.overscan_px),
                          "{name} needs {1} x {0} px beyond the frame: render again through it".format(
                              *needed, name=lens.name))
+    plan = cached_plan(request.options, lens, radiance.sampling)
+    lacking = _exceeds(field_map(lens).overscan_px(grid, nm, plan.reach_px), grid.overscan_px)
+    return "; the border will lack light from beyond the capture" if lacking else ""
 
 
-def _check_region(lens, captured, path):
+def _exceeds(needed_px, available_px):
+    return any(needed > available for needed, available in zip(needed_px, available_px, strict=True))
+
+
+def _check_region(lens, captured, options, path):
     """Raise an ImageError if a lens needs light around the render region that was not captured."""
     if captured.region is None:
         return
     grid = captured.radiance.grid
     sides = _picture_sides(captured)
     region = [_moved(side, -overscan) for side, overscan in zip(sides, grid.overscan_px, strict=True)]
-    if not captured.region[captured_region(region, lens, captured.radiance.wavelengths_nm, grid)].all():
+    if not captured.region[captured_region(region, lens, captured.radiance.wavelengths_nm, grid, options)].all():
         raise ImageError(path, "render region", "{1} x {0} px".format(*(side.stop - side.start for side in sides)),
                          f"{lens.name} needs more light from around it than was captured: render again through it")
 

@@ -8,8 +8,11 @@ from mathutils import Euler, Vector
 from ...engine.field.field_map import field_map
 from ...engine.field.overscan import VIEWS, choose_capture, lens_projection
 from ...engine.image.pixel_grid import PixelGrid
+from ...engine.image.sampling import Sampling
 from ...engine.inspection.curves import reference_nm
 from ...engine.lens.pinhole import fitting_pitch_um as pitch_um
+from ...engine.plan.options import Options
+from ...engine.plan.plan_cache import cached_plan
 from ...engine.rays.rings import AT_REST, in_metres
 from ...engine.runtime.errors import InputError
 from .errors import SceneError
@@ -18,6 +21,7 @@ from .lens_cache import scaled_lens
 from .lens_facts import lens_facts
 from .units import metres_per_unit
 
+BY_RESULT = Options()
 FARTHEST_M, NEAREST_M = 1e4, 0.01  # for `aim_camera`: bound on coordinates, and least radius of the framed sphere
 NEW_FILES_ROTATION = Euler((1.1093, 0.0, 0.8149))
 CAMERA_SENSOR_MM = 36.0  # suits Blender's limits on focal lengths; only the ratio to it counts
@@ -56,32 +60,35 @@ def render_region(scene):
     return slice(top, bottom), slice(left, right)
 
 
-def captured_region(region, lens, wavelengths_nm, capture, room=0.0, others=()):
+def captured_region(region, lens, wavelengths_nm, capture, options=BY_RESULT, room=0.0, others=()):
     """The part of a capture that may contribute light to a region of the frame: slices of its rows and columns.
 
     Parameters
     ----------
     region : (slice, slice)
         Rows and columns of the frame.
-    lens, wavelengths_nm, room, others
+    lens, wavelengths_nm, options, room, others
         As for `capture_grid`.
     capture : PixelGrid
     """
-    grid = replace(capture, focal_mm=capture.focal_mm or lens.capture_focal_length_mm)
+    grid, lenses = replace(capture, focal_mm=capture.focal_mm or lens.capture_focal_length_mm), (lens, *others)
+    psf_reach_px = _planned_reach_px(options, lenses, capture, wavelengths_nm)
     reach = max(round(room * max(capture.frame_px)),
-                *(field_map(one).reach_px(grid, wavelengths_nm, field_map(one).psf_radius_px(capture.pitch_um))
-                  for one in (lens, *others)))
+                *(field_map(one).reach_px(grid, wavelengths_nm, psf_reach_px) for one in lenses))
     return tuple(slice(max(part.start + overscan - reach, 0), min(part.stop + overscan + reach, n))
                  for part, overscan, n in zip(region, capture.overscan_px, capture.shape_px, strict=True))
 
 
-def capture_grid(scene, lens, wavelengths_nm, room=0.0, others=()):
+def capture_grid(scene, lens, wavelengths_nm, options=BY_RESULT, room=0.0, others=()):
     """The pixels of a scene's capture for a lens: `frame_capture` for the render's size."""
-    return frame_capture(lens, frame_px(scene), wavelengths_nm, room, others)
+    return frame_capture(lens, frame_px(scene), wavelengths_nm, options, room, others)
 
 
-def frame_capture(lens, shape_px, wavelengths_nm, room=0.0, others=()):
+def frame_capture(lens, shape_px, wavelengths_nm, options=BY_RESULT, room=0.0, others=()):
     """The pixels of a capture for a lens: a PixelGrid.
+
+    Its overscan holds the light that the plan spreads into the frame. The light that the plan trims need not be
+    captured: beyond the overscan, less of each point's light is missing in the frame than the plan misplaces.
 
     Parameters
     ----------
@@ -89,6 +96,8 @@ def frame_capture(lens, shape_px, wavelengths_nm, room=0.0, others=()):
     shape_px : (int, int)
         Rows and columns of the frame.
     wavelengths_nm : sequence of float
+    options : Options
+        Of the plan by which the capture will be filtered.
     room : float
         Least margin to capture beyond each edge, as a fraction of the frame's longer side.
     others : sequence of Lens
@@ -101,13 +110,28 @@ def frame_capture(lens, shape_px, wavelengths_nm, room=0.0, others=()):
     """
     if not 0 <= room <= MOST_ROOM:
         raise InputError("options", "room", room, f"expected 0 to {MOST_ROOM:g}")
-    frame = PixelGrid(shape_px, pitch_um(lens, shape_px))
-    capture = choose_capture(lens, frame, wavelengths_nm, field_map(lens).psf_radius_px(frame.pitch_um))
+    frame, reach_px = PixelGrid(shape_px, pitch_um(lens, shape_px)), 0
+    while True:  # a plan may depend on the overscan, so the last one is that of the capture
+        capture = _capture_within(reach_px, lens, frame, wavelengths_nm, room, others)
+        planned_px = _planned_reach_px(options, (lens, *others), capture, wavelengths_nm)
+        if planned_px <= reach_px:
+            return capture
+        reach_px = planned_px
+
+
+def _capture_within(reach_px, lens, frame, wavelengths_nm, room, others):
+    """The capture for PSFs that reach this far."""
+    capture = choose_capture(lens, frame, wavelengths_nm, reach_px)
     grid = replace(capture, focal_mm=lens.capture_focal_length_mm)
-    margins = [field_map(other).overscan_px(grid, wavelengths_nm, field_map(other).psf_radius_px(frame.pitch_um))
-               for other in others]
-    rows, columns = np.max([capture.overscan_px, *margins], axis=0, initial=round(room * max(shape_px)))
-    return PixelGrid.around_frame(shape_px, frame.pitch_um, (rows, columns), capture.projection)
+    margins = [field_map(other).overscan_px(grid, wavelengths_nm, reach_px) for other in others]
+    rows, columns = np.max([capture.overscan_px, *margins], axis=0, initial=round(room * max(frame.shape_px)))
+    return PixelGrid.around_frame(frame.shape_px, frame.pitch_um, (rows, columns), capture.projection)
+
+
+def _planned_reach_px(options, lenses, capture, wavelengths_nm):
+    """Largest reach of a PSF in the plans for these lenses, in a capture's pixels."""
+    sampling = Sampling(capture, tuple(map(float, wavelengths_nm)))
+    return max(cached_plan(options, lens, sampling).reach_px for lens in lenses)
 
 
 def view_tangents(scene, lens, view, rings=AT_REST):

@@ -19,7 +19,7 @@ TICK_S = 0.1
 MOST_PLANS = 4  # enough for two windows that draw theirs in turn
 
 _worker = ThreadPoolExecutor(1, "Lensfield plan")
-_plans = {}  # (shape, Future) of the latest requests, newest last
+_plans = {}  # Futures of the latest requests, newest last
 
 
 def plan_text(scene, lens):
@@ -35,14 +35,15 @@ def plan_text(scene, lens):
     request = scene.lensfield.to_request(lens=lens)
     wavelengths_nm = request.wavelengths_nm
     lens = lens_for_view(scene, lens, request.view)[0]
-    (rows, columns), future = _planned(request.options, lens, frame_px(scene), wavelengths_nm)
+    future = _planned(request.options, lens, frame_px(scene), wavelengths_nm)
+    known = future.done() and not future.exception()  # otherwise the plan is not ready, or not possible
+    (rows, columns), plan = future.result() if known else (frame_px(scene), None)
     samples = scene.cycles.samples
     text = (f"{_passes(scene, len(wavelengths_nm))} \u00b7 {columns} \u00d7 {rows} \u00b7 "
             f"{samples} sample{'s' * (samples > 1)} \u00b7 "
             f"{len(wavelengths_nm)} wavelength{'s' * (len(wavelengths_nm) > 1)}")
-    if not future.done() or future.exception():  # the plan is not ready, or not possible
+    if plan is None:
         return text
-    plan = future.result()
     light_mb = 4e-6 * rows * columns * len(wavelengths_nm)
     pass_mb = 1e-6 * pass_bytes(rows * columns, 1, denoises(scene, request))
     memory_mb = light_mb + max(pass_mb, plan.memory_mb + light_mb)  # radiance, then also irradiance
@@ -63,22 +64,25 @@ def _passes(scene, wavelengths):
 
 
 def _planned(options, lens, frame_shape_px, wavelengths_nm):
-    """Rows and columns of the capture, and a Future of the engine's plan, both cached because panels are drawn many
-    times a second."""
+    """A Future of the capture's rows and columns and the engine's plan, cached because panels are drawn many times a
+    second."""
     key = options, lens, frame_shape_px, wavelengths_nm
     if key not in _plans:
-        grid = frame_capture(lens, frame_shape_px, wavelengths_nm)
         if len(_plans) == MOST_PLANS:
-            _plans.pop(next(iter(_plans)))[1].cancel()  # dragging a slider requests many
-        plan = _worker.submit(cached_plan, options, lens, Sampling(grid, wavelengths_nm))
-        _plans[key] = grid.shape_px, plan
+            _plans.pop(next(iter(_plans))).cancel()  # dragging a slider requests many
+        future = _plans[key] = _worker.submit(_plan, *key)
         if not bpy.app.background:
-            bpy.app.timers.register(lambda: _redraw_when_ready(plan), first_interval=TICK_S)
+            bpy.app.timers.register(lambda: _redraw_when_ready(future), first_interval=TICK_S)
     return _plans[key]
 
 
-def _redraw_when_ready(plan):
-    if not plan.done():
+def _plan(options, lens, frame_shape_px, wavelengths_nm):
+    grid = frame_capture(lens, frame_shape_px, wavelengths_nm, options)
+    return grid.shape_px, cached_plan(options, lens, Sampling(grid, wavelengths_nm))
+
+
+def _redraw_when_ready(future):
+    if not future.done():
         return TICK_S
     for area in areas("PROPERTIES", "VIEW_3D"):
         area.tag_redraw()

@@ -211,6 +211,21 @@ def read_exr(path: str | os.PathLike, pitch_um: float | None = None) -> Spectral
     return read_with_planes(path, pitch_um)[0]
 
 
+def read_header(path: str | os.PathLike) -> tuple[SpectralImage, list[str]]:
+    """The image of a file without its light, from the header alone, and the names of its channels.
+
+    Its cube takes no memory: all pixels are the same zero.
+    """
+    header = read_parts(path, header_only=True)[0][0]
+
+    def black(channels, names):
+        (left, top), (right, bottom) = np.array(header["dataWindow"], dtype=int).tolist()
+        return np.broadcast_to(np.float32(0), (len(names), bottom - top + 1, right - left + 1))
+
+    image, channels = _first_image([(header, dict.fromkeys(header["channel names"]))], path, None, black)
+    return image, list(channels)
+
+
 def read_with_planes(path: str | os.PathLike, pitch_um: float | None = None, scratch: AnyPath | None = None
                      ) -> tuple[SpectralImage, dict[str, np.ndarray]]:
     """The result of `read_exr`, and all planes of the picture by channel, including the non-spectral channels.

@@ -16,7 +16,7 @@ from .psf_bank import PsfBank
 
 MISSED, ROUGHLY_MISSED = 1.15, 2.2  # limits of the true worst error over the worst examined; for only a few azimuths
 STEPS = 5  # evenly spaced, to examine at each wavelength: errors are largest halfway, and nearly the same in all steps,
-# but larger where rows of samples coincide with the pixels' diagonals; the middle step of a quarter turn is next to these
+# but larger where rows of samples coincide with the pixels' diagonals: next to the middle step of a quarter turn
 PORTION_VALUES = 1 << 20  # of PSFs that are processed together
 
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from lensfield import addon
-from lensfield.engine import ImageError, InputError, load_lens
+from lensfield.addon.job import refilter
+from lensfield.engine import ImageError, InputError, Options, load_lens
 from lensfield.engine.pictures.spectral_exr import read_exr, read_parts, read_with_planes, write_exr
 from lensfield.engine.runtime import scratch
 from noise import assert_means
@@ -128,6 +129,33 @@ def test_a_lens_that_needs_more_than_was_captured_is_refused_and_changes_no_file
                                          "beyond the frame: render again through it"):
         apply_lens(original.radiance, "edmund-54852")
     assert [path.read_bytes() for path in original.files] == before
+
+
+def test_a_capture_that_cannot_serve_a_lens_is_refused_before_its_light_is_read(window, tmp_path, monkeypatch):
+    window.render.resolution_x, window.render.resolution_y, window.cycles.samples = 192, 144, 1
+    original = rendered(window, tmp_path, "tessar-50mm")
+
+    def read(*_):
+        raise AssertionError("read")
+
+    monkeypatch.setattr(refilter, "_read", read)
+    with pytest.raises(ImageError, match="edmund-54852 needs"):
+        apply_lens(original.radiance, "edmund-54852")
+    with pytest.raises(AssertionError, match="read"):
+        apply_lens(original.radiance, "tessar-50mm")
+
+
+@pytest.mark.parametrize("accuracy, lacks", [(0.1, False), (0.0005, True)])
+def test_a_border_that_will_lack_light_is_announced_and_reported(window, tmp_path, accuracy, lacks):
+    """The capture is planned for a coarse accuracy, so it has no overscan for the light that this trims."""
+    window.render.resolution_x, window.render.resolution_y, window.cycles.samples = 192, 144, 1
+    original = rendered(window, tmp_path, "tessar-50mm", options=Options(accuracy=0.1), depth="off")
+    labels = []
+    result = apply_lens(original.radiance, "tessar-50mm", tmp_path / "fine", options=Options(accuracy=accuracy),
+                        progress=lambda fraction, label: labels.append(label))
+    before_light = [label for label in labels if label.startswith("Reading radiance")]
+    assert ("border will lack light" in before_light[0]) == lacks
+    assert any("the border lacks light" in line for line in result.messages) == lacks
 
 
 def test_an_animation_treats_a_frame_with_another_lens_as_pending(window, tmp_path):

@@ -6,11 +6,13 @@ from lenses import gaussian_psf, make_lens
 from lensfield.addon.scene.camera import captured_region, render_region
 from lensfield.addon.scene.render_state import guard_region
 from lensfield.addon.scene.undo import Journal
+from lensfield.engine import Options
 from lensfield.engine.field.radial.psf_bank import psf_radius_px
 from lensfield.engine.image.pixel_grid import PixelGrid
 from small_scenes import set_region
 
 SHAPE_PX, PITCH_UM = (36, 48), 10.0
+COMPLETE = Options(method="exact")
 
 
 def test_rows_count_from_the_top_and_columns_from_the_left(scene):
@@ -53,10 +55,20 @@ def test_the_captured_region_extends_by_the_reach_of_the_lens(heights, room, lea
     lens = make_lens(gaussian_psf(5, 8, 2.5, 17), lambda nm, height_mm: heights * height_mm)
     assert psf_radius_px(lens, PITCH_UM) == 3
     capture, region = PixelGrid.around_frame(SHAPE_PX, PITCH_UM, (14, 17)), (slice(9, 20), slice(24, 30))
-    assert least <= reach_of(captured_region(region, lens, [550.0], capture, room), region, capture) <= most
+    assert least <= reach_of(captured_region(region, lens, [550.0], capture, COMPLETE, room), region,
+                             capture) <= most
+
+
+def test_the_captured_region_omits_light_that_the_plan_trims():
+    lens = make_lens(gaussian_psf(5, 8, 2.5, 41))
+    capture, region = PixelGrid.around_frame(SHAPE_PX, PITCH_UM, (14, 17)), (slice(9, 20), slice(24, 30))
+    coarse, fine, complete = (reach_of(captured_region(region, lens, [550.0], capture, options), region, capture)
+                              for options in (Options(accuracy=0.1), Options(accuracy=0.001), COMPLETE))
+    assert coarse < fine < complete
 
 
 def test_the_captured_region_is_clipped_to_the_capture():
     lens = make_lens(gaussian_psf(5, 8, 2.5, 17))
     capture = PixelGrid.around_frame(SHAPE_PX, PITCH_UM, (2, 1))
-    assert captured_region((slice(1, 36), slice(0, 47)), lens, [550.0], capture, 0.1) == (slice(0, 40), slice(0, 50))
+    captured = captured_region((slice(1, 36), slice(0, 47)), lens, [550.0], capture, COMPLETE, 0.1)
+    assert captured == (slice(0, 40), slice(0, 50))

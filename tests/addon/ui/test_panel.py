@@ -186,7 +186,7 @@ def test_the_plan_line_states_engine_time_and_peak_memory(lit_scene, denoise):
     lens = load_lens(settings.lens)
     grid = capture_grid(lit_scene, lens, settings.wavelengths_nm())
     cube = np.zeros((len(settings.wavelengths_nm()), *grid.shape_px), np.float32)
-    plan = list(plan_line._plans.values())[-1][1].result()
+    plan = list(plan_line._plans.values())[-1].result()[1]
     assert plan == make_plan(Options(accuracy=0.01), lens, Sampling(grid, tuple(settings.wavelengths_nm())))
     pass_mb = 1e-6 * pass_bytes(cube[0].size, 1, denoise == "ON")
     memory_mb = 1e-6 * cube.nbytes + max(pass_mb, plan.memory_mb + 1e-6 * cube.nbytes)
