@@ -36,6 +36,8 @@ def highlights(light: np.ndarray, section_size: int, density: float) -> tuple[np
     starts = (np.arange(0, n, section_size) for n in light.shape[1:])
     pixels = np.outer(*(np.diff(start, append=n) for start, n in zip(starts, light.shape[1:], strict=True)))
     typical = np.median((sums / pixels)[sums > 0])
+    if sums.max() * density <= VISIBLE * typical:  # nor is the light above any level visible
+        return None
     level = light.dtype.type(HIGHLIGHT * typical)
     visible = _light_above(level, light, section_size) * density > VISIBLE * typical
     if not visible.any():

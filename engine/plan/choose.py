@@ -164,7 +164,7 @@ class _Planner:
     def _mixing(self):
         """The error of mixing PSFs from a table of GUESS_STEPS steps, at one wavelength."""
         share = TRIM_SHARES[len(TRIM_SHARES) // 2]
-        error = self._psfs.mixing_error([next(self._mixing_errors(share))], GUESS_STEPS)
+        error = self._psfs.mixing_estimate(next(self._mixing_errors(share)), GUESS_STEPS)
         return max(error - share * self._enough, 0)
 
     def _left(self, share):

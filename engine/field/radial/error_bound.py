@@ -51,6 +51,10 @@ class AzimuthErrors:
             errors[part] = np.abs((first + last) / 2 - true).sum(axis=(2, 3))
         return errors
 
+    def largest(self, azimuths: int, steps: np.ndarray) -> float:
+        """Limit of the largest error with this table, trimming included, if the errors of these steps represent it."""
+        return float((MISSED * self.at(azimuths, steps) + self.trimmed).max())
+
 
 def azimuth_error(wavelengths: list[AzimuthErrors], azimuths: int) -> float:
     """Largest error of trimmed PSFs mixed between the azimuths of a table.
@@ -64,12 +68,17 @@ def azimuth_error(wavelengths: list[AzimuthErrors], azimuths: int) -> float:
     number = azimuths if all(each.mirror_symmetric for each in wavelengths) else 2 * azimuths
     steps = np.unique(np.linspace(0, number - 1, STEPS).round().astype(int))
     with thread_pool() as pool:
-        return max(pool.map(lambda each: float((MISSED * each.at(azimuths, steps) + each.trimmed).max()), wavelengths))
+        return max(pool.map(lambda each: each.largest(azimuths, steps), wavelengths))
 
 
-def isoplanatic_error(bank: PsfBank, psf: np.ndarray, last_height_mm: float, samples: int) -> float:
-    """Largest error of using one trimmed PSF, (row, column), for the complete field, from this number of azimuths."""
-    bank = bank.up_to(last_height_mm)
-    psfs = bank.at_table_heights(-np.linspace(0, np.pi / 2, samples))
-    errors = [np.abs(np.rot90(psfs, turn, axes=(2, 3)) - psf).sum(axis=(2, 3)) for turn in range(4)]
-    return float((ROUGHLY_MISSED * np.max(errors, axis=(0, 1)) + 2 * bank.lost).max())
+def isoplanatic_error(bank: PsfBank, psf: np.ndarray, last_height_mm: float, samples: int, enough: float) -> float:
+    """Largest error of using one trimmed PSF, (row, column), for the complete field, from this number of azimuths; or
+    some error above `enough`."""
+    bank, worst = bank.up_to(last_height_mm), 0.0
+    for azimuth_rad in np.linspace(0, np.pi / 2, samples):
+        (psfs,) = bank.at_table_heights(np.array([-azimuth_rad]))
+        errors = [np.abs(np.rot90(psfs, turn, axes=(1, 2)) - psf).sum(axis=(1, 2)) for turn in range(4)]
+        worst = max(worst, float((ROUGHLY_MISSED * np.max(errors, axis=0) + 2 * bank.lost).max()))
+        if worst > enough:
+            break
+    return worst

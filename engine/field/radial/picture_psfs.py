@@ -79,13 +79,17 @@ class PicturePsfs:
         """Largest error of trimmed PSFs mixed from a table with these steps."""
         return azimuth_error(wavelengths, steps)
 
+    def mixing_estimate(self, wavelength: AzimuthErrors, steps: int) -> float:
+        """As `mixing_error` for one wavelength, from the middle of the steps alone."""
+        return wavelength.largest(steps, np.array([steps // 2]))
+
     def one_psf_error(self, energy: float, planes: Planes, enough: float) -> float:
         """Largest error of the PSF in the middle of the planes for the complete field, or some error above `enough`."""
         worst = 0.0
         for psfs in self._trimmed(energy, planes):
             middle = [np.array([(n - 1) / 2]) for n in psfs.planes.grid.shape_px]
             worst = max(worst, isoplanatic_error(psfs.bank, psfs.psfs(*middle)[0], psfs.last_height_mm(),
-                                                 ISOPLANATIC_SAMPLES))
+                                                 ISOPLANATIC_SAMPLES, enough))
             if worst > enough:
                 break
         return worst

@@ -30,37 +30,35 @@ class UniformLight:
     def __init__(self, bank: PsfBank, field: FieldGeometry, pitch_mm: float) -> None:
         self._heights_mm, self._radius_px = bank.heights_mm, bank.radius_px
         self._field, self._pitch_mm = field, pitch_mm
-        self._psfs = bank.at_table_heights(np.linspace(0, np.pi / 2, AZIMUTHS))
+        psfs = bank.at_table_heights(np.linspace(0, np.pi / 2, AZIMUTHS))
+        self._psfs = psfs.reshape(*psfs.shape[:2], -1)
 
     def at(self, x_px: np.ndarray, y_px: np.ndarray) -> np.ndarray:
         """Irradiance of pixels at these distances from the axis, to the right and upwards: array (place,).
 
         It is relative to the irradiance that follows from radiance, transmittance and f-number (Eq. 2).
         """
-        return np.array([self._received(*place) for place in zip(x_px, y_px, strict=True)])
+        reach = np.arange(-self._radius_px, self._radius_px + 1)
+        right, up = (each.ravel() for each in np.meshgrid(reach, reach))
+        from_x, from_y = np.asarray(x_px)[:, None] - right, np.asarray(y_px)[:, None] - up
+        height_mm = self._field.paraxial_height_mm(np.hypot(from_x, from_y) * self._pitch_mm)
+        quarters, azimuth = np.divmod(np.arctan2(from_y, from_x) / (np.pi / 2), 1)
+        right, up = np.broadcast_arrays(right, up, from_x)[:2]
+        for turns in range(1, 4):  # into the first quarter
+            turned = quarters % 4 >= turns
+            right, up = np.where(turned, up, right), np.where(turned, -right, up)
+        pixel = (self._radius_px - up) * reach.size + self._radius_px + right
+        share = np.zeros(pixel.shape)
+        for before, on in _neighbours(azimuth * (AZIMUTHS - 1), AZIMUTHS):
+            for below, at in _neighbours(np.interp(height_mm, self._heights_mm, np.arange(self._heights_mm.size)),
+                                         self._heights_mm.size):
+                share += on * at * self._psfs[before, below, pixel]
+        return (share * self._field.relative_flux(height_mm)).sum(axis=1)
 
     def moved(self, x_px: np.ndarray, y_px: np.ndarray) -> np.ndarray:
         """The irradiance of pixels, relative to the same without PSFs: array (place,)."""
         height_mm = self._field.paraxial_height_mm(np.hypot(x_px, y_px) * self._pitch_mm)
         return self.at(x_px, y_px) / self._field.relative_flux(height_mm)
-
-    def _received(self, x_px, y_px):
-        """The light that all pixels around send to one."""
-        reach = np.arange(-self._radius_px, self._radius_px + 1)
-        right, up = (each.ravel() for each in np.meshgrid(reach, reach))
-        from_x, from_y = x_px - right, y_px - up
-        height_mm = self._field.paraxial_height_mm(np.hypot(from_x, from_y) * self._pitch_mm)
-        quarters, azimuth = np.divmod(np.arctan2(from_y, from_x) / (np.pi / 2), 1)
-        for turns in range(1, 4):  # into the first quarter
-            turned = quarters % 4 >= turns
-            right, up = np.where(turned, up, right), np.where(turned, -right, up)
-        psfs = self._psfs[:, :, self._radius_px - up, self._radius_px + right]
-        pixel, share = np.arange(up.size), 0.0
-        for before, on in _neighbours(azimuth * (AZIMUTHS - 1), AZIMUTHS):
-            for below, at in _neighbours(np.interp(height_mm, self._heights_mm, np.arange(self._heights_mm.size)),
-                                         self._heights_mm.size):
-                share = share + on * at * psfs[before, below, pixel]
-        return float(share @ self._field.relative_flux(height_mm))
 
 
 def unevenness(bank: PsfBank, field: FieldGeometry, grid: PixelGrid) -> float:
