@@ -30,6 +30,7 @@ WHOLE_SPHERE = 2 * np.pi  # a field of view that cuts nothing off
 EDGE_SAMPLES = 65
 MOST_PLANE = 2.0  # times the frame's pixels, for a perspective camera
 MOST_ROOM = 1.0
+MOST_PLANNED_PX = 256  # radius of a complete PSF; a plan for this size takes some ten seconds
 LEAST_VOLUME = 1e-6  # spanned by a camera's unit axes: 0 if its scale along one axis is 0
 TO_PERSPECTIVE = ("expected a perspective camera: set Type to Perspective in the camera's properties, then press Match "
                   "Camera to Lens")
@@ -129,9 +130,14 @@ def _capture_within(reach_px, lens, frame, wavelengths_nm, room, others):
 
 
 def _planned_reach_px(options, lenses, capture, wavelengths_nm):
-    """Largest reach of a PSF in the plans for these lenses, in a capture's pixels."""
+    """Largest reach of a PSF in the plans for these lenses, in a capture's pixels.
+
+    For pixels so small that planning would take long, it is the reach of complete PSFs.
+    """
     sampling = Sampling(capture, tuple(map(float, wavelengths_nm)))
-    return max(cached_plan(options, lens, sampling).reach_px for lens in lenses)
+    complete_px = [field_map(lens).psf_radius_px(capture.pitch_um) for lens in lenses]
+    return max(cached_plan(options, lens, sampling).reach_px if reach_px <= MOST_PLANNED_PX else reach_px
+               for lens, reach_px in zip(lenses, complete_px, strict=True))
 
 
 def view_tangents(scene, lens, view, rings=AT_REST):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from lenses import gaussian_psf, make_lens, tinted
+from lensfield.addon.scene import camera
 from lensfield.addon.scene.camera import frame_capture
 from lensfield.engine import Options, Report, SpectralImage, load_lens, simulate
 from lensfield.engine.field.field_map import field_map
@@ -95,3 +96,11 @@ def test_points_beyond_the_capture_send_less_light_into_the_frame_than_is_trimme
         energy = report.lens_image.energy
         shares.append(energy.in_frame_w_per_nm / energy.in_w_per_nm)
     assert 0 < max(shares) < 1 - plan.psf_energy < plan.error_bound / 2
+
+
+def test_pixels_too_small_to_plan_are_captured_for_complete_psfs(monkeypatch):
+    lens = LENSES["plane"]
+    monkeypatch.setattr(camera, "MOST_PLANNED_PX", 3)
+    monkeypatch.setattr(camera, "cached_plan", lambda *_: pytest.fail("planned"))
+    capture = frame_capture(lens, SHAPE_PX, NM, Options(accuracy=0.1))
+    assert min(capture.overscan_px) > psf_radius_px(lens, capture.pitch_um)
