@@ -1,7 +1,8 @@
 """Levels of layers, each with half the resolution of the previous one, for rays that represent a part of the pupil.
 
-Such a ray looks up the mean over the blur of its part of the pupil. The pixels of a level are means of light and of
-alpha, so that surfaces do not mix. Bilinear interpolation between them makes the parts of adjacent rays merge.
+Such a ray looks up the mean over the blur of its part of the pupil, a square that is at most as large as a pixel of
+the level. The pixels of a level are means of light and of alpha, so that surfaces do not mix. Adjacent rays look up
+adjacent squares, so that their parts merge.
 
 A surface that continues from a layer to the next one covers parts of a pixel in both. Rays that pass one part meet the
 other, but the loops assume that alphas of different layers are independent, and would let light through. The surface

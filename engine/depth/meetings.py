@@ -78,13 +78,14 @@ def plan_meetings(layers: list[PreparedLayer], rays: RaySample, sensor: PixelGri
     counts = COUNTS[np.minimum(np.searchsorted(COUNTS, needed), np.searchsorted(COUNTS, most_of_lamps, "right") - 1)]
     counts = np.where(lit & np.any([blur.met for blur in blurs], axis=0), counts, 0)
     for here, blur in zip(np.moveaxis(meetings, -1, 0), blurs, strict=True):
-        here["level"] = blur.level(np.maximum(counts, 1))
+        here["level"], here["cells"] = blur.level(np.maximum(counts, 1))
     return Meetings(meetings, counts)
 
 
 def around_px(area_px: np.ndarray) -> np.ndarray:
-    """The farthest that a ray's cell reaches beyond a blur of this area, with the fewest rays."""
-    return np.ceil(1.5 * 2 * np.sqrt(area_px / COUNTS[0]) / COARSEST)
+    """The farthest that a look-up reaches beyond a blur of this area, with the fewest rays: half a pixel of a level and
+    half a cell."""
+    return 1 + np.ceil(np.sqrt(area_px / COUNTS[0]) * (1 / COARSEST + 0.5))
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,10 +118,12 @@ class _Blur:
         return np.where(self.met, np.maximum(lamps, np.minimum(most_rays, RAYS_PER_PX * largest)), 0)
 
     def level(self, counts):
-        """The level of the layer's pixels that suits the cells of this number of rays; 0 for light in focus."""
-        side_px = np.sqrt(self.reach.area_px((self.least + self.most) / 2) / counts)
-        level = np.ceil(np.log2(np.maximum(side_px / COARSEST, 1)))
-        return np.where(self.look.sharpest > 0, 0, np.minimum(level, LEVELS - 1))
+        """The level of the layer's pixels that suits the cells of this number of rays, 0 for light in focus; and the
+        number of cells along a side of its pixels, at least 1."""
+        side_px = np.maximum(np.sqrt(self.reach.area_px((self.least + self.most) / 2) / counts), FINEST_PX)
+        level = np.minimum(np.ceil(np.log2(np.maximum(side_px / COARSEST, 1))), LEVELS - 1)
+        level = np.where(self.look.sharpest > 0, 0, level)
+        return level, np.maximum(2**level / side_px, 1)
 
 
 def _tiles(sensor):

@@ -6,8 +6,8 @@
    a pixel's rays are far apart in memory, but those of neighbouring pixels through the same point of the stop are close
    together. All pixels of a tile are therefore processed with each eight of rays at once.
 
-   A ray stands for a part of the stop, its cell. It looks up light and alpha in a level of the layer whose pixels are as
-   large as the cell's blur, and at a rim, the share of its cell that is open counts. */
+   A ray stands for a part of the stop, its cell. It looks up the mean over the cell's blur, a square, in a level of the
+   layer whose pixels are as large or larger. At a rim, the share of its cell that is open counts. */
 #include "variant.h"
 
 #define WIDE (LANES == 4 ? 4 : 8) /* rays in a vector: results do not depend on it */
@@ -134,8 +134,11 @@ INLINE void meet(const lf_cast_of *c, const lf_layer *l, const pencil *p, const 
     }
 }
 
+/* The part of a cell that is beyond the border between two pixels, at a distance of its middle from the first one's. */
+INLINE rays part_beyond(rays distance, float cells) { return larger(smaller(distance * cells + (0.5f - 0.5f * cells), 1), 0); }
+
 /* Where rays meet a level of a layer at these inverse depths. Returns a mask of the rays that do not miss it. */
-INLINE masks find_spots(const lf_cast_of *c, const lf_level *l, const pencil *p, rays depth, spots *s)
+INLINE masks find_spots(const lf_cast_of *c, const lf_level *l, const pencil *p, rays depth, float cells, spots *s)
 {
     const int32_t columns = (int32_t)l->light.columns, rows = (int32_t)l->light.rows;
     rays x, y;
@@ -148,8 +151,8 @@ INLINE masks find_spots(const lf_cast_of *c, const lf_level *l, const pencil *p,
     masks column = __builtin_convertvector(x, masks), row = __builtin_convertvector(y, masks);
     column += column == columns - 1; /* true is -1 */
     row += row == rows - 1;
-    const rays down = y - __builtin_convertvector(row, rays);
-    s->right = x - __builtin_convertvector(column, rays);
+    const rays down = part_beyond(y - __builtin_convertvector(row, rays), cells);
+    s->right = part_beyond(x - __builtin_convertvector(column, rays), cells);
     s->down_a = twice_a(down);
     s->down_b = twice_b(down);
     *(masks *)s->where = row * (int32_t)l->light.row_step + column;
@@ -219,9 +222,9 @@ INLINE void follow(const lf_cast_of *c, const pixel *here, int64_t first, const 
             spots s;
             masks inside = covered;
             rays alpha = (rays){0} + 1;
-            if (meetings[n].opaque) find_spots(c, level, p, depth, &s);
+            if (meetings[n].opaque) find_spots(c, level, p, depth, meetings[n].cells, &s);
             else {
-                inside &= find_spots(c, level, p, depth, &s);
+                inside &= find_spots(c, level, p, depth, meetings[n].cells, &s);
                 alpha = looked_up(level->alpha, level->light.row_step, &s);
             }
             alpha = kept(inside, alpha);

@@ -87,7 +87,8 @@ class Casting:
         For each wavelength, radiance that is negligible compared with the visible radiance.
     meetings : array (tile row, tile column, layer) of MEETING
         The start of the search for a layer; its number of steps, below 0 if rays cannot meet the layer; whether
-        anything in the layer's reachable part may be in focus; whether that part is opaque; and the layer's level.
+        anything in the layer's reachable part may be in focus; whether that part is opaque; the layer's level; and the
+        number of cells in a pixel of this level along a side.
     first_eights, eights : int64 arrays (tile row, tile column)
         The first and the number of the groups of eight rays; pixels of tiles with 0 are not written.
     tile_px : int

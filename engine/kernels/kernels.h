@@ -208,6 +208,7 @@ typedef struct {          /* the search of a tile's rays for a layer */
     int32_t focused;      /* whether anything in the layer's reachable part may be in focus */
     int32_t opaque;       /* whether that part is opaque */
     int32_t level;        /* of the layer, for light and alpha */
+    float cells;          /* in a pixel of the level along a side, at least 1 */
 } lf_meeting;
 
 typedef struct {

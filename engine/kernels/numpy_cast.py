@@ -80,8 +80,7 @@ def _sums(casting, rays, meetings):
             continue
         depth, share = _meet(layer, [each[middle] for each in places], meeting, casting)
         spots = _moved(places, depth, casting)
-        alpha, radiance = _looked_up(layer.levels[meeting["level"]], spots, share >= 0,
-                                     bool(meeting["opaque"]))
+        alpha, radiance = _looked_up(layer.levels[meeting["level"]], spots, share >= 0, meeting)
         left, bright = free * light, radiance + faint * alpha
         sharp = left * share
         blurred += ((left - sharp) * radiance).sum(axis=-1)
@@ -119,16 +118,18 @@ def _meet(layer: LayerArrays, places, meeting, casting):
     return depth, share
 
 
-def _looked_up(level: LevelArrays, places, covered, opaque):
+def _looked_up(level: LevelArrays, places, covered, meeting):
     """Alpha and radiance of a layer's level where rays meet it; 0 for rays that miss it."""
-    per_px = np.float32(level.per_px)
+    per_px, cells, opaque = np.float32(level.per_px), meeting["cells"], bool(meeting["opaque"])
     x, y = np.float32(level.axis_px[1]) + per_px * places[0], np.float32(level.axis_px[0]) - per_px * places[1]
     top, bottom, left, right = level.bounds_px
     inside = covered & (opaque | (x > left) & (x < right) & (y > top) & (y < bottom))
     rows, columns = level.alpha.shape
     x, y = np.clip(x, 0, np.float32(columns - 1)), np.clip(y, 0, np.float32(rows - 1))
     column, row = np.minimum(x.astype(np.int32), columns - 2), np.minimum(y.astype(np.int32), rows - 2)
-    across, down = x - column.astype(np.float32), y - row.astype(np.float32)
+    half = np.float32(0.5)
+    across, down = (np.clip((each - before.astype(np.float32)) * cells + (half - half * cells), 0, 1)
+                    for each, before in ((x, column), (y, row)))
     wavelength = np.arange(len(x))[:, None, None, None]
 
     def mean(planes):

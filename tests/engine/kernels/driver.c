@@ -565,13 +565,17 @@ static void try_spots(void)
 /* Casting, of layers that are even in depth and let half of the light by, through rays that all pass, as its definition
    has it; of layers of any depth, irises and vignetting, for the bits; of numbers of any kind, for the sanitizers. */
 
-static double pixel_of(const lf_level *l, const float *plane, double row, double column)
+/* The part of a cell that is in a pixel, at a distance of less than a pixel between their middles. */
+static double part_in(double distance, double cells) { return fmin(fmax((0.5 - fabs(distance)) * cells + 0.5, 0), 1); }
+
+/* The mean of a plane's pixels over a cell. */
+static double pixel_of(const lf_level *l, const float *plane, double row, double column, double cells)
 {
     const double y = fmin(fmax(row, 0), (double)l->light.rows - 1), x = fmin(fmax(column, 0), (double)l->light.columns - 1);
     double sum = 0;
     for (int64_t j = (int64_t)y; j <= (int64_t)y + 1 && j < l->light.rows; j++)
         for (int64_t i = (int64_t)x; i <= (int64_t)x + 1 && i < l->light.columns; i++)
-            sum += (1 - fabs(y - (double)j)) * (1 - fabs(x - (double)i)) * plane[j * l->light.row_step + i];
+            sum += part_in(y - (double)j, cells) * part_in(x - (double)i, cells) * plane[j * l->light.row_step + i];
     return sum;
 }
 
@@ -607,8 +611,8 @@ static void rays_of(const lf_cast_of *c, const lf_meeting *meetings, int64_t fir
             const double part = c->per_focal > 0 ? shrunk(c, hypot(out, across) * c->per_focal) : 1;
             const double at_row = l->axis_row - l->per_px * part * (out * up - across * right);
             const double at_column = l->axis_column + l->per_px * part * (out * right + across * up);
-            const double light = pixel_of(l, l->light.values + w * l->light.plane_step, at_row, at_column);
-            const double alpha = meetings[n].opaque ? 1 : pixel_of(l, l->alpha, at_row, at_column);
+            const double light = pixel_of(l, l->light.values + w * l->light.plane_step, at_row, at_column, meetings[n].cells);
+            const double alpha = meetings[n].opaque ? 1 : pixel_of(l, l->alpha, at_row, at_column, meetings[n].cells);
             sums[1] += got[5] * free * (1 - s) * light;
             sums[2] += got[5] * free * s * (light + c->faint[w] * alpha);
             sums[3] += got[5] * in_focus * s * (light + c->faint[w] * alpha);
@@ -658,7 +662,7 @@ static void try_casting(void)
     int64_t *tile_eights = ROOM(int64_t, down * across), *first_eights = ROOM(int64_t, down * across);
     for (int64_t i = 0; i < down * across * layers; i++)
         meetings[i] = (lf_meeting){(float)unit(), 0, kind ? (int32_t)below(5) - 1 : (int32_t)below(2) - 1, 0,
-                                   i % layers == layers - 1 && below(2), (int32_t)below(layer[i % layers].levels)};
+                                   i % layers == layers - 1 && below(2), (int32_t)below(layer[i % layers].levels), 1 + (float)(below(2) * unit())};
     for (int64_t i = 0; i < down * across; i++) {
         tile_eights[i] = below(eights + 1);
         first_eights[i] = below(eights - tile_eights[i] + 1);
