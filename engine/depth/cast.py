@@ -24,7 +24,7 @@ from .prepared_layer import PreparedLayer, prepare_layers
 
 FAINT = 1e-3  # of a picture's mean radiance
 LAYER_PLANES, PREPARING_PLANES = 3, 10  # planes in memory of a prepared layer, and during its preparation
-LEVELS_PX = 0.4  # pixels of a layer's coarser levels, relative to the layer's
+LEVELS_PX = 1.4  # pixels of a layer's levels, relative to the layer's
 SAMPLE_RAYS = 256  # for the reach of all
 SUMMABLE = 2.0**88  # radiance whose sums over rays stay within float32
 DIMMED = 2.0**-40  # brighter light is multiplied by this first; for a power of two, this is exact

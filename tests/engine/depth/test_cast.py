@@ -9,6 +9,7 @@ from lenses import make_lens
 from lensfield.engine.depth.cast import cast, casting_bytes
 from lensfield.engine.depth.depth_range import blur_px
 from lensfield.engine.depth.iris import Iris
+from lensfield.engine.depth.prepared_layer import sharpened
 from lensfield.engine.field.radial.first_order import first_order_rays
 from lensfield.engine.image.layers import Layer, LayeredRadiance
 from lensfield.engine.image.pixel_grid import PixelGrid
@@ -229,6 +230,20 @@ def test_panoramas_and_plane_captures_agree(lens, panorama):
         stripes = 1 + np.sin(x_mm * 6 + 0 * y_mm)
         results.append(planes([layer(np.ones(grid.shape_px), depth_mm, stripes)], lens, grid, most_rays=512)[0].blurred)
     assert np.abs(results[1] - results[0]).max() < 0.02 and np.ptp(results[0]) > 0.1
+
+
+def test_sharpening_subtracts_the_spread_of_look_ups():
+    """A smooth spot gets narrower by a pixel and a cell; light is only moved, evenly lit planes stay as they are."""
+    row, column = np.indices((40, 52))
+    spot = np.exp(-((row - 17.3) / 5) ** 2 - ((column - 30.8) / 6) ** 2).astype(np.float32)
+    lamp = np.zeros_like(spot)
+    lamp[10:13, 20:24] = np.array([0.2, 1.0, 0.7])[:, None] * (0.01, 1.0, 1.0, 0.5)
+    result = sharpened(np.stack([spot + 1e-3, lamp, np.full_like(spot, 3.0)]))
+    squares = [centroid_and_width(plane - 1e-3)[2] ** 2 / 8 for plane in (spot + np.float32(1e-3), result[0])]
+    assert squares[0] - squares[1] == pytest.approx(2 / 6, rel=0.01)
+    assert centroid_and_width(result[0] - 1e-3)[:2] == pytest.approx((17.3, 30.8), abs=1e-3)
+    assert result[1].sum() == pytest.approx(lamp.sum(), rel=1e-6) and result[1].min() == 0
+    assert result[1].max() > 1.1 and not result[1, 9].any() and np.all(result[2] == 3)
 
 
 def test_lamps_receive_more_rays(lens):
