@@ -1,4 +1,5 @@
-"""Finished Cycles passes stay on disk until their frame is complete: a stopped render resumes with them.
+"""Finished Cycles passes stay on disk until their frame is complete: a stopped render resumes with them. A pass that
+consists of several renders, by samples or by depth, is stored in as many parts.
 
 They are in the hidden folder next to the frame's files. Each name is a digest of everything that the pass depends on:
 the scene's source files, the request, the code, Blender's version, and the part of the light that it contains.
@@ -84,7 +85,7 @@ class FinishedPasses:
     def remarks(self):
         """Remarks for the report: list of lines."""
         count = self._reused + self._rendered
-        return [f"reused {self._reused} of {count} passes from an interrupted render"] * bool(self._reused)
+        return [f"reused {self._reused} of {count} parts of passes from an interrupted render"] * bool(self._reused)
 
 
 def _read(stored, needed):
@@ -136,12 +137,12 @@ def remove_passes(scene, folder, frame):
 
 
 def passes_left(scene, folder):
-    """Stored passes of unfinished frames: list of lines."""
+    """Stored parts of unfinished frames' passes, such as ranges of samples and slabs of depth: list of lines."""
     try:
         hidden = hidden_folder(folder)
     except InputError:  # a link, which the render itself has reported
         return []
     folders = matching(hidden, f"{bpy.path.clean_name(scene.name)}_*_passes")
     counts = {stored: len(matching(stored, "*/[!.]*.exr")) for stored in folders}
-    return [f"{count} finished pass{'es are' if count > 1 else ' is'} stored in {stored}: the next render continues "
+    return [f"{count} finished part{'s' * (count > 1)} of passes in {stored}: the next render continues "
             "from there unless the file changes" for stored, count in counts.items() if count]

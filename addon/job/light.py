@@ -14,6 +14,7 @@ from ..scene.units import depth_pass_m
 from .bands import CHANNELS
 
 ROWS_AT_ONCE = 16  # few enough to stay in the processor's cache
+ROUNDING = 1e-5  # of a pixel's light: sums of its samples, and of its lamps, agree to a few millionths
 MORE_BYTES = 1 << 20  # added to a truncated pass's size: a trial write of this much finds the cause
 RIM_PX = 1  # margin around a slab's content
 
@@ -107,7 +108,7 @@ class GatheredLight:
             raise SceneError("Cycles", "render pass", "{1} x {0} px".format(*alpha.shape),
                              "expected {1} x {0} px".format(*shape_px))
         cube = np.array([[planes[f"{name}.{channel}"] for channel in CHANNELS] for name in self._light_passes])
-        cube[0] -= cube[1:].sum(axis=0)  # leaves the light outside Lensfield's groups
+        cube[0] = _without(cube[0], cube[1:].sum(axis=0))  # leaves the light outside Lensfield's groups
         return PassLight(cube, alpha, depth_pass_m(planes[self._depth_pass], self._unit_m),
                          np.array([planes[name] for name in guides]).reshape(-1, *shape_px))
 
@@ -139,6 +140,13 @@ class GatheredLight:
     def blocks(self):
         """Means over blocks of pixels, at the rendered wavelengths: array (node, block)."""
         return np.array([self._blocks[node].ravel() for node in sorted(self._blocks)])
+
+
+def _without(light, part):
+    """The light without a part of it; 0 if only rounding remains, whose colour is arbitrary."""
+    rest = light - part
+    rest[np.abs(rest) < ROUNDING * np.abs(light)] = 0
+    return rest
 
 
 def place_in(outer, region):

@@ -12,6 +12,7 @@ from ...engine.rays.rings import in_metres
 from ...engine.spectral.wavelength_choice import REFERENCE, STANDARD_COLOUR_ERROR
 from ..scene.camera import matching_focal_length_mm
 from ..scene.compositor import unreplaced_passes
+from ..scene.render_state import effective_samples
 from ..scene.traced_camera import traces_on_device
 from ..shading.lobes import MIRRORED, REFRACTED
 from .unlayered import VOLUME, unlayered
@@ -129,7 +130,7 @@ def _of_engine(scene, job):
     if engine != "CYCLES":
         yield Remark("Render Engine", ENGINES.get(engine, engine), "Cycles renders instead",
                      "check the scene in Cycles first")
-    samples = next((layer.samples for layer in scene.view_layers if layer.use and layer.samples), cycles.samples)
+    samples = effective_samples(scene)
     if samples >= MANY_SAMPLES:
         until = f", until the noise is below {cycles.adaptive_threshold:.2g}" if cycles.use_adaptive_sampling else ""
         yield Remark("Samples", str(samples), f"maximum per render{until}",

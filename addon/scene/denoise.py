@@ -2,9 +2,8 @@
 
 import bpy
 import numpy as np
-import OpenEXR
 
-from ...engine.pictures.spectral_exr import read_parts
+from ...engine.pictures.spectral_exr import read_parts, write_planes_exr
 from .errors import SceneError
 from .render_state import rendered_layer
 
@@ -42,8 +41,8 @@ def denoised(scene, picture, guides, folder):
 
     Raises
     ------
-    SceneError
-        If Cycles cannot denoise.
+    InputError
+        Cycles cannot denoise, or the disk is full.
     """
     layer, noisy, result = rendered_layer(scene).name, folder / "noisy.exr", folder / "denoised.exr"
     combined = [f"{layer}.Combined.{channel}" for channel in "RGB"]
@@ -52,9 +51,7 @@ def denoised(scene, picture, guides, folder):
         planes |= zip(name, picture, strict=True)
     name, axes = MOTION  # not used for a single picture, but required
     planes |= {f"{layer}.{name}.{axis}": np.zeros_like(guides[0]) for axis in axes}
-    header = {"compression": OpenEXR.NO_COMPRESSION, "type": OpenEXR.scanlineimage, f"cycles.{layer}.samples": "1"}
-    with OpenEXR.File(header, {name: np.ascontiguousarray(plane) for name, plane in planes.items()}) as file:
-        file.write(str(noisy))
+    write_planes_exr(planes, noisy, {f"cycles.{layer}.samples": "1"})
     try:
         with bpy.context.temp_override(scene=scene, view_layer=rendered_layer(scene)):
             bpy.ops.cycles.denoise_animation(input_filepath=str(noisy), output_filepath=str(result))

@@ -245,7 +245,7 @@ class MonochromaticField(Protocol):
         """Position on the sensor of light that is here in an ideal image: the inverse of `source_mm`."""
 
     def relative_illumination(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
-        """Relative illumination of the light that lands here; constant beyond the lens data."""
+        """Irradiance of a uniform scene's picture, relative to the axis; constant beyond the lens data."""
 
     def within(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
         """Whether the lens data cover these positions."""

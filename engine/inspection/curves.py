@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..field.radial.distortion import FieldGeometry
-from ..field.radial.psf_bank import PsfBank
-from ..field.radial.uniform_light import UniformLight
+from ..field.radial.uniform_light import picture_illumination
 from ..lens.lens import Lens, MonochromaticLens
 from ..runtime.errors import LensError
 from ..spectral.spectra import BAND_NM, colour_matching, linear_weights
@@ -17,7 +16,6 @@ WHITE_NM = np.arange(BAND_NM[0], BAND_NM[1] + 1)
 GRID_CELLS = 6  # cells of the distortion grid along the short side of the sensor
 MOST_GRID_LINES = 40  # beyond the sensor on each side: a hemispherical fisheye could show any number
 POINTS_PER_LINE = 401
-FIELD_PX = 192  # from the axis to the last height, for relative illumination
 FREQUENCY_SERIES = np.outer(10.0 ** np.arange(-3, 5), (1, 2, 5)).ravel()
 PREFERRED_FREQUENCIES = 3
 FINEST_FREQUENCY = 0.1  # of the diffraction cutoff; few lenses have contrast beyond it
@@ -101,25 +99,14 @@ def distortion_grid(lens: Lens, field: Field) -> tuple[np.ndarray, np.ndarray]:
 
 
 def relative_illumination(lens: Lens, wavelengths_nm: ArrayLike) -> np.ndarray:
-    """Irradiance under uniform radiance at the field heights, relative to the axis, as in pictures.
-
-    It includes the light that PSFs move away from the places where chief rays arrive. The table in the lens data
-    describes the bundle around each chief ray instead.
+    """The relative illumination of pictures at the field heights, by `picture_illumination`.
 
     Returns
     -------
     array (wavelength, height)
     """
-    curves = []
-    for nm in np.atleast_1d(wavelengths_nm):
-        optics = lens.at_wavelength(nm)
-        field = FieldGeometry(optics, lens.name)
-        pitch_mm = field.last_real_mm / FIELD_PX
-        light = UniformLight(PsfBank.of(optics, 1e3 * pitch_mm), field, pitch_mm)
-        x_px = np.maximum(optics.real_height_mm / pitch_mm, 0.5)
-        curve = light.at(x_px, np.full_like(x_px, 0.5))
-        curves.append(curve / curve[0])
-    return np.array(curves)
+    optics = [lens.at_wavelength(nm) for nm in np.atleast_1d(wavelengths_nm)]
+    return np.array([picture_illumination(each, FieldGeometry(each, lens.name)) for each in optics])
 
 
 def lateral_colour_um(lens: Lens, wavelengths_nm: ArrayLike) -> np.ndarray:

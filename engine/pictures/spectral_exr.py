@@ -142,6 +142,14 @@ def write_plane_exr(plane: np.ndarray, path: str | os.PathLike) -> None:
     _write_zipped({"Y": plane}, path)
 
 
+def write_planes_exr(planes: dict[str, np.ndarray], path: str | os.PathLike, attributes: dict[str, str]) -> None:
+    """Write planes (row, column) by channel, uncompressed, with attributes of the header, for another program to read.
+
+    The file appears complete or not at all.
+    """
+    _write([(attributes | {"compression": OpenEXR.NO_COMPRESSION, "type": OpenEXR.scanlineimage}, planes)], path)
+
+
 def _write_zipped(planes, path):
     header = {"compression": RGB_COMPRESSION, "type": OpenEXR.scanlineimage}
     _write([(header, planes)], path)

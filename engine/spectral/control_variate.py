@@ -16,7 +16,7 @@ import scipy
 
 WINDOW_PX = 11  # side of the regression's window
 RIDGE = 0.001  # of the mean square of A in the window: weight of the pictures' mean ratio
-LEAST_RIDGE = 1e-9  # in the same units, where A is dark
+LEAST_RIDGE = 1e-4  # the least, in units of normalised light: a few dark pixels determine no gains
 DARK = 1e-2  # of the mean brightness: below it, errors weigh no more
 BLOCK_PX = 8  # side of the blocks over which noise is averaged
 JUDGED_PERCENT = 75  # of the blocks; bright, rare paths leave the noise of some uncertain

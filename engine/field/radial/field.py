@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from ...image.pixel_grid import PixelGrid
 from ...image.sampling import Sampling
@@ -20,6 +21,7 @@ from .pencils import PixelRays
 from .picture_psfs import PicturePsfs, telling_wavelengths
 from .psf_bank import PlacedPsfs, PsfBank, psf_radius_px
 from .psf_table import PsfTables
+from .uniform_light import picture_illumination
 
 Part = Callable[[PsfBank], PsfBank]
 
@@ -68,7 +70,9 @@ class RadialField:
         return scale * x_mm, scale * y_mm
 
     def relative_illumination(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
-        return self._geometry.relative_illumination(self._geometry.paraxial_height_mm(np.hypot(x_mm, y_mm)))
+        heights_mm = self._optics.real_height_mm
+        curve = scipy.interpolate.PchipInterpolator(heights_mm, picture_illumination(self._optics, self._geometry))
+        return curve(np.minimum(np.hypot(x_mm, y_mm), heights_mm[-1]))
 
     def within(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
         return np.hypot(x_mm, y_mm) <= self._geometry.last_real_mm

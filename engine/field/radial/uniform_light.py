@@ -7,12 +7,14 @@ Here it is computed for single pixels, without a picture.
 import numpy as np
 
 from ...image.pixel_grid import PixelGrid
+from ...lens.lens import MonochromaticLens
 from .distortion import FieldGeometry
 from .psf_bank import PsfBank
 
 AZIMUTHS = 25  # from 0 to 90 degrees, both included
 NEAR_PX = (0, 1, 1, 2), (0, 0, 1, 0)  # pixels next to the axis: to the right and upwards
 AROUND_PX = (6, 5, 4, 3, 0, -6), (0, 3, 4, 5, 6, 0)
+CURVE_PX = 192  # from the axis to the last height, for relative illumination
 MISSED = 1.2  # limit of the true worst error over the worst examined: for other wavelengths, and tables of azimuths
 
 
@@ -59,6 +61,19 @@ class UniformLight:
         """The irradiance of pixels, relative to the same without PSFs: array (place,)."""
         height_mm = self._field.paraxial_height_mm(np.hypot(x_px, y_px) * self._pitch_mm)
         return self.at(x_px, y_px) / self._field.relative_flux(height_mm)
+
+
+def picture_illumination(optics: MonochromaticLens, field: FieldGeometry) -> np.ndarray:
+    """Irradiance under uniform radiance at the table's heights, relative to the axis: array (height,).
+
+    It includes the light that PSFs move away from the places where chief rays arrive. The table in the lens data
+    describes the bundle around each chief ray instead.
+    """
+    pitch_mm = field.last_real_mm / CURVE_PX
+    light = UniformLight(PsfBank.of(optics, 1e3 * pitch_mm), field, pitch_mm)
+    x_px = np.maximum(optics.real_height_mm / pitch_mm, 0.5)
+    curve = light.at(x_px, np.full_like(x_px, 0.5))
+    return curve / curve[0]
 
 
 def unevenness(bank: PsfBank, field: FieldGeometry, grid: PixelGrid) -> float:

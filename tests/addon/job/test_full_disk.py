@@ -5,12 +5,14 @@ import sys
 import tempfile
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from full_disk import room_for
 from lensfield.addon.job import finished_passes, light
 from lensfield.addon.job.render import render_through_lens
 from lensfield.addon.job.session import write_session
+from lensfield.addon.scene.denoise import denoised
 from lensfield.commands.child import Child
 from lensfield.engine import InputError
 from small_scenes import set_world
@@ -43,6 +45,13 @@ def test_no_room_for_a_pass_is_reported_with_its_file(scene, tmp_path, work, dep
     assert "\n" not in str(error.value)
     assert not differences(before, snapshot())
     assert not list(work.iterdir()) and not list((tmp_path / "out").iterdir())
+
+
+def test_no_room_for_the_denoiser_is_reported_with_its_file(scene, work):
+    picture, guides = np.ones((3, 24, 32), np.float32), np.ones((6, 24, 32), np.float32)
+    with room_for(8_000), pytest.raises(InputError, match=r"noisy\.exr: file is not written: File too large$"):
+        denoised(scene, picture, guides, work)
+    assert not list(work.iterdir())
 
 
 def test_a_work_folder_that_disappears_is_reported(scene, tmp_path, work, monkeypatch):

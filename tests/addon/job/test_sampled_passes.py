@@ -1,15 +1,18 @@
 """Passes with few samples, for which another pass is the control variate."""
 
+from types import SimpleNamespace
+
 import bpy
 import numpy as np
 import pytest
 
 from lensfield.addon.job import radiance, sampled_passes
+from lensfield.addon.job.light import GatheredLight
 from lensfield.addon.job.render import render_through_lens
-from lensfield.engine.pictures.spectral_exr import read_exr
+from lensfield.engine.pictures.spectral_exr import read_exr, read_with_planes
 from lensfield.engine.spectral.control_variate import JUDGED_PERCENT, block_means
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
-from seed import FIRST_CYCLES_SEED
+from seed import FIRST_CYCLES_SEED, SEED
 from small_scenes import light, material, set_world, wall
 
 SAMPLES, FEW = 64, 4  # of which the first trial takes 4
@@ -61,9 +64,10 @@ def test_few_samples_have_nearly_the_noise_of_all(corner, tmp_path, whole, sampl
     shared = [rendered(corner, tmp_path, seed, depth=depth) for seed in (1, 2)]
     facts = shared[0][1]
     assert facts.passes == 2 and f"of {SAMPLES} samples in 1 of 2 passes" in facts.samples
-    slabs = sample_counts.count((4 * FEW, SAMPLES - 4 * FEW)) // 2
+    slabs = sample_counts.count((0, SAMPLES - 8 * FEW)) // 2
     assert slabs == 1 if depth == "off" else slabs > 1
-    assert sum(count for _, count in sample_counts) <= 2 * slabs * (SAMPLES + 4 * FEW)
+    assert sum(first == 0 for first, _ in sample_counts) == 2 * slabs  # the biased one, at the centres of pixels
+    assert sum(count for _, count in sample_counts) <= 2 * slabs * (SAMPLES + 8 * FEW)
     whole()
     every = [rendered(corner, tmp_path, seed, depth=depth) for seed in (1, 2)]
     assert not every[0][1].samples
@@ -94,6 +98,34 @@ def test_adaptive_sampling_counts_the_samples_of_each_pixel(corner, tmp_path, wh
     blocks, of_all = (np.array([block_means(plane) for plane in planes]) for planes in (cube, expected))
     np.testing.assert_allclose(blocks, of_all, rtol=0.1, atol=0.02 * of_all.max())
     np.testing.assert_allclose(cube.mean(axis=(1, 2)), expected.mean(axis=(1, 2)), rtol=0.01)
+
+
+def test_depth_is_that_of_whole_passes(corner, tmp_path, whole):
+    """It is in the first sample, which passes with few samples lack."""
+    corner.cycles.seed, corner.cycles.samples = FIRST_CYCLES_SEED, 2 * FEW
+
+    def depth_m():
+        return read_with_planes(render_through_lens(corner, output_folder=tmp_path, depth="off", **OPTIONS).radiance
+                                )[1]["Z"]
+
+    shared = depth_m()
+    whole()
+    assert shared.min() < 1 < shared.max() and np.array_equal(shared, depth_m())
+
+
+def test_rounding_of_the_lamps_sum_is_no_light():
+    """Its colour would be arbitrary, and the gains of a control variate follow colours."""
+    rng = np.random.default_rng(SEED)
+    slab = SimpleNamespace(region=(slice(0, 6), slice(0, 8)))
+    gathered = GatheredLight(None, "Layer", ["One", "Two"], slab, None, 1.0)
+    planes = {name: rng.gamma(1, 1, (6, 8)).astype(np.float32) for name in gathered.planes}
+    for channel in "RGB":
+        lamps = [planes[f"Layer.Combined_{name}.{channel}"] for name in ("One", "Two")]
+        planes[f"Layer.Combined.{channel}"] = np.float32(sum(lamps) * (1 + 1e-6 * rng.standard_normal((6, 8))))
+        planes[f"Layer.Combined.{channel}"][2, 3] += 0.5
+    cube = gathered.light_of(planes).cube
+    np.testing.assert_allclose(cube[0, :, 2, 3], 0.5, rtol=1e-4)
+    assert np.count_nonzero(cube[0]) == 3
 
 
 @pytest.mark.parametrize("why", ["reference", "preview", "time limit", "range", "few"])

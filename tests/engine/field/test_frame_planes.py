@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.polynomial.polynomial import polyval
+from scipy.ndimage import gaussian_filter
 
+from lenses import make_lens, marked_psf
 from lensfield.engine import Options, SpectralImage, load_lens, simulate
 from lensfield.engine.field.frame_planes import nearest_samples, pinhole_view, relative_illumination
 from lensfield.engine.field.overscan import choose_capture
@@ -66,6 +68,24 @@ def test_relative_illumination_is_that_of_even_light(name):
     axis = irradiance_per_radiance(lens.at_wavelength(nm).transmittance, lens.f_number_effective)
     inner = slice(8, -8), slice(8, -8)
     np.testing.assert_allclose(relative_illumination(lens, capture.frame(), nm)[inner], even[inner] / axis, rtol=0.02)
+
+
+def test_relative_illumination_includes_the_light_that_psfs_move():
+    """The lens's light arrives a twentieth of its height farther out than its chief rays, except next to the axis."""
+    moving = np.stack([[gaussian_filter(marked_psf(step, 0), 1.5) for step in range(11)]])  # 10 um per 0.2 mm
+    lens = make_lens(moving, None, lambda nm, p: 1 + 0.05 * p**2, wavelengths_nm=(550.0,), psf_pitch_um=10.0,
+                     transmittance=0.5)
+    grid = PixelGrid((61, 81), 25.0, centre_px=(21.0, 50.0))
+    even = simulate(SpectralImage(np.ones((1, *grid.shape_px)), [550.0], grid), lens, Options(accuracy=0.001)).cube[0]
+    plane = relative_illumination(lens, grid, 550.0)
+    down_px, right_px = np.ogrid[-21:40, -50:31]
+    radius_px = np.hypot(down_px, right_px)
+    far = (radius_px > 12) & (radius_px < 64)
+    far[:8], far[-8:], far[:, :8], far[:, -8:] = False, False, False, False  # light from outside the picture is missing
+    one = 40, 20
+    np.testing.assert_allclose((plane / plane[one])[far], (even / even[one])[far], rtol=0.02)  # ripples of tables
+    chief = 1 + 0.05 * (radius_px * 0.025)**2
+    assert np.all(plane[far] < 0.985 * chief[far])
 
 
 @pytest.mark.parametrize("projection", [PLANE, Projection((0.95, 0.05, -0.1))])

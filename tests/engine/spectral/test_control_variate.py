@@ -79,6 +79,20 @@ def test_pictures_without_noise_or_light_stay_as_they_are():
         (SAMPLES - FEW) / (SAMPLES - FEW / 2) * np.sqrt(SAMPLES / (SAMPLES - FEW)))
 
 
+def test_a_bright_sample_in_the_dark_takes_the_usual_colour():
+    """The gains of a dark half are determined by little light, and must not multiply a bright sample."""
+    rng = np.random.default_rng(SEED)
+    halves = [np.zeros((3, *SHAPE_PX), np.float32) for _ in range(2)]
+    for half in halves:
+        half[:, :, :20] = rng.gamma(1, 1, (20,))
+        half[:, :, 30:] = 1e-6 * rng.random((3, SHAPE_PX[0], 26))
+    others = [half + 1e-6 * rng.random(half.shape).astype(np.float32) for half in halves]
+    for picture in (halves[0], others[0]):
+        picture[:, 17, 45] = 30.0
+    one, other = estimate(others, halves, halves[0] / 10 + halves[1] / 10, 0.9)
+    np.testing.assert_allclose((one + other)[:, 17, 45] / 2, 30 / 10 * 0.9 + 30 / 2 * 0.1, rtol=0.01)
+
+
 def test_light_that_the_few_samples_missed_takes_the_usual_colour():
     """A bright pixel of A must not become a black or coloured one in B."""
     rng = np.random.default_rng(SEED)
