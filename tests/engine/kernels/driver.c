@@ -15,7 +15,7 @@
 
 static uint64_t state;
 static uint64_t hash[MOST_VARIANTS];
-#define LOOPS 8 /* spreading, footprints, turning, waves, casting, extremes, excess, spots */
+#define LOOPS 11 /* spreading, footprints, turning, waves, casting, extremes, excess, spots, tracing, aiming, fitting */
 static double worst[MOST_VARIANTS][LOOPS];
 
 static uint32_t random_bits(void)
@@ -532,6 +532,19 @@ static double spot_of(const lf_bundle *b, int64_t r, int64_t a, double *out)
     return light;
 }
 
+/* All light of a cell, in as many parts as it covers samples, times 1.5. */
+static double cell_of(const lf_bundle *b, int64_t r, int64_t a, double *out)
+{
+    lf_bundle one = *b;
+    one.parts = 1;
+    double extent = 0, all = 0;
+    for (int k = 0; k < 2; k++) extent = fmax(extent, 1.5 * (fabs(of_part(&one, k, r, a, 1)) + fabs(of_part(&one, k, r, a, 2))));
+    one.parts = extent < (double)b->parts - 1 ? 1 + (int64_t)extent : b->parts;
+    for (int64_t n = 0; n < one.parts * one.parts; n++)
+        all += spot_of(&one, r * one.parts + n / one.parts, a * one.parts + n % one.parts, out);
+    return all;
+}
+
 static void try_spots(void)
 {
     static const double wild[] = {NAN, INFINITY, -INFINITY, -1e300, 1e300, 1e-320};
@@ -548,8 +561,7 @@ static void try_spots(void)
     const lf_bundle b = {corners, radii, azimuths, parts, side};
     lf_bundle bare = b;
     bare.radii = 1;
-    for (int64_t n = 0; n < (radii - 1) * (azimuths - 1) * parts * parts; n++)
-        all += spot_of(&b, n / ((azimuths - 1) * parts), n % ((azimuths - 1) * parts), truth);
+    for (int64_t n = 0; n < (radii - 1) * (azimuths - 1); n++) all += cell_of(&b, n / (azimuths - 1), n % (azimuths - 1), truth);
     for (int v = 0; runs(v); v++) {
         double *result = ROOM(double, side * side), light = 0;
         expect(lf_spots(v, &bare, result, &light) == LF_BAD_SIZE, "spots took a size that cannot be");
@@ -560,6 +572,153 @@ static void try_spots(void)
         free(result);
     }
     free(corners), free(truth);
+}
+
+/* Tracing, of one ray after the other; and aiming, by tracing the rays that were found. */
+
+#define MOST_SURFACES 4
+
+static double sag_of(const lf_system *s, int64_t n, double square, double *slope)
+{
+    const double *shape = s->shapes + n * (3 + s->even_terms + s->odd_terms), c = shape[0];
+    const double rest = sqrt(1 - (1 + shape[1]) * c * c * square), r = sqrt(square);
+    double sag = c * square / (1 + rest), power = 1;
+    *slope = c / (2 * rest);
+    for (int64_t k = 0; k < s->even_terms; k++, power *= square)
+        sag += shape[3 + k] * power * square, *slope += ((double)k + 1) * shape[3 + k] * power;
+    power = r;
+    for (int64_t k = 0; k < s->odd_terms; k++, power *= square)
+        sag += shape[3 + s->even_terms + k] * power, *slope += ((double)k + 0.5) * shape[3 + s->even_terms + k] * power / square;
+    return sag;
+}
+
+static void bend(const lf_system *s, int64_t n, const double *at, double *along, double ratio)
+{
+    double slope, inwards = 0, square = 0;
+    sag_of(s, n, at[0] * at[0] + at[1] * at[1], &slope);
+    double normal[3] = {-2 * slope * at[0], -2 * slope * at[1], 1};
+    const double length = sqrt(normal[0] * normal[0] + normal[1] * normal[1] + 1), side = along[2] < 0 ? -1 : 1;
+    for (int k = 0; k < 3; k++) normal[k] *= side / length, inwards += normal[k] * along[k];
+    for (int k = 0; k < 3; k++) along[k] = ratio * (along[k] - inwards * normal[k]), square += along[k] * along[k];
+    for (int k = 0; k < 3; k++) along[k] += sqrt(1 - square) * normal[k];
+}
+
+/* To a surface and through it; the optical path. */
+static double passed(const lf_system *s, int64_t n, double *at, double *along, double before, double behind)
+{
+    double way = -at[2] / along[2], slope;
+    for (int step = 0; step < 60; step++) {
+        const double x = at[0] + way * along[0], y = at[1] + way * along[1], sag = sag_of(s, n, x * x + y * y, &slope);
+        way -= (at[2] + way * along[2] - sag) / (along[2] - 2 * slope * (x * along[0] + y * along[1]));
+    }
+    for (int k = 0; k < 3; k++) at[k] += way * along[k];
+    bend(s, n, at, along, before / behind);
+    return before * way;
+}
+
+static void traced_ray(const lf_system *s, const double *start, double *out)
+{
+    const int64_t size = 3 + s->even_terms + s->odd_terms;
+    double slope, at[3] = {start[0], start[1], sag_of(s, s->stop, start[0] * start[0] + start[1] * start[1], &slope)};
+    const double length = sqrt(1 + start[2] * start[2] + start[3] * start[3]);
+    double along[3] = {start[2] / length, start[3] / length, 1 / length}, back[3], from[3], path = 0;
+    for (int k = 0; k < 3; k++) from[k] = at[k], back[k] = -along[k];
+    for (int64_t n = s->stop - 1; n >= 0; n--) {
+        from[2] += s->shapes[n * size + 2];
+        path += passed(s, n, from, back, s->indices[n + 1], s->indices[n]);
+        out[13 + n] = from[0] * from[0] + from[1] * from[1];
+    }
+    out[13 + s->stop] = at[0] * at[0] + at[1] * at[1];
+    bend(s, s->stop, at, along, s->indices[s->stop] / s->indices[s->stop + 1]);
+    for (int64_t n = s->stop + 1; n < s->surfaces; n++) {
+        at[2] -= s->shapes[(n - 1) * size + 2];
+        path += passed(s, n, at, along, s->indices[n], s->indices[n + 1]);
+        out[13 + n] = at[0] * at[0] + at[1] * at[1];
+    }
+    const double way = (s->shapes[(s->surfaces - 1) * size + 2] - at[2]) / along[2];
+    for (int k = 0; k < 3; k++) {
+        out[k] = from[k], out[3 + k] = -back[k], out[6 + k] = at[k] + way * along[k], out[9 + k] = along[k];
+    }
+    out[12] = path + s->indices[s->surfaces] * way;
+}
+
+static void try_tracing(void)
+{
+    const int64_t surfaces = 1 + below(MOST_SURFACES), even = below(4), odd = below(3), size = 3 + even + odd, count = 1 + below(20);
+    const int64_t quantities = 13 + surfaces;
+    const int tame = below(4) > 0;
+    double *shapes = ROOM(double, surfaces * size), *starts = ROOM(double, 4 * count), *truth = ROOM(double, quantities);
+    double indices[MOST_SURFACES + 1], aims[4] = {1, 0.96, 0, 0.28}, guess[2] = {0, 0.2};
+    for (int64_t n = 0; n < surfaces; n++) {
+        shapes[n * size] = 0.02 * (2 * unit() - 1), shapes[n * size + 1] = 2 * unit() - 1.5, shapes[n * size + 2] = 2 + 3 * unit();
+        for (int64_t k = 3; k < size; k++) shapes[n * size + k] = 1e-5 * (2 * unit() - 1) / (double)(1 << 5 * (k < 3 + even ? k - 3 : k - 3 - even));
+        if (!tame && !below(3)) shapes[n * size + below(size)] = below(2) ? NAN : 1e300;
+    }
+    for (int64_t n = 0; n <= surfaces; n++) indices[n] = n % 2 ? 1.5 + 0.3 * unit() : 1;
+    for (int64_t n = 0; n < 4 * count; n++) starts[n] = (n < 2 * count ? 3 : 0.2) * (2 * unit() - 1) + (n < count ? 4 : 0);
+    const lf_system s = {shapes, indices, surfaces, below(surfaces), even, odd};
+    lf_system bare = s;
+    bare.stop = surfaces;
+    const lf_targets t = {aims, guess, starts, starts + count, 2, count, LF_ANGLE, 1, 1e-3};
+    for (int v = 0; runs(v); v++) {
+        double *out = ROOM(double, quantities * count), *found = ROOM(double, 6 * count);
+        expect(lf_trace(v, &bare, starts, count, out) == LF_BAD_SIZE, "tracing took a size that cannot be");
+        expect(lf_aim(v, &bare, &t, found) == LF_BAD_SIZE, "aiming took a size that cannot be");
+        expect(!lf_trace(v, &s, starts, count, out), "tracing refused its sizes");
+        expect(!lf_aim(v, &s, &t, found), "aiming refused its sizes");
+        if (tame) take_bits(v, out, quantities * count * 8), take_bits(v, found, 6 * count * 8);
+        for (int64_t ray = 0; tame && ray < count; ray++) {
+            const double start[4] = {starts[ray], starts[count + ray], starts[2 * count + ray], starts[3 * count + ray]};
+            traced_ray(&s, start, truth);
+            for (int64_t k = 0; k < quantities; k++) take_deviation(v, 8, fabs(out[k * count + ray] - truth[k]), 1e3 * DOUBLE * 50);
+        }
+        for (int64_t n = 0; tame && n < 2 * count; n++) {
+            const double start[4] = {starts[n % count], starts[count + n % count], found[n], found[2 * count + n]};
+            traced_ray(&s, start, truth);
+            take_deviation(v, 9, fabs(truth[3]), 3e-12);
+            take_deviation(v, 9, fabs(truth[4] * aims[n / count] - truth[5] * aims[2 + n / count]), 3e-12);
+        }
+        free(out), free(found);
+    }
+    free(shapes), free(starts), free(truth);
+}
+
+/* Fitting, of polynomials, which are to be found again. */
+
+static double chebyshev_of(int64_t n, double x)
+{
+    double before = x, here = 1;
+    for (; n > 0; n--) {
+        const double next = 2 * x * here - before;
+        before = here, here = next;
+    }
+    return here;
+}
+
+static void try_fitting(void)
+{
+    const int64_t degree = 1 + below(6), ups = degree + 1, halves = degree / 2 + 1, quantities = 1 + below(3), places = 60 + below(60);
+    double *x = ROOM(double, 3 * places), *values = ROOM(double, quantities * places), *truth = ROOM(double, quantities * ups * halves);
+    for (int64_t n = 0; n < 3 * places; n++) x[n] = n < 2 * places ? 2 * unit() - 1 : 0.5 + unit();
+    for (int64_t n = 0; n < quantities * ups * halves; n++)
+        truth[n] = n / halves % ups + 2 * (n % halves) <= degree ? 2 * unit() - 1 : 0;
+    for (int64_t n = 0; n < quantities * places; n++)
+        for (int64_t k = 0; k < ups * halves; k++)
+            values[n] += truth[n / places * ups * halves + k] * chebyshev_of(k / halves, x[places + n % places])
+                         * chebyshev_of(2 * (k % halves), x[n % places]);
+    const lf_scattered s = {x, x + places, x + 2 * places, values, places, quantities, degree};
+    lf_scattered bare = s;
+    bare.places = 0;
+    for (int v = 0; runs(v); v++) {
+        double *out = ROOM(double, quantities * ups * halves), *residual = ROOM(double, places + 7);
+        double *work = ROOM(double, lf_fit_work(places, degree));
+        expect(lf_fit(v, &bare, out, residual, work) == LF_BAD_SIZE, "fitting took a size that cannot be");
+        expect(!lf_fit(v, &s, out, residual, work), "fitting refused its sizes");
+        take_bits(v, out, quantities * ups * halves * 8), take_bits(v, residual, places * 8);
+        for (int64_t n = 0; n < quantities * ups * halves; n++) take_deviation(v, 10, fabs(out[n] - truth[n]), 1e7 * DOUBLE);
+        free(out), free(residual), free(work);
+    }
+    free(x), free(values), free(truth);
 }
 
 /* Casting, of layers that are even in depth and let half of the light by, through rays that all pass, as its definition
@@ -717,7 +876,7 @@ int main(int argc, char **argv)
     state = argc > 2 ? strtoull(argv[2], 0, 10) : 0;
     expect(lf_abi() == LF_ABI, "the library is of another ABI");
     expect(lf_spread_work(-1, 1) == 0 && lf_spread_work(1, (int64_t)1 << 60) == 0, "sizes that cannot be have room");
-    for (int i = 0; i < rounds; i++) try_spreading(), try_footprints(), try_sections(), try_turning(), try_waves(), try_casting(), try_spots();
+    for (int i = 0; i < rounds; i++) try_spreading(), try_footprints(), try_sections(), try_turning(), try_waves(), try_casting(), try_spots(), try_tracing(), try_fitting();
     int off = 0;
     for (int v = 0; runs(v); v++) {
         printf("%-7s off by", lf_variant(v));
