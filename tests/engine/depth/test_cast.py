@@ -5,10 +5,12 @@ import tracemalloc
 import numpy as np
 import pytest
 
+import lensfield.engine.depth.cast as cast_module
 from lenses import make_lens
 from lensfield.engine.depth.cast import cast, casting_bytes
 from lensfield.engine.depth.depth_range import blur_px
 from lensfield.engine.depth.iris import Iris
+from lensfield.engine.depth.meetings import plan_meetings
 from lensfield.engine.depth.prepared_layer import sharpened
 from lensfield.engine.field.radial.first_order import first_order_rays
 from lensfield.engine.image.layers import Layer, LayeredRadiance
@@ -297,6 +299,26 @@ def test_dark_tiles_are_not_cast(lens):
     scene = [Layer(cube, ground.alpha, ground.depth_mm)]
     _, lit = planes(scene, lens, grid)
     assert lit.blurred.sum() == pytest.approx(300, rel=1e-3) and not lit.blurred[64:].any()
+
+
+def test_tiles_in_focus_are_not_cast_and_blur_of_a_pixel_needs_few_rays(lens, monkeypatch):
+    """A lit plane in focus, and one corner of it behind the focus: rays of the other tiles do not reach this corner."""
+    grid = PixelGrid((160, 192), PITCH_UM)
+    light = 1 + np.random.default_rng(1).random(grid.shape_px)
+    for blur, least, most in ((-1.0, 16, 16), (-12.0, 64, 144)):
+        depth_mm = np.full(grid.shape_px, IN_FOCUS_MM + lens.entrance_pupil_mm)
+        depth_mm[100:, :40] = depth_of_blur(lens, blur)
+        plans = []
+
+        def planned(*given, plans=plans):
+            plans.append(plan_meetings(*given))
+            return plans[0]
+
+        monkeypatch.setattr(cast_module, "plan_meetings", planned)
+        planes([layer(np.ones(grid.shape_px), depth_mm, light)], lens, grid, most_rays=144)
+        counts = plans[0].counts
+        assert not counts[:4].any() and not counts[:, 5:].any()
+        assert least <= counts[8:, :1].min() and counts.max() <= most
 
 
 @pytest.mark.parametrize("size", [1e30, 1e37, 3e38])
