@@ -15,8 +15,10 @@
 #                  times each, and list findings: mutants that are neither read nor rejected (ten minutes); COUNT=100
 #                  and SEED=1 select others
 # make long-runs   check that 200 previews, 50 renders and 50 registrations do not increase the memory (ten minutes)
-# make bench       measure the engine's time and memory, compared with the paper's method (ten minutes): build/bench
-# make bench-all   make bench, then the paper's method at equal error, supersampling, and the cost of a scene (an hour)
+# make bench       measure the engine's time and memory, compared with the paper's method: build/bench; and the whole
+#                  job, from the scene to the lens image, compared with a plain render (fifteen minutes)
+# make bench-all   make bench, then the paper's method at equal error, supersampling, the cost of a scene, and the noise
+#                  and bias of passes with few samples (an hour)
 # make validate    compare the Cornell box with Mitsuba 3, and lenses with rays traced through them (ten minutes), also
 #                  in depth (an hour); and depth with Optiland's rays through ../shared/data/prescriptions, or
 #                  PRESCRIPTIONS=FOLDER (ten minutes)
@@ -129,11 +131,13 @@ long-runs: $(READY) kernels
 
 bench: $(READY) kernels
 	$(VENV)/bin/python benchmarks/bench.py build/bench
+	$(VENV)/bin/python -W ignore benchmarks/whole_job.py
 
 bench-all: bench
 	$(VENV)/bin/python benchmarks/accuracy_figures.py
 	$(VENV)/bin/python benchmarks/supersampling.py
 	$(VENV)/bin/python -W ignore benchmarks/scene_figures.py
+	$(VENV)/bin/python -W ignore benchmarks/noise_of_samples.py
 
 validate: $(VALIDATE)/.ready $(BAKE_READY) kernels
 	$(VALIDATE)/bin/python -W ignore validation/cornell_truth.py build/validation

@@ -1,10 +1,11 @@
 """Measure what few samples cost and leave: noise and bias of captures with a control variate, and their seconds.
 
-    python benchmarks/noise_of_samples.py [FILE.blend or cornell ...] [--seeds 3] [--size WIDTHxHEIGHT] [--samples N]
+    .venv/bin/python benchmarks/noise_of_samples.py [FILE.blend or cornell ...] [--seeds 3] [--size WIDTHxHEIGHT] [--samples N]
 
 prints a line for each scene, by default the sample scene and the Cornell box. Each seed is rendered plainly by Cycles,
-captured in *Standard*, and captured again with all samples in each pass. See LEGEND for the columns. Scenes without a
-camera or without light get one. A bias of 0.3 % needs more seeds than the noise: 32 of 64 samples suffice.
+captured in *Standard*, and captured again with all samples in each pass, always with the camera's view. See LEGEND for
+the columns. Scenes without a camera or without light get one. Costs need a larger picture than noise (320x240), because
+small renders mostly synchronise the scene; a bias of 0.3 % needs more seeds.
 """
 
 import argparse
@@ -56,7 +57,8 @@ def open_scene(name, size, options):
         scene = cornell_blender.build(rows, options.samples)
         columns = rows
     else:
-        bpy.ops.wm.open_mainfile(filepath=str(name), use_scripts=False)
+        with quiet(1):
+            bpy.ops.wm.open_mainfile(filepath=str(name), use_scripts=False)
         scene = bpy.context.scene
     scene.render.engine, scene.cycles.device = "CYCLES", "CPU"
     scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = columns, rows, 100
@@ -92,8 +94,8 @@ def captured(scene, options, seed, samples, whole=False):
     with tempfile.TemporaryDirectory() as folder, quiet(1), ExitStack() as changes:
         if whole:
             changes.enter_context(patch.object(radiance, "shares_noise", lambda *_: False))
-        job = job_of_frame(scene, scene.frame_current, lens=options.lens, output_folder=Path(folder), depth="off",
-                           unfit="render", denoise="on" if options.denoise else "off")
+        job = job_of_frame(scene, scene.frame_current, lens=options.lens, output_folder=Path(folder), view="camera",
+                           depth="off", unfit="render", denoise="on" if options.denoise else "off")
         result = Result.of(scene, Path(folder), job.frame)
         capture, seconds = drained(radiance.capture(scene, job, result, 1.0))
     picture = capture.radiance.frame()
@@ -142,7 +144,7 @@ def figures(scene, options):
     noise, of_all = (np.mean([np.median(colour_errors(pixels[0], each, nm)) for each in cubes]) for cubes in spectra)
     sensor, sensor_of_all = (np.mean([sensor_error(pixels[0], each, nm) for each in cubes]) for cubes in spectra)
     bias = bias_of(np.array([one[0] - other[0] for one, other in zip(few, every, strict=True)]), truth)
-    return [judged(costs[0], MOST_COST, ".2f"), f"{costs[1]:.2f} ", f"{noise:.2f} ", f"{of_all:.2f} ",
+    return [judged(costs[0], MOST_COST, ".2f"), f"{costs[1]:.2f} ", f"{noise:.3f} ", f"{of_all:.3f} ",
             judged(noise / of_all, MOST_NOISE, ".2f"), f"{sensor / sensor_of_all:.2f} ",
             *(f"{value:.2%} " for value in bias[:2]), judged(bias[2], MOST_BIAS, ".2%")], few[-1][2]
 

@@ -1,6 +1,6 @@
 """Measure the whole job: a scene's lens picture by tiers, relative to a plain render by Cycles.
 
-    python benchmarks/whole_job.py [FILE.blend] [--size WIDTHxHEIGHT] [--samples N] [--lens NAME]
+    .venv/bin/python benchmarks/whole_job.py [FILE.blend] [--size WIDTHxHEIGHT] [--samples N] [--lens NAME]
 
 prints, for a plain render and each tier, processor seconds by stage and their sum relative to the plain render, which
 has the same size and samples. Each job is a process with an empty cache, so its lens is baked anew.
@@ -82,7 +82,7 @@ def main():
         stages, samples = stages_of(options, options.job)
         print(json.dumps({"stages": stages, "samples": samples}))
         return
-    print(f"{options.blend.name}, {options.size} px, {options.samples} samples, {options.lens}: processor seconds")
+    print(f"the whole job: {options.blend.name}, {options.size} px, {options.samples} samples, {options.lens}: processor seconds", flush=True)
     print(f"{'':<17}" + "".join(f"{stage:>9}" for stage in (*STAGES, "sum", "multiple")))
     plain_s = None
     for name in JOBS:

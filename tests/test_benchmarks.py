@@ -4,6 +4,8 @@ import json
 import subprocess
 import sys
 
+import pytest
+
 from places import ROOT
 
 BENCHMARKS = ROOT / "benchmarks"
@@ -20,6 +22,23 @@ def test_a_case_is_measured():
     facts = json_output("measure_case.py", json.dumps(task))
     assert min(facts[each] for each in ("processor_s", "waited_s", "later_s")) > 0
     assert 0 < facts["bound"] <= 0.01
+
+
+def test_the_whole_job_is_measured_by_stages():
+    facts = json_output("whole_job.py", "--job", "standard", "--size", "32x24", "--samples", "8")
+    assert all(facts["stages"][name] > 0 for name in ("Cycles", "filter", "rest")) and "of 8 samples" in facts["samples"]
+
+
+def test_cost_noise_and_bias_of_few_samples_are_measured():
+    """The Cornell box, in passes of 8 of 16 samples at most: too small for its limits."""
+    printed = subprocess.run([sys.executable, "-W", "ignore", "noise_of_samples.py", "cornell", "--size", "32x32",
+                              "--samples", "16", "--reference", "2", "--seeds", "2"], cwd=BENCHMARKS, check=True,
+                             capture_output=True, text=True).stdout
+    name, *cells = printed.splitlines()[-1].split()
+    cost, whole, noise, of_all, ratio = (float(cell.rstrip("!")) for cell in cells[:5])
+    assert name == "cornell" and cost > 0 and whole > 0
+    assert ratio == pytest.approx(noise / of_all, abs=0.01) and 0.5 < ratio < 2
+    assert "of 16 samples in 1 of 2 passes" in printed
 
 
 def test_the_worst_points_approach_the_bound_without_exceeding_it():
