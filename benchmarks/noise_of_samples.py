@@ -1,6 +1,7 @@
 """Measure what few samples cost and leave: noise and bias of captures with a control variate, and their seconds.
 
-    .venv/bin/python benchmarks/noise_of_samples.py [FILE.blend or cornell ...] [--seeds 3] [--size WIDTHxHEIGHT] [--samples N]
+    .venv/bin/python benchmarks/noise_of_samples.py [FILE.blend or cornell ...] [--seeds 3] [--size WIDTHxHEIGHT]
+        [--samples N]
 
 prints a line for each scene, by default the sample scene and the Cornell box. Each seed is rendered plainly by Cycles,
 captured in *Standard*, and captured again with all samples in each pass, always with the camera's view. See LEGEND for

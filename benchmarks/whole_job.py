@@ -82,7 +82,8 @@ def main():
         stages, samples = stages_of(options, options.job)
         print(json.dumps({"stages": stages, "samples": samples}))
         return
-    print(f"the whole job: {options.blend.name}, {options.size} px, {options.samples} samples, {options.lens}: processor seconds", flush=True)
+    print(f"the whole job: {options.blend.name}, {options.size} px, {options.samples} samples, {options.lens}: "
+          "processor seconds", flush=True)
     print(f"{'':<17}" + "".join(f"{stage:>9}" for stage in (*STAGES, "sum", "multiple")))
     plain_s = None
     for name in JOBS:

@@ -26,7 +26,8 @@ def test_a_case_is_measured():
 
 def test_the_whole_job_is_measured_by_stages():
     facts = json_output("whole_job.py", "--job", "standard", "--size", "32x24", "--samples", "8")
-    assert all(facts["stages"][name] > 0 for name in ("Cycles", "filter", "rest")) and "of 8 samples" in facts["samples"]
+    assert all(facts["stages"][name] > 0 for name in ("Cycles", "filter", "rest"))
+    assert "of 8 samples" in facts["samples"]
 
 
 def test_cost_noise_and_bias_of_few_samples_are_measured():
