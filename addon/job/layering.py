@@ -48,12 +48,13 @@ class _Part:
     ----------
     slab : Slab
     cube, alpha : arrays, modified in place
+    detail : Detail or None
     clip_mm : array (row, column)
         Depths as the camera clips; known at every pixel with content.
     """
 
     def __init__(self, light):
-        self.slab, self.cube, self.alpha = light.slab, light.radiance(), light.alpha
+        self.slab, self.cube, self.alpha, self.detail = light.slab, light.radiance(), light.alpha, light.detail
         self.clip_mm = light.depth_m * np.float32(M_TO_MM)
         unknown = self.clip_mm >= BACKGROUND_MM
         if light.slab.transparent and unknown.all():  # only content that the depth pass ignores
@@ -69,7 +70,7 @@ class _Part:
         limit_mm[self.slab.region] = self.clip_mm
         depth_mm = planar_depth_mm(limit_mm, lens, capture)[self.slab.region]
         depth_mm = np.where(np.isnan(depth_mm), self.clip_mm, depth_mm)  # NaN: a fisheye that sees sideways and back
-        return Layer(self.cube, self.alpha, depth_mm, tuple(side.start for side in self.slab.region))
+        return Layer(self.cube, self.alpha, depth_mm, tuple(side.start for side in self.slab.region), self.detail)
 
 
 def _close_seam(near, far, seam_per_mm):

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...engine.image.detail import Detail, merged
 from ...engine.pictures.spectral_exr import read_parts
 from ...engine.runtime.errors import ImageError
 from ...engine.runtime.files import file_status, why_no_room
@@ -30,12 +31,15 @@ class PassLight:
     alpha, depth_m : float32 arrays (row, column)
     guides : float32 array (plane, row, column)
         For the denoiser; no planes without one.
+    detail : Detail or None
+        Of the light of all lamps.
     """
 
     cube: np.ndarray
     alpha: np.ndarray
     depth_m: np.ndarray
     guides: np.ndarray
+    detail: Detail | None = None
 
     @property
     def held(self):
@@ -44,7 +48,8 @@ class PassLight:
 
     def within(self, part):
         """The light of a part, given as slices of rows and columns."""
-        return PassLight(*(plane[(..., *part)] for plane in (self.cube, self.alpha, self.depth_m, self.guides)))
+        return PassLight(*(plane[(..., *part)] for plane in (self.cube, self.alpha, self.depth_m, self.guides)),
+                         self.detail and self.detail.within(*part))
 
 
 class GatheredLight:
@@ -71,6 +76,8 @@ class GatheredLight:
         Of the region.
     alpha, depth_m : float32 arrays (row, column)
         From the last pass.
+    detail : Detail or None
+        From the first pass.
     empty : bool
         Whether the first pass was empty.
     """
@@ -80,6 +87,7 @@ class GatheredLight:
         self._light_passes = [f"{layer_name}.Combined", *(f"{layer_name}.Combined_{name}" for name in group_names)]
         self._depth_pass = depth_pass(layer_name)
         self.cube, self.alpha, self.depth_m, self.empty, self._blocks = None, None, None, False, {}
+        self.detail = None
 
     def is_spare(self, lights):
         """Whether it can be left out of `lights`, sorted from near to far: the first pass was empty, or a nearer slab
@@ -112,6 +120,22 @@ class GatheredLight:
         return PassLight(cube, alpha, depth_pass_m(planes[self._depth_pass], self._unit_m),
                          np.array([planes[name] for name in guides]).reshape(-1, *shape_px))
 
+    def in_whole_pixels(self, planes, names, times):
+        """Planes of whole pixels, by name, from planes of pixels that are divided into `times` x `times`: the mean, or
+        the lower median of depths, because their mean may lie between two surfaces."""
+        return {name: (_lower_median if name == self._depth_pass else _mean)(planes[name], times)
+                for name in names}
+
+    def picture(self, planes):
+        """The light of all lamps in a pass, from its planes by name: array (channel, row, column)."""
+        return np.array([planes[f"{self._light_passes[0]}.{channel}"] for channel in CHANNELS])
+
+    def detail_of(self, index, picture, times):
+        """The Detail of a pass, from the light of all lamps in pixels that are divided into `times` x `times`: array
+        (channel, row, column)."""
+        nm = self._plan.choice.nodes_nm[self._plan.nodes(index)]
+        return Detail.of(picture[:nm.size], nm, times)
+
     def add(self, index, light):
         """Add a pass's PassLight, and store its depth and alpha."""
         if self.cube is None:
@@ -120,6 +144,7 @@ class GatheredLight:
                 around = _around(held)
                 light = light.within(around)
                 self.slab, self.empty = self.slab.within(around), not held.any()
+            self.detail = light.detail
             self.cube = new_array((self._plan.choice.output_nm.size, *light.alpha.shape), self._scratch)
         self.depth_m, self.alpha = light.depth_m, light.alpha
         mix = self._plan.mix(index)
@@ -166,6 +191,16 @@ def read_pass(path, needed):
         why = why_no_room(path.parent, (status.st_size if status else 0) + MORE_BYTES)
         raise SceneError(path, "render pass", "incomplete", why or "see Blender's messages above")
     return planes
+
+
+def _mean(plane, times):
+    return merged(plane[None], times)[0]
+
+
+def _lower_median(plane, times):
+    rows, columns = plane.shape
+    parts = plane.reshape(rows // times, times, columns // times, times).swapaxes(1, 2)
+    return np.sort(parts.reshape(rows // times, columns // times, -1))[..., (times**2 - 1) // 2]
 
 
 def depth_pass(layer_name):

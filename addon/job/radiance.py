@@ -27,7 +27,7 @@ from .finished_passes import FinishedPasses, alone_with_passes
 from .layering import layered_radiance
 from .light import GatheredLight
 from .remarks import colour_remarks, scale_remarks, scene_remarks, unlayered_remarks
-from .sampled_passes import CONTROL_CUBES, SampledPasses, WholePasses, shares_noise
+from .sampled_passes import CONTROL_CUBES, SampledPasses, WholePasses, detail_times, shares_noise
 from .scene_plan import plan_scene
 from .slabs import cut_steps, single_slab
 from .steps import RenderPass, Work
@@ -37,6 +37,7 @@ BACKGROUND_M = 1e10
 LOOK_SHARE = 0.01  # of the capture's time, for the depth pre-pass
 PASS_BYTES, LAMP_BYTES = 100, 40  # per pixel of a pass, in Cycles, in Blender and on reading; plus this for each lamp
 DENOISE_BYTES, MOST_DENOISE = 800, 3e9  # for the denoiser: bytes per pixel, and their upper limit in total
+DETAIL_BYTES = 2  # per part of a pixel and wavelength
 PLANES_BYTES, MEGABYTE = 8, 1e6  # the first: per pixel, for each slab's planes in addition to its light
 
 
@@ -122,8 +123,10 @@ def room_for_capture(scene, job, grid, plan, slabs=()):
     light_bytes = 0 if scratch else SAMPLE_BYTES * planes
     control_bytes = 0 if scratch else SAMPLE_BYTES * control_planes
     flat_bytes = light_bytes * pixels if len(slabs) > 1 else 0  # the pinhole's view of all slabs, after the passes
-    needed = (gathered_px * (light_bytes + control_bytes + PLANES_BYTES)
-              + max(pass_bytes(pixels, lamps, job.denoises), flat_bytes))
+    parts = detail_times(scene, job, plan, pixels)**2
+    detail_bytes = DETAIL_BYTES * WAVELENGTHS_PER_PASS * parts if parts > 1 else 0
+    needed = (gathered_px * (light_bytes + control_bytes + detail_bytes + PLANES_BYTES)
+              + max(pass_bytes(parts * pixels, lamps, job.denoises), flat_bytes))
     check_room(f"scene {scene.name!r}", needed, "render a smaller picture, or fewer wavelengths")
     if scratch:
         pictures = 2 + (len(slabs) > 1)  # the farthest slab's light, the irradiance, and a pinhole's view of the slabs
@@ -181,7 +184,8 @@ def capture(scene, job, result, share):
                   for slab in slabs]
         clamps = clamps_of(scene)
         if shares_noise(scene, job, plan):
-            sampled = SampledPasses(passes, folder / "pass.exr", len(plan.bands), scene, scratch, journal, job.denoises)
+            sampled = SampledPasses(passes, folder / "pass.exr", len(plan.bands), scene, scratch, journal, job.denoises,
+                                    capture_px, detail_times(scene, job, plan, math.prod(capture_px.shape_px)))
         else:
             sampled = WholePasses(passes, folder / "pass.exr", len(plan.bands))
         fraction, share = LOOK_SHARE * share, (1 - LOOK_SHARE) * share / len(lights)
@@ -214,8 +218,9 @@ def capture(scene, job, result, share):
         radiance, alpha = cropped.flat(), cropped.flat_alpha()
     else:
         cube, alpha = (_placed(planes, rendered, grid) for planes in (lights[0].radiance(), lights[0].alpha))
+        detail = lights[0].detail and lights[0].detail.placed(*rendered, grid.shape_px)
         radiance = SpectralImage(cube, job.wavelengths_nm, grid, focal_mm=job.lens.capture_focal_length_mm,
-                                 exposure=exposure)
+                                 exposure=exposure, detail=detail)
     picture = _picture_part(region, grid)
     of_capture += [*colour_remarks(plan), *empty.after_render(not np.any(radiance.cube[(..., *picture)]),
                                                        film and not np.any(alpha[picture]))]

@@ -17,8 +17,9 @@ import numpy as np
 from ...engine.runtime.scratch import new_array, release_memory
 from ...engine.spectral.control_variate import estimate, noise_growth, remaining_shares
 from ...engine.spectral.wavelength_choice import STANDARD
+from ...request import ON
 from ..scene.denoise import denoised, guide_planes, render_with_guides
-from ..scene.render_state import effective_samples, rendered_layer, show_samples
+from ..scene.render_state import effective_samples, rendered_layer, show_noise, show_samples, show_slab
 from .bands import WAVELENGTHS_PER_PASS
 from .light import PassLight, place_in
 from .steps import Work
@@ -27,6 +28,9 @@ FEW, LEAST_FEW = 16, 4  # the first number of samples to try: one in 16, but at 
 ADAPTIVE_FEW = 64  # one in 64 of the limit of adaptive sampling, which takes fewer
 LEVELS = 4  # numbers of samples to try, each twice the one before
 MOST_GROWTH = 1.5  # noise in three quarters of the picture, relative to a pass with all samples
+FINER = 2  # parts of a pixel, down and across, in the rest of a pass's samples
+LEAST_FINE = 4  # samples of such a part
+MOST_FINE_PX = 2**25  # parts in a capture: larger pictures would take too much memory
 CONTROL_CUBES = LEVELS + 2  # pictures that a control variate stores for each slab
 
 
@@ -36,6 +40,15 @@ def shares_noise(scene, job, plan):
     return (job.spectral.tier == STANDARD and len(plan.bands) > 1 and plan.per_pass == WAVELENGTHS_PER_PASS
             and not job.traced and not cycles.time_limit and not cycles.use_sample_subset
             and effective_samples(scene) >= 2 * LEAST_FEW)
+
+
+def detail_times(scene, job, plan, pixels):
+    """Parts of a capture's pixels, down and across, in which the rest of a pass's samples are rendered; 1 for whole
+    pixels."""
+    if job.detail != ON or not shares_noise(scene, job, plan) or pixels * FINER**2 > MOST_FINE_PX:
+        return 1
+    ends = _sample_ends(scene)
+    return FINER if ends[-1] - ends[-2] >= LEAST_FINE * FINER**2 else 1
 
 
 class WholePasses:
@@ -93,22 +106,28 @@ class SampledPasses(WholePasses):
     journal : Journal
     denoise : bool
         Whether to denoise the pass with all samples, and the estimates of the others.
+    capture : PixelGrid
+    times : int
+        From `detail_times`. The first pass has a detail if it is above 1.
     """
 
-    def __init__(self, passes, path, count, scene, scratch, journal, denoise):
+    def __init__(self, passes, path, count, scene, scratch, journal, denoise, capture, times):
         super().__init__(passes, path, count)
         self.order.insert(0, self.order.pop((count - 1) // 2))  # the one in the middle of the spectrum
         self._scene, self._scratch, self._journal = scene, scratch, journal
+        self._capture, self._times = capture, times
         self._guides = guide_planes(scene) if denoise else []
         if denoise:
             render_with_guides(scene, journal)
         self._samples, self._adaptive = effective_samples(scene), scene.cycles.use_adaptive_sampling
-        self._ends = _ends(self._samples, self._samples // (ADAPTIVE_FEW if self._adaptive else FEW))
+        self._ends = _sample_ends(scene)
         self._controls, self._taken = {}, []
         layer = rendered_layer(scene)
         journal.set(scene.cycles, "samples", self._samples)
         journal.set(layer, "samples", 0)  # no override of the scene's samples
         journal.set(layer.cycles, "pass_debug_sample_count", self._adaptive)
+        if self._adaptive and times > 1:
+            show_noise(scene, times, journal)
         self._count_plane = f"{layer.name}.Debug Sample Count.X"
 
     def share(self, index):
@@ -131,7 +150,7 @@ class SampledPasses(WholePasses):
         for span in pairwise(self._ends):
             parts.append(self._stored((yield from self._range(index, gathered, step, *span))))
         self._controls[gathered] = _Control(gathered.slab, parts)
-        return _mean(parts)
+        return replace(_mean(parts), detail=parts[-1].light.detail)
 
     def _helped_steps(self, index, gathered, step):
         """Steps of a pass with few samples, or with all if these leave too much noise; returns its PassLight."""
@@ -149,13 +168,34 @@ class SampledPasses(WholePasses):
 
     def _range(self, index, gathered, step, first, last):
         """Steps that render a range of a pass's samples, counted from the last one; returns _Samples."""
-        adaptive = self._adaptive and last == self._samples
-        show_samples(self._scene, self._samples - last, self._samples - first, adaptive, self._journal)
+        rest = last == self._samples
+        adaptive, times = self._adaptive and rest, self._times if rest else 1
+        begin, count = self._samples - last, last - first
+        if times > 1:
+            count = _power_of_two(count / times**2)
+        show_slab(self._scene, gathered.slab.finer(times), self._capture.finer(times), self._journal)
+        show_samples(self._scene, begin, begin + count, adaptive, self._journal)
         needed = [*gathered.planes, *self._guides, *[self._count_plane] * adaptive]
         step = replace(step, share=step.share * (last - first) / self._samples)
-        planes = yield from self._passes.planes(step, self._path, needed, index, first, last, *gathered.slab.facts)
-        count = (last - first) * planes[self._count_plane] if adaptive else last - first
-        return _Samples(count, gathered.light_of(planes, self._guides))
+        planes = yield from self._passes.planes(step, self._path, needed, index, first, last, times,
+                                                *gathered.slab.facts)
+        detail = None
+        if times > 1:
+            if index == self.order[0]:
+                detail = gathered.detail_of(index, self._picture(gathered, planes), times)
+            planes = gathered.in_whole_pixels(planes, needed, times)
+            count *= times**2
+        if adaptive:
+            count *= planes[self._count_plane]
+        return _Samples(count, replace(gathered.light_of(planes, self._guides), detail=detail))
+
+    def _picture(self, gathered, planes):
+        """The light of all lamps in a pass, denoised if requested: array (channel, row, column)."""
+        picture = gathered.picture(planes)
+        if not self._guides:
+            return picture
+        guides = np.array([planes[name] for name in self._guides])
+        return denoised(self._scene, picture[::-1], guides, self._path.parent)[::-1]
 
     def _stored(self, part):
         """The _Samples, in a scratch file if there is a folder for them."""
@@ -172,7 +212,19 @@ class SampledPasses(WholePasses):
         numbers = sorted({taken for taken, _ in self._taken})
         return (f"{' or '.join(map(str, numbers))} of {self._samples} samples in {len(self.order) - 1} of "
                 f"{len(self.order)} passes, with the other pass as control variate: three quarters of the picture have "
-                f"at most {max(growth for _, growth in self._taken):.2f} times the noise of all samples")
+                f"at most {max(growth for _, growth in self._taken):.2f} times the noise of all samples" + (
+                    f"; detail of {self._times} x {self._times} parts of each pixel" if self._times > 1 else ""))
+
+
+def _power_of_two(number):
+    """The power of two that is closest to a number, by their ratio: such samples have the least noise together."""
+    return 2 ** max(0, round(np.log2(number)))
+
+
+def _sample_ends(scene):
+    """The `_ends` of a scene's samples."""
+    samples = effective_samples(scene)
+    return _ends(samples, samples // (ADAPTIVE_FEW if scene.cycles.use_adaptive_sampling else FEW))
 
 
 def _ends(samples, few):

@@ -53,6 +53,10 @@ class Slab:
         """The values that identify the slab, in types that JSON supports."""
         return [self.near_m, self.far_m, [(side.start, side.stop) for side in self.region], self.transparent]
 
+    def finer(self, times):
+        """The slab for a capture with each pixel divided into `times` x `times`."""
+        return replace(self, region=tuple(slice(times * side.start, times * side.stop) for side in self.region))
+
     def within(self, part):
         """The slab, limited to this part of its region."""
         return replace(self, region=tuple(slice(outer.start + inner.start, outer.start + inner.stop)

@@ -11,6 +11,7 @@ RENDER = {"engine": "CYCLES", "use_border": False, "use_crop_to_border": False, 
           "use_single_layer": False, "use_stamp": False, "resolution_percentage": 100}
 CYCLES = {"film_exposure": 1.0, "pixel_filter_type": "BOX"}
 CLAMPS = "sample_clamp_direct", "sample_clamp_indirect"
+LEAST_THRESHOLD, MIN_SAMPLES, MIN_SAMPLES_POWER = 1e-3, 16, -0.3  # of Cycles' own choices for adaptive sampling
 HALF = 0.5  # of a pixel: protects the region from rounding
 IMAGE = {"media_type": "MULTI_LAYER_IMAGE", "file_format": "OPEN_EXR_MULTILAYER", "color_depth": "32",
          "exr_codec": "NONE"}  # files are read only once, and noise compresses badly
@@ -89,6 +90,15 @@ def show_samples(scene, first, last, adaptive, journal):
     read_again(scene)
 
 
+def show_noise(scene, times, journal):
+    """Let adaptive sampling of pixels that are divided into `times` x `times` leave the noise of the undivided ones."""
+    cycles = scene.cycles
+    threshold = cycles.adaptive_threshold or max(LEAST_THRESHOLD, 1 / cycles.samples)  # 0: Cycles' own choice
+    samples = cycles.adaptive_min_samples or MIN_SAMPLES * threshold**MIN_SAMPLES_POWER
+    journal.set(cycles, "adaptive_threshold", times * threshold)
+    journal.set(cycles, "adaptive_min_samples", max(1, round(samples / times**2)))
+
+
 def read_again(scene):
     """Make Cycles read the scene's settings and attributes again, which it otherwise keeps with persistent data.
 
@@ -99,12 +109,13 @@ def read_again(scene):
 
 
 def show_slab(scene, slab, capture, journal):
-    """Limit the render of a guarded scene to a slab: its depths, and its region of the capture."""
+    """Limit the render of a guarded scene to a slab: its depths, and its region of the capture, in these pixels."""
     unit_m = metres_per_unit(scene)
     scene.camera.data.clip_start, scene.camera.data.clip_end = slab.near_m / unit_m, slab.far_m / unit_m
     full = slab.region == tuple(slice(0, n) for n in capture.shape_px)
-    for name, value in (("film_transparent", slab.transparent), ("use_border", not full),
-                        ("use_crop_to_border", not full)):
+    rows, columns = capture.shape_px
+    for name, value in (("resolution_y", rows), ("resolution_x", columns), ("film_transparent", slab.transparent),
+                        ("use_border", not full), ("use_crop_to_border", not full)):
         journal.set(scene.render, name, value)
     if not full:
         guard_region(scene.render, slab.region, capture.shape_px, journal)

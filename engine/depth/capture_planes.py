@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import replace
 
+from ..image.detail import split_by_detail
 from ..image.layers import Radiance
 from ..image.nonfinite import clamp_fireflies, clamp_layers, refuse_fireflies
 from ..image.spectral_image import RADIANCE, SpectralImage
@@ -15,7 +16,8 @@ from .iris import Iris, opening
 
 
 def capture_planes(radiance: Radiance, lens: Lens, rays: Callable[[float], RayTable], *, fireflies: str,
-                   most_rays: int, most_of_lamps: int, iris: Iris | None, progress: Callable[[float], object],
+                   most_rays: int, most_of_lamps: int, iris: Iris | None, times: int,
+                   progress: Callable[[float], object],
                    stage: Callable[[str], AbstractContextManager[object]]) -> Iterator[CastPlane]:
     """Yield the planes of a capture, wavelength by wavelength. Flat radiance counts as in focus.
 
@@ -30,6 +32,8 @@ def capture_planes(radiance: Radiance, lens: Lens, rays: Callable[[float], RayTa
     most_rays, most_of_lamps : int
         See `cast`.
     iris : Iris or None
+    times : int
+        Parts of a pixel, down and across, in the planes' in-focus radiance.
     progress : callable (fraction)
         For layers it reports casting, which takes longest.
     stage : callable (name) -> context manager
@@ -45,21 +49,22 @@ def capture_planes(radiance: Radiance, lens: Lens, rays: Callable[[float], RayTa
     if fireflies == "refuse":
         refuse_fireflies(radiance)
     if isinstance(radiance, SpectralImage):
-        return _in_focus(radiance, fireflies == "clamp", progress)
+        return _in_focus(radiance, fireflies == "clamp", times, progress)
     layered, clamped = clamp_layers(radiance) if fireflies == "clamp" else (radiance, 0)
 
     def trace():
         with stage("rays"):
             return rays(opening(iris, lens).reach)
 
-    planes = cast(layered, lens, trace, most_rays=most_rays, most_of_lamps=most_of_lamps, iris=iris, progress=progress)
+    planes = cast(layered, lens, trace, most_rays=most_rays, most_of_lamps=most_of_lamps, iris=iris, times=times,
+                  progress=progress)
     return _in_depth(planes, clamped, stage)
 
 
-def _in_focus(image, clamp, progress):
-    for number, plane in enumerate(image.cube, 1):
+def _in_focus(image, clamp, times, progress):
+    for number, (plane, nm) in enumerate(zip(image.cube, image.wavelengths_nm, strict=True), 1):
         plane, clamped = clamp_fireflies(plane) if clamp else (plane, 0)
-        yield CastPlane(plane, clamped=clamped)
+        yield CastPlane(split_by_detail(plane, image.detail, nm, times), clamped=clamped)
         progress(number / len(image.cube))
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..field.field_map import field_map, packed_ray_values
+from ..image.detail import split_by_detail
 from ..image.layers import LayeredRadiance, Radiance
 from ..kernels.cast import TOGETHER, Casting
 from ..kernels.cast import cast as compiled_cast
@@ -37,7 +38,7 @@ class CastPlane:
 
     Attributes
     ----------
-    sharp : float32 array (row, column) of the capture
+    sharp : float32 array (row, column) of the capture, with each pixel split into `times` x `times`
         In-focus radiance, as a pinhole sees it without the out-of-focus surfaces.
     blurred : float32 array (row, column) of the frame
         Out-of-focus radiance with occlusion, as a mean weighted with the light of the pixel's rays.
@@ -58,7 +59,7 @@ class CastPlane:
 
 
 def cast(layered: LayeredRadiance, lens: Lens, trace: Callable[[], RayTable], *, most_rays: int = 64,
-         most_of_lamps: int | None = None, iris: Iris | None = None,
+         most_of_lamps: int | None = None, iris: Iris | None = None, times: int = 1,
          progress: Callable[[float], object] = lambda fraction: None) -> Iterator[CastPlane]:
     """Cast layered radiance along the lens's rays: yield a plane for each wavelength.
 
@@ -81,6 +82,8 @@ def cast(layered: LayeredRadiance, lens: Lens, trace: Callable[[], RayTable], *,
     iris : Iris, optional
         The blades that stop the lens down; by default the stop is round. Both openings have the same area, so light and
         f-number do not change.
+    times : int
+        Parts of a pixel, down and across, in the planes' in-focus radiance.
     progress : callable (fraction), optional
 
     Yields
@@ -90,18 +93,19 @@ def cast(layered: LayeredRadiance, lens: Lens, trace: Callable[[], RayTable], *,
     """
     layers = prepare_layers(layered.layers, layered.grid, lens)
     if not any(layer.out_of_focus for layer in layers) or not any(layer.layer.cube.any() for layer in layers):
-        return _in_focus(layers, layered, progress)
-    return _cast(layers, layered, lens, trace(), most_rays, most_of_lamps or most_rays, opening(iris, lens), progress)
+        return _in_focus(layers, layered, times, progress)
+    return _cast(layers, layered, lens, trace(), most_rays, most_of_lamps or most_rays, opening(iris, lens), times,
+                 progress)
 
 
-def _in_focus(layers, layered, progress):
+def _in_focus(layers, layered, times, progress):
     shares = _sharp_shares(layers, layered.grid.shape_px)
     for index in range(layered.wavelengths_nm.size):
-        yield CastPlane(_sharp(layers, shares, index, layered.grid.shape_px))
+        yield CastPlane(_sharp(layers, shares, index, layered, times))
         progress((index + 1) / layered.wavelengths_nm.size)
 
 
-def _cast(layers, layered, lens, rays, most_rays, most_of_lamps, stop, progress):
+def _cast(layers, layered, lens, rays, most_rays, most_of_lamps, stop, times, progress):
     capture, wavelengths_nm = layered.grid, layered.wavelengths_nm
     sensor, count = capture.frame(), wavelengths_nm.size
     focal_mm = layered.focal_mm or lens.capture_focal_length_mm
@@ -116,7 +120,7 @@ def _cast(layers, layered, lens, rays, most_rays, most_of_lamps, stop, progress)
     shares = _sharp_shares(layers, capture.shape_px)
     for first in range(0, count, TOGETHER):
         group = slice(first, min(first + TOGETHER, count))
-        sharp = [_sharp(layers, shares, index, capture.shape_px) for index in range(group.start, group.stop)]
+        sharp = [_sharp(layers, shares, index, layered) for index in range(group.start, group.stop)]
         blurred, clear = (np.full((len(sharp), *sensor.shape_px), value, np.float32) for value in (0, 1))
         if counts.size:
             scale = 1.0 if all(layer.largest(group) <= SUMMABLE for layer in layers) else DIMMED
@@ -135,6 +139,8 @@ def _cast(layers, layered, lens, rays, most_rays, most_of_lamps, stop, progress)
         else:
             progress(group.stop / count)
         for number, nm in enumerate(wavelengths_nm[group]):
+            if times > 1:
+                sharp[number] = _sharp(layers, shares, first + number, layered, times)
             yield CastPlane(sharp[number], blurred[number], clear[number], pixel_rays.irradiance_per_radiance(nm))
             sharp[number] = None  # to free its memory
         del blurred, clear
@@ -192,10 +198,12 @@ def _sharp_shares(layers, shape_px):
     return shares
 
 
-def _sharp(layers: list[PreparedLayer], shares, index, shape_px):
-    """In-focus light at a wavelength, as the pinhole sees it."""
-    sharp = np.zeros(shape_px, np.float32)
+def _sharp(layers: list[PreparedLayer], shares, index, layered, times=1):
+    """In-focus light at a wavelength, as the pinhole sees it, with each pixel split into `times` x `times`."""
+    sharp, nm = np.zeros([times * n for n in layered.grid.shape_px], np.float32), layered.wavelengths_nm[index]
     for layer, share in zip(layers, shares, strict=True):
         if share is not None:
-            sharp[layer.layer.place] += share * layer.layer.cube[index]
+            light, detail = share * layer.layer.cube[index], layer.layer.detail if times > 1 else None
+            place = (slice(times * side.start, times * side.stop) for side in layer.layer.place)
+            sharp[*place] += split_by_detail(light, detail, nm, times)
     return sharp

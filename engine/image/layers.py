@@ -7,6 +7,7 @@ import numpy as np
 
 from ..runtime.errors import ImageError
 from ..runtime.scratch import zeros_stored_like
+from .detail import Detail
 from .pixel_grid import PixelGrid, is_integer
 from .sampling import Sampling
 from .spectral_image import SpectralImage, check_capture
@@ -29,6 +30,8 @@ class Layer:
         no meaning for pixels with alpha 0.
     origin_px : (int, int)
         The layer's first row and column in the capture: empty margins need not be stored.
+    detail : Detail or None
+        The distribution of its light inside the pixels; None if each pixel is even.
 
     Raises
     ------
@@ -40,6 +43,7 @@ class Layer:
     alpha: np.ndarray
     depth_mm: np.ndarray
     origin_px: tuple[int, int] = (0, 0)
+    detail: Detail | None = None
 
     def __post_init__(self) -> None:
         for name in ("cube", "alpha", "depth_mm"):
@@ -49,6 +53,8 @@ class Layer:
                              "expected radiance (wavelength, row, column), alpha and depth of the same pixels")
         if np.shape(self.origin_px) != (2,) or not all(map(is_integer, self.origin_px)):
             raise ImageError("layer", "origin_px", self.origin_px, "expected a row and a column")
+        if self.detail is not None and self.detail.shape_px != self.alpha.shape:
+            raise ImageError("layer", "detail", f"of {self.detail.shape_px} px", f"expected {self.alpha.shape}")
         object.__setattr__(self, "alpha", checked_alpha(self.alpha, "layer"))
         self._check_depth()
 
@@ -67,7 +73,7 @@ class Layer:
 
     @property
     def nbytes(self) -> int:
-        return self.cube.nbytes + self.alpha.nbytes + self.depth_mm.nbytes
+        return self.cube.nbytes + self.alpha.nbytes + self.depth_mm.nbytes + (self.detail.nbytes if self.detail else 0)
 
     def within(self, region: tuple[slice, slice]) -> "Layer":
         """The part in a region of the capture, as a layer for a capture of that region. It shares memory with this."""
@@ -77,14 +83,16 @@ class Layer:
                          for (first, last), origin in zip(common, self.origin_px, strict=True))
         (top, _), (left, _) = common
         return Layer(self.cube[:, rows, columns], self.alpha[rows, columns], self.depth_mm[rows, columns],
-                     (top - region[0].start, left - region[1].start))
+                     (top - region[0].start, left - region[1].start),
+                     self.detail and self.detail.within(rows, columns))
 
     def cropped(self) -> "Layer":
         """The layer without empty rows and columns at its sides; at least one pixel."""
         rows, columns = covered(self.alpha)
         top, left = self.origin_px
         return Layer(self.cube[:, rows, columns].copy(), self.alpha[rows, columns].copy(),
-                     self.depth_mm[rows, columns].copy(), (top + rows.start, left + columns.start))
+                     self.depth_mm[rows, columns].copy(), (top + rows.start, left + columns.start),
+                     self.detail and self.detail.within(rows, columns))
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +132,8 @@ class LayeredRadiance:
         if not self.layers:
             raise ImageError("layers", "layers", "none", "expected at least one")
         rows, columns = self.grid.shape_px
+        if len(times := {layer.detail.times for layer in self.layers if layer.detail}) > 1:
+            raise ImageError("layers", "detail", f"of {sorted(times)} parts", "expected the same for all layers")
         for number, layer in enumerate(self.layers, 1):
             down, across = layer.place
             if len(layer.cube) != self.wavelengths_nm.size:
@@ -136,6 +146,11 @@ class LayeredRadiance:
     @property
     def nbytes(self) -> int:
         return sum(layer.nbytes for layer in self.layers)
+
+    @property
+    def detail_times(self) -> int:
+        """Parts of a pixel, down and across, whose light is known."""
+        return max(layer.detail.times if layer.detail else 1 for layer in self.layers)
 
     @property
     def sampling(self) -> Sampling:

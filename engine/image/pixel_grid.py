@@ -115,6 +115,23 @@ class PixelGrid:
                        centre_px=(times * row + before, times * column + before),
                        overscan_px=(times * above, times * left))
 
+    def coarser(self, times: int) -> "PixelGrid":
+        """The same area with blocks of `times` x `times` pixels merged: the inverse of `finer`.
+
+        Raises
+        ------
+        ImageError
+            Frame or overscan is not a whole number of blocks.
+        """
+        if any(n % times for n in (*self.shape_px, *self.overscan_px)):
+            raise ImageError("image", "shape_px", self.shape_px,
+                             f"expected a frame and an overscan of multiples of {times} px, to merge {times} x {times}")
+        (rows, columns), (row, column), (above, left) = self.shape_px, self.centre_px, self.overscan_px
+        before = (times - 1) / 2  # the middle of the first block
+        return replace(self, shape_px=(rows // times, columns // times), pitch_um=self.pitch_um * times,
+                       centre_px=((row - before) / times, (column - before) / times),
+                       overscan_px=(above // times, left // times))
+
     def within_reach(self, reach_px: int) -> "PixelGrid":
         """The frame with at most `reach_px` pixels of the overscan on each side."""
         return self.cropped([max(0, overscan - reach_px) for overscan in self.overscan_px])

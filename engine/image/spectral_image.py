@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..runtime.errors import ImageError
+from .detail import Detail, merged
 from .pixel_grid import PixelGrid, is_positive
 from .projection import Projection
 from .sampling import Sampling
@@ -30,7 +31,7 @@ class SpectralImage:
     grid : PixelGrid, optional
     pitch_um, centre_px, overscan_px, projection : optional
         Attributes of the grid, to use instead of a grid or to override its values.
-    quantity, lens_name, f_number_effective, focal_mm, exposure
+    quantity, lens_name, f_number_effective, focal_mm, exposure, detail
         See below.
 
     Attributes
@@ -52,6 +53,8 @@ class SpectralImage:
         view.
     exposure : float
         The renderer's film exposure: pictures are multiplied by it to be as bright as the renderer's.
+    detail : Detail or None
+        The distribution of light inside the pixels of a radiance image; None if each pixel is even.
 
     Raises
     ------
@@ -67,12 +70,13 @@ class SpectralImage:
     f_number_effective: float | None
     focal_mm: float | None
     exposure: float
+    detail: Detail | None
 
     def __init__(self, cube: ArrayLike, wavelengths_nm: ArrayLike, grid: PixelGrid | None = None, *,
                  quantity: str = RADIANCE, lens_name: str = "", f_number_effective: float | None = None,
                  focal_mm: float | None = None, exposure: float = 1.0, pitch_um: float | None = None,
                  centre_px: Sequence[float] | None = None, overscan_px: Sequence[int] | None = None,
-                 projection: Projection | None = None) -> None:
+                 projection: Projection | None = None, detail: Detail | None = None) -> None:
         cube = np.asarray(cube, dtype=np.float32)
         wavelengths = np.atleast_1d(np.asarray(wavelengths_nm, dtype=np.float64))
         if cube.ndim == 2:
@@ -99,9 +103,11 @@ class SpectralImage:
             grid = replace(grid, **given)
         if grid.shape_px != cube.shape[1:]:
             raise ImageError("image", "cube", f"of {cube.shape[1:]} px", f"expected {grid.shape_px}, as in its grid")
+        if detail is not None and detail.shape_px != grid.shape_px:
+            raise ImageError("image", "detail", f"of {detail.shape_px} px", f"expected {grid.shape_px}")
         for name, value in (("cube", cube), ("wavelengths_nm", wavelengths), ("grid", grid), ("quantity", quantity),
                             ("lens_name", lens_name), ("f_number_effective", f_number_effective),
-                            ("focal_mm", focal_mm), ("exposure", float(exposure))):
+                            ("focal_mm", focal_mm), ("exposure", float(exposure)), ("detail", detail)):
             object.__setattr__(self, name, value)
 
     @property
@@ -131,6 +137,11 @@ class SpectralImage:
         return Sampling(self.grid, tuple(self.wavelengths_nm.tolist()))
 
     @property
+    def detail_times(self) -> int:
+        """Parts of a pixel, down and across, whose light is known."""
+        return self.detail.times if self.detail else 1
+
+    @property
     def light(self) -> np.ndarray:
         """An array (wavelength, row, column) that is stored where the image is: in memory or in a file."""
         return self.cube
@@ -142,8 +153,23 @@ class SpectralImage:
     def cropped(self, margin_px: Sequence[int]) -> "SpectralImage":
         """The image without `margin_px` (rows, columns) on each side, taken from its overscan."""
         rows, columns = margin_px
-        cube = self.cube[:, rows:self.cube.shape[1] - rows, columns:self.cube.shape[2] - columns]
-        return replace(self, cube=cube, grid=self.grid.cropped(margin_px))
+        inside = slice(rows, self.cube.shape[1] - rows), slice(columns, self.cube.shape[2] - columns)
+        return replace(self, cube=self.cube[:, *inside], grid=self.grid.cropped(margin_px),
+                       detail=self.detail and self.detail.within(*inside))
+
+    def coarser(self, times: int) -> "SpectralImage":
+        """Radiance in pixels that each merge `times` x `times` of these, with the detail of all wavelengths.
+
+        A sensor has these pixels, and its lens image is as sharp as the radiance.
+
+        Raises
+        ------
+        ImageError
+            Frame or overscan is not a whole number of such pixels.
+        """
+        grid = self.grid.coarser(times)
+        return replace(self, cube=merged(self.cube, times), grid=grid,
+                       detail=Detail.of(self.cube, self.wavelengths_nm, times))
 
 
 def check_capture(where: str, wavelengths_nm: np.ndarray, focal_mm: float | None, exposure: float) -> None:

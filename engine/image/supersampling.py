@@ -14,6 +14,18 @@ def split_pixels(picture: np.ndarray, times: int) -> np.ndarray:
     return parts.reshape(rows * times, columns * times)
 
 
+def softening_px(times: int, supersampling: int) -> float:
+    """The softening of a lens image by its pixels, beyond the lens and the pixel's own aperture: the standard deviation
+    of the additional blur along an axis, in pixels.
+
+    Light is known in `times` x `times` parts of a pixel, and blurred in `supersampling` x `supersampling` parts. A
+    known part is a mean over its area, and counts as constant there; a blurred part is a mean, too, and shines evenly
+    from its area. Each of these four is a blur with a variance of w^2 / 12, for parts w px wide. Where the lens leaves
+    pixels in place, as on the axis, there is less.
+    """
+    return float(np.sqrt((times**-2 + supersampling**-2) / 6))
+
+
 def merge_pixels(picture: np.ndarray, times: int) -> np.ndarray:
     """Means of blocks of `times` x `times` pixels, as a sensor's pixel averages: the inverse of `split_pixels`."""
     if times == 1:

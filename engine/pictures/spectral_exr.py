@@ -27,6 +27,7 @@ from ..runtime.inputs import check_input
 from ..runtime.memory import check_room
 from ..runtime.scratch import is_large, new_array, release_memory
 from ..runtime.threads import thread_count
+from .detail_channels import detail_of, detail_planes, is_detail
 from .preview import to_rec709
 
 CHANNEL = re.compile(r"^(?:S0|T)\.(\d*,?\d*(?:[Ee][+-]?\d+)?)(Y|Z|E|P|T|G|M|k|h|da|d|c|m|u|n|p)?(m|Hz)$")
@@ -58,8 +59,9 @@ def write_exr(image: SpectralImage, path: str | os.PathLike, other_planes: dict[
     """Write a spectral image to a file, which appears complete or not at all.
 
     Radiance has the layout's attribute `emissiveUnits`. Irradiance, for which the layout defines no unit, does not.
-    Both have attributes with the prefix `lensfield:`: quantity, units, pitchUm, and centrePx, the point where the
-    optical axis meets the picture, as row and column, in this order and in the pixel coordinates of the windows.
+    The channels of a `Detail` are in `detail_channels.py`. Both have attributes with the prefix `lensfield:`: quantity,
+    units, pitchUm, and centrePx, the point where the optical axis meets the picture, as row and column, in this order
+    and in the pixel coordinates of the windows.
     Captured radiance has focalMm, and a panorama's also projection and anglePerRadius, as in `Projection`; irradiance
     has lens and fNumberEffective. If R, G and B are exposed, exposure is the factor; the spectral channels are never
     exposed.
@@ -74,7 +76,7 @@ def write_exr(image: SpectralImage, path: str | os.PathLike, other_planes: dict[
         The layers of the picture; each is written with its alpha A, and its depth Z in metres.
     """
     planes = _spectral_planes(image.cube, image.wavelengths_nm, path) | _rgb_planes(to_rec709(image))
-    planes |= other_planes or {}
+    planes |= detail_planes(image.detail) | (other_planes or {})
     _write([(_header(image), planes), *(_layer_parts(layered, path) if layered else ())], path)
     for cube in (image.cube, *(layer.cube for layer in (layered.layers if layered else ()))):
         release_memory(cube)
@@ -95,7 +97,8 @@ def _layer_parts(layered, path):
         origin = layer.origin_px[0] - above, layer.origin_px[1] - left
         depth_m = np.where(layer.depth_mm < BACKGROUND_MM, layer.depth_mm, BACKGROUND_MM) / np.float32(M_TO_MM)
         yield (_windows(layered.grid.frame_px, origin, layer.alpha.shape),
-               _spectral_planes(layer.cube, layered.wavelengths_nm, path) | {"A": layer.alpha, "Z": depth_m})
+               _spectral_planes(layer.cube, layered.wavelengths_nm, path) | detail_planes(layer.detail)
+               | {"A": layer.alpha, "Z": depth_m})
 
 
 def _windows(frame_px, origin_px, shape_px):
@@ -158,7 +161,7 @@ def _write_zipped(planes, path):
 def _write(parts, path):
     parts[0][0]["software"] = software()
     names = [FIRST_PART, *(f"{LAYER_PART}{index}" for index in range(1, len(parts)))] if len(parts) > 1 else [""]
-    parts = [OpenEXR.Part(header, {name: np.ascontiguousarray(plane, np.float32) for name, plane in planes.items()},
+    parts = [OpenEXR.Part(header, {name: _contiguous(plane) for name, plane in planes.items()},
                           name) for (header, planes), name in zip(parts, names, strict=True)]
     with atomic_path(path) as temporary, exr_threads(), OpenEXR.File(parts) as file:
         try:
@@ -167,6 +170,11 @@ def _write(parts, path):
         except RuntimeError as error:
             raise OSError(str(error)) from None
         _check_written(temporary, parts)
+
+
+def _contiguous(plane):
+    """A plane as a file stores it: in half precision if it is, otherwise in single."""
+    return np.ascontiguousarray(plane, np.float16 if plane.dtype == np.float16 else np.float32)
 
 
 def _check_written(path, parts):
@@ -220,17 +228,18 @@ def read_exr(path: str | os.PathLike, pitch_um: float | None = None) -> Spectral
 
 
 def read_header(path: str | os.PathLike) -> tuple[SpectralImage, list[str]]:
-    """The image of a file without its light, from the header alone, and the names of its channels.
+    """The image of a file without its light and detail, from the header alone, and the names of its other channels.
 
     Its cube takes no memory: all pixels are the same zero.
     """
     header = read_parts(path, header_only=True)[0][0]
+    names = [name for name in header["channel names"] if not is_detail(name)]
 
     def black(channels, names):
         (left, top), (right, bottom) = np.array(header["dataWindow"], dtype=int).tolist()
         return np.broadcast_to(np.float32(0), (len(names), bottom - top + 1, right - left + 1))
 
-    image, channels = _first_image([(header, dict.fromkeys(header["channel names"]))], path, None, black)
+    image, channels = _first_image([(header, dict.fromkeys(names))], path, None, black)
     return image, list(channels)
 
 
@@ -323,7 +332,7 @@ def _layer(header, channels, wavelengths_nm, overscan_px, path):
     left, top = header["dataWindow"][0]
     return Layer(np.stack([channels[channel_name(nm)] for nm in wavelengths_nm]), channels["A"],
                  np.where(depth_mm >= BACKGROUND_MM, np.float32(np.inf), depth_mm),
-                 (int(top + overscan_px[0]), int(left + overscan_px[1])))
+                 (int(top + overscan_px[0]), int(left + overscan_px[1])), detail_of(channels, header["name"]))
 
 
 def _stacked(channels, names):
@@ -354,7 +363,7 @@ def _first_image(parts, path, pitch_um, stacked=_stacked):
                               lens_name=header.get("lensfield:lens", ""),
                               f_number_effective=_number(header, "lensfield:fNumberEffective"),
                               focal_mm=_number(header, "lensfield:focalMm"),
-                              exposure=_number(header, "lensfield:exposure", 1.0))
+                              exposure=_number(header, "lensfield:exposure", 1.0), detail=detail_of(channels, path))
     except ImageError as error:
         raise error.at(path) from None
     except (TypeError, ValueError) as error:

@@ -20,8 +20,8 @@ class Channel:
     Parameters
     ----------
     field : MonochromaticField
-    capture : PixelGrid
-        The radiance's pixel grid.
+    grid : PixelGrid
+        The pixels of the filter, over the complete capture.
     plan : Plan
     table : Cells or None
         Table of the PSFs at this wavelength, if the plan needs one.
@@ -29,16 +29,19 @@ class Channel:
         For data that the next picture reuses; `cached` is whether there is enough for the channel itself.
     make_halos : callable () -> Cells, optional
         Returns the table of halos. It is called for pictures with highlights; None if the plan has no halos.
+    capture : PixelGrid, optional
+        The pixels of the radiance, if they are not the filter's.
     """
 
-    def __init__(self, field: MonochromaticField, capture: PixelGrid, plan: Plan, table: Cells | None,
-                 memory: MemoryBudget, make_halos: Callable[[], Cells] | None = None) -> None:
-        self.field, self.planes = field, plan.planes(capture)
+    def __init__(self, field: MonochromaticField, grid: PixelGrid, plan: Plan, table: Cells | None,
+                 memory: MemoryBudget, make_halos: Callable[[], Cells] | None = None,
+                 capture: PixelGrid | None = None) -> None:
+        self.field, self.planes = field, plan.planes(grid)
         self._plan, self._table = plan, table
         self._psfs = field.psfs(plan.trimmed, self.planes)
         self.cached = memory.take(field.nbytes + (table.nbytes if table else self._psfs.nbytes))
         memory = memory if self.cached else MemoryBudget(0)
-        self._ideal = field.ideal_image(capture, self.planes, memory=memory,
+        self._ideal = field.ideal_image(capture or grid, self.planes, memory=memory,
                                         vignette=plan.out_of_field == "vignette", precision=plan.precision)
         self._spreader = plan.method.spreader(self._psfs, table, plan.psf_radius_px, memory)
         self._make_halos, self._halos, self._memory = make_halos, None, memory

@@ -53,6 +53,8 @@ class ChannelCache:
             As `make_plan`, and if there is not enough memory.
         """
         sampling, casting = radiance.sampling, casting_bytes(radiance, options.most_of_lamps)
+        if radiance.detail_times > 1:  # a plane, and its shares
+            casting += 2 * SAMPLE_BYTES * math.prod(sampling.grid.shape_px) * radiance.detail_times**2
         spared = in_place or in_file(radiance.light)
         irradiance = 0 if spared else SAMPLE_BYTES * len(sampling.wavelengths_nm) * math.prod(sampling.grid.frame_px)
         key = options, lens, sampling, irradiance + casting
@@ -62,12 +64,14 @@ class ChannelCache:
             self._plan = key, plan
         return plan
 
-    def channels(self, lens: Lens, sampling: Sampling, plan: Plan) -> Iterator[Channel]:
-        """Yield the channel of each wavelength, in order."""
-        of = lens, sampling, plan, running()
+    def channels(self, lens: Lens, sampling: Sampling, plan: Plan, times: int | None = None) -> Iterator[Channel]:
+        """Yield the channel of each wavelength, in order, for radiance with each pixel split into `times` x `times`; by
+        default as the plan's supersampling."""
+        times = times or plan.supersampling
+        of = lens, sampling, plan, running(), times
         if of != self._of:  # the cached channels no longer apply
             self._of, self._memory, self._channels = of, MemoryBudget(self._limit_bytes), {}
-        fine, field = sampling.finer(plan.supersampling), field_map(lens)
+        fine, field, capture = sampling.finer(plan.supersampling), field_map(lens), sampling.grid.finer(times)
 
         def tables(part, method):
             return field.node_psfs(fine, plan.planes(fine.grid), part, method.azimuths, plan.precision)
@@ -75,14 +79,15 @@ class ChannelCache:
         psfs = tables(plan.trimmed, plan.method) if plan.method.azimuths else None
         halos = tables(plan.halo, plan.halo_method) if plan.halo_density else None
         for wavelength_nm in sampling.wavelengths_nm:
-            yield self._channel(field, wavelength_nm, fine.grid, plan, psfs, halos)
+            yield self._channel(field, wavelength_nm, fine.grid, plan, psfs, halos, capture)
 
-    def _channel(self, field, wavelength_nm, grid, plan, psfs, halos):
+    def _channel(self, field, wavelength_nm, grid, plan, psfs, halos, capture):
         channel = self._channels.get(wavelength_nm)
         if channel is None:
             table = plan.method.table(psfs.at_wavelength(wavelength_nm)) if psfs else None
             make_halos = (lambda: plan.halo_method.table(halos.at_wavelength(wavelength_nm))) if halos else None
-            channel = Channel(field.at_wavelength(wavelength_nm), grid, plan, table, self._memory, make_halos)
+            channel = Channel(field.at_wavelength(wavelength_nm), grid, plan, table, self._memory, make_halos,
+                              capture)
             if channel.cached:
                 self._channels[wavelength_nm] = channel
         return channel

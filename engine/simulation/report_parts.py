@@ -101,6 +101,9 @@ class LensImageFacts(Part):
         Negative fraction of the in-focus radiance, which is invalid.
     brightest : float
         Largest radiance, W m^-2 sr^-1 nm^-1.
+    softening_px : float
+        Softening of in-focus light by the pixels, beyond the lens and the pixel's own aperture: see
+        `supersampling.softening_px`.
     """
 
     lens: str
@@ -115,6 +118,7 @@ class LensImageFacts(Part):
     loops: str
     negative_light_fraction: float = 0.0
     brightest: float = 0.0
+    softening_px: float = 0.0
 
     def remarks(self, parts: Parts) -> Iterator[str]:
         if self.out_of_field_fraction:

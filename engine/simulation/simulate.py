@@ -11,7 +11,7 @@ from ..depth.iris import Iris
 from ..image.layers import Radiance
 from ..image.projection import PLANE
 from ..image.spectral_image import IRRADIANCE, SpectralImage
-from ..image.supersampling import merge_pixels, split_pixels
+from ..image.supersampling import merge_pixels, softening_px, split_pixels
 from ..kernels.library import running
 from ..lens import Lens
 from ..library.rays import lens_rays
@@ -23,6 +23,7 @@ from .report import Report
 from .report_parts import DistortionFit, Energy, IlluminationFit, LensImageFacts, WavelengthFacts
 
 BY_RESULT = Options()
+DETAIL_PARTS = 2  # of a pixel, down and across, in which light with a detail is blurred
 
 
 def simulate(radiance: Radiance, lens: Lens, options: Options = BY_RESULT, *,
@@ -35,7 +36,8 @@ def simulate(radiance: Radiance, lens: Lens, options: Options = BY_RESULT, *,
     radiance : SpectralImage or LayeredRadiance
         Scene radiance, W m^-2 sr^-1 nm^-1, as an ideal lens would image it, with overscan for the light that
         distortion and blur bring into the frame. All of a SpectralImage counts as in focus. The out-of-focus light of
-        layers is gathered along the lens's rays, with occlusion by nearer layers.
+        layers is gathered along the lens's rays, with occlusion by nearer layers. With a detail, the lens image is
+        computed in finer pixels, and merged.
     lens : Lens
     options : Options
     iris : Iris, optional
@@ -60,24 +62,26 @@ def simulate(radiance: Radiance, lens: Lens, options: Options = BY_RESULT, *,
         If a wavelength is outside the lens data, the distortion folds the field, or pixels are not finite.
     """
     report, cache, sampling = report or Report(), cache or ChannelCache(limit_mb=0), radiance.sampling
+    options = replace(options, supersampling=max(options.supersampling, min(radiance.detail_times, DETAIL_PARTS)))
+    times = radiance.detail_times if radiance.detail_times > 1 else options.supersampling
     views = capture_planes(radiance, lens, partial(lens_rays, lens), fireflies=options.fireflies,
                            most_rays=options.most_rays, most_of_lamps=options.most_of_lamps, iris=iris,
-                           stage=report.stage, progress=progress or (lambda fraction: None))
+                           times=times, stage=report.stage, progress=progress or (lambda fraction: None))
     with report.stage("plan"):
         plan = cache.plan(options, lens, radiance, out is not None and np.may_share_memory(out, radiance.light))
     shape = (len(sampling.wavelengths_nm), *sampling.grid.frame_px)
     irradiance = zeros_stored_like(radiance.light, shape) if out is None else out
     if irradiance.shape != shape or irradiance.dtype != np.float32:
         raise ImageError("out", "array", f"{irradiance.dtype} of {irradiance.shape}", f"expected float32 of {shape}")
-    fine, tally = plan.supersampling, _Tally(sampling, plan.supersampling)
+    fine, tally = plan.supersampling, _Tally(sampling, plan.supersampling, radiance.detail_times)
     frame_px = sampling.grid.finer(fine).frame_px
-    channels = cache.channels(lens, sampling, plan)
+    channels = cache.channels(lens, sampling, plan, times)
     for index, view in enumerate(views):
         tally.see(view.sharp)
         with report.stage("lens data"):
             channel = next(channels)
         with report.stage("distortion and relative illumination"):
-            ideal = channel.ideal_irradiance(split_pixels(view.sharp, fine))
+            ideal = channel.ideal_irradiance(view.sharp)
             out_of_focus = None
             if view.blurred is not None and view.clear is not None:
                 channel.veil(ideal, split_pixels(view.clear, fine))
@@ -105,8 +109,8 @@ def _frame(blurred, frame_px):
 class _Tally:
     """Light and fits, wavelength by wavelength, for the report."""
 
-    def __init__(self, sampling, supersampling):
-        self._sampling, self._parts = sampling, supersampling**2  # finer pixels in a pixel
+    def __init__(self, sampling, supersampling, times):
+        self._sampling, self._parts, self._times = sampling, supersampling**2, times  # finer pixels in a pixel
         self._frame = sampling.grid.frame()
         self._fits, self._clamped, self._out_of_field = [], 0, 0.0
         self._flux = np.zeros(3)
@@ -137,4 +141,4 @@ class _Tally:
         return LensImageFacts(lens.name, plan, grid.pitch_um, grid.frame_px, grid.overscan_px, fits,
                               Energy(*flux.tolist()), self._out_of_field, self._clamped, running(),
                               self._negative / max(self._light + self._negative, np.finfo(float).tiny),
-                              self._brightest)
+                              self._brightest, softening_px(self._times, plan.supersampling))

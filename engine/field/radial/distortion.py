@@ -187,7 +187,7 @@ class Footprints:
 
 def footprints(capture: PixelGrid, x_mm: np.ndarray, y_mm: np.ndarray, field: FieldGeometry,
                capture_radius: CaptureRadius | None = None,
-               precision: str = "float64") -> tuple[Footprints, np.ndarray]:
+               precision: str = "float64", parts: float = 1) -> tuple[Footprints, np.ndarray]:
     """The areas of an ideal capture from which the pixels of a grid, distorted by the lens, receive their light.
 
     Each pixel averages the capture over its footprint, around the ideal position of the pixel's chief ray. This avoids
@@ -218,9 +218,10 @@ def footprints(capture: PixelGrid, x_mm: np.ndarray, y_mm: np.ndarray, field: Fi
     column = capture.centre_px[1] + x_mm[None, :] * tangential / (capture.pitch_um * 1e-3)
     cos_squared = (x_mm[None, :] / np.maximum(real_mm, np.finfo(float).tiny)) ** 2
     rows, columns = capture.shape_px
-    first_row, row_shares = _overlaps(row, radial + (tangential - radial) * cos_squared, rows, precision)
-    first_column, column_shares = _overlaps(column, tangential + (radial - tangential) * cos_squared, columns,
-                                            precision)
+    heights, widths = (parts * (one + (other - one) * cos_squared)
+                       for one, other in ((radial, tangential), (tangential, radial)))
+    first_row, row_shares = _overlaps(row, heights, rows, precision)
+    first_column, column_shares = _overlaps(column, widths, columns, precision)
     return Footprints(first_row * columns + first_column, row_shares, column_shares), paraxial_mm
 
 

@@ -48,6 +48,7 @@ class IdealImage:
         self._capture, self._planes = Planes(capture, planes.folded), planes
         self._last_height_mm = lens.heights_mm[-1] * (1 + ROUNDING) if vignette else np.inf
         self._precision, self._memory = precision, memory
+        self._parts = planes.grid.pitch_um / capture.pitch_um  # of the capture's pixels across one of the picture's
         self._bands, self._curves = {}, None
 
     def irradiance(self, radiance: np.ndarray) -> np.ndarray:
@@ -84,13 +85,13 @@ class IdealImage:
         """The geometry as curves, with a sample at the end of the lens data, where curves may have a kink."""
         if self._curves:
             return self._curves
-        pitch_mm, far_px = self._capture.picture.pitch_um * 1e-3, self._planes.grid.farthest_px
+        pitch_mm, far_px = self._planes.grid.pitch_um * 1e-3, self._planes.grid.farthest_px
         inside_px = min(self._field.last_real_mm / pitch_mm, far_px)
         per_px = np.ceil(CURVE_SAMPLES * inside_px / far_px) / inside_px
         real_mm = np.arange(np.ceil(far_px * per_px) + 1) * (pitch_mm / per_px)
         height_mm, tangential, radial = squeeze(real_mm, self._field, self._capture_radius)
         curves = RadialGeometry.of(
-            self._planes.grid.centre_px, per_px, tangential, radial,
+            self._planes.grid.centre_px, per_px, self._parts * tangential, self._parts * radial,
             self._per_radiance * self._field.relative_flux(height_mm),
             self._field.real_height_mm(self._last_height_mm) / pitch_mm)
         if self._memory.take(curves.nbytes):
@@ -102,7 +103,7 @@ class IdealImage:
         if rows.start in self._bands:
             return self._bands[rows.start]
         band, height_mm = footprints(self._capture.grid.framed(RIM_PX), x_mm, y_mm[rows], self._field,
-                                     self._capture_radius, self._precision)
+                                     self._capture_radius, self._precision, self._parts)
         factor = self._per_radiance * self._field.relative_flux(height_mm)
         factor = np.where(height_mm > self._last_height_mm, 0, factor).astype(self._precision)
         if self._memory.take(band.nbytes + factor.nbytes):

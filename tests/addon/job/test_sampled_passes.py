@@ -8,14 +8,17 @@ import pytest
 
 from lensfield.addon.job import radiance, sampled_passes
 from lensfield.addon.job.light import GatheredLight
+from lensfield.addon.job.refilter import apply_lens
 from lensfield.addon.job.render import render_through_lens
-from lensfield.engine.pictures.spectral_exr import read_exr, read_with_planes
+from lensfield.engine.image.supersampling import split_pixels
+from lensfield.engine.pictures.spectral_exr import read_exr, read_with_layers, read_with_planes
 from lensfield.engine.spectral.control_variate import JUDGED_PERCENT, block_means
 from lensfield.engine.spectral.wavelength_choice import SpectralOptions
 from seed import FIRST_CYCLES_SEED, SEED
 from small_scenes import light, material, set_world, wall
 
 SAMPLES, FEW = 64, 4  # of which the first trial takes 4
+REST = 8  # in each quarter of a pixel, instead of half of the samples
 INVISIBLE = 0.007  # noise relative to light; quasi-random samples may leave less than predicted
 OPTIONS = {"lens": "tessar-50mm", "lens_quality": "preview", "wavelengths_nm": np.linspace(430, 670, 9)}
 
@@ -59,15 +62,16 @@ def sample_counts(monkeypatch):
     return counts
 
 
-@pytest.mark.parametrize("depth", ["off", "auto"])
-def test_few_samples_have_nearly_the_noise_of_all(corner, tmp_path, whole, sample_counts, depth):
-    shared = [rendered(corner, tmp_path, seed, depth=depth) for seed in (1, 2)]
+@pytest.mark.parametrize("depth, detail", [("off", "off"), ("auto", "off"), ("off", "on"), ("auto", "on")])
+def test_few_samples_have_nearly_the_noise_of_all(corner, tmp_path, whole, sample_counts, depth, detail):
+    shared = [rendered(corner, tmp_path, seed, depth=depth, detail=detail) for seed in (1, 2)]
     facts = shared[0][1]
     assert facts.passes == 2 and f"of {SAMPLES} samples in 1 of 2 passes" in facts.samples
-    slabs = sample_counts.count((0, SAMPLES - 8 * FEW)) // 2
+    rest = (0, REST if detail == "on" else SAMPLES - 8 * FEW)
+    slabs = sample_counts.count(rest) // 2
     assert slabs == 1 if depth == "off" else slabs > 1
     assert sum(first == 0 for first, _ in sample_counts) == 2 * slabs  # the biased one, at the centres of pixels
-    assert sum(count for _, count in sample_counts) <= 2 * slabs * (SAMPLES + 8 * FEW)
+    assert sum(count for _, count in sample_counts) <= 2 * slabs * (rest[1] + 16 * FEW)
     whole()
     every = [rendered(corner, tmp_path, seed, depth=depth) for seed in (1, 2)]
     assert not every[0][1].samples
@@ -163,3 +167,42 @@ def test_denoising_treats_the_control_variate_and_the_estimates(corner, tmp_path
     denoised = rendered(corner, tmp_path, 1, **options)[0]
     assert np.abs(np.diff(shared)).mean() < np.abs(np.diff(noisy)).mean()
     assert np.sqrt(np.mean((shared - denoised)**2)) < np.sqrt(np.mean((noisy - denoised)**2))
+
+
+def test_detail_is_the_light_of_a_render_in_finer_pixels(corner, tmp_path):
+    """And the stored radiance gives the same picture again."""
+    options = OPTIONS | {"lens": "edmund-54852", "depth": "off"}
+    corner.cycles.samples = 256
+    result = render_through_lens(corner, output_folder=tmp_path / "on", detail="on", **options)
+    even = render_through_lens(corner, output_folder=tmp_path / "off", **options)
+    radiance, without = read_exr(result.radiance), read_exr(even.radiance)
+    assert radiance.detail.times == 2 and without.detail is None and radiance.grid == without.grid
+    noise = 0.01 * without.cube.mean()
+    assert np.abs(radiance.cube.mean(axis=(1, 2)) - without.cube.mean(axis=(1, 2))).max() < noise
+    softening_px = [each.report.lens_image.softening_px for each in (result, even)]
+    assert softening_px[0] == pytest.approx(softening_px[1] / 2)
+    applied = apply_lens(result.radiance, lens="edmund-54852", output_folder=tmp_path / "again",
+                         lens_quality="preview")
+    pictures = [read_exr(each.irradiance).cube for each in (applied, result)]
+    np.testing.assert_allclose(*pictures, rtol=1e-6, atol=1e-6 * pictures[1].max())
+    corner.render.resolution_x, corner.render.resolution_y = 128, 96
+    fine = read_exr(render_through_lens(corner, output_folder=tmp_path / "fine", **options).radiance).frame()
+    frame = radiance.frame()
+    errors = np.array([[np.abs(parts - expected).sum() for parts in (frame.detail.split(plane, nm),
+                                                                     split_pixels(plane, 2))]
+                       for nm, plane, expected in zip(frame.wavelengths_nm, frame.cube, fine.cube, strict=True)])
+    assert np.all(errors[:, 0] < errors[:, 1])  # noise, and contrasts at other wavelengths, remain: most in red
+    assert errors[:, 0].sum() < 0.7 * errors[:, 1].sum()
+
+
+def test_detail_of_a_render_region_and_of_layers(corner, tmp_path):
+    render = corner.render
+    render.use_border, render.border_min_x, render.border_max_x = True, 0.25, 0.8
+    render.border_min_y, render.border_max_y = 0.1, 0.7
+    region = render_through_lens(corner, output_folder=tmp_path / "region", depth="off", detail="on", **OPTIONS)
+    shares = read_exr(region.radiance).detail.shares
+    assert np.all(shares[:, 0] == 1) and np.ptp(shares.astype(float)) > 0
+    render.use_border = False
+    deep = render_through_lens(corner, output_folder=tmp_path / "deep", depth="auto", detail="on", **OPTIONS)
+    _, _, layered = read_with_layers(deep.radiance)
+    assert layered.detail_times == 2 and deep.report.lens_image.plan.supersampling == 2
