@@ -144,5 +144,5 @@ def passes_left(scene, folder):
         return []
     folders = matching(hidden, f"{bpy.path.clean_name(scene.name)}_*_passes")
     counts = {stored: len(matching(stored, "*/[!.]*.exr")) for stored in folders}
-    return [f"{count} finished part{'s' * (count > 1)} of passes in {stored}: the next render continues "
+    return [f"{count} finished part{'s' * (count > 1)} of passes stored in {stored}: the next render continues "
             "from there unless the file changes" for stored, count in counts.items() if count]

@@ -75,8 +75,8 @@ def clamps_of(scene):
 
 
 def effective_samples(scene):
-    """Samples of a render: the scene's, or those by which the rendered view layer overrides them."""
-    cycles, of_layer = scene.cycles, rendered_layer(scene).samples
+    """Samples of a render: the scene's, or those by which the rendered view layer, if any is on, overrides them."""
+    cycles, of_layer = scene.cycles, next((layer.samples for layer in scene.view_layers if layer.use), 0)
     if not of_layer or cycles.use_layer_samples == "IGNORE":
         return cycles.samples
     return min(of_layer, cycles.samples) if cycles.use_layer_samples == "BOUNDED" else of_layer

@@ -20,7 +20,9 @@ QUANTITIES = 6  # with extremes in the lookup
 COUNTS = np.array(SQUARES)  # of rays
 FINEST_PX = 0.5  # smallest useful side of a ray's cell in a blur: half a pixel
 RAYS_PER_PX = 4  # of a blur, at most, for light without lamps
-COARSEST = 1.15  # side of a cell in pixels of the layer's level: coarser cells are visible separately
+OVERLAP = 2  # side of a look-up in distances between rays: aberrations stretch the rays' lattice, and narrower look-ups
+# show it as rings in the discs of lamps
+COARSEST = 1.15  # side of a look-up in pixels of the layer's level
 STEP = 0.1  # at the rim of a lamp's disc, relative to the light around it, from which the number of rays increases
 OPAQUE = 0.998
 STEPS_PX = (0.25, 1.0, 4.0)  # largest differences in blur for 0, 1 and 2 steps of the search; 3 beyond
@@ -84,8 +86,13 @@ def plan_meetings(layers: list[PreparedLayer], rays: RaySample, sensor: PixelGri
 
 def around_px(area_px: np.ndarray) -> np.ndarray:
     """The farthest that a look-up reaches beyond a blur of this area, with the fewest rays: half a pixel of a level and
-    half a cell."""
-    return 1 + np.ceil(np.sqrt(area_px / COUNTS[0]) * (1 / COARSEST + 0.5))
+    half of its own side."""
+    return 1 + np.ceil(_look_up_px(area_px, COUNTS[0]) * (1 / COARSEST + 0.5))
+
+
+def _look_up_px(area_px, counts):
+    """Side of the squares that this number of rays look up in a blur of this area."""
+    return np.maximum(OVERLAP * np.sqrt(area_px / counts), FINEST_PX)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,9 +125,9 @@ class _Blur:
         return np.where(self.met, np.maximum(lamps, np.minimum(most_rays, RAYS_PER_PX * largest)), 0)
 
     def level(self, counts):
-        """The level of the layer's pixels that suits the cells of this number of rays, 0 for light in focus; and the
-        number of cells along a side of its pixels, at least 1."""
-        side_px = np.maximum(np.sqrt(self.reach.area_px((self.least + self.most) / 2) / counts), FINEST_PX)
+        """The level of the layer's pixels that suits the look-ups of this number of rays, 0 for light in focus; and the
+        number of look-ups along a side of its pixels, at least 1."""
+        side_px = _look_up_px(self.reach.area_px((self.least + self.most) / 2), counts)
         level = np.minimum(np.ceil(np.log2(np.maximum(side_px / COARSEST, 1))), LEVELS - 1)
         level = np.where(self.look.sharpest > 0, 0, level)
         return level, np.maximum(2**level / side_px, 1)

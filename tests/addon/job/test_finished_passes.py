@@ -191,7 +191,7 @@ def test_cached_passes_are_reported(deep, tmp_path):
     stopped(deep, tmp_path / "one", 6)
     folder, = {path.parents[1] for path in passes(tmp_path / "one")}
     assert finished_passes.passes_left(deep, tmp_path / "one") == [
-        f"3 finished parts of passes in {folder}: the next render continues from there unless the file changes"]
+        f"3 finished parts of passes stored in {folder}: the next render continues from there unless the file changes"]
     result = run(render_steps(deep, job_in(deep, tmp_path / "one")))
     assert [line for line in result.messages if "parts of passes from an interrupted render" in line]
     assert not finished_passes.passes_left(deep, tmp_path / "one") and not (tmp_path / "one" / ".lensfield").exists()

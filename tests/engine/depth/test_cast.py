@@ -76,9 +76,9 @@ def test_a_layer_continues_only_across_the_border_of_the_capture(lens, side):
     blurred = planes([strip, layer(np.zeros(grid.shape_px), FAR_MM)], lens, grid)[0].blurred
     profile = blurred if across else blurred.T
     profile = profile if first else profile[:, ::-1]
-    np.testing.assert_allclose(profile[:, :width - 10], 3.0, rtol=1e-5)
+    np.testing.assert_allclose(profile[:, :width - 12], 3.0, rtol=1e-5)
     np.testing.assert_allclose(profile[:, width - 1:width + 1].mean(axis=1), 1.5, rtol=0.1)
-    assert not profile[:, width + 10:].any()
+    assert not profile[:, width + 12:].any()
 
 
 @pytest.mark.parametrize("blur", [-24.0, 24.0])
@@ -90,8 +90,8 @@ def test_a_lamp_out_of_focus_is_a_disc_with_first_order_size_and_position(lens, 
     plane, _ = planes([lamp, layer(np.ones(grid.shape_px), np.inf, 0.0)], lens, grid, most_rays=1024)
     row, column, width = centroid_and_width(plane.blurred)
     assert plane.blurred.sum() == pytest.approx(1, rel=0.02)
-    assert (row + 12, column + 12) == pytest.approx(lit, abs=0.02 * 24)
-    assert np.sqrt(width**2 - 8 / 6) == pytest.approx(24, rel=5e-4)  # minus the pixel; rays' cells add nothing
+    assert (row + 12, column + 12) == pytest.approx(lit, abs=0.5)  # rays look up pixels of twice the side
+    assert np.sqrt(width**2 - 8 / 6) == pytest.approx(24, rel=5e-3)  # minus the pixel; look-ups add 0.4 %
     assert not plane.sharp.any()
 
 
