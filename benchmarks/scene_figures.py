@@ -125,7 +125,7 @@ def tiers():
         truth = blocks if truth is None else truth
         colour, sensor = colour_errors(truth, blocks, wavelengths_nm), sensor_error(truth, blocks, wavelengths_nm)
         facts = report.scene
-        print(f"  {name:<20}{len(passes):3d} passes {sum(passes):7.1f} s; CIEDE2000 median {np.median(colour):.2f}, "
+        print(f"  {name:<20}{facts.passes:3d} passes {sum(passes):7.1f} s; CIEDE2000 median {np.median(colour):.2f}, "
               f"95 % {np.percentile(colour, 95):.2f}, predicted {facts.predicted_colour_error:.2f}; sensor "
               f"{sensor:.2%}, predicted {facts.predicted_sensor_error:.2%}; worst wavelength "
               f"{spectral_error(truth, blocks):.1%}, predicted {facts.predicted_spectral_error:.1%}")
