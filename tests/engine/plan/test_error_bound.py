@@ -164,7 +164,7 @@ def worst_between(bank, azimuths):
 
 def test_the_error_between_azimuths_falls_with_the_square_of_their_number():
     bank = PsfBank.of(load_lens("edmund-54852").at_wavelength(587.6), 6.25)
-    errors = [worst_between(bank, azimuths) for azimuths in (4, 8, 16, 32)]
+    errors = [worst_between(bank, azimuths) for azimuths in (8, 16, 32, 64)]  # with fewer, higher orders count
     assert all(after < before / 3.5 for before, after in pairwise(errors))
 
 
