@@ -76,10 +76,11 @@ def preflight(scene, *, frame=None, **given):
             with _noted(refusals):
                 turn_on_layer(scene, job.view_layer, journal)
                 grid = job_grid(scene, job)
-                remarks += tuple(empty_reasons(scene, job.lens, grid).before_render(scene.render.film_transparent))
+                empty, film = empty_reasons(scene, job.lens, grid), scene.render.film_transparent
+                remarks += tuple(empty.before_render(film))
                 if not job.traced:
                     depth_mm = visible_depth_mm(scene, job.lens, looked_at(grid))
-                    slabs = plan_by(depth_mm, scene, job, grid, tinting_objects(scene))[0]
+                    slabs = plan_by(depth_mm, scene, job, grid, tinting_objects(scene), empty.sky and not film)[0]
                     remarks += (*depth_remarks(job, slabs), *scale_remarks(depth_mm, job.lens, grid.pitch_um),
                                 *unlayered_remarks(scene, job, grid))
                 journal.stand_in(scene.camera.data)

@@ -71,7 +71,7 @@ class Captured:
 
     def depth_check(self, lens):
         """How much of the frame is outside the depths at which a lens's data hold: DepthCheck."""
-        return check_depth(self._frame_mm(), lens, self.radiance.pitch_um)
+        return check_depth(self._frame_mm(), lens, self.radiance.pitch_um, empty=self._frame(self._empty))
 
     def scale_remarks(self, lens):
         """The `scale_remarks` for the frame and a lens: tuple of str."""
@@ -79,11 +79,19 @@ class Captured:
         depth_mm = np.where(depth_mm < BACKGROUND_M * M_TO_MM, depth_mm, np.inf)
         return tuple(map(str, scale_remarks(depth_mm, lens, self.radiance.pitch_um)))
 
+    @property
+    def _empty(self):
+        """The pixels of the background without light."""
+        return (self.depth_m >= BACKGROUND_M) & ~self.radiance.cube.any(axis=0)
+
     def _frame_mm(self):
-        """Depths of the frame's pixels, or only of the render region's."""
+        return self._frame(self.depth_m) * M_TO_MM
+
+    def _frame(self, plane):
+        """A plane's values at the frame's pixels, or only at the render region's."""
         (top, left), (rows, columns) = self.radiance.overscan_px, self.radiance.frame_px
         frame = slice(top, top + rows), slice(left, left + columns)
-        return self.depth_m[frame][... if self.region is None else self.region[frame] == 1] * M_TO_MM
+        return plane[frame][... if self.region is None else self.region[frame] == 1]
 
     def cut(self, planes):
         """Planes (..., row, column) of the frame, black outside the render region."""
@@ -174,8 +182,8 @@ def capture(scene, job, result, share):
         cut = None
         if job.depth == AUTO:
             substitution.set_wavelengths(plan.bands[0], plan.dispersive)
-            cut = yield from cut_steps(scene, job, grid, rendered, plan.tinting, passes, folder / "look.exr",
-                                       0.0, LOOK_SHARE * share)
+            cut = yield from cut_steps(scene, job, grid, rendered, plan.tinting, empty.sky and not film, passes,
+                                       folder / "look.exr", 0.0, LOOK_SHARE * share)
         capture_px, slabs = (cut.capture, cut.slabs) if cut else (grid, (single_slab(scene, rendered),))
         guard_render_state(scene, job, capture_px, folder / "pass.exr", journal)
         needed_bytes, scratch = room_for_capture(scene, job, capture_px, plan, slabs)
@@ -224,11 +232,12 @@ def capture(scene, job, result, share):
     picture = _picture_part(region, grid)
     of_capture += [*colour_remarks(plan), *empty.after_render(not np.any(radiance.cube[(..., *picture)]),
                                                        film and not np.any(alpha[picture]))]
-    result.report.add(_facts(plan, lights, job, grid, depth_mm, region,
-                             [*map(str, (*remarks, *of_capture)), *passes.remarks], cut, sampled.text, peak_mb))
-    return Captured(radiance, np.where(np.isfinite(depth_mm), depth_mm / M_TO_MM, BACKGROUND_M).astype(np.float32),
-                    alpha if film else None, region and _mask(region, rendered, grid), layers,
-                    tuple(map(str, of_capture)))
+    captured = Captured(radiance, np.where(np.isfinite(depth_mm), depth_mm / M_TO_MM, BACKGROUND_M).astype(np.float32),
+                        alpha if film else None, region and _mask(region, rendered, grid), layers,
+                        tuple(map(str, of_capture)))
+    result.report.add(_facts(plan, lights, job, captured, [*map(str, (*remarks, *of_capture)), *passes.remarks], cut,
+                             sampled.text, peak_mb))
+    return captured
 
 
 def _nearest_m(lights, capture):
@@ -258,11 +267,9 @@ def _show(complete, plan, lights, capture_px, path):
     write_png(picture, path, auto_exposure(picture))
 
 
-def _facts(plan, lights, job, grid, depth_mm, region, remarks, cut, samples, peak_mb):
+def _facts(plan, lights, job, captured, remarks, cut, samples, peak_mb):
     """The plan, and results of the passes: how well spectra were predicted, and the frame's depths."""
-    choice, (top, left), (rows, columns) = plan.choice, grid.overscan_px, grid.frame_px
-    frame_mm = depth_mm[top:top + rows, left:left + columns][region or ...]
-    far = [] if job.traced else map(str, scale_remarks(frame_mm, job.lens, grid.pitch_um))
+    choice, far = plan.choice, () if job.traced else captured.scale_remarks(job.lens)
     surprise = choice.surprise(np.concatenate([light.blocks() for light in lights], axis=1))
     foreign = bool(surprise > FOREIGN_SURPRISE)
     return SceneFacts(
@@ -274,7 +281,7 @@ def _facts(plan, lights, job, grid, depth_mm, region, remarks, cut, samples, pea
         spectral_surprise=float(surprise), foreign_spectra=foreign,
         estimated_colour_error=choice.colour_error * (float(surprise) if foreign else 1),
         rgb_difference=plan.repeated[0].rgb_difference[0] if plan.repeated else 0.0,
-        depth=None if job.traced else check_depth(frame_mm, job.lens, grid.pitch_um),
+        depth=None if job.traced else captured.depth_check(job.lens),
         lens_warning=job.lens_warning, scene_remarks=[*remarks, *far],
         layers=cut.plan.text if cut else "", samples=samples, capture_peak_mb=peak_mb)
 

@@ -81,7 +81,7 @@ class Cut:
     slabs: tuple[Slab, ...]
 
 
-def cut_steps(scene, job, grid, region, tinting, passes, path, fraction, share):
+def cut_steps(scene, job, grid, region, tinting, sky, passes, path, fraction, share):
     """Steps of the depth pre-pass; returns the Cut, or None if the lens data hold at every depth in the scene.
 
     Parameters
@@ -91,7 +91,7 @@ def cut_steps(scene, job, grid, region, tinting, passes, path, fraction, share):
         The capture without slabs.
     region : (slice, slice)
         The rendered part of `grid`.
-    tinting : collection of str
+    tinting, sky
         As in `plan_by`.
     passes : FinishedPasses
     path : Path
@@ -112,7 +112,7 @@ def cut_steps(scene, job, grid, region, tinting, passes, path, fraction, share):
         planes = yield from passes.planes(RenderPass(scene, "Rendering depth", fraction, share), path,
                                           {name, *colours}, "look")
     depth_mm = depth_pass_m(planes[name], metres_per_unit(scene)) * np.float32(M_TO_MM)
-    plan, *uncut_mm = plan_by(planar_depth_mm(depth_mm, job.lens, look), scene, job, grid, tinting,
+    plan, *uncut_mm = plan_by(planar_depth_mm(depth_mm, job.lens, look), scene, job, grid, tinting, sky,
                               np.mean([planes[colour] for colour in colours], axis=0))
     return _cut(scene, job.lens, plan, grid, region, *uncut_mm) if plan.needed else None
 
@@ -123,7 +123,7 @@ def looked_at(grid):
     return PixelGrid.around_frame(grid.frame_px, grid.pitch_um, most_px, grid.projection)
 
 
-def plan_by(depth_mm, scene, job, grid, tinting, light=None):
+def plan_by(depth_mm, scene, job, grid, tinting, sky, light=None):
     """The SlabPlan for given depths, and (near_mm, far_mm) of each volume and of each closed body.
 
     Parameters
@@ -135,12 +135,15 @@ def plan_by(depth_mm, scene, job, grid, tinting, light=None):
         The capture without slabs.
     tinting : collection of str
         Names of the objects that tint light passing straight through them, from `tinting_objects`.
+    sky : bool
+        Whether the film shows light from the world. Otherwise nothing is visible, or hidden, at infinity.
     light : array (row, column), optional
         At the same pixels: edges of lamps have more weight.
     """
     volumes_mm, bodies_mm = uncut_depths_mm(scene, job.lens, looked_at(grid), tinting)
+    empty = np.isinf(depth_mm) & (light is None or light <= 0) & (not sky and not volumes_mm)
     plan = plan_slabs(depth_mm, looked_at(grid), job.lens, overscan_px=grid.overscan_px, others=job.others, light=light,
-                      reach=max(opening(job.iris, lens).reach for lens in (job.lens, *job.others)),
+                      empty=empty, reach=max(opening(job.iris, lens).reach for lens in (job.lens, *job.others)),
                       most_slabs=PREVIEW_SLABS if job.spectral.tier == "preview" else MOST_SLABS,
                       accuracy=job.options.depth_accuracy, uncut_mm=volumes_mm, bodies_mm=bodies_mm)
     return plan, volumes_mm, bodies_mm

@@ -74,7 +74,8 @@ def cast(layered: LayeredRadiance, lens: Lens, trace: Callable[[], RayTable], *,
     lens : Lens
         It determines the depths in focus.
     trace : callable () -> RayTable
-        Returns the lens's rays, as far out as the iris reaches. Called only if anything is out of focus.
+        Returns the lens's rays, as far out as the iris reaches. Called only if light is out of focus, or an
+        out-of-focus surface in front of light.
     most_rays : int
         Maximum number of rays of a pixel. The number depends on the size of the blur.
     most_of_lamps : int, optional
@@ -92,10 +93,20 @@ def cast(layered: LayeredRadiance, lens: Lens, trace: Callable[[], RayTable], *,
         Bit-identical for all variants of the compiled loop and any number of threads; numpy differs by rounding.
     """
     layers = prepare_layers(layered.layers, layered.grid, lens)
-    if not any(layer.out_of_focus for layer in layers) or not any(layer.layer.cube.any() for layer in layers):
+    if not _blurred(layers):
         return _in_focus(layers, layered, times, progress)
     return _cast(layers, layered, lens, trace(), most_rays, most_of_lamps or most_rays, opening(iris, lens), times,
                  progress)
+
+
+def _blurred(layers):
+    """Whether any light is out of focus, or an out-of-focus surface in front of light."""
+    lit_beyond = False
+    for layer in reversed(layers):
+        if layer.blurred or (lit_beyond and layer.out_of_focus):
+            return True
+        lit_beyond |= bool(layer.lit.any())
+    return False
 
 
 def _in_focus(layers, layered, times, progress):

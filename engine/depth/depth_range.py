@@ -147,7 +147,8 @@ def planar_depth_mm(depth_mm: ArrayLike, lens: Lens, capture: PixelGrid) -> np.n
     return depth_mm * np.where(angle_rad <= np.pi / 2, np.cos(angle_rad), np.nan)
 
 
-def check_depth(depth_mm: ArrayLike, lens: Lens, pitch_um: float, blur_um: float | None = None) -> DepthCheck:
+def check_depth(depth_mm: ArrayLike, lens: Lens, pitch_um: float, blur_um: float | None = None, *,
+                empty: ArrayLike = False) -> DepthCheck:
     """Compare a picture's depths with the range for which the lens's PSFs, computed for one object plane, are valid.
 
     Parameters
@@ -160,6 +161,8 @@ def check_depth(depth_mm: ArrayLike, lens: Lens, pitch_um: float, blur_um: float
         Pixel pitch.
     blur_um : float, optional
         Allowed diameter of the defocus blur; one pixel pitch by default.
+    empty : bool array (row, column), optional
+        Pixels of the background without light, which cannot be out of focus.
 
     Returns
     -------
@@ -171,7 +174,9 @@ def check_depth(depth_mm: ArrayLike, lens: Lens, pitch_um: float, blur_um: float
         If all pixels are NaN.
     """
     depth_mm = np.asarray(depth_mm, dtype=float)
-    known_mm = depth_mm[~np.isnan(depth_mm)]
+    known = ~np.isnan(depth_mm)
+    visible = known & ~np.asarray(empty)
+    known_mm = depth_mm[visible if visible.any() else known]
     if not known_mm.size:
         raise ImageError("depth", "pixels", "empty", "expected at least one pixel with a depth")
     known_mm = np.where(known_mm >= BACKGROUND_MM, np.inf, known_mm)
@@ -179,7 +184,7 @@ def check_depth(depth_mm: ArrayLike, lens: Lens, pitch_um: float, blur_um: float
     near_mm, far_mm = sharp_range_mm(lens, blur_um)
     outside = (known_mm < near_mm) | (known_mm > far_mm)
     return DepthCheck(blur_um, float(near_mm), float(far_mm), float(known_mm.min()), float(known_mm.max()),
-                      float(outside.mean()))
+                      float(outside.sum() / known.sum()) if visible.any() else 0.0)
 
 
 def _metres(distance_mm):

@@ -1,7 +1,7 @@
 """The layers that rays of a tile of pixels can meet, and the number of rays that the tile requires.
 
-A tile that meets only in-focus light requires zero rays. The lookup is in blocks of pixels, in an area slightly larger
-than necessary.
+A tile requires zero rays without out-of-focus light and without out-of-focus surfaces in front of any light. The lookup
+is in blocks of pixels, in an area slightly larger than necessary.
 """
 
 from collections.abc import Callable
@@ -16,7 +16,8 @@ from ..rays.stop_places import SQUARES
 from .prepared_layer import PreparedLayer
 
 TILE_PX, BLOCK_PX = 16, 8
-QUANTITIES = 6  # with extremes in the lookup
+LAMP_PX = 4  # side of the squares whose light counts as a lamp: wider things have rims as soft as they are wide
+QUANTITIES = 7  # with extremes in the lookup
 COUNTS = np.array(SQUARES)  # of rays
 FINEST_PX = 0.5  # smallest useful side of a ray's cell in a blur: half a pixel
 RAYS_PER_PX = 4  # of a blur, at most, for light without lamps
@@ -56,7 +57,7 @@ def plan_meetings(layers: list[PreparedLayer], rays: RaySample, sensor: PixelGri
     shape = tiles.right.shape
     meetings = np.zeros((*shape, len(layers)), MEETING)
     uncovered, focus_behind = np.ones((2, *shape), bool)  # not all covered; not all covered in focus
-    blurs, even, lit = [], np.zeros(shape), np.zeros(shape, bool)
+    blurs, even = [], np.zeros(shape)
     for here, layer in zip(np.moveaxis(meetings, -1, 0), layers, strict=True):
         blocks, reach = _Blocks(layer), rays.reach(layer.depth[..., 0], layer.axis_px, shrinkage, tiles)
         least, most = np.full(shape, reach.least), np.full(shape, reach.most)
@@ -71,14 +72,17 @@ def plan_meetings(layers: list[PreparedLayer], rays: RaySample, sensor: PixelGri
         here["steps"] = np.where(met, steps, -1)
         here["focused"] = met & (look.sharpest > 0)
         here["opaque"] = met & (look.clearest == 1)
-        blurs.append(_Blur(met & (look.dullest < 1), reach, least, most, np.clip(layer.in_focus, least, most), look))
+        blurs.append(_Blur(met, reach, least, most, np.clip(layer.in_focus, least, most), look))
         even += np.where(met, look.mean_light, 0)
-        lit |= met & (look.brightest > 0)
         uncovered &= ~met | (look.clearest < OPAQUE)
         focus_behind &= ~met | (look.clearest * look.dullest < OPAQUE)
-    needed = np.max([blur.rays(even, most_rays) for blur in blurs], axis=0, initial=0)
+    needed, lit_beyond = np.zeros(shape), np.zeros(shape, bool)
+    for blur in reversed(blurs):
+        matters = blur.met & ((blur.look.blurred > 0) | (blur.look.dullest < 1) & lit_beyond)
+        needed = np.maximum(needed, np.where(matters, blur.rays(even, most_rays), 0))
+        lit_beyond |= blur.met & (blur.look.brightest > 0)
     counts = COUNTS[np.minimum(np.searchsorted(COUNTS, needed), np.searchsorted(COUNTS, most_of_lamps, "right") - 1)]
-    counts = np.where(lit & np.any([blur.met for blur in blurs], axis=0), counts, 0)
+    counts = np.where(needed > 0, counts, 0)
     for here, blur in zip(np.moveaxis(meetings, -1, 0), blurs, strict=True):
         here["level"], here["cells"] = blur.level(np.maximum(counts, 1))
     return Meetings(meetings, counts)
@@ -122,7 +126,7 @@ class _Blur:
         lamp = np.sqrt(most_rays) * np.divide(self.look.excess, STEP * even, out=np.zeros_like(even), where=even > 0)
         area = np.clip(np.cbrt(FINEST_PX * lamp) ** 2, np.minimum.reduce(areas), largest)
         lamps = np.minimum((lamp / area) ** 2, area / FINEST_PX**2)
-        return np.where(self.met, np.maximum(lamps, np.minimum(most_rays, RAYS_PER_PX * largest)), 0)
+        return np.maximum(lamps, np.minimum(most_rays, RAYS_PER_PX * largest))
 
     def level(self, counts):
         """The level of the layer's pixels that suits the look-ups of this number of rays, 0 for light in focus; and the
@@ -148,13 +152,14 @@ class _Look:
     dullest: np.ndarray  # focus share
     sharpest: np.ndarray
     clearest: np.ndarray  # alpha
-    brightest: np.ndarray  # mean absolute light of a block, averaged over three wavelengths
+    brightest: np.ndarray  # mean absolute light of a square of LAMP_PX, averaged over three wavelengths
+    blurred: np.ndarray  # absolute light of a pixel out of focus
     mean_light: np.ndarray  # over the region, also where the layer ends
 
     @property
     def excess(self):
-        """Light of the brightest block beyond the mean."""
-        return BLOCK_PX**2 * np.maximum(self.brightest - self.mean_light, 0)
+        """Light of the brightest square beyond the mean."""
+        return LAMP_PX**2 * np.maximum(self.brightest - self.mean_light, 0)
 
 
 class _Blocks:
@@ -165,8 +170,10 @@ class _Blocks:
         covered = alpha > 0
         lowest = -np.inf
         planes = [np.where(covered, each, lowest) for each in (nearness, -nearness, share, -share)]
-        means = _in_blocks(_light(layer.layer.cube), 0).mean(axis=(1, 3))
-        blocks = np.stack([*(_largest_in_blocks(plane, lowest) for plane in (*planes, -alpha)), means])
+        light = _light(layer.layer.cube)
+        means = _in_blocks(light, 0).mean(axis=(1, 3))
+        brightest = _largest_in_blocks(_means_of_squares(light), 0)
+        blocks = np.stack([*(_largest_in_blocks(plane, lowest) for plane in (*planes, -alpha, light * (1 - share))), brightest])
         self._goes_on, self._shape = layer.goes_on, alpha.shape
         self._levels = _over_powers_of_two(blocks)
         self._sums = np.zeros(np.add(blocks.shape[1:], 1))
@@ -184,7 +191,7 @@ class _Blocks:
                            - np.maximum(first, 0 if on_before else -np.inf)) / BLOCK_PX
         top, bottom, left, right = ends
         tall, wide = (np.log2(last - first + 1).astype(int) for first, last in ((top, bottom), (left, right)))
-        most, minus_least, sharpest, minus_dullest, minus_clearest, brightest = np.maximum.reduce([
+        most, minus_least, sharpest, minus_dullest, minus_clearest, blurred, brightest = np.maximum.reduce([
             self._levels[tall, wide, :, row, column] for row in (top, bottom + 1 - 2**tall)
             for column in (left, right + 1 - 2**wide)]).transpose(2, 0, 1)
         sums = (self._sums[bottom + 1, right + 1] - self._sums[top, right + 1] - self._sums[bottom + 1, left]
@@ -193,7 +200,7 @@ class _Blocks:
         least, most, dullest, sharpest = (np.where(met, each, 0)
                                           for each in (-minus_least, most, -minus_dullest, sharpest))
         return _Look(met, least, most, dullest, sharpest, np.where(contained, -minus_clearest, 0),
-                     brightest.astype(float), sums / np.maximum(blocks, (bottom + 1 - top) * (right + 1 - left)))
+                     brightest.astype(float), blurred, sums / np.maximum(blocks, (bottom + 1 - top) * (right + 1 - left)))
 
 
 def _light(cube):
@@ -203,6 +210,14 @@ def _light(cube):
     for plane in cube if dark.any() else ():
         light[dark] += np.abs(plane[dark])
     return light
+
+
+def _means_of_squares(light):
+    """Means over squares of LAMP_PX that start at each pixel; dark beyond the end."""
+    sums = np.pad(light, (0, LAMP_PX - 1))
+    for _ in range(2):
+        sums = np.add.reduce([sums[n:len(sums) + n + 1 - LAMP_PX] for n in range(LAMP_PX)]).T
+    return sums / LAMP_PX**2
 
 
 def values_of_blocks(pixels: int) -> float:

@@ -61,10 +61,20 @@ class PreparedLayer:
         light = self.layer.cube[wavelengths]
         return max(float(light.max()), -float(light.min()))
 
+    @cached_property
+    def lit(self) -> np.ndarray:
+        """The pixels with light at any wavelength."""
+        return self.layer.cube.any(axis=0)
+
     @property
     def out_of_focus(self) -> bool:
         """Whether any of it is out of focus."""
         return bool(self.depth[..., 1].min(where=self.layer.alpha > 0, initial=1) < 1)
+
+    @property
+    def blurred(self) -> bool:
+        """Whether any of its light is out of focus."""
+        return bool(np.any(self.lit & (self.depth[..., 1] < 1)))
 
     def near_surfaces(self, reach_px: int) -> "PreparedLayer":
         """The layer with a focus share below 0 where it is transparent to this distance: rays skip it there."""

@@ -93,7 +93,7 @@ class SlabPlan:
 
 
 def plan_slabs(depth_mm: ArrayLike, capture: PixelGrid, lens: Lens, *, accuracy: float,
-               overscan_px: Sequence[int], light: ArrayLike | None = None, others: Sequence[Lens] = (),
+               overscan_px: Sequence[int], light: ArrayLike | None = None, empty: ArrayLike = False, others: Sequence[Lens] = (),
                reach: float = 1.0,
                most_slabs: int = MOST_SLABS,
                uncut_mm: Sequence[tuple[float, float]] = (),
@@ -114,6 +114,8 @@ def plan_slabs(depth_mm: ArrayLike, capture: PixelGrid, lens: Lens, *, accuracy:
         Rows and columns that a capture needs beyond the frame if everything is in focus, for distortion and PSFs.
     light : array (row, column), optional
         Light of the same pixels, in any unit: edges of bright surfaces count more.
+    empty : bool array (row, column), optional
+        Pixels of the background without light, which need no slabs.
     others : sequence of Lens
         Other lenses for the same capture: the lens at other focus distances and f-stops.
     reach : float
@@ -130,9 +132,10 @@ def plan_slabs(depth_mm: ArrayLike, capture: PixelGrid, lens: Lens, *, accuracy:
     SlabPlan
     """
     lenses = lens, *others
-    look = _look(depth_mm, light, capture, lenses, overscan_px, reach)
-    in_frame = look.planar_mm[np.all(look.beyond_px == 0, axis=0) & ~np.isnan(look.planar_mm)]
-    check = check_depth(in_frame, lens, capture.pitch_um) if in_frame.size else None
+    look = _look(depth_mm, light, empty, capture, lenses, overscan_px, reach)
+    in_frame = np.all(look.beyond_px == 0, axis=0) & (look.empty | ~np.isnan(look.planar_mm))
+    check = check_depth(np.where(look.empty, np.inf, look.planar_mm)[in_frame], lens, capture.pitch_um,
+                        empty=look.empty[in_frame]) if in_frame.any() else None
     reaching_mm = look.planar_mm[look.reaching]
     shares = [focus_share(blur_px(one, capture.pitch_um, reaching_mm), focus_range_px(one, capture.pitch_um))
               for one in lenses]
@@ -157,6 +160,8 @@ class _Look:
     Attributes
     ----------
     planar_mm, light : array
+    empty : bool array
+        Pixels of the background without light; their depth is NaN.
     cosine : array
         Depth over distance; 1 for a camera that clips by depth.
     stretch : array
@@ -177,6 +182,7 @@ class _Look:
 
     planar_mm: np.ndarray
     light: np.ndarray
+    empty: np.ndarray
     cosine: np.ndarray
     stretch: np.ndarray
     beyond_px: np.ndarray
@@ -225,16 +231,17 @@ class _Look:
         return int(rows), int(columns)
 
 
-def _look(depth_mm, light, capture, lenses, overscan_px, reach):
+def _look(depth_mm, light, empty, capture, lenses, overscan_px, reach):
     """A look at a subset of the pixels, with the blur of the widest stop."""
     planar_mm = np.asarray(depth_mm, dtype=float)
+    empty = np.broadcast_to(empty, planar_mm.shape)
     light = np.ones_like(planar_mm) if light is None else np.nan_to_num(np.asarray(light, dtype=float), posinf=0)
     every = int(np.ceil(np.sqrt(planar_mm.size / MOST_LOOKED)))
     step_px = np.divide(capture.shape_px, planar_mm.shape)
     rows, columns = ((np.arange(0, looked, every) + 0.5) * step - 0.5
                      for looked, step in zip(planar_mm.shape, step_px, strict=True))
-    planar_mm, light = planar_mm[::every, ::every], np.maximum(light[::every, ::every], 0)
-    planar_mm = np.where(planar_mm > 0, planar_mm, np.nan)
+    planar_mm, light, empty = (each[::every, ::every] for each in (planar_mm, np.maximum(light, 0), empty))
+    planar_mm = np.where((planar_mm > 0) & ~empty, planar_mm, np.nan)
     beyond_px = [np.maximum(0, np.abs(places - (n - 1) / 2) - frame / 2) for places, n, frame in
                  zip((rows, columns), capture.shape_px, capture.frame_px, strict=True)]
     focal_mm = capture.focal_mm or lenses[0].capture_focal_length_mm
@@ -248,7 +255,7 @@ def _look(depth_mm, light, capture, lenses, overscan_px, reach):
     scale = max(blur_per_nearness_px(one, capture.pitch_um) * focal_mm / one.capture_focal_length_mm for one in lenses)
     far_px = [-scale * focus_nearness(one) for one in lenses]
     beyond_px = np.array(np.meshgrid(*beyond_px, indexing="ij"))
-    return _Look(planar_mm, light, cosine, stretch, beyond_px, every * step_px, scale, (min(far_px), max(far_px)),
+    return _Look(planar_mm, light, empty, cosine, stretch, beyond_px, every * step_px, scale, (min(far_px), max(far_px)),
                  tuple(map(int, overscan_px)), capture.overscan_px, reach)
 
 

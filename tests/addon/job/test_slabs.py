@@ -186,6 +186,23 @@ def test_a_scene_in_focus_equals_a_single_render_bit_for_bit(deep, tmp_path):
     np.testing.assert_array_equal(flat[2]["Z"], single[2]["Z"])
 
 
+@pytest.mark.parametrize("film", [False, True])
+def test_an_object_in_focus_before_a_black_world_equals_a_single_render(deep, tmp_path, film):
+    """Unless the world is lit, and the film shows it."""
+    options = {"focus": 2e3, "lens": "nikkor-58mm-f1.4", "lens_quality": "preview"}
+    for name in ("Near", "Wall", "Floor"):
+        deep.objects[name].hide_render = True
+    deep.objects["Middle"].location, deep.objects["Middle"].scale = (-0.2, 0.1, -2), (5, 5, 1)
+    deep.cycles.samples, deep.render.film_transparent = 1, film
+    if not film:
+        assert rendered(deep, tmp_path, "auto", **options)[3] is not None
+        set_world(deep, (0, 0, 0), 0)
+    assert not addon.preflight(deep, output_folder=tmp_path, **options).slabs
+    single, flat = (rendered(deep, tmp_path / "black", depth, **options) for depth in ("off", "auto"))
+    assert flat[3] is None and flat[0].report.scene.depth.outside_fraction == 0
+    np.testing.assert_array_equal(flat[1].cube, single[1].cube)
+
+
 def lamps(scene):
     """Lamps with two spectra, on walls that scatter: a light group for each."""
     set_world(scene, (0, 0, 0), 0)

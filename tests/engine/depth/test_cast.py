@@ -290,6 +290,30 @@ def test_a_scene_that_is_black_or_in_focus_needs_no_rays(lens):
             assert plane.blurred is None and np.array_equal(plane.sharp, sharp.astype(np.float32))
 
 
+def test_the_dark_behind_light_in_focus_needs_no_rays(lens):
+    """A lit square in focus; behind it, or next to it in the same layer, the dark."""
+    grid = PixelGrid.around_frame((40, 52), PITCH_UM, (8, 8))
+    alpha = np.zeros(grid.shape_px)
+    alpha[12:30, 20:41] = 1
+    light, focus_mm = np.random.default_rng(1).random((2, *grid.shape_px)), IN_FOCUS_MM + lens.entrance_pupil_mm
+    square, dark = layer(alpha, focus_mm, light), layer(np.ones(grid.shape_px), np.inf, 0.0)
+    together = layer(np.ones(grid.shape_px), np.where(alpha, focus_mm, np.inf), light * alpha)
+    for scene in ([square, dark], [together]):
+        for plane, sharp in zip(cast(layered(scene, lens, grid), lens, pytest.fail), square.cube, strict=True):
+            assert plane.blurred is None and np.array_equal(plane.sharp, sharp)
+
+
+def test_tiles_that_a_dark_surface_hides_light_from_are_cast(lens):
+    """A dark strip in front of the focus covers a lit plane in focus; no tile beyond its blur is cast."""
+    grid = PixelGrid((160, 192), PITCH_UM)
+    strip = layer(np.ones((160, 20)), depth_of_blur(lens, 12.0), 0.0, origin_px=(0, 30))
+    ground = layer(np.ones(grid.shape_px), IN_FOCUS_MM + lens.entrance_pupil_mm, 2.0)
+    for plane in planes([strip, ground], lens, grid):
+        assert not plane.blurred.any() and np.array_equal(plane.sharp, ground.cube[0])
+        assert plane.clear[:, 39:41].max() == 0 and plane.clear[:, 96:].min() == 1
+        assert plane.clear[:, 10:70].mean(axis=0).sum() == pytest.approx(40, abs=0.5)
+
+
 def test_dark_tiles_are_not_cast(lens):
     """Light in one corner, and blur that does not reach the others."""
     grid = PixelGrid((160, 192), PITCH_UM)

@@ -111,6 +111,13 @@ def test_depths_outside_the_range_are_counted():
         check.outside_fraction = 0.0
 
 
+def test_an_empty_background_is_not_out_of_focus():
+    lens, depth_mm = thin_lens(50, 10, 1000), np.array([[900.0, 1000.0, np.inf, np.nan, np.inf]])
+    check = check_depth(depth_mm, lens, 20.0, empty=np.isinf(depth_mm))
+    assert check.outside_fraction == 0.25 and check.farthest_mm == 1000
+    assert check_depth([np.inf], lens, 20.0, empty=[True]).outside_fraction == 0
+
+
 def test_the_allowed_blur_can_be_increased():
     lens, depth_mm = thin_lens(50, 10, 1000), np.full((2, 2), 950.0)
     assert check_depth(depth_mm, lens, 20.0).outside_fraction == 1

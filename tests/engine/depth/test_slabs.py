@@ -158,6 +158,20 @@ def test_a_scene_without_depth_needs_no_slabs():
     assert not planned.needed and planned.check is None and planned.text
 
 
+@pytest.mark.parametrize("every", [1, 3])
+def test_an_empty_background_needs_no_slabs(every):
+    """An object in focus fills a quarter of the frame; without the rest's light there is nothing out of focus."""
+    depth_mm, empty = np.full(ROOM.shape_px, np.inf), np.ones(ROOM.shape_px, bool)
+    rows, columns = (n // 2 for n in ROOM.shape_px)
+    depth_mm[:rows, :columns], empty[:rows, :columns] = 2001.0, False
+    depth_mm, empty = depth_mm[::every, ::every], empty[::every, ::every]
+    assert plan(depth_mm, ROOM).needed and plan(depth_mm, ROOM).check.outside_fraction == pytest.approx(0.75, abs=0.01)
+    planned = plan(depth_mm, ROOM, empty=empty)
+    assert not planned.needed and planned.check.outside_fraction == 0 and planned.check.farthest_mm == 2001
+    depth_mm[:5] = np.where(empty[:5], np.inf, 900.0)
+    assert plan(depth_mm, ROOM, empty=empty).needed
+
+
 def test_pixels_without_depth_do_not_count():
     depth_mm = np.full(FRAME.shape_px, 2000.0)
     for nothing in (np.nan, 0.0, -5.0):
